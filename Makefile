@@ -1,0 +1,32 @@
+# Two commands matter: `make demo` installs and flies three aircraft, `make test` installs and runs every check.
+PYTHON ?= python3
+BIN := .venv/bin
+OUT ?= runs/three-aircraft
+
+.PHONY: demo test bench clean
+
+demo: .venv/.installed
+	@rm -rf $(OUT)
+	$(BIN)/anser run scenarios/three-aircraft.toml --out $(OUT)
+
+test: .venv/.installed-test
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/basedpyright
+	$(BIN)/lint-imports
+	$(BIN)/pytest
+
+bench: .venv/.installed-test
+	$(BIN)/pytest benchmarks --benchmark-enable --benchmark-only -s
+
+.venv/.installed: pyproject.toml constraints.txt
+	test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	@touch $@
+
+.venv/.installed-test: .venv/.installed pyproject.toml constraints.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[test]"
+	@touch $@
+
+clean:
+	rm -rf .venv runs

@@ -1,0 +1,11 @@
+"""Array shapes used in signatures, one alias per kind (jaxtyping; checked by beartype in the tests)."""
+
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
+
+Scalar = Float[Array, ""]
+ScalarLike = Float[ArrayLike, ""]
+Vector3 = Float[Array, "3"]
+Quaternion = Float[Array, "4"]
+Matrix33 = Float[Array, "3 3"]
+Flag = Bool[Array, ""]
+Count = Int[Array, ""]
