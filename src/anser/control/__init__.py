@@ -1,1 +1,51 @@
-"""TODO."""
+"""Control: the three inversion loops, allocation, guidance."""
+
+from anser.control.allocation import SurfaceDemand, allocate
+from anser.control.autopilot import (
+    AutopilotSignals,
+    AutopilotState,
+    Plant,
+    attitude_control,
+    initial_autopilot_state,
+    make_plant,
+    rate_control,
+    velocity_control,
+)
+from anser.control.feedback import Differentiator, advanced_integral, virtual_control, wrapped
+from anser.control.gains import AutopilotGains, LoopGains, loop_gains, published_gains
+from anser.control.guidance import GuidanceSettings, follow, hold
+from anser.control.limits import FlightLimits, default_limits
+from anser.control.path_motion import PathMotion, path_motion
+from anser.control.velocity_loop import AttitudeDemand, ThrustDemand, attitude_demand, thrust_demand
+
+__all__ = [
+    "AttitudeDemand",
+    "AutopilotGains",
+    "AutopilotSignals",
+    "AutopilotState",
+    "Differentiator",
+    "FlightLimits",
+    "GuidanceSettings",
+    "LoopGains",
+    "PathMotion",
+    "Plant",
+    "SurfaceDemand",
+    "ThrustDemand",
+    "advanced_integral",
+    "allocate",
+    "attitude_control",
+    "attitude_demand",
+    "default_limits",
+    "follow",
+    "hold",
+    "initial_autopilot_state",
+    "loop_gains",
+    "make_plant",
+    "path_motion",
+    "published_gains",
+    "rate_control",
+    "thrust_demand",
+    "velocity_control",
+    "virtual_control",
+    "wrapped",
+]

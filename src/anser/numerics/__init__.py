@@ -1,1 +1,18 @@
-"""TODO."""
+"""Numerical building blocks: tables, integration, quadrature, roots, small algebra."""
+
+from anser.numerics.integrate import rk4_step
+from anser.numerics.linear import inverse3, solve3, times3
+from anser.numerics.tables import Axis, Curves, Surfaces, make_axis, make_curves, make_surfaces
+
+__all__ = [
+    "Axis",
+    "Curves",
+    "Surfaces",
+    "inverse3",
+    "make_axis",
+    "make_curves",
+    "make_surfaces",
+    "rk4_step",
+    "solve3",
+    "times3",
+]

@@ -1,1 +1,45 @@
-"""TODO."""
+"""Planning: 4-D trajectories, moving goals, simultaneous arrival, separation and limits."""
+
+from anser.planning.arc_length import arc_length, arc_length_estimate
+from anser.planning.commands import PathCommand, polar
+from anser.planning.coordination import PLAN_MESSAGES, FleetPlan, coordinate
+from anser.planning.goals import GoalMotion, pad_waypoints, straight_goal, waypoint_goal
+from anser.planning.limits import LIMIT_MESSAGES, LimitReport, PathLimits, check_limits
+from anser.planning.line_of_sight import LineOfSight, measure, recover
+from anser.planning.rendezvous import Rendezvous, final_air_velocity, make_rendezvous, time_to_go
+from anser.planning.separation import choose_sides, separation_min
+from anser.planning.shape import Bend, solve_lateral_bend
+from anser.planning.trajectory import Trajectory, bend_trajectory, fit_trajectory, lateral_direction_n
+
+__all__ = [
+    "LIMIT_MESSAGES",
+    "PLAN_MESSAGES",
+    "Bend",
+    "FleetPlan",
+    "GoalMotion",
+    "LimitReport",
+    "LineOfSight",
+    "PathCommand",
+    "PathLimits",
+    "Rendezvous",
+    "Trajectory",
+    "arc_length",
+    "arc_length_estimate",
+    "bend_trajectory",
+    "check_limits",
+    "choose_sides",
+    "coordinate",
+    "final_air_velocity",
+    "fit_trajectory",
+    "lateral_direction_n",
+    "make_rendezvous",
+    "measure",
+    "pad_waypoints",
+    "polar",
+    "recover",
+    "separation_min",
+    "solve_lateral_bend",
+    "straight_goal",
+    "time_to_go",
+    "waypoint_goal",
+]

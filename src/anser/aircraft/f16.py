@@ -1,0 +1,253 @@
+"""The F-16 of Stevens & Lewis in its three published variants (theory section 4; [SL] appendix A; [S119]; [TH])."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from anser.aircraft.actuators import Actuators
+from anser.aircraft.air_data import AirData
+from anser.aircraft.f16_engine import F16Engine
+from anser.aircraft.interface import AbstractAirframe, MassProperties, Wrench
+from anser.numerics import Curves, Surfaces, inverse3, make_axis, make_curves, make_surfaces
+from anser.shapes import Flag, Scalar, ScalarLike, Vector3
+from anser.units import DEG_RAD, FOOT_M, LBF_N, RAD_DEG, SLUG_FT2_KG_M2, SLUG_KG
+
+_ALPHA_CURVES = ("CZ0", "CXq", "CYr", "CYp", "CZq", "Clr", "Clp", "Cmq", "Cnr", "Cnp")
+_ELEVATOR_SURFACES = ("CX0", "Cm0")
+_SIDESLIP_SURFACES = ("Clda", "Cldr", "Cnda", "Cndr")
+_ODD_SURFACES = ("Cl0", "Cn0")
+
+
+class F16Coefficients(eqx.Module):
+    """Dimensionless force and moment coefficients in body axes, moments about the centre of gravity."""
+
+    CX: Scalar
+    CY: Scalar
+    CZ: Scalar
+    Cl: Scalar
+    Cm: Scalar
+    Cn: Scalar
+
+
+class F16(AbstractAirframe):
+    """F-16 airframe with its engine.
+
+    Attributes
+    ----------
+    span, wing_area, mean_chord
+        Reference lengths (m) and area (m^2).
+    x_cg, x_cg_reference
+        Centre of gravity and moment reference, fractions of the mean chord.
+    surface_reference
+        Deflections (elevator, aileron, rudder; deg) that the linear coefficients refer to.
+    side_force
+        CY per degree of sideslip, per unit aileron and per unit rudder deflection.
+    normal_force_elevator
+        CZ per unit elevator deflection.
+    curves, elevator_surfaces, sideslip_surfaces
+        The packed aerodynamic tables; arguments in degrees.
+    """
+
+    mass_properties: MassProperties
+    actuators: Actuators
+    alpha_range: tuple[Scalar, Scalar]
+    beta_range: tuple[Scalar, Scalar]
+    engine: F16Engine
+    span: Scalar
+    wing_area: Scalar
+    mean_chord: Scalar
+    x_cg: Scalar
+    x_cg_reference: Scalar
+    surface_reference: Vector3
+    side_force: Vector3
+    normal_force_elevator: Scalar
+    curves: Curves
+    elevator_surfaces: Surfaces
+    sideslip_surfaces: Surfaces
+
+    def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector3) -> F16Coefficients:
+        """Force and moment coefficients (theory section 4).
+
+        Rates are made dimensionless with b/2V and c/2V; below 1 m/s the speed is held at 1 m/s there, so that the
+        coefficients stay finite for an aircraft at rest.
+        """
+        V = jnp.maximum(air_data.V, 1.0)
+        alpha_deg = air_data.alpha * RAD_DEG
+        beta_deg = air_data.beta * RAD_DEG
+        deflection_deg = surfaces * RAD_DEG
+        e, a, r = (deflection_deg[k] / self.surface_reference[k] for k in range(3))
+        p = rates_b[0] * self.span / (2 * V)
+        q = rates_b[1] * self.mean_chord / (2 * V)
+        y = rates_b[2] * self.span / (2 * V)
+        CZ0, CXq, CYr, CYp, CZq, Clr, Clp, Cmq, Cnr, Cnp = self.curves(alpha_deg)
+        CX0, Cm0 = self.elevator_surfaces(alpha_deg, deflection_deg[0])
+        Clda, Cldr, Cnda, Cndr, Cl0, Cn0 = self.sideslip_surfaces(alpha_deg, beta_deg)
+        lever = self.x_cg_reference - self.x_cg
+        CX = CX0 + CXq * q
+        CY = self.side_force[0] * beta_deg + self.side_force[1] * a + self.side_force[2] * r + CYr * y + CYp * p
+        CZ = CZ0 * (1 - air_data.beta**2) + self.normal_force_elevator * e + CZq * q
+        return F16Coefficients(
+            CX=CX,
+            CY=CY,
+            CZ=CZ,
+            Cl=Cl0 + Clda * a + Cldr * r + Clr * y + Clp * p,
+            Cm=Cm0 + CZ * lever + Cmq * q,
+            Cn=Cn0 + Cnda * a + Cndr * r + Cnr * y + Cnp * p - CY * lever * self.mean_chord / self.span,
+        )
+
+    def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector3) -> Wrench:
+        """Force qbar S (CX, CY, CZ) and moment qbar S (b Cl, c Cm, b Cn)."""
+        c = self.coefficients(air_data, rates_b, surfaces)
+        scale = air_data.qbar * self.wing_area
+        return Wrench(
+            force_b=scale * jnp.stack([c.CX, c.CY, c.CZ]),
+            moment_b=scale * jnp.stack([self.span * c.Cl, self.mean_chord * c.Cm, self.span * c.Cn]),
+        )
+
+    def propulsion(self, power: ScalarLike, altitude: ScalarLike, mach: ScalarLike) -> Wrench:
+        """Thrust along body x through the centre of gravity."""
+        thrust = self.engine.thrust(power, altitude, mach)
+        zero = jnp.zeros_like(thrust)
+        return Wrench(force_b=jnp.stack([thrust, zero, zero]), moment_b=jnp.stack([zero, zero, zero]))
+
+    def power_rate(self, power: ScalarLike, throttle: ScalarLike) -> Scalar:
+        """See `F16Engine.power_rate`."""
+        return self.engine.power_rate(power, self.engine.gearing(throttle))
+
+    def power_for_thrust(self, thrust: ScalarLike, altitude: ScalarLike, mach: ScalarLike) -> Scalar:
+        """See `F16Engine.power_for_thrust`."""
+        return self.engine.power_for_thrust(thrust, altitude, mach)
+
+    def throttle_for_power(self, power: ScalarLike) -> Scalar:
+        """See `F16Engine.throttle_for_power`."""
+        return self.engine.throttle_for_power(power)
+
+    def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
+        """See `F16Engine.power_command_for_rate`."""
+        return self.engine.throttle_for_power(self.engine.power_command_for_rate(power, power_rate))
+
+    def outside_tables(self, air_data: AirData) -> Flag:
+        """Outside alpha -10..45 deg, |beta| 30 deg, altitude 0..50,000 ft or Mach 0..1.
+
+        The textbook's elevator table ends at 24 deg while the surface moves to 25 deg: that last degree is part of the
+        published model and not flagged.
+        """
+        return (
+            (air_data.alpha < self.alpha_range[0])
+            | (air_data.alpha > self.alpha_range[1])
+            | (air_data.beta < self.beta_range[0])
+            | (air_data.beta > self.beta_range[1])
+            | self.engine.outside_tables(air_data.altitude, air_data.mach)
+        )
+
+
+def f16_from_data(data: Mapping[str, Any], variant: str = "textbook", x_cg_over_c: float | None = None) -> F16:
+    """Build the F-16 from its data file.
+
+    Parameters
+    ----------
+    data
+        Content of `aircraft/data/f16.json`.
+    variant
+        "textbook", "s119" or "founding".
+    x_cg_over_c
+        Centre of gravity as a fraction of the mean chord; the variant's own where None.
+
+    Raises
+    ------
+    ValueError
+        If the variant is unknown, or an entry that a variant changes is not what the file says it should be.
+    """
+    if variant not in data["variants"]:
+        raise ValueError(f"F-16 variant {variant!r}: known are {', '.join(data['variants'])}")
+    chosen = data["variants"][variant]
+    tables = _tables_of_variant(data, variant)
+    clamp = chosen["table_ends"].startswith("clamped")
+    axes = data["axes"]
+    alpha = make_axis(axes["alpha_deg"], clamp=clamp)
+    beta = make_axis(np.arange(-30.0, 31.0, 5.0), clamp=clamp)
+    elevator = make_axis(chosen["elevator_axis_deg"], clamp=clamp)
+    airframe = data["airframe"]
+    mass = chosen["mass_kg"] if "mass_kg" in chosen else chosen["mass_slug"] * SLUG_KG
+    x_cg = chosen.get("x_cg_over_c", airframe["x_cg_over_c"]) if x_cg_over_c is None else x_cg_over_c
+    actuators = data["actuators"]
+    limit = jnp.asarray(actuators["position_limit_deg"]) * DEG_RAD
+    span = airframe["span_ft"] * FOOT_M
+    side = data["side_force"]
+    validity = data["validity"]
+    return F16(
+        mass_properties=_mass_properties(airframe, mass, spinning=chosen["engine_angular_momentum"]),
+        actuators=Actuators(
+            time_constant=jnp.asarray(actuators["time_constant_s"]),
+            lower=-limit,
+            upper=limit,
+            rate_limit=jnp.asarray(actuators["rate_limit_deg_s"]) * DEG_RAD,
+        ),
+        alpha_range=_range_rad(validity["alpha_deg"]),
+        beta_range=_range_rad(validity["beta_deg"]),
+        engine=F16Engine(
+            thrust_tables=make_surfaces(
+                make_axis(np.asarray(axes["altitude_ft"]) * FOOT_M, clamp=clamp),
+                make_axis(axes["mach"], clamp=clamp),
+                [tables[name] * LBF_N for name in ("T_idle", "T_mil", "T_max")],
+            )
+        ),
+        span=jnp.asarray(span),
+        wing_area=jnp.asarray(airframe["wing_area_ft2"] * FOOT_M**2),
+        mean_chord=jnp.asarray(airframe["mean_chord_ft"] * FOOT_M),
+        x_cg=jnp.asarray(float(x_cg)),
+        x_cg_reference=jnp.asarray(airframe["x_cg_reference_over_c"]),
+        surface_reference=jnp.asarray([float(chosen[f"{n}_reference_deg"]) for n in actuators["order"]]),
+        side_force=jnp.asarray([side["beta_per_deg"], side["aileron"], side["rudder"]]),
+        normal_force_elevator=jnp.asarray(side["normal_force_elevator"]),
+        curves=make_curves(alpha, [tables[name] for name in _ALPHA_CURVES]),
+        elevator_surfaces=make_surfaces(alpha, elevator, [tables[name] for name in _ELEVATOR_SURFACES]),
+        sideslip_surfaces=make_surfaces(
+            alpha,
+            beta,
+            [_on_five_degrees(tables[n]) for n in _SIDESLIP_SURFACES] + [_odd_extension(tables[n]) for n in _ODD_SURFACES],
+        ),
+    )
+
+
+def _tables_of_variant(data: Mapping[str, Any], variant: str) -> dict[str, np.ndarray]:
+    """Textbook tables with the variant's changed entries; each old value is checked against what the file states."""
+    tables = {name: np.asarray(table["values"], dtype=float) for name, table in data["tables"].items()}
+    for name, index, old, new in data["variants"][variant]["changes"]:
+        at = tuple(index)
+        if tables[name][at] != old:
+            raise ValueError(f"F-16 variant {variant}: {name}{index} is {tables[name][at]}, expected {old}")
+        tables[name][at] = new
+    return tables
+
+
+def _on_five_degrees(table: np.ndarray) -> np.ndarray:
+    """A table on beta = -30, -20, ..., 30 deg given on every fifth degree: the same bilinear function."""
+    fine = np.empty((table.shape[0], 2 * table.shape[1] - 1))
+    fine[:, ::2] = table
+    fine[:, 1::2] = (table[:, 1:] + table[:, :-1]) / 2
+    return fine
+
+
+def _odd_extension(table: np.ndarray) -> np.ndarray:
+    """A table on |beta| = 0, 5, ..., 30 deg times sign(beta), given on beta = -30, -25, ..., 30 deg."""
+    return np.concatenate([-table[:, :0:-1], table], axis=1)
+
+
+def _range_rad(range_deg: Sequence[float]) -> tuple[Scalar, Scalar]:
+    return jnp.asarray(range_deg[0] * DEG_RAD), jnp.asarray(range_deg[1] * DEG_RAD)
+
+
+def _mass_properties(airframe: Mapping[str, Any], mass: float, *, spinning: bool) -> MassProperties:
+    J = {name: value * SLUG_FT2_KG_M2 for name, value in airframe["inertia_slug_ft2"].items()}
+    inertia_b = jnp.asarray([[J["Jxx"], 0.0, -J["Jxz"]], [0.0, J["Jyy"], 0.0], [-J["Jxz"], 0.0, J["Jzz"]]])
+    spin = airframe["engine_angular_momentum_slug_ft2_s"] * SLUG_FT2_KG_M2 if spinning else 0.0
+    return MassProperties(
+        mass=jnp.asarray(mass),
+        inertia_b=inertia_b,
+        inertia_inverse_b=inverse3(inertia_b),
+        spin_momentum_b=jnp.asarray([spin, 0.0, 0.0]),
+    )

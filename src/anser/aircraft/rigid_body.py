@@ -1,0 +1,93 @@
+"""Six-degree-of-freedom motion of one aircraft over a flat, non-rotating Earth (theory section 2)."""
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from anser.aircraft.air_data import AirData, air_data
+from anser.aircraft.interface import AbstractAirframe, AircraftState, Controls, MassProperties, Wrench
+from anser.environment import Environment
+from anser.numerics import times3
+from anser.shapes import Matrix33, ScalarLike, Vector3
+from anser.spatial import cross, quaternion_derivative, rotate, rotate_back, rotation_from_quaternion
+
+
+class Condition(eqx.Module):
+    """Everything that follows from one state at one instant, computed once and passed on.
+
+    Attributes
+    ----------
+    R_bn
+        Rotation NED to body.
+    wind_n
+        Velocity of the air over ground, m/s.
+    air_data
+        See `AirData`.
+    aerodynamic, propulsive
+        Forces and moments on the aircraft.
+    """
+
+    R_bn: Matrix33
+    wind_n: Vector3
+    air_data: AirData
+    aerodynamic: Wrench
+    propulsive: Wrench
+
+    @property
+    def wrench(self) -> Wrench:
+        """Total force and moment without gravity."""
+        return self.aerodynamic + self.propulsive
+
+
+def condition(
+    airframe: AbstractAirframe, environment: Environment, time: ScalarLike, state: AircraftState
+) -> Condition:
+    """Air data, forces and moments of a state at a time (s)."""
+    R_bn = rotation_from_quaternion(state.quaternion)
+    wind_n = environment.wind.at(state.position_n, time)
+    altitude = -state.position_n[2]
+    data = air_data(state.velocity_b - rotate(R_bn, wind_n), altitude, environment.atmosphere.at(altitude))
+    return Condition(
+        R_bn=R_bn,
+        wind_n=wind_n,
+        air_data=data,
+        aerodynamic=airframe.aerodynamics(data, state.rates_b, state.surfaces),
+        propulsive=airframe.propulsion(state.power, altitude, data.mach),
+    )
+
+
+def angular_acceleration(mass_properties: MassProperties, rates_b: Vector3, moment_b: Vector3) -> Vector3:
+    """J^-1 [M - w x (J w + h)], rad/s^2 (theory section 2; [SL] eq. 1.7-5 with the spinning engine)."""
+    momentum_b = times3(mass_properties.inertia_b, rates_b) + mass_properties.spin_momentum_b
+    return times3(mass_properties.inertia_inverse_b, moment_b - cross(rates_b, momentum_b))
+
+
+def moment_for_acceleration(mass_properties: MassProperties, rates_b: Vector3, acceleration_b: Vector3) -> Vector3:
+    """Moment that gives an angular acceleration (rad/s^2): the inverse of `angular_acceleration`, N m."""
+    momentum_b = times3(mass_properties.inertia_b, rates_b) + mass_properties.spin_momentum_b
+    return times3(mass_properties.inertia_b, acceleration_b) + cross(rates_b, momentum_b)
+
+
+def state_derivative(
+    airframe: AbstractAirframe,
+    environment: Environment,
+    time: ScalarLike,
+    state: AircraftState,
+    controls: Controls,
+) -> AircraftState:
+    """Time derivative of the state, as a state of derivatives.
+
+    Wind enters through the air-relative velocity only, which is exact for a steady wind.
+    """
+    now = condition(airframe, environment, time, state)
+    wrench = now.wrench
+    gravity_n = jnp.stack([jnp.zeros_like(environment.gravity), jnp.zeros_like(environment.gravity), environment.gravity])
+    return AircraftState(
+        position_n=rotate_back(now.R_bn, state.velocity_b),
+        velocity_b=wrench.force_b / airframe.mass_properties.mass
+        + rotate(now.R_bn, gravity_n)
+        - cross(state.rates_b, state.velocity_b),
+        quaternion=quaternion_derivative(state.quaternion, state.rates_b),
+        rates_b=angular_acceleration(airframe.mass_properties, state.rates_b, wrench.moment_b),
+        surfaces=airframe.actuators.rate(state.surfaces, controls.surfaces),
+        power=airframe.power_rate(state.power, controls.throttle),
+    )

@@ -1,0 +1,33 @@
+"""Sourced physical constants, SI units; a name ends with its unit (none: dimensionless)."""
+
+# [WGS84] NIMA TR8350.2: the two defining lengths of the ellipsoid, and what follows from them.
+WGS84_A_M = 6378137.0
+WGS84_F = 1.0 / 298.257223563
+WGS84_B_M = WGS84_A_M * (1.0 - WGS84_F)
+WGS84_E2 = WGS84_F * (2.0 - WGS84_F)
+"""First eccentricity squared, (a^2 - b^2) / a^2."""
+WGS84_EP2 = WGS84_E2 / (1.0 - WGS84_E2)
+"""Second eccentricity squared, (a^2 - b^2) / b^2."""
+
+# [WGS84]; the J2 is the value that the NESC check-cases flew with ([NESC], theory section 2).
+EARTH_ROTATION_RAD_S = 7.292115e-5
+EARTH_GM_M3_S2 = 3.986004418e14
+EARTH_J2 = 1.08262982e-3
+
+# Somigliana normal gravity, theory section 1: the coefficients of the first release of WGS 84. The later ones
+# (9.7803253359, 0.00193185265241) differ by less than 2e-6 m/s^2.
+SOMIGLIANA_EQUATOR_M_S2 = 9.7803267714
+SOMIGLIANA_K = 0.00193185138639
+
+# CGPM 1901; the constant of the atmosphere's hydrostatic equation ([USSA76] table 2).
+STANDARD_GRAVITY_M_S2 = 9.80665
+
+# [USSA76] table 2 and part 1.2.5. The standard fixes the gas constant at 8.31432 for itself, whatever newer
+# measurements say: only with it do its printed base pressures and the air of the NESC check-cases come out.
+GAS_CONSTANT_J_MOL_K = 8.31432
+AIR_MOLAR_MASS_KG_MOL = 0.0289644
+AIR_HEAT_RATIO = 1.4
+SEA_LEVEL_PRESSURE_PA = 101325.0
+SEA_LEVEL_TEMPERATURE_K = 288.15
+GEOPOTENTIAL_RADIUS_M = 6356766.0
+"""Earth radius of the geopotential conversion, [USSA76] part 1.2.4."""

@@ -1,0 +1,42 @@
+"""Allocation: surfaces that give a wanted moment, through the airframe's own differentiated moments."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from anser.aircraft import AbstractAirframe, Condition
+from anser.numerics import solve3
+from anser.shapes import Vector3
+
+_NEWTON_STEPS = 2  # moments are piecewise linear in the elevator: the second step lands when the first crossed a breakpoint
+_SLACK_RAD = 0.2  # how far beyond the stops a Newton iterate may go
+
+
+class SurfaceDemand(eqx.Module):
+    """Wanted surfaces (elevator, aileron, rudder; rad, not yet limited) and which of them stand at a stop."""
+
+    surfaces: Vector3
+    saturated: Vector3
+
+
+def allocate(
+    airframe: AbstractAirframe, now: Condition, rates_b: Vector3, surfaces: Vector3, moment_b: Vector3
+) -> SurfaceDemand:
+    """Surfaces whose moment is `moment_b` (N m), by Newton steps from the present deflections.
+
+    The 3x3 control effectiveness is the derivative of the airframe's aerodynamic moments with respect to the surfaces,
+    at each iterate (theory section 5, item 1: Cm0 is not linear in the elevator, so no constant slope is assumed).
+    """
+    wanted_b = moment_b - now.propulsive.moment_b
+
+    def moment_of(deflection: Vector3) -> Vector3:
+        return airframe.aerodynamics(now.air_data, rates_b, deflection).moment_b
+
+    lower, upper = airframe.actuators.lower, airframe.actuators.upper
+    solution = surfaces
+    for _ in range(_NEWTON_STEPS):
+        value, slope_of = jax.linearize(moment_of, solution)
+        effectiveness = jax.vmap(slope_of, out_axes=1)(jnp.eye(3))
+        step = solve3(effectiveness, wanted_b - value)
+        solution = jnp.clip(solution + step, lower - _SLACK_RAD, upper + _SLACK_RAD)
+    return SurfaceDemand(surfaces=solution, saturated=(solution < lower) | (solution > upper))

@@ -1,0 +1,193 @@
+"""The autopilot: three nested loops of nonlinear dynamic inversion (theory section 5; [TH]).
+
+Each loop can be commanded by itself: `rate_control` alone, `attitude_control` on top of it, `velocity_control` on top of
+both. All are sampled once per step; their commands are held over it.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from anser.aircraft import (
+    AbstractAirframe,
+    AircraftState,
+    Condition,
+    Controls,
+    angular_acceleration,
+    moment_for_acceleration,
+)
+from anser.control.allocation import SurfaceDemand, allocate
+from anser.control.feedback import Differentiator, advanced_integral, virtual_control, wrapped
+from anser.control.gains import AutopilotGains
+from anser.control.limits import FlightLimits
+from anser.control.path_motion import PathMotion, path_motion
+from anser.control.velocity_loop import AttitudeDemand, ThrustDemand, attitude_demand, thrust_demand
+from anser.numerics import solve3
+from anser.planning import PathCommand
+from anser.shapes import ScalarLike, Vector3
+
+
+class AutopilotState(eqx.Module):
+    """Memory of one autopilot: the loops' integrals and the filters that differentiate inner commands.
+
+    Attributes
+    ----------
+    velocity_integral, attitude_integral, rates_integral
+        Time integrals of the errors in (V, gamma, chi), (mu, alpha, beta) and (P, Q, R).
+    attitude_filter, rates_filter
+        Filters on the commands that the outer loops pass inwards.
+    surfaces_filter
+        Filter on the deflections that the fast loop wants.
+    surfaces_slow
+        Deflections through a low-pass filter, rad.
+    """
+
+    velocity_integral: Vector3
+    attitude_integral: Vector3
+    rates_integral: Vector3
+    attitude_filter: Differentiator
+    rates_filter: Differentiator
+    surfaces_filter: Differentiator
+    surfaces_slow: Vector3
+
+
+class AutopilotSignals(eqx.Module):
+    """What one autopilot step decided, for the record.
+
+    Attributes
+    ----------
+    motion
+        Path and attitude angles as measured.
+    thrust
+        Throttle and thrust wanted.
+    attitude
+        (mu, alpha, beta) wanted.
+    rates_b
+        (P, Q, R) wanted, rad/s.
+    surfaces
+        Deflections wanted, within the stops, rad.
+    """
+
+    motion: PathMotion
+    thrust: ThrustDemand
+    attitude: AttitudeDemand
+    rates_b: Vector3
+    surfaces: Vector3
+
+
+class Plant(eqx.Module):
+    """What an autopilot needs of its own aircraft at one instant.
+
+    The two outer loops see the forces as they are with `surfaces_slow`, low-passed deflections: the lift of the moving
+    elevator, differentiated twice on its way through the feed-forward, would come back to the elevator with a loop gain
+    above one (a limit cycle at the rate limit). Neglecting fast surface forces in the slow loops is the two-time-scale
+    assumption of dynamic inversion.
+    """
+
+    airframe: AbstractAirframe
+    limits: FlightLimits
+    gains: AutopilotGains
+    state: AircraftState
+    now: Condition
+    slow: Condition
+    surfaces_slow: Vector3
+    motion: PathMotion
+    gravity: ScalarLike
+    step: ScalarLike
+
+
+def make_plant(
+    airframe: AbstractAirframe,
+    limits: FlightLimits,
+    gains: AutopilotGains,
+    state: AircraftState,
+    now: Condition,
+    memory: AutopilotState,
+    gravity: ScalarLike,
+    step: ScalarLike,
+) -> Plant:
+    """Gather what the loops share; `step` is the sampling period, s."""
+    surfaces_slow = memory.surfaces_slow
+    slow = eqx.tree_at(
+        lambda c: c.aerodynamic, now, airframe.aerodynamics(now.air_data, state.rates_b, surfaces_slow)
+    )
+    motion = path_motion(now, slow.wrench.force_b, state.velocity_b, airframe.mass_properties.mass, gravity)
+    return Plant(airframe, limits, gains, state, now, slow, surfaces_slow, motion, gravity, step)
+
+
+def initial_autopilot_state(attitude: Vector3, rates_b: Vector3, surfaces: Vector3) -> AutopilotState:
+    """Memory of an autopilot that has been holding the given (mu, alpha, beta), (P, Q, R) and surfaces."""
+    zero = jnp.zeros(3)
+    return AutopilotState(zero, zero, zero, Differentiator(attitude), Differentiator(rates_b), Differentiator(surfaces), surfaces)
+
+
+def rate_control(
+    plant: Plant, memory: AutopilotState, rates_wanted: Vector3, rates_wanted_dot: Vector3
+) -> tuple[SurfaceDemand, AutopilotState]:
+    """Fast loop: surfaces for wanted body rates (rad/s) and their rates of change (rad/s^2).
+
+    The demand's surfaces are commands to the actuators: their lag is inverted too, up to `actuator_bandwidth`.
+    """
+    mass_properties, rates_b = plant.airframe.mass_properties, plant.state.rates_b
+    error = rates_wanted - rates_b
+    measured_dot = angular_acceleration(mass_properties, rates_b, plant.now.wrench.moment_b)
+    nu = virtual_control(plant.gains.rates, error, memory.rates_integral, rates_wanted_dot, measured_dot)
+    moment_b = moment_for_acceleration(mass_properties, rates_b, nu)
+    demand = allocate(plant.airframe, plant.now, rates_b, plant.state.surfaces, moment_b)
+    actuators, surfaces = plant.airframe.actuators, plant.state.surfaces
+    wanted = actuators.limited(demand.surfaces)
+    wanted_dot = memory.surfaces_filter.rate(wanted, plant.gains.command_bandwidth)
+    rate = wanted_dot + plant.gains.actuator_bandwidth * (wanted - surfaces)
+    surfaces_filter = memory.surfaces_filter.advanced(wanted, plant.gains.command_bandwidth, plant.step)
+    demand = SurfaceDemand(actuators.command_for_rate(surfaces, rate), demand.saturated)
+    integral = advanced_integral(memory.rates_integral, error, jnp.any(demand.saturated), plant.step)
+    fade = 1 - jnp.exp(-plant.gains.surface_bandwidth * plant.step)
+    surfaces_slow = plant.surfaces_slow + fade * (plant.state.surfaces - plant.surfaces_slow)
+    return demand, eqx.tree_at(
+        lambda m: (m.rates_integral, m.surfaces_filter, m.surfaces_slow),
+        memory,
+        (integral, surfaces_filter, surfaces_slow),
+    )
+
+
+def attitude_control(
+    plant: Plant, memory: AutopilotState, attitude_wanted: Vector3, attitude_wanted_dot: Vector3
+) -> tuple[Vector3, SurfaceDemand, AutopilotState]:
+    """Slow loop on top of the fast one: wanted (mu, alpha, beta), rad, and their rates to body rates to surfaces."""
+    motion, gains = plant.motion, plant.gains
+    measured = jnp.stack([motion.mu, motion.alpha, motion.beta])
+    error = wrapped(attitude_wanted - measured)
+    measured_dot = motion.drift + jnp.sum(motion.effectiveness * plant.state.rates_b[None, :], axis=1)
+    nu = virtual_control(gains.attitude, error, memory.attitude_integral, attitude_wanted_dot, measured_dot)
+    free = solve3(motion.effectiveness, nu - motion.drift)
+    rates_wanted = jnp.clip(free, -plant.limits.rates_max, plant.limits.rates_max)
+    integral = advanced_integral(memory.attitude_integral, error, rates_wanted != free, plant.step)
+    rates_dot = memory.rates_filter.rate(rates_wanted, gains.command_bandwidth)
+    demand, memory = rate_control(plant, memory, rates_wanted, rates_dot)
+    rates_filter = memory.rates_filter.advanced(rates_wanted, gains.command_bandwidth, plant.step)
+    memory = eqx.tree_at(lambda m: (m.attitude_integral, m.rates_filter), memory, (integral, rates_filter))
+    return rates_wanted, demand, memory
+
+
+def velocity_control(
+    plant: Plant, memory: AutopilotState, wanted: PathCommand
+) -> tuple[Controls, AutopilotSignals, AutopilotState]:
+    """Whole autopilot: wanted airspeed, path angle, course (through the air) and their rates to surfaces and throttle."""
+    motion, gains, limits = plant.motion, plant.gains, plant.limits
+    V_wanted = jnp.clip(wanted.V, limits.speed_min, limits.speed_max)
+    error = jnp.stack([V_wanted - motion.V, wanted.gamma - motion.gamma, wrapped(wanted.chi - motion.chi)])
+    wanted_dot = jnp.stack([wanted.V_dot, wanted.gamma_dot, wanted.chi_dot])
+    nu = virtual_control(gains.velocity, error, memory.velocity_integral, wanted_dot, motion.path_rates)
+    thrust = thrust_demand(
+        plant.airframe, gains.engine_bandwidth, plant.slow, plant.state.power, motion, nu[0], plant.gravity
+    )
+    attitude = attitude_demand(
+        plant.airframe, limits, plant.slow, plant.state.rates_b, plant.surfaces_slow, motion, nu[1], nu[2], plant.gravity
+    )
+    saturated = jnp.stack([thrust.saturated, attitude.alpha_saturated, attitude.bank_saturated])
+    integral = advanced_integral(memory.velocity_integral, error, saturated, plant.step)
+    attitude_dot = memory.attitude_filter.rate(attitude.angles, gains.command_bandwidth)
+    rates_wanted, demand, memory = attitude_control(plant, memory, attitude.angles, attitude_dot)
+    attitude_filter = memory.attitude_filter.advanced(attitude.angles, gains.command_bandwidth, plant.step)
+    memory = eqx.tree_at(lambda m: (m.velocity_integral, m.attitude_filter), memory, (integral, attitude_filter))
+    signals = AutopilotSignals(motion, thrust, attitude, rates_wanted, demand.surfaces)
+    return Controls(surfaces=demand.surfaces, throttle=thrust.throttle), signals, memory

@@ -1,0 +1,61 @@
+"""The linear part of each loop: virtual control from the error, its integral and derivative, and a feed-forward."""
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from anser.control.gains import LoopGains
+from anser.shapes import Flag, ScalarLike, Vector3
+
+
+class Differentiator(eqx.Module):
+    """State of a filter that yields the rate of a command: r_dot = N (r - x), x_dot = r_dot.
+
+    Attributes
+    ----------
+    memory
+        x, shape (3,).
+    """
+
+    memory: Vector3
+
+    def rate(self, reference: Vector3, bandwidth: ScalarLike) -> Vector3:
+        """Filtered rate of the reference."""
+        return bandwidth * (reference - self.memory)
+
+    def advanced(self, reference: Vector3, bandwidth: ScalarLike, step: ScalarLike) -> "Differentiator":
+        """State one step later, for a reference held over the step (exact discretization)."""
+        return Differentiator(self.memory + (1 - jnp.exp(-bandwidth * step)) * (reference - self.memory))
+
+
+def wrapped(angle: Vector3 | ScalarLike) -> Vector3:
+    """Angle difference wrapped to -pi..pi, rad; smooth but at the cut itself."""
+    return jnp.arctan2(jnp.sin(angle), jnp.cos(angle))
+
+
+def virtual_control(
+    gains: LoopGains, error: Vector3, integral: Vector3, reference_rate: Vector3, measured_rate: Vector3 | ScalarLike
+) -> Vector3:
+    """nu = K_FF r_dot + K_P e + K_I integral(e) + K_D (r_dot - y_dot) (theory section 5; sign per section 9 no. 4).
+
+    Parameters
+    ----------
+    gains
+        Of this loop.
+    error
+        r - y, shape (3,), angles already wrapped.
+    integral
+        Time integral of the error.
+    reference_rate, measured_rate
+        Rates of the reference and of the output; the latter is used by the derivative term alone.
+    """
+    return (
+        gains.feed_forward * reference_rate
+        + gains.proportional * error
+        + gains.integral * integral
+        + gains.derivative * (reference_rate - measured_rate)
+    )
+
+
+def advanced_integral(integral: Vector3, error: Vector3, saturated: Flag | Vector3, step: ScalarLike) -> Vector3:
+    """Integral one step later; a channel whose actuator or command is saturated stands still (anti-windup)."""
+    return jnp.where(saturated, integral, integral + step * error)

@@ -1,0 +1,69 @@
+"""Gains of the three loops; the published ones ([TH], theory section 5) are the defaults."""
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from anser.shapes import Scalar, Vector3
+
+
+class LoopGains(eqx.Module):
+    """Gains of one loop, one value per channel, shape (3,) each.
+
+    nu = feed_forward r_dot + proportional e + integral (time integral of e) + derivative e_dot, e = r - y.
+    Units: proportional 1/s, integral 1/s^2, derivative and feed-forward none.
+    """
+
+    proportional: Vector3
+    integral: Vector3
+    derivative: Vector3
+    feed_forward: Vector3
+
+
+class AutopilotGains(eqx.Module):
+    """Gains of the whole autopilot.
+
+    Attributes
+    ----------
+    rates
+        Channels P, Q, R.
+    attitude
+        Channels mu, alpha, beta.
+    velocity
+        Channels V, gamma, chi.
+    command_bandwidth
+        Bandwidth of the filters that differentiate the inner loops' commands for the feed-forward, rad/s.
+    actuator_bandwidth
+        Bandwidth that the allocation asks of the actuators by inverting their lag, 1/s.
+    surface_bandwidth
+        Bandwidth of the low-pass filter on the deflections that the outer loops see, rad/s.
+    engine_bandwidth
+        Bandwidth that the throttle asks of the engine by inverting its lag, 1/s.
+    """
+
+    rates: LoopGains
+    attitude: LoopGains
+    velocity: LoopGains
+    command_bandwidth: Scalar
+    actuator_bandwidth: Scalar
+    surface_bandwidth: Scalar
+    engine_bandwidth: Scalar
+
+
+def loop_gains(
+    proportional: float, integral: float = 0.0, derivative: float = 0.0, feed_forward: float = 1.0
+) -> LoopGains:
+    """Build the same gains for all three channels of a loop."""
+    return LoopGains(*(jnp.full(3, float(g)) for g in (proportional, integral, derivative, feed_forward)))
+
+
+def published_gains() -> AutopilotGains:
+    """Gains of [TH] (theory section 5)."""
+    return AutopilotGains(
+        rates=loop_gains(10.0, 0.25, 1.0),
+        attitude=loop_gains(2.0),
+        velocity=loop_gains(1.0, 0.025),
+        command_bandwidth=jnp.asarray(20.0),
+        actuator_bandwidth=jnp.asarray(40.0),
+        surface_bandwidth=jnp.asarray(2.0),
+        engine_bandwidth=jnp.asarray(5.0),
+    )

@@ -1,0 +1,135 @@
+"""Guidance: from the planned path, or from a hold around the goal, to the velocity that the autopilot flies."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from anser.planning import PathCommand, Trajectory, polar
+from anser.shapes import Scalar, ScalarLike, Vector3
+from anser.spatial import safe_norm
+
+_CLIMB_GAIN = 0.2  # 1/s: altitude errors in the hold fade within about 15 s
+_STRAIGHT_ON = 0.1  # fraction of the hold radius flown straight on after the arrival
+
+
+class GuidanceSettings(eqx.Module):
+    """Numbers of the guidance.
+
+    Attributes
+    ----------
+    position_gain
+        Speed per metre of position error that is added to the planned velocity, 1/s; 0 flies velocity commands alone.
+    correction_max
+        Greatest such added speed, m/s.
+    hold_radius
+        Radius of the hold around the goal, m.
+    hold_turn
+        +1: clockwise seen from above (right turns); -1: the other way.
+    climb_rate_max
+        Greatest vertical speed in the hold, m/s.
+    """
+
+    position_gain: Scalar
+    correction_max: Scalar
+    hold_radius: Scalar
+    hold_turn: Scalar
+    climb_rate_max: Scalar
+
+
+def follow(
+    trajectory: Trajectory,
+    time: ScalarLike,
+    position_n: Vector3,
+    velocity_n: Vector3,
+    wind_n: Vector3,
+    settings: GuidanceSettings,
+) -> PathCommand:
+    """Command (through the air) that flies a trajectory: velocity feed-forward plus position feedback.
+
+    v = v_planned + k (p_planned - p), its rate a_planned + k (v_planned - v); the added speed is limited smoothly.
+
+    Parameters
+    ----------
+    trajectory
+        The plan.
+    time
+        Now, s.
+    position_n, velocity_n
+        Own position (m) and velocity over ground (m/s).
+    wind_n
+        Wind as the aircraft measures it (ground velocity minus air velocity), m/s.
+    settings
+        See `GuidanceSettings`.
+    """
+    planned_n = trajectory.velocity_n(time)
+
+    def correction(offset_n: Vector3) -> Vector3:
+        wanted_n = settings.position_gain * offset_n
+        return wanted_n / jnp.sqrt(1 + jnp.sum(wanted_n**2) / settings.correction_max**2)
+
+    offset_n = trajectory.position_n(time) - position_n
+    added_n, added_dot_n = jax.jvp(correction, (offset_n,), (planned_n - velocity_n,))
+    return polar(planned_n + added_n - wind_n, trajectory.acceleration_n(time) + added_dot_n)
+
+
+def hold(
+    relative_n: Vector3,
+    velocity_n: Vector3,
+    goal_velocity_n: Vector3,
+    wind_n: Vector3,
+    arrival_direction_n: Vector3,
+    height: ScalarLike,
+    speed: ScalarLike,
+    settings: GuidanceSettings,
+) -> PathCommand:
+    """Command (through the air) that flies on after the arrival and joins a circle around the moving goal.
+
+    A vector field: seen from the goal, the velocity is turned from the outward radial by theta = pi/2 at the radius,
+    less inside (pi/2 times smoothstep of distance/radius), more outside. Inside, the path's curvature stays below 3.3 /
+    radius and starts from 0, so that the arrival itself is flown straight through.
+
+    Parameters
+    ----------
+    relative_n
+        Own position relative to the goal, NED, m.
+    velocity_n, goal_velocity_n
+        Over ground, m/s.
+    wind_n
+        As measured, m/s.
+    arrival_direction_n
+        Direction of the arrival; flown on to a tenth of the radius, where the radial is not yet well defined.
+    height
+        Wanted height above the goal, m.
+    speed
+        Airspeed, m/s.
+    settings
+        See `GuidanceSettings`.
+    """
+    drift_n = (goal_velocity_n - wind_n).at[2].set(0.0)
+    ahead = arrival_direction_n[:2] / jnp.maximum(safe_norm(arrival_direction_n[:2]), 1e-6)
+
+    def air_velocity(relative: Vector3) -> Vector3:
+        distance = safe_norm(relative[:2])
+        x = distance / settings.hold_radius
+        radial = relative[:2] / jnp.maximum(distance, 1.0)
+        trust = _smoothstep(x / _STRAIGHT_ON)
+        outward = trust * radial + (1 - trust) * ahead
+        outward = outward / jnp.maximum(safe_norm(outward), 1e-3)
+        inside = 0.5 * jnp.pi * _smoothstep(x)
+        outside = 0.5 * jnp.pi + jnp.arctan(1.5 * jnp.maximum(x - 1.0, 0.0))
+        theta = jnp.where(x < 1.0, inside, outside)
+        across = settings.hold_turn * jnp.stack([-outward[1], outward[0]])
+        direction = jnp.cos(theta) * outward + jnp.sin(theta) * across
+        along = jnp.sum(direction * drift_n[:2])
+        spare = jnp.maximum(speed**2 - jnp.sum(drift_n[:2] ** 2) + along**2, (0.1 * speed) ** 2)
+        level = (jnp.sqrt(spare) - along) * direction + drift_n[:2]
+        climb = jnp.clip(_CLIMB_GAIN * (height + relative[2]), -settings.climb_rate_max, settings.climb_rate_max)
+        return jnp.concatenate([level, (goal_velocity_n[2] - climb - wind_n[2])[None]])
+
+    velocity, acceleration = jax.jvp(air_velocity, (relative_n,), (velocity_n - goal_velocity_n,))
+    return polar(velocity, acceleration)
+
+
+def _smoothstep(x: Scalar) -> Scalar:
+    x = jnp.clip(x, 0.0, 1.0)
+    return x * x * (3 - 2 * x)

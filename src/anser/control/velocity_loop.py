@@ -1,0 +1,101 @@
+"""Slowest loop: airspeed, path angle and course to thrust, angle of attack and bank (theory section 5, item 3)."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from anser.aircraft import AbstractAirframe, Condition
+from anser.control.limits import FlightLimits
+from anser.control.path_motion import PathMotion
+from anser.shapes import Scalar, ScalarLike, Vector3
+
+_COS_BANK_MIN = 0.2  # lift is not asked to hold the path beyond 78 deg of bank
+_NEWTON_STEPS = 2  # the lift curve is piecewise linear: the second step lands when the first crossed a breakpoint
+
+
+class ThrustDemand(eqx.Module):
+    """Throttle with the thrust (N) it is meant to give and whether the engine can give it."""
+
+    throttle: Scalar
+    thrust: Scalar
+    saturated: Scalar
+
+
+class AttitudeDemand(eqx.Module):
+    """Wanted (mu, alpha, beta), rad, and whether alpha or bank stands at a limit."""
+
+    angles: Vector3
+    alpha_saturated: Scalar
+    bank_saturated: Scalar
+
+
+def thrust_demand(
+    airframe: AbstractAirframe,
+    engine_bandwidth: ScalarLike,
+    now: Condition,
+    power: ScalarLike,
+    motion: PathMotion,
+    V_dot: ScalarLike,
+    gravity: ScalarLike,
+) -> ThrustDemand:
+    """Thrust for a wanted V_dot (m/s^2), through the inverted thrust tables, engine lag and gearing.
+
+    T = [m (V_dot + g sin gamma) - (aerodynamic force along the velocity)] / (cos alpha cos beta).
+    """
+    ca, sa = jnp.cos(motion.alpha), jnp.sin(motion.alpha)
+    cb, sb = jnp.cos(motion.beta), jnp.sin(motion.beta)
+    X, Y, Z = now.aerodynamic.force_b
+    along = X * ca * cb + Y * sb + Z * sa * cb
+    mass = airframe.mass_properties.mass
+    thrust = (mass * (V_dot + gravity * jnp.sin(motion.gamma)) - along) / jnp.maximum(ca * cb, 0.2)
+    altitude, mach = now.air_data.altitude, now.air_data.mach
+    wanted = airframe.power_for_thrust(thrust, altitude, mach)
+    throttle = airframe.throttle_for_power_rate(power, engine_bandwidth * (wanted - power))
+    reachable = airframe.propulsion(wanted, altitude, mach).force_b[0]
+    return ThrustDemand(throttle=throttle, thrust=thrust, saturated=jnp.abs(thrust - reachable) > 1.0 + 1e-6 * reachable)
+
+
+def attitude_demand(
+    airframe: AbstractAirframe,
+    limits: FlightLimits,
+    now: Condition,
+    rates_b: Vector3,
+    surfaces: Vector3,
+    motion: PathMotion,
+    gamma_dot: ScalarLike,
+    chi_dot: ScalarLike,
+    gravity: ScalarLike,
+) -> AttitudeDemand:
+    """Bank and angle of attack for wanted gamma_dot and chi_dot (rad/s), sideslip zero (coordinated turns).
+
+    mu = atan2(V cos(gamma) chi_dot, V gamma_dot + g cos gamma), the well-conditioned form; alpha from the balance of
+    forces normal to the path at the present bank, m (V gamma_dot + g cos gamma) = L(alpha) cos(mu) with
+    L = F_X sin(alpha) - F_Z cos(alpha), solved by Newton steps on the airframe's own forces.
+    """
+    mass = airframe.mass_properties.mass
+    weight = mass * gravity
+    up = motion.V * gamma_dot + gravity * jnp.cos(motion.gamma)
+    side = motion.V * jnp.cos(motion.gamma) * chi_dot
+    mu_free = jnp.arctan2(side, jnp.maximum(up, 0.2 * gravity))
+    mu = jnp.clip(mu_free, -limits.bank_max, limits.bank_max)
+    lift_free = mass * up / jnp.maximum(jnp.cos(motion.mu), _COS_BANK_MIN)
+    lift_wanted = jnp.clip(lift_free, limits.load_factor_min * weight, limits.load_factor_max * weight)
+    thrust_b = now.propulsive.force_b
+
+    def lift(alpha: Scalar) -> Scalar:
+        data = eqx.tree_at(lambda d: d.alpha, now.air_data, alpha)
+        force_b = airframe.aerodynamics(data, rates_b, surfaces).force_b + thrust_b
+        return force_b[0] * jnp.sin(alpha) - force_b[2] * jnp.cos(alpha)
+
+    slope_min = 0.02 * now.air_data.qbar  # keeps the step finite past the peak of the lift curve
+    alpha_free = motion.alpha
+    for _ in range(_NEWTON_STEPS):
+        value, slope = jax.jvp(lift, (alpha_free,), (jnp.ones_like(alpha_free),))
+        step = (lift_wanted - value) / jnp.maximum(slope, slope_min)
+        alpha_free = jnp.clip(alpha_free + step, limits.alpha_min - 0.1, limits.alpha_max + 0.1)
+    alpha = jnp.clip(alpha_free, limits.alpha_min, limits.alpha_max)
+    return AttitudeDemand(
+        angles=jnp.stack([mu, alpha, jnp.zeros_like(alpha)]),
+        alpha_saturated=(alpha != alpha_free) | (lift_wanted != lift_free),
+        bank_saturated=mu != mu_free,
+    )

@@ -1,0 +1,50 @@
+"""Motion of the air over the ground."""
+
+import abc
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from anser.shapes import ScalarLike, Vector3
+from anser.units import DEG_RAD
+
+
+class AbstractWind(eqx.Module):
+    """A wind field: the velocity of the air at a place and time."""
+
+    @abc.abstractmethod
+    def at(self, position_n: Vector3, time: ScalarLike) -> Vector3:
+        """Velocity of the air (3,), NED, m/s, at a position (3,), NED, m, and time, s."""
+
+
+class SteadyWind(AbstractWind):
+    """The same wind everywhere and always.
+
+    Attributes
+    ----------
+    velocity_n
+        Velocity of the air (3,), NED, m/s: where the air moves to.
+    """
+
+    velocity_n: Vector3
+
+    def at(self, position_n: Vector3, time: ScalarLike) -> Vector3:
+        """Velocity of the air (3,), NED, m/s; position and time make no difference."""
+        return self.velocity_n
+
+
+def steady_wind_from(speed_m_s: ScalarLike, from_deg: ScalarLike, up_m_s: ScalarLike = 0.0) -> SteadyWind:
+    """Steady wind in the terms of a weather report.
+
+    Parameters
+    ----------
+    speed_m_s
+        Horizontal speed, m/s.
+    from_deg
+        Direction that the wind comes from, degrees clockwise from true north: 270 is a west wind, which moves east.
+    up_m_s
+        Vertical speed, m/s, up positive.
+    """
+    bearing = jnp.asarray(from_deg) * DEG_RAD
+    speed = jnp.asarray(speed_m_s)
+    return SteadyWind(jnp.stack([-speed * jnp.cos(bearing), -speed * jnp.sin(bearing), -jnp.asarray(up_m_s)]))

@@ -1,0 +1,34 @@
+"""Small dense algebra without library calls: cheaper inside a scan than a batched solver."""
+
+import jax.numpy as jnp
+
+from anser.shapes import Matrix33, Vector3
+
+
+def _cross(a: Vector3, b: Vector3) -> Vector3:
+    return jnp.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+def times3(matrix: Matrix33, vector: Vector3) -> Vector3:
+    """Product of a 3x3 matrix and a vector, as explicit sums."""
+    return jnp.sum(matrix * vector[None, :], axis=1)
+
+
+def inverse3(matrix: Matrix33, floor: float = 1e-12) -> Matrix33:
+    """Inverse of a 3x3 matrix by cross products of its columns.
+
+    A determinant below `floor` times the product of the column lengths (columns nearly in one plane) is replaced by
+    that bound, so that the result stays finite; such a matrix has no useful inverse.
+    """
+    a, b, c = matrix[:, 0], matrix[:, 1], matrix[:, 2]
+    rows = jnp.stack([_cross(b, c), _cross(c, a), _cross(a, b)])
+    determinant = jnp.sum(a * rows[0])
+    scale = jnp.sqrt(jnp.sum(a * a) * jnp.sum(b * b) * jnp.sum(c * c) + 1e-300)
+    bound = floor * scale
+    safe = jnp.where(jnp.abs(determinant) < bound, jnp.where(determinant < 0, -bound, bound), determinant)
+    return rows / safe
+
+
+def solve3(matrix: Matrix33, vector: Vector3) -> Vector3:
+    """Solve matrix @ x = vector (see `inverse3` for singular matrices)."""
+    return times3(inverse3(matrix), vector)

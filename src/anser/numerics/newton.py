@@ -1,0 +1,78 @@
+"""Newton's method kept inside a bracket, with a fixed number of steps and the root's implicit derivative."""
+
+from collections.abc import Callable
+from typing import NamedTuple, TypeVar
+
+import jax.numpy as jnp
+from jax import lax
+
+from anser.shapes import Scalar, ScalarLike
+
+Parameters = TypeVar("Parameters")
+
+
+class Root(NamedTuple):
+    """A root and what is left of the function there."""
+
+    x: Scalar
+    residual: Scalar
+
+
+def bracketed_newton(
+    function: Callable[[Scalar, Parameters], tuple[Scalar, Scalar]],
+    parameters: Parameters,
+    low: ScalarLike,
+    high: ScalarLike,
+    guess: ScalarLike,
+    steps: int,
+) -> Root:
+    """Root of a scalar function that is not positive at `low` and not negative at `high`.
+
+    A Newton step is taken where it stays inside the bracket and is at most half as long as the step before the last;
+    otherwise the bracket is halved. The number of steps is fixed (no early exit), so that a batch takes equal time
+    for each member. The best point seen is returned: rounding noise near the root cannot spoil it.
+
+    The steps are not differentiated. The root carries its derivative by the implicit function theorem,
+    dx = -(df/dp) dp / (df/dx); where df/dx is zero there, the derivative is reported as zero. First derivatives only.
+
+    Parameters
+    ----------
+    function
+        Takes x and the parameters, returns the value and its slope with respect to x. It must reach everything that
+        is to be differentiated through `parameters`, not through a closure.
+    parameters
+        Any pytree.
+    low, high
+        The bracket, low <= high. Without a change of sign between them the result is the point of least residual
+        among those tried: look at `residual`.
+    guess
+        Where to start; clipped to the bracket.
+    steps
+        Number of function evaluations in the loop.
+    """
+    fixed, low, high, guess = lax.stop_gradient((parameters, jnp.asarray(low), jnp.asarray(high), jnp.asarray(guess)))
+    low, high = low.astype(float), high.astype(float)
+    start = jnp.clip(guess.astype(float), low, high)
+
+    def step(_: object, carry: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
+        x, low, high, last, before_last, best, best_size = carry
+        value, slope = function(x, fixed)
+        size = jnp.abs(value)
+        better = size < best_size
+        best, best_size = jnp.where(better, x, best), jnp.where(better, size, best_size)
+        low, high = jnp.where(value < 0.0, x, low), jnp.where(value < 0.0, high, x)
+        newton = x - value / jnp.where(slope == 0.0, 1.0, slope)
+        inside = (newton >= low) & (newton <= high) & (slope != 0.0)
+        take = inside & (jnp.abs(newton - x) <= 0.5 * before_last)
+        following = jnp.where(take, newton, 0.5 * (low + high))
+        return following, low, high, jnp.abs(following - x), last, best, best_size
+
+    # Twice the width lets the first two Newton steps go anywhere inside the bracket.
+    width = 2.0 * (high - low)
+    unknown = jnp.full_like(start, jnp.inf)
+    found = lax.fori_loop(0, steps, step, (start, low, high, width, width, start, unknown))[5]
+    value, slope = function(lax.stop_gradient(found), parameters)
+    residual, slope = lax.stop_gradient((value, slope))
+    # Zero in value; its derivative is the implicit one.
+    correction = jnp.where(slope == 0.0, 0.0, (value - residual) / jnp.where(slope == 0.0, 1.0, slope))
+    return Root(found - correction, residual)

@@ -1,0 +1,93 @@
+"""Motion of a goal: straight legs between timed waypoints."""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from anser.shapes import ScalarLike, Vector3
+
+
+class GoalMotion(eqx.Module):
+    """A goal that waits at its first waypoint, passes each at its time, and leaves the last at a steady velocity."""
+
+    times: Float[Array, " waypoints"]
+    """When it is at each waypoint, s; not decreasing, equal only for padding."""
+    positions_n: Float[Array, "waypoints 3"]
+    """Waypoints, NED, m."""
+    velocity_after_n: Vector3
+    """Velocity after the last waypoint, NED, m/s."""
+
+    def _leg_velocities(self) -> Float[Array, "legs 3"]:
+        spans = self.times[1:] - self.times[:-1]
+        steps = self.positions_n[1:] - self.positions_n[:-1]
+        return jnp.where(spans > 0.0, 1.0 / jnp.where(spans > 0.0, spans, 1.0), 0.0)[:, None] * steps
+
+    def position_n(self, time: ScalarLike) -> Vector3:
+        """Position at a time, NED, m."""
+        # A sum over all legs of what has been covered of each: no search, and padded legs add nothing.
+        covered = jnp.clip(time - self.times[:-1], 0.0, self.times[1:] - self.times[:-1])
+        travelled = jnp.sum(covered[:, None] * self._leg_velocities(), axis=0)
+        return self.positions_n[0] + travelled + jnp.maximum(time - self.times[-1], 0.0) * self.velocity_after_n
+
+    def velocity_n(self, time: ScalarLike) -> Vector3:
+        """Velocity at a time, NED, m/s; at a waypoint, that of the leg which begins there."""
+        on_leg = (time >= self.times[:-1]) & (time < self.times[1:])
+        on_path = jnp.sum(jnp.where(on_leg[:, None], self._leg_velocities(), 0.0), axis=0)
+        return jnp.where(time >= self.times[-1], self.velocity_after_n, on_path)
+
+
+def straight_goal(position_n: Vector3, velocity_n: Vector3, time: ScalarLike = 0.0) -> GoalMotion:
+    """Goal at a position (NED, m) at a time (s), moving on from there at a steady velocity (NED, m/s)."""
+    return GoalMotion(jnp.asarray(time, dtype=float)[None], position_n[None, :], velocity_n)
+
+
+def waypoint_goal(
+    times: Sequence[float] | Float[np.ndarray, " waypoints"] | Float[Array, " waypoints"],
+    positions_n: Float[Array, "waypoints 3"],
+    velocity_after_n: Vector3 | None = None,
+) -> GoalMotion:
+    """Goal that passes waypoints at given times.
+
+    Parameters
+    ----------
+    times
+        Concrete strictly increasing times, s, one per waypoint.
+    positions_n
+        Waypoints, NED, m.
+    velocity_after_n
+        Velocity after the last waypoint, NED, m/s; without it the goal stops there.
+
+    Raises
+    ------
+    ValueError
+        If there is no waypoint, the counts differ, or the times do not increase.
+    """
+    stamps = np.asarray(times, dtype=float)
+    if stamps.ndim != 1 or stamps.size == 0 or stamps.size != positions_n.shape[0]:
+        raise ValueError(
+            f"{stamps.size} times and {positions_n.shape[0]} positions given; a goal needs one time per waypoint "
+            "and at least one waypoint"
+        )
+    if not np.all(np.diff(stamps) > 0.0):
+        raise ValueError(f"waypoint times {stamps.tolist()} do not strictly increase")
+    after = jnp.zeros(3) if velocity_after_n is None else velocity_after_n
+    return GoalMotion(jnp.asarray(stamps), positions_n, after)
+
+
+def pad_waypoints(goal: GoalMotion, count: int) -> GoalMotion:
+    """Bring a goal to `count` waypoints by repeating the last: the same motion, in a shape that can be stacked.
+
+    Raises
+    ------
+    ValueError
+        If the goal has more than `count` waypoints already.
+    """
+    missing = count - goal.times.shape[0]
+    if missing < 0:
+        raise ValueError(f"the goal has {goal.times.shape[0]} waypoints, more than the {count} to pad it to")
+    times = jnp.concatenate([goal.times, jnp.repeat(goal.times[-1:], missing)])
+    positions = jnp.concatenate([goal.positions_n, jnp.repeat(goal.positions_n[-1:], missing, axis=0)])
+    return GoalMotion(times, positions, goal.velocity_after_n)

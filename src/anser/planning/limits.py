@@ -1,0 +1,99 @@
+"""Whether an aircraft can fly a trajectory: dynamic limits over its whole length."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from anser.planning.commands import polar
+from anser.planning.trajectory import Trajectory
+from anser.shapes import Count, Flag, Scalar, ScalarLike
+
+WITHIN_LIMITS, TOO_SLOW, TOO_FAST, TURN_TOO_TIGHT, CLIMB_TOO_STEEP, TOO_LOW = range(6)
+LIMIT_MESSAGES = (
+    "within all limits",
+    "the trajectory asks for less than the least airspeed",
+    "the trajectory asks for more than the greatest airspeed",
+    "the trajectory turns faster than the greatest bank angle allows at its airspeed",
+    "the trajectory climbs or descends faster than the limit",
+    "the trajectory goes below the least altitude",
+)
+
+
+class PathLimits(eqx.Module):
+    """What a trajectory may ask of an aircraft."""
+
+    speed_min: Scalar
+    """Airspeed, m/s."""
+    speed_max: Scalar
+    """Airspeed, m/s."""
+    bank_max: Scalar
+    """Bank angle of a sustained turn, rad, below pi/2."""
+    climb_rate_max: Scalar
+    """Vertical speed relative to the air, up or down, m/s."""
+    altitude_min: Scalar
+    """m."""
+
+
+class LimitReport(eqx.Module):
+    """Extremes along a trajectory, and which limits they keep."""
+
+    speed_min: Scalar
+    """m/s, relative to the air."""
+    speed_max: Scalar
+    """m/s, relative to the air."""
+    turn_rate_max: Scalar
+    """Greatest course rate, either way, rad/s."""
+    turn_use_max: Scalar
+    """Greatest ratio of the course rate to what the bank limit allows at the speed of that point; 1 is the limit."""
+    climb_rate_max: Scalar
+    """Greatest vertical speed relative to the air, up or down, m/s."""
+    altitude_min: Scalar
+    """m, over the ground frame's origin."""
+    speed_min_ok: Flag
+    speed_max_ok: Flag
+    turn_ok: Flag
+    climb_ok: Flag
+    altitude_ok: Flag
+    status: Count
+    """First limit broken, in the order of LIMIT_MESSAGES; 0 is none."""
+
+
+def check_limits(trajectory: Trajectory, limits: PathLimits, gravity: ScalarLike, count: int = 129) -> LimitReport:
+    """Compare a trajectory with an aircraft's limits at equal intervals from start to rendezvous, both included.
+
+    Parameters
+    ----------
+    trajectory
+        The trajectory.
+    limits
+        The limits.
+    gravity
+        m/s^2.
+    count
+        Number of instants looked at.
+
+    Notes
+    -----
+    Theory section 6, "Dynamic limits on the whole path": |chi_dot| < g tan(bank_max)/V. Speed, turn and climb are
+    those relative to the air, which is what the aircraft feels; altitude is over the ground.
+    """
+    times = trajectory.start_time + trajectory.duration * jnp.linspace(0.0, 1.0, count)
+    command = jax.vmap(lambda t: polar(trajectory.air_velocity_n(t), trajectory.acceleration_n(t)))(times)
+    altitude_min = jnp.min(-jax.vmap(trajectory.position_n)(times)[:, 2])
+    turn_rate = jnp.abs(command.chi_dot)
+    turn_use_max = jnp.max(turn_rate * command.V) / (gravity * jnp.tan(limits.bank_max))
+    climb_rate_max = jnp.max(jnp.abs(command.V * jnp.sin(command.gamma)))
+    speed_min, speed_max = jnp.min(command.V), jnp.max(command.V)
+    kept = (
+        speed_min >= limits.speed_min,
+        speed_max <= limits.speed_max,
+        turn_use_max <= 1.0,
+        climb_rate_max <= limits.climb_rate_max,
+        altitude_min >= limits.altitude_min,
+    )
+    status = jnp.asarray(WITHIN_LIMITS)
+    for code, ok in reversed(list(enumerate(kept, start=TOO_SLOW))):
+        status = jnp.where(ok, status, code)
+    return LimitReport(
+        speed_min, speed_max, jnp.max(turn_rate), turn_use_max, climb_rate_max, altitude_min, *kept, status=status
+    )

@@ -1,0 +1,148 @@
+"""4-D trajectories: a Hermite cubic with two bends, in the frame that drifts with a steady wind."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from anser.planning.vectors import norm
+from anser.shapes import Scalar, ScalarLike, Vector3
+
+# s^2 (1 - s)^2 in ascending powers of s: the only quartic that vanishes with its slope at both ends.
+BEND_COEFFICIENTS = (0.0, 0.0, 1.0, -2.0, 1.0)
+# Below this horizontal distance (m) a line from start to rendezvous has no usable direction of its own.
+_NO_DIRECTION = 1e-6
+
+
+class Trajectory(eqx.Module):
+    """Where one aircraft is to be at which time, over a steady wind.
+
+    The path is a polynomial in s = (t - start_time)/duration in a frame that drifts with the wind and coincides with
+    the ground at `start_time`. Before and after its interval the same polynomial continues.
+    Source: theory section 6.
+    """
+
+    start_time: Scalar
+    """When the path begins, s."""
+    duration: Scalar
+    """Time from start to rendezvous, s; positive."""
+    coefficients_n: Float[Array, "3 5"]
+    """Ascending powers of s, one row per NED axis, m."""
+    wind_n: Vector3
+    """Velocity of the air over the ground, NED, m/s."""
+
+    def phase(self, time: ScalarLike) -> Scalar:
+        """Normalised time s: 0 at the start, 1 at the rendezvous."""
+        return (jnp.asarray(time) - self.start_time) / self.duration
+
+    def path_derivative(self, phase: ScalarLike, order: int) -> Vector3:
+        """Differentiate the air-frame path `order` times (0 to 3) with respect to s, at a given s; m."""
+        factors = [1.0] * 5
+        for power in range(5):
+            for lowered in range(order):
+                factors[power] *= power - lowered
+        total = jnp.zeros(3) + 0.0 * phase
+        for power in range(4, order - 1, -1):
+            total = total * phase + factors[power] * self.coefficients_n[:, power]
+        return total
+
+    def position_n(self, time: ScalarLike) -> Vector3:
+        """Position over the ground at a time, NED, m."""
+        return self.path_derivative(self.phase(time), 0) + self.wind_n * (time - self.start_time)
+
+    def air_velocity_n(self, time: ScalarLike) -> Vector3:
+        """Velocity relative to the air at a time, NED, m/s."""
+        return self.path_derivative(self.phase(time), 1) / self.duration
+
+    def velocity_n(self, time: ScalarLike) -> Vector3:
+        """Velocity over the ground at a time, NED, m/s."""
+        return self.air_velocity_n(time) + self.wind_n
+
+    def acceleration_n(self, time: ScalarLike) -> Vector3:
+        """Acceleration at a time, NED, m/s^2 (the same in both frames, the wind being steady)."""
+        return self.path_derivative(self.phase(time), 2) / self.duration**2
+
+    def jerk_n(self, time: ScalarLike) -> Vector3:
+        """Rate of change of the acceleration at a time, NED, m/s^3."""
+        return self.path_derivative(self.phase(time), 3) / self.duration**3
+
+
+def lateral_direction_n(line_n: Vector3, velocity_0_n: Vector3) -> Vector3:
+    """Horizontal unit vector to the right of the line from start to rendezvous, NED.
+
+    Parameters
+    ----------
+    line_n
+        From start to rendezvous, in the frame of the path, NED, m.
+    velocity_0_n
+        Velocity at the start; its horizontal direction replaces that of a vertical line, and North that of both.
+    """
+    ahead = line_n[:2]
+    for replacement in (velocity_0_n[:2], jnp.array([1.0, 0.0])):
+        ahead = jnp.where(norm(ahead) > _NO_DIRECTION, ahead, replacement)
+    ahead = ahead / norm(ahead)
+    return jnp.stack([-ahead[1], ahead[0], jnp.zeros_like(ahead[0])])
+
+
+def bend_trajectory(trajectory: Trajectory, lateral_bend: ScalarLike, vertical_bend: ScalarLike = 0.0) -> Trajectory:
+    """Add to a trajectory's bends; position and velocity at both ends, and the times, stay.
+
+    Parameters
+    ----------
+    trajectory
+        The trajectory to bend, which may be bent already.
+    lateral_bend
+        kappa = b_4 duration^4, m: shifts the middle by kappa/16 to the right of the line from start to rendezvous.
+    vertical_bend
+        The same upwards (c_4 duration^4), m.
+    """
+    sideways = lateral_direction_n(jnp.sum(trajectory.coefficients_n[:, 1:], axis=1), trajectory.coefficients_n[:, 1])
+    shift = lateral_bend * sideways - vertical_bend * jnp.array([0.0, 0.0, 1.0])
+    coefficients = trajectory.coefficients_n + shift[:, None] * jnp.array(BEND_COEFFICIENTS)[None, :]
+    return Trajectory(trajectory.start_time, trajectory.duration, coefficients, trajectory.wind_n)
+
+
+def fit_trajectory(
+    start_time: ScalarLike,
+    duration: ScalarLike,
+    position_0: Vector3,
+    velocity_0: Vector3,
+    position_f: Vector3,
+    velocity_f: Vector3,
+    lateral_bend: ScalarLike = 0.0,
+    vertical_bend: ScalarLike = 0.0,
+    wind_n: Vector3 | None = None,
+) -> Trajectory:
+    """Trajectory through given positions and velocities at its ends.
+
+    Parameters
+    ----------
+    start_time, duration
+        Seconds; the duration is positive.
+    position_0
+        Start, NED, m.
+    velocity_0
+        Velocity relative to the air at the start, NED, m/s.
+    position_f
+        Rendezvous in the frame that drifts with the air (place over the ground minus wind times duration), NED, m.
+    velocity_f
+        Velocity relative to the air at the rendezvous, NED, m/s.
+    lateral_bend, vertical_bend
+        Shape parameters, m, see `bend_trajectory`; zero is the nominal path.
+    wind_n
+        Steady wind, NED, m/s; none is still air.
+
+    Notes
+    -----
+    Theory section 6, with time scaled to [0, 1]: there the solution for the four lower coefficients is the Hermite
+    cubic and the null space of the boundary conditions is s^2 (1 - s)^2.
+    """
+    duration = jnp.asarray(duration, dtype=float)
+    line, slope_0, slope_f = position_f - position_0, duration * velocity_0, duration * velocity_f
+    cubic = [position_0, slope_0, 3.0 * line - 2.0 * slope_0 - slope_f, slope_0 + slope_f - 2.0 * line]
+    nominal = Trajectory(
+        jnp.asarray(start_time, dtype=float),
+        duration,
+        jnp.stack([*cubic, jnp.zeros(3)], axis=1),
+        jnp.zeros(3) if wind_n is None else wind_n,
+    )
+    return bend_trajectory(nominal, lateral_bend, vertical_bend)

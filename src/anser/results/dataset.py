@@ -1,0 +1,128 @@
+"""From the history of a flight, in SI units and radians, to a labelled dataset in the units of the catalogue."""
+
+from collections.abc import Mapping, Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+
+from anser.spatial import geodetic_from_flat
+from anser.variables import CATALOGUE, DERIVED_KEYS, RECORDED_KEYS, Variable
+
+__all__ = ["to_dataset"]
+
+_REFERENCE = ("reference_latitude_deg", "reference_longitude_deg")
+
+
+def to_dataset(
+    time_s: np.ndarray,
+    history: Mapping[str, np.ndarray],
+    aircraft_names: Sequence[str],
+    attributes: Mapping[str, str | int | float],
+) -> xr.Dataset:
+    """Label a history: dimensions (time, aircraft), one variable for each entry of the catalogue.
+
+    Parameters
+    ----------
+    time_s
+        Times of the record, s, increasing; shape (time,).
+    history
+        One array of shape (time, aircraft) for each of `anser.variables.RECORDED_KEYS`, SI units and radians.
+    aircraft_names
+        Names of the aircraft, each once, in the order of the history's columns.
+    attributes
+        Attributes of the whole dataset, text or numbers. `reference_latitude_deg` and `reference_longitude_deg`
+        must be among them: the geodetic place, at altitude 0, of the origin of the NED axes.
+
+    Returns
+    -------
+    xr.Dataset
+        With the attributes `units`, `frame`, `long_name` and `symbol` on each variable. Angles lie in (-180, 180] deg.
+        Latitude and longitude are those of the flat Earth of theory section 1.
+
+    Raises
+    ------
+    ValueError
+        A key is unknown or missing, a shape is wrong, time does not increase, a name occurs twice, the geodetic
+        reference is missing.
+    TypeError
+        A kind of number is not that of the catalogue, or an attribute is neither text nor number.
+    """
+    time = np.asarray(time_s, dtype=np.float64)
+    if time.ndim != 1 or time.size == 0 or not np.all(np.isfinite(time)) or np.any(np.diff(time) <= 0):
+        raise ValueError(f"time_s must be one finite increasing row of times in s, not shape {time.shape}: {time}")
+    names = list(aircraft_names)
+    if len(set(names)) != len(names) or not names:
+        raise ValueError(f"aircraft_names must be given, each once, not {names}")
+    _check_keys(history)
+    _check_attributes(attributes)
+
+    shape = (time.size, len(names))
+    arrays = {v.key: _checked(v, history[v.key], shape) for v in CATALOGUE if v.key not in DERIVED_KEYS}
+    arrays["latitude"], arrays["longitude"] = _geodetic(arrays, *(np.radians(attributes[key]) for key in _REFERENCE))
+    data = {v.name: (("time", "aircraft"), _converted(v, arrays[v.key]), _attributes(v)) for v in CATALOGUE}
+    coordinates = {
+        "time": ("time", time, {"units": "s", "long_name": "Time", "symbol": "t"}),
+        "aircraft": ("aircraft", np.array(names, dtype=np.str_), {"long_name": "Aircraft"}),
+    }
+    return xr.Dataset(data, coordinates, dict(attributes))
+
+
+def _check_keys(history: Mapping[str, np.ndarray]) -> None:
+    unknown, missing = sorted(set(history) - set(RECORDED_KEYS)), sorted(set(RECORDED_KEYS) - set(history))
+    if unknown or missing:
+        raise ValueError(
+            f"the history does not match the catalogue in anser.variables: unknown keys {unknown}, "
+            f"missing keys {missing}; it must have every key of RECORDED_KEYS and no other"
+        )
+
+
+def _check_attributes(attributes: Mapping[str, str | int | float]) -> None:
+    for key, value in attributes.items():
+        if isinstance(value, bool) or not isinstance(value, str | int | float | np.integer | np.floating):
+            raise TypeError(f"attribute {key} must be text or a number, not {value!r}")
+    missing = [key for key in _REFERENCE if key not in attributes]
+    if missing:
+        raise ValueError(f"attributes must hold {' and '.join(missing)}, the geodetic place of the NED origin, in deg")
+
+
+def _checked(variable: Variable, values: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    array = np.asarray(values)
+    if array.shape != shape:
+        raise ValueError(f"{variable.key} has shape {array.shape}; (time, aircraft) is {shape}")
+    if not np.can_cast(array.dtype, variable.dtype, casting="same_kind"):
+        raise TypeError(f"{variable.key} holds {array.dtype} numbers; the catalogue says {variable.dtype}")
+    return array.astype(variable.dtype)
+
+
+def _geodetic(arrays: Mapping[str, np.ndarray], latitude: float, longitude: float) -> tuple[np.ndarray, np.ndarray]:
+    position_n = jnp.stack(
+        [jnp.asarray(arrays["north"]), jnp.asarray(arrays["east"]), -jnp.asarray(arrays["altitude"])], axis=-1
+    )
+    convert = jax.vmap(jax.vmap(lambda position: geodetic_from_flat(position, latitude, longitude, 0.0)))
+    found_latitude, found_longitude, _ = jax.jit(convert)(position_n)
+    return np.asarray(found_latitude), np.asarray(found_longitude)
+
+
+def _converted(variable: Variable, array: np.ndarray) -> np.ndarray:
+    if variable.unit == "degree":
+        # Angles already in the interval pass untouched: the remainder would cost their last digits.
+        outside = (array > np.pi) | (array <= -np.pi)
+        array = np.where(outside, np.pi - np.mod(np.pi - array, 2.0 * np.pi), array)
+    return array if variable.factor == 1.0 else array * variable.factor
+
+
+def _attributes(variable: Variable) -> dict[str, object]:
+    labels: dict[str, object] = {
+        "units": variable.unit,
+        "frame": variable.frame,
+        "long_name": variable.long_name,
+        "symbol": variable.symbol,
+    }
+    if variable.flags:
+        # CF: as many values as meanings, in the type in which the variable is stored; truth values are stored as int8.
+        stored = np.int8 if variable.dtype == "bool" else np.dtype(variable.dtype)
+        labels["flag_values"] = np.arange(len(variable.flags), dtype=stored)
+        labels["flag_meanings"] = " ".join(variable.flags)
+    return labels

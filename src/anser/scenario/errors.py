@@ -1,0 +1,104 @@
+"""What a refused scenario says: where, what arrived, and what would be right."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+_TEXT_MAX = 80
+_BITS_MAX = 256
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing that is wrong in a scenario.
+
+    Parameters
+    ----------
+    path
+        The key, such as ``aircraft[1].start.speed_m_s`` (counted from 0), or a place in the file
+        (``line 3, column 7``), or empty for the file as a whole.
+    arrived
+        What stands there.
+    expected
+        What would be right.
+    whom
+        The aircraft or goal by its name, such as ``aircraft "north"``; empty where it has none.
+    """
+
+    path: str
+    arrived: str
+    expected: str
+    whom: str = ""
+
+    def __str__(self) -> str:
+        whom = f" ({self.whom})" if self.whom else ""
+        where = f"{self.path}{whom}: " if self.path else ""
+        return f"{where}arrived {self.arrived}; expected {self.expected}"
+
+
+class ScenarioError(ValueError):
+    """A scenario that cannot be flown; ``str()`` is the finished message.
+
+    The first line names the file, every further line is one problem.
+
+    Parameters
+    ----------
+    source
+        The file, or another name of the place that the scenario came from.
+    problems
+        At least one problem.
+    """
+
+    def __init__(self, source: str, problems: Sequence[Problem]) -> None:
+        self.source = source
+        self.problems = tuple(problems)
+        super().__init__(source, self.problems)
+
+    def __str__(self) -> str:
+        count = "1 problem" if len(self.problems) == 1 else f"{len(self.problems)} problems"
+        return "\n  ".join([f"{self.source or 'scenario'}: {count}", *map(str, self.problems)])
+
+
+def show(value: object) -> str:
+    """Describe a value that arrived, in the words of a TOML file.
+
+    Parameters
+    ----------
+    value
+        Anything that a TOML file can hold, or None.
+
+    Returns
+    -------
+    str
+        Short, on one line.
+    """
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        text = f'"{value}"' if value.isprintable() else repr(value)
+        return text if len(text) <= _TEXT_MAX else f'{text[:_TEXT_MAX]}..." ({len(value)} characters)'
+    if isinstance(value, int):
+        # Python refuses to print very long whole numbers
+        return str(value) if value.bit_length() <= _BITS_MAX else f"a whole number of {value.bit_length()} bits"
+    if isinstance(value, float):
+        return repr(value)  # with its point: 1.0 is no whole number
+    if isinstance(value, dict):
+        return "a table"
+    if isinstance(value, list | tuple):
+        return f"a list of {len(value)}"
+    return "nothing" if value is None else f"{value} ({type(value).__name__})"
+
+
+def plain(value: float) -> str:
+    """Write a number of a validated scenario without needless zeros.
+
+    Parameters
+    ----------
+    value
+        In any unit.
+
+    Returns
+    -------
+    str
+        All its digits, to 15.
+    """
+    return f"{value:.15g}"

@@ -1,0 +1,38 @@
+"""The airframes that come with anser, read from their data files."""
+
+import functools
+import json
+from importlib import resources
+from typing import Any
+
+from anser.aircraft import F16, f16_from_data
+
+AIRFRAMES = ("f16",)
+VARIANTS = {"f16": ("textbook", "s119", "founding")}
+
+
+@functools.cache
+def _data(name: str) -> dict[str, Any]:
+    return json.loads(resources.files("anser.aircraft").joinpath(f"data/{name}.json").read_text(encoding="utf-8"))
+
+
+def load_airframe(name: str = "f16", variant: str = "textbook", x_cg_over_c: float | None = None) -> F16:
+    """Build an airframe of the library.
+
+    Parameters
+    ----------
+    name
+        One of `AIRFRAMES`.
+    variant
+        One of `VARIANTS[name]`.
+    x_cg_over_c
+        Centre of gravity as a fraction of the mean chord; the variant's own where None.
+
+    Raises
+    ------
+    ValueError
+        If the name or variant is unknown; the message lists the known ones.
+    """
+    if name not in AIRFRAMES:
+        raise ValueError(f"aircraft type {name!r}: known are {', '.join(AIRFRAMES)}")
+    return f16_from_data(_data(name), variant, x_cg_over_c)

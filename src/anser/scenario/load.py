@@ -1,0 +1,131 @@
+"""Reading scenarios: from a file, from text, from values; everything wrong with one is told in one message."""
+
+import os
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from anser.scenario.errors import Problem, ScenarioError, show
+from anser.scenario.schema import FORMAT, Scenario
+from anser.scenario.schema_problems import problems_from
+
+_TOML_PLACE = re.compile(r"^(?P<what>.*) \(at (?:line (?P<line>\d+), column (?P<column>\d+)|end of document)\)$")
+
+
+def load(path: str | os.PathLike[str]) -> Scenario:
+    """Read and validate a scenario file.
+
+    Parameters
+    ----------
+    path
+        A TOML file, UTF-8.
+
+    Returns
+    -------
+    Scenario
+        Validated.
+
+    Raises
+    ------
+    ScenarioError
+        If the file cannot be read or is no valid scenario; the message says where and what would be right.
+    """
+    source = os.fspath(path)
+    try:
+        content = Path(path).read_bytes()
+    except FileNotFoundError:
+        raise _refused(source, "no file of this name", "the path of a scenario file") from None
+    except IsADirectoryError:
+        raise _refused(source, "a folder", "the path of a scenario file") from None
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        raise _refused(source, f"a path that cannot be read ({reason})", "a scenario file that can be read") from None
+    try:
+        text = content.decode("utf-8-sig")  # editors under Windows put a mark in front
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        arrived = f"bytes that are not UTF-8 (in line {line})"
+        raise _refused(source, arrived, "a text file in UTF-8") from None
+    return loads(text, source)
+
+
+def loads(text: str, source: str = "<string>") -> Scenario:
+    """Validate the text of a scenario.
+
+    Parameters
+    ----------
+    text
+        TOML.
+    source
+        What to call it in messages.
+
+    Returns
+    -------
+    Scenario
+        Validated.
+
+    Raises
+    ------
+    ScenarioError
+        If it is no TOML or no valid scenario.
+    """
+    try:
+        values = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ScenarioError(source, [_syntax_problem(text, str(error))]) from None
+    except (ValueError, RecursionError) as error:
+        # whole numbers too long for Python, lists within lists beyond its depth
+        reason = "too deeply nested" if isinstance(error, RecursionError) else str(error)
+        raise _refused(source, f"text that cannot be read ({reason})", "TOML") from None
+    return validate(values, source)
+
+
+def validate(values: dict[str, Any], source: str = "<values>") -> Scenario:
+    """Validate a scenario that is at hand as nested dictionaries and lists.
+
+    Parameters
+    ----------
+    values
+        As the TOML file would hold them.
+    source
+        What to call it in messages.
+
+    Returns
+    -------
+    Scenario
+        Validated.
+
+    Raises
+    ------
+    ScenarioError
+        If it is no valid scenario.
+    """
+    version = values.get("format")
+    if "format" in values and (type(version) is not int or version != FORMAT):
+        # in another format all keys may differ, so nothing else is told
+        expected = f"{FORMAT}, the format that this anser reads"
+        raise ScenarioError(source, [Problem("format", show(version), expected)])
+    try:
+        return Scenario.model_validate(values)
+    except ValidationError as error:
+        raise ScenarioError(source, problems_from(error, Scenario, values)) from None
+
+
+def _refused(source: str, arrived: str, expected: str) -> ScenarioError:
+    return ScenarioError(source, [Problem("", arrived, expected)])
+
+
+def _syntax_problem(text: str, message: str) -> Problem:
+    """Say where TOML ended to be TOML, and show that line."""
+    place = _TOML_PLACE.match(message)
+    if place is None:
+        return Problem("", "text that is not TOML", message)
+    what = place["what"]
+    if place["line"] is None:
+        return Problem(f"line {len(text.splitlines())}, at the end", "the end of the file", f"valid TOML: {what}")
+    line, column = int(place["line"]), int(place["column"])
+    lines = text.replace("\r\n", "\n").split("\n")
+    return Problem(f"line {line}, column {column}", show(lines[line - 1].strip()), f"valid TOML: {what}")

@@ -1,0 +1,113 @@
+"""The scenario: everything that one flight of a fleet needs, validated, in the units of its file."""
+
+import hashlib
+import json
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from anser.scenario.errors import Problem, ScenarioError
+from anser.scenario.schema_aircraft import Aircraft
+from anser.scenario.schema_base import SLUG_EXPECTED, SLUG_PATTERN, Table, expects, table, tables
+from anser.scenario.schema_checks import (
+    goal_problems,
+    name_problems,
+    rendezvous_problems,
+    speed_problems,
+    start_problems,
+)
+from anser.scenario.schema_goal import Goal
+from anser.scenario.schema_reach import reach_problems
+from anser.scenario.schema_settings import Earth, Fleet, Guidance, Hold, Limits, Requirements, Timing, Wind
+
+FORMAT = 1
+SEED_MAX = 2**32 - 1
+
+
+class Scenario(Table):
+    """A scenario file of format 1; build one with :func:`anser.scenario.load`, whose messages are plain."""
+
+    format: Literal[1] = Field(
+        description="version of the file format", json_schema_extra=expects("1, the format that this anser reads")
+    )
+    name: str = Field(
+        pattern=SLUG_PATTERN,
+        max_length=64,
+        description="name of the scenario, also of its output",
+        json_schema_extra=expects(SLUG_EXPECTED),
+    )
+    description: str = Field("", description="what it is for", json_schema_extra=expects("a text in quotes"))
+    seed: int = Field(
+        0,
+        ge=0,
+        le=SEED_MAX,
+        description="of everything that is random",
+        json_schema_extra=expects(f"a whole number from 0 to {SEED_MAX}"),
+    )
+    timing: Timing = table("time", "a table [timing]")
+    earth: Earth = table("origin", "a table [earth]", Earth())
+    wind: Wind = table("steady wind", "a table [wind]", Wind())
+    fleet: Fleet = table("common to all", "a table [fleet]")
+    limits: Limits = table("envelope", "a table [limits]", Limits())
+    guidance: Guidance = table("how the plan is followed", "a table [guidance]", Guidance())
+    hold: Hold = table("after the arrival", "a table [hold]", Hold())
+    requirements: Requirements = table("what to achieve", "a table [requirements]", Requirements())
+    aircraft: tuple[Aircraft, ...] = tables(
+        "the fleet", "one table [[aircraft]] or more, in double brackets", at_least=1
+    )
+    goal: tuple[Goal, ...] = tables("places to meet", "one table [[goal]] or more, in double brackets", at_least=1)
+
+    @model_validator(mode="after")
+    def _holds_together(self) -> "Scenario":
+        found = _problems(self.aircraft, self.goal, self)
+        if found:
+            raise ScenarioError("", found)
+        return self
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 of the validated values, 64 hexadecimal digits; see :func:`scenario_hash`."""
+        return scenario_hash(self)
+
+    def goal_of(self, aircraft: Aircraft) -> Goal:
+        """Look up the goal of an aircraft of this scenario.
+
+        Parameters
+        ----------
+        aircraft
+            One of the scenario.
+        """
+        return next(goal for goal in self.goal if goal.name == aircraft.goal)
+
+
+def _problems(aircraft: tuple[Aircraft, ...], goals: tuple[Goal, ...], scenario: Scenario) -> list[Problem]:
+    """Find what is wrong between tables, from the simple to what rests on it."""
+    fleet, limits, wind, timing = scenario.fleet, scenario.limits, scenario.wind, scenario.timing
+    names = name_problems(aircraft, goals)
+    found = [
+        *names,
+        *speed_problems(fleet, limits, wind, scenario.hold),
+        *start_problems(aircraft, limits),
+        *goal_problems(goals, timing),
+    ]
+    if not names:
+        found.extend(rendezvous_problems(aircraft, goals, fleet, limits))
+    return found or reach_problems(aircraft, goals, fleet, limits, wind, timing)
+
+
+def scenario_hash(scenario: Scenario) -> str:
+    """Hash the values of a scenario: comments, order of keys and defaults written out do not change it.
+
+    Parameters
+    ----------
+    scenario
+        A validated scenario.
+
+    Returns
+    -------
+    str
+        SHA-256 of its canonical JSON (keys sorted, no blanks, ASCII), 64 hexadecimal digits.
+    """
+    values = scenario.model_dump(mode="json")
+    text = json.dumps(values, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()

@@ -1,0 +1,174 @@
+"""What all tables of a scenario share: strictness, and fields that know in words what they expect."""
+
+from typing import Annotated, Any
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic_core import PydanticUndefined
+
+NAME_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_-]{0,63}$"
+NAME_EXPECTED = "a name of 1 to 64 letters, digits, hyphens and underscores"
+SLUG_PATTERN = r"^[a-z0-9]+(-[a-z0-9]+)*$"
+SLUG_EXPECTED = 'a name in small letters, digits and single hyphens, such as "three-aircraft"'
+
+GAIN_MAX = 1000.0
+
+
+class Table(BaseModel):
+    """A table of a scenario: frozen, strict about types, refusing unknown keys, NaN and infinity."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False, validate_default=True)
+
+
+def expects(words: str) -> dict[str, Any]:
+    """Attach to a field the words that say what it expects, for messages.
+
+    Parameters
+    ----------
+    words
+        To be read after "expected".
+
+    Returns
+    -------
+    dict
+        For the ``json_schema_extra`` of a field.
+    """
+    return {"expected": words}
+
+
+def number(
+    about: str, low: float, high: float, unit: str, default: object = PydanticUndefined, *, above: bool = False
+) -> Any:
+    """Declare a field that holds a finite number within a range.
+
+    Parameters
+    ----------
+    about
+        What it is, in one line.
+    low, high
+        The range, in `unit`; `high` belongs to it, and so does `low` unless `above`.
+    unit
+        As written in messages; empty for a pure number.
+    default
+        None for "may be left out"; without it the key is required.
+    above
+        The number must exceed `low`.
+
+    Returns
+    -------
+    FieldInfo
+        The field.
+    """
+    span = f"above {low:.10g} and at most {high:.10g}" if above else f"from {low:.10g} to {high:.10g}"
+    words = f"a number {span} {unit}".rstrip()
+    lower: dict[str, Any] = {"gt": low} if above else {"ge": low}
+    return Field(default, **lower, le=high, description=about, json_schema_extra=expects(words))
+
+
+def choice(about: str, options: tuple[str, ...], default: object = PydanticUndefined) -> Any:
+    """Declare a field that holds one of some words.
+
+    Parameters
+    ----------
+    about
+        What it is, in one line.
+    options
+        The words, as in the field's Literal type.
+    default
+        Without it the key is required.
+
+    Returns
+    -------
+    FieldInfo
+        The field.
+    """
+    words = " or ".join(f'"{option}"' for option in options)
+    return Field(default, description=about, json_schema_extra=expects(words))
+
+
+def naming(about: str) -> Any:
+    """Declare a required field that holds the name of an aircraft or a goal.
+
+    Parameters
+    ----------
+    about
+        What it names, in one line.
+
+    Returns
+    -------
+    FieldInfo
+        The field.
+    """
+    return Field(pattern=NAME_PATTERN, description=about, json_schema_extra=expects(NAME_EXPECTED))
+
+
+def table(about: str, words: str, default: object = PydanticUndefined) -> Any:
+    """Declare a field that holds one table.
+
+    Parameters
+    ----------
+    about
+        What it is, in one line.
+    words
+        What is expected, for messages.
+    default
+        Without it the table is required.
+
+    Returns
+    -------
+    FieldInfo
+        The field.
+    """
+    return Field(default, description=about, json_schema_extra=expects(words))
+
+
+def tables(about: str, words: str, *, at_least: int, default: object = PydanticUndefined) -> Any:
+    """Declare a field that holds a list of tables.
+
+    Parameters
+    ----------
+    about
+        What they are, in one line.
+    words
+        What is expected, for messages.
+    at_least
+        The smallest number of tables.
+    default
+        Without it the key is required.
+
+    Returns
+    -------
+    FieldInfo
+        The field.
+    """
+    # a TOML list arrives as a Python list, which a strict tuple would refuse; the items stay strict
+    return Field(default, min_length=at_least, strict=False, description=about, json_schema_extra=expects(words))
+
+
+def _one_for_all(value: object) -> object:
+    """Spread one number over the three axes."""
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return (value, value, value)
+    return value
+
+
+_Gain = Annotated[float, Field(ge=0, le=GAIN_MAX)]
+Gain3 = Annotated[tuple[_Gain, _Gain, _Gain], BeforeValidator(_one_for_all), Field(strict=False)]
+
+
+def gain(about: str, default: float) -> Any:
+    """Declare a gain: one number, or a list of three, one for each axis of the loop.
+
+    Parameters
+    ----------
+    about
+        What it multiplies, in one line.
+    default
+        The value of all three axes.
+
+    Returns
+    -------
+    FieldInfo
+        The field; its value is always a tuple of three.
+    """
+    words = f"a number from 0 to {GAIN_MAX:g}, or a list of three such numbers"
+    return Field((default, default, default), description=about, json_schema_extra=expects(words))

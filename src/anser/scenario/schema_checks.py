@@ -1,0 +1,219 @@
+"""Checks across tables: names, places, envelope, and the stand-off that belongs to the product's scope."""
+
+import math
+
+from anser.scenario.errors import Problem, plain
+from anser.scenario.schema_aircraft import Aircraft
+from anser.scenario.schema_goal import Goal
+from anser.scenario.schema_settings import Fleet, Hold, Limits, Timing, Wind
+
+SURFACE_STAND_OFF_MIN_M = 150.0
+AIRBORNE_STAND_OFF_MIN_M = 100.0
+AIRBORNE_ALTITUDE_MIN_M = 50.0
+SAME_PLACE_M = 10.0  # about the span of the aircraft
+
+_GRAVITY_M_S2 = 9.80665
+_SCOPE = "this is the scope of anser: a rendezvous is never the goal itself"
+
+
+def label(kind: str, named: Aircraft | Goal) -> str:
+    """Name an aircraft or a goal in a message.
+
+    Parameters
+    ----------
+    kind
+        "aircraft" or "goal".
+    named
+        The aircraft or goal.
+
+    Returns
+    -------
+    str
+        Such as ``goal "ship"``.
+    """
+    return f'{kind} "{named.name}"'
+
+
+def name_problems(aircraft: tuple[Aircraft, ...], goals: tuple[Goal, ...]) -> list[Problem]:
+    """Find names used twice and goals that do not exist.
+
+    Parameters
+    ----------
+    aircraft, goals
+        All of the scenario.
+
+    Returns
+    -------
+    list of Problem
+        Empty if all is well.
+    """
+    found = []
+    for kind, items in (("aircraft", aircraft), ("goal", goals)):
+        first: dict[str, int] = {}
+        for index, item in enumerate(items):
+            if item.name in first:
+                taken = f'"{item.name}", already the name of {kind}[{first[item.name]}]'
+                found.append(Problem(f"{kind}[{index}].name", taken, "a name of its own"))
+            first.setdefault(item.name, index)
+    known = ", ".join(f'"{goal.name}"' for goal in goals) or "none yet: add a [[goal]] table"
+    names = {goal.name for goal in goals}
+    for index, one in enumerate(aircraft):
+        if one.goal not in names:
+            words = f"the name of a goal of this scenario ({known})"
+            found.append(Problem(f"aircraft[{index}].goal", f'"{one.goal}"', words, label("aircraft", one)))
+    return found
+
+
+def speed_problems(fleet: Fleet, limits: Limits, wind: Wind, hold: Hold) -> list[Problem]:
+    """Find a fleet speed outside the limits, a wind too strong for it and a hold too tight for it.
+
+    Parameters
+    ----------
+    fleet, limits, wind, hold
+        Tables of the scenario.
+
+    Returns
+    -------
+    list of Problem
+        Empty if all is well.
+    """
+    found = []
+    if not limits.speed_min_m_s < fleet.speed_m_s < limits.speed_max_m_s:
+        words = (
+            f"a speed between limits.speed_min_m_s ({plain(limits.speed_min_m_s)} m/s) and "
+            f"limits.speed_max_m_s ({plain(limits.speed_max_m_s)} m/s)"
+        )
+        found.append(Problem("fleet.speed_m_s", plain(fleet.speed_m_s), words))
+    if math.hypot(*wind.velocity_m_s) >= fleet.speed_m_s:
+        words = f"a wind slower than fleet.speed_m_s, which is {plain(fleet.speed_m_s)} m/s"
+        found.append(Problem("wind.speed_m_s", plain(wind.speed_m_s), words))
+    ground_speed_m_s = fleet.speed_m_s + wind.speed_m_s
+    tightest_m = ground_speed_m_s**2 / (_GRAVITY_M_S2 * math.tan(math.radians(limits.bank_max_deg)))
+    if hold.radius_m < tightest_m:
+        words = (
+            f"at least {math.ceil(tightest_m)} m, the turn at {ground_speed_m_s:.1f} m/s over the ground "
+            f"with limits.bank_max_deg = {plain(limits.bank_max_deg)}"
+        )
+        found.append(Problem("hold.radius_m", plain(hold.radius_m), words))
+    return found
+
+
+def start_problems(aircraft: tuple[Aircraft, ...], limits: Limits) -> list[Problem]:
+    """Find starts outside the envelope and two aircraft at one place.
+
+    Parameters
+    ----------
+    aircraft
+        All of the scenario.
+    limits
+        The envelope.
+
+    Returns
+    -------
+    list of Problem
+        Empty if all is well.
+    """
+    found = []
+    for index, one in enumerate(aircraft):
+        path, whom, start = f"aircraft[{index}].start", label("aircraft", one), one.start
+        if not limits.speed_min_m_s <= start.speed_m_s <= limits.speed_max_m_s:
+            words = (
+                f"a speed from limits.speed_min_m_s ({plain(limits.speed_min_m_s)} m/s) to "
+                f"limits.speed_max_m_s ({plain(limits.speed_max_m_s)} m/s)"
+            )
+            found.append(Problem(f"{path}.speed_m_s", plain(start.speed_m_s), words, whom))
+        if start.altitude_m < limits.altitude_min_m:
+            words = f"at least limits.altitude_min_m, which is {plain(limits.altitude_min_m)} m"
+            found.append(Problem(f"{path}.altitude_m", plain(start.altitude_m), words, whom))
+        found.extend(_too_steep(f"{path}.path_angle_deg", whom, start.path_angle_deg, start.speed_m_s, limits))
+        for other_index, other in enumerate(aircraft[:index]):
+            if math.dist(start.position_m, other.start.position_m) < SAME_PLACE_M:
+                arrived = f'the place of aircraft[{other_index}] "{other.name}"'
+                words = f"a start at least {SAME_PLACE_M:g} m from every other"
+                found.append(Problem(path, arrived, words, whom))
+    return found
+
+
+def rendezvous_problems(
+    aircraft: tuple[Aircraft, ...], goals: tuple[Goal, ...], fleet: Fleet, limits: Limits
+) -> list[Problem]:
+    """Find stand-offs below the minimum, arrivals too steep, and two aircraft sent to one point.
+
+    Parameters
+    ----------
+    aircraft, goals
+        All of the scenario; every aircraft's goal exists.
+    fleet, limits
+        Tables of the scenario.
+
+    Returns
+    -------
+    list of Problem
+        Empty if all is well.
+    """
+    found = []
+    kinds = {goal.name: goal.kind for goal in goals}
+    for index, one in enumerate(aircraft):
+        path, whom, there = f"aircraft[{index}].rendezvous", label("aircraft", one), one.rendezvous
+        if kinds[one.goal] == "surface" and there.stand_off_up_m < SURFACE_STAND_OFF_MIN_M:
+            words = f'at least {SURFACE_STAND_OFF_MIN_M:g} m above the surface goal "{one.goal}"; {_SCOPE}'
+            found.append(Problem(f"{path}.stand_off_up_m", plain(there.stand_off_up_m), words, whom))
+        if kinds[one.goal] == "airborne" and there.stand_off_distance_m < AIRBORNE_STAND_OFF_MIN_M:
+            words = f'at least {AIRBORNE_STAND_OFF_MIN_M:g} m from the airborne goal "{one.goal}"; {_SCOPE}'
+            arrived = f"a stand-off of {there.stand_off_distance_m:.1f} m"
+            found.append(Problem(path, arrived, words, whom))
+        if there.path_angle_deg is not None:
+            found.extend(_too_steep(f"{path}.path_angle_deg", whom, there.path_angle_deg, fleet.speed_m_s, limits))
+        for other_index, other in enumerate(aircraft[:index]):
+            apart_m = math.dist(there.stand_off_m, other.rendezvous.stand_off_m)
+            if other.goal == one.goal and apart_m < SAME_PLACE_M:
+                arrived = f'the rendezvous point of aircraft[{other_index}] "{other.name}" at the same goal'
+                words = f"stand-offs that keep them at least {SAME_PLACE_M:g} m apart: they arrive at the same time"
+                found.append(Problem(path, arrived, words, whom))
+    return found
+
+
+def goal_problems(goals: tuple[Goal, ...], timing: Timing) -> list[Problem]:
+    """Find airborne goals that stand on the surface or sink to it during the flight.
+
+    Parameters
+    ----------
+    goals
+        All of the scenario.
+    timing
+        Its duration counts.
+
+    Returns
+    -------
+    list of Problem
+        Empty if all is well.
+    """
+    found = []
+    for index, goal in enumerate(goals):
+        if goal.kind == "surface":
+            continue
+        if goal.waypoints is not None:
+            heights = {f"waypoints[{k}].altitude_m": point.altitude_m for k, point in enumerate(goal.waypoints)}
+        else:
+            heights = {"altitude_m": goal.altitude_m, "climb_rate_m_s": goal.position_m(timing.duration_s)[2]}
+        low = {key: height for key, height in heights.items() if height < AIRBORNE_ALTITUDE_MIN_M}
+        for key, height in low.items():
+            if key == "climb_rate_m_s":
+                if "altitude_m" in low:
+                    continue
+                arrived = f"{plain(goal.climb_rate_m_s)}, which brings it to {height:.1f} m at the end of the flight"
+            else:
+                arrived = plain(height)
+            words = f'an airborne goal at {AIRBORNE_ALTITUDE_MIN_M:g} m or higher; for a lower one, kind = "surface"'
+            found.append(Problem(f"goal[{index}].{key}", arrived, words, label("goal", goal)))
+    return found
+
+
+def _too_steep(path: str, whom: str, angle_deg: float, speed_m_s: float, limits: Limits) -> list[Problem]:
+    """Find a path angle whose climb or descent is faster than the limit."""
+    rate_m_s = speed_m_s * math.sin(math.radians(angle_deg))
+    if abs(rate_m_s) <= limits.climb_rate_max_m_s:
+        return []
+    arrived = f"{plain(angle_deg)}, a climb rate of {rate_m_s:.1f} m/s"
+    words = f"a climb rate within limits.climb_rate_max_m_s, which is {plain(limits.climb_rate_max_m_s)} m/s"
+    return [Problem(path, arrived, words, whom)]

@@ -1,0 +1,147 @@
+"""Schema violations in plain words: key path, what arrived, what would be right."""
+
+import difflib
+import json
+import re
+from collections.abc import Sequence
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from anser.scenario.errors import Problem, ScenarioError, show
+
+_ABSENT = object()
+_BARE_KEY = re.compile(r"^[A-Za-z0-9_-]+\Z")
+
+
+def problems_from(error: ValidationError, model: type[BaseModel], raw: object) -> list[Problem]:
+    """Say what a failed validation found.
+
+    Parameters
+    ----------
+    error
+        What validating `raw` as `model` raised.
+    model
+        The model of the whole file.
+    raw
+        The values as they arrived.
+
+    Returns
+    -------
+    list of Problem
+        At least one, in the order of the schema; a missing key whose misspelling is there is told once.
+    """
+    found: list[Problem] = []
+    mistaken: set[str] = set()
+    details = error.errors(include_url=False)
+    for detail in details:
+        loc, kind = detail["loc"], detail["type"]
+        if kind == "too_short" and any(other["loc"][: len(loc)] == loc != other["loc"] for other in details):
+            continue  # pydantic counts only the valid items: the list is long enough, its items are wrong
+        cause = detail.get("ctx", {}).get("error")
+        if isinstance(cause, ScenarioError):
+            found.extend(_placed(loc, problem, raw) for problem in cause.problems)
+        elif kind == "extra_forbidden":
+            problem, meant = _unknown_key(loc, model, raw)
+            found.append(problem)
+            mistaken.add(meant)
+        else:
+            found.append(_bad_value(loc, model, raw))
+    told = [problem for problem in found if not (problem.path in mistaken and problem.arrived == "nothing")]
+    return list(dict.fromkeys(told))
+
+
+def _placed(loc: Sequence[str | int], problem: Problem, raw: object) -> Problem:
+    """Give a problem found inside one table its place in the file."""
+    if not loc:
+        return problem
+    path = f"{_path(loc)}.{problem.path}" if problem.path else _path(loc)
+    return Problem(path, problem.arrived, problem.expected, problem.whom or _whom(loc, raw))
+
+
+def _unknown_key(loc: Sequence[str | int], model: type[BaseModel], raw: object) -> tuple[Problem, str]:
+    """Say which key is unknown, and the path of the key that was probably meant."""
+    key = str(loc[-1])
+    table = _model_at(loc[:-1], model)
+    known = list(table.model_fields) if table is not None else []
+    near = difflib.get_close_matches(key.lower(), known, n=1)
+    guess = f'perhaps "{near[0]}"; the keys here are' if near else "one of the keys"
+    words = f"{guess} {', '.join(known)}"
+    meant = _path([*loc[:-1], near[0]]) if near else ""
+    return Problem(_path(loc), f"the unknown key {show(key)}", words, _whom(loc, raw)), meant
+
+
+def _bad_value(loc: Sequence[str | int], model: type[BaseModel], raw: object) -> Problem:
+    """Say what a key holds and what it should hold."""
+    loc = _existing(loc, raw)
+    value = _value_at(loc, raw)
+    arrived = "nothing" if value is _ABSENT else show(value)
+    return Problem(_path(loc), arrived, _expected(loc, model), _whom(loc, raw))
+
+
+def _existing(loc: Sequence[str | int], raw: object) -> Sequence[str | int]:
+    """Cut a location behind a single number that stands for a list, and at an item that a short list lacks."""
+    for end in range(1, len(loc)):
+        value = _value_at(loc[:end], raw)
+        is_list = isinstance(value, list | tuple)
+        step = loc[end]
+        if isinstance(step, int) and (not is_list or step >= len(value)):
+            return loc[:end]
+    return loc
+
+
+def _value_at(loc: Sequence[str | int], raw: object) -> Any:
+    """Look up what arrived at a location."""
+    value: Any = raw
+    for step in loc:
+        try:
+            value = value[step]
+        except (KeyError, IndexError, TypeError):
+            return _ABSENT
+    return value
+
+
+def _expected(loc: Sequence[str | int], model: type[BaseModel]) -> str:
+    """Read the words of a field that say what it expects."""
+    last = max((index for index, step in enumerate(loc) if isinstance(step, str)), default=-1)
+    table = _model_at(loc[:last], model) if last >= 0 else None
+    field = table.model_fields.get(str(loc[last])) if table is not None else None
+    extra = field.json_schema_extra if field is not None else None
+    return str(extra["expected"]) if isinstance(extra, dict) else "a table of keys and values"
+
+
+def _model_at(loc: Sequence[str | int], model: type[BaseModel]) -> type[BaseModel] | None:
+    """Follow a location through the models to the table that it names."""
+    table: type[BaseModel] | None = model
+    for step in loc:
+        if isinstance(step, int):
+            continue
+        field = table.model_fields.get(step) if table is not None else None
+        table = _model_in(field.annotation) if field is not None else None
+    return table
+
+
+def _model_in(annotation: object) -> type[BaseModel] | None:
+    """Find the model inside an annotation such as ``tuple[Aircraft, ...]``."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next((found for part in get_args(annotation) if (found := _model_in(part)) is not None), None)
+
+
+def _path(loc: Sequence[str | int]) -> str:
+    """Write a location as a key path, such as ``aircraft[1].start.speed_m_s``."""
+    text = ""
+    for step in loc:
+        if isinstance(step, int):
+            text += f"[{step}]"
+        else:
+            text += f".{step}" if _BARE_KEY.match(step) else f".{json.dumps(step)}"
+    return text.removeprefix(".")
+
+
+def _whom(loc: Sequence[str | int], raw: object) -> str:
+    """Name the aircraft or goal that a location lies in, if it has a name."""
+    if len(loc) < 2 or loc[0] not in ("aircraft", "goal"):
+        return ""
+    name = _value_at([*loc[:2], "name"], raw)
+    return f"{loc[0]} {show(name)}" if isinstance(name, str) and name else ""

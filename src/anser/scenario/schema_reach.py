@@ -1,0 +1,152 @@
+"""Whether each aircraft can reach its goal: in the air mass, where the wind is at rest (theory section 7)."""
+
+import math
+
+from anser.scenario.errors import Problem, plain
+from anser.scenario.schema_aircraft import Aircraft
+from anser.scenario.schema_checks import label
+from anser.scenario.schema_goal import Goal
+from anser.scenario.schema_settings import ALTITUDE_MAX_M, Fleet, Limits, Timing, Wind
+
+Vector = tuple[float, float, float]
+
+FLIGHT_MIN_S = 1.0
+
+
+def time_to_go_s(relative_m: Vector, velocity_m_s: Vector, speed_m_s: float) -> float | None:
+    """Find the time to a point that moves steadily, on a straight line at constant speed.
+
+    Parameters
+    ----------
+    relative_m
+        Point seen from the aircraft (north, east, up), m.
+    velocity_m_s
+        Velocity of the point in the same frame as the speed, m/s; in wind, goal velocity minus wind.
+    speed_m_s
+        Airspeed of the aircraft, m/s.
+
+    Returns
+    -------
+    float or None
+        The smallest time of meeting, s; None if the point outruns the aircraft.
+
+    Notes
+    -----
+    Smallest positive root of ``(|W|^2 - V^2) t^2 + 2 (R.W) t + |R|^2 = 0``, theory section 7, in the form that
+    loses no digits when the speeds are equal or nearly so.
+    """
+    squared = _dot(velocity_m_s, velocity_m_s) - speed_m_s**2
+    half_linear = _dot(relative_m, velocity_m_s)
+    constant = _dot(relative_m, relative_m)
+    if constant == 0.0:
+        return 0.0
+    discriminant = half_linear**2 - squared * constant
+    if discriminant < 0.0:
+        return None
+    q = -(half_linear + math.copysign(math.sqrt(discriminant), half_linear))
+    roots = [constant / q] if q != 0.0 else []
+    if squared != 0.0:
+        roots.append(q / squared)
+    return min((root for root in roots if root > 0.0), default=None)
+
+
+def reach_problems(
+    aircraft: tuple[Aircraft, ...],
+    goals: tuple[Goal, ...],
+    fleet: Fleet,
+    limits: Limits,
+    wind: Wind,
+    timing: Timing,
+) -> list[Problem]:
+    """Find goals that outrun their aircraft, flights too short, and rendezvous points outside the envelope.
+
+    Parameters
+    ----------
+    aircraft, goals
+        All of the scenario; every aircraft's goal exists.
+    fleet, limits, wind, timing
+        Tables of the scenario; the wind is slower than the fleet.
+
+    Returns
+    -------
+    list of Problem
+        Empty if all is well.
+    """
+    found = []
+    by_name = {goal.name: goal for goal in goals}
+    flown_to = {one.goal for one in aircraft}
+    for index, goal in enumerate(goals):
+        if goal.name in flown_to:
+            found.extend(_fast_legs(f"goal[{index}]", goal, fleet, wind))
+    if found:
+        return found  # without a speed that suffices the times below mean nothing
+    for index, one in enumerate(aircraft):
+        found.extend(_unreached(f"aircraft[{index}]", one, by_name[one.goal], fleet, limits, wind, timing))
+    return found
+
+
+def _dot(a: Vector, b: Vector) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _plus(a: Vector, b: Vector, factor: float = 1.0) -> Vector:
+    return a[0] + factor * b[0], a[1] + factor * b[1], a[2] + factor * b[2]
+
+
+def _fast_legs(path: str, goal: Goal, fleet: Fleet, wind: Wind) -> list[Problem]:
+    """Find legs of a goal that are faster through the air than the fleet."""
+    found = []
+    points = goal.waypoints or ()
+    for index in range(1, len(points)):
+        begin, end = points[index - 1], points[index]
+        lasting_s = end.time_s - begin.time_s
+        leg_m = (end.north_m - begin.north_m, end.east_m - begin.east_m, end.altitude_m - begin.altitude_m)
+        through_air = _plus((0.0, 0.0, 0.0), leg_m, 1.0 / lasting_s)
+        speed_m_s = math.hypot(*_plus(through_air, wind.velocity_m_s, -1.0))
+        if speed_m_s >= fleet.speed_m_s:
+            arrived = f"a leg flown at {speed_m_s:.1f} m/s through the air"
+            words = f"less than fleet.speed_m_s, which is {plain(fleet.speed_m_s)} m/s: the goal outruns its aircraft"
+            found.append(Problem(f"{path}.waypoints[{index}]", arrived, words, label("goal", goal)))
+    return found
+
+
+def _unreached(
+    path: str, one: Aircraft, goal: Goal, fleet: Fleet, limits: Limits, wind: Wind, timing: Timing
+) -> list[Problem]:
+    """Find why an aircraft does not reach its goal, if it does not."""
+    whom = label("aircraft", one)
+    place_m = _plus(goal.position_m(0.0), one.rendezvous.stand_off_m)
+    relative_m = _plus(place_m, one.start.position_m, -1.0)
+    heights_m = [place_m[2]]
+    if goal.waypoints is None:
+        velocity_m_s = _plus(goal.velocity_m_s(), wind.velocity_m_s, -1.0)
+        time_s = time_to_go_s(relative_m, velocity_m_s, fleet.speed_m_s)
+        if time_s is None:
+            arrived = f'"{goal.name}", which moves at {math.hypot(*velocity_m_s):.1f} m/s through the air and gets away'
+            words = f"a goal that an aircraft at fleet.speed_m_s = {plain(fleet.speed_m_s)} m/s can reach"
+            return [Problem(f"{path}.goal", arrived, words, whom)]
+        heights_m = [place_m[2] + goal.climb_rate_m_s * time_s]
+        if time_s >= timing.duration_s:
+            words = f'more than {time_s:.1f} s, the shortest flight from "{one.name}" to goal "{goal.name}"'
+            return [Problem("timing.duration_s", plain(timing.duration_s), words)]
+        near = time_s < FLIGHT_MIN_S
+    else:
+        heights_m = [point.altitude_m + one.rendezvous.stand_off_up_m for point in goal.waypoints]
+        # the goal is slower than the aircraft, so once within reach it stays within reach
+        last_m = _plus(goal.position_m(timing.duration_s), one.rendezvous.stand_off_m)
+        drifted_m = _plus(one.start.position_m, wind.velocity_m_s, timing.duration_s)
+        distance_m = math.dist(last_m, drifted_m)
+        if distance_m >= fleet.speed_m_s * timing.duration_s:
+            words = f'a longer flight: "{one.name}" does not get to goal "{goal.name}" in this time'
+            return [Problem("timing.duration_s", plain(timing.duration_s), words)]
+        near = math.hypot(*relative_m) < fleet.speed_m_s * FLIGHT_MIN_S
+    found = []
+    if near:
+        words = f"a start at least {FLIGHT_MIN_S:g} s of flight away from it"
+        found.append(Problem(f"{path}.start", "the rendezvous point itself, or nearly so", words, whom))
+    outside = [height for height in heights_m if not limits.altitude_min_m <= height <= ALTITUDE_MAX_M]
+    if outside:
+        words = f"from limits.altitude_min_m ({plain(limits.altitude_min_m)} m) to {ALTITUDE_MAX_M:g} m"
+        arrived = f'a rendezvous point at {outside[0]:.1f} m altitude above goal "{goal.name}"'
+        found.append(Problem(f"{path}.rendezvous.stand_off_up_m", arrived, words, whom))
+    return found

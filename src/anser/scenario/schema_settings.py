@@ -1,0 +1,129 @@
+"""The tables of a scenario that hold for the whole flight: time, Earth, wind, fleet, limits, guidance, hold."""
+
+import math
+from typing import Literal
+
+from pydantic import model_validator
+
+from anser.scenario.errors import Problem, ScenarioError, plain
+from anser.scenario.schema_base import Table, choice, number
+
+ALTITUDE_MAX_M = 15240.0  # the end of the thrust tables (50,000 ft), [SL] appendix A
+SPEED_MAX_M_S = 340.0  # the thrust tables end at Mach 1
+
+
+def _is_multiple(period_s: float, step_s: float) -> bool:
+    """Say whether a period is a whole number of steps, to the rounding of decimal input."""
+    steps = period_s / step_s
+    return round(steps) >= 1 and math.isclose(steps, round(steps), rel_tol=1e-9)
+
+
+class Timing(Table):
+    """How long to fly, and how often to step, to record and to plan."""
+
+    duration_s: float = number("time that the flight lasts", 1, 7200, "s")
+    step_s: float = number("step of the integration", 0.001, 0.05, "s", 0.01)
+    record_period_s: float = number("time between two recorded states", 0.001, 60, "s", 0.1)
+    replan_period_s: float = number("time between two plans; 0 plans once, at the start", 0, 600, "s", 1.0)
+    freeze_s: float = number("how long before arrival the plan stays as it is", 0, 600, "s", 4.0)
+
+    @model_validator(mode="after")
+    def _fits(self) -> "Timing":
+        found = []
+        for key, period_s in (("record_period_s", self.record_period_s), ("replan_period_s", self.replan_period_s)):
+            allowed_zero = key == "replan_period_s" and period_s == 0
+            if not allowed_zero and not _is_multiple(period_s, self.step_s):
+                words = f"a whole multiple of step_s, which is {plain(self.step_s)} s"
+                found.append(Problem(key, plain(period_s), words))
+        if self.freeze_s >= self.duration_s:
+            found.append(
+                Problem("freeze_s", plain(self.freeze_s), f"less than duration_s, which is {plain(self.duration_s)} s")
+            )
+        if found:
+            raise ScenarioError("", found)
+        return self
+
+
+class Earth(Table):
+    """Where on the Earth the local plane touches it: the place with north = east = 0."""
+
+    latitude_deg: float = number("geodetic latitude of the origin", -89, 89, "deg", 45.0)
+    longitude_deg: float = number("longitude of the origin", -180, 180, "deg", 0.0)
+
+
+class Wind(Table):
+    """The steady wind."""
+
+    speed_m_s: float = number("horizontal wind speed", 0, 100, "m/s", 0.0)
+    from_deg: float = number("direction that the wind comes from, clockwise from north", -360, 360, "deg", 0.0)
+    up_m_s: float = number("vertical wind, positive upwards", -20, 20, "m/s", 0.0)
+
+    @property
+    def velocity_m_s(self) -> tuple[float, float, float]:
+        """Velocity of the air over the ground (north, east, up), m/s."""
+        angle = math.radians(self.from_deg)
+        return -self.speed_m_s * math.cos(angle), -self.speed_m_s * math.sin(angle), self.up_m_s
+
+
+class Fleet(Table):
+    """What the whole fleet has in common."""
+
+    speed_m_s: float = number("mean airspeed of the plan, the same for all", 30, SPEED_MAX_M_S, "m/s")
+
+
+class Limits(Table):
+    """The envelope that plans and autopilot keep to."""
+
+    speed_min_m_s: float = number("lowest airspeed", 30, SPEED_MAX_M_S, "m/s", 90.0)
+    speed_max_m_s: float = number("highest airspeed", 30, SPEED_MAX_M_S, "m/s", 240.0)
+    bank_max_deg: float = number("largest bank angle", 5, 85, "deg", 60.0)
+    climb_rate_max_m_s: float = number("largest rate of climb or descent", 1, 300, "m/s", 80.0)
+    altitude_min_m: float = number("lowest altitude", 0, ALTITUDE_MAX_M, "m", 100.0)
+    load_factor_min: float = number("lowest load factor", -3, 0.9, "", -1.0)
+    load_factor_max: float = number("highest load factor", 1.1, 9, "", 5.0)
+    alpha_min_deg: float = number("lowest angle of attack", -10, 45, "deg", -5.0)
+    alpha_max_deg: float = number("highest angle of attack", -10, 45, "deg", 25.0)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "Limits":
+        # the ranges of the load factors do not meet, so they need no such check
+        pairs = (
+            ("speed_min_m_s", self.speed_min_m_s, "speed_max_m_s", self.speed_max_m_s, "m/s"),
+            ("alpha_min_deg", self.alpha_min_deg, "alpha_max_deg", self.alpha_max_deg, "deg"),
+        )
+        found = [
+            Problem(low_key, plain(low), f"less than {high_key}, which is {plain(high)} {unit}")
+            for low_key, low, high_key, high, unit in pairs
+            if low >= high
+        ]
+        if found:
+            raise ScenarioError("", found)
+        return self
+
+
+class Guidance(Table):
+    """How the plan is followed."""
+
+    position_gain_per_s: float = number(
+        "correction of the commanded velocity per metre of error; 0 = velocity commands alone",
+        0,
+        5,
+        "1/s",
+        0.3,
+    )
+
+
+class Hold(Table):
+    """The circle that every aircraft flies after its arrival."""
+
+    radius_m: float = number("radius of the circle", 200, 100_000, "m", 4000.0)
+    direction: Literal["right", "left"] = choice("sense of the turn", ("right", "left"), "right")
+
+
+class Requirements(Table):
+    """What the flight has to achieve to count as met."""
+
+    miss_max_m: float = number("largest distance from the rendezvous point at arrival", 0, 10_000, "m", 3.0, above=True)
+    arrival_spread_max_s: float = number(
+        "largest time between the first arrival and the last", 0, 3600, "s", 0.05, above=True
+    )

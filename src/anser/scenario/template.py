@@ -1,0 +1,56 @@
+"""A scenario to start from, with every key, its default and its unit."""
+
+import os
+from importlib.resources import files
+from pathlib import Path
+
+from anser.scenario.errors import Problem, ScenarioError
+
+
+def starter_scenario() -> str:
+    """Return the text of the starter scenario: two aircraft, two drifting buoys, every key commented.
+
+    Returns
+    -------
+    str
+        TOML that loads as it stands.
+    """
+    return files("anser.scenario").joinpath("starter.toml").read_text(encoding="utf-8")
+
+
+def write_starter(path: str | os.PathLike[str]) -> Path:
+    """Write the starter scenario to a new file.
+
+    Parameters
+    ----------
+    path
+        The file to write.
+
+    Returns
+    -------
+    Path
+        The same.
+
+    Raises
+    ------
+    ScenarioError
+        If something of this name is there already (it is left alone), or the file cannot be written.
+    """
+    target = Path(path)
+    text = starter_scenario()
+    try:
+        with target.open("x", encoding="utf-8", newline="\n") as stream:
+            stream.write(text)
+    except FileExistsError:
+        raise _not_written(target, "a name that is taken", "the name of a new file; nothing was written") from None
+    except FileNotFoundError:
+        raise _not_written(target, "a folder that does not exist", "the name of a file in a folder that does") from None
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        arrived = f"a path that cannot be written ({reason})"
+        raise _not_written(target, arrived, "the name of a file that can be written") from None
+    return target
+
+
+def _not_written(target: Path, arrived: str, expected: str) -> ScenarioError:
+    return ScenarioError(str(target), [Problem("", arrived, expected)])

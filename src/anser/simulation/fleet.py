@@ -1,0 +1,102 @@
+"""What flies: the numbers of a whole flight, and its state between steps. All are arrays: other values, same code."""
+
+import equinox as eqx
+from jaxtyping import Array, Bool, Float, Int
+
+from anser.aircraft import AbstractAirframe, AircraftState
+from anser.control import AutopilotGains, AutopilotState, FlightLimits, GuidanceSettings
+from anser.environment import Environment
+from anser.planning import FleetPlan, GoalMotion, Rendezvous
+from anser.shapes import Count, Scalar
+from anser.simulation.trim import TrimTarget
+
+
+class Timing(eqx.Module):
+    """Periods of a flight, s.
+
+    Attributes
+    ----------
+    step
+        Sampling period of the autopilots and step of the integrator.
+    replan_steps
+        Number of steps between plans; 0 plans once, at the start.
+    freeze
+        The plan stands still for this long before the arrival.
+    """
+
+    step: Scalar
+    replan_steps: Count
+    freeze: Scalar
+
+
+class Fleet(eqx.Module):
+    """The aircraft that share one arrival time; every field but `speed` and `guidance` has a leading axis aircraft.
+
+    Attributes
+    ----------
+    airframes, gains, limits
+        What flies and how it is controlled.
+    starts
+        Steady flight from which each starts.
+    start_positions_n
+        Where, m.
+    goals
+        The truth about the goals: read by the sensors, never by the planner.
+    rendezvous
+        How each meets its goal.
+    sides
+        Side of the detour: +1 right, -1 left, 0 toward more separation.
+    speed
+        Mean airspeed that the plan gives to all, m/s.
+    guidance
+        Numbers of the guidance.
+    """
+
+    airframes: AbstractAirframe
+    gains: AutopilotGains
+    limits: FlightLimits
+    starts: TrimTarget
+    start_positions_n: Float[Array, "aircraft 3"]
+    goals: GoalMotion
+    rendezvous: Rendezvous
+    sides: Int[Array, " aircraft"]
+    speed: Scalar
+    guidance: GuidanceSettings
+
+
+class Flight(eqx.Module):
+    """Everything that determines a flight."""
+
+    environment: Environment
+    fleet: Fleet
+    timing: Timing
+
+
+class FlightState(eqx.Module):
+    """A flight between two steps; the aircraft's fields have a leading axis aircraft.
+
+    Attributes
+    ----------
+    step_index
+        Steps flown.
+    aircraft
+        Their states.
+    autopilots
+        Memory of their autopilots.
+    plan
+        The plan in force.
+    sides
+        Side of each detour, chosen with the first plan and kept.
+    status
+        Index into `STATUS_MESSAGES`; 0 while all is well. An aircraft with a terminal status stands still in the record.
+    stopped
+        Whether the status is terminal.
+    """
+
+    step_index: Count
+    aircraft: AircraftState
+    autopilots: AutopilotState
+    plan: FleetPlan
+    sides: Float[Array, " aircraft"]
+    status: Int[Array, " aircraft"]
+    stopped: Bool[Array, " aircraft"]

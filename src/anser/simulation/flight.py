@@ -1,0 +1,220 @@
+"""The closed loop of a whole fleet: sense, plan, guide, control, move, record; compiled in segments of fixed length."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from anser.aircraft import AbstractAirframe, AircraftState, Condition, condition
+from anser.control import (
+    AutopilotGains,
+    AutopilotState,
+    FlightLimits,
+    follow,
+    hold,
+    initial_autopilot_state,
+    make_plant,
+    velocity_control,
+)
+from anser.environment import Environment
+from anser.planning import (
+    FleetPlan,
+    GoalMotion,
+    LineOfSight,
+    Rendezvous,
+    Trajectory,
+    choose_sides,
+    coordinate,
+    measure,
+    recover,
+)
+from anser.shapes import Count, Flag, ScalarLike, Vector3
+from anser.simulation.fleet import Fleet, Flight, FlightState
+from anser.simulation.motion import advance
+from anser.simulation.record import APPROACH, FROZEN, HOLD, Moment, record
+from anser.simulation.status import AT_GROUND, FLYING, NO_TRIM, NOT_FINITE
+from anser.simulation.trim import TrimPoint, solve_trim
+from anser.spatial import rotate_back
+
+SEGMENT_STEPS = 500
+"""Steps compiled as one: a flight of any duration is a number of these, so the duration does not recompile."""
+
+
+class Sensed(eqx.Module):
+    """What an aircraft knows of its goal: the sensor's reading and the motion recovered from it."""
+
+    sight: LineOfSight
+    goal_position_n: Vector3
+    goal_velocity_n: Vector3
+
+
+def sense(goal: GoalMotion, time: ScalarLike, position_n: Vector3, velocity_n: Vector3) -> Sensed:
+    """Read the line-of-sight sensor of one aircraft and recover the goal's motion (theory section 7)."""
+    sight = measure(position_n, velocity_n, goal.position_n(time), goal.velocity_n(time))
+    goal_position_n, goal_velocity_n = recover(sight, position_n, velocity_n)
+    return Sensed(sight, goal_position_n, goal_velocity_n)
+
+
+def _velocity_n(now: Condition, state: AircraftState) -> Vector3:
+    return rotate_back(now.R_bn, state.velocity_b)
+
+
+def plan_now(
+    fleet: Fleet,
+    time: ScalarLike,
+    aircraft: AircraftState,
+    now: Condition,
+    sensed: Sensed,
+    sides: Float[Array, " aircraft"],
+) -> FleetPlan:
+    """Plan the fleet from its present state and what its sensors tell; leading axis aircraft in all but time."""
+    velocities_n = jax.vmap(_velocity_n)(now, aircraft)
+    return coordinate(
+        time,
+        aircraft.position_n,
+        velocities_n - now.wind_n,
+        sensed.goal_position_n,
+        sensed.goal_velocity_n,
+        fleet.rendezvous,
+        fleet.speed,
+        now.wind_n,
+        sides,
+    )
+
+
+def start_flight(flight: Flight) -> tuple[FlightState, TrimPoint]:
+    """Trim every aircraft at its start, choose the sides of the detours and make the first plan, at time 0."""
+    fleet, environment = flight.fleet, flight.environment
+    trims = jax.vmap(solve_trim, in_axes=(0, None, 0))(fleet.airframes, environment, fleet.starts)
+    aircraft = eqx.tree_at(lambda s: s.position_n, trims.state, fleet.start_positions_n)
+    autopilots = jax.vmap(
+        lambda t: initial_autopilot_state(
+            jnp.stack([t.mu, t.alpha, t.beta]), t.state.rates_b, t.state.surfaces
+        )
+    )(trims)
+    now = jax.vmap(condition, in_axes=(0, None, None, 0))(fleet.airframes, environment, 0.0, aircraft)
+    sensed = jax.vmap(sense, in_axes=(0, None, 0, 0))(
+        fleet.goals, 0.0, aircraft.position_n, jax.vmap(_velocity_n)(now, aircraft)
+    )
+    requested = fleet.sides.astype(float)
+    plan = plan_now(fleet, 0.0, aircraft, now, sensed, requested)
+    sides = choose_sides(plan, requested)
+    plan = plan_now(fleet, 0.0, aircraft, now, sensed, sides)
+    stopped = ~trims.converged
+    status = jnp.where(stopped, NO_TRIM, plan.status).astype(jnp.int32)
+    return FlightState(jnp.asarray(0), aircraft, autopilots, plan, sides, status, stopped), trims
+
+
+class _Own(eqx.Module):
+    """One aircraft's share of the fleet."""
+
+    airframe: AbstractAirframe
+    gains: AutopilotGains
+    limits: FlightLimits
+    rendezvous: Rendezvous
+    trajectory: Trajectory
+    state: AircraftState
+    autopilot: AutopilotState
+    now: Condition
+    sensed: Sensed
+    goal_n: Vector3
+    lateral_bend: ScalarLike
+    status: Count
+    stopped: Flag
+
+
+def _fly_one(
+    own: _Own, environment: Environment, fleet: Fleet, time: ScalarLike, arrival_time: ScalarLike, phase: Count,
+    step: ScalarLike,
+) -> tuple[AircraftState, AutopilotState, Count, Flag, dict[str, Array]]:
+    """Guide, control, move and record one aircraft over one step."""
+    state, now, settings = own.state, own.now, fleet.guidance
+    velocity_n = _velocity_n(now, state)
+    planned = follow(own.trajectory, time, state.position_n, velocity_n, now.wind_n, settings)
+    held = hold(
+        state.position_n - own.sensed.goal_position_n,
+        velocity_n,
+        own.sensed.goal_velocity_n,
+        now.wind_n,
+        own.trajectory.velocity_n(arrival_time) - own.sensed.goal_velocity_n,
+        -own.rendezvous.stand_off_n[2],
+        fleet.speed,
+        settings,
+    )
+    command = jax.tree.map(lambda a, b: jnp.where(phase == HOLD, a, b), held, planned)
+    plant = make_plant(
+        own.airframe, own.limits, own.gains, state, now, own.autopilot, environment.gravity, step
+    )
+    controls, signals, autopilot = velocity_control(plant, own.autopilot, command)
+    moment = Moment(
+        airframe=own.airframe,
+        state=state,
+        now=now,
+        controls=controls,
+        signals=signals,
+        command=command,
+        trajectory=own.trajectory,
+        sight=own.sensed.sight,
+        goal_n=own.goal_n,
+        goal_estimate_n=own.sensed.goal_position_n,
+        stand_off_n=own.rendezvous.stand_off_n,
+        arrival_time=jnp.asarray(arrival_time),
+        lateral_bend=jnp.asarray(own.lateral_bend),
+        phase=phase,
+        status=own.status,
+    )
+    row = record(moment, time, environment.gravity)
+    after = advance(own.airframe, environment, time, state, controls, step)
+    finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves((after, autopilot))]))
+    grounded = after.position_n[2] >= 0.0
+    event = jnp.where(~finite, NOT_FINITE, jnp.where(grounded, AT_GROUND, own.status)).astype(own.status.dtype)
+    status = jnp.where(own.stopped, own.status, event)
+    stay = own.stopped | ~finite | grounded
+    after, autopilot = jax.tree.map(
+        lambda old, new: jnp.where(stay, old, new), (state, own.autopilot), (after, autopilot)
+    )
+    return after, autopilot, status, stay, row
+
+
+def step_flight(flight: Flight, carry: FlightState) -> tuple[FlightState, dict[str, Array]]:
+    """Fly the fleet over one step; returns the next state and the row recorded at the step's start."""
+    fleet, environment, timing = flight.fleet, flight.environment, flight.timing
+    time = carry.step_index * timing.step
+    aircraft = carry.aircraft
+    now = jax.vmap(condition, in_axes=(0, None, None, 0))(fleet.airframes, environment, time, aircraft)
+    velocities_n = jax.vmap(_velocity_n)(now, aircraft)
+    sensed = jax.vmap(sense, in_axes=(0, None, 0, 0))(fleet.goals, time, aircraft.position_n, velocities_n)
+    frozen = time >= carry.plan.arrival_time - timing.freeze
+    due = (timing.replan_steps > 0) & (carry.step_index % jnp.maximum(timing.replan_steps, 1) == 0) & ~frozen
+    plan = jax.lax.cond(
+        due,
+        lambda: plan_now(fleet, time, aircraft, now, sensed, carry.sides),
+        lambda: carry.plan,
+    )
+    phase = jnp.where(time >= plan.arrival_time, HOLD, jnp.where(frozen, FROZEN, APPROACH))
+    status = jnp.where(carry.status == FLYING, plan.status.astype(carry.status.dtype), carry.status)
+    own = _Own(
+        airframe=fleet.airframes,
+        gains=fleet.gains,
+        limits=fleet.limits,
+        rendezvous=fleet.rendezvous,
+        trajectory=plan.trajectories,
+        state=aircraft,
+        autopilot=carry.autopilots,
+        now=now,
+        sensed=sensed,
+        goal_n=jax.vmap(lambda goal: goal.position_n(time))(fleet.goals),
+        lateral_bend=plan.lateral_bends,
+        status=status,
+        stopped=carry.stopped,
+    )
+    fly = jax.vmap(_fly_one, in_axes=(0, None, None, None, None, None, None))
+    after, autopilots, status, stopped, row = fly(
+        own, environment, fleet, time, plan.arrival_time, phase, timing.step
+    )
+    return FlightState(carry.step_index + 1, after, autopilots, plan, carry.sides, status, stopped), row
+
+
+def fly_segment(flight: Flight, carry: FlightState) -> tuple[FlightState, dict[str, Array]]:
+    """Fly `SEGMENT_STEPS` steps; the history has shape (SEGMENT_STEPS, aircraft) per key."""
+    return jax.lax.scan(lambda c, _: step_flight(flight, c), carry, length=SEGMENT_STEPS)

@@ -1,0 +1,26 @@
+"""One step of one aircraft with its controls held."""
+
+import equinox as eqx
+
+from anser.aircraft import AbstractAirframe, AircraftState, Controls, state_derivative
+from anser.environment import Environment
+from anser.numerics import rk4_step
+from anser.shapes import ScalarLike
+from anser.spatial import normalize
+
+
+def advance(
+    airframe: AbstractAirframe,
+    environment: Environment,
+    time: ScalarLike,
+    state: AircraftState,
+    controls: Controls,
+    step: ScalarLike,
+) -> AircraftState:
+    """State one step (s) later, by the classical Runge-Kutta method; the quaternion is normalized after the step."""
+
+    def derivative(t: ScalarLike, y: AircraftState) -> AircraftState:
+        return state_derivative(airframe, environment, t, y, controls)
+
+    after = rk4_step(derivative, time, state, step)
+    return eqx.tree_at(lambda s: s.quaternion, after, normalize(after.quaternion))

@@ -1,0 +1,18 @@
+"""What can happen to an aircraft inside compiled code, as a number with a message."""
+
+from anser.planning import PLAN_MESSAGES
+
+FLYING = 0
+_PLAN_OFFSET = 0
+NO_TRIM = len(PLAN_MESSAGES)
+NOT_FINITE = NO_TRIM + 1
+AT_GROUND = NO_TRIM + 2
+
+STATUS_MESSAGES: tuple[str, ...] = (
+    "arrived",
+    *PLAN_MESSAGES[1:],
+    "no steady flight exists at the start state: the aircraft was not flown",
+    "the state stopped being a number: the motion diverged; the record stands at the last good state",
+    "the aircraft reached the ground; the record stands there",
+)
+"""Message of each status; the first ones are the planner's own."""

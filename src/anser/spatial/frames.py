@@ -1,0 +1,114 @@
+"""Passage between inertial (ECI), Earth-fixed (ECEF) and local (NED) frames. Source: theory section 1."""
+
+import jax.numpy as jnp
+
+from anser.constants import EARTH_ROTATION_RAD_S
+from anser.shapes import Matrix33, Scalar, ScalarLike, Vector3
+from anser.spatial.rotations import rotate, rotate_back
+from anser.spatial.wgs84 import ecef_from_geodetic
+
+
+def rotation_ecef_from_eci(time: ScalarLike, longitude_0: ScalarLike) -> Matrix33:
+    """Rotation ``R_ei`` (3, 3), ECI to ECEF, after a time in s.
+
+    ``longitude_0``, rad, is the angle from the inertial to the Earth-fixed first axis at time 0 (lambda_0).
+    """
+    eta = jnp.asarray(longitude_0) + EARTH_ROTATION_RAD_S * jnp.asarray(time)
+    s, c = jnp.sin(eta), jnp.cos(eta)
+    zero, one = jnp.zeros_like(s), jnp.ones_like(s)
+    return jnp.stack([jnp.stack([c, s, zero]), jnp.stack([-s, c, zero]), jnp.stack([zero, zero, one])])
+
+
+def ecef_from_eci(position_i: Vector3, time: ScalarLike, longitude_0: ScalarLike) -> Vector3:
+    """Earth-fixed position (3,), m, of an inertial one (3,), m; time in s, lambda_0 in rad."""
+    return rotate(rotation_ecef_from_eci(time, longitude_0), position_i)
+
+
+def eci_from_ecef(position_e: Vector3, time: ScalarLike, longitude_0: ScalarLike) -> Vector3:
+    """Inertial position (3,), m, of an Earth-fixed one (3,), m; time in s, lambda_0 in rad."""
+    return rotate_back(rotation_ecef_from_eci(time, longitude_0), position_e)
+
+
+def velocity_ecef_from_eci(
+    position_i: Vector3, velocity_i: Vector3, time: ScalarLike, longitude_0: ScalarLike
+) -> Vector3:
+    """Velocity relative to the rotating Earth, in ECEF axes.
+
+    Parameters
+    ----------
+    position_i, velocity_i
+        Inertial position (3,), m, and velocity (3,), m/s.
+    time, longitude_0
+        s, and lambda_0 in rad.
+
+    Returns
+    -------
+    (3,), m/s: ``R_ei (v_i - w_E x p_i)``.
+    """
+    return rotate(rotation_ecef_from_eci(time, longitude_0), velocity_i - _earth_rotation_cross(position_i))
+
+
+def velocity_eci_from_ecef(
+    position_e: Vector3, velocity_e: Vector3, time: ScalarLike, longitude_0: ScalarLike
+) -> Vector3:
+    """Inertial velocity of a point that moves relative to the Earth.
+
+    Parameters
+    ----------
+    position_e, velocity_e
+        Earth-fixed position (3,), m, and velocity relative to the Earth (3,), m/s, both in ECEF axes.
+    time, longitude_0
+        s, and lambda_0 in rad.
+
+    Returns
+    -------
+    (3,), m/s, in ECI axes: ``R_ei.T (v_e + w_E x p_e)``.
+    """
+    return rotate_back(rotation_ecef_from_eci(time, longitude_0), velocity_e + _earth_rotation_cross(position_e))
+
+
+def _earth_rotation_cross(position: Vector3) -> Vector3:
+    turned: list[Scalar] = [-position[1], position[0], jnp.zeros_like(position[2])]
+    return EARTH_ROTATION_RAD_S * jnp.stack(turned)
+
+
+def rotation_ned_from_ecef(lat: ScalarLike, lon: ScalarLike) -> Matrix33:
+    """Rotation ``R_ne`` (3, 3), ECEF to NED, at a geodetic latitude and longitude in rad."""
+    s_lat, c_lat = jnp.sin(lat), jnp.cos(lat)
+    s_lon, c_lon = jnp.sin(lon), jnp.cos(lon)
+    return jnp.stack(
+        [
+            jnp.stack([-s_lat * c_lon, -s_lat * s_lon, c_lat]),
+            jnp.stack([-s_lon, c_lon, jnp.zeros_like(s_lon)]),
+            jnp.stack([-c_lat * c_lon, -c_lat * s_lon, -s_lat]),
+        ]
+    )
+
+
+def ned_from_ecef_point(
+    position_e: Vector3, reference_latitude: ScalarLike, reference_longitude: ScalarLike, reference_height: ScalarLike
+) -> Vector3:
+    """Position in the local tangent plane of a reference.
+
+    Parameters
+    ----------
+    position_e
+        Position (3,), ECEF, m.
+    reference_latitude, reference_longitude, reference_height
+        Geodetic place of the tangent plane's origin: rad, rad, m above the ellipsoid.
+
+    Returns
+    -------
+    (3,), NED of the tangent plane, m; exact, and not the flat-Earth map of `flat_from_geodetic`,
+    which bends with the Earth.
+    """
+    origin_e = ecef_from_geodetic(reference_latitude, reference_longitude, reference_height)
+    return rotate(rotation_ned_from_ecef(reference_latitude, reference_longitude), position_e - origin_e)
+
+
+def ecef_from_ned_point(
+    position_n: Vector3, reference_latitude: ScalarLike, reference_longitude: ScalarLike, reference_height: ScalarLike
+) -> Vector3:
+    """ECEF position (3,), m, of a tangent-plane NED point (3,), m: the inverse of `ned_from_ecef_point`."""
+    origin_e = ecef_from_geodetic(reference_latitude, reference_longitude, reference_height)
+    return origin_e + rotate_back(rotation_ned_from_ecef(reference_latitude, reference_longitude), position_n)

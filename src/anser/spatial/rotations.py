@@ -1,0 +1,222 @@
+"""Attitude as quaternion, rotation matrix and Euler angles, and the passage between them.
+
+Convention: the quaternion is (q0, q1, q2, q3), scalar first, and like ``R_bn`` it takes vectors from NED to body.
+Euler angles are roll, pitch, yaw of the 3-2-1 sequence (yaw first). Products are written as explicit sums, which fuse
+with their neighbours under `vmap` inside a `scan`. Source: theory sections 1 and 2; [SL] chapter 1.
+"""
+
+import jax.numpy as jnp
+
+from anser.shapes import Matrix33, Quaternion, ScalarLike, Vector3
+from anser.spatial.safe import safe_atan2, safe_hypot
+
+# Below this cosine of the pitch angle roll and yaw are rounding noise one by one and only their difference or sum has
+# meaning. The noise is about 1e-16 / cosine and the error of ignoring the cosine is the cosine, so 1e-8 balances the
+# two.
+_GIMBAL_COSINE = 1e-8
+
+
+def rotation_from_quaternion(q: Quaternion) -> Matrix33:
+    """Rotation matrix ``R_bn`` of a unit quaternion.
+
+    Parameters
+    ----------
+    q
+        Attitude (4,), unit length; another length scales the matrix by its square.
+
+    Returns
+    -------
+    ``R_bn`` (3, 3), NED to body. Source: theory section 1.
+    """
+    q0, q1, q2, q3 = q[0], q[1], q[2], q[3]
+    s0, s1, s2, s3 = q0 * q0, q1 * q1, q2 * q2, q3 * q3
+    return jnp.stack(
+        [
+            jnp.stack([s0 + s1 - s2 - s3, 2.0 * (q1 * q2 + q0 * q3), 2.0 * (q1 * q3 - q0 * q2)]),
+            jnp.stack([2.0 * (q1 * q2 - q0 * q3), s0 - s1 + s2 - s3, 2.0 * (q2 * q3 + q0 * q1)]),
+            jnp.stack([2.0 * (q1 * q3 + q0 * q2), 2.0 * (q2 * q3 - q0 * q1), s0 - s1 - s2 + s3]),
+        ]
+    )
+
+
+def quaternion_from_rotation(R_bn: Matrix33) -> Quaternion:
+    """Find the unit quaternion, with q0 >= 0, of a rotation matrix.
+
+    The matrix of all products ``4 q_i q_j`` is linear in ``R_bn``; its row with the largest diagonal, at least 1, is
+    the quaternion up to its length. So no small number is ever a divisor (Shepperd, J. Guidance and Control 1(3),
+    1978).
+
+    Parameters
+    ----------
+    R_bn
+        Rotation (3, 3), NED to body.
+
+    Returns
+    -------
+    Attitude (4,), unit length.
+    """
+    (r11, r12, r13), (r21, r22, r23), (r31, r32, r33) = ([R_bn[i, j] for j in range(3)] for i in range(3))
+    q0q1, q0q2, q0q3 = r23 - r32, r31 - r13, r12 - r21
+    q1q2, q1q3, q2q3 = r12 + r21, r13 + r31, r23 + r32
+    q0q0 = 1.0 + r11 + r22 + r33
+    q1q1 = 1.0 + r11 - r22 - r33
+    q2q2 = 1.0 - r11 + r22 - r33
+    q3q3 = 1.0 - r11 - r22 + r33
+    rows = jnp.stack(
+        [
+            jnp.stack([q0q0, q0q1, q0q2, q0q3]),
+            jnp.stack([q0q1, q1q1, q1q2, q1q3]),
+            jnp.stack([q0q2, q1q2, q2q2, q2q3]),
+            jnp.stack([q0q3, q1q3, q2q3, q3q3]),
+        ]
+    )
+    q = rows[jnp.argmax(jnp.stack([q0q0, q1q1, q2q2, q3q3]))]
+    return normalize(jnp.where(q[0] < 0.0, -q, q))
+
+
+def rotation_from_euler(roll: ScalarLike, pitch: ScalarLike, yaw: ScalarLike) -> Matrix33:
+    """Rotation matrix ``R_bn`` (3, 3), NED to body, of the 3-2-1 Euler angles in rad. Source: theory section 1."""
+    s_roll, c_roll = jnp.sin(roll), jnp.cos(roll)
+    s_pitch, c_pitch = jnp.sin(pitch), jnp.cos(pitch)
+    s_yaw, c_yaw = jnp.sin(yaw), jnp.cos(yaw)
+    return jnp.stack(
+        [
+            jnp.stack([c_pitch * c_yaw, c_pitch * s_yaw, -s_pitch]),
+            jnp.stack(
+                [
+                    s_roll * s_pitch * c_yaw - c_roll * s_yaw,
+                    s_roll * s_pitch * s_yaw + c_roll * c_yaw,
+                    s_roll * c_pitch,
+                ]
+            ),
+            jnp.stack(
+                [
+                    c_roll * s_pitch * c_yaw + s_roll * s_yaw,
+                    c_roll * s_pitch * s_yaw - s_roll * c_yaw,
+                    c_roll * c_pitch,
+                ]
+            ),
+        ]
+    )
+
+
+def quaternion_from_euler(roll: ScalarLike, pitch: ScalarLike, yaw: ScalarLike) -> Quaternion:
+    """Find the unit quaternion (4,) of roll, pitch, yaw in rad; its sign follows the angles. Source: [SL] chapter 1."""
+    roll, pitch, yaw = jnp.asarray(roll), jnp.asarray(pitch), jnp.asarray(yaw)
+    s_roll, c_roll = jnp.sin(0.5 * roll), jnp.cos(0.5 * roll)
+    s_pitch, c_pitch = jnp.sin(0.5 * pitch), jnp.cos(0.5 * pitch)
+    s_yaw, c_yaw = jnp.sin(0.5 * yaw), jnp.cos(0.5 * yaw)
+    return jnp.stack(
+        [
+            c_roll * c_pitch * c_yaw + s_roll * s_pitch * s_yaw,
+            s_roll * c_pitch * c_yaw - c_roll * s_pitch * s_yaw,
+            c_roll * s_pitch * c_yaw + s_roll * c_pitch * s_yaw,
+            c_roll * c_pitch * s_yaw - s_roll * s_pitch * c_yaw,
+        ]
+    )
+
+
+def euler_from_rotation(R_bn: Matrix33) -> Vector3:
+    """Roll, pitch, yaw of a rotation matrix.
+
+    Parameters
+    ----------
+    R_bn
+        Rotation (3, 3), NED to body.
+
+    Returns
+    -------
+    (3,) roll in [-pi, pi], pitch in [-pi/2, pi/2], yaw in [-pi, pi], rad. Within 1e-8 rad of straight
+    up or down, where only the sum or difference of roll and yaw is defined, roll is 0. Source: theory section 1, with
+    ``-asin(R13)`` written as an arctangent: the same angle, but accurate and with a finite gradient up to the
+    vertical.
+    """
+    c_pitch = safe_hypot(R_bn[0, 0], R_bn[0, 1])
+    vertical = c_pitch < _GIMBAL_COSINE
+    roll = safe_atan2(jnp.where(vertical, 0.0, R_bn[1, 2]), jnp.where(vertical, 1.0, R_bn[2, 2]))
+    pitch = safe_atan2(-R_bn[0, 2], c_pitch)
+    yaw = safe_atan2(
+        jnp.where(vertical, -R_bn[1, 0], R_bn[0, 1]),
+        jnp.where(vertical, R_bn[1, 1], R_bn[0, 0]),
+    )
+    return jnp.stack([roll, pitch, yaw])
+
+
+def euler_from_quaternion(q: Quaternion) -> Vector3:
+    """Roll, pitch, yaw (3,), rad, of a unit quaternion (4,); ranges as in `euler_from_rotation`."""
+    return euler_from_rotation(rotation_from_quaternion(q))
+
+
+def quaternion_derivative(q: Quaternion, rates_b: Vector3) -> Quaternion:
+    """Time derivative of the attitude quaternion.
+
+    Parameters
+    ----------
+    q
+        Attitude (4,), NED to body.
+    rates_b
+        Angular velocity of the body against NED (3,), in body axes: P, Q, R in rad/s.
+
+    Returns
+    -------
+    (4,), 1/s; always at right angles to ``q``. Source: theory section 2.
+    """
+    P, Q, R = rates_b[0], rates_b[1], rates_b[2]
+    q0, q1, q2, q3 = q[0], q[1], q[2], q[3]
+    return 0.5 * jnp.stack(
+        [
+            -P * q1 - Q * q2 - R * q3,
+            P * q0 + R * q2 - Q * q3,
+            Q * q0 - R * q1 + P * q3,
+            R * q0 + Q * q1 - P * q2,
+        ]
+    )
+
+
+def quaternion_multiply(p: Quaternion, q: Quaternion) -> Quaternion:
+    """Hamilton product ``p q`` (4,).
+
+    With quaternions that take NED to body, the first rotation stands on the left: the product of ``q_ba`` and
+    ``q_cb`` is ``q_ca``, and its matrix is ``R_cb @ R_ba``.
+    """
+    return jnp.stack(
+        [
+            p[0] * q[0] - p[1] * q[1] - p[2] * q[2] - p[3] * q[3],
+            p[0] * q[1] + p[1] * q[0] + p[2] * q[3] - p[3] * q[2],
+            p[0] * q[2] - p[1] * q[3] + p[2] * q[0] + p[3] * q[1],
+            p[0] * q[3] + p[1] * q[2] - p[2] * q[1] + p[3] * q[0],
+        ]
+    )
+
+
+def normalize(q: Quaternion) -> Quaternion:
+    """Scale a quaternion (4,) to unit length; one shorter than 1e-145 is no attitude and comes back as it is."""
+    squared = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
+    no_attitude = squared < 1e-290
+    return q / jnp.sqrt(jnp.where(no_attitude, 1.0, squared))
+
+
+def rotate(R_ba: Matrix33, v_a: Vector3) -> Vector3:
+    """Take a vector from frame a to frame b: ``R_ba @ v_a``, any unit."""
+    return R_ba[:, 0] * v_a[0] + R_ba[:, 1] * v_a[1] + R_ba[:, 2] * v_a[2]
+
+
+def rotate_back(R_ba: Matrix33, v_b: Vector3) -> Vector3:
+    """Take a vector from frame b to frame a: ``R_ba.T @ v_b``, any unit."""
+    return R_ba[0] * v_b[0] + R_ba[1] * v_b[1] + R_ba[2] * v_b[2]
+
+
+def compose(R_cb: Matrix33, R_ba: Matrix33) -> Matrix33:
+    """Chain two rotations: ``R_ca = R_cb @ R_ba``."""
+    return R_cb[:, 0:1] * R_ba[0:1, :] + R_cb[:, 1:2] * R_ba[1:2, :] + R_cb[:, 2:3] * R_ba[2:3, :]
+
+
+def cross(a: Vector3, b: Vector3) -> Vector3:
+    """Vector product of two vectors in the same frame, any unit."""
+    return jnp.stack(
+        [
+            a[1] * b[2] - a[2] * b[1],
+            a[2] * b[0] - a[0] * b[2],
+            a[0] * b[1] - a[1] * b[0],
+        ]
+    )

@@ -1,0 +1,96 @@
+"""Flow angles, path angles and the bank about the velocity vector. Source: theory section 2."""
+
+import jax.numpy as jnp
+
+from anser.shapes import Matrix33, Scalar, ScalarLike, Vector3
+from anser.spatial.rotations import compose, rotation_from_euler
+from anser.spatial.safe import safe_atan2, safe_hypot, safe_norm
+
+
+def rotation_wind_from_body(alpha: ScalarLike, beta: ScalarLike) -> Matrix33:
+    """Rotation ``R_wb`` (3, 3), body to wind axes, of angle of attack and sideslip in rad."""
+    s_alpha, c_alpha = jnp.sin(alpha), jnp.cos(alpha)
+    s_beta, c_beta = jnp.sin(beta), jnp.cos(beta)
+    return jnp.stack(
+        [
+            jnp.stack([c_alpha * c_beta, s_beta, s_alpha * c_beta]),
+            jnp.stack([-c_alpha * s_beta, c_beta, -s_alpha * s_beta]),
+            jnp.stack([-s_alpha, jnp.zeros_like(s_alpha), c_alpha]),
+        ]
+    )
+
+
+def flow_angles(velocity_air_b: Vector3) -> tuple[Scalar, Scalar, Scalar]:
+    """Airspeed, angle of attack and sideslip.
+
+    Parameters
+    ----------
+    velocity_air_b
+        Velocity relative to the air (3,), body axes, m/s.
+
+    Returns
+    -------
+    V in m/s, alpha in [-pi, pi] and beta in [-pi/2, pi/2], rad. At rest all three are 0 with zero gradients. Beta is
+    ``asin(V_y / V)`` written as an arctangent, so that its gradient is finite at a pure side flow.
+    """
+    U, V_y, W = velocity_air_b[0], velocity_air_b[1], velocity_air_b[2]
+    return safe_norm(velocity_air_b), safe_atan2(W, U), safe_atan2(V_y, safe_hypot(U, W))
+
+
+def path_angles(velocity_n: Vector3) -> tuple[Scalar, Scalar]:
+    """Flight-path angle and course.
+
+    Parameters
+    ----------
+    velocity_n
+        Velocity (3,), NED, m/s.
+
+    Returns
+    -------
+    gamma in [-pi/2, pi/2], up positive, and chi in [-pi, pi], clockwise from north, rad. In vertical
+    flight chi is 0, at rest both are, with zero gradients.
+    """
+    v_N, v_E, v_D = velocity_n[0], velocity_n[1], velocity_n[2]
+    return safe_atan2(-v_D, safe_hypot(v_N, v_E)), safe_atan2(v_E, v_N)
+
+
+def bank_about_velocity(R_bn: Matrix33, alpha: ScalarLike, beta: ScalarLike) -> Scalar:
+    """Bank angle about the velocity vector.
+
+    Parameters
+    ----------
+    R_bn
+        Attitude (3, 3), NED to body.
+    alpha, beta
+        Angle of attack and sideslip, rad.
+
+    Returns
+    -------
+    mu in [-pi, pi], rad, positive with the right wing down: ``atan2(R_wn[1, 2], R_wn[2, 2])`` with
+    ``R_wn = R_wb @ R_bn``; 0 when the velocity is vertical.
+    """
+    R_wb = rotation_wind_from_body(alpha, beta)
+    down_b = R_bn[:, 2]
+    side = R_wb[1, 0] * down_b[0] + R_wb[1, 1] * down_b[1] + R_wb[1, 2] * down_b[2]
+    under = R_wb[2, 0] * down_b[0] + R_wb[2, 2] * down_b[2]
+    return safe_atan2(side, under)
+
+
+def attitude_from_path(
+    mu: ScalarLike, gamma: ScalarLike, chi: ScalarLike, alpha: ScalarLike, beta: ScalarLike
+) -> Matrix33:
+    """Attitude that flies a given path: the inverse of `path_angles`, `bank_about_velocity` and `flow_angles` together.
+
+    Parameters
+    ----------
+    mu, gamma, chi
+        Bank about the velocity, flight-path angle and course of the velocity relative to the air, rad.
+    alpha, beta
+        Angle of attack and sideslip, rad.
+
+    Returns
+    -------
+    ``R_bn`` (3, 3), NED to body: ``R_wb.T @ R_wn``, where ``R_wn`` is the 3-2-1 matrix of (mu, gamma, chi).
+    """
+    R_wb = rotation_wind_from_body(alpha, beta)
+    return compose(R_wb.T, rotation_from_euler(mu, gamma, chi))

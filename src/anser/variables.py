@@ -1,0 +1,180 @@
+"""The catalogue of every recorded variable: the one source of dataset attributes, plot labels and documentation.
+
+The kernels record a history, a dict of arrays of shape (time, aircraft) keyed by `Variable.key`, in SI units and
+radians. A dataset holds the same numbers as `Variable.name`, which carries a unit suffix: dataset = history * factor.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from anser.units import RAD_DEG
+
+__all__ = ["CATALOGUE", "DERIVED_KEYS", "RECORDED_KEYS", "Variable"]
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One recorded variable.
+
+    Attributes
+    ----------
+    name
+        Name in a dataset, with its unit suffix: `roll_rate_deg_s`.
+    key
+        Key in a history, where the value is in SI units or radians: `roll_rate`.
+    unit
+        Unit in a dataset, as CF writes it: "m s-1"; "1" where there is none.
+    factor
+        Dataset value divided by history value.
+    frame
+        Frame or reference of the quantity; "none" for a scalar that needs none.
+    symbol
+        Symbol of the field, with `_` before a subscript.
+    long_name
+        Words for a plot label.
+    dtype
+        Kind of number in history and dataset.
+    flags
+        Meanings of the values 0, 1, 2, ... of a discrete variable, one word each; empty for all others.
+    """
+
+    name: str
+    key: str
+    unit: str
+    factor: float
+    frame: str
+    symbol: str
+    long_name: str
+    dtype: Literal["float64", "int32", "bool"] = "float64"
+    flags: tuple[str, ...] = ()
+
+
+# Suffix of a name -> unit of the dataset, dataset value / history value.
+_UNITS: dict[str, tuple[str, float]] = {
+    "": ("1", 1.0),
+    "m": ("m", 1.0),
+    "s": ("s", 1.0),
+    "m_s": ("m s-1", 1.0),
+    "deg": ("degree", RAD_DEG),
+    "deg_s": ("degree s-1", RAD_DEG),
+    "pa": ("Pa", 1.0),
+    "n": ("N", 1.0),
+    "percent": ("percent", 1.0),
+}
+
+_EARTH, _NED, _BODY, _ATTITUDE, _AIR, _SIGHT, _NONE = (
+    "WGS-84",
+    "NED",
+    "body FRD",
+    "NED to body FRD",
+    "NED, velocity through the air",
+    "NEU, from the aircraft to the goal",
+    "none",
+)
+
+
+def _variable(key: str, suffix: str, frame: str, symbol: str, long_name: str) -> Variable:
+    unit, factor = _UNITS[suffix]
+    return Variable(f"{key}_{suffix}" if suffix else key, key, unit, factor, frame, symbol, long_name)
+
+
+def _discrete(
+    key: str, dtype: Literal["int32", "bool"], symbol: str, long_name: str, flags: tuple[str, ...]
+) -> Variable:
+    return Variable(key, key, "1", 1.0, _NONE, symbol, long_name, dtype, flags)
+
+
+CATALOGUE: tuple[Variable, ...] = (
+    # position and velocity over ground
+    _variable("north", "m", _NED, "p_N", "North position"),
+    _variable("east", "m", _NED, "p_E", "East position"),
+    _variable("altitude", "m", _NED, "h", "Altitude"),
+    _variable("latitude", "deg", _EARTH, "φ_g", "Geodetic latitude"),
+    _variable("longitude", "deg", _EARTH, "λ", "Longitude"),
+    _variable("velocity_north", "m_s", _NED, "V_N", "North velocity"),
+    _variable("velocity_east", "m_s", _NED, "V_E", "East velocity"),
+    _variable("velocity_down", "m_s", _NED, "V_D", "Down velocity"),
+    _variable("velocity_u", "m_s", _BODY, "U", "Velocity along body x"),
+    _variable("velocity_v", "m_s", _BODY, "V_y", "Velocity along body y"),
+    _variable("velocity_w", "m_s", _BODY, "W", "Velocity along body z"),
+    _variable("ground_speed", "m_s", _NED, "V_g", "Ground speed"),
+    _variable("ground_course", "deg", _NED, "χ_g", "Course over ground"),
+    # air data
+    _variable("airspeed", "m_s", _NONE, "V", "True airspeed"),
+    _variable("alpha", "deg", _BODY, "α", "Angle of attack"),
+    _variable("beta", "deg", _BODY, "β", "Angle of sideslip"),
+    _variable("mach", "", _NONE, "M", "Mach number"),
+    _variable("dynamic_pressure", "pa", _NONE, "q̄", "Dynamic pressure"),
+    # attitude, rates, flight path
+    _variable("quaternion_0", "", _ATTITUDE, "q_0", "Attitude quaternion, scalar part"),
+    _variable("quaternion_1", "", _ATTITUDE, "q_1", "Attitude quaternion, x part"),
+    _variable("quaternion_2", "", _ATTITUDE, "q_2", "Attitude quaternion, y part"),
+    _variable("quaternion_3", "", _ATTITUDE, "q_3", "Attitude quaternion, z part"),
+    _variable("roll", "deg", _ATTITUDE, "φ", "Roll angle"),
+    _variable("pitch", "deg", _ATTITUDE, "θ", "Pitch angle"),
+    _variable("yaw", "deg", _ATTITUDE, "ψ", "Yaw angle"),
+    _variable("roll_rate", "deg_s", _BODY, "P", "Roll rate"),
+    _variable("pitch_rate", "deg_s", _BODY, "Q", "Pitch rate"),
+    _variable("yaw_rate", "deg_s", _BODY, "R", "Yaw rate"),
+    _variable("bank", "deg", _AIR, "μ", "Bank angle about the velocity"),
+    _variable("path_angle", "deg", _AIR, "γ", "Path angle"),
+    _variable("course", "deg", _AIR, "χ", "Course"),
+    _variable("load_factor", "", _BODY, "n_z", "Normal load factor"),
+    # controls and engine
+    _variable("elevator", "deg", _BODY, "δ_e", "Elevator"),
+    _variable("aileron", "deg", _BODY, "δ_a", "Aileron"),
+    _variable("rudder", "deg", _BODY, "δ_r", "Rudder"),
+    _variable("elevator_command", "deg", _BODY, "δ_e,c", "Elevator command"),
+    _variable("aileron_command", "deg", _BODY, "δ_a,c", "Aileron command"),
+    _variable("rudder_command", "deg", _BODY, "δ_r,c", "Rudder command"),
+    _variable("throttle", "", _NONE, "δ_t", "Throttle"),
+    _variable("power", "percent", _NONE, "P_a", "Engine power"),
+    _variable("thrust", "n", _BODY, "T", "Thrust"),
+    _variable("thrust_command", "n", _BODY, "T_c", "Thrust command"),
+    # commands of guidance and autopilot
+    _variable("airspeed_command", "m_s", _NONE, "V_c", "True airspeed command"),
+    _variable("path_angle_command", "deg", _AIR, "γ_c", "Path angle command"),
+    _variable("course_command", "deg", _AIR, "χ_c", "Course command"),
+    _variable("bank_command", "deg", _AIR, "μ_c", "Bank angle command"),
+    _variable("alpha_command", "deg", _BODY, "α_c", "Angle of attack command"),
+    _variable("beta_command", "deg", _BODY, "β_c", "Angle of sideslip command"),
+    _variable("roll_rate_command", "deg_s", _BODY, "P_c", "Roll rate command"),
+    _variable("pitch_rate_command", "deg_s", _BODY, "Q_c", "Pitch rate command"),
+    _variable("yaw_rate_command", "deg_s", _BODY, "R_c", "Yaw rate command"),
+    # plan, goal and rendezvous
+    _variable("reference_north", "m", _NED, "p_N,ref", "North position of the planned point"),
+    _variable("reference_east", "m", _NED, "p_E,ref", "East position of the planned point"),
+    _variable("reference_altitude", "m", _NED, "h_ref", "Altitude of the planned point"),
+    _variable("position_error", "m", _NONE, "e_p", "Distance to the planned point"),
+    _variable("goal_north", "m", _NED, "g_N", "North position of the goal"),
+    _variable("goal_east", "m", _NED, "g_E", "East position of the goal"),
+    _variable("goal_altitude", "m", _NED, "g_h", "Altitude of the goal"),
+    _variable("goal_estimate_north", "m", _NED, "ĝ_N", "North position of the goal, from the sensor"),
+    _variable("goal_estimate_east", "m", _NED, "ĝ_E", "East position of the goal, from the sensor"),
+    _variable("goal_estimate_altitude", "m", _NED, "ĝ_h", "Altitude of the goal, from the sensor"),
+    _variable("rendezvous_north", "m", _NED, "r_N", "North position of the rendezvous"),
+    _variable("rendezvous_east", "m", _NED, "r_E", "East position of the rendezvous"),
+    _variable("rendezvous_altitude", "m", _NED, "r_h", "Altitude of the rendezvous"),
+    _variable("range_to_rendezvous", "m", _NONE, "d_r", "Range to the rendezvous"),
+    _variable("clearance", "m", _NONE, "d_g", "Distance to the goal"),
+    _variable("sight_range", "m", _SIGHT, "R_s", "Sight line range"),
+    _variable("sight_azimuth", "deg", _SIGHT, "s_az", "Sight line azimuth"),
+    _variable("sight_elevation", "deg", _SIGHT, "s_el", "Sight line elevation"),
+    _variable("sight_range_rate", "m_s", _SIGHT, "Ṙ_s", "Sight line range rate"),
+    _variable("sight_azimuth_rate", "deg_s", _SIGHT, "ṡ_az", "Sight line azimuth rate"),
+    _variable("sight_elevation_rate", "deg_s", _SIGHT, "ṡ_el", "Sight line elevation rate"),
+    _variable("arrival_time", "s", _NONE, "t_f", "Planned arrival time"),
+    _variable("planned_length", "m", _NONE, "L", "Planned length still to fly"),
+    _variable("lateral_bend", "m", _NONE, "b", "Lateral bend of the plan"),
+    # state of the flight
+    _discrete("phase", "int32", "phase", "Phase of the flight", ("approach", "frozen", "hold")),
+    _discrete("outside_tables", "bool", "outside", "Outside the aerodynamic tables", ("inside", "outside")),
+    _discrete("status", "int32", "status", "Status of the aircraft, 0 when fine", ()),
+)
+"""Every recorded variable, in the order in which a dataset lists them."""
+
+DERIVED_KEYS: frozenset[str] = frozenset({"latitude", "longitude"})
+"""Keys that no kernel records: they are computed when a history becomes a dataset."""
+
+RECORDED_KEYS: tuple[str, ...] = tuple(variable.key for variable in CATALOGUE if variable.key not in DERIVED_KEYS)
+"""Keys that a history must have, all of them and no others."""

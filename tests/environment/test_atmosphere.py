@@ -1,0 +1,170 @@
+"""The standard atmosphere against its printed table, ambiance, NASA's check-cases and the hydrostatic law."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from ambiance import Atmosphere as AmbianceAtmosphere
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from anser.constants import AIR_HEAT_RATIO, AIR_MOLAR_MASS_KG_MOL, GAS_CONSTANT_J_MOL_K, STANDARD_GRAVITY_M_S2
+from anser.environment import (
+    StandardAtmosphere,
+    geometric_from_geopotential,
+    geopotential_from_geometric,
+    is_within,
+)
+from anser.units import FOOT_M, PSF_PA, RANKINE_K, SLUG_FT3_KG_M3
+
+air_at = jax.jit(StandardAtmosphere().at)
+slopes_at = jax.jit(jax.jacrev(StandardAtmosphere().at))
+
+# Theory section 3, [USSA76] tables 4 and I: geopotential base m, temperature K, pressure Pa, half a unit of its last
+# figure.
+PRINTED_BASES = [
+    (0.0, 288.15, 101325.0, 0.0),
+    (11000.0, 216.65, 22632.1, 0.05),
+    (20000.0, 216.65, 5474.89, 0.005),
+    (32000.0, 228.65, 868.019, 0.0005),
+    (47000.0, 270.65, 110.906, 0.0005),
+    (51000.0, 270.65, 66.9389, 0.00005),
+    (71000.0, 214.65, 3.9564, 0.00005),
+    (84852.0, 186.946, 0.3734, 0.00005),
+]
+BASES_M = np.array([row[0] for row in PRINTED_BASES])
+
+
+@pytest.mark.parametrize(("base", "temperature", "pressure", "half_unit"), PRINTED_BASES)
+def test_printed_bases(base, temperature, pressure, half_unit):
+    """The chained pressures round to the printed ones; with the newer gas constant 8.31447 five of the seven would not."""
+    air = air_at(geometric_from_geopotential(base))
+    assert air.temperature == pytest.approx(temperature, abs=1e-9)  # rounding of the altitude, 1e-11 m
+    assert air.pressure == pytest.approx(pressure, abs=half_unit + 1e-9)
+
+
+def test_sea_level():
+    """[USSA76] table 2 and part 1.3: rho 1.2250 kg/m^3, speed of sound 340.294 m/s, printed to that many figures."""
+    air = air_at(0.0)
+    assert (air.temperature, air.pressure) == (288.15, 101325.0)
+    assert air.density == pytest.approx(1.2250, abs=5e-5)
+    assert air.speed_of_sound == pytest.approx(340.294, abs=5e-4)
+
+
+# [NESC] participants sim_04 and sim_05: altitude ft, density slug/ft^3, speed of sound ft/s, pressure psf, deg R.
+NESC_AIR = [
+    (0.0, (0.002376892825, 0.0023769), (1116.450003, 1116.449208), (2116.238417, 2116.22), 518.67),
+    (10013.0, (0.001754833495, 0.001754837946), (1077.352733, 1077.351965), (1454.883393, 1454.87003), 482.9791755),
+    (30000.0, (0.0008906854512, 0.0008906867504), (994.8494935, 994.8487846), (629.6737095, 629.6672472), 411.8388731),
+]
+
+
+@pytest.mark.parametrize(("altitude_ft", "density", "speed_of_sound", "pressure", "temperature"), NESC_AIR)
+def test_nesc_check_cases(altitude_ft, density, speed_of_sound, pressure, temperature):
+    """The two participants differ from each other by the constants they rounded; we may be as far from their mean.
+
+    Density by 3e-6 (sim_05 starts from 0.0023769), sound by 1e-6, pressure by 1e-5 (sim_04 from 2116.238). The newer gas
+    constant, 1.8e-5 larger, would miss density by 1.8e-5 and sound by 9e-6.
+    """
+    air = air_at(altitude_ft * FOOT_M)
+    assert air.density / SLUG_FT3_KG_M3 == pytest.approx(np.mean(density), rel=3e-6)
+    assert air.speed_of_sound / FOOT_M == pytest.approx(np.mean(speed_of_sound), rel=1.2e-6)
+    assert air.pressure / PSF_PA == pytest.approx(np.mean(pressure), rel=1e-5)
+    assert air.temperature / RANKINE_K == pytest.approx(temperature, abs=1e-7)  # ten figures
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.floats(-5000.0, 81000.0))
+def test_agrees_with_ambiance(altitude):
+    """ICAO 1993, the same layers: from -5 km to 80 km geopotential."""
+    air, other = air_at(altitude), AmbianceAtmosphere(altitude)
+    assert air.temperature == pytest.approx(other.temperature[0], rel=1e-13)
+    # ICAO has the molar mass 28.964420 g/mol and 287.05287 J/(kg K), [USSA76] 28.9644: 7e-7 apart; sound takes the root.
+    assert air.speed_of_sound == pytest.approx(other.speed_of_sound[0], rel=4e-7)
+    # In the exponent that makes up to 8e-6 (ICAO prints 3.95639 Pa at 71 km), and ICAO's bases have six figures only.
+    assert air.pressure == pytest.approx(other.pressure[0], rel=1.2e-5)
+    assert air.density == pytest.approx(other.density[0], rel=1.2e-5)
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.floats(-4999.0, 120e3))
+def test_laws_of_the_air(altitude):
+    """Ideal gas, sound, and by differentiation the hydrostatic equation dp/dz = -rho g(z): no layer formula is shared."""
+    air, slopes = air_at(altitude), slopes_at(altitude)
+    R_air = GAS_CONSTANT_J_MOL_K / AIR_MOLAR_MASS_KG_MOL
+    # A few roundings of relative size 1e-16.
+    assert air.pressure == pytest.approx(float(air.density * R_air * air.temperature), rel=1e-15)
+    assert air.speed_of_sound**2 == pytest.approx(float(AIR_HEAT_RATIO * R_air * air.temperature), rel=1e-15)
+    # Geopotential height is defined by g0 dH = g dz, with gravity as the inverse square of the distance.
+    gravity = STANDARD_GRAVITY_M_S2 * (6356766.0 / (6356766.0 + altitude)) ** 2
+    # r0 z / (r0 + z) differentiated, and the pressure's exponent of up to 17 ln(..), round by some 1e-15.
+    assert slopes.pressure == pytest.approx(float(-air.density * gravity), rel=1e-14)
+
+
+def test_pressure_is_continuous_and_slopes_finite_at_the_bases():
+    z = jax.vmap(geometric_from_geopotential)(jnp.asarray(BASES_M))
+    step = 1e-6
+    at = jax.jit(jax.vmap(StandardAtmosphere().at))
+    below, above = at(z - step), at(z + step)
+    # Over 2e-6 m pressure changes by 4e-10 of itself; a base printed to six figures would jump by 1e-6.
+    np.testing.assert_allclose(below.pressure, above.pressure, rtol=1e-9)
+    np.testing.assert_allclose(below.temperature, above.temperature, rtol=1e-9)
+    for jacobian in (jax.jacfwd, jax.jacrev):
+        slopes = jax.jit(jax.vmap(jacobian(StandardAtmosphere().at)))(jnp.concatenate([z, z - step]))
+        for slope in jax.tree.leaves(slopes):
+            assert np.all(np.isfinite(slope))
+        assert np.all(slopes.pressure < 0.0)
+
+
+def test_slopes_are_right_at_a_base():
+    """At 11 km geopotential the layer above counts: isothermal."""
+    slopes = slopes_at(geometric_from_geopotential(11000.0) + 1e-6)
+    assert (slopes.temperature, slopes.speed_of_sound) == (0.0, 0.0)
+    # Lapse rate times dH/dz, which is 1 at sea level, where exactly on the base the first layer counts.
+    assert slopes_at(0.0).temperature == pytest.approx(-0.0065, rel=1e-14)
+
+
+def test_outside_the_standard():
+    lowest, below = air_at(-5000.0), air_at(-9000.0)
+    for at_limit, beyond in zip(jax.tree.leaves(lowest), jax.tree.leaves(below), strict=True):
+        assert at_limit == beyond
+    top = air_at(geometric_from_geopotential(84852.0))
+    heights = jnp.array([87e3, 100e3, 200e3, 1e6, 1e8])
+    above = jax.jit(jax.vmap(StandardAtmosphere().at))(heights)
+    np.testing.assert_allclose(above.temperature, top.temperature, rtol=1e-12)
+    pressures = np.concatenate([[top.pressure], above.pressure])
+    assert np.all(np.diff(pressures[:4]) < 0.0)
+    assert np.all(pressures >= 0.0)  # underflows to zero far out
+    slopes = jax.jit(jax.vmap(jax.jacrev(StandardAtmosphere().at)))(jnp.concatenate([heights, jnp.array([-5e3, -1e5])]))
+    assert all(np.all(np.isfinite(slope)) for slope in jax.tree.leaves(slopes))
+
+
+@pytest.mark.parametrize(
+    ("altitude", "within"), [(-5000.1, False), (-5000.0, True), (0.0, True), (85.9e3, True), (86.1e3, False)]
+)
+def test_is_within(altitude, within):
+    assert is_within(altitude) == within
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.floats(-5000.0, 100e3))
+def test_geopotential_comes_back(altitude):
+    h = geopotential_from_geometric(altitude)
+    # The difference is z^2 / r0 but for a relative z / r0 < 2 %; it is taken between altitudes of up to 1e5 m.
+    assert altitude - h == pytest.approx(altitude**2 / 6356766.0, rel=0.02, abs=1e-10)
+    # The quotient r0 / (r0 - h) rounds by 1e-16, altitudes of 1e5 m by 1e-11.
+    assert geometric_from_geopotential(h) == pytest.approx(altitude, rel=1e-14, abs=1e-12)
+
+
+def test_geopotential_printed_pairs():
+    """[USSA76] table I prints Z = 86,000 m with H = 84,852 m, and Z = 11,019 m with H = 11,000 m."""
+    assert geopotential_from_geometric(86000.0) == pytest.approx(84852.0, abs=0.5)
+    assert geometric_from_geopotential(11000.0) == pytest.approx(11019.0, abs=0.5)
+
+
+def test_vmap_agrees_with_one_at_a_time():
+    altitudes = jnp.linspace(-4e3, 84e3, 45)
+    batch = jax.jit(jax.vmap(StandardAtmosphere().at))(altitudes)
+    for i in (0, 20, 44):
+        for whole, one in zip(jax.tree.leaves(batch), jax.tree.leaves(air_at(altitudes[i])), strict=True):
+            np.testing.assert_allclose(whole[i], one, rtol=1e-14)  # vector exp and log may round differently

@@ -1,0 +1,92 @@
+"""Cases shared by the planning tests: published figures and generic boundary data."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from hypothesis import strategies as st
+
+from anser.planning import Rendezvous, Trajectory, fit_trajectory, make_rendezvous
+
+angles = st.floats(-3.1, 3.1)
+path_angles = st.floats(-0.6, 0.6)
+
+
+def velocity(speed, course, path_angle=0.0):
+    """Velocity NED from speed, course and path angle (up positive)."""
+    level = speed * jnp.cos(path_angle)
+    return jnp.stack([level * jnp.cos(course), level * jnp.sin(course), -speed * jnp.sin(path_angle)])
+
+
+@st.composite
+def trajectories(draw):
+    """Generic nominal trajectories: 0.5 to 20 km, 150 m/s at the ends, any courses."""
+    line = draw(st.floats(500.0, 20000.0)) * velocity(1.0, draw(angles), draw(path_angles))
+    duration = jnp.linalg.norm(line) / 150.0 * draw(st.floats(0.8, 1.6))
+    start = jnp.array([draw(st.floats(-1e4, 1e4)), draw(st.floats(-1e4, 1e4)), draw(st.floats(-3e3, 0.0))])
+    ends = [velocity(150.0, draw(angles), draw(path_angles)) for _ in range(2)]
+    return fit_trajectory(draw(st.floats(0.0, 100.0)), duration, start, ends[0], start + line, ends[1])
+
+
+def published_path(path_angle_f_deg: float, b_4: float = 0.0, c_4: float = 0.0) -> Trajectory:
+    """Theory section 6: t in [0, 36] s from (0, 0, 2000 m) to (5000 m, 0, 0), 150 m/s, due North."""
+    return fit_trajectory(
+        0.0,
+        36.0,
+        jnp.array([0.0, 0.0, -2000.0]),
+        velocity(150.0, 0.0),
+        jnp.array([5000.0, 0.0, 0.0]),
+        velocity(150.0, 0.0, np.deg2rad(path_angle_f_deg)),
+        b_4 * 36.0**4,
+        c_4 * 36.0**4,
+    )
+
+
+class FleetCase(NamedTuple):
+    """Arguments of `coordinate` between time and sides."""
+
+    positions_n: jax.Array
+    air_velocities_n: jax.Array
+    goal_positions_n: jax.Array
+    goal_velocities_n: jax.Array
+    rendezvous: Rendezvous
+    speed: float
+    wind_n: jax.Array
+
+
+def stand_offs(count: int, height: float = 300.0) -> Rendezvous:
+    """Free arrivals straight above each goal."""
+    return jax.vmap(make_rendezvous)(jnp.tile(jnp.array([[0.0, 0.0, -height]]), (count, 1)))
+
+
+def published_fleet() -> FleetCase:
+    """Theory section 8, three aircraft, 300 m above goals on the surface."""
+    courses, goal_courses = np.deg2rad([-90.0, 20.0, 0.0]), np.deg2rad([0.0, 0.0, 90.0])
+    return FleetCase(
+        jnp.array([[1000.0, 9000.0, -1000.0], [-2000.0, -8000.0, -1500.0], [-6000.0, 5000.0, -1250.0]]),
+        jnp.stack([velocity(150.0, course) for course in courses]),
+        jnp.array([[100.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 100.0, 0.0]]),
+        jnp.stack([velocity(v, course) for v, course in zip([25.0, 0.0, 15.0], goal_courses, strict=True)]),
+        stand_offs(3),
+        150.0,
+        jnp.zeros((3, 3)),
+    )
+
+
+def random_fleet(seed: int, goal_speed_max: float, count: int = 3) -> FleetCase:
+    """Generic fleets within 20 km; 150 m/s; goals on the surface at up to the given speed."""
+    rng = np.random.default_rng(seed)
+    positions = np.column_stack([rng.uniform(-1e4, 1e4, (count, 2)), rng.uniform(-3000.0, -500.0, count)])
+    goals = np.column_stack([rng.uniform(-1e4, 1e4, (count, 2)), np.zeros(count)])
+    headings, goal_courses = rng.uniform(-np.pi, np.pi, (2, count))
+    goal_speeds = goal_speed_max * rng.uniform(0.0, 1.0, count)
+    return FleetCase(
+        jnp.asarray(positions),
+        jnp.asarray(150.0 * np.column_stack([np.cos(headings), np.sin(headings), 0.0 * headings])),
+        jnp.asarray(goals),
+        jnp.asarray(goal_speeds[:, None] * np.column_stack([np.cos(goal_courses), np.sin(goal_courses), 0 * headings])),
+        stand_offs(count),
+        150.0,
+        jnp.zeros((count, 3)),
+    )

@@ -1,0 +1,42 @@
+"""Polar form of a velocity and its rates."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from planning_cases import angles, trajectories, velocity
+
+from anser.planning import polar
+
+
+@settings(deadline=None, max_examples=30)
+@given(speed=st.floats(20.0, 400.0), course=angles, path_angle=st.floats(-1.5, 1.5))
+def test_angles_come_back(speed, course, path_angle):
+    command = polar(velocity(speed, course, path_angle), jnp.zeros(3))
+    # cos(1.5) = 0.07 costs one digit in the course.
+    np.testing.assert_allclose([command.V, command.gamma, command.chi], [speed, path_angle, course], atol=1e-12)
+
+
+@settings(deadline=None, max_examples=20)
+@given(path=trajectories(), fraction=st.floats(0.02, 0.98))
+def test_rates_are_the_derivatives(path, fraction):
+    time = path.start_time + fraction * path.duration
+    command = polar(path.velocity_n(time), path.acceleration_n(time))
+    rates = jax.jacfwd(lambda t: polar(path.velocity_n(t), path.acceleration_n(t)))(time)
+    # Two formulations of one derivative; relative to each, plus rounding of zero.
+    np.testing.assert_allclose(command.V_dot, rates.V, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(command.gamma_dot, rates.gamma, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(command.chi_dot, rates.chi, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("v", [(0.0, 0.0, 0.0), (0.0, 0.0, -90.0), (0.0, 0.0, 90.0), (-50.0, 0.0, 0.0)])
+def test_gradients_are_finite_at_rest_and_in_the_vertical(v):
+    jacobian = jax.jit(jax.jacrev(polar, argnums=(0, 1)))(jnp.array(v), jnp.array([1.0, -2.0, 3.0]))
+    assert all(jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(jacobian))
+
+
+def test_vertical_path_angle_and_vmap():
+    command = jax.vmap(polar)(jnp.array([[0.0, 0.0, -90.0], [0.0, 0.0, 90.0]]), jnp.zeros((2, 3)))
+    np.testing.assert_array_equal(command.gamma, [np.pi / 2, -np.pi / 2])

@@ -1,0 +1,113 @@
+"""Distances within a fleet, and the sides of the detours."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from planning_cases import published_fleet, random_fleet, velocity
+
+from anser.planning import choose_sides, coordinate, fit_trajectory, separation_min
+
+plan_at = jax.jit(coordinate)
+choose = jax.jit(choose_sides)
+least = jax.jit(separation_min)
+
+
+def straight(start, speed_n, duration=40.0):
+    start, speed_n = jnp.array(start), jnp.array(speed_n)
+    return fit_trajectory(5.0, duration, start, speed_n, start + duration * speed_n, speed_n)
+
+
+def stack(paths):
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *paths)
+
+
+def crossing():
+    """Two lines that cross with the closest approach of 300 sqrt(2) m in the middle; a third far above."""
+    return stack(
+        [
+            straight((-3000.0, 0.0, -1000.0), (150.0, 0.0, 0.0)),
+            straight((0.0, -3600.0, -1000.0), (0.0, 150.0, 0.0)),
+            straight((-3000.0, 0.0, -2000.0), (150.0, 0.0, 0.0)),
+        ]
+    )
+
+
+def test_known_closest_approach():
+    distance = least(crossing())
+    # Both axes differ by 600 m in passage: relative motion along (1, -1), offset 600/sqrt 2.
+    exact = 600.0 / np.sqrt(2.0)
+    # Sampled every 0.625 s at 212 m/s: at the nearest sample no farther than 66 m along the line of relative motion.
+    assert exact <= distance[0, 1] <= np.hypot(exact, 66.4)
+    np.testing.assert_allclose(distance[0, 2], 1000.0, rtol=1e-12)
+    np.testing.assert_array_equal(distance, distance.T)
+    assert np.all(np.isinf(np.diag(distance)))
+    # Finer sampling converges to it.
+    np.testing.assert_allclose(separation_min(crossing(), 4001)[0, 1], exact, atol=1e-2)
+
+
+def test_gradient_is_finite_also_for_coincident_aircraft():
+    def closest(paths):
+        distance = separation_min(paths)
+        return jnp.sum(jnp.where(jnp.isfinite(distance), distance, 0.0))
+
+    paths = crossing()
+    doubled = jax.tree.map(lambda leaf: leaf[jnp.array([0, 0, 1])], paths)
+    for fleet in (paths, doubled):
+        gradient = jax.grad(closest)(fleet)
+        assert all(jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(gradient))
+    # Lifting the third aircraft by 1 m widens 1000 m by 1 m, seen from both.
+    shift = jax.grad(closest)(paths).coefficients_n[2, 2, 0]
+    np.testing.assert_allclose(shift, -2.0 - 2.0 * 1000.0 / separation_min(paths)[1, 2], rtol=1e-9)
+
+
+def test_vmap_over_fleets():
+    both = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf[::-1]]), crossing())
+    distance = jax.vmap(separation_min)(both)
+    np.testing.assert_allclose(distance[1], distance[0][::-1, ::-1])
+
+
+def test_stated_sides_are_kept():
+    case = published_fleet()
+    plan = plan_at(0.0, *case, jnp.ones(3))
+    for requested in ([1, -1, 1], [-1, 1, -1]):
+        assert choose(plan, jnp.array(requested)).tolist() == requested
+    mixed = choose(plan, jnp.array([0, -1, 0]))
+    assert mixed[1] == -1.0
+    assert set(np.abs(mixed).tolist()) == {1.0}
+
+
+def test_published_fleet_takes_the_milder_bends():
+    # Here the rendezvous points decide the least distances, whatever the sides.
+    case = published_fleet()
+    plan = plan_at(0.0, *case, jnp.ones(3))
+    sides = choose(plan, jnp.zeros(3))
+    other = plan_at(0.0, *case, -sides)
+    chosen = plan_at(0.0, *case, sides)
+    np.testing.assert_allclose(least(chosen.trajectories), least(other.trajectories), atol=1.0)
+    assert jnp.all(jnp.abs(chosen.lateral_bends) <= jnp.abs(other.lateral_bends))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_two_aircraft_take_the_wider_side(seed):
+    # With two aircraft the greedy choice is the best of all.
+    case = random_fleet(seed, 50.0, count=2)
+    sides = choose(plan_at(0.0, *case, jnp.ones(2)), jnp.zeros(2))
+
+    def gap(sides):
+        return float(least(plan_at(0.0, *case, sides).trajectories)[0, 1])
+
+    # Choices within 1 m count as equal.
+    assert gap(sides) >= max(gap(jnp.array([a, b])) for a in (1.0, -1.0) for b in (1.0, -1.0)) - 1.0
+
+
+def test_abreast_pair_detours_away_from_its_neighbour():
+    # The second has the shorter way, on the first one's right: it must bend right. Mirrored: left.
+    for mirror in (1.0, -1.0):
+        case = random_fleet(0, 0.0, count=2)._replace(
+            positions_n=jnp.array([[0.0, 0.0, -1000.0], [1500.0, mirror * 800.0, -1000.0]]),
+            air_velocities_n=jnp.tile(velocity(150.0, 0.0), (2, 1)),
+            goal_positions_n=jnp.array([[9000.0, 0.0, -700.0], [9000.0, mirror * 800.0, -700.0]]),
+        )
+        sides = choose(plan_at(0.0, *case, jnp.ones(2)), jnp.zeros(2))
+        assert sides[1] == mirror

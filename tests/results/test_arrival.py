@@ -1,0 +1,80 @@
+"""Closest approach against lines whose nearest point is known in closed form."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from anser.results import closest_approach, least_distance
+
+TIME = np.arange(0.0, 60.25, 0.5)
+
+
+def line(at, miss, along, closing_m_s):
+    """Offset of a straight pass: nearest at time `at`, by the vector `miss`, square to the unit vector `along`."""
+    return miss + np.multiply.outer((TIME - at) * closing_m_s, along)
+
+
+@settings(deadline=None, max_examples=30)
+@given(
+    at=st.floats(0.1, 59.9),
+    speed=st.floats(20.0, 400.0),
+    miss=st.floats(0.5, 500.0),
+    heading=st.floats(-3.1, 3.1),
+    climb=st.floats(-1.2, 1.2),
+)
+def test_straight_pass_is_found_between_samples(at, speed, miss, heading, climb):
+    along = np.array([np.cos(climb) * np.cos(heading), np.cos(climb) * np.sin(heading), np.sin(climb)])
+    across = np.array([-np.sin(heading), np.cos(heading), 0.0])
+    found_time, found = closest_approach(TIME, line(at, miss * across, along, speed), None)
+    # Linear interpolation of a line is the line. Offsets reach 24 km, whose last digit is 4e-12 m; the step of time is
+    # a ratio of squares of 200 m at most, which leaves some 1e-10 s.
+    assert found_time == pytest.approx(at, abs=1e-8)
+    assert found == pytest.approx(miss, abs=1e-8)
+
+
+def test_only_the_first_pass_counts():
+    along, across = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
+    first, second = line(20.2, 8.0 * across, along, 150.0), line(45.0, 1.0 * across, along, 150.0)
+    offset = np.where(TIME[:, None] < 32.0, first, second)
+    assert closest_approach(TIME, offset, 20.0) == pytest.approx((20.2, 8.0))
+    assert closest_approach(TIME, offset, None) == pytest.approx((45.0, 1.0))
+    # A wider window lets the second pass in.
+    assert closest_approach(TIME, offset, 20.0, margin_s=30.0) == pytest.approx((45.0, 1.0))
+
+
+def test_the_window_ends_between_samples():
+    # Still closing at the end of the window, 10.3 s, which lies inside a step: there the offset is 9.7 s of flight.
+    offset = line(20.0, np.zeros(3), np.array([0.6, 0.8, 0.0]), 100.0)
+    assert closest_approach(TIME, offset, 0.3) == pytest.approx((10.3, 970.0))
+
+
+def test_a_resting_offset_takes_its_first_sample():
+    assert closest_approach(TIME, np.full((TIME.size, 3), 2.0), None) == pytest.approx((0.0, np.sqrt(12.0)))
+
+
+def test_samples_that_are_not_finite_are_left_out():
+    offset = line(30.0, np.array([0.0, 0.0, 4.0]), np.array([1.0, 0.0, 0.0]), 100.0)
+    offset[TIME > 20.0] = np.nan
+    offset[0] = np.inf
+    assert closest_approach(TIME, offset, None) == pytest.approx((20.0, np.hypot(1000.0, 4.0)))
+    assert np.all(np.isnan(closest_approach(TIME, np.full((TIME.size, 3), np.nan), None)))
+
+
+def test_a_window_before_the_record_is_empty():
+    assert np.all(np.isnan(closest_approach(TIME + 100.0, np.ones((TIME.size, 3)), 50.0)))
+
+
+def test_shapes_are_checked():
+    with pytest.raises(ValueError, match="offset"):
+        closest_approach(TIME, np.ones((3, TIME.size)), None)
+
+
+def test_least_distance_of_pairs():
+    pairs = np.stack(
+        [line(20.1, np.array([0.0, 0.0, 4.0]), np.array([0.6, 0.8, 0.0]), 300.0), np.full((TIME.size, 3), np.nan)],
+        axis=1,
+    )
+    found = least_distance(pairs)
+    assert found[0] == pytest.approx(4.0)
+    assert np.isnan(found[1])

@@ -1,0 +1,76 @@
+"""Requirements are judged by the worst aircraft, on the right side of the limit."""
+
+import pytest
+
+from anser.results.requirements import REQUIREMENT_NAMES, Requirement, judge
+
+ROW = {
+    "arrival_s": 50.0,
+    "planned_arrival_s": 50.5,
+    "miss_m": 3.0,
+    "speed_min_m_s": 120.0,
+    "speed_max_m_s": 160.0,
+    "clearance_min_m": 290.0,
+    "tables_left_s": 0.0,
+    "position_error_max_m": 20.0,
+}
+WORSE = {
+    "arrival_s": 52.0,
+    "planned_arrival_s": 50.5,
+    "miss_m": 9.0,
+    "speed_min_m_s": 110.0,
+    "speed_max_m_s": 170.0,
+    "clearance_min_m": 160.0,
+    "tables_left_s": 2.0,
+    "position_error_max_m": 30.0,
+}
+FLEET = {"arrival_spread_s": 2.0, "separation_min_m": 500.0}
+WORST = {
+    "miss_max_m": 9.0,
+    "arrival_error_max_s": 1.5,
+    "arrival_spread_max_s": 2.0,
+    "position_error_max_m": 30.0,
+    "speed_max_m_s": 170.0,
+    "tables_left_max_s": 2.0,
+    "separation_min_m": 500.0,
+    "clearance_min_m": 160.0,
+    "speed_min_m_s": 110.0,
+}
+
+
+def test_every_requirement_is_tried_here():
+    assert set(WORST) == set(REQUIREMENT_NAMES)
+
+
+@pytest.mark.parametrize("name", REQUIREMENT_NAMES)
+@pytest.mark.parametrize("off", [-0.1, 0.0, 0.1])
+def test_worst_value_against_the_limit(name, off):
+    limit = WORST[name] + off
+    # What must stay below is one of these names; the rest must stay above.
+    below = name not in {"separation_min_m", "clearance_min_m", "speed_min_m_s"}
+    met = off >= 0.0 if below else off <= 0.0
+    (entry,) = judge([Requirement(name, limit)], [ROW, WORSE], FLEET, [])
+    assert entry == {"name": name, "limit": limit, "value": WORST[name], "met": met}
+
+
+def test_each_kind_of_goal_has_its_clearance_by_the_least_margin():
+    # ROW keeps 290 of 280 m, a margin of 10; WORSE keeps 160 of 100 m, a margin of 60.
+    both = judge([], [ROW, WORSE], FLEET, [("surface", 280.0), ("surface", 100.0)])
+    assert both == [{"name": "clearance_surface_min_m", "limit": 280.0, "value": 290.0, "met": True}]
+    each = judge([], [ROW, WORSE], FLEET, [("surface", 150.0), ("airborne", 161.0)])
+    assert [(entry["name"], entry["met"]) for entry in each] == [
+        ("clearance_surface_min_m", True),
+        ("clearance_airborne_min_m", False),
+    ]
+
+
+def test_a_missing_number_is_not_met():
+    (entry,) = judge([Requirement("clearance_min_m", 1.0)], [ROW, WORSE | {"clearance_min_m": None}], FLEET, [])
+    assert (entry["value"], entry["met"]) == (None, False)
+    (entry,) = judge([], [ROW | {"clearance_min_m": None}], FLEET, [("surface", 1.0)])
+    assert (entry["value"], entry["met"]) == (None, False)
+
+
+def test_an_unknown_requirement_is_refused_with_the_known_ones():
+    with pytest.raises(ValueError, match=r"'mis_max_m' is unknown; known are miss_max_m"):
+        Requirement("mis_max_m", 1.0)

@@ -1,0 +1,191 @@
+"""The summary of a flight whose every number is known in closed form."""
+
+import json
+
+import numpy as np
+import pytest
+
+from anser.results import FlightFacts, Requirement, read_summary, summarize, versions, write_summary
+
+TIME = np.arange(0.0, 80.0 + 1e-9, 0.25)
+SPEED = 100.0
+
+
+def flight(arrivals=(50.1, 50.3), misses=(3.0, 4.0)):
+    """Aircraft that fly North at 100 m/s, 2 km apart, past rendezvous which rest at the origin's latitude.
+
+    Aircraft i is nearest to its rendezvous at `arrivals[i]`, then `misses[i]` to the East of it.
+    """
+    columns = []
+    for index, (at, miss) in enumerate(zip(arrivals, misses, strict=True)):
+        rest = np.zeros_like(TIME)
+        columns.append(
+            {
+                "north": SPEED * (TIME - at),
+                "east": rest + 2000.0 * index + miss,
+                "altitude": rest + 300.0,
+                "rendezvous_north": rest,
+                "rendezvous_east": rest + 2000.0 * index,
+                "rendezvous_altitude": rest + 300.0,
+                "clearance": np.hypot(SPEED * (TIME - at), 300.0),
+                # A ramp from 90 to 110 m/s over 50 s, then faster than ever before.
+                "airspeed": np.where(TIME <= 60.0, 90.0 + 0.4 * TIME, 200.0),
+                "position_error": np.where(TIME < 52.0, 2.0 + index, 500.0),
+                "lateral_bend": np.where(TIME < 20.0, 400.0 * index, 50.0),
+                "outside_tables": (TIME >= 10.0) & (TIME < 11.5) & (index == 1),
+                "status": rest.astype(int),
+            }
+        )
+    return {key: np.stack([column[key] for column in columns], axis=1) for key in columns[0]}
+
+
+def facts(count=2, **changes):
+    values = {
+        "scenario_name": "two",
+        "scenario_hash": "ab12",
+        "seed": None,
+        "aircraft_names": ("anna", "bert")[:count],
+        "goal_names": ("buoy", "tanker")[:count],
+        "goal_kinds": ("surface", "airborne")[:count],
+        "planned_arrivals_s": (50.0, 50.0)[:count],
+        "minimum_clearances_m": (150.0, 100.0)[:count],
+    }
+    return FlightFacts(**(values | changes))
+
+
+def test_the_contract_has_these_keys_and_no_others():
+    summary = summarize(TIME, flight(), facts(), wall_s=1.5)
+    assert list(summary) == [
+        "format_version",
+        "scenario",
+        "versions",
+        "seed",
+        "aircraft",
+        "fleet",
+        "requirements",
+    ]
+    assert summary["format_version"] == 1
+    assert summary["scenario"] == {"name": "two", "hash": "ab12"}
+    assert summary["versions"] == versions()
+    assert set(versions()) == {"anser", "jax", "equinox", "numpy", "python"}
+    assert set(summary["fleet"]) == {"arrival_spread_s", "separation_min_m", "wall_s", "simulated_s"}
+    for row in summary["aircraft"]:
+        assert set(row) == {
+            "name",
+            "goal",
+            "planned_arrival_s",
+            "arrival_s",
+            "miss_m",
+            "speed_mean_m_s",
+            "speed_min_m_s",
+            "speed_max_m_s",
+            "clearance_min_m",
+            "tables_left",
+            "tables_left_s",
+            "position_error_max_m",
+            "nominal",
+            "lateral_bend_m",
+            "status",
+        }
+
+
+def test_numbers_of_a_known_flight():
+    summary = summarize(TIME, flight(), facts(), wall_s=1.5)
+    anna, bert = summary["aircraft"]
+    # The record is linear between samples, so that only rounding of 5 km coordinates remains: relative 1e-6 (pytest's
+    # own) is ample.
+    assert (anna["name"], anna["goal"], anna["status"]) == ("anna", "buoy", "arrived")
+    assert (anna["planned_arrival_s"], anna["arrival_s"]) == (50.0, pytest.approx(50.1))
+    assert (anna["miss_m"], bert["miss_m"]) == (pytest.approx(3.0), pytest.approx(4.0))
+    assert anna["speed_min_m_s"] == 90.0
+    assert anna["speed_max_m_s"] == pytest.approx(90.0 + 0.4 * 50.1)
+    assert anna["speed_mean_m_s"] == pytest.approx(90.0 + 0.2 * 50.1)
+    assert (anna["position_error_max_m"], bert["position_error_max_m"]) == (2.0, 3.0)
+    assert (anna["nominal"], anna["lateral_bend_m"]) == (True, 0.0)
+    assert (bert["nominal"], bert["lateral_bend_m"]) == (False, 400.0)
+    assert (anna["tables_left"], anna["tables_left_s"]) == (False, 0.0)
+    assert (bert["tables_left"], bert["tables_left_s"]) == (True, pytest.approx(1.5))
+    fleet = summary["fleet"]
+    assert fleet["arrival_spread_s"] == pytest.approx(0.2)
+    # 2001 m apart across, 20 m apart along the track.
+    assert fleet["separation_min_m"] == pytest.approx(np.hypot(2001.0, 20.0))
+    assert (fleet["wall_s"], fleet["simulated_s"]) == (1.5, 80.0)
+
+
+def test_separation_is_found_between_samples():
+    history = flight()
+    # They cross head on at 40.125 s, half way between two samples, 7 m apart.
+    history["north"] = np.stack([200.0 * (TIME - 40.125), -200.0 * (TIME - 40.125)], axis=1)
+    history["east"] = np.stack([0.0 * TIME, 0.0 * TIME + 7.0], axis=1)
+    assert summarize(TIME, history, facts(), 0.0)["fleet"]["separation_min_m"] == pytest.approx(7.0)
+
+
+def test_one_aircraft_has_no_separation():
+    one = facts(1, requirements=(Requirement("separation_min_m", 100.0),))
+    summary = summarize(TIME, flight((50.1,), (3.0,)), one, 0.0)
+    assert summary["fleet"]["separation_min_m"] is None
+    assert summary["fleet"]["arrival_spread_s"] == 0.0
+    assert summary["requirements"][0] == {"name": "separation_min_m", "limit": 100.0, "value": None, "met": True}
+
+
+def test_the_first_failure_is_the_status():
+    history = flight()
+    history["status"][100:, 1] = 3
+    history["status"][200:, 1] = 5
+    messages = {3: "out of thrust", 5: "diverged"}
+    rows = summarize(TIME, history, facts(status_messages=messages), 0.0)["aircraft"]
+    assert [row["status"] for row in rows] == ["arrived", "out of thrust"]
+    assert "status 3" in summarize(TIME, history, facts(), 0.0)["aircraft"][1]["status"]
+
+
+@pytest.mark.parametrize("arrivals", [(50.1, 90.0), (50.1, 65.0)])
+def test_an_aircraft_that_is_still_closing_has_not_arrived(arrivals):
+    # The one beyond the end of the record, the other beyond 10 s after its planned arrival.
+    row = summarize(TIME, flight(arrivals), facts(), 0.0)["aircraft"][1]
+    assert row["status"].startswith("not arrived")
+
+
+def test_what_does_not_exist_is_null():
+    history = flight()
+    for key in ("north", "airspeed", "clearance", "position_error", "lateral_bend"):
+        history[key][:, 1] = np.nan
+    limits = (Requirement("miss_max_m", 10.0), Requirement("arrival_spread_max_s", 1.0))
+    summary = summarize(TIME, history, facts(requirements=limits, planned_arrivals_s=(50.0, None)), 0.0)
+    row = summary["aircraft"][1]
+    for key in ("planned_arrival_s", "arrival_s", "miss_m", "speed_mean_m_s", "clearance_min_m", "lateral_bend_m"):
+        assert row[key] is None
+    assert row["nominal"] is False
+    assert row["status"].startswith("not arrived")
+    assert summary["fleet"]["arrival_spread_s"] is None
+    assert [(entry["value"], entry["met"]) for entry in summary["requirements"][:2]] == [(None, False), (None, False)]
+    json.dumps(summary, allow_nan=False)
+
+
+def test_the_record_must_fit_the_facts():
+    with pytest.raises(ValueError, match="shape"):
+        summarize(TIME, flight(), facts(1), 0.0)
+    with pytest.raises(ValueError, match="goal_kinds has 1 entries for 2 aircraft"):
+        facts(goal_kinds=("surface",))
+
+
+def test_a_summary_survives_the_file_and_is_not_overwritten(tmp_path):
+    summary = summarize(TIME, flight(), facts(seed=5), 1.5)
+    path = tmp_path / "summary.json"
+    write_summary(summary, path)
+    assert read_summary(path) == summary
+    with pytest.raises(FileExistsError, match="not overwritten"):
+        write_summary({}, path)
+    assert read_summary(path) == summary
+
+
+def test_no_nan_reaches_a_file(tmp_path):
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        write_summary({"miss_m": float("nan")}, tmp_path / "summary.json")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_another_format_is_refused(tmp_path):
+    path = tmp_path / "summary.json"
+    path.write_text('{"format_version": 2}')
+    with pytest.raises(ValueError, match="format_version 2"):
+        read_summary(path)

@@ -1,0 +1,163 @@
+"""Files that can and cannot be read, and the scenarios that come with anser."""
+
+import math
+import pickle
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from anser.scenario.errors import ScenarioError
+from anser.scenario.load import load, loads, validate
+from anser.scenario.schema_reach import time_to_go_s
+
+SHIPPED = sorted((Path(__file__).parents[2] / "scenarios").glob("*.toml"))
+NAMES = ["climb-and-turn", "single-aircraft", "storm-sampling", "three-aircraft"]
+
+
+def refused(path: Path) -> ScenarioError:
+    with pytest.raises(ScenarioError) as caught:
+        load(path)
+    assert str(caught.value).startswith(f"{path}: 1 problem\n")
+    return caught.value
+
+
+def shipped(name: str) -> Path:
+    return next(path for path in SHIPPED if path.stem == name)
+
+
+def test_shipped_scenarios_are_there() -> None:
+    assert set(NAMES) <= {path.stem for path in SHIPPED}
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_shipped_scenarios_load(path: Path) -> None:
+    scenario = load(path)
+    assert scenario.name == path.stem
+    assert scenario.description
+
+
+def test_the_published_fleet() -> None:
+    # theory section 8, table of the three-aircraft case
+    scenario = load(str(shipped("three-aircraft")))
+    starts = [(a.start.north_m, a.start.east_m, a.start.altitude_m, a.start.course_deg) for a in scenario.aircraft]
+    assert starts == [(1000, 9000, 1000, -90), (-2000, -8000, 1500, 20), (-6000, 5000, 1250, 0)]
+    assert [a.start.speed_m_s for a in scenario.aircraft] == [150.0] * 3
+    assert [a.rendezvous.stand_off_m for a in scenario.aircraft] == [(0.0, 0.0, 300.0)] * 3
+    goals = [scenario.goal_of(a) for a in scenario.aircraft]
+    assert [(g.north_m, g.east_m, g.altitude_m) for g in goals] == [(100, 0, 0), (0, 0, 0), (0, 100, 0)]
+    velocities = [g.velocity_m_s() for g in goals]
+    assert velocities[:2] == [(25.0, 0.0, 0.0), (0.0, 0.0, 0.0)]
+    assert velocities[2] == pytest.approx((0.0, 15.0, 0.0), abs=1e-14)  # rounding of cos 90 deg
+
+
+def test_the_published_tracking_case() -> None:
+    # theory section 5, end: the path ends at N 5000, E 2000, 2000 m, level, course 60 deg
+    scenario = load(shipped("climb-and-turn"))
+    (one,) = scenario.aircraft
+    place = zip(scenario.goal_of(one).position_m(30.0), one.rendezvous.stand_off_m, strict=True)
+    assert tuple(a + b for a, b in place) == (5000.0, 2000.0, 2000.0)
+    assert (one.rendezvous.course_deg, one.rendezvous.path_angle_deg) == (60.0, 0.0)
+    assert (scenario.timing.replan_period_s, scenario.guidance.position_gain_per_s) == (0.0, 0.0)
+
+
+def test_the_storm_stands_still_in_its_wind_and_all_ways_are_alike() -> None:
+    scenario = load(shipped("storm-sampling"))
+    wind = scenario.wind.velocity_m_s
+    lengths_m = []
+    for one in scenario.aircraft:
+        goal = scenario.goal_of(one)
+        drift = tuple(v - w for v, w in zip(goal.velocity_m_s(), wind, strict=True))
+        assert drift == pytest.approx((0.0, 0.0, 0.0), abs=1e-13)  # rounding of sine and cosine
+        parts = zip(goal.position_m(0.0), one.rendezvous.stand_off_m, one.start.position_m, strict=True)
+        relative = tuple(g + s - a for g, s, a in parts)
+        time_s = time_to_go_s(relative, drift, scenario.fleet.speed_m_s)
+        assert time_s is not None
+        lengths_m.append(time_s * scenario.fleet.speed_m_s)
+        assert 10_000 <= math.hypot(one.start.north_m, one.start.east_m) <= 16_000
+    # more than a fifth apart would ask for extreme detours
+    assert max(lengths_m) / min(lengths_m) < 1.2
+
+
+def test_missing_file(tmp_path: Path) -> None:
+    (problem,) = refused(tmp_path / "none.toml").problems
+    assert problem.arrived == "no file of this name"
+    assert "scenario file" in problem.expected
+
+
+def test_folder(tmp_path: Path) -> None:
+    (problem,) = refused(tmp_path).problems
+    assert problem.arrived == "a folder"
+    assert "scenario file" in problem.expected
+
+
+def test_path_through_a_file(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("x")
+    (problem,) = refused(tmp_path / "file" / "case.toml").problems
+    assert problem.arrived == "a path that cannot be read (Not a directory)"
+
+
+def test_path_that_no_system_takes() -> None:
+    with pytest.raises(ScenarioError, match="a path that cannot be read"):
+        load("case\0.toml")
+
+
+def test_not_utf8(tmp_path: Path) -> None:
+    path = tmp_path / "latin.toml"
+    path.write_bytes('format = 1\nname = "Zürich"\n'.encode("latin-1"))
+    (problem,) = refused(path).problems
+    assert problem.arrived == "bytes that are not UTF-8 (in line 2)"
+    assert problem.expected == "a text file in UTF-8"
+
+
+def test_syntax_error_names_line_and_column(tmp_path: Path) -> None:
+    path = tmp_path / "case.toml"
+    path.write_text('format = 1\nname = "case\n[timing]\n')
+    (problem,) = refused(path).problems
+    assert problem.path == "line 2, column 13"
+    assert 'name = "case' in problem.arrived
+    assert problem.expected.startswith("valid TOML: ")
+
+
+def test_syntax_error_at_the_end() -> None:
+    with pytest.raises(ScenarioError) as caught:
+        loads("format = 1\nx = [1,")
+    assert caught.value.problems[0].path == "line 2, at the end"
+    assert str(caught.value).startswith("<string>: ")
+
+
+def test_key_given_twice() -> None:
+    with pytest.raises(ScenarioError) as caught:
+        loads("format = 1\nformat = 1\n")
+    assert caught.value.problems[0].path == "line 2, column 11"
+    assert "Cannot overwrite a value" in caught.value.problems[0].expected
+
+
+def test_beyond_what_python_reads() -> None:
+    for text in ("x = " + "[" * 100_000, "x = " + "1" * 10_000):
+        with pytest.raises(ScenarioError, match="text that cannot be read"):
+            loads(text)
+
+
+def test_mark_and_line_ends_of_windows(tmp_path: Path) -> None:
+    original = shipped("three-aircraft")
+    path = tmp_path / "case.toml"
+    path.write_bytes(b"\xef\xbb\xbf" + original.read_bytes().replace(b"\n", b"\r\n"))
+    assert load(path).hash == load(original).hash
+
+
+def test_values_at_hand() -> None:
+    text = shipped("single-aircraft").read_text(encoding="utf-8")
+    values = tomllib.loads(text)
+    assert validate(values).hash == loads(text).hash
+    values["aircraft"][0]["goal"] = "nowhere"
+    with pytest.raises(ScenarioError, match=r'^<values>: 1 problem\n  aircraft\[0\]\.goal \(aircraft "aircraft-1"\)'):
+        validate(values)
+
+
+def test_error_survives_another_process() -> None:
+    with pytest.raises(ScenarioError) as caught:
+        loads("format = 3", "case.toml")
+    again = pickle.loads(pickle.dumps(caught.value))
+    assert str(again) == str(caught.value)
+    assert again.problems == caught.value.problems

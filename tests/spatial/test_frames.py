@@ -1,0 +1,155 @@
+"""Earth frames against pymap3d, and against what NASA's NESC check-cases log in all three frames."""
+
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pymap3d
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from jax.test_util import check_grads
+
+from anser.constants import EARTH_ROTATION_RAD_S
+from anser.spatial import (
+    ecef_from_eci,
+    ecef_from_geodetic,
+    ecef_from_ned_point,
+    eci_from_ecef,
+    geodetic_from_ecef,
+    ned_from_ecef_point,
+    rotate,
+    rotate_back,
+    rotation_ecef_from_eci,
+    rotation_ned_from_ecef,
+    velocity_ecef_from_eci,
+    velocity_eci_from_ecef,
+)
+from anser.units import DEG_RAD, FOOT_M
+
+latitudes = st.floats(-math.pi / 2, math.pi / 2)
+longitudes = st.floats(-math.pi, math.pi)
+generic = settings(deadline=None, max_examples=30)
+position_slopes = jax.jit(jax.jacfwd(ecef_from_geodetic, argnums=(0, 1, 2)))  # once, not for every example
+POSITION_ROUNDING_M = 1e-8  # one unit in the last place of 6.4e6 m is 9e-10 m; some ten of them
+
+# [NESC] check-case 11 (F-16 trim, rotating WGS-84), participant sim_05 after 180 s, logged to ten figures. There the
+# inertial frame coincides with the Earth-fixed one at time 0.
+TIME_S = 180.0
+GEODETIC = (36.21574214 * DEG_RAD, -75.42944493 * DEG_RAD, 10012.93457 * FOOT_M)
+VELOCITY_NED_FT_S = [396.2789184, 403.6892787, 0.0008088155928]
+POSITION_ECEF_FT = [4254235.919, -16366740.04, 12300968.96]
+POSITION_ECI_FT = [4468689.952, -16309491.5, 12300968.96]
+VELOCITY_ECI_FT_S = [1516.775784, 658.3487725, 319.7165655]
+# Ten figures of an angle of 75 deg are 5e-9 deg or 0.6 mm, of a coordinate of 1.6e7 ft 0.005 ft or 1.5 mm,
+# of a speed of 1500 ft/s 5e-7 ft/s or 1.5e-7 m/s.
+LOGGED_POSITION_M = 3e-3
+LOGGED_VELOCITY_M_S = 4e-7
+
+
+def test_nesc_positions():
+    position_e = ecef_from_geodetic(*GEODETIC)
+    np.testing.assert_allclose(position_e, np.array(POSITION_ECEF_FT) * FOOT_M, atol=LOGGED_POSITION_M)
+    position_i = eci_from_ecef(position_e, TIME_S, 0.0)
+    np.testing.assert_allclose(position_i, np.array(POSITION_ECI_FT) * FOOT_M, atol=LOGGED_POSITION_M)
+    lat, lon, h = geodetic_from_ecef(ecef_from_eci(jnp.array(POSITION_ECI_FT) * FOOT_M, TIME_S, 0.0))
+    assert lat == pytest.approx(GEODETIC[0], abs=LOGGED_POSITION_M / 6.4e6)
+    assert lon == pytest.approx(GEODETIC[1], abs=LOGGED_POSITION_M / 6.4e6)
+    assert h == pytest.approx(GEODETIC[2], abs=LOGGED_POSITION_M)
+
+
+def test_nesc_velocities():
+    R_ne = rotation_ned_from_ecef(*GEODETIC[:2])
+    velocity_e = rotate_back(R_ne, jnp.array(VELOCITY_NED_FT_S) * FOOT_M)
+    velocity_i = velocity_eci_from_ecef(ecef_from_geodetic(*GEODETIC), velocity_e, TIME_S, 0.0)
+    np.testing.assert_allclose(velocity_i, np.array(VELOCITY_ECI_FT_S) * FOOT_M, atol=LOGGED_VELOCITY_M_S)
+    position_i, velocity_i = jnp.array(POSITION_ECI_FT) * FOOT_M, jnp.array(VELOCITY_ECI_FT_S) * FOOT_M
+    velocity_n = rotate(R_ne, velocity_ecef_from_eci(position_i, velocity_i, TIME_S, 0.0))
+    np.testing.assert_allclose(velocity_n, np.array(VELOCITY_NED_FT_S) * FOOT_M, atol=LOGGED_VELOCITY_M_S)
+
+
+def test_earth_turns_eastwards():
+    """A place that starts on the inertial x axis moves towards inertial y: a quarter turn in a quarter day."""
+    quarter_s = 0.5 * math.pi / EARTH_ROTATION_RAD_S
+    assert quarter_s == pytest.approx(86164.1 / 4.0, abs=0.1)  # a sidereal day, in seconds
+    position_i = eci_from_ecef(jnp.array([7e6, 0.0, 0.0]), quarter_s, 0.0)
+    np.testing.assert_allclose(position_i, [0.0, 7e6, 0.0], atol=POSITION_ROUNDING_M)
+    position_e = ecef_from_eci(jnp.array([7e6, 0.0, 0.0]), 0.0, 0.5 * math.pi)
+    np.testing.assert_allclose(position_e, [0.0, -7e6, 0.0], atol=POSITION_ROUNDING_M)
+
+
+vectors = st.tuples(*[st.floats(-8e6, 8e6)] * 3).map(jnp.array)
+velocities = st.tuples(*[st.floats(-8e3, 8e3)] * 3).map(jnp.array)
+
+
+@generic
+@given(vectors, velocities, st.floats(0.0, 1e5), longitudes)
+def test_inertial_frame_round_trip(position_e, velocity_e, time, longitude_0):
+    position_i = eci_from_ecef(position_e, time, longitude_0)
+    np.testing.assert_allclose(ecef_from_eci(position_i, time, longitude_0), position_e, atol=POSITION_ROUNDING_M)
+    velocity_i = velocity_eci_from_ecef(position_e, velocity_e, time, longitude_0)
+    back = velocity_ecef_from_eci(position_i, velocity_i, time, longitude_0)
+    np.testing.assert_allclose(back, velocity_e, atol=1e-11)  # speeds of 1e4 m/s round by 2e-12
+
+
+@generic
+@given(vectors, velocities, st.floats(0.0, 1e4), longitudes)
+def test_velocity_is_the_time_derivative_of_position(position_e, velocity_e, time, longitude_0):
+    """Differentiating the moving point's inertial position gives the transport term without writing it down."""
+    _, velocity_i = jax.jvp(
+        lambda position, t: eci_from_ecef(position, t, longitude_0), (position_e, time), (velocity_e, 1.0)
+    )
+    expected = velocity_eci_from_ecef(position_e, velocity_e, time, longitude_0)
+    np.testing.assert_allclose(velocity_i, expected, atol=1e-11)  # as above
+
+
+@generic
+@given(latitudes, longitudes, st.floats(-1e5, 1e5), st.floats(-1e5, 1e5), st.floats(-2e4, 2e3))
+def test_tangent_plane_agrees_with_pymap3d(lat, lon, north, east, down):
+    position_n = jnp.array([north, east, down])
+    position_e = jax.jit(ecef_from_ned_point)(position_n, lat, lon, 300.0)
+    expected = pymap3d.ned2ecef(north, east, down, lat, lon, 300.0, deg=False)
+    np.testing.assert_allclose(position_e, expected, atol=POSITION_ROUNDING_M)
+    back = jax.jit(ned_from_ecef_point)(position_e, lat, lon, 300.0)
+    np.testing.assert_allclose(back, position_n, atol=POSITION_ROUNDING_M)
+    east_, north_, up_ = pymap3d.ecef2enu(*[float(x) for x in position_e], lat, lon, 300.0, deg=False)
+    np.testing.assert_allclose(back, [north_, east_, -up_], atol=2 * POSITION_ROUNDING_M)
+
+
+@generic
+@given(latitudes, longitudes)
+def test_rotations_are_proper(lat, lon):
+    for R in (rotation_ned_from_ecef(lat, lon), rotation_ecef_from_eci(1e4 * lat, lon)):
+        np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-15)
+        assert np.linalg.det(R) == pytest.approx(1.0, abs=2e-15)
+
+
+@generic
+@given(st.floats(-1.5, 1.5), longitudes)
+def test_local_axes_point_along_the_coordinates(lat, lon):
+    """North, east and up are where latitude, longitude and height grow: checked by differentiating the position."""
+    axes_e = position_slopes(lat, lon, 500.0)
+    R_ne = rotation_ned_from_ecef(lat, lon)
+    for axis, sign, row in zip(axes_e, (1.0, 1.0, -1.0), R_ne, strict=True):
+        # The derivative of the position cancels terms of relative size e^2, and rounds.
+        np.testing.assert_allclose(sign * axis / np.linalg.norm(axis), row, atol=5e-15)
+
+
+def test_gradients_agree_with_differences():
+    p = jnp.array([0.4, -0.7, 0.6])
+    check_grads(jax.jit(lambda p, t: ecef_from_eci(p, 1e4 * t, 0.3)), (p, 0.5), order=1)
+    check_grads(jax.jit(lambda p, v, t: velocity_ecef_from_eci(p, v, 1e4 * t, 0.3)), (p, p[::-1], 0.5), order=1)
+    check_grads(jax.jit(rotation_ned_from_ecef), (0.7, -0.4), order=1)
+    gradient = jax.jit(jax.jacrev(ned_from_ecef_point, argnums=(0, 1, 2, 3)))(1e7 * p, 0.7, -0.4, 10.0)
+    assert all(np.all(np.isfinite(part)) for part in gradient)
+
+
+def test_vmap_agrees_with_one_at_a_time():
+    time = jnp.linspace(0.0, 1e4, 7)
+    position_i = 7e6 * jax.random.normal(jax.random.key(3), (7, 3))
+    batch = jax.jit(jax.vmap(ecef_from_eci, in_axes=(0, 0, None)))(position_i, time, 0.2)
+    np.testing.assert_allclose(batch[5], ecef_from_eci(position_i[5], time[5], 0.2), atol=2 * POSITION_ROUNDING_M)
+    batch = jax.jit(jax.vmap(ned_from_ecef_point, in_axes=(0, None, None, None)))(position_i, 0.7, -0.4, 0.0)
+    one = ned_from_ecef_point(position_i[5], 0.7, -0.4, 0.0)
+    np.testing.assert_allclose(batch[5], one, atol=2 * POSITION_ROUNDING_M)
