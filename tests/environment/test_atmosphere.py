@@ -37,7 +37,7 @@ BASES_M = np.array([row[0] for row in PRINTED_BASES])
 
 @pytest.mark.parametrize(("base", "temperature", "pressure", "half_unit"), PRINTED_BASES)
 def test_printed_bases(base, temperature, pressure, half_unit):
-    """The chained pressures round to the printed ones; with the newer gas constant 8.31447 five of the seven would not."""
+    """The chained pressures round to the printed ones; with the newer gas constant 8.31447 none of the seven would."""
     air = air_at(geometric_from_geopotential(base))
     assert air.temperature == pytest.approx(temperature, abs=1e-9)  # rounding of the altitude, 1e-11 m
     assert air.pressure == pytest.approx(pressure, abs=half_unit + 1e-9)
@@ -63,8 +63,8 @@ NESC_AIR = [
 def test_nesc_check_cases(altitude_ft, density, speed_of_sound, pressure, temperature):
     """The two participants differ from each other by the constants they rounded; we may be as far from their mean.
 
-    Density by 3e-6 (sim_05 starts from 0.0023769), sound by 1e-6, pressure by 1e-5 (sim_04 from 2116.238). The newer gas
-    constant, 1.8e-5 larger, would miss density by 1.8e-5 and sound by 9e-6.
+    Density by 3e-6 (sim_05 starts from 0.0023769), sound by 1e-6, pressure by 1e-5 (sim_04 from 2116.238). The newer
+    gas constant, 1.8e-5 larger, would miss density by up to 1.8e-5 and sound by 9e-6.
     """
     air = air_at(altitude_ft * FOOT_M)
     assert air.density / SLUG_FT3_KG_M3 == pytest.approx(np.mean(density), rel=3e-6)
@@ -79,7 +79,7 @@ def test_agrees_with_ambiance(altitude):
     """ICAO 1993, the same layers: from -5 km to 80 km geopotential."""
     air, other = air_at(altitude), AmbianceAtmosphere(altitude)
     assert air.temperature == pytest.approx(other.temperature[0], rel=1e-13)
-    # ICAO has the molar mass 28.964420 g/mol and 287.05287 J/(kg K), [USSA76] 28.9644: 7e-7 apart; sound takes the root.
+    # ICAO has the molar mass 28.964420 g/mol, [USSA76] 28.9644: 7e-7 apart; sound takes the root.
     assert air.speed_of_sound == pytest.approx(other.speed_of_sound[0], rel=4e-7)
     # In the exponent that makes up to 8e-6 (ICAO prints 3.95639 Pa at 71 km), and ICAO's bases have six figures only.
     assert air.pressure == pytest.approx(other.pressure[0], rel=1.2e-5)
@@ -89,7 +89,7 @@ def test_agrees_with_ambiance(altitude):
 @settings(deadline=None, max_examples=60)
 @given(st.floats(-4999.0, 120e3))
 def test_laws_of_the_air(altitude):
-    """Ideal gas, sound, and by differentiation the hydrostatic equation dp/dz = -rho g(z): no layer formula is shared."""
+    """Ideal gas, speed of sound and, by differentiation, the hydrostatic equation dp/dz = -rho g(z)."""
     air, slopes = air_at(altitude), slopes_at(altitude)
     R_air = GAS_CONSTANT_J_MOL_K / AIR_MOLAR_MASS_KG_MOL
     # A few roundings of relative size 1e-16.

@@ -24,11 +24,14 @@ def signed_root(x, p):
     return jnp.sign(x - p) * size, 0.5 / jnp.maximum(size, 1e-300)
 
 
+find = jax.jit(lambda f, root, guess: bracketed_newton(f, root, -1.0, 1.0, guess, 60), static_argnums=0)
+
+
 @settings(deadline=None, max_examples=30)
 @given(root=st.floats(-0.9, 0.9), guess=st.floats(-1.5, 1.5))
 @pytest.mark.parametrize("function", [arctangent, signed_root])
 def test_finds_roots_that_plain_newton_misses(function, root, guess):
-    found = bracketed_newton(function, jnp.asarray(root), -1.0, 1.0, guess, 60)
+    found = find(function, jnp.asarray(root), guess)
     # 60 halvings of a width of 2 leave nothing above rounding.
     np.testing.assert_allclose(found.x, root, atol=1e-14)
 

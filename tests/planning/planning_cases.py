@@ -7,10 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 from hypothesis import strategies as st
 
-from anser.planning import Rendezvous, Trajectory, fit_trajectory, make_rendezvous
+from anser.planning import Rendezvous, Trajectory, coordinate, fit_trajectory, make_rendezvous
 
 angles = st.floats(-3.1, 3.1)
 path_angles = st.floats(-0.6, 0.6)
+_fit = jax.jit(fit_trajectory)
+# One compiled planner per fleet size for all tests.
+plan_at = jax.jit(coordinate)
 
 
 def velocity(speed, course, path_angle=0.0):
@@ -26,7 +29,7 @@ def trajectories(draw):
     duration = jnp.linalg.norm(line) / 150.0 * draw(st.floats(0.8, 1.6))
     start = jnp.array([draw(st.floats(-1e4, 1e4)), draw(st.floats(-1e4, 1e4)), draw(st.floats(-3e3, 0.0))])
     ends = [velocity(150.0, draw(angles), draw(path_angles)) for _ in range(2)]
-    return fit_trajectory(draw(st.floats(0.0, 100.0)), duration, start, ends[0], start + line, ends[1])
+    return _fit(draw(st.floats(0.0, 100.0)), duration, start, ends[0], start + line, ends[1])
 
 
 def published_path(path_angle_f_deg: float, b_4: float = 0.0, c_4: float = 0.0) -> Trajectory:

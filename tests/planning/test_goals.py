@@ -17,6 +17,10 @@ def ship():
     return waypoint_goal(TIMES, POINTS, jnp.array([3.0, 4.0, 0.0]))
 
 
+position = jax.jit(lambda goal, time: goal.position_n(time))
+slopes = jax.jit(jax.grad(lambda g, t: jnp.sum(g.position_n(t) ** 2 + g.velocity_n(t) ** 2), argnums=(0, 1)))
+
+
 @settings(deadline=None, max_examples=20)
 @given(time=st.floats(0.0, 500.0))
 def test_straight_goal(time):
@@ -33,8 +37,8 @@ def test_waypoints_against_interpolation(time):
     after = np.array([3.0, 4.0, 0.0]) * max(time - 70.0, 0.0)
     expected = [np.interp(time, TIMES, np.asarray(POINTS)[:, axis]) + after[axis] for axis in range(3)]
     # Sums in another order: rounding of some 1e3 m.
-    np.testing.assert_allclose(goal.position_n(time), expected, atol=1e-11)
-    np.testing.assert_allclose(pad_waypoints(goal, 7).position_n(time), expected, atol=1e-11)
+    np.testing.assert_allclose(position(goal, time), expected, atol=1e-11)
+    np.testing.assert_allclose(position(pad_waypoints(goal, 7), time), expected, atol=1e-11)
 
 
 def test_velocity_by_legs():
@@ -64,7 +68,7 @@ def test_unlike_goals_stack_and_vmap():
 @pytest.mark.parametrize("time", [0.0, 10.0, 40.0, 70.0, 90.0])
 def test_gradients_are_finite_with_padding(time):
     goal = pad_waypoints(ship(), 6)
-    gradient = jax.grad(lambda g, t: jnp.sum(g.position_n(t) ** 2 + g.velocity_n(t) ** 2), argnums=(0, 1))(goal, time)
+    gradient = slopes(goal, time)
     assert all(jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(gradient))
     if time == 40.0:
         np.testing.assert_allclose(jax.jacfwd(goal.position_n)(time), goal.velocity_n(time))

@@ -12,6 +12,9 @@ from anser.planning import final_air_velocity, make_rendezvous, polar, time_to_g
 
 ABOVE = jnp.array([0.0, 0.0, -300.0])
 to_go = jax.jit(time_to_go)
+arrival = jax.jit(final_air_velocity)
+slopes = jax.jit(jax.jacrev(lambda x, w, how: final_air_velocity(how, x, 150.0, w)[0], argnums=(0, 1)))
+slopes_to_go = jax.jit(jax.jacrev(lambda x, w: time_to_go(x, w, 150.0)[0], argnums=(0, 1)))
 
 
 @settings(deadline=None, max_examples=50)
@@ -53,7 +56,7 @@ def test_outrunning_goals_are_reported():
 def test_prescribed_arrival_over_the_ground(bearing, slope, course, path_angle, wind, blow):
     line, wind_n = 5e3 * velocity(1.0, bearing, slope), velocity(wind, blow)
     for chi, gamma in ((None, None), (course, None), (None, path_angle), (course, path_angle)):
-        air, attainable = final_air_velocity(make_rendezvous(ABOVE, chi, gamma), line, 150.0, wind_n)
+        air, attainable = arrival(make_rendezvous(ABOVE, chi, gamma), line, 150.0, wind_n)
         assert attainable
         np.testing.assert_allclose(jnp.linalg.norm(air), 150.0, rtol=1e-13)
         seen = polar(air + wind_n, jnp.zeros(3))
@@ -75,11 +78,8 @@ def test_unattainable_direction_is_reported_and_left_free():
 @pytest.mark.parametrize("wind", [(0.0, 0.0, 0.0), (-150.0, 0.0, 0.0), (0.0, 300.0, 0.0)])
 @pytest.mark.parametrize("chi", [None, 0.3])
 def test_gradients_are_finite(line, wind, chi):
-    how = make_rendezvous(ABOVE, chi)
-    jacobian = jax.jacrev(lambda x, w: final_air_velocity(how, x, 150.0, w)[0], argnums=(0, 1))(
-        jnp.array(line), jnp.array(wind)
-    )
-    times = jax.jacrev(lambda x, w: time_to_go(x, w, 150.0)[0], argnums=(0, 1))(jnp.array(line), jnp.array(wind))
+    jacobian = slopes(jnp.array(line), jnp.array(wind), make_rendezvous(ABOVE, chi))
+    times = slopes_to_go(jnp.array(line), jnp.array(wind))
     assert all(jnp.all(jnp.isfinite(leaf)) for leaf in (*jacobian, *times))
 
 

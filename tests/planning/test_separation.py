@@ -4,11 +4,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from planning_cases import published_fleet, random_fleet, velocity
+from planning_cases import plan_at, published_fleet, random_fleet, velocity
 
-from anser.planning import choose_sides, coordinate, fit_trajectory, separation_min
+from anser.planning import choose_sides, fit_trajectory, separation_min
 
-plan_at = jax.jit(coordinate)
 choose = jax.jit(choose_sides)
 least = jax.jit(separation_min)
 
@@ -51,13 +50,13 @@ def test_gradient_is_finite_also_for_coincident_aircraft():
         distance = separation_min(paths)
         return jnp.sum(jnp.where(jnp.isfinite(distance), distance, 0.0))
 
-    paths = crossing()
+    slopes, paths = jax.jit(jax.grad(closest)), crossing()
     doubled = jax.tree.map(lambda leaf: leaf[jnp.array([0, 0, 1])], paths)
     for fleet in (paths, doubled):
-        gradient = jax.grad(closest)(fleet)
+        gradient = slopes(fleet)
         assert all(jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(gradient))
     # Lifting the third aircraft by 1 m widens 1000 m by 1 m, seen from both.
-    shift = jax.grad(closest)(paths).coefficients_n[2, 2, 0]
+    shift = slopes(paths).coefficients_n[2, 2, 0]
     np.testing.assert_allclose(shift, -2.0 - 2.0 * 1000.0 / separation_min(paths)[1, 2], rtol=1e-9)
 
 

@@ -208,7 +208,8 @@ def f16_from_data(data: Mapping[str, Any], variant: str = "textbook", x_cg_over_
         sideslip_surfaces=make_surfaces(
             alpha,
             beta,
-            [_on_five_degrees(tables[n]) for n in _SIDESLIP_SURFACES] + [_odd_extension(tables[n]) for n in _ODD_SURFACES],
+            [_on_five_degrees(tables[n]) for n in _SIDESLIP_SURFACES]
+            + [_odd_extension(tables[n]) for n in _ODD_SURFACES],
         ),
     )
 

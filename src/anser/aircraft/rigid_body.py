@@ -80,7 +80,9 @@ def state_derivative(
     """
     now = condition(airframe, environment, time, state)
     wrench = now.wrench
-    gravity_n = jnp.stack([jnp.zeros_like(environment.gravity), jnp.zeros_like(environment.gravity), environment.gravity])
+    gravity_n = jnp.stack(
+        [jnp.zeros_like(environment.gravity), jnp.zeros_like(environment.gravity), environment.gravity]
+    )
     return AircraftState(
         position_n=rotate_back(now.R_bn, state.velocity_b),
         velocity_b=wrench.force_b / airframe.mass_properties.mass

@@ -8,7 +8,9 @@ from anser.aircraft import AbstractAirframe, Condition
 from anser.numerics import solve3
 from anser.shapes import Vector3
 
-_NEWTON_STEPS = 2  # moments are piecewise linear in the elevator: the second step lands when the first crossed a breakpoint
+_NEWTON_STEPS = (
+    2  # moments are piecewise linear in the elevator: the second step lands when the first crossed a breakpoint
+)
 _SLACK_RAD = 0.2  # how far beyond the stops a Newton iterate may go
 
 

@@ -107,9 +107,7 @@ def make_plant(
 ) -> Plant:
     """Gather what the loops share; `step` is the sampling period, s."""
     surfaces_slow = memory.surfaces_slow
-    slow = eqx.tree_at(
-        lambda c: c.aerodynamic, now, airframe.aerodynamics(now.air_data, state.rates_b, surfaces_slow)
-    )
+    slow = eqx.tree_at(lambda c: c.aerodynamic, now, airframe.aerodynamics(now.air_data, state.rates_b, surfaces_slow))
     motion = path_motion(now, slow.wrench.force_b, state.velocity_b, airframe.mass_properties.mass, gravity)
     return Plant(airframe, limits, gains, state, now, slow, surfaces_slow, motion, gravity, step)
 
@@ -117,7 +115,9 @@ def make_plant(
 def initial_autopilot_state(attitude: Vector3, rates_b: Vector3, surfaces: Vector3) -> AutopilotState:
     """Memory of an autopilot that has been holding the given (mu, alpha, beta), (P, Q, R) and surfaces."""
     zero = jnp.zeros(3)
-    return AutopilotState(zero, zero, zero, Differentiator(attitude), Differentiator(rates_b), Differentiator(surfaces), surfaces)
+    return AutopilotState(
+        zero, zero, zero, Differentiator(attitude), Differentiator(rates_b), Differentiator(surfaces), surfaces
+    )
 
 
 def rate_control(
@@ -135,9 +135,9 @@ def rate_control(
     demand = allocate(plant.airframe, plant.now, rates_b, plant.state.surfaces, moment_b)
     actuators, surfaces = plant.airframe.actuators, plant.state.surfaces
     wanted = actuators.limited(demand.surfaces)
-    wanted_dot = memory.surfaces_filter.rate(wanted, plant.gains.command_bandwidth)
+    wanted_dot = memory.surfaces_filter.rate(wanted, plant.gains.surfaces_command_bandwidth)
     rate = wanted_dot + plant.gains.actuator_bandwidth * (wanted - surfaces)
-    surfaces_filter = memory.surfaces_filter.advanced(wanted, plant.gains.command_bandwidth, plant.step)
+    surfaces_filter = memory.surfaces_filter.advanced(wanted, plant.gains.surfaces_command_bandwidth, plant.step)
     demand = SurfaceDemand(actuators.command_for_rate(surfaces, rate), demand.saturated)
     integral = advanced_integral(memory.rates_integral, error, jnp.any(demand.saturated), plant.step)
     fade = 1 - jnp.exp(-plant.gains.surface_bandwidth * plant.step)
@@ -161,9 +161,9 @@ def attitude_control(
     free = solve3(motion.effectiveness, nu - motion.drift)
     rates_wanted = jnp.clip(free, -plant.limits.rates_max, plant.limits.rates_max)
     integral = advanced_integral(memory.attitude_integral, error, rates_wanted != free, plant.step)
-    rates_dot = memory.rates_filter.rate(rates_wanted, gains.command_bandwidth)
+    rates_dot = memory.rates_filter.rate(rates_wanted, gains.rates_command_bandwidth)
     demand, memory = rate_control(plant, memory, rates_wanted, rates_dot)
-    rates_filter = memory.rates_filter.advanced(rates_wanted, gains.command_bandwidth, plant.step)
+    rates_filter = memory.rates_filter.advanced(rates_wanted, gains.rates_command_bandwidth, plant.step)
     memory = eqx.tree_at(lambda m: (m.attitude_integral, m.rates_filter), memory, (integral, rates_filter))
     return rates_wanted, demand, memory
 
@@ -181,13 +181,21 @@ def velocity_control(
         plant.airframe, gains.engine_bandwidth, plant.slow, plant.state.power, motion, nu[0], plant.gravity
     )
     attitude = attitude_demand(
-        plant.airframe, limits, plant.slow, plant.state.rates_b, plant.surfaces_slow, motion, nu[1], nu[2], plant.gravity
+        plant.airframe,
+        limits,
+        plant.slow,
+        plant.state.rates_b,
+        plant.surfaces_slow,
+        motion,
+        nu[1],
+        nu[2],
+        plant.gravity,
     )
     saturated = jnp.stack([thrust.saturated, attitude.alpha_saturated, attitude.bank_saturated])
     integral = advanced_integral(memory.velocity_integral, error, saturated, plant.step)
-    attitude_dot = memory.attitude_filter.rate(attitude.angles, gains.command_bandwidth)
+    attitude_dot = memory.attitude_filter.rate(attitude.angles, gains.attitude_command_bandwidth)
     rates_wanted, demand, memory = attitude_control(plant, memory, attitude.angles, attitude_dot)
-    attitude_filter = memory.attitude_filter.advanced(attitude.angles, gains.command_bandwidth, plant.step)
+    attitude_filter = memory.attitude_filter.advanced(attitude.angles, gains.attitude_command_bandwidth, plant.step)
     memory = eqx.tree_at(lambda m: (m.velocity_integral, m.attitude_filter), memory, (integral, attitude_filter))
     signals = AutopilotSignals(motion, thrust, attitude, rates_wanted, demand.surfaces)
     return Controls(surfaces=demand.surfaces, throttle=thrust.throttle), signals, memory

@@ -35,7 +35,7 @@ def wrapped(angle: Vector3 | ScalarLike) -> Vector3:
 def virtual_control(
     gains: LoopGains, error: Vector3, integral: Vector3, reference_rate: Vector3, measured_rate: Vector3 | ScalarLike
 ) -> Vector3:
-    """nu = K_FF r_dot + K_P e + K_I integral(e) + K_D (r_dot - y_dot) (theory section 5; sign per section 9 no. 4).
+    """Nu = K_FF r_dot + K_P e + K_I integral(e) + K_D (r_dot - y_dot) (theory section 5; sign per section 9 no. 4).
 
     Parameters
     ----------

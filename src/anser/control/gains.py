@@ -30,8 +30,8 @@ class AutopilotGains(eqx.Module):
         Channels mu, alpha, beta.
     velocity
         Channels V, gamma, chi.
-    command_bandwidth
-        Bandwidth of the filters that differentiate the inner loops' commands for the feed-forward, rad/s.
+    attitude_command_bandwidth, rates_command_bandwidth, surfaces_command_bandwidth
+        Bandwidths of the filters that differentiate the commands passed inwards, for the feed-forward, rad/s.
     actuator_bandwidth
         Bandwidth that the allocation asks of the actuators by inverting their lag, 1/s.
     surface_bandwidth
@@ -43,7 +43,9 @@ class AutopilotGains(eqx.Module):
     rates: LoopGains
     attitude: LoopGains
     velocity: LoopGains
-    command_bandwidth: Scalar
+    attitude_command_bandwidth: Scalar
+    rates_command_bandwidth: Scalar
+    surfaces_command_bandwidth: Scalar
     actuator_bandwidth: Scalar
     surface_bandwidth: Scalar
     engine_bandwidth: Scalar
@@ -62,7 +64,9 @@ def published_gains() -> AutopilotGains:
         rates=loop_gains(10.0, 0.25, 1.0),
         attitude=loop_gains(2.0),
         velocity=loop_gains(1.0, 0.025),
-        command_bandwidth=jnp.asarray(20.0),
+        attitude_command_bandwidth=jnp.asarray(4.0),
+        rates_command_bandwidth=jnp.asarray(3.0),
+        surfaces_command_bandwidth=jnp.asarray(20.0),
         actuator_bandwidth=jnp.asarray(40.0),
         surface_bandwidth=jnp.asarray(2.0),
         engine_bandwidth=jnp.asarray(5.0),

@@ -52,7 +52,9 @@ def thrust_demand(
     wanted = airframe.power_for_thrust(thrust, altitude, mach)
     throttle = airframe.throttle_for_power_rate(power, engine_bandwidth * (wanted - power))
     reachable = airframe.propulsion(wanted, altitude, mach).force_b[0]
-    return ThrustDemand(throttle=throttle, thrust=thrust, saturated=jnp.abs(thrust - reachable) > 1.0 + 1e-6 * reachable)
+    return ThrustDemand(
+        throttle=throttle, thrust=thrust, saturated=jnp.abs(thrust - reachable) > 1.0 + 1e-6 * reachable
+    )
 
 
 def attitude_demand(

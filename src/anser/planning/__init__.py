@@ -2,14 +2,15 @@
 
 from anser.planning.arc_length import arc_length, arc_length_estimate
 from anser.planning.commands import PathCommand, polar
-from anser.planning.coordination import PLAN_MESSAGES, FleetPlan, coordinate
+from anser.planning.coordination import PLAN_MESSAGES, FleetPlan, PlanningTask, coordinate
 from anser.planning.goals import GoalMotion, pad_waypoints, straight_goal, waypoint_goal
 from anser.planning.limits import LIMIT_MESSAGES, LimitReport, PathLimits, check_limits
 from anser.planning.line_of_sight import LineOfSight, measure, recover
 from anser.planning.rendezvous import Rendezvous, final_air_velocity, make_rendezvous, time_to_go
+from anser.planning.renewal import renew
 from anser.planning.separation import choose_sides, separation_min
 from anser.planning.shape import Bend, solve_lateral_bend
-from anser.planning.trajectory import Trajectory, bend_trajectory, fit_trajectory, lateral_direction_n
+from anser.planning.trajectory import Trajectory, bend_trajectory, fit_trajectory, lateral_direction_n, with_even_speed
 
 __all__ = [
     "LIMIT_MESSAGES",
@@ -21,6 +22,7 @@ __all__ = [
     "LineOfSight",
     "PathCommand",
     "PathLimits",
+    "PlanningTask",
     "Rendezvous",
     "Trajectory",
     "arc_length",
@@ -37,9 +39,11 @@ __all__ = [
     "pad_waypoints",
     "polar",
     "recover",
+    "renew",
     "separation_min",
     "solve_lateral_bend",
     "straight_goal",
     "time_to_go",
     "waypoint_goal",
+    "with_even_speed",
 ]

@@ -9,7 +9,8 @@ from anser.numerics.newton import bracketed_newton
 from anser.planning.arc_length import arc_length
 from anser.planning.rendezvous import Rendezvous, final_air_velocity, time_to_go
 from anser.planning.shape import solve_lateral_bend
-from anser.planning.trajectory import Trajectory, bend_trajectory, fit_trajectory
+from anser.planning.trajectory import Trajectory, bend_trajectory, fit_trajectory, with_even_speed
+from anser.planning.vectors import norm
 from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
 
 PLANNED, GOAL_OUTRUNS, NO_COMMON_TIME, NO_BEND, DIRECTION_UNATTAINABLE = range(5)
@@ -21,10 +22,11 @@ PLAN_MESSAGES = (
     "the prescribed direction of arrival cannot be flown in this wind; it was left free",
 )
 
-# Arrival times tried for a first change of sign, in units of the fleet's longest time to go. That is a lower bound:
-# no path is shorter than the straight line. Goals at rest need at most 2.2 (the slope terms of the cubic have length
-# 0.53 T V at most); of 20,000 random tasks with goals at up to 60 percent of the airspeed none needed more than 1.7.
-_TIME_RATIOS = (0.999, 1.001, 1.05, 1.2, 1.5, 2.0, 3.0, 5.0, 10.0)
+# Arrival times tried for a first change of sign, in units of the fleet's longest time to go. In a first plan that is a
+# lower bound: no path is shorter than the straight line. A fleet that has fallen behind may have to be faster: hence the
+# ratios below 1, where the whole fleet is in time at the first of which only a path of no length could. Goals at rest need at most 2.1 (the slope terms of the cubic have length
+# 0.505 T V at most); of 20,000 random tasks with goals at up to 60 percent of the airspeed none needed more than 1.7.
+_TIME_RATIOS = (0.3, 0.7, 0.9, 0.97, 0.999, 1.001, 1.05, 1.2, 1.5, 2.0, 3.0, 5.0, 10.0)
 # The same tasks took 8 steps at most.
 ARRIVAL_STEPS = 12
 # The fixed point is met when the longest path takes the arrival time to within this, s.
@@ -43,7 +45,9 @@ class FleetPlan(eqx.Module):
     nominal_lengths: Float[Array, " aircraft"]
     """Lengths of the unbent air paths, m."""
     reference_length: Scalar
-    """The longest of them among aircraft that can reach their goal, m; the length all fly."""
+    """The longest of them among aircraft that can reach their goal, m; the length all fly (plus what each is due)."""
+    lengths: Float[Array, " aircraft"]
+    """Lengths of the paths as planned, m."""
     lateral_bends: Float[Array, " aircraft"]
     """m, positive to the right; exactly 0 for the farthest."""
     farthest: Count
@@ -55,8 +59,30 @@ class FleetPlan(eqx.Module):
     """Index into PLAN_MESSAGES."""
 
 
-class _Task(eqx.Module):
-    """What one aircraft knows when it plans."""
+class PlanningTask(eqx.Module):
+    """What one aircraft knows when it plans; stacked, what a fleet knows.
+
+    Attributes
+    ----------
+    position_n
+        Its own, NED, m.
+    air_velocity_n
+        Its own velocity relative to the air, NED, m/s.
+    goal_position_n, goal_velocity_n
+        Its goal as sensed now, NED, m and m/s over the ground; predicted at steady velocity.
+    rendezvous
+        How it is to meet the goal.
+    wind_n
+        As it measures it, NED, m/s.
+    origin_n
+        Where it made its first plan, carried along with the air since, NED, m: its own position in a first plan. The
+        line from there to the rendezvous sets the free direction of arrival and the direction of the bend.
+    length_due
+        How much less than speed times time it has flown since its first plan, m: 0 in a first plan. It is added to what
+        it flies from here, so that the mean airspeed of the whole flight is the same for all, and a plan renewed on its
+        own path is the same plan. (The speed varies along a trajectory: without this, the rest of a path has another
+        mean speed than the whole, and the arrival time wanders from plan to plan.)
+    """
 
     position_n: Vector3
     air_velocity_n: Vector3
@@ -64,22 +90,51 @@ class _Task(eqx.Module):
     goal_velocity_n: Vector3
     rendezvous: Rendezvous
     wind_n: Vector3
+    origin_n: Vector3
+    length_due: Scalar
+    deceleration: Scalar
 
 
-def _nominal(task: _Task, start_time: Scalar, duration: Scalar, speed: Scalar) -> tuple[Trajectory, Flag]:
-    """Unbent trajectory to where the rendezvous will be, and whether the prescribed arrival direction is flown."""
+def nominal_trajectory(
+    task: PlanningTask,
+    start_time: ScalarLike,
+    duration: ScalarLike,
+    speed: ScalarLike,
+    stretches: tuple[Scalar, Scalar] | None = None,
+) -> tuple[Trajectory, Flag]:
+    """Unbent trajectory to where the rendezvous will be, and whether the prescribed arrival direction is flown.
+
+    `stretches` are |dr/ds| at both ends, m; airspeed times duration where none are given.
+    """
     drift = task.goal_velocity_n - task.wind_n
     end = task.goal_position_n + drift * duration + task.rendezvous.stand_off_n
-    final, attainable = final_air_velocity(task.rendezvous, end - task.position_n, speed, task.wind_n)
-    fit = fit_trajectory(start_time, duration, task.position_n, task.air_velocity_n, end, final, wind_n=task.wind_n)
+    line = end - task.origin_n
+    final, attainable = final_air_velocity(task.rendezvous, line, speed, task.wind_n)
+    velocity_0 = task.air_velocity_n
+    if stretches is not None:
+        velocity_0 = velocity_0 * (stretches[0] / (duration * jnp.maximum(norm(velocity_0), 1.0)))
+        final = final * (stretches[1] / (duration * speed))
+    fit = fit_trajectory(
+        start_time,
+        duration,
+        task.position_n,
+        velocity_0,
+        end,
+        final,
+        wind_n=task.wind_n,
+        line_n=line,
+    )
     return fit, attainable
 
 
-def _lengths(tasks: _Task, duration: Scalar, speed: Scalar) -> Float[Array, " aircraft"]:
-    return jax.vmap(lambda task: arc_length(_nominal(task, jnp.zeros(()), duration, speed)[0]))(tasks)
+def _lengths(tasks: PlanningTask, duration: Scalar, speed: Scalar) -> Float[Array, " aircraft"]:
+    """Unbent lengths, less what each aircraft is behind (theory section 8's L_i where none is)."""
+    return jax.vmap(
+        lambda task: arc_length(nominal_trajectory(task, jnp.zeros(()), duration, speed)[0]) - task.length_due
+    )(tasks)
 
 
-def _shortfall(duration: Scalar, data: tuple[_Task, Scalar, Bool[Array, " aircraft"]]) -> tuple[Scalar, Scalar]:
+def _shortfall(duration: Scalar, data: tuple[PlanningTask, Scalar, Bool[Array, " aircraft"]]) -> tuple[Scalar, Scalar]:
     """Arrival time minus what the longest path takes at the airspeed, and its slope."""
     tasks, speed, counted = data
 
@@ -89,10 +144,10 @@ def _shortfall(duration: Scalar, data: tuple[_Task, Scalar, Bool[Array, " aircra
     return jax.jvp(value, (duration,), (jnp.ones_like(duration),))
 
 
-def _common_duration(tasks: _Task, speed: Scalar) -> tuple[Scalar, Flag, Bool[Array, " aircraft"]]:
+def _common_duration(tasks: PlanningTask, speed: Scalar) -> tuple[Scalar, Flag, Bool[Array, " aircraft"]]:
     """Least time that the longest path just takes; whether it was found; which goals can be reached."""
 
-    def to_go(task: _Task) -> tuple[Scalar, Flag]:
+    def to_go(task: PlanningTask) -> tuple[Scalar, Flag]:
         line = task.goal_position_n + task.rendezvous.stand_off_n - task.position_n
         return time_to_go(line, task.goal_velocity_n - task.wind_n, speed)
 
@@ -113,16 +168,17 @@ def _common_duration(tasks: _Task, speed: Scalar) -> tuple[Scalar, Flag, Bool[Ar
     return root.x, found, reachable
 
 
+def _timed(path: Trajectory, task: PlanningTask, even_speed: Flag | bool) -> Trajectory:
+    """Give a path its time law, from the aircraft's present airspeed."""
+    return with_even_speed(path, norm(task.air_velocity_n), task.deceleration, even=even_speed)
+
+
 def coordinate(
     time: ScalarLike,
-    positions_n: Float[Array, "aircraft 3"],
-    air_velocities_n: Float[Array, "aircraft 3"],
-    goal_positions_n: Float[Array, "aircraft 3"],
-    goal_velocities_n: Float[Array, "aircraft 3"],
-    rendezvous: Rendezvous,
+    tasks: PlanningTask,
     speed: ScalarLike,
-    wind_n: Float[Array, "aircraft 3"],
     sides: Real[Array, " aircraft"],
+    even_speed: Flag | bool = False,
 ) -> FleetPlan:
     """Plan a fleet's simultaneous arrival from its present state.
 
@@ -130,20 +186,14 @@ def coordinate(
     ----------
     time
         Now, s.
-    positions_n
-        Aircraft, NED, m.
-    air_velocities_n
-        Their velocities relative to the air, NED, m/s.
-    goal_positions_n, goal_velocities_n
-        Each aircraft's goal as sensed now, NED, m and m/s over the ground; predicted at steady velocity.
-    rendezvous
+    tasks
         Stacked, one per aircraft.
     speed
         Mean airspeed of all, m/s.
-    wind_n
-        Wind as measured by each aircraft, NED, m/s.
     sides
         Positive or zero: detour to the right; negative: to the left.
+    even_speed
+        Whether paths are flown at an even speed; otherwise the parameter runs evenly with time, as published.
 
     Returns
     -------
@@ -156,18 +206,19 @@ def coordinate(
     160 at 60 percent. The longest time to go along straight lines is a lower bound of it.
     """
     start, speed = jnp.asarray(time, dtype=float), jnp.asarray(speed, dtype=float)
-    tasks = _Task(positions_n, air_velocities_n, goal_positions_n, goal_velocities_n, rendezvous, wind_n)
+    due = tasks.length_due
     duration, found, reachable = _common_duration(tasks, speed)
 
-    nominal, attainable = jax.vmap(lambda task: _nominal(task, start, duration, speed))(tasks)
+    nominal, attainable = jax.vmap(lambda task: nominal_trajectory(task, start, duration, speed))(tasks)
     lengths = jax.vmap(arc_length)(nominal)
-    counted = jnp.where(reachable | ~jnp.any(reachable), lengths, 0.0)
+    counted = jnp.where(reachable | ~jnp.any(reachable), lengths - due, 0.0)
     farthest, reference = jnp.argmax(counted), jnp.max(counted)
 
-    bends = jax.vmap(lambda path, side: solve_lateral_bend(path, reference, side))(nominal, sides)
+    bends = jax.vmap(lambda path, side, behind: solve_lateral_bend(path, reference + behind, side))(nominal, sides, due)
     kappa = jnp.where(jnp.arange(lengths.shape[0]) == farthest, 0.0, bends.kappa)
-    trajectories = jax.vmap(bend_trajectory)(nominal, kappa)
-    status = jnp.where(attainable, PLANNED, DIRECTION_UNATTAINABLE)
+    bent = jax.vmap(bend_trajectory)(nominal, kappa)
+    trajectories = jax.vmap(_timed, in_axes=(0, 0, None))(bent, tasks, even_speed)
+    status = jnp.where(attainable, jnp.asarray(PLANNED, dtype=int), DIRECTION_UNATTAINABLE)
     status = jnp.where(bends.converged, status, NO_BEND)
     status = jnp.where(found, status, NO_COMMON_TIME)
     status = jnp.where(reachable, status, GOAL_OUTRUNS)
@@ -176,6 +227,7 @@ def coordinate(
         arrival_time=start + duration,
         nominal_lengths=lengths,
         reference_length=reference,
+        lengths=jax.vmap(arc_length)(trajectories),
         lateral_bends=kappa,
         farthest=farthest,
         converged=bends.converged & found & reachable,

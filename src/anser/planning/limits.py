@@ -91,7 +91,7 @@ def check_limits(trajectory: Trajectory, limits: PathLimits, gravity: ScalarLike
         climb_rate_max <= limits.climb_rate_max,
         altitude_min >= limits.altitude_min,
     )
-    status = jnp.asarray(WITHIN_LIMITS)
+    status = jnp.asarray(WITHIN_LIMITS, dtype=int)
     for code, ok in reversed(list(enumerate(kept, start=TOO_SLOW))):
         status = jnp.where(ok, status, code)
     return LimitReport(

@@ -1,5 +1,6 @@
 """Distances between the aircraft of a fleet along their plans, and the choice of the sides of their detours."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
@@ -7,7 +8,7 @@ from jaxtyping import Array, Bool, Float, Int, Real
 
 from anser.planning.coordination import FleetPlan
 from anser.planning.shape import solve_lateral_bend
-from anser.planning.trajectory import Trajectory, bend_trajectory
+from anser.planning.trajectory import Trajectory, bend_trajectory, with_even_speed
 
 # Least distances that differ by less than this (m) count as equal: often the rendezvous points decide for both sides.
 _SAME_DISTANCE = 1.0
@@ -27,8 +28,8 @@ def separation_min(trajectories: Trajectory, count: int = 65) -> Float[Array, "a
     trajectories
         Stacked, leading axis aircraft, all with one start time and duration.
     count
-        Number of instants looked at, ends included. Between them the distance may be less by no more than a quarter
-        of the closing speed times the interval.
+        Number of instants looked at, ends included. Between them the distance may be less by no more than half
+        the relative speed times the interval.
     """
     positions = jnp.swapaxes(jax.vmap(lambda trajectory: _sample(trajectory, count))(trajectories), 0, 1)
     fleet = positions.shape[1]
@@ -62,13 +63,17 @@ def choose_sides(plan: FleetPlan, requested: Real[Array, " aircraft"], count: in
     takes the side with the greater least distance to those placed already; where that is the same within 1 m, the side
     with the smaller bend.
     """
-    nominal = jax.vmap(lambda path, kappa: bend_trajectory(path, -kappa))(plan.trajectories, plan.lateral_bends)
+    straightened = jax.vmap(lambda path, kappa: bend_trajectory(path, -kappa))(plan.trajectories, plan.lateral_bends)
+    nominal = eqx.tree_at(lambda path: path.law, straightened, plan.trajectories.law)
     fleet = plan.nominal_lengths.shape[0]
 
     def options(path: Trajectory) -> tuple[Float[Array, "2 count 3"], Float[Array, "2"]]:
         def one(side: Float[Array, ""]) -> tuple[Float[Array, "count 3"], Float[Array, ""]]:
             kappa = solve_lateral_bend(path, plan.reference_length, side).kappa
-            return _sample(bend_trajectory(path, kappa), count), jnp.abs(kappa)
+            bent = with_even_speed(
+                bend_trajectory(path, kappa), path.law.speeds[0], trade=path.law.trade, even=path.law.even
+            )
+            return _sample(bent, count), jnp.abs(kappa)
 
         return jax.vmap(one)(jnp.array([1.0, -1.0]))
 

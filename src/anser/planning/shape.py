@@ -7,7 +7,7 @@ from jaxtyping import Array, Float
 
 from anser.numerics.newton import bracketed_newton
 from anser.numerics.quadrature import GAUSS_LEGENDRE_16, QuadratureRule
-from anser.planning.trajectory import Trajectory, lateral_direction_n
+from anser.planning.trajectory import Trajectory
 from anser.shapes import Flag, Scalar, ScalarLike
 
 # From any guess in the bracket, 20,000 random paths with lengths from 1 + 1e-9 to 2 times the nominal took 16 at most.
@@ -77,10 +77,9 @@ def solve_lateral_bend(
     powers = jnp.arange(1, 5)
     basis = powers[None, :] * nodes[:, None] ** (powers[None, :] - 1)
     straight = jnp.sum(basis[:, None, :] * nominal.coefficients_n[None, :, 1:], axis=2)
-    direction = lateral_direction_n(jnp.sum(nominal.coefficients_n[:, 1:], axis=1), nominal.coefficients_n[:, 1])
     sign = jnp.where(jnp.asarray(side) < 0, -1.0, 1.0)
     slopes = bend_slope(rule.nodes)
-    sideways = jnp.asarray(slopes)[:, None] * (sign * direction)[None, :]
+    sideways = jnp.asarray(slopes)[:, None] * (sign * nominal.lateral_n)[None, :]
 
     length_ref = jnp.asarray(length_ref, dtype=float)
     data = (straight, sideways, weights, length_ref)

@@ -4,8 +4,9 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from anser.planning.time_law import Clock, TimeLaw, even_law, path_derivative, published_law
 from anser.planning.vectors import norm
-from anser.shapes import Scalar, ScalarLike, Vector3
+from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 
 # s^2 (1 - s)^2 in ascending powers of s: the only quartic that vanishes with its slope at both ends.
 BEND_COEFFICIENTS = (0.0, 0.0, 1.0, -2.0, 1.0)
@@ -16,9 +17,8 @@ _NO_DIRECTION = 1e-6
 class Trajectory(eqx.Module):
     """Where one aircraft is to be at which time, over a steady wind.
 
-    The path is a polynomial in s = (t - start_time)/duration in a frame that drifts with the wind and coincides with
-    the ground at `start_time`. Before and after its interval the same polynomial continues.
-    Source: theory section 6.
+    The path is a polynomial in s, from 0 to 1, in a frame that drifts with the wind and coincides with the ground at
+    `start_time`; `law` says how s runs with time. Source: theory section 6.
     """
 
     start_time: Scalar
@@ -29,21 +29,22 @@ class Trajectory(eqx.Module):
     """Ascending powers of s, one row per NED axis, m."""
     wind_n: Vector3
     """Velocity of the air over the ground, NED, m/s."""
+    lateral_n: Vector3
+    """Horizontal unit vector along which lateral bends act, NED."""
+    law: TimeLaw
+    """Path parameter by time."""
+
+    def clock(self, time: ScalarLike) -> Clock:
+        """Path parameter s and its rates at a time: s is 0 at the start, 1 at the rendezvous."""
+        return self.law.clock(self.coefficients_n, time - self.start_time, self.duration)
 
     def phase(self, time: ScalarLike) -> Scalar:
-        """Normalised time s: 0 at the start, 1 at the rendezvous."""
-        return (jnp.asarray(time) - self.start_time) / self.duration
+        """Path parameter s at a time."""
+        return self.clock(time).s
 
     def path_derivative(self, phase: ScalarLike, order: int) -> Vector3:
-        """Differentiate the air-frame path `order` times (0 to 3) with respect to s, at a given s; m."""
-        factors = [1.0] * 5
-        for power in range(5):
-            for lowered in range(order):
-                factors[power] *= power - lowered
-        total = jnp.zeros(3) + 0.0 * phase
-        for power in range(4, order - 1, -1):
-            total = total * phase + factors[power] * self.coefficients_n[:, power]
-        return total
+        """Derivative of the air-frame path with respect to s, of order 0 to 3, at a given s, m."""
+        return path_derivative(self.coefficients_n, phase, order)
 
     def position_n(self, time: ScalarLike) -> Vector3:
         """Position over the ground at a time, NED, m."""
@@ -51,7 +52,8 @@ class Trajectory(eqx.Module):
 
     def air_velocity_n(self, time: ScalarLike) -> Vector3:
         """Velocity relative to the air at a time, NED, m/s."""
-        return self.path_derivative(self.phase(time), 1) / self.duration
+        now = self.clock(time)
+        return self.path_derivative(now.s, 1) * now.s_dot
 
     def velocity_n(self, time: ScalarLike) -> Vector3:
         """Velocity over the ground at a time, NED, m/s."""
@@ -59,11 +61,8 @@ class Trajectory(eqx.Module):
 
     def acceleration_n(self, time: ScalarLike) -> Vector3:
         """Acceleration at a time, NED, m/s^2 (the same in both frames, the wind being steady)."""
-        return self.path_derivative(self.phase(time), 2) / self.duration**2
-
-    def jerk_n(self, time: ScalarLike) -> Vector3:
-        """Rate of change of the acceleration at a time, NED, m/s^3."""
-        return self.path_derivative(self.phase(time), 3) / self.duration**3
+        now = self.clock(time)
+        return self.path_derivative(now.s, 2) * now.s_dot**2 + self.path_derivative(now.s, 1) * now.s_ddot
 
 
 def lateral_direction_n(line_n: Vector3, velocity_0_n: Vector3) -> Vector3:
@@ -84,21 +83,34 @@ def lateral_direction_n(line_n: Vector3, velocity_0_n: Vector3) -> Vector3:
 
 
 def bend_trajectory(trajectory: Trajectory, lateral_bend: ScalarLike, vertical_bend: ScalarLike = 0.0) -> Trajectory:
-    """Add to a trajectory's bends; position and velocity at both ends, and the times, stay.
+    """Add to a trajectory's bends; the ends and their directions, and the times, stay.
+
+    The result follows the published time law; `with_even_speed` gives it another.
 
     Parameters
     ----------
     trajectory
         The trajectory to bend, which may be bent already.
     lateral_bend
-        kappa = b_4 duration^4, m: shifts the middle by kappa/16 to the right of the line from start to rendezvous.
+        kappa = b_4 duration^4, m: shifts the middle by kappa/16 along `lateral_n`.
     vertical_bend
         The same upwards (c_4 duration^4), m.
     """
-    sideways = lateral_direction_n(jnp.sum(trajectory.coefficients_n[:, 1:], axis=1), trajectory.coefficients_n[:, 1])
-    shift = lateral_bend * sideways - vertical_bend * jnp.array([0.0, 0.0, 1.0])
+    shift = lateral_bend * trajectory.lateral_n - vertical_bend * jnp.array([0.0, 0.0, 1.0])
     coefficients = trajectory.coefficients_n + shift[:, None] * jnp.array(BEND_COEFFICIENTS)[None, :]
-    return Trajectory(trajectory.start_time, trajectory.duration, coefficients, trajectory.wind_n)
+    return eqx.tree_at(lambda path: (path.coefficients_n, path.law), trajectory, (coefficients, published_law()))
+
+
+def with_even_speed(
+    trajectory: Trajectory,
+    speed_0: ScalarLike,
+    deceleration: ScalarLike | None = None,
+    trade: ScalarLike | None = None,
+    even: Flag | bool = True,
+) -> Trajectory:
+    """The same path and times at an airspeed that changes evenly from `speed_0` (m/s); see `even_law`."""
+    law = even_law(trajectory.coefficients_n, trajectory.duration, speed_0, deceleration, trade, even)
+    return eqx.tree_at(lambda path: path.law, trajectory, law)
 
 
 def fit_trajectory(
@@ -111,6 +123,7 @@ def fit_trajectory(
     lateral_bend: ScalarLike = 0.0,
     vertical_bend: ScalarLike = 0.0,
     wind_n: Vector3 | None = None,
+    line_n: Vector3 | None = None,
 ) -> Trajectory:
     """Trajectory through given positions and velocities at its ends.
 
@@ -130,6 +143,9 @@ def fit_trajectory(
         Shape parameters, m, see `bend_trajectory`; zero is the nominal path.
     wind_n
         Steady wind, NED, m/s; none is still air.
+    line_n
+        Direction to the right of which lateral bends act; from start to rendezvous where none is given. A plan renewed
+        on the way names the line of its first start: only then is a bent path's rest again a path of this family.
 
     Notes
     -----
@@ -144,5 +160,7 @@ def fit_trajectory(
         duration,
         jnp.stack([*cubic, jnp.zeros(3)], axis=1),
         jnp.zeros(3) if wind_n is None else wind_n,
+        lateral_direction_n(line if line_n is None else line_n, velocity_0),
+        published_law(),
     )
     return bend_trajectory(nominal, lateral_bend, vertical_bend)

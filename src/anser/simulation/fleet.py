@@ -7,7 +7,7 @@ from anser.aircraft import AbstractAirframe, AircraftState
 from anser.control import AutopilotGains, AutopilotState, FlightLimits, GuidanceSettings
 from anser.environment import Environment
 from anser.planning import FleetPlan, GoalMotion, Rendezvous
-from anser.shapes import Count, Scalar
+from anser.shapes import Count, Flag, Scalar
 from anser.simulation.trim import TrimTarget
 
 
@@ -30,7 +30,7 @@ class Timing(eqx.Module):
 
 
 class Fleet(eqx.Module):
-    """The aircraft that share one arrival time; every field but `speed` and `guidance` has a leading axis aircraft.
+    """The aircraft that share one arrival time; every field but the last three has a leading axis aircraft.
 
     Attributes
     ----------
@@ -48,6 +48,8 @@ class Fleet(eqx.Module):
         Side of the detour: +1 right, -1 left, 0 toward more separation.
     speed
         Mean airspeed that the plan gives to all, m/s.
+    even_speed
+        Whether paths are flown at an even speed rather than with the published time law.
     guidance
         Numbers of the guidance.
     """
@@ -61,6 +63,7 @@ class Fleet(eqx.Module):
     rendezvous: Rendezvous
     sides: Int[Array, " aircraft"]
     speed: Scalar
+    even_speed: Flag
     guidance: GuidanceSettings
 
 
@@ -87,6 +90,10 @@ class FlightState(eqx.Module):
         The plan in force.
     sides
         Side of each detour, chosen with the first plan and kept.
+    deceleration
+        What each can hold with the engine idle in level flight at its start, m/s^2.
+    flown
+        Length of the path through the air flown so far, m.
     status
         Index into `STATUS_MESSAGES`; 0 while all is well. An aircraft with a terminal status stands still in the record.
     stopped
@@ -98,5 +105,7 @@ class FlightState(eqx.Module):
     autopilots: AutopilotState
     plan: FleetPlan
     sides: Float[Array, " aircraft"]
+    deceleration: Float[Array, " aircraft"]
+    flown: Float[Array, " aircraft"]
     status: Int[Array, " aircraft"]
     stopped: Bool[Array, " aircraft"]

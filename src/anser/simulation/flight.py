@@ -18,15 +18,16 @@ from anser.control import (
 )
 from anser.environment import Environment
 from anser.planning import (
-    FleetPlan,
     GoalMotion,
     LineOfSight,
+    PlanningTask,
     Rendezvous,
     Trajectory,
     choose_sides,
     coordinate,
     measure,
     recover,
+    renew,
 )
 from anser.shapes import Count, Flag, ScalarLike, Vector3
 from anser.simulation.fleet import Fleet, Flight, FlightState
@@ -59,27 +60,38 @@ def _velocity_n(now: Condition, state: AircraftState) -> Vector3:
     return rotate_back(now.R_bn, state.velocity_b)
 
 
-def plan_now(
+def planning_tasks(
     fleet: Fleet,
     time: ScalarLike,
     aircraft: AircraftState,
     now: Condition,
     sensed: Sensed,
-    sides: Float[Array, " aircraft"],
-) -> FleetPlan:
-    """Plan the fleet from its present state and what its sensors tell; leading axis aircraft in all but time."""
+    flown: Float[Array, " aircraft"],
+    deceleration: Float[Array, " aircraft"],
+) -> PlanningTask:
+    """What each aircraft brings to the planning, of itself and of its goal as its sensor tells; stacked."""
     velocities_n = jax.vmap(_velocity_n)(now, aircraft)
-    return coordinate(
-        time,
-        aircraft.position_n,
-        velocities_n - now.wind_n,
-        sensed.goal_position_n,
-        sensed.goal_velocity_n,
-        fleet.rendezvous,
-        fleet.speed,
-        now.wind_n,
-        sides,
+    return PlanningTask(
+        position_n=aircraft.position_n,
+        air_velocity_n=velocities_n - now.wind_n,
+        goal_position_n=sensed.goal_position_n,
+        goal_velocity_n=sensed.goal_velocity_n,
+        rendezvous=fleet.rendezvous,
+        wind_n=now.wind_n,
+        origin_n=fleet.start_positions_n + now.wind_n * time,
+        length_due=fleet.speed * time - flown,
+        deceleration=deceleration,
     )
+
+
+def _idle_deceleration(airframe: AbstractAirframe, now: Condition) -> ScalarLike:
+    """Drag less idle thrust over mass in the trimmed condition, m/s^2: the deceleration that closing the throttle gives."""
+    data = now.air_data
+    idle = airframe.propulsion(0.0, data.altitude, data.mach)
+    direction_b = jnp.stack(
+        [jnp.cos(data.alpha) * jnp.cos(data.beta), jnp.sin(data.beta), jnp.sin(data.alpha) * jnp.cos(data.beta)]
+    )
+    return -jnp.sum(direction_b * (now.aerodynamic.force_b + idle.force_b)) / airframe.mass_properties.mass
 
 
 def start_flight(flight: Flight) -> tuple[FlightState, TrimPoint]:
@@ -88,21 +100,21 @@ def start_flight(flight: Flight) -> tuple[FlightState, TrimPoint]:
     trims = jax.vmap(solve_trim, in_axes=(0, None, 0))(fleet.airframes, environment, fleet.starts)
     aircraft = eqx.tree_at(lambda s: s.position_n, trims.state, fleet.start_positions_n)
     autopilots = jax.vmap(
-        lambda t: initial_autopilot_state(
-            jnp.stack([t.mu, t.alpha, t.beta]), t.state.rates_b, t.state.surfaces
-        )
+        lambda t: initial_autopilot_state(jnp.stack([t.mu, t.alpha, t.beta]), t.state.rates_b, t.state.surfaces)
     )(trims)
     now = jax.vmap(condition, in_axes=(0, None, None, 0))(fleet.airframes, environment, 0.0, aircraft)
     sensed = jax.vmap(sense, in_axes=(0, None, 0, 0))(
         fleet.goals, 0.0, aircraft.position_n, jax.vmap(_velocity_n)(now, aircraft)
     )
     requested = fleet.sides.astype(float)
-    plan = plan_now(fleet, 0.0, aircraft, now, sensed, requested)
-    sides = choose_sides(plan, requested)
-    plan = plan_now(fleet, 0.0, aircraft, now, sensed, sides)
+    flown = jnp.zeros_like(requested)
+    deceleration = jax.vmap(_idle_deceleration)(fleet.airframes, now)
+    tasks = planning_tasks(fleet, 0.0, aircraft, now, sensed, flown, deceleration)
+    sides = choose_sides(coordinate(0.0, tasks, fleet.speed, requested, fleet.even_speed), requested)
+    plan = coordinate(0.0, tasks, fleet.speed, sides, fleet.even_speed)
     stopped = ~trims.converged
     status = jnp.where(stopped, NO_TRIM, plan.status).astype(jnp.int32)
-    return FlightState(jnp.asarray(0), aircraft, autopilots, plan, sides, status, stopped), trims
+    return FlightState(jnp.asarray(0), aircraft, autopilots, plan, sides, deceleration, flown, status, stopped), trims
 
 
 class _Own(eqx.Module):
@@ -119,12 +131,18 @@ class _Own(eqx.Module):
     sensed: Sensed
     goal_n: Vector3
     lateral_bend: ScalarLike
+    planned_length: ScalarLike
     status: Count
     stopped: Flag
 
 
 def _fly_one(
-    own: _Own, environment: Environment, fleet: Fleet, time: ScalarLike, arrival_time: ScalarLike, phase: Count,
+    own: _Own,
+    environment: Environment,
+    fleet: Fleet,
+    time: ScalarLike,
+    arrival_time: ScalarLike,
+    phase: Count,
     step: ScalarLike,
 ) -> tuple[AircraftState, AutopilotState, Count, Flag, dict[str, Array]]:
     """Guide, control, move and record one aircraft over one step."""
@@ -142,9 +160,7 @@ def _fly_one(
         settings,
     )
     command = jax.tree.map(lambda a, b: jnp.where(phase == HOLD, a, b), held, planned)
-    plant = make_plant(
-        own.airframe, own.limits, own.gains, state, now, own.autopilot, environment.gravity, step
-    )
+    plant = make_plant(own.airframe, own.limits, own.gains, state, now, own.autopilot, environment.gravity, step)
     controls, signals, autopilot = velocity_control(plant, own.autopilot, command)
     moment = Moment(
         airframe=own.airframe,
@@ -160,6 +176,7 @@ def _fly_one(
         stand_off_n=own.rendezvous.stand_off_n,
         arrival_time=jnp.asarray(arrival_time),
         lateral_bend=jnp.asarray(own.lateral_bend),
+        planned_length=jnp.asarray(own.planned_length),
         phase=phase,
         status=own.status,
     )
@@ -188,7 +205,14 @@ def step_flight(flight: Flight, carry: FlightState) -> tuple[FlightState, dict[s
     due = (timing.replan_steps > 0) & (carry.step_index % jnp.maximum(timing.replan_steps, 1) == 0) & ~frozen
     plan = jax.lax.cond(
         due,
-        lambda: plan_now(fleet, time, aircraft, now, sensed, carry.sides),
+        lambda: renew(
+            carry.plan,
+            time,
+            planning_tasks(fleet, time, aircraft, now, sensed, carry.flown, carry.deceleration),
+            fleet.speed,
+            carry.sides,
+            fleet.even_speed,
+        ),
         lambda: carry.plan,
     )
     phase = jnp.where(time >= plan.arrival_time, HOLD, jnp.where(frozen, FROZEN, APPROACH))
@@ -205,14 +229,16 @@ def step_flight(flight: Flight, carry: FlightState) -> tuple[FlightState, dict[s
         sensed=sensed,
         goal_n=jax.vmap(lambda goal: goal.position_n(time))(fleet.goals),
         lateral_bend=plan.lateral_bends,
+        planned_length=plan.lengths,
         status=status,
         stopped=carry.stopped,
     )
     fly = jax.vmap(_fly_one, in_axes=(0, None, None, None, None, None, None))
-    after, autopilots, status, stopped, row = fly(
-        own, environment, fleet, time, plan.arrival_time, phase, timing.step
-    )
-    return FlightState(carry.step_index + 1, after, autopilots, plan, carry.sides, status, stopped), row
+    after, autopilots, status, stopped, row = fly(own, environment, fleet, time, plan.arrival_time, phase, timing.step)
+    flown = carry.flown + timing.step * now.air_data.V
+    return FlightState(
+        carry.step_index + 1, after, autopilots, plan, carry.sides, carry.deceleration, flown, status, stopped
+    ), row
 
 
 def fly_segment(flight: Flight, carry: FlightState) -> tuple[FlightState, dict[str, Array]]:

@@ -1,7 +1,6 @@
 """What is recorded of every aircraft at every step, keyed as in the catalogue of variables."""
 
 import equinox as eqx
-import jax.numpy as jnp
 from jaxtyping import Array
 
 from anser.aircraft import AbstractAirframe, AircraftState, Condition, Controls
@@ -29,6 +28,7 @@ class Moment(eqx.Module):
     stand_off_n: Vector3
     arrival_time: Scalar
     lateral_bend: Scalar
+    planned_length: Scalar
     phase: Count
     status: Count
 
@@ -44,7 +44,6 @@ def record(moment: Moment, time: ScalarLike, gravity: ScalarLike) -> dict[str, A
     rendezvous_n = moment.goal_n + moment.stand_off_n
     force_b = now.wrench.force_b
     weight = moment.airframe.mass_properties.mass * gravity
-    remaining = jnp.maximum(moment.arrival_time - time, 0.0)
     return {
         **_point("", state.position_n),
         **_vector("velocity", ("north", "east", "down"), velocity_n),
@@ -92,7 +91,7 @@ def record(moment: Moment, time: ScalarLike, gravity: ScalarLike) -> dict[str, A
         "sight_azimuth_rate": moment.sight.azimuth_rate,
         "sight_elevation_rate": moment.sight.elevation_rate,
         "arrival_time": moment.arrival_time,
-        "planned_length": remaining * data.V,
+        "planned_length": moment.planned_length,
         "lateral_bend": moment.lateral_bend,
         "phase": moment.phase,
         "outside_tables": moment.airframe.outside_tables(data),

@@ -94,7 +94,7 @@ def step_response(
         after = advance(airframe, environment, time, state, controls, step)
         return (after, memory), Response(time, measured, state.surfaces, controls.throttle, state.power)
 
-    def _controls(plant, memory: AutopilotState) -> tuple[Controls, Vector3, AutopilotState]:  # noqa: ANN001
+    def _controls(plant, memory: AutopilotState) -> tuple[Controls, Vector3, AutopilotState]:
         motion = plant.motion
         if loop == "velocity":
             wanted = path_0 + size

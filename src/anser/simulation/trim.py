@@ -98,9 +98,7 @@ def _steady_state(target: TrimTarget, x: Float[Array, "7"]) -> AircraftState:
     )
 
 
-def _residual(
-    x: Float[Array, "7"], case: tuple[AbstractAirframe, Environment, TrimTarget]
-) -> Float[Array, "7"]:
+def _residual(x: Float[Array, "7"], case: tuple[AbstractAirframe, Environment, TrimTarget]) -> Float[Array, "7"]:
     """Accelerations that must vanish, in g and rad/s^2, and the side force over the weight."""
     airframe, environment, target = case
     state = _steady_state(target, x)

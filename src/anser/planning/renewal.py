@@ -1,0 +1,81 @@
+"""Renewing a fleet's plan on the way: from the present state, with as little change of shape as will do."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Real
+
+from anser.planning.arc_length import arc_length
+from anser.planning.coordination import FleetPlan, PlanningTask, coordinate, nominal_trajectory
+from anser.planning.trajectory import Trajectory, bend_trajectory, with_even_speed
+from anser.planning.vectors import norm
+from anser.shapes import Flag, Scalar, ScalarLike
+
+# A path keeps its arrival time and shape while its mean airspeed stays within this part of the fleet's.
+SPEED_BAND = 0.01
+# With less time to go than this the arrival time and the shapes stand: see `renew`.
+COMMITTED_S = 15.0
+# Least time to go of a path, s.
+_SHORTEST_S = 1e-3
+
+
+def _refit(
+    plan: FleetPlan, time: ScalarLike, tasks: PlanningTask, speed: ScalarLike, even_speed: Flag | bool
+) -> FleetPlan:
+    """The same arrival time and the rest of the same paths, from the present state to the rendezvous as now foreseen."""
+    duration = jnp.maximum(plan.arrival_time - time, _SHORTEST_S)
+
+    def one(old: Trajectory, bend: Scalar, task: PlanningTask) -> tuple[Trajectory, Scalar]:
+        # The planned velocity goes on, not the flown one: a new path from the flown speed and course would forgive every
+        # lag of the aircraft, second after second, and leave it to the last seconds.
+        task = eqx.tree_at(lambda t: t.air_velocity_n, task, old.air_velocity_n(time))
+        # The rest of a path of this family, with s running from 0 to 1 on it, is a path of this family.
+        s = jnp.clip(old.phase(time), 0.0, 1.0 - 1e-6)
+        rest = 1.0 - s
+        stretches = (rest * norm(old.path_derivative(s, 1)), rest * norm(old.path_derivative(1.0, 1)))
+        nominal, _ = nominal_trajectory(task, time, duration, speed, stretches)
+        kept = bend * rest**4
+        path = bend_trajectory(nominal, kept)
+        return with_even_speed(path, norm(task.air_velocity_n), trade=old.law.trade, even=even_speed), kept
+
+    trajectories, bends = jax.vmap(one)(plan.trajectories, plan.lateral_bends, tasks)
+    lengths = jax.vmap(arc_length)(trajectories)
+    return eqx.tree_at(lambda p: (p.trajectories, p.lateral_bends, p.lengths), plan, (trajectories, bends, lengths))
+
+
+def renew(
+    plan: FleetPlan,
+    time: ScalarLike,
+    tasks: PlanningTask,
+    speed: ScalarLike,
+    sides: Real[Array, " aircraft"],
+    even_speed: Flag | bool = False,
+) -> FleetPlan:
+    """Plan again from the present state.
+
+    Every path is fitted anew from where its aircraft is to where its rendezvous will be. The arrival time and the shape
+    of the path's rest are kept (exactly: a plan renewed on its own path is the same plan) as long as each aircraft's mean airspeed stays within 1 percent of the fleet's; when one leaves that band, because its goal moved
+    otherwise than foreseen, the fleet is coordinated anew. In the last 15 s it is not: there, a few metres of path to
+    make up would take a bend of many g, and a little speed does it as well.
+
+    Parameters
+    ----------
+    plan
+        The plan in force.
+    time
+        Now, s.
+    tasks, speed, sides, even_speed
+        As for `coordinate`.
+
+    Notes
+    -----
+    Solving L(kappa) = L_ref at every renewal (theory section 8 read to the letter) is badly conditioned on the way: near
+    L's minimum the bend goes with the square root of the length, so that a metre of tracking error in the middle of a
+    detour moves kappa by kilometres, and the fleet's aircraft take turns in being the farthest.
+    """
+    kept = _refit(plan, time, tasks, speed, even_speed)
+    duration = kept.trajectories.duration
+    mean_speed = (kept.lengths - tasks.length_due) / duration
+    strayed = kept.goal_reachable & (jnp.abs(mean_speed / speed - 1.0) > SPEED_BAND)
+    anew = jnp.any(strayed | ~kept.converged) & (duration[0] > COMMITTED_S)
+    return jax.lax.cond(anew, lambda: coordinate(time, tasks, speed, sides, even_speed), lambda: kept)
