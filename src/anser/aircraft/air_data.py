@@ -8,8 +8,10 @@ from anser.spatial import flow_angles
 
 
 class AirData(eqx.Module):
-    """Air data of one aircraft (theory section 2): true airspeed V (m/s), alpha and beta (rad), density (kg/m^3),
-    dynamic pressure qbar (Pa), Mach number and geometric altitude (m).
+    """Air data of one aircraft (theory section 2).
+
+    True airspeed V (m/s), alpha and beta (rad), density (kg/m^3), dynamic pressure qbar (Pa), Mach number and geometric
+    altitude (m).
     """
 
     V: Scalar

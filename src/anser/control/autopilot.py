@@ -1,7 +1,7 @@
 """The autopilot: three nested loops of nonlinear dynamic inversion (theory section 5; [TH]).
 
-Each loop can be commanded by itself: `rate_control` alone, `attitude_control` on top of it, `velocity_control` on top of
-both. All are sampled once per step; their commands are held over it.
+Each loop can be commanded by itself: `rate_control` alone, `attitude_control` on top of it, `velocity_control` on top
+of both. All are sampled once per step; their commands are held over it.
 """
 
 import equinox as eqx
@@ -171,7 +171,7 @@ def attitude_control(
 def velocity_control(
     plant: Plant, memory: AutopilotState, wanted: PathCommand
 ) -> tuple[Controls, AutopilotSignals, AutopilotState]:
-    """Whole autopilot: wanted airspeed, path angle, course (through the air) and their rates to surfaces and throttle."""
+    """Whole autopilot: wanted airspeed, path angle and course (through the air), with rates, to surfaces and throttle."""
     motion, gains, limits = plant.motion, plant.gains, plant.limits
     V_wanted = jnp.clip(wanted.V, limits.speed_min, limits.speed_max)
     error = jnp.stack([V_wanted - motion.V, wanted.gamma - motion.gamma, wrapped(wanted.chi - motion.chi)])

@@ -1,4 +1,4 @@
-"""Linear interpolation in tables, packed so that one gather fetches a whole cell of every table that shares the axes."""
+"""Linear interpolation in tables, packed so that one gather fetches a whole cell of all tables that share the axes."""
 
 from collections.abc import Sequence
 

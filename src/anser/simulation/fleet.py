@@ -95,7 +95,7 @@ class FlightState(eqx.Module):
     flown
         Length of the path through the air flown so far, m.
     status
-        Index into `STATUS_MESSAGES`; 0 while all is well. An aircraft with a terminal status stands still in the record.
+        Index into `STATUS_MESSAGES`; 0 while all is well. An aircraft whose status is terminal stands still.
     stopped
         Whether the status is terminal.
     """

@@ -29,7 +29,7 @@ from anser.planning import (
     recover,
     renew,
 )
-from anser.shapes import Count, Flag, ScalarLike, Vector3
+from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
 from anser.simulation.fleet import Fleet, Flight, FlightState
 from anser.simulation.motion import advance
 from anser.simulation.record import APPROACH, FROZEN, HOLD, Moment, record
@@ -84,8 +84,8 @@ def planning_tasks(
     )
 
 
-def _idle_deceleration(airframe: AbstractAirframe, now: Condition) -> ScalarLike:
-    """Drag less idle thrust over mass in the trimmed condition, m/s^2: the deceleration that closing the throttle gives."""
+def _idle_deceleration(airframe: AbstractAirframe, now: Condition) -> Scalar:
+    """Drag less idle thrust over mass in the trimmed condition, m/s^2: what closing the throttle gives."""
     data = now.air_data
     idle = airframe.propulsion(0.0, data.altitude, data.mach)
     direction_b = jnp.stack(
