@@ -1,7 +1,31 @@
-"""Fleets of fixed-wing aircraft that must be at moving places at the same time."""
+"""Fleets of fixed-wing aircraft that must be at moving places at the same time.
+
+>>> import anser
+>>> flown = anser.run(anser.load("scenarios/three-aircraft.toml"))
+>>> flown.dataset.altitude_m, flown.summary["fleet"]["arrival_spread_s"]
+
+Importing anser switches JAX to float64, which all of it needs.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
 
 import jax
+
+if TYPE_CHECKING:
+    from anser.campaign import plan, run
+    from anser.scenario import load, loads
 
 jax.config.update("jax_enable_x64", True)
 
 __version__ = "0.1.0"
+__all__ = ["__version__", "load", "loads", "plan", "run"]
+
+_WHERE = {"load": "anser.scenario", "loads": "anser.scenario", "plan": "anser.campaign", "run": "anser.campaign"}
+
+
+def __getattr__(name: str) -> Any:
+    """Load the user's entry points on first use: the kernels need neither xarray nor pydantic."""
+    if name not in _WHERE:
+        raise AttributeError(f"module 'anser' has no attribute {name!r}")
+    return getattr(importlib.import_module(_WHERE[name]), name)

@@ -1,16 +1,17 @@
 """Cases shared by the planning tests: published figures and generic boundary data."""
 
-from typing import NamedTuple
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from hypothesis import strategies as st
 
-from anser.planning import Rendezvous, Trajectory, coordinate, fit_trajectory, make_rendezvous
+from anser.planning import PlanningTask, Rendezvous, Trajectory, arc_length, coordinate, fit_trajectory, make_rendezvous
 
 angles = st.floats(-3.1, 3.1)
 path_angles = st.floats(-0.6, 0.6)
+SPEED = 150.0
 _fit = jax.jit(fit_trajectory)
 # One compiled planner per fleet size for all tests.
 plan_at = jax.jit(coordinate)
@@ -46,50 +47,78 @@ def published_path(path_angle_f_deg: float, b_4: float = 0.0, c_4: float = 0.0) 
     )
 
 
-class FleetCase(NamedTuple):
-    """Arguments of `coordinate` between time and sides."""
-
-    positions_n: jax.Array
-    air_velocities_n: jax.Array
-    goal_positions_n: jax.Array
-    goal_velocities_n: jax.Array
-    rendezvous: Rendezvous
-    speed: float
-    wind_n: jax.Array
-
-
 def stand_offs(count: int, height: float = 300.0) -> Rendezvous:
     """Free arrivals straight above each goal."""
     return jax.vmap(make_rendezvous)(jnp.tile(jnp.array([[0.0, 0.0, -height]]), (count, 1)))
 
 
-def published_fleet() -> FleetCase:
+def fleet(
+    positions_n, air_velocities_n, goal_positions_n, goal_velocities_n, rendezvous=None, wind_n=None, deceleration=1.0
+):
+    """What a fleet knows at its first plan."""
+    count = positions_n.shape[0]
+    return PlanningTask(
+        position_n=positions_n,
+        air_velocity_n=air_velocities_n,
+        goal_position_n=goal_positions_n,
+        goal_velocity_n=goal_velocities_n,
+        rendezvous=stand_offs(count) if rendezvous is None else rendezvous,
+        wind_n=jnp.zeros((count, 3)) if wind_n is None else jnp.tile(jnp.asarray(wind_n), (count, 1)),
+        origin_n=positions_n,
+        length_due=jnp.zeros(count),
+        deceleration=jnp.full(count, deceleration),
+    )
+
+
+def in_wind(tasks: PlanningTask, wind_n) -> PlanningTask:
+    """The same tasks in air that moves, seen from the ground; goals drift with it."""
+    wind = jnp.asarray(wind_n)
+    return replace(
+        tasks, goal_velocity_n=tasks.goal_velocity_n + wind[None], wind_n=jnp.tile(wind, (tasks.wind_n.shape[0], 1))
+    )
+
+
+def published_fleet() -> PlanningTask:
     """Theory section 8, three aircraft, 300 m above goals on the surface."""
     courses, goal_courses = np.deg2rad([-90.0, 20.0, 0.0]), np.deg2rad([0.0, 0.0, 90.0])
-    return FleetCase(
+    return fleet(
         jnp.array([[1000.0, 9000.0, -1000.0], [-2000.0, -8000.0, -1500.0], [-6000.0, 5000.0, -1250.0]]),
         jnp.stack([velocity(150.0, course) for course in courses]),
         jnp.array([[100.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 100.0, 0.0]]),
         jnp.stack([velocity(v, course) for v, course in zip([25.0, 0.0, 15.0], goal_courses, strict=True)]),
-        stand_offs(3),
-        150.0,
-        jnp.zeros((3, 3)),
     )
 
 
-def random_fleet(seed: int, goal_speed_max: float, count: int = 3) -> FleetCase:
+def random_fleet(seed: int, goal_speed_max: float, count: int = 3) -> PlanningTask:
     """Generic fleets within 20 km; 150 m/s; goals on the surface at up to the given speed."""
     rng = np.random.default_rng(seed)
     positions = np.column_stack([rng.uniform(-1e4, 1e4, (count, 2)), rng.uniform(-3000.0, -500.0, count)])
     goals = np.column_stack([rng.uniform(-1e4, 1e4, (count, 2)), np.zeros(count)])
     headings, goal_courses = rng.uniform(-np.pi, np.pi, (2, count))
     goal_speeds = goal_speed_max * rng.uniform(0.0, 1.0, count)
-    return FleetCase(
+    return fleet(
         jnp.asarray(positions),
         jnp.asarray(150.0 * np.column_stack([np.cos(headings), np.sin(headings), 0.0 * headings])),
         jnp.asarray(goals),
         jnp.asarray(goal_speeds[:, None] * np.column_stack([np.cos(goal_courses), np.sin(goal_courses), 0 * headings])),
-        stand_offs(count),
-        150.0,
-        jnp.zeros((count, 3)),
     )
+
+
+def on_plan(plan, tasks: PlanningTask, time, elapsed, flown=None) -> PlanningTask:
+    """What a fleet knows that has followed its plan exactly for some time, its goals having moved as foreseen."""
+    states = along(plan.trajectories, time)
+    if flown is None:
+        flown = plan.lengths - rest_lengths(plan.trajectories, time)
+    return replace(
+        tasks,
+        position_n=states[0],
+        air_velocity_n=states[1],
+        goal_position_n=tasks.goal_position_n + tasks.goal_velocity_n * elapsed,
+        origin_n=tasks.position_n + tasks.wind_n * elapsed,
+        length_due=plan.speed * elapsed - flown,
+    )
+
+
+along = jax.jit(lambda paths, time: jax.vmap(lambda path: (path.position_n(time), path.air_velocity_n(time)))(paths))
+rest_lengths = jax.jit(lambda paths, time: jax.vmap(lambda path: arc_length(path, path.phase(time)))(paths))
+lengths_of = jax.jit(jax.vmap(arc_length))

@@ -13,7 +13,7 @@ from anser.control.autopilot import (
 )
 from anser.control.feedback import Differentiator, advanced_integral, virtual_control, wrapped
 from anser.control.gains import AutopilotGains, LoopGains, loop_gains, published_gains
-from anser.control.guidance import GuidanceSettings, follow, hold
+from anser.control.guidance import GuidanceSettings, follow, hold, hold_point
 from anser.control.limits import FlightLimits, default_limits
 from anser.control.path_motion import PathMotion, path_motion
 from anser.control.velocity_loop import AttitudeDemand, ThrustDemand, attitude_demand, thrust_demand
@@ -38,6 +38,7 @@ __all__ = [
     "default_limits",
     "follow",
     "hold",
+    "hold_point",
     "initial_autopilot_state",
     "loop_gains",
     "make_plant",

@@ -23,7 +23,9 @@ from anser.control.path_motion import PathMotion, path_motion
 from anser.control.velocity_loop import AttitudeDemand, ThrustDemand, attitude_demand, thrust_demand
 from anser.numerics import solve3
 from anser.planning import PathCommand
-from anser.shapes import ScalarLike, Vector3
+from anser.shapes import Scalar, ScalarLike, Vector3
+
+_REACH_MAX = 1.5  # the sampled loop of the surfaces keeps its pole above -0.5
 
 
 class AutopilotState(eqx.Module):
@@ -135,9 +137,11 @@ def rate_control(
     demand = allocate(plant.airframe, plant.now, rates_b, plant.state.surfaces, moment_b)
     actuators, surfaces = plant.airframe.actuators, plant.state.surfaces
     wanted = actuators.limited(demand.surfaces)
-    wanted_dot = memory.surfaces_filter.rate(wanted, plant.gains.surfaces_command_bandwidth)
-    rate = wanted_dot + plant.gains.actuator_bandwidth * (wanted - surfaces)
-    surfaces_filter = memory.surfaces_filter.advanced(wanted, plant.gains.surfaces_command_bandwidth, plant.step)
+    share = _sampled_share(plant)
+    command_bandwidth = share * plant.gains.surfaces_command_bandwidth
+    wanted_dot = memory.surfaces_filter.rate(wanted, command_bandwidth, plant.step)
+    rate = wanted_dot + share * plant.gains.actuator_bandwidth * (wanted - surfaces)
+    surfaces_filter = memory.surfaces_filter.advanced(wanted, command_bandwidth, plant.step)
     demand = SurfaceDemand(actuators.command_for_rate(surfaces, rate), demand.saturated)
     integral = advanced_integral(memory.rates_integral, error, jnp.any(demand.saturated), plant.step)
     fade = 1 - jnp.exp(-plant.gains.surface_bandwidth * plant.step)
@@ -147,6 +151,21 @@ def rate_control(
         memory,
         (integral, surfaces_filter, surfaces_slow),
     )
+
+
+def _sampled_share(plant: Plant) -> Scalar:
+    """Share of the bandwidths of the surfaces that the sampling period bears; 1 for short periods.
+
+    The derivative gain K_D makes the wanted deflection depend on the present one with slope -K_D. With the wanted rate
+    N (wanted - x) + B (wanted - present) held over a period, a lag tau moves the surface by tau (1 - exp(-step/tau))
+    times that rate: the sampled loop's pole is 1 - tau (1 - exp(-step/tau)) (K_D N + (1 + K_D) B), which must not come
+    near -1 (a limit cycle at the rate limit).
+    """
+    gains, lag = plant.gains, plant.airframe.actuators.time_constant
+    derivative = jnp.max(jnp.abs(gains.rates.derivative))
+    bandwidth = derivative * gains.surfaces_command_bandwidth + (1 + derivative) * gains.actuator_bandwidth
+    reach = jnp.max(lag * (1 - jnp.exp(-plant.step / lag))) * bandwidth
+    return _REACH_MAX / jnp.maximum(reach, _REACH_MAX)
 
 
 def attitude_control(
@@ -161,7 +180,7 @@ def attitude_control(
     free = solve3(motion.effectiveness, nu - motion.drift)
     rates_wanted = jnp.clip(free, -plant.limits.rates_max, plant.limits.rates_max)
     integral = advanced_integral(memory.attitude_integral, error, rates_wanted != free, plant.step)
-    rates_dot = memory.rates_filter.rate(rates_wanted, gains.rates_command_bandwidth)
+    rates_dot = memory.rates_filter.rate(rates_wanted, gains.rates_command_bandwidth, plant.step)
     demand, memory = rate_control(plant, memory, rates_wanted, rates_dot)
     rates_filter = memory.rates_filter.advanced(rates_wanted, gains.rates_command_bandwidth, plant.step)
     memory = eqx.tree_at(lambda m: (m.attitude_integral, m.rates_filter), memory, (integral, rates_filter))
@@ -193,7 +212,7 @@ def velocity_control(
     )
     saturated = jnp.stack([thrust.saturated, attitude.alpha_saturated, attitude.bank_saturated])
     integral = advanced_integral(memory.velocity_integral, error, saturated, plant.step)
-    attitude_dot = memory.attitude_filter.rate(attitude.angles, gains.attitude_command_bandwidth)
+    attitude_dot = memory.attitude_filter.rate(attitude.angles, gains.attitude_command_bandwidth, plant.step)
     rates_wanted, demand, memory = attitude_control(plant, memory, attitude.angles, attitude_dot)
     attitude_filter = memory.attitude_filter.advanced(attitude.angles, gains.attitude_command_bandwidth, plant.step)
     memory = eqx.tree_at(lambda m: (m.velocity_integral, m.attitude_filter), memory, (integral, attitude_filter))

@@ -8,7 +8,7 @@ from anser.shapes import Flag, ScalarLike, Vector3
 
 
 class Differentiator(eqx.Module):
-    """State of a filter that yields the rate of a command: r_dot = N (r - x), x_dot = r_dot.
+    """State of a filter that yields the rate of a command: x_dot = N (r - x), sampled exactly for r held over each step.
 
     Attributes
     ----------
@@ -18,13 +18,13 @@ class Differentiator(eqx.Module):
 
     memory: Vector3
 
-    def rate(self, reference: Vector3, bandwidth: ScalarLike) -> Vector3:
-        """Filtered rate of the reference."""
-        return bandwidth * (reference - self.memory)
+    def rate(self, reference: Vector3, bandwidth: ScalarLike, step: ScalarLike) -> Vector3:
+        """Rate of the reference: the mean of x_dot over the coming step, so that a ramp's rate has no bias."""
+        return -jnp.expm1(-bandwidth * step) / step * (reference - self.memory)
 
     def advanced(self, reference: Vector3, bandwidth: ScalarLike, step: ScalarLike) -> "Differentiator":
-        """State one step later, for a reference held over the step (exact discretization)."""
-        return Differentiator(self.memory + (1 - jnp.exp(-bandwidth * step)) * (reference - self.memory))
+        """State one step later, for a reference held over the step."""
+        return Differentiator(self.memory + step * self.rate(reference, bandwidth, step))
 
 
 def wrapped(angle: Vector3 | ScalarLike) -> Vector3:

@@ -6,9 +6,10 @@ import jax.numpy as jnp
 
 from anser.planning import PathCommand, Trajectory, polar
 from anser.shapes import Scalar, ScalarLike, Vector3
-from anser.spatial import safe_norm
+from anser.spatial import safe_hypot
 
 _CLIMB_GAIN = 0.2  # 1/s: altitude errors in the hold fade within about 15 s
+_CLIMB_CHANGE = 6.0  # m/s: at 150 m/s this asks for an additional half g at most
 _STRAIGHT_ON = 0.1  # fraction of the hold radius flown straight on after the arrival
 
 
@@ -85,8 +86,8 @@ def hold(
     """Command (through the air) that flies on after the arrival and joins a circle around the moving goal.
 
     A vector field: seen from the goal, the velocity is turned from the outward radial by theta = pi/2 at the radius,
-    less inside (pi/2 times smoothstep of distance/radius), more outside. Inside, the path's curvature stays below 3.3 /
-    radius and starts from 0, so that the arrival itself is flown straight through.
+    less inside (pi/2 times x^2 (2.5 - 1.5 x), x = distance/radius), more outside. Inside, the path's curvature stays below
+    3 / radius and starts from 0, so that the arrival itself is flown straight through.
 
     Parameters
     ----------
@@ -106,16 +107,20 @@ def hold(
         See `GuidanceSettings`.
     """
     drift_n = (goal_velocity_n - wind_n).at[2].set(0.0)
-    ahead = arrival_direction_n[:2] / jnp.maximum(safe_norm(arrival_direction_n[:2]), 1e-6)
+    ahead = arrival_direction_n[:2] / jnp.maximum(safe_hypot(arrival_direction_n[0], arrival_direction_n[1]), 1e-6)
+
+    # Levelling off after a steep arrival: the change asked for at once is bounded, or it would be a violent pull.
+    rising = goal_velocity_n[2] - velocity_n[2]
 
     def air_velocity(relative: Vector3) -> Vector3:
-        distance = safe_norm(relative[:2])
+        distance = safe_hypot(relative[0], relative[1])
         x = distance / settings.hold_radius
         radial = relative[:2] / jnp.maximum(distance, 1.0)
         trust = _smoothstep(x / _STRAIGHT_ON)
         outward = trust * radial + (1 - trust) * ahead
-        outward = outward / jnp.maximum(safe_norm(outward), 1e-3)
-        inside = 0.5 * jnp.pi * _smoothstep(x)
+        outward = outward / jnp.maximum(safe_hypot(outward[0], outward[1]), 1e-3)
+        y = jnp.minimum(x, 1.0)
+        inside = 0.5 * jnp.pi * y * y * (2.5 - 1.5 * y)
         outside = 0.5 * jnp.pi + jnp.arctan(1.5 * jnp.maximum(x - 1.0, 0.0))
         theta = jnp.where(x < 1.0, inside, outside)
         across = settings.hold_turn * jnp.stack([-outward[1], outward[0]])
@@ -124,10 +129,19 @@ def hold(
         spare = jnp.maximum(speed**2 - jnp.sum(drift_n[:2] ** 2) + along**2, (0.1 * speed) ** 2)
         level = (jnp.sqrt(spare) - along) * direction + drift_n[:2]
         climb = jnp.clip(_CLIMB_GAIN * (height + relative[2]), -settings.climb_rate_max, settings.climb_rate_max)
+        climb = rising + jnp.clip(climb - rising, -_CLIMB_CHANGE, _CLIMB_CHANGE)
         return jnp.concatenate([level, (goal_velocity_n[2] - climb - wind_n[2])[None]])
 
     velocity, acceleration = jax.jvp(air_velocity, (relative_n,), (velocity_n - goal_velocity_n,))
     return polar(velocity, acceleration)
+
+
+def hold_point(
+    relative_n: Vector3, goal_position_n: Vector3, height: ScalarLike, settings: GuidanceSettings
+) -> Vector3:
+    """Point of the hold's circle nearest to an aircraft, NED, m; `relative_n` is its position seen from the goal."""
+    radial = relative_n[:2] / jnp.maximum(safe_hypot(relative_n[0], relative_n[1]), 1.0)
+    return goal_position_n + jnp.concatenate([settings.hold_radius * radial, -jnp.asarray(height)[None]])
 
 
 def _smoothstep(x: Scalar) -> Scalar:

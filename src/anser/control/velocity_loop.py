@@ -9,7 +9,8 @@ from anser.control.limits import FlightLimits
 from anser.control.path_motion import PathMotion
 from anser.shapes import Scalar, ScalarLike, Vector3
 
-_COS_BANK_MIN = 0.2  # lift is not asked to hold the path beyond 78 deg of bank
+_COS_BANK_MIN = 0.2  # between 78 and 102 deg of bank lift is asked less and less to hold the path
+_UP_MIN_G = 0.2  # acceleration normal to the path, in g, below which lift is not asked to turn
 _NEWTON_STEPS = 2  # the lift curve is piecewise linear: the second step lands when the first crossed a breakpoint
 
 
@@ -78,9 +79,13 @@ def attitude_demand(
     weight = mass * gravity
     up = motion.V * gamma_dot + gravity * jnp.cos(motion.gamma)
     side = motion.V * jnp.cos(motion.gamma) * chi_dot
-    mu_free = jnp.arctan2(side, jnp.maximum(up, 0.2 * gravity))
-    mu = jnp.clip(mu_free, -limits.bank_max, limits.bank_max)
-    lift_free = mass * up / jnp.maximum(jnp.cos(motion.mu), _COS_BANK_MIN)
+    level = jnp.maximum(up, _UP_MIN_G * gravity)
+    mu_free = jnp.arctan2(side, level)
+    # a lift that points down turns the wrong way: bank fades out with the lift that is wanted
+    upright = jnp.clip(up / (_UP_MIN_G * gravity), 0.0, 1.0)
+    mu = jnp.clip(jnp.arctan2(upright * side, level), -limits.bank_max, limits.bank_max)
+    c_mu = jnp.cos(motion.mu)
+    lift_free = mass * up * c_mu / jnp.maximum(c_mu**2, _COS_BANK_MIN**2)
     lift_wanted = jnp.clip(lift_free, limits.load_factor_min * weight, limits.load_factor_max * weight)
     thrust_b = now.propulsive.force_b
 

@@ -7,6 +7,7 @@ from jaxtyping import Array, Bool, Float, Int, Real
 
 from anser.numerics.newton import bracketed_newton
 from anser.planning.arc_length import arc_length
+from anser.planning.descent import slowest_mean_speed
 from anser.planning.rendezvous import Rendezvous, final_air_velocity, time_to_go
 from anser.planning.shape import solve_lateral_bend
 from anser.planning.trajectory import Trajectory, bend_trajectory, fit_trajectory, with_even_speed
@@ -23,16 +24,18 @@ PLAN_MESSAGES = (
 )
 
 # Arrival times tried for a first change of sign, in units of the fleet's longest time to go. In a first plan that is a
-# lower bound: no path is shorter than the straight line. A fleet that has fallen behind may have to be faster: hence the
-# ratios below 1, where the whole fleet is in time at the first of which only a path of no length could. Goals at rest need at most 2.1 (the slope terms of the cubic have length
-# 0.505 T V at most); of 20,000 random tasks with goals at up to 60 percent of the airspeed none needed more than 1.7.
-_TIME_RATIOS = (0.3, 0.7, 0.9, 0.97, 0.999, 1.001, 1.05, 1.2, 1.5, 2.0, 3.0, 5.0, 10.0)
+# lower bound: no path is shorter than the straight line. A fleet that has fallen behind may have to be faster: hence
+# the ratios below 1. Goals at rest need at most 2.1 (the slope terms of the cubic have length 0.505 T V at most); of
+# 20,000 random tasks with goals at up to 60 percent of the airspeed none needed more than 1.7.
+_TIME_RATIOS = (0.0, 0.3, 0.7, 0.9, 0.97, 0.999, 1.001, 1.05, 1.2, 1.5, 2.0, 3.0, 5.0, 10.0)
 # The same tasks took 8 steps at most.
 ARRIVAL_STEPS = 12
 # The fixed point is met when the longest path takes the arrival time to within this, s.
 ARRIVAL_TOLERANCE_S = 1e-9
 # Least horizon, s: keeps a fleet that is already there from dividing by zero.
 _SHORTEST_S = 1e-3
+# A path hardly changes with the speed: each round gains two digits.
+_SPEED_ROUNDS = 3
 
 
 class FleetPlan(eqx.Module):
@@ -44,6 +47,8 @@ class FleetPlan(eqx.Module):
     """Common time of arrival, s."""
     nominal_lengths: Float[Array, " aircraft"]
     """Lengths of the unbent air paths, m."""
+    speed: Scalar
+    """Mean airspeed of the plan, m/s: the fleet's, or more where the farthest cannot come down so slowly."""
     reference_length: Scalar
     """The longest of them among aircraft that can reach their goal, m; the length all fly (plus what each is due)."""
     lengths: Float[Array, " aircraft"]
@@ -160,17 +165,33 @@ def _common_duration(tasks: PlanningTask, speed: Scalar) -> tuple[Scalar, Flag, 
     in_time = taken <= trials[:, None]
     reachable = exists & jnp.any(in_time, axis=0)
     all_in_time = jnp.all(in_time | ~reachable[None, :], axis=1)
-    # The first trial in time; its predecessor is not (or is the first of all, which no path beats).
+    # The first trial in time; its predecessor is not. Only a fleet that is there, or behind by more than its whole way,
+    # is in time at once.
     index = jnp.maximum(jnp.argmax(all_in_time), 1)
     low, high = trials[index - 1], trials[index]
     root = bracketed_newton(_shortfall, (tasks, speed, reachable), low, high, high, ARRIVAL_STEPS)
-    found = jnp.any(all_in_time) & (jnp.abs(root.residual) <= ARRIVAL_TOLERANCE_S)
-    return root.x, found, reachable
+    found = jnp.any(all_in_time) & jnp.any(reachable) & (jnp.abs(root.residual) <= ARRIVAL_TOLERANCE_S)
+    # Without an answer the straight lines' time stands in.
+    return jnp.maximum(jnp.where(found, root.x, least), _SHORTEST_S), found, reachable
 
 
 def _timed(path: Trajectory, task: PlanningTask, even_speed: Flag | bool) -> Trajectory:
     """Give a path its time law, from the aircraft's present airspeed."""
     return with_even_speed(path, norm(task.air_velocity_n), task.deceleration, even=even_speed)
+
+
+def _plan_speed(tasks: PlanningTask, speed: Scalar, even_speed: Flag | bool) -> Scalar:
+    """The fleet's mean airspeed, raised to the least with which the farthest aircraft can fly down its nominal path."""
+
+    def once(_: object, tried: Scalar) -> Scalar:
+        duration, _found, reachable = _common_duration(tasks, tried)
+        paths, _attainable = jax.vmap(lambda task: nominal_trajectory(task, 0.0, duration, tried))(tasks)
+        lengths = jnp.where(reachable, jax.vmap(arc_length)(paths) - tasks.length_due, 0.0)
+        speeds_0 = jax.vmap(norm)(tasks.air_velocity_n)
+        slowest = jax.vmap(slowest_mean_speed)(paths, speeds_0, tasks.deceleration)
+        return jnp.where(even_speed, jnp.maximum(speed, slowest[jnp.argmax(lengths)]), speed)
+
+    return jax.lax.fori_loop(0, _SPEED_ROUNDS, once, speed)
 
 
 def coordinate(
@@ -207,6 +228,7 @@ def coordinate(
     """
     start, speed = jnp.asarray(time, dtype=float), jnp.asarray(speed, dtype=float)
     due = tasks.length_due
+    speed = _plan_speed(tasks, speed, even_speed)
     duration, found, reachable = _common_duration(tasks, speed)
 
     nominal, attainable = jax.vmap(lambda task: nominal_trajectory(task, start, duration, speed))(tasks)
@@ -226,6 +248,7 @@ def coordinate(
         trajectories=trajectories,
         arrival_time=start + duration,
         nominal_lengths=lengths,
+        speed=speed,
         reference_length=reference,
         lengths=jax.vmap(arc_length)(trajectories),
         lateral_bends=kappa,

@@ -22,12 +22,12 @@ _SHORTEST_S = 1e-3
 def _refit(
     plan: FleetPlan, time: ScalarLike, tasks: PlanningTask, speed: ScalarLike, even_speed: Flag | bool
 ) -> FleetPlan:
-    """The same arrival time and the rest of the same paths, from the present state to the rendezvous as now foreseen."""
+    """The same arrival time and the rest of the same paths, from the present state to where the rendezvous will be."""
     duration = jnp.maximum(plan.arrival_time - time, _SHORTEST_S)
 
     def one(old: Trajectory, bend: Scalar, task: PlanningTask) -> tuple[Trajectory, Scalar]:
-        # The planned velocity goes on, not the flown one: a new path from the flown speed and course would forgive every
-        # lag of the aircraft, second after second, and leave it to the last seconds.
+        # The planned velocity goes on, not the flown one: a new path from the flown speed and course would forgive
+        # every lag of the aircraft, second after second, and leave it to the last seconds.
         task = eqx.tree_at(lambda t: t.air_velocity_n, task, old.air_velocity_n(time))
         # The rest of a path of this family, with s running from 0 to 1 on it, is a path of this family.
         s = jnp.clip(old.phase(time), 0.0, 1.0 - 1e-6)
@@ -54,9 +54,10 @@ def renew(
     """Plan again from the present state.
 
     Every path is fitted anew from where its aircraft is to where its rendezvous will be. The arrival time and the shape
-    of the path's rest are kept (exactly: a plan renewed on its own path is the same plan) as long as each aircraft's mean airspeed stays within 1 percent of the fleet's; when one leaves that band, because its goal moved
-    otherwise than foreseen, the fleet is coordinated anew. In the last 15 s it is not: there, a few metres of path to
-    make up would take a bend of many g, and a little speed does it as well.
+    of the path's rest are kept (exactly: a plan renewed on its own path is the same plan) as long as each aircraft's
+    mean airspeed stays within 1 percent of the plan's; when one leaves that band, because its goal moved otherwise than
+    foreseen, the fleet is coordinated anew. In the last 15 s it is not: there, a few metres of path to make up would
+    take a bend of many g, and a little speed does it as well.
 
     Parameters
     ----------
@@ -69,13 +70,13 @@ def renew(
 
     Notes
     -----
-    Solving L(kappa) = L_ref at every renewal (theory section 8 read to the letter) is badly conditioned on the way: near
-    L's minimum the bend goes with the square root of the length, so that a metre of tracking error in the middle of a
-    detour moves kappa by kilometres, and the fleet's aircraft take turns in being the farthest.
+    Solving L(kappa) = L_ref at every renewal (theory section 8 read to the letter) is badly conditioned on the way:
+    near L's minimum the bend goes with the square root of the length, so that a metre of tracking error in the middle
+    of a detour moves kappa by kilometres, and the fleet's aircraft take turns in being the farthest.
     """
-    kept = _refit(plan, time, tasks, speed, even_speed)
+    kept = _refit(plan, time, tasks, plan.speed, even_speed)
     duration = kept.trajectories.duration
     mean_speed = (kept.lengths - tasks.length_due) / duration
-    strayed = kept.goal_reachable & (jnp.abs(mean_speed / speed - 1.0) > SPEED_BAND)
+    strayed = kept.goal_reachable & (jnp.abs(mean_speed / plan.speed - 1.0) > SPEED_BAND)
     anew = jnp.any(strayed | ~kept.converged) & (duration[0] > COMMITTED_S)
     return jax.lax.cond(anew, lambda: coordinate(time, tasks, speed, sides, even_speed), lambda: kept)

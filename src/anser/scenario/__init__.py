@@ -1,1 +1,26 @@
-"""TODO."""
+"""Scenarios: the schema of their files, loading with plain errors, building a flight. Input units end here."""
+
+from anser.scenario.build import build_environment, build_flight, build_path_limits
+from anser.scenario.errors import Problem, ScenarioError
+from anser.scenario.library import AIRFRAMES, VARIANTS, load_airframe
+from anser.scenario.load import load, loads, validate
+from anser.scenario.schema import Scenario, scenario_hash
+from anser.scenario.template import starter_scenario, write_starter
+
+__all__ = [
+    "AIRFRAMES",
+    "VARIANTS",
+    "Problem",
+    "Scenario",
+    "ScenarioError",
+    "build_environment",
+    "build_flight",
+    "build_path_limits",
+    "load",
+    "load_airframe",
+    "loads",
+    "scenario_hash",
+    "starter_scenario",
+    "validate",
+    "write_starter",
+]

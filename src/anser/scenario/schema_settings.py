@@ -69,6 +69,11 @@ class Fleet(Table):
     """What the whole fleet has in common."""
 
     speed_m_s: float = number("mean airspeed of the plan, the same for all", 30, SPEED_MAX_M_S, "m/s")
+    speed_profile: Literal["even", "published"] = choice(
+        "how the airspeed runs along a path: evenly, or as the published polynomials in time have it",
+        ("even", "published"),
+        "even",
+    )
 
 
 class Limits(Table):
@@ -126,4 +131,10 @@ class Requirements(Table):
     miss_max_m: float = number("largest distance from the rendezvous point at arrival", 0, 10_000, "m", 3.0, above=True)
     arrival_spread_max_s: float = number(
         "largest time between the first arrival and the last", 0, 3600, "s", 0.05, above=True
+    )
+    position_error_max_m: float | None = number(
+        "largest distance from the planned point up to the arrival; left out: any", 0, 10_000, "m", None, above=True
+    )
+    separation_min_m: float | None = number(
+        "least distance between two aircraft; left out: any", 0, 10_000, "m", None, above=True
     )

@@ -12,6 +12,7 @@ from anser.control import (
     FlightLimits,
     follow,
     hold,
+    hold_point,
     initial_autopilot_state,
     make_plant,
     velocity_control,
@@ -68,6 +69,7 @@ def planning_tasks(
     sensed: Sensed,
     flown: Float[Array, " aircraft"],
     deceleration: Float[Array, " aircraft"],
+    speed: ScalarLike,
 ) -> PlanningTask:
     """What each aircraft brings to the planning, of itself and of its goal as its sensor tells; stacked."""
     velocities_n = jax.vmap(_velocity_n)(now, aircraft)
@@ -79,7 +81,7 @@ def planning_tasks(
         rendezvous=fleet.rendezvous,
         wind_n=now.wind_n,
         origin_n=fleet.start_positions_n + now.wind_n * time,
-        length_due=fleet.speed * time - flown,
+        length_due=speed * time - flown,
         deceleration=deceleration,
     )
 
@@ -109,7 +111,7 @@ def start_flight(flight: Flight) -> tuple[FlightState, TrimPoint]:
     requested = fleet.sides.astype(float)
     flown = jnp.zeros_like(requested)
     deceleration = jax.vmap(_idle_deceleration)(fleet.airframes, now)
-    tasks = planning_tasks(fleet, 0.0, aircraft, now, sensed, flown, deceleration)
+    tasks = planning_tasks(fleet, 0.0, aircraft, now, sensed, flown, deceleration, fleet.speed)
     sides = choose_sides(coordinate(0.0, tasks, fleet.speed, requested, fleet.even_speed), requested)
     plan = coordinate(0.0, tasks, fleet.speed, sides, fleet.even_speed)
     stopped = ~trims.converged
@@ -149,13 +151,16 @@ def _fly_one(
     state, now, settings = own.state, own.now, fleet.guidance
     velocity_n = _velocity_n(now, state)
     planned = follow(own.trajectory, time, state.position_n, velocity_n, now.wind_n, settings)
+    relative_n = state.position_n - own.sensed.goal_position_n
+    height = -own.rendezvous.stand_off_n[2]
+    circle_n = hold_point(relative_n, own.sensed.goal_position_n, height, settings)
     held = hold(
-        state.position_n - own.sensed.goal_position_n,
+        relative_n,
         velocity_n,
         own.sensed.goal_velocity_n,
         now.wind_n,
         own.trajectory.velocity_n(arrival_time) - own.sensed.goal_velocity_n,
-        -own.rendezvous.stand_off_n[2],
+        height,
         fleet.speed,
         settings,
     )
@@ -169,7 +174,7 @@ def _fly_one(
         controls=controls,
         signals=signals,
         command=command,
-        trajectory=own.trajectory,
+        reference_n=jnp.where(phase == HOLD, circle_n, own.trajectory.position_n(time)),
         sight=own.sensed.sight,
         goal_n=own.goal_n,
         goal_estimate_n=own.sensed.goal_position_n,
@@ -180,7 +185,7 @@ def _fly_one(
         phase=phase,
         status=own.status,
     )
-    row = record(moment, time, environment.gravity)
+    row = record(moment, environment.gravity)
     after = advance(own.airframe, environment, time, state, controls, step)
     finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves((after, autopilot))]))
     grounded = after.position_n[2] >= 0.0
@@ -208,7 +213,7 @@ def step_flight(flight: Flight, carry: FlightState) -> tuple[FlightState, dict[s
         lambda: renew(
             carry.plan,
             time,
-            planning_tasks(fleet, time, aircraft, now, sensed, carry.flown, carry.deceleration),
+            planning_tasks(fleet, time, aircraft, now, sensed, carry.flown, carry.deceleration, carry.plan.speed),
             fleet.speed,
             carry.sides,
             fleet.even_speed,

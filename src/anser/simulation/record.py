@@ -5,7 +5,7 @@ from jaxtyping import Array
 
 from anser.aircraft import AbstractAirframe, AircraftState, Condition, Controls
 from anser.control import AutopilotSignals
-from anser.planning import LineOfSight, PathCommand, Trajectory
+from anser.planning import LineOfSight, PathCommand
 from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
 from anser.spatial import euler_from_quaternion, path_angles, rotate_back, safe_norm
 
@@ -21,7 +21,7 @@ class Moment(eqx.Module):
     controls: Controls
     signals: AutopilotSignals
     command: PathCommand
-    trajectory: Trajectory
+    reference_n: Vector3
     sight: LineOfSight
     goal_n: Vector3
     goal_estimate_n: Vector3
@@ -33,14 +33,14 @@ class Moment(eqx.Module):
     status: Count
 
 
-def record(moment: Moment, time: ScalarLike, gravity: ScalarLike) -> dict[str, Array]:
+def record(moment: Moment, gravity: ScalarLike) -> dict[str, Array]:
     """One row of the history of one aircraft, SI units and radians, keyed as in `anser.variables.CATALOGUE`."""
     state, now, data = moment.state, moment.now, moment.now.air_data
     signals, motion = moment.signals, moment.signals.motion
     velocity_n = rotate_back(now.R_bn, state.velocity_b)
     euler = euler_from_quaternion(state.quaternion)
     _, ground_course = path_angles(velocity_n)
-    reference_n = moment.trajectory.position_n(time)
+    reference_n = moment.reference_n
     rendezvous_n = moment.goal_n + moment.stand_off_n
     force_b = now.wrench.force_b
     weight = moment.airframe.mass_properties.mass * gravity

@@ -1,9 +1,10 @@
 """Trim of any airframe for straight, climbing and turning flight: steady forces and moments, no side force."""
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import optimistix as optx
 from jaxtyping import Array, Float
 
 from anser.aircraft import (
@@ -13,9 +14,14 @@ from anser.aircraft import (
     air_data,
     angular_acceleration,
 )
-from anser.environment import Environment
-from anser.shapes import Flag, Scalar, ScalarLike, Vector3
+from anser.environment import Air, Environment
+from anser.numerics.least_squares import Solution, levenberg_marquardt, with_implicit_derivative
+from anser.shapes import Flag, Matrix33, Scalar, ScalarLike, Vector3
 from anser.spatial import attitude_from_path, cross, quaternion_from_rotation, rotate
+from anser.units import DEG_RAD
+
+Unknowns = Float[Array, "7"]
+"""Alpha, beta, mu (rad), elevator, aileron, rudder (rad), power (fraction of maximum)."""
 
 _ALPHA_STARTS_DEG = (2.0, 8.0, 18.0, 30.0, 42.0)  # the lift and moment tables have kinks: one start is not enough
 _CONVERGED = 1e-8  # residual in g and rad/s^2; solver noise is 1e-12, a missed root 1e-2
@@ -60,6 +66,8 @@ class TrimPoint(eqx.Module):
         Whether the equations are solved (residual below 1e-8 g and rad/s^2).
     residual
         Largest remaining acceleration, g and rad/s^2.
+    excess
+        How far alpha, beta, surfaces (rad) and power (fraction) lie outside their limits, summed; 0 inside all.
     """
 
     state: AircraftState
@@ -70,6 +78,7 @@ class TrimPoint(eqx.Module):
     power: Scalar
     converged: Flag
     residual: Scalar
+    excess: Scalar
 
 
 def trim_target(
@@ -83,37 +92,34 @@ def trim_target(
     return TrimTarget(*(jnp.asarray(x, dtype=float) for x in (speed, altitude, path_angle, course, turn_rate)))
 
 
-def _steady_state(target: TrimTarget, x: Float[Array, "7"]) -> AircraftState:
-    alpha, beta, mu = x[0], x[1], x[2]
-    R_bn = attitude_from_path(mu, target.path_angle, target.course, alpha, beta)
-    sa, ca, sb, cb = jnp.sin(alpha), jnp.cos(alpha), jnp.sin(beta), jnp.cos(beta)
-    zero = jnp.zeros_like(alpha)
-    return AircraftState(
-        position_n=jnp.stack([zero, zero, -target.altitude]),
-        velocity_b=target.speed * jnp.stack([ca * cb, sb, sa * cb]),
-        quaternion=quaternion_from_rotation(R_bn),
-        rates_b=rotate(R_bn, jnp.stack([zero, zero, target.turn_rate])),
-        surfaces=x[3:6],
-        power=100 * x[6],
-    )
+class _Case(NamedTuple):
+    """What the trim equations depend on besides their unknowns."""
+
+    airframe: AbstractAirframe
+    gravity: Scalar
+    air: Air
+    target: TrimTarget
 
 
-def _residual(x: Float[Array, "7"], case: tuple[AbstractAirframe, Environment, TrimTarget]) -> Float[Array, "7"]:
+def _attitude(x: Unknowns, target: TrimTarget) -> Matrix33:
+    return attitude_from_path(x[2], target.path_angle, target.course, x[0], x[1])
+
+
+def _velocity_air_b(x: Unknowns, target: TrimTarget) -> Vector3:
+    alpha, beta = x[0], x[1]
+    return target.speed * jnp.stack([jnp.cos(alpha) * jnp.cos(beta), jnp.sin(beta), jnp.sin(alpha) * jnp.cos(beta)])
+
+
+def _residual(x: Unknowns, case: _Case) -> Unknowns:
     """Accelerations that must vanish, in g and rad/s^2, and the side force over the weight."""
-    airframe, environment, target = case
-    state = _steady_state(target, x)
-    R_bn = attitude_from_path(x[2], target.path_angle, target.course, x[0], x[1])
-    air = environment.atmosphere.at(target.altitude)
-    data = air_data(state.velocity_b, target.altitude, air)
-    wrench = airframe.aerodynamics(data, state.rates_b, state.surfaces) + airframe.propulsion(
-        state.power, target.altitude, data.mach
-    )
-    mass = airframe.mass_properties.mass
-    g = environment.gravity
-    specific_b = wrench.force_b / mass
-    fall_b = rotate(R_bn, jnp.zeros(3).at[2].set(g))
-    linear = (specific_b + fall_b - cross(state.rates_b, state.velocity_b)) / g
-    angular = angular_acceleration(airframe.mass_properties, state.rates_b, wrench.moment_b)
+    airframe, g, air, target = case
+    down_b = _attitude(x, target)[:, 2]
+    velocity_b, rates_b = _velocity_air_b(x, target), target.turn_rate * down_b
+    data = air_data(velocity_b, target.altitude, air)
+    wrench = airframe.aerodynamics(data, rates_b, x[3:6]) + airframe.propulsion(100 * x[6], target.altitude, data.mach)
+    specific_b = wrench.force_b / airframe.mass_properties.mass
+    linear = (specific_b - cross(rates_b, velocity_b)) / g + down_b
+    angular = angular_acceleration(airframe.mass_properties, rates_b, wrench.moment_b)
     return jnp.concatenate([linear, angular, specific_b[1:2] / g])
 
 
@@ -123,7 +129,8 @@ def solve_trim(airframe: AbstractAirframe, environment: Environment, target: Tri
     Equations: body velocity and body rates constant in a steady (helical) turn, and no side force (coordination; [SL]
     section 3.6 imposes the same). Limits are not imposed, so that a diagnosis can tell by how much they are exceeded:
     see `anser.simulation.trim_violations`. Levenberg-Marquardt from several angles of attack; of the solutions, the one
-    inside the limits with the least angle of attack is taken. Differentiable by the implicit function theorem.
+    inside the limits with the least angle of attack is taken. Differentiable by the implicit function theorem, first
+    derivatives only.
 
     Parameters
     ----------
@@ -132,27 +139,31 @@ def solve_trim(airframe: AbstractAirframe, environment: Environment, target: Tri
     target
         Steady flight wanted.
     """
-    solver = optx.LevenbergMarquardt(rtol=1e-12, atol=1e-12)
+    case = _Case(airframe, environment.gravity, environment.atmosphere.at(target.altitude), target)
     bank = jnp.arctan2(target.speed * target.turn_rate * jnp.cos(target.path_angle), environment.gravity)
 
-    def attempt(alpha_start: Scalar) -> tuple[Float[Array, "7"], Scalar]:
+    def attempt(alpha_start: Scalar) -> Solution:
         start = jnp.zeros(7).at[0].set(alpha_start).at[2].set(bank).at[6].set(0.3)
-        case = (airframe, environment, target)
-        x = optx.least_squares(_residual, solver, start, args=case, max_steps=64, throw=False).value
-        return x, jnp.max(jnp.abs(_residual(x, case)))
+        return levenberg_marquardt(_residual, case, start)
 
-    candidates, residuals = jax.vmap(attempt)(jnp.deg2rad(jnp.asarray(_ALPHA_STARTS_DEG)))
-    residuals = jnp.where(jnp.isfinite(residuals), residuals, jnp.inf)
-    excess = jax.vmap(lambda x: _excess(airframe, x))(candidates)
-    rank = jnp.where(residuals < _CONVERGED, jnp.where(excess > 0, 1e3 + excess, candidates[:, 0]), 1e6 + residuals)
-    best = jnp.argmin(rank)
-    x, residual = candidates[best], residuals[best]
-    state = _steady_state(target, x)
-    wind_b = rotate(
-        attitude_from_path(x[2], target.path_angle, target.course, x[0], x[1]),
-        environment.wind.at(state.position_n, 0.0),
+    tried = jax.vmap(attempt)(jnp.asarray(_ALPHA_STARTS_DEG) * DEG_RAD)
+    excess = jax.vmap(lambda x: _excess(airframe, x))(tried.x)
+    solved = tried.residual < _CONVERGED
+    # Inside the limits first, then solutions beyond them, then the best of what is none.
+    rank = jnp.where(solved, jnp.where(excess > 0, 1e3 + excess, tried.x[:, 0]), 1e6 + tried.residual)
+    best = jnp.argmin(jax.lax.stop_gradient(rank))
+    x = with_implicit_derivative(_residual, case, tried.x[best])
+    residual = tried.residual[best]
+    R_bn = _attitude(x, target)
+    position_n = jnp.zeros(3).at[2].set(-target.altitude)
+    state = AircraftState(
+        position_n=position_n,
+        velocity_b=_velocity_air_b(x, target) + rotate(R_bn, environment.wind.at(position_n, 0.0)),
+        quaternion=quaternion_from_rotation(R_bn),
+        rates_b=target.turn_rate * R_bn[:, 2],
+        surfaces=x[3:6],
+        power=100 * x[6],
     )
-    state = eqx.tree_at(lambda s: s.velocity_b, state, state.velocity_b + wind_b)
     return TrimPoint(
         state=state,
         controls=Controls(surfaces=state.surfaces, throttle=airframe.throttle_for_power(state.power)),
@@ -162,10 +173,11 @@ def solve_trim(airframe: AbstractAirframe, environment: Environment, target: Tri
         power=state.power,
         converged=residual < _CONVERGED,
         residual=residual,
+        excess=_excess(airframe, x),
     )
 
 
-def _excess(airframe: AbstractAirframe, x: Float[Array, "7"]) -> Scalar:
+def _excess(airframe: AbstractAirframe, x: Unknowns) -> Scalar:
     """How far a solution lies outside the limits (rad and fractions of power, summed); 0 inside."""
 
     def beyond(value: Scalar | Vector3, lower: Scalar | Vector3, upper: Scalar | Vector3) -> Scalar:

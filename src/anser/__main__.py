@@ -1,0 +1,5 @@
+"""`python -m anser`."""
+
+from anser.cli import main
+
+main()

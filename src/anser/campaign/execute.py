@@ -1,0 +1,214 @@
+"""Running one scenario: plan it, fly it, keep what came of it."""
+
+import time as clock
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+import xarray as xr
+
+from anser.compilation_cache import enable_compilation_cache
+from anser.planning import LIMIT_MESSAGES, PLAN_MESSAGES, FleetPlan, LimitReport, check_limits, separation_min
+from anser.report import write_report
+from anser.results import FlightFacts, Requirement, summarize, to_dataset, versions, write_netcdf, write_summary
+from anser.scenario import Scenario, build_flight, build_path_limits
+from anser.simulation import SEGMENT_STEPS, STATUS_MESSAGES, FlightState, TrimPoint, fly_segment, start_flight
+
+CLEARANCE_MIN_M = {"surface": 150.0, "airborne": 100.0}
+"""Least distance from a goal of each kind: the product's scope, whatever a scenario says."""
+
+Progress = Callable[[str, float], None]
+"""Called with what is being done and how much of the flight is behind, 0 to 1."""
+
+_start = eqx.filter_jit(start_flight)
+_segment = eqx.filter_jit(fly_segment)
+_separation = eqx.filter_jit(separation_min)
+
+
+@eqx.filter_jit
+def _limits_of(plan: FleetPlan, limits: Any, gravity: Any) -> LimitReport:
+    return jax.vmap(check_limits, in_axes=(0, None, None))(plan.trajectories, limits, gravity)
+
+
+@dataclass(frozen=True)
+class Planned:
+    """The first plan of a scenario.
+
+    Attributes
+    ----------
+    scenario
+        What was planned.
+    state
+        The fleet at its start, with the plan.
+    trims
+        Steady flight of each aircraft at its start; leading axis aircraft.
+    limits
+        How the paths keep the scenario's limits; leading axis aircraft.
+    separation_min_m
+        Least planned distance between two aircraft up to the arrival; None for one aircraft.
+    """
+
+    scenario: Scenario
+    state: FlightState
+    trims: TrimPoint
+    limits: LimitReport
+    separation_min_m: float | None
+
+    @property
+    def plan(self) -> FleetPlan:
+        """The plan itself."""
+        return self.state.plan
+
+    def problems(self) -> tuple[str, ...]:
+        """Why the plan cannot be flown as it stands, one sentence each; empty where it can."""
+        found = []
+        for k, aircraft in enumerate(self.scenario.aircraft):
+            status = int(self.state.status[k])
+            if bool(self.state.stopped[k]):
+                found.append(f'aircraft "{aircraft.name}": {STATUS_MESSAGES[status]}')
+            elif int(self.plan.status[k]):
+                found.append(f'aircraft "{aircraft.name}": {PLAN_MESSAGES[int(self.plan.status[k])]}')
+            elif int(self.limits.status[k]):
+                found.append(f'aircraft "{aircraft.name}": {LIMIT_MESSAGES[int(self.limits.status[k])]}')
+        return tuple(found)
+
+
+@dataclass(frozen=True)
+class Flown:
+    """A flown scenario.
+
+    Attributes
+    ----------
+    scenario
+        What was flown.
+    dataset
+        Recorded at the scenario's record period; dimensions time and aircraft, every variable with unit, frame, name.
+    summary
+        The contract of `summary.json`.
+    """
+
+    scenario: Scenario
+    dataset: xr.Dataset
+    summary: dict[str, Any]
+
+    @property
+    def met(self) -> bool:
+        """Whether every aircraft arrived and every requirement is met."""
+        arrived = all(row["status"] == "arrived" for row in self.summary["aircraft"])
+        return arrived and all(row["met"] for row in self.summary["requirements"])
+
+    def report(self, path: Path | str) -> Path:
+        """Write the interactive HTML report; refuses to overwrite (FileExistsError)."""
+        write_report(self.dataset, self.summary, Path(path))
+        return Path(path)
+
+    def save(self, folder: Path | str) -> Path:
+        """Write `flight.nc`, `summary.json` and `report.html` into a new folder.
+
+        Raises
+        ------
+        FileExistsError
+            If the folder exists: nothing is overwritten.
+        """
+        target = Path(folder)
+        target.mkdir(parents=True)
+        write_netcdf(self.dataset, target / "flight.nc")
+        write_summary(self.summary, target / "summary.json")
+        self.report(target / "report.html")
+        return target
+
+
+def plan(scenario: Scenario) -> Planned:
+    """Trim every aircraft at its start and make the fleet's first plan, as seen by the sensors at time 0."""
+    enable_compilation_cache()
+    flight = build_flight(scenario)
+    state, trims = _start(flight)
+    limits = _limits_of(state.plan, build_path_limits(scenario), flight.environment.gravity)
+    distance = np.asarray(_separation(state.plan.trajectories))
+    closest = float(np.min(distance)) if len(scenario.aircraft) > 1 else None
+    return Planned(scenario, state, trims, limits, closest)
+
+
+def run(scenario: Scenario, progress: Progress | None = None) -> Flown:
+    """Fly a scenario.
+
+    Parameters
+    ----------
+    scenario
+        Validated, from `load`.
+    progress
+        Called now and then with what is being done and how much of the flight is behind.
+    """
+    enable_compilation_cache()
+    told = progress if progress is not None else lambda what, done: None
+    began = clock.perf_counter()
+    told("planning (the first time, this compiles)", 0.0)
+    flight = build_flight(scenario)
+    state, _ = _start(flight)
+    jax.block_until_ready(state)
+    timing = scenario.timing
+    steps = round(timing.duration_s / timing.step_s)
+    told("flying (the first time, this compiles)", 0.0)
+    segments = []
+    count = -(-(steps + 1) // SEGMENT_STEPS)
+    for k in range(count):
+        state, history = _segment(flight, state)
+        segments.append(jax.tree.map(np.asarray, history))
+        told("flying", (k + 1) / count)
+    history = {key: np.concatenate([part[key] for part in segments])[: steps + 1] for key in segments[0]}
+    time_s = np.arange(steps + 1) * timing.step_s
+    wall_s = clock.perf_counter() - began
+    told("summing up", 1.0)
+    summary = summarize(time_s, history, _facts(scenario, history), wall_s)
+    stride = round(timing.record_period_s / timing.step_s)
+    dataset = to_dataset(
+        time_s[::stride],
+        {key: values[::stride] for key, values in history.items()},
+        [a.name for a in scenario.aircraft],
+        _attributes(scenario),
+    )
+    return Flown(scenario, dataset, summary)
+
+
+def _facts(scenario: Scenario, history: dict[str, np.ndarray]) -> FlightFacts:
+    goals = [scenario.goal_of(a) for a in scenario.aircraft]
+    wanted, limits = scenario.requirements, scenario.limits
+    requirements = [
+        Requirement("miss_max_m", wanted.miss_max_m),
+        Requirement("arrival_spread_max_s", wanted.arrival_spread_max_s),
+        Requirement("speed_min_m_s", limits.speed_min_m_s),
+        Requirement("speed_max_m_s", limits.speed_max_m_s),
+    ]
+    if wanted.position_error_max_m is not None:
+        requirements.append(Requirement("position_error_max_m", wanted.position_error_max_m))
+    if wanted.separation_min_m is not None:
+        requirements.append(Requirement("separation_min_m", wanted.separation_min_m))
+    return FlightFacts(
+        scenario_name=scenario.name,
+        scenario_hash=scenario.hash,
+        seed=scenario.seed,
+        aircraft_names=tuple(a.name for a in scenario.aircraft),
+        goal_names=tuple(a.goal for a in scenario.aircraft),
+        goal_kinds=tuple(goal.kind for goal in goals),
+        planned_arrivals_s=tuple(float(t) for t in history["arrival_time"][-1]),
+        minimum_clearances_m=tuple(CLEARANCE_MIN_M[goal.kind] for goal in goals),
+        requirements=tuple(requirements),
+        status_messages=dict(enumerate(STATUS_MESSAGES)),
+    )
+
+
+def _attributes(scenario: Scenario) -> dict[str, Any]:
+    return {
+        "title": scenario.name,
+        "description": scenario.description,
+        "scenario_hash": scenario.hash,
+        "scenario": scenario.model_dump_json(),
+        "seed": scenario.seed,
+        "reference_latitude_deg": scenario.earth.latitude_deg,
+        "reference_longitude_deg": scenario.earth.longitude_deg,
+        **{f"version_{name}": version for name, version in versions().items()},
+    }

@@ -1,0 +1,118 @@
+"""Levenberg-Marquardt for small square systems: one copy of the function in the compiled code, implicit derivative."""
+
+from collections.abc import Callable
+from typing import NamedTuple, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from anser.shapes import Scalar
+
+Parameters = TypeVar("Parameters")
+
+_FIRST_DAMPING = 1e-3
+_LAST_DAMPING = 1e12
+"""No step this short makes progress: the search has ended in a local minimum or at a kink."""
+
+
+class Solution(NamedTuple):
+    """A point and the largest absolute residual there."""
+
+    x: Float[Array, " n"]
+    residual: Scalar
+
+
+def levenberg_marquardt(
+    function: Callable[[Float[Array, " n"], Parameters], Float[Array, " n"]],
+    parameters: Parameters,
+    start: Float[Array, " n"],
+    steps: int = 64,
+    tolerance: float = 1e-12,
+) -> Solution:
+    """Point x where `function(x, parameters)`, as many residuals as unknowns, is zero or least in the squares.
+
+    The damping falls by ten after a step that helps and rises by ten after one that does not (D. W. Marquardt, *J.
+    SIAM* 11(2), 1963). A step costs one evaluation of the function with its Jacobian, and that is the only copy of the
+    function in the compiled code: a large model compiles several times faster than with a general solver. Not
+    differentiated: see `with_implicit_derivative`.
+
+    Parameters
+    ----------
+    function
+        Residuals, scaled so that 1 is large in each.
+    parameters
+        Any pytree.
+    start
+        Where to start, scaled so that 1 is large in each.
+    steps
+        Greatest number of steps.
+    tolerance
+        The search ends when no residual is larger.
+    """
+
+    def evaluate(x: Float[Array, " n"]) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
+        residual, push = jax.linearize(lambda at: function(at, parameters), x)
+        return residual, jax.vmap(push, out_axes=1)(jnp.eye(x.size))
+
+    def proceed(carry: tuple) -> Array:
+        _, _, residual, _, damping, count = carry
+        # The first evaluation is the loop's own first pass, taken with an infinite residual before it.
+        return (count <= steps) & (jnp.max(jnp.abs(residual)) > tolerance) & (damping < _LAST_DAMPING)
+
+    def step(carry: tuple) -> tuple:
+        best, trial, residual, jacobian, damping, count = carry
+        new_residual, new_jacobian = evaluate(trial)
+        # Not-a-number is no improvement.
+        better = jnp.sum(new_residual**2) < jnp.sum(residual**2)
+        best, residual, jacobian = jax.tree.map(
+            lambda new, old: jnp.where(better, new, old),
+            (trial, new_residual, new_jacobian),
+            (best, residual, jacobian),
+        )
+        damping = damping * jnp.where(better, 0.1, 10.0)
+        following = best - damped_solve(jacobian, residual, damping)
+        return best, following, residual, jacobian, damping, count + 1
+
+    unknown = jnp.full_like(start, jnp.inf)
+    first = (start, start, unknown, jnp.eye(start.size), jnp.asarray(10 * _FIRST_DAMPING), jnp.asarray(0))
+    best, _, residual, *_ = jax.lax.while_loop(proceed, step, first)
+    return Solution(best, jnp.max(jnp.abs(residual)))
+
+
+def with_implicit_derivative(
+    function: Callable[[Float[Array, " n"], Parameters], Float[Array, " n"]],
+    parameters: Parameters,
+    root: Float[Array, " n"],
+) -> Float[Array, " n"]:
+    """Attach to a root of `function(x, parameters)` its derivative with respect to the parameters.
+
+    dx = -(df/dx)^-1 (df/dp) dp, the implicit function theorem; nothing is evaluated unless it is asked for. First
+    derivatives only. Where df/dx is singular the derivative is that of least squares, so it stays finite.
+    """
+    return _implicit(function, parameters, jax.lax.stop_gradient(root))
+
+
+@eqx.filter_custom_jvp
+def _implicit(function: Callable, parameters: object, root: Float[Array, " n"]) -> Float[Array, " n"]:
+    return root
+
+
+@_implicit.def_jvp
+def _implicit_jvp(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
+    function, parameters, root = primals
+    jacobian = jax.jacfwd(lambda x: function(x, parameters))(root)
+    _, change = eqx.filter_jvp(lambda p: function(root, p), (parameters,), (tangents[1],))
+    return root, -damped_solve(jacobian, change, jnp.asarray(0.0))
+
+
+def damped_solve(matrix: Float[Array, "n n"], vector: Float[Array, " n"], damping: Scalar) -> Float[Array, " n"]:
+    """Minimum of |matrix @ x - vector|^2 + damping |x|^2, by the normal equations.
+
+    A floor of 1e-14 of the largest diagonal term keeps a singular matrix solvable.
+    """
+    normal = matrix.T @ matrix
+    floor = 1e-14 * jnp.max(jnp.diagonal(normal))
+    square = normal + (damping + floor) * jnp.eye(vector.size)
+    return jax.scipy.linalg.cho_solve((jnp.linalg.cholesky(square), True), matrix.T @ vector)

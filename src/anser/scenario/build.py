@@ -1,0 +1,171 @@
+"""From a scenario to a flight: here input units end and arrays begin."""
+
+import math
+from collections.abc import Sequence
+from typing import TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from anser.control import AutopilotGains, FlightLimits, GuidanceSettings, LoopGains, published_gains
+from anser.environment import Environment, standard_environment
+from anser.planning import (
+    GoalMotion,
+    PathLimits,
+    Rendezvous,
+    make_rendezvous,
+    pad_waypoints,
+    straight_goal,
+    waypoint_goal,
+)
+from anser.scenario.library import load_airframe
+from anser.scenario.schema import Scenario
+from anser.scenario.schema_aircraft import Aircraft, AttitudeGains, RateGains, VelocityGains
+from anser.scenario.schema_goal import Goal
+from anser.shapes import Scalar, Vector3
+from anser.simulation import Fleet, Flight, Timing, TrimTarget, trim_target
+from anser.units import DEG_RAD
+
+T = TypeVar("T")
+
+_CORRECTION_MAX_M_S = 20.0  # what position feedback may add to the planned velocity
+_HOLD_CLIMB_MAX_M_S = 20.0  # vertical speed in the hold, within the scenario's own limit
+_RATES_MAX_DEG_S = (120.0, 60.0, 60.0)  # body rates that the autopilot may ask for
+_SIDES = {"auto": 0, "right": 1, "left": -1}
+
+
+def build_flight(scenario: Scenario) -> Flight:
+    """Build the arrays that a flight is computed from.
+
+    Every number of the scenario becomes an array, so that another value of the same shape does not compile again. Shape
+    are the numbers of aircraft and of waypoints.
+
+    Parameters
+    ----------
+    scenario
+        Validated.
+    """
+    fleet, guidance, hold, timing = scenario.fleet, scenario.guidance, scenario.hold, scenario.timing
+    return Flight(
+        environment=build_environment(scenario),
+        fleet=Fleet(
+            airframes=_stacked([load_airframe(a.type, a.variant, a.x_cg_over_c) for a in scenario.aircraft]),
+            gains=_stacked([_gains(a) for a in scenario.aircraft]),
+            limits=_stacked([_flight_limits(scenario)] * len(scenario.aircraft)),
+            starts=_stacked([_start(a) for a in scenario.aircraft]),
+            start_positions_n=jnp.stack([_ned(a.start.position_m) for a in scenario.aircraft]),
+            goals=_stacked(_goals([scenario.goal_of(a) for a in scenario.aircraft])),
+            rendezvous=_stacked([_rendezvous(a) for a in scenario.aircraft]),
+            sides=jnp.asarray([_SIDES[a.bend] for a in scenario.aircraft], dtype=jnp.int32),
+            speed=_scalar(fleet.speed_m_s),
+            even_speed=jnp.asarray(fleet.speed_profile == "even"),
+            guidance=GuidanceSettings(
+                position_gain=_scalar(guidance.position_gain_per_s),
+                correction_max=_scalar(_CORRECTION_MAX_M_S),
+                hold_radius=_scalar(hold.radius_m),
+                hold_turn=_scalar(1.0 if hold.direction == "right" else -1.0),
+                climb_rate_max=_scalar(min(_HOLD_CLIMB_MAX_M_S, scenario.limits.climb_rate_max_m_s)),
+            ),
+        ),
+        timing=Timing(
+            step=_scalar(timing.step_s),
+            replan_steps=jnp.asarray(round(timing.replan_period_s / timing.step_s), dtype=jnp.int32),
+            freeze=_scalar(timing.freeze_s),
+        ),
+    )
+
+
+def build_environment(scenario: Scenario) -> Environment:
+    """Standard atmosphere, normal gravity at the scenario's latitude, steady wind."""
+    return standard_environment(_scalar(scenario.earth.latitude_deg * DEG_RAD), wind_n=_ned(scenario.wind.velocity_m_s))
+
+
+def build_path_limits(scenario: Scenario) -> PathLimits:
+    """What a trajectory may ask of an aircraft of this scenario."""
+    limits = scenario.limits
+    return PathLimits(
+        speed_min=_scalar(limits.speed_min_m_s),
+        speed_max=_scalar(limits.speed_max_m_s),
+        bank_max=_scalar(limits.bank_max_deg * DEG_RAD),
+        climb_rate_max=_scalar(limits.climb_rate_max_m_s),
+        altitude_min=_scalar(limits.altitude_min_m),
+    )
+
+
+def _scalar(value: float) -> Scalar:
+    return jnp.asarray(value, dtype=float)
+
+
+def _ned(position_up_m: Sequence[float]) -> Vector3:
+    """(north, east, up) as (north, east, down)."""
+    north, east, up = position_up_m
+    return jnp.asarray([north, east, -up], dtype=float)
+
+
+def _stacked(parts: Sequence[T]) -> T:
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *parts)
+
+
+def _start(aircraft: Aircraft) -> TrimTarget:
+    start = aircraft.start
+    return trim_target(start.speed_m_s, start.altitude_m, start.path_angle_deg * DEG_RAD, start.course_deg * DEG_RAD)
+
+
+def _goals(goals: Sequence[Goal]) -> list[GoalMotion]:
+    motions = [_motion(goal) for goal in goals]
+    count = max(motion.times.shape[0] for motion in motions)
+    return [pad_waypoints(motion, count) for motion in motions]
+
+
+def _motion(goal: Goal) -> GoalMotion:
+    if goal.waypoints is None:
+        return straight_goal(_ned(goal.position_m(0.0)), _ned(goal.velocity_m_s()))
+    places = jnp.stack([_ned((p.north_m, p.east_m, p.altitude_m)) for p in goal.waypoints])
+    return waypoint_goal([p.time_s for p in goal.waypoints], places)
+
+
+def _rendezvous(aircraft: Aircraft) -> Rendezvous:
+    wanted = aircraft.rendezvous
+    return make_rendezvous(
+        _ned(wanted.stand_off_m),
+        course=None if wanted.course_deg is None else wanted.course_deg * DEG_RAD,
+        path_angle=None if wanted.path_angle_deg is None else wanted.path_angle_deg * DEG_RAD,
+    )
+
+
+def _gains(aircraft: Aircraft) -> AutopilotGains:
+    gains = aircraft.gains
+    return eqx.tree_at(
+        lambda g: (g.rates, g.attitude, g.velocity),
+        published_gains(),
+        (_loop(gains.rates), _loop(gains.attitude), _loop(gains.velocity)),
+    )
+
+
+def _loop(gains: RateGains | AttitudeGains | VelocityGains) -> LoopGains:
+    def channels(values: Sequence[float]) -> Array:
+        return jnp.asarray(values, dtype=float)
+
+    return LoopGains(
+        proportional=channels(gains.proportional),
+        integral=channels(gains.integral),
+        derivative=channels(gains.derivative),
+        feed_forward=channels(gains.feed_forward),
+    )
+
+
+def _flight_limits(scenario: Scenario) -> FlightLimits:
+    limits = scenario.limits
+    degrees = [math.radians(x) for x in (limits.bank_max_deg, limits.alpha_min_deg, limits.alpha_max_deg)]
+    return FlightLimits(
+        speed_min=_scalar(limits.speed_min_m_s),
+        speed_max=_scalar(limits.speed_max_m_s),
+        bank_max=_scalar(degrees[0]),
+        alpha_min=_scalar(degrees[1]),
+        alpha_max=_scalar(degrees[2]),
+        load_factor_min=_scalar(limits.load_factor_min),
+        load_factor_max=_scalar(limits.load_factor_max),
+        rates_max=jnp.asarray([math.radians(x) for x in _RATES_MAX_DEG_S]),
+    )

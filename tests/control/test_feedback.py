@@ -1,0 +1,110 @@
+"""The linear part of each loop: theory section 5 and section 9 no. 4."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from control_cases import vectors
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from anser.control import Differentiator, LoopGains, advanced_integral, virtual_control, wrapped
+
+triples = vectors(*((-5.0, 5.0),) * 3)
+modest = settings(deadline=None, max_examples=30)
+
+
+@jax.jit
+def ramp_rates(slope, offset, bandwidth, step, times):
+    def one(state, t):
+        reference = offset + slope * t
+        return state.advanced(reference, bandwidth, step), state.rate(reference, bandwidth, step)
+
+    return jax.lax.scan(one, Differentiator(offset), times)[1]
+
+
+@modest
+@given(triples, triples, st.floats(2.0, 40.0), st.sampled_from([0.005, 0.01, 0.05]))
+def test_rate_of_a_ramp_is_exact_once_the_filter_has_settled(slope, offset, bandwidth, step):
+    """A sampled ramp has the same rate for every period: the mean of x_dot over a step, not its value at the start."""
+    rates = ramp_rates(slope, offset, bandwidth, step, step * np.arange(6000))
+    # settled: at least 6000 * 0.005 s * 2 / s = 60 time constants; then rounding of the ramp (up to 1500) over the step
+    np.testing.assert_allclose(rates[-1], slope, rtol=0, atol=1500 * 1e-15 / step * 40)
+
+
+@modest
+@given(triples, triples, st.floats(2.0, 40.0))
+def test_filter_is_exact_for_a_held_reference_at_any_step(start, reference, bandwidth):
+    """x(t) = r + (x_0 - r) exp(-N t), however the time is cut into steps."""
+    once = Differentiator(jnp.asarray(start)).advanced(jnp.asarray(reference), bandwidth, 0.06)
+    thrice = Differentiator(jnp.asarray(start))
+    for _ in range(3):
+        thrice = thrice.advanced(jnp.asarray(reference), bandwidth, 0.02)
+    exact = reference + (start - reference) * np.exp(-bandwidth * 0.06)
+    np.testing.assert_allclose(once.memory, exact, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(thrice.memory, exact, rtol=0, atol=1e-13)
+
+
+def test_rate_tends_to_the_filter_equation_for_short_steps():
+    """r_dot = N (r - x) in the limit; the first correction is N step / 2 = 2e-5."""
+    rate = Differentiator(jnp.array([1.0, 2.0, 3.0])).rate(jnp.array([2.0, 2.0, 1.0]), 4.0, 1e-5)
+    np.testing.assert_allclose(rate, [4.0, 0.0, -8.0], rtol=3e-5)
+
+
+@modest
+@given(*[triples] * 8)
+def test_virtual_control_is_the_published_law(kp, ki, kd, kf, error, integral, r_dot, y_dot):
+    gains = LoopGains(*map(jnp.asarray, (kp, ki, kd, kf)))
+    nu = virtual_control(gains, *map(jnp.asarray, (error, integral, r_dot, y_dot)))
+    np.testing.assert_allclose(nu, kf * r_dot + kp * error + ki * integral + kd * (r_dot - y_dot), atol=1e-12)
+
+
+def test_virtual_control_closes_an_integrator_onto_a_ramp():
+    """With y_dot = nu the error dynamics are e_dot = -K_P e - K_I int e: the printed minus sign would diverge."""
+    gains = LoopGains(*(jnp.full(3, g) for g in (2.0, 0.5, 0.0, 1.0)))
+    step, slope = 0.01, jnp.array([0.3, -0.2, 1.0])
+
+    def one(carry, t):
+        y, integral = carry
+        error = slope * t + 1.0 - y
+        nu = virtual_control(gains, error, integral, slope, jnp.zeros(3))
+        return (y + step * nu, advanced_integral(integral, error, jnp.asarray(False), step)), error
+
+    _, errors = jax.lax.scan(one, (jnp.zeros(3), jnp.zeros(3)), step * jnp.arange(4000.0))
+    # slowest pole 1 - sqrt(0.5) = 0.29 1/s: exp(-0.29 * 40) = 9e-6
+    assert np.abs(errors[-1]).max() < 2e-5
+    assert np.abs(errors[0]).max() == pytest.approx(1.0)
+
+
+@modest
+@given(vectors(*((-50.0, 50.0),) * 3))
+def test_wrapped_is_the_same_angle_within_half_a_turn(angle):
+    result = np.asarray(wrapped(jnp.asarray(angle)))
+    assert np.all(np.abs(result) <= np.pi)
+    turns = (angle - result) / (2 * np.pi)
+    np.testing.assert_allclose(turns, np.round(turns), atol=1e-13)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1.0, -2.5, 6.5, 3.0 - 2 * np.pi])
+def test_wrapped_has_unit_slope(angle):
+    assert jax.grad(wrapped)(angle) == pytest.approx(1.0, abs=1e-14)
+
+
+@modest
+@given(triples, triples, st.tuples(*[st.booleans()] * 3))
+def test_saturated_channels_stand_still_and_the_others_go_on(integral, error, saturated):
+    after = advanced_integral(jnp.asarray(integral), jnp.asarray(error), jnp.array(saturated), 0.01)
+    np.testing.assert_array_equal(after, np.where(saturated, integral, integral + 0.01 * error))
+
+
+def test_one_flag_stops_all_channels():
+    integral = jnp.array([0.1, 0.2, 0.3])
+    np.testing.assert_array_equal(advanced_integral(integral, jnp.ones(3), jnp.asarray(True), 0.01), integral)
+
+
+def test_batched_equals_single():
+    batch = jnp.arange(12.0).reshape(4, 3)
+    together = jax.vmap(lambda r: Differentiator(jnp.zeros(3)).rate(r, 4.0, 0.01))(batch)
+    for reference, rate in zip(batch, together, strict=True):
+        # the same sums; vectorized code may round the product differently
+        np.testing.assert_allclose(rate, Differentiator(jnp.zeros(3)).rate(reference, 4.0, 0.01), rtol=1e-15)
