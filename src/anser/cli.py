@@ -7,13 +7,14 @@ import traceback
 from pathlib import Path
 from typing import Annotated
 
+import rich.box
 import rich.progress
 import typer
 from rich.console import Console
 from rich.table import Table
 
 import anser
-from anser.scenario import AIRFRAMES, VARIANTS, Scenario, ScenarioError, load, load_airframe, write_starter
+from anser.scenario import AIRFRAMES, VARIANTS, ScenarioError, load, load_airframe, write_starter
 
 app = typer.Typer(
     add_completion=False,
@@ -27,7 +28,7 @@ _err = Console(stderr=True, highlight=False)
 ScenarioPath = Annotated[Path, typer.Argument(help="Scenario file (TOML).", show_default=False)]
 
 
-class Refused(Exception):
+class RefusedError(Exception):
     """Bad input found by the command line itself; the text is the finished message."""
 
 
@@ -105,9 +106,9 @@ def trim(
 ) -> None:
     """Find the steady flight at a condition, or say what stops it and where the nearest one is."""
     if aircraft not in AIRFRAMES:
-        raise Refused(f"--aircraft: arrived {aircraft!r}; expected one of {', '.join(AIRFRAMES)}")
+        raise RefusedError(f"--aircraft: arrived {aircraft!r}; expected one of {', '.join(AIRFRAMES)}")
     if variant not in VARIANTS[aircraft]:
-        raise Refused(f"--variant: arrived {variant!r}; expected one of {', '.join(VARIANTS[aircraft])}")
+        raise RefusedError(f"--variant: arrived {variant!r}; expected one of {', '.join(VARIANTS[aircraft])}")
     _must_lie("--speed-m-s", speed_m_s, 1, 1000)
     _must_lie("--altitude-m", altitude_m, -500, 30000)
     _must_lie("--path-angle-deg", path_angle_deg, -80, 80)
@@ -138,17 +139,21 @@ def new(path: Annotated[Path, typer.Argument(help="File to write; it must not ex
 def _must_be_new(folder: Path) -> None:
     """Refuse an output folder that exists or cannot be made, before anything is flown."""
     if folder.exists() or folder.is_symlink():
-        raise Refused(f"--out: arrived {folder}, which exists; expected a new folder (nothing is overwritten)")
+        raise RefusedError(f"--out: arrived {folder}, which exists; expected a new folder (nothing is overwritten)")
     parent = folder.absolute().parent
     while not parent.exists():
         parent = parent.parent
     if not parent.is_dir() or not os.access(parent, os.W_OK):
-        raise Refused(f"--out: arrived {folder}; expected a place that can be written: {parent} cannot")
+        raise RefusedError(f"--out: arrived {folder}; expected a place that can be written: {parent} cannot")
 
 
 def _must_lie(option: str, value: float, low: float, high: float) -> None:
     if not (math.isfinite(value) and low <= value <= high):
-        raise Refused(f"{option}: arrived {value:g}; expected a number from {low:g} to {high:g}")
+        raise RefusedError(f"{option}: arrived {value:g}; expected a number from {low:g} to {high:g}")
+
+
+def _table(title: str) -> Table:
+    return Table(title=title, box=rich.box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False)
 
 
 def _number(value: float | None, digits: int) -> str:
@@ -156,26 +161,25 @@ def _number(value: float | None, digits: int) -> str:
 
 
 def _print_flown(summary: dict) -> None:
-    table = Table(title=f"{summary['scenario']['name']}: {summary['fleet']['simulated_s']:g} s flown")
-    for name in ("aircraft", "goal", "path"):
-        table.add_column(name)
-    for name in ("planned s", "arrival s", "miss m", "airspeed m/s", "clearance m"):
-        table.add_column(name, justify="right")
-    table.add_column("status", overflow="fold")
+    table = _table(f"{summary['scenario']['name']}: {summary['fleet']['simulated_s']:g} s flown")
+    table.add_column("aircraft", overflow="fold")
+    table.add_column("path", no_wrap=True)
+    for name in ("planned\ns", "arrival\ns", "miss\nm", "airspeed\nm/s", "clear\nm"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("status", overflow="fold", min_width=7)
     for row in summary["aircraft"]:
         bend = row["lateral_bend_m"]
-        side = "nominal" if row["nominal"] or bend is None else f"detour {'right' if bend > 0 else 'left'}"
-        speeds = "/".join(_number(row[f"speed_{k}_m_s"], 1) for k in ("min", "mean", "max"))
+        side = "nominal" if row["nominal"] or bend is None else ("bent right" if bend > 0 else "bent left")
+        speeds = "/".join(_number(row[f"speed_{k}_m_s"], 0) for k in ("min", "mean", "max"))
         left = f" (left the tables for {row['tables_left_s']:.1f} s)" if row["tables_left"] else ""
         table.add_row(
             row["name"],
-            row["goal"],
             side,
             _number(row["planned_arrival_s"], 2),
             _number(row["arrival_s"], 2),
             _number(row["miss_m"], 2),
             speeds,
-            _number(row["clearance_min_m"], 1),
+            _number(row["clearance_min_m"], 0),
             row["status"] + left,
         )
     _out.print(table)
@@ -199,20 +203,19 @@ def _fail_unmet(summary: dict) -> None:
 
 def _print_planned(planned: "anser.campaign.Planned") -> None:  # pyright: ignore[reportAttributeAccessIssue]
     made, limits, wanted = planned.plan, planned.limits, planned.scenario
-    table = Table(title=f"{wanted.name}: all arrive at {float(made.arrival_time):.2f} s")
-    for name in ("aircraft", "goal", "path"):
-        table.add_column(name)
-    for name in ("nominal m", "planned m", "airspeed m/s", "turn, of limit", "climb m/s", "lowest m"):
-        table.add_column(name, justify="right")
+    table = _table(f"{wanted.name}: all arrive at {float(made.arrival_time):.2f} s")
+    table.add_column("aircraft", overflow="fold")
+    table.add_column("path", no_wrap=True)
+    for name in ("nominal\nm", "planned\nm", "airspeed\nm/s", "turn, of\nlimit", "climb\nm/s", "lowest\nm"):
+        table.add_column(name, justify="right", no_wrap=True)
     for k, aircraft in enumerate(wanted.aircraft):
         bend = float(made.lateral_bends[k])
         table.add_row(
             aircraft.name,
-            aircraft.goal,
-            "nominal" if bend == 0.0 else f"detour {'right' if bend > 0 else 'left'}",
+            "nominal" if bend == 0.0 else ("bent right" if bend > 0 else "bent left"),
             f"{float(made.nominal_lengths[k]):.1f}",
             f"{float(made.lengths[k]):.1f}",
-            f"{float(limits.speed_min[k]):.1f} to {float(limits.speed_max[k]):.1f}",
+            f"{float(limits.speed_min[k]):.0f} to {float(limits.speed_max[k]):.0f}",
             f"{100 * float(limits.turn_use_max[k]):.0f} %",
             f"{float(limits.climb_rate_max[k]):.1f}",
             f"{float(limits.altitude_min[k]):.0f}",
@@ -228,7 +231,7 @@ def main() -> None:
     """Run the command line and exit with its code."""
     try:
         app()
-    except (ScenarioError, Refused) as error:
+    except (ScenarioError, RefusedError) as error:
         _err.print(str(error), soft_wrap=True, markup=False)
         sys.exit(2)
     except KeyboardInterrupt:
@@ -240,4 +243,4 @@ def main() -> None:
         sys.exit(3)
 
 
-__all__ = ["Refused", "Scenario", "app", "main"]
+__all__ = ["RefusedError", "app", "main"]

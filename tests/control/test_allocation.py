@@ -1,5 +1,6 @@
 """Allocation: surfaces whose moment is the wanted one (theory section 5, item 1)."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,7 +8,6 @@ import pytest
 from control_cases import AIRFRAME, DEGREE, setting_of, vectors
 from hypothesis import given, settings
 
-from anser.aircraft import moment_for_acceleration
 from anser.control import allocate
 
 modest = settings(deadline=None, max_examples=60)
@@ -33,22 +33,102 @@ def _moment(setting, surfaces):
     return forces.moment_b + setting.now.propulsive.moment_b
 
 
+def _scale(setting):
+    size = jnp.stack([AIRFRAME.span, AIRFRAME.mean_chord, AIRFRAME.span])
+    return setting.now.air_data.qbar * AIRFRAME.wing_area * size
+
+
 @jax.jit
 def allocated(x, target):
-    """Moment of `target` surfaces, what allocation makes of it from the present ones, and their moment."""
+    """Allocation of the moment of `target` surfaces, twice in a row; errors of the moments as coefficients."""
     setting = setting_of(x)
+    rates_b = setting.state.rates_b
     wanted_b = _moment(setting, target)
-    demand = allocate(AIRFRAME, setting.now, setting.state.rates_b, setting.state.surfaces, wanted_b)
-    scale = setting.now.air_data.qbar * AIRFRAME.wing_area * jnp.stack([AIRFRAME.span, AIRFRAME.mean_chord, AIRFRAME.span])
-    return demand, (_moment(setting, demand.surfaces) - wanted_b) / scale
+    first = allocate(AIRFRAME, setting.now, rates_b, setting.state.surfaces, wanted_b)
+    second = allocate(AIRFRAME, setting.now, rates_b, first.surfaces, wanted_b)
+    errors = [(_moment(setting, demand.surfaces) - wanted_b) / _scale(setting) for demand in (first, second)]
+    return first, second, errors
+
+
+def _piece(elevator_rad):
+    """Piece of the elevator axis (breakpoints at -12, 0, 12 deg; [SL] appendix A) on which a deflection lies."""
+    return np.floor(elevator_rad / DEGREE / 12)
 
 
 @modest
 @given(conditions, inside)
-def test_the_wanted_moment_is_reached_across_the_elevator_breakpoints(x, target):
-    """From any present deflection to any other: Cm0 has breakpoints at -12, 0 and 12 deg of elevator."""
-    demand, error = allocated(x, target)
-    # the second Newton step lands on the right piece of the table but for jumps over two breakpoints
-    assert np.abs(error).max() < 2e-3
-    within = np.all((np.asarray(demand.surfaces) >= LOWER) & (np.asarray(demand.surfaces) <= UPPER))
-    assert within == (not np.any(demand.saturated))
+def test_the_wanted_moment_is_reached_from_any_deflection(x, target):
+    first, second, (error, later) = allocated(x, target)
+    # the moments are linear in aileron and rudder, and in the elevator within a piece of its table: rounding only
+    assert np.abs(error[jnp.array([0, 2])]).max() < 1e-13
+    if _piece(x[9]) == _piece(target[0]):
+        assert np.abs(error).max() < 1e-13
+        np.testing.assert_allclose(first.surfaces, target, atol=1e-11)
+    # across breakpoints (measured on 20,000 cases): at most 0.051 of pitching moment is left at first, none at the next
+    assert np.abs(error).max() < 0.06
+    assert np.abs(later).max() < 1e-13
+    within = (np.asarray(second.surfaces) >= LOWER) & (np.asarray(second.surfaces) <= UPPER)
+    np.testing.assert_array_equal(np.asarray(second.saturated), ~within)
+
+
+LEVEL = np.array([150, 0.05, 0, 0, 0, 0, 0, 0, 0, -0.04, 0.0, 0.0, 20, 1000, 0, 0, 0])
+
+
+MOMENT_B = np.array([500.0, -1000.0, 200.0])
+
+
+def _demand(x, moment_b, push_b):
+    setting = setting_of(x)
+    now = eqx.tree_at(lambda now: now.propulsive.moment_b, setting.now, push_b)
+    return allocate(AIRFRAME, now, setting.state.rates_b, setting.state.surfaces, moment_b)
+
+
+demand_of = jax.jit(_demand)
+slopes_of = jax.jit(jax.jacrev(lambda x, moment_b: _demand(x, moment_b, jnp.zeros(3)).surfaces, argnums=(0, 1)))
+
+
+@pytest.mark.parametrize(("channel", "roll_pitch_yaw"), [(0, (0, 1, 0)), (1, (1, 0, 0)), (2, (0, 0, 1))])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_moments_beyond_the_stops_are_flagged_and_stay_bounded(channel, roll_pitch_yaw, sign):
+    """A coefficient of 1, ten times what full deflection gives; the iterate stays within the slack of 0.2 rad."""
+    qbar = 0.5 * 1.1117 * 150.0**2  # 1000 m, [USSA76]
+    demand = demand_of(LEVEL, sign * qbar * 27.87 * 9.144 * np.array(roll_pitch_yaw, dtype=float), np.zeros(3))
+    assert demand.saturated[channel]
+    assert np.all(np.abs(demand.surfaces) <= UPPER + 0.2 + 1e-12)
+    # positive deflections give negative moments in all three axes of this airframe ([SL] section 3.5)
+    assert sign * demand.surfaces[channel] < 0
+
+
+def test_moments_of_the_engine_are_not_asked_of_the_surfaces():
+    push_b = np.array([100.0, 2000.0, -300.0])
+    relieved = demand_of(LEVEL, MOMENT_B, push_b).surfaces
+    np.testing.assert_allclose(relieved, demand_of(LEVEL, MOMENT_B - push_b, np.zeros(3)).surfaces, atol=1e-13)
+    assert np.abs(relieved - demand_of(LEVEL, MOMENT_B, np.zeros(3)).surfaces).max() > 1e-3
+
+
+def test_gradient_is_the_inverse_of_the_effectiveness():
+    """d(surfaces)/d(moment) times d(moment)/d(surfaces) is the identity."""
+    slope = slopes_of(LEVEL, MOMENT_B)[1]
+    effectiveness = jax.jit(jax.jacfwd(lambda s: _moment(setting_of(LEVEL), s)))(LEVEL[9:12])
+    # within one piece of the elevator table and at fixed alpha, beta the moments are linear in the surfaces
+    np.testing.assert_allclose(slope @ effectiveness, np.eye(3), atol=1e-12)
+
+
+@pytest.mark.parametrize("V", [1.0, 150.0])
+def test_gradient_with_respect_to_the_condition_is_finite(V):
+    x = LEVEL.copy()
+    x[0] = V
+    assert np.isfinite(slopes_of(x, MOMENT_B)[0]).all()
+
+
+def test_no_dynamic_pressure_gives_no_deflection_instead_of_no_number():
+    x = LEVEL.copy()
+    x[0] = 0.0
+    np.testing.assert_array_equal(demand_of(x, MOMENT_B, np.zeros(3)).surfaces, x[9:12])
+
+
+def test_batched_equals_single():
+    batch, nothing = np.stack([LEVEL, LEVEL * 1.1]), np.zeros(3)
+    together = jax.jit(jax.vmap(lambda x: _demand(x, MOMENT_B, nothing).surfaces))(batch)
+    for x, surfaces in zip(batch, together, strict=True):
+        np.testing.assert_allclose(surfaces, demand_of(x, MOMENT_B, nothing).surfaces, atol=1e-13)

@@ -14,7 +14,7 @@ path_angles = st.floats(-0.6, 0.6)
 SPEED = 150.0
 _fit = jax.jit(fit_trajectory)
 # One compiled planner per fleet size for all tests.
-plan_at = jax.jit(coordinate)
+_plan = jax.jit(coordinate)
 
 
 def velocity(speed, course, path_angle=0.0):
@@ -47,6 +47,12 @@ def published_path(path_angle_f_deg: float, b_4: float = 0.0, c_4: float = 0.0) 
     )
 
 
+def plan_at(time, tasks, sides, even=False, speed=SPEED):
+    """A fleet's plan; every argument an array of one kind, so that nothing compiles twice."""
+    time, sides, speed = (jnp.asarray(x, dtype=float) for x in (time, sides, speed))
+    return _plan(time, tasks, speed, sides, jnp.asarray(even))
+
+
 def stand_offs(count: int, height: float = 300.0) -> Rendezvous:
     """Free arrivals straight above each goal."""
     return jax.vmap(make_rendezvous)(jnp.tile(jnp.array([[0.0, 0.0, -height]]), (count, 1)))
@@ -66,7 +72,7 @@ def fleet(
         wind_n=jnp.zeros((count, 3)) if wind_n is None else jnp.tile(jnp.asarray(wind_n), (count, 1)),
         origin_n=positions_n,
         length_due=jnp.zeros(count),
-        deceleration=jnp.full(count, deceleration),
+        deceleration=jnp.full(count, deceleration, dtype=float),
     )
 
 

@@ -1,54 +1,63 @@
 """Simultaneous arrival of a fleet (theory section 8)."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from planning_cases import FleetCase, plan_at, published_fleet, random_fleet, stand_offs, velocity
+from planning_cases import (
+    SPEED,
+    along,
+    fleet,
+    in_wind,
+    lengths_of,
+    on_plan,
+    plan_at,
+    published_fleet,
+    random_fleet,
+    velocity,
+)
 
-from anser.planning import PLAN_MESSAGES, arc_length, coordinate, fit_trajectory, make_rendezvous
+from anser.planning import PLAN_MESSAGES, PlanningTask, arc_length, coordinate, fit_trajectory, make_rendezvous
 from anser.planning.coordination import DIRECTION_UNATTAINABLE, GOAL_OUTRUNS, NO_COMMON_TIME, PLANNED
 
 RIGHT = jnp.ones(3)
 
 
-def arrive(case: FleetCase, sides=RIGHT, time=0.0):
-    return plan_at(time, *case, sides)
+def arrive(case: PlanningTask, sides=RIGHT, time=0.0, even=False):
+    return plan_at(time, case, SPEED, sides, even)
 
 
 @jax.jit
-def longest_path_takes(case: FleetCase, duration):
+def longest_path_takes(case: PlanningTask, duration):
     """The published scheme written out for still air and free arrivals: how long the longest path takes."""
-    ends = case.goal_positions_n + case.goal_velocities_n * duration + case.rendezvous.stand_off_n
-    lines = ends - case.positions_n
-    finals = case.speed * lines / jnp.linalg.norm(lines, axis=1)[:, None]
+    ends = case.goal_position_n + case.goal_velocity_n * duration + case.rendezvous.stand_off_n
+    lines = ends - case.position_n
+    finals = SPEED * lines / jnp.linalg.norm(lines, axis=1)[:, None]
     paths = jax.vmap(lambda p, v, e, f: fit_trajectory(0.0, duration, p, v, e, f))(
-        case.positions_n, case.air_velocities_n, ends, finals
+        case.position_n, case.air_velocity_n, ends, finals
     )
-    return jnp.max(jax.vmap(arc_length)(paths)) / case.speed
+    return jnp.max(jax.vmap(arc_length)(paths)) / SPEED
 
 
-along = jax.jit(lambda paths, time: jax.vmap(lambda path: (path.position_n(time), path.air_velocity_n(time)))(paths))
-lengths_of = jax.jit(jax.vmap(arc_length))
-
-
-def check_arrival(case: FleetCase, plan, time):
+def check_arrival(case: PlanningTask, plan, time):
     """All fly the reference length and meet their moving goals together, as planned."""
     t_f = plan.arrival_time
     duration = t_f - time
     # Fixed point: the longest path at the airspeed takes the common time.
-    assert abs(plan.reference_length / case.speed - duration) < 1e-9
+    assert abs(plan.reference_length / SPEED - duration) < 1e-9
     assert plan.reference_length == jnp.max(plan.nominal_lengths)
     assert plan.lateral_bends[plan.farthest] == 0.0
     np.testing.assert_allclose(lengths_of(plan.trajectories), plan.reference_length, atol=1e-6)
     here, start = along(plan.trajectories, time)
     there, final = along(plan.trajectories, t_f)
-    goals = case.goal_positions_n + case.goal_velocities_n * duration + case.rendezvous.stand_off_n
+    goals = case.goal_position_n + case.goal_velocity_n * duration + case.rendezvous.stand_off_n
     # Rounding of coefficients of up to 1e5 m.
     np.testing.assert_allclose(there, goals, atol=1e-8)
-    np.testing.assert_allclose(here, case.positions_n, atol=1e-9)
-    np.testing.assert_allclose(start, case.air_velocities_n, atol=1e-9)
-    np.testing.assert_allclose(np.linalg.norm(final, axis=1), case.speed, rtol=1e-10)
+    np.testing.assert_allclose(here, case.position_n, atol=1e-9)
+    np.testing.assert_allclose(start, case.air_velocity_n, atol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(final, axis=1), SPEED, rtol=1e-10)
 
 
 def test_published_three_aircraft_case():
@@ -61,7 +70,7 @@ def test_published_three_aircraft_case():
     assert plan.farthest == 0
     # no shorter a way than the line to where the rendezvous will be, and longer by less than a percent.
     straight = jnp.linalg.norm(
-        jnp.array([100.0, 0.0, -300.0]) + 25.0 * plan.arrival_time * jnp.array([1.0, 0.0, 0.0]) - case.positions_n[0]
+        jnp.array([100.0, 0.0, -300.0]) + 25.0 * plan.arrival_time * jnp.array([1.0, 0.0, 0.0]) - case.position_n[0]
     )
     assert straight <= plan.reference_length <= 1.01 * straight
 
@@ -96,7 +105,7 @@ def test_fixed_point_agrees_with_plain_iteration():
 def test_plan_in_wind_is_the_plan_in_still_air_seen_from_the_drifting_frame():
     wind = jnp.array([12.0, -20.0, 1.0])
     still = random_fleet(3, 40.0)
-    windy = still._replace(goal_velocities_n=still.goal_velocities_n + wind[None], wind_n=jnp.tile(wind, (3, 1)))
+    windy = in_wind(still, wind)
     a, b = arrive(still, time=20.0), arrive(windy, time=20.0)
     np.testing.assert_allclose(b.arrival_time, a.arrival_time, rtol=1e-12)
     np.testing.assert_allclose(b.lateral_bends, a.lateral_bends, rtol=1e-7, atol=1e-6)
@@ -107,22 +116,58 @@ def test_plan_in_wind_is_the_plan_in_still_air_seen_from_the_drifting_frame():
         np.testing.assert_allclose(in_wind, in_still + wind[None] * (time - 20.0), atol=1e-5)
 
 
-def test_replanning_on_the_farthest_path_keeps_the_arrival_time():
-    # Half a second on, the plan from there is nearly the same: the quartic family is not closed under restarts, so this
-    # holds to a few milliseconds only.
+@pytest.mark.parametrize("elapsed", [0.5, 20.0, 50.0])
+def test_replanning_on_the_paths_keeps_the_arrival_time(elapsed):
+    # The rest of the farthest's nominal path is the nominal path from there (same slopes by s at both ends), and what
+    # it flew faster or slower than the mean so far is due: arrival time and reference length follow exactly.
     case = published_fleet()
     plan = arrive(case)
-    later = case._replace(
-        positions_n=along(plan.trajectories, 0.5)[0],
-        air_velocities_n=along(plan.trajectories, 0.5)[1],
-        goal_positions_n=case.goal_positions_n + 0.5 * case.goal_velocities_n,
-    )
-    np.testing.assert_allclose(arrive(later, time=0.5).arrival_time, plan.arrival_time, atol=0.01)
+    later = on_plan(plan, case, elapsed, elapsed)
+    again = arrive(later, time=elapsed)
+    # A millimetre is what quadrature leaves of a length of 9 km split in two; 150 m/s.
+    np.testing.assert_allclose(again.arrival_time, plan.arrival_time, atol=1e-5)
+    assert again.farthest == plan.farthest
+    assert np.all(again.converged)
+    np.testing.assert_allclose(lengths_of(again.trajectories), again.reference_length + later.length_due, atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_lengths_due_are_flown_on_top(seed):
+    case = random_fleet(seed, 40.0)
+    due = jnp.asarray(np.random.default_rng(seed).uniform(-300.0, 300.0, 3))
+    behind = replace(case, length_due=due)
+    plan = arrive(behind, time=30.0)
+    assert np.all(plan.converged)
+    # What is due comes on top of each path, and the fleet's mean airspeed over the whole flight is the same for all.
+    np.testing.assert_allclose(lengths_of(plan.trajectories) - due, SPEED * (plan.arrival_time - 30.0), atol=1e-5)
+
+
+@pytest.mark.parametrize("part", [0.5, 0.8, 0.95, 0.999])
+def test_a_fleet_far_behind_still_finds_its_time(part):
+    # Nearly the whole way is due already: the time that is left tends to 0, far below the straight lines' time.
+    case = published_fleet()
+    way = jnp.linalg.norm(case.goal_position_n + case.rendezvous.stand_off_n - case.position_n, axis=1)
+    plan = arrive(replace(case, length_due=part * jnp.min(way) * jnp.array([1.0, 1.0, 1.0]) + (jnp.max(way) - way)))
+    behind = replace(case, length_due=part * way)
+    plan = arrive(behind)
+    assert np.all(plan.converged)
+    assert plan.arrival_time < 1.1 * (1.0 - part) * jnp.max(way) / SPEED
+    np.testing.assert_allclose(lengths_of(plan.trajectories) - behind.length_due, SPEED * plan.arrival_time, atol=1e-5)
+
+
+def test_a_fleet_behind_by_more_than_its_way_is_refused_and_stays_finite():
+    case = published_fleet()
+    plan = arrive(replace(case, length_due=jnp.full(3, 2e4)))
+    assert np.all(plan.status == NO_COMMON_TIME)
+    assert not np.any(plan.converged)
+    # The time along straight lines at the airspeed stands in: 9 km for the farthest.
+    assert 50.0 < plan.arrival_time < 100.0
+    assert all(jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(plan))
 
 
 def test_an_outrunning_goal_is_flagged_and_the_others_are_planned():
     case = published_fleet()
-    fleeing = case._replace(goal_velocities_n=case.goal_velocities_n.at[1].set(velocity(170.0, 0.8)))
+    fleeing = replace(case, goal_velocity_n=case.goal_velocity_n.at[1].set(velocity(170.0, 0.8)))
     plan = arrive(fleeing)
     assert plan.status.tolist() == [PLANNED, GOAL_OUTRUNS, PLANNED]
     assert plan.goal_reachable.tolist() == [True, False, True]
@@ -133,13 +178,15 @@ def test_an_outrunning_goal_is_flagged_and_the_others_are_planned():
 
 def test_all_outrun_stays_finite_and_bounded():
     case = published_fleet()
-    away = case.goal_positions_n - case.positions_n
-    fleeing = case._replace(goal_velocities_n=200.0 * away / jnp.linalg.norm(away, axis=1)[:, None])
+    away = case.goal_position_n - case.position_n
+    fleeing = replace(case, goal_velocity_n=200.0 * away / jnp.linalg.norm(away, axis=1)[:, None])
     plan = arrive(fleeing)
     assert np.all(plan.status == GOAL_OUTRUNS)
     assert not np.any(plan.converged)
     assert plan.arrival_time < 1e3
-    gradient = jax.jit(jax.grad(lambda p: coordinate(0.0, p, *fleeing[1:], RIGHT).arrival_time))(fleeing.positions_n)
+    gradient = jax.jit(jax.grad(lambda p: coordinate(0.0, replace(fleeing, position_n=p), SPEED, RIGHT).arrival_time))(
+        fleeing.position_n
+    )
     for leaf in jax.tree.leaves((plan, gradient)):
         assert jnp.all(jnp.isfinite(leaf))
 
@@ -158,37 +205,35 @@ def test_fast_goals_never_give_nan(goal_speed_max):
 
 def test_a_fleet_at_its_rendezvous_stays_finite():
     case = published_fleet()
-    there = case._replace(positions_n=case.goal_positions_n + case.rendezvous.stand_off_n)
+    there = replace(case, position_n=case.goal_position_n + case.rendezvous.stand_off_n)
     assert all(jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(arrive(there)))
 
 
 def test_prescribed_arrival_and_its_refusal():
-    case = published_fleet()
-    single = jax.tree.map(lambda leaf: leaf[:1], case._replace(speed=jnp.zeros(1)))._replace(speed=150.0)
-    level_north = jax.tree.map(lambda leaf: leaf[None], make_rendezvous(jnp.array([0.0, 0.0, -300.0]), 0.0, 0.0))
+    single = jax.tree.map(lambda leaf: leaf[:1], published_fleet())
+    north = jax.tree.map(lambda leaf: leaf[None], make_rendezvous(jnp.array([0.0, 0.0, -300.0]), 0.0, 0.0))
     breeze = jnp.array([[0.0, 30.0, 0.0]])
-    plan = plan_at(0.0, *single._replace(rendezvous=level_north, wind_n=breeze), jnp.ones(1))
+    plan = plan_at(0.0, replace(single, rendezvous=north, wind_n=breeze), SPEED, jnp.ones(1), False)
     assert plan.status[0] == PLANNED
     final = jax.vmap(lambda path: path.velocity_n(plan.arrival_time))(plan.trajectories)[0]
     # Crab angle: the ground speed is sqrt(150^2 - 30^2), due North, level.
     np.testing.assert_allclose(final, [np.sqrt(150.0**2 - 30.0**2), 0.0, 0.0], atol=1e-9)
     storm = jnp.array([[0.0, 160.0, 0.0]])
-    refused = plan_at(0.0, *single._replace(rendezvous=level_north, wind_n=storm, goal_velocities_n=storm), jnp.ones(1))
+    refused = plan_at(
+        0.0, replace(single, rendezvous=north, wind_n=storm, goal_velocity_n=storm), SPEED, jnp.ones(1), False
+    )
     assert refused.status[0] == DIRECTION_UNATTAINABLE
 
 
 def test_published_single_case():
     # Theory section 8: one aircraft flies its nominal path.
-    case = FleetCase(
+    case = fleet(
         jnp.array([[0.0, 0.0, -1000.0]]),
         velocity(150.0, 0.0)[None],
         jnp.array([[5000.0, 0.0, 0.0]]),
         velocity(25.0, np.pi / 2)[None],
-        stand_offs(1),
-        150.0,
-        jnp.zeros((1, 3)),
     )
-    plan = plan_at(0.0, *case, jnp.ones(1))
+    plan = plan_at(0.0, case, SPEED, jnp.ones(1), False)
     assert plan.status[0] == PLANNED
     check_arrival(case, plan, 0.0)
 
@@ -198,23 +243,23 @@ def test_gradient_against_finite_differences():
 
     @jax.jit
     def outcome(goal_velocities, speed):
-        plan = coordinate(0.0, *case._replace(goal_velocities_n=goal_velocities, speed=speed), RIGHT)
+        plan = coordinate(0.0, replace(case, goal_velocity_n=goal_velocities), speed, RIGHT)
         middle = jax.vmap(lambda path: path.position_n(20.0))(plan.trajectories)
         return jnp.concatenate([plan.arrival_time[None], plan.lateral_bends / 1e3, middle[:, 1] / 1e3])
 
-    jacobian = jax.jit(jax.jacrev(outcome, argnums=(0, 1)))(case.goal_velocities_n, jnp.asarray(150.0))
+    jacobian = jax.jit(jax.jacrev(outcome, argnums=(0, 1)))(case.goal_velocity_n, jnp.asarray(150.0))
     step = 1e-3
     for index in [(0, 0), (1, 1), (2, 1), (2, 2)]:
         shift = jnp.zeros((3, 3)).at[index].set(step)
         numeric = (
-            outcome(case.goal_velocities_n + shift, jnp.asarray(150.0))
-            - outcome(case.goal_velocities_n - shift, jnp.asarray(150.0))
+            outcome(case.goal_velocity_n + shift, jnp.asarray(150.0))
+            - outcome(case.goal_velocity_n - shift, jnp.asarray(150.0))
         ) / (2.0 * step)
         # Central differences: step^2 truncation and 1e-10/step of solver residual.
         np.testing.assert_allclose(jacobian[0][:, index[0], index[1]], numeric, rtol=1e-5, atol=1e-6)
     numeric = (
-        outcome(case.goal_velocities_n, jnp.asarray(150.0 + step))
-        - outcome(case.goal_velocities_n, jnp.asarray(150.0 - step))
+        outcome(case.goal_velocity_n, jnp.asarray(150.0 + step))
+        - outcome(case.goal_velocity_n, jnp.asarray(150.0 - step))
     ) / (2.0 * step)
     np.testing.assert_allclose(jacobian[1], numeric, rtol=1e-5, atol=1e-6)
 
@@ -222,7 +267,7 @@ def test_gradient_against_finite_differences():
 def test_vmap_over_fleets():
     cases = [random_fleet(seed, 60.0) for seed in (5, 6)]
     stacked = jax.tree.map(lambda *leaves: jnp.stack([jnp.asarray(leaf) for leaf in leaves]), *cases)
-    plans = jax.jit(jax.vmap(lambda case: coordinate(0.0, *case, RIGHT)))(stacked)
+    plans = jax.jit(jax.vmap(lambda case: coordinate(0.0, case, SPEED, RIGHT)))(stacked)
     for index, case in enumerate(cases):
         np.testing.assert_allclose(plans.arrival_time[index], arrive(case).arrival_time, rtol=1e-12)
         np.testing.assert_allclose(plans.lateral_bends[index], arrive(case).lateral_bends, rtol=1e-8, atol=1e-6)
@@ -230,5 +275,6 @@ def test_vmap_over_fleets():
 
 def test_no_weak_types():
     # A plan is carried through lax.cond and lax.scan, where weak types do not match strong ones.
-    shapes = jax.eval_shape(coordinate, 0.0, *published_fleet(), RIGHT)
-    assert not any(leaf.weak_type for leaf in jax.tree.leaves(shapes))
+    for even in (False, True):
+        shapes = jax.eval_shape(coordinate, 0.0, published_fleet(), SPEED, RIGHT, even)
+        assert not any(leaf.weak_type for leaf in jax.tree.leaves(shapes))

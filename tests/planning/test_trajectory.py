@@ -10,6 +10,8 @@ from planning_cases import angles, published_path, trajectories, velocity
 
 from anser.planning import arc_length, bend_trajectory, fit_trajectory, lateral_direction_n
 
+derivative_of = [jax.jit(lambda path, s, n=order: path.path_derivative(s, n)) for order in range(4)]
+
 
 @settings(deadline=None, max_examples=30)
 @given(path=trajectories(), lateral=st.floats(-3e4, 3e4), vertical=st.floats(-3e4, 3e4))
@@ -54,13 +56,20 @@ def test_published_form_of_the_coefficients():
 @given(path=trajectories(), fraction=st.floats(-0.3, 1.3))
 def test_derivatives_are_derivatives(path, fraction):
     time = path.start_time + fraction * path.duration
-    for function, derivative in (
-        (path.position_n, path.velocity_n),
-        (path.velocity_n, path.acceleration_n),
-        (path.acceleration_n, path.jerk_n),
-    ):
+    for function, derivative in ((path.position_n, path.velocity_n), (path.velocity_n, path.acceleration_n)):
         # Same polynomial differentiated by jax: rounding only.
         np.testing.assert_allclose(jax.jacfwd(function)(time), derivative(time), rtol=1e-9, atol=1e-9)
+
+
+@settings(deadline=None, max_examples=20)
+@given(path=trajectories(), s=st.floats(-0.3, 1.3), order=st.integers(0, 3))
+def test_path_derivatives(path, s, order):
+    derivative = np.asarray(path.coefficients_n)
+    if order:
+        derivative = np.polynomial.polynomial.polyder(derivative, order, axis=1)
+    expected = np.polynomial.polynomial.polyval(s, derivative.T)
+    # Horner's scheme in both: rounding of sums of up to 1e6 m.
+    np.testing.assert_allclose(derivative_of[order](path, s), expected, rtol=1e-12, atol=1e-8)
 
 
 def test_right_hand_side():

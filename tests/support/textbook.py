@@ -6,11 +6,11 @@ Second note of the reference tables' file; each constant moves some printed figu
 import equinox as eqx
 import jax.numpy as jnp
 
-from anser.aircraft import F16, AbstractAirframe, Actuators, AirData, MassProperties, Wrench
+from anser.aircraft import F16, AbstractAirframe, Actuators, AirData, MassProperties, Wrench, moment_for_acceleration
 from anser.environment import AbstractAtmosphere, Air, Environment, SteadyWind
 from anser.scenario.library import load_airframe
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
-from anser.units import FOOT_M, PSF_PA, RAD_DEG, RANKINE_K, SLUG_FT3_KG_M3, SLUG_KG
+from anser.units import FOOT_M, FT_LBF_N_M, PSF_PA, RAD_DEG, RANKINE_K, SLUG_FT3_KG_M3, SLUG_KG
 
 INERTIA_RATIOS = (-0.770, 0.02755, 1.055e-4, 1.642e-6, 0.9604, 1.759e-2, 1.792e-5, -0.7336, 1.587e-5)
 """c1..c9 as the textbook's program has them, rounded to four digits; the moments in ft lbf."""
@@ -35,9 +35,14 @@ class TextbookAtmosphere(AbstractAtmosphere):
 
 
 class TextbookF16(AbstractAirframe):
-    """The F-16 with the textbook's 57.3 deg/rad in CZ = CZ0 (1 - (beta/57.3)^2), as its program has it."""
+    """The F-16 with the textbook's 57.3 deg/rad in CZ = CZ0 (1 - (beta/57.3)^2) and its rounded inertia ratios.
+
+    The rounding of the ratios is expressed as a moment: the one with which the exact inertia gives the same angular
+    acceleration.
+    """
 
     f16: F16
+    rounded_inertia: bool = eqx.field(static=True)
     mass_properties: MassProperties
     actuators: Actuators
     alpha_range: tuple[Scalar, Scalar]
@@ -51,9 +56,13 @@ class TextbookF16(AbstractAirframe):
         force = air_data.qbar * f16.wing_area * change
         zero = jnp.zeros_like(force)
         moment = force * f16.mean_chord * (f16.x_cg_reference - f16.x_cg)
-        return f16.aerodynamics(air_data, rates_b, surfaces) + Wrench(
+        wrench = f16.aerodynamics(air_data, rates_b, surfaces) + Wrench(
             jnp.stack([zero, zero, force]), jnp.stack([zero, moment, zero])
         )
+        if not self.rounded_inertia:
+            return wrench
+        acceleration = _textbook_acceleration(rates_b, wrench.moment_b)
+        return Wrench(wrench.force_b, moment_for_acceleration(self.mass_properties, rates_b, acceleration))
 
     def propulsion(self, power: ScalarLike, altitude: ScalarLike, mach: ScalarLike) -> Wrench:
         """As the F-16."""
@@ -80,11 +89,26 @@ class TextbookF16(AbstractAirframe):
         return self.f16.outside_tables(air_data)
 
 
-def textbook_aircraft(x_cg_over_c: float) -> TextbookF16:
+def _textbook_acceleration(rates_b: Vector3, moment_b: Vector3) -> Vector3:
+    """[SL] eq. (1.7-5) in the form of their program, with the engine's angular momentum HE."""
+    c1, c2, c3, c4, c5, c6, c7, c8, c9 = INERTIA_RATIOS
+    P, Q, R = rates_b
+    L, M, N = moment_b / FT_LBF_N_M
+    HE = ENGINE_MOMENTUM_SLUG_FT2_S
+    return jnp.stack(
+        [
+            (c2 * P + c1 * R + c4 * HE) * Q + c3 * L + c4 * N,
+            (c5 * P - c7 * HE) * R + c6 * (R * R - P * P) + c7 * M,
+            (c8 * P - c2 * R + c9 * HE) * Q + c4 * L + c9 * N,
+        ]
+    )
+
+
+def textbook_aircraft(x_cg_over_c: float, *, rounded_inertia: bool = True) -> TextbookF16:
     """Build the F-16 of the printed figures, 1/0.00157 slug."""
     f16 = load_airframe("f16", "textbook", x_cg_over_c)
     mass_properties = eqx.tree_at(lambda m: m.mass, f16.mass_properties, jnp.asarray(SLUG_KG / 1.57e-3))
-    return TextbookF16(f16, mass_properties, f16.actuators, f16.alpha_range, f16.beta_range)
+    return TextbookF16(f16, rounded_inertia, mass_properties, f16.actuators, f16.alpha_range, f16.beta_range)
 
 
 def textbook_environment() -> Environment:

@@ -11,7 +11,7 @@ from anser.aircraft.actuators import Actuators
 from anser.aircraft.air_data import AirData
 from anser.aircraft.f16_engine import F16Engine
 from anser.aircraft.interface import AbstractAirframe, MassProperties, Wrench
-from anser.numerics import Curves, Surfaces, inverse3, make_axis, make_curves, make_surfaces
+from anser.numerics import Curves, Surfaces, make_axis, make_curves, make_surfaces
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 from anser.units import DEG_RAD, FOOT_M, LBF_N, RAD_DEG, SLUG_FT2_KG_M2, SLUG_KG
 
@@ -174,7 +174,7 @@ def f16_from_data(data: Mapping[str, Any], variant: str = "textbook", x_cg_over_
     mass = chosen["mass_kg"] if "mass_kg" in chosen else chosen["mass_slug"] * SLUG_KG
     x_cg = chosen.get("x_cg_over_c", airframe["x_cg_over_c"]) if x_cg_over_c is None else x_cg_over_c
     actuators = data["actuators"]
-    limit = jnp.asarray(actuators["position_limit_deg"]) * DEG_RAD
+    limit = np.asarray(actuators["position_limit_deg"]) * DEG_RAD
     span = airframe["span_ft"] * FOOT_M
     side = data["side_force"]
     validity = data["validity"]
@@ -182,9 +182,9 @@ def f16_from_data(data: Mapping[str, Any], variant: str = "textbook", x_cg_over_
         mass_properties=_mass_properties(airframe, mass, spinning=chosen["engine_angular_momentum"]),
         actuators=Actuators(
             time_constant=jnp.asarray(actuators["time_constant_s"]),
-            lower=-limit,
-            upper=limit,
-            rate_limit=jnp.asarray(actuators["rate_limit_deg_s"]) * DEG_RAD,
+            lower=jnp.asarray(-limit),
+            upper=jnp.asarray(limit),
+            rate_limit=jnp.asarray(np.asarray(actuators["rate_limit_deg_s"]) * DEG_RAD),
         ),
         alpha_range=_range_rad(validity["alpha_deg"]),
         beta_range=_range_rad(validity["beta_deg"]),
@@ -244,11 +244,11 @@ def _range_rad(range_deg: Sequence[float]) -> tuple[Scalar, Scalar]:
 
 def _mass_properties(airframe: Mapping[str, Any], mass: float, *, spinning: bool) -> MassProperties:
     J = {name: value * SLUG_FT2_KG_M2 for name, value in airframe["inertia_slug_ft2"].items()}
-    inertia_b = jnp.asarray([[J["Jxx"], 0.0, -J["Jxz"]], [0.0, J["Jyy"], 0.0], [-J["Jxz"], 0.0, J["Jzz"]]])
+    inertia_b = np.array([[J["Jxx"], 0.0, -J["Jxz"]], [0.0, J["Jyy"], 0.0], [-J["Jxz"], 0.0, J["Jzz"]]])
     spin = airframe["engine_angular_momentum_slug_ft2_s"] * SLUG_FT2_KG_M2 if spinning else 0.0
     return MassProperties(
         mass=jnp.asarray(mass),
-        inertia_b=inertia_b,
-        inertia_inverse_b=inverse3(inertia_b),
+        inertia_b=jnp.asarray(inertia_b),
+        inertia_inverse_b=jnp.asarray(np.linalg.inv(inertia_b)),
         spin_momentum_b=jnp.asarray([spin, 0.0, 0.0]),
     )

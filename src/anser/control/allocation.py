@@ -8,9 +8,9 @@ from anser.aircraft import AbstractAirframe, Condition
 from anser.numerics import solve3
 from anser.shapes import Vector3
 
-_NEWTON_STEPS = (
-    2  # moments are piecewise linear in the elevator: the second step lands when the first crossed a breakpoint
-)
+# Moments are piecewise linear in the elevator: exact within a piece and nearly always across one breakpoint; what is
+# left of a jump over two is taken up at the next sample, long before the surface has moved that far.
+_NEWTON_STEPS = 2
 _SLACK_RAD = 0.2  # how far beyond the stops a Newton iterate may go
 
 

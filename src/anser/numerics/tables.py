@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from anser.shapes import Flag, Scalar, ScalarLike
@@ -86,7 +87,7 @@ class Surfaces(eqx.Module):
         return cell[0] + u * cell[1] + v * (cell[2] + u * cell[3])
 
 
-def make_axis(breakpoints: Sequence[float] | Float[Array, " n"], *, clamp: bool) -> Axis:
+def make_axis(breakpoints: Sequence[float] | np.ndarray, *, clamp: bool) -> Axis:
     """Build an axis; `clamp` holds the end values, otherwise the end cells are extrapolated linearly.
 
     Raises
@@ -94,14 +95,14 @@ def make_axis(breakpoints: Sequence[float] | Float[Array, " n"], *, clamp: bool)
     ValueError
         If there are fewer than two breakpoints or they do not strictly increase.
     """
-    points = jnp.asarray(breakpoints, dtype=float)
-    if points.ndim != 1 or points.shape[0] < 2 or not bool(jnp.all(points[1:] > points[:-1])):
+    points = np.asarray(breakpoints, dtype=float)
+    if points.ndim != 1 or points.shape[0] < 2 or not np.all(points[1:] > points[:-1]):
         raise ValueError(f"table axis: breakpoints must be two or more, strictly increasing; got {breakpoints}")
-    ends = (points[0], points[-1]) if clamp else (jnp.asarray(-jnp.inf), jnp.asarray(jnp.inf))
-    return Axis(breakpoints=points, lower=ends[0], upper=ends[1])
+    lower, upper = (points[0], points[-1]) if clamp else (-np.inf, np.inf)
+    return Axis(breakpoints=jnp.asarray(points), lower=jnp.asarray(np.array(lower)), upper=jnp.asarray(np.array(upper)))
 
 
-def make_curves(axis: Axis, values: Sequence[Sequence[float]]) -> Curves:
+def make_curves(axis: Axis, values: Sequence[Sequence[float] | np.ndarray]) -> Curves:
     """Pack k curves, each of n values on the axis.
 
     Raises
@@ -109,13 +110,13 @@ def make_curves(axis: Axis, values: Sequence[Sequence[float]]) -> Curves:
     ValueError
         If a curve's length is not the axis' length.
     """
-    table = jnp.asarray(values, dtype=float).T
+    table = np.asarray(values, dtype=float).T
     if table.shape[0] != axis.breakpoints.shape[0]:
         raise ValueError(f"table: {table.shape[0]} values on an axis of {axis.breakpoints.shape[0]} breakpoints")
-    return Curves(axis=axis, cells=jnp.stack([table[:-1], table[1:] - table[:-1]], axis=1))
+    return Curves(axis=axis, cells=jnp.asarray(np.stack([table[:-1], table[1:] - table[:-1]], axis=1)))
 
 
-def make_surfaces(axis_x: Axis, axis_y: Axis, values: Sequence[Float[Array, "nx ny"]]) -> Surfaces:
+def make_surfaces(axis_x: Axis, axis_y: Axis, values: Sequence[np.ndarray]) -> Surfaces:
     """Pack k surfaces, each of shape (nx, ny) on the two axes.
 
     Raises
@@ -123,7 +124,7 @@ def make_surfaces(axis_x: Axis, axis_y: Axis, values: Sequence[Float[Array, "nx 
     ValueError
         If a surface's shape is not that of the axes.
     """
-    table = jnp.stack([jnp.asarray(value, dtype=float) for value in values], axis=-1)
+    table = np.stack([np.asarray(value, dtype=float) for value in values], axis=-1)
     shape = (axis_x.breakpoints.shape[0], axis_y.breakpoints.shape[0])
     if table.shape[:2] != shape:
         raise ValueError(f"table: values of shape {table.shape[:2]} on axes of {shape} breakpoints")
@@ -131,5 +132,5 @@ def make_surfaces(axis_x: Axis, axis_y: Axis, values: Sequence[Float[Array, "nx 
     along_x = table[1:, :-1] - corner
     along_y = table[:-1, 1:] - corner
     twist = table[1:, 1:] - corner - along_x - along_y
-    cells = jnp.stack([corner, along_x, along_y, twist], axis=2)
-    return Surfaces(axis_x=axis_x, axis_y=axis_y, cells=cells.reshape(-1, 4, table.shape[-1]))
+    cells = np.stack([corner, along_x, along_y, twist], axis=2).reshape(-1, 4, table.shape[-1])
+    return Surfaces(axis_x=axis_x, axis_y=axis_y, cells=jnp.asarray(cells))

@@ -7,6 +7,7 @@ from typing import TypeVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from anser.control import AutopilotGains, FlightLimits, GuidanceSettings, LoopGains, published_gains
@@ -105,7 +106,8 @@ def _ned(position_up_m: Sequence[float]) -> Vector3:
 
 
 def _stacked(parts: Sequence[T]) -> T:
-    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *parts)
+    # NumPy: stacking on the host compiles nothing.
+    return jax.tree.map(lambda *leaves: jnp.asarray(np.stack([np.asarray(leaf) for leaf in leaves])), *parts)
 
 
 def _start(aircraft: Aircraft) -> TrimTarget:

@@ -16,6 +16,7 @@ def _data(name: str) -> dict[str, Any]:
     return json.loads(resources.files("anser.aircraft").joinpath(f"data/{name}.json").read_text(encoding="utf-8"))
 
 
+@functools.cache
 def load_airframe(name: str = "f16", variant: str = "textbook", x_cg_over_c: float | None = None) -> F16:
     """Build an airframe of the library.
 

@@ -1,6 +1,8 @@
 """One step of one aircraft with its controls held."""
 
 import equinox as eqx
+import jax
+import jax.numpy as jnp
 
 from anser.aircraft import AbstractAirframe, AircraftState, Controls, state_derivative
 from anser.environment import Environment
@@ -22,5 +24,6 @@ def advance(
     def derivative(t: ScalarLike, y: AircraftState) -> AircraftState:
         return state_derivative(airframe, environment, t, y, controls)
 
-    after = rk4_step(derivative, time, state, step)
+    # jit: traced once for the four stages.
+    after = rk4_step(jax.jit(derivative), jnp.asarray(time, dtype=float), state, step)
     return eqx.tree_at(lambda s: s.quaternion, after, normalize(after.quaternion))

@@ -1,0 +1,219 @@
+"""Slowest loop: what it demands, put into the aircraft, flies what was wanted (theory section 5, item 3)."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from control_cases import AIRFRAME, DEGREE, environment_of, flights, motion_of, setting_of, state_of, vectors
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from anser.control import attitude_demand, default_limits, thrust_demand
+from anser.units import DEG_RAD
+
+modest = settings(deadline=None, max_examples=40)
+ENGINE_BANDWIDTH = 5.0
+G = 9.80665
+LIMITS = default_limits()
+MASS = AIRFRAME.mass_properties.mass
+
+
+@jax.jit
+def thrust_case(x, V_dot):
+    """Demand, the V_dot that it gives once the engine has followed, and the engine's response to its throttle."""
+    setting = setting_of(x)
+    power = setting.state.power
+    demand = thrust_demand(AIRFRAME, ENGINE_BANDWIDTH, setting.now, power, setting.motion, V_dot, G)
+    data = setting.now.air_data
+    steady = AIRFRAME.power_for_thrust(demand.thrust, data.altitude, data.mach)
+    later = eqx.tree_at(lambda s: s.power, setting.state, steady)
+    return demand, motion_of(later, x)[1].path_rates[0], steady - power, AIRFRAME.power_rate(power, demand.throttle)
+
+
+@modest
+@given(flights, st.floats(-3.0, 3.0))
+def test_thrust_demand_inverts_the_motion(x, V_dot):
+    demand, flown, gap, power_rate = thrust_case(x, V_dot)
+    assert 0.0 <= demand.throttle <= 1.0
+    if not demand.saturated:
+        # V_dot is linear in the thrust and the tables are inverted exactly; the flag's own tolerance is 1 N of 9.3 t
+        assert flown == pytest.approx(V_dot, abs=1.1e-4)
+    else:
+        # the engine gives its utmost in the right direction
+        assert (demand.thrust > 0) == (flown < V_dot) or abs(flown - V_dot) < 1e-3
+    # the throttle drives the engine toward the power wanted, never away
+    assert gap * power_rate >= -1e-9
+
+
+@modest
+@given(flights, st.floats(50.5, 99.0), st.floats(-9.0, 9.0))
+def test_throttle_inverts_the_lag_of_the_lit_engine(x, power, change):
+    """Above 50 percent the lag is 5 1/s ([SL] RTAU), the bandwidth asked for: the rate is 5 (P_wanted - P)."""
+    x = x.copy()
+    x[12] = power
+    data = setting_of_jit(x).now.air_data
+    thrust = AIRFRAME.propulsion(jnp.clip(power + change, 50.5, 100.0), data.altitude, data.mach).force_b[0]
+    V_dot = V_dot_for_thrust(x, thrust)
+    demand, _, gap, power_rate = thrust_case(x, V_dot)
+    assume(not demand.saturated)
+    assert power_rate == pytest.approx(5.0 * float(gap), abs=2e-2)  # the gearing's gap of 0.0012 percent, and thrust to 1 N
+    assert gap == pytest.approx(np.clip(power + change, 50.5, 100.0) - power, abs=1e-6)
+
+
+setting_of_jit = jax.jit(setting_of)
+
+
+@jax.jit
+def V_dot_for_thrust(x, thrust):
+    """Acceleration along the path that a thrust along body x gives: exact, as the equation of motion is linear in it."""
+    setting = setting_of(x)
+    ahead = jnp.cos(setting.motion.alpha) * jnp.cos(setting.motion.beta)
+    return setting.motion.path_rates[0] + (thrust - setting.now.propulsive.force_b[0]) * ahead / MASS
+
+
+@pytest.mark.parametrize(("V_dot", "throttle"), [(20.0, 1.0), (-20.0, 0.0)])
+def test_what_no_engine_gives_is_flagged(V_dot, throttle):
+    x = np.array([150, 0.05, 0, 0, 0, 0, 0, 0, 0, -0.04, 0.0, 0.0, 60, 1000, 0, 0, 0])
+    demand, flown, _, _ = thrust_case(x, V_dot)
+    assert demand.saturated
+    assert abs(flown) < abs(V_dot)
+    assert demand.throttle == pytest.approx(throttle)
+
+
+# coordinated flight: no sideslip, roll, yaw, aileron or rudder, hence no side force
+straight = vectors(
+    (110.0, 240.0),
+    (0.0, 12 * DEGREE),
+    (0.0, 0.0),
+    (-1.0, 1.0),
+    (-0.6, 0.6),
+    (-3.1, 3.1),
+    (0.0, 0.0),
+    (-0.2, 0.2),
+    (0.0, 0.0),
+    (-10 * DEGREE, 10 * DEGREE),
+    *((0.0, 0.0),) * 2,
+    (0.0, 60.0),
+    (100.0, 6000.0),
+    *((-20.0, 20.0),) * 3,
+)
+
+
+def _attitude(state, x, gamma_dot, chi_dot):
+    now, motion = motion_of(state, x)
+    return attitude_demand(AIRFRAME, LIMITS, now, state.rates_b, state.surfaces, motion, gamma_dot, chi_dot, G)
+
+
+@jax.jit
+def attitude_case(x, gamma_dot, chi_dot):
+    """Demand; the path rates flown with it: first with the bank, then with the angle of attack demanded at that bank."""
+    demand = _attitude(state_of(x), x, gamma_dot, chi_dot)
+    banked = x.at[3].set(demand.angles[0])
+    at_bank = _attitude(state_of(banked), x, gamma_dot, chi_dot)
+    flown = motion_of(state_of(banked.at[1].set(at_bank.angles[1])), x)[1].path_rates
+    at_present_bank = motion_of(state_of(x.at[1].set(demand.angles[1])), x)[1].path_rates
+    return demand, at_bank, at_present_bank, flown
+
+
+@modest
+@given(straight, st.floats(-0.03, 0.1), st.floats(-0.12, 0.12))
+def test_attitude_demand_inverts_the_motion(x, gamma_dot, chi_dot):
+    """Both path rates come true with both angles; gamma_dot comes true at the present bank already."""
+    demand, at_bank, at_present_bank, flown = attitude_case(jnp.asarray(x), gamma_dot, chi_dot)
+    assert demand.angles[2] == 0.0
+    for values in (demand, at_bank):
+        assert LIMITS.alpha_min <= values.angles[1] <= LIMITS.alpha_max
+        assert abs(values.angles[0]) <= LIMITS.bank_max
+    # lift is piecewise nearly linear in alpha: after two Newton steps 1e-3 rad/s at most is left of rates of 0.1
+    if not demand.alpha_saturated:
+        assert at_present_bank[1] == pytest.approx(gamma_dot, abs=1e-3)
+    if not (demand.alpha_saturated or demand.bank_saturated or at_bank.alpha_saturated):
+        assert flown[1:] == pytest.approx(np.array([gamma_dot, chi_dot]), abs=1e-3)
+
+
+LEVEL = np.array([150, 0.05, 0, 0, 0, 0, 0, 0, 0, -0.04, 0.0, 0.0, 10, 1000, 0, 0, 0])
+
+
+def _demand_at(gamma_dot, chi_dot, bank=0.0, V=150.0):
+    x = LEVEL.copy()
+    x[0], x[3] = V, bank
+    return attitude_case(jnp.asarray(x), gamma_dot, chi_dot)[0]
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_bank_limit_is_kept_and_flagged(side):
+    demand = _demand_at(0.0, side * 0.5)
+    assert demand.angles[0] == pytest.approx(side * 60 * DEG_RAD)
+    assert demand.bank_saturated
+    assert not demand.alpha_saturated
+
+
+def test_load_factor_limit_is_flagged_and_gives_five_g():
+    """2 rad/s at 150 m/s would be 31 g."""
+    x = LEVEL.copy()
+    x[0] = 230.0  # fast enough for 5 g below 25 deg of alpha
+    demand, _, at_present_bank, _ = attitude_case(jnp.asarray(x), 2.0, 0.0)
+    assert demand.alpha_saturated
+    # V gamma_dot + g = n g; two Newton steps over a distance of 15 deg of alpha leave 1 percent
+    assert (230.0 * at_present_bank[1] + G) / G == pytest.approx(5.0, rel=1e-2)
+
+
+def test_alpha_limits_are_kept_and_flagged_at_low_speed():
+    pull, push = _demand_at(0.5, 0.0, V=90.0), _demand_at(-0.5, 0.0, V=90.0)
+    assert pull.angles[1] == pytest.approx(25 * DEG_RAD)
+    assert push.angles[1] == pytest.approx(-5 * DEG_RAD)
+    assert pull.alpha_saturated
+    assert push.alpha_saturated
+
+
+def test_more_bank_asks_for_more_lift_while_upright_and_for_a_push_when_inverted():
+    """L cos(mu) = m g: alpha rises with bank; beyond 90 deg only negative lift holds the path."""
+    alpha = [float(_demand_at(0.0, 0.0, bank=b * DEGREE).angles[1]) for b in (0, 30, 60, 75)]
+    assert np.all(np.diff(alpha) > 0)
+    inverted = _demand_at(0.0, 0.0, bank=170 * DEGREE)
+    assert inverted.angles[1] < 0.0
+    knife_edge = _demand_at(0.0, 0.0, bank=90 * DEGREE)
+    # no lift at all: zero-lift alpha of this airframe lies between -3 and 1 deg
+    assert -3 * DEGREE < knife_edge.angles[1] < 1 * DEGREE
+
+
+def test_bank_fades_out_with_the_lift_that_is_wanted():
+    """Lift that points down turns the wrong way: no bank is asked for then, and the course's integral stands still."""
+    bank = [_demand_at(-up_g * G / 150.0 - G / 150.0, 0.02) for up_g in (-1.0, -0.2, -0.1, 0.0, 0.5)]
+    assert bank[0].angles[0] == pytest.approx(np.arctan2(150 * 0.02, G))
+    assert bank[1].angles[0] == pytest.approx(np.arctan2(150 * 0.02, 0.2 * G))
+    assert 0.0 < bank[2].angles[0] < bank[1].angles[0]
+    for demand in bank[3:]:
+        assert demand.angles[0] == pytest.approx(0.0, abs=1e-12)
+    for demand in bank[2:]:
+        assert demand.bank_saturated
+
+
+def _all_demands(x):
+    setting = setting_of(x)
+    now, motion = setting.now, setting.motion
+    thrust = thrust_demand(AIRFRAME, ENGINE_BANDWIDTH, now, x[12], motion, 0.5, environment_of(x).gravity)
+    attitude = attitude_demand(
+        AIRFRAME, LIMITS, now, setting.state.rates_b, setting.state.surfaces, motion, 0.01, 0.02, G
+    )
+    return jnp.concatenate([thrust.throttle[None], thrust.thrust[None], attitude.angles])
+
+
+_demands_jit = jax.jit(_all_demands)
+_slopes = jax.jit(jax.jacrev(_all_demands))
+
+
+@pytest.mark.parametrize("change", [{}, {0: 1.0}, {4: np.pi / 2}, {3: np.pi}, {3: np.pi / 2}, {1: 1.5}, {2: np.pi / 2}])
+def test_values_and_gradients_are_finite(change):
+    x = LEVEL.copy()
+    for k, value in change.items():
+        x[k] = value
+    assert np.isfinite(_demands_jit(x)).all()
+    assert np.isfinite(_slopes(x)).all()
+
+
+def test_batched_equals_single():
+    batch = np.stack([LEVEL, LEVEL * 1.1])
+    for x, row in zip(batch, jax.jit(jax.vmap(_all_demands))(batch), strict=True):
+        np.testing.assert_allclose(row, _demands_jit(x), rtol=1e-12)
