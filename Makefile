@@ -17,7 +17,7 @@ test: .venv/.installed-test
 	$(BIN)/pytest
 
 bench: .venv/.installed-test
-	$(BIN)/pytest benchmarks --benchmark-enable --benchmark-only -s
+	$(BIN)/pytest benchmarks/bench_flight.py --benchmark-enable --benchmark-only -s -p no:xdist
 
 .venv/.installed: pyproject.toml constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv

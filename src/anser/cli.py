@@ -1,7 +1,7 @@
 """The command line. Exit codes: 0 done; 1 flown but a requirement not met; 2 bad input; 3 internal fault."""
 
+import contextlib
 import math
-import os
 import sys
 import traceback
 from pathlib import Path
@@ -49,7 +49,7 @@ def run(
     """Fly a scenario, write its results into a new folder and print a table."""
     wanted = load(scenario)
     target = out if out is not None else Path("runs") / wanted.name
-    _must_be_new(target)
+    _make_new(target)
     from anser.campaign import run as fly  # here: a misspelt key must not wait for plotting libraries
 
     columns = (
@@ -58,13 +58,17 @@ def run(
         rich.progress.TaskProgressColumn(),
         rich.progress.TimeElapsedColumn(),
     )
-    with rich.progress.Progress(*columns, console=_err, transient=True) as bar:
-        task = bar.add_task("starting", total=1.0)
-        flown = fly(wanted, lambda what, done: bar.update(task, description=what, completed=done))
-        bar.update(task, description="writing", completed=1.0)
-        folder = flown.save(target)
+    try:
+        with rich.progress.Progress(*columns, console=_err, transient=True) as bar:
+            task = bar.add_task("starting", total=1.0)
+            flown = fly(wanted, lambda what, done: bar.update(task, description=what, completed=done))
+            bar.update(task, description="writing", completed=1.0)
+            flown.write_into(target)
+    finally:
+        with contextlib.suppress(OSError):
+            target.rmdir()  # succeeds only while it is empty: a flight that did not end leaves nothing behind
     _print_flown(flown.summary)
-    _out.print(f"[bold]{folder}[/bold]: flight.nc, summary.json, report.html", soft_wrap=True)
+    _out.print(f"[bold]{target}[/bold]: flight.nc, summary.json, report.html", soft_wrap=True)
     if not flown.met:
         _fail_unmet(flown.summary)
 
@@ -136,15 +140,17 @@ def new(path: Annotated[Path, typer.Argument(help="File to write; it must not ex
     _out.print(f"{path}: written. Next: anser run {path}", soft_wrap=True)
 
 
-def _must_be_new(folder: Path) -> None:
-    """Refuse an output folder that exists or cannot be made, before anything is flown."""
-    if folder.exists() or folder.is_symlink():
-        raise RefusedError(f"--out: arrived {folder}, which exists; expected a new folder (nothing is overwritten)")
-    parent = folder.absolute().parent
-    while not parent.exists():
-        parent = parent.parent
-    if not parent.is_dir() or not os.access(parent, os.W_OK):
-        raise RefusedError(f"--out: arrived {folder}; expected a place that can be written: {parent} cannot")
+def _make_new(folder: Path) -> None:
+    """Make the output folder, before anything is flown; refuse one that exists or cannot be made."""
+    try:
+        folder.mkdir(parents=True)
+    except FileExistsError:
+        raise RefusedError(
+            f"--out: arrived {folder}, which exists; expected a new folder (nothing is overwritten)"
+        ) from None
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise RefusedError(f"--out: arrived {folder}; expected a place where a folder can be made ({reason})") from None
 
 
 def _must_lie(option: str, value: float, low: float, high: float) -> None:
@@ -153,7 +159,7 @@ def _must_lie(option: str, value: float, low: float, high: float) -> None:
 
 
 def _table(title: str) -> Table:
-    return Table(title=title, box=rich.box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False)
+    return Table(title=title, box=rich.box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)
 
 
 def _number(value: float | None, digits: int) -> str:

@@ -113,7 +113,7 @@ def test_centre_of_gravity_moves_the_moments_by_lever_times_force(f16):
 
 
 def test_founding_variant_is_that_of_its_thesis(f16):
-    # Theory section 9 item 10: CXq(-5 deg) = +0.11; its elevator table runs to 25 deg and its aileron refers to 21.5 deg.
+    # Theory section 9 item 10: CXq(-5 deg) = +0.11; its elevator table ends at 25 deg, its aileron refers to 21.5 deg.
     founding, textbook = f16["founding"], f16["textbook"]
     pitching = (0.0, 0.4, 0.0)
     change = [vector(a, flow(-5.0), pitching)[0] - vector(a, flow(-5.0))[0] for a in (founding, textbook)]

@@ -57,7 +57,9 @@ def test_throttle_inverts_the_lag_of_the_lit_engine(x, power, change):
     V_dot = V_dot_for_thrust(x, thrust)
     demand, _, gap, power_rate = thrust_case(x, V_dot)
     assume(not demand.saturated)
-    assert power_rate == pytest.approx(5.0 * float(gap), abs=2e-2)  # the gearing's gap of 0.0012 percent, and thrust to 1 N
+    assert power_rate == pytest.approx(
+        5.0 * float(gap), abs=2e-2
+    )  # the gearing's gap of 0.0012 percent, and thrust to 1 N
     assert gap == pytest.approx(np.clip(power + change, 50.5, 100.0) - power, abs=1e-6)
 
 

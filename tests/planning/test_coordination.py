@@ -26,7 +26,7 @@ RIGHT = jnp.ones(3)
 
 
 def arrive(case: PlanningTask, sides=RIGHT, time=0.0, even=False):
-    return plan_at(time, case, SPEED, sides, even)
+    return plan_at(time, case, sides, even)
 
 
 @jax.jit
@@ -39,6 +39,19 @@ def longest_path_takes(case: PlanningTask, duration):
         case.position_n, case.air_velocity_n, ends, finals
     )
     return jnp.max(jax.vmap(arc_length)(paths)) / SPEED
+
+
+def _outcome(goal_velocity_n, speed, position_n, case, weights):
+    """Weighted sum of what a plan is made of."""
+    case = replace(case, goal_velocity_n=goal_velocity_n, position_n=position_n, origin_n=position_n)
+    plan = coordinate(0.0, case, speed, RIGHT, jnp.asarray(False))
+    middle = jax.vmap(lambda path: path.position_n(20.0))(plan.trajectories)
+    parts = jnp.concatenate([plan.arrival_time[None], plan.lateral_bends / 1e3, middle[:, 1] / 1e3])
+    return jnp.sum(weights * parts)
+
+
+outcome = jax.jit(_outcome)
+slopes = jax.jit(jax.grad(_outcome, argnums=(0, 1, 2)))
 
 
 def check_arrival(case: PlanningTask, plan, time):
@@ -111,15 +124,16 @@ def test_plan_in_wind_is_the_plan_in_still_air_seen_from_the_drifting_frame():
     np.testing.assert_allclose(b.lateral_bends, a.lateral_bends, rtol=1e-7, atol=1e-6)
     for fraction in (0.0, 0.3, 1.0):
         time = 20.0 + fraction * (a.arrival_time - 20.0)
-        in_still, in_wind = (along(plan.trajectories, time)[0] for plan in (a, b))
+        there, blown = (along(plan.trajectories, time)[0] for plan in (a, b))
         # A bend to 1e-10 of the length moves the middle of the path by micrometres.
-        np.testing.assert_allclose(in_wind, in_still + wind[None] * (time - 20.0), atol=1e-5)
+        np.testing.assert_allclose(blown, there + wind[None] * (time - 20.0), atol=1e-5)
 
 
-@pytest.mark.parametrize("elapsed", [0.5, 20.0, 50.0])
+@pytest.mark.parametrize("elapsed", [0.5, 8.0, 15.0])
 def test_replanning_on_the_paths_keeps_the_arrival_time(elapsed):
     # The rest of the farthest's nominal path is the nominal path from there (same slopes by s at both ends), and what
     # it flew faster or slower than the mean so far is due: arrival time and reference length follow exactly.
+    # (Later on the farthest may change: from the middle of a detour the unbent path is not the shortest.)
     case = published_fleet()
     plan = arrive(case)
     later = on_plan(plan, case, elapsed, elapsed)
@@ -147,7 +161,6 @@ def test_a_fleet_far_behind_still_finds_its_time(part):
     # Nearly the whole way is due already: the time that is left tends to 0, far below the straight lines' time.
     case = published_fleet()
     way = jnp.linalg.norm(case.goal_position_n + case.rendezvous.stand_off_n - case.position_n, axis=1)
-    plan = arrive(replace(case, length_due=part * jnp.min(way) * jnp.array([1.0, 1.0, 1.0]) + (jnp.max(way) - way)))
     behind = replace(case, length_due=part * way)
     plan = arrive(behind)
     assert np.all(plan.converged)
@@ -184,9 +197,7 @@ def test_all_outrun_stays_finite_and_bounded():
     assert np.all(plan.status == GOAL_OUTRUNS)
     assert not np.any(plan.converged)
     assert plan.arrival_time < 1e3
-    gradient = jax.jit(jax.grad(lambda p: coordinate(0.0, replace(fleeing, position_n=p), SPEED, RIGHT).arrival_time))(
-        fleeing.position_n
-    )
+    gradient = slopes(fleeing.goal_velocity_n, jnp.asarray(SPEED), fleeing.position_n, fleeing, jnp.ones(7))
     for leaf in jax.tree.leaves((plan, gradient)):
         assert jnp.all(jnp.isfinite(leaf))
 
@@ -210,19 +221,17 @@ def test_a_fleet_at_its_rendezvous_stays_finite():
 
 
 def test_prescribed_arrival_and_its_refusal():
-    single = jax.tree.map(lambda leaf: leaf[:1], published_fleet())
-    north = jax.tree.map(lambda leaf: leaf[None], make_rendezvous(jnp.array([0.0, 0.0, -300.0]), 0.0, 0.0))
-    breeze = jnp.array([[0.0, 30.0, 0.0]])
-    plan = plan_at(0.0, replace(single, rendezvous=north, wind_n=breeze), SPEED, jnp.ones(1), False)
-    assert plan.status[0] == PLANNED
-    final = jax.vmap(lambda path: path.velocity_n(plan.arrival_time))(plan.trajectories)[0]
+    case = published_fleet()
+    north = make_rendezvous(jnp.array([0.0, 0.0, -300.0]), 0.0, 0.0)
+    northward = replace(case, rendezvous=jax.tree.map(lambda leaf: jnp.stack([leaf] * 3), north))
+    breeze, storm = jnp.tile(jnp.array([[0.0, 30.0, 0.0]]), (3, 1)), jnp.tile(jnp.array([[0.0, 160.0, 0.0]]), (3, 1))
+    plan = arrive(replace(northward, wind_n=breeze))
+    assert np.all(plan.status == PLANNED)
+    final = jax.vmap(lambda path: path.velocity_n(plan.arrival_time))(plan.trajectories)
     # Crab angle: the ground speed is sqrt(150^2 - 30^2), due North, level.
-    np.testing.assert_allclose(final, [np.sqrt(150.0**2 - 30.0**2), 0.0, 0.0], atol=1e-9)
-    storm = jnp.array([[0.0, 160.0, 0.0]])
-    refused = plan_at(
-        0.0, replace(single, rendezvous=north, wind_n=storm, goal_velocity_n=storm), SPEED, jnp.ones(1), False
-    )
-    assert refused.status[0] == DIRECTION_UNATTAINABLE
+    np.testing.assert_allclose(final, np.tile([np.sqrt(150.0**2 - 30.0**2), 0.0, 0.0], (3, 1)), atol=1e-9)
+    refused = arrive(replace(northward, wind_n=storm, goal_velocity_n=storm))
+    assert np.all(refused.status == DIRECTION_UNATTAINABLE)
 
 
 def test_published_single_case():
@@ -233,35 +242,31 @@ def test_published_single_case():
         jnp.array([[5000.0, 0.0, 0.0]]),
         velocity(25.0, np.pi / 2)[None],
     )
-    plan = plan_at(0.0, case, SPEED, jnp.ones(1), False)
+    plan = plan_at(0.0, case, jnp.ones(1))
     assert plan.status[0] == PLANNED
     check_arrival(case, plan, 0.0)
 
 
 def test_gradient_against_finite_differences():
-    case = published_fleet()
-
-    @jax.jit
-    def outcome(goal_velocities, speed):
-        plan = coordinate(0.0, replace(case, goal_velocity_n=goal_velocities), speed, RIGHT)
-        middle = jax.vmap(lambda path: path.position_n(20.0))(plan.trajectories)
-        return jnp.concatenate([plan.arrival_time[None], plan.lateral_bends / 1e3, middle[:, 1] / 1e3])
-
-    jacobian = jax.jit(jax.jacrev(outcome, argnums=(0, 1)))(case.goal_velocity_n, jnp.asarray(150.0))
-    step = 1e-3
-    for index in [(0, 0), (1, 1), (2, 1), (2, 2)]:
-        shift = jnp.zeros((3, 3)).at[index].set(step)
-        numeric = (
-            outcome(case.goal_velocity_n + shift, jnp.asarray(150.0))
-            - outcome(case.goal_velocity_n - shift, jnp.asarray(150.0))
-        ) / (2.0 * step)
-        # Central differences: step^2 truncation and 1e-10/step of solver residual.
-        np.testing.assert_allclose(jacobian[0][:, index[0], index[1]], numeric, rtol=1e-5, atol=1e-6)
-    numeric = (
-        outcome(case.goal_velocity_n, jnp.asarray(150.0 + step))
-        - outcome(case.goal_velocity_n, jnp.asarray(150.0 - step))
-    ) / (2.0 * step)
-    np.testing.assert_allclose(jacobian[1], numeric, rtol=1e-5, atol=1e-6)
+    case, speed = published_fleet(), jnp.asarray(SPEED)
+    rng = np.random.default_rng(1)
+    for weights in (jnp.zeros(7).at[0].set(1.0), jnp.asarray(rng.normal(size=7))):
+        by_goal, by_speed, by_position = slopes(case.goal_velocity_n, speed, case.position_n, case, weights)
+        for _ in range(3):
+            ways = [jnp.asarray(rng.normal(size=shape)) for shape in ((3, 3), (), (3, 3))]
+            # Central differences of step 1e-3: step^2 truncation and 1e-10/step of solver residual.
+            ahead, back = (
+                outcome(
+                    case.goal_velocity_n + step * ways[0],
+                    speed + step * ways[1],
+                    case.position_n + step * ways[2],
+                    case,
+                    weights,
+                )
+                for step in (1e-3, -1e-3)
+            )
+            slope = jnp.sum(by_goal * ways[0]) + by_speed * ways[1] + jnp.sum(by_position * ways[2])
+            np.testing.assert_allclose(slope, (ahead - back) / 2e-3, rtol=1e-5, atol=1e-6)
 
 
 def test_vmap_over_fleets():

@@ -58,10 +58,12 @@ class F16Engine(eqx.Module):
         return jnp.where(wet_now, 5.0, slow) * gap
 
     def power_command_for_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
-        """Power command (percent, 0..100) whose lag gives nearest to the wanted rate (percent/s): the inverted lag.
+        """Power command (percent, 0..100) whose lag gives the wanted rate (percent/s): the inverted lag.
 
         With the afterburner lit the lag is 5 1/s, otherwise 1 1/s for commands up to 25 percent above the power; a
-        larger step makes this engine spool up more slowly, so none is asked for.
+        larger step makes this engine spool up more slowly, so none is asked for. Across 50 percent the published lag
+        leaves out some rates; a wanted rate there gets the command that crosses, which is faster, so that a closed loop
+        cannot stick at 50 percent.
         """
         wet = power + power_rate / 5.0
         dry = power + jnp.minimum(power_rate, 25.0)

@@ -15,8 +15,17 @@ from anser.compilation_cache import enable_compilation_cache
 from anser.planning import LIMIT_MESSAGES, PLAN_MESSAGES, FleetPlan, LimitReport, check_limits, separation_min
 from anser.report import write_report
 from anser.results import FlightFacts, Requirement, summarize, to_dataset, versions, write_netcdf, write_summary
-from anser.scenario import Scenario, build_flight, build_path_limits
-from anser.simulation import SEGMENT_STEPS, STATUS_MESSAGES, FlightState, TrimPoint, fly_segment, start_flight
+from anser.scenario import Problem, Scenario, ScenarioError, build_flight, build_path_limits
+from anser.simulation import (
+    SEGMENT_STEPS,
+    STATUS_MESSAGES,
+    Flight,
+    FlightState,
+    TrimPoint,
+    fly_segment,
+    nearest_trims,
+    start_flight,
+)
 
 CLEARANCE_MIN_M = {"surface": 150.0, "airborne": 100.0}
 """Least distance from a goal of each kind: the product's scope, whatever a scenario says."""
@@ -116,17 +125,28 @@ class Flown:
         """
         target = Path(folder)
         target.mkdir(parents=True)
-        write_netcdf(self.dataset, target / "flight.nc")
-        write_summary(self.summary, target / "summary.json")
-        self.report(target / "report.html")
+        self.write_into(target)
         return target
+
+    def write_into(self, folder: Path) -> None:
+        """Write the three files into a folder that exists; refuses to overwrite any (FileExistsError)."""
+        write_netcdf(self.dataset, folder / "flight.nc")
+        write_summary(self.summary, folder / "summary.json")
+        self.report(folder / "report.html")
 
 
 def plan(scenario: Scenario) -> Planned:
-    """Trim every aircraft at its start and make the fleet's first plan, as seen by the sensors at time 0."""
+    """Trim every aircraft at its start and make the fleet's first plan, as seen by the sensors at time 0.
+
+    Raises
+    ------
+    ScenarioError
+        If an aircraft cannot fly steadily at its start; the message says what stops it.
+    """
     enable_compilation_cache()
     flight = build_flight(scenario)
     state, trims = _start(flight)
+    _refuse_untrimmable(scenario, flight, state)
     limits = _limits_of(state.plan, build_path_limits(scenario), flight.environment.gravity)
     distance = np.asarray(_separation(state.plan.trajectories))
     closest = float(np.min(distance)) if len(scenario.aircraft) > 1 else None
@@ -142,6 +162,11 @@ def run(scenario: Scenario, progress: Progress | None = None) -> Flown:
         Validated, from `load`.
     progress
         Called now and then with what is being done and how much of the flight is behind.
+
+    Raises
+    ------
+    ScenarioError
+        If an aircraft cannot fly steadily at its start; the message says what stops it.
     """
     enable_compilation_cache()
     told = progress if progress is not None else lambda what, done: None
@@ -149,7 +174,7 @@ def run(scenario: Scenario, progress: Progress | None = None) -> Flown:
     told("planning (the first time, this compiles)", 0.0)
     flight = build_flight(scenario)
     state, _ = _start(flight)
-    jax.block_until_ready(state)
+    _refuse_untrimmable(scenario, flight, state)
     timing = scenario.timing
     steps = round(timing.duration_s / timing.step_s)
     told("flying (the first time, this compiles)", 0.0)
@@ -172,6 +197,27 @@ def run(scenario: Scenario, progress: Progress | None = None) -> Flown:
         _attributes(scenario),
     )
     return Flown(scenario, dataset, summary)
+
+
+def _refuse_untrimmable(scenario: Scenario, flight: Flight, state: FlightState) -> None:
+    """Refuse starts at which no steady flight exists: say which limit stops it and where the nearest trim points are."""
+    problems = []
+    for k in np.flatnonzero(np.asarray(state.stopped)):
+        airframe, target = jax.tree.map(lambda leaf, k=k: leaf[k], (flight.fleet.airframes, flight.fleet.starts))
+        found = nearest_trims(airframe, flight.environment, target)
+        aircraft, start = scenario.aircraft[k], scenario.aircraft[k].start
+        asked = f"{start.speed_m_s:g} m/s at {start.altitude_m:g} m, path angle {start.path_angle_deg:g} deg"
+        nearest = "; ".join(near.message() for near in found.nearest) or "none by speed, path angle or turn rate alone"
+        problems.append(
+            Problem(
+                f"aircraft[{k}].start",
+                f"{asked}, where no steady flight exists ({'; '.join(found.violations)})",
+                f"a start with steady flight (all else unchanged: {nearest})",
+                f'aircraft "{aircraft.name}"',
+            )
+        )
+    if problems:
+        raise ScenarioError(scenario.name, problems)
 
 
 def _facts(scenario: Scenario, history: dict[str, np.ndarray]) -> FlightFacts:

@@ -51,6 +51,9 @@ def levenberg_marquardt(
     tolerance
         The search ends when no residual is larger.
     """
+    # Without tangents at its inputs the loop is not differentiated along: it would be thrown away, but compiled.
+    parameters = jax.tree.map(lambda leaf: jax.lax.stop_gradient(leaf) if eqx.is_array(leaf) else leaf, parameters)
+    start = jax.lax.stop_gradient(start)
 
     def evaluate(x: Float[Array, " n"]) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
         residual, push = jax.linearize(lambda at: function(at, parameters), x)
@@ -113,6 +116,6 @@ def damped_solve(matrix: Float[Array, "n n"], vector: Float[Array, " n"], dampin
     A floor of 1e-14 of the largest diagonal term keeps a singular matrix solvable.
     """
     normal = matrix.T @ matrix
-    floor = 1e-14 * jnp.max(jnp.diagonal(normal))
+    floor = 1e-14 * jnp.max(jnp.diagonal(normal)) + 1e-30
     square = normal + (damping + floor) * jnp.eye(vector.size)
     return jax.scipy.linalg.cho_solve((jnp.linalg.cholesky(square), True), matrix.T @ vector)

@@ -4,8 +4,7 @@ Two laws. The published one (theory section 6) lets the path's parameter s run e
 varies along a bent path, by a quarter in the published three-aircraft case, with decelerations of 3.5 m/s^2 that a
 clean F-16 cannot make. The even one flies the same path at an airspeed that changes evenly from the first to the last,
 unless the path falls more steeply than the aircraft glides with the engine idle: there it lets height become speed, as
-it must.
-Both arrive at the same instant with the same mean speed.
+it must. Both arrive at the same instant with the same mean speed.
 """
 
 import equinox as eqx
@@ -18,16 +17,26 @@ from anser.constants import STANDARD_GRAVITY_M_S2
 from anser.numerics.newton import bracketed_newton
 from anser.numerics.quadrature import gauss_legendre
 from anser.planning.vectors import norm
-from anser.shapes import Flag, Scalar, ScalarLike, Vector3
+from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
 
 CELLS = 32
-_RULE = gauss_legendre(4)  # per cell: together 128 nodes, exact to rounding for paths of this family
-_TINY = 1e-9
 BRAKING_RESERVE_M_S2 = 0.2  # left to the autopilot, and to the engine's spooling down
-# 22,500 random plans took 16 at most.
+_RULE = gauss_legendre(4)  # per cell: together 128 nodes, exact to rounding for paths that are not tight
+# 20,000 random plans took 16 push steps at most, and 3 clock steps to rounding where the path is not tight.
 _PUSH_STEPS = 20
-_LENGTH_STEPS = 2
+_CLOCK_STEPS = 3
 _SLOWEST = 0.3  # part of the mean speed below which no law goes
+_TINY = 1e-9
+
+
+def _collocation() -> Float[np.ndarray, "rule rule"]:
+    """Weights that integrate, from 0 to each node of the rule, what is known at its nodes."""
+    powers = np.arange(_RULE.nodes.size)
+    ascending = _RULE.nodes[:, None] ** powers
+    return (_RULE.nodes[:, None] * ascending / (powers + 1)) @ np.linalg.inv(ascending)
+
+
+_TO_NODES = _collocation()
 
 
 def path_derivative(coefficients_n: Float[Array, "3 5"], s: ScalarLike, order: int) -> Vector3:
@@ -50,6 +59,35 @@ class Clock(eqx.Module):
     s_ddot: Scalar
 
 
+class Cell(eqx.Module):
+    """A stretch of a path from s to s + h, seen at the nodes of the rule."""
+
+    slopes: Float[Array, " rule"]
+    """|dr/ds|, m."""
+    flown: Float[Array, " rule"]
+    """Length from its start, m."""
+    gained: Float[Array, " rule"]
+    """Energy per mass that the height lost from its start sets free, m^2/s^2."""
+    length: Scalar
+    """Of the whole stretch, m."""
+
+    def time(self, squares: Float[Array, " rule"], width: ScalarLike) -> Scalar:
+        """Time to fly it, s, at given squared airspeeds at the nodes."""
+        return width * jnp.sum(jnp.asarray(_RULE.weights) * self.slopes / jnp.sqrt(squares))
+
+
+def _cell(coefficients_n: Float[Array, "3 5"], s: ScalarLike, width: ScalarLike) -> Cell:
+    points = s + width * jnp.asarray(_RULE.nodes)
+    slopes = jax.vmap(lambda x: norm(path_derivative(coefficients_n, x, 1)))(points)
+    down = jax.vmap(lambda x: path_derivative(coefficients_n, x, 0)[2])(points)
+    return Cell(
+        slopes=slopes,
+        flown=width * jnp.sum(jnp.asarray(_TO_NODES) * slopes[None, :], axis=1),
+        gained=STANDARD_GRAVITY_M_S2 * (down - path_derivative(coefficients_n, s, 0)[2]),
+        length=width * jnp.sum(jnp.asarray(_RULE.weights) * slopes),
+    )
+
+
 class TimeLaw(eqx.Module):
     """How the path's parameter runs with time; the fields from `trade` on describe the even law.
 
@@ -59,111 +97,159 @@ class TimeLaw(eqx.Module):
         Whether the speed changes evenly; otherwise s does.
     trade
         Part of the height lost that becomes speed, 0 to 1.
-    lengths
-        Length of the path up to s = k / CELLS, m.
+    push
+        Deceleration along the path but for what is traded, m/s^2.
+    slowest
+        Least airspeed, m/s: a law that asks for less is held there.
     slopes
-        |dr/ds| there, m.
-    speeds, times
-        Airspeed there, m/s, and when, s after the start; between them the acceleration along the path is constant.
+        |dr/ds| at s = k / CELLS, m.
+    squares
+        Square of the airspeed that the law asks for there, m^2/s^2.
+    times
+        When the path is there, s after the start.
     """
 
     even: Flag
     trade: Scalar
-    lengths: Float[Array, " nodes"]
+    push: Scalar
+    slowest: Scalar
     slopes: Float[Array, " nodes"]
-    speeds: Float[Array, " nodes"]
+    squares: Float[Array, " nodes"]
     times: Float[Array, " nodes"]
 
     def clock(self, coefficients_n: Float[Array, "3 5"], elapsed: ScalarLike, duration: ScalarLike) -> Clock:
         """Path parameter `elapsed` seconds after the start of a path of `duration` seconds."""
-        k = jnp.sum(elapsed >= self.times[1:-1], dtype=jnp.int32)
-        within = elapsed - self.times[k]
-        span = jnp.maximum(self.times[k + 1] - self.times[k], _TINY)
-        push = (self.speeds[k + 1] - self.speeds[k]) / span
-        # Beyond the ends the speed stays: a fleet that holds has left its path.
-        inside = (elapsed >= 0.0) & (elapsed <= self.times[-1])
-        push = jnp.where(inside, push, 0.0)
-        late = elapsed > self.times[-1]
-        first = jnp.where(late, self.speeds[-1], self.speeds[k])
-        start = jnp.where(late, self.lengths[-1], self.lengths[k])
-        within = jnp.where(late, elapsed - self.times[-1], within)
-        s = self._parameter(coefficients_n, start + within * (first + 0.5 * push * within))
-        speed = first + push * within
+        held = jnp.clip(elapsed, 0.0, self.times[-1])
+        k = jnp.sum(held >= self.times[1:-1], dtype=jnp.int32)
+        s = k / CELLS + self._ahead(coefficients_n, k, held - self.times[k])
         slope_n, bend_n = path_derivative(coefficients_n, s, 1), path_derivative(coefficients_n, s, 2)
         slope = jnp.maximum(norm(slope_n), _TINY)
+        speed, push = self._motion(coefficients_n, k, s, slope_n[2] / slope)
         s_dot = speed / slope
-        s_ddot = (push - jnp.sum(slope_n * bend_n) / slope * s_dot**2) / slope
+        # Beyond the ends speed and heading stay: a fleet that holds has left its path.
+        inside = (elapsed >= 0.0) & (elapsed <= self.times[-1])
+        s_ddot = jnp.where(inside, (push - jnp.sum(slope_n * bend_n) / slope * s_dot**2) / slope, 0.0)
         return Clock(
-            s=jnp.where(self.even, s, elapsed / duration),
+            s=jnp.where(self.even, s + s_dot * (elapsed - held), elapsed / duration),
             s_dot=jnp.where(self.even, s_dot, 1.0 / duration),
             s_ddot=jnp.where(self.even, s_ddot, 0.0),
         )
 
-    def _parameter(self, coefficients_n: Float[Array, "3 5"], flown: ScalarLike) -> Scalar:
-        """Parameter at a length flown: Newton from the cubic between the nodes; straight on beyond the ends."""
-        held = jnp.clip(flown, 0.0, self.lengths[-1])
-        k = jnp.sum(held >= self.lengths[1:-1], dtype=jnp.int32)
-        span = jnp.maximum(self.lengths[k + 1] - self.lengths[k], _TINY)
-        u = (held - self.lengths[k]) / span
-        m0, m1 = span / self.slopes[k], span / self.slopes[k + 1]
-        h = 1.0 / CELLS
+    def _square(self, k: Count, gained: Array, flown: Array) -> Array:
+        """Square of the airspeed in cell k after some height and length from its start."""
+        return jnp.maximum(self.squares[k] + 2 * (self.trade * gained - self.push * flown), self.slowest**2)
+
+    def _ahead(self, coefficients_n: Float[Array, "3 5"], k: Count, within: ScalarLike) -> Scalar:
+        """Parameter from the start of cell k, `within` seconds on: Newton from a cubic through the ends."""
+        h, start = 1.0 / CELLS, k / CELLS
+        span = jnp.maximum(self.times[k + 1] - self.times[k], _TINY)
+        speeds = jnp.sqrt(jnp.maximum(jnp.stack([self.squares[k], self.squares[k + 1]]), self.slowest**2))
+        m0, m1 = span * speeds[0] / self.slopes[k], span * speeds[1] / self.slopes[k + 1]
+        u = within / span
         ahead = u * (m0 + u * (3 * h - 2 * m0 - m1 + u * (m0 + m1 - 2 * h)))
-        nodes = jnp.concatenate([jnp.asarray(_RULE.nodes), jnp.ones(1)])
-        # The cubic misses by metres where the path is tight; position would then not be the integral of velocity.
-        for _ in range(_LENGTH_STEPS):
-            rates = jax.vmap(lambda x, y=ahead: norm(path_derivative(coefficients_n, k * h + x * y, 1)))(nodes)
-            excess = self.lengths[k] + ahead * jnp.sum(jnp.asarray(_RULE.weights) * rates[:-1]) - held
-            ahead = jnp.clip(ahead - excess / jnp.maximum(rates[-1], _TINY), 0.0, h)
-        return k * h + ahead + (flown - held) / self.slopes[jnp.where(flown < 0.0, 0, CELLS)]
+        for _ in range(_CLOCK_STEPS):
+            ahead = jnp.clip(ahead, 0.0, h)
+            cell = _cell(coefficients_n, start, ahead)
+            late = cell.time(self._square(k, cell.gained, cell.flown), ahead) - within
+            slope = jnp.maximum(norm(path_derivative(coefficients_n, start + ahead, 1)), _TINY)
+            down = path_derivative(coefficients_n, start + ahead, 0) - path_derivative(coefficients_n, start, 0)
+            speed = jnp.sqrt(self._square(k, STANDARD_GRAVITY_M_S2 * down[2], cell.length))
+            ahead = ahead - late * speed / slope
+        return jnp.clip(ahead, 0.0, h)
+
+    def _motion(
+        self, coefficients_n: Float[Array, "3 5"], k: Count, s: ScalarLike, fall: ScalarLike
+    ) -> tuple[Scalar, Scalar]:
+        """Airspeed and its rate at s in cell k, where the path falls by `fall` metres per metre."""
+        start = k / CELLS
+        down = path_derivative(coefficients_n, s, 0) - path_derivative(coefficients_n, start, 0)
+        square = self._square(k, STANDARD_GRAVITY_M_S2 * down[2], _cell(coefficients_n, start, s - start).length)
+        rate = self.trade * STANDARD_GRAVITY_M_S2 * fall - self.push
+        return jnp.sqrt(square), jnp.where(square > self.slowest**2, rate, 0.0)
+
+    @property
+    def speeds(self) -> Float[Array, "*fleet nodes"]:
+        """Airspeed at s = k / CELLS, m/s."""
+        return jnp.sqrt(jnp.maximum(self.squares, self.slowest[..., None] ** 2))
 
 
 def published_law() -> TimeLaw:
     """The parameter runs evenly with time."""
     nodes, ones = jnp.linspace(0.0, 1.0, CELLS + 1), jnp.ones(CELLS + 1)
-    return TimeLaw(jnp.asarray(False), jnp.zeros(()), nodes, ones, ones, nodes)
+    zero = jnp.zeros(())
+    return TimeLaw(jnp.asarray(False), zero, zero, jnp.ones(()), ones, ones, nodes)
 
 
 class _Profile(eqx.Module):
     """The even law of one path, but for its push."""
 
-    parts: Float[Array, " cells"]
-    """Lengths of the cells, m."""
+    cells: Cell
+    """Stacked."""
     lengths: Float[Array, " nodes"]
-    traded: Float[Array, " nodes"]
-    """Energy per mass that height has given the speed, m^2/s^2."""
+    """From the start, m."""
+    gained: Float[Array, " nodes"]
+    """From the start, m^2/s^2."""
+    trade: Scalar
     speed_0: Scalar
-    mean_speed: Scalar
+    duration: Scalar
+    slowest: Scalar
 
-    def speeds(self, push: Scalar) -> Float[Array, " nodes"]:
-        """Airspeed at the nodes, m/s."""
-        square = self.speed_0**2 + 2 * (self.traded - push * self.lengths)
-        return jnp.sqrt(jnp.maximum(square, (_SLOWEST * self.mean_speed) ** 2))
+    def squares(self, push: Scalar) -> Float[Array, " nodes"]:
+        """Square of the airspeed asked for at the ends of the cells, m^2/s^2."""
+        return self.speed_0**2 + 2 * (self.trade * self.gained - push * self.lengths)
 
     def times(self, push: Scalar) -> Float[Array, " nodes"]:
-        """When the nodes are passed, s after the start."""
-        speeds = self.speeds(push)
-        return jnp.concatenate([jnp.zeros(1), jnp.cumsum(2 * self.parts / (speeds[:-1] + speeds[1:]))])
+        """When they are passed, s after the start."""
+
+        def time(cell: Cell, square: Scalar) -> Scalar:
+            squares = square + 2 * (self.trade * cell.gained - push * cell.flown)
+            return cell.time(jnp.maximum(squares, self.slowest**2), 1.0 / CELLS)
+
+        spans = jax.vmap(time)(self.cells, self.squares(push)[:-1])
+        return jnp.concatenate([jnp.zeros(1), jnp.cumsum(spans)])
 
 
 def _lateness(push: Scalar, profile: _Profile) -> tuple[Scalar, Scalar]:
     """How much later than due the path ends under a push, s, and its slope."""
-
-    def value(push: Scalar) -> Scalar:
-        return profile.times(push)[-1] - jnp.sum(profile.parts) / profile.mean_speed
-
-    return jax.jvp(value, (push,), (jnp.ones_like(push),))
+    return jax.jvp(lambda e: profile.times(e)[-1] - profile.duration, (push,), (jnp.ones_like(push),))
 
 
 def _solve_push(profile: _Profile) -> Scalar:
     """The push with which the path takes its duration: the time rises with it."""
-    total, v0, mean = profile.lengths[-1], profile.speed_0, profile.mean_speed
+    total, v0 = jnp.maximum(profile.lengths[-1], _TINY), profile.speed_0
+    mean = total / profile.duration
+    traded = profile.trade * profile.gained
     first = jnp.maximum(profile.lengths[1], _TINY)
     # From the first node on at twice the mean speed: too early. There at the least speed: too late.
-    low = -(2 * mean**2 - jnp.min(profile.traded)) / first
-    high = (0.5 * v0**2 + jnp.max(profile.traded)) / first
+    low = -(2 * mean**2 - jnp.min(traded)) / first
+    high = (0.5 * v0**2 + jnp.max(traded)) / first
     last = jnp.maximum(2 * mean - v0, 0.5 * mean)
-    guess = (profile.traded[-1] - (last**2 - v0**2) / 2) / jnp.maximum(total, _TINY)
+    guess = (traded[-1] - (last**2 - v0**2) / 2) / total
     return bracketed_newton(_lateness, profile, low, high, guess, _PUSH_STEPS).x
+
+
+def _least_trade(
+    coefficients_n: Float[Array, "3 5"],
+    lengths: Float[Array, " nodes"],
+    gained: Float[Array, " nodes"],
+    slopes: Float[Array, " nodes"],
+    speed_0: Scalar,
+    mean_speed: Scalar,
+    deceleration: ScalarLike,
+) -> Scalar:
+    """About the least trade with which the path asks for no more braking than there is: in its steepest place.
+
+    There it asks for (1 - trade) g (-dh/dl) + e, and to first order in the changes of speed e = base + trade * mean:
+    without trade the speed ends as far from the mean as it began; height traded early is braked off over the whole path.
+    """
+    edges, total = jnp.asarray(np.linspace(0.0, 1.0, CELLS + 1)), jnp.maximum(lengths[-1], _TINY)
+    fall = jax.vmap(lambda s: path_derivative(coefficients_n, s, 1)[2])(edges) / slopes
+    steepest = STANDARD_GRAVITY_M_S2 * jnp.max(fall)
+    base = 2 * mean_speed * (speed_0 - mean_speed) / total
+    early = jnp.sum((lengths[1:] - lengths[:-1]) * (gained[1:] + gained[:-1])) / total
+    mean = jnp.maximum(gained[-1], early) / total
+    excess = steepest + base - (deceleration - BRAKING_RESERVE_M_S2)
+    return jnp.clip(excess / jnp.maximum(steepest - mean, 1e-3), 0.0, 1.0)
 
 
 def even_law(
@@ -190,45 +276,36 @@ def even_law(
         Airspeed at its start.
     deceleration
         That the aircraft can hold with the engine idle in level flight, m/s^2: the trade is about the least with which
-        the path asks for no more, in closed form. Where |dr/ds| is at least half its mean everywhere the bound is kept;
-        on tighter paths the fall changes within a cell, and the path asks for up to that change times g more. Without a
-        bound nothing is traded.
+        the path asks for no more, in closed form. Without it, nothing is traded.
     trade
         Given instead of found.
     even
         False gives the published law.
     """
-    edges = np.linspace(0.0, 1.0, CELLS + 1)
-    nodes = edges[:-1, None] + _RULE.nodes[None, :] / CELLS
-    points = jnp.asarray(edges)
-
-    def slope(s: ScalarLike) -> Scalar:
-        return norm(path_derivative(coefficients_n, s, 1))
-
-    parts = jnp.sum(jax.vmap(jax.vmap(slope))(jnp.asarray(nodes)) * (_RULE.weights / CELLS)[None, :], axis=1)
-    lengths = jnp.concatenate([jnp.zeros(1), jnp.cumsum(parts)])
-    slopes = jnp.maximum(jax.vmap(slope)(points), _TINY)
-    gained = STANDARD_GRAVITY_M_S2 * jax.vmap(lambda s: path_derivative(coefficients_n, s, 0)[2])(points)
+    coefficients_n = jnp.asarray(coefficients_n)
+    edges = jnp.asarray(np.linspace(0.0, 1.0, CELLS + 1))
+    cells = jax.vmap(lambda s: _cell(coefficients_n, s, 1.0 / CELLS))(edges[:-1])
+    lengths = jnp.concatenate([jnp.zeros(1), jnp.cumsum(cells.length)])
+    gained = STANDARD_GRAVITY_M_S2 * jax.vmap(lambda s: path_derivative(coefficients_n, s, 0)[2])(edges)
     gained = gained - gained[0]
+    slopes = jnp.maximum(jax.vmap(lambda s: norm(path_derivative(coefficients_n, s, 1)))(edges), _TINY)
     total = jnp.maximum(lengths[-1], _TINY)
+    mean_speed = total / duration
+    speed_0 = jnp.asarray(speed_0, dtype=float)
     if trade is None:
         trade = jnp.zeros(())
         if deceleration is not None:
-            fall = jax.vmap(lambda s: path_derivative(coefficients_n, s, 1)[2])(points) / slopes
-            steepest, mean_speed = STANDARD_GRAVITY_M_S2 * jnp.max(fall), total / duration
-            # The push is base plus trade times mean, to first order in the changes of speed: without trade the speed
-            # ends as far from the mean as it began; traded early, height must be braked off over the whole path.
-            base = 2 * mean_speed * (speed_0 - mean_speed) / total
-            mean = jnp.maximum(gained[-1], jnp.sum(parts * (gained[1:] + gained[:-1])) / total) / total
-            excess = steepest + base - (deceleration - BRAKING_RESERVE_M_S2)
-            trade = jnp.clip(excess / jnp.maximum(steepest - mean, 1e-3), 0.0, 1.0)
-    profile = _Profile(parts, lengths, trade * gained, jnp.asarray(speed_0, dtype=float), total / duration)
+            trade = _least_trade(coefficients_n, lengths, gained, slopes, speed_0, mean_speed, deceleration)
+    profile = _Profile(
+        cells, lengths, gained, jnp.asarray(trade, dtype=float), speed_0, total / mean_speed, _SLOWEST * mean_speed
+    )
     push = _solve_push(profile)
     return TimeLaw(
         even=jnp.asarray(even),
-        trade=jnp.asarray(trade, dtype=float),
-        lengths=lengths,
+        trade=profile.trade,
+        push=push,
+        slowest=profile.slowest,
         slopes=slopes,
-        speeds=profile.speeds(push),
+        squares=profile.squares(push),
         times=profile.times(push),
     )

@@ -35,7 +35,7 @@ from anser.simulation.fleet import Fleet, Flight, FlightState
 from anser.simulation.motion import advance
 from anser.simulation.record import APPROACH, FROZEN, HOLD, Moment, record
 from anser.simulation.status import AT_GROUND, FLYING, NO_TRIM, NOT_FINITE
-from anser.simulation.trim import TrimPoint, solve_trim
+from anser.simulation.trim import EXCESS_NOISE, TrimPoint, solve_trim
 from anser.spatial import rotate_back
 
 SEGMENT_STEPS = 500
@@ -116,7 +116,7 @@ def start_flight(flight: Flight) -> tuple[FlightState, TrimPoint]:
     start_time = jnp.zeros(())
     sides = choose_sides(planner(start_time, tasks, fleet.speed, requested, fleet.even_speed), requested)
     plan = planner(start_time, tasks, fleet.speed, sides, fleet.even_speed)
-    stopped = ~trims.converged
+    stopped = ~trims.converged | (trims.excess > EXCESS_NOISE)
     status = jnp.where(stopped, NO_TRIM, plan.status).astype(jnp.int32)
     return FlightState(jnp.asarray(0), aircraft, autopilots, plan, sides, deceleration, flown, status, stopped), trims
 

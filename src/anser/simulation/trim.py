@@ -24,6 +24,8 @@ Unknowns = Float[Array, "7"]
 """Alpha, beta, mu (rad), elevator, aileron, rudder (rad), power (fraction of maximum)."""
 
 _ALPHA_STARTS_DEG = (2.0, 8.0, 18.0, 30.0, 42.0)  # the lift and moment tables have kinks: one start is not enough
+EXCESS_NOISE = 1e-9
+"""Rad and fraction of power by which a limit may be passed: a thousand times the solver's noise."""
 _CONVERGED = 1e-8  # residual in g and rad/s^2; solver noise is 1e-12, a missed root 1e-2
 
 

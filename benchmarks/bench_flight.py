@@ -1,0 +1,109 @@
+"""How fast: the three-aircraft flight against real time, compilation, a second run; `make bench`.
+
+Compare ratios within one run: these figures depend on the machine and on what else it does.
+"""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import anser
+from anser.numerics import make_axis, make_surfaces
+from anser.scenario import build_flight
+from anser.simulation import SEGMENT_STEPS, fly_segment, start_flight
+
+THREE = Path(__file__).parents[1] / "scenarios" / "three-aircraft.toml"
+
+
+@pytest.fixture(scope="module")
+def compiled():
+    """Flight, start state and compiled segment, with the seconds that tracing and compiling took (no cache)."""
+    jax.config.update("jax_compilation_cache_dir", None)
+    flight = build_flight(anser.load(THREE))
+    began = time.perf_counter()
+    start = jax.jit(start_flight).lower(flight).compile()
+    state, _ = start(flight)
+    segment = jax.jit(fly_segment).lower(flight, state).compile()
+    return flight, state, segment, time.perf_counter() - began
+
+
+def test_compilation(compiled, benchmark):
+    seconds = compiled[3]
+    print(f"\ncompilation of planning and flight: {seconds:.1f} s (wanted: under 30 s)")
+    benchmark.extra_info["compile_s"] = seconds
+    benchmark.pedantic(lambda: None, rounds=1)
+
+
+def test_three_aircraft_against_real_time(compiled, benchmark):
+    flight, state, segment, _ = compiled
+    simulated = 12 * SEGMENT_STEPS * float(flight.timing.step)
+
+    def fly():
+        carry = state
+        for _ in range(12):
+            carry, history = segment(flight, carry)
+        jax.block_until_ready(history)
+
+    benchmark.pedantic(fly, rounds=5, warmup_rounds=1)
+    ratio = simulated / benchmark.stats.stats.median
+    print(f"\nthree aircraft, {simulated:g} s, every step recorded: {ratio:.0f} times real time (wanted: 100)")
+    benchmark.extra_info["times_real_time"] = ratio
+
+
+def test_second_run_of_the_command(benchmark, tmp_path):
+    environment = {**os.environ, "ANSER_COMPILATION_CACHE": str(tmp_path / "cache")}
+    program = Path(sys.executable).with_name("anser")
+
+    def run(out):
+        subprocess.run([program, "run", THREE, "--out", out], env=environment, check=True, capture_output=True)
+
+    began = time.perf_counter()
+    run(tmp_path / "first")
+    first = time.perf_counter() - began
+    count = iter(range(100))
+    benchmark.pedantic(lambda: run(tmp_path / f"again-{next(count)}"), rounds=3)
+    print(f"\nanser run: first {first:.1f} s, again {benchmark.stats.stats.median:.1f} s (wanted: under 10 s)")
+
+
+def _surfaces_by_corners(x, y, values, at):
+    """The four corners of a cell by four gathers per table: what packing is measured against."""
+    i = jnp.clip(jnp.searchsorted(x, at[0]) - 1, 0, x.shape[0] - 2)
+    j = jnp.clip(jnp.searchsorted(y, at[1]) - 1, 0, y.shape[0] - 2)
+    u, v = (at[0] - x[i]) / (x[i + 1] - x[i]), (at[1] - y[j]) / (y[j + 1] - y[j])
+    low = values[:, i, j] * (1 - u) + values[:, i + 1, j] * u
+    high = values[:, i, j + 1] * (1 - u) + values[:, i + 1, j + 1] * u
+    return low * (1 - v) + high * v
+
+
+def test_packed_tables_against_separate_gathers(benchmark):
+    random = np.random.default_rng(0)
+    x, y = np.arange(-10.0, 46.0, 5.0), np.arange(-30.0, 31.0, 5.0)
+    values = random.normal(size=(6, x.size, y.size))
+    packed = make_surfaces(make_axis(x, clamp=False), make_axis(y, clamp=False), list(values))
+    points = jnp.asarray(random.uniform([-10, -30], [45, 30], size=(4096, 2)))
+    xs, ys, table = jnp.asarray(x), jnp.asarray(y), jnp.asarray(values)
+
+    def repeated(look_up):
+        def body(carry, _):
+            result = jax.vmap(look_up)(points + carry)
+            return 1e-9 * jnp.mean(result), None
+
+        return eqx.filter_jit(lambda: jax.lax.scan(body, jnp.zeros(()), length=100)[0])
+
+    one = repeated(lambda at: packed(at[0], at[1]))
+    four = repeated(lambda at: _surfaces_by_corners(xs, ys, table, at))
+    jax.block_until_ready((one(), four()))
+    began = time.perf_counter()
+    for _ in range(5):
+        jax.block_until_ready(four())
+    separate = (time.perf_counter() - began) / 5
+    benchmark.pedantic(lambda: jax.block_until_ready(one()), rounds=5, warmup_rounds=1)
+    print(f"\nseparate gathers take {separate / benchmark.stats.stats.median:.2f} times as long as packed cells")

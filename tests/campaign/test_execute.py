@@ -1,0 +1,244 @@
+"""Whole flights: what the published and shipped scenarios must achieve, and how failures are told."""
+
+import json
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import anser
+from anser.aircraft import condition
+from anser.campaign import CLEARANCE_MIN_M
+from anser.campaign.execute import _segment, _start
+from anser.planning import coordinate
+from anser.results import read_netcdf
+from anser.scenario import ScenarioError, build_flight, load, loads
+from anser.simulation import STATUS_MESSAGES, fly_segment, sense
+from anser.simulation.flight import planning_tasks
+from anser.spatial import rotate_back
+
+SCENARIOS = Path(__file__).parents[2] / "scenarios"
+THREE = (SCENARIOS / "three-aircraft.toml").read_text()
+
+
+@pytest.fixture(scope="module")
+def three():
+    return anser.run(anser.loads(THREE))
+
+
+@pytest.fixture(scope="module")
+def storm():
+    return anser.run(load(SCENARIOS / "storm-sampling.toml"))
+
+
+@pytest.fixture(scope="module")
+def single():
+    return anser.run(load(SCENARIOS / "single-aircraft.toml"))
+
+
+@pytest.fixture(scope="module")
+def tracking():
+    return anser.run(load(SCENARIOS / "climb-and-turn.toml"))
+
+
+def _by_name(flown, key):
+    return {row["name"]: row[key] for row in flown.summary["aircraft"]}
+
+
+def test_three_aircraft_meet_their_goals_together(three):
+    # Measured: spread 0.0007 s, misses 0.00, 0.06, 0.31 m. The limits are those of the release's definition of done.
+    assert three.met
+    assert three.summary["fleet"]["arrival_spread_s"] <= 0.05
+    assert max(_by_name(three, "miss_m").values()) <= 3.0
+    limits = three.scenario.limits
+    assert min(_by_name(three, "speed_min_m_s").values()) >= limits.speed_min_m_s
+    assert max(_by_name(three, "speed_max_m_s").values()) <= limits.speed_max_m_s
+    assert not any(_by_name(three, "tables_left").values())
+    # The stand-off is 300 m: levelling off after the arrival may cost a little of it, never the half that is the scope.
+    assert min(_by_name(three, "clearance_min_m").values()) >= 290.0
+    assert set(_by_name(three, "status").values()) == {"arrived"}
+
+
+def test_the_farthest_flies_its_nominal_path_and_the_others_detour(three):
+    assert _by_name(three, "nominal") == {"aircraft-1": True, "aircraft-2": False, "aircraft-3": False}
+    planned = anser.plan(three.scenario).plan
+    assert int(planned.farthest) == 0
+    # One length for all (theory section 8).
+    np.testing.assert_allclose(planned.lengths, planned.reference_length, atol=1e-5)
+
+
+def test_arrival_is_an_extremum_of_the_range_that_the_record_shows(three):
+    dataset = three.dataset
+    for row in three.summary["aircraft"]:
+        ranges = dataset.range_to_rendezvous_m.sel(aircraft=row["name"])
+        nearest = float(dataset.time[np.argmin(ranges.values)])
+        # The record is thinned to 0.1 s.
+        assert abs(nearest - row["arrival_s"]) <= 0.1
+
+
+def test_the_planner_sees_the_goal_only_through_the_sensor(three):
+    """What the sensor says moves the plan; the truth behind it does not enter."""
+    flight = build_flight(three.scenario)
+    state, _ = _start(flight)
+    now = jax.vmap(condition, in_axes=(0, None, None, 0))(
+        flight.fleet.airframes, flight.environment, 0.0, state.aircraft
+    )
+    sensed = _sense(flight, state, now)
+    shifted = eqx.tree_at(lambda s: s.goal_position_n, sensed, sensed.goal_position_n + jnp.array([[100.0, 0.0, 0.0]]))
+    ends = []
+    for reading in (sensed, shifted):
+        tasks = planning_tasks(
+            flight.fleet, 0.0, state.aircraft, now, reading, state.flown, state.deceleration, flight.fleet.speed
+        )
+        plan = coordinate(0.0, tasks, flight.fleet.speed, state.sides, flight.fleet.even_speed)
+        end = jax.vmap(lambda path, t: path.position_n(t), in_axes=(0, None))(plan.trajectories, plan.arrival_time)
+        drift = reading.goal_velocity_n * plan.arrival_time
+        ends.append(end - drift)
+    np.testing.assert_allclose(ends[1] - ends[0], np.tile([100.0, 0.0, 0.0], (3, 1)), atol=1e-6)
+
+
+def _sense(flight, state, now):
+    velocities = jax.vmap(lambda c, s: rotate_back(c.R_bn, s.velocity_b))(now, state.aircraft)
+    return jax.vmap(sense, in_axes=(0, None, 0, 0))(flight.fleet.goals, 0.0, state.aircraft.position_n, velocities)
+
+
+def test_sensed_goal_is_the_true_one_throughout(three):
+    dataset = three.dataset
+    for axis in ("north", "east", "altitude"):
+        # Noise-free geometry of some 10 km in float64: rounding, amplified by ranges of 300 m overhead.
+        np.testing.assert_allclose(dataset[f"goal_estimate_{axis}_m"], dataset[f"goal_{axis}_m"], atol=1e-6)
+
+
+def test_hold_circles_the_goal(three):
+    """Through the last half minute the distance to the goal's vertical closes on the hold radius, at constant height."""
+    late = three.dataset.isel(time=slice(-300, None))
+    level = np.hypot(late.north_m - late.goal_north_m, late.east_m - late.goal_east_m)
+    radius = three.scenario.hold.radius_m
+    assert float(np.max(np.abs(level - radius))) < 0.15 * radius
+    np.testing.assert_allclose(late.altitude_m, 300.0, atol=5.0)
+
+
+def test_single_aircraft_and_storm(single, storm):
+    # Measured: 0.04 m; 0.06 m and 0.0001 s.
+    for flown in (single, storm):
+        assert flown.met
+        assert max(_by_name(flown, "miss_m").values()) <= 3.0
+        assert flown.summary["fleet"]["arrival_spread_s"] <= 0.05
+        for row, aircraft in zip(flown.summary["aircraft"], flown.scenario.aircraft, strict=True):
+            assert row["clearance_min_m"] >= CLEARANCE_MIN_M[flown.scenario.goal_of(aircraft).kind]
+
+
+def test_climb_and_turn_on_velocity_commands_alone(tracking):
+    # Published: under 1.5 m at all times (theory section 5). Measured 1.08 m with the published gains.
+    assert tracking.scenario.guidance.position_gain_per_s == 0.0
+    assert _by_name(tracking, "position_error_max_m")["aircraft-1"] < 1.5
+
+
+def test_climb_and_turn_with_position_feedback():
+    text = (SCENARIOS / "climb-and-turn.toml").read_text()
+    flown = anser.run(loads(text.replace("position_gain_per_s = 0.0", "position_gain_per_s = 0.3")))
+    arrival = flown.summary["aircraft"][0]["arrival_s"]
+    error = flown.dataset.position_error_m.sel(time=slice(10.0, arrival))
+    # Measured 0.13 m from 10 s on.
+    assert float(error.max()) < 0.3
+
+
+def test_same_scenario_same_numbers(three):
+    again = anser.run(anser.loads(THREE))
+    np.testing.assert_array_equal(again.dataset.north_m, three.dataset.north_m)
+    assert again.summary["scenario"]["hash"] == three.summary["scenario"]["hash"]
+
+
+def test_other_numbers_do_not_compile_again(three):
+    """Every number of the scenario, one change each; strings that choose a table set or a side are numbers too."""
+    changes = {
+        "duration_s = 150.0": "duration_s = 120.0\nstep_s = 0.012\nrecord_period_s = 0.12\nreplan_period_s = 1.2\nfreeze_s = 5.0",
+        "[fleet]\nspeed_m_s = 150.0": "[earth]\nlatitude_deg = 30.0\nlongitude_deg = 5.0\n[wind]\nspeed_m_s = 3.0\n"
+        'from_deg = 20.0\nup_m_s = 0.1\n[hold]\nradius_m = 4500.0\ndirection = "left"\n[guidance]\nposition_gain_per_s = 0.25\n'
+        "[requirements]\nmiss_max_m = 4.0\narrival_spread_max_s = 0.06\nposition_error_max_m = 100.0\n"
+        '[fleet]\nspeed_profile = "published"\nspeed_m_s = 149.0',
+        "bank_max_deg = 70.0": "bank_max_deg = 71.0\nspeed_min_m_s = 80.0\nspeed_max_m_s = 250.0\nclimb_rate_max_m_s = 90.0\n"
+        "altitude_min_m = 90.0\nload_factor_min = -1.1\nload_factor_max = 5.1\nalpha_min_deg = -6.0\nalpha_max_deg = 24.0",
+        'name = "aircraft-1"': 'name = "aircraft-1"\nvariant = "founding"\nbend = "left"\nx_cg_over_c = 0.31\n'
+        "gains.rates.proportional = 9.0\ngains.attitude.proportional = [2.1, 2.2, 2.3]\ngains.velocity.integral = 0.02",
+        "north_m = 1000.0, east_m = 9000.0, altitude_m = 1000.0, speed_m_s = 150.0, course_deg = -90.0": "north_m = 1100.0, "
+        "east_m = 9100.0, altitude_m = 1010.0, speed_m_s = 151.0, course_deg = -91.0, path_angle_deg = -1.0",
+        "rendezvous = { stand_off_up_m = 300.0 }": "rendezvous = { stand_off_up_m = 310.0, stand_off_north_m = 1.0, "
+        "course_deg = -80.0, path_angle_deg = -3.0 }",
+        "speed_m_s = 25.0": "speed_m_s = 24.0",
+        "course_deg = 90.0": "course_deg = 91.0",
+    }
+    text = THREE
+    for old, new in changes.items():
+        assert old in text
+        text = text.replace(old, new, 1)
+    counted = eqx.debug.assert_max_traces(fly_segment, max_traces=1)
+    fly = eqx.filter_jit(counted)
+    for scenario in (loads(THREE), loads(text)):
+        flight = build_flight(scenario)
+        state, _ = _start(flight)
+        fly(flight, state)
+
+
+def test_flights_in_a_batch_are_the_flights_alone(three):
+    flight = build_flight(three.scenario)
+    state, _ = _start(flight)
+    _, alone = _segment(flight, state)
+    batch = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), (flight, state))
+    _, together = eqx.filter_jit(jax.vmap(fly_segment))(*batch)
+    # Other fusions, other rounding: 5 s of a stable closed loop keep it at 1e-9 of 10 km.
+    np.testing.assert_allclose(together["north"][1], alone["north"], atol=1e-5)
+
+
+def test_files_and_provenance(three, tmp_path):
+    folder = three.save(tmp_path / "new")
+    assert sorted(p.name for p in folder.iterdir()) == ["flight.nc", "report.html", "summary.json"]
+    summary = json.loads((folder / "summary.json").read_text())
+    assert summary["scenario"]["hash"] == three.scenario.hash
+    assert {"anser", "jax", "numpy"} <= set(summary["versions"])
+    dataset = read_netcdf(folder / "flight.nc")
+    for name, variable in dataset.data_vars.items():
+        assert {"units", "long_name", "frame"} <= set(variable.attrs), name
+    assert dataset.attrs["scenario_hash"] == three.scenario.hash
+    assert bool(np.isfinite(dataset.latitude_deg).all())
+    with pytest.raises(FileExistsError):
+        three.save(folder)
+
+
+def test_a_start_without_steady_flight_is_told():
+    # 95 m/s at 14 km: even at 45 deg angle of attack the lift and thrust there do not carry the weight.
+    text = THREE.replace("altitude_m = 1000.0, speed_m_s = 150.0", "altitude_m = 14000.0, speed_m_s = 95.0")
+    for entry in (anser.plan, anser.run):
+        with pytest.raises(ScenarioError) as refused:
+            entry(loads(text))
+        message = str(refused.value)
+        assert "aircraft[0].start" in message
+        assert "95 m/s at 14000 m" in message
+        assert "engine power" in message
+        assert "slowest trimmable speed" in message
+
+
+def test_an_aircraft_that_meets_the_ground_stops_there_and_is_named():
+    """No autopilot authority upward: alpha held at the lower end makes the first aircraft sink to the ground."""
+    text = THREE.replace("bank_max_deg = 70.0", "bank_max_deg = 70.0\nalpha_min_deg = -5.0\nalpha_max_deg = 0.5")
+    flown = anser.run(loads(text))
+    assert not flown.met
+    assert STATUS_MESSAGES[-1] in set(_by_name(flown, "status").values())
+    assert all(bool(np.isfinite(flown.dataset[name]).all()) for name in ("north_m", "altitude_m", "airspeed_m_s"))
+
+
+def test_a_goal_that_turns_is_still_met():
+    """A boat that reverses 30 s before the arrival: the plan is coordinated anew and all still arrive together."""
+    boat = (
+        '[[goal]]\nname = "boat-north"\nkind = "surface"\nwaypoints = [{ time_s = 0.0, north_m = 100.0, east_m = 0.0, '
+    )
+    boat += "altitude_m = 0.0 }, { time_s = 25.0, north_m = 725.0, east_m = 0.0, altitude_m = 0.0 }, { time_s = 400.0, "
+    boat += "north_m = 725.0, east_m = 5000.0, altitude_m = 0.0 }]\n\n"
+    start = THREE.index('[[goal]]\nname = "boat-north"')
+    end = THREE.index('[[goal]]\nname = "buoy"')
+    flown = anser.run(loads(THREE[:start] + boat + THREE[end:]))
+    assert max(_by_name(flown, "miss_m").values()) <= 3.0
+    assert flown.summary["fleet"]["arrival_spread_s"] <= 0.05

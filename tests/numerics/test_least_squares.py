@@ -1,0 +1,96 @@
+"""Levenberg-Marquardt and the implicit derivative of its root."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from anser.numerics.least_squares import damped_solve, levenberg_marquardt, with_implicit_derivative
+
+
+def _curved(x, p):
+    """Two residuals with the root x = (p0, p1 / p0), reached along a bent valley (Rosenbrock's, scaled)."""
+    return jnp.stack([x[0] - p[0], 3.0 * (x[0] * x[1] - p[1])])
+
+
+solve_curved = jax.jit(lambda p, start: levenberg_marquardt(_curved, p, start))
+
+
+@settings(deadline=None, max_examples=30)
+@given(
+    p=st.tuples(st.floats(0.5, 3.0), st.floats(-2.0, 2.0)),
+    start=st.tuples(st.floats(0.1, 5.0), st.floats(-3.0, 3.0)),
+)
+def test_finds_the_known_root(p, start):
+    found = solve_curved(jnp.array(p), jnp.array(start))
+    # Residuals below 1e-12; the smallest singular value of the Jacobian is above 0.2 there.
+    np.testing.assert_allclose(found.x, [p[0], p[1] / p[0]], atol=1e-11)
+    assert float(found.residual) <= 1e-12
+
+
+def test_exact_start_is_kept():
+    found = solve_curved(jnp.array([2.0, 3.0]), jnp.array([2.0, 1.5]))
+    np.testing.assert_array_equal(found.x, [2.0, 1.5])
+    assert float(found.residual) == 0.0
+
+
+def test_passes_a_kink():
+    # Slopes 1 and 4 meet at 1: a step taken with the slope of the wrong side is shortened, not lost.
+    def kinked(x, p):
+        return jnp.where(x > 1.0, 4.0 * (x - 1.0), x - 1.0) - p
+
+    for p, root in ((2.0, 1.5), (-2.0, -1.0)):
+        for start in (-5.0, 5.0):
+            found = levenberg_marquardt(kinked, p, jnp.array([start]))
+            np.testing.assert_allclose(found.x, [root], atol=1e-12)
+
+
+def test_without_a_root_the_least_residual_is_reported():
+    found = levenberg_marquardt(lambda x, p: x**2 + p, 1.0, jnp.array([0.7]))
+    # Minimum of x^2 + 1 at 0; the last steps there change the value by less than rounding.
+    np.testing.assert_allclose(found.x, [0.0], atol=1e-6)
+    np.testing.assert_allclose(found.residual, 1.0, atol=1e-12)
+
+
+def test_not_a_number_is_never_accepted():
+    found = levenberg_marquardt(lambda x, p: jnp.log(x) - p, 0.0, jnp.array([3.0]))
+    np.testing.assert_allclose(found.x, [1.0], atol=1e-12)
+    lost = levenberg_marquardt(lambda x, p: jnp.log(x) - p, 0.0, jnp.array([-3.0]))
+    assert float(lost.x[0]) == -3.0
+    assert not float(lost.residual) <= 1e-12
+
+
+def _root(p):
+    found = levenberg_marquardt(_curved, p, jnp.array([1.0, 1.0]))
+    return with_implicit_derivative(_curved, p, found.x)
+
+
+@pytest.mark.parametrize("derivative", [jax.jacfwd, jax.jacrev])
+def test_derivative_is_that_of_the_known_root(derivative):
+    a, b = 1.7, 0.6
+    # Normal equations: the condition squared, 1e2, times rounding.
+    np.testing.assert_allclose(derivative(_root)(jnp.array([a, b])), [[1, 0], [-b / a**2, 1 / a]], atol=1e-12)
+
+
+def test_derivative_at_a_singular_root_is_finite():
+    def flat(p):
+        return with_implicit_derivative(lambda x, p: x**2 - p, p, jnp.array([0.0]))[0]
+
+    assert np.isfinite(jax.grad(flat)(0.0))
+
+
+def test_vmap_equals_one_at_a_time():
+    p = jnp.array([[1.0, 2.0], [2.5, -1.0], [0.6, 0.1]])
+    many = jax.vmap(lambda q: levenberg_marquardt(_curved, q, jnp.ones(2)))(p)
+    np.testing.assert_allclose(many.x, [solve_curved(q, jnp.ones(2)).x for q in p], atol=1e-12)
+
+
+def test_damping_shortens_the_step():
+    matrix, vector = jnp.array([[2.0, 1.0], [0.0, 3.0]]), jnp.array([1.0, -2.0])
+    np.testing.assert_allclose(matrix @ damped_solve(matrix, vector, jnp.asarray(0.0)), vector, atol=1e-12)
+    lengths = [float(jnp.linalg.norm(damped_solve(matrix, vector, jnp.asarray(d)))) for d in (0.0, 1.0, 100.0)]
+    assert lengths == sorted(lengths, reverse=True)
+    # Steepest descent in the limit.
+    np.testing.assert_allclose(1e9 * damped_solve(matrix, vector, jnp.asarray(1e9)), matrix.T @ vector, rtol=1e-7)

@@ -1,0 +1,76 @@
+"""From scenario to arrays: units, signs, stacking."""
+
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+from anser.scenario import build_flight, build_path_limits, load, loads
+
+SCENARIOS = Path(__file__).parents[2] / "scenarios"
+
+
+@pytest.fixture(scope="module")
+def storm():
+    scenario = load(SCENARIOS / "storm-sampling.toml")
+    return scenario, build_flight(scenario)
+
+
+def test_units_and_signs(storm):
+    scenario, flight = storm
+    fleet = flight.fleet
+    first = scenario.aircraft[0]
+    np.testing.assert_allclose(
+        fleet.start_positions_n[0], [first.start.north_m, first.start.east_m, -first.start.altitude_m]
+    )
+    np.testing.assert_allclose(fleet.starts.course[0], np.deg2rad(first.start.course_deg))
+    # Stand-off up is negative down; the wind of 12 m/s from 240 deg blows toward 60 deg.
+    np.testing.assert_allclose(fleet.rendezvous.stand_off_n[0], [0.0, -700.0, -600.0])
+    toward = np.deg2rad(60.0)
+    wind_n = flight.environment.wind.at(fleet.start_positions_n[0], 0.0)
+    np.testing.assert_allclose(wind_n, 12 * np.array([np.cos(toward), np.sin(toward), 0.0]), atol=1e-12)
+    # The storm's points drift with the wind.
+    np.testing.assert_allclose(fleet.goals.velocity_after_n[2], wind_n, atol=1e-12)
+
+
+def test_gravity_is_that_of_the_latitude(storm):
+    _, flight = storm
+    # Somigliana at 48 deg (theory section 1).
+    s2 = np.sin(np.deg2rad(48.0)) ** 2
+    expected = 9.7803267714 * (1 + 0.00193185138639 * s2) / np.sqrt(1 - 0.0818191908426**2 * s2)
+    np.testing.assert_allclose(flight.environment.gravity, expected, rtol=1e-9)
+
+
+def test_everything_is_an_array_of_one_kind_per_leaf(storm):
+    _, flight = storm
+    for leaf in jax.tree.leaves(flight):
+        assert isinstance(leaf, jax.Array)
+        assert not leaf.weak_type
+
+
+def test_per_aircraft_choices_arrive(storm):
+    text = (SCENARIOS / "three-aircraft.toml").read_text()
+    text = text.replace(
+        'name = "aircraft-2"', 'name = "aircraft-2"\nbend = "right"\nvariant = "s119"\nx_cg_over_c = 0.31'
+    )
+    text += '\n[[aircraft]]\nname = "fourth"\ngoal = "tour"\ngains.velocity.proportional = [0.9, 1.1, 1.2]\n'
+    text += "start = { north_m = 9000.0, east_m = 0.0, altitude_m = 1250.0, speed_m_s = 150.0, course_deg = 180.0 }\n"
+    text += '[[goal]]\nname = "tour"\nkind = "surface"\nwaypoints = [{ time_s = 0.0, north_m = 0.0, east_m = 500.0, '
+    text += "altitude_m = 0.0 }, { time_s = 100.0, north_m = 0.0, east_m = 900.0, altitude_m = 0.0 }]\n"
+    flight = build_flight(loads(text))
+    assert list(np.asarray(flight.fleet.sides)) == [0, 1, 0, 0]
+    np.testing.assert_allclose(flight.fleet.airframes.x_cg, [0.30, 0.31, 0.30, 0.30])
+    # s119 weighs 637.1595 slug.
+    np.testing.assert_allclose(flight.fleet.airframes.mass_properties.mass[1], 637.1595 * 14.593902937, rtol=1e-8)
+    np.testing.assert_allclose(flight.fleet.gains.velocity.proportional[3], [0.9, 1.1, 1.2])
+    tour = jax.tree.map(lambda leaf: leaf[3], flight.fleet.goals)
+    np.testing.assert_allclose(tour.position_n(50.0), [0.0, 700.0, 0.0])
+    still = jax.tree.map(lambda leaf: leaf[1], flight.fleet.goals)
+    np.testing.assert_allclose(still.position_n(50.0), [0.0, 0.0, 0.0])
+
+
+def test_path_limits(storm):
+    scenario, _ = storm
+    limits = build_path_limits(scenario)
+    np.testing.assert_allclose(limits.bank_max, np.deg2rad(scenario.limits.bank_max_deg))

@@ -1,0 +1,45 @@
+"""Trim and held-control flight, compiled once for all tests of one airframe's structure."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from anser.aircraft import AbstractAirframe, AircraftState, Controls
+from anser.environment import Environment
+from anser.simulation.motion import advance
+from anser.simulation.trim import TrimTarget, solve_trim, trim_target
+from anser.spatial import bank_about_velocity, flow_angles, path_angles, rotate, rotate_back, rotation_from_quaternion
+
+SAMPLES = 10
+
+trim = jax.jit(solve_trim)
+
+
+def target_deg(
+    speed: float, altitude: float = 1000.0, path_deg: float = 0.0, course_deg: float = 0.0, turn_deg_s: float = 0.0
+) -> TrimTarget:
+    """Build a target from m/s, m and degrees."""
+    return trim_target(speed, altitude, *np.deg2rad([path_deg, course_deg, turn_deg_s]))
+
+
+@jax.jit
+def fly(
+    airframe: AbstractAirframe, environment: Environment, state: AircraftState, controls: Controls, step, count
+) -> AircraftState:
+    """Fly `SAMPLES` times `count` steps of `advance` with held controls; the states after each `count`."""
+
+    def some(state: AircraftState, _: None) -> tuple[AircraftState, AircraftState]:
+        after = jax.lax.fori_loop(0, count, lambda k, s: advance(airframe, environment, 0.0, s, controls, step), state)
+        return after, after
+
+    return jax.lax.scan(some, state, length=SAMPLES)[1]
+
+
+@jax.jit
+def flight_angles(environment: Environment, state: AircraftState):
+    """V, alpha, beta, mu, gamma, chi through the air, shape (6,)."""
+    R_bn = rotation_from_quaternion(state.quaternion)
+    velocity_air_b = state.velocity_b - rotate(R_bn, environment.wind.at(state.position_n, 0.0))
+    V, alpha, beta = flow_angles(velocity_air_b)
+    gamma, chi = path_angles(rotate_back(R_bn, velocity_air_b))
+    return jnp.stack([V, alpha, beta, bank_about_velocity(R_bn, alpha, beta), gamma, chi])

@@ -1,0 +1,183 @@
+"""The command line end to end: what it prints, what it writes, how it ends."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from anser.cli import main
+
+SCENARIOS = Path(__file__).parents[1] / "scenarios"
+THREE = (SCENARIOS / "three-aircraft.toml").read_text()
+
+
+@pytest.fixture
+def anser(monkeypatch, capsys):
+    """Run the command line in this process: exit code, standard output, standard error."""
+
+    def call(*words):
+        monkeypatch.setattr(sys, "argv", ["anser", *map(str, words)])
+        monkeypatch.setenv("COLUMNS", "200")
+        with pytest.raises(SystemExit) as ended:
+            main()
+        printed = capsys.readouterr()
+        return ended.value.code or 0, printed.out, printed.err
+
+    return call
+
+
+def _scenario(tmp_path, *changes):
+    text = THREE
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new, 1)
+    path = tmp_path / "scenario.toml"
+    path.write_text(text)
+    return path
+
+
+def test_run_writes_the_files_and_a_table(anser, tmp_path):
+    out = tmp_path / "deep" / "run"
+    code, printed, _ = anser("run", SCENARIOS / "three-aircraft.toml", "--out", out)
+    assert code == 0
+    assert sorted(p.name for p in out.iterdir()) == ["flight.nc", "report.html", "summary.json"]
+    for name in ("aircraft-1", "aircraft-2", "aircraft-3"):
+        assert name in printed
+    assert printed.count("arrived") == 3
+    summary = json.loads((out / "summary.json").read_text())
+    assert [row["status"] for row in summary["aircraft"]] == ["arrived"] * 3
+    page = (out / "report.html").read_text()
+    assert "<html" in page
+    assert 'src="http' not in page  # self-contained
+
+    before = {p.name: p.read_bytes() for p in out.iterdir()}
+    code, _, err = anser("run", SCENARIOS / "three-aircraft.toml", "--out", out)
+    assert code == 2
+    assert "exists" in err
+    assert str(out) in err
+    assert before == {p.name: p.read_bytes() for p in out.iterdir()}
+
+
+def test_unmet_requirement_ends_with_1_and_says_which(anser, tmp_path):
+    path = _scenario(tmp_path, ("[limits]", "[requirements]\nmiss_max_m = 0.0001\n[limits]"))
+    code, _, err = anser("run", path, "--out", tmp_path / "run")
+    assert code == 1
+    assert "not met: miss_max_m" in err
+    assert (tmp_path / "run" / "summary.json").exists()
+
+
+def test_plan_prints_one_arrival_time(anser):
+    code, printed, _ = anser("plan", SCENARIOS / "three-aircraft.toml")
+    assert code == 0
+    assert "all arrive at 60.36 s" in printed
+    assert printed.count("9054.1") == 4  # one nominal length, three planned ones
+
+
+def test_plan_that_breaks_a_limit_ends_with_1(anser, tmp_path):
+    path = _scenario(tmp_path, ("bank_max_deg = 70.0", "bank_max_deg = 40.0"))
+    code, _, err = anser("plan", path)
+    assert code == 1
+    assert "aircraft-3" in err
+    assert "turns faster" in err
+
+
+def test_check_is_quick_and_plain(anser):
+    code, printed, _ = anser("check", SCENARIOS / "storm-sampling.toml")
+    assert code == 0
+    assert "4 aircraft, 4 goals" in printed
+
+
+def test_new_writes_a_scenario_that_checks_and_does_not_overwrite(anser, tmp_path):
+    path = tmp_path / "mine.toml"
+    assert anser("new", path)[0] == 0
+    assert anser("check", path)[0] == 0
+    path.write_text("kept")
+    code, _, err = anser("new", path)
+    assert code == 2
+    assert str(path) in err
+    assert path.read_text() == "kept"
+
+
+def test_trim_and_its_diagnosis(anser):
+    code, printed, _ = anser("trim", "--aircraft", "f16", "--speed-m-s", "150", "--altitude-m", "1000")
+    assert code == 0
+    assert "angle of attack" in printed
+    assert "throttle" in printed
+    code, _, err = anser("trim", "--speed-m-s", "30", "--altitude-m", "1000")
+    assert code == 1
+    assert "angle of attack" in err
+    assert "slowest trimmable speed" in err
+
+
+_BAD = {
+    "misspelt key": (("speed_m_s = 150.0\n", "sped_m_s = 150.0\n"), ("fleet.sped_m_s", "speed_m_s")),
+    "wrong type": (("duration_s = 150.0", 'duration_s = "long"'), ("timing.duration_s", "long", "number")),
+    "not a number": (("duration_s = 150.0", "duration_s = nan"), ("timing.duration_s", "nan")),
+    "syntax": (("duration_s = 150.0", "duration_s = = 150.0"), ("line",)),
+    "duplicate names": (('name = "aircraft-2"', 'name = "aircraft-1"'), ("aircraft[1].name", "aircraft-1")),
+    "outside the envelope": (
+        ("altitude_m = 1000.0", "altitude_m = 20000.0"),
+        ("aircraft[0].start.altitude_m", "20000"),
+    ),
+    "stand-off": (("stand_off_up_m = 300.0", "stand_off_up_m = 100.0"), ("aircraft[0].rendezvous", "100", "150")),
+    "goal outruns": (("speed_m_s = 25.0", "speed_m_s = 160.0"), ("boat-north", "160", "150")),
+}
+
+
+@pytest.mark.parametrize("command", ["run", "plan", "check"])
+@pytest.mark.parametrize("kind", list(_BAD))
+def test_bad_input_is_one_message_with_code_2(anser, tmp_path, kind, command):
+    change, expected = _BAD[kind]
+    path = _scenario(tmp_path, change)
+    out = tmp_path / "run"
+    words = ["--out", out] if command == "run" else []
+    code, printed, err = anser(command, path, *words)
+    assert code == 2
+    assert printed == ""
+    for part in (*expected, str(path)):
+        assert part in err
+    assert "Traceback" not in err
+    assert not out.exists()
+
+
+def test_no_aircraft_and_missing_file(anser, tmp_path):
+    path = tmp_path / "empty.toml"
+    path.write_text(THREE[: THREE.index("[[aircraft]]")] + THREE[THREE.index("[[goal]]") :])
+    code, _, err = anser("check", path)
+    assert code == 2
+    assert "aircraft" in err
+    code, _, err = anser("run", tmp_path / "nowhere.toml")
+    assert code == 2
+    assert "nowhere.toml" in err
+
+
+def test_folder_that_cannot_be_made(anser, tmp_path):
+    (tmp_path / "file").write_text("")
+    code, _, err = anser("run", SCENARIOS / "three-aircraft.toml", "--out", tmp_path / "file" / "run")
+    assert code == 2
+    assert "--out" in err
+
+
+@pytest.mark.parametrize(
+    ("words", "part"),
+    [
+        (("trim", "--speed-m-s", "nan", "--altitude-m", "0"), "--speed-m-s"),
+        (("trim", "--speed-m-s", "150", "--altitude-m", "1e9"), "--altitude-m"),
+        (("trim", "--aircraft", "f17", "--speed-m-s", "150", "--altitude-m", "0"), "f16"),
+        (("trim", "--variant", "best", "--speed-m-s", "150", "--altitude-m", "0"), "textbook"),
+        (("fly",), "fly"),
+    ],
+)
+def test_bad_words_end_with_2(anser, words, part):
+    code, _, err = anser(*words)
+    assert code == 2
+    assert part in err
+    assert "Traceback" not in err
+
+
+def test_the_installed_command_answers():
+    program = Path(sys.executable).with_name("anser")
+    done = subprocess.run([program, "--version"], capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("anser 0.")
