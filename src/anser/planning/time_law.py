@@ -240,7 +240,7 @@ def _least_trade(
     """About the least trade with which the path asks for no more braking than there is: in its steepest place.
 
     There it asks for (1 - trade) g (-dh/dl) + e, and to first order in the changes of speed e = base + trade * mean:
-    without trade the speed ends as far from the mean as it began; height traded early is braked off over the whole path.
+    without trade the speed ends as far from the mean as it began; height traded early is braked off on the whole path.
     """
     edges, total = jnp.asarray(np.linspace(0.0, 1.0, CELLS + 1)), jnp.maximum(lengths[-1], _TINY)
     fall = jax.vmap(lambda s: path_derivative(coefficients_n, s, 1)[2])(edges) / slopes

@@ -41,7 +41,8 @@ def ground_tracks(dataset: xr.Dataset, pens: Sequence[Pen], arrivals_s: Sequence
         flown = spread_indices(dataset.sizes["time"], pen.points)
         until = spread_indices(meeting + 1, pen.points // 4)
         goal = _line(dataset, pen, "goal_", until, {"width": 1.6, "dash": "1px,3px"})
-        plan = _line(dataset, pen, "reference_", until, {"width": 1.2, "dash": "4px,3px"})
+        # Up to the arrival only: in the hold the planned point is one of the circle.
+        plan = _line(dataset, pen, "reference_", until[until < max(meeting, 1)], {"width": 1.2, "dash": "4px,3px"})
         track = _line(dataset, pen, "", flown, {"width": 2})
         start = _mark(dataset, pen, "", 0, {"symbol": "circle", "size": 9})
         # The name stands behind the aircraft, clear of its track.
