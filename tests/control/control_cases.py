@@ -1,4 +1,4 @@
-"""Generic flight conditions for the control tests: one vector of numbers per condition, so that one compiled code serves all."""
+"""Generic flight conditions for the control tests, each one vector of numbers, so that one compiled code serves all."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -13,6 +13,8 @@ from anser.spatial import attitude_from_path, quaternion_from_rotation, rotate
 
 DEGREE = np.pi / 180
 AIRFRAME = load_airframe()
+# For code that runs a few times: what the compiler would spend on its speed is not earned back.
+QUICK = {"xla_backend_optimization_level": 0}
 
 
 def _floats(bound_low, bound_high):

@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from control_cases import AIRFRAME, DEGREE, setting_of, vectors
+from control_cases import AIRFRAME, DEGREE, QUICK, setting_of, vectors
 from hypothesis import given, settings
 
 from anser.control import allocate
@@ -84,7 +84,13 @@ def _demand(x, moment_b, push_b):
 
 
 demand_of = jax.jit(_demand)
-slopes_of = jax.jit(jax.jacrev(lambda x, moment_b: _demand(x, moment_b, jnp.zeros(3)).surfaces, argnums=(0, 1)))
+
+
+def _surfaces(x, moment_b):
+    return _demand(x, moment_b, jnp.zeros(3)).surfaces
+
+
+slopes_of = jax.jit(jax.jacrev(_surfaces, argnums=(0, 1)), compiler_options=QUICK)
 
 
 @pytest.mark.parametrize(("channel", "roll_pitch_yaw"), [(0, (0, 1, 0)), (1, (1, 0, 0)), (2, (0, 0, 1))])
@@ -109,7 +115,7 @@ def test_moments_of_the_engine_are_not_asked_of_the_surfaces():
 def test_gradient_is_the_inverse_of_the_effectiveness():
     """d(surfaces)/d(moment) times d(moment)/d(surfaces) is the identity."""
     slope = slopes_of(LEVEL, MOMENT_B)[1]
-    effectiveness = jax.jit(jax.jacfwd(lambda s: _moment(setting_of(LEVEL), s)))(LEVEL[9:12])
+    effectiveness = jax.jit(jax.jacfwd(lambda s: _moment(setting_of(LEVEL), s)), compiler_options=QUICK)(LEVEL[9:12])
     # within one piece of the elevator table and at fixed alpha, beta the moments are linear in the surfaces
     np.testing.assert_allclose(slope @ effectiveness, np.eye(3), atol=1e-12)
 
@@ -129,6 +135,6 @@ def test_no_dynamic_pressure_gives_no_deflection_instead_of_no_number():
 
 def test_batched_equals_single():
     batch, nothing = np.stack([LEVEL, LEVEL * 1.1]), np.zeros(3)
-    together = jax.jit(jax.vmap(lambda x: _demand(x, MOMENT_B, nothing).surfaces))(batch)
+    together = jax.jit(jax.vmap(lambda x: _demand(x, MOMENT_B, nothing).surfaces), compiler_options=QUICK)(batch)
     for x, surfaces in zip(batch, together, strict=True):
         np.testing.assert_allclose(surfaces, demand_of(x, MOMENT_B, nothing).surfaces, atol=1e-13)

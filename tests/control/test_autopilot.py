@@ -1,379 +1,116 @@
-"""The whole autopilot flying the F-16: fixed points, envelope, recovery, memory, and what compiled code needs."""
+"""The autopilot as a function: its memory, its parts alone, and what compiled and differentiated code needs."""
+
+import functools
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from control_cases import AIRFRAME, DEGREE
+from autopilot_cases import Case, arrays, control, memory_of, plant_of, turned_after_100_steps
+from control_cases import QUICK
 
-from anser.aircraft import AircraftState, condition
-from anser.control import (
-    AutopilotState,
-    attitude_control,
-    default_limits,
-    initial_autopilot_state,
-    make_plant,
-    published_gains,
-    rate_control,
-    velocity_control,
-)
-from anser.environment import standard_environment
-from anser.planning import PathCommand
-from anser.simulation.motion import advance
-from anser.simulation.trim import TrimPoint, solve_trim, trim_target
-from anser.spatial import attitude_from_path, quaternion_from_rotation
-
-ENVIRONMENT = standard_environment()
-ALTITUDE = 5000.0
-STEPS = 4000
-
-
-class Case(eqx.Module):
-    """One flight: start, memory of the autopilot, constant command, sampling period."""
-
-    state: AircraftState
-    memory: AutopilotState
-    V: float
-    gamma: float
-    chi: float
-    step: float
-
-
-def constant_command(case) -> PathCommand:
-    zero = jnp.zeros(())
-    return PathCommand(*(jnp.asarray(v, dtype=float) for v in (case.V, case.gamma, case.chi)), zero, zero, zero)
-
-
-def control(case, state, memory, gains, limits):
-    now = condition(AIRFRAME, ENVIRONMENT, 0.0, state)
-    plant = make_plant(AIRFRAME, limits, gains, state, now, memory, ENVIRONMENT.gravity, case.step)
-    return velocity_control(plant, memory, constant_command(case)), now
-
-
-def fly(case, gains, limits, count=STEPS):
-    """States, controls and signals of a flight, one row per step, and the memory at its end."""
-
-    def one(carry, _):
-        state, memory = carry
-        (controls, signals, after), now = control(case, state, memory, gains, limits)
-        load = -now.wrench.force_b[2] / (AIRFRAME.mass_properties.mass * ENVIRONMENT.gravity)
-        row = (state, controls, signals, memory, load)
-        return (advance(AIRFRAME, ENVIRONMENT, 0.0, state, controls, case.step), after), row
-
-    end, rows = jax.lax.scan(one, (case.state, case.memory), length=count)
-    return end, rows
-
-
-def memory_of(trim: TrimPoint) -> AutopilotState:
-    attitude = jnp.stack([trim.mu, trim.alpha, trim.beta])
-    return initial_autopilot_state(attitude, trim.state.rates_b, trim.state.surfaces)
+from anser.control import attitude_control, default_limits, published_gains, rate_control
+from anser.simulation.trim import TrimPoint
 
 
 @pytest.fixture(scope="module")
-def trims() -> list[TrimPoint]:
-    """Level flight at 150 m/s to the north, and to 170 deg."""
-    solve = jax.jit(solve_trim)
-    return [solve(AIRFRAME, ENVIRONMENT, trim_target(150.0, ALTITUDE, 0.0, chi)) for chi in (0.0, 170 * DEGREE)]
-
-
-def _banked(trim, mu):
-    R_bn = attitude_from_path(mu, 0.0, 0.0, trim.alpha, trim.beta)
-    state = eqx.tree_at(lambda s: s.quaternion, trim.state, quaternion_from_rotation(R_bn))
-    return state, initial_autopilot_state(
-        jnp.stack([jnp.asarray(mu), trim.alpha, trim.beta]), state.rates_b, state.surfaces
-    )
-
-
-def _cases(trims) -> dict[str, Case]:
-    north, south = trims
-    start = (north.state, memory_of(north))
-    at_rest = eqx.tree_at(lambda s: s.velocity_b, north.state, jnp.zeros(3))
-    cases = {
-        "trimmed": (*start, 150, 0, 0, 0.005),
-        "right": (*start, 150, 0, 20, 0.01),
-        "left": (*start, 150, 0, -20, 0.01),
-        "across south": (south.state, memory_of(south), 150, 0, -170, 0.01),
-        "about": (*start, 150, 0, 170, 0.01),
-        "climb": (*start, 150, 20, 0, 0.01),
-        "dive and turn": (*start, 150, -20, 20, 0.01),
-        "too fast": (*start, 300, 0, 0, 0.02),
-        "too slow": (*start, 60, 0, 0, 0.02),
-        "inverted": (*_banked(north, np.pi), 150, 0, 0, 0.01),
-        "knife edge": (*_banked(north, -np.pi / 2), 150, 0, 0, 0.01),
-        "at rest": (at_rest, start[1], 150, 0, 0, 0.02),
-        **{f"sampled at {step} s": (*start, 150, 2, 10, step) for step in (0.005, 0.01, 0.02, 0.03, 0.05)},
-    }
-    return {
-        name: Case(state, memory, float(V), gamma * DEGREE, chi * DEGREE, step)
-        for name, (state, memory, V, gamma, chi, step) in cases.items()
-    }
-
-
-def _stack(trees):
-    return jax.tree.map(lambda *leaves: jnp.stack([jnp.asarray(leaf, dtype=float) for leaf in leaves]), *trees)
-
-
-class Flown(eqx.Module):
-    """One flight's history as NumPy arrays."""
-
-    state: AircraftState
-    motion: dict
-    surfaces: np.ndarray
-    throttle: np.ndarray
-    signals: object
-    memory: AutopilotState
-    load: np.ndarray
-    step: float
+def trim(trims) -> TrimPoint:
+    """Level flight at 150 m/s and 5000 m, to the north."""
+    return trims[0]
 
 
 @pytest.fixture(scope="module")
-def flights(trims):
-    """All flights as one compiled batch."""
-    cases = _cases(trims)
-    batch = jax.jit(jax.vmap(lambda case: fly(case, published_gains(), default_limits())))
-    _, rows = batch(_stack(list(cases.values())))
-    history = {}
-    for k, (name, case) in enumerate(cases.items()):
-        state, controls, signals, memory, load = jax.tree.map(lambda leaf, k=k: np.asarray(leaf[k]), rows)
-        motion = {n: getattr(signals.motion, n) for n in ("V", "gamma", "chi", "mu", "alpha", "beta")}
-        history[name] = Flown(state, motion, controls.surfaces, controls.throttle, signals, memory, load, case.step)
-    return history
+def turn(trim) -> Case:
+    """2 s of a small turn, climb and acceleration that reach no limit."""
+    return arrays(Case(trim.state, memory_of(trim), 151.0, 0.005, 0.02, 0.02))
 
 
-def test_trimmed_flight_is_a_fixed_point(flights, trims):
-    """20 s; what remains is the trim's residual (1e-8 g, integrated) and rounding."""
-    flown, trim = flights["trimmed"], trims[0]
-    assert STEPS * flown.step == 20.0
-    np.testing.assert_allclose(flown.surfaces, np.tile(trim.controls.surfaces, (STEPS, 1)), atol=1e-6)
-    np.testing.assert_allclose(flown.throttle, trim.controls.throttle, atol=1e-6)
-    np.testing.assert_allclose(flown.motion["V"], 150.0, atol=1e-5)
-    for name in ("gamma", "chi", "mu", "beta"):
-        np.testing.assert_allclose(flown.motion[name], 0.0, atol=1e-6)
-    np.testing.assert_allclose(
-        flown.state.position_n[-1], [150.0 * (STEPS - 1) * flown.step, 0.0, -ALTITUDE], atol=1e-3
-    )
-
-
-def test_every_flight_stays_finite(flights):
-    for name, flown in flights.items():
-        for leaf in jax.tree.leaves((flown.state, flown.memory, flown.surfaces, flown.throttle)):
-            assert np.isfinite(leaf).all(), name
-        assert np.all((flown.throttle >= 0) & (flown.throttle <= 1)), name
-        assert np.all(np.abs(flown.surfaces) <= np.asarray(AIRFRAME.actuators.upper) + 1e-12), name
-
-
-def test_the_course_may_cross_south(flights):
-    """170 to -170 deg is flown as 0 to 20 deg is: the same bank, to rounding that the loops amplify a little."""
-    north, south = flights["right"], flights["across south"]
-    np.testing.assert_allclose(south.motion["mu"], north.motion["mu"], atol=1e-9)
-    turned = np.unwrap(south.motion["chi"]) - 170 * DEGREE
-    np.testing.assert_allclose(turned, north.motion["chi"], atol=1e-9)
-    assert np.ptp(south.motion["chi"]) > 6.0
-
-
-def test_left_and_right_turns_differ_by_the_engine_only(flights):
-    """The airframe is symmetric; the spinning engine (216.9 kg m^2/s) is not: a fraction of a degree of bank."""
-    right, left = flights["right"].motion, flights["left"].motion
-    assert 0.0 < np.abs(right["mu"] + left["mu"]).max() < 1.0 * DEGREE
-    np.testing.assert_allclose(right["chi"], -left["chi"], atol=0.2 * DEGREE)
-
-
-def test_the_bank_limit_holds_in_a_long_turn(flights):
-    """Saturated for many seconds, the bank neither overshoots 60 deg nor does the course overshoot on leaving it."""
-    flown = flights["about"]
-    assert flown.signals.attitude.bank_saturated.mean() > 0.3
-    assert flown.motion["mu"].max() < 60.5 * DEGREE
-    # integral gain: 0.025 times an integral that stood still meanwhile
-    assert flown.motion["chi"].max() < 170.5 * DEGREE
-    assert flown.motion["chi"][-1] == pytest.approx(170 * DEGREE, abs=0.2 * DEGREE)
-    np.testing.assert_allclose(flown.motion["V"], 150.0, atol=1.0)
-
-
-@pytest.mark.parametrize(("name", "limit"), [("too fast", 240.0), ("too slow", 90.0)])
-def test_speed_commands_are_kept_within_the_limits(flights, name, limit):
-    """What is asked for is 300 and 60 m/s. Full throttle and idle on the way do not wind the integral up."""
-    V = flights[name].motion["V"]
-    assert V[-1] == pytest.approx(limit, abs=0.3)
-    assert np.all((V >= 89.5) & (V <= 241.0))
-    np.testing.assert_allclose(flights[name].motion["gamma"], 0.0, atol=0.2 * DEGREE)
-
-
-def test_load_factor_and_alpha_are_limited_in_a_pull_up(flights):
-    """20 deg of path angle at once ask for 6.3 g; 5 g are allowed, alpha up to 25 deg, the response overshoots by 5 %."""
-    flown = flights["climb"]
-    assert flown.signals.attitude.alpha_saturated.any()
-    assert 4.0 < flown.load.max() < 5.25
-    assert flown.motion["alpha"].max() < 26 * DEGREE
-    assert flown.motion["gamma"].max() < 20 * DEGREE * 1.05
-    assert flown.motion["gamma"][-1] == pytest.approx(20 * DEGREE, abs=0.3 * DEGREE)
-
-
-def test_a_push_over_does_not_turn_the_wrong_way(flights):
-    """While lift points down a right bank would turn left: the bank waits, then turns right."""
-    flown = flights["dive and turn"]
-    assert flown.load.min() < -0.5
-    assert flown.motion["chi"].min() > -0.2 * DEGREE
-    assert flown.motion["chi"][-1] == pytest.approx(20 * DEGREE, abs=0.3 * DEGREE)
-    assert flown.motion["gamma"][-1] == pytest.approx(-20 * DEGREE, abs=0.3 * DEGREE)
-
-
-@pytest.mark.parametrize("name", ["inverted", "knife edge"])
-def test_unusual_attitudes_are_recovered(flights, name):
-    """From 150 m/s upside down or on the side back to level flight, losing less than 100 m and 30 m/s."""
-    flown = flights[name]
-    assert abs(flown.motion["mu"][0]) > 1.5
-    height = -flown.state.position_n[:, 2]
-    assert height.min() > ALTITUDE - 100.0
-    assert flown.motion["V"].min() > 120.0
-    for angle in ("mu", "gamma", "chi"):
-        assert abs(flown.motion[angle][-1]) < 0.5 * DEGREE
-
-
-def test_a_fall_from_rest_ends_in_flight(flights):
-    """No airspeed: nothing divides by it; the aircraft falls, gains speed and flies."""
-    flown = flights["at rest"]
-    assert flown.motion["gamma"].min() < -30 * DEGREE
-    assert flown.motion["V"][-1] == pytest.approx(150.0, abs=0.5)
-    assert abs(flown.motion["gamma"][-1]) < 1 * DEGREE
-
-
-@pytest.mark.parametrize("step", [0.005, 0.01, 0.02, 0.03, 0.05])
-def test_the_surfaces_are_quiet_at_every_sampling_period(flights, step):
-    """The derivative gain of the fast loop makes a sampled loop of its own, unstable beyond 0.026 s if left alone.
-
-    The last 5 s: all transients but the integral's (40 s) are over; the surfaces move by hundredths of a degree.
-    """
-    flown = flights[f"sampled at {step} s"]
-    last = slice(STEPS - int(5 / step), STEPS)
-    assert np.ptp(flown.surfaces[last], axis=0).max() < 0.05 * DEGREE
-    assert flown.motion["chi"][-1] == pytest.approx(10 * DEGREE, abs=0.15 * DEGREE)
-
-
-def test_saturated_channels_do_not_integrate(flights):
-    """Exactly the product of error and period is added where not saturated, nothing where saturated."""
-    seen = set()
-    for name, target in (
-        ("too fast", (240.0, 0, 0)),
-        ("climb", (150.0, 20 * DEGREE, 0)),
-        ("about", (150, 0, 170 * DEGREE)),
-    ):
-        flown = flights[name]
-        integral = flown.memory.velocity_integral
-        measured = np.stack([flown.motion[n] for n in ("V", "gamma", "chi")], axis=1)
-        signals = flown.signals
-        saturated = np.stack(
-            [signals.thrust.saturated, signals.attitude.alpha_saturated, signals.attitude.bank_saturated], axis=1
-        ).astype(bool)
-        expected = np.where(saturated, 0.0, (np.array(target) - measured) * flown.step)
-        np.testing.assert_allclose(np.diff(integral, axis=0), expected[:-1], atol=1e-12)
-        seen |= {k for k in range(3) if saturated[:, k].any()}
-    assert seen == {0, 1, 2}
-
-
-@pytest.fixture(scope="module")
-def turn(trims) -> Case:
-    """A small turn and acceleration that reaches no limit."""
-    return _arrays(Case(trims[0].state, memory_of(trims[0]), 151.0, 0.005, 0.02, 0.02))
-
-
-def _arrays(case):
-    return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype=float), case)
-
-
-def test_memory_keeps_its_shape_and_holds_the_trim(trims):
-    memory = memory_of(trims[0])
-    for leaf in jax.tree.leaves(memory):
+def test_memory_keeps_its_shape_and_holds_the_trim(trim, turn):
+    memory = memory_of(trim)
+    np.testing.assert_array_equal(memory.velocity_integral, np.zeros(3))
+    np.testing.assert_array_equal(memory.rates_filter.memory, trim.state.rates_b)
+    np.testing.assert_array_equal(memory.surfaces_slow, trim.state.surfaces)
+    (_, _, after), _ = eqx.filter_eval_shape(control, turn, turn.state, memory, published_gains(), default_limits())
+    assert jax.tree.structure(after) == jax.tree.structure(memory)
+    for leaf in jax.tree.leaves((memory, after)):
         assert leaf.shape == (3,)
         assert leaf.dtype == jnp.float64
-    np.testing.assert_array_equal(memory.velocity_integral, np.zeros(3))
-    np.testing.assert_array_equal(memory.surfaces_slow, trims[0].state.surfaces)
-    case = Case(trims[0].state, memory, 160.0, 0.1, 0.2, 0.01)
-    (_, _, after), _ = jax.eval_shape(lambda: control(case, case.state, memory, published_gains(), default_limits()))
-    assert jax.tree.structure(after) == jax.tree.structure(memory)
-    assert all(leaf.shape == (3,) for leaf in jax.tree.leaves(after))
 
 
-def _turned(case, gains, limits):
-    """East position, speed, path angle and course 2 s into a turn."""
-    (state, _), rows = fly(case, gains, limits, count=100)
-    motion = rows[2].motion
-    return jnp.stack([state.position_n[1], motion.V[-1], motion.gamma[-1], motion.chi[-1]])
-
-
-@pytest.fixture(scope="module")
-def turned():
-    """Compiled once: a second trace fails."""
-    return eqx.filter_jit(eqx.debug.assert_max_traces(_turned, max_traces=1))
-
-
-def test_gains_and_limits_are_data(turn, turned):
-    """Other values run the same compiled code, and change the flight."""
-    gains, limits = published_gains(), default_limits()
-    first = turned(turn, gains, limits)
-    softer = turned(turn, eqx.tree_at(lambda g: g.velocity.proportional, gains, jnp.full(3, 0.5)), limits)
-    tighter = turned(turn, gains, eqx.tree_at(lambda v: v.bank_max, limits, jnp.asarray(0.05)))
-    assert np.abs(softer - first).max() > 1e-3
-    assert np.abs(tighter - first).max() > 1e-3
-
-
-def test_batched_equals_single(flights, trims, turned):
-    """The first 2 s of a flight of the batch; vectorized code rounds differently."""
-    north = _cases(trims)["right"]
-    single = turned(_arrays(north), published_gains(), default_limits())
-    batched = flights["right"]
-    assert single[0] == pytest.approx(batched.state.position_n[100, 1], abs=1e-9)
-    for value, name in zip(single[1:], ("V", "gamma", "chi"), strict=True):
-        assert float(value) == pytest.approx(batched.motion[name][99], abs=1e-10)
-
-
-@pytest.fixture(scope="module")
-def slopes():
-    """Reverse-mode derivatives of 2 s of flight by start, memory, command, gains and limits."""
-    return jax.jit(jax.jacrev(_turned, argnums=(0, 1, 2)))
-
-
-@pytest.mark.parametrize("loop", ["velocity", "attitude", "rates"])
-def test_gradient_with_respect_to_gains_agrees_with_differences(turn, turned, slopes, loop):
-    gains, limits = published_gains(), default_limits()
-
-    def where(tree):
-        return getattr(tree, loop).proportional
-
-    def moved(amount):
-        return turned(turn, eqx.tree_at(where, gains, where(gains) + amount), limits)
-
-    difference = (moved(1e-4) - moved(-1e-4)) / 2e-4
-    exact = jnp.sum(where(slopes(turn, gains, limits)[1]), axis=1)
-    # a breakpoint of a table between the two sides of the difference leaves a part of its kink
-    np.testing.assert_allclose(difference, exact, rtol=1e-3, atol=1e-7)
-    assert np.abs(exact).max() > 1e-5
-
-
-@pytest.mark.parametrize("chi", [0.0, 3.0])
-def test_gradients_are_finite_in_trim_and_at_the_limits(trims, slopes, chi):
-    case = _arrays(Case(trims[0].state, memory_of(trims[0]), 150.0, 0.0, chi, 0.01))
-    for leaf in jax.tree.leaves(slopes(case, published_gains(), default_limits())):
-        assert np.isfinite(leaf).all()
-
-
-def test_inner_loops_can_be_commanded_alone(trims):
-    """Trim held by the rate loop and by the attitude loop: the same surfaces as the whole autopilot's."""
-    trim = trims[0]
+def test_inner_loops_can_be_commanded_alone(trim):
+    """Trim held by the rate loop and by the attitude loop: the trim's own surfaces."""
     memory = memory_of(trim)
 
-    @jax.jit
+    @functools.partial(jax.jit, compiler_options=QUICK)
     def alone():
-        now = condition(AIRFRAME, ENVIRONMENT, 0.0, trim.state)
-        plant = make_plant(
-            AIRFRAME, default_limits(), published_gains(), trim.state, now, memory, ENVIRONMENT.gravity, 0.01
-        )
+        plant = plant_of(trim.state, memory, published_gains(), default_limits(), 0.01)
         attitude = jnp.stack([trim.mu, trim.alpha, trim.beta])
         rates, inner, _ = attitude_control(plant, memory, attitude, jnp.zeros(3))
         fast, _ = rate_control(plant, memory, jnp.zeros(3), jnp.zeros(3))
         return rates, inner.surfaces, fast.surfaces
 
     rates, inner, fast = alone()
-    np.testing.assert_allclose(rates, np.zeros(3), atol=1e-8)
-    np.testing.assert_allclose(inner, trim.state.surfaces, atol=1e-7)
-    np.testing.assert_allclose(fast, trim.state.surfaces, atol=1e-7)
+    # the trim's residual of up to 1e-8 rad/s^2 and g, times gains of 10 over an effectiveness of order 1
+    np.testing.assert_allclose(rates, np.zeros(3), atol=1e-7)
+    np.testing.assert_allclose(inner, trim.state.surfaces, atol=1e-6)
+    np.testing.assert_allclose(fast, trim.state.surfaces, atol=1e-6)
+
+
+def test_gains_and_limits_are_data(turn, turned):
+    """Other values run the same compiled code, and change the flight."""
+    gains, limits = published_gains(), default_limits()
+    first = turned(turn, gains, limits)
+    softer = turned(turn, eqx.tree_at(lambda g: g.velocity.proportional, gains, jnp.array([0.5, 0.5, 0.5])), limits)
+    tighter = turned(turn, gains, eqx.tree_at(lambda v: v.bank_max, limits, jnp.asarray(0.05, dtype=float)))
+    assert np.abs(softer - first).max() > 1e-3
+    assert np.abs(tighter - first).max() > 1e-3
+
+
+@pytest.fixture(scope="module")
+def slope():
+    """Derivative of 2 s of flight along a direction in the space of gains."""
+
+    def along(case, gains, limits, direction):
+        return jax.jvp(lambda g: turned_after_100_steps(case, g, limits), (gains,), (direction,))[1]
+
+    return jax.jit(along, compiler_options=QUICK)
+
+
+@pytest.mark.parametrize("loop", ["velocity", "attitude", "rates"])
+def test_gradient_with_respect_to_gains_agrees_with_differences(turn, turned, slope, loop):
+    gains, limits = published_gains(), default_limits()
+    direction = eqx.tree_at(
+        lambda g: getattr(g, loop).proportional, jax.tree.map(jnp.zeros_like, gains), jnp.array([1.0, 0.7, 1.3])
+    )
+
+    def moved(amount):
+        return turned(turn, jax.tree.map(lambda g, d: g + amount * d, gains, direction), limits)
+
+    difference = (moved(1e-4) - moved(-1e-4)) / 2e-4
+    exact = slope(turn, gains, limits, direction)
+    # a breakpoint of a table between the two sides of the difference leaves a part of its kink
+    np.testing.assert_allclose(difference, exact, rtol=1e-3, atol=1e-7)
+    assert np.abs(exact).max() > 1e-5
+
+
+@pytest.mark.parametrize("chi", [0.0, 3.0])
+def test_gradients_are_finite_in_trim_and_at_the_limits(trim, slope, chi):
+    """At 3 rad the bank and the roll rate are at their limits, at 0 every error is exactly zero."""
+    case = arrays(Case(trim.state, memory_of(trim), 150.0, 0.0, chi, 0.01))
+    gains = published_gains()
+    assert np.isfinite(slope(case, gains, default_limits(), jax.tree.map(jnp.ones_like, gains))).all()
+
+
+def test_reverse_gradient_of_one_step_is_finite(trim):
+    """Through all three loops, with respect to state, memory, command, gains and limits."""
+
+    def used(case, gains, limits):
+        (controls, _, after), _ = control(case, case.state, case.memory, gains, limits)
+        return jnp.sum(controls.surfaces) + controls.throttle + sum(jnp.sum(leaf) for leaf in jax.tree.leaves(after))
+
+    slope_of = jax.jit(jax.grad(used, argnums=(0, 1, 2)), compiler_options=QUICK)
+    for chi in (0.0, 3.0):
+        case = arrays(Case(trim.state, memory_of(trim), 150.0, 0.0, chi, 0.01))
+        for leaf in jax.tree.leaves(slope_of(case, published_gains(), default_limits())):
+            assert np.isfinite(leaf).all()

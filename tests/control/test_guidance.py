@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from control_cases import vectors
+from control_cases import QUICK, vectors
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -193,7 +193,7 @@ def test_the_hold_ends_on_the_circle_at_its_height_in_its_sense(held_flights, na
     turn = CASES[name][4]
     last = slice(-1000, None)
     distance = np.hypot(relative_n[last, 0], relative_n[last, 1])
-    # the field's own attraction, 1.5 V / R = 0.056 1/s, has faded to exp(-14); midpoint steps of 7.5 m are exact to 1e-5
+    # the field's attraction, 1.5 V / R = 0.056 1/s, has faded to exp(-14); midpoint steps of 7.5 m are exact to 1e-5
     np.testing.assert_allclose(distance, RADIUS, rtol=1e-3)
     np.testing.assert_allclose(relative_n[last, 2], -HEIGHT, atol=0.5)
     north, east = relative_n[last, 0], relative_n[last, 1]
@@ -246,7 +246,7 @@ def _hold_numbers(relative_n, goal_velocity_n, arrival_n):
     return jnp.stack(jax.tree.leaves(held(relative_n, velocity_n, goal_velocity_n, jnp.zeros(3), arrival_n, 1.0)))
 
 
-_hold_slopes = jax.jit(jax.jacrev(_hold_numbers, argnums=(0, 1, 2)))
+_hold_slopes = jax.jit(jax.jacrev(_hold_numbers, argnums=(0, 1, 2)), compiler_options=QUICK)
 
 
 @pytest.mark.parametrize(
@@ -275,7 +275,8 @@ def test_follow_has_finite_gradients_on_its_plan():
     def numbers(time, offset_n, wind_n):
         return jnp.stack(jax.tree.leaves(followed(time, offset_n, jnp.zeros(3), wind_n, 0.3)[0]))
 
-    for slope in jax.jacrev(numbers, argnums=(0, 1, 2))(20.0, jnp.zeros(3), jnp.zeros(3)):
+    slopes_of = jax.jit(jax.jacrev(numbers, argnums=(0, 1, 2)), compiler_options=QUICK)
+    for slope in slopes_of(20.0, jnp.zeros(3), jnp.zeros(3)):
         assert np.isfinite(slope).all()
 
 
@@ -295,6 +296,8 @@ def test_hold_point_is_the_circles_nearest(relative_n, goal_n):
 
 def test_batched_equals_single():
     batch = jnp.array([[100.0, 50.0, -300.0], [5000.0, -900.0, -200.0]])
-    together = jax.jit(jax.vmap(_hold_numbers, in_axes=(0, None, None)))(batch, jnp.zeros(3), jnp.asarray(LEVEL_N))
+    together = jax.jit(jax.vmap(_hold_numbers, in_axes=(0, None, None)), compiler_options=QUICK)(
+        batch, jnp.zeros(3), jnp.asarray(LEVEL_N)
+    )
     for relative_n, row in zip(batch, together, strict=True):
         np.testing.assert_allclose(row, _hold_numbers(relative_n, jnp.zeros(3), LEVEL_N), rtol=1e-12, atol=1e-14)

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from control_cases import AIRFRAME, DEGREE, environment_of, flights, motion_of, setting_of, state_of
+from control_cases import AIRFRAME, DEGREE, QUICK, environment_of, flights, motion_of, setting_of, state_of
 from hypothesis import given, settings
 
 from anser.aircraft import Controls, state_derivative
@@ -60,7 +60,7 @@ def _outputs(x):
 
 
 _outputs_jit = jax.jit(_outputs)
-_jacobian = jax.jit(jax.jacrev(_outputs))
+_jacobian = jax.jit(jax.jacrev(_outputs), compiler_options=QUICK)
 _LEVEL = np.array([150, 0.05, 0, 0, 0, 0, 0, 0, 0, -0.04, 0, 0, 10, 1000, 0, 0, 0.0])
 
 
@@ -91,6 +91,6 @@ def test_values_and_gradients_are_finite_outside_the_domain_too(x):
 
 def test_batched_equals_single():
     batch = np.stack([_LEVEL, _changed(mu=1.0, gamma=0.3), _changed(beta=0.2, V=200.0)])
-    together = jax.jit(jax.vmap(_outputs))(batch)
+    together = jax.jit(jax.vmap(_outputs), compiler_options=QUICK)(batch)
     for x, row in zip(batch, together, strict=True):
         np.testing.assert_allclose(row, _outputs_jit(x), rtol=1e-12, atol=1e-12)

@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from control_cases import AIRFRAME, DEGREE, environment_of, flights, motion_of, setting_of, state_of, vectors
+from control_cases import AIRFRAME, DEGREE, QUICK, environment_of, flights, motion_of, setting_of, state_of, vectors
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
@@ -68,7 +68,7 @@ setting_of_jit = jax.jit(setting_of)
 
 @jax.jit
 def V_dot_for_thrust(x, thrust):
-    """Acceleration along the path that a thrust along body x gives: exact, as the equation of motion is linear in it."""
+    """Acceleration along the path that a thrust along body x gives; the equation of motion is linear in it."""
     setting = setting_of(x)
     ahead = jnp.cos(setting.motion.alpha) * jnp.cos(setting.motion.beta)
     return setting.motion.path_rates[0] + (thrust - setting.now.propulsive.force_b[0]) * ahead / MASS
@@ -109,7 +109,7 @@ def _attitude(state, x, gamma_dot, chi_dot):
 
 @jax.jit
 def attitude_case(x, gamma_dot, chi_dot):
-    """Demand; the path rates flown with it: first with the bank, then with the angle of attack demanded at that bank."""
+    """Demand; demand at its own bank; path rates flown with alpha at the present bank, and with both angles."""
     demand = _attitude(state_of(x), x, gamma_dot, chi_dot)
     banked = x.at[3].set(demand.angles[0])
     at_bank = _attitude(state_of(banked), x, gamma_dot, chi_dot)
@@ -203,7 +203,7 @@ def _all_demands(x):
 
 
 _demands_jit = jax.jit(_all_demands)
-_slopes = jax.jit(jax.jacrev(_all_demands))
+_slopes = jax.jit(jax.jacrev(_all_demands), compiler_options=QUICK)
 
 
 @pytest.mark.parametrize("change", [{}, {0: 1.0}, {4: np.pi / 2}, {3: np.pi}, {3: np.pi / 2}, {1: 1.5}, {2: np.pi / 2}])
@@ -217,5 +217,5 @@ def test_values_and_gradients_are_finite(change):
 
 def test_batched_equals_single():
     batch = np.stack([LEVEL, LEVEL * 1.1])
-    for x, row in zip(batch, jax.jit(jax.vmap(_all_demands))(batch), strict=True):
+    for x, row in zip(batch, jax.jit(jax.vmap(_all_demands), compiler_options=QUICK)(batch), strict=True):
         np.testing.assert_allclose(row, _demands_jit(x), rtol=1e-12)

@@ -27,10 +27,22 @@ def velocity(speed, course, path_angle=0.0):
 def trajectories(draw):
     """Generic nominal trajectories: 0.5 to 20 km, 150 m/s at the ends, any courses."""
     line = draw(st.floats(500.0, 20000.0)) * velocity(1.0, draw(angles), draw(path_angles))
-    duration = jnp.linalg.norm(line) / 150.0 * draw(st.floats(0.8, 1.6))
+    duration = float(jnp.linalg.norm(line)) / 150.0 * draw(st.floats(0.8, 1.6))
     start = jnp.array([draw(st.floats(-1e4, 1e4)), draw(st.floats(-1e4, 1e4)), draw(st.floats(-3e3, 0.0))])
     ends = [velocity(150.0, draw(angles), draw(path_angles)) for _ in range(2)]
     return _fit(draw(st.floats(0.0, 100.0)), duration, start, ends[0], start + line, ends[1])
+
+
+@st.composite
+def flyable(draw):
+    """Bent paths as fleets fly them: 2 to 20 km, ends within 75 deg of the line; |dr/ds| is above half its mean."""
+    distance, course = draw(st.floats(2e3, 2e4)), draw(angles)
+    line = distance * velocity(1.0, course, draw(st.floats(-0.15, 0.15)))
+    duration = distance / 150.0 * draw(st.floats(0.9, 1.3))
+    ends = [velocity(150.0, course + draw(st.floats(-1.3, 1.3)), draw(st.floats(-0.2, 0.2))) for _ in range(2)]
+    start = jnp.array([draw(st.floats(-1e4, 1e4)), draw(st.floats(-1e4, 1e4)), -3000.0])
+    bend = distance * draw(st.floats(-2.0, 2.0))
+    return _fit(draw(st.floats(0.0, 100.0)), duration, start, ends[0], start + line, ends[1], bend)
 
 
 def published_path(path_angle_f_deg: float, b_4: float = 0.0, c_4: float = 0.0) -> Trajectory:

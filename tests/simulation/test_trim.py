@@ -15,7 +15,7 @@ from anser.spatial import rotation_from_quaternion
 from anser.units import DEG_RAD, RAD_DEG
 from support.light_aircraft import light_aircraft
 from support.states import condition_of, derivative
-from support.trims import flight_angles, fly, target_deg, trim
+from support.trims import flight_angles, fly, glider, target_deg, trim
 
 STILL = standard_environment()
 AIRFRAMES = {variant: load_airframe("f16", variant) for variant in ("textbook", "s119", "founding")}
@@ -124,10 +124,11 @@ def test_limits_are_reported_not_imposed():
 
 
 def test_impossible_balance_is_reported():
-    # The tables of s119 end with their lift: a fifth of what is needed at this speed.
-    point = trim(AIRFRAMES["s119"], STILL, target_deg(20.0))
+    # Without thrust the drag of level flight, at least a fifteenth of the weight, stays.
+    point = trim(glider(F16), STILL, target_deg(150.0))
     assert not point.converged
-    assert float(point.residual) > 1e-3
+    assert float(point.residual) > 0.01
+    assert trim(F16, STILL, target_deg(150.0)).converged
 
 
 def test_vmap_over_a_mixed_fleet_equals_one_at_a_time_and_compiles_once():
@@ -182,7 +183,7 @@ def test_gradient_equals_difference_quotient(sensitivity):
             assert float(where(gradient)) == pytest.approx(differenced[name][k], rel=1e-5, abs=1e-12 / h), name
 
 
-@pytest.mark.parametrize(("name", "speed"), [("textbook", 120.0), ("s119", 20.0)], ids=["symmetric", "no solution"])
-def test_gradient_is_finite_in_symmetric_flight_and_without_a_solution(sensitivity, name, speed):
-    gradient = sensitivity((AIRFRAMES[name], STILL, target_deg(speed)), jnp.ones(4))
+@pytest.mark.parametrize("airframe", [F16, glider(F16)], ids=["symmetric", "no solution"])
+def test_gradient_is_finite_in_symmetric_flight_and_without_a_solution(sensitivity, airframe):
+    gradient = sensitivity((airframe, STILL, target_deg(150.0)), jnp.ones(4))
     assert all(jnp.isfinite(leaf).all() for leaf in jax.tree.leaves(gradient))

@@ -61,6 +61,8 @@ def test_trim_equals_table_3_6_3(case):
         # the textbook's minimizer.
         noise = abs(printed) < 1e-5
         tolerance = 1e-6 if noise else _half_digit(printed, 2 if name == "beta_rad" else 4)
+        if name in ("aileron_deg", "rudder_deg"):
+            tolerance = max(tolerance, 2e-5)  # a sideslip of 8e-8 rad, see the turn example below
         assert found[name] == pytest.approx(0.0 if noise else printed, abs=tolerance), name
 
 

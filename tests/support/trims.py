@@ -1,16 +1,23 @@
 """Trim and held-control flight, compiled once for all tests of one airframe's structure."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from anser.aircraft import AbstractAirframe, AircraftState, Controls
+from anser.aircraft import F16, AbstractAirframe, AircraftState, Controls
 from anser.environment import Environment
 from anser.simulation.motion import advance
 from anser.simulation.trim import TrimTarget, solve_trim, trim_target
 from anser.spatial import bank_about_velocity, flow_angles, path_angles, rotate, rotate_back, rotation_from_quaternion
 
 SAMPLES = 10
+
+
+def glider(f16: F16) -> F16:
+    """F-16 whose engine gives nothing: no level flight exists."""
+    return eqx.tree_at(lambda a: a.engine.thrust_tables.cells, f16, jnp.zeros_like(f16.engine.thrust_tables.cells))
+
 
 trim = jax.jit(solve_trim)
 

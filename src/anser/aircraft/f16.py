@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -178,7 +179,7 @@ def f16_from_data(data: Mapping[str, Any], variant: str = "textbook", x_cg_over_
     span = airframe["span_ft"] * FOOT_M
     side = data["side_force"]
     validity = data["validity"]
-    return F16(
+    built = F16(
         mass_properties=_mass_properties(airframe, mass, spinning=chosen["engine_angular_momentum"]),
         actuators=Actuators(
             time_constant=jnp.asarray(actuators["time_constant_s"]),
@@ -212,6 +213,8 @@ def f16_from_data(data: Mapping[str, Any], variant: str = "textbook", x_cg_over_
             + [_odd_extension(tables[n]) for n in _ODD_SURFACES],
         ),
     )
+    # Strongly typed leaves: replacing one by another array does not recompile.
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype=float), built)
 
 
 def _tables_of_variant(data: Mapping[str, Any], variant: str) -> dict[str, np.ndarray]:

@@ -190,7 +190,7 @@ def attitude_control(
 def velocity_control(
     plant: Plant, memory: AutopilotState, wanted: PathCommand
 ) -> tuple[Controls, AutopilotSignals, AutopilotState]:
-    """Whole autopilot: wanted airspeed, path angle and course (through the air), with rates, to surfaces and throttle."""
+    """Whole autopilot: wanted airspeed, path angle and course through the air, with rates, to surfaces and throttle."""
     motion, gains, limits = plant.motion, plant.gains, plant.limits
     V_wanted = jnp.clip(wanted.V, limits.speed_min, limits.speed_max)
     error = jnp.stack([V_wanted - motion.V, wanted.gamma - motion.gamma, wrapped(wanted.chi - motion.chi)])

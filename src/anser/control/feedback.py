@@ -8,7 +8,7 @@ from anser.shapes import Flag, ScalarLike, Vector3
 
 
 class Differentiator(eqx.Module):
-    """State of a filter that yields the rate of a command: x_dot = N (r - x), sampled exactly for r held over each step.
+    """State of a filter that yields the rate of a command: x_dot = N (r - x), exact for an r held over each step.
 
     Attributes
     ----------

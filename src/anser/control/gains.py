@@ -55,7 +55,7 @@ def loop_gains(
     proportional: float, integral: float = 0.0, derivative: float = 0.0, feed_forward: float = 1.0
 ) -> LoopGains:
     """Build the same gains for all three channels of a loop."""
-    return LoopGains(*(jnp.full(3, float(g)) for g in (proportional, integral, derivative, feed_forward)))
+    return LoopGains(*(jnp.full(3, g, dtype=float) for g in (proportional, integral, derivative, feed_forward)))
 
 
 def published_gains() -> AutopilotGains:
@@ -64,10 +64,10 @@ def published_gains() -> AutopilotGains:
         rates=loop_gains(10.0, 0.25, 1.0),
         attitude=loop_gains(2.0),
         velocity=loop_gains(1.0, 0.025),
-        attitude_command_bandwidth=jnp.asarray(4.0),
-        rates_command_bandwidth=jnp.asarray(3.0),
-        surfaces_command_bandwidth=jnp.asarray(20.0),
-        actuator_bandwidth=jnp.asarray(40.0),
-        surface_bandwidth=jnp.asarray(2.0),
-        engine_bandwidth=jnp.asarray(5.0),
+        attitude_command_bandwidth=jnp.asarray(4.0, dtype=float),
+        rates_command_bandwidth=jnp.asarray(3.0, dtype=float),
+        surfaces_command_bandwidth=jnp.asarray(20.0, dtype=float),
+        actuator_bandwidth=jnp.asarray(40.0, dtype=float),
+        surface_bandwidth=jnp.asarray(2.0, dtype=float),
+        engine_bandwidth=jnp.asarray(5.0, dtype=float),
     )

@@ -37,12 +37,12 @@ def default_limits() -> FlightLimits:
     """Limits that suit the F-16 at low speed: 90 to 240 m/s, 60 deg bank, alpha -5 to 25 deg, load factor -1 to 5."""
     degree = jnp.pi / 180
     return FlightLimits(
-        speed_min=jnp.asarray(90.0),
-        speed_max=jnp.asarray(240.0),
-        bank_max=jnp.asarray(60 * degree),
-        alpha_min=jnp.asarray(-5 * degree),
-        alpha_max=jnp.asarray(25 * degree),
-        load_factor_min=jnp.asarray(-1.0),
-        load_factor_max=jnp.asarray(5.0),
+        speed_min=jnp.asarray(90.0, dtype=float),
+        speed_max=jnp.asarray(240.0, dtype=float),
+        bank_max=jnp.asarray(60 * degree, dtype=float),
+        alpha_min=jnp.asarray(-5 * degree, dtype=float),
+        alpha_max=jnp.asarray(25 * degree, dtype=float),
+        load_factor_min=jnp.asarray(-1.0, dtype=float),
+        load_factor_max=jnp.asarray(5.0, dtype=float),
         rates_max=jnp.asarray([120.0, 60.0, 60.0]) * degree,
     )

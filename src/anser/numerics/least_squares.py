@@ -31,7 +31,7 @@ def levenberg_marquardt(
     steps: int = 64,
     tolerance: float = 1e-12,
 ) -> Solution:
-    """Point x where `function(x, parameters)`, as many residuals as unknowns, is zero or least in the squares.
+    """Point x where `function(x, parameters)`, as many residuals as unknowns, is zero, or smaller than at the start.
 
     The damping falls by ten after a step that helps and rises by ten after one that does not (D. W. Marquardt, *J.
     SIAM* 11(2), 1963). A step costs one evaluation of the function with its Jacobian, and that is the only copy of the

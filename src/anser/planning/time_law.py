@@ -27,6 +27,7 @@ _PUSH_STEPS = 20
 _CLOCK_STEPS = 3
 _SLOWEST = 0.3  # part of the mean speed below which no law goes
 _TINY = 1e-9
+_SAME_INSTANT_S = 1e-6
 
 
 def _collocation() -> Float[np.ndarray, "rule rule"]:
@@ -126,8 +127,8 @@ class TimeLaw(eqx.Module):
         slope = jnp.maximum(norm(slope_n), _TINY)
         speed, push = self._motion(coefficients_n, k, s, slope_n[2] / slope)
         s_dot = speed / slope
-        # Beyond the ends speed and heading stay: a fleet that holds has left its path.
-        inside = (elapsed >= 0.0) & (elapsed <= self.times[-1])
+        # Beyond the ends s runs on evenly: a fleet that holds has left its path. Rounding is not beyond.
+        inside = jnp.abs(elapsed - held) <= _SAME_INSTANT_S
         s_ddot = jnp.where(inside, (push - jnp.sum(slope_n * bend_n) / slope * s_dot**2) / slope, 0.0)
         return Clock(
             s=jnp.where(self.even, s + s_dot * (elapsed - held), elapsed / duration),

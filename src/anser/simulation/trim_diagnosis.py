@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool
 
 from anser.aircraft import AbstractAirframe, condition
 from anser.environment import Environment
-from anser.shapes import Flag
+from anser.shapes import Flag, Scalar
 from anser.simulation.trim import TrimPoint, TrimTarget, solve_trim
 from anser.units import RAD_DEG
 
@@ -122,13 +122,9 @@ def trim_violations(airframe: AbstractAirframe, environment: Environment, point:
         if not lower - _LIMIT_SLACK <= value <= upper + _LIMIT_SLACK:
             low, high = (round(float(limit) * factor, 6) for limit in (lower, upper))
             found.append(f"{name}: {_beyond(float(value) * factor, low, high)} {unit}; {verb} {low:g} to {high:g}")
-    data = condition(airframe, environment, 0.0, point.state).air_data
-    # The flow angles are reported above.
-    elsewhere = dataclasses.replace(
-        data, alpha=jnp.clip(data.alpha, *airframe.alpha_range), beta=jnp.clip(data.beta, *airframe.beta_range)
-    )
-    if bool(airframe.outside_tables(elsewhere)):
-        found.append(f"altitude {float(data.altitude):.0f} m, Mach {float(data.mach):.2f}: outside the aircraft's data")
+    outside, altitude, mach = _elsewhere_outside(airframe, environment, point)
+    if bool(outside):
+        found.append(f"altitude {float(altitude):.0f} m, Mach {float(mach):.2f}: outside the aircraft's data")
     return tuple(found)
 
 
@@ -179,6 +175,17 @@ def nearest_trims(airframe: AbstractAirframe, environment: Environment, target: 
         )
     nearest.sort(key=lambda found: found.distance)
     return NearestTrims(target, own, violations, tuple(nearest))
+
+
+@eqx.filter_jit
+def _elsewhere_outside(
+    airframe: AbstractAirframe, environment: Environment, point: TrimPoint
+) -> tuple[Flag, Scalar, Scalar]:
+    """Whether the data end for another reason than the flow angles; altitude and Mach number."""
+    data = condition(airframe, environment, 0.0, point.state).air_data
+    alpha, beta = jnp.clip(data.alpha, *airframe.alpha_range), jnp.clip(data.beta, *airframe.beta_range)
+    within = dataclasses.replace(data, alpha=alpha, beta=beta)
+    return airframe.outside_tables(within), data.altitude, data.mach
 
 
 @eqx.filter_jit

@@ -1,0 +1,22 @@
+"""What the flights of this folder share: compiled once for all its files."""
+
+import equinox as eqx
+import jax
+import pytest
+from autopilot_cases import ALTITUDE, ENVIRONMENT, turned_after_100_steps
+from control_cases import AIRFRAME, DEGREE
+
+from anser.simulation.trim import TrimPoint, solve_trim, trim_target
+
+
+@pytest.fixture(scope="session")
+def trims() -> list[TrimPoint]:
+    """Level flight at 150 m/s to the north, and to 170 deg."""
+    solve = jax.jit(solve_trim)
+    return [solve(AIRFRAME, ENVIRONMENT, trim_target(150.0, ALTITUDE, 0.0, chi)) for chi in (0.0, 170 * DEGREE)]
+
+
+@pytest.fixture(scope="session")
+def turned():
+    """`turned_after_100_steps`, compiled; a second trace fails."""
+    return eqx.filter_jit(eqx.debug.assert_max_traces(turned_after_100_steps, max_traces=1))
