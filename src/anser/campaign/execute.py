@@ -200,7 +200,7 @@ def run(scenario: Scenario, progress: Progress | None = None) -> Flown:
 
 
 def _refuse_untrimmable(scenario: Scenario, flight: Flight, state: FlightState) -> None:
-    """Refuse starts at which no steady flight exists: say which limit stops it and where the nearest trim points are."""
+    """Refuse starts without steady flight: say which limit stops it and where the nearest trim points are."""
     problems = []
     for k in np.flatnonzero(np.asarray(state.stopped)):
         airframe, target = jax.tree.map(lambda leaf, k=k: leaf[k], (flight.fleet.airframes, flight.fleet.starts))

@@ -86,8 +86,8 @@ def hold(
     """Command (through the air) that flies on after the arrival and joins a circle around the moving goal.
 
     A vector field: seen from the goal, the velocity is turned from the outward radial by theta = pi/2 at the radius,
-    less inside (pi/2 times x^2 (2.5 - 1.5 x), x = distance/radius), more outside. Inside, the path's curvature stays below
-    3 / radius and starts from 0, so that the arrival itself is flown straight through.
+    less inside (pi/2 times x^2 (2.5 - 1.5 x), x = distance/radius), more outside. Inside, the path's curvature stays
+    below 3 / radius and starts from 0, so that the arrival itself is flown straight through.
 
     Parameters
     ----------
