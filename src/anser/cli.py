@@ -69,6 +69,8 @@ def run(
             target.rmdir()  # succeeds only while it is empty: a flight that did not end leaves nothing behind
     _print_flown(flown.summary)
     _out.print(f"[bold]{target}[/bold]: flight.nc, summary.json, report.html", soft_wrap=True)
+    for problem in flown.planned.problems():
+        _err.print(f"planned beyond the limits: {problem}", soft_wrap=True, markup=False)
     if not flown.met:
         _fail_unmet(flown.summary)
 
@@ -227,10 +229,8 @@ def _print_planned(planned: "anser.campaign.Planned") -> None:  # pyright: ignor
             f"{float(limits.altitude_min[k]):.0f}",
         )
     _out.print(table)
-    if planned.separation_min_m is not None:
-        _out.print(
-            f"least planned separation {planned.separation_min_m:.0f} m, mean airspeed {float(made.speed):.2f} m/s"
-        )
+    apart = "" if planned.separation_min_m is None else f", least separation {planned.separation_min_m:.0f} m"
+    _out.print(f"mean airspeed {float(made.speed):.1f} m/s{apart}")
 
 
 def main() -> None:

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from control_cases import QUICK, vectors
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from anser.control import GuidanceSettings, follow, hold, hold_point
@@ -280,14 +280,16 @@ def test_follow_has_finite_gradients_on_its_plan():
         assert np.isfinite(slope).all()
 
 
+_hold_point = jax.jit(lambda relative_n, goal_n: hold_point(relative_n, goal_n, HEIGHT, settings_of()))
+
+
 @modest
 @given(vectors((-9000.0, 9000.0), (-9000.0, 9000.0), (-1500.0, 0.0)), vectors(*((-5000.0, 5000.0),) * 3))
 def test_hold_point_is_the_circles_nearest(relative_n, goal_n):
-    point_n = np.asarray(hold_point(jnp.asarray(relative_n), jnp.asarray(goal_n), HEIGHT, settings_of())) - goal_n
-    if np.hypot(*relative_n[:2]) < 1.0:
-        return
+    point_n = np.asarray(_hold_point(relative_n, goal_n)) - goal_n
+    assume(np.hypot(*relative_n[:2]) >= 1.0)
     assert np.hypot(*point_n[:2]) == pytest.approx(RADIUS)
-    assert point_n[2] == -HEIGHT
+    assert point_n[2] == pytest.approx(-HEIGHT)
     angles = np.linspace(0, 2 * np.pi, 721)
     circle = np.stack([RADIUS * np.cos(angles), RADIUS * np.sin(angles)])
     nearest = np.hypot(*(circle - relative_n[:2, None])).min()
@@ -296,8 +298,7 @@ def test_hold_point_is_the_circles_nearest(relative_n, goal_n):
 
 def test_batched_equals_single():
     batch = jnp.array([[100.0, 50.0, -300.0], [5000.0, -900.0, -200.0]])
-    together = jax.jit(jax.vmap(_hold_numbers, in_axes=(0, None, None)), compiler_options=QUICK)(
-        batch, jnp.zeros(3), jnp.asarray(LEVEL_N)
-    )
+    batched = jax.jit(jax.vmap(_hold_numbers, in_axes=(0, None, None)), compiler_options=QUICK)
+    together = batched(batch, jnp.zeros(3), jnp.asarray(LEVEL_N))
     for relative_n, row in zip(batch, together, strict=True):
         np.testing.assert_allclose(row, _hold_numbers(relative_n, jnp.zeros(3), LEVEL_N), rtol=1e-12, atol=1e-14)

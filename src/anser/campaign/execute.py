@@ -98,11 +98,14 @@ class Flown:
         Recorded at the scenario's record period; dimensions time and aircraft, every variable with unit, frame, name.
     summary
         The contract of `summary.json`.
+    planned
+        The first plan, with what of it the scenario's limits forbid.
     """
 
     scenario: Scenario
     dataset: xr.Dataset
     summary: dict[str, Any]
+    planned: Planned
 
     @property
     def met(self) -> bool:
@@ -144,7 +147,10 @@ def plan(scenario: Scenario) -> Planned:
         If an aircraft cannot fly steadily at its start; the message says what stops it.
     """
     enable_compilation_cache()
-    flight = build_flight(scenario)
+    return _plan(scenario, build_flight(scenario))
+
+
+def _plan(scenario: Scenario, flight: Flight) -> Planned:
     state, trims = _start(flight)
     _refuse_untrimmable(scenario, flight, state)
     limits = _limits_of(state.plan, build_path_limits(scenario), flight.environment.gravity)
@@ -173,8 +179,8 @@ def run(scenario: Scenario, progress: Progress | None = None) -> Flown:
     began = clock.perf_counter()
     told("planning (the first time, this compiles)", 0.0)
     flight = build_flight(scenario)
-    state, _ = _start(flight)
-    _refuse_untrimmable(scenario, flight, state)
+    planned = _plan(scenario, flight)
+    state = planned.state
     timing = scenario.timing
     steps = round(timing.duration_s / timing.step_s)
     told("flying (the first time, this compiles)", 0.0)
@@ -196,7 +202,7 @@ def run(scenario: Scenario, progress: Progress | None = None) -> Flown:
         [a.name for a in scenario.aircraft],
         _attributes(scenario),
     )
-    return Flown(scenario, dataset, summary)
+    return Flown(scenario, dataset, summary, planned)
 
 
 def _refuse_untrimmable(scenario: Scenario, flight: Flight, state: FlightState) -> None:
