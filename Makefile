@@ -1,12 +1,11 @@
 # Two commands matter: `make demo` installs and flies three aircraft, `make test` installs and runs every check.
 PYTHON ?= python3
 BIN := .venv/bin
-OUT ?= runs/three-aircraft
+OUT ?= runs/three-aircraft-$(shell date +%Y%m%d-%H%M%S)
 
 .PHONY: demo test bench clean
 
 demo: .venv/.installed
-	@rm -rf $(OUT)
 	$(BIN)/anser run scenarios/three-aircraft.toml --out $(OUT)
 
 test: .venv/.installed-test
@@ -29,4 +28,4 @@ bench: .venv/.installed-test
 	@touch $@
 
 clean:
-	rm -rf .venv runs
+	rm -rf .venv

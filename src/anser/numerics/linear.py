@@ -20,13 +20,14 @@ def inverse3(matrix: Matrix33, floor: float = 1e-12) -> Matrix33:
     A determinant below `floor` times the product of the column lengths (columns nearly in one plane) is replaced by
     that bound, so that the result stays finite; such a matrix has no useful inverse.
     """
-    a, b, c = matrix[:, 0], matrix[:, 1], matrix[:, 2]
+    # The smallest length under the root keeps derivatives in range where a column is zero.
+    lengths = jnp.sqrt(jnp.sum(matrix * matrix, axis=0) + 1e-100)
+    unit = matrix / lengths[None, :]
+    a, b, c = unit[:, 0], unit[:, 1], unit[:, 2]
     rows = jnp.stack([_cross(b, c), _cross(c, a), _cross(a, b)])
     determinant = jnp.sum(a * rows[0])
-    scale = jnp.sqrt(jnp.sum(a * a) * jnp.sum(b * b) * jnp.sum(c * c) + 1e-300)
-    bound = floor * scale
-    safe = jnp.where(jnp.abs(determinant) < bound, jnp.where(determinant < 0, -bound, bound), determinant)
-    return rows / safe
+    safe = jnp.where(jnp.abs(determinant) < floor, jnp.where(determinant < 0, -floor, floor), determinant)
+    return rows / (safe * lengths[:, None])
 
 
 def solve3(matrix: Matrix33, vector: Vector3) -> Vector3:
