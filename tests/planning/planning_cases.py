@@ -137,6 +137,9 @@ def on_plan(plan, tasks: PlanningTask, time, elapsed, flown=None) -> PlanningTas
     )
 
 
+position = jax.jit(lambda path, time: path.position_n(time))
+ground_velocity = jax.jit(lambda path, time: path.velocity_n(time))
+acceleration = jax.jit(lambda path, time: path.acceleration_n(time))
 along = jax.jit(lambda paths, time: jax.vmap(lambda path: (path.position_n(time), path.air_velocity_n(time)))(paths))
 rest_lengths = jax.jit(lambda paths, time: jax.vmap(lambda path: arc_length(path, path.phase(time)))(paths))
 lengths_of = jax.jit(jax.vmap(arc_length))

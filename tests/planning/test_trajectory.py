@@ -6,23 +6,25 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from planning_cases import angles, published_path, trajectories, velocity
+from planning_cases import acceleration, angles, ground_velocity, position, published_path, trajectories, velocity
 
 from anser.planning import arc_length, bend_trajectory, fit_trajectory, lateral_direction_n
 
+rates = jax.jit(lambda path, t: (jax.jacfwd(path.position_n)(t), jax.jacfwd(path.velocity_n)(t)))
+bend = jax.jit(bend_trajectory)
 derivative_of = [jax.jit(lambda path, s, n=order: path.path_derivative(s, n)) for order in range(4)]
 
 
 @settings(deadline=None, max_examples=30)
 @given(path=trajectories(), lateral=st.floats(-3e4, 3e4), vertical=st.floats(-3e4, 3e4))
 def test_bends_leave_the_ends_alone(path, lateral, vertical):
-    bent = bend_trajectory(path, lateral, vertical)
+    bent = bend(path, lateral, vertical)
     for time in (path.start_time, path.start_time + path.duration):
         # Coefficients up to 1e5 m cancel: 1e-9 m is ten roundings of that.
-        np.testing.assert_allclose(bent.position_n(time), path.position_n(time), atol=1e-9)
-        np.testing.assert_allclose(bent.velocity_n(time), path.velocity_n(time), atol=1e-9)
+        np.testing.assert_allclose(position(bent, time), position(path, time), atol=1e-9)
+        np.testing.assert_allclose(ground_velocity(bent, time), ground_velocity(path, time), atol=1e-9)
     middle = path.start_time + 0.5 * path.duration
-    shift = bent.position_n(middle) - path.position_n(middle)
+    shift = position(bent, middle) - position(path, middle)
     # s^2 (1 - s)^2 is 1/16 in the middle.
     np.testing.assert_allclose(jnp.linalg.norm(shift), np.hypot(lateral, vertical) / 16.0, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(shift[2], -vertical / 16.0, atol=1e-9)
@@ -34,10 +36,10 @@ def test_boundary_conditions_in_wind():
     v_0, v_f = velocity(140.0, 0.4, 0.1), velocity(160.0, 1.9, -0.2)
     path = fit_trajectory(50.0, 36.0, start, v_0, end, v_f, 9000.0, -2000.0, wind)
     # Rounding of coefficients of some 1e4 m.
-    np.testing.assert_allclose(path.position_n(50.0), start, atol=1e-9)
+    np.testing.assert_allclose(position(path, 50.0), start, atol=1e-9)
     np.testing.assert_allclose(path.air_velocity_n(50.0), v_0, atol=1e-9)
-    np.testing.assert_allclose(path.position_n(86.0), end + 36.0 * wind, atol=1e-9)
-    np.testing.assert_allclose(path.velocity_n(86.0), v_f + wind, atol=1e-9)
+    np.testing.assert_allclose(position(path, 86.0), end + 36.0 * wind, atol=1e-9)
+    np.testing.assert_allclose(ground_velocity(path, 86.0), v_f + wind, atol=1e-9)
 
 
 def test_published_form_of_the_coefficients():
@@ -49,16 +51,17 @@ def test_published_form_of_the_coefficients():
     for t in np.linspace(0.0, 36.0, 7):
         east = k @ t ** np.arange(4) + b_4 * t**4
         # The solve in unscaled time loses about 1e-8 m.
-        np.testing.assert_allclose(path.position_n(t)[1], east, atol=1e-7)
+        np.testing.assert_allclose(position(path, t)[1], east, atol=1e-7)
 
 
 @settings(deadline=None, max_examples=20)
 @given(path=trajectories(), fraction=st.floats(-0.3, 1.3))
 def test_derivatives_are_derivatives(path, fraction):
     time = path.start_time + fraction * path.duration
-    for function, derivative in ((path.position_n, path.velocity_n), (path.velocity_n, path.acceleration_n)):
-        # Same polynomial differentiated by jax: rounding only.
-        np.testing.assert_allclose(jax.jacfwd(function)(time), derivative(time), rtol=1e-9, atol=1e-9)
+    velocity_n, acceleration_n = rates(path, time)
+    # Same polynomial differentiated by jax: rounding only.
+    np.testing.assert_allclose(velocity_n, ground_velocity(path, time), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(acceleration_n, acceleration(path, time), rtol=1e-9, atol=1e-9)
 
 
 @settings(deadline=None, max_examples=20)
@@ -109,7 +112,7 @@ def test_gradient_is_finite_for_degenerate_lines(line, v_0):
 def test_jit_and_vmap_agree_with_one_at_a_time():
     kappas = jnp.array([-8e3, 0.0, 2e4])
     many = jax.jit(jax.vmap(lambda kappa: bend_trajectory(published_path(-30.0), kappa).position_n(11.0)))(kappas)
-    for kappa, position in zip(kappas, many, strict=True):
+    for kappa, place in zip(kappas, many, strict=True):
         np.testing.assert_allclose(
-            position, bend_trajectory(published_path(-30.0), kappa).position_n(11.0), rtol=1e-13, atol=1e-9
+            place, position(bend_trajectory(published_path(-30.0), kappa), 11.0), rtol=1e-13, atol=1e-9
         )

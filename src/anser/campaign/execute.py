@@ -33,7 +33,8 @@ CLEARANCE_MIN_M = {"surface": 150.0, "airborne": 100.0}
 Progress = Callable[[str, float], None]
 """Called with what is being done and how much of the flight is behind, 0 to 1."""
 
-_start = eqx.filter_jit(start_flight)
+# Runs once for a few milliseconds: what XLA's optimizer gains there is less than what it takes.
+_start = jax.jit(start_flight, compiler_options={"xla_backend_optimization_level": 0})
 _segment = eqx.filter_jit(fly_segment)
 _separation = eqx.filter_jit(separation_min)
 

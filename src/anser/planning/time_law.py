@@ -77,6 +77,11 @@ class Cell(eqx.Module):
         return width * jnp.sum(jnp.asarray(_RULE.weights) * self.slopes / jnp.sqrt(squares))
 
 
+def _between(value: ScalarLike, low: ScalarLike, high: ScalarLike) -> Scalar:
+    """Clip with the full slope at the ends themselves."""
+    return jnp.where(value < low, low, jnp.where(value > high, high, value))
+
+
 def _cell(coefficients_n: Float[Array, "3 5"], s: ScalarLike, width: ScalarLike) -> Cell:
     points = s + width * jnp.asarray(_RULE.nodes)
     slopes = jax.vmap(lambda x: norm(path_derivative(coefficients_n, x, 1)))(points)
@@ -120,13 +125,14 @@ class TimeLaw(eqx.Module):
 
     def clock(self, coefficients_n: Float[Array, "3 5"], elapsed: ScalarLike, duration: ScalarLike) -> Clock:
         """Path parameter `elapsed` seconds after the start of a path of `duration` seconds."""
-        held = jnp.clip(elapsed, 0.0, self.times[-1])
+        held = _between(elapsed, 0.0, self.times[-1])
         k = jnp.sum(held >= self.times[1:-1], dtype=jnp.int32)
-        s = k / CELLS + self._ahead(coefficients_n, k, held - self.times[k])
+        ahead = self._ahead(coefficients_n, k, held - self.times[k])
+        s = k / CELLS + ahead
         slope_n, bend_n = path_derivative(coefficients_n, s, 1), path_derivative(coefficients_n, s, 2)
-        slope = jnp.maximum(norm(slope_n), _TINY)
-        speed, push = self._motion(coefficients_n, k, s, slope_n[2] / slope)
+        slope, speed, held_up = self._motion(coefficients_n, k, ahead)
         s_dot = speed / slope
+        push = jnp.where(held_up, 0.0, self.trade * STANDARD_GRAVITY_M_S2 * slope_n[2] / slope - self.push)
         # Beyond the ends s runs on evenly: a fleet that holds has left its path. Rounding is not beyond.
         inside = jnp.abs(elapsed - held) <= _SAME_INSTANT_S
         s_ddot = jnp.where(inside, (push - jnp.sum(slope_n * bend_n) / slope * s_dot**2) / slope, 0.0)
@@ -136,37 +142,42 @@ class TimeLaw(eqx.Module):
             s_ddot=jnp.where(self.even, s_ddot, 0.0),
         )
 
-    def _square(self, k: Count, gained: Array, flown: Array) -> Array:
-        """Square of the airspeed in cell k after some height and length from its start."""
-        return jnp.maximum(self.squares[k] + 2 * (self.trade * gained - self.push * flown), self.slowest**2)
+    def _asked(self, k: Count, gained: Array, flown: Array) -> Array:
+        """Square of the airspeed asked for in cell k after some height and length from its start."""
+        return self.squares[k] + 2 * (self.trade * gained - self.push * flown)
+
+    def _motion(self, coefficients_n: Float[Array, "3 5"], k: Count, ahead: Scalar) -> tuple[Scalar, Scalar, Flag]:
+        """|dr/ds|, airspeed, and whether it is held up at the least, at a parameter from the start of cell k."""
+        start = k / CELLS
+        slope = jnp.maximum(norm(path_derivative(coefficients_n, start + ahead, 1)), _TINY)
+        down = path_derivative(coefficients_n, start + ahead, 0) - path_derivative(coefficients_n, start, 0)
+        asked = self._asked(k, STANDARD_GRAVITY_M_S2 * down[2], _cell(coefficients_n, start, ahead).length)
+        return slope, jnp.sqrt(jnp.maximum(asked, self.slowest**2)), asked < self.slowest**2
+
+    def _time(self, coefficients_n: Float[Array, "3 5"], k: Count, ahead: Scalar) -> Scalar:
+        """Time from the start of cell k to a parameter from there, s."""
+        cell = _cell(coefficients_n, k / CELLS, ahead)
+        return cell.time(jnp.maximum(self._asked(k, cell.gained, cell.flown), self.slowest**2), ahead)
 
     def _ahead(self, coefficients_n: Float[Array, "3 5"], k: Count, within: ScalarLike) -> Scalar:
-        """Parameter from the start of cell k, `within` seconds on: Newton from a cubic through the ends."""
-        h, start = 1.0 / CELLS, k / CELLS
-        span = jnp.maximum(self.times[k + 1] - self.times[k], _TINY)
-        speeds = jnp.sqrt(jnp.maximum(jnp.stack([self.squares[k], self.squares[k + 1]]), self.slowest**2))
-        m0, m1 = span * speeds[0] / self.slopes[k], span * speeds[1] / self.slopes[k + 1]
-        u = within / span
-        ahead = u * (m0 + u * (3 * h - 2 * m0 - m1 + u * (m0 + m1 - 2 * h)))
-        for _ in range(_CLOCK_STEPS):
-            ahead = jnp.clip(ahead, 0.0, h)
-            cell = _cell(coefficients_n, start, ahead)
-            late = cell.time(self._square(k, cell.gained, cell.flown), ahead) - within
-            slope = jnp.maximum(norm(path_derivative(coefficients_n, start + ahead, 1)), _TINY)
-            down = path_derivative(coefficients_n, start + ahead, 0) - path_derivative(coefficients_n, start, 0)
-            speed = jnp.sqrt(self._square(k, STANDARD_GRAVITY_M_S2 * down[2], cell.length))
-            ahead = ahead - late * speed / slope
-        return jnp.clip(ahead, 0.0, h)
+        """Parameter from the start of cell k, `within` seconds on: Newton from a cubic through the ends.
 
-    def _motion(
-        self, coefficients_n: Float[Array, "3 5"], k: Count, s: ScalarLike, fall: ScalarLike
-    ) -> tuple[Scalar, Scalar]:
-        """Airspeed and its rate at s in cell k, where the path falls by `fall` metres per metre."""
-        start = k / CELLS
-        down = path_derivative(coefficients_n, s, 0) - path_derivative(coefficients_n, start, 0)
-        square = self._square(k, STANDARD_GRAVITY_M_S2 * down[2], _cell(coefficients_n, start, s - start).length)
-        rate = self.trade * STANDARD_GRAVITY_M_S2 * fall - self.push
-        return jnp.sqrt(square), jnp.where(square > self.slowest**2, rate, 0.0)
+        Only the last step is differentiated: from the solution it carries the whole derivative.
+        """
+        law, path, elapsed = jax.lax.stop_gradient((self, coefficients_n, jnp.asarray(within)))
+        h = 1.0 / CELLS
+        span = jnp.maximum(law.times[k + 1] - law.times[k], _TINY)
+        speeds = jnp.sqrt(jnp.maximum(jnp.stack([law.squares[k], law.squares[k + 1]]), law.slowest**2))
+        m0, m1 = span * speeds[0] / law.slopes[k], span * speeds[1] / law.slopes[k + 1]
+        u = elapsed / span
+        ahead = u * (m0 + u * (3 * h - 2 * m0 - m1 + u * (m0 + m1 - 2 * h)))
+        for step in range(_CLOCK_STEPS):
+            ahead = jnp.clip(ahead, 0.0, h)
+            slope, speed, _ = law._motion(path, k, ahead)
+            if step == _CLOCK_STEPS - 1:
+                law, path, elapsed = self, coefficients_n, within
+            ahead = ahead - (law._time(path, k, ahead) - elapsed) * speed / slope
+        return ahead
 
     @property
     def speeds(self) -> Float[Array, "*fleet nodes"]:
