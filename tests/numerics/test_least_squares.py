@@ -21,13 +21,29 @@ solve_curved = jax.jit(lambda p, start: levenberg_marquardt(_curved, p, start))
 @settings(deadline=None, max_examples=30)
 @given(
     p=st.tuples(st.floats(0.5, 3.0), st.floats(-2.0, 2.0)),
+    off=st.tuples(st.floats(0.7, 1.5), st.floats(-0.5, 0.5)),
+)
+def test_finds_the_known_root(p, off):
+    root = [p[0], p[1] / p[0]]
+    # Beside the root: the valley x0 x1 = p1 also leads away from it, to a minimum at infinity where x0 nears 0.
+    found = solve_curved(jnp.array(p), jnp.array([root[0] * off[0], root[1] + off[1]]))
+    # Residuals below 1e-12; the smallest singular value of the Jacobian is above 0.2 there.
+    np.testing.assert_allclose(found.x, root, atol=1e-11)
+    assert float(found.residual) <= 1e-12
+
+
+@settings(deadline=None, max_examples=30)
+@given(
+    p=st.tuples(st.floats(0.5, 3.0), st.floats(-2.0, 2.0)),
     start=st.tuples(st.floats(0.1, 5.0), st.floats(-3.0, 3.0)),
 )
-def test_finds_the_known_root(p, start):
+def test_from_anywhere_it_tells_the_truth_about_what_it_found(p, start):
     found = solve_curved(jnp.array(p), jnp.array(start))
-    # Residuals below 1e-12; the smallest singular value of the Jacobian is above 0.2 there.
-    np.testing.assert_allclose(found.x, [p[0], p[1] / p[0]], atol=1e-11)
-    assert float(found.residual) <= 1e-12
+    left = np.asarray(_curved(found.x, jnp.array(p)))
+    np.testing.assert_allclose(found.residual, np.max(np.abs(left)), rtol=1e-9, atol=1e-13)
+    # The sum of squares never rises.
+    at_start = np.asarray(_curved(jnp.array(start), jnp.array(p)))
+    assert np.sum(left**2) <= np.sum(at_start**2) * (1 + 1e-12) + 1e-24
 
 
 def test_exact_start_is_kept():
