@@ -69,9 +69,9 @@ def run(
             target.rmdir()  # succeeds only while it is empty: a flight that did not end leaves nothing behind
     _print_flown(flown.summary)
     _out.print(f"[bold]{target}[/bold]: flight.nc, summary.json, report.html", soft_wrap=True)
-    for problem in flown.planned.problems():
-        _err.print(f"planned beyond the limits: {problem}", soft_wrap=True, markup=False)
     if not flown.met:
+        for problem in flown.planned.problems():
+            _err.print(f"planned beyond the limits: {problem}", soft_wrap=True, markup=False)
         _fail_unmet(flown.summary)
 
 

@@ -1,5 +1,6 @@
 """Running one scenario: plan it, fly it, keep what came of it."""
 
+import functools
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -56,22 +57,31 @@ class Planned:
         The fleet at its start, with the plan.
     trims
         Steady flight of each aircraft at its start; leading axis aircraft.
-    limits
-        How the paths keep the scenario's limits; leading axis aircraft.
-    separation_min_m
-        Least planned distance between two aircraft up to the arrival; None for one aircraft.
+    flight
+        Its arrays.
     """
 
     scenario: Scenario
+    flight: Flight
     state: FlightState
     trims: TrimPoint
-    limits: LimitReport
-    separation_min_m: float | None
 
     @property
     def plan(self) -> FleetPlan:
         """The plan itself."""
         return self.state.plan
+
+    @functools.cached_property
+    def limits(self) -> LimitReport:
+        """How the paths keep the scenario's limits; leading axis aircraft."""
+        return _limits_of(self.plan, build_path_limits(self.scenario), self.flight.environment.gravity)
+
+    @functools.cached_property
+    def separation_min_m(self) -> float | None:
+        """Least planned distance between two aircraft up to the arrival, m; None for one aircraft."""
+        if len(self.scenario.aircraft) == 1:
+            return None
+        return float(np.min(np.asarray(_separation(self.plan.trajectories))))
 
     def problems(self) -> tuple[str, ...]:
         """Why the plan cannot be flown as it stands, one sentence each; empty where it can."""
@@ -154,10 +164,7 @@ def plan(scenario: Scenario) -> Planned:
 def _plan(scenario: Scenario, flight: Flight) -> Planned:
     state, trims = _start(flight)
     _refuse_untrimmable(scenario, flight, state)
-    limits = _limits_of(state.plan, build_path_limits(scenario), flight.environment.gravity)
-    distance = np.asarray(_separation(state.plan.trajectories))
-    closest = float(np.min(distance)) if len(scenario.aircraft) > 1 else None
-    return Planned(scenario, state, trims, limits, closest)
+    return Planned(scenario, flight, state, trims)
 
 
 def run(scenario: Scenario, progress: Progress | None = None) -> Flown:

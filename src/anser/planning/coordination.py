@@ -194,6 +194,7 @@ def _plan_speed(tasks: PlanningTask, speed: Scalar, even_speed: Flag | bool) -> 
     return jax.lax.fori_loop(0, _SPEED_ROUNDS, once, speed)
 
 
+@jax.jit  # traced once, however often a program plans
 def coordinate(
     time: ScalarLike,
     tasks: PlanningTask,

@@ -112,10 +112,9 @@ def start_flight(flight: Flight) -> tuple[FlightState, TrimPoint]:
     flown = jnp.zeros_like(requested)
     deceleration = jax.vmap(_idle_deceleration)(fleet.airframes, now)
     tasks = planning_tasks(fleet, 0.0, aircraft, now, sensed, flown, deceleration, fleet.speed)
-    planner = jax.jit(coordinate)  # traced once for both plans
     start_time = jnp.zeros(())
-    sides = choose_sides(planner(start_time, tasks, fleet.speed, requested, fleet.even_speed), requested)
-    plan = planner(start_time, tasks, fleet.speed, sides, fleet.even_speed)
+    sides = choose_sides(coordinate(start_time, tasks, fleet.speed, requested, fleet.even_speed), requested)
+    plan = coordinate(start_time, tasks, fleet.speed, sides, fleet.even_speed)
     stopped = ~trims.converged | (trims.excess > EXCESS_NOISE)
     status = jnp.where(stopped, NO_TRIM, plan.status).astype(jnp.int32)
     return FlightState(jnp.asarray(0), aircraft, autopilots, plan, sides, deceleration, flown, status, stopped), trims
