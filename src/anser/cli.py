@@ -1,6 +1,7 @@
 """The command line. Exit codes: 0 done; 1 flown but a requirement not met; 2 bad input; 3 internal fault."""
 
 import contextlib
+import gc
 import math
 import sys
 import traceback
@@ -235,6 +236,7 @@ def _print_planned(planned: "anser.campaign.Planned") -> None:  # pyright: ignor
 
 def main() -> None:
     """Run the command line and exit with its code."""
+    gc.set_threshold(200_000)  # tracing makes many small objects that live: collecting them again and again takes 10 %
     try:
         app()
     except (ScenarioError, RefusedError) as error:
