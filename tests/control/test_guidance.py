@@ -302,3 +302,16 @@ def test_batched_equals_single():
     together = batched(batch, jnp.zeros(3), jnp.asarray(LEVEL_N))
     for relative_n, row in zip(batch, together, strict=True):
         np.testing.assert_allclose(row, _hold_numbers(relative_n, jnp.zeros(3), LEVEL_N), rtol=1e-12, atol=1e-14)
+
+
+@pytest.mark.parametrize("turn", [1.0, -1.0])
+def test_an_arrival_that_heads_for_the_goal_turns_one_way(turn):
+    """700 m short of the goal and flying at it, the field points back: both sides of it give the hold's own turn."""
+    velocity_n = jnp.array([160.0, 0.0, 0.0])
+    for aside in (-30.0, 0.0, 30.0):
+        relative_n = jnp.array([-700.0, aside, -300.0])
+        command = hold(
+            relative_n, velocity_n, jnp.zeros(3), jnp.zeros(3), velocity_n, 300.0, 160.0, settings_of(turn=turn)
+        )
+        np.testing.assert_allclose(command.chi, turn * np.pi / 4, atol=1e-12)
+        assert float(command.chi_dot) == 0.0

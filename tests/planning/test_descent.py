@@ -35,7 +35,9 @@ def test_straight_descent_is_uniformly_accelerated(drop, speed_0, deceleration):
 
 def test_level_flight_can_be_slow_and_a_steep_descent_cannot():
     # 0.9 m/s^2 over 6 km leave 108 m/s at the end.
-    np.testing.assert_allclose(solve(straight(0.0), 150.0, 1.1), (150 + np.sqrt(150**2 - 2 * 0.9 * 6000)) / 2, rtol=1e-9)
+    np.testing.assert_allclose(
+        solve(straight(0.0), 150.0, 1.1), (150 + np.sqrt(150**2 - 2 * 0.9 * 6000)) / 2, rtol=1e-9
+    )
     assert float(solve(straight(900.0), 150.0, 1.1)) > 150.0
 
 

@@ -4,6 +4,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from anser.control.feedback import wrapped
 from anser.planning import PathCommand, Trajectory, polar
 from anser.shapes import Scalar, ScalarLike, Vector3
 from anser.spatial import safe_hypot
@@ -133,7 +134,23 @@ def hold(
         return jnp.concatenate([level, (goal_velocity_n[2] - climb - wind_n[2])[None]])
 
     velocity, acceleration = jax.jvp(air_velocity, (relative_n,), (velocity_n - goal_velocity_n,))
-    return polar(velocity, acceleration)
+    return _turned_one_way(polar(velocity, acceleration), velocity_n - wind_n, settings.hold_turn)
+
+
+def _turned_one_way(command: PathCommand, velocity_air_n: Vector3, turn: ScalarLike) -> PathCommand:
+    """Keep a large change of course on one side: an arrival that heads for the goal must not waver about the far side.
+
+    A course more than 120 deg against the hold's turn is reached by turning with it; what is asked at once is at most
+    45 deg, and then without feed-forward, because the field's own rate is not that of such a turn.
+    """
+    course = polar(velocity_air_n, jnp.zeros(3)).chi
+    change = wrapped(command.chi - course)
+    change = jnp.where(turn * change < -2 * jnp.pi / 3, change + turn * 2 * jnp.pi, change)
+    asked = jnp.clip(change, -jnp.pi / 4, jnp.pi / 4)
+    large = jnp.abs(change) > jnp.pi / 4
+    chi = jnp.where(large, course + asked, command.chi)
+    chi_dot = jnp.where(large, 0.0, command.chi_dot)
+    return eqx.tree_at(lambda c: (c.chi, c.chi_dot), command, (chi, chi_dot))
 
 
 def hold_point(
