@@ -17,6 +17,7 @@ from anser.planning import LIMIT_MESSAGES, PLAN_MESSAGES, FleetPlan, LimitReport
 from anser.report import write_report
 from anser.results import FlightFacts, Requirement, summarize, to_dataset, versions, write_netcdf, write_summary
 from anser.scenario import Problem, Scenario, ScenarioError, build_flight, build_path_limits
+from anser.scenario.schema_checks import AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M
 from anser.simulation import (
     SEGMENT_STEPS,
     STATUS_MESSAGES,
@@ -28,7 +29,7 @@ from anser.simulation import (
     start_flight,
 )
 
-CLEARANCE_MIN_M = {"surface": 150.0, "airborne": 100.0}
+CLEARANCE_MIN_M = {"surface": SURFACE_STAND_OFF_MIN_M, "airborne": AIRBORNE_STAND_OFF_MIN_M}
 """Least distance from a goal of each kind: the product's scope, whatever a scenario says."""
 
 Progress = Callable[[str, float], None]

@@ -6,7 +6,7 @@ from jaxtyping import Array
 from anser.aircraft import AbstractAirframe, AircraftState, Condition, Controls
 from anser.control import AutopilotSignals
 from anser.planning import LineOfSight, PathCommand
-from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
+from anser.shapes import Count, Scalar, ScalarLike, Vector3
 from anser.spatial import euler_from_quaternion, path_angles, rotate_back, safe_norm
 
 APPROACH, FROZEN, HOLD = range(3)
@@ -119,4 +119,4 @@ def _surfaces(suffix: str, surfaces: Vector3) -> dict[str, Array]:
     return {f"{name}{suffix}": surfaces[k] for k, name in enumerate(("elevator", "aileron", "rudder"))}
 
 
-__all__ = ["APPROACH", "FROZEN", "HOLD", "Flag", "Moment", "record"]
+__all__ = ["APPROACH", "FROZEN", "HOLD", "Moment", "record"]

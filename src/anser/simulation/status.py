@@ -3,7 +3,6 @@
 from anser.planning import PLAN_MESSAGES
 
 FLYING = 0
-_PLAN_OFFSET = 0
 NO_TRIM = len(PLAN_MESSAGES)
 NOT_FINITE = NO_TRIM + 1
 AT_GROUND = NO_TRIM + 2
