@@ -1,0 +1,52 @@
+"""The command line. Exit codes: 0 done; 1 flown but a requirement not met; 2 bad input; 3 internal fault."""
+
+import gc
+import sys
+import traceback
+from typing import Annotated
+
+import typer
+
+import anser
+from anser.cli.console import RefusedError, err, screen
+from anser.cli.flights import check, new, plan, run
+from anser.cli.trimming import trim
+from anser.scenario import ScenarioError
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    help="Fleets of fixed-wing aircraft that must be at moving places at the same time. Civil simulation only.",
+)
+
+
+@app.callback(invoke_without_command=True)
+def _top(version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False) -> None:
+    if version:
+        screen.print(f"anser {anser.__version__}")
+        raise typer.Exit
+
+
+for _command in (run, plan, check, trim, new):
+    app.command()(_command)
+
+
+def main() -> None:
+    """Run the command line and exit with its code."""
+    gc.set_threshold(200_000)  # tracing makes many small objects that live: collecting them again and again takes 10 %
+    try:
+        app()
+    except (ScenarioError, RefusedError) as error:
+        err.print(str(error), soft_wrap=True, markup=False)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        err.print("stopped; nothing was written")
+        sys.exit(130)
+    except Exception:  # noqa: BLE001 - the outermost frame: an internal fault must end with its own exit code
+        traceback.print_exc()
+        err.print("internal fault of anser: please report the lines above together with the scenario")
+        sys.exit(3)
+
+
+__all__ = ["RefusedError", "app", "main"]

@@ -1,0 +1,44 @@
+"""What all commands share: the consoles, refusals, tables."""
+
+import math
+from pathlib import Path
+
+import rich.box
+from rich.console import Console
+from rich.table import Table
+
+screen = Console()
+err = Console(stderr=True, highlight=False)
+
+
+class RefusedError(Exception):
+    """Bad input found by the command line itself; the text is the finished message."""
+
+
+def make_new(folder: Path) -> None:
+    """Make the output folder, before anything is flown; refuse one that exists or cannot be made."""
+    try:
+        folder.mkdir(parents=True)
+    except FileExistsError:
+        raise RefusedError(
+            f"--out: arrived {folder}, which exists; expected a new folder (nothing is overwritten)"
+        ) from None
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise RefusedError(f"--out: arrived {folder}; expected a place where a folder can be made ({reason})") from None
+
+
+def must_lie(option: str, value: float, low: float, high: float) -> None:
+    """Refuse a number outside a range."""
+    if not (math.isfinite(value) and low <= value <= high):
+        raise RefusedError(f"{option}: arrived {value:g}; expected a number from {low:g} to {high:g}")
+
+
+def plain_table(title: str) -> Table:
+    """Table without lines between its rows."""
+    return Table(title=title, box=rich.box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)
+
+
+def number(value: float | None, digits: int) -> str:
+    """Number with so many decimals; a dash for none."""
+    return "-" if value is None else f"{value:.{digits}f}"

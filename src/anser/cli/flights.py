@@ -1,0 +1,144 @@
+"""Commands about flights: run, plan, check, new."""
+
+import contextlib
+from pathlib import Path
+from typing import Annotated
+
+import rich.progress
+import typer
+
+import anser
+from anser.cli.console import err, make_new, number, plain_table, screen
+from anser.scenario import load, write_starter
+
+ScenarioPath = Annotated[Path, typer.Argument(help="Scenario file (TOML).", show_default=False)]
+
+
+def run(
+    scenario: ScenarioPath,
+    out: Annotated[
+        Path | None, typer.Option(help="New folder for flight.nc, summary.json, report.html; default runs/NAME.")
+    ] = None,
+) -> None:
+    """Fly a scenario, write its results into a new folder and print a table."""
+    wanted = load(scenario)
+    target = out if out is not None else Path("runs") / wanted.name
+    make_new(target)
+    from anser.campaign import run as fly  # here: a misspelt key must not wait for plotting libraries
+
+    columns = (
+        rich.progress.TextColumn("{task.description}"),
+        rich.progress.BarColumn(),
+        rich.progress.TaskProgressColumn(),
+        rich.progress.TimeElapsedColumn(),
+    )
+    try:
+        with rich.progress.Progress(*columns, console=err, transient=True) as bar:
+            task = bar.add_task("starting", total=1.0)
+            flown = fly(wanted, lambda what, done: bar.update(task, description=what, completed=done))
+            bar.update(task, description="writing", completed=1.0)
+            flown.write_into(target)
+    finally:
+        with contextlib.suppress(OSError):
+            target.rmdir()  # succeeds only while it is empty: a flight that did not end leaves nothing behind
+    _print_flown(flown.summary)
+    screen.print(f"[bold]{target}[/bold]: flight.nc, summary.json, report.html", soft_wrap=True)
+    if not flown.met:
+        for problem in flown.planned.problems():
+            err.print(f"planned beyond the limits: {problem}", soft_wrap=True, markup=False)
+        _fail_unmet(flown.summary)
+
+
+def plan(scenario: ScenarioPath) -> None:
+    """Plan a scenario without flying it: one arrival time, each aircraft's path, how it keeps the limits."""
+    wanted = load(scenario)
+    from anser.campaign import plan as make
+
+    with err.status("planning (the first time, this compiles)"):
+        planned = make(wanted)
+    _print_planned(planned)
+    problems = planned.problems()
+    for problem in problems:
+        err.print(f"not flyable: {problem}", soft_wrap=True, markup=False)
+    if problems:
+        raise typer.Exit(1)
+
+
+def check(scenario: ScenarioPath) -> None:
+    """Check a scenario file without planning or flying it."""
+    wanted = load(scenario)
+    count = len(wanted.aircraft)
+    fleet = "1 aircraft" if count == 1 else f"{count} aircraft"
+    goals = "1 goal" if len(wanted.goal) == 1 else f"{len(wanted.goal)} goals"
+    screen.print(f"{scenario}: good. {wanted.name}: {fleet}, {goals}, {wanted.timing.duration_s:g} s.", soft_wrap=True)
+
+
+def new(path: Annotated[Path, typer.Argument(help="File to write; it must not exist.", show_default=False)]) -> None:
+    """Write a commented scenario to start from."""
+    write_starter(path)
+    screen.print(f"{path}: written. Next: anser run {path}", soft_wrap=True)
+
+
+def _print_flown(summary: dict) -> None:
+    table = plain_table(f"{summary['scenario']['name']}: {summary['fleet']['simulated_s']:g} s flown")
+    table.add_column("aircraft", overflow="fold")
+    table.add_column("path", no_wrap=True)
+    for name in ("planned\ns", "arrival\ns", "miss\nm", "airspeed\nm/s", "clear\nm"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("status", overflow="fold", min_width=7)
+    for row in summary["aircraft"]:
+        bend = row["lateral_bend_m"]
+        side = "nominal" if row["nominal"] or bend is None else ("bent right" if bend > 0 else "bent left")
+        speeds = "/".join(number(row[f"speed_{k}_m_s"], 0) for k in ("min", "mean", "max"))
+        left = f" (left the tables for {row['tables_left_s']:.1f} s)" if row["tables_left"] else ""
+        table.add_row(
+            row["name"],
+            side,
+            number(row["planned_arrival_s"], 2),
+            number(row["arrival_s"], 2),
+            number(row["miss_m"], 2),
+            speeds,
+            number(row["clearance_min_m"], 0),
+            row["status"] + left,
+        )
+    screen.print(table)
+    fleet = summary["fleet"]
+    screen.print(
+        f"arrival spread {number(fleet['arrival_spread_s'], 4)} s, least separation "
+        f"{number(fleet['separation_min_m'], 0)} m, {fleet['wall_s']:.1f} s of computing"
+    )
+
+
+def _fail_unmet(summary: dict) -> None:
+    """Say which requirements were not met, and stop with exit code 1."""
+    for row in summary["requirements"]:
+        if not row["met"]:
+            err.print(f"not met: {row['name']}: limit {row['limit']:g}, flown {number(row['value'], 4)}")
+    for row in summary["aircraft"]:
+        if row["status"] != "arrived":
+            err.print(f'aircraft "{row["name"]}": {row["status"]}', soft_wrap=True, markup=False)
+    raise typer.Exit(1)
+
+
+def _print_planned(planned: "anser.campaign.Planned") -> None:  # pyright: ignore[reportAttributeAccessIssue]
+    made, limits, wanted = planned.plan, planned.limits, planned.scenario
+    table = plain_table(f"{wanted.name}: all arrive at {float(made.arrival_time):.2f} s")
+    table.add_column("aircraft", overflow="fold")
+    table.add_column("path", no_wrap=True)
+    for name in ("nominal\nm", "planned\nm", "airspeed\nm/s", "turn, of\nlimit", "climb\nm/s", "lowest\nm"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for k, aircraft in enumerate(wanted.aircraft):
+        bend = float(made.lateral_bends[k])
+        table.add_row(
+            aircraft.name,
+            "nominal" if bend == 0.0 else ("bent right" if bend > 0 else "bent left"),
+            f"{float(made.nominal_lengths[k]):.1f}",
+            f"{float(made.lengths[k]):.1f}",
+            f"{float(limits.speed_min[k]):.0f} to {float(limits.speed_max[k]):.0f}",
+            f"{100 * float(limits.turn_use_max[k]):.0f} %",
+            f"{float(limits.climb_rate_max[k]):.1f}",
+            f"{float(limits.altitude_min[k]):.0f}",
+        )
+    screen.print(table)
+    apart = "" if planned.separation_min_m is None else f", least separation {planned.separation_min_m:.0f} m"
+    screen.print(f"mean airspeed {float(made.speed):.1f} m/s{apart}")
