@@ -62,10 +62,12 @@ _UNITS: dict[str, tuple[str, float]] = {
     "percent": ("percent", 1.0),
 }
 
-_EARTH, _NED, _BODY, _ATTITUDE, _AIR, _SIGHT, _NONE = (
+_EARTH, _NED, _BODY, _BODY_NED, _BODY_INERTIAL, _ATTITUDE, _AIR, _SIGHT, _NONE = (
     "WGS-84",
     "NED",
     "body FRD",
+    "body FRD, relative to NED",
+    "body FRD, relative to inertial space",
     "NED to body FRD",
     "NED, velocity through the air",
     "NEU, from the aircraft to the goal",
@@ -113,9 +115,12 @@ CATALOGUE: tuple[Variable, ...] = (
     _variable("roll", "deg", _ATTITUDE, "φ", "Roll angle"),
     _variable("pitch", "deg", _ATTITUDE, "θ", "Pitch angle"),
     _variable("yaw", "deg", _ATTITUDE, "ψ", "Yaw angle"),
-    _variable("roll_rate", "deg_s", _BODY, "P", "Roll rate"),
-    _variable("pitch_rate", "deg_s", _BODY, "Q", "Pitch rate"),
-    _variable("yaw_rate", "deg_s", _BODY, "R", "Yaw rate"),
+    _variable("roll_rate", "deg_s", _BODY_NED, "P", "Roll rate"),
+    _variable("pitch_rate", "deg_s", _BODY_NED, "Q", "Pitch rate"),
+    _variable("yaw_rate", "deg_s", _BODY_NED, "R", "Yaw rate"),
+    _variable("inertial_roll_rate", "deg_s", _BODY_INERTIAL, "P_i", "Inertial roll rate"),
+    _variable("inertial_pitch_rate", "deg_s", _BODY_INERTIAL, "Q_i", "Inertial pitch rate"),
+    _variable("inertial_yaw_rate", "deg_s", _BODY_INERTIAL, "R_i", "Inertial yaw rate"),
     _variable("bank", "deg", _AIR, "μ", "Bank angle about the velocity"),
     _variable("path_angle", "deg", _AIR, "γ", "Path angle"),
     _variable("course", "deg", _AIR, "χ", "Course"),

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from anser.aircraft import angular_acceleration, moment_for_acceleration, state_derivative
-from anser.environment import AbstractAtmosphere, Air, Environment, SteadyWind, standard_environment
+from anser.environment import AbstractAtmosphere, Air, Environment, FlatEarth, SteadyWind, standard_environment
 from anser.numerics import rk4_step
 from anser.scenario.library import load_airframe
 from anser.shapes import ScalarLike
@@ -37,7 +37,7 @@ class Vacuum(AbstractAtmosphere):
         return Air(density=0 * one, pressure=0 * one, temperature=200 * one, speed_of_sound=300 * one)
 
 
-SPACE = Environment(atmosphere=Vacuum(), wind=SteadyWind(jnp.zeros(3)), gravity=jnp.asarray(9.8))
+SPACE = Environment(atmosphere=Vacuum(), wind=SteadyWind(jnp.zeros(3)), earth=FlatEarth(jnp.asarray(9.8)))
 
 
 def _angular_momentum_n(state):

@@ -102,7 +102,8 @@ def test_the_planner_sees_the_goal_only_through_the_sensor(three):
 
 def _sense(flight, state, now):
     velocities = jax.vmap(lambda c, s: rotate_back(c.R_bn, s.velocity_b))(now, state.aircraft)
-    return jax.vmap(sense, in_axes=(0, None, 0, 0))(flight.fleet.goals, 0.0, state.aircraft.position_n, velocities)
+    see = jax.vmap(sense, in_axes=(None, 0, None, 0, 0))
+    return see(flight.environment.earth, flight.fleet.goals, 0.0, state.aircraft.position_n, velocities)
 
 
 def test_sensed_goal_is_the_true_one_throughout(three):

@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from anser.environment import Environment, StandardAtmosphere, SteadyWind, somigliana, standard_environment
+from anser.environment import Environment, FlatEarth, StandardAtmosphere, SteadyWind, somigliana, standard_environment
 
 
 def test_defaults():
@@ -46,7 +46,7 @@ def test_fleet_of_environments_and_gradient():
     fleet = jax.vmap(standard_environment)(latitudes, winds)
     expected = np.array([somigliana(latitude) for latitude in latitudes]) * [1.0, 4.0]
     np.testing.assert_allclose(jax.vmap(drift_energy)(fleet), expected, rtol=1e-15)
-    environment = Environment(StandardAtmosphere(), SteadyWind(jnp.array([3.0, 4.0, 0.0])), jnp.asarray(9.8))
+    environment = Environment(StandardAtmosphere(), SteadyWind(jnp.array([3.0, 4.0, 0.0])), FlatEarth(jnp.asarray(9.8)))
     gradient = jax.grad(drift_energy)(environment)
     assert gradient.gravity == 25.0
     np.testing.assert_allclose(gradient.wind.velocity_n, 9.8 * 2.0 * np.array([3.0, 4.0, 0.0]), rtol=1e-15)

@@ -63,7 +63,7 @@ def test_the_published_tracking_case() -> None:
 
 def test_the_storm_stands_still_in_its_wind_and_all_ways_are_alike() -> None:
     scenario = load(shipped("storm-sampling"))
-    wind = scenario.wind.velocity_m_s
+    wind = scenario.wind.velocity_m_s(0.0)
     lengths_m = []
     for one in scenario.aircraft:
         goal = scenario.goal_of(one)

@@ -475,7 +475,7 @@ def test_wind_blows_from_where_it_comes() -> None:
     )
     # from 240 deg means towards 60 deg; tolerance: rounding of sine and cosine
     expected = (10 * math.cos(math.radians(60)), 10 * math.sin(math.radians(60)), 1.0)
-    assert loads(text).wind.velocity_m_s == pytest.approx(expected, abs=1e-13)
+    assert loads(text).wind.velocity_m_s(0.0) == pytest.approx(expected, abs=1e-13)
 
 
 def test_waypoints_are_followed_and_the_last_is_kept() -> None:

@@ -7,7 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from anser.aircraft import F16, AbstractAirframe, Actuators, AirData, MassProperties, Wrench, moment_for_acceleration
-from anser.environment import AbstractAtmosphere, Air, Environment, SteadyWind
+from anser.environment import AbstractAtmosphere, Air, Environment, FlatEarth, SteadyWind
 from anser.scenario.library import load_airframe
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 from anser.units import FOOT_M, FT_LBF_N_M, PSF_PA, RAD_DEG, RANKINE_K, SLUG_FT3_KG_M3, SLUG_KG
@@ -114,5 +114,5 @@ def textbook_aircraft(x_cg_over_c: float, *, rounded_inertia: bool = True) -> Te
 def textbook_environment() -> Environment:
     """Build the textbook's atmosphere, still, with its gravity of 32.17 ft/s^2."""
     return Environment(
-        atmosphere=TextbookAtmosphere(), wind=SteadyWind(jnp.zeros(3)), gravity=jnp.asarray(32.17 * FOOT_M)
+        atmosphere=TextbookAtmosphere(), wind=SteadyWind(jnp.zeros(3)), earth=FlatEarth(jnp.asarray(32.17 * FOOT_M))
     )

@@ -5,6 +5,7 @@ from anser.aircraft.air_data import AirData, air_data
 from anser.aircraft.f16 import F16, F16Coefficients, f16_from_data
 from anser.aircraft.f16_engine import F16Engine
 from anser.aircraft.interface import AbstractAirframe, AircraftState, Controls, MassProperties, Wrench
+from anser.aircraft.motion import MotionState, Moving, motion_derivative, moving_state, seen_state
 from anser.aircraft.rigid_body import (
     Condition,
     angular_acceleration,
@@ -12,6 +13,8 @@ from anser.aircraft.rigid_body import (
     moment_for_acceleration,
     state_derivative,
 )
+from anser.aircraft.round_earth import EarthFixedState, earth_fixed_derivative, earth_fixed_state, local_state
+from anser.aircraft.simple_body import SimpleBody, body_from_data
 
 __all__ = [
     "F16",
@@ -21,14 +24,25 @@ __all__ = [
     "AircraftState",
     "Condition",
     "Controls",
+    "EarthFixedState",
     "F16Coefficients",
     "F16Engine",
     "MassProperties",
+    "MotionState",
+    "Moving",
+    "SimpleBody",
     "Wrench",
     "air_data",
     "angular_acceleration",
+    "body_from_data",
     "condition",
+    "earth_fixed_derivative",
+    "earth_fixed_state",
     "f16_from_data",
+    "local_state",
     "moment_for_acceleration",
+    "motion_derivative",
+    "moving_state",
+    "seen_state",
     "state_derivative",
 ]

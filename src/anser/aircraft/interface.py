@@ -10,18 +10,20 @@ from anser.shapes import Flag, Matrix33, Quaternion, Scalar, ScalarLike, Vector3
 
 
 class AircraftState(eqx.Module):
-    """State of one aircraft.
+    """State of one aircraft as seen in the local NED axes, over any Earth.
+
+    Over a flat Earth it is what is integrated; over a round one it is derived (`anser.aircraft.round_earth`).
 
     Attributes
     ----------
     position_n
-        North, East, Down from the local origin, m; altitude is minus the third component.
+        North, East, Down in the Earth's chart, m; altitude is minus the third component.
     velocity_b
         (U, V, W) over ground in body axes, m/s.
     quaternion
         (q0, q1, q2, q3), scalar first, NED to body.
     rates_b
-        (P, Q, R), rad/s.
+        (P, Q, R) relative to the local NED axes, rad/s; over a flat Earth these are the inertial rates.
     surfaces
         Elevator, aileron, rudder deflection, rad.
     power

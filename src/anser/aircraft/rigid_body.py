@@ -1,11 +1,10 @@
-"""Six-degree-of-freedom motion of one aircraft over a flat, non-rotating Earth (theory section 2)."""
+"""Forces on one aircraft, and its six-degree-of-freedom motion over a flat, non-rotating Earth (theory section 2)."""
 
 import equinox as eqx
-import jax.numpy as jnp
 
 from anser.aircraft.air_data import AirData, air_data
 from anser.aircraft.interface import AbstractAirframe, AircraftState, Controls, MassProperties, Wrench
-from anser.environment import Environment
+from anser.environment import Environment, LocalEarth
 from anser.numerics import times3
 from anser.shapes import Matrix33, ScalarLike, Vector3
 from anser.spatial import cross, quaternion_derivative, rotate, rotate_back, rotation_from_quaternion
@@ -22,6 +21,8 @@ class Condition(eqx.Module):
         Velocity of the air over ground, m/s.
     air_data
         See `AirData`.
+    earth
+        What the Earth means here at this velocity.
     aerodynamic, propulsive
         Forces and moments on the aircraft.
     """
@@ -29,6 +30,7 @@ class Condition(eqx.Module):
     R_bn: Matrix33
     wind_n: Vector3
     air_data: AirData
+    earth: LocalEarth
     aerodynamic: Wrench
     propulsive: Wrench
 
@@ -41,16 +43,23 @@ class Condition(eqx.Module):
 def condition(
     airframe: AbstractAirframe, environment: Environment, time: ScalarLike, state: AircraftState
 ) -> Condition:
-    """Air data, forces and moments of a state at a time (s)."""
+    """Air data, forces and moments of a state at a time (s).
+
+    The air turns with the Earth: what damps are the body rates relative to it, not those relative to the travelling NED
+    axes, nor the inertial ones.
+    """
     R_bn = rotation_from_quaternion(state.quaternion)
     wind_n = environment.wind.at(state.position_n, time)
     altitude = -state.position_n[2]
+    earth = environment.earth.local(state.position_n, rotate_back(R_bn, state.velocity_b))
+    rates_air_b = state.rates_b + rotate(R_bn, earth.transport_rate_n)
     data = air_data(state.velocity_b - rotate(R_bn, wind_n), altitude, environment.atmosphere.at(altitude))
     return Condition(
         R_bn=R_bn,
         wind_n=wind_n,
         air_data=data,
-        aerodynamic=airframe.aerodynamics(data, state.rates_b, state.surfaces),
+        earth=earth,
+        aerodynamic=airframe.aerodynamics(data, rates_air_b, state.surfaces),
         propulsive=airframe.propulsion(state.power, altitude, data.mach),
     )
 
@@ -74,19 +83,16 @@ def state_derivative(
     state: AircraftState,
     controls: Controls,
 ) -> AircraftState:
-    """Time derivative of the state, as a state of derivatives.
+    """Time derivative of the state over a flat Earth, as a state of derivatives; see `round_earth` for the other.
 
     Wind enters through the air-relative velocity only, which is exact for a steady wind.
     """
     now = condition(airframe, environment, time, state)
     wrench = now.wrench
-    gravity_n = jnp.stack(
-        [jnp.zeros_like(environment.gravity), jnp.zeros_like(environment.gravity), environment.gravity]
-    )
     return AircraftState(
         position_n=rotate_back(now.R_bn, state.velocity_b),
         velocity_b=wrench.force_b / airframe.mass_properties.mass
-        + rotate(now.R_bn, gravity_n)
+        + rotate(now.R_bn, now.earth.apparent_gravity_n)
         - cross(state.rates_b, state.velocity_b),
         quaternion=quaternion_derivative(state.quaternion, state.rates_b),
         rates_b=angular_acceleration(airframe.mass_properties, state.rates_b, wrench.moment_b),

@@ -269,6 +269,7 @@ def _attributes(scenario: Scenario) -> dict[str, Any]:
         "scenario_hash": scenario.hash,
         "scenario": scenario.model_dump_json(),
         "seed": scenario.seed,
+        "earth_model": scenario.earth.model,
         "reference_latitude_deg": scenario.earth.latitude_deg,
         "reference_longitude_deg": scenario.earth.longitude_deg,
         **{f"version_{name}": version for name, version in versions().items()},

@@ -1,4 +1,4 @@
-"""What surrounds an aircraft: the standard atmosphere, wind and gravity."""
+"""What surrounds an aircraft: the standard atmosphere, wind, gravity and the Earth, flat or round."""
 
 from anser.environment.atmosphere import (
     AbstractAtmosphere,
@@ -8,21 +8,37 @@ from anser.environment.atmosphere import (
     geopotential_from_geometric,
     is_within,
 )
+from anser.environment.earth import (
+    AbstractEarth,
+    FlatEarth,
+    LocalEarth,
+    RotatingEarth,
+    spherical_earth,
+    wgs84_earth,
+)
 from anser.environment.environment import Environment, standard_environment
-from anser.environment.gravity import somigliana
-from anser.environment.wind import AbstractWind, SteadyWind, steady_wind_from
+from anser.environment.gravity import gravitation_j2, somigliana
+from anser.environment.wind import AbstractWind, LayeredWind, SteadyWind, steady_wind_from
 
 __all__ = [
     "AbstractAtmosphere",
+    "AbstractEarth",
     "AbstractWind",
     "Air",
     "Environment",
+    "FlatEarth",
+    "LayeredWind",
+    "LocalEarth",
+    "RotatingEarth",
     "StandardAtmosphere",
     "SteadyWind",
     "geometric_from_geopotential",
     "geopotential_from_geometric",
+    "gravitation_j2",
     "is_within",
     "somigliana",
+    "spherical_earth",
     "standard_environment",
     "steady_wind_from",
+    "wgs84_earth",
 ]

@@ -4,6 +4,7 @@ import abc
 
 import equinox as eqx
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
 from anser.shapes import ScalarLike, Vector3
 from anser.units import DEG_RAD
@@ -31,6 +32,27 @@ class SteadyWind(AbstractWind):
     def at(self, position_n: Vector3, time: ScalarLike) -> Vector3:
         """Velocity of the air (3,), NED, m/s; position and time make no difference."""
         return self.velocity_n
+
+
+class LayeredWind(AbstractWind):
+    """Wind that changes with altitude, the same at all times and over the whole ground: a shear profile.
+
+    Attributes
+    ----------
+    altitudes
+        Geometric altitudes (layer,), m, rising.
+    velocities_n
+        Velocity of the air there (layer, 3), local NED, m/s; linear in between, and beyond the lowest and highest
+        altitude that of the end.
+    """
+
+    altitudes: Float[Array, " layer"]
+    velocities_n: Float[Array, "layer 3"]
+
+    def at(self, position_n: Vector3, time: ScalarLike) -> Vector3:
+        """Velocity of the air (3,), NED, m/s, at the altitude of a position; time makes no difference."""
+        altitude = -position_n[2]
+        return jnp.stack([jnp.interp(altitude, self.altitudes, self.velocities_n[:, k]) for k in range(3)])
 
 
 def steady_wind_from(speed_m_s: ScalarLike, from_deg: ScalarLike, up_m_s: ScalarLike = 0.0) -> SteadyWind:

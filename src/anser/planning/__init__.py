@@ -1,7 +1,7 @@
 """Planning: 4-D trajectories, moving goals, simultaneous arrival, separation and limits."""
 
 from anser.planning.arc_length import arc_length, arc_length_estimate
-from anser.planning.commands import PathCommand, polar
+from anser.planning.commands import PathCommand, polar, rescaled
 from anser.planning.coordination import PLAN_MESSAGES, FleetPlan, PlanningTask, coordinate
 from anser.planning.goals import GoalMotion, pad_waypoints, straight_goal, waypoint_goal
 from anser.planning.limits import LIMIT_MESSAGES, LimitReport, PathLimits, check_limits
@@ -40,6 +40,7 @@ __all__ = [
     "polar",
     "recover",
     "renew",
+    "rescaled",
     "separation_min",
     "solve_lateral_bend",
     "straight_goal",

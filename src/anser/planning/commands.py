@@ -1,6 +1,7 @@
 """Speed, path angle and course of a velocity, with their rates."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 
 from anser.planning.vectors import norm
@@ -57,3 +58,19 @@ def polar(velocity_n: Vector3, acceleration_n: Vector3) -> PathCommand:
         gamma_dot=(level * up_dot - up * level_dot) / safe_speed**2,
         chi_dot=(north * east_dot - east * north_dot) / safe_level**2,
     )
+
+
+def rescaled(command: PathCommand, scale: Vector3) -> PathCommand:
+    """Command for the velocity whose components are those of another one times `scale` (3,), taken as constant.
+
+    Takes a command from the coordinates of a chart to velocities over ground and back.
+    """
+
+    def cartesian(V: Scalar, gamma: Scalar, chi: Scalar) -> Vector3:
+        level = V * jnp.cos(gamma)
+        return jnp.stack([level * jnp.cos(chi), level * jnp.sin(chi), -V * jnp.sin(gamma)])
+
+    velocity_n, acceleration_n = jax.jvp(
+        cartesian, (command.V, command.gamma, command.chi), (command.V_dot, command.gamma_dot, command.chi_dot)
+    )
+    return polar(scale * velocity_n, scale * acceleration_n)

@@ -2,13 +2,14 @@
 
 from anser.scenario.build import build_environment, build_flight, build_path_limits
 from anser.scenario.errors import Problem, ScenarioError
-from anser.scenario.library import AIRFRAMES, VARIANTS, load_airframe
+from anser.scenario.library import AIRFRAMES, BODIES, VARIANTS, load_airframe, load_body
 from anser.scenario.load import load, loads, validate
 from anser.scenario.schema import Scenario, scenario_hash
 from anser.scenario.template import starter_scenario, write_starter
 
 __all__ = [
     "AIRFRAMES",
+    "BODIES",
     "VARIANTS",
     "Problem",
     "Scenario",
@@ -18,6 +19,7 @@ __all__ = [
     "build_path_limits",
     "load",
     "load_airframe",
+    "load_body",
     "loads",
     "scenario_hash",
     "starter_scenario",

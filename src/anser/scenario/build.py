@@ -11,7 +11,16 @@ import numpy as np
 from jaxtyping import Array
 
 from anser.control import AutopilotGains, FlightLimits, GuidanceSettings, LoopGains, published_gains
-from anser.environment import Environment, standard_environment
+from anser.environment import (
+    AbstractWind,
+    Environment,
+    FlatEarth,
+    LayeredWind,
+    StandardAtmosphere,
+    SteadyWind,
+    somigliana,
+    wgs84_earth,
+)
 from anser.planning import (
     GoalMotion,
     PathLimits,
@@ -41,7 +50,7 @@ def build_flight(scenario: Scenario) -> Flight:
     """Build the arrays that a flight is computed from.
 
     Every number of the scenario becomes an array, so that another value of the same shape does not compile again. Shape
-    are the numbers of aircraft and of waypoints.
+    are the numbers of aircraft, of waypoints and of wind layers, and which Earth it is.
 
     Parameters
     ----------
@@ -79,8 +88,18 @@ def build_flight(scenario: Scenario) -> Flight:
 
 
 def build_environment(scenario: Scenario) -> Environment:
-    """Standard atmosphere, normal gravity at the scenario's latitude, steady wind."""
-    return standard_environment(_scalar(scenario.earth.latitude_deg * DEG_RAD), wind_n=_ned(scenario.wind.velocity_m_s))
+    """Standard atmosphere; the flat Earth with normal gravity at the scenario's latitude, or WGS-84; the wind."""
+    latitude, longitude = (_scalar(x * DEG_RAD) for x in (scenario.earth.latitude_deg, scenario.earth.longitude_deg))
+    earth = wgs84_earth(latitude, longitude) if scenario.earth.model == "wgs84" else FlatEarth(somigliana(latitude))
+    return Environment(StandardAtmosphere(), _wind(scenario), earth)
+
+
+def _wind(scenario: Scenario) -> AbstractWind:
+    profile = scenario.wind.profile_m_s
+    if scenario.wind.layers is None:
+        return SteadyWind(_ned(profile[0][1]))
+    altitudes, velocities = zip(*profile, strict=True)
+    return LayeredWind(jnp.asarray(altitudes, dtype=float), jnp.stack([_ned(velocity) for velocity in velocities]))
 
 
 def build_path_limits(scenario: Scenario) -> PathLimits:

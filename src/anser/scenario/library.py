@@ -5,9 +5,10 @@ import json
 from importlib import resources
 from typing import Any
 
-from anser.aircraft import F16, f16_from_data
+from anser.aircraft import F16, SimpleBody, body_from_data, f16_from_data
 
 AIRFRAMES = ("f16",)
+BODIES = ("dragless-sphere", "sphere", "undamped-brick", "brick")
 VARIANTS = {"f16": ("textbook", "s119", "founding")}
 
 
@@ -37,3 +38,20 @@ def load_airframe(name: str = "f16", variant: str = "textbook", x_cg_over_c: flo
     if name not in AIRFRAMES:
         raise ValueError(f"aircraft type {name!r}: known are {', '.join(AIRFRAMES)}")
     return f16_from_data(_data(name), variant, x_cg_over_c)
+
+
+@functools.cache
+def load_body(name: str) -> SimpleBody:
+    """Build an unpowered rigid body of the library, for free flight.
+
+    Parameters
+    ----------
+    name
+        One of `BODIES`.
+
+    Raises
+    ------
+    ValueError
+        If the name is unknown; the message lists the known ones.
+    """
+    return body_from_data(_data("bodies"), name)

@@ -18,7 +18,8 @@ from anser.scenario.schema_checks import (
 )
 from anser.scenario.schema_goal import Goal
 from anser.scenario.schema_reach import reach_problems
-from anser.scenario.schema_settings import Earth, Fleet, Guidance, Hold, Limits, Requirements, Timing, Wind
+from anser.scenario.schema_settings import Fleet, Guidance, Hold, Limits, Requirements, Timing
+from anser.scenario.schema_surroundings import Earth, EarthOrWord, Wind
 
 FORMAT = 1
 SEED_MAX = 2**32 - 1
@@ -45,8 +46,8 @@ class Scenario(Table):
         json_schema_extra=expects(f"a whole number from 0 to {SEED_MAX}"),
     )
     timing: Timing = table("time", "a table [timing]")
-    earth: Earth = table("origin", "a table [earth]", Earth())
-    wind: Wind = table("steady wind", "a table [wind]", Wind())
+    earth: EarthOrWord = table("the Earth and its origin", 'a table [earth], or the word "flat" or "wgs84"', Earth())
+    wind: Wind = table("wind", "a table [wind]", Wind())
     fleet: Fleet = table("common to all", "a table [fleet]")
     limits: Limits = table("envelope", "a table [limits]", Limits())
     guidance: Guidance = table("how the plan is followed", "a table [guidance]", Guidance())

@@ -5,7 +5,8 @@ import math
 from anser.scenario.errors import Problem, plain
 from anser.scenario.schema_aircraft import Aircraft
 from anser.scenario.schema_goal import Goal
-from anser.scenario.schema_settings import Fleet, Hold, Limits, Timing, Wind
+from anser.scenario.schema_settings import Fleet, Hold, Limits, Timing
+from anser.scenario.schema_surroundings import Wind
 
 SURFACE_STAND_OFF_MIN_M = 150.0
 AIRBORNE_STAND_OFF_MIN_M = 100.0
@@ -84,10 +85,11 @@ def speed_problems(fleet: Fleet, limits: Limits, wind: Wind, hold: Hold) -> list
             f"limits.speed_max_m_s ({plain(limits.speed_max_m_s)} m/s)"
         )
         found.append(Problem("fleet.speed_m_s", plain(fleet.speed_m_s), words))
-    if math.hypot(*wind.velocity_m_s) >= fleet.speed_m_s:
+    if wind.greatest_m_s >= fleet.speed_m_s:
         words = f"a wind slower than fleet.speed_m_s, which is {plain(fleet.speed_m_s)} m/s"
-        found.append(Problem("wind.speed_m_s", plain(wind.speed_m_s), words))
-    ground_speed_m_s = fleet.speed_m_s + wind.speed_m_s
+        where = "wind.speed_m_s" if wind.layers is None else "wind.layers"
+        found.append(Problem(where, plain(wind.speed_m_s if wind.layers is None else wind.greatest_m_s), words))
+    ground_speed_m_s = fleet.speed_m_s + max(math.hypot(*velocity[:2]) for _, velocity in wind.profile_m_s)
     tightest_m = ground_speed_m_s**2 / (_GRAVITY_M_S2 * math.tan(math.radians(limits.bank_max_deg)))
     if hold.radius_m < tightest_m:
         words = (

@@ -6,9 +6,8 @@ from anser.scenario.errors import Problem, plain
 from anser.scenario.schema_aircraft import Aircraft
 from anser.scenario.schema_checks import label
 from anser.scenario.schema_goal import Goal
-from anser.scenario.schema_settings import ALTITUDE_MAX_M, Fleet, Limits, Timing, Wind
-
-Vector = tuple[float, float, float]
+from anser.scenario.schema_settings import ALTITUDE_MAX_M, Fleet, Limits, Timing
+from anser.scenario.schema_surroundings import Vector, Wind
 
 FLIGHT_MIN_S = 1.0
 
@@ -74,10 +73,11 @@ def reach_problems(
     """
     found = []
     by_name = {goal.name: goal for goal in goals}
-    flown_to = {one.goal for one in aircraft}
     for index, goal in enumerate(goals):
-        if goal.name in flown_to:
-            found.extend(_fast_legs(f"goal[{index}]", goal, fleet, wind))
+        # the first plan reckons with the wind where the aircraft starts
+        starts_m = [one.start.altitude_m for one in aircraft if one.goal == goal.name]
+        winds_m_s = dict.fromkeys(wind.velocity_m_s(altitude_m) for altitude_m in starts_m)
+        found.extend(_fast_legs(f"goal[{index}]", goal, fleet, tuple(winds_m_s)))
     if found:
         return found  # without a speed that suffices the times below mean nothing
     for index, one in enumerate(aircraft):
@@ -93,8 +93,8 @@ def _plus(a: Vector, b: Vector, factor: float = 1.0) -> Vector:
     return a[0] + factor * b[0], a[1] + factor * b[1], a[2] + factor * b[2]
 
 
-def _fast_legs(path: str, goal: Goal, fleet: Fleet, wind: Wind) -> list[Problem]:
-    """Find legs of a goal that are faster through the air than the fleet."""
+def _fast_legs(path: str, goal: Goal, fleet: Fleet, winds_m_s: tuple[Vector, ...]) -> list[Problem]:
+    """Find legs of a goal that are faster through the air than the fleet, in any of the winds."""
     found = []
     points = goal.waypoints or ()
     for index in range(1, len(points)):
@@ -102,7 +102,7 @@ def _fast_legs(path: str, goal: Goal, fleet: Fleet, wind: Wind) -> list[Problem]
         lasting_s = end.time_s - begin.time_s
         leg_m = (end.north_m - begin.north_m, end.east_m - begin.east_m, end.altitude_m - begin.altitude_m)
         through_air = _plus((0.0, 0.0, 0.0), leg_m, 1.0 / lasting_s)
-        speed_m_s = math.hypot(*_plus(through_air, wind.velocity_m_s, -1.0))
+        speed_m_s = max((math.hypot(*_plus(through_air, air_m_s, -1.0)) for air_m_s in winds_m_s), default=0.0)
         if speed_m_s >= fleet.speed_m_s:
             arrived = f"a leg flown at {speed_m_s:.1f} m/s through the air"
             words = f"less than fleet.speed_m_s, which is {plain(fleet.speed_m_s)} m/s: the goal outruns its aircraft"
@@ -118,8 +118,9 @@ def _unreached(
     place_m = _plus(goal.position_m(0.0), one.rendezvous.stand_off_m)
     relative_m = _plus(place_m, one.start.position_m, -1.0)
     heights_m = [place_m[2]]
+    wind_m_s = wind.velocity_m_s(one.start.altitude_m)
     if goal.waypoints is None:
-        velocity_m_s = _plus(goal.velocity_m_s(), wind.velocity_m_s, -1.0)
+        velocity_m_s = _plus(goal.velocity_m_s(), wind_m_s, -1.0)
         time_s = time_to_go_s(relative_m, velocity_m_s, fleet.speed_m_s)
         if time_s is None:
             arrived = f'"{goal.name}", which moves at {math.hypot(*velocity_m_s):.1f} m/s through the air and gets away'
@@ -134,7 +135,7 @@ def _unreached(
         heights_m = [point.altitude_m + one.rendezvous.stand_off_up_m for point in goal.waypoints]
         # the goal is slower than the aircraft, so once within reach it stays within reach
         last_m = _plus(goal.position_m(timing.duration_s), one.rendezvous.stand_off_m)
-        drifted_m = _plus(one.start.position_m, wind.velocity_m_s, timing.duration_s)
+        drifted_m = _plus(one.start.position_m, wind_m_s, timing.duration_s)
         distance_m = math.dist(last_m, drifted_m)
         if distance_m >= fleet.speed_m_s * timing.duration_s:
             words = f'a longer flight: "{one.name}" does not get to goal "{goal.name}" in this time'

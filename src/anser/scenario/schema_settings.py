@@ -1,4 +1,4 @@
-"""The tables of a scenario that hold for the whole flight: time, Earth, wind, fleet, limits, guidance, hold."""
+"""The tables of a scenario that hold for the whole flight: time, fleet, limits, guidance, hold."""
 
 import math
 from typing import Literal
@@ -42,27 +42,6 @@ class Timing(Table):
         if found:
             raise ScenarioError("", found)
         return self
-
-
-class Earth(Table):
-    """Where on the Earth the local plane touches it: the place with north = east = 0."""
-
-    latitude_deg: float = number("geodetic latitude of the origin", -89, 89, "deg", 45.0)
-    longitude_deg: float = number("longitude of the origin", -180, 180, "deg", 0.0)
-
-
-class Wind(Table):
-    """The steady wind."""
-
-    speed_m_s: float = number("horizontal wind speed", 0, 100, "m/s", 0.0)
-    from_deg: float = number("direction that the wind comes from, clockwise from north", -360, 360, "deg", 0.0)
-    up_m_s: float = number("vertical wind, positive upwards", -20, 20, "m/s", 0.0)
-
-    @property
-    def velocity_m_s(self) -> tuple[float, float, float]:
-        """Velocity of the air over the ground (north, east, up), m/s."""
-        angle = math.radians(self.from_deg)
-        return -self.speed_m_s * math.cos(angle), -self.speed_m_s * math.sin(angle), self.up_m_s
 
 
 class Fleet(Table):

@@ -1,9 +1,10 @@
 """Simulation: the closed loop of a fleet, trim, responses, the recorded history."""
 
 from anser.simulation.fleet import Fleet, Flight, FlightState, Timing
-from anser.simulation.flight import SEGMENT_STEPS, fly_segment, sense, start_flight, step_flight
+from anser.simulation.flight import SEGMENT_STEPS, fly_segment, start_flight, step_flight
 from anser.simulation.motion import advance
 from anser.simulation.response import Response, step_response
+from anser.simulation.sensing import Sensed, sense
 from anser.simulation.status import FLYING, NO_TRIM, STATUS_MESSAGES
 from anser.simulation.trim import TrimPoint, TrimTarget, solve_trim, trim_target
 from anser.simulation.trim_diagnosis import NearestTrim, NearestTrims, nearest_trims, trim_violations
@@ -19,6 +20,7 @@ __all__ = [
     "NearestTrim",
     "NearestTrims",
     "Response",
+    "Sensed",
     "Timing",
     "TrimPoint",
     "TrimTarget",

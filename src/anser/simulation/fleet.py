@@ -3,7 +3,7 @@
 import equinox as eqx
 from jaxtyping import Array, Bool, Float, Int
 
-from anser.aircraft import AbstractAirframe, AircraftState
+from anser.aircraft import AbstractAirframe, MotionState
 from anser.control import AutopilotGains, AutopilotState, FlightLimits, GuidanceSettings
 from anser.environment import Environment
 from anser.planning import FleetPlan, GoalMotion, Rendezvous
@@ -83,7 +83,7 @@ class FlightState(eqx.Module):
     step_index
         Steps flown.
     aircraft
-        Their states.
+        Their states, as they are integrated over the environment's Earth.
     autopilots
         Memory of their autopilots.
     plan
@@ -101,7 +101,7 @@ class FlightState(eqx.Module):
     """
 
     step_index: Count
-    aircraft: AircraftState
+    aircraft: MotionState
     autopilots: AutopilotState
     plan: FleetPlan
     sides: Float[Array, " aircraft"]

@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from anser.aircraft import AbstractAirframe, AircraftState, Condition, condition
+from anser.aircraft import AbstractAirframe, AircraftState, Condition, MotionState, condition, moving_state, seen_state
 from anser.control import (
     AutopilotGains,
     AutopilotState,
@@ -17,44 +17,27 @@ from anser.control import (
     make_plant,
     velocity_control,
 )
-from anser.environment import Environment
+from anser.environment import Environment, FlatEarth
 from anser.planning import (
-    GoalMotion,
-    LineOfSight,
     PlanningTask,
     Rendezvous,
     Trajectory,
     choose_sides,
     coordinate,
-    measure,
-    recover,
     renew,
+    rescaled,
 )
 from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
 from anser.simulation.fleet import Fleet, Flight, FlightState
 from anser.simulation.motion import advance
 from anser.simulation.record import APPROACH, FROZEN, HOLD, Moment, record
+from anser.simulation.sensing import Sensed, sense
 from anser.simulation.status import AT_GROUND, FLYING, NO_TRIM, NOT_FINITE
 from anser.simulation.trim import EXCESS_NOISE, TrimPoint, solve_trim
 from anser.spatial import rotate_back
 
 SEGMENT_STEPS = 500
 """Steps compiled as one: a flight of any duration is a number of these, so the duration does not recompile."""
-
-
-class Sensed(eqx.Module):
-    """What an aircraft knows of its goal: the sensor's reading and the motion recovered from it."""
-
-    sight: LineOfSight
-    goal_position_n: Vector3
-    goal_velocity_n: Vector3
-
-
-def sense(goal: GoalMotion, time: ScalarLike, position_n: Vector3, velocity_n: Vector3) -> Sensed:
-    """Read the line-of-sight sensor of one aircraft and recover the goal's motion (theory section 7)."""
-    sight = measure(position_n, velocity_n, goal.position_n(time), goal.velocity_n(time))
-    goal_position_n, goal_velocity_n = recover(sight, position_n, velocity_n)
-    return Sensed(sight, goal_position_n, goal_velocity_n)
 
 
 def _velocity_n(now: Condition, state: AircraftState) -> Vector3:
@@ -71,16 +54,20 @@ def planning_tasks(
     deceleration: Float[Array, " aircraft"],
     speed: ScalarLike,
 ) -> PlanningTask:
-    """What each aircraft brings to the planning, of itself and of its goal as its sensor tells; stacked."""
-    velocities_n = jax.vmap(_velocity_n)(now, aircraft)
+    """What each aircraft brings to the planning, of itself and of its goal as its sensor tells; stacked.
+
+    Plans live in the Earth's chart: velocities become rates of its coordinates here.
+    """
+    scale = now.earth.chart_scale
+    wind_n = scale * now.wind_n
     return PlanningTask(
         position_n=aircraft.position_n,
-        air_velocity_n=velocities_n - now.wind_n,
+        air_velocity_n=scale * jax.vmap(_velocity_n)(now, aircraft) - wind_n,
         goal_position_n=sensed.goal_position_n,
         goal_velocity_n=sensed.goal_velocity_n,
         rendezvous=fleet.rendezvous,
-        wind_n=now.wind_n,
-        origin_n=fleet.start_positions_n + now.wind_n * time,
+        wind_n=wind_n,
+        origin_n=fleet.start_positions_n + wind_n * time,
         length_due=speed * time - flown,
         deceleration=deceleration,
     )
@@ -99,15 +86,15 @@ def _idle_deceleration(airframe: AbstractAirframe, now: Condition) -> Scalar:
 def start_flight(flight: Flight) -> tuple[FlightState, TrimPoint]:
     """Trim every aircraft at its start, choose the sides of the detours and make the first plan, at time 0."""
     fleet, environment = flight.fleet, flight.environment
-    trims = jax.vmap(solve_trim, in_axes=(0, None, 0))(fleet.airframes, environment, fleet.starts)
-    aircraft = eqx.tree_at(lambda s: s.position_n, trims.state, fleet.start_positions_n)
+    trims = jax.vmap(solve_trim, in_axes=(0, None, 0, 0))(
+        fleet.airframes, environment, fleet.starts, fleet.start_positions_n
+    )
+    aircraft = trims.state
     autopilots = jax.vmap(
         lambda t: initial_autopilot_state(jnp.stack([t.mu, t.alpha, t.beta]), t.state.rates_b, t.state.surfaces)
     )(trims)
     now = jax.vmap(condition, in_axes=(0, None, None, 0))(fleet.airframes, environment, 0.0, aircraft)
-    sensed = jax.vmap(sense, in_axes=(0, None, 0, 0))(
-        fleet.goals, 0.0, aircraft.position_n, jax.vmap(_velocity_n)(now, aircraft)
-    )
+    sensed = _sense_all(environment, fleet, 0.0, aircraft, now)
     requested = fleet.sides.astype(float)
     flown = jnp.zeros_like(requested)
     deceleration = jax.vmap(_idle_deceleration)(fleet.airframes, now)
@@ -117,7 +104,17 @@ def start_flight(flight: Flight) -> tuple[FlightState, TrimPoint]:
     plan = coordinate(start_time, tasks, fleet.speed, sides, fleet.even_speed)
     stopped = ~trims.converged | (trims.excess > EXCESS_NOISE)
     status = jnp.where(stopped, NO_TRIM, plan.status).astype(jnp.int32)
-    return FlightState(jnp.asarray(0), aircraft, autopilots, plan, sides, deceleration, flown, status, stopped), trims
+    moving = jax.vmap(moving_state, in_axes=(None, 0))(environment, aircraft)
+    return FlightState(jnp.asarray(0), moving, autopilots, plan, sides, deceleration, flown, status, stopped), trims
+
+
+def _sense_all(
+    environment: Environment, fleet: Fleet, time: ScalarLike, aircraft: AircraftState, now: Condition
+) -> Sensed:
+    velocities_n = jax.vmap(_velocity_n)(now, aircraft)
+    return jax.vmap(sense, in_axes=(None, 0, None, 0, 0))(
+        environment.earth, fleet.goals, time, aircraft.position_n, velocities_n
+    )
 
 
 class _Own(eqx.Module):
@@ -128,6 +125,7 @@ class _Own(eqx.Module):
     limits: FlightLimits
     rendezvous: Rendezvous
     trajectory: Trajectory
+    moving: MotionState
     state: AircraftState
     autopilot: AutopilotState
     now: Condition
@@ -147,11 +145,12 @@ def _fly_one(
     arrival_time: ScalarLike,
     phase: Count,
     step: ScalarLike,
-) -> tuple[AircraftState, AutopilotState, Count, Flag, dict[str, Array]]:
+) -> tuple[MotionState, AutopilotState, Count, Flag, dict[str, Array]]:
     """Guide, control, move and record one aircraft over one step."""
     state, now, settings = own.state, own.now, fleet.guidance
-    velocity_n = _velocity_n(now, state)
-    planned = follow(own.trajectory, time, state.position_n, velocity_n, now.wind_n, settings)
+    earth, scale = environment.earth, now.earth.chart_scale
+    velocity_n, wind_n = scale * _velocity_n(now, state), scale * now.wind_n
+    planned = follow(own.trajectory, time, state.position_n, velocity_n, wind_n, settings)
     relative_n = state.position_n - own.sensed.goal_position_n
     height = -own.rendezvous.stand_off_n[2]
     circle_n = hold_point(relative_n, own.sensed.goal_position_n, height, settings)
@@ -159,15 +158,19 @@ def _fly_one(
         relative_n,
         velocity_n,
         own.sensed.goal_velocity_n,
-        now.wind_n,
+        wind_n,
         own.trajectory.velocity_n(arrival_time) - own.sensed.goal_velocity_n,
         height,
         fleet.speed,
         settings,
     )
     command = jax.tree.map(lambda a, b: jnp.where(phase == HOLD, a, b), held, planned)
-    plant = make_plant(own.airframe, own.limits, own.gains, state, now, own.autopilot, environment.gravity, step)
+    if not isinstance(earth, FlatEarth):  # there the chart's rates are the velocities
+        command = rescaled(command, 1.0 / scale)
+    plant = make_plant(own.airframe, own.limits, own.gains, state, now, own.autopilot, now.earth.gravity, step)
     controls, signals, autopilot = velocity_control(plant, own.autopilot, command)
+    to_goal_n, _ = earth.sight(state.position_n, own.goal_n, jnp.zeros(3))
+    to_rendezvous_n, _ = earth.sight(state.position_n, own.goal_n + own.rendezvous.stand_off_n, jnp.zeros(3))
     moment = Moment(
         airframe=own.airframe,
         state=state,
@@ -180,21 +183,23 @@ def _fly_one(
         goal_n=own.goal_n,
         goal_estimate_n=own.sensed.goal_position_n,
         stand_off_n=own.rendezvous.stand_off_n,
+        to_goal_n=to_goal_n,
+        to_rendezvous_n=to_rendezvous_n,
         arrival_time=jnp.asarray(arrival_time),
         lateral_bend=jnp.asarray(own.lateral_bend),
         planned_length=jnp.asarray(own.planned_length),
         phase=phase,
         status=own.status,
     )
-    row = record(moment, environment.gravity)
-    after = advance(own.airframe, environment, time, state, controls, step)
+    row = record(moment)
+    after = advance(own.airframe, environment, time, own.moving, controls, step)
     finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves((after, autopilot))]))
-    grounded = after.position_n[2] >= 0.0
+    grounded = seen_state(environment, after).position_n[2] >= 0.0
     event = jnp.where(~finite, NOT_FINITE, jnp.where(grounded, AT_GROUND, own.status)).astype(own.status.dtype)
     status = jnp.where(own.stopped, own.status, event)
     stay = own.stopped | ~finite | grounded
     after, autopilot = jax.tree.map(
-        lambda old, new: jnp.where(stay, old, new), (state, own.autopilot), (after, autopilot)
+        lambda old, new: jnp.where(stay, old, new), (own.moving, own.autopilot), (after, autopilot)
     )
     return after, autopilot, status, stay, row
 
@@ -203,10 +208,9 @@ def step_flight(flight: Flight, carry: FlightState) -> tuple[FlightState, dict[s
     """Fly the fleet over one step; returns the next state and the row recorded at the step's start."""
     fleet, environment, timing = flight.fleet, flight.environment, flight.timing
     time = carry.step_index * timing.step
-    aircraft = carry.aircraft
+    aircraft = jax.vmap(seen_state, in_axes=(None, 0))(environment, carry.aircraft)
     now = jax.vmap(condition, in_axes=(0, None, None, 0))(fleet.airframes, environment, time, aircraft)
-    velocities_n = jax.vmap(_velocity_n)(now, aircraft)
-    sensed = jax.vmap(sense, in_axes=(0, None, 0, 0))(fleet.goals, time, aircraft.position_n, velocities_n)
+    sensed = _sense_all(environment, fleet, time, aircraft, now)
     frozen = time >= carry.plan.arrival_time - timing.freeze
     due = (timing.replan_steps > 0) & (carry.step_index % jnp.maximum(timing.replan_steps, 1) == 0) & ~frozen
     plan = jax.lax.cond(
@@ -229,6 +233,7 @@ def step_flight(flight: Flight, carry: FlightState) -> tuple[FlightState, dict[s
         limits=fleet.limits,
         rendezvous=fleet.rendezvous,
         trajectory=plan.trajectories,
+        moving=carry.aircraft,
         state=aircraft,
         autopilot=carry.autopilots,
         now=now,

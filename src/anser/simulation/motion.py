@@ -4,7 +4,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from anser.aircraft import AbstractAirframe, AircraftState, Controls, state_derivative
+from anser.aircraft import AbstractAirframe, Controls, Moving, motion_derivative
 from anser.environment import Environment
 from anser.numerics import rk4_step
 from anser.shapes import ScalarLike
@@ -15,14 +15,14 @@ def advance(
     airframe: AbstractAirframe,
     environment: Environment,
     time: ScalarLike,
-    state: AircraftState,
+    state: Moving,
     controls: Controls,
     step: ScalarLike,
-) -> AircraftState:
+) -> Moving:
     """State one step (s) later, by the classical Runge-Kutta method; the quaternion is normalized after the step."""
 
-    def derivative(t: ScalarLike, y: AircraftState) -> AircraftState:
-        return state_derivative(airframe, environment, t, y, controls)
+    def derivative(t: ScalarLike, y: Moving) -> Moving:
+        return motion_derivative(airframe, environment, t, y, controls)
 
     # jit: traced once for the four stages.
     after = rk4_step(jax.jit(derivative), jnp.asarray(time, dtype=float), state, step)

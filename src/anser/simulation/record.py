@@ -6,8 +6,8 @@ from jaxtyping import Array
 from anser.aircraft import AbstractAirframe, AircraftState, Condition, Controls
 from anser.control import AutopilotSignals
 from anser.planning import LineOfSight, PathCommand
-from anser.shapes import Count, Scalar, ScalarLike, Vector3
-from anser.spatial import euler_from_quaternion, path_angles, rotate_back, safe_norm
+from anser.shapes import Count, Scalar, Vector3
+from anser.spatial import euler_from_quaternion, path_angles, rotate, rotate_back, safe_norm
 
 APPROACH, FROZEN, HOLD = range(3)
 
@@ -26,6 +26,8 @@ class Moment(eqx.Module):
     goal_n: Vector3
     goal_estimate_n: Vector3
     stand_off_n: Vector3
+    to_goal_n: Vector3
+    to_rendezvous_n: Vector3
     arrival_time: Scalar
     lateral_bend: Scalar
     planned_length: Scalar
@@ -33,17 +35,18 @@ class Moment(eqx.Module):
     status: Count
 
 
-def record(moment: Moment, gravity: ScalarLike) -> dict[str, Array]:
+def record(moment: Moment) -> dict[str, Array]:
     """One row of the history of one aircraft, SI units and radians, keyed as in `anser.variables.CATALOGUE`."""
     state, now, data = moment.state, moment.now, moment.now.air_data
     signals, motion = moment.signals, moment.signals.motion
     velocity_n = rotate_back(now.R_bn, state.velocity_b)
+    inertial_b = state.rates_b + rotate(now.R_bn, now.earth.earth_rate_n + now.earth.transport_rate_n)
     euler = euler_from_quaternion(state.quaternion)
     _, ground_course = path_angles(velocity_n)
     reference_n = moment.reference_n
     rendezvous_n = moment.goal_n + moment.stand_off_n
     force_b = now.wrench.force_b
-    weight = moment.airframe.mass_properties.mass * gravity
+    weight = moment.airframe.mass_properties.mass * now.earth.gravity
     return {
         **_point("", state.position_n),
         **_vector("velocity", ("north", "east", "down"), velocity_n),
@@ -60,6 +63,7 @@ def record(moment: Moment, gravity: ScalarLike) -> dict[str, Array]:
         "pitch": euler[1],
         "yaw": euler[2],
         **_rates("", state.rates_b),
+        **{f"inertial_{key}": value for key, value in _rates("", inertial_b).items()},
         "bank": motion.mu,
         "path_angle": motion.gamma,
         "course": motion.chi,
@@ -82,8 +86,8 @@ def record(moment: Moment, gravity: ScalarLike) -> dict[str, Array]:
         **_point("goal_", moment.goal_n),
         **_point("goal_estimate_", moment.goal_estimate_n),
         **_point("rendezvous_", rendezvous_n),
-        "range_to_rendezvous": safe_norm(rendezvous_n - state.position_n),
-        "clearance": safe_norm(moment.goal_n - state.position_n),
+        "range_to_rendezvous": safe_norm(moment.to_rendezvous_n),
+        "clearance": safe_norm(moment.to_goal_n),
         "sight_range": moment.sight.range,
         "sight_azimuth": moment.sight.azimuth,
         "sight_elevation": moment.sight.elevation,

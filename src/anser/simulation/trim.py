@@ -14,10 +14,10 @@ from anser.aircraft import (
     air_data,
     angular_acceleration,
 )
-from anser.environment import Air, Environment
+from anser.environment import AbstractEarth, Air, Environment
 from anser.numerics.least_squares import Solution, levenberg_marquardt, with_implicit_derivative
 from anser.shapes import Flag, Matrix33, Scalar, ScalarLike, Vector3
-from anser.spatial import attitude_from_path, cross, quaternion_from_rotation, rotate
+from anser.spatial import attitude_from_path, cross, quaternion_from_rotation, rotate, rotate_back
 from anser.units import DEG_RAD
 
 Unknowns = Float[Array, "7"]
@@ -57,7 +57,7 @@ class TrimPoint(eqx.Module):
     Attributes
     ----------
     state
-        At north 0, east 0 and the target's altitude, velocity over ground for the environment's wind.
+        At the place and altitude wanted, velocity over ground for the environment's wind there.
     controls
         Held surfaces and throttle (0..1; at its stop where the power wanted lies beyond).
     mu, alpha, beta
@@ -98,8 +98,10 @@ class _Case(NamedTuple):
     """What the trim equations depend on besides their unknowns."""
 
     airframe: AbstractAirframe
-    gravity: Scalar
+    earth: AbstractEarth
     air: Air
+    wind_n: Vector3
+    position_n: Vector3
     target: TrimTarget
 
 
@@ -114,34 +116,47 @@ def _velocity_air_b(x: Unknowns, target: TrimTarget) -> Vector3:
 
 def _residual(x: Unknowns, case: _Case) -> Unknowns:
     """Accelerations that must vanish, in g and rad/s^2, and the side force over the weight."""
-    airframe, g, air, target = case
-    down_b = _attitude(x, target)[:, 2]
-    velocity_b, rates_b = _velocity_air_b(x, target), target.turn_rate * down_b
+    airframe, earth, air, wind_n, position_n, target = case
+    R_bn, velocity_b = _attitude(x, target), _velocity_air_b(x, target)
+    rates_b = target.turn_rate * R_bn[:, 2]
+    local = earth.local(position_n, rotate_back(R_bn, velocity_b) + wind_n)
+    rates_air_b = rates_b + rotate(R_bn, local.transport_rate_n)
+    inertial_b = rates_air_b + rotate(R_bn, local.earth_rate_n)
     data = air_data(velocity_b, target.altitude, air)
-    wrench = airframe.aerodynamics(data, rates_b, x[3:6]) + airframe.propulsion(100 * x[6], target.altitude, data.mach)
+    propulsive = airframe.propulsion(100 * x[6], target.altitude, data.mach)
+    wrench = airframe.aerodynamics(data, rates_air_b, x[3:6]) + propulsive
     specific_b = wrench.force_b / airframe.mass_properties.mass
-    linear = (specific_b - cross(rates_b, velocity_b)) / g + down_b
-    angular = angular_acceleration(airframe.mass_properties, rates_b, wrench.moment_b)
-    return jnp.concatenate([linear, angular, specific_b[1:2] / g])
+    linear = specific_b + rotate(R_bn, local.apparent_gravity_n) - cross(rates_b, velocity_b)
+    angular = angular_acceleration(airframe.mass_properties, inertial_b, wrench.moment_b)
+    return jnp.concatenate([linear / local.gravity, angular, specific_b[1:2] / local.gravity])
 
 
-def solve_trim(airframe: AbstractAirframe, environment: Environment, target: TrimTarget) -> TrimPoint:
+def solve_trim(
+    airframe: AbstractAirframe, environment: Environment, target: TrimTarget, position_n: Vector3 | None = None
+) -> TrimPoint:
     """Solve the seven trim equations for alpha, beta, mu, three surfaces and power.
 
     Equations: body velocity and body rates constant in a steady (helical) turn, and no side force (coordination; [SL]
-    section 3.6 imposes the same). Limits are not imposed, so that a diagnosis can tell by how much they are exceeded:
-    see `anser.simulation.trim_violations`. Levenberg-Marquardt from several angles of attack; of the solutions, the one
-    inside the limits with the least angle of attack is taken. Differentiable by the implicit function theorem, first
-    derivatives only.
+    section 3.6 imposes the same). Over a round Earth "constant" is meant in the travelling NED axes: Coriolis and
+    centrifugal accelerations are balanced too. Limits are not imposed, so that a diagnosis can tell by how much
+    they are exceeded: see `anser.simulation.trim_violations`. Levenberg-Marquardt from several angles of attack; of
+    the solutions, the one inside the limits with the least angle of attack is taken. Differentiable by the implicit
+    function theorem, first derivatives only.
 
     Parameters
     ----------
     airframe, environment
-        Any airframe; the wind sets the ground velocity of the result only.
+        Any airframe; over a flat Earth the wind sets the ground velocity of the result only.
     target
         Steady flight wanted.
+    position_n
+        Where, in the Earth's chart (3,), m; its altitude is the target's. The chart's origin where None.
     """
-    case = _Case(airframe, environment.gravity, environment.atmosphere.at(target.altitude), target)
+    north, east = (jnp.zeros(()), jnp.zeros(())) if position_n is None else (position_n[0], position_n[1])
+    position_n = jnp.stack([north, east, -target.altitude])
+    wind_n = environment.wind.at(position_n, 0.0)
+    air = environment.atmosphere.at(target.altitude)
+    case = _Case(airframe, environment.earth, air, wind_n, position_n, target)
     bank = jnp.arctan2(target.speed * target.turn_rate * jnp.cos(target.path_angle), environment.gravity)
 
     def attempt(alpha_start: Scalar) -> Solution:
@@ -157,10 +172,9 @@ def solve_trim(airframe: AbstractAirframe, environment: Environment, target: Tri
     x = with_implicit_derivative(_residual, case, tried.x[best])
     residual = tried.residual[best]
     R_bn = _attitude(x, target)
-    position_n = jnp.zeros(3).at[2].set(-target.altitude)
     state = AircraftState(
         position_n=position_n,
-        velocity_b=_velocity_air_b(x, target) + rotate(R_bn, environment.wind.at(position_n, 0.0)),
+        velocity_b=_velocity_air_b(x, target) + rotate(R_bn, wind_n),
         quaternion=quaternion_from_rotation(R_bn),
         rates_b=target.turn_rate * R_bn[:, 2],
         surfaces=x[3:6],

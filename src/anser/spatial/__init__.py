@@ -31,6 +31,8 @@ from anser.spatial.rotations import (
 )
 from anser.spatial.safe import safe_atan2, safe_hypot, safe_norm
 from anser.spatial.wgs84 import (
+    WGS84,
+    Ellipsoid,
     ecef_from_geodetic,
     flat_from_geodetic,
     geodetic_from_ecef,
@@ -46,6 +48,8 @@ from anser.spatial.wind_axes import (
 )
 
 __all__ = [
+    "WGS84",
+    "Ellipsoid",
     "attitude_from_path",
     "bank_about_velocity",
     "compose",

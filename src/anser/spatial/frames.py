@@ -8,29 +8,40 @@ from anser.spatial.rotations import rotate, rotate_back
 from anser.spatial.wgs84 import ecef_from_geodetic
 
 
-def rotation_ecef_from_eci(time: ScalarLike, longitude_0: ScalarLike) -> Matrix33:
+def rotation_ecef_from_eci(
+    time: ScalarLike, longitude_0: ScalarLike, rotation_rate: ScalarLike = EARTH_ROTATION_RAD_S
+) -> Matrix33:
     """Rotation ``R_ei`` (3, 3), ECI to ECEF, after a time in s.
 
-    ``longitude_0``, rad, is the angle from the inertial to the Earth-fixed first axis at time 0 (lambda_0).
+    ``longitude_0``, rad, is the angle from the inertial to the Earth-fixed first axis at time 0 (lambda_0);
+    ``rotation_rate``, rad/s, is that of the Earth, here and below.
     """
-    eta = jnp.asarray(longitude_0) + EARTH_ROTATION_RAD_S * jnp.asarray(time)
+    eta = jnp.asarray(longitude_0) + rotation_rate * jnp.asarray(time)
     s, c = jnp.sin(eta), jnp.cos(eta)
     zero, one = jnp.zeros_like(s), jnp.ones_like(s)
     return jnp.stack([jnp.stack([c, s, zero]), jnp.stack([-s, c, zero]), jnp.stack([zero, zero, one])])
 
 
-def ecef_from_eci(position_i: Vector3, time: ScalarLike, longitude_0: ScalarLike) -> Vector3:
+def ecef_from_eci(
+    position_i: Vector3, time: ScalarLike, longitude_0: ScalarLike, rotation_rate: ScalarLike = EARTH_ROTATION_RAD_S
+) -> Vector3:
     """Earth-fixed position (3,), m, of an inertial one (3,), m; time in s, lambda_0 in rad."""
-    return rotate(rotation_ecef_from_eci(time, longitude_0), position_i)
+    return rotate(rotation_ecef_from_eci(time, longitude_0, rotation_rate), position_i)
 
 
-def eci_from_ecef(position_e: Vector3, time: ScalarLike, longitude_0: ScalarLike) -> Vector3:
+def eci_from_ecef(
+    position_e: Vector3, time: ScalarLike, longitude_0: ScalarLike, rotation_rate: ScalarLike = EARTH_ROTATION_RAD_S
+) -> Vector3:
     """Inertial position (3,), m, of an Earth-fixed one (3,), m; time in s, lambda_0 in rad."""
-    return rotate_back(rotation_ecef_from_eci(time, longitude_0), position_e)
+    return rotate_back(rotation_ecef_from_eci(time, longitude_0, rotation_rate), position_e)
 
 
 def velocity_ecef_from_eci(
-    position_i: Vector3, velocity_i: Vector3, time: ScalarLike, longitude_0: ScalarLike
+    position_i: Vector3,
+    velocity_i: Vector3,
+    time: ScalarLike,
+    longitude_0: ScalarLike,
+    rotation_rate: ScalarLike = EARTH_ROTATION_RAD_S,
 ) -> Vector3:
     """Velocity relative to the rotating Earth, in ECEF axes.
 
@@ -38,18 +49,23 @@ def velocity_ecef_from_eci(
     ----------
     position_i, velocity_i
         Inertial position (3,), m, and velocity (3,), m/s.
-    time, longitude_0
-        s, and lambda_0 in rad.
+    time, longitude_0, rotation_rate
+        s, lambda_0 in rad, and rad/s.
 
     Returns
     -------
     (3,), m/s: ``R_ei (v_i - w_E x p_i)``.
     """
-    return rotate(rotation_ecef_from_eci(time, longitude_0), velocity_i - _earth_rotation_cross(position_i))
+    relative_i = velocity_i - _earth_rotation_cross(position_i, rotation_rate)
+    return rotate(rotation_ecef_from_eci(time, longitude_0, rotation_rate), relative_i)
 
 
 def velocity_eci_from_ecef(
-    position_e: Vector3, velocity_e: Vector3, time: ScalarLike, longitude_0: ScalarLike
+    position_e: Vector3,
+    velocity_e: Vector3,
+    time: ScalarLike,
+    longitude_0: ScalarLike,
+    rotation_rate: ScalarLike = EARTH_ROTATION_RAD_S,
 ) -> Vector3:
     """Inertial velocity of a point that moves relative to the Earth.
 
@@ -57,19 +73,20 @@ def velocity_eci_from_ecef(
     ----------
     position_e, velocity_e
         Earth-fixed position (3,), m, and velocity relative to the Earth (3,), m/s, both in ECEF axes.
-    time, longitude_0
-        s, and lambda_0 in rad.
+    time, longitude_0, rotation_rate
+        s, lambda_0 in rad, and rad/s.
 
     Returns
     -------
     (3,), m/s, in ECI axes: ``R_ei.T (v_e + w_E x p_e)``.
     """
-    return rotate_back(rotation_ecef_from_eci(time, longitude_0), velocity_e + _earth_rotation_cross(position_e))
+    inertial_e = velocity_e + _earth_rotation_cross(position_e, rotation_rate)
+    return rotate_back(rotation_ecef_from_eci(time, longitude_0, rotation_rate), inertial_e)
 
 
-def _earth_rotation_cross(position: Vector3) -> Vector3:
+def _earth_rotation_cross(position: Vector3, rotation_rate: ScalarLike) -> Vector3:
     turned: list[Scalar] = [-position[1], position[0], jnp.zeros_like(position[2])]
-    return EARTH_ROTATION_RAD_S * jnp.stack(turned)
+    return rotation_rate * jnp.stack(turned)
 
 
 def rotation_ned_from_ecef(lat: ScalarLike, lon: ScalarLike) -> Matrix33:

@@ -1,37 +1,76 @@
-"""Geodetic coordinates on the WGS-84 ellipsoid. Source: theory section 1, [WGS84]."""
+"""Geodetic coordinates on an ellipsoid of revolution, WGS-84 unless another is given.
 
+A sphere is an ellipsoid without flattening. Source: theory section 1, [WGS84].
+"""
+
+import equinox as eqx
 import jax.numpy as jnp
 
-from anser.constants import WGS84_A_M, WGS84_B_M, WGS84_E2, WGS84_EP2
+from anser.constants import WGS84_A_M, WGS84_F
 from anser.shapes import Scalar, ScalarLike, Vector3
 from anser.spatial.safe import safe_atan2, safe_hypot
 
 
-def radii_of_curvature(lat: ScalarLike) -> tuple[Scalar, Scalar]:
+class Ellipsoid(eqx.Module):
+    """An oblate ellipsoid of revolution.
+
+    Attributes
+    ----------
+    a
+        Semi-major axis (equatorial radius), m.
+    f
+        Flattening (a - b)/a; 0 is a sphere.
+    """
+
+    a: ScalarLike
+    f: ScalarLike
+
+    @property
+    def b(self) -> ScalarLike:
+        """Semi-minor axis (polar radius), m."""
+        return self.a * (1.0 - self.f)
+
+    @property
+    def e2(self) -> ScalarLike:
+        """First eccentricity squared, (a^2 - b^2)/a^2."""
+        return self.f * (2.0 - self.f)
+
+    @property
+    def ep2(self) -> ScalarLike:
+        """Second eccentricity squared, (a^2 - b^2)/b^2."""
+        return self.e2 / (1.0 - self.e2)
+
+
+WGS84 = Ellipsoid(WGS84_A_M, WGS84_F)
+
+
+def radii_of_curvature(lat: ScalarLike, ellipsoid: Ellipsoid = WGS84) -> tuple[Scalar, Scalar]:
     """Radii of curvature of the ellipsoid at a geodetic latitude in rad: meridian R_M and prime vertical R_N, m."""
-    w2 = 1.0 - WGS84_E2 * jnp.sin(lat) ** 2
-    R_N = WGS84_A_M / jnp.sqrt(w2)
-    return R_N * (1.0 - WGS84_E2) / w2, R_N
+    w2 = 1.0 - ellipsoid.e2 * jnp.sin(lat) ** 2
+    R_N = ellipsoid.a / jnp.sqrt(w2)
+    return R_N * (1.0 - ellipsoid.e2) / w2, R_N
 
 
-def ecef_from_geodetic(lat: ScalarLike, lon: ScalarLike, h: ScalarLike) -> Vector3:
+def ecef_from_geodetic(lat: ScalarLike, lon: ScalarLike, h: ScalarLike, ellipsoid: Ellipsoid = WGS84) -> Vector3:
     """Earth-centred, Earth-fixed position (3,), m, of geodetic latitude and longitude in rad and height in m.
 
     The height is above the ellipsoid. Closed form, exact.
     """
     s_lat, c_lat = jnp.sin(lat), jnp.cos(lat)
-    _, R_N = radii_of_curvature(lat)
+    _, R_N = radii_of_curvature(lat, ellipsoid)
     across = (R_N + h) * c_lat
-    return jnp.stack([across * jnp.cos(lon), across * jnp.sin(lon), (R_N * (1.0 - WGS84_E2) + h) * s_lat])
+    return jnp.stack([across * jnp.cos(lon), across * jnp.sin(lon), (R_N * (1.0 - ellipsoid.e2) + h) * s_lat])
 
 
-def geodetic_from_ecef(position_e: Vector3) -> tuple[Scalar, Scalar, Scalar]:
+def geodetic_from_ecef(position_e: Vector3, ellipsoid: Ellipsoid = WGS84) -> tuple[Scalar, Scalar, Scalar]:
     """Geodetic latitude, longitude and height of an Earth-centred, Earth-fixed position.
 
     Parameters
     ----------
     position_e
         Position (3,), ECEF, m.
+    ellipsoid
+        Figure of the Earth.
 
     Returns
     -------
@@ -46,24 +85,34 @@ def geodetic_from_ecef(position_e: Vector3) -> tuple[Scalar, Scalar, Scalar]:
     conditioned from equator to pole.
     """
     x, y, z = position_e[0], position_e[1], position_e[2]
+    a, b = ellipsoid.a, ellipsoid.b
     p = safe_hypot(x, y)
     # Each step takes the direction of the reduced latitude to the direction (north, out) of the geodetic latitude.
-    north, out = _bowring_step(p, z, z * WGS84_A_M, p * WGS84_B_M)
-    north, out = _bowring_step(p, z, north * WGS84_B_M, out * WGS84_A_M)
+    north, out = _bowring_step(p, z, z * a, p * b, ellipsoid)
+    north, out = _bowring_step(p, z, north * b, out * a, ellipsoid)
     length = safe_hypot(north, out)
     s_lat, c_lat = north / length, out / length
-    h = p * c_lat + z * s_lat - WGS84_A_M * jnp.sqrt(1.0 - WGS84_E2 * s_lat**2)
+    h = p * c_lat + z * s_lat - a * jnp.sqrt(1.0 - ellipsoid.e2 * s_lat**2)
     return safe_atan2(north, out), safe_atan2(y, x), h
 
 
-def _bowring_step(p: Scalar, z: Scalar, reduced_north: Scalar, reduced_out: Scalar) -> tuple[Scalar, Scalar]:
+def _bowring_step(
+    p: Scalar, z: Scalar, reduced_north: Scalar, reduced_out: Scalar, ellipsoid: Ellipsoid
+) -> tuple[Scalar, Scalar]:
     length = safe_hypot(reduced_north, reduced_out)
     s_reduced, c_reduced = reduced_north / length, reduced_out / length
-    return z + WGS84_EP2 * WGS84_B_M * s_reduced**3, p - WGS84_E2 * WGS84_A_M * c_reduced**3
+    return (
+        z + ellipsoid.ep2 * ellipsoid.b * s_reduced**3,
+        p - ellipsoid.e2 * ellipsoid.a * c_reduced**3,
+    )
 
 
 def geodetic_from_flat(
-    position_n: Vector3, reference_latitude: ScalarLike, reference_longitude: ScalarLike, reference_height: ScalarLike
+    position_n: Vector3,
+    reference_latitude: ScalarLike,
+    reference_longitude: ScalarLike,
+    reference_height: ScalarLike,
+    ellipsoid: Ellipsoid = WGS84,
 ) -> tuple[Scalar, Scalar, Scalar]:
     """Geodetic latitude, longitude and height of a flat-Earth position.
 
@@ -73,13 +122,15 @@ def geodetic_from_flat(
         Flat-Earth position (3,), NED from the reference, m.
     reference_latitude, reference_longitude, reference_height
         Geodetic place of the flat Earth's origin: rad, rad, m above the ellipsoid; not a pole.
+    ellipsoid
+        Figure of the Earth.
 
     Returns
     -------
     Latitude and longitude, rad, and height, m. The longitude continues the reference's across +-pi, it is not wrapped.
     Source: theory section 1.
     """
-    R_M, R_N = radii_of_curvature(reference_latitude)
+    R_M, R_N = radii_of_curvature(reference_latitude, ellipsoid)
     north = jnp.arctan2(position_n[0], R_M + reference_height)
     east = jnp.arctan2(position_n[1], (R_N + reference_height) * jnp.cos(reference_latitude))
     return (
@@ -96,6 +147,7 @@ def flat_from_geodetic(
     reference_latitude: ScalarLike,
     reference_longitude: ScalarLike,
     reference_height: ScalarLike,
+    ellipsoid: Ellipsoid = WGS84,
 ) -> Vector3:
     """Flat-Earth position of a geodetic one: the exact inverse of `geodetic_from_flat`.
 
@@ -106,12 +158,14 @@ def flat_from_geodetic(
         longitudes too, in either turn (+-2 pi makes no difference).
     reference_latitude, reference_longitude, reference_height
         Geodetic place of the flat Earth's origin: rad, rad, m; not a pole.
+    ellipsoid
+        Figure of the Earth.
 
     Returns
     -------
     Position (3,), NED from the reference, m.
     """
-    R_M, R_N = radii_of_curvature(reference_latitude)
+    R_M, R_N = radii_of_curvature(reference_latitude, ellipsoid)
     north = (R_M + reference_height) * jnp.tan(jnp.asarray(lat) - reference_latitude)
     east = (R_N + reference_height) * jnp.cos(reference_latitude) * jnp.tan(jnp.asarray(lon) - reference_longitude)
     return jnp.stack([north, east, jnp.asarray(reference_height) - h])

@@ -1,0 +1,116 @@
+"""Rigid bodies with constant drag and rate damping, no controls, no engine: the vehicles of the NESC check-cases."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from anser.aircraft.actuators import Actuators
+from anser.aircraft.air_data import AirData
+from anser.aircraft.interface import AbstractAirframe, MassProperties, Wrench
+from anser.shapes import Flag, Scalar, ScalarLike, Vector3
+from anser.units import FOOT_M, SLUG_FT2_KG_M2, SLUG_KG
+
+
+class SimpleBody(AbstractAirframe):
+    """A body whose drag coefficient does not depend on its attitude and whose rotation the air damps linearly.
+
+    Attributes
+    ----------
+    area, span, chord
+        Reference area (m^2) and lengths (m) of roll and yaw, and of pitch.
+    drag_coefficient
+        CD, force against the motion through the air over qbar S.
+    damping
+        Clp, Cmq, Cnr per unit p b/2V, q c/2V, r b/2V.
+    speed_min
+        Speed below which the one in p b/2V is held, m/s, so that the damping stays finite at rest.
+    """
+
+    mass_properties: MassProperties
+    actuators: Actuators
+    alpha_range: tuple[Scalar, Scalar]
+    beta_range: tuple[Scalar, Scalar]
+    area: Scalar
+    span: Scalar
+    chord: Scalar
+    drag_coefficient: Scalar
+    damping: Vector3
+    speed_min: Scalar
+
+    def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector3) -> Wrench:
+        """Drag against the motion and damping moments; `rates_b` relative to the air. Source: [NESC] cases 1 to 10."""
+        ca, sa, cb, sb = (f(x) for x in (air_data.alpha, air_data.beta) for f in (jnp.cos, jnp.sin))
+        scale = air_data.qbar * self.area
+        lengths = jnp.stack([self.span, self.chord, self.span])
+        reduced = rates_b * lengths / (2.0 * jnp.maximum(air_data.V, self.speed_min))
+        return Wrench(
+            force_b=-scale * self.drag_coefficient * jnp.stack([ca * cb, sb, sa * cb]),
+            moment_b=scale * lengths * self.damping * reduced,
+        )
+
+    def propulsion(self, power: ScalarLike, altitude: ScalarLike, mach: ScalarLike) -> Wrench:
+        """No engine: nothing."""
+        return Wrench(jnp.zeros(3), jnp.zeros(3))
+
+    def power_rate(self, power: ScalarLike, throttle: ScalarLike) -> Scalar:
+        """No engine: 0."""
+        return jnp.zeros(())
+
+    def power_for_thrust(self, thrust: ScalarLike, altitude: ScalarLike, mach: ScalarLike) -> Scalar:
+        """No engine: 0, whatever is wanted."""
+        return jnp.zeros(())
+
+    def throttle_for_power(self, power: ScalarLike) -> Scalar:
+        """No engine: 0."""
+        return jnp.zeros(())
+
+    def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
+        """No engine: 0."""
+        return jnp.zeros(())
+
+    def outside_tables(self, air_data: AirData) -> Flag:
+        """Constant coefficients hold everywhere by definition: never."""
+        return air_data.V < 0.0
+
+
+def body_from_data(data: Mapping[str, Any], name: str) -> SimpleBody:
+    """Build a body from its data file.
+
+    Parameters
+    ----------
+    data
+        Content of `aircraft/data/bodies.json`.
+    name
+        One of its bodies.
+
+    Raises
+    ------
+    ValueError
+        If there is no such body; the message lists the known ones.
+    """
+    if name not in data["bodies"]:
+        raise ValueError(f"body {name!r}: known are {', '.join(data['bodies'])}")
+    body = data["bodies"][name]
+    inertia_b = np.diag(np.asarray(body["inertia_slug_ft2"], dtype=float) * SLUG_FT2_KG_M2)
+    built = SimpleBody(
+        mass_properties=MassProperties(
+            mass=body["mass_slug"] * SLUG_KG,
+            inertia_b=jnp.asarray(inertia_b),
+            inertia_inverse_b=jnp.asarray(np.linalg.inv(inertia_b)),
+            spin_momentum_b=jnp.zeros(3),
+        ),
+        # Nothing to move: the stops stand at zero.
+        actuators=Actuators(jnp.ones(3), jnp.zeros(3), jnp.zeros(3), jnp.zeros(3)),
+        alpha_range=(jnp.asarray(-jnp.pi), jnp.asarray(jnp.pi)),
+        beta_range=(jnp.asarray(-0.5 * jnp.pi), jnp.asarray(0.5 * jnp.pi)),
+        area=body["area_ft2"] * FOOT_M**2,
+        span=body["span_ft"] * FOOT_M,
+        chord=body["chord_ft"] * FOOT_M,
+        drag_coefficient=body["drag_coefficient"],
+        damping=jnp.asarray(body["damping"], dtype=float),
+        speed_min=data["speed_min_ft_s"] * FOOT_M,
+    )
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype=float), built)

@@ -1,0 +1,249 @@
+"""The Earth under a flight: flat, or rotating and round; what each means for motion seen in local axes."""
+
+import abc
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from anser.constants import EARTH_GM_M3_S2, EARTH_J2, EARTH_ROTATION_RAD_S, WGS84_A_M, WGS84_F
+from anser.environment.gravity import gravitation_j2
+from anser.shapes import Matrix33, Scalar, ScalarLike, Vector3
+from anser.spatial import (
+    Ellipsoid,
+    cross,
+    ecef_from_geodetic,
+    flat_from_geodetic,
+    geodetic_from_ecef,
+    geodetic_from_flat,
+    radii_of_curvature,
+    rotate,
+    rotate_back,
+    rotation_ned_from_ecef,
+)
+
+
+class LocalEarth(eqx.Module):
+    """What the Earth means for motion at one place and velocity, in the local NED axes.
+
+    Attributes
+    ----------
+    gravity
+        Effective gravity (gravitation and centrifugal acceleration) along down, m/s^2.
+    apparent_gravity_n
+        What a free body accelerates with, seen from the NED axes that travel with it: effective gravity less the
+        accelerations of Coriolis and of the turning axes, m/s^2.
+    earth_rate_n
+        Angular velocity of the Earth, rad/s.
+    transport_rate_n
+        Angular velocity of the travelling NED axes relative to the Earth, rad/s.
+    chart_scale
+        Rate of the chart's coordinates (north, east, down) per velocity along NED.
+    """
+
+    gravity: Scalar
+    apparent_gravity_n: Vector3
+    earth_rate_n: Vector3
+    transport_rate_n: Vector3
+    chart_scale: Vector3
+
+
+class AbstractEarth(eqx.Module):
+    """An Earth with a chart on it: places are (north, east, down) from an origin, m; down is minus the altitude."""
+
+    @property
+    @abc.abstractmethod
+    def gravity_at_origin(self) -> Scalar:
+        """Effective gravity at the chart's origin, m/s^2."""
+
+    @abc.abstractmethod
+    def local(self, position_n: Vector3, velocity_n: Vector3) -> LocalEarth:
+        """What the Earth means at a place of the chart (3,), m, for a velocity over ground (3,), NED, m/s."""
+
+    @abc.abstractmethod
+    def sight(self, position_n: Vector3, other_n: Vector3, other_velocity_n: Vector3) -> tuple[Vector3, Vector3]:
+        """Another point and its motion, as seen from a place.
+
+        Parameters
+        ----------
+        position_n, other_n
+            Places of the chart (3,), m.
+        other_velocity_n
+            Rate of change of the other's chart coordinates (3,), m/s.
+
+        Returns
+        -------
+        Straight line from the place to the other (3,), m, and the other's velocity over ground (3,), m/s, both in the
+        NED axes of the place.
+        """
+
+    @abc.abstractmethod
+    def charted(self, position_n: Vector3, line_n: Vector3, velocity_n: Vector3) -> tuple[Vector3, Vector3]:
+        """Place and rate in the chart of a point seen from a place: the inverse of `sight`."""
+
+
+class FlatEarth(AbstractEarth):
+    """A flat Earth at rest with the same gravity everywhere (theory section 2).
+
+    Attributes
+    ----------
+    gravity
+        m/s^2.
+    """
+
+    gravity: Scalar
+
+    @property
+    def gravity_at_origin(self) -> Scalar:
+        """Gravity, m/s^2."""
+        return self.gravity
+
+    def local(self, position_n: Vector3, velocity_n: Vector3) -> LocalEarth:
+        """Gravity down and nothing else; the chart is the plane itself."""
+        zero = jnp.zeros_like(self.gravity)
+        return LocalEarth(
+            gravity=self.gravity,
+            apparent_gravity_n=jnp.stack([zero, zero, self.gravity]),
+            earth_rate_n=jnp.zeros(3),
+            transport_rate_n=jnp.zeros(3),
+            chart_scale=jnp.ones(3),
+        )
+
+    def sight(self, position_n: Vector3, other_n: Vector3, other_velocity_n: Vector3) -> tuple[Vector3, Vector3]:
+        """Difference of the places; velocity as it is."""
+        return other_n - position_n, other_velocity_n
+
+    def charted(self, position_n: Vector3, line_n: Vector3, velocity_n: Vector3) -> tuple[Vector3, Vector3]:
+        """Sum of place and line; velocity as it is."""
+        return position_n + line_n, velocity_n
+
+
+class RotatingEarth(AbstractEarth):
+    """A rotating ellipsoid (or sphere) with the gravitation of an oblate body.
+
+    The chart is the flat-Earth map of theory section 1 around a reference, taken exactly (`geodetic_from_flat`): its
+    coordinates are functions of longitude, of latitude and of height alone. Its scale departs from 1 by about the
+    distance over the Earth's radius, which `chart_scale` accounts for.
+
+    Attributes
+    ----------
+    ellipsoid
+        Figure of the Earth; altitudes are heights above it.
+    rotation_rate
+        About the polar axis, rad/s.
+    gravitational_parameter, oblateness_j2
+        GM, m^3/s^2, and J2.
+    latitude, longitude
+        Geodetic place of the chart's origin at height 0, rad; not a pole.
+    """
+
+    ellipsoid: Ellipsoid
+    rotation_rate: Scalar
+    gravitational_parameter: Scalar
+    oblateness_j2: Scalar
+    latitude: Scalar
+    longitude: Scalar
+
+    @property
+    def gravity_at_origin(self) -> Scalar:
+        """Effective gravity at the chart's origin, along down, m/s^2."""
+        zero = jnp.zeros(3)
+        return self.local(zero, zero).gravity
+
+    def geodetic(self, position_n: Vector3) -> tuple[Scalar, Scalar, Scalar]:
+        """Latitude and longitude, rad, and height, m, of a place of the chart."""
+        return geodetic_from_flat(position_n, self.latitude, self.longitude, 0.0, self.ellipsoid)
+
+    def ecef_from_chart(self, position_n: Vector3) -> Vector3:
+        """Earth-fixed position (3,), m, of a place of the chart."""
+        return ecef_from_geodetic(*self.geodetic(position_n), self.ellipsoid)
+
+    def chart_from_ecef(self, position_e: Vector3) -> Vector3:
+        """Place in the chart (3,), m, of an Earth-fixed position, m."""
+        lat, lon, h = geodetic_from_ecef(position_e, self.ellipsoid)
+        return flat_from_geodetic(lat, lon, h, self.latitude, self.longitude, 0.0, self.ellipsoid)
+
+    def effective_gravity_e(self, position_e: Vector3) -> Vector3:
+        """Gravitation and centrifugal acceleration (3,), ECEF axes, m/s^2, at an Earth-fixed position, m."""
+        out_e = jnp.stack([position_e[0], position_e[1], jnp.zeros_like(position_e[2])])
+        return self.gravitation_e(position_e) + self.rotation_rate * self.rotation_rate * out_e
+
+    def gravitation_e(self, position_e: Vector3) -> Vector3:
+        """Gravitation alone (3,), ECEF axes, m/s^2, at an Earth-fixed position, m."""
+        return gravitation_j2(position_e, self.gravitational_parameter, self.oblateness_j2, self.ellipsoid.a)
+
+    def local(self, position_n: Vector3, velocity_n: Vector3) -> LocalEarth:
+        """Effective gravity, Coriolis acceleration, the turning of the axes and the chart's scale.
+
+        Source: [SL] eq. 1.7-18 to 1.7-20 in NED axes.
+        """
+        lat, lon, h = self.geodetic(position_n)
+        R_M, R_N = radii_of_curvature(lat, self.ellipsoid)
+        R_ne = rotation_ned_from_ecef(lat, lon)
+        gravity_n = rotate(R_ne, self.effective_gravity_e(ecef_from_geodetic(lat, lon, h, self.ellipsoid)))
+        c_lat, s_lat = jnp.cos(lat), jnp.sin(lat)
+        earth_rate_n = self.rotation_rate * jnp.stack([c_lat, jnp.zeros_like(lat), -s_lat])
+        east_rate = velocity_n[1] / (R_N + h)
+        transport_rate_n = jnp.stack([east_rate, -velocity_n[0] / (R_M + h), -east_rate * s_lat / c_lat])
+        reference_M, reference_N = radii_of_curvature(self.latitude, self.ellipsoid)
+        reference_east = reference_N * jnp.cos(self.latitude)
+        north, east = position_n[0] / reference_M, position_n[1] / reference_east
+        return LocalEarth(
+            gravity=gravity_n[2],
+            apparent_gravity_n=gravity_n - cross(2.0 * earth_rate_n + transport_rate_n, velocity_n),
+            earth_rate_n=earth_rate_n,
+            transport_rate_n=transport_rate_n,
+            chart_scale=jnp.stack(
+                [
+                    reference_M * (1.0 + north * north) / (R_M + h),
+                    reference_east * (1.0 + east * east) / ((R_N + h) * c_lat),
+                    jnp.ones_like(lat),
+                ]
+            ),
+        )
+
+    def sight(self, position_n: Vector3, other_n: Vector3, other_velocity_n: Vector3) -> tuple[Vector3, Vector3]:
+        """Straight line through space and velocity over ground, both turned into the place's axes."""
+        R_ne, other_R_ne = self._axes(position_n), self._axes(other_n)
+        line_e = self.ecef_from_chart(other_n) - self.ecef_from_chart(position_n)
+        velocity_n = other_velocity_n / self.local(other_n, jnp.zeros(3)).chart_scale
+        return rotate(R_ne, line_e), rotate(R_ne, rotate_back(other_R_ne, velocity_n))
+
+    def charted(self, position_n: Vector3, line_n: Vector3, velocity_n: Vector3) -> tuple[Vector3, Vector3]:
+        """Place and rate in the chart of what stands at the end of a straight line."""
+        R_ne = self._axes(position_n)
+        other_n = self.chart_from_ecef(self.ecef_from_chart(position_n) + rotate_back(R_ne, line_n))
+        other_velocity_n = rotate(self._axes(other_n), rotate_back(R_ne, velocity_n))
+        return other_n, self.local(other_n, jnp.zeros(3)).chart_scale * other_velocity_n
+
+    def _axes(self, position_n: Vector3) -> Matrix33:
+        lat, lon, _ = self.geodetic(position_n)
+        return rotation_ned_from_ecef(lat, lon)
+
+
+def wgs84_earth(latitude: ScalarLike, longitude: ScalarLike) -> RotatingEarth:
+    """Rotating WGS-84 Earth with J2 gravitation, its chart around a geodetic place (rad)."""
+    return RotatingEarth(
+        ellipsoid=Ellipsoid(jnp.asarray(WGS84_A_M), jnp.asarray(WGS84_F)),
+        rotation_rate=jnp.asarray(EARTH_ROTATION_RAD_S),
+        gravitational_parameter=jnp.asarray(EARTH_GM_M3_S2),
+        oblateness_j2=jnp.asarray(EARTH_J2),
+        latitude=jnp.asarray(latitude, dtype=float),
+        longitude=jnp.asarray(longitude, dtype=float),
+    )
+
+
+def spherical_earth(
+    radius: ScalarLike, latitude: ScalarLike, longitude: ScalarLike, rotation_rate: ScalarLike = 0.0
+) -> RotatingEarth:
+    """Spherical Earth of a radius in m with inverse-square gravitation, at rest unless it rotates (rad/s).
+
+    The chart's origin is a geodetic place in rad. Source: [NESC] cases 4 and 5.
+    """
+    return RotatingEarth(
+        ellipsoid=Ellipsoid(jnp.asarray(radius, dtype=float), jnp.asarray(0.0)),
+        rotation_rate=jnp.asarray(rotation_rate, dtype=float),
+        gravitational_parameter=jnp.asarray(EARTH_GM_M3_S2),
+        oblateness_j2=jnp.asarray(0.0),
+        latitude=jnp.asarray(latitude, dtype=float),
+        longitude=jnp.asarray(longitude, dtype=float),
+    )
