@@ -1,4 +1,4 @@
-"""Steady wind: the meteorological sense, and no dependence on place and time."""
+"""Wind: the meteorological sense, steady wind and shear profiles."""
 
 import jax
 import jax.numpy as jnp
@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anser.environment import AbstractWind, SteadyWind, steady_wind_from
+from anser.environment import AbstractWind, LayeredWind, SteadyWind, steady_wind_from
 
 
 @pytest.mark.parametrize(
@@ -52,3 +52,19 @@ def test_gradient_and_batch_of_winds():
     np.testing.assert_allclose(slopes[1], [-10.0 * np.pi / 180.0, 0.0, 0.0], atol=1e-15)
     winds = jax.vmap(steady_wind_from)(jnp.array([5.0, 7.0]), jnp.array([0.0, 180.0]))
     np.testing.assert_allclose(winds.velocity_n, [[-5.0, 0.0, 0.0], [7.0, 0.0, 0.0]], atol=1e-15)
+
+
+def test_layers_are_joined_by_lines_and_end_level():
+    wind = LayeredWind(
+        jnp.array([100.0, 200.0, 400.0]), jnp.array([[0.0, 10.0, 0.0], [5.0, 20.0, 1.0], [5.0, 0.0, 1.0]])
+    )
+    for altitude, expected in ((0.0, [0, 10, 0]), (150.0, [2.5, 15, 0.5]), (300.0, [5, 10, 1]), (900.0, [5, 0, 1])):
+        np.testing.assert_allclose(wind.at(jnp.array([1e4, -1e4, -altitude]), 7.0), expected, atol=1e-15)
+
+
+def test_layers_are_differentiable_and_batched():
+    wind = LayeredWind(jnp.array([0.0, 1000.0]), jnp.array([[0.0, -6.0, 0.0], [0.0, 24.0, 0.0]]))
+    slope = jax.jacfwd(lambda p: wind.at(p, 0.0))(jnp.array([0.0, 0.0, -500.0]))
+    np.testing.assert_allclose(slope, [[0, 0, 0], [0, 0, -0.03], [0, 0, 0]], atol=1e-17)
+    many = jax.vmap(wind.at, in_axes=(0, None))(jnp.array([[0.0, 0.0, -500.0], [0.0, 0.0, -1000.0]]), 0.0)
+    np.testing.assert_allclose(many[:, 1], [9.0, 24.0])

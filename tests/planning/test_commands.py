@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from planning_cases import angles, trajectories, velocity
 
-from anser.planning import polar
+from anser.planning import polar, rescaled
 
 
 @settings(deadline=None, max_examples=30)
@@ -44,3 +44,19 @@ def test_gradients_are_finite_at_rest_and_in_the_vertical(v):
 def test_vertical_path_angle_and_vmap():
     command = jax.vmap(polar)(jnp.array([[0.0, 0.0, -90.0], [0.0, 0.0, 90.0]]), jnp.zeros((2, 3)))
     np.testing.assert_array_equal(command.gamma, [np.pi / 2, -np.pi / 2])
+
+
+@settings(deadline=None, max_examples=30)
+@given(
+    speed=st.floats(20.0, 400.0),
+    course=angles,
+    path_angle=st.floats(-1.3, 1.3),
+    acceleration=st.tuples(*(st.floats(-30.0, 30.0),) * 3).map(jnp.array),
+    scale=st.tuples(*(st.floats(0.5, 2.0),) * 3).map(jnp.array),
+)
+def test_rescaled_is_the_polar_form_of_the_scaled_velocity(speed, course, path_angle, acceleration, scale):
+    flown = velocity(speed, course, path_angle)
+    found = rescaled(polar(flown, acceleration), scale)
+    expected = polar(scale * flown, scale * acceleration)
+    for name in ("V", "gamma", "chi", "V_dot", "gamma_dot", "chi_dot"):
+        assert float(getattr(found, name)) == pytest.approx(float(getattr(expected, name)), rel=1e-9, abs=1e-9), name

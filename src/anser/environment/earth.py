@@ -222,14 +222,7 @@ class RotatingEarth(AbstractEarth):
 
 def wgs84_earth(latitude: ScalarLike, longitude: ScalarLike) -> RotatingEarth:
     """Rotating WGS-84 Earth with J2 gravitation, its chart around a geodetic place (rad)."""
-    return RotatingEarth(
-        ellipsoid=Ellipsoid(jnp.asarray(WGS84_A_M), jnp.asarray(WGS84_F)),
-        rotation_rate=jnp.asarray(EARTH_ROTATION_RAD_S),
-        gravitational_parameter=jnp.asarray(EARTH_GM_M3_S2),
-        oblateness_j2=jnp.asarray(EARTH_J2),
-        latitude=jnp.asarray(latitude, dtype=float),
-        longitude=jnp.asarray(longitude, dtype=float),
-    )
+    return _earth(WGS84_A_M, WGS84_F, EARTH_ROTATION_RAD_S, EARTH_J2, latitude, longitude)
 
 
 def spherical_earth(
@@ -239,11 +232,14 @@ def spherical_earth(
 
     The chart's origin is a geodetic place in rad. Source: [NESC] cases 4 and 5.
     """
-    return RotatingEarth(
-        ellipsoid=Ellipsoid(jnp.asarray(radius, dtype=float), jnp.asarray(0.0)),
-        rotation_rate=jnp.asarray(rotation_rate, dtype=float),
-        gravitational_parameter=jnp.asarray(EARTH_GM_M3_S2),
-        oblateness_j2=jnp.asarray(0.0),
-        latitude=jnp.asarray(latitude, dtype=float),
-        longitude=jnp.asarray(longitude, dtype=float),
+    return _earth(radius, 0.0, rotation_rate, 0.0, latitude, longitude)
+
+
+def _earth(
+    a: ScalarLike, f: ScalarLike, rotation_rate: ScalarLike, j2: ScalarLike, latitude: ScalarLike, longitude: ScalarLike
+) -> RotatingEarth:
+    # Strongly typed leaves: replacing one by another array does not recompile.
+    radius, flattening, rate, gm, oblateness, lat, lon = (
+        jnp.asarray(x, dtype=float) for x in (a, f, rotation_rate, EARTH_GM_M3_S2, j2, latitude, longitude)
     )
+    return RotatingEarth(Ellipsoid(radius, flattening), rate, gm, oblateness, lat, lon)

@@ -1,0 +1,71 @@
+"""Rigid bodies: drag against the motion, damping of the rates, no engine."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from anser.aircraft import Wrench, air_data
+from anser.environment import standard_environment
+from anser.scenario import BODIES, load_body
+from anser.units import FOOT_M, SLUG_KG
+
+AIR = standard_environment().atmosphere.at(1000.0)
+velocities = st.tuples(*(st.floats(-400.0, 400.0),) * 3).filter(lambda v: np.linalg.norm(v) > 1.0).map(jnp.array)
+
+
+@settings(deadline=None, max_examples=30)
+@given(velocities)
+def test_drag_opposes_the_motion(velocity_b):
+    sphere = load_body("sphere")
+    data = air_data(velocity_b, 1000.0, AIR)
+    force_b = sphere.aerodynamics(data, jnp.zeros(3), jnp.zeros(3)).force_b
+    # CD 0.1 on 0.1963495 ft^2 ([NESC] cannonball).
+    size = 0.5 * float(AIR.density) * 0.1 * 0.1963495 * FOOT_M**2 * float(jnp.linalg.norm(velocity_b))
+    np.testing.assert_allclose(force_b, -size * velocity_b, rtol=1e-12, atol=1e-12)
+
+
+def test_brick_is_damped_about_each_axis():
+    """M = qbar S l (-1) w l / 2V with the brick's span for roll and yaw and its chord for pitch."""
+    brick = load_body("brick")
+    data = air_data(jnp.array([100.0, 0.0, 0.0]), 1000.0, AIR)
+    rates_b = jnp.array([1.0, 2.0, -3.0])
+    lengths = np.array([0.33333, 0.66667, 0.33333]) * FOOT_M
+    expected = -float(data.qbar) * 0.22222 * FOOT_M**2 * lengths**2 * np.asarray(rates_b) / 200.0
+    found = brick.aerodynamics(data, rates_b, jnp.zeros(3))
+    np.testing.assert_allclose(found.moment_b, expected, rtol=1e-12)
+    np.testing.assert_array_equal(found.force_b, np.zeros(3))
+    np.testing.assert_array_equal(
+        load_body("undamped-brick").aerodynamics(data, rates_b, jnp.zeros(3)).moment_b, np.zeros(3)
+    )
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_at_rest_everything_is_finite_and_zero(name):
+    body = load_body(name)
+
+    def wrench(velocity_b, rates_b):
+        return body.aerodynamics(air_data(velocity_b, 0.0, AIR), rates_b, jnp.zeros(3))
+
+    still = wrench(jnp.zeros(3), jnp.ones(3))
+    np.testing.assert_array_equal(still.force_b, np.zeros(3))
+    np.testing.assert_array_equal(still.moment_b, np.zeros(3))
+    for slope in jax.tree.leaves(jax.jacfwd(wrench, (0, 1))(jnp.zeros(3), jnp.ones(3))):
+        assert np.all(np.isfinite(slope))
+
+
+def test_no_engine_and_no_surfaces():
+    body = load_body("sphere")
+    assert float(body.mass_properties.mass) == pytest.approx(SLUG_KG, rel=1e-15)
+    thrust = body.propulsion(50.0, 1000.0, 0.5)
+    assert isinstance(thrust, Wrench)
+    np.testing.assert_array_equal(thrust.force_b, np.zeros(3))
+    np.testing.assert_array_equal(body.actuators.rate(jnp.zeros(3), jnp.ones(3)), np.zeros(3))
+    assert float(body.power_rate(0.0, 1.0)) == 0.0
+
+
+def test_unknown_body_is_named_with_the_known_ones():
+    with pytest.raises(ValueError, match="'cube': known are dragless-sphere, sphere, undamped-brick, brick"):
+        load_body("cube")

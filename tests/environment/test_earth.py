@@ -1,0 +1,150 @@
+"""The Earth, flat and round: gravity against potentials and published values, the chart against pymap3d."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pymap3d
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from anser.constants import EARTH_GM_M3_S2, EARTH_J2, EARTH_ROTATION_RAD_S, WGS84_A_M
+from anser.environment import FlatEarth, gravitation_j2, somigliana, spherical_earth, wgs84_earth
+from anser.spatial import rotate_back, rotation_ned_from_ecef
+from anser.units import DEG_RAD, FOOT_M, RAD_DEG
+
+generic = settings(deadline=None, max_examples=30)
+LATITUDE, LONGITUDE = 50.0 * DEG_RAD, 179.9 * DEG_RAD  # the date line runs through the chart
+EARTH = wgs84_earth(LATITUDE, LONGITUDE)
+FLAT = FlatEarth(jnp.asarray(9.81))
+places = st.tuples(*(st.floats(-50e3, 50e3),) * 2, st.floats(-15e3, -10.0)).map(jnp.array)
+velocities = st.tuples(*(st.floats(-300.0, 300.0),) * 3).map(jnp.array)
+
+_sight, _local = eqx.filter_jit(EARTH.sight), eqx.filter_jit(EARTH.local)
+
+
+def _geodetic_deg(place):
+    lat, lon, h = EARTH.geodetic(place)
+    return float(lat) * RAD_DEG, float(lon) * RAD_DEG, float(h)
+
+
+def test_gravitation_at_the_nesc_start():
+    """[NESC]: 32.106535952 ft/s^2 at 30,000 ft over the equator with J2, 32.126312071 over the sphere; ten digits."""
+    place_n = jnp.array([0.0, 0.0, -30_000.0 * FOOT_M])
+    for earth, expected in (
+        (wgs84_earth(0.0, 0.0), 32.106535952),
+        (spherical_earth(6371007.1809, 0.0, 0.0), 32.126312071),
+    ):
+        found = jnp.linalg.norm(earth.gravitation_e(earth.ecef_from_chart(place_n))) / FOOT_M
+        assert float(found) == pytest.approx(expected, abs=6e-10)
+
+
+@generic
+@given(st.tuples(*(st.floats(-1.0, 1.0),) * 3).filter(lambda d: np.linalg.norm(d) > 0.1), st.floats(6.3e6, 5e7))
+def test_gravitation_is_the_gradient_of_its_potential(direction, radius):
+    position_e = jnp.array(direction) / np.linalg.norm(direction) * radius
+
+    def potential(p):
+        r = jnp.sqrt(jnp.sum(p * p))
+        legendre = 0.5 * (3.0 * (p[2] / r) ** 2 - 1.0)
+        return EARTH_GM_M3_S2 / r * (1.0 - EARTH_J2 * (WGS84_A_M / r) ** 2 * legendre)
+
+    expected = jax.grad(potential)(position_e)
+    found = gravitation_j2(position_e, EARTH_GM_M3_S2, EARTH_J2, WGS84_A_M)
+    np.testing.assert_allclose(found, expected, atol=1e-13 * float(jnp.max(jnp.abs(expected))))
+
+
+@pytest.mark.parametrize("latitude_deg", [0.0, 20.0, 45.0, 70.0, 89.0])
+def test_gravity_on_the_ellipsoid_is_normal_gravity(latitude_deg):
+    """The J2 field leaves out the ellipsoid's own J4 of 2.37e-6 and higher: up to 5 J4 g = 1.17e-4 m/s^2, at the pole."""
+    earth = wgs84_earth(latitude_deg * DEG_RAD, 0.3)
+    local = earth.local(jnp.zeros(3), jnp.zeros(3))
+    assert float(local.gravity) == pytest.approx(float(somigliana(latitude_deg * DEG_RAD)), abs=1.3e-4)
+    assert abs(float(local.apparent_gravity_n[0])) < 1.3e-4
+    assert float(local.apparent_gravity_n[1]) == pytest.approx(0.0, abs=1e-15)
+
+
+@generic
+@given(places, velocities)
+def test_the_chart_moves_with_the_velocity(place, velocity_n):
+    """Rate of the chart times its Jacobian is the velocity: an independent route to the scale."""
+    rate = _local(place, velocity_n).chart_scale * velocity_n
+    _, velocity_e = jax.jvp(EARTH.ecef_from_chart, (place,), (rate,))
+    lat, lon, _ = EARTH.geodetic(place)
+    # 6.4e6 m times the rounding of sines.
+    np.testing.assert_allclose(velocity_e, rotate_back(rotation_ned_from_ecef(lat, lon), velocity_n), atol=1e-9)
+
+
+@generic
+@given(places, velocities)
+def test_the_axes_turn_with_the_transport_rate(place, velocity_n):
+    local = _local(place, velocity_n)
+
+    def axes(p):
+        lat, lon, _ = EARTH.geodetic(p)
+        return rotation_ned_from_ecef(lat, lon)
+
+    R_ne, R_ne_dot = jax.jvp(axes, (place,), (local.chart_scale * velocity_n,))
+    x, y, z = np.asarray(local.transport_rate_n)
+    np.testing.assert_allclose(R_ne_dot, -np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ R_ne, atol=1e-16)
+
+
+@generic
+@given(places, velocities)
+def test_apparent_gravity_is_gravity_less_coriolis(place, velocity_n):
+    """Against vector products in Earth-fixed axes; the part of the turning axes is the transport rate's, tested above."""
+    local = _local(place, velocity_n)
+    position_e = EARTH.ecef_from_chart(place)
+    lat, lon, _ = EARTH.geodetic(place)
+    R_ne = np.asarray(rotation_ned_from_ecef(lat, lon))
+    w_e = np.array([0.0, 0.0, EARTH_ROTATION_RAD_S])
+    attraction = np.asarray(EARTH.gravitation_e(position_e)) - np.cross(w_e, np.cross(w_e, position_e))
+    coriolis = 2 * np.cross(w_e, R_ne.T @ np.asarray(velocity_n))
+    turning = np.cross(local.transport_rate_n, velocity_n)
+    np.testing.assert_allclose(local.apparent_gravity_n, R_ne @ (attraction - coriolis) - turning, atol=1e-13)
+    np.testing.assert_allclose(local.earth_rate_n, R_ne @ w_e, atol=1e-19)
+
+
+@generic
+@given(places, places)
+def test_sight_line_equals_pymap3d(place, other):
+    line_n, _ = _sight(place, other, jnp.zeros(3))
+    expected = pymap3d.geodetic2ned(*_geodetic_deg(other), *_geodetic_deg(place))
+    np.testing.assert_allclose(line_n, expected, atol=1e-7)  # two positions of 6.4e6 m through degrees
+
+
+@generic
+@given(places, places, velocities)
+@pytest.mark.parametrize("earth", [EARTH, FLAT], ids=["round", "flat"])
+def test_charted_undoes_sight(earth, place, other, rate):
+    found, found_rate = earth.charted(place, *earth.sight(place, other, rate))
+    np.testing.assert_allclose(found, other, atol=1e-7)
+    np.testing.assert_allclose(found_rate, rate, atol=1e-10)
+
+
+def test_flat_earth_is_gravity_and_nothing_else():
+    local = FLAT.local(jnp.array([1e4, -2e4, -3e3]), jnp.array([150.0, 20.0, 3.0]))
+    np.testing.assert_array_equal(local.apparent_gravity_n, [0.0, 0.0, 9.81])
+    for zero in (local.earth_rate_n, local.transport_rate_n):
+        np.testing.assert_array_equal(zero, np.zeros(3))
+    np.testing.assert_array_equal(local.chart_scale, np.ones(3))
+    line, velocity = FLAT.sight(jnp.array([1.0, 2.0, -3.0]), jnp.array([4.0, 6.0, -8.0]), jnp.ones(3))
+    np.testing.assert_array_equal(line, [3.0, 4.0, -5.0])
+    np.testing.assert_array_equal(velocity, np.ones(3))
+
+
+def test_differentiable_and_batched():
+    place, velocity_n = jnp.array([3e3, -4e3, -1e3]), jnp.array([100.0, -50.0, 5.0])
+
+    def total(p, v):
+        local = EARTH.local(p, v)
+        line, rate = EARTH.sight(p, 2.0 * p, v)
+        return sum(jnp.sum(leaf) for leaf in jax.tree.leaves((local, line, rate)))
+
+    for gradient in jax.grad(total, (0, 1))(place, velocity_n):
+        assert np.all(np.isfinite(gradient))
+    batch = jax.vmap(EARTH.local)(jnp.stack([place, place + 10.0]), jnp.stack([velocity_n] * 2))
+    np.testing.assert_allclose(
+        batch.apparent_gravity_n[0], EARTH.local(place, velocity_n).apparent_gravity_n, rtol=1e-14
+    )
