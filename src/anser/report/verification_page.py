@@ -1,0 +1,171 @@
+"""The verification page: from the document that `anser verify --json` prints to Markdown with plots of the errors.
+
+Run as `python -m anser.report.verification_page DOCUMENT.json FOLDER`: writes FOLDER/verification.md and one plot per
+check with a time history into FOLDER/verification/, in place of what an earlier run wrote there.
+"""
+
+import json
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from anser.report.verification_plots import plot_errors
+
+__all__ = ["write_verification_page"]
+
+_ALL_ROWS = 24
+"""Checks with at most so many comparisons show all of them, others the worst of each quantity."""
+_LISTED_TIMES = 4
+
+_HEAD = """# Verification
+
+Every figure below was computed by `anser verify --json`; this page and its plots are made from that document by
+`make verification`. Errors are obtained minus expected. A check passes when every one of its figures lies within its
+tolerance; the reason of each tolerance stands with the check. Where no figure comes with this package, what was
+obtained is listed.
+"""
+
+
+def write_verification_page(document: Mapping[str, Any], folder: Path) -> Path:
+    """Write the page and its plots.
+
+    Parameters
+    ----------
+    document
+        What `anser verify --json` prints.
+    folder
+        Of the page; the plots go into `verification` inside it. Both are written anew.
+
+    Returns
+    -------
+    Path of the page.
+    """
+    plots = folder / "verification"
+    plots.mkdir(parents=True, exist_ok=True)
+    for old in plots.glob("*.svg"):
+        old.unlink()
+    parts = [_HEAD, _provenance(document), _summary(document["checks"])]
+    for check in document["checks"]:
+        drawn = plot_errors(check, plots / f"{check['key']}.svg")
+        parts.append(_section(check, f"verification/{check['key']}.svg" if drawn else None))
+    page = folder / "verification.md"
+    page.write_text("\n".join(parts), encoding="utf-8")
+    return page
+
+
+def _provenance(document: Mapping[str, Any]) -> str:
+    software = ", ".join(f"{name} {version}" for name, version in document["provenance"].items())
+    verdict = "All checks pass" if document["passed"] else "**Not all checks pass**"
+    return f"{verdict}; {document['seconds']:.0f} s of computing, compilation included, with {software}.\n"
+
+
+def _summary(checks: Sequence[Mapping[str, Any]]) -> str:
+    rows = []
+    for check in checks:
+        compared = [c for c in check["comparisons"] if c["expected"] is not None]
+        passed = sum(c["passed"] for c in compared)
+        figures = f"{passed} of {len(compared)}" if compared else "listed"
+        worst = f"{max(map(_severity, compared)):.2g}" if compared else ""
+        result = "passes" if check["passed"] else "**fails**"
+        rows.append((f"[{check['title']}](#{_anchor(check['title'])})", figures, worst, result, check["source"]))
+    return _table(("check", "figures within tolerance", "worst error, in tolerances", "result", "source"), rows)
+
+
+def _section(check: Mapping[str, Any], plot: str | None) -> str:
+    lines = [f"## {check['title']}", "", check["explanation"], ""]
+    lines += [f"Key `{check['key']}`; source: {check['source']}; tolerance: {check['why']}.", ""]
+    if check["problem"]:
+        lines += [f"**Could not be computed:** {check['problem']}", ""]
+    if plot:
+        lines += [f"![Errors of {check['title']} over time, in tolerances]({plot})", ""]
+    comparisons = check["comparisons"]
+    if comparisons and all(c["expected"] is None for c in comparisons) and comparisons[0]["time_s"] is not None:
+        lines.append(_listed(comparisons))
+    elif comparisons:
+        shown = comparisons if len(comparisons) <= _ALL_ROWS else list(_worst(comparisons))
+        head = "where" if shown is comparisons else "worst where"
+        lines.append(
+            _table(
+                ("quantity", head, "expected", "obtained", "error", "tolerance", "unit"),
+                [
+                    (
+                        c["group"],
+                        c["where"],
+                        _figure(c["expected"]),
+                        _figure(c["obtained"]),
+                        _short(c["error"]),
+                        _short(c["tolerance"]),
+                        c["unit"],
+                    )
+                    for c in shown
+                ],
+            )
+        )
+    return "\n".join(lines)
+
+
+def _worst(comparisons: Sequence[Mapping[str, Any]]) -> Iterable[Mapping[str, Any]]:
+    """Worst comparison of each quantity, in the order of the quantities."""
+    by_group: dict[str, Mapping[str, Any]] = {}
+    for comparison in comparisons:
+        known = by_group.get(comparison["group"])
+        if known is None or _severity(comparison) > _severity(known):
+            by_group[comparison["group"]] = comparison
+    return by_group.values()
+
+
+def _severity(comparison: Mapping[str, Any]) -> float:
+    if comparison["obtained"] is None:
+        return float("inf")
+    if not comparison["tolerance"]:
+        return 0.0 if comparison["passed"] else float("inf")
+    return abs(comparison["error"]) / comparison["tolerance"]
+
+
+def _listed(comparisons: Sequence[Mapping[str, Any]]) -> str:
+    """Table of quantities over some of the times."""
+    times = sorted({c["time_s"] for c in comparisons})
+    step = max(1, (len(times) - 1) // (_LISTED_TIMES - 1))
+    shown = [*times[:-1:step][: _LISTED_TIMES - 1], times[-1]]
+    values = {(c["group"], c["time_s"]): c["obtained"] for c in comparisons}
+    units = {c["group"]: c["unit"] for c in comparisons}
+    rows = [(group, *(_figure(values.get((group, t))) for t in shown), unit) for group, unit in units.items()]
+    return _table(("quantity", *(f"t = {t:g} s" for t in shown), "unit"), rows)
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines) + "\n"
+
+
+def _figure(value: float | None) -> str:
+    return "" if value is None else f"{value:.10g}"
+
+
+def _short(value: float | None) -> str:
+    return "" if value is None else f"{value:.2g}"
+
+
+def _anchor(title: str) -> str:
+    """Anchor that Markdown renderers give a heading."""
+    kept = "".join(letter for letter in title.lower() if letter.isalnum() or letter in " -_")
+    return kept.replace(" ", "-")
+
+
+def _main(words: Sequence[str]) -> int:
+    if len(words) != 2:
+        sys.stderr.write("expected two arguments: the document that `anser verify --json` printed, and a folder\n")
+        return 2
+    source, folder = Path(words[0]), Path(words[1])
+    try:
+        document = json.loads(source.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        sys.stderr.write(f"{source}: expected the document that `anser verify --json` prints ({error})\n")
+        return 2
+    sys.stdout.write(f"{write_verification_page(document, folder)}: written\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(_main(sys.argv[1:]))

@@ -1,0 +1,99 @@
+"""The verification page: what it says of a document, what it draws, how it refuses what is none."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from anser.report.verification_page import write_verification_page
+
+
+def _comparison(group, obtained, expected=None, tolerance=None, time_s=None, reference=""):
+    error = None if expected is None or obtained is None else obtained - expected
+    return {
+        "group": group,
+        "where": "" if time_s is None else f"t {time_s:g} s",
+        "unit": "m",
+        "expected": expected,
+        "obtained": obtained,
+        "error": error,
+        "tolerance": tolerance,
+        "time_s": time_s,
+        "reference": reference,
+        "passed": obtained is not None and (expected is None or abs(error) <= tolerance),
+        "problem": None if obtained is not None else "obtained nan",
+    }
+
+
+def _check(key, comparisons, problem=None):
+    return {
+        "key": key,
+        "title": f"Check | {key}",
+        "source": "[X] tab. 1",
+        "why": "half the last digit",
+        "explanation": "What was done.",
+        "seconds": 1.0,
+        "passed": problem is None and all(c["passed"] for c in comparisons),
+        "problem": problem,
+        "comparisons": comparisons,
+    }
+
+
+@pytest.fixture
+def document():
+    timed = [
+        _comparison("altitudeMsl_ft", 10.0 + 0.1 * t, 10.0, 1.0, t, sim)
+        for t in (0.0, 1.0, 2.0)
+        for sim in ("sim_04", "sim_05")
+    ]
+    listed = [_comparison("latitude_deg", 3.0 * t, time_s=t) for t in (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)]
+    checks = [
+        _check("timed", timed),
+        _check("listed", listed),
+        _check("wrong", [_comparison("length", 2.0, 1.0, 0.5), _comparison("width", None, 1.0, 0.5)]),
+        _check("broken", [], "ZeroDivisionError: no"),
+    ]
+    return {"provenance": {"anser": "1.2.3"}, "passed": False, "seconds": 4.0, "checks": checks}
+
+
+def test_page_says_what_passed_and_what_did_not(document, tmp_path):
+    text = write_verification_page(document, tmp_path).read_text()
+    assert "**Not all checks pass**; 4 s of computing, compilation included, with anser 1.2.3." in text
+    assert "| [Check \\| timed](#check--timed) | 6 of 6 | 0.2 | passes | [X] tab. 1 |" in text
+    assert "| [Check \\| listed](#check--listed) | listed |  | passes |" in text
+    assert "| [Check \\| wrong](#check--wrong) | 0 of 2 | inf | **fails** |" in text
+    assert "**Could not be computed:** ZeroDivisionError: no" in text
+    assert "| length |  | 1 | 2 | 1 | 0.5 | m |" in text
+    assert "| width |  | 1 |  |  | 0.5 | m |" in text
+    # Four of the seven times, the last among them.
+    assert "| quantity | t = 0 s | t = 2 s | t = 4 s | t = 6 s | unit |" in text
+    assert "| latitude_deg | 0 | 6 | 12 | 18 | m |" in text
+
+
+def test_only_histories_with_published_figures_are_drawn_and_always_alike(document, tmp_path):
+    stale = tmp_path / "verification" / "old.svg"
+    stale.parent.mkdir()
+    stale.write_text("")
+    page = write_verification_page(document, tmp_path)
+    plots = sorted(path.name for path in stale.parent.iterdir())
+    assert plots == ["timed.svg"]
+    assert "](verification/timed.svg)" in page.read_text()
+    first = (stale.parent / "timed.svg").read_bytes()
+    assert b"altitudeMsl_ft" in first
+    write_verification_page(document, tmp_path)
+    assert (stale.parent / "timed.svg").read_bytes() == first
+
+
+def test_from_the_command_line(document, tmp_path):
+    source = tmp_path / "document.json"
+    source.write_text(json.dumps(document))
+    run = [sys.executable, "-m", "anser.report.verification_page"]
+    done = subprocess.run([*run, source, tmp_path], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert (tmp_path / "verification.md").exists()
+    source.write_text("no JSON")
+    refused = subprocess.run([*run, source, tmp_path], capture_output=True, text=True, check=False)
+    assert refused.returncode == 2
+    assert "expected the document that `anser verify --json` prints" in refused.stderr
+    assert subprocess.run(run, capture_output=True, text=True, check=False).returncode == 2
