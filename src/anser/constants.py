@@ -1,13 +1,8 @@
 """Sourced physical constants, SI units; a name ends with its unit (none: dimensionless)."""
 
-# [WGS84] NIMA TR8350.2: the two defining lengths of the ellipsoid, and what follows from them.
+# [WGS84] NIMA TR8350.2: the two numbers that define the ellipsoid; what follows from them is `anser.spatial.Ellipsoid`.
 WGS84_A_M = 6378137.0
 WGS84_F = 1.0 / 298.257223563
-WGS84_B_M = WGS84_A_M * (1.0 - WGS84_F)
-WGS84_E2 = WGS84_F * (2.0 - WGS84_F)
-"""First eccentricity squared, (a^2 - b^2) / a^2."""
-WGS84_EP2 = WGS84_E2 / (1.0 - WGS84_E2)
-"""Second eccentricity squared, (a^2 - b^2) / b^2."""
 
 # [WGS84]; the J2 is the value that the NESC check-cases flew with ([NESC], theory section 2).
 EARTH_ROTATION_RAD_S = 7.292115e-5

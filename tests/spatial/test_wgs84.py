@@ -11,8 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from jax.test_util import check_grads
 
-from anser.constants import WGS84_A_M, WGS84_B_M
+from anser.constants import WGS84_A_M
 from anser.spatial import (
+    WGS84,
+    Ellipsoid,
     ecef_from_geodetic,
     flat_from_geodetic,
     geodetic_from_ecef,
@@ -20,6 +22,8 @@ from anser.spatial import (
     ned_from_ecef_point,
     radii_of_curvature,
 )
+
+WGS84_B_M = float(WGS84.b)
 
 latitudes = st.floats(-math.pi / 2, math.pi / 2)
 longitudes = st.floats(-3.14, 3.14)
@@ -195,3 +199,24 @@ def test_vmap_agrees_with_one_at_a_time():
     near = jnp.abs(lat - 0.1) < math.pi / 2  # the documented range of the inverse
     assert jnp.sum(near) >= 9
     np.testing.assert_allclose(jnp.where(near, lat_back - lat, 0.0), 0.0, atol=1e-15)
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.floats(-1.57, 1.57), st.floats(-3.1, 3.1), st.floats(-5e3, 5e5))
+def test_a_sphere_is_an_ellipsoid_without_flattening(lat, lon, h):
+    """On a sphere geodetic coordinates are spherical ones, and both radii of curvature are its own."""
+    sphere = Ellipsoid(6371007.1809, 0.0)
+    position_e = ecef_from_geodetic(lat, lon, h, sphere)
+    outward = np.array([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
+    np.testing.assert_allclose(position_e, (6371007.1809 + h) * outward, atol=1e-8)
+    np.testing.assert_allclose(geodetic_from_ecef(position_e, sphere), (lat, lon, h), atol=4e-9, rtol=1e-12)
+    np.testing.assert_allclose(radii_of_curvature(lat, sphere), 6371007.1809, rtol=1e-15)
+
+
+def test_ellipsoid_follows_from_a_and_f():
+    # [WGS84] TR8350.2 table 3.3: semi-minor axis to 0.1 mm, first and second eccentricity squared to 14 decimals.
+    assert pytest.approx(6356752.3142, abs=5e-5) == WGS84.b
+    assert pytest.approx(6.69437999014e-3, abs=5e-15) == WGS84.e2
+    assert pytest.approx(6.73949674228e-3, abs=5e-15) == WGS84.ep2
+    # Theory section 1 prints e itself to 13 decimals.
+    assert math.sqrt(WGS84.e2) == pytest.approx(0.0818191908426, abs=5e-14)

@@ -2,8 +2,9 @@
 
 import jax.numpy as jnp
 
-from anser.constants import SOMIGLIANA_EQUATOR_M_S2, SOMIGLIANA_K, WGS84_E2
+from anser.constants import SOMIGLIANA_EQUATOR_M_S2, SOMIGLIANA_K
 from anser.shapes import Scalar, ScalarLike, Vector3
+from anser.spatial import WGS84
 
 
 def somigliana(latitude: ScalarLike) -> Scalar:
@@ -12,7 +13,7 @@ def somigliana(latitude: ScalarLike) -> Scalar:
     Normal gravity: gravitation and centrifugal acceleration together, down. Source: theory section 1, [WGS84].
     """
     s2 = jnp.sin(latitude) ** 2
-    return SOMIGLIANA_EQUATOR_M_S2 * (1.0 + SOMIGLIANA_K * s2) / jnp.sqrt(1.0 - WGS84_E2 * s2)
+    return SOMIGLIANA_EQUATOR_M_S2 * (1.0 + SOMIGLIANA_K * s2) / jnp.sqrt(1.0 - WGS84.e2 * s2)
 
 
 def gravitation_j2(
