@@ -7,7 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 from hypothesis import strategies as st
 
-from anser.planning import PlanningTask, Rendezvous, Trajectory, arc_length, coordinate, fit_trajectory, make_rendezvous
+from anser.planning import PlanningTask, Rendezvous, arc_length, coordinate, fit_trajectory, make_rendezvous
+from anser.verification.arc_lengths import published_path as published_path
 
 angles = st.floats(-3.1, 3.1)
 path_angles = st.floats(-0.6, 0.6)
@@ -43,20 +44,6 @@ def flyable(draw):
     start = jnp.array([draw(st.floats(-1e4, 1e4)), draw(st.floats(-1e4, 1e4)), -3000.0])
     bend = distance * draw(st.floats(-2.0, 2.0))
     return _fit(draw(st.floats(0.0, 100.0)), duration, start, ends[0], start + line, ends[1], bend)
-
-
-def published_path(path_angle_f_deg: float, b_4: float = 0.0, c_4: float = 0.0) -> Trajectory:
-    """Theory section 6: t in [0, 36] s from (0, 0, 2000 m) to (5000 m, 0, 0), 150 m/s, due North."""
-    return fit_trajectory(
-        0.0,
-        36.0,
-        jnp.array([0.0, 0.0, -2000.0]),
-        velocity(150.0, 0.0),
-        jnp.array([5000.0, 0.0, 0.0]),
-        velocity(150.0, 0.0, np.deg2rad(path_angle_f_deg)),
-        b_4 * 36.0**4,
-        c_4 * 36.0**4,
-    )
 
 
 def plan_at(time, tasks, sides, even=False, speed=SPEED):

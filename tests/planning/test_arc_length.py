@@ -11,20 +11,12 @@ from planning_cases import published_path, trajectories
 from scipy.integrate import quad
 
 from anser.planning import arc_length, arc_length_estimate, bend_trajectory
+from anser.verification.arc_lengths import ARC_LENGTHS
+from support.checks import assert_passes
+from support.reference import reference
 
-# Theory section 6: final path angle (deg), b_4, c_4, six-point estimate (m).
-PUBLISHED = [
-    (-30.0, 0.0, 0.0, 5452.5),
-    (-30.0, 0.0025, 0.0, 5488.6),
-    (-30.0, 0.005, 0.0, 5594.8),
-    (-30.0, 0.0075, 0.0, 5765.6),
-    (-30.0, 0.01, 0.0, 5993.5),
-    (-21.8, 0.0, 0.0, 5435.7),
-    (-21.8, 0.0, 0.0025, 5514.5),
-    (-21.8, 0.0, -0.0025, 5418.8),
-    (-21.8, 0.0, 0.005, 5653.3),
-    (-21.8, 0.0, -0.005, 5464.8),
-]
+# Final path angle (deg), b_4, c_4, six-point estimate as printed (m).
+PUBLISHED = [(angle, b_4, c_4, float(figure)) for angle, b_4, c_4, figure in reference("arc_lengths")["rows"]]
 
 
 def reference_length(path, start_phase=0.0):
@@ -35,10 +27,9 @@ def reference_length(path, start_phase=0.0):
     )[0]
 
 
-@pytest.mark.parametrize(("path_angle", "b_4", "c_4", "figure"), PUBLISHED)
-def test_published_six_point_estimates(path_angle, b_4, c_4, figure):
-    # 0.1 m: the figures are printed with one decimal and the path angle -21.8 deg is itself rounded.
-    np.testing.assert_allclose(arc_length_estimate(published_path(path_angle, b_4, c_4)), figure, atol=0.1)
+def test_published_six_point_estimates():
+    comparisons = assert_passes(ARC_LENGTHS, 10)
+    np.testing.assert_allclose([c.tolerance for c in comparisons], 0.05)  # printed with one decimal
 
 
 @pytest.mark.parametrize(("path_angle", "b_4", "c_4", "figure"), PUBLISHED)

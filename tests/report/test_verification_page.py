@@ -21,6 +21,7 @@ def _comparison(group, obtained, expected=None, tolerance=None, time_s=None, ref
         "tolerance": tolerance,
         "time_s": time_s,
         "reference": reference,
+        "why": "",
         "passed": obtained is not None and (expected is None or abs(error) <= tolerance),
         "problem": None if obtained is not None else "obtained nan",
     }

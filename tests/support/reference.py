@@ -1,14 +1,5 @@
-"""Published check figures, as files beside the tests of the aircraft; each says what it is under `about`."""
+"""Published check figures: those that `anser verify` uses."""
 
-import functools
-import json
-import pathlib
-from typing import Any
+from anser.verification.published import published as reference
 
-_FOLDER = pathlib.Path(__file__).parent.parent / "aircraft" / "data"
-
-
-@functools.cache
-def reference(name: str) -> dict[str, Any]:
-    """Read one of `textbook_checks`, `daveml_aero_checks`, `daveml_engine_checks`."""
-    return json.loads((_FOLDER / f"{name}.json").read_text(encoding="utf-8"))
+__all__ = ["reference"]

@@ -11,6 +11,7 @@ import anser
 from anser.cli.console import RefusedError, err, screen
 from anser.cli.flights import check, new, plan, run
 from anser.cli.trimming import trim
+from anser.cli.verifying import verify
 from anser.scenario import ScenarioError
 
 app = typer.Typer(
@@ -28,7 +29,7 @@ def _top(version: Annotated[bool, typer.Option("--version", help="Print the vers
         raise typer.Exit
 
 
-for _command in (run, plan, check, trim, new):
+for _command in (run, plan, check, trim, verify, new):
     app.command()(_command)
 
 

@@ -95,7 +95,7 @@ def _section(check: Mapping[str, Any], plot: str | None) -> str:
                         _figure(c["expected"]),
                         _figure(c["obtained"]),
                         _short(c["error"]),
-                        _short(c["tolerance"]),
+                        _short(c["tolerance"]) + _own_reason(c, check),
                         c["unit"],
                     )
                     for c in shown
@@ -103,6 +103,12 @@ def _section(check: Mapping[str, Any], plot: str | None) -> str:
             )
         )
     return "\n".join(lines)
+
+
+def _own_reason(comparison: Mapping[str, Any], check: Mapping[str, Any]) -> str:
+    """Reason of a tolerance that differs from the check's."""
+    why = comparison["why"]
+    return f" ({why})" if why and why != check["why"] else ""
 
 
 def _worst(comparisons: Sequence[Mapping[str, Any]]) -> Iterable[Mapping[str, Any]]:

@@ -1,0 +1,197 @@
+"""The command verify."""
+
+import json
+import math
+import sys
+import time
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated
+
+import rich.progress
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from anser.cli.console import RefusedError, err, plain_table, screen
+
+if TYPE_CHECKING:
+    from anser.verification import Check, Comparison, Outcome
+
+_WIDTH_MIN = 160
+"""Columns of a table that nobody looks at on a screen: a pipe has none of its own."""
+
+
+def verify(
+    case: Annotated[list[str] | None, typer.Option(help="Run this check only; may be given several times.")] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print all comparisons as JSON instead of the table.")
+    ] = False,
+    only_list: Annotated[bool, typer.Option("--list", help="Print the checks there are and stop.")] = False,
+) -> None:
+    """Compute every published figure that anser knows, and compare: NASA's check-cases, the textbook, the standards."""
+    from anser.compilation_cache import enable_compilation_cache
+    from anser.verification import select_checks, to_document
+    from anser.verification import verify as run
+
+    try:
+        chosen = select_checks(case or None)
+    except ValueError as error:
+        raise RefusedError(f"--case: {error}") from None
+    if only_list:
+        if as_json:
+            raise RefusedError("--list, --json: arrived both; expected one of them")
+        _print_table(_list(chosen))
+        return
+    enable_compilation_cache()
+    columns = (
+        rich.progress.TextColumn("{task.description}"),
+        rich.progress.BarColumn(),
+        rich.progress.TaskProgressColumn(),
+        rich.progress.TimeElapsedColumn(),
+    )
+    began = time.perf_counter()
+    with rich.progress.Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
+        task = bar.add_task("starting", total=1.0)
+        outcomes = run(case or None, lambda what, done: bar.update(task, description=what, completed=done))
+    seconds = time.perf_counter() - began
+    if as_json:
+        sys.stdout.write(json.dumps(to_document(outcomes, seconds), indent=1, allow_nan=False) + "\n")
+    else:
+        _print_table(_table(outcomes))
+        _print_count(outcomes, seconds)
+    for line in [line for outcome in outcomes for line in _shortfalls(outcome)]:
+        err.print(line, soft_wrap=True, markup=False)
+    if not all(outcome.passes for outcome in outcomes):
+        raise typer.Exit(1)
+
+
+def _print_table(table: Table) -> None:
+    """Print on the screen, or without cutting or folding anything where it is no screen."""
+    if screen.is_terminal:
+        screen.print(table)
+        return
+    width = screen.measure(table, options=screen.options.update(max_width=10_000)).maximum
+    Console(file=screen.file, width=max(_WIDTH_MIN, width)).print(table)
+
+
+def _print_count(outcomes: Sequence["Outcome"], seconds: float) -> None:
+    comparisons = [comparison for outcome in outcomes for comparison in outcome.comparisons]
+    passed = sum(comparison.passes for comparison in comparisons)
+    broken = sum(outcome.problem is not None for outcome in outcomes)
+    also = f"; {broken} of {len(outcomes)} checks could not be computed" if broken else ""
+    listed = sum(comparison.expected is None for comparison in comparisons)
+    without = f" ({listed} of them have no published figure here)" if listed else ""
+    screen.print(
+        f"{passed} of {len(comparisons)} comparisons passed{without}{also}, {seconds:.1f} s",
+        soft_wrap=True,
+        highlight=False,
+    )
+
+
+def _list(checks: Sequence["Check"]) -> Table:
+    table = plain_table("checks")
+    for name in ("check", "title", "source"):
+        table.add_column(name, overflow="fold", no_wrap=name == "check")
+    for check in checks:
+        table.add_row(check.key, check.title, _plain(check.source))
+    return table
+
+
+def _table(outcomes: Sequence["Outcome"]) -> Table:
+    """One row per check and quantity: its worst point."""
+    table = plain_table("worst point of each quantity")
+    table.add_column("check", no_wrap=True)
+    table.add_column("quantity", overflow="fold")
+    for name in ("expected", "obtained", "error", "tolerance"):
+        table.add_column(name, justify="right", overflow="fold")
+    table.add_column("why that tolerance", overflow="fold")
+    table.add_column("source", overflow="fold")
+    for outcome in outcomes:
+        check = outcome.check
+        if outcome.problem is not None:
+            table.add_row(
+                check.key, _plain(outcome.problem), "-", "-", "-", "-", "-", _plain(check.source), style="red"
+            )
+        for worst in _worst(outcome.comparisons):
+            expected, obtained = _figures(worst)
+            table.add_row(
+                check.key,
+                _plain(_quantity(worst)),
+                expected,
+                obtained,
+                _short(worst.error),
+                _short(worst.tolerance),
+                _plain(worst.why or check.why),
+                _plain(check.source),
+                style=None if worst.passes else "red",
+            )
+    return table
+
+
+def _worst(comparisons: Sequence["Comparison"]) -> list["Comparison"]:
+    """Worst comparison of each group, in the order of the groups; the last of those without a published figure."""
+    worst: dict[str, Comparison] = {}
+    for comparison in comparisons:
+        before = worst.get(comparison.group)
+        tie = comparison.expected is None
+        if before is None or comparison.severity > before.severity or (tie and comparison.severity == before.severity):
+            worst[comparison.group] = comparison
+    return list(worst.values())
+
+
+def _shortfalls(outcome: "Outcome") -> list[str]:
+    """What to say about a check that does not pass: a line per quantity."""
+    key = outcome.check.key
+    if outcome.problem is not None:
+        return [f"falls short: {key}: could not be computed: {outcome.problem}"]
+    lines = []
+    for worst in _worst(outcome.comparisons):
+        if worst.passes:
+            continue
+        expected, obtained = _figures(worst)
+        of_group = [comparison for comparison in outcome.comparisons if comparison.group == worst.group]
+        short = sum(not comparison.passes for comparison in of_group)
+        lines.append(
+            f"falls short: {key}: {_quantity(worst)}: expected {expected}, obtained {obtained}, error "
+            f"{_short(worst.error)}, tolerance {_short(worst.tolerance)} ({short} of {len(of_group)} points fall short)"
+        )
+    return lines
+
+
+def _quantity(comparison: "Comparison") -> str:
+    """Name, unit unless the name ends with it or carries it as published columns do, and place."""
+    unit = comparison.unit
+    in_name = "_" + unit.translate(str.maketrans({"/": "_", "^": None, " ": None}))
+    shown = "" if unit in ("", "1") or f"{in_name}_" in f"{comparison.group}_" else f" {unit}"
+    return f"{comparison.group}{shown} ({comparison.where})"
+
+
+def _figures(comparison: "Comparison") -> tuple[str, str]:
+    """Expected and obtained with as many digits as it takes to see their difference beside the tolerance."""
+    expected, obtained, tolerance = comparison.expected, comparison.obtained, comparison.tolerance
+    if not math.isfinite(obtained):
+        return ("-" if expected is None else f"{expected:.10g}"), str(obtained)
+    if expected is None or tolerance is None:
+        return "-", f"{obtained:.7g}"
+    resolution = max(abs(obtained - expected), 0.01 * tolerance)
+    largest = max(abs(expected), abs(obtained))
+    if largest == 0.0 or resolution == 0.0:
+        return f"{expected:.10g}", f"{obtained:.10g}"
+    decimals = 1 - math.floor(math.log10(resolution))
+    magnitude = math.floor(math.log10(largest))
+    digits = min(max(magnitude + decimals, 1), 15)  # after the first, of which a float has sixteen
+    form = f".{max(digits - magnitude, 0)}f" if -4 <= magnitude <= 9 else f".{digits}e"
+    return _number(expected, form), _number(obtained, form)
+
+
+def _number(value: float, form: str) -> str:
+    return "0" if value == 0.0 else format(value, form)
+
+
+def _short(value: float | None) -> str:
+    return "-" if value is None or math.isnan(value) else f"{value:.2g}"
+
+
+def _plain(text: str) -> str:
+    """Text in which square brackets are no markup."""
+    return text.replace("[", r"\[")

@@ -1,0 +1,125 @@
+"""Definitions of the NASA NESC atmospheric check-cases 1 to 12, in the units in which they are published.
+
+Source: [NESC] NASA/TM-2015-218675 and the published check-case data. Altitudes are above the ellipsoid or sphere,
+velocities relative to the rotating Earth in NED.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+EarthName = Literal["wgs84", "sphere", "rotating-sphere"]
+
+EARTH_RATE_DEG_S = 0.00417807413
+"""7.292115e-5 rad/s, as the participants log it."""
+SPHERE_RADIUS_M = 6371007.1809
+"""Sphere of cases 4 and 5: the authalic radius."""
+
+_TUMBLING_DEG_S = (10.0, 20.0, 30.0)
+_AT_REST = (0.0, 0.0, 0.0)
+_FALL_S = (0.0, 0.1, 0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0)
+_CRUISE_S = (0.0, 1.0, 10.0, 30.0, 60.0, 90.0, 120.0, 180.0)
+
+
+@dataclass(frozen=True)
+class FreeFlight:
+    """A check-case without controls.
+
+    Attributes
+    ----------
+    number, title
+        Of the check-case.
+    body
+        Name in the library of bodies.
+    earth
+        Which Earth.
+    altitude_ft, velocity_ft_s
+        Initial altitude at latitude 0, longitude 0, and velocity NED.
+    yaw_deg
+        Initial heading; pitch and roll are 0.
+    rates_deg_s
+        Initial inertial body rates.
+    wind_east_ft_s
+        East velocity of the air at altitudes 0 and 30,000 ft, linear in between.
+    times_s
+        Times at which results are listed.
+    """
+
+    number: int
+    title: str
+    body: str
+    earth: EarthName
+    altitude_ft: float
+    velocity_ft_s: tuple[float, float, float]
+    yaw_deg: float
+    rates_deg_s: tuple[float, float, float]
+    wind_east_ft_s: tuple[float, float] = (0.0, 0.0)
+    times_s: tuple[float, ...] = _FALL_S
+
+
+@dataclass(frozen=True)
+class TrimmedFlight:
+    """A check-case of the F-16, trimmed with wings level and no sideslip, controls held.
+
+    Attributes
+    ----------
+    number, title
+        Of the check-case.
+    latitude_deg, longitude_deg, altitude_ft
+        Initial geodetic place.
+    velocity_ft_s
+        Initial velocity NED; the heading is its direction.
+    times_s
+        Times at which results are listed.
+    """
+
+    number: int
+    title: str
+    latitude_deg: float
+    longitude_deg: float
+    altitude_ft: float
+    velocity_ft_s: tuple[float, float, float]
+    times_s: tuple[float, ...] = _CRUISE_S
+
+
+def _dropped(number: int, title: str, body: str, **others: object) -> FreeFlight:
+    values: dict = {"earth": "wgs84", "rates_deg_s": _AT_REST, **others}
+    return FreeFlight(number, title, body, altitude_ft=30_000.0, velocity_ft_s=_AT_REST, yaw_deg=0.0, **values)
+
+
+FREE_FLIGHTS: tuple[FreeFlight, ...] = (
+    _dropped(1, "dropped dragless sphere", "dragless-sphere"),
+    _dropped(2, "tumbling brick, no damping, no drag", "undamped-brick", rates_deg_s=_TUMBLING_DEG_S),
+    _dropped(3, "tumbling brick with damping, no drag", "brick", rates_deg_s=_TUMBLING_DEG_S),
+    _dropped(4, "sphere, round non-rotating Earth", "sphere", earth="sphere", rates_deg_s=_TUMBLING_DEG_S),
+    _dropped(5, "sphere, round rotating Earth", "sphere", earth="rotating-sphere", rates_deg_s=_TUMBLING_DEG_S),
+    _dropped(6, "sphere, ellipsoidal Earth", "sphere"),
+    _dropped(7, "sphere in a steady wind", "sphere", wind_east_ft_s=(20.0, 20.0)),
+    _dropped(8, "sphere in a wind shear", "sphere", wind_east_ft_s=(-20.0, 70.0)),
+    FreeFlight(
+        9,
+        "eastward cannonball",
+        "sphere",
+        "wgs84",
+        altitude_ft=0.0,
+        velocity_ft_s=(0.0, 1000.0, -1000.0),
+        yaw_deg=90.0,
+        rates_deg_s=(0.0, -EARTH_RATE_DEG_S, 0.0),
+    ),
+    FreeFlight(
+        10,
+        "northward cannonball",
+        "sphere",
+        "wgs84",
+        altitude_ft=0.0,
+        velocity_ft_s=(1000.0, 0.0, -1000.0),
+        yaw_deg=0.0,
+        rates_deg_s=(EARTH_RATE_DEG_S, 0.0, 0.0),
+    ),
+)
+
+_KITTY_HAWK_DEG = (36.01916667, -75.67444444)
+
+TRIMMED_FLIGHTS: tuple[TrimmedFlight, ...] = (
+    TrimmedFlight(11, "subsonic F-16 trim", *_KITTY_HAWK_DEG, 10_013.0, (400.0, 400.0, 0.0)),
+    TrimmedFlight(12, "supersonic F-16 trim", *_KITTY_HAWK_DEG, 30_013.0, (1414.2136, 1414.2136, 0.0)),
+)

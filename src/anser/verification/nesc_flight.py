@@ -1,0 +1,249 @@
+"""Flying the NESC check-cases, and logging what their participants log."""
+
+import functools
+from collections.abc import Sequence
+from typing import TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from anser.aircraft import (
+    AbstractAirframe,
+    AircraftState,
+    Controls,
+    EarthFixedState,
+    condition,
+    earth_fixed_derivative,
+    earth_fixed_state,
+    local_state,
+)
+from anser.environment import (
+    Environment,
+    LayeredWind,
+    RotatingEarth,
+    StandardAtmosphere,
+    spherical_earth,
+    wgs84_earth,
+)
+from anser.numerics.least_squares import levenberg_marquardt
+from anser.scenario import load_airframe, load_body
+from anser.shapes import Scalar, ScalarLike, Vector3
+from anser.simulation import advance
+from anser.spatial import (
+    eci_from_ecef,
+    euler_from_quaternion,
+    quaternion_from_euler,
+    rotate,
+    rotate_back,
+    rotation_from_quaternion,
+    safe_norm,
+    velocity_eci_from_ecef,
+)
+from anser.units import (
+    DEG_RAD,
+    FOOT_M,
+    FOOT_PER_MINUTE_M_S,
+    FT_LBF_N_M,
+    KNOT_M_S,
+    LBF_N,
+    PSF_PA,
+    RAD_DEG,
+    RANKINE_K,
+    SLUG_FT3_KG_M3,
+)
+from anser.verification.nesc_cases import SPHERE_RADIUS_M, EarthName, FreeFlight, TrimmedFlight
+
+LOG_PERIOD_S = 0.1
+_FALL_STEPS = 10
+"""Integration steps of 0.01 s in a log period: a hundred times below the tumbling's period, error below 1e-9 deg."""
+_CRUISE_STEPS = 5
+
+T = TypeVar("T")
+
+Log = dict[str, np.ndarray]
+"""Column of the published data -> values at each logged time."""
+
+
+def fly_free(cases: Sequence[FreeFlight]) -> dict[int, Log]:
+    """Fly check-cases without controls, all in one batch; case number -> log, every 0.1 s from time 0."""
+    airframes = [load_body(case.body) for case in cases]
+    environments = [_environment(case.earth, case.wind_east_ft_s) for case in cases]
+    starts = [_start_free(environment, case) for environment, case in zip(environments, cases, strict=True)]
+    controls = [_NO_CONTROLS for _ in cases]
+    periods = round(max(case.times_s[-1] for case in cases) / LOG_PERIOD_S)
+    stacks = _stacked(airframes), _stacked(environments), _stacked(starts), _stacked(controls)
+    logs = _fly_all(*stacks, periods, _FALL_STEPS)
+    return {case.number: {key: np.asarray(values[k]) for key, values in logs.items()} for k, case in enumerate(cases)}
+
+
+def fly_trimmed(cases: Sequence[TrimmedFlight]) -> dict[int, Log]:
+    """Trim and fly check-cases of the F-16 in one batch; case number -> log, every 0.1 s from time 0.
+
+    The published vehicle has neither lags nor engine momentum: the trimmed controls and power are simply held.
+    """
+    airframe = load_airframe("f16", "s119")
+    environments = [_environment("wgs84", (0.0, 0.0), case.latitude_deg, case.longitude_deg) for case in cases]
+    places = _stacked([jnp.array([0.0, 0.0, -case.altitude_ft * FOOT_M]) for case in cases])
+    velocities_n = _stacked([jnp.asarray(case.velocity_ft_s) * FOOT_M for case in cases])
+    environment = _stacked(environments)
+    starts, controls, residual = _trim_all(airframe, environment, places, velocities_n)
+    if not np.all(np.asarray(residual) < 1e-8):
+        raise RuntimeError(f"the check-case's trim was not found: accelerations of {np.asarray(residual)} g remain")
+    periods = round(max(case.times_s[-1] for case in cases) / LOG_PERIOD_S)
+    airframes = _stacked([airframe] * len(cases))
+    logs = _fly_all(airframes, environment, starts, controls, periods, _CRUISE_STEPS)
+    return {case.number: {key: np.asarray(values[k]) for key, values in logs.items()} for k, case in enumerate(cases)}
+
+
+_NO_CONTROLS = Controls(surfaces=jnp.zeros(3), throttle=jnp.zeros(()))
+
+
+def _stacked(parts: Sequence[T]) -> T:
+    return jax.tree.map(lambda *leaves: jnp.asarray(np.stack([np.asarray(leaf) for leaf in leaves])), *parts)
+
+
+def _environment(
+    earth: EarthName, wind_east_ft_s: tuple[float, float], latitude_deg: float = 0.0, longitude_deg: float = 0.0
+) -> Environment:
+    place = (latitude_deg * DEG_RAD, longitude_deg * DEG_RAD)
+    if earth == "wgs84":
+        made = wgs84_earth(*place)
+    else:
+        rate = wgs84_earth(*place).rotation_rate if earth == "rotating-sphere" else 0.0
+        made = spherical_earth(SPHERE_RADIUS_M, *place, rate)
+    east = jnp.asarray(wind_east_ft_s) * FOOT_M
+    still = jnp.zeros_like(east)
+    wind = LayeredWind(jnp.array([0.0, 30_000.0]) * FOOT_M, jnp.stack([still, east, still], axis=1))
+    return Environment(StandardAtmosphere(), wind, made)
+
+
+def _earth_of(environment: Environment) -> RotatingEarth:
+    earth = environment.earth
+    if not isinstance(earth, RotatingEarth):
+        raise TypeError("check-cases are flown over a RotatingEarth")
+    return earth
+
+
+def _start_free(environment: Environment, case: FreeFlight) -> EarthFixedState:
+    quaternion = quaternion_from_euler(jnp.zeros(()), jnp.zeros(()), jnp.asarray(case.yaw_deg * DEG_RAD))
+    position_n = jnp.array([0.0, 0.0, -case.altitude_ft * FOOT_M])
+    velocity_b = rotate(rotation_from_quaternion(quaternion), jnp.asarray(case.velocity_ft_s) * FOOT_M)
+    seen = AircraftState(position_n, velocity_b, quaternion, jnp.zeros(3), jnp.zeros(3), jnp.zeros(()))
+    start = earth_fixed_state(_earth_of(environment), seen)
+    return eqx.tree_at(lambda state: state.rates_b, start, jnp.asarray(case.rates_deg_s) * DEG_RAD)
+
+
+@eqx.filter_jit
+def _trim_all(
+    airframe: AbstractAirframe,
+    environments: Environment,
+    places_n: Float[Array, "case 3"],
+    velocities_n: Float[Array, "case 3"],
+) -> tuple[EarthFixedState, Controls, Float[Array, " case"]]:
+    """States with wings level and no sideslip whose body velocity and pitch rate stay as they are; with controls."""
+    trim = functools.partial(_trim_level, airframe)
+    return jax.vmap(trim)(environments, places_n, velocities_n)
+
+
+def _trim_level(
+    airframe: AbstractAirframe, environment: Environment, place_n: Vector3, velocity_n: Vector3
+) -> tuple[EarthFixedState, Controls, Scalar]:
+    earth = _earth_of(environment)
+    heading, speed = jnp.arctan2(velocity_n[1], velocity_n[0]), safe_norm(velocity_n)
+
+    def state_of(x: Vector3) -> tuple[EarthFixedState, Controls]:
+        alpha, elevator, power = x[0], x[1], 100.0 * x[2]
+        surfaces = jnp.stack([elevator, jnp.zeros(()), jnp.zeros(())])
+        seen = AircraftState(
+            position_n=place_n,
+            velocity_b=speed * jnp.stack([jnp.cos(alpha), jnp.zeros(()), jnp.sin(alpha)]),
+            quaternion=quaternion_from_euler(jnp.zeros(()), alpha, heading),
+            rates_b=jnp.zeros(3),
+            surfaces=surfaces,
+            power=power,
+        )
+        return earth_fixed_state(earth, seen), Controls(surfaces, airframe.throttle_for_power(power))
+
+    def residual(x: Vector3, _: None) -> Vector3:
+        state, controls = state_of(x)
+        rate = earth_fixed_derivative(airframe, environment, 0.0, state, controls)
+        return jnp.stack([rate.velocity_b[0], rate.velocity_b[2], 10.0 * rate.rates_b[1]]) / 10.0
+
+    found = levenberg_marquardt(residual, None, jnp.array([0.05, 0.0, 0.2]))
+    return *state_of(found.x), found.residual
+
+
+@eqx.filter_jit
+def _fly_all(
+    airframes: AbstractAirframe,
+    environments: Environment,
+    starts: EarthFixedState,
+    controls: Controls,
+    periods: int,
+    steps: int,
+) -> dict[str, Array]:
+    """Log of each case, (case, time), every `LOG_PERIOD_S` from time 0."""
+
+    def fly(airframe: AbstractAirframe, environment: Environment, start: EarthFixedState, held: Controls) -> dict:
+        step = LOG_PERIOD_S / steps
+
+        def one(state: EarthFixedState, index: Array) -> tuple[EarthFixedState, dict[str, Scalar]]:
+            time = index * LOG_PERIOD_S
+            row = _row(airframe, environment, time, state)
+
+            def advanced(k: Array, y: EarthFixedState) -> EarthFixedState:
+                return advance(airframe, environment, time + k * step, y, held, step)
+
+            return jax.lax.fori_loop(0, steps, advanced, state), row
+
+        return jax.lax.scan(one, start, jnp.arange(periods + 1))[1]
+
+    return jax.vmap(fly)(airframes, environments, starts, controls)
+
+
+def _row(
+    airframe: AbstractAirframe, environment: Environment, time: ScalarLike, state: EarthFixedState
+) -> dict[str, Scalar]:
+    """One row of a participant's log, by the published names of the columns and in their units."""
+    earth = _earth_of(environment)
+    seen = local_state(earth, state)
+    now = condition(airframe, environment, time, seen)
+    lat, lon, _ = earth.geodetic(seen.position_n)
+    R_be = rotation_from_quaternion(state.quaternion)
+    velocity_n = rotate_back(now.R_bn, seen.velocity_b)
+    rate, zero = earth.rotation_rate, jnp.zeros(())
+    position_i = eci_from_ecef(state.position_e, time, zero, rate)
+    velocity_i = velocity_eci_from_ecef(state.position_e, rotate_back(R_be, state.velocity_b), time, zero, rate)
+    roll, pitch, yaw = euler_from_quaternion(seen.quaternion)
+    air = environment.atmosphere.at(-seen.position_n[2])
+    return {
+        **_axes("gePosition_ft", state.position_e / FOOT_M),
+        **_axes("eiPosition_ft", position_i / FOOT_M),
+        **_axes("eiVelocity_ft_s", velocity_i / FOOT_M),
+        **_axes("feVelocity_ft_s", velocity_n / FOOT_M),
+        "altitudeMsl_ft": -seen.position_n[2] / FOOT_M,
+        "longitude_deg": lon * RAD_DEG,
+        "latitude_deg": lat * RAD_DEG,
+        "localGravity_ft_s2": safe_norm(earth.gravitation_e(state.position_e)) / FOOT_M,
+        "eulerAngle_deg_Yaw": yaw * RAD_DEG,
+        "eulerAngle_deg_Pitch": pitch * RAD_DEG,
+        "eulerAngle_deg_Roll": roll * RAD_DEG,
+        **_axes("bodyAngularRateWrtEi_deg_s", state.rates_b * RAD_DEG, ("Roll", "Pitch", "Yaw")),
+        "altitudeRateWrtMsl_ft_min": -velocity_n[2] / FOOT_PER_MINUTE_M_S,
+        "speedOfSound_ft_s": air.speed_of_sound / FOOT_M,
+        "airDensity_slug_ft3": air.density / SLUG_FT3_KG_M3,
+        "ambientPressure_lbf_ft2": air.pressure / PSF_PA,
+        "ambientTemperature_dgR": air.temperature / RANKINE_K,
+        **_axes("aero_bodyForce_lbf", now.aerodynamic.force_b / LBF_N),
+        **_axes("aero_bodyMoment_ftlbf", now.aerodynamic.moment_b / FT_LBF_N_M, ("L", "M", "N")),
+        "mach": now.air_data.mach,
+        "dynamicPressure_lbf_ft2": now.air_data.qbar / PSF_PA,
+        "trueAirspeed_nmi_h": now.air_data.V / KNOT_M_S,
+    }
+
+
+def _axes(name: str, vector: Vector3, axes: tuple[str, str, str] = ("X", "Y", "Z")) -> dict[str, Scalar]:
+    return {f"{name}_{axis}": vector[k] for k, axis in enumerate(axes)}

@@ -1,0 +1,185 @@
+"""The numbers with which Stevens & Lewis computed what they print: not those of the aircraft, but theirs.
+
+Second note of the aircraft's data file; each constant moves some printed figure in its last digits.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from anser.aircraft import (
+    F16,
+    AbstractAirframe,
+    Actuators,
+    AircraftState,
+    AirData,
+    Controls,
+    MassProperties,
+    Wrench,
+    moment_for_acceleration,
+    state_derivative,
+)
+from anser.environment import AbstractAtmosphere, Air, Environment, FlatEarth, SteadyWind
+from anser.scenario.library import load_airframe
+from anser.shapes import Flag, Scalar, ScalarLike, Vector3
+from anser.spatial import euler_from_quaternion, flow_angles, quaternion_from_euler
+from anser.units import DEG_RAD, FOOT_M, FT_LBF_N_M, PSF_PA, RAD_DEG, RANKINE_K, SLUG_FT3_KG_M3, SLUG_KG
+
+__all__ = [
+    "TextbookAtmosphere",
+    "TextbookF16",
+    "textbook_aircraft",
+    "textbook_controls",
+    "textbook_environment",
+    "textbook_rates",
+    "textbook_state",
+]
+
+TextbookState = Float[Array, "13"]
+"""VT ft/s, alpha, beta, phi, theta, psi rad, P, Q, R rad/s, north, east, altitude ft, power percent."""
+TextbookControls = Float[Array, "4"]
+"""Throttle 0..1, elevator, aileron, rudder deg."""
+
+INERTIA_RATIOS = (-0.770, 0.02755, 1.055e-4, 1.642e-6, 0.9604, 1.759e-2, 1.792e-5, -0.7336, 1.587e-5)
+"""c1..c9 as the textbook's program has them, rounded to four digits; the moments in ft lbf."""
+ENGINE_MOMENTUM_SLUG_FT2_S = 160.0
+
+
+class TextbookAtmosphere(AbstractAtmosphere):
+    """[SL] appendix A, subroutine ADC."""
+
+    def at(self, altitude: ScalarLike) -> Air:
+        """Air at an altitude, m."""
+        h = altitude / FOOT_M
+        factor = 1.0 - 0.703e-5 * h
+        temperature = jnp.where(h >= 35000.0, 390.0, 519.0 * factor)
+        density = 0.002377 * factor**4.14
+        return Air(
+            density=density * SLUG_FT3_KG_M3,
+            pressure=1715.0 * density * temperature * PSF_PA,
+            temperature=temperature * RANKINE_K,
+            speed_of_sound=jnp.sqrt(1.4 * 1716.3 * temperature) * FOOT_M,
+        )
+
+
+class TextbookF16(AbstractAirframe):
+    """The F-16 with the textbook's 57.3 deg/rad in CZ = CZ0 (1 - (beta/57.3)^2) and its rounded inertia ratios.
+
+    The rounding of the ratios is expressed as a moment: the one with which the exact inertia gives the same angular
+    acceleration.
+    """
+
+    f16: F16
+    rounded_inertia: bool = eqx.field(static=True)
+    mass_properties: MassProperties
+    actuators: Actuators
+    alpha_range: tuple[Scalar, Scalar]
+    beta_range: tuple[Scalar, Scalar]
+
+    def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector3) -> Wrench:
+        """Force and moment with the other CZ; Cm follows through the lever of the centre of gravity."""
+        f16 = self.f16
+        CZ0 = f16.curves(air_data.alpha * RAD_DEG)[0]
+        change = CZ0 * (air_data.beta**2 - (air_data.beta * RAD_DEG / 57.3) ** 2)
+        force = air_data.qbar * f16.wing_area * change
+        zero = jnp.zeros_like(force)
+        moment = force * f16.mean_chord * (f16.x_cg_reference - f16.x_cg)
+        wrench = f16.aerodynamics(air_data, rates_b, surfaces) + Wrench(
+            jnp.stack([zero, zero, force]), jnp.stack([zero, moment, zero])
+        )
+        if not self.rounded_inertia:
+            return wrench
+        acceleration = _textbook_acceleration(rates_b, wrench.moment_b)
+        return Wrench(wrench.force_b, moment_for_acceleration(self.mass_properties, rates_b, acceleration))
+
+    def propulsion(self, power: ScalarLike, altitude: ScalarLike, mach: ScalarLike) -> Wrench:
+        """As the F-16."""
+        return self.f16.propulsion(power, altitude, mach)
+
+    def power_rate(self, power: ScalarLike, throttle: ScalarLike) -> Scalar:
+        """As the F-16."""
+        return self.f16.power_rate(power, throttle)
+
+    def power_for_thrust(self, thrust: ScalarLike, altitude: ScalarLike, mach: ScalarLike) -> Scalar:
+        """As the F-16."""
+        return self.f16.power_for_thrust(thrust, altitude, mach)
+
+    def throttle_for_power(self, power: ScalarLike) -> Scalar:
+        """As the F-16."""
+        return self.f16.throttle_for_power(power)
+
+    def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
+        """As the F-16."""
+        return self.f16.throttle_for_power_rate(power, power_rate)
+
+    def outside_tables(self, air_data: AirData) -> Flag:
+        """As the F-16."""
+        return self.f16.outside_tables(air_data)
+
+
+def _textbook_acceleration(rates_b: Vector3, moment_b: Vector3) -> Vector3:
+    """[SL] eq. (1.7-5) in the form of their program, with the engine's angular momentum HE."""
+    c1, c2, c3, c4, c5, c6, c7, c8, c9 = INERTIA_RATIOS
+    P, Q, R = rates_b
+    L, M, N = moment_b / FT_LBF_N_M
+    HE = ENGINE_MOMENTUM_SLUG_FT2_S
+    return jnp.stack(
+        [
+            (c2 * P + c1 * R + c4 * HE) * Q + c3 * L + c4 * N,
+            (c5 * P - c7 * HE) * R + c6 * (R * R - P * P) + c7 * M,
+            (c8 * P - c2 * R + c9 * HE) * Q + c4 * L + c9 * N,
+        ]
+    )
+
+
+def textbook_aircraft(x_cg_over_c: float, *, rounded_inertia: bool = True) -> TextbookF16:
+    """Build the F-16 of the printed figures, 1/0.00157 slug."""
+    f16 = load_airframe("f16", "textbook", x_cg_over_c)
+    mass_properties = eqx.tree_at(lambda m: m.mass, f16.mass_properties, jnp.asarray(SLUG_KG / 1.57e-3))
+    return TextbookF16(
+        f16=f16,
+        rounded_inertia=rounded_inertia,
+        mass_properties=mass_properties,
+        actuators=f16.actuators,
+        alpha_range=f16.alpha_range,
+        beta_range=f16.beta_range,
+    )
+
+
+def textbook_environment() -> Environment:
+    """Build the textbook's atmosphere, still, with its gravity of 32.17 ft/s^2."""
+    return Environment(
+        atmosphere=TextbookAtmosphere(), wind=SteadyWind(jnp.zeros(3)), earth=FlatEarth(jnp.asarray(32.17 * FOOT_M))
+    )
+
+
+def textbook_state(x: TextbookState, u: TextbookControls) -> AircraftState:
+    """State of the textbook's state vector, its surfaces where the controls put them: they have no lag there."""
+    VT, alpha, beta = x[0] * FOOT_M, x[1], x[2]
+    direction = [jnp.cos(alpha) * jnp.cos(beta), jnp.sin(beta), jnp.sin(alpha) * jnp.cos(beta)]
+    return AircraftState(
+        position_n=jnp.stack([x[9], x[10], -x[11]]) * FOOT_M,
+        velocity_b=VT * jnp.stack(direction),
+        quaternion=quaternion_from_euler(x[3], x[4], x[5]),
+        rates_b=x[6:9],
+        surfaces=u[1:] * DEG_RAD,
+        power=x[12],
+    )
+
+
+def textbook_controls(u: TextbookControls) -> Controls:
+    """Controls of the textbook's control vector."""
+    return Controls(surfaces=u[1:] * DEG_RAD, throttle=u[0])
+
+
+def textbook_rates(
+    airframe: AbstractAirframe, environment: Environment, x: TextbookState, u: TextbookControls
+) -> TextbookState:
+    """Time derivative of the textbook's state vector in its own units, per second: its subroutine F."""
+    state = textbook_state(x, u)
+    rate = state_derivative(airframe, environment, 0.0, state, textbook_controls(u))
+    _, (V_dot, alpha_dot, beta_dot) = jax.jvp(flow_angles, (state.velocity_b,), (rate.velocity_b,))
+    _, euler_rates = jax.jvp(euler_from_quaternion, (state.quaternion,), (rate.quaternion,))
+    north, east, down = rate.position_n / FOOT_M
+    return jnp.stack([V_dot / FOOT_M, alpha_dot, beta_dot, *euler_rates, *rate.rates_b, north, east, -down, rate.power])

@@ -1,0 +1,143 @@
+"""The command verify end to end: one table or only JSON on standard output, shortfalls on standard error, exit codes."""
+
+import json
+import sys
+
+import pytest
+from verification_cases import ALL, BROKEN, GOOD, NONSENSE, WRONG
+
+from anser.cli import main
+from anser.verification import running
+
+
+@pytest.fixture
+def anser(monkeypatch, capsys):
+    """Run `anser verify` in this process, its output no terminal: exit code, standard output, standard error."""
+
+    def call(*words, checks=None):
+        if checks is not None:
+            monkeypatch.setattr(running, "CHECKS", checks)
+        monkeypatch.setattr(sys, "argv", ["anser", "verify", *words])
+        monkeypatch.setenv("COLUMNS", "60")
+        with pytest.raises(SystemExit) as ended:
+            main()
+        printed = capsys.readouterr()
+        return ended.value.code or 0, printed.out, printed.err
+
+    return call
+
+
+def _row(printed, *parts):
+    """The one line of a table that has all these parts."""
+    lines = [line for line in printed.splitlines() if all(part in line for part in parts)]
+    assert len(lines) == 1, (parts, printed)
+    return lines[0]
+
+
+def test_real_checks_pass_with_one_table(anser):
+    code, printed, err = anser("--case", "wgs84", "--case", "arc-lengths")
+    assert code == 0
+    assert err == ""
+    heading = _row(printed, "check", "quantity")
+    for name in ("expected", "obtained", "error", "tolerance", "why that tolerance", "source"):
+        assert name in heading
+    row = _row(printed, "arc-lengths", "lateral m (gamma_f -30 deg, b_4 0.01, c_4 0)")
+    for part in ("5993.500", "5993.460", "-0.04", "0.05", "half the last digit", "[TH]"):
+        assert part in row
+    assert "…" not in printed
+    assert "53 of 53 comparisons passed, " in printed
+
+
+def test_every_row_stays_on_one_line_however_narrow_the_caller(anser):
+    long = GOOD.__class__("k" * 30, "t", "s" * 90, "w" * 90, "e.", GOOD.measure)
+    _, printed, _ = anser(checks=(long,))
+    row = _row(printed, "alpha deg (V 400 ft/s)")
+    assert long.key in row
+    assert long.source in row
+    assert long.why in row
+
+
+def test_worst_point_of_each_quantity_is_shown(anser):
+    code, printed, err = anser(checks=(GOOD,))
+    assert code == 0
+    row = _row(printed, "alpha deg (V 400 ft/s)")
+    for part in ("4.1600", "4.1571", "-0.0029", "0.005", "[XY] tab. 1"):
+        assert part in row
+    assert "V 300 ft/s" not in printed
+    _row(printed, "altitude_ft (t 30 s)", "15598.9")  # no figure is given: the end of the flight
+    assert "4 of 4 comparisons passed (2 of them have no published figure here)" in printed
+    assert err == ""
+
+
+def test_a_wrong_figure_ends_with_1_and_is_named(anser):
+    code, printed, err = anser(checks=(GOOD, WRONG))
+    assert code == 1
+    assert "5 of 7 comparisons passed" in printed
+    assert "my own" in _row(printed, "wrong", "alpha deg (V 500 ft/s)")
+    assert err.splitlines() == [
+        "falls short: wrong: alpha deg (V 500 ft/s): expected 2.180, obtained 2.143, error -0.037, tolerance 0.005 "
+        "(2 of 3 points fall short)"
+    ]
+
+
+def test_a_check_that_breaks_ends_with_1_and_the_others_are_shown(anser):
+    code, printed, err = anser(checks=(BROKEN, GOOD))
+    assert code == 1
+    assert "ArithmeticError: no such [figure]" in _row(printed, "broken")
+    _row(printed, "good", "alpha")
+    assert "4 of 4 comparisons passed" in printed
+    assert "1 of 2 checks could not be computed" in printed
+    assert err.splitlines() == ["falls short: broken: could not be computed: ArithmeticError: no such [figure]"]
+
+
+def test_nonsense_ends_with_1(anser):
+    code, printed, err = anser(checks=(NONSENSE,))
+    assert code == 1
+    assert "nan" in _row(printed, "nonsense", "x m (here)")
+    assert "-inf" in _row(printed, "nonsense", "y m (here)")
+    assert len(err.splitlines()) == 2
+    assert "1 of 3 comparisons passed" in printed
+
+
+def test_json_alone_on_standard_output(anser):
+    code, printed, err = anser("--json", checks=ALL)
+    assert code == 1
+
+    def refuse(word):
+        raise AssertionError(word)
+
+    document = json.loads(printed, parse_constant=refuse)
+    assert [check["key"] for check in document["checks"]] == ["good", "wrong", "broken", "empty", "nonsense"]
+    assert document["checks"][0]["comparisons"][1]["obtained"] == 4.1571
+    assert err.count("falls short: ") == 5
+    code, printed, err = anser("--json", checks=(GOOD,))
+    assert (code, err) == (0, "")
+    assert json.loads(printed)["passed"] is True
+
+
+def test_case_runs_that_one_only(anser):
+    code, printed, err = anser("--case", "good", checks=ALL)
+    assert code == 0
+    assert "wrong" not in printed
+    assert err == ""
+
+
+def test_unknown_case_ends_with_2_before_anything_runs(anser):
+    code, printed, err = anser("--case", "good", "--case", "brocken", checks=ALL)
+    assert code == 2
+    assert printed == ""
+    assert err.startswith("--case: arrived 'brocken'; the closest is broken; known are good, wrong, broken, empty")
+    assert "Traceback" not in err
+
+
+def test_list_says_what_there_is_and_computes_nothing(anser):
+    code, printed, err = anser("--list", checks=ALL)
+    assert code == 0
+    assert err == ""
+    for check in ALL:
+        assert check.title in _row(printed, f" {check.key} ")
+        assert "[XY] tab. 1" in printed
+    code, printed, err = anser("--list", "--json", checks=ALL)
+    assert code == 2
+    assert printed == ""
+    assert "--list, --json" in err

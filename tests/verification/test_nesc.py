@@ -1,0 +1,71 @@
+"""The NESC check-cases: they pass as they are defined, and fail when the physics is another."""
+
+import dataclasses
+import json
+from importlib import resources
+
+import numpy as np
+import pytest
+
+from anser.verification.nesc import NESC_CHECKS, _comparison
+from anser.verification.nesc_cases import FREE_FLIGHTS
+from anser.verification.nesc_flight import fly_free
+
+CHECKPOINTS = json.loads(resources.files("anser.verification").joinpath("data/nesc_checkpoints.json").read_text())
+
+
+@pytest.mark.parametrize("check", NESC_CHECKS, ids=lambda check: check.key)
+def test_case_passes(check):
+    comparisons = check.measure()
+    short = [(c.group, c.where, c.error, c.tolerance) for c in comparisons if not c.passes]
+    assert not short
+    given = CHECKPOINTS["cases"].get(check.key.removeprefix("nesc-"))
+    if given is None:
+        assert all(c.expected is None and np.isfinite(c.obtained) for c in comparisons)
+    else:
+        # Every checkpoint with a tolerance, against both participants.
+        wanted = sum(2 * len(given["times_s"]) for column in given["columns"].values() if "tolerance" in column)
+        assert len(comparisons) == wanted
+
+
+@pytest.fixture(scope="module")
+def wrong():
+    """The same ten flights with one thing wrong in each of some: what the checkpoints must tell apart."""
+    changes = {
+        1: {"earth": "rotating-sphere"},
+        2: {"body": "brick"},
+        3: {"body": "undamped-brick"},
+        6: {"wind_east_ft_s": (1.0, 1.0)},
+        9: {"earth": "sphere"},
+    }
+    return fly_free([dataclasses.replace(case, **changes.get(case.number, {})) for case in FREE_FLIGHTS])
+
+
+@pytest.mark.parametrize(
+    ("number", "column"),
+    [
+        (1, "altitudeMsl_ft"),  # gravitation of a sphere instead of J2
+        (2, "bodyAngularRateWrtEi_deg_s_Pitch"),  # damping where there is none
+        (3, "bodyAngularRateWrtEi_deg_s_Pitch"),
+        (6, "feVelocity_ft_s_Y"),  # a foot per second of wind
+        (9, "longitude_deg"),  # an Earth at rest
+    ],
+)
+def test_other_physics_fails(wrong, number, column):
+    published = CHECKPOINTS["cases"][f"{number:02d}"]
+    values, tolerance = published["columns"][column]["sim_05"], published["columns"][column]["tolerance"]
+    found = [
+        _comparison(column, wrong[number], t, "sim_05", value, tolerance)
+        for t, value in zip(published["times_s"], values, strict=True)
+    ]
+    assert found[0].passes, "the start is the same"
+    assert not found[-2].passes
+
+
+def test_figures_of_ten_digits_are_known_to_half_of_the_last():
+    log = {"eiPosition_ft_X": np.array([20955646.334]), "eulerAngle_deg_Yaw": np.array([-111.5])}
+    place = _comparison("eiPosition_ft_X", log, 0.0, "sim_05", 20955646.33, 1e-4)
+    assert place.tolerance == pytest.approx(0.005 + 1e-4, rel=1e-12)
+    turned = _comparison("eulerAngle_deg_Yaw", log, 0.0, "sim_05", 248.5, 1e-7)
+    assert turned.obtained == pytest.approx(248.5, abs=1e-12)
+    assert _comparison("eulerAngle_deg_Yaw", log, 0.0, "sim_05", 0.0, 1e-7).tolerance == pytest.approx(1e-7)

@@ -1,0 +1,65 @@
+"""Running checks: what breaks does not stop the others, and nothing passes unseen."""
+
+import pytest
+from verification_cases import ALL, BROKEN, EMPTY, GOOD, WRONG
+
+from anser.verification import CHECKS, select_checks, verify
+
+
+def test_each_check_has_its_outcome_whatever_happens_to_others():
+    outcomes = verify(checks=ALL)
+    assert [outcome.check.key for outcome in outcomes] == ["good", "wrong", "broken", "empty", "nonsense"]
+    assert [outcome.passes for outcome in outcomes] == [True, False, False, False, False]
+    assert [len(outcome.comparisons) for outcome in outcomes] == [4, 3, 0, 0, 3]
+    assert all(outcome.seconds >= 0.0 for outcome in outcomes)
+
+
+def test_what_was_raised_is_named():
+    broken, empty, good = verify(checks=(BROKEN, EMPTY, GOOD))
+    assert broken.problem == "ArithmeticError: no such [figure]"
+    assert empty.problem == "it compared nothing"
+    assert good.problem is None
+
+
+def test_an_interrupt_is_no_outcome():
+    def interrupted():
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        verify(checks=[GOOD.__class__("key", "", "", "", "", interrupted)])
+
+
+def test_keys_choose_each_once_in_the_order_of_the_checks():
+    assert select_checks(["wrong", "good", "wrong"], ALL) == (GOOD, WRONG)
+    assert select_checks(None, ALL) == ALL
+    assert select_checks([], ALL) == ()
+
+
+def test_unknown_key_is_refused_before_anything_runs_with_the_closest_one():
+    told = []
+    with pytest.raises(ValueError, match=r"arrived 'brocken'; the closest is broken; known are good, wrong, broken"):
+        verify(["good", "brocken"], lambda *words: told.append(words), ALL)
+    assert told == []
+    with pytest.raises(ValueError, match="the closest is ussa76; known are ussa76, wgs84"):
+        verify(["usa"])
+    with pytest.raises(ValueError, match="known are good"):
+        select_checks([""], ALL)
+
+
+def test_progress_names_each_check_and_ends_with_all():
+    told = []
+    verify(["good", "wrong"], lambda what, done: told.append((what, done)), ALL)
+    assert told == [("good", 0.0), ("wrong", 0.5), ("done", 1.0)]
+
+
+def test_every_check_says_what_it_is():
+    keys = [check.key for check in CHECKS]
+    assert len(set(keys)) == len(keys)
+    wanted = {"ussa76", "wgs84", "f16-derivatives", "f16-trim", "f16-turn", "f16-aero-shots", "f16-engine-shots"}
+    assert wanted | {"arc-lengths"} <= set(keys)
+    for check in CHECKS:
+        assert check.key == check.key.lower().replace(" ", "-")
+        assert check.title
+        assert 0 < len(check.source) <= 40, check.source
+        assert 0 < len(check.why) <= 40, check.why
+        assert check.explanation.endswith("."), check.key
