@@ -19,6 +19,7 @@ from anser.scenario import ScenarioError, build_flight, load, loads
 from anser.simulation import STATUS_MESSAGES, fly_segment, sense
 from anser.simulation.flight import planning_tasks
 from anser.spatial import rotate_back
+from anser.verification.missions import MISSION_CHECKS
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 THREE = (SCENARIOS / "three-aircraft.toml").read_text()
@@ -243,3 +244,10 @@ def test_a_goal_that_turns_is_still_met():
     flown = anser.run(loads(THREE[:start] + boat + THREE[end:]))
     assert max(_by_name(flown, "miss_m").values()) <= 3.0
     assert flown.summary["fleet"]["arrival_spread_s"] <= 0.05
+
+
+@pytest.mark.parametrize("check", MISSION_CHECKS, ids=lambda check: check.key)
+def test_missions_over_both_earths_and_at_all_steps(check):
+    """Here and not with the other checks: the flat mission is already compiled in this process."""
+    for comparison in check.measure():
+        assert comparison.passes, comparison

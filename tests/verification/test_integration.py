@@ -1,0 +1,33 @@
+"""The integrator's checks pass, and notice a method of lower order."""
+
+import jax
+import pytest
+
+from anser.verification import integration
+from anser.verification.integration import INTEGRATION_CHECKS
+from support.checks import assert_passes
+
+
+@pytest.mark.parametrize(
+    ("check", "count"), list(zip(INTEGRATION_CHECKS, (6, 4), strict=True)), ids=lambda x: getattr(x, "key", "")
+)
+def test_check_passes(check, count):
+    assert_passes(check, count)
+
+
+def test_a_method_of_second_order_is_noticed(monkeypatch):
+    """With the midpoint rule in place of the integrator the observed order is two."""
+    from anser.aircraft import motion_derivative
+
+    def midpoint(airframe, environment, time, state, controls, step):
+        def rate(y):
+            return motion_derivative(airframe, environment, time, y, controls)
+
+        half = jax.tree.map(lambda y, k: y + 0.5 * step * k, state, rate(state))
+        return jax.tree.map(lambda y, k: y + step * k, state, rate(half))
+
+    monkeypatch.setattr(integration, "advance", midpoint)
+    monkeypatch.setattr(integration, "_fly", integration._fly.__wrapped__)
+    found = integration.order()
+    assert all(c.obtained == pytest.approx(2.0, abs=0.2) for c in found)
+    assert not any(c.passes for c in found)
