@@ -19,8 +19,9 @@ bench: .venv/.installed-test
 	$(BIN)/pytest benchmarks/bench_flight.py --benchmark-enable --benchmark-only -s -p no:xdist
 
 verification: .venv/.installed-test
-	$(BIN)/anser verify --json > docs/verification.json
-	$(BIN)/python -m anser.report.verification_page docs/verification.json docs
+	mkdir -p build
+	$(BIN)/anser verify --json > build/verification.json
+	$(BIN)/python -m anser.report.verification_page build/verification.json docs
 
 .venv/.installed: pyproject.toml constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv

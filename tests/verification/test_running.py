@@ -1,5 +1,7 @@
 """Running checks: what breaks does not stop the others, and nothing passes unseen."""
 
+import threading
+
 import pytest
 from verification_cases import ALL, BROKEN, EMPTY, GOOD, WRONG
 
@@ -63,3 +65,29 @@ def test_every_check_says_what_it_is():
         assert 0 < len(check.source) <= 40, check.source
         assert 0 < len(check.why) <= 40, check.why
         assert check.explanation.endswith("."), check.key
+
+
+def test_a_check_case_goes_by_its_number():
+    for key in ("9", "09", "nesc-9", "nesc-09"):
+        assert [check.key for check in select_checks([key])] == ["nesc-09"]
+    with pytest.raises(ValueError, match="arrived 'nesc-13'; the closest is nesc-1"):
+        select_checks(["13"])
+
+
+def test_long_checks_run_beside_the_others_and_keep_their_place():
+    from dataclasses import replace
+
+    started = []
+
+    def meet():
+        """Pass only if the other one has begun: both run at the same time."""
+        started.append(threading.current_thread())
+        both.wait(timeout=30)
+        return GOOD.measure()
+
+    both = threading.Barrier(2)
+    long, short = replace(GOOD, key="long", measure=meet, long=True), replace(GOOD, key="short", measure=meet)
+    outcomes = verify(checks=(long, short, WRONG))
+    assert [outcome.check.key for outcome in outcomes] == ["long", "short", "wrong"]
+    assert [outcome.passes for outcome in outcomes] == [True, True, False]
+    assert len(set(started)) == 2

@@ -1,6 +1,7 @@
 """Running checks: each is timed, and one that breaks does not stop the others."""
 
 import difflib
+import re
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -15,6 +16,8 @@ Progress = Callable[[str, float], None]
 def select_checks(keys: Iterable[str] | None = None, checks: Sequence[Check] | None = None) -> tuple[Check, ...]:
     """Checks by their keys, each once and in the order of `checks` (`CHECKS` where None); all of them without keys.
 
+    A check-case of the NESC may go by its number, `9`, or `nesc-9`.
+
     Raises
     ------
     ValueError
@@ -23,7 +26,7 @@ def select_checks(keys: Iterable[str] | None = None, checks: Sequence[Check] | N
     checks = CHECKS if checks is None else checks
     if keys is None:
         return tuple(checks)
-    wanted = list(keys)
+    wanted = [_whole(key) for key in keys]
     known = [check.key for check in checks]
     for key in wanted:
         if key not in known:
@@ -31,6 +34,11 @@ def select_checks(keys: Iterable[str] | None = None, checks: Sequence[Check] | N
             nearest = f"; the closest is {close[0]}" if close else ""
             raise ValueError(f"arrived {key!r}{nearest}; known are {', '.join(known)}")
     return tuple(check for check in checks if check.key in wanted)
+
+
+def _whole(key: str) -> str:
+    number = re.fullmatch(r"(?:nesc-)?0*(\d{1,2})", key)
+    return f"nesc-{int(number[1]):02d}" if number else key
 
 
 def verify(
