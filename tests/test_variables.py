@@ -64,6 +64,11 @@ def test_discrete_variables_name_their_values():
     assert by_key["outside_tables"].dtype == "bool"
     assert {variable.key for variable in CATALOGUE if variable.dtype != "float64"} == {
         "phase",
+        "thrust_limited",
+        "lift_limited",
+        "bank_limited",
+        "rates_limited",
+        "surfaces_limited",
         "outside_tables",
         "status",
     }

@@ -173,6 +173,16 @@ CATALOGUE: tuple[Variable, ...] = (
     _variable("lateral_bend", "m", _NONE, "b", "Lateral bend of the plan"),
     # state of the flight
     _discrete("phase", "int32", "phase", "Phase of the flight", ("approach", "frozen", "hold")),
+    *(
+        _discrete(f"{what}_limited", "bool", f"{what}_lim", f"{words} at a limit", ("free", "limited"))
+        for what, words in (
+            ("thrust", "Thrust command"),
+            ("lift", "Angle of attack or load factor command"),
+            ("bank", "Bank angle command"),
+            ("rates", "Body rate command"),
+            ("surfaces", "Control surface command"),
+        )
+    ),
     _discrete("outside_tables", "bool", "outside", "Outside the aerodynamic tables", ("inside", "outside")),
     _discrete("status", "int32", "status", "Status of the aircraft, 0 when fine", ()),
 )

@@ -107,6 +107,20 @@ def _sense(flight, state, now):
     return see(flight.environment.earth, flight.fleet.goals, 0.0, state.aircraft.position_n, velocities)
 
 
+def test_history_says_which_limit_holds_a_command(three):
+    """The bends' ends ask for more bank than the limit for a moment; the engine's idle stop is felt in the descent."""
+    dataset = three.dataset
+    at_limit = np.abs(dataset.bank_command_deg) > three.scenario.limits.bank_max_deg - 1e-6
+    np.testing.assert_array_equal(dataset.bank_limited.values[at_limit.values], True)
+    idle = dataset.throttle.values == 0.0
+    assert idle.any()
+    assert dataset.thrust_limited.values.any()
+    for name in ("thrust", "lift", "bank", "rates", "surfaces"):
+        limited = dataset[f"{name}_limited"]
+        assert limited.dtype == bool
+        assert not limited.values.all()
+
+
 def test_sensed_goal_is_the_true_one_throughout(three):
     dataset = three.dataset
     for axis in ("north", "east", "altitude"):

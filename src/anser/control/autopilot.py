@@ -23,7 +23,7 @@ from anser.control.path_motion import PathMotion, path_motion
 from anser.control.velocity_loop import AttitudeDemand, ThrustDemand, attitude_demand, thrust_demand
 from anser.numerics import solve3
 from anser.planning import PathCommand
-from anser.shapes import Scalar, ScalarLike, Vector3
+from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 
 _REACH_MAX = 1.5  # the sampled loop of the surfaces keeps its pole above -0.5
 
@@ -67,6 +67,8 @@ class AutopilotSignals(eqx.Module):
         (P, Q, R) wanted, rad/s.
     surfaces
         Deflections wanted, within the stops, rad.
+    rates_limited, surfaces_limited
+        Whether a body rate is held at its limit, and whether a surface is wanted beyond its stop.
     """
 
     motion: PathMotion
@@ -74,6 +76,8 @@ class AutopilotSignals(eqx.Module):
     attitude: AttitudeDemand
     rates_b: Vector3
     surfaces: Vector3
+    rates_limited: Flag
+    surfaces_limited: Flag
 
 
 class Plant(eqx.Module):
@@ -216,5 +220,13 @@ def velocity_control(
     rates_wanted, demand, memory = attitude_control(plant, memory, attitude.angles, attitude_dot)
     attitude_filter = memory.attitude_filter.advanced(attitude.angles, gains.attitude_command_bandwidth, plant.step)
     memory = eqx.tree_at(lambda m: (m.velocity_integral, m.attitude_filter), memory, (integral, attitude_filter))
-    signals = AutopilotSignals(motion, thrust, attitude, rates_wanted, demand.surfaces)
+    signals = AutopilotSignals(
+        motion=motion,
+        thrust=thrust,
+        attitude=attitude,
+        rates_b=rates_wanted,
+        surfaces=demand.surfaces,
+        rates_limited=jnp.any(jnp.abs(rates_wanted) >= limits.rates_max),
+        surfaces_limited=jnp.any(demand.saturated),
+    )
     return Controls(surfaces=demand.surfaces, throttle=thrust.throttle), signals, memory

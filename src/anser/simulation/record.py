@@ -98,6 +98,11 @@ def record(moment: Moment) -> dict[str, Array]:
         "planned_length": moment.planned_length,
         "lateral_bend": moment.lateral_bend,
         "phase": moment.phase,
+        "thrust_limited": signals.thrust.saturated,
+        "lift_limited": signals.attitude.alpha_saturated,
+        "bank_limited": signals.attitude.bank_saturated,
+        "rates_limited": signals.rates_limited,
+        "surfaces_limited": signals.surfaces_limited,
         "outside_tables": moment.airframe.outside_tables(data),
         "status": moment.status,
     }
