@@ -10,6 +10,7 @@ from anser.control.path_motion import PathMotion
 from anser.shapes import Scalar, ScalarLike, Vector3
 
 _COS_BANK_MIN = 0.2  # between 78 and 102 deg of bank lift is asked less and less to hold the path
+_COS_READY = 0.5  # cosine of the bank error up to which all of the lift is asked; none at 90 deg and beyond
 _UP_MIN_G = 0.2  # acceleration normal to the path, in g, below which lift is not asked to turn
 _NEWTON_STEPS = 2  # the lift curve is piecewise linear: the second step lands when the first crossed a breakpoint
 
@@ -73,7 +74,8 @@ def attitude_demand(
 
     mu = atan2(V cos(gamma) chi_dot, V gamma_dot + g cos gamma), the well-conditioned form; alpha from the balance of
     forces normal to the path at the present bank, m (V gamma_dot + g cos gamma) = L(alpha) cos(mu) with
-    L = F_X sin(alpha) - F_Z cos(alpha), solved by Newton steps on the airframe's own forces.
+    L = F_X sin(alpha) - F_Z cos(alpha), solved by Newton steps on the airframe's own forces. With the bank more than 60
+    deg off, an upset, the aircraft is unloaded first.
     """
     mass = airframe.mass_properties.mass
     weight = mass * gravity
@@ -85,7 +87,9 @@ def attitude_demand(
     upright = jnp.clip(up / (_UP_MIN_G * gravity), 0.0, 1.0)
     mu = jnp.clip(jnp.arctan2(upright * side, level), -limits.bank_max, limits.bank_max)
     c_mu = jnp.cos(motion.mu)
-    lift_free = mass * up * c_mu / jnp.maximum(c_mu**2, _COS_BANK_MIN**2)
+    # far from the wanted bank, on the back above all, the lift would point the wrong way: unload first, roll, then pull
+    ready = jnp.clip(jnp.cos(motion.mu - mu) / _COS_READY, 0.0, 1.0)
+    lift_free = ready * mass * up * c_mu / jnp.maximum(c_mu**2, _COS_BANK_MIN**2)
     lift_wanted = jnp.clip(lift_free, limits.load_factor_min * weight, limits.load_factor_max * weight)
     thrust_b = now.propulsive.force_b
 
@@ -103,6 +107,6 @@ def attitude_demand(
     alpha = jnp.clip(alpha_free, limits.alpha_min, limits.alpha_max)
     return AttitudeDemand(
         angles=jnp.stack([mu, alpha, jnp.zeros_like(alpha)]),
-        alpha_saturated=(alpha != alpha_free) | (lift_wanted != lift_free),
+        alpha_saturated=(alpha != alpha_free) | (lift_wanted != lift_free) | (ready < 1.0),
         bank_saturated=mu != mu_free,
     )
