@@ -170,15 +170,19 @@ def test_alpha_limits_are_kept_and_flagged_at_low_speed():
     assert push.alpha_saturated
 
 
-def test_more_bank_asks_for_more_lift_while_upright_and_for_a_push_when_inverted():
-    """L cos(mu) = m g: alpha rises with bank; beyond 90 deg only negative lift holds the path."""
-    alpha = [float(_demand_at(0.0, 0.0, bank=b * DEGREE).angles[1]) for b in (0, 30, 60, 75)]
+def test_more_bank_asks_for_more_lift_and_an_upset_for_none():
+    """L cos(mu) = m g in a turn: alpha rises with bank. Far from the wanted bank the lift is let go."""
+    turns = [(b * DEGREE, G * np.tan(b * DEGREE) / 150.0) for b in (0, 30, 60, 75)]
+    alpha = [float(_demand_at(0.0, chi_dot, bank=bank).angles[1]) for bank, chi_dot in turns]
     assert np.all(np.diff(alpha) > 0)
-    inverted = _demand_at(0.0, 0.0, bank=170 * DEGREE)
-    assert inverted.angles[1] < 0.0
-    knife_edge = _demand_at(0.0, 0.0, bank=90 * DEGREE)
-    # no lift at all: zero-lift alpha of this airframe lies between -3 and 1 deg
-    assert -3 * DEGREE < knife_edge.angles[1] < 1 * DEGREE
+    for bank in (90, 130, 170, -170):
+        upset = _demand_at(0.0, 0.0, bank=bank * DEGREE)
+        # no lift at all: zero-lift alpha of this airframe lies between -3 and 1 deg
+        assert -3 * DEGREE < upset.angles[1] < 1 * DEGREE
+        assert upset.alpha_saturated
+    # at 60 deg from the wanted bank all of the lift is asked for still, at 75 deg about half
+    assert not _demand_at(0.0, 0.0, bank=59 * DEGREE).alpha_saturated
+    assert _demand_at(0.0, 0.0, bank=75 * DEGREE).angles[1] < alpha[3]
 
 
 def test_bank_fades_out_with_the_lift_that_is_wanted():
