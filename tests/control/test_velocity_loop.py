@@ -104,7 +104,10 @@ straight = vectors(
 
 def _attitude(state, x, gamma_dot, chi_dot):
     now, motion = motion_of(state, x)
-    return attitude_demand(AIRFRAME, LIMITS, now, state.rates_b, state.surfaces, motion, gamma_dot, chi_dot, G)
+    beyond_b = jnp.zeros(3)
+    return attitude_demand(
+        AIRFRAME, LIMITS, now, state.rates_b, state.surfaces, beyond_b, motion, gamma_dot, chi_dot, G
+    )
 
 
 @jax.jit
@@ -202,7 +205,8 @@ def _all_demands(x):
     now, motion = setting.now, setting.motion
     thrust = thrust_demand(AIRFRAME, ENGINE_BANDWIDTH, now, x[12], motion, 0.5, environment_of(x).gravity)
     attitude = attitude_demand(
-        AIRFRAME, LIMITS, now, setting.state.rates_b, setting.state.surfaces, motion, 0.01, 0.02, G
+        *(AIRFRAME, LIMITS, now, setting.state.rates_b, setting.state.surfaces, jnp.zeros(3)),
+        *(motion, 0.01, 0.02, G),
     )
     return jnp.concatenate([thrust.throttle[None], thrust.thrust[None], attitude.angles])
 

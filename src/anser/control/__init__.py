@@ -11,6 +11,7 @@ from anser.control.autopilot import (
     rate_control,
     velocity_control,
 )
+from anser.control.beyond_model import BeyondModel, nothing_beyond
 from anser.control.feedback import Differentiator, advanced_integral, virtual_control, wrapped
 from anser.control.gains import AutopilotGains, LoopGains, loop_gains, published_gains
 from anser.control.guidance import GuidanceSettings, follow, hold, hold_point
@@ -23,6 +24,7 @@ __all__ = [
     "AutopilotGains",
     "AutopilotSignals",
     "AutopilotState",
+    "BeyondModel",
     "Differentiator",
     "FlightLimits",
     "GuidanceSettings",
@@ -42,6 +44,7 @@ __all__ = [
     "initial_autopilot_state",
     "loop_gains",
     "make_plant",
+    "nothing_beyond",
     "path_motion",
     "published_gains",
     "rate_control",

@@ -12,16 +12,18 @@ from anser.aircraft import (
     AircraftState,
     Condition,
     Controls,
+    Wrench,
     angular_acceleration,
     moment_for_acceleration,
 )
 from anser.control.allocation import SurfaceDemand, allocate
+from anser.control.beyond_model import BeyondModel, nothing_beyond
 from anser.control.feedback import Differentiator, advanced_integral, virtual_control, wrapped
 from anser.control.gains import AutopilotGains
 from anser.control.limits import FlightLimits
 from anser.control.path_motion import PathMotion, path_motion
 from anser.control.velocity_loop import AttitudeDemand, ThrustDemand, attitude_demand, thrust_demand
-from anser.numerics import solve3
+from anser.numerics import solve3, times3
 from anser.planning import PathCommand
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 
@@ -41,6 +43,8 @@ class AutopilotState(eqx.Module):
         Filter on the deflections that the fast loop wants.
     surfaces_slow
         Deflections through a low-pass filter, rad.
+    beyond
+        What the sensors say beyond the model.
     """
 
     velocity_integral: Vector3
@@ -50,6 +54,7 @@ class AutopilotState(eqx.Module):
     rates_filter: Differentiator
     surfaces_filter: Differentiator
     surfaces_slow: Vector3
+    beyond: BeyondModel
 
 
 class AutopilotSignals(eqx.Module):
@@ -83,6 +88,9 @@ class AutopilotSignals(eqx.Module):
 class Plant(eqx.Module):
     """What an autopilot needs of its own aircraft at one instant.
 
+    `airframe` and the forces in `now` and `slow` are what the autopilot believes: the model, with what the sensors say
+    beyond it where the inversion is incremental.
+
     The two outer loops see the forces as they are with `surfaces_slow`, low-passed deflections: the lift of the moving
     elevator, differentiated twice on its way through the feed-forward, would come back to the elevator with a loop gain
     above one (a limit cycle at the rate limit). Neglecting fast surface forces in the slow loops is the two-time-scale
@@ -96,6 +104,7 @@ class Plant(eqx.Module):
     now: Condition
     slow: Condition
     surfaces_slow: Vector3
+    beyond: BeyondModel
     motion: PathMotion
     gravity: ScalarLike
     step: ScalarLike
@@ -110,19 +119,58 @@ def make_plant(
     memory: AutopilotState,
     gravity: ScalarLike,
     step: ScalarLike,
+    specific_force_b: Vector3 | None = None,
 ) -> Plant:
-    """Gather what the loops share; `step` is the sampling period, s."""
+    """Gather what the loops share.
+
+    Parameters
+    ----------
+    airframe
+        The autopilot's model of its aircraft.
+    limits, gains, memory
+        Of the autopilot.
+    state
+        As measured.
+    now
+        Condition of the model.
+    gravity
+        m/s^2.
+    step
+        Sampling period, s.
+    specific_force_b
+        What accelerometers at the centre of gravity read (3,), m/s^2; that of a perfect model where None.
+    """
+    mass_properties = airframe.mass_properties
+    model_force_b = now.wrench.force_b
+    measured_b = model_force_b if specific_force_b is None else mass_properties.mass * specific_force_b
+    beyond = memory.beyond.advanced(
+        measured_b - model_force_b,
+        state.rates_b,
+        angular_acceleration(mass_properties, state.rates_b, now.wrench.moment_b),
+        gains.sensor_bandwidth,
+        step,
+    )
+    beyond_wrench = Wrench(beyond.force_b, times3(mass_properties.inertia_b, beyond.acceleration_b))
+    now = eqx.tree_at(lambda c: c.aerodynamic, now, now.aerodynamic + beyond_wrench)
     surfaces_slow = memory.surfaces_slow
-    slow = eqx.tree_at(lambda c: c.aerodynamic, now, airframe.aerodynamics(now.air_data, state.rates_b, surfaces_slow))
-    motion = path_motion(now, slow.wrench.force_b, state.velocity_b, airframe.mass_properties.mass, gravity)
-    return Plant(airframe, limits, gains, state, now, slow, surfaces_slow, motion, gravity, step)
+    slow_wrench = airframe.aerodynamics(now.air_data, state.rates_b, surfaces_slow) + beyond_wrench
+    slow = eqx.tree_at(lambda c: c.aerodynamic, now, slow_wrench)
+    motion = path_motion(now, slow.wrench.force_b, state.velocity_b, mass_properties.mass, gravity)
+    return Plant(airframe, limits, gains, state, now, slow, surfaces_slow, beyond, motion, gravity, step)
 
 
 def initial_autopilot_state(attitude: Vector3, rates_b: Vector3, surfaces: Vector3) -> AutopilotState:
     """Memory of an autopilot that has been holding the given (mu, alpha, beta), (P, Q, R) and surfaces."""
     zero = jnp.zeros(3)
     return AutopilotState(
-        zero, zero, zero, Differentiator(attitude), Differentiator(rates_b), Differentiator(surfaces), surfaces
+        zero,
+        zero,
+        zero,
+        Differentiator(attitude),
+        Differentiator(rates_b),
+        Differentiator(surfaces),
+        surfaces,
+        nothing_beyond(rates_b),
     )
 
 
@@ -137,7 +185,7 @@ def rate_control(
     error = rates_wanted - rates_b
     measured_dot = angular_acceleration(mass_properties, rates_b, plant.now.wrench.moment_b)
     nu = virtual_control(plant.gains.rates, error, memory.rates_integral, rates_wanted_dot, measured_dot)
-    moment_b = moment_for_acceleration(mass_properties, rates_b, nu)
+    moment_b = moment_for_acceleration(mass_properties, rates_b, nu - plant.beyond.acceleration_b)
     demand = allocate(plant.airframe, plant.now, rates_b, plant.state.surfaces, moment_b)
     actuators, surfaces = plant.airframe.actuators, plant.state.surfaces
     wanted = actuators.limited(demand.surfaces)
@@ -151,9 +199,9 @@ def rate_control(
     fade = 1 - jnp.exp(-plant.gains.surface_bandwidth * plant.step)
     surfaces_slow = plant.surfaces_slow + fade * (plant.state.surfaces - plant.surfaces_slow)
     return demand, eqx.tree_at(
-        lambda m: (m.rates_integral, m.surfaces_filter, m.surfaces_slow),
+        lambda m: (m.rates_integral, m.surfaces_filter, m.surfaces_slow, m.beyond),
         memory,
-        (integral, surfaces_filter, surfaces_slow),
+        (integral, surfaces_filter, surfaces_slow, plant.beyond),
     )
 
 
@@ -209,6 +257,7 @@ def velocity_control(
         plant.slow,
         plant.state.rates_b,
         plant.surfaces_slow,
+        plant.beyond.force_b,
         motion,
         nu[1],
         nu[2],

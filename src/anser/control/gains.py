@@ -38,6 +38,9 @@ class AutopilotGains(eqx.Module):
         Bandwidth of the low-pass filter on the deflections that the outer loops see, rad/s.
     engine_bandwidth
         Bandwidth that the throttle asks of the engine by inverting its lag, 1/s.
+    sensor_bandwidth
+        Bandwidth of the filter on what the sensors say beyond the model, rad/s: above 0 the inversion is incremental, 0
+        is model-based.
     """
 
     rates: LoopGains
@@ -49,6 +52,7 @@ class AutopilotGains(eqx.Module):
     actuator_bandwidth: Scalar
     surface_bandwidth: Scalar
     engine_bandwidth: Scalar
+    sensor_bandwidth: Scalar
 
 
 def loop_gains(
@@ -59,7 +63,7 @@ def loop_gains(
 
 
 def published_gains() -> AutopilotGains:
-    """Gains of [TH] (theory section 5)."""
+    """Gains of [TH] (theory section 5), for model-based inversion."""
     return AutopilotGains(
         rates=loop_gains(10.0, 0.25, 1.0),
         attitude=loop_gains(2.0),
@@ -70,4 +74,5 @@ def published_gains() -> AutopilotGains:
         actuator_bandwidth=jnp.asarray(40.0, dtype=float),
         surface_bandwidth=jnp.asarray(2.0, dtype=float),
         engine_bandwidth=jnp.asarray(5.0, dtype=float),
+        sensor_bandwidth=jnp.asarray(0.0, dtype=float),
     )

@@ -65,6 +65,7 @@ def attitude_demand(
     now: Condition,
     rates_b: Vector3,
     surfaces: Vector3,
+    force_beyond_b: Vector3,
     motion: PathMotion,
     gamma_dot: ScalarLike,
     chi_dot: ScalarLike,
@@ -75,7 +76,8 @@ def attitude_demand(
     mu = atan2(V cos(gamma) chi_dot, V gamma_dot + g cos gamma), the well-conditioned form; alpha from the balance of
     forces normal to the path at the present bank, m (V gamma_dot + g cos gamma) = L(alpha) cos(mu) with
     L = F_X sin(alpha) - F_Z cos(alpha), solved by Newton steps on the airframe's own forces. With the bank more than 60
-    deg off, an upset, the aircraft is unloaded first.
+    deg off, an upset, the aircraft is unloaded first. `force_beyond_b` is what the sensors say beyond the airframe's
+    forces, N.
     """
     mass = airframe.mass_properties.mass
     weight = mass * gravity
@@ -91,11 +93,11 @@ def attitude_demand(
     ready = jnp.clip(jnp.cos(motion.mu - mu) / _COS_READY, 0.0, 1.0)
     lift_free = ready * mass * up * c_mu / jnp.maximum(c_mu**2, _COS_BANK_MIN**2)
     lift_wanted = jnp.clip(lift_free, limits.load_factor_min * weight, limits.load_factor_max * weight)
-    thrust_b = now.propulsive.force_b
+    beside_b = now.propulsive.force_b + force_beyond_b
 
     def lift(alpha: Scalar) -> Scalar:
         data = eqx.tree_at(lambda d: d.alpha, now.air_data, alpha)
-        force_b = airframe.aerodynamics(data, rates_b, surfaces).force_b + thrust_b
+        force_b = airframe.aerodynamics(data, rates_b, surfaces).force_b + beside_b
         return force_b[0] * jnp.sin(alpha) - force_b[2] * jnp.cos(alpha)
 
     slope_min = 0.02 * now.air_data.qbar  # keeps the step finite past the peak of the lift curve

@@ -158,10 +158,11 @@ def _rendezvous(aircraft: Aircraft) -> Rendezvous:
 
 def _gains(aircraft: Aircraft) -> AutopilotGains:
     gains = aircraft.gains
+    bandwidth = gains.sensor_bandwidth_rad_s if gains.inversion == "incremental" else 0.0
     return eqx.tree_at(
-        lambda g: (g.rates, g.attitude, g.velocity),
+        lambda g: (g.rates, g.attitude, g.velocity, g.sensor_bandwidth),
         published_gains(),
-        (_loop(gains.rates), _loop(gains.attitude), _loop(gains.velocity)),
+        (_loop(gains.rates), _loop(gains.attitude), _loop(gains.velocity), _scalar(bandwidth)),
     )
 
 

@@ -77,7 +77,14 @@ class VelocityGains(Table):
 
 
 class Gains(Table):
-    """Gains of the autopilot's three loops (theory section 5)."""
+    """Gains of the autopilot's three loops (theory section 5), and which inversion they drive."""
+
+    inversion: Literal["model", "incremental"] = choice(
+        "what is inverted: the model, or the change from what the sensors measure", ("model", "incremental"), "model"
+    )
+    sensor_bandwidth_rad_s: float = number(
+        "of the filter on the sensors of the incremental inversion", 1, 100, "rad/s", 20.0
+    )
 
     rates: RateGains = table("fast loop", "a table [aircraft.gains.rates]", RateGains())
     attitude: AttitudeGains = table("middle loop", "a table [aircraft.gains.attitude]", AttitudeGains())

@@ -1,0 +1,180 @@
+"""The incremental inversion: nothing on a perfect model, all that the model lacks on a wrong one."""
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from autopilot_cases import ENVIRONMENT, memory_of
+from control_cases import AIRFRAME, DEGREE
+
+from anser.aircraft import AbstractAirframe, Actuators, MassProperties, Wrench, condition
+from anser.control import (
+    BeyondModel,
+    default_limits,
+    make_plant,
+    nothing_beyond,
+    published_gains,
+    rate_control,
+    velocity_control,
+)
+from anser.planning import PathCommand
+from anser.scenario import build_flight, loads
+from anser.shapes import Scalar, Vector3
+from anser.simulation import trim_target
+from anser.simulation.motion import advance
+from support.states import make_state
+from support.trims import trim
+
+BANDWIDTH, STEP = 20.0, 0.01
+LIMITS, GRAVITY = default_limits(), ENVIRONMENT.gravity
+
+
+def gains(bandwidth):
+    return eqx.tree_at(lambda g: g.sensor_bandwidth, published_gains(), jnp.asarray(bandwidth))
+
+
+def test_filter_takes_in_the_mean_over_the_sample():
+    """Constant model error: the filter's memory goes to it with exp(-bandwidth t); with no bandwidth it stays zero."""
+    model, error, force = jnp.array([0.1, -0.2, 0.3]), jnp.array([1.0, 2.0, -3.0]), jnp.array([5.0, -6.0, 7.0])
+    for bandwidth, reached in ((BANDWIDTH, 1 - np.exp(-BANDWIDTH * 0.5)), (0.0, 0.0)):
+        memory = dataclasses.replace(nothing_beyond(jnp.zeros(3)), model_acceleration_b=model)
+        for k in range(1, 51):
+            rates = (model + error) * k * STEP
+            memory = memory.advanced(force, rates, model, bandwidth, STEP)
+        assert isinstance(memory, BeyondModel)
+        np.testing.assert_allclose(memory.acceleration_b, reached * error, atol=1e-12)
+        np.testing.assert_allclose(memory.force_b, reached * force, atol=1e-12)
+
+
+class Offset(AbstractAirframe):
+    """The F-16 with a constant moment added: a model that is wrong in its moments and right in their slopes."""
+
+    mass_properties: MassProperties
+    actuators: Actuators
+    alpha_range: tuple[Scalar, Scalar]
+    beta_range: tuple[Scalar, Scalar]
+    moment_b: Vector3
+
+    def aerodynamics(self, air_data, rates_b, surfaces):
+        right = AIRFRAME.aerodynamics(air_data, rates_b, surfaces)
+        return Wrench(right.force_b, right.moment_b + self.moment_b)
+
+    def propulsion(self, power, altitude, mach):
+        return AIRFRAME.propulsion(power, altitude, mach)
+
+    def power_rate(self, power, throttle):
+        raise NotImplementedError
+
+    def power_for_thrust(self, thrust, altitude, mach):
+        raise NotImplementedError
+
+    def throttle_for_power(self, power):
+        raise NotImplementedError
+
+    def throttle_for_power_rate(self, power, power_rate):
+        raise NotImplementedError
+
+    def outside_tables(self, air_data):
+        raise NotImplementedError
+
+
+def test_surfaces_rest_on_the_measurement_and_on_the_slopes_of_the_model_alone():
+    """u = u_0 + G^-1 (nu - y_dot measured): a model whose moments are off by a constant gives the same surfaces."""
+    state = make_state(V=150.0, alpha=0.08, beta=0.01, rates=(0.05, 0.02, -0.01), surfaces=(-0.03, 0.0, 0.0))
+    memory_0 = memory_of(trim(AIRFRAME, ENVIRONMENT, trim_target(150.0, 2500.0)))
+    J_inverse = AIRFRAME.mass_properties.inertia_inverse_b
+
+    def surfaces(moment_b, *, seen):
+        model = Offset(
+            AIRFRAME.mass_properties, AIRFRAME.actuators, AIRFRAME.alpha_range, AIRFRAME.beta_range, moment_b
+        )
+        beyond = nothing_beyond(state.rates_b)
+        if seen:
+            beyond = dataclasses.replace(beyond, acceleration_b=-(J_inverse @ moment_b))
+        memory = eqx.tree_at(lambda m: m.beyond, memory_0, beyond)
+        now = condition(model, ENVIRONMENT, 0.0, state)
+        plant = make_plant(model, LIMITS, gains(0.0), state, now, memory, GRAVITY, STEP)
+        demand, _ = rate_control(plant, memory, state.rates_b, jnp.array([0.2, 0.1, 0.0]))
+        return np.asarray(demand.surfaces)
+
+    right, wrong = surfaces(jnp.zeros(3), seen=False), jnp.array([3e3, -5e3, 2e3])  # N m
+    np.testing.assert_allclose(surfaces(wrong, seen=True), right, atol=1e-9)
+    assert np.abs(surfaces(wrong, seen=False) - right).max() > 0.2 * DEGREE
+
+
+def _wrong_aircraft():
+    """Lift and drag 30 % less, damping 30 % more, controls 30 % weaker than the autopilot believes."""
+    return eqx.tree_at(
+        lambda a: (a.curves.cells, a.sideslip_surfaces.cells, a.normal_force_elevator),
+        AIRFRAME,
+        (
+            AIRFRAME.curves.cells * jnp.array([0.7, *(1.3,) * 9])[None, None],
+            AIRFRAME.sideslip_surfaces.cells * jnp.array([0.7, 0.7, 0.7, 0.7, 1.3, 0.7])[None, None],
+            AIRFRAME.normal_force_elevator * 0.7,
+        ),
+    )
+
+
+@jax.jit
+def _climb_and_turn(truth, bandwidth, start, memory):
+    """40 s of a climb of 3 deg and a turn by 30 deg, flown by the autopilot of the nominal aircraft."""
+
+    def one(carry, k):
+        state, memory = carry
+        actual, believed = (condition(airframe, ENVIRONMENT, 0.0, state) for airframe in (truth, AIRFRAME))
+        specific_b = actual.wrench.force_b / truth.mass_properties.mass
+        setting = gains(bandwidth)
+        plant = make_plant(AIRFRAME, LIMITS, setting, state, believed, memory, GRAVITY, STEP, specific_b)
+        zero = jnp.zeros(())
+        command = PathCommand(jnp.asarray(155.0), jnp.asarray(3 * DEGREE), jnp.asarray(30 * DEGREE), zero, zero, zero)
+        controls, _, memory = velocity_control(plant, memory, command)
+        motion = plant.motion
+        row = jnp.stack([motion.V - 155.0, motion.gamma - 3 * DEGREE, motion.chi - 30 * DEGREE, motion.beta])
+        return (advance(truth, ENVIRONMENT, 0.0, state, controls, STEP), memory), (row, state.surfaces, memory.beyond)
+
+    return jax.lax.scan(one, (start, memory), length=4000)[1]
+
+
+@pytest.fixture(scope="module")
+def flown():
+    point = trim(AIRFRAME, ENVIRONMENT, trim_target(150.0, 2000.0))
+    return {
+        (name, bandwidth): jax.tree.map(np.asarray, _climb_and_turn(truth, bandwidth, point.state, memory_of(point)))
+        for name, truth in (("nominal", AIRFRAME), ("wrong", _wrong_aircraft()))
+        for bandwidth in (0.0, BANDWIDTH)
+    }
+
+
+def test_on_a_perfect_model_both_inversions_fly_the_same(flown):
+    """What is left of the measured minus the modelled acceleration is the curvature within a sample."""
+    one, other = flown["nominal", 0.0][0], flown["nominal", BANDWIDTH][0]
+    np.testing.assert_allclose(other[:, 1:3], one[:, 1:3], atol=0.01 * DEGREE)
+    np.testing.assert_allclose(other[:, 0], one[:, 0], atol=0.02)
+    assert np.abs(flown["nominal", 0.0][2].acceleration_b).max() == 0.0
+
+
+def test_on_a_wrong_model_the_incremental_inversion_does_not_feel_it(flown):
+    """The path angle, whose lift is off by 30 %: model-based inversion sags and needs its slow integral."""
+    _, _, sensed = flown["wrong", BANDWIDTH]
+    assert np.abs(sensed.force_b[-1][2]) > 0.1 * 9295 * 9.8  # the model's lift is off, and the sensors say so
+    sag = {bandwidth: np.abs(flown["wrong", bandwidth][0][2000:, 1]).max() for bandwidth in (0.0, BANDWIDTH)}
+    nominal = np.abs(flown["nominal", 0.0][0][2000:, 1]).max()
+    assert sag[0.0] > 3 * nominal
+    assert sag[BANDWIDTH] < 1.2 * nominal
+    for bandwidth in (0.0, BANDWIDTH):
+        rows, surfaces, _ = flown["wrong", bandwidth]
+        assert np.isfinite(rows).all()
+        # no chatter: at the end the surfaces move by less than a thousandth of a degree a sample
+        assert np.abs(np.diff(surfaces[-500:], axis=0)).max() < 1e-3 * DEGREE
+
+
+def test_a_scenario_chooses_the_inversion():
+    from pathlib import Path
+
+    text = (Path(__file__).parents[2] / "scenarios" / "single-aircraft.toml").read_text()
+    assert float(build_flight(loads(text)).fleet.gains.sensor_bandwidth[0]) == 0.0
+    chosen = text.replace("[[goal]]", '[aircraft.gains]\ninversion = "incremental"\n\n[[goal]]', 1)
+    assert float(build_flight(loads(chosen)).fleet.gains.sensor_bandwidth[0]) == BANDWIDTH
