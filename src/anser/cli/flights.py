@@ -9,9 +9,17 @@ import typer
 
 import anser
 from anser.cli.console import err, make_new, number, plain_table, screen
-from anser.scenario import load, write_starter
+from anser.scenario import Scenario, cautions, load, write_starter
 
 ScenarioPath = Annotated[Path, typer.Argument(help="Scenario file (TOML).", show_default=False)]
+
+
+def _loaded(path: Path) -> Scenario:
+    """Load a scenario and say on the way what it had better not do."""
+    scenario = load(path)
+    for caution in cautions(scenario):
+        err.print(f"caution: {caution}", soft_wrap=True, markup=False)
+    return scenario
 
 
 def run(
@@ -21,7 +29,7 @@ def run(
     ] = None,
 ) -> None:
     """Fly a scenario, write its results into a new folder and print a table."""
-    wanted = load(scenario)
+    wanted = _loaded(scenario)
     target = out if out is not None else Path("runs") / wanted.name
     make_new(target)
     from anser.campaign import run as fly  # here: a misspelt key must not wait for plotting libraries
@@ -51,7 +59,7 @@ def run(
 
 def plan(scenario: ScenarioPath) -> None:
     """Plan a scenario without flying it: one arrival time, each aircraft's path, how it keeps the limits."""
-    wanted = load(scenario)
+    wanted = _loaded(scenario)
     from anser.campaign import plan as make
 
     with err.status("planning (the first time, this compiles)"):
@@ -66,7 +74,7 @@ def plan(scenario: ScenarioPath) -> None:
 
 def check(scenario: ScenarioPath) -> None:
     """Check a scenario file without planning or flying it."""
-    wanted = load(scenario)
+    wanted = _loaded(scenario)
     count = len(wanted.aircraft)
     fleet = "1 aircraft" if count == 1 else f"{count} aircraft"
     goals = "1 goal" if len(wanted.goal) == 1 else f"{len(wanted.goal)} goals"

@@ -1,6 +1,7 @@
 """Scenarios: the schema of their files, loading with plain errors, building a flight. Input units end here."""
 
 from anser.scenario.build import build_environment, build_flight, build_path_limits
+from anser.scenario.cautions import cautions
 from anser.scenario.errors import Problem, ScenarioError
 from anser.scenario.library import AIRFRAMES, BODIES, VARIANTS, load_airframe, load_body
 from anser.scenario.load import load, loads, validate
@@ -17,6 +18,7 @@ __all__ = [
     "build_environment",
     "build_flight",
     "build_path_limits",
+    "cautions",
     "load",
     "load_airframe",
     "load_body",

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from anser.control import AutopilotGains, FlightLimits, GuidanceSettings, LoopGains, published_gains
+from anser.control import AutopilotGains, FlightLimits, GuidanceSettings, LoopGains, designed_gains, published_gains
 from anser.environment import (
     AbstractWind,
     Environment,
@@ -32,7 +32,8 @@ from anser.planning import (
 )
 from anser.scenario.library import load_airframe
 from anser.scenario.schema import Scenario
-from anser.scenario.schema_aircraft import Aircraft, AttitudeGains, RateGains, VelocityGains
+from anser.scenario.schema_aircraft import Aircraft
+from anser.scenario.schema_gains import AttitudeGains, RateGains, VelocityGains
 from anser.scenario.schema_goal import Goal
 from anser.shapes import Scalar, Vector3
 from anser.simulation import Fleet, Flight, Timing, TrimTarget, trim_target
@@ -62,7 +63,7 @@ def build_flight(scenario: Scenario) -> Flight:
         environment=build_environment(scenario),
         fleet=Fleet(
             airframes=_stacked([load_airframe(a.type, a.variant, a.x_cg_over_c) for a in scenario.aircraft]),
-            gains=_stacked([_gains(a) for a in scenario.aircraft]),
+            gains=_stacked([build_gains(a) for a in scenario.aircraft]),
             limits=_stacked([_flight_limits(scenario)] * len(scenario.aircraft)),
             starts=_stacked([_start(a) for a in scenario.aircraft]),
             start_positions_n=jnp.stack([_ned(a.start.position_m) for a in scenario.aircraft]),
@@ -156,7 +157,8 @@ def _rendezvous(aircraft: Aircraft) -> Rendezvous:
     )
 
 
-def _gains(aircraft: Aircraft) -> AutopilotGains:
+def build_gains(aircraft: Aircraft) -> AutopilotGains:
+    """Gains of one aircraft's autopilot."""
     gains = aircraft.gains
     bandwidth = gains.sensor_bandwidth_rad_s if gains.inversion == "incremental" else 0.0
     return eqx.tree_at(
@@ -170,6 +172,11 @@ def _loop(gains: RateGains | AttitudeGains | VelocityGains) -> LoopGains:
     def channels(values: Sequence[float]) -> Array:
         return jnp.asarray(values, dtype=float)
 
+    if gains.bandwidth_rad_s is not None:
+        damping = (math.inf,) * 3 if gains.damping is None else gains.damping
+        return designed_gains(
+            *(channels(values) for values in (gains.bandwidth_rad_s, damping, gains.derivative, gains.feed_forward))
+        )
     return LoopGains(
         proportional=channels(gains.proportional),
         integral=channels(gains.integral),

@@ -1,9 +1,10 @@
-"""The aircraft: airframe, start, rendezvous, gains."""
+"""The aircraft: airframe, start, rendezvous."""
 
 import math
 from typing import Literal
 
-from anser.scenario.schema_base import Gain3, Table, choice, gain, naming, number, table
+from anser.scenario.schema_base import Table, choice, naming, number, table
+from anser.scenario.schema_gains import Gains
 from anser.scenario.schema_goal import PLACE_MAX_M
 from anser.scenario.schema_settings import ALTITUDE_MAX_M, SPEED_MAX_M_S
 
@@ -47,48 +48,6 @@ class Rendezvous(Table):
     def stand_off_distance_m(self) -> float:
         """Distance of the rendezvous point from the goal, m."""
         return math.hypot(*self.stand_off_m)
-
-
-class RateGains(Table):
-    """Gains of the fast loop, axes (roll rate P, pitch rate Q, yaw rate R)."""
-
-    proportional: Gain3 = gain("of the error, 1/s", 10.0)
-    integral: Gain3 = gain("of the integrated error, 1/s^2", 0.25)
-    derivative: Gain3 = gain("of the error's rate", 1.0)
-    feed_forward: Gain3 = gain("of the commanded rate of change", 1.0)
-
-
-class AttitudeGains(Table):
-    """Gains of the middle loop, axes (bank mu, angle of attack alpha, sideslip beta)."""
-
-    proportional: Gain3 = gain("of the error, 1/s", 2.0)
-    integral: Gain3 = gain("of the integrated error, 1/s^2", 0.0)
-    derivative: Gain3 = gain("of the error's rate", 0.0)
-    feed_forward: Gain3 = gain("of the commanded rate of change", 1.0)
-
-
-class VelocityGains(Table):
-    """Gains of the slow loop, axes (speed V, path angle gamma, course chi)."""
-
-    proportional: Gain3 = gain("of the error, 1/s", 1.0)
-    integral: Gain3 = gain("of the integrated error, 1/s^2", 0.025)
-    derivative: Gain3 = gain("of the error's rate", 0.0)
-    feed_forward: Gain3 = gain("of the commanded rate of change", 1.0)
-
-
-class Gains(Table):
-    """Gains of the autopilot's three loops (theory section 5), and which inversion they drive."""
-
-    inversion: Literal["model", "incremental"] = choice(
-        "what is inverted: the model, or the change from what the sensors measure", ("model", "incremental"), "model"
-    )
-    sensor_bandwidth_rad_s: float = number(
-        "of the filter on the sensors of the incremental inversion", 1, 100, "rad/s", 20.0
-    )
-
-    rates: RateGains = table("fast loop", "a table [aircraft.gains.rates]", RateGains())
-    attitude: AttitudeGains = table("middle loop", "a table [aircraft.gains.attitude]", AttitudeGains())
-    velocity: VelocityGains = table("slow loop", "a table [aircraft.gains.velocity]", VelocityGains())
 
 
 class Aircraft(Table):

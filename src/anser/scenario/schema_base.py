@@ -172,3 +172,20 @@ def gain(about: str, default: float) -> Any:
     """
     words = f"a number from 0 to {GAIN_MAX:g}, or a list of three such numbers"
     return Field((default, default, default), description=about, json_schema_extra=expects(words))
+
+
+def designed(about: str) -> Any:
+    """Declare what a gain may be derived from: one number, a list of three, or nothing.
+
+    Parameters
+    ----------
+    about
+        What it is, in one line.
+
+    Returns
+    -------
+    FieldInfo
+        The field; its value is a tuple of three, or None.
+    """
+    words = f"a number from 0 to {GAIN_MAX:g}, or a list of three such numbers"
+    return Field(None, description=about, json_schema_extra=expects(words))
