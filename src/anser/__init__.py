@@ -13,15 +13,21 @@ from typing import TYPE_CHECKING, Any
 import jax
 
 if TYPE_CHECKING:
-    from anser.campaign import plan, run
+    from anser.campaign import linearize, plan, run
     from anser.scenario import load, loads
 
 jax.config.update("jax_enable_x64", True)
 
 __version__ = "0.1.0"
-__all__ = ["__version__", "load", "loads", "plan", "run"]
+__all__ = ["__version__", "linearize", "load", "loads", "plan", "run"]
 
-_WHERE = {"load": "anser.scenario", "loads": "anser.scenario", "plan": "anser.campaign", "run": "anser.campaign"}
+_WHERE = {
+    "linearize": "anser.campaign",
+    "load": "anser.scenario",
+    "loads": "anser.scenario",
+    "plan": "anser.campaign",
+    "run": "anser.campaign",
+}
 
 
 def __getattr__(name: str) -> Any:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from anser.environment import standard_environment
 from anser.scenario.library import load_airframe
-from anser.simulation.trim import solve_trim
+from anser.simulation.trim import solve_trim, trim_target
 from anser.spatial import rotation_from_quaternion
 from anser.units import DEG_RAD, RAD_DEG
 from support.light_aircraft import light_aircraft
@@ -50,6 +50,26 @@ def test_every_airframe_is_steady_in_its_trim(name, path_deg, turn_deg_s):
     np.testing.assert_allclose([alpha, beta, mu], [point.alpha, point.beta, point.mu], atol=1e-14)
     side_force = condition_of(airframe, STILL, 0.0, point.state).wrench.force_b[1]
     assert abs(float(side_force)) < 1e-11 * 9.8 * float(airframe.mass_properties.mass)
+
+
+@pytest.mark.parametrize("turn_deg_s", [0.0, -4.0])
+def test_pull_up_is_steady_but_for_its_path_angle(turn_deg_s):
+    """Speed, flow angles and bank stand still for an instant; path angle and course turn as asked, in any direction."""
+    target = trim_target(170.0, 800.0, 3 * DEG_RAD, 40 * DEG_RAD, turn_deg_s * DEG_RAD, 5 * DEG_RAD)
+    point = trim(F16, STILL, target)
+    assert point.converged
+    assert float(point.excess) == 0.0
+    angles, rotation, _ = _rates(F16, STILL, point)
+    expected = np.array([0.0, 0.0, 0.0, 0.0, 5.0, turn_deg_s]) * DEG_RAD
+    np.testing.assert_allclose(angles, expected, atol=3e-11)
+    np.testing.assert_allclose(rotation, 0.0, atol=1e-11)
+    # Forces normal to the path: V gamma_dot + g cos gamma, and V cos gamma chi_dot beside it.
+    up = 170.0 * 5 * DEG_RAD + 9.80665 * np.cos(3 * DEG_RAD)
+    side = 170.0 * np.cos(3 * DEG_RAD) * turn_deg_s * DEG_RAD
+    weight = 9.80665 * float(F16.mass_properties.mass)
+    lift = -float(condition_of(F16, STILL, 0.0, point.state).wrench.force_b[2]) / weight
+    # n_z is along body -z, alpha (4 deg) away from the normal of the path: thrust less drag have a part in that, 2 %.
+    assert lift == pytest.approx(np.hypot(up, side) / 9.80665, rel=0.02)
 
 
 TARGETS = st.tuples(st.floats(80, 250), st.floats(0, 9000), st.floats(-8, 8), st.floats(-180, 180), st.floats(-8, 8))

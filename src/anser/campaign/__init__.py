@@ -1,6 +1,35 @@
-"""Campaigns: executing scenarios, one by one for now."""
+"""Campaigns: executing scenarios, one by one for now; trim points and linear models for people."""
 
+from anser.campaign.envelope import EnvelopeSurvey, survey
+from anser.campaign.envelope_cases import survey_limits
 from anser.campaign.execute import CLEARANCE_MIN_M, Flown, Planned, plan, run
+from anser.campaign.linearizing import ConditionError, Linearized, linearize
+from anser.campaign.step_tests import CHANNEL_KEYS, PUBLISHED_STEPS, StepTest, step_test, unit_of_channel
+from anser.campaign.stepped_flight import SteppedFlight, step_document
+from anser.campaign.stepping import Inversion, fly_steps
 from anser.campaign.trimming import FoundTrim, find_trim
 
-__all__ = ["CLEARANCE_MIN_M", "Flown", "FoundTrim", "Planned", "find_trim", "plan", "run"]
+__all__ = [
+    "CHANNEL_KEYS",
+    "CLEARANCE_MIN_M",
+    "PUBLISHED_STEPS",
+    "ConditionError",
+    "EnvelopeSurvey",
+    "Flown",
+    "FoundTrim",
+    "Inversion",
+    "Linearized",
+    "Planned",
+    "StepTest",
+    "SteppedFlight",
+    "find_trim",
+    "fly_steps",
+    "linearize",
+    "plan",
+    "run",
+    "step_document",
+    "step_test",
+    "survey",
+    "survey_limits",
+    "unit_of_channel",
+]

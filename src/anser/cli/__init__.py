@@ -10,6 +10,9 @@ import typer
 import anser
 from anser.cli.console import RefusedError, err, screen
 from anser.cli.flights import check, new, plan, run
+from anser.cli.linearizing import linearize
+from anser.cli.stepping import gallery, step
+from anser.cli.surveying import envelope
 from anser.cli.trimming import trim
 from anser.cli.verifying import verify
 from anser.scenario import ScenarioError
@@ -29,7 +32,7 @@ def _top(version: Annotated[bool, typer.Option("--version", help="Print the vers
         raise typer.Exit
 
 
-for _command in (run, plan, check, trim, verify, new):
+for _command in (run, plan, check, trim, linearize, step, gallery, envelope, verify, new):
     app.command()(_command)
 
 

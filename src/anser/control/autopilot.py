@@ -230,7 +230,8 @@ def attitude_control(
     measured_dot = motion.drift + jnp.sum(motion.effectiveness * plant.state.rates_b[None, :], axis=1)
     nu = virtual_control(gains.attitude, error, memory.attitude_integral, attitude_wanted_dot, measured_dot)
     free = solve3(motion.effectiveness, nu - motion.drift)
-    rates_wanted = jnp.clip(free, -plant.limits.rates_max, plant.limits.rates_max)
+    # Scaled together: a roll rate that is cut while its yaw rate is not would be a sideslip.
+    rates_wanted = free / jnp.maximum(jnp.max(jnp.abs(free) / plant.limits.rates_max), 1.0)
     integral = advanced_integral(memory.attitude_integral, error, rates_wanted != free, plant.step)
     rates_dot = memory.rates_filter.rate(rates_wanted, gains.rates_command_bandwidth, plant.step)
     demand, memory = rate_control(plant, memory, rates_wanted, rates_dot)
@@ -275,7 +276,7 @@ def velocity_control(
         attitude=attitude,
         rates_b=rates_wanted,
         surfaces=demand.surfaces,
-        rates_limited=jnp.any(jnp.abs(rates_wanted) >= limits.rates_max),
+        rates_limited=jnp.any(jnp.abs(rates_wanted) >= (1 - 1e-9) * limits.rates_max),
         surfaces_limited=jnp.any(demand.saturated),
     )
     return Controls(surfaces=demand.surfaces, throttle=thrust.throttle), signals, memory

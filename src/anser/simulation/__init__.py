@@ -1,22 +1,40 @@
-"""Simulation: the closed loop of a fleet, trim, responses, the recorded history."""
+"""Simulation: the closed loop of a fleet, trim, responses, linear models, the recorded history."""
 
 from anser.simulation.fleet import Fleet, Flight, FlightState, Timing
 from anser.simulation.flight import SEGMENT_STEPS, fly_segment, start_flight, step_flight
+from anser.simulation.flight_summary import AUTOPILOT_LIMITS, BETA_BOUND, TABLE_AXES, FlightSummary
+from anser.simulation.linearize_inversion import InversionPole, inversion_poles
+from anser.simulation.linearize_open import LinearModel, linearize
+from anser.simulation.linearize_sampled import CHANNELS, linearize_loop
+from anser.simulation.modes import Mode, modes_of, wind_axis_states
 from anser.simulation.motion import advance
-from anser.simulation.response import Response, step_response
+from anser.simulation.response import Loop, Response, step_response
 from anser.simulation.sensing import Sensed, sense
 from anser.simulation.status import FLYING, NO_TRIM, STATUS_MESSAGES
+from anser.simulation.survey import survey_flight
+from anser.simulation.survey_trim import TRIM_STOPS, MapPoint, map_point
 from anser.simulation.trim import TrimPoint, TrimTarget, solve_trim, trim_target
 from anser.simulation.trim_diagnosis import NearestTrim, NearestTrims, nearest_trims, trim_violations
 
 __all__ = [
+    "AUTOPILOT_LIMITS",
+    "BETA_BOUND",
+    "CHANNELS",
     "FLYING",
     "NO_TRIM",
     "SEGMENT_STEPS",
     "STATUS_MESSAGES",
+    "TABLE_AXES",
+    "TRIM_STOPS",
     "Fleet",
     "Flight",
     "FlightState",
+    "FlightSummary",
+    "InversionPole",
+    "LinearModel",
+    "Loop",
+    "MapPoint",
+    "Mode",
     "NearestTrim",
     "NearestTrims",
     "Response",
@@ -26,12 +44,19 @@ __all__ = [
     "TrimTarget",
     "advance",
     "fly_segment",
+    "inversion_poles",
+    "linearize",
+    "linearize_loop",
+    "map_point",
+    "modes_of",
     "nearest_trims",
     "sense",
     "solve_trim",
     "start_flight",
     "step_flight",
     "step_response",
+    "survey_flight",
     "trim_target",
     "trim_violations",
+    "wind_axis_states",
 ]

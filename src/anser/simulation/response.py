@@ -7,11 +7,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from anser.aircraft import AbstractAirframe, Controls, condition
+from anser.aircraft import AbstractAirframe, AircraftState, Controls, condition
 from anser.control import (
     AutopilotGains,
     AutopilotState,
     FlightLimits,
+    Plant,
     attitude_control,
     initial_autopilot_state,
     make_plant,
@@ -25,6 +26,24 @@ from anser.simulation.motion import advance
 from anser.simulation.trim import TrimPoint
 
 Loop = Literal["rates", "attitude", "velocity"]
+
+
+class LoopCommand(eqx.Module):
+    """What one loop is asked for.
+
+    Attributes
+    ----------
+    value
+        (P, Q, R) rad/s, (mu, alpha, beta) rad or (V, gamma, chi) m/s and rad.
+    rate
+        Its rate of change, for the feed-forward.
+    throttle
+        Throttle that is held unless the velocity loop is commanded, 0..1.
+    """
+
+    value: Vector3
+    rate: Vector3
+    throttle: ScalarLike
 
 
 class Response(eqx.Module):
@@ -77,37 +96,61 @@ def step_response(
     loop
         Which loop is commanded.
     """
-    attitude_0 = jnp.stack([trim.mu, trim.alpha, trim.beta])
-    memory_0 = initial_autopilot_state(attitude_0, trim.state.rates_b, trim.state.surfaces)
+    memory_0 = trimmed_memory(trim)
     now_0 = condition(airframe, environment, 0.0, trim.state)
     plant_0 = make_plant(airframe, limits, gains, trim.state, now_0, memory_0, environment.gravity, step)
-    motion_0 = plant_0.motion
-    path_0 = jnp.stack([motion_0.V, motion_0.gamma, motion_0.chi])
-    zero = jnp.zeros(3)
+    command = LoopCommand(measured_by(plant_0, loop) + size, jnp.zeros(3), trim.controls.throttle)
 
     def one(carry: tuple, k: Array) -> tuple[tuple, Response]:
         state, memory = carry
         time = k * step
-        now = condition(airframe, environment, time, state)
-        plant = make_plant(airframe, limits, gains, state, now, memory, environment.gravity, step)
-        controls, measured, memory = _controls(plant, memory)
+        controls, measured, memory = control_loop(
+            airframe, environment, gains, limits, time, state, memory, command, step, loop
+        )
         after = advance(airframe, environment, time, state, controls, step)
         return (after, memory), Response(time, measured, state.surfaces, controls.throttle, state.power)
 
-    def _controls(plant, memory: AutopilotState) -> tuple[Controls, Vector3, AutopilotState]:
-        motion = plant.motion
-        if loop == "velocity":
-            wanted = path_0 + size
-            command = PathCommand(wanted[0], wanted[1], wanted[2], zero[0], zero[1], zero[2])
-            controls, _, memory = velocity_control(plant, memory, command)
-            return controls, jnp.stack([motion.V, motion.gamma, motion.chi]), memory
-        if loop == "attitude":
-            _, demand, memory = attitude_control(plant, memory, attitude_0 + size, zero)
-            measured = jnp.stack([motion.mu, motion.alpha, motion.beta])
-        else:
-            demand, memory = rate_control(plant, memory, trim.state.rates_b + size, zero)
-            measured = plant.state.rates_b
-        return Controls(demand.surfaces, trim.controls.throttle), measured, memory
-
     _, record = jax.lax.scan(one, (trim.state, memory_0), jnp.arange(count))
     return record
+
+
+def trimmed_memory(trim: TrimPoint) -> AutopilotState:
+    """Memory of an autopilot that has been holding a trim point."""
+    attitude = jnp.stack([trim.mu, trim.alpha, trim.beta])
+    return initial_autopilot_state(attitude, trim.state.rates_b, trim.state.surfaces)
+
+
+def measured_by(plant: Plant, loop: Loop) -> Vector3:
+    """Outputs of a loop: (P, Q, R), (mu, alpha, beta) or (V, gamma, chi)."""
+    motion = plant.motion
+    if loop == "velocity":
+        return jnp.stack([motion.V, motion.gamma, motion.chi])
+    if loop == "attitude":
+        return jnp.stack([motion.mu, motion.alpha, motion.beta])
+    return plant.state.rates_b
+
+
+def control_loop(
+    airframe: AbstractAirframe,
+    environment: Environment,
+    gains: AutopilotGains,
+    limits: FlightLimits,
+    time: ScalarLike,
+    state: AircraftState,
+    memory: AutopilotState,
+    command: LoopCommand,
+    step: ScalarLike,
+    loop: Loop,
+) -> tuple[Controls, Vector3, AutopilotState]:
+    """Sample one aircraft and control it: controls to hold over the step, what the loop measured, memory after it."""
+    now = condition(airframe, environment, time, state)
+    plant = make_plant(airframe, limits, gains, state, now, memory, environment.gravity, step)
+    measured = measured_by(plant, loop)
+    if loop == "velocity":
+        controls, _, memory = velocity_control(plant, memory, PathCommand(*command.value, *command.rate))
+        return controls, measured, memory
+    if loop == "attitude":
+        _, demand, memory = attitude_control(plant, memory, command.value, command.rate)
+    else:
+        demand, memory = rate_control(plant, memory, command.value, command.rate)
+    return Controls(demand.surfaces, jnp.asarray(command.throttle)), measured, memory

@@ -91,7 +91,7 @@ def step_metrics(
 
 
 def _first(time: Float[Array, " steps"], progress: Float[Array, "steps 3"], level: float) -> Vector3:
-    """First time at which each channel has come so far, between samples on a straight line; infinite if it never has."""
+    """First time at which each channel has come so far, linear between samples; infinite if it never has."""
 
     def one(channel: Float[Array, " steps"]) -> Scalar:
         there = channel >= level

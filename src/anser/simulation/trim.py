@@ -1,4 +1,4 @@
-"""Trim of any airframe for straight, climbing and turning flight: steady forces and moments, no side force."""
+"""Trim of any airframe for straight, climbing, turning and pulling-up flight: steady forces and moments."""
 
 from typing import NamedTuple
 
@@ -42,6 +42,8 @@ class TrimTarget(eqx.Module):
         Of the velocity through the air, rad.
     turn_rate
         Rate of the course, rad/s; positive turns right.
+    path_rate
+        Rate of the path angle, rad/s; positive pulls up. Other than 0, the condition lasts for an instant only.
     """
 
     speed: Scalar
@@ -49,6 +51,7 @@ class TrimTarget(eqx.Module):
     path_angle: Scalar
     course: Scalar
     turn_rate: Scalar
+    path_rate: Scalar
 
 
 class TrimPoint(eqx.Module):
@@ -89,9 +92,11 @@ def trim_target(
     path_angle: ScalarLike = 0.0,
     course: ScalarLike = 0.0,
     turn_rate: ScalarLike = 0.0,
+    path_rate: ScalarLike = 0.0,
 ) -> TrimTarget:
-    """Build a target from numbers: m/s, m, rad, rad, rad/s."""
-    return TrimTarget(*(jnp.asarray(x, dtype=float) for x in (speed, altitude, path_angle, course, turn_rate)))
+    """Build a target from numbers: m/s, m, rad, rad, rad/s, rad/s."""
+    numbers = (speed, altitude, path_angle, course, turn_rate, path_rate)
+    return TrimTarget(*(jnp.asarray(x, dtype=float) for x in numbers))
 
 
 class _Case(NamedTuple):
@@ -109,6 +114,12 @@ def _attitude(x: Unknowns, target: TrimTarget) -> Matrix33:
     return attitude_from_path(x[2], target.path_angle, target.course, x[0], x[1])
 
 
+def _rates_b(R_bn: Matrix33, target: TrimTarget) -> Vector3:
+    """Body rates that turn the velocity vector as wanted: about the vertical, and about the level line to its right."""
+    right_b = R_bn[:, 1] * jnp.cos(target.course) - R_bn[:, 0] * jnp.sin(target.course)
+    return target.turn_rate * R_bn[:, 2] + target.path_rate * right_b
+
+
 def _velocity_air_b(x: Unknowns, target: TrimTarget) -> Vector3:
     alpha, beta = x[0], x[1]
     return target.speed * jnp.stack([jnp.cos(alpha) * jnp.cos(beta), jnp.sin(beta), jnp.sin(alpha) * jnp.cos(beta)])
@@ -118,7 +129,7 @@ def _residual(x: Unknowns, case: _Case) -> Unknowns:
     """Accelerations that must vanish, in g and rad/s^2, and the side force over the weight."""
     airframe, earth, air, wind_n, position_n, target = case
     R_bn, velocity_b = _attitude(x, target), _velocity_air_b(x, target)
-    rates_b = target.turn_rate * R_bn[:, 2]
+    rates_b = _rates_b(R_bn, target)
     local = earth.local(position_n, rotate_back(R_bn, velocity_b) + wind_n)
     rates_air_b = rates_b + rotate(R_bn, local.transport_rate_n)
     inertial_b = rates_air_b + rotate(R_bn, local.earth_rate_n)
@@ -136,12 +147,12 @@ def solve_trim(
 ) -> TrimPoint:
     """Solve the seven trim equations for alpha, beta, mu, three surfaces and power.
 
-    Equations: body velocity and body rates constant in a steady (helical) turn, and no side force (coordination; [SL]
-    section 3.6 imposes the same). Over a round Earth "constant" is meant in the travelling NED axes: Coriolis and
-    centrifugal accelerations are balanced too. Limits are not imposed, so that a diagnosis can tell by how much
-    they are exceeded: see `anser.simulation.trim_violations`. Levenberg-Marquardt from several angles of attack; of
-    the solutions, the one inside the limits with the least angle of attack is taken. Differentiable by the implicit
-    function theorem, first derivatives only.
+    Equations: body velocity and body rates constant in a steady (helical) turn or at the instant of a pull-up, and no
+    side force (coordination; [SL] section 3.6 imposes the same). Over a round Earth "constant" is meant in the
+    travelling NED axes: Coriolis and centrifugal accelerations are balanced too. Limits are not imposed, so that a
+    diagnosis can tell by how much they are exceeded: see `anser.simulation.trim_violations`. Levenberg-Marquardt from
+    several angles of attack; of the solutions, the one inside the limits with the least angle of attack is taken.
+    Differentiable by the implicit function theorem, first derivatives only.
 
     Parameters
     ----------
@@ -157,7 +168,8 @@ def solve_trim(
     wind_n = environment.wind.at(position_n, 0.0)
     air = environment.atmosphere.at(target.altitude)
     case = _Case(airframe, environment.earth, air, wind_n, position_n, target)
-    bank = jnp.arctan2(target.speed * target.turn_rate * jnp.cos(target.path_angle), environment.gravity)
+    upward = environment.gravity + jnp.maximum(target.speed * target.path_rate, 0.0)
+    bank = jnp.arctan2(target.speed * target.turn_rate * jnp.cos(target.path_angle), upward)
 
     def attempt(alpha_start: Scalar) -> Solution:
         start = jnp.zeros(7).at[0].set(alpha_start).at[2].set(bank).at[6].set(0.3)
@@ -176,7 +188,7 @@ def solve_trim(
         position_n=position_n,
         velocity_b=_velocity_air_b(x, target) + rotate(R_bn, wind_n),
         quaternion=quaternion_from_rotation(R_bn),
-        rates_b=target.turn_rate * R_bn[:, 2],
+        rates_b=_rates_b(R_bn, target),
         surfaces=x[3:6],
         power=100 * x[6],
     )

@@ -83,6 +83,8 @@ class NearestTrims:
             f"{float(t.speed):.1f} m/s at {float(t.altitude):.0f} m, "
             f"path angle {float(t.path_angle) * RAD_DEG:.1f} deg, turn rate {float(t.turn_rate) * RAD_DEG:.1f} deg/s"
         )
+        if float(t.path_rate) != 0.0:
+            asked += f", path angle rate {float(t.path_rate) * RAD_DEG:.1f} deg/s"
         if not self.violations:
             return f"Steady flight exists: {asked}."
         lines = [f"No steady flight: {asked}.", *(f"- {violation}" for violation in self.violations)]

@@ -1,0 +1,250 @@
+"""Envelope survey: where the aircraft can fly steadily, and whether its autopilot flies commands from there."""
+
+import dataclasses
+import time
+from collections.abc import Callable, Sequence
+from typing import Literal
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+
+from anser.aircraft import AbstractAirframe
+from anser.campaign.envelope_cases import (
+    COMMANDS,
+    CONDITIONS,
+    TOLERANCE,
+    TOLERANCE_SHARE,
+    described,
+    steady_targets,
+    survey_limits,
+)
+from anser.compilation_cache import enable_compilation_cache
+from anser.control import AutopilotGains, FlightLimits, published_gains
+from anser.environment import Environment, standard_environment
+from anser.results import OUTCOMES, REASONS, envelope_dataset, judge
+from anser.scenario import load_airframe
+from anser.simulation import FlightSummary, MapPoint, TrimPoint, TrimTarget, map_point, survey_flight
+from anser.units import DEG_RAD
+
+__all__ = ["EnvelopeSurvey", "survey"]
+
+Progress = Callable[[str, float], None]
+
+_ALTITUDES = np.array([250.0, *np.arange(1000.0, 15001.0, 1000.0)])
+"""m; the lowest is not 0, where the data end: any command would leave them."""
+_BATCH = 128
+"""Flights of one compiled call: larger batches are no faster on a few cores."""
+_SENSOR_BANDWIDTH = 20.0  # rad/s, the scenario's default for incremental inversion
+
+
+@dataclasses.dataclass(frozen=True)
+class EnvelopeSurvey:
+    """A survey.
+
+    Attributes
+    ----------
+    dataset
+        All of it, labelled: see `anser.results.envelope_dataset`.
+    compile_s, run_s
+        Wall time spent compiling, and trimming and flying.
+    """
+
+    dataset: xr.Dataset
+    compile_s: float
+    run_s: float
+
+    def counts(self, *, with_reserve: bool = False) -> dict[str, dict[str, int]]:
+        """Flights by "outcome: reason" for each condition, of all points or of those with reserve."""
+        outcome, reason = self.dataset["outcome"].values, self.dataset["reason"].values
+        if with_reserve:
+            outcome = np.where(self.dataset["with_reserve"].values[..., None], outcome, 0)
+        found = {}
+        for k, what in enumerate(OUTCOMES[1:], start=1):
+            for r, why in enumerate(REASONS):
+                number = ((outcome == k) & (reason == r)).sum(axis=(1, 2, 3))
+                if number.any():
+                    name = what if why == "none" else f"{what}: {why}"
+                    found[name] = dict(zip(self.dataset["condition"].values.tolist(), number.tolist(), strict=True))
+        return found
+
+    def shortfalls(self) -> list[str]:
+        """Flights from points with reserve that failed without a named limit, one line each."""
+        data = self.dataset
+        bad = data["with_reserve"] & (data["reason"] == REASONS.index("unexplained"))
+        lines = []
+        for c, a, m, k in np.argwhere(bad.transpose("condition", "altitude", "mach", "command").values):
+            of = data.isel(condition=c, altitude=a, mach=m, command=k)
+            lines.append(
+                f"{of.condition_meaning.item()}, {of.altitude.item():.0f} m, Mach {of.mach.item():.3f}, "
+                f"{of.command_meaning.item()}: no limit explains why it failed"
+            )
+        return lines
+
+
+def survey(
+    aircraft: str | AbstractAirframe = "f16",
+    variant: str = "textbook",
+    *,
+    inversion: Literal["model", "incremental"] = "model",
+    coarse: bool = False,
+    altitudes_m: Sequence[float] | None = None,
+    machs: Sequence[float] | None = None,
+    limits: FlightLimits | None = None,
+    duration_s: float = 30.0,
+    step_s: float = 0.01,
+    progress: Progress | None = None,
+) -> EnvelopeSurvey:
+    """Survey an aircraft's envelope in the standard atmosphere, in still air.
+
+    Every one of `CONDITIONS` is trimmed at every point of the grid, and every one of `COMMANDS` is flown from every
+    point that can be trimmed, under the velocity loop with the published gains and `survey_limits`.
+
+    Parameters
+    ----------
+    aircraft, variant
+        Of the library, or an airframe.
+    inversion
+        What the autopilot inverts.
+    coarse
+        A grid of 3 x 5 instead of 16 x 18 points.
+    altitudes_m, machs
+        Axes of the grid, instead of 250 m to 15 km and Mach 0.15 to 0.95.
+    limits
+        Of the autopilot; `survey_limits` without them.
+    duration_s, step_s
+        Of each flight, and of the autopilot's samples.
+    progress
+        Called with what is being done and the part that is done, 0..1.
+
+    Raises
+    ------
+    ValueError
+        No such airframe, an axis that is not of increasing numbers, or flights of fewer than 100 samples.
+    """
+    enable_compilation_cache()
+    tell = progress or (lambda what, done: None)
+    altitudes = _axis("altitudes_m", altitudes_m, _ALTITUDES[5::5] if coarse else _ALTITUDES)
+    mach = _axis("machs", machs, np.linspace(0.15, 0.95, 5 if coarse else 18))
+    count = round(duration_s / step_s)
+    if count < 100:
+        raise ValueError(f"duration_s: arrived {duration_s:g} with step_s {step_s:g}; expected 100 samples or more")
+    attributes: dict[str, str | int | float] = {"aircraft": "custom"}
+    if isinstance(aircraft, str):
+        attributes = {"aircraft": aircraft, "variant": variant}
+        aircraft = load_airframe(aircraft, variant)
+    environment, gains = standard_environment(), published_gains()
+    limits = survey_limits() if limits is None else limits
+    if inversion == "incremental":
+        gains = eqx.tree_at(lambda g: g.sensor_bandwidth, gains, jnp.asarray(_SENSOR_BANDWIDTH))
+    sound = np.asarray(jax.vmap(lambda h: environment.atmosphere.at(h).speed_of_sound)(jnp.asarray(altitudes)))
+    airspeeds = sound[:, None] * mach[None, :]
+    targets = steady_targets(altitudes, airspeeds, float(environment.gravity))
+    clock = _Clock()
+    tell("trimming", 0.0)
+    points = clock.run(_map, aircraft, environment, targets)
+    flown = np.repeat(np.asarray(points.trimmable)[:, None], len(COMMANDS), axis=1)
+    sizes = np.array([[c.speed_m_s, c.path_angle_deg * DEG_RAD, c.course_deg * DEG_RAD] for c in COMMANDS])
+    tolerances = np.maximum(TOLERANCE_SHARE * np.abs(sizes), TOLERANCE)
+    which, command = np.nonzero(flown)
+    flights = _Flights(points.trim, targets, jnp.asarray(sizes), jnp.asarray(tolerances))
+    summaries = _fly_all(
+        clock, (aircraft, environment, gains, limits), flights, which, command, jnp.asarray(step_s), count, tell
+    )
+    dataset = envelope_dataset(
+        {c.name: c.meaning for c in CONDITIONS},
+        {c.name: c.meaning for c in COMMANDS},
+        altitudes,
+        mach,
+        points,
+        airspeeds,
+        flown,
+        summaries,
+        judge(summaries, tolerances[command], count * step_s),
+        {**attributes, "inversion": inversion, "duration_s": count * step_s, "step_s": step_s, **described(limits)},
+    )
+    return EnvelopeSurvey(dataset, clock.compile_s, clock.run_s)
+
+
+class _Flights(eqx.Module):
+    """What the flights start from, over all points, and their commands."""
+
+    trim: TrimPoint
+    target: TrimTarget
+    sizes: jax.Array
+    tolerances: jax.Array
+
+
+class _Clock:
+    """Compile and run, and keep the time of each."""
+
+    def __init__(self) -> None:
+        self.compile_s = self.run_s = 0.0
+        self._compiled: dict = {}
+
+    def run(self, function: Callable, *of):
+        """Call a function with array arguments of the same shapes as before, compiled once."""
+        began = time.perf_counter()
+        if function not in self._compiled:
+            self._compiled[function] = function.lower(*of).compile()  # pyright: ignore[reportFunctionMemberAccess]
+        compiled = time.perf_counter()
+        result = jax.block_until_ready(self._compiled[function](*of))
+        self.compile_s += compiled - began
+        self.run_s += time.perf_counter() - compiled
+        return result
+
+
+@eqx.filter_jit
+def _map(airframe: AbstractAirframe, environment: Environment, targets: TrimTarget) -> MapPoint:
+    return jax.vmap(lambda target: map_point(airframe, environment, target))(targets)
+
+
+@eqx.filter_jit
+def _fly(
+    of: tuple[AbstractAirframe, Environment, AutopilotGains, FlightLimits],
+    flights: _Flights,
+    which: jax.Array,
+    command: jax.Array,
+    step: jax.Array,
+    count: int,
+) -> FlightSummary:
+    trims, targets = jax.tree.map(lambda leaf: leaf[which], (flights.trim, flights.target))
+
+    def one(trim: TrimPoint, target: TrimTarget, size: jax.Array, tolerance: jax.Array) -> FlightSummary:
+        return survey_flight(*of, trim, target, size, tolerance, step, count)
+
+    return jax.vmap(one)(trims, targets, flights.sizes[command], flights.tolerances[command])
+
+
+def _fly_all(
+    clock: _Clock,
+    of: tuple,
+    flights: _Flights,
+    which: np.ndarray,
+    command: np.ndarray,
+    step,
+    count: int,
+    tell: Progress,
+) -> FlightSummary:
+    """All flights, in batches of one compiled size; the last is filled up with repetitions."""
+    total = len(which)
+    if total == 0:
+        raise ValueError("no point of the grid can be flown steadily: there is nothing to survey")
+    done = []
+    for first in range(0, total, _BATCH):
+        tell(f"flying {total} flights", first / total)
+        of_batch = np.arange(first, first + _BATCH) % total
+        batch = clock.run(_fly, of, flights, jnp.asarray(which[of_batch]), jnp.asarray(command[of_batch]), step, count)
+        done.append(jax.tree.map(np.asarray, batch))
+    tell(f"flying {total} flights", 1.0)
+    return jax.tree.map(lambda *leaves: np.concatenate(leaves)[:total], *done)
+
+
+def _axis(name: str, wanted: Sequence[float] | None, usual: np.ndarray) -> np.ndarray:
+    axis = usual if wanted is None else np.asarray(wanted, dtype=float)
+    least = 0.0 if name == "machs" else -np.inf
+    if axis.ndim != 1 or not axis.size or not np.isfinite(axis).all() or (np.diff(axis) <= 0).any() or axis[0] < least:
+        raise ValueError(f"{name}: arrived {wanted}; expected finite numbers in increasing order")
+    return axis

@@ -1,0 +1,230 @@
+"""A linear model about a trim point: labelled, with its modes, as a dataset, JSON or a python-control system."""
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import equinox as eqx
+import numpy as np
+import xarray as xr
+
+from anser.aircraft import AbstractAirframe
+from anser.compilation_cache import enable_compilation_cache
+from anser.control import AutopilotGains, FlightLimits, default_limits, published_gains
+from anser.environment import Environment, standard_environment
+from anser.results import linear_dataset, linear_document, write_netcdf
+from anser.scenario import load_airframe
+from anser.simulation import (
+    CHANNELS,
+    LinearModel,
+    Loop,
+    Mode,
+    TrimPoint,
+    linearize_loop,
+    modes_of,
+    nearest_trims,
+    solve_trim,
+    trim_target,
+    trim_violations,
+)
+from anser.simulation import linearize as linear_model
+from anser.units import DEG_RAD, RAD_DEG
+
+if TYPE_CHECKING:
+    import control
+
+__all__ = ["ConditionError", "Linearized", "linearize"]
+
+_HELD = 0.01
+"""Error that a loop may have while it holds a trim point, in rad, rad/s or m/s. In a steady turn it asks for a sideslip
+of 0 where the trim point has some tenths of a millirad."""
+
+_solve = eqx.filter_jit(solve_trim)
+_open_model = eqx.filter_jit(linear_model)
+
+
+class ConditionError(ValueError):
+    """A condition that cannot be flown steadily, held by the loop or described by Euler angles; the text is final."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Linearized:
+    """A linear model with its modes.
+
+    Attributes
+    ----------
+    model
+        Matrices, names, and the condition.
+    modes
+        Fastest first.
+    trim
+        The trim point that it is a model about.
+    condition
+        What was asked for, with units in the names.
+    """
+
+    model: LinearModel
+    modes: tuple[Mode, ...]
+    trim: TrimPoint
+    condition: dict[str, str | float | int]
+
+    @property
+    def dataset(self) -> xr.Dataset:
+        """All of it, labelled: see `anser.results.linear_dataset`."""
+        return linear_dataset(self.model, self.modes, self.condition)
+
+    def document(self) -> dict[str, Any]:
+        """All of it in plain data, for JSON."""
+        return linear_document(self.model, self.modes, self.condition)
+
+    def state_space(self) -> "control.StateSpace":
+        """System of the python-control library, with the names; sampled if the model is.
+
+        Raises
+        ------
+        ImportError
+            The library is not installed.
+        """
+        try:
+            import control
+        except ImportError:
+            raise ImportError('python-control is not installed: pip install "anser[control]"') from None
+        model = self.model
+        return control.StateSpace(
+            *(np.asarray(matrix) for matrix in (model.A, model.B, model.C, model.D)),
+            float(model.step),
+            states=list(model.states),
+            inputs=list(model.inputs),
+            outputs=list(model.outputs),
+            name=str(self.condition["aircraft"]),
+        )
+
+    def write(self, path: Path) -> None:
+        """Write a new file: NetCDF or JSON, by the suffix.
+
+        Raises
+        ------
+        FileExistsError
+            `path` exists: nothing is overwritten.
+        ValueError
+            Another suffix.
+        """
+        if path.suffix == ".nc":
+            write_netcdf(self.dataset, path)
+        elif path.suffix == ".json":
+            with path.open("x", encoding="utf-8") as file:
+                json.dump(self.document(), file, indent=1, allow_nan=False)
+                file.write("\n")
+        else:
+            raise ValueError(f"{path}: expected a name that ends with .nc or .json")
+
+
+def linearize(
+    aircraft: str | AbstractAirframe = "f16",
+    variant: str = "textbook",
+    *,
+    speed_m_s: float,
+    altitude_m: float,
+    x_cg_over_c: float | None = None,
+    path_angle_deg: float = 0.0,
+    turn_rate_deg_s: float = 0.0,
+    path_rate_deg_s: float = 0.0,
+    loop: Literal["open", "rates", "attitude", "velocity"] = "open",
+    actuators: bool = False,
+    step_s: float = 0.01,
+    environment: Environment | None = None,
+    gains: AutopilotGains | None = None,
+) -> Linearized:
+    """Trim an aircraft and linearize it there, by itself or under its autopilot.
+
+    Parameters
+    ----------
+    aircraft
+        Name of an airframe of the library, or an airframe.
+    variant, x_cg_over_c
+        Of the library's airframe: see `load_airframe`.
+    speed_m_s, altitude_m
+        True airspeed and geometric altitude.
+    path_angle_deg, turn_rate_deg_s, path_rate_deg_s
+        Climb angle; rate of the course, right positive; rate of the climb angle, up positive (a pull-up).
+    loop
+        "open": the aircraft by itself, in continuous time. Otherwise the loop of its autopilot that is commanded, from
+        sample to sample.
+    actuators
+        In the open loop: whether the inputs are commands to the actuators, which are then states.
+    step_s
+        Sampling period of the autopilot.
+    environment
+        Air, wind and gravity; the standard ones without it.
+    gains
+        Of the autopilot; the published ones without them.
+
+    Returns
+    -------
+    Linearized
+        With `dataset`, `modes`, `state_space()`, `document()` and `write(path)`. SI units and radians.
+
+    Raises
+    ------
+    ConditionError
+        There is no such steady flight, or the loop does not hold it, or it is within 1 deg of the vertical; the message
+        says which and why.
+    ValueError
+        No such airframe.
+    """
+    enable_compilation_cache()
+    of: dict[str, str | float | int] = {"aircraft": "custom"}
+    if isinstance(aircraft, str):
+        of = {"aircraft": aircraft, "variant": variant}
+        aircraft = load_airframe(aircraft, variant, x_cg_over_c)
+        of["x_cg_over_c"] = float(aircraft.x_cg)
+    environment = standard_environment() if environment is None else environment
+    angles = (path_angle_deg * DEG_RAD, 0.0, turn_rate_deg_s * DEG_RAD, path_rate_deg_s * DEG_RAD)
+    target = trim_target(speed_m_s, altitude_m, *angles)
+    trim = _solve(aircraft, environment, target)
+    if trim_violations(aircraft, environment, trim):
+        raise ConditionError(nearest_trims(aircraft, environment, target).message())
+    if loop == "open":
+        model = _open_model(aircraft, environment, trim.state, trim.controls, actuators=actuators)
+    else:
+        limits = default_limits()
+        model = linearize_loop(aircraft, environment, gains or published_gains(), limits, trim, step_s, loop)
+        _must_hold(model, limits, loop)
+    if not bool(model.regular):
+        raise ConditionError(
+            "Nose or path stands within 1 deg of the vertical, where roll and yaw, or the course, mean nothing: "
+            "no linear model in these states."
+        )
+    condition = {
+        **of,
+        "speed_m_s": speed_m_s,
+        "altitude_m": altitude_m,
+        "path_angle_deg": path_angle_deg,
+        "turn_rate_deg_s": turn_rate_deg_s,
+        "path_rate_deg_s": path_rate_deg_s,
+        "loop": loop,
+        "actuators": int(actuators or loop != "open"),
+    }
+    return Linearized(model, modes_of(model), trim, condition)
+
+
+def _must_hold(model: LinearModel, limits: FlightLimits, loop: Loop) -> None:
+    """Refuse a trim point that the loop would leave at once: some command of it stands at a limit."""
+    V, low, high = (float(speed) for speed in (model.x[0], limits.speed_min, limits.speed_max))
+    if loop == "velocity" and not low <= V <= high:
+        raise ConditionError(
+            f"The velocity loop does not hold this flight: {V:.1f} m/s; the autopilot flies {low:g} to {high:g} m/s."
+        )
+    # The integrals' rates are the errors; from the outermost loop inwards the first that is not 0 is the cause.
+    rates = dict(zip(model.states, np.asarray(model.x_dot).tolist(), strict=True))
+    for inner in reversed(CHANNELS):
+        for channel in CHANNELS[inner]:
+            error = rates.get(f"{channel}_integral", 0.0)
+            if abs(error) > _HELD:
+                away = f"{error:+.2f} m/s" if channel == "V" else f"{error * RAD_DEG:+.2f} deg"
+                raise ConditionError(
+                    f"The {loop} loop does not hold this flight: the {channel} that it asks for is {away}"
+                    f"{'/s' if inner == 'rates' else ''} off. "
+                    "A command stands at a limit of the autopilot: bank, angle of attack, load factor or body rate."
+                )

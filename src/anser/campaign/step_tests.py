@@ -1,0 +1,128 @@
+"""The step tests: what may be commanded, the published ones, and how long each is flown and read."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import get_args
+
+from anser.simulation import Loop
+
+__all__ = ["CHANNEL_KEYS", "PUBLISHED_STEPS", "STEP_S", "StepTest", "step_test", "unit_of_channel"]
+
+STEP_S = 0.01
+"""Sampling period of the autopilot."""
+
+CHANNEL_KEYS: Mapping[Loop, Mapping[str, str]] = MappingProxyType(
+    {
+        "rates": MappingProxyType({"p": "roll_rate", "q": "pitch_rate", "r": "yaw_rate"}),
+        "attitude": MappingProxyType({"mu": "bank", "alpha": "alpha", "beta": "beta"}),
+        "velocity": MappingProxyType({"v": "airspeed", "gamma": "path_angle", "chi": "course"}),
+    }
+)
+"""Each loop's three channels and their keys in `anser.variables.CATALOGUE`, from the innermost loop outwards."""
+
+_DURATION_S: Mapping[Loop, float] = MappingProxyType({"rates": 3.0, "attitude": 6.0, "velocity": 60.0})
+"""How long a step is flown. The velocity loop's K_I works off what it gathered with a time constant of 40 s."""
+
+_READ_YAW_AT_S = 1.05
+"""A held yaw rate builds sideslip until the rudder stands at its stop, from 1.27 s on: it is read before."""
+
+_DURATION_MIN_S, _DURATION_MAX_S = 0.2, 600.0
+_LARGEST = MappingProxyType({"deg/s": 120.0, "deg": 170.0, "m/s": 150.0})
+
+
+@dataclass(frozen=True)
+class StepTest:
+    """A step commanded to one loop that holds a trim point.
+
+    Attributes
+    ----------
+    key
+        Name for files: `rates-p`, `attitude-together`.
+    loop
+        Which loop is commanded; those inside it are closed.
+    size
+        Step of its three channels, deg/s, deg or m/s; 0 for those that are to stay.
+    duration_s
+        How long it is flown.
+    read_at_s
+        Up to when its figures are taken.
+    """
+
+    key: str
+    loop: Loop
+    size: tuple[float, float, float]
+    duration_s: float
+    read_at_s: float
+
+    @property
+    def commanded(self) -> dict[str, float]:
+        """Channels that step, and their sizes."""
+        return {c: size for c, size in zip(CHANNEL_KEYS[self.loop], self.size, strict=True) if size != 0.0}
+
+
+def unit_of_channel(channel: str) -> str:
+    """Unit of a channel's step: deg/s, deg or m/s."""
+    return "m/s" if channel == "v" else "deg/s" if channel in CHANNEL_KEYS["rates"] else "deg"
+
+
+def step_test(loop: str, sizes: Mapping[str, float], duration_s: float | None = None) -> StepTest:
+    """Build a test of one or more channels of a loop.
+
+    Parameters
+    ----------
+    loop
+        One of `CHANNEL_KEYS`.
+    sizes
+        Channel -> size of its step, deg/s, deg or m/s.
+    duration_s
+        How long it is flown and read; None: as the published tests, a yaw rate up to the reading only.
+
+    Raises
+    ------
+    ValueError
+        The text begins with what is wrong: loop, channel, size or duration-s.
+    """
+    known = next((name for name in get_args(Loop) if name == loop), None)
+    if known is None:
+        raise ValueError(f"loop: arrived {loop!r}; expected one of {', '.join(CHANNEL_KEYS)}")
+    channels = CHANNEL_KEYS[known]
+    if not sizes:
+        raise ValueError(f"channel: arrived none; expected one or more of {', '.join(channels)} for --loop {loop}")
+    for channel, size in sizes.items():
+        if channel not in channels:
+            raise ValueError(f"channel: arrived {channel!r}; expected one of {', '.join(channels)} for --loop {loop}")
+        largest = _LARGEST[unit_of_channel(channel)]
+        if not 0.0 < abs(size) <= largest:
+            unit = unit_of_channel(channel)
+            raise ValueError(
+                f"size: arrived {size:g} for {channel}; expected {-largest:g} to {largest:g} {unit}, and not 0"
+            )
+    if duration_s is None:
+        duration_s = _READ_YAW_AT_S if "r" in sizes else _DURATION_S[known]
+    if not _DURATION_MIN_S <= duration_s <= _DURATION_MAX_S:
+        raise ValueError(
+            f"duration-s: arrived {duration_s:g}; expected a number from {_DURATION_MIN_S:g} to {_DURATION_MAX_S:g}"
+        )
+    first, second, third = (float(sizes.get(channel, 0.0)) for channel in channels)
+    which = "-".join(channel for channel in channels if channel in sizes)
+    return StepTest(f"{loop}-{which}", known, (first, second, third), duration_s, duration_s)
+
+
+def _published(loop: Loop, sizes: tuple[float, float, float]) -> tuple[StepTest, ...]:
+    """Each channel of a loop alone, then all together."""
+    duration = _DURATION_S[loop]
+    tests = []
+    for k, channel in enumerate((*CHANNEL_KEYS[loop], "together")):
+        first, second, third = (size if k in (j, 3) else 0.0 for j, size in enumerate(sizes))
+        read = _READ_YAW_AT_S if loop == "rates" and third else duration
+        tests.append(StepTest(f"{loop}-{channel}", loop, (first, second, third), duration, read))
+    return tuple(tests)
+
+
+PUBLISHED_STEPS: tuple[StepTest, ...] = (
+    *_published("rates", (10.0, 10.0, 10.0)),
+    *_published("attitude", (30.0, 5.0, 5.0)),
+    *_published("velocity", (10.0, 3.0, 20.0)),
+)
+"""The published step tests of the three loops (theory section 5), each channel alone and all together."""

@@ -1,0 +1,174 @@
+"""The command linearize."""
+
+import json
+import math
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from anser.cli.console import RefusedError, err, must_lie, screen
+from anser.scenario import AIRFRAMES, VARIANTS
+
+if TYPE_CHECKING:
+    from anser.campaign import Linearized
+    from anser.simulation import Mode
+
+_SUFFIXES = (".nc", ".json")
+_ROUNDING = 1e-12
+"""Entries of the tables below this are rounding noise of terms that cancel, and shown as 0."""
+
+
+def linearize(
+    speed_m_s: Annotated[float, typer.Option(help="True airspeed.", show_default=False)],
+    altitude_m: Annotated[float, typer.Option(help="Geometric altitude.", show_default=False)],
+    aircraft: Annotated[str, typer.Option(help=f"Airframe: {', '.join(AIRFRAMES)}.")] = "f16",
+    variant: Annotated[str, typer.Option(help="Published set of tables: textbook, s119 or founding.")] = "textbook",
+    x_cg: Annotated[
+        float | None, typer.Option(help="Centre of mass, fraction of the chord; left out: the variant's own.")
+    ] = None,
+    path_angle_deg: Annotated[float, typer.Option(help="Climb angle.")] = 0.0,
+    turn_rate_deg_s: Annotated[float, typer.Option(help="Rate of the course, right positive.")] = 0.0,
+    path_rate_deg_s: Annotated[float, typer.Option(help="Rate of the climb angle: a pull-up.")] = 0.0,
+    loop: Annotated[
+        Literal["open", "rates", "attitude", "velocity"],
+        typer.Option(help="The aircraft by itself, or the loop of its autopilot that is commanded."),
+    ] = "open",
+    actuators: Annotated[
+        bool, typer.Option("--actuators", help="Inputs are commands to the actuators, not deflections (open loop).")
+    ] = False,
+    step_s: Annotated[float, typer.Option(help="Sampling period of the autopilot.")] = 0.01,
+    as_json: Annotated[bool, typer.Option("--json", help="Print all of it as JSON instead of the tables.")] = False,
+    out: Annotated[
+        Path | None, typer.Option(help="New file to write all of it to: NAME.nc (NetCDF) or NAME.json.")
+    ] = None,
+) -> None:
+    """Trim an aircraft and linearize it there: A, B, C, D and the modes with their names, in SI units and radians."""
+    if aircraft not in AIRFRAMES:
+        raise RefusedError(f"--aircraft: arrived {aircraft!r}; expected one of {', '.join(AIRFRAMES)}")
+    if variant not in VARIANTS[aircraft]:
+        raise RefusedError(f"--variant: arrived {variant!r}; expected one of {', '.join(VARIANTS[aircraft])}")
+    must_lie("--speed-m-s", speed_m_s, 1, 1000)
+    must_lie("--altitude-m", altitude_m, -500, 30000)
+    if x_cg is not None:
+        must_lie("--x-cg", x_cg, 0.1, 0.5)
+    must_lie("--path-angle-deg", path_angle_deg, -80, 80)
+    must_lie("--turn-rate-deg-s", turn_rate_deg_s, -60, 60)
+    must_lie("--path-rate-deg-s", path_rate_deg_s, -60, 60)
+    must_lie("--step-s", step_s, 0.001, 0.05)
+    if actuators and loop != "open":
+        raise RefusedError(f"--actuators: arrived with --loop {loop}, which always has them; expected --loop open")
+    if out is not None:
+        _must_be_new(out)
+    from anser.campaign import ConditionError
+    from anser.campaign import linearize as find
+
+    try:
+        with err.status("trimming and differentiating (the first time, this compiles)"):
+            found = find(
+                aircraft,
+                variant,
+                speed_m_s=speed_m_s,
+                altitude_m=altitude_m,
+                x_cg_over_c=x_cg,
+                path_angle_deg=path_angle_deg,
+                turn_rate_deg_s=turn_rate_deg_s,
+                path_rate_deg_s=path_rate_deg_s,
+                loop=loop,
+                actuators=actuators,
+                step_s=step_s,
+            )
+    except ConditionError as error:
+        err.print(str(error), soft_wrap=True, markup=False)
+        raise typer.Exit(1) from None
+    if out is not None:
+        _write(found, out)
+    if as_json:
+        sys.stdout.write(json.dumps(found.document(), indent=1, allow_nan=False) + "\n")
+    else:
+        _print(found)
+    if out is not None:
+        err.print(f"{out}: written", soft_wrap=True, markup=False)
+
+
+def _must_be_new(out: Path) -> None:
+    """Refuse a file that cannot be written, before anything is computed."""
+    if out.suffix not in _SUFFIXES:
+        raise RefusedError(f"--out: arrived {out}; expected a name that ends with {' or '.join(_SUFFIXES)}")
+    if out.exists():
+        raise RefusedError(f"--out: arrived {out}, which exists; expected a new file (nothing is overwritten)")
+    if not out.parent.is_dir():
+        raise RefusedError(f"--out: arrived {out}; expected a file in a folder that exists")
+
+
+def _write(found: "Linearized", out: Path) -> None:
+    try:
+        found.write(out)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise RefusedError(f"--out: arrived {out}; expected a place where a file can be written ({reason})") from None
+
+
+def _print(found: "Linearized") -> None:
+    model, of = found.model, found.condition
+    sampled = float(model.step) > 0
+    kind = f"{of['loop']} loop, sampled every {float(model.step):g} s" if sampled else "open loop"
+    lines = [
+        f"{of['aircraft']} ({of['variant']}, centre of mass {of['x_cg_over_c']:.3g}) at {of['speed_m_s']:g} m/s, "
+        f"{of['altitude_m']:g} m: {kind}",
+        "SI units and radians; power in percent",
+        "",
+        *_mode_lines(found.modes),
+        "",
+        *_block("condition", ("value",), model.states + model.inputs, [[v] for v in [*model.x, *model.u]]),
+        "",
+        *_block("A", model.states, model.states, model.A),
+        "",
+        *_block("B", model.inputs, model.states, model.B),
+    ]
+    for line in lines:
+        screen.print(line, markup=False, highlight=False, soft_wrap=True)
+
+
+def _mode_lines(modes: tuple["Mode", ...]) -> list[str]:
+    width = max(len(mode.name) for mode in modes)
+    head = f"{'mode':<{width}}  {'eigenvalue, 1/s':>22}  {'rad/s':>9}  {'damping':>8}  {'period, s':>9}  {'half, s':>9}"
+    rows = [
+        f"{mode.name:<{width}}  {_eigenvalue(mode):>22}  {mode.natural_frequency:>9.4g}  {mode.damping_ratio:>8.4f}  "
+        f"{_time(mode.period):>9}  {_time(mode.time_to_half):>9}"
+        for mode in modes
+    ]
+    return [head, *rows, "half: time to half the amplitude; negative: minus the time to double"]
+
+
+def _eigenvalue(mode: "Mode") -> str:
+    value = mode.eigenvalue
+    return f"{value.real:.5g} +- {value.imag:.5g}i" if mode.order == 2 else f"{value.real:.5g}"
+
+
+def _time(seconds: float) -> str:
+    return f"{seconds:.4g}" if math.isfinite(seconds) else "-"
+
+
+def _entry(value: float) -> str:
+    return "0" if abs(value) < _ROUNDING else f"{value:.5g}"
+
+
+def _block(name: str, columns: tuple[str, ...], rows: tuple[str, ...], values: Iterable[Iterable[float]]) -> list[str]:
+    """Fixed-width text, in as many pieces as the screen is wide."""
+    cells = [[_entry(float(value)) for value in row] for row in values]
+    first = max(len(name), *(len(row) for row in rows))
+    widths = [max(len(column), *(len(row[k]) for row in cells)) for k, column in enumerate(columns)]
+    lines, begin = [], 0
+    while begin < len(columns):
+        end, taken = begin, first
+        while end < len(columns) and (end == begin or taken + 2 + widths[end] <= screen.width):
+            taken += 2 + widths[end]
+            end += 1
+        lines += [""] if begin else []
+        for label, row in [(name, list(columns)), *zip(rows, cells, strict=True)]:
+            lines.append(f"{label:<{first}}" + "".join(f"  {row[k]:>{widths[k]}}" for k in range(begin, end)))
+        begin = end
+    return lines

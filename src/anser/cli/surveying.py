@@ -1,0 +1,120 @@
+"""The command envelope."""
+
+import importlib.util
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import rich.progress
+import typer
+
+from anser.cli.console import RefusedError, err, make_new, plain_table, screen
+from anser.scenario import AIRFRAMES, VARIANTS
+
+if TYPE_CHECKING:
+    from anser.campaign import EnvelopeSurvey
+
+
+def envelope(
+    out: Annotated[Path, typer.Option(help="New folder for the dataset and the figures.", show_default=False)],
+    aircraft: Annotated[str, typer.Option(help=f"Airframe: {', '.join(AIRFRAMES)}.")] = "f16",
+    variant: Annotated[str, typer.Option(help="Published set of tables: textbook, s119 or founding.")] = "textbook",
+    inversion: Annotated[
+        Literal["model", "incremental"],
+        typer.Option(help="What the autopilot inverts: the model, or measured changes."),
+    ] = "model",
+    coarse: Annotated[bool, typer.Option("--coarse", help="A grid of 3 x 5 instead of 16 x 18 points.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the counts as JSON instead of the table.")] = False,
+) -> None:
+    """Survey the envelope: trim map, and standard commands flown from every point of it."""
+    if aircraft not in AIRFRAMES:
+        raise RefusedError(f"--aircraft: arrived {aircraft!r}; expected one of {', '.join(AIRFRAMES)}")
+    if variant not in VARIANTS[aircraft]:
+        raise RefusedError(f"--variant: arrived {variant!r}; expected one of {', '.join(VARIANTS[aircraft])}")
+    if importlib.util.find_spec("matplotlib") is None:
+        raise RefusedError('the figures need matplotlib, which is not installed: pip install "anser[docs]"')
+    make_new(out)
+    from anser.campaign import survey
+    from anser.report import draw_envelope
+    from anser.results import write_netcdf
+
+    columns = (
+        rich.progress.TextColumn("{task.description}"),
+        rich.progress.BarColumn(),
+        rich.progress.TaskProgressColumn(),
+        rich.progress.TimeElapsedColumn(),
+    )
+    with rich.progress.Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
+        task = bar.add_task("starting", total=1.0)
+        surveyed = survey(
+            aircraft,
+            variant,
+            inversion=inversion,
+            coarse=coarse,
+            progress=lambda what, done: bar.update(task, description=what, completed=done),
+        )
+        bar.update(task, description="writing")
+        write_netcdf(surveyed.dataset, out / "envelope.nc")
+        draw_envelope(surveyed.dataset, out)
+    if as_json:
+        sys.stdout.write(json.dumps(_document(surveyed), indent=1, allow_nan=False) + "\n")
+    else:
+        _print(surveyed)
+    err.print(f"{out}: envelope.nc and figures written", soft_wrap=True, markup=False)
+    for line in surveyed.shortfalls():
+        err.print(f"falls short: {line}", soft_wrap=True, markup=False)
+    if surveyed.shortfalls():
+        raise typer.Exit(1)
+
+
+def _totals(surveyed: "EnvelopeSurvey") -> dict[str, int]:
+    data = surveyed.dataset
+    return {
+        "points": int(data["trimmable"].size),
+        "trimmable": int(data["trimmable"].sum()),
+        "with_reserve": int(data["with_reserve"].sum()),
+        "flights": int((data["outcome"] > 0).sum()),
+    }
+
+
+def _document(surveyed: "EnvelopeSurvey") -> dict[str, Any]:
+    return {
+        "format_version": 1,
+        "survey": {name: getattr(value, "item", lambda v=value: v)() for name, value in surveyed.dataset.attrs.items()},
+        **_totals(surveyed),
+        "compile_s": round(surveyed.compile_s, 3),
+        "run_s": round(surveyed.run_s, 3),
+        "counts": surveyed.counts(),
+        "counts_with_reserve": surveyed.counts(with_reserve=True),
+        "shortfalls": surveyed.shortfalls(),
+    }
+
+
+def _print(surveyed: "EnvelopeSurvey") -> None:
+    meanings = dict(
+        zip(
+            surveyed.dataset["condition"].values.tolist(),
+            surveyed.dataset["condition_meaning"].values.tolist(),
+            strict=True,
+        )
+    )
+    table = plain_table("what became of the flights")
+    table.add_column("outcome", no_wrap=True)
+    for name in (*meanings.values(), "all", "with reserve"):
+        table.add_column(name, justify="right")
+    with_reserve = surveyed.counts(with_reserve=True)
+    for what, numbers in surveyed.counts().items():
+        reserve = sum(with_reserve.get(what, {}).values())
+        table.add_row(
+            what.replace("_", " "), *(str(numbers[name]) for name in meanings), str(sum(numbers.values())), str(reserve)
+        )
+    screen.print(table)
+    of = _totals(surveyed)
+    screen.print(
+        f"{of['trimmable']} of {of['points']} points can be flown steadily, {of['with_reserve']} of them with a tenth "
+        f"of power and surfaces left; {of['flights']} flights, {surveyed.run_s:.1f} s "
+        f"(and {surveyed.compile_s:.1f} s compiling)",
+        soft_wrap=True,
+        highlight=False,
+    )

@@ -1,0 +1,198 @@
+"""Figures of an envelope survey: the trim map, what became of the commands, and the margins that were left."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["draw_envelope"]
+
+_STYLE: dict[Any, Any] = {
+    "svg.hashsalt": "anser-envelope",
+    "svg.fonttype": "none",
+    "font.size": 8,
+    "axes.titlesize": 9,
+}
+_NO_TRIM = "#e6e6e6"
+_LOAD, _FLOW, _PLACE = (
+    "limited: load factor",
+    "failed: alpha, beta leave the data",
+    "limited: altitude, Mach leave the data",
+)
+_KINDS = {
+    "reached": ("reached", "#009e73"),
+    "thrust_max": ("limited: full thrust", "#56b4e9"),
+    "thrust_idle": ("limited: idle thrust", "#b5deff"),
+    "alpha": ("limited: alpha", "#cc79a7"),
+    "load_factor": (_LOAD, "#e8c3d8"),
+    "unloading": (_LOAD, "#e8c3d8"),
+    "bank": ("limited: bank", "#0072b2"),
+    "tables_altitude": (_PLACE, "#a6a6a6"),
+    "tables_mach": (_PLACE, "#a6a6a6"),
+    "body_rates": ("failed: body rates", "#f0e442"),
+    "surfaces": ("failed: surface stops", "#e69f00"),
+    "surface_rates": ("failed: surface rates", "#d55e00"),
+    "tables_alpha": (_FLOW, "#000000"),
+    "tables_beta": (_FLOW, "#000000"),
+    "unexplained": ("failed: unexplained", "#ff00ff"),
+}
+"""Words and colour of each reason: Okabe and Ito's colours, which colour-blind readers can tell apart, and tints of them;
+blue, pink and grey where the flight was limited, yellow to black where it failed."""
+
+
+def draw_envelope(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
+    """Draw a survey as SVG and PNG files: `trim-map`, `commands` and `margins`.
+
+    Parameters
+    ----------
+    dataset
+        As `anser.results.envelope_dataset` makes it.
+    folder
+        To write into; existing.
+
+    Returns
+    -------
+    Paths of the files.
+
+    Raises
+    ------
+    ImportError
+        matplotlib is not installed.
+    """
+    import matplotlib as mpl
+
+    written = []
+    drawings: dict[str, Callable[[xr.Dataset], Figure]] = {
+        "trim-map": _trim_map,
+        "commands": _commands,
+        "margins": _margins,
+    }
+    with mpl.rc_context(_STYLE):
+        for name, draw in drawings.items():
+            figure = draw(dataset)
+            for suffix in ("svg", "png"):
+                path = folder / f"{name}.{suffix}"
+                # no date and fixed identifiers: the same numbers make the same file
+                figure.savefig(path, dpi=150, metadata={"Date": None} if suffix == "svg" else {"Software": None})
+                written.append(path)
+    return tuple(written)
+
+
+def _panels(
+    dataset: xr.Dataset, columns: int, width: float, title: str, note: str
+) -> tuple["Figure", np.ndarray, np.ndarray]:
+    """Panels with a row for each condition, labelled at the edges; below each column a place for its colours."""
+    from matplotlib.figure import Figure
+
+    conditions = dataset["condition_meaning"].values
+    rows = len(conditions)
+    figure = Figure(figsize=(width, 1.6 + 2.0 * rows), layout="constrained")
+    grid = figure.add_gridspec(rows + 1, columns, height_ratios=[1.0] * rows + [0.07])
+    axes = np.empty((rows, columns), dtype=object)
+    for c, k in np.ndindex(rows, columns):
+        axes[c, k] = one = figure.add_subplot(grid[c, k])
+        one.set_facecolor(_NO_TRIM)
+        one.tick_params(labelbottom=c == rows - 1, labelleft=k == 0)
+        if k == 0:
+            one.set_ylabel(f"{conditions[c]}\naltitude (km)")
+        if c == rows - 1:
+            one.set_xlabel("Mach number")
+    below = np.array([figure.add_subplot(grid[rows, k]) for k in range(columns)])
+    of = dataset.attrs
+    name = " ".join(str(of[key]) for key in ("aircraft", "variant") if key in of)
+    figure.suptitle(f"{title}: {name}, {of['inversion']} inversion\n{note}", fontsize=10)
+    return figure, axes, below
+
+
+def _mesh(axes: "Axes", dataset: xr.Dataset, values: np.ndarray, **style: Any) -> None:
+    """Cells about the points of the grid; nothing where the value is no number."""
+    shown = np.ma.masked_invalid(values)
+    mach, altitude = _edges(dataset["mach"].values), _edges(dataset["altitude"].values / 1000.0)
+    axes.pcolormesh(mach, altitude, shown, linewidth=0.2, edgecolors="white", **style)
+    axes.set_xlim(mach[0], mach[-1])
+    axes.set_ylim(altitude[0], altitude[-1])
+
+
+def _edges(centres: np.ndarray) -> np.ndarray:
+    if centres.size == 1:
+        return np.array([centres[0] - 0.5, centres[0] + 0.5])
+    between = (centres[1:] + centres[:-1]) / 2
+    return np.concatenate([[2 * centres[0] - between[0]], between, [2 * centres[-1] - between[-1]]])
+
+
+def _dots(axes: "Axes", dataset: xr.Dataset, where: np.ndarray) -> None:
+    """A dot at each point of the grid that is marked."""
+    altitude, mach = np.nonzero(where)
+    axes.plot(dataset["mach"].values[mach], dataset["altitude"].values[altitude] / 1000.0, ".", color="white", ms=2.5)
+
+
+def _trim_map(dataset: xr.Dataset) -> "Figure":
+    note = "Grey: no steady flight. Dots: a tenth or more of power and surfaces left."
+    figure, axes, below = _panels(dataset, 3, 9.5, "Steady flight", note)
+    trimmable = dataset["trimmable"].values.astype(bool)
+    with_reserve = dataset["with_reserve"].values.astype(bool)
+    least_surface = dataset["surface_left"].values.min(axis=-1)
+    columns = (
+        ("angle of attack (deg)", dataset["alpha_deg"].values, "viridis", (-5.0, 45.0)),
+        ("engine power (percent)", dataset["power_percent"].values, "cividis", (0.0, 100.0)),
+        ("way left to the nearest surface stop (part)", least_surface, "magma", (0.0, 1.0)),
+    )
+    for k, (label, values, colours, (low, high)) in enumerate(columns):
+        for c in range(len(axes)):
+            shown = np.where(trimmable[c], values[c], np.nan)
+            _mesh(axes[c, k], dataset, shown, cmap=colours, vmin=low, vmax=high)
+            _dots(axes[c, k], dataset, with_reserve[c])
+        figure.colorbar(axes[0, k].collections[0], cax=below[k], orientation="horizontal", label=label)
+    return figure
+
+
+def _commands(dataset: xr.Dataset) -> "Figure":
+    from matplotlib.colors import BoundaryNorm, ListedColormap
+    from matplotlib.patches import Patch
+
+    reasons = dataset["reason"].attrs["flag_meanings"].split()
+    labels = list(dict.fromkeys(_KINDS.values()))
+    # the reason "none" of a flight is that it reached its command
+    kind_of = np.array([labels.index(_KINDS["reached" if name == "none" else name]) for name in reasons])
+    colours = ListedColormap([colour for _, colour in labels])
+    norm = BoundaryNorm(np.arange(len(labels) + 1) - 0.5, len(labels))
+    kind = np.where(dataset["outcome"].values > 0, kind_of[dataset["reason"].values], np.nan)
+    commands = dataset["command_meaning"].values
+    note = "Grey: no steady flight to leave from. Dots: a tenth or more of power and surfaces left."
+    figure, axes, below = _panels(dataset, len(commands), 1.2 + 2.1 * len(commands), "Commands flown", note)
+    with_reserve = dataset["with_reserve"].values.astype(bool)
+    for k, command in enumerate(commands):
+        axes[0, k].set_title(command)
+        below[k].set_axis_off()
+        for c in range(len(axes)):
+            _mesh(axes[c, k], dataset, kind[c, :, :, k], cmap=colours, norm=norm)
+            _dots(axes[c, k], dataset, with_reserve[c])
+    present = sorted({int(k) for k in np.unique(kind[~np.isnan(kind)])})
+    handles = [Patch(facecolor=labels[k][1], label=labels[k][0]) for k in present]
+    figure.legend(handles=handles, loc="outside lower center", ncols=6, frameon=False)
+    return figure
+
+
+def _margins(dataset: xr.Dataset) -> "Figure":
+    note = "Blue: within the limit. Red: beyond it. Grey: no steady flight."
+    figure, axes, below = _panels(dataset, 4, 12.0, "Least margin over all commands", note)
+    of = dataset.attrs
+    high = of["limit_load_factor_max"] - dataset["load_factor_max"].values
+    low = dataset["load_factor_min"].values - of["limit_load_factor_min"]
+    columns = (
+        ("alpha to its limit (deg)", of["limit_alpha_max_deg"] - dataset["alpha_max_deg"].values, 20.0),
+        ("load factor to its limits", np.minimum(high, low), 4.0),
+        ("body rates to their limits (part)", 1.0 - dataset["body_rate_share"].values.max(axis=-1), 1.0),
+        ("surfaces to their stops (part)", 1.0 - dataset["surface_share"].values.max(axis=-1), 1.0),
+    )
+    for k, (label, values, ends) in enumerate(columns):
+        for c in range(len(axes)):
+            _mesh(axes[c, k], dataset, values[c].min(axis=-1), cmap="RdBu", vmin=-ends, vmax=ends)
+        figure.colorbar(axes[0, k].collections[0], cax=below[k], orientation="horizontal", label=label)
+    return figure

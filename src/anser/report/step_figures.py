@@ -1,0 +1,285 @@
+"""Figures of step responses: one test, and an overview of several; drawn from their datasets alone."""
+
+import textwrap
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from anser.report.style import color_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["FIGURE_SUFFIXES", "draw_overview", "draw_step"]
+
+FIGURE_SUFFIXES = (".svg", ".png", ".pdf")
+"""Kinds of files that a figure can be."""
+
+_RATES = ("roll_rate_deg_s", "pitch_rate_deg_s", "yaw_rate_deg_s")
+_PATH = ("path_angle_deg", "course_deg")
+_CHANNELS = {
+    "rates": _RATES,
+    "attitude": ("bank_deg", "alpha_deg", "beta_deg"),
+    "velocity": ("airspeed_m_s", *_PATH),
+}
+_OTHERS = {
+    "rates": (_CHANNELS["attitude"], _PATH, ("airspeed_m_s",)),
+    "attitude": (_RATES, _PATH, ("airspeed_m_s",)),
+    "velocity": (("bank_deg", "alpha_deg"), ("beta_deg",), _RATES),
+}
+"""What the loops that were not commanded did, three panels."""
+_CONTROLS = (("elevator_deg", "aileron_deg", "rudder_deg"), ("throttle",), ("power_percent",))
+
+_BEGINNING_S = 15.0
+"""Of a long test, what the two lower rows show: by then all that is quick is over."""
+
+_UNITS = {"m s-1": "m/s", "degree": "°", "degree s-1": "°/s", "percent": "%", "1": ""}
+_KINDS = {"degree": "Angle (°)", "degree s-1": "Rate (°/s)"}
+"""What panels of several variables are labelled with, by their unit."""
+_SPAN_MIN = {"m s-1": 1.0, "degree": 1.0, "degree s-1": 1.0, "percent": 5.0, "1": 0.05}
+"""Least height of a panel: what hardly moves must not look as if it did."""
+
+_LINE_LENGTH = 22
+"""Characters of a label before it goes on in another line."""
+_INK, _QUIET = "#1b1f24", "#6e7781"
+_SMALL, _LARGE = 7.5, 9.5
+_STYLE: dict[str, Any] = {
+    # Text stays text and the identifiers are fixed: the same numbers make the same file.
+    "svg.fonttype": "none",
+    "svg.hashsalt": "anser",
+    "pdf.fonttype": 42,
+    "font.size": 8.5,
+    "mathtext.fontset": "dejavusans",
+    "axes.edgecolor": _QUIET,
+    "axes.labelcolor": _INK,
+    "axes.grid": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.formatter.useoffset": False,
+    "grid.color": "#e1e4e8",
+    "grid.linewidth": 0.6,
+    "lines.linewidth": 1.5,
+    "xtick.color": _QUIET,
+    "ytick.color": _QUIET,
+    "xtick.labelcolor": _INK,
+    "ytick.labelcolor": _INK,
+    "legend.framealpha": 0.8,
+    "legend.edgecolor": "none",
+    "legend.fontsize": _SMALL,
+    "legend.handlelength": 1.4,
+}
+_METADATA: dict[str, dict[str, None]] = {
+    ".svg": {"Date": None},
+    ".png": {"Software": None},
+    ".pdf": {"CreationDate": None, "Producer": None, "Creator": None},
+}
+
+
+def draw_step(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
+    """Draw one step test: the loop's own channels with their commands dashed, the other loops', the controls.
+
+    Parameters
+    ----------
+    dataset
+        Of one flight, as `anser.campaign.fly_steps` makes it.
+    paths
+        New files to write, with one of `FIGURE_SUFFIXES`.
+
+    Raises
+    ------
+    FileExistsError
+        A path exists: nothing is overwritten.
+    ImportError
+        Matplotlib is not installed.
+    """
+    mpl, figure = _new_figure((10.0, 6.9))
+    with mpl.rc_context(_STYLE):
+        loop = dataset.attrs["loop"]
+        panels = [*((name,) for name in _CHANNELS[loop]), *_OTHERS[loop], *_CONTROLS]
+        grid = figure.subplots(3, 3, sharex="row")
+        end = float(dataset["time"].values[-1])
+        shown = dataset if end <= 2 * _BEGINNING_S else dataset.sel(time=slice(0.0, _BEGINNING_S))
+        for k, (axes, names) in enumerate(zip(grid.flat, panels, strict=True)):
+            _panel(axes, dataset if k < 3 else shown, names)
+        for axes in (*grid[0], *grid[-1]) if shown is not dataset else grid[-1]:
+            axes.set_xlabel("Time $t$ (s)")
+        if shown is dataset:
+            for axes in grid[:-1].flat:
+                axes.tick_params(labelbottom=False)
+        _mark_reading(grid, dataset)
+        figure.suptitle(f"{_heading(dataset)}\n{_about(dataset)}", fontsize=_LARGE)
+        figure.align_ylabels()
+        _save(figure, paths)
+
+
+def draw_overview(datasets: Sequence[xr.Dataset], paths: Sequence[Path]) -> None:
+    """Draw the commanded channels of several tests as parts of their steps: a panel for each test, in rows of four.
+
+    Parameters
+    ----------
+    datasets
+        Of flights of one aircraft from one trim point.
+    paths
+        As for `draw_step`.
+    """
+    rows = -(-len(datasets) // 4)
+    mpl, figure = _new_figure((10.0, 0.7 + 2.05 * rows))
+    with mpl.rc_context(_STYLE):
+        grid = figure.subplots(rows, 4, sharey=True, squeeze=False)
+        for axes, dataset in zip(grid.flat, datasets, strict=False):
+            lead = _lead(dataset)
+            for k, name in enumerate(_CHANNELS[dataset.attrs["loop"]]):
+                if name not in dataset.attrs["commanded"]:
+                    continue
+                values, step = dataset[name].values, float(dataset[_command(name)].values[0]) - dataset[name].values[0]
+                time, progress = _with_lead(dataset, 100 * (values - values[0]) / step, 0.0)
+                read = time <= dataset.attrs["read_at_s"]
+                axes.plot(
+                    time[read],
+                    progress[read],
+                    color=color_of(k),
+                    label=f"{_symbol(dataset[name])} {_size(dataset, name)}",
+                )
+            end = dataset.attrs["read_at_s"]
+            axes.plot([-lead, 0, 0, end], [0, 0, 100, 100], color=_INK, linestyle=(0, (4, 2)), linewidth=0.9, zorder=3)
+            axes.set_xlim(-_lead(dataset, end), end)
+            axes.legend(loc="lower right")
+        for axes in grid.flat[len(datasets) :]:
+            axes.set_visible(False)
+        for row in grid:
+            row[0].set_ylabel("Part of the step (%)")
+        for axes in grid[-1]:
+            axes.set_xlabel("Time $t$ (s)")
+        figure.suptitle(
+            f"Responses to steps of each channel alone and of a loop's three together\n{_about(datasets[0])}",
+            fontsize=_LARGE,
+        )
+        _save(figure, paths)
+
+
+def _new_figure(size: tuple[float, float]) -> tuple[Any, "Figure"]:
+    """Matplotlib, and an empty figure of a size in inches."""
+    try:
+        import matplotlib as mpl
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise ImportError('matplotlib is not installed: pip install "anser[docs]"') from None
+    return mpl, Figure(figsize=size, layout="constrained")
+
+
+def _panel(axes: "Axes", dataset: xr.Dataset, names: Sequence[str]) -> None:
+    """Draw variables of one unit over time: their responses, and the commands of those that were commanded."""
+    unit = str(dataset[names[0]].attrs["units"])
+    drawn = []
+    for k, name in enumerate(names):
+        colour = color_of(k)
+        time, values = _with_lead(dataset, dataset[name].values, dataset[name].values[0])
+        axes.plot(time, values, color=colour, label=_label(dataset[name]))
+        drawn.append(values)
+        if _command(name) in dataset:
+            commanded = name in dataset.attrs["commanded"]
+            _, wanted = _with_lead(dataset, dataset[_command(name)].values, values[0])
+            axes.step(
+                time,
+                wanted,
+                where="pre",
+                color=_INK if commanded else _QUIET,
+                linestyle=(0, (4, 2)),
+                linewidth=0.9,
+                label="command" if commanded else "held",
+            )
+            drawn.append(wanted)
+    low, high = (float(f(np.concatenate(drawn))) for f in (np.min, np.max))
+    if np.isfinite([low, high]).all():
+        margin = max(0.08 * (high - low), 0.5 * (_SPAN_MIN[unit] - (high - low)))
+        axes.set_ylim(low - margin, high + margin)
+    if len(names) == 1:
+        axes.set_ylabel(_label(dataset[names[0]], unit))
+        if _command(names[0]) in dataset:
+            axes.legend(handles=axes.lines[1:], loc="best")
+    else:
+        axes.set_ylabel(_KINDS[unit])
+        axes.legend(loc="best")
+    axes.set_xlim(-_lead(dataset), float(dataset["time"].values[-1]))
+
+
+def _mark_reading(grid: np.ndarray, dataset: xr.Dataset) -> None:
+    """Grey what comes after the reading, where there is anything."""
+    read, end = dataset.attrs["read_at_s"], float(dataset["time"].values[-1])
+    if end - read < 0.5 * (dataset["time"].values[1] - dataset["time"].values[0]):
+        return
+    for axes in grid.flat:
+        axes.axvspan(read, end, color="#8c959f", alpha=0.13, linewidth=0)
+    grid[0, 2].text(
+        read,
+        1.0,
+        f" after the reading at {read:g} s",
+        transform=grid[0, 2].get_xaxis_transform(),
+        fontsize=_SMALL,
+        color=_QUIET,
+        va="bottom",
+    )
+
+
+def _lead(dataset: xr.Dataset, end: float | None = None) -> float:
+    """Time drawn before the step, s."""
+    return 0.04 * (float(dataset["time"].values[-1]) if end is None else end)
+
+
+def _with_lead(dataset: xr.Dataset, values: np.ndarray, before: float) -> tuple[np.ndarray, np.ndarray]:
+    """Time and values with the trim point before the step."""
+    time = dataset["time"].values
+    return np.concatenate([[-_lead(dataset), 0.0], time]), np.concatenate([[before, before], values])
+
+
+def _command(name: str) -> str:
+    """Name of the command of a variable: roll_rate_deg_s -> roll_rate_command_deg_s."""
+    for suffix in ("_deg_s", "_m_s", "_deg"):
+        if name.endswith(suffix):
+            return f"{name.removesuffix(suffix)}_command{suffix}"
+    return f"{name}_command"
+
+
+def _symbol(values: xr.DataArray) -> str:
+    base, _, subscript = str(values.attrs["symbol"]).partition("_")
+    return f"${base}_{{{subscript}}}$" if subscript else f"${base}$"
+
+
+def _label(values: xr.DataArray, unit: str = "1") -> str:
+    """Words, symbol and, where one is given, unit; long ones in two lines."""
+    words = textwrap.fill(str(values.attrs["long_name"]), _LINE_LENGTH) + f" {_symbol(values)}"
+    return f"{words} ({_UNITS[unit]})" if _UNITS[unit] else words
+
+
+def _size(dataset: xr.Dataset, name: str) -> str:
+    step = float(dataset[_command(name)].values[0] - dataset[name].values[0])
+    unit = _UNITS[dataset[name].attrs["units"]]
+    return f"{step:+.4g}{'' if unit.startswith('°') else ' '}{unit}"
+
+
+def _heading(dataset: xr.Dataset) -> str:
+    steps = [
+        f"{dataset[name].attrs['long_name'].lower()} {_symbol(dataset[name])} {_size(dataset, name)}"
+        for name in dataset.attrs["commanded"]
+    ]
+    return f"{dataset.attrs['loop'].capitalize()} loop: {', '.join(steps)}"
+
+
+def _about(dataset: xr.Dataset) -> str:
+    of = dataset.attrs
+    inversion = {"model": "inversion of the model", "incremental": "incremental inversion"}[of["inversion"]]
+    return (
+        f"{of['aircraft']} ({of['variant']}) from level trim at {of['speed_m_s']:g} m/s, {of['altitude_m']:g} m; "
+        f"{inversion}; commands dashed"
+    )
+
+
+def _save(figure: "Figure", paths: Sequence[Path]) -> None:
+    for path in paths:
+        with path.open("xb") as file:
+            figure.savefig(file, format=path.suffix.removeprefix("."), dpi=160, metadata=_METADATA[path.suffix])
+        figure.set_layout_engine("none")  # laid out once is enough

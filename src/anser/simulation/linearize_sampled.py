@@ -1,0 +1,199 @@
+"""Linear model of one aircraft under one loop of its autopilot, from sample to sample."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from anser.aircraft import AbstractAirframe, Controls, condition
+from anser.control import AutopilotGains, AutopilotState, FlightLimits, make_plant, wrapped
+from anser.environment import Environment
+from anser.shapes import Scalar, ScalarLike, Vector3
+from anser.simulation.linearize_chart import (
+    AIR_OUTPUTS,
+    BODY_STATES,
+    SURFACE_STATES,
+    air_outputs,
+    coordinates_of,
+    regular_at,
+    state_at,
+)
+from anser.simulation.linearize_open import Expansion, LinearModel, expand, require_flat
+from anser.simulation.motion import advance
+from anser.simulation.response import Loop, LoopCommand, control_loop, measured_by, trimmed_memory
+from anser.simulation.trim import TrimPoint
+
+CHANNELS: dict[Loop, tuple[str, str, str]] = {
+    "rates": ("P", "Q", "R"),
+    "attitude": ("mu", "alpha", "beta"),
+    "velocity": ("V", "gamma", "chi"),
+}
+"""What each loop controls, from the innermost outwards."""
+
+
+def _named(channels: tuple[str, ...], what: str) -> tuple[str, ...]:
+    return tuple(f"{channel}_{what}" for channel in channels)
+
+
+_OWN_MEMORY: dict[Loop, list[tuple[str, tuple[str, ...]]]] = {
+    "rates": [
+        ("rates_integral", _named(CHANNELS["rates"], "integral")),
+        ("surfaces_filter", _named(SURFACE_STATES, "filter")),
+    ],
+    "attitude": [
+        ("attitude_integral", _named(CHANNELS["attitude"], "integral")),
+        ("rates_filter", _named(CHANNELS["rates"], "filter")),
+        ("surfaces_slow", _named(SURFACE_STATES, "slow")),
+    ],
+    "velocity": [
+        ("velocity_integral", _named(CHANNELS["velocity"], "integral")),
+        ("attitude_filter", _named(CHANNELS["attitude"], "filter")),
+    ],
+}
+"""Fields of the autopilot's memory that each loop adds to those of the loops inside it."""
+_SENSORS = (
+    "beyond",
+    (
+        *_named(("X", "Y", "Z"), "beyond"),
+        *_named(CHANNELS["rates"], "dot_beyond"),
+        *_named(CHANNELS["rates"], "last"),
+        *_named(CHANNELS["rates"], "dot_last"),
+    ),
+)
+"""Memory of the sensors, which takes part in incremental inversion."""
+_STATES = BODY_STATES + SURFACE_STATES
+_AIRCRAFT = len(_STATES)
+_EULER = slice(3, 6)
+
+
+class _Case(eqx.Module):
+    """What flies a trim point, and how."""
+
+    airframe: AbstractAirframe
+    environment: Environment
+    gains: AutopilotGains
+    limits: FlightLimits
+    trim: TrimPoint
+    step: Scalar
+
+
+def linearize_loop(
+    airframe: AbstractAirframe,
+    environment: Environment,
+    gains: AutopilotGains,
+    limits: FlightLimits,
+    trim: TrimPoint,
+    step: ScalarLike,
+    loop: Loop,
+) -> LinearModel:
+    """Linear model of the sampled loop about a trim point: dx(k+1) = A dx(k) + B dc(k).
+
+    States: those of the aircraft with its actuators, and the autopilot's memory (integrals, filters). Inputs: the
+    commands to the loop's three channels, held over a step; the throttle stays at trim unless the velocity loop is
+    closed. It is the step of `step_response`: control law, then `advance`. Where a command, a surface or the throttle
+    stands at a limit, the loop is open there, and so is the model.
+
+    Parameters
+    ----------
+    airframe, environment, gains, limits
+        What flies, where and how. The gains' sensor bandwidth must be a concrete number, not traced: above 0
+        (incremental inversion) the memory of the sensors is part of the state.
+    trim
+        Steady flight that is departed from.
+    step
+        Sampling period, s.
+    loop
+        Which loop is commanded; those inside it are closed.
+
+    Raises
+    ------
+    TypeError
+        The Earth is not flat.
+    """
+    require_flat(environment)
+    case = _Case(airframe, environment, gains, limits, trim, jnp.asarray(step, dtype=float))
+    # Compiled in two parts: the motion, by far the larger, is the same for all loops.
+    memory = _memory(loop) + ([_SENSORS] if bool(gains.sensor_bandwidth > 0) else [])
+    z, command, law = _law(case, loop, tuple(field for field, _ in memory))
+    motion = _motion(case, law.value[:4])
+    after = jnp.concatenate([motion.value[:_AIRCRAFT], law.value[4:]])
+    # x_after = M (x, controls) and (controls, memory_after) = L (x, memory, command), by the chain rule.
+    moved, seen = jnp.split(motion.slope, [_AIRCRAFT])
+    through = moved[:, _AIRCRAFT:] @ law.slope[:4]
+    through = through.at[:, :_AIRCRAFT].add(moved[:, :_AIRCRAFT])
+    A, B = jnp.split(jnp.concatenate([through, law.slope[4:]]), [z.size], axis=1)
+    change = after - z
+    change = change.at[_EULER].set(wrapped(change[_EULER]))
+    return LinearModel(
+        A=A,
+        B=B,
+        C=jnp.concatenate([jnp.eye(_AIRCRAFT), seen[:, :_AIRCRAFT]]) @ jnp.eye(_AIRCRAFT, z.size),
+        D=jnp.zeros((_AIRCRAFT + len(AIR_OUTPUTS), 3)),
+        x=z,
+        u=command,
+        y=jnp.concatenate([z[:_AIRCRAFT], motion.value[_AIRCRAFT:]]),
+        x_dot=change / case.step,
+        step=case.step,
+        regular=regular_at(environment, trim.state),
+        states=_STATES + tuple(name for _, names in memory for name in names),
+        inputs=_named(CHANNELS[loop], "command"),
+        outputs=_STATES + AIR_OUTPUTS,
+    )
+
+
+@eqx.filter_jit
+def _law(case: _Case, loop: Loop, fields: tuple[str, ...]) -> tuple[Array, Vector3, Expansion]:
+    """States and commands of the condition; controls and memory after a sample, as they depend on both."""
+    airframe, environment, trim = case.airframe, case.environment, case.trim
+    start = trimmed_memory(trim)
+    now = condition(airframe, environment, 0.0, trim.state)
+    plant = make_plant(airframe, case.limits, case.gains, trim.state, now, start, environment.gravity, case.step)
+    held = measured_by(plant, loop)
+    rate = plant.motion.path_rates if loop == "velocity" else jnp.zeros(3)
+
+    def elements(memory: AutopilotState) -> list[Vector3]:
+        return [leaf for field in fields for leaf in jax.tree.leaves(getattr(memory, field))]
+
+    def law(zc: Array) -> Array:
+        state = state_at(environment, zc[:_AIRCRAFT], trim.state.position_n)
+        memory = eqx.tree_at(elements, start, list(zc[_AIRCRAFT:-3].reshape(-1, 3)))
+        controls, _, memory = control_loop(
+            airframe,
+            environment,
+            case.gains,
+            case.limits,
+            0.0,
+            state,
+            memory,
+            LoopCommand(zc[-3:], rate, trim.controls.throttle),
+            case.step,
+            loop,
+        )
+        return jnp.concatenate([controls.surfaces, controls.throttle[None], *elements(memory)])
+
+    z = jnp.concatenate([coordinates_of(environment, trim.state), *elements(start)])
+    return z, held, expand(law, jnp.concatenate([z, held]))
+
+
+@eqx.filter_jit
+def _motion(case: _Case, controls: Float[Array, "4"]) -> Expansion:
+    """State after one step and outputs before it, as they depend on the state before and on the controls."""
+    airframe, environment, start = case.airframe, case.environment, case.trim.state
+
+    def motion(xu: Array) -> Array:
+        state = state_at(environment, xu[:_AIRCRAFT], start.position_n)
+        surfaces, throttle = xu[_AIRCRAFT:-1], xu[-1]
+        after = advance(airframe, environment, 0.0, state, Controls(surfaces, throttle), case.step)
+        return jnp.concatenate([coordinates_of(environment, after), air_outputs(airframe, environment, state)])
+
+    return expand(motion, jnp.concatenate([coordinates_of(environment, start), controls]))
+
+
+def _memory(loop: Loop) -> list[tuple[str, tuple[str, ...]]]:
+    """Fields of the autopilot's memory that take part in a loop, with the names of their elements."""
+    found = []
+    for inner in CHANNELS:
+        found += _OWN_MEMORY[inner]
+        if inner == loop:
+            break
+    return found
