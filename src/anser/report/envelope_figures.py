@@ -42,7 +42,7 @@ _KINDS = {
     "tables_beta": (_FLOW, "#000000"),
     "unexplained": ("failed: unexplained", "#ff00ff"),
 }
-"""Words and colour of each reason: Okabe and Ito's colours, which colour-blind readers can tell apart, and tints of them;
+"""Words and colour of each reason: Okabe and Ito's colours, which colour-blind readers can tell apart, and their tints:
 blue, pink and grey where the flight was limited, yellow to black where it failed."""
 
 

@@ -76,7 +76,7 @@ def judge(summaries: FlightSummary, tolerance: np.ndarray, duration: float) -> V
     unexplained = REASONS.index("unexplained")
     reason = np.where(standing.any(axis=1) & finite, 1 + standing.argmax(axis=1), unexplained)
     flow = np.array([axis in ("alpha", "beta") for axis in TABLE_AXES])
-    departed = np.isfinite(left_time[:, flow]).any(axis=1)
+    departed = np.asarray(np.isfinite(left_time[:, flow]).any(axis=1))
     of_tables = np.where(departed[:, None] & ~flow, np.inf, left_time).argmin(axis=1)
     reason = np.where(departed | (left & ~slipped), 1 + len(AUTOPILOT_LIMITS) + of_tables, reason)
     reason = np.where(reached, 0, reason)
