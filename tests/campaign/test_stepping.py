@@ -25,6 +25,8 @@ def test_every_channel_of_every_loop_is_stepped_alone_and_with_the_others(galler
 
 
 KEYS = [test.key for test in PUBLISHED_STEPS]
+
+
 @pytest.mark.parametrize("key", KEYS)
 def test_published_responses_keep_to_the_published_limits(gallery, key):
     assert gallery[key].shortfalls == ()

@@ -165,7 +165,7 @@ def _place(at: str) -> tuple[float, float]:
 
 def _must_draw() -> None:
     if importlib.util.find_spec("matplotlib") is None:
-        raise RefusedError('--out: arrived a picture, but matplotlib is missing; expected pip install "anser[docs]"')
+        raise RefusedError("--out: arrived a picture, but matplotlib is missing; expected pip install matplotlib")
 
 
 def _must_be_new_picture(out: Path) -> None:

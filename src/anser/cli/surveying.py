@@ -33,7 +33,7 @@ def envelope(
     if variant not in VARIANTS[aircraft]:
         raise RefusedError(f"--variant: arrived {variant!r}; expected one of {', '.join(VARIANTS[aircraft])}")
     if importlib.util.find_spec("matplotlib") is None:
-        raise RefusedError('the figures need matplotlib, which is not installed: pip install "anser[docs]"')
+        raise RefusedError("the figures need matplotlib, which is not installed: pip install matplotlib")
     make_new(out)
     from anser.campaign import survey
     from anser.report import draw_envelope

@@ -167,7 +167,7 @@ def _new_figure(size: tuple[float, float]) -> tuple[Any, "Figure"]:
         import matplotlib as mpl
         from matplotlib.figure import Figure
     except ImportError:
-        raise ImportError('matplotlib is not installed: pip install "anser[docs]"') from None
+        raise ImportError("matplotlib is not installed: pip install matplotlib") from None
     return mpl, Figure(figsize=size, layout="constrained")
 
 
