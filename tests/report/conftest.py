@@ -41,7 +41,11 @@ def _one(time, start_n, start_e, start_h, goal_n, goal_e, w_n, w_e, bend):
     bank = np.arctan(speed * np.gradient(course, time) / 9.81)
     gamma = np.arcsin(v_h / speed)
     ripple = np.sin(1.7 * time) * np.exp(-time / 30.0)
-    record = {variable.key: 0.0 * time for variable in CATALOGUE if variable.key not in DERIVED_KEYS}
+    record = {
+        variable.key: np.zeros(time.size, dtype=variable.dtype)
+        for variable in CATALOGUE
+        if variable.key not in DERIVED_KEYS
+    }
     record |= {
         "north": path[0] + 3.0 * ripple,
         "east": path[1] - 2.0 * ripple,

@@ -19,6 +19,8 @@ from anser.simulation.linearize_sampled import CHANNELS, linearize_loop
 from anser.simulation.modes import modes_of
 from anser.simulation.motion import advance
 from anser.simulation.response import LoopCommand, control_loop, measured_by, trimmed_memory
+from anser.verification.linear import LINEAR_CHECKS
+from support.checks import assert_passes
 from support.trims import target_deg, trim
 
 STEP = 0.01
@@ -156,6 +158,12 @@ def test_inversion_puts_the_poles_where_theory_does(level, loop):
         assert abs(pole.in_the_limit - pole.ideal) < pole.tolerance, pole
         # lags of 3.5 to 18.5 ms of the three loops, so this is a narrow bound: 2 to 3 percent
         assert pole.tolerance < 0.03 * abs(pole.ideal)
+
+
+def test_the_check_of_the_poles_passes():
+    # three channels with two, one and two poles: real part, imaginary part, as flown
+    found = assert_passes(LINEAR_CHECKS[2], 3 * (2 + 1 + 2) * 3)
+    assert {c.expected is None for c in found if c.group.endswith("as flown")} == {True}
 
 
 def single_channel(depth, plant, step=STEP):
