@@ -1,6 +1,16 @@
 """Strict tests: float64, no silent rank promotion, warnings are errors, shapes checked by beartype."""
 
+import atexit
 import os
+import shutil
+import tempfile
+
+# What one test module has compiled the others, the other worker and the commands that tests start need not: one cache
+# for the run, which the first process makes and its children inherit.
+if "ANSER_TEST_CACHE" not in os.environ:
+    os.environ["ANSER_TEST_CACHE"] = tempfile.mkdtemp(prefix="anser-tests-")
+    atexit.register(shutil.rmtree, os.environ["ANSER_TEST_CACHE"], ignore_errors=True)
+os.environ.setdefault("ANSER_COMPILATION_CACHE", os.environ["ANSER_TEST_CACHE"])
 
 from hypothesis import settings
 from jaxtyping import install_import_hook
@@ -10,6 +20,9 @@ with install_import_hook("anser", "beartype.beartype"):
 
 import jax
 
+from anser.compilation_cache import enable_compilation_cache
+
+enable_compilation_cache()
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
 # On a CI machine the same examples every time: what is found at random is found by people, and kept as an example.
