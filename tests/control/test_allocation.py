@@ -8,7 +8,7 @@ import pytest
 from control_cases import AIRFRAME, DEGREE, QUICK, setting_of, vectors
 from hypothesis import given, settings
 
-from anser.control import allocate
+from anser.control import allocate, surface_moments
 
 modest = settings(deadline=None, max_examples=60)
 LOWER, UPPER = np.asarray(AIRFRAME.actuators.lower), np.asarray(AIRFRAME.actuators.upper)
@@ -38,14 +38,18 @@ def _scale(setting):
     return setting.now.air_data.qbar * AIRFRAME.wing_area * size
 
 
+def _allocate(now, rates_b, surfaces, moment_b):
+    return allocate(AIRFRAME, now, rates_b, surface_moments(AIRFRAME, now, rates_b, surfaces), moment_b)
+
+
 @jax.jit
 def allocated(x, target):
     """Allocation of the moment of `target` surfaces, twice in a row; errors of the moments as coefficients."""
     setting = setting_of(x)
     rates_b = setting.state.rates_b
     wanted_b = _moment(setting, target)
-    first = allocate(AIRFRAME, setting.now, rates_b, setting.state.surfaces, wanted_b)
-    second = allocate(AIRFRAME, setting.now, rates_b, first.surfaces, wanted_b)
+    first = _allocate(setting.now, rates_b, setting.state.surfaces, wanted_b)
+    second = _allocate(setting.now, rates_b, first.surfaces, wanted_b)
     errors = [(_moment(setting, demand.surfaces) - wanted_b) / _scale(setting) for demand in (first, second)]
     return first, second, errors
 
@@ -80,7 +84,7 @@ MOMENT_B = np.array([500.0, -1000.0, 200.0])
 def _demand(x, moment_b, push_b):
     setting = setting_of(x)
     now = eqx.tree_at(lambda now: now.propulsive.moment_b, setting.now, push_b)
-    return allocate(AIRFRAME, now, setting.state.rates_b, setting.state.surfaces, moment_b)
+    return _allocate(now, setting.state.rates_b, setting.state.surfaces, moment_b)
 
 
 demand_of = jax.jit(_demand)

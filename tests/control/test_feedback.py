@@ -8,7 +8,7 @@ from control_cases import vectors
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anser.control import Differentiator, LoopGains, advanced_integral, virtual_control, wrapped
+from anser.control import Differentiator, LoopGains, advanced_integral, brakeable, virtual_control, wrapped
 
 triples = vectors(*((-5.0, 5.0),) * 3)
 modest = settings(deadline=None, max_examples=30)
@@ -108,3 +108,56 @@ def test_batched_equals_single():
     for reference, rate in zip(batch, together, strict=True):
         # the same sums; vectorized code may round the product differently
         np.testing.assert_allclose(rate, Differentiator(jnp.zeros(3)).rate(reference, 4.0, 0.01), rtol=1e-15)
+
+
+GAINS = LoopGains(jnp.array([10.0, 2.0, 4.0]), jnp.zeros(3), jnp.array([1.0, 0.0, 0.0]), jnp.ones(3))
+BANDWIDTH = np.array([5.0, 2.0, 4.0])
+"""K_P / (1 + K_D)."""
+LIMIT = jnp.array([3.0, 0.5, 1.0])
+
+
+@modest
+@given(triples)
+def test_brakeable_error_is_the_error_near_zero_and_the_law_of_a_stop_beyond(error):
+    seen = np.asarray(brakeable(GAINS, jnp.asarray(error), LIMIT))
+    edge = np.asarray(LIMIT) / BANDWIDTH**2
+    near = np.abs(error) <= edge
+    np.testing.assert_array_equal(seen[near], error[near])
+    # v = K e' with v^2 / 2 L = |e| - edge / 2: the way to a stop from v, up to where the linear law takes over
+    speed = BANDWIDTH * np.abs(seen)
+    np.testing.assert_allclose((speed**2 / (2 * np.asarray(LIMIT)))[~near], (np.abs(error) - edge / 2)[~near])
+    assert np.all(np.sign(seen) == np.sign(error))
+    assert np.all(np.abs(seen) <= np.abs(error))
+
+
+def test_following_the_brakeable_error_never_asks_for_more_acceleration():
+    """e_dot = -K e': |e_ddot| stays at L on the way, and the error still goes to zero."""
+    step = 1e-3
+
+    def one(error, _):
+        rate = -BANDWIDTH * brakeable(GAINS, error, LIMIT)
+        return error + step * rate, (error, rate)
+
+    _, (errors, rates) = jax.lax.scan(one, jnp.array([4.0, -5.0, 3.0]), None, length=20_000)
+    acceleration = np.abs(np.diff(np.asarray(rates), axis=0)) / step
+    # explicit steps of 1 ms overtake the exact law by K step = 0.5 percent
+    assert np.all(acceleration <= np.asarray(LIMIT) * 1.006)
+    assert np.abs(np.asarray(errors)[-1]).max() < 1e-3
+
+
+def test_brakeable_has_a_continuous_finite_slope():
+    slope = jax.vmap(jax.grad(lambda e: brakeable(GAINS, jnp.full(3, e), LIMIT)[0]))
+    edge = 3.0 / 25
+    values = slope(jnp.array([-2.0, 0.0, edge - 1e-9, edge + 1e-9, 5.0]))
+    assert np.isfinite(values).all()
+    np.testing.assert_allclose(values[1:4], 1.0, atol=1e-6)
+    none = LoopGains(jnp.zeros(3), jnp.zeros(3), jnp.zeros(3), jnp.zeros(3))
+    assert np.isfinite(jax.jacfwd(lambda e: brakeable(none, e, LIMIT))(jnp.ones(3))).all()
+
+
+def test_feed_forward_is_held_to_what_the_filter_can_follow():
+    filtered = Differentiator(jnp.zeros(3))
+    reference = jnp.array([1e-3, 1.0, -1.0])
+    free = filtered.rate(reference, 4.0, 0.01)
+    held = filtered.limited_rate(reference, 4.0, 0.01, jnp.array([0.5, 0.5, 0.2]))
+    np.testing.assert_allclose(held, [free[0], 0.5 / 4, -0.2 / 4])

@@ -1,8 +1,7 @@
 """Envelope survey: where the aircraft can fly steadily, and whether its autopilot flies commands from there."""
 
 import dataclasses
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Literal
 
 import equinox as eqx
@@ -12,6 +11,7 @@ import numpy as np
 import xarray as xr
 
 from anser.aircraft import AbstractAirframe
+from anser.campaign.batches import BATCH, Clock, Progress, in_batches
 from anser.campaign.envelope_cases import (
     COMMANDS,
     CONDITIONS,
@@ -31,12 +31,8 @@ from anser.units import DEG_RAD
 
 __all__ = ["EnvelopeSurvey", "survey"]
 
-Progress = Callable[[str, float], None]
-
 _ALTITUDES = np.array([250.0, *np.arange(1000.0, 15001.0, 1000.0)])
 """m; the lowest is not 0, where the data end: any command would leave them."""
-_BATCH = 128
-"""Flights of one compiled call: larger batches are no faster on a few cores."""
 _SENSOR_BANDWIDTH = 20.0  # rad/s, the scenario's default for incremental inversion
 
 
@@ -142,7 +138,7 @@ def survey(
     sound = np.asarray(jax.vmap(lambda h: environment.atmosphere.at(h).speed_of_sound)(jnp.asarray(altitudes)))
     airspeeds = sound[:, None] * mach[None, :]
     targets = steady_targets(altitudes, airspeeds, float(environment.gravity))
-    clock = _Clock()
+    clock = Clock()
     tell("trimming", 0.0)
     points = clock.run(_map, aircraft, environment, targets)
     flown = np.repeat(np.asarray(points.trimmable)[:, None], len(COMMANDS), axis=1)
@@ -162,10 +158,23 @@ def survey(
         airspeeds,
         flown,
         summaries,
-        judge(summaries, tolerances[command], count * step_s),
+        judge(summaries, tolerances[command], count * step_s, _beyond(points.trim, airspeeds, limits)[which]),
         {**attributes, "inversion": inversion, "duration_s": count * step_s, "step_s": step_s, **described(limits)},
     )
     return EnvelopeSurvey(dataset, clock.compile_s, clock.run_s)
+
+
+def _beyond(trim: TrimPoint, airspeeds: np.ndarray, limits: FlightLimits) -> np.ndarray:
+    """Whether each point lies beyond limits of the autopilot."""
+    alpha, bank = np.asarray(trim.alpha), np.abs(np.asarray(trim.mu))
+    speed = np.broadcast_to(airspeeds.ravel(), (len(CONDITIONS), airspeeds.size)).ravel()
+    return (
+        (alpha < limits.alpha_min)
+        | (alpha > limits.alpha_max)
+        | (bank > limits.bank_max)
+        | (speed < limits.speed_min)
+        | (speed > limits.speed_max)
+    )
 
 
 class _Flights(eqx.Module):
@@ -175,25 +184,6 @@ class _Flights(eqx.Module):
     target: TrimTarget
     sizes: jax.Array
     tolerances: jax.Array
-
-
-class _Clock:
-    """Compile and run, and keep the time of each."""
-
-    def __init__(self) -> None:
-        self.compile_s = self.run_s = 0.0
-        self._compiled: dict = {}
-
-    def run(self, function: Callable, *of):
-        """Call a function with array arguments of the same shapes as before, compiled once."""
-        began = time.perf_counter()
-        if function not in self._compiled:
-            self._compiled[function] = function.lower(*of).compile()  # pyright: ignore[reportFunctionMemberAccess]
-        compiled = time.perf_counter()
-        result = jax.block_until_ready(self._compiled[function](*of))
-        self.compile_s += compiled - began
-        self.run_s += time.perf_counter() - compiled
-        return result
 
 
 @eqx.filter_jit
@@ -219,7 +209,7 @@ def _fly(
 
 
 def _fly_all(
-    clock: _Clock,
+    clock: Clock,
     of: tuple,
     flights: _Flights,
     which: np.ndarray,
@@ -232,14 +222,11 @@ def _fly_all(
     total = len(which)
     if total == 0:
         raise ValueError("no point of the grid can be flown steadily: there is nothing to survey")
-    done = []
-    for first in range(0, total, _BATCH):
-        tell(f"flying {total} flights", first / total)
-        of_batch = np.arange(first, first + _BATCH) % total
-        batch = clock.run(_fly, of, flights, jnp.asarray(which[of_batch]), jnp.asarray(command[of_batch]), step, count)
-        done.append(jax.tree.map(np.asarray, batch))
-    tell(f"flying {total} flights", 1.0)
-    return jax.tree.map(lambda *leaves: np.concatenate(leaves)[:total], *done)
+
+    def fly(of_batch: np.ndarray) -> FlightSummary:
+        return clock.run(_fly, of, flights, jnp.asarray(which[of_batch]), jnp.asarray(command[of_batch]), step, count)
+
+    return in_batches(fly, total, BATCH, lambda done: tell(f"flying {total} flights", done / total))
 
 
 def _axis(name: str, wanted: Sequence[float] | None, usual: np.ndarray) -> np.ndarray:

@@ -10,6 +10,8 @@ from rich.table import Table
 screen = Console()
 err = Console(stderr=True, highlight=False)
 
+_WIDTH_MIN = 120  # columns of a table that nobody looks at on a screen: a pipe has none of its own
+
 
 class RefusedError(Exception):
     """Bad input found by the command line itself; the text is the finished message."""
@@ -42,3 +44,12 @@ def plain_table(title: str) -> Table:
 def number(value: float | None, digits: int) -> str:
     """Number with so many decimals; a dash for none."""
     return "-" if value is None else f"{value:.{digits}f}"
+
+
+def print_table(table: Table) -> None:
+    """Print on the screen, or without cutting or folding anything where it is no screen."""
+    if screen.is_terminal:
+        screen.print(table)
+        return
+    width = screen.measure(table, options=screen.options.update(max_width=10_000)).maximum
+    Console(file=screen.file, width=max(_WIDTH_MIN, width)).print(table)

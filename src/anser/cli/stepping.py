@@ -8,18 +8,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
-from anser.cli.console import RefusedError, err, make_new, must_lie, number, plain_table, screen
+from anser.cli.console import RefusedError, err, make_new, must_lie, number, plain_table, print_table, screen
 from anser.scenario import VARIANTS
 
 if TYPE_CHECKING:
     from anser.campaign import SteppedFlight, StepTest
 
 _AIRCRAFT = "f16"
-_WIDTH_MIN = 120
-"""Columns of a table that nobody looks at on a screen: a pipe has none of its own."""
 
 _Inversion = Annotated[
     Literal["model", "incremental"],
@@ -72,7 +69,9 @@ def step(
     if as_json:
         sys.stdout.write(json.dumps(step_document(flown), indent=1, allow_nan=False) + "\n")
     else:
-        _print(_table(flown, f"{_AIRCRAFT} ({variant}) at {speed_m_s:g} m/s, {altitude_m:g} m: {inversion} inversion"))
+        print_table(
+            _table(flown, f"{_AIRCRAFT} ({variant}) at {speed_m_s:g} m/s, {altitude_m:g} m: {inversion} inversion")
+        )
     if flown[0].left_tables:
         err.print("caution: it leaves the aerodynamic tables", markup=False)
     if out is not None:
@@ -100,7 +99,7 @@ def gallery(
         for flight in flown:
             draw_step(flight.dataset, [out / f"{flight.test.key}{suffix}" for suffix in (".svg", ".png")])
         draw_overview([flight.dataset for flight in flown], [out / f"overview{suffix}" for suffix in (".svg", ".png")])
-    _print(_table(flown, f"{_AIRCRAFT} ({variant}) at 150 m/s, 1000 m: {inversion} inversion"))
+    print_table(_table(flown, f"{_AIRCRAFT} ({variant}) at 150 m/s, 1000 m: {inversion} inversion"))
     limits = document["limits"]
     short = [(flight.test.key, line) for flight in flown for line in flight.shortfalls]
     screen.print(
@@ -179,15 +178,6 @@ def _must_be_new_picture(out: Path) -> None:
     if not out.parent.is_dir():
         raise RefusedError(f"--out: arrived {out}; expected a file in a folder that exists")
     _must_draw()
-
-
-def _print(table: Table) -> None:
-    """Print on the screen, or without cutting or folding anything where it is no screen."""
-    if screen.is_terminal:
-        screen.print(table)
-        return
-    width = screen.measure(table, options=screen.options.update(max_width=10_000)).maximum
-    Console(file=screen.file, width=max(_WIDTH_MIN, width)).print(table)
 
 
 def _table(flights: Sequence["SteppedFlight"], title: str) -> Table:

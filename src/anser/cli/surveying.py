@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import rich.progress
 import typer
 
-from anser.cli.console import RefusedError, err, make_new, plain_table, screen
+from anser.cli.console import RefusedError, err, make_new, plain_table, print_table, screen
 from anser.scenario import AIRFRAMES, VARIANTS
 
 if TYPE_CHECKING:
@@ -109,7 +109,7 @@ def _print(surveyed: "EnvelopeSurvey") -> None:
         table.add_row(
             what.replace("_", " "), *(str(numbers[name]) for name in meanings), str(sum(numbers.values())), str(reserve)
         )
-    screen.print(table)
+    print_table(table)
     of = _totals(surveyed)
     screen.print(
         f"{of['trimmable']} of {of['points']} points can be flown steadily, {of['with_reserve']} of them with a tenth "

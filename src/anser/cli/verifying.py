@@ -9,16 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import rich.progress
 import typer
-from rich.console import Console
 from rich.table import Table
 
-from anser.cli.console import RefusedError, err, plain_table, screen
+from anser.cli.console import RefusedError, err, plain_table, print_table, screen
 
 if TYPE_CHECKING:
     from anser.verification import Check, Comparison, Outcome
-
-_WIDTH_MIN = 160
-"""Columns of a table that nobody looks at on a screen: a pipe has none of its own."""
 
 
 def verify(
@@ -40,7 +36,7 @@ def verify(
     if only_list:
         if as_json:
             raise RefusedError("--list, --json: arrived both; expected one of them")
-        _print_table(_list(chosen))
+        print_table(_list(chosen))
         return
     enable_compilation_cache()
     columns = (
@@ -57,21 +53,12 @@ def verify(
     if as_json:
         sys.stdout.write(json.dumps(to_document(outcomes, seconds), indent=1, allow_nan=False) + "\n")
     else:
-        _print_table(_table(outcomes))
+        print_table(_table(outcomes))
         _print_count(outcomes, seconds)
     for line in [line for outcome in outcomes for line in _shortfalls(outcome)]:
         err.print(line, soft_wrap=True, markup=False)
     if not all(outcome.passes for outcome in outcomes):
         raise typer.Exit(1)
-
-
-def _print_table(table: Table) -> None:
-    """Print on the screen, or without cutting or folding anything where it is no screen."""
-    if screen.is_terminal:
-        screen.print(table)
-        return
-    width = screen.measure(table, options=screen.options.update(max_width=10_000)).maximum
-    Console(file=screen.file, width=max(_WIDTH_MIN, width)).print(table)
 
 
 def _print_count(outcomes: Sequence["Outcome"], seconds: float) -> None:

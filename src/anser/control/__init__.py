@@ -1,33 +1,30 @@
 """Control: the three inversion loops, allocation, guidance."""
 
-from anser.control.allocation import SurfaceDemand, allocate
-from anser.control.autopilot import (
-    AutopilotSignals,
-    AutopilotState,
-    Plant,
-    attitude_control,
-    initial_autopilot_state,
-    make_plant,
-    rate_control,
-    velocity_control,
-)
+from anser.control.allocation import SurfaceDemand, SurfaceMoments, allocate, surface_moments
+from anser.control.authority import Authority, surface_authority
+from anser.control.autopilot import AutopilotSignals, attitude_control, rate_control, velocity_control
 from anser.control.beyond_model import BeyondModel, nothing_beyond
-from anser.control.feedback import Differentiator, advanced_integral, virtual_control, wrapped
+from anser.control.excitation import Excitation, no_excitation
+from anser.control.feedback import Differentiator, advanced_integral, brakeable, virtual_control, wrapped
 from anser.control.gain_design import SEPARATION_MIN, Separation, designed_gains, loop_bandwidth, separations
 from anser.control.gains import AutopilotGains, LoopGains, loop_gains, published_gains
 from anser.control.guidance import GuidanceSettings, follow, hold, hold_point
 from anser.control.limits import FlightLimits, default_limits
+from anser.control.memory import AutopilotState, initial_autopilot_state
 from anser.control.path_motion import PathMotion, path_motion
+from anser.control.plant import Plant, make_plant
 from anser.control.velocity_loop import AttitudeDemand, ThrustDemand, attitude_demand, thrust_demand
 
 __all__ = [
     "SEPARATION_MIN",
     "AttitudeDemand",
+    "Authority",
     "AutopilotGains",
     "AutopilotSignals",
     "AutopilotState",
     "BeyondModel",
     "Differentiator",
+    "Excitation",
     "FlightLimits",
     "GuidanceSettings",
     "LoopGains",
@@ -35,11 +32,13 @@ __all__ = [
     "Plant",
     "Separation",
     "SurfaceDemand",
+    "SurfaceMoments",
     "ThrustDemand",
     "advanced_integral",
     "allocate",
     "attitude_control",
     "attitude_demand",
+    "brakeable",
     "default_limits",
     "designed_gains",
     "follow",
@@ -49,11 +48,14 @@ __all__ = [
     "loop_bandwidth",
     "loop_gains",
     "make_plant",
+    "no_excitation",
     "nothing_beyond",
     "path_motion",
     "published_gains",
     "rate_control",
     "separations",
+    "surface_authority",
+    "surface_moments",
     "thrust_demand",
     "velocity_control",
     "virtual_control",

@@ -7,54 +7,19 @@ of both. All are sampled once per step; their commands are held over it.
 import equinox as eqx
 import jax.numpy as jnp
 
-from anser.aircraft import (
-    AbstractAirframe,
-    AircraftState,
-    Condition,
-    Controls,
-    Wrench,
-    angular_acceleration,
-    moment_for_acceleration,
-)
+from anser.aircraft import Controls, angular_acceleration, moment_for_acceleration
 from anser.control.allocation import SurfaceDemand, allocate
-from anser.control.beyond_model import BeyondModel, nothing_beyond
-from anser.control.feedback import Differentiator, advanced_integral, virtual_control, wrapped
-from anser.control.gains import AutopilotGains
-from anser.control.limits import FlightLimits
-from anser.control.path_motion import PathMotion, path_motion
+from anser.control.excitation import Excitation, no_excitation
+from anser.control.feedback import advanced_integral, brakeable, virtual_control, wrapped
+from anser.control.memory import AutopilotState
+from anser.control.path_motion import PathMotion
+from anser.control.plant import Plant
 from anser.control.velocity_loop import AttitudeDemand, ThrustDemand, attitude_demand, thrust_demand
-from anser.numerics import solve3, times3
+from anser.numerics import solve3
 from anser.planning import PathCommand
-from anser.shapes import Flag, Scalar, ScalarLike, Vector3
+from anser.shapes import Flag, Scalar, Vector3
 
 _REACH_MAX = 1.5  # the sampled loop of the surfaces keeps its pole above -0.5
-
-
-class AutopilotState(eqx.Module):
-    """Memory of one autopilot: the loops' integrals and the filters that differentiate inner commands.
-
-    Attributes
-    ----------
-    velocity_integral, attitude_integral, rates_integral
-        Time integrals of the errors in (V, gamma, chi), (mu, alpha, beta) and (P, Q, R).
-    attitude_filter, rates_filter
-        Filters on the commands that the outer loops pass inwards.
-    surfaces_filter
-        Filter on the deflections that the fast loop wants.
-    surfaces_slow
-        Deflections through a low-pass filter, rad.
-    beyond
-        What the sensors say beyond the model.
-    """
-
-    velocity_integral: Vector3
-    attitude_integral: Vector3
-    rates_integral: Vector3
-    attitude_filter: Differentiator
-    rates_filter: Differentiator
-    surfaces_filter: Differentiator
-    surfaces_slow: Vector3
-    beyond: BeyondModel
 
 
 class AutopilotSignals(eqx.Module):
@@ -85,95 +50,6 @@ class AutopilotSignals(eqx.Module):
     surfaces_limited: Flag
 
 
-class Plant(eqx.Module):
-    """What an autopilot needs of its own aircraft at one instant.
-
-    `airframe` and the forces in `now` and `slow` are what the autopilot believes: the model, with what the sensors say
-    beyond it where the inversion is incremental.
-
-    The two outer loops see the forces as they are with `surfaces_slow`, low-passed deflections: the lift of the moving
-    elevator, differentiated twice on its way through the feed-forward, would come back to the elevator with a loop gain
-    above one (a limit cycle at the rate limit). Neglecting fast surface forces in the slow loops is the two-time-scale
-    assumption of dynamic inversion.
-    """
-
-    airframe: AbstractAirframe
-    limits: FlightLimits
-    gains: AutopilotGains
-    state: AircraftState
-    now: Condition
-    slow: Condition
-    surfaces_slow: Vector3
-    beyond: BeyondModel
-    motion: PathMotion
-    gravity: ScalarLike
-    step: ScalarLike
-
-
-def make_plant(
-    airframe: AbstractAirframe,
-    limits: FlightLimits,
-    gains: AutopilotGains,
-    state: AircraftState,
-    now: Condition,
-    memory: AutopilotState,
-    gravity: ScalarLike,
-    step: ScalarLike,
-    specific_force_b: Vector3 | None = None,
-) -> Plant:
-    """Gather what the loops share.
-
-    Parameters
-    ----------
-    airframe
-        The autopilot's model of its aircraft.
-    limits, gains, memory
-        Of the autopilot.
-    state
-        As measured.
-    now
-        Condition of the model.
-    gravity
-        m/s^2.
-    step
-        Sampling period, s.
-    specific_force_b
-        What accelerometers at the centre of gravity read (3,), m/s^2; that of a perfect model where None.
-    """
-    mass_properties = airframe.mass_properties
-    model_force_b = now.wrench.force_b
-    measured_b = model_force_b if specific_force_b is None else mass_properties.mass * specific_force_b
-    beyond = memory.beyond.advanced(
-        measured_b - model_force_b,
-        state.rates_b,
-        angular_acceleration(mass_properties, state.rates_b, now.wrench.moment_b),
-        gains.sensor_bandwidth,
-        step,
-    )
-    beyond_wrench = Wrench(beyond.force_b, times3(mass_properties.inertia_b, beyond.acceleration_b))
-    now = eqx.tree_at(lambda c: c.aerodynamic, now, now.aerodynamic + beyond_wrench)
-    surfaces_slow = memory.surfaces_slow
-    slow_wrench = airframe.aerodynamics(now.air_data, state.rates_b, surfaces_slow) + beyond_wrench
-    slow = eqx.tree_at(lambda c: c.aerodynamic, now, slow_wrench)
-    motion = path_motion(now, slow.wrench.force_b, state.velocity_b, mass_properties.mass, gravity)
-    return Plant(airframe, limits, gains, state, now, slow, surfaces_slow, beyond, motion, gravity, step)
-
-
-def initial_autopilot_state(attitude: Vector3, rates_b: Vector3, surfaces: Vector3) -> AutopilotState:
-    """Memory of an autopilot that has been holding the given (mu, alpha, beta), (P, Q, R) and surfaces."""
-    zero = jnp.zeros(3)
-    return AutopilotState(
-        zero,
-        zero,
-        zero,
-        Differentiator(attitude),
-        Differentiator(rates_b),
-        Differentiator(surfaces),
-        surfaces,
-        nothing_beyond(rates_b),
-    )
-
-
 def rate_control(
     plant: Plant, memory: AutopilotState, rates_wanted: Vector3, rates_wanted_dot: Vector3
 ) -> tuple[SurfaceDemand, AutopilotState]:
@@ -182,11 +58,11 @@ def rate_control(
     The demand's surfaces are commands to the actuators: their lag is inverted too, up to `actuator_bandwidth`.
     """
     mass_properties, rates_b = plant.airframe.mass_properties, plant.state.rates_b
-    error = rates_wanted - rates_b
+    error = brakeable(plant.gains.rates, rates_wanted - rates_b, plant.authority.rates_jerk)
     measured_dot = angular_acceleration(mass_properties, rates_b, plant.now.wrench.moment_b)
     nu = virtual_control(plant.gains.rates, error, memory.rates_integral, rates_wanted_dot, measured_dot)
     moment_b = moment_for_acceleration(mass_properties, rates_b, nu - plant.beyond.acceleration_b)
-    demand = allocate(plant.airframe, plant.now, rates_b, plant.state.surfaces, moment_b)
+    demand = allocate(plant.airframe, plant.now, rates_b, plant.moments, moment_b)
     actuators, surfaces = plant.airframe.actuators, plant.state.surfaces
     wanted = actuators.limited(demand.surfaces)
     share = _sampled_share(plant)
@@ -221,29 +97,44 @@ def _sampled_share(plant: Plant) -> Scalar:
 
 
 def attitude_control(
-    plant: Plant, memory: AutopilotState, attitude_wanted: Vector3, attitude_wanted_dot: Vector3
+    plant: Plant,
+    memory: AutopilotState,
+    attitude_wanted: Vector3,
+    attitude_wanted_dot: Vector3,
+    added_rates_b: Vector3 | None = None,
 ) -> tuple[Vector3, SurfaceDemand, AutopilotState]:
-    """Slow loop on top of the fast one: wanted (mu, alpha, beta), rad, and their rates to body rates to surfaces."""
+    """Slow loop on top of the fast one: wanted (mu, alpha, beta), rad, and their rates to body rates to surfaces.
+
+    `added_rates_b` (rad/s) excites the fast loop; the rates that are returned are those wanted without it.
+    """
     motion, gains = plant.motion, plant.gains
     measured = jnp.stack([motion.mu, motion.alpha, motion.beta])
-    error = wrapped(attitude_wanted - measured)
+    acceleration = plant.authority.attitude_acceleration(motion.effectiveness)
+    error = brakeable(gains.attitude, wrapped(attitude_wanted - measured), acceleration)
     measured_dot = motion.drift + jnp.sum(motion.effectiveness * plant.state.rates_b[None, :], axis=1)
     nu = virtual_control(gains.attitude, error, memory.attitude_integral, attitude_wanted_dot, measured_dot)
     free = solve3(motion.effectiveness, nu - motion.drift)
     # Scaled together: a roll rate that is cut while its yaw rate is not would be a sideslip.
     rates_wanted = free / jnp.maximum(jnp.max(jnp.abs(free) / plant.limits.rates_max), 1.0)
     integral = advanced_integral(memory.attitude_integral, error, rates_wanted != free, plant.step)
-    rates_dot = memory.rates_filter.rate(rates_wanted, gains.rates_command_bandwidth, plant.step)
-    demand, memory = rate_control(plant, memory, rates_wanted, rates_dot)
-    rates_filter = memory.rates_filter.advanced(rates_wanted, gains.rates_command_bandwidth, plant.step)
+    passed = rates_wanted if added_rates_b is None else rates_wanted + added_rates_b
+    rates_dot = memory.rates_filter.limited_rate(
+        passed, gains.rates_command_bandwidth, plant.step, plant.authority.rates_jerk
+    )
+    demand, memory = rate_control(plant, memory, passed, rates_dot)
+    rates_filter = memory.rates_filter.advanced(passed, gains.rates_command_bandwidth, plant.step)
     memory = eqx.tree_at(lambda m: (m.attitude_integral, m.rates_filter), memory, (integral, rates_filter))
     return rates_wanted, demand, memory
 
 
 def velocity_control(
-    plant: Plant, memory: AutopilotState, wanted: PathCommand
+    plant: Plant, memory: AutopilotState, wanted: PathCommand, excitation: Excitation | None = None
 ) -> tuple[Controls, AutopilotSignals, AutopilotState]:
-    """Whole autopilot: wanted airspeed, path angle and course through the air, with rates, to surfaces and throttle."""
+    """Whole autopilot: wanted airspeed, path angle and course through the air, with rates, to surfaces and throttle.
+
+    The signals tell the commands as they are before `excitation` is added.
+    """
+    added = no_excitation() if excitation is None else excitation
     motion, gains, limits = plant.motion, plant.gains, plant.limits
     V_wanted = jnp.clip(wanted.V, limits.speed_min, limits.speed_max)
     error = jnp.stack([V_wanted - motion.V, wanted.gamma - motion.gamma, wrapped(wanted.chi - motion.chi)])
@@ -266,9 +157,13 @@ def velocity_control(
     )
     saturated = jnp.stack([thrust.saturated, attitude.alpha_saturated, attitude.bank_saturated])
     integral = advanced_integral(memory.velocity_integral, error, saturated, plant.step)
-    attitude_dot = memory.attitude_filter.rate(attitude.angles, gains.attitude_command_bandwidth, plant.step)
-    rates_wanted, demand, memory = attitude_control(plant, memory, attitude.angles, attitude_dot)
-    attitude_filter = memory.attitude_filter.advanced(attitude.angles, gains.attitude_command_bandwidth, plant.step)
+    passed = attitude.angles + added.attitude
+    acceleration = plant.authority.attitude_acceleration(motion.effectiveness)
+    attitude_dot = memory.attitude_filter.limited_rate(
+        passed, gains.attitude_command_bandwidth, plant.step, acceleration
+    )
+    rates_wanted, demand, memory = attitude_control(plant, memory, passed, attitude_dot, added.rates_b)
+    attitude_filter = memory.attitude_filter.advanced(passed, gains.attitude_command_bandwidth, plant.step)
     memory = eqx.tree_at(lambda m: (m.velocity_integral, m.attitude_filter), memory, (integral, attitude_filter))
     signals = AutopilotSignals(
         motion=motion,

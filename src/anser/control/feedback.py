@@ -22,6 +22,16 @@ class Differentiator(eqx.Module):
         """Rate of the reference: the mean of x_dot over the coming step, so that a ramp's rate has no bias."""
         return -jnp.expm1(-bandwidth * step) / step * (reference - self.memory)
 
+    def limited_rate(
+        self, reference: Vector3, bandwidth: ScalarLike, step: ScalarLike, acceleration: Vector3
+    ) -> Vector3:
+        """Rate of the reference as far as a loop can follow it: no more than acceleration / bandwidth.
+
+        A command that moves at a rate r and may stop within the filter's time asks for accelerations of r N.
+        """
+        most = acceleration / bandwidth
+        return jnp.clip(self.rate(reference, bandwidth, step), -most, most)
+
     def advanced(self, reference: Vector3, bandwidth: ScalarLike, step: ScalarLike) -> "Differentiator":
         """State one step later, for a reference held over the step."""
         return Differentiator(self.memory + step * self.rate(reference, bandwidth, step))
@@ -54,6 +64,30 @@ def virtual_control(
         + gains.integral * integral
         + gains.derivative * (reference_rate - measured_rate)
     )
+
+
+def brakeable(gains: LoopGains, error: Vector3, acceleration: Vector3) -> Vector3:
+    """Error as far as a loop may work on it whose output can be accelerated by no more than `acceleration`.
+
+    By itself the loop e_dot = -K e, K = K_P / (1 + K_D), comes to rest with e_ddot = K^2 e. Beyond |e| = L / K^2 that
+    is more than the acceleration L: there e_dot is held to what L can brake, sqrt(2 L (|e| - L / 2K^2)), which joins
+    K e smoothly: the stop under bounded acceleration of time-optimal control (A. E. Bryson, Y.-C. Ho, *Applied Optimal
+    Control*, 1975). Without it large commands drive the surfaces into a limit cycle between their stops.
+
+    Parameters
+    ----------
+    gains
+        Of this loop.
+    error
+        r - y, shape (3,).
+    acceleration
+        L, shape (3,), units of the error per s^2, above 0.
+    """
+    bandwidth = jnp.maximum(gains.proportional / (1 + gains.derivative), 1e-6)
+    edge = acceleration / bandwidth**2
+    amount = jnp.abs(error)
+    far = jnp.maximum(amount, edge)  # keeps the root away from the branch that is not taken
+    return jnp.where(amount <= edge, error, jnp.sign(error) * jnp.sqrt(edge * (2 * far - edge)))
 
 
 def advanced_integral(integral: Vector3, error: Vector3, saturated: Flag | Vector3, step: ScalarLike) -> Vector3:

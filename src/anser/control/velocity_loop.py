@@ -7,11 +7,13 @@ import jax.numpy as jnp
 from anser.aircraft import AbstractAirframe, Condition
 from anser.control.limits import FlightLimits
 from anser.control.path_motion import PathMotion
-from anser.shapes import Scalar, ScalarLike, Vector3
+from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 
 _COS_BANK_MIN = 0.2  # between 78 and 102 deg of bank lift is asked less and less to hold the path
 _COS_READY = 0.5  # cosine of the bank error up to which all of the lift is asked; none at 90 deg and beyond
 _UP_MIN_G = 0.2  # acceleration normal to the path, in g, below which lift is not asked to turn
+_UP_TURNING_G = 0.5  # the same in a turn
+_LIFT_SHARE = 0.9  # part of the lift at alpha_max that banks and commands may use; the rest holds the path meanwhile
 _NEWTON_STEPS = 2  # the lift curve is piecewise linear: the second step lands when the first crossed a breakpoint
 
 
@@ -24,11 +26,27 @@ class ThrustDemand(eqx.Module):
 
 
 class AttitudeDemand(eqx.Module):
-    """Wanted (mu, alpha, beta), rad, and whether alpha or bank stands at a limit."""
+    """Wanted (mu, alpha, beta), and what stands in the way of the path that was asked for.
+
+    Attributes
+    ----------
+    angles
+        (mu, alpha, beta), rad.
+    alpha_saturated
+        The path angle is not served: alpha or load factor at a limit, the lift let go, or a push-over held back.
+    bank_saturated
+        The course is not served: bank at its limit or faded out, or the lift too small for it.
+    lift_short
+        The bank is held back because the lift at alpha_max is too small.
+    load_factor_short
+        The bank is held back because the greatest load factor is too small.
+    """
 
     angles: Vector3
-    alpha_saturated: Scalar
-    bank_saturated: Scalar
+    alpha_saturated: Flag
+    bank_saturated: Flag
+    lift_short: Flag
+    load_factor_short: Flag
 
 
 def thrust_demand(
@@ -78,21 +96,18 @@ def attitude_demand(
     L = F_X sin(alpha) - F_Z cos(alpha), solved by Newton steps on the airframe's own forces. With the bank more than 60
     deg off, an upset, the aircraft is unloaded first. `force_beyond_b` is what the sensors say beyond the airframe's
     forces, N.
+
+    What the lift at alpha_max or the load factor cannot give is left out of both turns alike, of the path's and of the
+    course's: gravity is carried first.
     """
     mass = airframe.mass_properties.mass
     weight = mass * gravity
-    up = motion.V * gamma_dot + gravity * jnp.cos(motion.gamma)
-    side = motion.V * jnp.cos(motion.gamma) * chi_dot
-    level = jnp.maximum(up, _UP_MIN_G * gravity)
-    mu_free = jnp.arctan2(side, level)
-    # a lift that points down turns the wrong way: bank fades out with the lift that is wanted
-    upright = jnp.clip(up / (_UP_MIN_G * gravity), 0.0, 1.0)
-    mu = jnp.clip(jnp.arctan2(upright * side, level), -limits.bank_max, limits.bank_max)
-    c_mu = jnp.cos(motion.mu)
-    # far from the wanted bank, on the back above all, the lift would point the wrong way: unload first, roll, then pull
-    ready = jnp.clip(jnp.cos(motion.mu - mu) / _COS_READY, 0.0, 1.0)
-    lift_free = ready * mass * up * c_mu / jnp.maximum(c_mu**2, _COS_BANK_MIN**2)
-    lift_wanted = jnp.clip(lift_free, limits.load_factor_min * weight, limits.load_factor_max * weight)
+    fall = gravity * jnp.cos(motion.gamma)
+    side_free = motion.V * jnp.cos(motion.gamma) * chi_dot
+    up_free = motion.V * gamma_dot + fall
+    # in a turn the path is pushed down no faster than leaves lift to turn with
+    turning = jnp.clip(jnp.abs(side_free) / (_UP_TURNING_G * gravity), 0.0, 1.0)
+    up = up_free + turning * jnp.maximum(_UP_TURNING_G * gravity - up_free, 0.0)
     beside_b = now.propulsive.force_b + force_beyond_b
 
     def lift(alpha: Scalar) -> Scalar:
@@ -100,6 +115,21 @@ def attitude_demand(
         force_b = airframe.aerodynamics(data, rates_b, surfaces).force_b + beside_b
         return force_b[0] * jnp.sin(alpha) - force_b[2] * jnp.cos(alpha)
 
+    # more bank than the lift can hold would be a sinking spiral up to alpha_max and beyond
+    lift_most = jnp.maximum(_LIFT_SHARE * lift(limits.alpha_max), 0.0)
+    most = jnp.minimum(lift_most, limits.load_factor_max * weight)
+    share = _share_within(fall, up - fall, side_free, most / mass)
+    level_min = _UP_MIN_G * gravity
+    level = jnp.maximum(fall + share * (up - fall), level_min)
+    mu_free = jnp.arctan2(side_free, level)
+    # a lift that points down turns the wrong way: bank fades out with the lift that is wanted
+    upright = jnp.clip(up / level_min, 0.0, 1.0)
+    mu = jnp.clip(jnp.arctan2(upright * share * side_free, level), -limits.bank_max, limits.bank_max)
+    c_mu = jnp.cos(motion.mu)
+    # far from the wanted bank, on the back above all, the lift would point the wrong way: unload first, roll, then pull
+    ready = jnp.clip(jnp.cos(motion.mu - mu) / _COS_READY, 0.0, 1.0)
+    lift_free = ready * mass * up * c_mu / jnp.maximum(c_mu**2, _COS_BANK_MIN**2)
+    lift_wanted = jnp.clip(lift_free, limits.load_factor_min * weight, limits.load_factor_max * weight)
     slope_min = 0.02 * now.air_data.qbar  # keeps the step finite past the peak of the lift curve
     alpha_free = motion.alpha
     for _ in range(_NEWTON_STEPS):
@@ -109,6 +139,15 @@ def attitude_demand(
     alpha = jnp.clip(alpha_free, limits.alpha_min, limits.alpha_max)
     return AttitudeDemand(
         angles=jnp.stack([mu, alpha, jnp.zeros_like(alpha)]),
-        alpha_saturated=(alpha != alpha_free) | (lift_wanted != lift_free) | (ready < 1.0),
+        alpha_saturated=(alpha != alpha_free) | (lift_wanted != lift_free) | (ready < 1.0) | (up != up_free),
         bank_saturated=mu != mu_free,
+        lift_short=(share < 1.0) & (lift_most <= most),
+        load_factor_short=(share < 1.0) & (lift_most > most),
     )
+
+
+def _share_within(fall: Scalar, up: Scalar, side: Scalar, most: Scalar) -> Scalar:
+    """Share s, 0..1, of an acceleration (up, side) with |(fall + s up, s side)| <= most: gravity is carried first."""
+    square = up**2 + side**2 + 1e-12
+    root = jnp.sqrt(jnp.maximum((fall * up) ** 2 + square * (most**2 - fall**2), 1e-12))
+    return jnp.clip((root - fall * up) / square, 0.0, 1.0)

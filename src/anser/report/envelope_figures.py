@@ -40,6 +40,7 @@ _KINDS = {
     "surface_rates": ("failed: surface rates", "#d55e00"),
     "tables_alpha": (_FLOW, "#000000"),
     "tables_beta": (_FLOW, "#000000"),
+    "start_beyond_limits": ("limited: start beyond the autopilot's limits", "#8a5a7a"),
     "unexplained": ("failed: unexplained", "#ff00ff"),
 }
 """Words and colour of each reason: Okabe and Ito's colours, which colour-blind readers can tell apart, and their tints:

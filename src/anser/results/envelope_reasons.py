@@ -10,10 +10,10 @@ __all__ = ["OUTCOMES", "REASONS", "Verdicts", "judge"]
 
 OUTCOMES = ("not_flown", "reached", "limited", "failed")
 """Limited: in controlled flight the command was missed at a limit of thrust, alpha, load factor or bank, or the data
-ended in altitude or Mach number. Failed: alpha or beta left the data, sideslip passed its bound, the surfaces or the
+ended in altitude or Mach number, or the steady flight that is left lies beyond the autopilot's limits. Failed: alpha or beta left the data, sideslip passed its bound, the surfaces or the
 body rates did not suffice, or no limit explains what was missed."""
 
-REASONS = ("none", *AUTOPILOT_LIMITS, *(f"tables_{axis}" for axis in TABLE_AXES), "unexplained")
+REASONS = ("none", *AUTOPILOT_LIMITS, *(f"tables_{axis}" for axis in TABLE_AXES), "start_beyond_limits", "unexplained")
 """None: not flown, or reached."""
 
 _LONG = 0.1
@@ -38,12 +38,14 @@ class Verdicts:
     reason: np.ndarray
 
 
-def judge(summaries: FlightSummary, tolerance: np.ndarray, duration: float) -> Verdicts:
+def judge(
+    summaries: FlightSummary, tolerance: np.ndarray, duration: float, start_beyond: np.ndarray | bool = False
+) -> Verdicts:
     """Judge a batch of flights.
 
     A command is reached if every channel ends within its tolerance, commanded or not, sideslip stayed within
-    `BETA_BOUND` and the aircraft inside its data. The reason of all else is the first of these that applies: alpha or
-    beta beyond the data, whichever was first; for sideslip, the limit of the inner loops at which the autopilot stood
+    `BETA_BOUND` and the aircraft inside its data. The reason of all else is the first of these that applies: a start
+    beyond the autopilot's limits, which it must leave whatever it is told; alpha or beta beyond the data, whichever was first; for sideslip, the limit of the inner loops at which the autopilot stood
     longest before; altitude or Mach number beyond the data; for a channel that was missed, the limit bearing on it at
     which it stood longest, of those that stood during most of the last tenth, over which the error is taken, or for a
     tenth of the flight.
@@ -56,6 +58,8 @@ def judge(summaries: FlightSummary, tolerance: np.ndarray, duration: float) -> V
         Of (V, gamma, chi), shape (flights, 3), m/s and rad.
     duration
         Of each flight, s.
+    start_beyond
+        Whether the steady flight that is left lies beyond the autopilot's limits, shape (flights,).
     """
     missed = ~(np.asarray(summaries.final_error_max) <= tolerance)  # true where there is no number
     slipped = ~(np.asarray(summaries.beta_max) <= BETA_BOUND)
@@ -79,9 +83,10 @@ def judge(summaries: FlightSummary, tolerance: np.ndarray, duration: float) -> V
     departed = np.asarray(np.isfinite(left_time[:, flow]).any(axis=1))
     of_tables = np.where(departed[:, None] & ~flow, np.inf, left_time).argmin(axis=1)
     reason = np.where(departed | (left & ~slipped), 1 + len(AUTOPILOT_LIMITS) + of_tables, reason)
+    reason = np.where(start_beyond & finite, REASONS.index("start_beyond_limits"), reason)
     reason = np.where(reached, 0, reason)
     uncontrolled = [REASONS.index(name) for name in (*_INNER, "tables_alpha", "tables_beta", "unexplained")]
-    failed = ~reached & (np.isin(reason, uncontrolled) | slipped | ~finite)
+    failed = ~reached & (np.isin(reason, uncontrolled) | (slipped & ~np.asarray(start_beyond)) | ~finite)
     outcome = np.select(
         [reached, failed], [OUTCOMES.index("reached"), OUTCOMES.index("failed")], OUTCOMES.index("limited")
     )

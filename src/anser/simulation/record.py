@@ -99,7 +99,9 @@ def record(moment: Moment) -> dict[str, Array]:
         "lateral_bend": moment.lateral_bend,
         "phase": moment.phase,
         "thrust_limited": signals.thrust.saturated,
-        "lift_limited": signals.attitude.alpha_saturated,
+        "lift_limited": signals.attitude.alpha_saturated
+        | signals.attitude.lift_short
+        | signals.attitude.load_factor_short,
         "bank_limited": signals.attitude.bank_saturated,
         "rates_limited": signals.rates_limited,
         "surfaces_limited": signals.surfaces_limited,

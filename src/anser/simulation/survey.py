@@ -173,10 +173,10 @@ def _limited(plant: Plant, signals: AutopilotSignals) -> Bool[Array, "8"]:
         [
             thrust.saturated & (thrust.thrust > most),
             thrust.saturated & (thrust.thrust <= most),
-            at_alpha,
-            attitude.alpha_saturated & ~at_alpha & ~unloading,
+            at_alpha | attitude.lift_short,
+            (attitude.alpha_saturated & ~at_alpha & ~unloading) | attitude.load_factor_short,
             unloading,
-            attitude.bank_saturated,
+            jnp.abs(bank) >= (1 - 1e-9) * limits.bank_max,
             signals.rates_limited,
             signals.surfaces_limited,
         ]

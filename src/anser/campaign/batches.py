@@ -1,0 +1,68 @@
+"""Many flights in batches of one compiled size, with the time that compiling and running took."""
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import numpy as np
+
+__all__ = ["BATCH", "Clock", "Progress", "in_batches"]
+
+BATCH = 128
+"""Flights of one compiled call: larger batches are no faster on a few cores."""
+
+Progress = Callable[[str, float], None]
+"""Told what is being done and the part that is done, 0..1."""
+
+
+class Clock:
+    """Compile and run, and keep the time of each.
+
+    Attributes
+    ----------
+    compile_s, run_s
+        Wall time spent so far.
+    """
+
+    def __init__(self) -> None:
+        self.compile_s = self.run_s = 0.0
+        self._compiled: dict = {}
+
+    def run(self, function: Callable, *of: Any) -> Any:
+        """Call a function with array arguments of the same shapes as before, compiled once."""
+        began = time.perf_counter()
+        if function not in self._compiled:
+            self._compiled[function] = function.lower(*of).compile()  # pyright: ignore[reportFunctionMemberAccess]
+        compiled = time.perf_counter()
+        result = jax.block_until_ready(self._compiled[function](*of))
+        self.compile_s += compiled - began
+        self.run_s += time.perf_counter() - compiled
+        return result
+
+
+def in_batches(run: Callable[[np.ndarray], Any], total: int, size: int, tell: Callable[[int], None]) -> Any:
+    """Run items 0 to `total` - 1 in batches of one size; the last is filled up with repetitions.
+
+    Parameters
+    ----------
+    run
+        From the numbers of the items of a batch, shape (size,), to a tree of arrays with a row for each.
+    total
+        Number of items, 1 or more.
+    size
+        Of a batch.
+    tell
+        Told before each batch how many are done, and at the end.
+
+    Returns
+    -------
+    The tree with a row for each item.
+    """
+    done = []
+    for first in range(0, total, size):
+        tell(first)
+        batch = run(np.arange(first, first + size) % total)
+        done.append(jax.tree.map(np.asarray, batch))
+    tell(total)
+    return jax.tree.map(lambda *leaves: np.concatenate(leaves)[:total], *done)

@@ -1,0 +1,28 @@
+"""Programmed test inputs of an autopilot."""
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from anser.shapes import Vector3
+
+
+class Excitation(eqx.Module):
+    """Programmed test input: what is added to the commands that the outer loops pass inwards.
+
+    Flight tests excite a loop in this way to measure its margins; so does the analysis of margins here.
+
+    Attributes
+    ----------
+    attitude
+        Added to the wanted (mu, alpha, beta), rad.
+    rates_b
+        Added to the wanted (P, Q, R), rad/s.
+    """
+
+    attitude: Vector3
+    rates_b: Vector3
+
+
+def no_excitation() -> Excitation:
+    """Nothing is added."""
+    return Excitation(jnp.zeros(3), jnp.zeros(3))

@@ -1,0 +1,50 @@
+"""Memory of one autopilot: what it carries from one sample to the next."""
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from anser.control.beyond_model import BeyondModel, nothing_beyond
+from anser.control.feedback import Differentiator
+from anser.shapes import Vector3
+
+
+class AutopilotState(eqx.Module):
+    """Memory of one autopilot: the loops' integrals and the filters that differentiate inner commands.
+
+    Attributes
+    ----------
+    velocity_integral, attitude_integral, rates_integral
+        Time integrals of the errors in (V, gamma, chi), (mu, alpha, beta) and (P, Q, R).
+    attitude_filter, rates_filter
+        Filters on the commands that the outer loops pass inwards.
+    surfaces_filter
+        Filter on the deflections that the fast loop wants.
+    surfaces_slow
+        Deflections through a low-pass filter, rad.
+    beyond
+        What the sensors say beyond the model.
+    """
+
+    velocity_integral: Vector3
+    attitude_integral: Vector3
+    rates_integral: Vector3
+    attitude_filter: Differentiator
+    rates_filter: Differentiator
+    surfaces_filter: Differentiator
+    surfaces_slow: Vector3
+    beyond: BeyondModel
+
+
+def initial_autopilot_state(attitude: Vector3, rates_b: Vector3, surfaces: Vector3) -> AutopilotState:
+    """Memory of an autopilot that has been holding the given (mu, alpha, beta), (P, Q, R) and surfaces."""
+    zero = jnp.zeros(3)
+    return AutopilotState(
+        zero,
+        zero,
+        zero,
+        Differentiator(attitude),
+        Differentiator(rates_b),
+        Differentiator(surfaces),
+        surfaces,
+        nothing_beyond(rates_b),
+    )

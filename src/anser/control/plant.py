@@ -1,0 +1,94 @@
+"""What the loops of an autopilot share of their own aircraft, gathered once per sample."""
+
+import equinox as eqx
+
+from anser.aircraft import AbstractAirframe, AircraftState, Condition, Wrench, angular_acceleration
+from anser.control.allocation import SurfaceMoments, surface_moments
+from anser.control.authority import Authority, surface_authority
+from anser.control.beyond_model import BeyondModel
+from anser.control.gains import AutopilotGains
+from anser.control.limits import FlightLimits
+from anser.control.memory import AutopilotState
+from anser.control.path_motion import PathMotion, path_motion
+from anser.numerics import times3
+from anser.shapes import ScalarLike, Vector3
+
+
+class Plant(eqx.Module):
+    """What an autopilot needs of its own aircraft at one instant.
+
+    `airframe` and the forces in `now` and `slow` are what the autopilot believes: the model, with what the sensors say
+    beyond it where the inversion is incremental.
+
+    The two outer loops see the forces as they are with `surfaces_slow`, low-passed deflections: the lift of the moving
+    elevator, differentiated twice on its way through the feed-forward, would come back to the elevator with a loop gain
+    above one (a limit cycle at the rate limit). Neglecting fast surface forces in the slow loops is the two-time-scale
+    assumption of dynamic inversion.
+    """
+
+    airframe: AbstractAirframe
+    limits: FlightLimits
+    gains: AutopilotGains
+    state: AircraftState
+    now: Condition
+    slow: Condition
+    surfaces_slow: Vector3
+    moments: SurfaceMoments
+    authority: Authority
+    beyond: BeyondModel
+    motion: PathMotion
+    gravity: ScalarLike
+    step: ScalarLike
+
+
+def make_plant(
+    airframe: AbstractAirframe,
+    limits: FlightLimits,
+    gains: AutopilotGains,
+    state: AircraftState,
+    now: Condition,
+    memory: AutopilotState,
+    gravity: ScalarLike,
+    step: ScalarLike,
+    specific_force_b: Vector3 | None = None,
+) -> Plant:
+    """Gather what the loops share.
+
+    Parameters
+    ----------
+    airframe
+        The autopilot's model of its aircraft.
+    limits, gains, memory
+        Of the autopilot.
+    state
+        As measured.
+    now
+        Condition of the model.
+    gravity
+        m/s^2.
+    step
+        Sampling period, s.
+    specific_force_b
+        What accelerometers at the centre of gravity read (3,), m/s^2; that of a perfect model where None.
+    """
+    mass_properties = airframe.mass_properties
+    model_force_b = now.wrench.force_b
+    measured_b = model_force_b if specific_force_b is None else mass_properties.mass * specific_force_b
+    beyond = memory.beyond.advanced(
+        measured_b - model_force_b,
+        state.rates_b,
+        angular_acceleration(mass_properties, state.rates_b, now.wrench.moment_b),
+        gains.sensor_bandwidth,
+        step,
+    )
+    beyond_wrench = Wrench(beyond.force_b, times3(mass_properties.inertia_b, beyond.acceleration_b))
+    now = eqx.tree_at(lambda c: c.aerodynamic, now, now.aerodynamic + beyond_wrench)
+    surfaces_slow = memory.surfaces_slow
+    slow_wrench = airframe.aerodynamics(now.air_data, state.rates_b, surfaces_slow) + beyond_wrench
+    slow = eqx.tree_at(lambda c: c.aerodynamic, now, slow_wrench)
+    motion = path_motion(now, slow.wrench.force_b, state.velocity_b, mass_properties.mass, gravity)
+    moments = surface_moments(airframe, now, state.rates_b, state.surfaces)
+    authority = surface_authority(airframe.actuators, mass_properties, moments, surfaces_slow)
+    return Plant(
+        airframe, limits, gains, state, now, slow, surfaces_slow, moments, authority, beyond, motion, gravity, step
+    )
