@@ -142,11 +142,14 @@ def test_times_at_limits_equal_those_of_the_history(flights, name):
     summary, (_, _, _, _, signals, _, outside) = flights[name]
     total = dict(zip(AUTOPILOT_LIMITS, np.asarray(summary.limited_time), strict=True))
     thrust, attitude = signals.thrust, signals.attitude
-    lift = total["alpha"] + total["load_factor"] + total["unloading"]
+    bank, alpha, _ = attitude.angles.T
+    at_alpha = (alpha <= LIMITS.alpha_min) | (alpha >= LIMITS.alpha_max)
+    not_at_alpha = attitude.alpha_saturated & ~at_alpha
     for value, flag in (
         (total["thrust_max"] + total["thrust_idle"], thrust.saturated),
-        (lift, attitude.alpha_saturated),
-        (total["bank"], attitude.bank_saturated),
+        (total["alpha"], (attitude.alpha_saturated & at_alpha) | attitude.lift_short),
+        (total["load_factor"] + total["unloading"], not_at_alpha | attitude.load_factor_short),
+        (total["bank"], np.isclose(np.abs(bank), LIMITS.bank_max, rtol=1e-12)),
         (total["body_rates"], signals.rates_limited),
         (total["surfaces"], signals.surfaces_limited),
     ):
