@@ -3,6 +3,13 @@
 from anser.aircraft.actuators import Actuators
 from anser.aircraft.air_data import AirData, air_data
 from anser.aircraft.f16 import F16, F16Coefficients, f16_from_data
+from anser.aircraft.f16_dispersed import (
+    F16_COEFFICIENT_GROUPS,
+    F16_COEFFICIENTS,
+    F16Dispersion,
+    dispersed_f16,
+    no_dispersion,
+)
 from anser.aircraft.f16_engine import F16Engine
 from anser.aircraft.interface import AbstractAirframe, AircraftState, Controls, MassProperties, Wrench
 from anser.aircraft.motion import MotionState, Moving, motion_derivative, moving_state, seen_state
@@ -18,6 +25,8 @@ from anser.aircraft.simple_body import SimpleBody, body_from_data
 
 __all__ = [
     "F16",
+    "F16_COEFFICIENTS",
+    "F16_COEFFICIENT_GROUPS",
     "AbstractAirframe",
     "Actuators",
     "AirData",
@@ -26,6 +35,7 @@ __all__ = [
     "Controls",
     "EarthFixedState",
     "F16Coefficients",
+    "F16Dispersion",
     "F16Engine",
     "MassProperties",
     "MotionState",
@@ -36,6 +46,7 @@ __all__ = [
     "angular_acceleration",
     "body_from_data",
     "condition",
+    "dispersed_f16",
     "earth_fixed_derivative",
     "earth_fixed_state",
     "f16_from_data",
@@ -43,6 +54,7 @@ __all__ = [
     "moment_for_acceleration",
     "motion_derivative",
     "moving_state",
+    "no_dispersion",
     "seen_state",
     "state_derivative",
 ]

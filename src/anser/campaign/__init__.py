@@ -1,9 +1,12 @@
 """Campaigns: executing scenarios, one by one for now; trim points and linear models for people."""
 
+from anser.campaign.dispersion import FlightPoint
 from anser.campaign.envelope import EnvelopeSurvey, survey
 from anser.campaign.envelope_cases import survey_limits
 from anser.campaign.execute import CLEARANCE_MIN_M, Flown, Planned, plan, run
 from anser.campaign.linearizing import ConditionError, Linearized, linearize
+from anser.campaign.margins import MarginSurvey, margin_document, margins_at, survey_margins
+from anser.campaign.robustness import RobustnessStudy, robustness_study
 from anser.campaign.step_tests import CHANNEL_KEYS, PUBLISHED_STEPS, StepTest, step_test, unit_of_channel
 from anser.campaign.stepped_flight import SteppedFlight, step_document
 from anser.campaign.stepping import Inversion, fly_steps
@@ -15,21 +18,28 @@ __all__ = [
     "PUBLISHED_STEPS",
     "ConditionError",
     "EnvelopeSurvey",
+    "FlightPoint",
     "Flown",
     "FoundTrim",
     "Inversion",
     "Linearized",
+    "MarginSurvey",
     "Planned",
+    "RobustnessStudy",
     "StepTest",
     "SteppedFlight",
     "find_trim",
     "fly_steps",
     "linearize",
+    "margin_document",
+    "margins_at",
     "plan",
+    "robustness_study",
     "run",
     "step_document",
     "step_test",
     "survey",
     "survey_limits",
+    "survey_margins",
     "unit_of_channel",
 ]

@@ -9,8 +9,10 @@ import typer
 
 import anser
 from anser.cli.console import RefusedError, err, screen
+from anser.cli.dispersing import robustness
 from anser.cli.flights import check, new, plan, run
 from anser.cli.linearizing import linearize
+from anser.cli.margins import margins
 from anser.cli.stepping import gallery, step
 from anser.cli.surveying import envelope
 from anser.cli.trimming import trim
@@ -32,7 +34,7 @@ def _top(version: Annotated[bool, typer.Option("--version", help="Print the vers
         raise typer.Exit
 
 
-for _command in (run, plan, check, trim, linearize, step, gallery, envelope, verify, new):
+for _command in (run, plan, check, trim, linearize, step, gallery, envelope, margins, robustness, verify, new):
     app.command()(_command)
 
 

@@ -5,29 +5,61 @@ from anser.results.dataset import to_dataset
 from anser.results.envelope_dataset import RESERVE_MIN, envelope_dataset
 from anser.results.envelope_reasons import OUTCOMES, REASONS, Verdicts, judge
 from anser.results.linear_model import LINEAR_FORMAT_VERSION, linear_dataset, linear_document, unit_of
+from anser.results.margin_dataset import (
+    CLOSED_LOOP,
+    GAIN_MIN_DB,
+    PHASE_MIN_DEG,
+    margin_dataset,
+    margin_map_dataset,
+    margin_table,
+)
 from anser.results.netcdf import read_netcdf, write_netcdf
 from anser.results.provenance import versions
 from anser.results.requirements import REQUIREMENT_NAMES, Requirement
+from anser.results.robustness_dataset import robustness_dataset
+from anser.results.robustness_statistics import (
+    FailureCorrelation,
+    FirstBreak,
+    Success,
+    failure_correlations,
+    first_breaks,
+    success,
+    success_interval,
+)
 from anser.results.summary import FORMAT_VERSION, FlightFacts, read_summary, summarize, write_summary
 
 __all__ = [
+    "CLOSED_LOOP",
     "FORMAT_VERSION",
+    "GAIN_MIN_DB",
     "LINEAR_FORMAT_VERSION",
     "OUTCOMES",
+    "PHASE_MIN_DEG",
     "REASONS",
     "REQUIREMENT_NAMES",
     "RESERVE_MIN",
+    "FailureCorrelation",
+    "FirstBreak",
     "FlightFacts",
     "Requirement",
+    "Success",
     "Verdicts",
     "closest_approach",
     "envelope_dataset",
+    "failure_correlations",
+    "first_breaks",
     "judge",
     "least_distance",
     "linear_dataset",
     "linear_document",
+    "margin_dataset",
+    "margin_map_dataset",
+    "margin_table",
     "read_netcdf",
     "read_summary",
+    "robustness_dataset",
+    "success",
+    "success_interval",
     "summarize",
     "to_dataset",
     "unit_of",

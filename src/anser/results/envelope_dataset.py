@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from anser.results.envelope_reasons import OUTCOMES, REASONS, Verdicts
+from anser.results.flight_variables import add_flights, attributes_of
 from anser.results.provenance import versions
 from anser.simulation import AUTOPILOT_LIMITS, TABLE_AXES, TRIM_STOPS, FlightSummary, MapPoint
 from anser.units import RAD_DEG
@@ -17,11 +18,6 @@ RESERVE_MIN = 0.1
 """Part of the power, up and down, and of each surface's way that a point with reserve has left."""
 
 _POINT = ("condition", "altitude", "mach")
-_CHANNELS = (
-    ("airspeed", "m_s", "m s-1", 1.0),
-    ("path_angle", "deg", "degree", RAD_DEG),
-    ("course", "deg", "degree", RAD_DEG),
-)
 _SURFACES = ("elevator", "aileron", "rudder")
 _RATES = ("roll", "pitch", "yaw")
 
@@ -69,17 +65,17 @@ def envelope_dataset(
     def of_points(name: str, values: Any, unit: str, words: str, over: str | None = None) -> None:
         array = np.asarray(values)
         dims = _POINT if over is None else (*_POINT, over)
-        data[name] = (dims, array.reshape(*grid, *array.shape[1:]), _labels(unit, words))
+        data[name] = (dims, array.reshape(*grid, *array.shape[1:]), attributes_of(unit, words))
 
     def of_flights(name: str, values: Any, unit: str, words: str, over: str | None = None) -> None:
         array = np.asarray(values)
         full = np.full((*flown.shape, *array.shape[1:]), 0 if array.dtype.kind == "i" else np.nan, array.dtype)
         full[flown] = array
         dims = (*_POINT, "command") if over is None else (*_POINT, "command", over)
-        data[name] = (dims, full.reshape(*grid, *full.shape[1:]), _labels(unit, words))
+        data[name] = (dims, full.reshape(*grid, *full.shape[1:]), attributes_of(unit, words))
 
     _add_map(of_points, points)
-    _add_flights(of_flights, summaries)
+    add_flights(of_flights, summaries)
     of_flights("outcome", verdicts.outcome, "1", "What became of the flight")
     of_flights("reason", verdicts.reason, "1", "Limit that stood in the way")
     for name, meanings in (("trim_stop", ("none", *TRIM_STOPS)), ("outcome", OUTCOMES), ("reason", REASONS)):
@@ -87,11 +83,11 @@ def envelope_dataset(
         labels["flag_values"] = np.arange(len(meanings), dtype=values.dtype)
         labels["flag_meanings"] = " ".join(meanings)
     coordinates: dict[str, Any] = {
-        "condition": ("condition", np.array(list(conditions)), _labels("", "Steady flight that is left")),
-        "command": ("command", np.array(list(commands)), _labels("", "Step of the path command")),
-        "altitude": ("altitude", np.asarray(altitudes_m, dtype=float), _labels("m", "Geometric altitude")),
-        "mach": ("mach", np.asarray(machs, dtype=float), _labels("1", "Mach number")),
-        "airspeed_m_s": (("altitude", "mach"), airspeeds_m_s, _labels("m s-1", "True airspeed")),
+        "condition": ("condition", np.array(list(conditions)), attributes_of("", "Steady flight that is left")),
+        "command": ("command", np.array(list(commands)), attributes_of("", "Step of the path command")),
+        "altitude": ("altitude", np.asarray(altitudes_m, dtype=float), attributes_of("m", "Geometric altitude")),
+        "mach": ("mach", np.asarray(machs, dtype=float), attributes_of("1", "Mach number")),
+        "airspeed_m_s": (("altitude", "mach"), airspeeds_m_s, attributes_of("m s-1", "True airspeed")),
         "condition_meaning": ("condition", np.array(list(conditions.values()))),
         "command_meaning": ("command", np.array(list(commands.values()))),
         "surface": ("surface", np.array(_SURFACES)),
@@ -101,10 +97,6 @@ def envelope_dataset(
     }
     of = {**attributes, **{f"version_{name}": version for name, version in versions().items()}}
     return xr.Dataset(data, coordinates, of)
-
-
-def _labels(unit: str, words: str) -> dict[str, Any]:
-    return {"units": unit, "long_name": words} if unit else {"long_name": words}
 
 
 def _add_map(add: Any, points: MapPoint) -> None:
@@ -134,54 +126,3 @@ def _add_map(add: Any, points: MapPoint) -> None:
     add(
         "surface_left", where_solved(surface_left), "1", "Way left to the stop, part of that from the middle", "surface"
     )
-
-
-def _add_flights(add: Any, flights: FlightSummary) -> None:
-    for k, (name, suffix, unit, factor) in enumerate(_CHANNELS):
-        words = name.replace("_", " ")
-        add(
-            f"{name}_final_error_{suffix}",
-            np.asarray(flights.final_error)[:, k] * factor,
-            unit,
-            f"Command minus {words}, mean of the last tenth",
-        )
-        add(
-            f"{name}_final_error_max_{suffix}",
-            np.asarray(flights.final_error_max)[:, k] * factor,
-            unit,
-            f"Largest error of the {words} in the last tenth",
-        )
-        add(
-            f"{name}_settling_s",
-            np.asarray(flights.settling_time)[:, k],
-            "s",
-            f"Until the {words} stays within its tolerance; inf: not before the end",
-        )
-        add(
-            f"{name}_overshoot", np.asarray(flights.overshoot)[:, k], "1", f"Overshoot of the {words}, part of the step"
-        )
-        add(
-            f"{name}_coupling_{suffix}",
-            np.asarray(flights.coupling)[:, k] * factor,
-            unit,
-            f"Largest error of the {words} where it is not stepped",
-        )
-    add("beta_max_deg", np.asarray(flights.beta_max) * RAD_DEG, "degree", "Largest sideslip, either way")
-    add("alpha_min_deg", np.asarray(flights.alpha_min) * RAD_DEG, "degree", "Least angle of attack")
-    add("alpha_max_deg", np.asarray(flights.alpha_max) * RAD_DEG, "degree", "Greatest angle of attack")
-    add("load_factor_min", flights.load_factor_min, "1", "Least normal load factor")
-    add("load_factor_max", flights.load_factor_max, "1", "Greatest normal load factor")
-    add("surface_share", flights.surface_share, "1", "Largest deflection, part of the way to the stop", "surface")
-    add("surface_rate_share", flights.surface_rate_share, "1", "Largest rate of the surface over its limit", "surface")
-    add("body_rate_share", flights.body_rate_share, "1", "Largest body rate over the autopilot's limit", "axis")
-    add("limited_s", flights.limited_time, "s", "Time at each limit of the autopilot", "limit")
-    add("limited_late_s", flights.limited_late, "s", "Time at each limit in the last tenth of the flight", "limit")
-    add(
-        "limited_before_slip_s",
-        flights.limited_before_slip,
-        "s",
-        "Time at each limit until sideslip first passes its bound",
-        "limit",
-    )
-    add("left_s", flights.left_time, "s", "First time outside the data; inf: never", "table")
-    add("finite", np.asarray(flights.finite).astype(np.int32), "1", "Whether the state stayed finite; 0 if not flown")

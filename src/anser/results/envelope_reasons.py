@@ -10,8 +10,9 @@ __all__ = ["OUTCOMES", "REASONS", "Verdicts", "judge"]
 
 OUTCOMES = ("not_flown", "reached", "limited", "failed")
 """Limited: in controlled flight the command was missed at a limit of thrust, alpha, load factor or bank, or the data
-ended in altitude or Mach number, or the steady flight that is left lies beyond the autopilot's limits. Failed: alpha or beta left the data, sideslip passed its bound, the surfaces or the
-body rates did not suffice, or no limit explains what was missed."""
+ended in altitude or Mach number, or the steady flight that is left lies beyond the autopilot's limits. Failed: alpha or
+beta left the data, sideslip passed its bound, the surfaces or the body rates did not suffice, or no limit explains what
+was missed."""
 
 REASONS = ("none", *AUTOPILOT_LIMITS, *(f"tables_{axis}" for axis in TABLE_AXES), "start_beyond_limits", "unexplained")
 """None: not flown, or reached."""
@@ -45,10 +46,10 @@ def judge(
 
     A command is reached if every channel ends within its tolerance, commanded or not, sideslip stayed within
     `BETA_BOUND` and the aircraft inside its data. The reason of all else is the first of these that applies: a start
-    beyond the autopilot's limits, which it must leave whatever it is told; alpha or beta beyond the data, whichever was first; for sideslip, the limit of the inner loops at which the autopilot stood
-    longest before; altitude or Mach number beyond the data; for a channel that was missed, the limit bearing on it at
-    which it stood longest, of those that stood during most of the last tenth, over which the error is taken, or for a
-    tenth of the flight.
+    beyond the autopilot's limits, which it must leave whatever it is told; alpha or beta beyond the data, whichever was
+    first; for sideslip, the limit of the inner loops at which the autopilot stood longest before; altitude or Mach
+    number beyond the data; for a channel that was missed, the limit bearing on it at which it stood longest, of those
+    that stood during most of the last tenth, over which the error is taken, or for a tenth of the flight.
 
     Parameters
     ----------

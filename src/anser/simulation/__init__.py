@@ -1,11 +1,14 @@
 """Simulation: the closed loop of a fleet, trim, responses, linear models, the recorded history."""
 
+from anser.simulation.broken_loop import BREAKPOINTS, HELD_BACK, MemoryFields, loop_memory
+from anser.simulation.dispersed_flight import Reading, Readings, dispersed_flight, steady_readings
 from anser.simulation.fleet import Fleet, Flight, FlightState, Timing
 from anser.simulation.flight import SEGMENT_STEPS, fly_segment, start_flight, step_flight
 from anser.simulation.flight_summary import AUTOPILOT_LIMITS, BETA_BOUND, TABLE_AXES, FlightSummary
 from anser.simulation.linearize_inversion import InversionPole, inversion_poles
 from anser.simulation.linearize_open import LinearModel, linearize
 from anser.simulation.linearize_sampled import CHANNELS, linearize_loop
+from anser.simulation.margins import NEUTRAL, LoopAnalysis, LoopResponse, analyse_loops, largest_pole
 from anser.simulation.modes import Mode, modes_of, wind_axis_states
 from anser.simulation.motion import advance
 from anser.simulation.response import Loop, Response, step_response
@@ -19,8 +22,11 @@ from anser.simulation.trim_diagnosis import NearestTrim, NearestTrims, nearest_t
 __all__ = [
     "AUTOPILOT_LIMITS",
     "BETA_BOUND",
+    "BREAKPOINTS",
     "CHANNELS",
     "FLYING",
+    "HELD_BACK",
+    "NEUTRAL",
     "NO_TRIM",
     "SEGMENT_STEPS",
     "STATUS_MESSAGES",
@@ -33,26 +39,36 @@ __all__ = [
     "InversionPole",
     "LinearModel",
     "Loop",
+    "LoopAnalysis",
+    "LoopResponse",
     "MapPoint",
+    "MemoryFields",
     "Mode",
     "NearestTrim",
     "NearestTrims",
+    "Reading",
+    "Readings",
     "Response",
     "Sensed",
     "Timing",
     "TrimPoint",
     "TrimTarget",
     "advance",
+    "analyse_loops",
+    "dispersed_flight",
     "fly_segment",
     "inversion_poles",
+    "largest_pole",
     "linearize",
     "linearize_loop",
+    "loop_memory",
     "map_point",
     "modes_of",
     "nearest_trims",
     "sense",
     "solve_trim",
     "start_flight",
+    "steady_readings",
     "step_flight",
     "step_response",
     "survey_flight",

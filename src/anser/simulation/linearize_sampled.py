@@ -51,7 +51,7 @@ _OWN_MEMORY: dict[Loop, list[tuple[str, tuple[str, ...]]]] = {
     ],
 }
 """Fields of the autopilot's memory that each loop adds to those of the loops inside it."""
-_SENSORS = (
+SENSOR_MEMORY = (
     "beyond",
     (
         *_named(("X", "Y", "Z"), "beyond"),
@@ -66,7 +66,7 @@ _AIRCRAFT = len(_STATES)
 _EULER = slice(3, 6)
 
 
-class _Case(eqx.Module):
+class LoopCase(eqx.Module):
     """What flies a trim point, and how."""
 
     airframe: AbstractAirframe
@@ -111,11 +111,11 @@ def linearize_loop(
         The Earth is not flat.
     """
     require_flat(environment)
-    case = _Case(airframe, environment, gains, limits, trim, jnp.asarray(step, dtype=float))
+    case = LoopCase(airframe, environment, gains, limits, trim, jnp.asarray(step, dtype=float))
     # Compiled in two parts: the motion, by far the larger, is the same for all loops.
-    memory = _memory(loop) + ([_SENSORS] if bool(gains.sensor_bandwidth > 0) else [])
+    memory = memory_of(loop) + ([SENSOR_MEMORY] if bool(gains.sensor_bandwidth > 0) else [])
     z, command, law = _law(case, loop, tuple(field for field, _ in memory))
-    motion = _motion(case, law.value[:4])
+    motion = sampled_motion(case, law.value[:4])
     after = jnp.concatenate([motion.value[:_AIRCRAFT], law.value[4:]])
     # x_after = M (x, controls) and (controls, memory_after) = L (x, memory, command), by the chain rule.
     moved, seen = jnp.split(motion.slope, [_AIRCRAFT])
@@ -142,7 +142,7 @@ def linearize_loop(
 
 
 @eqx.filter_jit
-def _law(case: _Case, loop: Loop, fields: tuple[str, ...]) -> tuple[Array, Vector3, Expansion]:
+def _law(case: LoopCase, loop: Loop, fields: tuple[str, ...]) -> tuple[Array, Vector3, Expansion]:
     """States and commands of the condition; controls and memory after a sample, as they depend on both."""
     airframe, environment, trim = case.airframe, case.environment, case.trim
     start = trimmed_memory(trim)
@@ -176,7 +176,7 @@ def _law(case: _Case, loop: Loop, fields: tuple[str, ...]) -> tuple[Array, Vecto
 
 
 @eqx.filter_jit
-def _motion(case: _Case, controls: Float[Array, "4"]) -> Expansion:
+def sampled_motion(case: LoopCase, controls: Float[Array, "4"]) -> Expansion:
     """State after one step and outputs before it, as they depend on the state before and on the controls."""
     airframe, environment, start = case.airframe, case.environment, case.trim.state
 
@@ -189,7 +189,7 @@ def _motion(case: _Case, controls: Float[Array, "4"]) -> Expansion:
     return expand(motion, jnp.concatenate([coordinates_of(environment, start), controls]))
 
 
-def _memory(loop: Loop) -> list[tuple[str, tuple[str, ...]]]:
+def memory_of(loop: Loop) -> list[tuple[str, tuple[str, ...]]]:
     """Fields of the autopilot's memory that take part in a loop, with the names of their elements."""
     found = []
     for inner in CHANNELS:

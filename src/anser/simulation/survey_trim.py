@@ -7,7 +7,7 @@ from jaxtyping import Array, Bool
 from anser.aircraft import AbstractAirframe, condition
 from anser.environment import Environment
 from anser.shapes import Flag, Scalar, Vector3
-from anser.simulation.survey import surface_share
+from anser.simulation.survey_sample import surface_share
 from anser.simulation.trim import EXCESS_NOISE, TrimPoint, TrimTarget, solve_trim
 
 TRIM_STOPS = ("tables", "no_balance", "thrust_max", "thrust_idle", "surfaces", "alpha", "beta")

@@ -1,0 +1,108 @@
+"""The F-16 with its data dispersed: every coefficient, thrust, mass, inertia, centre of gravity, actuators."""
+
+import itertools
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from anser.aircraft.f16 import F16
+from anser.shapes import Scalar, Vector3
+
+F16_COEFFICIENT_GROUPS = {
+    "curves": ("CZ0", "CXq", "CYr", "CYp", "CZq", "Clr", "Clp", "Cmq", "Cnr", "Cnp"),
+    "elevator_surfaces": ("CX0", "Cm0"),
+    "sideslip_surfaces": ("Clda", "Cldr", "Cnda", "Cndr", "Cl0", "Cn0"),
+    "side_force": ("CYb", "CYda", "CYdr"),
+    "normal_force_elevator": ("CZde",),
+}
+"""Coefficients of the build-up (theory section 4) in the order in which each field of `F16` holds them."""
+
+F16_COEFFICIENTS = tuple(name for names in F16_COEFFICIENT_GROUPS.values() for name in names)
+"""All coefficients, in the order of `F16Dispersion.coefficients`."""
+
+
+class F16Dispersion(eqx.Module):
+    """How one F-16 differs from its published data; factors of 1 and a shift of 0 leave it as it is.
+
+    Attributes
+    ----------
+    coefficients
+        Factor on each of `F16_COEFFICIENTS`, shape (22,); positive or negative.
+    thrust, mass
+        Factors.
+    inertia
+        Factors on the moments of inertia in roll, pitch and yaw, shape (3,); positive. The product of inertia changes
+        by the root of both of its factors, which keeps the matrix positive definite. Moments dispersed independently
+        need not belong to any distribution of mass (Jxx + Jyy >= Jzz has 3.5 % to spare in this aircraft).
+    actuator_bandwidth
+        Factor on the bandwidth (inverse time constant) of all three actuators; positive.
+    cg_shift
+        Of the centre of gravity, part of the mean chord; positive is aft.
+    """
+
+    coefficients: Float[Array, "22"]
+    thrust: Scalar
+    mass: Scalar
+    inertia: Vector3
+    actuator_bandwidth: Scalar
+    cg_shift: Scalar
+
+
+def no_dispersion() -> F16Dispersion:
+    """Leave the aircraft as published."""
+    one = jnp.ones(())
+    return F16Dispersion(jnp.ones(len(F16_COEFFICIENTS)), one, one, jnp.ones(3), one, jnp.zeros(()))
+
+
+def dispersed_f16(f16: F16, dispersion: F16Dispersion) -> F16:
+    """F-16 of the same structure with dispersed data.
+
+    A factor multiplies the whole of its table or coefficient, so that its contribution to the build-up scales exactly;
+    the arguments of the tables stay. Both c.g. terms, in Cm and Cn, follow the shift.
+
+    Parameters
+    ----------
+    f16
+        What is dispersed.
+    dispersion
+        By how much.
+    """
+    ends = [0]
+    for names in F16_COEFFICIENT_GROUPS.values():
+        ends.append(ends[-1] + len(names))
+    parts = [dispersion.coefficients[first:last] for first, last in itertools.pairwise(ends)]
+    curves, elevator_surfaces, sideslip_surfaces, side_force, normal_force = parts
+    properties = f16.mass_properties
+    root = jnp.sqrt(dispersion.inertia)
+    # D J D and its inverse: symmetric and positive definite with J
+    congruence = root[:, None] * root[None, :]
+    return eqx.tree_at(
+        lambda a: (
+            a.curves.cells,
+            a.elevator_surfaces.cells,
+            a.sideslip_surfaces.cells,
+            a.side_force,
+            a.normal_force_elevator,
+            a.engine.thrust_tables.cells,
+            a.mass_properties.mass,
+            a.mass_properties.inertia_b,
+            a.mass_properties.inertia_inverse_b,
+            a.actuators.time_constant,
+            a.x_cg,
+        ),
+        f16,
+        (
+            f16.curves.cells * curves[None, None, :],
+            f16.elevator_surfaces.cells * elevator_surfaces[None, None, :],
+            f16.sideslip_surfaces.cells * sideslip_surfaces[None, None, :],
+            f16.side_force * side_force,
+            f16.normal_force_elevator * normal_force[0],
+            f16.engine.thrust_tables.cells * dispersion.thrust,
+            properties.mass * dispersion.mass,
+            properties.inertia_b * congruence,
+            properties.inertia_inverse_b / congruence,
+            f16.actuators.time_constant / dispersion.actuator_bandwidth,
+            f16.x_cg + dispersion.cg_shift,
+        ),
+    )

@@ -1,0 +1,306 @@
+"""Stability margins of the autopilot: at one trim point with the responses, and over the trim map of the envelope."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+
+from anser.aircraft import AbstractAirframe
+from anser.campaign.batches import Clock, Progress, in_batches
+from anser.campaign.envelope_cases import CONDITIONS, described, steady_targets, survey_limits
+from anser.campaign.linearizing import ConditionError
+from anser.campaign.stepping import Inversion
+from anser.compilation_cache import enable_compilation_cache
+from anser.control import AutopilotGains, FlightLimits, published_gains
+from anser.environment import Environment, standard_environment
+from anser.results import CLOSED_LOOP, margin_dataset, margin_map_dataset, margin_table
+from anser.scenario import load_airframe
+from anser.scenario.schema_gains import Gains
+from anser.simulation import (
+    BREAKPOINTS,
+    HELD_BACK,
+    LoopAnalysis,
+    LoopResponse,
+    MapPoint,
+    MemoryFields,
+    TrimPoint,
+    TrimTarget,
+    analyse_loops,
+    loop_memory,
+    map_point,
+    nearest_trims,
+    trim_target,
+)
+
+__all__ = ["MarginSurvey", "margin_document", "margins_at", "survey_margins"]
+
+_FORMAT_VERSION = 1
+_ALTITUDES = np.array([250.0, *np.arange(1000.0, 15001.0, 1000.0)])
+_MACHS = np.linspace(0.15, 0.95, 18)
+_BATCH = 32
+"""Points of one compiled call: the responses of more do not stay in the processors' caches."""
+
+
+@dataclasses.dataclass(frozen=True)
+class MarginSurvey:
+    """Margins over the envelope.
+
+    Attributes
+    ----------
+    dataset
+        All of it, labelled: see `anser.results.margin_map_dataset`.
+    compile_s, run_s
+        Wall time spent compiling, and trimming and analysing.
+    """
+
+    dataset: xr.Dataset
+    compile_s: float
+    run_s: float
+
+    def counts(self) -> dict[str, int]:
+        """Points by what the closed loop is there."""
+        states = self.dataset["closed_loop"].values
+        return {what: int((states == k).sum()) for k, what in enumerate(CLOSED_LOOP)}
+
+    def shortfalls(self, breakpoints: Sequence[str] = BREAKPOINTS) -> list[str]:
+        """Points where the loop is unstable or, at some breakpoints, a margin falls short; one line each."""
+        lines = []
+        states = self.dataset["closed_loop"].values
+        for c, a, m in np.argwhere(
+            (states == CLOSED_LOOP.index("unstable")) | self.dataset["short"].values.any(axis=-1)
+        ):
+            of = self.dataset.isel(condition=c, altitude=a, mach=m)
+            place = f"{of.condition_meaning.item()}, {of.altitude.item():.0f} m, Mach {of.mach.item():.3f}"
+            if states[c, a, m] == CLOSED_LOOP.index("unstable"):
+                lines.append(f"{place}: unstable, pole {_pole(of)}")
+                continue
+            for name in breakpoints:
+                at = of.sel(breakpoint=name)
+                if at["short"].item():
+                    lines.append(
+                        f"{place}, {name}: {at['gain_margin_db'].item():.1f} dB, "
+                        f"{at['phase_margin_deg'].item():.1f} deg"
+                    )
+        return lines
+
+    def document(self) -> dict[str, Any]:
+        """Counts and the table of the breakpoints, plain data for JSON."""
+        return {
+            "format_version": _FORMAT_VERSION,
+            "survey": _plain(self.dataset.attrs),
+            "points": self.counts(),
+            "with_reserve": int(self.dataset["with_reserve"].sum()),
+            "compile_s": round(self.compile_s, 3),
+            "run_s": round(self.run_s, 3),
+            "breakpoints_with_reserve": margin_table(self.dataset),
+            "breakpoints_all": margin_table(self.dataset, with_reserve=False),
+            "shortfalls": self.shortfalls(),
+        }
+
+
+def margins_at(
+    aircraft: str | AbstractAirframe = "f16",
+    variant: str = "textbook",
+    *,
+    speed_m_s: float,
+    altitude_m: float,
+    inversion: Inversion = "model",
+    step_s: float = 0.01,
+    gains: AutopilotGains | None = None,
+) -> xr.Dataset:
+    """Margins of the whole autopilot in level flight, in the standard atmosphere and still air.
+
+    One loop at a time is broken, all others stay closed.
+
+    Parameters
+    ----------
+    aircraft, variant
+        Of the library, or an airframe.
+    speed_m_s, altitude_m
+        True airspeed and geometric altitude.
+    inversion
+        What the autopilot inverts.
+    step_s
+        Of the autopilot's samples.
+    gains
+        Instead of the published ones.
+
+    Returns
+    -------
+    xr.Dataset
+        As `anser.results.margin_dataset` makes it.
+
+    Raises
+    ------
+    ConditionError
+        There is no such steady flight, a command of the autopilot stands at a limit in it, or the closed loop is
+        unstable: no margin exists. The message says which.
+    ValueError
+        No such airframe.
+    """
+    enable_compilation_cache()
+    airframe, of = _loaded(aircraft, variant)
+    environment, limits = standard_environment(), survey_limits()
+    wanted = _gains(gains, inversion)
+    target = trim_target(speed_m_s, altitude_m)
+    points = _map(airframe, environment, jax.tree.map(lambda leaf: leaf[None], target))
+    if not bool(points.trimmable[0]):
+        raise ConditionError(nearest_trims(airframe, environment, target).message())
+    # the survey's batch, filled with the one point: compiled once for both
+    trims = jax.tree.map(lambda leaf: jnp.repeat(leaf, _BATCH, axis=0), points.trim)
+    analysed = _analyse(airframe, environment, wanted, limits, trims, jnp.asarray(step_s), loop_memory(wanted))
+    found, response = jax.tree.map(lambda leaf: leaf[0], analysed)
+    attributes = {**of, "speed_m_s": speed_m_s, "altitude_m": altitude_m, "inversion": inversion}
+    dataset = margin_dataset(found, response, step_s, attributes)
+    state = CLOSED_LOOP[dataset["closed_loop"].item()]
+    if state == "held_back":
+        which = ", ".join(name for name, at in zip(HELD_BACK, dataset["limited"].values, strict=True) if at)
+        raise ConditionError(
+            f"The autopilot does not hold this flight: its command stands at a limit ({which}), where the loop is open."
+        )
+    if state == "unstable":
+        raise ConditionError(f"The closed loop is unstable, pole {_pole(dataset)}: there are no margins.")
+    return dataset
+
+
+def survey_margins(
+    aircraft: str | AbstractAirframe = "f16",
+    variant: str = "textbook",
+    *,
+    inversion: Inversion = "model",
+    coarse: bool = False,
+    altitudes_m: Sequence[float] | None = None,
+    machs: Sequence[float] | None = None,
+    step_s: float = 0.01,
+    gains: AutopilotGains | None = None,
+    progress: Progress | None = None,
+) -> MarginSurvey:
+    """Margins at every point of the envelope's trim map that can be flown steadily, in the standard atmosphere.
+
+    The steady flights are the envelope survey's `CONDITIONS`, its limits `survey_limits`.
+
+    Parameters
+    ----------
+    aircraft, variant, inversion, step_s, gains
+        As of `margins_at`.
+    coarse
+        A grid of 3 x 5 instead of 16 x 18 points.
+    altitudes_m, machs
+        Axes of the grid, instead of 250 m to 15 km and Mach 0.15 to 0.95.
+    progress
+        Called with what is being done and the part that is done, 0..1.
+
+    Raises
+    ------
+    ValueError
+        No such airframe, an axis that is not of increasing numbers, or no point of the grid can be flown.
+    """
+    enable_compilation_cache()
+    tell = progress or (lambda what, done: None)
+    altitudes = _axis("altitudes_m", altitudes_m, _ALTITUDES[5::5] if coarse else _ALTITUDES)
+    mach = _axis("machs", machs, _MACHS[[0, 4, 8, 13, 17]] if coarse else _MACHS)
+    airframe, of = _loaded(aircraft, variant)
+    environment, limits = standard_environment(), survey_limits()
+    wanted = _gains(gains, inversion)
+    sound = np.asarray(jax.vmap(lambda h: environment.atmosphere.at(h).speed_of_sound)(jnp.asarray(altitudes)))
+    airspeeds = sound[:, None] * mach[None, :]
+    targets = steady_targets(altitudes, airspeeds, float(environment.gravity))
+    clock, memory = Clock(), loop_memory(wanted)
+    tell("trimming", 0.0)
+    points = clock.run(_map, airframe, environment, targets)
+    which = np.flatnonzero(np.asarray(points.trimmable))
+    total = which.size
+    if not total:
+        raise ValueError("no point of the grid can be flown steadily: there is nothing to survey")
+
+    def of_batch(numbers: np.ndarray) -> LoopAnalysis:
+        trims = jax.tree.map(lambda leaf: leaf[which[numbers]], points.trim)
+        return clock.run(_analyse, airframe, environment, wanted, limits, trims, jnp.asarray(step_s), memory)[0]
+
+    found = in_batches(of_batch, total, _BATCH, lambda k: tell(f"breaking the loops at {total} points", k / total))
+    dataset = margin_map_dataset(
+        {c.name: c.meaning for c in CONDITIONS},
+        altitudes,
+        mach,
+        airspeeds,
+        points,
+        found,
+        step_s,
+        {**of, "inversion": inversion, **described(limits)},
+    )
+    return MarginSurvey(dataset, clock.compile_s, clock.run_s)
+
+
+def margin_document(dataset: xr.Dataset) -> dict[str, Any]:
+    """Margins of one trim point, as `margins_at` finds them, in plain data for JSON; what is infinite is None."""
+    rows = []
+    for name in BREAKPOINTS:
+        of = dataset.sel(breakpoint=name)
+        figures = {key: of[key].item() for key, of_key in dataset.data_vars.items() if of_key.dims == ("breakpoint",)}
+        rows.append({"breakpoint": name, **{key: _finite(value) for key, value in figures.items()}})
+    return {
+        "format_version": _FORMAT_VERSION,
+        "condition": _plain(dataset.attrs),
+        "actuators_disk_margin": dataset["actuators_disk_margin"].item(),
+        "breakpoints": rows,
+    }
+
+
+@eqx.filter_jit
+def _map(airframe: AbstractAirframe, environment: Environment, targets: TrimTarget) -> MapPoint:
+    return jax.vmap(lambda target: map_point(airframe, environment, target))(targets)
+
+
+@eqx.filter_jit
+def _analyse(
+    airframe: AbstractAirframe,
+    environment: Environment,
+    gains: AutopilotGains,
+    limits: FlightLimits,
+    trims: TrimPoint,
+    step: jax.Array,
+    memory: MemoryFields,
+) -> tuple[LoopAnalysis, LoopResponse]:
+    def one(trim: TrimPoint) -> tuple[LoopAnalysis, LoopResponse]:
+        return analyse_loops(airframe, environment, gains, limits, trim, step, memory)
+
+    return jax.vmap(one)(trims)
+
+
+def _loaded(aircraft: str | AbstractAirframe, variant: str) -> tuple[AbstractAirframe, dict[str, Any]]:
+    if isinstance(aircraft, str):
+        return load_airframe(aircraft, variant), {"aircraft": aircraft, "variant": variant}
+    return aircraft, {"aircraft": "custom"}
+
+
+def _gains(gains: AutopilotGains | None, inversion: Inversion) -> AutopilotGains:
+    bandwidth = Gains().sensor_bandwidth_rad_s if inversion == "incremental" else 0.0
+    wanted = published_gains() if gains is None else gains
+    return eqx.tree_at(lambda g: g.sensor_bandwidth, wanted, jnp.asarray(bandwidth, dtype=float))
+
+
+def _axis(name: str, wanted: Sequence[float] | None, usual: np.ndarray) -> np.ndarray:
+    axis = usual if wanted is None else np.asarray(wanted, dtype=float)
+    least = 0.0 if name == "machs" else -np.inf
+    if axis.ndim != 1 or not axis.size or not np.isfinite(axis).all() or (np.diff(axis) <= 0).any() or axis[0] < least:
+        raise ValueError(f"{name}: arrived {wanted}; expected finite numbers in increasing order")
+    return axis
+
+
+def _pole(at: xr.Dataset) -> str:
+    real, imaginary = at["pole_real_1_s"].item(), at["pole_imag_1_s"].item()
+    return f"{real:+.3g} 1/s" if not imaginary else f"{real:+.3g} +- {imaginary:.3g}i 1/s"
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _plain(attributes: dict[str, Any]) -> dict[str, Any]:
+    return {name: getattr(value, "item", lambda v=value: v)() for name, value in attributes.items()}

@@ -1,0 +1,247 @@
+"""The command margins."""
+
+import importlib.util
+import json
+import math
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import rich.progress
+import typer
+
+from anser.cli.console import RefusedError, err, make_new, must_lie, number, plain_table, print_table, screen
+from anser.scenario import AIRFRAMES, VARIANTS
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from anser.campaign import MarginSurvey
+
+_AT = "150,1000"
+_FIGURES = (
+    ("gain_margin_db", "gain, dB", 1),
+    ("phase_margin_deg", "phase, deg", 1),
+    ("delay_margin_ms", "delay, ms", 1),
+    ("disk_margin", "disk", 2),
+)
+
+
+def margins(
+    at: Annotated[
+        str | None,
+        typer.Option(help=f"SPEED,ALTITUDE of level flight, m/s and m; left out: {_AT}.", show_default=False),
+    ] = None,
+    aircraft: Annotated[str, typer.Option(help=f"Airframe: {', '.join(AIRFRAMES)}.")] = "f16",
+    variant: Annotated[str, typer.Option(help="Published set of tables: textbook, s119 or founding.")] = "textbook",
+    inversion: Annotated[
+        Literal["model", "incremental"],
+        typer.Option(help="What the autopilot inverts: the model, or measured changes."),
+    ] = "model",
+    step_s: Annotated[float, typer.Option(help="Sampling period of the autopilot, s.")] = 0.01,
+    bode: Annotated[
+        Path | None, typer.Option(help="New picture of Bode and Nyquist diagrams: NAME.svg, .png or .pdf.")
+    ] = None,
+    envelope: Annotated[
+        bool, typer.Option("--envelope", help="At every point of the envelope that can be flown; needs --out.")
+    ] = False,
+    coarse: Annotated[bool, typer.Option("--coarse", help="With --envelope: 3 x 5 instead of 16 x 18 points.")] = False,
+    out: Annotated[Path | None, typer.Option(help="With --envelope: new folder for dataset and maps.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the margins as JSON instead of the table.")] = False,
+) -> None:
+    """Gain, phase, delay and disk margins at every actuator and loop of the autopilot, broken one at a time."""
+    if aircraft not in AIRFRAMES:
+        raise RefusedError(f"--aircraft: arrived {aircraft!r}; expected one of {', '.join(AIRFRAMES)}")
+    if variant not in VARIANTS[aircraft]:
+        raise RefusedError(f"--variant: arrived {variant!r}; expected one of {', '.join(VARIANTS[aircraft])}")
+    must_lie("--step-s", step_s, 0.001, 0.05)
+    if envelope:
+        for option, value in (("--at", at), ("--bode", bode)):
+            if value is not None:
+                raise RefusedError(f"{option}: arrived with --envelope, which is of all points; expected one of them")
+        if out is None:
+            raise RefusedError("--out: arrived nothing; expected a new folder for what --envelope finds")
+        _survey(aircraft, variant, inversion, step_s, coarse, out, as_json)
+        return
+    for option, value in (("--out", out), ("--coarse", coarse or None)):
+        if value is not None:
+            raise RefusedError(f"{option}: arrived without --envelope; expected both or neither")
+    speed_m_s, altitude_m = _place(_AT if at is None else at)
+    if bode is not None:
+        _must_be_new_picture(bode)
+    from anser.campaign import ConditionError, margin_document, margins_at
+
+    try:
+        with err.status("trimming and breaking the loops (the first time, this compiles)"):
+            found = margins_at(
+                aircraft, variant, speed_m_s=speed_m_s, altitude_m=altitude_m, inversion=inversion, step_s=step_s
+            )
+    except ConditionError as error:
+        err.print(str(error), soft_wrap=True, markup=False)
+        raise typer.Exit(1) from None
+    if bode is not None:
+        from anser.report import draw_bode
+
+        try:
+            draw_bode(found, [bode])
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise RefusedError(f"--bode: arrived {bode}; expected a place for a file ({reason})") from None
+    if as_json:
+        sys.stdout.write(json.dumps(margin_document(found), indent=1, allow_nan=False) + "\n")
+    else:
+        _print(found)
+    if bode is not None:
+        err.print(f"{bode}: written", soft_wrap=True, markup=False)
+
+
+def _survey(
+    aircraft: str,
+    variant: str,
+    inversion: Literal["model", "incremental"],
+    step_s: float,
+    coarse: bool,
+    out: Path,
+    as_json: bool,
+) -> None:
+    _must_draw("--envelope")
+    make_new(out)
+    from anser.campaign import survey_margins
+    from anser.report import draw_margin_maps
+    from anser.results import write_netcdf
+
+    columns = (
+        rich.progress.TextColumn("{task.description}"),
+        rich.progress.BarColumn(),
+        rich.progress.TaskProgressColumn(),
+        rich.progress.TimeElapsedColumn(),
+    )
+    with rich.progress.Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
+        task = bar.add_task("starting", total=1.0)
+        surveyed = survey_margins(
+            aircraft,
+            variant,
+            inversion=inversion,
+            coarse=coarse,
+            step_s=step_s,
+            progress=lambda what, done: bar.update(task, description=what, completed=done),
+        )
+        bar.update(task, description="writing")
+        write_netcdf(surveyed.dataset, out / "margins.nc")
+        draw_margin_maps(surveyed.dataset, out)
+        with (out / "margins.json").open("x", encoding="utf-8") as file:
+            file.write(json.dumps(surveyed.document(), indent=1, allow_nan=False) + "\n")
+    if as_json:
+        sys.stdout.write(json.dumps(surveyed.document(), indent=1, allow_nan=False) + "\n")
+    else:
+        _print_survey(surveyed)
+    err.print(f"{out}: margins.nc, margins.json and maps written", soft_wrap=True, markup=False)
+
+
+def _place(at: str) -> tuple[float, float]:
+    """Speed and altitude, m/s and m."""
+    try:
+        speed, altitude = (float(part) for part in at.split(","))
+    except ValueError:
+        raise RefusedError(f"--at: arrived {at!r}; expected SPEED,ALTITUDE in m/s and m, such as {_AT}") from None
+    must_lie("--at, speed", speed, 1, 1000)
+    must_lie("--at, altitude", altitude, -500, 30000)
+    return speed, altitude
+
+
+def _must_draw(option: str) -> None:
+    if importlib.util.find_spec("matplotlib") is None:
+        raise RefusedError(f"{option}: arrived where pictures cannot be drawn; expected pip install matplotlib")
+
+
+def _must_be_new_picture(path: Path) -> None:
+    """Refuse a picture that cannot be written, before anything is computed."""
+    from anser.report import BODE_SUFFIXES
+
+    if path.suffix not in BODE_SUFFIXES:
+        raise RefusedError(f"--bode: arrived {path}; expected a name that ends with {', '.join(BODE_SUFFIXES)}")
+    if path.exists():
+        raise RefusedError(f"--bode: arrived {path}, which exists; expected a new file (nothing is overwritten)")
+    if not path.parent.is_dir():
+        raise RefusedError(f"--bode: arrived {path}; expected a file in a folder that exists")
+    _must_draw("--bode")
+
+
+def _name(of: dict[str, Any]) -> str:
+    return f"{of['aircraft']} ({of['variant']})"
+
+
+def _print(found: "xr.Dataset") -> None:
+    of = found.attrs
+    table = plain_table(
+        f"{_name(of)} at {of['speed_m_s']:g} m/s, {of['altitude_m']:g} m: {of['inversion']} inversion, "
+        f"sampled every {1000 * of['step_s']:g} ms"
+    )
+    table.add_column("loop broken at", no_wrap=True)
+    for head in ("gain up, dB", "down, dB", "phase, deg", "crossover, rad/s", "delay, ms", "disk", "is dB", "or deg"):
+        table.add_column(head, justify="right")
+    table.add_column("short")
+    for name in found["breakpoint"].values.tolist():
+        row = {key: values.item() for key, values in found.sel(breakpoint=name).data_vars.items() if not values.dims}
+        gain, phase = _disk(row["disk_margin"])
+        table.add_row(
+            name,
+            _figure(row["gain_up_db"], 1),
+            _figure(-row["gain_down_db"], 1),
+            _figure(row["phase_margin_deg"], 1),
+            _figure(row["crossover_rad_s"], 2),
+            _figure(row["delay_margin_ms"], 1),
+            _figure(row["disk_margin"], 2),
+            _figure(gain, 1),
+            _figure(phase, 1),
+            "short" if row["short"] else "",
+        )
+    print_table(table)
+    together = found["actuators_disk_margin"].item()
+    gain, phase = _disk(together)
+    screen.print(
+        f"All three actuators at once: disk {together:.2f}, {gain:.1f} dB or {phase:.1f} deg each. "
+        f"Short: less than {of['gain_min_db']:g} dB or {of['phase_min_deg']:g} deg. A dash: nothing destabilizes. "
+        "All loops but the one broken are closed.",
+        soft_wrap=True,
+        highlight=False,
+    )
+
+
+def _print_survey(surveyed: "MarginSurvey") -> None:
+    document = surveyed.document()
+    of = surveyed.dataset.attrs
+    table = plain_table(
+        f"{_name(of)}, {of['inversion']} inversion: least / 5th percentile / median where a tenth of power and "
+        "surfaces is left"
+    )
+    table.add_column("loop broken at", no_wrap=True)
+    for _, head, _ in _FIGURES:
+        table.add_column(head, justify="right")
+    for head in ("short", "of points", "short of all points"):
+        table.add_column(head, justify="right")
+    for row, of_all in zip(document["breakpoints_with_reserve"], document["breakpoints_all"], strict=True):
+        cells = [
+            " / ".join(number(row[f"{key}_{what}"], digits) for what in ("min", "p5", "median"))
+            for key, _, digits in _FIGURES
+        ]
+        table.add_row(row["breakpoint"], *cells, str(row["short"]), str(row["points"]), str(of_all["short"]))
+    print_table(table)
+    points = document["points"]
+    screen.print(
+        f"{points['stable']} points are stable, {points['unstable']} unstable; {points['held_back']} stand at a limit "
+        f"of the autopilot, {points['no_trim']} cannot be flown. Short: less than {of['gain_min_db']:g} dB or "
+        f"{of['phase_min_deg']:g} deg. {surveyed.run_s:.1f} s (and {surveyed.compile_s:.1f} s compiling)",
+        soft_wrap=True,
+        highlight=False,
+    )
+
+
+def _disk(radius: float) -> tuple[float, float]:
+    """Gain (dB) and phase (deg) that a disk margin allows, each by itself."""
+    gain = 20 * math.log10((2 + radius) / (2 - radius)) if radius < 2 else math.inf
+    return gain, math.degrees(2 * math.atan(radius / 2))
+
+
+def _figure(value: float, digits: int) -> str:
+    return number(value if math.isfinite(value) else None, digits)

@@ -1,0 +1,256 @@
+"""Figures of stability margins: Bode and Nyquist diagrams of one trim point, maps over the envelope."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from anser.report.map_panels import NOTHING, draw_cells, draw_marks, map_panels
+from anser.report.style import color_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["BODE_SUFFIXES", "draw_bode", "draw_margin_maps"]
+
+BODE_SUFFIXES = (".svg", ".png", ".pdf")
+"""Kinds of files that a Bode diagram can be."""
+_GROUPS = {
+    "Actuators and engine": ("elevator", "aileron", "rudder", "throttle"),
+    "Body rates": ("P", "Q", "R"),
+    "Attitude": ("mu", "alpha"),
+}
+_SYMBOLS = {"P": "$P$", "Q": "$Q$", "R": "$R$", "mu": r"$\mu$", "alpha": r"$\alpha$"}
+_ACTUATORS = ("elevator", "aileron", "rudder")
+_SHOWN_DB, _SHOWN_DEG = (-50.0, 50.0), (-360.0, 0.0)
+_LINE, _CLOSE, _BAD, _HELD_BACK = "#57606a", "#d55e00", "#000000", "#b8b8b8"
+_STYLE: dict[Any, Any] = {
+    # text stays text and the identifiers are fixed: the same numbers make the same file
+    "svg.hashsalt": "anser-margins",
+    "svg.fonttype": "none",
+    "pdf.fonttype": 42,
+    "font.size": 8,
+    "axes.titlesize": 9,
+    "legend.fontsize": 7.5,
+    "legend.framealpha": 0.85,
+    "mathtext.fontset": "dejavusans",
+}
+_METADATA: dict[str, dict[str, None]] = {
+    ".svg": {"Date": None},
+    ".png": {"Software": None},
+    ".pdf": {"CreationDate": None, "Producer": None, "Creator": None},
+}
+
+
+def draw_bode(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
+    """Draw Bode and Nyquist diagrams of every loop of one trim point, with the margins marked.
+
+    Parameters
+    ----------
+    dataset
+        As `anser.results.margin_dataset` makes it, of a stable closed loop.
+    paths
+        New files, with one of `BODE_SUFFIXES`.
+
+    Raises
+    ------
+    FileExistsError
+        A path exists: nothing is overwritten.
+    ImportError
+        matplotlib is not installed.
+    """
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=(11.0, 9.0), layout="constrained")
+        grid = figure.add_gridspec(3, len(_GROUPS), height_ratios=[1.0, 1.0, 1.5])
+        for k, (title, names) in enumerate(_GROUPS.items()):
+            gain, phase, nyquist = (figure.add_subplot(grid[row, k]) for row in range(3))
+            gain.set_title(title)
+            _bode(gain, phase, dataset, names)
+            _nyquist(nyquist, dataset, names)
+            if k == 0:
+                gain.set_ylabel("gain of the loop (dB)")
+                phase.set_ylabel("phase of the loop (°)")
+                nyquist.set_ylabel("imaginary part")
+        of = dataset.attrs
+        name = " ".join(str(of[key]) for key in ("aircraft", "variant") if key in of)
+        figure.suptitle(
+            f"Loops broken one at a time: {name} at {of['speed_m_s']:g} m/s, {of['altitude_m']:g} m, "
+            f"{of['inversion']} inversion, sampled every {1000 * of['step_s']:g} ms\n"
+            f"Triangles: gain margins. Dots: phase margins. Shaded: closer to -1 than {of['gain_min_db']:g} dB, "
+            f"or {of['phase_min_deg']:g}° at the unit circle",
+            fontsize=10,
+        )
+        for path in paths:
+            with path.open("xb") as file:
+                figure.savefig(file, format=path.suffix[1:], dpi=150, metadata=_METADATA[path.suffix])
+
+
+def draw_margin_maps(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
+    """Draw the margins over the envelope as SVG and PNG files: `actuators` and `loops`.
+
+    Parameters
+    ----------
+    dataset
+        As `anser.results.margin_map_dataset` makes it.
+    folder
+        To write into; existing.
+
+    Returns
+    -------
+    Paths of the files.
+
+    Raises
+    ------
+    ImportError
+        matplotlib is not installed.
+    """
+    import matplotlib as mpl
+
+    written = []
+    with mpl.rc_context(_STYLE):
+        for name, draw in (("actuators", _actuators), ("loops", _loops)):
+            figure = draw(dataset)
+            for suffix in (".svg", ".png"):
+                path = folder / f"{name}{suffix}"
+                figure.savefig(path, dpi=150, metadata=_METADATA[suffix])
+                written.append(path)
+    return tuple(written)
+
+
+def _bode(gain: "Axes", phase: "Axes", dataset: xr.Dataset, names: Sequence[str]) -> None:
+    omega = dataset["frequency"].values
+    gain_min, phase_min = dataset.attrs["gain_min_db"], dataset.attrs["phase_min_deg"]
+    for k, name in enumerate(names):
+        of = dataset.sel(breakpoint=name)
+        colour = color_of(k)
+        label = _SYMBOLS.get(name, name)
+        gain.semilogx(omega, of["loop_gain_db"].values, color=colour, lw=1.2, label=label)
+        degrees = of["loop_phase_deg"].values
+        shown = np.mod(degrees, 360.0) - 360.0
+        # no line from one edge of the panel to the other
+        shown[1:][np.abs(np.diff(shown)) > 180.0] = np.nan
+        phase.semilogx(omega, shown, color=colour, lw=1.2, label=label)
+        for at, size, marker in (
+            (of["gain_up_at_rad_s"].item(), -of["gain_up_db"].item(), "^"),
+            (of["gain_down_at_rad_s"].item(), of["gain_down_db"].item(), "v"),
+        ):
+            if np.isfinite(at) and np.isfinite(size):
+                gain.plot([at, at], [0.0, size], color=colour, lw=0.8)
+                gain.plot([at], [size], marker, color=colour, ms=5)
+        at = of["crossover_rad_s"].item()
+        if np.isfinite(at):
+            reached = float(np.interp(np.log(at), np.log(omega), degrees)) % 360 - 360
+            phase.plot([at, at], [-180, reached], color=colour, lw=0.8)
+            phase.plot([at], [reached], "o", color=colour, ms=4)
+    gain.axhline(0.0, color=_LINE, lw=0.8)
+    gain.axhspan(-gain_min, gain_min, color=_CLOSE, alpha=0.15, lw=0)
+    gain.set_ylim(*_SHOWN_DB)
+    phase.axhline(-180.0, color=_LINE, lw=0.8)
+    phase.axhspan(-180 - phase_min, -180 + phase_min, color=_CLOSE, alpha=0.15, lw=0)
+    phase.set_ylim(*_SHOWN_DEG)
+    phase.set_yticks(np.arange(-360, 1, 90))
+    phase.set_xlabel("frequency (rad/s)")
+    gain.tick_params(labelbottom=False)
+    gain.legend(loc="lower left")
+    for axes in (gain, phase):
+        axes.set_xlim(omega[0], omega[-1])
+        axes.grid(color=NOTHING, lw=0.5)
+
+
+def _nyquist(axes: "Axes", dataset: xr.Dataset, names: Sequence[str]) -> None:
+    """Response near -1, and the region whose corners are the margins that are wanted."""
+    turn = np.linspace(0, 2 * np.pi, 181)
+    axes.plot(np.cos(turn), np.sin(turn), color=_LINE, lw=0.6)
+    factor, angle = 10 ** (dataset.attrs["gain_min_db"] / 20), np.radians(dataset.attrs["phase_min_deg"])
+    corner = (-np.cos(angle), np.sin(angle))
+    axes.fill(
+        [-factor, corner[0], -1 / factor, corner[0]], [0.0, corner[1], 0.0, -corner[1]], color=_CLOSE, alpha=0.15, lw=0
+    )
+    for k, name in enumerate(names):
+        of = dataset.sel(breakpoint=name)
+        loop = 10 ** (of["loop_gain_db"].values / 20) * np.exp(1j * np.radians(of["loop_phase_deg"].values))
+        axes.plot(loop.real, loop.imag, color=color_of(k), lw=1.2)
+    axes.plot([-1.0], [0.0], "+", color=_BAD, ms=9, mew=1.5)
+    axes.set_xlim(-2.5, 1.5)
+    axes.set_ylim(-2.5, 1.5)
+    axes.set_aspect("equal")
+    axes.set_xlabel("real part")
+    axes.grid(color=NOTHING, lw=0.5)
+
+
+def _actuators(dataset: xr.Dataset) -> "Figure":
+    notes = _notes(dataset, "Least of elevator, aileron and rudder, one loop broken at a time.")
+    figure, axes, below = map_panels(dataset, 4, 12.0, "Margins at the actuators", notes)
+    of = dataset.sel(breakpoint=list(_ACTUATORS))
+    columns = (
+        ("gain margin (dB)", "gain_margin_db", (0.0, 12.0)),
+        ("phase margin (°)", "phase_margin_deg", (0.0, 90.0)),
+        ("delay margin (ms)", "delay_margin_ms", (0.0, 40.0)),
+        ("disk margin, all three at once", "actuators_disk_margin", (0.0, 2.0)),
+    )
+    short = np.any(of["short"].values, axis=-1)
+    for k, (label, name, ends) in enumerate(columns):
+        values = of[name].values
+        _column(figure, axes[:, k], below[k], dataset, values.min(axis=-1) if values.ndim == 4 else values, ends, label)
+        for c in range(len(axes)):
+            _mark(axes[c, k], dataset, c, short[c])
+    return figure
+
+
+def _loops(dataset: xr.Dataset) -> "Figure":
+    names = [name for name in dataset["breakpoint"].values.tolist() if name not in _ACTUATORS]
+    notes = _notes(dataset, "Disk margin of each loop: gain and phase change at the same time.")
+    figure, axes, below = map_panels(dataset, len(names), 1.2 + 2.2 * len(names), "Loops inside the autopilot", notes)
+    for k, name in enumerate(names):
+        of = dataset.sel(breakpoint=name)
+        axes[0, k].set_title(_SYMBOLS.get(name, name))
+        _column(figure, axes[:, k], below[k], dataset, of["disk_margin"].values, (0.0, 2.0), "disk margin")
+        for c in range(len(axes)):
+            _mark(axes[c, k], dataset, c, of["short"].values[c])
+    return figure
+
+
+def _notes(dataset: xr.Dataset, words: str) -> tuple[str, str]:
+    of = dataset.attrs
+    return (
+        words,
+        f"Cross: less than {of['gain_min_db']:g} dB or {of['phase_min_deg']:g}°. Black: unstable. "
+        "Dark grey: held back by a limit of the autopilot. Light grey: no steady flight.",
+    )
+
+
+def _column(
+    figure: "Figure",
+    panels: np.ndarray,
+    below: "Axes",
+    dataset: xr.Dataset,
+    values: np.ndarray,
+    ends: tuple[float, float],
+    label: str,
+) -> None:
+    """One margin over all conditions; what is beyond the end of the scale, or infinite, has the colour of the end."""
+    for c, axes in enumerate(panels):
+        draw_cells(axes, dataset, np.minimum(values[c], ends[1]), cmap="viridis", vmin=ends[0], vmax=ends[1])
+    figure.colorbar(panels[0].collections[0], cax=below, orientation="horizontal", label=label, extend="max")
+
+
+def _mark(axes: "Axes", dataset: xr.Dataset, condition: int, short: np.ndarray) -> None:
+    meanings = dataset["closed_loop"].attrs["flag_meanings"].split()
+    state = dataset["closed_loop"].values[condition]
+    for what, colour in (("held_back", _HELD_BACK), ("unstable", _BAD)):
+        cells = np.where(state == meanings.index(what), 1.0, np.nan)
+        if np.isfinite(cells).any():
+            draw_cells(axes, dataset, cells, cmap=_one(colour))
+    draw_marks(axes, dataset, short, marker="x", color=_CLOSE, s=18, linewidths=1.4)
+
+
+def _one(colour: str) -> Any:
+    from matplotlib.colors import ListedColormap
+
+    return ListedColormap([colour])

@@ -1,0 +1,166 @@
+"""The whole autopilot's sampled closed loop with a test input at every place where a loop can be broken."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from anser.aircraft import AbstractAirframe, condition
+from anser.control import (
+    AutopilotGains,
+    AutopilotSignals,
+    AutopilotState,
+    Excitation,
+    FlightLimits,
+    make_plant,
+    velocity_control,
+)
+from anser.environment import Environment
+from anser.planning import PathCommand
+from anser.shapes import ScalarLike, Vector3
+from anser.simulation.linearize_chart import BODY_STATES, SURFACE_STATES, coordinates_of, state_at
+from anser.simulation.linearize_open import expand, require_flat
+from anser.simulation.linearize_sampled import SENSOR_MEMORY, LoopCase, memory_of, sampled_motion
+from anser.simulation.response import trimmed_memory
+from anser.simulation.trim import TrimPoint
+
+BREAKPOINTS = ("elevator", "aileron", "rudder", "throttle", "P", "Q", "R", "mu", "alpha")
+"""Where a loop can be broken: the commands to the actuators and the engine, to the loop of the body rates and to the
+loop of the attitude. The wanted sideslip is 0 whatever happens: no loop runs through it."""
+ACTUATORS = slice(0, 3)
+"""Those of the actuators."""
+HELD_BACK = ("thrust", "alpha or load factor", "bank", "body rates", "surfaces")
+"""Commands of the autopilot that can stand at a limit, where the loop is open."""
+
+_AIRCRAFT = len(BODY_STATES + SURFACE_STATES)
+_COMMANDS = 4  # surfaces and throttle
+
+MemoryFields = tuple[str, ...]
+
+
+class ExcitedLoop(eqx.Module):
+    """The closed loop about a trim point: dx(k+1) = A dx(k) + B dw(k), dz(k) = C dx(k) + D dw(k).
+
+    At each breakpoint u = z + w: z is the command that the autopilot computes, u is the one that is passed on, w is the
+    test input.
+
+    Attributes
+    ----------
+    A, B, C, D
+        Matrices; w and z in the order of `BREAKPOINTS`. No command depends on its own test input in the same sample:
+        the diagonal of D is 0.
+    limited
+        Which of `HELD_BACK` stand at a limit in the trim point: the autopilot does not hold it.
+    """
+
+    A: Float[Array, "state state"]
+    B: Float[Array, "state 9"]
+    C: Float[Array, "9 state"]
+    D: Float[Array, "9 9"]
+    limited: Bool[Array, "5"]
+
+
+def loop_memory(gains: AutopilotGains) -> MemoryFields:
+    """Fields of the autopilot's memory that take part in the closed loop; the gains must be concrete.
+
+    Left out are the sensors' where the inversion is model-based, and the attitude's integrals where they have no gain:
+    they would be integrators that act on nothing.
+    """
+    fields = [field for field, _ in memory_of("velocity")]
+    if not bool(jnp.any(gains.attitude.integral != 0.0)):
+        fields.remove("attitude_integral")
+    return (*fields, *((SENSOR_MEMORY[0],) if bool(gains.sensor_bandwidth > 0.0) else ()))
+
+
+def excited_loop(
+    airframe: AbstractAirframe,
+    environment: Environment,
+    gains: AutopilotGains,
+    limits: FlightLimits,
+    trim: TrimPoint,
+    step: ScalarLike,
+    memory: MemoryFields,
+) -> ExcitedLoop:
+    """Differentiate the sampled loop, `velocity_control` and then `advance`, about a trim point.
+
+    The command is the steady flight itself. In a steady turn the course it asks for turns with the aircraft, so that
+    the departures from it obey the same equations at every sample.
+
+    Parameters
+    ----------
+    airframe, environment, gains, limits
+        What flies, where (a flat Earth) and how.
+    trim
+        Steady flight that is departed from.
+    step
+        Sampling period, s.
+    memory
+        What `loop_memory` says of the gains; a static argument of compiled functions.
+
+    Raises
+    ------
+    TypeError
+        The Earth is not flat.
+    """
+    require_flat(environment)
+    start = trimmed_memory(trim)
+    now = condition(airframe, environment, 0.0, trim.state)
+    path = make_plant(airframe, limits, gains, trim.state, now, start, environment.gravity, step).motion
+    wanted = PathCommand(path.V, path.gamma, path.chi, *path.path_rates)
+
+    def elements(of: AutopilotState) -> list[Vector3]:
+        return [leaf for field in memory for leaf in jax.tree.leaves(getattr(of, field))]
+
+    def sampled(zw: Array) -> Array:
+        state = state_at(environment, zw[:_AIRCRAFT], trim.state.position_n)
+        before = eqx.tree_at(elements, start, list(zw[_AIRCRAFT:-5].reshape(-1, 3)))
+        added = Excitation(attitude=jnp.append(zw[-2:], 0.0), rates_b=zw[-5:-2])
+        seen = condition(airframe, environment, 0.0, state)
+        plant = make_plant(airframe, limits, gains, state, seen, before, environment.gravity, step)
+        controls, signals, after = velocity_control(plant, before, wanted, added)
+        commands = [controls.surfaces, controls.throttle[None], signals.rates_b, signals.attitude.angles[:2]]
+        return jnp.concatenate([*commands, *elements(after), _limited(signals).astype(float)])
+
+    x = jnp.concatenate([coordinates_of(environment, trim.state), *elements(start), jnp.zeros(5)])
+    law = expand(sampled, x)
+    motion = sampled_motion(
+        LoopCase(airframe, environment, gains, limits, trim, jnp.asarray(step, dtype=float)), law.value[:_COMMANDS]
+    )
+    by_state, by_command = jnp.split(motion.slope[:_AIRCRAFT], [_AIRCRAFT], axis=1)
+    z, after = jnp.split(law.slope[: -len(HELD_BACK)], [len(BREAKPOINTS)])
+    moved = by_command @ z[:_COMMANDS]
+    moved = moved.at[:, :_AIRCRAFT].add(by_state)
+    A, B = jnp.split(jnp.concatenate([moved, after]), [x.size - 5], axis=1)
+    C, D = jnp.split(z, [x.size - 5], axis=1)
+    # what is added to the commands of surfaces and throttle passes the autopilot by
+    to_controls = jnp.concatenate([by_command, jnp.zeros((after.shape[0], _COMMANDS))])
+    return ExcitedLoop(
+        A=A,
+        B=jnp.concatenate([to_controls, B], axis=1),
+        C=C,
+        D=jnp.concatenate([jnp.zeros((len(BREAKPOINTS), _COMMANDS)), D], axis=1),
+        limited=law.value[-len(HELD_BACK) :] > 0.5,
+    )
+
+
+def broken(loop: ExcitedLoop, at: int) -> tuple[Array, Array, Array]:
+    """A, B (column) and C (row) of the loop transfer function at a breakpoint, all other loops closed.
+
+    From the command that is passed on to minus the one that is computed: negative feedback.
+    """
+    B, C = loop.B[:, at : at + 1], loop.C[at : at + 1]
+    return loop.A - B @ C, B, -C
+
+
+def _limited(signals: AutopilotSignals) -> Bool[Array, "5"]:
+    """Values of `HELD_BACK`."""
+    thrust, attitude = signals.thrust, signals.attitude
+    return jnp.stack(
+        [
+            thrust.saturated,
+            attitude.alpha_saturated,
+            attitude.bank_saturated,
+            signals.rates_limited,
+            signals.surfaces_limited,
+        ]
+    )

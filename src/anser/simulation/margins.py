@@ -1,0 +1,285 @@
+"""Stability margins of sampled loops: frequency response, crossovers, gain, phase, delay and disk margins.
+
+All of one loop at a time are taken from its closed-loop response to a test input. With u = z + w at the breakpoint and
+z = T_zw w in the closed loop, the loop transfer function of negative feedback is L = -T_zw / (1 + T_zw), the
+sensitivity S = 1 / (1 + L) = 1 + T_zw, the complementary one T = 1 - S, and S - T = 1 + 2 T_zw. Disk margin: P.
+Seiler, A. Packard, P. Gahinet, "An Introduction to Disk Margins", *IEEE Control Systems* 40(5), 2020, with skew 0.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Complex, Float
+
+from anser.aircraft import AbstractAirframe
+from anser.control import AutopilotGains, FlightLimits
+from anser.environment import Environment
+from anser.shapes import Scalar, ScalarLike
+from anser.simulation.broken_loop import ACTUATORS, ExcitedLoop, MemoryFields, excited_loop
+from anser.simulation.trim import TrimPoint
+from anser.units import DEG_RAD
+
+FREQUENCY_MIN = 1e-3
+"""Lowest frequency looked at, rad/s; the highest is that of Nyquist."""
+FREQUENCIES = 240
+"""Number of frequencies, 44 a decade at 100 samples per second: the response between them is interpolated."""
+NEUTRAL = 1e-6
+"""How far outside the unit circle a pole may lie: altitude, which nothing holds, has its pole on it, and rounding moves
+poles by less than this. A pole there doubles its motion in 2 h."""
+
+_BISECTIONS = 30
+_AT_THE_ENDS = 5.0 * DEG_RAD
+_BALANCINGS = 6
+
+
+class Margins(eqx.Module):
+    """Margins of one loop.
+
+    Attributes
+    ----------
+    gain_up, gain_down
+        Factors by which the gain can rise and fall; inf and 0 where nothing stops it.
+    phase
+        Least phase margin over all gain crossovers, either way, rad; inf where there is none.
+    delay
+        Least added delay that destabilizes, s: phase lag that is left over the frequency, over all gain crossovers.
+        Exact for whole sampling periods.
+    disk
+        Radius alpha of the symmetric disk margin, 0 to 2: gain from (2 - alpha)/(2 + alpha) to the reciprocal and phase
+        up to 2 atan(alpha/2), at the same time.
+    gain_up_at, gain_down_at, crossover
+        Where the gain margins and the phase margin are, rad/s; nan where there is none.
+    """
+
+    gain_up: Scalar
+    gain_down: Scalar
+    phase: Scalar
+    delay: Scalar
+    disk: Scalar
+    gain_up_at: Scalar
+    gain_down_at: Scalar
+    crossover: Scalar
+
+
+class LoopAnalysis(eqx.Module):
+    """What is found about the loops of one trim point.
+
+    Attributes
+    ----------
+    A
+        Of the closed loop, from sample to sample.
+    limited
+        Which of `HELD_BACK` stand at a limit.
+    margins
+        At each of `BREAKPOINTS`, leaves of shape (9,).
+    actuators_disk
+        Disk margin of the three actuators at once, each with a factor of its own.
+    """
+
+    A: Float[Array, "state state"]
+    limited: Bool[Array, "5"]
+    margins: Margins
+    actuators_disk: Scalar
+
+
+class LoopResponse(eqx.Module):
+    """Frequency response of the loop broken at each breakpoint, the others closed.
+
+    Attributes
+    ----------
+    omega
+        rad/s.
+    open
+        Loop transfer function L, negative feedback.
+    difference
+        S - T.
+    actuators_difference
+        Largest structured gain of S - T with the three actuators broken at once.
+    """
+
+    omega: Float[Array, " frequency"]
+    open: Complex[Array, "frequency 9"]
+    difference: Complex[Array, "frequency 9"]
+    actuators_difference: Float[Array, " frequency"]
+
+
+def analyse_loops(
+    airframe: AbstractAirframe,
+    environment: Environment,
+    gains: AutopilotGains,
+    limits: FlightLimits,
+    trim: TrimPoint,
+    step: ScalarLike,
+    memory: MemoryFields,
+) -> tuple[LoopAnalysis, LoopResponse]:
+    """Margins at every breakpoint of the whole autopilot at a trim point; arguments as of `excited_loop`."""
+    loop = excited_loop(airframe, environment, gains, limits, trim, step, memory)
+    response = loop_response(loop, step, frequencies(step))
+    margins, actuators_disk = loop_margins(response)
+    return LoopAnalysis(loop.A, loop.limited, margins, actuators_disk), response
+
+
+def frequencies(step: ScalarLike, count: int = FREQUENCIES) -> Float[Array, " frequency"]:
+    """Frequencies, equal steps of their logarithm from `FREQUENCY_MIN` to that of Nyquist, rad/s."""
+    return jnp.exp(jnp.linspace(jnp.log(FREQUENCY_MIN), jnp.log(jnp.pi / step), count))
+
+
+def loop_response(loop: ExcitedLoop, step: ScalarLike, omega: Float[Array, " frequency"]) -> LoopResponse:
+    """Frequency response of a sampled loop at its breakpoints.
+
+    Parameters
+    ----------
+    loop
+        As `excited_loop` makes it.
+    step
+        Sampling period, s.
+    omega
+        rad/s, up to pi / step.
+    """
+    unit, B = jnp.eye(loop.A.shape[0]), loop.B.astype(complex)
+
+    def closed(w: Scalar) -> Complex[Array, "9 9"]:
+        return loop.C @ jnp.linalg.solve(jnp.exp(1j * w * step) * unit - loop.A, B) + loop.D
+
+    T_zw = jax.vmap(closed)(omega)
+    own = jnp.diagonal(T_zw, axis1=1, axis2=2)
+    together = jax.vmap(lambda T: _structured_gain(jnp.eye(3) + 2 * T))(T_zw[:, ACTUATORS, ACTUATORS])
+    return LoopResponse(omega, -own / (1 + own), 1 + 2 * own, together)
+
+
+def loop_margins(response: LoopResponse) -> tuple[Margins, Scalar]:
+    """Margins at each breakpoint (leaves of shape (9,)) and the disk margin of the three actuators at once.
+
+    They mean something only if the closed loop is stable: see `largest_pole`.
+    """
+
+    def one(open_loop: Complex[Array, " frequency"], difference: Complex[Array, " frequency"]) -> Margins:
+        return margins_of(response.omega, open_loop, difference)
+
+    each = jax.vmap(one, in_axes=1)(response.open, response.difference)
+    together = 2 / _peak(jnp.log(response.actuators_difference))
+    return each, jnp.minimum(together, jnp.min(each.disk[ACTUATORS]))
+
+
+def margins_of(
+    omega: Float[Array, " frequency"], open_loop: Complex[Array, " frequency"], difference: Complex[Array, " frequency"]
+) -> Margins:
+    """Margins of one loop from its response.
+
+    Between the frequencies the logarithm of the response is a cubic through four of them. A resonance narrower
+    than their distance is not resolved; with a damping ratio of 0.05 its margins are off by 5 percent.
+
+    Parameters
+    ----------
+    omega
+        Equal steps of the logarithm, rad/s, the last that of Nyquist (or so high that nothing happens there).
+    open_loop, difference
+        Loop transfer function L of negative feedback, and S - T.
+    """
+    size = jnp.log(jnp.abs(open_loop))
+    angle = jnp.unwrap(jnp.angle(-open_loop))  # 0: on the negative real axis
+    first = jnp.clip(jnp.arange(omega.size - 1) - 1, 0, omega.size - 4)
+    begin = jnp.arange(omega.size - 1) - first
+    rows = first[:, None] + jnp.arange(4)[None, :]
+    sizes, angles = size[rows], angle[rows]
+    turns = 2 * jnp.pi * jnp.round(angle[:-1] / (2 * jnp.pi))
+    angles = angles - turns[:, None]
+    logs = jnp.log(omega)[rows]
+
+    crosses, at = _crossings(sizes, begin)
+    lag = jnp.mod(_cubic(angles, at), 2 * jnp.pi)
+    frequency = jnp.exp(_cubic(logs, at))
+    either = jnp.minimum(lag, 2 * jnp.pi - lag)
+    phase, crossover = _least(either, frequency, crosses)
+    delay, _ = _least(lag / frequency, frequency, crosses)
+
+    turned, at = _crossings(angles, begin)
+    # at both ends the response is real, or nearly: on the axis it crosses nothing
+    ends = jnp.array([0, -1])
+    on_axis = jnp.abs(jnp.angle(-open_loop[ends])) < _AT_THE_ENDS
+    gains = jnp.concatenate([_cubic(sizes, at), size[ends]])
+    frequency = jnp.concatenate([jnp.exp(_cubic(logs, at)), omega[ends]])
+    turned = jnp.concatenate([turned, on_axis])
+    up, up_at = _least(-gains, frequency, turned & (gains <= 0))
+    down, down_at = _least(gains, frequency, turned & (gains > 0))
+    # |S - T| at the crossovers themselves, where a resonance narrower than the grid is still seen
+    at_crossovers = 2 * jnp.stack([jnp.tan(jnp.minimum(phase, jnp.pi) / 2), jnp.tanh(up / 2), jnp.tanh(down / 2)])
+    at_crossovers = jnp.where(at_crossovers >= 0, at_crossovers, jnp.inf)
+    return Margins(
+        gain_up=jnp.exp(up),
+        gain_down=jnp.exp(-down),
+        phase=phase,
+        delay=delay,
+        disk=jnp.minimum(2 / _peak(jnp.log(jnp.abs(difference))), jnp.min(at_crossovers)),
+        gain_up_at=up_at,
+        gain_down_at=down_at,
+        crossover=crossover,
+    )
+
+
+def largest_pole(A: np.ndarray) -> np.ndarray:
+    """Pole of each sampled system (..., state, state) that lies farthest out, imaginary part not negative."""
+    poles = np.linalg.eigvals(A)
+    found = np.take_along_axis(poles, np.abs(poles).argmax(axis=-1)[..., None], axis=-1)[..., 0]
+    return found.real + 1j * np.abs(found.imag)
+
+
+def _least(values: Float[Array, " n"], at: Float[Array, " n"], among: Bool[Array, " n"]) -> tuple[Scalar, Scalar]:
+    """Least of some values and where it is; inf and nan of none."""
+    k = jnp.argmin(jnp.where(among, values, jnp.inf))
+    return jnp.where(among[k], values[k], jnp.inf), jnp.where(among[k], at[k], jnp.nan)
+
+
+def _cubic(values: Float[Array, "interval 4"], at: Float[Array, " interval"]) -> Float[Array, " interval"]:
+    """Cubic through values at 0, 1, 2, 3."""
+    t = at
+    weights = [
+        -(t - 1) * (t - 2) * (t - 3) / 6,
+        t * (t - 2) * (t - 3) / 2,
+        -t * (t - 1) * (t - 3) / 2,
+        t * (t - 1) * (t - 2) / 6,
+    ]
+    return jnp.sum(values * jnp.stack(weights, axis=1), axis=1)
+
+
+def _crossings(values: Float[Array, "interval 4"], begin: Array) -> tuple[Array, Float[Array, " interval"]]:
+    """Whether the cubics pass 0 in the unit interval from `begin`, and where."""
+    low = begin.astype(values.dtype)
+    sign = jnp.where(_cubic(values, low) > 0, 1.0, -1.0)
+    crosses = sign * _cubic(values, low + 1) <= 0
+
+    def halved(_: int, ends: tuple[Array, Array]) -> tuple[Array, Array]:
+        left, right = ends
+        middle = (left + right) / 2
+        before = sign * _cubic(values, middle) > 0
+        return jnp.where(before, middle, left), jnp.where(before, right, middle)
+
+    left, right = jax.lax.fori_loop(0, _BISECTIONS, halved, (low, low + 1))
+    return crosses, (left + right) / 2
+
+
+def _peak(logs: Float[Array, " frequency"]) -> Scalar:
+    """Largest value of what has these logarithms, by a parabola through the largest three."""
+    k = jnp.argmax(logs)
+    inside = (k > 0) & (k < logs.size - 1)
+    before, here, after = logs[jnp.maximum(k - 1, 0)], logs[k], logs[jnp.minimum(k + 1, logs.size - 1)]
+    curvature = jnp.minimum(before - 2 * here + after, -1e-300)
+    return jnp.exp(jnp.where(inside, here - (after - before) ** 2 / (8 * curvature), here))
+
+
+def _structured_gain(M: Complex[Array, "3 3"]) -> Scalar:
+    """Upper bound of the structured singular value for three independent factors.
+
+    It is the largest singular value of D M D^-1; D is diagonal and balances the off-diagonal rows and columns (E. E.
+    Osborne, *J. ACM* 7, 1960).
+    """
+    sizes = jnp.abs(M) ** 2 * (1 - jnp.eye(3)) + 1e-300
+
+    def balanced(_: int, d: Float[Array, "3"]) -> Float[Array, "3"]:
+        scaled = d[:, None] * sizes / d[None, :]
+        return d * jnp.sqrt(jnp.sum(scaled, axis=0) / jnp.sum(scaled, axis=1)) ** 0.5
+
+    d = jnp.sqrt(jax.lax.fori_loop(0, _BALANCINGS, balanced, jnp.ones(3)))
+    scaled = d[:, None] * M / d[None, :]
+    return jnp.minimum(jnp.linalg.norm(scaled, ord=2), jnp.linalg.norm(M, ord=2))

@@ -1,0 +1,167 @@
+"""The dispersed F-16: each factor changes what it is named for, by exactly its part, and nothing else."""
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from anser.aircraft import (
+    F16,
+    F16_COEFFICIENT_GROUPS,
+    F16_COEFFICIENTS,
+    AirData,
+    F16Coefficients,
+    dispersed_f16,
+    no_dispersion,
+)
+from anser.scenario import load_airframe
+
+NOMINAL = load_airframe("f16", "textbook")
+assert isinstance(NOMINAL, F16)
+FIELDS = [field.name for field in dataclasses.fields(F16Coefficients)]
+AIR = AirData(*(jnp.asarray(x) for x in (140.0, 0.17, 0.06, 1.1, 1.1e4, 0.42, 1000.0)))
+RATES, SURFACES = jnp.array([0.4, -0.2, 0.15]), jnp.array([-0.1, 0.12, -0.2])
+
+TAKEN_AWAY = {
+    "p": ("CYp", "Clp", "Cnp"),
+    "q": ("CXq", "CZq", "Cmq"),
+    "r": ("CYr", "Clr", "Cnr"),
+    "elevator": ("CZde",),
+    "aileron": ("CYda", "Clda", "Cnda"),
+    "rudder": ("CYdr", "Cldr", "Cndr"),
+    "beta": ("CYb",),
+    "all but the flow": ("CX0", "CZ0", "Cm0", "Cl0", "Cn0"),
+}
+"""What the coefficient's contribution hangs on: without it, the nominal coefficient lacks just that contribution."""
+
+
+@jax.jit
+def coefficients(airframe, air=AIR, rates=RATES, surfaces=SURFACES):
+    c = airframe.coefficients(air, rates, surfaces)
+    return jnp.stack([getattr(c, name) for name in FIELDS])
+
+
+def scaled(name, factor):
+    """The nominal aircraft with one coefficient scaled."""
+    index = F16_COEFFICIENTS.index(name)
+    dispersion = no_dispersion()
+    changed = dispersion.coefficients.at[index].set(factor)
+    return dispersed_f16(NOMINAL, eqx.tree_at(lambda d: d.coefficients, dispersion, changed))
+
+
+def changed(field, value):
+    return dispersed_f16(NOMINAL, eqx.tree_at(lambda d: getattr(d, field), no_dispersion(), jnp.asarray(value)))
+
+
+def contribution(name, what):
+    """Nominal coefficient minus the same without what the contribution hangs on, the c.g. at the reference."""
+    at_reference = eqx.tree_at(lambda a: a.x_cg, NOMINAL, NOMINAL.x_cg_reference)
+    index = FIELDS.index(name[:2])
+    zero = jnp.zeros(3)
+    if what == "all but the flow":
+        return coefficients(at_reference, AIR, zero, zero)[index] if name != "Cm0" else None
+    rates, surfaces, air = RATES, SURFACES, AIR
+    if what in "pqr":
+        rates = rates.at["pqr".index(what)].set(0.0)
+    elif what == "beta":
+        air = eqx.tree_at(lambda a: a.beta, AIR, jnp.zeros(()))
+    else:
+        surfaces = surfaces.at[("elevator", "aileron", "rudder").index(what)].set(0.0)
+    with_all, without = coefficients(at_reference), coefficients(at_reference, air, rates, surfaces)
+    return with_all[index] - without[index]
+
+
+def test_every_coefficient_is_tested_and_named_once():
+    tested = [name for names in TAKEN_AWAY.values() for name in names]
+    assert sorted(tested) == sorted(F16_COEFFICIENTS)
+    assert len(set(F16_COEFFICIENTS)) == len(F16_COEFFICIENTS) == no_dispersion().coefficients.size
+    sizes = {
+        "curves": NOMINAL.curves.cells.shape[-1],
+        "elevator_surfaces": NOMINAL.elevator_surfaces.cells.shape[-1],
+        "sideslip_surfaces": NOMINAL.sideslip_surfaces.cells.shape[-1],
+        "side_force": NOMINAL.side_force.size,
+        "normal_force_elevator": 1,
+    }
+    assert {name: len(of) for name, of in F16_COEFFICIENT_GROUPS.items()} == sizes
+
+
+def test_no_dispersion_is_the_same_aircraft():
+    for ours, nominal in zip(
+        jax.tree.leaves(dispersed_f16(NOMINAL, no_dispersion())), jax.tree.leaves(NOMINAL), strict=True
+    ):
+        np.testing.assert_array_equal(ours, nominal)
+
+
+@pytest.mark.parametrize(("what", "name"), [(what, name) for what, names in TAKEN_AWAY.items() for name in names])
+def test_a_factor_scales_its_contribution_alone(what, name):
+    """The change is 0.3 of the contribution, to rounding of coefficients of order one (1e-15 each, a few added)."""
+    before, after = coefficients(NOMINAL), coefficients(scaled(name, 1.3))
+    change = dict(zip(FIELDS, np.asarray(after - before), strict=True))
+    own = name[:2]
+    lever = float(NOMINAL.x_cg_reference - NOMINAL.x_cg)
+    # forces act on moments through the lever of the c.g.
+    expected = dict.fromkeys(FIELDS, 0.0) | {own: change[own]}
+    if own == "CZ":
+        expected["Cm"] = change[own] * lever
+    if own == "CY":
+        expected["Cn"] = -change[own] * lever * float(NOMINAL.mean_chord / NOMINAL.span)
+    for field, value in expected.items():
+        assert change[field] == pytest.approx(value, abs=1e-14), field
+    assert abs(change[own]) > 1e-5
+    share = contribution(name, what)
+    if name in ("CX0", "Cm0"):  # functions of the elevator: compared at its own deflection
+        at_reference = eqx.tree_at(lambda a: a.x_cg, NOMINAL, NOMINAL.x_cg_reference)
+        only_elevator = SURFACES.at[1:].set(0.0)
+        share = coefficients(at_reference, AIR, jnp.zeros(3), only_elevator)[FIELDS.index(own)]
+    assert change[own] == pytest.approx(0.3 * float(share), abs=1e-14)
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.lists(st.floats(0.1, 1.9), min_size=3, max_size=3))
+def test_inertia_stays_positive_definite_with_its_inverse(factors):
+    properties = changed("inertia", factors).mass_properties
+    J, inverse = np.asarray(properties.inertia_b), np.asarray(properties.inertia_inverse_b)
+    np.testing.assert_array_equal(J, J.T)
+    assert np.linalg.eigvalsh(J).min() > 0
+    # relative to the largest entries of the sums, Jzz / Jxx <= 130 of them
+    np.testing.assert_allclose(J @ inverse, np.eye(3), atol=1e-13)
+    nominal = np.asarray(NOMINAL.mass_properties.inertia_b)
+    np.testing.assert_allclose(np.diag(J), np.array(factors) * np.diag(nominal), rtol=1e-15)
+
+
+def test_thrust_mass_actuators():
+    at = (jnp.asarray(70.0), jnp.asarray(3000.0), jnp.asarray(0.5))
+    nominal = NOMINAL.propulsion(*at).force_b
+    np.testing.assert_allclose(changed("thrust", 0.8).propulsion(*at).force_b, 0.8 * nominal, rtol=1e-15)
+    assert float(changed("mass", 1.2).mass_properties.mass) == pytest.approx(1.2 * float(NOMINAL.mass_properties.mass))
+    # a first-order lag: half the bandwidth, half the rate for the same error
+    slow = changed("actuator_bandwidth", 0.5).actuators
+    zero, command = jnp.zeros(3), jnp.full(3, 0.01)
+    np.testing.assert_allclose(slow.rate(zero, command), 0.5 * NOMINAL.actuators.rate(zero, command), rtol=1e-15)
+    np.testing.assert_array_equal(slow.rate_limit, NOMINAL.actuators.rate_limit)
+
+
+def test_cg_aft_of_the_force():
+    """Moment about a c.g. that moves aft by d: M' = M + d x F, d forward of the old c.g. being -d along body x."""
+    shift = 0.07
+    before = NOMINAL.aerodynamics(AIR, RATES, SURFACES)
+    after = changed("cg_shift", shift).aerodynamics(AIR, RATES, SURFACES)
+    np.testing.assert_array_equal(after.force_b, before.force_b)
+    # the reference point moves forward, seen from the c.g.
+    arm_b = np.array([shift * float(NOMINAL.mean_chord), 0.0, 0.0])
+    expected = np.asarray(before.moment_b) + np.cross(arm_b, np.asarray(before.force_b))
+    np.testing.assert_allclose(after.moment_b, expected, rtol=1e-12)
+
+
+def test_a_batch_of_aircraft():
+    draws = np.random.default_rng(1).uniform(0.8, 1.2, (5, 3))
+    dispersions = jax.vmap(lambda x: eqx.tree_at(lambda d: d.inertia, no_dispersion(), x))(jnp.asarray(draws))
+    fleet = jax.jit(jax.vmap(dispersed_f16, in_axes=(None, 0)))(NOMINAL, dispersions)
+    for k, factors in enumerate(draws):
+        one = changed("inertia", factors).mass_properties.inertia_b
+        np.testing.assert_allclose(fleet.mass_properties.inertia_b[k], one, rtol=1e-15)

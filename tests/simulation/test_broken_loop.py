@@ -1,0 +1,140 @@
+"""Loops of the whole autopilot broken at a trim point: identities, python-control's margins, the nonlinear loop flown."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import control
+from anser.control import default_limits, published_gains
+from anser.environment import standard_environment
+from anser.scenario.library import load_airframe
+from anser.simulation.broken_loop import BREAKPOINTS, broken, excited_loop, loop_memory
+from anser.simulation.margins import NEUTRAL, frequencies, largest_pole, loop_margins, loop_response
+from support.excited_flight import excited_flight
+from support.trims import target_deg, trim
+
+STEP = 0.01
+F16, ENVIRONMENT, LIMITS, GAINS = load_airframe(), standard_environment(), default_limits(), published_gains()
+MEMORY = loop_memory(GAINS)
+
+
+@pytest.fixture(scope="module")
+def level():
+    return trim(F16, ENVIRONMENT, target_deg(150.0, 1000.0))
+
+
+@pytest.fixture(scope="module")
+def loop(level):
+    return eqx.filter_jit(excited_loop)(F16, ENVIRONMENT, GAINS, LIMITS, level, STEP, MEMORY)
+
+
+@pytest.fixture(scope="module")
+def response(loop):
+    return eqx.filter_jit(loop_response)(loop, STEP, frequencies(STEP))
+
+
+@pytest.fixture(scope="module")
+def margins(response):
+    return eqx.filter_jit(loop_margins)(response)
+
+
+@pytest.fixture(scope="module")
+def systems(loop):
+    """Each loop transfer function as a system of python-control."""
+    return {
+        name: control.ss(*(np.asarray(matrix) for matrix in broken(loop, k)), 0, STEP)
+        for k, name in enumerate(BREAKPOINTS)
+    }
+
+
+def test_no_command_depends_on_its_own_test_input_in_the_same_sample(loop):
+    np.testing.assert_array_equal(np.diagonal(loop.D), 0.0)
+    assert not np.asarray(loop.limited).any()
+    assert np.isfinite(loop.A).all()
+    # what is added to the bank command reaches the commands of the roll rate and the surfaces at once
+    assert abs(loop.D[BREAKPOINTS.index("P"), BREAKPOINTS.index("mu")]) > 1.0
+
+
+def test_memory_follows_from_the_gains():
+    incremental = eqx.tree_at(lambda g: g.sensor_bandwidth, GAINS, jnp.asarray(20.0))
+    assert set(loop_memory(incremental)) - set(MEMORY) == {"beyond"}
+    integral = eqx.tree_at(lambda g: g.attitude.integral, GAINS, jnp.full(3, 0.1))
+    assert set(loop_memory(integral)) - set(MEMORY) == {"attitude_integral"}
+
+
+def test_the_closed_loop_is_stable_but_for_the_altitude_that_nothing_holds(loop):
+    poles = np.linalg.eigvals(np.asarray(loop.A))
+    on_the_circle = np.abs(np.abs(poles) - 1) < NEUTRAL
+    assert on_the_circle.sum() == 1
+    assert np.abs(poles[~on_the_circle]).max() < 1
+    assert abs(largest_pole(np.asarray(loop.A)) - 1) < NEUTRAL
+
+
+@pytest.mark.parametrize("name", BREAKPOINTS)
+def test_breaking_and_closing(loop, response, name):
+    """1 + L = det(zeta I - A) / det(zeta I - A_broken): zero at the closed loop's poles; and L from both sides."""
+    k = BREAKPOINTS.index(name)
+    A, B, C = (np.asarray(matrix) for matrix in broken(loop, k))
+    unit = np.eye(len(A))
+    for zeta in (1.3 + 0.2j, 0.7 - 0.6j, np.exp(0.04j)):
+        L = (C @ np.linalg.solve(zeta * unit - A, B))[0, 0]
+        ratio = np.linalg.det(zeta * unit - np.asarray(loop.A)) / np.linalg.det(zeta * unit - A)
+        assert abs(1 + L - ratio) < 1e-9 * max(abs(1 + L), 1.0)
+    # the kernel has L from the closed loop alone; where L is large, 1 + T_zw = 1/(1 + L) loses as many digits
+    omega = np.asarray(response.omega)
+    for n in range(0, omega.size, 24):
+        L = (C @ np.linalg.solve(np.exp(1j * omega[n] * STEP) * unit - A, B))[0, 0]
+        assert abs(response.open[n, k] - L) < 1e-9 * max(abs(L) ** 2, 1.0)
+
+
+@pytest.mark.parametrize("name", BREAKPOINTS)
+def test_margins_are_those_of_python_control(margins, systems, name):
+    """On its own grid, ten times finer; at the Nyquist frequency, which its search leaves out, by its response there."""
+    found, system = margins[0], systems[name]
+    k = BREAKPOINTS.index(name)
+    omega = np.geomspace(3e-3, 0.9999 * np.pi / STEP, 2500)
+    data = control.FrequencyResponseData(system(np.exp(1j * omega * STEP)), omega, smooth=True)
+    gains, phases, _, _, crossovers, _ = control.stability_margins(data, returnall=True)
+    end = system(-1.0).real
+    rising = [gain for gain in gains if gain > 1] + ([-1 / end] if -1 < end < 0 else [])
+    # cubics over frequencies 0.05 apart: 0.02 percent; a gain margin of 40 dB far down a slope: 0.3 percent
+    assert float(found.gain_up[k]) == pytest.approx(min(rising, default=np.inf), rel=3e-3)
+    lag = np.mod(np.radians(phases), 2 * np.pi)
+    assert float(found.phase[k]) == pytest.approx(np.minimum(lag, 2 * np.pi - lag).min(), rel=1e-3)
+    assert float(found.delay[k]) == pytest.approx((lag / crossovers).min(), rel=1e-3)
+    alpha = control.disk_margins(system, np.append(omega, np.pi / STEP), skew=0.0)[0]
+    assert float(found.disk[k]) == pytest.approx(alpha, rel=1e-3)
+
+
+def test_all_actuators_at_once_have_no_more_than_each(margins):
+    each, together = margins
+    assert 0.5 * float(each.disk[:3].min()) < float(together) <= float(each.disk[:3].min())
+
+
+def test_the_nonlinear_loop_diverges_where_the_margins_say(level, margins):
+    """Each surface's command scaled by 0.9 and 1.1 of its gain margin, or delayed by the samples next to its delay margin.
+
+    What diverges does so at 10 Hz and more: second differences of the command tell it from what settles slowly.
+    """
+    each = margins[0]
+    factors, delays, unstable = [], [], []
+    for surface in range(3):
+        for share in (0.9, 1.1):
+            factors.append(np.where(np.arange(3) == surface, share * float(each.gain_up[surface]), 1.0))
+            delays.append(np.zeros(3, dtype=int))
+            unstable.append(share > 1)
+        whole = int(float(each.delay[surface]) / STEP)
+        for late in (whole, whole + 1):
+            factors.append(np.ones(3))
+            delays.append(np.where(np.arange(3) == surface, late, 0))
+            unstable.append(late > whole)
+    flown = excited_flight(
+        F16, ENVIRONMENT, GAINS, LIMITS, level, STEP, jnp.asarray(np.array(factors)), jnp.asarray(np.array(delays)), 400
+    )
+    shaken = np.abs(np.diff(np.asarray(flown), 2, axis=1)).max(axis=2)
+    growth = shaken[:, -20:].max(axis=1) / shaken[:, :20].max(axis=1)
+    assert np.isfinite(growth).all()
+    np.testing.assert_array_equal(growth > 1.0, unstable)
+    assert growth[np.array(unstable)].min() > 2.0
+    assert growth[~np.array(unstable)].max() < 0.1
