@@ -63,10 +63,6 @@ def robustness_dataset(
             100.0 * cases["spread"],
             attributes_of("percent", "Greatest change, or the only one"),
         ),
-            "flight",
-            100.0 * cases["spread"],
-            attributes_of("percent", "Greatest change, or the only one"),
-        ),
         "alone": (
             "flight",
             cases["alone"].astype(np.int32),
