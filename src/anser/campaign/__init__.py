@@ -10,11 +10,13 @@ from anser.campaign.robustness import RobustnessStudy, robustness_study
 from anser.campaign.step_tests import CHANNEL_KEYS, PUBLISHED_STEPS, StepTest, step_test, unit_of_channel
 from anser.campaign.stepped_flight import SteppedFlight, step_document
 from anser.campaign.stepping import Inversion, fly_steps
+from anser.campaign.tracking import CLIMB_AND_TURN, fly_climb_and_turn
 from anser.campaign.trimming import FoundTrim, find_trim
 
 __all__ = [
     "CHANNEL_KEYS",
     "CLEARANCE_MIN_M",
+    "CLIMB_AND_TURN",
     "PUBLISHED_STEPS",
     "ConditionError",
     "EnvelopeSurvey",
@@ -29,6 +31,7 @@ __all__ = [
     "StepTest",
     "SteppedFlight",
     "find_trim",
+    "fly_climb_and_turn",
     "fly_steps",
     "linearize",
     "margin_document",

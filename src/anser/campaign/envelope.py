@@ -13,11 +13,14 @@ import xarray as xr
 from anser.aircraft import AbstractAirframe
 from anser.campaign.batches import BATCH, Clock, Progress, in_batches
 from anser.campaign.envelope_cases import (
+    ALTITUDES_M,
     COMMANDS,
     CONDITIONS,
+    MACHS,
     TOLERANCE,
     TOLERANCE_SHARE,
     described,
+    grid_axis,
     steady_targets,
     survey_limits,
 )
@@ -31,8 +34,6 @@ from anser.units import DEG_RAD
 
 __all__ = ["EnvelopeSurvey", "survey"]
 
-_ALTITUDES = np.array([250.0, *np.arange(1000.0, 15001.0, 1000.0)])
-"""m; the lowest is not 0, where the data end: any command would leave them."""
 _SENSOR_BANDWIDTH = 20.0  # rad/s, the scenario's default for incremental inversion
 
 
@@ -122,8 +123,8 @@ def survey(
     """
     enable_compilation_cache()
     tell = progress or (lambda what, done: None)
-    altitudes = _axis("altitudes_m", altitudes_m, _ALTITUDES[5::5] if coarse else _ALTITUDES)
-    mach = _axis("machs", machs, np.linspace(0.15, 0.95, 5 if coarse else 18))
+    altitudes = grid_axis("altitudes_m", altitudes_m, ALTITUDES_M[5::5] if coarse else ALTITUDES_M)
+    mach = grid_axis("machs", machs, MACHS[[0, 4, 8, 13, 17]] if coarse else MACHS)
     count = round(duration_s / step_s)
     if count < 100:
         raise ValueError(f"duration_s: arrived {duration_s:g} with step_s {step_s:g}; expected 100 samples or more")
@@ -227,11 +228,3 @@ def _fly_all(
         return clock.run(_fly, of, flights, jnp.asarray(which[of_batch]), jnp.asarray(command[of_batch]), step, count)
 
     return in_batches(fly, total, BATCH, lambda done: tell(f"flying {total} flights", done / total))
-
-
-def _axis(name: str, wanted: Sequence[float] | None, usual: np.ndarray) -> np.ndarray:
-    axis = usual if wanted is None else np.asarray(wanted, dtype=float)
-    least = 0.0 if name == "machs" else -np.inf
-    if axis.ndim != 1 or not axis.size or not np.isfinite(axis).all() or (np.diff(axis) <= 0).any() or axis[0] < least:
-        raise ValueError(f"{name}: arrived {wanted}; expected finite numbers in increasing order")
-    return axis

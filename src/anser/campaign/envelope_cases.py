@@ -1,6 +1,7 @@
 """What an envelope survey flies: the steady flights, the commands, the autopilot's limits."""
 
 import dataclasses
+from collections.abc import Sequence
 
 import jax.numpy as jnp
 import numpy as np
@@ -10,13 +11,16 @@ from anser.simulation import TrimTarget
 from anser.units import DEG_RAD
 
 __all__ = [
+    "ALTITUDES_M",
     "COMMANDS",
     "CONDITIONS",
+    "MACHS",
     "TOLERANCE",
     "TOLERANCE_SHARE",
     "SteadyFlight",
     "StepCommand",
     "described",
+    "grid_axis",
     "steady_targets",
     "survey_limits",
 ]
@@ -58,6 +62,9 @@ COMMANDS = (
     StepCommand("right", "course +20 deg", course_deg=20.0),
     StepCommand("all", "+10 m/s, +3 deg, +20 deg", speed_m_s=10.0, path_angle_deg=3.0, course_deg=20.0),
 )
+ALTITUDES_M = np.array([250.0, *np.arange(1000.0, 15001.0, 1000.0)])
+"""The lowest is not 0, where the data end: any command would leave them."""
+MACHS = np.linspace(0.15, 0.95, 18)
 TOLERANCE_SHARE, TOLERANCE = 0.05, (0.5, 0.3 * DEG_RAD, 0.3 * DEG_RAD)
 """Error that counts as none: part of the step, or m/s and rad, whichever is more."""
 
@@ -99,3 +106,12 @@ def described(limits: FlightLimits) -> dict[str, float]:
         **{f"limit_{name}_deg": round(value, 9) for name, value in angles.items()},
         **{f"limit_{name}": value for name, value in factors.items()},
     }
+
+
+def grid_axis(name: str, wanted: Sequence[float] | None, usual: np.ndarray) -> np.ndarray:
+    """Axis of a grid, the usual one where none is wanted; ValueError if it is not of increasing numbers."""
+    axis = usual if wanted is None else np.asarray(wanted, dtype=float)
+    least = 0.0 if name == "machs" else -np.inf
+    if axis.ndim != 1 or not axis.size or not np.isfinite(axis).all() or (np.diff(axis) <= 0).any() or axis[0] < least:
+        raise ValueError(f"{name}: arrived {wanted}; expected finite numbers in increasing order")
+    return axis

@@ -13,7 +13,15 @@ import xarray as xr
 
 from anser.aircraft import AbstractAirframe
 from anser.campaign.batches import Clock, Progress, in_batches
-from anser.campaign.envelope_cases import CONDITIONS, described, steady_targets, survey_limits
+from anser.campaign.envelope_cases import (
+    ALTITUDES_M,
+    CONDITIONS,
+    MACHS,
+    described,
+    grid_axis,
+    steady_targets,
+    survey_limits,
+)
 from anser.campaign.linearizing import ConditionError
 from anser.campaign.stepping import Inversion
 from anser.compilation_cache import enable_compilation_cache
@@ -41,8 +49,6 @@ from anser.simulation import (
 __all__ = ["MarginSurvey", "margin_document", "margins_at", "survey_margins"]
 
 _FORMAT_VERSION = 1
-_ALTITUDES = np.array([250.0, *np.arange(1000.0, 15001.0, 1000.0)])
-_MACHS = np.linspace(0.15, 0.95, 18)
 _BATCH = 32
 """Points of one compiled call: the responses of more do not stay in the processors' caches."""
 
@@ -203,8 +209,8 @@ def survey_margins(
     """
     enable_compilation_cache()
     tell = progress or (lambda what, done: None)
-    altitudes = _axis("altitudes_m", altitudes_m, _ALTITUDES[5::5] if coarse else _ALTITUDES)
-    mach = _axis("machs", machs, _MACHS[[0, 4, 8, 13, 17]] if coarse else _MACHS)
+    altitudes = grid_axis("altitudes_m", altitudes_m, ALTITUDES_M[5::5] if coarse else ALTITUDES_M)
+    mach = grid_axis("machs", machs, MACHS[[0, 4, 8, 13, 17]] if coarse else MACHS)
     airframe, of = _loaded(aircraft, variant)
     environment, limits = standard_environment(), survey_limits()
     wanted = _gains(gains, inversion)
@@ -283,14 +289,6 @@ def _gains(gains: AutopilotGains | None, inversion: Inversion) -> AutopilotGains
     bandwidth = Gains().sensor_bandwidth_rad_s if inversion == "incremental" else 0.0
     wanted = published_gains() if gains is None else gains
     return eqx.tree_at(lambda g: g.sensor_bandwidth, wanted, jnp.asarray(bandwidth, dtype=float))
-
-
-def _axis(name: str, wanted: Sequence[float] | None, usual: np.ndarray) -> np.ndarray:
-    axis = usual if wanted is None else np.asarray(wanted, dtype=float)
-    least = 0.0 if name == "machs" else -np.inf
-    if axis.ndim != 1 or not axis.size or not np.isfinite(axis).all() or (np.diff(axis) <= 0).any() or axis[0] < least:
-        raise ValueError(f"{name}: arrived {wanted}; expected finite numbers in increasing order")
-    return axis
 
 
 def _pole(at: xr.Dataset) -> str:

@@ -1,11 +1,14 @@
 """What all commands share: the consoles, refusals, tables."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import rich.box
 from rich.console import Console
 from rich.table import Table
+
+from anser.scenario import AIRFRAMES, VARIANTS
 
 screen = Console()
 err = Console(stderr=True, highlight=False)
@@ -53,3 +56,32 @@ def print_table(table: Table) -> None:
         return
     width = screen.measure(table, options=screen.options.update(max_width=10_000)).maximum
     Console(file=screen.file, width=max(_WIDTH_MIN, width)).print(table)
+
+
+def flight_point(at: str) -> tuple[float, float]:
+    """Speed and altitude (m/s, m) of an option --at."""
+    try:
+        speed, altitude = (float(part) for part in at.split(","))
+    except ValueError:
+        raise RefusedError(f"--at: arrived {at!r}; expected SPEED,ALTITUDE in m/s and m, such as 150,2000") from None
+    must_lie("--at, speed", speed, 1, 1000)
+    must_lie("--at, altitude", altitude, -500, 30000)
+    return speed, altitude
+
+
+def must_be_new_picture(option: str, path: Path, suffixes: Sequence[str]) -> None:
+    """Refuse a picture that cannot be written, before anything is computed."""
+    if path.suffix not in suffixes:
+        raise RefusedError(f"{option}: arrived {path}; expected a name that ends with {', '.join(suffixes)}")
+    if path.exists():
+        raise RefusedError(f"{option}: arrived {path}, which exists; expected a new file (nothing is overwritten)")
+    if not path.parent.is_dir():
+        raise RefusedError(f"{option}: arrived {path}; expected a file in a folder that exists")
+
+
+def must_be_known(aircraft: str, variant: str) -> None:
+    """Refuse an airframe, or a variant of it, that the library does not have."""
+    if aircraft not in AIRFRAMES:
+        raise RefusedError(f"--aircraft: arrived {aircraft!r}; expected one of {', '.join(AIRFRAMES)}")
+    if variant not in VARIANTS[aircraft]:
+        raise RefusedError(f"--variant: arrived {variant!r}; expected one of {', '.join(VARIANTS[aircraft])}")

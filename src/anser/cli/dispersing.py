@@ -1,7 +1,6 @@
 """The robustness study."""
 
 import dataclasses
-import importlib.util
 import json
 import math
 import sys
@@ -12,8 +11,18 @@ import numpy as np
 import rich.progress
 import typer
 
-from anser.cli.console import RefusedError, err, make_new, must_lie, number, plain_table, print_table, screen
-from anser.scenario import VARIANTS
+from anser.cli.console import (
+    RefusedError,
+    err,
+    flight_point,
+    make_new,
+    must_be_known,
+    must_lie,
+    number,
+    plain_table,
+    print_table,
+    screen,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -44,16 +53,13 @@ def robustness(
     must_lie("--flights", flights, 1, 1_000_000)
     must_lie("--spread", spread, 0, 90)
     must_lie("--seed", seed, 0, 2**63 - 1)
-    if variant not in VARIANTS[_AIRCRAFT]:
-        raise RefusedError(f"--variant: arrived {variant!r}; expected one of {', '.join(VARIANTS[_AIRCRAFT])}")
-    if importlib.util.find_spec("matplotlib") is None:
-        raise RefusedError("the figures need matplotlib, which is not installed: pip install matplotlib")
+    must_be_known(_AIRCRAFT, variant)
     from anser.campaign import ConditionError, FlightPoint, robustness_study
     from anser.campaign.dispersion import CONDITIONS
     from anser.report import draw_robustness
     from anser.results import write_netcdf
 
-    conditions = CONDITIONS if at is None else (FlightPoint(*_place(at)),)
+    conditions = CONDITIONS if at is None else (FlightPoint(*flight_point(at)),)
     make_new(out)
     columns = (
         rich.progress.TextColumn("{task.description}"),
@@ -84,17 +90,6 @@ def robustness(
     else:
         _print(study)
     err.print(f"{out}: robustness.nc and figures written", soft_wrap=True, markup=False)
-
-
-def _place(at: str) -> tuple[float, float]:
-    """Speed and altitude, m/s and m."""
-    try:
-        speed, altitude = (float(part) for part in at.split(","))
-    except ValueError:
-        raise RefusedError(f"--at: arrived {at!r}; expected SPEED,ALTITUDE in m/s and m, such as 150,2000") from None
-    must_lie("--at, speed", speed, 1, 1000)
-    must_lie("--at, altitude", altitude, -500, 30000)
-    return speed, altitude
 
 
 def _rates(data: "xr.Dataset") -> dict[str, dict[str, "Success"]]:

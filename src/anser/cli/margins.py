@@ -1,6 +1,5 @@
 """The command margins."""
 
-import importlib.util
 import json
 import math
 import sys
@@ -10,8 +9,20 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import rich.progress
 import typer
 
-from anser.cli.console import RefusedError, err, make_new, must_lie, number, plain_table, print_table, screen
-from anser.scenario import AIRFRAMES, VARIANTS
+from anser.cli.console import (
+    RefusedError,
+    err,
+    flight_point,
+    make_new,
+    must_be_known,
+    must_be_new_picture,
+    must_lie,
+    number,
+    plain_table,
+    print_table,
+    screen,
+)
+from anser.scenario import AIRFRAMES
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -50,10 +61,7 @@ def margins(
     as_json: Annotated[bool, typer.Option("--json", help="Print the margins as JSON instead of the table.")] = False,
 ) -> None:
     """Gain, phase, delay and disk margins at every actuator and loop of the autopilot, broken one at a time."""
-    if aircraft not in AIRFRAMES:
-        raise RefusedError(f"--aircraft: arrived {aircraft!r}; expected one of {', '.join(AIRFRAMES)}")
-    if variant not in VARIANTS[aircraft]:
-        raise RefusedError(f"--variant: arrived {variant!r}; expected one of {', '.join(VARIANTS[aircraft])}")
+    must_be_known(aircraft, variant)
     must_lie("--step-s", step_s, 0.001, 0.05)
     if envelope:
         for option, value in (("--at", at), ("--bode", bode)):
@@ -66,9 +74,11 @@ def margins(
     for option, value in (("--out", out), ("--coarse", coarse or None)):
         if value is not None:
             raise RefusedError(f"{option}: arrived without --envelope; expected both or neither")
-    speed_m_s, altitude_m = _place(_AT if at is None else at)
+    speed_m_s, altitude_m = flight_point(_AT if at is None else at)
     if bode is not None:
-        _must_be_new_picture(bode)
+        from anser.report import BODE_SUFFIXES
+
+        must_be_new_picture("--bode", bode, BODE_SUFFIXES)
     from anser.campaign import ConditionError, margin_document, margins_at
 
     try:
@@ -104,7 +114,6 @@ def _survey(
     out: Path,
     as_json: bool,
 ) -> None:
-    _must_draw("--envelope")
     make_new(out)
     from anser.campaign import survey_margins
     from anser.report import draw_margin_maps
@@ -136,35 +145,6 @@ def _survey(
     else:
         _print_survey(surveyed)
     err.print(f"{out}: margins.nc, margins.json and maps written", soft_wrap=True, markup=False)
-
-
-def _place(at: str) -> tuple[float, float]:
-    """Speed and altitude, m/s and m."""
-    try:
-        speed, altitude = (float(part) for part in at.split(","))
-    except ValueError:
-        raise RefusedError(f"--at: arrived {at!r}; expected SPEED,ALTITUDE in m/s and m, such as {_AT}") from None
-    must_lie("--at, speed", speed, 1, 1000)
-    must_lie("--at, altitude", altitude, -500, 30000)
-    return speed, altitude
-
-
-def _must_draw(option: str) -> None:
-    if importlib.util.find_spec("matplotlib") is None:
-        raise RefusedError(f"{option}: arrived where pictures cannot be drawn; expected pip install matplotlib")
-
-
-def _must_be_new_picture(path: Path) -> None:
-    """Refuse a picture that cannot be written, before anything is computed."""
-    from anser.report import BODE_SUFFIXES
-
-    if path.suffix not in BODE_SUFFIXES:
-        raise RefusedError(f"--bode: arrived {path}; expected a name that ends with {', '.join(BODE_SUFFIXES)}")
-    if path.exists():
-        raise RefusedError(f"--bode: arrived {path}, which exists; expected a new file (nothing is overwritten)")
-    if not path.parent.is_dir():
-        raise RefusedError(f"--bode: arrived {path}; expected a file in a folder that exists")
-    _must_draw("--bode")
 
 
 def _name(of: dict[str, Any]) -> str:

@@ -1,6 +1,5 @@
 """The commands step and gallery."""
 
-import importlib.util
 import json
 import sys
 from collections.abc import Sequence
@@ -10,7 +9,18 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 from rich.table import Table
 
-from anser.cli.console import RefusedError, err, make_new, must_lie, number, plain_table, print_table, screen
+from anser.cli.console import (
+    RefusedError,
+    err,
+    flight_point,
+    make_new,
+    must_be_known,
+    must_be_new_picture,
+    number,
+    plain_table,
+    print_table,
+    screen,
+)
 from anser.scenario import VARIANTS
 
 if TYPE_CHECKING:
@@ -43,10 +53,12 @@ def step(
     out: Annotated[Path | None, typer.Option(help="New picture of the response: NAME.svg, .png or .pdf.")] = None,
 ) -> None:
     """Step one loop's command and measure: rise, settling, overshoot, error at the end, coupling, surface use."""
-    _must_be_variant(variant)
-    speed_m_s, altitude_m = _place(at)
+    must_be_known(_AIRCRAFT, variant)
+    speed_m_s, altitude_m = flight_point(at)
     if out is not None:
-        _must_be_new_picture(out)
+        from anser.report.print_style import FIGURE_SUFFIXES
+
+        must_be_new_picture("--out", out, FIGURE_SUFFIXES)
     if len(channel) != len(size):
         raise RefusedError(f"--size: arrived {len(size)} for {len(channel)} channels; expected one for each --channel")
     if len(set(channel)) != len(channel):
@@ -83,15 +95,18 @@ def gallery(
     inversion: _Inversion = "model",
     variant: _Variant = "textbook",
 ) -> None:
-    """Fly every published step test of the three loops: a figure of each, an overview, a table of their figures."""
-    _must_be_variant(variant)
-    _must_draw()
+    """Fly every published test of the autopilot: a figure of each, an overview, a table of their figures."""
+    must_be_known(_AIRCRAFT, variant)
     make_new(out)
-    from anser.campaign import PUBLISHED_STEPS, step_document
+    from anser.campaign import PUBLISHED_STEPS, fly_climb_and_turn, step_document
     from anser.report.step_figures import draw_overview, draw_step
+    from anser.report.tracking_figure import draw_tracking
 
     flown = _fly(PUBLISHED_STEPS, variant, 150.0, 1000.0, inversion)
-    document = step_document(flown)
+    with err.status("flying the climb-and-turn"):
+        tracked = fly_climb_and_turn(variant, inversion)
+    requirements = tracked.summary["requirements"]
+    document = step_document(flown) | {"climb_and_turn": requirements}
     with (out / "metrics.json").open("x", encoding="utf-8") as file:
         json.dump(document, file, indent=1, allow_nan=False)
         file.write("\n")
@@ -99,6 +114,8 @@ def gallery(
         for flight in flown:
             draw_step(flight.dataset, [out / f"{flight.test.key}{suffix}" for suffix in (".svg", ".png")])
         draw_overview([flight.dataset for flight in flown], [out / f"overview{suffix}" for suffix in (".svg", ".png")])
+        heading = f"Climb and turn on velocity commands alone: {_AIRCRAFT} ({variant}), {inversion} inversion"
+        draw_tracking(tracked.dataset, heading, [out / f"climb-and-turn{suffix}" for suffix in (".svg", ".png")])
     print_table(_table(flown, f"{_AIRCRAFT} ({variant}) at 150 m/s, 1000 m: {inversion} inversion"))
     limits = document["limits"]
     short = [(flight.test.key, line) for flight in flown for line in flight.shortfalls]
@@ -110,11 +127,17 @@ def gallery(
         highlight=False,
         markup=False,
     )
-    err.print(
-        "The climb-and-turn is a scenario of its own: anser run scenarios/climb-and-turn.toml",
+    of = {requirement["name"]: requirement for requirement in requirements}
+    error, miss = of["position_error_max_m"], of["miss_max_m"]
+    screen.print(
+        f"climb and turn: position error {number(error['value'], 2)} m at most, {number(miss['value'], 2)} m at the "
+        f"end; {error['limit']:g} m are allowed",
         soft_wrap=True,
-        markup=False,
+        highlight=False,
     )
+    short += [
+        ("climb-and-turn", f"{r['name']} is {r['value']:g}, not {r['limit']:g}") for r in requirements if not r["met"]
+    ]
     for key, line in short:
         err.print(f"falls short: {key}: {line}", soft_wrap=True, markup=False)
     if short:
@@ -144,40 +167,6 @@ def _fly(
     except ConditionError as error:
         err.print(str(error), soft_wrap=True, markup=False)
         raise typer.Exit(1) from None
-
-
-def _must_be_variant(variant: str) -> None:
-    if variant not in VARIANTS[_AIRCRAFT]:
-        raise RefusedError(f"--variant: arrived {variant!r}; expected one of {', '.join(VARIANTS[_AIRCRAFT])}")
-
-
-def _place(at: str) -> tuple[float, float]:
-    """Speed and altitude, m/s and m."""
-    try:
-        speed, altitude = (float(part) for part in at.split(","))
-    except ValueError:
-        raise RefusedError(f"--at: arrived {at!r}; expected SPEED,ALTITUDE in m/s and m, such as 150,2000") from None
-    must_lie("--at, speed", speed, 1, 1000)
-    must_lie("--at, altitude", altitude, -500, 30000)
-    return speed, altitude
-
-
-def _must_draw() -> None:
-    if importlib.util.find_spec("matplotlib") is None:
-        raise RefusedError("--out: arrived a picture, but matplotlib is missing; expected pip install matplotlib")
-
-
-def _must_be_new_picture(out: Path) -> None:
-    """Refuse a picture that cannot be written, before anything is flown."""
-    from anser.report.step_figures import FIGURE_SUFFIXES
-
-    if out.suffix not in FIGURE_SUFFIXES:
-        raise RefusedError(f"--out: arrived {out}; expected a name that ends with {', '.join(FIGURE_SUFFIXES)}")
-    if out.exists():
-        raise RefusedError(f"--out: arrived {out}, which exists; expected a new file (nothing is overwritten)")
-    if not out.parent.is_dir():
-        raise RefusedError(f"--out: arrived {out}; expected a file in a folder that exists")
-    _must_draw()
 
 
 def _table(flights: Sequence["SteppedFlight"], title: str) -> Table:

@@ -1,6 +1,5 @@
 """The command envelope."""
 
-import importlib.util
 import json
 import sys
 from pathlib import Path
@@ -9,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import rich.progress
 import typer
 
-from anser.cli.console import RefusedError, err, make_new, plain_table, print_table, screen
-from anser.scenario import AIRFRAMES, VARIANTS
+from anser.cli.console import err, make_new, must_be_known, plain_table, print_table, screen
+from anser.scenario import AIRFRAMES
 
 if TYPE_CHECKING:
     from anser.campaign import EnvelopeSurvey
@@ -28,12 +27,7 @@ def envelope(
     as_json: Annotated[bool, typer.Option("--json", help="Print the counts as JSON instead of the table.")] = False,
 ) -> None:
     """Survey the envelope: trim map, and standard commands flown from every point of it."""
-    if aircraft not in AIRFRAMES:
-        raise RefusedError(f"--aircraft: arrived {aircraft!r}; expected one of {', '.join(AIRFRAMES)}")
-    if variant not in VARIANTS[aircraft]:
-        raise RefusedError(f"--variant: arrived {variant!r}; expected one of {', '.join(VARIANTS[aircraft])}")
-    if importlib.util.find_spec("matplotlib") is None:
-        raise RefusedError("the figures need matplotlib, which is not installed: pip install matplotlib")
+    must_be_known(aircraft, variant)
     make_new(out)
     from anser.campaign import survey
     from anser.report import draw_envelope

@@ -72,7 +72,7 @@ def published_gains() -> AutopilotGains:
         rates_command_bandwidth=jnp.asarray(3.0, dtype=float),
         surfaces_command_bandwidth=jnp.asarray(20.0, dtype=float),
         actuator_bandwidth=jnp.asarray(40.0, dtype=float),
-        surface_bandwidth=jnp.asarray(2.0, dtype=float),
+        surface_bandwidth=jnp.asarray(0.5, dtype=float),
         engine_bandwidth=jnp.asarray(5.0, dtype=float),
         sensor_bandwidth=jnp.asarray(0.0, dtype=float),
     )

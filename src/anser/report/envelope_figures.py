@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from anser.report.map_panels import draw_cells, draw_marks, map_panels
+
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 __all__ = ["draw_envelope"]
@@ -19,7 +20,7 @@ _STYLE: dict[Any, Any] = {
     "font.size": 8,
     "axes.titlesize": 9,
 }
-_NO_TRIM = "#e6e6e6"
+_DOTS: dict[str, Any] = {"marker": ".", "color": "white", "s": 6.0, "linewidths": 0.0}
 _LOAD, _FLOW, _PLACE = (
     "limited: load factor",
     "failed: alpha, beta leave the data",
@@ -85,57 +86,9 @@ def draw_envelope(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
     return tuple(written)
 
 
-def _panels(
-    dataset: xr.Dataset, columns: int, width: float, title: str, note: str
-) -> tuple["Figure", np.ndarray, np.ndarray]:
-    """Panels with a row for each condition, labelled at the edges; below each column a place for its colours."""
-    from matplotlib.figure import Figure
-
-    conditions = dataset["condition_meaning"].values
-    rows = len(conditions)
-    figure = Figure(figsize=(width, 1.6 + 2.0 * rows), layout="constrained")
-    grid = figure.add_gridspec(rows + 1, columns, height_ratios=[1.0] * rows + [0.07])
-    axes = np.empty((rows, columns), dtype=object)
-    for c, k in np.ndindex(rows, columns):
-        axes[c, k] = one = figure.add_subplot(grid[c, k])
-        one.set_facecolor(_NO_TRIM)
-        one.tick_params(labelbottom=c == rows - 1, labelleft=k == 0)
-        if k == 0:
-            one.set_ylabel(f"{conditions[c]}\naltitude (km)")
-        if c == rows - 1:
-            one.set_xlabel("Mach number")
-    below = np.array([figure.add_subplot(grid[rows, k]) for k in range(columns)])
-    of = dataset.attrs
-    name = " ".join(str(of[key]) for key in ("aircraft", "variant") if key in of)
-    figure.suptitle(f"{title}: {name}, {of['inversion']} inversion\n{note}", fontsize=10)
-    return figure, axes, below
-
-
-def _mesh(axes: "Axes", dataset: xr.Dataset, values: np.ndarray, **style: Any) -> None:
-    """Cells about the points of the grid; nothing where the value is no number."""
-    shown = np.ma.masked_invalid(values)
-    mach, altitude = _edges(dataset["mach"].values), _edges(dataset["altitude"].values / 1000.0)
-    axes.pcolormesh(mach, altitude, shown, linewidth=0.2, edgecolors="white", **style)
-    axes.set_xlim(mach[0], mach[-1])
-    axes.set_ylim(altitude[0], altitude[-1])
-
-
-def _edges(centres: np.ndarray) -> np.ndarray:
-    if centres.size == 1:
-        return np.array([centres[0] - 0.5, centres[0] + 0.5])
-    between = (centres[1:] + centres[:-1]) / 2
-    return np.concatenate([[2 * centres[0] - between[0]], between, [2 * centres[-1] - between[-1]]])
-
-
-def _dots(axes: "Axes", dataset: xr.Dataset, where: np.ndarray) -> None:
-    """A dot at each point of the grid that is marked."""
-    altitude, mach = np.nonzero(where)
-    axes.plot(dataset["mach"].values[mach], dataset["altitude"].values[altitude] / 1000.0, ".", color="white", ms=2.5)
-
-
 def _trim_map(dataset: xr.Dataset) -> "Figure":
     note = "Grey: no steady flight. Dots: a tenth or more of power and surfaces left."
-    figure, axes, below = _panels(dataset, 3, 9.5, "Steady flight", note)
+    figure, axes, below = map_panels(dataset, 3, 9.5, "Steady flight", [note])
     trimmable = dataset["trimmable"].values.astype(bool)
     with_reserve = dataset["with_reserve"].values.astype(bool)
     least_surface = dataset["surface_left"].values.min(axis=-1)
@@ -147,8 +100,8 @@ def _trim_map(dataset: xr.Dataset) -> "Figure":
     for k, (label, values, colours, (low, high)) in enumerate(columns):
         for c in range(len(axes)):
             shown = np.where(trimmable[c], values[c], np.nan)
-            _mesh(axes[c, k], dataset, shown, cmap=colours, vmin=low, vmax=high)
-            _dots(axes[c, k], dataset, with_reserve[c])
+            draw_cells(axes[c, k], dataset, shown, cmap=colours, vmin=low, vmax=high)
+            draw_marks(axes[c, k], dataset, with_reserve[c], **_DOTS)
         figure.colorbar(axes[0, k].collections[0], cax=below[k], orientation="horizontal", label=label)
     return figure
 
@@ -166,14 +119,14 @@ def _commands(dataset: xr.Dataset) -> "Figure":
     kind = np.where(dataset["outcome"].values > 0, kind_of[dataset["reason"].values], np.nan)
     commands = dataset["command_meaning"].values
     note = "Grey: no steady flight to leave from. Dots: a tenth or more of power and surfaces left."
-    figure, axes, below = _panels(dataset, len(commands), 1.2 + 2.1 * len(commands), "Commands flown", note)
+    figure, axes, below = map_panels(dataset, len(commands), 1.2 + 2.1 * len(commands), "Commands flown", [note])
     with_reserve = dataset["with_reserve"].values.astype(bool)
     for k, command in enumerate(commands):
         axes[0, k].set_title(command)
         below[k].set_axis_off()
         for c in range(len(axes)):
-            _mesh(axes[c, k], dataset, kind[c, :, :, k], cmap=colours, norm=norm)
-            _dots(axes[c, k], dataset, with_reserve[c])
+            draw_cells(axes[c, k], dataset, kind[c, :, :, k], cmap=colours, norm=norm)
+            draw_marks(axes[c, k], dataset, with_reserve[c], **_DOTS)
     present = sorted({int(k) for k in np.unique(kind[~np.isnan(kind)])})
     handles = [Patch(facecolor=labels[k][1], label=labels[k][0]) for k in present]
     figure.legend(handles=handles, loc="outside lower center", ncols=6, frameon=False)
@@ -182,7 +135,7 @@ def _commands(dataset: xr.Dataset) -> "Figure":
 
 def _margins(dataset: xr.Dataset) -> "Figure":
     note = "Blue: within the limit. Red: beyond it. Grey: no steady flight."
-    figure, axes, below = _panels(dataset, 4, 12.0, "Least margin over all commands", note)
+    figure, axes, below = map_panels(dataset, 4, 12.0, "Least margin over all commands", [note])
     of = dataset.attrs
     high = of["limit_load_factor_max"] - dataset["load_factor_max"].values
     low = dataset["load_factor_min"].values - of["limit_load_factor_min"]
@@ -194,6 +147,6 @@ def _margins(dataset: xr.Dataset) -> "Figure":
     )
     for k, (label, values, ends) in enumerate(columns):
         for c in range(len(axes)):
-            _mesh(axes[c, k], dataset, values[c].min(axis=-1), cmap="RdBu", vmin=-ends, vmax=ends)
+            draw_cells(axes[c, k], dataset, values[c].min(axis=-1), cmap="RdBu", vmin=-ends, vmax=ends)
         figure.colorbar(axes[0, k].collections[0], cax=below[k], orientation="horizontal", label=label)
     return figure

@@ -3,21 +3,18 @@
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
 
+from anser.report.print_style import INK, LARGE, PRINT_STYLE, QUIET, SMALL, new_figure, save_figure
 from anser.report.style import color_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
-__all__ = ["FIGURE_SUFFIXES", "draw_overview", "draw_step"]
-
-FIGURE_SUFFIXES = (".svg", ".png", ".pdf")
-"""Kinds of files that a figure can be."""
+__all__ = ["draw_overview", "draw_step"]
 
 _RATES = ("roll_rate_deg_s", "pitch_rate_deg_s", "yaw_rate_deg_s")
 _PATH = ("path_angle_deg", "course_deg")
@@ -45,38 +42,6 @@ _SPAN_MIN = {"m s-1": 1.0, "degree": 1.0, "degree s-1": 1.0, "percent": 5.0, "1"
 
 _LINE_LENGTH = 22
 """Characters of a label before it goes on in another line."""
-_INK, _QUIET = "#1b1f24", "#6e7781"
-_SMALL, _LARGE = 7.5, 9.5
-_STYLE: dict[str, Any] = {
-    # Text stays text and the identifiers are fixed: the same numbers make the same file.
-    "svg.fonttype": "none",
-    "svg.hashsalt": "anser",
-    "pdf.fonttype": 42,
-    "font.size": 8.5,
-    "mathtext.fontset": "dejavusans",
-    "axes.edgecolor": _QUIET,
-    "axes.labelcolor": _INK,
-    "axes.grid": True,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.formatter.useoffset": False,
-    "grid.color": "#e1e4e8",
-    "grid.linewidth": 0.6,
-    "lines.linewidth": 1.5,
-    "xtick.color": _QUIET,
-    "ytick.color": _QUIET,
-    "xtick.labelcolor": _INK,
-    "ytick.labelcolor": _INK,
-    "legend.framealpha": 0.8,
-    "legend.edgecolor": "none",
-    "legend.fontsize": _SMALL,
-    "legend.handlelength": 1.4,
-}
-_METADATA: dict[str, dict[str, None]] = {
-    ".svg": {"Date": None},
-    ".png": {"Software": None},
-    ".pdf": {"CreationDate": None, "Producer": None, "Creator": None},
-}
 
 
 def draw_step(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
@@ -96,8 +61,8 @@ def draw_step(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
     ImportError
         Matplotlib is not installed.
     """
-    mpl, figure = _new_figure((10.0, 6.9))
-    with mpl.rc_context(_STYLE):
+    mpl, figure = new_figure((10.0, 6.9))
+    with mpl.rc_context(PRINT_STYLE):
         loop = dataset.attrs["loop"]
         panels = [*((name,) for name in _CHANNELS[loop]), *_OTHERS[loop], *_CONTROLS]
         grid = figure.subplots(3, 3, sharex="row")
@@ -111,9 +76,9 @@ def draw_step(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
             for axes in grid[:-1].flat:
                 axes.tick_params(labelbottom=False)
         _mark_reading(grid, dataset)
-        figure.suptitle(f"{_heading(dataset)}\n{_about(dataset)}", fontsize=_LARGE)
+        figure.suptitle(f"{_heading(dataset)}\n{_about(dataset)}", fontsize=LARGE)
         figure.align_ylabels()
-        _save(figure, paths)
+        save_figure(figure, paths)
 
 
 def draw_overview(datasets: Sequence[xr.Dataset], paths: Sequence[Path]) -> None:
@@ -127,8 +92,8 @@ def draw_overview(datasets: Sequence[xr.Dataset], paths: Sequence[Path]) -> None
         As for `draw_step`.
     """
     rows = -(-len(datasets) // 4)
-    mpl, figure = _new_figure((10.0, 0.7 + 2.05 * rows))
-    with mpl.rc_context(_STYLE):
+    mpl, figure = new_figure((10.0, 0.7 + 2.05 * rows))
+    with mpl.rc_context(PRINT_STYLE):
         grid = figure.subplots(rows, 4, sharey=True, squeeze=False)
         for axes, dataset in zip(grid.flat, datasets, strict=False):
             lead = _lead(dataset)
@@ -145,7 +110,7 @@ def draw_overview(datasets: Sequence[xr.Dataset], paths: Sequence[Path]) -> None
                     label=f"{_symbol(dataset[name])} {_size(dataset, name)}",
                 )
             end = dataset.attrs["read_at_s"]
-            axes.plot([-lead, 0, 0, end], [0, 0, 100, 100], color=_INK, linestyle=(0, (4, 2)), linewidth=0.9, zorder=3)
+            axes.plot([-lead, 0, 0, end], [0, 0, 100, 100], color=INK, linestyle=(0, (4, 2)), linewidth=0.9, zorder=3)
             axes.set_xlim(-_lead(dataset, end), end)
             axes.legend(loc="lower right")
         for axes in grid.flat[len(datasets) :]:
@@ -156,19 +121,9 @@ def draw_overview(datasets: Sequence[xr.Dataset], paths: Sequence[Path]) -> None
             axes.set_xlabel("Time $t$ (s)")
         figure.suptitle(
             f"Responses to steps of each channel alone and of a loop's three together\n{_about(datasets[0])}",
-            fontsize=_LARGE,
+            fontsize=LARGE,
         )
-        _save(figure, paths)
-
-
-def _new_figure(size: tuple[float, float]) -> tuple[Any, "Figure"]:
-    """Matplotlib, and an empty figure of a size in inches."""
-    try:
-        import matplotlib as mpl
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise ImportError("matplotlib is not installed: pip install matplotlib") from None
-    return mpl, Figure(figsize=size, layout="constrained")
+        save_figure(figure, paths)
 
 
 def _panel(axes: "Axes", dataset: xr.Dataset, names: Sequence[str]) -> None:
@@ -187,7 +142,7 @@ def _panel(axes: "Axes", dataset: xr.Dataset, names: Sequence[str]) -> None:
                 time,
                 wanted,
                 where="pre",
-                color=_INK if commanded else _QUIET,
+                color=INK if commanded else QUIET,
                 linestyle=(0, (4, 2)),
                 linewidth=0.9,
                 label="command" if commanded else "held",
@@ -219,8 +174,8 @@ def _mark_reading(grid: np.ndarray, dataset: xr.Dataset) -> None:
         1.0,
         f" after the reading at {read:g} s",
         transform=grid[0, 2].get_xaxis_transform(),
-        fontsize=_SMALL,
-        color=_QUIET,
+        fontsize=SMALL,
+        color=QUIET,
         va="bottom",
     )
 
@@ -276,10 +231,3 @@ def _about(dataset: xr.Dataset) -> str:
         f"{of['aircraft']} ({of['variant']}) from level trim at {of['speed_m_s']:g} m/s, {of['altitude_m']:g} m; "
         f"{inversion}; commands dashed"
     )
-
-
-def _save(figure: "Figure", paths: Sequence[Path]) -> None:
-    for path in paths:
-        with path.open("xb") as file:
-            figure.savefig(file, format=path.suffix.removeprefix("."), dpi=160, metadata=_METADATA[path.suffix])
-        figure.set_layout_engine("none")  # laid out once is enough

@@ -1,0 +1,64 @@
+"""Figures for print: how they look, and how they are written so that the same numbers make the same file."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["FIGURE_SUFFIXES", "INK", "LARGE", "PRINT_STYLE", "QUIET", "SMALL", "new_figure", "save_figure"]
+
+FIGURE_SUFFIXES = (".svg", ".png", ".pdf")
+"""Kinds of files that a figure can be."""
+
+INK, QUIET = "#1b1f24", "#6e7781"
+SMALL, LARGE = 7.5, 9.5
+PRINT_STYLE: dict[str, Any] = {
+    # Text stays text and the identifiers are fixed: the same numbers make the same file.
+    "svg.fonttype": "none",
+    "svg.hashsalt": "anser",
+    "pdf.fonttype": 42,
+    "font.size": 8.5,
+    "mathtext.fontset": "dejavusans",
+    "axes.edgecolor": QUIET,
+    "axes.labelcolor": INK,
+    "axes.grid": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.formatter.useoffset": False,
+    "grid.color": "#e1e4e8",
+    "grid.linewidth": 0.6,
+    "lines.linewidth": 1.5,
+    "xtick.color": QUIET,
+    "ytick.color": QUIET,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "legend.framealpha": 0.8,
+    "legend.edgecolor": "none",
+    "legend.fontsize": SMALL,
+    "legend.handlelength": 1.4,
+}
+_METADATA: dict[str, dict[str, None]] = {
+    ".svg": {"Date": None},
+    ".png": {"Software": None},
+    ".pdf": {"CreationDate": None, "Producer": None, "Creator": None},
+}
+
+
+def new_figure(size: tuple[float, float]) -> tuple[Any, "Figure"]:
+    """Matplotlib, and an empty figure of a size in inches."""
+    try:
+        import matplotlib as mpl
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise ImportError("matplotlib is not installed: pip install matplotlib") from None
+    return mpl, Figure(figsize=size, layout="constrained")
+
+
+def save_figure(figure: "Figure", paths: Sequence[Path]) -> None:
+    """Write a figure to new files, each of one of `FIGURE_SUFFIXES`."""
+    for path in paths:
+        with path.open("xb") as file:
+            figure.savefig(file, format=path.suffix.removeprefix("."), dpi=160, metadata=_METADATA[path.suffix])
+        figure.set_layout_engine("none")  # laid out once is enough

@@ -1,0 +1,92 @@
+"""Figure of one aircraft that follows a path: path, commands against response, position error, controls."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+
+from anser.report.print_style import INK, LARGE, PRINT_STYLE, new_figure, save_figure
+from anser.report.style import color_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["draw_tracking"]
+
+_COMMANDED = ("airspeed_m_s", "path_angle_deg", "course_deg", "bank_deg", "alpha_deg")
+_SURFACES = ("elevator_deg", "aileron_deg", "rudder_deg")
+_UNITS = {"m s-1": "m/s", "degree": "°", "m": "m", "percent": "%"}
+_DASHED = (0, (4, 2))
+
+
+def draw_tracking(dataset: xr.Dataset, title: str, paths: Sequence[Path]) -> None:
+    """Draw how the first aircraft of a flight follows its path until it arrives.
+
+    Parameters
+    ----------
+    dataset
+        Of a flight, as `anser.results` makes it.
+    title
+        First line of the figure's heading.
+    paths
+        New files to write, with one of `FIGURE_SUFFIXES`.
+
+    Raises
+    ------
+    FileExistsError
+        A path exists: nothing is overwritten.
+    ImportError
+        Matplotlib is not installed.
+    """
+    mpl, figure = new_figure((10.0, 7.4))
+    of = dataset.isel(aircraft=0)
+    flown = of.isel(time=np.flatnonzero(of["time"].values <= float(of["arrival_time_s"].values[0])))
+    with mpl.rc_context(PRINT_STYLE):
+        grid = figure.subplots(3, 3)
+        _path(grid[0, 0], flown, ("east_m", "north_m"))
+        grid[0, 0].set_aspect("equal", adjustable="datalim")
+        _over_time(grid[0, 1], flown, ("altitude_m",), {"altitude_m": "reference_altitude_m"})
+        _over_time(grid[0, 2], flown, ("position_error_m",), {})
+        for axes, name in zip((*grid[1], *grid[2, :2]), _COMMANDED, strict=True):
+            command = name.replace("_m_s", "_command_m_s").replace("_deg", "_command_deg")
+            _over_time(axes, flown, (name,), {name: command})
+        _over_time(grid[2, 2], flown, _SURFACES, {})
+        for axes in grid[2]:
+            axes.set_xlabel("Time $t$ (s)")
+        worst = float(flown["position_error_m"].max())
+        figure.suptitle(f"{title}\nposition error {worst:.2f} m at most; what was asked for is dashed", fontsize=LARGE)
+        figure.align_ylabels()
+        save_figure(figure, paths)
+
+
+def _path(axes: "Axes", flown: xr.Dataset, names: tuple[str, str]) -> None:
+    x, y = (flown[name].values for name in names)
+    axes.plot(x, y, color=color_of(0), label="flown")
+    reference = (flown[f"reference_{name}"].values for name in names)
+    axes.plot(*reference, color=INK, linestyle=_DASHED, linewidth=0.9, label="planned")
+    for set_label, name in zip((axes.set_xlabel, axes.set_ylabel), names, strict=True):
+        set_label(_label(flown[name]))
+    axes.legend(loc="best")
+
+
+def _over_time(axes: "Axes", flown: xr.Dataset, names: Sequence[str], wanted: dict[str, str]) -> None:
+    for k, name in enumerate(names):
+        label = f"${flown[name].attrs['symbol']}$" if len(names) > 1 else None
+        axes.plot(flown["time"].values, flown[name].values, color=color_of(k), label=label)
+        if name in wanted:
+            axes.plot(
+                flown["time"].values, flown[wanted[name]].values, color=INK, linestyle=_DASHED, linewidth=0.9, zorder=3
+            )
+    axes.set_ylabel(_label(flown[names[0]]) if len(names) == 1 else f"Deflection ({_unit(flown[names[0]])})")
+    if len(names) > 1:
+        axes.legend(loc="best")
+
+
+def _label(values: xr.DataArray) -> str:
+    return f"{values.attrs['long_name']} ({_unit(values)})"
+
+
+def _unit(values: xr.DataArray) -> str:
+    return _UNITS[str(values.attrs["units"])]
