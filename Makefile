@@ -13,7 +13,7 @@ test: .venv/.installed-test
 	$(BIN)/ruff format --check .
 	$(BIN)/basedpyright
 	$(BIN)/lint-imports
-	$(BIN)/pytest -n 2 --dist loadfile
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 bench: .venv/.installed-test
 	$(BIN)/pytest benchmarks/bench_flight.py --benchmark-enable --benchmark-only -s -p no:xdist

@@ -176,6 +176,7 @@ CATALOGUE: tuple[Variable, ...] = (
     *(
         _discrete(f"{what}_limited", "bool", f"{what}_lim", f"{words} at a limit", ("free", "limited"))
         for what, words in (
+            ("speed", "Airspeed command"),
             ("thrust", "Thrust command"),
             ("lift", "Angle of attack or load factor command"),
             ("bank", "Bank angle command"),

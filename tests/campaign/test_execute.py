@@ -1,6 +1,8 @@
-"""Whole flights: what the published and shipped scenarios must achieve, and how failures are told."""
+"""Whole flights of the published three-aircraft case: what it must achieve, and how failures are told."""
 
+import functools
 import json
+import re
 from pathlib import Path
 
 import equinox as eqx
@@ -11,15 +13,13 @@ import pytest
 
 import anser
 from anser.aircraft import condition
-from anser.campaign import CLEARANCE_MIN_M
 from anser.campaign.execute import _segment, _start
 from anser.planning import coordinate
 from anser.results import read_netcdf
-from anser.scenario import ScenarioError, build_flight, load, loads
-from anser.simulation import STATUS_MESSAGES, fly_segment, sense
+from anser.scenario import ScenarioError, build_flight, loads
+from anser.simulation import STATUS_MESSAGES, sense
 from anser.simulation.flight import planning_tasks
 from anser.spatial import rotate_back
-from anser.verification.missions import MISSION_CHECKS
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 THREE = (SCENARIOS / "three-aircraft.toml").read_text()
@@ -28,21 +28,6 @@ THREE = (SCENARIOS / "three-aircraft.toml").read_text()
 @pytest.fixture(scope="module")
 def three():
     return anser.run(anser.loads(THREE))
-
-
-@pytest.fixture(scope="module")
-def storm():
-    return anser.run(load(SCENARIOS / "storm-sampling.toml"))
-
-
-@pytest.fixture(scope="module")
-def single():
-    return anser.run(load(SCENARIOS / "single-aircraft.toml"))
-
-
-@pytest.fixture(scope="module")
-def tracking():
-    return anser.run(load(SCENARIOS / "climb-and-turn.toml"))
 
 
 def _by_name(flown, key):
@@ -82,29 +67,26 @@ def test_arrival_is_an_extremum_of_the_range_that_the_record_shows(three):
 
 def test_the_planner_sees_the_goal_only_through_the_sensor(three):
     """What the sensor says moves the plan; the truth behind it does not enter."""
+
+    # Runs twice: XLA's optimizer takes longer than it saves.
+    @functools.partial(eqx.filter_jit, compiler_options={"xla_backend_optimization_level": 0})
+    def ends(flight, state, shift_n):
+        fleet, environment = flight.fleet, flight.environment
+        now = jax.vmap(condition, in_axes=(0, None, None, 0))(fleet.airframes, environment, 0.0, state.aircraft)
+        velocities = jax.vmap(lambda c, s: rotate_back(c.R_bn, s.velocity_b))(now, state.aircraft)
+        see = jax.vmap(sense, in_axes=(None, 0, None, 0, 0))
+        sensed = see(environment.earth, fleet.goals, 0.0, state.aircraft.position_n, velocities)
+        reading = eqx.tree_at(lambda s: s.goal_position_n, sensed, sensed.goal_position_n + shift_n)
+        tasks = planning_tasks(fleet, 0.0, state.aircraft, now, reading, state.flown, state.deceleration, fleet.speed)
+        plan = coordinate(0.0, tasks, fleet.speed, state.sides, fleet.even_speed)
+        end = jax.vmap(lambda path, t: path.position_n(t), in_axes=(0, None))(plan.trajectories, plan.arrival_time)
+        return end - reading.goal_velocity_n * plan.arrival_time
+
     flight = build_flight(three.scenario)
     state, _ = _start(flight)
-    now = jax.vmap(condition, in_axes=(0, None, None, 0))(
-        flight.fleet.airframes, flight.environment, 0.0, state.aircraft
-    )
-    sensed = _sense(flight, state, now)
-    shifted = eqx.tree_at(lambda s: s.goal_position_n, sensed, sensed.goal_position_n + jnp.array([[100.0, 0.0, 0.0]]))
-    ends = []
-    for reading in (sensed, shifted):
-        tasks = planning_tasks(
-            flight.fleet, 0.0, state.aircraft, now, reading, state.flown, state.deceleration, flight.fleet.speed
-        )
-        plan = coordinate(0.0, tasks, flight.fleet.speed, state.sides, flight.fleet.even_speed)
-        end = jax.vmap(lambda path, t: path.position_n(t), in_axes=(0, None))(plan.trajectories, plan.arrival_time)
-        drift = reading.goal_velocity_n * plan.arrival_time
-        ends.append(end - drift)
-    np.testing.assert_allclose(ends[1] - ends[0], np.tile([100.0, 0.0, 0.0], (3, 1)), atol=1e-6)
-
-
-def _sense(flight, state, now):
-    velocities = jax.vmap(lambda c, s: rotate_back(c.R_bn, s.velocity_b))(now, state.aircraft)
-    see = jax.vmap(sense, in_axes=(None, 0, None, 0, 0))
-    return see(flight.environment.earth, flight.fleet.goals, 0.0, state.aircraft.position_n, velocities)
+    shift_n = jnp.array([[100.0, 0.0, 0.0]])
+    moved = ends(flight, state, shift_n) - ends(flight, state, jnp.zeros((1, 3)))
+    np.testing.assert_allclose(moved, np.tile(shift_n, (3, 1)), atol=1e-6)
 
 
 def test_history_says_which_limit_holds_a_command(three):
@@ -115,7 +97,7 @@ def test_history_says_which_limit_holds_a_command(three):
     idle = dataset.throttle.values == 0.0
     assert idle.any()
     assert dataset.thrust_limited.values.any()
-    for name in ("thrust", "lift", "bank", "rates", "surfaces"):
+    for name in ("speed", "thrust", "lift", "bank", "rates", "surfaces"):
         limited = dataset[f"{name}_limited"]
         assert limited.dtype == bool
         assert not limited.values.all()
@@ -137,38 +119,17 @@ def test_hold_circles_the_goal(three):
     np.testing.assert_allclose(late.altitude_m, 300.0, atol=5.0)
 
 
-def test_single_aircraft_and_storm(single, storm):
-    # Measured: 0.04 m; 0.06 m and 0.0001 s.
-    for flown in (single, storm):
-        assert flown.met
-        assert max(_by_name(flown, "miss_m").values()) <= 3.0
-        assert flown.summary["fleet"]["arrival_spread_s"] <= 0.05
-        for row, aircraft in zip(flown.summary["aircraft"], flown.scenario.aircraft, strict=True):
-            assert row["clearance_min_m"] >= CLEARANCE_MIN_M[flown.scenario.goal_of(aircraft).kind]
-
-
-def test_climb_and_turn_on_velocity_commands_alone(tracking):
-    # Published: under 1.5 m at all times (theory section 5). Measured 1.08 m with the published gains.
-    assert tracking.scenario.guidance.position_gain_per_s == 0.0
-    assert _by_name(tracking, "position_error_max_m")["aircraft-1"] < 1.5
-
-
-def test_climb_and_turn_with_position_feedback():
-    text = (SCENARIOS / "climb-and-turn.toml").read_text()
-    flown = anser.run(loads(text.replace("position_gain_per_s = 0.0", "position_gain_per_s = 0.3")))
-    arrival = flown.summary["aircraft"][0]["arrival_s"]
-    error = flown.dataset.position_error_m.sel(time=slice(10.0, arrival))
-    # Measured 0.13 m from 10 s on.
-    assert float(error.max()) < 0.3
-
-
 def test_same_scenario_same_numbers(three):
-    again = anser.run(anser.loads(THREE))
-    np.testing.assert_array_equal(again.dataset.north_m, three.dataset.north_m)
-    assert again.summary["scenario"]["hash"] == three.summary["scenario"]["hash"]
+    assert anser.loads(THREE).hash == three.scenario.hash
+    # The same flight given up earlier: the duration is no part of it.
+    again = anser.run(anser.loads(THREE.replace("duration_s = 150.0", "duration_s = 70.0")))
+    begun = three.dataset.isel(time=slice(again.dataset.sizes["time"]))
+    assert again.dataset.sizes["time"] == 701
+    for name in ("north_m", "altitude_m", "elevator_deg", "throttle"):
+        np.testing.assert_array_equal(again.dataset[name], begun[name])
 
 
-def test_other_numbers_do_not_compile_again(three):
+def test_other_numbers_do_not_compile_again(three, caplog):
     """Every number of the scenario, one change each; strings that choose a table set or a side are numbers too."""
     changes = {
         "duration_s = 150.0": "duration_s = 120.0\nstep_s = 0.012\nrecord_period_s = 0.12\nreplan_period_s = 1.2\nfreeze_s = 5.0",
@@ -191,22 +152,23 @@ def test_other_numbers_do_not_compile_again(three):
     for old, new in changes.items():
         assert old in text
         text = text.replace(old, new, 1)
-    counted = eqx.debug.assert_max_traces(fly_segment, max_traces=1)
-    fly = eqx.filter_jit(counted)
+
+    def traced(function, *of):
+        caplog.clear()
+        with jax.log_compiles():
+            out = function(*of)
+        return out, set(re.findall(r"Finished tracing (?:\+ transforming )?(\w+) for", caplog.text))
+
+    def probe(x):
+        return x
+
+    assert "probe" in traced(eqx.filter_jit(probe), jnp.zeros(3))[1]
+    # `three` has compiled both.
     for scenario in (loads(THREE), loads(text)):
         flight = build_flight(scenario)
-        state, _ = _start(flight)
-        fly(flight, state)
-
-
-def test_flights_in_a_batch_are_the_flights_alone(three):
-    flight = build_flight(three.scenario)
-    state, _ = _start(flight)
-    _, alone = _segment(flight, state)
-    batch = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), (flight, state))
-    _, together = eqx.filter_jit(jax.vmap(fly_segment))(*batch)
-    # Other fusions, other rounding: 5 s of a stable closed loop keep it at 1e-9 of 10 km.
-    np.testing.assert_allclose(together["north"][1], alone["north"], atol=1e-5)
+        (state, _), at_start = traced(_start, flight)
+        _, in_flight = traced(_segment, flight, state)
+        assert not {"start_flight", "fly_segment"} & (at_start | in_flight)
 
 
 def test_files_and_provenance(three, tmp_path):
@@ -244,24 +206,3 @@ def test_an_aircraft_that_meets_the_ground_stops_there_and_is_named():
     assert not flown.met
     assert STATUS_MESSAGES[-1] in set(_by_name(flown, "status").values())
     assert all(bool(np.isfinite(flown.dataset[name]).all()) for name in ("north_m", "altitude_m", "airspeed_m_s"))
-
-
-def test_a_goal_that_turns_is_still_met():
-    """A boat that reverses 30 s before the arrival: the plan is coordinated anew and all still arrive together."""
-    boat = (
-        '[[goal]]\nname = "boat-north"\nkind = "surface"\nwaypoints = [{ time_s = 0.0, north_m = 100.0, east_m = 0.0, '
-    )
-    boat += "altitude_m = 0.0 }, { time_s = 25.0, north_m = 725.0, east_m = 0.0, altitude_m = 0.0 }, { time_s = 400.0, "
-    boat += "north_m = 725.0, east_m = 5000.0, altitude_m = 0.0 }]\n\n"
-    start = THREE.index('[[goal]]\nname = "boat-north"')
-    end = THREE.index('[[goal]]\nname = "buoy"')
-    flown = anser.run(loads(THREE[:start] + boat + THREE[end:]))
-    assert max(_by_name(flown, "miss_m").values()) <= 3.0
-    assert flown.summary["fleet"]["arrival_spread_s"] <= 0.05
-
-
-@pytest.mark.parametrize("check", MISSION_CHECKS, ids=lambda check: check.key)
-def test_missions_over_both_earths_and_at_all_steps(check):
-    """Here and not with the other checks: the flat mission is already compiled in this process."""
-    for comparison in check.measure():
-        assert comparison.passes, comparison

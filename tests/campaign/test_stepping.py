@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from anser.campaign import CHANNEL_KEYS, PUBLISHED_STEPS, ConditionError, fly_steps, step_document, step_test
+from anser.campaign.step_tests import STEP_S
 from anser.variables import CATALOGUE
 
 BY_NAME = {variable.name: variable for variable in CATALOGUE}
+NAMES = {variable.key: variable.name for variable in CATALOGUE}
 
 
 @pytest.fixture(scope="module")
@@ -65,6 +67,51 @@ def test_the_record_is_labelled_from_the_catalogue_and_begins_in_trim(gallery):
         stem, unit = next((name.removesuffix(u), u) for u in ("_deg_s", "_m_s", "_deg") if name.endswith(u))
         size = next(iter(flight.test.commanded.values()))
         assert float(first[f"{stem}_command{unit}"] - first[name]) == pytest.approx(size, abs=1e-9)
+
+
+@pytest.mark.parametrize("key", ["rates-r", "rates-together"])
+def test_a_held_yaw_rate_ends_at_the_rudders_stop(gallery, key):
+    """Why R is read early: up to the reading the rudder is free, half a second later it stands at its stop."""
+    flight, stop_deg = gallery[key], 30  # theory section 4
+    rudder = np.abs(flight.dataset["rudder_deg"].values)
+    reading, soon = round(flight.test.read_at_s / STEP_S), round(1.5 / STEP_S)
+    assert rudder[: reading + 1].max() < stop_deg - 3
+    assert rudder[soon : soon + round(0.5 / STEP_S)].min() > stop_deg - 0.1
+
+
+# Stepped alone: largest departure allowed of the other channels, deg/s, deg or m/s. Of rates inversion leaves 0.0094 of
+# R from P; the outer loops are not infinitely faster than each other: a third to spare over what was measured, which is
+# 0.06, 0, 0, 0.90 in attitude and 0.01, 0.11, 0, 0.22, 0.42 in velocity.
+COUPLING = {
+    "rates-p": {"q": 0.02, "r": 0.02},
+    "rates-q": {"p": 0.02, "r": 0.02},
+    "attitude-mu": {"beta": 0.1},
+    "attitude-alpha": {"mu": 1e-3, "beta": 1e-3},
+    "attitude-beta": {"mu": 1.5},
+    "velocity-v": {"gamma": 0.05},
+    "velocity-gamma": {"v": 0.2, "chi": 1e-3},
+    "velocity-chi": {"v": 0.4, "gamma": 0.6},
+}
+
+
+@pytest.mark.parametrize("key", COUPLING)
+def test_channels_disturb_each_other_little(gallery, key):
+    dataset, channels = gallery[key].dataset, CHANNEL_KEYS[gallery[key].test.loop]
+    for other, bound in COUPLING[key].items():
+        values = dataset[NAMES[channels[other]]].values
+        assert np.abs(values - values[0]).max() < bound, other
+
+
+def test_surfaces_and_throttle_keep_to_their_stops(gallery):
+    stops_deg = {"elevator_deg": 25, "aileron_deg": 21.5, "rudder_deg": 30}  # theory section 4
+    for flight in gallery.values():
+        for name, stop in stops_deg.items():
+            assert np.abs(flight.dataset[name].values).max() <= stop + 1e-9  # rounding of the unit
+        throttle = flight.dataset["throttle"].values
+        if flight.test.loop == "velocity":
+            assert np.all((throttle >= 0) & (throttle <= 1))
+        else:
+            np.testing.assert_array_equal(throttle, throttle[0])
 
 
 def test_the_document_is_plain_json(gallery):

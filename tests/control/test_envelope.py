@@ -139,6 +139,8 @@ def test_batched_equals_single(flights, trims, turned):
 def test_speed_commands_are_kept_within_the_limits(flights, name, limit):
     """What is asked for is 300 and 60 m/s. Full throttle and idle on the way do not wind the integral up."""
     V = flights[name].motion["V"]
+    assert flights[name].signals.speed_limited.all()
+    assert not flights["right"].signals.speed_limited.any()
     assert V[-1] == pytest.approx(limit, abs=0.3)
     assert np.all((V >= 89.5) & (V <= 241.0))
     np.testing.assert_allclose(flights[name].motion["gamma"], 0.0, atol=0.2 * DEGREE)

@@ -1,5 +1,6 @@
-"""The fleet's step: gradients through everything, and failures that stay with their aircraft."""
+"""The fleet's step: gradients through everything, batches, and failures that stay with their aircraft."""
 
+import functools
 from pathlib import Path
 
 import equinox as eqx
@@ -9,13 +10,16 @@ import numpy as np
 import pytest
 
 import anser.simulation.flight as flight_module
+from anser.campaign.execute import _segment, _start
 from anser.scenario import build_flight, load
-from anser.simulation import STATUS_MESSAGES, start_flight, step_flight
+from anser.simulation import SEGMENT_STEPS, STATUS_MESSAGES, step_flight
 from anser.simulation.status import NOT_FINITE
 from anser.variables import RECORDED_KEYS
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 STEPS = 4
+# Programs that fly four steps a few times: XLA's optimizer takes longer than it saves.
+PLAIN = {"xla_backend_optimization_level": 0}
 
 
 def fly(flight, state):
@@ -25,37 +29,45 @@ def fly(flight, state):
 @pytest.fixture(scope="module")
 def three():
     flight = build_flight(load(SCENARIOS / "three-aircraft.toml"))
-    state, _ = eqx.filter_jit(start_flight)(flight)
+    state, _ = _start(flight)
     return flight, state
 
 
 @pytest.fixture(scope="module")
-def compiled():
-    return eqx.filter_jit(fly)
+def with_the_plan_standing(three):
+    """`fly` without renewal, compiled: a plan's own derivatives and batches are tested in tests/planning.
+
+    Through the renewal, the derivatives compile for minutes.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(flight_module, "renew", lambda plan, *others: plan)
+        compiled = eqx.filter_jit(lambda flight, state: fly(flight, state), compiler_options=PLAIN)
+        compiled(*three)
+        yield compiled
 
 
-def test_history_holds_exactly_the_catalogue(three, compiled):
-    _, history = compiled(*three)
+def test_history_holds_exactly_the_catalogue(three):
+    _, history = _segment(*three)
     assert set(history) == set(RECORDED_KEYS)
-    assert all(values.shape == (STEPS, 3) for values in history.values())
+    assert all(values.shape == (SEGMENT_STEPS, 3) for values in history.values())
 
 
-def test_first_row_is_the_scenario_start(three, compiled):
+def test_first_row_is_the_scenario_start(three):
     flight, _ = three
-    _, history = compiled(*three)
+    _, history = _segment(*three)
     np.testing.assert_allclose(history["north"][0], flight.fleet.start_positions_n[:, 0], atol=1e-9)
     np.testing.assert_allclose(history["airspeed"][0], flight.fleet.starts.speed, rtol=1e-12)
     np.testing.assert_allclose(history["course"][0], flight.fleet.starts.course, atol=1e-12)
     np.testing.assert_allclose(history["path_angle"][0], 0.0, atol=1e-12)
 
 
-def test_a_number_that_is_none_stops_its_aircraft_alone(three, compiled):
+def test_a_number_that_is_none_stops_its_aircraft_alone(three):
     flight, state = three
-    good, _ = compiled(flight, state)
     broken = eqx.tree_at(lambda s: s.aircraft.power, state, state.aircraft.power.at[1].set(jnp.nan))
     # No planning: the fleet's plan is common, and a planner fed with a state that is none has nothing to say.
     once = eqx.tree_at(lambda f: f.timing.replan_steps, flight, jnp.zeros_like(flight.timing.replan_steps))
-    after, history = compiled(once, broken)
+    good, _ = _segment(once, state)
+    after, history = _segment(once, broken)
     assert list(np.asarray(after.stopped)) == [False, True, False]
     assert int(after.status[1]) == NOT_FINITE
     assert "number" in STATUS_MESSAGES[NOT_FINITE]
@@ -65,14 +77,24 @@ def test_a_number_that_is_none_stops_its_aircraft_alone(three, compiled):
     np.testing.assert_array_equal(history["north"][:, 1], history["north"][0, 1])
 
 
-def test_derivatives_through_sensing_guidance_control_and_motion(three, monkeypatch):
-    """Of the closed loop along one direction in all its numbers at once, against a finite difference.
-
-    The plan stands still here (its own derivatives are tested in tests/planning): through it, this compiles for minutes.
-    """
-    monkeypatch.setattr(flight_module, "renew", lambda plan, *others: plan)
+def test_flights_in_a_batch_are_the_flights_alone(three, with_the_plan_standing):
+    """Of two unlike fleets, so that neither can be taken for the other."""
     flight, state = three
-    compiled = eqx.filter_jit(lambda flight, state: fly(flight, state))
+    faster = eqx.tree_at(lambda s: s.aircraft.velocity_b, state, 1.01 * state.aircraft.velocity_b)
+    batch = jax.tree.map(lambda *leaves: jnp.stack(leaves), (flight, state), (flight, faster))
+    together = eqx.filter_jit(jax.vmap(fly), compiler_options=PLAIN)(*batch)[1]
+    for k, start in enumerate((state, faster)):
+        alone = with_the_plan_standing(flight, start)[1]
+        for key, values in alone.items():
+            # Other fusions, other rounding: of distances of 10 km and angles alike, over four steps 1e-9 of the largest at most.
+            values, scale = np.asarray(values, dtype=float), 1.0 + float(np.max(np.abs(values)))
+            np.testing.assert_allclose(together[key][k], values, atol=1e-9 * scale, rtol=0.0, err_msg=key)
+    assert float(jnp.max(jnp.abs(together["north"][0] - together["north"][1]))) > 1e-2
+
+
+def test_derivatives_through_sensing_guidance_control_and_motion(three, with_the_plan_standing):
+    """Of the closed loop along one direction in all its numbers at once, against a finite difference."""
+    flight, state = three
     numbers, rest = eqx.partition(flight, eqx.is_inexact_array)
     random = np.random.default_rng(1)
     # A relative change of each number; the tables' extrapolation bounds are infinite and stay.
@@ -80,7 +102,7 @@ def test_derivatives_through_sensing_guidance_control_and_motion(three, monkeypa
         lambda leaf: jnp.where(jnp.isfinite(leaf), 1e-3 * leaf * random.normal(size=leaf.shape), 0.0), numbers
     )
 
-    @jax.jit
+    @functools.partial(jax.jit, compiler_options=PLAIN)
     def along(direction):
         return jax.jvp(lambda n: fly(eqx.combine(n, rest), state)[1], (numbers,), (direction,))[1]
 
@@ -91,7 +113,7 @@ def test_derivatives_through_sensing_guidance_control_and_motion(three, monkeypa
 
     def at(size):
         moved = jax.tree.map(lambda leaf, way: leaf + size * way, numbers, direction)
-        return compiled(eqx.combine(moved, rest), state)[1]
+        return with_the_plan_standing(eqx.combine(moved, rest), state)[1]
 
     size = 1e-4
     ahead, behind = at(size), at(-size)

@@ -19,7 +19,7 @@ def glider(f16: F16) -> F16:
     return eqx.tree_at(lambda a: a.engine.thrust_tables.cells, f16, jnp.zeros_like(f16.engine.thrust_tables.cells))
 
 
-trim = jax.jit(solve_trim)
+trim = eqx.filter_jit(solve_trim)
 
 
 def target_deg(

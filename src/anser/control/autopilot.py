@@ -37,6 +37,8 @@ class AutopilotSignals(eqx.Module):
         (P, Q, R) wanted, rad/s.
     surfaces
         Deflections wanted, within the stops, rad.
+    speed_limited
+        Whether the airspeed that was asked for lies beyond the limits.
     rates_limited, surfaces_limited
         Whether a body rate is held at its limit, and whether a surface is wanted beyond its stop.
     """
@@ -46,6 +48,7 @@ class AutopilotSignals(eqx.Module):
     attitude: AttitudeDemand
     rates_b: Vector3
     surfaces: Vector3
+    speed_limited: Flag
     rates_limited: Flag
     surfaces_limited: Flag
 
@@ -171,6 +174,7 @@ def velocity_control(
         attitude=attitude,
         rates_b=rates_wanted,
         surfaces=demand.surfaces,
+        speed_limited=V_wanted != wanted.V,
         rates_limited=jnp.any(jnp.abs(rates_wanted) >= (1 - 1e-9) * limits.rates_max),
         surfaces_limited=jnp.any(demand.saturated),
     )

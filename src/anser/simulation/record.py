@@ -103,6 +103,7 @@ def record(moment: Moment) -> dict[str, Array]:
         | signals.attitude.lift_short
         | signals.attitude.load_factor_short,
         "bank_limited": signals.attitude.bank_saturated,
+        "speed_limited": signals.speed_limited,
         "rates_limited": signals.rates_limited,
         "surfaces_limited": signals.surfaces_limited,
         "outside_tables": moment.airframe.outside_tables(data),
