@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 OUT ?= runs/three-aircraft-$(shell date +%Y%m%d-%H%M%S)
 
-.PHONY: demo test bench verification clean
+.PHONY: demo test bench verification autopilot clean
 
 demo: .venv/.installed
 	$(BIN)/anser run scenarios/three-aircraft.toml --out $(OUT)
@@ -22,6 +22,18 @@ verification: .venv/.installed-test
 	mkdir -p build
 	$(BIN)/anser verify --json > build/verification.json
 	$(BIN)/python -m anser.report.verification_page build/verification.json docs
+
+# The pictures of docs/autopilot.md, anew.
+autopilot: .venv/.installed
+	rm -rf build/autopilot
+	$(BIN)/anser gallery --out build/autopilot/gallery
+	$(BIN)/anser envelope --out build/autopilot/envelope
+	$(BIN)/anser robustness --sweep --out build/autopilot/robustness
+	$(BIN)/anser margins --envelope --out build/autopilot/margins
+	mkdir -p docs/autopilot
+	cp build/autopilot/gallery/overview.png build/autopilot/gallery/climb-and-turn.png build/autopilot/envelope/commands.png \
+	  build/autopilot/robustness/spread.png build/autopilot/robustness/alone.png build/autopilot/margins/actuators.png \
+	  build/autopilot/margins/loops.png docs/autopilot
 
 .venv/.installed: pyproject.toml constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
