@@ -103,7 +103,7 @@ def test_the_table_counts_points_with_reserve(surveyed):
 
 def test_an_unstable_loop_has_no_margins_and_is_named():
     """An outer loop twenty times as fast as the published one, faster than the attitude inside it."""
-    wild = eqx.tree_at(lambda g: g.velocity.proportional, published_gains(), jnp.full(3, 20.0))
+    wild = eqx.tree_at(lambda g: g.velocity.proportional, published_gains(), jnp.full(3, 20.0, dtype=float))
     with pytest.raises(ConditionError, match=r"unstable, pole \+[0-9.]+ \+- [0-9.]+i 1/s"):
         margins_at(speed_m_s=150.0, altitude_m=1000.0, gains=wild)
 

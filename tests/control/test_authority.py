@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from control_cases import AIRFRAME, setting_of
+from control_cases import AIRFRAME, QUICK, setting_of
 
 from anser.aircraft import angular_acceleration
 from anser.control import surface_authority, surface_moments
@@ -74,7 +74,10 @@ def test_a_surface_at_its_stop_leaves_a_little_authority():
 
 def test_vmap_and_gradient_are_finite():
     slow = jnp.stack([jnp.asarray(SLOW), jnp.zeros(3)])
-    batch = jax.vmap(_authority, in_axes=(None, 0))(LEVEL, slow)
+    batch = jax.jit(jax.vmap(_authority, in_axes=(None, 0)), compiler_options=QUICK)(LEVEL, slow)
     np.testing.assert_allclose(batch.margin[0], authority_of(LEVEL, SLOW).margin)
-    slope = jax.jacfwd(lambda x: _authority(x, SLOW).attitude_acceleration(jnp.eye(3)))(jnp.asarray(LEVEL))
+    slopes_of = jax.jit(
+        jax.jacfwd(lambda x: _authority(x, SLOW).attitude_acceleration(jnp.eye(3))), compiler_options=QUICK
+    )
+    slope = slopes_of(jnp.asarray(LEVEL))
     assert np.isfinite(slope).all()

@@ -51,7 +51,8 @@ def _outcome(goal_velocity_n, speed, position_n, case, weights):
 
 
 outcome = jax.jit(_outcome)
-slopes = jax.jit(jax.grad(_outcome, argnums=(0, 1, 2)))
+# Runs a few times: what the compiler would spend on its speed is not earned back.
+slopes = jax.jit(jax.grad(_outcome, argnums=(0, 1, 2)), compiler_options={"xla_backend_optimization_level": 0})
 
 
 def check_arrival(case: PlanningTask, plan, time):

@@ -121,10 +121,10 @@ def attitude_demand(
     share = _share_within(fall, up - fall, side_free, most / mass)
     level_min = _UP_MIN_G * gravity
     level = jnp.maximum(fall + share * (up - fall), level_min)
-    mu_free = jnp.arctan2(side_free, level)
     # a lift that points down turns the wrong way: bank fades out with the lift that is wanted
     upright = jnp.clip(up / level_min, 0.0, 1.0)
-    mu = jnp.clip(jnp.arctan2(upright * share * side_free, level), -limits.bank_max, limits.bank_max)
+    mu_free = jnp.arctan2(upright * share * side_free, level)
+    mu = jnp.clip(mu_free, -limits.bank_max, limits.bank_max)
     c_mu = jnp.cos(motion.mu)
     # far from the wanted bank, on the back above all, the lift would point the wrong way: unload first, roll, then pull
     ready = jnp.clip(jnp.cos(motion.mu - mu) / _COS_READY, 0.0, 1.0)
@@ -140,7 +140,7 @@ def attitude_demand(
     return AttitudeDemand(
         angles=jnp.stack([mu, alpha, jnp.zeros_like(alpha)]),
         alpha_saturated=(alpha != alpha_free) | (lift_wanted != lift_free) | (ready < 1.0) | (up != up_free),
-        bank_saturated=mu != mu_free,
+        bank_saturated=(mu != mu_free) | (share < 1.0) | ((upright < 1.0) & (side_free != 0.0)),
         lift_short=(share < 1.0) & (lift_most <= most),
         load_factor_short=(share < 1.0) & (lift_most > most),
     )
