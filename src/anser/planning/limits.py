@@ -32,6 +32,14 @@ class PathLimits(eqx.Module):
     """Vertical speed relative to the air, up or down, m/s."""
     altitude_min: Scalar
     """m."""
+    altitude_max: Scalar = eqx.field(default_factory=lambda: jnp.asarray(jnp.inf))
+    """m."""
+    load_factor_max: Scalar = eqx.field(default_factory=lambda: jnp.asarray(jnp.inf))
+    """1."""
+    acceleration_max: Scalar = eqx.field(default_factory=lambda: jnp.asarray(jnp.inf))
+    """Of V_dot + g sin(gamma), what the engine gives beyond drag, m/s^2."""
+    deceleration_max: Scalar = eqx.field(default_factory=lambda: jnp.asarray(jnp.inf))
+    """The same with the engine idle, positive, m/s^2."""
 
 
 class LimitReport(eqx.Module):

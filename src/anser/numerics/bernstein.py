@@ -1,0 +1,55 @@
+"""Polynomials on an interval in Bernstein form: their coefficients bound them.
+
+A polynomial of degree n is sum_k c_k C(n, k) u^k (1 - u)^(n - k) on 0 <= u <= 1; it lies between its least and its
+greatest coefficient. Coefficients run along the last axis.
+"""
+
+import functools
+import math
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Inexact
+
+Coefficients = Float[Array, "*batch n"]
+
+
+@functools.lru_cache
+def _product_weights(m: int, n: int) -> np.ndarray:
+    weights = np.zeros((m + n + 1, m + 1, n + 1))
+    for i in range(m + 1):
+        for j in range(n + 1):
+            weights[i + j, i, j] = math.comb(m, i) * math.comb(n, j) / math.comb(m + n, i + j)
+    return weights
+
+
+def product(a: Coefficients, b: Float[Array, "*batch m"]) -> Float[Array, "*batch k"]:
+    """Product of two polynomials; its degree is the sum of theirs."""
+    weights = jnp.asarray(_product_weights(a.shape[-1] - 1, b.shape[-1] - 1))
+    return jnp.einsum("kij,...i,...j->...k", weights, a, b)
+
+
+def elevate(a: Coefficients, degree: int) -> Float[Array, "*batch m"]:
+    """The same polynomial, written with a higher degree."""
+    missing = degree - (a.shape[-1] - 1)
+    if missing < 0:
+        raise ValueError(f"a polynomial of degree {a.shape[-1] - 1} cannot be written with degree {degree}")
+    return product(a, jnp.ones((*a.shape[:-1], missing + 1)))
+
+
+def slope(a: Coefficients, span: Inexact[Array, "*batch"]) -> Float[Array, "*batch m"]:
+    """Derivative of a polynomial over an interval of length `span`."""
+    degree = a.shape[-1] - 1
+    return degree * (a[..., 1:] - a[..., :-1]) / span[..., None]
+
+
+def bounds(a: Coefficients) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
+    """What the polynomial lies between."""
+    return jnp.min(a, axis=-1), jnp.max(a, axis=-1)
+
+
+def evaluate(a: Coefficients, u: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
+    """Value at u, by de Casteljau's scheme."""
+    while a.shape[-1] > 1:
+        a = a[..., :-1] * (1.0 - u)[..., None] + a[..., 1:] * u[..., None]
+    return a[..., 0]

@@ -1,0 +1,178 @@
+"""A whole fleet planned for given arrival times, with bounds that prove what is kept."""
+
+import functools
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from anser.planning.certified.candidates import Choices
+from anser.planning.certified.certificate import PathBounds, excess, path_bounds
+from anser.planning.certified.conflicts import Track, keep_out_room, pair_use, track_slack
+from anser.planning.certified.delivery import deliver
+from anser.planning.certified.detours import resolve
+from anser.planning.certified.placement import by_length, chosen_of, make_options, place
+from anser.planning.certified.request import Airspace, Traveller
+from anser.planning.timed_path import TimedPath
+from anser.shapes import ScalarLike
+
+FINE = 4
+"""Intervals of the certificate's distances for each interval between a path's even knots."""
+
+
+class Certificate(eqx.Module):
+    """What a fleet's paths certainly keep, between the instants looked at too.
+
+    Attributes
+    ----------
+    bounds
+        Of each path.
+    excess
+        By how much each passes each limit, as a part of it, in the order of `CERTIFIED_LIMITS`; positive: broken.
+    room
+        Of each pair, the least ratio of distance to separation; 1 is enough. Infinite for an aircraft and itself.
+    closed_room
+        How far each stays out of each closed volume at least, m.
+    """
+
+    bounds: PathBounds
+    excess: Float[Array, "aircraft limits"]
+    room: Float[Array, "aircraft aircraft"]
+    closed_room: Float[Array, "aircraft volumes"]
+
+    @property
+    def kept(self) -> Bool[Array, " aircraft"]:
+        """Whether each aircraft keeps everything."""
+        own = jnp.all(self.excess <= _ROUNDING, axis=1)
+        return own & jnp.all(self.room >= 1.0 - _ROUNDING, axis=1) & jnp.all(self.closed_room >= -_ROUNDING_M, axis=1)
+
+
+_ROUNDING = 1e-6  # as a part of a limit: a path that starts at it is not refused for rounding
+_ROUNDING_M = 1e-3
+
+
+class CertifiedPlan(eqx.Module):
+    """Paths of a fleet; leading axis aircraft.
+
+    Attributes
+    ----------
+    paths
+        Where each is when.
+    arrival_times
+        When each is at its rendezvous, s.
+    certificate
+        What they keep.
+    valid
+        Whether a path was found for each within its own limits.
+    lengths
+        Horizontal, through the air, m.
+    turned
+        Sum of the sizes of all turns of each, rad.
+    speeds
+        Mean airspeeds, m/s.
+    """
+
+    paths: TimedPath
+    arrival_times: Float[Array, " aircraft"]
+    certificate: Certificate
+    valid: Bool[Array, " aircraft"]
+    lengths: Float[Array, " aircraft"]
+    turned: Float[Array, " aircraft"]
+    speeds: Float[Array, " aircraft"]
+
+    @property
+    def good(self) -> Bool[Array, " aircraft"]:
+        """Whether each aircraft's path is there and keeps everything."""
+        return self.valid & self.certificate.kept
+
+
+def _fine_track(path: TimedPath, bounds: PathBounds, times: Float[Array, " instants"], reach: int) -> Track:
+    """A path at fine instants, with a rigorous bound of its acceleration in each interval."""
+    step = times[1] - times[0]
+    positions = jax.vmap(path.position_n)(times)
+    count = times.shape[0] - 1
+    # Each cell of the path covers at most `reach` fine intervals.
+    first = jnp.floor((path.times[:-1] - times[0]) / step - 1e-9).astype(jnp.int32)
+    last = jnp.floor((path.times[1:] - times[0]) / step + 1e-9).astype(jnp.int32)
+    pushes = jnp.zeros(count)
+    for k in range(reach):
+        where = jnp.minimum(first + k, last)
+        pushes = pushes.at[jnp.clip(where, 0, count - 1)].max(bounds.cell_acceleration)
+    counted = jnp.where(times[:-1] < path.times[-1] - 1e-6, 1.0, 0.0)
+    return Track(positions, track_slack(pushes, step), counted)
+
+
+def certify(paths: TimedPath, travellers: Traveller, airspace: Airspace, ticks: int) -> Certificate:
+    """Bounds of stacked paths that start together; `ticks` even intervals lie between the knots of each."""
+    bounds = jax.vmap(path_bounds, in_axes=(0, None, None))(paths, airspace.wind, airspace.gravity)
+    over = jax.vmap(excess)(bounds, travellers.limits)
+    start, end = paths.times[0, 0], jnp.max(paths.times[:, -1])
+    times = start + (end - start) * jnp.linspace(0.0, 1.0, FINE * ticks + 1)
+    tracks = jax.vmap(_fine_track, in_axes=(0, 0, None, None))(paths, bounds, times, FINE + 2)
+    fleet = paths.times.shape[0]
+    room = jax.lax.map(
+        lambda who: jnp.where(
+            jnp.arange(fleet) == who,
+            jnp.inf,
+            pair_use(jax.tree.map(lambda leaf: leaf[who][None], tracks), tracks, airspace.separation),
+        ),
+        jnp.arange(fleet),
+    )
+    volumes = airspace.keep_outs
+    if volumes.radius.shape[0]:
+        closed = jax.lax.map(lambda one: keep_out_room(one, times, volumes), tracks)
+    else:
+        closed = jnp.zeros((fleet, 0))
+    return Certificate(bounds, over, room, closed)
+
+
+@functools.partial(jax.jit, static_argnames=("ticks", "choices"))
+def plan_at(
+    start_time: ScalarLike,
+    travellers: Traveller,
+    airspace: Airspace,
+    durations: Float[Array, " aircraft"],
+    ticks: int,
+    choices: Choices,
+) -> CertifiedPlan:
+    """Plan a fleet for given durations.
+
+    Parameters
+    ----------
+    start_time
+        Now, s.
+    travellers
+        Stacked.
+    airspace
+        What they share.
+    durations
+        Time to each rendezvous, s.
+    ticks
+        Even intervals between the knots of a path.
+    choices
+        Candidates to look at.
+    """
+    options = make_options(travellers, airspace, durations, ticks, ticks, choices)
+    placed = place(options, airspace.separation, by_length(options))
+    ways = choices.size // len(choices.speeds)
+    candidate, tables = chosen_of(options, placed, ways)
+    shapes = jax.vmap(resolve)(candidate.ends, candidate.solved)
+    paths = jax.vmap(deliver, in_axes=(None, 0, 0))(start_time, tables, shapes)
+    return CertifiedPlan(
+        paths=paths,
+        arrival_times=start_time + durations,
+        certificate=certify(paths, travellers, airspace, ticks),
+        valid=placed.valid,
+        lengths=shapes.length,
+        turned=jnp.sum(jnp.abs(candidate.solved.angles), axis=1),
+        speeds=candidate.speed,
+    )
+
+
+def ticks_for(duration_s: float) -> int:
+    """Even intervals for a path of a duration: a power of two, at most 2 s long each."""
+    ticks = 32
+    while ticks * 2.0 < duration_s and ticks < 2048:
+        ticks *= 2
+    return ticks

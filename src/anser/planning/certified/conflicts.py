@@ -1,0 +1,81 @@
+"""Distances between moving aircraft, and between aircraft and closed volumes, between the instants looked at too.
+
+Over a short interval a path stays within acceleration x interval^2 / 8 of the straight line between its ends. Two
+straight motions have their least distance in closed form.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from anser.planning.certified.request import KeepOuts, Separation
+from anser.shapes import Scalar
+
+_TINY = 1e-9
+
+
+class Track(eqx.Module):
+    """A path at equal intervals of time.
+
+    Attributes
+    ----------
+    positions_n
+        Over the ground, (instant, axis), NED, m.
+    slack
+        How far the path is from the straight line at most in each interval, m.
+    counted
+        1 in intervals that begin before the arrival, else 0.
+    """
+
+    positions_n: Float[Array, "*batch instants 3"]
+    slack: Float[Array, "*batch intervals"]
+    counted: Float[Array, "*batch intervals"]
+
+
+def _nearest(begin: Float[Array, "*b 2"], end: Float[Array, "*b 2"]) -> Float[Array, "*b"]:
+    """Least length of a vector that changes evenly between two."""
+    step = end - begin
+    square = jnp.sum(step * step, axis=-1)
+    u = jnp.clip(-jnp.sum(begin * step, axis=-1) / jnp.maximum(square, _TINY), 0.0, 1.0)
+    near = begin + u[..., None] * step
+    return jnp.sqrt(jnp.maximum(jnp.sum(near * near, axis=-1), _TINY))
+
+
+def _level_distance(begin: Float[Array, "*b"], end: Float[Array, "*b"]) -> Float[Array, "*b"]:
+    """Least size of a number that changes evenly between two."""
+    return jnp.where(begin * end <= 0.0, 0.0, jnp.minimum(jnp.abs(begin), jnp.abs(end)))
+
+
+def pair_use(one: Track, other: Track, separation: Separation) -> Float[Array, "*batch"]:
+    """How much of the room that two aircraft must keep is left at the least: 1 is just enough, more is better.
+
+    In each interval the better of the two ratios of distance to separation, horizontal and vertical, counts; infinite
+    where nothing is asked. Batches broadcast; the ranks must agree.
+    """
+    apart = other.positions_n - one.positions_n
+    slack = one.slack + other.slack
+    level = _nearest(apart[..., :-1, :2], apart[..., 1:, :2]) - slack
+    height = _level_distance(apart[..., :-1, 2], apart[..., 1:, 2]) - slack
+    asked = separation.horizontal > 0.0
+    flat = jnp.where(asked, level / jnp.where(asked, separation.horizontal, 1.0), jnp.inf)
+    stacked = separation.vertical > 0.0
+    tall = jnp.where(stacked, height / jnp.where(stacked, separation.vertical, 1.0), -jnp.inf)
+    room = jnp.where(one.counted * other.counted > 0.0, jnp.maximum(flat, tall), jnp.inf)
+    return jnp.min(room, axis=-1)
+
+
+def keep_out_room(track: Track, times: Float[Array, " instants"], volumes: KeepOuts) -> Float[Array, "*batch volumes"]:
+    """By how much a path stays out of each volume at the least, m: negative inside."""
+    axis = volumes.position_n[:, None, :] + volumes.velocity_n[:, None, :] * times[None, :, None]
+    apart = track.positions_n[..., None, :, :2] - axis
+    slack = track.slack[..., None, :]
+    beside = _nearest(apart[..., :-1, :], apart[..., 1:, :]) - slack - volumes.radius[:, None]
+    up = -track.positions_n[..., None, :, 2]
+    low, high = jnp.minimum(up[..., :-1], up[..., 1:]) - slack, jnp.maximum(up[..., :-1], up[..., 1:]) + slack
+    room = jnp.maximum(jnp.maximum(beside, volumes.bottom[:, None] - high), low - volumes.top[:, None])
+    return jnp.min(jnp.where(track.counted[..., None, :] > 0.0, room, jnp.inf), axis=-1)
+
+
+def track_slack(acceleration: Float[Array, "*batch intervals"], step: Scalar) -> Float[Array, "*batch intervals"]:
+    """Slack from a bound of the acceleration in each interval (m/s^2) and its length (s)."""
+    return acceleration * step**2 / 8

@@ -1,0 +1,56 @@
+"""From shape and timetable to the path that is delivered."""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from anser.planning.certified.profile import Timetable
+from anser.planning.certified.route import Route
+from anser.planning.timed_path import TimedPath
+from anser.shapes import Scalar, ScalarLike
+
+_CLOSE_S = 0.02  # knots closer than this become one: differences of positions keep their digits in the accelerations
+
+
+def _knots(marks: Float[Array, " marks"], duration: Scalar, ticks: int) -> Float[Array, " knots"]:
+    """Equal intervals and the given times (s), in order, none closer than `_CLOSE_S` unless equal."""
+    even = duration * jnp.linspace(0.0, 1.0, ticks + 1)
+    times = jnp.sort(jnp.concatenate([even, jnp.clip(marks, 0.0, duration)]))
+    times = jnp.where(duration - times < _CLOSE_S, duration, times)
+
+    def merge(last: Scalar, time: Scalar) -> tuple[Scalar, Scalar]:
+        now = jnp.where(time - last < _CLOSE_S, last, time)
+        return now, now
+
+    return jax.lax.scan(merge, jnp.zeros(()), times)[1]
+
+
+def deliver(start_time: ScalarLike, table: Timetable, shape: Route) -> TimedPath:
+    """Path with knots at equal intervals and wherever curvature, climb or speed has a kink.
+
+    Parameters
+    ----------
+    start_time
+        s.
+    table
+        Altitude and airspeed by time; its length is the shape's to a part in a million, which the airspeed takes up.
+    shape
+        Horizontal shape.
+    """
+    scale = shape.length / jnp.maximum(table.length, 1.0)
+    marks = jax.vmap(table.time_at)(shape.marks[1:-1] / scale)
+    times = _knots(jnp.concatenate([marks, table.profile.kinks]), table.profile.duration, table.lengths.shape[0] - 1)
+
+    def one(t: Scalar) -> tuple[Float[Array, "3 3"], Float[Array, "3 3"]]:
+        (speed, wind), (speed_dot, wind_dot) = jax.jvp(table.rates, (t,), (jnp.ones_like(t),))
+        place, heading, curvature = shape.at(scale * table.length_at(t))
+        ahead = jnp.exp(1j * heading)
+        rate, bend = scale * speed * ahead, (scale * speed_dot + 1j * curvature * (scale * speed) ** 2) * ahead
+        now, drift = table.profile.at(t), table.drift_at(t)
+        level = [jnp.stack([jnp.real(x), jnp.imag(x)]) for x in (place, rate, bend)]
+        down = (-now.altitude - drift[2], -now.climb - wind[2], -now.climb_dot - wind_dot[2])
+        air = jnp.stack([jnp.append(x, z) for x, z in zip(level, down, strict=True)])
+        return air, jnp.stack([drift, wind, wind_dot])
+
+    air_n, drift_n = jax.vmap(one)(times)
+    return TimedPath(start_time + times, air_n, drift_n)

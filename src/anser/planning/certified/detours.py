@@ -1,0 +1,247 @@
+"""Paths of a wanted length: the direct one of two turns, and detours to either side of it.
+
+A direct path turns, flies straight, turns: four words, by the senses of its turns (as in Dubins' paths, whose lengths
+it has plus what the ramps take). A detour leaves the straight line by an angle: the lengths of its two groups of
+parallel legs then follow from where it must end, linearly, and the angle from the length that it must have.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from anser.numerics.newton import bracketed_newton
+from anser.planning.certified.route import Ends, Route, route, turned_through, unwind
+from anser.planning.certified.smooth_turn import smooth_turn
+from anser.shapes import Flag, Scalar, ScalarLike
+
+TURN = 2 * np.pi
+# Senses of the first and the last turn.
+WORDS = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]])
+# Headings of the three legs in units of the angle, right first; parts of the two unknown lengths that each leg has;
+# part of the direct path's straight length that it has besides.
+_SHAPES = (
+    # right, then left of the line: a corner in the middle, near the start, near the end
+    ((1.0, -1.0, -1.0), (1.0, 0.0, 0.0), (0.0, 0.5, 0.5), (0.0, 0.0, 0.0)),
+    ((1.0, -0.4, -0.4), (1.0, 0.0, 0.0), (0.0, 0.5, 0.5), (0.0, 0.0, 0.0)),
+    ((0.4, -1.0, -1.0), (1.0, 0.0, 0.0), (0.0, 0.5, 0.5), (0.0, 0.0, 0.0)),
+    # along a parallel line
+    ((1.0, 0.0, -1.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.4, 0.0)),
+    # first to one side, then to the other
+    ((1.0, -1.0, 1.0), (0.5, 0.0, 0.5), (0.0, 1.0, 0.0), (0.0, 0.0, 0.0)),
+)
+HEADINGS, FIRST, SECOND, FIXED = (np.array([shape[k] for shape in _SHAPES]) for k in range(4))
+SHAPES = len(_SHAPES)
+ANGLE_MAX = np.array([2.6, 2.1, 2.1, 2.4, 1.5])
+_HEADINGS_TRIED = 64
+_ANGLES_TRIED = 16
+_STEPS = 9
+_SAME_LENGTH = 1e-6
+"""Part of itself to which a length is met: the speed takes up the rest."""
+_LONGEST = 1e12
+_PARALLEL = 1e-9
+
+
+class Direct(eqx.Module):
+    """The direct path of one word.
+
+    Attributes
+    ----------
+    heading
+        Of its straight part, rad.
+    angles
+        Its first and its last turn, rad.
+    straight, length
+        Of its straight part and of the whole, m.
+    exists
+        Whether there is one.
+    """
+
+    heading: Scalar
+    angles: Float[Array, "2"]
+    straight: Scalar
+    length: Scalar
+    exists: Flag
+
+
+def _full(first: Scalar, last: Scalar) -> Float[Array, "4"]:
+    zero = jnp.zeros_like(first)
+    return jnp.stack([first, zero, zero, last])
+
+
+def _word_angles(ends: Ends, begun: ScalarLike, word: Float[Array, "2"], heading: ScalarLike) -> Float[Array, "2"]:
+    first = word[0] * jnp.mod(word[0] * (heading - begun), TURN)
+    last = word[1] * jnp.mod(word[1] * (ends.end_heading - heading), TURN)
+    return jnp.stack([first, jnp.where(ends.end_free, 0.0, last)])
+
+
+def _aim(ends: Ends, angles: Float[Array, "2"]) -> tuple[Scalar, Scalar, Scalar]:
+    """Length of the straight part, what it passes the end by to the right, and the length of the whole."""
+    begun = unwind(ends)
+    turns, turning, after = turned_through(ends, begun.heading, _full(angles[0], angles[1]))
+    left = (ends.end - begun.place - turns) * jnp.exp(-1j * after[0])
+    return jnp.real(left), jnp.imag(left), begun.length + turning + jnp.real(left)
+
+
+def _aim_error(angle: Scalar, data: tuple[Ends, Float[Array, "2"], Float[Array, "2"], Scalar]) -> tuple[Scalar, Scalar]:
+    ends, base, lasting, sign = data
+
+    def value(x: Scalar) -> Scalar:
+        return sign * _aim(ends, base + x * lasting)[1]
+
+    return jax.jvp(value, (angle,), (jnp.ones_like(angle),))
+
+
+def direct(ends: Ends, word: Float[Array, "2"]) -> Direct:
+    """The shortest direct path of one word (senses of the first and of the last turn, +1 right)."""
+    begun = unwind(ends).heading
+    tried = jnp.linspace(0.0, TURN, _HEADINGS_TRIED + 1) + begun + 1e-9 * word[0]
+    angles = jax.vmap(lambda h: _word_angles(ends, begun, word, h))(tried)
+    straight, beside, length = jax.vmap(lambda a: _aim(ends, a))(angles)
+    # Where a sense wraps round, the path jumps: no root lies there.
+    steady = jnp.max(jnp.abs(angles[1:] - angles[:-1]), axis=1) < jnp.pi
+    crossing = steady & (beside[1:] * beside[:-1] <= 0.0) & ((straight[1:] >= 0.0) | (straight[:-1] >= 0.0))
+    k = jnp.argmin(jnp.where(crossing, jnp.minimum(length[1:], length[:-1]), jnp.inf))
+    # As the heading grows, so does the first turn, and the last one shrinks by as much.
+    lasting = jnp.where(ends.end_free, jnp.array([1.0, 0.0]), jnp.array([1.0, -1.0]))
+    width = TURN / _HEADINGS_TRIED
+    data = (ends, angles[k], lasting, jnp.where(beside[k + 1] >= beside[k], 1.0, -1.0))
+    found = bracketed_newton(_aim_error, data, 0.0, width, 0.5 * width, _STEPS)
+    solved = angles[k] + found.x * lasting
+    ahead, past, whole = _aim(ends, solved)
+    met = jnp.abs(past) <= _SAME_LENGTH * jnp.abs(whole) + 1e-6
+    exists = jnp.any(crossing) & met & (ahead >= 0.0) & (~ends.end_free | (word[1] > 0.0))
+    return Direct(begun + solved[0], solved, jnp.maximum(ahead, 0.0), jnp.where(exists, whole, _LONGEST), exists)
+
+
+class Detour(eqx.Module):
+    """A way to be longer than a direct path; arrays, so that a batch of them is one computation.
+
+    Attributes
+    ----------
+    headings, first, second, fixed
+        Of its legs, see `HEADINGS`, `FIRST`, `SECOND`, `FIXED`; the sign of the headings is its side, right positive.
+    angle_max
+        Greatest angle tried, rad.
+    """
+
+    headings: Float[Array, "3"]
+    first: Float[Array, "3"]
+    second: Float[Array, "3"]
+    fixed: Float[Array, "3"]
+    angle_max: Scalar
+
+
+def detour(shape: int, side: float) -> Detour:
+    """One of the shapes (0 to SHAPES - 1), to a side (+1 right, -1 left)."""
+    return Detour(
+        jnp.asarray(side * HEADINGS[shape]),
+        jnp.asarray(FIRST[shape]),
+        jnp.asarray(SECOND[shape]),
+        jnp.asarray(FIXED[shape]),
+        jnp.asarray(ANGLE_MAX[shape]),
+    )
+
+
+def _turn_angles(base: Direct, way: Detour, angle: ScalarLike, free: Flag) -> Float[Array, "4"]:
+    legs = way.headings * angle
+    last = jnp.where(free, 0.0, base.angles[1] - legs[2])
+    return jnp.stack([base.angles[0] + legs[0], legs[1] - legs[0], legs[2] - legs[1], last])
+
+
+def _legs(ends: Ends, base: Direct, way: Detour, angle: ScalarLike) -> tuple[Float[Array, "3"], Scalar]:
+    """Lengths of the three legs and of the whole path, m; a negative leg does not exist."""
+    begun = unwind(ends)
+    turns, turning, after = turned_through(ends, begun.heading, _turn_angles(base, way, angle, ends.end_free))
+    along = jnp.exp(1j * after[:3])
+    fixed = base.straight * way.fixed
+    left = ends.end - begun.place - turns - jnp.sum(fixed * along)
+    a, b = jnp.sum(way.first * along), jnp.sum(way.second * along)
+    area = jnp.imag(jnp.conj(a) * b)
+    safe = jnp.where(jnp.abs(area) > _PARALLEL, area, 1.0)
+    x = jnp.where(jnp.abs(area) > _PARALLEL, jnp.imag(jnp.conj(left) * b) / safe, -1.0)
+    y = jnp.where(jnp.abs(area) > _PARALLEL, jnp.imag(jnp.conj(a) * left) / safe, -1.0)
+    legs = x * way.first + y * way.second + fixed
+    return legs, begun.length + turning + jnp.sum(legs)
+
+
+def _excess(angle: Scalar, data: tuple[Ends, Direct, Detour, Scalar, Scalar]) -> tuple[Scalar, Scalar]:
+    ends, base, way, wanted, sign = data
+
+    def value(x: Scalar) -> Scalar:
+        return sign * (_legs(ends, base, way, x)[1] - wanted)
+
+    return jax.jvp(value, (angle,), (jnp.ones_like(angle),))
+
+
+class Solved(eqx.Module):
+    """A path of a wanted length: its four turns (rad) and three legs (m), and whether there is one."""
+
+    angles: Float[Array, "4"]
+    legs: Float[Array, "3"]
+    exists: Flag
+
+
+def solve_detour(ends: Ends, base: Direct, way: Detour, wanted: ScalarLike) -> Solved:
+    """The least angle with which a detour has a wanted length (m), within a part in a million.
+
+    Parameters
+    ----------
+    ends, base
+        What to join, and a direct path of it. Where that does not exist, its heading is that of the straight line.
+    way
+        The detour.
+    wanted
+        Length of the whole path, m.
+    """
+    wanted = jnp.asarray(wanted, dtype=float)
+    grid = way.angle_max * jnp.square(jnp.arange(1, _ANGLES_TRIED + 1) / _ANGLES_TRIED)
+    legs, lengths = jax.vmap(lambda a: _legs(ends, base, way, a))(grid)
+    flyable = jnp.all(legs >= 0.0, axis=1)
+    flyable = jnp.concatenate([base.exists[None], flyable])
+    excess = jnp.concatenate([jnp.where(base.exists, base.length - wanted, 0.0)[None], lengths - wanted])
+    crossing = flyable[1:] & flyable[:-1] & (excess[1:] * excess[:-1] <= 0.0)
+    k = jnp.argmax(crossing)
+    angles = jnp.concatenate([jnp.zeros(1), grid])
+    sign = jnp.where(excess[k + 1] >= excess[k], 1.0, -1.0)
+    data = (ends, base, way, wanted, sign)
+    found = bracketed_newton(_excess, data, angles[k], angles[k + 1], 0.5 * (angles[k] + angles[k + 1]), _STEPS).x
+    solved, length = _legs(ends, base, way, found)
+    met = jnp.any(crossing) & (jnp.abs(length - wanted) <= _SAME_LENGTH * wanted) & jnp.all(solved >= 0.0)
+    straight = flyable[0] & (jnp.abs(excess[0]) <= _SAME_LENGTH * wanted)
+    zero = jnp.zeros(())
+    return Solved(
+        angles=jnp.where(
+            straight, _full(base.angles[0], base.angles[1]), _turn_angles(base, way, found, ends.end_free)
+        ),
+        legs=jnp.where(straight, jnp.stack([base.straight, zero, zero]), jnp.maximum(solved, 0.0)),
+        exists=met | straight,
+    )
+
+
+_LEG_M = 4000.0  # of a racetrack: above it, more laps
+
+
+def solve_racetrack(ends: Ends, base: Direct, side: Scalar, wanted: ScalarLike) -> Solved:
+    """A racetrack flown first, to a side (+1 right), then a direct path: any length from one lap more on.
+
+    The laps beyond the first are whole turns, as many as leave its legs short.
+    """
+    wanted = jnp.asarray(wanted, dtype=float)
+    half = smooth_turn(jnp.pi, ends.curvature_max, ends.sharpness).length
+    left = 0.5 * (wanted - base.length) - half
+    turn = TURN / ends.curvature_max
+    turns = jnp.floor(jnp.maximum(left - _LEG_M, 0.0) / (0.5 * turn))
+    leg = left - 0.5 * turns * turn
+    laps = side * (jnp.pi + TURN * turns)
+    exists = base.exists & (leg >= 0.0)
+    leg = jnp.maximum(leg, 0.0)
+    return Solved(
+        jnp.stack([laps, side * jnp.pi, base.angles[0], base.angles[1]]), jnp.stack([leg, leg, base.straight]), exists
+    )
+
+
+def resolve(ends: Ends, solved: Solved) -> Route:
+    """The path itself."""
+    return route(ends, solved.angles, solved.legs)

@@ -1,0 +1,186 @@
+"""Choosing one candidate per aircraft so that none is in another's way.
+
+Aircraft choose one after the other, each the candidate it likes best among those that keep clear of all that have
+chosen; then those still in conflict choose again, against everybody's choice, until none is or the rounds are spent.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from anser.planning.certified.candidates import Candidate, Choices, candidates, track
+from anser.planning.certified.conflicts import Track, keep_out_room, pair_use
+from anser.planning.certified.profile import Timetable
+from anser.planning.certified.request import Airspace, KeepOuts, Separation, Traveller
+from anser.shapes import Count, Scalar
+
+_AT_A_TIME = 4  # candidates compared with the whole fleet at once, the best liked first
+_ROUNDS = 6
+_INVALID = 1e6
+_CONFLICT = 1e3
+
+
+class Options(eqx.Module):
+    """Candidates of a fleet: (aircraft, candidate)."""
+
+    candidates: Candidate
+    tables: Timetable
+    """(aircraft, profile)."""
+    tracks: Track
+    closed: Float[Array, "aircraft candidates"]
+    """How far each goes into a closed volume, m."""
+
+
+class Placed(eqx.Module):
+    """One candidate for each aircraft.
+
+    Attributes
+    ----------
+    chosen
+        Index of its candidate.
+    valid
+        Whether that keeps the aircraft's own limits.
+    conflict
+        How much of the separation it lacks, summed over the others, and of the distance from closed volumes.
+    """
+
+    chosen: Int[Array, " aircraft"]
+    valid: Bool[Array, " aircraft"]
+    conflict: Float[Array, " aircraft"]
+
+
+def make_options(
+    travellers: Traveller,
+    airspace: Airspace,
+    durations: Float[Array, " aircraft"],
+    ticks: int,
+    instants: int,
+    choices: Choices,
+) -> Options:
+    """All candidates of a fleet, with their tracks on one grid of instants up to the last arrival."""
+    step = jnp.max(durations) / instants
+    times = step * jnp.arange(instants + 1)
+    ways = choices.size // len(choices.speeds)
+
+    def one(traveller: Traveller, duration: Scalar) -> tuple[Candidate, Timetable, Track, Array]:
+        found, tables = candidates(traveller, airspace, duration, ticks, choices)
+        which = jnp.arange(choices.size) // ways
+        tracks = jax.vmap(
+            lambda candidate, k: track(candidate, jax.tree.map(lambda leaf: leaf[k], tables), airspace, times)
+        )(found, which)
+        return found, tables, tracks, _closed(tracks, times, airspace.keep_outs)
+
+    return Options(*jax.vmap(one)(travellers, durations))
+
+
+def _closed(tracks: Track, times: Float[Array, " instants"], volumes: KeepOuts) -> Float[Array, " candidates"]:
+    if volumes.radius.shape[0] == 0:
+        return jnp.zeros(tracks.positions_n.shape[0])
+    room = keep_out_room(tracks, times, volumes)
+    return jnp.sum(jnp.maximum(-room, 0.0), axis=-1)
+
+
+def place(options: Options, separation: Separation, order: Int[Array, " aircraft"]) -> Placed:
+    """Choose for each aircraft, in an order."""
+    cost = options.candidates.cost + jnp.where(options.candidates.valid, 0.0, _INVALID)
+    cost = cost + jnp.where(options.closed > 0.0, _CONFLICT + options.closed, 0.0)
+    fleet, count = cost.shape
+    chunks = -(-count // _AT_A_TIME)
+    liked = jnp.argsort(cost, axis=1)
+    liked = jnp.concatenate([liked, jnp.repeat(liked[:, -1:], chunks * _AT_A_TIME - count, axis=1)], axis=1)
+    apart_matters = (separation.horizontal > 0.0) & (fleet > 1)
+
+    def lacking(tracks: Track, chosen: Track, others: Bool[Array, " aircraft"]) -> Float[Array, " k"]:
+        """What some candidates of one aircraft lack of the separation from others."""
+        one = jax.tree.map(lambda leaf: leaf[:, None], tracks)
+        use = pair_use(one, jax.tree.map(lambda leaf: leaf[None], chosen), separation)
+        return jnp.sum(jnp.where(others[None, :], jnp.maximum(1.0 - use, 0.0), 0.0), axis=1)
+
+    def choose(who: Count, chosen: Track, others: Bool[Array, " aircraft"]) -> tuple[Count, Scalar, Scalar]:
+        own = jax.tree.map(lambda leaf: leaf[who], options.tracks)
+
+        def look(carry: tuple[Count, Count, Scalar, Scalar]) -> tuple[Count, Count, Scalar, Scalar]:
+            chunk, best, least, lack = carry
+            which = jax.lax.dynamic_slice_in_dim(liked[who], chunk * _AT_A_TIME, _AT_A_TIME)
+            missing = lacking(jax.tree.map(lambda leaf: leaf[which], own), chosen, others)
+            total = cost[who, which] + jnp.where(missing > 0.0, _CONFLICT * (1.0 + missing), 0.0)
+            k = jnp.argmin(total)
+            better = total[k] < least
+            return (
+                chunk + 1,
+                jnp.where(better, which[k], best),
+                jnp.where(better, total[k], least),
+                jnp.where(better, missing[k], lack),
+            )
+
+        def going(carry: tuple[Count, Count, Scalar, Scalar]) -> Array:
+            chunk, _, least, _ = carry
+            following = cost[who, liked[who, jnp.minimum(chunk * _AT_A_TIME, liked.shape[1] - 1)]]
+            return (chunk < chunks) & (following < least)
+
+        zero = jnp.asarray(0, dtype=liked.dtype)
+        begin = (jnp.asarray(0), zero, jnp.asarray(jnp.inf), jnp.asarray(0.0))
+        _, best, _, lack = jax.lax.while_loop(going, look, begin)
+        return best, lack, cost[who, best]
+
+    def of(who: Count, which: Count) -> Track:
+        return jax.tree.map(lambda leaf: leaf[who, which], options.tracks)
+
+    first = jax.tree.map(lambda leaf: jnp.zeros_like(leaf[:, 0]), options.tracks)
+
+    def put(tracks: Track, who: Count, track: Track) -> Track:
+        return jax.tree.map(lambda all_, one: all_.at[who].set(one), tracks, track)
+
+    def settle(turn: Count, carry: tuple[Track, Array, Array, Array]) -> tuple[Track, Array, Array, Array]:
+        tracks, chosen, placed, lacks = carry
+        who = order[turn]
+        best, lack, _ = choose(who, tracks, placed & apart_matters)
+        return (
+            put(tracks, who, of(who, best)),
+            chosen.at[who].set(best),
+            placed.at[who].set(True),
+            lacks.at[who].set(lack),
+        )
+
+    begin = (first, jnp.zeros(fleet, dtype=liked.dtype), jnp.zeros(fleet, dtype=bool), jnp.zeros(fleet))
+    tracks, chosen, _, _ = jax.lax.fori_loop(0, fleet, settle, begin)
+
+    def lack_of(who: Count, tracks: Track) -> Scalar:
+        others = (jnp.arange(fleet) != who) & apart_matters
+        return lacking(jax.tree.map(lambda leaf: leaf[who][None], tracks), tracks, others)[0]
+
+    def again(carry: tuple[Count, Track, Array, Array]) -> tuple[Count, Track, Array, Array]:
+        turn, tracks, chosen, _ = carry
+
+        def one(k: Count, carry: tuple[Track, Array]) -> tuple[Track, Array]:
+            tracks, chosen = carry
+            who = order[jnp.where(turn % 2 == 0, fleet - 1 - k, k)]
+
+            def better() -> tuple[Track, Array]:
+                best, _, _ = choose(who, tracks, (jnp.arange(fleet) != who) & apart_matters)
+                return put(tracks, who, of(who, best)), chosen.at[who].set(best)
+
+            return jax.lax.cond(lack_of(who, tracks) > 0.0, better, lambda: (tracks, chosen))
+
+        tracks, chosen = jax.lax.fori_loop(0, fleet, one, (tracks, chosen))
+        return turn + 1, tracks, chosen, jax.lax.map(lambda who: lack_of(who, tracks), jnp.arange(fleet))
+
+    lacks = jax.lax.map(lambda who: lack_of(who, tracks), jnp.arange(fleet))
+    _, tracks, chosen, lacks = jax.lax.while_loop(
+        lambda c: (c[0] < _ROUNDS) & jnp.any(c[3] > 0.0), again, (jnp.asarray(0), tracks, chosen, lacks)
+    )
+    everyone = jnp.arange(fleet)
+    return Placed(chosen, options.candidates.valid[everyone, chosen], lacks + options.closed[everyone, chosen])
+
+
+def chosen_of(options: Options, placed: Placed, ways: int) -> tuple[Candidate, Timetable]:
+    """The candidates chosen, and their timetables, stacked by aircraft."""
+    fleet = jnp.arange(placed.chosen.shape[0])
+    candidate = jax.tree.map(lambda leaf: leaf[fleet, placed.chosen], options.candidates)
+    return candidate, jax.tree.map(lambda leaf: leaf[fleet, placed.chosen // ways], options.tables)
+
+
+def by_length(options: Options) -> Int[Array, " aircraft"]:
+    """Order of choosing: those with the fewest valid candidates first."""
+    return jnp.argsort(jnp.sum(options.candidates.valid & (options.closed <= 0.0), axis=1))

@@ -1,0 +1,298 @@
+"""Altitude and airspeed by time, chosen before the shape of the path; what they make of the air's motion.
+
+Both rise and fall by smoothsteps, so that acceleration is continuous; both begin with the aircraft's own acceleration,
+which fades. The length of the horizontal path, and how far the air drifts, follow by quadrature on a uniform grid.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from anser.environment import AbstractWind
+from anser.numerics.quadrature import gauss_legendre
+from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
+
+_RULE = gauss_legendre(4)
+_FADE_S = 3.0  # of the acceleration that the path begins with
+_CLIMB_ACCELERATION = 1.0  # m/s^2: a tenth of g, so that it hardly touches the bank angle
+_SPEED_ACCELERATION = 0.6  # m/s^2
+_SHORTEST_RAMP_S = 2.0
+_LEVEL_OFF_ROUNDS = 3
+_SQUARE_MIN = 1.0  # (m/s)^2: keeps the horizontal airspeed of a vertical path finite; such a path is refused
+
+
+class Motion(eqx.Module):
+    """State of the climb and of the speed at one time."""
+
+    altitude: Scalar
+    climb: Scalar
+    """Over the ground, m/s."""
+    climb_dot: Scalar
+    speed: Scalar
+    """Airspeed, m/s."""
+    speed_dot: Scalar
+
+
+class Profile(eqx.Module):
+    """Altitude and airspeed by time.
+
+    Attributes
+    ----------
+    duration
+        s.
+    altitude_0, climb_0, climb_1
+        First altitude, m, and vertical speeds over the ground at both ends, m/s.
+    climb_dot_0, speed_dot_0
+        First accelerations, m/s^2.
+    plateau, climb_ramp
+        Vertical speed in the middle, m/s, and how long it takes to change to and from it, s.
+    detour
+        Added to the altitude, at most, in the middle, m.
+    speed_0, speed_1, speed_ramp
+        First airspeed and later one, m/s, and how long it takes to change, s.
+    """
+
+    duration: Scalar
+    altitude_0: Scalar
+    climb_0: Scalar
+    climb_1: Scalar
+    climb_dot_0: Scalar
+    plateau: Scalar
+    climb_ramp: Scalar
+    detour: Scalar
+    speed_0: Scalar
+    speed_1: Scalar
+    speed_dot_0: Scalar
+    speed_ramp: Scalar
+
+    @property
+    def kinks(self) -> Float[Array, "4"]:
+        """Times at which a third derivative jumps, s after the start."""
+        fade = jnp.minimum(_FADE_S, 0.5 * self.duration)
+        return jnp.stack([self.climb_ramp, self.duration - self.climb_ramp, self.speed_ramp, fade])
+
+    def at(self, t: ScalarLike) -> Motion:
+        """State `t` seconds after the start."""
+        ramp, total = self.climb_ramp, self.duration
+        rise, rise_dot, risen = _step(t / ramp)
+        fall, fall_dot, fallen = _step((t - total + ramp) / ramp)
+        to, back = self.plateau - self.climb_0, self.climb_1 - self.plateau
+        fade = jnp.minimum(_FADE_S, 0.5 * total)
+        e0, e1, e2 = _fading(t, fade)
+        s = t / total
+        b0 = 64 * (s * (1 - s)) ** 3
+        b1 = 192 * (s * (1 - s)) ** 2 * (1 - 2 * s) / total
+        b2 = 384 * s * (1 - s) * (1 - 5 * s + 5 * s * s) / total**2
+        speed, speed_dot, _ = _step(t / self.speed_ramp)
+        f0, f1 = _fading_speed(t, fade)
+        return Motion(
+            altitude=self.altitude_0
+            + self.climb_0 * t
+            + ramp * (to * risen + back * fallen)
+            + self.climb_dot_0 * e0
+            + self.detour * b0,
+            climb=self.climb_0 + to * rise + back * fall + self.climb_dot_0 * e1 + self.detour * b1,
+            climb_dot=(to * rise_dot + back * fall_dot) / ramp + self.climb_dot_0 * e2 + self.detour * b2,
+            speed=self.speed_0 + (self.speed_1 - self.speed_0) * speed + self.speed_dot_0 * f0,
+            speed_dot=(self.speed_1 - self.speed_0) * speed_dot / self.speed_ramp + self.speed_dot_0 * f1,
+        )
+
+
+def _step(u: ScalarLike) -> tuple[Scalar, Scalar, Scalar]:
+    """Smoothstep from 0 to 1, its slope, its integral."""
+    v = jnp.clip(u, 0.0, 1.0)
+    return v * v * (3 - 2 * v), 6 * v * (1 - v), v**3 * (1 - 0.5 * v) + jnp.maximum(u - 1.0, 0.0)
+
+
+def _fading(t: ScalarLike, fade: ScalarLike) -> tuple[Scalar, Scalar, Scalar]:
+    """t^2/2 (1 - t/fade)^4 and two derivatives: a unit second derivative that fades."""
+    q = jnp.maximum(1.0 - t / fade, 0.0)
+    k = 1.0 / fade
+    return (
+        0.5 * t * t * q**4,
+        t * q**4 - 2 * k * t * t * q**3,
+        q**4 - 8 * k * t * q**3 + 6 * k * k * t * t * q**2,
+    )
+
+
+def _fading_speed(t: ScalarLike, fade: ScalarLike) -> tuple[Scalar, Scalar]:
+    """A unit first derivative that fades, t (1 - t/fade)^3, and its slope."""
+    q = jnp.maximum(1.0 - t / fade, 0.0)
+    return t * q**3, q**3 - 3 * t / fade * q**2
+
+
+def mean_to_last_speed(mean: ScalarLike, speed_0: ScalarLike, duration: ScalarLike) -> tuple[Scalar, Scalar]:
+    """Airspeed after the change, and how long that takes, for a mean airspeed, in closed form (m/s, s)."""
+    ramp = jnp.clip(1.5 * jnp.abs(mean - speed_0) / _SPEED_ACCELERATION, _SHORTEST_RAMP_S, 0.8 * duration)
+    return (mean * duration - 0.5 * ramp * speed_0) / (duration - 0.5 * ramp), ramp
+
+
+def make_profile(
+    duration: ScalarLike,
+    altitudes: tuple[ScalarLike, ScalarLike],
+    climbs: tuple[ScalarLike, ScalarLike],
+    climb_dot_0: ScalarLike,
+    detour: ScalarLike,
+    speed_0: ScalarLike,
+    speed_dot_0: ScalarLike,
+    mean_speed: ScalarLike,
+) -> Profile:
+    """Profile between two altitudes (m) and vertical speeds over the ground (m/s) at a mean airspeed (m/s)."""
+    duration = jnp.asarray(duration, dtype=float)
+    rise = jnp.asarray(altitudes[1] - altitudes[0], dtype=float)
+    ramp = duration / 3
+    for _ in range(_LEVEL_OFF_ROUNDS):
+        plateau = (rise - 0.5 * (climbs[0] + climbs[1]) * ramp) / (duration - ramp)
+        change = jnp.maximum(jnp.abs(plateau - climbs[0]), jnp.abs(plateau - climbs[1]))
+        ramp = jnp.clip(1.5 * change / _CLIMB_ACCELERATION, jnp.minimum(_SHORTEST_RAMP_S, duration / 3), duration / 2.5)
+    plateau = (rise - 0.5 * (climbs[0] + climbs[1]) * ramp) / (duration - ramp)
+    last, speed_ramp = mean_to_last_speed(mean_speed, speed_0, duration)
+    numbers = (
+        duration,
+        altitudes[0],
+        climbs[0],
+        climbs[1],
+        climb_dot_0,
+        plateau,
+        ramp,
+        detour,
+        speed_0,
+        last,
+        speed_dot_0,
+        speed_ramp,
+    )
+    return Profile(*(jnp.asarray(x, dtype=float) for x in numbers))
+
+
+class Timetable(eqx.Module):
+    """A profile in a wind, tabulated at equal intervals.
+
+    Attributes
+    ----------
+    profile
+        What is tabulated.
+    wind
+        The air's motion over the ground.
+    lengths
+        Horizontal length flown through the air by then, m.
+    drifts_n
+        How far the air has moved by then, NED, m.
+    """
+
+    profile: Profile
+    wind: AbstractWind
+    lengths: Float[Array, " ticks"]
+    drifts_n: Float[Array, "ticks 3"]
+
+    @property
+    def length(self) -> Scalar:
+        """Of the whole horizontal path, m."""
+        return self.lengths[-1]
+
+    @property
+    def drift_n(self) -> Vector3:
+        """Of the air in all, NED, m."""
+        return self.drifts_n[-1]
+
+    def _tick(self, t: ScalarLike) -> tuple[Count, Scalar]:
+        count = self.lengths.shape[0] - 1
+        step = self.profile.duration / count
+        k = jnp.clip(jnp.floor(t / step).astype(jnp.int32), 0, count - 1)
+        return k, k * step
+
+    def rates(self, t: ScalarLike) -> tuple[Scalar, Vector3]:
+        """Horizontal airspeed, m/s, and wind, NED, m/s."""
+        return horizontal_speed(self.profile, self.wind, t)
+
+    def length_at(self, t: ScalarLike) -> Scalar:
+        """Horizontal length flown by a time, m."""
+        k, begun = self._tick(t)
+        return self.lengths[k] + _piece(self.profile, self.wind, begun, t - begun)[0]
+
+    def drift_at(self, t: ScalarLike) -> Vector3:
+        """Drift of the air by a time, NED, m."""
+        k, begun = self._tick(t)
+        return self.drifts_n[k] + _piece(self.profile, self.wind, begun, t - begun)[1]
+
+    def time_at(self, length: ScalarLike) -> Scalar:
+        """When a horizontal length has been flown, s after the start."""
+        count = self.lengths.shape[0] - 1
+        step = self.profile.duration / count
+        k = jnp.clip(jnp.searchsorted(self.lengths, length, side="right") - 1, 0, count - 1)
+        span = jnp.maximum(self.lengths[k + 1] - self.lengths[k], 1e-9)
+        t = step * (k + jnp.clip((length - self.lengths[k]) / span, 0.0, 1.0))
+        for _ in range(2):
+            short = length - self.lengths[k] - _piece(self.profile, self.wind, k * step, t - k * step)[0]
+            t = jnp.clip(t + short / self.rates(t)[0], k * step, (k + 1) * step)
+        return t
+
+
+def horizontal_speed(profile: Profile, wind: AbstractWind, t: ScalarLike) -> tuple[Scalar, Vector3]:
+    """Horizontal airspeed, m/s, and wind, NED, m/s, `t` seconds after the start."""
+    now = profile.at(t)
+    blowing = wind.at(jnp.stack([jnp.zeros(()), jnp.zeros(()), -now.altitude]), t)
+    through_air = now.climb + blowing[2]
+    return jnp.sqrt(jnp.maximum(now.speed**2 - through_air**2, _SQUARE_MIN)), blowing
+
+
+def _piece(profile: Profile, wind: AbstractWind, begin: ScalarLike, span: ScalarLike) -> tuple[Scalar, Vector3]:
+    speeds, winds = jax.vmap(lambda u: horizontal_speed(profile, wind, begin + span * u))(jnp.asarray(_RULE.nodes))
+    weights = span * jnp.asarray(_RULE.weights)
+    return jnp.sum(weights * speeds), jnp.sum(weights[:, None] * winds, axis=0)
+
+
+def tabulate(profile: Profile, wind: AbstractWind, ticks: int) -> Timetable:
+    """Tabulate a profile at `ticks` equal intervals."""
+    step = profile.duration / ticks
+    lengths, drifts = jax.vmap(lambda k: _piece(profile, wind, k * step, step))(jnp.asarray(np.arange(ticks) * 1.0))
+    return Timetable(
+        profile,
+        wind,
+        jnp.concatenate([jnp.zeros(1), jnp.cumsum(lengths)]),
+        jnp.concatenate([jnp.zeros((1, 3)), jnp.cumsum(drifts, axis=0)]),
+    )
+
+
+class ProfileLimits(eqx.Module):
+    """What a profile may ask; see `anser.planning.limits.PathLimits`."""
+
+    speed_min: Scalar
+    speed_max: Scalar
+    climb_rate_max: Scalar
+    altitude_min: Scalar
+    altitude_max: Scalar
+    acceleration_max: Scalar
+    deceleration_max: Scalar
+
+
+def profile_excess(table: Timetable, limits: ProfileLimits, gravity: ScalarLike) -> Float[Array, "6"]:
+    """By how much a profile breaks each limit, at most, on its ticks; negative: what is left.
+
+    Speed too low and too high (m/s), climb rate (m/s), too low and too high (m), acceleration (m/s^2).
+    """
+    profile = table.profile
+    times = profile.duration * jnp.linspace(0.0, 1.0, table.lengths.shape[0])
+
+    def one(t: Scalar) -> Float[Array, "6"]:
+        now = profile.at(t)
+        climb = now.climb + table.rates(t)[1][2]
+        along = now.speed_dot + gravity * climb / jnp.maximum(now.speed, 1.0)
+        return jnp.stack(
+            [
+                limits.speed_min - now.speed,
+                now.speed - limits.speed_max,
+                jnp.abs(climb) - limits.climb_rate_max,
+                limits.altitude_min - now.altitude,
+                now.altitude - limits.altitude_max,
+                jnp.maximum(along - limits.acceleration_max, -along - limits.deceleration_max),
+            ]
+        )
+
+    return jnp.max(jax.vmap(one)(times), axis=0)
+
+
+def kept(excess: Float[Array, "6"]) -> Flag:
+    """Whether all limits are kept, to rounding."""
+    return jnp.all(excess <= 1e-9)

@@ -1,0 +1,94 @@
+"""What is asked of the planner: where each aircraft is, where it must be, and within which limits."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from anser.environment import AbstractWind
+from anser.planning.limits import PathLimits
+from anser.planning.rendezvous import Rendezvous
+from anser.shapes import Scalar, Vector3
+
+
+class Traveller(eqx.Module):
+    """One aircraft that is to be planned; stacked, a fleet.
+
+    Attributes
+    ----------
+    position_n
+        Where its plan begins, NED, m.
+    air_velocity_n, air_acceleration_n
+        Velocity relative to the air there and its rate, NED, m/s and m/s^2.
+    goal_position_n, goal_velocity_n
+        Its goal at the start of the plan, foreseen at steady velocity, NED, m and m/s over the ground.
+    rendezvous
+        How it meets the goal.
+    speed
+        Mean airspeed that it prefers, m/s.
+    side
+        Side of its detours: positive right, negative left, 0 either.
+    limits
+        What its path may ask.
+    roll_rate_max
+        How fast its path may change the bank angle in a level turn, rad/s.
+    """
+
+    position_n: Vector3
+    air_velocity_n: Vector3
+    air_acceleration_n: Vector3
+    goal_position_n: Vector3
+    goal_velocity_n: Vector3
+    rendezvous: Rendezvous
+    speed: Scalar
+    side: Int[Array, ""]
+    limits: PathLimits
+    roll_rate_max: Scalar
+
+
+class Separation(eqx.Module):
+    """How far apart two aircraft stay until one arrives: horizontally or else vertically, m; 0: not asked."""
+
+    horizontal: Scalar
+    vertical: Scalar
+
+
+class KeepOuts(eqx.Module):
+    """Cylinders that no aircraft enters, standing or moving at a steady velocity; stacked, possibly none.
+
+    Attributes
+    ----------
+    position_n, velocity_n
+        Axis at time 0, north and east, m and m/s.
+    radius, bottom, top
+        m; altitudes.
+    """
+
+    position_n: Float[Array, "volumes 2"]
+    velocity_n: Float[Array, "volumes 2"]
+    radius: Float[Array, " volumes"]
+    bottom: Float[Array, " volumes"]
+    top: Float[Array, " volumes"]
+
+
+def no_keep_outs() -> KeepOuts:
+    """None."""
+    return KeepOuts(jnp.zeros((0, 2)), jnp.zeros((0, 2)), jnp.zeros(0), jnp.zeros(0), jnp.zeros(0))
+
+
+class Airspace(eqx.Module):
+    """What all aircraft share.
+
+    Attributes
+    ----------
+    wind
+        Steady or layered.
+    gravity
+        m/s^2.
+    separation, keep_outs
+        See there.
+    """
+
+    wind: AbstractWind
+    gravity: Scalar
+    separation: Separation
+    keep_outs: KeepOuts

@@ -1,0 +1,154 @@
+"""The horizontal shape of a path: turns and straight legs, by length along it."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Complex, Float
+
+from anser.planning.certified.smooth_turn import Plane, Turn, along_arc, along_ramp, displacement, smooth_turn
+from anser.shapes import Flag, Scalar, ScalarLike
+
+TURNS, LEGS = 4, 3
+PIECES = 1 + 3 * TURNS + LEGS
+_UP, _FLAT, _DOWN = 0, 1, 2
+# What remains of a turn under way; then turn, leg, turn, leg, turn, leg, turn.
+_KINDS = np.array([_DOWN, *([_UP, _FLAT, _DOWN, _FLAT] * LEGS), _UP, _FLAT, _DOWN])
+
+
+class Ends(eqx.Module):
+    """What a horizontal path has to join, and how tightly it may turn.
+
+    Attributes
+    ----------
+    start, heading, curvature
+        Of the beginning, relative to the air: north + i east, m; rad; 1/m.
+    end
+        In the frame that drifts with the air, m.
+    end_heading, end_free
+        Heading through the air at the end, rad; or that of the last leg.
+    curvature_max
+        1/m.
+    sharpness
+        Greatest rate of the curvature along the path, 1/m^2.
+    """
+
+    start: Plane
+    heading: Scalar
+    curvature: Scalar
+    end: Plane
+    end_heading: Scalar
+    end_free: Flag
+    curvature_max: Scalar
+    sharpness: Scalar
+
+
+class Unwound(eqx.Module):
+    """Where the path flies straight for the first time, having left the turn it began in as fast as it may."""
+
+    length: Scalar
+    place: Plane
+    heading: Scalar
+
+
+def unwind(ends: Ends) -> Unwound:
+    """Leave the turn in which a path begins."""
+    sign = jnp.where(ends.curvature < 0.0, -1.0, 1.0)
+    length = jnp.abs(ends.curvature) / ends.sharpness
+    heading = ends.heading + 0.5 * ends.curvature * length
+    step = jnp.exp(1j * heading) * jnp.conj(along_ramp(length, sign * ends.sharpness))
+    return Unwound(length, ends.start + step, heading)
+
+
+class Route(eqx.Module):
+    """A path of turns and legs, resolved into pieces of steady or steadily changing curvature.
+
+    Attributes
+    ----------
+    marks
+        Length along the path at the ends of the pieces, m.
+    places
+        Position there: north + i east, m.
+    headings
+        Heading there, rad.
+    curvatures
+        Curvature there, 1/m.
+    sharpness
+        Signed rate of the curvature in each piece, 1/m^2.
+    """
+
+    marks: Float[Array, " marks"]
+    places: Complex[Array, " marks"]
+    headings: Float[Array, " marks"]
+    curvatures: Float[Array, " marks"]
+    sharpness: Float[Array, " pieces"]
+
+    @property
+    def length(self) -> Scalar:
+        """Of the whole, m."""
+        return self.marks[-1]
+
+    def at(self, length: ScalarLike) -> tuple[Plane, Scalar, Scalar]:
+        """Position (m), heading (rad) and curvature (1/m) at a length along the path, m; straight on after its end."""
+        held = jnp.clip(length, 0.0, self.marks[-1])
+        k = jnp.sum(held >= self.marks[1:-1], dtype=jnp.int32)
+        kind = jnp.asarray(_KINDS)[k]
+        # A falling ramp is a rising one seen from its end.
+        falling = kind == _DOWN
+        near = jnp.where(falling, k + 1, k)
+        u = jnp.where(falling, held - self.marks[k + 1], held - self.marks[k])
+        sharp, heading, curvature = self.sharpness[k], self.headings[near], self.curvatures[near]
+        flat = kind == _FLAT
+        step = jnp.where(flat, along_arc(u, curvature), along_ramp(u, sharp))
+        place = self.places[near] + jnp.exp(1j * heading) * step
+        turned = jnp.where(flat, curvature * u, 0.5 * sharp * u**2)
+        bent = jnp.where(flat, curvature, sharp * u)
+        beyond = length - held
+        return (
+            place + beyond * jnp.exp(1j * (heading + turned)),
+            heading + turned,
+            jnp.where(beyond == 0.0, bent, 0.0),
+        )
+
+
+def route(ends: Ends, angles: Float[Array, " turns"], legs: Float[Array, " legs"]) -> Route:
+    """Path of four turns (rad) with three legs (m) between them."""
+    begun = unwind(ends)
+    turns = jax.vmap(smooth_turn, in_axes=(0, None, None))(angles, ends.curvature_max, ends.sharpness)
+    zero = jnp.zeros(())
+    sign = jnp.where(angles < 0.0, -1.0, 1.0)
+    lengths, bends, sharps = [begun.length], [zero], [-jnp.sign(ends.curvature) * ends.sharpness]
+    for k in range(TURNS):
+        rate = jnp.where(turns.ramp[k] > 0.0, sign[k] * ends.sharpness, 0.0)
+        lengths += [turns.ramp[k], turns.arc[k], turns.ramp[k]]
+        bends += [turns.peak[k], turns.peak[k], zero]
+        sharps += [rate, zero, -rate]
+        if k < LEGS:
+            lengths.append(legs[k])
+            bends.append(zero)
+            sharps.append(zero)
+    steps = jnp.stack(lengths)
+    curvatures = jnp.concatenate([ends.curvature[None], jnp.stack(bends)])
+    turned = steps * 0.5 * (curvatures[1:] + curvatures[:-1])
+    headings = jnp.concatenate([ends.heading[None], ends.heading + jnp.cumsum(turned)])
+    sharpness = jnp.stack(sharps)
+    falling = jnp.asarray(_KINDS == _DOWN)
+    flat = jnp.asarray(_KINDS == _FLAT)
+    from_start = jnp.where(
+        flat, jax.vmap(along_arc)(steps, curvatures[:-1]), jax.vmap(along_ramp)(steps, sharpness)
+    ) * jnp.exp(1j * headings[:-1])
+    from_end = -jnp.exp(1j * headings[1:]) * jax.vmap(along_ramp)(-steps, sharpness)
+    moves = jnp.where(falling, from_end, from_start)
+    places = jnp.concatenate([ends.start[None], ends.start + jnp.cumsum(moves)])
+    marks = jnp.concatenate([jnp.zeros(1), jnp.cumsum(steps)])
+    return Route(marks, places, headings, curvatures, sharpness)
+
+
+def turned_through(
+    ends: Ends, heading: ScalarLike, angles: Float[Array, " turns"]
+) -> tuple[Plane, Scalar, Float[Array, " turns"]]:
+    """Displacement of four turns flown one after the other, their length, and the headings after each."""
+    turns: Turn = jax.vmap(smooth_turn, in_axes=(0, None, None))(angles, ends.curvature_max, ends.sharpness)
+    after = heading + jnp.cumsum(angles)
+    moves = jax.vmap(displacement, in_axes=(0, None))(turns, ends.sharpness)
+    return jnp.sum(jnp.exp(1j * (after - angles)) * moves), jnp.sum(turns.length), after

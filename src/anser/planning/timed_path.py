@@ -1,0 +1,107 @@
+"""A delivered 4-D trajectory: quintics in time through known positions, velocities and accelerations."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from anser.shapes import Scalar, ScalarLike, Vector3
+
+Knots = Float[Array, "knots 3 3"]
+
+
+def hermite_quintic(
+    begin: Float[Array, "3 3"], end: Float[Array, "3 3"], span: ScalarLike, u: ScalarLike
+) -> Float[Array, "3 3"]:
+    """Value, first and second time derivative of the quintic between two states.
+
+    Parameters
+    ----------
+    begin, end
+        Position, velocity and acceleration (order, axis) at both ends.
+    span
+        Time between them, s, positive.
+    u
+        Where, 0 to 1.
+    """
+    # Seen from the parabola that leaves the beginning: small differences keep their digits.
+    parabola = begin[0] + span * begin[1] + 0.5 * span**2 * begin[2]
+    p = end[0] - parabola
+    v = span * (end[1] - begin[1] - span * begin[2])
+    a = span**2 * (end[2] - begin[2])
+    c3, c4, c5 = 10 * p - 4 * v + 0.5 * a, -15 * p + 7 * v - a, 6 * p - 3 * v + 0.5 * a
+    t = u * span
+    value = begin[0] + t * (begin[1] + 0.5 * t * begin[2]) + u**3 * (c3 + u * (c4 + u * c5))
+    slope = begin[1] + t * begin[2] + u**2 * (3 * c3 + u * (4 * c4 + u * 5 * c5)) / span
+    bend = begin[2] + u * (6 * c3 + u * (12 * c4 + u * 20 * c5)) / span**2
+    return jnp.stack([value, slope, bend])
+
+
+class TimedPath(eqx.Module):
+    """Where one aircraft is to be at which time: twice continuously differentiable, piecewise quintic.
+
+    The path over the ground is the path through the air plus the drift of the air; each is the quintic in each cell
+    between two knots that has the given values, slopes and second derivatives at both.
+
+    Attributes
+    ----------
+    times
+        Knots, s, not decreasing; equal neighbours make an empty cell. The first is the start, the last the arrival.
+    air_n
+        Path relative to the air: (knot, order of derivative, NED axis); m, m/s, m/s^2.
+    drift_n
+        What the wind adds; 0 at the start.
+    """
+
+    times: Float[Array, " knots"]
+    air_n: Knots
+    drift_n: Knots
+
+    @property
+    def start_time(self) -> Scalar:
+        """When the path begins, s."""
+        return self.times[0]
+
+    @property
+    def arrival_time(self) -> Scalar:
+        """When it ends, s."""
+        return self.times[-1]
+
+    @property
+    def duration(self) -> Scalar:
+        """How long it lasts, s."""
+        return self.times[-1] - self.times[0]
+
+    def _at(self, knots: Knots, time: ScalarLike) -> Float[Array, "3 3"]:
+        """Value, slope and second derivative; straight on at the last velocity after the end, at the first before."""
+        held = jnp.clip(time, self.times[0], self.times[-1])
+        last = self.times.shape[0] - 1
+        k = jnp.clip(jnp.searchsorted(self.times, held, side="right") - 1, 0, last - 1)
+        # The last cells may be empty: go back to one that is not.
+        k = jnp.where(held >= self.times[-1], jnp.searchsorted(self.times, self.times[-1], side="left") - 1, k)
+        k = jnp.clip(k, 0, last - 1)
+        span = self.times[k + 1] - self.times[k]
+        safe = jnp.where(span > 0.0, span, 1.0)
+        inside = hermite_quintic(knots[k], knots[k + 1], safe, (held - self.times[k]) / safe)
+        beyond = time - held
+        ahead = jnp.stack([inside[0] + beyond * inside[1], inside[1], jnp.zeros(3)])
+        return jnp.where(beyond == 0.0, inside, ahead)
+
+    def position_n(self, time: ScalarLike) -> Vector3:
+        """Position over the ground, NED, m."""
+        return self._at(self.air_n + self.drift_n, time)[0]
+
+    def velocity_n(self, time: ScalarLike) -> Vector3:
+        """Velocity over the ground, NED, m/s."""
+        return self._at(self.air_n + self.drift_n, time)[1]
+
+    def air_velocity_n(self, time: ScalarLike) -> Vector3:
+        """Velocity relative to the air, NED, m/s."""
+        return self._at(self.air_n, time)[1]
+
+    def acceleration_n(self, time: ScalarLike) -> Vector3:
+        """Acceleration over the ground, NED, m/s^2."""
+        return self._at(self.air_n + self.drift_n, time)[2]
+
+    def states_n(self, time: ScalarLike) -> tuple[Float[Array, "3 3"], Float[Array, "3 3"]]:
+        """Path through the air and drift, each as (order, axis), at a time."""
+        return self._at(self.air_n, time), self._at(self.drift_n, time)
