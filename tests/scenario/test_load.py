@@ -5,6 +5,7 @@ import pickle
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from anser.scenario.errors import ScenarioError
@@ -12,7 +13,7 @@ from anser.scenario.load import load, loads, validate
 from anser.scenario.schema_reach import time_to_go_s
 
 SHIPPED = sorted((Path(__file__).parents[2] / "scenarios").glob("*.toml"))
-NAMES = ["climb-and-turn", "single-aircraft", "storm-sampling", "three-aircraft"]
+NAMES = ["climb-and-turn", "single-aircraft", "storm-sampling", "three-aircraft", "twenty-aircraft"]
 
 
 def refused(path: Path) -> ScenarioError:
@@ -49,6 +50,29 @@ def test_the_published_fleet() -> None:
     velocities = [g.velocity_m_s() for g in goals]
     assert velocities[:2] == [(25.0, 0.0, 0.0), (0.0, 0.0, 0.0)]
     assert velocities[2] == pytest.approx((0.0, 15.0, 0.0), abs=1e-14)  # rounding of cos 90 deg
+
+
+def test_the_twenty_are_what_their_file_says() -> None:
+    scenario = load(shipped("twenty-aircraft"))
+    assert (len(scenario.aircraft), len(scenario.goal)) == (20, 12)
+    starts = np.array([one.start.position_m for one in scenario.aircraft])
+    goals = [scenario.goal_of(one) for one in scenario.aircraft]
+    offsets = np.array([one.rendezvous.stand_off_m for one in scenario.aircraft])
+    ahead = np.array([goal.position_m(0.0) for goal in goals]) + offsets - starts
+    through_air = np.array([goal.velocity_m_s() for goal in goals]) - scenario.wind.velocity_m_s(0.0)
+    assert np.hypot(starts[:, 0], starts[:, 1]).min() >= 12e3
+    assert np.hypot(starts[:, 0], starts[:, 1]).max() < 25.1e3
+    inward = np.rad2deg(np.arctan2(ahead[:, 1], ahead[:, 0]))
+    courses = np.array([one.start.course_deg for one in scenario.aircraft])
+    assert np.abs((courses - inward + 180.0) % 360.0 - 180.0).max() <= 60.0
+    # at the time of the farthest all rendezvous points are well outside each other's 500 m or 150 m
+    times = [time_to_go_s((*r,), (*w,), scenario.fleet.speed_m_s) for r, w in zip(ahead, through_air, strict=True)]
+    arrival_s = max(time for time in times if time is not None)
+    assert 40.0 < arrival_s - min(time for time in times if time is not None) < 60.0
+    points = np.array([goal.position_m(arrival_s) for goal in goals]) + offsets
+    for index, here in enumerate(points):
+        apart = np.abs(points[:index] - here)
+        assert np.all((np.hypot(apart[:, 0], apart[:, 1]) >= 700.0) | (apart[:, 2] >= 200.0))
 
 
 def test_the_published_tracking_case() -> None:

@@ -8,6 +8,14 @@ from pydantic import Field, model_validator
 
 from anser.scenario.errors import Problem, ScenarioError
 from anser.scenario.schema_aircraft import Aircraft
+from anser.scenario.schema_airspace import (
+    KeepOut,
+    Separation,
+    keep_out_problems,
+    same_point_problems,
+    separation_problems,
+)
+from anser.scenario.schema_arrival import Arrival, arrival_problems
 from anser.scenario.schema_base import SLUG_EXPECTED, SLUG_PATTERN, Table, expects, table, tables
 from anser.scenario.schema_checks import (
     goal_problems,
@@ -17,7 +25,8 @@ from anser.scenario.schema_checks import (
     start_problems,
 )
 from anser.scenario.schema_goal import Goal
-from anser.scenario.schema_reach import reach_problems
+from anser.scenario.schema_planner import planner_problems
+from anser.scenario.schema_reach import pace_of, reach_problems
 from anser.scenario.schema_settings import Fleet, Guidance, Hold, Limits, Requirements, Timing
 from anser.scenario.schema_surroundings import Earth, EarthOrWord, Wind
 
@@ -50,6 +59,8 @@ class Scenario(Table):
     wind: Wind = table("wind", "a table [wind]", Wind())
     fleet: Fleet = table("common to all", "a table [fleet]")
     limits: Limits = table("envelope", "a table [limits]", Limits())
+    arrival: Arrival = table("when to arrive", "a table [arrival]", Arrival())
+    separation: Separation = table("how far apart to stay", "a table [separation]", Separation())
     guidance: Guidance = table("how the plan is followed", "a table [guidance]", Guidance())
     hold: Hold = table("after the arrival", "a table [hold]", Hold())
     requirements: Requirements = table("what to achieve", "a table [requirements]", Requirements())
@@ -57,6 +68,9 @@ class Scenario(Table):
         "the fleet", "one table [[aircraft]] or more, in double brackets", at_least=1
     )
     goal: tuple[Goal, ...] = tables("places to meet", "one table [[goal]] or more, in double brackets", at_least=1)
+    keep_out: tuple[KeepOut, ...] = tables(
+        "where no aircraft may be", "tables [[keep_out]], in double brackets", at_least=0, default=()
+    )
 
     @model_validator(mode="after")
     def _holds_together(self) -> "Scenario":
@@ -84,16 +98,23 @@ class Scenario(Table):
 def _problems(aircraft: tuple[Aircraft, ...], goals: tuple[Goal, ...], scenario: Scenario) -> list[Problem]:
     """Find what is wrong between tables, from the simple to what rests on it."""
     fleet, limits, wind, timing = scenario.fleet, scenario.limits, scenario.wind, scenario.timing
+    unread = planner_problems(scenario)
+    if unread:
+        return unread  # what the planner does not know is not judged
     names = name_problems(aircraft, goals)
     found = [
         *names,
         *speed_problems(fleet, limits, wind, scenario.hold),
         *start_problems(aircraft, limits),
         *goal_problems(goals, timing),
+        *separation_problems(aircraft, scenario.separation),
     ]
     if not names:
         found.extend(rendezvous_problems(aircraft, goals, fleet, limits))
-    return found or reach_problems(aircraft, goals, fleet, limits, wind, timing)
+        found.extend(same_point_problems(aircraft, scenario.arrival))
+        found.extend(arrival_problems(scenario.arrival, aircraft, timing))
+        found.extend(keep_out_problems(scenario.keep_out, aircraft, goals))
+    return found or reach_problems(aircraft, goals, pace_of(fleet, limits, scenario.arrival), limits, wind, timing)
 
 
 def scenario_hash(scenario: Scenario) -> str:

@@ -6,7 +6,7 @@ from typing import Literal
 from anser.scenario.schema_base import Table, choice, naming, number, table
 from anser.scenario.schema_gains import Gains
 from anser.scenario.schema_goal import PLACE_MAX_M
-from anser.scenario.schema_settings import ALTITUDE_MAX_M, SPEED_MAX_M_S
+from anser.scenario.schema_settings import ALTITUDE_MAX_M, DURATION_MAX_S, SPEED_MAX_M_S
 
 STAND_OFF_MAX_M = 20_000.0
 PATH_ANGLE_MAX_DEG = 60.0
@@ -63,6 +63,9 @@ class Aircraft(Table):
     bend: Literal["auto", "left", "right"] = choice(
         "side of a detour, seen along the flight", ("auto", "left", "right"), "auto"
     )
+    arrive_s: float | None = number('time of arrival, with arrival.rule "times"', 1, DURATION_MAX_S, "s", None)
+    arrive_from_s: float | None = number('earliest arrival, with arrival.rule "windows"', 0, DURATION_MAX_S, "s", None)
+    arrive_to_s: float | None = number('latest arrival, with arrival.rule "windows"', 1, DURATION_MAX_S, "s", None)
     start: Start = table("beginning", "a table [aircraft.start]")
     rendezvous: Rendezvous = table("where to be", "a table [aircraft.rendezvous]", Rendezvous())
     gains: Gains = table("gains of the autopilot", "tables [aircraft.gains.rates] and so on", Gains())

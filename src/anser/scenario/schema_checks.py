@@ -127,6 +127,9 @@ def start_problems(aircraft: tuple[Aircraft, ...], limits: Limits) -> list[Probl
         if start.altitude_m < limits.altitude_min_m:
             words = f"at least limits.altitude_min_m, which is {plain(limits.altitude_min_m)} m"
             found.append(Problem(f"{path}.altitude_m", plain(start.altitude_m), words, whom))
+        if start.altitude_m > limits.altitude_max_m:
+            words = f"at most limits.altitude_max_m, which is {plain(limits.altitude_max_m)} m"
+            found.append(Problem(f"{path}.altitude_m", plain(start.altitude_m), words, whom))
         found.extend(_too_steep(f"{path}.path_angle_deg", whom, start.path_angle_deg, start.speed_m_s, limits))
         for other_index, other in enumerate(aircraft[:index]):
             if math.dist(start.position_m, other.start.position_m) < SAME_PLACE_M:
@@ -139,7 +142,7 @@ def start_problems(aircraft: tuple[Aircraft, ...], limits: Limits) -> list[Probl
 def rendezvous_problems(
     aircraft: tuple[Aircraft, ...], goals: tuple[Goal, ...], fleet: Fleet, limits: Limits
 ) -> list[Problem]:
-    """Find stand-offs below the minimum, arrivals too steep, and two aircraft sent to one point.
+    """Find stand-offs below the minimum and arrivals too steep.
 
     Parameters
     ----------
@@ -166,12 +169,6 @@ def rendezvous_problems(
             found.append(Problem(path, arrived, words, whom))
         if there.path_angle_deg is not None:
             found.extend(_too_steep(f"{path}.path_angle_deg", whom, there.path_angle_deg, fleet.speed_m_s, limits))
-        for other_index, other in enumerate(aircraft[:index]):
-            apart_m = math.dist(there.stand_off_m, other.rendezvous.stand_off_m)
-            if other.goal == one.goal and apart_m < SAME_PLACE_M:
-                arrived = f'the rendezvous point of aircraft[{other_index}] "{other.name}" at the same goal'
-                words = f"stand-offs that keep them at least {SAME_PLACE_M:g} m apart: they arrive at the same time"
-                found.append(Problem(path, arrived, words, whom))
     return found
 
 

@@ -140,8 +140,8 @@ def _path(loc: Sequence[str | int]) -> str:
 
 
 def _whom(loc: Sequence[str | int], raw: object) -> str:
-    """Name the aircraft or goal that a location lies in, if it has a name."""
-    if len(loc) < 2 or loc[0] not in ("aircraft", "goal"):
+    """Name the aircraft, goal or keep-out that a location lies in, if it has a name."""
+    if len(loc) < 2 or loc[0] not in ("aircraft", "goal", "keep_out"):
         return ""
     name = _value_at([*loc[:2], "name"], raw)
     return f"{loc[0]} {show(name)}" if isinstance(name, str) and name else ""

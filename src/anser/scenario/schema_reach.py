@@ -1,15 +1,52 @@
 """Whether each aircraft can reach its goal: in the air mass, where the wind is at rest (theory section 7)."""
 
 import math
+from dataclasses import dataclass
 
 from anser.scenario.errors import Problem, plain
 from anser.scenario.schema_aircraft import Aircraft
+from anser.scenario.schema_arrival import Arrival
 from anser.scenario.schema_checks import label
 from anser.scenario.schema_goal import Goal
-from anser.scenario.schema_settings import ALTITUDE_MAX_M, Fleet, Limits, Timing
+from anser.scenario.schema_settings import Fleet, Limits, Timing
 from anser.scenario.schema_surroundings import Vector, Wind
 
 FLIGHT_MIN_S = 1.0
+
+
+@dataclass(frozen=True)
+class Pace:
+    """The speed that a way to a goal is judged by.
+
+    Parameters
+    ----------
+    speed_m_s
+        Airspeed, m/s.
+    key
+        Where the scenario has it.
+    is_mean
+        The plan flies the mean of it; otherwise it flies no faster.
+    """
+
+    speed_m_s: float
+    key: str
+    is_mean: bool
+
+    def __str__(self) -> str:
+        return f"{self.key} = {plain(self.speed_m_s)} m/s"
+
+
+def pace_of(fleet: Fleet, limits: Limits, arrival: Arrival) -> Pace:
+    """Say which speed decides whether a goal is within reach.
+
+    Parameters
+    ----------
+    fleet, limits, arrival
+        Tables of the scenario.
+    """
+    if fleet.planner == "published" or arrival.rule == "together":
+        return Pace(fleet.speed_m_s, "fleet.speed_m_s", is_mean=True)
+    return Pace(limits.speed_max_m_s, "limits.speed_max_m_s", is_mean=False)
 
 
 def time_to_go_s(relative_m: Vector, velocity_m_s: Vector, speed_m_s: float) -> float | None:
@@ -52,7 +89,7 @@ def time_to_go_s(relative_m: Vector, velocity_m_s: Vector, speed_m_s: float) -> 
 def reach_problems(
     aircraft: tuple[Aircraft, ...],
     goals: tuple[Goal, ...],
-    fleet: Fleet,
+    pace: Pace,
     limits: Limits,
     wind: Wind,
     timing: Timing,
@@ -63,7 +100,9 @@ def reach_problems(
     ----------
     aircraft, goals
         All of the scenario; every aircraft's goal exists.
-    fleet, limits, wind, timing
+    pace
+        What decides.
+    limits, wind, timing
         Tables of the scenario; the wind is slower than the fleet.
 
     Returns
@@ -77,11 +116,11 @@ def reach_problems(
         # the first plan reckons with the wind where the aircraft starts
         starts_m = [one.start.altitude_m for one in aircraft if one.goal == goal.name]
         winds_m_s = dict.fromkeys(wind.velocity_m_s(altitude_m) for altitude_m in starts_m)
-        found.extend(_fast_legs(f"goal[{index}]", goal, fleet, tuple(winds_m_s)))
+        found.extend(_fast_legs(f"goal[{index}]", goal, pace, tuple(winds_m_s)))
     if found:
         return found  # without a speed that suffices the times below mean nothing
     for index, one in enumerate(aircraft):
-        found.extend(_unreached(f"aircraft[{index}]", one, by_name[one.goal], fleet, limits, wind, timing))
+        found.extend(_unreached(f"aircraft[{index}]", one, by_name[one.goal], pace, limits, wind, timing))
     return found
 
 
@@ -93,7 +132,7 @@ def _plus(a: Vector, b: Vector, factor: float = 1.0) -> Vector:
     return a[0] + factor * b[0], a[1] + factor * b[1], a[2] + factor * b[2]
 
 
-def _fast_legs(path: str, goal: Goal, fleet: Fleet, winds_m_s: tuple[Vector, ...]) -> list[Problem]:
+def _fast_legs(path: str, goal: Goal, pace: Pace, winds_m_s: tuple[Vector, ...]) -> list[Problem]:
     """Find legs of a goal that are faster through the air than the fleet, in any of the winds."""
     found = []
     points = goal.waypoints or ()
@@ -103,15 +142,15 @@ def _fast_legs(path: str, goal: Goal, fleet: Fleet, winds_m_s: tuple[Vector, ...
         leg_m = (end.north_m - begin.north_m, end.east_m - begin.east_m, end.altitude_m - begin.altitude_m)
         through_air = _plus((0.0, 0.0, 0.0), leg_m, 1.0 / lasting_s)
         speed_m_s = max((math.hypot(*_plus(through_air, air_m_s, -1.0)) for air_m_s in winds_m_s), default=0.0)
-        if speed_m_s >= fleet.speed_m_s:
+        if speed_m_s >= pace.speed_m_s:
             arrived = f"a leg flown at {speed_m_s:.1f} m/s through the air"
-            words = f"less than fleet.speed_m_s, which is {plain(fleet.speed_m_s)} m/s: the goal outruns its aircraft"
+            words = f"less than {pace.key}, which is {plain(pace.speed_m_s)} m/s: the goal outruns its aircraft"
             found.append(Problem(f"{path}.waypoints[{index}]", arrived, words, label("goal", goal)))
     return found
 
 
 def _unreached(
-    path: str, one: Aircraft, goal: Goal, fleet: Fleet, limits: Limits, wind: Wind, timing: Timing
+    path: str, one: Aircraft, goal: Goal, pace: Pace, limits: Limits, wind: Wind, timing: Timing
 ) -> list[Problem]:
     """Find why an aircraft does not reach its goal, if it does not."""
     whom = label("aircraft", one)
@@ -121,12 +160,13 @@ def _unreached(
     wind_m_s = wind.velocity_m_s(one.start.altitude_m)
     if goal.waypoints is None:
         velocity_m_s = _plus(goal.velocity_m_s(), wind_m_s, -1.0)
-        time_s = time_to_go_s(relative_m, velocity_m_s, fleet.speed_m_s)
+        time_s = time_to_go_s(relative_m, velocity_m_s, pace.speed_m_s)
         if time_s is None:
             arrived = f'"{goal.name}", which moves at {math.hypot(*velocity_m_s):.1f} m/s through the air and gets away'
-            words = f"a goal that an aircraft at fleet.speed_m_s = {plain(fleet.speed_m_s)} m/s can reach"
+            words = f"a goal that an aircraft at {pace} can reach"
             return [Problem(f"{path}.goal", arrived, words, whom)]
-        heights_m = [place_m[2] + goal.climb_rate_m_s * time_s]
+        # when the plan arrives is known only at a mean speed
+        heights_m = [place_m[2] + goal.climb_rate_m_s * time_s] if pace.is_mean or not goal.climb_rate_m_s else []
         if time_s >= timing.duration_s:
             words = f'more than {time_s:.1f} s, the shortest flight from "{one.name}" to goal "{goal.name}"'
             return [Problem("timing.duration_s", plain(timing.duration_s), words)]
@@ -137,17 +177,18 @@ def _unreached(
         last_m = _plus(goal.position_m(timing.duration_s), one.rendezvous.stand_off_m)
         drifted_m = _plus(one.start.position_m, wind_m_s, timing.duration_s)
         distance_m = math.dist(last_m, drifted_m)
-        if distance_m >= fleet.speed_m_s * timing.duration_s:
+        if distance_m >= pace.speed_m_s * timing.duration_s:
             words = f'a longer flight: "{one.name}" does not get to goal "{goal.name}" in this time'
             return [Problem("timing.duration_s", plain(timing.duration_s), words)]
-        near = math.hypot(*relative_m) < fleet.speed_m_s * FLIGHT_MIN_S
+        near = math.hypot(*relative_m) < pace.speed_m_s * FLIGHT_MIN_S
     found = []
     if near:
         words = f"a start at least {FLIGHT_MIN_S:g} s of flight away from it"
         found.append(Problem(f"{path}.start", "the rendezvous point itself, or nearly so", words, whom))
-    outside = [height for height in heights_m if not limits.altitude_min_m <= height <= ALTITUDE_MAX_M]
+    outside = [height for height in heights_m if not limits.altitude_min_m <= height <= limits.altitude_max_m]
     if outside:
-        words = f"from limits.altitude_min_m ({plain(limits.altitude_min_m)} m) to {ALTITUDE_MAX_M:g} m"
+        lowest, highest = plain(limits.altitude_min_m), plain(limits.altitude_max_m)
+        words = f"from limits.altitude_min_m ({lowest} m) to limits.altitude_max_m ({highest} m)"
         arrived = f'a rendezvous point at {outside[0]:.1f} m altitude above goal "{goal.name}"'
         found.append(Problem(f"{path}.rendezvous.stand_off_up_m", arrived, words, whom))
     return found

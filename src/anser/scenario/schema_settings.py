@@ -10,6 +10,7 @@ from anser.scenario.schema_base import Table, choice, number
 
 ALTITUDE_MAX_M = 15240.0  # the end of the thrust tables (50,000 ft), [SL] appendix A
 SPEED_MAX_M_S = 340.0  # the thrust tables end at Mach 1
+DURATION_MAX_S = 7200.0
 
 
 def _is_multiple(period_s: float, step_s: float) -> bool:
@@ -21,7 +22,7 @@ def _is_multiple(period_s: float, step_s: float) -> bool:
 class Timing(Table):
     """How long to fly, and how often to step, to record and to plan."""
 
-    duration_s: float = number("time that the flight lasts", 1, 7200, "s")
+    duration_s: float = number("time that the flight lasts", 1, DURATION_MAX_S, "s")
     step_s: float = number("step of the integration", 0.001, 0.05, "s", 0.01)
     record_period_s: float = number("time between two recorded states", 0.001, 60, "s", 0.1)
     replan_period_s: float = number("time between two plans; 0 plans once, at the start", 0, 600, "s", 1.0)
@@ -53,6 +54,18 @@ class Fleet(Table):
         ("even", "published"),
         "even",
     )
+    planner: Literal["published", "certified"] = choice(
+        "how the paths are found: as published, or so that limits and separation are proven to be kept",
+        ("published", "certified"),
+        "published",
+    )
+    reserve: float = number(
+        "part of each limit that the plan leaves to the autopilot; of the speed window, of each side of speed_m_s",
+        0,
+        0.5,
+        "",
+        0.1,
+    )
 
 
 class Limits(Table):
@@ -63,16 +76,35 @@ class Limits(Table):
     bank_max_deg: float = number("largest bank angle", 5, 85, "deg", 60.0)
     climb_rate_max_m_s: float = number("largest rate of climb or descent", 1, 300, "m/s", 80.0)
     altitude_min_m: float = number("lowest altitude", 0, ALTITUDE_MAX_M, "m", 100.0)
+    altitude_max_m: float = number("highest altitude", 0, ALTITUDE_MAX_M, "m", ALTITUDE_MAX_M)
     load_factor_min: float = number("lowest load factor", -3, 0.9, "", -1.0)
     load_factor_max: float = number("highest load factor", 1.1, 9, "", 5.0)
     alpha_min_deg: float = number("lowest angle of attack", -10, 45, "deg", -5.0)
     alpha_max_deg: float = number("highest angle of attack", -10, 45, "deg", 25.0)
+    roll_rate_max_deg_s: float = number("greatest roll rate that a plan asks for", 5, 90, "deg/s", 20.0)
+    acceleration_max_m_s2: float | None = number(
+        "greatest surplus of thrust over drag, per mass, that a plan asks for; left out: its own at the start",
+        0,
+        50,
+        "m/s^2",
+        None,
+        above=True,
+    )
+    deceleration_max_m_s2: float | None = number(
+        "greatest surplus of drag over thrust, per mass, that a plan asks for; left out: its own at the start",
+        0,
+        50,
+        "m/s^2",
+        None,
+        above=True,
+    )
 
     @model_validator(mode="after")
     def _ordered(self) -> "Limits":
         # the ranges of the load factors do not meet, so they need no such check
         pairs = (
             ("speed_min_m_s", self.speed_min_m_s, "speed_max_m_s", self.speed_max_m_s, "m/s"),
+            ("altitude_min_m", self.altitude_min_m, "altitude_max_m", self.altitude_max_m, "m"),
             ("alpha_min_deg", self.alpha_min_deg, "alpha_max_deg", self.alpha_max_deg, "deg"),
         )
         found = [

@@ -1,0 +1,191 @@
+"""The room that the aircraft share: how far apart they stay, where none of them may be, and what starts wrongly."""
+
+import math
+
+from pydantic import model_validator
+
+from anser.scenario.errors import Problem, ScenarioError, plain
+from anser.scenario.schema_aircraft import Aircraft
+from anser.scenario.schema_arrival import Arrival
+from anser.scenario.schema_base import Table, naming, number
+from anser.scenario.schema_checks import SAME_PLACE_M, label
+from anser.scenario.schema_goal import PLACE_MAX_M, Goal
+from anser.scenario.schema_settings import ALTITUDE_MAX_M, SPEED_MAX_M_S
+from anser.scenario.schema_surroundings import Vector
+
+
+class Separation(Table):
+    """How far apart any two aircraft stay until the first of the two arrives: in the plane or in altitude."""
+
+    horizontal_m: float = number("distance in the plane; 0 asks for none", 0, 50_000, "m", 0.0)
+    vertical_m: float = number(
+        "difference in altitude that does instead; 0: altitude does not count", 0, 5_000, "m", 0.0
+    )
+    reserve_m: float = number("what the plan adds to both, for the errors of flight", 0, 1_000, "m", 10.0)
+
+    @model_validator(mode="after")
+    def _asks_for_a_distance(self) -> "Separation":
+        if self.vertical_m > 0.0 and self.horizontal_m == 0.0:
+            words = "horizontal_m above 0 beside it: aircraft are apart in the plane or in altitude"
+            raise ScenarioError("", [Problem("vertical_m", f"{plain(self.vertical_m)} without horizontal_m", words)])
+        return self
+
+    def is_kept(self, one_m: Vector, other_m: Vector) -> bool:
+        """Say whether two places (north, east, up; m) are far enough apart, without the reserve.
+
+        Parameters
+        ----------
+        one_m, other_m
+            The places.
+        """
+        apart_up_m = abs(one_m[2] - other_m[2])
+        return math.dist(one_m[:2], other_m[:2]) >= self.horizontal_m or 0.0 < self.vertical_m <= apart_up_m
+
+
+class KeepOut(Table):
+    """An upright cylinder that no aircraft enters, at rest or moving steadily over the ground."""
+
+    name: str = naming("name of the cylinder, unique")
+    north_m: float = number("its middle north of the origin at time 0", -PLACE_MAX_M, PLACE_MAX_M, "m")
+    east_m: float = number("its middle east of the origin at time 0", -PLACE_MAX_M, PLACE_MAX_M, "m")
+    radius_m: float = number("its radius", 10, 200_000, "m")
+    bottom_m: float = number("its bottom above sea level", 0, ALTITUDE_MAX_M, "m", 0.0)
+    top_m: float = number("its top above sea level", 0, ALTITUDE_MAX_M, "m", ALTITUDE_MAX_M)
+    speed_m_s: float = number("its speed over the ground", 0, SPEED_MAX_M_S, "m/s", 0.0)
+    course_deg: float = number("direction of its motion over the ground", -360, 360, "deg", 0.0)
+
+    @model_validator(mode="after")
+    def _has_a_height(self) -> "KeepOut":
+        if self.bottom_m >= self.top_m:
+            words = f"less than top_m, which is {plain(self.top_m)} m"
+            raise ScenarioError("", [Problem("bottom_m", plain(self.bottom_m), words)])
+        return self
+
+    def velocity_m_s(self) -> Vector:
+        """Velocity over the ground (north, east, up), m/s."""
+        course = math.radians(self.course_deg)
+        return self.speed_m_s * math.cos(course), self.speed_m_s * math.sin(course), 0.0
+
+    def holds(self, place_m: Vector) -> bool:
+        """Say whether a place (north, east, up; m) is inside at time 0; its surface is outside.
+
+        Parameters
+        ----------
+        place_m
+            The place.
+        """
+        away_m = math.dist(place_m[:2], (self.north_m, self.east_m))
+        return away_m < self.radius_m and self.bottom_m < place_m[2] < self.top_m
+
+
+def separation_problems(aircraft: tuple[Aircraft, ...], separation: Separation) -> list[Problem]:
+    """Find aircraft that start closer than the separation.
+
+    Parameters
+    ----------
+    aircraft
+        All of the scenario.
+    separation
+        What is asked for.
+
+    Returns
+    -------
+    list of Problem
+        Empty if all is well; two aircraft at one place are told elsewhere.
+    """
+    found = []
+    vertical = f" or {plain(separation.vertical_m)} m in altitude" if separation.vertical_m else ""
+    words = f"a start {plain(separation.horizontal_m)} m away in the plane{vertical}, as [separation] asks"
+    if separation.horizontal_m == 0.0:
+        return found
+    for index, one in enumerate(aircraft):
+        here_m = one.start.position_m
+        for other_index, other in enumerate(aircraft[:index]):
+            there_m = other.start.position_m
+            if math.dist(here_m, there_m) < SAME_PLACE_M or separation.is_kept(here_m, there_m):
+                continue
+            # rounded down, so that a distance that is too small by little does not read as the one asked for
+            away_m, up_m = _tenths(math.dist(here_m[:2], there_m[:2])), _tenths(abs(here_m[2] - there_m[2]))
+            arrived = (
+                f'a start {away_m} m in the plane and {up_m} m in altitude from aircraft[{other_index}] "{other.name}"'
+            )
+            found.append(Problem(f"aircraft[{index}].start", arrived, words, label("aircraft", one)))
+    return found
+
+
+def keep_out_problems(
+    keep_outs: tuple[KeepOut, ...], aircraft: tuple[Aircraft, ...], goals: tuple[Goal, ...]
+) -> list[Problem]:
+    """Find names used twice, starts inside a keep-out, and rendezvous points that never leave one.
+
+    Parameters
+    ----------
+    keep_outs, aircraft, goals
+        All of the scenario; every aircraft's goal exists.
+
+    Returns
+    -------
+    list of Problem
+        Empty if all is well.
+    """
+    found = []
+    names = [one.name for one in keep_outs]
+    by_name = {goal.name: goal for goal in goals}
+    for index, keep_out in enumerate(keep_outs):
+        if keep_out.name in names[:index]:
+            taken = f'"{keep_out.name}", already the name of keep_out[{names.index(keep_out.name)}]'
+            whom = f'keep_out "{keep_out.name}"'
+            found.append(Problem(f"keep_out[{index}].name", taken, "a name of its own", whom))
+        inside = f'inside keep_out[{index}] "{keep_out.name}"'
+        below, above = f"below {plain(keep_out.bottom_m)} m", f"above {plain(keep_out.top_m)} m"
+        outside = f"at least {plain(keep_out.radius_m)} m from its middle, {below} or {above}"
+        for place, one in enumerate(aircraft):
+            path, whom, goal = f"aircraft[{place}]", label("aircraft", one), by_name[one.goal]
+            if keep_out.holds(one.start.position_m):
+                found.append(Problem(f"{path}.start", f"a start {inside}", f"a start {outside}", whom))
+            north_m, east_m, up_m = goal.position_m(0.0)
+            off_north_m, off_east_m, off_up_m = one.rendezvous.stand_off_m
+            if keep_out.holds((north_m + off_north_m, east_m + off_east_m, up_m + off_up_m)) and _move_alike(
+                goal, keep_out
+            ):
+                arrived = f'a rendezvous point {inside}, which moves as goal "{goal.name}" does and so never leaves it'
+                found.append(Problem(f"{path}.rendezvous", arrived, f"a rendezvous point {outside}", whom))
+    return found
+
+
+def same_point_problems(aircraft: tuple[Aircraft, ...], arrival: Arrival) -> list[Problem]:
+    """Find two aircraft sent to one point at one time.
+
+    Parameters
+    ----------
+    aircraft
+        All of the scenario.
+    arrival
+        The rule of the fleet.
+
+    Returns
+    -------
+    list of Problem
+        Empty if all is well.
+    """
+    found = []
+    for index, one in enumerate(aircraft):
+        for other_index, other in enumerate(aircraft[:index]):
+            apart_m = math.dist(one.rendezvous.stand_off_m, other.rendezvous.stand_off_m)
+            if other.goal == one.goal and apart_m < SAME_PLACE_M and arrival.meet(one, other):
+                arrived = f'the rendezvous point of aircraft[{other_index}] "{other.name}" at the same goal'
+                words = f"stand-offs that keep them at least {SAME_PLACE_M:g} m apart: they arrive at the same time"
+                found.append(Problem(f"aircraft[{index}].rendezvous", arrived, words, label("aircraft", one)))
+    return found
+
+
+def _tenths(length_m: float) -> str:
+    return f"{math.floor(10.0 * length_m) / 10.0:.1f}"
+
+
+def _move_alike(goal: Goal, keep_out: KeepOut) -> bool:
+    """Say whether goal and cylinder stay as they are to each other for good."""
+    if goal.waypoints is None:
+        return goal.velocity_m_s() == keep_out.velocity_m_s()
+    places = {(point.north_m, point.east_m, point.altitude_m) for point in goal.waypoints}
+    return len(places) == 1 and keep_out.speed_m_s == 0.0
