@@ -78,3 +78,21 @@ def verdicts():
 def test_verdict(verdicts, k, name):
     _, outcome, reason = CASES[name]
     assert (OUTCOMES[verdicts.outcome[k]], REASONS[verdicts.reason[k]]) == (outcome, reason)
+
+
+@pytest.mark.parametrize(
+    ("flight", "outcome", "reason"),
+    [
+        (_flight(error=SUNK), "limited", "start_beyond_limits"),
+        (_flight(error=SLOW, at=[("thrust_max", 30.0)]), "limited", "start_beyond_limits"),
+        # control is lost whatever the reason
+        (_flight(left=[("alpha", 3.0)]), "failed", "start_beyond_limits"),
+        (_flight(beta=0.05, at=[("surfaces", 30.0)]), "failed", "start_beyond_limits"),
+        (_flight(error=SUNK, finite=False), "failed", "unexplained"),
+        (_flight(), "reached", "none"),
+    ],
+)
+def test_a_start_beyond_the_limits_explains_a_miss_and_excuses_no_departure(flight, outcome, reason):
+    batch = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], flight)
+    found = judge(batch, TOLERANCE[None], DURATION, np.array([True]))
+    assert (OUTCOMES[found.outcome[0]], REASONS[found.reason[0]]) == (outcome, reason)

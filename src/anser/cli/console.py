@@ -1,11 +1,13 @@
-"""What all commands share: the consoles, refusals, tables."""
+"""What all commands share: the consoles, the progress bar, refusals, tables."""
 
+import contextlib
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import rich.box
 from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from anser.scenario import AIRFRAMES, VARIANTS
@@ -18,6 +20,15 @@ _WIDTH_MIN = 120  # columns of a table that nobody looks at on a screen: a pipe 
 
 class RefusedError(Exception):
     """Bad input found by the command line itself; the text is the finished message."""
+
+
+@contextlib.contextmanager
+def progress_bar() -> Iterator[Callable[[str, float], None]]:
+    """Bar on standard error, gone at the end, never there without a screen; told what is being done, and 0 to 1."""
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
+        task = bar.add_task("starting", total=1.0)
+        yield lambda what, done: bar.update(task, description=what, completed=done)
 
 
 def make_new(folder: Path) -> None:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-import rich.progress
 import typer
 
 from anser.cli.console import (
@@ -21,6 +20,7 @@ from anser.cli.console import (
     number,
     plain_table,
     print_table,
+    progress_bar,
     screen,
 )
 
@@ -61,14 +61,7 @@ def robustness(
 
     conditions = CONDITIONS if at is None else (FlightPoint(*flight_point(at)),)
     make_new(out)
-    columns = (
-        rich.progress.TextColumn("{task.description}"),
-        rich.progress.BarColumn(),
-        rich.progress.TaskProgressColumn(),
-        rich.progress.TimeElapsedColumn(),
-    )
-    with rich.progress.Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
-        task = bar.add_task("starting", total=1.0)
+    with progress_bar() as tell:
         try:
             study = robustness_study(
                 variant,
@@ -77,12 +70,12 @@ def robustness(
                 seed=seed,
                 sweep=sweep,
                 conditions=conditions,
-                progress=lambda what, done: bar.update(task, description=what, completed=done),
+                progress=tell,
             )
         except ConditionError as error:
             out.rmdir()
             raise RefusedError(f"--at: arrived {at}; {error}") from None
-        bar.update(task, description="writing")
+        tell("writing", 1.0)
         write_netcdf(study.dataset, out / "robustness.nc")
         draw_robustness(study.dataset, out)
     if as_json:

@@ -6,7 +6,6 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import rich.progress
 import typer
 
 from anser.cli.console import (
@@ -20,6 +19,7 @@ from anser.cli.console import (
     number,
     plain_table,
     print_table,
+    progress_bar,
     screen,
 )
 from anser.scenario import AIRFRAMES
@@ -119,23 +119,16 @@ def _survey(
     from anser.report import draw_margin_maps
     from anser.results import write_netcdf
 
-    columns = (
-        rich.progress.TextColumn("{task.description}"),
-        rich.progress.BarColumn(),
-        rich.progress.TaskProgressColumn(),
-        rich.progress.TimeElapsedColumn(),
-    )
-    with rich.progress.Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
-        task = bar.add_task("starting", total=1.0)
+    with progress_bar() as tell:
         surveyed = survey_margins(
             aircraft,
             variant,
             inversion=inversion,
             coarse=coarse,
             step_s=step_s,
-            progress=lambda what, done: bar.update(task, description=what, completed=done),
+            progress=tell,
         )
-        bar.update(task, description="writing")
+        tell("writing", 1.0)
         write_netcdf(surveyed.dataset, out / "margins.nc")
         draw_margin_maps(surveyed.dataset, out)
         with (out / "margins.json").open("x", encoding="utf-8") as file:

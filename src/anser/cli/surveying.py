@@ -5,10 +5,9 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import rich.progress
 import typer
 
-from anser.cli.console import err, make_new, must_be_known, plain_table, print_table, screen
+from anser.cli.console import err, make_new, must_be_known, plain_table, print_table, progress_bar, screen
 from anser.scenario import AIRFRAMES
 
 if TYPE_CHECKING:
@@ -33,22 +32,15 @@ def envelope(
     from anser.report import draw_envelope
     from anser.results import write_netcdf
 
-    columns = (
-        rich.progress.TextColumn("{task.description}"),
-        rich.progress.BarColumn(),
-        rich.progress.TaskProgressColumn(),
-        rich.progress.TimeElapsedColumn(),
-    )
-    with rich.progress.Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
-        task = bar.add_task("starting", total=1.0)
+    with progress_bar() as tell:
         surveyed = survey(
             aircraft,
             variant,
             inversion=inversion,
             coarse=coarse,
-            progress=lambda what, done: bar.update(task, description=what, completed=done),
+            progress=tell,
         )
-        bar.update(task, description="writing")
+        tell("writing", 1.0)
         write_netcdf(surveyed.dataset, out / "envelope.nc")
         draw_envelope(surveyed.dataset, out)
     if as_json:

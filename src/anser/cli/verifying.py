@@ -7,11 +7,10 @@ import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated
 
-import rich.progress
 import typer
 from rich.table import Table
 
-from anser.cli.console import RefusedError, err, plain_table, print_table, screen
+from anser.cli.console import RefusedError, err, plain_table, print_table, progress_bar, screen
 
 if TYPE_CHECKING:
     from anser.verification import Check, Comparison, Outcome
@@ -39,16 +38,9 @@ def verify(
         print_table(_list(chosen))
         return
     enable_compilation_cache()
-    columns = (
-        rich.progress.TextColumn("{task.description}"),
-        rich.progress.BarColumn(),
-        rich.progress.TaskProgressColumn(),
-        rich.progress.TimeElapsedColumn(),
-    )
     began = time.perf_counter()
-    with rich.progress.Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
-        task = bar.add_task("starting", total=1.0)
-        outcomes = run(case or None, lambda what, done: bar.update(task, description=what, completed=done))
+    with progress_bar() as tell:
+        outcomes = run(case or None, tell)
     seconds = time.perf_counter() - began
     if as_json:
         sys.stdout.write(json.dumps(to_document(outcomes, seconds), indent=1, allow_nan=False) + "\n")

@@ -1,6 +1,5 @@
 """Figures of an envelope survey: the trim map, what became of the commands, and the margins that were left."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -8,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from anser.report.map_panels import draw_cells, draw_marks, map_panels
+from anser.report.print_style import save_drawings
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -41,11 +41,12 @@ _KINDS = {
     "surface_rates": ("failed: surface rates", "#d55e00"),
     "tables_alpha": (_FLOW, "#000000"),
     "tables_beta": (_FLOW, "#000000"),
-    "start_beyond_limits": ("limited: start beyond the autopilot's limits", "#8a5a7a"),
+    "start_beyond_limits": ("start beyond the autopilot's limits", "#8a5a7a"),
     "unexplained": ("failed: unexplained", "#ff00ff"),
 }
 """Words and colour of each reason: Okabe and Ito's colours, which colour-blind readers can tell apart, and their tints:
 blue, pink and grey where the flight was limited, yellow to black where it failed."""
+_LOST = ("failed, from a start beyond the limits", "#2b0f24")
 
 
 def draw_envelope(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
@@ -64,26 +65,13 @@ def draw_envelope(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
 
     Raises
     ------
+    FileExistsError
+        A file exists: nothing is overwritten.
     ImportError
         matplotlib is not installed.
     """
-    import matplotlib as mpl
-
-    written = []
-    drawings: dict[str, Callable[[xr.Dataset], Figure]] = {
-        "trim-map": _trim_map,
-        "commands": _commands,
-        "margins": _margins,
-    }
-    with mpl.rc_context(_STYLE):
-        for name, draw in drawings.items():
-            figure = draw(dataset)
-            for suffix in ("svg", "png"):
-                path = folder / f"{name}.{suffix}"
-                # no date and fixed identifiers: the same numbers make the same file
-                figure.savefig(path, dpi=150, metadata={"Date": None} if suffix == "svg" else {"Software": None})
-                written.append(path)
-    return tuple(written)
+    drawings = {"trim-map": _trim_map, "commands": _commands, "margins": _margins}
+    return save_drawings(drawings, dataset, _STYLE, folder)
 
 
 def _trim_map(dataset: xr.Dataset) -> "Figure":
@@ -111,12 +99,15 @@ def _commands(dataset: xr.Dataset) -> "Figure":
     from matplotlib.patches import Patch
 
     reasons = dataset["reason"].attrs["flag_meanings"].split()
-    labels = list(dict.fromkeys(_KINDS.values()))
+    labels = [*dict.fromkeys(_KINDS.values()), _LOST]
     # the reason "none" of a flight is that it reached its command
     kind_of = np.array([labels.index(_KINDS["reached" if name == "none" else name]) for name in reasons])
     colours = ListedColormap([colour for _, colour in labels])
     norm = BoundaryNorm(np.arange(len(labels) + 1) - 0.5, len(labels))
-    kind = np.where(dataset["outcome"].values > 0, kind_of[dataset["reason"].values], np.nan)
+    outcome, reason = dataset["outcome"].values, dataset["reason"].values
+    lost = outcome == dataset["outcome"].attrs["flag_meanings"].split().index("failed")
+    kind = np.where(outcome > 0, kind_of[reason], np.nan)
+    kind = np.where(lost & (reason == reasons.index("start_beyond_limits")), labels.index(_LOST), kind)
     commands = dataset["command_meaning"].values
     note = "Grey: no steady flight to leave from. Dots: a tenth or more of power and surfaces left."
     figure, axes, below = map_panels(dataset, len(commands), 1.2 + 2.1 * len(commands), "Commands flown", [note])
@@ -129,7 +120,7 @@ def _commands(dataset: xr.Dataset) -> "Figure":
             draw_marks(axes[c, k], dataset, with_reserve[c], **_DOTS)
     present = sorted({int(k) for k in np.unique(kind[~np.isnan(kind)])})
     handles = [Patch(facecolor=labels[k][1], label=labels[k][0]) for k in present]
-    figure.legend(handles=handles, loc="outside lower center", ncols=6, frameon=False)
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False)
     return figure
 
 

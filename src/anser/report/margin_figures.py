@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from anser.report.map_panels import NOTHING, draw_cells, draw_marks, map_panels
+from anser.report.print_style import FIGURE_SUFFIXES, new_figure, save_drawings, save_figure
 from anser.report.style import color_of
 
 if TYPE_CHECKING:
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = ["BODE_SUFFIXES", "draw_bode", "draw_margin_maps"]
 
-BODE_SUFFIXES = (".svg", ".png", ".pdf")
+BODE_SUFFIXES = FIGURE_SUFFIXES
 """Kinds of files that a Bode diagram can be."""
 _GROUPS = {
     "Actuators and engine": ("elevator", "aileron", "rudder", "throttle"),
@@ -38,11 +39,6 @@ _STYLE: dict[Any, Any] = {
     "legend.framealpha": 0.85,
     "mathtext.fontset": "dejavusans",
 }
-_METADATA: dict[str, dict[str, None]] = {
-    ".svg": {"Date": None},
-    ".png": {"Software": None},
-    ".pdf": {"CreationDate": None, "Producer": None, "Creator": None},
-}
 
 
 def draw_bode(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
@@ -62,11 +58,8 @@ def draw_bode(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
     ImportError
         matplotlib is not installed.
     """
-    import matplotlib as mpl
-    from matplotlib.figure import Figure
-
+    mpl, figure = new_figure((11.0, 9.0))
     with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(11.0, 9.0), layout="constrained")
         grid = figure.add_gridspec(3, len(_GROUPS), height_ratios=[1.0, 1.0, 1.5])
         for k, (title, names) in enumerate(_GROUPS.items()):
             gain, phase, nyquist = (figure.add_subplot(grid[row, k]) for row in range(3))
@@ -86,9 +79,7 @@ def draw_bode(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
             f"or {of['phase_min_deg']:g}° at the unit circle",
             fontsize=10,
         )
-        for path in paths:
-            with path.open("xb") as file:
-                figure.savefig(file, format=path.suffix[1:], dpi=150, metadata=_METADATA[path.suffix])
+        save_figure(figure, paths)
 
 
 def draw_margin_maps(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
@@ -107,20 +98,13 @@ def draw_margin_maps(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
 
     Raises
     ------
+    FileExistsError
+        A file exists: nothing is overwritten.
     ImportError
         matplotlib is not installed.
     """
-    import matplotlib as mpl
-
-    written = []
-    with mpl.rc_context(_STYLE):
-        for name, draw in (("actuators", _actuators), ("loops", _loops)):
-            figure = draw(dataset)
-            for suffix in (".svg", ".png"):
-                path = folder / f"{name}{suffix}"
-                figure.savefig(path, dpi=150, metadata=_METADATA[suffix])
-                written.append(path)
-    return tuple(written)
+    drawings = {"actuators": _actuators, "loops": _loops}
+    return save_drawings(drawings, dataset, _STYLE, folder)
 
 
 def _bode(gain: "Axes", phase: "Axes", dataset: xr.Dataset, names: Sequence[str]) -> None:

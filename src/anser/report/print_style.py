@@ -1,13 +1,25 @@
 """Figures for print: how they look, and how they are written so that the same numbers make the same file."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import xarray as xr
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["FIGURE_SUFFIXES", "INK", "LARGE", "PRINT_STYLE", "QUIET", "SMALL", "new_figure", "save_figure"]
+__all__ = [
+    "FIGURE_SUFFIXES",
+    "INK",
+    "LARGE",
+    "PRINT_STYLE",
+    "QUIET",
+    "SMALL",
+    "new_figure",
+    "save_drawings",
+    "save_figure",
+]
 
 FIGURE_SUFFIXES = (".svg", ".png", ".pdf")
 """Kinds of files that a figure can be."""
@@ -46,14 +58,19 @@ _METADATA: dict[str, dict[str, None]] = {
 }
 
 
-def new_figure(size: tuple[float, float]) -> tuple[Any, "Figure"]:
-    """Matplotlib, and an empty figure of a size in inches."""
+def _matplotlib() -> Any:
     try:
         import matplotlib as mpl
-        from matplotlib.figure import Figure
+        import matplotlib.figure
     except ImportError:
         raise ImportError("matplotlib is not installed: pip install matplotlib") from None
-    return mpl, Figure(figsize=size, layout="constrained")
+    return mpl
+
+
+def new_figure(size: tuple[float, float]) -> tuple[Any, "Figure"]:
+    """Matplotlib, and an empty figure of a size in inches."""
+    mpl = _matplotlib()
+    return mpl, mpl.figure.Figure(figsize=size, layout="constrained")
 
 
 def save_figure(figure: "Figure", paths: Sequence[Path]) -> None:
@@ -62,3 +79,19 @@ def save_figure(figure: "Figure", paths: Sequence[Path]) -> None:
         with path.open("xb") as file:
             figure.savefig(file, format=path.suffix.removeprefix("."), dpi=160, metadata=_METADATA[path.suffix])
         figure.set_layout_engine("none")  # laid out once is enough
+
+
+def save_drawings(
+    drawings: Mapping[str, Callable[[xr.Dataset], "Figure"]],
+    dataset: xr.Dataset,
+    style: Mapping[Any, Any],
+    folder: Path,
+) -> tuple[Path, ...]:
+    """Draw a dataset in a style, each drawing into `NAME.svg` and `NAME.png` of a folder; returns the new paths."""
+    written: list[Path] = []
+    with _matplotlib().rc_context(style):
+        for name, draw in drawings.items():
+            paths = [folder / f"{name}{suffix}" for suffix in (".svg", ".png")]
+            save_figure(draw(dataset), paths)
+            written += paths
+    return tuple(written)

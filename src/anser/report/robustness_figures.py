@@ -1,13 +1,13 @@
 """Figures of a robustness study: success, errors that are left, and what each factor alone breaks."""
 
 import textwrap
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
+from anser.report.print_style import save_drawings
 from anser.results import FirstBreak, first_breaks, success
 
 if TYPE_CHECKING:
@@ -52,29 +52,19 @@ def draw_robustness(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
 
     Raises
     ------
+    FileExistsError
+        A file exists: nothing is overwritten.
     ImportError
         matplotlib is not installed.
     """
-    import matplotlib as mpl
-
-    written = []
-    drawings: dict[str, tuple[str, Callable[[xr.Dataset], Figure]]] = {
+    drawings = {
         "success": ("dispersed", _by_condition),
         "errors": ("dispersed", _errors),
         "spread": ("spread", _against_spread),
         "alone": ("alone", _alone),
     }
-    with mpl.rc_context(_STYLE):
-        for name, (part, draw) in drawings.items():
-            if not _part(dataset, part).any():
-                continue
-            figure = draw(dataset)
-            for suffix in ("svg", "png"):
-                path = folder / f"{name}.{suffix}"
-                # no date and fixed identifiers: the same numbers make the same file
-                figure.savefig(path, dpi=150, metadata={"Date": None} if suffix == "svg" else {"Software": None})
-                written.append(path)
-    return tuple(written)
+    flown = {name: draw for name, (part, draw) in drawings.items() if _part(dataset, part).any()}
+    return save_drawings(flown, dataset, _STYLE, folder)
 
 
 def _part(dataset: xr.Dataset, name: str) -> np.ndarray:

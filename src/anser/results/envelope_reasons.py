@@ -11,8 +11,8 @@ __all__ = ["OUTCOMES", "REASONS", "Verdicts", "judge"]
 OUTCOMES = ("not_flown", "reached", "limited", "failed")
 """Limited: in controlled flight the command was missed at a limit of thrust, alpha, load factor or bank, or the data
 ended in altitude or Mach number, or the steady flight that is left lies beyond the autopilot's limits. Failed: alpha or
-beta left the data, sideslip passed its bound, the surfaces or the body rates did not suffice, or no limit explains what
-was missed."""
+beta left the data, sideslip passed its bound (both whatever the reason, such a start included), the surfaces or the
+body rates did not suffice, or no limit explains what was missed."""
 
 REASONS = ("none", *AUTOPILOT_LIMITS, *(f"tables_{axis}" for axis in TABLE_AXES), "start_beyond_limits", "unexplained")
 """None: not flown, or reached."""
@@ -87,7 +87,7 @@ def judge(
     reason = np.where(start_beyond & finite, REASONS.index("start_beyond_limits"), reason)
     reason = np.where(reached, 0, reason)
     uncontrolled = [REASONS.index(name) for name in (*_INNER, "tables_alpha", "tables_beta", "unexplained")]
-    failed = ~reached & (np.isin(reason, uncontrolled) | (slipped & ~np.asarray(start_beyond)) | ~finite)
+    failed = ~reached & (np.isin(reason, uncontrolled) | slipped | departed | ~finite)
     outcome = np.select(
         [reached, failed], [OUTCOMES.index("reached"), OUTCOMES.index("failed")], OUTCOMES.index("limited")
     )

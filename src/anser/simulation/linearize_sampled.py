@@ -8,6 +8,7 @@ from jaxtyping import Array, Float
 from anser.aircraft import AbstractAirframe, Controls, condition
 from anser.control import AutopilotGains, AutopilotState, FlightLimits, make_plant, wrapped
 from anser.environment import Environment
+from anser.numerics import compiled_quickly
 from anser.shapes import Scalar, ScalarLike, Vector3
 from anser.simulation.linearize_chart import (
     AIR_OUTPUTS,
@@ -141,7 +142,7 @@ def linearize_loop(
     )
 
 
-@eqx.filter_jit
+@compiled_quickly
 def _law(case: LoopCase, loop: Loop, fields: tuple[str, ...]) -> tuple[Array, Vector3, Expansion]:
     """States and commands of the condition; controls and memory after a sample, as they depend on both."""
     airframe, environment, trim = case.airframe, case.environment, case.trim
@@ -175,7 +176,7 @@ def _law(case: LoopCase, loop: Loop, fields: tuple[str, ...]) -> tuple[Array, Ve
     return z, held, expand(law, jnp.concatenate([z, held]))
 
 
-@eqx.filter_jit
+@compiled_quickly
 def sampled_motion(case: LoopCase, controls: Float[Array, "4"]) -> Expansion:
     """State after one step and outputs before it, as they depend on the state before and on the controls."""
     airframe, environment, start = case.airframe, case.environment, case.trim.state

@@ -9,6 +9,7 @@ from jaxtyping import Array, Float
 
 from anser.aircraft import AbstractAirframe
 from anser.environment import Environment
+from anser.numerics import compiled_quickly
 from anser.verification.check import Check, Comparison
 from anser.verification.published import half_of_significant, published
 from anser.verification.textbook import textbook_aircraft, textbook_environment, textbook_rates
@@ -31,7 +32,7 @@ def state_and_controls(figures: dict[str, Any]) -> Float[np.ndarray, "17"]:
     return np.array([*figures["state"], controls["throttle"], *surfaces])
 
 
-@jax.jit
+@compiled_quickly
 def rates_and_slopes(
     airframe: AbstractAirframe, environment: Environment, x_and_u: Float[Array, "17"]
 ) -> tuple[Float[Array, "13"], Float[Array, "13 17"]]:

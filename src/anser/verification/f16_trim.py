@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from anser.environment import Environment
+from anser.numerics import compiled_quickly
 from anser.shapes import Scalar
 from anser.simulation import TrimPoint, solve_trim, trim_target
 from anser.spatial import euler_from_quaternion
@@ -55,7 +56,7 @@ def trim_published(flights: list[Steady]) -> tuple[TrimPoint, Float[np.ndarray, 
     return points, np.asarray(euler)
 
 
-@jax.jit
+@compiled_quickly
 def _trim_all(
     airframe: TextbookF16, environment: Environment, flights: Float[Array, "flight 3"]
 ) -> tuple[TrimPoint, Float[Array, "flight 3"]]:

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from anser.aircraft import AbstractAirframe
 from anser.control import default_limits, published_gains
 from anser.environment import Environment, standard_environment
+from anser.numerics import compiled_quickly
 from anser.scenario import load_airframe
 from anser.simulation import (
     CHANNELS,
@@ -43,7 +44,7 @@ _PRINTED_MODES = (
 _CUT = "last digit cut, not rounded"
 
 
-@eqx.filter_jit
+@compiled_quickly
 def linear_flight(
     airframe: AbstractAirframe, environment: Environment, target: TrimTarget
 ) -> tuple[TrimPoint, LinearModel]:
@@ -132,7 +133,7 @@ def _modes() -> tuple[Comparison, ...]:
 
 def _poles() -> tuple[Comparison, ...]:
     airframe, environment = load_airframe(), standard_environment()
-    point = eqx.filter_jit(solve_trim)(airframe, environment, trim_target(150.0, 2000.0))
+    point = compiled_quickly(solve_trim)(airframe, environment, trim_target(150.0, 2000.0))
     gains, limits = published_gains(), default_limits()
     found = []
     for loop, channels in CHANNELS.items():

@@ -28,6 +28,7 @@ from anser.environment import (
     spherical_earth,
     wgs84_earth,
 )
+from anser.numerics import compiled_quickly
 from anser.numerics.least_squares import levenberg_marquardt
 from anser.scenario import load_airframe, load_body
 from anser.shapes import Scalar, ScalarLike, Vector3
@@ -136,7 +137,7 @@ def _start_free(environment: Environment, case: FreeFlight) -> EarthFixedState:
     return eqx.tree_at(lambda state: state.rates_b, start, jnp.asarray(case.rates_deg_s) * DEG_RAD)
 
 
-@eqx.filter_jit
+@compiled_quickly
 def _trim_all(
     airframe: AbstractAirframe,
     environments: Environment,
@@ -176,7 +177,7 @@ def _trim_level(
     return *state_of(found.x), found.residual
 
 
-@eqx.filter_jit
+@compiled_quickly
 def _fly_all(
     airframes: AbstractAirframe,
     environments: Environment,

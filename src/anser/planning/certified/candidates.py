@@ -36,14 +36,15 @@ from anser.planning.certified.profile import (
 )
 from anser.planning.certified.request import Airspace, Traveller
 from anser.planning.certified.route import Ends, Route
+from anser.planning.certified.smooth_turn import cis
 from anser.planning.rendezvous import final_air_velocity
 from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
 
 RACETRACK = SHAPES
 _CURVATURE_KEPT = 0.98  # of what bank and load factor allow: the certificate's bounds and the fit take the rest
 _SPEED_ROUNDS = 4
-# How the mean airspeed is chosen: as preferred; so that the direct path takes the time; halfway; least; greatest.
-PREFERRED, MATCHED, BETWEEN, SLOWEST, FASTEST = range(5)
+# How the mean airspeed is chosen: as preferred; so that the direct path takes the time; least; greatest.
+PREFERRED, MATCHED, SLOWEST, FASTEST = range(4)
 
 
 class Choices(NamedTuple):
@@ -85,12 +86,9 @@ def make_choices(
 
 
 FEW = make_choices((PREFERRED,), (0.0,), (0,), (0, 1, 2, 3, 4))
-MANY = make_choices((PREFERRED, MATCHED), (0.0, 250.0, -250.0), (0, 1), (0, 1, 2, 3, 4, RACETRACK))
+MANY = make_choices((PREFERRED, MATCHED), (0.0, 300.0, -300.0), (0,), (0, 1, 2, 3, 4, RACETRACK))
 ALL = make_choices(
-    (PREFERRED, MATCHED, BETWEEN, SLOWEST, FASTEST),
-    (0.0, 200.0, -200.0, 400.0, -400.0, 800.0, -800.0),
-    (0, 1, 2, 3),
-    (0, 1, 2, 3, 4, RACETRACK),
+    (PREFERRED, MATCHED, SLOWEST, FASTEST), (0.0, 300.0, -300.0, 600.0, -600.0), (0, 1), (0, 1, 2, 3, 4, RACETRACK)
 )
 
 
@@ -199,7 +197,7 @@ def directs(ends: Ends) -> Direct:
     return jax.tree.map(lambda leaf: leaf[order], found)
 
 
-class _Timed(eqx.Module):
+class TimedProfile(eqx.Module):
     """A profile with what follows from it alone."""
 
     table: Timetable
@@ -210,77 +208,37 @@ class _Timed(eqx.Module):
     good: Flag
 
 
-def _mean_for(
-    traveller: Traveller,
-    airspace: Airspace,
-    duration: Scalar,
-    ticks: int,
-    height: Scalar,
-    wanted: Scalar,
-    guess: Scalar,
-) -> Scalar:
-    """Mean airspeed with which the horizontal path has a length."""
-    mean = guess
-    for _ in range(_SPEED_ROUNDS):
-        table = tabulate(_profile(traveller, airspace, duration, mean, height), airspace.wind, ticks)
-        mean = jnp.clip(mean * wanted / jnp.maximum(table.length, 1.0), 1.0, 1e4)
-    return mean
-
-
-def _timed(
-    traveller: Traveller,
-    airspace: Airspace,
-    duration: Scalar,
-    ticks: int,
-    height: Scalar,
-    mean: Scalar,
-    adjusted: bool,
-) -> _Timed:
-    """Profile of a mean airspeed; `adjusted` to the shortest direct path with the radii that go with that airspeed."""
+def timed_profile(
+    traveller: Traveller, airspace: Airspace, duration: Scalar, ticks: int, height: Scalar, mean: Scalar
+) -> TimedProfile:
+    """Profile of a mean airspeed, with its direct paths at the radii that go with that airspeed."""
     table = tabulate(_profile(traveller, airspace, duration, mean, height), airspace.wind, ticks)
     ends = _ends(traveller, airspace, table)
-    found = directs(ends)
-    if adjusted:
-        wanted = jnp.where(found.exists[0], found.length[0], table.length)
-        mean = _mean_for(traveller, airspace, duration, ticks, height, wanted, mean)
-        table = tabulate(_profile(traveller, airspace, duration, mean, height), airspace.wind, ticks)
     excess = profile_excess(table, _profile_limits(traveller), airspace.gravity)
-    return _Timed(table, ends, found, mean, kept(excess))
+    return TimedProfile(table, ends, directs(ends), mean, kept(excess))
 
 
-def _profiles(traveller: Traveller, airspace: Airspace, duration: Scalar, ticks: int, choices: Choices) -> _Timed:
+def _profiles(traveller: Traveller, airspace: Airspace, duration: Scalar, ticks: int, choices: Choices) -> TimedProfile:
     """All profiles of a table of choices, stacked."""
-    kinds = list(dict.fromkeys(choices.speeds))
-    heights = jnp.asarray(list(dict.fromkeys(choices.heights)))
+    kinds = tuple(dict.fromkeys(choices.speeds))
     limits, preferred = traveller.limits, traveller.speed
     low, high = 1.002 * limits.speed_min, 0.998 * limits.speed_max
 
-    def plain(height: Scalar, mean: Scalar) -> _Timed:
-        return _timed(traveller, airspace, duration, ticks, height, jnp.clip(mean, low, high), adjusted=False)
+    def closer(_: object, mean: Scalar) -> Scalar:
+        now = timed_profile(traveller, airspace, duration, ticks, jnp.zeros(()), mean)
+        wanted = jnp.where(now.direct.exists[0], now.direct.length[0], now.table.length)
+        return jnp.clip(mean * wanted / jnp.maximum(now.table.length, 1.0), 1.0, 1e4)
 
-    groups: dict[int, _Timed] = {}
-    unmatched = [kind for kind in kinds if kind in (PREFERRED, SLOWEST, FASTEST)]
-    means = {PREFERRED: preferred, SLOWEST: low, FASTEST: high}
-    if unmatched:
-        every = jax.vmap(lambda mean: jax.vmap(lambda height: plain(height, mean))(heights))(
-            jnp.stack([means[kind] for kind in unmatched])
-        )
-        groups |= {kind: jax.tree.map(lambda leaf, n=n: leaf[n], every) for n, kind in enumerate(unmatched)}
-    if MATCHED in kinds or BETWEEN in kinds:
-
-        def match(height: Scalar) -> Scalar:
-            first = _timed(traveller, airspace, duration, ticks, height, preferred, adjusted=False)
-            wanted = jnp.where(first.direct.exists[0], first.direct.length[0], first.table.length)
-            return _mean_for(traveller, airspace, duration, ticks, height, wanted, preferred)
-
-        matched = jax.vmap(match)(heights)
-        if MATCHED in kinds:
-            groups[MATCHED] = jax.vmap(
-                lambda height, mean: _timed(traveller, airspace, duration, ticks, height, mean, adjusted=True)
-            )(heights, matched)
-        if BETWEEN in kinds:
-            groups[BETWEEN] = jax.vmap(lambda height, mean: plain(height, 0.5 * (mean + preferred)))(heights, matched)
-    return jax.tree.map(lambda *leaves: jnp.concatenate(leaves), *(groups[kind] for kind in kinds))
+    matched = preferred
+    if MATCHED in kinds:
+        # A hair faster: a path that is longer than the direct one by less than this is a detour, a shorter one is none.
+        matched = (1.0 + 2e-4) * jax.lax.fori_loop(0, _SPEED_ROUNDS, closer, preferred)
+    means = {PREFERRED: jnp.clip(preferred, low, high), MATCHED: matched, SLOWEST: low, FASTEST: high}
+    heights = jnp.asarray(choices.heights)
+    each = jnp.stack([means[kind] for kind in choices.speeds])
+    return jax.vmap(lambda height, mean: timed_profile(traveller, airspace, duration, ticks, height, mean))(
+        heights, each
+    )
 
 
 def _profile_limits(traveller: Traveller) -> ProfileLimits:
@@ -306,11 +264,9 @@ def candidates(
     duration = jnp.asarray(duration, dtype=float)
     timed = _profiles(traveller, airspace, duration, ticks, choices)
     words, shapes, sides = (jnp.asarray(x) for x in (choices.words, choices.shapes, choices.sides))
-    heights = jnp.asarray(
-        [height for kind in dict.fromkeys(choices.speeds) for height in dict.fromkeys(choices.heights)]
-    )
+    heights = jnp.asarray(choices.heights)
 
-    def one(timed: _Timed, height: Scalar, word: Count, shape: Count, side: Count) -> Candidate:
+    def one(timed: TimedProfile, height: Scalar, word: Count, shape: Count, side: Count) -> Candidate:
         base = jax.tree.map(lambda leaf: leaf[word], timed.direct)
         wanted = timed.table.length
         bend = jnp.minimum(shape, SHAPES - 1)
@@ -338,7 +294,13 @@ def candidates(
     return flat, timed.table
 
 
-def track(candidate: Candidate, table: Timetable, airspace: Airspace, times: Float[Array, " instants"]) -> Track:
+def track(
+    candidate: Candidate,
+    table: Timetable,
+    airspace: Airspace,
+    times: Float[Array, " instants"],
+    active: ScalarLike = 1.0,
+) -> Track:
     """Where a candidate is at times (s after its start, equally spaced)."""
     shape: Route = resolve(candidate.ends, candidate.solved)
     profile = candidate.profile
@@ -352,7 +314,7 @@ def track(candidate: Candidate, table: Timetable, airspace: Airspace, times: Flo
         place, heading, curvature = shape.at(scale * table.length_at(inside))
         drift = table.drift_at(inside)
         now = profile.at(inside)
-        ahead = jnp.exp(1j * heading)
+        ahead = cis(heading)
         level = place + beyond * speed * ahead + drift[0] + 1j * drift[1] + beyond * (wind[0] + 1j * wind[1])
         down = -now.altitude - beyond * now.climb
         push = jnp.sqrt((curvature * speed**2) ** 2 + now.climb_dot**2 + now.speed_dot**2)
@@ -364,5 +326,5 @@ def track(candidate: Candidate, table: Timetable, airspace: Airspace, times: Flo
     bound = jnp.minimum(
         jnp.maximum(pushes[1:], pushes[:-1]) + rising, candidate.ends.curvature_max * profile.speed_1**2 + 2.0
     )
-    counted = jnp.where(times[:-1] < profile.duration - 1e-6, 1.0, 0.0)
+    counted = active * jnp.where(times[:-1] < profile.duration - 1e-6, 1.0, 0.0)
     return Track(positions, track_slack(bound, step), counted)

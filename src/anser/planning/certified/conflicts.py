@@ -5,6 +5,7 @@ straight motions have their least distance in closed form.
 """
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -64,16 +65,18 @@ def pair_use(one: Track, other: Track, separation: Separation) -> Float[Array, "
     return jnp.min(room, axis=-1)
 
 
-def keep_out_room(track: Track, times: Float[Array, " instants"], volumes: KeepOuts) -> Float[Array, "*batch volumes"]:
-    """By how much a path stays out of each volume at the least, m: negative inside."""
-    axis = volumes.position_n[:, None, :] + volumes.velocity_n[:, None, :] * times[None, :, None]
-    apart = track.positions_n[..., None, :, :2] - axis
-    slack = track.slack[..., None, :]
-    beside = _nearest(apart[..., :-1, :], apart[..., 1:, :]) - slack - volumes.radius[:, None]
-    up = -track.positions_n[..., None, :, 2]
-    low, high = jnp.minimum(up[..., :-1], up[..., 1:]) - slack, jnp.maximum(up[..., :-1], up[..., 1:]) + slack
-    room = jnp.maximum(jnp.maximum(beside, volumes.bottom[:, None] - high), low - volumes.top[:, None])
-    return jnp.min(jnp.where(track.counted[..., None, :] > 0.0, room, jnp.inf), axis=-1)
+def keep_out_room(track: Track, times: Float[Array, " instants"], volumes: KeepOuts) -> Float[Array, " volumes"]:
+    """By how much one path stays out of each volume at the least, m: negative inside."""
+
+    def one(volume: KeepOuts) -> Scalar:
+        apart = track.positions_n[:, :2] - volume.position_n[None, :] - times[:, None] * volume.velocity_n[None, :]
+        beside = _nearest(apart[:-1], apart[1:]) - track.slack - volume.radius
+        up = -track.positions_n[:, 2]
+        low, high = jnp.minimum(up[:-1], up[1:]) - track.slack, jnp.maximum(up[:-1], up[1:]) + track.slack
+        room = jnp.maximum(jnp.maximum(beside, volume.bottom - high), low - volume.top)
+        return jnp.min(jnp.where(track.counted > 0.0, room, jnp.inf))
+
+    return jax.vmap(one)(volumes)
 
 
 def track_slack(acceleration: Float[Array, "*batch intervals"], step: Scalar) -> Float[Array, "*batch intervals"]:

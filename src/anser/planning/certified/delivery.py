@@ -6,6 +6,7 @@ from jaxtyping import Array, Float
 
 from anser.planning.certified.profile import Timetable
 from anser.planning.certified.route import Route
+from anser.planning.certified.smooth_turn import cis
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Scalar, ScalarLike
 
@@ -44,7 +45,7 @@ def deliver(start_time: ScalarLike, table: Timetable, shape: Route) -> TimedPath
     def one(t: Scalar) -> tuple[Float[Array, "3 3"], Float[Array, "3 3"]]:
         (speed, wind), (speed_dot, wind_dot) = jax.jvp(table.rates, (t,), (jnp.ones_like(t),))
         place, heading, curvature = shape.at(scale * table.length_at(t))
-        ahead = jnp.exp(1j * heading)
+        ahead = cis(heading)
         rate, bend = scale * speed * ahead, (scale * speed_dot + 1j * curvature * (scale * speed) ** 2) * ahead
         now, drift = table.profile.at(t), table.drift_at(t)
         level = [jnp.stack([jnp.real(x), jnp.imag(x)]) for x in (place, rate, bend)]

@@ -11,9 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from anser.numerics.newton import bracketed_newton
+from anser.numerics.secant import bracketed_secant
 from anser.planning.certified.route import Ends, Route, route, turned_through, unwind
-from anser.planning.certified.smooth_turn import smooth_turn
+from anser.planning.certified.smooth_turn import cis, smooth_turn
 from anser.shapes import Flag, Scalar, ScalarLike
 
 TURN = 2 * np.pi
@@ -36,7 +36,7 @@ SHAPES = len(_SHAPES)
 ANGLE_MAX = np.array([2.6, 2.1, 2.1, 2.4, 1.5])
 _HEADINGS_TRIED = 64
 _ANGLES_TRIED = 16
-_STEPS = 9
+_STEPS = 10
 _SAME_LENGTH = 1e-6
 """Part of itself to which a length is met: the speed takes up the rest."""
 _LONGEST = 1e12
@@ -80,17 +80,13 @@ def _aim(ends: Ends, angles: Float[Array, "2"]) -> tuple[Scalar, Scalar, Scalar]
     """Length of the straight part, what it passes the end by to the right, and the length of the whole."""
     begun = unwind(ends)
     turns, turning, after = turned_through(ends, begun.heading, _full(angles[0], angles[1]))
-    left = (ends.end - begun.place - turns) * jnp.exp(-1j * after[0])
+    left = (ends.end - begun.place - turns) * cis(-after[0])
     return jnp.real(left), jnp.imag(left), begun.length + turning + jnp.real(left)
 
 
-def _aim_error(angle: Scalar, data: tuple[Ends, Float[Array, "2"], Float[Array, "2"], Scalar]) -> tuple[Scalar, Scalar]:
-    ends, base, lasting, sign = data
-
-    def value(x: Scalar) -> Scalar:
-        return sign * _aim(ends, base + x * lasting)[1]
-
-    return jax.jvp(value, (angle,), (jnp.ones_like(angle),))
+def _aim_error(angle: Scalar, data: tuple[Ends, Float[Array, "2"], Float[Array, "2"]]) -> Scalar:
+    ends, base, lasting = data
+    return _aim(ends, base + angle * lasting)[1]
 
 
 def direct(ends: Ends, word: Float[Array, "2"]) -> Direct:
@@ -106,8 +102,8 @@ def direct(ends: Ends, word: Float[Array, "2"]) -> Direct:
     # As the heading grows, so does the first turn, and the last one shrinks by as much.
     lasting = jnp.where(ends.end_free, jnp.array([1.0, 0.0]), jnp.array([1.0, -1.0]))
     width = TURN / _HEADINGS_TRIED
-    data = (ends, angles[k], lasting, jnp.where(beside[k + 1] >= beside[k], 1.0, -1.0))
-    found = bracketed_newton(_aim_error, data, 0.0, width, 0.5 * width, _STEPS)
+    data = (ends, angles[k], lasting)
+    found = bracketed_secant(_aim_error, data, 0.0, width, beside[k], beside[k + 1], _STEPS)
     solved = angles[k] + found.x * lasting
     ahead, past, whole = _aim(ends, solved)
     met = jnp.abs(past) <= _SAME_LENGTH * jnp.abs(whole) + 1e-6
@@ -154,7 +150,7 @@ def _legs(ends: Ends, base: Direct, way: Detour, angle: ScalarLike) -> tuple[Flo
     """Lengths of the three legs and of the whole path, m; a negative leg does not exist."""
     begun = unwind(ends)
     turns, turning, after = turned_through(ends, begun.heading, _turn_angles(base, way, angle, ends.end_free))
-    along = jnp.exp(1j * after[:3])
+    along = cis(after[:3])
     fixed = base.straight * way.fixed
     left = ends.end - begun.place - turns - jnp.sum(fixed * along)
     a, b = jnp.sum(way.first * along), jnp.sum(way.second * along)
@@ -166,13 +162,9 @@ def _legs(ends: Ends, base: Direct, way: Detour, angle: ScalarLike) -> tuple[Flo
     return legs, begun.length + turning + jnp.sum(legs)
 
 
-def _excess(angle: Scalar, data: tuple[Ends, Direct, Detour, Scalar, Scalar]) -> tuple[Scalar, Scalar]:
-    ends, base, way, wanted, sign = data
-
-    def value(x: Scalar) -> Scalar:
-        return sign * (_legs(ends, base, way, x)[1] - wanted)
-
-    return jax.jvp(value, (angle,), (jnp.ones_like(angle),))
+def _excess(angle: Scalar, data: tuple[Ends, Direct, Detour, Scalar]) -> Scalar:
+    ends, base, way, wanted = data
+    return _legs(ends, base, way, angle)[1] - wanted
 
 
 class Solved(eqx.Module):
@@ -204,9 +196,8 @@ def solve_detour(ends: Ends, base: Direct, way: Detour, wanted: ScalarLike) -> S
     crossing = flyable[1:] & flyable[:-1] & (excess[1:] * excess[:-1] <= 0.0)
     k = jnp.argmax(crossing)
     angles = jnp.concatenate([jnp.zeros(1), grid])
-    sign = jnp.where(excess[k + 1] >= excess[k], 1.0, -1.0)
-    data = (ends, base, way, wanted, sign)
-    found = bracketed_newton(_excess, data, angles[k], angles[k + 1], 0.5 * (angles[k] + angles[k + 1]), _STEPS).x
+    data = (ends, base, way, wanted)
+    found = bracketed_secant(_excess, data, angles[k], angles[k + 1], excess[k], excess[k + 1], _STEPS).x
     solved, length = _legs(ends, base, way, found)
     met = jnp.any(crossing) & (jnp.abs(length - wanted) <= _SAME_LENGTH * wanted) & jnp.all(solved >= 0.0)
     straight = flyable[0] & (jnp.abs(excess[0]) <= _SAME_LENGTH * wanted)

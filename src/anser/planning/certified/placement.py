@@ -67,7 +67,9 @@ def make_options(
         found, tables = candidates(traveller, airspace, duration, ticks, choices)
         which = jnp.arange(choices.size) // ways
         tracks = jax.vmap(
-            lambda candidate, k: track(candidate, jax.tree.map(lambda leaf: leaf[k], tables), airspace, times)
+            lambda candidate, k: track(
+                candidate, jax.tree.map(lambda leaf: leaf[k], tables), airspace, times, traveller.active
+            )
         )(found, which)
         return found, tables, tracks, _closed(tracks, times, airspace.keep_outs)
 
@@ -77,7 +79,7 @@ def make_options(
 def _closed(tracks: Track, times: Float[Array, " instants"], volumes: KeepOuts) -> Float[Array, " candidates"]:
     if volumes.radius.shape[0] == 0:
         return jnp.zeros(tracks.positions_n.shape[0])
-    room = keep_out_room(tracks, times, volumes)
+    room = jax.vmap(lambda one: keep_out_room(one, times, volumes))(tracks)
     return jnp.sum(jnp.maximum(-room, 0.0), axis=-1)
 
 

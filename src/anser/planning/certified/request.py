@@ -31,6 +31,8 @@ class Traveller(eqx.Module):
         What its path may ask.
     roll_rate_max
         How fast its path may change the bank angle in a level turn, rad/s.
+    active
+        0 for one that is there only to fill up a fleet to a size: nobody keeps clear of it.
     """
 
     position_n: Vector3
@@ -43,6 +45,7 @@ class Traveller(eqx.Module):
     side: Int[Array, ""]
     limits: PathLimits
     roll_rate_max: Scalar
+    active: Scalar
 
 
 class Separation(eqx.Module):

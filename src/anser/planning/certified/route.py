@@ -6,7 +6,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from anser.planning.certified.smooth_turn import Plane, Turn, along_arc, along_ramp, displacement, smooth_turn
+from anser.planning.certified.smooth_turn import (
+    Plane,
+    Turn,
+    along_arc,
+    along_ramp,
+    cis,
+    displacement,
+    smooth_turn,
+)
 from anser.shapes import Flag, Scalar, ScalarLike
 
 TURNS, LEGS = 4, 3
@@ -56,7 +64,7 @@ def unwind(ends: Ends) -> Unwound:
     sign = jnp.where(ends.curvature < 0.0, -1.0, 1.0)
     length = jnp.abs(ends.curvature) / ends.sharpness
     heading = ends.heading + 0.5 * ends.curvature * length
-    step = jnp.exp(1j * heading) * jnp.conj(along_ramp(length, sign * ends.sharpness))
+    step = cis(heading) * jnp.conj(along_ramp(length, sign * ends.sharpness))
     return Unwound(length, ends.start + step, heading)
 
 
@@ -100,12 +108,12 @@ class Route(eqx.Module):
         sharp, heading, curvature = self.sharpness[k], self.headings[near], self.curvatures[near]
         flat = kind == _FLAT
         step = jnp.where(flat, along_arc(u, curvature), along_ramp(u, sharp))
-        place = self.places[near] + jnp.exp(1j * heading) * step
+        place = self.places[near] + cis(heading) * step
         turned = jnp.where(flat, curvature * u, 0.5 * sharp * u**2)
         bent = jnp.where(flat, curvature, sharp * u)
         beyond = length - held
         return (
-            place + beyond * jnp.exp(1j * (heading + turned)),
+            place + beyond * cis(heading + turned),
             heading + turned,
             jnp.where(beyond == 0.0, bent, 0.0),
         )
@@ -136,8 +144,8 @@ def route(ends: Ends, angles: Float[Array, " turns"], legs: Float[Array, " legs"
     flat = jnp.asarray(_KINDS == _FLAT)
     from_start = jnp.where(
         flat, jax.vmap(along_arc)(steps, curvatures[:-1]), jax.vmap(along_ramp)(steps, sharpness)
-    ) * jnp.exp(1j * headings[:-1])
-    from_end = -jnp.exp(1j * headings[1:]) * jax.vmap(along_ramp)(-steps, sharpness)
+    ) * cis(headings[:-1])
+    from_end = -cis(headings[1:]) * jax.vmap(along_ramp)(-steps, sharpness)
     moves = jnp.where(falling, from_end, from_start)
     places = jnp.concatenate([ends.start[None], ends.start + jnp.cumsum(moves)])
     marks = jnp.concatenate([jnp.zeros(1), jnp.cumsum(steps)])
@@ -151,4 +159,4 @@ def turned_through(
     turns: Turn = jax.vmap(smooth_turn, in_axes=(0, None, None))(angles, ends.curvature_max, ends.sharpness)
     after = heading + jnp.cumsum(angles)
     moves = jax.vmap(displacement, in_axes=(0, None))(turns, ends.sharpness)
-    return jnp.sum(jnp.exp(1j * (after - angles)) * moves), jnp.sum(turns.length), after
+    return jnp.sum(cis(after - angles) * moves), jnp.sum(turns.length), after

@@ -1,0 +1,311 @@
+"""Planning a fleet by a rule of arrival: which times to try, and what to say where none will do."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from anser.planning.certified.arrivals import arrival_sets, direct_times
+from anser.planning.certified.candidates import ALL, FEW, MANY, Choices
+from anser.planning.certified.certified_plan import CertifiedPlan, plan_at, ticks_for
+from anser.planning.certified.request import Airspace, Traveller
+
+RULES = ("together", "earliest", "at", "sequence", "times", "windows")
+_LATER = (1.0, 1.01, 1.03, 1.06, 1.1, 1.15, 1.22, 1.3, 1.4, 1.55, 1.75, 2.0, 2.4, 3.0)
+_THOROUGH_FLEET = 12  # aircraft up to which every kind of candidate is tried
+_WINDOW_STEPS = (0.0, 0.12, 0.25, 0.4, 0.55, 0.7, 0.85, 1.0)
+
+_EDGE_S = 0.5  # to which the edges of the open times are known
+
+Told = Callable[[str], None]
+Times = Float[np.ndarray, " aircraft"]
+Intervals = list[tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class ArrivalRequest:
+    """When a fleet is to arrive.
+
+    Attributes
+    ----------
+    rule
+        One of `RULES`: "together" (one time, the first at which the farthest can be there at its preferred speed),
+        "earliest" (the first that the limits allow), "at" (a given one), "sequence" (one after another), "times" (each
+        at its own), "windows" (each within its own).
+    times_s
+        For "at" and "times", one per aircraft, s after the start of the plan.
+    offsets_s
+        For "sequence": how long after the first each arrives, s; else zeros.
+    windows_s
+        For "windows": (aircraft, 2), s.
+    latest_s
+        No arrival is later than this, s.
+    """
+
+    rule: str
+    latest_s: float
+    times_s: Times | None = None
+    offsets_s: Times | None = None
+    windows_s: Float[np.ndarray, "aircraft 2"] | None = None
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a search.
+
+    Attributes
+    ----------
+    plan
+        The plan; None where none was found.
+    tries
+        Number of sets of arrival times and candidates tried.
+    closest
+        The try with the fewest aircraft in trouble, where there is no plan.
+    arrivals
+        Per aircraft, the arrival times open to it alone (s after the start), where they were needed.
+    """
+
+    plan: CertifiedPlan | None
+    tries: int
+    closest: CertifiedPlan | None = None
+    arrivals: list[Intervals] | None = field(default=None)
+
+
+def search(
+    start_time: float,
+    travellers: Traveller,
+    airspace: Airspace,
+    request: ArrivalRequest,
+    names: Sequence[str] = (),
+    told: Told = lambda what: None,
+    thorough: bool = True,
+) -> Outcome:
+    """Find a plan whose certificate keeps everything.
+
+    First the times that the rule prefers, with few candidates; then, where that fails, the times that are open to each
+    aircraft by itself, with more and more candidates.
+
+    Parameters
+    ----------
+    start_time
+        Now, s.
+    travellers, airspace
+        The task.
+    request
+        When to arrive.
+    names
+        Unused by the search; a common signature with the diagnosis.
+    told
+        Called with what is being done.
+    thorough
+        False stops after the first times.
+    """
+    del names
+    size = int(np.sum(np.asarray(travellers.active) > 0.0))
+    tries, closest, fewest = 0, None, np.inf
+
+    def attempt(durations: Times, choices: Choices) -> CertifiedPlan | None:
+        nonlocal tries, closest, fewest
+        tries += 1
+        ticks = ticks_for(float(np.max(durations)))
+        plan = plan_at(start_time, travellers, airspace, jnp.asarray(durations), ticks, choices)
+        trouble = _trouble(plan, travellers)
+        if trouble < fewest:
+            closest, fewest = plan, trouble
+        return plan if trouble == 0.0 else None
+
+    told("planning")
+    preferred = _preferred(travellers, airspace, request)
+    first = _first_times(preferred, request)
+    if first is not None:
+        for choices in (FEW, MANY):
+            plan = attempt(first, choices)
+            if plan is not None:
+                return Outcome(plan, tries)
+    if not thorough:
+        return Outcome(None, tries, closest)
+    told("looking for arrival times that are open to each aircraft")
+    ticks = ticks_for(min(request.latest_s, 3.0 * float(np.max(preferred))))
+    arrivals = arrival_sets(travellers, airspace, request.latest_s, ticks)
+    open_times = [list(x) for x in arrivals]
+    if request.rule in ("at", "times") and first is not None and _closed_to(first, arrivals, travellers):
+        return Outcome(None, tries, closest, arrivals)
+    levels = (MANY, ALL) if size <= _THOROUGH_FLEET else (MANY,)
+    seen: set[tuple[float, ...]] = set()
+    for choices in levels:
+        for durations in _times(preferred, request, open_times, np.asarray(travellers.active) > 0.0):
+            key = (float(choices.size), *np.round(durations, 6))
+            if key in seen or (choices is MANY and first is not None and np.allclose(durations, first)):
+                continue
+            seen.add(key)
+            told(f"trying arrival at {float(np.max(durations)):.1f} s")
+            plan = attempt(durations, choices)
+            if plan is not None:
+                return Outcome(plan, tries, arrivals=arrivals)
+    return Outcome(None, tries, closest, arrivals)
+
+
+def _closed_to(durations: Times, arrivals: Sequence[Intervals], travellers: Traveller) -> list[int]:
+    """Aircraft that by themselves cannot arrive at their times."""
+    active = np.asarray(travellers.active) > 0.0
+    return [
+        k
+        for k, (time, own) in enumerate(zip(durations, arrivals, strict=True))
+        if active[k] and not any(a - _EDGE_S <= time <= b + _EDGE_S for a, b in own)
+    ]
+
+
+def _trouble(plan: CertifiedPlan, travellers: Traveller) -> float:
+    active = np.asarray(travellers.active) > 0.0
+    return float(np.sum(active & ~np.asarray(plan.good)))
+
+
+def _preferred(travellers: Traveller, airspace: Airspace, request: ArrivalRequest) -> Times:
+    """Time of each by the direct path at its preferred speed, s."""
+    ticks = 64
+    times, found = direct_times(travellers, airspace, travellers.speed, ticks)
+    line = travellers.goal_position_n + travellers.rendezvous.stand_off_n - travellers.position_n
+    straight = np.linalg.norm(np.asarray(line), axis=1) / np.asarray(travellers.speed)
+    return np.clip(np.where(np.asarray(found), np.asarray(times), 1.2 * straight), 1.0, request.latest_s)
+
+
+def _offsets(request: ArrivalRequest, count: int) -> Times:
+    return np.zeros(count) if request.offsets_s is None else request.offsets_s
+
+
+def _first_times(preferred: Times, request: ArrivalRequest) -> Times | None:
+    """The times that the rule asks for first; None where they must be looked for."""
+    if request.rule in ("at", "times"):
+        assert request.times_s is not None
+        return request.times_s
+    if request.rule == "windows":
+        assert request.windows_s is not None
+        return np.clip(preferred, request.windows_s[:, 0], request.windows_s[:, 1])
+    if request.rule == "earliest":
+        return None
+    offsets = _offsets(request, preferred.size)
+    times = float(np.max(preferred - offsets)) + offsets
+    # To rounding the farthest flies its direct path: a hair longer, it still does.
+    return times if np.max(times) <= request.latest_s else None
+
+
+def _times(
+    preferred: Times, request: ArrivalRequest, arrivals: Sequence[Intervals], active: np.ndarray
+) -> Iterator[Times]:
+    """Arrival times to try, the preferred ones first; only such as are open to every aircraft by itself."""
+    count = preferred.size
+    if request.rule in ("at", "times"):
+        assert request.times_s is not None
+        yield request.times_s
+        return
+    if request.rule == "windows":
+        yield from _window_times(preferred, request, arrivals)
+        return
+    offsets = _offsets(request, count)
+    last = request.latest_s - float(np.max(offsets))
+    base = float(np.max(preferred - offsets))
+    shifted = [
+        [(a - o, b - o) for a, b in sets] if on else [(0.0, np.inf)]
+        for sets, o, on in zip(arrivals, offsets, active, strict=True)
+    ]
+    common = _intersect(shifted)
+    if request.rule == "earliest":
+        wanted = [t for a, b in common for t in _spread(a, min(b, last))]
+    else:
+        wanted = [min(max(base * f, a), b) for f in _LATER for a, b in common if a <= base * f <= b]
+        wanted += [t for a, b in common if b >= base for t in _spread(max(a, base), min(b, last))]
+    for time in sorted({round(t, 9) for t in wanted if 0.0 < t <= last}):
+        yield time + offsets
+
+
+def _spread(low: float, high: float) -> list[float]:
+    """Times of an interval, the early ones densely."""
+    if not high > low:
+        return [low]
+    top = min(high, 2.5 * low + 10.0)
+    return [low + (top - low) * u for u in (0.0, 0.002, 0.01, 0.03, 0.07, 0.14, 0.25, 0.4, 0.6, 0.8, 1.0)]
+
+
+def _window_times(preferred: Times, request: ArrivalRequest, arrivals: Sequence[Intervals]) -> Iterator[Times]:
+    """One time within each window that is open to its aircraft; then all shifted within their windows."""
+    assert request.windows_s is not None
+    allowed = []
+    for (low, high), sets, wish in zip(request.windows_s, arrivals, preferred, strict=True):
+        inside = [(max(a, low), min(b, high)) for a, b in sets if max(a, low) <= min(b, high)]
+        if not inside:
+            inside = [(low, high)]
+        grid = sorted({float(a + (b - a) * u) for a, b in inside for u in _WINDOW_STEPS}, key=lambda t: abs(t - wish))
+        allowed.append(grid)
+    for shift in range(max(len(grid) for grid in allowed)):
+        yield np.array([grid[min(shift, len(grid) - 1)] for grid in allowed])
+    # Each at another of its times: conflicts between two that both moved alike.
+    for shift in range(1, 8):
+        yield np.array([grid[(k * shift) % len(grid)] for k, grid in enumerate(allowed)])
+
+
+def _intersect(sets: Sequence[Intervals]) -> Intervals:
+    common: Intervals = [(0.0, float("inf"))]
+    for own in sets:
+        common = [(max(a, c), min(b, d)) for a, b in common for c, d in own if max(a, c) <= min(b, d)]
+    return common
+
+
+def common_times(arrivals: Sequence[Intervals], offsets_s: Times) -> Intervals:
+    """Times of the first arrival that are open to all, s."""
+    return _intersect([[(a - o, b - o) for a, b in own] for own, o in zip(arrivals, offsets_s, strict=True)])
+
+
+def relaxed(travellers: Traveller, airspace: Airspace, what: str, factor: float) -> tuple[Traveller, Airspace]:
+    """The same task with one kind of limit loosened by a factor (1 is as asked)."""
+    limits = travellers.limits
+    if what == "separation":
+        apart = airspace.separation
+        return travellers, eqx.tree_at(
+            lambda a: a.separation,
+            airspace,
+            type(apart)(apart.horizontal / factor, apart.vertical / factor),
+        )
+    if what == "keep-outs":
+        return travellers, eqx.tree_at(lambda a: a.keep_outs.radius, airspace, airspace.keep_outs.radius / factor)
+    wider = {
+        "speed window": lambda: (
+            ("speed_min", limits.speed_min / factor),
+            ("speed_max", limits.speed_max * factor),
+        ),
+        "bank angle": lambda: (
+            ("bank_max", jnp.arctan(jnp.tan(limits.bank_max) * factor)),
+            ("load_factor_max", limits.load_factor_max * factor),
+        ),
+        "rate of climb or descent": lambda: (("climb_rate_max", limits.climb_rate_max * factor),),
+        "floor and ceiling": lambda: (
+            ("altitude_min", limits.altitude_min - 1000.0 * (factor - 1.0)),
+            ("altitude_max", limits.altitude_max + 1000.0 * (factor - 1.0)),
+        ),
+        "acceleration along the path": lambda: (
+            ("acceleration_max", limits.acceleration_max * factor),
+            ("deceleration_max", limits.deceleration_max * factor),
+        ),
+    }[what]()
+    for name, value in wider:
+        limits = eqx.tree_at(lambda x, name=name: getattr(x, name), limits, value)
+    return eqx.tree_at(lambda t: t.limits, travellers, limits), airspace
+
+
+RELAXED = (
+    "speed window",
+    "rate of climb or descent",
+    "acceleration along the path",
+    "bank angle",
+    "floor and ceiling",
+    "keep-outs",
+)
+"""What `relaxed` knows of one aircraft by itself."""
+
+
+def stacked(travellers: Sequence[Traveller]) -> Traveller:
+    """A fleet of single travellers."""
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *travellers)

@@ -1,0 +1,53 @@
+"""Functions compiled without the optimizer: the same results, once per shape, within other functions too."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from anser.numerics import compiled_quickly
+
+
+@pytest.fixture
+def wave():
+    """A compiled function with an argument that is no array, and the list of what it was traced for."""
+    traced = []
+
+    @compiled_quickly
+    def wave(x, harmonics, shift=0.0):
+        traced.append((x.shape, harmonics))
+        return sum(jnp.sin(k * x + shift) for k in range(1, harmonics + 1))
+
+    return wave, traced
+
+
+def plain(x, harmonics, shift=0.0):
+    return sum(np.sin(k * x + shift) for k in range(1, harmonics + 1))
+
+
+X = np.linspace(-1.0, 2.0, 7)
+
+
+def test_same_results_and_traced_once_per_shape_and_static_argument(wave):
+    function, traced = wave
+    for shift in (0.0, 0.3):
+        # rounding: sums of a few sines
+        np.testing.assert_allclose(
+            function(jnp.asarray(X), 3, shift=jnp.asarray(shift)), plain(X, 3, shift), atol=1e-14
+        )
+    np.testing.assert_allclose(function(jnp.asarray(X), 2, shift=jnp.asarray(0.1)), plain(X, 2, 0.1), atol=1e-14)
+    assert traced == [((7,), 3), ((7,), 2)]
+
+
+@pytest.mark.parametrize("transform", [jax.jit, jax.vmap, lambda f: jax.jit(jax.vmap(f))])
+def test_within_other_functions(wave, transform):
+    function, _ = wave
+    found = transform(lambda x: 2 * function(x, 3))(jnp.asarray(X))
+    np.testing.assert_allclose(found, 2 * plain(X, 3), atol=1e-14)
+
+
+@pytest.mark.parametrize("derivative", [jax.grad, jax.jacfwd])
+def test_derivatives(wave, derivative):
+    function, _ = wave
+    found = derivative(lambda x: function(x, 2))(jnp.asarray(0.4))
+    assert float(found) == pytest.approx(np.cos(0.4) + 2 * np.cos(0.8), abs=1e-14)
