@@ -9,7 +9,7 @@ from typing import Literal
 
 from anser.units import RAD_DEG
 
-__all__ = ["CATALOGUE", "DERIVED_KEYS", "RECORDED_KEYS", "Variable"]
+__all__ = ["CATALOGUE", "DERIVED_KEYS", "PLAN_VARIABLES", "RECORDED_KEYS", "Variable"]
 
 
 @dataclass(frozen=True)
@@ -55,6 +55,7 @@ _UNITS: dict[str, tuple[str, float]] = {
     "m": ("m", 1.0),
     "s": ("s", 1.0),
     "m_s": ("m s-1", 1.0),
+    "m_s2": ("m s-2", 1.0),
     "deg": ("degree", RAD_DEG),
     "deg_s": ("degree s-1", RAD_DEG),
     "pa": ("Pa", 1.0),
@@ -173,6 +174,13 @@ CATALOGUE: tuple[Variable, ...] = (
     _variable("lateral_bend", "m", _NONE, "b", "Lateral bend of the plan"),
     # state of the flight
     _discrete("phase", "int32", "phase", "Phase of the flight", ("approach", "frozen", "hold")),
+    _discrete(
+        "renewal",
+        "int32",
+        "renewal",
+        "How the plan in force came to be",
+        ("first", "corrected", "anew", "last_good_kept"),
+    ),
     *(
         _discrete(f"{what}_limited", "bool", f"{what}_lim", f"{words} at a limit", ("free", "limited"))
         for what, words in (
@@ -194,3 +202,11 @@ DERIVED_KEYS: frozenset[str] = frozenset({"latitude", "longitude"})
 
 RECORDED_KEYS: tuple[str, ...] = tuple(variable.key for variable in CATALOGUE if variable.key not in DERIVED_KEYS)
 """Keys that a history must have, all of them and no others."""
+
+PLAN_VARIABLES: tuple[Variable, ...] = (
+    _variable("climb_rate", "m_s", _AIR, "V_h", "Climb rate"),
+    _variable("thrust_surplus", "m_s2", _AIR, "a_T", "Surplus of thrust over drag per mass"),
+    _variable("distance_min", "m", _NONE, "d_min", "Least distance between two aircraft"),
+    _variable("separation", "m", _NED, "d_sep", "Least separation between two aircraft"),
+)
+"""What a plan has beside variables of the catalogue; no flight records it."""

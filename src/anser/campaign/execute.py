@@ -12,11 +12,14 @@ import jax
 import numpy as np
 import xarray as xr
 
+from anser.campaign.certified import CertifiedPlanned, first_plan, plan_certified
+from anser.campaign.untrimmable import refuse_untrimmable
 from anser.compilation_cache import enable_compilation_cache
+from anser.numerics import compiled_quickly
 from anser.planning import LIMIT_MESSAGES, PLAN_MESSAGES, FleetPlan, LimitReport, check_limits, separation_min
 from anser.report import write_report
 from anser.results import FlightFacts, Requirement, summarize, to_dataset, versions, write_netcdf, write_summary
-from anser.scenario import Problem, Scenario, ScenarioError, build_flight, build_path_limits
+from anser.scenario import Scenario, build_flight, build_path_limits
 from anser.scenario.schema_checks import AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M
 from anser.simulation import (
     SEGMENT_STEPS,
@@ -24,19 +27,27 @@ from anser.simulation import (
     Flight,
     FlightState,
     TrimPoint,
+    begin,
     fly_segment,
-    nearest_trims,
     start_flight,
 )
 
 CLEARANCE_MIN_M = {"surface": SURFACE_STAND_OFF_MIN_M, "airborne": AIRBORNE_STAND_OFF_MIN_M}
 """Least distance from a goal of each kind: the product's scope, whatever a scenario says."""
 
+
+class NoPlanError(Exception):
+    """The certified planner found no plan; `reasons` says why, one sentence each."""
+
+    def __init__(self, reasons: tuple[str, ...]) -> None:
+        super().__init__("; ".join(reasons))
+        self.reasons = reasons
+
+
 Progress = Callable[[str, float], None]
 """Called with what is being done and how much of the flight is behind, 0 to 1."""
 
-# Runs once for a few milliseconds: what XLA's optimizer gains there is less than what it takes.
-_start = jax.jit(start_flight, compiler_options={"xla_backend_optimization_level": 0})
+_start = compiled_quickly(start_flight)
 _segment = eqx.filter_jit(fly_segment)
 _separation = eqx.filter_jit(separation_min)
 
@@ -70,6 +81,7 @@ class Planned:
     @property
     def plan(self) -> FleetPlan:
         """The plan itself."""
+        assert isinstance(self.state.plan, FleetPlan)
         return self.state.plan
 
     @functools.cached_property
@@ -117,7 +129,7 @@ class Flown:
     scenario: Scenario
     dataset: xr.Dataset
     summary: dict[str, Any]
-    planned: Planned
+    planned: "Planned | CertifiedPlanned"
 
     @property
     def met(self) -> bool:
@@ -164,7 +176,7 @@ def plan(scenario: Scenario) -> Planned:
 
 def _plan(scenario: Scenario, flight: Flight) -> Planned:
     state, trims = _start(flight)
-    _refuse_untrimmable(scenario, flight, state)
+    refuse_untrimmable(scenario, flight, trims)
     return Planned(scenario, flight, state, trims)
 
 
@@ -182,14 +194,23 @@ def run(scenario: Scenario, progress: Progress | None = None) -> Flown:
     ------
     ScenarioError
         If an aircraft cannot fly steadily at its start; the message says what stops it.
+    NoPlanError
+        If the certified planner finds no plan; the message says why.
     """
     enable_compilation_cache()
     told = progress if progress is not None else lambda what, done: None
     began = clock.perf_counter()
     told("planning (the first time, this compiles)", 0.0)
-    flight = build_flight(scenario)
-    planned = _plan(scenario, flight)
-    state = planned.state
+    if scenario.fleet.planner == "certified":
+        planned = plan_certified(scenario, lambda what: told(what, 0.0))
+        if planned.refusals:
+            raise NoPlanError(planned.refusals)
+        flight = planned.flight
+        state = begin(flight, planned.ready, *first_plan(planned))
+    else:
+        flight = build_flight(scenario)
+        planned = _plan(scenario, flight)
+        state = planned.state
     timing = scenario.timing
     steps = round(timing.duration_s / timing.step_s)
     told("flying (the first time, this compiles)", 0.0)
@@ -214,33 +235,12 @@ def run(scenario: Scenario, progress: Progress | None = None) -> Flown:
     return Flown(scenario, dataset, summary, planned)
 
 
-def _refuse_untrimmable(scenario: Scenario, flight: Flight, state: FlightState) -> None:
-    """Refuse starts without steady flight: say which limit stops it and where the nearest trim points are."""
-    problems = []
-    for k in np.flatnonzero(np.asarray(state.stopped)):
-        airframe, target = jax.tree.map(lambda leaf, k=k: leaf[k], (flight.fleet.airframes, flight.fleet.starts))
-        found = nearest_trims(airframe, flight.environment, target)
-        aircraft, start = scenario.aircraft[k], scenario.aircraft[k].start
-        asked = f"{start.speed_m_s:g} m/s at {start.altitude_m:g} m, path angle {start.path_angle_deg:g} deg"
-        nearest = "; ".join(near.message() for near in found.nearest) or "none by speed, path angle or turn rate alone"
-        problems.append(
-            Problem(
-                f"aircraft[{k}].start",
-                f"{asked}, where no steady flight exists ({'; '.join(found.violations)})",
-                f"a start with steady flight (all else unchanged: {nearest})",
-                f'aircraft "{aircraft.name}"',
-            )
-        )
-    if problems:
-        raise ScenarioError(scenario.name, problems)
-
-
 def _facts(scenario: Scenario, history: dict[str, np.ndarray]) -> FlightFacts:
     goals = [scenario.goal_of(a) for a in scenario.aircraft]
     wanted, limits = scenario.requirements, scenario.limits
     requirements = [
         Requirement("miss_max_m", wanted.miss_max_m),
-        Requirement("arrival_spread_max_s", wanted.arrival_spread_max_s),
+        *([Requirement("arrival_spread_max_s", wanted.arrival_spread_max_s)] if scenario.arrival.is_common else []),
         Requirement("speed_min_m_s", limits.speed_min_m_s),
         Requirement("speed_max_m_s", limits.speed_max_m_s),
     ]

@@ -10,9 +10,10 @@ import typer
 import anser
 from anser.cli.console import RefusedError, err, screen
 from anser.cli.dispersing import robustness
-from anser.cli.flights import check, new, plan, run
+from anser.cli.flights import check, new, run
 from anser.cli.linearizing import linearize
 from anser.cli.margins import margins
+from anser.cli.planning import plan
 from anser.cli.stepping import gallery, step
 from anser.cli.surveying import envelope
 from anser.cli.trimming import trim

@@ -1,14 +1,12 @@
-"""Commands about flights: run, plan, check, new."""
+"""Commands about flights: run, check, new."""
 
 import contextlib
 from pathlib import Path
 from typing import Annotated
 
-import rich.progress
 import typer
 
-import anser
-from anser.cli.console import err, make_new, number, plain_table, screen
+from anser.cli.console import err, make_new, number, plain_table, progress_bar, screen
 from anser.scenario import Scenario, cautions, load, write_starter
 
 ScenarioPath = Annotated[Path, typer.Argument(help="Scenario file (TOML).", show_default=False)]
@@ -34,17 +32,10 @@ def run(
     make_new(target)
     from anser.campaign import run as fly  # here: a misspelt key must not wait for plotting libraries
 
-    columns = (
-        rich.progress.TextColumn("{task.description}"),
-        rich.progress.BarColumn(),
-        rich.progress.TaskProgressColumn(),
-        rich.progress.TimeElapsedColumn(),
-    )
     try:
-        with rich.progress.Progress(*columns, console=err, transient=True) as bar:
-            task = bar.add_task("starting", total=1.0)
-            flown = fly(wanted, lambda what, done: bar.update(task, description=what, completed=done))
-            bar.update(task, description="writing", completed=1.0)
+        with progress_bar() as tell:
+            flown = fly(wanted, tell)
+            tell("writing", 1.0)
             flown.write_into(target)
     finally:
         with contextlib.suppress(OSError):
@@ -55,21 +46,6 @@ def run(
         for problem in flown.planned.problems():
             err.print(f"planned beyond the limits: {problem}", soft_wrap=True, markup=False)
         _fail_unmet(flown.summary)
-
-
-def plan(scenario: ScenarioPath) -> None:
-    """Plan a scenario without flying it: one arrival time, each aircraft's path, how it keeps the limits."""
-    wanted = _loaded(scenario)
-    from anser.campaign import plan as make
-
-    with err.status("planning (the first time, this compiles)"):
-        planned = make(wanted)
-    _print_planned(planned)
-    problems = planned.problems()
-    for problem in problems:
-        err.print(f"not flyable: {problem}", soft_wrap=True, markup=False)
-    if problems:
-        raise typer.Exit(1)
 
 
 def check(scenario: ScenarioPath) -> None:
@@ -126,27 +102,3 @@ def _fail_unmet(summary: dict) -> None:
         if row["status"] != "arrived":
             err.print(f'aircraft "{row["name"]}": {row["status"]}', soft_wrap=True, markup=False)
     raise typer.Exit(1)
-
-
-def _print_planned(planned: "anser.campaign.Planned") -> None:  # pyright: ignore[reportAttributeAccessIssue]
-    made, limits, wanted = planned.plan, planned.limits, planned.scenario
-    table = plain_table(f"{wanted.name}: all arrive at {float(made.arrival_time):.2f} s")
-    table.add_column("aircraft", overflow="fold")
-    table.add_column("path", no_wrap=True)
-    for name in ("nominal\nm", "planned\nm", "airspeed\nm/s", "turn, of\nlimit", "climb\nm/s", "lowest\nm"):
-        table.add_column(name, justify="right", no_wrap=True)
-    for k, aircraft in enumerate(wanted.aircraft):
-        bend = float(made.lateral_bends[k])
-        table.add_row(
-            aircraft.name,
-            "nominal" if bend == 0.0 else ("bent right" if bend > 0 else "bent left"),
-            f"{float(made.nominal_lengths[k]):.1f}",
-            f"{float(made.lengths[k]):.1f}",
-            f"{float(limits.speed_min[k]):.0f} to {float(limits.speed_max[k]):.0f}",
-            f"{100 * float(limits.turn_use_max[k]):.0f} %",
-            f"{float(limits.climb_rate_max[k]):.1f}",
-            f"{float(limits.altitude_min[k]):.0f}",
-        )
-    screen.print(table)
-    apart = "" if planned.separation_min_m is None else f", least separation {planned.separation_min_m:.0f} m"
-    screen.print(f"mean airspeed {float(made.speed):.1f} m/s{apart}")

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 
 from anser.control.feedback import wrapped
 from anser.planning import PathCommand, Trajectory, polar
+from anser.planning.timed_path import TimedPath
 from anser.shapes import Scalar, ScalarLike, Vector3
 from anser.spatial import safe_hypot
 
@@ -39,7 +40,7 @@ class GuidanceSettings(eqx.Module):
 
 
 def follow(
-    trajectory: Trajectory,
+    trajectory: Trajectory | TimedPath,
     time: ScalarLike,
     position_n: Vector3,
     velocity_n: Vector3,

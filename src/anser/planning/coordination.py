@@ -63,6 +63,16 @@ class FleetPlan(eqx.Module):
     status: Int[Array, " aircraft"]
     """Index into PLAN_MESSAGES."""
 
+    @property
+    def arrival_times(self) -> Float[Array, " aircraft"]:
+        """The one arrival time, per aircraft, s."""
+        return jnp.broadcast_to(self.arrival_time, self.lengths.shape)
+
+    @property
+    def statuses(self) -> Int[Array, " aircraft"]:
+        """`status`, under the name that all plans have for it."""
+        return self.status
+
 
 class PlanningTask(eqx.Module):
     """What one aircraft knows when it plans; stacked, what a fleet knows.

@@ -1,8 +1,17 @@
-"""Reports, drawn from datasets alone: a flight as one self-contained page; figures of surveys and studies."""
+"""Reports, drawn from datasets alone: a flight as one self-contained page; figures of plans, surveys and studies."""
 
 from anser.report.envelope_figures import draw_envelope
 from anser.report.margin_figures import BODE_SUFFIXES, draw_bode, draw_margin_maps
 from anser.report.page import write_report
+from anser.report.plan_figure import draw_plan
 from anser.report.robustness_figures import draw_robustness
 
-__all__ = ["BODE_SUFFIXES", "draw_bode", "draw_envelope", "draw_margin_maps", "draw_robustness", "write_report"]
+__all__ = [
+    "BODE_SUFFIXES",
+    "draw_bode",
+    "draw_envelope",
+    "draw_margin_maps",
+    "draw_plan",
+    "draw_robustness",
+    "write_report",
+]

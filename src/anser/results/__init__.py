@@ -14,6 +14,11 @@ from anser.results.margin_dataset import (
     margin_table,
 )
 from anser.results.netcdf import read_netcdf, write_netcdf
+from anser.results.plan_dataset import plan_dataset
+from anser.results.plan_limits import PLAN_LIMITS, PlanLimit, plan_margins
+from anser.results.plan_record import Closest, KeepOutFacts, PlanExtremes, PlanFacts, PlanSamples
+from anser.results.plan_summary import PLAN_FORMAT_VERSION, plan_summary
+from anser.results.plan_table import TRAJECTORY_COLUMNS, write_trajectories
 from anser.results.provenance import versions
 from anser.results.requirements import REQUIREMENT_NAMES, Requirement
 from anser.results.robustness_dataset import robustness_dataset
@@ -35,12 +40,21 @@ __all__ = [
     "LINEAR_FORMAT_VERSION",
     "OUTCOMES",
     "PHASE_MIN_DEG",
+    "PLAN_FORMAT_VERSION",
+    "PLAN_LIMITS",
     "REASONS",
     "REQUIREMENT_NAMES",
     "RESERVE_MIN",
+    "TRAJECTORY_COLUMNS",
+    "Closest",
     "FailureCorrelation",
     "FirstBreak",
     "FlightFacts",
+    "KeepOutFacts",
+    "PlanExtremes",
+    "PlanFacts",
+    "PlanLimit",
+    "PlanSamples",
     "Requirement",
     "Success",
     "Verdicts",
@@ -55,6 +69,9 @@ __all__ = [
     "margin_dataset",
     "margin_map_dataset",
     "margin_table",
+    "plan_dataset",
+    "plan_margins",
+    "plan_summary",
     "read_netcdf",
     "read_summary",
     "robustness_dataset",
@@ -66,4 +83,5 @@ __all__ = [
     "versions",
     "write_netcdf",
     "write_summary",
+    "write_trajectories",
 ]

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
+from anser.results.variable_labels import converted, labels_of
 from anser.spatial import geodetic_from_flat
 from anser.variables import CATALOGUE, DERIVED_KEYS, RECORDED_KEYS, Variable
 
@@ -61,7 +62,7 @@ def to_dataset(
     shape = (time.size, len(names))
     arrays = {v.key: _checked(v, history[v.key], shape) for v in CATALOGUE if v.key not in DERIVED_KEYS}
     arrays["latitude"], arrays["longitude"] = _geodetic(arrays, *(np.radians(attributes[key]) for key in _REFERENCE))
-    data = {v.name: (("time", "aircraft"), _converted(v, arrays[v.key]), _attributes(v)) for v in CATALOGUE}
+    data = {v.name: (("time", "aircraft"), converted(v, arrays[v.key]), labels_of(v)) for v in CATALOGUE}
     coordinates = {
         "time": ("time", time, {"units": "s", "long_name": "Time", "symbol": "t"}),
         "aircraft": ("aircraft", np.array(names, dtype=np.str_), {"long_name": "Aircraft"}),
@@ -103,26 +104,3 @@ def _geodetic(arrays: Mapping[str, np.ndarray], latitude: float, longitude: floa
     convert = jax.vmap(jax.vmap(lambda position: geodetic_from_flat(position, latitude, longitude, 0.0)))
     found_latitude, found_longitude, _ = jax.jit(convert)(position_n)
     return np.asarray(found_latitude), np.asarray(found_longitude)
-
-
-def _converted(variable: Variable, array: np.ndarray) -> np.ndarray:
-    if variable.unit == "degree":
-        # Angles already in the interval pass untouched: the remainder would cost their last digits.
-        outside = (array > np.pi) | (array <= -np.pi)
-        array = np.where(outside, np.pi - np.mod(np.pi - array, 2.0 * np.pi), array)
-    return array if variable.factor == 1.0 else array * variable.factor
-
-
-def _attributes(variable: Variable) -> dict[str, object]:
-    labels: dict[str, object] = {
-        "units": variable.unit,
-        "frame": variable.frame,
-        "long_name": variable.long_name,
-        "symbol": variable.symbol,
-    }
-    if variable.flags:
-        # CF: as many values as meanings, in the type in which the variable is stored; truth values are stored as int8.
-        stored = np.int8 if variable.dtype == "bool" else np.dtype(variable.dtype)
-        labels["flag_values"] = np.arange(len(variable.flags), dtype=stored)
-        labels["flag_meanings"] = " ".join(variable.flags)
-    return labels

@@ -30,13 +30,14 @@ from anser.planning import (
     straight_goal,
     waypoint_goal,
 )
+from anser.planning.certified import Airspace, KeepOuts, Separation
 from anser.scenario.library import load_airframe
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_aircraft import Aircraft
 from anser.scenario.schema_gains import AttitudeGains, RateGains, VelocityGains
 from anser.scenario.schema_goal import Goal
 from anser.shapes import Scalar, Vector3
-from anser.simulation import Fleet, Flight, Timing, TrimTarget, trim_target
+from anser.simulation import CertifiedFleet, Fleet, Flight, Timing, TrimTarget, trim_target
 from anser.units import DEG_RAD
 
 T = TypeVar("T")
@@ -79,6 +80,7 @@ def build_flight(scenario: Scenario) -> Flight:
                 hold_turn=_scalar(1.0 if hold.direction == "right" else -1.0),
                 climb_rate_max=_scalar(min(_HOLD_CLIMB_MAX_M_S, scenario.limits.climb_rate_max_m_s)),
             ),
+            certified=_certified(scenario) if fleet.planner == "certified" else None,
         ),
         timing=Timing(
             step=_scalar(timing.step_s),
@@ -112,7 +114,57 @@ def build_path_limits(scenario: Scenario) -> PathLimits:
         bank_max=_scalar(limits.bank_max_deg * DEG_RAD),
         climb_rate_max=_scalar(limits.climb_rate_max_m_s),
         altitude_min=_scalar(limits.altitude_min_m),
+        altitude_max=_scalar(limits.altitude_max_m),
     )
+
+
+def _certified(scenario: Scenario) -> CertifiedFleet:
+    """Settings of the certified planner; accelerations that the scenario leaves to the aircraft stay infinite."""
+    apart, volumes = scenario.separation, scenario.keep_out
+    asked = apart.horizontal_m > 0.0
+    return CertifiedFleet(
+        limits=_stacked([_planned_limits(scenario, a) for a in scenario.aircraft]),
+        roll_rates_max=jnp.full(len(scenario.aircraft), scenario.limits.roll_rate_max_deg_s * DEG_RAD),
+        airspace=Airspace(
+            wind=_wind(scenario),
+            gravity=build_environment(scenario).gravity,
+            separation=Separation(
+                _scalar(apart.horizontal_m + apart.reserve_m if asked else 0.0),
+                _scalar(apart.vertical_m + apart.reserve_m if asked and apart.vertical_m > 0.0 else 0.0),
+            ),
+            keep_outs=KeepOuts(
+                position_n=jnp.asarray([(v.north_m, v.east_m) for v in volumes], dtype=float).reshape(-1, 2),
+                velocity_n=jnp.asarray([v.velocity_m_s()[:2] for v in volumes], dtype=float).reshape(-1, 2),
+                radius=jnp.asarray([v.radius_m for v in volumes], dtype=float),
+                bottom=jnp.asarray([v.bottom_m for v in volumes], dtype=float),
+                top=jnp.asarray([v.top_m for v in volumes], dtype=float),
+            ),
+        ),
+        movable=jnp.asarray(scenario.arrival.rule in ("together", "earliest", "sequence")),
+    )
+
+
+def _planned_limits(scenario: Scenario, aircraft: Aircraft) -> PathLimits:
+    """The scenario's limits less the reserve; the speed window contains the aircraft's first airspeed all the same."""
+    limits, speed, reserve = scenario.limits, scenario.fleet.speed_m_s, scenario.fleet.reserve
+    slowest = limits.speed_min_m_s + reserve * (speed - limits.speed_min_m_s)
+    fastest = limits.speed_max_m_s - reserve * (limits.speed_max_m_s - speed)
+    own = aircraft.start.speed_m_s
+    return PathLimits(
+        speed_min=_scalar(max(min(slowest, own - 1.0), limits.speed_min_m_s)),
+        speed_max=_scalar(min(max(fastest, own + 1.0), limits.speed_max_m_s)),
+        bank_max=_scalar((1.0 - reserve) * limits.bank_max_deg * DEG_RAD),
+        climb_rate_max=_scalar((1.0 - reserve) * limits.climb_rate_max_m_s),
+        altitude_min=_scalar(limits.altitude_min_m),
+        altitude_max=_scalar(limits.altitude_max_m),
+        load_factor_max=_scalar(1.0 + (1.0 - reserve) * (limits.load_factor_max - 1.0)),
+        acceleration_max=_scalar(_or_infinite(limits.acceleration_max_m_s2)),
+        deceleration_max=_scalar(_or_infinite(limits.deceleration_max_m_s2)),
+    )
+
+
+def _or_infinite(value: float | None) -> float:
+    return math.inf if value is None else value
 
 
 def _scalar(value: float) -> Scalar:

@@ -2,8 +2,17 @@
 
 from anser.simulation.broken_loop import BREAKPOINTS, HELD_BACK, MemoryFields, loop_memory
 from anser.simulation.dispersed_flight import Reading, Readings, dispersed_flight, steady_readings
-from anser.simulation.fleet import Fleet, Flight, FlightState, Timing
-from anser.simulation.flight import SEGMENT_STEPS, fly_segment, start_flight, step_flight
+from anser.simulation.fleet import CertifiedFleet, Fleet, Flight, FlightState, Timing
+from anser.simulation.flight import (
+    SEGMENT_STEPS,
+    Ready,
+    begin,
+    fly_segment,
+    make_ready,
+    start_flight,
+    step_flight,
+    travellers,
+)
 from anser.simulation.flight_summary import AUTOPILOT_LIMITS, BETA_BOUND, TABLE_AXES, FlightSummary
 from anser.simulation.linearize_inversion import InversionPole, inversion_poles
 from anser.simulation.linearize_open import LinearModel, linearize
@@ -32,6 +41,7 @@ __all__ = [
     "STATUS_MESSAGES",
     "TABLE_AXES",
     "TRIM_STOPS",
+    "CertifiedFleet",
     "Fleet",
     "Flight",
     "FlightState",
@@ -48,6 +58,7 @@ __all__ = [
     "NearestTrims",
     "Reading",
     "Readings",
+    "Ready",
     "Response",
     "Sensed",
     "Timing",
@@ -55,6 +66,7 @@ __all__ = [
     "TrimTarget",
     "advance",
     "analyse_loops",
+    "begin",
     "dispersed_flight",
     "fly_segment",
     "inversion_poles",
@@ -62,6 +74,7 @@ __all__ = [
     "linearize",
     "linearize_loop",
     "loop_memory",
+    "make_ready",
     "map_point",
     "modes_of",
     "nearest_trims",
@@ -72,6 +85,7 @@ __all__ = [
     "step_flight",
     "step_response",
     "survey_flight",
+    "travellers",
     "trim_target",
     "trim_violations",
     "wind_axis_states",

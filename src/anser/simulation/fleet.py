@@ -6,7 +6,8 @@ from jaxtyping import Array, Bool, Float, Int
 from anser.aircraft import AbstractAirframe, MotionState
 from anser.control import AutopilotGains, AutopilotState, FlightLimits, GuidanceSettings
 from anser.environment import Environment
-from anser.planning import FleetPlan, GoalMotion, Rendezvous
+from anser.planning import FleetPlan, GoalMotion, PathLimits, Rendezvous
+from anser.planning.certified import Airspace, CertifiedPlan
 from anser.shapes import Count, Flag, Scalar
 from anser.simulation.trim import TrimTarget
 
@@ -65,6 +66,29 @@ class Fleet(eqx.Module):
     speed: Scalar
     even_speed: Flag
     guidance: GuidanceSettings
+    certified: "CertifiedFleet | None" = None
+    """What the certified planner needs besides; without it the published one plans."""
+
+
+class CertifiedFleet(eqx.Module):
+    """What the certified planner needs to know of a fleet besides its states.
+
+    Attributes
+    ----------
+    limits
+        What each path may ask; leading axis aircraft.
+    roll_rates_max
+        How fast a path may change the bank angle, rad/s.
+    airspace
+        Wind, distances, closed volumes.
+    movable
+        Whether arrival times may be put off on the way.
+    """
+
+    limits: PathLimits
+    roll_rates_max: Float[Array, " aircraft"]
+    airspace: Airspace
+    movable: Flag
 
 
 class Flight(eqx.Module):
@@ -88,6 +112,8 @@ class FlightState(eqx.Module):
         Memory of their autopilots.
     plan
         The plan in force.
+    renewal
+        How the certified planner came to it: index into `RENEWAL_MESSAGES`; 0 with the published one.
     sides
         Side of each detour, chosen with the first plan and kept.
     deceleration
@@ -103,7 +129,8 @@ class FlightState(eqx.Module):
     step_index: Count
     aircraft: MotionState
     autopilots: AutopilotState
-    plan: FleetPlan
+    plan: FleetPlan | CertifiedPlan
+    renewal: Count
     sides: Float[Array, " aircraft"]
     deceleration: Float[Array, " aircraft"]
     flown: Float[Array, " aircraft"]

@@ -19,6 +19,7 @@ from anser.control import (
 )
 from anser.environment import Environment, FlatEarth
 from anser.planning import (
+    FleetPlan,
     PlanningTask,
     Rendezvous,
     Trajectory,
@@ -27,6 +28,8 @@ from anser.planning import (
     renew,
     rescaled,
 )
+from anser.planning.certified import CertifiedPlan, Traveller, renew_certified
+from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
 from anser.simulation.fleet import Fleet, Flight, FlightState
 from anser.simulation.motion import advance
@@ -73,18 +76,43 @@ def planning_tasks(
     )
 
 
-def _idle_deceleration(airframe: AbstractAirframe, now: Condition) -> Scalar:
-    """Drag less idle thrust over mass in the trimmed condition, m/s^2: what closing the throttle gives."""
+def _along_path(airframe: AbstractAirframe, now: Condition, power: ScalarLike) -> Scalar:
+    """Thrust at a power (percent) less drag, over mass, in the trimmed condition, m/s^2."""
     data = now.air_data
-    idle = airframe.propulsion(0.0, data.altitude, data.mach)
+    pushed = airframe.propulsion(power, data.altitude, data.mach)
     direction_b = jnp.stack(
         [jnp.cos(data.alpha) * jnp.cos(data.beta), jnp.sin(data.beta), jnp.sin(data.alpha) * jnp.cos(data.beta)]
     )
-    return -jnp.sum(direction_b * (now.aerodynamic.force_b + idle.force_b)) / airframe.mass_properties.mass
+    return jnp.sum(direction_b * (now.aerodynamic.force_b + pushed.force_b)) / airframe.mass_properties.mass
 
 
-def start_flight(flight: Flight) -> tuple[FlightState, TrimPoint]:
-    """Trim every aircraft at its start, choose the sides of the detours and make the first plan, at time 0."""
+class Ready(eqx.Module):
+    """A fleet trimmed at its start, which has no plan yet; leading axis aircraft.
+
+    Attributes
+    ----------
+    trims
+        Steady flight of each.
+    now
+        Its condition there.
+    sensed
+        What it sees of its goal.
+    autopilots
+        Their memory at the start.
+    deceleration, acceleration
+        What it can hold with the engine idle, and with all its thrust, in level flight, m/s^2.
+    """
+
+    trims: TrimPoint
+    now: Condition
+    sensed: Sensed
+    autopilots: AutopilotState
+    deceleration: Float[Array, " aircraft"]
+    acceleration: Float[Array, " aircraft"]
+
+
+def make_ready(flight: Flight) -> Ready:
+    """Trim every aircraft at its start and look at its goal, at time 0."""
     fleet, environment = flight.fleet, flight.environment
     trims = jax.vmap(solve_trim, in_axes=(0, None, 0, 0))(
         fleet.airframes, environment, fleet.starts, fleet.start_positions_n
@@ -95,17 +123,68 @@ def start_flight(flight: Flight) -> tuple[FlightState, TrimPoint]:
     )(trims)
     now = jax.vmap(condition, in_axes=(0, None, None, 0))(fleet.airframes, environment, 0.0, aircraft)
     sensed = _sense_all(environment, fleet, 0.0, aircraft, now)
+    along = jax.vmap(_along_path, in_axes=(0, 0, None))
+    return Ready(trims, now, sensed, autopilots, -along(fleet.airframes, now, 0.0), along(fleet.airframes, now, 100.0))
+
+
+def start_flight(flight: Flight) -> tuple[FlightState, TrimPoint]:
+    """Trim every aircraft at its start, choose the sides of the detours and make the published plan, at time 0."""
+    fleet, ready = flight.fleet, make_ready(flight)
+    aircraft = ready.trims.state
     requested = fleet.sides.astype(float)
     flown = jnp.zeros_like(requested)
-    deceleration = jax.vmap(_idle_deceleration)(fleet.airframes, now)
-    tasks = planning_tasks(fleet, 0.0, aircraft, now, sensed, flown, deceleration, fleet.speed)
+    tasks = planning_tasks(fleet, 0.0, aircraft, ready.now, ready.sensed, flown, ready.deceleration, fleet.speed)
     start_time = jnp.zeros(())
     sides = choose_sides(coordinate(start_time, tasks, fleet.speed, requested, fleet.even_speed), requested)
     plan = coordinate(start_time, tasks, fleet.speed, sides, fleet.even_speed)
+    return begin(flight, ready, plan, sides), ready.trims
+
+
+def begin(
+    flight: Flight, ready: Ready, plan: FleetPlan | CertifiedPlan, sides: Float[Array, " aircraft"]
+) -> FlightState:
+    """State of a flight at time 0 with its first plan."""
+    trims = ready.trims
     stopped = ~trims.converged | (trims.excess > EXCESS_NOISE)
-    status = jnp.where(stopped, NO_TRIM, plan.status).astype(jnp.int32)
-    moving = jax.vmap(moving_state, in_axes=(None, 0))(environment, aircraft)
-    return FlightState(jnp.asarray(0), moving, autopilots, plan, sides, deceleration, flown, status, stopped), trims
+    status = jnp.where(stopped, NO_TRIM, plan.statuses).astype(jnp.int32)
+    moving = jax.vmap(moving_state, in_axes=(None, 0))(flight.environment, trims.state)
+    zero = jnp.asarray(0)
+    return FlightState(
+        zero,
+        moving,
+        ready.autopilots,
+        plan,
+        zero,
+        sides,
+        ready.deceleration,
+        jnp.zeros_like(sides),
+        status,
+        stopped,
+    )
+
+
+def travellers(fleet: Fleet, aircraft: AircraftState, now: Condition, sensed: Sensed) -> Traveller:
+    """What each aircraft brings to the certified planner; in steady straight flight, as at the start."""
+    certified = fleet.certified
+    if certified is None:
+        raise ValueError("the fleet has no settings of the certified planner (Fleet.certified)")
+    scale = now.earth.chart_scale
+    wind_n = scale * now.wind_n
+    air_velocity_n = scale * jax.vmap(_velocity_n)(now, aircraft) - wind_n
+    count = fleet.sides.shape[0]
+    return Traveller(
+        position_n=aircraft.position_n,
+        air_velocity_n=air_velocity_n,
+        air_acceleration_n=jnp.zeros_like(air_velocity_n),
+        goal_position_n=sensed.goal_position_n,
+        goal_velocity_n=sensed.goal_velocity_n,
+        rendezvous=fleet.rendezvous,
+        speed=jnp.full(count, fleet.speed),
+        side=fleet.sides,
+        limits=certified.limits,
+        roll_rate_max=certified.roll_rates_max,
+        active=jnp.ones(count),
+    )
 
 
 def _sense_all(
@@ -124,7 +203,7 @@ class _Own(eqx.Module):
     gains: AutopilotGains
     limits: FlightLimits
     rendezvous: Rendezvous
-    trajectory: Trajectory
+    trajectory: Trajectory | TimedPath
     moving: MotionState
     state: AircraftState
     autopilot: AutopilotState
@@ -142,8 +221,9 @@ def _fly_one(
     environment: Environment,
     fleet: Fleet,
     time: ScalarLike,
-    arrival_time: ScalarLike,
+    arrival_time: Scalar,
     phase: Count,
+    renewal: Count,
     step: ScalarLike,
 ) -> tuple[MotionState, AutopilotState, Count, Flag, dict[str, Array]]:
     """Guide, control, move and record one aircraft over one step."""
@@ -189,6 +269,7 @@ def _fly_one(
         lateral_bend=jnp.asarray(own.lateral_bend),
         planned_length=jnp.asarray(own.planned_length),
         phase=phase,
+        renewal=renewal,
         status=own.status,
     )
     row = record(moment)
@@ -211,22 +292,27 @@ def step_flight(flight: Flight, carry: FlightState) -> tuple[FlightState, dict[s
     aircraft = jax.vmap(seen_state, in_axes=(None, 0))(environment, carry.aircraft)
     now = jax.vmap(condition, in_axes=(0, None, None, 0))(fleet.airframes, environment, time, aircraft)
     sensed = _sense_all(environment, fleet, time, aircraft, now)
-    frozen = time >= carry.plan.arrival_time - timing.freeze
-    due = (timing.replan_steps > 0) & (carry.step_index % jnp.maximum(timing.replan_steps, 1) == 0) & ~frozen
-    plan = jax.lax.cond(
-        due,
-        lambda: renew(
-            carry.plan,
-            time,
-            planning_tasks(fleet, time, aircraft, now, sensed, carry.flown, carry.deceleration, carry.plan.speed),
-            fleet.speed,
-            carry.sides,
-            fleet.even_speed,
-        ),
-        lambda: carry.plan,
-    )
-    phase = jnp.where(time >= plan.arrival_time, HOLD, jnp.where(frozen, FROZEN, APPROACH))
-    status = jnp.where(carry.status == FLYING, plan.status.astype(carry.status.dtype), carry.status)
+    frozen = time >= carry.plan.arrival_times - timing.freeze
+    on_time = (timing.replan_steps > 0) & (carry.step_index % jnp.maximum(timing.replan_steps, 1) == 0)
+
+    def renewed() -> tuple[FleetPlan | CertifiedPlan, Count]:
+        if isinstance(carry.plan, CertifiedPlan) and fleet.certified is not None:
+            own = travellers(fleet, aircraft, now, sensed)
+            made = renew_certified(
+                carry.plan, time, own, fleet.certified.airspace, fleet.certified.movable, timing.freeze
+            )
+            return made.plan, made.how
+        if isinstance(carry.plan, FleetPlan):
+            tasks = planning_tasks(
+                fleet, time, aircraft, now, sensed, carry.flown, carry.deceleration, carry.plan.speed
+            )
+            return renew(carry.plan, time, tasks, fleet.speed, carry.sides, fleet.even_speed), carry.renewal
+        raise ValueError("a certified plan is flown by a fleet with settings of the certified planner")
+
+    due = on_time & ~jnp.all(frozen)
+    plan, renewal = jax.lax.cond(due, renewed, lambda: (carry.plan, carry.renewal))
+    phase = jnp.where(time >= plan.arrival_times, HOLD, jnp.where(frozen, FROZEN, APPROACH))
+    status = jnp.where(carry.status == FLYING, plan.statuses.astype(carry.status.dtype), carry.status)
     own = _Own(
         airframe=fleet.airframes,
         gains=fleet.gains,
@@ -244,11 +330,13 @@ def step_flight(flight: Flight, carry: FlightState) -> tuple[FlightState, dict[s
         status=status,
         stopped=carry.stopped,
     )
-    fly = jax.vmap(_fly_one, in_axes=(0, None, None, None, None, None, None))
-    after, autopilots, status, stopped, row = fly(own, environment, fleet, time, plan.arrival_time, phase, timing.step)
+    fly = jax.vmap(_fly_one, in_axes=(0, None, None, None, 0, 0, None, None))
+    after, autopilots, status, stopped, row = fly(
+        own, environment, fleet, time, plan.arrival_times, phase, renewal, timing.step
+    )
     flown = carry.flown + timing.step * now.air_data.V
     return FlightState(
-        carry.step_index + 1, after, autopilots, plan, carry.sides, carry.deceleration, flown, status, stopped
+        carry.step_index + 1, after, autopilots, plan, renewal, carry.sides, carry.deceleration, flown, status, stopped
     ), row
 
 

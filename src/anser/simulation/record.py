@@ -32,6 +32,7 @@ class Moment(eqx.Module):
     lateral_bend: Scalar
     planned_length: Scalar
     phase: Count
+    renewal: Count
     status: Count
 
 
@@ -98,6 +99,7 @@ def record(moment: Moment) -> dict[str, Array]:
         "planned_length": moment.planned_length,
         "lateral_bend": moment.lateral_bend,
         "phase": moment.phase,
+        "renewal": moment.renewal,
         "thrust_limited": signals.thrust.saturated,
         "lift_limited": signals.attitude.alpha_saturated
         | signals.attitude.lift_short

@@ -1,1 +1,46 @@
 """The certified planner: paths that keep limits, distances and closed volumes, with bounds that prove it."""
+
+from anser.planning.certified.arrivals import arrival_sets
+from anser.planning.certified.certificate import CERTIFIED_LIMITS, PathBounds, path_bounds
+from anser.planning.certified.certified_plan import Certificate, CertifiedPlan, certify, plan_at, ticks_for
+from anser.planning.certified.renewal import FIRST, RENEWAL_MESSAGES, Renewed, renew_certified
+from anser.planning.certified.request import Airspace, KeepOuts, Separation, Traveller, no_keep_outs
+from anser.planning.certified.search import (
+    RELAXED,
+    RULES,
+    ArrivalRequest,
+    Outcome,
+    common_times,
+    relaxed,
+    search,
+    stacked,
+)
+
+__all__ = [
+    "CERTIFIED_LIMITS",
+    "FIRST",
+    "RELAXED",
+    "RENEWAL_MESSAGES",
+    "RULES",
+    "Airspace",
+    "ArrivalRequest",
+    "Certificate",
+    "CertifiedPlan",
+    "KeepOuts",
+    "Outcome",
+    "PathBounds",
+    "Renewed",
+    "Separation",
+    "Traveller",
+    "arrival_sets",
+    "certify",
+    "common_times",
+    "no_keep_outs",
+    "path_bounds",
+    "plan_at",
+    "relaxed",
+    "renew_certified",
+    "search",
+    "stacked",
+    "ticks_for",
+]

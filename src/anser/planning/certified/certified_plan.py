@@ -5,7 +5,7 @@ import functools
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from anser.planning.certified.candidates import Choices
 from anser.planning.certified.certificate import PathBounds, excess, path_bounds
@@ -82,36 +82,56 @@ class CertifiedPlan(eqx.Module):
     speeds: Float[Array, " aircraft"]
 
     @property
+    def trajectories(self) -> TimedPath:
+        """The paths, under the name that all plans have for them."""
+        return self.paths
+
+    @property
+    def lateral_bends(self) -> Float[Array, " aircraft"]:
+        """Zero: these paths have no such parameter."""
+        return jnp.zeros_like(self.lengths)
+
+    @property
+    def statuses(self) -> Int[Array, " aircraft"]:
+        """Zero, "planned": a fleet without a plan is refused before it flies."""
+        return jnp.zeros(self.lengths.shape, dtype=jnp.int32)
+
+    @property
     def good(self) -> Bool[Array, " aircraft"]:
         """Whether each aircraft's path is there and keeps everything."""
         return self.valid & self.certificate.kept
 
 
 def _fine_track(
-    path: TimedPath, bounds: PathBounds, active: Scalar, times: Float[Array, " instants"], reach: int
+    path: TimedPath, bounds: PathBounds, active: Scalar, times: Float[Array, " instants"], since: ScalarLike
 ) -> Track:
     """A path at fine instants, with a rigorous bound of its acceleration in each interval."""
     step = times[1] - times[0]
     positions = jax.vmap(path.position_n)(times)
     count = times.shape[0] - 1
-    # Each cell of the path covers at most `reach` fine intervals.
+    # A cell of the path is not longer than the grid's even intervals: it touches so many fine ones at most.
     first = jnp.floor((path.times[:-1] - times[0]) / step - 1e-9).astype(jnp.int32)
     last = jnp.floor((path.times[1:] - times[0]) / step + 1e-9).astype(jnp.int32)
     pushes = jnp.zeros(count)
-    for k in range(reach):
+    for k in range(FINE + 2):
         where = jnp.minimum(first + k, last)
         pushes = pushes.at[jnp.clip(where, 0, count - 1)].max(bounds.cell_acceleration)
-    counted = active * jnp.where(times[:-1] < path.times[-1] - 1e-6, 1.0, 0.0)
+    counted = active * jnp.where((times[:-1] < path.times[-1] - 1e-6) & (times[1:] > since), 1.0, 0.0)
     return Track(positions, track_slack(pushes, step), counted)
 
 
-def certify(paths: TimedPath, travellers: Traveller, airspace: Airspace, ticks: int) -> Certificate:
-    """Bounds of stacked paths that start together; `ticks` even intervals lie between the knots of each."""
+def certify(
+    paths: TimedPath, travellers: Traveller, airspace: Airspace, ticks: int, since: ScalarLike = -jnp.inf
+) -> Certificate:
+    """Bounds of stacked paths; `ticks` even intervals lie between the knots of each.
+
+    Limits are looked at over whole paths, distances from a time (s) on.
+    """
     bounds = jax.vmap(path_bounds, in_axes=(0, None, None))(paths, airspace.wind, airspace.gravity)
     over = jax.vmap(excess)(bounds, travellers.limits)
-    start, end = paths.times[0, 0], jnp.max(paths.times[:, -1])
+    start, end = jnp.min(paths.times[:, 0]), jnp.max(paths.times[:, -1])
     times = start + (end - start) * jnp.linspace(0.0, 1.0, FINE * ticks + 1)
-    tracks = jax.vmap(_fine_track, in_axes=(0, 0, 0, None, None))(paths, bounds, travellers.active, times, FINE + 2)
+    tracks = jax.vmap(_fine_track, in_axes=(0, 0, 0, None, None))(paths, bounds, travellers.active, times, since)
     fleet = paths.times.shape[0]
     room = jax.lax.map(
         lambda who: jnp.where(
@@ -172,7 +192,7 @@ def plan_fleet_at(
 
 
 plan_at = functools.partial(
-    # The older code generator compiles in half the time, and the plans are as fast.
+    # XLA's older code generator for the CPU compiles in half the time, and the plans are as fast.
     jax.jit,
     static_argnames=("ticks", "choices"),
     compiler_options={"xla_cpu_use_fusion_emitters": False},

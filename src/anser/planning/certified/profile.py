@@ -20,6 +20,8 @@ _CLIMB_ACCELERATION = 1.0  # m/s^2: a tenth of g, so that it hardly touches the 
 _SPEED_ACCELERATION = 0.6  # m/s^2
 _SHORTEST_RAMP_S = 2.0
 _LEVEL_OFF_ROUNDS = 3
+KINKS = 4
+"""Times at which a third derivative of a profile jumps."""
 _SQUARE_MIN = 1.0  # (m/s)^2: keeps the horizontal airspeed of a vertical path finite; such a path is refused
 
 

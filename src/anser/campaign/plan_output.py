@@ -1,0 +1,203 @@
+"""A plan as people get it: a dataset, a summary, a picture and a table."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import jax
+import numpy as np
+import xarray as xr
+
+from anser.campaign.execute import Planned
+from anser.campaign.plan_samples import TimedPosition, sample_plan, sample_times
+from anser.planning import LIMIT_MESSAGES, PLAN_MESSAGES
+from anser.planning.certified.certified_plan import CertifiedPlan
+from anser.planning.certified.request import Airspace, Traveller
+from anser.report import draw_plan
+from anser.results import KeepOutFacts, PlanFacts, plan_dataset, plan_summary, write_summary, write_trajectories
+from anser.scenario import Scenario
+from anser.scenario.schema_goal import Goal
+
+NOT_PROVEN = "nothing proves that it keeps its limits, the separation and the keep-outs"
+"""Message of a path that the certified planner delivers without a proof."""
+
+
+class CertifiedPlanned(Protocol):
+    """What is needed of a plan of the certified planner."""
+
+    @property
+    def scenario(self) -> Scenario:
+        """What was planned."""
+        ...
+
+    @property
+    def plan(self) -> CertifiedPlan:
+        """Paths and proofs."""
+        ...
+
+    @property
+    def travellers(self) -> Traveller:
+        """What was asked of each; stacked."""
+        ...
+
+    @property
+    def airspace(self) -> Airspace:
+        """What they share."""
+        ...
+
+
+@dataclass(frozen=True)
+class RecordedPlan:
+    """A plan, sampled and summed up.
+
+    Attributes
+    ----------
+    dataset
+        As `anser.results.plan_dataset` makes it.
+    summary
+        The contract of `plan.json`.
+    """
+
+    dataset: xr.Dataset
+    summary: dict[str, Any]
+
+    def write_into(self, folder: Path) -> None:
+        """Write `plan.json`, `trajectories.csv`, `plan.svg` and `plan.png` into a folder that exists.
+
+        Raises
+        ------
+        FileExistsError
+            One of them exists: nothing is overwritten.
+        """
+        write_summary(self.summary, folder / "plan.json")
+        write_trajectories(self.dataset, folder / "trajectories.csv")
+        draw_plan(self.dataset, folder)
+
+
+def record_published(planned: Planned) -> RecordedPlan:
+    """Sample and sum up a plan of the published planner."""
+    scenario, made = planned.scenario, planned.plan
+    facts = _facts(
+        scenario,
+        paths=tuple(_bend(float(bend)) for bend in made.lateral_bends),
+        messages=tuple(
+            PLAN_MESSAGES[int(status)] if int(status) else LIMIT_MESSAGES[int(limit)] if int(limit) else None
+            for status, limit in zip(made.status, planned.limits.status, strict=True)
+        ),
+        problems=planned.problems(),
+        lengths_m=np.asarray(made.lengths),
+        nominal_lengths_m=np.asarray(made.nominal_lengths),
+        turn_use=np.asarray(planned.limits.turn_use_max),
+    )
+    arrivals = np.full(len(scenario.aircraft), float(made.arrival_time))
+    return _recorded(scenario, made.trajectories, arrivals, planned.flight.environment.gravity, facts)
+
+
+def record_certified(planned: CertifiedPlanned) -> RecordedPlan:
+    """Sample and sum up a plan of the certified planner, with what it proves."""
+    scenario = planned.scenario
+    # What fills the fleet up to a size is no aircraft of the scenario.
+    rows = np.flatnonzero(np.asarray(planned.travellers.active) > 0.0)
+    made, asked = jax.tree.map(lambda leaf: leaf[rows], (planned.plan, planned.travellers.limits))
+    found = made.certificate
+    bounds = {
+        "airspeed_min": found.bounds.speed_min,
+        "airspeed_max": found.bounds.speed_max,
+        "bank_max": found.bounds.bank_max,
+        "load_factor_max": found.bounds.load_factor_max,
+        "climb_rate_max": found.bounds.climb_rate_max,
+        "altitude_min": found.bounds.altitude_min,
+        "altitude_max": found.bounds.altitude_max,
+        "thrust_surplus_max": found.bounds.acceleration_max,
+        "thrust_deficit_max": found.bounds.deceleration_max,
+    }
+    good, room = np.asarray(planned.plan.good)[rows], float(np.min(np.asarray(found.room)[:, rows]))
+    facts = _facts(
+        scenario,
+        paths=tuple(_turned(math.degrees(float(turned))) for turned in made.turned),
+        messages=tuple(None if ok else NOT_PROVEN for ok in good),
+        problems=tuple(
+            f'aircraft "{a.name}": {NOT_PROVEN}' for a, ok in zip(scenario.aircraft, good, strict=True) if not ok
+        ),
+        # Where the scenario leaves these two out they are those of each aircraft at its start.
+        surplus=np.asarray(asked.acceleration_max),
+        deficit=np.asarray(asked.deceleration_max),
+        bounds={key: np.asarray(values) for key, values in bounds.items()},
+        separation_bound=room if math.isfinite(room) else None,
+        keep_out_bounds_m=np.asarray(found.closed_room) if scenario.keep_out else None,
+    )
+    return _recorded(scenario, made.paths, np.asarray(made.arrival_times), planned.airspace.gravity, facts)
+
+
+def _recorded(
+    scenario: Scenario, paths: TimedPosition, arrivals: np.ndarray, gravity: Any, facts: PlanFacts
+) -> RecordedPlan:
+    times = sample_times(0.0, arrivals)
+    goals = np.stack([_goal_n(scenario.goal_of(aircraft), times[0]) for aircraft in scenario.aircraft], axis=1)
+    samples = sample_plan(paths, 0.0, arrivals, gravity, goals, times, facts.separation_m, facts.keep_outs)
+    dataset = plan_dataset(samples, facts)
+    return RecordedPlan(dataset, plan_summary(dataset))
+
+
+def _goal_n(goal: Goal, times_s: np.ndarray) -> np.ndarray:
+    """Where a goal of a scenario is, (time, NED axis), m."""
+    if goal.waypoints is None:
+        north, east, up = goal.velocity_m_s()
+        start = goal.position_m(0.0)
+        place = [here + rate * times_s for here, rate in zip(start, (north, east, up), strict=True)]
+    else:
+        at = [point.time_s for point in goal.waypoints]
+        corners = zip(*((p.north_m, p.east_m, p.altitude_m) for p in goal.waypoints), strict=True)
+        place = [np.interp(times_s, at, corner) for corner in corners]
+    return np.stack([place[0], place[1], -place[2]], axis=1)
+
+
+def _facts(
+    scenario: Scenario, surplus: np.ndarray | float = math.nan, deficit: np.ndarray | float = math.nan, **more: Any
+) -> PlanFacts:
+    """What a scenario asks for; `surplus`, `deficit` where it leaves them out; what a planner tells of itself."""
+    limits, apart = scenario.limits, scenario.separation
+    given = limits.acceleration_max_m_s2, limits.deceleration_max_m_s2
+    return PlanFacts(
+        scenario_name=scenario.name,
+        scenario_hash=scenario.hash,
+        seed=scenario.seed,
+        planner=scenario.fleet.planner,
+        rule=scenario.arrival.rule,
+        aircraft_names=tuple(a.name for a in scenario.aircraft),
+        goal_names=tuple(a.goal for a in scenario.aircraft),
+        limits={
+            "airspeed_min": limits.speed_min_m_s,
+            "airspeed_max": limits.speed_max_m_s,
+            "bank_max": math.radians(limits.bank_max_deg),
+            "load_factor_max": limits.load_factor_max,
+            "climb_rate_max": limits.climb_rate_max_m_s,
+            "altitude_min": limits.altitude_min_m,
+            "altitude_max": limits.altitude_max_m,
+            "thrust_surplus_max": surplus if given[0] is None else given[0],
+            "thrust_deficit_max": deficit if given[1] is None else given[1],
+        },
+        separation_m=(apart.horizontal_m, apart.vertical_m) if apart.horizontal_m > 0.0 else None,
+        distance_min_m=scenario.requirements.separation_min_m,
+        keep_outs=tuple(
+            KeepOutFacts(
+                one.name,
+                (one.north_m, one.east_m),
+                one.velocity_m_s()[:2],
+                one.radius_m,
+                one.bottom_m,
+                one.top_m,
+            )
+            for one in scenario.keep_out
+        ),
+        **more,
+    )
+
+
+def _bend(bend: float) -> str:
+    return "nominal" if bend == 0.0 else ("bent right" if bend > 0 else "bent left")
+
+
+def _turned(degrees: float) -> str:
+    return f"turns {degrees:.0f} deg"

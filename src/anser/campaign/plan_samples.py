@@ -1,0 +1,206 @@
+"""Planned paths at instants: what each asks of its aircraft, and its least and greatest."""
+
+from typing import Protocol
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from anser.campaign.plan_distances import keep_out_rooms, nearest_pairs, track_of
+from anser.numerics import compiled_quickly
+from anser.planning import polar
+from anser.results import KeepOutFacts, PlanExtremes, PlanSamples
+from anser.shapes import Scalar, ScalarLike, Vector3
+
+SAMPLE_STEP_S = 0.5
+"""Between two instants of the record."""
+_FINE = 1024  # instants of a path at which its extremes are looked for: every fifth of a second or less of most
+_BLOCK = 256
+_SAME_TIME_S = 1e-6
+
+
+class TimedPosition(Protocol):
+    """A path in time, of either planner: NED, SI units."""
+
+    def position_n(self, time: ScalarLike) -> Vector3:
+        """Position over the ground, m."""
+        ...
+
+    def velocity_n(self, time: ScalarLike) -> Vector3:
+        """Velocity over the ground, m/s."""
+        ...
+
+    def air_velocity_n(self, time: ScalarLike) -> Vector3:
+        """Velocity relative to the air, m/s."""
+        ...
+
+    def acceleration_n(self, time: ScalarLike) -> Vector3:
+        """Acceleration over the ground, m/s^2."""
+        ...
+
+
+def sample_times(start_s: float, arrival_times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Even instants from the start to the last arrival, and every arrival; and which are even ones."""
+    arrivals = np.unique(arrival_times)
+    count = int(np.ceil((arrivals[-1] - start_s) / SAMPLE_STEP_S))
+    even = start_s + SAMPLE_STEP_S * np.arange(max(count, 1))
+    # An arrival at an even instant stands for it.
+    nearest = np.abs(even[:, None] - arrivals[None, :])
+    times = np.union1d(even[nearest.min(axis=1) > _SAME_TIME_S], arrivals)
+    phase = (times - start_s) / SAMPLE_STEP_S
+    return times, np.abs(phase - np.round(phase)) * SAMPLE_STEP_S <= _SAME_TIME_S
+
+
+def asked_of(path: TimedPosition, time: ScalarLike, gravity: ScalarLike) -> dict[str, Scalar]:
+    """What a path asks at a time, by key of `anser.variables`; SI units and radians.
+
+    Parameters
+    ----------
+    path
+        Of one aircraft.
+    time
+        s.
+    gravity
+        m/s^2.
+
+    Notes
+    -----
+    Bank angle and load factor are those of coordinated flight along the path: the part of the specific force across
+    the velocity relative to the air (theory section 6).
+    """
+    position, ground, air = path.position_n(time), path.velocity_n(time), path.air_velocity_n(time)
+    push = path.acceleration_n(time)
+    over, through = polar(ground, push), polar(air, push)
+    side = through.V * jnp.cos(through.gamma) * through.chi_dot
+    lift = gravity * jnp.cos(through.gamma) + through.V * through.gamma_dot
+    return {
+        "north": position[0],
+        "east": position[1],
+        "altitude": -position[2],
+        "velocity_north": ground[0],
+        "velocity_east": ground[1],
+        "airspeed": through.V,
+        "ground_speed": over.V,
+        "course": through.chi,
+        "ground_course": over.chi,
+        "path_angle": through.gamma,
+        "climb_rate": -air[2],
+        "bank": jnp.arctan2(side, lift),
+        "load_factor": jnp.sqrt(side * side + lift * lift) / gravity,
+        "thrust_surplus": through.V_dot + gravity * jnp.sin(through.gamma),
+    }
+
+
+@compiled_quickly
+def _asked(
+    paths: TimedPosition, times: Float[Array, "aircraft block"], gravity: Scalar
+) -> dict[str, Float[Array, "aircraft block"]]:
+    def one(path: TimedPosition, instants: Float[Array, " block"]) -> dict[str, Scalar]:
+        return jax.vmap(lambda time: asked_of(path, time, gravity))(instants)
+
+    return eqx.filter_vmap(one, in_axes=(eqx.if_array(0), 0))(paths, times)
+
+
+def _asked_in_blocks(paths: TimedPosition, times: np.ndarray, gravity: ScalarLike) -> dict[str, np.ndarray]:
+    """What each path asks at its own times, (aircraft, time): blocks of one size, so that a fleet compiles once."""
+    count = times.shape[1]
+    padded = np.pad(times, ((0, 0), (0, -count % _BLOCK)), mode="edge")
+    weight = jnp.asarray(gravity, dtype=float)
+    blocks = [
+        _asked(paths, jnp.asarray(block), weight) for block in np.split(padded, padded.shape[1] // _BLOCK, axis=1)
+    ]
+    return {key: np.concatenate([np.asarray(one[key]) for one in blocks], axis=1)[:, :count] for key in blocks[0]}
+
+
+def sample_paths(
+    paths: TimedPosition, arrival_times: np.ndarray, times_s: np.ndarray, gravity: ScalarLike
+) -> dict[str, np.ndarray]:
+    """What the paths of a fleet ask, by key of `anser.variables`; (time, aircraft), NaN after the arrival.
+
+    Parameters
+    ----------
+    paths
+        Stacked, leading axis aircraft.
+    arrival_times
+        (aircraft,), s.
+    times_s
+        (time,), s.
+    gravity
+        m/s^2.
+    """
+    arrivals = np.asarray(arrival_times)[:, None]
+    found = _asked_in_blocks(paths, np.minimum(np.asarray(times_s)[None, :], arrivals), gravity)
+    under_way = np.asarray(times_s)[None, :] <= arrivals
+    return {key: np.where(under_way, values, np.nan).T for key, values in found.items()}
+
+
+def sample_extremes(
+    paths: TimedPosition, start_s: float, arrival_times: np.ndarray, gravity: ScalarLike
+) -> PlanExtremes:
+    """Least and greatest of each path, from its start to its arrival; arguments as of `sample_paths`."""
+    duration = np.asarray(arrival_times) - start_s
+    asked = _asked_in_blocks(paths, start_s + duration[:, None] * np.linspace(0.0, 1.0, _FINE)[None, :], gravity)
+    speed = asked["airspeed"]
+    mean = np.trapezoid(speed, axis=1) / (_FINE - 1)
+    return PlanExtremes(
+        length=mean * duration,
+        speed_mean=mean,
+        values={
+            "airspeed_min": speed.min(axis=1),
+            "airspeed_max": speed.max(axis=1),
+            "bank_max": np.abs(asked["bank"]).max(axis=1),
+            "load_factor_max": asked["load_factor"].max(axis=1),
+            "climb_rate_max": np.abs(asked["climb_rate"]).max(axis=1),
+            "altitude_min": asked["altitude"].min(axis=1),
+            "altitude_max": asked["altitude"].max(axis=1),
+            "thrust_surplus_max": asked["thrust_surplus"].max(axis=1),
+            "thrust_deficit_max": (-asked["thrust_surplus"]).max(axis=1),
+        },
+    )
+
+
+def sample_plan(
+    paths: TimedPosition,
+    start_s: float,
+    arrival_times: np.ndarray,
+    gravity: ScalarLike,
+    goals_n: np.ndarray,
+    times: tuple[np.ndarray, np.ndarray],
+    separation_m: tuple[float, float] | None,
+    keep_outs: tuple[KeepOutFacts, ...],
+) -> PlanSamples:
+    """Everything that is recorded of a plan.
+
+    Parameters
+    ----------
+    paths
+        Stacked, leading axis aircraft.
+    start_s, arrival_times
+        When all start and each arrives, s.
+    gravity
+        m/s^2.
+    goals_n
+        The aircraft's goals, (time, aircraft, NED axis), m.
+    times
+        As `sample_times` gives them.
+    separation_m, keep_outs
+        What is asked for, as in `PlanFacts`.
+    """
+    history = sample_paths(paths, arrival_times, times[0], gravity)
+    motion = track_of(times[0], history)
+    rooms, when = keep_out_rooms(motion, keep_outs)
+    under_way = times[0][:, None] <= np.asarray(arrival_times)[None, :]
+    return PlanSamples(
+        time_s=times[0],
+        even=times[1],
+        arrival_times_s=np.asarray(arrival_times, dtype=float),
+        history=history,
+        goals_n=np.where(under_way[:, :, None], goals_n, np.nan),
+        extremes=sample_extremes(paths, start_s, arrival_times, gravity),
+        nearest=nearest_pairs(motion, None),
+        separated=None if separation_m is None else nearest_pairs(motion, separation_m),
+        keep_out_room_m=rooms,
+        keep_out_at_s=when,
+    )

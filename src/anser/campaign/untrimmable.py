@@ -1,0 +1,29 @@
+"""Refusing starts without steady flight."""
+
+import jax
+import numpy as np
+
+from anser.scenario import Problem, Scenario, ScenarioError
+from anser.simulation import Flight, TrimPoint, nearest_trims
+from anser.simulation.trim import EXCESS_NOISE
+
+
+def refuse_untrimmable(scenario: Scenario, flight: Flight, trims: TrimPoint) -> None:
+    """Refuse starts without steady flight: say which limit stops it and where the nearest trim points are."""
+    problems = []
+    for k in np.flatnonzero(~np.asarray(trims.converged) | (np.asarray(trims.excess) > EXCESS_NOISE)):
+        airframe, target = jax.tree.map(lambda leaf, k=k: leaf[k], (flight.fleet.airframes, flight.fleet.starts))
+        found = nearest_trims(airframe, flight.environment, target)
+        aircraft, start = scenario.aircraft[k], scenario.aircraft[k].start
+        asked = f"{start.speed_m_s:g} m/s at {start.altitude_m:g} m, path angle {start.path_angle_deg:g} deg"
+        nearest = "; ".join(near.message() for near in found.nearest) or "none by speed, path angle or turn rate alone"
+        problems.append(
+            Problem(
+                f"aircraft[{k}].start",
+                f"{asked}, where no steady flight exists ({'; '.join(found.violations)})",
+                f"a start with steady flight (all else unchanged: {nearest})",
+                f'aircraft "{aircraft.name}"',
+            )
+        )
+    if problems:
+        raise ScenarioError(scenario.name, problems)

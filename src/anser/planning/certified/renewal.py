@@ -1,0 +1,161 @@
+"""Renewing a certified plan on the way, without a jerk, and keeping the last good one where no new one will do."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from anser.planning.certified.candidates import FEW
+from anser.planning.certified.certified_plan import CertifiedPlan, certify, plan_fleet_at
+from anser.planning.certified.profile import KINKS
+from anser.planning.certified.request import Airspace, Traveller
+from anser.planning.certified.route import PIECES
+from anser.planning.timed_path import TimedPath
+from anser.shapes import Count, Flag, ScalarLike, Vector3
+
+FIRST, CORRECTED, ANEW, LAST_GOOD = range(4)
+RENEWAL_MESSAGES = (
+    "the first plan",
+    "the plan in force, bent to where the rendezvous is now expected",
+    "planned anew from the planned state",
+    "no new plan keeps all limits: the last good plan is kept",
+)
+COMMITTED_S = 15.0
+"""With less time to go than this an aircraft's path is corrected, but not planned anew."""
+_SAME_PLACE_M = 1e-6
+_LATER = (1.0, 1.03, 1.08, 1.15)  # of the time to go, where the arrival time is free
+
+
+def ticks_of(paths: TimedPath) -> int:
+    """Even intervals between the knots of a path."""
+    return paths.times.shape[-1] - 1 - (PIECES - 1) - KINKS
+
+
+def _meeting_n(traveller: Traveller, after: ScalarLike) -> Vector3:
+    return traveller.goal_position_n + traveller.goal_velocity_n * after + traveller.rendezvous.stand_off_n
+
+
+def _corrected(path: TimedPath, traveller: Traveller, now: ScalarLike) -> TimedPath:
+    """The same path, bent evenly from the next knot on to where the rendezvous is expected; C2 everywhere.
+
+    The bend is d (10 u^3 - 15 u^4 + 6 u^5): a quintic, so each cell's quintic takes it up exactly.
+    """
+    end = path.times[-1]
+    off = _meeting_n(traveller, end - now) - path.air_n[-1, 0] - path.drift_n[-1, 0]
+    begin = jnp.min(jnp.where(path.times > now, path.times, end))
+    span = jnp.maximum(end - begin, 1e-3)
+    u = jnp.clip((path.times - begin) / span, 0.0, 1.0)
+    shares = jnp.stack(
+        [
+            u**3 * (10 + u * (-15 + 6 * u)),
+            30 * (u * (1 - u)) ** 2 / span,
+            60 * u * (1 - u) * (1 - 2 * u) / span**2,
+        ],
+        axis=1,
+    )
+    needed = (jnp.sum(off**2) > _SAME_PLACE_M**2) & (end > begin)
+    bent = path.air_n + shares[:, :, None] * off[None, None, :]
+    return eqx.tree_at(lambda p: p.air_n, path, jnp.where(needed, bent, path.air_n))
+
+
+def _from_plan(path: TimedPath, traveller: Traveller, now: ScalarLike) -> Traveller:
+    """The traveller as its plan has it now: velocity and acceleration go on without a jump."""
+    air, drift = path.states_n(now)
+    return eqx.tree_at(
+        lambda t: (t.position_n, t.air_velocity_n, t.air_acceleration_n),
+        traveller,
+        (air[0] + drift[0], air[1], air[2]),
+    )
+
+
+class Renewed(eqx.Module):
+    """A plan and, per aircraft, what became of it: an index into `RENEWAL_MESSAGES`."""
+
+    plan: CertifiedPlan
+    how: Count
+
+
+def renew_certified(
+    plan: CertifiedPlan,
+    now: ScalarLike,
+    travellers: Traveller,
+    airspace: Airspace,
+    movable: Flag,
+    freeze: ScalarLike = 0.0,
+) -> Renewed:
+    """Plan again from the planned state, towards the goals as they are seen now.
+
+    Parameters
+    ----------
+    plan
+        The plan in force.
+    now
+        s.
+    travellers
+        The fleet with its goals as sensed now; position and motion are taken from the plan.
+    airspace
+        What they share.
+    movable
+        Whether the arrival times may be put off, by the same part of each aircraft's time to go.
+    freeze
+        A path stands as it is for this long before its arrival, s.
+
+    Returns
+    -------
+    The plan bent to where the rendezvous are now expected, if its certificate still keeps everything; else one planned
+    anew from the planned positions, velocities and accelerations; else the last good plan.
+    """
+    ticks = ticks_of(plan.paths)
+    under_way = plan.arrival_times > now
+    paths = jax.vmap(_corrected, in_axes=(0, 0, None))(plan.paths, travellers, now)
+    paths = _either(plan.arrival_times - now > freeze, paths, plan.paths)
+    corrected = _judged(plan, paths, plan.arrival_times, travellers, airspace, ticks, now, under_way)
+    fine = jnp.all(corrected.good | ~under_way)
+
+    free = plan.arrival_times - now > COMMITTED_S
+    here = jax.vmap(_from_plan, in_axes=(0, 0, None))(plan.paths, travellers, now)
+    here = eqx.tree_at(lambda t: t.active, here, jnp.where(free, travellers.active, 0.0))
+
+    def again(carry: tuple[Count, Flag, CertifiedPlan]) -> tuple[Count, Flag, CertifiedPlan]:
+        k, _, _ = carry
+        later = jnp.asarray(_LATER)[k]
+        durations = jnp.maximum(plan.arrival_times - now, COMMITTED_S) * later
+        made = plan_fleet_at(now, here, airspace, durations, ticks, FEW)
+        arrivals = jnp.where(free, now + durations, plan.arrival_times)
+        whole = _judged(made, _either(free, made.paths, paths), arrivals, travellers, airspace, ticks, now, under_way)
+        good = jnp.all(jnp.where(free, made.valid, True)) & jnp.all(whole.good | ~under_way)
+        return k + 1, good, whole
+
+    def anew() -> Renewed:
+        tries = jnp.where(movable, len(_LATER), 1)
+        _, found, made = jax.lax.while_loop(
+            lambda c: (c[0] < tries) & ~c[1], again, (jnp.asarray(0), jnp.asarray(False), plan)
+        )
+        kept = jax.tree.map(lambda a, b: jnp.where(found, a, b), made, plan)
+        return Renewed(kept, jnp.where(found, ANEW, LAST_GOOD))
+
+    return jax.lax.cond(fine, lambda: Renewed(corrected, jnp.asarray(CORRECTED)), anew)
+
+
+def _either(first: Bool[Array, " aircraft"], one: TimedPath, other: TimedPath) -> TimedPath:
+    return jax.tree.map(lambda a, b: jnp.where(first.reshape(-1, *[1] * (a.ndim - 1)), a, b), one, other)
+
+
+def _judged(
+    plan: CertifiedPlan,
+    paths: TimedPath,
+    arrivals: Float[Array, " aircraft"],
+    travellers: Traveller,
+    airspace: Airspace,
+    ticks: int,
+    now: ScalarLike,
+    under_way: Bool[Array, " aircraft"],
+) -> CertifiedPlan:
+    """A plan with other paths, certified from now on."""
+    watched = eqx.tree_at(lambda t: t.active, travellers, jnp.where(under_way, travellers.active, 0.0))
+    certificate = certify(paths, watched, airspace, ticks, now)
+    return eqx.tree_at(
+        lambda p: (p.paths, p.arrival_times, p.certificate, p.valid),
+        plan,
+        (paths, arrivals, certificate, jnp.ones_like(plan.valid)),
+    )

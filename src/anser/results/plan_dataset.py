@@ -1,0 +1,171 @@
+"""From the samples of a plan to a labelled dataset in the units of the catalogue."""
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from anser.results.flight_variables import attributes_of
+from anser.results.plan_limits import PLAN_LIMITS
+from anser.results.plan_record import Closest, PlanFacts, PlanSamples
+from anser.results.provenance import versions
+from anser.results.variable_labels import converted, labels_of
+from anser.variables import CATALOGUE, PLAN_VARIABLES
+
+__all__ = ["plan_dataset"]
+
+_VARIABLES = {variable.key: variable for variable in (*CATALOGUE, *PLAN_VARIABLES)}
+_GOAL_KEYS = ("goal_north", "goal_east", "goal_altitude")
+
+
+def plan_dataset(samples: PlanSamples, facts: PlanFacts) -> xr.Dataset:
+    """Label a plan.
+
+    Parameters
+    ----------
+    samples
+        Its paths.
+    facts
+        What was asked of it.
+
+    Returns
+    -------
+    xr.Dataset
+        Over (time, aircraft) every key of the samples' history under its name in the catalogue, and the goals; over
+        (time,) the least distance and separation with their pairs; over (aircraft,) arrival, length, speeds, extremes,
+        limits and proven bounds; over (aircraft, keep_out) the room. NaN where there is nothing to tell.
+
+    Raises
+    ------
+    ValueError
+        Samples and facts do not tell of the same aircraft, or a key is not in the catalogue.
+    """
+    _check(samples, facts)
+    data: dict[str, Any] = {"even": ("time", samples.even, attributes_of("", "Whether the instant is an even one"))}
+
+    def add(key: str, values: np.ndarray, dims: Any) -> None:
+        variable = _VARIABLES[key]
+        data[variable.name] = (dims, converted(variable, np.asarray(values)), labels_of(variable))
+
+    for key, values in samples.history.items():
+        add(key, values, ("time", "aircraft"))
+    for axis, key in enumerate(_GOAL_KEYS):
+        add(key, samples.goals_n[:, :, axis] * (-1.0 if key == "goal_altitude" else 1.0), ("time", "aircraft"))
+    add("distance_min", samples.nearest.distance_m, "time")
+    _add_closest(data, "distance", samples.nearest)
+    if samples.separated is not None:
+        add("separation", samples.separated.distance_m, "time")
+        _add_closest(data, "separation", samples.separated)
+    _add_paths(data, samples, facts)
+    _add_keep_outs(data, samples, facts)
+    coordinates: dict[str, Any] = {
+        "time": ("time", samples.time_s, {"units": "s", "long_name": "Time", "symbol": "t"}),
+        "aircraft": ("aircraft", np.array(facts.aircraft_names, dtype=np.str_), {"long_name": "Aircraft"}),
+    }
+    if facts.keep_outs:
+        names = np.array([one.name for one in facts.keep_outs], dtype=np.str_)
+        coordinates["keep_out"] = ("keep_out", names, {"long_name": "Keep-out"})
+    return xr.Dataset(data, coordinates, _attributes(facts))
+
+
+def _check(samples: PlanSamples, facts: PlanFacts) -> None:
+    shape = (samples.time_s.size, len(facts.aircraft_names))
+    for key, values in samples.history.items():
+        if key not in _VARIABLES:
+            raise ValueError(f"the history has the key {key}, which anser.variables does not know")
+        if values.shape != shape:
+            raise ValueError(f"{key} has shape {values.shape}; (time, aircraft) is {shape}")
+    for name in ("goal_names", "paths", "messages"):
+        if len(getattr(facts, name)) != shape[1]:
+            raise ValueError(f"{name} has {len(getattr(facts, name))} entries for {shape[1]} aircraft")
+    if (samples.separated is None) != (facts.separation_m is None):
+        raise ValueError("separation must be sampled where it is asked for, and only there")
+
+
+def _add_closest(data: dict[str, Any], name: str, closest: Closest) -> None:
+    """The pair at each instant, and the nearest of all."""
+    pair = np.asarray(closest.pair, dtype=np.int32)
+    data[f"{name}_pair"] = (("time", "end"), pair, attributes_of("1", "Indices of the two aircraft; -1: none"))
+    least = np.asarray(closest.least_pair, dtype=np.int32)
+    data[f"least_{name}_pair"] = ("end", least, attributes_of("1", "Indices of the two that come closest; -1: none"))
+    for key, value, unit, words in (
+        (f"least_{name}_m", closest.least_m, "m", f"Least {name} between two aircraft at all"),
+        (f"least_{name}_at_s", closest.at_s, "s", "When"),
+        (f"least_{name}_level_m", closest.level_m, "m", "Their distance in the plane then"),
+        (f"least_{name}_height_m", closest.height_m, "m", "Their difference in altitude then"),
+    ):
+        data[key] = ((), float(value), attributes_of(unit, words))
+
+
+def _add_paths(data: dict[str, Any], samples: PlanSamples, facts: PlanFacts) -> None:
+    """What holds for a path as a whole."""
+    count = len(facts.aircraft_names)
+    arrival = _VARIABLES["arrival_time"]
+    data[arrival.name] = ("aircraft", np.asarray(samples.arrival_times_s, dtype=float), labels_of(arrival))
+    extremes = samples.extremes
+    length = extremes.length if facts.lengths_m is None else facts.lengths_m
+    data["length_m"] = ("aircraft", length, attributes_of("m", "Length of the path through the air"))
+    data["airspeed_mean_m_s"] = ("aircraft", extremes.speed_mean, attributes_of("m s-1", "Mean true airspeed"))
+    for name, values, unit, words in (
+        ("nominal_length_m", facts.nominal_lengths_m, "m", "Length of the path without its bend"),
+        ("turn_use", facts.turn_use, "1", "Turn rate over that of the greatest bank angle"),
+    ):
+        if values is not None:
+            data[name] = ("aircraft", values, attributes_of(unit, words))
+    for limit in PLAN_LIMITS:
+        found = {"": extremes.values[limit.key], "limit_": facts.limits.get(limit.key, np.nan)}
+        if facts.bounds is not None and limit.key in facts.bounds:
+            found["bound_"] = facts.bounds[limit.key]
+        said = {"": "planned", "limit_": "limit", "bound_": "proven bound"}
+        for prefix, values in found.items():
+            full = np.broadcast_to(np.asarray(values, dtype=float) * limit.factor, count).copy()
+            labels = attributes_of(limit.unit, f"{limit.words.capitalize()}, {said[prefix]}")
+            data[f"{prefix}{limit.name}"] = ("aircraft", full, labels)
+    for name, values, words in (
+        ("goal", facts.goal_names, "Goal"),
+        ("path", facts.paths, "How the path goes"),
+        ("message", ["" if one is None else one for one in facts.messages], "What is wrong with it; empty: nothing"),
+    ):
+        data[name] = ("aircraft", np.array(values, dtype=np.str_), {"long_name": words})
+
+
+def _add_keep_outs(data: dict[str, Any], samples: PlanSamples, facts: PlanFacts) -> None:
+    if not facts.keep_outs:
+        return
+    for name, unit, words, values in (
+        ("north_m", "m", "North position of the middle at time 0", [one.position_m[0] for one in facts.keep_outs]),
+        ("east_m", "m", "East position of the middle at time 0", [one.position_m[1] for one in facts.keep_outs]),
+        ("velocity_north_m_s", "m s-1", "North velocity", [one.velocity_m_s[0] for one in facts.keep_outs]),
+        ("velocity_east_m_s", "m s-1", "East velocity", [one.velocity_m_s[1] for one in facts.keep_outs]),
+        ("radius_m", "m", "Radius", [one.radius_m for one in facts.keep_outs]),
+        ("bottom_m", "m", "Altitude of the bottom", [one.bottom_m for one in facts.keep_outs]),
+        ("top_m", "m", "Altitude of the top", [one.top_m for one in facts.keep_outs]),
+    ):
+        data[f"keep_out_{name}"] = ("keep_out", np.array(values, dtype=float), attributes_of(unit, words))
+    both = ("aircraft", "keep_out")
+    data["keep_out_room_m"] = (both, samples.keep_out_room_m, attributes_of("m", "Least distance outside"))
+    data["keep_out_at_s"] = (both, samples.keep_out_at_s, attributes_of("s", "When it is least"))
+    if facts.keep_out_bounds_m is not None:
+        data["bound_keep_out_room_m"] = (
+            both,
+            facts.keep_out_bounds_m,
+            attributes_of("m", "Least distance outside, proven bound"),
+        )
+
+
+def _attributes(facts: PlanFacts) -> dict[str, Any]:
+    found: dict[str, Any] = {
+        "title": facts.scenario_name,
+        "scenario_hash": facts.scenario_hash,
+        "seed": facts.seed,
+        "planner": facts.planner,
+        "rule": facts.rule,
+        "problems": "\n".join(facts.problems),
+    }
+    if facts.separation_m is not None:
+        found["separation_horizontal_m"], found["separation_vertical_m"] = facts.separation_m
+    if facts.distance_min_m is not None:
+        found["distance_limit_m"] = facts.distance_min_m
+    if facts.separation_bound is not None:
+        found["separation_bound"] = facts.separation_bound
+    return found | {f"version_{name}": version for name, version in versions().items()}

@@ -1,0 +1,160 @@
+"""What a plan is recorded as: its paths at instants, what is least and greatest of them, what was asked of it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+__all__ = ["Closest", "KeepOutFacts", "PlanExtremes", "PlanFacts", "PlanSamples"]
+
+
+@dataclass(frozen=True)
+class Closest:
+    """The two aircraft of a fleet that are nearest to each other, at every instant and at all.
+
+    Attributes
+    ----------
+    distance_m
+        Least distance at each instant (time,), NaN where fewer than two are under way.
+    pair
+        Which two, indices (time, 2); -1 there.
+    least_m, least_pair, at_s
+        The least of all, which two, and when; NaN and -1 for a single aircraft.
+    level_m, height_m
+        How far apart the two are then in the plane and in altitude.
+    """
+
+    distance_m: np.ndarray
+    pair: np.ndarray
+    least_m: float
+    least_pair: tuple[int, int]
+    at_s: float
+    level_m: float
+    height_m: float
+
+
+@dataclass(frozen=True)
+class PlanExtremes:
+    """Least and greatest of each path, from instants that lie close; leading axis aircraft, SI units and radians.
+
+    Attributes
+    ----------
+    length, speed_mean
+        Of the path through the air, m, and along it, m/s.
+    values
+        By name as in `anser.results.PLAN_LIMITS`: "airspeed_min", "bank_max", ...
+    """
+
+    length: np.ndarray
+    speed_mean: np.ndarray
+    values: Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class PlanSamples:
+    """Paths of a fleet at instants; NaN where an aircraft has arrived.
+
+    Attributes
+    ----------
+    time_s
+        Instants (time,), increasing: even ones and every arrival.
+    even
+        Which of them are even ones.
+    arrival_times_s
+        When each aircraft arrives, one of the instants.
+    history
+        Arrays (time, aircraft), SI units and radians, by key of `anser.variables`.
+    goals_n
+        Where the goal of each aircraft is, (time, aircraft, NED axis), m.
+    extremes
+        Of each path.
+    nearest
+        By distance in space.
+    separated
+        By what `PlanFacts.separation_m` asks for; None where it asks for nothing.
+    keep_out_room_m, keep_out_at_s
+        How far each aircraft stays out of each keep-out at least, (aircraft, volume), negative inside, and when.
+    """
+
+    time_s: np.ndarray
+    even: np.ndarray
+    arrival_times_s: np.ndarray
+    history: Mapping[str, np.ndarray]
+    goals_n: np.ndarray
+    extremes: PlanExtremes
+    nearest: Closest
+    separated: Closest | None
+    keep_out_room_m: np.ndarray
+    keep_out_at_s: np.ndarray
+
+
+@dataclass(frozen=True)
+class KeepOutFacts:
+    """A cylinder that no aircraft enters: middle and velocity over the ground at time 0, north and east."""
+
+    name: str
+    position_m: tuple[float, float]
+    velocity_m_s: tuple[float, float]
+    radius_m: float
+    bottom_m: float
+    top_m: float
+
+
+@dataclass(frozen=True)
+class PlanFacts:
+    """What was asked of a plan, and what its planner says of it; rows have one entry per aircraft.
+
+    Attributes
+    ----------
+    scenario_name, scenario_hash, seed
+        Identity of the scenario.
+    planner, rule
+        Which planner, and the rule of arrival.
+    aircraft_names, goal_names
+        Each aircraft and the goal that it meets.
+    paths
+        How each path goes, in a word or two.
+    messages
+        What is wrong with each path, None where nothing is.
+    limits
+        Limits of the scenario by name as in `PLAN_LIMITS`, SI units and radians; a number for all or one for each.
+    separation_m
+        What any two keep until the first of them arrives: in the plane, or else in altitude (0: does not count); None
+        where nothing is asked.
+    distance_min_m
+        Least distance between two that is required of the flight; None for none.
+    keep_outs
+        Closed volumes.
+    bounds
+        What the planner proves each path to keep within, by the names of `limits`; None: nothing is proven.
+    separation_bound
+        Proven least ratio of distance to the separation that was planned with, its reserve included; None: nothing is.
+    keep_out_bounds_m
+        Proven least room (aircraft, volume).
+    lengths_m, nominal_lengths_m, turn_use
+        Lengths of the paths and without their bends, and turn rate as a part of that of the greatest bank angle, where
+        a planner tells them.
+    problems
+        Why the plan cannot be flown as it stands, one sentence each.
+    """
+
+    scenario_name: str
+    scenario_hash: str
+    seed: int
+    planner: str
+    rule: str
+    aircraft_names: tuple[str, ...]
+    goal_names: tuple[str, ...]
+    paths: tuple[str, ...]
+    messages: tuple[str | None, ...]
+    limits: Mapping[str, float | np.ndarray]
+    separation_m: tuple[float, float] | None = None
+    distance_min_m: float | None = None
+    keep_outs: tuple[KeepOutFacts, ...] = ()
+    bounds: Mapping[str, np.ndarray] | None = None
+    separation_bound: float | None = None
+    keep_out_bounds_m: np.ndarray | None = None
+    lengths_m: np.ndarray | None = None
+    nominal_lengths_m: np.ndarray | None = None
+    turn_use: np.ndarray | None = None
+    problems: tuple[str, ...] = ()

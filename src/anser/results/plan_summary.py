@@ -1,0 +1,135 @@
+"""The machine-readable summary of a plan, format version 1."""
+
+import math
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from anser.results.plan_limits import PLAN_LIMITS, plan_margins
+
+__all__ = ["PLAN_FORMAT_VERSION", "plan_summary"]
+
+PLAN_FORMAT_VERSION = 1
+
+_PLANNED = "planned"
+
+
+def plan_summary(dataset: xr.Dataset) -> dict[str, Any]:
+    """Sum up a plan.
+
+    Parameters
+    ----------
+    dataset
+        As `anser.results.plan_dataset` makes it.
+
+    Returns
+    -------
+    dict
+        The contract of `plan.json` (write it with `anser.results.write_summary`): plain numbers, text, lists and dicts;
+        a number that does not exist is None. Margins are positive where a limit is kept; `bounds` tells whether they
+        are proven between the samples, too.
+    """
+    of = dataset.attrs
+    arrivals = dataset["arrival_time_s"].values
+    names = [str(name) for name in dataset["aircraft"].values]
+    margins = plan_margins(dataset)
+    proven = any(name.startswith("bound_") for name in map(str, dataset.data_vars))
+    return {
+        "format_version": PLAN_FORMAT_VERSION,
+        "scenario": {"name": of["title"], "hash": of["scenario_hash"]},
+        "seed": int(of["seed"]),
+        "versions": {key.removeprefix("version_"): of[key] for key in of if key.startswith("version_")},
+        "planner": of["planner"],
+        "bounds": "proven" if proven else "sampled",
+        "status": "not flyable" if of["problems"] else _PLANNED,
+        "problems": of["problems"].split("\n") if of["problems"] else [],
+        "arrival": {
+            "rule": of["rule"],
+            "first_s": _number(np.min(arrivals)),
+            "last_s": _number(np.max(arrivals)),
+        },
+        "aircraft": [_aircraft(dataset, k, names[k], margins) for k in range(len(names))],
+        "least_distance": _least(dataset, "distance", names) | {"required_m": of.get("distance_limit_m")},
+        "separation": _separation(dataset, names),
+        "keep_outs": _keep_outs(dataset, names),
+    }
+
+
+def _aircraft(dataset: xr.Dataset, k: int, name: str, margins: dict[str, np.ndarray]) -> dict[str, Any]:
+    def of(key: str) -> float | None:
+        return _number(dataset[key].values[k])
+
+    message = str(dataset["message"].values[k])
+    row: dict[str, Any] = {
+        "name": name,
+        "goal": str(dataset["goal"].values[k]),
+        "status": message or _PLANNED,
+        "path": str(dataset["path"].values[k]),
+        "arrival_s": of("arrival_time_s"),
+        "length_m": of("length_m"),
+        "speed_mean_m_s": of("airspeed_mean_m_s"),
+        "speed_min_m_s": of("airspeed_min_m_s"),
+        "speed_max_m_s": of("airspeed_max_m_s"),
+    }
+    row |= {key: of(key) for key in ("nominal_length_m", "turn_use") if key in dataset}
+    row["limits"] = []
+    for limit in PLAN_LIMITS:
+        if not np.isfinite(dataset[f"limit_{limit.name}"].values[k]):
+            continue
+        entry = {
+            "name": limit.name,
+            "limit": of(f"limit_{limit.name}"),
+            "planned": of(limit.name),
+            "margin": _number(margins[limit.name][k]),
+        }
+        if f"bound_{limit.name}" in dataset:
+            entry["bound"] = of(f"bound_{limit.name}")
+        row["limits"].append(entry)
+    return row
+
+
+def _least(dataset: xr.Dataset, what: str, names: list[str]) -> dict[str, Any]:
+    pair = dataset[f"least_{what}_pair"].values
+    return {
+        "value_m": _number(dataset[f"least_{what}_m"].item()),
+        "pair": [names[k] for k in pair] if pair[0] >= 0 else None,
+        "time_s": _number(dataset[f"least_{what}_at_s"].item()),
+        "horizontal_m": _number(dataset[f"least_{what}_level_m"].item()),
+        "vertical_m": _number(dataset[f"least_{what}_height_m"].item()),
+    }
+
+
+def _separation(dataset: xr.Dataset, names: list[str]) -> dict[str, Any] | None:
+    """None where none is asked for. The margin is what the pair has beyond it, in the plane or, scaled, in altitude."""
+    of = dataset.attrs
+    if "separation_horizontal_m" not in of:
+        return None
+    least = _least(dataset, "separation", names)
+    asked = of["separation_horizontal_m"]
+    margin = None if least["value_m"] is None else least["value_m"] - asked
+    found = {"horizontal_asked_m": asked, "vertical_asked_m": of["separation_vertical_m"], **least, "margin_m": margin}
+    if "separation_bound" in of:
+        found["bound_ratio"] = _number(of["separation_bound"])
+    return found
+
+
+def _keep_outs(dataset: xr.Dataset, names: list[str]) -> list[dict[str, Any]]:
+    found = []
+    for k in range(dataset.sizes.get("keep_out", 0)):
+        room = dataset["keep_out_room_m"].values[:, k]
+        who = int(np.argmin(np.where(np.isfinite(room), room, np.inf)))
+        row = {
+            "name": str(dataset["keep_out"].values[k]),
+            "aircraft": names[who],
+            "room_m": _number(room[who]),
+            "time_s": _number(dataset["keep_out_at_s"].values[who, k]),
+        }
+        if "bound_keep_out_room_m" in dataset:
+            row["bound_m"] = _number(np.min(dataset["bound_keep_out_room_m"].values[:, k]))
+        found.append(row)
+    return found
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

@@ -1,0 +1,142 @@
+"""A plan as dataset, summary and table: units, labels, gaps after the arrival, margins, what is refused."""
+
+import csv
+import dataclasses
+import io
+import json
+
+import numpy as np
+import pytest
+
+from anser.results import (
+    PLAN_LIMITS,
+    TRAJECTORY_COLUMNS,
+    plan_dataset,
+    plan_margins,
+    plan_summary,
+    write_summary,
+    write_trajectories,
+)
+from anser.variables import CATALOGUE, PLAN_VARIABLES
+from support.plan_case import CELL, SPEED, plan_case
+
+
+def _limits(summary, k):
+    return {row["name"]: row for row in summary["aircraft"][k]["limits"]}
+
+
+def test_variables_carry_the_labels_of_the_catalogue():
+    samples, facts = plan_case(separation_m=(500.0, 150.0))
+    dataset = plan_dataset(samples, facts)
+    by_name = {variable.name: variable for variable in (*CATALOGUE, *PLAN_VARIABLES)}
+    for name in (*TRAJECTORY_COLUMNS, "goal_north_m", "distance_min_m", "separation_m", "arrival_time_s"):
+        variable = by_name[name]
+        assert dataset[name].attrs["units"] == variable.unit
+        assert dataset[name].attrs["long_name"] == variable.long_name
+    assert all("long_name" in values.attrs for values in dataset.data_vars.values())
+    # 0.2 rad is 11.46 deg; the first sine of the samples is 0
+    np.testing.assert_allclose(dataset["bank_deg"].values[20, 0], np.degrees(0.2 * np.sin(1.0)), rtol=1e-12)
+    assert dataset["limit_bank_max_deg"].values == pytest.approx([45.0] * 3, rel=1e-12)
+
+
+def test_plan_variables_do_not_collide_with_the_catalogue():
+    for field in ("name", "key", "symbol", "long_name"):
+        values = [getattr(variable, field) for variable in (*CATALOGUE, *PLAN_VARIABLES)]
+        assert len(set(values)) == len(values), field
+
+
+def test_nothing_is_shown_after_an_arrival():
+    dataset = plan_dataset(*plan_case())
+    times = dataset["time"].values
+    for name in (*TRAJECTORY_COLUMNS, "goal_north_m"):
+        known = np.isfinite(dataset[name].values)
+        np.testing.assert_array_equal(known[:, 2], times <= 40.25)
+        assert known[:, 0].all()
+
+
+def test_summary_tells_margins_and_the_closest_pair():
+    samples, facts = plan_case(separation_m=(500.0, 150.0), keep_outs=(CELL,), distance_min_m=100.0)
+    summary = plan_summary(plan_dataset(samples, facts))
+    row = summary["aircraft"][2]
+    assert (row["name"], row["goal"], row["arrival_s"], row["length_m"]) == ("carl", "buoy-1", 40.25, SPEED * 40.25)
+    assert row["status"] == summary["status"] == "planned"
+    limits = _limits(summary, 2)
+    assert limits["airspeed_min_m_s"]["margin"] == SPEED - 90.0
+    assert limits["airspeed_max_m_s"]["margin"] == 240.0 - SPEED
+    assert limits["altitude_min_m"]["margin"] == 1100.0
+    assert limits["bank_max_deg"]["margin"] == pytest.approx(45.0 - np.degrees(0.2), rel=1e-12)
+    assert limits["thrust_surplus_max_m_s2"]["margin"] == 2.0
+    assert "thrust_deficit_max_m_s2" not in limits  # no limit is known
+    assert summary["separation"]["pair"] == ["anna", "bert"]
+    assert summary["separation"]["margin_m"] == 12.5
+    assert summary["least_distance"]["required_m"] == 100.0
+    assert summary["keep_outs"] == [{"name": "cell", "aircraft": "anna", "room_m": 250.0, "time_s": 12.0}]
+    assert summary["bounds"] == "sampled"
+    assert summary["arrival"] == {"rule": "times", "first_s": 40.25, "last_s": 60.0}
+
+
+def test_margins_are_those_of_what_is_proven():
+    bounds = {limit.key: np.full(3, 100.0) for limit in PLAN_LIMITS if limit.key == "airspeed_min"}
+    samples, facts = plan_case(
+        keep_outs=(CELL,), bounds=bounds, separation_bound=1.25, keep_out_bounds_m=np.array([[240.0], [230.0], [260.0]])
+    )
+    dataset = plan_dataset(samples, facts)
+    assert plan_margins(dataset)["airspeed_min_m_s"] == pytest.approx([10.0] * 3)
+    summary = plan_summary(dataset)
+    assert summary["bounds"] == "proven"
+    assert (
+        _limits(summary, 0)["airspeed_min_m_s"] | {"planned": 150.0, "bound": 100.0}
+        == _limits(summary, 0)["airspeed_min_m_s"]
+    )
+    assert summary["keep_outs"][0]["bound_m"] == 230.0
+    assert summary["separation"] is None
+
+
+def test_a_broken_plan_says_so_and_has_no_number_that_json_has_not(tmp_path):
+    samples, facts = plan_case(messages=("too slow", None, None), problems=('aircraft "anna": too slow',))
+    samples.extremes.values["bank_max"][0] = np.nan
+    summary = plan_summary(plan_dataset(samples, facts))
+    assert summary["status"] == "not flyable"
+    assert summary["problems"] == ['aircraft "anna": too slow']
+    assert [row["status"] for row in summary["aircraft"]] == ["too slow", "planned", "planned"]
+    assert _limits(summary, 0)["bank_max_deg"]["margin"] is None
+    write_summary(summary, tmp_path / "plan.json")
+    assert json.loads((tmp_path / "plan.json").read_text()) == summary
+
+
+def test_one_aircraft_has_no_pair():
+    summary = plan_summary(plan_dataset(*plan_case(names=("anna",), arrivals=(20.0,))))
+    assert summary["least_distance"]["pair"] is None
+    assert summary["least_distance"]["value_m"] is None
+
+
+def test_table_has_every_even_instant_and_the_arrival(tmp_path):
+    samples, facts = plan_case(names=("anna", "a, b", "carl"))
+    dataset, path = plan_dataset(samples, facts), tmp_path / "trajectories.csv"
+    write_trajectories(dataset, path)
+    text = path.read_bytes().decode()
+    assert text.count("\r\n") == text.count("\n")  # RFC 4180
+    rows = list(csv.DictReader(io.StringIO(text, newline="")))
+    assert tuple(rows[0]) == ("time_s", "aircraft", *TRAJECTORY_COLUMNS)
+    times = {name: [float(row["time_s"]) for row in rows if row["aircraft"] == name] for name in facts.aircraft_names}
+    assert times["anna"] == list(np.arange(0.0, 60.25, 0.5))  # not at the arrival of carl
+    assert times["carl"] == [*np.arange(0.0, 40.25, 0.5), 40.25]
+    last = rows[-1]
+    for name in TRAJECTORY_COLUMNS:
+        # six decimals are written
+        assert float(last[name]) == pytest.approx(dataset[name].sel(time=40.25).values[2], abs=1e-6)
+    assert all(value not in ("", "nan") for row in rows for value in row.values())
+    with pytest.raises(FileExistsError):
+        write_trajectories(dataset, path)
+
+
+def test_what_does_not_fit_is_refused():
+    samples, facts = plan_case()
+    with pytest.raises(ValueError, match="altitud"):
+        plan_dataset(dataclasses.replace(samples, history={"altitud": samples.history["altitude"]}), facts)
+    with pytest.raises(ValueError, match="shape"):
+        plan_dataset(dataclasses.replace(samples, history={"altitude": samples.history["altitude"][1:]}), facts)
+    with pytest.raises(ValueError, match="goal_names has 2 entries for 3 aircraft"):
+        plan_dataset(samples, dataclasses.replace(facts, goal_names=("a", "b")))
+    with pytest.raises(ValueError, match="separation"):
+        plan_dataset(samples, dataclasses.replace(facts, separation_m=(500.0, 0.0)))

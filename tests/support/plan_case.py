@@ -1,0 +1,100 @@
+"""A made-up plan: aircraft on straight lines to a ring of goals, with known speeds, distances and margins."""
+
+import numpy as np
+
+from anser.results import Closest, KeepOutFacts, PlanExtremes, PlanFacts, PlanSamples
+
+SPEED, STEP, GRAVITY = 150.0, 0.5, 9.81
+CELL = KeepOutFacts("cell", (4000.0, 4000.0), (10.0, 0.0), 1000.0, 0.0, 3000.0)
+
+
+def plan_case(names=("anna", "bert", "carl"), arrivals=(60.0, 60.0, 40.25), separation_m=None, keep_outs=(), **more):
+    """Samples and facts of a plan; the aircraft come from all sides, the last one arrives between two samples."""
+    arrival = np.resize(np.asarray(arrivals, dtype=float), len(names))
+    time = np.union1d(STEP * np.arange(int(arrival.max() / STEP) + 1), arrival)
+    angle = 2.0 * np.pi * np.arange(len(names)) / len(names) + 0.3
+    to_go = SPEED * (arrival[None, :] - time[:, None]) + 1000.0
+    flying = time[:, None] <= arrival[None, :]
+    course = np.mod(angle + 2.0 * np.pi, 2.0 * np.pi) - np.pi
+
+    def known(values):
+        return np.where(flying, values, np.nan)
+
+    history = {
+        "north": known(to_go * np.cos(angle)),
+        "east": known(to_go * np.sin(angle)),
+        "altitude": known(1000.0 + 100.0 * np.arange(len(names)) + 0.0 * to_go),
+        "velocity_north": known(-SPEED * np.cos(angle) + 0.0 * to_go),
+        "velocity_east": known(-SPEED * np.sin(angle) + 0.0 * to_go),
+        "airspeed": known(SPEED + 0.0 * to_go),
+        "ground_speed": known(SPEED + 0.0 * to_go),
+        "course": known(course + 0.0 * to_go),
+        "ground_course": known(course + 0.0 * to_go),
+        "path_angle": known(0.0 * to_go),
+        "climb_rate": known(0.0 * to_go),
+        "bank": known(0.2 * np.sin(0.1 * time)[:, None] + 0.0 * to_go),
+        "load_factor": known(1.0 + 0.0 * to_go),
+        "thrust_surplus": known(0.0 * to_go),
+    }
+    drift = 5.0 * time[:, None]
+    goals = np.stack(
+        [known(1000.0 * np.cos(angle) + drift), known(1000.0 * np.sin(angle) + 0.0 * drift), known(0.0 * to_go)], axis=2
+    )
+    one = np.ones(len(names))
+    extremes = PlanExtremes(
+        SPEED * arrival,
+        SPEED * one,
+        {
+            "airspeed_min": SPEED * one,
+            "airspeed_max": SPEED * one,
+            "bank_max": 0.2 * one,
+            "load_factor_max": one,
+            "climb_rate_max": 0.0 * one,
+            "altitude_min": 1000.0 + 100.0 * np.arange(len(names)),
+            "altitude_max": 1000.0 + 100.0 * np.arange(len(names)),
+            "thrust_surplus_max": 0.0 * one,
+            "thrust_deficit_max": 0.0 * one,
+        },
+    )
+    gap = np.linspace(9000.0, 520.0, time.size)
+    pair = np.tile([0, 1], (time.size, 1))
+    closest = Closest(gap, pair, 512.5, (0, 1), 59.75, 510.0, 50.49)
+    if len(names) == 1:
+        closest = Closest(np.nan * gap, 0 * pair - 1, np.nan, (-1, -1), np.nan, np.nan, np.nan)
+    room = np.full((len(names), len(keep_outs)), 250.0) + 10.0 * np.arange(len(names))[:, None]
+    samples = PlanSamples(
+        time_s=time,
+        even=np.isclose(np.mod(time, STEP), 0.0),
+        arrival_times_s=arrival,
+        history=history,
+        goals_n=goals,
+        extremes=extremes,
+        nearest=closest,
+        separated=None if separation_m is None else closest,
+        keep_out_room_m=room,
+        keep_out_at_s=np.full(room.shape, 12.0),
+    )
+    facts = {
+        "scenario_name": "made-up",
+        "scenario_hash": "3f9a1c0b7e42d6585a90",
+        "seed": 7,
+        "planner": "certified",
+        "rule": "times",
+        "aircraft_names": tuple(names),
+        "goal_names": tuple(f"buoy-{k % 2 + 1}" for k in range(len(names))),
+        "paths": ("nominal",) * len(names),
+        "messages": (None,) * len(names),
+        "limits": {
+            "airspeed_min": 90.0,
+            "airspeed_max": 240.0,
+            "bank_max": np.pi / 4,
+            "load_factor_max": 5.0,
+            "climb_rate_max": 80.0,
+            "altitude_min": 100.0,
+            "altitude_max": 15240.0,
+            "thrust_surplus_max": 2.0 * one,
+        },
+        "separation_m": separation_m,
+        "keep_outs": tuple(keep_outs),
+    }
+    return samples, PlanFacts(**(facts | more))

@@ -1,0 +1,241 @@
+"""The independent search: finds plans where there are some, proves what cannot be, and never refutes what was flown."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from anser.verification.plan_bounds import possible_times
+from anser.verification.plan_cases import random_case
+from anser.verification.plan_check import dense_check
+from anser.verification.plan_data import (
+    RULES,
+    ArrivalRule,
+    FleetLimits,
+    Goals,
+    KeepOutCylinders,
+    PlanCase,
+    Starts,
+    WindProfile,
+)
+from anser.verification.plan_flown_cases import flown_case
+from anser.verification.plan_motion import path_demands
+from anser.verification.plan_report import LIMITS
+from anser.verification.plan_search import independent_search
+from anser.verification.plan_spline import SplineFlight
+
+NO_ZONES = KeepOutCylinders(np.empty((0, 2)), np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0))
+
+
+def _zone(north, east, radius, top=20_000.0):
+    return KeepOutCylinders(
+        np.array([[north, east]]), np.zeros((1, 2)), np.array([radius]), np.array([-100.0]), np.array([top])
+    )
+
+
+def _rule(name, times=math.nan, spacing=math.nan):
+    return ArrivalRule(name, np.broadcast_to(times, (2,)).astype(float), np.full((2, 2), np.nan), spacing, np.arange(2))
+
+
+def _pair(**changes):
+    """Two aircraft side by side, 3 km apart, 10 km south of two rendezvous points, 3 km apart too, to be met at 80 s."""
+    same, starts = np.ones(2), np.array([[0.0, 0.0, -1000.0], [0.0, 3000.0, -1000.0]])
+    case = PlanCase(
+        Starts(0.0, starts, np.array([[140.0, 0, 0], [140.0, 0, 0]]), np.zeros((2, 3))),
+        Goals(np.zeros((2, 1)), (starts + np.array([10_000.0, 0, 300.0]))[:, None], np.zeros((2, 3)),
+              np.tile([0.0, 0.0, -300.0], (2, 1)), np.full(2, np.nan), np.full(2, np.nan)),
+        FleetLimits(120 * same, 160 * same, 0.6 * same, 15 * same, 500 * same, 3000 * same, 1.8 * same, 2 * same, 2 * same),
+        WindProfile(np.zeros(1), np.zeros((1, 3))), NO_ZONES, 1000.0, 200.0, _rule("at", 80.0), 140.0, 9.80665,
+    )  # fmt: skip
+    return replace(case, **changes)
+
+
+def _goals(case, place=None, velocity=None, course=None):
+    there = case.goals.positions_n.copy()
+    if place is not None:
+        there[0, 0] = place
+    motion = case.goals.velocity_after_n if velocity is None else np.tile(velocity, (2, 1))
+    course = case.goals.course if course is None else np.array(course)
+    return replace(case, goals=replace(case.goals, positions_n=there, velocity_after_n=np.array(motion), course=course))
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        _pair(),
+        # Prescribed courses against the way there, with a keep-out in the way, in wind.
+        _goals(_pair(rule=_rule("at", 180.0), keep_outs=_zone(5000.0, 0.0, 1500.0),
+                     wind=WindProfile(np.array([0.0, 2000.0]), np.array([[0.0, 0, 0], [10.0, 10.0, 0.0]])),
+                     starts=replace(_pair().starts, velocity_n=np.array([[145.0, 5.0, 0], [145.0, 5.0, 0]]))),
+               course=[math.pi, 0.5]),
+        # Crossing: each meets the other's point.
+        replace(_pair(rule=_rule("earliest")), goals=replace(_pair().goals, positions_n=_pair().goals.positions_n[::-1].copy())),
+        _goals(_pair(rule=_rule("sequence", spacing=20.0)), velocity=[-20.0, 10.0, 0.0]),
+    ],
+    ids=["straight", "turned", "crossing", "sequence"],
+)  # fmt: skip
+def test_easy_tasks_are_solved(case):
+    # A second or two of processor time; ten leave room for a busy machine's slower clock.
+    found = independent_search(case, 10.0)
+    assert found.status == "found"
+    assert dense_check(found.paths, case, found.arrival_times).passes
+
+
+def test_given_times_are_kept():
+    case = _pair(rule=_rule("together"))
+    found = independent_search(case, 10.0, times=np.array([75.0, 75.0]))
+    assert found.status == "found"
+    assert np.array_equal(found.arrival_times, [75.0, 75.0])
+
+
+@pytest.mark.parametrize(
+    ("case", "words"),
+    [
+        # 10 km in 62.5 s at 160 m/s: 62 s are too few, and so are 63 from 140 m/s, for want of acceleration.
+        (_pair(rule=_rule("at", 62.0)), "aircraft 0: the rendezvous is out of reach in the time"),
+        (_goals(_pair(rule=_rule("earliest")), velocity=[170.0, 0.0, 0.0]), "out of reach"),
+        (_goals(_pair(), place=[10_000.0, 0.0, -2000.0]), "aircraft 0: the rendezvous is higher or lower than the climb rate"),
+        (_goals(_pair(rule=_rule("earliest")), place=[10_000.0, 0.0, -2800.0]), "aircraft 0: the rendezvous is above the ceiling"),
+        (_goals(_pair(rule=_rule("earliest")), place=[10_000.0, 0.0, -100.0]), "aircraft 0: the rendezvous is below the floor"),
+        (_goals(_pair(rule=_rule("earliest")), place=[10_000.0, 2100.0, -700.0]), "aircraft 0 and 1: their rendezvous points are closer"),
+        (_goals(_pair(rule=_rule("sequence", spacing=0.5)), place=[10_000.0, 2900.0, -700.0]), "aircraft 0 and 1: their rendezvous points are closer"),
+        (_pair(rule=_rule("earliest"), keep_outs=_zone(10_000.0, 0.0, 500.0)), "aircraft 0: the rendezvous is inside keep-out 0"),
+        (_pair(keep_outs=_zone(0.0, 3000.0, 500.0)), "aircraft 1: starts inside keep-out 0"),
+        (_pair(separation_horizontal=3100.0), "aircraft 0 and 1: start closer than the separation"),
+        (_pair(rule=_rule("at", -1.0)), "the arrival is not after the start"),
+        (_pair(wind=WindProfile(np.zeros(1), np.array([[30.0, 0.0, 0.0]]))), "aircraft 0: starts too slow"),
+    ],
+)  # fmt: skip
+def test_impossible_tasks_are_proved(case, words):
+    found = independent_search(case, 1.0)
+    assert found.status == "proved"
+    assert found.paths is None
+    assert any(words in reason for reason in found.reasons)
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        # The mirror images of proofs: each is possible, if only just, and must not be proved impossible.
+        _pair(rule=_rule("at", 63.6)),
+        _goals(_pair(rule=_rule("earliest")), place=[10_000.0, 1999.0, -700.0]),
+        _goals(_pair(rule=_rule("earliest")), place=[10_000.0, 2900.0, -901.0]),
+        _pair(rule=_rule("earliest"), keep_outs=_zone(10_000.0, -501.0, 500.0)),
+        _pair(rule=_rule("earliest"), keep_outs=_zone(10_000.0, 0.0, 500.0, top=999.0)),
+        _goals(_pair(rule=_rule("at", 80.0)), place=[10_000.0, 0.0, -1899.0]),
+    ],
+)
+def test_what_may_be_possible_is_not_proved_impossible(case):
+    assert possible_times(case, None, 600.0).reasons == ()
+
+
+def test_a_goal_walled_in_is_not_found():
+    # Twelve keep-outs, each overlapping the next, stand around the rendezvous: no bound sees that.
+    angle = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
+    ring = KeepOutCylinders(
+        np.stack([10_000.0 + 3000.0 * np.cos(angle), 3000.0 * np.sin(angle)], 1) * np.array([1.0, 1.0]),
+        np.zeros((12, 2)), np.full(12, 900.0), np.full(12, -100.0), np.full(12, 20_000.0),
+    )  # fmt: skip
+    starts = _pair().starts
+    away = replace(starts, position_n=starts.position_n + np.array([[0.0, 0, 0], [0.0, 6000.0, 0.0]]))
+    task = _goals(_pair(keep_outs=ring, rule=_rule("at", 100.0), starts=away))
+    there = task.goals.positions_n.copy()
+    there[1, 0, 1] += 6000.0
+    found = independent_search(replace(task, goals=replace(task.goals, positions_n=there)), 1.0)
+    assert found.status == "not found"
+    assert any("aircraft 0: no path even alone" in reason for reason in found.reasons)
+
+
+@pytest.mark.parametrize("seed", [1, 4, 8])
+def test_flown_tasks_are_solved(seed):
+    case = flown_case(seed)
+    found = independent_search(case, 15.0)
+    assert found.status == "found"
+    assert dense_check(found.paths, case, found.arrival_times).passes
+
+
+@pytest.mark.parametrize("first", [0, 40])
+def test_what_was_flown_is_never_proved_impossible(first):
+    for seed in range(first, first + 40):
+        assert possible_times(flown_case(seed), None, 400.0).reasons == (), seed
+
+
+def test_random_tasks_keep_their_promises():
+    names, counts = set(), []
+    for seed in range(60):
+        case = random_case(seed)
+        names.add(case.rule.name)
+        place, limits = case.starts.position_n, case.limits
+        assert 2 <= case.size <= 8
+        assert np.all((place[:, :2] >= 0.0) & (place[:, :2] <= 30_000.0))
+        assert np.all((-place[:, 2] >= 500.0) & (-place[:, 2] <= 5000.0))
+        air = case.starts.velocity_n - case.wind.at(-place[:, 2]).T
+        speed = np.linalg.norm(air, axis=1)
+        assert np.all((speed >= 110.0 - 1e-9) & (speed <= 200.0 + 1e-9))
+        assert np.all((limits.speed_min < speed) & (speed < limits.speed_max))
+        # A level turn at the bank limit must not break the load factor's.
+        assert np.all(limits.load_factor_max > 1.0 / np.cos(limits.bank_max))
+        assert not any(
+            "start" in reason for reason in possible_times(case, None, 1.0).reasons if "arrival" not in reason
+        )
+        counts.append(case.keep_outs.radius.size)
+    assert names == set(RULES)
+    assert set(counts) == {0, 1, 2, 3, 4}
+
+
+def test_a_seed_gives_one_task_and_one_search():
+    one, again, other = random_case(7), random_case(7), random_case(8)
+    assert np.array_equal(one.starts.position_n, again.starts.position_n)
+    assert np.array_equal(one.rule.windows, again.rule.windows, equal_nan=True)
+    assert one.starts.position_n.shape != other.starts.position_n.shape or not np.array_equal(
+        one.starts.position_n, other.starts.position_n
+    )
+    first, second = independent_search(_pair(), 10.0), independent_search(_pair(), 10.0)
+    assert np.array_equal(first.paths.air_n, second.paths.air_n)
+
+
+def test_slopes_of_the_search_are_those_of_its_residual():
+    case = random_case(3)
+    flight = SplineFlight(case, 0, 120.0, np.arange(0.0, 130.0, 0.5))
+    rng = np.random.default_rng(0)
+    x = rng.normal(0.0, 3.0, flight.coefficients.shape[2])
+    cost, rows, values = flight.linearize(x)
+    assert cost == pytest.approx(flight.residual(x), rel=1e-12)
+    gradient = rows.T @ values
+    for _ in range(5):
+        way = rng.normal(0.0, 1.0, x.size)
+        change = (flight.residual(x + 1e-6 * way) - flight.residual(x - 1e-6 * way)) / 2e-6
+        # Forward quotients of 1e-5 m/s are good to about 1e-5; some samples cross a limit within the step.
+        assert gradient @ way == pytest.approx(change, rel=1e-3, abs=1e-4 * np.linalg.norm(gradient))
+
+
+def test_a_flight_looked_at_more_closely_is_the_same_path_with_more_margin():
+    case = random_case(3)
+    flight = SplineFlight(case, 0, 120.0, np.arange(0.0, 130.0, 0.5))
+    x = np.random.default_rng(0).normal(0.0, 3.0, flight.coefficients.shape[2])
+    closer = flight.tightened(dict.fromkeys(LIMITS, 0.0) | {"climb_rate_max": 0.5})
+    for mine, its in zip(flight.knots(x), closer.knots(x), strict=True):
+        # 1e5 m less what two ways of summing round off.
+        np.testing.assert_allclose(mine, its, atol=1e-7)
+    more = closer.margins - flight.margins
+    assert more[4] > 0.5
+    assert np.count_nonzero(more) == 1
+
+
+def test_demands_of_a_coordinated_climbing_turn():
+    # Helix at steady speed V, path angle gamma, course rate W: side V cos(gamma) W, normal g cos(gamma), along g sin(gamma).
+    speed, gamma, rate, chi, g = 150.0, 0.1, 0.04, 0.7, 9.80665
+    flat = speed * math.cos(gamma)
+    velocity = np.array([flat * math.cos(chi), flat * math.sin(chi), -speed * math.sin(gamma)])
+    acceleration = flat * rate * np.array([-math.sin(chi), math.cos(chi), 0.0])
+    wind = np.array([7.0, -3.0, 1.0])
+    asked = path_demands((velocity + wind)[:, None], acceleration[:, None], wind[:, None], g)
+    expected = (speed, speed * math.sin(gamma), flat * rate, g * math.cos(gamma), g * math.sin(gamma))
+    for found, wanted in zip(asked, expected, strict=True):
+        assert float(found[0]) == pytest.approx(wanted, rel=1e-12)
+
+
+def test_unknown_rule_is_refused():
+    with pytest.raises(ValueError, match="arrival rule: arrived 'soon'; expected one of together, earliest, at"):
+        _rule("soon")
