@@ -191,7 +191,7 @@ class Timetable(eqx.Module):
     @property
     def length(self) -> Scalar:
         """Of the whole horizontal path, m."""
-        return self.lengths[-1]
+        return self.lengths[..., -1]
 
     @property
     def drift_n(self) -> Vector3:

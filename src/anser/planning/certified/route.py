@@ -92,9 +92,9 @@ class Route(eqx.Module):
     sharpness: Float[Array, " pieces"]
 
     @property
-    def length(self) -> Scalar:
+    def length(self) -> Float[Array, "*batch"]:
         """Of the whole, m."""
-        return self.marks[-1]
+        return self.marks[..., -1]
 
     def at(self, length: ScalarLike) -> tuple[Plane, Scalar, Scalar]:
         """Position (m), heading (rad) and curvature (1/m) at a length along the path, m; straight on after its end."""
