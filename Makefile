@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 OUT ?= runs/three-aircraft-$(shell date +%Y%m%d-%H%M%S)
 
-.PHONY: demo test bench verification autopilot clean
+.PHONY: demo test bench verification plan-trials autopilot clean
 
 demo: .venv/.installed
 	$(BIN)/anser run scenarios/three-aircraft.toml --out $(OUT)
@@ -22,6 +22,11 @@ verification: .venv/.installed-test
 	mkdir -p build
 	$(BIN)/anser verify --json > build/verification.json
 	$(BIN)/python -m anser.report.verification_page build/verification.json docs
+
+# Two thousand random scenarios, planned and judged: hours. Go on with an interrupted one by `make plan-trials TRIALS=--resume`.
+plan-trials: .venv/.installed
+	mkdir -p build
+	$(BIN)/anser plan-trials --seeds 0:2000 --out build/plan-trials.jsonl $(TRIALS)
 
 # The pictures of docs/autopilot.md, anew.
 autopilot: .venv/.installed

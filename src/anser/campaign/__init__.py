@@ -3,7 +3,7 @@
 from anser.campaign.dispersion import FlightPoint
 from anser.campaign.envelope import EnvelopeSurvey, survey
 from anser.campaign.envelope_cases import survey_limits
-from anser.campaign.execute import CLEARANCE_MIN_M, Flown, Planned, plan, run
+from anser.campaign.execute import CLEARANCE_MIN_M, Flown, NoPlanError, Planned, plan, run
 from anser.campaign.linearizing import ConditionError, Linearized, linearize
 from anser.campaign.margins import MarginSurvey, margin_document, margins_at, survey_margins
 from anser.campaign.robustness import RobustnessStudy, robustness_study
@@ -26,6 +26,7 @@ __all__ = [
     "Inversion",
     "Linearized",
     "MarginSurvey",
+    "NoPlanError",
     "Planned",
     "RobustnessStudy",
     "StepTest",

@@ -248,6 +248,9 @@ def _facts(scenario: Scenario, history: dict[str, np.ndarray]) -> FlightFacts:
         requirements.append(Requirement("position_error_max_m", wanted.position_error_max_m))
     if wanted.separation_min_m is not None:
         requirements.append(Requirement("separation_min_m", wanted.separation_min_m))
+    apart = scenario.separation
+    if apart.horizontal_m > 0.0:
+        requirements.append(Requirement("separation_ratio_min", 1.0))
     return FlightFacts(
         scenario_name=scenario.name,
         scenario_hash=scenario.hash,
@@ -259,6 +262,7 @@ def _facts(scenario: Scenario, history: dict[str, np.ndarray]) -> FlightFacts:
         minimum_clearances_m=tuple(CLEARANCE_MIN_M[goal.kind] for goal in goals),
         requirements=tuple(requirements),
         status_messages=dict(enumerate(STATUS_MESSAGES)),
+        separation_m=(apart.horizontal_m, apart.vertical_m) if apart.horizontal_m > 0.0 else None,
     )
 
 

@@ -13,6 +13,7 @@ from anser.cli.dispersing import robustness
 from anser.cli.flights import check, new, run
 from anser.cli.linearizing import linearize
 from anser.cli.margins import margins
+from anser.cli.plan_trials import plan_trials
 from anser.cli.planning import plan
 from anser.cli.stepping import gallery, step
 from anser.cli.surveying import envelope
@@ -35,7 +36,21 @@ def _top(version: Annotated[bool, typer.Option("--version", help="Print the vers
         raise typer.Exit
 
 
-for _command in (run, plan, check, trim, linearize, step, gallery, envelope, margins, robustness, verify, new):
+for _command in (
+    run,
+    plan,
+    plan_trials,
+    check,
+    trim,
+    linearize,
+    step,
+    gallery,
+    envelope,
+    margins,
+    robustness,
+    verify,
+    new,
+):
     app.command()(_command)
 
 

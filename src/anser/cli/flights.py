@@ -30,6 +30,7 @@ def run(
     wanted = _loaded(scenario)
     target = out if out is not None else Path("runs") / wanted.name
     make_new(target)
+    from anser.campaign import NoPlanError
     from anser.campaign import run as fly  # here: a misspelt key must not wait for plotting libraries
 
     try:
@@ -37,6 +38,10 @@ def run(
             flown = fly(wanted, tell)
             tell("writing", 1.0)
             flown.write_into(target)
+    except NoPlanError as error:
+        for reason in error.reasons:
+            err.print(f"no plan: {reason}", soft_wrap=True, markup=False)
+        raise typer.Exit(1) from None
     finally:
         with contextlib.suppress(OSError):
             target.rmdir()  # succeeds only while it is empty: a flight that did not end leaves nothing behind
@@ -66,7 +71,9 @@ def new(path: Annotated[Path, typer.Argument(help="File to write; it must not ex
 def _print_flown(summary: dict) -> None:
     table = plain_table(f"{summary['scenario']['name']}: {summary['fleet']['simulated_s']:g} s flown")
     table.add_column("aircraft", overflow="fold")
-    table.add_column("path", no_wrap=True)
+    bent = any(row["lateral_bend_m"] for row in summary["aircraft"])
+    if bent:
+        table.add_column("path", no_wrap=True)
     for name in ("planned\ns", "arrival\ns", "miss\nm", "airspeed\nm/s", "clear\nm"):
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("status", overflow="fold", min_width=7)
@@ -77,7 +84,7 @@ def _print_flown(summary: dict) -> None:
         left = f" (left the tables for {row['tables_left_s']:.1f} s)" if row["tables_left"] else ""
         table.add_row(
             row["name"],
-            side,
+            *([side] if bent else []),
             number(row["planned_arrival_s"], 2),
             number(row["arrival_s"], 2),
             number(row["miss_m"], 2),
@@ -91,6 +98,8 @@ def _print_flown(summary: dict) -> None:
         f"arrival spread {number(fleet['arrival_spread_s'], 4)} s, least separation "
         f"{number(fleet['separation_min_m'], 0)} m, {fleet['wall_s']:.1f} s of computing"
     )
+    if fleet.get("separation_ratio_min") is not None:
+        screen.print(f"up to the arrivals {fleet['separation_ratio_min']:.2f} times the separation asked for, at least")
 
 
 def _fail_unmet(summary: dict) -> None:

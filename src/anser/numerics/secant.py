@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import TypeVar
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 
@@ -23,8 +24,9 @@ def bracketed_secant(
 ) -> Root:
     """Root of a scalar function whose values at the ends of a bracket differ in sign, by the Illinois method.
 
-    The number of steps is fixed. The root carries its derivative by the implicit function theorem, with the slope of
-    the last secant; the steps themselves are not differentiated. First derivatives only.
+    The number of steps is fixed. The root carries its derivative by the implicit function theorem,
+    dx = -(df/dp) dp / (df/dx), both taken at the root and only where asked for; where df/dx is zero there, the
+    derivative is reported as zero. The steps themselves are not differentiated. First derivatives only.
 
     Parameters
     ----------
@@ -61,8 +63,18 @@ def bracketed_secant(
     first = jnp.where(jnp.abs(fa) < jnp.abs(fb), a, b)
     least = jnp.minimum(jnp.abs(fa), jnp.abs(fb))
     found = lax.fori_loop(0, steps, step, (a, b, fa, fb, first, least))[4]
-    slope = (begin[3] - begin[2]) / jnp.where(b == a, 1.0, b - a)
-    value = function(lax.stop_gradient(found), parameters)
-    residual = lax.stop_gradient(value)
-    correction = jnp.where(slope == 0.0, 0.0, (value - residual) / jnp.where(slope == 0.0, 1.0, slope))
-    return Root(found - correction, residual)
+    residual = function(found, fixed)
+
+    @jax.custom_jvp
+    def root(x: Scalar, given: Parameters) -> Scalar:
+        del given
+        return x
+
+    @root.defjvp
+    def _(at: tuple[Scalar, Parameters], rates: tuple[Scalar, Parameters]) -> tuple[Scalar, Scalar]:
+        x, given = at
+        across = jax.jvp(lambda p: function(x, p), (given,), (rates[1],))[1]
+        slope = jax.jvp(lambda y: function(y, given), (x,), (jnp.ones_like(x),))[1]
+        return x, jnp.where(slope == 0.0, 0.0, -across / jnp.where(slope == 0.0, 1.0, slope))
+
+    return Root(root(found, parameters), residual)

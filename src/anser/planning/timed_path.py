@@ -73,7 +73,8 @@ class TimedPath(eqx.Module):
 
     def _at(self, knots: Knots, time: ScalarLike) -> Float[Array, "3 3"]:
         """Value, slope and second derivative; straight on at the last velocity after the end, at the first before."""
-        held = jnp.clip(time, self.times[0], self.times[-1])
+        # Not clip: its derivative at the ends themselves is one half.
+        held = jnp.where(time < self.times[0], self.times[0], jnp.where(time > self.times[-1], self.times[-1], time))
         last = self.times.shape[0] - 1
         k = jnp.clip(jnp.searchsorted(self.times, held, side="right") - 1, 0, last - 1)
         # The last cells may be empty: go back to one that is not.

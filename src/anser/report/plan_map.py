@@ -23,6 +23,7 @@ _SAME_TIME_S = 5e-3
 _FEW_HANDLES = 5
 _OFFSET, _SLANT, _TINY = 9.0, 0.3, 1e-12  # of labels: points, sines
 _LABEL = (0.1, 0.03)  # width and height of a label, as parts of the map
+_MARK = 0.6  # what a mark takes of a label's room
 
 
 def mark_step(dataset: xr.Dataset) -> float:
@@ -85,7 +86,9 @@ def _goals(axes: "Axes", dataset: xr.Dataset, pens: list[PlanPen]) -> None:
         if goal not in last or arrivals[pen.index] > arrivals[last[goal]]:
             last[goal] = pen.index
     extent = max(_KM * float(np.nanmax(of) - np.nanmin(of)) for of in (dataset["east_m"], dataset["north_m"]))
-    taken: list[np.ndarray] = []
+    ends = [_KM * _end(dataset, ("east_m", "north_m"), pen.index) for pen in pens]
+    ends += [_KM * _end(dataset, ("goal_east_m", "goal_north_m"), k) for k in last.values()]
+    taken = [(end, _MARK) for end in ends]
     for name, k in last.items():
         east, north = (_KM * dataset[f"goal_{axis}_m"].values[:, k] for axis in ("east", "north"))
         there = np.flatnonzero(np.isfinite(east))
@@ -126,18 +129,24 @@ def _tell(
 
 
 def _free(
-    place: np.ndarray, towards: tuple[float, float], extent: float, taken: list[np.ndarray]
+    place: np.ndarray, towards: tuple[float, float], extent: float, taken: list[tuple[np.ndarray, float]]
 ) -> tuple[float, float]:
-    """The wanted side, or the one next to it at which a label meets no other; all of about one size."""
+    """The wanted side, or the one next to it where a label meets nothing: middles, and what they keep off in labels."""
     wanted = np.arctan2(towards[1], towards[0])
     turns = np.radians([0, 45, -45, 90, -90, 135, -135, 180])
     sides = [(float(np.cos(wanted + turn)), float(np.sin(wanted + turn))) for turn in turns]
     box = extent * np.array(_LABEL)
     middles = [place + box * np.array([0.75 * side, 0.9 * up]) for side, up in sides]
-    clear = [all(np.any(np.abs(middle - other) > box) for other in taken) for middle in middles]
+    clear = [all(np.any(np.abs(middle - other) > size * box) for other, size in taken) for middle in middles]
     k = clear.index(True) if True in clear else 0
-    taken.append(middles[k])
+    taken.append((middles[k], 1.0))
     return sides[k]
+
+
+def _end(dataset: xr.Dataset, names: tuple[str, str], k: int) -> np.ndarray:
+    """Last known place of one column, m."""
+    known = np.flatnonzero(np.isfinite(dataset[names[0]].values[:, k]))[-1]
+    return np.array([dataset[name].values[known, k] for name in names])
 
 
 def _keep_outs(axes: "Axes", dataset: xr.Dataset) -> None:

@@ -27,6 +27,10 @@ def _separation(aircraft: Sequence[_Row], fleet: _Row) -> list[float | None]:
     return [] if len(aircraft) == 1 else [fleet["separation_min_m"]]
 
 
+def _ratio(aircraft: Sequence[_Row], fleet: _Row) -> list[float | None]:
+    return [] if len(aircraft) == 1 else [fleet.get("separation_ratio_min")]
+
+
 # Greatest (or least) value over these numbers must not exceed (or fall below) the limit.
 _AT_MOST = {
     "miss_max_m": _of_all("miss_m"),
@@ -37,6 +41,7 @@ _AT_MOST = {
     "tables_left_max_s": _of_all("tables_left_s"),
 }
 _AT_LEAST = {
+    "separation_ratio_min": _ratio,
     "separation_min_m": _separation,
     "clearance_min_m": _of_all("clearance_min_m"),
     "speed_min_m_s": _of_all("speed_min_m_s"),

@@ -11,6 +11,7 @@ import numpy as np
 from anser.results.arrival import closest_approach, least_distance
 from anser.results.provenance import versions
 from anser.results.requirements import Requirement, judge
+from anser.results.separated import separation_ratio
 
 __all__ = ["FORMAT_VERSION", "FlightFacts", "read_summary", "summarize", "write_summary"]
 
@@ -46,6 +47,8 @@ class FlightFacts:
         Message of each status code other than 0.
     arrival_margin_s
         How long after its planned arrival an aircraft may still arrive, s.
+    separation_m
+        Horizontal and vertical separation that the plan keeps up to the arrivals, m; None where none is asked.
     """
 
     scenario_name: str
@@ -59,6 +62,7 @@ class FlightFacts:
     requirements: tuple[Requirement, ...] = ()
     status_messages: Mapping[int, str] = field(default_factory=dict)
     arrival_margin_s: float = 10.0
+    separation_m: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         rows = {
@@ -110,12 +114,15 @@ def summarize(
         )
     aircraft = [_aircraft(time, history, facts, column) for column in range(len(facts.aircraft_names))]
     arrivals = [row["arrival_s"] for row in aircraft]
-    fleet = {
+    fleet: dict[str, float | None] = {
         "arrival_spread_s": None if None in arrivals else max(arrivals) - min(arrivals),
         "separation_min_m": _least_separation(history),
         "wall_s": _number(wall_s),
         "simulated_s": _number(time[-1] - time[0]),
     }
+    if facts.separation_m is not None:
+        ends = np.array([np.inf if planned is None else planned for planned in facts.planned_arrivals_s])
+        fleet["separation_ratio_min"] = separation_ratio(time, history, ends, facts.separation_m)
     return {
         "format_version": FORMAT_VERSION,
         "scenario": {"name": facts.scenario_name, "hash": facts.scenario_hash},

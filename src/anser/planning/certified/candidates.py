@@ -30,6 +30,7 @@ from anser.planning.certified.profile import (
     ProfileLimits,
     Timetable,
     kept,
+    last_to_mean_speed,
     make_profile,
     profile_excess,
     tabulate,
@@ -43,7 +44,7 @@ from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
 RACETRACK = SHAPES
 _CURVATURE_KEPT = 0.98  # of what bank and load factor allow: the certificate's bounds and the fit take the rest
 _SPEED_ROUNDS = 4
-# How the mean airspeed is chosen: as preferred; so that the direct path takes the time; least; greatest.
+# How the mean airspeed is chosen: as preferred; so that the direct path takes the time; as slowly and as fast as may be.
 PREFERRED, MATCHED, SLOWEST, FASTEST = range(4)
 
 
@@ -223,6 +224,7 @@ def _profiles(traveller: Traveller, airspace: Airspace, duration: Scalar, ticks:
     kinds = tuple(dict.fromkeys(choices.speeds))
     limits, preferred = traveller.limits, traveller.speed
     low, high = 1.002 * limits.speed_min, 0.998 * limits.speed_max
+    speed_0 = jnp.sqrt(jnp.sum(traveller.air_velocity_n**2))
 
     def closer(_: object, mean: Scalar) -> Scalar:
         now = timed_profile(traveller, airspace, duration, ticks, jnp.zeros(()), mean)
@@ -233,7 +235,12 @@ def _profiles(traveller: Traveller, airspace: Airspace, duration: Scalar, ticks:
     if MATCHED in kinds:
         # A hair faster: a path that is longer than the direct one by less than this is a detour, a shorter one is none.
         matched = (1.0 + 2e-4) * jax.lax.fori_loop(0, _SPEED_ROUNDS, closer, preferred)
-    means = {PREFERRED: jnp.clip(preferred, low, high), MATCHED: matched, SLOWEST: low, FASTEST: high}
+    means = {
+        PREFERRED: jnp.clip(preferred, low, high),
+        MATCHED: matched,
+        SLOWEST: last_to_mean_speed(low, speed_0, duration),
+        FASTEST: last_to_mean_speed(high, speed_0, duration),
+    }
     heights = jnp.asarray(choices.heights)
     each = jnp.stack([means[kind] for kind in choices.speeds])
     return jax.vmap(lambda height, mean: timed_profile(traveller, airspace, duration, ticks, height, mean))(

@@ -34,7 +34,8 @@ _SHAPES = (
 HEADINGS, FIRST, SECOND, FIXED = (np.array([shape[k] for shape in _SHAPES]) for k in range(4))
 SHAPES = len(_SHAPES)
 ANGLE_MAX = np.array([2.6, 2.1, 2.1, 2.4, 1.5])
-_HEADINGS_TRIED = 64
+_HEADINGS_TRIED = 48
+_AHEAD = 1e-3  # rad
 _ANGLES_TRIED = 16
 _STEPS = 10
 _SAME_LENGTH = 1e-6
@@ -71,7 +72,7 @@ def _full(first: Scalar, last: Scalar) -> Float[Array, "4"]:
 
 
 def _word_angles(ends: Ends, begun: ScalarLike, word: Float[Array, "2"], heading: ScalarLike) -> Float[Array, "2"]:
-    first = word[0] * jnp.mod(word[0] * (heading - begun), TURN)
+    first = word[0] * (jnp.mod(word[0] * (heading - begun) + 2 * _AHEAD, TURN) - 2 * _AHEAD)
     last = word[1] * jnp.mod(word[1] * (ends.end_heading - heading), TURN)
     return jnp.stack([first, jnp.where(ends.end_free, 0.0, last)])
 
@@ -92,18 +93,19 @@ def _aim_error(angle: Scalar, data: tuple[Ends, Float[Array, "2"], Float[Array, 
 def direct(ends: Ends, word: Float[Array, "2"]) -> Direct:
     """The shortest direct path of one word (senses of the first and of the last turn, +1 right)."""
     begun = unwind(ends).heading
-    tried = jnp.linspace(0.0, TURN, _HEADINGS_TRIED + 1) + begun + 1e-9 * word[0]
-    angles = jax.vmap(lambda h: _word_angles(ends, begun, word, h))(tried)
-    straight, beside, length = jax.vmap(lambda a: _aim(ends, a))(angles)
-    # Where a sense wraps round, the path jumps: no root lies there.
-    steady = jnp.max(jnp.abs(angles[1:] - angles[:-1]), axis=1) < jnp.pi
-    crossing = steady & (beside[1:] * beside[:-1] <= 0.0) & ((straight[1:] >= 0.0) | (straight[:-1] >= 0.0))
-    k = jnp.argmin(jnp.where(crossing, jnp.minimum(length[1:], length[:-1]), jnp.inf))
-    # As the heading grows, so does the first turn, and the last one shrinks by as much.
-    lasting = jnp.where(ends.end_free, jnp.array([1.0, 0.0]), jnp.array([1.0, -1.0]))
     width = TURN / _HEADINGS_TRIED
+    # A little before the present heading, so that going straight on is inside.
+    tried = begun - _AHEAD + width * jnp.arange(_HEADINGS_TRIED)
+    angles = jax.vmap(lambda h: _word_angles(ends, begun, word, h))(tried)
+    # As the heading grows, so does the first turn, and the last one shrinks by as much. Where its sense would wrap
+    # round within a step, it goes on the other way instead: no path is lost there.
+    lasting = jnp.where(ends.end_free, jnp.array([1.0, 0.0]), jnp.array([1.0, -1.0]))
+    both = jnp.stack([angles, angles + width * lasting[None, :]], axis=1)
+    straight, beside, length = jax.vmap(jax.vmap(lambda a: _aim(ends, a)))(both)
+    crossing = (beside[:, 0] * beside[:, 1] <= 0.0) & jnp.any(straight >= 0.0, axis=1)
+    k = jnp.argmin(jnp.where(crossing, jnp.min(length, axis=1), jnp.inf))
     data = (ends, angles[k], lasting)
-    found = bracketed_secant(_aim_error, data, 0.0, width, beside[k], beside[k + 1], _STEPS)
+    found = bracketed_secant(_aim_error, data, 0.0, width, beside[k, 0], beside[k, 1], _STEPS)
     solved = angles[k] + found.x * lasting
     ahead, past, whole = _aim(ends, solved)
     met = jnp.abs(past) <= _SAME_LENGTH * jnp.abs(whole) + 1e-6

@@ -17,9 +17,10 @@ from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
 _RULE = gauss_legendre(4)
 _FADE_S = 3.0  # of the acceleration that the path begins with
 _CLIMB_ACCELERATION = 1.0  # m/s^2: a tenth of g, so that it hardly touches the bank angle
-_SPEED_ACCELERATION = 0.6  # m/s^2
+_SPEED_ACCELERATION = 0.8  # m/s^2
 _SHORTEST_RAMP_S = 2.0
 _LEVEL_OFF_ROUNDS = 3
+_SPEED_ROUNDS = 4
 KINKS = 4
 """Times at which a third derivative of a profile jumps."""
 _SQUARE_MIN = 1.0  # (m/s)^2: keeps the horizontal airspeed of a vertical path finite; such a path is refused
@@ -125,10 +126,23 @@ def _fading_speed(t: ScalarLike, fade: ScalarLike) -> tuple[Scalar, Scalar]:
     return t * q**3, q**3 - 3 * t / fade * q**2
 
 
+def _speed_ramp(last: ScalarLike, speed_0: ScalarLike, duration: ScalarLike) -> Scalar:
+    return jnp.clip(1.5 * jnp.abs(last - speed_0) / _SPEED_ACCELERATION, _SHORTEST_RAMP_S, 0.8 * duration)
+
+
 def mean_to_last_speed(mean: ScalarLike, speed_0: ScalarLike, duration: ScalarLike) -> tuple[Scalar, Scalar]:
-    """Airspeed after the change, and how long that takes, for a mean airspeed, in closed form (m/s, s)."""
-    ramp = jnp.clip(1.5 * jnp.abs(mean - speed_0) / _SPEED_ACCELERATION, _SHORTEST_RAMP_S, 0.8 * duration)
+    """Airspeed after the change, and how long that takes, for a mean airspeed (m/s, s)."""
+    last = jnp.asarray(mean, dtype=float)
+    ramp = _speed_ramp(last, speed_0, duration)
+    for _ in range(_SPEED_ROUNDS):
+        last = (mean * duration - 0.5 * ramp * speed_0) / (duration - 0.5 * ramp)
+        ramp = _speed_ramp(last, speed_0, duration)
     return (mean * duration - 0.5 * ramp * speed_0) / (duration - 0.5 * ramp), ramp
+
+
+def last_to_mean_speed(last: ScalarLike, speed_0: ScalarLike, duration: ScalarLike) -> Scalar:
+    """Mean airspeed of a profile that ends at an airspeed (m/s)."""
+    return last + 0.5 * _speed_ramp(last, speed_0, duration) / duration * (speed_0 - last)
 
 
 def make_profile(

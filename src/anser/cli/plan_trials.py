@@ -1,0 +1,122 @@
+"""The command plan-trials."""
+
+import contextlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.table import Table
+
+from anser.cli.console import RefusedError, err, must_lie, plain_table, print_table, progress_bar, screen
+
+if TYPE_CHECKING:
+    from anser.verification.plan_tally import Tally
+    from anser.verification.plan_trials import Trial
+
+_SEEDS_MOST = 1_000_000
+
+
+def plan_trials(
+    out: Annotated[Path, typer.Option(help="New file of results, one JSON line per seed.", show_default=False)],
+    seeds: Annotated[str, typer.Option(help="FIRST:LAST of the seeds, the last left out.")] = "0:2000",
+    search_seconds: Annotated[
+        float, typer.Option(help="How long to look for a plan where the planner refuses, s of processor time.")
+    ] = 20.0,
+    jobs: Annotated[int, typer.Option(help="Processes at work at once.")] = 1,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with the file of an interrupted run: seeds it has are left out.")
+    ] = False,
+) -> None:
+    """Plan random scenarios; judge each plan densely and each refusal by an independent search."""
+    wanted = _seeds(seeds)
+    must_lie("--search-seconds", search_seconds, 0, 86_400)
+    must_lie("--jobs", jobs, 1, 1024)
+    from anser.verification.plan_tally import tally
+    from anser.verification.plan_trial_file import append_trial
+    from anser.verification.plan_trials import run_trials
+
+    trials = _begin(out, search_seconds, resume)
+    there = {one.seed for one in trials}
+    missing = [seed for seed in wanted if seed not in there]
+    asked = len(wanted)
+    stopped = False
+    with progress_bar() as tell, contextlib.closing(run_trials(missing, search_seconds, jobs)) as running:
+        tell("planning (the first time, this compiles)", 1.0 - len(missing) / asked)
+        try:
+            for done, trial in enumerate(running, start=1):
+                append_trial(out, trial)
+                trials.append(trial)
+                tell(f"seed {trial.seed}: {trial.verdict}", 1.0 - (len(missing) - done) / asked)
+        except KeyboardInterrupt:
+            stopped = True
+    shown = tally([one for one in trials if wanted.start <= one.seed < wanted.stop])
+    print_table(_table(shown))
+    for line in shown.disagreements:
+        err.print(line, soft_wrap=True, markup=False)
+    screen.print(f"{out}: {shown.count()} of {asked} seeds", soft_wrap=True, highlight=False)
+    if stopped:
+        err.print("stopped; --resume goes on from here", soft_wrap=True)
+        raise typer.Exit(130)
+    if not shown.passes:
+        raise typer.Exit(1)
+
+
+def _seeds(text: str) -> range:
+    try:
+        first, last = (int(part) for part in text.split(":"))
+    except ValueError:
+        raise RefusedError(f"--seeds: arrived {text!r}; expected FIRST:LAST, such as 0:2000") from None
+    if not (0 <= first < last and last - first <= _SEEDS_MOST):
+        raise RefusedError(
+            f"--seeds: arrived {text!r}; expected 0 or more, then a greater number, {_SEEDS_MOST} seeds at most"
+        )
+    return range(first, last)
+
+
+def _begin(out: Path, search_seconds: float, resume: bool) -> "list[Trial]":
+    """Trials that are there already; without any, a new file."""
+    from anser.verification.plan_trial_file import TrialFileError, begin_trials, read_trials
+
+    try:
+        if resume:
+            return read_trials(out, search_seconds)
+        begin_trials(out, search_seconds)
+    except TrialFileError as error:
+        raise RefusedError(f"--out: {error}") from None
+    except FileExistsError:
+        raise RefusedError(
+            f"--out: arrived {out}, which exists; expected a new file, or --resume (nothing is overwritten)"
+        ) from None
+    except FileNotFoundError:
+        expected = "a file to resume" if resume else "a file in a folder that exists"
+        raise RefusedError(f"--out: arrived {out}; expected {expected}") from None
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "no text"
+        raise RefusedError(f"--out: arrived {out}; expected a file of trials ({reason})") from None
+    return []
+
+
+def _table(shown: "Tally") -> Table:
+    """Verdicts by rule, and of all."""
+    table = plain_table("answers of the planner and what the judges say")
+    table.add_column("rule", no_wrap=True)
+    names = ("seeds", "plans", "of them\nbroken", "refusals", "proved", "none\nfound", "plan\nfound", "raised")
+    for name in names:
+        table.add_column(name, justify="right", no_wrap=True)
+    rows = {rule: shown.of_rule(rule) for rule in shown.by_rule} | {"all": shown}
+    for rule, part in rows.items():
+        bad = [part.count("fails"), part.count("found"), part.count("broken")]
+        fails, found, broken = (f"[red]{number}[/red]" if number else "0" for number in bad)
+        table.add_row(
+            rule,
+            str(part.count()),
+            str(part.planned),
+            fails,
+            str(part.refused),
+            str(part.count("proved")),
+            str(part.count("not found")),
+            found,
+            broken,
+            style="bold" if rule == "all" else None,
+        )
+    return table

@@ -1,0 +1,148 @@
+"""A planning task of the judges in the terms of the certified planner, at one size so that all share their programs."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from anser.environment import LayeredWind
+from anser.planning.certified import Airspace, ArrivalRequest, KeepOuts, Separation, Traveller
+from anser.planning.limits import PathLimits
+from anser.planning.rendezvous import Rendezvous
+from anser.verification.plan_data import KeepOutCylinders, PlanCase, WindProfile
+
+__all__ = ["LATEST_S", "PlanTask", "planner_task"]
+
+LATEST_S = 1200.0
+"""Last arrival that the planner may choose, s: the random cases' longest lines, 42 km, take 380 s at 110 m/s."""
+_FLEET, _LAYERS, _VOLUMES = 8, 4, 4
+_ROLL_RATE_MAX = np.deg2rad(30.0)
+"""How fast a plan may roll, rad/s; no limit of the cases."""
+_AWAY_M = 1e7
+_SPEED_ROOM = 0.002
+"""Part of the speed window that the preferred airspeed keeps from its edges, where it is too fast or slow for it."""
+_LAYER_M = 1000.0
+
+
+class PlanTask(NamedTuple):
+    """What the planner is asked; aircraft beyond those of the case repeat the last one and are not active."""
+
+    travellers: Traveller
+    airspace: Airspace
+    request: ArrivalRequest
+
+
+def planner_task(case: PlanCase) -> PlanTask:
+    """The planner's task of a case: filled up to 8 aircraft, 4 layers of wind and 4 keep-outs that touch nothing.
+
+    The aircraft start at the case's positions and velocities, unaccelerated. The goals of the planner are at the
+    start's time what those of the case are then.
+
+    Raises
+    ------
+    ValueError
+        If the case has more aircraft, layers or keep-outs, is accelerated at the start, or its goals change velocity.
+    """
+    _must_fit(case)
+    who = np.minimum(np.arange(_FLEET), case.size - 1)
+    wind = _wind(case.wind)
+    starts, goals, limits = case.starts, case.goals, case.limits
+    blowing = case.wind.at(-starts.position_n[:, 2]).T
+    at_start = np.stack([goals.meeting_n(k, np.array([starts.time]))[0] for k in range(case.size)]) - goals.stand_off_n
+    rendezvous = Rendezvous(
+        _array(goals.stand_off_n[who]),
+        _array(np.nan_to_num(goals.course[who])),
+        jnp.asarray(np.isfinite(goals.course[who])),
+        _array(np.nan_to_num(goals.path_angle[who])),
+        jnp.asarray(np.isfinite(goals.path_angle[who])),
+    )
+    own = PathLimits(
+        speed_min=_array(limits.speed_min[who]),
+        speed_max=_array(limits.speed_max[who]),
+        bank_max=_array(limits.bank_max[who]),
+        climb_rate_max=_array(limits.climb_rate_max[who]),
+        altitude_min=_array(limits.altitude_min[who]),
+        altitude_max=_array(limits.altitude_max[who]),
+        load_factor_max=_array(limits.load_factor_max[who]),
+        acceleration_max=_array(limits.acceleration_max[who]),
+        deceleration_max=_array(limits.deceleration_max[who]),
+    )
+    low, high = (1.0 + _SPEED_ROOM) * limits.speed_min, (1.0 - _SPEED_ROOM) * limits.speed_max
+    travellers = Traveller(
+        position_n=_array(starts.position_n[who]),
+        air_velocity_n=_array((starts.velocity_n - blowing)[who]),
+        air_acceleration_n=jnp.zeros((_FLEET, 3)),
+        goal_position_n=_array(at_start[who]),
+        goal_velocity_n=_array(goals.velocity_after_n[who]),
+        rendezvous=rendezvous,
+        speed=_array(np.clip(case.speed, low, high)[who]),
+        side=jnp.zeros(_FLEET, dtype=int),
+        limits=own,
+        roll_rate_max=jnp.full(_FLEET, _ROLL_RATE_MAX),
+        active=_array(np.arange(_FLEET) < case.size),
+    )
+    airspace = Airspace(
+        wind,
+        _array(case.gravity),
+        Separation(_array(case.separation_horizontal), _array(case.separation_vertical)),
+        _keep_outs(case.keep_outs, starts.time),
+    )
+    return PlanTask(travellers, airspace, _request(case, who))
+
+
+def _array(values: object) -> Float[Array, "..."]:
+    return jnp.asarray(np.asarray(values, dtype=float))
+
+
+def _must_fit(case: PlanCase) -> None:
+    for what, arrived, most in (
+        ("aircraft", case.size, _FLEET),
+        ("layers of wind", case.wind.altitudes.size, _LAYERS),
+        ("keep-outs", case.keep_outs.radius.size, _VOLUMES),
+    ):
+        if arrived > most:
+            raise ValueError(f"plan case: arrived {arrived} {what}; expected {most} at most")
+    if np.any(case.starts.acceleration_n):
+        raise ValueError("plan case: arrived aircraft that accelerate at the start; expected none")
+    if np.any(case.goals.times != case.starts.time):
+        raise ValueError(
+            "plan case: arrived goals with timed waypoints; expected goals of steady velocity from the start"
+        )
+
+
+def _wind(profile: WindProfile) -> LayeredWind:
+    """The profile with layers added above, where nothing changes."""
+    altitudes, velocities = profile.altitudes, profile.velocities_n
+    missing = _LAYERS - altitudes.size
+    above = altitudes[-1] + _LAYER_M * np.arange(1, missing + 1)
+    return LayeredWind(
+        _array(np.concatenate([altitudes, above])),
+        _array(np.concatenate([velocities, np.repeat(velocities[-1:], missing, axis=0)])),
+    )
+
+
+def _keep_outs(cylinders: KeepOutCylinders, start: float) -> KeepOuts:
+    """The cylinders, whose axes the planner wants at its start, with others added far away."""
+    missing = _VOLUMES - cylinders.radius.size
+    here = cylinders.position_n + start * cylinders.velocity_n
+    return KeepOuts(
+        _array(np.concatenate([here, np.full((missing, 2), _AWAY_M)])),
+        _array(np.concatenate([cylinders.velocity_n, np.zeros((missing, 2))])),
+        _array(np.concatenate([cylinders.radius, np.ones(missing)])),
+        _array(np.concatenate([cylinders.bottom, np.zeros(missing)])),
+        _array(np.concatenate([cylinders.top, np.ones(missing)])),
+    )
+
+
+def _request(case: PlanCase, who: np.ndarray) -> ArrivalRequest:
+    """The arrival rule; times of the planner count from the start."""
+    rule, start = case.rule, case.starts.time
+    times = offsets = windows = None
+    if rule.name in ("at", "times"):
+        times = rule.times[who] - start
+    if rule.name == "windows":
+        windows = rule.windows[who] - start
+    if rule.name == "sequence":
+        offsets = rule.ranks()[who] * rule.spacing
+    return ArrivalRequest(rule.name, LATEST_S, times, offsets, windows)

@@ -1,0 +1,95 @@
+"""Bernstein forms against numpy's polynomials."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.polynomial import Polynomial
+from scipy.special import comb
+
+from anser.numerics import bernstein
+
+U = np.linspace(0.0, 1.0, 401)
+BATCH = 6
+
+
+def power(coefficients):
+    """The polynomial of Bernstein coefficients, in powers of u."""
+    n = len(coefficients) - 1
+    u, rest = Polynomial([0.0, 1.0]), Polynomial([1.0, -1.0])
+    return sum((c * comb(n, k) * u**k * rest ** (n - k) for k, c in enumerate(coefficients)), Polynomial([0.0]))
+
+
+def drawn(degree, seed=0):
+    return np.random.default_rng(100 * degree + seed).normal(size=(BATCH, degree + 1))
+
+
+@pytest.mark.parametrize(("m", "n"), [(0, 3), (1, 1), (4, 3), (5, 5)])
+def test_product_is_that_of_the_polynomials(m, n):
+    a, b = drawn(m), drawn(n, 1)
+    found = np.asarray(bernstein.product(jnp.asarray(a), jnp.asarray(b)))
+    assert found.shape == (BATCH, m + n + 1)
+    for c, p, q in zip(found, a, b, strict=True):
+        # Degrees to 10: powers of u lose a few digits, no more.
+        np.testing.assert_allclose(power(c)(U), power(p)(U) * power(q)(U), atol=1e-11)
+
+
+@pytest.mark.parametrize(("degree", "higher"), [(0, 4), (2, 2), (4, 7)])
+def test_elevation_changes_nothing_but_the_degree(degree, higher):
+    a = drawn(degree)
+    found = np.asarray(bernstein.elevate(jnp.asarray(a), higher))
+    assert found.shape == (BATCH, higher + 1)
+    for c, p in zip(found, a, strict=True):
+        np.testing.assert_allclose(power(c)(U), power(p)(U), atol=1e-11)  # rounding
+
+
+def test_a_degree_cannot_fall():
+    with pytest.raises(ValueError, match="degree 3 cannot be written with degree 2"):
+        bernstein.elevate(jnp.zeros(4), 2)
+
+
+@pytest.mark.parametrize("degree", [1, 5])
+def test_slope_is_the_derivative_over_the_span(degree):
+    a, spans = drawn(degree), np.linspace(0.3, 7.0, BATCH)
+    found = np.asarray(bernstein.slope(jnp.asarray(a), jnp.asarray(spans)))
+    for c, p, span in zip(found, a, spans, strict=True):
+        np.testing.assert_allclose(power(c)(U), power(p).deriv()(U) / span, atol=1e-10)  # rounding, divided by 0.3
+
+
+@pytest.mark.parametrize("degree", [0, 3, 6])
+def test_bounds_hold_and_touch_at_the_ends(degree):
+    a = drawn(degree)
+    low, high = (np.asarray(x) for x in bernstein.bounds(jnp.asarray(a)))
+    for p, least, most in zip(a, low, high, strict=True):
+        values = power(p)(U)
+        assert np.min(values) >= least - 1e-12  # rounding
+        assert np.max(values) <= most + 1e-12
+    # Rising coefficients make a rising polynomial: its bounds are its values at the ends.
+    rising = np.sort(a[0])
+    least, most = bernstein.bounds(jnp.asarray(rising))
+    np.testing.assert_allclose([least, most], power(rising)(np.array([0.0, 1.0])), atol=1e-12)
+
+
+def test_bounds_close_in_with_the_square_of_the_interval():
+    # x^3/3 - x around its least value at 1; the Bernstein coefficients of 1, u, u^2, u^3 are the columns.
+    columns = np.array([[1, 0, 0, 0], [1, 1 / 3, 0, 0], [1, 2 / 3, 1 / 3, 0], [1, 1, 1, 1]])
+
+    def excess(span):
+        cubic = Polynomial([0.0, -1.0, 0.0, 1 / 3])(Polynomial([1.0 - 0.4 * span, span]))
+        low = bernstein.bounds(jnp.asarray(columns @ cubic.coef))[0]
+        return -2 / 3 - float(low)
+
+    # Halving the interval quarters the excess; 3.5 to 4.5 leaves room for the next order.
+    assert excess(0.1) > 0.0
+    assert 3.5 < excess(0.2) / excess(0.1) < 4.5
+
+
+@pytest.mark.parametrize("degree", [0, 1, 5])
+def test_value_jit_vmap_and_gradient(degree):
+    a, u = jnp.asarray(drawn(degree)), jnp.linspace(0.0, 1.0, BATCH)
+    expected = [power(p)(x) for p, x in zip(np.asarray(a), np.asarray(u), strict=True)]
+    np.testing.assert_allclose(jax.jit(bernstein.evaluate)(a, u), expected, atol=1e-12)  # rounding
+    np.testing.assert_allclose(jax.vmap(bernstein.evaluate)(a, u), expected, atol=1e-12)
+    slopes = jax.vmap(jax.grad(bernstein.evaluate, argnums=1))(a, u)
+    derived = [power(p).deriv()(x) for p, x in zip(np.asarray(a), np.asarray(u), strict=True)]
+    np.testing.assert_allclose(slopes, derived, atol=1e-11)

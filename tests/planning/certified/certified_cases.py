@@ -1,0 +1,183 @@
+"""Cases and oracles shared by the tests of the certified planner."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.interpolate import BPoly
+
+from anser.environment import LayeredWind, SteadyWind
+from anser.planning.certified.detours import ANGLE_MAX, FIRST, FIXED, HEADINGS, SECOND, Detour
+from anser.planning.certified.route import Ends
+
+GRAVITY = 9.81
+STEADY = SteadyWind(jnp.array([10.0, 5.0, 0.0]))
+LAYERED = LayeredWind(
+    jnp.array([0.0, 1000.0, 2000.0, 5000.0]),
+    jnp.array([[0.0, 0.0, 0.0], [5.0, -5.0, 0.0], [15.0, 0.0, 0.5], [10.0, 10.0, 0.0]]),
+)
+_NODES, _WEIGHTS = (x / 2 for x in np.polynomial.legendre.leggauss(48))
+_NODES = _NODES + 0.5
+
+
+def number(x):
+    return jnp.asarray(x, dtype=float)
+
+
+def integrated(place, heading, pieces):
+    """Places and headings after each piece (length, first and last curvature), by Gauss quadrature of the headings.
+
+    48 nodes are exact to rounding for pieces that turn by less than about 15 rad.
+    """
+    places, headings = [complex(place)], [float(heading)]
+    for length, begin, end in pieces:
+        u = length * _NODES
+        course = headings[-1] + begin * u + (0.5 * (end - begin) * u**2 / length if length > 0.0 else 0.0)
+        places.append(places[-1] + length * np.sum(_WEIGHTS * np.exp(1j * course)))
+        headings.append(headings[-1] + 0.5 * length * (begin + end))
+    return np.array(places), np.array(headings)
+
+
+def random_ends(seed, count, near, far, curvature_use=0.9, sharp=4.0, radius=(600.0, 3000.0), free=False):
+    """Stacked ends; distances from `near` to `far` greatest-curvature radii, ramps of a `sharp`-th of a radius.
+
+    `curvature_use` is the greatest share of the curvature that a path may begin with.
+    """
+    rng = np.random.default_rng(seed)
+    radii = rng.uniform(*radius, count)
+    start = rng.uniform(-1e4, 1e4, count) + 1j * rng.uniform(-1e4, 1e4, count)
+    line = rng.uniform(near, far, count) * radii * np.exp(1j * rng.uniform(-np.pi, np.pi, count))
+    return Ends(
+        start=jnp.asarray(start),
+        heading=jnp.asarray(rng.uniform(-np.pi, np.pi, count)),
+        curvature=jnp.asarray(curvature_use * rng.uniform(-1.0, 1.0, count) / radii),
+        end=jnp.asarray(start + line),
+        end_heading=jnp.asarray(rng.uniform(-np.pi, np.pi, count)),
+        end_free=jnp.full(count, free),
+        curvature_max=jnp.asarray(1.0 / radii),
+        sharpness=jnp.asarray(sharp / radii**2),
+    )
+
+
+def detours_of(shapes, sides):
+    """Stacked detours; the shapes are indices."""
+    shapes, sides = np.asarray(shapes), np.asarray(sides, dtype=float)
+    return Detour(
+        jnp.asarray(sides[:, None] * HEADINGS[shapes]),
+        jnp.asarray(FIRST[shapes]),
+        jnp.asarray(SECOND[shapes]),
+        jnp.asarray(FIXED[shapes]),
+        jnp.asarray(ANGLE_MAX[shapes]),
+    )
+
+
+def picked(tree, k):
+    """One member of a stack."""
+    return jax.tree.map(lambda leaf: leaf[k], tree)
+
+
+def _flown(heading, word, angles, straight):
+    """End of a path of arcs of unit radius (senses in `word`, 0 is straight), from the origin."""
+    place, angles = 0j, list(angles)
+    for sense, angle in zip(word, angles, strict=True):
+        if sense == 0:
+            place += straight * np.exp(1j * heading)
+        else:
+            place += (np.exp(1j * (heading + sense * angle)) - np.exp(1j * heading)) / (1j * sense)
+            heading += sense * angle
+    return place, heading
+
+
+def dubins(start_heading, end, end_heading, radius, three_turns=True):
+    """Length of Dubins' shortest path (L. E. Dubins, 1957; forms of Shkel and Lumelsky, 2001), m.
+
+    Parameters
+    ----------
+    start_heading, end_heading
+        rad.
+    end
+        From the start, north + i east, m.
+    radius
+        Least radius, m.
+    three_turns
+        Whether paths of three turns count too.
+    """
+    full = 2 * np.pi
+    d = abs(end) / radius
+    lengths = []
+    for mirror in (1.0, -1.0):
+        a, b = (mirror * (h - np.angle(end)) for h in (start_heading, end_heading))
+        # A turn of sense +1 raises the heading. +0+ and +0-:
+        found = []
+        square = 2 + d * d - 2 * np.cos(a - b) + 2 * d * (np.sin(a) - np.sin(b))
+        course = np.arctan2(np.cos(b) - np.cos(a), d + np.sin(a) - np.sin(b))
+        found.append(((1, 0, 1), ((course - a) % full, 0.0, (b - course) % full), np.sqrt(max(square, 0.0))))
+        square = -2 + d * d + 2 * np.cos(a - b) + 2 * d * (np.sin(a) + np.sin(b))
+        if square >= 0.0:
+            straight = np.sqrt(square)
+            course = np.arctan2(-np.cos(a) - np.cos(b), d + np.sin(a) + np.sin(b)) - np.arctan2(-2.0, straight)
+            found.append(((1, 0, -1), ((course - a) % full, 0.0, (course - b) % full), straight))
+        cosine = (6 - d * d + 2 * np.cos(a - b) + 2 * d * (np.sin(a) - np.sin(b))) / 8
+        if three_turns and abs(cosine) <= 1.0:
+            middle = (full - np.arccos(cosine)) % full
+            first = (a - np.arctan2(np.cos(a) - np.cos(b), d - np.sin(a) + np.sin(b)) + 0.5 * middle) % full
+            found.append(((-1, 1, -1), (first, middle, (a - b - first + middle) % full), 0.0))
+        for word, angles, straight in found:
+            place, heading = _flown(a, word, angles, straight)
+            # Whatever is printed in a paper: the path must lead there.
+            assert abs(place - d) < 1e-6
+            assert abs(np.exp(1j * heading) - np.exp(1j * b)) < 1e-6
+            lengths.append(radius * (sum(angles) + straight))
+    return min(lengths)
+
+
+def dubins_of(ends, three_turns=True):
+    """Dubins' lengths of stacked ends."""
+    columns = (ends.heading, ends.end - ends.start, ends.end_heading, 1.0 / ends.curvature_max)
+    return np.array([dubins(*row, three_turns) for row in zip(*map(np.asarray, columns), strict=True)])
+
+
+class Dense:
+    """A delivered path seen densely by scipy's interpolant of its knots, with what it asks of its aircraft."""
+
+    def __init__(self, path, wind, step=1e-3):
+        times, air, drift = (np.asarray(x) for x in (path.times, path.air_n, path.drift_n))
+        real = np.append(True, np.diff(times) > 0.0)
+        times, ground = times[real], (air + drift)[real]
+        self.path = BPoly.from_derivatives(times, ground)
+        self.time = np.arange(times[0], times[-1], step)
+        self.position = self.path(self.time)
+        self.velocity = self.path.derivative(1)(self.time)
+        self.acceleration = self.path.derivative(2)(self.time)
+        self.blowing = blowing(wind, -self.position[:, 2])
+        drifting = BPoly.from_derivatives(times, drift[real]).derivative(1)(self.time)
+        self.wind_error = np.linalg.norm(drifting - self.blowing, axis=1)
+
+    def extremes(self):
+        """Under the names of `PathBounds`."""
+        through, push = self.velocity - self.blowing, self.acceleration
+        speed, level = np.linalg.norm(through, axis=1), np.hypot(through[:, 0], through[:, 1])
+        side = (through[:, 0] * push[:, 1] - through[:, 1] * push[:, 0]) / level
+        ahead = (through[:, 0] * push[:, 0] + through[:, 1] * push[:, 1]) / level
+        sine, cosine = -through[:, 2] / speed, level / speed
+        lift = GRAVITY * cosine - push[:, 2] * cosine - ahead * sine
+        along = np.sum(through * push, axis=1) / speed + GRAVITY * sine
+        return {
+            "speed_min": np.min(speed),
+            "speed_max": np.max(speed),
+            "bank_max": np.max(np.abs(np.arctan2(side, lift))),
+            "load_factor_max": np.max(np.hypot(side, lift)) / GRAVITY,
+            "climb_rate_max": np.max(np.abs(through[:, 2])),
+            "altitude_min": np.min(-self.position[:, 2]),
+            "altitude_max": np.max(-self.position[:, 2]),
+            "acceleration_max": np.max(along),
+            "deceleration_max": np.max(-along),
+            "wind_error_max": np.max(self.wind_error),
+        }
+
+
+def blowing(wind, altitudes):
+    """Wind at altitudes, by numpy: (altitude, axis)."""
+    if isinstance(wind, SteadyWind):
+        return np.tile(np.asarray(wind.velocity_n), (altitudes.size, 1))
+    layers, velocities = np.asarray(wind.altitudes), np.asarray(wind.velocities_n)
+    return np.stack([np.interp(altitudes, layers, velocities[:, k]) for k in range(3)], axis=1)

@@ -1,0 +1,221 @@
+"""Altitude and airspeed by time, and what a wind makes of them."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from certified_cases import GRAVITY, LAYERED, STEADY, blowing, number, picked
+
+from anser.numerics import compiled_quickly
+from anser.planning.certified.profile import (
+    ProfileLimits,
+    kept,
+    last_to_mean_speed,
+    make_profile,
+    mean_to_last_speed,
+    profile_excess,
+    tabulate,
+)
+
+CASES = 24
+TICKS = 128
+FADE_S = 3.0  # of the acceleration that a path begins with
+_RNG = np.random.default_rng(4)
+DURATION = _RNG.uniform(20.0, 300.0, CASES)
+ALTITUDES = _RNG.uniform(300.0, 3000.0, (2, CASES))
+CLIMBS = _RNG.uniform(-8.0, 8.0, (2, CASES))
+CLIMB_DOT = _RNG.uniform(-1.0, 1.0, CASES)
+DETOUR = _RNG.choice([0.0, 300.0, -300.0], CASES)
+SPEED = _RNG.uniform(120.0, 180.0, CASES)
+SPEED_DOT = _RNG.uniform(-1.0, 1.0, CASES)
+MEAN = _RNG.uniform(120.0, 180.0, CASES)
+INPUTS = tuple(map(jnp.asarray, (DURATION, ALTITUDES.T, CLIMBS.T, CLIMB_DOT, DETOUR, SPEED, SPEED_DOT, MEAN)))
+
+
+def make(duration, altitudes, climbs, climb_dot, detour, speed, speed_dot, mean):
+    return make_profile(
+        duration, (altitudes[0], altitudes[1]), (climbs[0], climbs[1]), climb_dot, detour, speed, speed_dot, mean
+    )
+
+
+def motion(profile, t):
+    now = profile.at(t)
+    return jnp.stack([now.altitude, now.climb, now.climb_dot, now.speed, now.speed_dot])
+
+
+def motions(profile, times):
+    return jax.vmap(lambda t: jax.jvp(lambda u: motion(profile, u), (t,), (jnp.ones_like(t),)))(times)
+
+
+def timetable(profile, wind):
+    return tabulate(profile, wind, TICKS)
+
+
+def readings(table, times):
+    def one(t):
+        length, drift = table.length_at(t), table.drift_at(t)
+        speed, wind = table.rates(t)
+        return length, drift, speed, wind, table.time_at(length)
+
+    return jax.vmap(one)(times)
+
+
+PROFILES = compiled_quickly(jax.vmap(make))(*INPUTS)
+along = compiled_quickly(jax.vmap(motions))
+tables_of = compiled_quickly(jax.vmap(timetable, in_axes=(0, None)))
+read = compiled_quickly(jax.vmap(readings))
+
+
+def test_starts_and_ends_as_asked():
+    ends = jnp.stack([jnp.zeros(CASES), PROFILES.duration], axis=1)
+    first, last = np.moveaxis(np.asarray(along(PROFILES, ends)[0]), 1, 0)
+    begin = np.stack([ALTITUDES[0], CLIMBS[0], CLIMB_DOT, SPEED, SPEED_DOT], axis=1)
+    np.testing.assert_allclose(first, begin, rtol=1e-12, atol=1e-12)  # rounding
+    np.testing.assert_allclose(last[:, 0], ALTITUDES[1], atol=1e-9)  # rounding of 1e3 m
+    np.testing.assert_allclose(last[:, 1], CLIMBS[1], atol=1e-11)
+    np.testing.assert_allclose(last[:, 3], PROFILES.speed_1, rtol=1e-13)
+    # It arrives without an acceleration.
+    np.testing.assert_allclose(last[:, [2, 4]], 0.0, atol=1e-11)
+
+
+def test_mean_airspeed_is_what_was_asked_and_what_the_first_acceleration_adds():
+    t = np.linspace(0.0, 1.0, 40001)
+    speed = np.asarray(along(PROFILES, DURATION[:, None] * t)[0])[..., 3]
+    mean = np.sum(0.5 * (speed[:, 1:] + speed[:, :-1]), axis=1) / (t.size - 1)
+    # The integral of t (1 - t/F)^3 over the F seconds in which it fades is F^2/20.
+    expected = MEAN + SPEED_DOT * FADE_S**2 / 20 / DURATION
+    np.testing.assert_allclose(mean, expected, rtol=1e-8)  # the trapezoid's, with steps of 7 ms
+    # Not beyond the steady speed asked, but for making up the change: the mean lies between both ends.
+    last = np.asarray(PROFILES.speed_1)
+    assert np.all((MEAN - SPEED) * (last - MEAN) >= 0.0)
+
+
+def test_rates_are_derivatives_and_nothing_jumps():
+    grid = DURATION[:, None] * np.linspace(0.0, 1.0, 500)[1:-1]
+    value, slope = (np.asarray(x) for x in along(PROFILES, jnp.asarray(grid)))
+    np.testing.assert_allclose(slope[..., 0], value[..., 1], atol=1e-10)  # rounding
+    np.testing.assert_allclose(slope[..., 1], value[..., 2], atol=1e-10)
+    np.testing.assert_allclose(slope[..., 3], value[..., 4], atol=1e-10)
+    # At the kinks themselves accelerations are continuous: a step of 1e-14 s, slopes of 1 m/s^3.
+    kinks = np.asarray(jax.vmap(lambda p: p.kinks)(PROFILES))
+    after, before = (np.asarray(along(PROFILES, jnp.asarray(t))[0]) for t in (kinks, np.nextafter(kinks, 0.0)))
+    np.testing.assert_allclose(after, before, rtol=1e-12, atol=1e-11)
+
+
+def test_third_derivatives_jump_at_kinks_only():
+    # Differences of the slopes of the accelerations over a millisecond: small within, except where a kink lies.
+    step = 1e-3
+    times = np.arange(0.0, 20.0, step)
+    slope = np.asarray(along(PROFILES, jnp.asarray(np.tile(times, (CASES, 1))))[1])[..., [2, 4]]
+    jumps = np.max(np.abs(np.diff(slope, axis=1)), axis=2) > 0.05  # fourth derivatives are below 10 m/s^4 in 1 ms
+    for k in range(CASES):
+        kinks = np.asarray(picked(PROFILES, k).kinks)
+        where = times[1:][jumps[k]]
+        assert all(np.min(np.abs(kinks - t)) <= 2 * step for t in where)
+
+
+@pytest.mark.parametrize("wind", [STEADY, LAYERED], ids=["steady", "layered"])
+def test_lengths_and_drifts_are_integrals(wind):
+    table = tables_of(PROFILES, wind)
+    t = np.linspace(0.0, 1.0, 40001)
+    value = np.asarray(along(PROFILES, DURATION[:, None] * t)[0])
+    for k in range(CASES):
+        altitude, climb, _, speed, _ = value[k].T
+        air = blowing(wind, altitude)
+        level = np.sqrt(speed**2 - (climb + air[:, 2]) ** 2)
+        step = DURATION[k] / (t.size - 1)
+        length = step * np.sum(0.5 * (level[1:] + level[:-1]))
+        drift = step * np.sum(0.5 * (air[1:] + air[:-1]), axis=0)
+        # Four nodes per tick of up to 2.3 s; where a layer's boundary is crossed the wind's slope jumps by up to
+        # 0.02 1/s x 40 m/s: 0.8 m/s^2 x (2.3 s)^2 / 100 for a kink amid four nodes, twice or thrice.
+        room = 0.05 if wind is LAYERED else 1e-4
+        np.testing.assert_allclose(table.length[k], length, atol=room)
+        np.testing.assert_allclose(table.drift_n[k], drift, atol=room)
+        if wind is STEADY:
+            np.testing.assert_allclose(drift, DURATION[k] * np.asarray(wind.velocity_n), rtol=1e-10)
+
+
+@pytest.fixture(scope="module")
+def layered():
+    return tables_of(PROFILES, LAYERED)
+
+
+def test_readings_between_ticks_agree_with_the_ticks_and_time_is_the_inverse(layered):
+    ticks = DURATION[:, None] * np.linspace(0.0, 1.0, TICKS + 1)
+    lengths, drifts, _, _, times = (np.asarray(x) for x in read(layered, jnp.asarray(ticks)))
+    np.testing.assert_allclose(lengths, layered.lengths, atol=1e-8)  # rounding of 1e5 m
+    np.testing.assert_allclose(drifts, layered.drifts_n, atol=1e-8)
+    np.testing.assert_allclose(times, ticks, atol=1e-8)
+    between = DURATION[:, None] * np.sort(np.random.default_rng(1).uniform(0.0, 1.0, 60))
+    lengths, drifts, speeds, winds, times = (np.asarray(x) for x in read(layered, jnp.asarray(between)))
+    # Two Newton steps from a straight line in a tick of 2 s, in which the speed changes by a hundredth.
+    np.testing.assert_allclose(times, between, atol=1e-5)
+    assert np.all(np.diff(lengths, axis=1) > 0.0)
+    # Rates are those of the profile in the wind.
+    value = np.asarray(along(PROFILES, jnp.asarray(between))[0])
+    for k in range(CASES):
+        air = blowing(LAYERED, value[k, :, 0])
+        np.testing.assert_allclose(winds[k], air, atol=1e-12)
+        np.testing.assert_allclose(speeds[k] ** 2 + (value[k, :, 1] + air[:, 2]) ** 2, value[k, :, 3] ** 2, rtol=1e-12)
+
+
+def test_speed_needed_and_mean_speed_are_each_others_inverse():
+    last, speed, duration = (jnp.asarray(x) for x in (MEAN, SPEED, DURATION + 200.0))
+    mean = jax.vmap(last_to_mean_speed)(last, speed, duration)
+    again, ramp = jax.vmap(mean_to_last_speed)(mean, speed, duration)
+    # Four rounds, each of which shrinks the error by ramp / 2 duration or so: a third at worst.
+    np.testing.assert_allclose(again, last, rtol=1e-3)
+    # Never harder than 0.6 m/s^2, the peak of a smoothstep 1.5 times the mean, where there is time for it.
+    assert np.all(1.5 * np.abs(again - speed) / ramp <= 0.6 * 1.01)
+
+
+def limits_of(value):
+    fields = ("speed_min", "speed_max", "climb_rate_max", "altitude_min", "altitude_max", "acceleration_max")
+    return ProfileLimits(*(number(value[f]) for f in (*fields, "deceleration_max")))
+
+
+def test_excess_is_what_a_profile_passes_each_limit_by(layered):
+    ticks = DURATION[:, None] * np.linspace(0.0, 1.0, TICKS + 1)
+    value = np.asarray(along(PROFILES, jnp.asarray(ticks))[0])
+    wide = {
+        "speed_min": 50.0,
+        "speed_max": 400.0,
+        "climb_rate_max": 300.0,
+        "altitude_min": -5e3,
+        "altitude_max": 2e4,
+        "acceleration_max": 50.0,
+        "deceleration_max": 50.0,
+    }
+    found = compiled_quickly(jax.vmap(profile_excess, in_axes=(0, None, None)))(layered, limits_of(wide), GRAVITY)
+    for k in range(CASES):
+        altitude, climb, _, speed, speed_dot = value[k].T
+        climb = climb + blowing(LAYERED, altitude)[:, 2]
+        along_path = speed_dot + GRAVITY * climb / speed
+        expected = [
+            50.0 - np.min(speed),
+            np.max(speed) - 400.0,
+            np.max(np.abs(climb)) - 300.0,
+            -5e3 - np.min(altitude),
+            np.max(altitude) - 2e4,
+            np.max(np.abs(along_path)) - 50.0,
+        ]
+        np.testing.assert_allclose(found[k], expected, atol=1e-9)  # rounding of 1e4 m
+    assert kept(found[0])
+    # One limit broken is enough.
+    for k in range(6):
+        assert not kept(found[0].at[k].set(1e-6))
+    assert kept(found[0].at[2].set(0.0))
+
+
+def test_gradients_are_finite_for_level_flight_at_steady_speed():
+    def outcome(altitude, speed, duration):
+        profile = make_profile(duration, (altitude, 1000.0), (0.0, 0.0), 0.0, 0.0, 150.0, 0.0, speed)
+        table = tabulate(profile, LAYERED, 8)
+        return table.length + jnp.sum(table.drift_n)
+
+    slopes = compiled_quickly(jax.grad(outcome, argnums=(0, 1, 2)))(number(1000.0), number(150.0), number(60.0))
+    assert np.all(np.isfinite(slopes))
+    # Flown at 150 m/s, a second more is 150 m more and the drift at 1000 m, none in all.
+    np.testing.assert_allclose(slopes[2], 150.0, rtol=1e-9)
+    # A mean speed of 1 m/s more is 60 m more.
+    np.testing.assert_allclose(slopes[1], 60.0, rtol=1e-9)

@@ -1,0 +1,135 @@
+"""Delivered paths: exactly the quintics through their knots, smooth, straight on beyond both ends."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.polynomial import Polynomial
+from scipy.interpolate import BPoly
+
+from anser.numerics import compiled_quickly
+from anser.planning.timed_path import TimedPath, hermite_quintic
+
+TIMES = np.array([10.0, 10.0, 11.5, 12.0, 12.0, 12.0, 15.5, 16.0, 16.0])
+"""With empty cells at the beginning, in between and at the end."""
+
+
+def quintics(seed=0):
+    """Three random polynomials of degree 5, of size 1 to 1000."""
+    scale = np.array([1000.0, 150.0, 5.0, 0.3, 0.05, 0.01])
+    return [Polynomial(c) for c in scale * np.random.default_rng(seed).normal(size=(3, 6))]
+
+
+def knots_of(polynomials, times):
+    """Values and two derivatives at times: (knot, order, axis)."""
+    orders = [[p.deriv(k)(times - 10.0) if k else p(times - 10.0) for p in polynomials] for k in range(3)]
+    return jnp.asarray(np.transpose(orders, (2, 0, 1)))
+
+
+def random_path(seed=3):
+    rng = np.random.default_rng(seed)
+    scale = np.array([1000.0, 100.0, 10.0])[:, None]
+    air, drift = (scale * rng.normal(size=(TIMES.size, 3, 3)) for _ in range(2))
+    for k in np.flatnonzero(np.diff(TIMES) == 0.0):  # one knot has one state
+        air[k + 1], drift[k + 1] = air[k], drift[k]
+    return TimedPath(jnp.asarray(TIMES), jnp.asarray(air), jnp.asarray(drift))
+
+
+def states(path, time):
+    return (
+        jnp.stack([path.position_n(time), path.velocity_n(time), path.acceleration_n(time)]),
+        path.air_velocity_n(time),
+        path.states_n(time),
+        jax.jacfwd(path.position_n)(time),
+    )
+
+
+at_times = compiled_quickly(jax.vmap(states, in_axes=(None, 0)))
+
+
+def sample(path, times):
+    """Ground (time, order, axis), the air's slope, air and drift (time, order, axis), and the position's derivative."""
+    return jax.tree.map(np.asarray, at_times(path, jnp.asarray(times)))
+
+
+def test_is_a_given_quintic_exactly_on_any_knots():
+    air, drift = quintics(0), quintics(1)
+    path = TimedPath(jnp.asarray(TIMES), knots_of(air, TIMES), knots_of(drift, TIMES))
+    times = np.linspace(10.0, 16.0, 301)
+    ground, slope, (through_air, drifted), derivative = sample(path, times)
+    wanted, blown = (np.asarray(knots_of(p, times)) for p in (air, drift))
+    # Values to 1e4 m; second derivatives lose two powers of the shortest cell, 0.5 s.
+    for found, exact in ((ground, wanted + blown), (through_air, wanted), (drifted, blown)):
+        np.testing.assert_allclose(found, exact, atol=1e-9)
+    np.testing.assert_allclose(slope, wanted[:, 1], atol=1e-10)
+    np.testing.assert_allclose(derivative, ground[:, 1], atol=1e-9)
+
+
+def test_is_scipys_interpolant_of_the_knots():
+    path = random_path()
+    ground = np.asarray(path.air_n + path.drift_n)
+    real = np.append(True, np.diff(TIMES) > 0.0)
+    oracle = BPoly.from_derivatives(TIMES[real], ground[real])
+    times = np.linspace(10.0, 15.9999, 301)
+    found = sample(path, times)[0]
+    for order in range(3):
+        exact = oracle.derivative(order)(times) if order else oracle(times)
+        # Rounding of 1e3 m, divided by up to (0.5 s)^2 and multiplied by 60.
+        np.testing.assert_allclose(found[:, order], exact, rtol=1e-11, atol=1e-9)
+
+
+def test_is_twice_continuously_differentiable_at_knots():
+    path = random_path()
+    inner = np.unique(TIMES)[1:-1]
+    after, before = sample(path, inner)[0], sample(path, np.nextafter(inner, 0.0))[0]
+    # A step of 2e-15 s times jerks of 1e5 m/s^3, and the rounding of the test above.
+    np.testing.assert_allclose(after, before, rtol=1e-11, atol=1e-8)
+    knots = np.asarray(path.air_n + path.drift_n)
+    where = np.searchsorted(TIMES, inner)
+    np.testing.assert_allclose(after, knots[where], rtol=1e-12, atol=1e-9)
+
+
+def test_straight_on_before_the_start_and_after_the_arrival():
+    path = random_path()
+    ground = np.asarray(path.air_n + path.drift_n)
+    for times, knot, edge in ((np.array([-5.0, 9.0, 9.999]), 0, 10.0), (np.array([16.001, 18.0, 50.0]), -1, 16.0)):
+        found, slope, _, derivative = sample(path, times)
+        value, velocity, _ = ground[knot]
+        np.testing.assert_allclose(found[:, 0], value + (times - edge)[:, None] * velocity, rtol=1e-12)  # rounding
+        np.testing.assert_allclose(found[:, 1], np.tile(velocity, (3, 1)), rtol=1e-10)
+        np.testing.assert_array_equal(found[:, 2], 0.0)
+        np.testing.assert_allclose(derivative, found[:, 1], rtol=1e-12)
+        np.testing.assert_allclose(slope, np.tile(path.air_n[knot, 1], (3, 1)), rtol=1e-10)
+
+
+def test_at_its_ends_it_is_in_its_first_and_last_state():
+    path = random_path()
+    found = sample(path, np.array([10.0, 16.0]))[0]
+    ground = np.asarray(path.air_n + path.drift_n)
+    np.testing.assert_allclose(found, ground[[0, -1]], rtol=1e-11, atol=1e-9)  # as scipy's
+    assert (path.start_time, path.arrival_time, path.duration) == (10.0, 16.0, 6.0)
+
+
+def test_a_stack_of_paths_is_each_by_itself():
+    paths = [random_path(seed) for seed in (1, 2)]
+    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *paths)
+    times = jnp.array([9.0, 12.0, 14.2])
+    together = jax.jit(jax.vmap(at_times, in_axes=(0, None)))(stacked, times)[0]
+    for k, path in enumerate(paths):
+        np.testing.assert_allclose(together[k], at_times(path, times)[0], rtol=1e-12, atol=1e-9)  # rounding
+
+
+@pytest.mark.parametrize("span", [1e-2, 1.0, 100.0])
+def test_cell_keeps_its_digits_far_from_the_origin(span):
+    # A steady turn 100 km away: the acceleration in a cell of a hundredth of a second is the difference of positions.
+    def state(t):
+        place = 1e5 + np.array([5000.0 * np.sin(0.03 * t), 5000.0 * np.cos(0.03 * t), -2.0 * t])
+        rate = np.array([150.0 * np.cos(0.03 * t), -150.0 * np.sin(0.03 * t), -2.0])
+        return jnp.asarray(np.stack([place, rate, np.array([-4.5 * np.sin(0.03 * t), -4.5 * np.cos(0.03 * t), 0.0])]))
+
+    found = hermite_quintic(state(7.0), state(7.0 + span), span, 0.5)
+    # Positions are rounded to 1.5e-11 m: divided by span^2, times 6. A quintic's own error: 5000 m (0.03 span)^6 / 46080.
+    rounding = 1e-10 / span**2
+    fit = 5000.0 * (0.03 * span) ** 6
+    np.testing.assert_allclose(found[2], state(7.0 + 0.5 * span)[2], atol=rounding + 0.1 * fit / span**2 + 1e-13)
+    np.testing.assert_allclose(found[0], state(7.0 + 0.5 * span)[0], atol=3e-11 + fit / 46080)

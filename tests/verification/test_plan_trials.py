@@ -1,0 +1,215 @@
+"""Random scenarios planned and judged: a few seeds, and planners that are known to be wrong.
+
+The 2,000 seeds of `anser plan-trials` are no test: they take hours. Those here have plans that the planner finds among
+its first candidates, and flights of about equal length, so that two programs are compiled, and no more.
+"""
+
+import dataclasses
+import json
+import sys
+
+import jax
+import numpy as np
+import pytest
+
+from anser.cli import main
+from anser.verification import plan_trials
+from anser.verification.plan_cases import random_case
+from anser.verification.plan_data import Paths
+from anser.verification.plan_tally import CONTRADICTED_MOST, tally
+from anser.verification.plan_task import planner_task
+from anser.verification.plan_trial_file import TrialFileError, append_trial, begin_trials, read_trials
+from anser.verification.plan_trials import Answer, Trial, run_trial
+
+PLANNED = (2, 4, 8)
+POSSIBLE = 91  # the search finds a plan within a second
+IMPOSSIBLE = 6  # a rendezvous inside a keep-out
+
+
+def _refuse(case):
+    return Answer(None, np.empty(0), 1, {"path": [0]})
+
+
+def _fly_straight(case):
+    """From each start to where its goal is after 100 s, from standstill to standstill."""
+    times = np.tile([0.0, 100.0], (case.size, 1))
+    knots = np.zeros((case.size, 2, 3, 3))
+    knots[:, 0, 0] = case.starts.position_n
+    for who in range(case.size):
+        knots[who, 1, 0] = case.goals.meeting_n(who, np.array([100.0]))[0]
+    return Answer(Paths(times, knots, np.zeros_like(knots)), times[:, 1], 1, {})
+
+
+def _raise(case):
+    raise FloatingPointError("no number")
+
+
+def _trial(seed, verdict, rule="at", **more):
+    return Trial(seed, 2, rule, verdict, 0.1, 0.2, **more)
+
+
+@pytest.mark.parametrize("seed", PLANNED)
+def test_plan_of_random_scenario_passes(seed):
+    trial = run_trial(seed, 0.0)
+    assert trial.planned, trial
+    assert trial.verdict == "passes", trial.breaches
+    assert trial.excess["arrival_position"] < 1e-3  # the tolerance of the check
+
+
+def test_all_cases_share_the_planner_programs():
+    def shapes(seed):
+        return jax.tree.map(lambda leaf: (leaf.shape, leaf.dtype), planner_task(random_case(seed))[:2])
+
+    first = shapes(0)
+    sizes = {
+        (random_case(k).size, random_case(k).wind.altitudes.size, random_case(k).keep_outs.radius.size)
+        for k in range(30)
+    }
+    assert {len(set(kind)) for kind in zip(*sizes, strict=True)} == {7, 4, 5}  # 2 to 8, 1 to 4, 0 to 4: none left out
+    assert all(shapes(seed) == first for seed in range(1, 30))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_task_says_what_the_case_says(seed):
+    case = random_case(seed)
+    task = planner_task(case)
+    n = case.size
+    assert np.array_equal(np.asarray(task.travellers.active), np.arange(8) < n)
+    altitude = np.linspace(0.0, 9000.0, 50)
+    blowing = jax.vmap(lambda up: task.airspace.wind.at(jax.numpy.stack([0.0 * up, 0.0 * up, -up]), 0.0))(altitude)
+    assert np.allclose(np.asarray(blowing).T, case.wind.at(altitude), atol=1e-12)
+    air = np.asarray(task.travellers.air_velocity_n)[:n]
+    there = np.stack([case.wind.at(np.array(-p[2])) for p in case.starts.position_n])
+    assert np.allclose(air + there, case.starts.velocity_n, atol=1e-12)
+    meeting = np.asarray(task.travellers.goal_position_n + task.travellers.rendezvous.stand_off_n)[:n]
+    later = meeting + 60.0 * np.asarray(task.travellers.goal_velocity_n)[:n]
+    wanted = np.stack([case.goals.meeting_n(who, np.array([60.0]))[0] for who in range(n)])
+    assert np.allclose(later, wanted, atol=1e-9)  # rounding at 30 km
+    for name in ("speed_min", "bank_max", "load_factor_max", "deceleration_max"):
+        assert np.array_equal(np.asarray(getattr(task.travellers.limits, name))[:n], getattr(case.limits, name))
+
+
+def test_task_refuses_what_the_planner_would_not_be_told():
+    case = random_case(0)
+    moving = dataclasses.replace(case.starts, acceleration_n=np.ones((case.size, 3)))
+    with pytest.raises(ValueError, match="accelerate"):
+        planner_task(dataclasses.replace(case, starts=moving))
+    later = dataclasses.replace(case.goals, times=np.ones((case.size, 1)))
+    with pytest.raises(ValueError, match="waypoints"):
+        planner_task(dataclasses.replace(case, goals=later))
+
+
+def test_wrong_plan_fails_with_its_figures():
+    trial = run_trial(POSSIBLE, 0.0, _fly_straight)
+    assert trial.verdict == "fails"
+    kinds = {breach["kind"] for breach in trial.breaches}
+    assert {"speed_min", "start_velocity"} <= kinds
+    case = random_case(POSSIBLE)
+    assert trial.excess["speed_min"] > case.limits.speed_min.max() - 25.0  # it stands still in winds of up to 20 m/s
+    shown = tally([trial])
+    assert not shown.passes
+    assert "speed_min of 0" in shown.disagreements[0]
+
+
+def test_wrong_refusal_is_contradicted_by_a_plan():
+    trial = run_trial(POSSIBLE, 20.0, _refuse)
+    assert trial.verdict == "found"
+    assert len(trial.found) == trial.size
+    case = random_case(POSSIBLE)
+    for row, low, high in zip(trial.found, case.limits.speed_min, case.limits.speed_max, strict=True):
+        assert low - 1e-3 <= row["speed_least_m_s"] <= row["speed_greatest_m_s"] <= high + 1e-3
+        assert row["length_of_straight"] >= 1.0 - 1e-9
+    assert not tally([trial]).passes
+
+
+def test_right_refusal_is_proved():
+    trial = run_trial(IMPOSSIBLE, 20.0, _refuse)
+    assert trial.verdict == "proved"
+    assert "keep-out" in trial.reasons[0]
+    assert tally([trial]).passes
+
+
+def test_planner_that_raises_is_named_and_fails():
+    trial = run_trial(0, 0.0, _raise)
+    assert trial.verdict == "broken"
+    shown = tally([trial])
+    assert not shown.passes
+    assert "FloatingPointError: no number" in shown.disagreements[0]
+
+
+def test_tally_allows_two_percent_of_the_refusals():
+    confirmed = [_trial(k, "proved") for k in range(49)]
+    assert CONTRADICTED_MOST == 0.02
+    assert tally([*confirmed, _trial(50, "found")]).passes  # 1 of 50
+    assert not tally([*confirmed[:-1], _trial(50, "found")]).passes  # 1 of 49
+    plans = [_trial(k, "passes", "earliest") for k in range(100, 200)]
+    shown = tally([*plans, *confirmed])
+    assert (shown.planned, shown.refused, shown.count()) == (100, 49, 149)
+    assert list(shown.by_rule) == ["earliest", "at"]
+    assert not tally([*plans, *confirmed, _trial(300, "fails")]).passes
+
+
+def test_file_keeps_trials_and_mends_a_cut_line(tmp_path):
+    path = tmp_path / "trials.jsonl"
+    begin_trials(path, 5.0)
+    trials = [run_trial(POSSIBLE, 0.0, _fly_straight), _trial(1, "proved", reasons=("why",), closest={"path": [0, 1]})]
+    for trial in trials:
+        append_trial(path, trial)
+    whole = path.read_text()
+    path.write_text(whole + '{"seed": 3, "si')
+    assert [dataclasses.asdict(one) for one in read_trials(path, 5.0)] == [dataclasses.asdict(one) for one in trials]
+    assert path.read_text() == whole
+    with pytest.raises(TrialFileError, match="expected 6 s"):
+        read_trials(path, 6.0)
+    path.write_text(whole.replace('"seed"', '"sead"'))
+    with pytest.raises(TrialFileError, match="line 2"):
+        read_trials(path, 5.0)
+    with pytest.raises(FileExistsError):
+        begin_trials(path, 5.0)
+
+
+@pytest.fixture
+def anser(monkeypatch, capsys):
+    """Run `anser plan-trials` in this process with a planner that refuses all: exit code, output, errors."""
+    monkeypatch.setattr(plan_trials.run_trial, "__defaults__", (_refuse,))
+
+    def call(*words):
+        monkeypatch.setattr(sys, "argv", ["anser", "plan-trials", *map(str, words)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        printed = capsys.readouterr()
+        return ended.value.code or 0, printed.out, printed.err
+
+    return call
+
+
+def test_command_resumes_and_fails_on_contradictions(anser, tmp_path):
+    path = tmp_path / "trials.jsonl"
+    code, printed, _ = anser("--seeds", "6:7", "--search-seconds", 20, "--out", path)
+    assert code == 0
+    assert "1 of 1 seeds" in printed
+    code, _, err = anser("--seeds", "6:92", "--search-seconds", 20, "--out", path)
+    assert (code, "--resume" in err) == (2, True)
+    before = path.read_text()
+    code, printed, err = anser("--seeds", "91:92", "--search-seconds", 20, "--out", path, "--resume")
+    assert code == 1
+    assert path.read_text().startswith(before)
+    assert "seed 91" in err
+    assert [json.loads(line)["seed"] for line in path.read_text().splitlines()[1:]] == [6, 91]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--seeds", "9:9"), "--seeds: arrived '9:9'"),
+        (("--seeds", "many"), "--seeds: arrived 'many'"),
+        (("--search-seconds", "-1"), "--search-seconds: arrived -1"),
+        (("--jobs", "0"), "--jobs: arrived 0"),
+        (("--resume",), "expected a file to resume"),
+    ],
+)
+def test_command_says_what_it_expects(anser, tmp_path, words, said):
+    code, printed, err = anser("--out", tmp_path / "none.jsonl", *words)
+    assert (code, printed) == (2, "")
+    assert said in err
+    assert not list(tmp_path.iterdir())
