@@ -64,6 +64,7 @@ def test_discrete_variables_name_their_values():
     assert by_key["outside_tables"].dtype == "bool"
     assert {variable.key for variable in CATALOGUE if variable.dtype != "float64"} == {
         "phase",
+        "renewal",
         "speed_limited",
         "thrust_limited",
         "lift_limited",

@@ -40,12 +40,12 @@ vertical_m = 150.0
 [[aircraft]]
 name = "one"
 goal = "boat"
-start = {{ north_m = -9000.0, east_m = 0.0, altitude_m = 1200.0, speed_m_s = 150.0, course_deg = 10.0 }}
+start = {{ north_m = -9000.0, east_m = 0.0, altitude_m = 700.0, speed_m_s = 150.0, course_deg = 10.0 }}
 
 [[aircraft]]
 name = "two"
 goal = "buoy"
-start = {{ north_m = 500.0, east_m = 8500.0, altitude_m = 1000.0, speed_m_s = 150.0, course_deg = -100.0 }}
+start = {{ north_m = 500.0, east_m = 8500.0, altitude_m = 650.0, speed_m_s = 150.0, course_deg = -100.0 }}
 
 [[goal]]
 name = "boat"

@@ -24,7 +24,7 @@ WORSE = {
     "tables_left_s": 2.0,
     "position_error_max_m": 30.0,
 }
-FLEET = {"arrival_spread_s": 2.0, "separation_min_m": 500.0}
+FLEET = {"arrival_spread_s": 2.0, "separation_min_m": 500.0, "separation_ratio_min": 1.2}
 WORST = {
     "miss_max_m": 9.0,
     "arrival_error_max_s": 1.5,
@@ -33,6 +33,7 @@ WORST = {
     "speed_max_m_s": 170.0,
     "tables_left_max_s": 2.0,
     "separation_min_m": 500.0,
+    "separation_ratio_min": 1.2,
     "clearance_min_m": 160.0,
     "speed_min_m_s": 110.0,
 }
@@ -47,7 +48,7 @@ def test_every_requirement_is_tried_here():
 def test_worst_value_against_the_limit(name, off):
     limit = WORST[name] + off
     # What must stay below is one of these names; the rest must stay above.
-    below = name not in {"separation_min_m", "clearance_min_m", "speed_min_m_s"}
+    below = name not in {"separation_min_m", "separation_ratio_min", "clearance_min_m", "speed_min_m_s"}
     met = off >= 0.0 if below else off <= 0.0
     (entry,) = judge([Requirement(name, limit)], [ROW, WORSE], FLEET, [])
     assert entry == {"name": name, "limit": limit, "value": WORST[name], "met": met}

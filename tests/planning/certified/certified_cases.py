@@ -6,8 +6,22 @@ import numpy as np
 from scipy.interpolate import BPoly
 
 from anser.environment import LayeredWind, SteadyWind
-from anser.planning.certified.detours import ANGLE_MAX, FIRST, FIXED, HEADINGS, SECOND, Detour
+from anser.planning.certified.delivery import deliver
+from anser.planning.certified.detours import (
+    ANGLE_MAX,
+    FIRST,
+    FIXED,
+    HEADINGS,
+    SECOND,
+    WORDS,
+    Detour,
+    direct,
+    resolve,
+    solve_detour,
+)
+from anser.planning.certified.profile import make_profile, tabulate
 from anser.planning.certified.route import Ends
+from anser.planning.certified.smooth_turn import cis
 
 GRAVITY = 9.81
 STEADY = SteadyWind(jnp.array([10.0, 5.0, 0.0]))
@@ -181,3 +195,61 @@ def blowing(wind, altitudes):
         return np.tile(np.asarray(wind.velocity_n), (altitudes.size, 1))
     layers, velocities = np.asarray(wind.altitudes), np.asarray(wind.velocities_n)
     return np.stack([np.interp(altitudes, layers, velocities[:, k]) for k in range(3)], axis=1)
+
+
+TICKS = 128
+START_S = 10.0
+FLOWN = {
+    "duration": [100.0, 90.0, 140.0, 110.0, 100.0, 120.0],
+    "altitude_0": [2500.0, 800.0, 1500.0, 1500.0, 2600.0, 900.0],
+    "altitude_1": [800.0, 2400.0, 1500.0, 1450.0, 900.0, 2100.0],
+    "climb_0": [0.0, 3.0, 0.0, -1.0, -8.0, 5.0],
+    "climb_dot_0": [0.3, -0.2, 0.0, 0.1, 0.0, 0.4],
+    "detour": [100.0, 0.0, 0.0, 300.0, 0.0, -200.0],
+    "speed_0": [150.0, 160.0, 130.0, 170.0, 150.0, 140.0],
+    "speed_dot_0": [0.2, 0.0, 0.0, -0.3, 0.1, 0.0],
+    "mean": [150.0, 150.0, 145.0, 150.0, 165.0, 140.0],
+    "heading": [0.3, -1.0, 2.5, 0.0, 1.5, -2.0],
+    "bend": [0.3, -0.4, 0.0, 0.5, -0.2, 0.1],
+    "course": [0.8, -1.6, 2.8, 0.4, 1.0, -1.8],
+}
+"""Six flights that climb, sink, bank 38 deg, slow down and speed up; what each begins and ends with."""
+WAYS = detours_of([0, 2, 3, 0, 4, 1], [-1, 1, -1, -1, -1, -1])
+BANK = np.radians(38.0)
+
+
+def delivered(wind):
+    """The flights of `FLOWN` in a wind: horizontal ends, timetables, solved detours, shapes and delivered paths."""
+
+    def one(flight, way):
+        profile = make_profile(
+            flight["duration"],
+            (flight["altitude_0"], flight["altitude_1"]),
+            (flight["climb_0"], 0.0),
+            flight["climb_dot_0"],
+            flight["detour"],
+            flight["speed_0"],
+            flight["speed_dot_0"],
+            flight["mean"],
+        )
+        table = tabulate(profile, wind, TICKS)
+        fastest = jnp.maximum(profile.speed_0, profile.speed_1)
+        curvature = jnp.tan(BANK) * GRAVITY / fastest**2
+        zero = jnp.zeros(())
+        ends = Ends(
+            start=jax.lax.complex(zero, zero),
+            heading=flight["heading"],
+            curvature=flight["bend"] * curvature,
+            end=0.87 * table.length * cis(flight["heading"] + 0.2),
+            end_heading=flight["course"],
+            end_free=jnp.asarray(False),
+            curvature_max=curvature,
+            sharpness=curvature / (2.0 * fastest),
+        )
+        words = jax.vmap(lambda word: direct(ends, word))(jnp.asarray(WORDS))
+        base = jax.tree.map(lambda leaf: leaf[jnp.argmin(words.length)], words)
+        solved = solve_detour(ends, base, way, table.length)
+        shape = resolve(ends, solved)
+        return ends, table, solved, shape, deliver(START_S, table, shape)
+
+    return jax.vmap(one)({name: jnp.asarray(values) for name, values in FLOWN.items()}, WAYS)

@@ -8,6 +8,7 @@ from certified_cases import GRAVITY, LAYERED, STEADY, blowing, number, picked
 
 from anser.numerics import compiled_quickly
 from anser.planning.certified.profile import (
+    _SPEED_ACCELERATION,
     ProfileLimits,
     kept,
     last_to_mean_speed,
@@ -105,7 +106,7 @@ def test_rates_are_derivatives_and_nothing_jumps():
 def test_third_derivatives_jump_at_kinks_only():
     # Differences of the slopes of the accelerations over a millisecond: small within, except where a kink lies.
     step = 1e-3
-    times = np.arange(0.0, 20.0, step)
+    times = np.arange(2 * step, 20.0, step)
     slope = np.asarray(along(PROFILES, jnp.asarray(np.tile(times, (CASES, 1))))[1])[..., [2, 4]]
     jumps = np.max(np.abs(np.diff(slope, axis=1)), axis=2) > 0.05  # fourth derivatives are below 10 m/s^4 in 1 ms
     for k in range(CASES):
@@ -165,8 +166,8 @@ def test_speed_needed_and_mean_speed_are_each_others_inverse():
     again, ramp = jax.vmap(mean_to_last_speed)(mean, speed, duration)
     # Four rounds, each of which shrinks the error by ramp / 2 duration or so: a third at worst.
     np.testing.assert_allclose(again, last, rtol=1e-3)
-    # Never harder than 0.6 m/s^2, the peak of a smoothstep 1.5 times the mean, where there is time for it.
-    assert np.all(1.5 * np.abs(again - speed) / ramp <= 0.6 * 1.01)
+    # A smoothstep's peak is 1.5 times its mean: never harder than meant where there is time for it, to the same part.
+    assert np.all(1.5 * np.abs(again - speed) / ramp <= _SPEED_ACCELERATION * (1 + 1e-3))
 
 
 def limits_of(value):
@@ -210,7 +211,7 @@ def test_excess_is_what_a_profile_passes_each_limit_by(layered):
 def test_gradients_are_finite_for_level_flight_at_steady_speed():
     def outcome(altitude, speed, duration):
         profile = make_profile(duration, (altitude, 1000.0), (0.0, 0.0), 0.0, 0.0, 150.0, 0.0, speed)
-        table = tabulate(profile, LAYERED, 8)
+        table = tabulate(profile, LAYERED, 30)  # ticks of 2 s: the shortest change of speed is one of them
         return table.length + jnp.sum(table.drift_n)
 
     slopes = compiled_quickly(jax.grad(outcome, argnums=(0, 1, 2)))(number(1000.0), number(150.0), number(60.0))

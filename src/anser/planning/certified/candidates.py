@@ -44,7 +44,7 @@ from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
 RACETRACK = SHAPES
 _CURVATURE_KEPT = 0.98  # of what bank and load factor allow: the certificate's bounds and the fit take the rest
 _SPEED_ROUNDS = 4
-# How the mean airspeed is chosen: as preferred; so that the direct path takes the time; as slowly and as fast as may be.
+# How the mean airspeed is chosen: as preferred; so that the direct path takes the time; as slowly, as fast as may be.
 PREFERRED, MATCHED, SLOWEST, FASTEST = range(4)
 
 

@@ -81,6 +81,12 @@ def _controls(
     return position, velocity, acceleration
 
 
+def _root(square: Array) -> Array:
+    """Square root, 0 of what is not positive, with a finite derivative there."""
+    positive = square > 0.0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
+
+
 def _square(a: Float[Array, "cells axes n"]) -> Cells:
     return jnp.sum(bernstein.product(a, a), axis=1)
 
@@ -91,7 +97,7 @@ def _wind_error(
     """Bound of |slope of the drift - wind| per cell."""
     if isinstance(wind, SteadyWind):
         off = jnp.max(jnp.abs(slope - wind.velocity_n[None, :, None]), axis=2)
-        return jnp.where(drifting, jnp.sqrt(jnp.sum(off**2, axis=1)), 0.0)
+        return jnp.where(drifting, _root(jnp.sum(off**2, axis=1)), 0.0)
     if not isinstance(wind, LayeredWind):
         raise TypeError(f"no certificate for wind of type {type(wind).__name__}; expected a steady or a layered wind")
     low, high = bernstein.bounds(-down)
@@ -109,7 +115,7 @@ def _wind_error(
         blowing = begin[None, :, None] + rate[None, :, None] * (-down - bottom)[:, None, :]
         off = jnp.max(jnp.abs(slopes - blowing), axis=2)
         crossed = (low <= top) & (high >= bottom)
-        return jnp.where(crossed, jnp.sqrt(jnp.sum(off**2, axis=1)), 0.0)
+        return jnp.where(crossed, _root(jnp.sum(off**2, axis=1)), 0.0)
 
     return jnp.where(drifting, jnp.max(jax.vmap(layer)(bottoms, tops, first, last), axis=0), 0.0)
 
@@ -124,7 +130,7 @@ def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> Pat
     spans = path.times[1:] - path.times[:-1]
     real = spans > 0.0
     safe = jnp.where(real, spans, 1.0)
-    # An empty cell takes the place of its beginning, standing still in a state that breaks nothing.
+    # What comes of an empty cell means nothing: it is finite, and never counted.
     air = path.air_n
     ground, velocity_g, acceleration = _controls(air + path.drift_n, safe)
     _, drift_slope, _ = _controls(path.drift_n, safe)
@@ -139,7 +145,7 @@ def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> Pat
 
     speed_low, speed_high = _root_bounds(_square(velocity), error)
     level_low, _ = _root_bounds(_square(velocity[:, :2]), error)
-    push = jnp.sqrt(jnp.maximum(bernstein.bounds(_square(acceleration))[1], 0.0))
+    push = _root(bernstein.bounds(_square(acceleration))[1])
 
     across = bernstein.product(velocity[:, 0], acceleration[:, 1]) - bernstein.product(
         velocity[:, 1], acceleration[:, 0]
@@ -156,7 +162,7 @@ def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> Pat
     )
     ahead = (jnp.max(jnp.abs(along), axis=-1) + error * push) / jnp.maximum(level_low, _TINY)
     cos_low = jnp.clip(level_low / jnp.maximum(speed_high, _TINY), 0.0, 1.0)
-    cos_low = jnp.maximum(cos_low, jnp.sqrt(jnp.maximum(1.0 - (climb / jnp.maximum(speed_low, _TINY)) ** 2, 0.0)))
+    cos_low = jnp.maximum(cos_low, _root(1.0 - (climb / jnp.maximum(speed_low, _TINY)) ** 2))
     sin_high = jnp.minimum(climb / jnp.maximum(speed_low, _TINY), 1.0)
     lift_low = jnp.minimum(cos_low * (gravity + rise_low), gravity + rise_low) - sin_high * ahead
     lift_high = jnp.maximum(gravity + rise_high, 0.0) + sin_high * ahead
@@ -167,8 +173,9 @@ def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> Pat
     work = jnp.sum(bernstein.product(velocity, acceleration), axis=1) + gravity * bernstein.elevate(-velocity[:, 2], 7)
     work_low, work_high = bernstein.bounds(work)
     slack = error * (push + gravity)
-    forward = (work_high + slack) / jnp.where(work_high + slack > 0.0, speed_low, speed_high)
-    backward = -(work_low - slack) / jnp.where(work_low - slack < 0.0, speed_low, speed_high)
+    slow, fast = jnp.maximum(speed_low, _TINY), jnp.maximum(speed_high, _TINY)
+    forward = (work_high + slack) / jnp.where(work_high + slack > 0.0, slow, fast)
+    backward = -(work_low - slack) / jnp.where(work_low - slack < 0.0, slow, fast)
     down_low, down_high = bernstein.bounds(ground[:, 2])
     return PathBounds(
         speed_min=least(speed_low),
@@ -189,8 +196,8 @@ def _root_bounds(square: Cells, error: Float[Array, " cells"]) -> tuple[Array, A
     """Bounds of a length from its square's coefficients, widened by an error."""
     low, high = bernstein.bounds(square)
     return (
-        jnp.maximum(jnp.sqrt(jnp.maximum(low, 0.0)) - error, 0.0),
-        jnp.sqrt(jnp.maximum(high, 0.0)) + error,
+        jnp.maximum(_root(low) - error, 0.0),
+        _root(high) + error,
     )
 
 

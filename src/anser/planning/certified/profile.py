@@ -16,7 +16,7 @@ from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
 
 _RULE = gauss_legendre(4)
 _FADE_S = 3.0  # of the acceleration that the path begins with
-_CLIMB_ACCELERATION = 1.0  # m/s^2: a tenth of g, so that it hardly touches the bank angle
+CLIMB_ACCELERATION = 1.0  # m/s^2: a tenth of g, so that it hardly touches the bank angle
 _SPEED_ACCELERATION = 0.8  # m/s^2
 _SHORTEST_RAMP_S = 2.0
 _LEVEL_OFF_ROUNDS = 3
@@ -162,7 +162,7 @@ def make_profile(
     for _ in range(_LEVEL_OFF_ROUNDS):
         plateau = (rise - 0.5 * (climbs[0] + climbs[1]) * ramp) / (duration - ramp)
         change = jnp.maximum(jnp.abs(plateau - climbs[0]), jnp.abs(plateau - climbs[1]))
-        ramp = jnp.clip(1.5 * change / _CLIMB_ACCELERATION, jnp.minimum(_SHORTEST_RAMP_S, duration / 3), duration / 2.5)
+        ramp = jnp.clip(1.5 * change / CLIMB_ACCELERATION, jnp.minimum(_SHORTEST_RAMP_S, duration / 3), duration / 2.5)
     plateau = (rise - 0.5 * (climbs[0] + climbs[1]) * ramp) / (duration - ramp)
     last, speed_ramp = mean_to_last_speed(mean_speed, speed_0, duration)
     numbers = (
@@ -210,7 +210,7 @@ class Timetable(eqx.Module):
     @property
     def drift_n(self) -> Vector3:
         """Of the air in all, NED, m."""
-        return self.drifts_n[-1]
+        return self.drifts_n[..., -1, :]
 
     def _tick(self, t: ScalarLike) -> tuple[Count, Scalar]:
         count = self.lengths.shape[0] - 1

@@ -1,0 +1,279 @@
+"""Delivered paths are the ones designed, and their certificates bound what they ask: between the knots too."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from certified_cases import FLOWN, GRAVITY, LAYERED, START_S, STEADY, TICKS, Dense, delivered, number, picked
+from jaxtyping import TypeCheckError
+
+from anser.environment import AbstractWind
+from anser.numerics import compiled_quickly
+from anser.planning.certified import CERTIFIED_LIMITS, Airspace, Separation, Traveller, certify, no_keep_outs
+from anser.planning.certified.certificate import excess, path_bounds
+from anser.planning.certified.smooth_turn import cis
+from anser.planning.limits import PathLimits
+from anser.planning.rendezvous import make_rendezvous
+from anser.planning.timed_path import TimedPath
+
+WINDS = {"steady": STEADY, "layered": LAYERED}
+COUNT = len(FLOWN["duration"])
+fly = compiled_quickly(delivered)
+bound = compiled_quickly(jax.vmap(path_bounds, in_axes=(0, None, None)))
+bound_one = compiled_quickly(path_bounds)
+passed = compiled_quickly(jax.vmap(excess, in_axes=(0, None)))
+
+
+@pytest.fixture(scope="module", params=["steady", "layered"])
+def flown(request):
+    wind = WINDS[request.param]
+    ends, table, solved, shape, paths = fly(wind)
+    assert np.all(np.asarray(solved.exists))
+    bounds = bound(paths, wind, GRAVITY)
+    return wind, ends, table, shape, paths, bounds, [Dense(picked(paths, k), wind) for k in range(COUNT)]
+
+
+def meant(table, shape, path, times):
+    """As designed, and as delivered: position, air velocity, and the derivative of the delivered position."""
+    scale = shape.length / table.length
+
+    def one(t):
+        place, heading, _ = shape.at(scale * table.length_at(t))
+        drift = table.drift_at(t)
+        now = table.profile.at(t)
+        (speed, wind), ahead = table.rates(t), cis(heading)
+        position = jnp.stack([jnp.real(place) + drift[0], jnp.imag(place) + drift[1], -now.altitude])
+        slope = jnp.stack([scale * speed * jnp.real(ahead), scale * speed * jnp.imag(ahead), -now.climb - wind[2]])
+        at = START_S + t
+        derivative = jax.jacfwd(path.position_n)(at)
+        return position, slope, path.position_n(at), path.air_velocity_n(at), derivative, path.velocity_n(at)
+
+    return jax.vmap(one)(times)
+
+
+compare = compiled_quickly(jax.vmap(meant))
+
+
+def test_ends_where_and_when_it_should(flown):
+    _, ends, table, _, paths, _, dense = flown
+    np.testing.assert_array_equal(paths.times[:, 0], START_S)
+    np.testing.assert_allclose(paths.times[:, -1], START_S + np.asarray(FLOWN["duration"]), rtol=1e-15)
+    for k in range(COUNT):
+        drift, goal = np.asarray(table.drifts_n[k, -1]), complex(ends.end[k])
+        expected = [goal.real + drift[0], goal.imag + drift[1], -FLOWN["altitude_1"][k]]
+        # Legs are solved for, not iterated: rounding of 2e4 m only.
+        np.testing.assert_allclose(dense[k].path(paths.times[k, -1]), expected, atol=1e-6)
+        course = np.arctan2(paths.air_n[k, -1, 1, 1], paths.air_n[k, -1, 1, 0])
+        np.testing.assert_allclose(np.exp(1j * course), np.exp(1j * FLOWN["course"][k]), atol=1e-9)
+        first = np.asarray(paths.air_n[k, 0])
+        np.testing.assert_allclose(first[0], [0.0, 0.0, -FLOWN["altitude_0"][k]], atol=1e-9)
+        np.testing.assert_allclose(np.linalg.norm(first[1]), FLOWN["speed_0"][k], rtol=2e-6)  # the length's millionth
+        np.testing.assert_allclose(np.arctan2(first[1, 1], first[1, 0]), FLOWN["heading"][k], atol=1e-12)
+        np.testing.assert_array_equal(paths.drift_n[k, 0, 0], 0.0)
+
+
+def test_knots_are_in_order_with_none_too_close(flown):
+    spans = np.diff(np.asarray(flown[4].times), axis=1)
+    # Equal, or at least the fiftieth of a second that keeps the digits of accelerations.
+    assert np.all((spans == 0.0) | (spans > 0.02 - 1e-9))
+    assert np.max(spans) <= np.max(FLOWN["duration"]) / TICKS + 0.02
+
+
+def test_is_the_designed_path_between_the_knots_too(flown):
+    wind, _, table, shape, paths, _, _ = flown
+    times = np.asarray(FLOWN["duration"])[:, None] * np.linspace(0.0, 1.0, 1500)[1:-1]
+    position, slope, found, air, derivative, velocity = (
+        np.asarray(x) for x in compare(table, shape, paths, jnp.asarray(times))
+    )
+    # Where a kink was merged into a knot 0.02 s away, a jump of 6 m/s^3 in a cell of 1 s; where the wind has a corner
+    # in a cell, one of up to 0.4 m/s^2 in the drift's slope: 0.4 x 1/27 m.
+    np.testing.assert_allclose(found, position, atol=1e-3 if wind is STEADY else 0.015)
+    np.testing.assert_allclose(air, slope, atol=5e-3 if wind is STEADY else 0.015)
+    np.testing.assert_allclose(velocity, derivative, atol=1e-9)  # rounding
+
+
+def test_bounds_contain_the_extremes_and_little_more(flown):
+    wind, *_, bounds, dense = flown
+    # How much further than a thousandth of a second shows: parts of the value, and what near-zero values may add.
+    room = {
+        "speed_min": (0.003, 0.0),
+        "speed_max": (0.003, 0.0),
+        "bank_max": (0.04, 0.0),
+        "load_factor_max": (0.04, 0.0),
+        "climb_rate_max": (0.02, 0.1),
+        "altitude_min": (0.0, 0.5),
+        "altitude_max": (0.0, 0.5),
+        "acceleration_max": (0.05, 0.1),
+        "deceleration_max": (0.05, 0.1),
+        # Where a layer ends within a cell, both winds count all through it: 0.02 1/s x 40 m/s x 1 s / 4 more.
+        "wind_error_max": (0.5, 0.2 if wind is LAYERED else 1e-9),
+    }
+    for k in range(COUNT):
+        for name, exact in dense[k].extremes().items():
+            found = float(getattr(bounds, name)[k])
+            beyond = exact - found if name.endswith("_min") else found - exact
+            part, more = room[name]
+            where = f"{name} of flight {k}: bound {found}, seen {exact}"
+            assert beyond >= -1e-9 * (1.0 + abs(exact)), where  # rounding
+            assert beyond <= part * abs(exact) + more, where
+    assert np.all(np.asarray(bounds.wind_error_max) < (1e-9 if wind is STEADY else 0.3))
+
+
+def test_acceleration_of_each_cell_is_bounded(flown):
+    *_, paths, bounds, dense = flown
+    for k in range(COUNT):
+        size = np.linalg.norm(dense[k].acceleration, axis=1)
+        cell = np.clip(
+            np.searchsorted(np.asarray(paths.times[k]), dense[k].time, side="right") - 1, 0, paths.times.shape[1] - 2
+        )
+        # Rounding of 1e4 m over a cell of 0.02 s: 2e-12 m x 60 / (0.02 s)^2.
+        assert np.all(size <= np.asarray(bounds.cell_acceleration[k])[cell] + 1e-6)
+    # And not by a figure that fits all.
+    assert np.median(bounds.cell_acceleration) < 0.8 * np.max(bounds.cell_acceleration)
+
+
+# Names of the extremes in the order of CERTIFIED_LIMITS, and which way each is a limit.
+_ORDER = (
+    ("speed_min", -1),
+    ("speed_max", 1),
+    ("bank_max", 1),
+    ("load_factor_max", 1),
+    ("climb_rate_max", 1),
+    ("altitude_min", -1),
+    ("altitude_max", 1),
+    ("acceleration_max", 1),
+    ("deceleration_max", 1),
+)
+
+
+def limits_beyond(extremes, part):
+    """Limits a part of themselves (or of 1) beyond what a path asks; negative: short of it."""
+    return PathLimits(
+        **{name: number(extremes[name] + way * part * max(abs(extremes[name]), 1.0)) for name, way in _ORDER}
+    )
+
+
+def test_every_limit_broken_is_seen_and_no_other(flown):
+    *_, bounds, dense = flown
+    for k in (0, 3):
+        extremes = dense[k].extremes()
+        wide = limits_beyond(extremes, 0.08)
+        assert np.all(np.asarray(passed(bounds, wide))[k] <= 0.0)
+        tight = limits_beyond(extremes, -0.002)
+        for n, (name, _) in enumerate(_ORDER):
+            limits = eqx.tree_at(lambda x, name=name: getattr(x, name), wide, getattr(tight, name))
+            broken = np.asarray(passed(bounds, limits))[k] > 0.0
+            assert [CERTIFIED_LIMITS[j] for j in np.flatnonzero(broken)] == [CERTIFIED_LIMITS[n]]
+
+
+def test_limits_not_asked_are_kept(flown):
+    over = passed(flown[5], PathLimits(*(number(x) for x in (50.0, 400.0, 1.4, 100.0, -1e3))))
+    assert np.all(np.asarray(over) < 0.0)
+
+
+def knots(*rows):
+    """A path through rows of (time, position, velocity), without drift."""
+    times = jnp.asarray([row[0] for row in rows], dtype=float)
+    air = jnp.asarray([[row[1], row[2], [0.0, 0.0, 0.0]] for row in rows], dtype=float)
+    return TimedPath(times, air, jnp.zeros_like(air))
+
+
+CALM = type(STEADY)(jnp.zeros(3))
+
+
+def test_violations_planted_between_the_knots_are_seen():
+    # Every knot is at 150 m/s, level, without an acceleration at 1000 m; what lies between is not.
+    level = bound_one(knots((0, [0, 0, -1000], [150, 0, 0]), (10, [1500, 0, -1000], [150, 0, 0])), CALM, GRAVITY)
+    np.testing.assert_allclose([level.speed_min, level.speed_max], 150.0, rtol=1e-12)
+    np.testing.assert_allclose([level.bank_max, level.climb_rate_max], 0.0, atol=1e-9)
+    np.testing.assert_allclose([level.altitude_min, level.altitude_max], 1000.0, rtol=1e-12)
+    np.testing.assert_allclose(level.load_factor_max, 1.0, rtol=1e-9)
+    # 300 m too few: the slope of 10u^3 - 15u^4 + 6u^5 is 1.875 in the middle, 150 - 1.875 x 30 m/s.
+    slow = bound_one(knots((0, [0, 0, -1000], [150, 0, 0]), (10, [1200, 0, -1000], [150, 0, 0])), CALM, GRAVITY)
+    assert slow.speed_min <= 150.0 - 1.875 * 30.0
+    # 5.7735 is the greatest second derivative: 300 m / (10 s)^2 of it.
+    assert slow.deceleration_max >= 5.7735 * 3.0 * (1 - 1e-5)
+    fast = bound_one(knots((0, [0, 0, -1000], [150, 0, 0]), (10, [1800, 0, -1000], [150, 0, 0])), CALM, GRAVITY)
+    assert fast.speed_max >= 150.0 + 1.875 * 30.0
+    # 200 m to the side: 11.5 m/s^2 at a fifth of the way, where it moves aside at 16 m/s.
+    aside = bound_one(knots((0, [0, 0, -1000], [150, 0, 0]), (10, [1500, 200, -1000], [150, 0, 0])), CALM, GRAVITY)
+    assert aside.bank_max > np.arctan(5.7735 * 2.0 * 0.98 / GRAVITY)
+    climb = bound_one(knots((0, [0, 0, -1000], [150, 0, 0]), (10, [1500, 0, -1200], [150, 0, 0])), CALM, GRAVITY)
+    assert climb.climb_rate_max >= 1.875 * 20.0
+    assert climb.load_factor_max > 1.0 + 5.7735 * 2.0 * 0.9 / GRAVITY
+    # Up at the first knot, down at the last: over the top in between, 25 m/s x 10 s x 2 x 5/32.
+    over = bound_one(knots((0, [0, 0, -1000], [150, 0, -25]), (10, [1500, 0, -1000], [150, 0, 25])), CALM, GRAVITY)
+    assert over.altitude_max >= 1000.0 + 250.0 * 5 / 16
+    assert over.altitude_min >= 1000.0 - 1e-9
+
+
+def test_a_drift_that_is_not_the_winds_is_seen():
+    path = knots((0, [0, 0, -1000], [150, 0, 0]), (10, [1500, 0, -1000], [150, 0, 0]))
+    found = bound_one(path, type(STEADY)(jnp.array([3.0, 4.0, 0.0])), GRAVITY)
+    np.testing.assert_allclose(found.wind_error_max, 5.0, rtol=1e-12)
+    # The aircraft's own speed may be less and more by as much.
+    assert found.speed_min <= np.hypot(147.0, 4.0)
+    assert found.speed_max >= np.hypot(147.0, 4.0)
+
+
+def test_a_wind_without_bounds_is_refused():
+    class Gusts(AbstractWind):
+        def at(self, position_n, time):
+            return jnp.zeros(3)
+
+    path = knots((0, [0, 0, -1000], [150, 0, 0]), (10, [1500, 0, -1000], [150, 0, 0]))
+    with pytest.raises((TypeError, TypeCheckError), match="wind of type Gusts"):
+        path_bounds(path, Gusts(), GRAVITY)
+
+
+def test_one_by_one_as_a_batch(flown):
+    wind, *_, paths, bounds, _ = flown
+    alone = bound_one(picked(paths, 1), wind, GRAVITY)
+    for found, expected in zip(jax.tree.leaves(alone), jax.tree.leaves(picked(bounds, 1)), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)  # rounding, of accelerations too
+
+
+def test_gradients_are_finite_with_empty_cells(flown):
+    wind, *_, paths, _, _ = flown
+
+    def asked(path):
+        bounds = path_bounds(path, wind, GRAVITY)
+        return sum(jnp.sum(leaf) for leaf in jax.tree.leaves(bounds))
+
+    path = picked(paths, 0)
+    assert np.any(np.diff(np.asarray(path.times)) == 0.0)
+    assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(compiled_quickly(jax.grad(asked))(path)))
+
+
+def test_a_fleets_certificate_is_never_better_than_its_paths(flown):
+    wind, *_, paths, _, dense = flown
+    separation = Separation(number(900.0), number(200.0))
+    zeros = jnp.zeros((COUNT, 3))
+    limits = PathLimits(*(jnp.full(COUNT, x) for x in (50.0, 400.0, 1.4, 100.0, -1e3, 2e4, 9.0, 99.0, 99.0)))
+    travellers = Traveller(
+        zeros,
+        zeros,
+        zeros,
+        zeros,
+        zeros,
+        jax.vmap(make_rendezvous)(zeros),
+        jnp.ones(COUNT),
+        jnp.zeros(COUNT, dtype=int),
+        limits,
+        jnp.ones(COUNT),
+        jnp.ones(COUNT),
+    )
+    airspace = Airspace(wind, number(GRAVITY), separation, no_keep_outs())
+    found = compiled_quickly(lambda p: certify(p, travellers, airspace, TICKS))(paths)
+    room = np.asarray(found.room)
+    np.testing.assert_allclose(room, room.T, rtol=1e-12)
+    for i in range(COUNT):
+        for j in range(i):
+            count = min(dense[i].time.size, dense[j].time.size)  # until the earlier arrives
+            apart = dense[i].position[:count] - dense[j].position[:count]
+            ratio = np.maximum(np.hypot(apart[:, 0], apart[:, 1]) / 900.0, np.abs(apart[:, 2]) / 200.0)
+            assert room[i, j] <= np.min(ratio) + 1e-6
+            # At 12 m/s^2 in a quarter of a second the paths stray 0.1 m each from straight lines; 0.3 m/s^2... and the
+            # last interval may reach past the arrival, by 0.3 s at 300 m/s.
+            assert room[i, j] >= np.min(ratio) - 0.1

@@ -1,0 +1,209 @@
+"""Distances between moving aircraft and from closed volumes: never more than the true ones, and little less."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from certified_cases import number, picked
+
+from anser.numerics import compiled_quickly
+from anser.planning.certified.conflicts import Track, keep_out_room, pair_use, track_slack
+from anser.planning.certified.request import KeepOuts, Separation, no_keep_outs
+
+CASES = 40
+STEP_S, INTERVALS, FINE = 1.0, 60, 200
+TIMES = STEP_S * np.arange(INTERVALS + 1)
+DENSE = np.linspace(0.0, TIMES[-1], INTERVALS * FINE + 1)
+APART = Separation(number(900.0), number(150.0))
+USE = compiled_quickly(jax.vmap(pair_use, in_axes=(0, 0, None)))
+ROOM = compiled_quickly(jax.vmap(keep_out_room, in_axes=(0, None, None)))
+
+
+class Weaving:
+    """Steady flight with a sinusoidal weave on each axis: positions anywhere, acceleration bounded in closed form."""
+
+    def __init__(self, rng):
+        # All cross near the origin in the middle of the time.
+        course = rng.uniform(-np.pi, np.pi)
+        self.velocity = np.array([150.0 * np.cos(course), 150.0 * np.sin(course), rng.uniform(-10.0, 10.0)])
+        middle = np.append(rng.uniform(-1500.0, 1500.0, 2), rng.uniform(-1300.0, -700.0))
+        self.begin = middle - 30.0 * self.velocity
+        self.rate = rng.uniform(0.05, 0.4, 3)
+        self.phase = rng.uniform(-np.pi, np.pi, 3)
+        # Up to 15 m/s^2 level and 3 m/s^2 vertically.
+        self.size = rng.uniform(0.0, 1.0, 3) * [10.0, 10.0, 3.0] / self.rate**2
+
+    def at(self, times):
+        return self.begin + times[:, None] * self.velocity + self.size * np.sin(times[:, None] * self.rate + self.phase)
+
+    def acceleration(self):
+        return float(np.linalg.norm(self.size * self.rate**2))
+
+
+def track_of(weave, counted=None):
+    slack = track_slack(jnp.full(INTERVALS, weave.acceleration()), number(STEP_S))
+    counts = np.ones(INTERVALS) if counted is None else counted
+    return Track(jnp.asarray(weave.at(TIMES)), slack, jnp.asarray(counts))
+
+
+def stacked(tracks):
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *tracks)
+
+
+_RNG = np.random.default_rng(9)
+ONES, OTHERS = ([Weaving(_RNG) for _ in range(CASES)] for _ in range(2))
+FIRST, SECOND = (stacked([track_of(w) for w in ws]) for ws in (ONES, OTHERS))
+
+
+def ratios(one, other, separation, times=DENSE):
+    apart = one.at(times) - other.at(times)
+    flat = np.hypot(apart[:, 0], apart[:, 1]) / float(separation.horizontal)
+    if float(separation.vertical) == 0.0:
+        return flat
+    return np.maximum(flat, np.abs(apart[:, 2]) / float(separation.vertical))
+
+
+@pytest.mark.parametrize("vertical", [150.0, 0.0])
+def test_use_is_never_more_than_the_least_ratio_and_little_less(vertical):
+    separation = Separation(number(900.0), number(vertical))
+    found = np.asarray(USE(FIRST, SECOND, separation))
+    broken = 0
+    for k in range(CASES):
+        least = np.min(ratios(ONES[k], OTHERS[k], separation))
+        # 3e-5 m keep a root's derivative finite.
+        assert found[k] <= least + 1e-6
+        # Straight lines are within the two slacks of the paths, either way; the fine grid within 5 ms x 400 m/s / 2.
+        slack = (ONES[k].acceleration() + OTHERS[k].acceleration()) * STEP_S**2 / 8
+        # Horizontally and vertically the least ratios of one interval are not at the same instant.
+        change = STEP_S * (20.0 + 2 * 3.0 / 0.05) if vertical else 0.0
+        assert found[k] >= least - (2 * slack + 1.0 + change) / (vertical or 900.0)
+        broken += least < 1.0
+    assert 5 <= broken <= CASES - 5 or not vertical  # both kinds are there
+
+
+def test_straight_crossings_are_exact():
+    # At right angles at 150 m/s, the second behind by a distance: sqrt(1/2) of it at the closest, between instants.
+    behind = np.array([100.0, 1000.0, 2345.6])
+    one = np.stack([150.0 * (TIMES - 30.3), 0 * TIMES, 0 * TIMES], axis=1)
+    tracks = [
+        Track(
+            jnp.asarray(np.stack([0 * TIMES, 150.0 * (TIMES - 30.3) - b, 0 * TIMES], axis=1)),
+            jnp.zeros(INTERVALS),
+            jnp.ones(INTERVALS),
+        )
+        for b in behind
+    ]
+    base = stacked([Track(jnp.asarray(one), jnp.zeros(INTERVALS), jnp.ones(INTERVALS))] * 3)
+    np.testing.assert_allclose(USE(base, stacked(tracks), APART), np.sqrt(0.5) * behind / 900.0, rtol=1e-12)
+
+
+def test_a_collision_between_two_instants_is_seen():
+    # Head on, each instant 75 m away on either side.
+    x = 150.0 * (TIMES - 30.5)
+    one, other = (
+        Track(
+            jnp.asarray(np.stack([sign * x, 0 * x, 0 * x], axis=1))[None],
+            jnp.zeros((1, INTERVALS)),
+            jnp.ones((1, INTERVALS)),
+        )
+        for sign in (1.0, -1.0)
+    )
+    np.testing.assert_allclose(USE(one, other, APART), 0.0, atol=1e-7)
+
+
+def test_only_the_common_flight_counts_and_nothing_where_nothing_is_asked():
+    none = Separation(number(0.0), number(0.0))
+    assert np.all(np.isinf(USE(FIRST, SECOND, none)))
+    away = jax.tree.map(jnp.zeros_like, SECOND.counted)
+    assert np.all(np.isinf(USE(FIRST, Track(SECOND.positions_n, SECOND.slack, away), APART)))
+    # One arrives after 20 s: the crossing in the middle is no longer its.
+    early = np.where(TIMES[:-1] < 20.0, 1.0, 0.0)
+    found = np.asarray(USE(stacked([track_of(w, early) for w in ONES]), SECOND, APART))
+    whole = np.asarray(USE(FIRST, SECOND, APART))
+    assert np.all(found >= whole)
+    assert np.sum(found > whole + 0.1) > CASES / 2
+    for k in range(CASES):
+        assert found[k] <= np.min(ratios(ONES[k], OTHERS[k], APART, DENSE[DENSE <= 20.0])) + 1e-6
+
+
+def test_the_order_of_a_pair_and_batches_make_no_difference():
+    together = USE(FIRST, SECOND, APART)
+    np.testing.assert_allclose(USE(SECOND, FIRST, APART), together, rtol=1e-12)
+    np.testing.assert_allclose(pair_use(FIRST, SECOND, APART), together, rtol=1e-12)  # its own batch axis
+    alone = [pair_use(picked(FIRST, k), picked(SECOND, k), APART) for k in range(3)]
+    np.testing.assert_allclose(alone, together[:3], rtol=1e-12)
+
+
+def volumes():
+    rng = np.random.default_rng(2)
+    count = 12
+    return KeepOuts(
+        jnp.asarray(rng.uniform(-2500.0, 2500.0, (count, 2))),
+        jnp.asarray(np.where(np.arange(count)[:, None] < 4, 0.0, rng.uniform(-25.0, 25.0, (count, 2)))),
+        jnp.asarray(rng.uniform(300.0, 1500.0, count)),
+        jnp.asarray(rng.uniform(0.0, 1000.0, count)),
+        jnp.asarray(rng.uniform(1000.0, 1500.0, count)),
+    )
+
+
+def test_room_outside_standing_and_moving_volumes_is_never_more_than_the_true_one():
+    closed = volumes()
+    found = np.asarray(ROOM(FIRST, jnp.asarray(TIMES), closed))
+    position, velocity, radius, bottom, top = (np.asarray(x) for x in jax.tree.leaves(closed))
+    inside = 0
+    for k, weave in enumerate(ONES):
+        path = weave.at(DENSE)
+        for n in range(radius.size):
+            apart = path[:, :2] - position[n] - DENSE[:, None] * velocity[n]
+            beside = np.hypot(apart[:, 0], apart[:, 1]) - radius[n]
+            room = np.min(np.maximum.reduce([beside, bottom[n] + path[:, 2], -path[:, 2] - top[n]]))
+            slack = weave.acceleration() * STEP_S**2 / 8
+            assert found[k, n] <= room + 1e-4  # 3e-5 m keep a root's derivative finite
+            # Two slacks; and beside and above are looked at over an interval each, not at the same instant: vertical
+            # speeds of 10 + 3/0.05 m/s.
+            assert found[k, n] >= room - 2 * slack - 1.0 - 70.0 * STEP_S
+            inside += room < 0.0
+    assert 20 <= inside <= found.size - 20  # both kinds are there
+
+
+def test_above_below_and_beside_are_exact_for_straight_flight():
+    x = 150.0 * (TIMES - 30.4)
+    track = Track(jnp.asarray(np.stack([x, 0 * x, 0 * x - 1000.0], axis=1)), jnp.zeros(INTERVALS), jnp.ones(INTERVALS))
+    closed = KeepOuts(
+        jnp.array([[0.0, 0.0], [0.0, 0.0], [0.0, 800.0], [0.0, 0.0], [0.0, 600.0]]),
+        jnp.array([[0.0, 0.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0], [150.0, 0.0]]),
+        jnp.array([500.0, 500.0, 500.0, 500.0, 700.0]),
+        jnp.array([0.0, 1100.0, 0.0, 0.0, 0.0]),
+        jnp.array([750.0, 2000.0, 2000.0, 1010.0, 2000.0]),
+    )
+    found = compiled_quickly(keep_out_room)(track, jnp.asarray(TIMES), closed)
+    # Above, below, beside; inside, 10 m under the top; beside one that flies along, 100 m inside, but for 4560 m.
+    beside = np.hypot(600.0, 150.0 * 30.4) - 700.0
+    np.testing.assert_allclose(found, [250.0, 100.0, 300.0, -10.0, beside], rtol=1e-9)
+    # After the arrival nothing counts.
+    gone = Track(track.positions_n, track.slack, jnp.zeros(INTERVALS))
+    assert np.all(np.isinf(compiled_quickly(keep_out_room)(gone, jnp.asarray(TIMES), closed)))
+
+
+def test_no_volumes_no_room_asked():
+    assert keep_out_room(picked(FIRST, 0), jnp.asarray(TIMES), no_keep_outs()).shape == (0,)
+
+
+def test_slack_is_the_sagitta_of_the_acceleration():
+    # A parabola's distance from its chord, a h^2 / 8, in the middle.
+    np.testing.assert_allclose(track_slack(jnp.array([8.0, 2.0]), number(0.5)), [0.25, 0.0625], rtol=1e-15)
+
+
+def test_gradients_are_finite_in_a_collision_and_at_rest():
+    positions = jnp.zeros((INTERVALS + 1, 3))
+    track = Track(positions, jnp.zeros(INTERVALS), jnp.ones(INTERVALS))
+
+    def use(moved):
+        return pair_use(Track(moved, track.slack, track.counted), track, APART)
+
+    def room(moved):
+        closed = KeepOuts(jnp.zeros((1, 2)), jnp.zeros((1, 2)), jnp.ones(1), jnp.zeros(1), jnp.ones(1))
+        return keep_out_room(Track(moved, track.slack, track.counted), jnp.asarray(TIMES), closed)[0]
+
+    assert np.all(np.isfinite(compiled_quickly(jax.grad(use))(positions)))
+    assert np.all(np.isfinite(compiled_quickly(jax.grad(room))(positions)))
