@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from anser.campaign import run
-from anser.campaign.certified import arrival_request, plan_certified
+from anser.campaign.certified import arrival_request
 from anser.cli import app
 from anser.planning.certified.renewal import ANEW, CORRECTED, LAST_GOOD
 from anser.scenario import load
@@ -167,10 +167,3 @@ def test_the_rules_of_a_scenario_become_times(tmp_path):
     assert request.rule == "sequence"
     np.testing.assert_array_equal(request.offsets_s, [7.0, 0.0])
     assert request.latest_s == 84.0
-
-
-def test_a_plan_without_a_way_out_cannot_be_read(tmp_path):
-    early = _SCENARIO.replace("[separation]", '[arrival]\nrule = "at"\ntime_s = 20.0\n\n[separation]')
-    planned = plan_certified(load(_written(tmp_path, early)))
-    with pytest.raises(ValueError, match="has no plan"):
-        _ = planned.plan

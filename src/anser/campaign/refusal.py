@@ -107,7 +107,7 @@ def _binding(who: int, count: int, travellers: Traveller, airspace: Airspace, wa
 
         def works(step: int, what: str = what) -> bool:
             looser = relaxed(travellers, airspace, what, float(_FACTORS[step]))
-            return bool(np.asarray(reachable(*looser, durations, ticks, ALONE))[who, 0])
+            return bool(reachable(*looser, durations, ticks, ALONE)[who, 0])
 
         if not works(high):
             continue

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.interpolate import BPoly
 
 from anser.environment import LayeredWind, SteadyWind
+from anser.numerics.quadrature import gauss_legendre
 from anser.planning.certified.delivery import deliver
 from anser.planning.certified.detours import (
     ANGLE_MAX,
@@ -29,8 +30,7 @@ LAYERED = LayeredWind(
     jnp.array([0.0, 1000.0, 2000.0, 5000.0]),
     jnp.array([[0.0, 0.0, 0.0], [5.0, -5.0, 0.0], [15.0, 0.0, 0.5], [10.0, 10.0, 0.0]]),
 )
-_NODES, _WEIGHTS = (x / 2 for x in np.polynomial.legendre.leggauss(48))
-_NODES = _NODES + 0.5
+_RULE = gauss_legendre(48)
 
 
 def number(x):
@@ -44,20 +44,20 @@ def integrated(place, heading, pieces):
     """
     places, headings = [complex(place)], [float(heading)]
     for length, begin, end in pieces:
-        u = length * _NODES
+        u = length * _RULE.nodes
         course = headings[-1] + begin * u + (0.5 * (end - begin) * u**2 / length if length > 0.0 else 0.0)
-        places.append(places[-1] + length * np.sum(_WEIGHTS * np.exp(1j * course)))
+        places.append(places[-1] + length * np.sum(_RULE.weights * np.exp(1j * course)))
         headings.append(headings[-1] + 0.5 * length * (begin + end))
     return np.array(places), np.array(headings)
 
 
-def random_ends(seed, count, near, far, curvature_use=0.9, sharp=4.0, radius=(600.0, 3000.0), free=False):
+def random_ends(seed, count, near, far, curvature_use=0.9, sharp=4.0, free=False):
     """Stacked ends; distances from `near` to `far` greatest-curvature radii, ramps of a `sharp`-th of a radius.
 
     `curvature_use` is the greatest share of the curvature that a path may begin with.
     """
     rng = np.random.default_rng(seed)
-    radii = rng.uniform(*radius, count)
+    radii = rng.uniform(600.0, 3000.0, count)
     start = rng.uniform(-1e4, 1e4, count) + 1j * rng.uniform(-1e4, 1e4, count)
     line = rng.uniform(near, far, count) * radii * np.exp(1j * rng.uniform(-np.pi, np.pi, count))
     return Ends(
@@ -147,7 +147,8 @@ def dubins(start_heading, end, end_heading, radius, three_turns=True):
 def dubins_of(ends, three_turns=True):
     """Dubins' lengths of stacked ends."""
     columns = (ends.heading, ends.end - ends.start, ends.end_heading, 1.0 / ends.curvature_max)
-    return np.array([dubins(*row, three_turns) for row in zip(*map(np.asarray, columns), strict=True)])
+    rows = zip(*map(np.asarray, columns), strict=True)
+    return np.array([dubins(start, line, end, radius, three_turns) for start, line, end, radius in rows])
 
 
 class Dense:

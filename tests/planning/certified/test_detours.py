@@ -142,9 +142,7 @@ def test_free_ends_have_one_turn_and_are_met():
     np.testing.assert_array_equal(np.asarray(found.angles)[..., 1], 0.0)
     fixed = eqx.tree_at(lambda e: (e.end_free, e.end_heading), ends, (~ends.end_free, shortest(found).heading))
     # With the course it arrived on prescribed, it is the same path.
-    np.testing.assert_allclose(
-        shortest(words(fixed)[0]).length, shortest(found).length, rtol=3 * SAME, atol=1e-5
-    )
+    np.testing.assert_allclose(shortest(words(fixed)[0]).length, shortest(found).length, rtol=3 * SAME, atol=1e-5)
 
 
 @pytest.mark.parametrize(("seed", "near", "most"), [(11, 8.0, 1.5), (12, 3.0, 3.0)])

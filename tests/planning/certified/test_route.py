@@ -65,10 +65,10 @@ def test_its_end_is_what_was_asked():
     for k in range(CASES):
         shape = picked(ROUTES, k)
         (found, _) = along(shape, jnp.stack([number(0.0), shape.length]))
-        ends = [ENDS.start[k], shape.places[-1]]
+        ends = [complex(ENDS.start[k]), complex(shape.places[-1])]
         np.testing.assert_allclose(found[:, 0] + 1j * found[:, 1], ends, atol=1e-8)
-        np.testing.assert_allclose(found[:, 2], [ENDS.heading[k], shape.headings[-1]], atol=1e-12)
-        np.testing.assert_allclose(found[:, 3], [ENDS.curvature[k], 0.0], atol=1e-12)
+        np.testing.assert_allclose(found[:, 2], [float(ENDS.heading[k]), float(shape.headings[-1])], atol=1e-12)
+        np.testing.assert_allclose(found[:, 3], [float(ENDS.curvature[k]), 0.0], atol=1e-12)
 
 
 def test_every_point_is_on_a_curve_of_unit_speed_with_its_curvature():

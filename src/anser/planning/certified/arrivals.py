@@ -58,30 +58,24 @@ def direct_times(
 @functools.partial(
     jax.jit, static_argnames=("ticks", "choices"), compiler_options={"xla_cpu_use_fusion_emitters": False}
 )
+def _reachable_at(
+    travellers: Traveller, airspace: Airspace, durations: Float[Array, " aircraft"], ticks: int, choices: Choices
+) -> Bool[Array, " aircraft"]:
+    options = make_options(travellers, airspace, durations, ticks, ticks, choices)
+    return jnp.any(options.candidates.valid & (options.closed <= 0.0), axis=1)
+
+
 def reachable(
-    travellers: Traveller, airspace: Airspace, durations: Float[Array, "aircraft times"], ticks: int, choices: Choices
-) -> Bool[Array, "aircraft times"]:
+    travellers: Traveller,
+    airspace: Airspace,
+    durations: Float[np.ndarray, "aircraft times"],
+    ticks: int,
+    choices: Choices,
+) -> Bool[np.ndarray, "aircraft times"]:
     """Whether each aircraft, alone in its airspace, can arrive after each of some durations (s)."""
-
-    def at(durations: Float[Array, " aircraft"]) -> Bool[Array, " aircraft"]:
-        options = make_options(travellers, airspace, durations, ticks, ticks, choices)
-        return jnp.any(options.candidates.valid & (options.closed <= 0.0), axis=1)
-
-    return jax.lax.map(at, durations.T).T
-
-
-def intervals(times_s: np.ndarray, inside: np.ndarray) -> list[tuple[float, float]]:
-    """Stretches of a grid of times (s) that lie inside; the last is open where the grid's end is inside.
-
-    Returns
-    -------
-    Pairs of times; infinite for an open end.
-    """
-    found = []
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(int)))
-    for begin, end in zip(edges[::2], edges[1::2], strict=True):
-        found.append((float(times_s[begin]), float("inf") if end == times_s.size else float(times_s[end - 1])))
-    return found
+    # One compiled program for any number of times.
+    found = [_reachable_at(travellers, airspace, jnp.asarray(row), ticks, choices) for row in durations.T]
+    return np.stack([np.asarray(row) for row in found], axis=1)
 
 
 def arrival_sets(
@@ -96,7 +90,7 @@ def arrival_sets(
     distance = np.linalg.norm(np.asarray(line), axis=1)
     low = np.clip(distance / (_HELPED * np.asarray(travellers.limits.speed_max)), 2.0, 0.9 * latest_s)
     grid = low[:, None] * (latest_s / low)[:, None] ** np.linspace(0.0, 1.0, count)[None, :]
-    inside = np.asarray(reachable(travellers, airspace, jnp.asarray(grid), ticks, ALONE))
+    inside = reachable(travellers, airspace, grid, ticks, ALONE)
     refined: list[list[tuple[float, float]]] = []
     changes = inside[:, 1:] != inside[:, :-1]
     most = int(np.max(np.sum(changes, axis=1), initial=0))
@@ -107,7 +101,7 @@ def arrival_sets(
     lows, highs = np.where(lows == 1.0, low[:, None], lows), np.where(highs == 2.0, low[:, None], highs)
     for _ in range(rounds if most else 0):
         middle = 0.5 * (lows + highs)
-        good = np.asarray(reachable(travellers, airspace, jnp.asarray(middle), ticks, ALONE))
+        good = reachable(travellers, airspace, middle, ticks, ALONE)
         for k, edges in enumerate(where):
             opening = inside[k, edges + 1]  # from outside to inside
             n = edges.size

@@ -202,7 +202,7 @@ plan_at = functools.partial(
 
 def ticks_for(duration_s: float) -> int:
     """Even intervals for a path of a duration: a power of two, at most 2 s long each."""
-    ticks = 32
+    ticks = 64
     while ticks * 2.0 < duration_s and ticks < 2048:
         ticks *= 2
     return ticks

@@ -124,7 +124,8 @@ def search(
     preferred = _preferred(travellers, airspace, request)
     first = _first_times(preferred, request)
     if first is not None:
-        for choices in (FEW, MANY):
+        # A prescribed time that is open to nobody needs no more candidates to be refused.
+        for choices in (FEW,) if request.rule in ("at", "times") else (FEW, MANY):
             plan = attempt(first, choices)
             if plan is not None:
                 return Outcome(plan, tries)
@@ -141,7 +142,8 @@ def search(
     for choices in levels:
         for durations in _times(preferred, request, open_times, np.asarray(travellers.active) > 0.0):
             key = (float(choices.size), *np.round(durations, 6))
-            if key in seen or (choices is MANY and first is not None and np.allclose(durations, first)):
+            tried = first is not None and request.rule not in ("at", "times") and np.allclose(durations, first)
+            if key in seen or (choices is MANY and tried):
                 continue
             seen.add(key)
             told(f"trying arrival at {float(np.max(durations)):.1f} s")
