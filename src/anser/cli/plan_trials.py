@@ -100,7 +100,7 @@ def _table(shown: "Tally") -> Table:
     """Verdicts by rule, and of all."""
     table = plain_table("answers of the planner and what the judges say")
     table.add_column("rule", no_wrap=True)
-    names = ("seeds", "plans", "of them\nbroken", "refusals", "proved", "none\nfound", "plan\nfound", "raised")
+    names = ("seeds", "plans", "of them\nfail", "refusals", "proved", "none\nfound", "plan\nfound", "raised")
     for name in names:
         table.add_column(name, justify="right", no_wrap=True)
     rows = {rule: shown.of_rule(rule) for rule in shown.by_rule} | {"all": shown}

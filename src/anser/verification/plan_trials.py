@@ -4,7 +4,7 @@ import dataclasses
 import multiprocessing
 import signal
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -137,7 +137,7 @@ def run_trial(seed: int, search_seconds: float, planner: Planner = certified_ans
     return dataclasses.replace(trial, plan_s=planned - begin, judge_s=time.perf_counter() - planned)
 
 
-def run_trials(seeds: Sequence[int], search_seconds: float, jobs: int = 1) -> Iterator[Trial]:
+def run_trials(seeds: Sequence[int], search_seconds: float, jobs: int = 1) -> Generator[Trial, None, None]:
     """Trials of the certified planner, each as soon as it is done; with several jobs in any order.
 
     Parameters
