@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -131,8 +130,3 @@ def plan_certified(scenario: Scenario, told: Callable[[str], None] = lambda what
         told("looking for what stands in the way")
         refusals = explain(scenario, task, certified.airspace, request, outcome)
     return CertifiedPlanned(scenario, flight, ready, outcome, task, certified.airspace, refusals)
-
-
-def first_plan(planned: CertifiedPlanned) -> tuple[CertifiedPlan, jax.Array]:
-    """The plan and the sides of the detours, for the first state of the flight."""
-    return planned.plan, jnp.zeros(len(planned.scenario.aircraft))

@@ -9,10 +9,11 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
-from anser.campaign.certified import CertifiedPlanned, first_plan, plan_certified
+from anser.campaign.certified import CertifiedPlanned, plan_certified
 from anser.campaign.untrimmable import refuse_untrimmable
 from anser.compilation_cache import enable_compilation_cache
 from anser.numerics import compiled_quickly
@@ -206,7 +207,7 @@ def run(scenario: Scenario, progress: Progress | None = None) -> Flown:
         if planned.refusals:
             raise NoPlanError(planned.refusals)
         flight = planned.flight
-        state = begin(flight, planned.ready, *first_plan(planned))
+        state = begin(flight, planned.ready, planned.plan, jnp.zeros(len(scenario.aircraft)))
     else:
         flight = build_flight(scenario)
         planned = _plan(scenario, flight)

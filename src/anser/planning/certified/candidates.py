@@ -122,13 +122,17 @@ def _plane(vector_n: Vector3) -> Array:
     return vector_n[0] + 1j * vector_n[1]
 
 
-def curvature_limits(traveller: Traveller, gravity: ScalarLike, speed: ScalarLike) -> tuple[Scalar, Scalar]:
-    """Greatest curvature (1/m) of a path flown at a speed (m/s), and its greatest rate along the path (1/m^2)."""
+def curvature_limits(traveller: Traveller, gravity: ScalarLike, profile: Profile) -> tuple[Scalar, Scalar]:
+    """Greatest curvature (1/m) of a path flown by a profile, and its greatest rate along the path (1/m^2).
+
+    One curvature for the whole path: that of the greatest airspeed, the steepest climb and the strongest push-over.
+    """
     limits = traveller.limits
-    push = 1.0  # m/s^2, the profile's greatest vertical acceleration: a push-over leaves that much less lift
-    cosine = jnp.sqrt(1.0 - jnp.minimum(limits.climb_rate_max / limits.speed_min, 0.9) ** 2)
-    cosine = jnp.maximum(cosine, 0.94)  # steeper paths are refused by the certificate, not turned wider from the start
-    lift = cosine * gravity - push
+    speed = jnp.maximum(profile.speed_0, profile.speed_1)
+    climb, push = profile.steepest
+    slowest = jnp.minimum(profile.speed_0, profile.speed_1)
+    cosine = jnp.sqrt(1.0 - jnp.minimum(climb / jnp.maximum(slowest, 1.0), 0.9) ** 2)
+    lift = jnp.maximum(cosine * gravity - push, _LEAST_PUSH)
     by_bank = lift * jnp.tan(limits.bank_max)
     total = jnp.minimum(limits.load_factor_max, 1e3) * gravity
     by_load = jnp.sqrt(jnp.maximum(total**2 - (gravity + push) ** 2, _LEAST_PUSH**2))
@@ -137,7 +141,7 @@ def curvature_limits(traveller: Traveller, gravity: ScalarLike, speed: ScalarLik
     return curvature, curvature / (speed * ramp_s)
 
 
-_LEAST_PUSH = 0.1  # m/s^2: an aircraft whose load factor allows no turn still has finite radii
+_LEAST_PUSH = 0.1  # m/s^2: an aircraft whose limits allow no turn still has finite radii
 
 
 def _profile(
@@ -173,8 +177,7 @@ def _ends(traveller: Traveller, airspace: Airspace, table: Timetable) -> Ends:
     end = traveller.goal_position_n + traveller.goal_velocity_n * duration + rendezvous.stand_off_n - table.drift_n
     level = jnp.maximum(jnp.sum(velocity[:2] ** 2), 1.0)
     curvature = (velocity[0] * acceleration[1] - velocity[1] * acceleration[0]) / level**1.5
-    fastest = jnp.maximum(profile.speed_0, profile.speed_1)
-    curvature_max, sharpness = curvature_limits(traveller, airspace.gravity, fastest)
+    curvature_max, sharpness = curvature_limits(traveller, airspace.gravity, profile)
     arrived = jnp.stack([jnp.zeros(()), jnp.zeros(()), -profile.at(duration).altitude])
     wind = airspace.wind.at(arrived, duration)
     line = jnp.stack([jnp.real(_plane(end - traveller.position_n)), jnp.imag(_plane(end - traveller.position_n)), 0.0])
@@ -226,21 +229,19 @@ def _profiles(traveller: Traveller, airspace: Airspace, duration: Scalar, ticks:
     low, high = 1.002 * limits.speed_min, 0.998 * limits.speed_max
     speed_0 = jnp.sqrt(jnp.sum(traveller.air_velocity_n**2))
 
+    slowest, fastest = (last_to_mean_speed(last, speed_0, duration) for last in (low, high))
+
     def closer(_: object, mean: Scalar) -> Scalar:
         now = timed_profile(traveller, airspace, duration, ticks, jnp.zeros(()), mean)
         wanted = jnp.where(now.direct.exists[0], now.direct.length[0], now.table.length)
-        return jnp.clip(mean * wanted / jnp.maximum(now.table.length, 1.0), 1.0, 1e4)
+        # The radii grow with the speed: left to itself a path that is too long would be flown ever faster.
+        return jnp.clip(mean * wanted / jnp.maximum(now.table.length, 1.0), slowest, fastest)
 
     matched = preferred
     if MATCHED in kinds:
         # A hair faster: a path that is longer than the direct one by less than this is a detour, a shorter one is none.
         matched = (1.0 + 2e-4) * jax.lax.fori_loop(0, _SPEED_ROUNDS, closer, preferred)
-    means = {
-        PREFERRED: jnp.clip(preferred, low, high),
-        MATCHED: matched,
-        SLOWEST: last_to_mean_speed(low, speed_0, duration),
-        FASTEST: last_to_mean_speed(high, speed_0, duration),
-    }
+    means = {PREFERRED: jnp.clip(preferred, low, high), MATCHED: matched, SLOWEST: slowest, FASTEST: fastest}
     heights = jnp.asarray(choices.heights)
     each = jnp.stack([means[kind] for kind in choices.speeds])
     return jax.vmap(lambda height, mean: timed_profile(traveller, airspace, duration, ticks, height, mean))(

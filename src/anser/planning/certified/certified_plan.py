@@ -12,7 +12,7 @@ from anser.planning.certified.certificate import PathBounds, excess, path_bounds
 from anser.planning.certified.conflicts import Track, keep_out_room, pair_use, track_slack
 from anser.planning.certified.delivery import deliver
 from anser.planning.certified.detours import resolve
-from anser.planning.certified.placement import by_length, chosen_of, make_options, place
+from anser.planning.certified.placement import chosen_of, fewest_first, make_options, place
 from anser.planning.certified.request import Airspace, Traveller
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Scalar, ScalarLike
@@ -48,7 +48,7 @@ class Certificate(eqx.Module):
         return own & jnp.all(self.room >= 1.0 - _ROUNDING, axis=1) & jnp.all(self.closed_room >= -_ROUNDING_M, axis=1)
 
 
-_ROUNDING = 1e-6  # as a part of a limit: a path that starts at it is not refused for rounding
+_ROUNDING = 1e-7  # as a part of a limit: a path that starts at it is not refused for rounding
 _ROUNDING_M = 1e-3
 
 
@@ -174,8 +174,12 @@ def plan_fleet_at(
     choices
         Candidates to look at.
     """
-    options = make_options(travellers, airspace, durations, ticks, ticks, choices)
-    placed = place(options, airspace.separation, by_length(options))
+    volumes = airspace.keep_outs
+    begun = eqx.tree_at(
+        lambda a: a.keep_outs.position_n, airspace, volumes.position_n + start_time * volumes.velocity_n
+    )
+    options = make_options(travellers, begun, durations, ticks, ticks, choices)
+    placed = place(options, airspace.separation, fewest_first(options))
     ways = choices.size // len(choices.speeds)
     candidate, tables = chosen_of(options, placed, ways)
     shapes = jax.vmap(resolve)(candidate.ends, candidate.solved)

@@ -41,6 +41,7 @@ _STEPS = 10
 _SAME_LENGTH = 1e-6
 """Part of itself to which a length is met: the speed takes up the rest."""
 _LONGEST = 1e12
+_BESIDE = 1e-8  # part of the length by which a direct path may pass its end
 _PARALLEL = 1e-9
 
 
@@ -108,7 +109,7 @@ def direct(ends: Ends, word: Float[Array, "2"]) -> Direct:
     found = bracketed_secant(_aim_error, data, 0.0, width, beside[k, 0], beside[k, 1], _STEPS)
     solved = angles[k] + found.x * lasting
     ahead, past, whole = _aim(ends, solved)
-    met = jnp.abs(past) <= _SAME_LENGTH * jnp.abs(whole) + 1e-6
+    met = jnp.abs(past) <= _BESIDE * jnp.abs(whole) + 1e-6
     exists = jnp.any(crossing) & met & (ahead >= 0.0) & (~ends.end_free | (word[1] > 0.0))
     return Direct(begun + solved[0], solved, jnp.maximum(ahead, 0.0), jnp.where(exists, whole, _LONGEST), exists)
 

@@ -183,6 +183,6 @@ def chosen_of(options: Options, placed: Placed, ways: int) -> tuple[Candidate, T
     return candidate, jax.tree.map(lambda leaf: leaf[fleet, placed.chosen // ways], options.tables)
 
 
-def by_length(options: Options) -> Int[Array, " aircraft"]:
+def fewest_first(options: Options) -> Int[Array, " aircraft"]:
     """Order of choosing: those with the fewest valid candidates first."""
     return jnp.argsort(jnp.sum(options.candidates.valid & (options.closed <= 0.0), axis=1))

@@ -21,6 +21,8 @@ _SPEED_ACCELERATION = 0.8  # m/s^2
 _SHORTEST_RAMP_S = 2.0
 _LEVEL_OFF_ROUNDS = 3
 _SPEED_ROUNDS = 4
+_DETOUR_RATE, _DETOUR_PUSH = 3.44, 24.0  # greatest slope and second derivative of 64 (s (1 - s))^3
+_FADING_RATE = 0.053  # greatest slope of t^2/2 (1 - t)^4
 KINKS = 4
 """Times at which a third derivative of a profile jumps."""
 _SQUARE_MIN = 1.0  # (m/s)^2: keeps the horizontal airspeed of a vertical path finite; such a path is refused
@@ -75,6 +77,18 @@ class Profile(eqx.Module):
         """Times at which a third derivative jumps, s after the start."""
         fade = jnp.minimum(_FADE_S, 0.5 * self.duration)
         return jnp.stack([self.climb_ramp, self.duration - self.climb_ramp, self.speed_ramp, fade])
+
+    @property
+    def steepest(self) -> tuple[Scalar, Scalar]:
+        """Bounds of the vertical speed over the ground, m/s, and of its rate, m/s^2."""
+        ends = jnp.maximum(jnp.abs(self.climb_0), jnp.abs(self.climb_1))
+        change = jnp.maximum(jnp.abs(self.plateau - self.climb_0), jnp.abs(self.climb_1 - self.plateau))
+        fade = jnp.minimum(_FADE_S, 0.5 * self.duration)
+        detour = jnp.abs(self.detour)
+        climb = jnp.maximum(ends, jnp.abs(self.plateau)) + _DETOUR_RATE * detour / self.duration
+        climb = climb + _FADING_RATE * jnp.abs(self.climb_dot_0) * fade
+        push = 1.5 * change / self.climb_ramp + _DETOUR_PUSH * detour / self.duration**2 + jnp.abs(self.climb_dot_0)
+        return climb, push
 
     def at(self, t: ScalarLike) -> Motion:
         """State `t` seconds after the start."""

@@ -82,7 +82,6 @@ def search(
     travellers: Traveller,
     airspace: Airspace,
     request: ArrivalRequest,
-    names: Sequence[str] = (),
     told: Told = lambda what: None,
     thorough: bool = True,
 ) -> Outcome:
@@ -99,14 +98,11 @@ def search(
         The task.
     request
         When to arrive.
-    names
-        Unused by the search; a common signature with the diagnosis.
     told
         Called with what is being done.
     thorough
         False stops after the first times.
     """
-    del names
     size = int(np.sum(np.asarray(travellers.active) > 0.0))
     tries, closest, fewest = 0, None, np.inf
 
