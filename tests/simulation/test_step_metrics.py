@@ -26,7 +26,8 @@ def test_first_order_lag(rate, size, start):
     found = metrics_of(_channels(size * (1 - jnp.exp(-rate * TIME)), start), jnp.array([size, 0.0, 0.0]))
     assert float(found.rise_time[0]) == pytest.approx(np.log(9) / rate, abs=1e-4)
     assert float(found.settling_time[0]) == pytest.approx(np.log(20) / rate, abs=6e-3)
-    assert float(found.overshoot[0]) == 0.0
+    # What adding the start rounds away: an ulp of 5 at most, at either end, over the least size.
+    assert float(found.overshoot[0]) <= 2 * np.spacing(5.0) / 0.1
     # the mean of what is left over the last 2 s
     left = np.mean(np.exp(-rate * np.asarray(TIME[3600:])))
     assert float(found.final_error[0]) == pytest.approx(left, abs=1e-9)
