@@ -3,15 +3,14 @@
 from anser.planning.certified.arrivals import arrival_sets
 from anser.planning.certified.certificate import CERTIFIED_LIMITS, PathBounds, path_bounds
 from anser.planning.certified.certified_plan import Certificate, CertifiedPlan, certify, plan_at, ticks_for
+from anser.planning.certified.relaxing import RELAXED, relaxed
 from anser.planning.certified.renewal import FIRST, RENEWAL_MESSAGES, Renewed, renew_certified
 from anser.planning.certified.request import Airspace, KeepOuts, Separation, Traveller, no_keep_outs
 from anser.planning.certified.search import (
-    RELAXED,
     RULES,
     ArrivalRequest,
     Outcome,
     common_times,
-    relaxed,
     search,
     stacked,
 )
