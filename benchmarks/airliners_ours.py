@@ -25,7 +25,7 @@ from anser.planning.certified import (
     stacked,
 )
 from anser.planning.certified.arrivals import direct_times
-from anser.planning.certified.candidates import FEW
+from anser.planning.certified.choices import FEW
 
 _TICKS = 512
 _ROLL_RATE = np.deg2rad(3.0)  # gentle, as airliners roll

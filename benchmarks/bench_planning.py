@@ -15,7 +15,7 @@ from anser.compilation_cache import enable_compilation_cache
 from anser.environment import SteadyWind
 from anser.planning import PathLimits, make_rendezvous
 from anser.planning.certified import Airspace, Separation, Traveller, no_keep_outs, plan_at, stacked, ticks_for
-from anser.planning.certified.candidates import FEW, MANY
+from anser.planning.certified.choices import FEW, MANY
 
 _FLEETS = (3, 10, 30, 100)
 _SPEED = 150.0

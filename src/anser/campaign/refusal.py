@@ -15,7 +15,7 @@ from anser.planning.certified import (
     relaxed,
     search,
 )
-from anser.planning.certified.arrivals import ALONE, reachable
+from anser.planning.certified.arrivals import reachable
 from anser.planning.certified.certified_plan import ticks_for
 from anser.scenario import Scenario
 
@@ -89,15 +89,14 @@ def _alone(
             asked, wanted = f"cannot arrive between {low:.1f} and {high:.1f} s", float(high)
         else:
             continue
-        binding = _binding(k, len(names), travellers, airspace, wanted)
+        binding = _binding(k, travellers, airspace, wanted)
         nearest = f"; by itself it can {spoken(own)}" if own else ""
         found.append(f'aircraft "{name}" {asked}{binding}{nearest}')
     return found
 
 
-def _binding(who: int, count: int, travellers: Traveller, airspace: Airspace, wanted_s: float) -> str:
+def _binding(who: int, travellers: Traveller, airspace: Airspace, wanted_s: float) -> str:
     """The limit whose loosening alone lets an aircraft arrive at a time, and by how much."""
-    durations = np.full((count, 1), wanted_s)
     ticks = ticks_for(wanted_s)
     best: tuple[float, str] | None = None
     for what in RELAXED:
@@ -107,7 +106,7 @@ def _binding(who: int, count: int, travellers: Traveller, airspace: Airspace, wa
 
         def works(step: int, what: str = what) -> bool:
             looser = relaxed(travellers, airspace, what, float(_FACTORS[step]))
-            return bool(reachable(*looser, durations, ticks, ALONE)[who, 0])
+            return bool(reachable(*looser, np.array([who]), np.array([wanted_s]), ticks)[0])
 
         if not works(high):
             continue

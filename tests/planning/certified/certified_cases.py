@@ -20,7 +20,7 @@ from anser.planning.certified.detours import (
     resolve,
     solve_detour,
 )
-from anser.planning.certified.profile import make_profile, tabulate
+from anser.planning.certified.profile import make_profile, mean_to_last_speed, tabulate
 from anser.planning.certified.route import Ends
 from anser.planning.certified.smooth_turn import cis
 
@@ -223,18 +223,18 @@ def delivered(wind):
     """The flights of `FLOWN` in a wind: horizontal ends, timetables, solved detours, shapes and delivered paths."""
 
     def one(flight, way):
+        last = mean_to_last_speed(flight["mean"], flight["speed_0"], flight["duration"])
         profile = make_profile(
             flight["duration"],
             (flight["altitude_0"], flight["altitude_1"]),
             (flight["climb_0"], 0.0),
             flight["climb_dot_0"],
             flight["detour"],
-            flight["speed_0"],
+            (flight["speed_0"], last, last),
             flight["speed_dot_0"],
-            flight["mean"],
         )
         table = tabulate(profile, wind, TICKS)
-        fastest = jnp.maximum(profile.speed_0, profile.speed_1)
+        fastest = profile.speed_most
         curvature = jnp.tan(BANK) * GRAVITY / fastest**2
         zero = jnp.zeros(())
         ends = Ends(

@@ -31,7 +31,7 @@ def all_words(ends):
         found = direct(ends, word)
         zero = jnp.zeros(())
         angles = jnp.stack([found.angles[0], zero, zero, found.angles[1]])
-        return found, resolve(ends, Solved(angles, jnp.stack([found.straight, zero, zero]), found.exists))
+        return found, resolve(ends, Solved(angles, jnp.ones(4), jnp.stack([found.straight, zero, zero]), found.exists))
 
     return jax.vmap(one)(jnp.asarray(WORDS))
 

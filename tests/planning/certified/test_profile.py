@@ -8,13 +8,14 @@ from certified_cases import GRAVITY, LAYERED, STEADY, blowing, number, picked
 
 from anser.numerics import compiled_quickly
 from anser.planning.certified.profile import (
-    _SPEED_ACCELERATION,
+    _SPEED_RATES,
     ProfileLimits,
     kept,
     last_to_mean_speed,
     make_profile,
     mean_to_last_speed,
     profile_excess,
+    speed_ramp,
     tabulate,
 )
 
@@ -30,12 +31,16 @@ DETOUR = _RNG.choice([0.0, 300.0, -300.0], CASES)
 SPEED = _RNG.uniform(120.0, 180.0, CASES)
 SPEED_DOT = _RNG.uniform(-1.0, 1.0, CASES)
 MEAN = _RNG.uniform(120.0, 180.0, CASES)
-INPUTS = tuple(map(jnp.asarray, (DURATION, ALTITUDES.T, CLIMBS.T, CLIMB_DOT, DETOUR, SPEED, SPEED_DOT, MEAN)))
+# Every other one changes its speed once more, at the end.
+CHANGE = np.where(np.arange(CASES) % 2 == 0, 0.0, _RNG.uniform(-30.0, 30.0, CASES))
+INPUTS = tuple(map(jnp.asarray, (DURATION, ALTITUDES.T, CLIMBS.T, CLIMB_DOT, DETOUR, SPEED, SPEED_DOT, MEAN, CHANGE)))
 
 
-def make(duration, altitudes, climbs, climb_dot, detour, speed, speed_dot, mean):
+def make(duration, altitudes, climbs, climb_dot, detour, speed, speed_dot, mean, change):
+    middle = mean_to_last_speed(mean, speed, duration)
+    speeds = (speed, middle, middle + change)
     return make_profile(
-        duration, (altitudes[0], altitudes[1]), (climbs[0], climbs[1]), climb_dot, detour, speed, speed_dot, mean
+        duration, (altitudes[0], altitudes[1]), (climbs[0], climbs[1]), climb_dot, detour, speeds, speed_dot
     )
 
 
@@ -74,18 +79,24 @@ def test_starts_and_ends_as_asked():
     np.testing.assert_allclose(first, begin, rtol=1e-12, atol=1e-12)  # rounding
     np.testing.assert_allclose(last[:, 0], ALTITUDES[1], atol=1e-9)  # rounding of 1e3 m
     np.testing.assert_allclose(last[:, 1], CLIMBS[1], atol=1e-11)
-    np.testing.assert_allclose(last[:, 3], PROFILES.speed_1, rtol=1e-13)
+    np.testing.assert_allclose(last[:, 3], PROFILES.speed_2, rtol=1e-13)
+    np.testing.assert_allclose(PROFILES.speed_2 - PROFILES.speed_1, CHANGE, atol=1e-12)
     # It arrives without an acceleration.
     np.testing.assert_allclose(last[:, [2, 4]], 0.0, atol=1e-11)
 
 
-def test_mean_airspeed_is_what_was_asked_and_what_the_first_acceleration_adds():
+def test_mean_airspeed_is_what_was_asked_and_what_the_first_acceleration_and_a_second_change_add():
     t = np.linspace(0.0, 1.0, 40001)
     speed = np.asarray(along(PROFILES, DURATION[:, None] * t)[0])[..., 3]
     mean = np.sum(0.5 * (speed[:, 1:] + speed[:, :-1]), axis=1) / (t.size - 1)
+    np.testing.assert_allclose(jax.vmap(lambda p: p.speed_mean)(PROFILES), mean, rtol=1e-8)  # the trapezoid's
     # The integral of t (1 - t/F)^3 over the F seconds in which it fades is F^2/20.
     expected = MEAN + SPEED_DOT * FADE_S**2 / 20 / DURATION
-    np.testing.assert_allclose(mean, expected, rtol=1e-8)  # the trapezoid's, with steps of 7 ms
+    once = CHANGE == 0.0
+    np.testing.assert_allclose(mean[once], expected[once], rtol=1e-8)  # the trapezoid's, with steps of 7 ms
+    # Half of the time of the second change is flown at the mean of both speeds.
+    later = 0.5 * np.asarray(PROFILES.speed_ramp_2) * CHANGE / DURATION
+    np.testing.assert_allclose(mean, expected + later, rtol=1e-8)
     # Not beyond the steady speed asked, but for making up the change: the mean lies between both ends.
     last = np.asarray(PROFILES.speed_1)
     assert np.all((MEAN - SPEED) * (last - MEAN) >= 0.0)
@@ -163,11 +174,11 @@ def test_readings_between_ticks_agree_with_the_ticks_and_time_is_the_inverse(lay
 def test_speed_needed_and_mean_speed_are_each_others_inverse():
     last, speed, duration = (jnp.asarray(x) for x in (MEAN, SPEED, DURATION + 200.0))
     mean = jax.vmap(last_to_mean_speed)(last, speed, duration)
-    again, ramp = jax.vmap(mean_to_last_speed)(mean, speed, duration)
-    # Four rounds, each of which shrinks the error by ramp / 2 duration or so: a third at worst.
-    np.testing.assert_allclose(again, last, rtol=1e-3)
-    # A smoothstep's peak is 1.5 times its mean: never harder than meant where there is time for it, to the same part.
-    assert np.all(1.5 * np.abs(again - speed) / ramp <= _SPEED_ACCELERATION * (1 + 1e-3))
+    again = jax.vmap(mean_to_last_speed)(mean, speed, duration)
+    ramp = jax.vmap(speed_ramp)(speed, again, duration)
+    np.testing.assert_allclose(again, last, rtol=1e-12)  # rounding
+    # A smoothstep's peak is 1.5 times its mean: never harder than meant where there is time for it.
+    assert np.all(1.5 * np.abs(again - speed) / ramp <= _SPEED_RATES[0] * (1 + 1e-12))
 
 
 def limits_of(value):
@@ -210,7 +221,8 @@ def test_excess_is_what_a_profile_passes_each_limit_by(layered):
 
 def test_gradients_are_finite_for_level_flight_at_steady_speed():
     def outcome(altitude, speed, duration):
-        profile = make_profile(duration, (altitude, 1000.0), (0.0, 0.0), 0.0, 0.0, 150.0, 0.0, speed)
+        last = mean_to_last_speed(speed, 150.0, duration)
+        profile = make_profile(duration, (altitude, 1000.0), (0.0, 0.0), 0.0, 0.0, (150.0, last, last), 0.0)
         table = tabulate(profile, LAYERED, 30)  # ticks of 2 s: the shortest change of speed is one of them
         return table.length + jnp.sum(table.drift_n)
 

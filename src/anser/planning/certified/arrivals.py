@@ -5,28 +5,19 @@ import functools
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
-from anser.planning.certified.candidates import (
-    FASTEST,
-    MATCHED,
-    PREFERRED,
-    RACETRACK,
-    SLOWEST,
-    Choices,
-    make_choices,
-    timed_profile,
-)
+from anser.planning.certified.choices import ALONE, PLAIN, Choices
 from anser.planning.certified.placement import make_options
 from anser.planning.certified.request import Airspace, Traveller
+from anser.planning.certified.timed_profile import steady_after, timed_profile
 from anser.shapes import Scalar
 
 ROUNDS = 8
 _STRETCH = 3.0  # of the time, at most, in one round of the fixed point
+_AT_ONCE = 8  # aircraft and times looked at in one call
+_IN_WINDOW = 12  # times looked at in a window
 _HELPED = 1.4  # wind behind and a goal that comes nearer: no aircraft is faster than so many times its airspeed
-
-ALONE = make_choices((PREFERRED, MATCHED, SLOWEST, FASTEST), (0.0,), (0, 1), (0, 1, 4, RACETRACK))
-"""Candidates of an aircraft by itself: all ways round and every kind of speed, no detour in altitude."""
 
 
 @functools.partial(jax.jit, static_argnames="ticks", compiler_options={"xla_cpu_use_fusion_emitters": False})
@@ -44,7 +35,8 @@ def direct_times(
 
         def once(_: object, carry: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
             duration, _ = carry
-            timed = timed_profile(traveller, airspace, duration, ticks, jnp.zeros(()), speed)
+            speeds = steady_after(traveller, duration, speed)
+            timed = timed_profile(traveller, airspace, duration, ticks, jnp.zeros(()), speeds)
             wanted = jnp.where(timed.direct.exists[0], timed.direct.length[0], timed.table.length)
             found = duration * wanted / jnp.maximum(timed.table.length, 1.0)
             return jnp.clip(found, duration / _STRETCH, duration * _STRETCH), jnp.abs(found / duration - 1.0)
@@ -68,49 +60,61 @@ def _reachable_at(
 def reachable(
     travellers: Traveller,
     airspace: Airspace,
-    durations: Float[np.ndarray, "aircraft times"],
+    who: Int[np.ndarray, " pairs"],
+    durations: Float[np.ndarray, " pairs"],
     ticks: int,
-    choices: Choices,
-) -> Bool[np.ndarray, "aircraft times"]:
-    """Whether each aircraft, alone in its airspace, can arrive after each of some durations (s)."""
-    # One compiled program for any number of times.
-    found = [_reachable_at(travellers, airspace, jnp.asarray(row), ticks, choices) for row in durations.T]
-    return np.stack([np.asarray(row) for row in found], axis=1)
+) -> Bool[np.ndarray, " pairs"]:
+    """Whether aircraft `who`, alone in its airspace, can arrive after a duration (s); any number of such questions."""
+    found = np.zeros(who.size, dtype=bool)
+    for choices in (PLAIN, ALONE):
+        left = np.flatnonzero(~found)
+        for begin in range(0, left.size, _AT_ONCE):
+            # Filled up to one size: one compiled program for all.
+            some = np.resize(left[begin : begin + _AT_ONCE], _AT_ONCE)
+            asked = jax.tree.map(lambda leaf, some=some: leaf[who[some]], travellers)
+            good = _reachable_at(asked, airspace, jnp.asarray(durations[some]), ticks, choices)
+            found[some] |= np.asarray(good)
+    return found
 
 
 def arrival_sets(
-    travellers: Traveller, airspace: Airspace, latest_s: float, ticks: int, count: int = 40, rounds: int = 6
+    travellers: Traveller,
+    airspace: Airspace,
+    latest_s: float,
+    ticks: int,
+    windows_s: Float[np.ndarray, "aircraft 2"] | None = None,
+    count: int = 40,
+    rounds: int = 6,
 ) -> list[list[tuple[float, float]]]:
     """For each aircraft the arrival times (s after the start) up to a latest that are open to it, as intervals.
 
-    A grid, geometric from the earliest conceivable time on; each edge is then refined by bisection to a
-    `2**rounds`-th of the grid's spacing. Gaps and islands narrower than the grid can be missed.
+    A grid, geometric from the earliest conceivable time on or even within each one's window; each edge is then refined
+    by bisection to a `2**rounds`-th of the grid's spacing. Gaps and islands narrower than the grid can be missed.
     """
-    line = travellers.goal_position_n + travellers.rendezvous.stand_off_n - travellers.position_n
-    distance = np.linalg.norm(np.asarray(line), axis=1)
-    low = np.clip(distance / (_HELPED * np.asarray(travellers.limits.speed_max)), 2.0, 0.9 * latest_s)
-    grid = low[:, None] * (latest_s / low)[:, None] ** np.linspace(0.0, 1.0, count)[None, :]
-    inside = reachable(travellers, airspace, grid, ticks, ALONE)
+    if windows_s is not None:
+        low = windows_s[:, 0]
+        grid = low[:, None] + (windows_s[:, 1] - low)[:, None] * np.linspace(0.0, 1.0, _IN_WINDOW)[None, :]
+    else:
+        line = travellers.goal_position_n + travellers.rendezvous.stand_off_n - travellers.position_n
+        distance = np.linalg.norm(np.asarray(line), axis=1)
+        low = np.clip(distance / (_HELPED * np.asarray(travellers.limits.speed_max)), 2.0, 0.9 * latest_s)
+        grid = low[:, None] * (latest_s / low)[:, None] ** np.linspace(0.0, 1.0, count)[None, :]
+    fleet = np.flatnonzero(np.asarray(travellers.active) > 0.0)
+    inside = np.zeros(grid.shape, dtype=bool)
+    who = np.repeat(fleet, grid.shape[1])
+    inside[fleet] = reachable(travellers, airspace, who, grid[fleet].ravel(), ticks).reshape(fleet.size, -1)
+    row, edge = np.nonzero(inside[:, 1:] != inside[:, :-1])
+    low, high, opening = grid[row, edge], grid[row, edge + 1], inside[row, edge + 1]
+    for _ in range(rounds if row.size else 0):
+        middle = 0.5 * (low + high)
+        lower = reachable(travellers, airspace, row, middle, ticks) != opening
+        low, high = np.where(lower, middle, low), np.where(lower, high, middle)
+    at = np.where(opening, high, low)  # the end of each edge that lies inside
+    last = float("inf") if windows_s is None else None
     refined: list[list[tuple[float, float]]] = []
-    changes = inside[:, 1:] != inside[:, :-1]
-    most = int(np.max(np.sum(changes, axis=1), initial=0))
-    where = [np.flatnonzero(row) for row in changes]
-    lows, highs = np.ones((grid.shape[0], most)), np.full((grid.shape[0], most), 2.0)
-    for k, edges in enumerate(where):
-        lows[k, : edges.size], highs[k, : edges.size] = grid[k, edges], grid[k, edges + 1]
-    lows, highs = np.where(lows == 1.0, low[:, None], lows), np.where(highs == 2.0, low[:, None], highs)
-    for _ in range(rounds if most else 0):
-        middle = 0.5 * (lows + highs)
-        good = reachable(travellers, airspace, middle, ticks, ALONE)
-        for k, edges in enumerate(where):
-            opening = inside[k, edges + 1]  # from outside to inside
-            n = edges.size
-            lower = good[k, :n] != opening
-            lows[k, :n] = np.where(lower, middle[k, :n], lows[k, :n])
-            highs[k, :n] = np.where(lower, highs[k, :n], middle[k, :n])
-    for k, edges in enumerate(where):
-        # The end of each edge that lies inside.
-        at = [float(highs[k, n] if inside[k, e + 1] else lows[k, n]) for n, e in enumerate(edges)]
-        bounds = ([float(grid[k, 0])] if inside[k, 0] else []) + at + ([float("inf")] if inside[k, -1] else [])
+    for k in range(grid.shape[0]):
+        end = float(grid[k, -1]) if last is None else last
+        own = [float(x) for x in at[row == k]]
+        bounds = ([float(grid[k, 0])] if inside[k, 0] else []) + own + ([end] if inside[k, -1] else [])
         refined.append(list(zip(bounds[::2], bounds[1::2], strict=True)))
     return refined

@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from anser.planning.certified.candidates import Choices
 from anser.planning.certified.certificate import PathBounds, excess, path_bounds
+from anser.planning.certified.choices import Choices
 from anser.planning.certified.conflicts import Track, keep_out_room, pair_use, track_slack
 from anser.planning.certified.delivery import deliver
 from anser.planning.certified.detours import resolve
@@ -180,8 +180,7 @@ def plan_fleet_at(
     )
     options = make_options(travellers, begun, durations, ticks, ticks, choices)
     placed = place(options, airspace.separation, fewest_first(options))
-    ways = choices.size // len(choices.speeds)
-    candidate, tables = chosen_of(options, placed, ways)
+    candidate, tables = chosen_of(options, placed)
     shapes = jax.vmap(resolve)(candidate.ends, candidate.solved)
     paths = jax.vmap(deliver, in_axes=(None, 0, 0))(start_time, tables, shapes)
     return CertifiedPlan(
@@ -205,8 +204,5 @@ plan_at = functools.partial(
 
 
 def ticks_for(duration_s: float) -> int:
-    """Even intervals for a path of a duration: a power of two, at most 2 s long each."""
-    ticks = 64
-    while ticks * 2.0 < duration_s and ticks < 2048:
-        ticks *= 2
-    return ticks
+    """Even intervals for a path of a duration: 64, 256, 1024 or 2048, at most 2 s long each but of a longer path."""
+    return next((ticks for ticks in (64, 256, 1024) if 2.0 * ticks >= duration_s), 2048)

@@ -171,9 +171,11 @@ def _excess(angle: Scalar, data: tuple[Ends, Direct, Detour, Scalar]) -> Scalar:
 
 
 class Solved(eqx.Module):
-    """A path of a wanted length: its four turns (rad) and three legs (m), and whether there is one."""
+    """A path of a wanted length: its four turns (rad), their scales, its three legs (m), and whether there is one."""
 
     angles: Float[Array, "4"]
+    scales: Float[Array, "4"]
+    """See `anser.planning.certified.route.tightness`."""
     legs: Float[Array, "3"]
     exists: Flag
 
@@ -209,6 +211,7 @@ def solve_detour(ends: Ends, base: Direct, way: Detour, wanted: ScalarLike) -> S
         angles=jnp.where(
             straight, _full(base.angles[0], base.angles[1]), _turn_angles(base, way, found, ends.end_free)
         ),
+        scales=jnp.ones(4),
         legs=jnp.where(straight, jnp.stack([base.straight, zero, zero]), jnp.maximum(solved, 0.0)),
         exists=met | straight,
     )
@@ -231,11 +234,10 @@ def solve_racetrack(ends: Ends, base: Direct, side: Scalar, wanted: ScalarLike) 
     laps = side * (jnp.pi + TURN * turns)
     exists = base.exists & (leg >= 0.0)
     leg = jnp.maximum(leg, 0.0)
-    return Solved(
-        jnp.stack([laps, side * jnp.pi, base.angles[0], base.angles[1]]), jnp.stack([leg, leg, base.straight]), exists
-    )
+    angles = jnp.stack([laps, side * jnp.pi, base.angles[0], base.angles[1]])
+    return Solved(angles, jnp.ones(4), jnp.stack([leg, leg, base.straight]), exists)
 
 
 def resolve(ends: Ends, solved: Solved) -> Route:
     """The path itself."""
-    return route(ends, solved.angles, solved.legs)
+    return route(ends, solved.angles, solved.legs, solved.scales)

@@ -9,7 +9,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from anser.planning.certified.candidates import Candidate, Choices, candidates, track
+from anser.planning.certified.candidates import Candidate, candidates, track
+from anser.planning.certified.choices import Choices
 from anser.planning.certified.conflicts import Track, keep_out_room, pair_use
 from anser.planning.certified.profile import Timetable
 from anser.planning.certified.request import Airspace, KeepOuts, Separation, Traveller
@@ -61,16 +62,14 @@ def make_options(
     """All candidates of a fleet, with their tracks on one grid of instants up to the last arrival."""
     step = jnp.max(durations) / instants
     times = step * jnp.arange(instants + 1)
-    ways = choices.size // len(choices.speeds)
 
     def one(traveller: Traveller, duration: Scalar) -> tuple[Candidate, Timetable, Track, Array]:
         found, tables = candidates(traveller, airspace, duration, ticks, choices)
-        which = jnp.arange(choices.size) // ways
         tracks = jax.vmap(
-            lambda candidate, k: track(
-                candidate, jax.tree.map(lambda leaf: leaf[k], tables), airspace, times, traveller.active
+            lambda candidate: track(
+                candidate, jax.tree.map(lambda leaf: leaf[candidate.which], tables), airspace, times, traveller.active
             )
-        )(found, which)
+        )(found)
         return found, tables, tracks, _closed(tracks, times, airspace.keep_outs)
 
     return Options(*jax.vmap(one)(travellers, durations))
@@ -176,11 +175,11 @@ def place(options: Options, separation: Separation, order: Int[Array, " aircraft
     return Placed(chosen, options.candidates.valid[everyone, chosen], lacks + options.closed[everyone, chosen])
 
 
-def chosen_of(options: Options, placed: Placed, ways: int) -> tuple[Candidate, Timetable]:
+def chosen_of(options: Options, placed: Placed) -> tuple[Candidate, Timetable]:
     """The candidates chosen, and their timetables, stacked by aircraft."""
     fleet = jnp.arange(placed.chosen.shape[0])
     candidate = jax.tree.map(lambda leaf: leaf[fleet, placed.chosen], options.candidates)
-    return candidate, jax.tree.map(lambda leaf: leaf[fleet, placed.chosen // ways], options.tables)
+    return candidate, jax.tree.map(lambda leaf: leaf[fleet, candidate.which], options.tables)
 
 
 def fewest_first(options: Options) -> Int[Array, " aircraft"]:

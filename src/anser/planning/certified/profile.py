@@ -14,16 +14,18 @@ from anser.environment import AbstractWind
 from anser.numerics.quadrature import gauss_legendre
 from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
 
+CURVATURE_KEPT = 0.98
+"""Of what bank and load factor allow: the certificate's bounds and the fit take the rest."""
 _RULE = gauss_legendre(4)
 _FADE_S = 3.0  # of the acceleration that the path begins with
 CLIMB_ACCELERATION = 1.0  # m/s^2: a tenth of g, so that it hardly touches the bank angle
-_SPEED_ACCELERATION = 0.8  # m/s^2
+_SPEED_RATES = (0.8, 0.8)  # m/s^2, gaining and losing
 _SHORTEST_RAMP_S = 2.0
+_GENTLE_RAMP_S = 20.0  # of a small change of climb: shorter, it would take more of the lift than it gains in time
 _LEVEL_OFF_ROUNDS = 3
-_SPEED_ROUNDS = 4
 _DETOUR_RATE, _DETOUR_PUSH = 3.44, 24.0  # greatest slope and second derivative of 64 (s (1 - s))^3
 _FADING_RATE = 0.053  # greatest slope of t^2/2 (1 - t)^4
-KINKS = 4
+KINKS = 5
 """Times at which a third derivative of a profile jumps."""
 _SQUARE_MIN = 1.0  # (m/s)^2: keeps the horizontal airspeed of a vertical path finite; such a path is refused
 
@@ -55,8 +57,10 @@ class Profile(eqx.Module):
         Vertical speed in the middle, m/s, and how long it takes to change to and from it, s.
     detour
         Added to the altitude, at most, in the middle, m.
-    speed_0, speed_1, speed_ramp
-        First airspeed and later one, m/s, and how long it takes to change, s.
+    speed_0, speed_1, speed_2
+        First airspeed, that in the middle and the last one, m/s.
+    speed_ramp, speed_ramp_2
+        How long it takes to change from the first, and at the end to the last, s.
     """
 
     duration: Scalar
@@ -69,14 +73,34 @@ class Profile(eqx.Module):
     detour: Scalar
     speed_0: Scalar
     speed_1: Scalar
+    speed_2: Scalar
     speed_dot_0: Scalar
     speed_ramp: Scalar
+    speed_ramp_2: Scalar
 
     @property
-    def kinks(self) -> Float[Array, "4"]:
+    def kinks(self) -> Float[Array, "5"]:
         """Times at which a third derivative jumps, s after the start."""
         fade = jnp.minimum(_FADE_S, 0.5 * self.duration)
-        return jnp.stack([self.climb_ramp, self.duration - self.climb_ramp, self.speed_ramp, fade])
+        late = self.duration - jnp.stack([self.climb_ramp, self.speed_ramp_2])
+        return jnp.concatenate([jnp.stack([self.climb_ramp, self.speed_ramp, fade]), late])
+
+    @property
+    def speed_most(self) -> Scalar:
+        """Greatest airspeed, but for what the first acceleration adds, m/s."""
+        return jnp.maximum(self.speed_0, jnp.maximum(self.speed_1, self.speed_2))
+
+    @property
+    def speed_least(self) -> Scalar:
+        """Least airspeed, but for what the first acceleration adds, m/s."""
+        return jnp.minimum(self.speed_0, jnp.minimum(self.speed_1, self.speed_2))
+
+    @property
+    def speed_mean(self) -> Scalar:
+        """Mean airspeed, m/s."""
+        early = 0.5 * self.speed_ramp * (self.speed_0 - self.speed_1)
+        late = 0.5 * self.speed_ramp_2 * (self.speed_2 - self.speed_1)
+        return self.speed_1 + (early + late + self.speed_dot_0 * _faded(self.duration)) / self.duration
 
     @property
     def steepest(self) -> tuple[Scalar, Scalar]:
@@ -102,7 +126,9 @@ class Profile(eqx.Module):
         b0 = 64 * (s * (1 - s)) ** 3
         b1 = 192 * (s * (1 - s)) ** 2 * (1 - 2 * s) / total
         b2 = 384 * s * (1 - s) * (1 - 5 * s + 5 * s * s) / total**2
-        speed, speed_dot, _ = _step(t / self.speed_ramp)
+        early, early_dot, _ = _step(t / self.speed_ramp)
+        late, late_dot, _ = _step((t - total + self.speed_ramp_2) / self.speed_ramp_2)
+        up, up_late = self.speed_1 - self.speed_0, self.speed_2 - self.speed_1
         f0, f1 = _fading_speed(t, fade)
         return Motion(
             altitude=self.altitude_0
@@ -112,8 +138,8 @@ class Profile(eqx.Module):
             + self.detour * b0,
             climb=self.climb_0 + to * rise + back * fall + self.climb_dot_0 * e1 + self.detour * b1,
             climb_dot=(to * rise_dot + back * fall_dot) / ramp + self.climb_dot_0 * e2 + self.detour * b2,
-            speed=self.speed_0 + (self.speed_1 - self.speed_0) * speed + self.speed_dot_0 * f0,
-            speed_dot=(self.speed_1 - self.speed_0) * speed_dot / self.speed_ramp + self.speed_dot_0 * f1,
+            speed=self.speed_0 + up * early + up_late * late + self.speed_dot_0 * f0,
+            speed_dot=up * early_dot / self.speed_ramp + up_late * late_dot / self.speed_ramp_2 + self.speed_dot_0 * f1,
         )
 
 
@@ -140,23 +166,41 @@ def _fading_speed(t: ScalarLike, fade: ScalarLike) -> tuple[Scalar, Scalar]:
     return t * q**3, q**3 - 3 * t / fade * q**2
 
 
-def _speed_ramp(last: ScalarLike, speed_0: ScalarLike, duration: ScalarLike) -> Scalar:
-    return jnp.clip(1.5 * jnp.abs(last - speed_0) / _SPEED_ACCELERATION, _SHORTEST_RAMP_S, 0.8 * duration)
+def _faded(duration: ScalarLike) -> Scalar:
+    """Integral of the first acceleration's unit share of the airspeed, s^2."""
+    return jnp.square(jnp.minimum(_FADE_S, 0.5 * duration)) / 20.0
 
 
-def mean_to_last_speed(mean: ScalarLike, speed_0: ScalarLike, duration: ScalarLike) -> tuple[Scalar, Scalar]:
-    """Airspeed after the change, and how long that takes, for a mean airspeed (m/s, s)."""
-    last = jnp.asarray(mean, dtype=float)
-    ramp = _speed_ramp(last, speed_0, duration)
-    for _ in range(_SPEED_ROUNDS):
-        last = (mean * duration - 0.5 * ramp * speed_0) / (duration - 0.5 * ramp)
-        ramp = _speed_ramp(last, speed_0, duration)
-    return (mean * duration - 0.5 * ramp * speed_0) / (duration - 0.5 * ramp), ramp
+Rates = tuple[ScalarLike, ScalarLike]
 
 
-def last_to_mean_speed(last: ScalarLike, speed_0: ScalarLike, duration: ScalarLike) -> Scalar:
+def speed_ramp(begin: ScalarLike, end: ScalarLike, duration: ScalarLike, rates: Rates = _SPEED_RATES) -> Scalar:
+    """How long a change of airspeed (m/s) takes, s, at the greatest rates of gain and loss (m/s^2)."""
+    rate = jnp.where(jnp.asarray(end) > begin, rates[0], rates[1])
+    return jnp.clip(1.5 * jnp.abs(end - begin) / rate, _SHORTEST_RAMP_S, 0.8 * duration)
+
+
+def mean_to_last_speed(
+    mean: ScalarLike, speed_0: ScalarLike, duration: ScalarLike, rates: Rates = _SPEED_RATES
+) -> Scalar:
+    """Airspeed after the one change that makes a mean airspeed (m/s).
+
+    The change x is d / (1 - ramp / (2 duration)), d being that of the mean; its ramp grows with it: a quadratic.
+    """
+    change = jnp.asarray(mean - speed_0, dtype=float)
+    size = jnp.abs(change)
+    rate = jnp.where(change > 0.0, rates[0], rates[1])
+    root = 1.0 - 3.0 * size / (rate * duration)
+    whole = 2.0 * size / (1.0 + jnp.sqrt(jnp.where(root > 0.0, root, 1.0)) * (root > 0.0))
+    ramp = jnp.clip(1.5 * whole / rate, _SHORTEST_RAMP_S, 0.8 * duration)
+    return speed_0 + change / (1.0 - 0.5 * ramp / duration)
+
+
+def last_to_mean_speed(
+    last: ScalarLike, speed_0: ScalarLike, duration: ScalarLike, rates: Rates = _SPEED_RATES
+) -> Scalar:
     """Mean airspeed of a profile that ends at an airspeed (m/s)."""
-    return last + 0.5 * _speed_ramp(last, speed_0, duration) / duration * (speed_0 - last)
+    return last + 0.5 * speed_ramp(speed_0, last, duration, rates) / duration * (speed_0 - last)
 
 
 def make_profile(
@@ -165,20 +209,36 @@ def make_profile(
     climbs: tuple[ScalarLike, ScalarLike],
     climb_dot_0: ScalarLike,
     detour: ScalarLike,
-    speed_0: ScalarLike,
+    speeds: tuple[ScalarLike, ScalarLike, ScalarLike],
     speed_dot_0: ScalarLike,
-    mean_speed: ScalarLike,
+    rates: Rates = _SPEED_RATES,
 ) -> Profile:
-    """Profile between two altitudes (m) and vertical speeds over the ground (m/s) at a mean airspeed (m/s)."""
+    """Profile between two altitudes (m) and vertical speeds over the ground (m/s).
+
+    Parameters
+    ----------
+    duration
+        s.
+    altitudes, climbs
+        At both ends, m and m/s.
+    climb_dot_0, speed_dot_0
+        First accelerations, m/s^2.
+    detour
+        In altitude, m.
+    speeds
+        First airspeed, that in the middle, the last one, m/s.
+    rates
+        Greatest rates at which airspeed is gained and lost, m/s^2.
+    """
     duration = jnp.asarray(duration, dtype=float)
     rise = jnp.asarray(altitudes[1] - altitudes[0], dtype=float)
+    shortest = jnp.clip(duration / 8, jnp.minimum(_SHORTEST_RAMP_S, duration / 3), _GENTLE_RAMP_S)
     ramp = duration / 3
     for _ in range(_LEVEL_OFF_ROUNDS):
         plateau = (rise - 0.5 * (climbs[0] + climbs[1]) * ramp) / (duration - ramp)
         change = jnp.maximum(jnp.abs(plateau - climbs[0]), jnp.abs(plateau - climbs[1]))
-        ramp = jnp.clip(1.5 * change / CLIMB_ACCELERATION, jnp.minimum(_SHORTEST_RAMP_S, duration / 3), duration / 2.5)
+        ramp = jnp.clip(1.5 * change / CLIMB_ACCELERATION, shortest, duration / 2.5)
     plateau = (rise - 0.5 * (climbs[0] + climbs[1]) * ramp) / (duration - ramp)
-    last, speed_ramp = mean_to_last_speed(mean_speed, speed_0, duration)
     numbers = (
         duration,
         altitudes[0],
@@ -188,10 +248,10 @@ def make_profile(
         plateau,
         ramp,
         detour,
-        speed_0,
-        last,
+        *speeds,
         speed_dot_0,
-        speed_ramp,
+        speed_ramp(speeds[0], speeds[1], duration, rates),
+        speed_ramp(speeds[1], speeds[2], duration, rates),
     )
     return Profile(*(jnp.asarray(x, dtype=float) for x in numbers))
 

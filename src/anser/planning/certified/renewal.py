@@ -5,8 +5,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from anser.planning.certified.candidates import FEW
 from anser.planning.certified.certified_plan import CertifiedPlan, certify, plan_fleet_at
+from anser.planning.certified.choices import FEW
 from anser.planning.certified.profile import KINKS
 from anser.planning.certified.request import Airspace, Traveller
 from anser.planning.certified.route import PIECES

@@ -119,15 +119,37 @@ class Route(eqx.Module):
         )
 
 
-def route(ends: Ends, angles: Float[Array, " turns"], legs: Float[Array, " legs"]) -> Route:
-    """Path of four turns (rad) with three legs (m) between them."""
+def tightness(ends: Ends, scale: ScalarLike) -> tuple[Scalar, Scalar]:
+    """Greatest curvature (1/m) and sharpness (1/m^2) of a turn whose radius is `scale` times the least at full speed.
+
+    The ramps keep their length: a slower aircraft takes more time for them than it needs, a wider turn as much.
+    """
+    return ends.curvature_max / scale, ends.sharpness / scale
+
+
+def _resolve_turns(
+    ends: Ends, angles: Float[Array, " turns"], scales: Float[Array, " turns"]
+) -> tuple[Turn, Float[Array, " turns"]]:
+    """The turns, and the sharpness of each."""
+    curvatures, sharps = jax.vmap(tightness, in_axes=(None, 0))(ends, scales)
+    return jax.vmap(smooth_turn)(angles, curvatures, sharps), sharps
+
+
+def route(
+    ends: Ends,
+    angles: Float[Array, " turns"],
+    legs: Float[Array, " legs"],
+    scales: Float[Array, " turns"] | None = None,
+) -> Route:
+    """Path of four turns (rad) with three legs (m) between them; for the scales (ones) see `tightness`."""
     begun = unwind(ends)
-    turns = jax.vmap(smooth_turn, in_axes=(0, None, None))(angles, ends.curvature_max, ends.sharpness)
+    scales = jnp.ones_like(angles) if scales is None else scales
+    turns, sharpest = _resolve_turns(ends, angles, scales)
     zero = jnp.zeros(())
     sign = jnp.where(angles < 0.0, -1.0, 1.0)
     lengths, bends, sharps = [begun.length], [zero], [-jnp.sign(ends.curvature) * ends.sharpness]
     for k in range(TURNS):
-        rate = jnp.where(turns.ramp[k] > 0.0, sign[k] * ends.sharpness, 0.0)
+        rate = jnp.where(turns.ramp[k] > 0.0, sign[k] * sharpest[k], 0.0)
         lengths += [turns.ramp[k], turns.arc[k], turns.ramp[k]]
         bends += [turns.peak[k], turns.peak[k], zero]
         sharps += [rate, zero, -rate]
@@ -153,10 +175,11 @@ def route(ends: Ends, angles: Float[Array, " turns"], legs: Float[Array, " legs"
 
 
 def turned_through(
-    ends: Ends, heading: ScalarLike, angles: Float[Array, " turns"]
+    ends: Ends, heading: ScalarLike, angles: Float[Array, " turns"], scales: Float[Array, " turns"] | None = None
 ) -> tuple[Plane, Scalar, Float[Array, " turns"]]:
     """Displacement of four turns flown one after the other, their length, and the headings after each."""
-    turns: Turn = jax.vmap(smooth_turn, in_axes=(0, None, None))(angles, ends.curvature_max, ends.sharpness)
+    scales = jnp.ones_like(angles) if scales is None else scales
+    turns, sharps = _resolve_turns(ends, angles, scales)
     after = heading + jnp.cumsum(angles)
-    moves = jax.vmap(displacement, in_axes=(0, None))(turns, ends.sharpness)
+    moves = jax.vmap(displacement)(turns, sharps)
     return jnp.sum(cis(after - angles) * moves), jnp.sum(turns.length), after

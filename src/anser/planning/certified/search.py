@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float
 
 from anser.planning.certified.arrivals import arrival_sets, direct_times
-from anser.planning.certified.candidates import ALL, FEW, MANY, Choices
 from anser.planning.certified.certified_plan import CertifiedPlan, plan_at, ticks_for
+from anser.planning.certified.choices import ALL, FEW, MANY, Choices
 from anser.planning.certified.profile import CLIMB_ACCELERATION
 from anser.planning.certified.request import Airspace, Traveller
 
@@ -19,8 +19,6 @@ _LATER = (1.0, 1.01, 1.03, 1.06, 1.1, 1.15, 1.22, 1.3, 1.4, 1.55, 1.75, 2.0, 2.4
 _A_HAIR = 1.0002  # later than the direct path takes: to rounding there may be none of just its length
 _THOROUGH_FLEET = 12  # aircraft up to which every kind of candidate is tried
 _WINDOW_STEPS = (0.0, 0.12, 0.25, 0.4, 0.55, 0.7, 0.85, 1.0)
-
-_EDGE_S = 0.5  # to which the edges of the open times are known
 
 Told = Callable[[str], None]
 Times = Float[np.ndarray, " aircraft"]
@@ -102,7 +100,8 @@ def search(
     thorough
         False stops after the first times.
     """
-    size = int(np.sum(np.asarray(travellers.active) > 0.0))
+    active = np.asarray(travellers.active) > 0.0
+    size = int(np.sum(active))
     tries, closest, fewest = 0, None, np.inf
 
     def attempt(durations: Times, choices: Choices) -> CertifiedPlan | None:
@@ -116,46 +115,40 @@ def search(
         return plan if trouble == 0.0 else None
 
     told("planning")
+    fixed = request.rule in ("at", "times")
+    levels = (MANY, ALL) if size <= _THOROUGH_FLEET else (MANY,)
     preferred = _preferred(travellers, airspace, request)
     first = _first_times(preferred, request)
     if first is not None:
-        # A prescribed time that is open to nobody needs no more candidates to be refused.
-        for choices in (FEW,) if request.rule in ("at", "times") else (FEW, MANY):
+        for choices in (FEW, *levels) if fixed and thorough else (FEW, MANY):
             plan = attempt(first, choices)
             if plan is not None:
                 return Outcome(plan, tries)
-    if not thorough:
+    if fixed or not thorough:
         return Outcome(None, tries, closest)
+    for durations in _later_times(first, request):
+        told(f"trying arrival at {float(np.max(durations)):.1f} s")
+        plan = attempt(durations, MANY)
+        if plan is not None:
+            return Outcome(plan, tries)
     told("looking for arrival times that are open to each aircraft")
-    ticks = ticks_for(min(request.latest_s, 3.0 * float(np.max(preferred))))
-    arrivals = arrival_sets(travellers, airspace, request.latest_s, ticks)
-    open_times = [list(x) for x in arrivals]
-    if request.rule in ("at", "times") and first is not None and _closed_to(first, arrivals, travellers):
-        return Outcome(None, tries, closest, arrivals)
-    levels = (MANY, ALL) if size <= _THOROUGH_FLEET else (MANY,)
+    windows = request.windows_s
+    last = min(request.latest_s, 3.0 * float(np.max(preferred))) if windows is None else float(np.max(windows))
+    arrivals = arrival_sets(travellers, airspace, request.latest_s, ticks_for(last), windows)
+    if windows is not None and any(on and not own for on, own in zip(active, arrivals, strict=True)):
+        return Outcome(None, tries, closest)
     seen: set[tuple[float, ...]] = set()
     for choices in levels:
-        for durations in _times(preferred, request, open_times, np.asarray(travellers.active) > 0.0):
+        for durations in _times(preferred, request, arrivals, active):
             key = (float(choices.size), *np.round(durations, 6))
-            tried = first is not None and request.rule not in ("at", "times") and np.allclose(durations, first)
-            if key in seen or (choices is MANY and tried):
+            if key in seen or (choices is MANY and first is not None and np.allclose(durations, first)):
                 continue
             seen.add(key)
             told(f"trying arrival at {float(np.max(durations)):.1f} s")
             plan = attempt(durations, choices)
             if plan is not None:
-                return Outcome(plan, tries, arrivals=arrivals)
-    return Outcome(None, tries, closest, arrivals)
-
-
-def _closed_to(durations: Times, arrivals: Sequence[Intervals], travellers: Traveller) -> list[int]:
-    """Aircraft that by themselves cannot arrive at their times."""
-    active = np.asarray(travellers.active) > 0.0
-    return [
-        k
-        for k, (time, own) in enumerate(zip(durations, arrivals, strict=True))
-        if active[k] and not any(a - _EDGE_S <= time <= b + _EDGE_S for a, b in own)
-    ]
+                return Outcome(plan, tries, arrivals=None if windows is not None else arrivals)
+    return Outcome(None, tries, closest, None if windows is not None else arrivals)
 
 
 def _trouble(plan: CertifiedPlan, travellers: Traveller) -> float:
@@ -203,15 +196,22 @@ def _first_times(preferred: Times, request: ArrivalRequest) -> Times | None:
     return times if np.max(times) <= request.latest_s else None
 
 
+def _later_times(first: Times | None, request: ArrivalRequest) -> Iterator[Times]:
+    """A little later than the times asked for first, and later still, where the rule leaves that open."""
+    if first is None or request.rule == "windows":
+        return
+    offsets = _offsets(request, first.size)
+    for factor in _LATER[1:]:
+        times = factor * (first - offsets) + offsets
+        if np.max(times) <= request.latest_s:
+            yield times
+
+
 def _times(
     preferred: Times, request: ArrivalRequest, arrivals: Sequence[Intervals], active: np.ndarray
 ) -> Iterator[Times]:
     """Arrival times to try, the preferred ones first; only such as are open to every aircraft by itself."""
     count = preferred.size
-    if request.rule in ("at", "times"):
-        assert request.times_s is not None
-        yield request.times_s
-        return
     if request.rule == "windows":
         yield from _window_times(preferred, request, arrivals)
         return

@@ -1,0 +1,227 @@
+"""Profiles of an aircraft that take a given time, with the radii and the direct paths that go with each."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from anser.planning.certified.choices import (
+    FAST_SLOW,
+    FASTER,
+    FASTEST,
+    LATE_FAST,
+    LATE_SLOW,
+    MATCHED,
+    PREFERRED,
+    SLOW_FAST,
+    SLOWER,
+    SLOWEST,
+    Choices,
+)
+from anser.planning.certified.detours import WORDS, Direct, direct
+from anser.planning.certified.profile import (
+    CURVATURE_KEPT,
+    Profile,
+    ProfileLimits,
+    Timetable,
+    kept,
+    last_to_mean_speed,
+    make_profile,
+    mean_to_last_speed,
+    profile_excess,
+    tabulate,
+)
+from anser.planning.certified.request import Airspace, Traveller
+from anser.planning.certified.route import Ends
+from anser.planning.rendezvous import final_air_velocity
+from anser.shapes import Flag, Scalar, ScalarLike, Vector3
+
+_SPEED_ROUNDS = 4
+_GAIN, _LOSS = 0.8, 1.6  # m/s^2
+_RATE_KEPT = 0.6  # part of the acceleration along the path that a change of airspeed may take
+
+
+def _plane(vector_n: Vector3) -> Array:
+    return vector_n[0] + 1j * vector_n[1]
+
+
+def curvature_limits(traveller: Traveller, gravity: ScalarLike, profile: Profile) -> tuple[Scalar, Scalar]:
+    """Greatest curvature (1/m) of a path flown by a profile, and its greatest rate along the path (1/m^2).
+
+    One curvature for the whole path: that of the greatest airspeed, the steepest climb and the strongest push-over.
+    """
+    limits = traveller.limits
+    speed = profile.speed_most
+    climb, push = profile.steepest
+    slowest = profile.speed_least
+    cosine = jnp.sqrt(1.0 - jnp.minimum(climb / jnp.maximum(slowest, 1.0), 0.9) ** 2)
+    lift = jnp.maximum(cosine * gravity - push, _LEAST_PUSH)
+    by_bank = lift * jnp.tan(limits.bank_max)
+    total = jnp.minimum(limits.load_factor_max, 1e3) * gravity
+    by_load = jnp.sqrt(jnp.maximum(total**2 - (gravity + push) ** 2, _LEAST_PUSH**2))
+    curvature = CURVATURE_KEPT * jnp.minimum(by_bank, by_load) / speed**2
+    ramp_s = jnp.arctan(curvature * speed**2 / gravity) / traveller.roll_rate_max
+    return curvature, curvature / (speed * ramp_s)
+
+
+_LEAST_PUSH = 0.1  # m/s^2: an aircraft whose limits allow no turn still has finite radii
+
+
+def speed_rates(traveller: Traveller) -> tuple[Scalar, Scalar]:
+    """Greatest rates at which a profile gains and loses airspeed, m/s^2: the rest is left to climb and descent."""
+    limits = traveller.limits
+    return jnp.minimum(_GAIN, _RATE_KEPT * limits.acceleration_max), jnp.minimum(
+        _LOSS, _RATE_KEPT * limits.deceleration_max
+    )
+
+
+def _speed_0(traveller: Traveller) -> Scalar:
+    return jnp.sqrt(jnp.sum(traveller.air_velocity_n**2))
+
+
+def steady_after(traveller: Traveller, duration: ScalarLike, mean: ScalarLike) -> tuple[Scalar, Scalar]:
+    """The airspeed in the middle and the last one, equal, that make a mean airspeed (m/s)."""
+    last = mean_to_last_speed(mean, _speed_0(traveller), duration, speed_rates(traveller))
+    return last, last
+
+
+def _profile(
+    traveller: Traveller, airspace: Airspace, duration: Scalar, speeds: tuple[Scalar, Scalar], height: ScalarLike
+) -> Profile:
+    rendezvous = traveller.rendezvous
+    begin = traveller.position_n
+    end_down = traveller.goal_position_n[2] + traveller.goal_velocity_n[2] * duration + rendezvous.stand_off_n[2]
+    wind_0 = airspace.wind.at(begin, 0.0)
+    at_end = jnp.stack([jnp.zeros(()), jnp.zeros(()), end_down])
+    wind_1 = airspace.wind.at(at_end, duration)
+    arrival = final_air_velocity(rendezvous, jnp.array([1.0, 0.0, 0.0]), speeds[1], wind_1)[0] + wind_1
+    level_off = jnp.where(rendezvous.path_angle_prescribed, -arrival[2], -traveller.goal_velocity_n[2])
+    speed_0 = _speed_0(traveller)
+    speed_dot = jnp.sum(traveller.air_velocity_n * traveller.air_acceleration_n) / jnp.maximum(speed_0, 1.0)
+    return make_profile(
+        duration,
+        (-begin[2], -end_down),
+        (-traveller.air_velocity_n[2] - wind_0[2], level_off),
+        -traveller.air_acceleration_n[2],
+        height,
+        (speed_0, *speeds),
+        speed_dot,
+        speed_rates(traveller),
+    )
+
+
+def _ends(traveller: Traveller, airspace: Airspace, table: Timetable) -> Ends:
+    """What the horizontal path joins in the frame that drifts with the air, at a timetable."""
+    duration, profile = table.profile.duration, table.profile
+    velocity, acceleration = traveller.air_velocity_n, traveller.air_acceleration_n
+    rendezvous = traveller.rendezvous
+    end = traveller.goal_position_n + traveller.goal_velocity_n * duration + rendezvous.stand_off_n - table.drift_n
+    level = jnp.maximum(jnp.sum(velocity[:2] ** 2), 1.0)
+    curvature = (velocity[0] * acceleration[1] - velocity[1] * acceleration[0]) / level**1.5
+    curvature_max, sharpness = curvature_limits(traveller, airspace.gravity, profile)
+    arrived = jnp.stack([jnp.zeros(()), jnp.zeros(()), -profile.at(duration).altitude])
+    wind = airspace.wind.at(arrived, duration)
+    line = jnp.stack([jnp.real(_plane(end - traveller.position_n)), jnp.imag(_plane(end - traveller.position_n)), 0.0])
+    final, _ = final_air_velocity(rendezvous, line, profile.speed_2, wind)
+    return Ends(
+        start=_plane(traveller.position_n),
+        heading=jnp.arctan2(velocity[1], velocity[0]),
+        curvature=curvature,
+        end=_plane(end),
+        end_heading=jnp.arctan2(final[1], final[0]),
+        end_free=~rendezvous.course_prescribed,
+        curvature_max=curvature_max,
+        sharpness=sharpness,
+    )
+
+
+def directs(ends: Ends) -> Direct:
+    """The four direct paths, the shortest first."""
+    found = jax.vmap(lambda word: direct(ends, word))(jnp.asarray(WORDS))
+    order = jnp.argsort(found.length)
+    return jax.tree.map(lambda leaf: leaf[order], found)
+
+
+class TimedProfile(eqx.Module):
+    """A profile with what follows from it alone."""
+
+    table: Timetable
+    ends: Ends
+    direct: Direct
+    """Four, the shortest first."""
+    speed: Scalar
+    good: Flag
+
+
+def timed_profile(
+    traveller: Traveller,
+    airspace: Airspace,
+    duration: Scalar,
+    ticks: int,
+    height: Scalar,
+    speeds: tuple[Scalar, Scalar],
+) -> TimedProfile:
+    """Profile of given airspeeds in the middle and at the end, with its direct paths at the radii that go with them."""
+    profile = _profile(traveller, airspace, duration, speeds, height)
+    table = tabulate(profile, airspace.wind, ticks)
+    ends = _ends(traveller, airspace, table)
+    excess = profile_excess(table, _profile_limits(traveller), airspace.gravity)
+    return TimedProfile(table, ends, directs(ends), profile.speed_mean, kept(excess))
+
+
+def timed_profiles(
+    traveller: Traveller, airspace: Airspace, duration: Scalar, ticks: int, choices: Choices
+) -> TimedProfile:
+    """All profiles of a table of choices, stacked."""
+    kinds = tuple(dict.fromkeys(choices.speeds))
+    limits, preferred = traveller.limits, traveller.speed
+    low, high = 1.002 * limits.speed_min, 0.998 * limits.speed_max
+    speed_0, rates = _speed_0(traveller), speed_rates(traveller)
+
+    slowest, fastest = (last_to_mean_speed(last, speed_0, duration, rates) for last in (low, high))
+    now = jnp.clip(speed_0, low, high)
+    wished = jnp.clip(preferred, low, high)
+
+    def closer(_: object, mean: Scalar) -> Scalar:
+        speeds = steady_after(traveller, duration, mean)
+        timed = timed_profile(traveller, airspace, duration, ticks, jnp.zeros(()), speeds)
+        wanted = jnp.where(timed.direct.exists[0], timed.direct.length[0], timed.table.length)
+        # The radii grow with the speed: left to itself a path that is too long would be flown ever faster.
+        return jnp.clip(mean * wanted / jnp.maximum(timed.table.length, 1.0), slowest, fastest)
+
+    matched = preferred
+    if MATCHED in kinds:
+        # A hair faster: a path that is longer than the direct one by less than this is a detour, a shorter one is none.
+        matched = (1.0 + 2e-4) * jax.lax.fori_loop(0, _SPEED_ROUNDS, closer, preferred)
+    means = {
+        PREFERRED: wished,
+        MATCHED: matched,
+        SLOWER: 0.5 * (wished + slowest),
+        FASTER: 0.5 * (wished + fastest),
+    }
+    speeds = {kind: steady_after(traveller, duration, mean) for kind, mean in means.items()} | {
+        SLOWEST: (low, low),
+        FASTEST: (high, high),
+        SLOW_FAST: (low, high),
+        FAST_SLOW: (high, low),
+        LATE_FAST: (now, high),
+        LATE_SLOW: (now, low),
+    }
+    heights = jnp.asarray(choices.heights)
+    middle, last = (jnp.stack([speeds[kind][k] for kind in choices.speeds]) for k in range(2))
+    return jax.vmap(lambda height, *two: timed_profile(traveller, airspace, duration, ticks, height, two))(
+        heights, middle, last
+    )
+
+
+def _profile_limits(traveller: Traveller) -> ProfileLimits:
+    limits = traveller.limits
+    return ProfileLimits(
+        limits.speed_min,
+        limits.speed_max,
+        limits.climb_rate_max,
+        limits.altitude_min,
+        limits.altitude_max,
+        limits.acceleration_max,
+        limits.deceleration_max,
+    )

@@ -1,0 +1,142 @@
+"""Paths without a prescribed shape: that they are what was asked, and that they find what detours cannot be."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from certified_cases import GRAVITY, STEADY, detours_of, dubins, integrated, number, picked, random_ends
+
+from anser.numerics import compiled_quickly
+from anser.planning.certified.detours import SHAPES, WORDS, direct, resolve, solve_detour
+from anser.planning.certified.free_shapes import Pace, make_pace, make_starts, solve_freely
+from anser.planning.certified.profile import make_profile, tabulate
+from anser.planning.limits import PathLimits
+
+CASES = 16
+STARTS = 64
+# Ramps of a two-hundredth of the radius: paths are Dubins' but for that.
+ENDS = random_ends(8, CASES, 0.3, 5.0, curvature_use=0.0, sharp=200.0)
+BENT = random_ends(9, CASES, 3.0, 15.0, curvature_use=1.0)
+FREE = eqx.tree_at(lambda e: e.end_free, BENT, jnp.full(CASES, True))
+SENSES, FIRST = make_starts(STARTS)
+EVEN = Pace(jnp.array([0.0, 1e7]), jnp.ones(2))
+# As an aircraft that becomes slower within 4 km, so that it then turns within two thirds of the radius.
+SLOWING = Pace(jnp.array([0.0, 1000.0, 4000.0, 1e7]), jnp.array([1.0, 1.0, 0.67, 0.67]))
+
+
+def all_of(ends, pace, wanted):
+    def one(senses, start):
+        solved = solve_freely(ends, pace, wanted, senses, start)
+        return solved, resolve(ends, solved)
+
+    return jax.vmap(one)(jnp.asarray(SENSES), jnp.asarray(FIRST))
+
+
+solve = compiled_quickly(jax.vmap(all_of, in_axes=(0, None, 0)))
+
+
+def shortest(ends):
+    gap = np.asarray(ends.end - ends.start)
+    return np.array(
+        [
+            dubins(
+                float(ends.heading[k]), complex(gap[k]), float(ends.end_heading[k]), 1 / float(ends.curvature_max[k])
+            )
+            for k in range(CASES)
+        ]
+    )
+
+
+def pieces_of(shape):
+    bends = np.asarray(shape.curvatures)
+    return list(zip(np.diff(np.asarray(shape.marks)), bends[:-1], bends[1:], strict=True))
+
+
+@pytest.mark.parametrize(
+    ("ends", "pace", "factor"),
+    [(ENDS, EVEN, 1.6), (BENT, EVEN, 1.3), (BENT, SLOWING, 1.3), (FREE, SLOWING, 1.2)],
+    ids=["near", "bent", "slowing", "free end"],
+)
+def test_what_is_found_is_what_was_asked(ends, pace, factor):
+    wanted = factor * shortest(ends)
+    solved, shapes = solve(ends, pace, jnp.asarray(wanted))
+    exists = np.asarray(solved.exists)
+    assert np.mean(np.any(exists, axis=1)) > 0.85
+    for k, n in np.argwhere(exists)[::7]:
+        shape = picked(picked(shapes, k), n)
+        # Along its curvature, by quadrature, from the start: to the end, with the heading and the length asked for.
+        pieces = pieces_of(shape)
+        places, headings = integrated(ends.start[k], ends.heading[k], pieces)
+        length = sum(piece[0] for piece in pieces)
+        room = 2e-10 * wanted[k]  # twice what counts as solved
+        np.testing.assert_allclose(length, wanted[k], atol=room)
+        np.testing.assert_allclose(places[-1], complex(ends.end[k]), atol=room + 1e-6)
+        if not bool(ends.end_free[k]):
+            turned = (headings[-1] - float(ends.end_heading[k])) / (2 * np.pi)
+            np.testing.assert_allclose(turned, np.round(turned), atol=1e-9)
+        assert np.all(np.asarray(solved.legs)[k, n] >= 0.0)
+        # No turn tighter than the pace allows at its beginning and at its end.
+        scales = np.asarray(solved.scales)[k, n]
+        marks = np.asarray(shape.marks)[1 + 4 * np.arange(4)]
+        least = np.interp(marks, pace.lengths, pace.scales)
+        ended = np.interp(np.asarray(shape.marks)[4 + 4 * np.arange(4)], pace.lengths, pace.scales)
+        assert np.all(scales >= np.maximum(least, ended) - 1e-12)
+        peaks = np.abs(np.asarray(shape.curvatures)[2 + 4 * np.arange(4)])
+        assert np.all(peaks <= float(ends.curvature_max[k]) / scales * (1 + 1e-12))
+
+
+def test_nothing_is_found_below_the_shortest_path():
+    solved, _ = solve(ENDS, EVEN, jnp.asarray(0.995 * shortest(ENDS)))
+    assert not np.any(solved.exists)
+
+
+def test_three_turns_in_a_row_are_found_where_no_detour_will_do():
+    # Back to where it came from: Dubins' shortest path is three turns, 7 pi / 3 radii long; turning once and coming
+    # back needs more than that, and a detour is longer still.
+    here = picked(ENDS, 0)
+    radius = 1.0 / float(here.curvature_max)
+    back = eqx.tree_at(lambda e: (e.end, e.end_heading), here, (here.start, here.heading + jnp.pi))
+    wanted = 7.05 / 3 * np.pi * radius
+    solved, _ = compiled_quickly(all_of)(back, EVEN, number(wanted))
+    assert np.any(solved.exists)
+    tight, _ = compiled_quickly(all_of)(back, EVEN, number(6.95 / 3 * np.pi * radius))
+    assert not np.any(tight.exists)
+
+    def bent(word, way):
+        return solve_detour(back, direct(back, word), way, wanted).exists
+
+    ways = detours_of(range(SHAPES), np.ones(SHAPES))
+    both = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), ways, detours_of(range(SHAPES), -np.ones(SHAPES)))
+    each = jax.vmap(jax.vmap(bent, in_axes=(None, 0)), in_axes=(0, None))
+    assert not np.any(compiled_quickly(each)(jnp.asarray(WORDS), both))
+
+
+def test_starts_are_the_same_every_time_and_all_senses_are_among_them():
+    again, first = make_starts(STARTS)
+    np.testing.assert_array_equal(again, SENSES)
+    np.testing.assert_array_equal(first, FIRST)
+    assert len({tuple(row) for row in SENSES}) == 16
+
+
+def test_pace_is_that_of_a_level_turn_and_of_what_climb_and_push_leave():
+    limits = PathLimits(*(number(x) for x in (90.0, 240.0, np.radians(60.0), 80.0, 0.0, 9000.0, 5.0, 2.0, 2.0)))
+    level = tabulate(make_profile(200.0, (900.0, 900.0), (0.0, 0.0), 0.0, 0.0, (150.0, 130.0, 140.0), 0.0), STEADY, 128)
+    here = eqx.tree_at(lambda e: e.curvature_max, picked(ENDS, 0), number(1.0 / 2000.0))
+    pace = make_pace(level, here, limits, GRAVITY)
+    # In steady level flight the radius is V^2 / (g tan(bank)), and 2 % more for the certificate.
+    for place, speed in ((0, 150.0), (64, 130.0), (128, 140.0)):
+        radius = speed**2 / (GRAVITY * np.tan(np.radians(60.0))) / 0.98
+        np.testing.assert_allclose(float(pace.scales[place]) * 2000.0, radius, rtol=1e-3)  # V_dot is not quite zero
+    # The greatest within the turn counts.
+    np.testing.assert_allclose(pace.least(0.0, 1e4), pace.scales[0], rtol=1e-12)
+    last = float(level.length)
+    np.testing.assert_allclose(pace.least(last - 100.0, 100.0), pace.scales[-1], rtol=1e-12)
+    # Climbing at a tenth of the speed leaves less lift, pulling up more of it.
+    climbing = tabulate(
+        make_profile(200.0, (900.0, 3500.0), (0.0, 0.0), 0.0, 0.0, (150.0, 150.0, 150.0), 0.0), STEADY, 128
+    )
+    steep = make_pace(climbing, here, limits, GRAVITY)
+    now = climbing.profile.at(100.0)
+    expected = 150.0**2 / (0.98 * GRAVITY * np.sqrt(1 - (float(now.climb) / 150.0) ** 2) * np.tan(np.radians(60.0)))
+    np.testing.assert_allclose(float(steep.scales[64]) * 2000.0, expected, rtol=1e-6)
