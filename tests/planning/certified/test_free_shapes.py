@@ -9,8 +9,9 @@ from certified_cases import GRAVITY, STEADY, detours_of, dubins, integrated, num
 
 from anser.numerics import compiled_quickly
 from anser.planning.certified.detours import SHAPES, WORDS, direct, resolve, solve_detour
-from anser.planning.certified.free_shapes import Pace, make_pace, make_starts, solve_freely
+from anser.planning.certified.free_shapes import Closed, Pace, Task, make_closed, make_pace, make_starts, solve_freely
 from anser.planning.certified.profile import make_profile, tabulate
+from anser.planning.certified.request import KeepOuts
 from anser.planning.limits import PathLimits
 
 CASES = 16
@@ -25,9 +26,12 @@ EVEN = Pace(jnp.array([0.0, 1e7]), jnp.ones(2))
 SLOWING = Pace(jnp.array([0.0, 1000.0, 4000.0, 1e7]), jnp.array([1.0, 1.0, 0.67, 0.67]))
 
 
-def all_of(ends, pace, wanted):
+NOTHING = Closed(jnp.array([0.0, 1e7]), jnp.zeros((0, 2), dtype=complex), jnp.zeros(0), jnp.zeros((0, 2)))
+
+
+def all_of(ends, pace, wanted, closed=NOTHING):
     def one(senses, start):
-        solved = solve_freely(ends, pace, wanted, senses, start)
+        solved = solve_freely(Task(ends, pace, closed, wanted, senses), start)
         return solved, resolve(ends, solved)
 
     return jax.vmap(one)(jnp.asarray(SENSES), jnp.asarray(FIRST))
@@ -110,6 +114,63 @@ def test_three_turns_in_a_row_are_found_where_no_detour_will_do():
     both = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), ways, detours_of(range(SHAPES), -np.ones(SHAPES)))
     each = jax.vmap(jax.vmap(bent, in_axes=(None, 0)), in_axes=(0, None))
     assert not np.any(compiled_quickly(each)(jnp.asarray(WORDS), both))
+
+
+def test_closed_volumes_are_gone_around():
+    # One volume amid the straight line from start to end, and twelve radii of it: half the free shapes would enter it.
+    middle = 0.5 * (FREE.start + FREE.end)
+    wide = 0.3 * np.abs(np.asarray(FREE.end - FREE.start))
+    wanted = jnp.asarray(1.3 * shortest(FREE))
+
+    def around(ends, middle, wide, wanted):
+        closed = Closed(jnp.array([0.0, 1e7]), middle * jnp.ones((1, 2)), wide[None], jnp.ones((1, 2)))
+        return all_of(ends, EVEN, wanted, closed), all_of(ends, EVEN, wanted)
+
+    (kept, kept_shapes), (free, free_shapes) = compiled_quickly(jax.vmap(around))(
+        FREE, middle, jnp.asarray(wide), wanted
+    )
+
+    @compiled_quickly
+    def places(shape):
+        return jax.vmap(lambda s: shape.at(s)[0])(shape.length * jnp.linspace(0.0, 1.0, 200))
+
+    def deepest(shapes, some):
+        flown = [(k, np.asarray(places(picked(picked(shapes, k), n)))) for k, n in some]
+        return [np.max(1.0 - np.abs(way - complex(middle[k])) / wide[k]) for k, way in flown]
+
+    def entering(solved, shapes):
+        some = np.argwhere(np.asarray(solved.exists))[::9]
+        return np.mean([depth > 0.02 for depth in deepest(shapes, some)])
+
+    # Looked at in some places only, some are still entered, by a little; without a look at them most are.
+    assert entering(free, free_shapes) > 0.4
+    assert entering(kept, kept_shapes) < 0.5 * entering(free, free_shapes)
+    assert np.mean(np.any(np.asarray(kept.exists), axis=1)) > 0.8
+
+
+def test_closed_volumes_are_where_and_when_the_path_meets_them():
+    profile = make_profile(100.0, (900.0, 1500.0), (0.0, 0.0), 0.0, 0.0, (150.0, 150.0, 150.0), 0.0)
+    table = tabulate(profile, STEADY, 64)
+    volumes = KeepOuts(
+        jnp.array([[2000.0, -500.0], [0.0, 0.0]]),
+        jnp.array([[8.0, -3.0], [0.0, 0.0]]),
+        jnp.array([700.0, 300.0]),
+        jnp.array([0.0, 1200.0]),
+        jnp.array([5000.0, 3000.0]),
+    )
+    closed = make_closed(table, volumes)
+    half = table.length_at(50.0)
+    wind = np.asarray(STEADY.velocity_n)
+    # Its centre after 50 s, from the air's point of view; 100 m inside its edge, the reserve of 30 m not counted.
+    centre = complex(2000.0 + 50.0 * (8.0 - wind[0]), -500.0 + 50.0 * (-3.0 - wind[1]))
+    entered = np.asarray(closed.entered(half, jnp.asarray(centre + 600.0)))
+    np.testing.assert_allclose(entered[0], 130.0 / 730.0, rtol=1e-4)
+    # The other begins at 1,200 m, which is reached after 50 s: not before.
+    at = -50.0 * complex(wind[0], wind[1])
+    early = closed.entered(table.length_at(20.0), jnp.asarray(0.4 * at))
+    late = closed.entered(table.length_at(80.0), jnp.asarray(1.6 * at))
+    assert float(early[1]) == 0.0
+    np.testing.assert_allclose(float(late[1]), 1.0, atol=0.01)
 
 
 def test_starts_are_the_same_every_time_and_all_senses_are_among_them():

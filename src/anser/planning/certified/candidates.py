@@ -22,7 +22,7 @@ from anser.planning.certified.detours import (
     solve_detour,
     solve_racetrack,
 )
-from anser.planning.certified.free_shapes import make_pace, make_starts, solve_freely
+from anser.planning.certified.free_shapes import Task, make_closed, make_pace, make_starts, solve_freely
 from anser.planning.certified.profile import Profile, Timetable
 from anser.planning.certified.request import Airspace, Traveller
 from anser.planning.certified.route import Ends, Route, tightness
@@ -72,7 +72,7 @@ def candidates(
     costs = jnp.abs(timed.speed / traveller.speed - 1.0) * 20.0 + jnp.abs(heights) / 400.0
     found = jax.vmap(each_way, in_axes=(0, 0, None, None, None))(timed, (costs, numbers), words, shapes, sides)
     if choices.starts:
-        free = jax.vmap(functools.partial(_freed, traveller, airspace.gravity, choices.starts))(timed, (costs, numbers))
+        free = jax.vmap(functools.partial(_freed, traveller, airspace, choices.starts))(timed, (costs, numbers))
         found = jax.tree.map(lambda a, b: jnp.concatenate([a, b], axis=1), found, free)
     flat = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), found)
     if choices.most is not None and choices.most < choices.size:
@@ -117,14 +117,15 @@ def _detoured(
 
 
 def _freed(
-    traveller: Traveller, gravity: ScalarLike, starts: int, timed: TimedProfile, about: tuple[Scalar, Count]
+    traveller: Traveller, airspace: Airspace, starts: int, timed: TimedProfile, about: tuple[Scalar, Count]
 ) -> Candidate:
     """Free shapes that take the time; they bend to any side, so only where either will do."""
     senses, first = make_starts(starts)
-    pace = make_pace(timed.table, timed.ends, traveller.limits, gravity)
+    pace = make_pace(timed.table, timed.ends, traveller.limits, airspace.gravity)
+    closed = make_closed(timed.table, airspace.keep_outs)
 
     def one(senses: Array, start: Array) -> Candidate:
-        solved = solve_freely(timed.ends, pace, timed.table.length, senses, start)
+        solved = solve_freely(Task(timed.ends, pace, closed, timed.table.length, senses), start)
         return _candidate(timed, solved, traveller.side == 0, about[0] + _FREE, about[1])
 
     return jax.vmap(one)(jnp.asarray(senses), jnp.asarray(first))
