@@ -1,6 +1,7 @@
 """The flight that reports are made of."""
 
 import pytest
+
 from support.made_flight import make_flight
 
 

@@ -73,7 +73,10 @@ def test_the_least_distance_names_the_two(flight, whole):
     least, when, one, other = least_apart(whole)
     assert least == pytest.approx(flight[1]["fleet"]["separation_min_m"], rel=1e-3)
     then = whole.sel(time=when)
-    away = [float(then[name].sel(aircraft=one) - then[name].sel(aircraft=other)) for name in ("north_m", "east_m", "altitude_m")]
+    away = [
+        float(then[name].sel(aircraft=one) - then[name].sel(aircraft=other))
+        for name in ("north_m", "east_m", "altitude_m")
+    ]
     assert np.linalg.norm(away) == pytest.approx(least, rel=1e-12)
 
 
@@ -91,7 +94,9 @@ def test_separation_counts_until_the_first_of_two_arrives(flight):
 
 def test_errors_are_along_and_across_the_plan(flight, whole):
     together = np.sqrt(whole["along_error_m"] ** 2 + whole["across_error_m"] ** 2 + whole["height_error_m"] ** 2)
-    away = np.sqrt(sum((flight[0][name] - flight[0][f"reference_{name}"]) ** 2 for name in ("north_m", "east_m", "altitude_m")))
+    away = np.sqrt(
+        sum((flight[0][name] - flight[0][f"reference_{name}"]) ** 2 for name in ("north_m", "east_m", "altitude_m"))
+    )
     flying = flight[0]["phase"].values != HOLD
     np.testing.assert_allclose(together.values[flying], away.values[flying], atol=1e-9)
     assert np.isnan(together.values[~flying]).all()

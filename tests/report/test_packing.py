@@ -38,7 +38,9 @@ def test_numbers_come_back_within_half_a_step(seed, times, count, scale):
     steps = [step_of(first, "m"), step_of(second, "1")]
     text, gaps = pack([(first, steps[0]), (second, steps[1])])
     assert gaps == [[], []]
-    for values, step, back in zip((first, second), steps, unpacked(text, [((times, count), steps[0]), ((times, 1), steps[1])]), strict=True):
+    for values, step, back in zip(
+        (first, second), steps, unpacked(text, [((times, count), steps[0]), ((times, 1), steps[1])]), strict=True
+    ):
         # half a step of rounding, and the rounding of the product
         np.testing.assert_allclose(back, values, rtol=1e-12, atol=0.5001 * step)
 

@@ -51,7 +51,9 @@ def test_the_answer_stands_first(page):
     assert "<title>Three &lt;aircraft&gt; · anser flight report</title>" in ours
     assert re.search(r"All 3 aircraft arrived together, within [\d.]+&nbsp;ms", ours)
     assert "All requirements met." in ours
-    places = [ours.index(mark) for mark in ('class="answer', "What was tight", 'id="scene"', 'id="events"', 'id="plan"')]
+    places = [
+        ours.index(mark) for mark in ('class="answer', "What was tight", 'id="scene"', 'id="events"', 'id="plan"')
+    ]
     assert places == sorted(places)
     for words in ("3f9a1c0b7e42d6585a90", "Seed 7", "numpy", "Bank angle to the right", "the whole scenario"):
         assert words in ours
@@ -157,7 +159,7 @@ def test_two_runs_stand_side_by_side(flight, tmp_path):
     write_comparison([("runs/a", dataset, summary), ("runs/b", other, summary)], path)
     ours = own(path.read_text(encoding="utf-8"))
     assert ours.count('class="scene-place"') == 2
-    assert "<code>limits.bank_max_deg</code></td><td class=\"text free\">70.0</td><td class=\"text free\">60.0</td>" in ours
+    assert '<code>limits.bank_max_deg</code></td><td class="text free">70.0</td><td class="text free">60.0</td>' in ours
     assert [run["label"] for run in data_of(path.read_text(encoding="utf-8"))["runs"]] == ["runs/a", "runs/b"]
     with pytest.raises(ValueError, match="two runs"):
         write_comparison([("a", dataset, summary)], tmp_path / "alone.html")
@@ -184,6 +186,11 @@ def test_dataset_and_summary_must_belong_together(flight, tmp_path):
     dataset, summary = flight
     with pytest.raises(ValueError, match="the summary"):
         write_report(dataset.isel(aircraft=slice(2)), summary, tmp_path / "report.html")
+    with pytest.raises(ValueError, match="lacks fleet"):
+        write_report(dataset, {k: v for k, v in summary.items() if k != "fleet"}, tmp_path / "report.html")
+    rows = [{k: v for k, v in row.items() if k != "goal"} for row in summary["aircraft"]]
+    with pytest.raises(ValueError, match=r"lacks aircraft\.goal"):
+        write_report(dataset, summary | {"aircraft": rows}, tmp_path / "report.html")
     with pytest.raises(ValueError, match="scenario abc, the summary 3f9a"):
         write_report(dataset.assign_attrs(scenario_hash="abc"), summary, tmp_path / "report.html")
     with pytest.raises(ValueError, match="lacks throttle"):

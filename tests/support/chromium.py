@@ -30,9 +30,15 @@ class Chromium:
         self.requests, self.faults, self._count, self._rest = [], [], 0, b""
         theirs_in, self._out = os.pipe()
         self._in, theirs_out = os.pipe()
-        command = [find_chromium(), *_FLAGS, f"--window-size={width},{height}", f"--user-data-dir={folder}", "about:blank"]
+        command = [
+            find_chromium(),
+            *_FLAGS,
+            f"--window-size={width},{height}",
+            f"--user-data-dir={folder}",
+            "about:blank",
+        ]
         # the protocol wants its pipes as descriptors 3 and 4
-        shell = f"exec 3<&{theirs_in} 4>&{theirs_out}; exec \"$@\""
+        shell = f'exec 3<&{theirs_in} 4>&{theirs_out}; exec "$@"'
         self._process = subprocess.Popen(
             ["bash", "-c", shell, "bash", *command],
             pass_fds=(theirs_in, theirs_out),
@@ -85,7 +91,9 @@ class Chromium:
 
     def settle(self):
         """Wait until the page has drawn what it was told to."""
-        self.run("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(done, 30))))")
+        self.run(
+            "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(done, 30))))"
+        )
 
     def resize(self, width, height):
         """Size of the window, pixels."""
@@ -142,6 +150,8 @@ class Chromium:
         elif method == "Runtime.exceptionThrown":
             self.faults.append(str(params["exceptionDetails"]))
         elif method == "Runtime.consoleAPICalled" and params["type"] in ("error", "warning", "assert"):
-            self.faults.append(f"{params['type']}: {[arg.get('value', arg.get('description')) for arg in params['args']]}")
+            self.faults.append(
+                f"{params['type']}: {[arg.get('value', arg.get('description')) for arg in params['args']]}"
+            )
         elif method == "Log.entryAdded" and params["entry"]["level"] in ("error", "warning"):
             self.faults.append(f"{params['entry']['level']}: {params['entry']['text']}")

@@ -43,7 +43,11 @@ def report(
         else:
             write_comparison(runs, target, overwrite=force)
     except ValueError as error:
-        raise RefusedError(f"{' and '.join(map(str, folders))}: {error}") from None
+        words = f"{error}; expected what one flight of `anser run` wrote"
+        raise RefusedError(f"{' and '.join(map(str, folders))}: {words}") from None
+    except OSError as error:
+        words = f"expected a file that can be written ({error.strerror or error})"
+        raise RefusedError(f"--out: arrived {target}; {words}") from None
     screen.print(f"{target}: written", soft_wrap=True, markup=False)
 
 
@@ -52,9 +56,8 @@ def _must_be_run(place: str, folder: Path) -> None:
     if not folder.is_dir():
         raise RefusedError(f"{place}: arrived {folder}, which is no folder; expected one that `anser run` wrote")
     if lacking:
-        raise RefusedError(
-            f"{place}: arrived {folder}, which holds no {' and no '.join(lacking)}; expected a folder that `anser run` wrote"
-        )
+        words = f"which holds no {' and no '.join(lacking)}; expected a folder that `anser run` wrote"
+        raise RefusedError(f"{place}: arrived {folder}, {words}")
 
 
 def _must_be_writable(target: Path, force: bool) -> None:

@@ -11,6 +11,7 @@ from anser.report.style import color_of
 __all__ = ["arrival_strip"]
 
 _WIDTH, _NAMES, _RIGHT, _FOOT = 560, 128, 16, 34
+_INK, _GRID = "#57606a", "#e6e9ed"
 _TALL, _ROW_MAX, _ROW_MIN, _ROW_NAMED = 260.0, 24.0, 4.0, 11.0
 
 
@@ -44,7 +45,7 @@ def arrival_strip(summary: Mapping[str, Any]) -> str:
         return _NAMES + (value - ticks[0]) / (ticks[-1] - ticks[0]) * (_WIDTH - _NAMES - _RIGHT)
 
     parts = [
-        f'<line x1="{x(t):.1f}" x2="{x(t):.1f}" y1="0" y2="{bottom:.1f}" stroke="{"#57606a" if t == 0 else "#e6e9ed"}"/>'
+        f'<line x1="{x(t):.1f}" x2="{x(t):.1f}" y1="0" y2="{bottom:.1f}" stroke="{_INK if t == 0 else _GRID}"/>'
         f'<text x="{x(t):.1f}" y="{bottom + 14:.1f}" text-anchor="middle">{_printed(t)}</text>'
         for t in ticks
     ]
@@ -56,7 +57,8 @@ def arrival_strip(summary: Mapping[str, Any]) -> str:
         radius = min(5.0, 0.42 * row_tall)
         parts.append(
             f'<line x1="{x(0.0):.1f}" x2="{x(offset * factor):.1f}" y1="{y:.1f}" y2="{y:.1f}" stroke="{color_of(k)}" '
-            f'stroke-width="1.5"/><circle cx="{x(offset * factor):.1f}" cy="{y:.1f}" r="{radius:.1f}" fill="{color_of(k)}"/>'
+            f'stroke-width="1.5"/>'
+            f'<circle cx="{x(offset * factor):.1f}" cy="{y:.1f}" r="{radius:.1f}" fill="{color_of(k)}"/>'
         )
     parts.append(
         f'<text x="{(_NAMES + _WIDTH - _RIGHT) / 2:.0f}" y="{bottom + 30:.1f}" text-anchor="middle">'

@@ -34,14 +34,17 @@ def difference_table(runs: Sequence[tuple[str, Mapping[str, Any]]], scenarios: S
         Of each; may be empty.
     """
     first, second = (summary for _, summary in runs)
-    rows = [_row(words, unit, digits, first["fleet"].get(key), second["fleet"].get(key)) for key, words, unit, digits in _FIGURES]
+    rows = [
+        _row(words, unit, digits, first["fleet"].get(key), second["fleet"].get(key))
+        for key, words, unit, digits in _FIGURES
+    ]
     for key, words, unit, digits, worst in _WORST:
         values = [[row[key] for row in summary["aircraft"] if row[key] is not None] for summary in (first, second)]
         rows.append(_row(words, unit, digits, *(worst(v) if v else None for v in values)))
     heads = "".join(f"<th>{text(label)}</th>" for label, _ in runs)
     table = (
-        f'<div class="scroll"><table><thead><tr><th class="text">Figure</th>{heads}<th>second less first</th></tr></thead>'
-        f"<tbody>{''.join(rows)}</tbody></table></div>"
+        f'<div class="scroll"><table><thead><tr><th class="text">Figure</th>{heads}<th>second less first</th></tr>'
+        f"</thead><tbody>{''.join(rows)}</tbody></table></div>"
     )
     return f'<section id="differences"><h2>What differs</h2>{table}{_keys(runs, scenarios)}</section>'
 
@@ -74,7 +77,7 @@ def _named(value: Any) -> Any:
 
 
 def _keys(runs: Sequence[tuple[str, Mapping[str, Any]]], scenarios: Sequence[Mapping[str, Any]]) -> str:
-    found = scenario_differences(*(dict(scenario) for scenario in scenarios))
+    found = scenario_differences(scenarios[0], scenarios[1])
     if not found:
         return '<p class="caption">The scenarios are the same.</p>'
     heads = "".join(f'<th class="text">{text(label)}</th>' for label, _ in runs)
@@ -97,4 +100,5 @@ def _value(value: Any) -> str:
 def _row(words: str, unit: str, digits: int, one: float | None, other: float | None) -> str:
     change = _NOTHING if one is None or other is None else number(other - one, digits)
     label = f"{words} ({unit})" if unit else words
-    return f'<tr><td class="text">{label}</td><td>{number(one, digits)}</td><td>{number(other, digits)}</td><td>{change}</td></tr>'
+    cells = "".join(f"<td>{cell}</td>" for cell in (number(one, digits), number(other, digits), change))
+    return f'<tr><td class="text">{label}</td>{cells}</tr>'

@@ -16,6 +16,11 @@ __all__ = ["as_script", "check_flight", "flight_data"]
 
 _SAMPLES_MAX = 150_000  # of all aircraft together: 20 aircraft at 10 Hz for 750 s
 _TIMES_MAX = 12_000
+_SUMMARY_KEYS = ("scenario", "versions", "seed", "aircraft", "fleet", "requirements")
+_ROW_KEYS = (
+    *("name", "goal", "planned_arrival_s", "arrival_s", "miss_m", "status", "nominal", "lateral_bend_m"),
+    *("speed_min_m_s", "speed_mean_m_s", "speed_max_m_s", "clearance_min_m", "position_error_max_m", "tables_left_s"),
+)
 
 
 def check_flight(dataset: xr.Dataset, summary: Mapping[str, Any]) -> None:
@@ -24,11 +29,16 @@ def check_flight(dataset: xr.Dataset, summary: Mapping[str, Any]) -> None:
     Raises
     ------
     ValueError
-        The dataset lacks a variable, or dataset and summary are not of one flight.
+        The dataset lacks a variable, the summary a key, or dataset and summary are not of one flight.
     """
     missing = [name for name in NEEDED if name not in dataset.data_vars]
     if missing:
         raise ValueError(f"the dataset lacks {', '.join(missing)}, which the report draws")
+    lacking = [key for key in _SUMMARY_KEYS if key not in summary]
+    rows = [] if lacking else summary["aircraft"]
+    lacking += [f"aircraft.{key}" for key in _ROW_KEYS if any(key not in row for row in rows)]
+    if lacking:
+        raise ValueError(f"the summary lacks {', '.join(lacking)}, which the report tells")
     flown, told = [str(name) for name in dataset["aircraft"].values], [row["name"] for row in summary["aircraft"]]
     if flown != told:
         raise ValueError(f"the dataset holds the aircraft {flown}, the summary {told}")
@@ -58,7 +68,11 @@ def flight_data(
     dict
         For JSON. Variables come packed, every `every`-th record of them.
     """
-    every = max(1, -(-dataset.sizes["time"] * dataset.sizes["aircraft"] // _SAMPLES_MAX), -(-dataset.sizes["time"] // _TIMES_MAX))
+    every = max(
+        1,
+        -(-dataset.sizes["time"] * dataset.sizes["aircraft"] // _SAMPLES_MAX),
+        -(-dataset.sizes["time"] // _TIMES_MAX),
+    )
     kept = np.unique(np.append(np.arange(0, dataset.sizes["time"], every), dataset.sizes["time"] - 1))
     names = packed_variables(dataset)
     time = dataset["time"].values[kept][:, None]
@@ -87,7 +101,7 @@ def flight_data(
 
 
 def as_script(data: Any) -> str:
-    """JSON that can stand within a script element: nothing in it ends the element, opens another or starts a comment."""
+    """JSON that can stand within a script element: nothing in it ends the element or begins another."""
     text = json.dumps(data, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 

@@ -22,9 +22,9 @@ def events_of(dataset: xr.Dataset) -> list[dict[str, Any]]:
     Returns
     -------
     list of dict
-        One for each aircraft: `phases` and `failed`, [name or code, from, to] each; `renewals`, [time, what] each, `what`
-        an index into `RENEWALS`: the instants at which the plan in force changed; `limited`, [index into `LIMITED`,
-        from, to] each; `outside`, [from, to] each: outside the aerodynamic tables. Times in s.
+        One for each aircraft: `phases` and `failed`, [name or code, from, to] each; `renewals`, [time, what] each,
+        `what` an index into `RENEWALS`: the instants at which the plan in force changed; `limited`, [index into
+        `LIMITED`, from, to] each; `outside`, [from, to] each: outside the aerodynamic tables. Times in s.
     """
     time = dataset["time"].values
     return [_of_one(dataset.isel(aircraft=k), time) for k in range(dataset.sizes["aircraft"])]
@@ -32,7 +32,9 @@ def events_of(dataset: xr.Dataset) -> list[dict[str, Any]]:
 
 def _of_one(one: xr.Dataset, time: np.ndarray) -> dict[str, Any]:
     names = str(one["phase"].attrs.get("flag_meanings", "approach frozen hold")).split()
-    phases = [[names[code] if code < len(names) else str(code), *span] for code, *span in _stretches(one["phase"], time)]
+    phases = [
+        [names[code] if code < len(names) else str(code), *span] for code, *span in _stretches(one["phase"], time)
+    ]
     limited = [
         [k, *span] for k, what in enumerate(LIMITED) for held, *span in _stretches(one[f"{what}_limited"], time) if held
     ]

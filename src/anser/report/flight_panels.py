@@ -119,7 +119,11 @@ _DERIVED = {
     "separation_kept",
 }
 _SCENE = (
-    *(f"{place}{axis}_m" for place in ("", "reference_", "goal_", "rendezvous_") for axis in ("north", "east", "altitude")),
+    *(
+        f"{place}{axis}_m"
+        for place in ("", "reference_", "goal_", "rendezvous_")
+        for axis in ("north", "east", "altitude")
+    ),
     *(f"quaternion_{k}" for k in range(4)),
 )
 _EVENTS = (

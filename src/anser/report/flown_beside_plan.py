@@ -46,8 +46,8 @@ def derive(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> xr.Dataset:
     Returns
     -------
     xr.Dataset
-        The same with `climb_rate_m_s`, `along_error_m`, `across_error_m`, `height_error_m`; `distance_min_m` where there
-        are two aircraft or more; `height_over_floor_m` and `separation_kept` where the scenario asks for them.
+        The same with `climb_rate_m_s`, `along_error_m`, `across_error_m`, `height_error_m`; `distance_min_m` where
+        there are two aircraft or more; `height_over_floor_m` and `separation_kept` where the scenario asks for them.
         `position_error_m` and the planned point are NaN in the hold.
     """
     planned = dataset["phase"].values != HOLD
@@ -57,9 +57,9 @@ def derive(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> xr.Dataset:
     }
     found = dataset.assign(changed)
     climb = next(v for v in PLAN_VARIABLES if v.key == "climb_rate")
-    found[climb.name] = (
-        -dataset["velocity_down_m_s"]
-    ).assign_attrs(units=climb.unit, symbol=climb.symbol, long_name=climb.long_name)
+    found[climb.name] = (-dataset["velocity_down_m_s"]).assign_attrs(
+        units=climb.unit, symbol=climb.symbol, long_name=climb.long_name
+    )
     along, across, height = _errors(dataset)
     for name, values in (("along_error_m", along), ("across_error_m", across), ("height_error_m", height)):
         _add(found, name, np.where(planned, values, np.nan))
@@ -90,8 +90,8 @@ def nearest_other_m(dataset: xr.Dataset) -> np.ndarray:
 def separation_kept(dataset: xr.Dataset, horizontal_m: float, vertical_m: float) -> np.ndarray:
     """Least ratio of distance to separation of each aircraft and any other; shape (time, aircraft).
 
-    The better of the two ratios counts, in the plane and in altitude (where `vertical_m` is above 0). Only while neither
-    of the two has arrived: afterwards none is asked for, and the value is NaN.
+    The better of the two ratios counts, in the plane and in altitude (where `vertical_m` is above 0). Only while
+    neither of the two has arrived: afterwards none is asked for, and the value is NaN.
     """
     north, east, up = (dataset[name].values for name in ("north_m", "east_m", "altitude_m"))
     flying = dataset["phase"].values != HOLD
@@ -117,7 +117,9 @@ def _errors(dataset: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return np.zeros_like(up), np.zeros_like(up), up
     rate_n, rate_e = (np.gradient(dataset[f"reference_{name}"].values, time, axis=0) for name in ("north_m", "east_m"))
     speed = np.hypot(rate_n, rate_e)
-    cosine, sine = (np.divide(rate, speed, out=np.full_like(speed, np.nan), where=speed > 0.0) for rate in (rate_n, rate_e))
+    cosine, sine = (
+        np.divide(rate, speed, out=np.full_like(speed, np.nan), where=speed > 0.0) for rate in (rate_n, rate_e)
+    )
     return north * cosine + east * sine, east * cosine - north * sine, up
 
 

@@ -39,15 +39,20 @@ def answer(summary: Mapping[str, Any], scenario: Mapping[str, Any]) -> str:
     stray = [row for row in rows if row["status"] != "arrived"]
     unmet = [entry["name"] for entry in summary["requirements"] if not entry["met"]]
     allowed = next((e["limit"] for e in summary["requirements"] if e["name"] == "arrival_spread_max_s"), None)
-    together = len(rows) > 1 and spread is not None and (allowed is not None or scenario.get("arrival", {}).get("rule") in ("together", "at"))
+    together = (
+        len(rows) > 1
+        and spread is not None
+        and (allowed is not None or scenario.get("arrival", {}).get("rule") in ("together", "at"))
+    )
+    apart = "" if spread is None else _duration(spread)
     good = not stray and not unmet
     if stray:
         count = len(rows) - len(stray)
         head = f"{count} of {len(rows)} aircraft arrived" if len(rows) > 1 else "The aircraft did not arrive"
     elif together and "arrival_spread_max_s" in unmet:
-        head = f"All {len(rows)} aircraft arrived, but {_duration(spread)} apart"
+        head = f"All {len(rows)} aircraft arrived, but {apart} apart"
     elif together:
-        head = f"All {len(rows)} aircraft arrived together, within {_duration(spread)}"
+        head = f"All {len(rows)} aircraft arrived together, within {apart}"
     else:
         head = f"All {len(rows)} aircraft arrived as planned" if len(rows) > 1 else "The aircraft arrived as planned"
     if not good and not stray and "arrival_spread_max_s" not in unmet:
@@ -57,7 +62,7 @@ def answer(summary: Mapping[str, Any], scenario: Mapping[str, Any]) -> str:
     parts.append("All requirements met." if not unmet else f"Requirements not met: <b>{text(', '.join(unmet))}</b>.")
     return (
         f'<div class="answer {"good" if good else "bad"}"><p class="head"><span aria-hidden="true">'
-        f'{"✓" if good else "✗"}</span> {head}</p><p>{" ".join(parts)}</p></div>'
+        f"{'✓' if good else '✗'}</span> {head}</p><p>{' '.join(parts)}</p></div>"
     )
 
 
@@ -85,10 +90,15 @@ def cards(dataset: xr.Dataset, summary: Mapping[str, Any]) -> str:
         later = ", after arriving" if ends and apart[1] > min(ends) else ""
         where = f"at {number(apart[1], 1)} s{later}: {text(apart[2])}, {text(apart[3])}"
         found.append(("Least distance of two", number(fleet["separation_min_m"], 0), "m", where))
-    return '<div class="cards">' + "".join(
-        f'<div class="card"><p>{name}</p><p class="value">{value}<small>{unit}</small></p><p class="note">{note}</p></div>'
-        for name, value, unit, note in found
-    ) + "</div>"
+    return (
+        '<div class="cards">'
+        + "".join(
+            f'<div class="card"><p>{name}</p><p class="value">{value}<small>{unit}</small></p>'
+            f'<p class="note">{note}</p></div>'
+            for name, value, unit, note in found
+        )
+        + "</div>"
+    )
 
 
 def margins_list(margins: Sequence[Margin]) -> str:
@@ -147,18 +157,20 @@ def _bar(margin: Margin) -> str:
     told = "not met" if not margin.met else ""
     return (
         f'<li class="{state}"><span class="what">{text(margin.what)}'
-        f'<small>{"" if margin.kind == "requirement" else "limit; "}{"at most" if margin.most else "at least"} '
+        f"<small>{'' if margin.kind == 'requirement' else 'limit; '}{'at most' if margin.most else 'at least'} "
         f"{f'{margin.limit:,g}'.replace('-', '−')}{unit}</small></span>"
         f'<span class="bar"><i style="width:{width:.1f}%"></i></span>'
         f'<span class="share">{share}</span><span class="is"><b>{value}</b>'
-        f'<small>{f"<em>{told}</em> " if told else ""}{where}</small></span></li>'
+        f"<small>{f'<em>{told}</em> ' if told else ''}{where}</small></span></li>"
     )
 
 
 def _significant(value: float | None) -> str:
     if value is None or not np.isfinite(value):
         return _NOTHING
-    return number(value, 0 if abs(value) >= 1000 else max(0, min(5, 2 - int(np.floor(np.log10(max(abs(value), 1e-4)))))))
+    return number(
+        value, 0 if abs(value) >= 1000 else max(0, min(5, 2 - int(np.floor(np.log10(max(abs(value), 1e-4))))))
+    )
 
 
 def _duration(seconds: float) -> str:

@@ -7,7 +7,6 @@ nearly all zero: twenty aircraft with sixty variables, recorded at 10 Hz for 300
 import base64
 import zlib
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 

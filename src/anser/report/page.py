@@ -17,6 +17,7 @@ from anser.report.flight_margins import Margin, margins_of
 from anser.report.flight_panels import SECTIONS
 from anser.report.flown_beside_plan import derive, scenario_of
 from anser.report.opening import aircraft_table, answer, cards, margins_list, number, text
+from anser.report.page_controls import EVENTS_KEY, KEEP_OUT_KEY, SCENE_KEY, TRANSPORT, toolbar
 from anser.report.style import COLORS
 
 __all__ = ["write_comparison", "write_report"]
@@ -52,6 +53,7 @@ def write_report(dataset: xr.Dataset, summary: Mapping[str, Any], path: Path, *,
     ValueError
         The dataset lacks a variable, or dataset and summary are not of one flight.
     """
+    check_flight(dataset, summary)
     _write([(str(summary["scenario"]["name"]), dataset, summary)], path, overwrite)
 
 
@@ -72,12 +74,12 @@ def write_comparison(runs: Sequence[_Run], path: Path, *, overwrite: bool = Fals
     """
     if len(runs) != 2:
         raise ValueError(f"two runs stand side by side, not {len(runs)}")
+    for _, dataset, summary in runs:
+        check_flight(dataset, summary)
     _write(list(runs), path, overwrite)
 
 
 def _write(runs: list[_Run], path: Path, overwrite: bool) -> None:
-    for _, dataset, summary in runs:
-        check_flight(dataset, summary)
     if path.exists() and not overwrite:
         raise FileExistsError(f"{path} exists and is not overwritten")
     page = _page(runs)
@@ -112,7 +114,8 @@ def _page(runs: list[_Run]) -> str:
     beside = "" if single else difference_table([(label, summary) for label, _, summary in runs], scenarios)
     tables = [aircraft_table(summary["aircraft"]) for _, _, summary in runs]
     sections = "".join(
-        f'<section id="{section.key}"><h2>{section.title}</h2><p class="caption">{section.caption}<span class="who"></span></p>'
+        f'<section id="{section.key}"><h2>{section.title}</h2>'
+        f'<p class="caption">{section.caption}<span class="who"></span></p>'
         f'<div class="plots" data-section="{section.key}"></div></section>'
         for section in SECTIONS
     )
@@ -138,9 +141,9 @@ script-src {" ".join(map(_hash_of, scripts))}; img-src data: blob:; connect-src 
 {beside}
 <section id="scene">
 <h2>The flight</h2>
-{_toolbar()}
+{toolbar()}
 <div class="runs">{_places(labels, "stage", _stage)}</div>
-{_SCENE_KEY.replace("</p>", _KEEP_OUT_KEY) if any(s.get("keep_out") for s in scenarios) else _SCENE_KEY}
+{SCENE_KEY.replace("</p>", KEEP_OUT_KEY) if any(s.get("keep_out") for s in scenarios) else SCENE_KEY}
 </section>
 <section id="aircraft">
 <h2>Aircraft</h2>
@@ -150,7 +153,7 @@ script-src {" ".join(map(_hash_of, scripts))}; img-src data: blob:; connect-src 
 <h2>What happened when</h2>
 <p class="caption">One lane for each aircraft; move over it for the words, click to bring the aircraft into focus.</p>
 <div class="runs">{_places(labels, "timeline-place", lambda k: "")}</div>
-{_EVENTS_KEY}
+{EVENTS_KEY}
 </section>
 <div class="toolbar"><span class="group">Time axis
 <button type="button" data-zoom="all">all</button><button type="button" data-zoom="approach">up to the arrival</button>
@@ -162,7 +165,7 @@ script-src {" ".join(map(_hash_of, scripts))}; img-src data: blob:; connect-src 
 <div class="runs">{_places(labels, "", lambda k: _provenance(runs[k], scenarios[k], data["runs"][k]["every"]))}</div>
 </section>
 </main>
-{_TRANSPORT}
+{TRANSPORT}
 <script type="application/json" id="flights">{as_script(data)}</script>
 {"".join(f"<script>{script}</script>" for script in scripts)}
 </body>
@@ -203,7 +206,8 @@ def _opening(
     rest = margins[_TIGHTEST:]
     more = f'<details class="more"><summary>{len(rest)} more</summary>{margins_list(rest)}</details>' if rest else ""
     return (
-        f'<section class="opening"><div>{name}{answer(summary, scenario)}{cards(dataset, summary)}{arrival_strip(summary)}</div>'
+        f'<section class="opening"><div>{name}{answer(summary, scenario)}{cards(dataset, summary)}'
+        f"{arrival_strip(summary)}</div>"
         '<div><h2 class="tight">What was tight</h2><p class="caption">Part of the way to each requirement and limit; '
         f"full at the limit.</p>{margins_list(margins[:_TIGHTEST])}{more}</div></section>"
     )
@@ -223,52 +227,9 @@ def _provenance(run: _Run, scenario: Mapping[str, Any], every: int) -> str:
         f"<div>Hash <code>{text(summary['scenario']['hash'])}</code></div><div>Seed {seed}</div>"
         f"<div>{software}</div><div>{number(summary['fleet']['simulated_s'], 0)} s flown, computed in "
         f"{number(summary['fleet']['wall_s'], 1)} s</div><div>Recorded every {period}; {drawn}</div></div>"
-        + (f'<details class="more"><summary>the whole scenario, defaults included</summary>{whole}</details>' if whole else "")
+        + (
+            f'<details class="more"><summary>the whole scenario, defaults included</summary>{whole}</details>'
+            if whole
+            else ""
+        )
     )
-
-
-def _toolbar() -> str:
-    views = (("overview", "Overview"), ("above", "From above"), ("follow", "Follow"), ("behind", "From behind"))
-    buttons = "".join(
-        f'<button type="button" data-view="{key}" aria-pressed="{"true" if key == "overview" else "false"}">{words}</button>'
-        for key, words in views
-    )
-    lifts = "".join(f'<option value="{k}">×{k}</option>' for k in (1, 2, 3, 5))
-    return (
-        f'<div class="toolbar"><span class="group">{buttons}</span>'
-        f'<label class="group">Heights <select id="lift">{lifts}</select></label>'
-        '<label class="group"><input type="checkbox" id="plans" checked> plan and its renewals</label></div>'
-    )
-
-
-_SCENE_KEY = (
-    '<p class="key"><span>drag: turn; wheel: zoom; right drag: shift; click an aircraft: focus</span>'
-    '<span><i style="width:18px;border-top:3px solid #0072b2"></i>flown so far</span>'
-    '<span><i style="width:18px;border-top:1px dashed #1b1f24"></i>planned</span>'
-    '<span><i style="width:18px;border-top:1px solid #8c959f"></i>over ground</span>'
-    '<span><i style="width:9px;height:9px;background:#3d444d;transform:rotate(45deg)"></i>goal</span>'
-    '<span><i style="width:9px;height:9px;background:#0072b2;transform:rotate(45deg)"></i>stand-off point above it</span></p>'
-)
-_KEEP_OUT_KEY = (
-    '<span><i style="width:16px;height:7px;border:1px solid #b3261e;border-radius:50%"></i>where none may be</span></p>'
-)
-_EVENTS_KEY = (
-    '<p class="key"><span><i style="width:18px;height:10px;background:#d7e7f3"></i>approach</span>'
-    '<span><i style="width:18px;height:10px;background:#9cc3de"></i>plan frozen</span>'
-    '<span><i style="width:18px;height:10px;background:#edeff2"></i>hold</span>'
-    '<span><i style="width:1px;height:12px;background:#57606a"></i>plan fitted to where the goal is now</span>'
-    '<span><i style="width:1px;height:12px;background:#0072b2"></i>corrected</span>'
-    '<span><i style="width:3px;height:14px;background:#d55e00"></i>planned anew</span>'
-    '<span><i style="width:3px;height:14px;background:#1b1f24"></i>last good plan kept</span>'
-    '<span><i style="width:18px;height:5px;background:#e69f00"></i>a command at a limit</span>'
-    '<span><i style="width:18px;height:4px;background:#b3261e"></i>outside the tables</span>'
-    '<span><i style="width:9px;height:9px;background:#0072b2;transform:rotate(45deg)"></i>arrival</span></p>'
-)
-_TRANSPORT = """<div class="transport" role="group" aria-label="Time">
-<button type="button" id="play" aria-label="Play">▶</button>
-<div class="track"><input type="range" id="time" min="0" max="1" value="0" aria-label="Time, s"><div id="marks"></div></div>
-<output id="told"></output>
-<label>Speed <select id="rate"><option value="1">×1</option><option value="2">×2</option>
-<option value="5" selected>×5</option><option value="10">×10</option><option value="30">×30</option></select></label>
-<label>Focus <select id="focus"></select></label>
-</div>"""

@@ -85,7 +85,7 @@ class Run {
 class State {
   constructor(runs) {
     this.runs = runs;
-    this.end = Math.max(...runs.map((run) => run.end));
+    this.end = Math.max(1e-3, ...runs.map((run) => run.end)); // a single record lasts no time
     this.time = 0;
     this.playing = false;
     this.rate = 1;
