@@ -185,6 +185,19 @@ def test_every_plot_is_drawn_and_shows_one_instant(browser, path):
     assert browser.run("document.querySelector('#limits .plot .readout').textContent") == expected
 
 
+def test_zooming_in_time_fits_the_values_there(browser, flight, path):
+    opened(browser, path)
+    browser.run("document.querySelector('[data-zoom=last]').click(); document.getElementById('plan').scrollIntoView()")
+    browser.settle()
+    low, high = browser.run("(() => { const s = anser.plots.list[0].plot.scales; return [s.x.min, s.x.max]; })()")
+    assert (low, high) == pytest.approx((65.0, 85.0), abs=0.01)
+    shown = flight[0]["range_to_rendezvous_m"].sel(time=slice(low, high))
+    least, most = browser.run("(() => { const s = anser.plots.list[0].plot.scales; return [s.y.min, s.y.max]; })()")
+    room = 0.05 * float(shown.max() - shown.min())
+    assert (least, most) == pytest.approx((float(shown.min()) - room, float(shown.max()) + room), abs=0.02 * room)
+    browser.run("document.querySelector('[data-zoom=all]').click()")
+
+
 def test_focus_goes_everywhere(browser, path):
     opened(browser, path)
     browser.run("document.getElementById('controls').scrollIntoView()")

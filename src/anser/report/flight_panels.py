@@ -75,7 +75,7 @@ SECTIONS: tuple[Section, ...] = (
     Section(
         "responses",
         "Commands and responses",
-        "Solid: response; dashed: command.",
+        "Solid: response; dashed: command, cut where it lies far beyond.",
         (
             Panel("airspeed_m_s", "airspeed_command_m_s"),
             Panel("path_angle_deg", "path_angle_command_deg"),
@@ -97,7 +97,7 @@ SECTIONS: tuple[Section, ...] = (
     Section(
         "controls",
         "Surfaces and engine",
-        "Solid: position; dashed: command.",
+        "Solid: position; dashed: command, cut where it lies far beyond.",
         (
             Panel("elevator_deg", "elevator_command_deg"),
             Panel("aileron_deg", "aileron_command_deg"),

@@ -45,26 +45,36 @@ class Plot {
     }
   }
 
+  /** Least and greatest value within the time that is shown; limits too where the panel asks for them. */
   _range() {
-    const focus = this.run.indexOf(this.state.focus);
-    if (this.span && this.spanOf === focus) return this.span;
-    this.spanOf = focus;
-    let low = Infinity, high = -Infinity;
-    const all = this.run.aircraft.length <= FEW, drawn = (this.commands || []).filter((_, k) => all || k === focus);
-    for (const row of [...this.responses, ...drawn]) {
-      for (const value of row) {
-        if (value < low) low = value;
-        if (value > high) high = value;
+    const focus = this.run.indexOf(this.state.focus), key = `${focus} ${this.group.window}`;
+    if (this.spanOf === key) return this.span;
+    const [from, to] = this.group.window.map((time) => this.run.locate(time)[0]);
+    const ends = (rows) => {
+      let low = Infinity, high = -Infinity;
+      for (const row of rows) {
+        for (let j = from; j <= Math.min(to + 1, row.length - 1); j++) {
+          if (row[j] < low) low = row[j];
+          if (row[j] > high) high = row[j];
+        }
       }
-    }
-    for (const limit of this.panel.limits) {
-      if (!this.panel.within) continue;
-      low = Math.min(low, limit);
-      high = Math.max(high, limit);
+      return [low, high];
+    };
+    const all = this.run.aircraft.length <= FEW;
+    let [low, high] = ends(this.responses);
+    const [least, most] = ends((this.commands || []).filter((_, k) => all || k === focus));
+    // a command may lie far beyond what can be done: the response must stay legible
+    const reach = high - low > 1e-9 ? high - low : Infinity;
+    low = Math.min(low, Math.max(least, low - reach));
+    high = Math.max(high, Math.min(most, high + reach));
+    if (this.panel.within) {
+      low = Math.min(low, ...this.panel.limits);
+      high = Math.max(high, ...this.panel.limits);
     }
     if (!(low <= high)) [low, high] = [0, 1];
     const room = high - low > 1e-9 ? 0.05 * (high - low) : Math.max(0.05 * Math.abs(high), 0.5);
     this.span = [low - room, high + room];
+    this.spanOf = key;
     return this.span;
   }
 
@@ -103,7 +113,7 @@ class Plot {
         series: [{}, ...list],
         axes: [
           { ...axis, size: 28, gap: 3, values: (u, ticks) => ticks.map((t) => t.toLocaleString("en-US")) },
-          { ...axis, size: 54, gap: 4, values: (u, ticks) => ticks.map((t) => +t.toPrecision(6)).map((t) => t.toLocaleString("en-US", { maximumFractionDigits: 6 }).replace("-", "−")) },
+          { ...axis, size: (u, ticks) => Math.max(48, 14 + 6.6 * Math.max(0, ...(ticks || []).map((t) => t.length))), gap: 4, values: (u, ticks) => ticks.map((t) => +t.toPrecision(6)).map((t) => t.toLocaleString("en-US", { maximumFractionDigits: 6 }).replace("-", "−")) },
         ],
         cursor: { y: false, drag: { x: true, y: false }, points: { show: false } },
         select: { show: true },

@@ -1,7 +1,7 @@
 /* What stands in a scene. Axes: x east, y up, z south; kilometres from a common middle. Heights are drawn `lift` times. */
 "use strict";
 
-const TRACK_OFF = 0.0015; // km: a drawn track is nowhere farther from the record
+const TRACK_OFF = 0.0006; // km: a drawn track is nowhere farther from the record
 const SKY = 0xffffff, GRID_COLOR = 0xd5dbe1, FINE_COLOR = 0xebeef1, GROUND_COLOR = 0xf7f9fa, EDGE_COLOR = 0xb9c1ca, GOAL_COLOR = 0x3d444d;
 
 /** Place of an aircraft, or of what belongs to it, as the scene has it (unlifted). */
@@ -169,7 +169,7 @@ class Flyer {
     const geometry = new THREE.BufferGeometry();
     geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(points), 3));
     geometry.setAttribute("color", new THREE.BufferAttribute(new Float32Array(colors), 3));
-    const found = new THREE.Points(geometry, new THREE.PointsMaterial({ size: 3.5, sizeAttenuation: false, vertexColors: true, transparent: true }));
+    const found = new THREE.Points(geometry, new THREE.PointsMaterial({ size: 3.5, sizeAttenuation: false, vertexColors: true, transparent: true, depthTest: false }));
     found.renderOrder = 3;
     found.frustumCulled = false;
     return found;
