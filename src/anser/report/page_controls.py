@@ -25,7 +25,8 @@ SCENE_KEY = (
     '<span><i style="width:18px;border-top:1px solid #8c959f"></i>over ground</span>'
     '<span><i style="width:9px;height:9px;background:#3d444d;transform:rotate(45deg)"></i>goal</span>'
     '<span><i style="width:9px;height:9px;background:#0072b2;transform:rotate(45deg)"></i>'
-    "stand-off point above it</span></p>"
+    "stand-off point above it</span>"
+    '<span><i style="width:9px;height:9px;background:#d55e00;border:2px solid #1b1f24"></i>planned anew</span></p>'
 )
 KEEP_OUT_KEY = (
     '<span><i style="width:16px;height:7px;border:1px solid #b3261e;border-radius:50%"></i>where none may be</span></p>'

@@ -156,22 +156,26 @@ class Flyer {
     this.meetingPlace = new THREE.Vector3();
   }
 
-  /** Points on the track where the plan changed. */
+  /** Points on the track where the plan changed: large where it was made anew or could not be. */
   _renewals() {
-    const points = [], colors = [], ink = new THREE.Color(), at = new THREE.Vector3();
-    for (const [time, what] of this.run.events[this.k].renewals) {
-      placeAt(this.run, "", this.k, time, this.middle, at);
-      if (!Number.isFinite(at.x + at.y + at.z)) continue;
-      points.push(at.x, at.y, at.z);
-      ink.set(RENEWAL_INKS[what]);
-      colors.push(ink.r, ink.g, ink.b);
-    }
-    const geometry = new THREE.BufferGeometry();
-    geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(points), 3));
-    geometry.setAttribute("color", new THREE.BufferAttribute(new Float32Array(colors), 3));
-    const found = new THREE.Points(geometry, new THREE.PointsMaterial({ size: 3.5, sizeAttenuation: false, vertexColors: true, transparent: true, depthTest: false }));
-    found.renderOrder = 3;
-    found.frustumCulled = false;
+    const found = new THREE.Group(), at = new THREE.Vector3();
+    RENEWAL_INKS.forEach((color, what) => {
+      const points = [], geometry = new THREE.BufferGeometry();
+      for (const [time, how] of this.run.events[this.k].renewals) {
+        if (how !== what) continue;
+        placeAt(this.run, "", this.k, time, this.middle, at);
+        if (Number.isFinite(at.x + at.y + at.z)) points.push(at.x, at.y, at.z);
+      }
+      geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(points), 3));
+      // a dark rim keeps a large one apart from a track of its colour
+      for (const [ink, size] of what >= 2 ? [["#1b1f24", 10], [color, 6]] : [[color, 2]]) {
+        const look = { color: ink, size, sizeAttenuation: false, transparent: true, depthTest: false };
+        const dots = new THREE.Points(geometry, new THREE.PointsMaterial(look));
+        dots.renderOrder = 3;
+        dots.frustumCulled = false;
+        found.add(dots);
+      }
+    });
     return found;
   }
 
