@@ -1,13 +1,17 @@
-"""The page is whole, needs no network, and shows foreign names as text."""
+"""The page is whole, says what the summary says, needs no network, and shows foreign names as text."""
 
 import copy
+import json
 import re
 
 import numpy as np
 import pytest
-from plotly.offline import get_plotlyjs
 
-from anser.report import write_report
+from anser.report import write_comparison, write_report
+from anser.report.comparison import scenario_differences
+from anser.report.page import _SCRIPTS, _asset
+
+EVIL = "</script><script>alert(1)</script>"
 
 
 @pytest.fixture(scope="module")
@@ -18,9 +22,16 @@ def page(flight, tmp_path_factory):
 
 
 def own(page):
-    """The page without plotly's own script, which holds markup of all kinds, and without packed numbers."""
-    assert page.count(get_plotlyjs()) == 1
-    return re.sub(r'"bdata":"[^"]*"', "", page.replace(get_plotlyjs(), ""))
+    """The page without its scripts, which hold markup of all kinds, and without packed numbers."""
+    for name in _SCRIPTS:
+        assert page.count(_asset(name)) == 1
+        page = page.replace(_asset(name), "")
+    return re.sub(r'"packed":"[^"]*"', "", page)
+
+
+def data_of(page):
+    (found,) = re.findall(r'<script type="application/json" id="flights">(.*?)</script>', page, re.DOTALL)
+    return json.loads(found)
 
 
 def test_the_page_is_self_contained(page):
@@ -28,46 +39,79 @@ def test_the_page_is_self_contained(page):
     assert not re.search(r"""(src|href)\s*=\s*["']?(https?:)?//""", ours)
     assert "@import" not in ours
     assert "cdn" not in ours.lower()
+    assert "default-src 'none'" in ours
+    assert "connect-src 'none'" in ours
+    # only the page's own scripts may run
+    (allowed,) = re.findall(r"script-src ([^;]*);", ours)
+    assert re.fullmatch(r"('sha256-[\w+/=]+' ?)+", allowed)
 
 
-def test_every_figure_and_table_is_there(page):
+def test_the_answer_stands_first(page):
     ours = own(page)
-    for name in ("ground-tracks", "altitude", "range", "responses", "controls"):
-        assert ours.count(f'id="{name}"') == 1
     assert "<title>Three &lt;aircraft&gt; · anser flight report</title>" in ours
-    assert "3f9a1c0b7e42d6585a90" in ours
-    for requirement in ("miss_max_m", "arrival_spread_max_s", "separation_min_m", "clearance_surface_min_m"):
-        assert requirement in ours
-    assert "All aircraft arrived, all requirements met" in ours
-    assert ours.count("data-aircraft=") == 3
+    assert re.search(r"All 3 aircraft arrived together, within [\d.]+&nbsp;ms", ours)
+    assert "All requirements met." in ours
+    places = [
+        ours.index(mark) for mark in ('class="answer', "What was tight", 'id="scene"', 'id="events"', 'id="plan"')
+    ]
+    assert places == sorted(places)
+    for words in ("3f9a1c0b7e42d6585a90", "Seed 7", "numpy", "Bank angle to the right", "the whole scenario"):
+        assert words in ours
 
 
-def test_labels_come_from_the_dataset_alone(flight, tmp_path):
+def test_plots_are_of_the_record_and_labels_of_the_dataset(flight, tmp_path):
     dataset, summary = flight
     renamed = dataset.copy()
-    renamed["bank_deg"] = renamed["bank_deg"].assign_attrs(long_name="Schräglage")
-    path = tmp_path / "report.html"
-    write_report(renamed, summary, path)
-    ours = own(path.read_text(encoding="utf-8"))
-    # JSON writes what is not ASCII as an escape.
-    assert "Schr\\u00e4glage" in ours
-    assert "Bank angle about the velocity <i>" not in ours.replace("\\u003c", "<")
+    renamed["bank_deg"] = renamed["bank_deg"].assign_attrs(long_name="Schräglage <i>")
+    write_report(renamed, summary, tmp_path / "report.html")
+    (run,) = data_of((tmp_path / "report.html").read_text(encoding="utf-8"))["runs"]
+    assert run["variables"]["bank_deg"]["words"] == "Schräglage <i>"
+    assert run["variables"]["bank_deg"]["symbol"] == "<i>μ</i>"
+    assert run["variables"]["course_command_deg"]["symbol"] == "<i>χ</i><sub>c</sub>"
+    assert (run["times"], run["every"]) == (dataset.sizes["time"], 1)
+    (limits,) = [section for section in run["sections"] if section["key"] == "limits"]
+    panels = {panel["response"]: panel["limits"] for panel in limits["panels"]}
+    assert panels["bank_deg"] == [-70.0, 70.0]
+    assert panels["height_over_floor_m"] == [0.0]
+    assert panels["separation_kept"] == [1.0]
+
+
+def test_a_long_flight_is_thinned_and_says_so(flight, tmp_path):
+    dataset, summary = flight
+    long = dataset.isel(time=np.arange(4 * dataset.sizes["time"]) % dataset.sizes["time"])
+    long = long.assign_coords(time=("time", 0.025 * np.arange(long.sizes["time"]), dataset["time"].attrs))
+    write_report(long, summary, tmp_path / "report.html")
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    (run,) = data_of(page)["runs"]
+    assert run["every"] == 2
+    assert run["times"] == long.sizes["time"] // 2 + 1  # and the last one
+    assert "one record in 2 is drawn" in page
 
 
 def test_names_are_text(flight, tmp_path):
     dataset, summary = flight
-    evil = "</script><script>alert(1)</script>"
     summary = copy.deepcopy(summary)
-    summary["aircraft"][0] |= {"name": evil, "goal": evil, "status": evil}
-    summary["scenario"] = {"name": evil, "hash": evil}
-    summary["requirements"][0]["name"] = evil
-    names = [evil, *dataset["aircraft"].values[1:]]
-    path = tmp_path / "report.html"
-    write_report(dataset.assign_coords(aircraft=names), summary, path)
-    ours = own(path.read_text(encoding="utf-8"))
-    assert "<script>alert" not in ours
-    assert "<b>cläre" not in ours
-    assert "&lt;script&gt;alert(1)" in ours
+    summary["aircraft"][0] |= {"name": EVIL, "goal": EVIL, "status": EVIL}
+    summary["scenario"] = {"name": EVIL, "hash": EVIL}
+    summary["requirements"][0]["name"] = EVIL
+    summary["versions"] = {EVIL: EVIL}
+    scenario = json.loads(dataset.attrs["scenario"]) | {EVIL: EVIL}
+    named = dataset.assign_coords(aircraft=[EVIL, *dataset["aircraft"].values[1:]])
+    named = named.assign_attrs(description=EVIL, scenario=json.dumps(scenario))
+    named["bank_deg"] = named["bank_deg"].assign_attrs(long_name=EVIL, symbol=EVIL, units=EVIL)
+    other = copy.deepcopy(summary)
+    pages = [tmp_path / "one.html", tmp_path / "two.html"]
+    write_report(named, summary, pages[0])
+    write_comparison([(EVIL, named, summary), ("b", dataset, flight[1])], pages[1])
+    assert other == summary
+    for path in pages:
+        ours = own(path.read_text(encoding="utf-8"))
+        assert "<script>alert" not in ours
+        assert "</script><script>alert" not in ours
+        assert "<b>cläre" not in ours
+        assert "&lt;script&gt;alert(1)" in ours
+        assert ours.count("<script") == ours.count("</script>") == 1 + len(_SCRIPTS)
+        assert data_of(path.read_text(encoding="utf-8"))["runs"][0]["aircraft"][0]["name"] == EVIL
 
 
 def test_an_aircraft_that_failed_is_still_reported(flight, tmp_path):
@@ -82,13 +126,52 @@ def test_an_aircraft_that_failed_is_still_reported(flight, tmp_path):
     path = tmp_path / "report.html"
     write_report(broken, summary, path)
     ours = own(path.read_text(encoding="utf-8"))
-    assert "Not arrived as planned: bert. Requirements not met: miss_max_m" in ours
-    assert "out of thrust" in ours
+    assert "2 of 3 aircraft arrived" in ours
+    assert "<b>bert</b>: out of thrust." in ours
+    assert "Requirements not met: <b>miss_max_m</b>." in ours
     assert "<td>–</td>" in ours
     assert "NaN" not in ours
+    assert "nan" not in re.sub(r"<[^>]*>", "", ours.replace("provenance", ""))
 
 
-def test_a_page_is_replaced_only_on_request(flight, tmp_path):
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"arrival_spread_s": 3.2, "met": False}, "All 3 aircraft arrived, but 3.20&nbsp;s apart"),
+        ({"arrival_spread_s": None, "met": True}, "All 3 aircraft arrived as planned"),
+    ],
+)
+def test_the_answer_follows_the_summary(flight, tmp_path, change, words):
+    summary = copy.deepcopy(flight[1])
+    summary["fleet"]["arrival_spread_s"] = change["arrival_spread_s"]
+    entry = next(e for e in summary["requirements"] if e["name"] == "arrival_spread_max_s")
+    entry |= {"value": change["arrival_spread_s"], "met": change["met"]}
+    write_report(flight[0], summary, tmp_path / "report.html")
+    assert words in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+def test_two_runs_stand_side_by_side(flight, tmp_path):
+    dataset, summary = flight
+    scenario = json.loads(dataset.attrs["scenario"])
+    scenario["limits"]["bank_max_deg"] = 60.0
+    other = dataset.isel(time=slice(0, 4000)).assign_attrs(scenario=json.dumps(scenario))
+    path = tmp_path / "beside.html"
+    write_comparison([("runs/a", dataset, summary), ("runs/b", other, summary)], path)
+    ours = own(path.read_text(encoding="utf-8"))
+    assert ours.count('class="scene-place"') == 2
+    assert '<code>limits.bank_max_deg</code></td><td class="text free">70.0</td><td class="text free">60.0</td>' in ours
+    assert [run["label"] for run in data_of(path.read_text(encoding="utf-8"))["runs"]] == ["runs/a", "runs/b"]
+    with pytest.raises(ValueError, match="two runs"):
+        write_comparison([("a", dataset, summary)], tmp_path / "alone.html")
+
+
+def test_differences_go_by_names_not_by_places():
+    one = {"a": 1, "goal": [{"name": "x", "v": 1}, {"name": "y", "v": 2}]}
+    other = {"a": 1, "goal": [{"name": "y", "v": 3}, {"name": "x", "v": 1}], "b": [1]}
+    assert scenario_differences(one, other) == [("goal.y.v", 2, 3), ("b", None, [1])]
+
+
+def test_a_page_is_replaced_only_on_request_and_whole(flight, tmp_path):
     path = tmp_path / "report.html"
     path.write_text("mine")
     with pytest.raises(FileExistsError, match="not overwritten"):
@@ -96,12 +179,30 @@ def test_a_page_is_replaced_only_on_request(flight, tmp_path):
     assert path.read_text() == "mine"
     write_report(*flight, path, overwrite=True)
     assert "</html>" in path.read_text(encoding="utf-8")
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_dataset_and_summary_must_belong_together(flight, tmp_path):
     dataset, summary = flight
     with pytest.raises(ValueError, match="the summary"):
         write_report(dataset.isel(aircraft=slice(2)), summary, tmp_path / "report.html")
+    with pytest.raises(ValueError, match="lacks fleet"):
+        write_report(dataset, {k: v for k, v in summary.items() if k != "fleet"}, tmp_path / "report.html")
+    rows = [{k: v for k, v in row.items() if k != "goal"} for row in summary["aircraft"]]
+    with pytest.raises(ValueError, match=r"lacks aircraft\.goal"):
+        write_report(dataset, summary | {"aircraft": rows}, tmp_path / "report.html")
+    with pytest.raises(ValueError, match="scenario abc, the summary 3f9a"):
+        write_report(dataset.assign_attrs(scenario_hash="abc"), summary, tmp_path / "report.html")
     with pytest.raises(ValueError, match="lacks throttle"):
         write_report(dataset.drop_vars("throttle"), summary, tmp_path / "report.html")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_one_aircraft_alone_is_reported(flight, tmp_path):
+    dataset, summary = flight[0].isel(aircraft=[0]), copy.deepcopy(flight[1])
+    summary["aircraft"] = summary["aircraft"][:1]
+    summary["fleet"] |= {"separation_min_m": None, "arrival_spread_s": 0.0}
+    write_report(dataset, summary, tmp_path / "report.html")
+    ours = own((tmp_path / "report.html").read_text(encoding="utf-8"))
+    assert "The aircraft arrived as planned" in ours
+    assert "Least distance of two" not in ours

@@ -15,6 +15,7 @@ from anser.cli.linearizing import linearize
 from anser.cli.margins import margins
 from anser.cli.plan_trials import plan_trials
 from anser.cli.planning import plan
+from anser.cli.reporting import report
 from anser.cli.stepping import gallery, step
 from anser.cli.surveying import envelope
 from anser.cli.trimming import trim
@@ -49,6 +50,7 @@ for _command in (
     margins,
     robustness,
     verify,
+    report,
     new,
 ):
     app.command()(_command)

@@ -2,7 +2,7 @@
 
 from anser.report.envelope_figures import draw_envelope
 from anser.report.margin_figures import BODE_SUFFIXES, draw_bode, draw_margin_maps
-from anser.report.page import write_report
+from anser.report.page import write_comparison, write_report
 from anser.report.plan_figure import draw_plan
 from anser.report.robustness_figures import draw_robustness
 
@@ -13,5 +13,6 @@ __all__ = [
     "draw_margin_maps",
     "draw_plan",
     "draw_robustness",
+    "write_comparison",
     "write_report",
 ]

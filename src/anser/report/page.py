@@ -1,39 +1,39 @@
-"""The report of a flight: one page that needs nothing else, not even a network."""
+"""The report of a flight, or of two side by side: one page that needs nothing else, not even a network."""
 
-import html
+import base64
+import hashlib
+import json
 from collections.abc import Mapping, Sequence
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-import plotly.graph_objects as go
-import plotly.io
 import xarray as xr
-from plotly.offline import get_plotlyjs
 
-from anser.report.figures import NEEDED_VARIABLES, ground_tracks, range_figure, time_panels
-from anser.report.style import CONFIG, SCRIPT, STYLE_SHEET
-from anser.report.tables import about, aircraft_table, requirements_table, verdict
-from anser.report.traces import Pen, pens_of
+from anser.report.arrival_strip import arrival_strip
+from anser.report.comparison import difference_table
+from anser.report.flight_data import as_script, check_flight, flight_data
+from anser.report.flight_margins import Margin, margins_of
+from anser.report.flight_panels import SECTIONS
+from anser.report.flown_beside_plan import derive, scenario_of
+from anser.report.opening import aircraft_table, answer, cards, margins_list, number, text
+from anser.report.page_controls import EVENTS_KEY, KEEP_OUT_KEY, SCENE_KEY, TRANSPORT, toolbar
+from anser.report.style import COLORS
 
-__all__ = ["write_report"]
+__all__ = ["write_comparison", "write_report"]
 
-_RESPONSES = ("airspeed_m_s", "alpha_deg", "path_angle_deg", "bank_deg", "course_deg", "beta_deg")
-_SURFACES = ("elevator_deg", "aileron_deg", "rudder_deg")
+_TIGHTEST = 6  # margins shown before the rest is unfolded
+_STYLES = ("vendor/uplot.min.css", "page.css")
+_SCRIPTS = (
+    *("vendor/uplot.min.js", "vendor/three.min.js"),
+    *("store.js", "timeline.js", "plots.js", "scene_parts.js", "scene.js", "page.js"),
+)
 
-
-def _with_command(name: str) -> tuple[str, str]:
-    # The suffix of the unit comes last: course_deg, course_command_deg.
-    key, suffix = name.split("_m_s")[0].removesuffix("_deg"), "_m_s" if name.endswith("_m_s") else "_deg"
-    return name, f"{key}_command{suffix}"
-
-
-_ALTITUDE_PANEL = (("altitude_m", "reference_altitude_m"),)
-_RESPONSE_PANELS = tuple(_with_command(name) for name in _RESPONSES)
-_CONTROL_PANELS = (*(_with_command(name) for name in _SURFACES), ("throttle", None))
+_Run = tuple[str, xr.Dataset, Mapping[str, Any]]
 
 
 def write_report(dataset: xr.Dataset, summary: Mapping[str, Any], path: Path, *, overwrite: bool = False) -> None:
-    """Write the report of a flight as one HTML page with interactive figures.
+    """Write the report of a flight as one HTML page: the answer, a scene that moves, plots, the scenario.
 
     Parameters
     ----------
@@ -51,96 +51,185 @@ def write_report(dataset: xr.Dataset, summary: Mapping[str, Any], path: Path, *,
     FileExistsError
         `path` exists and may not be replaced.
     ValueError
-        The dataset lacks a variable, or dataset and summary name different aircraft.
+        The dataset lacks a variable, or dataset and summary are not of one flight.
     """
-    pairs = (*_ALTITUDE_PANEL, *_RESPONSE_PANELS, *_CONTROL_PANELS)
-    panels = [name for pair in pairs for name in pair if name is not None]
-    missing = [name for name in (*NEEDED_VARIABLES, *panels) if name not in dataset.data_vars]
-    if missing:
-        raise ValueError(f"the dataset lacks {', '.join(missing)}, which the report draws")
-    flown, told = [str(name) for name in dataset["aircraft"].values], [row["name"] for row in summary["aircraft"]]
-    if flown != told:
-        raise ValueError(f"the dataset holds the aircraft {flown}, the summary {told}")
-    page = _page(dataset, summary)
+    check_flight(dataset, summary)
+    _write([(str(summary["scenario"]["name"]), dataset, summary)], path, overwrite)
+
+
+def write_comparison(runs: Sequence[_Run], path: Path, *, overwrite: bool = False) -> None:
+    """Write the report of two flights side by side, over one time, with equal axes.
+
+    Parameters
+    ----------
+    runs
+        Two of: what the run is called on the page, its dataset, its summary.
+    path, overwrite
+        As in `write_report`.
+
+    Raises
+    ------
+    FileExistsError, ValueError
+        As in `write_report`; ValueError too where there are not two runs.
+    """
+    if len(runs) != 2:
+        raise ValueError(f"two runs stand side by side, not {len(runs)}")
+    for _, dataset, summary in runs:
+        check_flight(dataset, summary)
+    _write(list(runs), path, overwrite)
+
+
+def _write(runs: list[_Run], path: Path, overwrite: bool) -> None:
     if path.exists() and not overwrite:
         raise FileExistsError(f"{path} exists and is not overwritten")
-    path.write_text(page, encoding="utf-8")
+    page = _page(runs)
+    # whole or not at all: a page that stood there stays until the new one is complete
+    partial = path.with_name(path.name + ".part")
+    try:
+        partial.write_text(page, encoding="utf-8")
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
 
 
-def _page(dataset: xr.Dataset, summary: Mapping[str, Any]) -> str:
-    pens = pens_of(dataset)
-    rows = summary["aircraft"]
-    planned = [row["planned_arrival_s"] for row in rows if row["planned_arrival_s"] is not None]
-    end = float(dataset["time"].values[-1])
-    arrivals = [next(t for t in (row["arrival_s"], row["planned_arrival_s"], end) if t is not None) for row in rows]
-
-    tracks = _figure(ground_tracks(dataset, pens, arrivals, 640), "ground-tracks")
-    altitude = _figure(time_panels(dataset, pens, _ALTITUDE_PANEL, 1, planned, 320), "altitude")
-    distance = _figure(range_figure(dataset, pens, planned, 320), "range")
-    responses = _figure(time_panels(dataset, pens, _RESPONSE_PANELS, 2, planned, 880), "responses")
-    controls = _figure(time_panels(dataset, pens, _CONTROL_PANELS, 2, planned, 600), "controls")
-    name = html.escape(str(summary["scenario"]["name"]))
+def _page(runs: list[_Run]) -> str:
+    scenarios = [scenario_of(dataset) for _, dataset, _ in runs]
+    wholes = [derive(dataset, scenario) for (_, dataset, _), scenario in zip(runs, scenarios, strict=True)]
+    margins = [margins_of(w, summary, s) for w, (_, _, summary), s in zip(wholes, runs, scenarios, strict=True)]
+    data = {
+        "colors": COLORS,
+        "runs": [
+            flight_data(w, summary, s, label) for w, (label, _, summary), s in zip(wholes, runs, scenarios, strict=True)
+        ],
+    }
+    scripts = [_asset(name) for name in _SCRIPTS]
+    single = len(runs) == 1
+    labels = [text(label) for label, _, _ in runs]
+    title = labels[0] if single else f"{labels[0]} beside {labels[1]}"
+    openings = [
+        _opening(label, whole, summary, scenario, own, single)
+        for label, whole, (_, _, summary), scenario, own in zip(labels, wholes, runs, scenarios, margins, strict=True)
+    ]
+    lead = text(runs[0][1].attrs.get("description", "")) if single else "Two runs over one time, with equal axes."
+    beside = "" if single else difference_table([(label, summary) for label, _, summary in runs], scenarios)
+    tables = [aircraft_table(summary["aircraft"]) for _, _, summary in runs]
+    sections = "".join(
+        f'<section id="{section.key}"><h2>{section.title}</h2>'
+        f'<p class="caption">{section.caption}<span class="who"></span></p>'
+        f'<div class="plots" data-section="{section.key}"></div></section>'
+        for section in SECTIONS
+    )
     return f"""<!DOCTYPE html>
 <html lang="en">
 <head>
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{name} · anser flight report</title>
+<meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src 'unsafe-inline'; \
+script-src {" ".join(map(_hash_of, scripts))}; img-src data: blob:; connect-src 'none'">
+<title>{title} · anser flight report</title>
 <link rel="icon" href="data:,">
-<style>{STYLE_SHEET}</style>
-<script>{get_plotlyjs()}</script>
+<style>{"".join(_asset(name) for name in _STYLES)}</style>
 </head>
-<body>
+<body class="{"single" if single else "pair"}">
 <main>
 <header>
-<h1>{name}</h1>
-{about(summary)}
-{verdict(summary)}
+<h1>{title}</h1>
+<p class="lead">{lead}</p>
+<p id="fault" class="fault" hidden></p>
 </header>
-{aircraft_table(rows)}
-{requirements_table(summary["requirements"])}
-{_selector(pens, [str(row["name"]) for row in rows])}
-<div class="columns">
-<section>
-<h2>Ground tracks</h2>
-<p class="caption">● start  ◆ rendezvous at arrival  ☐ goal at the start; solid flown, dashed planned, dotted goal</p>
-{tracks}
+<div class="runs">{"".join(openings)}</div>
+{beside}
+<section id="scene">
+<h2>The flight</h2>
+{toolbar()}
+<div class="runs">{_places(labels, "stage", _stage)}</div>
+{SCENE_KEY.replace("</p>", KEEP_OUT_KEY) if any(s.get("keep_out") for s in scenarios) else SCENE_KEY}
 </section>
-<section>
-<h2>Height and range</h2>
-<p class="caption">Solid flown, dashed planned; grey line: planned arrival</p>
-{altitude}
-{distance}
+<section id="aircraft">
+<h2>Aircraft</h2>
+<div class="runs">{_places(labels, "", lambda k: tables[k])}</div>
 </section>
-</div>
-<section>
-<h2>Commands and responses</h2>
-<p class="caption">Solid response, dashed command; grey line: planned arrival</p>
-{responses}
+<section id="events">
+<h2>What happened when</h2>
+<p class="caption">One lane for each aircraft; move over it for the words, click to bring the aircraft into focus.</p>
+<div class="runs">{_places(labels, "timeline-place", lambda k: "")}</div>
+{EVENTS_KEY}
 </section>
-<section>
-<h2>Surfaces and throttle</h2>
-<p class="caption">Solid position, dashed command; grey line: planned arrival</p>
-{controls}
+<div class="toolbar"><span class="group">Time axis
+<button type="button" data-zoom="all">all</button><button type="button" data-zoom="approach">up to the arrival</button>
+<button type="button" data-zoom="last">last 15 s</button></span>
+<span class="caption">Drag in a plot to zoom, double-click for all. Dotted line: arrival.</span></div>
+{sections}
+<section id="provenance">
+<h2>Scenario, versions, seed</h2>
+<div class="runs">{_places(labels, "", lambda k: _provenance(runs[k], scenarios[k], data["runs"][k]["every"]))}</div>
 </section>
 </main>
-<script>{SCRIPT}</script>
+{TRANSPORT}
+<script type="application/json" id="flights">{as_script(data)}</script>
+{"".join(f"<script>{script}</script>" for script in scripts)}
 </body>
 </html>
 """
 
 
-def _selector(pens: Sequence[Pen], names: Sequence[str]) -> str:
-    chips = "".join(
-        f'<label><input type="checkbox" checked data-aircraft="{pen.group}">'
-        f'<span class="swatch" style="background:{pen.color}"></span>{html.escape(name)}</label>'
-        for pen, name in zip(pens, names, strict=True)
+def _asset(name: str) -> str:
+    return files("anser.report").joinpath("assets", *name.split("/")).read_text(encoding="utf-8")
+
+
+def _hash_of(script: str) -> str:
+    """Name a script to the browser, which runs no other: not even one that some name would smuggle in."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
+
+
+def _places(labels: Sequence[str], kind: str, inner: Any) -> str:
+    head = "" if len(labels) == 1 else '<p class="run-name"><b>{}</b></p>'
+    return "".join(
+        f'<div>{head.format(label) if head else ""}<div class="{kind}" data-run="{k}">{inner(k)}</div></div>'
+        for k, label in enumerate(labels)
     )
-    buttons = '<button type="button" data-all="1">all</button><button type="button" data-all="0">none</button>'
-    return f'<nav class="selector" aria-label="Aircraft shown">{chips}{buttons}</nav>'
 
 
-def _figure(figure: go.Figure, name: str) -> str:
-    return plotly.io.to_html(
-        figure, CONFIG, include_plotlyjs=False, include_mathjax=False, full_html=False, div_id=name
+def _stage(k: int) -> str:
+    return f'<div class="scene-place" data-run="{k}"></div><div class="list-place" data-run="{k}"></div>'
+
+
+def _opening(
+    label: str,
+    dataset: xr.Dataset,
+    summary: Mapping[str, Any],
+    scenario: Mapping[str, Any],
+    margins: Sequence[Margin],
+    single: bool,
+) -> str:
+    name = "" if single else f'<p class="run-name"><b>{label}</b></p>'
+    rest = margins[_TIGHTEST:]
+    more = f'<details class="more"><summary>{len(rest)} more</summary>{margins_list(rest)}</details>' if rest else ""
+    return (
+        f'<section class="opening"><div>{name}{answer(summary, scenario)}{cards(dataset, summary)}'
+        f"{arrival_strip(summary)}</div>"
+        '<div><h2 class="tight">What was tight</h2><p class="caption">Part of the way to each requirement and limit; '
+        f"full at the limit.</p>{margins_list(margins[:_TIGHTEST])}{more}</div></section>"
+    )
+
+
+def _provenance(run: _Run, scenario: Mapping[str, Any], every: int) -> str:
+    _, dataset, summary = run
+    software = ", ".join(f"{text(name)} {text(version)}" for name, version in summary["versions"].items())
+    seed = "none" if summary["seed"] is None else text(summary["seed"])
+    period = (
+        f"{float(dataset['time'].values[1] - dataset['time'].values[0]):g} s" if dataset.sizes["time"] > 1 else "once"
+    )
+    drawn = "every record is drawn" if every == 1 else f"one record in {every} is drawn; figures are of the whole run"
+    whole = f"<pre>{text(json.dumps(scenario, indent=2, ensure_ascii=False))}</pre>" if scenario else ""
+    return (
+        f'<div class="facts"><div>Scenario <b>{text(summary["scenario"]["name"])}</b></div>'
+        f"<div>Hash <code>{text(summary['scenario']['hash'])}</code></div><div>Seed {seed}</div>"
+        f"<div>{software}</div><div>{number(summary['fleet']['simulated_s'], 0)} s flown, computed in "
+        f"{number(summary['fleet']['wall_s'], 1)} s</div><div>Recorded every {period}; {drawn}</div></div>"
+        + (
+            f'<details class="more"><summary>the whole scenario, defaults included</summary>{whole}</details>'
+            if whole
+            else ""
+        )
     )

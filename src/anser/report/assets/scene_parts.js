@@ -1,0 +1,247 @@
+/* What stands in a scene. Axes: x east, y up, z south; kilometres from a common middle. Heights are drawn `lift` times. */
+"use strict";
+
+const TRACK_OFF = 0.0006; // km: a drawn track is nowhere farther from the record
+const SKY = 0xffffff, GRID_COLOR = 0xd5dbe1, FINE_COLOR = 0xebeef1, GROUND_COLOR = 0xf7f9fa, EDGE_COLOR = 0xb9c1ca, GOAL_COLOR = 0x3d444d;
+
+/** Place of an aircraft, or of what belongs to it, as the scene has it (unlifted). */
+function placeAt(run, prefix, k, time, middle, into) {
+  const at = (axis) => run.at(`${prefix}${axis}_m`, k, time);
+  return into.set((at("east") - middle[1]) / 1000, at("altitude") / 1000, -(at("north") - middle[0]) / 1000);
+}
+
+/** Which of some points make the same line within `TRACK_OFF` (Douglas and Peucker 1973); x, y, z one after the other. */
+function enough(points) {
+  const count = points.length / 3, kept = new Uint8Array(count), open = [[0, count - 1]];
+  if (count) kept[0] = kept[count - 1] = 1;
+  while (open.length) {
+    const [first, last] = open.pop(), from = points.slice(3 * first, 3 * first + 3);
+    const along = [0, 1, 2].map((a) => points[3 * last + a] - from[a]), square = along[0] ** 2 + along[1] ** 2 + along[2] ** 2;
+    let worst = TRACK_OFF ** 2, at = 0;
+    for (let j = first + 1; j < last; j++) {
+      const x = points[3 * j] - from[0], y = points[3 * j + 1] - from[1], z = points[3 * j + 2] - from[2];
+      const part = square > 0 ? Math.min(1, Math.max(0, (x * along[0] + y * along[1] + z * along[2]) / square)) : 0;
+      const off = (x - part * along[0]) ** 2 + (y - part * along[1]) ** 2 + (z - part * along[2]) ** 2;
+      if (off > worst) [worst, at] = [off, j];
+    }
+    if (!at) continue;
+    kept[at] = 1;
+    open.push([first, at], [at, last]);
+  }
+  return kept;
+}
+
+/** Points of a track up to a time, as few as draw it, without the records that have none; and the record of each. */
+function trackOf(run, prefix, k, middle, until = Infinity) {
+  const [north, east, up] = ["north", "east", "altitude"].map((axis) => run.values(`${prefix}${axis}_m`)[k]);
+  const all = [], records = [], end = run.locate(until)[0];
+  for (let j = 0; j <= end; j++) {
+    if (!Number.isFinite(north[j] + east[j] + up[j])) continue;
+    all.push((east[j] - middle[1]) / 1000, up[j] / 1000, -(north[j] - middle[0]) / 1000);
+    records.push(j);
+  }
+  const kept = enough(all);
+  return { points: all.filter((_, i) => kept[Math.floor(i / 3)]), records: records.filter((_, i) => kept[i]) };
+}
+
+/** Line of a width in pixels. */
+function fatLine(points, color, width, options = {}) {
+  const geometry = new THREE.LineGeometry();
+  geometry.setPositions(points);
+  const line = new THREE.Line2(geometry, new THREE.LineMaterial({ color, linewidth: width, transparent: true, ...options }));
+  if (options.dashed) line.computeLineDistances();
+  line.frustumCulled = false;
+  return line;
+}
+
+/** A second line over the same points, of which only a part is drawn. */
+function partOf(line, color, width) {
+  const geometry = new THREE.LineGeometry();
+  for (const name of ["instanceStart", "instanceEnd"]) geometry.setAttribute(name, line.geometry.attributes[name]);
+  geometry.instanceCount = 0;
+  const part = new THREE.Line2(geometry, new THREE.LineMaterial({ color, linewidth: width, transparent: true }));
+  part.renderOrder = 2; // over the plan, which lies on it
+  part.frustumCulled = false;
+  return part;
+}
+
+function thinLine(points, color, opacity = 1) {
+  const geometry = new THREE.BufferGeometry();
+  geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(points), 3));
+  return new THREE.Line(geometry, new THREE.LineBasicMaterial({ color, transparent: opacity < 1, opacity }));
+}
+
+/** Symbol of an attitude, of no aircraft in particular: a dart, x forward, y up, z right, two units long. */
+function dart(color) {
+  const nose = [1, 0, 0], left = [-0.85, 0, -0.72], right = [-0.85, 0, 0.72], notch = [-0.5, 0.02, 0];
+  const fin = [[-0.05, 0.02, 0], [-0.5, 0.02, 0], [-0.9, 0.5, 0]];
+  const faces = [nose, notch, left, nose, right, notch, ...fin].flat();
+  const geometry = new THREE.BufferGeometry();
+  geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(faces), 3));
+  geometry.computeVertexNormals();
+  const group = new THREE.Group();
+  const body = new THREE.Mesh(geometry, new THREE.MeshLambertMaterial({ color, side: THREE.DoubleSide }));
+  const rim = thinLine([nose, right, notch, left, nose].flat(), 0x1b1f24);
+  group.add(body, rim);
+  group.matrixAutoUpdate = false;
+  return group;
+}
+
+/** Grid on the ground with a spacing in km that people can count in. */
+function groundGrid(box) {
+  const reach = Math.max(box.max.x - box.min.x, box.max.z - box.min.z, 0.1);
+  const spacing = [0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100].find((s) => reach / s <= 14) || 200;
+  const [x0, x1] = [Math.floor(box.min.x / spacing), Math.ceil(box.max.x / spacing)].map((n) => n * spacing);
+  const [z0, z1] = [Math.floor(box.min.z / spacing), Math.ceil(box.max.z / spacing)].map((n) => n * spacing);
+  const grid = new THREE.Group(), lines = (step, color, height) => {
+    const points = [], geometry = new THREE.BufferGeometry();
+    for (let k = 0; k <= Math.round((x1 - x0) / step); k++) points.push(x0 + k * step, height, z0, x0 + k * step, height, z1);
+    for (let k = 0; k <= Math.round((z1 - z0) / step); k++) points.push(x0, height, z0 + k * step, x1, height, z0 + k * step);
+    geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(points), 3));
+    grid.add(new THREE.LineSegments(geometry, new THREE.LineBasicMaterial({ color })));
+  };
+  lines(spacing / 5, FINE_COLOR, 0);
+  lines(spacing, GRID_COLOR, 0);
+  const corners = [x0, 0, z0, x0, 0, z1, x1, 0, z1, x0, 0, z0, x1, 0, z1, x1, 0, z0], floor = new THREE.BufferGeometry();
+  floor.setAttribute("position", new THREE.BufferAttribute(new Float32Array(corners), 3));
+  const below = { color: GROUND_COLOR, side: THREE.DoubleSide, polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 4 };
+  grid.add(new THREE.Mesh(floor, new THREE.MeshBasicMaterial(below)));
+  grid.add(thinLine([x0, 0, z0, x1, 0, z0, x1, 0, z1, x0, 0, z1, x0, 0, z0], EDGE_COLOR));
+  return { grid, spacing };
+}
+
+/** Upright cylinder where none may be, as its edges. */
+function keepOutEdges(one) {
+  const group = new THREE.Group(), radius = one.radius_m / 1000;
+  const top = Math.min(one.top_m, one.bottom_m + 3 * one.radius_m) / 1000;
+  const circle = (height) => Array.from({ length: 65 }, (_, k) => [radius * Math.cos((k * Math.PI) / 32), height, radius * Math.sin((k * Math.PI) / 32)]).flat();
+  for (let k = 0; k <= 4; k++) group.add(thinLine(circle(one.bottom_m / 1000 + (k / 4) * (top - one.bottom_m / 1000)), 0xb3261e, 0.6));
+  return group;
+}
+
+/** One aircraft with its tracks, its goal, its stand-off point; all static parts in a group that is lifted as one. */
+class Flyer {
+  constructor(run, k, middle, lifted, scene, dash) {
+    const one = run.aircraft[k], until = one.arrival_s ?? one.planned_arrival_s ?? Infinity;
+    Object.assign(this, { run, k, one, middle });
+    const { points, records } = trackOf(run, "", k, middle);
+    Object.assign(this, { points, records });
+    this.parts = [];
+    this.track = fatLine(points.length >= 6 ? points : [0, 0, 0, 0, 0, 0], one.color, 1.2, { opacity: 0.3, depthWrite: false });
+    this.trail = partOf(this.track, one.color, 2.6);
+    this.head = fatLine([0, 0, 0, 0, 0, 0], one.color, 2.6);
+    this.head.renderOrder = 2;
+    this.shadow = thinLine(points.map((value, i) => (i % 3 === 1 ? 0 : value)), 0x8c959f, 0.35);
+    const plan = trackOf(run, "reference_", k, middle, until).points;
+    if (plan.length >= 6) {
+      this.plan = fatLine(plan, 0x1b1f24, 1, { dashed: true, dashSize: 0.6 * dash, gapSize: 0.4 * dash, opacity: 0.7, depthWrite: false });
+      this.parts.push(this.plan);
+    }
+    const goal = trackOf(run, "goal_", k, middle, until).points;
+    if (goal.length >= 6) this.parts.push(thinLine(goal, GOAL_COLOR, 0.5));
+    this.parts.push(this.track, this.trail, this.head, this.shadow);
+    this.pole = thinLine([0, 0, 0, 0, 1, 0], GOAL_COLOR, 0.5);
+    this.drop = thinLine([0, 0, 0, 0, 1, 0], one.color, 0.55);
+    this.parts.push(this.pole, this.drop);
+    lifted.add(...this.parts);
+    this.symbol = dart(one.color);
+    this.goal = new THREE.Mesh(new THREE.OctahedronGeometry(1, 0), new THREE.MeshLambertMaterial({ color: GOAL_COLOR }));
+    this.meeting = new THREE.Mesh(new THREE.OctahedronGeometry(1, 0), new THREE.MeshLambertMaterial({ color: one.color }));
+    this.renewals = this._renewals();
+    lifted.add(this.renewals);
+    scene.add(this.symbol, this.goal, this.meeting);
+    this.place = new THREE.Vector3();
+    this.shownPlace = new THREE.Vector3();
+    this.goalPlace = new THREE.Vector3();
+    this.meetingPlace = new THREE.Vector3();
+  }
+
+  /** Points on the track where the plan changed: large where it was made anew or could not be. */
+  _renewals() {
+    const found = new THREE.Group(), at = new THREE.Vector3();
+    RENEWAL_INKS.forEach((color, what) => {
+      const points = [], geometry = new THREE.BufferGeometry();
+      for (const [time, how] of this.run.events[this.k].renewals) {
+        if (how !== what) continue;
+        placeAt(this.run, "", this.k, time, this.middle, at);
+        if (Number.isFinite(at.x + at.y + at.z)) points.push(at.x, at.y, at.z);
+      }
+      geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(points), 3));
+      // a dark rim keeps a large one apart from a track of its colour
+      for (const [ink, size] of what >= 2 ? [["#1b1f24", 10], [color, 6]] : [[color, 2]]) {
+        const look = { color: ink, size, sizeAttenuation: false, transparent: true, depthTest: false };
+        const dots = new THREE.Points(geometry, new THREE.PointsMaterial(look));
+        dots.renderOrder = 3;
+        dots.frustumCulled = false;
+        found.add(dots);
+      }
+    });
+    return found;
+  }
+
+  show(shown, focused, options) {
+    [...this.parts, this.symbol, this.goal, this.meeting].forEach((part) => { part.visible = shown; });
+    if (this.plan) this.plan.visible = shown && options.plans && (focused || options.few);
+    this.shadow.visible = shown && (focused || options.few);
+    this.renewals.visible = shown && focused && options.plans;
+    this.trail.material.linewidth = this.head.material.linewidth = focused ? 3.6 : 2.2;
+    this.track.material.opacity = focused ? 0.6 : 0.25;
+  }
+
+  /** Put everything where it is at a time. Returns whether the aircraft has a place then. */
+  update(time, lift) {
+    const { run, k } = this, record = run.locate(time)[0];
+    placeAt(run, "", k, time, this.middle, this.place);
+    const here = Number.isFinite(this.place.x + this.place.y + this.place.z);
+    this.symbol.visible = this.symbol.visible && here;
+    let count = 0;
+    while (count < this.records.length && this.records[count] <= record) count++;
+    this.trail.geometry.instanceCount = Math.max(0, count - 1);
+    this.head.visible = this.track.visible && here && count > 0;
+    if (this.head.visible) {
+      const last = this.points.slice(3 * count - 3, 3 * count);
+      this.head.geometry.attributes.instanceStart.data.array.set([...last, this.place.x, this.place.y, this.place.z]);
+      this.head.geometry.attributes.instanceStart.data.needsUpdate = true;
+    }
+    if (here) {
+      this.shownPlace.set(this.place.x, this.place.y * lift, this.place.z);
+      this._segment(this.drop, this.place, 0);
+    }
+    this._point(this.goal, placeAt(run, "goal_", k, time, this.middle, this.goalPlace), lift);
+    this._point(this.meeting, placeAt(run, "rendezvous_", k, time, this.middle, this.meetingPlace), lift);
+    this._segment(this.pole, this.meetingPlace, this.goalPlace.y);
+    return here;
+  }
+
+  _point(mesh, place, lift) {
+    const there = Number.isFinite(place.x + place.y + place.z);
+    mesh.visible = mesh.visible && there;
+    if (there) mesh.position.set(place.x, place.y * lift, place.z);
+  }
+
+  _segment(line, top, bottom) {
+    const positions = line.geometry.attributes.position;
+    positions.setXYZ(0, top.x, bottom, top.z);
+    positions.setXYZ(1, top.x, top.y, top.z);
+    positions.needsUpdate = true;
+    line.frustumCulled = false;
+  }
+
+  /** Turn and size the symbols: body axes from the quaternion (north, east, down to body). */
+  turn(time, sizeAt) {
+    const q = [0, 1, 2, 3].map((n) => this.run.at(`quaternion_${n}`, this.k, time));
+    const norm = Math.hypot(...q);
+    if (!(norm > 0.5)) return;
+    const [w, x, y, z] = q.map((value) => value / norm);
+    // columns of the rotation from body to north, east, down
+    const forward = [1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)];
+    const right = [2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)];
+    const down = [2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)];
+    const turned = ([n, e, d], sign, size) => new THREE.Vector3(sign * e * size, -sign * d * size, -sign * n * size);
+    const size = sizeAt(this.shownPlace, 13);
+    this.symbol.matrix.makeBasis(turned(forward, 1, size), turned(down, -1, size), turned(right, 1, size));
+    this.symbol.matrix.setPosition(this.shownPlace);
+    this.goal.scale.setScalar(sizeAt(this.goal.position, 4));
+    this.meeting.scale.setScalar(sizeAt(this.meeting.position, 5));
+  }
+}

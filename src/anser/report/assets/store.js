@@ -1,0 +1,156 @@
+/* Flights as the page holds them: unpacked variables, and the one state that all views share. */
+"use strict";
+
+/** One run: variables unpacked when first asked for, each an array per aircraft. */
+class Run {
+  constructor(data, bytes, colors) {
+    Object.assign(this, data);
+    this.bytes = bytes;
+    this.cache = new Map();
+    this.time = this._unpack(0, 1, data.timeStep, [])[0];
+    this.end = this.time[this.times - 1];
+    this.aircraft.forEach((one, k) => Object.assign(one, { index: k, color: colors.get(one.name) }));
+  }
+
+  /** Inflate what `anser.report.packing` packed. */
+  static async from(data, colors) {
+    const packed = Uint8Array.from(atob(data.packed), (c) => c.charCodeAt(0));
+    delete data.packed;
+    const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
+    return new Run(data, new Uint8Array(await new Response(stream).arrayBuffer()), colors);
+  }
+
+  /** Values of a variable: one Float64Array for each aircraft, NaN in its gaps; null where the run has none. */
+  values(name) {
+    const variable = this.variables[name];
+    if (!variable) return null;
+    if (!this.cache.has(name)) {
+      const before = this.times * (1 + (variable.place - 1) * this.aircraft.length);
+      this.cache.set(name, this._unpack(before, this.aircraft.length, variable.step, variable.gaps));
+    }
+    return this.cache.get(name);
+  }
+
+  _unpack(before, count, step, gaps) {
+    const total = count * this.times, start = 4 * before, bytes = this.bytes, found = [];
+    for (let k = 0; k < count; k++) {
+      const values = new Float64Array(this.times);
+      let value = 0, slope = 0;
+      for (let j = 0; j < this.times; j++) {
+        const at = start + k * this.times + j;
+        const zigzag = (bytes[at] | (bytes[at + total] << 8) | (bytes[at + 2 * total] << 16) | (bytes[at + 3 * total] << 24)) >>> 0;
+        slope += zigzag % 2 ? -(zigzag + 1) / 2 : zigzag / 2;
+        value += slope;
+        values[j] = value * step;
+      }
+      found.push(values);
+    }
+    for (const [k, first, last] of gaps) found[k].fill(NaN, first, last + 1);
+    return found;
+  }
+
+  /** Last record at or before a time, and how far it is from there to the next, 0 to 1. */
+  locate(time) {
+    const times = this.time;
+    let low = 0, high = this.times - 1;
+    if (time >= times[high]) return [high, 0];
+    while (high - low > 1) {
+      const middle = (low + high) >> 1;
+      if (times[middle] <= time) low = middle;
+      else high = middle;
+    }
+    return [low, Math.min(1, Math.max(0, (time - times[low]) / (times[high] - times[low])))];
+  }
+
+  /** Value of a variable of an aircraft at a time, linear between records. */
+  at(name, k, time) {
+    const values = this.values(name);
+    if (!values) return NaN;
+    const [low, part] = this.locate(time);
+    const here = values[k][low];
+    if (part === 0) return here;
+    const next = values[k][low + 1];
+    // across a wrapped angle or into a gap nothing lies between
+    if (!Number.isFinite(next) || (this.variables[name].unit === "°" && Math.abs(next - here) > 180)) return here;
+    return here + part * (next - here);
+  }
+
+  /** Index of an aircraft by its name, or -1. */
+  indexOf(name) {
+    return this.aircraft.findIndex((one) => one.name === name);
+  }
+}
+
+/** The instant, the aircraft in focus and those shown; every view listens. */
+class State {
+  constructor(runs) {
+    this.runs = runs;
+    this.end = Math.max(1e-3, ...runs.map((run) => run.end)); // a single record lasts no time
+    this.time = 0;
+    this.playing = false;
+    this.rate = 1;
+    this.names = [...new Set(runs.flatMap((run) => run.aircraft.map((one) => one.name)))];
+    this.focus = this.names[0];
+    this.hidden = new Set();
+    this.listeners = { time: [], focus: [], shown: [], playing: [] };
+  }
+
+  on(what, listener) {
+    this.listeners[what].push(listener);
+  }
+
+  _tell(what) {
+    this.listeners[what].forEach((listener) => listener(this));
+  }
+
+  setTime(time) {
+    this.time = Math.min(this.end, Math.max(0, time));
+    this._tell("time");
+  }
+
+  setFocus(name) {
+    this.focus = name;
+    this.hidden.delete(name);
+    this._tell("shown");
+    this._tell("focus");
+  }
+
+  toggle(name, shown) {
+    if (shown) this.hidden.delete(name);
+    else this.hidden.add(name);
+    this._tell("shown");
+  }
+
+  setPlaying(playing) {
+    if (playing === this.playing) return;
+    this.playing = playing;
+    if (playing && this.time >= this.end) this.setTime(0);
+    this._tell("playing");
+    let last = performance.now();
+    const step = (now) => {
+      if (!this.playing) return;
+      this.setTime(this.time + (this.rate * Math.min(200, now - last)) / 1000);
+      last = now;
+      if (this.time >= this.end) this.setPlaying(false);
+      else requestAnimationFrame(step);
+    };
+    if (playing) requestAnimationFrame(step);
+  }
+}
+
+/** Number with so many decimals, as text; about four significant digits where none are given. */
+function printed(value, decimals) {
+  if (!Number.isFinite(value)) return "–";
+  const size = Math.abs(value);
+  const digits = decimals ?? (size >= 1000 ? 0 : size >= 100 ? 1 : size >= 1 ? 2 : 3);
+  const text = value.toLocaleString("en-US", { minimumFractionDigits: digits, maximumFractionDigits: digits });
+  return /[1-9]/.test(text) ? text.replace("-", "−") : text.replace("-", "");
+}
+
+/** Element with a class and text; text is never interpreted. */
+function element(tag, className = "", text = "") {
+  const made = document.createElement(tag);
+  if (className) made.className = className;
+  if (text) made.textContent = text;
+  return made;
+}

@@ -1,0 +1,111 @@
+"""What the page gets of a flight to draw: packed variables, labels, events, facts of each aircraft; as plain data."""
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from anser.report.flight_events import LIMITED, RENEWALS, events_of
+from anser.report.flight_panels import NEEDED, packed_variables, sections_for
+from anser.report.labels import label_of
+from anser.report.packing import pack, step_of
+
+__all__ = ["as_script", "check_flight", "flight_data"]
+
+_SAMPLES_MAX = 150_000  # of all aircraft together: 20 aircraft at 10 Hz for 750 s
+_TIMES_MAX = 12_000
+_SUMMARY_KEYS = ("scenario", "versions", "seed", "aircraft", "fleet", "requirements")
+_ROW_KEYS = (
+    *("name", "goal", "planned_arrival_s", "arrival_s", "miss_m", "status", "nominal", "lateral_bend_m"),
+    *("speed_min_m_s", "speed_mean_m_s", "speed_max_m_s", "clearance_min_m", "position_error_max_m", "tables_left_s"),
+)
+
+
+def check_flight(dataset: xr.Dataset, summary: Mapping[str, Any]) -> None:
+    """Refuse what cannot be reported.
+
+    Raises
+    ------
+    ValueError
+        The dataset lacks a variable, the summary a key, or dataset and summary are not of one flight.
+    """
+    missing = [name for name in NEEDED if name not in dataset.data_vars]
+    if missing:
+        raise ValueError(f"the dataset lacks {', '.join(missing)}, which the report draws")
+    lacking = [key for key in _SUMMARY_KEYS if key not in summary]
+    rows = [] if lacking else summary["aircraft"]
+    lacking += [f"aircraft.{key}" for key in _ROW_KEYS if any(key not in row for row in rows)]
+    if lacking:
+        raise ValueError(f"the summary lacks {', '.join(lacking)}, which the report tells")
+    flown, told = [str(name) for name in dataset["aircraft"].values], [row["name"] for row in summary["aircraft"]]
+    if flown != told:
+        raise ValueError(f"the dataset holds the aircraft {flown}, the summary {told}")
+    of_dataset, of_summary = dataset.attrs.get("scenario_hash"), summary["scenario"]["hash"]
+    if of_dataset is not None and of_dataset != of_summary:
+        raise ValueError(f"the dataset is of scenario {of_dataset}, the summary {of_summary}")
+
+
+def flight_data(
+    dataset: xr.Dataset, summary: Mapping[str, Any], scenario: Mapping[str, Any], label: str
+) -> dict[str, Any]:
+    """Collect what the page draws of one flight.
+
+    Parameters
+    ----------
+    dataset
+        The flight with its derived variables.
+    summary
+        As `summary.json` holds it.
+    scenario
+        As the dataset carries it; may be empty.
+    label
+        What the run is called on the page.
+
+    Returns
+    -------
+    dict
+        For JSON. Variables come packed, every `every`-th record of them.
+    """
+    every = max(
+        1,
+        -(-dataset.sizes["time"] * dataset.sizes["aircraft"] // _SAMPLES_MAX),
+        -(-dataset.sizes["time"] // _TIMES_MAX),
+    )
+    kept = np.unique(np.append(np.arange(0, dataset.sizes["time"], every), dataset.sizes["time"] - 1))
+    names = packed_variables(dataset)
+    time = dataset["time"].values[kept][:, None]
+    columns = [(time, step_of(time, "s"))]
+    for name in names:
+        values = np.asarray(dataset[name].values[kept], dtype=np.float64)
+        columns.append((values, step_of(values, str(dataset[name].attrs["units"]))))
+    packed, gaps = pack(columns)
+    variables = {
+        name: label_of(dataset[name]) | {"place": k, "step": columns[k][1], "gaps": gaps[k]}
+        for k, name in enumerate(names, start=1)
+    }
+    return {
+        "label": label,
+        "times": int(kept.size),
+        "every": every,
+        "timeStep": columns[0][1],
+        "aircraft": [_facts(row) for row in summary["aircraft"]],
+        "variables": variables,
+        "packed": packed,
+        "events": events_of(dataset),
+        "eventWords": {"renewals": RENEWALS, "limited": LIMITED},
+        "sections": sections_for(dataset, scenario.get("limits", {})),
+        "keepOuts": scenario.get("keep_out") or [],
+    }
+
+
+def as_script(data: Any) -> str:
+    """JSON that can stand within a script element: nothing in it ends the element or begins another."""
+    text = json.dumps(data, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
+    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
+
+
+def _facts(row: Mapping[str, Any]) -> dict[str, Any]:
+    keys = ("name", "goal", "planned_arrival_s", "arrival_s", "miss_m", "status")
+    return {key: row[key] for key in keys}

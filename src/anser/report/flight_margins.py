@@ -1,0 +1,167 @@
+"""How much of every requirement and limit a flight used, the tightest first."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+__all__ = ["Margin", "least_apart", "margins_of"]
+
+_Row = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Margin:
+    """What was left to one requirement or limit.
+
+    Attributes
+    ----------
+    what
+        In words.
+    kind
+        "requirement": not meeting it fails the flight; "limit": of the plan and the autopilot.
+    unit
+        Of value and limit; empty where there is none.
+    limit, value
+        What was allowed, and the worst of the flight; None where there is no value.
+    most
+        Whether the limit is an upper one.
+    met
+        Whether it was kept.
+    who
+        Whose value it is; empty where it is the fleet's.
+    when_s
+        When, s; None where it is of no instant or not known.
+    """
+
+    what: str
+    kind: str
+    unit: str
+    limit: float
+    value: float | None
+    most: bool
+    met: bool
+    who: str = ""
+    when_s: float | None = None
+
+    @property
+    def used(self) -> float | None:
+        """Part of the way to the limit, 1 at the limit: value over limit, or limit over value for a lower one.
+
+        None where there is no value. A value on the other side of 0 than its limit has used nothing.
+        """
+        if self.value is None:
+            return None
+        if self.limit == 0.0:
+            return 0.0 if self.met else np.inf
+        if self.value * self.limit <= 0.0:
+            return 0.0 if self.met else np.inf
+        # a lower limit below 0 is met from above like an upper one above 0: the value grows towards it
+        return self.value / self.limit if self.most == (self.limit > 0.0) else self.limit / self.value
+
+
+# Requirement: words, unit, key of the row of an aircraft whose worst value it is, whether the limit is an upper one.
+_WORDS: dict[str, tuple[str, str, str | None, bool]] = {
+    "miss_max_m": ("Miss of the rendezvous", "m", "miss_m", True),
+    "arrival_error_max_s": ("Arrival off its planned time", "s", None, True),
+    "arrival_spread_max_s": ("Arrival spread, first to last", "s", None, True),
+    "position_error_max_m": ("Distance to the planned point", "m", "position_error_max_m", True),
+    "speed_max_m_s": ("Highest airspeed up to the arrival", "m/s", "speed_max_m_s", True),
+    "speed_min_m_s": ("Lowest airspeed up to the arrival", "m/s", "speed_min_m_s", False),
+    "tables_left_max_s": ("Time outside the aerodynamic tables", "s", "tables_left_s", True),
+    "separation_ratio_min": ("Separation kept over separation asked for, up to the arrivals", "", None, False),
+    "separation_min_m": ("Distance between two aircraft", "m", None, False),
+    "clearance_min_m": ("Distance to the goal", "m", "clearance_min_m", False),
+    "clearance_surface_min_m": ("Distance to a goal on the surface", "m", "clearance_min_m", False),
+    "clearance_airborne_min_m": ("Distance to an airborne goal", "m", "clearance_min_m", False),
+}
+# Variable, key of the limit, sign on it, words, unit.
+_LIMITS = (
+    ("bank_deg", "bank_max_deg", 1, "Bank angle to the right", "°"),
+    ("bank_deg", "bank_max_deg", -1, "Bank angle to the left", "°"),
+    ("climb_rate_m_s", "climb_rate_max_m_s", 1, "Climb rate", "m/s"),
+    ("climb_rate_m_s", "climb_rate_max_m_s", -1, "Rate of descent", "m/s"),
+    ("altitude_m", "altitude_max_m", 1, "Highest altitude", "m"),
+    ("altitude_m", "altitude_min_m", 0, "Lowest altitude", "m"),
+    ("load_factor", "load_factor_max", 1, "Highest load factor", ""),
+    ("load_factor", "load_factor_min", 0, "Lowest load factor", ""),
+    ("alpha_deg", "alpha_max_deg", 1, "Highest angle of attack", "°"),
+    ("alpha_deg", "alpha_min_deg", 0, "Lowest angle of attack", "°"),
+)
+
+
+def margins_of(dataset: xr.Dataset, summary: Mapping[str, Any], scenario: Mapping[str, Any]) -> list[Margin]:
+    """Margins of a flight, the one that used most of its limit first; what was not met stands before all.
+
+    Requirements are those of the summary, as it judged them; the limits are the scenario's, over the whole record.
+
+    Parameters
+    ----------
+    dataset
+        With the derived variables.
+    summary, scenario
+        As the run holds them; the scenario may be empty.
+    """
+    found = [_requirement(entry, summary["aircraft"], dataset) for entry in summary["requirements"]]
+    limits = scenario.get("limits", {})
+    found += [
+        _limit(dataset, name, float(limits[key]), sign, words, unit)
+        for name, key, sign, words, unit in _LIMITS
+        if limits.get(key) is not None
+    ]
+    return sorted(found, key=lambda m: (m.met, -np.inf if m.used is None else -m.used))
+
+
+def least_apart(dataset: xr.Dataset) -> tuple[float, float, str, str] | None:
+    """Least distance between two aircraft at an instant of the record, m; when, s; and which two. None without two."""
+    if "distance_min_m" not in dataset or not np.isfinite(dataset["distance_min_m"].values).any():
+        return None
+    nearest = dataset["distance_min_m"].values
+    row, one = np.unravel_index(np.nanargmin(nearest), nearest.shape)
+    places = np.stack([dataset[name].values[row] for name in ("north_m", "east_m", "altitude_m")], axis=-1)
+    away = np.linalg.norm(places - places[one], axis=-1)
+    away[one] = np.inf
+    names = [str(name) for name in dataset["aircraft"].values]
+    other = int(np.nanargmin(away))
+    return float(nearest[row, one]), float(dataset["time"].values[row]), names[int(one)], names[other]
+
+
+def _requirement(entry: _Row, rows: Sequence[_Row], dataset: xr.Dataset) -> Margin:
+    name = entry["name"]
+    words, unit, key, most = _WORDS.get(name, (name, "", None, "max" in name))
+    who, when = "", None
+    if key is not None and entry["value"] is not None:
+        match = next((row for row in rows if row[key] == entry["value"]), None)
+        who = str(match["name"]) if match else ""
+    elif name == "arrival_error_max_s" and entry["value"] is not None:
+        pairs = [(r["arrival_s"], r["planned_arrival_s"], r["name"]) for r in rows]
+        off = [(abs(a - p), who) for a, p, who in pairs if a is not None and p is not None]
+        who = str(max(off)[1]) if off else ""
+    elif name == "separation_ratio_min" and "separation_kept" in dataset:
+        who, when = _least(dataset, "separation_kept")
+    elif name == "separation_min_m" and (apart := least_apart(dataset)) is not None:
+        who, when = f"{apart[2]} and {apart[3]}", apart[1]
+    return Margin(words, "requirement", unit, entry["limit"], entry["value"], most, bool(entry["met"]), who, when)
+
+
+def _least(dataset: xr.Dataset, name: str) -> tuple[str, float | None]:
+    values = dataset[name].values
+    if not np.isfinite(values).any():
+        return "", None
+    row, column = np.unravel_index(np.nanargmin(values), values.shape)
+    return str(dataset["aircraft"].values[column]), float(dataset["time"].values[row])
+
+
+def _limit(dataset: xr.Dataset, name: str, limit: float, sign: int, words: str, unit: str) -> Margin:
+    """Margin to a limit: sign 1 upper, 0 lower, -1 lower at the limit with the opposite sign, told as an upper one."""
+    values = -dataset[name].values if sign == -1 else dataset[name].values
+    most = sign != 0
+    if not np.isfinite(values).any():
+        return Margin(words, "limit", unit, limit, None, most, False)
+    row, column = np.unravel_index(np.nanargmax(values) if most else np.nanargmin(values), values.shape)
+    value = float(values[row, column])
+    met = value <= limit if most else value >= limit
+    who, when = str(dataset["aircraft"].values[column]), float(dataset["time"].values[row])
+    return Margin(words, "limit", unit, limit, value, most, met, who, when)

@@ -1,0 +1,183 @@
+"""The time plots of a flight report: which variables stand together, which limits are drawn with them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import xarray as xr
+
+__all__ = ["NEEDED", "SECTIONS", "Panel", "Section", "packed_variables", "sections_for"]
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One plot over time.
+
+    Attributes
+    ----------
+    response
+        Variable that is drawn solid.
+    command
+        Variable that is drawn dashed, a command or a plan; None for none.
+    limits
+        Keys of the scenario's `limits` that are drawn as lines; a number is drawn as it is, and a key with a minus sign
+        before it with the opposite sign.
+    within
+        Whether the axis reaches to the limits, however far from the data they are.
+    """
+
+    response: str
+    command: str | None = None
+    limits: tuple[str | float, ...] = ()
+    within: bool = False
+
+
+@dataclass(frozen=True)
+class Section:
+    """Plots that are looked at together."""
+
+    key: str
+    title: str
+    caption: str
+    panels: tuple[Panel, ...]
+
+
+SECTIONS: tuple[Section, ...] = (
+    Section(
+        "plan",
+        "Plan against flown",
+        "Dashed: planned, up to the hold. Ticks below: the plan changed there.",
+        (
+            Panel("range_to_rendezvous_m"),
+            Panel("altitude_m", "reference_altitude_m"),
+            Panel("position_error_m"),
+            Panel("along_error_m"),
+            Panel("across_error_m"),
+            Panel("height_error_m"),
+        ),
+    ),
+    Section(
+        "limits",
+        "Room to the limits",
+        "Red lines: limits of the scenario.",
+        (
+            Panel("airspeed_m_s", None, ("speed_min_m_s", "speed_max_m_s"), True),
+            Panel("bank_deg", None, ("-bank_max_deg", "bank_max_deg"), True),
+            Panel("load_factor", None, ("load_factor_min", "load_factor_max"), True),
+            Panel("alpha_deg", None, ("alpha_min_deg", "alpha_max_deg"), True),
+            Panel("climb_rate_m_s", None, ("-climb_rate_max_m_s", "climb_rate_max_m_s"), True),
+            Panel("height_over_floor_m", None, (0.0,), True),
+            Panel("distance_min_m"),
+            Panel("separation_kept", None, (1.0,), True),
+            Panel("clearance_m"),
+        ),
+    ),
+    Section(
+        "responses",
+        "Commands and responses",
+        "Solid: response; dashed: command, cut where it lies far beyond.",
+        (
+            Panel("airspeed_m_s", "airspeed_command_m_s"),
+            Panel("path_angle_deg", "path_angle_command_deg"),
+            Panel("course_deg", "course_command_deg"),
+            Panel("bank_deg", "bank_command_deg"),
+            Panel("alpha_deg", "alpha_command_deg"),
+            Panel("beta_deg", "beta_command_deg"),
+            Panel("roll_rate_deg_s", "roll_rate_command_deg_s"),
+            Panel("pitch_rate_deg_s", "pitch_rate_command_deg_s"),
+            Panel("yaw_rate_deg_s", "yaw_rate_command_deg_s"),
+        ),
+    ),
+    Section(
+        "attitude",
+        "Attitude",
+        "From north, east, down to the body.",
+        (Panel("roll_deg"), Panel("pitch_deg"), Panel("yaw_deg")),
+    ),
+    Section(
+        "controls",
+        "Surfaces and engine",
+        "Solid: position; dashed: command, cut where it lies far beyond.",
+        (
+            Panel("elevator_deg", "elevator_command_deg"),
+            Panel("aileron_deg", "aileron_command_deg"),
+            Panel("rudder_deg", "rudder_command_deg"),
+            Panel("throttle"),
+            Panel("power_percent"),
+            Panel("thrust_n", "thrust_command_n"),
+        ),
+    ),
+)
+
+_DERIVED = {
+    "along_error_m",
+    "across_error_m",
+    "height_error_m",
+    "climb_rate_m_s",
+    "height_over_floor_m",
+    "distance_min_m",
+    "separation_kept",
+}
+_SCENE = (
+    *(
+        f"{place}{axis}_m"
+        for place in ("", "reference_", "goal_", "rendezvous_")
+        for axis in ("north", "east", "altitude")
+    ),
+    *(f"quaternion_{k}" for k in range(4)),
+)
+_EVENTS = (
+    *("phase", "renewal", "status", "outside_tables", "arrival_time_s", "planned_length_m", "lateral_bend_m"),
+    *(f"{what}_limited" for what in ("speed", "thrust", "lift", "bank", "rates", "surfaces")),
+    "velocity_down_m_s",
+)
+_DRAWN = tuple(
+    dict.fromkeys(
+        name
+        for section in SECTIONS
+        for panel in section.panels
+        for name in (panel.response, panel.command)
+        if name is not None
+    )
+)
+
+NEEDED: tuple[str, ...] = tuple(dict.fromkeys((*_SCENE, *_EVENTS, *(n for n in _DRAWN if n not in _DERIVED))))
+"""Variables that a dataset must have for a report."""
+
+
+def packed_variables(dataset: xr.Dataset) -> tuple[str, ...]:
+    """Variables of a dataset, derived ones included, that the page gets."""
+    return tuple(name for name in dict.fromkeys((*_SCENE, *_DRAWN)) if name in dataset)
+
+
+def sections_for(dataset: xr.Dataset, limits: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Sections as the page gets them: only panels whose variable is there, limits as numbers.
+
+    Parameters
+    ----------
+    dataset
+        With the derived variables.
+    limits
+        The scenario's table of that name; empty where there is none.
+    """
+    found = []
+    for section in SECTIONS:
+        panels = [
+            {
+                "response": panel.response,
+                "command": panel.command,
+                "limits": [value for value in (_limit(key, limits) for key in panel.limits) if value is not None],
+                "within": panel.within,
+            }
+            for panel in section.panels
+            if panel.response in dataset
+        ]
+        found.append({"key": section.key, "title": section.title, "caption": section.caption, "panels": panels})
+    return found
+
+
+def _limit(key: str | float, limits: Mapping[str, Any]) -> float | None:
+    if not isinstance(key, str):
+        return key
+    value = limits.get(key.removeprefix("-"))
+    return None if value is None else -float(value) if key.startswith("-") else float(value)

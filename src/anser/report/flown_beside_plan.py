@@ -1,0 +1,128 @@
+"""What a record implies beyond its own variables: errors along and across the plan, the room that is left around it."""
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from anser.variables import PLAN_VARIABLES
+
+__all__ = ["HOLD", "derive", "nearest_other_m", "scenario_of", "separation_kept"]
+
+HOLD = 2
+"""Value of `phase` once the aircraft has arrived and holds."""
+
+_LABELS = {
+    "along_error_m": ("m", "e_a", "Ahead of the planned point"),
+    "across_error_m": ("m", "e_x", "Right of the planned path"),
+    "height_error_m": ("m", "e_h", "Above the planned path"),
+    "height_over_floor_m": ("m", "h_f", "Height over the lowest altitude allowed"),
+    "separation_kept": ("1", "d_sep", "Separation kept over separation asked for"),
+    "distance_min_m": ("m", "d_min", "Distance to the nearest other aircraft"),
+}
+
+
+def scenario_of(dataset: xr.Dataset) -> dict[str, Any]:
+    """Read the scenario that a dataset carries as JSON; empty where it carries none that can be read."""
+    try:
+        found = json.loads(dataset.attrs.get("scenario", "{}"))
+    except (TypeError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def derive(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> xr.Dataset:
+    """Add what the report draws and no flight records; plan and errors end where the hold begins.
+
+    Parameters
+    ----------
+    dataset
+        A flight, dimensions (time, aircraft).
+    scenario
+        As `scenario_of` reads it: the floor and the separation asked for are taken from it, where it has them.
+
+    Returns
+    -------
+    xr.Dataset
+        The same with `climb_rate_m_s`, `along_error_m`, `across_error_m`, `height_error_m`; `distance_min_m` where
+        there are two aircraft or more; `height_over_floor_m` and `separation_kept` where the scenario asks for them.
+        `position_error_m` and the planned point are NaN in the hold.
+    """
+    planned = dataset["phase"].values != HOLD
+    changed = {
+        name: dataset[name].where(planned)
+        for name in ("position_error_m", "reference_north_m", "reference_east_m", "reference_altitude_m")
+    }
+    found = dataset.assign(changed)
+    climb = next(v for v in PLAN_VARIABLES if v.key == "climb_rate")
+    found[climb.name] = (-dataset["velocity_down_m_s"]).assign_attrs(
+        units=climb.unit, symbol=climb.symbol, long_name=climb.long_name
+    )
+    along, across, height = _errors(dataset)
+    for name, values in (("along_error_m", along), ("across_error_m", across), ("height_error_m", height)):
+        _add(found, name, np.where(planned, values, np.nan))
+    if dataset.sizes["aircraft"] > 1:
+        _add(found, "distance_min_m", nearest_other_m(dataset))
+    floor = scenario.get("limits", {}).get("altitude_min_m")
+    if floor is not None:
+        _add(found, "height_over_floor_m", dataset["altitude_m"].values - float(floor))
+    asked = scenario.get("separation", {})
+    if dataset.sizes["aircraft"] > 1 and asked.get("horizontal_m", 0.0) > 0.0:
+        _add(found, "separation_kept", separation_kept(dataset, asked["horizontal_m"], asked.get("vertical_m", 0.0)))
+    return found
+
+
+def nearest_other_m(dataset: xr.Dataset) -> np.ndarray:
+    """Distance of each aircraft to the nearest other one at every instant, m; shape (time, aircraft)."""
+    places = np.stack([dataset[name].values for name in ("north_m", "east_m", "altitude_m")], axis=-1)
+    nearest = np.full(places.shape[:2], np.inf)
+    # one after the other: all pairs at once would take memory with the square of the fleet
+    for one in range(places.shape[1] - 1):
+        away = np.linalg.norm(places[:, one + 1 :] - places[:, [one]], axis=-1)
+        away = np.where(np.isfinite(away), away, np.inf)
+        nearest[:, one] = np.minimum(nearest[:, one], away.min(axis=1))
+        nearest[:, one + 1 :] = np.minimum(nearest[:, one + 1 :], away)
+    return np.where(np.isfinite(nearest), nearest, np.nan)
+
+
+def separation_kept(dataset: xr.Dataset, horizontal_m: float, vertical_m: float) -> np.ndarray:
+    """Least ratio of distance to separation of each aircraft and any other; shape (time, aircraft).
+
+    The better of the two ratios counts, in the plane and in altitude (where `vertical_m` is above 0). Only while
+    neither of the two has arrived: afterwards none is asked for, and the value is NaN.
+    """
+    north, east, up = (dataset[name].values for name in ("north_m", "east_m", "altitude_m"))
+    flying = dataset["phase"].values != HOLD
+    least = np.full(north.shape, np.inf)
+    for one in range(north.shape[1] - 1):
+        rest = slice(one + 1, None)
+        flat = np.hypot(north[:, rest] - north[:, [one]], east[:, rest] - east[:, [one]]) / horizontal_m
+        tall = np.abs(up[:, rest] - up[:, [one]]) / vertical_m if vertical_m > 0.0 else np.zeros_like(flat)
+        ratio = np.maximum(flat, tall)
+        ratio = np.where(flying[:, rest] & flying[:, [one]] & np.isfinite(ratio), ratio, np.inf)
+        least[:, one] = np.minimum(least[:, one], ratio.min(axis=1))
+        least[:, rest] = np.minimum(least[:, rest], ratio)
+    return np.where(np.isfinite(least), least, np.nan)
+
+
+def _errors(dataset: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Flown less planned place: along the planned path over ground, to its right, and up; m."""
+    north, east, up = (
+        dataset[name].values - dataset[f"reference_{name}"].values for name in ("north_m", "east_m", "altitude_m")
+    )
+    time = dataset["time"].values
+    if time.size < 2:
+        return np.zeros_like(up), np.zeros_like(up), up
+    rate_n, rate_e = (np.gradient(dataset[f"reference_{name}"].values, time, axis=0) for name in ("north_m", "east_m"))
+    speed = np.hypot(rate_n, rate_e)
+    cosine, sine = (
+        np.divide(rate, speed, out=np.full_like(speed, np.nan), where=speed > 0.0) for rate in (rate_n, rate_e)
+    )
+    return north * cosine + east * sine, east * cosine - north * sine, up
+
+
+def _add(dataset: xr.Dataset, name: str, values: np.ndarray) -> None:
+    unit, symbol, words = _LABELS[name]
+    dataset[name] = (("time", "aircraft"), values, {"units": unit, "symbol": symbol, "long_name": words})

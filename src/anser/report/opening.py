@@ -1,0 +1,177 @@
+"""The opening page of a flight report, as HTML: the answer first, then what was tight, then each aircraft."""
+
+import html
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from anser.report.flight_margins import Margin, least_apart
+from anser.report.style import color_of
+
+__all__ = ["aircraft_table", "answer", "cards", "margins_list", "number", "text"]
+
+_NOTHING = "–"
+
+
+def text(value: object) -> str:
+    """Escape for HTML: what comes from files is shown, never interpreted."""
+    return html.escape(str(value))
+
+
+def number(value: float | None, digits: int) -> str:
+    """Number with so many decimals and thousands apart; a dash where there is none."""
+    if value is None or not np.isfinite(value):
+        return _NOTHING
+    return f"{value:,.{digits}f}".replace("-", "−")
+
+
+def answer(summary: Mapping[str, Any], scenario: Mapping[str, Any]) -> str:
+    """Say whether they arrived together and by how much, and name what was not met.
+
+    Parameters
+    ----------
+    summary, scenario
+        As the run holds them; the scenario may be empty.
+    """
+    rows, spread = summary["aircraft"], summary["fleet"]["arrival_spread_s"]
+    stray = [row for row in rows if row["status"] != "arrived"]
+    unmet = [entry["name"] for entry in summary["requirements"] if not entry["met"]]
+    allowed = next((e["limit"] for e in summary["requirements"] if e["name"] == "arrival_spread_max_s"), None)
+    together = (
+        len(rows) > 1
+        and spread is not None
+        and (allowed is not None or scenario.get("arrival", {}).get("rule") in ("together", "at"))
+    )
+    apart = "" if spread is None else _duration(spread)
+    good = not stray and not unmet
+    if stray:
+        count = len(rows) - len(stray)
+        head = f"{count} of {len(rows)} aircraft arrived" if len(rows) > 1 else "The aircraft did not arrive"
+    elif together and "arrival_spread_max_s" in unmet:
+        head = f"All {len(rows)} aircraft arrived, but {apart} apart"
+    elif together:
+        head = f"All {len(rows)} aircraft arrived together, within {apart}"
+    else:
+        head = f"All {len(rows)} aircraft arrived as planned" if len(rows) > 1 else "The aircraft arrived as planned"
+    if not good and not stray and "arrival_spread_max_s" not in unmet:
+        head += ", but not as required"
+    parts = [] if allowed is None or not together else [f"{number(allowed, 2)} s apart were allowed."]
+    parts += [f"<b>{text(row['name'])}</b>: {text(row['status'])}." for row in stray]
+    parts.append("All requirements met." if not unmet else f"Requirements not met: <b>{text(', '.join(unmet))}</b>.")
+    return (
+        f'<div class="answer {"good" if good else "bad"}"><p class="head"><span aria-hidden="true">'
+        f"{'✓' if good else '✗'}</span> {head}</p><p>{' '.join(parts)}</p></div>"
+    )
+
+
+def cards(dataset: xr.Dataset, summary: Mapping[str, Any]) -> str:
+    """The few numbers of a fleet that people ask for first."""
+    rows, fleet = summary["aircraft"], summary["fleet"]
+    arrivals = [row["arrival_s"] for row in rows if row["arrival_s"] is not None]
+    found = []
+    if arrivals:
+        found.append(("Arrival", f"{number(min(arrivals), 2)}", "s", "" if len(rows) == 1 else "of the first"))
+    if fleet["arrival_spread_s"] is not None and len(rows) > 1:
+        value, unit = _duration(fleet["arrival_spread_s"]).split("&nbsp;")
+        found.append(("Arrival spread", value, unit, "first to last"))
+    misses = [(row["miss_m"], row["name"]) for row in rows if row["miss_m"] is not None]
+    if misses:
+        worst = max(misses)
+        found.append(("Greatest miss", number(worst[0], 2), "m", text(worst[1])))
+    if fleet.get("separation_ratio_min") is not None:
+        found.append(
+            ("Separation kept", number(fleet["separation_ratio_min"], 2), "×", "what was asked for, up to the arrivals")
+        )
+    apart = least_apart(dataset)
+    if apart is not None and fleet["separation_min_m"] is not None:
+        ends = [row["arrival_s"] for row in rows if row["name"] in apart[2:] and row["arrival_s"] is not None]
+        later = ", after arriving" if ends and apart[1] > min(ends) else ""
+        where = f"at {number(apart[1], 1)} s{later}: {text(apart[2])}, {text(apart[3])}"
+        found.append(("Least distance of two", number(fleet["separation_min_m"], 0), "m", where))
+    return (
+        '<div class="cards">'
+        + "".join(
+            f'<div class="card"><p>{name}</p><p class="value">{value}<small>{unit}</small></p>'
+            f'<p class="note">{note}</p></div>'
+            for name, value, unit, note in found
+        )
+        + "</div>"
+    )
+
+
+def margins_list(margins: Sequence[Margin]) -> str:
+    """One bar for each requirement and limit, the tightest first: full where the limit is reached."""
+    if not margins:
+        return '<p class="caption">The run names no requirement and no limit.</p>'
+    return '<ol class="margins">' + "".join(_bar(margin) for margin in margins) + "</ol>"
+
+
+def aircraft_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """One row for each aircraft of the summary; a row is chosen by its button."""
+    heads = "".join(f"<th>{heading}<small>{unit}</small></th>" for _, heading, unit, _ in _COLUMNS)
+    body = "".join(_aircraft_row(index, row) for index, row in enumerate(rows))
+    return (
+        '<div class="scroll"><table><thead><tr><th class="text">Aircraft</th><th class="text">Goal</th>'
+        f'{heads}<th class="text">Path</th><th class="text">Status</th></tr></thead><tbody>{body}</tbody></table></div>'
+    )
+
+
+# Key of the summary's row of an aircraft: heading, unit, decimals.
+_COLUMNS: tuple[tuple[str, str, str, int], ...] = (
+    ("planned_arrival_s", "Planned", "s", 2),
+    ("arrival_s", "Arrived", "s", 2),
+    ("miss_m", "Miss", "m", 2),
+    ("speed_min_m_s", "Slowest", "m/s", 1),
+    ("speed_mean_m_s", "Mean", "m/s", 1),
+    ("speed_max_m_s", "Fastest", "m/s", 1),
+    ("clearance_min_m", "Nearest to goal", "m", 1),
+    ("position_error_max_m", "Off the plan", "m", 1),
+    ("tables_left_s", "Outside tables", "s", 2),
+)
+
+
+def _aircraft_row(index: int, row: Mapping[str, Any]) -> str:
+    numbers = "".join(f"<td>{number(row[key], digits)}</td>" for key, _, _, digits in _COLUMNS)
+    bend = row["lateral_bend_m"]
+    path = "nominal" if row["nominal"] or bend is None else ("bent right" if bend > 0 else "bent left")
+    fine = "good-text" if row["status"] == "arrived" else "bad-text"
+    return (
+        f'<tr><td class="text name"><span class="swatch" style="background:{color_of(index)}"></span>'
+        f'{text(row["name"])}</td><td class="text">{text(row["goal"])}</td>{numbers}'
+        f'<td class="text">{path}</td><td class="text free {fine}">{text(row["status"])}</td></tr>'
+    )
+
+
+def _bar(margin: Margin) -> str:
+    used = margin.used
+    share = _NOTHING if used is None else (">999 %" if used > 9.99 else f"{100 * used:.0f} %")
+    width = 0.0 if used is None else min(100.0, 100.0 * used)
+    state = "over" if not margin.met else ("near" if used is not None and used > 0.9 else "kept")
+    where = ", ".join(
+        part for part in (text(margin.who), "" if margin.when_s is None else f"{number(margin.when_s, 1)} s") if part
+    )
+    unit = f" {margin.unit}" if margin.unit not in ("", "°") else margin.unit
+    value = _NOTHING if margin.value is None else f"{_significant(margin.value)}{unit}"
+    told = "not met" if not margin.met else ""
+    return (
+        f'<li class="{state}"><span class="what">{text(margin.what)}'
+        f"<small>{'' if margin.kind == 'requirement' else 'limit; '}{'at most' if margin.most else 'at least'} "
+        f"{f'{margin.limit:,g}'.replace('-', '−')}{unit}</small></span>"
+        f'<span class="bar"><i style="width:{width:.1f}%"></i></span>'
+        f'<span class="share">{share}</span><span class="is"><b>{value}</b>'
+        f"<small>{f'<em>{told}</em> ' if told else ''}{where}</small></span></li>"
+    )
+
+
+def _significant(value: float | None) -> str:
+    if value is None or not np.isfinite(value):
+        return _NOTHING
+    return number(
+        value, 0 if abs(value) >= 1000 else max(0, min(5, 2 - int(np.floor(np.log10(max(abs(value), 1e-4))))))
+    )
+
+
+def _duration(seconds: float) -> str:
+    return f"{1000 * seconds:.2g}&nbsp;ms" if seconds < 0.0995 else f"{seconds:.2f}&nbsp;s"

@@ -1,0 +1,117 @@
+"""Margins: their ranking, whose they are and when, what a derived variable says."""
+
+import copy
+
+import numpy as np
+import pytest
+
+from anser.report.flight_margins import Margin, least_apart, margins_of
+from anser.report.flown_beside_plan import HOLD, derive, nearest_other_m, scenario_of, separation_kept
+
+
+@pytest.mark.parametrize(
+    ("limit", "value", "most", "used"),
+    [
+        (70.0, 63.0, True, 0.9),
+        (90.0, 180.0, False, 0.5),
+        (90.0, 45.0, False, 2.0),
+        (-1.0, 0.9, False, 0.0),
+        (-1.0, -0.5, False, 0.5),
+        (5.0, -2.0, True, 0.0),
+        (-3.0, -6.0, True, 0.5),
+        (90.0, 0.0, False, np.inf),
+        (0.0, 3.0, False, 0.0),
+        (1.0, None, True, None),
+    ],
+)
+def test_the_part_used_is_1_at_the_limit(limit, value, most, used):
+    met = value is not None and (value <= limit if most else value >= limit)
+    assert Margin("", "limit", "", limit, value, most, met).used == (None if used is None else pytest.approx(used))
+    assert Margin("", "limit", "", limit, limit, most, True).used == (pytest.approx(1.0) if limit else 0.0)
+
+
+@pytest.fixture(scope="module")
+def whole(flight):
+    return derive(flight[0], scenario_of(flight[0]))
+
+
+def test_the_tightest_comes_first_and_what_was_not_met_before_all(flight, whole):
+    summary = copy.deepcopy(flight[1])
+    scenario = scenario_of(flight[0])
+    used = [margin.used for margin in margins_of(whole, summary, scenario)]
+    assert used == sorted(used, reverse=True)
+    summary["requirements"][0] |= {"value": None, "met": False}
+    first, *rest = margins_of(whole, summary, scenario)
+    assert (first.what, first.used, first.met) == ("Miss of the rendezvous", None, False)
+    assert all(margin.met for margin in rest)
+
+
+def test_a_limit_names_the_aircraft_and_the_instant_of_the_worst(flight, whole):
+    margins = {margin.what: margin for margin in margins_of(whole, flight[1], scenario_of(flight[0]))}
+    bank = flight[0]["bank_deg"]
+    right = margins["Bank angle to the right"]
+    assert right.value == float(bank.max())
+    assert float(bank.sel(time=right.when_s, aircraft=right.who)) == right.value
+    left = margins["Bank angle to the left"]
+    assert left.value == -float(bank.min())
+    assert margins["Lowest altitude"].value == float(flight[0]["altitude_m"].min())
+    assert not margins["Lowest altitude"].most
+
+
+def test_the_nearest_other_aircraft_is_found_for_each(flight):
+    dataset = flight[0].isel(time=slice(None, None, 400))
+    nearest = nearest_other_m(dataset)
+    places = np.stack([dataset[name].values for name in ("north_m", "east_m", "altitude_m")], axis=-1)
+    for row in range(nearest.shape[0]):
+        for k in range(3):
+            others = [np.linalg.norm(places[row, k] - places[row, j]) for j in range(3) if j != k]
+            assert nearest[row, k] == pytest.approx(min(others), rel=1e-12)
+    assert np.isnan(nearest_other_m(dataset.isel(aircraft=[0]))).all()
+
+
+def test_the_least_distance_names_the_two(flight, whole):
+    least, when, one, other = least_apart(whole)
+    assert least == pytest.approx(flight[1]["fleet"]["separation_min_m"], rel=1e-3)
+    then = whole.sel(time=when)
+    away = [
+        float(then[name].sel(aircraft=one) - then[name].sel(aircraft=other))
+        for name in ("north_m", "east_m", "altitude_m")
+    ]
+    assert np.linalg.norm(away) == pytest.approx(least, rel=1e-12)
+
+
+def test_separation_counts_until_the_first_of_two_arrives(flight):
+    dataset = flight[0].copy(deep=True)
+    dataset["phase"].values[1000:, 1] = HOLD
+    kept = separation_kept(dataset, 500.0, 150.0)
+    assert np.isnan(kept[1000:, 1]).all()
+    row = dataset.isel(time=1500, aircraft=[0, 2])
+    flat = np.hypot(np.ptp(row["north_m"].values), np.ptp(row["east_m"].values)) / 500.0
+    tall = np.ptp(row["altitude_m"].values) / 150.0
+    # aircraft 1 has arrived: the other two have only one another
+    np.testing.assert_allclose(kept[1500, [0, 2]], max(flat, tall), rtol=1e-12)
+
+
+def test_errors_are_along_and_across_the_plan(flight, whole):
+    together = np.sqrt(whole["along_error_m"] ** 2 + whole["across_error_m"] ** 2 + whole["height_error_m"] ** 2)
+    away = np.sqrt(
+        sum((flight[0][name] - flight[0][f"reference_{name}"]) ** 2 for name in ("north_m", "east_m", "altitude_m"))
+    )
+    flying = flight[0]["phase"].values != HOLD
+    np.testing.assert_allclose(together.values[flying], away.values[flying], atol=1e-9)
+    assert np.isnan(together.values[~flying]).all()
+    # north of a path that goes west is right of it
+    shifted = flight[0].copy(deep=True)
+    shifted["north_m"] = shifted["reference_north_m"] + 5.0
+    shifted["east_m"] = shifted["reference_east_m"]
+    anna = derive(shifted, {}).isel(aircraft=0, time=400)
+    assert float(anna["across_error_m"]) == pytest.approx(5.0, rel=0.05)
+
+
+def test_without_a_scenario_there_are_the_requirements_alone(flight):
+    dataset = flight[0].assign_attrs(scenario="no JSON")
+    assert scenario_of(dataset) == {}
+    whole = derive(dataset, {})
+    assert {margin.kind for margin in margins_of(whole, flight[1], {})} == {"requirement"}
+    assert "height_over_floor_m" not in whole
+    assert "separation_kept" not in whole

@@ -1,0 +1,292 @@
+"""The report in a real browser: nothing complains, nothing leaves the file, what should be drawn is drawn and moves."""
+
+import copy
+import io
+import json
+import time
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+from anser.report import write_comparison, write_report
+from support.chromium import NAMES, Chromium, find_chromium
+from support.made_flight import make_flight
+
+if find_chromium() is None:
+    pytest.skip(
+        f"no Chromium here (none of {', '.join(NAMES)}): the report was not opened in a browser",
+        allow_module_level=True,
+    )
+
+EVIL = "</script><script>window.harmed = true</script><img src=x onerror='window.harmed = true'>"
+SIZE_MAX, READY_MAX_MS = 8_000_000, 3000.0
+WINDOW = (1010, 600)  # small: these machines draw the scene without a graphics card
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    with Chromium(tmp_path_factory.mktemp("chromium"), *WINDOW) as opened:
+        yield opened
+
+
+def opened(browser, path):
+    """Open a page, unless it is the one that stands open; its faults and requests are those since it was opened."""
+    if browser.run("location.href") == path.as_uri():
+        browser.run(
+            "anser.state.setFocus(anser.state.names[0]); anser.state.names.forEach((n) => anser.state.toggle(n, true));"
+            "document.querySelector('[data-view=overview]').click(); anser.state.setTime(48)"
+        )
+        return browser
+    browser.faults.clear()
+    browser.requests.clear()
+    browser.open(path)
+    browser.settle()
+    return browser
+
+
+def is_clean(browser, path):
+    left = [url for url in browser.requests if not url.startswith(("data:", "blob:"))]
+    return browser.faults == [] and left == [path.as_uri()]
+
+
+def picture_of(browser, what):
+    """Pixels of an element, as shares of full light; scrolled to the top of the window."""
+    browser.run(f"document.querySelector({json.dumps(what)}).scrollIntoView()")
+    browser.settle()
+    box = browser.run(
+        f"(() => {{ const b = document.querySelector({json.dumps(what)}).getBoundingClientRect();"
+        " return [b.left, b.top, b.right, Math.min(b.bottom, innerHeight - 70)].map(Math.round); })()"
+    )
+    whole = matplotlib.image.imread(io.BytesIO(browser.picture()))[..., :3]
+    return whole[box[1] : box[3], box[0] : box[2]]
+
+
+def has_color(picture, color):
+    wanted = np.array([int(color[k : k + 2], 16) for k in (1, 3, 5)]) / 255.0
+    return int((np.abs(picture - wanted).max(axis=-1) < 0.06).sum())
+
+
+@pytest.fixture(scope="module")
+def path(flight, tmp_path_factory):
+    found = tmp_path_factory.mktemp("page") / "report.html"
+    write_report(*flight, found)
+    return found
+
+
+@pytest.mark.parametrize("repeat", [1, 7])
+def test_it_opens_at_once_and_complains_of_nothing(browser, tmp_path, repeat):
+    path = tmp_path / "report.html"
+    write_report(*make_flight(repeat=repeat), path)
+    assert path.stat().st_size < SIZE_MAX
+    taken = []
+    for _ in range(2):  # the quicker counts: the machine may be busy with other tests
+        browser.close()
+        opened(browser, path)
+        assert is_clean(browser, path), (browser.faults, browser.requests)
+        taken.append(float(browser.run("document.documentElement.dataset.ready")))
+        if taken[-1] < READY_MAX_MS:
+            break
+    assert min(taken) < READY_MAX_MS
+    assert browser.run("anser.runs[0].aircraft.length") == 3 * repeat
+
+
+def test_the_page_reads_what_was_recorded(browser, flight, path):
+    opened(browser, path)
+    dataset = flight[0]
+    for name, k, time_s in (("course_deg", 1, 33.35), ("north_m", 2, 100.0), ("thrust_command_n", 0, 0.0)):
+        read = browser.run(f"anser.runs[0].at('{name}', {k}, {time_s})")
+        expected = float(dataset[name].isel(aircraft=k).sel(time=time_s, method="nearest"))
+        # half the step that `packing` keeps of a quantity of this range
+        assert read == pytest.approx(expected, abs=0.0051)
+    # the plan and its errors end with the hold: a gap
+    assert browser.run("Number.isNaN(anser.runs[0].at('position_error_m', 0, 120))") is True
+
+
+def test_the_scene_shows_every_aircraft_and_moves_with_the_slider(browser, path):
+    opened(browser, path)
+    first = picture_of(browser, ".scene")
+    colors = browser.run("anser.runs[0].aircraft.map((one) => one.color)")
+    assert all(has_color(first, color) > 60 for color in colors)
+    before = browser.run("anser.scenes[0].flyers.map((f) => f.place.toArray()).flat()")
+    browser.run("{ const s = document.getElementById('time'); s.value = '70'; s.dispatchEvent(new Event('input')); }")
+    assert browser.run("anser.state.time") == 70.0
+    after = browser.run("anser.scenes[0].flyers.map((f) => f.place.toArray()).flat()")
+    # 22 s and more at some 100 m/s: more than a kilometre each
+    steps = np.subtract(after, before).reshape(3, 3)
+    assert np.linalg.norm(steps, axis=1).min() > 1.0
+    assert np.abs(picture_of(browser, ".scene") - first).max(axis=-1).astype(bool).sum() > 200
+    assert "70.0 of 130 s" in browser.run("document.getElementById('told').textContent")
+
+
+def test_the_symbol_has_the_attitude(browser, flight, path):
+    opened(browser, path)
+    browser.run("anser.state.setTime(30)")
+    browser.settle()
+    then = flight[0].isel(aircraft=1).sel(time=30.0)
+    axes = np.array(browser.run("Array.from(anser.scenes[0].flyers[1].symbol.matrix.elements)")).reshape(4, 4)[:3, :3]
+    axes /= np.linalg.norm(axes, axis=1)[:, None]
+    yaw = np.radians(float(then["yaw_deg"]))
+    # x east, y up, z south; made up without roll and pitch
+    np.testing.assert_allclose(axes[0], [np.sin(yaw), 0.0, -np.cos(yaw)], atol=1e-4)
+    np.testing.assert_allclose(axes[1], [0.0, 1.0, 0.0], atol=1e-4)
+    np.testing.assert_allclose(axes[2], [np.cos(yaw), 0.0, np.sin(yaw)], atol=1e-4)
+
+
+def test_the_camera_follows(browser, path):
+    opened(browser, path)
+    browser.run("anser.state.setFocus('bert'); document.querySelector('[data-view=behind]').click()")
+    for at in (20, 60):
+        browser.run(f"anser.state.setTime({at})")
+        target, place = browser.run(
+            "[anser.scenes[0].controls.target.toArray(), anser.scenes[0].flyers[1].shownPlace.toArray()]"
+        )
+        np.testing.assert_allclose(target, place, atol=1e-6)
+
+
+def test_it_plays_and_pauses(browser, path):
+    opened(browser, path)
+    browser.run("anser.state.setTime(10); document.getElementById('play').click()")
+    limit = time.monotonic() + 10.0
+    while browser.run("anser.state.time") < 11.0 and time.monotonic() < limit:
+        browser.settle()
+    browser.run("document.getElementById('play').click()")
+    stopped = browser.run("anser.state.time")
+    browser.settle()
+    assert 11.0 <= stopped < 130.0
+    assert browser.run("anser.state.time") == stopped
+
+
+def test_every_plot_is_drawn_and_shows_one_instant(browser, path):
+    opened(browser, path)
+    for key in ("plan", "limits", "responses", "attitude", "controls"):
+        for end in ("start", "end"):
+            browser.run(f"document.getElementById('{key}').scrollIntoView({{ block: '{end}' }})")
+            browser.settle()
+    assert browser.run("anser.plots.list.filter((plot) => !plot.plot).length") == 0
+    assert browser.run("anser.plots.list.length") > 25
+    drawn = picture_of(browser, "#limits .plot")
+    assert has_color(drawn, "#b3261e") > 100  # the limits
+    assert has_color(drawn, browser.run("anser.runs[0].aircraft[0].color")) > 100
+    # the mouse in one plot sets the instant of all, and of the scene
+    x, y, width = browser.run(
+        "(() => { const b = document.querySelector('#limits .plot .u-over').getBoundingClientRect();"
+        " return [b.left, b.top + b.height / 2, b.width]; })()"
+    )
+    browser.mouse("mouseMoved", x + 0.25 * width, y)
+    browser.mouse("mouseMoved", x + 0.5 * width, y)
+    browser.settle()
+    assert browser.run("anser.state.time") == pytest.approx(65.0, abs=1.0)
+    shown = browser.run(
+        "[...anser.plots.visible].map((plot) => plot.plot.posToVal(plot.plot.cursor.left, 'x')).filter(Number.isFinite)"
+    )
+    assert len(shown) >= 6
+    np.testing.assert_allclose(shown, browser.run("anser.state.time"), atol=0.5)
+    expected = browser.run("printed(anser.runs[0].at('airspeed_m_s', 0, anser.state.time))")
+    assert browser.run("document.querySelector('#limits .plot .readout').textContent") == expected
+
+
+def test_zooming_in_time_fits_the_values_there(browser, flight, path):
+    opened(browser, path)
+    browser.run("document.querySelector('[data-zoom=last]').click(); document.getElementById('plan').scrollIntoView()")
+    browser.settle()
+    low, high = browser.run("(() => { const s = anser.plots.list[0].plot.scales; return [s.x.min, s.x.max]; })()")
+    assert (low, high) == pytest.approx((65.0, 85.0), abs=0.01)
+    shown = flight[0]["range_to_rendezvous_m"].sel(time=slice(low, high))
+    least, most = browser.run("(() => { const s = anser.plots.list[0].plot.scales; return [s.y.min, s.y.max]; })()")
+    room = 0.05 * float(shown.max() - shown.min())
+    # the last record after the window counts too: 0.025 s at 140 m/s
+    assert (least, most) == pytest.approx((float(shown.min()) - room, float(shown.max()) + room), abs=4.0)
+    browser.run("document.querySelector('[data-zoom=all]').click()")
+
+
+def test_focus_goes_everywhere(browser, path):
+    opened(browser, path)
+    browser.run("document.getElementById('controls').scrollIntoView()")
+    browser.run(
+        "{ const s = document.getElementById('focus'); s.value = 'bert'; s.dispatchEvent(new Event('change')); }"
+    )
+    browser.settle()
+    assert browser.run("document.querySelector('.list-place .chosen button').textContent") == "bert"
+    assert browser.run(
+        "[...new Set([...document.querySelectorAll('.who')].map((w) => w.querySelector('.chosen').textContent))]"
+    ) == ["bert"]
+    browser.run("anser.state.toggle('anna', false)")
+    assert browser.run("anser.scenes[0].flyers.map((f) => f.symbol.visible)") == [False, True, True]
+    assert browser.faults == []
+
+
+def test_nothing_is_wider_than_the_window(browser, path):
+    opened(browser, path)
+    try:
+        for width in (420, 1280, 1920):
+            browser.resize(width, 500)
+            browser.settle()
+            assert browser.run("document.documentElement.scrollWidth") <= width
+            # the bar at the bottom hides none of its parts
+            assert browser.run(
+                "[...document.querySelectorAll('.transport > *')].every((one) => one.getBoundingClientRect().right <= innerWidth)"
+            )
+    finally:
+        browser.resize(*WINDOW)
+
+
+def test_two_runs_share_time_focus_axes_and_view(browser, flight, tmp_path):
+    path = tmp_path / "beside.html"
+    short = flight[0].isel(time=slice(0, 3400))
+    write_comparison([("a", *flight), ("b", short, flight[1])], path)
+    opened(browser, path)
+    assert is_clean(browser, path), browser.faults
+    browser.run("anser.state.setTime(100)")  # after the end of the second
+    assert browser.run("anser.scenes.length") == 2
+    assert browser.run("anser.runs.map((run) => run.at('north_m', 0, 100))")[1] == pytest.approx(
+        float(short["north_m"][-1, 0]), abs=0.01
+    )
+    browser.run("document.getElementById('plan').scrollIntoView()")
+    browser.settle()
+    ranges = browser.run(
+        "[...anser.plots.visible].map((p) => [p.panel.response, p.plot.scales.x.max, p.plot.scales.y.min, p.plot.scales.y.max])"
+    )
+    for name in {row[0] for row in ranges}:
+        same = [row[1:] for row in ranges if row[0] == name]
+        assert len(same) == 2
+        assert same[0] == same[1]
+    assert browser.run(
+        "anser.state.leading = anser.scenes[0], anser.scenes[0].camera.position.x += 2, anser.scenes[0].controls.update(), "
+        "anser.scenes[1].camera.position.x - anser.scenes[0].camera.position.x"
+    ) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_names_from_files_do_nothing(browser, flight, tmp_path):
+    dataset, summary = flight
+    summary = copy.deepcopy(summary)
+    summary["aircraft"][0] |= {"name": EVIL, "goal": EVIL, "status": EVIL}
+    summary["scenario"] = {"name": EVIL, "hash": EVIL}
+    scenario = json.loads(dataset.attrs["scenario"])
+    scenario["keep_out"][0]["name"] = scenario[EVIL] = EVIL
+    named = dataset.assign_coords(aircraft=[EVIL, *dataset["aircraft"].values[1:]])
+    named = named.assign_attrs(description=EVIL, scenario=json.dumps(scenario))
+    named["bank_deg"] = named["bank_deg"].assign_attrs(long_name=EVIL, symbol=EVIL, units=EVIL)
+    path = tmp_path / "report.html"
+    write_comparison([(EVIL, named, summary), ("b", *flight)], path)
+    opened(browser, path)
+    for key in ("scene", "events", "plan", "limits", "responses"):
+        browser.run(f"document.getElementById('{key}').scrollIntoView()")
+        browser.settle()
+    assert is_clean(browser, path), browser.faults
+    assert browser.run("typeof window.harmed") == "undefined"
+    assert browser.run("document.images.length") == 0
+    assert browser.run("document.querySelector('h1').textContent").startswith(EVIL)
+
+
+def test_without_webgl_all_else_works(browser, path):
+    lacking = (
+        "HTMLCanvasElement.prototype.getContext = new Proxy(HTMLCanvasElement.prototype.getContext,"
+        " { apply: (get, canvas, kind) => (/webgl/.test(kind[0]) ? null : get.apply(canvas, kind)) });"
+    )
+    with browser.before_every_page(lacking):
+        browser.open(path)
+        assert "No 3-D scene" in browser.run("document.querySelector('.scene-place').textContent")
+        browser.run("document.getElementById('plan').scrollIntoView()")
+        browser.settle()
+        assert browser.run("[...anser.plots.visible].every((plot) => plot.plot)") is True

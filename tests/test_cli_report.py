@@ -1,0 +1,103 @@
+"""The command report: what it writes, what it refuses, that nothing is lost."""
+
+import shutil
+import sys
+
+import pytest
+
+from anser.cli import main
+from anser.results import write_netcdf, write_summary
+from support.made_flight import make_flight
+
+
+@pytest.fixture
+def anser(monkeypatch, capsys):
+    """Run the command line in this process: exit code, standard output, standard error."""
+
+    def call(*words):
+        monkeypatch.setattr(sys, "argv", ["anser", *map(str, words)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        printed = capsys.readouterr()
+        return ended.value.code or 0, printed.out, printed.err
+
+    return call
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("flown")
+    dataset, summary = make_flight()
+    write_netcdf(dataset, folder / "flight.nc")
+    write_summary(summary, folder / "summary.json")
+    return folder
+
+
+@pytest.fixture
+def runs(flown, tmp_path):
+    """Two folders of runs."""
+    return [shutil.copytree(flown, tmp_path / name) for name in ("a", "b")]
+
+
+def test_a_report_is_written_anew_only_by_force(anser, runs):
+    code, printed, _ = anser("report", runs[0])
+    target = runs[0] / "report.html"
+    assert code == 0
+    assert str(target) in printed
+    assert "</html>" in target.read_text(encoding="utf-8")
+    target.write_text("mine")
+    code, _, err = anser("report", runs[0])
+    assert code == 2
+    assert "--force" in err
+    assert target.read_text() == "mine"
+    assert anser("report", runs[0], "--force")[0] == 0
+    assert "</html>" in target.read_text(encoding="utf-8")
+
+
+def test_two_runs_stand_in_one_file(anser, runs, tmp_path):
+    out = tmp_path / "beside.html"
+    assert anser("report", *runs, "--out", out)[0] == 0
+    page = out.read_text(encoding="utf-8")
+    assert page.count('class="scene-place"') == 2
+    assert str(runs[1]) in page
+    assert not (runs[0] / "report.html").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("{a}", "{b}"), "--out: arrived nothing; expected a file for the report of two runs"),
+        (("{a}/none",), "RUN: arrived {a}/none, which is no folder; expected"),
+        (
+            ("{a}", "{tmp}", "--out", "{tmp}/x.html"),
+            "OTHER: arrived {tmp}, which holds no flight.nc and no summary.json",
+        ),
+        (("{a}", "--out", "{b}"), "--out: arrived {b}, which is a folder; expected a file"),
+        (("{a}", "--out", "{a}/no/x.html"), "--out: arrived {a}/no/x.html; expected a file in a folder that exists"),
+        (("{a}", "--out", "{a}/flight.nc", "--force"), "which holds a run; expected another file"),
+    ],
+)
+def test_wrong_input_is_told_and_nothing_written(anser, runs, tmp_path, words, said):
+    places = {"a": str(runs[0]), "b": str(runs[1]), "tmp": str(tmp_path)}
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    code, _, err = anser("report", *(word.format(**places) for word in words))
+    assert code == 2
+    assert said.format(**places) in err
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("flight.nc", "junk", "flight.nc: arrived a file that cannot be read"),
+        ("summary.json", "[1", "summary.json: arrived a file that cannot be read"),
+        ("summary.json", "{}", "format_version None; this version of anser reads 1"),
+        ("summary.json", '{"format_version": 1}', "the summary lacks scenario, versions"),
+    ],
+)
+def test_broken_files_are_told(anser, runs, name, content, said):
+    (runs[0] / name).write_text(content)
+    code, _, err = anser("report", runs[0])
+    assert code == 2
+    assert said in err
+    assert not (runs[0] / "report.html").exists()
