@@ -2,7 +2,9 @@
 
 import dataclasses
 import multiprocessing
+import os
 import signal
+import threading
 import time
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -163,7 +165,16 @@ def run_trials(seeds: Sequence[int], search_seconds: float, jobs: int = 1) -> Ge
 
 def _begin_job() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupt is the parent's: it stops handing out seeds
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     enable_compilation_cache()
+
+
+def _end_with_parent() -> None:
+    """A parent that is killed cannot end its jobs: they end themselves."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _broken(case: PlanCase, where: str, error: Exception, plan_s: float, judge_s: float) -> Trial:
