@@ -9,7 +9,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from anser.planning.certified.certificate import PathBounds, excess, path_bounds
 from anser.planning.certified.choices import Choices
-from anser.planning.certified.conflicts import Track, keep_out_room, pair_use, track_slack
+from anser.planning.certified.conflicts import Track, keep_out_room, track_slack
+from anser.planning.certified.crowd import blocked, fleet_use
 from anser.planning.certified.delivery import deliver
 from anser.planning.certified.detours import resolve
 from anser.planning.certified.placement import chosen_of, fewest_first, make_options, place
@@ -31,7 +32,8 @@ class Certificate(eqx.Module):
     excess
         By how much each passes each limit, as a part of it, in the order of `CERTIFIED_LIMITS`; positive: broken.
     room
-        Of each pair, the least ratio of distance to separation; 1 is enough. Infinite for an aircraft and itself.
+        Of each pair, the least ratio of distance to separation, or less; 1 is enough. Infinite for an aircraft and
+        itself. In a large fleet it is exact for the nearest only, see `anser.planning.certified.crowd.fleet_use`.
     closed_room
         How far each stays out of each closed volume at least, m.
     """
@@ -133,13 +135,10 @@ def certify(
     times = start + (end - start) * jnp.linspace(0.0, 1.0, FINE * ticks + 1)
     tracks = jax.vmap(_fine_track, in_axes=(0, 0, 0, None, None))(paths, bounds, travellers.active, times, since)
     fleet = paths.times.shape[0]
+    flown, everyone = blocked(tracks), jnp.arange(fleet)
     room = jax.lax.map(
-        lambda who: jnp.where(
-            jnp.arange(fleet) == who,
-            jnp.inf,
-            pair_use(jax.tree.map(lambda leaf: leaf[who][None], tracks), tracks, airspace.separation),
-        ),
-        jnp.arange(fleet),
+        lambda who: fleet_use(jax.tree.map(lambda leaf: leaf[who], flown), flown, everyone != who, airspace.separation),
+        everyone,
     )
     volumes = airspace.keep_outs
     if volumes.radius.shape[0]:

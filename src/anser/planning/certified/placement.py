@@ -11,7 +11,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from anser.planning.certified.candidates import Candidate, candidates, track
 from anser.planning.certified.choices import Choices
-from anser.planning.certified.conflicts import Track, keep_out_room, pair_use
+from anser.planning.certified.conflicts import Track, keep_out_room
+from anser.planning.certified.crowd import Flown, blocked, fleet_use
 from anser.planning.certified.profile import Timetable
 from anser.planning.certified.request import Airspace, KeepOuts, Separation, Traveller
 from anser.shapes import Count, Scalar
@@ -92,14 +93,15 @@ def place(options: Options, separation: Separation, order: Int[Array, " aircraft
     liked = jnp.concatenate([liked, jnp.repeat(liked[:, -1:], chunks * _AT_A_TIME - count, axis=1)], axis=1)
     apart_matters = (separation.horizontal > 0.0) & (fleet > 1)
 
-    def lacking(tracks: Track, chosen: Track, others: Bool[Array, " aircraft"]) -> Float[Array, " k"]:
-        """What some candidates of one aircraft lack of the separation from others."""
-        one = jax.tree.map(lambda leaf: leaf[:, None], tracks)
-        use = pair_use(one, jax.tree.map(lambda leaf: leaf[None], chosen), separation)
-        return jnp.sum(jnp.where(others[None, :], jnp.maximum(1.0 - use, 0.0), 0.0), axis=1)
+    every = blocked(options.tracks)
 
-    def choose(who: Count, chosen: Track, others: Bool[Array, " aircraft"]) -> tuple[Count, Scalar, Scalar]:
-        own = jax.tree.map(lambda leaf: leaf[who], options.tracks)
+    def lacking(tracks: Flown, chosen: Flown, others: Bool[Array, " aircraft"]) -> Float[Array, " k"]:
+        """What some candidates of one aircraft lack of the separation from others."""
+        use = jax.vmap(lambda one: fleet_use(one, chosen, others, separation))(tracks)
+        return jnp.sum(jnp.maximum(1.0 - use, 0.0), axis=1)
+
+    def choose(who: Count, chosen: Flown, others: Bool[Array, " aircraft"]) -> tuple[Count, Scalar, Scalar]:
+        own = jax.tree.map(lambda leaf: leaf[who], every)
 
         def look(carry: tuple[Count, Count, Scalar, Scalar]) -> tuple[Count, Count, Scalar, Scalar]:
             chunk, best, least, lack = carry
@@ -125,15 +127,15 @@ def place(options: Options, separation: Separation, order: Int[Array, " aircraft
         _, best, _, lack = jax.lax.while_loop(going, look, begin)
         return best, lack, cost[who, best]
 
-    def of(who: Count, which: Count) -> Track:
-        return jax.tree.map(lambda leaf: leaf[who, which], options.tracks)
+    def of(who: Count, which: Count) -> Flown:
+        return jax.tree.map(lambda leaf: leaf[who, which], every)
 
-    first = jax.tree.map(lambda leaf: jnp.zeros_like(leaf[:, 0]), options.tracks)
+    first = jax.tree.map(lambda leaf: jnp.zeros_like(leaf[:, 0]), every)
 
-    def put(tracks: Track, who: Count, track: Track) -> Track:
+    def put(tracks: Flown, who: Count, track: Flown) -> Flown:
         return jax.tree.map(lambda all_, one: all_.at[who].set(one), tracks, track)
 
-    def settle(turn: Count, carry: tuple[Track, Array, Array, Array]) -> tuple[Track, Array, Array, Array]:
+    def settle(turn: Count, carry: tuple[Flown, Array, Array, Array]) -> tuple[Flown, Array, Array, Array]:
         tracks, chosen, placed, lacks = carry
         who = order[turn]
         best, lack, _ = choose(who, tracks, placed & apart_matters)
@@ -147,18 +149,18 @@ def place(options: Options, separation: Separation, order: Int[Array, " aircraft
     begin = (first, jnp.zeros(fleet, dtype=liked.dtype), jnp.zeros(fleet, dtype=bool), jnp.zeros(fleet))
     tracks, chosen, _, _ = jax.lax.fori_loop(0, fleet, settle, begin)
 
-    def lack_of(who: Count, tracks: Track) -> Scalar:
+    def lack_of(who: Count, tracks: Flown) -> Scalar:
         others = (jnp.arange(fleet) != who) & apart_matters
         return lacking(jax.tree.map(lambda leaf: leaf[who][None], tracks), tracks, others)[0]
 
-    def again(carry: tuple[Count, Track, Array, Array]) -> tuple[Count, Track, Array, Array]:
+    def again(carry: tuple[Count, Flown, Array, Array]) -> tuple[Count, Flown, Array, Array]:
         turn, tracks, chosen, _ = carry
 
-        def one(k: Count, carry: tuple[Track, Array]) -> tuple[Track, Array]:
+        def one(k: Count, carry: tuple[Flown, Array]) -> tuple[Flown, Array]:
             tracks, chosen = carry
             who = order[jnp.where(turn % 2 == 0, fleet - 1 - k, k)]
 
-            def better() -> tuple[Track, Array]:
+            def better() -> tuple[Flown, Array]:
                 best, _, _ = choose(who, tracks, (jnp.arange(fleet) != who) & apart_matters)
                 return put(tracks, who, of(who, best)), chosen.at[who].set(best)
 
