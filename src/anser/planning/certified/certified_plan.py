@@ -10,13 +10,13 @@ from jaxtyping import Array, Bool, Float, Int
 from anser.planning.certified.certificate import PathBounds, excess, path_bounds
 from anser.planning.certified.choices import Choices
 from anser.planning.certified.conflicts import Track, keep_out_room, track_slack
-from anser.planning.certified.crowd import blocked, fleet_use
+from anser.planning.certified.crowd import BLOCK, blocks_of, fleet_use
 from anser.planning.certified.delivery import deliver
 from anser.planning.certified.detours import resolve
 from anser.planning.certified.placement import chosen_of, fewest_first, make_options, place
 from anser.planning.certified.request import Airspace, Traveller
 from anser.planning.timed_path import TimedPath
-from anser.shapes import Scalar, ScalarLike
+from anser.shapes import Count, Scalar, ScalarLike
 
 FINE = 4
 """Intervals of the certificate's distances for each interval between a path's even knots."""
@@ -135,11 +135,20 @@ def certify(
     times = start + (end - start) * jnp.linspace(0.0, 1.0, FINE * ticks + 1)
     tracks = jax.vmap(_fine_track, in_axes=(0, 0, 0, None, None))(paths, bounds, travellers.active, times, since)
     fleet = paths.times.shape[0]
-    flown, everyone = blocked(tracks), jnp.arange(fleet)
-    room = jax.lax.map(
-        lambda who: fleet_use(jax.tree.map(lambda leaf: leaf[who], flown), flown, everyone != who, airspace.separation),
-        everyone,
-    )
+    blocks, everyone = blocks_of(tracks, FINE * BLOCK), jnp.arange(fleet)
+
+    def room_of(who: Count) -> Float[Array, " aircraft"]:
+        one, own = jax.tree.map(lambda leaf: leaf[who], (tracks, blocks))
+        return fleet_use(
+            one,
+            own,
+            blocks,
+            lambda some: jax.tree.map(lambda leaf: leaf[some], tracks),
+            everyone != who,
+            airspace.separation,
+        )
+
+    room = jax.lax.map(room_of, everyone)
     volumes = airspace.keep_outs
     if volumes.radius.shape[0]:
         closed = jax.lax.map(lambda one: keep_out_room(one, times, volumes), tracks)
@@ -203,5 +212,5 @@ plan_at = functools.partial(
 
 
 def ticks_for(duration_s: float) -> int:
-    """Even intervals for a path of a duration: 64, 256, 1024 or 2048, at most 2 s long each but of a longer path."""
-    return next((ticks for ticks in (64, 256, 1024) if 2.0 * ticks >= duration_s), 2048)
+    """Even intervals for a path of a duration: 64, 256, 512, 1024 or 2048; at most 2 s long but of a very long path."""
+    return next((ticks for ticks in (64, 256, 512, 1024) if 2.0 * ticks >= duration_s), 2048)

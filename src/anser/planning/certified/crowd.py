@@ -4,17 +4,19 @@ What is within a block of a path stays within a circle and between two heights. 
 much of their room is left, a thousandth of the work of looking closely, and that is enough for nearly all pairs.
 """
 
+from collections.abc import Callable
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from anser.planning.certified.conflicts import Track, pair_use
 from anser.planning.certified.request import Separation
 
-BLOCK = 8
+BLOCK = 4
 """Intervals of a block; every number of intervals in use is a multiple of it."""
-NEAREST = 64
+NEAREST = 24
 """So many of a fleet are looked at closely; a smaller fleet is, all of it."""
 
 
@@ -40,20 +42,13 @@ class Blocks(eqx.Module):
     counted: Float[Array, "*batch blocks"]
 
 
-class Flown(eqx.Module):
-    """A path, closely and by blocks; or a batch of them."""
-
-    track: Track
-    blocks: Blocks
-
-
-def blocked(track: Track) -> Flown:
-    """A track with its blocks."""
+def blocks_of(track: Track, size: int = BLOCK) -> Blocks:
+    """Blocks of a track, or of a batch of them, of `size` intervals each."""
     batch, count = track.slack.shape[:-1], track.slack.shape[-1]
-    if count % BLOCK:
-        raise ValueError(f"track: arrived {count} intervals; expected a multiple of {BLOCK}")
+    if count % size:
+        raise ValueError(f"track: arrived {count} intervals; expected a multiple of {size}")
     places = track.positions_n
-    parts = (*batch, count // BLOCK, BLOCK)
+    parts = (*batch, count // size, size)
     both = jnp.concatenate([places[..., :-1, :].reshape(*parts, 3), places[..., 1:, :].reshape(*parts, 3)], axis=-2)
     slack = jnp.max(track.slack.reshape(parts), axis=-1)
     least, most = jnp.min(both, axis=-2), jnp.max(both, axis=-2)
@@ -61,7 +56,7 @@ def blocked(track: Track) -> Flown:
     off = both[..., :2] - centre[..., None, :]
     reach = jnp.sqrt(jnp.max(jnp.sum(off * off, axis=-1), axis=-1)) + slack
     counted = jnp.max(track.counted.reshape(parts), axis=-1)
-    return Flown(track, Blocks(centre, reach, least[..., 2] - slack, most[..., 2] + slack, counted))
+    return Blocks(centre, reach, least[..., 2] - slack, most[..., 2] + slack, counted)
 
 
 def block_use(one: Blocks, other: Blocks, separation: Separation) -> Float[Array, "*batch"]:
@@ -79,18 +74,25 @@ def block_use(one: Blocks, other: Blocks, separation: Separation) -> Float[Array
 
 
 def fleet_use(
-    one: Flown, fleet: Flown, others: Bool[Array, " aircraft"], separation: Separation
+    one: Track,
+    blocks: Blocks,
+    fleet: Blocks,
+    tracks_of: Callable[[Int[Array, " some"]], Track],
+    others: Bool[Array, " aircraft"],
+    separation: Separation,
 ) -> Float[Array, " aircraft"]:
     """How much of its room one path leaves with each of a fleet: see `anser.planning.certified.conflicts.pair_use`.
 
     Parameters
     ----------
-    one
-        A path.
+    one, blocks
+        A path, and its blocks.
     fleet
-        Stacked paths.
+        Blocks of the fleet's paths, stacked.
+    tracks_of
+        Stacked paths of some of the fleet, by their indices.
     others
-        Which of them count; infinite for those that do not.
+        Which of the fleet count; infinite for those that do not.
     separation
         The room.
 
@@ -100,13 +102,12 @@ def fleet_use(
     """
     count = others.shape[0]
 
-    def closely(tracks: Track) -> Float[Array, " some"]:
-        return pair_use(jax.tree.map(lambda leaf: leaf[None], one.track), tracks, separation)
+    def closely(some: Int[Array, " some"]) -> Float[Array, " some"]:
+        return pair_use(jax.tree.map(lambda leaf: leaf[None], one), tracks_of(some), separation)
 
     if count <= NEAREST:
-        return jnp.where(others, closely(fleet.track), jnp.inf)
-    bound = block_use(jax.tree.map(lambda leaf: leaf[None], one.blocks), fleet.blocks, separation)
+        return jnp.where(others, closely(jnp.arange(count)), jnp.inf)
+    bound = block_use(jax.tree.map(lambda leaf: leaf[None], blocks), fleet, separation)
     bound = jnp.where(others, bound, jnp.inf)
     near = jax.lax.top_k(-bound, NEAREST)[1]
-    close = closely(jax.tree.map(lambda leaf: leaf[near], fleet.track))
-    return bound.at[near].set(jnp.where(others[near], jnp.maximum(close, bound[near]), jnp.inf))
+    return bound.at[near].set(jnp.where(others[near], jnp.maximum(closely(near), bound[near]), jnp.inf))
