@@ -10,6 +10,7 @@ import typer
 import anser
 from anser.cli.console import RefusedError, err, screen
 from anser.cli.dispersing import robustness
+from anser.cli.exporting import export
 from anser.cli.flights import check, new, run
 from anser.cli.linearizing import linearize
 from anser.cli.margins import margins
@@ -49,6 +50,7 @@ for _command in (
     margins,
     robustness,
     verify,
+    export,
     new,
 ):
     app.command()(_command)
