@@ -3,12 +3,10 @@
 import json
 import sys
 
-import numpy as np
 import pytest
 
 from anser.cli import main
-from anser.results import to_dataset, write_netcdf
-from anser.variables import CATALOGUE, DERIVED_KEYS
+from support.tiny_run import make_run
 
 
 @pytest.fixture
@@ -28,24 +26,7 @@ def anser(monkeypatch, capsys):
 
 @pytest.fixture
 def folder(tmp_path):
-    """A run of one aircraft, level at the origin for two seconds."""
-    time = np.linspace(0.0, 2.0, 21)
-    history = {v.key: np.zeros((21, 1), v.dtype) for v in CATALOGUE if v.key not in DERIVED_KEYS}
-    history |= {"quaternion_0": np.ones((21, 1)), "altitude": np.full((21, 1), 900.0)}
-    origin = {"reference_latitude_deg": 10.0, "reference_longitude_deg": 20.0}
-    run = tmp_path / "run"
-    run.mkdir()
-    write_netcdf(to_dataset(time, history, ["one"], origin), run / "flight.nc")
-    row = {
-        "name": "one",
-        "goal": "buoy",
-        "status": "arrived",
-        "planned_arrival_s": 1.0,
-        "arrival_s": None,
-        "miss_m": 0.0,
-    }
-    (run / "summary.json").write_text(json.dumps({"scenario": {"name": "still"}, "aircraft": [row]}))
-    return run
+    return make_run(tmp_path / "run")
 
 
 def test_files_stand_beside_the_flight_or_in_a_new_folder(anser, folder, tmp_path):

@@ -11,6 +11,7 @@ import anser
 from anser.cli.console import RefusedError, err, screen
 from anser.cli.dispersing import robustness
 from anser.cli.exporting import export
+from anser.cli.figures import figures
 from anser.cli.flights import check, new, run
 from anser.cli.linearizing import linearize
 from anser.cli.margins import margins
@@ -51,6 +52,7 @@ for _command in (
     robustness,
     verify,
     export,
+    figures,
     new,
 ):
     app.command()(_command)

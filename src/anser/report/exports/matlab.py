@@ -15,9 +15,9 @@ _LABELS = ("units", "long_name", "frame")
 def to_mat(dataset: xr.Dataset) -> bytes:
     """Write a flight as a MATLAB 5 file, which MATLAB and Octave load.
 
-    It holds `time_s` (a column), `aircraft` (a cell array of names), every variable as a matrix with a row for each time
-    and a column for each aircraft, and the structures `units`, `long_name`, `frame` (a field for each variable) and
-    `attributes`.
+    It holds `time_s` (a column), `aircraft` (a cell array of names), every variable as a matrix with a row for each
+    time and a column for each aircraft, and the structures `units`, `long_name`, `frame` (a field for each variable)
+    and `attributes`.
 
     Raises
     ------
