@@ -10,6 +10,8 @@ import typer
 import anser
 from anser.cli.console import RefusedError, err, screen
 from anser.cli.dispersing import robustness
+from anser.cli.exporting import export
+from anser.cli.figures import figures
 from anser.cli.flights import check, new, run
 from anser.cli.linearizing import linearize
 from anser.cli.margins import margins
@@ -51,6 +53,8 @@ for _command in (
     robustness,
     verify,
     report,
+    export,
+    figures,
     new,
 ):
     app.command()(_command)

@@ -157,18 +157,17 @@ def place(options: Options, separation: Separation, order: Int[Array, " aircraft
 
     def again(carry: tuple[Count, Blocks, Array, Array]) -> tuple[Count, Blocks, Array, Array]:
         turn, blocks, chosen, lacks = carry
+        # Those in conflict, in the order of choosing and back; the others keep what they have.
+        rank = jnp.where(turn % 2 == 0, -jnp.argsort(order), jnp.argsort(order))
+        queue = jnp.argsort(jnp.where(lacks > 0.0, rank, fleet))
 
         def one(k: Count, carry: tuple[Blocks, Array]) -> tuple[Blocks, Array]:
             blocks, chosen = carry
-            who = order[jnp.where(turn % 2 == 0, fleet - 1 - k, k)]
+            who = queue[k]
+            best, _, _ = choose(who, blocks, chosen, (everyone != who) & apart_matters)
+            return put(blocks, who, best), chosen.at[who].set(best)
 
-            def better() -> tuple[Blocks, Array]:
-                best, _, _ = choose(who, blocks, chosen, (everyone != who) & apart_matters)
-                return put(blocks, who, best), chosen.at[who].set(best)
-
-            return jax.lax.cond(lacks[who] > 0.0, better, lambda: (blocks, chosen))
-
-        blocks, chosen = jax.lax.fori_loop(0, fleet, one, (blocks, chosen))
+        blocks, chosen = jax.lax.fori_loop(0, jnp.sum(lacks > 0.0), one, (blocks, chosen))
         return turn + 1, blocks, chosen, all_lack(blocks, chosen)
 
     _, blocks, chosen, lacks = jax.lax.while_loop(
