@@ -1,11 +1,16 @@
 """Time to plan a fleet with the certified planner, warm: `python benchmarks/bench_planning.py [aircraft ...]`.
 
-Fleets of random starts on a ring around a grid of buoys 2 km apart, 500 m or 150 m from each other, wind 15 m/s; all
-arrive at one time. Prints the first call (it compiles), the warm time and how many of the fleet keep everything.
+With `--figure FILE` (png or svg) the times are drawn against the number of aircraft.
+
+A field of buoys 2 km apart, each visited by one aircraft; they come from a field that is wider and 25 km away, from
+jittered places and heights, headed up to 40 deg off. They keep 500 m or 150 m from each other in a wind of 15 m/s and
+all arrive at one time. Prints the first call (it compiles), the warm time, how many of the fleet keep everything, and
+how many aircraft would be in conflict if each took the path it likes best.
 """
 
-import sys
+import argparse
 import time
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -16,30 +21,36 @@ from anser.environment import SteadyWind
 from anser.planning import PathLimits, make_rendezvous
 from anser.planning.certified import Airspace, Separation, Traveller, no_keep_outs, plan_at, stacked, ticks_for
 from anser.planning.certified.choices import FEW, MANY
+from anser.planning.certified.conflicts import Track
+from anser.planning.certified.crowd import Blocks, blocks_of, fleet_use
+from anser.planning.certified.placement import make_options
+from anser.report.print_style import new_figure, save_figure
 
-_FLEETS = (3, 10, 30, 100)
+_FLEETS = (3, 10, 30, 100, 300, 1000)
 _SPEED = 150.0
 _SPACING_M = 2000.0
+_WIDER = 1.3
+_OFFSET_M = np.array([-20_000.0, 15_000.0])
 
 
 def fleet(count: int, seed: int = 0) -> tuple[Traveller, float]:
     """A fleet and a time at which all can arrive, s."""
     rng = np.random.default_rng(seed)
     side = int(np.ceil(np.sqrt(count)))
-    radius = 12e3 + 0.8 * side * _SPACING_M
     limits = PathLimits(*(jnp.asarray(x) for x in (90.0, 240.0, 0.9, 60.0, 100.0, 9000.0, 4.0, 4.0, 1.5)))
+    cells = np.stack([np.arange(count) % side, np.arange(count) // side], axis=1) - 0.5 * (side - 1)
+    goals = _SPACING_M * cells
+    starts = _WIDER * goals + _OFFSET_M + rng.uniform(-0.35, 0.35, (count, 2)) * _WIDER * _SPACING_M
+    farthest = float(np.max(np.linalg.norm(goals - starts, axis=1)))
 
     def one(k: int) -> Traveller:
-        angle = 2 * np.pi * k / count + rng.uniform(-0.2, 0.2) / count
-        out = radius * rng.uniform(0.9, 1.1)
-        heading = angle + np.pi + rng.uniform(-0.7, 0.7)
-        # Buoys on the same side of the grid as the start, in rows: neighbours stay neighbours.
-        place = ((k % side) - 0.5 * (side - 1)) * _SPACING_M, ((k // side) - 0.5 * (side - 1)) * _SPACING_M
+        line = goals[k] - starts[k]
+        heading = np.arctan2(line[1], line[0]) + rng.uniform(-0.7, 0.7)
         return Traveller(
-            position_n=jnp.asarray([out * np.cos(angle), out * np.sin(angle), -rng.uniform(1000.0, 3000.0)]),
+            position_n=jnp.asarray([*starts[k], -rng.uniform(1000.0, 3000.0)]),
             air_velocity_n=jnp.asarray([_SPEED * np.cos(heading), _SPEED * np.sin(heading), 0.0]),
             air_acceleration_n=jnp.zeros(3),
-            goal_position_n=jnp.asarray([*place, 0.0]),
+            goal_position_n=jnp.asarray([*goals[k], 0.0]),
             goal_velocity_n=jnp.zeros(3),
             rendezvous=make_rendezvous(jnp.asarray([0.0, 0.0, -300.0 - 200.0 * (k % 3)])),
             speed=jnp.asarray(_SPEED),
@@ -49,11 +60,84 @@ def fleet(count: int, seed: int = 0) -> tuple[Traveller, float]:
             active=jnp.asarray(1.0),
         )
 
-    return stacked([one(k) for k in range(count)]), 1.9 * radius / _SPEED
+    return stacked([one(k) for k in range(count)]), 1.3 * farthest / _SPEED
 
 
-def main(counts: tuple[int, ...]) -> None:
-    """Print one line per fleet."""
+def in_conflict(travellers: Traveller, airspace: Airspace, duration: float, ticks: int) -> int:
+    """How many aircraft would be in conflict if each took the path that it likes best."""
+
+    def favourites(travellers: Traveller) -> tuple[Track, Blocks]:
+        count = travellers.speed.shape[0]
+        options = make_options(travellers, airspace, jnp.full(count, duration), ticks, ticks, FEW)
+        best = jnp.argmin(jnp.where(options.candidates.valid, options.candidates.cost, jnp.inf), axis=1)
+        tracks = jax.tree.map(lambda leaf: leaf[jnp.arange(count), best], options.tracks)
+        return tracks, blocks_of(tracks)
+
+    def lacks(tracks: Track, blocks: Blocks) -> jax.Array:
+        everyone = jnp.arange(blocks.reach.shape[0])
+
+        def one(who: jax.Array) -> jax.Array:
+            own, held = jax.tree.map(lambda leaf: leaf[who], (tracks, blocks))
+            use = fleet_use(
+                own,
+                held,
+                blocks,
+                lambda some: jax.tree.map(lambda leaf: leaf[some], tracks),
+                everyone != who,
+                airspace.separation,
+            )
+            return jnp.any(use < 1.0)
+
+        return jax.lax.map(one, everyone)
+
+    return int(np.sum(jax.jit(lambda t: lacks(*favourites(t)))(travellers)))
+
+
+def measure(count: int, airspace: Airspace) -> float:
+    """Plan a fleet, print a line about it and return the warm time, s."""
+    travellers, duration = fleet(count)
+    ticks, durations = ticks_for(duration), jnp.full(count, duration)
+    for name, choices in (("few", FEW), ("many", MANY)):
+
+        def plan(choices=choices):
+            return jax.block_until_ready(plan_at(0.0, travellers, airspace, durations, ticks, choices))
+
+        begun = time.perf_counter()
+        made = plan()
+        first = time.perf_counter() - begun
+        spent = []
+        for _ in range(5 if count <= 300 else 2):
+            begun = time.perf_counter()
+            made = plan()
+            spent.append(time.perf_counter() - begun)
+        good = int(np.sum(np.asarray(made.good)))
+        print(
+            f"{count:5d} aircraft, {name:4s}: first {first:6.1f} s, warm {min(spent):8.4f} s, {good} proven; "
+            f"{in_conflict(travellers, airspace, duration, ticks)} would be in conflict",
+            flush=True,
+        )
+        if good == count:
+            return min(spent)
+    return float("nan")
+
+
+def draw(counts: list[int], spent: list[float], path: Path) -> None:
+    """Times against the number of aircraft, both logarithmic, with lines of slope 1 and 2."""
+    _, figure = new_figure((5.2, 3.4))
+    axes = figure.subplots()
+    axes.loglog(counts, spent, "o-", color="#0072b2", label="measured")
+    grid = np.array([counts[0], counts[-1]], dtype=float)
+    for slope, dash in ((1, ":"), (2, "--")):
+        axes.loglog(grid, spent[0] * (grid / grid[0]) ** slope, dash, color="#777777", label=f"∝ aircraft$^{slope}$")
+    for count, time_s in zip(counts, spent, strict=True):
+        axes.annotate(f"{time_s:.2g} s", (count, time_s), textcoords="offset points", xytext=(4, -11), fontsize=7)
+    axes.set(xlabel="aircraft", ylabel="time to plan, compiled, s", ylim=(min(spent) / 2, max(spent) * 4))
+    axes.legend()
+    save_figure(figure, [path])
+
+
+def main(counts: tuple[int, ...], figure: Path | None) -> None:
+    """Print one line per fleet; draw."""
     jax.config.update("jax_enable_x64", True)
     enable_compilation_cache()
     airspace = Airspace(
@@ -62,28 +146,14 @@ def main(counts: tuple[int, ...]) -> None:
         Separation(jnp.asarray(500.0), jnp.asarray(150.0)),
         no_keep_outs(),
     )
-    for count in counts:
-        travellers, duration = fleet(count)
-        for name, choices in (("few", FEW), ("many", MANY)):
-            ticks = ticks_for(duration)
-            durations = jnp.full(count, duration)
-
-            def plan(choices=choices, ticks=ticks, durations=durations, travellers=travellers):
-                return jax.block_until_ready(plan_at(0.0, travellers, airspace, durations, ticks, choices))
-
-            begun = time.perf_counter()
-            made = plan()
-            first = time.perf_counter() - begun
-            spent = []
-            for _ in range(5 if count <= 100 else 1):
-                begun = time.perf_counter()
-                made = plan()
-                spent.append(time.perf_counter() - begun)
-            good = int(np.sum(np.asarray(made.good)))
-            print(f"{count:5d} aircraft, {name:4s}: first {first:6.1f} s, warm {min(spent):8.4f} s, {good} proven")
-            if good == count:
-                break
+    spent = [measure(count, airspace) for count in counts]
+    if figure is not None:
+        draw(list(counts), spent, figure)
 
 
 if __name__ == "__main__":
-    main(tuple(int(x) for x in sys.argv[1:]) or _FLEETS)
+    given = argparse.ArgumentParser(description=__doc__)
+    given.add_argument("aircraft", type=int, nargs="*", default=list(_FLEETS))
+    given.add_argument("--figure", type=Path)
+    asked = given.parse_args()
+    main(tuple(asked.aircraft), asked.figure)
