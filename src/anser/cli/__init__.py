@@ -25,7 +25,7 @@ from anser.scenario import ScenarioError
 
 app = typer.Typer(
     no_args_is_help=True,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings={"help_option_names": ["--help", "-h"]},
     pretty_exceptions_enable=False,
     help="Fleets of fixed-wing aircraft that must be at moving places at the same time. Civil simulation only.",
     epilog="First steps:\n  anser new mine.toml\n  anser check mine.toml\n  anser run mine.toml\n\n"

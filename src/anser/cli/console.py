@@ -134,8 +134,8 @@ class _Times(ProgressColumn):
     def render(self, task: Task) -> Text:
         """Text of both."""
         gone, left = task.elapsed or 0.0, task.time_remaining
-        known = left is not None and not task.finished
-        return Text(f"{_clock(gone)}, {_clock(left)} left" if known else _clock(gone), style="progress.elapsed")
+        more = "" if left is None or task.finished else f", {_clock(left)} left"
+        return Text(_clock(gone) + more, style="progress.elapsed")
 
 
 def _clock(seconds: float) -> str:
