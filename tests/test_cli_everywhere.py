@@ -138,6 +138,9 @@ def test_lists_and_reports_answer_as_json(anser, tmp_path):
     code, printed, err = anser("report", tmp_path, "--json")
     assert (code, err) == (0, "")
     assert Path(json.loads(printed)["file"]).is_file()
+    code, printed, err = anser("export", tmp_path, "--format", "csv,kml", "--period-s", "10", "--json")
+    assert (code, err) == (0, "")
+    assert json.loads(printed)["files"] == {name: str(tmp_path / f"flight.{name}") for name in ("csv", "kml")}
 
 
 @pytest.fixture

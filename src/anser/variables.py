@@ -9,7 +9,7 @@ from typing import Literal
 
 from anser.units import RAD_DEG
 
-__all__ = ["CATALOGUE", "DERIVED_KEYS", "PLAN_VARIABLES", "RECORDED_KEYS", "Variable"]
+__all__ = ["CATALOGUE", "DERIVED_KEYS", "PLAN_VARIABLES", "RECORDED_KEYS", "SHAPE_VARIABLES", "Variable"]
 
 
 @dataclass(frozen=True)
@@ -56,6 +56,7 @@ _UNITS: dict[str, tuple[str, float]] = {
     "s": ("s", 1.0),
     "m_s": ("m s-1", 1.0),
     "m_s2": ("m s-2", 1.0),
+    "m_s4": ("m s-4", 1.0),
     "deg": ("degree", RAD_DEG),
     "deg_s": ("degree s-1", RAD_DEG),
     "pa": ("Pa", 1.0),
@@ -158,6 +159,12 @@ CATALOGUE: tuple[Variable, ...] = (
     _variable("goal_estimate_north", "m", _NED, "ĝ_N", "North position of the goal, from the sensor"),
     _variable("goal_estimate_east", "m", _NED, "ĝ_E", "East position of the goal, from the sensor"),
     _variable("goal_estimate_altitude", "m", _NED, "ĝ_h", "Altitude of the goal, from the sensor"),
+    _variable("goal_velocity_north", "m_s", _NED, "W_N", "North velocity of the goal"),
+    _variable("goal_velocity_east", "m_s", _NED, "W_E", "East velocity of the goal"),
+    _variable("goal_velocity_down", "m_s", _NED, "W_D", "Down velocity of the goal"),
+    _variable("goal_estimate_velocity_north", "m_s", _NED, "Ŵ_N", "North velocity of the goal, from the sensor"),
+    _variable("goal_estimate_velocity_east", "m_s", _NED, "Ŵ_E", "East velocity of the goal, from the sensor"),
+    _variable("goal_estimate_velocity_down", "m_s", _NED, "Ŵ_D", "Down velocity of the goal, from the sensor"),
     _variable("rendezvous_north", "m", _NED, "r_N", "North position of the rendezvous"),
     _variable("rendezvous_east", "m", _NED, "r_E", "East position of the rendezvous"),
     _variable("rendezvous_altitude", "m", _NED, "r_h", "Altitude of the rendezvous"),
@@ -210,3 +217,13 @@ PLAN_VARIABLES: tuple[Variable, ...] = (
     _variable("separation", "m", _NED, "d_sep", "Least separation between two aircraft"),
 )
 """What a plan has beside variables of the catalogue; no flight records it."""
+
+SHAPE_VARIABLES: tuple[Variable, ...] = (
+    _variable("lateral_shape", "m_s4", _NED, "b_4", "Lateral shape parameter"),
+    _variable("vertical_shape", "m_s4", _NED, "c_4", "Vertical shape parameter"),
+    _variable("final_path_angle", "deg", _NED, "γ_f", "Path angle at the end"),
+    _variable("length", "m", _NED, "L", "Length of the path"),
+    _variable("length_estimate", "m", _NED, "L_6", "Length by the six-point rule"),
+    _variable("length_published", "m", _NED, "L_pub", "Published length"),
+)
+"""What a family of paths has beside variables of the catalogue; no flight records it."""

@@ -61,6 +61,16 @@ def test_first_row_is_the_scenario_start(three):
     np.testing.assert_allclose(history["path_angle"][0], 0.0, atol=1e-12)
 
 
+def test_the_goals_velocities_are_recovered_from_the_line_of_sight(three):
+    _, history = _segment(*three)
+    # The scenario's boats go North at 25 m/s and East at 15 m/s; the sensor has no noise, rounding is left.
+    moving = {"north": [25.0, 0.0, 0.0], "east": [0.0, 0.0, 15.0], "down": [0.0, 0.0, 0.0]}
+    for axis, speeds in moving.items():
+        wanted = np.tile(speeds, (SEGMENT_STEPS, 1))
+        np.testing.assert_allclose(history[f"goal_velocity_{axis}"], wanted, atol=1e-12)
+        np.testing.assert_allclose(history[f"goal_estimate_velocity_{axis}"], wanted, atol=1e-9)
+
+
 def test_a_number_that_is_none_stops_its_aircraft_alone(three):
     flight, state = three
     broken = eqx.tree_at(lambda s: s.aircraft.power, state, state.aircraft.power.at[1].set(jnp.nan))

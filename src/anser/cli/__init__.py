@@ -10,6 +10,8 @@ import typer
 import anser
 from anser.cli.console import RefusedError, problem
 from anser.cli.dispersing import robustness
+from anser.cli.exporting import export
+from anser.cli.figures import figures
 from anser.cli.flights import check, new, run
 from anser.cli.linearizing import linearize
 from anser.cli.margins import margins
@@ -54,6 +56,8 @@ for _command in (
     robustness,
     verify,
     report,
+    export,
+    figures,
     new,
 ):
     offer(app, _command)

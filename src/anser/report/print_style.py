@@ -6,16 +6,21 @@ from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
+from anser.report.style import color_of
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = [
+    "DASHED",
     "FIGURE_SUFFIXES",
     "INK",
     "LARGE",
     "PRINT_STYLE",
     "QUIET",
     "SMALL",
+    "line_of",
+    "marker_of",
     "new_figure",
     "save_drawings",
     "save_figure",
@@ -26,6 +31,10 @@ FIGURE_SUFFIXES = (".svg", ".png", ".pdf")
 
 INK, QUIET = "#1b1f24", "#6e7781"
 SMALL, LARGE = 7.5, 9.5
+DASHED = (0, (4, 2))
+"""What was asked for, beside what was done."""
+_LINES: tuple[Any, ...] = ("solid", (0, (6, 1.2, 1.2, 1.2)), (0, (1.3, 1.0)), (0, (3.2, 1.1)))
+_MARKERS, _FILLS = "os^DvPX", ("full", "none", "left")
 PRINT_STYLE: dict[str, Any] = {
     # Text stays text and the identifiers are fixed: the same numbers make the same file.
     "svg.fonttype": "none",
@@ -49,7 +58,7 @@ PRINT_STYLE: dict[str, Any] = {
     "legend.framealpha": 0.8,
     "legend.edgecolor": "none",
     "legend.fontsize": SMALL,
-    "legend.handlelength": 1.4,
+    "legend.handlelength": 2.2,
 }
 _METADATA: dict[str, dict[str, None]] = {
     ".svg": {"Date": None},
@@ -73,6 +82,22 @@ def new_figure(size: tuple[float, float]) -> tuple[Any, "Figure"]:
     return mpl, mpl.figure.Figure(figsize=size, layout="constrained")
 
 
+def line_of(index: int) -> dict[str, Any]:
+    """Colour and dashes of the lines that share a panel: to be told apart in grey as well."""
+    return {"color": color_of(index), "linestyle": _LINES[index % len(_LINES)]}
+
+
+def marker_of(index: int) -> dict[str, Any]:
+    """Colour and marker of an aircraft, by its place in the fleet: shape and filling alone tell 21 apart."""
+    return {
+        "color": color_of(index),
+        "marker": _MARKERS[index % len(_MARKERS)],
+        "fillstyle": _FILLS[index // len(_MARKERS) % len(_FILLS)],
+        "markersize": 4.5,
+        "markeredgewidth": 0.9,
+    }
+
+
 def save_figure(figure: "Figure", paths: Sequence[Path]) -> None:
     """Write a figure to new files, each of one of `FIGURE_SUFFIXES`."""
     for path in paths:
@@ -86,12 +111,13 @@ def save_drawings(
     dataset: xr.Dataset,
     style: Mapping[Any, Any],
     folder: Path,
+    suffixes: Sequence[str] = (".svg", ".png"),
 ) -> tuple[Path, ...]:
-    """Draw a dataset in a style, each drawing into `NAME.svg` and `NAME.png` of a folder; returns the new paths."""
+    """Draw a dataset in a style, each drawing into `NAME` and each suffix in a folder; returns the new paths."""
     written: list[Path] = []
     with _matplotlib().rc_context(style):
         for name, draw in drawings.items():
-            paths = [folder / f"{name}{suffix}" for suffix in (".svg", ".png")]
+            paths = [folder / f"{name}{suffix}" for suffix in suffixes]
             save_figure(draw(dataset), paths)
             written += paths
     return tuple(written)

@@ -3,12 +3,23 @@
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
-from anser.report.print_style import INK, LARGE, PRINT_STYLE, QUIET, SMALL, new_figure, save_figure
+from anser.report.print_labels import symbol, unit
+from anser.report.print_style import (
+    DASHED,
+    INK,
+    LARGE,
+    PRINT_STYLE,
+    QUIET,
+    SMALL,
+    line_of,
+    new_figure,
+    save_figure,
+)
 from anser.report.style import color_of
 
 if TYPE_CHECKING:
@@ -34,12 +45,12 @@ _CONTROLS = (("elevator_deg", "aileron_deg", "rudder_deg"), ("throttle",), ("pow
 _BEGINNING_S = 15.0
 """Of a long test, what the two lower rows show: by then all that is quick is over."""
 
-_UNITS = {"m s-1": "m/s", "degree": "°", "degree s-1": "°/s", "percent": "%", "1": ""}
 _KINDS = {"degree": "Angle (°)", "degree s-1": "Rate (°/s)"}
 """What panels of several variables are labelled with, by their unit."""
 _SPAN_MIN = {"m s-1": 1.0, "degree": 1.0, "degree s-1": 1.0, "percent": 5.0, "1": 0.05}
 """Least height of a panel: what hardly moves must not look as if it did."""
 
+_TINY = 6.5  # of legends that stand among curves
 _LINE_LENGTH = 22
 """Characters of a label before it goes on in another line."""
 
@@ -61,7 +72,7 @@ def draw_step(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
     ImportError
         Matplotlib is not installed.
     """
-    mpl, figure = new_figure((10.0, 6.9))
+    mpl, figure = new_figure((7.6, 5.9))
     with mpl.rc_context(PRINT_STYLE):
         loop = dataset.attrs["loop"]
         panels = [*((name,) for name in _CHANNELS[loop]), *_OTHERS[loop], *_CONTROLS]
@@ -92,7 +103,7 @@ def draw_overview(datasets: Sequence[xr.Dataset], paths: Sequence[Path]) -> None
         As for `draw_step`.
     """
     rows = -(-len(datasets) // 4)
-    mpl, figure = new_figure((10.0, 0.7 + 2.05 * rows))
+    mpl, figure = new_figure((7.6, 0.7 + 1.75 * rows))
     with mpl.rc_context(PRINT_STYLE):
         grid = figure.subplots(rows, 4, sharey=True, squeeze=False)
         for axes, dataset in zip(grid.flat, datasets, strict=False):
@@ -106,11 +117,11 @@ def draw_overview(datasets: Sequence[xr.Dataset], paths: Sequence[Path]) -> None
                 axes.plot(
                     time[read],
                     progress[read],
-                    color=color_of(k),
-                    label=f"{_symbol(dataset[name])} {_size(dataset, name)}",
+                    **line_of(k),
+                    label=f"{symbol(dataset[name])} {_size(dataset, name)}",
                 )
             end = dataset.attrs["read_at_s"]
-            axes.plot([-lead, 0, 0, end], [0, 0, 100, 100], color=INK, linestyle=(0, (4, 2)), linewidth=0.9, zorder=3)
+            axes.plot([-lead, 0, 0, end], [0, 0, 100, 100], color=INK, linestyle=DASHED, linewidth=0.9, zorder=3)
             axes.set_xlim(-_lead(dataset, end), end)
             axes.legend(loc="lower right")
         for axes in grid.flat[len(datasets) :]:
@@ -128,12 +139,12 @@ def draw_overview(datasets: Sequence[xr.Dataset], paths: Sequence[Path]) -> None
 
 def _panel(axes: "Axes", dataset: xr.Dataset, names: Sequence[str]) -> None:
     """Draw variables of one unit over time: their responses, and the commands of those that were commanded."""
-    unit = str(dataset[names[0]].attrs["units"])
+    stored = str(dataset[names[0]].attrs["units"])
     drawn = []
     for k, name in enumerate(names):
-        colour = color_of(k)
+        look: dict[str, Any] = line_of(k) if len(names) > 1 else {"color": color_of(k)}
         time, values = _with_lead(dataset, dataset[name].values, dataset[name].values[0])
-        axes.plot(time, values, color=colour, label=_label(dataset[name]))
+        axes.plot(time, values, **look, label=_label(dataset[name]))
         drawn.append(values)
         if _command(name) in dataset:
             commanded = name in dataset.attrs["commanded"]
@@ -143,22 +154,22 @@ def _panel(axes: "Axes", dataset: xr.Dataset, names: Sequence[str]) -> None:
                 wanted,
                 where="pre",
                 color=INK if commanded else QUIET,
-                linestyle=(0, (4, 2)),
+                linestyle=DASHED,
                 linewidth=0.9,
                 label="command" if commanded else "held",
             )
             drawn.append(wanted)
     low, high = (float(f(np.concatenate(drawn))) for f in (np.min, np.max))
     if np.isfinite([low, high]).all():
-        margin = max(0.08 * (high - low), 0.5 * (_SPAN_MIN[unit] - (high - low)))
+        margin = max(0.08 * (high - low), 0.5 * (_SPAN_MIN[stored] - (high - low)))
         axes.set_ylim(low - margin, high + margin)
     if len(names) == 1:
-        axes.set_ylabel(_label(dataset[names[0]], unit))
+        axes.set_ylabel(_label(dataset[names[0]], unit(dataset[names[0]])))
         if _command(names[0]) in dataset:
             axes.legend(handles=axes.lines[1:], loc="best")
     else:
-        axes.set_ylabel(_KINDS[unit])
-        axes.legend(loc="best")
+        axes.set_ylabel(_KINDS[stored])
+        axes.legend(loc="best", fontsize=_TINY, handlelength=1.9, labelspacing=0.3)
     axes.set_xlim(-_lead(dataset), float(dataset["time"].values[-1]))
 
 
@@ -170,12 +181,13 @@ def _mark_reading(grid: np.ndarray, dataset: xr.Dataset) -> None:
     for axes in grid.flat:
         axes.axvspan(read, end, color="#8c959f", alpha=0.13, linewidth=0)
     grid[0, 2].text(
-        read,
+        end,
         1.0,
-        f" after the reading at {read:g} s",
+        f"after the reading at {read:g} s",
         transform=grid[0, 2].get_xaxis_transform(),
         fontsize=SMALL,
         color=QUIET,
+        ha="right",
         va="bottom",
     )
 
@@ -199,26 +211,21 @@ def _command(name: str) -> str:
     return f"{name}_command"
 
 
-def _symbol(values: xr.DataArray) -> str:
-    base, _, subscript = str(values.attrs["symbol"]).partition("_")
-    return f"${base}_{{{subscript}}}$" if subscript else f"${base}$"
-
-
-def _label(values: xr.DataArray, unit: str = "1") -> str:
+def _label(values: xr.DataArray, printed: str = "") -> str:
     """Words, symbol and, where one is given, unit; long ones in two lines."""
-    words = textwrap.fill(str(values.attrs["long_name"]), _LINE_LENGTH) + f" {_symbol(values)}"
-    return f"{words} ({_UNITS[unit]})" if _UNITS[unit] else words
+    words = textwrap.fill(str(values.attrs["long_name"]), _LINE_LENGTH) + f" {symbol(values)}"
+    return f"{words} ({printed})" if printed else words
 
 
 def _size(dataset: xr.Dataset, name: str) -> str:
     step = float(dataset[_command(name)].values[0] - dataset[name].values[0])
-    unit = _UNITS[dataset[name].attrs["units"]]
-    return f"{step:+.4g}{'' if unit.startswith('°') else ' '}{unit}"
+    printed = unit(dataset[name])
+    return f"{step:+.4g}{'' if printed.startswith('°') else ' '}{printed}"
 
 
 def _heading(dataset: xr.Dataset) -> str:
     steps = [
-        f"{dataset[name].attrs['long_name'].lower()} {_symbol(dataset[name])} {_size(dataset, name)}"
+        f"{dataset[name].attrs['long_name'].lower()} {symbol(dataset[name])} {_size(dataset, name)}"
         for name in dataset.attrs["commanded"]
     ]
     return f"{dataset.attrs['loop'].capitalize()} loop: {', '.join(steps)}"

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from anser.report.print_style import INK, LARGE, PRINT_STYLE, new_figure, save_figure
+from anser.report.print_labels import axis_label, plain, unit
+from anser.report.print_style import DASHED, INK, LARGE, PRINT_STYLE, line_of, new_figure, save_figure
 from anser.report.style import color_of
 
 if TYPE_CHECKING:
@@ -17,8 +18,6 @@ __all__ = ["draw_tracking"]
 
 _COMMANDED = ("airspeed_m_s", "path_angle_deg", "course_deg", "bank_deg", "alpha_deg")
 _SURFACES = ("elevator_deg", "aileron_deg", "rudder_deg")
-_UNITS = {"m s-1": "m/s", "degree": "°", "m": "m", "percent": "%"}
-_DASHED = (0, (4, 2))
 
 
 def draw_tracking(dataset: xr.Dataset, title: str, paths: Sequence[Path]) -> None:
@@ -40,7 +39,7 @@ def draw_tracking(dataset: xr.Dataset, title: str, paths: Sequence[Path]) -> Non
     ImportError
         Matplotlib is not installed.
     """
-    mpl, figure = new_figure((10.0, 7.4))
+    mpl, figure = new_figure((7.6, 6.2))
     of = dataset.isel(aircraft=0)
     flown = of.isel(time=np.flatnonzero(of["time"].values <= float(of["arrival_time_s"].values[0])))
     with mpl.rc_context(PRINT_STYLE):
@@ -56,7 +55,8 @@ def draw_tracking(dataset: xr.Dataset, title: str, paths: Sequence[Path]) -> Non
         for axes in grid[2]:
             axes.set_xlabel("Time $t$ (s)")
         worst = float(flown["position_error_m"].max())
-        figure.suptitle(f"{title}\nposition error {worst:.2f} m at most; what was asked for is dashed", fontsize=LARGE)
+        note = f"position error {worst:.2f} m at most; what was asked for is dashed"
+        figure.suptitle(f"{plain(title)}\n{note}", fontsize=LARGE)
         figure.align_ylabels()
         save_figure(figure, paths)
 
@@ -65,28 +65,20 @@ def _path(axes: "Axes", flown: xr.Dataset, names: tuple[str, str]) -> None:
     x, y = (flown[name].values for name in names)
     axes.plot(x, y, color=color_of(0), label="flown")
     reference = (flown[f"reference_{name}"].values for name in names)
-    axes.plot(*reference, color=INK, linestyle=_DASHED, linewidth=0.9, label="planned")
+    axes.plot(*reference, color=INK, linestyle=DASHED, linewidth=0.9, label="planned")
     for set_label, name in zip((axes.set_xlabel, axes.set_ylabel), names, strict=True):
-        set_label(_label(flown[name]))
+        set_label(axis_label(flown[name]))
     axes.legend(loc="best")
 
 
 def _over_time(axes: "Axes", flown: xr.Dataset, names: Sequence[str], wanted: dict[str, str]) -> None:
     for k, name in enumerate(names):
         label = f"${flown[name].attrs['symbol']}$" if len(names) > 1 else None
-        axes.plot(flown["time"].values, flown[name].values, color=color_of(k), label=label)
+        axes.plot(flown["time"].values, flown[name].values, **line_of(k), label=label)
         if name in wanted:
             axes.plot(
-                flown["time"].values, flown[wanted[name]].values, color=INK, linestyle=_DASHED, linewidth=0.9, zorder=3
+                flown["time"].values, flown[wanted[name]].values, color=INK, linestyle=DASHED, linewidth=0.9, zorder=3
             )
-    axes.set_ylabel(_label(flown[names[0]]) if len(names) == 1 else f"Deflection ({_unit(flown[names[0]])})")
+    axes.set_ylabel(axis_label(flown[names[0]]) if len(names) == 1 else f"Deflection ({unit(flown[names[0]])})")
     if len(names) > 1:
         axes.legend(loc="best")
-
-
-def _label(values: xr.DataArray) -> str:
-    return f"{values.attrs['long_name']} ({_unit(values)})"
-
-
-def _unit(values: xr.DataArray) -> str:
-    return _UNITS[str(values.attrs["units"])]

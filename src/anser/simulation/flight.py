@@ -210,6 +210,7 @@ class _Own(eqx.Module):
     now: Condition
     sensed: Sensed
     goal_n: Vector3
+    goal_velocity_n: Vector3
     lateral_bend: ScalarLike
     planned_length: ScalarLike
     status: Count
@@ -261,7 +262,9 @@ def _fly_one(
         reference_n=jnp.where(phase == HOLD, circle_n, own.trajectory.position_n(time)),
         sight=own.sensed.sight,
         goal_n=own.goal_n,
+        goal_velocity_n=own.goal_velocity_n,
         goal_estimate_n=own.sensed.goal_position_n,
+        goal_velocity_estimate_n=own.sensed.goal_velocity_n,
         stand_off_n=own.rendezvous.stand_off_n,
         to_goal_n=to_goal_n,
         to_rendezvous_n=to_rendezvous_n,
@@ -325,6 +328,7 @@ def step_flight(flight: Flight, carry: FlightState) -> tuple[FlightState, dict[s
         now=now,
         sensed=sensed,
         goal_n=jax.vmap(lambda goal: goal.position_n(time))(fleet.goals),
+        goal_velocity_n=jax.vmap(lambda goal: goal.velocity_n(time))(fleet.goals),
         lateral_bend=plan.lateral_bends,
         planned_length=plan.lengths,
         status=status,

@@ -24,7 +24,9 @@ class Moment(eqx.Module):
     reference_n: Vector3
     sight: LineOfSight
     goal_n: Vector3
+    goal_velocity_n: Vector3
     goal_estimate_n: Vector3
+    goal_velocity_estimate_n: Vector3
     stand_off_n: Vector3
     to_goal_n: Vector3
     to_rendezvous_n: Vector3
@@ -86,6 +88,8 @@ def record(moment: Moment) -> dict[str, Array]:
         "position_error": safe_norm(reference_n - state.position_n),
         **_point("goal_", moment.goal_n),
         **_point("goal_estimate_", moment.goal_estimate_n),
+        **_vector("goal_velocity", ("north", "east", "down"), moment.goal_velocity_n),
+        **_vector("goal_estimate_velocity", ("north", "east", "down"), moment.goal_velocity_estimate_n),
         **_point("rendezvous_", rendezvous_n),
         "range_to_rendezvous": safe_norm(moment.to_rendezvous_n),
         "clearance": safe_norm(moment.to_goal_n),

@@ -12,7 +12,8 @@ from anser.verification.check import Check, Comparison
 from anser.verification.published import half_of_last_digit, published
 
 _SPEED_M_S = 150.0
-_DURATION_S = 36.0
+DURATION_S = 36.0
+"""Of every path of the published families."""
 
 
 def published_path(final_path_angle_deg: ScalarLike, b_4: ScalarLike = 0.0, c_4: ScalarLike = 0.0) -> Trajectory:
@@ -32,13 +33,13 @@ def published_path(final_path_angle_deg: ScalarLike, b_4: ScalarLike = 0.0, c_4:
     final = jnp.asarray(final_path_angle_deg) * DEG_RAD
     return fit_trajectory(
         0.0,
-        _DURATION_S,
+        DURATION_S,
         jnp.array([0.0, 0.0, -2000.0]),
         jnp.array([_SPEED_M_S, 0.0, 0.0]),
         jnp.array([5000.0, 0.0, 0.0]),
         _SPEED_M_S * jnp.stack([jnp.cos(final), jnp.zeros(()), -jnp.sin(final)]),
-        b_4 * _DURATION_S**4,
-        c_4 * _DURATION_S**4,
+        b_4 * DURATION_S**4,
+        c_4 * DURATION_S**4,
     )
 
 

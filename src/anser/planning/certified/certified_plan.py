@@ -9,13 +9,14 @@ from jaxtyping import Array, Bool, Float, Int
 
 from anser.planning.certified.certificate import PathBounds, excess, path_bounds
 from anser.planning.certified.choices import Choices
-from anser.planning.certified.conflicts import Track, keep_out_room, pair_use, track_slack
+from anser.planning.certified.conflicts import Track, keep_out_room, track_slack
+from anser.planning.certified.crowd import BLOCK, blocks_of, fleet_use
 from anser.planning.certified.delivery import deliver
 from anser.planning.certified.detours import resolve
 from anser.planning.certified.placement import chosen_of, fewest_first, make_options, place
 from anser.planning.certified.request import Airspace, Traveller
 from anser.planning.timed_path import TimedPath
-from anser.shapes import Scalar, ScalarLike
+from anser.shapes import Count, Scalar, ScalarLike
 
 FINE = 4
 """Intervals of the certificate's distances for each interval between a path's even knots."""
@@ -31,7 +32,8 @@ class Certificate(eqx.Module):
     excess
         By how much each passes each limit, as a part of it, in the order of `CERTIFIED_LIMITS`; positive: broken.
     room
-        Of each pair, the least ratio of distance to separation; 1 is enough. Infinite for an aircraft and itself.
+        Of each pair, the least ratio of distance to separation, or less; 1 is enough. Infinite for an aircraft and
+        itself. In a large fleet it is exact for the nearest only, see `anser.planning.certified.crowd.fleet_use`.
     closed_room
         How far each stays out of each closed volume at least, m.
     """
@@ -133,14 +135,20 @@ def certify(
     times = start + (end - start) * jnp.linspace(0.0, 1.0, FINE * ticks + 1)
     tracks = jax.vmap(_fine_track, in_axes=(0, 0, 0, None, None))(paths, bounds, travellers.active, times, since)
     fleet = paths.times.shape[0]
-    room = jax.lax.map(
-        lambda who: jnp.where(
-            jnp.arange(fleet) == who,
-            jnp.inf,
-            pair_use(jax.tree.map(lambda leaf: leaf[who][None], tracks), tracks, airspace.separation),
-        ),
-        jnp.arange(fleet),
-    )
+    blocks, everyone = blocks_of(tracks, FINE * BLOCK), jnp.arange(fleet)
+
+    def room_of(who: Count) -> Float[Array, " aircraft"]:
+        one, own = jax.tree.map(lambda leaf: leaf[who], (tracks, blocks))
+        return fleet_use(
+            one,
+            own,
+            blocks,
+            lambda some: jax.tree.map(lambda leaf: leaf[some], tracks),
+            everyone != who,
+            airspace.separation,
+        )
+
+    room = jax.lax.map(room_of, everyone)
     volumes = airspace.keep_outs
     if volumes.radius.shape[0]:
         closed = jax.lax.map(lambda one: keep_out_room(one, times, volumes), tracks)
@@ -204,5 +212,5 @@ plan_at = functools.partial(
 
 
 def ticks_for(duration_s: float) -> int:
-    """Even intervals for a path of a duration: 64, 256, 1024 or 2048, at most 2 s long each but of a longer path."""
-    return next((ticks for ticks in (64, 256, 1024) if 2.0 * ticks >= duration_s), 2048)
+    """Even intervals for a path of a duration: 64, 256, 512, 1024 or 2048; at most 2 s long but of a very long path."""
+    return next((ticks for ticks in (64, 256, 512, 1024) if 2.0 * ticks >= duration_s), 2048)

@@ -71,5 +71,5 @@ ALL = make_choices(
 )
 PLAIN = make_choices((PREFERRED, MATCHED, SLOWEST, FASTEST), (0.0,), (0, 1), (0, 1, 4, RACETRACK))
 """Candidates of an aircraft by itself: ways round and speeds, no detour in altitude."""
-ALONE = make_choices(_EVERY_SPEED, (0.0, 300.0, -300.0), (0, 1), (0, 1), starts=32, most=64)
+ALONE = make_choices(_EVERY_SPEED, (0.0,), (0,), (0, 1), starts=24, most=48)
 """The same where these will not do: free shapes, every kind of speed."""

@@ -11,7 +11,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from anser.planning.certified.candidates import Candidate, candidates, track
 from anser.planning.certified.choices import Choices
-from anser.planning.certified.conflicts import Track, keep_out_room, pair_use
+from anser.planning.certified.conflicts import Track, keep_out_room
+from anser.planning.certified.crowd import Blocks, blocks_of, fleet_use
 from anser.planning.certified.profile import Timetable
 from anser.planning.certified.request import Airspace, KeepOuts, Separation, Traveller
 from anser.shapes import Count, Scalar
@@ -92,19 +93,30 @@ def place(options: Options, separation: Separation, order: Int[Array, " aircraft
     liked = jnp.concatenate([liked, jnp.repeat(liked[:, -1:], chunks * _AT_A_TIME - count, axis=1)], axis=1)
     apart_matters = (separation.horizontal > 0.0) & (fleet > 1)
 
-    def lacking(tracks: Track, chosen: Track, others: Bool[Array, " aircraft"]) -> Float[Array, " k"]:
+    every, everyone = blocks_of(options.tracks), jnp.arange(fleet)
+
+    def lacking(
+        who: Count, which: Int[Array, " k"], blocks: Blocks, chosen: Array, others: Bool[Array, " aircraft"]
+    ) -> Float[Array, " k"]:
         """What some candidates of one aircraft lack of the separation from others."""
-        one = jax.tree.map(lambda leaf: leaf[:, None], tracks)
-        use = pair_use(one, jax.tree.map(lambda leaf: leaf[None], chosen), separation)
-        return jnp.sum(jnp.where(others[None, :], jnp.maximum(1.0 - use, 0.0), 0.0), axis=1)
 
-    def choose(who: Count, chosen: Track, others: Bool[Array, " aircraft"]) -> tuple[Count, Scalar, Scalar]:
-        own = jax.tree.map(lambda leaf: leaf[who], options.tracks)
+        def tracks_of(some: Int[Array, " some"]) -> Track:
+            return jax.tree.map(lambda leaf: leaf[some, chosen[some]], options.tracks)
 
+        def one(k: Count) -> Scalar:
+            own, held = jax.tree.map(lambda leaf: leaf[who, k], (options.tracks, every))
+            use = fleet_use(own, held, blocks, tracks_of, others, separation)
+            return jnp.sum(jnp.maximum(1.0 - use, 0.0))
+
+        return jax.vmap(one)(which)
+
+    def choose(
+        who: Count, blocks: Blocks, chosen: Array, others: Bool[Array, " aircraft"]
+    ) -> tuple[Count, Scalar, Scalar]:
         def look(carry: tuple[Count, Count, Scalar, Scalar]) -> tuple[Count, Count, Scalar, Scalar]:
             chunk, best, least, lack = carry
             which = jax.lax.dynamic_slice_in_dim(liked[who], chunk * _AT_A_TIME, _AT_A_TIME)
-            missing = lacking(jax.tree.map(lambda leaf: leaf[which], own), chosen, others)
+            missing = lacking(who, which, blocks, chosen, others)
             total = cost[who, which] + jnp.where(missing > 0.0, _CONFLICT * (1.0 + missing), 0.0)
             k = jnp.argmin(total)
             better = total[k] < least
@@ -125,53 +137,44 @@ def place(options: Options, separation: Separation, order: Int[Array, " aircraft
         _, best, _, lack = jax.lax.while_loop(going, look, begin)
         return best, lack, cost[who, best]
 
-    def of(who: Count, which: Count) -> Track:
-        return jax.tree.map(lambda leaf: leaf[who, which], options.tracks)
+    def put(blocks: Blocks, who: Count, which: Count) -> Blocks:
+        return jax.tree.map(lambda all_, one: all_.at[who].set(one[who, which]), blocks, every)
 
-    first = jax.tree.map(lambda leaf: jnp.zeros_like(leaf[:, 0]), options.tracks)
-
-    def put(tracks: Track, who: Count, track: Track) -> Track:
-        return jax.tree.map(lambda all_, one: all_.at[who].set(one), tracks, track)
-
-    def settle(turn: Count, carry: tuple[Track, Array, Array, Array]) -> tuple[Track, Array, Array, Array]:
-        tracks, chosen, placed, lacks = carry
+    def settle(turn: Count, carry: tuple[Blocks, Array, Array]) -> tuple[Blocks, Array, Array]:
+        blocks, chosen, placed = carry
         who = order[turn]
-        best, lack, _ = choose(who, tracks, placed & apart_matters)
-        return (
-            put(tracks, who, of(who, best)),
-            chosen.at[who].set(best),
-            placed.at[who].set(True),
-            lacks.at[who].set(lack),
+        best, _, _ = choose(who, blocks, chosen, placed & apart_matters)
+        return put(blocks, who, best), chosen.at[who].set(best), placed.at[who].set(True)
+
+    first = jax.tree.map(lambda leaf: jnp.zeros_like(leaf[:, 0]), every)
+    begin = (first, jnp.zeros(fleet, dtype=liked.dtype), jnp.zeros(fleet, dtype=bool))
+    blocks, chosen, _ = jax.lax.fori_loop(0, fleet, settle, begin)
+
+    def all_lack(blocks: Blocks, chosen: Array) -> Float[Array, " aircraft"]:
+        return jax.lax.map(
+            lambda who: lacking(who, chosen[who][None], blocks, chosen, (everyone != who) & apart_matters)[0], everyone
         )
 
-    begin = (first, jnp.zeros(fleet, dtype=liked.dtype), jnp.zeros(fleet, dtype=bool), jnp.zeros(fleet))
-    tracks, chosen, _, _ = jax.lax.fori_loop(0, fleet, settle, begin)
+    def again(carry: tuple[Count, Blocks, Array, Array]) -> tuple[Count, Blocks, Array, Array]:
+        turn, blocks, chosen, lacks = carry
+        # Those in conflict, in the order of choosing and back; the others keep what they have.
+        rank = jnp.where(turn % 2 == 0, -jnp.argsort(order), jnp.argsort(order))
+        queue = jnp.argsort(jnp.where(lacks > 0.0, rank, fleet))
 
-    def lack_of(who: Count, tracks: Track) -> Scalar:
-        others = (jnp.arange(fleet) != who) & apart_matters
-        return lacking(jax.tree.map(lambda leaf: leaf[who][None], tracks), tracks, others)[0]
+        def one(k: Count, carry: tuple[Blocks, Array]) -> tuple[Blocks, Array]:
+            blocks, chosen = carry
+            who = queue[k]
+            best, _, _ = choose(who, blocks, chosen, (everyone != who) & apart_matters)
+            return put(blocks, who, best), chosen.at[who].set(best)
 
-    def again(carry: tuple[Count, Track, Array, Array]) -> tuple[Count, Track, Array, Array]:
-        turn, tracks, chosen, _ = carry
+        blocks, chosen = jax.lax.fori_loop(0, jnp.sum(lacks > 0.0), one, (blocks, chosen))
+        return turn + 1, blocks, chosen, all_lack(blocks, chosen)
 
-        def one(k: Count, carry: tuple[Track, Array]) -> tuple[Track, Array]:
-            tracks, chosen = carry
-            who = order[jnp.where(turn % 2 == 0, fleet - 1 - k, k)]
-
-            def better() -> tuple[Track, Array]:
-                best, _, _ = choose(who, tracks, (jnp.arange(fleet) != who) & apart_matters)
-                return put(tracks, who, of(who, best)), chosen.at[who].set(best)
-
-            return jax.lax.cond(lack_of(who, tracks) > 0.0, better, lambda: (tracks, chosen))
-
-        tracks, chosen = jax.lax.fori_loop(0, fleet, one, (tracks, chosen))
-        return turn + 1, tracks, chosen, jax.lax.map(lambda who: lack_of(who, tracks), jnp.arange(fleet))
-
-    lacks = jax.lax.map(lambda who: lack_of(who, tracks), jnp.arange(fleet))
-    _, tracks, chosen, lacks = jax.lax.while_loop(
-        lambda c: (c[0] < _ROUNDS) & jnp.any(c[3] > 0.0), again, (jnp.asarray(0), tracks, chosen, lacks)
+    _, blocks, chosen, lacks = jax.lax.while_loop(
+        lambda c: (c[0] < _ROUNDS) & jnp.any(c[3] > 0.0),
+        again,
+        (jnp.asarray(0), blocks, chosen, all_lack(blocks, chosen)),
     )
-    everyone = jnp.arange(fleet)
     return Placed(chosen, options.candidates.valid[everyone, chosen], lacks + options.closed[everyone, chosen])
 
 

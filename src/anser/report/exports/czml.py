@@ -1,0 +1,173 @@
+"""CZML, the JSON of Cesium: a clock, moving points with labels and trails, attitudes."""
+
+import html
+import json
+from collections.abc import Iterator, Mapping
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from anser.report.exports.geography import (
+    Track,
+    aircraft_track,
+    attitude_fixed,
+    goal_tracks,
+    rendezvous_track,
+    stamp,
+)
+from anser.report.style import color_of
+
+__all__ = ["to_czml"]
+
+# Decimals: 1e-9 deg of arc and 1e-4 m are a tenth of a millimetre, 1e-8 of a quaternion a hundredth of a second of arc.
+_DEGREES, _METRES, _QUATERNION, _SECONDS = 9, 4, 8, 6
+# Forward, across, up, m: larger than life, to be seen from a few kilometres.
+_SLAB_M = (60.0, 40.0, 4.0)
+_INK, _PAPER = (27, 31, 36, 255), (255, 255, 255, 255)
+_RATE = 4.0  # seconds of flight in a second of looking
+
+
+def to_czml(dataset: xr.Dataset, summary: Mapping[str, Any], start: datetime) -> bytes:
+    """Write a flight as CZML 1.0.
+
+    Each aircraft is a point with a label, the trail behind it and a slab that shows its attitude; each goal and each
+    rendezvous is a point, joined to its goal by a line. No model and no picture is referred to.
+
+    Parameters
+    ----------
+    dataset, summary
+        A flight, as `flight.nc` and `summary.json` hold it.
+    start
+        Date and time at which the flight's time is 0.
+    """
+    packets = list(_packets(dataset, summary, start))
+    return json.dumps(packets, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode()
+
+
+def _packets(dataset: xr.Dataset, summary: Mapping[str, Any], start: datetime) -> Iterator[dict[str, Any]]:
+    first, last = (float(dataset["time"].values[k]) for k in (0, -1))
+    yield {
+        "id": "document",
+        "name": str(summary["scenario"]["name"]),
+        "version": "1.0",
+        "clock": {
+            "interval": _interval(start, first, last),
+            "currentTime": stamp(start, first),
+            "multiplier": _RATE,
+            "range": "LOOP_STOP",
+            "step": "SYSTEM_CLOCK_MULTIPLIER",
+        },
+    }
+    goals = {track.name: f"goal-{k}" for k, track in enumerate(goal_tracks(dataset, summary))}
+    for track in goal_tracks(dataset, summary):
+        if track.kept.size:
+            yield _point(track, goals[track.name], start, _INK, _PAPER) | {"label": _label(track.name, _INK)}
+    for index, row in enumerate(summary["aircraft"]):
+        yield from _aircraft(dataset, row, index, start)
+        met = rendezvous_track(dataset, summary, index)
+        if met.kept.size:
+            yield _point(met, f"rendezvous-{index}", start, _PAPER, _rgba(index)) | {
+                "polyline": {
+                    "positions": {
+                        "references": [f"{goals[str(row['goal'])]}#position", f"rendezvous-{index}#position"]
+                    },
+                    "width": 1.0,
+                    "material": _solid(_rgba(index)),
+                    "arcType": "NONE",
+                }
+            }
+
+
+def _aircraft(dataset: xr.Dataset, row: Mapping[str, Any], index: int, start: datetime) -> Iterator[dict[str, Any]]:
+    track, color = aircraft_track(dataset, index), _rgba(index)
+    if not track.kept.size:
+        return
+    quaternions = attitude_fixed(dataset, index, track).round(_QUATERNION)
+    yield _point(track, f"aircraft-{index}", start, color, _PAPER) | {
+        "description": _description(row),
+        "orientation": {
+            "epoch": stamp(start, 0.0),
+            "unitQuaternion": _flat(track.time_s.round(_SECONDS), *quaternions.T),
+            "interpolationAlgorithm": "LINEAR",
+            "interpolationDegree": 1,
+        },
+        "label": _label(track.name, color),
+        "path": {
+            "material": _solid(color),
+            "width": 2.0,
+            "leadTime": 0.0,
+            "trailTime": float(track.time_s[-1] - track.time_s[0]),
+            "resolution": 1.0,
+        },
+        "box": {"dimensions": {"cartesian": list(_SLAB_M)}, "material": _solid(color)},
+    }
+
+
+def _point(track: Track, key: str, start: datetime, color: tuple[int, ...], edge: tuple[int, ...]) -> dict[str, Any]:
+    return {
+        "id": key,
+        "name": track.name,
+        "availability": _interval(start, track.time_s[0], track.time_s[-1]),
+        "position": {
+            "epoch": stamp(start, 0.0),
+            "cartographicDegrees": _flat(
+                track.time_s.round(_SECONDS),
+                track.longitude_deg.round(_DEGREES),
+                track.latitude_deg.round(_DEGREES),
+                track.height_m.round(_METRES),
+            ),
+            "interpolationAlgorithm": "LAGRANGE",
+            "interpolationDegree": 3,
+        },
+        "point": {
+            "pixelSize": 9.0,
+            "color": {"rgba": list(color)},
+            "outlineColor": {"rgba": list(edge)},
+            "outlineWidth": 2.0,
+        },
+    }
+
+
+def _label(words: str, color: tuple[int, ...]) -> dict[str, Any]:
+    return {
+        "text": words,
+        "font": "13px sans-serif",
+        "style": "FILL_AND_OUTLINE",
+        "fillColor": {"rgba": list(color)},
+        "outlineColor": {"rgba": list(_PAPER)},
+        "outlineWidth": 3.0,
+        "horizontalOrigin": "LEFT",
+        "verticalOrigin": "CENTER",
+        "pixelOffset": {"cartesian2": [12.0, 0.0]},
+    }
+
+
+def _description(row: Mapping[str, Any]) -> str:
+    """Cesium shows a description as HTML: what comes from files is escaped."""
+    parts = [f"goal: {row['goal']}", f"status: {row['status']}"]
+    for key, words, unit in (
+        ("planned_arrival_s", "planned arrival", "s"),
+        ("arrival_s", "arrival", "s"),
+        ("miss_m", "miss", "m"),
+    ):
+        if row[key] is not None:
+            parts.append(f"{words}: {row[key]:.2f} {unit}")
+    return "<br>".join(html.escape(part) for part in parts)
+
+
+def _solid(color: tuple[int, ...]) -> dict[str, Any]:
+    return {"solidColor": {"color": {"rgba": list(color)}}}
+
+
+def _rgba(index: int) -> tuple[int, ...]:
+    return (*bytes.fromhex(color_of(index).removeprefix("#")), 255)
+
+
+def _interval(start: datetime, first_s: float, last_s: float) -> str:
+    return f"{stamp(start, first_s)}/{stamp(start, last_s)}"
+
+
+def _flat(*columns: np.ndarray) -> list[float]:
+    return np.stack(columns, axis=-1).ravel().tolist()

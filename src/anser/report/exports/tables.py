@@ -1,0 +1,70 @@
+"""CSV and Parquet: one row for each recorded time of each aircraft, units in the names of the columns."""
+
+import importlib.util
+import io
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+__all__ = ["PARQUET_MISSING", "has_parquet", "to_csv", "to_parquet"]
+
+PARQUET_MISSING = "Parquet needs pyarrow: pip install 'anser[parquet]'"
+_LABELS = ("units", "long_name", "frame", "symbol", "flag_meanings")
+
+
+def has_parquet() -> bool:
+    """Whether the library that writes Parquet is installed."""
+    return importlib.util.find_spec("pyarrow") is not None
+
+
+def to_csv(dataset: xr.Dataset) -> bytes:
+    """Write a flight as CSV: `time_s`, `aircraft`, then every variable; numbers in full precision, truth as 0 or 1."""
+    columns = {
+        name: values.astype(np.int8) if values.dtype.kind == "b" else values for name, values in _columns(dataset)
+    }
+    return pd.DataFrame(columns).to_csv(index=False, lineterminator="\n").encode()
+
+
+def to_parquet(dataset: xr.Dataset) -> bytes:
+    """Write a flight as Parquet: the columns of the CSV, each with its unit and words, the flight's attributes.
+
+    Raises
+    ------
+    ImportError
+        Pyarrow is not installed.
+    """
+    try:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+    except ImportError:
+        raise ImportError(PARQUET_MISSING) from None
+    columns = dict(_columns(dataset))
+    arrays = {
+        name: pa.array(values).dictionary_encode() if name == "aircraft" else pa.array(values)
+        for name, values in columns.items()
+    }
+    labels = {"time_s": {"units": "s", "long_name": "Time"}, "aircraft": {"long_name": "Aircraft"}} | {
+        str(name): _labels(dataset[name]) for name in dataset.data_vars
+    }
+    fields = [pa.field(name, array.type, metadata=labels[name]) for name, array in arrays.items()]
+    schema = pa.schema(fields, metadata={key: str(value) for key, value in dataset.attrs.items()})
+    buffer = io.BytesIO()
+    pq.write_table(pa.Table.from_arrays(list(arrays.values()), schema=schema), buffer, compression="zstd")
+    return buffer.getvalue()
+
+
+def _columns(dataset: xr.Dataset) -> list[tuple[str, np.ndarray]]:
+    """Columns of equal length, aircraft by aircraft, each in the order of time."""
+    times, aircraft = dataset.sizes["time"], dataset.sizes["aircraft"]
+    names = dataset["aircraft"].values.astype(object)
+    return [
+        ("time_s", np.tile(dataset["time"].values, aircraft)),
+        ("aircraft", np.repeat(names, times)),
+        *((str(name), values.transpose("aircraft", "time").values.ravel()) for name, values in dataset.items()),
+    ]
+
+
+def _labels(values: xr.DataArray) -> dict[Any, Any]:
+    return {key: str(values.attrs[key]) for key in _LABELS if key in values.attrs}

@@ -1,0 +1,230 @@
+"""Figures of a flight for print: tracks, altitudes, ranges, guidance, the goals' estimated velocities, the plan."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from anser.report.print_labels import axis_label, plain
+from anser.report.print_style import (
+    DASHED,
+    FIGURE_SUFFIXES,
+    INK,
+    LARGE,
+    PRINT_STYLE,
+    QUIET,
+    SMALL,
+    marker_of,
+    new_figure,
+    save_drawings,
+)
+from anser.report.traces import with_gaps
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["FLIGHT_FIGURES", "NEEDED_VARIABLES", "draw_flight"]
+
+_WIDTH = 6.5  # inches: the text of a page
+_GUIDANCE = (
+    ("airspeed_m_s", "airspeed_command_m_s"),
+    ("path_angle_deg", "path_angle_command_deg"),
+    ("course_deg", "course_command_deg"),
+)
+_VELOCITIES = tuple(
+    (f"goal_estimate_velocity_{axis}_m_s", f"goal_velocity_{axis}_m_s") for axis in ("north", "east", "down")
+)
+_ALTITUDE, _RANGE = ("altitude_m", "reference_altitude_m"), "range_to_rendezvous_m"
+_PLAN = ("lateral_bend_m", "planned_length_m", "arrival_time_s")
+NEEDED_VARIABLES = (
+    *(f"{place}{axis}_m" for place in ("", "reference_", "goal_", "rendezvous_") for axis in ("north", "east")),
+    *(name for pair in (*_GUIDANCE, *_VELOCITIES, _ALTITUDE) for name in pair),
+    *(_RANGE, *_PLAN, "phase"),
+)
+"""Variables of a flight that these figures draw."""
+
+_HOLD = 2  # phase: the hold after the arrival
+_MARKS = 8  # on a line over time
+_SPAN_MIN = {"m s-1": 2.0, "degree": 2.0, "m": 10.0, "s": 0.2}
+"""Least height of a panel: what hardly moves must not look as if it did."""
+_FEW = 7  # aircraft; of more, the lines are thinner
+
+
+def draw_flight(
+    dataset: xr.Dataset, name: str, folder: Path, suffixes: Sequence[str] = FIGURE_SUFFIXES
+) -> tuple[Path, ...]:
+    """Draw each of `FLIGHT_FIGURES` up to the arrivals into `NAME-FIGURE` of a folder.
+
+    Parameters
+    ----------
+    dataset
+        The flight, as `flight.nc` holds it.
+    name
+        What the names of the files begin with.
+    folder
+        To write into; existing.
+    suffixes
+        Kinds of files, of `FIGURE_SUFFIXES`.
+
+    Returns
+    -------
+    Paths of the files.
+
+    Raises
+    ------
+    FileExistsError
+        A file exists: nothing is overwritten.
+    ImportError
+        Matplotlib is not installed.
+    """
+    drawings = {f"{name}-{key}": draw for key, draw in FLIGHT_FIGURES.items()}
+    return save_drawings(drawings, dataset, PRINT_STYLE, folder, suffixes)
+
+
+def _tracks(dataset: xr.Dataset) -> "Figure":
+    figure = _figure(dataset, 5.4)
+    axes = figure.subplots()
+    meeting = _meetings(dataset)
+    period = _nice(float(dataset["time"].values[meeting.max()]) / 12)
+    for k, last in enumerate(meeting):
+        until = slice(0, int(last) + 1)
+        north, east = (dataset[f"{axis}_m"].values[until, k] for axis in ("north", "east"))
+        goal = [dataset[f"goal_{axis}_m"].values[until, k] for axis in ("east", "north")]
+        planned = [dataset[f"reference_{axis}_m"].values[until, k] for axis in ("east", "north")]
+        met = [dataset[f"rendezvous_{axis}_m"].values[last, k] for axis in ("east", "north")]
+        of = _look(dataset, k)
+        ticks = np.searchsorted(dataset["time"].values[until], np.arange(0.0, 1e5, period))
+        axes.plot(east, north, markevery=list(np.unique(ticks[ticks <= last])), label=_name(dataset, k), **of)
+        axes.plot(*planned, color=INK, linestyle=DASHED, linewidth=0.8, zorder=3)
+        axes.plot(*goal, color=of["color"], linestyle=(0, (1, 1.2)), linewidth=1.3)
+        axes.plot(goal[0][0], goal[1][0], linestyle="none", marker="s", fillstyle="none", color=INK, markersize=5)
+        axes.plot(*met, linestyle="none", marker="*", color=INK, markersize=8, zorder=4)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.margins(0.06)
+    axes.set_xlabel(axis_label(dataset["east_m"]))
+    axes.set_ylabel(axis_label(dataset["north_m"]))
+    note = f"marks every {period:g} s; dashed: planned; dotted: goal, from its square; star: rendezvous at the arrival"
+    return _finish(figure, [axes], dataset, "tracks over ground up to the arrival", note)
+
+
+def _altitudes(dataset: xr.Dataset) -> "Figure":
+    return _over_time(dataset, [_ALTITUDE], "altitudes", "dashed: planned")
+
+
+def _ranges(dataset: xr.Dataset) -> "Figure":
+    figure = _figure(dataset, 3.2)
+    panels = list(figure.subplots(1, 2))
+    for axes, scale in zip(panels, ("linear", "log"), strict=True):
+        _panel(axes, dataset, _RANGE, None)
+        axes.set_yscale(scale)
+        axes.set_xlabel("Time $t$ (s)")
+    panels[0].set_ylim(bottom=0.0)
+    panels[1].set_ylabel("")
+    return _finish(figure, panels, dataset, "ranges to the rendezvous", "left linear, right logarithmic")
+
+
+def _guidance(dataset: xr.Dataset) -> "Figure":
+    return _over_time(dataset, _GUIDANCE, "guidance commands and responses", "dashed: command")
+
+
+def _goal_velocities(dataset: xr.Dataset) -> "Figure":
+    note = "with marks: recovered from the line of sight; dashed: true"
+    return _over_time(dataset, _VELOCITIES, "velocities of the goals as the aircraft estimate them", note)
+
+
+def _plan(dataset: xr.Dataset) -> "Figure":
+    return _over_time(
+        dataset, [(name, None) for name in _PLAN], "shape parameter, length and arrival time of the plan", ""
+    )
+
+
+FLIGHT_FIGURES: dict[str, Callable[[xr.Dataset], "Figure"]] = {
+    "tracks": _tracks,
+    "altitudes": _altitudes,
+    "ranges": _ranges,
+    "guidance": _guidance,
+    "goal-velocity": _goal_velocities,
+    "plan": _plan,
+}
+"""Name of each figure, and what draws it."""
+
+
+def _figure(dataset: xr.Dataset, height: float) -> "Figure":
+    """Figure of a height (inches) without its legend's further rows."""
+    rows = -(-dataset.sizes["aircraft"] // _columns(dataset))
+    return new_figure((_WIDTH, height + 0.16 * rows))[1]
+
+
+def _columns(dataset: xr.Dataset) -> int:
+    """Columns of the legend: as many as the longest name lets stand side by side."""
+    longest = max(len(str(name)) for name in dataset["aircraft"].values)
+    return max(1, min(6, dataset.sizes["aircraft"], int(_WIDTH / (0.62 + 0.065 * longest))))
+
+
+def _look(dataset: xr.Dataset, index: int) -> dict[str, Any]:
+    return marker_of(index) | {"linewidth": 1.5 if dataset.sizes["aircraft"] <= _FEW else 0.9}
+
+
+def _over_time(dataset: xr.Dataset, pairs: Sequence[tuple[str, str | None]], words: str, note: str) -> "Figure":
+    """Panels under one another, each with what was done and, dashed, what was asked for."""
+    figure = _figure(dataset, 1.4 + 1.55 * len(pairs))
+    panels = list(figure.subplots(len(pairs), 1, sharex=True, squeeze=False)[:, 0])
+    for axes, (name, wanted) in zip(panels, pairs, strict=True):
+        _panel(axes, dataset, name, wanted)
+    panels[-1].set_xlabel("Time $t$ (s)")
+    figure.align_ylabels(panels)
+    return _finish(figure, panels, dataset, words, note)
+
+
+def _panel(axes: "Axes", dataset: xr.Dataset, name: str, wanted: str | None) -> None:
+    meeting = _meetings(dataset)
+    time = dataset["time"].values
+    jump = 180.0 if dataset[name].attrs["units"] == "degree" else np.inf
+    drawn = []
+    for k, last in enumerate(meeting):
+        until = slice(0, int(last) + 1)
+        x, y = with_gaps(time[until], dataset[name].values[until, k].astype(np.float64), jump)
+        step = max(x.size // _MARKS, 1)
+        every = (k * step // meeting.size, step)  # in turn, so that equal lines show all their marks
+        axes.plot(x, y, markevery=every, label=_name(dataset, k), **_look(dataset, k))
+        drawn.append(y)
+        if wanted is not None:
+            x, y = with_gaps(time[until], dataset[wanted].values[until, k].astype(np.float64), jump)
+            axes.plot(x, y, color=INK, linestyle=DASHED, linewidth=0.8, zorder=3)
+            drawn.append(y)
+    ends = [float(f(np.concatenate(drawn))) for f in (np.nanmin, np.nanmax)]
+    missing = _SPAN_MIN.get(str(dataset[name].attrs["units"]), 0.0) - (ends[1] - ends[0])
+    if missing > 0.0:
+        axes.set_ylim(ends[0] - missing / 2, ends[1] + missing / 2)
+    axes.set_ylabel(axis_label(dataset[name]))
+    axes.set_xlim(float(time[0]), float(time[meeting.max()]))
+
+
+def _finish(figure: "Figure", panels: Sequence["Axes"], dataset: xr.Dataset, words: str, note: str) -> "Figure":
+    if dataset.sizes["aircraft"] > 1:
+        columns = _columns(dataset)
+        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=columns)
+    title = plain(dataset.attrs.get("title", "flight"))
+    figure.suptitle(f"{title}: {words}", fontsize=LARGE)
+    if note:
+        panels[0].set_title(note, fontsize=SMALL, color=QUIET)
+    return figure
+
+
+def _meetings(dataset: xr.Dataset) -> np.ndarray:
+    """Index of the last time before each aircraft begins its hold; the last of the flight where it never does."""
+    held = dataset["phase"].values >= _HOLD
+    return np.where(held.any(axis=0), np.maximum(held.argmax(axis=0), 1), held.shape[0]) - 1
+
+
+def _name(dataset: xr.Dataset, index: int) -> str:
+    return plain(dataset["aircraft"].values[index])
+
+
+def _nice(least: float) -> float:
+    """Smallest of 1, 2, 5, 10, 20, ... that is no smaller."""
+    scale = 10.0 ** np.floor(np.log10(max(least, 1e-3)))
+    return float(next(step for step in (scale, 2 * scale, 5 * scale, 10 * scale) if step >= least))

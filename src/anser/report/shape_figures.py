@@ -1,0 +1,91 @@
+"""Figures of families of paths: what the shape parameters do to path, speed, turn and length."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import xarray as xr
+
+from anser.report.print_labels import axis_label, symbol, unit
+from anser.report.print_style import (
+    FIGURE_SUFFIXES,
+    INK,
+    LARGE,
+    PRINT_STYLE,
+    QUIET,
+    marker_of,
+    new_figure,
+    save_drawings,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["draw_shapes"]
+
+_FAMILIES = {
+    # parameter, its axis, what it changes most besides
+    "b4": ("lateral_shape_m_s4", "east_m", "course_command_deg", "Paths bent sideways"),
+    "c4": ("vertical_shape_m_s4", "altitude_m", "path_angle_command_deg", "Paths bent vertically"),
+}
+
+
+def draw_shapes(dataset: xr.Dataset, family: str, folder: Path) -> tuple[Path, ...]:
+    """Draw a family of paths into `shape-FAMILY` of a folder, in each of `FIGURE_SUFFIXES`; returns the new paths.
+
+    Parameters
+    ----------
+    dataset
+        As `anser.verification.shape_families` makes it.
+    family
+        `b4` or `c4`.
+    folder
+        To write into; existing.
+
+    Raises
+    ------
+    FileExistsError
+        A file exists: nothing is overwritten.
+    ImportError
+        Matplotlib is not installed.
+    """
+    parameter, across, angle, words = _FAMILIES[family]
+
+    def draw(dataset: xr.Dataset) -> "Figure":
+        _, figure = new_figure((6.5, 5.2))
+        grid = figure.subplots(2, 2)
+        time = dataset["time"].values
+        for k in range(dataset.sizes["path"]):
+            one = dataset.isel(path=k)
+            look = {"markevery": (4 * k, 24), **marker_of(k)}
+            label = f"{symbol(one[parameter])} = {_signed(one[parameter])} {unit(one[parameter])}"
+            grid[0, 0].plot(one["north_m"].values, one[across].values, label=label, **look)
+            for axes, name in ((grid[0, 1], "airspeed_command_m_s"), (grid[1, 0], angle)):
+                axes.plot(time, one[name].values, **look)
+        for axes, name in ((grid[0, 0], across), (grid[0, 1], "airspeed_command_m_s"), (grid[1, 0], angle)):
+            axes.set_ylabel(axis_label(dataset[name]))
+        grid[0, 0].set_xlabel(axis_label(dataset["north_m"]))
+        for axes in (grid[0, 1], grid[1, 0]):
+            axes.set_xlabel("Time $t$ (s)")
+        lengths, values = grid[1, 1], dataset[parameter].values
+        for name, look in (
+            ("length_m", {"color": INK, "linestyle": "solid"}),
+            ("length_estimate_m", {"color": QUIET, "linestyle": (0, (4, 2))}),
+        ):
+            members = (dataset[f"member_{of}"].values for of in (parameter, name))
+            lengths.plot(*members, label=dataset[name].attrs["long_name"], **look)
+        published = dataset["length_published_m"]
+        look = {"linestyle": "none", "marker": "o", "fillstyle": "none", "color": INK}
+        lengths.plot(values, published.values, label=published.attrs["long_name"], **look)
+        lengths.set_xlabel(axis_label(dataset[parameter]))
+        lengths.set_ylabel(axis_label(dataset["length_m"]))
+        lengths.legend(loc="best")
+        figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+        end = dataset["final_path_angle_deg"]
+        figure.suptitle(f"{words}: {time[-1]:g} s, {symbol(end)} = {_signed(end[0])}°", fontsize=LARGE)
+        return figure
+
+    return save_drawings({f"shape-{family}": draw}, dataset, PRINT_STYLE, folder, FIGURE_SUFFIXES)
+
+
+def _signed(value: xr.DataArray) -> str:
+    return f"{float(value):g}".replace("-", "\N{MINUS SIGN}")

@@ -1,0 +1,150 @@
+"""CZML and KML, read by czml3 and fastkml against their schemas and compared with the flight through pymap3d."""
+
+import json
+import xml.etree.ElementTree as ET
+from datetime import UTC, datetime, timedelta
+
+import czml3
+import numpy as np
+import pymap3d
+import pytest
+from fastkml import kml as fastkml
+from fastkml import validator
+from fastkml.features import Placemark
+from fastkml.utils import find_all
+
+from anser.report.exports import thinned, to_czml, to_kml
+
+START = datetime(2024, 5, 1, 10, 0, tzinfo=UTC)
+# Written to 1e-9 deg, 1e-4 m.
+PLACE_M = 2e-4
+
+
+def _ecef(dataset, k):
+    of = dataset.isel(aircraft=k)
+    columns = (of[name].values for name in ("latitude_deg", "longitude_deg", "altitude_m"))
+    return np.stack(pymap3d.geodetic2ecef(*columns), axis=-1)
+
+
+def _axes_enu(dataset, k):
+    """Forward and up of an aircraft, in East, North, up, from its recorded angles alone."""
+    roll, pitch, yaw = (np.radians(dataset[f"{name}_deg"].values[:, k]) for name in ("roll", "pitch", "yaw"))
+    (sr, cr), (sp, cp), (sy, cy) = ((np.sin(a), np.cos(a)) for a in (roll, pitch, yaw))
+    forward = np.stack([cp * sy, cp * cy, sp], axis=-1)
+    up = np.stack([-(cr * sp * sy - sr * cy), -(cr * sp * cy + sr * sy), cr * cp], axis=-1)
+    return forward, up
+
+
+def _seconds(text):
+    return (datetime.fromisoformat(text) - START).total_seconds()
+
+
+def test_czml_holds_to_the_schema_and_gives_places_and_attitudes_back(flown):
+    dataset, summary = flown
+    text = to_czml(dataset, summary, START)
+    packets = {packet.id: packet for packet in map(czml3.Packet.model_validate, json.loads(text))}
+    assert next(iter(packets)) == "document"
+    assert len(packets) == 1 + 2 + 3 + 3
+    raw = {packet["id"]: packet for packet in json.loads(text)}
+    begin, end = raw["document"]["clock"]["interval"].split("/")
+    assert (_seconds(begin), _seconds(end)) == (0.0, 5.9)
+    for k in range(3):
+        packet = packets[f"aircraft-{k}"]
+        assert packet.label.text == dataset["aircraft"].values[k]
+        time, longitude, latitude, height = np.reshape(packet.position.cartographicDegrees.values, (-1, 4)).T
+        np.testing.assert_allclose(time, dataset["time"].values, atol=1e-6)
+        found = np.stack(pymap3d.geodetic2ecef(latitude, longitude, height), axis=-1)
+        np.testing.assert_allclose(found, _ecef(dataset, k), atol=PLACE_M)
+
+        samples = np.reshape(packet.orientation.unitQuaternion.values, (-1, 5))
+        np.testing.assert_allclose(samples[:, 0], time)
+        x, y, z, w = samples[:, 1:].T
+        assert np.all(np.sum(samples[1:, 1:] * samples[:-1, 1:], axis=1) > 0.9)  # no jump to the other sign
+        # First and third columns of the rotation matrix of (x, y, z, w).
+        axes = (
+            (1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)),
+            (2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)),
+        )
+        for axis, expected in zip(axes, _axes_enu(dataset, k), strict=True):
+            enu = np.stack(pymap3d.ecef2enuv(*axis, latitude, longitude), axis=-1)
+            np.testing.assert_allclose(enu, expected, atol=5e-8)  # eight decimals of a quaternion
+
+
+def test_czml_shows_each_goal_once_and_each_rendezvous_until_the_arrival(flown):
+    dataset, summary = flown
+    raw = {packet["id"]: packet for packet in json.loads(to_czml(dataset, summary, START))}
+    assert [raw[f"goal-{k}"]["name"] for k in range(2)] == ["boat", "buoy"]
+    met = raw["rendezvous-2"]
+    assert _seconds(met["availability"].split("/")[1]) == pytest.approx(4.0)
+    assert met["polyline"]["positions"]["references"] == ["goal-0#position", "rendezvous-2#position"]
+    time, longitude, latitude, height = np.reshape(met["position"]["cartographicDegrees"], (-1, 4)).T
+    # Against the plane that touches the ellipsoid, in which meridians converge: N E tan(latitude) / R = 4 mm.
+    north, east, _ = pymap3d.geodetic2ned(latitude, longitude, 0.0, 47.5, 179.95, 0.0)
+    until = time.size
+    np.testing.assert_allclose(north, dataset["rendezvous_north_m"].values[:until, 2], atol=5e-3)
+    np.testing.assert_allclose(east, dataset["rendezvous_east_m"].values[:until, 2], atol=5e-3)
+    np.testing.assert_allclose(height, 300.0)
+
+
+def test_names_are_text_in_czml(flown):
+    dataset, summary = flown
+    rows = [row | {"goal": "<img src=x onerror=alert(1)>"} for row in summary["aircraft"]]
+    raw = {packet["id"]: packet for packet in json.loads(to_czml(dataset, summary | {"aircraft": rows}, START))}
+    assert "&lt;img" in raw["aircraft-0"]["description"]
+    assert "<img" not in raw["aircraft-0"]["description"]
+
+
+def test_kml_holds_to_the_schema_and_gives_times_places_and_attitudes_back(flown, tmp_path):
+    dataset, summary = flown
+    path = tmp_path / "flight.kml"
+    path.write_bytes(to_kml(dataset, summary, START))
+    assert validator.validate(file_to_validate=path)
+    document = fastkml.KML.parse(path, strict=True)
+    marks = list(find_all(document, of_type=Placemark))
+    assert [mark.name for mark in marks[:3]] == list(dataset["aircraft"].values)
+    assert [mark.name for mark in marks[6:]] == ["boat", "buoy"]
+    for k, mark in enumerate(marks[:3]):
+        items = mark.kml_geometry.track_items
+        assert len(items) == dataset.sizes["time"]
+        times = [(item.when.dt - START) / timedelta(seconds=1) for item in items]
+        np.testing.assert_allclose(times, dataset["time"].values, atol=1e-6)
+        coordinates = np.array([(item.coord.x, item.coord.y, item.coord.z) for item in items]).T
+        found = np.stack(pymap3d.geodetic2ecef(coordinates[1], coordinates[0], coordinates[2]), axis=-1)
+        np.testing.assert_allclose(found, _ecef(dataset, k), atol=PLACE_M)
+        angles = [(item.angle.heading, item.angle.tilt, item.angle.roll) for item in items]
+        heading, tilt, roll = np.array(angles).T
+        assert heading.min() >= 0.0
+        assert heading.max() <= 360.0
+        np.testing.assert_allclose(np.mod(heading - dataset["yaw_deg"].values[:, k] + 180, 360), 180.0, atol=1e-5)
+        # Google Earth turns clockwise about the axis to the right and the axis ahead.
+        np.testing.assert_allclose(tilt, -dataset["pitch_deg"].values[:, k], atol=1e-5)
+        np.testing.assert_allclose(roll, -dataset["roll_deg"].values[:, k], atol=1e-5)
+
+
+def test_text_in_kml_stays_text(flown):
+    dataset, summary = flown
+    odd = dataset.assign_attrs(description="<script>chips</script> \x07 & \N{SNOWMAN}")
+    root = ET.fromstring(to_kml(odd, summary, START))
+    # Google Earth reads a description as HTML once XML is done with it.
+    described = root.findtext("{*}Document/{*}description")
+    assert described == "&lt;script&gt;chips&lt;/script&gt; \N{REPLACEMENT CHARACTER} &amp; \N{SNOWMAN}"
+
+
+def test_what_is_not_finite_is_left_out(flown):
+    dataset, summary = flown
+    lost = dataset.copy(deep=True)
+    lost["quaternion_2"][30:, 1] = np.nan
+    lost["latitude_deg"][:, 2] = np.nan
+    raw = {packet["id"]: packet for packet in json.loads(to_czml(lost, summary, START))}
+    assert "aircraft-2" not in raw
+    assert len(raw["aircraft-1"]["position"]["cartographicDegrees"]) == 30 * 4
+    assert len(ET.fromstring(to_kml(lost, summary, START)).findall("{*}Document/{*}Folder/{*}Placemark")) == 2 + 3 + 2
+
+
+def test_thinning_keeps_recorded_times_and_both_ends(flown):
+    dataset, _ = flown
+    assert list(thinned(dataset, 2.0)["time"].values.round(6)) == [0.0, 2.0, 4.0, 5.9]
+    assert list(thinned(dataset, 1.04)["time"].values.round(6)) == [0.0, 1.0, 2.1, 3.1, 4.2, 5.2, 5.9]
+    assert thinned(dataset, 0.001).sizes["time"] == dataset.sizes["time"]
+    assert list(thinned(dataset, 100.0)["time"].values.round(6)) == [0.0, 5.9]
+    assert thinned(dataset.isel(time=[0]), 0.5).sizes["time"] == 1

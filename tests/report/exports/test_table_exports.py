@@ -1,0 +1,76 @@
+"""CSV, Parquet and MATLAB files, read by other libraries than wrote them: every number comes back."""
+
+import csv
+import io
+import sys
+
+import duckdb
+import numpy as np
+import pyarrow.parquet as pq
+import pymatio
+import pytest
+
+from anser.report.exports import PARQUET_MISSING, to_csv, to_mat, to_parquet
+from anser.variables import CATALOGUE
+
+
+def _long(values):
+    return values.transpose("aircraft", "time").values.ravel()
+
+
+def test_csv_gives_every_number_back(flown):
+    dataset, _ = flown
+    header, *rows = csv.reader(io.StringIO(to_csv(dataset).decode(), newline=""))
+    assert header == ["time_s", "aircraft", *(variable.name for variable in CATALOGUE)]
+    assert len(rows) == dataset.sizes["time"] * dataset.sizes["aircraft"]
+    columns = dict(zip(header, zip(*rows, strict=True), strict=True))
+    assert list(columns["aircraft"][:: dataset.sizes["time"]]) == list(dataset["aircraft"].values)
+    assert [float(text) for text in columns["time_s"]] == [*dataset["time"].values] * 3
+    for name in dataset.data_vars:
+        assert [float(text) for text in columns[name]] == list(_long(dataset[name]).astype(float)), name
+
+
+def test_parquet_gives_every_number_and_unit_back(flown, tmp_path):
+    dataset, _ = flown
+    path = tmp_path / "flight.parquet"
+    path.write_bytes(to_parquet(dataset))
+    columns = duckdb.read_parquet(str(path)).fetchnumpy()
+    assert list(columns) == ["time_s", "aircraft", *(variable.name for variable in CATALOGUE)]
+    assert list(columns["aircraft"][:: dataset.sizes["time"]]) == list(dataset["aircraft"].values)
+    for name in dataset.data_vars:
+        assert columns[name].dtype == dataset[name].dtype, name
+        np.testing.assert_array_equal(columns[name], _long(dataset[name]), err_msg=name)
+    schema = pq.read_schema(path)
+    assert schema.metadata[b"title"] == b"made-up"
+    for variable in CATALOGUE:
+        assert schema.field(variable.name).metadata[b"units"].decode() == variable.unit
+
+
+def test_parquet_without_its_library_says_what_to_install(flown, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(ImportError, match=r"anser\[parquet\]"):
+        to_parquet(flown[0])
+    assert "anser[parquet]" in PARQUET_MISSING
+
+
+def test_mat_gives_every_number_and_unit_back(flown, tmp_path):
+    dataset, _ = flown
+    path = tmp_path / "flight.mat"
+    path.write_bytes(to_mat(dataset))
+    read = pymatio.loadmat(str(path))
+    assert list(read["aircraft"][:, 0]) == list(dataset["aircraft"].values)
+    np.testing.assert_array_equal(np.ravel(read["time_s"]), dataset["time"].values)
+    for name in dataset.data_vars:
+        assert read[name].dtype == dataset[name].dtype, name
+        np.testing.assert_array_equal(read[name], dataset[name].values, err_msg=name)
+    for variable in CATALOGUE:
+        assert read["units"][variable.name] == variable.unit
+        assert read["long_name"][variable.name] == variable.long_name
+    assert read["attributes"]["reference_longitude_deg"] == 179.95
+    assert read["attributes"]["description"] == dataset.attrs["description"]
+
+
+@pytest.mark.parametrize("name", ["_north", "größe", "a b", "x" * 64])
+def test_mat_refuses_names_that_matlab_cannot_hold(flown, name):
+    with pytest.raises(ValueError, match="MATLAB cannot hold"):
+        to_mat(flown[0].rename(north_m=name))

@@ -1,0 +1,93 @@
+"""The command export end to end: which files it writes, what it refuses, that nothing is overwritten."""
+
+import json
+import sys
+
+import pytest
+
+from anser.cli import main
+from support.tiny_run import make_run
+
+
+@pytest.fixture
+def anser(monkeypatch, capsys):
+    """Run the command line in this process: exit code, standard output, standard error."""
+
+    def call(*words):
+        monkeypatch.setattr(sys, "argv", ["anser", *map(str, words)])
+        monkeypatch.setenv("COLUMNS", "200")
+        with pytest.raises(SystemExit) as ended:
+            main()
+        printed = capsys.readouterr()
+        return ended.value.code or 0, printed.out, printed.err
+
+    return call
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return make_run(tmp_path / "run")
+
+
+def test_files_stand_beside_the_flight_or_in_a_new_folder(anser, folder, tmp_path):
+    code, printed, _ = anser("export", folder, "--format", "csv,mat", "--format", "kml", "--period-s", "1")
+    assert code == 0
+    assert printed.count("MB") == 3
+    assert len((folder / "flight.csv").read_text().splitlines()) == 1 + 3
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    assert set(before) == {"flight.nc", "summary.json", "flight.csv", "flight.mat", "flight.kml"}
+
+    code, _, err = anser("export", folder, "--format", "parquet,csv")
+    assert code == 2
+    assert "flight.csv, which exists" in err
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+    out = tmp_path / "new" / "folder"
+    code, _, _ = anser("export", folder, "--format", "czml,parquet", "--out", out, "--start", "2024-02-29T06:00+02:00")
+    assert code == 0
+    assert {path.name for path in out.iterdir()} == {"flight.czml", "flight.parquet"}
+    clock = json.loads((out / "flight.czml").read_text())[0]["clock"]
+    assert clock["interval"] == "2024-02-29T04:00:00.000000Z/2024-02-29T04:00:02.000000Z"
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--format", "xlsx"), ("--format", "'xlsx'", "czml, kml, csv, parquet, mat")),
+        (("--format", "csv,"), ("--format", "''", "czml")),
+        (("--format", "csv", "--start", "noon"), ("--start", "'noon'", "2000-01-01T12:00:00Z")),
+        (("--format", "csv", "--start", "0001-01-01"), ("--start", "1900 to 2200")),
+        (("--format", "csv", "--period-s", "0"), ("--period-s", "0", "above 0")),
+        (("--format", "csv", "--period-s", "nan"), ("--period-s", "nan", "above 0")),
+    ],
+)
+def test_bad_options_end_with_2_and_write_nothing(anser, folder, words, said):
+    code, _, err = anser("export", folder, *words)
+    assert code == 2
+    for part in said:
+        assert part in err
+    assert {path.name for path in folder.iterdir()} == {"flight.nc", "summary.json"}
+
+
+def test_bad_folders_end_with_2(anser, folder, tmp_path):
+    def refused(where):
+        code, _, err = anser("export", where, "--format", "csv")
+        assert code == 2
+        return err
+
+    assert "no folder" in refused(tmp_path / "none")
+    assert "flight.nc and summary.json" in refused(tmp_path)
+    summary = (folder / "summary.json").read_text()
+    (folder / "summary.json").write_text(summary.replace("one", "two"))
+    assert "summary.json of two" in refused(folder)
+    (folder / "summary.json").write_text("[1]")
+    assert "summary.json: arrived a file that cannot be read" in refused(folder)
+    (folder / "flight.nc").write_text("no flight")
+    assert "flight.nc: arrived a file that cannot be read" in refused(folder)
+
+
+def test_parquet_without_its_library_is_refused_before_anything_is_read(anser, tmp_path, monkeypatch):
+    monkeypatch.setattr("anser.report.exports.has_parquet", lambda: False)
+    code, _, err = anser("export", tmp_path / "none", "--format", "parquet")
+    assert code == 2
+    assert "pip install 'anser[parquet]'" in err

@@ -1,0 +1,94 @@
+"""The command figures: what it writes, what it refuses. The published cases stand in as small datasets."""
+
+import sys
+from types import SimpleNamespace
+
+import pytest
+
+from anser.cli import main
+from anser.report import flight_figures
+from anser.results import read_netcdf, write_netcdf
+from support.tiny_run import make_run, tiny_dataset
+
+SUFFIXES = (".pdf", ".png", ".svg")
+
+
+@pytest.fixture
+def anser(monkeypatch, capsys):
+    """Run the command line in this process: exit code, standard output, standard error."""
+
+    def call(*words):
+        monkeypatch.setattr(sys, "argv", ["anser", *map(str, words)])
+        monkeypatch.setenv("COLUMNS", "200")
+        with pytest.raises(SystemExit) as ended:
+            main()
+        printed = capsys.readouterr()
+        return ended.value.code or 0, printed.out, printed.err
+
+    return call
+
+
+@pytest.fixture(autouse=True)
+def one_figure(monkeypatch):
+    """Of a flight, draw one: all are drawn in tests/report."""
+    monkeypatch.setattr(flight_figures, "FLIGHT_FIGURES", {"plan": flight_figures.FLIGHT_FIGURES["plan"]})
+
+
+def test_the_figures_of_a_run(anser, tmp_path):
+    run, out = make_run(tmp_path / "run"), tmp_path / "figures"
+    code, printed, _ = anser("figures", run, "--out", out)
+    assert code == 0
+    assert "1 figure as .pdf, .png, .svg" in printed
+    assert {path.name for path in out.iterdir()} == {f"flight-plan{suffix}" for suffix in SUFFIXES}
+    code, _, err = anser("figures", run, "--out", out)
+    assert code == 2
+    assert "exists" in err
+
+
+def test_every_published_case_is_drawn(anser, tmp_path, monkeypatch):
+    flight = SimpleNamespace(dataset=tiny_dataset())
+    drawn = []
+
+    def note(name, which):
+        def draw(*args):
+            drawn.append(name)
+            for path in args[which]:
+                path.write_bytes(b"")
+
+        return draw
+
+    def shape(dataset, family, folder):
+        paths = [folder / f"shape-{family}{suffix}" for suffix in SUFFIXES]
+        note(family, 0)(paths)
+        return paths
+
+    tests = [SimpleNamespace(test=SimpleNamespace(key=key), dataset=None) for key in ("rates-p", "velocity-v")]
+    monkeypatch.setattr("anser.campaign.fly_steps", lambda *tests_, **settings: tests)
+    monkeypatch.setattr("anser.campaign.fly_climb_and_turn", lambda variant: flight)
+    monkeypatch.setattr("anser.report.step_figures.draw_step", note("step", 1))
+    monkeypatch.setattr("anser.report.step_figures.draw_overview", note("overview", 1))
+    monkeypatch.setattr("anser.report.tracking_figure.draw_tracking", note("tracking", 2))
+    monkeypatch.setattr("anser.report.shape_figures.draw_shapes", shape)
+    monkeypatch.setattr("anser.verification.shape_families.shape_families", lambda: {"b4": None, "c4": None})
+    monkeypatch.setattr("anser.verification.published_flights.published_flights", lambda: {"single": flight})
+    out = tmp_path / "figures"
+    code, printed, _ = anser("figures", "--out", out)
+    assert code == 0
+    assert drawn == ["b4", "c4", "step", "step", "overview", "tracking"]
+    keys = {"shape-b4", "shape-c4", "step-rates-p", "step-velocity-v", "step-overview", "climb-and-turn", "single-plan"}
+    assert {path.name for path in out.iterdir()} == {f"{key}{suffix}" for key in keys for suffix in SUFFIXES}
+    assert f"{len(keys)} figures" in printed
+
+
+def test_a_flight_without_what_is_drawn_is_refused(anser, tmp_path):
+    run, out = make_run(tmp_path / "run"), tmp_path / "figures"
+    dataset = read_netcdf(run / "flight.nc").drop_vars("goal_velocity_east_m_s")
+    (run / "flight.nc").unlink()
+    write_netcdf(dataset, run / "flight.nc")
+    code, _, err = anser("figures", run, "--out", out)
+    assert code == 2
+    assert "without goal_velocity_east_m_s" in err
+    assert not out.exists()
+    code, _, err = anser("figures", tmp_path / "none", "--out", out)
+    assert code == 2
+    assert "no folder" in err

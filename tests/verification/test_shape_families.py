@@ -1,0 +1,59 @@
+"""The published families of paths, told by their coefficients and lengths; and the figure of them."""
+
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from anser.report.shape_figures import draw_shapes
+from anser.verification.published_flights import SINGLE
+from anser.verification.shape_families import shape_families
+
+SCENARIOS = Path(__file__).parents[2] / "scenarios"
+
+
+@pytest.fixture(scope="module")
+def families():
+    return shape_families()
+
+
+@pytest.mark.parametrize(
+    ("family", "axis", "parameter"), [("b4", "east_m", "lateral"), ("c4", "altitude_m", "vertical")]
+)
+def test_each_path_has_its_quartic_coefficient_and_its_length(families, family, axis, parameter):
+    dataset = families[family]
+    values = dataset[f"{parameter}_shape_m_s4"].values
+    assert np.all(np.diff(values) > 0)
+    time = dataset["time"].values
+    for k, value in enumerate(values):
+        path = dataset.isel(path=k)
+        found = np.polynomial.Polynomial.fit(time, path[axis].values, 4).convert().coef
+        assert (found[4] if found.size > 4 else 0.0) == pytest.approx(value, abs=1e-9)
+        steps = np.stack([np.diff(path[name].values) for name in ("north_m", "east_m", "altitude_m")])
+        # A polygon of 180 chords is shorter by (turn per chord)^2 / 24: 1e-5 of the length at most here.
+        assert float(path["length_m"]) == pytest.approx(np.linalg.norm(steps, axis=0).sum(), rel=2e-5)
+        speed = np.linalg.norm(steps, axis=0) / np.diff(time)
+        middle = (path["airspeed_command_m_s"].values[1:] + path["airspeed_command_m_s"].values[:-1]) / 2
+        np.testing.assert_allclose(middle, speed, rtol=2e-3)
+    # The printed lengths are those of the six-point rule, to their last digit.
+    np.testing.assert_allclose(dataset["length_estimate_m"], dataset["length_published_m"], atol=0.051)
+    ends = dataset.isel(path=[0, -1])
+    for name in ("length_m", "length_estimate_m"):
+        np.testing.assert_allclose(dataset[f"member_{name}"].values[[0, -1]], ends[name].values, rtol=1e-12)
+
+
+@pytest.mark.parametrize("family", ["b4", "c4"])
+def test_the_figure_names_every_path(families, family, tmp_path):
+    paths = draw_shapes(families[family], family, tmp_path)
+    assert {path.suffix for path in paths} == {".svg", ".png", ".pdf"}
+    text = (tmp_path / f"shape-{family}.svg").read_text()
+    for words in ("Length by the six-point rule", "Published length", "North position", "0.0025 m/s"):
+        assert words in text
+    with pytest.raises(FileExistsError):
+        draw_shapes(families[family], family, tmp_path)
+
+
+def test_the_copy_of_the_single_case_is_the_shipped_scenario():
+    copy = resources.files("anser.verification").joinpath(f"data/{SINGLE}").read_text(encoding="utf-8")
+    assert copy == (SCENARIOS / SINGLE).read_text(encoding="utf-8")
