@@ -62,10 +62,10 @@ def test_run_writes_the_files_and_a_table(anser, tmp_path):
 
 def test_unmet_requirement_ends_with_1_and_says_which(anser, tmp_path):
     path = _scenario(tmp_path, ("[limits]", "[requirements]\nmiss_max_m = 0.0001\n[limits]"))
-    code, _, err = anser("run", path, "--out", tmp_path / "run")
+    code, printed, err = anser("run", path, "--out", tmp_path / "run", "--json")
     assert code == 1
     assert "not met: miss_max_m" in err
-    assert (tmp_path / "run" / "summary.json").exists()
+    assert json.loads(printed) == json.loads((tmp_path / "run" / "summary.json").read_text())
 
 
 def test_plan_prints_one_arrival_time(anser):
@@ -77,8 +77,9 @@ def test_plan_prints_one_arrival_time(anser):
 
 def test_plan_that_breaks_a_limit_ends_with_1(anser, tmp_path):
     path = _scenario(tmp_path, ("bank_max_deg = 70.0", "bank_max_deg = 40.0"))
-    code, _, err = anser("plan", path)
+    code, printed, err = anser("plan", path, "--json", "--quiet")
     assert code == 1
+    assert json.loads(printed)["status"] == "not flyable"
     assert "aircraft-3" in err
     assert "turns faster" in err
 
@@ -101,14 +102,24 @@ def test_new_writes_a_scenario_that_checks_and_does_not_overwrite(anser, tmp_pat
 
 
 def test_trim_and_its_diagnosis(anser):
-    code, printed, _ = anser("trim", "--aircraft", "f16", "--speed-m-s", "150", "--altitude-m", "1000")
+    words = ("trim", "--aircraft", "f16", "--speed-m-s", "150", "--altitude-m", "1000")
+    code, printed, _ = anser(*words)
     assert code == 0
     assert "angle of attack" in printed
     assert "throttle" in printed
+    code, as_json, _ = anser(*words, "--json")
+    assert code == 0
+    for row in json.loads(as_json)["quantities"]:
+        assert f"{row['value']:.4f}" in next(line for line in printed.splitlines() if f" {row['name']} " in line)
     code, _, err = anser("trim", "--speed-m-s", "30", "--altitude-m", "1000")
     assert code == 1
     assert "angle of attack" in err
     assert "slowest trimmable speed" in err
+    code, as_json, again = anser("trim", "--speed-m-s", "30", "--altitude-m", "1000", "--json", "--quiet")
+    assert (code, again) == (1, err)
+    document = json.loads(as_json)
+    assert document["status"] == "no steady flight"
+    assert document["reasons"] == [err.rstrip("\n")]
 
 
 _BAD = {

@@ -86,6 +86,9 @@ def test_a_refusal_is_told_and_leaves_nothing(anser, tmp_path, monkeypatch):
     code, printed, said = anser("plan", SCENARIOS / "twenty-aircraft.toml", "--out", tmp_path / "plan")
     assert (code, printed) == (1, "")
     assert [line for line in said.splitlines() if line.startswith("no plan")] == [f"no plan: {one}" for one in why]
+    code, printed, _ = anser("plan", SCENARIOS / "twenty-aircraft.toml", "--json")
+    assert code == 1
+    assert json.loads(printed) == {"format_version": 1, "status": "no plan", "reasons": list(why)}
     assert not (tmp_path / "plan").exists()
 
 

@@ -106,7 +106,12 @@ def test_the_storm_stands_still_in_its_wind_and_all_ways_are_alike() -> None:
 def test_missing_file(tmp_path: Path) -> None:
     (problem,) = refused(tmp_path / "none.toml").problems
     assert problem.arrived == "no file of this name"
-    assert "scenario file" in problem.expected
+    assert problem.expected == "the path of a scenario file"
+    (tmp_path / "mine.toml").touch()
+    (problem,) = refused(tmp_path / "mien.toml").problems
+    assert problem.expected == f'the path of a scenario file, perhaps "{tmp_path / "mine.toml"}"'
+    (problem,) = refused(tmp_path / "nowhere" / "mine.toml").problems
+    assert problem.expected == "the path of a scenario file"
 
 
 def test_folder(tmp_path: Path) -> None:

@@ -191,8 +191,11 @@ def test_command_resumes_and_fails_on_contradictions(anser, tmp_path):
     code, _, err = anser("--seeds", "6:92", "--search-seconds", 20, "--out", path)
     assert (code, "--resume" in err) == (2, True)
     before = path.read_text()
-    code, printed, err = anser("--seeds", "91:92", "--search-seconds", 20, "--out", path, "--resume")
+    code, printed, err = anser("--seeds", "91:92", "--search-seconds", 20, "--out", path, "--resume", "--json")
     assert code == 1
+    document = json.loads(printed)
+    assert (document["seeds"], document["done"], document["passes"]) == ([91, 92], 1, False)
+    assert document["disagreements"] == err.splitlines()
     assert path.read_text().startswith(before)
     assert "seed 91" in err
     assert [json.loads(line)["seed"] for line in path.read_text().splitlines()[1:]] == [6, 91]

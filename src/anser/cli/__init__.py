@@ -8,13 +8,14 @@ from typing import Annotated
 import typer
 
 import anser
-from anser.cli.console import RefusedError, err, screen
+from anser.cli.console import RefusedError, problem
 from anser.cli.dispersing import robustness
 from anser.cli.exporting import export
 from anser.cli.figures import figures
 from anser.cli.flights import check, new, run
 from anser.cli.linearizing import linearize
 from anser.cli.margins import margins
+from anser.cli.offering import offer
 from anser.cli.plan_trials import plan_trials
 from anser.cli.planning import plan
 from anser.cli.reporting import report
@@ -25,17 +26,19 @@ from anser.cli.verifying import verify
 from anser.scenario import ScenarioError
 
 app = typer.Typer(
-    add_completion=False,
     no_args_is_help=True,
+    context_settings={"help_option_names": ["--help", "-h"]},
     pretty_exceptions_enable=False,
     help="Fleets of fixed-wing aircraft that must be at moving places at the same time. Civil simulation only.",
+    epilog="First steps:\n  anser new mine.toml\n  anser check mine.toml\n  anser run mine.toml\n\n"
+    "anser COMMAND --help shows examples and exit codes; anser --install-completion teaches the shell the commands.",
 )
 
 
 @app.callback(invoke_without_command=True)
 def _top(version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False) -> None:
     if version:
-        screen.print(f"anser {anser.__version__}")
+        typer.echo(f"anser {anser.__version__}")
         raise typer.Exit
 
 
@@ -57,7 +60,7 @@ for _command in (
     figures,
     new,
 ):
-    app.command()(_command)
+    offer(app, _command)
 
 
 def main() -> None:
@@ -66,14 +69,11 @@ def main() -> None:
     try:
         app()
     except (ScenarioError, RefusedError) as error:
-        err.print(str(error), soft_wrap=True, markup=False)
+        problem(str(error))
         sys.exit(2)
-    except KeyboardInterrupt:
-        err.print("stopped; nothing was written")
-        sys.exit(130)
     except Exception:  # noqa: BLE001 - the outermost frame: an internal fault must end with its own exit code
         traceback.print_exc()
-        err.print("internal fault of anser: please report the lines above together with the scenario")
+        problem("internal fault of anser: please report the lines above together with the scenario")
         sys.exit(3)
 
 

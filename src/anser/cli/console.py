@@ -1,34 +1,176 @@
-"""What all commands share: the consoles, the progress bar, refusals, tables."""
+"""What all commands share: where everything that they say goes, tables, refusals of bad input.
+
+Three consoles. `screen` holds the results, on standard output; `note` holds messages (cautions, where files went) and
+progress, on standard error; `err` holds what is wrong, on standard error, and is never silenced. With ``--json`` the
+screen is dark and `answer` writes the document there instead; with ``--quiet`` screen and notes are dark. All of them
+leave colours away where NO_COLOR is set or nobody looks.
+"""
 
 import contextlib
+import json
 import math
-from collections.abc import Callable, Iterator, Sequence
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, NoReturn
 
 import rich.box
+import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    Progress,
+    ProgressColumn,
+    SpinnerColumn,
+    Task,
+    TaskProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+)
 from rich.table import Table
+from rich.text import Text
 
 from anser.scenario import AIRFRAMES, VARIANTS
 
 screen = Console()
+note = Console(stderr=True, highlight=False)
 err = Console(stderr=True, highlight=False)
 
 _WIDTH_MIN = 120  # columns of a table that nobody looks at on a screen: a pipe has none of its own
+_BAR_WIDTH = 16  # with the longest text, and the times, within 80 columns
+_SPEED_PERIOD_S = 3600.0
+"""The time left follows from the mean speed so far: steps of a campaign are minutes apart."""
 
 
-class RefusedError(Exception):
-    """Bad input found by the command line itself; the text is the finished message."""
+@dataclass
+class _Wanted:
+    """What the command under way was asked for, and whether it has answered."""
+
+    as_json: bool = False
+    answered: bool = False
+
+
+_wanted = _Wanted()
+
+
+@contextlib.contextmanager
+def output(as_json: bool, quiet: bool) -> Iterator[None]:
+    """Direct what one command says.
+
+    Raises
+    ------
+    RuntimeError
+        The command ended with exit code 0 or 1 without the document that was asked for: a fault of the command.
+    """
+    _wanted.as_json, _wanted.answered = as_json, False
+    screen.quiet, note.quiet = as_json or quiet, quiet
+    try:
+        yield
+        _must_have_answered()
+    except typer.Exit as end:
+        if end.exit_code in (0, 1):
+            _must_have_answered()
+        raise
+    finally:
+        _wanted.as_json = False
+        screen.quiet = note.quiet = False
+
+
+def _must_have_answered() -> None:
+    if _wanted.as_json and not _wanted.answered:
+        raise RuntimeError("the command has no JSON document")
+
+
+def answer(document: Callable[[], Mapping[str, Any]]) -> None:
+    """With ``--json``, print the document, all that stands on standard output; without, do nothing.
+
+    Parameters
+    ----------
+    document
+        Makes the document, without NaN and infinity, which JSON has not.
+    """
+    if _wanted.as_json:
+        sys.stdout.write(json.dumps(document(), indent=1, allow_nan=False) + "\n")
+        _wanted.answered = True
+
+
+def end_without(what: str, reasons: Sequence[str], prefix: str = "") -> NoReturn:
+    """Say why there is no result, and end with exit code 1; the JSON document then holds the reasons.
+
+    Parameters
+    ----------
+    what
+        What came instead, such as "no plan": the status of the document.
+    reasons
+        A message each.
+    prefix
+        Stands before each reason on standard error.
+    """
+    answer(lambda: {"format_version": 1, "status": what, "reasons": list(reasons)})
+    for reason in reasons:
+        problem(prefix + reason)
+    raise typer.Exit(1)
+
+
+def say(text: str) -> None:
+    """Give a message that ``--quiet`` leaves away; square brackets are text."""
+    note.print(text, soft_wrap=True, markup=False)
+
+
+def problem(text: str) -> None:
+    """Tell what is wrong; square brackets are text."""
+    err.print(text, soft_wrap=True, markup=False)
+
+
+def line(text: str) -> None:
+    """Print a line of the results; square brackets are text."""
+    screen.print(text, soft_wrap=True, highlight=False, markup=False)
+
+
+class _Times(ProgressColumn):
+    """Time gone, and the time left as soon as it can be told."""
+
+    def render(self, task: Task) -> Text:
+        """Text of both."""
+        gone, left = task.elapsed or 0.0, task.time_remaining
+        more = "" if left is None or task.finished else f", {_clock(left)} left"
+        return Text(_clock(gone) + more, style="progress.elapsed")
+
+
+def _clock(seconds: float) -> str:
+    """Minutes and seconds, and hours where there are any."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
+
+
+def _watched() -> bool:
+    return note.is_terminal and not note.quiet
 
 
 @contextlib.contextmanager
 def progress_bar() -> Iterator[Callable[[str, float], None]]:
-    """Bar on standard error, gone at the end, never there without a screen; told what is being done, and 0 to 1."""
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
+    """Bar with the time gone and left, gone at the end, never there without a screen; told what is done, and 0 to 1."""
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(_BAR_WIDTH), TaskProgressColumn(), _Times())
+    with Progress(
+        *columns, console=note, transient=True, disable=not _watched(), speed_estimate_period=_SPEED_PERIOD_S
+    ) as bar:
         task = bar.add_task("starting", total=1.0)
         yield lambda what, done: bar.update(task, description=what, completed=done)
+
+
+@contextlib.contextmanager
+def working(what: str) -> Iterator[Callable[[str], None]]:
+    """Sign of life with the time gone, where nobody knows how long it takes; told what is being done."""
+    columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
+    with Progress(*columns, console=note, transient=True, disable=not _watched()) as bar:
+        task = bar.add_task(what, total=None)
+        yield lambda now: bar.update(task, description=now)
+
+
+class RefusedError(Exception):
+    """Bad input found by the command line itself; the text is the finished message."""
 
 
 def make_new(folder: Path) -> None:
@@ -62,7 +204,7 @@ def number(value: float | None, digits: int) -> str:
 
 def print_table(table: Table) -> None:
     """Print on the screen, or without cutting or folding anything where it is no screen."""
-    if screen.is_terminal:
+    if screen.is_terminal or screen.quiet:
         screen.print(table)
         return
     width = screen.measure(table, options=screen.options.update(max_width=10_000)).maximum

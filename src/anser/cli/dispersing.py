@@ -1,18 +1,17 @@
 """The robustness study."""
 
 import dataclasses
-import json
 import math
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
 
+from anser.cli.arguments import VariantName
 from anser.cli.console import (
     RefusedError,
-    err,
+    answer,
     flight_point,
     make_new,
     must_be_known,
@@ -21,8 +20,10 @@ from anser.cli.console import (
     plain_table,
     print_table,
     progress_bar,
+    say,
     screen,
 )
+from anser.cli.offering import about
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -35,6 +36,10 @@ _STRONGEST, _REASONS = 5, 2
 """How many factors and reasons are printed."""
 
 
+@about(
+    "anser robustness --out robustness",
+    "anser robustness --flights 200 --spread 30 --at 150,2000 --out thirty-percent",
+)
 def robustness(
     out: Annotated[Path, typer.Option(help="New folder for the dataset and the figures.", show_default=False)],
     flights: Annotated[int, typer.Option(help="Flights of each inversion, spread over the conditions.")] = 1000,
@@ -46,8 +51,7 @@ def robustness(
     at: Annotated[
         str | None, typer.Option(help="SPEED,ALTITUDE of the only steady flight to leave, m/s and m.")
     ] = None,
-    variant: Annotated[str, typer.Option(help="Published set of tables: textbook, s119 or founding.")] = "textbook",
-    as_json: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON instead of the tables.")] = False,
+    variant: VariantName = "textbook",
 ) -> None:
     """Fly F-16s that differ from what their autopilot believes, with both inversions: who succeeds, what breaks."""
     must_lie("--flights", flights, 1, 1_000_000)
@@ -78,11 +82,9 @@ def robustness(
         tell("writing", 1.0)
         write_netcdf(study.dataset, out / "robustness.nc")
         draw_robustness(study.dataset, out)
-    if as_json:
-        sys.stdout.write(json.dumps(_document(study), indent=1, allow_nan=False) + "\n")
-    else:
-        _print(study)
-    err.print(f"{out}: robustness.nc and figures written", soft_wrap=True, markup=False)
+    answer(lambda: _document(study))
+    _print(study)
+    say(f"{out}: robustness.nc and figures written")
 
 
 def _rates(data: "xr.Dataset") -> dict[str, dict[str, "Success"]]:

@@ -7,14 +7,20 @@ from typing import Annotated
 
 import typer
 
-from anser.cli.console import RefusedError, make_new, screen
+from anser.cli.arguments import RunFolder
+from anser.cli.console import RefusedError, answer, line, make_new
+from anser.cli.offering import about
 from anser.cli.run_folder import must_hold, read_run
 
 _START = "2000-01-01T12:00:00Z"
 
 
+@about(
+    "anser export runs/three-aircraft --format czml,kml",
+    "anser export runs/three-aircraft --format csv --period-s 1 --out tables",
+)
 def export(
-    run: Annotated[Path, typer.Argument(help="Folder that anser run wrote.", show_default=False)],
+    run: RunFolder,
     formats: Annotated[
         list[str],
         typer.Option("--format", help="czml, kml, csv, parquet or mat; several with commas, or given several times."),
@@ -29,10 +35,7 @@ def export(
         float | None, typer.Option(help="Only the recorded times nearest to every so many seconds; left out: all.")
     ] = None,
 ) -> None:
-    """Write a flight for Cesium (czml), Google Earth (kml), tables (csv, parquet), MATLAB and Octave (mat).
-
-    anser export runs/three-aircraft --format czml,kml
-    """
+    """Write a flight for Cesium (czml), Google Earth (kml), tables (csv, parquet), MATLAB and Octave (mat)."""
     began = _started(start)
     if period_s is not None and not (math.isfinite(period_s) and period_s > 0):
         raise RefusedError(f"--period-s: arrived {period_s:g}; expected a number above 0")
@@ -64,7 +67,8 @@ def export(
         except OSError as error:
             reason = error.strerror or str(error)
             raise RefusedError(f"--out: arrived {path}; expected a place for a file ({reason})") from None
-        screen.print(f"{path}: {len(content) / 1e6:.1f} MB", soft_wrap=True, markup=False)
+        line(f"{path}: {len(content) / 1e6:.1f} MB")
+    answer(lambda: {"format_version": 1, "files": {name: str(path) for name, path in files.items()}})
 
 
 def _started(start: str) -> datetime:

@@ -6,25 +6,33 @@ from typing import Annotated
 
 import typer
 
-from anser.cli.console import err, make_new, screen
+from anser.cli.arguments import complete_run
+from anser.cli.console import answer, line, make_new, working
+from anser.cli.offering import about
 from anser.cli.run_folder import must_hold, read_run
 
 _AIRCRAFT, _VARIANT, _SPEED_M_S, _ALTITUDE_M = "f16", "textbook", 150.0, 1000.0
 
 
+@about(
+    "anser figures --out figures",
+    "anser figures runs/three-aircraft --out figures",
+)
 def figures(
     out: Annotated[Path, typer.Option(help="New folder for the figures.", show_default=False)],
     run: Annotated[
         Path | None,
-        typer.Argument(help="Folder that anser run wrote; left out: the published cases.", show_default=False),
+        typer.Argument(
+            help="Folder that anser run wrote; left out: the published cases.",
+            show_default=False,
+            autocompletion=complete_run,
+        ),
     ] = None,
 ) -> None:
     """Draw figures for a paper, each as PDF, SVG and PNG: of a flight, or every one of the published cases.
 
     The published cases are the step responses, the climb-and-turn, the paths bent by b4 and c4, the flights of one and
     of three aircraft; they are computed on the way, in a few minutes the first time.
-
-    anser figures runs/three-aircraft --out figures
     """
     if run is not None:
         dataset, _ = read_run(run)
@@ -32,7 +40,7 @@ def figures(
 
         must_hold(dataset, NEEDED_VARIABLES, run)
         make_new(out)
-        with err.status("drawing"):
+        with working("drawing"):
             written = draw_flight(dataset, "flight", out)
     else:
         make_new(out)
@@ -40,7 +48,8 @@ def figures(
     kinds = sorted({path.suffix for path in written})
     count = len(written) // len(kinds)
     made = "1 figure" if count == 1 else f"{count} figures, each"
-    screen.print(f"{out}: {made} as {', '.join(kinds)}", soft_wrap=True, markup=False)
+    answer(lambda: {"format_version": 1, "files": [str(path) for path in written]})
+    line(f"{out}: {made} as {', '.join(kinds)}")
 
 
 def _published(out: Path) -> Iterator[Path]:
@@ -57,10 +66,10 @@ def _published(out: Path) -> Iterator[Path]:
     def paths(name: str) -> list[Path]:
         return [out / f"{name}{suffix}" for suffix in FIGURE_SUFFIXES]
 
-    with err.status("computing the paths bent by b4 and c4") as status:
+    with working("computing the paths bent by b4 and c4") as tell:
         for family, dataset in shape_families().items():
             yield from draw_shapes(dataset, family, out)
-        status.update("flying the step responses (the first time, this compiles)")
+        tell("flying the step responses (the first time, this compiles)")
         flown = fly_steps(
             PUBLISHED_STEPS,
             aircraft=_AIRCRAFT,
@@ -69,17 +78,17 @@ def _published(out: Path) -> Iterator[Path]:
             altitude_m=_ALTITUDE_M,
             inversion="model",
         )
-        status.update("drawing the step responses")
+        tell("drawing the step responses")
         for flight in flown:
             draw_step(flight.dataset, files := paths(f"step-{flight.test.key}"))
             yield from files
         draw_overview([flight.dataset for flight in flown], files := paths("step-overview"))
         yield from files
-        status.update("flying the climb-and-turn")
+        tell("flying the climb-and-turn")
         tracked = fly_climb_and_turn(_VARIANT)
         draw_tracking(tracked.dataset, "Climb and turn on velocity commands alone", files := paths("climb-and-turn"))
         yield from files
-        status.update("flying one and three aircraft (the first time, this compiles)")
+        tell("flying one and three aircraft (the first time, this compiles)")
         for name, flight in published_flights().items():
-            status.update(f"drawing the flight: {name}")
+            tell(f"drawing the flight: {name}")
             yield from draw_flight(flight.dataset, name, out)

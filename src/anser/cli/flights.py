@@ -1,25 +1,43 @@
 """Commands about flights: run, check, new."""
 
 import contextlib
+import dataclasses
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from anser.cli.console import err, make_new, number, plain_table, progress_bar, screen
-from anser.scenario import Scenario, cautions, load, write_starter
-
-ScenarioPath = Annotated[Path, typer.Argument(help="Scenario file (TOML).", show_default=False)]
+from anser.cli.arguments import ScenarioPath
+from anser.cli.console import (
+    answer,
+    end_without,
+    line,
+    make_new,
+    number,
+    plain_table,
+    print_table,
+    problem,
+    progress_bar,
+    say,
+)
+from anser.cli.offering import about
+from anser.scenario import Scenario, ScenarioError, cautions, load, write_starter
 
 
 def _loaded(path: Path) -> Scenario:
     """Load a scenario and say on the way what it had better not do."""
     scenario = load(path)
     for caution in cautions(scenario):
-        err.print(f"caution: {caution}", soft_wrap=True, markup=False)
+        say(f"caution: {caution}")
     return scenario
 
 
+@about(
+    "anser run scenarios/three-aircraft.toml",
+    "anser run scenarios/storm-sampling.toml --out runs/storm",
+    "anser run scenarios/three-aircraft.toml --json --quiet > summary.json",
+    unmet="flown, but a requirement was not met; or there is no plan",
+)
 def run(
     scenario: ScenarioPath,
     out: Annotated[
@@ -39,33 +57,53 @@ def run(
             tell("writing", 1.0)
             flown.write_into(target)
     except NoPlanError as error:
-        for reason in error.reasons:
-            err.print(f"no plan: {reason}", soft_wrap=True, markup=False)
-        raise typer.Exit(1) from None
+        end_without("no plan", error.reasons, "no plan: ")
     finally:
         with contextlib.suppress(OSError):
             target.rmdir()  # succeeds only while it is empty: a flight that did not end leaves nothing behind
+    answer(lambda: flown.summary)
     _print_flown(flown.summary)
-    screen.print(f"[bold]{target}[/bold]: flight.nc, summary.json, report.html", soft_wrap=True)
+    say(f"{target}: flight.nc, summary.json, report.html written")
     if not flown.met:
-        for problem in flown.planned.problems():
-            err.print(f"planned beyond the limits: {problem}", soft_wrap=True, markup=False)
+        for beyond in flown.planned.problems():
+            problem(f"planned beyond the limits: {beyond}")
         _fail_unmet(flown.summary)
 
 
+@about("anser check scenarios/three-aircraft.toml", "anser check mine.toml --json")
 def check(scenario: ScenarioPath) -> None:
     """Check a scenario file without planning or flying it."""
-    wanted = _loaded(scenario)
+    try:
+        wanted = _loaded(scenario)
+    except ScenarioError as error:
+        found = [dataclasses.asdict(one) for one in error.problems]
+        answer(lambda: {"format_version": 1, "file": str(scenario), "good": False, "problems": found})
+        raise
     count = len(wanted.aircraft)
     fleet = "1 aircraft" if count == 1 else f"{count} aircraft"
     goals = "1 goal" if len(wanted.goal) == 1 else f"{len(wanted.goal)} goals"
-    screen.print(f"{scenario}: good. {wanted.name}: {fleet}, {goals}, {wanted.timing.duration_s:g} s.", soft_wrap=True)
+    answer(
+        lambda: {
+            "format_version": 1,
+            "file": str(scenario),
+            "good": True,
+            "name": wanted.name,
+            "hash": wanted.hash,
+            "aircraft": count,
+            "goals": len(wanted.goal),
+            "duration_s": wanted.timing.duration_s,
+            "cautions": list(cautions(wanted)),
+        }
+    )
+    line(f"{scenario}: good. {wanted.name}: {fleet}, {goals}, {wanted.timing.duration_s:g} s.")
 
 
+@about("anser new mine.toml")
 def new(path: Annotated[Path, typer.Argument(help="File to write; it must not exist.", show_default=False)]) -> None:
     """Write a commented scenario to start from."""
     write_starter(path)
-    screen.print(f"{path}: written. Next: anser run {path}", soft_wrap=True)
+    answer(lambda: {"format_version": 1, "file": str(path)})
+    line(f"{path}: written. Next: anser run {path}")
 
 
 def _print_flown(summary: dict) -> None:
@@ -92,22 +130,22 @@ def _print_flown(summary: dict) -> None:
             number(row["clearance_min_m"], 0),
             row["status"] + left,
         )
-    screen.print(table)
+    print_table(table)
     fleet = summary["fleet"]
-    screen.print(
+    line(
         f"arrival spread {number(fleet['arrival_spread_s'], 4)} s, least separation "
         f"{number(fleet['separation_min_m'], 0)} m, {fleet['wall_s']:.1f} s of computing"
     )
     if fleet.get("separation_ratio_min") is not None:
-        screen.print(f"up to the arrivals {fleet['separation_ratio_min']:.2f} times the separation asked for, at least")
+        line(f"up to the arrivals {fleet['separation_ratio_min']:.2f} times the separation asked for, at least")
 
 
 def _fail_unmet(summary: dict) -> None:
     """Say which requirements were not met, and stop with exit code 1."""
     for row in summary["requirements"]:
         if not row["met"]:
-            err.print(f"not met: {row['name']}: limit {row['limit']:g}, flown {number(row['value'], 4)}")
+            problem(f"not met: {row['name']}: limit {row['limit']:g}, flown {number(row['value'], 4)}")
     for row in summary["aircraft"]:
         if row["status"] != "arrived":
-            err.print(f'aircraft "{row["name"]}": {row["status"]}', soft_wrap=True, markup=False)
+            problem(f'aircraft "{row["name"]}": {row["status"]}')
     raise typer.Exit(1)

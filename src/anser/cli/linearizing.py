@@ -1,16 +1,15 @@
 """The command linearize."""
 
-import json
 import math
-import sys
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from anser.cli.console import RefusedError, err, must_lie, screen
-from anser.scenario import AIRFRAMES, VARIANTS
+from anser.cli.arguments import AircraftName, VariantName
+from anser.cli.console import RefusedError, answer, end_without, line, must_be_known, must_lie, say, screen, working
+from anser.cli.offering import about
 
 if TYPE_CHECKING:
     from anser.campaign import Linearized
@@ -21,11 +20,16 @@ _ROUNDING = 1e-12
 """Entries of the tables below this are rounding noise of terms that cancel, and shown as 0."""
 
 
+@about(
+    "anser linearize --speed-m-s 150 --altitude-m 1000",
+    "anser linearize --speed-m-s 150 --altitude-m 1000 --loop attitude --out model.nc",
+    unmet="no steady flight there",
+)
 def linearize(
     speed_m_s: Annotated[float, typer.Option(help="True airspeed.", show_default=False)],
     altitude_m: Annotated[float, typer.Option(help="Geometric altitude.", show_default=False)],
-    aircraft: Annotated[str, typer.Option(help=f"Airframe: {', '.join(AIRFRAMES)}.")] = "f16",
-    variant: Annotated[str, typer.Option(help="Published set of tables: textbook, s119 or founding.")] = "textbook",
+    aircraft: AircraftName = "f16",
+    variant: VariantName = "textbook",
     x_cg: Annotated[
         float | None, typer.Option(help="Centre of mass, fraction of the chord; left out: the variant's own.")
     ] = None,
@@ -40,16 +44,12 @@ def linearize(
         bool, typer.Option("--actuators", help="Inputs are commands to the actuators, not deflections (open loop).")
     ] = False,
     step_s: Annotated[float, typer.Option(help="Sampling period of the autopilot.")] = 0.01,
-    as_json: Annotated[bool, typer.Option("--json", help="Print all of it as JSON instead of the tables.")] = False,
     out: Annotated[
         Path | None, typer.Option(help="New file to write all of it to: NAME.nc (NetCDF) or NAME.json.")
     ] = None,
 ) -> None:
     """Trim an aircraft and linearize it there: A, B, C, D and the modes with their names, in SI units and radians."""
-    if aircraft not in AIRFRAMES:
-        raise RefusedError(f"--aircraft: arrived {aircraft!r}; expected one of {', '.join(AIRFRAMES)}")
-    if variant not in VARIANTS[aircraft]:
-        raise RefusedError(f"--variant: arrived {variant!r}; expected one of {', '.join(VARIANTS[aircraft])}")
+    must_be_known(aircraft, variant)
     must_lie("--speed-m-s", speed_m_s, 1, 1000)
     must_lie("--altitude-m", altitude_m, -500, 30000)
     if x_cg is not None:
@@ -66,7 +66,7 @@ def linearize(
     from anser.campaign import linearize as find
 
     try:
-        with err.status("trimming and differentiating (the first time, this compiles)"):
+        with working("trimming and differentiating (the first time, this compiles)"):
             found = find(
                 aircraft,
                 variant,
@@ -81,16 +81,13 @@ def linearize(
                 step_s=step_s,
             )
     except ConditionError as error:
-        err.print(str(error), soft_wrap=True, markup=False)
-        raise typer.Exit(1) from None
+        end_without("no steady flight", [str(error)])
     if out is not None:
         _write(found, out)
-    if as_json:
-        sys.stdout.write(json.dumps(found.document(), indent=1, allow_nan=False) + "\n")
-    else:
-        _print(found)
+    answer(found.document)
+    _print(found)
     if out is not None:
-        err.print(f"{out}: written", soft_wrap=True, markup=False)
+        say(f"{out}: written")
 
 
 def _must_be_new(out: Path) -> None:
@@ -128,8 +125,8 @@ def _print(found: "Linearized") -> None:
         "",
         *_block("B", model.inputs, model.states, model.B),
     ]
-    for line in lines:
-        screen.print(line, markup=False, highlight=False, soft_wrap=True)
+    for text in lines:
+        line(text)
 
 
 def _mode_lines(modes: tuple["Mode", ...]) -> list[str]:

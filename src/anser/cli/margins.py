@@ -2,15 +2,16 @@
 
 import json
 import math
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from anser.cli.arguments import AircraftName, VariantName
 from anser.cli.console import (
     RefusedError,
-    err,
+    answer,
+    end_without,
     flight_point,
     make_new,
     must_be_known,
@@ -20,9 +21,11 @@ from anser.cli.console import (
     plain_table,
     print_table,
     progress_bar,
+    say,
     screen,
+    working,
 )
-from anser.scenario import AIRFRAMES
+from anser.cli.offering import about
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -38,13 +41,18 @@ _FIGURES = (
 )
 
 
+@about(
+    "anser margins --at 150,1000 --bode margins.svg",
+    "anser margins --envelope --coarse --out margins",
+    unmet="no steady flight there",
+)
 def margins(
     at: Annotated[
         str | None,
         typer.Option(help=f"SPEED,ALTITUDE of level flight, m/s and m; left out: {_AT}.", show_default=False),
     ] = None,
-    aircraft: Annotated[str, typer.Option(help=f"Airframe: {', '.join(AIRFRAMES)}.")] = "f16",
-    variant: Annotated[str, typer.Option(help="Published set of tables: textbook, s119 or founding.")] = "textbook",
+    aircraft: AircraftName = "f16",
+    variant: VariantName = "textbook",
     inversion: Annotated[
         Literal["model", "incremental"],
         typer.Option(help="What the autopilot inverts: the model, or measured changes."),
@@ -58,7 +66,6 @@ def margins(
     ] = False,
     coarse: Annotated[bool, typer.Option("--coarse", help="With --envelope: 3 x 5 instead of 16 x 18 points.")] = False,
     out: Annotated[Path | None, typer.Option(help="With --envelope: new folder for dataset and maps.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the margins as JSON instead of the table.")] = False,
 ) -> None:
     """Gain, phase, delay and disk margins at every actuator and loop of the autopilot, broken one at a time."""
     must_be_known(aircraft, variant)
@@ -69,7 +76,7 @@ def margins(
                 raise RefusedError(f"{option}: arrived with --envelope, which is of all points; expected one of them")
         if out is None:
             raise RefusedError("--out: arrived nothing; expected a new folder for what --envelope finds")
-        _survey(aircraft, variant, inversion, step_s, coarse, out, as_json)
+        _survey(aircraft, variant, inversion, step_s, coarse, out)
         return
     for option, value in (("--out", out), ("--coarse", coarse or None)):
         if value is not None:
@@ -82,13 +89,12 @@ def margins(
     from anser.campaign import ConditionError, margin_document, margins_at
 
     try:
-        with err.status("trimming and breaking the loops (the first time, this compiles)"):
+        with working("trimming and breaking the loops (the first time, this compiles)"):
             found = margins_at(
                 aircraft, variant, speed_m_s=speed_m_s, altitude_m=altitude_m, inversion=inversion, step_s=step_s
             )
     except ConditionError as error:
-        err.print(str(error), soft_wrap=True, markup=False)
-        raise typer.Exit(1) from None
+        end_without("no steady flight", [str(error)])
     if bode is not None:
         from anser.report import draw_bode
 
@@ -97,12 +103,10 @@ def margins(
         except OSError as error:
             reason = error.strerror or str(error)
             raise RefusedError(f"--bode: arrived {bode}; expected a place for a file ({reason})") from None
-    if as_json:
-        sys.stdout.write(json.dumps(margin_document(found), indent=1, allow_nan=False) + "\n")
-    else:
-        _print(found)
+    answer(lambda: margin_document(found))
+    _print(found)
     if bode is not None:
-        err.print(f"{bode}: written", soft_wrap=True, markup=False)
+        say(f"{bode}: written")
 
 
 def _survey(
@@ -112,7 +116,6 @@ def _survey(
     step_s: float,
     coarse: bool,
     out: Path,
-    as_json: bool,
 ) -> None:
     make_new(out)
     from anser.campaign import survey_margins
@@ -133,11 +136,9 @@ def _survey(
         draw_margin_maps(surveyed.dataset, out)
         with (out / "margins.json").open("x", encoding="utf-8") as file:
             file.write(json.dumps(surveyed.document(), indent=1, allow_nan=False) + "\n")
-    if as_json:
-        sys.stdout.write(json.dumps(surveyed.document(), indent=1, allow_nan=False) + "\n")
-    else:
-        _print_survey(surveyed)
-    err.print(f"{out}: margins.nc, margins.json and maps written", soft_wrap=True, markup=False)
+    answer(surveyed.document)
+    _print_survey(surveyed)
+    say(f"{out}: margins.nc, margins.json and maps written")
 
 
 def _name(of: dict[str, Any]) -> str:

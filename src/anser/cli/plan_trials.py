@@ -7,7 +7,17 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
-from anser.cli.console import RefusedError, err, must_lie, plain_table, print_table, progress_bar, screen
+from anser.cli.console import (
+    RefusedError,
+    answer,
+    line,
+    must_lie,
+    plain_table,
+    print_table,
+    problem,
+    progress_bar,
+)
+from anser.cli.offering import INTERRUPTED, about
 
 if TYPE_CHECKING:
     from anser.verification.plan_tally import Tally
@@ -16,6 +26,11 @@ if TYPE_CHECKING:
 _SEEDS_MOST = 1_000_000
 
 
+@about(
+    "anser plan-trials --seeds 0:100 --out trials.jsonl",
+    "anser plan-trials --seeds 0:100 --out trials.jsonl --resume --jobs 4",
+    unmet="a plan fails, or too many refusals are contradicted",
+)
 def plan_trials(
     out: Annotated[Path, typer.Option(help="New file of results, one JSON line per seed.", show_default=False)],
     seeds: Annotated[str, typer.Option(help="FIRST:LAST of the seeds, the last left out.")] = "0:2000",
@@ -50,13 +65,23 @@ def plan_trials(
         except KeyboardInterrupt:
             stopped = True
     shown = tally([one for one in trials if wanted.start <= one.seed < wanted.stop])
+    answer(
+        lambda: {
+            "format_version": 1,
+            "seeds": [wanted.start, wanted.stop],
+            "done": shown.count(),
+            "by_rule": {rule: dict(verdicts) for rule, verdicts in shown.by_rule.items()},
+            "disagreements": list(shown.disagreements),
+            "passes": shown.passes,
+        }
+    )
     print_table(_table(shown))
-    for line in shown.disagreements:
-        err.print(line, soft_wrap=True, markup=False)
-    screen.print(f"{out}: {shown.count()} of {asked} seeds", soft_wrap=True, highlight=False)
+    for disagreement in shown.disagreements:
+        problem(disagreement)
+    line(f"{out}: {shown.count()} of {asked} seeds")
     if stopped:
-        err.print("stopped; --resume goes on from here", soft_wrap=True)
-        raise typer.Exit(130)
+        problem("stopped; --resume goes on from here")
+        raise typer.Exit(INTERRUPTED)
     if not shown.passes:
         raise typer.Exit(1)
 

@@ -7,7 +7,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from anser.cli.console import err, make_new, number, plain_table, print_table, screen
+from anser.cli.arguments import ScenarioPath
+from anser.cli.console import (
+    answer,
+    end_without,
+    line,
+    make_new,
+    number,
+    plain_table,
+    print_table,
+    problem,
+    say,
+    working,
+)
+from anser.cli.offering import about
 from anser.scenario import Scenario, cautions, load
 
 if TYPE_CHECKING:
@@ -18,8 +31,13 @@ _UNITS = {"m": ("m", 0), "m s-1": ("m/s", 1), "m s-2": ("m/s^2", 2), "degree": (
 _SAME_TIME_S = 5e-3
 
 
+@about(
+    "anser plan scenarios/three-aircraft.toml",
+    "anser plan scenarios/twenty-aircraft.toml --out plans/twenty",
+    unmet="no plan, or one beyond a limit",
+)
 def plan(
-    scenario: Annotated[Path, typer.Argument(help="Scenario file (TOML).", show_default=False)],
+    scenario: ScenarioPath,
     out: Annotated[
         Path | None,
         typer.Option(help="New folder for plan.json, trajectories.csv, plan.png, plan.svg.", show_default=False),
@@ -28,24 +46,24 @@ def plan(
     """Plan a scenario without flying it: arrival times, each aircraft's path, what it leaves to the limits."""
     wanted = load(scenario)
     for caution in cautions(wanted):
-        err.print(f"caution: {caution}", soft_wrap=True, markup=False)
+        say(f"caution: {caution}")
     if out is not None:
         make_new(out)
     try:
-        with err.status("planning (the first time, this compiles)") as status:
-            recorded = _certified(wanted, status.update) if wanted.fleet.planner == "certified" else _published(wanted)
+        with working("planning (the first time, this compiles)") as tell:
+            recorded = _certified(wanted, tell) if wanted.fleet.planner == "certified" else _published(wanted)
             if out is not None:
                 recorded.write_into(out)
     finally:
         if out is not None:
             with contextlib.suppress(OSError):
                 out.rmdir()  # succeeds only while it is empty: a plan that was refused leaves nothing behind
+    answer(lambda: recorded.summary)
     _print(recorded)
     if out is not None:
-        files = "plan.json, trajectories.csv, plan.png, plan.svg"
-        screen.print(f"[bold]{out}[/bold]: {files}", soft_wrap=True, highlight=False)
-    for problem in recorded.summary["problems"]:
-        err.print(f"not flyable: {problem}", soft_wrap=True, markup=False)
+        say(f"{out}: plan.json, trajectories.csv, plan.png, plan.svg written")
+    for found in recorded.summary["problems"]:
+        problem(f"not flyable: {found}")
     if recorded.summary["problems"]:
         raise typer.Exit(1)
 
@@ -63,10 +81,8 @@ def _certified(wanted: Scenario, told: Callable[[str], None]) -> "RecordedPlan":
     from anser.campaign.plan_output import record_certified
 
     planned = plan_certified(wanted, told)
-    for refusal in planned.refusals:
-        err.print(f"no plan: {refusal}", soft_wrap=True, markup=False)
     if planned.refusals:
-        raise typer.Exit(1)
+        end_without("no plan", planned.refusals, "no plan: ")
     return record_certified(planned)
 
 
@@ -74,8 +90,8 @@ def _print(recorded: "RecordedPlan") -> None:
     summary = recorded.summary
     _print_paths(summary)
     _print_margins(summary)
-    for line in _apart(summary):
-        screen.print(line, soft_wrap=True, highlight=False, markup=False)
+    for text in _apart(summary):
+        line(text)
 
 
 def _print_paths(summary: dict[str, Any]) -> None:

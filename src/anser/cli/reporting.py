@@ -5,7 +5,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from anser.cli.console import RefusedError, screen
+from anser.cli.arguments import RunFolder, complete_run
+from anser.cli.console import RefusedError, answer, line
+from anser.cli.offering import about
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -13,20 +15,24 @@ if TYPE_CHECKING:
 _FILES = ("flight.nc", "summary.json")
 
 
+@about(
+    "anser report runs/three-aircraft --force",
+    "anser report runs/a runs/b --out beside.html",
+)
 def report(
-    run: Annotated[Path, typer.Argument(help="Folder of a run: flight.nc, summary.json.", show_default=False)],
+    run: RunFolder,
     other: Annotated[
-        Path | None, typer.Argument(help="Folder of a second run, to stand beside the first.", show_default=False)
+        Path | None,
+        typer.Argument(
+            help="Folder of a second run, to stand beside the first.", show_default=False, autocompletion=complete_run
+        ),
     ] = None,
     out: Annotated[
         Path | None, typer.Option(help="File to write; default RUN/report.html. Needed for two runs.")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace the file where it exists.")] = False,
 ) -> None:
-    """Write the report of a run anew, or of two runs side by side, as one page that works offline.
-
-    Examples: anser report runs/three-aircraft --force; anser report runs/a runs/b --out beside.html
-    """
+    """Write the report of a run anew, or of two runs side by side, as one page that works offline."""
     if other is not None and out is None:
         raise RefusedError("--out: arrived nothing; expected a file for the report of two runs, such as beside.html")
     target = out if out is not None else run / "report.html"
@@ -48,7 +54,8 @@ def report(
     except OSError as error:
         words = f"expected a file that can be written ({error.strerror or error})"
         raise RefusedError(f"--out: arrived {target}; {words}") from None
-    screen.print(f"{target}: written", soft_wrap=True, markup=False)
+    answer(lambda: {"format_version": 1, "file": str(target)})
+    line(f"{target}: written")
 
 
 def _must_be_run(place: str, folder: Path) -> None:

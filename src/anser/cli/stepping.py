@@ -1,7 +1,6 @@
 """The commands step and gallery."""
 
 import json
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -9,9 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 from rich.table import Table
 
+from anser.cli.arguments import VariantName
 from anser.cli.console import (
     RefusedError,
-    err,
+    answer,
+    end_without,
     flight_point,
     make_new,
     must_be_known,
@@ -19,9 +20,12 @@ from anser.cli.console import (
     number,
     plain_table,
     print_table,
+    problem,
+    say,
     screen,
+    working,
 )
-from anser.scenario import VARIANTS
+from anser.cli.offering import about
 
 if TYPE_CHECKING:
     from anser.campaign import SteppedFlight, StepTest
@@ -32,9 +36,13 @@ _Inversion = Annotated[
     Literal["model", "incremental"],
     typer.Option(help="Inversion of the model, or of the change from what the sensors measure."),
 ]
-_Variant = Annotated[str, typer.Option(help=f"Published set of tables: {', '.join(VARIANTS[_AIRCRAFT])}.")]
 
 
+@about(
+    "anser step --loop velocity --channel chi --size 20 --at 150,1000",
+    "anser step --loop rates --channel q --size -5 --at 150,2000 --out pitch.svg",
+    unmet="no steady flight there",
+)
 def step(
     loop: Annotated[Literal["rates", "attitude", "velocity"], typer.Option(help="Which loop is commanded.")],
     channel: Annotated[
@@ -48,8 +56,7 @@ def step(
         typer.Option(help="How long; left out: 3, 6 or 60 s (rates, attitude, velocity), 1.05 s for a yaw rate."),
     ] = None,
     inversion: _Inversion = "model",
-    variant: _Variant = "textbook",
-    as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON instead of the table.")] = False,
+    variant: VariantName = "textbook",
     out: Annotated[Path | None, typer.Option(help="New picture of the response: NAME.svg, .png or .pdf.")] = None,
 ) -> None:
     """Step one loop's command and measure: rise, settling, overshoot, error at the end, coupling, surface use."""
@@ -78,22 +85,22 @@ def step(
         except OSError as error:
             reason = error.strerror or str(error)
             raise RefusedError(f"--out: arrived {out}; expected a place for a file ({reason})") from None
-    if as_json:
-        sys.stdout.write(json.dumps(step_document(flown), indent=1, allow_nan=False) + "\n")
-    else:
-        print_table(
-            _table(flown, f"{_AIRCRAFT} ({variant}) at {speed_m_s:g} m/s, {altitude_m:g} m: {inversion} inversion")
-        )
+    answer(lambda: step_document(flown))
+    print_table(_table(flown, f"{_AIRCRAFT} ({variant}) at {speed_m_s:g} m/s, {altitude_m:g} m: {inversion} inversion"))
     if flown[0].left_tables:
-        err.print("caution: it leaves the aerodynamic tables", markup=False)
+        say("caution: it leaves the aerodynamic tables")
     if out is not None:
-        err.print(f"{out}: written", soft_wrap=True, markup=False)
+        say(f"{out}: written")
 
 
+@about(
+    "anser gallery --out gallery",
+    unmet="a response falls short of its limits",
+)
 def gallery(
     out: Annotated[Path, typer.Option(help="New folder for the figures and metrics.json.", show_default=False)],
     inversion: _Inversion = "model",
-    variant: _Variant = "textbook",
+    variant: VariantName = "textbook",
 ) -> None:
     """Fly every published test of the autopilot: a figure of each, an overview, a table of their figures."""
     must_be_known(_AIRCRAFT, variant)
@@ -103,19 +110,20 @@ def gallery(
     from anser.report.tracking_figure import draw_tracking
 
     flown = _fly(PUBLISHED_STEPS, variant, 150.0, 1000.0, inversion)
-    with err.status("flying the climb-and-turn"):
+    with working("flying the climb-and-turn"):
         tracked = fly_climb_and_turn(variant, inversion)
     requirements = tracked.summary["requirements"]
     document = step_document(flown) | {"climb_and_turn": requirements}
     with (out / "metrics.json").open("x", encoding="utf-8") as file:
         json.dump(document, file, indent=1, allow_nan=False)
         file.write("\n")
-    with err.status("drawing"):
+    with working("drawing"):
         for flight in flown:
             draw_step(flight.dataset, [out / f"{flight.test.key}{suffix}" for suffix in (".svg", ".png")])
         draw_overview([flight.dataset for flight in flown], [out / f"overview{suffix}" for suffix in (".svg", ".png")])
         heading = f"Climb and turn on velocity commands alone: {_AIRCRAFT} ({variant}), {inversion} inversion"
         draw_tracking(tracked.dataset, heading, [out / f"climb-and-turn{suffix}" for suffix in (".svg", ".png")])
+    answer(lambda: document)
     print_table(_table(flown, f"{_AIRCRAFT} ({variant}) at 150 m/s, 1000 m: {inversion} inversion"))
     limits = document["limits"]
     short = [(flight.test.key, line) for flight in flown for line in flight.shortfalls]
@@ -138,8 +146,8 @@ def gallery(
     short += [
         ("climb-and-turn", f"{r['name']} is {r['value']:g}, not {r['limit']:g}") for r in requirements if not r["met"]
     ]
-    for key, line in short:
-        err.print(f"falls short: {key}: {line}", soft_wrap=True, markup=False)
+    for key, why in short:
+        problem(f"falls short: {key}: {why}")
     if short:
         raise typer.Exit(1)
 
@@ -154,7 +162,7 @@ def _fly(
     from anser.campaign import ConditionError, fly_steps
 
     try:
-        with err.status("flying (the first time, this compiles)") as status:
+        with working("flying (the first time, this compiles)") as tell:
             return fly_steps(
                 tests,
                 aircraft=_AIRCRAFT,
@@ -162,11 +170,10 @@ def _fly(
                 speed_m_s=speed_m_s,
                 altitude_m=altitude_m,
                 inversion=inversion,
-                progress=lambda loop: status.update(f"flying the {loop} loop (the first time, this compiles)"),
+                progress=lambda loop: tell(f"flying the {loop} loop (the first time, this compiles)"),
             )
     except ConditionError as error:
-        err.print(str(error), soft_wrap=True, markup=False)
-        raise typer.Exit(1) from None
+        end_without("no steady flight", [str(error)])
 
 
 def _table(flights: Sequence["SteppedFlight"], title: str) -> Table:

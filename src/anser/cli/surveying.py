@@ -1,29 +1,42 @@
 """The command envelope."""
 
-import json
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from anser.cli.console import err, make_new, must_be_known, plain_table, print_table, progress_bar, screen
-from anser.scenario import AIRFRAMES
+from anser.cli.arguments import AircraftName, VariantName
+from anser.cli.console import (
+    answer,
+    make_new,
+    must_be_known,
+    plain_table,
+    print_table,
+    problem,
+    progress_bar,
+    say,
+    screen,
+)
+from anser.cli.offering import about
 
 if TYPE_CHECKING:
     from anser.campaign import EnvelopeSurvey
 
 
+@about(
+    "anser envelope --out envelope",
+    "anser envelope --coarse --inversion incremental --out coarse",
+    unmet="a flight falls short",
+)
 def envelope(
     out: Annotated[Path, typer.Option(help="New folder for the dataset and the figures.", show_default=False)],
-    aircraft: Annotated[str, typer.Option(help=f"Airframe: {', '.join(AIRFRAMES)}.")] = "f16",
-    variant: Annotated[str, typer.Option(help="Published set of tables: textbook, s119 or founding.")] = "textbook",
+    aircraft: AircraftName = "f16",
+    variant: VariantName = "textbook",
     inversion: Annotated[
         Literal["model", "incremental"],
         typer.Option(help="What the autopilot inverts: the model, or measured changes."),
     ] = "model",
     coarse: Annotated[bool, typer.Option("--coarse", help="A grid of 3 x 5 instead of 16 x 18 points.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the counts as JSON instead of the table.")] = False,
 ) -> None:
     """Survey the envelope: trim map, and standard commands flown from every point of it."""
     must_be_known(aircraft, variant)
@@ -43,13 +56,11 @@ def envelope(
         tell("writing", 1.0)
         write_netcdf(surveyed.dataset, out / "envelope.nc")
         draw_envelope(surveyed.dataset, out)
-    if as_json:
-        sys.stdout.write(json.dumps(_document(surveyed), indent=1, allow_nan=False) + "\n")
-    else:
-        _print(surveyed)
-    err.print(f"{out}: envelope.nc and figures written", soft_wrap=True, markup=False)
-    for line in surveyed.shortfalls():
-        err.print(f"falls short: {line}", soft_wrap=True, markup=False)
+    answer(lambda: _document(surveyed))
+    _print(surveyed)
+    say(f"{out}: envelope.nc and figures written")
+    for text in surveyed.shortfalls():
+        problem(f"falls short: {text}")
     if surveyed.shortfalls():
         raise typer.Exit(1)
 

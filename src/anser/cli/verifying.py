@@ -1,8 +1,6 @@
 """The command verify."""
 
-import json
 import math
-import sys
 import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated
@@ -10,17 +8,21 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
-from anser.cli.console import RefusedError, err, plain_table, print_table, progress_bar, screen
+from anser.cli.console import RefusedError, answer, plain_table, print_table, problem, progress_bar, screen
+from anser.cli.offering import about
 
 if TYPE_CHECKING:
     from anser.verification import Check, Comparison, Outcome
 
 
+@about(
+    "anser verify",
+    "anser verify --case nesc-11 --case f16-trim --json",
+    "anser verify --list",
+    unmet="a comparison fails",
+)
 def verify(
     case: Annotated[list[str] | None, typer.Option(help="Run this check only; may be given several times.")] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print all comparisons as JSON instead of the table.")
-    ] = False,
     only_list: Annotated[bool, typer.Option("--list", help="Print the checks there are and stop.")] = False,
 ) -> None:
     """Compute every published figure that anser knows, and compare: NASA's check-cases, the textbook, the standards."""
@@ -33,8 +35,8 @@ def verify(
     except ValueError as error:
         raise RefusedError(f"--case: {error}") from None
     if only_list:
-        if as_json:
-            raise RefusedError("--list, --json: arrived both; expected one of them")
+        listed = [{"key": check.key, "title": check.title, "source": check.source} for check in chosen]
+        answer(lambda: {"format_version": 1, "checks": listed})
         print_table(_list(chosen))
         return
     enable_compilation_cache()
@@ -42,13 +44,11 @@ def verify(
     with progress_bar() as tell:
         outcomes = run(case or None, tell)
     seconds = time.perf_counter() - began
-    if as_json:
-        sys.stdout.write(json.dumps(to_document(outcomes, seconds), indent=1, allow_nan=False) + "\n")
-    else:
-        print_table(_table(outcomes))
-        _print_count(outcomes, seconds)
-    for line in [line for outcome in outcomes for line in _shortfalls(outcome)]:
-        err.print(line, soft_wrap=True, markup=False)
+    answer(lambda: to_document(outcomes, seconds))
+    print_table(_table(outcomes))
+    _print_count(outcomes, seconds)
+    for text in [text for outcome in outcomes for text in _shortfalls(outcome)]:
+        problem(text)
     if not all(outcome.passes for outcome in outcomes):
         raise typer.Exit(1)
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from anser.report.gaps import with_gaps
 from anser.report.print_labels import axis_label, plain
 from anser.report.print_style import (
     DASHED,
@@ -20,7 +21,6 @@ from anser.report.print_style import (
     new_figure,
     save_drawings,
 )
-from anser.report.traces import with_gaps
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

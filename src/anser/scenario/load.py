@@ -1,5 +1,6 @@
 """Reading scenarios: from a file, from text, from values; everything wrong with one is told in one message."""
 
+import difflib
 import os
 import re
 import tomllib
@@ -37,7 +38,7 @@ def load(path: str | os.PathLike[str]) -> Scenario:
     try:
         content = Path(path).read_bytes()
     except FileNotFoundError:
-        raise _refused(source, "no file of this name", "the path of a scenario file") from None
+        raise _refused(source, "no file of this name", f"the path of a scenario file{_near(Path(path))}") from None
     except IsADirectoryError:
         raise _refused(source, "a folder", "the path of a scenario file") from None
     except (OSError, ValueError) as error:
@@ -112,6 +113,16 @@ def validate(values: dict[str, Any], source: str = "<values>") -> Scenario:
         return Scenario.model_validate(values)
     except ValidationError as error:
         raise ScenarioError(source, problems_from(error, Scenario, values)) from None
+
+
+def _near(path: Path) -> str:
+    """Name the file beside a missing one that was probably meant; nothing where there is none."""
+    try:
+        there = [entry.name for entry in path.parent.iterdir() if entry.suffix == ".toml"]
+    except OSError:
+        return ""
+    near = difflib.get_close_matches(path.name, there, n=1)
+    return f", perhaps {show(str(path.with_name(near[0])))}" if near else ""
 
 
 def _refused(source: str, arrived: str, expected: str) -> ScenarioError:

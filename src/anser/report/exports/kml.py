@@ -11,8 +11,8 @@ import numpy as np
 import xarray as xr
 
 from anser.report.exports.geography import Track, aircraft_track, goal_tracks, rendezvous_track, stamp
+from anser.report.labels import printed_unit
 from anser.report.style import color_of
-from anser.report.traces import printed_unit
 
 __all__ = ["to_kml"]
 
@@ -51,7 +51,7 @@ def to_kml(dataset: xr.Dataset, summary: Mapping[str, Any], start: datetime) -> 
     schema = _child(document, "Schema", id=_SCHEMA)
     for name in _ARRAYS:
         field = _child(schema, "gx:SimpleArrayField", name=name, type="float")
-        unit = printed_unit(dataset[name])
+        unit = printed_unit(str(dataset[name].attrs["units"]))
         _child(field, "displayName", f"{dataset[name].attrs['long_name']} ({unit})")
 
     folder = _folder(document, "Aircraft")

@@ -1,0 +1,85 @@
+"""Arguments that several commands take, and what the shell offers for them."""
+
+import itertools
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from anser.scenario import AIRFRAMES, VARIANTS
+
+_RUN_FILES = ("flight.nc", "summary.json")
+_LOOKED_AT_MOST = 500
+"""Entries that a completion looks at: it must not take long in a large folder."""
+_DEEP = 2
+"""Folders below the one named so far that a completion looks into."""
+
+
+def complete_scenario(incomplete: str) -> list[str]:
+    """Scenario files that begin so, in this folder and two below; nothing where there is none: the shell's own turn."""
+    return _found(incomplete, _is_scenario)
+
+
+def complete_run(incomplete: str) -> list[str]:
+    """Folders of runs that begin so, in this folder and two below."""
+    return _found(incomplete, lambda path: all((path / name).is_file() for name in _RUN_FILES))
+
+
+def complete_aircraft(incomplete: str) -> list[str]:
+    """Airframes that begin so."""
+    return [name for name in AIRFRAMES if name.startswith(incomplete)]
+
+
+def complete_variant(context: typer.Context, incomplete: str) -> list[str]:
+    """Variants, that begin so, of the aircraft given before; of all aircraft where none is."""
+    known = VARIANTS.get(context.params.get("aircraft") or "")
+    names = known if known is not None else dict.fromkeys(itertools.chain(*VARIANTS.values()))
+    return [name for name in names if name.startswith(incomplete)]
+
+
+def _is_scenario(path: Path) -> bool:
+    return path.suffix == ".toml" and path.is_file() and b"[[aircraft]]" in path.read_bytes()
+
+
+def _found(incomplete: str, wanted: Callable[[Path], bool]) -> list[str]:
+    """Paths that begin with what was typed, written as it was typed."""
+    typed_folder, _, name = incomplete.rpartition("/")
+    folder = Path("/" if incomplete.startswith("/") and not typed_folder else typed_folder or ".")
+    begun = incomplete[: len(incomplete) - len(name)]
+    found = []
+    for path in itertools.islice(_below(folder, name, _DEEP), _LOOKED_AT_MOST):
+        try:
+            if wanted(path):
+                found.append(begun + path.relative_to(folder).as_posix())
+        except OSError:
+            continue
+    return sorted(found)
+
+
+def _below(folder: Path, begun: str, deep: int) -> Iterator[Path]:
+    """Entries of a folder that begin so, and below them; hidden ones only where asked for."""
+    try:
+        entries = sorted(folder.iterdir())
+    except OSError:
+        return
+    for entry in entries:
+        if not entry.name.startswith(begun) or (entry.name.startswith(".") and not begun):
+            continue
+        yield entry
+        if deep and entry.is_dir():
+            yield from _below(entry, "", deep - 1)
+
+
+ScenarioPath = Annotated[
+    Path, typer.Argument(help="Scenario file (TOML).", show_default=False, autocompletion=complete_scenario)
+]
+RunFolder = Annotated[
+    Path,
+    typer.Argument(help="Folder of a run: flight.nc, summary.json.", show_default=False, autocompletion=complete_run),
+]
+AircraftName = Annotated[str, typer.Option(help=f"Airframe: {', '.join(AIRFRAMES)}.", autocompletion=complete_aircraft)]
+VariantName = Annotated[
+    str,
+    typer.Option(help="Published set of tables: textbook, s119 or founding.", autocompletion=complete_variant),
+]

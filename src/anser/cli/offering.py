@@ -1,0 +1,88 @@
+"""What every command has in common: --json, --quiet, examples and exit codes in its help, an end by Ctrl-C."""
+
+import functools
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Any, TypeVar
+
+import typer
+from rich.markup import escape
+
+from anser.cli.console import output, problem
+
+_Function = TypeVar("_Function", bound=Callable[..., None])
+_ABOUT = "anser_about"
+INTERRUPTED = 130
+
+_Json = Annotated[
+    bool, typer.Option("--json", help="Print one JSON document instead of tables and lines, nothing else beside it.")
+]
+_Quiet = Annotated[
+    bool, typer.Option("--quiet", help="Print only what is wrong (and the document of --json); no progress.")
+]
+
+
+@dataclass(frozen=True)
+class About:
+    """What the help of a command tells besides its options.
+
+    Attributes
+    ----------
+    examples
+        Command lines as a user types them, the plainest first.
+    unmet
+        What exit code 1 means here; None where the command never ends with it.
+    """
+
+    examples: tuple[str, ...]
+    unmet: str | None
+
+    def epilog(self) -> str:
+        """Lines under the options of the help."""
+        codes = ["0  done", *([f"1  {self.unmet}"] if self.unmet else []), "2  bad input", "3  internal fault"]
+        lines = ["Examples:", *self.examples, "", "Exit codes:", *codes]
+        return escape("\n".join(line if not line or line.endswith(":") else f"  {line}" for line in lines))
+
+
+def about(*examples: str, unmet: str | None = None) -> Callable[[_Function], _Function]:
+    """Give a command its examples and the meaning of its exit code 1; `offer` shows them."""
+
+    def mark(function: _Function) -> _Function:
+        setattr(function, _ABOUT, About(examples, unmet))
+        return function
+
+    return mark
+
+
+def about_of(command: Callable[..., Any]) -> About:
+    """What `about` said of a command."""
+    return getattr(command, _ABOUT)
+
+
+def offer(app: typer.Typer, command: Callable[..., None]) -> None:
+    """Register a function marked by `about` as a command that takes --json and --quiet, too.
+
+    The function prints its results on `screen`, its messages by `say`, what is wrong by `problem`, and calls `answer`
+    once with its document; it need not know which of the options were given.
+    """
+
+    @functools.wraps(command)
+    def answering(*, anser_json: bool, anser_quiet: bool, **given: Any) -> None:
+        try:
+            with output(anser_json, anser_quiet):
+                command(**given)
+        except KeyboardInterrupt:
+            problem("stopped")
+            raise typer.Exit(INTERRUPTED) from None
+
+    common = [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=annotation)
+        for name, annotation in (("anser_json", _Json), ("anser_quiet", _Quiet))
+    ]
+    own = inspect.signature(command, eval_str=True).parameters.values()
+    parameters = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in own] + common
+    # What typer reads of a function: its signature and its annotations.
+    answering.__signature__ = inspect.Signature(parameters)  # pyright: ignore[reportAttributeAccessIssue]
+    answering.__annotations__ = {one.name: one.annotation for one in parameters}
+    app.command(epilog=about_of(command).epilog())(answering)

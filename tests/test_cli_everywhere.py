@@ -1,0 +1,321 @@
+"""What holds for every command: --json, --quiet, examples, exit codes; and typos, completion, colours, progress."""
+
+import functools
+import io
+import json
+import os
+import re
+import shlex
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import rich.console
+import rich.progress
+import typer
+from typer.main import get_command
+from typer.testing import CliRunner
+
+from anser.cli import app, console, main
+from anser.cli.arguments import complete_run, complete_scenario, complete_variant
+from anser.cli.console import answer, line, problem, progress_bar, say
+from anser.cli.offering import about, offer
+from support.made_flight import make_flight
+
+ROOT = Path(__file__).parents[1]
+SCENARIOS = ROOT / "scenarios"
+THREE = SCENARIOS / "three-aircraft.toml"
+COMMANDS = get_command(app).commands
+COLOUR = re.compile(r"\x1b\[[\d;]*(?:3[0-7]|38|9[0-7])[\d;]*m")
+
+
+@pytest.fixture
+def anser(monkeypatch, capsys):
+    """Run the command line in this process: exit code, standard output, standard error."""
+
+    def call(*words):
+        monkeypatch.setattr(sys, "argv", ["anser", *map(str, words)])
+        monkeypatch.setenv("COLUMNS", "200")
+        with pytest.raises(SystemExit) as ended:
+            main()
+        printed = capsys.readouterr()
+        return ended.value.code or 0, printed.out, printed.err
+
+    return call
+
+
+@functools.cache
+def _help(name):
+    return CliRunner().invoke(app, [name, "--help"], env={"COLUMNS": "150", "TERM": "dumb"}).stdout
+
+
+def _examples(name):
+    """Examples in the help of a command, as they stand there."""
+    lines = [line.strip() for line in _help(name).splitlines()]
+    rest = lines[lines.index("Examples:") + 1 :]
+    return rest[: rest.index("")]
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_has_the_options_examples_and_exit_codes(name):
+    shown = _help(name)
+    for option in ("--json", "--quiet", "--help"):
+        assert option in shown
+    for code in ("0  done", "2  bad input", "3  internal fault"):
+        assert code in shown
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_example_is_a_command_line_that_parses(name):
+    examples = _examples(name)
+    assert examples
+    for example in examples:
+        program, command, *words = shlex.split(example.partition(" > ")[0])
+        assert (program, command) == ("anser", name)
+        COMMANDS[name].make_context(name, words)  # raises UsageError at what the command has not
+        for word in words:
+            if word.startswith("scenarios/"):
+                assert (ROOT / word).is_file()
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_page_of_commands_shows_each(name):
+    page = (ROOT / "docs" / "command-line.md").read_text()
+    (row,) = [line for line in page.splitlines() if line.startswith(f"| `{_examples(name)[0]}` |")]
+    unmet = re.search(r"^ *1  (.*?) *$", _help(name), re.MULTILINE)
+    assert row.split("|")[3].strip() == (unmet[1] if unmet else "")
+
+
+def test_check_answers_as_json_whether_good_or_not(anser, tmp_path):
+    code, printed, err = anser("check", THREE, "--json")
+    assert (code, err) == (0, "")
+    document = json.loads(printed)
+    assert document["good"] is True
+    assert (document["aircraft"], document["goals"], document["cautions"]) == (3, 3, [])
+
+    path = tmp_path / "bad[red].toml"
+    path.write_text(THREE.read_text().replace("speed_m_s = 150.0\n", "sped_m_s = 150.0\n", 1))
+    code, printed, err = anser("check", path, "--json")
+    assert code == 2
+    (found,) = json.loads(printed)["problems"]
+    assert found["path"] == "fleet.sped_m_s"
+    assert 'perhaps "speed_m_s"' in found["expected"]
+    assert f"{found['path']}: arrived {found['arrived']}; expected {found['expected']}" in err
+    assert str(path) in err
+
+
+def test_quiet_leaves_only_what_is_wrong(anser, tmp_path):
+    odd = tmp_path / "odd.toml"
+    gains = "[aircraft.gains.velocity]\nproportional = [1.0, 1.6, 1.0]\n\n[[goal]]"
+    odd.write_text(THREE.read_text().replace("[[goal]]", gains, 1))
+    code, _, err = anser("check", odd)
+    assert (code, err.startswith("caution: aircraft[")) == (0, True)
+    assert anser("check", odd, "--quiet") == (0, "", "")
+    code, printed, err = anser("check", THREE)
+    assert code == 0
+    assert "good" in printed
+    assert err == ""
+    assert anser("check", THREE, "--quiet") == (0, "", "")
+    assert anser("new", tmp_path / "mine.toml", "--quiet") == (0, "", "")
+    code, printed, err = anser("new", tmp_path / "mine.toml", "--quiet")
+    assert (code, printed) == (2, "")
+    assert "mine.toml" in err
+    code, printed, err = anser("new", tmp_path / "yours.toml", "--quiet", "--json")
+    assert (code, json.loads(printed)["file"], err) == (0, str(tmp_path / "yours.toml"), "")
+
+
+def test_lists_and_reports_answer_as_json(anser, tmp_path):
+    from anser.results import write_netcdf, write_summary
+
+    code, printed, err = anser("verify", "--list", "--json")
+    assert (code, err) == (0, "")
+    assert "nesc-11" in [row["key"] for row in json.loads(printed)["checks"]]
+    dataset, summary = make_flight()
+    write_netcdf(dataset, tmp_path / "flight.nc")
+    write_summary(summary, tmp_path / "summary.json")
+    code, printed, err = anser("report", tmp_path, "--json")
+    assert (code, err) == (0, "")
+    assert Path(json.loads(printed)["file"]).is_file()
+    code, printed, err = anser("export", tmp_path, "--format", "csv,kml", "--period-s", "10", "--json")
+    assert (code, err) == (0, "")
+    assert json.loads(printed)["files"] == {name: str(tmp_path / f"flight.{name}") for name in ("csv", "kml")}
+
+
+@pytest.fixture
+def made():
+    """An application with one made-up command for each way to behave."""
+
+    @about("anser good", unmet="never")
+    def good() -> None:
+        """Answers as a command should."""
+        say("a message [1]")
+        answer(lambda: {"figure": 1})
+        line("figure [m]: 1")
+        problem("falls short [2]")
+        raise typer.Exit(1)
+
+    @about("anser mute")
+    def mute() -> None:
+        """Forgets its document."""
+        line("figure: 1")
+
+    @about("anser endless")
+    def endless() -> None:
+        """Is interrupted."""
+        raise KeyboardInterrupt
+
+    offered = typer.Typer()
+    for command in (good, mute, endless):
+        offer(offered, command)
+    return lambda *words: CliRunner().invoke(offered, words)
+
+
+def test_one_document_stands_on_standard_output_and_nothing_else(made):
+    done = made("good")
+    assert (done.exit_code, done.stdout, done.stderr) == (1, "figure [m]: 1\n", "a message [1]\nfalls short [2]\n")
+    done = made("good", "--json")
+    assert (done.exit_code, json.loads(done.stdout)) == (1, {"figure": 1})
+    assert done.stderr == "a message [1]\nfalls short [2]\n"
+    done = made("good", "--quiet")
+    assert (done.exit_code, done.stdout, done.stderr) == (1, "", "falls short [2]\n")
+    done = made("good", "--quiet", "--json")
+    assert (done.exit_code, json.loads(done.stdout), done.stderr) == (1, {"figure": 1}, "falls short [2]\n")
+    assert made("good").stdout == "figure [m]: 1\n"  # no option lasts longer than its command
+
+
+def test_a_command_without_its_document_is_a_fault(made):
+    assert made("mute").exit_code == 0
+    assert isinstance(made("mute", "--json").exception, RuntimeError)
+
+
+def test_an_interrupt_ends_with_130(made):
+    done = made("endless")
+    assert (done.exit_code, done.stdout, done.stderr) == (130, "", "stopped\n")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("rnu", THREE), "Did you mean 'run'"),
+        (("chek", THREE), "Did you mean 'check'"),
+        (("run", THREE, "--quit"), "--quiet"),
+        (("trim", "--speed-ms", "150"), "--speed-m-s"),
+        (("verify", "--case", "f16-trims"), "the closest is f16-trim"),
+        (("check",), "Missing argument"),
+    ],
+)
+def test_typos_are_answered_by_what_was_meant(anser, words, said):
+    code, printed, err = anser(*words)
+    assert (code, printed) == (2, "")
+    assert said in " ".join(err.replace("│", " ").split())
+
+
+def _completed(words, folder, **environment):
+    """What bash would offer."""
+    typed = {"_ANSER_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(len(words.split(" ")) - 1)}
+    done = subprocess.run(
+        [Path(sys.executable).with_name("anser")],
+        env=os.environ | typed | environment,
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return done.stdout.split()
+
+
+def test_the_shell_completes_scenarios_and_options():
+    assert _completed("anser run scenarios/th", ROOT) == ["scenarios/three-aircraft.toml"]
+    assert {"--json", "--quiet"} <= set(_completed("anser run --", ROOT))
+
+
+def test_the_shell_is_taught_on_request():
+    program = Path(sys.executable).with_name("anser")
+    environment = os.environ | {"_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"}
+    done = subprocess.run(
+        [program, "--show-completion", "bash"], env=environment, capture_output=True, text=True, check=True
+    )
+    assert "_ANSER_COMPLETE=complete_bash" in done.stdout
+    assert subprocess.run(["bash", "-n"], input=done.stdout, text=True, check=True).returncode == 0
+
+
+def test_scenarios_and_runs_are_found_where_they_lie(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("pyproject.toml").write_text("[project]\n")
+    Path("mine.toml").write_text("[[aircraft]]\n")
+    for folder in (Path("runs/a"), Path("runs/b"), Path(".hidden")):
+        folder.mkdir(parents=True)
+        (folder / "copy.toml").write_text("[[aircraft]]\n")
+        (folder / "flight.nc").touch()
+    for folder in (Path("runs/a"), Path(".hidden")):
+        (folder / "summary.json").touch()
+    assert complete_scenario("") == ["mine.toml", "runs/a/copy.toml", "runs/b/copy.toml"]
+    assert complete_scenario("./m") == ["./mine.toml"]
+    assert complete_scenario(f"{tmp_path}/runs/b") == [f"{tmp_path}/runs/b/copy.toml"]
+    assert complete_scenario("nowhere/") == []
+    assert complete_run("") == ["runs/a"]
+    assert complete_run("runs/") == ["runs/a"]
+    assert complete_run(".h") == [".hidden"]
+
+
+def test_variants_are_those_of_the_aircraft():
+    context = typer.Context(get_command(app))
+    context.params = {"aircraft": "f16"}
+    assert complete_variant(context, "t") == ["textbook"]
+    context.params = {"aircraft": "balloon"}
+    assert "s119" in complete_variant(context, "")
+
+
+@pytest.mark.parametrize("no_color", ["", "1"])
+def test_colours_respect_no_color(no_color):
+    script = (
+        "from anser.cli import app; from anser.cli.console import err, screen\n"
+        "screen.print('[red]r[/red] 12'); err.print('[red]e[/red]')\n"
+        "try: app(['run', '--help'])\nexcept SystemExit: pass"
+    )
+    environment = os.environ | {"FORCE_COLOR": "1", "TERM": "xterm-256color", "NO_COLOR": no_color}
+    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True)
+    assert bool(COLOUR.search(done.stdout)) is not bool(no_color)
+    assert bool(COLOUR.search(done.stderr)) is not bool(no_color)
+    assert "\x1b[1m" in done.stdout  # bold is no colour
+
+
+def test_progress_tells_the_time_left():
+    clock = [0.0]
+    screen = rich.console.Console(file=io.StringIO())
+    period = console._SPEED_PERIOD_S
+    with rich.progress.Progress(
+        console=screen, auto_refresh=False, get_time=lambda: clock[0], speed_estimate_period=period
+    ) as bar:
+        bar.add_task("flying", total=1.0)
+        (task,) = bar.tasks
+        times = console._Times()
+        assert times.render(task).plain == "0:00"
+        clock[0] = 100.0  # compiling: the first step stands for no speed
+        bar.update(task.id, completed=0.25)
+        assert times.render(task).plain == "1:40"
+        for completed in (0.5, 0.75):
+            clock[0] += 40.0
+            bar.update(task.id, completed=completed)
+        assert times.render(task).plain == "3:00, 0:40 left"
+        clock[0] = 7300.0
+        bar.update(task.id, completed=1.0)
+        assert times.render(task).plain == "2:01:40"
+
+
+def test_no_progress_without_a_screen_or_by_quiet(monkeypatch, capsys):
+    with progress_bar() as tell:
+        tell("flying", 0.5)
+    assert capsys.readouterr() == ("", "")
+    watched = rich.console.Console(stderr=True, force_terminal=True, _environ={"TERM": "xterm", "COLUMNS": "80"})
+    monkeypatch.setattr(console, "note", watched)
+    with progress_bar() as tell:
+        tell("flying", 0.5)
+        time.sleep(0.5)  # it is drawn ten times a second
+    assert "flying" in capsys.readouterr().err
+    monkeypatch.setattr(watched, "quiet", True)
+    with progress_bar() as tell:
+        tell("flying", 0.5)
+    assert capsys.readouterr() == ("", "")
