@@ -212,5 +212,5 @@ plan_at = functools.partial(
 
 
 def ticks_for(duration_s: float) -> int:
-    """Even intervals for a path of a duration: a power of two from 64 to 2048, at most 2 s long unless that is too few."""
+    """Even intervals for a path of a duration: a power of two from 64 to 2048, at most 2 s long where that will do."""
     return next((ticks for ticks in (64, 128, 256, 512, 1024) if 2.0 * ticks >= duration_s), 2048)
