@@ -3,6 +3,7 @@
 import atexit
 import os
 import shutil
+import sys
 import tempfile
 
 # What one test module has compiled the others, the other worker and the commands that tests start need not: one cache
@@ -16,6 +17,7 @@ os.environ.setdefault("ANSER_COMPILATION_CACHE", os.environ["ANSER_TEST_CACHE"])
 # its fusion emitters, and they run as fast; the results differ in rounding. Left alone where XLA_FLAGS are set.
 os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false")
 
+import pytest
 from hypothesis import settings
 from jaxtyping import install_import_hook
 
@@ -24,6 +26,7 @@ with install_import_hook("anser", "beartype.beartype"):
 
 import jax
 
+from anser import cli
 from anser.compilation_cache import enable_compilation_cache
 
 enable_compilation_cache()
@@ -33,3 +36,18 @@ jax.config.update("jax_numpy_rank_promotion", "raise")
 settings.register_profile("ci", derandomize=True)
 if os.environ.get("CI"):
     settings.load_profile("ci")
+
+
+@pytest.fixture(name="anser")
+def command_line(monkeypatch, capsys):
+    """Run the command line in this process: exit code, standard output, standard error."""
+
+    def call(*words):
+        monkeypatch.setattr(sys, "argv", ["anser", *map(str, words)])
+        monkeypatch.setenv("COLUMNS", "200")
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+        printed = capsys.readouterr()
+        return ended.value.code or 0, printed.out, printed.err
+
+    return call

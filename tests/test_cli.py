@@ -7,25 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from anser.cli import main
-
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
 THREE = (SCENARIOS / "three-aircraft.toml").read_text()
-
-
-@pytest.fixture
-def anser(monkeypatch, capsys):
-    """Run the command line in this process: exit code, standard output, standard error."""
-
-    def call(*words):
-        monkeypatch.setattr(sys, "argv", ["anser", *map(str, words)])
-        monkeypatch.setenv("COLUMNS", "200")
-        with pytest.raises(SystemExit) as ended:
-            main()
-        printed = capsys.readouterr()
-        return ended.value.code or 0, printed.out, printed.err
-
-    return call
 
 
 def _scenario(tmp_path, *changes):

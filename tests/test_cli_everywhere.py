@@ -18,7 +18,7 @@ import typer
 from typer.main import get_command
 from typer.testing import CliRunner
 
-from anser.cli import app, console, main
+from anser.cli import app, console
 from anser.cli.arguments import complete_run, complete_scenario, complete_variant
 from anser.cli.console import answer, line, problem, progress_bar, say
 from anser.cli.offering import about, offer
@@ -29,21 +29,6 @@ SCENARIOS = ROOT / "scenarios"
 THREE = SCENARIOS / "three-aircraft.toml"
 COMMANDS = get_command(app).commands
 COLOUR = re.compile(r"\x1b\[[\d;]*(?:3[0-7]|38|9[0-7])[\d;]*m")
-
-
-@pytest.fixture
-def anser(monkeypatch, capsys):
-    """Run the command line in this process: exit code, standard output, standard error."""
-
-    def call(*words):
-        monkeypatch.setattr(sys, "argv", ["anser", *map(str, words)])
-        monkeypatch.setenv("COLUMNS", "200")
-        with pytest.raises(SystemExit) as ended:
-            main()
-        printed = capsys.readouterr()
-        return ended.value.code or 0, printed.out, printed.err
-
-    return call
 
 
 @functools.cache

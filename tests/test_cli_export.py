@@ -1,27 +1,10 @@
 """The command export end to end: which files it writes, what it refuses, that nothing is overwritten."""
 
 import json
-import sys
 
 import pytest
 
-from anser.cli import main
 from support.tiny_run import make_run
-
-
-@pytest.fixture
-def anser(monkeypatch, capsys):
-    """Run the command line in this process: exit code, standard output, standard error."""
-
-    def call(*words):
-        monkeypatch.setattr(sys, "argv", ["anser", *map(str, words)])
-        monkeypatch.setenv("COLUMNS", "200")
-        with pytest.raises(SystemExit) as ended:
-            main()
-        printed = capsys.readouterr()
-        return ended.value.code or 0, printed.out, printed.err
-
-    return call
 
 
 @pytest.fixture

@@ -1,31 +1,14 @@
 """The command figures: what it writes, what it refuses. The published cases stand in as small datasets."""
 
-import sys
 from types import SimpleNamespace
 
 import pytest
 
-from anser.cli import main
 from anser.report import flight_figures
 from anser.results import read_netcdf, write_netcdf
 from support.tiny_run import make_run, tiny_dataset
 
 SUFFIXES = (".pdf", ".png", ".svg")
-
-
-@pytest.fixture
-def anser(monkeypatch, capsys):
-    """Run the command line in this process: exit code, standard output, standard error."""
-
-    def call(*words):
-        monkeypatch.setattr(sys, "argv", ["anser", *map(str, words)])
-        monkeypatch.setenv("COLUMNS", "200")
-        with pytest.raises(SystemExit) as ended:
-            main()
-        printed = capsys.readouterr()
-        return ended.value.code or 0, printed.out, printed.err
-
-    return call
 
 
 @pytest.fixture(autouse=True)

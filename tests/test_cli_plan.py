@@ -8,26 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from anser.cli import main
-
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
 THREE = SCENARIOS / "three-aircraft.toml"
 FILES = ["plan.json", "plan.png", "plan.svg", "trajectories.csv"]
-
-
-@pytest.fixture
-def anser(monkeypatch, capsys):
-    """Run the command line in this process: exit code, standard output, standard error."""
-
-    def call(*words):
-        monkeypatch.setattr(sys, "argv", ["anser", *map(str, words)])
-        monkeypatch.setenv("COLUMNS", "200")
-        with pytest.raises(SystemExit) as ended:
-            main()
-        printed = capsys.readouterr()
-        return ended.value.code or 0, printed.out, printed.err
-
-    return call
 
 
 def test_plan_writes_its_files_and_prints_margins(anser, tmp_path):

@@ -1,27 +1,11 @@
 """The command report: what it writes, what it refuses, that nothing is lost."""
 
 import shutil
-import sys
 
 import pytest
 
-from anser.cli import main
 from anser.results import write_netcdf, write_summary
 from support.made_flight import make_flight
-
-
-@pytest.fixture
-def anser(monkeypatch, capsys):
-    """Run the command line in this process: exit code, standard output, standard error."""
-
-    def call(*words):
-        monkeypatch.setattr(sys, "argv", ["anser", *map(str, words)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        printed = capsys.readouterr()
-        return ended.value.code or 0, printed.out, printed.err
-
-    return call
 
 
 @pytest.fixture(scope="module")

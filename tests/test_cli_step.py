@@ -1,28 +1,10 @@
 """The commands step and gallery end to end: what they print, what they write, how they end."""
 
 import json
-import sys
 
 import pytest
 
 from anser.campaign import PUBLISHED_STEPS
-from anser.cli import main
-
-
-@pytest.fixture
-def anser(monkeypatch, capsys):
-    """Run the command line in this process: exit code, standard output, standard error."""
-
-    def call(*words):
-        monkeypatch.setattr(sys, "argv", ["anser", *map(str, words)])
-        monkeypatch.setenv("COLUMNS", "200")
-        with pytest.raises(SystemExit) as ended:
-            main()
-        printed = capsys.readouterr()
-        return ended.value.code or 0, printed.out, printed.err
-
-    return call
-
 
 PITCH = ("step", "--loop", "rates", "--channel", "q", "--size", "-5", "--at", "150,2000")
 
