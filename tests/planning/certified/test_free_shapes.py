@@ -118,16 +118,17 @@ def test_three_turns_in_a_row_are_found_where_no_detour_will_do():
 
 def test_closed_volumes_are_gone_around():
     # One volume amid the straight line from start to end, and twelve radii of it: half the free shapes would enter it.
-    middle = 0.5 * (FREE.start + FREE.end)
-    wide = 0.3 * np.abs(np.asarray(FREE.end - FREE.start))
-    wanted = jnp.asarray(1.3 * shortest(FREE))
+    few = picked(FREE, slice(6))
+    middle = 0.5 * (few.start + few.end)
+    wide = 0.3 * np.abs(np.asarray(few.end - few.start))
+    wanted = jnp.asarray(1.3 * shortest(FREE)[:6])
 
     def around(ends, middle, wide, wanted):
         closed = Closed(jnp.array([0.0, 1e7]), middle * jnp.ones((1, 2)), wide[None], jnp.ones((1, 2)))
         return all_of(ends, EVEN, wanted, closed), all_of(ends, EVEN, wanted)
 
     (kept, kept_shapes), (free, free_shapes) = compiled_quickly(jax.vmap(around))(
-        FREE, middle, jnp.asarray(wide), wanted
+        few, middle, jnp.asarray(wide), wanted
     )
 
     @compiled_quickly
