@@ -6,7 +6,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import anser
+import jax
+
+jax.Array.__name__ = jax.Array.__qualname__ = "Array"  # as signatures are to show it: its own name is jaxlib._jax.Array
+jax.Array.__module__ = "jax"
+
+import anser  # noqa: E402 - its annotations take the name on
 
 _ROOT = Path(__file__).parents[1]
 
@@ -31,6 +36,7 @@ html_static_path = ["_static", str(importlib.resources.files("sphinx-mathjax-off
 mathjax_path = "mathjax/tex-chtml.js"
 html_css_files = ["site.css"]
 html_show_sphinx = False
+html_show_copyright = False
 html_copy_source = False
 html_theme_options = {"navigation_with_keys": True}
 
@@ -45,6 +51,7 @@ nb_execution_raise_on_error = True
 nb_execution_show_tb = True
 nb_execution_timeout = 280
 nb_merge_streams = True
+nb_render_markdown_format = "gfm"
 nb_mime_priority_overrides = [("html", "image/svg+xml", 5)]
 
 autodoc_member_order = "bysource"
@@ -59,11 +66,26 @@ python_use_unqualified_type_names = True
 python_maximum_signature_line_length = 100
 default_role = "code"  # docstrings set names between single backquotes
 
-_STARTUP = f'''"""What each example finds: the scenarios beside it, plain figures."""
+_STARTUP = f'''"""What each example finds: the scenarios beside it, a shell, plain figures."""
 import os
+import subprocess
+
+from IPython.core.magic import register_cell_magic
 
 if not os.path.exists("scenarios"):
     os.symlink({str(_ROOT / "scenarios")!r}, "scenarios")
+for name in ("FORCE_COLOR", "CLICOLOR", "CLICOLOR_FORCE"):
+    os.environ.pop(name, None)  # commands write as into a pipe
+
+
+@register_cell_magic
+def sh(line, cell):
+    """Run a shell's commands; what they print comes in its order, and a failure is one of the page."""
+    done = subprocess.run(["sh", "-ec", cell], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    print(done.stdout, end="")
+    done.check_returncode()
+
+
 get_ipython().run_line_magic("matplotlib", "inline")
 get_ipython().run_line_magic("config", "InlineBackend.figure_formats = ['svg']")
 '''

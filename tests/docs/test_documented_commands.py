@@ -29,21 +29,27 @@ COVERED = {
         "tests/campaign/test_shipped_scenarios.py",
         '"single-aircraft"',
     ),
-    f"anser run scenarios/single-aircraft.toml --out first-flight{REFUSED}": ("tests/test_cli.py", 'assert "exists" in err'),
+    f"anser run scenarios/single-aircraft.toml --out first-flight{REFUSED}": (
+        "tests/test_cli.py",
+        'assert "exists" in err',
+    ),
     "anser run scenarios/storm-sampling.toml --out storm": (
         "tests/campaign/test_shipped_scenarios.py",
         '"storm-sampling"',
     ),
     "python -m json.tool storm/summary.json": ("tests/test_cli.py", "json.loads((out /"),
     # another number of aircraft compiles another flight: the commands are tested with three, the page itself flies two
-    f"anser run slow.toml --out slow{REFUSED}": ("tests/campaign/test_execute.py", "ScenarioError"),
+    f"anser run high.toml --out high{REFUSED}": ("tests/campaign/test_execute.py", "ScenarioError"),
     "anser run two-buoys.toml --out two-buoys": ("tests/test_cli.py", 'anser("run"'),
-    "anser plan task.toml --out planned": ("tests/campaign/test_certified.py", "plan_certified"),
+    "anser plan task.toml --out planned": ("tests/campaign/test_certified.py", "return run(load("),
     "anser plan early.toml": (
         "tests/campaign/test_certified.py",
         "test_a_time_that_is_too_early_is_refused_with_the_times_that_work",
     ),
-    "anser run scenarios/twenty-aircraft.toml": ("tests/campaign/test_certified.py", "return run(load("),  # two aircraft
+    "anser run scenarios/twenty-aircraft.toml": (
+        "tests/campaign/test_certified.py",
+        "return run(load(",
+    ),  # two aircraft
     "anser plan scenarios/single-aircraft.toml": ("tests/test_cli_plan.py", 'anser("plan", THREE'),
     "anser report RUN_A RUN_B --out beside.html": ("tests/test_cli_report.py", 'anser("report", *runs, "--out", out)'),
     "anser linearize --speed-m-s 150 --altitude-m 1000 --loop velocity": (
@@ -60,7 +66,10 @@ COVERED = {
     ),
     "anser gallery --out gallery": ("tests/test_cli_step.py", 'anser("gallery", "--out", out)'),
     "anser robustness --out robustness": ("tests/campaign/test_robustness_study.py", "def test_the_command("),
-    "anser envelope --out envelope": ("tests/campaign/test_envelope_survey.py", "def test_the_command_writes_the_files"),
+    "anser envelope --out envelope": (
+        "tests/campaign/test_envelope_survey.py",
+        "def test_the_command_writes_the_files",
+    ),
     "anser verify": ("tests/verification/test_nesc.py", "NESC_CHECKS"),  # with its neighbours, each check by itself
 }
 """Commands that take too long here, or install: the file that runs the same, or the same on a smaller case, and its words."""
