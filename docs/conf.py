@@ -69,6 +69,7 @@ default_role = "code"  # docstrings set names between single backquotes
 _STARTUP = f'''"""What each example finds: the scenarios beside it, a shell, plain figures."""
 import os
 import subprocess
+import textwrap
 
 from IPython.core.magic import register_cell_magic
 
@@ -82,8 +83,14 @@ for name in ("FORCE_COLOR", "CLICOLOR", "CLICOLOR_FORCE"):
 def sh(line, cell):
     """Run a shell's commands; what they print comes in its order, and a failure is one of the page."""
     done = subprocess.run(["sh", "-ec", cell], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-    print(done.stdout, end="")
+    print(*map(folded, done.stdout.splitlines()), sep="\\n")
     done.check_returncode()
+
+
+def folded(line):
+    """Fold a long sentence; the rows of a table stay as they are."""
+    table = len(line) <= 96 or "   " in line.strip()
+    return line if table else textwrap.fill(line, 96, subsequent_indent="    ", break_long_words=False)
 
 
 get_ipython().run_line_magic("matplotlib", "inline")

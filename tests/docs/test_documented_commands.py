@@ -38,9 +38,9 @@ COVERED = {
         '"storm-sampling"',
     ),
     "python -m json.tool storm/summary.json": ("tests/test_cli.py", "json.loads((out /"),
-    # another number of aircraft compiles another flight: the commands are tested with three, the page itself flies two
+    # the commands are tested with other scenarios of three aircraft
     f"anser run high.toml --out high{REFUSED}": ("tests/campaign/test_execute.py", "ScenarioError"),
-    "anser run two-buoys.toml --out two-buoys": ("tests/test_cli.py", 'anser("run"'),
+    "anser run three-buoys.toml --out three-buoys": ("tests/test_cli.py", 'anser("run"'),
     "anser plan task.toml --out planned": ("tests/campaign/test_certified.py", "return run(load("),
     "anser plan early.toml": (
         "tests/campaign/test_certified.py",
