@@ -38,8 +38,7 @@ COVERED = {
         '"storm-sampling"',
     ),
     "python -m json.tool storm/summary.json": ("tests/test_cli.py", "json.loads((out /"),
-    # the commands are tested with other scenarios of three aircraft
-    f"anser run high.toml --out high{REFUSED}": ("tests/campaign/test_execute.py", "ScenarioError"),
+    # tested with another scenario of three aircraft
     "anser run three-buoys.toml --out three-buoys": ("tests/test_cli.py", 'anser("run"'),
     "anser plan task.toml --out planned": ("tests/campaign/test_certified.py", "return run(load("),
     "anser plan early.toml": (
