@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 OUT ?= runs/three-aircraft-$(shell date +%Y%m%d-%H%M%S)
 
-.PHONY: demo test bench verification plan-trials autopilot clean
+.PHONY: demo test docs bench verification plan-trials autopilot clean
 
 demo: .venv/.installed
 	$(BIN)/anser run scenarios/three-aircraft.toml --out $(OUT)
@@ -14,6 +14,11 @@ test: .venv/.installed-test
 	$(BIN)/basedpyright
 	$(BIN)/lint-imports
 	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
+
+# The documentation site, every example executed: open build/docs/index.html.
+docs: .venv/.installed-docs
+	rm -rf docs/reference/generated
+	$(BIN)/sphinx-build --fail-on-warning --keep-going --fresh-env --quiet -d build/doctrees docs build/docs
 
 bench: .venv/.installed-test
 	$(BIN)/pytest benchmarks/bench_flight.py --benchmark-enable --benchmark-only -s -p no:xdist
@@ -47,6 +52,10 @@ autopilot: .venv/.installed
 
 .venv/.installed-test: .venv/.installed pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[test]"
+	@touch $@
+
+.venv/.installed-docs: .venv/.installed pyproject.toml constraints.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[docs]"
 	@touch $@
 
 clean:

@@ -1,0 +1,126 @@
+"""Configuration of the documentation site: `make docs` builds it into build/docs, offline, executing every example."""
+
+import importlib.resources
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+import jax
+
+jax.Array.__name__ = jax.Array.__qualname__ = "Array"  # as signatures are to show it: its own name is jaxlib._jax.Array
+jax.Array.__module__ = "jax"
+
+import anser  # noqa: E402 - its annotations take the name on
+
+_ROOT = Path(__file__).parents[1]
+
+project = "anser"
+author = "the authors of anser"
+release = version = anser.__version__
+
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "numpydoc",
+    "sphinx.ext.mathjax",
+]
+exclude_patterns = ["_templates"]
+templates_path = ["_templates"]
+
+html_theme = "furo"
+html_title = "anser"
+# Formulas need no network: MathJax comes from a package and is copied into the site.
+html_static_path = ["_static", str(importlib.resources.files("sphinx-mathjax-offline") / "static")]
+mathjax_path = "mathjax/tex-chtml.js"
+html_css_files = ["site.css"]
+html_show_sphinx = False
+html_show_copyright = False
+html_copy_source = False
+html_theme_options = {"navigation_with_keys": True}
+
+myst_enable_extensions = ["dollarmath", "amsmath", "deflist"]
+myst_heading_anchors = 3
+myst_links_external_new_tab = False
+
+# Examples: each page in a fresh kernel and a folder of its own; an example that raises ends the build.
+nb_execution_mode = "force"
+nb_execution_in_temp = True
+nb_execution_raise_on_error = True
+nb_execution_show_tb = True
+nb_execution_timeout = 280
+nb_merge_streams = True
+nb_render_markdown_format = "gfm"
+nb_mime_priority_overrides = [("html", "image/svg+xml", 5)]
+
+autodoc_member_order = "bysource"
+autodoc_typehints = "signature"
+autodoc_typehints_format = "short"
+autodoc_preserve_defaults = True
+autosummary_generate = True
+autosummary_ignore_module_all = False
+numpydoc_show_class_members = False
+numpydoc_class_members_toctree = False
+python_use_unqualified_type_names = True
+python_maximum_signature_line_length = 100
+default_role = "code"  # docstrings set names between single backquotes
+
+_STARTUP = f'''"""What each example finds: the scenarios beside it, a shell, plain figures."""
+import os
+import subprocess
+import textwrap
+
+from IPython.core.magic import register_cell_magic
+
+if not os.path.exists("scenarios"):
+    os.symlink({str(_ROOT / "scenarios")!r}, "scenarios")
+for name in ("FORCE_COLOR", "CLICOLOR", "CLICOLOR_FORCE"):
+    os.environ.pop(name, None)  # commands write as into a pipe
+
+
+@register_cell_magic
+def sh(line, cell):
+    """Run a shell's commands; what they print comes in its order, and a failure is one of the page."""
+    done = subprocess.run(["sh", "-ec", cell], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    print(*map(folded, done.stdout.splitlines()), sep="\\n")
+    done.check_returncode()
+
+
+def folded(line):
+    """Fold a long sentence; the rows of a table stay as they are."""
+    table = len(line) <= 96 or "   " in line.strip()
+    return line if table else textwrap.fill(line, 96, subsequent_indent="    ", break_long_words=False)
+
+
+get_ipython().run_line_magic("matplotlib", "inline")
+get_ipython().run_line_magic("config", "InlineBackend.figure_formats = ['svg']")
+'''
+
+
+def _prepare_kernels() -> None:
+    """Let the kernels of the examples find the command `anser`, and the scenarios where the pages say they are."""
+    os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
+    os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false")  # compiles in half the time
+    os.environ["COLUMNS"] = "110"
+    profile = _ROOT / "build" / "ipython"
+    startup = profile / "profile_default" / "startup"
+    startup.mkdir(parents=True, exist_ok=True)
+    (startup / "00-examples.py").write_text(_STARTUP, encoding="utf-8")
+    (startup.parent / "ipython_kernel_config.py").write_text("c.IPKernelApp.log_level = 40\n", encoding="utf-8")
+    os.environ["IPYTHONDIR"] = str(profile)
+
+
+_prepare_kernels()
+
+
+def _escape_bars(_app: object, _what: str, _name: str, _of: object, _options: object, lines: list[str]) -> None:
+    """Let |x| in a docstring be an absolute value, not a substitution of reStructuredText."""
+    for k, line in enumerate(lines):
+        parts = line.split("`")
+        lines[k] = "`".join(part if j % 2 else part.replace("|", "\\|") for j, part in enumerate(parts))
+
+
+def setup(app: Any) -> None:
+    """Called by Sphinx."""
+    app.connect("autodoc-process-docstring", _escape_bars)

@@ -1,0 +1,155 @@
+"""Every command that README, tutorials and how-to pages show is run: the quick ones here, the others where COVERED says."""
+
+import os
+import re
+import sys
+from pathlib import Path
+
+import click
+import pytest
+import typer.main
+
+from anser.cli import app, main
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("index.md")), *sorted((ROOT / "docs").glob("[th][uo]*/*.md"))]
+
+BLOCK = re.compile(r"^```(?:sh|console|bash|\{code-cell\}[^\n]*\n%%sh)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+PYTHON = re.compile(r"^```\{code-cell\}[^\n]*\n(.*?)^```", re.MULTILINE | re.DOTALL)
+INLINE = re.compile(r"`(anser [^`\n]+)`")
+PLACEHOLDER = re.compile(r"\b[A-Z]{3,}")
+
+REFUSED = ' || echo "exit code $?"'
+"""How a page shows a command that is to fail."""
+
+COVERED = {
+    "make demo": ("tests/test_cli.py", 'anser("run", SCENARIOS / "three-aircraft.toml"'),
+    "make test": ("Makefile", "pytest -n 2"),  # this test is part of it
+    "anser run scenarios/single-aircraft.toml --out first-flight": (
+        "tests/campaign/test_shipped_scenarios.py",
+        '"single-aircraft"',
+    ),
+    f"anser run scenarios/single-aircraft.toml --out first-flight{REFUSED}": (
+        "tests/test_cli.py",
+        'assert "exists" in err',
+    ),
+    "anser run scenarios/storm-sampling.toml --out storm": (
+        "tests/campaign/test_shipped_scenarios.py",
+        '"storm-sampling"',
+    ),
+    "python -m json.tool storm/summary.json": ("tests/test_cli.py", "json.loads((out /"),
+    # tested with another scenario of three aircraft
+    "anser run three-buoys.toml --out three-buoys": ("tests/test_cli.py", 'anser("run"'),
+    "anser plan task.toml --out planned": ("tests/campaign/test_certified.py", "return run(load("),
+    "anser plan early.toml": (
+        "tests/campaign/test_certified.py",
+        "test_a_time_that_is_too_early_is_refused_with_the_times_that_work",
+    ),
+    "anser run scenarios/twenty-aircraft.toml": (
+        "tests/campaign/test_certified.py",
+        "return run(load(",
+    ),  # two aircraft
+    "anser plan scenarios/single-aircraft.toml": ("tests/test_cli_plan.py", 'anser("plan", THREE'),
+    "anser report RUN_A RUN_B --out beside.html": ("tests/test_cli_report.py", 'anser("report", *runs, "--out", out)'),
+    "anser linearize --speed-m-s 150 --altitude-m 1000 --loop velocity": (
+        "tests/simulation/test_linearize_sampled.py",
+        '"velocity"',
+    ),
+    "anser step --loop velocity --channel chi --size 20 --at 150,1000 --out course.png": (
+        "tests/test_cli_step.py",
+        "test_step_prints_its_figures_and_draws",
+    ),
+    "anser step --loop velocity --channel chi --size 20 --at 150,1000": (
+        "tests/test_cli_step.py",
+        "test_step_prints_its_figures_and_draws",
+    ),
+    "anser gallery --out gallery": ("tests/test_cli_step.py", 'anser("gallery", "--out", out)'),
+    "anser robustness --out robustness": ("tests/campaign/test_robustness_study.py", "def test_the_command("),
+    "anser envelope --out envelope": (
+        "tests/campaign/test_envelope_survey.py",
+        "def test_the_command_writes_the_files",
+    ),
+    "anser verify": ("tests/verification/test_nesc.py", "NESC_CHECKS"),  # with its neighbours, each check by itself
+}
+"""Commands that take too long here, or install: the file that runs the same, or the same on a smaller case, and its words."""
+
+
+def commands_of(page: Path) -> list[str]:
+    """Commands in the shell blocks of a page, and those in its text that are whole."""
+    text = page.read_text(encoding="utf-8")
+    found = []
+    for block in BLOCK.findall(text):
+        for line in block.splitlines():
+            line = line.removeprefix("$ ").split(" #")[0].strip()
+            if line and not line.startswith("#"):
+                found += [line] if " || " in line else [part.strip() for part in line.split(" && ")]
+    whole = [words for words in INLINE.findall(text) if not PLACEHOLDER.search(words) and "--" in words]
+    return list(dict.fromkeys(found + whole))
+
+
+def run_quietly(command: str, monkeypatch: pytest.MonkeyPatch) -> int:
+    words = command.removesuffix(REFUSED).split()
+    monkeypatch.setattr(sys, "argv", words)
+    with pytest.raises(SystemExit) as ended:
+        main()
+    return int(ended.value.code or 0)
+
+
+DOCUMENTED = {page.relative_to(ROOT).as_posix(): commands_of(page) for page in PAGES}
+
+
+def test_the_pages_show_commands():
+    # The patterns still find them: README and all seven tutorials but the tour, which is Python.
+    assert len(DOCUMENTED["README.md"]) >= 5
+    shown = [name for name, commands in DOCUMENTED.items() if "tutorials/" in name and commands]
+    assert len(shown) >= 6
+
+
+@pytest.mark.parametrize("page", [name for name, commands in DOCUMENTED.items() if set(commands) - set(COVERED)])
+def test_the_commands_of_a_page_do_what_it_says(page, monkeypatch, tmp_path, capsys):
+    """In the order of the page, in an empty folder beside the scenarios, after the files that the page writes."""
+    monkeypatch.chdir(tmp_path)
+    os.symlink(ROOT / "scenarios", tmp_path / "scenarios")
+    names: dict[str, object] = {}
+    for cell in PYTHON.findall((ROOT / page).read_text(encoding="utf-8")):
+        if "write_text(" in cell:
+            exec(compile(cell, page, "exec"), names)
+    for command in DOCUMENTED[page]:
+        if command in COVERED:
+            continue
+        assert command.startswith("anser "), f"{page}: {command}: neither a command of anser nor listed in COVERED"
+        code = run_quietly(command, monkeypatch)
+        printed = capsys.readouterr()
+        if command.endswith(REFUSED):
+            assert code in (1, 2), (page, command, printed)
+            assert printed.err, (page, command)
+        else:
+            assert code == 0, (page, command, printed)
+            assert printed.out, (page, command)
+
+
+@pytest.mark.parametrize(("command", "where"), COVERED.items())
+def test_what_is_run_elsewhere_is_shown_and_run_there(command, where):
+    file, words = where
+    assert any(command in commands for commands in DOCUMENTED.values()), f"{command}: no page shows it any more"
+    assert words in (ROOT / file).read_text(encoding="utf-8"), f"{command}: {file} does not run it any more"
+
+
+def test_every_command_named_in_the_text_exists_with_its_options():
+    group = typer.main.get_command(app)
+    assert isinstance(group, click.Group) or hasattr(group, "commands")
+    for page in [*PAGES, *(ROOT / "docs").glob("*.md")]:
+        for words in INLINE.findall(page.read_text(encoding="utf-8")):
+            name, *rest = re.sub(r"[\[\](),;]", " ", words.removeprefix("anser ")).split()
+            if name.startswith("-"):
+                continue
+            assert name in group.commands, f"{page.name}: `{words}`: no such command"
+            known = {option for parameter in group.commands[name].params for option in parameter.opts}
+            unknown = {word for word in rest if word.startswith("--")} - known - {"--help"}
+            assert not unknown, f"{page.name}: `{words}`: no such option {unknown}"
+
+
+def test_every_room_has_its_page_of_the_api():
+    listed = set(re.findall(r"^   (anser[\w.]*)$", (ROOT / "docs/reference/api.md").read_text(), flags=re.MULTILINE))
+    rooms = {f"anser.{folder.name}" for folder in (ROOT / "src/anser").iterdir() if (folder / "__init__.py").exists()}
+    assert rooms - {"anser.cli"} <= listed
