@@ -110,10 +110,9 @@ def arrival_sets(
         lower = reachable(travellers, airspace, row, middle, ticks) != opening
         low, high = np.where(lower, middle, low), np.where(lower, high, middle)
     at = np.where(opening, high, low)  # the end of each edge that lies inside
-    last = float("inf") if windows_s is None else None
     refined: list[list[tuple[float, float]]] = []
     for k in range(grid.shape[0]):
-        end = float(grid[k, -1]) if last is None else last
+        end = float("inf") if windows_s is None else float(grid[k, -1])
         own = [float(x) for x in at[row == k]]
         bounds = ([float(grid[k, 0])] if inside[k, 0] else []) + own + ([end] if inside[k, -1] else [])
         refined.append(list(zip(bounds[::2], bounds[1::2], strict=True)))

@@ -18,6 +18,7 @@ BLOCK = 4
 """Intervals of a block; every number of intervals in use is a multiple of it."""
 NEAREST = 24
 """So many of a fleet are looked at closely; a smaller fleet is, all of it."""
+_TINY = 1e-9  # m^2: keeps the derivatives of the roots finite; each reach grows by as much as a distance may
 
 
 class Blocks(eqx.Module):
@@ -54,7 +55,7 @@ def blocks_of(track: Track, size: int = BLOCK) -> Blocks:
     least, most = jnp.min(both, axis=-2), jnp.max(both, axis=-2)
     centre = 0.5 * (least + most)[..., :2]
     off = both[..., :2] - centre[..., None, :]
-    reach = jnp.sqrt(jnp.max(jnp.sum(off * off, axis=-1), axis=-1)) + slack
+    reach = jnp.sqrt(jnp.maximum(jnp.max(jnp.sum(off * off, axis=-1), axis=-1), _TINY)) + slack
     counted = jnp.max(track.counted.reshape(parts), axis=-1)
     return Blocks(centre, reach, least[..., 2] - slack, most[..., 2] + slack, counted)
 
@@ -63,7 +64,7 @@ def block_use(one: Blocks, other: Blocks, separation: Separation) -> Float[Array
     """A lower bound of `anser.planning.certified.conflicts.pair_use`; infinite where nothing is asked."""
     apart = other.centre - one.centre
     reach = one.reach + other.reach
-    level = jnp.sqrt(jnp.sum(apart * apart, axis=-1)) - reach
+    level = jnp.sqrt(jnp.maximum(jnp.sum(apart * apart, axis=-1), _TINY)) - reach
     height = jnp.maximum(other.low - one.high, one.low - other.high)
     asked, stacked = separation.horizontal > 0.0, separation.vertical > 0.0
     flat = jnp.where(asked, level / jnp.where(asked, separation.horizontal, 1.0), jnp.inf)

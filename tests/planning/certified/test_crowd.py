@@ -1,0 +1,91 @@
+"""Distances within a large fleet: the bounds of the blocks are bounds, and the nearest are looked at closely."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from certified_cases import number, picked
+
+from anser.numerics import compiled_quickly
+from anser.planning.certified.conflicts import Track, pair_use
+from anser.planning.certified.crowd import BLOCK, NEAREST, block_use, blocks_of, fleet_use
+from anser.planning.certified.request import Separation
+
+FLEET, INTERVALS = 60, 64
+APART = Separation(number(500.0), number(150.0))
+
+
+def tracks(seed, wide):
+    """Straight and bent ways of a minute through a square of a width (m)."""
+    rng = np.random.default_rng(seed)
+    t = np.linspace(0.0, 60.0, INTERVALS + 1)[None, :, None]
+    start = rng.uniform(-0.5, 0.5, (FLEET, 1, 3)) * np.array([wide, wide, 1500.0])
+    velocity = rng.uniform(-150.0, 150.0, (FLEET, 1, 3)) * np.array([1.0, 1.0, 0.1])
+    bend = rng.uniform(-3.0, 3.0, (FLEET, 1, 3)) * np.array([1.0, 1.0, 0.0])
+    counted = (t[0, :-1, 0][None] < rng.uniform(30.0, 70.0, (FLEET, 1))).astype(float)
+    slack = rng.uniform(0.0, 3.0, (FLEET, INTERVALS))
+    return Track(*(jnp.asarray(x) for x in (start + velocity * t + 0.5 * bend * t**2, slack, counted)))
+
+
+def everyones(fleet):
+    """Room of each with each: closely, by blocks, and as a large fleet is looked at."""
+    blocks = blocks_of(fleet)
+
+    def one(who):
+        own, held = jax.tree.map(lambda leaf: leaf[who], (fleet, blocks))
+        alone, block = jax.tree.map(lambda leaf: leaf[None], (own, held))
+        others = jnp.arange(FLEET) != who
+        found = fleet_use(own, held, blocks, lambda some: jax.tree.map(lambda leaf: leaf[some], fleet), others, APART)
+        return pair_use(alone, fleet, APART), block_use(block, blocks, APART), found
+
+    return jax.lax.map(one, jnp.arange(FLEET))
+
+
+rooms = compiled_quickly(everyones)
+OTHER = ~np.eye(FLEET, dtype=bool)
+
+
+@pytest.mark.parametrize("wide", [60e3, 8e3], ids=["sparse", "dense"])
+def test_blocks_bound_what_a_close_look_finds(wide):
+    closely, bound, found = (np.asarray(x) for x in rooms(tracks(1, wide)))
+    # Each block ends where the next begins, so the distance of its intervals is never less; rounding of 1e4 m / 500 m.
+    assert np.all(bound[OTHER] <= np.maximum(closely[OTHER], 0.0) + 1e-9)
+    assert np.all(found[OTHER] <= np.maximum(closely[OTHER], 0.0) + 1e-9)
+    assert np.all(np.isinf(np.diag(found)))
+    # Bounds are not empty: far pairs are known to be apart by them alone.
+    assert np.mean(bound[OTHER] > 1.0) > (0.8 if wide > 2e4 else 0.2)
+    assert np.any(closely[OTHER] < 1.0)
+
+
+def test_all_conflicts_of_a_sparse_fleet_are_looked_at_closely():
+    closely, bound, found = (np.asarray(x) for x in rooms(tracks(2, 60e3)))
+    assert FLEET > NEAREST
+    assert np.max(np.sum((bound < 1.0) & OTHER, axis=1)) <= NEAREST
+    # So each pair that is not known to be apart has its own room, not a bound.
+    near = (bound < 1.0) & OTHER
+    assert np.any(closely[near] < 1.0)
+    np.testing.assert_allclose(found[near], np.maximum(closely[near], bound[near]), rtol=1e-12)
+
+
+def test_a_dense_fleet_is_never_said_to_be_further_apart_than_it_is():
+    closely, _, found = (np.asarray(x) for x in rooms(tracks(3, 4e3)))
+    apart = found[OTHER] >= 1.0
+    assert np.all(closely[OTHER][apart] >= 1.0)
+
+
+def test_gradients_are_finite_where_two_are_in_one_place():
+    fleet = tracks(4, 8e3)
+
+    def least(place):
+        first, second = (picked(fleet, 0) for _ in range(2))
+        shifted = Track(first.positions_n + place[None, :], first.slack, first.counted)
+        return block_use(blocks_of(shifted), blocks_of(second), APART)
+
+    assert np.all(np.isfinite(compiled_quickly(jax.grad(least))(jnp.zeros(3))))
+
+
+def test_a_number_of_intervals_that_makes_no_blocks_is_refused():
+    fleet = tracks(5, 8e3)
+    short = Track(fleet.positions_n[:, :-1], fleet.slack[:, :-1], fleet.counted[:, :-1])
+    with pytest.raises(ValueError, match=f"arrived {INTERVALS - 1} intervals; expected a multiple of {BLOCK}"):
+        blocks_of(short)
