@@ -8,6 +8,7 @@ import pytest
 from certified_cases import GRAVITY, STEADY, detours_of, dubins, integrated, number, picked, random_ends
 
 from anser.numerics import compiled_quickly
+from anser.planning.certified import free_shapes
 from anser.planning.certified.detours import SHAPES, WORDS, direct, resolve, solve_detour
 from anser.planning.certified.free_shapes import Closed, Pace, Task, make_closed, make_pace, make_starts, solve_freely
 from anser.planning.certified.profile import make_profile, tabulate
@@ -21,20 +22,21 @@ ENDS = random_ends(8, CASES, 0.3, 5.0, curvature_use=0.0, sharp=200.0)
 BENT = random_ends(9, CASES, 3.0, 15.0, curvature_use=1.0)
 FREE = eqx.tree_at(lambda e: e.end_free, BENT, jnp.full(CASES, True))
 SENSES, FIRST = make_starts(STARTS)
-EVEN = Pace(jnp.array([0.0, 1e7]), jnp.ones(2))
+EVEN = Pace(number(1e7), jnp.ones(2))
 # As an aircraft that becomes slower within 4 km, so that it then turns within two thirds of the radius.
-SLOWING = Pace(jnp.array([0.0, 1000.0, 4000.0, 1e7]), jnp.array([1.0, 1.0, 0.67, 0.67]))
+SLOWING = Pace(number(1000.0), jnp.array([1.0, 1.0, 0.89, 0.78, 0.67, 0.67]))
+NOTHING = Closed(number(1e7), *(jnp.zeros((0, 2)),) * 2, jnp.zeros(0), jnp.zeros((0, 2)))
 
 
-NOTHING = Closed(jnp.array([0.0, 1e7]), jnp.zeros((0, 2), dtype=complex), jnp.zeros(0), jnp.zeros((0, 2)))
+def around(middle, wide):
+    """One closed volume that stands and matters all the time."""
+    north, east = (part(middle) * jnp.ones((1, 2)) for part in (jnp.real, jnp.imag))
+    return Closed(number(1e7), north, east, wide[None], jnp.ones((1, 2)))
 
 
 def all_of(ends, pace, wanted, closed=NOTHING):
-    def one(senses, start):
-        solved = solve_freely(Task(ends, pace, closed, wanted, senses), start)
-        return solved, resolve(ends, solved)
-
-    return jax.vmap(one)(jnp.asarray(SENSES), jnp.asarray(FIRST))
+    solved = solve_freely(Task(ends, pace, closed, wanted), jnp.asarray(SENSES), jnp.asarray(FIRST))
+    return solved, jax.vmap(lambda one: resolve(ends, one))(solved)
 
 
 solve = compiled_quickly(jax.vmap(all_of, in_axes=(0, None, 0)))
@@ -83,8 +85,9 @@ def test_what_is_found_is_what_was_asked(ends, pace, factor):
         # No turn tighter than the pace allows at its beginning and at its end.
         scales = np.asarray(solved.scales)[k, n]
         marks = np.asarray(shape.marks)[1 + 4 * np.arange(4)]
-        least = np.interp(marks, pace.lengths, pace.scales)
-        ended = np.interp(np.asarray(shape.marks)[4 + 4 * np.arange(4)], pace.lengths, pace.scales)
+        known = float(pace.step) * np.arange(pace.scales.size)
+        least = np.interp(marks, known, pace.scales)
+        ended = np.interp(np.asarray(shape.marks)[4 + 4 * np.arange(4)], known, pace.scales)
         assert np.all(scales >= np.maximum(least, ended) - 1e-12)
         peaks = np.abs(np.asarray(shape.curvatures)[2 + 4 * np.arange(4)])
         assert np.all(peaks <= float(ends.curvature_max[k]) / scales * (1 + 1e-12))
@@ -123,13 +126,10 @@ def test_closed_volumes_are_gone_around():
     wide = 0.3 * np.abs(np.asarray(few.end - few.start))
     wanted = jnp.asarray(1.3 * shortest(FREE)[:6])
 
-    def around(ends, middle, wide, wanted):
-        closed = Closed(jnp.array([0.0, 1e7]), middle * jnp.ones((1, 2)), wide[None], jnp.ones((1, 2)))
-        return all_of(ends, EVEN, wanted, closed), all_of(ends, EVEN, wanted)
+    def both(ends, middle, wide, wanted):
+        return all_of(ends, EVEN, wanted, around(middle, wide)), all_of(ends, EVEN, wanted)
 
-    (kept, kept_shapes), (free, free_shapes) = compiled_quickly(jax.vmap(around))(
-        few, middle, jnp.asarray(wide), wanted
-    )
+    (kept, kept_shapes), (free, free_shapes) = compiled_quickly(jax.vmap(both))(few, middle, jnp.asarray(wide), wanted)
 
     @compiled_quickly
     def places(shape):
@@ -149,6 +149,42 @@ def test_closed_volumes_are_gone_around():
     assert np.mean(np.any(np.asarray(kept.exists), axis=1)) > 0.8
 
 
+def entered_by(closed, length, place):
+    spot = jnp.array([place.real, place.imag, float(length)])
+    axes = Closed(None, 0, 0, 0, 0)
+    return np.asarray(jax.vmap(lambda one: one.entered(spot)[0], in_axes=(axes,))(closed))
+
+
+@pytest.mark.parametrize("ends", [BENT, FREE], ids=["bent", "free end"])
+def test_derivatives_are_those_of_what_is_missed(ends):
+    # Composed by hand: against automatic ones, with a volume that the path may be in and one that moves.
+    where = 0.4 * np.abs(np.asarray(ends.end - ends.start))
+    for k, n in ((0, 3), (5, 11), (9, 30)):
+        one = picked(ends, k)
+        standing = around(0.5 * (one.start + one.end), jnp.asarray(where[k]))
+        moving = Closed(
+            number(2000.0), *(jnp.stack([x[0, :1] + 200.0 * jnp.arange(9.0)]) for x in (standing.norths, standing.easts)),
+            standing.radii, jnp.ones((1, 9)),
+        )  # fmt: skip
+        for closed in (NOTHING, standing, moving):
+            task = Task(one, SLOWING, closed, number(1.4 * where[k] / 0.4))
+            by_hand = free_shapes._shape(FIRST[n], task, SENSES[n])[2]
+            automatic = jax.jacfwd(lambda x, task=task, n=n: free_shapes._shape(x, task, SENSES[n])[1])(FIRST[n])
+            np.testing.assert_allclose(by_hand, automatic, rtol=1e-9, atol=1e-12)
+
+
+def test_only_the_nearest_go_on():
+    one = picked(BENT, 2)
+    task = Task(one, EVEN, NOTHING, number(1.4 * shortest(BENT)[2]))
+    fewer = compiled_quickly(lambda: solve_freely(task, jnp.asarray(SENSES), jnp.asarray(FIRST), 20))()
+    every = compiled_quickly(lambda: solve_freely(task, jnp.asarray(SENSES), jnp.asarray(FIRST)))()
+    assert fewer.exists.shape == (20,)
+    assert np.mean(fewer.exists) > 1.3 * np.mean(every.exists)
+    kept = np.asarray(every.angles)
+    # What they find is what they find among all.
+    assert all(np.any(np.all(np.abs(kept - own) < 1e-6, axis=1)) for own in np.asarray(fewer.angles)[fewer.exists])
+
+
 def test_closed_volumes_are_where_and_when_the_path_meets_them():
     profile = make_profile(100.0, (900.0, 1500.0), (0.0, 0.0), 0.0, 0.0, (150.0, 150.0, 150.0), 0.0)
     table = tabulate(profile, STEADY, 64)
@@ -164,12 +200,12 @@ def test_closed_volumes_are_where_and_when_the_path_meets_them():
     wind = np.asarray(STEADY.velocity_n)
     # Its centre after 50 s, from the air's point of view; 100 m inside its edge, the reserve of 30 m not counted.
     centre = complex(2000.0 + 50.0 * (8.0 - wind[0]), -500.0 + 50.0 * (-3.0 - wind[1]))
-    entered = np.asarray(closed.entered(half, jnp.asarray(centre + 600.0)))
+    entered = entered_by(closed, half, centre + 600.0)
     np.testing.assert_allclose(entered[0], 130.0 / 730.0, rtol=1e-4)
     # The other begins at 1,200 m, which is reached after 50 s: not before.
     at = -50.0 * complex(wind[0], wind[1])
-    early = closed.entered(table.length_at(20.0), jnp.asarray(0.4 * at))
-    late = closed.entered(table.length_at(80.0), jnp.asarray(1.6 * at))
+    early = entered_by(closed, table.length_at(20.0), 0.4 * at)
+    late = entered_by(closed, table.length_at(80.0), 1.6 * at)
     assert float(early[1]) == 0.0
     np.testing.assert_allclose(float(late[1]), 1.0, atol=0.01)
 

@@ -124,13 +124,13 @@ def _freed(
     pace = make_pace(timed.table, timed.ends, traveller.limits, airspace.gravity)
     closed = make_closed(timed.table, airspace.keep_outs)
 
-    def one(senses: Array, start: Array) -> Candidate:
-        solved = solve_freely(Task(timed.ends, pace, closed, timed.table.length, senses), start)
-        return _candidate(timed, solved, traveller.side == 0, about[0] + _FREE, about[1])
+    task = Task(timed.ends, pace, closed, timed.table.length)
+    solved = solve_freely(task, jnp.asarray(senses), jnp.asarray(first), int(_GOING_ON * starts))
+    cost, which = about
+    return jax.vmap(lambda one: _candidate(timed, one, traveller.side == 0, cost + _FREE, which))(solved)
 
-    return jax.vmap(one)(jnp.asarray(senses), jnp.asarray(first))
 
-
+_GOING_ON = 0.4  # part of the starts
 _FREE = 3.0  # cost of a path without a shape that one would expect
 
 

@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 from anser.planning.certified.certificate import PathBounds, excess, path_bounds
 from anser.planning.certified.choices import Choices
 from anser.planning.certified.conflicts import Track, keep_out_room, track_slack
-from anser.planning.certified.crowd import BLOCK, blocks_of, fleet_use
+from anser.planning.certified.crowd import BLOCK, crowd_blocks, fleet_use
 from anser.planning.certified.delivery import deliver
 from anser.planning.certified.detours import resolve
 from anser.planning.certified.placement import chosen_of, fewest_first, make_options, place
@@ -135,7 +135,7 @@ def certify(
     times = start + (end - start) * jnp.linspace(0.0, 1.0, FINE * ticks + 1)
     tracks = jax.vmap(_fine_track, in_axes=(0, 0, 0, None, None))(paths, bounds, travellers.active, times, since)
     fleet = paths.times.shape[0]
-    blocks, everyone = blocks_of(tracks, FINE * BLOCK), jnp.arange(fleet)
+    blocks, everyone = crowd_blocks(tracks, fleet, FINE * BLOCK), jnp.arange(fleet)
 
     def room_of(who: Count) -> Float[Array, " aircraft"]:
         one, own = jax.tree.map(lambda leaf: leaf[who], (tracks, blocks))

@@ -60,6 +60,14 @@ def blocks_of(track: Track, size: int = BLOCK) -> Blocks:
     return Blocks(centre, reach, least[..., 2] - slack, most[..., 2] + slack, counted)
 
 
+def crowd_blocks(tracks: Track, fleet: int, size: int = BLOCK) -> Blocks:
+    """Blocks for `fleet_use`, of a fleet of so many: one that is looked at closely as a whole needs none."""
+    if fleet > NEAREST:
+        return blocks_of(tracks, size)
+    none = jnp.zeros((*tracks.slack.shape[:-1], 0))
+    return Blocks(none[..., None] * jnp.zeros(2), none, none, none, none)
+
+
 def block_use(one: Blocks, other: Blocks, separation: Separation) -> Float[Array, "*batch"]:
     """A lower bound of `anser.planning.certified.conflicts.pair_use`; infinite where nothing is asked."""
     apart = other.centre - one.centre

@@ -6,28 +6,41 @@ length) and one for each volume hold eleven unknowns: from each of many starts, 
 lead to the solution nearest to it.
 """
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Complex, Float
+from jaxtyping import Array, Float
 
 from anser.planning.certified.detours import Solved
 from anser.planning.certified.profile import CURVATURE_KEPT, Timetable
 from anser.planning.certified.request import KeepOuts
 from anser.planning.certified.route import LEGS, TURNS, Ends, tightness, unwind
-from anser.planning.certified.smooth_turn import Plane, cis, displacement, smooth_turn
+from anser.planning.certified.smooth_turn import displacement, smooth_turn
 from anser.planning.limits import PathLimits
 from anser.shapes import Count, Scalar, ScalarLike
 
-_STEPS = 24
+_FIRST_STEPS, _STEPS = 10, 24
+_DAMPING = 1e-3
 _LONGEST_STEP = 0.7  # of all unknowns together, in their own units: square roots of radians and of leg / length
 _SOLVED = 1e-10  # part of the path's length by which it may miss its end, radians for its heading
 _TURN_MOST = 7.5  # rad
 _UNKNOWNS = 2 * TURNS + LEGS
 _RESERVE_M, _RESERVE_UP_M = 30.0, 5.0  # from closed volumes
-_ON_LEGS = (0.2, 0.4, 0.6, 0.8)  # where legs are looked at, besides their ends
+_VOLUME_WEIGHT = 0.1
+_ON_LEGS = (0.0, 0.2, 0.4, 0.6, 0.8)  # where legs are looked at, besides their ends
 Unknowns = Float[Array, "11"]
+Spot = Float[Array, "3"]
+"""A place on a path: north and east, m, and the length flown to it, m."""
+
+
+def _between(length: Scalar, step: Scalar, count: int) -> tuple[Count, Scalar]:
+    """Where a length lies among `count` values at equal steps from zero: the one before it, and how far beyond."""
+    at = jnp.clip(length / step, 0.0, count - 1.0)
+    k = jnp.minimum(at.astype(jnp.int32), count - 2)
+    return k, at - k
 
 
 class Pace(eqx.Module):
@@ -35,19 +48,23 @@ class Pace(eqx.Module):
 
     Attributes
     ----------
-    lengths
-        Along the path, m, increasing.
+    step
+        Length along the path from one value to the next, m.
     scales
         Least radius there, in units of that which does for the whole path; see `tightness`.
     """
 
-    lengths: Float[Array, " ticks"]
+    step: Scalar
     scales: Float[Array, " ticks"]
 
     def least(self, length: ScalarLike, span: ScalarLike) -> Scalar:
         """Least radius of a turn that begins after a length (m) and takes another, in the same units."""
-        places = length + span * jnp.array([0.0, 0.5, 1.0])
-        return jnp.max(jnp.interp(places, self.lengths, self.scales))
+
+        def one(place: Scalar) -> Scalar:
+            k, part = _between(place, self.step, self.scales.shape[0])
+            return (1.0 - part) * self.scales[k] + part * self.scales[k + 1]
+
+        return jnp.max(jax.vmap(one)(length + span * jnp.array([0.0, 0.5, 1.0])))
 
 
 class Closed(eqx.Module):
@@ -55,46 +72,59 @@ class Closed(eqx.Module):
 
     Attributes
     ----------
-    lengths
-        Along the path, m, increasing.
-    centres
-        Of each volume when the path has come so far, in the air's frame: north + i east, m.
+    step
+        Length along the path from one value to the next, m.
+    norths, easts
+        Of each volume's centre when the path has come so far, in the air's frame, m.
     radii
         m, a reserve included.
     matters
         1 where the path is then between bottom and top, else 0.
     """
 
-    lengths: Float[Array, " ticks"]
-    centres: Complex[Array, "volumes ticks"]
+    step: Scalar
+    norths: Float[Array, "volumes ticks"]
+    easts: Float[Array, "volumes ticks"]
     radii: Float[Array, " volumes"]
     matters: Float[Array, "volumes ticks"]
 
-    def entered(self, length: Scalar, place: Plane) -> Float[Array, " volumes"]:
-        """How deep inside each volume a place is, reached after a length (m), in units of its radius."""
-        at = jnp.interp(length, self.lengths, jnp.arange(self.lengths.shape[0], dtype=float))
-        k = jnp.clip(jnp.floor(at).astype(int), 0, self.lengths.shape[0] - 2)
-        part = at - k
-        centre = (1.0 - part) * self.centres[:, k] + part * self.centres[:, k + 1]
-        matters = jnp.maximum(self.matters[:, k], self.matters[:, k + 1])
-        off = place - centre
-        distance = jnp.sqrt(jnp.real(off) ** 2 + jnp.imag(off) ** 2 + 1.0)
-        return matters * jnp.maximum(1.0 - distance / self.radii, 0.0)
+    def entered(self, spot: Spot) -> tuple[Scalar, Spot]:
+        """How deep a path is inside the volumes at a spot, in units of their radii, and how that changes with the spot.
+
+        Of one volume: for several, by `vmap`.
+        """
+        north, east, length = spot
+        k, part = _between(length, self.step, self.norths.shape[-1])
+        here, there = (jnp.stack([self.norths[j], self.easts[j]]) for j in (k, k + 1))
+        apart = jnp.stack([north, east]) - (1.0 - part) * here - part * there
+        distance = jnp.sqrt(jnp.sum(apart**2) + 1.0)
+        deep = jnp.maximum(self.matters[k], self.matters[k + 1]) * jnp.maximum(1.0 - distance / self.radii, 0.0)
+        slope = jnp.where(deep > 0.0, -1.0 / (self.radii * distance), 0.0) * apart
+        return deep, jnp.append(slope, -jnp.sum(slope * (there - here)) / self.step)
+
+
+_EACH_VOLUME: Any = Closed(None, 0, 0, 0, 0)  # axes of a `vmap` over volumes
+
+
+def _even_times(table: Timetable) -> tuple[Scalar, Float[Array, " ticks"]]:
+    """An even step along the path of a timetable, m, and when each is reached, s."""
+    count = table.lengths.shape[0]
+    even = jnp.linspace(0.0, 1.0, count)
+    times = jnp.interp(even * table.length, table.lengths, even * table.profile.duration)
+    return jnp.maximum(table.length, 1.0) / (count - 1), times
 
 
 def make_closed(table: Timetable, volumes: KeepOuts) -> Closed:
     """Closed volumes as the path of a timetable meets them."""
-    profile = table.profile
-    times = profile.duration * jnp.linspace(0.0, 1.0, table.lengths.shape[0])
-    drift = jax.lax.complex(table.drifts_n[:, 0], table.drifts_n[:, 1])
-    begin = jax.lax.complex(volumes.position_n[:, 0], volumes.position_n[:, 1])
-    moving = jax.lax.complex(volumes.velocity_n[:, 0], volumes.velocity_n[:, 1])
-    altitudes = jax.vmap(lambda t: profile.at(t).altitude)(times)
+    step, times = _even_times(table)
+    drifts = jax.vmap(table.drift_at)(times)
+    altitudes = jax.vmap(lambda t: table.profile.at(t).altitude)(times)
     altitudes, times = altitudes[None, :], times[None, :]
     inside = (altitudes > volumes.bottom[:, None] - _RESERVE_UP_M) & (altitudes < volumes.top[:, None] + _RESERVE_UP_M)
     return Closed(
-        table.lengths,
-        begin[:, None] + moving[:, None] * times - drift[None, :],
+        step,
+        volumes.position_n[:, :1] + volumes.velocity_n[:, :1] * times - drifts[None, :, 0],
+        volumes.position_n[:, 1:] + volumes.velocity_n[:, 1:] * times - drifts[None, :, 1],
         volumes.radius + _RESERVE_M,
         inside.astype(float),
     )
@@ -102,11 +132,10 @@ def make_closed(table: Timetable, volumes: KeepOuts) -> Closed:
 
 def make_pace(table: Timetable, ends: Ends, limits: PathLimits, gravity: ScalarLike) -> Pace:
     """Pace of a timetable: by the airspeed, the climb and the push of each time, for bank angle and load factor."""
-    profile = table.profile
-    times = profile.duration * jnp.linspace(0.0, 1.0, table.lengths.shape[0])
+    step, times = _even_times(table)
 
     def one(t: Scalar) -> Scalar:
-        now = profile.at(t)
+        now = table.profile.at(t)
         sine = jnp.minimum(jnp.abs(now.climb) / jnp.maximum(now.speed, 1.0), 0.9)
         level = jnp.sqrt(1.0 - sine**2) * (gravity + now.climb_dot)
         lift = level - sine * jnp.abs(now.speed_dot)
@@ -116,7 +145,7 @@ def make_pace(table: Timetable, ends: Ends, limits: PathLimits, gravity: ScalarL
         sideways = jnp.minimum(jnp.maximum(lift, 0.1) * jnp.tan(limits.bank_max), by_load)
         return now.speed**2 / (CURVATURE_KEPT * sideways)
 
-    return Pace(table.lengths, jax.vmap(one)(times) * ends.curvature_max)
+    return Pace(step, jax.vmap(one)(times) * ends.curvature_max)
 
 
 def make_starts(count: int, seed: int = 0) -> tuple[Float[np.ndarray, "starts 4"], Float[np.ndarray, "starts 11"]]:
@@ -141,81 +170,182 @@ class Task(eqx.Module):
     closed: Closed
     wanted: Scalar
     """Length of the whole path, m."""
-    senses: Float[Array, "4"]
 
 
-def _shape(x: Unknowns, task: Task) -> tuple[Solved, Float[Array, " equations"]]:
-    """The path that unknowns stand for, and by how much it misses what is wanted, as parts of its length and rad."""
+class _Flown(eqx.Module):
+    """What has been flown of a path, and how it changes with the unknowns (last axis)."""
+
+    place: Float[Array, "2"]
+    """North and east, m."""
+    heading: Scalar
+    length: Scalar
+    entered: Float[Array, " volumes"]
+    """How deep it was inside closed volumes, summed over the spots looked at."""
+    place_by: Float[Array, "2 11"]
+    heading_by: Float[Array, "11"]
+    length_by: Float[Array, "11"]
+    entered_by: Float[Array, "volumes 11"]
+
+
+def _turned(heading: Scalar, vector: Float[Array, "2 ..."]) -> Float[Array, "2 ..."]:
+    cosine, sine = jnp.cos(heading), jnp.sin(heading)
+    return jnp.stack([cosine * vector[0] - sine * vector[1], sine * vector[0] + cosine * vector[1]])
+
+
+def _across(vector: Float[Array, "2"]) -> Float[Array, "2"]:
+    """How a vector changes as it turns."""
+    return jnp.stack([-vector[1], vector[0]])
+
+
+def _shape(
+    x: Unknowns, task: Task, senses: Float[Array, "4"]
+) -> tuple[Solved, Float[Array, " equations"], Float[Array, "equations 11"]]:
+    """The path that unknowns stand for, and by how much it misses what is wanted, with the derivatives of that.
+
+    Parts of the path's length, of half a turn, and for each closed volume how deep the path is inside. The derivatives
+    are composed by hand: what is within a turn depends on three numbers only, not on all eleven.
+    """
     ends, wanted = task.ends, task.wanted
-    squares = x * x
-    angles = task.senses * squares[:TURNS]
-    legs = wanted * squares[TURNS : TURNS + LEGS]
-    begun = unwind(ends)
+    squares, slopes = x * x, 2.0 * x
+    rows = jnp.eye(_UNKNOWNS) * slopes[:, None]
+    angles = senses * squares[:TURNS]
+    legs = jnp.append(wanted * squares[TURNS : TURNS + LEGS], 0.0)
+    legs_by = jnp.concatenate([wanted * rows[TURNS : TURNS + LEGS], jnp.zeros((1, _UNKNOWNS))])
+    each = (angles, squares[TURNS + LEGS :], legs, senses[:, None] * rows[:TURNS], rows[TURNS + LEGS :], legs_by)
 
-    def turn_and_leg(
-        carry: tuple[Plane, Scalar, Scalar, Array], own: tuple[Scalar, Scalar, Scalar]
-    ) -> tuple[tuple[Plane, Scalar, Scalar, Array], Scalar]:
-        place, heading, length, entered = carry
-        angle, wider, leg = own
+    def turn(own: Float[Array, "3"]) -> tuple[Array, tuple[Array, Scalar]]:
+        """By its angle, how much wider it is than need be and where it begins: ends, middle, length; scale."""
+        angle, wider, length = own
         about = smooth_turn(angle, *tightness(ends, task.pace.least(length, 0.0)))
         scale = task.pace.least(length, about.length) * (1.0 + wider)
         curvature, sharpness = tightness(ends, scale)
-        turn = smooth_turn(angle, curvature, sharpness)
-        move = cis(heading) * displacement(turn, sharpness)
-        after = cis(heading + angle)
-        if entered.shape[0]:
-            # The middle of a turn bulges to its outer side: by a quarter of its chord for each tangent of a quarter.
-            bulge = -0.5j * jnp.sin(0.25 * angle) / jnp.maximum(jnp.cos(0.25 * angle), 0.2)
-            entered = entered + task.closed.entered(length + 0.5 * turn.length, place + (0.5 + bulge) * move)
-            entered = entered + task.closed.entered(length + turn.length, place + move)
-        place, heading, length = place + move, heading + angle, length + turn.length
-        if entered.shape[0]:
-            on_leg = jax.vmap(lambda u: task.closed.entered(length + u * leg, place + u * leg * after))
-            entered = entered + jnp.sum(on_leg(jnp.array(_ON_LEGS)), axis=0)
-        return (place + leg * after, heading, length + leg, entered), scale
+        made = smooth_turn(angle, curvature, sharpness)
+        move = displacement(made, sharpness)
+        # The middle of a turn bulges to its outer side: by a quarter of its chord for each tangent of a quarter.
+        middle = (0.5 - 0.5j * jnp.sin(0.25 * angle) / jnp.maximum(jnp.cos(0.25 * angle), 0.2)) * move
+        found = jnp.stack([jnp.real(move), jnp.imag(move), jnp.real(middle), jnp.imag(middle), made.length])
+        return found, (found, scale)
 
-    begin = (begun.place, begun.heading, begun.length, jnp.zeros(task.closed.radii.shape[0]))
-    each = (angles, squares[TURNS + LEGS :], jnp.append(legs, 0.0))
-    (place, heading, length, entered), scales = jax.lax.scan(turn_and_leg, begin, each)
-    off = (ends.end - place) / wanted
-    turned = jnp.mod(heading - ends.end_heading + jnp.pi, 2 * jnp.pi) - jnp.pi
-    missed = jnp.stack(
-        [jnp.real(off), jnp.imag(off), length / wanted - 1.0, jnp.where(ends.end_free, 0.0, turned / jnp.pi)]
+    def fly(flown: _Flown, own: tuple[Array, ...]) -> tuple[_Flown, Scalar]:
+        angle, wider, leg, angle_by, wider_by, leg_by = own
+        local, (found, scale) = jax.jacfwd(turn, has_aux=True)(jnp.stack([angle, wider, flown.length]))
+        local, found = jax.lax.optimization_barrier((local, found))
+        found_by = jnp.outer(local[:, 0], angle_by) + jnp.outer(local[:, 1], wider_by)
+        found_by = found_by + jnp.outer(local[:, 2], flown.length_by)
+        move, middle = _turned(flown.heading, found[:2]), _turned(flown.heading, found[2:4])
+        move_by = _turned(flown.heading, found_by[:2]) + jnp.outer(_across(move), flown.heading_by)
+        middle_by = _turned(flown.heading, found_by[2:4]) + jnp.outer(_across(middle), flown.heading_by)
+        heading, heading_by = flown.heading + angle, flown.heading_by + angle_by
+        ahead = jnp.stack([jnp.cos(heading), jnp.sin(heading)])
+        on, on_by = leg * ahead, jnp.outer(ahead, leg_by) + leg * jnp.outer(_across(ahead), heading_by)
+        begun = jnp.append(flown.place + move, flown.length + found[4])
+        begun_by = jnp.concatenate([flown.place_by + move_by, (flown.length_by + found_by[4])[None]])
+        along, along_by = jnp.append(on, leg), jnp.concatenate([on_by, leg_by[None]])
+        entered, entered_by = flown.entered, flown.entered_by
+        if entered.shape[0]:
+            halfway = jnp.append(flown.place + middle, flown.length + 0.5 * found[4])
+            halfway_by = jnp.concatenate([flown.place_by + middle_by, (flown.length_by + 0.5 * found_by[4])[None]])
+            parts = jnp.array(_ON_LEGS)
+            spots = jnp.concatenate([halfway[None], begun[None] + jnp.outer(parts, along)])
+            asked = jax.vmap(jax.vmap(Closed.entered, in_axes=(None, 0)), in_axes=(_EACH_VOLUME, None))
+            deep, slope = jax.lax.optimization_barrier(asked(task.closed, spots))
+            entered = entered + jnp.sum(deep, axis=1)
+            begin = jnp.sum(slope[:, 1:], axis=1)
+            on_leg = jnp.sum(slope[:, 1:] * parts[None, :, None], axis=1)
+            for k in range(3):
+                entered_by = entered_by + jnp.outer(slope[:, 0, k], halfway_by[k])
+                entered_by = entered_by + jnp.outer(begin[:, k], begun_by[k]) + jnp.outer(on_leg[:, k], along_by[k])
+        place, place_by = begun[:2] + on, begun_by[:2] + on_by
+        length, length_by = begun[2] + leg, begun_by[2] + leg_by
+        return _Flown(place, heading, length, entered, place_by, heading_by, length_by, entered_by), scale
+
+    begun, volumes = unwind(ends), task.closed.radii.shape[0]
+    first = _Flown(
+        jnp.stack([jnp.real(begun.place), jnp.imag(begun.place)]),
+        begun.heading,
+        begun.length,
+        jnp.zeros(volumes),
+        jnp.zeros((2, _UNKNOWNS)),
+        jnp.zeros(_UNKNOWNS),
+        jnp.zeros(_UNKNOWNS),
+        jnp.zeros((volumes, _UNKNOWNS)),
     )
-    return Solved(angles, scales, legs, jnp.asarray(True)), jnp.concatenate([missed, 0.1 * entered])
+    flown, scales = jax.lax.scan(fly, first, each)
+    off = jnp.stack([jnp.real(ends.end), jnp.imag(ends.end)]) - flown.place
+    turned = jnp.mod(flown.heading - ends.end_heading + jnp.pi, 2 * jnp.pi) - jnp.pi
+    asked = jnp.where(ends.end_free, 0.0, 1.0 / jnp.pi)
+    missed = [off / wanted, (flown.length / wanted - 1.0)[None], (asked * turned)[None], _VOLUME_WEIGHT * flown.entered]
+    missed_by = [
+        -flown.place_by / wanted,
+        flown.length_by[None] / wanted,
+        asked * flown.heading_by[None],
+        _VOLUME_WEIGHT * flown.entered_by,
+    ]
+    solved = Solved(angles, scales, legs[:LEGS], jnp.asarray(True))
+    return solved, jnp.concatenate(missed), jnp.concatenate(missed_by)
 
 
-def solve_freely(task: Task, start: Unknowns) -> Solved:
-    """A path of a wanted length near a start; see `make_starts`.
+class _Search(eqx.Module):
+    """How far the search from one start has come: the best so far, and where to look next."""
 
-    Closed volumes are looked at where turns begin, are half over and end, and at four places of each leg: what comes of
-    it is to be checked for them. Not differentiated: plans are chosen, not tuned.
+    senses: Float[Array, "4"]
+    best: Unknowns
+    trial: Unknowns
+    missed: Float[Array, " equations"]
+    jacobian: Float[Array, "equations 11"]
+    damping: Scalar
+
+
+def _step(task: Task, at: _Search) -> _Search:
+    _, missed, jacobian = _shape(at.trial, task, at.senses)
+    better = jnp.sum(missed**2) < jnp.sum(at.missed**2)
+    best = jnp.where(better, at.trial, at.best)
+    missed = jnp.where(better, missed, at.missed)
+    jacobian = jnp.where(better, jacobian, at.jacobian)
+    damping = jnp.clip(at.damping * jnp.where(better, 0.1, 20.0), 1e-14, 1e6)
+    move = jacobian.T @ _solve(jacobian @ jacobian.T + damping * jnp.eye(missed.shape[0]), missed)
+    move = move * jnp.minimum(1.0, _LONGEST_STEP / jnp.maximum(jnp.sqrt(jnp.sum(move**2)), 1e-12))
+    return _Search(at.senses, best, best - move, missed, jacobian, damping)
+
+
+def solve_freely(
+    task: Task, senses: Float[Array, "starts 4"], starts: Float[Array, "starts 11"], kept: int | None = None
+) -> Solved:
+    """Paths of a wanted length, each near a start; see `make_starts`.
+
+    Closed volumes are looked for where turns begin, are half over and end, and at four places of each leg: what comes
+    of it is to be checked for them. Not differentiated: plans are chosen, not tuned.
+
+    Parameters
+    ----------
+    task
+        What they have to keep.
+    senses, starts
+        Where to begin.
+    kept
+        After a first few steps only so many go on, those that miss the least; None: all.
+
+    Returns
+    -------
+    One for each that went on to the last step, in no particular order.
     """
     task = eqx.tree_at(lambda t: t.wanted, jax.lax.stop_gradient(task), jnp.maximum(task.wanted, 1.0))
     count = 4 + task.closed.radii.shape[0]
 
-    def evaluate(x: Unknowns) -> tuple[Array, Array]:
-        missed, push = jax.linearize(lambda at: _shape(at, task)[1], x)
-        return missed, jax.vmap(push, out_axes=1)(jnp.eye(_UNKNOWNS))
+    def begin(sense: Float[Array, "4"], start: Unknowns) -> _Search:
+        return _Search(sense, start, start, jnp.full(count, 1e6), jnp.zeros((count, _UNKNOWNS)), jnp.asarray(_DAMPING))
 
-    def step(_: object, carry: tuple[Array, ...]) -> tuple[Array, ...]:
-        best, trial, missed, jacobian, damping = carry
-        new_missed, new_jacobian = evaluate(trial)
-        better = jnp.sum(new_missed**2) < jnp.sum(missed**2)
-        best = jnp.where(better, trial, best)
-        missed = jnp.where(better, new_missed, missed)
-        jacobian = jnp.where(better, new_jacobian, jacobian)
-        damping = jnp.clip(damping * jnp.where(better, 0.1, 20.0), 1e-14, 1e6)
-        move = jacobian.T @ _solve(jacobian @ jacobian.T + damping * jnp.eye(count), missed)
-        move = move * jnp.minimum(1.0, _LONGEST_STEP / jnp.maximum(jnp.sqrt(jnp.sum(move**2)), 1e-12))
-        return best, best - move, missed, jacobian, damping
+    def steps(number: int, searches: _Search) -> _Search:
+        return jax.lax.fori_loop(0, number, lambda _, all_: jax.vmap(_step, (None, 0))(task, all_), searches)
 
-    far = jnp.full(count, 1e6)
-    begin = (start, start, far, jnp.zeros((count, _UNKNOWNS)), jnp.asarray(1e-3))
-    best, *_ = jax.lax.fori_loop(0, _STEPS, step, begin)
-    solved, missed = _shape(best, task)
-    exists = (jnp.max(jnp.abs(missed[:4])) <= _SOLVED) & jnp.all(jnp.abs(solved.angles) <= _TURN_MOST)
-    return eqx.tree_at(lambda s: s.exists, solved, exists)
+    searches = steps(_FIRST_STEPS, jax.vmap(begin)(senses, starts))
+    if kept is not None and kept < starts.shape[0]:
+        nearest = jax.lax.top_k(-jnp.sum(searches.missed**2, axis=1), kept)[1]
+        searches = jax.tree.map(lambda leaf: leaf[nearest], searches)
+    searches = steps(_STEPS - _FIRST_STEPS, searches)
+    solved, missed, _ = jax.vmap(_shape, (0, None, 0))(searches.best, task, searches.senses)
+    met = jnp.max(jnp.abs(missed[:, :4]), axis=1) <= _SOLVED
+    return eqx.tree_at(lambda s: s.exists, solved, met & jnp.all(jnp.abs(solved.angles) <= _TURN_MOST, axis=1))
 
 
 def _solve(matrix: Float[Array, "n n"], vector: Float[Array, " n"]) -> Float[Array, " n"]:

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 from anser.planning.certified.candidates import Candidate, candidates, track
 from anser.planning.certified.choices import Choices
 from anser.planning.certified.conflicts import Track, keep_out_room
-from anser.planning.certified.crowd import Blocks, blocks_of, fleet_use
+from anser.planning.certified.crowd import Blocks, crowd_blocks, fleet_use
 from anser.planning.certified.profile import Timetable
 from anser.planning.certified.request import Airspace, KeepOuts, Separation, Traveller
 from anser.shapes import Count, Scalar
@@ -93,7 +93,7 @@ def place(options: Options, separation: Separation, order: Int[Array, " aircraft
     liked = jnp.concatenate([liked, jnp.repeat(liked[:, -1:], chunks * _AT_A_TIME - count, axis=1)], axis=1)
     apart_matters = (separation.horizontal > 0.0) & (fleet > 1)
 
-    every, everyone = blocks_of(options.tracks), jnp.arange(fleet)
+    every, everyone = crowd_blocks(options.tracks, fleet), jnp.arange(fleet)
 
     def lacking(
         who: Count, which: Int[Array, " k"], blocks: Blocks, chosen: Array, others: Bool[Array, " aircraft"]
