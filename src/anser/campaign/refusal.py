@@ -16,7 +16,6 @@ from anser.planning.certified import (
     search,
 )
 from anser.planning.certified.arrivals import reachable
-from anser.planning.certified.certified_plan import ticks_for
 from anser.scenario import Scenario
 
 Intervals = list[tuple[float, float]]
@@ -43,7 +42,7 @@ def explain(
     names = [one.name for one in scenario.aircraft]
     arrivals = outcome.arrivals
     if arrivals is None:
-        arrivals = arrival_sets(travellers, airspace, request.latest_s, ticks_for(request.latest_s))
+        arrivals = arrival_sets(travellers, airspace, request.latest_s)
     alone = _alone(names, travellers, airspace, request, arrivals)
     if alone:
         return tuple(alone)
@@ -97,7 +96,6 @@ def _alone(
 
 def _binding(who: int, travellers: Traveller, airspace: Airspace, wanted_s: float, latest_s: float) -> str:
     """The limit whose loosening alone lets an aircraft arrive at a time, and by how much."""
-    ticks = ticks_for(latest_s)
     best: tuple[float, str] | None = None
     for what in RELAXED:
         if what == "keep-outs" and airspace.keep_outs.radius.shape[0] == 0:
@@ -106,7 +104,7 @@ def _binding(who: int, travellers: Traveller, airspace: Airspace, wanted_s: floa
 
         def works(step: int, what: str = what) -> bool:
             looser = relaxed(travellers, airspace, what, float(_FACTORS[step]))
-            return bool(reachable(*looser, np.array([who]), np.array([wanted_s]), ticks)[0])
+            return bool(reachable(*looser, np.array([who]), np.array([wanted_s]))[0])
 
         if not works(high):
             continue

@@ -1,6 +1,7 @@
 """When each aircraft can be at its rendezvous: the arrival times that its limits and the closed volumes allow."""
 
 import functools
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
@@ -17,7 +18,13 @@ ROUNDS = 8
 _STRETCH = 3.0  # of the time, at most, in one round of the fixed point
 _AT_ONCE = 8  # aircraft and times looked at in one call
 _IN_WINDOW = 12  # times looked at in a window
+_NEAR = 3  # steps of the grid from a time that is open, within which all is tried
 _HELPED = 1.4  # wind behind and a goal that comes nearer: no aircraft is faster than so many times its airspeed
+_ALTITUDES = 65  # at which the wind is asked for its greatest speed
+_WIND_ROOM = 1.02
+_BEYOND_M = 1000.0  # above and below all ends: where detours in altitude lead
+COARSE_TICKS = 128
+"""Intervals of the paths that tell which times are open: they only say where to look."""
 
 
 @functools.partial(jax.jit, static_argnames="ticks", compiler_options={"xla_cpu_use_fusion_emitters": False})
@@ -57,17 +64,34 @@ def _reachable_at(
     return jnp.any(options.candidates.valid & (options.closed <= 0.0), axis=1)
 
 
+def conceivable(
+    travellers: Traveller, airspace: Airspace, who: Int[np.ndarray, " pairs"], durations: Float[np.ndarray, " pairs"]
+) -> Bool[np.ndarray, " pairs"]:
+    """Whether the way is not too long and not too steep for a duration (s), whatever its shape."""
+    limits, t = travellers.limits, durations[:, None]
+    end = travellers.goal_position_n + travellers.rendezvous.stand_off_n
+    line = np.asarray(end - travellers.position_n)[who] + t * np.asarray(travellers.goal_velocity_n)[who]
+    both = -np.append(np.asarray(end)[:, 2], np.asarray(travellers.position_n)[:, 2])
+    heights = jnp.linspace(np.min(both) - _BEYOND_M, np.max(both) + _BEYOND_M, _ALTITUDES)
+    winds = jax.vmap(lambda h: airspace.wind.at(jnp.stack([0.0 * h, 0.0 * h, -h]), 0.0))(heights)
+    wind = _WIND_ROOM * float(jnp.max(jnp.linalg.norm(winds, axis=1)))
+    fast = np.linalg.norm(line[:, :2], axis=1) <= (np.asarray(limits.speed_max)[who] + wind) * durations
+    return fast & (np.abs(line[:, 2]) <= (np.asarray(limits.climb_rate_max)[who] + wind) * durations)
+
+
 def reachable(
     travellers: Traveller,
     airspace: Airspace,
     who: Int[np.ndarray, " pairs"],
     durations: Float[np.ndarray, " pairs"],
-    ticks: int,
+    ticks: int = COARSE_TICKS,
+    levels: Sequence[Choices] = (PLAIN, ALONE),
 ) -> Bool[np.ndarray, " pairs"]:
     """Whether aircraft `who`, alone in its airspace, can arrive after a duration (s); any number of such questions."""
     found = np.zeros(who.size, dtype=bool)
-    for choices in (PLAIN, ALONE):
-        left = np.flatnonzero(~found)
+    worth = conceivable(travellers, airspace, who, durations)
+    for choices in levels:
+        left = np.flatnonzero(worth & ~found)
         for begin in range(0, left.size, _AT_ONCE):
             # Filled up to one size: one compiled program for all.
             some = np.resize(left[begin : begin + _AT_ONCE], _AT_ONCE)
@@ -77,11 +101,28 @@ def reachable(
     return found
 
 
+def _open_times(
+    travellers: Traveller, airspace: Airspace, fleet: Int[np.ndarray, " active"], grid: Float[np.ndarray, "active n"]
+) -> Bool[np.ndarray, "active n"]:
+    """Which times of a grid are open: plain paths everywhere, others near the times found so far, ever farther."""
+    who = np.repeat(fleet, grid.shape[1]).reshape(grid.shape)
+    inside = reachable(travellers, airspace, who.ravel(), grid.ravel(), levels=(PLAIN,)).reshape(grid.shape)
+    tried = np.zeros(grid.shape, dtype=bool)
+    while True:
+        near = np.array(
+            [np.convolve(row, np.ones(2 * _NEAR + 1), "same") > 0.5 if row.any() else ~row for row in inside]
+        )
+        asked = near & ~inside & ~tried
+        if not asked.any():
+            return inside
+        tried |= asked
+        inside[asked] = reachable(travellers, airspace, who[asked], grid[asked], levels=(ALONE,))
+
+
 def arrival_sets(
     travellers: Traveller,
     airspace: Airspace,
     latest_s: float,
-    ticks: int,
     windows_s: Float[np.ndarray, "aircraft 2"] | None = None,
     count: int = 40,
     rounds: int = 6,
@@ -101,13 +142,12 @@ def arrival_sets(
         grid = low[:, None] * (latest_s / low)[:, None] ** np.linspace(0.0, 1.0, count)[None, :]
     fleet = np.flatnonzero(np.asarray(travellers.active) > 0.0)
     inside = np.zeros(grid.shape, dtype=bool)
-    who = np.repeat(fleet, grid.shape[1])
-    inside[fleet] = reachable(travellers, airspace, who, grid[fleet].ravel(), ticks).reshape(fleet.size, -1)
+    inside[fleet] = _open_times(travellers, airspace, fleet, grid[fleet])
     row, edge = np.nonzero(inside[:, 1:] != inside[:, :-1])
     low, high, opening = grid[row, edge], grid[row, edge + 1], inside[row, edge + 1]
     for _ in range(rounds if row.size else 0):
         middle = 0.5 * (low + high)
-        lower = reachable(travellers, airspace, row, middle, ticks) != opening
+        lower = reachable(travellers, airspace, row, middle) != opening
         low, high = np.where(lower, middle, low), np.where(lower, high, middle)
     at = np.where(opening, high, low)  # the end of each edge that lies inside
     refined: list[list[tuple[float, float]]] = []

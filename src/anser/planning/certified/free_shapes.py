@@ -6,8 +6,6 @@ length) and one for each volume hold eleven unknowns: from each of many starts, 
 lead to the solution nearest to it.
 """
 
-from typing import Any
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -88,22 +86,17 @@ class Closed(eqx.Module):
     radii: Float[Array, " volumes"]
     matters: Float[Array, "volumes ticks"]
 
-    def entered(self, spot: Spot) -> tuple[Scalar, Spot]:
-        """How deep a path is inside the volumes at a spot, in units of their radii, and how that changes with the spot.
-
-        Of one volume: for several, by `vmap`.
-        """
-        north, east, length = spot
-        k, part = _between(length, self.step, self.norths.shape[-1])
-        here, there = (jnp.stack([self.norths[j], self.easts[j]]) for j in (k, k + 1))
-        apart = jnp.stack([north, east]) - (1.0 - part) * here - part * there
-        distance = jnp.sqrt(jnp.sum(apart**2) + 1.0)
-        deep = jnp.maximum(self.matters[k], self.matters[k + 1]) * jnp.maximum(1.0 - distance / self.radii, 0.0)
-        slope = jnp.where(deep > 0.0, -1.0 / (self.radii * distance), 0.0) * apart
-        return deep, jnp.append(slope, -jnp.sum(slope * (there - here)) / self.step)
-
-
-_EACH_VOLUME: Any = Closed(None, 0, 0, 0, 0)  # axes of a `vmap` over volumes
+    def entered(self, spot: Spot) -> tuple[Float[Array, " volumes"], Float[Array, "volumes 3"]]:
+        """How deep a path is inside each volume at a spot, in units of its radius, and how that changes with the spot."""
+        k, part = _between(spot[2], self.step, self.matters.shape[1])
+        here, there = (jnp.stack([self.norths[:, j], self.easts[:, j]], axis=1) for j in (k, k + 1))
+        apart = spot[None, :2] - (1.0 - part) * here - part * there
+        distance = jnp.sqrt(jnp.sum(apart**2, axis=1) + 1.0)
+        matters = jnp.maximum(self.matters[:, k], self.matters[:, k + 1])
+        deep = matters * jnp.maximum(1.0 - distance / self.radii, 0.0)
+        slope = jnp.where(deep > 0.0, -1.0 / (self.radii * distance), 0.0)[:, None] * apart
+        moving = jnp.sum(slope * (there - here), axis=1) / self.step
+        return deep, jnp.concatenate([slope, -moving[:, None]], axis=1)
 
 
 def _even_times(table: Timetable) -> tuple[Scalar, Float[Array, " ticks"]]:
@@ -247,13 +240,11 @@ def _shape(
             halfway_by = jnp.concatenate([flown.place_by + middle_by, (flown.length_by + 0.5 * found_by[4])[None]])
             parts = jnp.array(_ON_LEGS)
             spots = jnp.concatenate([halfway[None], begun[None] + jnp.outer(parts, along)])
-            asked = jax.vmap(jax.vmap(Closed.entered, in_axes=(None, 0)), in_axes=(_EACH_VOLUME, None))
-            deep, slope = jax.lax.optimization_barrier(asked(task.closed, spots))
-            entered = entered + jnp.sum(deep, axis=1)
-            begin = jnp.sum(slope[:, 1:], axis=1)
-            on_leg = jnp.sum(slope[:, 1:] * parts[None, :, None], axis=1)
+            deep, slope = jax.lax.optimization_barrier(jax.vmap(task.closed.entered)(spots))
+            entered = entered + jnp.sum(deep, axis=0)
+            begin, on_leg = jnp.sum(slope[1:], axis=0), jnp.sum(slope[1:] * parts[:, None, None], axis=0)
             for k in range(3):
-                entered_by = entered_by + jnp.outer(slope[:, 0, k], halfway_by[k])
+                entered_by = entered_by + jnp.outer(slope[0, :, k], halfway_by[k])
                 entered_by = entered_by + jnp.outer(begin[:, k], begun_by[k]) + jnp.outer(on_leg[:, k], along_by[k])
         place, place_by = begun[:2] + on, begun_by[:2] + on_by
         length, length_by = begun[2] + leg, begun_by[2] + leg_by

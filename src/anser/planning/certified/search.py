@@ -133,8 +133,7 @@ def search(
             return Outcome(plan, tries)
     told("looking for arrival times that are open to each aircraft")
     windows = request.windows_s
-    last = min(request.latest_s, 3.0 * float(np.max(preferred))) if windows is None else float(np.max(windows))
-    arrivals = arrival_sets(travellers, airspace, request.latest_s, ticks_for(last), windows)
+    arrivals = arrival_sets(travellers, airspace, request.latest_s, windows)
     if windows is not None and any(on and not own for on, own in zip(active, arrivals, strict=True)):
         return Outcome(None, tries, closest)
     seen: set[tuple[float, ...]] = set()
