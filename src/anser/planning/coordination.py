@@ -190,8 +190,8 @@ def _timed(path: Trajectory, task: PlanningTask, even_speed: Flag | bool) -> Tra
     return with_even_speed(path, norm(task.air_velocity_n), task.deceleration, even=even_speed)
 
 
-def _plan_speed(tasks: PlanningTask, speed: Scalar, even_speed: Flag | bool) -> Scalar:
-    """The fleet's mean airspeed, raised to the least with which the farthest aircraft can fly down its nominal path."""
+def _plan_speed(tasks: PlanningTask, speed: Scalar, raised: Flag) -> Scalar:
+    """The fleet's mean airspeed; raised to the least with which the farthest aircraft can fly down its nominal path."""
 
     def once(_: object, tried: Scalar) -> Scalar:
         duration, _found, reachable = _common_duration(tasks, tried)
@@ -199,7 +199,7 @@ def _plan_speed(tasks: PlanningTask, speed: Scalar, even_speed: Flag | bool) -> 
         lengths = jnp.where(reachable, jax.vmap(arc_length)(paths) - tasks.length_due, 0.0)
         speeds_0 = jax.vmap(norm)(tasks.air_velocity_n)
         slowest = jax.vmap(slowest_mean_speed)(paths, speeds_0, tasks.deceleration)
-        return jnp.where(even_speed, jnp.maximum(speed, slowest[jnp.argmax(lengths)]), speed)
+        return jnp.where(raised, jnp.maximum(speed, slowest[jnp.argmax(lengths)]), speed)
 
     return jax.lax.fori_loop(0, _SPEED_ROUNDS, once, speed)
 
@@ -211,6 +211,7 @@ def coordinate(
     speed: ScalarLike,
     sides: Real[Array, " aircraft"],
     even_speed: Flag | bool = False,
+    under_way: Flag | bool = False,
 ) -> FleetPlan:
     """Plan a fleet's simultaneous arrival from its present state.
 
@@ -226,6 +227,10 @@ def coordinate(
         Positive or zero: detour to the right; negative: to the left.
     even_speed
         Whether paths are flown at an even speed; otherwise the parameter runs evenly with time, as published.
+    under_way
+        Whether the mean airspeed stands, as that of a first plan which `tasks` tell the lengths due of. Otherwise it is
+        raised where the farthest aircraft cannot come down so slowly. (Raised again on the way it would run away: who
+        is told to be faster has still more speed to lose on what is left of the way down.)
 
     Returns
     -------
@@ -239,7 +244,8 @@ def coordinate(
     """
     start, speed = jnp.asarray(time, dtype=float), jnp.asarray(speed, dtype=float)
     due = tasks.length_due
-    speed = _plan_speed(tasks, speed, even_speed)
+    raised = jnp.asarray(even_speed) & ~jnp.asarray(under_way)
+    speed = _plan_speed(tasks, speed, raised)
     duration, found, reachable = _common_duration(tasks, speed)
 
     nominal, attainable = jax.vmap(lambda task: nominal_trajectory(task, start, duration, speed))(tasks)

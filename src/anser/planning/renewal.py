@@ -47,7 +47,6 @@ def renew(
     plan: FleetPlan,
     time: ScalarLike,
     tasks: PlanningTask,
-    speed: ScalarLike,
     sides: Real[Array, " aircraft"],
     even_speed: Flag | bool = False,
 ) -> FleetPlan:
@@ -65,8 +64,8 @@ def renew(
         The plan in force.
     time
         Now, s.
-    tasks, speed, sides, even_speed
-        As for `coordinate`.
+    tasks, sides, even_speed
+        As for `coordinate`; the lengths due are those at the plan's mean airspeed, which stands.
 
     Notes
     -----
@@ -79,4 +78,6 @@ def renew(
     mean_speed = (kept.lengths - tasks.length_due) / duration
     strayed = kept.goal_reachable & (jnp.abs(mean_speed / plan.speed - 1.0) > SPEED_BAND)
     anew = jnp.any(strayed | ~kept.converged) & (duration[0] > COMMITTED_S)
-    return jax.lax.cond(anew, lambda: coordinate(time, tasks, speed, sides, even_speed), lambda: kept)
+    return jax.lax.cond(
+        anew, lambda: coordinate(time, tasks, plan.speed, sides, even_speed, under_way=True), lambda: kept
+    )

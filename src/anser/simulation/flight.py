@@ -309,7 +309,7 @@ def step_flight(flight: Flight, carry: FlightState) -> tuple[FlightState, dict[s
             tasks = planning_tasks(
                 fleet, time, aircraft, now, sensed, carry.flown, carry.deceleration, carry.plan.speed
             )
-            return renew(carry.plan, time, tasks, fleet.speed, carry.sides, fleet.even_speed), carry.renewal
+            return renew(carry.plan, time, tasks, carry.sides, fleet.even_speed), carry.renewal
         raise ValueError("a certified plan is flown by a fleet with settings of the certified planner")
 
     due = on_time & ~jnp.all(frozen)

@@ -87,7 +87,7 @@ class Closed(eqx.Module):
     matters: Float[Array, "volumes ticks"]
 
     def entered(self, spot: Spot) -> tuple[Float[Array, " volumes"], Float[Array, "volumes 3"]]:
-        """How deep a path is inside each volume at a spot, in units of its radius, and how that changes with the spot."""
+        """How deep a path is inside each volume at a spot, in units of its radius, and how that changes there."""
         k, part = _between(spot[2], self.step, self.matters.shape[1])
         here, there = (jnp.stack([self.norths[:, j], self.easts[:, j]], axis=1) for j in (k, k + 1))
         apart = spot[None, :2] - (1.0 - part) * here - part * there
