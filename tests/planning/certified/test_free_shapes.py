@@ -16,6 +16,7 @@ from anser.planning.certified.request import KeepOuts
 from anser.planning.limits import PathLimits
 
 CASES = 16
+_PACE_ERROR = 0.02  # what the reserve of the curvature takes up
 STARTS = 64
 # Ramps of a two-hundredth of the radius: paths are Dubins' but for that.
 ENDS = random_ends(8, CASES, 0.3, 5.0, curvature_use=0.0, sharp=200.0)
@@ -25,6 +26,8 @@ SENSES, FIRST = make_starts(STARTS)
 EVEN = Pace(number(1e7), jnp.ones(2))
 # As an aircraft that becomes slower within 4 km, so that it then turns within two thirds of the radius.
 SLOWING = Pace(number(1000.0), jnp.array([1.0, 1.0, 0.89, 0.78, 0.67, 0.67]))
+# As one that becomes faster all the time: a turn's radius is that of its end.
+QUICKENING = Pace(number(4000.0), jnp.array([1.0, 1.15, 1.3, 1.5, 1.7, 1.9]))
 NOTHING = Closed(number(1e7), *(jnp.zeros((0, 2)),) * 2, jnp.zeros(0), jnp.zeros((0, 2)))
 
 
@@ -61,8 +64,8 @@ def pieces_of(shape):
 
 @pytest.mark.parametrize(
     ("ends", "pace", "factor"),
-    [(ENDS, EVEN, 1.6), (BENT, EVEN, 1.3), (BENT, SLOWING, 1.3), (FREE, SLOWING, 1.2)],
-    ids=["near", "bent", "slowing", "free end"],
+    [(ENDS, EVEN, 1.6), (BENT, EVEN, 1.3), (BENT, SLOWING, 1.3), (FREE, SLOWING, 1.2), (BENT, QUICKENING, 1.5)],
+    ids=["near", "bent", "slowing", "free end", "quickening"],
 )
 def test_what_is_found_is_what_was_asked(ends, pace, factor):
     wanted = factor * shortest(ends)
@@ -88,7 +91,7 @@ def test_what_is_found_is_what_was_asked(ends, pace, factor):
         known = float(pace.step) * np.arange(pace.scales.size)
         least = np.interp(marks, known, pace.scales)
         ended = np.interp(np.asarray(shape.marks)[4 + 4 * np.arange(4)], known, pace.scales)
-        assert np.all(scales >= np.maximum(least, ended) - 1e-12)
+        assert np.all(scales >= np.maximum(least, (1.0 - _PACE_ERROR) * ended) - 1e-12)
         peaks = np.abs(np.asarray(shape.curvatures)[2 + 4 * np.arange(4)])
         assert np.all(peaks <= float(ends.curvature_max[k]) / scales * (1 + 1e-12))
 

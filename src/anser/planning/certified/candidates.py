@@ -5,10 +5,8 @@ import functools
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
 
 from anser.planning.certified.choices import RACETRACK, Choices
-from anser.planning.certified.conflicts import Track, track_slack
 from anser.planning.certified.detours import (
     ANGLE_MAX,
     FIRST,
@@ -18,17 +16,15 @@ from anser.planning.certified.detours import (
     SHAPES,
     Detour,
     Solved,
-    resolve,
     solve_detour,
     solve_racetrack,
 )
 from anser.planning.certified.free_shapes import Task, make_closed, make_pace, make_starts, solve_freely
 from anser.planning.certified.profile import Profile, Timetable
 from anser.planning.certified.request import Airspace, Traveller
-from anser.planning.certified.route import Ends, Route, tightness
-from anser.planning.certified.smooth_turn import cis
+from anser.planning.certified.route import Ends
 from anser.planning.certified.timed_profile import TimedProfile, timed_profiles
-from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
+from anser.shapes import Count, Flag, Scalar, ScalarLike
 
 
 class Candidate(eqx.Module):
@@ -132,39 +128,3 @@ def _freed(
 
 _GOING_ON = 0.4  # part of the starts
 _FREE = 3.0  # cost of a path without a shape that one would expect
-
-
-def track(
-    candidate: Candidate,
-    table: Timetable,
-    airspace: Airspace,
-    times: Float[Array, " instants"],
-    active: ScalarLike = 1.0,
-) -> Track:
-    """Where a candidate is at times (s after its start, equally spaced)."""
-    shape: Route = resolve(candidate.ends, candidate.solved)
-    profile = candidate.profile
-    scale = shape.length / jnp.maximum(table.length, 1.0)
-    step = times[1] - times[0]
-
-    def one(t: Scalar) -> tuple[Vector3, Scalar]:
-        inside = jnp.clip(t, 0.0, profile.duration)
-        beyond = t - inside
-        speed, wind = table.rates(inside)
-        place, heading, curvature = shape.at(scale * table.length_at(inside))
-        drift = table.drift_at(inside)
-        now = profile.at(inside)
-        ahead = cis(heading)
-        level = place + beyond * speed * ahead + drift[0] + 1j * drift[1] + beyond * (wind[0] + 1j * wind[1])
-        down = -now.altitude - beyond * now.climb
-        push = jnp.sqrt((curvature * speed**2) ** 2 + now.climb_dot**2 + now.speed_dot**2)
-        return jnp.stack([jnp.real(level), jnp.imag(level), down]), push
-
-    positions, pushes = jax.vmap(one)(times)
-    # Between the instants a ramp may have raised it.
-    tightest = jnp.min(candidate.solved.scales)
-    rising = 0.25 * step * tightness(candidate.ends, tightest)[1] * candidate.speed**3
-    most = candidate.ends.curvature_max * profile.speed_most**2 + 2.0
-    bound = jnp.minimum(jnp.maximum(pushes[1:], pushes[:-1]) + rising, most / tightest)
-    counted = active * jnp.where(times[:-1] < profile.duration - 1e-6, 1.0, 0.0)
-    return Track(positions, track_slack(bound, step), counted)

@@ -65,7 +65,7 @@ def crowd_blocks(tracks: Track, fleet: int, size: int = BLOCK) -> Blocks:
     if fleet > NEAREST:
         return blocks_of(tracks, size)
     none = jnp.zeros((*tracks.slack.shape[:-1], 0))
-    return Blocks(none[..., None] * jnp.zeros(2), none, none, none, none)
+    return Blocks(jnp.zeros((*none.shape, 2)), none, none, none, none)
 
 
 def block_use(one: Blocks, other: Blocks, separation: Separation) -> Float[Array, "*batch"]:

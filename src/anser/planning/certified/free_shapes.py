@@ -28,6 +28,7 @@ _TURN_MOST = 7.5  # rad
 _UNKNOWNS = 2 * TURNS + LEGS
 _RESERVE_M, _RESERVE_UP_M = 30.0, 5.0  # from closed volumes
 _VOLUME_WEIGHT = 0.1
+_PACE_ROUNDS = 2
 _ON_LEGS = (0.0, 0.2, 0.4, 0.6, 0.8)  # where legs are looked at, besides their ends
 Unknowns = Float[Array, "11"]
 Spot = Float[Array, "3"]
@@ -209,8 +210,12 @@ def _shape(
     def turn(own: Float[Array, "3"]) -> tuple[Array, tuple[Array, Scalar]]:
         """By its angle, how much wider it is than need be and where it begins: ends, middle, length; scale."""
         angle, wider, length = own
-        about = smooth_turn(angle, *tightness(ends, task.pace.least(length, 0.0)))
-        scale = task.pace.least(length, about.length) * (1.0 + wider)
+        # A turn that begins before the aircraft is faster ends later than one that does not: its radius is the end's.
+        scale = task.pace.least(length, 0.0)
+        for _ in range(_PACE_ROUNDS):
+            about = smooth_turn(angle, *tightness(ends, scale))
+            scale = task.pace.least(length, about.length)
+        scale = scale * (1.0 + wider)
         curvature, sharpness = tightness(ends, scale)
         made = smooth_turn(angle, curvature, sharpness)
         move = displacement(made, sharpness)

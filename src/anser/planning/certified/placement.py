@@ -9,13 +9,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from anser.planning.certified.candidates import Candidate, candidates, track
+from anser.planning.certified.candidates import Candidate, candidates
 from anser.planning.certified.choices import Choices
 from anser.planning.certified.conflicts import Track, keep_out_room
 from anser.planning.certified.crowd import Blocks, crowd_blocks, fleet_use
 from anser.planning.certified.profile import Timetable
 from anser.planning.certified.request import Airspace, KeepOuts, Separation, Traveller
-from anser.shapes import Count, Scalar
+from anser.planning.certified.tracking import make_schedule, track
+from anser.shapes import Count, Flag, Scalar
 
 _AT_A_TIME = 4  # candidates compared with the whole fleet at once, the best liked first
 _ROUNDS = 6
@@ -66,11 +67,14 @@ def make_options(
 
     def one(traveller: Traveller, duration: Scalar) -> tuple[Candidate, Timetable, Track, Array]:
         found, tables = candidates(traveller, airspace, duration, ticks, choices)
-        tracks = jax.vmap(
-            lambda candidate: track(
-                candidate, jax.tree.map(lambda leaf: leaf[candidate.which], tables), airspace, times, traveller.active
-            )
-        )(found)
+        schedules = jax.vmap(lambda table: make_schedule(table, times))(tables)
+
+        def flown(candidate: Candidate) -> tuple[Track, Flag]:
+            table, schedule = jax.tree.map(lambda leaf: leaf[candidate.which], (tables, schedules))
+            return track(candidate, table, schedule, times, traveller.limits, airspace.gravity, traveller.active)
+
+        tracks, kept = jax.vmap(flown)(found)
+        found = eqx.tree_at(lambda c: c.valid, found, found.valid & kept)
         return found, tables, tracks, _closed(tracks, times, airspace.keep_outs)
 
     return Options(*jax.vmap(one)(travellers, durations))

@@ -299,12 +299,12 @@ class Timetable(eqx.Module):
     def length_at(self, t: ScalarLike) -> Scalar:
         """Horizontal length flown by a time, m."""
         k, begun = self._tick(t)
-        return self.lengths[k] + _piece(self.profile, self.wind, begun, t - begun)[0]
+        return self.lengths[k] + flown_between(self.profile, self.wind, begun, t - begun)[0]
 
     def drift_at(self, t: ScalarLike) -> Vector3:
         """Drift of the air by a time, NED, m."""
         k, begun = self._tick(t)
-        return self.drifts_n[k] + _piece(self.profile, self.wind, begun, t - begun)[1]
+        return self.drifts_n[k] + flown_between(self.profile, self.wind, begun, t - begun)[1]
 
     def time_at(self, length: ScalarLike) -> Scalar:
         """When a horizontal length has been flown, s after the start."""
@@ -314,7 +314,7 @@ class Timetable(eqx.Module):
         span = jnp.maximum(self.lengths[k + 1] - self.lengths[k], 1e-9)
         t = step * (k + jnp.clip((length - self.lengths[k]) / span, 0.0, 1.0))
         for _ in range(2):
-            short = length - self.lengths[k] - _piece(self.profile, self.wind, k * step, t - k * step)[0]
+            short = length - self.lengths[k] - flown_between(self.profile, self.wind, k * step, t - k * step)[0]
             t = jnp.clip(t + short / self.rates(t)[0], k * step, (k + 1) * step)
         return t
 
@@ -327,7 +327,8 @@ def horizontal_speed(profile: Profile, wind: AbstractWind, t: ScalarLike) -> tup
     return jnp.sqrt(jnp.maximum(now.speed**2 - through_air**2, _SQUARE_MIN)), blowing
 
 
-def _piece(profile: Profile, wind: AbstractWind, begin: ScalarLike, span: ScalarLike) -> tuple[Scalar, Vector3]:
+def flown_between(profile: Profile, wind: AbstractWind, begin: ScalarLike, span: ScalarLike) -> tuple[Scalar, Vector3]:
+    """Horizontal length flown, m, and drift of the air, NED, m, in a span of time (s) in which nothing kinks."""
     speeds, winds = jax.vmap(lambda u: horizontal_speed(profile, wind, begin + span * u))(jnp.asarray(_RULE.nodes))
     weights = span * jnp.asarray(_RULE.weights)
     return jnp.sum(weights * speeds), jnp.sum(weights[:, None] * winds, axis=0)
@@ -336,7 +337,9 @@ def _piece(profile: Profile, wind: AbstractWind, begin: ScalarLike, span: Scalar
 def tabulate(profile: Profile, wind: AbstractWind, ticks: int) -> Timetable:
     """Tabulate a profile at `ticks` equal intervals."""
     step = profile.duration / ticks
-    lengths, drifts = jax.vmap(lambda k: _piece(profile, wind, k * step, step))(jnp.asarray(np.arange(ticks) * 1.0))
+    lengths, drifts = jax.vmap(lambda k: flown_between(profile, wind, k * step, step))(
+        jnp.asarray(np.arange(ticks) * 1.0)
+    )
     return Timetable(
         profile,
         wind,

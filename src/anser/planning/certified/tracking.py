@@ -1,0 +1,124 @@
+"""Where a candidate is at the instants of a fleet's clock, and whether it keeps its aircraft's limits there."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from anser.planning.certified.candidates import Candidate
+from anser.planning.certified.conflicts import Track, track_slack
+from anser.planning.certified.detours import resolve
+from anser.planning.certified.profile import Timetable
+from anser.planning.certified.route import Route, tightness
+from anser.planning.certified.smooth_turn import cis
+from anser.planning.limits import PathLimits
+from anser.shapes import Flag, Scalar, ScalarLike, Vector3
+
+_KEPT = 0.995  # of the limits: the rest is for what lies between the instants
+
+
+class Schedule(eqx.Module):
+    """A timetable at equally spaced instants; what all candidates of one profile share. After its end it goes on.
+
+    Attributes
+    ----------
+    beyond
+        Time since the end, s; 0 before it.
+    length
+        Horizontal length flown, m.
+    drift_n, wind_n, wind_dot_n
+        How far the air has moved, NED, m; how fast, and how that changes for the aircraft, m/s and m/s^2.
+    altitude, climb, climb_dot
+        Over the ground, m, m/s, m/s^2.
+    speed, speed_dot
+        Horizontal airspeed and its rate, m/s and m/s^2.
+    """
+
+    beyond: Float[Array, " instants"]
+    length: Float[Array, " instants"]
+    drift_n: Float[Array, "instants 3"]
+    wind_n: Float[Array, "instants 3"]
+    wind_dot_n: Float[Array, "instants 3"]
+    altitude: Float[Array, " instants"]
+    climb: Float[Array, " instants"]
+    climb_dot: Float[Array, " instants"]
+    speed: Float[Array, " instants"]
+    speed_dot: Float[Array, " instants"]
+
+
+def make_schedule(table: Timetable, times: Float[Array, " instants"]) -> Schedule:
+    """A timetable at times (s after its start)."""
+
+    def one(t: Scalar) -> Schedule:
+        inside = jnp.clip(t, 0.0, table.profile.duration)
+        (speed, wind), (speed_dot, wind_dot) = jax.jvp(table.rates, (inside,), (jnp.ones_like(inside),))
+        now = table.profile.at(inside)
+        length, drift = table.length_at(inside), table.drift_at(inside)
+        return Schedule(
+            t - inside, length, drift, wind, wind_dot, now.altitude, now.climb, now.climb_dot, speed, speed_dot
+        )
+
+    return jax.vmap(one)(times)
+
+
+class _Seen(eqx.Module):
+    """A candidate at one instant."""
+
+    position_n: Vector3
+    push: Scalar
+    """Size of the acceleration over the ground, m/s^2."""
+    kept: Flag
+    """Whether bank angle, load factor, and acceleration and deceleration along the path are within limits."""
+
+
+def _see(here: Schedule, shape: Route, scale: Scalar, limits: PathLimits, gravity: ScalarLike) -> _Seen:
+    """One instant of a schedule along a shape that is `scale` times as long as the schedule thinks."""
+    place, heading, curvature = shape.at(scale * here.length)
+    ahead = cis(heading)
+    level = place + here.beyond * here.speed * ahead
+    down = -here.altitude - here.beyond * here.climb
+    shift = here.drift_n[:2] + here.beyond * here.wind_n[:2]
+    # Forces make the acceleration over the ground: where the wind changes with altitude, it has a share.
+    cosine, sine = jnp.real(ahead), jnp.imag(ahead)
+    gust_ahead = cosine * here.wind_dot_n[0] + sine * here.wind_dot_n[1]
+    gust_side = cosine * here.wind_dot_n[1] - sine * here.wind_dot_n[0]
+    side = curvature * here.speed**2 + gust_side
+    forward = here.speed_dot + gust_ahead
+    up_rate = here.climb + here.wind_n[2]  # through the air
+    speed = jnp.sqrt(here.speed**2 + up_rate**2)
+    cos_climb, sin_climb = here.speed / speed, up_rate / speed
+    up = gravity + here.climb_dot
+    lift = cos_climb * up - sin_climb * forward
+    along = cos_climb * forward + sin_climb * up
+    most = _KEPT * jnp.minimum(limits.load_factor_max, 1e3) * gravity
+    kept = (jnp.abs(side) <= _KEPT * lift * jnp.tan(limits.bank_max)) & (side**2 + lift**2 <= most**2)
+    kept = kept & (along <= _KEPT * limits.acceleration_max) & (-along <= _KEPT * limits.deceleration_max)
+    position = jnp.stack([jnp.real(level) + shift[0], jnp.imag(level) + shift[1], down])
+    return _Seen(position, jnp.sqrt(side**2 + forward**2 + here.climb_dot**2), kept | (here.beyond > 0.0))
+
+
+def track(
+    candidate: Candidate,
+    table: Timetable,
+    schedule: Schedule,
+    times: Float[Array, " instants"],
+    limits: PathLimits,
+    gravity: ScalarLike,
+    active: ScalarLike = 1.0,
+) -> tuple[Track, Flag]:
+    """Where a candidate is at the times of its schedule (s), and whether its limits are kept there.
+
+    Limits of altitude, airspeed and climb are its profile's, and not looked at again.
+    """
+    shape: Route = resolve(candidate.ends, candidate.solved)
+    profile = candidate.profile
+    scale = shape.length / jnp.maximum(table.length, 1.0)
+    step = times[1] - times[0]
+    seen = jax.vmap(lambda here: _see(here, shape, scale, limits, gravity))(schedule)
+    # Between the instants a ramp may have raised it.
+    tightest = jnp.min(candidate.solved.scales)
+    rising = 0.25 * step * tightness(candidate.ends, tightest)[1] * candidate.speed**3
+    most = candidate.ends.curvature_max * profile.speed_most**2 + 2.0
+    bound = jnp.minimum(jnp.maximum(seen.push[1:], seen.push[:-1]) + rising, most / tightest)
+    counted = active * jnp.where(times[:-1] < profile.duration - 1e-6, 1.0, 0.0)
+    return Track(seen.position_n, track_slack(bound, step), counted), jnp.all(seen.kept)

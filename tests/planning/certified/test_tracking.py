@@ -1,0 +1,62 @@
+"""Candidates at a fleet's instants: those that count as valid keep what the certificate asks."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from anser.numerics import compiled_quickly
+from anser.planning.certified.candidates import candidates
+from anser.planning.certified.certificate import excess, path_bounds
+from anser.planning.certified.choices import LATE_FAST, PREFERRED, SLOW_FAST, make_choices
+from anser.planning.certified.delivery import deliver
+from anser.planning.certified.detours import resolve
+from anser.planning.certified.placement import make_options
+from anser.verification.plan_cases import random_case
+from anser.verification.plan_task import planner_task
+
+TICKS = 128
+CHOICES = make_choices((PREFERRED, SLOW_FAST, LATE_FAST), (0.0,), (0,), (0, 1, 3), starts=8)
+
+
+@compiled_quickly
+def _judged(travellers, airspace, durations):
+    """Validity as placed and as first found, and by how much the delivered path passes its limits."""
+    options = make_options(travellers, airspace, durations, TICKS, TICKS, CHOICES)
+
+    def one(traveller, duration, found, tables):
+        first, _ = candidates(traveller, airspace, duration, TICKS, CHOICES)
+
+        def passed(candidate):
+            table = jax.tree.map(lambda leaf: leaf[candidate.which], tables)
+            path = deliver(0.0, table, resolve(candidate.ends, candidate.solved))
+            return jnp.max(excess(path_bounds(path, airspace.wind, airspace.gravity), traveller.limits))
+
+        return first.valid, jax.lax.map(passed, found)
+
+    first, over = jax.vmap(one)(travellers, durations, options.candidates, options.tables)
+    return options.candidates.valid, first, over
+
+
+@pytest.fixture(scope="module")
+def judged():
+    rows = []
+    for seed, duration in ((2, 260.0), (9, 420.0), (12, 240.0), (63, 200.0)):
+        travellers, airspace, _ = planner_task(random_case(seed))
+        rows.append([np.asarray(x) for x in _judged(travellers, airspace, jnp.full(8, duration))])
+    return [np.concatenate(column) for column in zip(*rows, strict=True)]
+
+
+def test_what_is_valid_keeps_its_limits(judged):
+    valid, _, over = judged
+    assert valid.sum() > 100
+    # Between the instants, and by how much bounds are wider than what they bound, a little may be lost.
+    assert np.mean(over[valid] > 1e-7) < 0.08
+    assert np.max(over[valid]) < 0.02
+
+
+def test_what_is_turned_down_here_would_not_have_kept_them(judged):
+    valid, first, over = judged
+    lost = first & ~valid
+    assert lost.any()
+    assert np.all(over[lost] > -0.006)
