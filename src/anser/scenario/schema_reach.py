@@ -168,7 +168,7 @@ def _unreached(
         # when the plan arrives is known only at a mean speed
         heights_m = [place_m[2] + goal.climb_rate_m_s * time_s] if pace.is_mean or not goal.climb_rate_m_s else []
         if time_s >= timing.duration_s:
-            words = f'more than {time_s:.1f} s, the shortest flight from "{one.name}" to goal "{goal.name}"'
+            words = f'more than {time_s:.1f} s, the shortest flight from "{one.name}" to goal "{goal.name}" at {pace}'
             return [Problem("timing.duration_s", plain(timing.duration_s), words)]
         near = time_s < FLIGHT_MIN_S
     else:
