@@ -184,6 +184,13 @@ def test_what_toml_refuses_is_told_in_the_words_of_a_scenario(text: str, said: s
     assert "('" not in problem.expected
 
 
+def test_a_table_of_an_aircraft_without_its_name() -> None:
+    with pytest.raises(ScenarioError) as caught:
+        loads('format = 1\n[[aircraft]]\nname = "a"\n[start]\nnorth_m = 1.0\n')
+    (problem,) = (one for one in caught.value.problems if one.path == "start")
+    assert problem.expected.startswith("perhaps the table [aircraft.start]; the keys here are format, name")
+
+
 def test_beyond_what_python_reads() -> None:
     for text in ("x = " + "[" * 100_000, "x = " + "1" * 10_000):
         with pytest.raises(ScenarioError, match="text that cannot be read"):

@@ -85,8 +85,7 @@ def run(
 def check(scenario: ScenarioPath) -> None:
     """Check a scenario file without planning or flying it.
 
-    Good means well-formed and consistent: not that a plan exists, as anser plan finds out, nor that the flight
-    succeeds.
+    Good: it is well-formed and consistent. Whether a plan exists anser plan finds out; the flight may still fail.
     """
     try:
         wanted = _loaded(scenario)
@@ -124,13 +123,12 @@ def new(path: Annotated[Path, typer.Argument(help="File to write; it must not ex
 
 def _stopped_s(dataset: "xr.Dataset") -> dict[str, float]:
     """Since when the record has a status other than that of flying, s, of each aircraft that got one on the way."""
-    stopped = (dataset["status"] != 0).values
-    first = stopped.argmax(axis=0)
-    return {
-        str(name): float(dataset["time"].values[row])
-        for name, row, ever in zip(dataset["aircraft"].values, first, stopped.any(axis=0), strict=True)
-        if ever and row > 0
-    }
+    found = {}
+    for name, codes in zip(dataset["aircraft"].values, dataset["status"].values.T, strict=True):
+        rows = codes.nonzero()[0]
+        if rows.size and rows[0] > 0:
+            found[str(name)] = float(dataset["time"].values[rows[0]])
+    return found
 
 
 def _told(row: dict, stopped_s: dict[str, float]) -> str:
