@@ -4,8 +4,14 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+
+from anser.cli.console import RefusedError, make_next
+from anser.simulation import STATUS_MESSAGES
+from anser.simulation.status import AT_GROUND
+from support.made_flight import make_flight
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
 THREE = (SCENARIOS / "three-aircraft.toml").read_text()
@@ -43,6 +49,46 @@ def test_run_writes_the_files_and_a_table(anser, tmp_path):
     assert before == {p.name: p.read_bytes() for p in out.iterdir()}
 
 
+def test_a_folder_that_nobody_named_is_the_next_free_one(tmp_path):
+    taken = tmp_path / "runs" / "patrol"
+    for expected in ("patrol", "patrol-2", "patrol-3"):
+        assert make_next(taken) == tmp_path / "runs" / expected
+        assert (tmp_path / "runs" / expected).is_dir()
+    (tmp_path / "file").write_text("")
+    for place in (tmp_path / "file" / "patrol", tmp_path / "file" / "deep" / "patrol"):
+        with pytest.raises(RefusedError, match=r"--out: arrived nothing, and .* cannot be made"):
+            make_next(place)
+
+
+def test_a_run_without_out_leaves_the_earlier_one_alone(anser, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    first = tmp_path / "runs" / "three-aircraft"
+    first.mkdir(parents=True)
+    code, _, err = anser("run", SCENARIOS / "three-aircraft.toml")
+    assert code == 0
+    assert "runs/three-aircraft-2: flight.nc, summary.json, report.html written" in err
+    assert (tmp_path / "runs" / "three-aircraft-2" / "summary.json").is_file()
+    assert not list(first.iterdir())
+
+
+def test_when_an_aircraft_stopped_is_told(anser, tmp_path, monkeypatch):
+    dataset, summary = make_flight()
+    dataset["status"][dataset["time"].values >= 75.2 - 1e-6, 1] = AT_GROUND
+    summary["aircraft"][1]["status"] = STATUS_MESSAGES[AT_GROUND]
+    planned = SimpleNamespace(problems=tuple)
+    flown = SimpleNamespace(
+        dataset=dataset, summary=summary, met=False, planned=planned, write_into=lambda folder: (folder / "x").touch()
+    )
+    monkeypatch.setattr("anser.campaign.run", lambda scenario, progress: flown)
+    code, printed, err = anser("run", SCENARIOS / "three-aircraft.toml", "--out", tmp_path / "run")
+    assert code == 1
+    assert "at 75.2 s: the aircraft reached the ground" in printed
+    assert (
+        'aircraft "bert": at 75.2 s: the aircraft reached the ground; what is recorded after that stands still' in err
+    )
+    assert err.count(" s: the aircraft") == 1
+
+
 def test_unmet_requirement_ends_with_1_and_says_which(anser, tmp_path):
     path = _scenario(tmp_path, ("[limits]", "[requirements]\nmiss_max_m = 0.0001\n[limits]"))
     code, printed, err = anser("run", path, "--out", tmp_path / "run", "--json")
@@ -71,6 +117,7 @@ def test_check_is_quick_and_plain(anser):
     code, printed, _ = anser("check", SCENARIOS / "storm-sampling.toml")
     assert code == 0
     assert "4 aircraft, 4 goals" in printed
+    assert f"Next: anser plan {SCENARIOS / 'storm-sampling.toml'}" in printed
 
 
 def test_new_writes_a_scenario_that_checks_and_does_not_overwrite(anser, tmp_path):

@@ -32,7 +32,7 @@ def test_a_report_is_written_anew_only_by_force(anser, runs):
     target.write_text("mine")
     code, _, err = anser("report", runs[0])
     assert code == 2
-    assert "--force" in err
+    assert f"{target} exists; give --force to write it anew, or --out FILE" in err
     assert target.read_text() == "mine"
     assert anser("report", runs[0], "--force")[0] == 0
     assert "</html>" in target.read_text(encoding="utf-8")

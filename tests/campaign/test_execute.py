@@ -182,8 +182,25 @@ def test_files_and_provenance(three, tmp_path):
         assert {"units", "long_name", "frame"} <= set(variable.attrs), name
     assert dataset.attrs["scenario_hash"] == three.scenario.hash
     assert bool(np.isfinite(dataset.latitude_deg).all())
-    with pytest.raises(FileExistsError):
+    (folder / "notes.txt").write_text("mine")
+    (folder / "summary.json").write_text("of an earlier flight")
+    with pytest.raises(FileExistsError, match=r"new exists and is not overwritten: .*force=True"):
         three.save(folder)
+    assert (folder / "summary.json").read_text() == "of an earlier flight"
+    assert three.save(folder, force=True) == folder
+    assert json.loads((folder / "summary.json").read_text()) == summary
+    assert sorted(p.name for p in folder.iterdir()) == ["flight.nc", "notes.txt", "report.html", "summary.json"]
+    assert (folder / "notes.txt").read_text() == "mine"
+    with pytest.raises(FileExistsError, match=r"notes\.txt exists and is not overwritten: choose another folder$"):
+        three.save(folder / "notes.txt", force=True)
+
+
+def test_a_flight_is_printed_in_a_few_lines(three):
+    head, *rows, last = str(three).splitlines()
+    assert head == "three-aircraft: 3 of 3 aircraft arrived, all requirements met"
+    assert [row.split(":")[0].strip() for row in rows] == ["aircraft-1", "aircraft-2", "aircraft-3"]
+    assert all("arrived at 60.36 s, planned 60.36 s, miss 0." in row for row in rows)
+    assert last.startswith("  arrival spread 0.00")
 
 
 def test_a_start_without_steady_flight_is_told():

@@ -2,6 +2,7 @@
 
 import pytest
 
+from anser.report import flight_figures
 from anser.report.flight_figures import FLIGHT_FIGURES, NEEDED_VARIABLES, draw_flight
 from anser.report.print_labels import axis_label, plain
 from anser.report.print_style import line_of, marker_of
@@ -50,6 +51,17 @@ def test_what_comes_after_the_arrival_is_not_drawn(thin, tmp_path):
     assert _drawn(later, tmp_path / "b") == first
     other = _drawn(before, tmp_path / "c")
     assert [name for name in first if other[name] != first[name]] == ["x-altitudes.svg"]
+
+
+def test_a_certified_plan_has_no_shape_parameter(thin, tmp_path, monkeypatch):
+    monkeypatch.setattr(flight_figures, "FLIGHT_FIGURES", {"plan": FLIGHT_FIGURES["plan"]})
+    certified = thin.assign_attrs(scenario='{"fleet": {"planner": "certified"}}')
+    published, shown = (
+        _drawn(one, tmp_path / key)["x-plan.svg"].decode() for one, key in ((thin, "a"), (certified, "b"))
+    )
+    assert "shape parameter" in published
+    assert "shape parameter" not in shown
+    assert "length and arrival time of the plan" in shown
 
 
 def test_aircraft_and_lines_are_told_apart_without_colour():

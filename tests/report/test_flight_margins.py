@@ -7,6 +7,7 @@ import pytest
 
 from anser.report.flight_margins import Margin, least_apart, margins_of
 from anser.report.flown_beside_plan import HOLD, derive, nearest_other_m, scenario_of, separation_kept
+from anser.report.opening import aircraft_table, margins_list
 
 
 @pytest.mark.parametrize(
@@ -56,6 +57,44 @@ def test_a_limit_names_the_aircraft_and_the_instant_of_the_worst(flight, whole):
     assert left.value == -float(bank.min())
     assert margins["Lowest altitude"].value == float(flight[0]["altitude_m"].min())
     assert not margins["Lowest altitude"].most
+
+
+def test_a_limit_passed_only_in_the_hold_is_told_apart(flight, whole):
+    scenario = scenario_of(flight[0])
+    arrival = flight[1]["aircraft"][0]["arrival_s"]
+
+    def shown(*times):
+        changed = whole.copy(deep=True)
+        for time, bank in times:
+            changed["bank_deg"].loc[{"time": changed["time"].sel(time=time, method="nearest"), "aircraft": "anna"}] = (
+                bank
+            )
+        first, *rest = margins_of(changed, flight[1], scenario)
+        assert all(margin.met for margin in rest)
+        return first, margins_list([first])
+
+    later, html = shown((arrival + 5.0, 71.0))
+    assert (later.what, later.who, later.met, later.after_arrival) == ("Bank angle to the right", "anna", False, True)
+    assert '<li class="near">' in html
+    assert "passed after the arrival" in html
+    assert "not met" not in html
+    # the worst lies in the hold, yet it was passed on the way too
+    early, html = shown((arrival + 5.0, 75.0), (arrival - 5.0, 71.0))
+    assert (early.value, early.after_arrival) == (75.0, False)
+    assert '<li class="over">' in html
+    assert "not met" in html
+
+
+def test_bends_stand_in_the_table_of_the_published_planner_alone(flight):
+    rows = flight[1]["aircraft"]
+    table = aircraft_table(rows, {})
+    assert "Path</th>" in table
+    assert table.count("bent right") == 1
+    certified = aircraft_table(rows, {"fleet": {"planner": "certified"}})
+    assert "Path</th>" not in certified
+    for word in ("nominal", "bent"):
+        assert word not in certified
+    assert certified.count("<td") == table.count("<td") - len(rows)
 
 
 def test_the_nearest_other_aircraft_is_found_for_each(flight):

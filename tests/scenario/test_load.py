@@ -162,6 +162,35 @@ def test_key_given_twice() -> None:
     assert "Cannot overwrite a value" in caught.value.problems[0].expected
 
 
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[goal]\n[goal]\n", "Cannot declare [goal] twice; a scenario has one table [[goal]] or more"),
+        ("[[aircraft]]\n[aircraft]\n", "Cannot declare [aircraft] twice; a scenario has one table [[aircraft]]"),
+        ("[goal]\n[[goal]]\n", "Cannot overwrite a value; a scenario has one table [[goal]] or more"),
+        ("goal = {a = 1}\n[[goal]]\n", "Cannot mutate immutable namespace [goal]; a scenario has one table [[goal]]"),
+        ("[[aircraft]]\n[start]\n[[aircraft]]\n[start]\n", "[start] twice; an aircraft has a table [aircraft.start]"),
+        ("[[aircraft]]\n[aircraft.start]\n[aircraft.start]\n", "[aircraft.start] twice; a scenario has one table"),
+        ("[timing]\n[timing]\n", "Cannot declare [timing] twice"),
+        ("x = 12,05 # m\n", "after a statement; with a decimal point, 12.05"),
+        ("x = {a = -12,0, b = 3}\n", "; with a decimal point, -12.0"),
+    ],
+)
+def test_what_toml_refuses_is_told_in_the_words_of_a_scenario(text: str, said: str) -> None:
+    with pytest.raises(ScenarioError) as caught:
+        loads(text)
+    (problem,) = caught.value.problems
+    assert said in problem.expected
+    assert "('" not in problem.expected
+
+
+def test_a_table_of_an_aircraft_without_its_name() -> None:
+    with pytest.raises(ScenarioError) as caught:
+        loads('format = 1\n[[aircraft]]\nname = "a"\n[start]\nnorth_m = 1.0\n')
+    (problem,) = (one for one in caught.value.problems if one.path == "start")
+    assert problem.expected.startswith("perhaps the table [aircraft.start]; the keys here are format, name")
+
+
 def test_beyond_what_python_reads() -> None:
     for text in ("x = " + "[" * 100_000, "x = " + "1" * 10_000):
         with pytest.raises(ScenarioError, match="text that cannot be read"):

@@ -1,6 +1,7 @@
 """Running one scenario: plan it, fly it, keep what came of it."""
 
 import functools
+import tempfile
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,7 +20,16 @@ from anser.compilation_cache import enable_compilation_cache
 from anser.numerics import compiled_quickly
 from anser.planning import LIMIT_MESSAGES, PLAN_MESSAGES, FleetPlan, LimitReport, check_limits, separation_min
 from anser.report import write_report
-from anser.results import FlightFacts, Requirement, summarize, to_dataset, versions, write_netcdf, write_summary
+from anser.results import (
+    FlightFacts,
+    Requirement,
+    summarize,
+    summary_text,
+    to_dataset,
+    versions,
+    write_netcdf,
+    write_summary,
+)
 from anser.scenario import Scenario, build_flight, build_path_limits
 from anser.scenario.schema_checks import AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M
 from anser.simulation import (
@@ -35,6 +45,8 @@ from anser.simulation import (
 
 CLEARANCE_MIN_M = {"surface": SURFACE_STAND_OFF_MIN_M, "airborne": AIRBORNE_STAND_OFF_MIN_M}
 """Least distance from a goal of each kind: the product's scope, whatever a scenario says."""
+
+_FILES = ("flight.nc", "summary.json", "report.html")
 
 
 class NoPlanError(Exception):
@@ -111,9 +123,9 @@ class Planned:
         return tuple(found)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Flown:
-    """A flown scenario.
+    """A flown scenario; printed, it is who arrived when.
 
     Attributes
     ----------
@@ -138,29 +150,53 @@ class Flown:
         arrived = all(row["status"] == "arrived" for row in self.summary["aircraft"])
         return arrived and all(row["met"] for row in self.summary["requirements"])
 
+    def __repr__(self) -> str:
+        return summary_text(self.summary)
+
     def report(self, path: Path | str) -> Path:
         """Write the interactive HTML report; refuses to overwrite (FileExistsError)."""
         write_report(self.dataset, self.summary, Path(path))
         return Path(path)
 
-    def save(self, folder: Path | str) -> Path:
+    def save(self, folder: Path | str, *, force: bool = False) -> Path:
         """Write `flight.nc`, `summary.json` and `report.html` into a new folder.
+
+        Parameters
+        ----------
+        folder
+            To make and write into.
+        force
+            Whether the folder may exist: these three files are then replaced in it, all others are left alone.
 
         Raises
         ------
         FileExistsError
-            If the folder exists: nothing is overwritten.
+            If the folder exists: without `force` nothing is overwritten.
         """
         target = Path(folder)
+        if target.is_dir() and force:
+            self._replace_in(target)
+            return target
+        if target.exists():
+            or_force = ", or give force=True to replace the run in it" if target.is_dir() else ""
+            raise FileExistsError(f"{target} exists and is not overwritten: choose another folder{or_force}")
         target.mkdir(parents=True)
         self.write_into(target)
         return target
 
+    def _replace_in(self, folder: Path) -> None:
+        """Write the three files beside those that stand there, and only when all are complete in their place."""
+        with tempfile.TemporaryDirectory(dir=folder, prefix=".anser-") as beside:
+            self.write_into(Path(beside))
+            for name in _FILES:
+                (Path(beside) / name).replace(folder / name)
+
     def write_into(self, folder: Path) -> None:
         """Write the three files into a folder that exists; refuses to overwrite any (FileExistsError)."""
-        write_netcdf(self.dataset, folder / "flight.nc")
-        write_summary(self.summary, folder / "summary.json")
-        self.report(folder / "report.html")
+        flight, summary, report = (folder / name for name in _FILES)
+        write_netcdf(self.dataset, flight)
+        write_summary(self.summary, summary)
+        self.report(report)
 
 
 def plan(scenario: Scenario) -> Planned:

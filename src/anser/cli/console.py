@@ -186,6 +186,24 @@ def make_new(folder: Path) -> None:
         raise RefusedError(f"--out: arrived {folder}; expected a place where a folder can be made ({reason})") from None
 
 
+def make_next(folder: Path) -> Path:
+    """Make the output folder that nobody named: this one, or the first that is free with -2, -3, ... behind it."""
+    place, count = folder, 1
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        while True:
+            with contextlib.suppress(FileExistsError):
+                place.mkdir()
+                return place
+            count += 1
+            place = folder.with_name(f"{folder.name}-{count}")
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise RefusedError(
+            f"--out: arrived nothing, and {folder} cannot be made ({reason}); expected a place where it can"
+        ) from None
+
+
 def must_lie(option: str, value: float, low: float, high: float) -> None:
     """Refuse a number outside a range."""
     if not (math.isfinite(value) and low <= value <= high):

@@ -46,7 +46,7 @@ def export(
         if name not in FORMATS:
             raise RefusedError(f"--format: arrived {name!r}; expected one of {', '.join(FORMATS)}")
     if "parquet" in wanted and not has_parquet():
-        raise RefusedError(f"--format: arrived parquet; expected pyarrow installed. {PARQUET_MISSING}")
+        raise RefusedError(f"--format: {PARQUET_MISSING}; or leave parquet out: all others are written without it")
     dataset, summary = read_run(run)
     must_hold(dataset, NEEDED_VARIABLES, run)
     if out is not None:

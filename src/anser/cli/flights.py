@@ -3,7 +3,7 @@
 import contextlib
 import dataclasses
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -13,6 +13,7 @@ from anser.cli.console import (
     end_without,
     line,
     make_new,
+    make_next,
     number,
     plain_table,
     print_table,
@@ -22,6 +23,9 @@ from anser.cli.console import (
 )
 from anser.cli.offering import about
 from anser.scenario import Scenario, ScenarioError, cautions, load, write_starter
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 def _loaded(path: Path) -> Scenario:
@@ -41,13 +45,19 @@ def _loaded(path: Path) -> Scenario:
 def run(
     scenario: ScenarioPath,
     out: Annotated[
-        Path | None, typer.Option(help="New folder for flight.nc, summary.json, report.html; default runs/NAME.")
+        Path | None,
+        typer.Option(
+            help="New folder for flight.nc, summary.json, report.html; left out: runs/NAME, or runs/NAME-2, ... "
+            "where that exists.",
+            show_default=False,
+        ),
     ] = None,
 ) -> None:
     """Fly a scenario, write its results into a new folder and print a table."""
     wanted = _loaded(scenario)
-    target = out if out is not None else Path("runs") / wanted.name
-    make_new(target)
+    if out is not None:
+        make_new(out)
+    target = out if out is not None else make_next(Path("runs") / wanted.name)
     from anser.campaign import NoPlanError
     from anser.campaign import run as fly  # here: a misspelt key must not wait for plotting libraries
 
@@ -62,17 +72,21 @@ def run(
         with contextlib.suppress(OSError):
             target.rmdir()  # succeeds only while it is empty: a flight that did not end leaves nothing behind
     answer(lambda: flown.summary)
-    _print_flown(flown.summary)
+    stopped_s = _stopped_s(flown.dataset)
+    _print_flown(flown.summary, stopped_s)
     say(f"{target}: flight.nc, summary.json, report.html written")
     if not flown.met:
         for beyond in flown.planned.problems():
             problem(f"planned beyond the limits: {beyond}")
-        _fail_unmet(flown.summary)
+        _fail_unmet(flown.summary, stopped_s)
 
 
 @about("anser check scenarios/three-aircraft.toml", "anser check mine.toml --json")
 def check(scenario: ScenarioPath) -> None:
-    """Check a scenario file without planning or flying it."""
+    """Check a scenario file without planning or flying it.
+
+    Good: it is well-formed and consistent. Whether a plan exists anser plan finds out; the flight may still fail.
+    """
     try:
         wanted = _loaded(scenario)
     except ScenarioError as error:
@@ -96,6 +110,7 @@ def check(scenario: ScenarioPath) -> None:
         }
     )
     line(f"{scenario}: good. {wanted.name}: {fleet}, {goals}, {wanted.timing.duration_s:g} s.")
+    line(f"Next: anser plan {scenario}")
 
 
 @about("anser new mine.toml")
@@ -106,7 +121,23 @@ def new(path: Annotated[Path, typer.Argument(help="File to write; it must not ex
     line(f"{path}: written. Next: anser run {path}")
 
 
-def _print_flown(summary: dict) -> None:
+def _stopped_s(dataset: "xr.Dataset") -> dict[str, float]:
+    """Since when the record has a status other than that of flying, s, of each aircraft that got one on the way."""
+    found = {}
+    for name, codes in zip(dataset["aircraft"].values, dataset["status"].values.T, strict=True):
+        rows = codes.nonzero()[0]
+        if rows.size and rows[0] > 0:
+            found[str(name)] = float(dataset["time"].values[rows[0]])
+    return found
+
+
+def _told(row: dict, stopped_s: dict[str, float]) -> str:
+    """Status of an aircraft, and since when where it got it on the way."""
+    since = stopped_s.get(row["name"])
+    return row["status"] if since is None else f"at {since:.1f} s: {row['status']}"
+
+
+def _print_flown(summary: dict, stopped_s: dict[str, float]) -> None:
     table = plain_table(f"{summary['scenario']['name']}: {summary['fleet']['simulated_s']:g} s flown")
     table.add_column("aircraft", overflow="fold")
     bent = any(row["lateral_bend_m"] for row in summary["aircraft"])
@@ -128,7 +159,7 @@ def _print_flown(summary: dict) -> None:
             number(row["miss_m"], 2),
             speeds,
             number(row["clearance_min_m"], 0),
-            row["status"] + left,
+            _told(row, stopped_s) + left,
         )
     print_table(table)
     fleet = summary["fleet"]
@@ -140,12 +171,12 @@ def _print_flown(summary: dict) -> None:
         line(f"up to the arrivals {fleet['separation_ratio_min']:.2f} times the separation asked for, at least")
 
 
-def _fail_unmet(summary: dict) -> None:
+def _fail_unmet(summary: dict, stopped_s: dict[str, float]) -> None:
     """Say which requirements were not met, and stop with exit code 1."""
     for row in summary["requirements"]:
         if not row["met"]:
             problem(f"not met: {row['name']}: limit {row['limit']:g}, flown {number(row['value'], 4)}")
     for row in summary["aircraft"]:
         if row["status"] != "arrived":
-            problem(f'aircraft "{row["name"]}": {row["status"]}')
+            problem(f'aircraft "{row["name"]}": {_told(row, stopped_s)}')
     raise typer.Exit(1)

@@ -39,6 +39,8 @@ def report(
     folders = [folder for folder in (run, other) if folder is not None]
     for place, folder in zip(("RUN", "OTHER"), folders, strict=False):
         _must_be_run(place, folder)
+    if out is None and target.exists() and not force:
+        raise RefusedError(f"--out: arrived nothing, and {target} exists; give --force to write it anew, or --out FILE")
     _must_be_writable(target, force)
     from anser.report import write_comparison, write_report  # here: a misspelt folder must not wait for libraries
 

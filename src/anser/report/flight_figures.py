@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from anser.report.flown_beside_plan import is_certified, scenario_of
 from anser.report.gaps import with_gaps
 from anser.report.print_labels import axis_label, plain
 from anser.report.print_style import (
@@ -136,6 +137,8 @@ def _goal_velocities(dataset: xr.Dataset) -> "Figure":
 
 
 def _plan(dataset: xr.Dataset) -> "Figure":
+    if is_certified(scenario_of(dataset)):  # its paths have no such parameter
+        return _over_time(dataset, [(name, None) for name in _PLAN[1:]], "length and arrival time of the plan", "")
     return _over_time(
         dataset, [(name, None) for name in _PLAN], "shape parameter, length and arrival time of the plan", ""
     )

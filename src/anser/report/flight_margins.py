@@ -34,6 +34,8 @@ class Margin:
         Whose value it is; empty where it is the fleet's.
     when_s
         When, s; None where it is of no instant or not known.
+    after_arrival
+        Whether the limit was kept up to the arrivals and passed only in the hold after them.
     """
 
     what: str
@@ -45,6 +47,7 @@ class Margin:
     met: bool
     who: str = ""
     when_s: float | None = None
+    after_arrival: bool = False
 
     @property
     def used(self) -> float | None:
@@ -93,7 +96,7 @@ _LIMITS = (
 
 
 def margins_of(dataset: xr.Dataset, summary: Mapping[str, Any], scenario: Mapping[str, Any]) -> list[Margin]:
-    """Margins of a flight, the one that used most of its limit first; what was not met stands before all.
+    """Margins of a flight, the one that used most of its limit first; what was not met in time stands before all.
 
     Requirements are those of the summary, as it judged them; the limits are the scenario's, over the whole record.
 
@@ -106,12 +109,15 @@ def margins_of(dataset: xr.Dataset, summary: Mapping[str, Any], scenario: Mappin
     """
     found = [_requirement(entry, summary["aircraft"], dataset) for entry in summary["requirements"]]
     limits = scenario.get("limits", {})
+    arrivals = {row["name"]: row["arrival_s"] for row in summary["aircraft"]}
+    ends = [np.inf if arrivals.get(str(name)) is None else arrivals[str(name)] for name in dataset["aircraft"].values]
+    flying = dataset["time"].values[:, np.newaxis] <= np.array(ends)
     found += [
-        _limit(dataset, name, float(limits[key]), sign, words, unit)
+        _limit(dataset, flying, name, float(limits[key]), sign, words, unit)
         for name, key, sign, words, unit in _LIMITS
         if limits.get(key) is not None
     ]
-    return sorted(found, key=lambda m: (m.met, -np.inf if m.used is None else -m.used))
+    return sorted(found, key=lambda m: (m.met or m.after_arrival, -np.inf if m.used is None else -m.used))
 
 
 def least_apart(dataset: xr.Dataset) -> tuple[float, float, str, str] | None:
@@ -154,8 +160,13 @@ def _least(dataset: xr.Dataset, name: str) -> tuple[str, float | None]:
     return str(dataset["aircraft"].values[column]), float(dataset["time"].values[row])
 
 
-def _limit(dataset: xr.Dataset, name: str, limit: float, sign: int, words: str, unit: str) -> Margin:
-    """Margin to a limit: sign 1 upper, 0 lower, -1 lower at the limit with the opposite sign, told as an upper one."""
+def _limit(
+    dataset: xr.Dataset, flying: np.ndarray, name: str, limit: float, sign: int, words: str, unit: str
+) -> Margin:
+    """Margin to a limit: sign 1 upper, 0 lower, -1 lower at the limit with the opposite sign, told as an upper one.
+
+    `flying` tells, of the shape (time, aircraft), what lies up to the aircraft's arrival.
+    """
     values = -dataset[name].values if sign == -1 else dataset[name].values
     most = sign != 0
     if not np.isfinite(values).any():
@@ -164,4 +175,6 @@ def _limit(dataset: xr.Dataset, name: str, limit: float, sign: int, words: str, 
     value = float(values[row, column])
     met = value <= limit if most else value >= limit
     who, when = str(dataset["aircraft"].values[column]), float(dataset["time"].values[row])
-    return Margin(words, "limit", unit, limit, value, most, met, who, when)
+    passed = values > limit if most else values < limit
+    later = not met and not bool(np.any(passed & flying))
+    return Margin(words, "limit", unit, limit, value, most, met, who, when, later)

@@ -9,7 +9,7 @@ import xarray as xr
 
 from anser.variables import PLAN_VARIABLES
 
-__all__ = ["HOLD", "derive", "nearest_other_m", "scenario_of", "separation_kept"]
+__all__ = ["HOLD", "derive", "is_certified", "nearest_other_m", "scenario_of", "separation_kept"]
 
 HOLD = 2
 """Value of `phase` once the aircraft has arrived and holds."""
@@ -31,6 +31,11 @@ def scenario_of(dataset: xr.Dataset) -> dict[str, Any]:
     except (TypeError, ValueError):
         return {}
     return found if isinstance(found, dict) else {}
+
+
+def is_certified(scenario: Mapping[str, Any]) -> bool:
+    """Whether the certified planner made the plan; its paths have turns, but no lateral bend."""
+    return scenario.get("fleet", {}).get("planner") == "certified"
 
 
 def derive(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> xr.Dataset:

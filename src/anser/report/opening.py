@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from anser.report.flight_margins import Margin, least_apart
+from anser.report.flown_beside_plan import is_certified
 from anser.report.style import color_of
 
 __all__ = ["aircraft_table", "answer", "cards", "margins_list", "number", "text"]
@@ -108,13 +109,18 @@ def margins_list(margins: Sequence[Margin]) -> str:
     return '<ol class="margins">' + "".join(_bar(margin) for margin in margins) + "</ol>"
 
 
-def aircraft_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """One row for each aircraft of the summary; a row is chosen by its button."""
+def aircraft_table(rows: Sequence[Mapping[str, Any]], scenario: Mapping[str, Any]) -> str:
+    """One row for each aircraft of the summary; a row is chosen by its button.
+
+    How a path is bent stands there for the published planner's, whose paths have no other shape.
+    """
+    bends = not is_certified(scenario)
     heads = "".join(f"<th>{heading}<small>{unit}</small></th>" for _, heading, unit, _ in _COLUMNS)
-    body = "".join(_aircraft_row(index, row) for index, row in enumerate(rows))
+    heads += '<th class="text">Path</th>' if bends else ""
+    body = "".join(_aircraft_row(index, row, bends) for index, row in enumerate(rows))
     return (
         '<div class="scroll"><table><thead><tr><th class="text">Aircraft</th><th class="text">Goal</th>'
-        f'{heads}<th class="text">Path</th><th class="text">Status</th></tr></thead><tbody>{body}</tbody></table></div>'
+        f'{heads}<th class="text">Status</th></tr></thead><tbody>{body}</tbody></table></div>'
     )
 
 
@@ -132,15 +138,16 @@ _COLUMNS: tuple[tuple[str, str, str, int], ...] = (
 )
 
 
-def _aircraft_row(index: int, row: Mapping[str, Any]) -> str:
+def _aircraft_row(index: int, row: Mapping[str, Any], bends: bool) -> str:
     numbers = "".join(f"<td>{number(row[key], digits)}</td>" for key, _, _, digits in _COLUMNS)
     bend = row["lateral_bend_m"]
     path = "nominal" if row["nominal"] or bend is None else ("bent right" if bend > 0 else "bent left")
+    path = f'<td class="text">{path}</td>' if bends else ""
     fine = "good-text" if row["status"] == "arrived" else "bad-text"
     return (
         f'<tr><td class="text name"><span class="swatch" style="background:{color_of(index)}"></span>'
         f'{text(row["name"])}</td><td class="text">{text(row["goal"])}</td>{numbers}'
-        f'<td class="text">{path}</td><td class="text free {fine}">{text(row["status"])}</td></tr>'
+        f'{path}<td class="text free {fine}">{text(row["status"])}</td></tr>'
     )
 
 
@@ -148,13 +155,14 @@ def _bar(margin: Margin) -> str:
     used = margin.used
     share = _NOTHING if used is None else (">999 %" if used > 9.99 else f"{100 * used:.0f} %")
     width = 0.0 if used is None else min(100.0, 100.0 * used)
-    state = "over" if not margin.met else ("near" if used is not None and used > 0.9 else "kept")
+    near = margin.after_arrival or (margin.met and used is not None and used > 0.9)
+    state = "near" if near else ("kept" if margin.met else "over")
     where = ", ".join(
         part for part in (text(margin.who), "" if margin.when_s is None else f"{number(margin.when_s, 1)} s") if part
     )
     unit = f" {margin.unit}" if margin.unit not in ("", "°") else margin.unit
     value = _NOTHING if margin.value is None else f"{_significant(margin.value)}{unit}"
-    told = "not met" if not margin.met else ""
+    told = "" if margin.met else ("passed after the arrival" if margin.after_arrival else "not met")
     return (
         f'<li class="{state}"><span class="what">{text(margin.what)}'
         f"<small>{'' if margin.kind == 'requirement' else 'limit; '}{'at most' if margin.most else 'at least'} "

@@ -32,6 +32,7 @@ from anser.results.robustness_statistics import (
     success_interval,
 )
 from anser.results.summary import FORMAT_VERSION, FlightFacts, read_summary, summarize, write_summary
+from anser.results.summary_text import summary_text
 
 __all__ = [
     "CLOSED_LOOP",
@@ -78,6 +79,7 @@ __all__ = [
     "success",
     "success_interval",
     "summarize",
+    "summary_text",
     "to_dataset",
     "unit_of",
     "versions",

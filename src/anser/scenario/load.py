@@ -1,5 +1,6 @@
 """Reading scenarios: from a file, from text, from values; everything wrong with one is told in one message."""
 
+import ast
 import difflib
 import os
 import re
@@ -11,9 +12,14 @@ from pydantic import ValidationError
 
 from anser.scenario.errors import Problem, ScenarioError, show
 from anser.scenario.schema import FORMAT, Scenario
+from anser.scenario.schema_aircraft import Aircraft
 from anser.scenario.schema_problems import problems_from
 
 _TOML_PLACE = re.compile(r"^(?P<what>.*) \(at (?:line (?P<line>\d+), column (?P<column>\d+)|end of document)\)$")
+
+_NAMESPACE = re.compile(r"(?<=declare )\(.*\)(?= twice)|(?<=namespace )\(.*\)")
+_HEADER = re.compile(r"\[{1,2}\s*([A-Za-z0-9_-]+)[^\]]*\]")
+_DECIMAL_COMMA = re.compile(r"=\s*([+-]?\d+),(\d+)")
 
 
 def load(path: str | os.PathLike[str]) -> Scenario:
@@ -134,9 +140,30 @@ def _syntax_problem(text: str, message: str) -> Problem:
     place = _TOML_PLACE.match(message)
     if place is None:
         return Problem("", "text that is not TOML", message)
-    what = place["what"]
+    what = _NAMESPACE.sub(_in_brackets, place["what"])
     if place["line"] is None:
         return Problem(f"line {len(text.splitlines())}, at the end", "the end of the file", f"valid TOML: {what}")
     line, column = int(place["line"]), int(place["column"])
     lines = text.replace("\r\n", "\n").split("\n")
-    return Problem(f"line {line}, column {column}", show(lines[line - 1].strip()), f"valid TOML: {what}")
+    arrived = lines[line - 1].strip()
+    return Problem(f"line {line}, column {column}", show(arrived), f"valid TOML: {what}{_way_out(arrived)}")
+
+
+def _in_brackets(found: re.Match[str]) -> str:
+    """Write a table's name, which the TOML library shows as a tuple of Python, as the file has it."""
+    return f"[{'.'.join(ast.literal_eval(found[0]))}]"
+
+
+def _way_out(line: str) -> str:
+    """What a line that is no TOML, or declares a table again, should probably be; nothing where nobody can tell."""
+    comma = _DECIMAL_COMMA.search(line)
+    if comma is not None:
+        return f"; with a decimal point, {comma[1]}.{comma[2]}"
+    header = _HEADER.match(line)
+    table = header[1] if header is not None else ""
+    for model, before in ((Scenario, "; a scenario has "), (Aircraft, "; an aircraft has ")):
+        if table in model.model_fields:
+            extra = model.model_fields[table].json_schema_extra
+            words = str(extra["expected"]) if isinstance(extra, dict) else ""
+            return before + words if "[[" in words or "[aircraft." in words else ""
+    return ""

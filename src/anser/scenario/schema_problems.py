@@ -66,9 +66,22 @@ def _unknown_key(loc: Sequence[str | int], model: type[BaseModel], raw: object) 
     known = list(table.model_fields) if table is not None else []
     near = difflib.get_close_matches(key.lower(), known, n=1)
     guess = f'perhaps "{near[0]}"; the keys here are' if near else "one of the keys"
+    owner = _owner_of(key, model) if len(loc) == 1 else None
+    if owner is not None:
+        near, guess = [], f"perhaps the table [{owner}.{key}]; the keys here are"
     words = f"{guess} {', '.join(known)}"
     meant = _path([*loc[:-1], near[0]]) if near else ""
     return Problem(_path(loc), f"the unknown key {show(key)}", words, _whom(loc, raw)), meant
+
+
+def _owner_of(key: str, model: type[BaseModel]) -> str | None:
+    """Find the table of the file that has an inner table of this name, such as the one of `start`: `aircraft`."""
+    for name, field in model.model_fields.items():
+        table = _model_in(field.annotation)
+        inner = table.model_fields.get(key) if table is not None else None
+        if inner is not None and _model_in(inner.annotation) is not None:
+            return name
+    return None
 
 
 def _bad_value(loc: Sequence[str | int], model: type[BaseModel], raw: object) -> Problem:

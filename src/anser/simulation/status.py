@@ -11,7 +11,7 @@ STATUS_MESSAGES: tuple[str, ...] = (
     "arrived",
     *PLAN_MESSAGES[1:],
     "no steady flight exists at the start state: the aircraft was not flown",
-    "the state stopped being a number: the motion diverged; the record stands at the last good state",
-    "the aircraft reached the ground; the record stands there",
+    "the state stopped being a number: the motion diverged; what is recorded after that stands still",
+    "the aircraft reached the ground; what is recorded after that stands still",
 )
 """Message of each status; the first ones are the planner's own."""

@@ -1,0 +1,35 @@
+"""What a flight is printed as: a few lines, however many aircraft."""
+
+import copy
+
+from anser.results import summary_text
+from support.made_flight import make_flight
+
+
+def test_it_says_who_arrived_when_and_what_was_not_met():
+    _, summary = make_flight()
+    summary["scenario"]["name"] = "three"
+    lines = summary_text(summary).splitlines()
+    assert len(lines) == 5
+    assert lines[0] == "three: 3 of 3 aircraft arrived, all requirements met"
+    assert lines[1].startswith("  anna: arrived at 80.")
+    assert ", planned 80.00 s, miss " in lines[1]
+    assert lines[-1].endswith(" s flown")
+
+    summary["aircraft"][1] |= {"status": "no plan", "arrival_s": None, "planned_arrival_s": None, "miss_m": None}
+    summary["requirements"][0]["met"] = False
+    summary["fleet"]["arrival_spread_s"] = None
+    lines = summary_text(summary).splitlines()
+    assert lines[0] == f"three: 2 of 3 aircraft arrived, not met: {summary['requirements'][0]['name']}"
+    assert lines[2] == "  bert: no plan"
+    assert "arrival spread" not in lines[-1]
+
+
+def test_of_a_large_fleet_the_first_are_told():
+    _, summary = make_flight()
+    summary["aircraft"] = [copy.deepcopy(summary["aircraft"][0]) for _ in range(20)]
+    summary["aircraft"][9]["status"] = "no plan"
+    lines = summary_text(summary).splitlines()
+    assert len(lines) == 8
+    assert lines[0].startswith(f"{summary['scenario']['name']}: 19 of 20 aircraft arrived")
+    assert lines[-2] == "  and 15 more, of which 1 did not arrive"
