@@ -16,6 +16,8 @@ from anser.planning.certified.request import Airspace, Traveller
 
 RULES = ("together", "earliest", "at", "sequence", "times", "windows")
 _LATER = (1.0, 1.01, 1.03, 1.06, 1.1, 1.15, 1.22, 1.3, 1.4, 1.55, 1.75, 2.0, 2.4, 3.0)
+_MUCH_LATER = 1.3  # times the first time
+_THOROUGHLY = (1.0, 1.06, 1.15, 1.3)  # the same, of the times at which every kind of candidate is tried
 _A_HAIR = 1.0002  # later than the direct path takes: to rounding there may be none of just its length
 _THOROUGH_FLEET = 12  # aircraft up to which every kind of candidate is tried
 _WINDOW_STEPS = (0.0, 0.12, 0.25, 0.4, 0.55, 0.7, 0.85, 1.0)
@@ -126,9 +128,9 @@ def search(
                 return Outcome(plan, tries)
     if fixed or not thorough:
         return Outcome(None, tries, closest)
-    for durations in _later_times(first, request):
+    for durations, choices in _later_times(first, request, levels):
         told(f"trying arrival at {float(np.max(durations)):.1f} s")
-        plan = attempt(durations, MANY)
+        plan = attempt(durations, choices)
         if plan is not None:
             return Outcome(plan, tries)
     told("looking for arrival times that are open to each aircraft")
@@ -195,15 +197,23 @@ def _first_times(preferred: Times, request: ArrivalRequest) -> Times | None:
     return times if np.max(times) <= request.latest_s else None
 
 
-def _later_times(first: Times | None, request: ArrivalRequest) -> Iterator[Times]:
-    """A little later than the times asked for first, and later still, where the rule leaves that open."""
+def _later_times(
+    first: Times | None, request: ArrivalRequest, levels: Sequence[Choices]
+) -> Iterator[tuple[Times, Choices]]:
+    """A little later than the times asked for first, and later still, where the rule leaves that open.
+
+    Before it becomes much later, every kind of candidate is tried: better a loop than to be there at twice the time.
+    """
     if first is None or request.rule == "windows":
         return
     offsets = _offsets(request, first.size)
-    for factor in _LATER[1:]:
+    tried = [(factor, MANY) for factor in _LATER[1:] if factor <= _MUCH_LATER]
+    tried += [(factor, choices) for choices in levels[1:] for factor in _THOROUGHLY]
+    tried += [(factor, MANY) for factor in _LATER if factor > _MUCH_LATER]
+    for factor, choices in tried:
         times = factor * (first - offsets) + offsets
         if np.max(times) <= request.latest_s:
-            yield times
+            yield times, choices
 
 
 def _times(
