@@ -118,7 +118,7 @@ def new(path: Annotated[Path, typer.Argument(help="File to write; it must not ex
     """Write a commented scenario to start from."""
     write_starter(path)
     answer(lambda: {"format_version": 1, "file": str(path)})
-    line(f"{path}: written. Next: anser run {path}")
+    line(f"{path}: written. Next: anser check {path}")
 
 
 def _stopped_s(dataset: "xr.Dataset") -> dict[str, float]:
