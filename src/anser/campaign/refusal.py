@@ -88,13 +88,13 @@ def _alone(
             asked, wanted = f"cannot arrive between {low:.1f} and {high:.1f} s", float(high)
         else:
             continue
-        binding = _binding(k, travellers, airspace, wanted, request.latest_s)
+        binding = _binding(k, travellers, airspace, wanted)
         nearest = f"; by itself it can {spoken(own)}" if own else ""
         found.append(f'aircraft "{name}" {asked}{binding}{nearest}')
     return found
 
 
-def _binding(who: int, travellers: Traveller, airspace: Airspace, wanted_s: float, latest_s: float) -> str:
+def _binding(who: int, travellers: Traveller, airspace: Airspace, wanted_s: float) -> str:
     """The limit whose loosening alone lets an aircraft arrive at a time, and by how much."""
     best: tuple[float, str] | None = None
     for what in RELAXED:

@@ -19,6 +19,7 @@ _LATER = (1.0, 1.01, 1.03, 1.06, 1.1, 1.15, 1.22, 1.3, 1.4, 1.55, 1.75, 2.0, 2.4
 _MUCH_LATER = 1.3  # times the first time
 _THOROUGHLY = (1.0, 1.06, 1.15, 1.3)  # the same, of the times at which every kind of candidate is tried
 _A_HAIR = 1.0002  # later than the direct path takes: to rounding there may be none of just its length
+_SAME = 5e-4  # part of itself by which a time differs from one that need not be tried again
 _THOROUGH_FLEET = 12  # aircraft up to which every kind of candidate is tried
 _WINDOW_STEPS = (0.0, 0.12, 0.25, 0.4, 0.55, 0.7, 0.85, 1.0)
 
@@ -105,9 +106,13 @@ def search(
     active = np.asarray(travellers.active) > 0.0
     size = int(np.sum(active))
     tries, closest, fewest = 0, None, np.inf
+    tried: list[tuple[Choices, Times]] = []
 
     def attempt(durations: Times, choices: Choices) -> CertifiedPlan | None:
         nonlocal tries, closest, fewest
+        if any(choices is kind and np.allclose(durations, times, rtol=_SAME, atol=0.0) for kind, times in tried):
+            return None
+        tried.append((choices, durations))
         tries += 1
         ticks = ticks_for(float(np.max(durations)))
         plan = plan_at(start_time, travellers, airspace, jnp.asarray(durations), ticks, choices)
@@ -138,13 +143,8 @@ def search(
     arrivals = arrival_sets(travellers, airspace, request.latest_s, windows)
     if windows is not None and any(on and not own for on, own in zip(active, arrivals, strict=True)):
         return Outcome(None, tries, closest)
-    seen: set[tuple[float, ...]] = set()
     for choices in levels:
         for durations in _times(preferred, request, arrivals, active):
-            key = (float(choices.size), *np.round(durations, 6))
-            if key in seen or (choices is MANY and first is not None and np.allclose(durations, first)):
-                continue
-            seen.add(key)
             told(f"trying arrival at {float(np.max(durations)):.1f} s")
             plan = attempt(durations, choices)
             if plan is not None:
