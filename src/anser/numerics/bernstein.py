@@ -34,7 +34,7 @@ def elevate(a: Coefficients, degree: int) -> Float[Array, "*batch m"]:
     missing = degree - (a.shape[-1] - 1)
     if missing < 0:
         raise ValueError(f"a polynomial of degree {a.shape[-1] - 1} cannot be written with degree {degree}")
-    return product(a, jnp.ones((*a.shape[:-1], missing + 1)))
+    return a @ jnp.asarray(np.sum(_product_weights(a.shape[-1] - 1, missing), axis=2).T)
 
 
 def slope(a: Coefficients, span: Inexact[Array, "*batch"]) -> Float[Array, "*batch m"]:

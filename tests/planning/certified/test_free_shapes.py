@@ -1,5 +1,7 @@
 """Paths without a prescribed shape: that they are what was asked, and that they find what detours cannot be."""
 
+import functools
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -22,7 +24,7 @@ STARTS = 64
 ENDS = random_ends(8, CASES, 0.3, 5.0, curvature_use=0.0, sharp=200.0)
 BENT = random_ends(9, CASES, 3.0, 15.0, curvature_use=1.0)
 FREE = eqx.tree_at(lambda e: e.end_free, BENT, jnp.full(CASES, True))
-SENSES, FIRST = make_starts(STARTS)
+BEGUN = make_starts(STARTS)
 EVEN = Pace(number(1e7), jnp.ones(2))
 # As an aircraft that becomes slower within 4 km, so that it then turns within two thirds of the radius.
 SLOWING = Pace(number(1000.0), jnp.array([1.0, 1.0, 0.89, 0.78, 0.67, 0.67]))
@@ -38,7 +40,7 @@ def around(middle, wide):
 
 
 def all_of(ends, pace, wanted, closed=NOTHING):
-    solved = solve_freely(Task(ends, pace, closed, wanted), jnp.asarray(SENSES), jnp.asarray(FIRST))
+    solved = solve_freely(Task(ends, pace, closed, wanted), BEGUN)
     return solved, jax.vmap(lambda one: resolve(ends, one))(solved)
 
 
@@ -165,21 +167,23 @@ def test_derivatives_are_those_of_what_is_missed(ends):
         one = picked(ends, k)
         standing = around(0.5 * (one.start + one.end), jnp.asarray(where[k]))
         moving = Closed(
-            number(2000.0), *(jnp.stack([x[0, :1] + 200.0 * jnp.arange(9.0)]) for x in (standing.norths, standing.easts)),
-            standing.radii, jnp.ones((1, 9)),
+            number(2000.0), *(jnp.stack([x[0, :1] + 200.0 * jnp.arange(60.0)]) for x in (standing.norths, standing.easts)),
+            standing.radii, jnp.ones((1, 60)),
         )  # fmt: skip
         for closed in (NOTHING, standing, moving):
             task = Task(one, SLOWING, closed, number(1.4 * where[k] / 0.4))
-            by_hand = free_shapes._shape(FIRST[n], task, SENSES[n])[2]
-            automatic = jax.jacfwd(lambda x, task=task, n=n: free_shapes._shape(x, task, SENSES[n])[1])(FIRST[n])
-            np.testing.assert_allclose(by_hand, automatic, rtol=1e-9, atol=1e-12)
+            senses, first, _ = (jnp.asarray(leaf[n]) for leaf in BEGUN)
+            for circles in (jnp.zeros(4), jnp.array([0.0, 4.0 * jnp.pi, 0.0, 0.0])):
+                missed = functools.partial(free_shapes._shape, task=task, senses=senses, circles=circles)
+                by_hand, automatic = missed(first)[2], jax.jacfwd(lambda x, of=missed: of(x)[1])(first)
+                np.testing.assert_allclose(by_hand, automatic, rtol=1e-9, atol=1e-12)
 
 
 def test_only_the_nearest_go_on():
     one = picked(BENT, 2)
     task = Task(one, EVEN, NOTHING, number(1.4 * shortest(BENT)[2]))
-    fewer = compiled_quickly(lambda: solve_freely(task, jnp.asarray(SENSES), jnp.asarray(FIRST), 20))()
-    every = compiled_quickly(lambda: solve_freely(task, jnp.asarray(SENSES), jnp.asarray(FIRST)))()
+    fewer = compiled_quickly(lambda: solve_freely(task, BEGUN, 20))()
+    every = compiled_quickly(lambda: solve_freely(task, BEGUN))()
     assert fewer.exists.shape == (20,)
     assert np.mean(fewer.exists) > 1.3 * np.mean(every.exists)
     kept = np.asarray(every.angles)
@@ -213,10 +217,23 @@ def test_closed_volumes_are_where_and_when_the_path_meets_them():
 
 
 def test_starts_are_the_same_every_time_and_all_senses_are_among_them():
-    again, first = make_starts(STARTS)
-    np.testing.assert_array_equal(again, SENSES)
-    np.testing.assert_array_equal(first, FIRST)
-    assert len({tuple(row) for row in SENSES}) == 16
+    for again, before in zip(make_starts(STARTS), BEGUN, strict=True):
+        np.testing.assert_array_equal(again, before)
+    assert len({tuple(row) for row in BEGUN.senses}) == 16
+
+
+def test_long_waits_are_circles_wherever_there_is_room():
+    """Ten times as long as need be: four turns of at most 7.5 rad alone would be legs of many kilometres."""
+    one = picked(BENT, 2)
+    wanted = number(10.0 * shortest(BENT)[2])
+    solved, routes = all_of(one, EVEN, wanted)
+    turned = np.abs(np.asarray(solved.angles))
+    found = np.asarray(solved.exists)
+    circling = found & (turned.max(axis=1) > 9.0)
+    assert np.sum(circling) >= 5
+    assert len({int(k) for k in np.argmax(turned[circling], axis=1)}) == 4
+    np.testing.assert_allclose(np.asarray(routes.length)[found], float(wanted), rtol=1e-9)
+    np.testing.assert_allclose(np.asarray(routes.places)[found, -1], np.asarray(one.end), atol=1e-5 * float(wanted))
 
 
 def test_pace_is_that_of_a_level_turn_and_of_what_climb_and_push_leave():

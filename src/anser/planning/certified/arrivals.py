@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from anser.planning.certified.choices import ALONE, PLAIN, Choices
+from anser.planning.certified.choices import ALONE, DEEP, PLAIN, Choices
 from anser.planning.certified.placement import make_options
 from anser.planning.certified.request import Airspace, Traveller
 from anser.planning.certified.timed_profile import steady_after, timed_profile
@@ -61,7 +61,7 @@ def _reachable_at(
     travellers: Traveller, airspace: Airspace, durations: Float[Array, " aircraft"], ticks: int, choices: Choices
 ) -> Bool[Array, " aircraft"]:
     options = make_options(travellers, airspace, durations, ticks, ticks, choices)
-    return jnp.any(options.candidates.valid & (options.closed <= 0.0), axis=1)
+    return jnp.any(options.valid & (options.closed <= 0.0), axis=1)
 
 
 def conceivable(
@@ -102,21 +102,32 @@ def reachable(
 
 
 def _open_times(
-    travellers: Traveller, airspace: Airspace, fleet: Int[np.ndarray, " active"], grid: Float[np.ndarray, "active n"]
+    travellers: Traveller,
+    airspace: Airspace,
+    fleet: Int[np.ndarray, " active"],
+    grid: Float[np.ndarray, "active n"],
+    deeply: bool,
 ) -> Bool[np.ndarray, "active n"]:
-    """Which times of a grid are open: plain paths everywhere, others near the times found so far, ever farther."""
+    """Which times of a grid are open: plain paths everywhere, others near the times found so far, ever farther.
+
+    Deeply: an aircraft without any is looked at again, with more ways.
+    """
     who = np.repeat(fleet, grid.shape[1]).reshape(grid.shape)
     inside = reachable(travellers, airspace, who.ravel(), grid.ravel(), levels=(PLAIN,)).reshape(grid.shape)
-    tried = np.zeros(grid.shape, dtype=bool)
-    while True:
-        near = np.array(
-            [np.convolve(row, np.ones(2 * _NEAR + 1), "same") > 0.5 if row.any() else ~row for row in inside]
-        )
-        asked = near & ~inside & ~tried
-        if not asked.any():
-            return inside
-        tried |= asked
-        inside[asked] = reachable(travellers, airspace, who[asked], grid[asked], levels=(ALONE,))
+    for choices in (ALONE, DEEP) if deeply else (ALONE,):
+        tried = np.zeros(grid.shape, dtype=bool)
+        while True:
+            near = np.array(
+                [np.convolve(row, np.ones(2 * _NEAR + 1), "same") > 0.5 if row.any() else ~row for row in inside]
+            )
+            if choices is DEEP:
+                near &= ~inside.any(axis=1, keepdims=True)
+            asked = near & ~inside & ~tried
+            if not asked.any():
+                break
+            tried |= asked
+            inside[asked] = reachable(travellers, airspace, who[asked], grid[asked], levels=(choices,))
+    return inside
 
 
 def arrival_sets(
@@ -142,7 +153,7 @@ def arrival_sets(
         grid = low[:, None] * (latest_s / low)[:, None] ** np.linspace(0.0, 1.0, count)[None, :]
     fleet = np.flatnonzero(np.asarray(travellers.active) > 0.0)
     inside = np.zeros(grid.shape, dtype=bool)
-    inside[fleet] = _open_times(travellers, airspace, fleet, grid[fleet])
+    inside[fleet] = _open_times(travellers, airspace, fleet, grid[fleet], windows_s is not None)
     row, edge = np.nonzero(inside[:, 1:] != inside[:, :-1])
     low, high, opening = grid[row, edge], grid[row, edge + 1], inside[row, edge + 1]
     for _ in range(rounds if row.size else 0):

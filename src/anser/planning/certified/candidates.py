@@ -116,12 +116,11 @@ def _freed(
     traveller: Traveller, airspace: Airspace, starts: int, timed: TimedProfile, about: tuple[Scalar, Count]
 ) -> Candidate:
     """Free shapes that take the time; they bend to any side, so only where either will do."""
-    senses, first = make_starts(starts)
     pace = make_pace(timed.table, timed.ends, traveller.limits, airspace.gravity)
     closed = make_closed(timed.table, airspace.keep_outs)
 
     task = Task(timed.ends, pace, closed, timed.table.length)
-    solved = solve_freely(task, jnp.asarray(senses), jnp.asarray(first), int(_GOING_ON * starts))
+    solved = solve_freely(task, make_starts(starts), int(_GOING_ON * starts))
     cost, which = about
     return jax.vmap(lambda one: _candidate(timed, one, traveller.side == 0, cost + _FREE, which))(solved)
 

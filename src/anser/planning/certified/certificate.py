@@ -8,7 +8,7 @@ a second they exceed the true extremes by about a hundredth.
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from anser.environment import AbstractWind, LayeredWind, SteadyWind
 from anser.numerics import bernstein
@@ -120,6 +120,67 @@ def _wind_error(
     return jnp.where(drifting, jnp.max(jax.vmap(layer)(bottoms, tops, first, last), axis=0), 0.0)
 
 
+def _bank_and_load(
+    velocity: Float[Array, "cells 3 5"],
+    acceleration: Float[Array, "cells 3 4"],
+    squares: tuple[Cells, Cells],
+    error: Float[Array, " cells"],
+    gravity: ScalarLike,
+) -> tuple[Float[Array, " cells"], Float[Array, " cells"]]:
+    """Bounds of the bank angle, rad, and of the load factor in coordinated flight, per cell.
+
+    With L the horizontal and V the whole airspeed, both are ratios of polynomials: of the acceleration across,
+    A / L, and of the lift, D / (V L), A = v x a and D = L^2 up - climb (v . a). A ratio of two polynomials in Bernstein
+    form is, where the lower one's coefficients are positive, a weighted mean of the coefficients' ratios.
+
+    Parameters
+    ----------
+    velocity, acceleration
+        Coefficients, through the air and over the ground.
+    squares
+        V^2 and L^2.
+    error
+        By how much the velocity may be off, m/s.
+    gravity
+        m/s^2.
+    """
+    square, level_square = squares
+    north, east, down = (velocity[:, k] for k in range(3))
+    to_north, to_east, to_down = (acceleration[:, k] for k in range(3))
+    across = bernstein.product(north, to_east) - bernstein.product(east, to_north)
+    along = bernstein.product(north, to_north) + bernstein.product(east, to_east)
+    lifting = bernstein.product(level_square, gravity - to_down) + bernstein.product(down, along)
+    side_square = bernstein.product(bernstein.product(across, across), square)
+    lift_square = bernstein.product(lifting, lifting)
+    both = bernstein.product(square, level_square)
+    both = bernstein.elevate(both, lift_square.shape[-1] - 1)
+
+    level_low, level_high = _root_bounds(level_square, error)
+    speed_low, speed_high = _root_bounds(square, error)
+    push = _root(bernstein.bounds(_square(acceleration))[1])
+    lift_low = bernstein.bounds(lifting)[0]
+    # What an error of the velocity adds: to A, and to D.
+    more_across = error * push
+    more_lifting = error * (2.0 * level_high + error) * jnp.max(jnp.abs(gravity - to_down), axis=1)
+    more_lifting = more_lifting + error * (jnp.max(jnp.abs(along), axis=1) + push * jnp.max(jnp.abs(down), axis=1))
+    more_lifting = more_lifting + error**2 * push
+    least = lift_low - more_lifting
+    banked = (least > 0.0) & (speed_low > 0.0) & (level_low > 0.0)
+    safe, slow, narrow = (jnp.where(banked, x, 1.0) for x in (least, speed_low, level_low))
+    tangent = _root(_most_ratio(side_square, lift_square, banked)) + more_across * speed_high / safe
+    tangent = tangent * (1.0 + error / slow) * (safe + more_lifting) / safe
+    load = _root(_most_ratio(side_square + lift_square, both, banked)) + more_across / narrow
+    load = (load + more_lifting / (slow * narrow)) * (1.0 + error / slow) * (1.0 + error / narrow)
+    # Upside down or too slow to tell: the acceleration and gravity together bound the load even so.
+    return jnp.where(banked, jnp.arctan(tangent), jnp.pi / 2), jnp.where(banked, load / gravity, push / gravity + 1.0)
+
+
+def _most_ratio(upper: Cells, lower: Cells, sound: Bool[Array, " cells"]) -> Float[Array, " cells"]:
+    """Bound of a ratio of polynomials; where not sound, 1."""
+    safe = jnp.where(sound[:, None] & (lower > 0.0), lower, 1.0)
+    return jnp.where(sound, jnp.max(upper / safe, axis=1), 1.0)
+
+
 def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> PathBounds:
     """Bounds of a path in a wind (steady or layered) under a gravity (m/s^2).
 
@@ -143,39 +204,23 @@ def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> Pat
     def most(high: Array) -> Scalar:
         return jnp.max(jnp.where(real, high, -jnp.inf))
 
-    speed_low, speed_high = _root_bounds(_square(velocity), error)
-    level_low, _ = _root_bounds(_square(velocity[:, :2]), error)
+    square, level_square = _square(velocity), _square(velocity[:, :2])
+    speed_low, speed_high = _root_bounds(square, error)
     push = _root(bernstein.bounds(_square(acceleration))[1])
-
-    across = bernstein.product(velocity[:, 0], acceleration[:, 1]) - bernstein.product(
-        velocity[:, 1], acceleration[:, 0]
-    )
-    side = (jnp.max(jnp.abs(across), axis=-1) + error * push) / jnp.maximum(level_low, _TINY)
+    slow, fast = jnp.maximum(speed_low, _TINY), jnp.maximum(speed_high, _TINY)
 
     up_rate_low, up_rate_high = bernstein.bounds(-velocity[:, 2])
     up_rate_low, up_rate_high = up_rate_low - error, up_rate_high + error
     climb = jnp.maximum(jnp.abs(up_rate_low), jnp.abs(up_rate_high))
-    # Across the air velocity and up: cos(gamma) a_up - sin(gamma) a_forward.
-    rise_low, rise_high = bernstein.bounds(-acceleration[:, 2])
-    along = bernstein.product(velocity[:, 0], acceleration[:, 0]) + bernstein.product(
-        velocity[:, 1], acceleration[:, 1]
-    )
-    ahead = (jnp.max(jnp.abs(along), axis=-1) + error * push) / jnp.maximum(level_low, _TINY)
-    cos_low = jnp.clip(level_low / jnp.maximum(speed_high, _TINY), 0.0, 1.0)
-    cos_low = jnp.maximum(cos_low, _root(1.0 - (climb / jnp.maximum(speed_low, _TINY)) ** 2))
-    sin_high = jnp.minimum(climb / jnp.maximum(speed_low, _TINY), 1.0)
-    lift_low = jnp.minimum(cos_low * (gravity + rise_low), gravity + rise_low) - sin_high * ahead
-    lift_high = jnp.maximum(gravity + rise_high, 0.0) + sin_high * ahead
-    bank = jnp.where(lift_low > 0.0, jnp.arctan2(side, jnp.maximum(lift_low, _TINY)), jnp.pi / 2)
-    load = jnp.sqrt(side**2 + jnp.maximum(lift_high, -lift_low) ** 2) / gravity
+    bank, load = _bank_and_load(velocity, acceleration, (square, level_square), error, gravity)
 
     # V V_dot = v . a for the air's own velocity; the drift's share is a few hundredths.
     work = jnp.sum(bernstein.product(velocity, acceleration), axis=1) + gravity * bernstein.elevate(-velocity[:, 2], 7)
-    work_low, work_high = bernstein.bounds(work)
     slack = error * (push + gravity)
-    slow, fast = jnp.maximum(speed_low, _TINY), jnp.maximum(speed_high, _TINY)
-    forward = (work_high + slack) / jnp.where(work_high + slack > 0.0, slow, fast)
-    backward = -(work_low - slack) / jnp.where(work_low - slack < 0.0, slow, fast)
+    # The speed with which it is compared may be off by the error.
+    off = 1.0 + error / slow
+    forward = off * _most_over_root(work, square, slow, fast) + slack / slow
+    backward = off * _most_over_root(-work, square, slow, fast) + slack / slow
     down_low, down_high = bernstein.bounds(ground[:, 2])
     return PathBounds(
         speed_min=least(speed_low),
@@ -190,6 +235,21 @@ def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> Pat
         wind_error_max=most(error),
         cell_acceleration=jnp.where(real, push, 0.0),
     )
+
+
+def _most_over_root(
+    upper: Cells, square: Cells, slow: Float[Array, " cells"], fast: Float[Array, " cells"]
+) -> Float[Array, " cells"]:
+    """Bound of a polynomial over the root of another, a root from `slow` to `fast`; 0 where it is negative all over.
+
+    For any m the root of s is at least 2 m s / (m^2 + s), and nearly that where m is close to it.
+    """
+    middle = 0.5 * (slow + fast)
+    scaled = square / (middle**2)[:, None]
+    raised = bernstein.product(upper, 1.0 + scaled)
+    sound = jnp.min(scaled, axis=1) > 0.0
+    ratio = _most_ratio(raised, bernstein.elevate(2.0 * scaled, raised.shape[-1] - 1), sound) / middle
+    return jnp.maximum(jnp.where(sound, ratio, jnp.max(upper, axis=1) / slow), 0.0)
 
 
 def _root_bounds(square: Cells, error: Float[Array, " cells"]) -> tuple[Array, Array]:

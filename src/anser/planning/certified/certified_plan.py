@@ -1,6 +1,7 @@
 """A whole fleet planned for given arrival times, with bounds that prove what is kept."""
 
 import functools
+from collections.abc import Callable
 
 import equinox as eqx
 import jax
@@ -9,14 +10,22 @@ from jaxtyping import Array, Bool, Float, Int
 
 from anser.planning.certified.certificate import PathBounds, excess, path_bounds
 from anser.planning.certified.choices import Choices
-from anser.planning.certified.conflicts import Track, keep_out_room, track_slack
+from anser.planning.certified.conflicts import Track, keep_out_room
 from anser.planning.certified.crowd import BLOCK, crowd_blocks, fleet_use
 from anser.planning.certified.delivery import deliver
 from anser.planning.certified.detours import resolve
-from anser.planning.certified.placement import chosen_of, fewest_first, make_options, place
+from anser.planning.certified.placement import (
+    Placed,
+    chosen_motions,
+    chosen_of,
+    fewest_first,
+    make_options,
+    place,
+)
 from anser.planning.certified.request import Airspace, Traveller
+from anser.planning.certified.tracking import path_track
 from anser.planning.timed_path import TimedPath
-from anser.shapes import Count, Scalar, ScalarLike
+from anser.shapes import Count, Flag, Scalar, ScalarLike
 
 FINE = 4
 """Intervals of the certificate's distances for each interval between a path's even knots."""
@@ -44,10 +53,14 @@ class Certificate(eqx.Module):
     closed_room: Float[Array, "aircraft volumes"]
 
     @property
+    def kept_alone(self) -> Bool[Array, " aircraft"]:
+        """Whether each aircraft keeps everything but its distance from others."""
+        return jnp.all(self.excess <= _ROUNDING, axis=1) & jnp.all(self.closed_room >= -_ROUNDING_M, axis=1)
+
+    @property
     def kept(self) -> Bool[Array, " aircraft"]:
         """Whether each aircraft keeps everything."""
-        own = jnp.all(self.excess <= _ROUNDING, axis=1)
-        return own & jnp.all(self.room >= 1.0 - _ROUNDING, axis=1) & jnp.all(self.closed_room >= -_ROUNDING_M, axis=1)
+        return self.kept_alone & jnp.all(self.room >= 1.0 - _ROUNDING, axis=1)
 
 
 _ROUNDING = 1e-7  # as a part of a limit: a path that starts at it is not refused for rounding
@@ -104,24 +117,6 @@ class CertifiedPlan(eqx.Module):
         return self.valid & self.certificate.kept
 
 
-def _fine_track(
-    path: TimedPath, bounds: PathBounds, active: Scalar, times: Float[Array, " instants"], since: ScalarLike
-) -> Track:
-    """A path at fine instants, with a rigorous bound of its acceleration in each interval."""
-    step = times[1] - times[0]
-    positions = jax.vmap(path.position_n)(times)
-    count = times.shape[0] - 1
-    # A cell of the path is not longer than the grid's even intervals: it touches so many fine ones at most.
-    first = jnp.floor((path.times[:-1] - times[0]) / step - 1e-9).astype(jnp.int32)
-    last = jnp.floor((path.times[1:] - times[0]) / step + 1e-9).astype(jnp.int32)
-    pushes = jnp.zeros(count)
-    for k in range(FINE + 2):
-        where = jnp.minimum(first + k, last)
-        pushes = pushes.at[jnp.clip(where, 0, count - 1)].max(bounds.cell_acceleration)
-    counted = active * jnp.where((times[:-1] < path.times[-1] - 1e-6) & (times[1:] > since), 1.0, 0.0)
-    return Track(positions, track_slack(pushes, step), counted)
-
-
 def certify(
     paths: TimedPath, travellers: Traveller, airspace: Airspace, ticks: int, since: ScalarLike = -jnp.inf
 ) -> Certificate:
@@ -133,7 +128,12 @@ def certify(
     over = jax.vmap(excess)(bounds, travellers.limits)
     start, end = jnp.min(paths.times[:, 0]), jnp.max(paths.times[:, -1])
     times = start + (end - start) * jnp.linspace(0.0, 1.0, FINE * ticks + 1)
-    tracks = jax.vmap(_fine_track, in_axes=(0, 0, 0, None, None))(paths, bounds, travellers.active, times, since)
+
+    def tracked(path: TimedPath, accelerations: Array, active: Scalar) -> Track:
+        # A cell of a path is not longer than the grid's even intervals.
+        return path_track(path, accelerations, active, times, FINE, since)
+
+    tracks = jax.vmap(tracked)(paths, bounds.cell_acceleration, travellers.active)
     fleet = paths.times.shape[0]
     blocks, everyone = crowd_blocks(tracks, fleet, FINE * BLOCK), jnp.arange(fleet)
 
@@ -187,19 +187,68 @@ def plan_fleet_at(
         lambda a: a.keep_outs.position_n, airspace, volumes.position_n + start_time * volumes.velocity_n
     )
     options = make_options(travellers, begun, durations, ticks, ticks, choices)
-    placed = place(options, airspace.separation, fewest_first(options))
-    candidate, tables = chosen_of(options, placed)
-    shapes = jax.vmap(resolve)(candidate.ends, candidate.solved)
-    paths = jax.vmap(deliver, in_axes=(None, 0, 0))(start_time, tables, shapes)
-    return CertifiedPlan(
-        paths=paths,
-        arrival_times=start_time + durations,
-        certificate=certify(paths, travellers, airspace, ticks),
-        valid=placed.valid,
-        lengths=shapes.length,
-        turned=jnp.sum(jnp.abs(candidate.solved.angles), axis=1),
-        speeds=candidate.speed,
-    )
+
+    def placed_of(valid: Bool[Array, "aircraft candidates"]) -> tuple[CertifiedPlan, Placed]:
+        left = eqx.tree_at(lambda o: o.valid, options, valid)
+        placed = place(left, airspace.separation, fewest_first(left))
+        candidate, tables = chosen_of(left, placed)
+        shapes = jax.vmap(resolve)(candidate.ends, candidate.solved)
+        paths = jax.vmap(deliver, in_axes=(None, 0, 0))(start_time, tables, shapes)
+        about = (paths, shapes.length, jnp.sum(jnp.abs(candidate.solved.angles), axis=1), candidate.speed)
+        if options.motions is not None:
+            own = chosen_motions(options.motions, placed.chosen - options.candidates.valid.shape[1])
+            own_paths = eqx.tree_at(lambda p: p.times, own.paths, start_time + own.paths.times)
+            moved = placed.chosen >= options.candidates.valid.shape[1]
+            about = jax.tree.map(
+                lambda a, b: jnp.where(moved.reshape(-1, *[1] * (a.ndim - 1)), a, b),
+                (own_paths, own.lengths, own.turned, own.speeds),
+                about,
+            )
+        paths, lengths, turned, speeds = about
+        plan = CertifiedPlan(
+            paths=paths,
+            arrival_times=start_time + durations,
+            certificate=certify(paths, travellers, airspace, ticks),
+            valid=placed.valid,
+            lengths=lengths,
+            turned=turned,
+            speeds=speeds,
+        )
+        return plan, placed
+
+    if choices.rounds == 1:
+        return placed_of(options.valid)[0]
+    return _best_placed(placed_of, options.valid, travellers.active > 0.0, choices.rounds)
+
+
+def _best_placed(
+    placed_of: Callable[[Bool[Array, "aircraft candidates"]], tuple[CertifiedPlan, Placed]],
+    valid: Bool[Array, "aircraft candidates"],
+    active: Bool[Array, " aircraft"],
+    rounds: int,
+) -> CertifiedPlan:
+    """The plan with the fewest aircraft in trouble, placed again without the candidates that a certificate turns down.
+
+    What a candidate is held to is looked at from instant to instant; its certificate bounds what lies between too, and
+    may find a limit passed by a hair.
+    """
+    fleet = jnp.arange(valid.shape[0])
+
+    def again(
+        carry: tuple[Count, Array, Array, CertifiedPlan, Flag],
+    ) -> tuple[Count, Array, Array, CertifiedPlan, Flag]:
+        turn, left, fewest, best, _ = carry
+        plan, placed = placed_of(left)
+        trouble = jnp.sum(active & ~plan.good)
+        down = active & plan.valid & ~plan.certificate.kept_alone
+        best = jax.tree.map(lambda a, b: jnp.where(trouble < fewest, a, b), plan, best)
+        left = left.at[fleet, placed.chosen].min(~down)
+        return turn + 1, left, jnp.minimum(trouble, fewest), best, (trouble > 0) & jnp.any(down)
+
+    shape = jax.eval_shape(lambda v: placed_of(v)[0], valid)
+    empty = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shape)
+    begin = (jnp.asarray(0), valid, jnp.asarray(fleet.size + 1), empty, jnp.asarray(True))
+    return jax.lax.while_loop(lambda c: (c[0] < rounds) & c[4], again, begin)[3]
 
 
 plan_at = functools.partial(

@@ -25,6 +25,10 @@ class Choices(NamedTuple):
         Free shapes looked for per profile: from so many starts each.
     most
         Only so many candidates of an aircraft are kept, those with the least cost; None: all.
+    rounds
+        The fleet is placed so often at most: again as long as certificates turn candidates down, without these.
+    motions, motions_kept
+        Free motions of each aircraft beside the candidates: looked for from so many starts, so many of them kept.
     """
 
     speeds: tuple[int, ...]
@@ -34,6 +38,9 @@ class Choices(NamedTuple):
     sides: tuple[int, ...]
     starts: int = 0
     most: int | None = None
+    rounds: int = 1
+    motions: int = 0
+    motions_kept: int = 0
 
     @property
     def size(self) -> int:
@@ -48,6 +55,8 @@ def make_choices(
     shapes: Sequence[int],
     starts: int = 0,
     most: int | None = None,
+    rounds: int = 1,
+    motions: tuple[int, int] = (0, 0),
 ) -> Choices:
     """Every combination of them, to both sides, and free shapes."""
     profiles = [(speed, height) for speed in speeds for height in heights]
@@ -60,16 +69,23 @@ def make_choices(
         tuple(w[2] for w in ways),
         starts,
         most,
+        rounds,
+        *motions,
     )
 
 
 FEW = make_choices((PREFERRED,), (0.0,), (0,), (0, 1, 2, 3, 4))
-MANY = make_choices((PREFERRED, MATCHED), (0.0, 300.0, -300.0), (0,), (0, 1, 2, 3, 4, RACETRACK))
+MANY = make_choices((PREFERRED, MATCHED), (0.0, 300.0, -300.0), (0,), (0, 1, 2, 3, 4, RACETRACK), rounds=4)
 _EVERY_SPEED = tuple(range(10))
 ALL = make_choices(
-    _EVERY_SPEED, (0.0, 300.0, -300.0, 600.0, -600.0), (0, 1), (0, 1, 2, 3, 4, RACETRACK), starts=40, most=320
+    _EVERY_SPEED, (0.0, 300.0, -300.0, 600.0, -600.0), (0, 1), (0, 1, 2, 3, 4, RACETRACK), starts=40, most=320, rounds=8
+)
+"""What all those are, and motions in which nothing is prescribed."""
+EVERY = make_choices(
+    _EVERY_SPEED, (0.0, 300.0, -300.0), (0, 1), (0, 1, 4, RACETRACK), starts=24, most=200, rounds=8, motions=(64, 16)
 )
 PLAIN = make_choices((PREFERRED, MATCHED, SLOWEST, FASTEST), (0.0,), (0, 1), (0, 1, 4, RACETRACK))
 """Candidates of an aircraft by itself: ways round and speeds, no detour in altitude."""
 ALONE = make_choices(_EVERY_SPEED, (0.0,), (0,), (0, 1), starts=24, most=48)
-"""The same where these will not do: free shapes, every kind of speed."""
+DEEP = make_choices((PREFERRED,), (0.0,), (0,), (0,), motions=(48, 4))
+"""Before an aircraft is said to have no way at all."""

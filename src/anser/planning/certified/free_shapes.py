@@ -6,13 +6,16 @@ length) and one for each volume hold eleven unknowns: from each of many starts, 
 lead to the solution nearest to it.
 """
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
-from anser.planning.certified.detours import Solved
+from anser.planning.certified.detours import TURN, Solved
+from anser.planning.certified.least_steps import LeastSteps, Missed, begin_steps, least_steps, nearest_of
 from anser.planning.certified.profile import CURVATURE_KEPT, Timetable
 from anser.planning.certified.request import KeepOuts
 from anser.planning.certified.route import LEGS, TURNS, Ends, tightness, unwind
@@ -21,14 +24,13 @@ from anser.planning.limits import PathLimits
 from anser.shapes import Count, Scalar, ScalarLike
 
 _FIRST_STEPS, _STEPS = 10, 24
-_DAMPING = 1e-3
 _LONGEST_STEP = 0.7  # of all unknowns together, in their own units: square roots of radians and of leg / length
 _SOLVED = 1e-10  # part of the path's length by which it may miss its end, radians for its heading
-_TURN_MOST = 7.5  # rad
+_TURN_MOST = 7.5  # rad, beside whole circles
 _UNKNOWNS = 2 * TURNS + LEGS
 _RESERVE_M, _RESERVE_UP_M = 30.0, 5.0  # from closed volumes
 _VOLUME_WEIGHT = 0.1
-_PACE_ROUNDS = 3
+_PACE_ROUNDS = 4
 _ON_LEGS = (0.0, 0.2, 0.4, 0.6, 0.8)  # where legs are looked at, besides their ends
 Unknowns = Float[Array, "11"]
 Spot = Float[Array, "3"]
@@ -142,18 +144,36 @@ def make_pace(table: Timetable, ends: Ends, limits: PathLimits, gravity: ScalarL
     return Pace(step, jax.vmap(one)(times) * ends.curvature_max)
 
 
-def make_starts(count: int, seed: int = 0) -> tuple[Float[np.ndarray, "starts 4"], Float[np.ndarray, "starts 11"]]:
-    """Senses of the turns, and first unknowns, of `count` starts; the same ones every time.
+class Starts(NamedTuple):
+    """Where to begin looking.
 
-    Unknowns are square roots: of the sizes of the turns (rad), of the lengths of the legs as parts of the path, of how
-    much wider than need be the turns are.
+    Attributes
+    ----------
+    senses
+        Of the turns: 1 right, -1 left.
+    unknowns
+        Square roots: of the sizes of the turns (rad), of the lengths of the legs as parts of the path, of how much
+        wider than need be the turns are.
+    waiting
+        What part of the length that is not needed each turn takes up in whole circles.
     """
+
+    senses: Float[ArrayLike, "*starts 4"]
+    unknowns: Float[ArrayLike, "*starts 11"]
+    waiting: Float[ArrayLike, "*starts 4"]
+
+
+def make_starts(count: int, seed: int = 0) -> Starts:
+    """`count` starts; the same ones every time. Every second waits in circles, where there is time for them."""
     rng = np.random.default_rng([11, seed])
-    senses = np.where(np.arange(count)[:, None] >> np.arange(TURNS) & 1, 1.0, -1.0)
+    number = np.arange(count)
+    senses = np.where(number[:, None] >> np.arange(TURNS) & 1, 1.0, -1.0)
     turns = np.pi * rng.random((count, TURNS)) ** 2
     legs = rng.dirichlet(np.full(LEGS, 1.5), count) * rng.uniform(0.1, 0.9, (count, 1))
     wider = np.where(rng.random((count, TURNS)) < 0.5, 0.02, rng.exponential(0.4, (count, TURNS)))
-    return senses, np.sqrt(np.concatenate([turns, legs, wider], axis=1))
+    waiting = np.zeros((count, TURNS))
+    waiting[number, rng.integers(0, TURNS, count)] = np.where(rng.random(count) < 0.5, 0.0, rng.random(count))
+    return Starts(senses, np.sqrt(np.concatenate([turns, legs, wider], axis=1)), waiting)
 
 
 class Task(eqx.Module):
@@ -192,7 +212,7 @@ def _across(vector: Float[Array, "2"]) -> Float[Array, "2"]:
 
 
 def _shape(
-    x: Unknowns, task: Task, senses: Float[Array, "4"]
+    x: Unknowns, task: Task, senses: Float[Array, "4"], circles: Float[Array, "4"]
 ) -> tuple[Solved, Float[Array, " equations"], Float[Array, "equations 11"]]:
     """The path that unknowns stand for, and by how much it misses what is wanted, with the derivatives of that.
 
@@ -202,12 +222,14 @@ def _shape(
     ends, wanted = task.ends, task.wanted
     squares, slopes = x * x, 2.0 * x
     rows = jnp.eye(_UNKNOWNS) * slopes[:, None]
-    angles = senses * squares[:TURNS]
+    whole = senses * circles
+    angles = senses * squares[:TURNS] + whole
     legs = jnp.append(wanted * squares[TURNS : TURNS + LEGS], 0.0)
     legs_by = jnp.concatenate([wanted * rows[TURNS : TURNS + LEGS], jnp.zeros((1, _UNKNOWNS))])
-    each = (angles, squares[TURNS + LEGS :], legs, senses[:, None] * rows[:TURNS], rows[TURNS + LEGS :], legs_by)
+    wider, wider_by = squares[TURNS + LEGS :], rows[TURNS + LEGS :]
+    each = (angles, whole, wider, legs, senses[:, None] * rows[:TURNS], wider_by, legs_by)
 
-    def turn(own: Float[Array, "3"]) -> tuple[Array, tuple[Array, Scalar]]:
+    def turn(own: Float[Array, "3"], circled: Scalar) -> tuple[Array, tuple[Array, Scalar]]:
         """By its angle, how much wider it is than need be and where it begins: ends, middle, length; scale."""
         angle, wider, length = own
         # A turn that begins before the aircraft is faster ends later than one that does not: its radius is the end's.
@@ -220,13 +242,14 @@ def _shape(
         made = smooth_turn(angle, curvature, sharpness)
         move = displacement(made, sharpness)
         # The middle of a turn bulges to its outer side: by a quarter of its chord for each tangent of a quarter.
-        middle = (0.5 - 0.5j * jnp.sin(0.25 * angle) / jnp.maximum(jnp.cos(0.25 * angle), 0.2)) * move
+        quarter = 0.25 * (angle - circled)
+        middle = (0.5 - 0.5j * jnp.sin(quarter) / jnp.maximum(jnp.cos(quarter), 0.2)) * move
         found = jnp.stack([jnp.real(move), jnp.imag(move), jnp.real(middle), jnp.imag(middle), made.length])
         return found, (found, scale)
 
     def fly(flown: _Flown, own: tuple[Array, ...]) -> tuple[_Flown, Scalar]:
-        angle, wider, leg, angle_by, wider_by, leg_by = own
-        local, (found, scale) = jax.jacfwd(turn, has_aux=True)(jnp.stack([angle, wider, flown.length]))
+        angle, circled, wider, leg, angle_by, wider_by, leg_by = own
+        local, (found, scale) = jax.jacfwd(turn, has_aux=True)(jnp.stack([angle, wider, flown.length]), circled)
         local, found = jax.lax.optimization_barrier((local, found))
         found_by = jnp.outer(local[:, 0], angle_by) + jnp.outer(local[:, 1], wider_by)
         found_by = found_by + jnp.outer(local[:, 2], flown.length_by)
@@ -281,32 +304,7 @@ def _shape(
     return solved, jnp.concatenate(missed), jnp.concatenate(missed_by)
 
 
-class _Search(eqx.Module):
-    """How far the search from one start has come: the best so far, and where to look next."""
-
-    senses: Float[Array, "4"]
-    best: Unknowns
-    trial: Unknowns
-    missed: Float[Array, " equations"]
-    jacobian: Float[Array, "equations 11"]
-    damping: Scalar
-
-
-def _step(task: Task, at: _Search) -> _Search:
-    _, missed, jacobian = _shape(at.trial, task, at.senses)
-    better = jnp.sum(missed**2) < jnp.sum(at.missed**2)
-    best = jnp.where(better, at.trial, at.best)
-    missed = jnp.where(better, missed, at.missed)
-    jacobian = jnp.where(better, jacobian, at.jacobian)
-    damping = jnp.clip(at.damping * jnp.where(better, 0.1, 20.0), 1e-14, 1e6)
-    move = jacobian.T @ _solve(jacobian @ jacobian.T + damping * jnp.eye(missed.shape[0]), missed)
-    move = move * jnp.minimum(1.0, _LONGEST_STEP / jnp.maximum(jnp.sqrt(jnp.sum(move**2)), 1e-12))
-    return _Search(at.senses, best, best - move, missed, jacobian, damping)
-
-
-def solve_freely(
-    task: Task, senses: Float[Array, "starts 4"], starts: Float[Array, "starts 11"], kept: int | None = None
-) -> Solved:
+def solve_freely(task: Task, starts: Starts, kept: int | None = None) -> Solved:
     """Paths of a wanted length, each near a start; see `make_starts`.
 
     Closed volumes are looked for where turns begin, are half over and end, and at four places of each leg: what comes
@@ -316,8 +314,8 @@ def solve_freely(
     ----------
     task
         What they have to keep.
-    senses, starts
-        Where to begin.
+    starts
+        Where to begin, stacked.
     kept
         After a first few steps only so many go on, those that miss the least; None: all.
 
@@ -328,28 +326,26 @@ def solve_freely(
     task = eqx.tree_at(lambda t: t.wanted, jax.lax.stop_gradient(task), jnp.maximum(task.wanted, 1.0))
     count = 4 + task.closed.radii.shape[0]
 
-    def begin(sense: Float[Array, "4"], start: Unknowns) -> _Search:
-        return _Search(sense, start, start, jnp.full(count, 1e6), jnp.zeros((count, _UNKNOWNS)), jnp.asarray(_DAMPING))
+    ends = task.ends
+    spare = jnp.maximum(task.wanted - jnp.abs(ends.end - ends.start), 0.0)
 
-    def steps(number: int, searches: _Search) -> _Search:
-        return jax.lax.fori_loop(0, number, lambda _, all_: jax.vmap(_step, (None, 0))(task, all_), searches)
+    def begin(senses: Array, unknowns: Unknowns, waiting: Array) -> LeastSteps:
+        circles = TURN * jnp.floor(waiting * spare * ends.curvature_max / TURN)
+        # The legs are parts of what is left beside the circles.
+        left = 1.0 - jnp.sum(circles) / (ends.curvature_max * task.wanted)
+        parts = unknowns.at[TURNS : TURNS + LEGS].multiply(jnp.sqrt(left))
+        return begin_steps((senses, circles), parts, count)
 
-    searches = steps(_FIRST_STEPS, jax.vmap(begin)(senses, starts))
-    if kept is not None and kept < starts.shape[0]:
-        nearest = jax.lax.top_k(-jnp.sum(searches.missed**2, axis=1), kept)[1]
-        searches = jax.tree.map(lambda leaf: leaf[nearest], searches)
-    searches = steps(_STEPS - _FIRST_STEPS, searches)
-    solved, missed, _ = jax.vmap(_shape, (0, None, 0))(searches.best, task, searches.senses)
+    def missed_at(x: Unknowns, about: tuple[Array, Array]) -> Missed:
+        return _shape(x, task, *about)[1:]
+
+    searches = jax.vmap(begin)(*(jnp.asarray(x) for x in starts))
+    searches = least_steps(missed_at, _LONGEST_STEP, _FIRST_STEPS, searches)
+    if kept is not None and kept < searches.best.shape[0]:
+        searches = nearest_of(searches, kept)
+    searches = least_steps(missed_at, _LONGEST_STEP, _STEPS - _FIRST_STEPS, searches)
+    senses, circles = searches.about
+    solved, missed, _ = jax.vmap(_shape, (0, None, 0, 0))(searches.best, task, senses, circles)
     met = jnp.max(jnp.abs(missed[:, :4]), axis=1) <= _SOLVED
-    return eqx.tree_at(lambda s: s.exists, solved, met & jnp.all(jnp.abs(solved.angles) <= _TURN_MOST, axis=1))
-
-
-def _solve(matrix: Float[Array, "n n"], vector: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Solution of a small positive definite system by elimination: a batch of them is one computation."""
-    count = vector.shape[0]
-
-    def eliminate(k: Count, rows: Array) -> Array:
-        pivot = rows[k] / rows[k, k]
-        return (rows - rows[:, k, None] * pivot[None, :]).at[k].set(pivot)
-
-    return jax.lax.fori_loop(0, count, eliminate, jnp.concatenate([matrix, vector[:, None]], axis=1))[:, count]
+    turned = jnp.all(jnp.abs(solved.angles) - circles <= _TURN_MOST, axis=1)
+    return eqx.tree_at(lambda s: s.exists, solved, met & turned)

@@ -13,26 +13,43 @@ from anser.planning.certified.candidates import Candidate, candidates
 from anser.planning.certified.choices import Choices
 from anser.planning.certified.conflicts import Track, keep_out_room
 from anser.planning.certified.crowd import Blocks, crowd_blocks, fleet_use
+from anser.planning.certified.motions import Motions, find_motions
 from anser.planning.certified.profile import Timetable
 from anser.planning.certified.request import Airspace, KeepOuts, Separation, Traveller
-from anser.planning.certified.tracking import make_schedule, track
+from anser.planning.certified.tracking import make_schedule, path_track, track
 from anser.shapes import Count, Flag, Scalar
 
 _AT_A_TIME = 4  # candidates compared with the whole fleet at once, the best liked first
 _ROUNDS = 6
 _INVALID = 1e6
 _CONFLICT = 1e3
+_MOVED = 6.0  # cost of a motion that nobody would expect
 
 
 class Options(eqx.Module):
-    """Candidates of a fleet: (aircraft, candidate)."""
+    """What a fleet can choose from: (aircraft, candidate), free motions after the others.
+
+    Attributes
+    ----------
+    candidates
+        Those with a shape and a profile.
+    tables
+        Of the profiles, (aircraft, profile).
+    motions
+        Free motions; None where none were looked for.
+    valid, cost, tracks
+        Of all.
+    closed
+        How far each goes into a closed volume, m.
+    """
 
     candidates: Candidate
     tables: Timetable
-    """(aircraft, profile)."""
+    motions: Motions | None
+    valid: Bool[Array, "aircraft candidates"]
+    cost: Float[Array, "aircraft candidates"]
     tracks: Track
     closed: Float[Array, "aircraft candidates"]
-    """How far each goes into a closed volume, m."""
 
 
 class Placed(eqx.Module):
@@ -65,7 +82,7 @@ def make_options(
     step = jnp.max(durations) / instants
     times = step * jnp.arange(instants + 1)
 
-    def one(traveller: Traveller, duration: Scalar) -> tuple[Candidate, Timetable, Track, Array]:
+    def one(traveller: Traveller, duration: Scalar) -> Options:
         found, tables = candidates(traveller, airspace, duration, ticks, choices)
         schedules = jax.vmap(lambda table: make_schedule(table, times))(tables)
 
@@ -74,10 +91,19 @@ def make_options(
             return track(candidate, table, schedule, times, traveller.limits, airspace.gravity, traveller.active)
 
         tracks, kept = jax.vmap(flown)(found)
-        found = eqx.tree_at(lambda c: c.valid, found, found.valid & kept)
-        return found, tables, tracks, _closed(tracks, times, airspace.keep_outs)
+        valid, cost, motions = found.valid & kept, found.cost, None
+        if choices.motions:
+            motions = find_motions(traveller, airspace, duration, ticks, choices.motions, choices.motions_kept)
+            # A path that ends before the last one has shorter intervals than the grid.
+            own = jax.vmap(lambda path, a: path_track(path, a, traveller.active, times, 1))(
+                motions.paths, motions.accelerations
+            )
+            tracks = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), tracks, own)
+            valid = jnp.concatenate([valid, motions.valid])
+            cost = jnp.concatenate([cost, _MOVED + motions.turned])
+        return Options(found, tables, motions, valid, cost, tracks, _closed(tracks, times, airspace.keep_outs))
 
-    return Options(*jax.vmap(one)(travellers, durations))
+    return jax.vmap(one)(travellers, durations)
 
 
 def _closed(tracks: Track, times: Float[Array, " instants"], volumes: KeepOuts) -> Float[Array, " candidates"]:
@@ -89,7 +115,7 @@ def _closed(tracks: Track, times: Float[Array, " instants"], volumes: KeepOuts) 
 
 def place(options: Options, separation: Separation, order: Int[Array, " aircraft"]) -> Placed:
     """Choose for each aircraft, in an order."""
-    cost = options.candidates.cost + jnp.where(options.candidates.valid, 0.0, _INVALID)
+    cost = options.cost + jnp.where(options.valid, 0.0, _INVALID)
     cost = cost + jnp.where(options.closed > 0.0, _CONFLICT + options.closed, 0.0)
     fleet, count = cost.shape
     chunks = -(-count // _AT_A_TIME)
@@ -179,16 +205,23 @@ def place(options: Options, separation: Separation, order: Int[Array, " aircraft
         again,
         (jnp.asarray(0), blocks, chosen, all_lack(blocks, chosen)),
     )
-    return Placed(chosen, options.candidates.valid[everyone, chosen], lacks + options.closed[everyone, chosen])
+    return Placed(chosen, options.valid[everyone, chosen], lacks + options.closed[everyone, chosen])
 
 
 def chosen_of(options: Options, placed: Placed) -> tuple[Candidate, Timetable]:
-    """The candidates chosen, and their timetables, stacked by aircraft."""
+    """The candidates chosen, and their timetables, stacked by aircraft; any where a free motion is."""
     fleet = jnp.arange(placed.chosen.shape[0])
-    candidate = jax.tree.map(lambda leaf: leaf[fleet, placed.chosen], options.candidates)
+    chosen = jnp.minimum(placed.chosen, options.candidates.valid.shape[1] - 1)
+    candidate = jax.tree.map(lambda leaf: leaf[fleet, chosen], options.candidates)
     return candidate, jax.tree.map(lambda leaf: leaf[fleet, candidate.which], options.tables)
+
+
+def chosen_motions(motions: Motions, which: Int[Array, " aircraft"]) -> Motions:
+    """One free motion for each aircraft; any for a negative index."""
+    fleet = jnp.arange(which.shape[0])
+    return jax.tree.map(lambda leaf: leaf[fleet, jnp.maximum(which, 0)], motions)
 
 
 def fewest_first(options: Options) -> Int[Array, " aircraft"]:
     """Order of choosing: those with the fewest valid candidates first."""
-    return jnp.argsort(jnp.sum(options.candidates.valid & (options.closed <= 0.0), axis=1))
+    return jnp.argsort(jnp.sum(options.valid & (options.closed <= 0.0), axis=1))

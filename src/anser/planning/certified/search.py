@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from anser.planning.certified.arrivals import arrival_sets, direct_times
 from anser.planning.certified.certified_plan import CertifiedPlan, plan_at, ticks_for
-from anser.planning.certified.choices import ALL, FEW, MANY, Choices
+from anser.planning.certified.choices import ALL, EVERY, FEW, MANY, Choices
 from anser.planning.certified.profile import CLIMB_ACCELERATION
 from anser.planning.certified.request import Airspace, Traveller
 
@@ -20,6 +20,7 @@ _MUCH_LATER = 1.3  # times the first time
 _THOROUGHLY = (1.0, 1.06, 1.15, 1.3)  # the same, of the times at which every kind of candidate is tried
 _A_HAIR = 1.0002  # later than the direct path takes: to rounding there may be none of just its length
 _SAME = 5e-4  # part of itself by which a time differs from one that need not be tried again
+_SOME = (0.0, 0.1, 0.25, 0.5, 0.8)  # parts of the list of times at which more than the plain candidates are tried
 _THOROUGH_FLEET = 12  # aircraft up to which every kind of candidate is tried
 _WINDOW_STEPS = (0.0, 0.12, 0.25, 0.4, 0.55, 0.7, 0.85, 1.0)
 
@@ -123,7 +124,7 @@ def search(
 
     told("planning")
     fixed = request.rule in ("at", "times")
-    levels = (MANY, ALL) if size <= _THOROUGH_FLEET else (MANY,)
+    levels = (MANY, ALL, EVERY) if size <= _THOROUGH_FLEET else (MANY,)
     preferred = _preferred(travellers, airspace, request)
     first = _first_times(preferred, request)
     if first is not None:
@@ -144,7 +145,10 @@ def search(
     if windows is not None and any(on and not own for on, own in zip(active, arrivals, strict=True)):
         return Outcome(None, tries, closest)
     for choices in levels:
-        for durations in _times(preferred, request, arrivals, active):
+        times = list(_times(preferred, request, arrivals, active))
+        if choices is not MANY:
+            times = [times[k] for k in sorted({round(u * (len(times) - 1)) for u in _SOME})] if times else []
+        for durations in times:
             told(f"trying arrival at {float(np.max(durations)):.1f} s")
             plan = attempt(durations, choices)
             if plan is not None:
@@ -208,7 +212,7 @@ def _later_times(
         return
     offsets = _offsets(request, first.size)
     tried = [(factor, MANY) for factor in _LATER[1:] if factor <= _MUCH_LATER]
-    tried += [(factor, choices) for choices in levels[1:] for factor in _THOROUGHLY]
+    tried += [(factor, choices) for choices in levels[1:2] for factor in _THOROUGHLY]
     tried += [(factor, MANY) for factor in _LATER if factor > _MUCH_LATER]
     for factor, choices in tried:
         times = factor * (first - offsets) + offsets

@@ -12,6 +12,7 @@ from anser.planning.certified.profile import Timetable
 from anser.planning.certified.route import Route, tightness
 from anser.planning.certified.smooth_turn import cis
 from anser.planning.limits import PathLimits
+from anser.planning.timed_path import TimedPath
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 
 _KEPT = 0.995  # of the limits: the rest is for what lies between the instants
@@ -122,3 +123,39 @@ def track(
     bound = jnp.minimum(jnp.maximum(seen.push[1:], seen.push[:-1]) + rising, most / tightest)
     counted = active * jnp.where(times[:-1] < profile.duration - 1e-6, 1.0, 0.0)
     return Track(seen.position_n, track_slack(bound, step), counted), jnp.all(seen.kept)
+
+
+def path_track(
+    path: TimedPath,
+    accelerations: Float[Array, " cells"],
+    active: ScalarLike,
+    times: Float[Array, " instants"],
+    most: int,
+    since: ScalarLike = -jnp.inf,
+) -> Track:
+    """A delivered path at even instants, with a rigorous bound of its acceleration in each interval.
+
+    Parameters
+    ----------
+    path, accelerations
+        A path, and bounds of its acceleration in each of its cells, m/s^2.
+    active
+        0 for one that does not count.
+    times
+        The instants, s.
+    most
+        No cell is longer than so many intervals.
+    since
+        What is before counts no more, s.
+    """
+    step = times[1] - times[0]
+    positions = jax.vmap(path.position_n)(times)
+    count = times.shape[0] - 1
+    first = jnp.floor((path.times[:-1] - times[0]) / step - 1e-9).astype(jnp.int32)
+    last = jnp.floor((path.times[1:] - times[0]) / step + 1e-9).astype(jnp.int32)
+    pushes = jnp.zeros(count)
+    for k in range(most + 2):
+        where = jnp.minimum(first + k, last)
+        pushes = pushes.at[jnp.clip(where, 0, count - 1)].max(accelerations)
+    counted = active * jnp.where((times[:-1] < path.times[-1] - 1e-6) & (times[1:] > since), 1.0, 0.0)
+    return Track(positions, track_slack(pushes, step), counted)
