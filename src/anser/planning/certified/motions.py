@@ -101,6 +101,11 @@ def _steering(task: _Task, x: Float[Array, " unknowns"]) -> Steering:
     gaining = jnp.sum(velocity * acceleration) / jnp.maximum(speed, 1.0)
     low, high = (2.0 - _KEPT) * limits.speed_min, _KEPT * limits.speed_max
     turn, climb, gain = x.reshape(3, CELLS)
+    # Over the ground: what the wind's own rise adds is a part of a metre per second, which the certificate looks at.
+    altitude_0 = -traveller.position_n[2]
+    (wind,), (by_climb,) = wind_along(airspace.wind, altitude_0[None], jnp.ones(1))
+    rising = -velocity[2] - wind[2]
+    begun_climbing = first_coefficients(rising, -acceleration[2] - rising * by_climb[2], cell)
     speeds = 0.5 * (low + high) + 0.5 * (high - low) * gain
     climbs = _KEPT * jnp.minimum(limits.climb_rate_max, 0.7 * limits.speed_min) * climb
     total = jnp.minimum(limits.load_factor_max, 1e3)
@@ -110,10 +115,10 @@ def _steering(task: _Task, x: Float[Array, " unknowns"]) -> Steering:
     headings = following + jnp.concatenate([jnp.zeros(1), jnp.cumsum(cell * rates)])
     return Steering(
         duration,
-        -traveller.position_n[2],
+        altitude_0,
         traveller.position_n[:2],
         jnp.concatenate([begun[None], headings]),
-        jnp.concatenate([jnp.stack(first_coefficients(-velocity[2], -acceleration[2], cell)), climbs]),
+        jnp.concatenate([jnp.stack(begun_climbing), climbs]),
         jnp.concatenate([jnp.stack(first_coefficients(speed, gaining, cell)), speeds]),
     )
 
@@ -141,15 +146,16 @@ def _signals(task: _Task, x: Float[Array, " unknowns"]) -> _Signals:
 def _passed(task: _Task, share: Scalar, now: _Signals) -> tuple[Float[Array, "4"], Float[Array, "2"]]:
     """At one instant: what passes a share of limits, each in its unit; the velocity over the ground, level, m/s."""
     limits, gravity = task.traveller.limits, task.airspace.gravity
-    (wind,), (wind_dot,) = (part for part in wind_along(task.airspace.wind, now.altitude[None], now.climb[None]))
-    level = jnp.sqrt(jnp.maximum(now.speed**2 - now.climb**2, 1.0))
-    level_dot = (now.speed * now.speed_dot - now.climb * now.climb_dot) / level
+    (wind,), (wind_dot,) = wind_along(task.airspace.wind, now.altitude[None], now.climb[None])
+    climb, climb_dot = now.climb + wind[2], now.climb_dot + wind_dot[2]  # through the air
+    level = jnp.sqrt(jnp.maximum(now.speed**2 - climb**2, 1.0))
+    level_dot = (now.speed * now.speed_dot - climb * climb_dot) / level
     cosine, sine = jnp.cos(now.heading), jnp.sin(now.heading)
     forward = level_dot + cosine * wind_dot[0] + sine * wind_dot[1]
     side = level * now.heading_dot + cosine * wind_dot[1] - sine * wind_dot[0]
     up = gravity + now.climb_dot
-    lift = (level * up - now.climb * forward) / now.speed
-    along = (level * forward + now.climb * up) / now.speed
+    lift = (level * up - climb * forward) / now.speed
+    along = (level * forward + climb * up) / now.speed
     load = jnp.sqrt(side**2 + lift**2 + 1e-6) - share * jnp.minimum(limits.load_factor_max, 1e3) * gravity
     fast, slow = share * limits.acceleration_max, share * limits.deceleration_max
     low, high = limits.altitude_min + _RESERVE_UP_M, limits.altitude_max - _RESERVE_UP_M
@@ -165,7 +171,7 @@ def _passed(task: _Task, share: Scalar, now: _Signals) -> tuple[Float[Array, "4"
 def _inside(task: _Task, time: Scalar, place: Float[Array, "2"], altitude: Scalar) -> Scalar:
     """How deep a place is inside closed volumes, summed over them."""
     limits, volumes = task.traveller.limits, task.airspace.keep_outs
-    off = place - volumes.position_n - time * volumes.velocity_n
+    off = place[None, :] - volumes.position_n - time * volumes.velocity_n
     aside = volumes.radius + _RESERVE_M - jnp.sqrt(jnp.sum(off**2, axis=1) + 1.0)
     under, over = altitude - volumes.bottom + _RESERVE_UP_M, volumes.top + _RESERVE_UP_M - altitude
     # A way out that leads below the floor or above the ceiling is none.
@@ -217,7 +223,7 @@ def _missed_nearly(
 
     passed_by, velocity_by = (composed(parts) for parts in by_signal)
     cell = task.duration / CELLS
-    places = task.traveller.position_n[:2] + _integrated(velocity, cell)
+    places = task.traveller.position_n[None, :2] + _integrated(velocity, cell)
     places_by = _integrated(velocity_by, cell)
     last = _Signals(*(leaf[-1] for leaf in now))
     state = (places[-1], last.altitude, velocity[-1], last.climb)
@@ -297,7 +303,8 @@ def _first_guesses(task: _Task, count: int, seed: int = 0) -> Float[Array, "star
     traveller = task.traveller
     end = traveller.goal_position_n + traveller.goal_velocity_n * task.duration + traveller.rendezvous.stand_off_n
     rise = (traveller.position_n[2] - end[2]) / (task.duration * traveller.limits.climb_rate_max)
-    return jnp.concatenate([turning, jnp.asarray(climbing) + jnp.clip(rise, -1.0, 1.0), np.clip(speeds, -1, 1)], axis=1)
+    climbing = jnp.asarray(climbing) + jnp.clip(rise, -1.0, 1.0)
+    return jnp.concatenate([turning, climbing, np.clip(speeds, -1.0, 1.0)], axis=1)
 
 
 def find_motions(
@@ -337,10 +344,9 @@ def find_motions(
     # A coarse quadrature arrives nearly: a few least steps with that of the path itself.
     def arrived(x: Float[Array, " unknowns"]) -> Array:
         flown = fly(_steering(task, x), airspace.wind, ticks)
-        last = jax.tree.map(lambda leaf: leaf[-1], flown.within)
-        ground = last.level_velocity + flown.winds_n[-1, :2]
-        place, altitude = flown.air_n[-1] + flown.drifts_n[-1, :2], flown.altitudes[-1] - flown.drifts_n[-1, 2]
-        return _arrival(task, place, altitude, ground, last.climb - flown.winds_n[-1, 2])
+        last = flown.at_ends.through(flown.winds_n, flown.winds_dot_n).level_velocity[:, -1]
+        place, climb = flown.level_n[-1] + flown.drifts_n[-1, :2], flown.at_ends.climb[-1]
+        return _arrival(task, place, flown.altitudes[-1], last + flown.winds_n[-1, :2], climb)
 
     def missed_at(x: Float[Array, " unknowns"], about: object) -> Missed:
         return arrived(x), jax.jacrev(arrived)(x)
@@ -356,9 +362,9 @@ def find_motions(
         return Motions(
             path,
             jnp.all(excess(bounds, traveller.limits) <= 0.0) & met & (traveller.side == 0),
-            jnp.mean(flown.within.level) * task.duration,
+            jnp.mean(flown.at_ends.through(flown.winds_n, flown.winds_dot_n).level[:-1]) * task.duration,
             jnp.sum(jnp.abs(jnp.diff(steering.headings))),
-            jnp.mean(flown.within.speed),
+            jnp.mean(flown.at_ends.speed[:-1]),
             bounds.cell_acceleration,
         )
 

@@ -33,7 +33,7 @@ class Steering(eqx.Module):
     start
         North and east, m.
     headings, climbs, speeds
-        Coefficients of the splines: heading through the air, rad; rate of climb through the air, airspeed, m/s.
+        Coefficients of the splines: heading through the air, rad; rate of climb over the ground, airspeed, m/s.
     """
 
     duration: Scalar
@@ -57,7 +57,7 @@ class Steered(eqx.Module):
     heading, heading_dot
         Through the air, rad and rad/s.
     climb, climb_dot
-        Through the air, m/s and m/s^2.
+        Over the ground or through the air, m/s and m/s^2.
     speed, speed_dot
         Airspeed, m/s and m/s^2.
     """
@@ -69,9 +69,14 @@ class Steered(eqx.Module):
     speed: Array
     speed_dot: Array
 
+    def through(self, winds_n: Array, winds_dot_n: Array) -> "Steered":
+        """The same with the rate of climb through the air, from that over the ground."""
+        climbs = (self.climb + winds_n[:, 2], self.climb_dot + winds_dot_n[:, 2])
+        return eqx.tree_at(lambda s: (s.climb, s.climb_dot), self, climbs)
+
     @property
     def level(self) -> Array:
-        """Horizontal airspeed, m/s."""
+        """Horizontal airspeed, m/s, with the climb through the air."""
         return jnp.sqrt(jnp.maximum(self.speed**2 - self.climb**2, _SQUARE_MIN))
 
     @property
@@ -82,7 +87,7 @@ class Steered(eqx.Module):
     @property
     def level_velocity(self) -> Array:
         """Horizontal air velocity, (2, instant), m/s."""
-        return self.level * jnp.stack([jnp.cos(self.heading), jnp.sin(self.heading)])
+        return jnp.stack([self.level * jnp.cos(self.heading), self.level * jnp.sin(self.heading)])
 
 
 def first_coefficients(value: ScalarLike, slope: ScalarLike, cell: ScalarLike) -> tuple[Scalar, Scalar]:
@@ -113,30 +118,30 @@ class Flown(eqx.Module):
 
     Attributes
     ----------
-    air_n
+    level_n
         North and east through the air, (instant, 2), m.
     altitudes
         (instant,), m.
     drifts_n
         Of the air, (instant, 3), m.
-    within
-        What comes of steering at the nodes of the quadrature, (interval x node).
+    at_ends
+        What comes of steering there, the climb over the ground.
     winds_n, winds_dot_n
-        There, (interval x node, 3), m/s and m/s^2.
+        There, (instant, 3), m/s and m/s^2.
     """
 
-    air_n: Float[Array, "instants 2"]
+    level_n: Float[Array, "instants 2"]
     altitudes: Float[Array, " instants"]
     drifts_n: Float[Array, "instants 3"]
-    within: Steered
-    winds_n: Float[Array, "nodes 3"]
-    winds_dot_n: Float[Array, "nodes 3"]
+    at_ends: Steered
+    winds_n: Float[Array, "instants 3"]
+    winds_dot_n: Float[Array, "instants 3"]
 
 
 def _summed(rates: Float[Array, "nodes n"], step: Scalar, first: Array) -> Array:
     weights = jnp.asarray(_RULE.weights)
     parts = step * jnp.sum(rates.reshape(-1, weights.size, rates.shape[1]) * weights[None, :, None], axis=1)
-    return first + jnp.concatenate([jnp.zeros((1, rates.shape[1])), jnp.cumsum(parts, axis=0)])
+    return first[None, :] + jnp.concatenate([jnp.zeros((1, rates.shape[1])), jnp.cumsum(parts, axis=0)])
 
 
 def wind_along(
@@ -154,24 +159,22 @@ def wind_along(
 
 
 def fly(steering: Steering, wind: AbstractWind, ticks: int) -> Flown:
-    """Follow a steering through a wind; `ticks` equal intervals, a multiple of `CELLS`.
-
-    The wind's own vertical motion carries the aircraft; altitude decides the wind, so it is followed first, as if the
-    air did not rise or sink, which the certificate's bounds then judge.
-    """
+    """Follow a steering through a wind; `ticks` equal intervals, a multiple of `CELLS`."""
     each, step = ticks // CELLS, steering.duration / ticks
     nodes = np.asarray(_RULE.nodes)
-    places = ((np.arange(each)[:, None] + nodes[None, :]) / each).ravel()
-    within = steered(steering, places)
-    risen = _summed(within.climb[:, None], step, steering.altitude_0[None])[:, 0]
-    # Within an interval the altitude at a node by the mean rate up to there: the wind changes slowly with it.
-    begun = jnp.repeat(risen[:-1], nodes.size)
-    part = jnp.tile(jnp.asarray(nodes), ticks)
-    over = jnp.repeat(risen[1:] - risen[:-1], nodes.size)
-    winds, winds_dot = wind_along(wind, begun + part * over, within.climb)
-    air = _summed(within.level_velocity.T, step, steering.start)
-    drifts = _summed(winds, step, jnp.zeros(3))
-    return Flown(air, risen, drifts, within, winds, winds_dot)
+    within = steered(steering, ((np.arange(each)[:, None] + nodes[None, :]) / each).ravel())
+    altitudes = _summed(within.climb[:, None], step, steering.altitude_0[None])[:, 0]
+    last = jax.tree.map(lambda leaf: leaf[-1:], steered(steering, np.ones(1)))
+    at = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), steered(steering, np.arange(each) / each), last)
+    # Between the ends of an interval, the climb is quadratic in time and the altitude a cubic through what is known.
+    u = jnp.tile(jnp.asarray(nodes), ticks)
+    begin, end = (jnp.repeat(part, nodes.size) for part in (altitudes[:-1], altitudes[1:]))
+    up, up_end = (step * jnp.repeat(part, nodes.size) for part in (at.climb[:-1], at.climb[1:]))
+    rise = end - begin
+    between = begin + u * (up + u * (3.0 * rise - 2.0 * up - up_end + u * (up + up_end - 2.0 * rise)))
+    winds, winds_dot = wind_along(wind, between, within.climb)
+    level = _summed(within.through(winds, winds_dot).level_velocity.T, step, steering.start)
+    return Flown(level, altitudes, _summed(winds, step, jnp.zeros(3)), at, *wind_along(wind, altitudes, at.climb))
 
 
 def steered_path(
@@ -179,20 +182,15 @@ def steered_path(
 ) -> tuple[TimedPath, Flown]:
     """The path as it is delivered, with empty intervals at its end up to a number of knots."""
     flown = fly(steering, wind, ticks)
-    each = ticks // CELLS
-    at = steered(steering, np.arange(each) / each)
-    # The end of the last interval is no interval's beginning.
-    end = jax.tree.map(lambda leaf: leaf[-1:], steered(steering, np.ones(1)))
-    at = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), at, end)
-    ahead = jnp.stack([jnp.cos(at.heading), jnp.sin(at.heading)], axis=1)
-    across = jnp.stack([-jnp.sin(at.heading), jnp.cos(at.heading)], axis=1)
-    velocity = at.level[:, None] * ahead
-    bend = at.level_dot[:, None] * ahead + (at.level * at.heading_dot)[:, None] * across
-    down = jnp.stack([-flown.altitudes, -at.climb, -at.climb_dot], axis=1)
-    air = jnp.stack([flown.air_n, velocity, bend], axis=1)
-    air = jnp.concatenate([air, down[:, :, None]], axis=2)
-    winds, winds_dot = wind_along(wind, flown.altitudes, at.climb)
-    drift = jnp.stack([flown.drifts_n, winds, winds_dot], axis=1)
+    at = flown.at_ends.through(flown.winds_n, flown.winds_dot_n)
+    cosine, sine = jnp.cos(at.heading), jnp.sin(at.heading)
+    across = at.level * at.heading_dot
+    velocity = jnp.stack([at.level * cosine, at.level * sine, -at.climb], axis=1)
+    bend = [at.level_dot * cosine - across * sine, at.level_dot * sine + across * cosine, -at.climb_dot]
+    down = -flown.altitudes - flown.drifts_n[:, 2]
+    place = jnp.concatenate([flown.level_n, down[:, None]], axis=1)
+    air = jnp.stack([place, velocity, jnp.stack(bend, axis=1)], axis=1)
+    drift = jnp.stack([flown.drifts_n, flown.winds_n, flown.winds_dot_n], axis=1)
     times = start_time + steering.duration * jnp.linspace(0.0, 1.0, ticks + 1)
     filled = jnp.minimum(jnp.arange(knots), ticks)
     return TimedPath(times[filled], air[filled], drift[filled]), flown
