@@ -7,7 +7,7 @@ import pytest
 from certified_cases import GRAVITY, LAYERED, STEADY, number
 
 from anser.planning.certified import arrivals
-from anser.planning.certified.choices import ALONE, PLAIN
+from anser.planning.certified.choices import ALONE, DEEP, PLAIN
 from anser.planning.certified.request import Airspace, KeepOuts, Separation, Traveller
 from anser.planning.certified.search import stacked
 from anser.planning.limits import PathLimits
@@ -70,6 +70,23 @@ def test_limits_that_do_not_exist_rule_nothing_out():
     assert arrivals.conceivable(free, airspace(STEADY), np.array([0]), np.array([1.0])).all()
 
 
+def test_a_rendezvous_inside_a_closed_volume_is_no_way_while_it_is_there():
+    """A cell of 2 km radius passes over a rendezvous 10 km away, from the south at 50 m/s; the goal moves with 10 m/s."""
+    durations = np.linspace(80.0, 400.0, 641)
+    one, nobody = stacked([traveller((10_000.0, 0.0, -1000.0), (10.0, 0.0, 0.0))]), np.zeros(durations.size, dtype=int)
+
+    def open_below(bottom):
+        volumes = KeepOuts(
+            jnp.array([[0.0, 0.0]]), jnp.array([[50.0, 0.0]]), *(jnp.array([x]) for x in (2000.0, bottom, 5000.0))
+        )
+        there = eqx.tree_at(lambda a: a.keep_outs, airspace(STEADY), volumes)
+        return arrivals.conceivable(one, there, nobody, durations)
+
+    # It gains 40 m/s on a rendezvous 10 km ahead: over it from 200 to 300 s.
+    np.testing.assert_array_equal(open_below(0.0), (durations <= 200.0) | (durations >= 300.0))
+    assert np.all(open_below(1300.0))  # the rendezvous is at 1,300 m
+
+
 @pytest.fixture
 def asked(monkeypatch):
     """Times open by plain paths, and by all, in place of the planner's answers; what was asked is kept."""
@@ -79,7 +96,8 @@ def asked(monkeypatch):
         calls.append((choices, np.asarray(durations)))
         plain = (durations > 60.0) & (durations < 70.0)
         every = plain | ((durations > 44.0) & (durations < 80.0))
-        return jnp.where(choices is PLAIN, plain, every)
+        deep = (durations > 91.0) & (durations < 93.0)
+        return {PLAIN: plain, ALONE: every, DEEP: deep}[choices]
 
     monkeypatch.setattr(arrivals, "_reachable_at", answer)
     return calls
@@ -88,7 +106,7 @@ def asked(monkeypatch):
 def test_all_ways_are_tried_near_what_plain_ones_reach_and_on_from_there(asked):
     one = stacked([traveller((5000.0, 0.0, -1700.0))])
     grid = np.arange(20.0, 120.0, 2.0)[None, :]
-    inside = arrivals._open_times(one, airspace(STEADY), np.array([0]), grid)
+    inside = arrivals._open_times(one, airspace(STEADY), np.array([0]), grid, False)
     np.testing.assert_array_equal(inside, (grid > 44.0) & (grid < 80.0))
     looked = np.concatenate([durations for choices, durations in asked if choices is ALONE])
     assert looked.min() >= 46.0 - 2.0 * arrivals._NEAR
@@ -104,4 +122,7 @@ def test_edges_are_refined_and_windows_looked_into(asked):
     ((first, last),) = arrivals.arrival_sets(one, airspace(STEADY), 300.0, windows)[0]
     assert first == 70.0
     assert 79.9 < last < 80.0
-    assert arrivals.arrival_sets(one, airspace(STEADY), 300.0, np.array([[90.0, 95.0]])) == [[]]
+    assert arrivals.arrival_sets(one, airspace(STEADY), 300.0, np.array([[93.5, 95.0]])) == [[]]
+    # What shapes do not reach is looked at again, with free motions.
+    ((first, last),) = arrivals.arrival_sets(one, airspace(STEADY), 300.0, np.array([[90.0, 95.0]]))[0]
+    assert 91.0 < first < last < 93.0

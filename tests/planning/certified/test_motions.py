@@ -10,10 +10,10 @@ import pytest
 from certified_cases import number, picked
 
 from anser.numerics import compiled_quickly
-from anser.planning.certified import motions as module
 from anser.planning.certified.arrivals import reachable
 from anser.planning.certified.choices import ALONE, DEEP, PLAIN
-from anser.planning.certified.motions import find_motions
+from anser.planning.certified.motion_terms import MotionTask, missed_nearly, signals_of
+from anser.planning.certified.motions import find_motions, first_guesses
 from anser.verification.plan_cases import random_case
 from anser.verification.plan_check import dense_check
 from anser.verification.plan_data import Paths
@@ -65,12 +65,12 @@ def test_nothing_else_finds_a_way_at_those_times():
 @pytest.mark.parametrize("seed", [34, 104])
 def test_slopes_are_those_of_what_is_missed(seed):
     one, airspace = task_of(seed, 0)
-    task = module._Task(one, airspace, number(200.0))
-    slopes = jax.jacfwd(functools.partial(module._signals, task))(jnp.zeros(96))
+    task = MotionTask(one, airspace, number(200.0))
+    slopes = jax.jacfwd(functools.partial(signals_of, task))(jnp.zeros(96))
     for k in (0, 5):
-        x = 2.0 * module._first_guesses(task, 8)[k]
-        missed, by_hand = module._missed_nearly(task, slopes, number(0.98), x)
-        automatic = jax.jacfwd(lambda y, task=task: module._missed_nearly(task, slopes, number(0.98), y)[0])(x)
+        x = 2.0 * first_guesses(task, 8)[k]
+        missed, by_hand = missed_nearly(task, slopes, number(0.98), x)
+        automatic = jax.jacfwd(lambda y, task=task: missed_nearly(task, slopes, number(0.98), y)[0])(x)
         np.testing.assert_allclose(by_hand, automatic, rtol=1e-8, atol=1e-9)
         assert np.sum(np.asarray(missed) > 0.0) > 10
 

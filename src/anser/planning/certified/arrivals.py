@@ -22,6 +22,7 @@ _NEAR = 3  # steps of the grid from a time that is open, within which all is tri
 _HELPED = 1.4  # wind behind and a goal that comes nearer: no aircraft is faster than so many times its airspeed
 _ALTITUDES = 65  # at which the wind is asked for its greatest speed
 _WIND_ROOM = 1.02
+_AT_EDGE_M = 1.0  # so far inside a closed volume the judgement is left to the certificate
 _BEYOND_M = 1000.0  # above and below all ends: where detours in altitude lead
 COARSE_TICKS = 128
 """Intervals of the paths that tell which times are open: they only say where to look."""
@@ -67,7 +68,7 @@ def _reachable_at(
 def conceivable(
     travellers: Traveller, airspace: Airspace, who: Int[np.ndarray, " pairs"], durations: Float[np.ndarray, " pairs"]
 ) -> Bool[np.ndarray, " pairs"]:
-    """Whether the way is not too long and not too steep for a duration (s), whatever its shape."""
+    """Whether a duration (s) is not ruled out, whatever the shape: by distance, by height, by a closed rendezvous."""
     limits, t = travellers.limits, durations[:, None]
     end = travellers.goal_position_n + travellers.rendezvous.stand_off_n
     line = np.asarray(end - travellers.position_n)[who] + t * np.asarray(travellers.goal_velocity_n)[who]
@@ -76,7 +77,14 @@ def conceivable(
     winds = jax.vmap(lambda h: airspace.wind.at(jnp.stack([0.0 * h, 0.0 * h, -h]), 0.0))(heights)
     wind = _WIND_ROOM * float(jnp.max(jnp.linalg.norm(winds, axis=1)))
     fast = np.linalg.norm(line[:, :2], axis=1) <= (np.asarray(limits.speed_max)[who] + wind) * durations
-    return fast & (np.abs(line[:, 2]) <= (np.asarray(limits.climb_rate_max)[who] + wind) * durations)
+    gentle = np.abs(line[:, 2]) <= (np.asarray(limits.climb_rate_max)[who] + wind) * durations
+    place, volumes = np.asarray(travellers.position_n)[who] + line, airspace.keep_outs
+    moved = np.asarray(volumes.position_n)[None] + t[:, :, None] * np.asarray(volumes.velocity_n)[None]
+    beside = np.linalg.norm(place[:, None, :2] - moved, axis=2) >= np.asarray(volumes.radius) - _AT_EDGE_M
+    height = -place[:, 2:]
+    over = height >= np.asarray(volumes.top) - _AT_EDGE_M
+    under = height <= np.asarray(volumes.bottom) + _AT_EDGE_M
+    return fast & gentle & np.all(beside | over | under, axis=1)
 
 
 def reachable(

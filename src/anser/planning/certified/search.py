@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from anser.planning.certified.arrivals import arrival_sets, direct_times
+from anser.planning.certified.arrivals import arrival_sets, conceivable, direct_times
 from anser.planning.certified.certified_plan import CertifiedPlan, plan_at, ticks_for
 from anser.planning.certified.choices import ALL, EVERY, FEW, MANY, Choices
 from anser.planning.certified.profile import CLIMB_ACCELERATION
@@ -128,13 +128,16 @@ def search(
     preferred = _preferred(travellers, airspace, request)
     first = _first_times(preferred, request)
     if first is not None:
-        for choices in (FEW, *levels) if fixed and thorough else (FEW, MANY):
+        possible = _possible(travellers, airspace, first)
+        for choices in (FEW, *levels) if fixed and thorough and possible else (FEW, MANY):
             plan = attempt(first, choices)
             if plan is not None:
                 return Outcome(plan, tries)
     if fixed or not thorough:
         return Outcome(None, tries, closest)
     for durations, choices in _later_times(first, request, levels):
+        if not _possible(travellers, airspace, durations):
+            continue
         told(f"trying arrival at {float(np.max(durations)):.1f} s")
         plan = attempt(durations, choices)
         if plan is not None:
@@ -154,6 +157,12 @@ def search(
             if plan is not None:
                 return Outcome(plan, tries, arrivals=None if windows is not None else arrivals)
     return Outcome(None, tries, closest, None if windows is not None else arrivals)
+
+
+def _possible(travellers: Traveller, airspace: Airspace, durations: Times) -> bool:
+    """Whether nothing rules durations (s) out from the beginning."""
+    who = np.flatnonzero(np.asarray(travellers.active) > 0.0)
+    return bool(np.all(conceivable(travellers, airspace, who, np.asarray(durations, dtype=float)[who])))
 
 
 def _trouble(plan: CertifiedPlan, travellers: Traveller) -> float:
