@@ -80,12 +80,10 @@ _EVERY_SPEED = tuple(range(10))
 ALL = make_choices(
     _EVERY_SPEED, (0.0, 300.0, -300.0, 600.0, -600.0), (0, 1), (0, 1, 2, 3, 4, RACETRACK), starts=40, most=320, rounds=8
 )
-"""What all those are, and motions in which nothing is prescribed."""
-EVERY = make_choices(
-    _EVERY_SPEED, (0.0, 300.0, -300.0), (0, 1), (0, 1, 4, RACETRACK), starts=24, most=200, rounds=8, motions=(64, 16)
-)
+EVERY = MANY._replace(motions=32, motions_kept=8, rounds=8)
+"""And motions in which nothing is prescribed."""
 PLAIN = make_choices((PREFERRED, MATCHED, SLOWEST, FASTEST), (0.0,), (0, 1), (0, 1, 4, RACETRACK))
 """Candidates of an aircraft by itself: ways round and speeds, no detour in altitude."""
 ALONE = make_choices(_EVERY_SPEED, (0.0,), (0,), (0, 1), starts=24, most=48)
-DEEP = make_choices((PREFERRED,), (0.0,), (0,), (0,), motions=(48, 4))
+DEEP = make_choices((PREFERRED,), (0.0,), (0,), (0,), motions=(32, 4))
 """Before an aircraft is said to have no way at all."""
