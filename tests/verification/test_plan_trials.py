@@ -1,7 +1,7 @@
 """Random scenarios planned and judged: a few seeds, and planners that are known to be wrong.
 
-The 2,000 seeds of `anser plan-trials` are no test: they take hours. Those here have plans that the planner finds among
-its first candidates, and flights of about equal length, so that two programs are compiled, and no more.
+The 2,000 seeds of `anser plan-trials` are no test: they take hours. The fifty here have plans that the planner finds
+among its first candidates, or are proved to have none, so that few programs are compiled.
 """
 
 import dataclasses
@@ -21,7 +21,14 @@ from anser.verification.plan_task import planner_task
 from anser.verification.plan_trial_file import TrialFileError, append_trial, begin_trials, read_trials
 from anser.verification.plan_trials import Answer, Trial, run_trial
 
-PLANNED = (7, 11, 23, 25, 26)
+PLANNED = [
+    int(seed)
+    for seed in (
+        "1 7 8 10 11 13 17 18 23 25 26 29 33 37 42 43 44 48 50 55 56 59 61 "
+        "67 81 82 87 89 91 93 98 99 105 106 107 109 111 116 117 118 122 125 138 142 148 149 151"
+    ).split()
+]
+REFUSED = (103, 143, 171)  # rendezvous inside keep-outs
 POSSIBLE = 91  # the search finds a plan within a second
 IMPOSSIBLE = 6  # a rendezvous inside a keep-out
 
@@ -54,6 +61,20 @@ def test_plan_of_random_scenario_passes(seed):
     assert trial.planned, trial
     assert trial.verdict == "passes", trial.breaches
     assert trial.excess["arrival_position"] < 1e-3  # the tolerance of the check
+
+
+@pytest.mark.parametrize("seed", REFUSED)
+def test_refusal_of_random_scenario_is_proved(seed):
+    trial = run_trial(seed, 1.0)
+    assert not trial.planned
+    assert trial.verdict == "proved", trial
+    assert trial.reasons
+
+
+def test_fifty_scenarios_with_every_rule_that_sets_times_are_among_these():
+    assert len({*PLANNED, *REFUSED}) == 50
+    rules = {random_case(seed).rule.name for seed in PLANNED}
+    assert rules == {"together", "at", "sequence", "times", "windows"}
 
 
 def test_all_cases_share_the_planner_programs():

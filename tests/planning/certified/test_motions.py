@@ -19,7 +19,7 @@ from anser.verification.plan_check import dense_check
 from anser.verification.plan_data import Paths
 from anser.verification.plan_task import planner_task
 
-TICKS, STARTS, KEPT = 64, 32, 6
+TICKS, STARTS, KEPT = 128, 32, 6
 # Of the random cases: an aircraft, and a time at which it was said to have no way, though it has: a descent at nearly
 # the greatest rate; a turn that needs the least airspeed at full bank; closed volumes.
 HARD = ((90, 3, 192.5), (198, 7, 90.9), (104, 0, 87.9))
