@@ -22,12 +22,9 @@ from anser.verification.plan_trial_file import TrialFileError, append_trial, beg
 from anser.verification.plan_trials import Answer, Trial, run_trial
 
 PLANNED = [
-    int(seed)
-    for seed in (
-        "1 7 8 10 11 13 17 18 23 25 26 29 33 37 42 43 44 48 50 55 56 59 61 "
-        "67 81 82 87 89 91 93 98 99 105 106 107 109 111 116 117 118 122 125 138 142 148 149 151"
-    ).split()
-]
+    1, 7, 8, 10, 11, 13, 17, 18, 23, 25, 26, 29, 33, 37, 42, 43, 44, 48, 50, 55, 56, 59, 61,
+    67, 81, 82, 87, 89, 91, 93, 98, 99, 105, 106, 107, 109, 111, 116, 117, 118, 122, 125, 138, 142, 148, 149, 151,
+]  # fmt: skip
 REFUSED = (103, 143, 171)  # rendezvous inside keep-outs
 POSSIBLE = 91  # the search finds a plan within a second
 IMPOSSIBLE = 6  # a rendezvous inside a keep-out
