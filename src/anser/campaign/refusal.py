@@ -43,7 +43,7 @@ def explain(
     arrivals = outcome.arrivals
     if arrivals is None:
         arrivals = arrival_sets(travellers, airspace, request.latest_s)
-    alone = _alone(names, travellers, airspace, request, arrivals)
+    alone = _alone(names, travellers, airspace, request, arrivals, outcome)
     if alone:
         return tuple(alone)
     if request.rule in ("together", "earliest", "sequence"):
@@ -68,10 +68,20 @@ def _alone(
     airspace: Airspace,
     request: ArrivalRequest,
     arrivals: Sequence[Intervals],
+    outcome: Outcome,
 ) -> list[str]:
     """Aircraft that by themselves cannot do what is asked."""
     found = []
+    closest = outcome.closest
+    # The search looks further than the arrival sets do: what it found for one aircraft is not denied.
+    flown = (
+        np.zeros(len(names), dtype=bool)
+        if closest is None
+        else np.asarray(closest.valid & closest.certificate.kept_alone)
+    )
     for k, name in enumerate(names):
+        if flown[k]:
+            continue
         own = arrivals[k]
         if not own:
             asked = f"cannot arrive within {request.latest_s:.0f} s"
