@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from anser.planning.certified.certificate import excess, path_bounds
-from anser.planning.certified.least_squares import begin_fit, closest_of, fit
+from anser.planning.certified.damped_fit import begin_fit, closest_of, fit
 from anser.planning.certified.least_steps import Missed, begin_steps, least_steps
 from anser.planning.certified.motion_terms import (
     PLACE_M,

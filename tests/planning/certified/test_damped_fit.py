@@ -6,7 +6,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from anser.numerics import compiled_quickly
-from anser.planning.certified.least_squares import begin_fit, closest_of, fit
+from anser.planning.certified.damped_fit import begin_fit, closest_of, fit
 
 TIMES = np.linspace(0.0, 4.0, 25)
 MEASURED = 2.0 * np.exp(-0.7 * TIMES) + 0.3 + 0.05 * np.sin(9.0 * TIMES)
