@@ -109,3 +109,15 @@ def test_nothing_valid_where_none_can_be():
     found = found_by(one, airspace, number(150.0))  # 3 km down in 150 s at 16.6 m/s
     assert not np.any(found.valid)
     assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(found.paths))
+
+
+def test_limits_that_do_not_exist_are_no_limits():
+    one, airspace = task_of(90, 0)
+    free = eqx.tree_at(
+        lambda t: (t.limits.speed_max, t.limits.load_factor_max, t.limits.acceleration_max, t.limits.altitude_max),
+        one,
+        (number(np.inf),) * 4,
+    )
+    found = found_by(free, airspace, number(230.0))
+    assert np.any(found.valid)
+    assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(found.paths))

@@ -55,7 +55,9 @@ def steering_of(task: MotionTask, x: Float[Array, " unknowns"]) -> Steering:
     square = jnp.maximum(jnp.sum(velocity[:2] ** 2), 1.0)
     turning = (velocity[0] * acceleration[1] - velocity[1] * acceleration[0]) / square
     gaining = jnp.sum(velocity * acceleration) / jnp.maximum(speed, 1.0)
-    low, high = (2.0 - _KEPT) * limits.speed_min, _KEPT * limits.speed_max
+    # Where no airspeed is too high, twice the preferred one is enough to look at.
+    high = jnp.where(jnp.isfinite(limits.speed_max), limits.speed_max, 2.0 * traveller.speed)
+    low, high = (2.0 - _KEPT) * limits.speed_min, _KEPT * high
     turn, climb, gain = x.reshape(3, CELLS)
     # Over the ground: what the wind's own rise adds is a part of a metre per second, which the certificate looks at.
     altitude_0 = -traveller.position_n[2]

@@ -132,7 +132,8 @@ def find_motions(
         steering = steering_of(task, x)
         path, flown = steered_path(0.0, steering, airspace.wind, ticks, ticks + PIECES + KINKS)
         bounds = path_bounds(path, airspace.wind, airspace.gravity)
-        met = jnp.max(jnp.abs(arrived(x))) * PLACE_M <= _SOLVED * task.duration * traveller.limits.speed_max
+        way = task.duration * jnp.mean(flown.at_ends.speed)
+        met = jnp.max(jnp.abs(arrived(x))) * PLACE_M <= _SOLVED * way
         return Motions(
             path,
             jnp.all(excess(bounds, traveller.limits) <= 0.0) & met & (traveller.side == 0),

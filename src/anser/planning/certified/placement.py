@@ -100,7 +100,7 @@ def make_options(
             )
             tracks = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), tracks, own)
             valid = jnp.concatenate([valid, motions.valid])
-            cost = jnp.concatenate([cost, _MOVED + motions.turned])
+            cost = jnp.concatenate([cost, jnp.where(motions.valid, _MOVED + motions.turned, _INVALID)])
         return Options(found, tables, motions, valid, cost, tracks, _closed(tracks, times, airspace.keep_outs))
 
     return jax.vmap(one)(travellers, durations)
