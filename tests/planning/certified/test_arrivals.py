@@ -96,7 +96,7 @@ def asked(monkeypatch):
         calls.append((choices, np.asarray(durations)))
         plain = (durations > 60.0) & (durations < 70.0)
         every = plain | ((durations > 44.0) & (durations < 80.0))
-        deep = (durations > 91.0) & (durations < 93.0)
+        deep = ((durations >= 80.0) & (durations < 84.0)) | ((durations > 91.0) & (durations < 93.0))
         return {PLAIN: plain, ALONE: every, DEEP: deep}[choices]
 
     monkeypatch.setattr(arrivals, "_reachable_at", answer)
@@ -106,7 +106,7 @@ def asked(monkeypatch):
 def test_all_ways_are_tried_near_what_plain_ones_reach_and_on_from_there(asked):
     one = stacked([traveller((5000.0, 0.0, -1700.0))])
     grid = np.arange(20.0, 120.0, 2.0)[None, :]
-    inside = arrivals._open_times(one, airspace(STEADY), np.array([0]), grid, False)
+    inside = arrivals._open_times(one, airspace(STEADY), np.array([0]), grid, "none")
     np.testing.assert_array_equal(inside, (grid > 44.0) & (grid < 80.0))
     looked = np.concatenate([durations for choices, durations in asked if choices is ALONE])
     assert looked.min() >= 46.0 - 2.0 * arrivals._NEAR
@@ -126,3 +126,12 @@ def test_edges_are_refined_and_windows_looked_into(asked):
     # What shapes do not reach is looked at again, with free motions.
     ((first, last),) = arrivals.arrival_sets(one, airspace(STEADY), 300.0, np.array([[90.0, 95.0]]))[0]
     assert 91.0 < first < last < 93.0
+
+
+def test_free_motions_widen_the_times_where_asked_for(asked):
+    one = stacked([traveller((5000.0, 0.0, -1700.0))])
+    ((first, last),) = arrivals.arrival_sets(one, airspace(STEADY), 300.0, deeply=True)[0]
+    assert 44.0 < first < 44.1
+    assert 83.9 < last < 84.0
+    looked = np.concatenate([durations for choices, durations in asked if choices is DEEP])
+    assert 44.0 / 1.08**3 < looked.min() < looked.max() < 84.0 * 1.08**4  # a few steps beside what is open

@@ -2,6 +2,7 @@
 
 import functools
 from collections.abc import Sequence
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
@@ -114,21 +115,22 @@ def _open_times(
     airspace: Airspace,
     fleet: Int[np.ndarray, " active"],
     grid: Float[np.ndarray, "active n"],
-    deeply: bool,
+    deep: Literal["none", "lost", "all"],
 ) -> Bool[np.ndarray, "active n"]:
     """Which times of a grid are open: plain paths everywhere, others near the times found so far, ever farther.
 
-    Deeply: an aircraft without any is looked at again, with more ways.
+    With more ways is looked again, as `deep` says, for "none", for "lost" aircraft only, that have no time yet, or for
+    "all".
     """
     who = np.repeat(fleet, grid.shape[1]).reshape(grid.shape)
     inside = reachable(travellers, airspace, who.ravel(), grid.ravel(), levels=(PLAIN,)).reshape(grid.shape)
-    for choices in (ALONE, DEEP) if deeply else (ALONE,):
+    for choices in (ALONE,) if deep == "none" else (ALONE, DEEP):
         tried = np.zeros(grid.shape, dtype=bool)
         while True:
             near = np.array(
                 [np.convolve(row, np.ones(2 * _NEAR + 1), "same") > 0.5 if row.any() else ~row for row in inside]
             )
-            if choices is DEEP:
+            if choices is DEEP and deep == "lost":
                 near &= ~inside.any(axis=1, keepdims=True)
             asked = near & ~inside & ~tried
             if not asked.any():
@@ -143,6 +145,7 @@ def arrival_sets(
     airspace: Airspace,
     latest_s: float,
     windows_s: Float[np.ndarray, "aircraft 2"] | None = None,
+    deeply: bool = False,
     count: int = 40,
     rounds: int = 6,
 ) -> list[list[tuple[float, float]]]:
@@ -150,6 +153,8 @@ def arrival_sets(
 
     A grid, geometric from the earliest conceivable time on or even within each one's window; each edge is then refined
     by bisection to a `2**rounds`-th of the grid's spacing. Gaps and islands narrower than the grid can be missed.
+    Deeply, free motions are tried too where nothing else will do; in windows they are anyway, for an aircraft that has
+    no time at all.
     """
     if windows_s is not None:
         low = windows_s[:, 0]
@@ -161,12 +166,14 @@ def arrival_sets(
         grid = low[:, None] * (latest_s / low)[:, None] ** np.linspace(0.0, 1.0, count)[None, :]
     fleet = np.flatnonzero(np.asarray(travellers.active) > 0.0)
     inside = np.zeros(grid.shape, dtype=bool)
-    inside[fleet] = _open_times(travellers, airspace, fleet, grid[fleet], windows_s is not None)
+    deep = "all" if deeply else "none" if windows_s is None else "lost"
+    inside[fleet] = _open_times(travellers, airspace, fleet, grid[fleet], deep)
     row, edge = np.nonzero(inside[:, 1:] != inside[:, :-1])
     low, high, opening = grid[row, edge], grid[row, edge + 1], inside[row, edge + 1]
+    levels = (PLAIN, ALONE, DEEP) if deeply else (PLAIN, ALONE)
     for _ in range(rounds if row.size else 0):
         middle = 0.5 * (low + high)
-        lower = reachable(travellers, airspace, row, middle) != opening
+        lower = reachable(travellers, airspace, row, middle, levels=levels) != opening
         low, high = np.where(lower, middle, low), np.where(lower, high, middle)
     at = np.where(opening, high, low)  # the end of each edge that lies inside
     refined: list[list[tuple[float, float]]] = []

@@ -124,7 +124,8 @@ def search(
 
     told("planning")
     fixed = request.rule in ("at", "times")
-    levels = (MANY, ALL, EVERY) if size <= _THOROUGH_FLEET else (MANY,)
+    thorough_fleet = size <= _THOROUGH_FLEET
+    levels = (MANY, ALL, EVERY) if thorough_fleet else (MANY,)
     preferred = _preferred(travellers, airspace, request)
     first = _first_times(preferred, request)
     if first is not None:
@@ -145,6 +146,9 @@ def search(
     told("looking for arrival times that are open to each aircraft")
     windows = request.windows_s
     arrivals = arrival_sets(travellers, airspace, request.latest_s, windows)
+    if thorough_fleet and windows is None and not _common(request, arrivals, active):
+        told("looking again, with free motions, for a time that is open to all")
+        arrivals = arrival_sets(travellers, airspace, request.latest_s, deeply=True)
     if windows is not None and any(on and not own for on, own in zip(active, arrivals, strict=True)):
         return Outcome(None, tries, closest)
     for choices in levels:
@@ -240,11 +244,7 @@ def _times(
     offsets = _offsets(request, count)
     last = request.latest_s - float(np.max(offsets))
     base = float(np.max(preferred - offsets))
-    shifted = [
-        [(a - o, b - o) for a, b in sets] if on else [(0.0, np.inf)]
-        for sets, o, on in zip(arrivals, offsets, active, strict=True)
-    ]
-    common = _intersect(shifted)
+    common = _common(request, arrivals, active)
     if request.rule == "earliest":
         wanted = [t for a, b in common for t in _spread(a, min(b, last))]
     else:
@@ -252,6 +252,13 @@ def _times(
         wanted += [t for a, b in common if b >= base for t in _spread(max(a, base), min(b, last))]
     for time in sorted({round(t, 9) for t in wanted if 0.0 < t <= last}):
         yield time + offsets
+
+
+def _common(request: ArrivalRequest, arrivals: Sequence[Intervals], active: np.ndarray) -> Intervals:
+    """Times of the first arrival that are open to all, none later than may be, s."""
+    offsets = _offsets(request, len(arrivals))
+    own = [sets if on else [(0.0, np.inf)] for sets, on in zip(arrivals, active, strict=True)]
+    return [(a, b) for a, b in common_times(own, offsets) if a <= request.latest_s - float(np.max(offsets))]
 
 
 def _spread(low: float, high: float) -> list[float]:
