@@ -2,11 +2,14 @@
 
 from types import SimpleNamespace
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from anser.campaign import refusal
-from anser.planning.certified import ArrivalRequest, Outcome
+from anser.environment import SteadyWind
+from anser.planning.certified import ArrivalRequest, Outcome, stacked
+from support.travellers import airspace, traveller
 
 NAMES = ("alpha", "bravo", "charlie")
 WINDOWS = ArrivalRequest("windows", 600.0, windows_s=np.array([[90.0, 95.0]] * 3))
@@ -34,3 +37,24 @@ def test_a_way_that_was_found_is_not_denied(request_):
     # The search found bravo a way, and alpha one that its certificate turned down.
     (left,) = refusal._alone(NAMES, None, None, request_, arrivals, outcome([True, True, True], [False, True, True]))
     assert '"alpha" cannot arrive' in left
+
+
+def crowded_task(goals, moving):
+    """Two aircraft side by side on their way to goals given by their east coordinate, m, and its rate, m/s."""
+    travellers = stacked(
+        [traveller((8000.0, east, -1700.0), (0.0, rate, 0.0)) for east, rate in zip(goals, moving, strict=True)]
+    )
+    return travellers, airspace(SteadyWind(jnp.array([10.0, 5.0, 0.0])), 500.0, 150.0)
+
+
+def test_rendezvous_points_that_are_too_close_are_named_with_their_distances():
+    task = crowded_task((0.0, 400.0), (0.0, 0.0))
+    (told,) = refusal._crowded(NAMES, *task, ArrivalRequest("at", 200.0, times_s=np.full(2, 70.0)))
+    assert 'of "alpha" and "bravo" are too close' in told
+    assert "at 70.0 s they leave 400 m / 0 m at most, 500 m / 150 m asked" in told
+    # One that moves away: what it leaves at most, at the latest.
+    task = crowded_task((0.0, 200.0), (0.0, 1.0))
+    (told,) = refusal._crowded(NAMES, *task, ArrivalRequest("together", 200.0))
+    assert "when the first of them arrives they leave 400 m / 0 m at most" in told
+    assert refusal._crowded(NAMES, *task, ArrivalRequest("together", 320.0)) == []
+    assert refusal._crowded(NAMES, *task, WINDOWS) == []

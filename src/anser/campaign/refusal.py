@@ -10,8 +10,11 @@ from anser.planning.certified import (
     ArrivalRequest,
     Outcome,
     Traveller,
+    apart_at_arrival,
     arrival_sets,
     common_times,
+    crowded,
+    possible_times,
     relaxed,
     search,
 )
@@ -23,6 +26,7 @@ _FACTORS = 2.0 ** np.linspace(0.0, 2.0, 9)  # by which a limit is loosened, from
 _MOST_SHOWN = 3
 _STEPS = 5
 _EDGE_S = 0.5
+_CROWDED_MOST = 30  # aircraft up to which all pairs are looked at for all arrival times
 
 
 def explain(
@@ -40,6 +44,9 @@ def explain(
         Of the search that found no plan.
     """
     names = [one.name for one in scenario.aircraft]
+    beside = _crowded(names, travellers, airspace, request)
+    if beside:
+        return tuple(beside)
     arrivals = outcome.arrivals
     if arrivals is None:
         arrivals = arrival_sets(travellers, airspace, request.latest_s)
@@ -60,6 +67,32 @@ def spoken(intervals: Sequence[tuple[float, float]]) -> str:
     parts = [f"from {a:.1f} s on" if np.isinf(b) else f"from {a:.1f} to {b:.1f} s" for a, b in intervals[:_MOST_SHOWN]]
     more = " and later" if len(intervals) > _MOST_SHOWN else ""
     return " and ".join(parts) + more
+
+
+def _crowded(names: Sequence[str], travellers: Traveller, airspace: Airspace, request: ArrivalRequest) -> list[str]:
+    """Pairs whose rendezvous points are closer than the separation whenever they may arrive."""
+    if request.windows_s is not None or len(names) > _CROWDED_MOST:
+        return []
+    times, _ = possible_times(travellers, airspace, request)
+    always = np.all(crowded(travellers, airspace, times), axis=0)
+    level, height = apart_at_arrival(travellers, airspace, times)
+    words = f"at {times[0, 0]:.1f} s" if request.rule == "at" else "when the first of them arrives"
+    least = float(airspace.separation.horizontal), float(airspace.separation.vertical)
+    found = []
+    for i, j in zip(*np.nonzero(np.triu(always)), strict=True):
+        most = int(np.argmax(level[:, i, j]))
+        reached = level[most, i, j], height[most, i, j]
+        found.append(
+            f'the rendezvous points of "{names[i]}" and "{names[j]}" are too close to each other: {words} they leave '
+            f"{_distances(*reached, least[1] > 0.0)} at most, {_distances(*least, least[1] > 0.0)} asked, the reserve "
+            "included"
+        )
+    return found[:_MOST_SHOWN]
+
+
+def _distances(horizontal_m: float, vertical_m: float, both: bool) -> str:
+    """A distance in the plane and, where one is asked, that in altitude, in words."""
+    return f"{horizontal_m:.0f} m" + (f" / {vertical_m:.0f} m" if both else "")
 
 
 def _alone(
@@ -159,6 +192,5 @@ def _conflict(
         low, high = (middle, high) if works else (low, middle)
     if low == 0.0:
         return f"the aircraft do not keep apart{pair}: not even a small part of the separation asked was reached"
-    reached = f"{low * horizontal:.0f} m" + (f" / {low * vertical:.0f} m" if vertical > 0.0 else "")
-    wanted = f"{horizontal:.0f} m" + (f" / {vertical:.0f} m" if vertical > 0.0 else "")
+    reached, wanted = (_distances(part * horizontal, part * vertical, vertical > 0.0) for part in (low, 1.0))
     return f"separation {reached} reachable, {wanted} asked{pair}, the reserve included"

@@ -6,11 +6,13 @@ from anser.planning.certified.certified_plan import Certificate, CertifiedPlan, 
 from anser.planning.certified.relaxing import RELAXED, relaxed
 from anser.planning.certified.renewal import FIRST, RENEWAL_MESSAGES, Renewed, renew_certified
 from anser.planning.certified.request import Airspace, KeepOuts, Separation, Traveller, no_keep_outs
+from anser.planning.certified.ruled_out import apart_at_arrival, crowded
 from anser.planning.certified.search import (
     RULES,
     ArrivalRequest,
     Outcome,
     common_times,
+    possible_times,
     search,
     stacked,
 )
@@ -31,12 +33,15 @@ __all__ = [
     "Renewed",
     "Separation",
     "Traveller",
+    "apart_at_arrival",
     "arrival_sets",
     "certify",
     "common_times",
+    "crowded",
     "no_keep_outs",
     "path_bounds",
     "plan_at",
+    "possible_times",
     "relaxed",
     "renew_certified",
     "search",

@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 from anser.planning.certified.choices import ALONE, DEEP, PLAIN, Choices
 from anser.planning.certified.placement import make_options
 from anser.planning.certified.request import Airspace, Traveller
+from anser.planning.certified.ruled_out import conceivable
 from anser.planning.certified.timed_profile import steady_after, timed_profile
 from anser.shapes import Scalar
 
@@ -21,10 +22,6 @@ _AT_ONCE = 8  # aircraft and times looked at in one call
 _IN_WINDOW = 12  # times looked at in a window
 _NEAR = 3  # steps of the grid from a time that is open, within which all is tried
 _HELPED = 1.4  # wind behind and a goal that comes nearer: no aircraft is faster than so many times its airspeed
-_ALTITUDES = 65  # at which the wind is asked for its greatest speed
-_WIND_ROOM = 1.02
-_AT_EDGE_M = 1.0  # so far inside a closed volume the judgement is left to the certificate
-_BEYOND_M = 1000.0  # above and below all ends: where detours in altitude lead
 COARSE_TICKS = 128
 """Intervals of the paths that tell which times are open: they only say where to look."""
 
@@ -64,28 +61,6 @@ def _reachable_at(
 ) -> Bool[Array, " aircraft"]:
     options = make_options(travellers, airspace, durations, ticks, ticks, choices)
     return jnp.any(options.valid & (options.closed <= 0.0), axis=1)
-
-
-def conceivable(
-    travellers: Traveller, airspace: Airspace, who: Int[np.ndarray, " pairs"], durations: Float[np.ndarray, " pairs"]
-) -> Bool[np.ndarray, " pairs"]:
-    """Whether a duration (s) is not ruled out, whatever the shape: by distance, by height, by a closed rendezvous."""
-    limits, t = travellers.limits, durations[:, None]
-    end = travellers.goal_position_n + travellers.rendezvous.stand_off_n
-    line = np.asarray(end - travellers.position_n)[who] + t * np.asarray(travellers.goal_velocity_n)[who]
-    both = -np.append(np.asarray(end)[:, 2], np.asarray(travellers.position_n)[:, 2])
-    heights = jnp.linspace(np.min(both) - _BEYOND_M, np.max(both) + _BEYOND_M, _ALTITUDES)
-    winds = jax.vmap(lambda h: airspace.wind.at(jnp.stack([0.0 * h, 0.0 * h, -h]), 0.0))(heights)
-    wind = _WIND_ROOM * float(jnp.max(jnp.linalg.norm(winds, axis=1)))
-    fast = np.linalg.norm(line[:, :2], axis=1) <= (np.asarray(limits.speed_max)[who] + wind) * durations
-    gentle = np.abs(line[:, 2]) <= (np.asarray(limits.climb_rate_max)[who] + wind) * durations
-    place, volumes = np.asarray(travellers.position_n)[who] + line, airspace.keep_outs
-    moved = np.asarray(volumes.position_n)[None] + t[:, :, None] * np.asarray(volumes.velocity_n)[None]
-    beside = np.linalg.norm(place[:, None, :2] - moved, axis=2) >= np.asarray(volumes.radius) - _AT_EDGE_M
-    height = -place[:, 2:]
-    over = height >= np.asarray(volumes.top) - _AT_EDGE_M
-    under = height <= np.asarray(volumes.bottom) + _AT_EDGE_M
-    return fast & gentle & np.all(beside | over | under, axis=1)
 
 
 def reachable(

@@ -6,13 +6,14 @@ from dataclasses import dataclass, field
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
-from anser.planning.certified.arrivals import arrival_sets, conceivable, direct_times
+from anser.planning.certified.arrivals import arrival_sets, direct_times
 from anser.planning.certified.certified_plan import CertifiedPlan, plan_at, ticks_for
 from anser.planning.certified.choices import ALL, EVERY, FEW, MANY, Choices
 from anser.planning.certified.profile import CLIMB_ACCELERATION
 from anser.planning.certified.request import Airspace, Traveller
+from anser.planning.certified.ruled_out import conceivable, crowded
 
 RULES = ("together", "earliest", "at", "sequence", "times", "windows")
 _LATER = (1.0, 1.01, 1.03, 1.06, 1.1, 1.15, 1.22, 1.3, 1.4, 1.55, 1.75, 2.0, 2.4, 3.0)
@@ -21,6 +22,7 @@ _THOROUGHLY = (1.0, 1.06, 1.15, 1.3)  # the same, of the times at which every ki
 _A_HAIR = 1.0002  # later than the direct path takes: to rounding there may be none of just its length
 _SAME = 5e-4  # part of itself by which a time differs from one that need not be tried again
 _SOME = (0.0, 0.1, 0.25, 0.5, 0.8)  # parts of the list of times at which more than the plain candidates are tried
+_STEP_S = 0.25  # between arrival times that are looked at for what rules them out
 _THOROUGH_FLEET = 12  # aircraft up to which every kind of candidate is tried
 _WINDOW_STEPS = (0.0, 0.12, 0.25, 0.4, 0.55, 0.7, 0.85, 1.0)
 
@@ -129,12 +131,17 @@ def search(
     preferred = _preferred(travellers, airspace, request)
     first = _first_times(preferred, request)
     if first is not None:
-        possible = _possible(travellers, airspace, first)
-        for choices in (FEW, *levels) if fixed and thorough and possible else (FEW, MANY):
-            plan = attempt(first, choices)
-            if plan is not None:
-                return Outcome(plan, tries)
+        plan = attempt(first, FEW)
+        if plan is not None:
+            return Outcome(plan, tries)
+        if _possible(travellers, airspace, first):
+            for choices in levels if fixed and thorough else (MANY,):
+                plan = attempt(first, choices)
+                if plan is not None:
+                    return Outcome(plan, tries)
     if fixed or not thorough:
+        return Outcome(None, tries, closest)
+    if thorough_fleet and request.rule != "windows" and not possible_times(travellers, airspace, request)[1].any():
         return Outcome(None, tries, closest)
     for durations, choices in _later_times(first, request, levels):
         if not _possible(travellers, airspace, durations):
@@ -152,7 +159,7 @@ def search(
     if windows is not None and any(on and not own for on, own in zip(active, arrivals, strict=True)):
         return Outcome(None, tries, closest)
     for choices in levels:
-        times = list(_times(preferred, request, arrivals, active))
+        times = [t for t in _times(preferred, request, arrivals, active) if _possible(travellers, airspace, t)]
         if choices is not MANY:
             times = [times[k] for k in sorted({round(u * (len(times) - 1)) for u in _SOME})] if times else []
         for durations in times:
@@ -165,8 +172,27 @@ def search(
 
 def _possible(travellers: Traveller, airspace: Airspace, durations: Times) -> bool:
     """Whether nothing rules durations (s) out from the beginning."""
+    who, durations = np.flatnonzero(np.asarray(travellers.active) > 0.0), np.asarray(durations, dtype=float)
+    alone = bool(np.all(conceivable(travellers, airspace, who, durations[who])))
+    return alone and not crowded(travellers, airspace, durations[None]).any()
+
+
+def possible_times(
+    travellers: Traveller, airspace: Airspace, request: ArrivalRequest
+) -> tuple[Float[np.ndarray, "n aircraft"], Bool[np.ndarray, " n"]]:
+    """Arrival times of a fleet that its rule leaves open, every quarter of a second, and which nothing rules out.
+
+    For the rules that one time decides: "together", "earliest", "sequence"; of "at" and "times", those asked for.
+    """
+    if request.times_s is not None:
+        times = request.times_s[None]
+    else:
+        offsets = _offsets(request, np.asarray(travellers.active).size)
+        times = np.arange(_STEP_S, request.latest_s - float(np.max(offsets)), _STEP_S)[:, None] + offsets
     who = np.flatnonzero(np.asarray(travellers.active) > 0.0)
-    return bool(np.all(conceivable(travellers, airspace, who, np.asarray(durations, dtype=float)[who])))
+    everyone = np.tile(who, times.shape[0])
+    alone = conceivable(travellers, airspace, everyone, times[:, who].ravel()).reshape(-1, who.size)
+    return times, np.all(alone, axis=1) & ~crowded(travellers, airspace, times).any(axis=(1, 2))
 
 
 def _trouble(plan: CertifiedPlan, travellers: Traveller) -> float:

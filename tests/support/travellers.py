@@ -1,0 +1,31 @@
+"""One aircraft that is to be planned, and an airspace in which nothing is closed."""
+
+import jax.numpy as jnp
+
+from anser.planning.certified import Airspace, Separation, Traveller, no_keep_outs
+from anser.planning.limits import PathLimits
+from anser.planning.rendezvous import make_rendezvous
+
+SPEED_MAX, CLIMB_MAX = 200.0, 40.0
+
+
+def traveller(goal, moving=(0.0, 0.0, 0.0)):
+    """At 2,000 m above the origin, flying north at 150 m/s; the rendezvous 300 m above a goal."""
+    return Traveller(
+        position_n=jnp.array([0.0, 0.0, -2000.0]),
+        air_velocity_n=jnp.array([150.0, 0.0, 0.0]),
+        air_acceleration_n=jnp.zeros(3),
+        goal_position_n=jnp.asarray(goal, dtype=float),
+        goal_velocity_n=jnp.asarray(moving, dtype=float),
+        rendezvous=make_rendezvous(jnp.array([0.0, 0.0, -300.0])),
+        speed=jnp.asarray(150.0),
+        side=jnp.asarray(0),
+        limits=PathLimits(*(jnp.asarray(x) for x in (100.0, SPEED_MAX, 0.9, CLIMB_MAX, 200.0))),
+        roll_rate_max=jnp.asarray(0.5),
+        active=jnp.asarray(1.0),
+    )
+
+
+def airspace(wind, horizontal=0.0, vertical=0.0):
+    """Nothing closed; two aircraft so far apart, m."""
+    return Airspace(wind, jnp.asarray(9.81), Separation(jnp.asarray(horizontal), jnp.asarray(vertical)), no_keep_outs())
