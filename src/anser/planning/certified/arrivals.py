@@ -14,11 +14,11 @@ from anser.planning.certified.placement import make_options
 from anser.planning.certified.request import Airspace, Traveller
 from anser.planning.certified.ruled_out import conceivable
 from anser.planning.certified.timed_profile import steady_after, timed_profile
-from anser.shapes import Scalar
+from anser.shapes import Count, Scalar
 
 ROUNDS = 8
 _STRETCH = 3.0  # of the time, at most, in one round of the fixed point
-_AT_ONCE = 8  # aircraft and times looked at in one call
+_AT_ONCE = 32  # aircraft and times looked at in one call, at most
 _IN_WINDOW = 12  # times looked at in a window
 _NEAR = 3  # steps of the grid from a time that is open, within which all is tried
 _HELPED = 1.4  # wind behind and a goal that comes nearer: no aircraft is faster than so many times its airspeed
@@ -57,10 +57,17 @@ def direct_times(
     jax.jit, static_argnames=("ticks", "choices"), compiler_options={"xla_cpu_use_fusion_emitters": False}
 )
 def _reachable_at(
-    travellers: Traveller, airspace: Airspace, durations: Float[Array, " aircraft"], ticks: int, choices: Choices
-) -> Bool[Array, " aircraft"]:
-    options = make_options(travellers, airspace, durations, ticks, ticks, choices)
-    return jnp.any(options.valid & (options.closed <= 0.0), axis=1)
+    travellers: Traveller, airspace: Airspace, durations: Float[Array, " n"], count: int, ticks: int, choices: Choices
+) -> Bool[Array, " n"]:
+    """Whether each of the first `count` travellers, alone, can take its duration (s); no for the others."""
+
+    def look(k: Count, found: Bool[Array, " n"]) -> Bool[Array, " n"]:
+        # One after the other: batched they take as long, and batches that are not full take longer.
+        one = jax.tree.map(lambda leaf: leaf[k][None], travellers)
+        options = make_options(one, airspace, durations[k][None], ticks, ticks, choices)
+        return found.at[k].set(jnp.any(options.valid & (options.closed <= 0.0)))
+
+    return jax.lax.fori_loop(0, count, look, jnp.zeros(durations.shape, dtype=bool))
 
 
 def reachable(
@@ -78,10 +85,10 @@ def reachable(
         left = np.flatnonzero(worth & ~found)
         for begin in range(0, left.size, _AT_ONCE):
             # Filled up to one size: one compiled program for all.
-            some = np.resize(left[begin : begin + _AT_ONCE], _AT_ONCE)
-            asked = jax.tree.map(lambda leaf, some=some: leaf[who[some]], travellers)
-            good = _reachable_at(asked, airspace, jnp.asarray(durations[some]), ticks, choices)
-            found[some] |= np.asarray(good)
+            some, filled = left[begin : begin + _AT_ONCE], np.resize(left[begin : begin + _AT_ONCE], _AT_ONCE)
+            asked = jax.tree.map(lambda leaf, filled=filled: leaf[who[filled]], travellers)
+            good = _reachable_at(asked, airspace, jnp.asarray(durations[filled]), some.size, ticks, choices)
+            found[some] = np.asarray(good)[: some.size]
     return found
 
 

@@ -164,6 +164,7 @@ def plan_fleet_at(
     durations: Float[Array, " aircraft"],
     ticks: int,
     choices: Choices,
+    sought: Bool[Array, " aircraft"] | None = None,
 ) -> CertifiedPlan:
     """Plan a fleet for given durations.
 
@@ -181,12 +182,14 @@ def plan_fleet_at(
         Even intervals between the knots of a path.
     choices
         Candidates to look at.
+    sought
+        Aircraft for which candidates beyond these are looked at too, see `Choices.beyond`; None: all.
     """
     volumes = airspace.keep_outs
     begun = eqx.tree_at(
         lambda a: a.keep_outs.position_n, airspace, volumes.position_n + start_time * volumes.velocity_n
     )
-    options = make_options(travellers, begun, durations, ticks, ticks, choices)
+    options = make_options(travellers, begun, durations, ticks, ticks, choices, sought)
 
     def placed_of(valid: Bool[Array, "aircraft candidates"]) -> tuple[CertifiedPlan, Placed]:
         left = eqx.tree_at(lambda o: o.valid, options, valid)
@@ -245,7 +248,8 @@ def _best_placed(
         left = left.at[fleet, placed.chosen].min(~down)
         return turn + 1, left, jnp.minimum(trouble, fewest), best, (trouble > 0) & jnp.any(down)
 
-    shape = jax.eval_shape(lambda v: placed_of(v)[0], valid)
+    placed_of = jax.jit(placed_of)  # traced once, though its shapes are asked for first
+    shape, _ = jax.eval_shape(placed_of, valid)
     empty = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shape)
     begin = (jnp.asarray(0), valid, jnp.asarray(fleet.size + 1), empty, jnp.asarray(True))
     return jax.lax.while_loop(lambda c: (c[0] < rounds) & c[4], again, begin)[3]

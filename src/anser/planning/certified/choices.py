@@ -29,6 +29,8 @@ class Choices(NamedTuple):
         The fleet is placed so often at most: again as long as certificates turn candidates down, without these.
     motions, motions_kept
         Free motions of each aircraft beside the candidates: looked for from so many starts, so many of them kept.
+    beyond
+        Candidates beside these for some aircraft only, those that find nothing among these; they take long.
     """
 
     speeds: tuple[int, ...]
@@ -41,6 +43,7 @@ class Choices(NamedTuple):
     rounds: int = 1
     motions: int = 0
     motions_kept: int = 0
+    beyond: "Choices | None" = None
 
     @property
     def size(self) -> int:
@@ -77,11 +80,14 @@ def make_choices(
 FEW = make_choices((PREFERRED,), (0.0,), (0,), (0, 1, 2, 3, 4))
 MANY = make_choices((PREFERRED, MATCHED), (0.0, 300.0, -300.0), (0,), (0, 1, 2, 3, 4, RACETRACK), rounds=4)
 _EVERY_SPEED = tuple(range(10))
-ALL = make_choices(
-    _EVERY_SPEED, (0.0, 300.0, -300.0, 600.0, -600.0), (0, 1), (0, 1, 2, 3, 4, RACETRACK), starts=40, most=320, rounds=8
+_SHAPES = make_choices(
+    _EVERY_SPEED, (0.0, 300.0, -300.0, 600.0, -600.0), (0, 1), (0, 1, 2, 3, 4, RACETRACK), starts=40, most=320
 )
-EVERY = MANY._replace(motions=32, motions_kept=8, rounds=8)
-"""And motions in which nothing is prescribed."""
+_MOTIONS = make_choices((PREFERRED,), (0.0,), (0,), (0,), motions=(32, 8))
+ALL = MANY._replace(rounds=8, beyond=_SHAPES)
+"""And, for aircraft that need them, every speed, altitude and shape, free shapes among them."""
+EVERY = MANY._replace(rounds=8, beyond=_MOTIONS)
+"""And, for aircraft that need them, motions in which nothing is prescribed."""
 PLAIN = make_choices((PREFERRED, MATCHED, SLOWEST, FASTEST), (0.0,), (0, 1), (0, 1, 4, RACETRACK))
 """Candidates of an aircraft by itself: ways round and speeds, no detour in altitude."""
 ALONE = make_choices(_EVERY_SPEED, (0.0,), (0,), (0, 1), starts=24, most=48)

@@ -4,6 +4,9 @@ Aircraft choose one after the other, each the candidate it likes best among thos
 chosen; then those still in conflict choose again, against everybody's choice, until none is or the rounds are spent.
 """
 
+import functools
+from collections.abc import Callable
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -77,12 +80,25 @@ def make_options(
     ticks: int,
     instants: int,
     choices: Choices,
+    sought: Bool[Array, " aircraft"] | None = None,
 ) -> Options:
-    """All candidates of a fleet, with their tracks on one grid of instants up to the last arrival."""
+    """All candidates of a fleet, with their tracks on one grid of instants up to the last arrival.
+
+    Parameters
+    ----------
+    travellers, airspace, durations
+        The task: stacked, s.
+    ticks, instants
+        Even intervals of the paths and of the grid.
+    choices
+        What to look at.
+    sought
+        Aircraft for which `choices.beyond` is looked at too; None: all that are active.
+    """
     step = jnp.max(durations) / instants
     times = step * jnp.arange(instants + 1)
 
-    def one(traveller: Traveller, duration: Scalar) -> Options:
+    def one(choices: Choices, traveller: Traveller, duration: Scalar) -> Options:
         found, tables = candidates(traveller, airspace, duration, ticks, choices)
         schedules = jax.vmap(lambda table: make_schedule(table, times))(tables)
 
@@ -103,7 +119,42 @@ def make_options(
             cost = jnp.concatenate([cost, jnp.where(motions.valid, _MOVED + motions.turned, _INVALID)])
         return Options(found, tables, motions, valid, cost, tracks, _closed(tracks, times, airspace.keep_outs))
 
-    return jax.vmap(one)(travellers, durations)
+    options = jax.vmap(functools.partial(one, choices))(travellers, durations)
+    if choices.beyond is None:
+        return options
+    wanted = travellers.active > 0.0 if sought is None else sought
+    return _joined(
+        options, _each_sought(jax.jit(functools.partial(one, choices.beyond)), travellers, durations, wanted)
+    )
+
+
+def _each_sought(
+    one: Callable[[Traveller, Scalar], Options],
+    travellers: Traveller,
+    durations: Float[Array, " aircraft"],
+    sought: Bool[Array, " aircraft"],
+) -> Options:
+    """Options of some aircraft, one after the other, so that the others cost nothing; they have none."""
+    first = jax.tree.map(lambda leaf: leaf[0], (travellers, durations))
+    fleet = sought.shape[0]
+    empty = jax.tree.map(lambda leaf: jnp.zeros((fleet, *leaf.shape), leaf.dtype), jax.eval_shape(one, *first))
+    queue = jnp.argsort(~sought, stable=True)
+
+    def add(k: Count, options: Options) -> Options:
+        own = one(*jax.tree.map(lambda leaf: leaf[queue[k]], (travellers, durations)))
+        return jax.tree.map(lambda all_, leaf: all_.at[queue[k]].set(leaf), options, own)
+
+    return jax.lax.fori_loop(0, jnp.sum(sought), add, empty)
+
+
+def _joined(options: Options, beyond: Options) -> Options:
+    """Two sets of candidates of each aircraft as one, free motions of the second last."""
+    assert options.motions is None
+    profiles = options.tables.length.shape[1]
+    later = eqx.tree_at(lambda o: o.candidates.which, beyond, beyond.candidates.which + profiles)
+    alike = eqx.tree_at(lambda o: o.motions, later, None)
+    both = jax.tree.map(lambda a, b: jnp.concatenate([a, b], axis=1), options, alike)
+    return eqx.tree_at(lambda o: o.motions, both, beyond.motions, is_leaf=lambda leaf: leaf is None)
 
 
 def _closed(tracks: Track, times: Float[Array, " instants"], volumes: KeepOuts) -> Float[Array, " candidates"]:

@@ -109,20 +109,35 @@ def search(
     active = np.asarray(travellers.active) > 0.0
     size = int(np.sum(active))
     tries, closest, fewest = 0, None, np.inf
-    tried: list[tuple[Choices, Times]] = []
+    tried: list[tuple[Choices, Times, np.ndarray]] = []
+
+    def found_at(durations: Times, choices: Choices) -> np.ndarray | None:
+        """Which aircraft were in trouble where that was tried; None where it was not."""
+        for kind, times, lost in tried:
+            if kind is choices and np.allclose(durations, times, rtol=_SAME, atol=0.0):
+                return lost
+        return None
 
     def attempt(durations: Times, choices: Choices) -> CertifiedPlan | None:
         nonlocal tries, closest, fewest
-        if any(choices is kind and np.allclose(durations, times, rtol=_SAME, atol=0.0) for kind, times in tried):
+        if found_at(durations, choices) is not None:
             return None
-        tried.append((choices, durations))
+        sought = None
+        if choices.beyond is not None:
+            sought = found_at(durations, MANY)
+            if sought is None:
+                plan = attempt(durations, MANY)
+                if plan is not None:
+                    return plan
+                sought = found_at(durations, MANY)
         tries += 1
         ticks = ticks_for(float(np.max(durations)))
-        plan = plan_at(start_time, travellers, airspace, jnp.asarray(durations), ticks, choices)
-        trouble = _trouble(plan, travellers)
-        if trouble < fewest:
-            closest, fewest = plan, trouble
-        return plan if trouble == 0.0 else None
+        plan = plan_at(start_time, travellers, airspace, jnp.asarray(durations), ticks, choices, sought)
+        lost = active & ~np.asarray(plan.good)
+        tried.append((choices, durations, lost))
+        if np.sum(lost) < fewest:
+            closest, fewest = plan, np.sum(lost)
+        return None if lost.any() else plan
 
     told("planning")
     fixed = request.rule in ("at", "times")
@@ -193,11 +208,6 @@ def possible_times(
     everyone = np.tile(who, times.shape[0])
     alone = conceivable(travellers, airspace, everyone, times[:, who].ravel()).reshape(-1, who.size)
     return times, np.all(alone, axis=1) & ~crowded(travellers, airspace, times).any(axis=(1, 2))
-
-
-def _trouble(plan: CertifiedPlan, travellers: Traveller) -> float:
-    active = np.asarray(travellers.active) > 0.0
-    return float(np.sum(active & ~np.asarray(plan.good)))
 
 
 def _preferred(travellers: Traveller, airspace: Airspace, request: ArrivalRequest) -> Times:

@@ -1,0 +1,60 @@
+"""Candidates beyond the usual ones, for the aircraft that need them and for no other."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from anser.numerics import compiled_quickly
+from anser.planning.certified.choices import MATCHED, PREFERRED, SLOWEST, make_choices
+from anser.planning.certified.placement import chosen_of, fewest_first, make_options, place
+from anser.verification.plan_cases import random_case
+from anser.verification.plan_task import planner_task
+
+TICKS = 64
+USUAL = make_choices((PREFERRED,), (0.0,), (0,), (0, 1))
+FURTHER = make_choices((MATCHED, SLOWEST), (0.0,), (0,), (0, 1))
+BOTH = USUAL._replace(beyond=FURTHER)
+SOUGHT = np.array([True, False, True, True, False, False, True, False])
+
+
+@compiled_quickly
+def _all_options(travellers, airspace, durations):
+    further = make_options(travellers, airspace, durations, TICKS, TICKS, FURTHER)
+    both = make_options(travellers, airspace, durations, TICKS, TICKS, BOTH, jnp.asarray(SOUGHT))
+    placed = place(both, airspace.separation, fewest_first(both))
+    return further, both, placed, chosen_of(both, placed)
+
+
+@pytest.fixture(scope="module")
+def options():
+    travellers, airspace, _ = planner_task(random_case(12))
+    return _all_options(travellers, airspace, jnp.full(8, 280.0))
+
+
+def test_who_is_sought_for_has_both_kinds_and_the_others_the_usual_ones(options):
+    further, both, _, _ = options
+    assert further.valid.shape == (8, 8)
+    assert both.valid.shape == (8, 12)
+    assert np.any(further.valid[SOUGHT])
+    assert np.any(both.valid[~SOUGHT, :4])
+    np.testing.assert_array_equal(both.valid[:, 4:], further.valid & SOUGHT[:, None])
+    np.testing.assert_allclose(both.cost[SOUGHT, 4:], further.cost[SOUGHT], rtol=1e-9)
+    of_both, alone = both.tracks.positions_n[:, 4:], further.tracks.positions_n
+    np.testing.assert_allclose(of_both[SOUGHT], alone[SOUGHT], rtol=0.0, atol=1e-3)
+
+
+def test_the_timetable_of_a_candidate_is_found_among_both_kinds(options):
+    _, both, placed, (candidate, table) = options
+    assert np.any(placed.chosen > 3)
+    fleet = np.arange(8)
+    lengths = np.asarray(both.tables.length)
+    assert lengths.shape == (8, 3)
+    which = np.asarray(both.candidates.which)[fleet, placed.chosen]
+    np.testing.assert_array_equal(np.asarray(candidate.which), which)
+    np.testing.assert_array_equal(table.length, lengths[fleet, which])
+    assert set(np.asarray(both.candidates.which[0, 4:]).tolist()) == {1, 2}
+    # The airspeed of the profile it names is its own.
+    mean = np.asarray(candidate.speed) * 280.0
+    good = np.asarray(placed.valid)
+    assert good.any()
+    np.testing.assert_allclose(table.length[good], mean[good], rtol=0.02)
