@@ -27,8 +27,8 @@ def _all_options(travellers, airspace, durations):
 
 @pytest.fixture(scope="module")
 def options():
-    travellers, airspace, _ = planner_task(random_case(12))
-    return _all_options(travellers, airspace, jnp.full(8, 280.0))
+    travellers, airspace, _ = planner_task(random_case(2))
+    return _all_options(travellers, airspace, jnp.full(8, 260.0))
 
 
 def test_who_is_sought_for_has_both_kinds_and_the_others_the_usual_ones(options):
@@ -54,7 +54,7 @@ def test_the_timetable_of_a_candidate_is_found_among_both_kinds(options):
     np.testing.assert_array_equal(table.length, lengths[fleet, which])
     assert set(np.asarray(both.candidates.which[0, 4:]).tolist()) == {1, 2}
     # The airspeed of the profile it names is its own.
-    mean = np.asarray(candidate.speed) * 280.0
+    mean = np.asarray(candidate.speed) * 260.0
     good = np.asarray(placed.valid)
     assert good.any()
     np.testing.assert_allclose(table.length[good], mean[good], rtol=0.02)
