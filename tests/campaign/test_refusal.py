@@ -58,3 +58,6 @@ def test_rendezvous_points_that_are_too_close_are_named_with_their_distances():
     assert "when the first of them arrives they leave 400 m / 0 m at most" in told
     assert refusal._crowded(NAMES, *task, ArrivalRequest("together", 320.0)) == []
     assert refusal._crowded(NAMES, *task, WINDOWS) == []
+    # A sequence longer than the flight leaves no time to look at.
+    late = ArrivalRequest("sequence", 200.0, offsets_s=np.array([0.0, 250.0]))
+    assert refusal._crowded(NAMES, *task, late) == []

@@ -26,7 +26,7 @@ _FACTORS = 2.0 ** np.linspace(0.0, 2.0, 9)  # by which a limit is loosened, from
 _MOST_SHOWN = 3
 _STEPS = 5
 _EDGE_S = 0.5
-_CROWDED_MOST = 30  # aircraft up to which all pairs are looked at for all arrival times
+_CROWDED_MOST = 20  # aircraft up to which all pairs are looked at for all arrival times
 
 
 def explain(
@@ -74,6 +74,8 @@ def _crowded(names: Sequence[str], travellers: Traveller, airspace: Airspace, re
     if request.windows_s is not None or len(names) > _CROWDED_MOST:
         return []
     times, _ = possible_times(travellers, airspace, request)
+    if times.shape[0] == 0:
+        return []
     always = np.all(crowded(travellers, airspace, times), axis=0)
     level, height = apart_at_arrival(travellers, airspace, times)
     words = f"at {times[0, 0]:.1f} s" if request.rule == "at" else "when the first of them arrives"
