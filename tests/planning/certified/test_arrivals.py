@@ -32,8 +32,33 @@ def test_all_ways_are_tried_near_what_plain_ones_reach_and_on_from_there(asked):
     inside = arrivals._open_times(one, airspace(STEADY), np.array([0]), grid, "none")
     np.testing.assert_array_equal(inside, (grid > 44.0) & (grid < 80.0))
     looked = np.concatenate([durations for choices, durations in asked if choices is ALONE])
+    # The first 25 s are ruled out by the distance: what follows on them is looked at too.
+    looked = looked[looked > 25.0 + 2.0 * arrivals._NEAR]
     assert looked.min() >= 46.0 - 2.0 * arrivals._NEAR
     assert looked.max() <= 78.0 + 2.0 * arrivals._NEAR
+
+
+def test_what_lies_beyond_times_that_are_ruled_out_is_looked_at_too(monkeypatch):
+    """As where a closed volume covers the rendezvous for a while: an island on its far side."""
+    grid = np.arange(30.0, 200.0, 2.0)[None, :]
+    covered = (grid > 80.0) & (grid < 140.0)
+
+    def answer(travellers, airspace, durations, count, ticks, choices):
+        plain = (durations > 60.0) & (durations < 70.0)
+        return {PLAIN: plain, ALONE: plain | (durations > 140.0)}[choices] & ~((durations > 80.0) & (durations < 140.0))
+
+    monkeypatch.setattr(arrivals, "_reachable_at", answer)
+    conceivable = arrivals.conceivable
+
+    def ruled_out(travellers, airspace, who, durations):
+        closed = (durations > 80.0) & (durations < 140.0)
+        return conceivable(travellers, airspace, who, durations) & ~closed
+
+    monkeypatch.setattr(arrivals, "conceivable", ruled_out)
+    one = stacked([traveller((5000.0, 0.0, -1700.0))])
+    inside = arrivals._open_times(one, airspace(STEADY), np.array([0]), grid, "none")
+    assert not np.any(inside & covered)
+    np.testing.assert_array_equal(inside, ((grid > 60.0) & (grid < 70.0)) | (grid > 140.0))
 
 
 def test_edges_are_refined_and_windows_looked_into(asked):
@@ -57,4 +82,5 @@ def test_free_motions_widen_the_times_where_asked_for(asked):
     assert 44.0 < first < 44.1
     assert 83.9 < last < 84.0
     looked = np.concatenate([durations for choices, durations in asked if choices is DEEP])
+    looked = looked[looked > 25.0 * 1.08**4]  # those beside what the distance rules out
     assert 44.0 / 1.08**3 < looked.min() < looked.max() < 84.0 * 1.08**4  # a few steps beside what is open

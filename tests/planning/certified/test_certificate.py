@@ -8,9 +8,9 @@ import pytest
 from certified_cases import FLOWN, GRAVITY, LAYERED, START_S, STEADY, TICKS, Dense, delivered, number, picked
 from jaxtyping import TypeCheckError
 
-from anser.environment import AbstractWind
+from anser.environment import AbstractWind, LayeredWind
 from anser.numerics import compiled_quickly
-from anser.planning.certified import CERTIFIED_LIMITS, Airspace, Separation, Traveller, certify, no_keep_outs
+from anser.planning.certified import CERTIFIED_LIMITS, Airspace, KeepOuts, Separation, Traveller, certify, no_keep_outs
 from anser.planning.certified.certificate import excess, path_bounds
 from anser.planning.certified.smooth_turn import cis
 from anser.planning.limits import PathLimits
@@ -247,12 +247,10 @@ def test_gradients_are_finite_with_empty_cells(flown):
     assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(jax.jit(jax.grad(asked))(path)))
 
 
-def test_a_fleets_certificate_is_never_better_than_its_paths(flown):
-    wind, *_, paths, _, dense = flown
-    separation = Separation(number(900.0), number(200.0))
+def _travellers(active):
     zeros = jnp.zeros((COUNT, 3))
     limits = PathLimits(*(jnp.full(COUNT, x) for x in (50.0, 400.0, 1.4, 100.0, -1e3, 2e4, 9.0, 99.0, 99.0)))
-    travellers = Traveller(
+    return Traveller(
         zeros,
         zeros,
         zeros,
@@ -263,9 +261,46 @@ def test_a_fleets_certificate_is_never_better_than_its_paths(flown):
         jnp.zeros(COUNT, dtype=int),
         limits,
         jnp.ones(COUNT),
-        jnp.ones(COUNT),
+        jnp.asarray(active),
     )
+
+
+def test_a_path_that_is_none_hides_no_other(flown):
+    wind, *_, paths, _, _ = flown
+    volume = KeepOuts(jnp.zeros((1, 2)), jnp.zeros((1, 2)), number([500.0]), number([-100.0]), number([9000.0]))
+    airspace = Airspace(wind, number(GRAVITY), Separation(number(900.0), number(200.0)), volume)
+    active = np.ones(COUNT)
+    active[3] = 0.0
+    none = jax.tree.map(lambda leaf: leaf.at[3].set(jnp.nan), paths)
+    certified = compiled_quickly(lambda p: certify(p, _travellers(active), airspace, TICKS))
+    found, expected = certified(none), certified(paths)
+    others = np.arange(COUNT) != 3
+    np.testing.assert_allclose(found.closed_room[others], expected.closed_room[others], rtol=1e-12)
+    np.testing.assert_allclose(found.room[np.ix_(others, others)], expected.room[np.ix_(others, others)], rtol=1e-12)
+    assert np.all(np.isfinite(found.closed_room[others]))
+    assert np.any(found.closed_room[others] < 0.0)
+    assert not bool(found.kept_alone[3])
+
+
+def test_a_cell_that_ends_at_the_edge_of_a_layer_is_on_one_side_of_it():
+    wind = LayeredWind(jnp.array([1000.0, 2000.0]), jnp.array([[0.0, 0.0, 0.0], [20.0, 0.0, 0.0]]))
+    # Level below the shear up to its very edge, to rounding; then at the edge itself; then well into it.
+    for top, error in ((1000.0 + 1e-9, 0.0), (1000.0 + 1e-3, 2e-5), (1100.0, 2.0)):
+        path = knots((0, [0, 0, -900], [150, 0, -15]), (10, [1500, 0, -top], [150, 0, 0]))
+        found = float(bound_one(path, wind, GRAVITY).wind_error_max)
+        assert found >= error * (1.0 - 1e-6)
+        assert found <= 2e-7 if error == 0.0 else found <= 2.0 + 1e-6
+    along = knots((0, [0, 0, -1000], [150, 0, 0]), (10, [1500, 0, -1000], [150, 0, 0]))
+    assert float(bound_one(along, wind, GRAVITY).wind_error_max) < 1e-9
+    at_top = knots((0, [0, 0, -2000], [150, 0, 0]), (10, [1500, 0, -2000], [150, 0, 0]))
+    assert float(bound_one(at_top, wind, GRAVITY).wind_error_max) == pytest.approx(20.0)
+
+
+def test_a_fleets_certificate_is_never_better_than_its_paths(flown):
+    wind, *_, paths, _, dense = flown
+    separation = Separation(number(900.0), number(200.0))
     airspace = Airspace(wind, number(GRAVITY), separation, no_keep_outs())
+    travellers = _travellers(np.ones(COUNT))
     found = compiled_quickly(lambda p: certify(p, travellers, airspace, TICKS))(paths)
     room = np.asarray(found.room)
     np.testing.assert_allclose(room, room.T, rtol=1e-12)

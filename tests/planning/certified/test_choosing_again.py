@@ -40,11 +40,12 @@ def placing(good, apart=True):
     return placed_of
 
 
-def choose(good, rounds, valid=None, active=None, apart=True):
+def choose(good, rounds, valid=None, active=None, apart=True, given_up=None):
     good = jnp.asarray(good)
+    given_up = jnp.zeros_like(good) if given_up is None else jnp.asarray(given_up)
     valid = jnp.ones_like(good) if valid is None else jnp.asarray(valid)
     active = jnp.ones(good.shape[0], dtype=bool) if active is None else jnp.asarray(active)
-    return compiled_quickly(lambda: _best_placed(placing(good, apart), valid, active, rounds))()
+    return compiled_quickly(lambda: _best_placed(placing(good, apart), valid, given_up, active, rounds))()
 
 
 GOOD = np.array([[False, False, True, True], [True, True, True, True], [False, True, True, True]])
@@ -68,6 +69,14 @@ def test_the_best_is_returned_where_the_last_is_worse():
     plan = choose(GOOD, 8, valid)
     np.testing.assert_array_equal(plan.chosen[1:], [0, 1])
     np.testing.assert_array_equal(plan.good, [False, True, True])
+
+
+def test_with_the_first_that_is_turned_down_those_given_up_go_too():
+    given_up = np.zeros((3, 4), dtype=bool)
+    given_up[0, :3] = given_up[1, :3] = True
+    plan = choose(GOOD, 2, given_up=given_up)
+    np.testing.assert_array_equal(plan.chosen, [3, 0, 1])
+    assert np.all(plan.good)
 
 
 def test_aircraft_that_fill_up_the_fleet_do_not_matter():

@@ -1,7 +1,5 @@
 """Free motions: they arrive and keep everything where nothing else does, seen by another's dense check."""
 
-import functools
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -12,8 +10,7 @@ from certified_cases import number, picked
 from anser.numerics import compiled_quickly
 from anser.planning.certified.arrivals import reachable
 from anser.planning.certified.choices import ALONE, DEEP, PLAIN
-from anser.planning.certified.motion_terms import MotionTask, missed_nearly, signals_of
-from anser.planning.certified.motions import find_motions, first_guesses
+from anser.planning.certified.motions import find_motions
 from anser.verification.plan_cases import random_case
 from anser.verification.plan_check import dense_check
 from anser.verification.plan_data import Paths
@@ -60,19 +57,6 @@ def test_nothing_else_finds_a_way_at_those_times():
         asked = (travellers, airspace, np.array([who]), np.array([t]))
         assert not reachable(*asked, levels=(PLAIN, ALONE))[0]
         assert reachable(*asked, levels=(DEEP,))[0]
-
-
-@pytest.mark.parametrize("seed", [34, 104])
-def test_slopes_are_those_of_what_is_missed(seed):
-    one, airspace = task_of(seed, 0)
-    task = MotionTask(one, airspace, number(200.0))
-    slopes = jax.jacfwd(functools.partial(signals_of, task))(jnp.zeros(96))
-    for k in (0, 5):
-        x = 2.0 * first_guesses(task, 8)[k]
-        missed, by_hand = missed_nearly(task, slopes, number(0.98), x)
-        automatic = jax.jacfwd(lambda y, task=task: missed_nearly(task, slopes, number(0.98), y)[0])(x)
-        np.testing.assert_allclose(by_hand, automatic, rtol=1e-8, atol=1e-9)
-        assert np.sum(np.asarray(missed) > 0.0) > 10
 
 
 def test_begins_as_the_aircraft_does_and_ends_as_prescribed():

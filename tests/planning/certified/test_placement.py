@@ -43,6 +43,20 @@ def test_who_is_sought_for_has_both_kinds_and_the_others_the_usual_ones(options)
     np.testing.assert_allclose(of_both[SOUGHT], alone[SOUGHT], rtol=0.0, atol=1e-3)
 
 
+def test_what_was_not_looked_for_is_not_chosen_even_where_nothing_is_valid():
+    travellers, airspace, _ = planner_task(random_case(2))
+
+    @compiled_quickly
+    def placed(durations):
+        both = make_options(travellers, airspace, durations, TICKS, TICKS, BOTH, jnp.asarray(SOUGHT))
+        return both, place(both, airspace.separation, fewest_first(both))
+
+    both, found = placed(jnp.full(8, 12.0))
+    assert not np.any(both.valid)
+    assert np.all(np.asarray(found.chosen)[~SOUGHT] < 4)
+    assert np.any(np.asarray(both.cost)[~SOUGHT, 4:] > 1e8)
+
+
 def test_the_timetable_of_a_candidate_is_found_among_both_kinds(options):
     _, both, placed, (candidate, table) = options
     assert np.any(placed.chosen > 3)

@@ -106,12 +106,14 @@ def _open_times(
     """
     who = np.repeat(fleet, grid.shape[1]).reshape(grid.shape)
     inside = reachable(travellers, airspace, who.ravel(), grid.ravel(), levels=(PLAIN,)).reshape(grid.shape)
+    ruled_out = ~conceivable(travellers, airspace, who.ravel(), grid.ravel()).reshape(grid.shape)
     for choices in (ALONE,) if deep == "none" else (ALONE, DEEP):
         tried = np.zeros(grid.shape, dtype=bool)
         while True:
-            near = np.array(
-                [np.convolve(row, np.ones(2 * _NEAR + 1), "same") > 0.5 if row.any() else ~row for row in inside]
-            )
+            # On the far side of times that are ruled out there may be others.
+            known = inside | ruled_out
+            near = np.stack([np.convolve(row, np.ones(2 * _NEAR + 1), "same") > 0.5 for row in known])
+            near |= ~inside.any(axis=1, keepdims=True)
             if choices is DEEP and deep == "lost":
                 near &= ~inside.any(axis=1, keepdims=True)
             asked = near & ~inside & ~tried

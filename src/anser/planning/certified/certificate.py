@@ -18,6 +18,7 @@ from anser.shapes import Scalar, ScalarLike
 
 Cells = Float[Array, "cells n"]
 _TINY = 1e-9
+_EDGE_M = 1e-6
 
 
 class PathBounds(eqx.Module):
@@ -114,8 +115,11 @@ def _wind_error(
         rate = (end - begin) / jnp.maximum(top - bottom, _TINY)
         blowing = begin[None, :, None] + rate[None, :, None] * (-down - bottom)[:, None, :]
         off = jnp.max(jnp.abs(slopes - blowing), axis=2)
-        crossed = (low <= top) & (high >= bottom)
-        return jnp.where(crossed, _root(jnp.sum(off**2, axis=1)), 0.0)
+        # A cell that ends at the layer's edge, to rounding, is in the next one: what that leaves out is added.
+        under = (high < bottom + _EDGE_M) & (low < bottom - _EDGE_M)
+        over = (low > top - _EDGE_M) & (high > top + _EDGE_M)
+        left_out = _EDGE_M * _root(jnp.sum(rate**2))
+        return jnp.where(under | over, left_out * ((low <= top) & (high >= bottom)), _root(jnp.sum(off**2, axis=1)))
 
     return jnp.where(drifting, jnp.max(jax.vmap(layer)(bottoms, tops, first, last), axis=0), 0.0)
 

@@ -126,7 +126,10 @@ def certify(
     """
     bounds = jax.vmap(path_bounds, in_axes=(0, None, None))(paths, airspace.wind, airspace.gravity)
     over = jax.vmap(excess)(bounds, travellers.limits)
-    start, end = jnp.min(paths.times[:, 0]), jnp.max(paths.times[:, -1])
+    # A path that is none, which its own bounds tell, must not hide the others.
+    starts, ends = paths.times[:, 0], paths.times[:, -1]
+    start = jnp.min(jnp.where(jnp.isfinite(starts), starts, jnp.inf))
+    end = jnp.max(jnp.where(jnp.isfinite(ends), ends, -jnp.inf))
     times = start + (end - start) * jnp.linspace(0.0, 1.0, FINE * ticks + 1)
 
     def tracked(path: TimedPath, accelerations: Array, active: Scalar) -> Track:
@@ -221,19 +224,23 @@ def plan_fleet_at(
 
     if choices.rounds == 1:
         return placed_of(options.valid)[0]
-    return _best_placed(placed_of, options.valid, travellers.active > 0.0, choices.rounds)
+    # Where one with a shape is turned down and there are free motions, these have been certified already.
+    ordinary = jnp.arange(options.valid.shape[1]) < options.candidates.valid.shape[1]
+    given_up = ordinary[None, :] & jnp.any(options.valid & ~ordinary[None, :], axis=1, keepdims=True)
+    return _best_placed(placed_of, options.valid, given_up, travellers.active > 0.0, choices.rounds)
 
 
 def _best_placed(
     placed_of: Callable[[Bool[Array, "aircraft candidates"]], tuple[CertifiedPlan, Placed]],
     valid: Bool[Array, "aircraft candidates"],
+    given_up: Bool[Array, "aircraft candidates"],
     active: Bool[Array, " aircraft"],
     rounds: int,
 ) -> CertifiedPlan:
     """The plan with the fewest aircraft in trouble, placed again without the candidates that a certificate turns down.
 
-    What a candidate is held to is looked at from instant to instant; its certificate bounds what lies between too, and
-    may find a limit passed by a hair.
+    With the first of its candidates, an aircraft loses those that are given up. What a candidate is held to is looked
+    at from instant to instant; its certificate bounds what lies between too, and may find a limit passed by a hair.
     """
     fleet = jnp.arange(valid.shape[0])
 
@@ -245,7 +252,7 @@ def _best_placed(
         trouble = jnp.sum(active & ~plan.good)
         down = active & plan.valid & ~plan.certificate.kept_alone
         best = jax.tree.map(lambda a, b: jnp.where(trouble < fewest, a, b), plan, best)
-        left = left.at[fleet, placed.chosen].min(~down)
+        left = left.at[fleet, placed.chosen].min(~down) & ~(given_up & down[:, None])
         return turn + 1, left, jnp.minimum(trouble, fewest), best, (trouble > 0) & jnp.any(down)
 
     placed_of = jax.jit(placed_of)  # traced once, though its shapes are asked for first

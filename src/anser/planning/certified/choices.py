@@ -83,7 +83,7 @@ _EVERY_SPEED = tuple(range(10))
 _SHAPES = make_choices(
     _EVERY_SPEED, (0.0, 300.0, -300.0, 600.0, -600.0), (0, 1), (0, 1, 2, 3, 4, RACETRACK), starts=40, most=320
 )
-_MOTIONS = make_choices((PREFERRED,), (0.0,), (0,), (0,), motions=(32, 8))
+_MOTIONS = make_choices((PREFERRED,), (0.0,), (0,), (0,), motions=(48, 12))
 ALL = MANY._replace(rounds=8, beyond=_SHAPES)
 """And, for aircraft that need them, every speed, altitude and shape, free shapes among them."""
 EVERY = MANY._replace(rounds=8, beyond=_MOTIONS)

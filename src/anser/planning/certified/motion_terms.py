@@ -1,6 +1,7 @@
-"""What a steering misses and passes, and how that changes with it: the equations behind free motions.
+"""What a motion passes, and how that changes with it: the equations behind free motions.
 
-Everything at an instant depends on seven signals, each linear in the unknowns; places are integrals of what does.
+A motion is a spline over the ground that begins as its aircraft does and ends at the rendezvous, whatever its unknowns.
+What it passes at an instant depends on four coefficients only: normal equations are summed up interval by interval.
 """
 
 import functools
@@ -11,19 +12,25 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from anser.planning.certified.certificate import CERTIFIED_LIMITS
+from anser.planning.certified.damped_fit import Form, Normal
 from anser.planning.certified.request import Airspace, Traveller
-from anser.planning.certified.steering import CELLS, Steering, first_coefficients, steered, wind_along
+from anser.planning.certified.spline_motion import SplineMotion, bases, end_slopes, measure, states, wind_along
 from anser.shapes import Scalar
 
-UNKNOWNS = 3 * CELLS
-"""Parts of what the limits allow, -1 to 1: turning, climb, airspeed, at the ends of the splines' intervals."""
-PLACE_M = 100.0
-"""What `arrival_missed` takes for 1, m."""
-_DIRECTION, _FORCE, _HEIGHT_M, _INSIDE_M, _RANGE = 0.05, 1.0, 50.0, 200.0, 0.1
-"""What weighs as much: of the direction, rad; beyond a limit, m/s^2, m; in a volume, m; beyond -1 to 1."""
-_KEPT = 0.998  # of the limits of airspeed and climb
+GROUP = 4
+"""Coefficients whose changes are unknowns together; the intervals of a motion are a multiple."""
+_LOOKS = np.array([0.25, 0.5, 0.75, 1.0])  # of each interval, at which limits are looked at: nothing changes the start
+_SPEED, _FORCE, _PUSH, _CLIMB, _HEIGHT_M, _INSIDE_M = 5.0, 1.0, 0.3, 2.0, 50.0, 200.0
+"""What weighs as much beyond a limit: m/s; m/s^2 across and along the path; m/s up; m; in a volume, m."""
+_STEP_M, _STEP_SPEED, _STEP_ACCELERATION = 3000.0, 30.0, 3.0
+"""Changes that make a step of the size 1: m, m/s, m/s^2."""
+_CLIMB_KEPT = 0.998
+_BEYOND, _LEAST_KEPT = 1.3, 0.5
+_SPEED_RESERVE, _SPEED_PART = 0.15, 0.1  # m/s, but no more than this part of the range
 _RESERVE_M, _RESERVE_UP_M = 30.0, 10.0
 _UP_WEIGHT = 3.0  # metres aside that one metre up or down is worth, to get out of a closed volume
+_ANY_LOAD, _ANY_SPEED = 1e3, 1e4
 
 
 class MotionTask(NamedTuple):
@@ -34,102 +41,134 @@ class MotionTask(NamedTuple):
     duration: Scalar
 
 
-class Signals(NamedTuple):
-    """What steering does at some instants; each follows linearly from the unknowns."""
+class Allowed(NamedTuple):
+    """Limits somewhat narrower than an aircraft's own, for what lies between the instants that are looked at.
 
-    heading: Array
-    heading_dot: Array
-    climb: Array
-    climb_dot: Array
-    speed: Array
-    speed_dot: Array
-    altitude: Array
+    Attributes
+    ----------
+    speed_min, speed_max
+        m/s.
+    bank
+        Tangent of the bank angle.
+    load_factor, climb_rate
+        1, m/s.
+    acceleration, deceleration
+        Along the path, m/s^2.
+    """
+
+    speed_min: Scalar
+    speed_max: Scalar
+    bank: Scalar
+    load_factor: Scalar
+    climb_rate: Scalar
+    acceleration: Scalar
+    deceleration: Scalar
 
 
-def steering_of(task: MotionTask, x: Float[Array, " unknowns"]) -> Steering:
-    """The steering that unknowns stand for: parts of what airspeed, climb and bank limits allow, -1 to 1."""
-    traveller, airspace, duration = task
-    limits, cell = traveller.limits, duration / CELLS
-    velocity, acceleration = traveller.air_velocity_n, traveller.air_acceleration_n
-    speed = jnp.sqrt(jnp.sum(velocity**2))
-    square = jnp.maximum(jnp.sum(velocity[:2] ** 2), 1.0)
-    turning = (velocity[0] * acceleration[1] - velocity[1] * acceleration[0]) / square
-    gaining = jnp.sum(velocity * acceleration) / jnp.maximum(speed, 1.0)
-    # Where no airspeed is too high, twice the preferred one is enough to look at.
-    high = jnp.where(jnp.isfinite(limits.speed_max), limits.speed_max, 2.0 * traveller.speed)
-    low, high = (2.0 - _KEPT) * limits.speed_min, _KEPT * high
-    turn, climb, gain = x.reshape(3, CELLS)
-    # Over the ground: what the wind's own rise adds is a part of a metre per second, which the certificate looks at.
-    altitude_0 = -traveller.position_n[2]
-    (wind,), (by_climb,) = wind_along(airspace.wind, altitude_0[None], jnp.ones(1))
-    rising = -velocity[2] - wind[2]
-    begun_climbing = first_coefficients(rising, -acceleration[2] - rising * by_climb[2], cell)
-    speeds = 0.5 * (low + high) + 0.5 * (high - low) * gain
-    climbs = _KEPT * jnp.minimum(limits.climb_rate_max, 0.7 * limits.speed_min) * climb
-    total = jnp.minimum(limits.load_factor_max, 1e3)
-    sideways = jnp.minimum(jnp.tan(limits.bank_max), jnp.sqrt(jnp.maximum(total**2 - 1.0, 1e-4)))
-    rates = airspace.gravity * sideways / (0.5 * (low + high)) * turn
-    begun, following = first_coefficients(jnp.arctan2(velocity[1], velocity[0]), turning, cell)
-    headings = following + jnp.concatenate([jnp.zeros(1), jnp.cumsum(cell * rates)])
-    return Steering(
-        duration,
-        altitude_0,
-        traveller.position_n[:2],
-        jnp.concatenate([begun[None], headings]),
-        jnp.concatenate([jnp.stack(begun_climbing), climbs]),
-        jnp.concatenate([jnp.stack(first_coefficients(speed, gaining, cell)), speeds]),
+class Beginning(NamedTuple):
+    """Where the search for one motion begins.
+
+    Attributes
+    ----------
+    coefficients
+        Of a spline that begins as the aircraft does and ends at the rendezvous, as prescribed: (coefficient, axis).
+    frame
+        Directions in which its last velocity may change, (axis, direction); those that may not are 0.
+    allowed
+        Limits that it is held to.
+    """
+
+    coefficients: Float[Array, "coefficients 3"]
+    frame: Float[Array, "3 3"]
+    allowed: Allowed
+
+
+def first_allowed(task: MotionTask, share: Scalar) -> Allowed:
+    """A share of the limits of bank, load factor and acceleration along the path, nearly all of the others."""
+    limits = task.traveller.limits
+    highest = jnp.minimum(limits.speed_max, _ANY_SPEED)
+    reserve = jnp.minimum(_SPEED_RESERVE, _SPEED_PART * (highest - limits.speed_min))
+    return Allowed(
+        limits.speed_min + reserve,
+        highest - reserve,
+        share * jnp.tan(limits.bank_max),
+        share * jnp.minimum(limits.load_factor_max, _ANY_LOAD),
+        _CLIMB_KEPT * limits.climb_rate_max,
+        share * limits.acceleration_max,
+        share * limits.deceleration_max,
     )
 
 
-def _integrated(rates: Float[Array, "instants *n"], cell: Scalar) -> Float[Array, "instants *n"]:
-    """Integrals up to the ends and middles of the splines' intervals, of rates there: Simpson's rule."""
-    begin, middle, end = rates[:-1:2], rates[1::2], rates[2::2]
-    whole = cell / 6.0 * (begin + 4.0 * middle + end)
-    half = cell / 24.0 * (5.0 * begin + 8.0 * middle - end)
-    ends = jnp.concatenate([jnp.zeros_like(whole[:1]), jnp.cumsum(whole, axis=0)])
-    both = jnp.stack([ends[:-1], ends[:-1] + half], axis=1)
-    return jnp.concatenate([both.reshape(-1, *rates.shape[1:]), ends[-1:]])
+def narrower(task: MotionTask, allowed: Allowed, over: Float[Array, "9"]) -> Allowed:
+    """Less by what is passed between the instants looked at (`certificate.excess`), and a little more."""
+    limits = task.traveller.limits
+    named: dict[str, Scalar] = dict(zip(CERTIFIED_LIMITS, _BEYOND * jnp.maximum(over, 0.0), strict=True))
+    middle = 0.5 * (limits.speed_min + jnp.minimum(limits.speed_max, _ANY_SPEED))
+    low = allowed.speed_min + named["least airspeed"] * limits.speed_min
+    high = allowed.speed_max - named["greatest airspeed"] * jnp.minimum(limits.speed_max, _ANY_SPEED)
+
+    def less(value: Scalar, what: str) -> Scalar:
+        return value * jnp.maximum(1.0 - named[what], _LEAST_KEPT)
+
+    return Allowed(
+        jnp.minimum(low, middle),
+        jnp.maximum(high, middle),
+        less(allowed.bank, "bank angle"),
+        less(allowed.load_factor, "load factor"),
+        less(allowed.climb_rate, "rate of climb or descent"),
+        less(allowed.acceleration, "acceleration"),
+        less(allowed.deceleration, "deceleration"),
+    )
 
 
-def signals_of(task: MotionTask, x: Float[Array, " unknowns"]) -> Signals:
-    """At the ends and middles of the splines' intervals: what is linear in between is greatest at an end."""
-    steering = steering_of(task, x)
-    now = steered(steering, np.array([0.0, 0.5]))
-    last = jax.tree.map(lambda leaf: leaf[-1:], steered(steering, np.ones(1)))
-    now = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), now, last)
-    altitude = steering.altitude_0 + _integrated(now.climb, steering.cell)
-    return Signals(now.heading, now.heading_dot, now.climb, now.climb_dot, now.speed, now.speed_dot, altitude)
+def first_state(task: MotionTask) -> Float[Array, "3 3"]:
+    """Position, velocity and acceleration over the ground at the start: (order, axis)."""
+    traveller, airspace, _ = task
+    down, rate = traveller.position_n[2], traveller.air_velocity_n[2]
+    (wind,), (by_climb,) = wind_along(airspace.wind, -down[None], jnp.ones(1))
+    wind_dot = -(rate + wind[2]) * by_climb
+    return jnp.stack([traveller.position_n, traveller.air_velocity_n + wind, traveller.air_acceleration_n + wind_dot])
 
 
-def _passed(task: MotionTask, share: Scalar, now: Signals) -> tuple[Float[Array, "4"], Float[Array, "2"]]:
-    """At one instant: what passes a share of limits, each in its unit; the velocity over the ground, level, m/s."""
+def meeting_place(task: MotionTask) -> Float[Array, "3"]:
+    """Where the motion ends, NED, m."""
+    traveller = task.traveller
+    return traveller.goal_position_n + traveller.goal_velocity_n * task.duration + traveller.rendezvous.stand_off_n
+
+
+def _passed(
+    task: MotionTask, allowed: Allowed, altitude: Scalar, velocity: Float[Array, "3"], acceleration: Float[Array, "3"]
+) -> Float[Array, "8"]:
+    """What passes limits at one instant, by what weighs as much; 0 where kept."""
     limits, gravity = task.traveller.limits, task.airspace.gravity
-    (wind,), (wind_dot,) = wind_along(task.airspace.wind, now.altitude[None], now.climb[None])
-    climb, climb_dot = now.climb + wind[2], now.climb_dot + wind_dot[2]  # through the air
-    level = jnp.sqrt(jnp.maximum(now.speed**2 - climb**2, 1.0))
-    level_dot = (now.speed * now.speed_dot - climb * climb_dot) / level
-    cosine, sine = jnp.cos(now.heading), jnp.sin(now.heading)
-    forward = level_dot + cosine * wind_dot[0] + sine * wind_dot[1]
-    side = level * now.heading_dot + cosine * wind_dot[1] - sine * wind_dot[0]
-    up = gravity + now.climb_dot
-    lift = (level * up - climb * forward) / now.speed
-    along = (level * forward + climb * up) / now.speed
-    load = jnp.sqrt(side**2 + lift**2 + 1e-6) - share * jnp.minimum(limits.load_factor_max, 1e3) * gravity
-    fast, slow = share * limits.acceleration_max, share * limits.deceleration_max
+    (wind,), _ = wind_along(task.airspace.wind, altitude[None], jnp.ones(1))
+    north, east, down = velocity - wind
+    level = jnp.sqrt(north**2 + east**2 + 1.0)
+    speed = jnp.sqrt(level**2 + down**2)
+    side = (north * acceleration[1] - east * acceleration[0]) / level
+    forward = (north * acceleration[0] + east * acceleration[1]) / level
+    up = gravity - acceleration[2]
+    lift = (level * up + down * forward) / speed
+    along = (level * forward - down * up) / speed
     low, high = limits.altitude_min + _RESERVE_UP_M, limits.altitude_max - _RESERVE_UP_M
     passed = [
-        (jnp.abs(side) - share * lift * jnp.tan(limits.bank_max)) / _FORCE,
-        load / _FORCE,
-        jnp.maximum(along - fast, -along - slow) / _FORCE,
-        jnp.maximum(low - now.altitude, now.altitude - high) / _HEIGHT_M,
+        (allowed.speed_min - speed) / _SPEED,
+        (speed - allowed.speed_max) / _SPEED,
+        (jnp.abs(side) - lift * allowed.bank) / _FORCE,
+        (jnp.sqrt(side**2 + lift**2 + 1e-6) - allowed.load_factor * gravity) / _FORCE,
+        jnp.maximum(along - allowed.acceleration, -along - allowed.deceleration) / _PUSH,
+        (jnp.abs(down) - allowed.climb_rate) / _CLIMB,
+        (low - altitude) / _HEIGHT_M,
+        (altitude - high) / _HEIGHT_M,
     ]
-    return jnp.maximum(jnp.stack(passed), 0.0), jnp.stack([level * cosine + wind[0], level * sine + wind[1]])
+    return jnp.maximum(jnp.stack(passed), 0.0)
 
 
-def _inside(task: MotionTask, time: Scalar, place: Float[Array, "2"], altitude: Scalar) -> Scalar:
+def _inside(task: MotionTask, time: Scalar, place: Float[Array, "3"]) -> Scalar:
     """How deep a place is inside closed volumes, summed over them."""
     limits, volumes = task.traveller.limits, task.airspace.keep_outs
-    off = place[None, :] - volumes.position_n - time * volumes.velocity_n
+    altitude = -place[2]
+    off = place[None, :2] - volumes.position_n - time * volumes.velocity_n
     aside = volumes.radius + _RESERVE_M - jnp.sqrt(jnp.sum(off**2, axis=1) + 1.0)
     under, over = altitude - volumes.bottom + _RESERVE_UP_M, volumes.top + _RESERVE_UP_M - altitude
     # A way out that leads below the floor or above the ceiling is none.
@@ -139,68 +178,82 @@ def _inside(task: MotionTask, time: Scalar, place: Float[Array, "2"], altitude: 
     return jnp.sum(jnp.maximum(deep, 0.0)) / _INSIDE_M
 
 
-def arrival_missed(
-    task: MotionTask, place: Float[Array, "2"], altitude: Scalar, velocity: Float[Array, "2"], climb: Scalar
-) -> Float[Array, "5"]:
-    """By how much the arrival is missed: place, m; and direction, parts of a radian."""
-    traveller = task.traveller
-    rendezvous = traveller.rendezvous
-    meeting = traveller.goal_position_n + traveller.goal_velocity_n * task.duration + rendezvous.stand_off_n
-    cosine, sine = jnp.cos(rendezvous.course), jnp.sin(rendezvous.course)
-    ahead, aside = velocity[0] * cosine + velocity[1] * sine, velocity[1] * cosine - velocity[0] * sine
-    level = jnp.sqrt(jnp.sum(velocity**2) + 1.0)
-    steep = (climb - level * jnp.tan(rendezvous.path_angle)) / level
-    return jnp.stack(
-        [
-            (place[0] - meeting[0]) / PLACE_M,
-            (place[1] - meeting[1]) / PLACE_M,
-            (altitude + meeting[2]) / PLACE_M,
-            jnp.where(rendezvous.course_prescribed, jnp.arctan2(aside, ahead) / _DIRECTION, 0.0),
-            jnp.where(rendezvous.path_angle_prescribed, steep / _DIRECTION, 0.0),
-        ]
-    )
-
-
-def missed_nearly(
-    task: MotionTask, slopes: Signals, share: Scalar, x: Float[Array, " unknowns"]
-) -> tuple[Float[Array, " rows"], Float[Array, "rows unknowns"]]:
-    """All that is missed or passed, by a coarse quadrature, and how it changes with the unknowns.
-
-    What is passed at an instant depends on seven signals there, each of which is linear in the unknowns, with given
-    slopes: the derivatives are composed of those two.
-    """
-    now = signals_of(task, x)
-    one = functools.partial(_passed, task, share)
-    passed, velocity = jax.vmap(one)(now)
-    by_signal = jax.vmap(jax.jacfwd(one))(now)
-
-    def composed(parts: Signals) -> Array:
-        """Slopes of what those are slopes of, with the unknowns: (instant, what, unknown)."""
-        pairs = zip(parts, slopes, strict=True)
-        return functools.reduce(jnp.add, (part[:, :, None] * slope[:, None, :] for part, slope in pairs))
-
-    passed_by, velocity_by = (composed(parts) for parts in by_signal)
-    cell = task.duration / CELLS
-    places = task.traveller.position_n[None, :2] + _integrated(velocity, cell)
-    places_by = _integrated(velocity_by, cell)
-    last = Signals(*(leaf[-1] for leaf in now))
-    state = (places[-1], last.altitude, velocity[-1], last.climb)
-    arrival = arrival_missed(task, *state)
-    by_place, by_altitude, by_velocity, by_climb = jax.jacfwd(arrival_missed, argnums=(1, 2, 3, 4))(task, *state)
-    arrival_by = (
-        by_place @ places_by[-1]
-        + by_velocity @ velocity_by[-1]
-        + by_climb[:, None] * slopes.climb[-1][None, :]
-        + by_altitude[:, None] * slopes.altitude[-1][None, :]
-    )
-    beyond = jnp.maximum(jnp.abs(x[CELLS:]) - 1.0, 0.0) / _RANGE
-    beyond_by = jnp.eye(UNKNOWNS)[CELLS:] * jnp.where(beyond > 0.0, jnp.sign(x[CELLS:]), 0.0)[:, None] / _RANGE
-    rows = [arrival, passed.ravel(), beyond]
-    rows_by = [arrival_by, passed_by.reshape(-1, UNKNOWNS), beyond_by]
+def _missed(task: MotionTask, allowed: Allowed, time: Scalar, state: Float[Array, "3 3"]) -> Float[Array, " rows"]:
+    """All that is passed at one instant in a state over the ground (order, axis)."""
+    rows = _passed(task, allowed, -state[0, 2], state[1], state[2])
     if task.airspace.keep_outs.radius.shape[0]:
-        times = 0.5 * cell * jnp.arange(2 * CELLS + 1)
-        deep = functools.partial(_inside, task)
-        rows.append(jax.vmap(deep)(times, places, now.altitude))
-        by_place, by_height = jax.vmap(jax.jacfwd(deep, argnums=(1, 2)))(times, places, now.altitude)
-        rows_by.append(jnp.einsum("ij,ijk->ik", by_place, places_by) + by_height[:, None] * slopes.altitude)
-    return jnp.concatenate(rows), jnp.concatenate(rows_by)
+        rows = jnp.append(rows, _inside(task, time, state[0]))
+    return rows
+
+
+def moved(begin: Beginning, cell: Scalar, unknowns: Float[Array, "groups 12"]) -> Float[Array, "coefficients 3"]:
+    """Coefficients after a change: of those between both ends, and of the last velocity and acceleration."""
+    changes = unknowns.reshape(-1, 3)
+    inner, (_, velocity, acceleration) = changes[:-3], changes[-3:]
+    last = end_slopes(cell)[:, 1:] @ jnp.stack([begin.frame @ velocity, acceleration])
+    return begin.coefficients + jnp.concatenate([jnp.zeros((3, 3)), inner, last])
+
+
+def _last_slopes(begin: Beginning, cell: Scalar) -> Float[Array, "12 12"]:
+    """How the last group of coefficients follows from the last unknowns."""
+    slopes = end_slopes(cell)
+    by_velocity = slopes[:, 1, None, None] * begin.frame[None, :, :]
+    by_acceleration = slopes[:, 2, None, None] * jnp.eye(3)[None, :, :]
+    last = jnp.stack([jnp.zeros((3, 3, 3)), by_velocity, by_acceleration], axis=2).reshape(9, 9)
+    return jax.scipy.linalg.block_diag(jnp.eye(3), last)
+
+
+def _grouped(each: Float[Array, "cells 4 4 a b"]) -> Form:
+    """Sum of what each interval says of its four coefficients, for all but the first three, in groups of four."""
+    cells, axes = each.shape[0], each.shape[3]
+    phases = each.reshape(cells // GROUP, GROUP, 4, 4, axes, axes)
+    # Of four neighbours, the first reaches back to the group before by three coefficients, the last by none.
+    wide = [jnp.pad(phases[:, k], ((0, 0), (k + 1, 3 - k), (k + 1, 3 - k), (0, 0), (0, 0))) for k in range(GROUP)]
+    both = functools.reduce(jnp.add, wide)
+    own = both[:, 4:, 4:].at[:-1].add(both[1:, :4, :4])
+
+    def flat(blocks: Array) -> Array:
+        return jnp.swapaxes(blocks, 2, 3).reshape(-1, GROUP * axes, GROUP * axes)
+
+    return Form(flat(own), flat(both[:, 4:, :4]))
+
+
+def _ended(form: Form, last: Float[Array, "12 12"]) -> Form:
+    """A form of coefficients as one of unknowns."""
+    own = form.own.at[-1].set(last.T @ form.own[-1] @ last)
+    return Form(own, form.before.at[-1].set(last.T @ form.before[-1]))
+
+
+def step_measure(task: MotionTask, begin: Beginning) -> Form:
+    """Square of the size of a step of the unknowns, as an aircraft feels it; 1 for unknowns that change nothing."""
+    cells = begin.coefficients.shape[0] - 3
+    cell = task.duration / cells
+    place, velocity, acceleration = (jnp.asarray(squares) / cells for squares in measure())
+    one = place / _STEP_M**2 + velocity / (_STEP_SPEED * cell) ** 2 + acceleration / (_STEP_ACCELERATION * cell**2) ** 2
+    last = _last_slopes(begin, cell)
+    every = one[None, :, :, None, None] * jnp.eye(3)[None, None, None]
+    size = _ended(_grouped(jnp.tile(every, (cells, 1, 1, 1, 1))), last)
+    idle = jnp.where(jnp.any(last != 0.0, axis=0), 0.0, 1.0)
+    return size._replace(own=size.own.at[-1].add(jnp.diag(idle)))
+
+
+def missed_by(task: MotionTask, begin: Beginning, unknowns: Float[Array, "groups 12"]) -> Normal:
+    """Normal equations of all that a motion passes, at a few instants of each interval."""
+    cells = begin.coefficients.shape[0] - 3
+    motion = SplineMotion(task.duration, moved(begin, task.duration / cells, unknowns))
+    cell = motion.cell
+    now = states(motion, _LOOKS)
+    times = cell * (jnp.arange(cells)[:, None] + jnp.asarray(_LOOKS)[None, :])
+    one = functools.partial(_missed, task, begin.allowed)
+    missed = jax.vmap(jax.vmap(one))(times, now)
+    by_state = jax.vmap(jax.vmap(jax.jacfwd(one, argnums=1)))(times, now)
+    scaled = jnp.stack([jnp.asarray(of_order) / cell**k for k, of_order in enumerate(bases(_LOOKS))])
+    by_window = jnp.einsum("nuroa,ouk->nurka", by_state, scaled).reshape(cells, -1, 12)
+    pushes = jnp.einsum("nr,nrj->nj", missed.reshape(cells, -1), by_window).reshape(cells, 4, 3)
+    squares = jnp.einsum("nri,nrj->nij", by_window, by_window).reshape(cells, 4, 3, 4, 3)
+    form = _grouped(jnp.swapaxes(squares, 2, 3))
+    gradient = functools.reduce(jnp.add, (jnp.pad(pushes[:, k], ((k, 3 - k), (0, 0))) for k in range(4)))
+    gradient = gradient[3:].reshape(cells // GROUP, 3 * GROUP)
+    last = _last_slopes(begin, cell)
+    gradient = gradient.at[-1].set(last.T @ gradient[-1])
+    return Normal(0.5 * jnp.sum(missed**2), gradient, _ended(form, last))

@@ -1,9 +1,9 @@
 """Motions in which nothing is prescribed: the last kind of candidate, for what no shape and no profile will do.
 
 Where limits are narrow or time is short, shape, altitude and airspeed must suit each other: to turn tightly one slows
-down, to descend in time one gives up a level arrival. Here all three are found at once: from many starts, damped least
-squares lead to a steering (`anser.planning.certified.steering`) that keeps the limits and nearly arrives, and a few
-steps of least size make the arrival exact.
+down, to descend in time one gives up a level arrival. Here all three are found at once: from many detours
+(`anser.planning.certified.motion_guesses`), damped least squares lead to a spline over the ground that keeps the
+limits.
 """
 
 import functools
@@ -11,33 +11,25 @@ import functools
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from anser.planning.certified.certificate import excess, path_bounds
-from anser.planning.certified.damped_fit import begin_fit, closest_of, fit
-from anser.planning.certified.least_steps import Missed, begin_steps, least_steps
-from anser.planning.certified.motion_terms import (
-    PLACE_M,
-    UNKNOWNS,
-    MotionTask,
-    arrival_missed,
-    missed_nearly,
-    signals_of,
-    steering_of,
-)
+from anser.planning.certified.certificate import PathBounds, excess, path_bounds
+from anser.planning.certified.damped_fit import Fit, begin_fit, closest_of, fit
+from anser.planning.certified.motion_guesses import Draw, beginning, draws
+from anser.planning.certified.motion_terms import Beginning, MotionTask, missed_by, moved, narrower, step_measure
 from anser.planning.certified.profile import KINKS
 from anser.planning.certified.request import Airspace, Traveller
 from anser.planning.certified.route import PIECES
-from anser.planning.certified.steering import CELLS, fly, steered_path
+from anser.planning.certified.spline_motion import SplineMotion, motion_path
 from anser.planning.timed_path import TimedPath
-from anser.shapes import Scalar, ScalarLike
+from anser.shapes import ScalarLike
 
-_FIRST_STEPS, _STEPS, _LAST_STEPS = 10, 24, 5
-_GOING_ON = 3  # times as many as are delivered
-_LONGEST_STEP = 1.0  # of the last steps
-_LOOKED_FOR = (0.988, 0.965)  # of the limits of bank, load and acceleration along the path, by turns
-_SOLVED = 1e-9  # part of the way by which the end may be missed
+CELLS = 64
+"""Intervals of a motion; a path's divide them evenly."""
+_FIRST_STEPS, _STEPS, _LAST_STEPS = 20, 40, 12
+_TIGHTENED = 2  # times
+_GOING_ON = 2  # times as many as are delivered
+_ENOUGH = 1e-9  # cost at which what is passed is a small part of what is held back
 
 
 class Motions(eqx.Module):
@@ -67,26 +59,6 @@ class Motions(eqx.Module):
     accelerations: Float[Array, "*motions cells"]
 
 
-def first_guesses(task: MotionTask, count: int, seed: int = 0) -> Float[Array, "starts unknowns"]:
-    """Unknowns of so many starts: turning, climbing and speed that change slowly, the same ones every time."""
-    rng = np.random.default_rng([13, seed])
-    at = np.linspace(0.0, 1.0, CELLS)
-
-    def slowly(points: int, size: np.ndarray) -> np.ndarray:
-        drawn = size[:, None] * rng.normal(0.0, 1.0, (count, points))
-        return np.stack([np.interp(at, np.linspace(0.0, 1.0, points), row) for row in drawn])
-
-    always = rng.choice([0.0, 0.5], count) * rng.normal(0.0, 1.0, count)
-    turning = np.clip(slowly(5, rng.choice([0.2, 0.5, 1.0], count)) + always[:, None], -1.0, 1.0)
-    climbing = slowly(4, rng.choice([0.02, 0.1, 0.3], count))
-    speeds = slowly(3, rng.choice([0.2, 0.6], count)) + rng.uniform(-0.8, 0.8, (count, 1))
-    traveller = task.traveller
-    end = traveller.goal_position_n + traveller.goal_velocity_n * task.duration + traveller.rendezvous.stand_off_n
-    rise = (traveller.position_n[2] - end[2]) / (task.duration * traveller.limits.climb_rate_max)
-    climbing = jnp.asarray(climbing) + jnp.clip(rise, -1.0, 1.0)
-    return jnp.concatenate([turning, climbing, np.clip(speeds, -1.0, 1.0)], axis=1)
-
-
 def find_motions(
     traveller: Traveller, airspace: Airspace, duration: ScalarLike, ticks: int, starts: int, kept: int
 ) -> Motions:
@@ -101,46 +73,49 @@ def find_motions(
     duration
         s.
     ticks
-        Even intervals between the knots of a path, a multiple of `anser.planning.certified.steering.CELLS`.
+        Even intervals between the knots of a path, a multiple of `CELLS`.
     starts, kept
         How many to begin with and to deliver.
     """
     task = jax.lax.stop_gradient(MotionTask(traveller, airspace, jnp.asarray(duration, dtype=float)))
-    slopes = jax.jacfwd(functools.partial(signals_of, task))(jnp.zeros(UNKNOWNS))
+    cell = task.duration / CELLS
 
-    def nearly(x: Float[Array, " unknowns"], share: Scalar) -> Missed:
-        return missed_nearly(task, slopes, share, x)
+    def begin(draw: Draw) -> Fit:
+        about = beginning(task, CELLS, draw)
+        return begin_fit(about, step_measure(task, about))
 
-    shares = jnp.asarray(np.resize(_LOOKED_FOR, starts))
-    fits = fit(nearly, _FIRST_STEPS, jax.vmap(begin_fit)(shares, first_guesses(task, starts)))
-    fits = closest_of(fit(nearly, _STEPS, closest_of(fits, min(_GOING_ON * kept, starts))), kept)
+    normal_at = functools.partial(missed_by, task)
+    fits = fit(normal_at, _FIRST_STEPS, jax.vmap(begin)(draws(starts)), kept, _ENOUGH)
+    fits = closest_of(fits, min(_GOING_ON * kept, starts))
+    fits = closest_of(fit(normal_at, _STEPS, fits, kept, _ENOUGH), kept)
 
-    # A coarse quadrature arrives nearly: a few least steps with that of the path itself.
-    def arrived(x: Float[Array, " unknowns"]) -> Array:
-        flown = fly(steering_of(task, x), airspace.wind, ticks)
-        last = flown.at_ends.through(flown.winds_n, flown.winds_dot_n).level_velocity[:, -1]
-        place, climb = flown.level_n[-1] + flown.drifts_n[-1, :2], flown.at_ends.climb[-1]
-        return arrival_missed(task, place, flown.altitudes[-1], last + flown.winds_n[-1, :2], climb)
+    def delivered(one: Fit) -> tuple[TimedPath, PathBounds]:
+        motion = SplineMotion(task.duration, moved(one.about, cell, one.best))
+        path = motion_path(0.0, motion, airspace.wind, ticks, ticks + PIECES + KINKS)
+        return path, path_bounds(path, airspace.wind, airspace.gravity)
 
-    def missed_at(x: Float[Array, " unknowns"], about: object) -> Missed:
-        return arrived(x), jax.jacrev(arrived)(x)
+    def tightened(one: Fit) -> Fit:
+        """The same, allowed less of what it passes between the instants that were looked at."""
+        allowed = narrower(task, one.about.allowed, excess(delivered(one)[1], traveller.limits))
+        about = Beginning(moved(one.about, cell, one.best), one.about.frame, allowed)
+        return begin_fit(about, one.measure)
 
-    again = jax.vmap(lambda x: begin_steps((), x, 5))(fits.best)
-    solved = least_steps(missed_at, _LONGEST_STEP, _LAST_STEPS, again).best
+    for _ in range(_TIGHTENED):
+        fits = fit(normal_at, _LAST_STEPS, jax.vmap(tightened)(fits), kept, _ENOUGH)
 
-    def deliver(x: Float[Array, " unknowns"]) -> Motions:
-        steering = steering_of(task, x)
-        path, flown = steered_path(0.0, steering, airspace.wind, ticks, ticks + PIECES + KINKS)
-        bounds = path_bounds(path, airspace.wind, airspace.gravity)
-        way = task.duration * jnp.mean(flown.at_ends.speed)
-        met = jnp.max(jnp.abs(arrived(x))) * PLACE_M <= _SOLVED * way
+    def deliver(one: Fit) -> Motions:
+        path, bounds = delivered(one)
+        north, east, _ = jnp.moveaxis(path.air_n[:, 1], 1, 0)
+        north_dot, east_dot, _ = jnp.moveaxis(path.air_n[:, 2], 1, 0)
+        level_square = jnp.maximum(north**2 + east**2, 1.0)
+        spans = jnp.diff(path.times)
         return Motions(
             path,
-            jnp.all(excess(bounds, traveller.limits) <= 0.0) & met & (traveller.side == 0),
-            jnp.mean(flown.at_ends.through(flown.winds_n, flown.winds_dot_n).level[:-1]) * task.duration,
-            jnp.sum(jnp.abs(jnp.diff(steering.headings))),
-            jnp.mean(flown.at_ends.speed[:-1]),
+            jnp.all(excess(bounds, traveller.limits) <= 0.0) & (traveller.side == 0),
+            jnp.sum(spans * jnp.sqrt(level_square)[:-1]),
+            jnp.sum(spans * (jnp.abs(north * east_dot - east * north_dot) / level_square)[:-1]),
+            jnp.sum(spans * jnp.sqrt(jnp.sum(path.air_n[:-1, 1] ** 2, axis=1))) / task.duration,
             bounds.cell_acceleration,
         )
 
-    return jax.vmap(deliver)(solved)
+    return jax.vmap(deliver)(fits)

@@ -25,6 +25,7 @@ from anser.shapes import Count, Flag, Scalar
 _AT_A_TIME = 4  # candidates compared with the whole fleet at once, the best liked first
 _ROUNDS = 6
 _INVALID = 1e6
+_NOTHING = 1e9
 _CONFLICT = 1e3
 _MOVED = 6.0  # cost of a motion that nobody would expect
 
@@ -138,6 +139,8 @@ def _each_sought(
     first = jax.tree.map(lambda leaf: leaf[0], (travellers, durations))
     fleet = sought.shape[0]
     empty = jax.tree.map(lambda leaf: jnp.zeros((fleet, *leaf.shape), leaf.dtype), jax.eval_shape(one, *first))
+    # What was not looked for is no path: it is not chosen even where nothing is valid.
+    empty = eqx.tree_at(lambda o: o.cost, empty, jnp.full_like(empty.cost, _NOTHING))
     queue = jnp.argsort(~sought, stable=True)
 
     def add(k: Count, options: Options) -> Options:

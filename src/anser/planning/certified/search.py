@@ -22,6 +22,7 @@ _THOROUGHLY = (1.0, 1.06, 1.15, 1.3)  # the same, of the times at which every ki
 _A_HAIR = 1.0002  # later than the direct path takes: to rounding there may be none of just its length
 _SAME = 5e-4  # part of itself by which a time differs from one that need not be tried again
 _SOME = (0.0, 0.1, 0.25, 0.5, 0.8)  # parts of the list of times at which more than the plain candidates are tried
+_WIDER = 2  # times at most that a try is made again, with more aircraft that look at every candidate
 _STEP_S = 0.25  # between arrival times that are looked at for what rules them out
 _THOROUGH_FLEET = 12  # aircraft up to which every kind of candidate is tried
 _WINDOW_STEPS = (0.0, 0.12, 0.25, 0.4, 0.55, 0.7, 0.85, 1.0)
@@ -118,6 +119,14 @@ def search(
                 return lost
         return None
 
+    def planned(
+        durations: Times, choices: Choices, sought: Bool[np.ndarray, " aircraft"] | None
+    ) -> tuple[CertifiedPlan, np.ndarray]:
+        """A plan, and which aircraft are in trouble."""
+        ticks = ticks_for(float(np.max(durations)))
+        plan = plan_at(start_time, travellers, airspace, jnp.asarray(durations), ticks, choices, sought)
+        return plan, active & ~np.asarray(plan.good)
+
     def attempt(durations: Times, choices: Choices) -> CertifiedPlan | None:
         nonlocal tries, closest, fewest
         if found_at(durations, choices) is not None:
@@ -131,9 +140,13 @@ def search(
                     return plan
                 sought = found_at(durations, MANY)
         tries += 1
-        ticks = ticks_for(float(np.max(durations)))
-        plan = plan_at(start_time, travellers, airspace, jnp.asarray(durations), ticks, choices, sought)
-        lost = active & ~np.asarray(plan.good)
+        plan, lost = planned(durations, choices, sought)
+        for _ in range(_WIDER):
+            # One that finds something at last may be in the way of others, which then need more to choose from too.
+            if sought is None or not (lost & ~sought).any():
+                break
+            sought = sought | lost
+            plan, lost = planned(durations, choices, sought)
         tried.append((choices, durations, lost))
         if np.sum(lost) < fewest:
             closest, fewest = plan, np.sum(lost)

@@ -1,0 +1,69 @@
+"""Where the search for free motions begins: ways of many kinds, as long as the time asks for."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from certified_cases import number, picked
+
+from anser.numerics import compiled_quickly
+from anser.planning.certified.motion_guesses import beginning, draws
+from anser.planning.certified.motion_terms import MotionTask
+from anser.planning.certified.spline_motion import SplineMotion, states_at
+from anser.verification.plan_cases import random_case
+from anser.verification.plan_task import planner_task
+
+CELLS, STARTS = 64, 40
+
+
+@compiled_quickly
+def _begun(traveller, airspace, duration):
+    task = MotionTask(traveller, airspace, duration)
+    begin = jax.vmap(lambda draw: beginning(task, CELLS, draw))(draws(STARTS))
+    times = duration * jnp.linspace(0.0, 1.0, 801)
+    return begin, jax.vmap(lambda c: states_at(SplineMotion(duration, c), times))(begin.coefficients)
+
+
+@pytest.fixture(scope="module", params=[(90, 0, 230.0), (34, 1, 380.0), (674, 2, 620.0)])
+def begun(request):
+    seed, who, duration = request.param
+    travellers, airspace, _ = planner_task(random_case(seed))
+    return picked(travellers, who), duration, *_begun(picked(travellers, who), airspace, number(duration))
+
+
+def test_they_are_about_as_long_as_their_airspeeds_ask(begun):
+    traveller, duration, _, motion = begun
+    lengths = np.sum(np.linalg.norm(np.diff(motion[:, :, 0, :2], axis=1), axis=2), axis=1)
+    low, high = float(traveller.limits.speed_min), float(traveller.limits.speed_max)
+    means = lengths / duration
+    # Corners are cut, and the wind carries along; most are within the range, none anywhere near half or twice.
+    assert np.mean((means > 0.85 * low) & (means < 1.15 * high)) > 0.7
+    assert np.all((means > 0.5 * low) & (means < 2.0 * high))
+
+
+def test_they_keep_to_altitudes_that_may_be_flown(begun):
+    traveller, _, _, motion = begun
+    altitudes = -np.asarray(motion)[:, :, 0, 2]
+    assert np.min(altitudes) >= float(traveller.limits.altitude_min) - 50.0
+    assert np.max(altitudes) <= float(traveller.limits.altitude_max) + 50.0
+
+
+def test_they_are_of_many_kinds(begun):
+    *_, motion = begun
+    north, east = np.asarray(motion)[:, ::8, 1, 0], np.asarray(motion)[:, ::8, 1, 1]
+    turned = np.unwrap(np.arctan2(east, north), axis=1)
+    whole = np.ptp(turned, axis=1) / (2.0 * np.pi)
+    assert np.sum(whole > 0.9) >= 5
+    assert np.sum(whole < 0.7) >= 5
+    aside = np.asarray(motion)[:, 400, 0, :2] - np.asarray(motion)[:, 0, 0, :2]
+    bearings = np.arctan2(aside[:, 1], aside[:, 0])
+    assert np.unique(np.round(bearings, 1)).size > STARTS / 4
+
+
+def test_the_same_every_time_and_finite(begun):
+    assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(begun[2].coefficients))
+    for one, other in zip(draws(7), draws(7), strict=True):
+        np.testing.assert_array_equal(one, other)
+    # Fewer are the first of more.
+    np.testing.assert_array_equal(draws(3).aside, draws(7).aside[:3])
+    assert not np.array_equal(draws(3, seed=1).aside, draws(3).aside)

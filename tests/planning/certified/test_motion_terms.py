@@ -1,0 +1,166 @@
+"""What motions pass: the equations against automatic derivatives, what is passed against the judge's own formulas."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from certified_cases import number, picked
+
+from anser.planning.certified.certificate import CERTIFIED_LIMITS
+from anser.planning.certified.motion_guesses import beginning, draws
+from anser.planning.certified.motion_terms import (
+    _LOOKS,
+    MotionTask,
+    _missed,
+    _passed,
+    first_allowed,
+    first_state,
+    meeting_place,
+    missed_by,
+    moved,
+    narrower,
+    step_measure,
+)
+from anser.planning.certified.spline_motion import SplineMotion, states, states_at
+from anser.verification.plan_cases import random_case
+from anser.verification.plan_motion import path_demands
+from anser.verification.plan_task import planner_task
+
+CELLS = 16
+GROUPS = CELLS // 4
+
+
+def task_of(seed, who, duration=230.0):
+    travellers, airspace, _ = planner_task(random_case(seed))
+    return MotionTask(picked(travellers, who), airspace, number(duration))
+
+
+def begun(task, k=0):
+    return beginning(task, CELLS, picked(draws(6), k))
+
+
+def changes(seed, size=300.0):
+    return jnp.asarray(np.random.default_rng(seed).normal(0.0, size, (GROUPS, 12)))
+
+
+def dense(form):
+    full = np.zeros((GROUPS, 12, GROUPS, 12))
+    for k in range(GROUPS):
+        full[k, :, k] = form.own[k]
+        if k:
+            full[k, :, k - 1], full[k - 1, :, k] = form.before[k], np.asarray(form.before[k]).T
+    return full.reshape(12 * GROUPS, 12 * GROUPS)
+
+
+# Course and path angle prescribed; course alone; neither, with closed volumes.
+TASKS = ((34, 1), (90, 3), (104, 0))
+
+
+@pytest.mark.parametrize(("seed", "who"), TASKS)
+def test_normal_equations_are_those_of_automatic_derivatives(seed, who):
+    task = task_of(seed, who)
+    begin = begun(task, 2)
+
+    def rows(x):
+        motion = SplineMotion(task.duration, moved(begin, task.duration / CELLS, x))
+        times = motion.cell * (jnp.arange(CELLS)[:, None] + jnp.asarray(_LOOKS)[None, :])
+        one = functools.partial(_missed, task, begin.allowed)
+        return jax.vmap(jax.vmap(one))(times, states(motion, _LOOKS)).ravel()
+
+    x = changes(seed)
+    found = jax.jit(functools.partial(missed_by, task))(begin, x)
+    missed = rows(x)
+    jacobian = jax.jit(jax.jacfwd(rows))(x).reshape(missed.size, -1)
+    assert np.sum(np.asarray(missed) > 0.0) > 20
+    np.testing.assert_allclose(found.cost, 0.5 * np.sum(np.asarray(missed) ** 2), rtol=1e-12)
+    expected = np.asarray(jacobian.T @ jacobian)
+    np.testing.assert_allclose(dense(found.form), expected, atol=1e-12 * np.max(expected))
+    gradient = np.asarray(jacobian.T @ missed)
+    np.testing.assert_allclose(found.gradient.ravel(), gradient, atol=1e-11 * np.max(np.abs(gradient)))
+
+
+@pytest.mark.parametrize(("seed", "who"), TASKS)
+def test_the_size_of_a_step_is_what_it_moves(seed, who):
+    task = task_of(seed, who)
+    begin = begun(task)
+    cell = task.duration / CELLS
+    x = changes(seed + 1)
+    # Of the last group, what changes nothing counts by itself.
+    form = dense(step_measure(task, begin))
+    idle = np.flatnonzero(
+        np.all(np.asarray(jax.jacfwd(lambda y: moved(begin, cell, y))(x)) == 0.0, axis=(0, 1)).ravel()
+    )
+    assert idle.size in (3, 4, 5)
+    flat = np.array(x).ravel()
+    flat[idle] = 0.0
+    step = moved(begin, cell, jnp.asarray(flat).reshape(GROUPS, 12)) - begin.coefficients
+    fine = np.asarray(states(SplineMotion(task.duration, step), (np.arange(400) + 0.5) / 400))
+    sizes = np.mean(np.sum(fine**2, axis=3), axis=(0, 1)) / np.array([3000.0, 30.0, 3.0]) ** 2
+    np.testing.assert_allclose(flat @ form @ flat, np.sum(sizes), rtol=1e-4)
+    assert np.min(np.linalg.eigvalsh(form)) > 0.0
+
+
+@pytest.mark.parametrize(("seed", "who"), TASKS)
+def test_begins_and_arrives_as_asked_whatever_the_change(seed, who):
+    task = task_of(seed, who)
+    rendezvous = task.traveller.rendezvous
+    for k in range(6):
+        begin = begun(task, k)
+        coefficients = moved(begin, task.duration / CELLS, changes(k, 50.0))
+        first, last = states_at(SplineMotion(task.duration, coefficients), jnp.stack([number(0.0), task.duration]))
+        np.testing.assert_allclose(first, first_state(task), rtol=1e-9, atol=1e-8)
+        np.testing.assert_allclose(last[0], meeting_place(task), rtol=1e-9)
+        north, east, down = np.asarray(last[1])
+        if rendezvous.course_prescribed:
+            assert np.cos(np.arctan2(east, north) - float(rendezvous.course)) == pytest.approx(1.0, abs=1e-12)
+        if rendezvous.path_angle_prescribed:
+            assert np.arctan2(-down, np.hypot(north, east)) == pytest.approx(float(rendezvous.path_angle), abs=1e-9)
+
+
+def test_what_is_passed_is_what_the_judge_would_say():
+    case = random_case(104)
+    task = task_of(104, 0)
+    allowed = first_allowed(task, number(1.0))
+    rng = np.random.default_rng(3)
+    for _ in range(40):
+        altitude = rng.uniform(200.0, 5000.0)
+        velocity = rng.normal(0.0, 1.0, 3) * np.array([130.0, 130.0, 25.0])
+        if np.hypot(*velocity[:2]) < 40.0:
+            continue
+        acceleration = rng.normal(0.0, 5.0, 3)
+        found = np.asarray(_passed(task, allowed, number(altitude), jnp.asarray(velocity), jnp.asarray(acceleration)))
+        wind = case.wind.at(np.array([altitude]))[:, 0]
+        asked = path_demands(velocity[:, None], acceleration[:, None], wind[:, None], float(task.airspace.gravity))
+        side, normal, along = float(asked.side[0]), float(asked.normal[0]), float(asked.along[0])
+        gravity = float(task.airspace.gravity)
+        expected = [
+            (float(allowed.speed_min) - asked.speed[0]) / 5.0,
+            (asked.speed[0] - float(allowed.speed_max)) / 5.0,
+            abs(side) - float(allowed.bank) * normal,
+            np.hypot(side, normal) - float(allowed.load_factor) * gravity,
+            max(along - float(allowed.acceleration), -along - float(allowed.deceleration)) / 0.3,
+            (abs(asked.climb_rate[0]) - float(allowed.climb_rate)) / 2.0,
+        ]
+        # One in the root of the speed keeps derivatives finite.
+        np.testing.assert_allclose(found[:6], np.maximum(expected, 0.0), atol=0.02)
+
+
+def test_narrower_by_what_is_passed_and_never_empty():
+    task = task_of(90, 3)
+    limits = task.traveller.limits
+    allowed = first_allowed(task, number(0.99))
+    same = narrower(task, allowed, jnp.full(9, -0.1))
+    for kept, before in zip(same, allowed, strict=True):
+        np.testing.assert_allclose(kept, before, rtol=1e-15)
+    over = np.zeros(9)
+    over[CERTIFIED_LIMITS.index("bank angle")] = 0.02
+    over[CERTIFIED_LIMITS.index("least airspeed")] = 0.001
+    less = narrower(task, allowed, jnp.asarray(over))
+    assert float(less.bank) == pytest.approx(float(allowed.bank) * (1.0 - 0.026))
+    assert float(less.speed_min) == pytest.approx(float(allowed.speed_min + 0.0013 * limits.speed_min))
+    assert float(less.load_factor) == float(allowed.load_factor)
+    none = narrower(task, allowed, jnp.full(9, 50.0))
+    assert float(none.speed_min) <= float(none.speed_max)
+    assert float(none.bank) > 0.0
