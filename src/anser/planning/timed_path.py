@@ -37,10 +37,11 @@ def hermite_quintic(
 
 
 class TimedPath(eqx.Module):
-    """Where one aircraft is to be at which time: twice continuously differentiable, piecewise quintic.
+    """Where one aircraft is to be at which time: twice continuously differentiable over the ground, piecewise quintic.
 
     The path over the ground is the path through the air plus the drift of the air; each is the quintic in each cell
-    between two knots that has the given values, slopes and second derivatives at both.
+    between two knots that has the given values, slopes and second derivatives at both. Where the wind's rate jumps,
+    two knots at one time may differ in the second derivatives of air and drift, not in their sum.
 
     Attributes
     ----------
