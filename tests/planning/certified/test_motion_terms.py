@@ -15,6 +15,7 @@ from anser.planning.certified.motion_terms import (
     MotionTask,
     _missed,
     _passed,
+    arrives_onward,
     first_allowed,
     first_state,
     meeting_place,
@@ -117,6 +118,14 @@ def test_begins_and_arrives_as_asked_whatever_the_change(seed, who):
             assert np.cos(np.arctan2(east, north) - float(rendezvous.course)) == pytest.approx(1.0, abs=1e-12)
         if rendezvous.path_angle_prescribed:
             assert np.arctan2(-down, np.hypot(north, east)) == pytest.approx(float(rendezvous.path_angle), abs=1e-9)
+
+
+def test_an_arrival_backwards_is_none():
+    bound, free = begun(task_of(34, 1)), begun(task_of(104, 0))
+    onward = bound.frame[:, 0]
+    assert bool(arrives_onward(bound, 150.0 * onward))
+    assert not bool(arrives_onward(bound, -150.0 * onward))
+    assert bool(arrives_onward(free, -150.0 * onward))
 
 
 def test_what_is_passed_is_what_the_judge_would_say():

@@ -16,7 +16,7 @@ from anser.planning.certified.certificate import CERTIFIED_LIMITS
 from anser.planning.certified.damped_fit import Form, Normal
 from anser.planning.certified.request import Airspace, Traveller
 from anser.planning.certified.spline_motion import SplineMotion, bases, end_slopes, measure, states, wind_along
-from anser.shapes import Scalar
+from anser.shapes import Flag, Scalar
 
 GROUP = 4
 """Coefficients whose changes are unknowns together; the intervals of a motion are a multiple."""
@@ -222,6 +222,12 @@ def _ended(form: Form, last: Float[Array, "12 12"]) -> Form:
     """A form of coefficients as one of unknowns."""
     own = form.own.at[-1].set(last.T @ form.own[-1] @ last)
     return Form(own, form.before.at[-1].set(last.T @ form.before[-1]))
+
+
+def arrives_onward(begin: Beginning, velocity_n: Float[Array, "3"]) -> Flag:
+    """Whether a last velocity over the ground points where a prescribed course does, not the other way."""
+    free = jnp.all(jnp.any(begin.frame != 0.0, axis=0))
+    return free | (begin.frame[:2, 0] @ velocity_n[:2] > 0.0)
 
 
 def step_measure(task: MotionTask, begin: Beginning) -> Form:

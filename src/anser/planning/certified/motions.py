@@ -16,7 +16,15 @@ from jaxtyping import Array, Bool, Float
 from anser.planning.certified.certificate import PathBounds, excess, path_bounds
 from anser.planning.certified.damped_fit import Fit, begin_fit, closest_of, fit
 from anser.planning.certified.motion_guesses import Draw, beginning, draws
-from anser.planning.certified.motion_terms import Beginning, MotionTask, missed_by, moved, narrower, step_measure
+from anser.planning.certified.motion_terms import (
+    Beginning,
+    MotionTask,
+    arrives_onward,
+    missed_by,
+    moved,
+    narrower,
+    step_measure,
+)
 from anser.planning.certified.profile import KINKS
 from anser.planning.certified.request import Airspace, Traveller
 from anser.planning.certified.route import PIECES
@@ -109,9 +117,10 @@ def find_motions(
         north_dot, east_dot, _ = jnp.moveaxis(path.air_n[:, 2], 1, 0)
         level_square = jnp.maximum(north**2 + east**2, 1.0)
         spans = jnp.diff(path.times)
+        kept = jnp.all(excess(bounds, traveller.limits) <= 0.0) & arrives_onward(one.about, path.velocity_n(duration))
         return Motions(
             path,
-            jnp.all(excess(bounds, traveller.limits) <= 0.0) & (traveller.side == 0),
+            kept & (traveller.side == 0),
             jnp.sum(spans * jnp.sqrt(level_square)[:-1]),
             jnp.sum(spans * (jnp.abs(north * east_dot - east * north_dot) / level_square)[:-1]),
             jnp.sum(spans * jnp.sqrt(jnp.sum(path.air_n[:-1, 1] ** 2, axis=1))) / task.duration,
