@@ -30,7 +30,7 @@ from anser.planning.certified.request import Airspace, Traveller
 from anser.planning.certified.route import PIECES
 from anser.planning.certified.spline_motion import SplineMotion, motion_path
 from anser.planning.timed_path import TimedPath
-from anser.shapes import ScalarLike
+from anser.shapes import Count, ScalarLike
 
 CELLS = 64
 """Intervals of a motion; a path's divide them evenly."""
@@ -86,7 +86,8 @@ def find_motions(
         How many to begin with and to deliver.
     """
     task = jax.lax.stop_gradient(MotionTask(traveller, airspace, jnp.asarray(duration, dtype=float)))
-    cell = task.duration / CELLS
+    traveller, airspace, duration = task
+    cell = duration / CELLS
 
     def begin(draw: Draw) -> Fit:
         about = beginning(task, CELLS, draw)
@@ -98,7 +99,7 @@ def find_motions(
     fits = closest_of(fit(normal_at, _STEPS, fits, kept, _ENOUGH), kept)
 
     def delivered(one: Fit) -> tuple[TimedPath, PathBounds]:
-        motion = SplineMotion(task.duration, moved(one.about, cell, one.best))
+        motion = SplineMotion(duration, moved(one.about, cell, one.best))
         path = motion_path(0.0, motion, airspace.wind, ticks, ticks + PIECES + KINKS)
         return path, path_bounds(path, airspace.wind, airspace.gravity)
 
@@ -108,8 +109,10 @@ def find_motions(
         about = Beginning(moved(one.about, cell, one.best), one.about.frame, allowed)
         return begin_fit(about, one.measure)
 
-    for _ in range(_TIGHTENED):
-        fits = fit(normal_at, _LAST_STEPS, jax.vmap(tightened)(fits), kept, _ENOUGH)
+    def again(_: Count, fits: Fit) -> Fit:
+        return fit(normal_at, _LAST_STEPS, jax.vmap(tightened)(fits), kept, _ENOUGH)
+
+    fits = jax.lax.fori_loop(0, _TIGHTENED, again, fits)
 
     def deliver(one: Fit) -> Motions:
         path, bounds = delivered(one)
@@ -117,13 +120,13 @@ def find_motions(
         north_dot, east_dot, _ = jnp.moveaxis(path.air_n[:, 2], 1, 0)
         level_square = jnp.maximum(north**2 + east**2, 1.0)
         spans = jnp.diff(path.times)
-        kept = jnp.all(excess(bounds, traveller.limits) <= 0.0) & arrives_onward(one.about, path.velocity_n(duration))
+        good = jnp.all(excess(bounds, traveller.limits) <= 0.0) & arrives_onward(one.about, path.velocity_n(duration))
         return Motions(
             path,
-            kept & (traveller.side == 0),
+            good & (traveller.side == 0),
             jnp.sum(spans * jnp.sqrt(level_square)[:-1]),
             jnp.sum(spans * (jnp.abs(north * east_dot - east * north_dot) / level_square)[:-1]),
-            jnp.sum(spans * jnp.sqrt(jnp.sum(path.air_n[:-1, 1] ** 2, axis=1))) / task.duration,
+            jnp.sum(spans * jnp.sqrt(jnp.sum(path.air_n[:-1, 1] ** 2, axis=1))) / duration,
             bounds.cell_acceleration,
         )
 
