@@ -164,7 +164,7 @@ def beginning(task: MotionTask, cells: int, draw: Draw) -> Beginning:
     tangent = jnp.tan(rendezvous.path_angle) * rendezvous.path_angle_prescribed
     cosine = 1.0 / jnp.sqrt(1.0 + tangent**2)
     arriving = jnp.concatenate([speed * cosine * last + wind, (-speed * cosine * tangent)[None]])
-    freely = jnp.concatenate([(wished[-2] - wished[-4]) * 0.5 * cells / duration])
+    freely = (wished[-2] - wished[-4]) * 0.5 * cells / duration
     down = jnp.array([0.0, 0.0, 1.0])
     direction = jnp.concatenate([cosine * last, (-cosine * tangent)[None]])
     onward = jnp.sqrt(jnp.sum(arriving[:2] ** 2))
