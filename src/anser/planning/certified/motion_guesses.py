@@ -105,6 +105,25 @@ def _smoothing(cells: int) -> Float[np.ndarray, "n n"]:
     return np.linalg.solve(np.diag(weight) + _ROUNDING * jumps.T @ jumps, np.diag(weight))
 
 
+def _last_velocity(
+    task: MotionTask, last: Float[Array, "2"], speed: Scalar, wind: Float[Array, "2"], freely: Float[Array, "3"]
+) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
+    """Velocity of arrival over the ground, and the directions in which it may change, see `Beginning.frame`.
+
+    Along `last` at an airspeed where a course or an angle is prescribed, else `freely`.
+    """
+    rendezvous = task.traveller.rendezvous
+    steep = rendezvous.path_angle_prescribed
+    tangent = jnp.tan(rendezvous.path_angle) * steep
+    cosine = 1.0 / jnp.sqrt(1.0 + tangent**2)
+    direction = cosine * jnp.append(last, -tangent)
+    onward = jnp.sqrt(jnp.sum((speed * cosine * last + wind) ** 2)) / cosine
+    climbing = jnp.array([0.0, 0.0, 1.0]) * jnp.where(steep, 0.0, 1.0)
+    bound = rendezvous.course_prescribed | steep
+    frame = jnp.stack([direction, climbing, jnp.zeros(3)], axis=1)
+    return jnp.where(bound, direction * onward, freely), jnp.where(bound, frame, jnp.eye(3))
+
+
 def beginning(task: MotionTask, cells: int, draw: Draw) -> Beginning:
     """Where a search begins.
 
@@ -160,18 +179,8 @@ def beginning(task: MotionTask, cells: int, draw: Draw) -> Beginning:
     height = jnp.clip(height, limits.altitude_min, limits.altitude_max)
     wished = jnp.concatenate([flat, -height[:, None]], axis=1)
 
-    speed = done[-1] / duration
-    tangent = jnp.tan(rendezvous.path_angle) * rendezvous.path_angle_prescribed
-    cosine = 1.0 / jnp.sqrt(1.0 + tangent**2)
-    arriving = jnp.concatenate([speed * cosine * last + wind, (-speed * cosine * tangent)[None]])
     freely = (wished[-2] - wished[-4]) * 0.5 * cells / duration
-    down = jnp.array([0.0, 0.0, 1.0])
-    direction = jnp.concatenate([cosine * last, (-cosine * tangent)[None]])
-    onward = jnp.sqrt(jnp.sum(arriving[:2] ** 2))
-    bound_velocity = direction * onward / cosine
-    bound_frame = jnp.stack([direction, jnp.where(rendezvous.path_angle_prescribed, 0.0, 1.0) * down, 0.0 * down], 1)
-    velocity = jnp.where(bound, bound_velocity, freely)
-    frame = jnp.where(bound, bound_frame, jnp.eye(3))
+    velocity, frame = _last_velocity(task, last, done[-1] / duration, wind, freely)
     cell = duration / cells
     ends = (
         end_coefficients(state, cell),
