@@ -131,7 +131,8 @@ def draw(counts: list[int], spent: list[float], path: Path) -> None:
         axes.loglog(grid, spent[0] * (grid / grid[0]) ** slope, dash, color="#777777", label=f"∝ aircraft$^{slope}$")
     for count, time_s in zip(counts, spent, strict=True):
         axes.annotate(f"{time_s:.2g} s", (count, time_s), textcoords="offset points", xytext=(4, -11), fontsize=7)
-    axes.set(xlabel="aircraft", ylabel="time to plan, compiled, s", ylim=(min(spent) / 2, max(spent) * 4))
+    axes.set(xlabel="aircraft", xlim=(counts[0] / 1.5, counts[-1] * 2))
+    axes.set(ylabel="time to plan, compiled, s", ylim=(min(spent) / 2, max(spent) * 4))
     axes.legend()
     save_figure(figure, [path])
 
