@@ -16,7 +16,6 @@ from anser.scenario import Scenario, build_flight
 from anser.simulation import Flight, Ready, make_ready, travellers
 
 _ready = compiled_quickly(make_ready)
-_LAST_S = 1.0  # the flight goes on for so long after the last arrival at least
 
 
 @dataclass(frozen=True)
@@ -96,7 +95,7 @@ def arrival_request(scenario: Scenario) -> ArrivalRequest:
         names = arrival.order if arrival.order is not None else tuple(one.name for one in aircraft)
         assert arrival.spacing_s is not None
         offsets = np.array([names.index(one.name) for one in aircraft]) * arrival.spacing_s
-    return ArrivalRequest(arrival.rule, scenario.timing.duration_s - _LAST_S, times, offsets, windows)
+    return ArrivalRequest(arrival.rule, scenario.timing.latest_arrival_s, times, offsets, windows)
 
 
 def plan_certified(scenario: Scenario, told: Callable[[str], None] = lambda what: None) -> CertifiedPlanned:

@@ -44,7 +44,7 @@ def plan_trials(
 ) -> None:
     """Plan random scenarios; judge each plan densely and each refusal by an independent search."""
     wanted = _seeds(seeds)
-    must_lie("--search-seconds", search_seconds, 0, 86_400)
+    must_lie("--search-seconds", search_seconds, 0.1, 86_400)
     must_lie("--jobs", jobs, 1, 1024)
     from anser.verification.plan_tally import tally
     from anser.verification.plan_trial_file import append_trial

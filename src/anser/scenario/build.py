@@ -141,6 +141,7 @@ def _certified(scenario: Scenario) -> CertifiedFleet:
             ),
         ),
         movable=jnp.asarray(scenario.arrival.rule in ("together", "earliest", "sequence")),
+        latest=_scalar(scenario.timing.latest_arrival_s),
     )
 
 

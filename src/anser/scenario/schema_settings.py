@@ -28,6 +28,11 @@ class Timing(Table):
     replan_period_s: float = number("time between two plans; 0 plans once, at the start", 0, 600, "s", 1.0)
     freeze_s: float = number("how long before arrival the plan stays as it is", 0, 600, "s", 4.0)
 
+    @property
+    def latest_arrival_s(self) -> float:
+        """Latest arrival that a certified plan may have: the flight goes on for a second after it."""
+        return self.duration_s - 1.0
+
     @model_validator(mode="after")
     def _fits(self) -> "Timing":
         found = []

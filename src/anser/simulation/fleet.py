@@ -83,12 +83,15 @@ class CertifiedFleet(eqx.Module):
         Wind, distances, closed volumes.
     movable
         Whether arrival times may be put off on the way.
+    latest
+        But not beyond this, s.
     """
 
     limits: PathLimits
     roll_rates_max: Float[Array, " aircraft"]
     airspace: Airspace
     movable: Flag
+    latest: Scalar
 
 
 class Flight(eqx.Module):

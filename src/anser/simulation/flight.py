@@ -300,9 +300,9 @@ def step_flight(flight: Flight, carry: FlightState) -> tuple[FlightState, dict[s
 
     def renewed() -> tuple[FleetPlan | CertifiedPlan, Count]:
         if isinstance(carry.plan, CertifiedPlan) and fleet.certified is not None:
-            own = travellers(fleet, aircraft, now, sensed)
+            own, settings = travellers(fleet, aircraft, now, sensed), fleet.certified
             made = renew_certified(
-                carry.plan, time, own, fleet.certified.airspace, fleet.certified.movable, timing.freeze
+                carry.plan, time, own, settings.airspace, settings.movable, timing.freeze, settings.latest
             )
             return made.plan, made.how
         if isinstance(carry.plan, FleetPlan):

@@ -313,3 +313,12 @@ def test_a_fleets_certificate_is_never_better_than_its_paths(flown):
             # At 12 m/s^2 in a quarter of a second the paths stray 0.1 m each from straight lines; 0.3 m/s^2... and the
             # last interval may reach past the arrival, by 0.3 s at 300 m/s.
             assert room[i, j] >= np.min(ratio) - 0.1
+
+
+def test_a_limit_that_is_no_number_is_not_kept_and_none_below_is(flown):
+    one = picked(flown[5], 0)
+    limits = PathLimits(*[number(x) for x in (-np.inf, np.inf, 1.5, np.inf, -np.inf)])
+    assert np.all(np.asarray(excess(one, limits))[[0, 1, 4, 5, 6, 7, 8]] == -1.0)
+    for name in ("speed_min", "speed_max", "climb_rate_max", "altitude_min", "altitude_max", "acceleration_max"):
+        broken = eqx.tree_at(lambda held, name=name: getattr(held, name), limits, number(np.nan))
+        assert np.any(~(np.asarray(excess(one, broken)) <= 0.0)), name

@@ -272,17 +272,18 @@ def excess(found: PathBounds, limits: PathLimits) -> Float[Array, "9"]:
     """
 
     def above(value: ScalarLike, limit: Scalar) -> Scalar:
-        scale = jnp.where(jnp.isfinite(limit), jnp.maximum(jnp.abs(limit), 1.0), 1.0)
-        return jnp.where(jnp.isfinite(limit), (value - jnp.where(jnp.isfinite(limit), limit, 0.0)) / scale, -1.0)
+        none = limit == jnp.inf  # one that is not a number is no such limit, and is not kept
+        finite = jnp.where(none, 0.0, limit)
+        return jnp.where(none, -1.0, (value - finite) / jnp.maximum(jnp.abs(finite), 1.0))
 
     return jnp.stack(
         [
-            -above(found.speed_min, limits.speed_min),
+            above(-found.speed_min, -limits.speed_min),
             above(found.speed_max, limits.speed_max),
             above(jnp.tan(jnp.minimum(found.bank_max, 1.57)), jnp.tan(limits.bank_max)),
             above(found.load_factor_max, limits.load_factor_max),
             above(found.climb_rate_max, limits.climb_rate_max),
-            -above(found.altitude_min, limits.altitude_min),
+            above(-found.altitude_min, -limits.altitude_min),
             above(found.altitude_max, limits.altitude_max),
             above(found.acceleration_max, limits.acceleration_max),
             above(found.deceleration_max, limits.deceleration_max),

@@ -133,8 +133,7 @@ def certify(
     times = start + (end - start) * jnp.linspace(0.0, 1.0, FINE * ticks + 1)
 
     def tracked(path: TimedPath, accelerations: Array, active: Scalar) -> Track:
-        # A cell of a path is not longer than the grid's even intervals.
-        return path_track(path, accelerations, active, times, FINE, since)
+        return path_track(path, accelerations, active, times, since)
 
     tracks = jax.vmap(tracked)(paths, bounds.cell_acceleration, travellers.active)
     fleet = paths.times.shape[0]

@@ -112,7 +112,7 @@ def make_options(
         if choices.motions:
             motions = find_motions(traveller, airspace, duration, ticks, choices.motions, choices.motions_kept)
             # A path that ends before the last one has shorter intervals than the grid.
-            own = jax.vmap(lambda path, a: path_track(path, a, traveller.active, times, 1))(
+            own = jax.vmap(lambda path, a: path_track(path, a, traveller.active, times))(
                 motions.paths, motions.accelerations
             )
             tracks = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), tracks, own)

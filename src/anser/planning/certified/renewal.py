@@ -23,7 +23,7 @@ RENEWAL_MESSAGES = (
 COMMITTED_S = 15.0
 """With less time to go than this an aircraft's path is corrected, but not planned anew."""
 _SAME_PLACE_M = 1e-6
-_LATER = (1.0, 1.03, 1.08, 1.15)  # of the time to go, where the arrival time is free
+_LATER = (1.0, 1.03, 1.08, 1.15)  # of the longest time to go, where the arrival time is free
 
 
 def ticks_of(paths: TimedPath) -> int:
@@ -68,6 +68,39 @@ def _from_plan(path: TimedPath, traveller: Traveller, now: ScalarLike) -> Travel
     )
 
 
+def postponements(
+    arrival_times: Float[Array, " aircraft"],
+    now: ScalarLike,
+    free: Bool[Array, " aircraft"],
+    movable: Flag,
+    latest: ScalarLike,
+) -> tuple[Float[Array, " tries"], Count]:
+    """By how much a fleet's arrivals may be put off, and how many of these delays there are.
+
+    All by the same, so that those who arrive together go on to do so and the spacing of a sequence stays. So none is
+    put off where one is no longer free: it has arrived, or is about to.
+
+    Parameters
+    ----------
+    arrival_times
+        As planned so far, s.
+    now, latest
+        s; no arrival is put off beyond the latter.
+    free
+        Whether each may be planned anew, or does not count.
+    movable
+        Whether the rule leaves the arrival times open.
+
+    Returns
+    -------
+    Delays, s, from none on, and the number of them that are open, at least one.
+    """
+    last = jnp.max(arrival_times)
+    delays = (jnp.asarray(_LATER) - 1.0) * jnp.maximum(last - now, 0.0)
+    soon = jnp.sum(last + delays <= latest, dtype=jnp.int32)
+    return delays, jnp.where(movable & jnp.all(free), jnp.maximum(soon, 1), 1)
+
+
 class Renewed(eqx.Module):
     """A plan and, per aircraft, what became of it: an index into `RENEWAL_MESSAGES`."""
 
@@ -82,6 +115,7 @@ def renew_certified(
     airspace: Airspace,
     movable: Flag,
     freeze: ScalarLike = 0.0,
+    latest: ScalarLike = jnp.inf,
 ) -> Renewed:
     """Plan again from the planned state, towards the goals as they are seen now.
 
@@ -96,9 +130,11 @@ def renew_certified(
     airspace
         What they share.
     movable
-        Whether the arrival times may be put off, by the same part of each aircraft's time to go.
+        Whether the arrival times may be put off, see `postponements`.
     freeze
         A path stands as it is for this long before its arrival, s.
+    latest
+        No arrival is put off beyond this, s.
 
     Returns
     -------
@@ -112,14 +148,15 @@ def renew_certified(
     corrected = _judged(plan, paths, plan.arrival_times, travellers, airspace, ticks, now, under_way)
     fine = jnp.all(corrected.good | ~under_way)
 
-    free = plan.arrival_times - now > COMMITTED_S
+    free = plan.arrival_times - now > jnp.maximum(freeze, COMMITTED_S)
     here = jax.vmap(_from_plan, in_axes=(0, 0, None))(plan.paths, travellers, now)
     here = eqx.tree_at(lambda t: t.active, here, jnp.where(free, travellers.active, 0.0))
 
+    delays, tries = postponements(plan.arrival_times, now, free | (travellers.active == 0.0), movable, latest)
+
     def again(carry: tuple[Count, Flag, CertifiedPlan]) -> tuple[Count, Flag, CertifiedPlan]:
         k, _, _ = carry
-        later = jnp.asarray(_LATER)[k]
-        durations = jnp.maximum(plan.arrival_times - now, COMMITTED_S) * later
+        durations = jnp.maximum(plan.arrival_times - now, COMMITTED_S) + delays[k]
         made = plan_fleet_at(now, here, airspace, durations, ticks, FEW)
         arrivals = jnp.where(free, now + durations, plan.arrival_times)
         whole = _judged(made, _either(free, made.paths, paths), arrivals, travellers, airspace, ticks, now, under_way)
@@ -127,7 +164,6 @@ def renew_certified(
         return k + 1, good, whole
 
     def anew() -> Renewed:
-        tries = jnp.where(movable, len(_LATER), 1)
         _, found, made = jax.lax.while_loop(
             lambda c: (c[0] < tries) & ~c[1], again, (jnp.asarray(0), jnp.asarray(False), plan)
         )

@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 from anser.planning.certified.arrivals import arrival_sets, direct_times
 from anser.planning.certified.certified_plan import CertifiedPlan, plan_at, ticks_for
 from anser.planning.certified.choices import ALL, EVERY, FEW, MANY, Choices
+from anser.planning.certified.earliest import earliest_time
 from anser.planning.certified.profile import CLIMB_ACCELERATION
 from anser.planning.certified.request import Airspace, Traveller
 from anser.planning.certified.ruled_out import conceivable, crowded
@@ -152,6 +153,21 @@ def search(
             closest, fewest = plan, np.sum(lost)
         return None if lost.any() else plan
 
+    def earlier(plan: CertifiedPlan) -> CertifiedPlan:
+        """The earliest plan that is found between the first time that nothing rules out and that of a plan."""
+
+        def works(time: float) -> bool:
+            nonlocal plan
+            told(f"looking for an earlier arrival, at {time:.1f} s")
+            made = attempt(np.full(active.size, time), EVERY)
+            plan = plan if made is None else made
+            return made is not None
+
+        times, open_to_all = possible_times(travellers, airspace, request)
+        arrival = float(np.max(np.asarray(plan.arrival_times)[active])) - start_time
+        earliest_time(times[open_to_all, 0], arrival, works)
+        return plan
+
     told("planning")
     fixed = request.rule in ("at", "times")
     thorough_fleet = size <= _THOROUGH_FLEET
@@ -194,6 +210,8 @@ def search(
             told(f"trying arrival at {float(np.max(durations)):.1f} s")
             plan = attempt(durations, choices)
             if plan is not None:
+                if request.rule == "earliest" and thorough_fleet:
+                    plan = earlier(plan)
                 return Outcome(plan, tries, arrivals=None if windows is not None else arrivals)
     return Outcome(None, tries, closest, None if windows is not None else arrivals)
 

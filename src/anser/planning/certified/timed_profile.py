@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from anser.planning.certified.arriving import Arriving, arriving, climb_acceleration
 from anser.planning.certified.choices import (
     FAST_SLOW,
     FASTER,
@@ -33,7 +34,6 @@ from anser.planning.certified.profile import (
 )
 from anser.planning.certified.request import Airspace, Traveller
 from anser.planning.certified.route import Ends
-from anser.planning.rendezvous import final_air_velocity
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 
 _SPEED_ROUNDS = 4
@@ -87,30 +87,29 @@ def steady_after(traveller: Traveller, duration: ScalarLike, mean: ScalarLike) -
 
 def _profile(
     traveller: Traveller, airspace: Airspace, duration: Scalar, speeds: tuple[Scalar, Scalar], height: ScalarLike
-) -> Profile:
-    rendezvous = traveller.rendezvous
+) -> tuple[Profile, Arriving]:
     begin = traveller.position_n
-    end_down = traveller.goal_position_n[2] + traveller.goal_velocity_n[2] * duration + rendezvous.stand_off_n[2]
+    end_down = (
+        traveller.goal_position_n[2] + traveller.goal_velocity_n[2] * duration + traveller.rendezvous.stand_off_n[2]
+    )
     wind_0 = airspace.wind.at(begin, 0.0)
-    at_end = jnp.stack([jnp.zeros(()), jnp.zeros(()), end_down])
-    wind_1 = airspace.wind.at(at_end, duration)
-    arrival = final_air_velocity(rendezvous, jnp.array([1.0, 0.0, 0.0]), speeds[1], wind_1)[0] + wind_1
-    level_off = jnp.where(rendezvous.path_angle_prescribed, -arrival[2], -traveller.goal_velocity_n[2])
+    arrival = arriving(traveller, airspace.wind, duration, speeds[1])
     speed_0 = _speed_0(traveller)
     speed_dot = jnp.sum(traveller.air_velocity_n * traveller.air_acceleration_n) / jnp.maximum(speed_0, 1.0)
-    return make_profile(
+    profile = make_profile(
         duration,
         (-begin[2], -end_down),
-        (-traveller.air_velocity_n[2] - wind_0[2], level_off),
-        -traveller.air_acceleration_n[2],
+        (-traveller.air_velocity_n[2] - wind_0[2], arrival.climb),
+        climb_acceleration(traveller, airspace.wind),
         height,
         (speed_0, *speeds),
         speed_dot,
         speed_rates(traveller),
     )
+    return profile, arrival
 
 
-def _ends(traveller: Traveller, airspace: Airspace, table: Timetable) -> Ends:
+def _ends(traveller: Traveller, airspace: Airspace, table: Timetable, arrival: Arriving) -> Ends:
     """What the horizontal path joins in the frame that drifts with the air, at a timetable."""
     duration, profile = table.profile.duration, table.profile
     velocity, acceleration = traveller.air_velocity_n, traveller.air_acceleration_n
@@ -119,17 +118,13 @@ def _ends(traveller: Traveller, airspace: Airspace, table: Timetable) -> Ends:
     level = jnp.maximum(jnp.sum(velocity[:2] ** 2), 1.0)
     curvature = (velocity[0] * acceleration[1] - velocity[1] * acceleration[0]) / level**1.5
     curvature_max, sharpness = curvature_limits(traveller, airspace.gravity, profile)
-    arrived = jnp.stack([jnp.zeros(()), jnp.zeros(()), -profile.at(duration).altitude])
-    wind = airspace.wind.at(arrived, duration)
-    line = jnp.stack([jnp.real(_plane(end - traveller.position_n)), jnp.imag(_plane(end - traveller.position_n)), 0.0])
-    final, _ = final_air_velocity(rendezvous, line, profile.speed_2, wind)
     return Ends(
         start=_plane(traveller.position_n),
         heading=jnp.arctan2(velocity[1], velocity[0]),
         curvature=curvature,
         end=_plane(end),
-        end_heading=jnp.arctan2(final[1], final[0]),
-        end_free=~rendezvous.course_prescribed,
+        end_heading=arrival.heading,
+        end_free=arrival.heading_free,
         curvature_max=curvature_max,
         sharpness=sharpness,
     )
@@ -162,11 +157,11 @@ def timed_profile(
     speeds: tuple[Scalar, Scalar],
 ) -> TimedProfile:
     """Profile of given airspeeds in the middle and at the end, with its direct paths at the radii that go with them."""
-    profile = _profile(traveller, airspace, duration, speeds, height)
+    profile, arrival = _profile(traveller, airspace, duration, speeds, height)
     table = tabulate(profile, airspace.wind, ticks)
-    ends = _ends(traveller, airspace, table)
+    ends = _ends(traveller, airspace, table, arrival)
     excess = profile_excess(table, _profile_limits(traveller), airspace.gravity)
-    return TimedProfile(table, ends, directs(ends), profile.speed_mean, kept(excess))
+    return TimedProfile(table, ends, directs(ends), profile.speed_mean, kept(excess) & arrival.attainable)
 
 
 def timed_profiles(

@@ -130,7 +130,6 @@ def path_track(
     accelerations: Float[Array, " cells"],
     active: ScalarLike,
     times: Float[Array, " instants"],
-    most: int,
     since: ScalarLike = -jnp.inf,
 ) -> Track:
     """A delivered path at even instants, with a rigorous bound of its acceleration in each interval.
@@ -143,8 +142,6 @@ def path_track(
         0 for one that does not count.
     times
         The instants, s.
-    most
-        No cell is longer than so many intervals.
     since
         What is before counts no more, s.
     """
@@ -153,9 +150,11 @@ def path_track(
     count = times.shape[0] - 1
     first = jnp.floor((path.times[:-1] - times[0]) / step - 1e-9).astype(jnp.int32)
     last = jnp.floor((path.times[1:] - times[0]) / step + 1e-9).astype(jnp.int32)
-    pushes = jnp.zeros(count)
-    for k in range(most + 2):
-        where = jnp.minimum(first + k, last)
+    # An interval lies within one cell, which its middle tells, or each cell that it touches begins or ends in it.
+    middles = 0.5 * (times[1:] + times[:-1])
+    within = jnp.searchsorted(path.times, middles, side="right") - 1
+    pushes = accelerations[jnp.clip(within, 0, accelerations.shape[0] - 1)]
+    for where in (first, last):
         pushes = pushes.at[jnp.clip(where, 0, count - 1)].max(accelerations)
     counted = active * jnp.where((times[:-1] < path.times[-1] - 1e-6) & (times[1:] > since), 1.0, 0.0)
     return Track(positions, track_slack(pushes, step), counted)
