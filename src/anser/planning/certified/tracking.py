@@ -152,7 +152,7 @@ def path_track(
     last = jnp.floor((path.times[1:] - times[0]) / step + 1e-9).astype(jnp.int32)
     # An interval lies within one cell, which its middle tells, or each cell that it touches begins or ends in it.
     middles = 0.5 * (times[1:] + times[:-1])
-    within = jnp.searchsorted(path.times, middles, side="right") - 1
+    within = jnp.searchsorted(path.times, middles, side="right", method="compare_all") - 1
     pushes = accelerations[jnp.clip(within, 0, accelerations.shape[0] - 1)]
     for where in (first, last):
         pushes = pushes.at[jnp.clip(where, 0, count - 1)].max(accelerations)
