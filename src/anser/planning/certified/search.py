@@ -41,8 +41,8 @@ class ArrivalRequest:
     ----------
     rule
         One of `RULES`: "together" (one time, the first at which the farthest can be there at its preferred speed),
-        "earliest" (the first that the limits allow), "at" (a given one), "sequence" (one after another), "times" (each
-        at its own), "windows" (each within its own).
+        "earliest" (the first that is found, see `earliest_time`), "at" (a given one), "sequence" (one after another),
+        "times" (each at its own), "windows" (each within its own).
     times_s
         For "at" and "times", one per aircraft, s after the start of the plan.
     offsets_s
