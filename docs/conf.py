@@ -12,6 +12,7 @@ jax.Array.__name__ = jax.Array.__qualname__ = "Array"  # as signatures are to sh
 jax.Array.__module__ = "jax"
 
 import anser  # noqa: E402 - its annotations take the name on
+from anser.numerics.compiling import known_options  # noqa: E402
 
 _ROOT = Path(__file__).parents[1]
 
@@ -101,7 +102,8 @@ get_ipython().run_line_magic("config", "InlineBackend.figure_formats = ['svg']")
 def _prepare_kernels() -> None:
     """Let the kernels of the examples find the command `anser`, and the scenarios where the pages say they are."""
     os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
-    os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false")  # compiles in half the time
+    if known_options({"xla_cpu_use_fusion_emitters": False}):  # compiles in half the time, where the version has it
+        os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false")
     os.environ["COLUMNS"] = "110"
     profile = _ROOT / "build" / "ipython"
     startup = profile / "profile_default" / "startup"

@@ -1,6 +1,6 @@
 """Numerical building blocks: tables, integration, quadrature, roots, small algebra."""
 
-from anser.numerics.compiling import compiled_quickly
+from anser.numerics.compiling import compiled_by_older_generator, compiled_quickly
 from anser.numerics.integrate import rk4_step
 from anser.numerics.linear import inverse3, solve3, times3
 from anser.numerics.tables import Axis, Curves, Surfaces, make_axis, make_curves, make_surfaces
@@ -9,6 +9,7 @@ __all__ = [
     "Axis",
     "Curves",
     "Surfaces",
+    "compiled_by_older_generator",
     "compiled_quickly",
     "inverse3",
     "make_axis",

@@ -1,6 +1,5 @@
 """When each aircraft can be at its rendezvous: the arrival times that its limits and the closed volumes allow."""
 
-import functools
 from collections.abc import Sequence
 from typing import Literal
 
@@ -9,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from anser.numerics import compiled_by_older_generator
 from anser.planning.certified.choices import ALONE, DEEP, PLAIN, Choices
 from anser.planning.certified.placement import make_options
 from anser.planning.certified.request import Airspace, Traveller
@@ -26,7 +26,7 @@ COARSE_TICKS = 128
 """Intervals of the paths that tell which times are open: they only say where to look."""
 
 
-@functools.partial(jax.jit, static_argnames="ticks", compiler_options={"xla_cpu_use_fusion_emitters": False})
+@compiled_by_older_generator(static_argnames=("ticks",))
 def direct_times(
     travellers: Traveller, airspace: Airspace, speeds: Float[Array, " aircraft"], ticks: int
 ) -> tuple[Float[Array, " aircraft"], Bool[Array, " aircraft"]]:
@@ -53,9 +53,7 @@ def direct_times(
     return jax.vmap(one)(travellers, speeds)
 
 
-@functools.partial(
-    jax.jit, static_argnames=("ticks", "choices"), compiler_options={"xla_cpu_use_fusion_emitters": False}
-)
+@compiled_by_older_generator(static_argnames=("ticks", "choices"))
 def _reachable_at(
     travellers: Traveller, airspace: Airspace, durations: Float[Array, " n"], count: int, ticks: int, choices: Choices
 ) -> Bool[Array, " n"]:

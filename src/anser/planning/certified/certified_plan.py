@@ -1,6 +1,5 @@
 """A whole fleet planned for given arrival times, with bounds that prove what is kept."""
 
-import functools
 from collections.abc import Callable
 
 import equinox as eqx
@@ -8,6 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from anser.numerics import compiled_by_older_generator
 from anser.planning.certified.certificate import PathBounds, excess, path_bounds
 from anser.planning.certified.choices import Choices
 from anser.planning.certified.conflicts import Track, keep_out_room
@@ -261,12 +261,7 @@ def _best_placed(
     return jax.lax.while_loop(lambda c: (c[0] < rounds) & c[4], again, begin)[3]
 
 
-plan_at = functools.partial(
-    # XLA's older code generator for the CPU compiles in half the time, and the plans are as fast.
-    jax.jit,
-    static_argnames=("ticks", "choices"),
-    compiler_options={"xla_cpu_use_fusion_emitters": False},
-)(plan_fleet_at)
+plan_at = compiled_by_older_generator(static_argnames=("ticks", "choices"))(plan_fleet_at)
 """`plan_fleet_at`, compiled."""
 
 

@@ -1,0 +1,86 @@
+"""The built wheel, installed unpinned on the newest Python of this machine, plans and flies: what pyproject.toml says."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+_ASK = "import sys, venv, ensurepip; print(*sys.version_info[:2])"
+
+
+def _version_of(python):
+    """(major, minor) of an interpreter that can make environments; None for what is none, as a shim without one."""
+    done = subprocess.run([python, "-c", _ASK], capture_output=True, text=True, check=False)
+    return tuple(map(int, done.stdout.split())) if done.returncode == 0 else None
+
+
+def _newest_python():
+    folders = [Path(folder) for folder in os.environ.get("PATH", "").split(os.pathsep) if folder]
+    folders += Path.home().glob(".pyenv/versions/*/bin")
+    named = {
+        path
+        for folder in folders
+        if folder.is_dir()
+        for path in folder.iterdir()
+        if re.fullmatch(r"python3\.\d+", path.name)
+    }
+    versions = {version: str(path) for path in sorted(named) if (version := _version_of(path))}
+    return max({sys.version_info[:2]: sys.executable, **versions}.items())
+
+
+def _run(*words, **options):
+    done = subprocess.run(words, capture_output=True, text=True, check=False, **options)
+    assert done.returncode == 0, f"{words} ended with {done.returncode}:\n{done.stdout[-4000:]}\n{done.stderr[-4000:]}"
+    return done.stdout
+
+
+@pytest.fixture(scope="module", name="anser")
+def installed(tmp_path_factory):
+    """The command of a fresh environment, and what runs it: nothing of this one's paths and flags."""
+    folder = tmp_path_factory.mktemp("wheel")
+    version, python = _newest_python()
+    environment = {
+        key: value
+        for key, value in os.environ.items()
+        if key not in {"XLA_FLAGS", "PYTHONPATH", "VIRTUAL_ENV", "PIP_CONSTRAINT", "ANSER_TEST_CACHE"}
+    }
+    environment["ANSER_COMPILATION_CACHE"] = str(folder / "compiled")
+    # Only what belongs to the package: a build beside other tests must not read their leavings.
+    sources = folder / "sources"
+    sources.mkdir()
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, sources)
+    shutil.copytree(ROOT / "src", sources / "src", ignore=shutil.ignore_patterns("__pycache__"))
+    _run(python, "-m", "venv", folder / "env", env=environment)
+    pip = [folder / "env" / "bin" / "python", "-m", "pip", "--quiet", "--disable-pip-version-check"]
+    _run(*pip, "wheel", "--no-deps", "--wheel-dir", folder, sources, env=environment)
+    (wheel,) = folder.glob("anser-*.whl")
+    _run(*pip, "install", wheel, env=environment)
+
+    def call(*words):
+        return _run(folder / "env" / "bin" / "anser", *words, env=environment, cwd=folder)
+
+    call.version, call.folder = version, folder
+    return call
+
+
+def test_the_wheel_plans_and_flies_the_starter_scenario(anser):
+    assert anser.version >= sys.version_info[:2]
+    anser("new", "mine.toml")
+    planned = json.loads(anser("plan", "mine.toml", "--json"))
+    anser("run", "mine.toml", "--out", "flown", "--quiet")
+    summary = json.loads((anser.folder / "flown" / "summary.json").read_text())
+    assert [row["status"] for row in summary["aircraft"]] == ["arrived"] * len(planned["aircraft"])
+    assert summary["fleet"]["arrival_spread_s"] < 0.05
+    # The certified planner is compiled another way.
+    text = (anser.folder / "mine.toml").read_text()
+    assert 'planner = "published"' in text
+    (anser.folder / "certified.toml").write_text(text.replace('planner = "published"', 'planner = "certified"'))
+    certified = json.loads(anser("plan", "certified.toml", "--json"))
+    assert len(certified["aircraft"]) == len(planned["aircraft"])
