@@ -7,15 +7,16 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from anser.campaign.refusal import explain
+from anser.campaign.refusal import explain, explain_unheld
 from anser.campaign.untrimmable import refuse_untrimmable
 from anser.compilation_cache import enable_compilation_cache
 from anser.numerics import compiled_quickly
 from anser.planning.certified import Airspace, ArrivalRequest, CertifiedPlan, Outcome, Traveller, search
 from anser.scenario import Scenario, build_flight
-from anser.simulation import Flight, Ready, make_ready, travellers
+from anser.simulation import Flight, PlannedHolds, Ready, assign_holds, cells_for, make_ready, travellers
 
 _ready = compiled_quickly(make_ready)
+_holds = compiled_quickly(assign_holds)
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,8 @@ class CertifiedPlanned:
         Of the search.
     travellers, airspace
         The task of the planner.
+    holds
+        What the aircraft fly after their arrivals; None where there is no plan.
     refusals
         Why there is no plan, one sentence each; empty where there is one.
     """
@@ -44,6 +47,7 @@ class CertifiedPlanned:
     outcome: Outcome
     travellers: Traveller
     airspace: Airspace
+    holds: PlannedHolds | None
     refusals: tuple[str, ...]
 
     @property
@@ -123,9 +127,25 @@ def plan_certified(scenario: Scenario, told: Callable[[str], None] = lambda what
     assert certified is not None
     task = travellers(flight.fleet, ready.trims.state, ready.now, ready.sensed)
     request = arrival_request(scenario)
-    outcome = search(0.0, task, certified.airspace, request, told=told)
+    tried: list[tuple[CertifiedPlan, PlannedHolds]] = []
+
+    def after(plan: CertifiedPlan) -> np.ndarray:
+        told("choosing the holds")
+        until = scenario.timing.duration_s
+        shared = certified.airspace, flight.fleet.guidance
+        holds = _holds(plan, task, *shared, 0.0, until, cells_for(until))
+        tried.append((plan, holds))
+        return ~np.asarray(holds.clear)
+
+    outcome = search(0.0, task, certified.airspace, request, told=told, after=after)
+    holds = next((holds for plan, holds in tried if plan is outcome.plan), None)
     refusals: tuple[str, ...] = ()
     if outcome.plan is None:
         told("looking for what stands in the way")
-        refusals = explain(scenario, task, certified.airspace, request, outcome)
-    return CertifiedPlanned(scenario, flight, ready, outcome, task, certified.airspace, refusals)
+        unheld = next((holds for plan, holds in tried if plan is outcome.unheld), None)
+        refusals = (
+            explain(scenario, task, certified.airspace, request, outcome)
+            if unheld is None
+            else explain_unheld(scenario, task, unheld)
+        )
+    return CertifiedPlanned(scenario, flight, ready, outcome, task, certified.airspace, holds, refusals)

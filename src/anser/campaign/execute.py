@@ -243,7 +243,7 @@ def run(scenario: Scenario, progress: Progress | None = None) -> Flown:
         if planned.refusals:
             raise NoPlanError(planned.refusals)
         flight = planned.flight
-        state = begin(flight, planned.ready, planned.plan, jnp.zeros(len(scenario.aircraft)))
+        state = begin(flight, planned.ready, planned.plan, jnp.zeros(len(scenario.aircraft)), planned.holds)
     else:
         flight = build_flight(scenario)
         planned = _plan(scenario, flight)

@@ -20,6 +20,7 @@ from anser.planning.certified import (
 )
 from anser.planning.certified.arrivals import reachable
 from anser.scenario import Scenario
+from anser.simulation import PlannedHolds
 
 Intervals = list[tuple[float, float]]
 _FACTORS = 2.0 ** np.linspace(0.0, 2.0, 9)  # by which a limit is loosened, from as asked to four times
@@ -58,6 +59,36 @@ def explain(
         if not [1 for a, _ in common_times(arrivals, offsets) if a <= request.latest_s - float(np.max(offsets))]:
             return (_no_common_time(names, arrivals, offsets, request.latest_s),)
     return (_conflict(names, travellers, airspace, request, outcome),)
+
+
+def explain_unheld(scenario: Scenario, travellers: Traveller, holds: PlannedHolds) -> tuple[str, ...]:
+    """Say why a fleet that could arrive has no plan: who cannot hold afterwards.
+
+    Parameters
+    ----------
+    scenario
+        Names the aircraft.
+    travellers
+        The task.
+    holds
+        The best that were found.
+    """
+    names = [one.name for one in scenario.aircraft]
+    found, room = [], np.asarray(holds.room)
+    for k in np.flatnonzero(~np.asarray(holds.clear) & (np.asarray(travellers.active) > 0.0)):
+        other = int(np.argmin(room[k]))
+        if room[k, other] >= 1.0:
+            found.append(
+                f'aircraft "{names[k]}" can arrive, but no hold afterwards keeps it within the limits of altitude, '
+                "off its goal and out of the keep-outs"
+            )
+        elif k < other or room[other, k] >= 1.0:
+            found.append(
+                f'"{names[k]}" and "{names[other]}" can arrive, but no holds afterwards keep them apart until the '
+                f"flight ends: {room[k, other]:.2f} of the separation at best; other courses of arrival, rendezvous "
+                "points farther apart or arrivals one after another would help"
+            )
+    return tuple(found[:_MOST_SHOWN])
 
 
 def spoken(intervals: Sequence[tuple[float, float]]) -> str:

@@ -1,12 +1,13 @@
 """Guidance: from the planned path, or from a hold around the goal, to the velocity that the autopilot flies."""
 
+from typing import Protocol
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 
 from anser.control.feedback import wrapped
-from anser.planning import PathCommand, Trajectory, polar
-from anser.planning.timed_path import TimedPath
+from anser.planning import PathCommand, polar
 from anser.shapes import Scalar, ScalarLike, Vector3
 from anser.spatial import safe_hypot
 
@@ -39,8 +40,24 @@ class GuidanceSettings(eqx.Module):
     climb_rate_max: Scalar
 
 
+class Reference(Protocol):
+    """What can be followed: a motion over the ground, NED, in m and s."""
+
+    def position_n(self, time: ScalarLike) -> Vector3:
+        """Where to be at a time."""
+        ...
+
+    def velocity_n(self, time: ScalarLike) -> Vector3:
+        """How fast."""
+        ...
+
+    def acceleration_n(self, time: ScalarLike) -> Vector3:
+        """And how that changes."""
+        ...
+
+
 def follow(
-    trajectory: Trajectory | TimedPath,
+    trajectory: Reference,
     time: ScalarLike,
     position_n: Vector3,
     velocity_n: Vector3,

@@ -11,12 +11,12 @@ from jax.core import Tracer
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
-_OLDER_GENERATOR = {"xla_cpu_use_fusion_emitters": False}
-_UNOPTIMIZED = {"xla_backend_optimization_level": 0, **_OLDER_GENERATOR}
+_OLDER_GENERATOR: dict[str, bool | str] = {"xla_cpu_use_fusion_emitters": False}
+_UNOPTIMIZED: dict[str, bool | str] = {"xla_backend_optimization_level": "0", **_OLDER_GENERATOR}
 
 
 @functools.cache
-def _known(option: str, value: int) -> bool:
+def _known(option: str, value: bool | str) -> bool:
     """Whether the compiler that is installed takes an option: asked once, with a program of one addition."""
     probe = jax.jit(lambda x: x + 1).lower(jax.ShapeDtypeStruct((), jnp.int32))
     try:
@@ -28,7 +28,7 @@ def _known(option: str, value: int) -> bool:
     return True
 
 
-def known_options(wanted: dict[str, int]) -> dict[str, int]:
+def known_options(wanted: dict[str, bool | str]) -> dict[str, bool | str]:
     """Those of some options that the compiler takes: XLA gives them up from one version to the next."""
     return {option: value for option, value in wanted.items() if _known(option, value)}
 

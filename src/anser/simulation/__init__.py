@@ -20,6 +20,7 @@ from anser.simulation.linearize_sampled import CHANNELS, linearize_loop
 from anser.simulation.margins import NEUTRAL, LoopAnalysis, LoopResponse, analyse_loops, largest_pole
 from anser.simulation.modes import Mode, modes_of, wind_axis_states
 from anser.simulation.motion import advance
+from anser.simulation.planned_hold import PlannedHolds, assign_holds, cells_for
 from anser.simulation.response import Loop, Response, step_response
 from anser.simulation.sensing import Sensed, sense
 from anser.simulation.status import FLYING, NO_TRIM, STATUS_MESSAGES
@@ -56,6 +57,7 @@ __all__ = [
     "Mode",
     "NearestTrim",
     "NearestTrims",
+    "PlannedHolds",
     "Reading",
     "Readings",
     "Ready",
@@ -66,7 +68,9 @@ __all__ = [
     "TrimTarget",
     "advance",
     "analyse_loops",
+    "assign_holds",
     "begin",
+    "cells_for",
     "dispersed_flight",
     "fly_segment",
     "inversion_poles",

@@ -9,6 +9,7 @@ from anser.environment import Environment
 from anser.planning import FleetPlan, GoalMotion, PathLimits, Rendezvous
 from anser.planning.certified import Airspace, CertifiedPlan
 from anser.shapes import Count, Flag, Scalar
+from anser.simulation.planned_hold import PlannedHolds
 from anser.simulation.trim import TrimTarget
 
 
@@ -127,6 +128,8 @@ class FlightState(eqx.Module):
         Index into `STATUS_MESSAGES`; 0 while all is well. An aircraft whose status is terminal stands still.
     stopped
         Whether the status is terminal.
+    holds
+        What the certified planner's aircraft fly after their arrival; None: the guidance's hold.
     """
 
     step_index: Count
@@ -139,3 +142,4 @@ class FlightState(eqx.Module):
     flown: Float[Array, " aircraft"]
     status: Int[Array, " aircraft"]
     stopped: Bool[Array, " aircraft"]
+    holds: PlannedHolds | None = None

@@ -28,11 +28,12 @@ from anser.planning import (
     renew,
     rescaled,
 )
-from anser.planning.certified import CertifiedPlan, Traveller, renew_certified
+from anser.planning.certified import ANEW, CertifiedPlan, Renewed, Traveller, renew_certified
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
 from anser.simulation.fleet import Fleet, Flight, FlightState
 from anser.simulation.motion import advance
+from anser.simulation.planned_hold import PlannedHolds, assign_holds, each_alone, hold_reference
 from anser.simulation.record import APPROACH, FROZEN, HOLD, Moment, record
 from anser.simulation.sensing import Sensed, sense
 from anser.simulation.status import AT_GROUND, FLYING, NO_TRIM, NOT_FINITE
@@ -141,9 +142,13 @@ def start_flight(flight: Flight) -> tuple[FlightState, TrimPoint]:
 
 
 def begin(
-    flight: Flight, ready: Ready, plan: FleetPlan | CertifiedPlan, sides: Float[Array, " aircraft"]
+    flight: Flight,
+    ready: Ready,
+    plan: FleetPlan | CertifiedPlan,
+    sides: Float[Array, " aircraft"],
+    holds: PlannedHolds | None = None,
 ) -> FlightState:
-    """State of a flight at time 0 with its first plan."""
+    """State of a flight at time 0 with its first plan, and with the holds that belong to it."""
     trims = ready.trims
     stopped = ~trims.converged | (trims.excess > EXCESS_NOISE)
     status = jnp.where(stopped, NO_TRIM, plan.statuses).astype(jnp.int32)
@@ -160,6 +165,7 @@ def begin(
         jnp.zeros_like(sides),
         status,
         stopped,
+        holds,
     )
 
 
@@ -215,6 +221,7 @@ class _Own(eqx.Module):
     planned_length: ScalarLike
     status: Count
     stopped: Flag
+    holds: PlannedHolds | None
 
 
 def _fly_one(
@@ -234,6 +241,10 @@ def _fly_one(
     planned = follow(own.trajectory, time, state.position_n, velocity_n, wind_n, settings)
     relative_n = state.position_n - own.sensed.goal_position_n
     height = -own.rendezvous.stand_off_n[2]
+    if own.holds is not None:
+        circle = own.holds.circles
+        height = circle.height
+        settings = eqx.tree_at(lambda s: (s.hold_radius, s.hold_turn), settings, (circle.radius, circle.turn))
     circle_n = hold_point(relative_n, own.sensed.goal_position_n, height, settings)
     held = hold(
         relative_n,
@@ -245,6 +256,11 @@ def _fly_one(
         fleet.speed,
         settings,
     )
+    if own.holds is not None:
+        seen = own.sensed.goal_position_n, own.sensed.goal_velocity_n
+        ahead, foreseen = hold_reference(own.holds, time, *seen, fleet.speed)
+        followed = follow(ahead, time, state.position_n, velocity_n, wind_n, settings), ahead.position_n(time)
+        held, circle_n = jax.tree.map(lambda a, b: jnp.where(foreseen, a, b), followed, (held, circle_n))
     command = jax.tree.map(lambda a, b: jnp.where(phase == HOLD, a, b), held, planned)
     if not isinstance(earth, FlatEarth):  # there the chart's rates are the velocities
         command = rescaled(command, 1.0 / scale)
@@ -288,6 +304,21 @@ def _fly_one(
     return after, autopilot, status, stay, row
 
 
+def _renewed_holds(
+    fleet: Fleet, holds: PlannedHolds | None, own: Traveller, made: Renewed, time: ScalarLike
+) -> PlannedHolds | None:
+    """Holds after a renewal: chosen anew where paths were planned anew; those that are flown already stay."""
+    if holds is None or fleet.certified is None:
+        return holds
+    airspace = fleet.certified.airspace
+
+    def anew() -> PlannedHolds:
+        until, cells = jnp.max(holds.paths.times), holds.paths.times.shape[1] - 1
+        return assign_holds(made.plan, own, airspace, fleet.guidance, time, until, cells, former=holds)
+
+    return jax.lax.cond(made.how == ANEW, anew, lambda: holds)
+
+
 def step_flight(flight: Flight, carry: FlightState) -> tuple[FlightState, dict[str, Array]]:
     """Fly the fleet over one step; returns the next state and the row recorded at the step's start."""
     fleet, environment, timing = flight.fleet, flight.environment, flight.timing
@@ -298,22 +329,22 @@ def step_flight(flight: Flight, carry: FlightState) -> tuple[FlightState, dict[s
     frozen = time >= carry.plan.arrival_times - timing.freeze
     on_time = (timing.replan_steps > 0) & (carry.step_index % jnp.maximum(timing.replan_steps, 1) == 0)
 
-    def renewed() -> tuple[FleetPlan | CertifiedPlan, Count]:
+    def renewed() -> tuple[FleetPlan | CertifiedPlan, Count, PlannedHolds | None]:
         if isinstance(carry.plan, CertifiedPlan) and fleet.certified is not None:
             own, settings = travellers(fleet, aircraft, now, sensed), fleet.certified
             made = renew_certified(
                 carry.plan, time, own, settings.airspace, settings.movable, timing.freeze, settings.latest
             )
-            return made.plan, made.how
+            return made.plan, made.how, _renewed_holds(fleet, carry.holds, own, made, time)
         if isinstance(carry.plan, FleetPlan):
             tasks = planning_tasks(
                 fleet, time, aircraft, now, sensed, carry.flown, carry.deceleration, carry.plan.speed
             )
-            return renew(carry.plan, time, tasks, carry.sides, fleet.even_speed), carry.renewal
+            return renew(carry.plan, time, tasks, carry.sides, fleet.even_speed), carry.renewal, None
         raise ValueError("a certified plan is flown by a fleet with settings of the certified planner")
 
     due = on_time & ~jnp.all(frozen)
-    plan, renewal = jax.lax.cond(due, renewed, lambda: (carry.plan, carry.renewal))
+    plan, renewal, holds = jax.lax.cond(due, renewed, lambda: (carry.plan, carry.renewal, carry.holds))
     phase = jnp.where(time >= plan.arrival_times, HOLD, jnp.where(frozen, FROZEN, APPROACH))
     status = jnp.where(carry.status == FLYING, plan.statuses.astype(carry.status.dtype), carry.status)
     own = _Own(
@@ -333,6 +364,7 @@ def step_flight(flight: Flight, carry: FlightState) -> tuple[FlightState, dict[s
         planned_length=plan.lengths,
         status=status,
         stopped=carry.stopped,
+        holds=None if holds is None else each_alone(holds),
     )
     fly = jax.vmap(_fly_one, in_axes=(0, None, None, None, 0, 0, None, None))
     after, autopilots, status, stopped, row = fly(
@@ -340,7 +372,17 @@ def step_flight(flight: Flight, carry: FlightState) -> tuple[FlightState, dict[s
     )
     flown = carry.flown + timing.step * now.air_data.V
     return FlightState(
-        carry.step_index + 1, after, autopilots, plan, renewal, carry.sides, carry.deceleration, flown, status, stopped
+        carry.step_index + 1,
+        after,
+        autopilots,
+        plan,
+        renewal,
+        carry.sides,
+        carry.deceleration,
+        flown,
+        status,
+        stopped,
+        holds,
     ), row
 
 

@@ -29,6 +29,7 @@ _THOROUGH_FLEET = 12  # aircraft up to which every kind of candidate is tried
 _WINDOW_STEPS = (0.0, 0.12, 0.25, 0.4, 0.55, 0.7, 0.85, 1.0)
 
 Told = Callable[[str], None]
+After = Callable[[CertifiedPlan], np.ndarray]
 Times = Float[np.ndarray, " aircraft"]
 Intervals = list[tuple[float, float]]
 
@@ -74,12 +75,15 @@ class Outcome:
         The try with the fewest aircraft in trouble, where there is no plan.
     arrivals
         Per aircraft, the arrival times open to it alone (s after the start), where they were needed.
+    unheld
+        A plan that keeps everything up to the arrivals, but not after them, where there is no other.
     """
 
     plan: CertifiedPlan | None
     tries: int
     closest: CertifiedPlan | None = None
     arrivals: list[Intervals] | None = field(default=None)
+    unheld: CertifiedPlan | None = None
 
 
 def search(
@@ -89,6 +93,7 @@ def search(
     request: ArrivalRequest,
     told: Told = lambda what: None,
     thorough: bool = True,
+    after: After = lambda plan: np.zeros(plan.arrival_times.shape, dtype=bool),
 ) -> Outcome:
     """Find a plan whose certificate keeps everything.
 
@@ -107,10 +112,13 @@ def search(
         Called with what is being done.
     thorough
         False stops after the first times.
+    after
+        Called with a plan that keeps everything: which aircraft do not after their arrivals.
     """
     active = np.asarray(travellers.active) > 0.0
     size = int(np.sum(active))
     tries, closest, fewest = 0, None, np.inf
+    unheld: CertifiedPlan | None = None
     tried: list[tuple[Choices, Times, np.ndarray]] = []
 
     def found_at(durations: Times, choices: Choices) -> np.ndarray | None:
@@ -125,8 +133,14 @@ def search(
     ) -> tuple[CertifiedPlan, np.ndarray]:
         """A plan, and which aircraft are in trouble."""
         ticks = ticks_for(float(np.max(durations)))
-        plan = plan_at(start_time, travellers, airspace, jnp.asarray(durations), ticks, choices, sought)
-        return plan, active & ~np.asarray(plan.good)
+        nonlocal unheld
+        about = None if sought is None else jnp.asarray(sought)
+        plan = plan_at(start_time, travellers, airspace, jnp.asarray(durations), ticks, choices, about)
+        lost = active & ~np.asarray(plan.good)
+        if not lost.any():
+            lost = active & after(plan)
+            unheld = plan if lost.any() else unheld
+        return plan, lost
 
     def attempt(durations: Times, choices: Choices) -> CertifiedPlan | None:
         nonlocal tries, closest, fewest
@@ -184,9 +198,9 @@ def search(
                 if plan is not None:
                     return Outcome(plan, tries)
     if fixed or not thorough:
-        return Outcome(None, tries, closest)
+        return Outcome(None, tries, closest, unheld=unheld)
     if thorough_fleet and request.rule != "windows" and not possible_times(travellers, airspace, request)[1].any():
-        return Outcome(None, tries, closest)
+        return Outcome(None, tries, closest, unheld=unheld)
     for durations, choices in _later_times(first, request, levels):
         if not _possible(travellers, airspace, durations):
             continue
@@ -201,7 +215,7 @@ def search(
         told("looking again, with free motions, for a time that is open to all")
         arrivals = arrival_sets(travellers, airspace, request.latest_s, deeply=True)
     if windows is not None and any(on and not own for on, own in zip(active, arrivals, strict=True)):
-        return Outcome(None, tries, closest)
+        return Outcome(None, tries, closest, unheld=unheld)
     for choices in levels:
         times = [t for t in _times(preferred, request, arrivals, active) if _possible(travellers, airspace, t)]
         if choices is not MANY:
@@ -213,7 +227,7 @@ def search(
                 if request.rule == "earliest" and thorough_fleet:
                     plan = earlier(plan)
                 return Outcome(plan, tries, arrivals=None if windows is not None else arrivals)
-    return Outcome(None, tries, closest, None if windows is not None else arrivals)
+    return Outcome(None, tries, closest, None if windows is not None else arrivals, unheld)
 
 
 def _possible(travellers: Traveller, airspace: Airspace, durations: Times) -> bool:

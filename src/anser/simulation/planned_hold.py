@@ -1,0 +1,460 @@
+"""What the certified planner's fleet does after its arrivals: holds that keep the separation, as paths with proofs.
+
+Each aircraft's hold is a path of its own: on from the arrival into a circle about its goal, foreseen at steady
+velocity. Sense, radius and height of the circle are chosen aircraft by aircraft so that it stays clear of all others,
+those on their way and those that hold, until the flight ends; the certificate is the planner's own.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from anser.control import GuidanceSettings, hold
+from anser.control.feedback import wrapped
+from anser.environment import AbstractWind
+from anser.planning.certified import Airspace, CertifiedPlan, Traveller, path_bounds
+from anser.planning.certified.certificate import excess
+from anser.planning.certified.conflicts import Track, keep_out_room
+from anser.planning.certified.crowd import BLOCK, crowd_blocks, fleet_use
+from anser.planning.certified.tracking import path_track
+from anser.planning.timed_path import TimedPath
+from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
+from anser.spatial import safe_hypot, safe_norm
+
+_INSTANTS = 8  # per cell of a hold's path, at which distances are looked at; bounds hold between them
+_SUBSTEPS = 4  # of the integration in each cell
+_ROUNDS = 3  # in which each aircraft chooses again, given what the others have chosen
+_RADII = (1.0, 1.5, 2.25, 0.75)
+_LEVELS = (0.0, 1.0, 2.0, 3.0)  # heights above the rendezvous, in units of the vertical separation
+_SPACE = 1.1  # of the vertical separation between two levels
+_ROLL_LAG_S = 1.5
+_COURSE_GAIN = 0.5  # 1/s
+_SPEED_GAIN, _SPEED_RATE = 0.2, 0.8  # 1/s, m/s^2
+_HEIGHT_GAIN, _CLIMB_LAG_S, _CLIMB_RATE = 0.2, 2.0, 4.0  # 1/s, s, m/s^2
+_BANK_KEPT = 0.95  # of the greatest bank angle
+_OFF_GOAL_M, _OFF_GOAL_KEPT = 150.0, 0.99  # from the goal, m, or the stand-off where that is less; for errors of flight
+_ROUNDING = 1e-7  # of the separation
+FORESEEN = 0.1
+"""Part of the airspeed by which a goal's velocity may differ from what was foreseen with the hold still being flown."""
+_OPTIONS = len(_RADII) * 2 * len(_LEVELS)
+
+
+class HoldCircle(eqx.Module):
+    """The circle of a hold.
+
+    Attributes
+    ----------
+    radius
+        m.
+    turn
+        +1: clockwise seen from above, -1: the other way.
+    height
+        Above the goal, m.
+    """
+
+    radius: Scalar
+    turn: Scalar
+    height: Scalar
+
+
+class PlannedHolds(eqx.Module):
+    """Holds of a fleet; leading axis aircraft.
+
+    Attributes
+    ----------
+    paths
+        From the arrivals to the end of the flight.
+    circles
+        What they join.
+    goal_positions_n, goal_velocities_n, foreseen_at
+        The goals as they were foreseen: places (m) and velocities (m/s) at a time, s.
+    room
+        Least ratio of distance to separation of each pair over the whole flight, the holds included; infinite for an
+        aircraft and itself.
+    closed_room
+        How far each stays out of each closed volume at least, m, the whole flight.
+    clear
+        Whether each keeps the separation from all others, stays out of closed volumes and within the limits of
+        altitude, until the flight ends.
+    """
+
+    paths: TimedPath
+    circles: HoldCircle
+    goal_positions_n: Float[Array, "aircraft 3"]
+    goal_velocities_n: Float[Array, "aircraft 3"]
+    foreseen_at: Scalar
+    room: Float[Array, "aircraft aircraft"]
+    closed_room: Float[Array, "aircraft volumes"]
+    clear: Bool[Array, " aircraft"]
+
+
+def cells_for(duration_s: float) -> int:
+    """Cells of a hold in a flight of so many seconds: a power of two, 2 s each or less where 4096 will do."""
+    return next((cells for cells in (128, 256, 512, 1024, 2048) if 2.0 * cells >= duration_s), 4096)
+
+
+def moved(holds: PlannedHolds, travellers: Traveller, now: ScalarLike) -> PlannedHolds:
+    """The same holds about goals that are foreseen otherwise at `now` (s), seen from which nothing jumps but the rates.
+
+    A hold goes with its goal; its path through the air changes by as much as the goal's velocity does.
+    """
+    off = travellers.goal_position_n - holds.goal_positions_n - (now - holds.foreseen_at) * holds.goal_velocities_n
+    faster = travellers.goal_velocity_n - holds.goal_velocities_n
+
+    def one(path: TimedPath, off_n: Vector3, faster_n: Vector3) -> TimedPath:
+        added = off_n[None, :] + (path.times - now)[:, None] * faster_n[None, :]
+        return eqx.tree_at(lambda p: p.air_n, path, path.air_n.at[:, 0].add(added).at[:, 1].add(faster_n))
+
+    return eqx.tree_at(
+        lambda h: (h.paths, h.goal_positions_n, h.goal_velocities_n, h.foreseen_at),
+        holds,
+        (
+            jax.vmap(one)(holds.paths, off, faster),
+            travellers.goal_position_n,
+            travellers.goal_velocity_n,
+            jnp.asarray(now, dtype=float),
+        ),
+    )
+
+
+class HoldReference(eqx.Module):
+    """The hold's path of one aircraft, carried along with its goal as it is sensed now.
+
+    Attributes
+    ----------
+    path
+        As planned.
+    off_n, off_rate_n
+        How far the goal is from where it was foreseen, m, and how fast that changes, m/s.
+    now
+        When it is, s.
+    """
+
+    path: TimedPath
+    off_n: Vector3
+    off_rate_n: Vector3
+    now: Scalar
+
+    def position_n(self, time: ScalarLike) -> Vector3:
+        """Position over the ground, NED, m."""
+        return self.path.position_n(time) + self.off_n + (time - self.now) * self.off_rate_n
+
+    def velocity_n(self, time: ScalarLike) -> Vector3:
+        """Velocity over the ground, NED, m/s."""
+        return self.path.velocity_n(time) + self.off_rate_n
+
+    def acceleration_n(self, time: ScalarLike) -> Vector3:
+        """Acceleration over the ground, NED, m/s^2."""
+        return self.path.acceleration_n(time)
+
+
+def each_alone(holds: PlannedHolds) -> PlannedHolds:
+    """Holds every field of which has a leading axis aircraft, for `vmap`."""
+    count = holds.clear.shape[0]
+    return eqx.tree_at(lambda h: h.foreseen_at, holds, jnp.broadcast_to(holds.foreseen_at, (count,)))
+
+
+def hold_reference(
+    holds: PlannedHolds, time: ScalarLike, goal_position_n: Vector3, goal_velocity_n: Vector3, speed: ScalarLike
+) -> tuple[HoldReference, Flag]:
+    """What one aircraft of some holds (no leading axis) is to fly about its goal as sensed, and whether it is to.
+
+    Not where the goal moves otherwise than foreseen by more than `FORESEEN` of the airspeed (m/s), nor beyond the end.
+    """
+    off_rate_n = goal_velocity_n - holds.goal_velocities_n
+    off_n = goal_position_n - holds.goal_positions_n - (time - holds.foreseen_at) * holds.goal_velocities_n
+    as_foreseen = jnp.sum(off_rate_n**2) <= (FORESEEN * speed) ** 2
+    flown = as_foreseen & (time <= holds.paths.times[-1])
+    return HoldReference(holds.paths, off_n, off_rate_n, jnp.asarray(time, dtype=float)), flown
+
+
+class _Flying(eqx.Module):
+    """A point mass in a hold; position over the ground and what of it is the air's drift, m."""
+
+    position_n: Vector3
+    drift_n: Vector3
+    course: Scalar
+    """Through the air, rad."""
+    speed: Scalar
+    """Airspeed, m/s."""
+    climb: Scalar
+    """Relative to the air, m/s."""
+    turning: Scalar
+    """Horizontal acceleration to the right, m/s^2."""
+
+
+def _air_velocity_n(now: _Flying) -> Vector3:
+    level = jnp.sqrt(jnp.maximum(now.speed**2 - now.climb**2, 1.0))
+    return jnp.stack([level * jnp.cos(now.course), level * jnp.sin(now.course), -now.climb])
+
+
+def hold_path(
+    traveller: Traveller,
+    arrival: tuple[Vector3, Vector3, ScalarLike],
+    goal: tuple[Vector3, Vector3],
+    circle: HoldCircle,
+    wind: AbstractWind,
+    until: ScalarLike,
+    settings: GuidanceSettings,
+    gravity: ScalarLike,
+    cells: int,
+) -> TimedPath:
+    """Path of one hold: the guidance's field, flown by a point mass that rolls, climbs and speeds up at finite rates.
+
+    Parameters
+    ----------
+    traveller
+        Its speed and limits count.
+    arrival
+        Position (m), velocity over the ground (m/s) and time (s) with which the hold begins.
+    goal
+        Position and velocity of the goal at the arrival, m and m/s over the ground.
+    circle
+        To be joined.
+    wind
+        As in the plan.
+    until
+        When the path ends, s.
+    settings
+        Of the guidance; radius and sense are the circle's.
+    gravity
+        m/s^2.
+    cells
+        Of the path.
+    """
+    place_n, velocity_n, begin = arrival
+    goal_n, goal_velocity_n = goal
+    settings = eqx.tree_at(lambda s: (s.hold_radius, s.hold_turn), settings, (circle.radius, circle.turn))
+    span = jnp.maximum(until - begin, 1.0) / cells
+    most = gravity * jnp.tan(_BANK_KEPT * traveller.limits.bank_max)
+    air_n = velocity_n - wind.at(place_n, begin)
+    start = _Flying(
+        position_n=place_n,
+        drift_n=jnp.zeros(3),
+        course=jnp.arctan2(air_n[1], air_n[0]),
+        speed=jnp.sqrt(jnp.sum(air_n**2)),
+        climb=-air_n[2],
+        turning=jnp.zeros(()),
+    )
+
+    def rates(elapsed: ScalarLike, now: _Flying) -> _Flying:
+        blowing_n = wind.at(now.position_n, begin)
+        ground_n = _air_velocity_n(now) + blowing_n
+        relative_n = now.position_n - goal_n - elapsed * goal_velocity_n
+        wanted = hold(
+            relative_n,
+            ground_n,
+            goal_velocity_n,
+            blowing_n,
+            velocity_n - goal_velocity_n,
+            circle.height,
+            traveller.speed,
+            settings,
+        )
+        turn_rate = wanted.chi_dot + _COURSE_GAIN * wrapped(wanted.chi - now.course)
+        asked = jnp.clip(now.speed * turn_rate, -most, most)
+        rising = _HEIGHT_GAIN * (circle.height + relative_n[2])
+        rising = jnp.clip(rising, -settings.climb_rate_max, settings.climb_rate_max)
+        wanted_climb = rising - goal_velocity_n[2] + blowing_n[2]
+        level = safe_hypot(*_air_velocity_n(now)[:2])
+        return _Flying(
+            position_n=ground_n,
+            drift_n=blowing_n,
+            course=now.turning / jnp.maximum(level, 1.0),
+            speed=jnp.clip(_SPEED_GAIN * (traveller.speed - now.speed), -_SPEED_RATE, _SPEED_RATE),
+            climb=jnp.clip((wanted_climb - now.climb) / _CLIMB_LAG_S, -_CLIMB_RATE, _CLIMB_RATE),
+            turning=(asked - now.turning) / _ROLL_LAG_S,
+        )
+
+    def added(one: _Flying, other: _Flying, factor: ScalarLike) -> _Flying:
+        return jax.tree.map(lambda a, b: a + factor * b, one, other)
+
+    def cell(now: _Flying, k: Count) -> tuple[_Flying, tuple[Array, Array]]:
+        step = span / _SUBSTEPS
+
+        def substep(j: Count, at: _Flying) -> _Flying:
+            t = k * span + j * step
+            one = rates(t, at)
+            two = rates(t + step / 2, added(at, one, step / 2))
+            three = rates(t + step / 2, added(at, two, step / 2))
+            four = rates(t + step, added(at, three, step))
+            mean = jax.tree.map(lambda a, b, c, d: (a + 2 * b + 2 * c + d) / 6, one, two, three, four)
+            return added(at, mean, step)
+
+        # The velocity's rate by the chain rule, so that knots have the acceleration of the motion itself.
+        motion = rates(k * span, now)
+        air_n, air_dot_n = jax.jvp(_air_velocity_n, (now,), (motion,))
+        blowing_n, blowing_dot_n = jax.jvp(lambda p: wind.at(p, begin), (now.position_n,), (motion.position_n,))
+        knot = jnp.stack([now.position_n - now.drift_n, air_n, air_dot_n])
+        drift = jnp.stack([now.drift_n, blowing_n, blowing_dot_n])
+        return jax.lax.fori_loop(0, _SUBSTEPS, substep, now), (knot, drift)
+
+    _, (knots, drifts) = jax.lax.scan(cell, start, jnp.arange(cells + 1))
+    return TimedPath(begin + span * jnp.arange(cells + 1), knots, drifts)
+
+
+def _circles(traveller: Traveller, airspace: Airspace, settings: GuidanceSettings) -> HoldCircle:
+    """The circles that one aircraft may choose from, the scenario's own first; stacked."""
+    stacked = airspace.separation.vertical
+    step = jnp.where(stacked > 0.0, _SPACE * stacked, 0.0)
+    base = -traveller.rendezvous.stand_off_n[2]
+    made = [
+        HoldCircle(radius * settings.hold_radius, turn * settings.hold_turn, base + level * step)
+        for level in _LEVELS
+        for radius in _RADII
+        for turn in (1.0, -1.0)
+    ]
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *made)
+
+
+def assign_holds(
+    plan: CertifiedPlan,
+    travellers: Traveller,
+    airspace: Airspace,
+    settings: GuidanceSettings,
+    start_time: ScalarLike,
+    until: ScalarLike,
+    cells: int,
+    former: PlannedHolds | None = None,
+) -> PlannedHolds:
+    """Choose a hold for each aircraft that keeps the separation from all others until the flight ends.
+
+    One after the other, the first to arrive first; each takes the first of its circles with which it stays clear of
+    all paths and of the holds chosen so far, or else the one that leaves most; then again, given all the others.
+
+    Parameters
+    ----------
+    plan
+        In force.
+    travellers
+        As planned: goals as foreseen at `start_time`.
+    airspace, settings
+        Of the fleet.
+    start_time
+        Of the foresight, s; distances count from here on.
+    until
+        End of the flight, s.
+    cells
+        Of each hold's path, see `cells_for`.
+    former
+        Holds that are flown already by those who have arrived at `start_time`: these stay.
+    """
+    fleet = plan.arrival_times.shape[0]
+    gravity, separation, volumes = airspace.gravity, airspace.separation, airspace.keep_outs
+    end = jnp.maximum(until, jnp.max(plan.arrival_times) + 1.0)
+    times = start_time + (end - start_time) * jnp.linspace(0.0, 1.0, _INSTANTS * cells + 1)
+    approach = jax.vmap(path_bounds, in_axes=(0, None, None))(plan.paths, airspace.wind, gravity)
+    before = jax.vmap(lambda p, a, on: path_track(p, a, on, times))(
+        plan.paths, approach.cell_acceleration, travellers.active
+    )
+    circles = jax.vmap(_circles, in_axes=(0, None, None))(travellers, airspace, settings)
+
+    flown = None if former is None else moved(former, travellers, start_time)
+
+    @jax.jit
+    def option(who: Count, k: Count) -> tuple[TimedPath, HoldCircle, Track, Flag, Array]:
+        """Hold of one aircraft about one of its circles, its whole way, and whether it keeps all but distances."""
+        own, arrival = jax.tree.map(lambda leaf: leaf[who], (travellers, plan.arrival_times))
+        circle = jax.tree.map(lambda leaf: leaf[who, k], circles)
+        path = jax.tree.map(lambda leaf: leaf[who], plan.paths)
+        begin = path.position_n(arrival), path.velocity_n(arrival), arrival
+        ahead_n = own.goal_position_n + (arrival - start_time) * own.goal_velocity_n
+        held = hold_path(
+            own, begin, (ahead_n, own.goal_velocity_n), circle, airspace.wind, end, settings, gravity, cells
+        )
+        if flown is not None:
+            old = jax.tree.map(lambda leaf: leaf[who], (flown.paths, flown.circles))
+            held, circle = jax.tree.map(lambda a, b: jnp.where(arrival <= start_time, a, b), old, (held, circle))
+        bounds = path_bounds(held, airspace.wind, gravity)
+        after = path_track(held, bounds.cell_acceleration, own.active, times)
+        first = jax.tree.map(lambda leaf: leaf[who], before)
+        later = times[:-1] >= arrival
+        astride = (times[:-1] < arrival) & (times[1:] > arrival)
+        slack = jnp.where(later, after.slack, first.slack)
+        slack = jnp.where(astride, jnp.maximum(after.slack, first.slack), slack)
+        places = jnp.where((times > arrival)[:, None], after.positions_n, first.positions_n)
+        whole = Track(places, slack, jnp.full_like(slack, own.active))
+        closed = keep_out_room(whole, times, volumes) if volumes.radius.shape[0] else jnp.zeros(0)
+        over = excess(bounds, own.limits)
+        high_enough = jnp.all(over[5:7] <= _ROUNDING)
+        from_goal = jax.vmap(safe_norm)(
+            places - own.goal_position_n[None, :] - (times - start_time)[:, None] * own.goal_velocity_n[None, :]
+        )
+        least = jnp.minimum(safe_norm(own.rendezvous.stand_off_n), _OFF_GOAL_M) * _OFF_GOAL_KEPT
+        off_goal = jnp.all((from_goal >= least) | (times <= arrival))
+        return held, circle, whole, high_enough & off_goal & jnp.all(closed >= 0.0), closed
+
+    def room_of(who: Count, one: Track, tracks: Track) -> Float[Array, " aircraft"]:
+        others = jnp.arange(fleet) != who
+        blocks = crowd_blocks(jax.tree.map(lambda leaf: leaf[None], one), fleet, 4 * BLOCK)
+        return fleet_use(
+            one,
+            jax.tree.map(lambda leaf: leaf[0], blocks),
+            crowd_blocks(tracks, fleet, 4 * BLOCK),
+            lambda some: jax.tree.map(lambda leaf: leaf[some], tracks),
+            others,
+            separation,
+        )
+
+    order = jnp.argsort(plan.arrival_times)
+    nothing = jax.eval_shape(option, jnp.asarray(0), jnp.asarray(0))
+    empty = jax.tree.map(lambda leaf: jnp.zeros((fleet, *leaf.shape), leaf.dtype), nothing)
+    # On their way all count; nobody holds yet.
+    empty = (empty[0], empty[1], before, empty[3], empty[4])
+
+    def choose(carry: tuple, who: Count) -> tuple:
+        fleet_now, chosen, best = carry
+
+        def tried(state: tuple) -> tuple:
+            k, pick, most, _ = state
+            made = option(who, k)
+            least = jnp.min(room_of(who, made[2], fleet_now[2]))
+            worth = jnp.where(made[3], jnp.minimum(least, 1e3), -1.0 + jnp.minimum(least, 1.0))
+            better = worth > most
+            return k + 1, jnp.where(better, k, pick), jnp.maximum(worth, most), made[3] & (least >= 1.0)
+
+        start = (jnp.asarray(0), jnp.asarray(0), jnp.asarray(-jnp.inf), jnp.asarray(False))
+        fine = best[who] >= 1.0
+        _, pick, most, _ = jax.lax.while_loop(lambda s: (s[0] < _OPTIONS) & ~s[3] & ~fine, tried, start)
+        pick = jnp.where(fine, chosen[who], pick)
+        made = option(who, pick)
+        fleet_now = jax.tree.map(lambda all_, one: all_.at[who].set(one), fleet_now, made)
+        return (fleet_now, chosen.at[who].set(pick), best.at[who].set(jnp.where(fine, best[who], most))), None
+
+    def matters(found: tuple) -> tuple[Array, Array]:
+        rooms = jax.lax.map(
+            lambda who: room_of(who, jax.tree.map(lambda leaf: leaf[who], found[2]), found[2]), jnp.arange(fleet)
+        )
+        return rooms, found[3] & jnp.all(rooms >= 1.0 - _ROUNDING, axis=1)
+
+    def again(carry: tuple) -> tuple:
+        turn, found, chosen, best, _, _ = carry
+        (found, chosen, best), _ = jax.lax.scan(choose, (found, chosen, best), order)
+        rooms, clear = matters(found)
+        clear = clear | (travellers.active == 0.0)
+        # Those in trouble choose again.
+        return turn + 1, found, chosen, jnp.where(clear, 1.0, -jnp.inf), rooms, clear
+
+    begin = (
+        jnp.asarray(0),
+        empty,
+        jnp.zeros(fleet, dtype=int),
+        jnp.full(fleet, -jnp.inf),
+        jnp.zeros((fleet, fleet)),
+        jnp.zeros(fleet, dtype=bool),
+    )
+    _, found, _, _, rooms, clear = jax.lax.while_loop(
+        lambda c: (c[0] < _ROUNDS) & ~jnp.all(c[5]), again, begin
+    )
+    paths, circle, _, _, closed = found
+    return PlannedHolds(
+        paths=paths,
+        circles=circle,
+        goal_positions_n=travellers.goal_position_n,
+        goal_velocities_n=travellers.goal_velocity_n,
+        foreseen_at=jnp.asarray(start_time, dtype=float),
+        room=rooms,
+        closed_room=closed,
+        clear=clear,
+    )
