@@ -5,6 +5,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from anser.aircraft import (
@@ -139,7 +140,7 @@ def trim_target(
 
 
 def _known_other_than_0(rate: ScalarLike) -> bool:
-    return not isinstance(rate, jax.core.Tracer) and float(rate) != 0.0
+    return not isinstance(rate, Tracer) and float(rate) != 0.0
 
 
 class _Case(NamedTuple):
