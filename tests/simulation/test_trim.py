@@ -260,6 +260,16 @@ def test_gradient_equals_difference_quotient(sensitivity):
             assert float(where(gradient)) == pytest.approx(differenced[name][k], rel=1e-5, abs=1e-12 / h), name
 
 
+def test_gradient_in_a_pull_up_equals_difference_quotient(sensitivity):
+    arguments = (F16, STILL, trim_target(163.0, 1700.0, 2 * DEG_RAD, pitch_rate=0.08))
+    wheres = {"pitch rate": (lambda a: a[2].pitch_rate, 1e-5), "centre of gravity": (lambda a: a[0].x_cg, 1e-5)}
+    for name, (where, h) in wheres.items():
+        differenced = _differenced(where, arguments, h)
+        for k in (0, 2, 3):  # alpha, elevator, power; the wings stay level
+            gradient = float(where(sensitivity(arguments, jnp.eye(4)[k])))
+            assert gradient == pytest.approx(differenced[k], rel=1e-5, abs=1e-12 / h), name
+
+
 @pytest.mark.parametrize("airframe", [F16, glider(F16)], ids=["symmetric", "no solution"])
 def test_gradient_is_finite_in_symmetric_flight_and_without_a_solution(sensitivity, airframe):
     gradient = sensitivity((airframe, STILL, target_deg(150.0)), jnp.ones(4))
