@@ -80,6 +80,16 @@ def test_out_writes_a_new_file(anser, tmp_path):
     assert dataset.attrs["x_cg_over_c"] == 0.3
 
 
+def test_a_pull_up_by_pitch_rate(anser):
+    code, printed, _ = anser(*AT[:-2], "--cg", "0.3", "--pitch-rate-deg-s", "10", "--json")
+    assert code == 0
+    document = json.loads(printed)
+    assert (document["condition"]["pitch_rate_deg_s"], document["condition"]["x_cg_over_c"]) == (10.0, 0.3)
+    held = {row["name"]: row["value"] for row in document["states"]}
+    assert (held["P"], held["R"]) == (0.0, 0.0)
+    assert held["Q"] == pytest.approx(np.deg2rad(10.0), rel=1e-14)
+
+
 def test_untrimmable_ends_with_1_and_the_diagnosis(anser):
     code, printed, err = anser(*AT, "--path-rate-deg-s", "17.188733853924695")
     assert (code, printed) == (1, "")
@@ -95,6 +105,11 @@ def test_untrimmable_ends_with_1_and_the_diagnosis(anser):
         (("--speed-m-s", "nan"), "--speed-m-s: arrived nan; expected a number from 1 to 1000"),
         (("--x-cg", "30"), "--x-cg: arrived 30; expected a number from 0.1 to 0.5"),
         (("--path-rate-deg-s", "90"), "--path-rate-deg-s: arrived 90; expected a number from -60 to 60"),
+        (("--pitch-rate-deg-s", "nan"), "--pitch-rate-deg-s: arrived nan; expected a number from -60 to 60"),
+        (
+            ("--pitch-rate-deg-s", "4", "--path-rate-deg-s", "4"),
+            "--pitch-rate-deg-s: arrived 4 with --path-rate-deg-s 4; expected one of them 0",
+        ),
         (("--step-s", "1"), "--step-s: arrived 1; expected a number from 0.001 to 0.05"),
         (("--loop", "rates", "--actuators"), "--actuators: arrived with --loop rates, which always has them"),
         (("--loop", "inner"), "'inner' is not one of 'open', 'rates', 'attitude', 'velocity'"),

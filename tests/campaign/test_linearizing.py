@@ -122,6 +122,10 @@ def test_conditions_without_a_model():
         anser.linearize(speed_m_s=200.0, altitude_m=1000.0, turn_rate_deg_s=5.73, loop="velocity")
     with pytest.raises(ConditionError, match=r"280.0 m/s; the autopilot flies 90 to 240 m/s"):
         anser.linearize(speed_m_s=280.0, altitude_m=1000.0, loop="velocity")
+    with pytest.raises(ValueError, match=r"x_cg_over_c: arrived 0.3 with an airframe of your own"):
+        anser.linearize(load_airframe(), speed_m_s=153.0, altitude_m=0.0, x_cg_over_c=0.3)
+    with pytest.raises(ConditionError, match=r"pitch rate 17.2 deg/s[^@]*engine power: 105.1[^@]*fastest pull-up"):
+        anser.linearize(speed_m_s=153.0, altitude_m=0.0, x_cg_over_c=0.3, pitch_rate_deg_s=17.19)
     with pytest.raises(ValueError, match="variant"):
         anser.linearize(variant="none", speed_m_s=153.0, altitude_m=0.0)
 

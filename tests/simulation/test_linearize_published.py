@@ -16,8 +16,10 @@ LONGITUDINAL = ["VT", "alpha", "theta", "Q", "pow"]
 INPUTS = ["throttle", "elevator_deg", "aileron_deg", "rudder_deg"]
 
 
-def flight(x_cg, path_rate=0.0):
-    return linear_flight(textbook_aircraft(x_cg), textbook_environment(), trim_target(SPEED, 0.0, path_rate=path_rate))
+def flight(x_cg, pitch_rate=0.0):
+    return linear_flight(
+        textbook_aircraft(x_cg), textbook_environment(), trim_target(SPEED, 0.0, pitch_rate=pitch_rate)
+    )
 
 
 def test_pull_up_is_the_printed_flight_with_the_printed_outputs():

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 
 from anser.environment import standard_environment
 from anser.scenario.library import load_airframe
-from anser.simulation.trim import solve_trim, trim_target
-from anser.spatial import rotation_from_quaternion
+from anser.simulation.trim import TrimTarget, solve_trim, trim_target
+from anser.simulation.trim_diagnosis import nearest_trims
+from anser.spatial import euler_from_quaternion, rotation_from_quaternion
 from anser.units import DEG_RAD, RAD_DEG
 from support.light_aircraft import light_aircraft
 from support.states import condition_of, derivative
@@ -70,6 +71,62 @@ def test_pull_up_is_steady_but_for_its_path_angle(turn_deg_s):
     lift = -float(condition_of(F16, STILL, 0.0, point.state).wrench.force_b[2]) / weight
     # n_z is along body -z, alpha (4 deg) away from the normal of the path: thrust less drag have a part in that, 2 %.
     assert lift == pytest.approx(np.hypot(up, side) / 9.80665, rel=0.02)
+
+
+@pytest.mark.parametrize("name", AIRFRAMES)
+@pytest.mark.parametrize("pitch_deg_s", [4.0, -2.0])
+def test_pull_up_by_pitch_rate_has_no_other_rate_and_no_bank(name, pitch_deg_s):
+    """[SL] section 3.6: P = R = 0, Q given; speed, flow angles, bank and heading stand still for an instant."""
+    speed = 60.0 if name == "light" else 170.0
+    point = trim(
+        AIRFRAMES[name], STILL, trim_target(speed, 800.0, -1 * DEG_RAD, 40 * DEG_RAD, 0, 0, pitch_deg_s * DEG_RAD)
+    )
+    assert point.converged
+    assert float(point.excess) == 0.0
+    np.testing.assert_array_equal(point.state.rates_b, [0.0, pitch_deg_s * DEG_RAD, 0.0])
+    roll, _, _ = euler_from_quaternion(point.state.quaternion)
+    assert abs(float(roll)) < 1e-12
+    angles, rotation, _ = _rates(AIRFRAMES[name], STILL, point)
+    np.testing.assert_allclose(angles[:3], 0.0, atol=3e-11)
+    # The path bends by Q; the sideslip of the turning engine, 2e-5 rad, takes the rest to the course.
+    assert angles[4] == pytest.approx(pitch_deg_s * DEG_RAD, abs=1e-8)
+    np.testing.assert_allclose(rotation, 0.0, atol=1e-11)
+    rate = derivative(AIRFRAMES[name], STILL, 0.0, point.state, point.controls)
+    _, euler_rates = jax.jvp(euler_from_quaternion, (point.state.quaternion,), (rate.quaternion,))
+    np.testing.assert_allclose(euler_rates, [0.0, pitch_deg_s * DEG_RAD, 0.0], atol=1e-12)
+
+
+def test_without_sideslip_the_two_pull_ups_are_one():
+    """The light aircraft has no spinning parts: turning the velocity about the level line is then a pitch rate."""
+    by_path, by_pitch = (
+        trim(AIRFRAMES["light"], STILL, trim_target(60.0, 800.0, **{rate: 4 * DEG_RAD}))
+        for rate in ("path_rate", "pitch_rate")
+    )
+    for a, b in zip(jax.tree.leaves(by_path.state), jax.tree.leaves(by_pitch.state), strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-9)
+
+
+def test_a_pitch_rate_in_a_turn_is_refused_and_marked_where_it_is_traced():
+    for other in ("turn_rate", "path_rate"):
+        with pytest.raises(
+            ValueError, match=rf"pitch_rate: arrived 0.1 rad/s with .*{other} 0.2.*expected a pitch rate"
+        ):
+            trim_target(170.0, 800.0, pitch_rate=0.1, **{other: 0.2})
+        target = eqx.tree_at(
+            lambda t, o=other: getattr(t, o), trim_target(170.0, 800.0, pitch_rate=0.1), jnp.array(0.2)
+        )
+        point = trim(F16, STILL, target)
+        assert not point.converged
+        assert float(point.residual) == np.inf
+        assert nearest_trims(F16, STILL, target).violations == (
+            "a pitch rate (P = R = 0) together with a turn rate or a rate of the path angle defines no flight",
+        )
+
+
+def test_a_target_of_six_fields_has_no_pitch_rate():
+    zero = jnp.zeros(3)
+    target = TrimTarget(zero + 150.0, zero + 1000.0, zero, zero, zero, zero)
+    np.testing.assert_array_equal(target.pitch_rate, zero)
 
 
 TARGETS = st.tuples(st.floats(80, 250), st.floats(0, 9000), st.floats(-8, 8), st.floats(-180, 180), st.floats(-8, 8))
@@ -201,6 +258,16 @@ def test_gradient_equals_difference_quotient(sensitivity):
         for name, (where, h) in wheres.items():
             # Solver noise of 1e-13 over the step, and the curvature times its square.
             assert float(where(gradient)) == pytest.approx(differenced[name][k], rel=1e-5, abs=1e-12 / h), name
+
+
+def test_gradient_in_a_pull_up_equals_difference_quotient(sensitivity):
+    arguments = (F16, STILL, trim_target(163.0, 1700.0, 2 * DEG_RAD, pitch_rate=0.08))
+    wheres = {"pitch rate": (lambda a: a[2].pitch_rate, 1e-5), "centre of gravity": (lambda a: a[0].x_cg, 1e-5)}
+    for name, (where, h) in wheres.items():
+        differenced = _differenced(where, arguments, h)
+        for k in (0, 2, 3):  # alpha, elevator, power; the wings stay level
+            gradient = float(where(sensitivity(arguments, jnp.eye(4)[k])))
+            assert gradient == pytest.approx(differenced[k], rel=1e-5, abs=1e-12 / h), name
 
 
 @pytest.mark.parametrize("airframe", [F16, glider(F16)], ids=["symmetric", "no solution"])

@@ -6,6 +6,7 @@ import pytest
 
 from anser.environment import standard_environment
 from anser.scenario.library import load_airframe
+from anser.simulation.trim import trim_target
 from anser.simulation.trim_diagnosis import nearest_trims, trim_violations
 from anser.units import DEG_RAD, RAD_DEG
 from support.light_aircraft import light_aircraft
@@ -127,6 +128,21 @@ def test_a_left_turn_stays_a_left_turn():
     # The spinning engine makes left and right differ a little.
     assert _along(left, "turn_rate").value == pytest.approx(-_along(right, "turn_rate").value, abs=0.05 * DEG_RAD)
     assert _along(left, "turn_rate").message() == _along(right, "turn_rate").message()
+
+
+def test_a_pull_up_is_told_the_pitch_rate_that_it_can_have():
+    found = nearest_trims(F16, STILL, trim_target(153.0, 0.0, pitch_rate=0.3))
+    assert "path angle 0.0 deg, turn rate 0.0 deg/s, pitch rate 17.2 deg/s" in found.message()
+    assert {near.quantity for near in found.nearest} == {"speed", "path_angle", "pitch_rate"}
+    near = _along(found, "pitch_rate")
+    assert near.message() == f"the fastest pull-up is {np.floor(near.value * RAD_DEG * 10) / 10:.1f} deg/s"
+    assert float(near.point.power) == pytest.approx(100.0, abs=0.05)
+    assert near.distance == pytest.approx((0.3 - near.value) * 153.0 / 9.80665, rel=1e-12)
+    # In this dive idle thrust is too much: the drag of a pull-up takes it up.
+    held = _along(nearest_trims(F16, STILL, trim_target(150.0, 1000.0, -12 * DEG_RAD, pitch_rate=0.01)), "pitch_rate")
+    assert held.message().startswith("it must pull up at ")
+    over = _along(nearest_trims(F16, STILL, trim_target(150.0, 1000.0, pitch_rate=-0.5)), "pitch_rate")
+    assert over.message().startswith("the fastest push-over is ")
 
 
 def test_another_airframe_is_diagnosed_too():

@@ -32,7 +32,7 @@ def test_half_a_digit_is_what_it_says():
 
 def test_another_centre_of_mass_is_noticed():
     aircraft = eqx.tree_at(lambda a: a.f16.x_cg, textbook_aircraft(0.30), jnp.asarray(0.31, dtype=float))
-    _, model = linear_flight(aircraft, textbook_environment(), trim_target(502 * FOOT_M, 0.0, path_rate=0.3))
+    _, model = linear_flight(aircraft, textbook_environment(), trim_target(502 * FOOT_M, 0.0, pitch_rate=0.3))
     states, printed = PRINTED["state_order"][:5], np.array(PRINTED["A_lon"])
     beyond = np.abs(printed_block(model, "A", states, states) - printed) > printed_tolerances(printed)
     assert beyond[3, 1]  # the pitch stiffness

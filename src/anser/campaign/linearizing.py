@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from anser.aircraft import AbstractAirframe
+from anser.campaign.trimming import airframe_of
 from anser.compilation_cache import enable_compilation_cache
 from anser.control import AutopilotGains, FlightLimits, default_limits, published_gains
 from anser.environment import Environment, standard_environment
@@ -130,6 +131,7 @@ def linearize(
     path_angle_deg: float = 0.0,
     turn_rate_deg_s: float = 0.0,
     path_rate_deg_s: float = 0.0,
+    pitch_rate_deg_s: float = 0.0,
     loop: Literal["open", "rates", "attitude", "velocity"] = "open",
     actuators: bool = False,
     step_s: float = 0.01,
@@ -147,7 +149,10 @@ def linearize(
     speed_m_s, altitude_m
         True airspeed and geometric altitude.
     path_angle_deg, turn_rate_deg_s, path_rate_deg_s
-        Climb angle; rate of the course, right positive; rate of the climb angle, up positive (a pull-up).
+        Climb angle; rate of the course, right positive; rate of the climb angle, up positive (a path bent upwards).
+    pitch_rate_deg_s
+        Body pitch rate of a pull-up with wings level and no roll and yaw rate ([SL] section 3.6); not with the two
+        rates above.
     loop
         "open": the aircraft by itself, in continuous time. Otherwise the loop of its autopilot that is commanded, from
         sample to sample.
@@ -171,17 +176,17 @@ def linearize(
         There is no such steady flight, or the loop does not hold it, or it is within 1 deg of the vertical; the message
         says which and why.
     ValueError
-        No such airframe.
+        No such airframe, a centre of gravity for one that is not the library's, or a pitch rate with another rate.
     """
     enable_compilation_cache()
     of: dict[str, str | float | int] = {"aircraft": "custom"}
     if isinstance(aircraft, str):
-        of = {"aircraft": aircraft, "variant": variant}
-        aircraft = load_airframe(aircraft, variant, x_cg_over_c)
-        of["x_cg_over_c"] = float(aircraft.x_cg)
+        x_cg = float(load_airframe(aircraft, variant, x_cg_over_c).x_cg)
+        of = {"aircraft": aircraft, "variant": variant, "x_cg_over_c": x_cg}
+    aircraft = airframe_of(aircraft, variant, x_cg_over_c)
     environment = standard_environment() if environment is None else environment
-    angles = (path_angle_deg * DEG_RAD, 0.0, turn_rate_deg_s * DEG_RAD, path_rate_deg_s * DEG_RAD)
-    target = trim_target(speed_m_s, altitude_m, *angles)
+    rates = (rate * DEG_RAD for rate in (turn_rate_deg_s, path_rate_deg_s, pitch_rate_deg_s))
+    target = trim_target(speed_m_s, altitude_m, path_angle_deg * DEG_RAD, 0.0, *rates)
     trim = _solve(aircraft, environment, target)
     if trim_violations(aircraft, environment, trim):
         raise ConditionError(nearest_trims(aircraft, environment, target).message())
@@ -203,6 +208,7 @@ def linearize(
         "path_angle_deg": path_angle_deg,
         "turn_rate_deg_s": turn_rate_deg_s,
         "path_rate_deg_s": path_rate_deg_s,
+        "pitch_rate_deg_s": pitch_rate_deg_s,
         "loop": loop,
         "actuators": int(actuators or loop != "open"),
     }

@@ -7,11 +7,14 @@ import equinox as eqx
 from anser.aircraft import AbstractAirframe
 from anser.compilation_cache import enable_compilation_cache
 from anser.environment import standard_environment
+from anser.scenario import load_airframe
 from anser.simulation import TrimPoint, nearest_trims, solve_trim, trim_target, trim_violations
 from anser.spatial import euler_from_quaternion
 from anser.units import DEG_RAD, RAD_DEG
 
 _solve = eqx.filter_jit(solve_trim)
+_ROUNDING = 1e-12
+"""Values below this are rounding noise of a zero, such as the bank of straight flight."""
 
 
 @dataclass(frozen=True)
@@ -33,27 +36,68 @@ class FoundTrim:
     diagnosis: str | None
 
 
+def airframe_of(
+    aircraft: str | AbstractAirframe, variant: str = "textbook", x_cg_over_c: float | None = None
+) -> AbstractAirframe:
+    """Airframe of the library by its name, or the caller's own as it is.
+
+    Parameters
+    ----------
+    aircraft
+        Name of an airframe of the library, or an airframe.
+    variant, x_cg_over_c
+        Of the library's airframe: see `load_airframe`.
+
+    Raises
+    ------
+    ValueError
+        No such airframe; or a centre of gravity for an airframe that is not the library's.
+    """
+    if isinstance(aircraft, str):
+        return load_airframe(aircraft, variant, x_cg_over_c)
+    if x_cg_over_c is not None:
+        raise ValueError(
+            f"x_cg_over_c: arrived {x_cg_over_c} with an airframe of your own; expected None, "
+            "and the airframe built with the centre of gravity that it is to have"
+        )
+    return aircraft
+
+
 def find_trim(
-    airframe: AbstractAirframe,
+    aircraft: str | AbstractAirframe,
     speed_m_s: float,
     altitude_m: float,
     path_angle_deg: float = 0.0,
     turn_rate_deg_s: float = 0.0,
+    *,
+    pitch_rate_deg_s: float = 0.0,
+    variant: str = "textbook",
+    x_cg_over_c: float | None = None,
 ) -> FoundTrim:
     """Trim an airframe in the standard atmosphere, in still air and standard gravity.
 
     Parameters
     ----------
-    airframe
-        What to trim.
+    aircraft
+        Name of an airframe of the library, or an airframe.
     speed_m_s, altitude_m
         True airspeed and geometric altitude.
     path_angle_deg, turn_rate_deg_s
         Climb angle and rate of the course, right positive.
+    pitch_rate_deg_s
+        Body pitch rate of a pull-up with wings level and no roll and yaw rate ([SL] section 3.6); not in a turn.
+    variant, x_cg_over_c
+        Of the library's airframe: see `load_airframe`.
+
+    Raises
+    ------
+    ValueError
+        No such airframe, a centre of gravity for one that is not the library's, or a pitch rate in a turn.
     """
     enable_compilation_cache()
-    environment = standard_environment()
-    target = trim_target(speed_m_s, altitude_m, path_angle_deg * DEG_RAD, turn_rate=turn_rate_deg_s * DEG_RAD)
+    airframe, environment = airframe_of(aircraft, variant, x_cg_over_c), standard_environment()
+    turn_rate, pitch_rate = turn_rate_deg_s * DEG_RAD, pitch_rate_deg_s * DEG_RAD
+    target = trim_target(speed_m_s, altitude_m, path_angle_deg * DEG_RAD, turn_rate=turn_rate, pitch_rate=pitch_rate)
     point = _solve(airframe, environment, target)
     stopped = bool(trim_violations(airframe, environment, point))
     diagnosis = nearest_trims(airframe, environment, target).message() if stopped else None
@@ -68,7 +112,7 @@ def _rows(
     thrust = float(airframe.propulsion(point.power, altitude_m, mach).force_b[0])
     elevator, aileron, rudder = (float(angle) * RAD_DEG for angle in point.state.surfaces)
     rates = tuple(float(rate) * RAD_DEG for rate in point.state.rates_b)
-    return (
+    rows = (
         ("angle of attack", float(point.alpha) * RAD_DEG, "deg"),
         ("sideslip", float(point.beta) * RAD_DEG, "deg"),
         ("roll", roll, "deg"),
@@ -84,6 +128,7 @@ def _rows(
         ("thrust", thrust / 1000, "kN"),
         ("Mach number", mach, ""),
     )
+    return tuple((name, 0.0 if abs(value) < _ROUNDING else value, unit) for name, value, unit in rows)
 
 
-__all__ = ["FoundTrim", "find_trim"]
+__all__ = ["FoundTrim", "airframe_of", "find_trim"]

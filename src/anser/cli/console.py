@@ -210,6 +210,13 @@ def must_lie(option: str, value: float, low: float, high: float) -> None:
         raise RefusedError(f"{option}: arrived {value:g}; expected a number from {low:g} to {high:g}")
 
 
+def must_stand_alone(option: str, value: float, others: Mapping[str, float]) -> None:
+    """Refuse a number other than 0 beside another option's that is not 0."""
+    for other, beside in others.items():
+        if value != 0 and beside != 0:
+            raise RefusedError(f"{option}: arrived {value:g} with {other} {beside:g}; expected one of them 0")
+
+
 def plain_table(title: str) -> Table:
     """Table without lines between its rows."""
     return Table(title=title, box=rich.box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)

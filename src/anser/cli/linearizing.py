@@ -8,7 +8,18 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from anser.cli.arguments import AircraftName, VariantName
-from anser.cli.console import RefusedError, answer, end_without, line, must_be_known, must_lie, say, screen, working
+from anser.cli.console import (
+    RefusedError,
+    answer,
+    end_without,
+    line,
+    must_be_known,
+    must_lie,
+    must_stand_alone,
+    say,
+    screen,
+    working,
+)
 from anser.cli.offering import about
 
 if TYPE_CHECKING:
@@ -31,11 +42,19 @@ def linearize(
     aircraft: AircraftName = "f16",
     variant: VariantName = "textbook",
     x_cg: Annotated[
-        float | None, typer.Option(help="Centre of mass, fraction of the chord; left out: the variant's own.")
+        float | None,
+        typer.Option(
+            "--x-cg",
+            "--cg",
+            help="Centre of gravity, fraction of the mean aerodynamic chord; left out: the variant's own.",
+        ),
     ] = None,
     path_angle_deg: Annotated[float, typer.Option(help="Climb angle.")] = 0.0,
     turn_rate_deg_s: Annotated[float, typer.Option(help="Rate of the course, right positive.")] = 0.0,
-    path_rate_deg_s: Annotated[float, typer.Option(help="Rate of the climb angle: a pull-up.")] = 0.0,
+    path_rate_deg_s: Annotated[float, typer.Option(help="Rate of the climb angle: a path bent upwards.")] = 0.0,
+    pitch_rate_deg_s: Annotated[
+        float, typer.Option(help="Pitch rate of a pull-up: wings level, no roll and yaw rate; no other rate.")
+    ] = 0.0,
     loop: Annotated[
         Literal["open", "rates", "attitude", "velocity"],
         typer.Option(help="The aircraft by itself, or the loop of its autopilot that is commanded."),
@@ -57,6 +76,9 @@ def linearize(
     must_lie("--path-angle-deg", path_angle_deg, -80, 80)
     must_lie("--turn-rate-deg-s", turn_rate_deg_s, -60, 60)
     must_lie("--path-rate-deg-s", path_rate_deg_s, -60, 60)
+    must_lie("--pitch-rate-deg-s", pitch_rate_deg_s, -60, 60)
+    others = {"--turn-rate-deg-s": turn_rate_deg_s, "--path-rate-deg-s": path_rate_deg_s}
+    must_stand_alone("--pitch-rate-deg-s", pitch_rate_deg_s, others)
     must_lie("--step-s", step_s, 0.001, 0.05)
     if actuators and loop != "open":
         raise RefusedError(f"--actuators: arrived with --loop {loop}, which always has them; expected --loop open")
@@ -76,6 +98,7 @@ def linearize(
                 path_angle_deg=path_angle_deg,
                 turn_rate_deg_s=turn_rate_deg_s,
                 path_rate_deg_s=path_rate_deg_s,
+                pitch_rate_deg_s=pitch_rate_deg_s,
                 loop=loop,
                 actuators=actuators,
                 step_s=step_s,

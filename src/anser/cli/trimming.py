@@ -5,7 +5,16 @@ from typing import Annotated
 import typer
 
 from anser.cli.arguments import AircraftName, VariantName
-from anser.cli.console import answer, end_without, must_be_known, must_lie, plain_table, print_table, working
+from anser.cli.console import (
+    answer,
+    end_without,
+    must_be_known,
+    must_lie,
+    must_stand_alone,
+    plain_table,
+    print_table,
+    working,
+)
 from anser.cli.offering import about
 from anser.scenario import load_airframe
 
@@ -13,6 +22,7 @@ from anser.scenario import load_airframe
 @about(
     "anser trim --speed-m-s 150 --altitude-m 1000",
     "anser trim --speed-m-s 150 --altitude-m 1000 --turn-rate-deg-s 5 --json",
+    "anser trim --speed-m-s 153 --altitude-m 0 --cg 0.35 --pitch-rate-deg-s 10",
     unmet="no steady flight there",
 )
 def trim(
@@ -20,19 +30,42 @@ def trim(
     altitude_m: Annotated[float, typer.Option(help="Geometric altitude.", show_default=False)],
     aircraft: AircraftName = "f16",
     variant: VariantName = "textbook",
+    cg: Annotated[
+        float | None,
+        typer.Option(
+            "--cg",
+            "--x-cg",
+            help="Centre of gravity, fraction of the mean aerodynamic chord; left out: the variant's own.",
+        ),
+    ] = None,
     path_angle_deg: Annotated[float, typer.Option(help="Climb angle.")] = 0.0,
     turn_rate_deg_s: Annotated[float, typer.Option(help="Rate of the course, right positive.")] = 0.0,
+    pitch_rate_deg_s: Annotated[
+        float, typer.Option(help="Pitch rate of a pull-up: wings level, no roll and yaw rate; not in a turn.")
+    ] = 0.0,
 ) -> None:
     """Find the steady flight at a condition, or say what stops it and where the nearest one is."""
     must_be_known(aircraft, variant)
     must_lie("--speed-m-s", speed_m_s, 1, 1000)
     must_lie("--altitude-m", altitude_m, -500, 30000)
+    if cg is not None:
+        must_lie("--cg", cg, 0.1, 0.5)
     must_lie("--path-angle-deg", path_angle_deg, -80, 80)
     must_lie("--turn-rate-deg-s", turn_rate_deg_s, -60, 60)
+    must_lie("--pitch-rate-deg-s", pitch_rate_deg_s, -60, 60)
+    must_stand_alone("--pitch-rate-deg-s", pitch_rate_deg_s, {"--turn-rate-deg-s": turn_rate_deg_s})
     from anser.campaign import find_trim
 
+    airframe = load_airframe(aircraft, variant, cg)
     with working("solving (the first time, this compiles)"):
-        found = find_trim(load_airframe(aircraft, variant), speed_m_s, altitude_m, path_angle_deg, turn_rate_deg_s)
+        found = find_trim(
+            airframe,
+            speed_m_s,
+            altitude_m,
+            path_angle_deg,
+            turn_rate_deg_s,
+            pitch_rate_deg_s=pitch_rate_deg_s,
+        )
     if found.diagnosis is not None:
         end_without("no steady flight", [found.diagnosis])
     answer(
@@ -40,10 +73,12 @@ def trim(
             "format_version": 1,
             "aircraft": aircraft,
             "variant": variant,
+            "x_cg_over_c": float(airframe.x_cg),
             "speed_m_s": speed_m_s,
             "altitude_m": altitude_m,
             "path_angle_deg": path_angle_deg,
             "turn_rate_deg_s": turn_rate_deg_s,
+            "pitch_rate_deg_s": pitch_rate_deg_s,
             "quantities": [{"name": name, "value": value, "unit": unit or "1"} for name, value, unit in found.rows],
         }
     )
@@ -51,6 +86,6 @@ def trim(
     table.add_column("quantity")
     table.add_column("value", justify="right")
     table.add_column("unit")
-    for name, value, unit in found.rows:
+    for name, value, unit in (("centre of gravity", float(airframe.x_cg), "of chord"), *found.rows):
         table.add_row(name, f"{value:.4f}", unit)
     print_table(table)

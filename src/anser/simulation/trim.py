@@ -5,6 +5,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from anser.aircraft import (
@@ -43,7 +44,17 @@ class TrimTarget(eqx.Module):
     turn_rate
         Rate of the course, rad/s; positive turns right.
     path_rate
-        Rate of the path angle, rad/s; positive pulls up. Other than 0, the condition lasts for an instant only.
+        Rate of the path angle, rad/s; positive bends the path up: the velocity turns about the level line to the right
+        of the course, in a turn as well. Other than 0, the condition lasts for an instant only.
+    pitch_rate
+        Body rate Q of a pull-up as [SL] section 3.6 has it, rad/s: P = R = 0, and without side force the wings are
+        level. Other than 0, the turn and path rates must be 0, and the condition lasts for an instant. Left out: 0.
+
+    Notes
+    -----
+    With sideslip (of the F-16, what its engine's angular momentum asks for) the two pull-ups differ: the line about
+    which `path_rate` turns the velocity then lies beside the body's y axis, so that P and R are not 0 and the course
+    stands still; with `pitch_rate` the heading does.
     """
 
     speed: Scalar
@@ -52,6 +63,22 @@ class TrimTarget(eqx.Module):
     course: Scalar
     turn_rate: Scalar
     path_rate: Scalar
+    pitch_rate: Scalar
+
+    def __init__(
+        self,
+        speed: Array,
+        altitude: Array,
+        path_angle: Array,
+        course: Array,
+        turn_rate: Array,
+        path_rate: Array,
+        pitch_rate: Array | None = None,
+    ) -> None:
+        self.speed, self.altitude = speed, altitude
+        self.path_angle, self.course = path_angle, course
+        self.turn_rate, self.path_rate = turn_rate, path_rate
+        self.pitch_rate = jnp.zeros_like(path_rate) if pitch_rate is None else pitch_rate
 
 
 class TrimPoint(eqx.Module):
@@ -70,7 +97,8 @@ class TrimPoint(eqx.Module):
     converged
         Whether the equations are solved (residual below 1e-8 g and rad/s^2).
     residual
-        Largest remaining acceleration, g and rad/s^2.
+        Largest remaining acceleration, g and rad/s^2; infinite where the target's rates define no flight: a pitch rate
+        together with a turn or path rate.
     excess
         How far alpha, beta, surfaces (rad) and power (fraction) lie outside their limits, summed; 0 inside all.
     """
@@ -93,10 +121,26 @@ def trim_target(
     course: ScalarLike = 0.0,
     turn_rate: ScalarLike = 0.0,
     path_rate: ScalarLike = 0.0,
+    pitch_rate: ScalarLike = 0.0,
 ) -> TrimTarget:
-    """Build a target from numbers: m/s, m, rad, rad, rad/s, rad/s."""
-    numbers = (speed, altitude, path_angle, course, turn_rate, path_rate)
+    """Build a target from numbers: m/s, m, rad, rad, rad/s, rad/s, rad/s.
+
+    Raises
+    ------
+    ValueError
+        A pitch rate together with a turn or path rate. (Where they are traced, the trim says so: see `TrimPoint`.)
+    """
+    if _known_other_than_0(pitch_rate) and (_known_other_than_0(turn_rate) or _known_other_than_0(path_rate)):
+        raise ValueError(
+            f"pitch_rate: arrived {pitch_rate} rad/s with turn_rate {turn_rate} and path_rate {path_rate} rad/s; "
+            "expected a pitch rate alone (a pull-up with P = R = 0), or turn and path rates, which set all body rates"
+        )
+    numbers = (speed, altitude, path_angle, course, turn_rate, path_rate, pitch_rate)
     return TrimTarget(*(jnp.asarray(x, dtype=float) for x in numbers))
+
+
+def _known_other_than_0(rate: ScalarLike) -> bool:
+    return not isinstance(rate, Tracer) and float(rate) != 0.0
 
 
 class _Case(NamedTuple):
@@ -115,9 +159,10 @@ def _attitude(x: Unknowns, target: TrimTarget) -> Matrix33:
 
 
 def _rates_b(R_bn: Matrix33, target: TrimTarget) -> Vector3:
-    """Body rates that turn the velocity vector as wanted: about the vertical, and about the level line to its right."""
+    """Body rates as wanted: about the vertical, about the level line to the right of the course, or Q alone."""
     right_b = R_bn[:, 1] * jnp.cos(target.course) - R_bn[:, 0] * jnp.sin(target.course)
-    return target.turn_rate * R_bn[:, 2] + target.path_rate * right_b
+    turning_b = target.turn_rate * R_bn[:, 2] + target.path_rate * right_b
+    return turning_b.at[1].add(target.pitch_rate)
 
 
 def _velocity_air_b(x: Unknowns, target: TrimTarget) -> Vector3:
@@ -148,11 +193,12 @@ def solve_trim(
     """Solve the seven trim equations for alpha, beta, mu, three surfaces and power.
 
     Equations: body velocity and body rates constant in a steady (helical) turn or at the instant of a pull-up, and no
-    side force (coordination; [SL] section 3.6 imposes the same). Over a round Earth "constant" is meant in the
-    travelling NED axes: Coriolis and centrifugal accelerations are balanced too. Limits are not imposed, so that a
-    diagnosis can tell by how much they are exceeded: see `anser.simulation.trim_violations`. Levenberg-Marquardt from
-    several angles of attack; of the solutions, the one inside the limits with the least angle of attack is taken.
-    Differentiable by the implicit function theorem, first derivatives only.
+    side force (coordination; [SL] section 3.6 imposes the same; in a pull-up by pitch rate it levels the wings). Over
+    a round Earth "constant" is meant in the travelling NED axes: Coriolis and centrifugal accelerations are balanced
+    too. Limits are not imposed, so that a diagnosis can tell by how much they are exceeded: see
+    `anser.simulation.trim_violations`. Levenberg-Marquardt from several angles of attack; of the solutions, the one
+    inside the limits with the least angle of attack is taken. Differentiable by the implicit function theorem, first
+    derivatives only.
 
     Parameters
     ----------
@@ -182,7 +228,8 @@ def solve_trim(
     rank = jnp.where(solved, jnp.where(excess > 0, 1e3 + excess, tried.x[:, 0]), 1e6 + tried.residual)
     best = jnp.argmin(jax.lax.stop_gradient(rank))
     x = with_implicit_derivative(_residual, case, tried.x[best])
-    residual = tried.residual[best]
+    turning = (target.turn_rate != 0) | (target.path_rate != 0)
+    residual = jnp.where((target.pitch_rate != 0) & turning, jnp.inf, tried.residual[best])
     R_bn = _attitude(x, target)
     state = AircraftState(
         position_n=position_n,

@@ -35,12 +35,12 @@ class NearestTrim:
     Attributes
     ----------
     quantity
-        "speed", "path_angle" or "turn_rate": the field of the target that was changed.
+        "speed", "path_angle" or "turn_rate", in a pull-up "pitch_rate": the field of the target that was changed.
     wanted, value
         What the target asks for and the nearest trimmable value, SI (m/s, rad, rad/s).
     distance
         Size of the change without unit: speed change over wanted speed; path angle change in rad (about the change of
-        thrust over weight); turn rate change times wanted speed over gravity (change of lateral load factor).
+        thrust over weight); turn or pitch rate change times wanted speed over gravity (change of load factor).
     target, point
         The changed target and its trim.
     """
@@ -85,13 +85,16 @@ class NearestTrims:
         )
         if float(t.path_rate) != 0.0:
             asked += f", path angle rate {float(t.path_rate) * RAD_DEG:.1f} deg/s"
+        if float(t.pitch_rate) != 0.0:
+            asked += f", pitch rate {float(t.pitch_rate) * RAD_DEG:.1f} deg/s"
         if not self.violations:
             return f"Steady flight exists: {asked}."
         lines = [f"No steady flight: {asked}.", *(f"- {violation}" for violation in self.violations)]
         if self.nearest:
             lines += ["All else unchanged:", *(f"- {found.message()}" for found in self.nearest)]
         else:
-            lines += ["No change of speed, path angle or turn rate alone makes it possible."]
+            rate = _rate_changed(t).replace("_", " ")
+            lines += [f"No change of speed, path angle or {rate} alone makes it possible."]
         return "\n".join(lines)
 
 
@@ -105,6 +108,8 @@ def trim_violations(airframe: AbstractAirframe, environment: Environment, point:
     point
         Its result, for one aircraft.
     """
+    if math.isinf(float(point.residual)):
+        return ("a pitch rate (P = R = 0) together with a turn rate or a rate of the path angle defines no flight",)
     if not bool(point.converged):
         return (
             "the forces and moments cannot be balanced: the best attempt leaves "
@@ -133,8 +138,9 @@ def trim_violations(airframe: AbstractAirframe, environment: Environment, point:
 def nearest_trims(airframe: AbstractAirframe, environment: Environment, target: TrimTarget) -> NearestTrims:
     """Find the trimmable points nearest to a target, changing its speed, path angle or turn rate one at a time.
 
-    A grid along each quantity, then a finer one beside the nearest trimmable value; all points of a grid are solved in
-    one compiled call. The edges are found to 0.03 percent of the speed, 0.01 deg and 0.004 deg/s.
+    In a pull-up by pitch rate, that instead of the turn rate. A grid along each quantity, then a finer one beside the
+    nearest trimmable value; all points of a grid are solved in one compiled call. The edges are found to 0.03 percent
+    of the speed, 0.01 deg and 0.004 deg/s.
 
     Parameters
     ----------
@@ -143,14 +149,15 @@ def nearest_trims(airframe: AbstractAirframe, environment: Environment, target: 
     target
         Steady flight wanted, of one aircraft.
     """
-    wanted = {name: float(getattr(target, name)) for name in _CLAUSES}
+    rate = _rate_changed(target)
+    wanted = {name: float(getattr(target, name)) for name in ("speed", "path_angle", rate)}
     gravity = float(environment.gravity)
-    scale = {"speed": 1 / wanted["speed"], "path_angle": 1.0, "turn_rate": wanted["speed"] / gravity}
-    turn = max(_TURN_RATE_LIMIT, 1.5 * abs(wanted["turn_rate"]))
+    scale = {"speed": 1 / wanted["speed"], "path_angle": 1.0, rate: wanted["speed"] / gravity}
+    most = max(_TURN_RATE_LIMIT, 1.5 * abs(wanted[rate]))
     grids = {
         "speed": wanted["speed"] * np.geomspace(1 / _SPEED_FACTOR, _SPEED_FACTOR, _CANDIDATES),
         "path_angle": np.linspace(-_PATH_ANGLE_LIMIT, _PATH_ANGLE_LIMIT, _CANDIDATES),
-        "turn_rate": np.linspace(-turn, turn, _CANDIDATES),
+        rate: np.linspace(-most, most, _CANDIDATES),
     }
     points, usable = _solve(airframe, environment, target, grids)
     own = jax.tree.map(lambda leaf: leaf[-1], points)
@@ -177,6 +184,11 @@ def nearest_trims(airframe: AbstractAirframe, environment: Environment, target: 
         )
     nearest.sort(key=lambda found: found.distance)
     return NearestTrims(target, own, violations, tuple(nearest))
+
+
+def _rate_changed(target: TrimTarget) -> str:
+    """Which rate the diagnosis changes: a pull-up has no turn."""
+    return "turn_rate" if float(target.pitch_rate) == 0.0 else "pitch_rate"
 
 
 @eqx.filter_jit
@@ -264,8 +276,16 @@ def _turn_rate_clause(wanted: float, value: float) -> str:
     return f"it must turn at {_at_least(rate)} deg/s or more"
 
 
+def _pitch_rate_clause(wanted: float, value: float) -> str:
+    rate, up = abs(value) * RAD_DEG, value > 0
+    if abs(value) < abs(wanted) and value * wanted >= 0:
+        return f"the fastest {'pull-up' if wanted > 0 else 'push-over'} is {_at_most(rate)} deg/s"
+    return f"it must {'pull up' if up else 'push over'} at {_at_least(rate)} deg/s or more"
+
+
 _CLAUSES: dict[str, Callable[[float, float], str]] = {
     "speed": _speed_clause,
     "path_angle": _path_angle_clause,
     "turn_rate": _turn_rate_clause,
+    "pitch_rate": _pitch_rate_clause,
 }

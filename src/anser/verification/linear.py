@@ -54,8 +54,8 @@ def linear_flight(
     return point, linearize(airframe, environment, point.state, controls)
 
 
-def _textbook_model(path_rate: float) -> LinearModel:
-    target = trim_target(_SPEED_M_S, 0.0, path_rate=path_rate)
+def _textbook_model(pitch_rate: float) -> LinearModel:
+    target = trim_target(_SPEED_M_S, 0.0, pitch_rate=pitch_rate)
     return linear_flight(textbook_aircraft(_X_CG), textbook_environment(), target)[1]
 
 
@@ -152,10 +152,10 @@ def _poles() -> tuple[Comparison, ...]:
 
 
 _PULL_UP = (
-    "A and B by automatic differentiation about the trimmed pull-up, in the printed units, with the constants of the "
-    "textbook's program. Three digits are printed, one of numbers below 0.001; a printed 0 may be as much as half the "
-    "smallest unit in its row. The trim needs throttle 1.023, where the textbook's gearing goes on and ours stops: the "
-    "throttle's entry is taken below."
+    "A and B by automatic differentiation about the trimmed pull-up (P = R = 0, as in the textbook), in the printed "
+    "units, with the constants of the textbook's program. Three digits are printed, one of numbers below 0.001; a "
+    "printed 0 may be as much as half the smallest unit in its row. The trim needs throttle 1.023, where the "
+    "textbook's gearing goes on and ours stops: the throttle's entry is taken below."
 )
 _MODES = (
     "Eigenvalues of the longitudinal and lateral blocks without altitude and heading, as in the textbook, centre of "
