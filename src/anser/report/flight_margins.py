@@ -74,7 +74,7 @@ _WORDS: dict[str, tuple[str, str, str | None, bool]] = {
     "speed_max_m_s": ("Highest airspeed up to the arrival", "m/s", "speed_max_m_s", True),
     "speed_min_m_s": ("Lowest airspeed up to the arrival", "m/s", "speed_min_m_s", False),
     "tables_left_max_s": ("Time outside the aerodynamic tables", "s", "tables_left_s", True),
-    "separation_ratio_min": ("Separation kept over separation asked for, up to the arrivals", "", None, False),
+    "separation_ratio_min": ("Separation kept over separation asked for", "", None, False),
     "separation_min_m": ("Distance between two aircraft", "m", None, False),
     "clearance_min_m": ("Distance to the goal", "m", "clearance_min_m", False),
     "clearance_surface_min_m": ("Distance to a goal on the surface", "m", "clearance_min_m", False),

@@ -83,7 +83,7 @@ def cards(dataset: xr.Dataset, summary: Mapping[str, Any]) -> str:
         found.append(("Greatest miss", number(worst[0], 2), "m", text(worst[1])))
     if fleet.get("separation_ratio_min") is not None:
         found.append(
-            ("Separation kept", number(fleet["separation_ratio_min"], 2), "×", "what was asked for, up to the arrivals")
+            ("Separation kept", number(fleet["separation_ratio_min"], 2), "×", "what was asked for, holds included")
         )
     apart = least_apart(dataset)
     if apart is not None and fleet["separation_min_m"] is not None:

@@ -8,23 +8,17 @@ __all__ = ["separation_ratio"]
 
 
 def separation_ratio(
-    time_s: np.ndarray,
     history: Mapping[str, np.ndarray],
-    arrivals_s: np.ndarray,
     separation_m: tuple[float, float],
 ) -> float | None:
-    """Least ratio of distance to separation between any two aircraft, until the first of the two arrives.
+    """Least ratio of distance to separation between any two aircraft, over the whole record: approaches and holds.
 
     At each instant of the record the better of the two ratios counts, horizontal and vertical; 1 is just enough.
 
     Parameters
     ----------
-    time_s
-        Times of the record, s.
     history
         `north`, `east`, `altitude` of shape (time, aircraft), m.
-    arrivals_s
-        When each arrives, s.
     separation_m
         Horizontal, and vertical or 0 where altitude does not count, m; the first is positive.
 
@@ -40,6 +34,5 @@ def separation_ratio(
         rest = slice(one + 1, None)
         flat = np.hypot(north[:, rest] - north[:, [one]], east[:, rest] - east[:, [one]]) / horizontal
         tall = np.abs(altitude[:, rest] - altitude[:, [one]]) / vertical if vertical > 0.0 else 0.0
-        both = time_s[:, None] <= np.minimum(arrivals_s[rest], arrivals_s[one])[None, :]
-        least = min(least, float(np.min(np.where(both, np.maximum(flat, tall), np.inf))))
+        least = min(least, float(np.nanmin(np.maximum(flat, tall), initial=np.inf)))
     return least if np.isfinite(least) else None

@@ -48,7 +48,7 @@ class FlightFacts:
     arrival_margin_s
         How long after its planned arrival an aircraft may still arrive, s.
     separation_m
-        Horizontal and vertical separation that the plan keeps up to the arrivals, m; None where none is asked.
+        Horizontal and vertical separation that is asked for, m; None where none is asked.
     """
 
     scenario_name: str
@@ -121,8 +121,7 @@ def summarize(
         "simulated_s": _number(time[-1] - time[0]),
     }
     if facts.separation_m is not None:
-        ends = np.array([np.inf if planned is None else planned for planned in facts.planned_arrivals_s])
-        fleet["separation_ratio_min"] = separation_ratio(time, history, ends, facts.separation_m)
+        fleet["separation_ratio_min"] = separation_ratio(history, facts.separation_m)
     return {
         "format_version": FORMAT_VERSION,
         "scenario": {"name": facts.scenario_name, "hash": facts.scenario_hash},

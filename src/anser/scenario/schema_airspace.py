@@ -15,7 +15,7 @@ from anser.scenario.schema_surroundings import Vector
 
 
 class Separation(Table):
-    """How far apart any two aircraft stay until the first of the two arrives: in the plane or in altitude."""
+    """How far apart any two aircraft stay, holds included: in the plane or in altitude."""
 
     horizontal_m: float = number("distance in the plane; 0 asks for none", 0, 50_000, "m", 0.0)
     vertical_m: float = number(

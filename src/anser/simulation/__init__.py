@@ -14,13 +14,14 @@ from anser.simulation.flight import (
     travellers,
 )
 from anser.simulation.flight_summary import AUTOPILOT_LIMITS, BETA_BOUND, TABLE_AXES, FlightSummary
+from anser.simulation.hold_assignment import assign_holds
 from anser.simulation.linearize_inversion import InversionPole, inversion_poles
 from anser.simulation.linearize_open import LinearModel, linearize
 from anser.simulation.linearize_sampled import CHANNELS, linearize_loop
 from anser.simulation.margins import NEUTRAL, LoopAnalysis, LoopResponse, analyse_loops, largest_pole
 from anser.simulation.modes import Mode, modes_of, wind_axis_states
 from anser.simulation.motion import advance
-from anser.simulation.planned_hold import PlannedHolds, assign_holds, cells_for
+from anser.simulation.planned_hold import PlannedHolds, cells_for
 from anser.simulation.response import Loop, Response, step_response
 from anser.simulation.sensing import Sensed, sense
 from anser.simulation.status import FLYING, NO_TRIM, STATUS_MESSAGES

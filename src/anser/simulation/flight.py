@@ -32,8 +32,9 @@ from anser.planning.certified import ANEW, CertifiedPlan, Renewed, Traveller, re
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
 from anser.simulation.fleet import Fleet, Flight, FlightState
+from anser.simulation.hold_assignment import assign_holds
 from anser.simulation.motion import advance
-from anser.simulation.planned_hold import PlannedHolds, assign_holds, each_alone, hold_reference
+from anser.simulation.planned_hold import PlannedHolds, each_alone, hold_reference
 from anser.simulation.record import APPROACH, FROZEN, HOLD, Moment, record
 from anser.simulation.sensing import Sensed, sense
 from anser.simulation.status import AT_GROUND, FLYING, NO_TRIM, NOT_FINITE

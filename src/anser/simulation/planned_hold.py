@@ -13,31 +13,19 @@ from jaxtyping import Array, Bool, Float
 from anser.control import GuidanceSettings, hold
 from anser.control.feedback import wrapped
 from anser.environment import AbstractWind
-from anser.planning.certified import Airspace, CertifiedPlan, Traveller, path_bounds
-from anser.planning.certified.certificate import excess
-from anser.planning.certified.conflicts import Track, keep_out_room
-from anser.planning.certified.crowd import BLOCK, crowd_blocks, fleet_use
-from anser.planning.certified.tracking import path_track
+from anser.planning.certified import Traveller
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
-from anser.spatial import safe_hypot, safe_norm
+from anser.spatial import safe_hypot
 
-_INSTANTS = 8  # per cell of a hold's path, at which distances are looked at; bounds hold between them
 _SUBSTEPS = 4  # of the integration in each cell
-_ROUNDS = 3  # in which each aircraft chooses again, given what the others have chosen
-_RADII = (1.0, 1.5, 2.25, 0.75)
-_LEVELS = (0.0, 1.0, 2.0, 3.0)  # heights above the rendezvous, in units of the vertical separation
-_SPACE = 1.1  # of the vertical separation between two levels
 _ROLL_LAG_S = 1.5
 _COURSE_GAIN = 0.5  # 1/s
 _SPEED_GAIN, _SPEED_RATE = 0.2, 0.8  # 1/s, m/s^2
 _HEIGHT_GAIN, _CLIMB_LAG_S, _CLIMB_RATE = 0.2, 2.0, 4.0  # 1/s, s, m/s^2
 _BANK_KEPT = 0.95  # of the greatest bank angle
-_OFF_GOAL_M, _OFF_GOAL_KEPT = 150.0, 0.99  # from the goal, m, or the stand-off where that is less; for errors of flight
-_ROUNDING = 1e-7  # of the separation
 FORESEEN = 0.1
 """Part of the airspeed by which a goal's velocity may differ from what was foreseen with the hold still being flown."""
-_OPTIONS = len(_RADII) * 2 * len(_LEVELS)
 
 
 class HoldCircle(eqx.Module):
@@ -70,10 +58,10 @@ class PlannedHolds(eqx.Module):
     goal_positions_n, goal_velocities_n, foreseen_at
         The goals as they were foreseen: places (m) and velocities (m/s) at a time, s.
     room
-        Least ratio of distance to separation of each pair over the whole flight, the holds included; infinite for an
-        aircraft and itself.
+        Least ratio of distance to separation of each pair from the first arrival of the two until the flight ends;
+        infinite for an aircraft and itself.
     closed_room
-        How far each stays out of each closed volume at least, m, the whole flight.
+        How far each stays out of each closed volume at least after its arrival, m.
     clear
         Whether each keeps the separation from all others, stays out of closed volumes and within the limits of
         altitude, until the flight ends.
@@ -292,169 +280,3 @@ def hold_path(
 
     _, (knots, drifts) = jax.lax.scan(cell, start, jnp.arange(cells + 1))
     return TimedPath(begin + span * jnp.arange(cells + 1), knots, drifts)
-
-
-def _circles(traveller: Traveller, airspace: Airspace, settings: GuidanceSettings) -> HoldCircle:
-    """The circles that one aircraft may choose from, the scenario's own first; stacked."""
-    stacked = airspace.separation.vertical
-    step = jnp.where(stacked > 0.0, _SPACE * stacked, 0.0)
-    base = -traveller.rendezvous.stand_off_n[2]
-    made = [
-        HoldCircle(radius * settings.hold_radius, turn * settings.hold_turn, base + level * step)
-        for level in _LEVELS
-        for radius in _RADII
-        for turn in (1.0, -1.0)
-    ]
-    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *made)
-
-
-def assign_holds(
-    plan: CertifiedPlan,
-    travellers: Traveller,
-    airspace: Airspace,
-    settings: GuidanceSettings,
-    start_time: ScalarLike,
-    until: ScalarLike,
-    cells: int,
-    former: PlannedHolds | None = None,
-) -> PlannedHolds:
-    """Choose a hold for each aircraft that keeps the separation from all others until the flight ends.
-
-    One after the other, the first to arrive first; each takes the first of its circles with which it stays clear of
-    all paths and of the holds chosen so far, or else the one that leaves most; then again, given all the others.
-
-    Parameters
-    ----------
-    plan
-        In force.
-    travellers
-        As planned: goals as foreseen at `start_time`.
-    airspace, settings
-        Of the fleet.
-    start_time
-        Of the foresight, s; distances count from here on.
-    until
-        End of the flight, s.
-    cells
-        Of each hold's path, see `cells_for`.
-    former
-        Holds that are flown already by those who have arrived at `start_time`: these stay.
-    """
-    fleet = plan.arrival_times.shape[0]
-    gravity, separation, volumes = airspace.gravity, airspace.separation, airspace.keep_outs
-    end = jnp.maximum(until, jnp.max(plan.arrival_times) + 1.0)
-    times = start_time + (end - start_time) * jnp.linspace(0.0, 1.0, _INSTANTS * cells + 1)
-    approach = jax.vmap(path_bounds, in_axes=(0, None, None))(plan.paths, airspace.wind, gravity)
-    before = jax.vmap(lambda p, a, on: path_track(p, a, on, times))(
-        plan.paths, approach.cell_acceleration, travellers.active
-    )
-    circles = jax.vmap(_circles, in_axes=(0, None, None))(travellers, airspace, settings)
-
-    flown = None if former is None else moved(former, travellers, start_time)
-
-    @jax.jit
-    def option(who: Count, k: Count) -> tuple[TimedPath, HoldCircle, Track, Flag, Array]:
-        """Hold of one aircraft about one of its circles, its whole way, and whether it keeps all but distances."""
-        own, arrival = jax.tree.map(lambda leaf: leaf[who], (travellers, plan.arrival_times))
-        circle = jax.tree.map(lambda leaf: leaf[who, k], circles)
-        path = jax.tree.map(lambda leaf: leaf[who], plan.paths)
-        begin = path.position_n(arrival), path.velocity_n(arrival), arrival
-        ahead_n = own.goal_position_n + (arrival - start_time) * own.goal_velocity_n
-        held = hold_path(
-            own, begin, (ahead_n, own.goal_velocity_n), circle, airspace.wind, end, settings, gravity, cells
-        )
-        if flown is not None:
-            old = jax.tree.map(lambda leaf: leaf[who], (flown.paths, flown.circles))
-            held, circle = jax.tree.map(lambda a, b: jnp.where(arrival <= start_time, a, b), old, (held, circle))
-        bounds = path_bounds(held, airspace.wind, gravity)
-        after = path_track(held, bounds.cell_acceleration, own.active, times)
-        first = jax.tree.map(lambda leaf: leaf[who], before)
-        later = times[:-1] >= arrival
-        astride = (times[:-1] < arrival) & (times[1:] > arrival)
-        slack = jnp.where(later, after.slack, first.slack)
-        slack = jnp.where(astride, jnp.maximum(after.slack, first.slack), slack)
-        places = jnp.where((times > arrival)[:, None], after.positions_n, first.positions_n)
-        whole = Track(places, slack, jnp.full_like(slack, own.active))
-        closed = keep_out_room(whole, times, volumes) if volumes.radius.shape[0] else jnp.zeros(0)
-        over = excess(bounds, own.limits)
-        high_enough = jnp.all(over[5:7] <= _ROUNDING)
-        from_goal = jax.vmap(safe_norm)(
-            places - own.goal_position_n[None, :] - (times - start_time)[:, None] * own.goal_velocity_n[None, :]
-        )
-        least = jnp.minimum(safe_norm(own.rendezvous.stand_off_n), _OFF_GOAL_M) * _OFF_GOAL_KEPT
-        off_goal = jnp.all((from_goal >= least) | (times <= arrival))
-        return held, circle, whole, high_enough & off_goal & jnp.all(closed >= 0.0), closed
-
-    def room_of(who: Count, one: Track, tracks: Track) -> Float[Array, " aircraft"]:
-        others = jnp.arange(fleet) != who
-        blocks = crowd_blocks(jax.tree.map(lambda leaf: leaf[None], one), fleet, 4 * BLOCK)
-        return fleet_use(
-            one,
-            jax.tree.map(lambda leaf: leaf[0], blocks),
-            crowd_blocks(tracks, fleet, 4 * BLOCK),
-            lambda some: jax.tree.map(lambda leaf: leaf[some], tracks),
-            others,
-            separation,
-        )
-
-    order = jnp.argsort(plan.arrival_times)
-    nothing = jax.eval_shape(option, jnp.asarray(0), jnp.asarray(0))
-    empty = jax.tree.map(lambda leaf: jnp.zeros((fleet, *leaf.shape), leaf.dtype), nothing)
-    # On their way all count; nobody holds yet.
-    empty = (empty[0], empty[1], before, empty[3], empty[4])
-
-    def choose(carry: tuple, who: Count) -> tuple:
-        fleet_now, chosen, best = carry
-
-        def tried(state: tuple) -> tuple:
-            k, pick, most, _ = state
-            made = option(who, k)
-            least = jnp.min(room_of(who, made[2], fleet_now[2]))
-            worth = jnp.where(made[3], jnp.minimum(least, 1e3), -1.0 + jnp.minimum(least, 1.0))
-            better = worth > most
-            return k + 1, jnp.where(better, k, pick), jnp.maximum(worth, most), made[3] & (least >= 1.0)
-
-        start = (jnp.asarray(0), jnp.asarray(0), jnp.asarray(-jnp.inf), jnp.asarray(False))
-        fine = best[who] >= 1.0
-        _, pick, most, _ = jax.lax.while_loop(lambda s: (s[0] < _OPTIONS) & ~s[3] & ~fine, tried, start)
-        pick = jnp.where(fine, chosen[who], pick)
-        made = option(who, pick)
-        fleet_now = jax.tree.map(lambda all_, one: all_.at[who].set(one), fleet_now, made)
-        return (fleet_now, chosen.at[who].set(pick), best.at[who].set(jnp.where(fine, best[who], most))), None
-
-    def matters(found: tuple) -> tuple[Array, Array]:
-        rooms = jax.lax.map(
-            lambda who: room_of(who, jax.tree.map(lambda leaf: leaf[who], found[2]), found[2]), jnp.arange(fleet)
-        )
-        return rooms, found[3] & jnp.all(rooms >= 1.0 - _ROUNDING, axis=1)
-
-    def again(carry: tuple) -> tuple:
-        turn, found, chosen, best, _, _ = carry
-        (found, chosen, best), _ = jax.lax.scan(choose, (found, chosen, best), order)
-        rooms, clear = matters(found)
-        clear = clear | (travellers.active == 0.0)
-        # Those in trouble choose again.
-        return turn + 1, found, chosen, jnp.where(clear, 1.0, -jnp.inf), rooms, clear
-
-    begin = (
-        jnp.asarray(0),
-        empty,
-        jnp.zeros(fleet, dtype=int),
-        jnp.full(fleet, -jnp.inf),
-        jnp.zeros((fleet, fleet)),
-        jnp.zeros(fleet, dtype=bool),
-    )
-    _, found, _, _, rooms, clear = jax.lax.while_loop(
-        lambda c: (c[0] < _ROUNDS) & ~jnp.all(c[5]), again, begin
-    )
-    paths, circle, _, _, closed = found
-    return PlannedHolds(
-        paths=paths,
-        circles=circle,
-        goal_positions_n=travellers.goal_position_n,
-        goal_velocities_n=travellers.goal_velocity_n,
-        foreseen_at=jnp.asarray(start_time, dtype=float),
-        room=rooms,
-        closed_room=closed,
-        clear=clear,
-    )

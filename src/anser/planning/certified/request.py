@@ -49,7 +49,7 @@ class Traveller(eqx.Module):
 
 
 class Separation(eqx.Module):
-    """How far apart two aircraft stay until one arrives: horizontally or else vertically, m; 0: not asked."""
+    """How far apart two aircraft stay: horizontally or else vertically, m; 0: not asked."""
 
     horizontal: Scalar
     vertical: Scalar

@@ -1,0 +1,218 @@
+"""The choice of holds for a fleet: circles that keep all aircraft apart until the flight ends."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from anser.control import GuidanceSettings
+from anser.planning.certified import CERTIFIED_LIMITS, Airspace, CertifiedPlan, Separation, Traveller, path_bounds
+from anser.planning.certified.certificate import excess
+from anser.planning.certified.conflicts import Track, keep_out_room
+from anser.planning.certified.crowd import BLOCK, Blocks, crowd_blocks, fleet_use
+from anser.planning.certified.tracking import path_track
+from anser.planning.timed_path import TimedPath
+from anser.shapes import Count, Flag, Scalar, ScalarLike
+from anser.simulation.planned_hold import HoldCircle, PlannedHolds, hold_path, moved
+from anser.spatial import safe_norm
+
+_INSTANTS = 8  # per cell of a hold's path, at which distances are looked at; bounds hold between them
+_BLOCK = 4 * BLOCK
+_PLENTY = 1e3  # times the separation: more does not count
+_ROUNDS = 3  # in which each aircraft chooses again, given what the others have chosen
+_RADII = (1.0, 1.5, 2.25, 0.75)
+_LEVELS = (0.0, 1.0, 2.0, 3.0)  # heights above the rendezvous, in units of the vertical separation
+_SPACE = 1.1  # of the vertical separation between two levels
+_OFF_GOAL_M, _OFF_GOAL_KEPT = 150.0, 0.99  # from the goal, m, or the stand-off where that is less; for errors of flight
+_ROUNDING = 1e-7  # of the separation
+_OPTIONS = len(_RADII) * 2 * len(_LEVELS)
+
+
+def _circles(traveller: Traveller, airspace: Airspace, settings: GuidanceSettings) -> HoldCircle:
+    """The circles that one aircraft may choose from, the scenario's own first; stacked."""
+    stacked = airspace.separation.vertical
+    step = jnp.where(stacked > 0.0, _SPACE * stacked, 0.0)
+    base = -traveller.rendezvous.stand_off_n[2]
+    made = [
+        HoldCircle(radius * settings.hold_radius, turn * settings.hold_turn, base + level * step)
+        for level in _LEVELS
+        for radius in _RADII
+        for turn in (1.0, -1.0)
+    ]
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *made)
+
+
+class _Held(eqx.Module):
+    """One aircraft with one of its holds, or with none yet; stacked, a fleet.
+
+    Attributes
+    ----------
+    path, circle
+        The hold.
+    whole, after
+        Where it is at which time: all the way, and what of that is after its arrival.
+    blocks, blocks_after
+        Of these, for large fleets.
+    fits
+        Whether it stays within altitudes, off its goal and out of closed volumes.
+    closed_room
+        How far it stays out of each closed volume at least, m.
+    """
+
+    path: TimedPath
+    circle: HoldCircle
+    whole: Track
+    after: Track
+    blocks: Blocks
+    blocks_after: Blocks
+    fits: Flag
+    closed_room: Float[Array, " volumes"]
+
+
+def _room(who: Count, one: _Held, fleet: _Held, separation: Separation) -> Float[Array, " aircraft"]:
+    """How much of the separation one aircraft keeps from each of a fleet, as soon as the first of both has arrived."""
+    others = jnp.arange(fleet.fits.shape[0]) != who
+
+    def least(own: Track, own_blocks: Blocks, theirs: Track, blocks: Blocks) -> Float[Array, " aircraft"]:
+        def some(those: Array) -> Track:
+            return jax.tree.map(lambda leaf: leaf[those], theirs)
+
+        return fleet_use(own, own_blocks, blocks, some, others, separation)
+
+    return jnp.minimum(
+        least(one.whole, one.blocks, fleet.after, fleet.blocks_after),
+        least(one.after, one.blocks_after, fleet.whole, fleet.blocks),
+    )
+
+
+class _Choice(eqx.Module):
+    """How far the choice of holds has come; leading axis aircraft."""
+
+    turn: Count
+    held: _Held
+    pick: Array
+    """Index of the circle of each."""
+    room: Float[Array, "aircraft aircraft"]
+    clear: Bool[Array, " aircraft"]
+
+
+def assign_holds(
+    plan: CertifiedPlan,
+    travellers: Traveller,
+    airspace: Airspace,
+    settings: GuidanceSettings,
+    start_time: ScalarLike,
+    until: ScalarLike,
+    cells: int,
+    former: PlannedHolds | None = None,
+) -> PlannedHolds:
+    """Choose a hold for each aircraft that keeps the separation from all others until the flight ends.
+
+    One after the other, the first to arrive first; each takes the first of its circles with which it stays clear of
+    all paths and of the holds chosen so far, or else the one that leaves most. Then those in trouble choose again,
+    given all the others.
+
+    Parameters
+    ----------
+    plan
+        In force.
+    travellers
+        As planned: goals as foreseen at `start_time`.
+    airspace, settings
+        Of the fleet.
+    start_time
+        Of the foresight, s; distances count from here on.
+    until
+        End of the flight, s.
+    cells
+        Of each hold's path, see `cells_for`.
+    former
+        Holds that are flown already by those who have arrived at `start_time`: these stay.
+    """
+    fleet = plan.arrival_times.shape[0]
+    gravity, separation, volumes = airspace.gravity, airspace.separation, airspace.keep_outs
+    end = jnp.maximum(until, jnp.max(plan.arrival_times) + 1.0)
+    times = start_time + (end - start_time) * jnp.linspace(0.0, 1.0, _INSTANTS * cells + 1)
+    circles = jax.vmap(_circles, in_axes=(0, None, None))(travellers, airspace, settings)
+    flown = None if former is None else moved(former, travellers, start_time)
+
+    def approach(path: TimedPath, active: Scalar) -> Track:
+        return path_track(path, path_bounds(path, airspace.wind, gravity).cell_acceleration, active, times)
+
+    approaches = jax.vmap(approach)(plan.paths, travellers.active)
+
+    @jax.jit  # traced once
+    def option(who: Count, k: Count) -> _Held:
+        own, path, first = jax.tree.map(lambda leaf: leaf[who], (travellers, plan.paths, approaches))
+        circle, arrival = jax.tree.map(lambda leaf: leaf[who, k], circles), plan.arrival_times[who]
+        begin = path.position_n(arrival), path.velocity_n(arrival), arrival
+        ahead_n = own.goal_position_n + (arrival - start_time) * own.goal_velocity_n
+        goal = ahead_n, own.goal_velocity_n
+        held = hold_path(own, begin, goal, circle, airspace.wind, end, settings, gravity, cells)
+        if flown is not None:
+            old = jax.tree.map(lambda leaf: leaf[who], (flown.paths, flown.circles))
+            held, circle = jax.tree.map(lambda a, b: jnp.where(arrival <= start_time, a, b), old, (held, circle))
+        bounds = path_bounds(held, airspace.wind, gravity)
+        second = path_track(held, bounds.cell_acceleration, own.active, times)
+        # An interval in which it arrives is of both.
+        holding, underway = times[1:] > arrival, times[:-1] < arrival
+        slack = jnp.maximum(jnp.where(holding, second.slack, 0.0), jnp.where(underway, first.slack, 0.0))
+        places = jnp.where((times > arrival)[:, None], second.positions_n, first.positions_n)
+        whole = Track(places, slack, jnp.full_like(slack, own.active))
+        after = eqx.tree_at(lambda t: t.counted, whole, jnp.where(holding, own.active, 0.0))
+        closed_room = keep_out_room(after, times, volumes) if volumes.radius.shape[0] else jnp.zeros(0)
+        goal_n = own.goal_position_n[None, :] + (times - start_time)[:, None] * own.goal_velocity_n[None, :]
+        least = _OFF_GOAL_KEPT * jnp.minimum(safe_norm(own.rendezvous.stand_off_n), _OFF_GOAL_M)
+        off_goal = jnp.all((jax.vmap(safe_norm)(places - goal_n) >= least) | (times <= arrival))
+        low_high = slice(CERTIFIED_LIMITS.index("least altitude"), CERTIFIED_LIMITS.index("greatest altitude") + 1)
+        level = jnp.all(excess(bounds, own.limits)[low_high] <= _ROUNDING)
+        fits = level & off_goal & jnp.all(closed_room >= 0.0)
+        blocks, blocks_after = (crowd_blocks(track, fleet, _BLOCK) for track in (whole, after))
+        return _Held(held, circle, whole, after, blocks, blocks_after, fits, closed_room)
+
+    def choose(carry: tuple[_Held, Array, Array], who: Count) -> tuple[tuple[_Held, Array, Array], None]:
+        held, pick, settled = carry
+
+        def one_more(state: tuple[Count, Count, Scalar, Flag]) -> tuple[Count, Count, Scalar, Flag]:
+            k, best, most, _ = state
+            made = option(who, k)
+            least = jnp.min(_room(who, made, held, separation))
+            # One that does not fit is worse than any that does.
+            worth = jnp.where(made.fits, jnp.minimum(least, _PLENTY), jnp.minimum(least, 1.0) - _PLENTY)
+            better = worth > most
+            return k + 1, jnp.where(better, k, best), jnp.maximum(worth, most), made.fits & (least >= 1.0)
+
+        start = (jnp.asarray(0), pick[who], jnp.asarray(-jnp.inf), settled[who])
+        _, best, _, _ = jax.lax.while_loop(lambda s: (s[0] < _OPTIONS) & ~s[3], one_more, start)
+        held = jax.tree.map(lambda every, one: every.at[who].set(one), held, option(who, best))
+        return (held, pick.at[who].set(best), settled), None
+
+    def all_choose(now: _Choice) -> _Choice:
+        order = jnp.argsort(plan.arrival_times)
+        (held, pick, _), _ = jax.lax.scan(choose, (now.held, now.pick, now.clear), order)
+
+        def room_of(who: Count) -> Float[Array, " aircraft"]:
+            return _room(who, jax.tree.map(lambda leaf: leaf[who], held), held, separation)
+
+        room = jax.lax.map(room_of, jnp.arange(fleet))
+        clear = held.fits & jnp.all(room >= 1.0 - _ROUNDING, axis=1)
+        return _Choice(now.turn + 1, held, pick, room, clear | (travellers.active == 0.0))
+
+    shape = jax.eval_shape(option, jnp.asarray(0), jnp.asarray(0))
+    nobody = jax.tree.map(lambda leaf: jnp.zeros((fleet, *leaf.shape), leaf.dtype), shape)
+    # On their way all count; nobody holds yet.
+    on_way = approaches, crowd_blocks(approaches, fleet, _BLOCK)
+    nobody = eqx.tree_at(lambda h: (h.whole, h.blocks), nobody, on_way)
+    unsettled = jnp.zeros(fleet, dtype=bool)
+    begin = _Choice(jnp.asarray(0), nobody, jnp.zeros(fleet, dtype=int), jnp.zeros((fleet, fleet)), unsettled)
+    made = jax.lax.while_loop(lambda now: (now.turn < _ROUNDS) & ~jnp.all(now.clear), all_choose, begin)
+    return PlannedHolds(
+        paths=made.held.path,
+        circles=made.held.circle,
+        goal_positions_n=travellers.goal_position_n,
+        goal_velocities_n=travellers.goal_velocity_n,
+        foreseen_at=jnp.asarray(start_time, dtype=float),
+        room=made.room,
+        closed_room=made.held.closed_room,
+        clear=made.clear,
+    )
