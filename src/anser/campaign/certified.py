@@ -133,7 +133,7 @@ def plan_certified(scenario: Scenario, told: Callable[[str], None] = lambda what
         told("choosing the holds")
         until = scenario.timing.duration_s
         shared = certified.airspace, flight.fleet.guidance
-        holds = _holds(plan, task, *shared, 0.0, until, cells_for(until))
+        holds = _holds(plan.paths, task, *shared, 0.0, until, cells_for(until))
         tried.append((plan, holds))
         return ~np.asarray(holds.clear)
 

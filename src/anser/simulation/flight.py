@@ -315,7 +315,7 @@ def _renewed_holds(
 
     def anew() -> PlannedHolds:
         until, cells = jnp.max(holds.paths.times), holds.paths.times.shape[1] - 1
-        return assign_holds(made.plan, own, airspace, fleet.guidance, time, until, cells, former=holds)
+        return assign_holds(made.plan.paths, own, airspace, fleet.guidance, time, until, cells, former=holds)
 
     return jax.lax.cond(made.how == ANEW, anew, lambda: holds)
 

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from anser.control import GuidanceSettings
-from anser.planning.certified import CERTIFIED_LIMITS, Airspace, CertifiedPlan, Separation, Traveller, path_bounds
+from anser.planning.certified import CERTIFIED_LIMITS, Airspace, Separation, Traveller, path_bounds
 from anser.planning.certified.certificate import excess
 from anser.planning.certified.conflicts import Track, keep_out_room
 from anser.planning.certified.crowd import BLOCK, Blocks, crowd_blocks, fleet_use
@@ -20,12 +20,13 @@ _INSTANTS = 8  # per cell of a hold's path, at which distances are looked at; bo
 _BLOCK = 4 * BLOCK
 _PLENTY = 1e3  # times the separation: more does not count
 _ROUNDS = 3  # in which each aircraft chooses again, given what the others have chosen
-_RADII = (1.0, 1.5, 2.25, 0.75)
+_RADII = (1.0, 1.5, 2.25)  # of the scenario's, besides the tightest
+_TIGHT = 1.2  # times the radius of the tightest turn over the ground
 _LEVELS = (0.0, 1.0, 2.0, 3.0)  # heights above the rendezvous, in units of the vertical separation
 _SPACE = 1.1  # of the vertical separation between two levels
 _OFF_GOAL_M, _OFF_GOAL_KEPT = 150.0, 0.99  # from the goal, m, or the stand-off where that is less; for errors of flight
 _ROUNDING = 1e-7  # of the separation
-_OPTIONS = len(_RADII) * 2 * len(_LEVELS)
+_OPTIONS = (len(_RADII) + 1) * 2 * len(_LEVELS)
 
 
 def _circles(traveller: Traveller, airspace: Airspace, settings: GuidanceSettings) -> HoldCircle:
@@ -33,10 +34,15 @@ def _circles(traveller: Traveller, airspace: Airspace, settings: GuidanceSetting
     stacked = airspace.separation.vertical
     step = jnp.where(stacked > 0.0, _SPACE * stacked, 0.0)
     base = -traveller.rendezvous.stand_off_n[2]
+    blowing_n = airspace.wind.at(traveller.goal_position_n + traveller.rendezvous.stand_off_n, 0.0)
+    over_ground = traveller.speed + safe_norm(blowing_n - traveller.goal_velocity_n)
+    tightest = over_ground**2 / (airspace.gravity * jnp.tan(traveller.limits.bank_max))
+    radii = [radius * settings.hold_radius for radius in _RADII]
+    radii.append(jnp.minimum(_TIGHT * tightest, settings.hold_radius))
     made = [
-        HoldCircle(radius * settings.hold_radius, turn * settings.hold_turn, base + level * step)
+        HoldCircle(radius, turn * settings.hold_turn, base + level * step)
         for level in _LEVELS
-        for radius in _RADII
+        for radius in radii
         for turn in (1.0, -1.0)
     ]
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *made)
@@ -97,7 +103,7 @@ class _Choice(eqx.Module):
 
 
 def assign_holds(
-    plan: CertifiedPlan,
+    paths: TimedPath,
     travellers: Traveller,
     airspace: Airspace,
     settings: GuidanceSettings,
@@ -114,8 +120,8 @@ def assign_holds(
 
     Parameters
     ----------
-    plan
-        In force.
+    paths
+        To the arrivals; stacked.
     travellers
         As planned: goals as foreseen at `start_time`.
     airspace, settings
@@ -129,9 +135,10 @@ def assign_holds(
     former
         Holds that are flown already by those who have arrived at `start_time`: these stay.
     """
-    fleet = plan.arrival_times.shape[0]
+    arrival_times = paths.times[:, -1]
+    fleet = arrival_times.shape[0]
     gravity, separation, volumes = airspace.gravity, airspace.separation, airspace.keep_outs
-    end = jnp.maximum(until, jnp.max(plan.arrival_times) + 1.0)
+    end = jnp.maximum(until, jnp.max(arrival_times) + 1.0)
     times = start_time + (end - start_time) * jnp.linspace(0.0, 1.0, _INSTANTS * cells + 1)
     circles = jax.vmap(_circles, in_axes=(0, None, None))(travellers, airspace, settings)
     flown = None if former is None else moved(former, travellers, start_time)
@@ -139,12 +146,12 @@ def assign_holds(
     def approach(path: TimedPath, active: Scalar) -> Track:
         return path_track(path, path_bounds(path, airspace.wind, gravity).cell_acceleration, active, times)
 
-    approaches = jax.vmap(approach)(plan.paths, travellers.active)
+    approaches = jax.vmap(approach)(paths, travellers.active)
 
     @jax.jit  # traced once
     def option(who: Count, k: Count) -> _Held:
-        own, path, first = jax.tree.map(lambda leaf: leaf[who], (travellers, plan.paths, approaches))
-        circle, arrival = jax.tree.map(lambda leaf: leaf[who, k], circles), plan.arrival_times[who]
+        own, path, first = jax.tree.map(lambda leaf: leaf[who], (travellers, paths, approaches))
+        circle, arrival = jax.tree.map(lambda leaf: leaf[who, k], circles), arrival_times[who]
         begin = path.position_n(arrival), path.velocity_n(arrival), arrival
         ahead_n = own.goal_position_n + (arrival - start_time) * own.goal_velocity_n
         goal = ahead_n, own.goal_velocity_n
@@ -188,7 +195,7 @@ def assign_holds(
         return (held, pick.at[who].set(best), settled), None
 
     def all_choose(now: _Choice) -> _Choice:
-        order = jnp.argsort(plan.arrival_times)
+        order = jnp.argsort(arrival_times)
         (held, pick, _), _ = jax.lax.scan(choose, (now.held, now.pick, now.clear), order)
 
         def room_of(who: Count) -> Float[Array, " aircraft"]:
