@@ -121,7 +121,8 @@ def plan_certified(scenario: Scenario, told: Callable[[str], None] = lambda what
     flight = with_own_accelerations(flight, ready)
     certified = flight.fleet.certified
     assert certified is not None
-    task = travellers(flight.fleet, ready.trims.state, ready.now, ready.sensed)
+    none_stopped = jnp.zeros(len(scenario.aircraft), dtype=bool)  # those without steady flight were refused
+    task = travellers(flight.fleet, ready.trims.state, ready.now, ready.sensed, none_stopped)
     request = arrival_request(scenario)
     outcome = search(0.0, task, certified.airspace, request, told=told)
     refusals: tuple[str, ...] = ()
