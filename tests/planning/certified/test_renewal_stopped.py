@@ -60,10 +60,9 @@ def renewed(plan, travellers, movable=YES):
 
 def check_row(one, other, k):
     """One aircraft's part of two plans, their certificates aside."""
-    for plan_a, plan_b in ((one, other),):
-        parts = [(p.paths, p.arrival_times, p.lengths, p.turned, p.speeds) for p in (plan_a, plan_b)]
-        for a, b in zip(*map(jax.tree.leaves, parts), strict=True):
-            np.testing.assert_array_equal(a[k], b[k])
+    parts = [(p.paths, p.arrival_times, p.lengths, p.turned, p.speeds) for p in (one, other)]
+    for a, b in zip(*map(jax.tree.leaves, parts), strict=True):
+        np.testing.assert_array_equal(a[k], b[k])
 
 
 STOPPED = (1.0, 1.0, 0.0)
