@@ -2,16 +2,21 @@
 
 from pathlib import Path
 
+import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from anser.campaign import run
 from anser.campaign.certified import arrival_request
+from anser.campaign.execute import _segment
 from anser.cli import app
 from anser.planning.certified.renewal import ANEW, CORRECTED, LAST_GOOD
 from anser.scenario import load
+from anser.simulation import begin
+from anser.simulation.status import AT_GROUND
 from anser.verification.plan_check import dense_check
 from anser.verification.plan_data import ArrivalRule, FleetLimits, Goals, KeepOutCylinders, Paths, PlanCase, Starts
 from anser.verification.plan_data import WindProfile as JudgedWind
@@ -103,6 +108,27 @@ def test_the_plan_follows_a_goal_that_turns_and_says_how(flown):
     banks = data.bank_deg.isel(aircraft=0).values[time < flown.summary["aircraft"][0]["arrival_s"]]
     assert np.max(np.abs(np.diff(banks))) < 6.0
     assert LAST_GOOD not in set(renewal)
+
+
+def test_one_that_has_stopped_is_planned_without(flown):
+    """The first stands still from the start on: its boat's turn is no longer a reason to plan anew."""
+    planned, count = flown.planned, 2
+    state = begin(planned.flight, planned.ready, planned.plan, jnp.zeros(count))
+    first = jnp.arange(count) == 0
+    stopped = eqx.tree_at(
+        lambda s: (s.stopped, s.status), state, (first, jnp.where(first, AT_GROUND, state.status).astype(jnp.int32))
+    )
+    renewals = set()
+    for _ in range(17):
+        stopped, history = _segment(planned.flight, stopped)
+        renewals |= set(np.asarray(history["renewal"])[200:, 1].tolist())
+        assert np.all(np.isfinite(history["north"]))
+    assert renewals == {CORRECTED}
+    assert stopped.status.tolist() == [AT_GROUND, 0]
+    assert np.array_equal(stopped.plan.arrival_times, planned.plan.arrival_times)
+    # The path of the one that stands is the first plan's; the other's is too, as its buoy lies where it lay.
+    assert np.array_equal(stopped.plan.paths.air_n[0], planned.plan.paths.air_n[0])
+    np.testing.assert_allclose(stopped.plan.paths.air_n[1], planned.plan.paths.air_n[1], atol=1e-3)
 
 
 def test_an_independent_check_at_each_millisecond_finds_nothing(flown):

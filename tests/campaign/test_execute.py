@@ -77,7 +77,8 @@ def test_the_planner_sees_the_goal_only_through_the_sensor(three):
         see = jax.vmap(sense, in_axes=(None, 0, None, 0, 0))
         sensed = see(environment.earth, fleet.goals, 0.0, state.aircraft.position_n, velocities)
         reading = eqx.tree_at(lambda s: s.goal_position_n, sensed, sensed.goal_position_n + shift_n)
-        tasks = planning_tasks(fleet, 0.0, state.aircraft, now, reading, state.flown, state.deceleration, fleet.speed)
+        own = (state.aircraft, now, reading, state.flown, state.deceleration)
+        tasks = planning_tasks(fleet, 0.0, *own, fleet.speed, state.stopped)
         plan = coordinate(0.0, tasks, fleet.speed, state.sides, fleet.even_speed)
         end = jax.vmap(lambda path, t: path.position_n(t), in_axes=(0, None))(plan.trajectories, plan.arrival_time)
         return end - reading.goal_velocity_n * plan.arrival_time

@@ -72,6 +72,7 @@ def fleet(
         origin_n=positions_n,
         length_due=jnp.zeros(count),
         deceleration=jnp.full(count, deceleration, dtype=float),
+        active=jnp.ones(count, dtype=bool),
     )
 
 

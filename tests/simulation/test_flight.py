@@ -74,10 +74,8 @@ def test_the_goals_velocities_are_recovered_from_the_line_of_sight(three):
 def test_a_number_that_is_none_stops_its_aircraft_alone(three):
     flight, state = three
     broken = eqx.tree_at(lambda s: s.aircraft.power, state, state.aircraft.power.at[1].set(jnp.nan))
-    # No planning: the fleet's plan is common, and a planner fed with a state that is none has nothing to say.
-    once = eqx.tree_at(lambda f: f.timing.replan_steps, flight, jnp.zeros_like(flight.timing.replan_steps))
-    good, _ = _segment(once, state)
-    after, history = _segment(once, broken)
+    good, _ = _segment(flight, state)
+    after, history = _segment(flight, broken)
     assert list(np.asarray(after.stopped)) == [False, True, False]
     assert int(after.status[1]) == NOT_FINITE
     assert "number" in STATUS_MESSAGES[NOT_FINITE]

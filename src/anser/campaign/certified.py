@@ -125,7 +125,8 @@ def plan_certified(scenario: Scenario, told: Callable[[str], None] = lambda what
     flight = with_own_accelerations(flight, ready)
     certified = flight.fleet.certified
     assert certified is not None
-    task = travellers(flight.fleet, ready.trims.state, ready.now, ready.sensed)
+    none_stopped = jnp.zeros(len(scenario.aircraft), dtype=bool)  # those without steady flight were refused
+    task = travellers(flight.fleet, ready.trims.state, ready.now, ready.sensed, none_stopped)
     request = arrival_request(scenario)
     tried: list[tuple[CertifiedPlan, PlannedHolds]] = []
 

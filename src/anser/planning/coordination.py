@@ -14,13 +14,14 @@ from anser.planning.trajectory import Trajectory, bend_trajectory, fit_trajector
 from anser.planning.vectors import norm
 from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
 
-PLANNED, GOAL_OUTRUNS, NO_COMMON_TIME, NO_BEND, DIRECTION_UNATTAINABLE = range(5)
+PLANNED, GOAL_OUTRUNS, NO_COMMON_TIME, NO_BEND, DIRECTION_UNATTAINABLE, INACTIVE = range(6)
 PLAN_MESSAGES = (
     "planned",
     "the goal outruns the aircraft: no path meets it at this airspeed in this wind; the others are planned without it",
     "no arrival time was found at which the longest path of the fleet takes just that time",
     "no lateral bend gives the path the length of the fleet's longest",
     "the prescribed direction of arrival cannot be flown in this wind; it was left free",
+    "the aircraft does not fly (any more): the others are planned without it",
 )
 
 # Arrival times tried for a first change of sign, in units of the fleet's longest time to go. In a first plan that is a
@@ -39,22 +40,24 @@ _SPEED_ROUNDS = 3
 
 
 class FleetPlan(eqx.Module):
-    """One trajectory per aircraft, all of one arrival time."""
+    """One trajectory per aircraft, all of one arrival time but for those that no longer fly."""
 
     trajectories: Trajectory
     """Stacked, leading axis aircraft."""
     arrival_time: Scalar
     """Common time of arrival, s."""
+    arrival_times: Float[Array, " aircraft"]
+    """The same per aircraft, s; of one that stopped on the way, that of the last plan that was made with it."""
     nominal_lengths: Float[Array, " aircraft"]
     """Lengths of the unbent air paths, m."""
     speed: Scalar
     """Mean airspeed of the plan, m/s: the fleet's, or more where the farthest cannot come down so slowly."""
     reference_length: Scalar
-    """The longest of them among aircraft that can reach their goal, m; the length all fly (plus what each is due)."""
+    """The longest of them among active aircraft that can reach their goal, m; all fly it (plus what each is due)."""
     lengths: Float[Array, " aircraft"]
     """Lengths of the paths as planned, m."""
     lateral_bends: Float[Array, " aircraft"]
-    """m, positive to the right; exactly 0 for the farthest."""
+    """m, positive to the right; exactly 0 for the farthest, and for one that never flew."""
     farthest: Count
     """Index of the aircraft that flies its nominal path."""
     converged: Bool[Array, " aircraft"]
@@ -64,9 +67,9 @@ class FleetPlan(eqx.Module):
     """Index into PLAN_MESSAGES."""
 
     @property
-    def arrival_times(self) -> Float[Array, " aircraft"]:
-        """The one arrival time, per aircraft, s."""
-        return jnp.broadcast_to(self.arrival_time, self.lengths.shape)
+    def active(self) -> Bool[Array, " aircraft"]:
+        """Which aircraft are planned for, see `PlanningTask.active`."""
+        return self.status != INACTIVE
 
     @property
     def statuses(self) -> Int[Array, " aircraft"]:
@@ -97,6 +100,12 @@ class PlanningTask(eqx.Module):
         it flies from here, so that the mean airspeed of the whole flight is the same for all, and a plan renewed on its
         own path is the same plan. (The speed varies along a trajectory: without this, the rest of a path has another
         mean speed than the whole, and the arrival time wanders from plan to plan.)
+    deceleration
+        What it can hold with the engine idle in level flight, m/s^2.
+    active
+        Whether it flies. One that does not (it has stopped, or never started) is planned without: it counts neither for
+        the arrival time, the speed and the length that are common, nor for the farthest, nor for distances. Of a fleet
+        in which none flies the first plan is as if all did, with status INACTIVE for each.
     """
 
     position_n: Vector3
@@ -108,6 +117,7 @@ class PlanningTask(eqx.Module):
     origin_n: Vector3
     length_due: Scalar
     deceleration: Scalar
+    active: Flag
 
 
 def nominal_trajectory(
@@ -149,6 +159,11 @@ def _lengths(tasks: PlanningTask, duration: Scalar, speed: Scalar) -> Float[Arra
     )(tasks)
 
 
+def _counted(tasks: PlanningTask) -> Bool[Array, " aircraft"]:
+    """Those that fly; all where none does, so that there is something to plan and every number is finite."""
+    return tasks.active | ~jnp.any(tasks.active)
+
+
 def _shortfall(duration: Scalar, data: tuple[PlanningTask, Scalar, Bool[Array, " aircraft"]]) -> tuple[Scalar, Scalar]:
     """Arrival time minus what the longest path takes at the airspeed, and its slope."""
     tasks, speed, counted = data
@@ -160,13 +175,15 @@ def _shortfall(duration: Scalar, data: tuple[PlanningTask, Scalar, Bool[Array, "
 
 
 def _common_duration(tasks: PlanningTask, speed: Scalar) -> tuple[Scalar, Flag, Bool[Array, " aircraft"]]:
-    """Least time that the longest path just takes; whether it was found; which goals can be reached."""
+    """Least time that the longest path just takes; whether it was found; which of those counted reach their goals."""
 
     def to_go(task: PlanningTask) -> tuple[Scalar, Flag]:
         line = task.goal_position_n + task.rendezvous.stand_off_n - task.position_n
         return time_to_go(line, task.goal_velocity_n - task.wind_n, speed)
 
+    counted = _counted(tasks)
     straight, exists = jax.vmap(to_go)(tasks)
+    exists, straight = exists & counted, jnp.where(counted, straight, 0.0)
     # Only where the search begins: the result does not depend on it, and its gradient is the implicit one.
     straight = jax.lax.stop_gradient(straight)
     least = jnp.where(jnp.any(exists), jnp.max(jnp.where(exists, straight, 0.0)), jnp.max(straight))
@@ -191,7 +208,7 @@ def _timed(path: Trajectory, task: PlanningTask, even_speed: Flag | bool) -> Tra
 
 
 def _plan_speed(tasks: PlanningTask, speed: Scalar, raised: Flag) -> Scalar:
-    """The fleet's mean airspeed; raised to the least with which the farthest aircraft can fly down its nominal path."""
+    """The fleet's mean airspeed; raised to the least with which the farthest that flies can come down its path."""
 
     def once(_: object, tried: Scalar) -> Scalar:
         duration, _found, reachable = _common_duration(tasks, tried)
@@ -250,27 +267,30 @@ def coordinate(
 
     nominal, attainable = jax.vmap(lambda task: nominal_trajectory(task, start, duration, speed))(tasks)
     lengths = jax.vmap(arc_length)(nominal)
-    counted = jnp.where(reachable | ~jnp.any(reachable), lengths - due, 0.0)
+    counted = jnp.where(reachable | (_counted(tasks) & ~jnp.any(reachable)), lengths - due, 0.0)
     farthest, reference = jnp.argmax(counted), jnp.max(counted)
 
     bends = jax.vmap(lambda path, side, behind: solve_lateral_bend(path, reference + behind, side))(nominal, sides, due)
-    kappa = jnp.where(jnp.arange(lengths.shape[0]) == farthest, 0.0, bends.kappa)
+    bent_at_all = tasks.active & (jnp.arange(lengths.shape[0]) != farthest)
+    kappa = jnp.where(bent_at_all, bends.kappa, 0.0)
     bent = jax.vmap(bend_trajectory)(nominal, kappa)
     trajectories = jax.vmap(_timed, in_axes=(0, 0, None))(bent, tasks, even_speed)
     status = jnp.where(attainable, jnp.asarray(PLANNED, dtype=int), DIRECTION_UNATTAINABLE)
     status = jnp.where(bends.converged, status, NO_BEND)
     status = jnp.where(found, status, NO_COMMON_TIME)
     status = jnp.where(reachable, status, GOAL_OUTRUNS)
+    status = jnp.where(tasks.active, status, INACTIVE)
     return FleetPlan(
         trajectories=trajectories,
         arrival_time=start + duration,
+        arrival_times=jnp.broadcast_to(start + duration, lengths.shape),
         nominal_lengths=lengths,
         speed=speed,
         reference_length=reference,
         lengths=jax.vmap(arc_length)(trajectories),
         lateral_bends=kappa,
         farthest=farthest,
-        converged=bends.converged & found & reachable,
+        converged=bends.converged & found & reachable & tasks.active,
         goal_reachable=reachable,
         status=status,
     )

@@ -3,10 +3,10 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Real
+from jaxtyping import Array, Bool, Real
 
 from anser.planning.arc_length import arc_length
-from anser.planning.coordination import FleetPlan, PlanningTask, coordinate, nominal_trajectory
+from anser.planning.coordination import INACTIVE, FleetPlan, PlanningTask, coordinate, nominal_trajectory
 from anser.planning.trajectory import Trajectory, bend_trajectory, with_even_speed
 from anser.planning.vectors import norm
 from anser.shapes import Flag, Scalar, ScalarLike
@@ -43,6 +43,19 @@ def _refit(
     return eqx.tree_at(lambda p: (p.trajectories, p.lateral_bends, p.lengths), plan, (trajectories, bends, lengths))
 
 
+def _standing(plan: FleetPlan, made: FleetPlan, active: Bool[Array, " aircraft"]) -> FleetPlan:
+    """A plan in which those that do not fly keep what they had in the last, and have no other part."""
+
+    def own(p: FleetPlan) -> tuple[object, ...]:
+        return p.trajectories, p.arrival_times, p.nominal_lengths, p.lengths, p.lateral_bends, p.goal_reachable
+
+    rows = jax.tree.map(
+        lambda new, old: jnp.where(active.reshape(-1, *[1] * (new.ndim - 1)), new, old), own(made), own(plan)
+    )
+    status = jnp.where(active, made.status, INACTIVE)
+    return eqx.tree_at(lambda p: (*own(p), p.status, p.converged), made, (*rows, status, made.converged & active))
+
+
 def renew(
     plan: FleetPlan,
     time: ScalarLike,
@@ -57,6 +70,10 @@ def renew(
     mean airspeed stays within 1 percent of the plan's; when one leaves that band, because its goal moved otherwise than
     foreseen, the fleet is coordinated anew. In the last 15 s it is not: there, a few metres of path to make up would
     take a bend of many g, and a little speed does it as well.
+
+    An aircraft that is no longer active keeps its last plan, arrival time included, and the others go on without it:
+    as they are, if it was the farthest of them too, until one of them leaves the band; what is planned anew is planned
+    without it.
 
     Parameters
     ----------
@@ -77,7 +94,8 @@ def renew(
     duration = kept.trajectories.duration
     mean_speed = (kept.lengths - tasks.length_due) / duration
     strayed = kept.goal_reachable & (jnp.abs(mean_speed / plan.speed - 1.0) > SPEED_BAND)
-    anew = jnp.any(strayed | ~kept.converged) & (duration[0] > COMMITTED_S)
-    return jax.lax.cond(
+    anew = jnp.any((strayed | ~kept.converged) & tasks.active) & (duration[0] > COMMITTED_S)
+    made = jax.lax.cond(
         anew, lambda: coordinate(time, tasks, plan.speed, sides, even_speed, under_way=True), lambda: kept
     )
+    return _standing(plan, made, tasks.active)

@@ -20,16 +20,20 @@ def _sample(trajectory: Trajectory, count: int) -> Float[Array, "count 3"]:
     return jax.vmap(trajectory.position_n)(times)
 
 
-def separation_min(trajectories: Trajectory, count: int = 65) -> Float[Array, "aircraft aircraft"]:
+def separation_min(
+    trajectories: Trajectory, count: int = 65, active: Bool[Array, " aircraft"] | None = None
+) -> Float[Array, "aircraft aircraft"]:
     """Least distance between any two aircraft during their common flight, m; infinite on the diagonal.
 
     Parameters
     ----------
     trajectories
-        Stacked, leading axis aircraft, all with one start time and duration.
+        Stacked, leading axis aircraft; of those that are active, all with one start time and duration.
     count
         Number of instants looked at, ends included. Between them the distance may be less by no more than half
         the relative speed times the interval.
+    active
+        Which aircraft fly; infinite from and to one that does not. None: all fly.
     """
     positions = jnp.swapaxes(jax.vmap(lambda trajectory: _sample(trajectory, count))(trajectories), 0, 1)
     fleet = positions.shape[1]
@@ -40,9 +44,12 @@ def separation_min(trajectories: Trajectory, count: int = 65) -> Float[Array, "a
 
     # Instant by instant: memory stays quadratic in the fleet.
     square, _ = lax.scan(closer, jnp.full((fleet, fleet), jnp.inf), positions)
-    apart = (square > 0.0) & ~jnp.eye(fleet, dtype=bool)
+    unlike = ~jnp.eye(fleet, dtype=bool)
+    if active is not None:
+        unlike = unlike & active[:, None] & active[None, :]
+    apart = (square > 0.0) & unlike
     distance = jnp.where(apart, jnp.sqrt(jnp.where(apart, square, 1.0)), 0.0)
-    return jnp.where(jnp.eye(fleet, dtype=bool), jnp.inf, distance)
+    return jnp.where(unlike, distance, jnp.inf)
 
 
 def choose_sides(plan: FleetPlan, requested: Real[Array, " aircraft"], count: int = 65) -> Float[Array, " aircraft"]:
@@ -61,7 +68,7 @@ def choose_sides(plan: FleetPlan, requested: Real[Array, " aircraft"], count: in
     -------
     +1 or -1 per aircraft. The aircraft are placed one after the other, the longest nominal path first; each free one
     takes the side with the greater least distance to those placed already; where that is the same within 1 m, the side
-    with the smaller bend.
+    with the smaller bend. Those that do not fly are kept clear of by none.
     """
     straightened = jax.vmap(lambda path, kappa: bend_trajectory(path, -kappa))(plan.trajectories, plan.lateral_bends)
     nominal = eqx.tree_at(lambda path: path.law, straightened, plan.trajectories.law)
@@ -93,7 +100,7 @@ def choose_sides(plan: FleetPlan, requested: Real[Array, " aircraft"], count: in
         free = jnp.where((left > right + _SAME_DISTANCE) | milder, -1.0, 1.0)
         side = jnp.where(requested[who] == 0, free, jnp.where(requested[who] < 0, -1.0, 1.0))
         path = jnp.where(side > 0.0, paths[who][0], paths[who][1])
-        return sides.at[who].set(side), chosen.at[who].set(path), placed.at[who].set(True)
+        return sides.at[who].set(side), chosen.at[who].set(path), placed.at[who].set(plan.active[who])
 
     start = (jnp.ones(fleet), jnp.zeros((fleet, count, 3)), jnp.zeros(fleet, dtype=bool))
     return lax.fori_loop(0, fleet, place, start)[0]

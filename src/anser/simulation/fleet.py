@@ -127,7 +127,8 @@ class FlightState(eqx.Module):
     status
         Index into `STATUS_MESSAGES`; 0 while all is well. An aircraft whose status is terminal stands still.
     stopped
-        Whether the status is terminal.
+        Whether the status is terminal. The others are planned without such an aircraft; it keeps its last plan, whose
+        arrival time its record goes on to show: the status says that it is not kept.
     holds
         What the certified planner's aircraft fly after their arrival; None: the guidance's hold.
     """

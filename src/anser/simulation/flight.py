@@ -3,7 +3,7 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from anser.aircraft import AbstractAirframe, AircraftState, Condition, MotionState, condition, moving_state, seen_state
 from anser.control import (
@@ -58,10 +58,12 @@ def planning_tasks(
     flown: Float[Array, " aircraft"],
     deceleration: Float[Array, " aircraft"],
     speed: ScalarLike,
+    stopped: Bool[Array, " aircraft"],
 ) -> PlanningTask:
     """What each aircraft brings to the planning, of itself and of its goal as its sensor tells; stacked.
 
-    Plans live in the Earth's chart: velocities become rates of its coordinates here.
+    Plans live in the Earth's chart: velocities become rates of its coordinates here. Those that have stopped are not
+    active: the others are planned without them.
     """
     scale = now.earth.chart_scale
     wind_n = scale * now.wind_n
@@ -75,6 +77,7 @@ def planning_tasks(
         origin_n=fleet.start_positions_n + wind_n * time,
         length_due=speed * time - flown,
         deceleration=deceleration,
+        active=~stopped,
     )
 
 
@@ -129,13 +132,21 @@ def make_ready(flight: Flight) -> Ready:
     return Ready(trims, now, sensed, autopilots, -along(fleet.airframes, now, 0.0), along(fleet.airframes, now, 100.0))
 
 
+def _untrimmed(trims: TrimPoint) -> Bool[Array, " aircraft"]:
+    """Which aircraft have no steady flight at their start: they are not flown, nor planned for."""
+    return ~trims.converged | (trims.excess > EXCESS_NOISE)
+
+
 def start_flight(flight: Flight) -> tuple[FlightState, TrimPoint]:
     """Trim every aircraft at its start, choose the sides of the detours and make the published plan, at time 0."""
     fleet, ready = flight.fleet, make_ready(flight)
     aircraft = ready.trims.state
     requested = fleet.sides.astype(float)
     flown = jnp.zeros_like(requested)
-    tasks = planning_tasks(fleet, 0.0, aircraft, ready.now, ready.sensed, flown, ready.deceleration, fleet.speed)
+    stopped = _untrimmed(ready.trims)
+    tasks = planning_tasks(
+        fleet, 0.0, aircraft, ready.now, ready.sensed, flown, ready.deceleration, fleet.speed, stopped
+    )
     start_time = jnp.zeros(())
     sides = choose_sides(coordinate(start_time, tasks, fleet.speed, requested, fleet.even_speed), requested)
     plan = coordinate(start_time, tasks, fleet.speed, sides, fleet.even_speed)
@@ -151,7 +162,7 @@ def begin(
 ) -> FlightState:
     """State of a flight at time 0 with its first plan, and with the holds that belong to it."""
     trims = ready.trims
-    stopped = ~trims.converged | (trims.excess > EXCESS_NOISE)
+    stopped = _untrimmed(trims)
     status = jnp.where(stopped, NO_TRIM, plan.statuses).astype(jnp.int32)
     moving = jax.vmap(moving_state, in_axes=(None, 0))(flight.environment, trims.state)
     zero = jnp.asarray(0)
@@ -170,8 +181,13 @@ def begin(
     )
 
 
-def travellers(fleet: Fleet, aircraft: AircraftState, now: Condition, sensed: Sensed) -> Traveller:
-    """What each aircraft brings to the certified planner; in steady straight flight, as at the start."""
+def travellers(
+    fleet: Fleet, aircraft: AircraftState, now: Condition, sensed: Sensed, stopped: Bool[Array, " aircraft"]
+) -> Traveller:
+    """What each aircraft brings to the certified planner; in steady straight flight, as at the start.
+
+    Those that have stopped are not active: the others are planned without them.
+    """
     certified = fleet.certified
     if certified is None:
         raise ValueError("the fleet has no settings of the certified planner (Fleet.certified)")
@@ -190,7 +206,7 @@ def travellers(fleet: Fleet, aircraft: AircraftState, now: Condition, sensed: Se
         side=fleet.sides,
         limits=certified.limits,
         roll_rate_max=certified.roll_rates_max,
-        active=jnp.ones(count),
+        active=jnp.where(stopped, 0.0, 1.0),
     )
 
 
@@ -332,19 +348,19 @@ def step_flight(flight: Flight, carry: FlightState) -> tuple[FlightState, dict[s
 
     def renewed() -> tuple[FleetPlan | CertifiedPlan, Count, PlannedHolds | None]:
         if isinstance(carry.plan, CertifiedPlan) and fleet.certified is not None:
-            own, settings = travellers(fleet, aircraft, now, sensed), fleet.certified
+            own, settings = travellers(fleet, aircraft, now, sensed, carry.stopped), fleet.certified
             made = renew_certified(
                 carry.plan, time, own, settings.airspace, settings.movable, timing.freeze, settings.latest
             )
             return made.plan, made.how, _renewed_holds(fleet, carry.holds, own, made, time)
         if isinstance(carry.plan, FleetPlan):
             tasks = planning_tasks(
-                fleet, time, aircraft, now, sensed, carry.flown, carry.deceleration, carry.plan.speed
+                fleet, time, aircraft, now, sensed, carry.flown, carry.deceleration, carry.plan.speed, carry.stopped
             )
             return renew(carry.plan, time, tasks, carry.sides, fleet.even_speed), carry.renewal, None
         raise ValueError("a certified plan is flown by a fleet with settings of the certified planner")
 
-    due = on_time & ~jnp.all(frozen)
+    due = on_time & ~jnp.all(frozen | carry.stopped)
     plan, renewal, holds = jax.lax.cond(due, renewed, lambda: (carry.plan, carry.renewal, carry.holds))
     phase = jnp.where(time >= plan.arrival_times, HOLD, jnp.where(frozen, FROZEN, APPROACH))
     status = jnp.where(carry.status == FLYING, plan.statuses.astype(carry.status.dtype), carry.status)
@@ -371,7 +387,7 @@ def step_flight(flight: Flight, carry: FlightState) -> tuple[FlightState, dict[s
     after, autopilots, status, stopped, row = fly(
         own, environment, fleet, time, plan.arrival_times, phase, renewal, timing.step
     )
-    flown = carry.flown + timing.step * now.air_data.V
+    flown = carry.flown + jnp.where(carry.stopped, 0.0, timing.step * now.air_data.V)
     return FlightState(
         carry.step_index + 1,
         after,

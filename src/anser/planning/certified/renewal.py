@@ -83,7 +83,7 @@ def postponements(
     Parameters
     ----------
     arrival_times
-        As planned so far, s.
+        As planned so far, s; -inf for one that does not count.
     now, latest
         s; no arrival is put off beyond the latter.
     free
@@ -126,7 +126,8 @@ def renew_certified(
     now
         s.
     travellers
-        The fleet with its goals as sensed now; position and motion are taken from the plan.
+        The fleet with its goals as sensed now; position and motion are taken from the plan. One that is no longer
+        active keeps its last path and arrival time: the others neither keep clear of it nor wait for it.
     airspace
         What they share.
     movable
@@ -142,22 +143,25 @@ def renew_certified(
     anew from the planned positions, velocities and accelerations; else the last good plan.
     """
     ticks = ticks_of(plan.paths)
-    under_way = plan.arrival_times > now
+    active = travellers.active > 0.0
+    under_way = active & (plan.arrival_times > now)
     paths = jax.vmap(_corrected, in_axes=(0, 0, None))(plan.paths, travellers, now)
-    paths = _either(plan.arrival_times - now > freeze, paths, plan.paths)
+    paths = _either(active & (plan.arrival_times - now > freeze), paths, plan.paths)
     corrected = _judged(plan, paths, plan.arrival_times, travellers, airspace, ticks, now, under_way)
     fine = jnp.all(corrected.good | ~under_way)
 
-    free = plan.arrival_times - now > jnp.maximum(freeze, COMMITTED_S)
+    free = active & (plan.arrival_times - now > jnp.maximum(freeze, COMMITTED_S))
     here = jax.vmap(_from_plan, in_axes=(0, 0, None))(plan.paths, travellers, now)
     here = eqx.tree_at(lambda t: t.active, here, jnp.where(free, travellers.active, 0.0))
 
-    delays, tries = postponements(plan.arrival_times, now, free | (travellers.active == 0.0), movable, latest)
+    counted = jnp.where(active, plan.arrival_times, -jnp.inf)
+    delays, tries = postponements(counted, now, free | ~active, movable, latest)
 
     def again(carry: tuple[Count, Flag, CertifiedPlan]) -> tuple[Count, Flag, CertifiedPlan]:
         k, _, _ = carry
-        durations = jnp.maximum(plan.arrival_times - now, COMMITTED_S) + delays[k]
+        durations = jnp.maximum(counted - now, COMMITTED_S) + delays[k]
         made = plan_fleet_at(now, here, airspace, durations, ticks, FEW)
+        made = _with_sizes_of(made, plan, free)
         arrivals = jnp.where(free, now + durations, plan.arrival_times)
         whole = _judged(made, _either(free, made.paths, paths), arrivals, travellers, airspace, ticks, now, under_way)
         good = jnp.all(jnp.where(free, made.valid, True)) & jnp.all(whole.good | ~under_way)
@@ -175,6 +179,15 @@ def renew_certified(
 
 def _either(first: Bool[Array, " aircraft"], one: TimedPath, other: TimedPath) -> TimedPath:
     return jax.tree.map(lambda a, b: jnp.where(first.reshape(-1, *[1] * (a.ndim - 1)), a, b), one, other)
+
+
+def _with_sizes_of(made: CertifiedPlan, plan: CertifiedPlan, free: Bool[Array, " aircraft"]) -> CertifiedPlan:
+    """A new plan in which those whose paths stand keep the lengths, turns and speeds of these paths."""
+
+    def sizes(p: CertifiedPlan) -> tuple[Array, Array, Array]:
+        return p.lengths, p.turned, p.speeds
+
+    return eqx.tree_at(sizes, made, jax.tree.map(lambda new, old: jnp.where(free, new, old), sizes(made), sizes(plan)))
 
 
 def _judged(

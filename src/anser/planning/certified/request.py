@@ -32,7 +32,8 @@ class Traveller(eqx.Module):
     roll_rate_max
         How fast its path may change the bank angle in a level turn, rad/s.
     active
-        0 for one that is there only to fill up a fleet to a size: nobody keeps clear of it.
+        0 for one that has stopped, or is there only to fill up a fleet to a size: nobody keeps clear of it, and
+        whatever becomes of its path is no reason to refuse a plan.
     """
 
     position_n: Vector3
