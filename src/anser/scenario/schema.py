@@ -53,7 +53,7 @@ class Scenario(Table):
         0,
         ge=0,
         le=SEED_MAX,
-        description="of everything that is random",
+        description="of everything that is random, which is nothing yet: recorded, it changes no flight",
         json_schema_extra=expects(f"a whole number from 0 to {SEED_MAX}"),
     )
     timing: Timing = table("time", "a table [timing]")

@@ -158,6 +158,7 @@ def renew_certified(
         k, _, _ = carry
         durations = jnp.maximum(plan.arrival_times - now, COMMITTED_S) + delays[k]
         made = plan_fleet_at(now, here, airspace, durations, ticks, FEW)
+        made = eqx.tree_at(lambda p: p.lengths, made, plan.lengths)  # what stays so of those that have arrived
         arrivals = jnp.where(free, now + durations, plan.arrival_times)
         whole = _judged(made, _either(free, made.paths, paths), arrivals, travellers, airspace, ticks, now, under_way)
         good = jnp.all(jnp.where(free, made.valid, True)) & jnp.all(whole.good | ~under_way)
@@ -190,8 +191,9 @@ def _judged(
     """A plan with other paths, certified from now on."""
     watched = eqx.tree_at(lambda t: t.active, travellers, jnp.where(under_way, travellers.active, 0.0))
     certificate = certify(paths, watched, airspace, ticks, now)
+    ahead = jax.vmap(TimedPath.air_length, in_axes=(0, None))(paths, now)
     return eqx.tree_at(
-        lambda p: (p.paths, p.arrival_times, p.certificate, p.valid),
+        lambda p: (p.paths, p.arrival_times, p.certificate, p.valid, p.lengths),
         plan,
-        (paths, arrivals, certificate, jnp.ones_like(plan.valid)),
+        (paths, arrivals, certificate, jnp.ones_like(plan.valid), jnp.where(under_way, ahead, plan.lengths)),
     )
