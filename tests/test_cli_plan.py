@@ -2,7 +2,6 @@
 
 import csv
 import json
-import sys
 import types
 from pathlib import Path
 
@@ -63,9 +62,8 @@ def test_a_plan_beyond_a_limit_is_written_and_ends_with_1(anser, tmp_path):
 
 def test_a_refusal_is_told_and_leaves_nothing(anser, tmp_path, monkeypatch):
     why = ("earliest common arrival 83.2 s", "separation 430 m reachable, 500 m asked")
-    planner = types.ModuleType("anser.campaign.certified")
-    planner.plan_certified = lambda scenario, told: types.SimpleNamespace(refusals=why)
-    monkeypatch.setitem(sys.modules, "anser.campaign.certified", planner)
+    refused = types.SimpleNamespace(refusals=why)
+    monkeypatch.setattr("anser.campaign.planned.plan_certified", lambda scenario, told: refused)
     code, printed, said = anser("plan", SCENARIOS / "twenty-aircraft.toml", "--out", tmp_path / "plan")
     assert (code, printed) == (1, "")
     assert [line for line in said.splitlines() if line.startswith("no plan")] == [f"no plan: {one}" for one in why]

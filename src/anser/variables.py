@@ -177,8 +177,14 @@ CATALOGUE: tuple[Variable, ...] = (
     _variable("sight_azimuth_rate", "deg_s", _SIGHT, "ṡ_az", "Sight line azimuth rate"),
     _variable("sight_elevation_rate", "deg_s", _SIGHT, "ṡ_el", "Sight line elevation rate"),
     _variable("arrival_time", "s", _NONE, "t_f", "Planned arrival time"),
-    _variable("planned_length", "m", _NONE, "L", "Length of the path in force, from its last renewal"),
-    _variable("lateral_bend", "m", _NONE, "b", "Lateral bend of the plan"),
+    _variable(
+        "planned_length",
+        "m",
+        _NONE,
+        "L",
+        "Length of the path in force, through the air in space, from its last renewal",
+    ),
+    _variable("lateral_bend", "m", _NONE, "b", "Lateral bend of the plan; NaN: its planner has none"),
     # state of the flight
     _discrete("phase", "int32", "phase", "Phase of the flight", ("approach", "frozen", "hold")),
     _discrete(

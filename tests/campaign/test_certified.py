@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from anser.campaign import run
+import anser
+from anser.campaign import NoPlanError, run
 from anser.campaign.certified import arrival_request
 from anser.campaign.execute import _segment
+from anser.campaign.plan_output import record
 from anser.cli import app
 from anser.planning.certified.renewal import ANEW, CORRECTED, LAST_GOOD
-from anser.scenario import load
+from anser.scenario import load, loads
 from anser.simulation import begin
 from anser.simulation.status import AT_GROUND
 from anser.verification.plan_check import dense_check
@@ -176,6 +178,49 @@ def test_an_independent_check_at_each_millisecond_finds_nothing(flown):
     assert report.passes, report.breaches
 
 
+def test_plan_of_python_is_that_of_the_scenarios_planner():
+    """Ways that cross, and a closed volume upon one: the published planner would take 487 m and go 580 m into it."""
+    crossing = _SCENARIO.replace('goal = "boat"', 'goal = "buoy-"').replace('goal = "buoy"', 'goal = "boat"')
+    storm = '[[keep_out]]\nname = "storm"\nnorth_m = -4000.0\neast_m = 700.0\nradius_m = 1000.0\n'
+    planned = anser.plan(loads(f"{crossing.replace('buoy-', 'buoy')}\n{storm}"))
+    assert (planned.refusals, planned.problems()) == ((), ())
+    assert np.all(planned.plan.good)
+    summary = record(planned).summary
+    assert (summary["planner"], summary["bounds"]) == ("certified", "proven")
+    assert summary["separation"]["value_m"] >= 500.0
+    assert summary["separation"]["bound_ratio"] >= 1.0
+    assert summary["keep_outs"][0]["room_m"] > 0.0
+    assert str(planned) == f"two-certified, certified planner: all arrive at {summary['arrival']['last_s']:.2f} s"
+
+
+def test_length_and_path_mean_what_they_do_with_the_other_planner(flown):
+    """The length is through the air in space, from the last renewal on; there is no lateral bend, and so no nominal."""
+    plan, data = flown.planned.plan, flown.dataset
+    times = np.linspace(0.0, float(plan.arrival_times[0]), 4001)
+    for k, row in enumerate(flown.summary["aircraft"]):
+        path = jax.tree.map(lambda leaf, k=k: leaf[k], plan.paths)
+        air_n = np.asarray(jax.vmap(path.air_velocity_n)(times))
+        length = np.trapezoid(np.linalg.norm(air_n, axis=1), times)
+        level = np.trapezoid(np.linalg.norm(air_n[:, :2], axis=1), times)
+        assert length > level + 5.0  # it comes down 350 to 400 m
+        assert float(plan.lengths[k]) == pytest.approx(length, abs=0.01)
+        one = data.isel(aircraft=k)
+        # the rest of the way: recorded at 40 s, when the path had just been renewed
+        there, left = float(one.arrival_time_s.sel(time=40.0)), float(one.planned_length_m.sel(time=40.0))
+        assert left == pytest.approx(150.0 * (there - 40.0), rel=0.05)
+        assert np.all(np.isnan(one.lateral_bend_m))
+        assert (row["lateral_bend_m"], row["nominal"]) == (None, None)
+        assert row["path"] == f"turns {np.degrees(float(plan.turned[k])):.0f} deg"
+    assert [row["length_m"] for row in record(flown.planned).summary["aircraft"]] == list(np.asarray(plan.lengths))
+    assert "NaN" in data.lateral_bend_m.attrs["long_name"]
+
+
+def test_run_flies_the_plan_of_python(flown):
+    planned = anser.plan(flown.scenario)
+    for ours, flight in zip(jax.tree.leaves(planned.plan), jax.tree.leaves(flown.planned.plan), strict=True):
+        np.testing.assert_array_equal(ours, flight)
+
+
 def test_a_time_that_is_too_early_is_refused_with_the_times_that_work(tmp_path):
     early = _SCENARIO.replace("[separation]", '[arrival]\nrule = "at"\ntime_s = 20.0\n\n[separation]')
     result = CliRunner().invoke(app, ["plan", str(_written(tmp_path, early)), "--out", str(tmp_path / "out")])
@@ -183,6 +228,14 @@ def test_a_time_that_is_too_early_is_refused_with_the_times_that_work(tmp_path):
     assert 'aircraft "one" cannot arrive at 20.0 s' in result.stderr
     assert "by itself it can from" in result.stderr
     assert not (tmp_path / "out").exists()
+    planned = anser.plan(loads(early))
+    assert 'aircraft "one" cannot arrive at 20.0 s' in planned.refusals[0]
+    assert planned.problems() == planned.refusals
+    assert str(planned).startswith('two-certified, certified planner: no plan\n  aircraft "one" cannot arrive')
+    with pytest.raises(NoPlanError, match=r"cannot arrive at 20\.0 s"):
+        _ = planned.plan
+    with pytest.raises(NoPlanError, match=r"cannot arrive at 20\.0 s"):
+        run(loads(early))
 
 
 def test_the_rules_of_a_scenario_become_times(tmp_path):

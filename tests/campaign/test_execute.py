@@ -13,7 +13,8 @@ import pytest
 
 import anser
 from anser.aircraft import condition
-from anser.campaign.execute import _segment, _start
+from anser.campaign.execute import _segment
+from anser.campaign.planned import _start
 from anser.planning import coordinate
 from anser.results import read_netcdf
 from anser.scenario import ScenarioError, build_flight, loads

@@ -7,7 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.campaign.plan_output import NOT_PROVEN, record_certified
+from anser.campaign.certified import NOT_PROVEN
+from anser.campaign.plan_output import record_certified
 from anser.planning import PathLimits
 from anser.planning.certified.certificate import PathBounds
 from anser.planning.certified.certified_plan import Certificate, CertifiedPlan

@@ -85,16 +85,15 @@ def test_a_limit_passed_only_in_the_hold_is_told_apart(flight, whole):
     assert "not met" in html
 
 
-def test_bends_stand_in_the_table_of_the_published_planner_alone(flight):
+def test_how_a_path_goes_stands_in_the_table_where_the_summary_says_it(flight):
     rows = flight[1]["aircraft"]
-    table = aircraft_table(rows, {})
+    table = aircraft_table(rows)
     assert "Path</th>" in table
     assert table.count("bent right") == 1
-    certified = aircraft_table(rows, {"fleet": {"planner": "certified"}})
-    assert "Path</th>" not in certified
-    for word in ("nominal", "bent"):
-        assert word not in certified
-    assert certified.count("<td") == table.count("<td") - len(rows)
+    assert "turns 83 deg" in aircraft_table([rows[0] | {"path": "turns 83 deg"}])
+    older = aircraft_table([{key: value for key, value in row.items() if key != "path"} for row in rows])
+    assert "Path</th>" not in older
+    assert older.count("<td") == table.count("<td") - len(rows)
 
 
 def test_the_nearest_other_aircraft_is_found_for_each(flight):

@@ -83,6 +83,7 @@ def test_the_contract_has_these_keys_and_no_others():
             "tables_left",
             "tables_left_s",
             "position_error_max_m",
+            "path",
             "nominal",
             "lateral_bend_m",
             "status",
@@ -103,6 +104,8 @@ def test_numbers_of_a_known_flight():
     assert (anna["position_error_max_m"], bert["position_error_max_m"]) == (2.0, 3.0)
     assert (anna["nominal"], anna["lateral_bend_m"]) == (True, 0.0)
     assert (bert["nominal"], bert["lateral_bend_m"]) == (False, 400.0)
+    told = summarize(TIME, flight(), facts(paths=("nominal", "turns 83 deg")), 0.0)["aircraft"]
+    assert [row["path"] for row in told] == ["nominal", "turns 83 deg"]
     assert (anna["tables_left"], anna["tables_left_s"]) == (False, 0.0)
     assert (bert["tables_left"], bert["tables_left_s"]) == (True, pytest.approx(1.5))
     fleet = summary["fleet"]
@@ -154,7 +157,8 @@ def test_what_does_not_exist_is_null():
     row = summary["aircraft"][1]
     for key in ("planned_arrival_s", "arrival_s", "miss_m", "speed_mean_m_s", "clearance_min_m", "lateral_bend_m"):
         assert row[key] is None
-    assert row["nominal"] is False
+    assert row["nominal"] is None  # a path without such a bend is not unbent, it has none
+    assert row["path"] is None
     assert row["status"].startswith("not arrived")
     assert summary["fleet"]["arrival_spread_s"] is None
     assert [(entry["value"], entry["met"]) for entry in summary["requirements"][:2]] == [(None, False), (None, False)]

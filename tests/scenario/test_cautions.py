@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from anser.scenario import ScenarioError, build_flight, cautions, loads
+from anser.scenario import Scenario, ScenarioError, build_flight, cautions, loads, starter_scenario
 
 TEXT = (Path(__file__).parents[2] / "scenarios" / "single-aircraft.toml").read_text()
 
@@ -59,3 +59,61 @@ def test_loops_too_close_in_time_are_named_and_the_defaults_are_not():
         'aircraft[0].gains (aircraft "aircraft-1"): the loop of gamma has a bandwidth of 1.6 1/s and rests on alpha with '
         "2 1/s, a ratio of 1.25; below 2 the two swing against each other (damping 0.56)"
     )
+
+
+def test_a_seed_that_changes_nothing_says_so():
+    assert cautions(loads(TEXT)) == ()
+    said = cautions(loads(TEXT.replace("format = 1", "format = 1\nseed = 7", 1)))
+    assert said == ("seed: 7 is recorded and changes nothing: nothing in a flight is random yet",)
+    assert "nothing yet" in Scenario.model_fields["seed"].description
+    assert "seed = 0" in starter_scenario()
+    assert "random, which is nothing yet: it changes no flight" in starter_scenario()
+
+
+SHEARED = """
+format = 1
+name = "down-through-a-shear"
+
+[timing]
+duration_s = 95.0
+
+[fleet]
+speed_m_s = 150.0
+
+[wind]
+layers = [
+  { altitude_m = 300, speed_m_s = 20.0, from_deg = 180 },
+  { altitude_m = 4000, speed_m_s = 20.0, from_deg = 0 },
+]
+
+[[aircraft]]
+name = "one"
+goal = "buoy"
+start = { north_m = -14000, east_m = 0, altitude_m = 3000, speed_m_s = 150, course_deg = 0 }
+
+[[goal]]
+name = "buoy"
+kind = "surface"
+north_m = 0.0
+east_m = 0.0
+"""
+"""Planned in 87.0 s at 173.2 m/s, which the idle engine forces; the wind lower down brings it there in 82.1 s."""
+
+
+def test_a_duration_that_suffices_is_accepted_with_a_caution():
+    scenario = loads(SHEARED)
+    (said,) = cautions(scenario)
+    # against 9.19 m/s at the start, 14 km to go and 2700 m down: 101.1 s at 150 m/s
+    assert "timing.duration_s: 95 s suffices only if a descent makes the plan faster or another wind carries" in said
+    assert "otherwise expected more than 101.1 s" in said
+    assert cautions(scenario.replace("timing.duration_s", 110.0)) == ()
+
+
+def test_a_duration_that_nothing_makes_suffice_is_refused():
+    # sqrt(150^2 + 2 * 9.80665 * 2700) m/s without any drag, and 29.2 m/s of wind between start and lowest layer
+    with pytest.raises(ScenarioError, match=r"expected more than 48\.4 s, .* layers of wind may make 303\.9 m/s"):
+        loads(SHEARED.replace("duration_s = 95.0", "duration_s = 40.0"))
+    level = SHEARED.replace("altitude_m = 3000", "altitude_m = 300")
+    steady = level[: level.index("[wind]")] + level[level.index("[[aircraft]]") :]
+    with pytest.raises(ScenarioError, match=r"expected more than 93\.3 s, .* at fleet\.speed_m_s = 150 m/s$"):
+        loads(steady.replace("duration_s = 95.0", "duration_s = 93.0"))

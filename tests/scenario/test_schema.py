@@ -95,6 +95,7 @@ def refusal(text: str) -> ScenarioError:
     return caught.value
 
 
+PUBLISHED_SPEED = ("speed_m_s = 150.0\n", 'speed_m_s = 150.0\nspeed_profile = "published"\n')
 WAYPOINT_GOAL = (
     "north_m = 0.0\neast_m = 0.0\nspeed_m_s = 8.0\ncourse_deg = 90.0\n",
     "waypoints = [{time_s = 0, north_m = 0, east_m = 0, altitude_m = 0},"
@@ -336,12 +337,17 @@ CASES = {
         ("timing.freeze_s", "", "120", "less than duration_s, which is 120 s"),
     ),
     "flight too short": (
-        [("duration_s = 120.0", "duration_s = 58.0")],
+        [("duration_s = 120.0", "duration_s = 58.0"), PUBLISHED_SPEED],
         # 9000 m north, 700 m up at 150 m/s, the ship crossing at 8 m/s: sqrt(9000^2 + 700^2)/sqrt(150^2 - 8^2)
         ("timing.duration_s", "", "58", 'more than 60.3 s, the shortest flight from "alpha" to goal "ship"'),
     ),
+    "flight too short for any descent": (
+        [("duration_s = 120.0", "duration_s = 47.0")],
+        # the same at sqrt(150^2 + 2 * 9.80665 * 700) = 190.4 m/s, which no drag would allow
+        ("timing.duration_s", "", "47", "more than 47.5 s, the shortest flight"),
+    ),
     "flight too short for waypoints": (
-        [WAYPOINT_GOAL, ("duration_s = 120.0", "duration_s = 59.0")],
+        [WAYPOINT_GOAL, ("duration_s = 120.0", "duration_s = 59.0"), PUBLISHED_SPEED],
         ("timing.duration_s", "", "59", 'a longer flight: "alpha" does not get to goal "ship"'),
     ),
     "records between steps": (

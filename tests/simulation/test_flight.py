@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import anser.simulation.flight as flight_module
-from anser.campaign.execute import _segment, _start
+from anser.campaign.execute import _segment
+from anser.campaign.planned import _start
 from anser.scenario import build_flight, load
 from anser.simulation import SEGMENT_STEPS, STATUS_MESSAGES, step_flight
 from anser.simulation.status import NOT_FINITE

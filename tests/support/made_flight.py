@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 
-from anser.results import FlightFacts, Requirement, summarize, to_dataset
+from anser.results import FlightFacts, Requirement, bend_words, summarize, to_dataset
 from anser.variables import CATALOGUE, DERIVED_KEYS
 
 ARRIVAL, END, STEP = 80.0, 130.0, 0.025
@@ -138,6 +138,7 @@ def make_flight(scenario_name="Three <aircraft>", repeat=1):
         goal_kinds=("surface",) * len(names),
         planned_arrivals_s=(ARRIVAL,) * len(names),
         minimum_clearances_m=(150.0,) * len(names),
+        paths=tuple(bend_words(float(bend)) for bend in history["lateral_bend"][0]),
         requirements=(
             Requirement("miss_max_m", 15.0),
             Requirement("arrival_spread_max_s", 1.0),

@@ -1,4 +1,4 @@
-"""The independent search: finds plans where there are some, proves what cannot be, and never refutes what was flown."""
+"""The second search: finds plans where there are some, proves what cannot be, and never refutes what was flown."""
 
 import math
 from dataclasses import replace
@@ -22,7 +22,7 @@ from anser.verification.plan_data import (
 from anser.verification.plan_flown_cases import flown_case
 from anser.verification.plan_motion import path_demands
 from anser.verification.plan_report import LIMITS
-from anser.verification.plan_search import independent_search
+from anser.verification.plan_search import second_search
 from anser.verification.plan_spline import SplineFlight
 
 NO_ZONES = KeepOutCylinders(np.empty((0, 2)), np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0))
@@ -77,14 +77,14 @@ def _goals(case, place=None, velocity=None, course=None):
 )  # fmt: skip
 def test_easy_tasks_are_solved(case):
     # A second or two of processor time; ten leave room for a busy machine's slower clock.
-    found = independent_search(case, 10.0)
+    found = second_search(case, 10.0)
     assert found.status == "found"
     assert dense_check(found.paths, case, found.arrival_times).passes
 
 
 def test_given_times_are_kept():
     case = _pair(rule=_rule("together"))
-    found = independent_search(case, 10.0, times=np.array([75.0, 75.0]))
+    found = second_search(case, 10.0, times=np.array([75.0, 75.0]))
     assert found.status == "found"
     assert np.array_equal(found.arrival_times, [75.0, 75.0])
 
@@ -108,7 +108,7 @@ def test_given_times_are_kept():
     ],
 )  # fmt: skip
 def test_impossible_tasks_are_proved(case, words):
-    found = independent_search(case, 1.0)
+    found = second_search(case, 1.0)
     assert found.status == "proved"
     assert found.paths is None
     assert any(words in reason for reason in found.reasons)
@@ -142,7 +142,7 @@ def test_a_goal_walled_in_is_not_found():
     task = _goals(_pair(keep_outs=ring, rule=_rule("at", 100.0), starts=away))
     there = task.goals.positions_n.copy()
     there[1, 0, 1] += 6000.0
-    found = independent_search(replace(task, goals=replace(task.goals, positions_n=there)), 1.0)
+    found = second_search(replace(task, goals=replace(task.goals, positions_n=there)), 1.0)
     assert found.status == "not found"
     assert any("aircraft 0: no path even alone" in reason for reason in found.reasons)
 
@@ -150,7 +150,7 @@ def test_a_goal_walled_in_is_not_found():
 @pytest.mark.parametrize("seed", [1, 4, 8])
 def test_flown_tasks_are_solved(seed):
     case = flown_case(seed)
-    found = independent_search(case, 15.0)
+    found = second_search(case, 15.0)
     assert found.status == "found"
     assert dense_check(found.paths, case, found.arrival_times).passes
 
@@ -191,7 +191,7 @@ def test_a_seed_gives_one_task_and_one_search():
     assert one.starts.position_n.shape != other.starts.position_n.shape or not np.array_equal(
         one.starts.position_n, other.starts.position_n
     )
-    first, second = independent_search(_pair(), 10.0), independent_search(_pair(), 10.0)
+    first, second = second_search(_pair(), 10.0), second_search(_pair(), 10.0)
     assert np.array_equal(first.paths.air_n, second.paths.air_n)
 
 

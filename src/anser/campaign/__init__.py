@@ -1,11 +1,13 @@
 """Campaigns: executing scenarios, one by one for now; trim points and linear models for people."""
 
+from anser.campaign.certified import CertifiedPlanned, NoPlanError
 from anser.campaign.dispersion import FlightPoint
 from anser.campaign.envelope import EnvelopeSurvey, survey
 from anser.campaign.envelope_cases import survey_limits
-from anser.campaign.execute import CLEARANCE_MIN_M, Flown, NoPlanError, Planned, plan, run
+from anser.campaign.execute import CLEARANCE_MIN_M, Flown, run
 from anser.campaign.linearizing import ConditionError, Linearized, linearize
 from anser.campaign.margins import MarginSurvey, margin_document, margins_at, survey_margins
+from anser.campaign.planned import Planned, plan
 from anser.campaign.robustness import RobustnessStudy, robustness_study
 from anser.campaign.step_tests import CHANNEL_KEYS, PUBLISHED_STEPS, StepTest, step_test, unit_of_channel
 from anser.campaign.stepped_flight import SteppedFlight, step_document
@@ -18,6 +20,7 @@ __all__ = [
     "CLEARANCE_MIN_M",
     "CLIMB_AND_TURN",
     "PUBLISHED_STEPS",
+    "CertifiedPlanned",
     "ConditionError",
     "EnvelopeSurvey",
     "FlightPoint",

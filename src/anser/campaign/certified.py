@@ -1,5 +1,6 @@
 """Planning a scenario with the certified planner, or saying why no plan exists."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -12,16 +13,40 @@ from anser.campaign.untrimmable import refuse_untrimmable
 from anser.compilation_cache import enable_compilation_cache
 from anser.numerics import compiled_quickly
 from anser.planning.certified import Airspace, ArrivalRequest, CertifiedPlan, Outcome, Traveller, search
+from anser.results import turn_words
 from anser.scenario import Scenario, build_flight
-from anser.simulation import Flight, PlannedHolds, Ready, assign_holds, cells_for, make_ready, travellers
+from anser.simulation import (
+    Flight,
+    FlightState,
+    PlannedHolds,
+    Ready,
+    TrimPoint,
+    assign_holds,
+    begin,
+    cells_for,
+    make_ready,
+    travellers,
+)
 
 _ready = compiled_quickly(make_ready)
 _holds = compiled_quickly(assign_holds)
+_SAME_SPEED = 1e-3  # parts of the fleet's speed that nobody needs to be told of
+
+NOT_PROVEN = "nothing proves that it keeps its limits, the separation and the keep-outs"
+"""Message of a path that the certified planner delivers without a proof."""
 
 
-@dataclass(frozen=True)
+class NoPlanError(Exception):
+    """The certified planner found no plan; `reasons` says why, one sentence each."""
+
+    def __init__(self, reasons: tuple[str, ...]) -> None:
+        super().__init__("; ".join(reasons))
+        self.reasons = reasons
+
+
+@dataclass(frozen=True, repr=False)
 class CertifiedPlanned:
-    """What came of planning a scenario.
+    """What came of planning a scenario for the certified planner; printed, it is when they arrive, or why not.
 
     Attributes
     ----------
@@ -56,16 +81,71 @@ class CertifiedPlanned:
 
         Raises
         ------
-        ValueError
-            If there is none.
+        NoPlanError
+            If there is none; the message says why.
         """
         if self.outcome.plan is None:
-            raise ValueError(f"{self.scenario.name} has no plan: {'; '.join(self.refusals)}")
+            raise NoPlanError(self.refusals)
         return self.outcome.plan
 
+    @property
+    def trims(self) -> TrimPoint:
+        """Steady flight of each aircraft at its start; leading axis aircraft."""
+        return self.ready.trims
+
     def problems(self) -> tuple[str, ...]:
-        """Why the plan cannot be flown as it stands: none."""
-        return ()
+        """Why there is no plan, or why it cannot be flown as it stands, one sentence each; empty where it can."""
+        if self.outcome.plan is None:
+            return self.refusals
+        pairs = zip(self.scenario.aircraft, np.asarray(self.plan.good), strict=True)
+        return tuple(f'aircraft "{one.name}": {NOT_PROVEN}' for one, good in pairs if not good)
+
+    def notes(self) -> tuple[str, ...]:
+        """Where the plan differs from what the scenario prefers, the mean airspeed, in one sentence; or nothing."""
+        if self.outcome.plan is None:
+            return ()
+        asked_m_s, found_m_s = self.scenario.fleet.speed_m_s, np.asarray(self.plan.lengths / self.plan.arrival_times)
+        others = np.flatnonzero(np.abs(found_m_s / asked_m_s - 1.0) > _SAME_SPEED)
+        if not others.size:
+            return ()
+        names = ", ".join(f"{self.scenario.aircraft[k].name} {found_m_s[k]:.1f} m/s" for k in others)
+        return (f"mean airspeeds other than the preferred fleet.speed_m_s = {asked_m_s:g} m/s: {names}",)
+
+    def path_words(self) -> tuple[str, ...]:
+        """How the path of each aircraft goes, such as "turns 83 deg"."""
+        return tuple(turn_words(math.degrees(float(turned))) for turned in np.asarray(self.plan.turned))
+
+    def begun(self) -> FlightState:
+        """The fleet at its start, with the plan."""
+        return begin(self.flight, self.ready, self.plan, jnp.zeros(len(self.scenario.aircraft)), self.holds)
+
+    def __repr__(self) -> str:
+        arrivals = None if self.outcome.plan is None else np.asarray(self.outcome.plan.arrival_times)
+        return plan_in_words(self.scenario, arrivals, self.problems(), self.notes())
+
+
+def plan_in_words(
+    scenario: Scenario, arrivals_s: np.ndarray | None, problems: tuple[str, ...], notes: tuple[str, ...]
+) -> str:
+    """A plan as it is printed: which planner, when they arrive, what is wrong.
+
+    Parameters
+    ----------
+    scenario
+        What was planned.
+    arrivals_s
+        When each arrives, s; None without a plan.
+    problems
+        Why there is none, or why it cannot be flown.
+    notes
+        Where it differs from the scenario's words.
+    """
+    head = f"{scenario.name}, {scenario.fleet.planner} planner: "
+    if arrivals_s is None:
+        return "\n  ".join([f"{head}no plan", *problems])
+    first, last = (f"{float(end(arrivals_s)):.2f} s" for end in (np.min, np.max))
+    when = f"all arrive at {last}" if first == last else f"arrivals from {first} to {last}"
+    return "\n  ".join([head + when, *(f"not flyable: {one}" for one in problems), *(f"note: {one}" for one in notes)])
 
 
 def with_own_accelerations(flight: Flight, ready: Ready) -> Flight:

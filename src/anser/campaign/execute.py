@@ -1,6 +1,5 @@
 """Running one scenario: plan it, fly it, keep what came of it."""
 
-import functools
 import tempfile
 import time as clock
 from collections.abc import Callable
@@ -10,15 +9,11 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
-from anser.campaign.certified import CertifiedPlanned, plan_certified
-from anser.campaign.untrimmable import refuse_untrimmable
-from anser.compilation_cache import enable_compilation_cache
-from anser.numerics import compiled_quickly
-from anser.planning import LIMIT_MESSAGES, PLAN_MESSAGES, FleetPlan, LimitReport, check_limits, separation_min
+from anser.campaign.certified import CertifiedPlanned, NoPlanError
+from anser.campaign.planned import Planned, plan
 from anser.report import write_report
 from anser.results import (
     FlightFacts,
@@ -30,18 +25,9 @@ from anser.results import (
     write_netcdf,
     write_summary,
 )
-from anser.scenario import Scenario, build_flight, build_path_limits
+from anser.scenario import Scenario
 from anser.scenario.schema_checks import AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M
-from anser.simulation import (
-    SEGMENT_STEPS,
-    STATUS_MESSAGES,
-    Flight,
-    FlightState,
-    TrimPoint,
-    begin,
-    fly_segment,
-    start_flight,
-)
+from anser.simulation import SEGMENT_STEPS, STATUS_MESSAGES, fly_segment
 
 CLEARANCE_MIN_M = {"surface": SURFACE_STAND_OFF_MIN_M, "airborne": AIRBORNE_STAND_OFF_MIN_M}
 """Least distance from a goal of each kind: the product's scope, whatever a scenario says."""
@@ -49,78 +35,10 @@ CLEARANCE_MIN_M = {"surface": SURFACE_STAND_OFF_MIN_M, "airborne": AIRBORNE_STAN
 _FILES = ("flight.nc", "summary.json", "report.html")
 
 
-class NoPlanError(Exception):
-    """The certified planner found no plan; `reasons` says why, one sentence each."""
-
-    def __init__(self, reasons: tuple[str, ...]) -> None:
-        super().__init__("; ".join(reasons))
-        self.reasons = reasons
-
-
 Progress = Callable[[str, float], None]
 """Called with what is being done and how much of the flight is behind, 0 to 1."""
 
-_start = compiled_quickly(start_flight)
 _segment = eqx.filter_jit(fly_segment)
-_separation = eqx.filter_jit(separation_min)
-
-
-@eqx.filter_jit
-def _limits_of(plan: FleetPlan, limits: Any, gravity: Any) -> LimitReport:
-    return jax.vmap(check_limits, in_axes=(0, None, None))(plan.trajectories, limits, gravity)
-
-
-@dataclass(frozen=True)
-class Planned:
-    """The first plan of a scenario.
-
-    Attributes
-    ----------
-    scenario
-        What was planned.
-    state
-        The fleet at its start, with the plan.
-    trims
-        Steady flight of each aircraft at its start; leading axis aircraft.
-    flight
-        Its arrays.
-    """
-
-    scenario: Scenario
-    flight: Flight
-    state: FlightState
-    trims: TrimPoint
-
-    @property
-    def plan(self) -> FleetPlan:
-        """The plan itself."""
-        assert isinstance(self.state.plan, FleetPlan)
-        return self.state.plan
-
-    @functools.cached_property
-    def limits(self) -> LimitReport:
-        """How the paths keep the scenario's limits; leading axis aircraft."""
-        return _limits_of(self.plan, build_path_limits(self.scenario), self.flight.environment.gravity)
-
-    @functools.cached_property
-    def separation_min_m(self) -> float | None:
-        """Least planned distance between two aircraft up to the arrival, m; None for one aircraft."""
-        if len(self.scenario.aircraft) == 1:
-            return None
-        return float(np.min(np.asarray(_separation(self.plan.trajectories))))
-
-    def problems(self) -> tuple[str, ...]:
-        """Why the plan cannot be flown as it stands, one sentence each; empty where it can."""
-        found = []
-        for k, aircraft in enumerate(self.scenario.aircraft):
-            status = int(self.state.status[k])
-            if bool(self.state.stopped[k]):
-                found.append(f'aircraft "{aircraft.name}": {STATUS_MESSAGES[status]}')
-            elif int(self.plan.status[k]):
-                found.append(f'aircraft "{aircraft.name}": {PLAN_MESSAGES[int(self.plan.status[k])]}')
-            elif int(self.limits.status[k]):
-                found.append(f'aircraft "{aircraft.name}": {LIMIT_MESSAGES[int(self.limits.status[k])]}')
-        return tuple(found)
 
 
 @dataclass(frozen=True, repr=False)
@@ -142,7 +60,7 @@ class Flown:
     scenario: Scenario
     dataset: xr.Dataset
     summary: dict[str, Any]
-    planned: "Planned | CertifiedPlanned"
+    planned: Planned | CertifiedPlanned
 
     @property
     def met(self) -> bool:
@@ -199,24 +117,6 @@ class Flown:
         self.report(report)
 
 
-def plan(scenario: Scenario) -> Planned:
-    """Trim every aircraft at its start and make the fleet's first plan, as seen by the sensors at time 0.
-
-    Raises
-    ------
-    ScenarioError
-        If an aircraft cannot fly steadily at its start; the message says what stops it.
-    """
-    enable_compilation_cache()
-    return _plan(scenario, build_flight(scenario))
-
-
-def _plan(scenario: Scenario, flight: Flight) -> Planned:
-    state, trims = _start(flight)
-    refuse_untrimmable(scenario, flight, trims)
-    return Planned(scenario, flight, state, trims)
-
-
 def run(scenario: Scenario, progress: Progress | None = None) -> Flown:
     """Fly a scenario.
 
@@ -234,20 +134,12 @@ def run(scenario: Scenario, progress: Progress | None = None) -> Flown:
     NoPlanError
         If the certified planner finds no plan; the message says why.
     """
-    enable_compilation_cache()
     told = progress if progress is not None else lambda what, done: None
     began = clock.perf_counter()
-    told("planning (the first time, this compiles)", 0.0)
-    if scenario.fleet.planner == "certified":
-        planned = plan_certified(scenario, lambda what: told(what, 0.0))
-        if planned.refusals:
-            raise NoPlanError(planned.refusals)
-        flight = planned.flight
-        state = begin(flight, planned.ready, planned.plan, jnp.zeros(len(scenario.aircraft)), planned.holds)
-    else:
-        flight = build_flight(scenario)
-        planned = _plan(scenario, flight)
-        state = planned.state
+    planned = plan(scenario, lambda what: told(what, 0.0))
+    if planned.refusals:
+        raise NoPlanError(planned.refusals)
+    flight, state = planned.flight, planned.begun()
     timing = scenario.timing
     steps = round(timing.duration_s / timing.step_s)
     told("flying (the first time, this compiles)", 0.0)
@@ -261,7 +153,7 @@ def run(scenario: Scenario, progress: Progress | None = None) -> Flown:
     time_s = np.arange(steps + 1) * timing.step_s
     wall_s = clock.perf_counter() - began
     told("summing up", 1.0)
-    summary = summarize(time_s, history, _facts(scenario, history), wall_s)
+    summary = summarize(time_s, history, _facts(scenario, history, planned.path_words()), wall_s)
     stride = round(timing.record_period_s / timing.step_s)
     dataset = to_dataset(
         time_s[::stride],
@@ -272,7 +164,7 @@ def run(scenario: Scenario, progress: Progress | None = None) -> Flown:
     return Flown(scenario, dataset, summary, planned)
 
 
-def _facts(scenario: Scenario, history: dict[str, np.ndarray]) -> FlightFacts:
+def _facts(scenario: Scenario, history: dict[str, np.ndarray], paths: tuple[str, ...]) -> FlightFacts:
     goals = [scenario.goal_of(a) for a in scenario.aircraft]
     wanted, limits = scenario.requirements, scenario.limits
     requirements = [
@@ -300,6 +192,7 @@ def _facts(scenario: Scenario, history: dict[str, np.ndarray]) -> FlightFacts:
         requirements=tuple(requirements),
         status_messages=dict(enumerate(STATUS_MESSAGES)),
         separation_m=(apart.horizontal_m, apart.vertical_m) if apart.horizontal_m > 0.0 else None,
+        paths=paths,
     )
 
 

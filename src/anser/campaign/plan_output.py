@@ -9,18 +9,25 @@ import jax
 import numpy as np
 import xarray as xr
 
-from anser.campaign.execute import Planned
+from anser.campaign.certified import NOT_PROVEN
+from anser.campaign.certified import CertifiedPlanned as AnyCertifiedPlanned
 from anser.campaign.plan_samples import TimedPosition, sample_plan, sample_times
+from anser.campaign.planned import Planned
 from anser.planning import LIMIT_MESSAGES, PLAN_MESSAGES
 from anser.planning.certified.certified_plan import CertifiedPlan
 from anser.planning.certified.request import Airspace, Traveller
 from anser.report import draw_plan
-from anser.results import KeepOutFacts, PlanFacts, plan_dataset, plan_summary, write_summary, write_trajectories
+from anser.results import (
+    KeepOutFacts,
+    PlanFacts,
+    plan_dataset,
+    plan_summary,
+    turn_words,
+    write_summary,
+    write_trajectories,
+)
 from anser.scenario import Scenario
 from anser.scenario.schema_goal import Goal
-
-NOT_PROVEN = "nothing proves that it keeps its limits, the separation and the keep-outs"
-"""Message of a path that the certified planner delivers without a proof."""
 
 
 class CertifiedPlanned(Protocol):
@@ -75,17 +82,29 @@ class RecordedPlan:
         draw_plan(self.dataset, folder)
 
 
+def record(planned: Planned | AnyCertifiedPlanned) -> RecordedPlan:
+    """Sample and sum up what `anser.plan` gives: `record(anser.plan(scenario)).summary` is what `plan.json` holds.
+
+    Raises
+    ------
+    NoPlanError
+        If it is a refusal.
+    """
+    return record_published(planned) if isinstance(planned, Planned) else record_certified(planned, planned.notes())
+
+
 def record_published(planned: Planned) -> RecordedPlan:
     """Sample and sum up a plan of the published planner."""
     scenario, made = planned.scenario, planned.plan
     facts = _facts(
         scenario,
-        paths=tuple(_bend(float(bend)) for bend in made.lateral_bends),
+        paths=planned.path_words(),
         messages=tuple(
             PLAN_MESSAGES[int(status)] if int(status) else LIMIT_MESSAGES[int(limit)] if int(limit) else None
             for status, limit in zip(made.status, planned.limits.status, strict=True)
         ),
         problems=planned.problems(),
+        notes=planned.notes(),
         lengths_m=np.asarray(made.lengths),
         nominal_lengths_m=np.asarray(made.nominal_lengths),
         turn_use=np.asarray(planned.limits.turn_use_max),
@@ -94,7 +113,7 @@ def record_published(planned: Planned) -> RecordedPlan:
     return _recorded(scenario, made.trajectories, arrivals, planned.flight.environment.gravity, facts)
 
 
-def record_certified(planned: CertifiedPlanned) -> RecordedPlan:
+def record_certified(planned: CertifiedPlanned, notes: tuple[str, ...] = ()) -> RecordedPlan:
     """Sample and sum up a plan of the certified planner, with what it proves."""
     scenario = planned.scenario
     # What fills the fleet up to a size is no aircraft of the scenario.
@@ -115,7 +134,9 @@ def record_certified(planned: CertifiedPlanned) -> RecordedPlan:
     good, room = np.asarray(planned.plan.good)[rows], float(np.min(np.asarray(found.room)[:, rows]))
     facts = _facts(
         scenario,
-        paths=tuple(_turned(math.degrees(float(turned))) for turned in made.turned),
+        paths=tuple(turn_words(math.degrees(float(turned))) for turned in made.turned),
+        lengths_m=np.asarray(made.lengths),
+        notes=notes,
         messages=tuple(None if ok else NOT_PROVEN for ok in good),
         problems=tuple(
             f'aircraft "{a.name}": {NOT_PROVEN}' for a, ok in zip(scenario.aircraft, good, strict=True) if not ok
@@ -193,11 +214,3 @@ def _facts(
         ),
         **more,
     )
-
-
-def _bend(bend: float) -> str:
-    return "nominal" if bend == 0.0 else ("bent right" if bend > 0 else "bent left")
-
-
-def _turned(degrees: float) -> str:
-    return f"turns {degrees:.0f} deg"

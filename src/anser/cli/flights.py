@@ -74,6 +74,8 @@ def run(
     answer(lambda: flown.summary)
     stopped_s = _stopped_s(flown.dataset)
     _print_flown(flown.summary, stopped_s)
+    for note in flown.planned.notes():
+        say(f"note: {note}")
     say(f"{target}: flight.nc, summary.json, report.html written")
     if not flown.met:
         for beyond in flown.planned.problems():
@@ -140,20 +142,18 @@ def _told(row: dict, stopped_s: dict[str, float]) -> str:
 def _print_flown(summary: dict, stopped_s: dict[str, float]) -> None:
     table = plain_table(f"{summary['scenario']['name']}: {summary['fleet']['simulated_s']:g} s flown")
     table.add_column("aircraft", overflow="fold")
-    bent = any(row["lateral_bend_m"] for row in summary["aircraft"])
-    if bent:
+    told = any(row["path"] not in (None, "nominal") for row in summary["aircraft"])
+    if told:
         table.add_column("path", no_wrap=True)
     for name in ("planned\ns", "arrival\ns", "miss\nm", "airspeed\nm/s", "clear\nm"):
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("status", overflow="fold", min_width=7)
     for row in summary["aircraft"]:
-        bend = row["lateral_bend_m"]
-        side = "nominal" if row["nominal"] or bend is None else ("bent right" if bend > 0 else "bent left")
         speeds = "/".join(number(row[f"speed_{k}_m_s"], 0) for k in ("min", "mean", "max"))
         left = f" (left the tables for {row['tables_left_s']:.1f} s)" if row["tables_left"] else ""
         table.add_row(
             row["name"],
-            *([side] if bent else []),
+            *([row["path"]] if told else []),
             number(row["planned_arrival_s"], 2),
             number(row["arrival_s"], 2),
             number(row["miss_m"], 2),

@@ -42,7 +42,11 @@ def plan_trials(
         bool, typer.Option("--resume", help="Go on with the file of an interrupted run: seeds it has are left out.")
     ] = False,
 ) -> None:
-    """Plan random scenarios; judge each plan densely and each refusal by an independent search."""
+    """Plan random scenarios; judge each plan densely, and each refusal by proofs and a second search.
+
+    The search varies the same splines, from the same kinds of starts, with the same weights as the planner's free
+    motions, in code of its own: a refusal that it does not contradict is not proved right.
+    """
     wanted = _seeds(seeds)
     must_lie("--search-seconds", search_seconds, 0.1, 86_400)
     must_lie("--jobs", jobs, 1, 1024)

@@ -51,7 +51,7 @@ def plan(
         make_new(out)
     try:
         with working("planning (the first time, this compiles)") as tell:
-            recorded = _certified(wanted, tell) if wanted.fleet.planner == "certified" else _published(wanted)
+            recorded = _recorded(wanted, tell)
             if out is not None:
                 recorded.write_into(out)
     finally:
@@ -62,28 +62,23 @@ def plan(
     _print(recorded)
     if out is not None:
         say(f"{out}: plan.json, trajectories.csv, plan.png, plan.svg written")
+    for note in recorded.summary["notes"]:
+        say(f"note: {note}")
     for found in recorded.summary["problems"]:
         problem(f"not flyable: {found}")
     if recorded.summary["problems"]:
         raise typer.Exit(1)
 
 
-def _published(wanted: Scenario) -> "RecordedPlan":
+def _recorded(wanted: Scenario, told: Callable[[str], None]) -> "RecordedPlan":
+    """Plan; where the planner refuses, say why and stop with exit code 1."""
     from anser.campaign import plan as make  # here: a misspelt key must not wait for plotting libraries
-    from anser.campaign.plan_output import record_published
+    from anser.campaign.plan_output import record
 
-    return record_published(make(wanted))
-
-
-def _certified(wanted: Scenario, told: Callable[[str], None]) -> "RecordedPlan":
-    """Plan and prove; where the planner refuses, say why and stop with exit code 1."""
-    from anser.campaign.certified import plan_certified
-    from anser.campaign.plan_output import record_certified
-
-    planned = plan_certified(wanted, told)
+    planned = make(wanted, told)
     if planned.refusals:
         end_without("no plan", planned.refusals, "no plan: ")
-    return record_certified(planned)
+    return record(planned)
 
 
 def _print(recorded: "RecordedPlan") -> None:

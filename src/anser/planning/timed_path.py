@@ -1,12 +1,17 @@
 """A delivered 4-D trajectory: quintics in time through known positions, velocities and accelerations."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from anser.numerics.quadrature import gauss_legendre
+from anser.planning.vectors import norm
 from anser.shapes import Scalar, ScalarLike, Vector3
 
 Knots = Float[Array, "knots 3 3"]
+# In each cell, where the airspeed hardly changes.
+_LENGTH_RULE = gauss_legendre(4)
 
 
 def hermite_quintic(
@@ -107,3 +112,17 @@ class TimedPath(eqx.Module):
     def states_n(self, time: ScalarLike) -> tuple[Float[Array, "3 3"], Float[Array, "3 3"]]:
         """Path through the air and drift, each as (order, axis), at a time."""
         return self._at(self.air_n, time), self._at(self.drift_n, time)
+
+    def air_length(self, since: ScalarLike = -jnp.inf) -> Scalar:
+        """Length of the path through the air, in space, from a time (s) on, m."""
+
+        def of_cell(begin: Knots, end: Knots, start: Scalar, stop: Scalar) -> Scalar:
+            span = stop - start
+            safe = jnp.where(span > 0.0, span, 1.0)
+            first = jnp.clip((since - start) / safe, 0.0, 1.0)
+            u = first + (1.0 - first) * jnp.asarray(_LENGTH_RULE.nodes)
+            speeds = jax.vmap(lambda one: norm(hermite_quintic(begin, end, safe, one)[1]))(u)
+            mean = jnp.sum(jnp.asarray(_LENGTH_RULE.weights) * speeds)
+            return jnp.where(span > 0.0, (1.0 - first) * span * mean, 0.0)
+
+        return jnp.sum(jax.vmap(of_cell)(self.air_n[:-1], self.air_n[1:], self.times[:-1], self.times[1:]))

@@ -18,7 +18,7 @@ _SAMPLES_MAX = 150_000  # of all aircraft together: 20 aircraft at 10 Hz for 750
 _TIMES_MAX = 12_000
 _SUMMARY_KEYS = ("scenario", "versions", "seed", "aircraft", "fleet", "requirements")
 _ROW_KEYS = (
-    *("name", "goal", "planned_arrival_s", "arrival_s", "miss_m", "status", "nominal", "lateral_bend_m"),
+    *("name", "goal", "planned_arrival_s", "arrival_s", "miss_m", "status"),
     *("speed_min_m_s", "speed_mean_m_s", "speed_max_m_s", "clearance_min_m", "position_error_max_m", "tables_left_s"),
 )
 

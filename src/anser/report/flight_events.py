@@ -49,7 +49,7 @@ def _of_one(one: xr.Dataset, time: np.ndarray) -> dict[str, Any]:
 
 def _renewals(one: xr.Dataset, time: np.ndarray) -> list[list[float]]:
     how, arrival = one["renewal"].values.astype(int), one["arrival_time_s"].values
-    shape = np.stack([one["planned_length_m"].values, one["lateral_bend_m"].values])
+    shape = np.stack([one["planned_length_m"].values, np.nan_to_num(one["lateral_bend_m"].values)])
     new_way = np.diff(how) != 0
     new_shape = np.any(np.diff(shape, axis=1) != 0, axis=0)
     new_time = np.diff(arrival) != 0

@@ -8,7 +8,6 @@ import numpy as np
 import xarray as xr
 
 from anser.report.flight_margins import Margin, least_apart
-from anser.report.flown_beside_plan import is_certified
 from anser.report.style import color_of
 
 __all__ = ["aircraft_table", "answer", "cards", "margins_list", "number", "text"]
@@ -109,15 +108,15 @@ def margins_list(margins: Sequence[Margin]) -> str:
     return '<ol class="margins">' + "".join(_bar(margin) for margin in margins) + "</ol>"
 
 
-def aircraft_table(rows: Sequence[Mapping[str, Any]], scenario: Mapping[str, Any]) -> str:
+def aircraft_table(rows: Sequence[Mapping[str, Any]]) -> str:
     """One row for each aircraft of the summary; a row is chosen by its button.
 
-    How a path is bent stands there for the published planner's, whose paths have no other shape.
+    How a path goes stands there where the summary says it (older ones do not).
     """
-    bends = not is_certified(scenario)
+    told = all(row.get("path") is not None for row in rows)
     heads = "".join(f"<th>{heading}<small>{unit}</small></th>" for _, heading, unit, _ in _COLUMNS)
-    heads += '<th class="text">Path</th>' if bends else ""
-    body = "".join(_aircraft_row(index, row, bends) for index, row in enumerate(rows))
+    heads += '<th class="text">Path</th>' if told else ""
+    body = "".join(_aircraft_row(index, row, told) for index, row in enumerate(rows))
     return (
         '<div class="scroll"><table><thead><tr><th class="text">Aircraft</th><th class="text">Goal</th>'
         f'{heads}<th class="text">Status</th></tr></thead><tbody>{body}</tbody></table></div>'
@@ -138,11 +137,9 @@ _COLUMNS: tuple[tuple[str, str, str, int], ...] = (
 )
 
 
-def _aircraft_row(index: int, row: Mapping[str, Any], bends: bool) -> str:
+def _aircraft_row(index: int, row: Mapping[str, Any], told: bool) -> str:
     numbers = "".join(f"<td>{number(row[key], digits)}</td>" for key, _, _, digits in _COLUMNS)
-    bend = row["lateral_bend_m"]
-    path = "nominal" if row["nominal"] or bend is None else ("bent right" if bend > 0 else "bent left")
-    path = f'<td class="text">{path}</td>' if bends else ""
+    path = f'<td class="text">{text(row["path"])}</td>' if told else ""
     fine = "good-text" if row["status"] == "arrived" else "bad-text"
     return (
         f'<tr><td class="text name"><span class="swatch" style="background:{color_of(index)}"></span>'

@@ -112,9 +112,7 @@ def _page(runs: list[_Run]) -> str:
     ]
     lead = text(runs[0][1].attrs.get("description", "")) if single else "Two runs over one time, with equal axes."
     beside = "" if single else difference_table([(label, summary) for label, _, summary in runs], scenarios)
-    tables = [
-        aircraft_table(summary["aircraft"], scenario) for (_, _, summary), scenario in zip(runs, scenarios, strict=True)
-    ]
+    tables = [aircraft_table(summary["aircraft"]) for _, _, summary in runs]
     sections = "".join(
         f'<section id="{section.key}"><h2>{section.title}</h2>'
         f'<p class="caption">{section.caption}<span class="who"></span></p>'

@@ -14,6 +14,7 @@ from anser.results.margin_dataset import (
     margin_table,
 )
 from anser.results.netcdf import read_netcdf, write_netcdf
+from anser.results.path_words import bend_words, turn_words
 from anser.results.plan_dataset import plan_dataset
 from anser.results.plan_limits import PLAN_LIMITS, PlanLimit, plan_margins
 from anser.results.plan_record import Closest, KeepOutFacts, PlanExtremes, PlanFacts, PlanSamples
@@ -59,6 +60,7 @@ __all__ = [
     "Requirement",
     "Success",
     "Verdicts",
+    "bend_words",
     "closest_approach",
     "envelope_dataset",
     "failure_correlations",
@@ -81,6 +83,7 @@ __all__ = [
     "summarize",
     "summary_text",
     "to_dataset",
+    "turn_words",
     "unit_of",
     "versions",
     "write_netcdf",

@@ -104,7 +104,7 @@ def _add_paths(data: dict[str, Any], samples: PlanSamples, facts: PlanFacts) -> 
     data[arrival.name] = ("aircraft", np.asarray(samples.arrival_times_s, dtype=float), labels_of(arrival))
     extremes = samples.extremes
     length = extremes.length if facts.lengths_m is None else facts.lengths_m
-    data["length_m"] = ("aircraft", length, attributes_of("m", "Length of the path through the air"))
+    data["length_m"] = ("aircraft", length, attributes_of("m", "Length of the path through the air, in space"))
     data["airspeed_mean_m_s"] = ("aircraft", extremes.speed_mean, attributes_of("m s-1", "Mean true airspeed"))
     for name, values, unit, words in (
         ("nominal_length_m", facts.nominal_lengths_m, "m", "Length of the path without its bend"),
@@ -161,6 +161,7 @@ def _attributes(facts: PlanFacts) -> dict[str, Any]:
         "planner": facts.planner,
         "rule": facts.rule,
         "problems": "\n".join(facts.problems),
+        "notes": "\n".join(facts.notes),
     }
     if facts.separation_m is not None:
         found["separation_horizontal_m"], found["separation_vertical_m"] = facts.separation_m

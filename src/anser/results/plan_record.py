@@ -132,10 +132,12 @@ class PlanFacts:
     keep_out_bounds_m
         Proven least room (aircraft, volume).
     lengths_m, nominal_lengths_m, turn_use
-        Lengths of the paths and without their bends, and turn rate as a part of that of the greatest bank angle, where
-        a planner tells them.
+        Lengths of the paths through the air, in space, and without their bends, and turn rate as a part of that of the
+        greatest bank angle, where a planner tells them.
     problems
         Why the plan cannot be flown as it stands, one sentence each.
+    notes
+        Where it differs from the scenario's words, one sentence each.
     """
 
     scenario_name: str
@@ -158,3 +160,4 @@ class PlanFacts:
     nominal_lengths_m: np.ndarray | None = None
     turn_use: np.ndarray | None = None
     problems: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()

@@ -44,6 +44,7 @@ def plan_summary(dataset: xr.Dataset) -> dict[str, Any]:
         "bounds": "proven" if proven else "sampled",
         "status": "not flyable" if of["problems"] else _PLANNED,
         "problems": of["problems"].split("\n") if of["problems"] else [],
+        "notes": of["notes"].split("\n") if of["notes"] else [],
         "arrival": {
             "rule": of["rule"],
             "first_s": _number(np.min(arrivals)),

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from anser.results.arrival import closest_approach, least_distance
+from anser.results.path_words import NOMINAL_BEND_M
 from anser.results.provenance import versions
 from anser.results.requirements import Requirement, judge
 from anser.results.separated import separation_ratio
@@ -20,9 +21,6 @@ FORMAT_VERSION = 1
 _ARRIVED = "arrived"
 _STILL_CLOSING = "not arrived: still closing on the rendezvous when the search for the arrival ended"
 _NO_RECORD = "not arrived: no finite position in the record"
-# A bend of 1 m lengthens a path of 1 km by a few millimetres; solving for a length of 10 km to 1e-6 m leaves a bend
-# of that size even where none is needed.
-_NOMINAL_BEND_M = 1.0
 
 
 @dataclass(frozen=True)
@@ -49,6 +47,8 @@ class FlightFacts:
         How long after its planned arrival an aircraft may still arrive, s.
     separation_m
         Horizontal and vertical separation that is asked for, m; None where none is asked.
+    paths
+        How the path of each goes in the first plan, in words; empty where nobody tells.
     """
 
     scenario_name: str
@@ -63,6 +63,7 @@ class FlightFacts:
     status_messages: Mapping[int, str] = field(default_factory=dict)
     arrival_margin_s: float = 10.0
     separation_m: tuple[float, float] | None = None
+    paths: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         rows = {
@@ -70,6 +71,7 @@ class FlightFacts:
             "goal_kinds": self.goal_kinds,
             "planned_arrivals_s": self.planned_arrivals_s,
             "minimum_clearances_m": self.minimum_clearances_m,
+            **({"paths": self.paths} if self.paths else {}),
         }
         for name, row in rows.items():
             if len(row) != len(self.aircraft_names):
@@ -82,8 +84,9 @@ def summarize(
     """Sum up a flight from its full-resolution history.
 
     Speeds and position error count up to the arrival; clearance, separation and the time outside the aerodynamic tables
-    over the whole record. The lateral bend is that of the first plan, which describes the whole path; an aircraft
-    without one flies its nominal path. A number that does not exist is None, never NaN.
+    over the whole record. Path and lateral bend are those of the first plan, which describes the whole path;
+    `nominal` says whether it goes without a bend. Only paths of the published planner have such a bend: of others
+    `lateral_bend_m` and `nominal` are None. What does not exist is None, never NaN.
 
     Parameters
     ----------
@@ -192,7 +195,8 @@ def _aircraft(time: np.ndarray, history: Mapping[str, np.ndarray], facts: Flight
         "position_error_max_m": _greatest(
             record["position_error"][time <= (arrival if np.isfinite(arrival) else np.inf)]
         ),
-        "nominal": bend is not None and abs(bend) <= _NOMINAL_BEND_M,
+        "path": facts.paths[column] if facts.paths else None,
+        "nominal": None if bend is None else abs(bend) <= NOMINAL_BEND_M,
         "lateral_bend_m": bend,
         "status": _status(record["status"], facts.status_messages, arrival, search_end),
     }

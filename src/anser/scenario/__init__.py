@@ -4,8 +4,8 @@ from anser.scenario.build import build_environment, build_flight, build_path_lim
 from anser.scenario.cautions import cautions
 from anser.scenario.errors import Problem, ScenarioError
 from anser.scenario.library import AIRFRAMES, BODIES, VARIANTS, load_airframe, load_body
-from anser.scenario.load import load, loads, validate
-from anser.scenario.schema import Scenario, scenario_hash
+from anser.scenario.load import load, loads
+from anser.scenario.schema import Scenario, scenario_hash, validate
 from anser.scenario.template import starter_scenario, write_starter
 
 __all__ = [

@@ -5,6 +5,7 @@ import math
 from anser.control import SEPARATION_MIN, separations
 from anser.scenario.build import build_gains
 from anser.scenario.schema import Scenario
+from anser.scenario.schema_reach import pace_of, reach_problems
 
 
 def cautions(scenario: Scenario) -> tuple[str, ...]:
@@ -15,7 +16,7 @@ def cautions(scenario: Scenario) -> tuple[str, ...]:
     scenario
         Validated.
     """
-    found = []
+    found = [*_of_the_seed(scenario), *_of_the_duration(scenario)]
     for index, aircraft in enumerate(scenario.aircraft):
         for pair in separations(build_gains(aircraft)):
             ratio = float(pair.ratio)
@@ -27,3 +28,23 @@ def cautions(scenario: Scenario) -> tuple[str, ...]:
                     f"swing against each other (damping {0.5 * math.sqrt(ratio):.2f})"
                 )
     return tuple(found)
+
+
+def _of_the_seed(scenario: Scenario) -> list[str]:
+    """A seed that was chosen in the belief that it changes something."""
+    if scenario.seed == type(scenario).model_fields["seed"].default:
+        return []
+    return [f"seed: {scenario.seed} is recorded and changes nothing: nothing in a flight is random yet"]
+
+
+def _of_the_duration(scenario: Scenario) -> list[str]:
+    """A flight that lasts long enough only if something helps, which only planning and flying tell."""
+    fleet, limits = scenario.fleet, scenario.limits
+    goals, pace = scenario.goal, pace_of(fleet, limits, scenario.arrival)
+    found = reach_problems(scenario.aircraft, goals, pace, limits, scenario.wind, scenario.timing, unaided=True)
+    return [
+        f"{one.path}: {one.arrived} s suffices only if a descent makes the plan faster or another wind carries it on; "
+        f"otherwise expected {one.expected}"
+        for one in found
+        if one.path == "timing.duration_s"
+    ]

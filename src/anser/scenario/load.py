@@ -6,14 +6,10 @@ import os
 import re
 import tomllib
 from pathlib import Path
-from typing import Any
-
-from pydantic import ValidationError
 
 from anser.scenario.errors import Problem, ScenarioError, show
-from anser.scenario.schema import FORMAT, Scenario
+from anser.scenario.schema import Scenario, validate
 from anser.scenario.schema_aircraft import Aircraft
-from anser.scenario.schema_problems import problems_from
 
 _TOML_PLACE = re.compile(r"^(?P<what>.*) \(at (?:line (?P<line>\d+), column (?P<column>\d+)|end of document)\)$")
 
@@ -88,37 +84,6 @@ def loads(text: str, source: str = "<string>") -> Scenario:
         reason = "too deeply nested" if isinstance(error, RecursionError) else str(error)
         raise _refused(source, f"text that cannot be read ({reason})", "TOML") from None
     return validate(values, source)
-
-
-def validate(values: dict[str, Any], source: str = "<values>") -> Scenario:
-    """Validate a scenario that is at hand as nested dictionaries and lists.
-
-    Parameters
-    ----------
-    values
-        As the TOML file would hold them.
-    source
-        What to call it in messages.
-
-    Returns
-    -------
-    Scenario
-        Validated.
-
-    Raises
-    ------
-    ScenarioError
-        If it is no valid scenario.
-    """
-    version = values.get("format")
-    if "format" in values and (type(version) is not int or version != FORMAT):
-        # in another format all keys may differ, so nothing else is told
-        expected = f"{FORMAT}, the format that this anser reads"
-        raise ScenarioError(source, [Problem("format", show(version), expected)])
-    try:
-        return Scenario.model_validate(values)
-    except ValidationError as error:
-        raise ScenarioError(source, problems_from(error, Scenario, values)) from None
 
 
 def _near(path: Path) -> str:

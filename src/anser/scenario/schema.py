@@ -2,11 +2,12 @@
 
 import hashlib
 import json
-from typing import Literal
+from typing import Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationError, model_validator
 
-from anser.scenario.errors import Problem, ScenarioError
+from anser.scenario.errors import Problem, ScenarioError, show
+from anser.scenario.replacing import with_changes
 from anser.scenario.schema_aircraft import Aircraft
 from anser.scenario.schema_airspace import (
     KeepOut,
@@ -26,6 +27,7 @@ from anser.scenario.schema_checks import (
 )
 from anser.scenario.schema_goal import Goal
 from anser.scenario.schema_planner import planner_problems
+from anser.scenario.schema_problems import problems_from
 from anser.scenario.schema_reach import pace_of, reach_problems
 from anser.scenario.schema_settings import Fleet, Guidance, Hold, Limits, Requirements, Timing
 from anser.scenario.schema_surroundings import Earth, EarthOrWord, Wind
@@ -51,7 +53,7 @@ class Scenario(Table):
         0,
         ge=0,
         le=SEED_MAX,
-        description="of everything that is random",
+        description="of everything that is random, which is nothing yet: recorded, it changes no flight",
         json_schema_extra=expects(f"a whole number from 0 to {SEED_MAX}"),
     )
     timing: Timing = table("time", "a table [timing]")
@@ -93,6 +95,75 @@ class Scenario(Table):
             One of the scenario.
         """
         return next(goal for goal in self.goal if goal.name == aircraft.goal)
+
+    def replace(self, path: str, value: object, /, *more: object) -> "Scenario":
+        """Make a scenario with other values, as validated as one from a file.
+
+        Parameters
+        ----------
+        path
+            Where, as messages write it: keys with dots between them; an item of a list in brackets, by its number from
+            0 or by its name, in quotes where the name is a number: "wind.speed_m_s", "aircraft[1].start.speed_m_s",
+            "goal[boat-north].course_deg", "keep_out".
+        value
+            What the file would hold there: a number, a text, a list, a dictionary (or a table of a scenario) for a
+            whole table, which takes the place of all of it. None: left out, where a key may be.
+        *more
+            Further paths and values in turn. All are put in their places one after the other, and only what comes of
+            all is validated.
+
+        Returns
+        -------
+        Scenario
+            Another one; this one stays as it is.
+
+        Raises
+        ------
+        ScenarioError
+            If a path leads nowhere, or what comes of it is no valid scenario; the message names the place.
+        TypeError
+            If paths and values do not come in pairs.
+        """
+        given = (path, value, *more)
+        if len(given) % 2:
+            raise TypeError(f"replace takes paths and values in turn; the path {given[-1]!r} has no value")
+        changes = tuple(zip(given[::2], given[1::2], strict=True))
+        source = f"{self.name} with {', '.join(str(one) for one in given[::2])} replaced"
+        try:
+            return validate(with_changes(self, changes), source)
+        except ScenarioError as error:
+            raise ScenarioError(source, error.problems) from None
+
+
+def validate(values: dict[str, Any], source: str = "<values>") -> Scenario:
+    """Validate a scenario that is at hand as nested dictionaries and lists.
+
+    Parameters
+    ----------
+    values
+        As the TOML file would hold them.
+    source
+        What to call it in messages.
+
+    Returns
+    -------
+    Scenario
+        Validated.
+
+    Raises
+    ------
+    ScenarioError
+        If it is no valid scenario.
+    """
+    version = values.get("format")
+    if "format" in values and (type(version) is not int or version != FORMAT):
+        # in another format all keys may differ, so nothing else is told
+        expected = f"{FORMAT}, the format that this anser reads"
+        raise ScenarioError(source, [Problem("format", show(version), expected)])
+    try:
+        return Scenario.model_validate(values)
+    except ValidationError as error:
+        raise ScenarioError(source, problems_from(error, Scenario, values)) from None
 
 
 def _problems(aircraft: tuple[Aircraft, ...], goals: tuple[Goal, ...], scenario: Scenario) -> list[Problem]:

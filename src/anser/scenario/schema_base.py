@@ -1,6 +1,7 @@
 """What all tables of a scenario share: strictness, and fields that know in words what they expect."""
 
-from typing import Annotated, Any
+from collections.abc import Mapping
+from typing import Annotated, Any, Never, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 from pydantic_core import PydanticUndefined
@@ -17,6 +18,34 @@ class Table(BaseModel):
     """A table of a scenario: frozen, strict about types, refusing unknown keys, NaN and infinity."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False, validate_default=True)
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """Copy the table as it is.
+
+        Raises
+        ------
+        TypeError
+            If something is to be changed on the way, which nothing would check.
+        """
+        if update is not None:
+            raise _unchecked(f"{type(self).__name__}.model_copy(update=...)")
+        return super().model_copy(deep=deep)
+
+    def copy(self, **options: Any) -> Never:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """Refused: pydantic's older way to change values that nothing checks (TypeError)."""
+        raise _unchecked(f"{type(self).__name__}.copy()")
+
+    @classmethod
+    def model_construct(cls, _fields_set: set[str] | None = None, **values: Any) -> Never:
+        """Refused: it makes a table that nothing has checked (TypeError)."""
+        raise _unchecked(f"{cls.__name__}.model_construct()")
+
+
+def _unchecked(what: str) -> TypeError:
+    return TypeError(
+        f"{what} would make a scenario that nothing has checked; change a scenario by path, which checks it: "
+        'scenario.replace("fleet.speed_m_s", 160.0, "wind.speed_m_s", 8.0)'
+    )
 
 
 def expects(words: str) -> dict[str, Any]:

@@ -13,7 +13,7 @@ AIRBORNE_STAND_OFF_MIN_M = 100.0
 AIRBORNE_ALTITUDE_MIN_M = 50.0
 SAME_PLACE_M = 10.0  # about the span of the aircraft
 
-_GRAVITY_M_S2 = 9.80665
+GRAVITY_M_S2 = 9.80665
 _SCOPE = "this is the scope of anser: a rendezvous is never the goal itself"
 
 
@@ -90,7 +90,7 @@ def speed_problems(fleet: Fleet, limits: Limits, wind: Wind, hold: Hold) -> list
         where = "wind.speed_m_s" if wind.layers is None else "wind.layers"
         found.append(Problem(where, plain(wind.speed_m_s if wind.layers is None else wind.greatest_m_s), words))
     ground_speed_m_s = fleet.speed_m_s + max(math.hypot(*velocity[:2]) for _, velocity in wind.profile_m_s)
-    tightest_m = ground_speed_m_s**2 / (_GRAVITY_M_S2 * math.tan(math.radians(limits.bank_max_deg)))
+    tightest_m = ground_speed_m_s**2 / (GRAVITY_M_S2 * math.tan(math.radians(limits.bank_max_deg)))
     if hold.radius_m < tightest_m:
         words = (
             f"at least {math.ceil(tightest_m)} m, the turn at {ground_speed_m_s:.1f} m/s over the ground "

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from anser.scenario.errors import Problem, plain
 from anser.scenario.schema_aircraft import Aircraft
 from anser.scenario.schema_arrival import Arrival
-from anser.scenario.schema_checks import label
+from anser.scenario.schema_checks import GRAVITY_M_S2, label
 from anser.scenario.schema_goal import Goal
 from anser.scenario.schema_settings import Fleet, Limits, Timing
 from anser.scenario.schema_surroundings import Vector, Wind
@@ -26,11 +26,17 @@ class Pace:
         Where the scenario has it.
     is_mean
         The plan flies the mean of it; otherwise it flies no faster.
+    may_rise
+        The published planner raises that mean where its farthest aircraft cannot slow down or come down so slowly.
+    knows_layers
+        The plan reckons with the wind of every altitude; otherwise with that where each aircraft starts.
     """
 
     speed_m_s: float
     key: str
     is_mean: bool
+    may_rise: bool = False
+    knows_layers: bool = False
 
     def __str__(self) -> str:
         return f"{self.key} = {plain(self.speed_m_s)} m/s"
@@ -44,9 +50,11 @@ def pace_of(fleet: Fleet, limits: Limits, arrival: Arrival) -> Pace:
     fleet, limits, arrival
         Tables of the scenario.
     """
-    if fleet.planner == "published" or arrival.rule == "together":
-        return Pace(fleet.speed_m_s, "fleet.speed_m_s", is_mean=True)
-    return Pace(limits.speed_max_m_s, "limits.speed_max_m_s", is_mean=False)
+    certified = fleet.planner == "certified"
+    if not certified or arrival.rule == "together":
+        rises = not certified and fleet.speed_profile == "even"
+        return Pace(fleet.speed_m_s, "fleet.speed_m_s", is_mean=True, may_rise=rises, knows_layers=certified)
+    return Pace(limits.speed_max_m_s, "limits.speed_max_m_s", is_mean=False, knows_layers=True)
 
 
 def time_to_go_s(relative_m: Vector, velocity_m_s: Vector, speed_m_s: float) -> float | None:
@@ -93,6 +101,8 @@ def reach_problems(
     limits: Limits,
     wind: Wind,
     timing: Timing,
+    *,
+    unaided: bool = False,
 ) -> list[Problem]:
     """Find goals that outrun their aircraft, flights too short, and rendezvous points outside the envelope.
 
@@ -104,6 +114,9 @@ def reach_problems(
         What decides.
     limits, wind, timing
         Tables of the scenario; the wind is slower than the fleet.
+    unaided
+        Whether to call a flight too short that is so only without a descent that raises the plan's speed and without
+        the wind of other altitudes than that of the start.
 
     Returns
     -------
@@ -119,9 +132,28 @@ def reach_problems(
         found.extend(_fast_legs(f"goal[{index}]", goal, pace, tuple(winds_m_s)))
     if found:
         return found  # without a speed that suffices the times below mean nothing
+    quickest_m_s = None if unaided else _quickest_m_s(aircraft, by_name, pace, timing)
     for index, one in enumerate(aircraft):
-        found.extend(_unreached(f"aircraft[{index}]", one, by_name[one.goal], pace, limits, wind, timing))
+        found.extend(_unreached(f"aircraft[{index}]", one, by_name[one.goal], pace, quickest_m_s, limits, wind, timing))
     return found
+
+
+def _quickest_m_s(aircraft: tuple[Aircraft, ...], goals: dict[str, Goal], pace: Pace, timing: Timing) -> float:
+    """Greatest mean airspeed to which the plan may raise that of the fleet, m/s.
+
+    Nobody gets faster on the way down than without any drag: speed and height together have so much energy. Which of
+    the aircraft is the farthest, whose speed counts, is not asked.
+    """
+    found = [pace.speed_m_s]
+    for one in aircraft if pace.may_rise else ():
+        goal = goals[one.goal]
+        if goal.waypoints is None:
+            lowest_m = min(goal.altitude_m, goal.position_m(timing.duration_s)[2])
+        else:
+            lowest_m = min(point.altitude_m for point in goal.waypoints)
+        fall_m = max(0.0, one.start.altitude_m - lowest_m - one.rendezvous.stand_off_up_m)
+        found.append(math.sqrt(one.start.speed_m_s**2 + 2.0 * GRAVITY_M_S2 * fall_m))
+    return max(found)
 
 
 def _dot(a: Vector, b: Vector) -> float:
@@ -150,7 +182,14 @@ def _fast_legs(path: str, goal: Goal, pace: Pace, winds_m_s: tuple[Vector, ...])
 
 
 def _unreached(
-    path: str, one: Aircraft, goal: Goal, pace: Pace, limits: Limits, wind: Wind, timing: Timing
+    path: str,
+    one: Aircraft,
+    goal: Goal,
+    pace: Pace,
+    quickest_m_s: float | None,
+    limits: Limits,
+    wind: Wind,
+    timing: Timing,
 ) -> list[Problem]:
     """Find why an aircraft does not reach its goal, if it does not."""
     whom = label("aircraft", one)
@@ -158,17 +197,25 @@ def _unreached(
     relative_m = _plus(place_m, one.start.position_m, -1.0)
     heights_m = [place_m[2]]
     wind_m_s = wind.velocity_m_s(one.start.altitude_m)
+    # the mean wind of the way may differ from that at the start by so much, and carry the aircraft on
+    carried_m_s = max(math.dist(wind_m_s, other_m_s) for _, other_m_s in wind.profile_m_s)
+    most_m_s = pace.speed_m_s if quickest_m_s is None else quickest_m_s + carried_m_s
     if goal.waypoints is None:
         velocity_m_s = _plus(goal.velocity_m_s(), wind_m_s, -1.0)
-        time_s = time_to_go_s(relative_m, velocity_m_s, pace.speed_m_s)
+        time_s = time_to_go_s(relative_m, velocity_m_s, pace.speed_m_s + (carried_m_s if pace.knows_layers else 0.0))
         if time_s is None:
             arrived = f'"{goal.name}", which moves at {math.hypot(*velocity_m_s):.1f} m/s through the air and gets away'
             words = f"a goal that an aircraft at {pace} can reach"
             return [Problem(f"{path}.goal", arrived, words, whom)]
         # when the plan arrives is known only at a mean speed
         heights_m = [place_m[2] + goal.climb_rate_m_s * time_s] if pace.is_mean or not goal.climb_rate_m_s else []
-        if time_s >= timing.duration_s:
-            words = f'more than {time_s:.1f} s, the shortest flight from "{one.name}" to goal "{goal.name}" at {pace}'
+        shortest_s = time_to_go_s(relative_m, velocity_m_s, most_m_s) or 0.0
+        if shortest_s >= timing.duration_s:
+            words = (
+                f'more than {shortest_s:.1f} s, the shortest flight from "{one.name}" to goal "{goal.name}" at {pace}'
+            )
+            if most_m_s > pace.speed_m_s:
+                words += f", of which descent, speed at the start and layers of wind may make {most_m_s:.1f} m/s"
             return [Problem("timing.duration_s", plain(timing.duration_s), words)]
         near = time_s < FLIGHT_MIN_S
     else:
@@ -177,7 +224,7 @@ def _unreached(
         last_m = _plus(goal.position_m(timing.duration_s), one.rendezvous.stand_off_m)
         drifted_m = _plus(one.start.position_m, wind_m_s, timing.duration_s)
         distance_m = math.dist(last_m, drifted_m)
-        if distance_m >= pace.speed_m_s * timing.duration_s:
+        if distance_m >= most_m_s * timing.duration_s:
             words = f'a longer flight: "{one.name}" does not get to goal "{goal.name}" in this time'
             return [Problem("timing.duration_s", plain(timing.duration_s), words)]
         near = math.hypot(*relative_m) < pace.speed_m_s * FLIGHT_MIN_S

@@ -54,7 +54,11 @@ class Fleet(Table):
     """What the whole fleet has in common."""
 
     speed_m_s: float = number(
-        "mean airspeed of the plan, the same for all (certified: the one preferred)", 30, SPEED_MAX_M_S, "m/s"
+        "mean airspeed of the plan, the same for all; more where the farthest cannot come down so slowly (certified: "
+        "the one preferred)",
+        30,
+        SPEED_MAX_M_S,
+        "m/s",
     )
     speed_profile: Literal["even", "published"] = choice(
         "how the airspeed runs along a path: evenly, or as the published polynomials in time have it",

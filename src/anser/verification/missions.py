@@ -1,7 +1,6 @@
 """Whole missions as checks: what the flat Earth costs, and what the step of the integration costs."""
 
 import functools
-import re
 from importlib import resources
 
 import numpy as np
@@ -45,9 +44,7 @@ def mission(earth: str = "flat", step_s: float = 0.01) -> Flown:
 def mission_scenario(earth: str, step_s: float) -> Scenario:
     """The standard mission, cut short after its arrival, over an Earth, with a step, s."""
     text = resources.files("anser.verification").joinpath(f"data/{MISSION}").read_text(encoding="utf-8")
-    timing = f"duration_s = {_DURATION_S}\nstep_s = {step_s}"
-    changed = re.sub(r"^duration_s = .*$", timing, text, count=1, flags=re.MULTILINE)
-    return loads(changed.replace("[timing]", f'earth = "{earth}"\n\n[timing]', 1), MISSION)
+    return loads(text, MISSION).replace("timing.duration_s", _DURATION_S, "timing.step_s", step_s, "earth", earth)
 
 
 def flat_and_round() -> tuple[Comparison, ...]:

@@ -1,4 +1,4 @@
-"""First guesses for the independent search: polylines of the right length with detours of many kinds."""
+"""First guesses for the second search: polylines of the right length with detours of many kinds."""
 
 import numpy as np
 from jaxtyping import Float

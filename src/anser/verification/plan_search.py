@@ -1,4 +1,4 @@
-"""Independent search for any feasible plan: what confirms, or refutes, that a task has none."""
+"""Second search for any feasible plan, and proofs that there is none: what may refute a refusal of the planner."""
 
 import time
 from collections import Counter
@@ -14,7 +14,7 @@ from anser.verification.plan_fleet import Member, choose_members, part_members, 
 from anser.verification.plan_guesses import guess_path
 from anser.verification.plan_spline import SplineFlight
 
-__all__ = ["SearchResult", "independent_search"]
+__all__ = ["SearchResult", "second_search"]
 
 _STAMP = 0.5
 """Time between the instants at which separation and keep-outs are looked at during the search, s."""
@@ -64,7 +64,7 @@ class _Progress:
     """Most aircraft with a path alone in one round; less what the next one violated; the fleet's time then, s."""
 
 
-def independent_search(
+def second_search(
     case: PlanCase,
     seconds: float,
     times: Float[np.ndarray, " aircraft"] | None = None,
@@ -92,7 +92,9 @@ def independent_search(
     After the proofs of `plan_bounds`: paths are cubic splines in time (`plan_spline`), made to keep the limits of one
     aircraft by damped Gauss-Newton steps on what is violated, from random polylines. A few per aircraft make a pool;
     members that conflict least are chosen together and parted by the same steps on all unknowns of the fleet at once.
-    A plan counts only once `dense_check` passes it. That none was found proves nothing.
+    A plan counts only once `dense_check` passes it. That none was found proves nothing, the less so as the search is
+    not independent of the planner: the free motions of `anser.planning.certified` vary the same splines from the same
+    kinds of starts with the same weights, in code of their own.
     """
     begin = time.thread_time()
     bounds = possible_times(case, times, horizon)

@@ -1,4 +1,4 @@
-"""One aircraft's path as a cubic spline in time: what the independent search varies."""
+"""One aircraft's path as a cubic spline in time: what the second search varies."""
 
 from typing import NamedTuple
 

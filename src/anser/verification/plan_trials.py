@@ -1,4 +1,4 @@
-"""Random planning tasks, planned and judged: a plan by the dense check, a refusal by the independent search."""
+"""Random planning tasks, planned and judged: a plan by the dense check, a refusal by proofs and the second search."""
 
 import dataclasses
 import multiprocessing
@@ -20,7 +20,7 @@ from anser.verification.plan_cases import random_case
 from anser.verification.plan_check import dense_check
 from anser.verification.plan_data import Paths, PlanCase
 from anser.verification.plan_report import Breach, PlanReport
-from anser.verification.plan_search import independent_search
+from anser.verification.plan_search import second_search
 from anser.verification.plan_task import LATEST_S, planner_task
 
 __all__ = ["VERDICTS", "Answer", "Planner", "Trial", "certified_answer", "run_trial", "run_trials"]
@@ -117,7 +117,7 @@ def run_trial(seed: int, search_seconds: float, planner: Planner = certified_ans
     seed
         Of `random_case`.
     search_seconds
-        How long the independent search looks for a plan where the planner refuses, s of processor time.
+        How long the second search looks for a plan where the planner refuses, s of processor time.
     planner
         Who answers.
 
@@ -190,7 +190,7 @@ def _judge(case: PlanCase, answer: Answer, search_seconds: float) -> Trial:
         verdict = "passes" if report.passes else "fails"
         breaches = tuple(_breach(one) for one in report.breaches)
         return Trial(*about, verdict, 0.0, 0.0, **told, excess=_excess(report), breaches=breaches)
-    result = independent_search(case, search_seconds, horizon=LATEST_S, seed=case.seed)
+    result = second_search(case, search_seconds, horizon=LATEST_S, seed=case.seed)
     found = () if result.paths is None else _describe(result.paths, case)
     return Trial(*about, result.status, 0.0, 0.0, **told, closest=answer.closest, reasons=result.reasons, found=found)
 

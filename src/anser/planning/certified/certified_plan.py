@@ -81,9 +81,9 @@ class CertifiedPlan(eqx.Module):
     valid
         Whether a path was found for each within its own limits.
     lengths
-        Horizontal, through the air, m.
+        Of the paths through the air, in space, from the plan's last renewal on, m.
     turned
-        Sum of the sizes of all turns of each, rad.
+        Sum of the sizes of all turns of each, as planned, rad.
     speeds
         Mean airspeeds, m/s.
     """
@@ -103,8 +103,8 @@ class CertifiedPlan(eqx.Module):
 
     @property
     def lateral_bends(self) -> Float[Array, " aircraft"]:
-        """Zero: these paths have no such parameter."""
-        return jnp.zeros_like(self.lengths)
+        """NaN: these paths have no such parameter."""
+        return jnp.full_like(self.lengths, jnp.nan)
 
     @property
     def statuses(self) -> Int[Array, " aircraft"]:
@@ -199,23 +199,23 @@ def plan_fleet_at(
         candidate, tables = chosen_of(left, placed)
         shapes = jax.vmap(resolve)(candidate.ends, candidate.solved)
         paths = jax.vmap(deliver, in_axes=(None, 0, 0))(start_time, tables, shapes)
-        about = (paths, shapes.length, jnp.sum(jnp.abs(candidate.solved.angles), axis=1), candidate.speed)
+        about = (paths, jnp.sum(jnp.abs(candidate.solved.angles), axis=1), candidate.speed)
         if options.motions is not None:
             own = chosen_motions(options.motions, placed.chosen - options.candidates.valid.shape[1])
             own_paths = eqx.tree_at(lambda p: p.times, own.paths, start_time + own.paths.times)
             moved = placed.chosen >= options.candidates.valid.shape[1]
             about = jax.tree.map(
                 lambda a, b: jnp.where(moved.reshape(-1, *[1] * (a.ndim - 1)), a, b),
-                (own_paths, own.lengths, own.turned, own.speeds),
+                (own_paths, own.turned, own.speeds),
                 about,
             )
-        paths, lengths, turned, speeds = about
+        paths, turned, speeds = about
         plan = CertifiedPlan(
             paths=paths,
             arrival_times=start_time + durations,
             certificate=certify(paths, travellers, airspace, ticks),
             valid=placed.valid,
-            lengths=lengths,
+            lengths=jax.vmap(TimedPath.air_length)(paths),
             turned=turned,
             speeds=speeds,
         )

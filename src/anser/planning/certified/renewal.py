@@ -203,8 +203,9 @@ def _judged(
     """A plan with other paths, certified from now on."""
     watched = eqx.tree_at(lambda t: t.active, travellers, jnp.where(under_way, travellers.active, 0.0))
     certificate = certify(paths, watched, airspace, ticks, now)
+    ahead = jax.vmap(TimedPath.air_length, in_axes=(0, None))(paths, now)
     return eqx.tree_at(
-        lambda p: (p.paths, p.arrival_times, p.certificate, p.valid),
+        lambda p: (p.paths, p.arrival_times, p.certificate, p.valid, p.lengths),
         plan,
-        (paths, arrivals, certificate, jnp.ones_like(plan.valid)),
+        (paths, arrivals, certificate, jnp.ones_like(plan.valid), jnp.where(under_way, ahead, plan.lengths)),
     )

@@ -1,0 +1,166 @@
+"""The first plan of a scenario, by the planner that it names."""
+
+import functools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from anser.campaign.certified import CertifiedPlanned, plan_certified, plan_in_words
+from anser.campaign.untrimmable import refuse_untrimmable
+from anser.compilation_cache import enable_compilation_cache
+from anser.numerics import compiled_quickly
+from anser.planning import LIMIT_MESSAGES, PLAN_MESSAGES, FleetPlan, LimitReport, check_limits, separation_min
+from anser.results import bend_words
+from anser.scenario import Scenario, build_flight, build_path_limits
+from anser.scenario.schema_aircraft import Aircraft
+from anser.simulation import STATUS_MESSAGES, Flight, FlightState, TrimPoint, start_flight
+
+_start = compiled_quickly(start_flight)
+_separation = eqx.filter_jit(separation_min)
+_SAME_SPEED = 1e-3  # parts of the fleet's speed that nobody needs to be told of
+_SAME_WIND_M_S = 0.5
+
+
+@eqx.filter_jit
+def _limits_of(plan: FleetPlan, limits: Any, gravity: Any) -> LimitReport:
+    return jax.vmap(check_limits, in_axes=(0, None, None))(plan.trajectories, limits, gravity)
+
+
+@dataclass(frozen=True, repr=False)
+class Planned:
+    """The first plan of a scenario for the published planner; printed, it is when they arrive and what is wrong.
+
+    Attributes
+    ----------
+    scenario
+        What was planned.
+    state
+        The fleet at its start, with the plan.
+    trims
+        Steady flight of each aircraft at its start; leading axis aircraft.
+    flight
+        Its arrays.
+    """
+
+    scenario: Scenario
+    flight: Flight
+    state: FlightState
+    trims: TrimPoint
+
+    @property
+    def plan(self) -> FleetPlan:
+        """The plan itself."""
+        assert isinstance(self.state.plan, FleetPlan)
+        return self.state.plan
+
+    @property
+    def refusals(self) -> tuple[str, ...]:
+        """None: this planner always plans; `problems` says what is wrong with it."""
+        return ()
+
+    @functools.cached_property
+    def limits(self) -> LimitReport:
+        """How the paths keep the scenario's limits; leading axis aircraft."""
+        return _limits_of(self.plan, build_path_limits(self.scenario), self.flight.environment.gravity)
+
+    @functools.cached_property
+    def separation_min_m(self) -> float | None:
+        """Least planned distance between two aircraft up to the arrival, m; None for one aircraft."""
+        if len(self.scenario.aircraft) == 1:
+            return None
+        return float(np.min(np.asarray(_separation(self.plan.trajectories))))
+
+    def notes(self) -> tuple[str, ...]:
+        """Where the plan differs from the scenario's words, one sentence each: mean airspeed, wind."""
+        found, asked_m_s, speed_m_s = [], self.scenario.fleet.speed_m_s, float(self.plan.speed)
+        if speed_m_s > asked_m_s * (1.0 + _SAME_SPEED):
+            farthest = self.scenario.aircraft[int(self.plan.farthest)].name
+            found.append(
+                f"the plan's mean airspeed is {speed_m_s:.1f} m/s instead of fleet.speed_m_s = {asked_m_s:g} m/s: "
+                f'aircraft "{farthest}" has the longest way and cannot slow down or come down more slowly'
+            )
+        changes = {one.name: _change_of_wind_m_s(self.scenario, one, self.arrival_s) for one in self.scenario.aircraft}
+        name = max(changes, key=lambda one: changes[one])
+        if changes[name] > _SAME_WIND_M_S:
+            found.append(
+                "the plan reckons with the wind where each aircraft starts; that at the rendezvous differs, by "
+                f'{changes[name]:.1f} m/s for aircraft "{name}": lengths and arrival time change as the plan is renewed'
+            )
+        return tuple(found)
+
+    @property
+    def arrival_s(self) -> float:
+        """When all arrive, s."""
+        return float(self.plan.arrival_time)
+
+    def problems(self) -> tuple[str, ...]:
+        """Why the plan cannot be flown as it stands, one sentence each; empty where it can."""
+        found, duration_s = [], self.scenario.timing.duration_s
+        if self.arrival_s >= duration_s:
+            found.append(f"the fleet arrives at {self.arrival_s:.1f} s, the flight ends at {duration_s:g} s")
+        for k, aircraft in enumerate(self.scenario.aircraft):
+            status = int(self.state.status[k])
+            if bool(self.state.stopped[k]):
+                found.append(f'aircraft "{aircraft.name}": {STATUS_MESSAGES[status]}')
+            elif int(self.plan.status[k]):
+                found.append(f'aircraft "{aircraft.name}": {PLAN_MESSAGES[int(self.plan.status[k])]}')
+            elif int(self.limits.status[k]):
+                found.append(f'aircraft "{aircraft.name}": {LIMIT_MESSAGES[int(self.limits.status[k])]}')
+        return tuple(found)
+
+    def path_words(self) -> tuple[str, ...]:
+        """How the path of each aircraft goes: "nominal", "bent left" or "bent right"."""
+        return tuple(bend_words(float(bend)) for bend in np.asarray(self.plan.lateral_bends))
+
+    def begun(self) -> FlightState:
+        """The fleet at its start, with the plan."""
+        return self.state
+
+    def __repr__(self) -> str:
+        return plan_in_words(self.scenario, np.asarray(self.plan.arrival_times), self.problems(), self.notes())
+
+
+def _change_of_wind_m_s(scenario: Scenario, one: Aircraft, arrival_s: float) -> float:
+    """How much the wind at an aircraft's rendezvous differs from that at its start, m/s."""
+    up_m = scenario.goal_of(one).position_m(arrival_s)[2] + one.rendezvous.stand_off_up_m
+    return math.dist(scenario.wind.velocity_m_s(up_m), scenario.wind.velocity_m_s(one.start.altitude_m))
+
+
+def plan(scenario: Scenario, told: Callable[[str], None] = lambda what: None) -> Planned | CertifiedPlanned:
+    """Trim every aircraft at its start and make the first plan of the scenario's planner, as seen at time 0.
+
+    `anser.run` flies what this gives, and `anser plan` prints it.
+
+    Parameters
+    ----------
+    scenario
+        Validated; its `fleet.planner` says which planner.
+    told
+        Called now and then with what is being done.
+
+    Returns
+    -------
+    Planned or CertifiedPlanned
+        By planner. Both have `plan`, `refusals`, which says why there is none, `problems()`, which also says why one
+        that is there cannot be flown as it stands (both are empty of a good plan), and `notes()`, which says where it
+        differs from the scenario's words. Only the certified planner
+        refuses: without a plan, `plan` raises `anser.campaign.NoPlanError`.
+
+    Raises
+    ------
+    ScenarioError
+        If an aircraft cannot fly steadily at its start; the message says what stops it.
+    """
+    enable_compilation_cache()
+    if scenario.fleet.planner == "certified":
+        return plan_certified(scenario, told)
+    told("planning (the first time, this compiles)")
+    flight = build_flight(scenario)
+    state, trims = _start(flight)
+    refuse_untrimmable(scenario, flight, trims)
+    return Planned(scenario, flight, state, trims)

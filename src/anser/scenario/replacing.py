@@ -1,0 +1,124 @@
+"""Changing values of a scenario by path, as its file would hold them; the result is validated by who asks for it."""
+
+import difflib
+import re
+from typing import Any
+
+from anser.scenario.errors import Problem, ScenarioError, plain, show
+from anser.scenario.schema_base import Table
+
+_PATH = re.compile(r"\w+(?:\[[^\[\]]+\])*(?:\.\w+(?:\[[^\[\]]+\])*)*", re.ASCII)
+_STEP = re.compile(r"(\w+)|\[([^\[\]]+)\]", re.ASCII)
+_READABLE = (
+    'keys with dots between them, and items of a list in brackets, by number from 0 or by name: "wind.speed_m_s", '
+    '"aircraft[0].start.speed_m_s", "goal[boat-north].course_deg"'
+)
+
+
+class _Item(str):
+    """What stands in the brackets of a path."""
+
+    __slots__ = ()
+
+
+def with_changes(scenario: Table, changes: tuple[tuple[object, object], ...]) -> dict[str, Any]:
+    """Take the values of a scenario that were written out, and put others in their places.
+
+    Parameters
+    ----------
+    scenario
+        Validated.
+    changes
+        Paths and values, made one after the other.
+
+    Returns
+    -------
+    dict
+        As the file would hold them; not validated.
+
+    Raises
+    ------
+    ScenarioError
+        If a path does not lead to a place of the scenario. (A key that no table has is found by the validation.)
+    """
+    values = scenario.model_dump(mode="json", exclude_unset=True)
+    for path, value in changes:
+        if not isinstance(path, str) or not _PATH.fullmatch(path):
+            raise _refused("", f"{show(path)} as a path", _READABLE)
+        _put(values, path, as_written(value))
+    return values
+
+
+def as_written(value: object) -> object:
+    """Write a value as a file would hold it: tables as dictionaries, numbers of array libraries as plain ones."""
+    if isinstance(value, Table):
+        return value.model_dump(mode="json", exclude_unset=True)
+    if isinstance(value, dict):
+        return {key: as_written(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [as_written(one) for one in value]
+    item = getattr(value, "item", None)
+    return item() if getattr(value, "shape", None) == () and callable(item) else value
+
+
+def _put(values: dict[str, Any], path: str, value: object) -> None:
+    steps = [key or _Item(item) for key, item in _STEP.findall(path)]
+    place: Any = values
+    told = ""
+    for step, after in zip(steps, [*steps[1:], None], strict=True):
+        where = _where(place, step, told)
+        told = f"{told}[{step}]" if isinstance(step, _Item) else f"{told}.{step}".removeprefix(".")
+        if after is None:
+            place[where] = value
+            return
+        if isinstance(where, str) and place.get(where) is None:
+            if isinstance(after, _Item):
+                raise _refused(told, f"an item, [{after}], of a list that is not written out", "the whole list")
+            place[where] = {}  # a table that was left out
+        place = place[where]
+
+
+def _where(place: object, step: str, told: str) -> str | int:
+    """The key or the index of a step in what it leads into."""
+    if isinstance(step, _Item):
+        if isinstance(place, list):
+            return _index(place, step, told)
+        raise _refused(told, f"an item, [{step}], of what is no list", "a path without it")
+    if isinstance(place, dict):
+        return step
+    if isinstance(place, list):
+        raise _refused(told, f'the key "{step}" of a list', _which(place, told))
+    text = plain(place) if isinstance(place, float) else show(place)
+    raise _refused(told, f'the key "{step}" of {text}, which is no table', "a path that ends here")
+
+
+def _index(items: list[Any], step: _Item, told: str) -> int:
+    if step.isdecimal():
+        if int(step) < len(items):
+            return int(step)
+        raise _refused(told, f"the item [{step}] of a list of {len(items)}", _which(items, told))
+    name = step.removeprefix('"').removesuffix('"')
+    names = _names(items)
+    if name in names:
+        return names.index(name)
+    near = difflib.get_close_matches(name, [one for one in names if one is not None], n=1)
+    guess = f'perhaps "{near[0]}"; ' if near else ""
+    raise _refused(told, f"the name {show(name)}, which no item has", guess + _which(items, told))
+
+
+def _names(items: list[Any]) -> list[str | None]:
+    return [one.get("name") if isinstance(one, dict) else None for one in items]
+
+
+def _which(items: list[Any], told: str) -> str:
+    """Say how an item of a list is told."""
+    if not items:
+        return "the whole list, which is empty"
+    last = len(items) - 1
+    numbers = f"{told}[0]" if last == 0 else f"{told}[0] to {told}[{last}]"
+    names = [f"{told}[{name}]" for name in _names(items) if name is not None]
+    return f"{numbers}, or by name {', '.join(names)}" if names else numbers
+
+
+def _refused(path: str, arrived: str, expected: str) -> ScenarioError:
+    return ScenarioError("", [Problem(path, arrived, expected)])

@@ -1,0 +1,119 @@
+"""Other values by path: validated as a file is; the ways around the validation are closed."""
+
+import copy
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from anser.scenario import ScenarioError, load, loads, starter_scenario
+
+FOLDER = Path(__file__).parents[2] / "scenarios"
+SHIPPED = sorted(FOLDER.glob("*.toml"))
+THREE = load(FOLDER / "three-aircraft.toml")
+TWENTY = load(FOLDER / "twenty-aircraft.toml")
+
+
+def refused(*changes, of=THREE):
+    with pytest.raises(ScenarioError) as caught:
+        of.replace(*changes)
+    return str(caught.value)
+
+
+def test_a_number_by_its_path():
+    before = THREE.hash
+    other = THREE.replace("wind.speed_m_s", 8.0)  # the table [wind] is not written out in the file
+    assert other.wind.speed_m_s == 8.0
+    assert (THREE.wind.speed_m_s, THREE.hash) == (0.0, before)
+    text = (FOLDER / "three-aircraft.toml").read_text()
+    assert other.hash == loads(f"{text}\n[wind]\nspeed_m_s = 8.0\n").hash
+
+
+def test_items_by_number_and_by_name():
+    by_number = THREE.replace("aircraft[1].start.speed_m_s", 149.0, "goal[0].course_deg", 10.0)
+    by_name = THREE.replace('aircraft["aircraft-2"].start.speed_m_s', 149.0, "goal[boat-north].course_deg", 10.0)
+    assert by_number.aircraft[1].start.speed_m_s == 149.0
+    assert by_number == by_name
+    numbers = THREE.replace("goal[0].name", "7", "aircraft[0].goal", "7").replace('goal["7"].speed_m_s', 3.0)
+    assert numbers.goal[0].speed_m_s == 3.0
+
+
+def test_several_are_validated_together():
+    """Rule and time belong together: neither is valid alone."""
+    both = TWENTY.replace("arrival", {"rule": "at", "time_s": 250.0})
+    assert both == TWENTY.replace("arrival", {}, "arrival.rule", "at", "arrival.time_s", 250.0)
+    assert "arrival.time_s: arrived nothing; expected a number (s)" in refused("arrival", {"rule": "at"}, of=TWENTY)
+
+
+def test_whole_tables_lists_and_numbers_of_arrays():
+    fewer = THREE.replace("aircraft", THREE.aircraft[:2])
+    assert fewer.aircraft == THREE.aircraft[:2]
+    seeds = THREE.replace("seed", np.int64(3), "fleet.speed_m_s", np.float64(151.5))
+    assert (seeds.seed, seeds.fleet.speed_m_s) == (3, 151.5)
+    layers = [{"altitude_m": 0.0, "speed_m_s": 3.0}, {"altitude_m": 2000, "speed_m_s": 12.0}]
+    sheared = THREE.replace("wind", {"layers": layers})
+    assert sheared.replace("wind.layers[1].speed_m_s", 9.0).wind.layers[1].speed_m_s == 9.0
+    assert sheared.replace("wind.layers", None) == THREE
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_replacing_by_the_same_is_the_same(path):
+    scenario = load(path)
+    again = scenario.replace("name", scenario.name)
+    assert again == scenario
+    assert again.hash == scenario.hash
+    assert again.fleet.model_fields_set == scenario.fleet.model_fields_set
+    starter = loads(starter_scenario())
+    assert starter.replace("format", 1).hash == starter.hash
+
+
+def test_everything_is_checked():
+    """A fleet speed of -5 was flown into the ground; a stand-off below the least is refused here as in a file."""
+    said = refused("fleet.speed_m_s", -5.0)
+    assert "three-aircraft with fleet.speed_m_s replaced: 1 problem" in said
+    assert "fleet.speed_m_s: arrived -5.0; expected a number from 30 to 340 m/s" in said
+    low = refused("aircraft[aircraft-1].rendezvous.stand_off_up_m", 50.0)
+    assert 'aircraft[0].rendezvous.stand_off_up_m (aircraft "aircraft-1"): arrived 50; expected at least 150 m' in low
+    assert "expected a wind slower than fleet.speed_m_s" in refused("wind.speed_m_s", 92.0, "fleet.speed_m_s", 91.0)
+    assert "arrived nan" in refused("fleet.speed_m_s", float("nan"))
+    assert "format: arrived 2" in refused("format", 2)
+
+
+@pytest.mark.parametrize(
+    ("path", "said"),
+    [
+        ("fleet.sped_m_s", 'fleet.sped_m_s: arrived the unknown key "sped_m_s"; expected perhaps "speed_m_s"'),
+        ("wnd.speed_m_s", 'wnd: arrived the unknown key "wnd"; expected perhaps "wind"'),
+        ("start.speed_m_s", "expected perhaps the table [aircraft.start]"),
+        ("fleet.speed_m_s.x", 'fleet.speed_m_s: arrived the key "x" of 150'),
+        ("fleet[0].speed_m_s", "fleet: arrived an item, [0], of what is no list; expected a path without it"),
+        ("aircraft[3].bend", "arrived the item [3] of a list of 3; expected aircraft[0] to aircraft[2], or by name"),
+        ("aircraft[aircraft-4].bend", 'the name "aircraft-4", which no item has; expected perhaps "aircraft-'),
+        ("aircraft.bend", 'aircraft: arrived the key "bend" of a list; expected aircraft[0] to'),
+        ("keep_out[0].radius_m", "keep_out: arrived an item, [0], of a list that is not written out"),
+        ("wind..speed_m_s", 'arrived "wind..speed_m_s" as a path; expected keys with dots'),
+        ("", 'arrived "" as a path'),
+        (3, "arrived 3 as a path"),
+    ],
+)
+def test_a_path_to_nowhere_is_told(path, said):
+    assert said in refused(path, 1.0)
+
+
+def test_a_path_without_a_value():
+    with pytest.raises(TypeError, match=r"the path 'seed' has no value"):
+        THREE.replace("fleet.speed_m_s", 160.0, "seed")
+
+
+def test_the_unchecked_ways_are_closed():
+    tables = (THREE, THREE.fleet, THREE.aircraft[0].start, THREE.wind)
+    for one in tables:
+        name = type(one).__name__
+        with pytest.raises(TypeError, match=rf"{name}\.model_copy\(update=\.\.\.\).*scenario\.replace\("):
+            one.model_copy(update={"speed_m_s": -5.0})
+        with pytest.raises(TypeError, match=rf"{name}\.copy\(\).*scenario\.replace\("):
+            one.copy(update={"speed_m_s": -5.0})
+        with pytest.raises(TypeError, match=rf"{name}\.model_construct\(\).*scenario\.replace\("):
+            type(one).model_construct(speed_m_s=-5.0)
+        for same in (one.model_copy(), one.model_copy(deep=True), copy.copy(one), copy.deepcopy(one)):
+            assert same == one
