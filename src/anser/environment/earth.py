@@ -123,7 +123,7 @@ class RotatingEarth(AbstractEarth):
 
     The chart is the flat-Earth map of theory section 1 around a reference, taken exactly (`geodetic_from_flat`): its
     coordinates are functions of longitude, of latitude and of height alone. Its scale departs from 1 by about the
-    distance over the Earth's radius, and by tan(latitude) times that, which `chart_scale` accounts for. It has one place
+    distance over the Earth's radius, and tan(latitude) times that, which `chart_scale` accounts for. It has one place
     for each of the Earth's; what follows from a place is right everywhere. But neighbours across a pole or the meridian
     opposite to the origin are far apart in it, so that no path may be planned across those.
 
