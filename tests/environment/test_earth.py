@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from anser.constants import EARTH_GM_M3_S2, EARTH_J2, EARTH_ROTATION_RAD_S, WGS84_A_M
 from anser.environment import FlatEarth, gravitation_j2, somigliana, spherical_earth, wgs84_earth
-from anser.spatial import rotate_back, rotation_ned_from_ecef
+from anser.spatial import ecef_from_geodetic, rotate_back, rotation_ned_from_ecef
 from anser.units import DEG_RAD, FOOT_M, RAD_DEG
 
 generic = settings(deadline=None, max_examples=30)
@@ -74,6 +74,53 @@ def test_the_chart_moves_with_the_velocity(place, velocity_n):
     lat, lon, _ = EARTH.geodetic(place)
     # 6.4e6 m times the rounding of sines.
     np.testing.assert_allclose(velocity_e, rotate_back(rotation_ned_from_ecef(lat, lon), velocity_n), atol=1e-9)
+
+
+anywhere = st.tuples(st.floats(-89.99, 89.99), st.floats(-180.0, 180.0))
+
+
+@eqx.filter_jit
+def _through_the_chart(earth, lat, lon, h):
+    """Chart position of a place, the place again, and how far the chart's Jacobian times its scale is from the axes."""
+    place = earth.chart_from_ecef(ecef_from_geodetic(lat, lon, h))
+    jacobian = jax.jacfwd(earth.ecef_from_chart)(place) * earth.local(place, jnp.zeros(3)).chart_scale[None, :]
+    return place, earth.geodetic(place), jacobian - rotation_ned_from_ecef(lat, lon).T
+
+
+@settings(deadline=None, max_examples=100)
+@given(anywhere, anywhere, st.floats(0.0, 15e3))
+def test_the_chart_has_one_place_for_each_of_the_earth(origin_deg, there_deg, h):
+    """From any origin but a pole; north and east have the signs of the differences of latitude and longitude."""
+    (lat_0, lon_0), (lat, lon) = (np.radians(place) for place in (origin_deg, there_deg))
+    place, (lat_back, lon_back, h_back), slope = _through_the_chart(wgs84_earth(lat_0, lon_0), lat, lon, h)
+    turned = (lon - lon_0 + np.pi) % (2.0 * np.pi) - np.pi
+    # Angles of up to pi round by 4e-16 on each of some ten ways; an arc is 6.4e6 m times that.
+    assert float(lat_back) == pytest.approx(lat, abs=4e-15)
+    across = np.cos(lat)
+    assert across * abs((float(lon_back) - lon + np.pi) % (2.0 * np.pi) - np.pi) < 4e-15
+    assert float(h_back) == pytest.approx(h, abs=1e-8)
+    np.testing.assert_allclose(slope, 0.0, atol=1e-14 / across)
+    for found, expected in zip(place[:2], (lat - lat_0, turned), strict=True):
+        assert abs(expected) < 1e-9 or abs(abs(expected) - np.pi) < 1e-9 or np.sign(found) == np.sign(expected)
+
+
+def test_gradients_are_finite_where_the_chart_changes():
+    """At the origin, an eighth of a turn away where the tangent ends, on the opposite meridian, at a pole."""
+    earth = wgs84_earth(0.5, 1.0)
+    inverse = jax.jit(jax.jacrev(earth.chart_from_ecef))
+    forward = jax.jit(jax.jacrev(lambda place: (earth.geodetic(place), earth.local(place, jnp.ones(3)))))
+    edge = 0.25 * np.pi
+    for lat, lon in (
+        (0.5, 1.0),
+        (0.5 + edge, 1.0 - edge),
+        (-0.3, 1.0 - np.pi),
+        (-0.3, 1.0 + np.pi),
+        (0.5 * np.pi, 0.0),
+    ):
+        position_e = ecef_from_geodetic(lat, lon, 1e3)
+        assert np.all(np.isfinite(inverse(position_e)))
+        for leaf in jax.tree.leaves(forward(earth.chart_from_ecef(position_e))):
+            assert np.all(np.isfinite(leaf))
 
 
 @generic

@@ -41,18 +41,24 @@ class Condition(eqx.Module):
 
 
 def condition(
-    airframe: AbstractAirframe, environment: Environment, time: ScalarLike, state: AircraftState
+    airframe: AbstractAirframe,
+    environment: Environment,
+    time: ScalarLike,
+    state: AircraftState,
+    rates_air_b: Vector3 | None = None,
 ) -> Condition:
     """Air data, forces and moments of a state at a time (s).
 
     The air turns with the Earth: what damps are the body rates relative to it, not those relative to the travelling NED
-    axes, nor the inertial ones.
+    axes, nor the inertial ones. Where they are known otherwise, `rates_air_b` gives them, rad/s: at a pole, where the
+    travelling axes turn without bound, they do not follow from the state.
     """
     R_bn = rotation_from_quaternion(state.quaternion)
     wind_n = environment.wind.at(state.position_n, time)
     altitude = -state.position_n[2]
     earth = environment.earth.local(state.position_n, rotate_back(R_bn, state.velocity_b))
-    rates_air_b = state.rates_b + rotate(R_bn, earth.transport_rate_n)
+    if rates_air_b is None:
+        rates_air_b = state.rates_b + rotate(R_bn, earth.transport_rate_n)
     data = air_data(state.velocity_b - rotate(R_bn, wind_n), altitude, environment.atmosphere.at(altitude))
     return Condition(
         R_bn=R_bn,

@@ -108,15 +108,16 @@ def earth_fixed_derivative(
     q' from w_bi - R_be w_E; w_bi' = J^-1 [M - w_bi x (J w_bi + h)]. Source: [SL] eq. 1.7-18.
     """
     earth = round_earth_of(environment)
-    wrench = condition(airframe, environment, time, local_state(earth, state)).wrench
     R_be = rotation_from_quaternion(state.quaternion)
     earth_rate_b = earth.rotation_rate * R_be[:, 2]
+    rates_air_b = state.rates_b - earth_rate_b
+    wrench = condition(airframe, environment, time, local_state(earth, state), rates_air_b).wrench
     return EarthFixedState(
         position_e=rotate_back(R_be, state.velocity_b),
         velocity_b=wrench.force_b / airframe.mass_properties.mass
         + rotate(R_be, earth.effective_gravity_e(state.position_e))
         - cross(state.rates_b + earth_rate_b, state.velocity_b),
-        quaternion=quaternion_derivative(state.quaternion, state.rates_b - earth_rate_b),
+        quaternion=quaternion_derivative(state.quaternion, rates_air_b),
         rates_b=angular_acceleration(airframe.mass_properties, state.rates_b, wrench.moment_b),
         surfaces=airframe.actuators.rate(state.surfaces, controls.surfaces),
         power=airframe.power_rate(state.power, controls.throttle),

@@ -13,6 +13,7 @@ from anser.spatial import (
     cross,
     ecef_from_geodetic,
     flat_from_geodetic,
+    flat_stretch,
     geodetic_from_ecef,
     geodetic_from_flat,
     radii_of_curvature,
@@ -122,7 +123,9 @@ class RotatingEarth(AbstractEarth):
 
     The chart is the flat-Earth map of theory section 1 around a reference, taken exactly (`geodetic_from_flat`): its
     coordinates are functions of longitude, of latitude and of height alone. Its scale departs from 1 by about the
-    distance over the Earth's radius, which `chart_scale` accounts for.
+    distance over the Earth's radius, and tan(latitude) times that, which `chart_scale` accounts for. It has one place
+    for each of the Earth's; what follows from a place is right everywhere. But neighbours across a pole or the meridian
+    opposite to the origin are far apart in it, so that no path may be planned across those.
 
     Attributes
     ----------
@@ -186,7 +189,6 @@ class RotatingEarth(AbstractEarth):
         transport_rate_n = jnp.stack([east_rate, -velocity_n[0] / (R_M + h), -east_rate * s_lat / c_lat])
         reference_M, reference_N = radii_of_curvature(self.latitude, self.ellipsoid)
         reference_east = reference_N * jnp.cos(self.latitude)
-        north, east = position_n[0] / reference_M, position_n[1] / reference_east
         return LocalEarth(
             gravity=gravity_n[2],
             apparent_gravity_n=gravity_n - cross(2.0 * earth_rate_n + transport_rate_n, velocity_n),
@@ -194,8 +196,8 @@ class RotatingEarth(AbstractEarth):
             transport_rate_n=transport_rate_n,
             chart_scale=jnp.stack(
                 [
-                    reference_M * (1.0 + north * north) / (R_M + h),
-                    reference_east * (1.0 + east * east) / ((R_N + h) * c_lat),
+                    reference_M * flat_stretch(position_n[0], reference_M) / (R_M + h),
+                    reference_east * flat_stretch(position_n[1], reference_east) / ((R_N + h) * c_lat),
                     jnp.ones_like(lat),
                 ]
             ),

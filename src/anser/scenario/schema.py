@@ -18,6 +18,7 @@ from anser.scenario.schema_airspace import (
 )
 from anser.scenario.schema_arrival import Arrival, arrival_problems
 from anser.scenario.schema_base import SLUG_EXPECTED, SLUG_PATTERN, Table, expects, table, tables
+from anser.scenario.schema_chart import chart_problems
 from anser.scenario.schema_checks import (
     goal_problems,
     name_problems,
@@ -179,6 +180,7 @@ def _problems(aircraft: tuple[Aircraft, ...], goals: tuple[Goal, ...], scenario:
         *start_problems(aircraft, limits),
         *goal_problems(goals, timing),
         *separation_problems(aircraft, scenario.separation),
+        *chart_problems(scenario),
     ]
     if not names:
         found.extend(rendezvous_problems(aircraft, goals, fleet, limits))

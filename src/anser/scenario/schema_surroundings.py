@@ -21,7 +21,7 @@ class Earth(Table):
     model: Literal["flat", "wgs84"] = choice(
         "flat and at rest with one gravity, or the rotating WGS-84 ellipsoid with J2 gravitation", _EARTHS, "flat"
     )
-    latitude_deg: float = number("geodetic latitude of the origin", -89, 89, "deg", 45.0)
+    latitude_deg: float = number("geodetic latitude of the origin", -89.99, 89.99, "deg", 45.0)
     longitude_deg: float = number("longitude of the origin", -180, 180, "deg", 0.0)
 
 

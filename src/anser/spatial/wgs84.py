@@ -127,12 +127,17 @@ def geodetic_from_flat(
 
     Returns
     -------
-    Latitude and longitude, rad, and height, m. The longitude continues the reference's across +-pi, it is not wrapped.
-    Source: theory section 1.
+    Latitude and longitude, rad, and height, m. Both angles continue the reference's: the longitude across +-pi, it is
+    not wrapped, and the latitude of a position beyond a pole across +-pi/2.
+
+    Notes
+    -----
+    Theory section 1 up to an eighth of a turn from the reference. From there the arctangent goes on along its tangent,
+    so that the map reaches every place, each longitude once within half a turn of the reference's.
     """
     R_M, R_N = radii_of_curvature(reference_latitude, ellipsoid)
-    north = jnp.arctan2(position_n[0], R_M + reference_height)
-    east = jnp.arctan2(position_n[1], (R_N + reference_height) * jnp.cos(reference_latitude))
+    north = _angle_of(position_n[0], R_M + reference_height)
+    east = _angle_of(position_n[1], (R_N + reference_height) * jnp.cos(reference_latitude))
     return (
         jnp.asarray(reference_latitude) + north,
         jnp.asarray(reference_longitude) + east,
@@ -154,8 +159,8 @@ def flat_from_geodetic(
     Parameters
     ----------
     lat, lon, h
-        Geodetic latitude and longitude, rad, and height, m. Latitudes within a quarter turn of the reference's;
-        longitudes too, in either turn (+-2 pi makes no difference).
+        Geodetic latitude and longitude, rad, and height, m; any place, the longitude in any turn (+-2 pi makes no
+        difference). East jumps at half a turn from the reference's longitude, and there alone.
     reference_latitude, reference_longitude, reference_height
         Geodetic place of the flat Earth's origin: rad, rad, m; not a pole.
     ellipsoid
@@ -166,6 +171,24 @@ def flat_from_geodetic(
     Position (3,), NED from the reference, m.
     """
     R_M, R_N = radii_of_curvature(reference_latitude, ellipsoid)
-    north = (R_M + reference_height) * jnp.tan(jnp.asarray(lat) - reference_latitude)
-    east = (R_N + reference_height) * jnp.cos(reference_latitude) * jnp.tan(jnp.asarray(lon) - reference_longitude)
+    turned = jnp.asarray(lon) - reference_longitude
+    turned = turned - 2.0 * jnp.pi * jnp.round(turned / (2.0 * jnp.pi))
+    north = _length_of(jnp.asarray(lat) - reference_latitude, R_M + reference_height)
+    east = _length_of(turned, (R_N + reference_height) * jnp.cos(reference_latitude))
     return jnp.stack([north, east, jnp.asarray(reference_height) - h])
+
+
+def flat_stretch(length: ScalarLike, radius: ScalarLike) -> Scalar:
+    """Derivative of a flat-Earth length, m, by the arc of the angle that it stands for, at a radius, m: 1 to 2."""
+    tangent = jnp.clip(length / radius, -1.0, 1.0)
+    return 1.0 + tangent * tangent
+
+
+def _angle_of(length: ScalarLike, radius: ScalarLike) -> Scalar:
+    near = jnp.clip(length, -radius, radius)
+    return jnp.arctan2(near, radius) + 0.5 * (length - near) / radius
+
+
+def _length_of(angle: ScalarLike, radius: ScalarLike) -> Scalar:
+    near = jnp.clip(angle, -0.25 * jnp.pi, 0.25 * jnp.pi)
+    return radius * (jnp.tan(near) + 2.0 * (angle - near))
