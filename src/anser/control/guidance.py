@@ -12,6 +12,7 @@ from anser.spatial import safe_hypot
 
 _CLIMB_GAIN = 0.2  # 1/s: altitude errors in the hold fade within about 15 s
 _CLIMB_CHANGE = 6.0  # m/s: at 150 m/s this asks for an additional half g at most
+_SINE_MAX = 0.98  # of the path angle that a hold asks for: no further than 78 deg
 _STRAIGHT_ON = 0.1  # fraction of the hold radius flown straight on after the arrival
 
 
@@ -135,7 +136,20 @@ def hold(
         return jnp.concatenate([level, (goal_velocity_n[2] - climb - wind_n[2])[None]])
 
     velocity, acceleration = jax.jvp(air_velocity, (relative_n,), (velocity_n - goal_velocity_n,))
-    return _turned_one_way(polar(velocity, acceleration), velocity_n - wind_n, settings.hold_turn)
+    own_air_n = velocity_n - wind_n
+    command = _climbing(polar(velocity, acceleration), velocity[2], acceleration[2], own_air_n)
+    return _turned_one_way(command, own_air_n, settings.hold_turn)
+
+
+def _climbing(command: PathCommand, down: Scalar, down_dot: Scalar, velocity_air_n: Vector3) -> PathCommand:
+    """Command whose path angle gives a vertical speed (down, m/s) at the present airspeed, not at the one asked for.
+
+    An arrival that is faster than the hold would otherwise be asked for a steeper descent while it is to level off.
+    """
+    speed = jnp.maximum(safe_hypot(safe_hypot(velocity_air_n[0], velocity_air_n[1]), velocity_air_n[2]), 1.0)
+    sine = jnp.clip(-down / speed, -_SINE_MAX, _SINE_MAX)
+    gamma_dot = -down_dot / (speed * jnp.sqrt(1 - sine**2))
+    return eqx.tree_at(lambda c: (c.gamma, c.gamma_dot), command, (jnp.arcsin(sine), gamma_dot))
 
 
 def _turned_one_way(command: PathCommand, velocity_air_n: Vector3, turn: ScalarLike) -> PathCommand:

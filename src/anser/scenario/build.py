@@ -250,4 +250,5 @@ def _flight_limits(scenario: Scenario) -> FlightLimits:
         load_factor_min=_scalar(limits.load_factor_min),
         load_factor_max=_scalar(limits.load_factor_max),
         rates_max=jnp.asarray([math.radians(x) for x in _RATES_MAX_DEG_S]),
+        altitude_min=_scalar(limits.altitude_min_m),
     )

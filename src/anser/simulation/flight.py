@@ -11,9 +11,11 @@ from anser.control import (
     AutopilotState,
     FlightLimits,
     follow,
+    ground_clearance,
     hold,
     hold_point,
     initial_autopilot_state,
+    levelled_off,
     make_plant,
     velocity_control,
 )
@@ -35,7 +37,7 @@ from anser.simulation.fleet import Fleet, Flight, FlightState
 from anser.simulation.motion import advance
 from anser.simulation.record import APPROACH, FROZEN, HOLD, Moment, record
 from anser.simulation.sensing import Sensed, sense
-from anser.simulation.status import AT_GROUND, FLYING, NO_TRIM, NOT_FINITE
+from anser.simulation.status import AT_GROUND, BROKE_OFF, FLYING, NO_TRIM, NOT_FINITE
 from anser.simulation.trim import EXCESS_NOISE, TrimPoint, solve_trim
 from anser.spatial import rotate_back
 
@@ -231,9 +233,14 @@ def _fly_one(
     state, now, settings = own.state, own.now, fleet.guidance
     earth, scale = environment.earth, now.earth.chart_scale
     velocity_n, wind_n = scale * _velocity_n(now, state), scale * now.wind_n
+    plant = make_plant(own.airframe, own.limits, own.gains, state, now, own.autopilot, now.earth.gravity, step)
+    clearance = ground_clearance(plant, -state.position_n[2], _velocity_n(now, state)[2])
+    broke_off = (own.status == BROKE_OFF) | clearance.lost
+    phase = jnp.where(broke_off, HOLD, phase)
     planned = follow(own.trajectory, time, state.position_n, velocity_n, wind_n, settings)
     relative_n = state.position_n - own.sensed.goal_position_n
-    height = -own.rendezvous.stand_off_n[2]
+    # where the rendezvous lies below the least altitude the hold does not
+    height = jnp.maximum(-own.rendezvous.stand_off_n[2], own.limits.altitude_min + own.sensed.goal_position_n[2])
     circle_n = hold_point(relative_n, own.sensed.goal_position_n, height, settings)
     held = hold(
         relative_n,
@@ -248,7 +255,8 @@ def _fly_one(
     command = jax.tree.map(lambda a, b: jnp.where(phase == HOLD, a, b), held, planned)
     if not isinstance(earth, FlatEarth):  # there the chart's rates are the velocities
         command = rescaled(command, 1.0 / scale)
-    plant = make_plant(own.airframe, own.limits, own.gains, state, now, own.autopilot, now.earth.gravity, step)
+    level = levelled_off(command, plant, clearance)
+    command = jax.tree.map(lambda a, b: jnp.where(phase == HOLD, a, b), level, command)
     controls, signals, autopilot = velocity_control(plant, own.autopilot, command)
     to_goal_n, _ = earth.sight(state.position_n, own.goal_n, jnp.zeros(3))
     to_rendezvous_n, _ = earth.sight(state.position_n, own.goal_n + own.rendezvous.stand_off_n, jnp.zeros(3))
@@ -279,7 +287,8 @@ def _fly_one(
     after = advance(own.airframe, environment, time, own.moving, controls, step)
     finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves((after, autopilot))]))
     grounded = seen_state(environment, after).position_n[2] >= 0.0
-    event = jnp.where(~finite, NOT_FINITE, jnp.where(grounded, AT_GROUND, own.status)).astype(own.status.dtype)
+    aloft = jnp.where(broke_off, BROKE_OFF, own.status)
+    event = jnp.where(~finite, NOT_FINITE, jnp.where(grounded, AT_GROUND, aloft)).astype(own.status.dtype)
     status = jnp.where(own.stopped, own.status, event)
     stay = own.stopped | ~finite | grounded
     after, autopilot = jax.tree.map(
