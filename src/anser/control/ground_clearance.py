@@ -79,7 +79,9 @@ def ground_clearance(plant: Plant, altitude: ScalarLike, sink: ScalarLike) -> Gr
     floor = jnp.maximum(limits.altitude_min - ERROR_ALLOWED_M, 0.0)
     room = altitude - limits.altitude_min
     wanted = pull_needed(motion.V, sink, motion.mu, room)
-    return GroundClearance(height_needed=needed, lost=needed > altitude - floor, pull=jnp.minimum(wanted, spare), normal_most=most)
+    return GroundClearance(
+        height_needed=needed, lost=needed > altitude - floor, pull=jnp.minimum(wanted, spare), normal_most=most
+    )
 
 
 def levelled_off(command: PathCommand, plant: Plant, clearance: GroundClearance) -> PathCommand:

@@ -6,7 +6,7 @@ from anser.constants import STANDARD_GRAVITY_M_S2
 from anser.shapes import Scalar, ScalarLike
 
 REACTION_S = 1.0
-"""Time until the pull that is asked for acts: the attitude loop's 0.5 s and as much for the angle of attack to build up."""
+"""Time until the pull that is asked for acts: the attitude loop's 0.5 s and as much for the lift to build up."""
 ROLL_RATE_RAD_S = 1.0
 """Mean rate at which a bank is rolled out; the attitude loop begins with 2 rad/s per rad and ends exponentially."""
 BANK_HELD = jnp.pi / 3
@@ -38,9 +38,10 @@ def level_off_height(
     -----
     In the time t = 1 s + |bank| / (1 rad/s) the aircraft falls sink t + fall t^2 / 2. The pull then turns the path from
     -gamma to level with normal acceleration a = `pull`: V d(gamma)/dt = a and dV/dt = g sin(gamma), without drag and
-    thrust, give d(V^2)/d(cos gamma) = -(2 g / a) V^2, and with energy kept the height V^2/2g (exp(2 g (1 - cos gamma)/a)
-    - 1): the circular arc V^2 (1 - cos gamma)/a where that is short. `pull` is reckoned from carrying the whole weight,
-    though only cos(gamma) of it is to be carried, and drag brakes: both lie on the safe side.
+    thrust, give d(V^2)/d(cos gamma) = (2 g / a) V^2, and with energy kept the height is
+    V^2/2g (exp(2 g (1 - cos gamma)/a) - 1): the circular arc V^2 (1 - cos gamma)/a where that is short. `pull` is
+    reckoned from carrying the whole weight, though only cos(gamma) of it is to be carried, and drag brakes: both lie on
+    the safe side.
     """
     gravity = STANDARD_GRAVITY_M_S2
     amount = jnp.abs(bank)
@@ -61,8 +62,8 @@ def pull_needed(speed: ScalarLike, sink: ScalarLike, bank: ScalarLike, room: Sca
     speed, sink, bank
         As for `level_off_height`.
     room
-        Height that is left, m; with nothing left (less than what is fallen in a third of a second) the pull asked for is
-        that of an arc that short.
+        Height that is left, m; where nothing is left the pull is that of an arc as short as what is fallen in a third of
+        a second, and 1 m.
     """
     down = jnp.maximum(sink, 0.0)
     time = REACTION_S + jnp.abs(bank) / ROLL_RATE_RAD_S

@@ -115,6 +115,7 @@ def build_path_limits(scenario: Scenario) -> PathLimits:
         climb_rate_max=_scalar(limits.climb_rate_max_m_s),
         altitude_min=_scalar(limits.altitude_min_m),
         altitude_max=_scalar(limits.altitude_max_m),
+        load_factor_max=_scalar(limits.load_factor_max),
     )
 
 
