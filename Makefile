@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 OUT ?= runs/three-aircraft-$(shell date +%Y%m%d-%H%M%S)
 
-.PHONY: demo test docs bench verification plan-trials autopilot clean
+.PHONY: demo test docs bench verification plan-trials descent-trials autopilot clean
 
 demo: .venv/.installed
 	$(BIN)/anser run scenarios/three-aircraft.toml --out $(OUT)
@@ -32,6 +32,10 @@ verification: .venv/.installed-test
 plan-trials: .venv/.installed
 	mkdir -p build
 	$(BIN)/anser plan-trials --seeds 0:2000 --out build/plan-trials.jsonl $(TRIALS)
+
+# A hundred random descents flown with the published planner: none may reach the ground. A quarter of an hour or more.
+descent-trials: .venv/.installed-test
+	$(BIN)/pytest trials/test_descents.py -s -p no:xdist
 
 # The pictures of docs/autopilot.md, anew.
 autopilot: .venv/.installed

@@ -212,12 +212,20 @@ def test_heights_are_reached_within_the_climb_limit(held_flights):
 
 
 def test_levelling_off_after_a_steep_arrival_is_gradual(held_flights):
-    """The climb asked for differs by at most 6 m/s from the present one: a dive of 75 m/s is not stopped at once."""
+    """The path angle asked for differs by at most (6 m/s^2)(1 s)/V from the present one: a dive is not stopped at once."""
     _, command = held_flights["steeply, to the east"]
-    climb = command.V * np.sin(command.gamma)
-    dive = SPEED * 75 / np.hypot(130, 75)
-    assert climb[0] == pytest.approx(-dive + 6.0, abs=1e-9)
-    assert np.all(np.diff(climb) <= 6.0 + 1e-9)
+    air_n = SPEED * np.array([0.0, 130.0, 75.0]) / np.hypot(130, 75) - np.array([0.0, 15.0, 0.0])
+    airspeed = np.linalg.norm(air_n)
+    assert command.gamma[0] == pytest.approx(-np.arcsin(air_n[2] / airspeed) + 6.0 / airspeed, abs=1e-9)
+    assert np.all(np.diff(command.gamma) <= 6.0 / airspeed + 1e-9)
+
+
+def test_an_arrival_faster_than_its_hold_is_not_asked_to_descend_more_steeply():
+    """It was: the vertical speed of the hold went into a path angle at the speed of the hold, 150 of 200 m/s."""
+    velocity_n = cartesian(200.0, np.radians(-9.0), 0.6)
+    command = held(np.array([0.0, 0.0, -HEIGHT]), velocity_n, ZERO, ZERO, velocity_n, 1)
+    # before: -9.6 deg
+    assert command.gamma == pytest.approx(np.radians(-9.0) + 6.0 / 200.0, abs=1e-9)
 
 
 @pytest.mark.parametrize("name", ["from above the goal, right", "from above the goal, left"])

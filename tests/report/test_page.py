@@ -9,6 +9,7 @@ import pytest
 
 from anser.report import write_comparison, write_report
 from anser.report.comparison import scenario_differences
+from anser.report.opening import answer
 from anser.report.page import _SCRIPTS, _asset
 
 EVIL = "</script><script>alert(1)</script>"
@@ -132,6 +133,16 @@ def test_an_aircraft_that_failed_is_still_reported(flight, tmp_path):
     assert "<td>–</td>" in ours
     assert "NaN" not in ours
     assert "nan" not in re.sub(r"<[^>]*>", "", ours.replace("provenance", ""))
+
+
+def test_who_fails_after_the_arrival_fails_the_flight():
+    summary = copy.deepcopy(make_flight()[1])
+    summary["aircraft"][1]["status"] = "the aircraft reached the ground"
+    assert all(entry["met"] for entry in summary["requirements"])
+    told = answer(summary, {})
+    assert "2 of 3 aircraft arrived" in told
+    assert "<b>bert</b>: the aircraft reached the ground." in told
+    assert "All requirements met" not in told
 
 
 @pytest.mark.parametrize(

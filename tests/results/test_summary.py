@@ -131,13 +131,13 @@ def test_one_aircraft_has_no_separation():
     assert summary["requirements"][0] == {"name": "separation_min_m", "limit": 100.0, "value": None, "met": True}
 
 
-def test_the_first_failure_is_the_status():
+def test_the_first_failure_is_the_status_and_the_last_how_it_ended():
     history = flight()
     history["status"][100:, 1] = 3
     history["status"][200:, 1] = 5
     messages = {3: "out of thrust", 5: "diverged"}
     rows = summarize(TIME, history, facts(status_messages=messages), 0.0)["aircraft"]
-    assert [row["status"] for row in rows] == ["arrived", "out of thrust"]
+    assert [row["status"] for row in rows] == ["arrived", "out of thrust; then diverged"]
     assert "status 3" in summarize(TIME, history, facts(), 0.0)["aircraft"][1]["status"]
 
 

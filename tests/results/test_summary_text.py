@@ -25,6 +25,16 @@ def test_it_says_who_arrived_when_and_what_was_not_met():
     assert "arrival spread" not in lines[-1]
 
 
+def test_a_flight_that_failed_after_its_arrival_does_not_meet_all():
+    """Every number up to the arrival is as required; before, it said "2 of 3 aircraft arrived, all requirements met"."""
+    _, summary = make_flight()
+    summary["aircraft"][1]["status"] = "the aircraft reached the ground"
+    assert all(entry["met"] for entry in summary["requirements"])
+    lines = summary_text(summary).splitlines()
+    assert lines[0] == f"{summary['scenario']['name']}: 2 of 3 aircraft arrived, the flight failed"
+    assert lines[2] == "  bert: the aircraft reached the ground"
+
+
 def test_of_a_large_fleet_the_first_are_told():
     _, summary = make_flight()
     summary["aircraft"] = [copy.deepcopy(summary["aircraft"][0]) for _ in range(20)]
@@ -32,4 +42,4 @@ def test_of_a_large_fleet_the_first_are_told():
     lines = summary_text(summary).splitlines()
     assert len(lines) == 8
     assert lines[0].startswith(f"{summary['scenario']['name']}: 19 of 20 aircraft arrived")
-    assert lines[-2] == "  and 15 more, of which 1 did not arrive"
+    assert lines[-2] == "  and 15 more, of which 1 failed"

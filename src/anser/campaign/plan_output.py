@@ -108,6 +108,7 @@ def record_published(planned: Planned) -> RecordedPlan:
         lengths_m=np.asarray(made.lengths),
         nominal_lengths_m=np.asarray(made.nominal_lengths),
         turn_use=np.asarray(planned.limits.turn_use_max),
+        level_off_m=np.asarray(planned.limits.level_off_altitude),
     )
     arrivals = np.full(len(scenario.aircraft), float(made.arrival_time))
     return _recorded(scenario, made.trajectories, arrivals, planned.flight.environment.gravity, facts)
@@ -196,6 +197,7 @@ def _facts(
             "climb_rate_max": limits.climb_rate_max_m_s,
             "altitude_min": limits.altitude_min_m,
             "altitude_max": limits.altitude_max_m,
+            **({"level_off_min": limits.altitude_min_m} if "level_off_m" in more else {}),
             "thrust_surplus_max": surplus if given[0] is None else given[0],
             "thrust_deficit_max": deficit if given[1] is None else given[1],
         },

@@ -161,6 +161,7 @@ _HEADINGS = {
     "climb_rate_max": "climb rate",
     "altitude_min": "least altitude",
     "altitude_max": "greatest altitude",
+    "level_off_min": "level-off altitude",
     "thrust_surplus_max": "acceler- ation",
     "thrust_deficit_max": "deceler- ation",
 }

@@ -8,6 +8,7 @@ from anser.control.excitation import Excitation, no_excitation
 from anser.control.feedback import Differentiator, advanced_integral, brakeable, virtual_control, wrapped
 from anser.control.gain_design import SEPARATION_MIN, Separation, designed_gains, loop_bandwidth, separations
 from anser.control.gains import AutopilotGains, LoopGains, loop_gains, published_gains
+from anser.control.ground_clearance import GroundClearance, ground_clearance, levelled_off
 from anser.control.guidance import GuidanceSettings, follow, hold, hold_point
 from anser.control.limits import FlightLimits, default_limits
 from anser.control.memory import AutopilotState, initial_autopilot_state
@@ -26,6 +27,7 @@ __all__ = [
     "Differentiator",
     "Excitation",
     "FlightLimits",
+    "GroundClearance",
     "GuidanceSettings",
     "LoopGains",
     "PathMotion",
@@ -42,9 +44,11 @@ __all__ = [
     "default_limits",
     "designed_gains",
     "follow",
+    "ground_clearance",
     "hold",
     "hold_point",
     "initial_autopilot_state",
+    "levelled_off",
     "loop_bandwidth",
     "loop_gains",
     "make_plant",

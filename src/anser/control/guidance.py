@@ -12,7 +12,8 @@ from anser.shapes import Scalar, ScalarLike, Vector3
 from anser.spatial import safe_hypot
 
 _CLIMB_GAIN = 0.2  # 1/s: altitude errors in the hold fade within about 15 s
-_CLIMB_CHANGE = 6.0  # m/s: at 150 m/s this asks for an additional half g at most
+_PULL_MAX = 6.0  # m/s^2: levelling off after a steep arrival asks for an additional half g at most
+_COSINE_MIN = 0.2  # of the path angle: a steeper hold is not asked for a higher airspeed
 _STRAIGHT_ON = 0.1  # fraction of the hold radius flown straight on after the arrival
 
 
@@ -128,9 +129,6 @@ def hold(
     drift_n = (goal_velocity_n - wind_n).at[2].set(0.0)
     ahead = arrival_direction_n[:2] / jnp.maximum(safe_hypot(arrival_direction_n[0], arrival_direction_n[1]), 1e-6)
 
-    # Levelling off after a steep arrival: the change asked for at once is bounded, or it would be a violent pull.
-    rising = goal_velocity_n[2] - velocity_n[2]
-
     def air_velocity(relative: Vector3) -> Vector3:
         distance = safe_hypot(relative[0], relative[1])
         x = distance / settings.hold_radius
@@ -148,11 +146,30 @@ def hold(
         spare = jnp.maximum(speed**2 - jnp.sum(drift_n[:2] ** 2) + along**2, (0.1 * speed) ** 2)
         level = (jnp.sqrt(spare) - along) * direction + drift_n[:2]
         climb = jnp.clip(_CLIMB_GAIN * (height + relative[2]), -settings.climb_rate_max, settings.climb_rate_max)
-        climb = rising + jnp.clip(climb - rising, -_CLIMB_CHANGE, _CLIMB_CHANGE)
         return jnp.concatenate([level, (goal_velocity_n[2] - climb - wind_n[2])[None]])
 
     velocity, acceleration = jax.jvp(air_velocity, (relative_n,), (velocity_n - goal_velocity_n,))
-    return _turned_one_way(polar(velocity, acceleration), velocity_n - wind_n, settings.hold_turn)
+    own_air_n = velocity_n - wind_n
+    return _turned_one_way(_eased(polar(velocity, acceleration), own_air_n), own_air_n, settings.hold_turn)
+
+
+def _eased(command: PathCommand, velocity_air_n: Vector3) -> PathCommand:
+    """Command whose path angle asks for no more than half a g of pull or push at once; its level speed stays.
+
+    The path angle loop turns an error e into an acceleration V e / (1 s) normal to the path, at the present airspeed: an
+    arrival that is faster than its hold must not be asked for a steeper descent where it is to level off.
+    """
+    present = polar(velocity_air_n, jnp.zeros(3))
+    most = _PULL_MAX / jnp.maximum(present.V, 1.0)
+    change = command.gamma - present.gamma
+    gamma = jnp.where(jnp.abs(change) <= most, command.gamma, present.gamma + jnp.clip(change, -most, most))
+    gamma_dot = jnp.where(jnp.abs(change) <= most, command.gamma_dot, 0.0)
+    level = command.V * jnp.cos(command.gamma)
+    level_dot = command.V_dot * jnp.cos(command.gamma) - command.V * jnp.sin(command.gamma) * command.gamma_dot
+    cosine = jnp.maximum(jnp.cos(gamma), _COSINE_MIN)
+    V = level / cosine
+    V_dot = (level_dot + V * jnp.sin(gamma) * gamma_dot) / cosine
+    return eqx.tree_at(lambda c: (c.V, c.gamma, c.V_dot, c.gamma_dot), command, (V, gamma, V_dot, gamma_dot))
 
 
 def _turned_one_way(command: PathCommand, velocity_air_n: Vector3, turn: ScalarLike) -> PathCommand:

@@ -21,6 +21,8 @@ class FlightLimits(eqx.Module):
         Lift over weight.
     rates_max
         Greatest body rates (P, Q, R), rad/s.
+    altitude_min
+        Least altitude, m; the ground is at 0.
     """
 
     speed_min: Scalar
@@ -31,6 +33,7 @@ class FlightLimits(eqx.Module):
     load_factor_min: Scalar
     load_factor_max: Scalar
     rates_max: Vector3
+    altitude_min: Scalar = eqx.field(default_factory=lambda: jnp.asarray(0.0))
 
 
 def default_limits() -> FlightLimits:

@@ -13,7 +13,7 @@ _COS_BANK_MIN = 0.2  # between 78 and 102 deg of bank lift is asked less and les
 _COS_READY = 0.5  # cosine of the bank error up to which all of the lift is asked; none at 90 deg and beyond
 _UP_MIN_G = 0.2  # acceleration normal to the path, in g, below which lift is not asked to turn
 _UP_TURNING_G = 0.5  # the same in a turn
-_LIFT_SHARE = 0.9  # part of the lift at alpha_max that banks and commands may use; the rest holds the path meanwhile
+LIFT_SHARE = 0.9  # part of the lift at alpha_max that banks and commands may use; the rest holds the path meanwhile
 _NEWTON_STEPS = 2  # the lift curve is piecewise linear: the second step lands when the first crossed a breakpoint
 
 
@@ -77,6 +77,23 @@ def thrust_demand(
     )
 
 
+def lift_at(
+    airframe: AbstractAirframe,
+    now: Condition,
+    rates_b: Vector3,
+    surfaces: Vector3,
+    beside_b: Vector3,
+    alpha: ScalarLike,
+) -> Scalar:
+    """Force normal to the path that an angle of attack (rad) gives, up in the aircraft's plane of symmetry, N.
+
+    L = F_X sin(alpha) - F_Z cos(alpha); `beside_b` is what acts besides the aerodynamics, thrust above all, N.
+    """
+    data = eqx.tree_at(lambda d: d.alpha, now.air_data, jnp.asarray(alpha))
+    force_b = airframe.aerodynamics(data, rates_b, surfaces).force_b + beside_b
+    return force_b[0] * jnp.sin(alpha) - force_b[2] * jnp.cos(alpha)
+
+
 def attitude_demand(
     airframe: AbstractAirframe,
     limits: FlightLimits,
@@ -111,12 +128,10 @@ def attitude_demand(
     beside_b = now.propulsive.force_b + force_beyond_b
 
     def lift(alpha: Scalar) -> Scalar:
-        data = eqx.tree_at(lambda d: d.alpha, now.air_data, alpha)
-        force_b = airframe.aerodynamics(data, rates_b, surfaces).force_b + beside_b
-        return force_b[0] * jnp.sin(alpha) - force_b[2] * jnp.cos(alpha)
+        return lift_at(airframe, now, rates_b, surfaces, beside_b, alpha)
 
     # more bank than the lift can hold would be a sinking spiral up to alpha_max and beyond
-    lift_most = jnp.maximum(_LIFT_SHARE * lift(limits.alpha_max), 0.0)
+    lift_most = jnp.maximum(LIFT_SHARE * lift(limits.alpha_max), 0.0)
     most = jnp.minimum(lift_most, limits.load_factor_max * weight)
     share = _share_within(fall, up - fall, side_free, most / mass)
     level_min = _UP_MIN_G * gravity

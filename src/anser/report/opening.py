@@ -48,7 +48,7 @@ def answer(summary: Mapping[str, Any], scenario: Mapping[str, Any]) -> str:
     good = not stray and not unmet
     if stray:
         count = len(rows) - len(stray)
-        head = f"{count} of {len(rows)} aircraft arrived" if len(rows) > 1 else "The aircraft did not arrive"
+        head = f"{count} of {len(rows)} aircraft arrived" if len(rows) > 1 else "The aircraft failed"
     elif together and "arrival_spread_max_s" in unmet:
         head = f"All {len(rows)} aircraft arrived, but {apart} apart"
     elif together:
@@ -59,7 +59,10 @@ def answer(summary: Mapping[str, Any], scenario: Mapping[str, Any]) -> str:
         head += ", but not as required"
     parts = [] if allowed is None or not together else [f"{number(allowed, 2)} s apart were allowed."]
     parts += [f"<b>{text(row['name'])}</b>: {text(row['status'])}." for row in stray]
-    parts.append("All requirements met." if not unmet else f"Requirements not met: <b>{text(', '.join(unmet))}</b>.")
+    if unmet:
+        parts.append(f"Requirements not met: <b>{text(', '.join(unmet))}</b>.")
+    elif good:
+        parts.append("All requirements met.")
     return (
         f'<div class="answer {"good" if good else "bad"}"><p class="head"><span aria-hidden="true">'
         f"{'✓' if good else '✗'}</span> {head}</p><p>{' '.join(parts)}</p></div>"

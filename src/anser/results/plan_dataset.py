@@ -112,8 +112,9 @@ def _add_paths(data: dict[str, Any], samples: PlanSamples, facts: PlanFacts) -> 
     ):
         if values is not None:
             data[name] = ("aircraft", values, attributes_of(unit, words))
+    planned = {**extremes.values, "level_off_min": np.nan if facts.level_off_m is None else facts.level_off_m}
     for limit in PLAN_LIMITS:
-        found = {"": extremes.values[limit.key], "limit_": facts.limits.get(limit.key, np.nan)}
+        found = {"": planned[limit.key], "limit_": facts.limits.get(limit.key, np.nan)}
         if facts.bounds is not None and limit.key in facts.bounds:
             found["bound_"] = facts.bounds[limit.key]
         said = {"": "planned", "limit_": "limit", "bound_": "proven bound"}

@@ -57,6 +57,7 @@ PLAN_LIMITS = (
     PlanLimit("climb_rate_max", "m_s", False, "rate of climb or descent"),
     PlanLimit("altitude_min", "m", True, "least altitude"),
     PlanLimit("altitude_max", "m", False, "greatest altitude"),
+    PlanLimit("level_off_min", "m", True, "least altitude of the level-off after the arrival"),
     PlanLimit("thrust_surplus_max", "m_s2", False, "acceleration"),
     PlanLimit("thrust_deficit_max", "m_s2", False, "deceleration"),
 )

@@ -134,6 +134,8 @@ class PlanFacts:
     lengths_m, nominal_lengths_m, turn_use
         Lengths of the paths through the air, in space, and without their bends, and turn rate as a part of that of the
         greatest bank angle, where a planner tells them.
+    level_off_m
+        Where the hold ends the descent with which each path arrives, altitude, where a planner tells it.
     problems
         Why the plan cannot be flown as it stands, one sentence each.
     notes
@@ -159,5 +161,6 @@ class PlanFacts:
     lengths_m: np.ndarray | None = None
     nominal_lengths_m: np.ndarray | None = None
     turn_use: np.ndarray | None = None
+    level_off_m: np.ndarray | None = None
     problems: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()

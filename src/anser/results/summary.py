@@ -205,9 +205,9 @@ def _aircraft(time: np.ndarray, history: Mapping[str, np.ndarray], facts: Flight
 def _status(codes: np.ndarray, messages: Mapping[int, str], arrival: float, search_end: float) -> str:
     failed = codes[codes != 0]
     if failed.size:
-        # The first one is the cause of those that follow.
-        code = int(failed[0])
-        return messages.get(code, f"status {code}, which has no message")
+        # The first one is the cause of those that follow; the last one is how it ended.
+        ends = dict.fromkeys((int(failed[0]), int(failed[-1])))
+        return "; then ".join(messages.get(code, f"status {code}, which has no message") for code in ends)
     if not np.isfinite(arrival):
         return _NO_RECORD
     return _ARRIVED if arrival < search_end else _STILL_CLOSING

@@ -20,12 +20,15 @@ def summary_text(summary: Mapping[str, Any]) -> str:
     arrived = sum(row["status"] == "arrived" for row in rows)
     unmet = [entry["name"] for entry in summary["requirements"] if not entry["met"]]
     judged = f"not met: {', '.join(unmet)}" if unmet else "all requirements met"
+    if arrived < len(rows) and not unmet:
+        # one that ends on the ground or breaks off after its arrival has kept every number that is required of it
+        judged = "the flight failed"
     lines = [f"{summary['scenario']['name']}: {arrived} of {len(rows)} aircraft arrived, {judged}"]
     shown = rows if len(rows) <= _AIRCRAFT_MOST else rows[: _AIRCRAFT_MOST - 1]
     lines += [f"  {_aircraft(row)}" for row in shown]
     if len(rows) > len(shown):
         stray = sum(row["status"] != "arrived" for row in rows[len(shown) :])
-        lines.append(f"  and {len(rows) - len(shown)} more, of which {stray or 'none'} did not arrive")
+        lines.append(f"  and {len(rows) - len(shown)} more, of which {stray or 'none'} failed")
     words = (("arrival_spread_s", "arrival spread {:.4f} s"), ("separation_min_m", "least separation {:.0f} m"))
     known = [form.format(fleet[key]) for key, form in words if fleet[key] is not None and len(rows) > 1]
     lines.append("  " + ", ".join([*known, f"{fleet['simulated_s']:g} s flown"]))

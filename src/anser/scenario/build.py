@@ -115,6 +115,7 @@ def build_path_limits(scenario: Scenario) -> PathLimits:
         climb_rate_max=_scalar(limits.climb_rate_max_m_s),
         altitude_min=_scalar(limits.altitude_min_m),
         altitude_max=_scalar(limits.altitude_max_m),
+        load_factor_max=_scalar(limits.load_factor_max),
     )
 
 
@@ -250,4 +251,5 @@ def _flight_limits(scenario: Scenario) -> FlightLimits:
         load_factor_min=_scalar(limits.load_factor_min),
         load_factor_max=_scalar(limits.load_factor_max),
         rates_max=jnp.asarray([math.radians(x) for x in _RATES_MAX_DEG_S]),
+        altitude_min=_scalar(limits.altitude_min_m),
     )

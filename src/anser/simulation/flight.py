@@ -11,9 +11,11 @@ from anser.control import (
     AutopilotState,
     FlightLimits,
     follow,
+    ground_clearance,
     hold,
     hold_point,
     initial_autopilot_state,
+    levelled_off,
     make_plant,
     velocity_control,
 )
@@ -37,7 +39,7 @@ from anser.simulation.motion import advance
 from anser.simulation.planned_hold import PlannedHolds, each_alone, hold_reference
 from anser.simulation.record import APPROACH, FROZEN, HOLD, Moment, record
 from anser.simulation.sensing import Sensed, sense
-from anser.simulation.status import AT_GROUND, FLYING, NO_TRIM, NOT_FINITE
+from anser.simulation.status import AT_GROUND, BROKE_OFF, FLYING, NO_TRIM, NOT_FINITE
 from anser.simulation.trim import EXCESS_NOISE, TrimPoint, solve_trim
 from anser.spatial import rotate_back
 
@@ -255,9 +257,14 @@ def _fly_one(
     state, now, settings = own.state, own.now, fleet.guidance
     earth, scale = environment.earth, now.earth.chart_scale
     velocity_n, wind_n = scale * _velocity_n(now, state), scale * now.wind_n
+    plant = make_plant(own.airframe, own.limits, own.gains, state, now, own.autopilot, now.earth.gravity, step)
+    clearance = ground_clearance(plant, -state.position_n[2], _velocity_n(now, state)[2])
+    broke_off = (own.status == BROKE_OFF) | clearance.lost
+    phase = jnp.where(broke_off, HOLD, phase)
     planned = follow(own.trajectory, time, state.position_n, velocity_n, wind_n, settings)
     relative_n = state.position_n - own.sensed.goal_position_n
-    height = -own.rendezvous.stand_off_n[2]
+    # where the rendezvous lies below the least altitude the hold does not
+    height = jnp.maximum(-own.rendezvous.stand_off_n[2], own.limits.altitude_min + own.sensed.goal_position_n[2])
     if own.holds is not None:
         circle = own.holds.circles
         height = circle.height
@@ -277,11 +284,13 @@ def _fly_one(
         seen = own.sensed.goal_position_n, own.sensed.goal_velocity_n
         ahead, foreseen = hold_reference(own.holds, time, *seen, fleet.speed)
         followed = follow(ahead, time, state.position_n, velocity_n, wind_n, settings), ahead.position_n(time)
-        held, circle_n = jax.tree.map(lambda a, b: jnp.where(foreseen, a, b), followed, (held, circle_n))
+        on_it = foreseen & ~broke_off  # whoever broke off is not where its hold begins
+        held, circle_n = jax.tree.map(lambda a, b: jnp.where(on_it, a, b), followed, (held, circle_n))
     command = jax.tree.map(lambda a, b: jnp.where(phase == HOLD, a, b), held, planned)
     if not isinstance(earth, FlatEarth):  # there the chart's rates are the velocities
         command = rescaled(command, 1.0 / scale)
-    plant = make_plant(own.airframe, own.limits, own.gains, state, now, own.autopilot, now.earth.gravity, step)
+    level = levelled_off(command, plant, clearance)
+    command = jax.tree.map(lambda a, b: jnp.where(phase == HOLD, a, b), level, command)
     controls, signals, autopilot = velocity_control(plant, own.autopilot, command)
     to_goal_n, _ = earth.sight(state.position_n, own.goal_n, jnp.zeros(3))
     to_rendezvous_n, _ = earth.sight(state.position_n, own.goal_n + own.rendezvous.stand_off_n, jnp.zeros(3))
@@ -312,7 +321,8 @@ def _fly_one(
     after = advance(own.airframe, environment, time, own.moving, controls, step)
     finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves((after, autopilot))]))
     grounded = seen_state(environment, after).position_n[2] >= 0.0
-    event = jnp.where(~finite, NOT_FINITE, jnp.where(grounded, AT_GROUND, own.status)).astype(own.status.dtype)
+    aloft = jnp.where(broke_off, BROKE_OFF, own.status)
+    event = jnp.where(~finite, NOT_FINITE, jnp.where(grounded, AT_GROUND, aloft)).astype(own.status.dtype)
     status = jnp.where(own.stopped, own.status, event)
     stay = own.stopped | ~finite | grounded
     after, autopilot = jax.tree.map(
@@ -346,21 +356,23 @@ def step_flight(flight: Flight, carry: FlightState) -> tuple[FlightState, dict[s
     frozen = time >= carry.plan.arrival_times - timing.freeze
     on_time = (timing.replan_steps > 0) & (carry.step_index % jnp.maximum(timing.replan_steps, 1) == 0)
 
+    out = carry.stopped | (carry.status == BROKE_OFF)
+
     def renewed() -> tuple[FleetPlan | CertifiedPlan, Count, PlannedHolds | None]:
         if isinstance(carry.plan, CertifiedPlan) and fleet.certified is not None:
-            own, settings = travellers(fleet, aircraft, now, sensed, carry.stopped), fleet.certified
+            own, settings = travellers(fleet, aircraft, now, sensed, out), fleet.certified
             made = renew_certified(
                 carry.plan, time, own, settings.airspace, settings.movable, timing.freeze, settings.latest
             )
             return made.plan, made.how, _renewed_holds(fleet, carry.holds, own, made, time)
         if isinstance(carry.plan, FleetPlan):
             tasks = planning_tasks(
-                fleet, time, aircraft, now, sensed, carry.flown, carry.deceleration, carry.plan.speed, carry.stopped
+                fleet, time, aircraft, now, sensed, carry.flown, carry.deceleration, carry.plan.speed, out
             )
             return renew(carry.plan, time, tasks, carry.sides, fleet.even_speed), carry.renewal, None
         raise ValueError("a certified plan is flown by a fleet with settings of the certified planner")
 
-    due = on_time & ~jnp.all(frozen | carry.stopped)
+    due = on_time & ~jnp.all(frozen | out)
     plan, renewal, holds = jax.lax.cond(due, renewed, lambda: (carry.plan, carry.renewal, carry.holds))
     phase = jnp.where(time >= plan.arrival_times, HOLD, jnp.where(frozen, FROZEN, APPROACH))
     status = jnp.where(carry.status == FLYING, plan.statuses.astype(carry.status.dtype), carry.status)

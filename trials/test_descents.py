@@ -1,0 +1,28 @@
+"""A hundred random tasks of descending arrivals, flown with the published planner: none may reach the ground.
+
+Not part of the ordinary tests (a few of the tasks are: tests/simulation/test_descents.py). It takes a quarter of an
+hour or so; every task is printed with its verdict, and at the end the plans that were announced as not flyable by reason.
+"""
+
+from collections import Counter
+
+from anser.planning import LIMIT_MESSAGES, PLAN_MESSAGES
+from support.descents import flown_descent
+
+SEEDS = range(100)
+
+
+def test_none_of_a_hundred_reaches_the_ground():
+    fates, reasons, refused = Counter(), Counter(), 0
+    for seed in SEEDS:
+        found = flown_descent(seed)
+        print(found, flush=True)
+        fates.update(found["status"])
+        reasons.update(found["problems"])
+        refused += bool(found["problems"])
+        assert set(found["problems"]) <= {*LIMIT_MESSAGES, *PLAN_MESSAGES}
+        assert not found["met"] or set(found["status"]) == {"arrived"}
+    print(f"{refused} of {len(SEEDS)} plans announced as not flyable; aircraft by reason:")
+    for counted in (reasons, fates):
+        print("\n".join(f"{count:4d}  {words}" for words, count in counted.most_common()), end="\n\n")
+    assert not any("reached the ground" in words for words in fates)
