@@ -38,6 +38,7 @@ from anser.spatial.wgs84 import (
     flat_stretch,
     geodetic_from_ecef,
     geodetic_from_flat,
+    places_from_flat,
     radii_of_curvature,
 )
 from anser.spatial.wind_axes import (
@@ -69,6 +70,7 @@ __all__ = [
     "ned_from_ecef_point",
     "normalize",
     "path_angles",
+    "places_from_flat",
     "quaternion_derivative",
     "quaternion_from_euler",
     "quaternion_from_rotation",

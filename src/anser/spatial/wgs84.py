@@ -4,6 +4,7 @@ A sphere is an ellipsoid without flattening. Source: theory section 1, [WGS84].
 """
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 
 from anser.constants import WGS84_A_M, WGS84_F
@@ -143,6 +144,10 @@ def geodetic_from_flat(
         jnp.asarray(reference_longitude) + east,
         jnp.asarray(reference_height) - position_n[2],
     )
+
+
+places_from_flat = jax.jit(geodetic_from_flat)
+"""`geodetic_from_flat`, compiled, for places recorded of a flight: the first axis is NED, others may follow."""
 
 
 def flat_from_geodetic(

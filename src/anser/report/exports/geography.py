@@ -5,12 +5,11 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
-import jax
 import numpy as np
 import xarray as xr
 from scipy.spatial.transform import Rotation
 
-from anser.spatial import geodetic_from_flat
+from anser.spatial import places_from_flat
 
 __all__ = ["NEEDED_VARIABLES", "Track", "aircraft_track", "attitude_fixed", "goal_tracks", "rendezvous_track", "stamp"]
 
@@ -111,8 +110,5 @@ def _track(dataset: xr.Dataset, name: str, columns: list[np.ndarray], wanted: np
 def _geodetic_deg(dataset: xr.Dataset, north: np.ndarray, east: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Longitude and latitude (deg) of places on the chart of the flight, as its own aircraft have them."""
     reference = [np.radians(float(dataset.attrs[f"reference_{name}_deg"])) for name in ("latitude", "longitude")]
-    latitude, longitude, _ = _geodetic(np.stack([north, east, np.zeros_like(north)]), *reference, 0.0)
+    latitude, longitude, _ = places_from_flat(np.stack([north, east, np.zeros_like(north)]), *reference, 0.0)
     return 180.0 - np.mod(180.0 - np.degrees(longitude), 360.0), np.degrees(latitude)
-
-
-_geodetic = jax.jit(geodetic_from_flat)
