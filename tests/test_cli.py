@@ -75,7 +75,7 @@ def test_when_an_aircraft_stopped_is_told(anser, tmp_path, monkeypatch):
     dataset, summary = make_flight()
     dataset["status"][dataset["time"].values >= 75.2 - 1e-6, 1] = AT_GROUND
     summary["aircraft"][1]["status"] = STATUS_MESSAGES[AT_GROUND]
-    planned = SimpleNamespace(problems=tuple)
+    planned = SimpleNamespace(problems=tuple, notes=tuple)
     flown = SimpleNamespace(
         dataset=dataset, summary=summary, met=False, planned=planned, write_into=lambda folder: (folder / "x").touch()
     )
