@@ -115,7 +115,7 @@ def test_the_plan_follows_a_goal_that_turns_and_says_how(flown):
 def test_one_that_has_stopped_is_planned_without(flown):
     """The first stands still from the start on: its boat's turn is no longer a reason to plan anew."""
     planned, count = flown.planned, 2
-    state = begin(planned.flight, planned.ready, planned.plan, jnp.zeros(count))
+    state = begin(planned.flight, planned.ready, planned.plan, jnp.zeros(count), planned.holds)
     first = jnp.arange(count) == 0
     stopped = eqx.tree_at(
         lambda s: (s.stopped, s.status), state, (first, jnp.where(first, AT_GROUND, state.status).astype(jnp.int32))

@@ -91,6 +91,7 @@ def _planned(valid=(True, True, True)):
         plan=plan,
         travellers=types.SimpleNamespace(limits=asked, active=jnp.array([1.0, 1.0, 0.0])),
         airspace=types.SimpleNamespace(gravity=jnp.asarray(9.81)),
+        holds=None,
     )
 
 

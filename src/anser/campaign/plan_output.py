@@ -28,6 +28,7 @@ from anser.results import (
 )
 from anser.scenario import Scenario
 from anser.scenario.schema_goal import Goal
+from anser.simulation import PlannedHolds
 
 
 class CertifiedPlanned(Protocol):
@@ -51,6 +52,11 @@ class CertifiedPlanned(Protocol):
     @property
     def airspace(self) -> Airspace:
         """What they share."""
+        ...
+
+    @property
+    def holds(self) -> PlannedHolds | None:
+        """What they fly after their arrivals."""
         ...
 
 
@@ -148,8 +154,22 @@ def record_certified(planned: CertifiedPlanned, notes: tuple[str, ...] = ()) -> 
         bounds={key: np.asarray(values) for key, values in bounds.items()},
         separation_bound=room if math.isfinite(room) else None,
         keep_out_bounds_m=np.asarray(found.closed_room) if scenario.keep_out else None,
+        **_holds(planned.holds, rows),
     )
     return _recorded(scenario, made.paths, np.asarray(made.arrival_times), planned.airspace.gravity, facts)
+
+
+def _holds(holds: PlannedHolds | None, rows: np.ndarray) -> dict[str, Any]:
+    """What is told of the holds of some aircraft."""
+    if holds is None:
+        return {}
+    room = float(np.min(np.asarray(holds.room)[:, rows]))
+    return {
+        "hold_radii_m": np.asarray(holds.circles.radius)[rows],
+        "hold_turns": np.asarray(holds.circles.turn)[rows],
+        "hold_heights_m": np.asarray(holds.circles.height)[rows],
+        "hold_separation_bound": room if math.isfinite(room) else None,
+    }
 
 
 def _recorded(

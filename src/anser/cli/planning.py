@@ -179,6 +179,8 @@ def _apart(summary: dict[str, Any]) -> list[str]:
             f"closest by the separation ({words}): {' and '.join(asked['pair'])} at {asked['time_s']:.2f} s, "
             f"{asked['horizontal_m']:.0f} m in the plane and {asked['vertical_m']:.0f} m in altitude"
         )
+    if asked is not None and asked.get("hold_bound_ratio") is not None:
+        lines.append(f"holds: at least {asked['hold_bound_ratio']:.2f} times the separation, until the flight ends")
     if least["pair"] is not None:
         required = "" if least["required_m"] is None else f" ({least['required_m']:g} m required)"
         lines.append(

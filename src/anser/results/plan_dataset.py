@@ -109,6 +109,9 @@ def _add_paths(data: dict[str, Any], samples: PlanSamples, facts: PlanFacts) -> 
     for name, values, unit, words in (
         ("nominal_length_m", facts.nominal_lengths_m, "m", "Length of the path without its bend"),
         ("turn_use", facts.turn_use, "1", "Turn rate over that of the greatest bank angle"),
+        ("hold_radius_m", facts.hold_radii_m, "m", "Radius of the hold"),
+        ("hold_turn", facts.hold_turns, "1", "Sense of the hold's turn, 1: right, -1: left"),
+        ("hold_height_m", facts.hold_heights_m, "m", "Height of the hold over the goal"),
     ):
         if values is not None:
             data[name] = ("aircraft", values, attributes_of(unit, words))
@@ -170,4 +173,6 @@ def _attributes(facts: PlanFacts) -> dict[str, Any]:
         found["distance_limit_m"] = facts.distance_min_m
     if facts.separation_bound is not None:
         found["separation_bound"] = facts.separation_bound
+    if facts.hold_separation_bound is not None:
+        found["hold_separation_bound"] = facts.hold_separation_bound
     return found | {f"version_{name}": version for name, version in versions().items()}

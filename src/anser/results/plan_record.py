@@ -134,6 +134,11 @@ class PlanFacts:
     lengths_m, nominal_lengths_m, turn_use
         Lengths of the paths through the air, in space, and without their bends, and turn rate as a part of that of the
         greatest bank angle, where a planner tells them.
+    hold_radii_m, hold_turns, hold_heights_m
+        Circles of the holds, their sense (positive: right) and their height over the goals, where a planner chooses
+        them.
+    hold_separation_bound
+        Proven least ratio of distance to separation from the first arrival of two to the end of the flight.
     level_off_m
         Where the hold ends the descent with which each path arrives, altitude, where a planner tells it.
     problems
@@ -162,5 +167,9 @@ class PlanFacts:
     nominal_lengths_m: np.ndarray | None = None
     turn_use: np.ndarray | None = None
     level_off_m: np.ndarray | None = None
+    hold_radii_m: np.ndarray | None = None
+    hold_turns: np.ndarray | None = None
+    hold_heights_m: np.ndarray | None = None
+    hold_separation_bound: float | None = None
     problems: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()

@@ -74,6 +74,9 @@ def _aircraft(dataset: xr.Dataset, k: int, name: str, margins: dict[str, np.ndar
         "speed_max_m_s": of("airspeed_max_m_s"),
     }
     row |= {key: of(key) for key in ("nominal_length_m", "turn_use") if key in dataset}
+    if "hold_radius_m" in dataset:
+        sense = "right" if dataset["hold_turn"].values[k] > 0.0 else "left"
+        row["hold"] = {"direction": sense, "radius_m": of("hold_radius_m"), "height_m": of("hold_height_m")}
     row["limits"] = []
     for limit in PLAN_LIMITS:
         if not np.isfinite(dataset[f"limit_{limit.name}"].values[k]):
@@ -112,6 +115,8 @@ def _separation(dataset: xr.Dataset, names: list[str]) -> dict[str, Any] | None:
     found = {"horizontal_asked_m": asked, "vertical_asked_m": of["separation_vertical_m"], **least, "margin_m": margin}
     if "separation_bound" in of:
         found["bound_ratio"] = _number(of["separation_bound"])
+    if "hold_separation_bound" in of:
+        found["hold_bound_ratio"] = _number(of["hold_separation_bound"])
     return found
 
 
