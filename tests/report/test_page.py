@@ -11,6 +11,7 @@ from anser.report import write_comparison, write_report
 from anser.report.comparison import scenario_differences
 from anser.report.opening import answer
 from anser.report.page import _SCRIPTS, _asset
+from support.made_flight import make_flight
 
 EVIL = "</script><script>alert(1)</script>"
 

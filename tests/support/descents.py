@@ -7,6 +7,8 @@ import anser
 _START_MAX_M = 15_000.0
 _NEAREST = 0.25  # of that distance
 _DESCENT_MAX_M = 5_000.0
+MILD = 100
+"""Seed from which on the aircraft come from like distances, descend by 2.5 km at most and start toward their goals."""
 
 
 def descending_task(seed, duration_s=220.0):
@@ -36,7 +38,10 @@ def descending_task(seed, duration_s=220.0):
         up = rng.uniform(150.0, 600.0)
         distance, bearing = _START_MAX_M * np.sqrt(rng.uniform(_NEAREST**2, 1.0)), rng.uniform(0.0, 360.0)
         descent = rng.uniform(0.0, _DESCENT_MAX_M)
-        course = bearing + 180.0 + rng.uniform(-60.0, 60.0)
+        aside = rng.uniform(-60.0, 60.0)
+        if seed >= MILD:
+            distance, descent, aside = 10_000.0 + distance / 3, descent / 2, aside / 4
+        course = bearing + 180.0 + aside
         lines += [
             "[[aircraft]]",
             f'name = "aircraft-{k + 1}"',

@@ -156,8 +156,8 @@ def hold(
 def _eased(command: PathCommand, velocity_air_n: Vector3) -> PathCommand:
     """Command whose path angle asks for no more than half a g of pull or push at once; its level speed stays.
 
-    The path angle loop turns an error e into an acceleration V e / (1 s) normal to the path, at the present airspeed: an
-    arrival that is faster than its hold must not be asked for a steeper descent where it is to level off.
+    The path angle loop turns an error e into an acceleration V e / (1 s) normal to the path, at the present airspeed:
+    an arrival that is faster than its hold must not be asked for a steeper descent where it is to level off.
     """
     present = polar(velocity_air_n, jnp.zeros(3))
     most = _PULL_MAX / jnp.maximum(present.V, 1.0)

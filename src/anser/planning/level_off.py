@@ -62,8 +62,8 @@ def pull_needed(speed: ScalarLike, sink: ScalarLike, bank: ScalarLike, room: Sca
     speed, sink, bank
         As for `level_off_height`.
     room
-        Height that is left, m; where nothing is left the pull is that of an arc as short as what is fallen in a third of
-        a second, and 1 m.
+        Height that is left, m; where nothing is left the pull is that of an arc as short as what is fallen in a third
+        of a second, and 1 m.
     """
     down = jnp.maximum(sink, 0.0)
     time = REACTION_S + jnp.abs(bank) / ROLL_RATE_RAD_S
