@@ -19,7 +19,7 @@ from anser.planning import coordinate
 from anser.results import read_netcdf
 from anser.scenario import ScenarioError, build_flight, loads
 from anser.simulation import STATUS_MESSAGES, sense
-from anser.simulation.flight import planning_tasks
+from anser.simulation.start import planning_tasks
 from anser.spatial import rotate_back
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"

@@ -3,16 +3,7 @@
 from anser.simulation.broken_loop import BREAKPOINTS, HELD_BACK, MemoryFields, loop_memory
 from anser.simulation.dispersed_flight import Reading, Readings, dispersed_flight, steady_readings
 from anser.simulation.fleet import CertifiedFleet, Fleet, Flight, FlightState, Timing
-from anser.simulation.flight import (
-    SEGMENT_STEPS,
-    Ready,
-    begin,
-    fly_segment,
-    make_ready,
-    start_flight,
-    step_flight,
-    travellers,
-)
+from anser.simulation.flight import SEGMENT_STEPS, fly_segment, step_flight
 from anser.simulation.flight_summary import AUTOPILOT_LIMITS, BETA_BOUND, TABLE_AXES, FlightSummary
 from anser.simulation.hold_assignment import assign_holds
 from anser.simulation.linearize_inversion import InversionPole, inversion_poles
@@ -24,6 +15,7 @@ from anser.simulation.motion import advance
 from anser.simulation.planned_hold import PlannedHolds, cells_for
 from anser.simulation.response import Loop, Response, step_response
 from anser.simulation.sensing import Sensed, sense
+from anser.simulation.start import Ready, begin, make_ready, start_flight, travellers
 from anser.simulation.status import FLYING, NO_TRIM, STATUS_MESSAGES
 from anser.simulation.survey import survey_flight
 from anser.simulation.survey_trim import TRIM_STOPS, MapPoint, map_point
