@@ -18,8 +18,8 @@ from anser.planning import coordinate
 from anser.results import read_netcdf
 from anser.scenario import ScenarioError, build_flight, loads
 from anser.simulation import STATUS_MESSAGES, sense
-from anser.simulation.status import AT_GROUND
 from anser.simulation.flight import planning_tasks
+from anser.simulation.status import AT_GROUND
 from anser.spatial import rotate_back
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
