@@ -1,4 +1,4 @@
-"""A hundred random tasks of descending arrivals, and fifty milder ones, by the published planner: none may crash.
+"""A hundred random tasks and fifty milder ones: descending arrivals, planned as published; none may reach the ground.
 
 Not part of the ordinary tests (a few of the tasks are: tests/simulation/test_descents.py). It takes a quarter of an
 hour or so; every task is printed with its verdict, and at the end what the plans were announced as, by reason.
