@@ -7,7 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.campaign.execute import _segment, _start
+from anser.campaign.execute import _segment
+from anser.campaign.planned import _start
 from anser.control.ground_clearance import ERROR_ALLOWED_M
 from anser.scenario import build_flight, load
 from anser.simulation.status import AT_GROUND, BROKE_OFF, FLYING

@@ -8,7 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.campaign.execute import _segment, _start
+from anser.campaign.execute import _segment
+from anser.campaign.planned import _start
 from anser.scenario import build_flight, load, loads
 from anser.simulation.status import AT_GROUND, NO_TRIM
 

@@ -58,11 +58,12 @@ def renewed(plan, travellers, movable=YES):
     return made.plan, int(made.how)
 
 
-def check_row(one, other, k):
-    """One aircraft's part of two plans, their certificates aside."""
-    parts = [(p.paths, p.arrival_times, p.lengths, p.turned, p.speeds) for p in (one, other)]
+def check_row(one, other, k, flown=0.0):
+    """One aircraft's part of two plans, their certificates aside; the other had `flown` metres more before it."""
+    parts = [(p.paths, p.arrival_times, p.turned, p.speeds) for p in (one, other)]
     for a, b in zip(*map(jax.tree.leaves, parts), strict=True):
         np.testing.assert_array_equal(a[k], b[k])
+    np.testing.assert_allclose(one.lengths[k], other.lengths[k] - flown, atol=1e-6)
 
 
 STOPPED = (1.0, 1.0, 0.0)
@@ -77,8 +78,8 @@ def test_one_that_flies_on_in_the_way_and_below_its_least_speed_is_no_good_plan(
 def test_once_it_has_stopped_the_plan_of_the_others_goes_on(plan):
     again, how = renewed(plan, fleet(STOPPED))
     assert how == CORRECTED
-    for k in range(3):
-        check_row(again, plan, k)
+    for k, flown in enumerate((NOW * SPEEDS[0], NOW * SPEEDS[1], 0.0)):  # who has stopped has no way left to count
+        check_row(again, plan, k, flown)
     assert np.all(again.good[:2])
 
 
