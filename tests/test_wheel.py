@@ -44,7 +44,7 @@ def _run(*words, **options):
 def installed(tmp_path_factory):
     """The command of a fresh environment, and what runs it: nothing of this one's paths and flags."""
     folder = tmp_path_factory.mktemp("wheel")
-    version, python = _newest_python()
+    _, python = _newest_python()
     environment = {
         key: value
         for key, value in os.environ.items()
@@ -66,12 +66,11 @@ def installed(tmp_path_factory):
     def call(*words):
         return _run(folder / "env" / "bin" / "anser", *words, env=environment, cwd=folder)
 
-    call.version, call.folder = version, folder
+    call.folder = folder
     return call
 
 
 def test_the_wheel_plans_and_flies_the_starter_scenario(anser):
-    assert anser.version >= sys.version_info[:2]
     anser("new", "mine.toml")
     planned = json.loads(anser("plan", "mine.toml", "--json"))
     anser("run", "mine.toml", "--out", "flown", "--quiet")

@@ -30,7 +30,9 @@ from anser.simulation import (
 
 _ready = compiled_quickly(make_ready)
 _holds = compiled_quickly(assign_holds)
-_SAME_SPEED = 1e-3  # parts of the fleet's speed that nobody needs to be told of
+SAME_SPEED = 1e-3
+"""Part of the fleet's speed that nobody needs to be told of."""
+
 
 NOT_PROVEN = "nothing proves that it keeps its limits, the separation and the keep-outs"
 """Message of a path that the certified planner delivers without a proof."""
@@ -105,7 +107,7 @@ class CertifiedPlanned:
         if self.outcome.plan is None:
             return ()
         asked_m_s, found_m_s = self.scenario.fleet.speed_m_s, np.asarray(self.plan.lengths / self.plan.arrival_times)
-        others = np.flatnonzero(np.abs(found_m_s / asked_m_s - 1.0) > _SAME_SPEED)
+        others = np.flatnonzero(np.abs(found_m_s / asked_m_s - 1.0) > SAME_SPEED)
         if not others.size:
             return ()
         names = ", ".join(f"{self.scenario.aircraft[k].name} {found_m_s[k]:.1f} m/s" for k in others)

@@ -10,7 +10,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from anser.campaign.certified import CertifiedPlanned, plan_certified, plan_in_words
+from anser.campaign.certified import SAME_SPEED, CertifiedPlanned, plan_certified, plan_in_words
 from anser.campaign.untrimmable import refuse_untrimmable
 from anser.compilation_cache import enable_compilation_cache
 from anser.numerics import compiled_quickly
@@ -22,7 +22,6 @@ from anser.simulation import STATUS_MESSAGES, Flight, FlightState, TrimPoint, st
 
 _start = compiled_quickly(start_flight)
 _separation = eqx.filter_jit(separation_min)
-_SAME_SPEED = 1e-3  # parts of the fleet's speed that nobody needs to be told of
 _SAME_WIND_M_S = 0.5
 
 
@@ -78,7 +77,7 @@ class Planned:
     def notes(self) -> tuple[str, ...]:
         """Where the plan differs from the scenario's words, one sentence each: mean airspeed, wind."""
         found, asked_m_s, speed_m_s = [], self.scenario.fleet.speed_m_s, float(self.plan.speed)
-        if speed_m_s > asked_m_s * (1.0 + _SAME_SPEED):
+        if speed_m_s > asked_m_s * (1.0 + SAME_SPEED):
             farthest = self.scenario.aircraft[int(self.plan.farthest)].name
             found.append(
                 f"the plan's mean airspeed is {speed_m_s:.1f} m/s instead of fleet.speed_m_s = {asked_m_s:g} m/s: "

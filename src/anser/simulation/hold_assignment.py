@@ -24,7 +24,8 @@ _RADII = (1.0, 1.5, 2.25)  # of the scenario's, besides the tightest
 _TIGHT = 1.2  # times the radius of the tightest turn over the ground
 _LEVELS = (0.0, 1.0, 2.0, 3.0)  # heights above the rendezvous, in units of the vertical separation
 _SPACE = 1.1  # of the vertical separation between two levels
-_OFF_GOAL_M, _OFF_GOAL_KEPT = 150.0, 0.99  # from the goal, m, or the stand-off where that is less; for errors of flight
+_OFF_GOAL_M = 150.0  # the least distance from a goal on the surface; or the stand-off, where that is less
+_SAME_PLACE_M = 1e-3  # by which a hold that begins at the stand-off itself may be nearer, for rounding
 _ROUNDING = 1e-7  # of the separation
 _OPTIONS = (len(_RADII) + 1) * 2 * len(_LEVELS)
 
@@ -169,7 +170,7 @@ def assign_holds(
         after = eqx.tree_at(lambda t: t.counted, whole, jnp.where(holding, own.active, 0.0))
         closed_room = keep_out_room(after, times, volumes) if volumes.radius.shape[0] else jnp.zeros(0)
         goal_n = own.goal_position_n[None, :] + (times - start_time)[:, None] * own.goal_velocity_n[None, :]
-        least = _OFF_GOAL_KEPT * jnp.minimum(safe_norm(own.rendezvous.stand_off_n), _OFF_GOAL_M)
+        least = jnp.minimum(safe_norm(own.rendezvous.stand_off_n) - _SAME_PLACE_M, _OFF_GOAL_M)
         off_goal = jnp.all((jax.vmap(safe_norm)(places - goal_n) >= least) | (times <= arrival))
         low_high = slice(CERTIFIED_LIMITS.index("least altitude"), CERTIFIED_LIMITS.index("greatest altitude") + 1)
         level = jnp.all(excess(bounds, own.limits)[low_high] <= _ROUNDING)
