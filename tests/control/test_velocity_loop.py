@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from control_cases import AIRFRAME, DEGREE, QUICK, environment_of, flights, motion_of, setting_of, state_of, vectors
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from anser.control import attitude_demand, default_limits, thrust_demand
@@ -223,13 +223,18 @@ def test_in_a_turn_the_path_is_pushed_down_no_faster_than_leaves_half_a_g(up_g):
 
 @modest
 @given(st.floats(75.0, 130.0), st.floats(0.05, 0.6), st.floats(-0.05, 0.15), st.sampled_from([1.0, -1.0]))
+@example(75.0, 0.25, -0.03125, 1.0)  # a path bent down leaves lift for more bank than level flight does
 def test_no_more_bank_is_asked_for_than_the_lift_can_hold(V, chi_dot, gamma_dot, side):
-    """At the bank that is asked for, 0.9 of the lift at alpha_max holds the path level: the limit on alpha is not hit."""
+    """At the bank that is asked for, 0.9 of the lift at alpha_max holds the path level, or bends it down as was wanted.
+
+    The limit on alpha is not hit then. Down no faster than a turn allows: half a g upward is left to turn with.
+    """
     x = LEVEL.copy()
     x[0] = V
     demand = attitude_case(jnp.asarray(x), gamma_dot, side * chi_dot)[0]
     x[3] = demand.angles[0]
-    held = attitude_case(jnp.asarray(x), 0.0, side * chi_dot)[0]
+    down = np.clip(gamma_dot, -0.499 * G / V, 0.0)
+    held = attitude_case(jnp.asarray(x), down, side * chi_dot)[0]
     assume(float(held.angles[0]) != 0.0)  # slower than the stall at 0.9 of the lift: no bank at all
     assert not held.alpha_saturated
     assert held.angles[1] < LIMITS.alpha_max
