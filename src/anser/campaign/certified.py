@@ -3,8 +3,8 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import cast
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
@@ -12,24 +12,22 @@ from anser.campaign.refusal import explain, explain_unheld
 from anser.campaign.untrimmable import refuse_untrimmable
 from anser.compilation_cache import enable_compilation_cache
 from anser.numerics import compiled_quickly
-from anser.planning.certified import Airspace, ArrivalRequest, CertifiedPlan, Outcome, Traveller, search
+from anser.planning.certified import Airspace, ArrivalRequest, CertifiedPlan, Outcome, Traveller
 from anser.results import turn_words
 from anser.scenario import Scenario, build_flight
 from anser.simulation import (
+    CertifiedPlanner,
+    CertifiedPlanState,
     Flight,
     FlightState,
     PlannedHolds,
-    Ready,
+    TrimmedFleet,
     TrimPoint,
-    assign_holds,
     begin,
-    cells_for,
-    make_ready,
-    travellers,
+    trimmed_fleet,
 )
 
-_ready = compiled_quickly(make_ready)
-_holds = compiled_quickly(assign_holds)
+_trimmed = compiled_quickly(trimmed_fleet)
 SAME_SPEED = 1e-3
 """Part of the fleet's speed that nobody needs to be told of."""
 
@@ -55,9 +53,9 @@ class CertifiedPlanned:
     scenario
         What was planned.
     flight
-        Its arrays, with the accelerations found at the start where the scenario leaves them out.
-    ready
-        The fleet at its start.
+        Its arrays.
+    fleet
+        The fleet trimmed at its start.
     outcome
         Of the search.
     travellers, airspace
@@ -70,7 +68,7 @@ class CertifiedPlanned:
 
     scenario: Scenario
     flight: Flight
-    ready: Ready
+    fleet: TrimmedFleet
     outcome: Outcome
     travellers: Traveller
     airspace: Airspace
@@ -93,7 +91,7 @@ class CertifiedPlanned:
     @property
     def trims(self) -> TrimPoint:
         """Steady flight of each aircraft at its start; leading axis aircraft."""
-        return self.ready.trims
+        return self.fleet.trims
 
     def problems(self) -> tuple[str, ...]:
         """Why there is no plan, or why it cannot be flown as it stands, one sentence each; empty where it can."""
@@ -119,7 +117,8 @@ class CertifiedPlanned:
 
     def begun(self) -> FlightState:
         """The fleet at its start, with the plan."""
-        return begin(self.flight, self.ready, self.plan, jnp.zeros(len(self.scenario.aircraft)), self.holds)
+        state = CertifiedPlanState(self.plan, jnp.asarray(0), self.holds, self.travellers.limits)
+        return begin(self.flight, self.fleet, state)
 
     def __repr__(self) -> str:
         arrivals = None if self.outcome.plan is None else np.asarray(self.outcome.plan.arrival_times)
@@ -148,23 +147,6 @@ def plan_in_words(
     first, last = (f"{float(end(arrivals_s)):.2f} s" for end in (np.min, np.max))
     when = f"all arrive at {last}" if first == last else f"arrivals from {first} to {last}"
     return "\n  ".join([head + when, *(f"not flyable: {one}" for one in problems), *(f"note: {one}" for one in notes)])
-
-
-def with_own_accelerations(flight: Flight, ready: Ready) -> Flight:
-    """The flight with the accelerations that the engine gives at the start, where none are prescribed.
-
-    The reserve that the other limits leave is not taken off: it is a plan's, and these change on the way.
-    """
-    certified = flight.fleet.certified
-    assert certified is not None
-    limits = certified.limits
-    own = (
-        jnp.where(jnp.isinf(limits.acceleration_max), jnp.maximum(ready.acceleration, 0.1), limits.acceleration_max),
-        jnp.where(jnp.isinf(limits.deceleration_max), jnp.maximum(ready.deceleration, 0.1), limits.deceleration_max),
-    )
-    return eqx.tree_at(
-        lambda f: (f.fleet.certified.limits.acceleration_max, f.fleet.certified.limits.deceleration_max), flight, own
-    )
 
 
 def arrival_request(scenario: Scenario) -> ArrivalRequest:
@@ -202,33 +184,19 @@ def plan_certified(scenario: Scenario, told: Callable[[str], None] = lambda what
     enable_compilation_cache()
     told("trimming (the first time, this compiles)")
     flight = build_flight(scenario)
-    ready = _ready(flight)
-    refuse_untrimmable(scenario, flight, ready.trims)
-    flight = with_own_accelerations(flight, ready)
-    certified = flight.fleet.certified
-    assert certified is not None
-    none_stopped = jnp.zeros(len(scenario.aircraft), dtype=bool)  # those without steady flight were refused
-    task = travellers(flight.fleet, ready.trims.state, ready.now, ready.sensed, none_stopped)
+    fleet = _trimmed(flight)
+    refuse_untrimmable(scenario, flight, fleet.trims)
+    planner = cast(CertifiedPlanner, flight.planner)
+    task = planner.travellers(fleet.reports, planner.limits_with(fleet.performance))
     request = arrival_request(scenario)
-    tried: list[tuple[CertifiedPlan, PlannedHolds]] = []
-
-    def after(plan: CertifiedPlan) -> np.ndarray:
-        told("choosing the holds")
-        until = scenario.timing.duration_s
-        shared = certified.airspace, flight.fleet.guidance
-        holds = _holds(plan.paths, task, *shared, 0.0, until, cells_for(until))
-        tried.append((plan, holds))
-        return ~np.asarray(holds.clear)
-
-    outcome = search(0.0, task, certified.airspace, request, told=told, after=after)
-    holds = next((holds for plan, holds in tried if plan is outcome.plan), None)
+    outcome, holds = planner.searched(0.0, task, request, scenario.timing.duration_s, told)
     refusals: tuple[str, ...] = ()
     if outcome.plan is None:
         told("looking for what stands in the way")
-        unheld = next((holds for plan, holds in tried if plan is outcome.unheld), None)
         refusals = (
-            explain(scenario, task, certified.airspace, request, outcome)
-            if unheld is None
-            else explain_unheld(scenario, task, unheld)
+            explain(scenario, task, planner.airspace, request, outcome)
+            if holds is None
+            else explain_unheld(scenario, task, holds)
         )
-    return CertifiedPlanned(scenario, flight, ready, outcome, task, certified.airspace, holds, refusals)
+        holds = None
+    return CertifiedPlanned(scenario, flight, fleet, outcome, task, planner.airspace, holds, refusals)

@@ -9,11 +9,13 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
 from anser.campaign.certified import CertifiedPlanned, NoPlanError
 from anser.campaign.planned import Planned, plan
+from anser.planning.rendezvous import AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M
 from anser.report import write_report
 from anser.results import (
     FlightFacts,
@@ -26,8 +28,7 @@ from anser.results import (
     write_summary,
 )
 from anser.scenario import Scenario
-from anser.scenario.schema_checks import AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M
-from anser.simulation import SEGMENT_STEPS, STATUS_MESSAGES, fly_segment
+from anser.simulation import SEGMENT_STEPS, STATUS_MESSAGES, fly
 
 CLEARANCE_MIN_M = {"surface": SURFACE_STAND_OFF_MIN_M, "airborne": AIRBORNE_STAND_OFF_MIN_M}
 """Least distance from a goal of each kind: the product's scope, whatever a scenario says."""
@@ -38,7 +39,7 @@ _FILES = ("flight.nc", "summary.json", "report.html")
 Progress = Callable[[str, float], None]
 """Called with what is being done and how much of the flight is behind, 0 to 1."""
 
-_segment = eqx.filter_jit(fly_segment)
+_segment = eqx.filter_jit(fly)
 
 
 @dataclass(frozen=True, repr=False)
@@ -146,7 +147,7 @@ def run(scenario: Scenario, progress: Progress | None = None) -> Flown:
     segments = []
     count = -(-(steps + 1) // SEGMENT_STEPS)
     for k in range(count):
-        state, history = _segment(flight, state)
+        state, _, history = _segment(flight, state, jnp.asarray(k * SEGMENT_STEPS, dtype=jnp.int32))
         segments.append(jax.tree.map(np.asarray, history))
         told("flying", (k + 1) / count)
     history = {key: np.concatenate([part[key] for part in segments])[: steps + 1] for key in segments[0]}

@@ -18,7 +18,16 @@ from anser.planning import LIMIT_MESSAGES, PLAN_MESSAGES, FleetPlan, LimitReport
 from anser.results import bend_words
 from anser.scenario import Scenario, build_flight, build_path_limits
 from anser.scenario.schema_aircraft import Aircraft
-from anser.simulation import STATUS_MESSAGES, Flight, FlightState, TrimPoint, start_flight
+from anser.simulation import (
+    STATUS_MESSAGES,
+    Flight,
+    FlightState,
+    TrimmedFleet,
+    TrimPoint,
+    start_flight,
+    statuses,
+)
+from anser.simulation.status import broken_off
 
 _start = compiled_quickly(start_flight)
 _separation = eqx.filter_jit(separation_min)
@@ -40,8 +49,8 @@ class Planned:
         What was planned.
     state
         The fleet at its start, with the plan.
-    trims
-        Steady flight of each aircraft at its start; leading axis aircraft.
+    fleet
+        The fleet trimmed at its start.
     flight
         Its arrays.
     """
@@ -49,13 +58,17 @@ class Planned:
     scenario: Scenario
     flight: Flight
     state: FlightState
-    trims: TrimPoint
+    fleet: TrimmedFleet
 
     @property
     def plan(self) -> FleetPlan:
         """The plan itself."""
-        assert isinstance(self.state.plan, FleetPlan)
-        return self.state.plan
+        return self.state.planner.plan
+
+    @property
+    def trims(self) -> TrimPoint:
+        """Steady flight of each aircraft at its start; leading axis aircraft."""
+        return self.fleet.trims
 
     @property
     def refusals(self) -> tuple[str, ...]:
@@ -102,9 +115,10 @@ class Planned:
         found, duration_s = [], self.scenario.timing.duration_s
         if self.arrival_s >= duration_s:
             found.append(f"the fleet arrives at {self.arrival_s:.1f} s, the flight ends at {duration_s:g} s")
+        codes, stopped = (np.asarray(rows) for rows in statuses(self.flight, self.state))
         for k, aircraft in enumerate(self.scenario.aircraft):
-            status = int(self.state.status[k])
-            if bool(self.state.stopped[k]):
+            status = int(codes[k])
+            if stopped[k] or broken_off(status):
                 found.append(f'aircraft "{aircraft.name}": {STATUS_MESSAGES[status]}')
             elif int(self.plan.status[k]):
                 found.append(f'aircraft "{aircraft.name}": {PLAN_MESSAGES[int(self.plan.status[k])]}')
@@ -160,6 +174,6 @@ def plan(scenario: Scenario, told: Callable[[str], None] = lambda what: None) ->
         return plan_certified(scenario, told)
     told("planning (the first time, this compiles)")
     flight = build_flight(scenario)
-    state, trims = _start(flight)
-    refuse_untrimmable(scenario, flight, trims)
-    return Planned(scenario, flight, state, trims)
+    state, fleet = _start(flight)
+    refuse_untrimmable(scenario, flight, fleet.trims)
+    return Planned(scenario, flight, state, fleet)

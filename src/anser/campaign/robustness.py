@@ -31,7 +31,8 @@ from anser.environment import Environment, standard_environment
 from anser.results import judge, robustness_dataset
 from anser.scenario import load_airframe
 from anser.scenario.schema_gains import Gains
-from anser.simulation import FlightSummary, MapPoint, TrimPoint, TrimTarget, dispersed_flight, map_point, trim_target
+from anser.sensing import DelayedSensors, DirectEstimator
+from anser.simulation import FlightSummary, MapPoint, TrimPoint, TrimTarget, map_point, survey_flight, trim_target
 from anser.units import DEG_RAD
 
 __all__ = ["RobustnessStudy", "robustness_study"]
@@ -218,20 +219,19 @@ def _fly(
     nominal, environment, limits, size, tolerance = of
 
     def one(dispersion: F16Dispersion, delay: jax.Array, trim: TrimPoint, target: TrimTarget) -> FlightSummary:
-        return dispersed_flight(
+        return survey_flight(
             dispersed_f16(nominal, dispersion),
-            nominal,
             environment,
             gains,
             limits,
             trim,
             target,
-            delay,
             size,
             tolerance,
-            delay_max=DELAY_MAX_S,
-            step=step,
-            count=count,
+            step,
+            count,
+            DelayedSensors(delay, DELAY_MAX_S, step),
+            DirectEstimator(nominal),
         )
 
     return jax.vmap(one)(dispersions, delays, trims, targets)

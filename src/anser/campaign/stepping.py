@@ -19,16 +19,17 @@ from anser.control import AutopilotGains, FlightLimits, default_limits, publishe
 from anser.environment import Environment, standard_environment
 from anser.scenario import load_airframe
 from anser.scenario.schema_gains import Gains
+from anser.sensing import Instant
 from anser.simulation import (
     Loop,
     TrimPoint,
-    advance,
     nearest_trims,
     solve_trim,
     trim_target,
     trim_violations,
 )
-from anser.simulation.response import LoopCommand, control_loop, trimmed_memory
+from anser.simulation.recorder import AbstractRecorder, Moment
+from anser.simulation.response import loop_flight
 from anser.simulation.step_metrics import step_metrics
 from anser.spatial import bank_about_velocity, path_angles, rotate, rotate_back, rotation_from_quaternion
 from anser.variables import CATALOGUE
@@ -125,6 +126,23 @@ def _si(test: StepTest) -> list[float]:
     return [size / _VARIABLES[key].factor for size, key in zip(test.size, keys, strict=True)]
 
 
+class _StepRecorder(AbstractRecorder):
+    """Outputs of all loops and what they take, at each sample."""
+
+    every: int = eqx.field(static=True, default=1)
+
+    def init(self, aircraft: int) -> None:
+        """Nothing is kept."""
+
+    def take(self, memory: None, moment: Moment, instant: Instant) -> None:
+        """Nothing is kept."""
+
+    def row(self, moment: Moment, instant: Instant) -> dict[str, Array]:
+        """By the keys of the catalogue."""
+        outputs = _outputs(moment.truth.airframe, instant.environment, moment.truth.state)
+        return {**outputs, "throttle": jnp.asarray(moment.controls.throttle)}
+
+
 @eqx.filter_jit
 def _fly(
     airframe: AbstractAirframe,
@@ -137,24 +155,13 @@ def _fly(
     loop: Loop,
 ) -> dict[str, Float[Array, "tests steps"]]:
     """Fly a batch of steps: history by the keys of the catalogue, SI units and radians."""
-    memory_0 = trimmed_memory(trim)
     held = _outputs(airframe, environment, trim.state)
     before = jnp.stack([held[key] for key in CHANNEL_KEYS[loop].values()])
 
     def one(size: Float[Array, "3"]) -> dict[str, Array]:
-        command = LoopCommand(before + size, jnp.zeros(3), trim.controls.throttle)
-
-        def step(carry: tuple, k: Array) -> tuple[tuple, dict[str, Array]]:
-            state, memory = carry
-            time = k * STEP_S
-            controls, _, memory = control_loop(
-                airframe, environment, gains, limits, time, state, memory, command, STEP_S, loop
-            )
-            row = {**_outputs(airframe, environment, state), "throttle": jnp.asarray(controls.throttle)}
-            return (advance(airframe, environment, time, state, controls, STEP_S), memory), row
-
-        _, record = jax.lax.scan(step, (trim.state, memory_0), jnp.arange(count))
-        wanted = dict(zip(CHANNEL_KEYS[loop].values(), command.value, strict=True))
+        value = before + size
+        record = loop_flight(airframe, environment, gains, limits, trim, value, STEP_S, count, loop, _StepRecorder())
+        wanted = dict(zip(CHANNEL_KEYS[loop].values(), value, strict=True))
         commands = {f"{key}_command": jnp.full(count, value) for key, value in wanted.items()}
         return {**record, **{key: jnp.unwrap(record[key]) for key in _ANGLES_THAT_WRAP}, **commands}
 

@@ -1,6 +1,5 @@
 """Refusing starts without steady flight."""
 
-import jax
 import numpy as np
 
 from anser.scenario import Problem, Scenario, ScenarioError
@@ -12,8 +11,8 @@ def refuse_untrimmable(scenario: Scenario, flight: Flight, trims: TrimPoint) -> 
     """Refuse starts without steady flight: say which limit stops it and where the nearest trim points are."""
     problems = []
     for k in np.flatnonzero(~np.asarray(trims.converged) | (np.asarray(trims.excess) > EXCESS_NOISE)):
-        airframe, target = jax.tree.map(lambda leaf, k=k: leaf[k], (flight.fleet.airframes, flight.fleet.starts))
-        found = nearest_trims(airframe, flight.environment, target)
+        vehicle, target, _ = flight.aircraft(int(k))
+        found = nearest_trims(vehicle.airframe, flight.environment, target)
         aircraft, start = scenario.aircraft[k], scenario.aircraft[k].start
         asked = f"{start.speed_m_s:g} m/s at {start.altitude_m:g} m, path angle {start.path_angle_deg:g} deg"
         nearest = "; ".join(near.message() for near in found.nearest) or "none by speed, path angle or turn rate alone"

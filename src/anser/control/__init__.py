@@ -9,7 +9,17 @@ from anser.control.feedback import Differentiator, advanced_integral, brakeable,
 from anser.control.gain_design import SEPARATION_MIN, Separation, designed_gains, loop_bandwidth, separations
 from anser.control.gains import AutopilotGains, LoopGains, loop_gains, published_gains
 from anser.control.ground_clearance import GroundClearance, ground_clearance, levelled_off
-from anser.control.guidance import GuidanceSettings, follow, hold, hold_point
+from anser.control.guidance import (
+    FollowPlan,
+    GuidanceSettings,
+    chart_velocities,
+    follow,
+    hold,
+    hold_point,
+    over_ground,
+)
+from anser.control.interface import AbstractController, AbstractGuidance, signal_variables
+from anser.control.inversion import InversionAutopilot, Loop, LoopCommand
 from anser.control.limits import FlightLimits, default_limits
 from anser.control.memory import AutopilotState, initial_autopilot_state
 from anser.control.path_motion import PathMotion, path_motion
@@ -18,6 +28,8 @@ from anser.control.velocity_loop import AttitudeDemand, ThrustDemand, attitude_d
 
 __all__ = [
     "SEPARATION_MIN",
+    "AbstractController",
+    "AbstractGuidance",
     "AttitudeDemand",
     "Authority",
     "AutopilotGains",
@@ -27,8 +39,12 @@ __all__ = [
     "Differentiator",
     "Excitation",
     "FlightLimits",
+    "FollowPlan",
     "GroundClearance",
     "GuidanceSettings",
+    "InversionAutopilot",
+    "Loop",
+    "LoopCommand",
     "LoopGains",
     "PathMotion",
     "Plant",
@@ -41,6 +57,7 @@ __all__ = [
     "attitude_control",
     "attitude_demand",
     "brakeable",
+    "chart_velocities",
     "default_limits",
     "designed_gains",
     "follow",
@@ -54,10 +71,12 @@ __all__ = [
     "make_plant",
     "no_excitation",
     "nothing_beyond",
+    "over_ground",
     "path_motion",
     "published_gains",
     "rate_control",
     "separations",
+    "signal_variables",
     "surface_authority",
     "surface_moments",
     "thrust_demand",

@@ -6,6 +6,7 @@ of both. All are sampled once per step; their commands are held over it.
 
 import equinox as eqx
 import jax.numpy as jnp
+from jaxtyping import Array
 
 from anser.aircraft import Controls, angular_acceleration, moment_for_acceleration
 from anser.control.allocation import SurfaceDemand, allocate
@@ -51,6 +52,21 @@ class AutopilotSignals(eqx.Module):
     speed_limited: Flag
     rates_limited: Flag
     surfaces_limited: Flag
+
+    def variables(self) -> dict[str, Array]:
+        """For the record, keyed as in `anser.variables.CATALOGUE`."""
+        attitude = self.attitude
+        return {
+            "thrust_command": self.thrust.thrust,
+            **dict(zip(("bank_command", "alpha_command", "beta_command"), attitude.angles, strict=True)),
+            **dict(zip(("roll_rate_command", "pitch_rate_command", "yaw_rate_command"), self.rates_b, strict=True)),
+            "thrust_limited": self.thrust.saturated,
+            "lift_limited": attitude.alpha_saturated | attitude.lift_short | attitude.load_factor_short,
+            "bank_limited": attitude.bank_saturated,
+            "speed_limited": self.speed_limited,
+            "rates_limited": self.rates_limited,
+            "surfaces_limited": self.surfaces_limited,
+        }
 
 
 def rate_control(

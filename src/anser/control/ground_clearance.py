@@ -7,11 +7,14 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from anser.control.feedback import wrapped
-from anser.control.plant import Plant
+from anser.control.gains import LoopGains
+from anser.control.limits import FlightLimits
+from anser.control.path_motion import PathMotion, path_motion
 from anser.control.velocity_loop import LIFT_SHARE, lift_at
 from anser.planning import PathCommand
 from anser.planning.level_off import level_off_height, pull_needed
-from anser.shapes import Flag, Scalar, ScalarLike
+from anser.sensing import Belief, velocity_over_ground_n
+from anser.shapes import Flag, Scalar
 
 ERROR_ALLOWED_M = 30.0
 """How far below the least altitude the errors of flight may take an aircraft before it breaks off."""
@@ -34,25 +37,26 @@ class GroundClearance(eqx.Module):
         within what it can give, m/s^2; 0 for an aircraft that does not sink.
     normal_most
         Greatest acceleration normal to the path that lift and load factor give, m/s^2.
+    motion
+        What the aircraft does now.
     """
 
     height_needed: Scalar
     lost: Flag
     pull: Scalar
     normal_most: Scalar
+    motion: PathMotion
 
 
-def ground_clearance(plant: Plant, altitude: ScalarLike, sink: ScalarLike) -> GroundClearance:
-    """Look from the present motion down to the ground.
+def ground_clearance(belief: Belief, limits: FlightLimits) -> GroundClearance:
+    """Look from the present motion down to the ground, which is at altitude 0.
 
     Parameters
     ----------
-    plant
-        The aircraft and its limits.
-    altitude
-        m over the ground, which is at 0.
-    sink
-        Vertical speed over ground, down positive, m/s.
+    belief
+        What the aircraft believes of itself.
+    limits
+        Its least altitude, angle of attack and load factor.
 
     Notes
     -----
@@ -61,18 +65,14 @@ def ground_clearance(plant: Plant, altitude: ScalarLike, sink: ScalarLike) -> Gr
     `anser.planning.level_off.level_off_height` with three quarters of the pull that 0.9 of the lift at alpha_max, or
     the greatest load factor, leaves beyond the weight.
     """
-    motion, limits = plant.motion, plant.limits
-    mass = plant.airframe.mass_properties.mass
-    lift = LIFT_SHARE * lift_at(
-        plant.airframe,
-        plant.slow,
-        plant.state.rates_b,
-        plant.surfaces_slow,
-        plant.slow.propulsive.force_b + plant.beyond.force_b,
-        limits.alpha_max,
-    )
-    most = jnp.clip(lift / mass, 0.0, limits.load_factor_max * plant.gravity)
-    spare = jnp.maximum(most - plant.gravity, 0.0)
+    state, now, mass = belief.state, belief.now, belief.airframe.mass_properties.mass
+    gravity, altitude = now.earth.gravity, -state.position_n[2]
+    sink = velocity_over_ground_n(now, state)[2]
+    motion = path_motion(now, now.wrench.force_b, state.velocity_b, mass, gravity)
+    beside_b = now.propulsive.force_b
+    lift = LIFT_SHARE * lift_at(belief.airframe, now, state.rates_b, state.surfaces, beside_b, limits.alpha_max)
+    most = jnp.clip(lift / mass, 0.0, limits.load_factor_max * gravity)
+    spare = jnp.maximum(most - gravity, 0.0)
     V_dot, gamma_dot, _ = motion.path_rates
     fall = -(V_dot * jnp.sin(motion.gamma) + motion.V * jnp.cos(motion.gamma) * gamma_dot)
     needed = level_off_height(motion.V, sink, fall, motion.mu, _PULL_SHARE * spare)
@@ -80,11 +80,15 @@ def ground_clearance(plant: Plant, altitude: ScalarLike, sink: ScalarLike) -> Gr
     room = altitude - limits.altitude_min
     wanted = pull_needed(motion.V, sink, motion.mu, room)
     return GroundClearance(
-        height_needed=needed, lost=needed > altitude - floor, pull=jnp.minimum(wanted, spare), normal_most=most
+        height_needed=needed,
+        lost=needed > altitude - floor,
+        pull=jnp.minimum(wanted, spare),
+        normal_most=most,
+        motion=motion,
     )
 
 
-def levelled_off(command: PathCommand, plant: Plant, clearance: GroundClearance) -> PathCommand:
+def levelled_off(command: PathCommand, clearance: GroundClearance, gains: LoopGains, gravity: Scalar) -> PathCommand:
     """Command with at least the pull that the ground demands; it turns only as far as lift is left for that.
 
     Where the command asks for that pull by itself and its turn leaves the lift for it, it is returned as it is.
@@ -93,12 +97,14 @@ def levelled_off(command: PathCommand, plant: Plant, clearance: GroundClearance)
     ----------
     command
         What the guidance asks for, through the air.
-    plant
-        The aircraft: its motion, and the gains with which it follows a command.
     clearance
         As of now.
+    gains
+        With which the controller follows (V, gamma, chi).
+    gravity
+        m/s^2.
     """
-    motion, gains = plant.motion, plant.gains.velocity
+    motion = clearance.motion
     V = jnp.maximum(motion.V, 1.0)
     _, gamma_gain, chi_gain = jnp.maximum(gains.proportional, _ONSET)
     _, gamma_feed, chi_feed = gains.feed_forward
@@ -106,7 +112,7 @@ def levelled_off(command: PathCommand, plant: Plant, clearance: GroundClearance)
     lacking = jnp.where(clearance.pull > 0.0, jnp.maximum(clearance.pull - asked, 0.0), 0.0)
     gamma = command.gamma + lacking / (V * gamma_gain)
 
-    up = plant.gravity * jnp.cos(motion.gamma) + jnp.maximum(clearance.pull, 0.0)
+    up = gravity * jnp.cos(motion.gamma) + jnp.maximum(clearance.pull, 0.0)
     left = jnp.maximum(clearance.normal_most**2 - up**2, 1e-6)
     change = wrapped(command.chi - motion.chi)
     side = jnp.abs(V * jnp.cos(motion.gamma) * (chi_gain * change + chi_feed * command.chi_dot))

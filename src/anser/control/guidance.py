@@ -1,13 +1,14 @@
 """Guidance: from the planned path, or from a hold around the goal, to the velocity that the autopilot flies."""
 
-from typing import Protocol
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 
 from anser.control.feedback import wrapped
-from anser.planning import PathCommand, polar
+from anser.control.interface import AbstractGuidance
+from anser.environment import Environment, FlatEarth
+from anser.planning import AircraftPlan, PathCommand, Reference, polar, rescaled
+from anser.sensing import Belief, Instant, velocity_over_ground_n
 from anser.shapes import Scalar, ScalarLike, Vector3
 from anser.spatial import safe_hypot
 
@@ -41,20 +42,43 @@ class GuidanceSettings(eqx.Module):
     climb_rate_max: Scalar
 
 
-class Reference(Protocol):
-    """What can be followed: a motion over the ground, NED, in m and s."""
+class FollowPlan(AbstractGuidance):
+    """Follow the aircraft's own plan, see `follow`."""
 
-    def position_n(self, time: ScalarLike) -> Vector3:
-        """Where to be at a time."""
-        ...
+    settings: GuidanceSettings
 
-    def velocity_n(self, time: ScalarLike) -> Vector3:
-        """How fast."""
-        ...
+    def init(self, belief: Belief, instant: Instant) -> None:
+        """Nothing is kept."""
 
-    def acceleration_n(self, time: ScalarLike) -> Vector3:
-        """And how that changes."""
-        ...
+    def command(
+        self, memory: None, belief: Belief, plan: AircraftPlan | None, instant: Instant
+    ) -> tuple[PathCommand, Vector3, None]:
+        """Command along the plan's trajectory.
+
+        Raises
+        ------
+        ValueError
+            Nobody plans for this aircraft.
+        """
+        if plan is None:
+            raise ValueError("FollowPlan follows a plan: fly it in a flight with a planner")
+        velocity_n, wind_n = chart_velocities(belief)
+        path: Reference = plan.trajectory
+        command = follow(path, instant.time, belief.state.position_n, velocity_n, wind_n, self.settings)
+        return over_ground(command, belief, instant.environment), path.position_n(instant.time), None
+
+
+def chart_velocities(belief: Belief) -> tuple[Vector3, Vector3]:
+    """Own velocity over the ground and the wind as rates of the Earth's chart, in which plans live, NED, m/s."""
+    scale = belief.now.earth.chart_scale
+    return scale * velocity_over_ground_n(belief.now, belief.state), scale * belief.now.wind_n
+
+
+def over_ground(command: PathCommand, belief: Belief, environment: Environment) -> PathCommand:
+    """Command in velocities through the air, from one in rates of the Earth's chart."""
+    if isinstance(environment.earth, FlatEarth):  # there both are the same
+        return command
+    return rescaled(command, 1.0 / belief.now.earth.chart_scale)
 
 
 def follow(

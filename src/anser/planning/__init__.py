@@ -4,8 +4,17 @@ from anser.planning.arc_length import arc_length, arc_length_estimate
 from anser.planning.commands import PathCommand, polar, rescaled
 from anser.planning.coordination import PLAN_MESSAGES, FleetPlan, PlanningTask, coordinate
 from anser.planning.goals import GoalMotion, pad_waypoints, straight_goal, waypoint_goal
+from anser.planning.interface import (
+    AbstractPlanner,
+    AircraftPlan,
+    Performance,
+    Reference,
+    Report,
+    simple_plan,
+)
 from anser.planning.limits import LIMIT_MESSAGES, LimitReport, PathLimits, check_limits
 from anser.planning.line_of_sight import LineOfSight, measure, recover
+from anser.planning.published_planner import PublishedPlanner, PublishedPlanState
 from anser.planning.rendezvous import Rendezvous, final_air_velocity, make_rendezvous, time_to_go
 from anser.planning.renewal import renew
 from anser.planning.separation import choose_sides, separation_min
@@ -15,6 +24,8 @@ from anser.planning.trajectory import Trajectory, bend_trajectory, fit_trajector
 __all__ = [
     "LIMIT_MESSAGES",
     "PLAN_MESSAGES",
+    "AbstractPlanner",
+    "AircraftPlan",
     "Bend",
     "FleetPlan",
     "GoalMotion",
@@ -22,8 +33,13 @@ __all__ = [
     "LineOfSight",
     "PathCommand",
     "PathLimits",
+    "Performance",
     "PlanningTask",
+    "PublishedPlanState",
+    "PublishedPlanner",
+    "Reference",
     "Rendezvous",
+    "Report",
     "Trajectory",
     "arc_length",
     "arc_length_estimate",
@@ -42,6 +58,7 @@ __all__ = [
     "renew",
     "rescaled",
     "separation_min",
+    "simple_plan",
     "solve_lateral_bend",
     "straight_goal",
     "time_to_go",

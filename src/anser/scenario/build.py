@@ -10,7 +10,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from anser.control import AutopilotGains, FlightLimits, GuidanceSettings, LoopGains, designed_gains, published_gains
+from anser.control import (
+    AutopilotGains,
+    FlightLimits,
+    FollowPlan,
+    GuidanceSettings,
+    InversionAutopilot,
+    LoopGains,
+    designed_gains,
+    published_gains,
+)
 from anser.environment import (
     AbstractWind,
     Environment,
@@ -24,6 +33,7 @@ from anser.environment import (
 from anser.planning import (
     GoalMotion,
     PathLimits,
+    PublishedPlanner,
     Rendezvous,
     make_rendezvous,
     pad_waypoints,
@@ -36,8 +46,18 @@ from anser.scenario.schema import Scenario
 from anser.scenario.schema_aircraft import Aircraft
 from anser.scenario.schema_gains import AttitudeGains, RateGains, VelocityGains
 from anser.scenario.schema_goal import Goal
+from anser.sensing import DirectEstimator, IdealSensors
 from anser.shapes import Scalar, Vector3
-from anser.simulation import CertifiedFleet, Fleet, Flight, Timing, TrimTarget, trim_target
+from anser.simulation import (
+    CertifiedPlanner,
+    Flight,
+    HoldAroundGoal,
+    Mission,
+    TrimTarget,
+    Vehicle,
+    assemble,
+    trim_target,
+)
 from anser.units import DEG_RAD
 
 T = TypeVar("T")
@@ -59,35 +79,64 @@ def build_flight(scenario: Scenario) -> Flight:
     scenario
         Validated.
     """
-    fleet, guidance, hold, timing = scenario.fleet, scenario.guidance, scenario.hold, scenario.timing
-    return Flight(
-        environment=build_environment(scenario),
-        fleet=Fleet(
-            airframes=_stacked([load_airframe(a.type, a.variant, a.x_cg_over_c) for a in scenario.aircraft]),
-            gains=_stacked([build_gains(a) for a in scenario.aircraft]),
-            limits=_stacked([_flight_limits(scenario)] * len(scenario.aircraft)),
-            starts=_stacked([_start(a) for a in scenario.aircraft]),
-            start_positions_n=jnp.stack([_ned(a.start.position_m) for a in scenario.aircraft]),
-            goals=_stacked(_goals([scenario.goal_of(a) for a in scenario.aircraft])),
-            rendezvous=_stacked([_rendezvous(a) for a in scenario.aircraft]),
-            sides=jnp.asarray([_SIDES[a.bend] for a in scenario.aircraft], dtype=jnp.int32),
-            speed=_scalar(fleet.speed_m_s),
-            even_speed=jnp.asarray(fleet.speed_profile == "even"),
-            guidance=GuidanceSettings(
-                position_gain=_scalar(guidance.position_gain_per_s),
-                correction_max=_scalar(_CORRECTION_MAX_M_S),
-                hold_radius=_scalar(hold.radius_m),
-                hold_turn=_scalar(1.0 if hold.direction == "right" else -1.0),
-                climb_rate_max=_scalar(min(_HOLD_CLIMB_MAX_M_S, scenario.limits.climb_rate_max_m_s)),
-            ),
-            certified=_certified(scenario) if fleet.planner == "certified" else None,
-        ),
-        timing=Timing(
-            step=_scalar(timing.step_s),
-            replan_steps=jnp.asarray(round(timing.replan_period_s / timing.step_s), dtype=jnp.int32),
-            freeze=_scalar(timing.freeze_s),
+    timing = scenario.timing
+    goals = _goals([scenario.goal_of(a) for a in scenario.aircraft])
+    guidance, limits = _guidance(scenario), _flight_limits(scenario)
+    return assemble(
+        build_environment(scenario),
+        [
+            (_vehicle(scenario, a, goal, guidance, limits), _start(a), _ned(a.start.position_m))
+            for a, goal in zip(scenario.aircraft, goals, strict=True)
+        ],
+        _certified(scenario, guidance) if scenario.fleet.planner == "certified" else _published(scenario),
+        timing.step_s,
+        round(timing.replan_period_s / timing.step_s),
+        timing.freeze_s,
+        None if scenario.seed is None else jax.random.key_data(jax.random.key(scenario.seed)),
+    )
+
+
+def _vehicle(
+    scenario: Scenario, aircraft: Aircraft, goal: GoalMotion, guidance: GuidanceSettings, limits: FlightLimits
+) -> Vehicle:
+    gains = build_gains(aircraft)
+    return Vehicle(
+        airframe=load_airframe(aircraft.type, aircraft.variant, aircraft.x_cg_over_c),
+        sensors=IdealSensors(),
+        estimator=DirectEstimator(),
+        guidance=FollowPlan(guidance),
+        controller=InversionAutopilot(gains, limits),
+        mission=Mission(
+            goal=goal,
+            airborne=jnp.asarray(scenario.goal_of(aircraft).kind == "airborne"),
+            rendezvous=_rendezvous(aircraft),
+            hold=HoldAroundGoal(guidance, limits, gains.velocity, _scalar(scenario.fleet.speed_m_s)),
         ),
     )
+
+
+def _guidance(scenario: Scenario) -> GuidanceSettings:
+    guidance, hold = scenario.guidance, scenario.hold
+    return GuidanceSettings(
+        position_gain=_scalar(guidance.position_gain_per_s),
+        correction_max=_scalar(_CORRECTION_MAX_M_S),
+        hold_radius=_scalar(hold.radius_m),
+        hold_turn=_scalar(1.0 if hold.direction == "right" else -1.0),
+        climb_rate_max=_scalar(min(_HOLD_CLIMB_MAX_M_S, scenario.limits.climb_rate_max_m_s)),
+    )
+
+
+def _published(scenario: Scenario) -> PublishedPlanner:
+    return PublishedPlanner(
+        start_positions_n=jnp.stack([_ned(a.start.position_m) for a in scenario.aircraft]),
+        sides=_sides(scenario),
+        speed=_scalar(scenario.fleet.speed_m_s),
+        even_speed=jnp.asarray(scenario.fleet.speed_profile == "even"),
+    )
+
+
+def _sides(scenario: Scenario) -> Array:
+    return jnp.asarray([_SIDES[a.bend] for a in scenario.aircraft], dtype=jnp.int32)
 
 
 def build_environment(scenario: Scenario) -> Environment:
@@ -119,11 +168,13 @@ def build_path_limits(scenario: Scenario) -> PathLimits:
     )
 
 
-def _certified(scenario: Scenario) -> CertifiedFleet:
-    """Settings of the certified planner; accelerations that the scenario leaves to the aircraft stay infinite."""
+def _certified(scenario: Scenario, guidance: GuidanceSettings) -> CertifiedPlanner:
+    """The certified planner; accelerations that the scenario leaves to the aircraft stay infinite."""
     apart, volumes = scenario.separation, scenario.keep_out
     asked = apart.horizontal_m > 0.0
-    return CertifiedFleet(
+    return CertifiedPlanner(
+        sides=_sides(scenario),
+        speed=_scalar(scenario.fleet.speed_m_s),
         limits=_stacked([_planned_limits(scenario, a) for a in scenario.aircraft]),
         roll_rates_max=jnp.full(len(scenario.aircraft), scenario.limits.roll_rate_max_deg_s * DEG_RAD),
         airspace=Airspace(
@@ -143,6 +194,8 @@ def _certified(scenario: Scenario) -> CertifiedFleet:
         ),
         movable=jnp.asarray(scenario.arrival.rule in ("together", "earliest", "sequence")),
         latest=_scalar(scenario.timing.latest_arrival_s),
+        freeze=_scalar(scenario.timing.freeze_s),
+        guidance=guidance,
     )
 
 

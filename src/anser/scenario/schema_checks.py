@@ -2,14 +2,13 @@
 
 import math
 
+from anser.planning.rendezvous import AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M
 from anser.scenario.errors import Problem, plain
 from anser.scenario.schema_aircraft import Aircraft
 from anser.scenario.schema_goal import Goal
 from anser.scenario.schema_settings import Fleet, Hold, Limits, Timing
 from anser.scenario.schema_surroundings import Wind
 
-SURFACE_STAND_OFF_MIN_M = 150.0
-AIRBORNE_STAND_OFF_MIN_M = 100.0
 AIRBORNE_ALTITUDE_MIN_M = 50.0
 SAME_PLACE_M = 10.0  # about the span of the aircraft
 

@@ -5,14 +5,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from anser.aircraft import AbstractAirframe, condition
+from anser.aircraft import AbstractAirframe
 from anser.control import (
     AutopilotGains,
     AutopilotSignals,
     AutopilotState,
     Excitation,
     FlightLimits,
-    make_plant,
+    InversionAutopilot,
     velocity_control,
 )
 from anser.environment import Environment
@@ -21,7 +21,7 @@ from anser.shapes import ScalarLike, Vector3
 from anser.simulation.linearize_chart import BODY_STATES, SURFACE_STATES, coordinates_of, state_at
 from anser.simulation.linearize_open import expand, require_flat
 from anser.simulation.linearize_sampled import SENSOR_MEMORY, LoopCase, memory_of, sampled_motion
-from anser.simulation.response import trimmed_memory
+from anser.simulation.response import believed, motion_of, trimmed_memory
 from anser.simulation.trim import TrimPoint
 
 BREAKPOINTS = ("elevator", "aileron", "rudder", "throttle", "P", "Q", "R", "mu", "alpha")
@@ -103,9 +103,8 @@ def excited_loop(
         The Earth is not flat.
     """
     require_flat(environment)
-    start = trimmed_memory(trim)
-    now = condition(airframe, environment, 0.0, trim.state)
-    path = make_plant(airframe, limits, gains, trim.state, now, start, environment.gravity, step).motion
+    autopilot = InversionAutopilot(gains, limits)
+    start, path = trimmed_memory(trim, autopilot), motion_of(believed(airframe, environment, trim.state))
     wanted = PathCommand(path.V, path.gamma, path.chi, *path.path_rates)
 
     def elements(of: AutopilotState) -> list[Vector3]:
@@ -115,8 +114,7 @@ def excited_loop(
         state = state_at(environment, zw[:_AIRCRAFT], trim.state.position_n)
         before = eqx.tree_at(elements, start, list(zw[_AIRCRAFT:-5].reshape(-1, 3)))
         added = Excitation(attitude=jnp.append(zw[-2:], 0.0), rates_b=zw[-5:-2])
-        seen = condition(airframe, environment, 0.0, state)
-        plant = make_plant(airframe, limits, gains, state, seen, before, environment.gravity, step)
+        plant = autopilot.plant(before, believed(airframe, environment, state), step)
         controls, signals, after = velocity_control(plant, before, wanted, added)
         commands = [controls.surfaces, controls.throttle[None], signals.rates_b, signals.attitude.angles[:2]]
         return jnp.concatenate([*commands, *elements(after), _limited(signals).astype(float)])

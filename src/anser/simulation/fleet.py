@@ -1,16 +1,21 @@
-"""What flies: the numbers of a whole flight, and its state between steps. All are arrays: other values, same code."""
+"""What flies together: the numbers of a whole flight, and its state between steps; all are arrays."""
+
+from collections.abc import Sequence
+from typing import Any
 
 import equinox as eqx
-from jaxtyping import Array, Bool, Float, Int
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
 
-from anser.aircraft import AbstractAirframe, MotionState
-from anser.control import AutopilotGains, AutopilotState, FlightLimits, GuidanceSettings
 from anser.environment import Environment
-from anser.planning import FleetPlan, GoalMotion, PathLimits, Rendezvous
-from anser.planning.certified import Airspace, CertifiedPlan
-from anser.shapes import Count, Flag, Scalar
-from anser.simulation.planned_hold import PlannedHolds
+from anser.numerics import Stacked, stacked, structure_of
+from anser.planning import AbstractPlanner
+from anser.shapes import Count, Scalar, ScalarLike, Vector3
+from anser.simulation.members import in_fleet_order, rows_at
 from anser.simulation.trim import TrimTarget
+from anser.simulation.vehicle import Vehicle, VehicleState
 
 
 class Timing(eqx.Module):
@@ -19,7 +24,7 @@ class Timing(eqx.Module):
     Attributes
     ----------
     step
-        Sampling period of the autopilots and step of the integrator.
+        Sampling period of the aircraft's parts and step of the integrator.
     replan_steps
         Number of steps between plans; 0 plans once, at the start.
     freeze
@@ -31,116 +36,159 @@ class Timing(eqx.Module):
     freeze: Scalar
 
 
-class Fleet(eqx.Module):
-    """The aircraft that share one arrival time; every field but the last three has a leading axis aircraft.
+class Kind(eqx.Module):
+    """Aircraft of one structure, which fly as one batch.
 
     Attributes
     ----------
-    airframes, gains, limits
-        What flies and how it is controlled.
+    vehicles
+        Their parts.
     starts
-        Steady flight from which each starts.
+        Steady flight from which each starts; leading axis members.
     start_positions_n
         Where, m.
-    goals
-        The truth about the goals: read by the sensors, never by the planner.
-    rendezvous
-        How each meets its goal.
-    sides
-        Side of the detour: +1 right, -1 left, 0 toward more separation.
-    speed
-        Mean airspeed that the plan gives to all, m/s.
-    even_speed
-        Whether paths are flown at an even speed rather than with the published time law.
-    guidance
-        Numbers of the guidance.
+    members
+        Place of each in the fleet.
     """
 
-    airframes: AbstractAirframe
-    gains: AutopilotGains
-    limits: FlightLimits
+    vehicles: Stacked[Vehicle]
     starts: TrimTarget
-    start_positions_n: Float[Array, "aircraft 3"]
-    goals: GoalMotion
-    rendezvous: Rendezvous
-    sides: Int[Array, " aircraft"]
-    speed: Scalar
-    even_speed: Flag
-    guidance: GuidanceSettings
-    certified: "CertifiedFleet | None" = None
-    """What the certified planner needs besides; without it the published one plans."""
-
-
-class CertifiedFleet(eqx.Module):
-    """What the certified planner needs to know of a fleet besides its states.
-
-    Attributes
-    ----------
-    limits
-        What each path may ask; leading axis aircraft.
-    roll_rates_max
-        How fast a path may change the bank angle, rad/s.
-    airspace
-        Wind, distances, closed volumes.
-    movable
-        Whether arrival times may be put off on the way.
-    latest
-        But not beyond this, s.
-    """
-
-    limits: PathLimits
-    roll_rates_max: Float[Array, " aircraft"]
-    airspace: Airspace
-    movable: Flag
-    latest: Scalar
+    start_positions_n: Float[Array, "members 3"]
+    members: tuple[int, ...] = eqx.field(static=True)
 
 
 class Flight(eqx.Module):
-    """Everything that determines a flight."""
-
-    environment: Environment
-    fleet: Fleet
-    timing: Timing
-
-
-class FlightState(eqx.Module):
-    """A flight between two steps; the aircraft's fields have a leading axis aircraft.
+    """Everything that determines a flight.
 
     Attributes
     ----------
-    step_index
-        Steps flown.
-    aircraft
-        Their states, as they are integrated over the environment's Earth.
-    autopilots
-        Memory of their autopilots.
-    plan
-        The plan in force.
-    renewal
-        How the certified planner came to it: index into `RENEWAL_MESSAGES`; 0 with the published one.
-    sides
-        Side of each detour, chosen with the first plan and kept.
-    deceleration
-        What each can hold with the engine idle in level flight at its start, m/s^2.
-    flown
-        Length of the path through the air flown so far, m.
-    status
-        Index into `STATUS_MESSAGES`; 0 while all is well. An aircraft whose status is terminal stands still.
-    stopped
-        Whether the status is terminal. The others are planned without such an aircraft; it keeps its last plan, whose
-        arrival time its record goes on to show: the status says that it is not kept.
-    holds
-        What the certified planner's aircraft fly after their arrival; None: the guidance's hold.
+    environment
+        Where.
+    kinds
+        The fleet, by kinds of aircraft; whatever has a leading axis aircraft goes by `Kind.members`.
+    planner
+        Of all.
+    timing
+        Periods.
+    key
+        Random key, of the seed and the flight; None: nothing may draw random numbers.
     """
 
-    step_index: Count
-    aircraft: MotionState
-    autopilots: AutopilotState
-    plan: FleetPlan | CertifiedPlan
-    renewal: Count
-    sides: Float[Array, " aircraft"]
-    deceleration: Float[Array, " aircraft"]
-    flown: Float[Array, " aircraft"]
-    status: Int[Array, " aircraft"]
-    stopped: Bool[Array, " aircraft"]
-    holds: PlannedHolds | None = None
+    environment: Environment
+    kinds: tuple[Kind, ...]
+    planner: AbstractPlanner
+    timing: Timing
+    key: Array | None = None
+
+    @property
+    def members(self) -> tuple[tuple[int, ...], ...]:
+        """Places in the fleet of the members of each kind."""
+        return tuple(kind.members for kind in self.kinds)
+
+    @property
+    def count(self) -> int:
+        """Number of aircraft."""
+        return sum(len(kind.members) for kind in self.kinds)
+
+    def aircraft(self, place: int) -> tuple[Vehicle, TrimTarget, Vector3]:
+        """The aircraft at a place in the fleet, the steady flight that it starts from, and where, m."""
+        for kind in self.kinds:
+            if place in kind.members:
+                k = kind.members.index(place)
+                start = jax.tree.map(lambda leaf, k=k: leaf[k], (kind.starts, kind.start_positions_n))
+                return kind.vehicles.at(k), *start
+        raise IndexError(f"a fleet of {self.count} aircraft has none at place {place}")
+
+
+class FlightState(eqx.Module):
+    """A flight between two steps.
+
+    Attributes
+    ----------
+    vehicles
+        By kind; leading axis members.
+    planner
+        What the planner carries along, the plan in force among it.
+    """
+
+    vehicles: tuple[VehicleState, ...]
+    planner: Any
+
+
+def assemble(
+    environment: Environment,
+    aircraft: Sequence[tuple[Vehicle, TrimTarget, Vector3]],
+    planner: AbstractPlanner,
+    step: ScalarLike,
+    replan_steps: int,
+    freeze: ScalarLike = 0.0,
+    key: Array | None = None,
+) -> Flight:
+    """Put a flight together; aircraft of one structure become one kind.
+
+    Parameters
+    ----------
+    environment
+        Where.
+    aircraft
+        Of each: its parts, the steady flight that it starts from, and where (NED, m).
+    planner
+        Of all.
+    step
+        Sampling period, s.
+    replan_steps
+        Number of steps between plans; 0 plans once.
+    freeze
+        How long the plan stands still before the arrival, s.
+    key
+        Random key.
+
+    Raises
+    ------
+    ValueError
+        No aircraft, or one without a mission.
+    """
+    if not aircraft:
+        raise ValueError("a flight needs at least one aircraft")
+    without = [str(k) for k, (vehicle, _, _) in enumerate(aircraft) if vehicle.mission is None]
+    if without:
+        raise ValueError(f"aircraft without a goal cannot be planned for: place {', '.join(without)} of the fleet")
+    kinds: dict[Any, list[int]] = {}
+    for k, (vehicle, _, _) in enumerate(aircraft):
+        kinds.setdefault(structure_of(vehicle), []).append(k)
+    return Flight(
+        environment=environment,
+        kinds=tuple(_kind(aircraft, members) for members in kinds.values()),
+        planner=planner,
+        timing=Timing(
+            step=jnp.asarray(step, dtype=float),
+            replan_steps=jnp.asarray(replan_steps, dtype=jnp.int32),
+            freeze=jnp.asarray(freeze, dtype=float),
+        ),
+        key=key,
+    )
+
+
+def _kind(aircraft: Sequence[tuple[Vehicle, TrimTarget, Vector3]], members: Sequence[int]) -> Kind:
+    vehicles, starts, places = zip(*(aircraft[k] for k in members), strict=True)
+    return Kind(
+        vehicles=stacked(vehicles),
+        starts=jax.tree.map(lambda *leaves: jnp.asarray(np.stack([np.asarray(leaf) for leaf in leaves])), *starts),
+        start_positions_n=jnp.asarray(np.stack([np.asarray(place) for place in places])),
+        members=tuple(members),
+    )
+
+
+def fleet_rows(flight: Flight, of_kinds: Sequence[Any]) -> Any:
+    """Stacked rows of each kind's members as those of the fleet, in its order."""
+    return in_fleet_order(list(of_kinds), flight.members)
+
+
+def of_members(rows: Any, kind: Kind, count: int) -> Any:
+    """Rows of a kind's members, of those of a fleet of so many aircraft."""
+    return rows_at(rows, kind.members, count)
+
+
+def statuses(flight: Flight, state: FlightState) -> tuple[Array, Bool[Array, " aircraft"]]:
+    """Status of each aircraft, and whether it stands still."""
+    return fleet_rows(flight, [(one.status, one.stopped) for one in state.vehicles])

@@ -5,8 +5,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from anser.aircraft import AbstractAirframe, Controls, condition
-from anser.control import AutopilotGains, AutopilotState, FlightLimits, make_plant, wrapped
+from anser.aircraft import AbstractAirframe, Controls
+from anser.control import AutopilotGains, AutopilotState, FlightLimits, InversionAutopilot, Loop, wrapped
 from anser.environment import Environment
 from anser.numerics import compiled_quickly
 from anser.shapes import Scalar, ScalarLike, Vector3
@@ -21,7 +21,7 @@ from anser.simulation.linearize_chart import (
 )
 from anser.simulation.linearize_open import Expansion, LinearModel, expand, require_flat
 from anser.simulation.motion import advance
-from anser.simulation.response import Loop, LoopCommand, control_loop, measured_by, trimmed_memory
+from anser.simulation.response import believed, loop_command, measured_by, motion_of, trimmed_memory
 from anser.simulation.trim import TrimPoint
 
 CHANNELS: dict[Loop, tuple[str, str, str]] = {
@@ -146,11 +146,10 @@ def linearize_loop(
 def _law(case: LoopCase, loop: Loop, fields: tuple[str, ...]) -> tuple[Array, Vector3, Expansion]:
     """States and commands of the condition; controls and memory after a sample, as they depend on both."""
     airframe, environment, trim = case.airframe, case.environment, case.trim
-    start = trimmed_memory(trim)
-    now = condition(airframe, environment, 0.0, trim.state)
-    plant = make_plant(airframe, case.limits, case.gains, trim.state, now, start, environment.gravity, case.step)
-    held = measured_by(plant, loop)
-    rate = plant.motion.path_rates if loop == "velocity" else jnp.zeros(3)
+    autopilot = InversionAutopilot(case.gains, case.limits, loop=loop)
+    start, belief = trimmed_memory(trim, autopilot), believed(airframe, environment, trim.state)
+    held = measured_by(belief, loop)
+    rate = motion_of(belief).path_rates if loop == "velocity" else jnp.zeros(3)
 
     def elements(memory: AutopilotState) -> list[Vector3]:
         return [leaf for field in fields for leaf in jax.tree.leaves(getattr(memory, field))]
@@ -158,18 +157,9 @@ def _law(case: LoopCase, loop: Loop, fields: tuple[str, ...]) -> tuple[Array, Ve
     def law(zc: Array) -> Array:
         state = state_at(environment, zc[:_AIRCRAFT], trim.state.position_n)
         memory = eqx.tree_at(elements, start, list(zc[_AIRCRAFT:-3].reshape(-1, 3)))
-        controls, _, memory = control_loop(
-            airframe,
-            environment,
-            case.gains,
-            case.limits,
-            0.0,
-            state,
-            memory,
-            LoopCommand(zc[-3:], rate, trim.controls.throttle),
-            case.step,
-            loop,
-        )
+        command = loop_command(loop, zc[-3:], rate, trim.controls.throttle)
+        belief = believed(airframe, environment, state)
+        controls, _, memory = autopilot.control(memory, belief, command, case.step)
         return jnp.concatenate([controls.surfaces, controls.throttle[None], *elements(memory)])
 
     z = jnp.concatenate([coordinates_of(environment, trim.state), *elements(start)])

@@ -1,49 +1,46 @@
 """Response of one aircraft to commands given to one loop of its autopilot: the step tests of theory section 5."""
 
-from typing import Literal
+from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from anser.aircraft import AbstractAirframe, AircraftState, Controls, condition
+from anser.aircraft import AbstractAirframe, AircraftState, condition
 from anser.control import (
+    AbstractGuidance,
     AutopilotGains,
     AutopilotState,
     FlightLimits,
-    Plant,
-    attitude_control,
-    initial_autopilot_state,
-    make_plant,
-    rate_control,
-    velocity_control,
+    InversionAutopilot,
+    Loop,
+    LoopCommand,
+    PathMotion,
+    path_motion,
 )
 from anser.environment import Environment
-from anser.planning import PathCommand
+from anser.planning import AircraftPlan, PathCommand
+from anser.sensing import Belief, DirectEstimator, IdealSensors, Instant
 from anser.shapes import ScalarLike, Vector3
-from anser.simulation.motion import advance
+from anser.simulation.closed_loop import fly_alone, trimmed_vehicle
+from anser.simulation.recorder import AbstractRecorder, Moment
 from anser.simulation.trim import TrimPoint
+from anser.simulation.vehicle import Vehicle
 
-Loop = Literal["rates", "attitude", "velocity"]
 
+class HeldCommand(AbstractGuidance):
+    """One command throughout."""
 
-class LoopCommand(eqx.Module):
-    """What one loop is asked for.
+    held: Any
 
-    Attributes
-    ----------
-    value
-        (P, Q, R) rad/s, (mu, alpha, beta) rad or (V, gamma, chi) m/s and rad.
-    rate
-        Its rate of change, for the feed-forward.
-    throttle
-        Throttle that is held unless the velocity loop is commanded, 0..1.
-    """
+    def init(self, belief: Belief, instant: Instant) -> None:
+        """Nothing is kept."""
 
-    value: Vector3
-    rate: Vector3
-    throttle: ScalarLike
+    def command(
+        self, memory: None, belief: Belief, plan: AircraftPlan | None, instant: Instant
+    ) -> tuple[Any, Vector3, None]:
+        """The command; no place is asked for."""
+        return self.held, belief.state.position_n, None
 
 
 class Response(eqx.Module):
@@ -96,61 +93,84 @@ def step_response(
     loop
         Which loop is commanded.
     """
-    memory_0 = trimmed_memory(trim)
-    now_0 = condition(airframe, environment, 0.0, trim.state)
-    plant_0 = make_plant(airframe, limits, gains, trim.state, now_0, memory_0, environment.gravity, step)
-    command = LoopCommand(measured_by(plant_0, loop) + size, jnp.zeros(3), trim.controls.throttle)
-
-    def one(carry: tuple, k: Array) -> tuple[tuple, Response]:
-        state, memory = carry
-        time = k * step
-        controls, measured, memory = control_loop(
-            airframe, environment, gains, limits, time, state, memory, command, step, loop
-        )
-        after = advance(airframe, environment, time, state, controls, step)
-        return (after, memory), Response(time, measured, state.surfaces, controls.throttle, state.power)
-
-    _, record = jax.lax.scan(one, (trim.state, memory_0), jnp.arange(count))
-    return record
+    held = measured_by(believed(airframe, environment, trim.state), loop)
+    return loop_flight(
+        airframe, environment, gains, limits, trim, held + size, step, count, loop, ResponseRecorder(loop=loop)
+    )
 
 
-def trimmed_memory(trim: TrimPoint) -> AutopilotState:
-    """Memory of an autopilot that has been holding a trim point."""
-    attitude = jnp.stack([trim.mu, trim.alpha, trim.beta])
-    return initial_autopilot_state(attitude, trim.state.rates_b, trim.state.surfaces)
-
-
-def measured_by(plant: Plant, loop: Loop) -> Vector3:
-    """Outputs of a loop: (P, Q, R), (mu, alpha, beta) or (V, gamma, chi)."""
-    motion = plant.motion
-    if loop == "velocity":
-        return jnp.stack([motion.V, motion.gamma, motion.chi])
-    if loop == "attitude":
-        return jnp.stack([motion.mu, motion.alpha, motion.beta])
-    return plant.state.rates_b
-
-
-def control_loop(
+def loop_flight(
     airframe: AbstractAirframe,
     environment: Environment,
     gains: AutopilotGains,
     limits: FlightLimits,
-    time: ScalarLike,
-    state: AircraftState,
-    memory: AutopilotState,
-    command: LoopCommand,
+    trim: TrimPoint,
+    value: Vector3,
     step: ScalarLike,
+    count: int,
     loop: Loop,
-) -> tuple[Controls, Vector3, AutopilotState]:
-    """Sample one aircraft and control it: controls to hold over the step, what the loop measured, memory after it."""
-    now = condition(airframe, environment, time, state)
-    plant = make_plant(airframe, limits, gains, state, now, memory, environment.gravity, step)
-    measured = measured_by(plant, loop)
+    recorder: AbstractRecorder,
+) -> Any:
+    """Rows of a flight from trim with one loop commanded to a value throughout; see `step_response`."""
+    command = loop_command(loop, value, jnp.zeros(3), trim.controls.throttle)
+    autopilot = InversionAutopilot(gains, limits, loop=loop)
+    vehicle = Vehicle(airframe, IdealSensors(), DirectEstimator(), HeldCommand(command), autopilot)
+    step = jnp.asarray(step, dtype=float)
+    instant = Instant(environment, jnp.asarray(0, dtype=jnp.int32), step)
+    _, _, rows = fly_alone(vehicle, environment, trimmed_vehicle(vehicle, instant, trim), step, count, recorder)
+    return rows
+
+
+class ResponseRecorder(AbstractRecorder):
+    """What one loop does and takes, at each sample."""
+
+    loop: Loop = eqx.field(static=True)
+    every: int = eqx.field(static=True, default=1)
+
+    def init(self, aircraft: int) -> None:
+        """Nothing is kept."""
+
+    def take(self, memory: None, moment: Moment, instant: Instant) -> None:
+        """Nothing is kept."""
+
+    def row(self, moment: Moment, instant: Instant) -> Response:
+        """One row."""
+        state = moment.truth.state
+        measured = measured_by(moment.belief, self.loop)
+        return Response(instant.time, measured, state.surfaces, moment.controls.throttle, state.power)
+
+
+def loop_command(loop: Loop, value: Vector3, rate: Vector3, throttle: ScalarLike) -> PathCommand | LoopCommand:
+    """Command for a loop: values of its channels and their rates.
+
+    The throttle (0..1) is held unless the velocity loop is commanded.
+    """
+    return PathCommand(*value, *rate) if loop == "velocity" else LoopCommand(value, rate, throttle)
+
+
+def believed(airframe: AbstractAirframe, environment: Environment, state: AircraftState) -> Belief:
+    """What an aircraft without a goal believes that knows itself and its state, at time 0."""
+    now = condition(airframe, environment, 0.0, state)
+    specific_force_b = now.wrench.force_b / airframe.mass_properties.mass
+    return Belief(airframe, state, now, specific_force_b, sight=None, goal=None)
+
+
+def trimmed_memory(trim: TrimPoint, autopilot: InversionAutopilot) -> AutopilotState:
+    """Memory of an autopilot that has been holding a trim point."""
+    return autopilot.init(trim.state, jnp.stack([trim.mu, trim.alpha, trim.beta]))
+
+
+def motion_of(belief: Belief) -> PathMotion:
+    """Path and attitude angles that an aircraft believes."""
+    now, mass = belief.now, belief.airframe.mass_properties.mass
+    return path_motion(now, now.wrench.force_b, belief.state.velocity_b, mass, now.earth.gravity)
+
+
+def measured_by(belief: Belief, loop: Loop) -> Vector3:
+    """Outputs of a loop: (P, Q, R), (mu, alpha, beta) or (V, gamma, chi)."""
+    if loop == "rates":
+        return belief.state.rates_b
+    motion = motion_of(belief)
     if loop == "velocity":
-        controls, _, memory = velocity_control(plant, memory, PathCommand(*command.value, *command.rate))
-        return controls, measured, memory
-    if loop == "attitude":
-        _, demand, memory = attitude_control(plant, memory, command.value, command.rate)
-    else:
-        demand, memory = rate_control(plant, memory, command.value, command.rate)
-    return Controls(demand.surfaces, jnp.asarray(command.throttle)), measured, memory
+        return jnp.stack([motion.V, motion.gamma, motion.chi])
+    return jnp.stack([motion.mu, motion.alpha, motion.beta])

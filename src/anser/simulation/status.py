@@ -1,5 +1,9 @@
 """What can happen to an aircraft inside compiled code, as a number with a message."""
 
+from typing import Any
+
+import jax.numpy as jnp
+
 from anser.planning import PLAN_MESSAGES
 
 FLYING = 0
@@ -7,6 +11,8 @@ NO_TRIM = len(PLAN_MESSAGES)
 NOT_FINITE = NO_TRIM + 1
 BROKE_OFF = NO_TRIM + 2
 AT_GROUND = NO_TRIM + 3
+TOO_NEAR = NO_TRIM + 4
+PLAN_TOO_NEAR = NO_TRIM + 5
 
 STATUS_MESSAGES: tuple[str, ...] = (
     "arrived",
@@ -15,5 +21,19 @@ STATUS_MESSAGES: tuple[str, ...] = (
     "the state stopped being a number: the motion diverged; what is recorded after that stands still",
     "broke off to stay above the least altitude: it pulled up, did not fly its path on and went to its hold",
     "the aircraft reached the ground; what is recorded after that stands still",
+    "came nearer to its goal than a rendezvous may be (150 m to a surface goal, 100 m to an airborne one): "
+    "broke off and went to its hold",
+    "the plan ended nearer to the goal than a rendezvous may be (150 m to a surface goal, 100 m to an airborne one): "
+    "it was refused, and the aircraft went to its hold",
 )
 """Message of each status; the first ones are the planner's own."""
+
+
+def broken_off(status: Any) -> Any:
+    """Whether a status, or which of several, means that an aircraft has left its plan for its hold."""
+    return (status == BROKE_OFF) | (status == TOO_NEAR) | (status == PLAN_TOO_NEAR)
+
+
+def plan_status(status: Any, planned: Any) -> Any:
+    """Status with what a plan says of an aircraft (index into `PLAN_MESSAGES`), where nothing else has happened."""
+    return jnp.where(status == FLYING, planned.astype(status.dtype), status)

@@ -5,12 +5,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from anser.aircraft import AbstractAirframe, AircraftState, Condition, Controls
-from anser.control import AutopilotSignals, Plant, wrapped
+from anser.aircraft import AbstractAirframe, Condition, MotionState
+from anser.control import AutopilotSignals, FlightLimits, wrapped
 from anser.environment import Environment
 from anser.planning import PathCommand
+from anser.sensing import Belief
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 from anser.simulation.flight_summary import FlightSummary, Sample
+from anser.simulation.recorder import Moment
 from anser.simulation.trim import TrimTarget
 from anser.spatial import path_angles, rotate_back
 
@@ -37,7 +39,7 @@ def late_from(count: int) -> int:
     return round((1.0 - _END) * count)
 
 
-def finished(summary: FlightSummary, state: AircraftState, step: ScalarLike, count: int) -> FlightSummary:
+def finished(summary: FlightSummary, state: MotionState, step: ScalarLike, count: int) -> FlightSummary:
     """Summary of a whole flight, made of the running one: sum of the late errors, last time outside the tolerance."""
     finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(state)]))
     last = (count - 1) * step
@@ -53,32 +55,26 @@ def finished(summary: FlightSummary, state: AircraftState, step: ScalarLike, cou
 
 
 def sample_of(
-    truth: AbstractAirframe,
-    environment: Environment,
-    time: ScalarLike,
-    state: AircraftState,
-    now: Condition,
-    command: PathCommand,
-    plant: Plant,
-    controls: Controls,
-    signals: AutopilotSignals,
-    start: Condition,
+    moment: Moment, environment: Environment, time: ScalarLike, limits: FlightLimits, start: Condition
 ) -> Sample:
     """What an aircraft does, and at which limits its autopilot believes to stand.
 
     Parameters
     ----------
-    truth, environment, time, state, now
-        The aircraft, where and when it flies.
-    command, plant, controls, signals
-        What its autopilot was told, believes and decided.
+    moment
+        The aircraft, under `InversionAutopilot` with its velocity loop commanded.
+    environment, time
+        Where and when it flies, s.
+    limits
+        Of its autopilot.
     start
         Condition at the start, inside the airframe's data.
     """
+    truth, state, now, command = moment.truth.airframe, moment.truth.state, moment.truth.now, moment.command
     actuators = truth.actuators
     gamma, chi = path_angles(rotate_back(now.R_bn, state.velocity_b) - now.wind_n)
     error = jnp.stack([command.V - now.air_data.V, command.gamma - gamma, wrapped(command.chi - chi)])
-    rate_share = jnp.abs(actuators.rate(state.surfaces, controls.surfaces)) / actuators.rate_limit
+    rate_share = jnp.abs(actuators.rate(state.surfaces, moment.controls.surfaces)) / actuators.rate_limit
     return Sample(
         time=time,
         error=error,
@@ -87,8 +83,8 @@ def sample_of(
         load_factor=-now.wrench.force_b[2] / (truth.mass_properties.mass * environment.gravity),
         surface_share=surface_share(truth, state.surfaces),
         surface_rate_share=rate_share,
-        body_rate_share=jnp.abs(state.rates_b) / plant.limits.rates_max,
-        limited=jnp.append(_limited(plant, signals), jnp.any(rate_share >= 1.0)),
+        body_rate_share=jnp.abs(state.rates_b) / limits.rates_max,
+        limited=jnp.append(_limited(moment.belief, limits, moment.signals), jnp.any(rate_share >= 1.0)),
         outside=outside_axes(truth, now, start),
     )
 
@@ -122,11 +118,10 @@ def outside_axes(airframe: AbstractAirframe, now: Condition, inside: Condition) 
     )
 
 
-def _limited(plant: Plant, signals: AutopilotSignals) -> Bool[Array, "8"]:
+def _limited(belief: Belief, limits: FlightLimits, signals: AutopilotSignals) -> Bool[Array, "8"]:
     """At which of `AUTOPILOT_LIMITS` the autopilot's commands stand, all but the last."""
-    data, limits = plant.now.air_data, plant.limits
-    thrust, attitude = signals.thrust, signals.attitude
-    most = plant.airframe.propulsion(100.0, data.altitude, data.mach).force_b[0]
+    data, thrust, attitude = belief.now.air_data, signals.thrust, signals.attitude
+    most = belief.airframe.propulsion(100.0, data.altitude, data.mach).force_b[0]
     bank, alpha, _ = attitude.angles
     at_alpha = attitude.alpha_saturated & ((alpha <= limits.alpha_min) | (alpha >= limits.alpha_max))
     unloading = attitude.alpha_saturated & ~at_alpha & (jnp.cos(signals.motion.mu - bank) < _COS_UNLOADING)

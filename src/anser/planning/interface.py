@@ -1,0 +1,135 @@
+"""Interface of a planner: from what the aircraft of a fleet report to a path and an arrival time for each."""
+
+import abc
+from typing import Any, Protocol
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from anser.planning.rendezvous import Rendezvous
+from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
+
+
+class Reference(Protocol):
+    """What can be followed: a motion over the ground in the Earth's chart, NED, in m and s."""
+
+    def position_n(self, time: ScalarLike) -> Vector3:
+        """Where to be at a time."""
+        ...
+
+    def velocity_n(self, time: ScalarLike) -> Vector3:
+        """How fast."""
+        ...
+
+    def acceleration_n(self, time: ScalarLike) -> Vector3:
+        """And how that changes."""
+        ...
+
+
+class Report(eqx.Module):
+    """What one aircraft reports to the planner; stacked, a fleet. Velocities are rates in the Earth's chart.
+
+    Attributes
+    ----------
+    position_n
+        Its own, NED, m.
+    air_velocity_n, wind_n
+        Its velocity relative to the air and that of the air, as it measures them, NED, m/s.
+    airspeed
+        m/s.
+    goal_position_n, goal_velocity_n
+        Its goal as it takes it to be, NED, m and m/s over the ground.
+    rendezvous
+        How it is to meet the goal.
+    active
+        Whether it flies its plan. One that has stopped or has broken off does not: the others are planned without it.
+    """
+
+    position_n: Vector3
+    air_velocity_n: Vector3
+    wind_n: Vector3
+    airspeed: Scalar
+    goal_position_n: Vector3
+    goal_velocity_n: Vector3
+    rendezvous: Rendezvous
+    active: Flag
+
+
+class Performance(eqx.Module):
+    """What one aircraft can do along its path from steady flight at its start; stacked, a fleet.
+
+    Attributes
+    ----------
+    deceleration, acceleration
+        With the engine idle, and with all its thrust, in level flight, m/s^2.
+    """
+
+    deceleration: Float[Array, "..."]
+    acceleration: Float[Array, "..."]
+
+
+class AircraftPlan(eqx.Module):
+    """What the closed loop takes of a plan for one aircraft; stacked, for a fleet.
+
+    Attributes
+    ----------
+    trajectory
+        Where to be at which time up to the arrival: a `Reference`.
+    arrival_time
+        When it is to be at its rendezvous, s.
+    status
+        Index into `PLAN_MESSAGES`, 0 where all is well.
+    length
+        Of its path, m.
+    lateral_bend
+        Parameter of the published paths, m; NaN where paths have none.
+    renewal
+        How the plan in force came about: index into `RENEWAL_MESSAGES`.
+    hold
+        What it flies after the arrival; None: what its own hold says.
+    """
+
+    trajectory: Any
+    arrival_time: Scalar
+    status: Count
+    length: Scalar
+    lateral_bend: Scalar
+    renewal: Count
+    hold: Any = None
+
+
+def simple_plan(trajectory: Any, arrival_time: Scalar) -> AircraftPlan:
+    """Plan of one aircraft, or stacked of a fleet, with nothing to tell but trajectory and arrival time (s)."""
+    zero = jnp.zeros_like(arrival_time, dtype=jnp.int32)
+    none = jnp.full_like(arrival_time, jnp.nan)
+    return AircraftPlan(trajectory, arrival_time, zero, none, none, zero)
+
+
+class AbstractPlanner(eqx.Module):
+    """Planner of a fleet; concrete ones are final. Its state (`memory`) is a pytree of arrays of its own.
+
+    Aircraft that are not active are planned for as nobody: the others go on without them.
+    """
+
+    @abc.abstractmethod
+    def first(self, time: ScalarLike, reports: Report, performance: Performance) -> Any:
+        """State of the planner with a first plan, made from stacked reports at a time (s)."""
+
+    @abc.abstractmethod
+    def renew(self, memory: Any, time: ScalarLike, reports: Report) -> Any:
+        """State of the planner with a plan renewed from stacked reports at a time (s)."""
+
+    @abc.abstractmethod
+    def observe(self, memory: Any, reports: Report, step: ScalarLike) -> Any:
+        """State of the planner after one more step (s) of flight, at whose start the fleet reported."""
+
+    @abc.abstractmethod
+    def plans(self, memory: Any) -> AircraftPlan:
+        """The plan in force; leading axis aircraft."""
+
+
+def rows_where(chosen: Array, new: Any, old: Any) -> Any:
+    """Leaves of `new` in the rows (leading axis) that are chosen, those of `old` in the others."""
+    return jax.tree.map(lambda a, b: jnp.where(chosen.reshape(-1, *[1] * (jnp.ndim(a) - 1)), a, b), new, old)

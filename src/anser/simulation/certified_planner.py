@@ -1,0 +1,204 @@
+"""The certified planner as a part of the closed loop: paths with certificates, and the holds after them."""
+
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from anser.control import GuidanceSettings
+from anser.numerics import any_in_batch, compiled_quickly
+from anser.planning import AbstractPlanner, AircraftPlan, PathLimits, Performance, Report
+from anser.planning.certified import (
+    ANEW,
+    Airspace,
+    ArrivalRequest,
+    CertifiedPlan,
+    Outcome,
+    Traveller,
+    renew_certified,
+    search,
+)
+from anser.shapes import Count, Flag, Scalar, ScalarLike
+from anser.simulation.hold_assignment import assign_holds
+from anser.simulation.planned_hold import PlannedHolds, cells_for, each_alone
+
+_holds = compiled_quickly(assign_holds)
+
+
+class CertifiedPlanState(eqx.Module):
+    """What the certified planner carries along.
+
+    Attributes
+    ----------
+    plan
+        In force.
+    renewal
+        How it came about: index into `RENEWAL_MESSAGES`.
+    holds
+        What the aircraft fly after their arrival; None: what their own hold says.
+    limits
+        What each path may ask, the accelerations that its engine gives among it; leading axis aircraft.
+    """
+
+    plan: CertifiedPlan
+    renewal: Count
+    holds: PlannedHolds | None
+    limits: PathLimits
+
+
+class CertifiedPlanner(AbstractPlanner):
+    """See `anser.planning.certified`.
+
+    Attributes
+    ----------
+    sides
+        Side of each aircraft's detour: +1 right, -1 left, 0 either.
+    speed
+        Mean airspeed that all prefer, m/s.
+    limits
+        What each path may ask; leading axis aircraft.
+    roll_rates_max
+        How fast a path may change the bank angle, rad/s.
+    airspace
+        Wind, distances, closed volumes.
+    guidance
+        Numbers of the holds.
+    movable
+        Whether arrival times may be put off on the way.
+    latest
+        But not beyond this, s.
+    freeze
+        A path stands as it is for this long before its arrival, s.
+    """
+
+    sides: Int[Array, " aircraft"]
+    speed: Scalar
+    limits: PathLimits
+    roll_rates_max: Float[Array, " aircraft"]
+    airspace: Airspace
+    guidance: GuidanceSettings
+    movable: Flag
+    latest: Scalar
+    freeze: Scalar
+
+    def first(self, time: ScalarLike, reports: Report, performance: Performance) -> CertifiedPlanState:
+        """Search for a plan in which all arrive together, with holds up to the latest arrival: not to be traced.
+
+        For other rules of arrival, and for what stands in the way of a plan, see `searched`.
+
+        Raises
+        ------
+        ValueError
+            No plan was found.
+        """
+        latest = float(self.latest)
+        task = self.travellers(reports, self.limits_with(performance))
+        outcome, holds = self.searched(float(time), task, ArrivalRequest("together", latest), float(time) + latest)
+        if outcome.plan is None:
+            raise ValueError("the certified planner found no plan in which all arrive together")
+        return CertifiedPlanState(outcome.plan, jnp.asarray(0), holds, task.limits)
+
+    def limits_with(self, performance: Performance) -> PathLimits:
+        """The limits with the accelerations that the engine gives at the start, where none are prescribed.
+
+        The reserve that the other limits leave is not taken off: it is a plan's, and these change on the way.
+        """
+
+        def own(prescribed: Array, able: Array) -> Array:
+            return jnp.where(jnp.isinf(prescribed), jnp.maximum(able, 0.1), prescribed)
+
+        limits = self.limits
+        accelerations = (
+            own(limits.acceleration_max, performance.acceleration),
+            own(limits.deceleration_max, performance.deceleration),
+        )
+        return eqx.tree_at(lambda p: (p.acceleration_max, p.deceleration_max), limits, accelerations)
+
+    def searched(
+        self,
+        time: float,
+        task: Traveller,
+        request: ArrivalRequest,
+        until: float,
+        told: Callable[[str], None] = lambda what: None,
+    ) -> tuple[Outcome, PlannedHolds | None]:
+        """A first plan with its holds; or, without a plan, the holds that came nearest, if any were tried.
+
+        Parameters
+        ----------
+        time
+            Now, s.
+        task
+            From `travellers`.
+        request
+            When the aircraft are to arrive.
+        until
+            End of the flight, s: up to then the holds keep the separation.
+        told
+            Called with what is being done.
+        """
+        tried: list[tuple[CertifiedPlan, PlannedHolds]] = []
+
+        def after(plan: CertifiedPlan) -> np.ndarray:
+            told("choosing the holds")
+            holds = _holds(plan.paths, task, self.airspace, self.guidance, time, until, cells_for(until))
+            tried.append((plan, holds))
+            return ~np.asarray(holds.clear)
+
+        outcome = search(time, task, self.airspace, request, told=told, after=after)
+        wanted = outcome.unheld if outcome.plan is None else outcome.plan
+        return outcome, next((holds for plan, holds in tried if plan is wanted), None)
+
+    def renew(self, memory: CertifiedPlanState, time: ScalarLike, reports: Report) -> CertifiedPlanState:
+        """The plan bent, made anew or kept, see `renew_certified`; with it the holds that are not flown yet."""
+        own = self.travellers(reports, memory.limits)
+        made = renew_certified(memory.plan, time, own, self.airspace, self.movable, self.freeze, self.latest)
+        former = memory.holds
+        if former is None:
+            return CertifiedPlanState(made.plan, made.how, None, memory.limits)
+        planned_anew = made.how == ANEW
+
+        def chosen_anew() -> PlannedHolds:
+            until, cells = jnp.max(former.paths.times), former.paths.times.shape[1] - 1
+            return assign_holds(made.plan.paths, own, self.airspace, self.guidance, time, until, cells, former=former)
+
+        holds = jax.lax.cond(any_in_batch(planned_anew), chosen_anew, lambda: former)
+        holds = jax.tree.map(lambda new, old: jnp.where(planned_anew, new, old), holds, former)
+        return CertifiedPlanState(made.plan, made.how, holds, memory.limits)
+
+    def observe(self, memory: CertifiedPlanState, reports: Report, step: ScalarLike) -> CertifiedPlanState:
+        """Nothing is taken from the way flown."""
+        return memory
+
+    def plans(self, memory: CertifiedPlanState) -> AircraftPlan:
+        """See `AbstractPlanner`: a fleet without a plan is refused before it flies, so all are "planned"."""
+        plan = memory.plan
+        planned = jnp.zeros(plan.lengths.shape, dtype=jnp.int32)
+        return AircraftPlan(
+            trajectory=plan.paths,
+            arrival_time=plan.arrival_times,
+            status=planned,
+            length=plan.lengths,
+            lateral_bend=jnp.full_like(plan.lengths, jnp.nan),
+            renewal=jnp.broadcast_to(memory.renewal, planned.shape),
+            hold=None if memory.holds is None else each_alone(memory.holds),
+        )
+
+    def travellers(self, reports: Report, limits: PathLimits) -> Traveller:
+        """What the planner reckons with for each aircraft; in steady straight flight, as at the start."""
+        return Traveller(
+            position_n=reports.position_n,
+            air_velocity_n=reports.air_velocity_n,
+            air_acceleration_n=jnp.zeros_like(reports.air_velocity_n),
+            goal_position_n=reports.goal_position_n,
+            goal_velocity_n=reports.goal_velocity_n,
+            rendezvous=reports.rendezvous,
+            speed=jnp.full(self.sides.shape, self.speed),
+            side=self.sides,
+            limits=limits,
+            roll_rate_max=self.roll_rates_max,
+            active=jnp.where(reports.active, 1.0, 0.0),
+        )

@@ -1,0 +1,225 @@
+"""The closed loop of one aircraft over one step: sense, believe, command, control, move. There is no other."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from anser.aircraft import AircraftState, Condition, condition, moving_state, seen_state
+from anser.environment import Environment
+from anser.planning import AircraftPlan
+from anser.sensing import Belief, Instant, Truth
+from anser.shapes import Count, Flag, ScalarLike
+from anser.simulation.motion import advance
+from anser.simulation.recorder import AbstractRecorder, Meeting, Moment, scanned
+from anser.simulation.status import AT_GROUND, BROKE_OFF, FLYING, NOT_FINITE, TOO_NEAR, broken_off, plan_status
+from anser.simulation.trim import TrimPoint
+from anser.simulation.vehicle import Mission, Vehicle, VehicleState
+from anser.spatial import safe_norm
+
+APPROACH, FROZEN, HOLD = range(3)
+
+
+class Perceived(eqx.Module):
+    """One aircraft at one sample before it acts: the truth, what it believes, and the memories after both."""
+
+    truth: Truth
+    belief: Belief
+    sensors: Any
+    estimator: Any
+
+
+def truth_of(vehicle: Vehicle, state: AircraftState, now: Condition, time: ScalarLike) -> Truth:
+    """What is true of an aircraft at a time (s)."""
+    goal = None if vehicle.mission is None else vehicle.mission.goal_at(time)
+    return Truth(vehicle.airframe, state, now, goal)
+
+
+def of_aircraft(instant: Instant, index: Count) -> Instant:
+    """The instant with the random key of one aircraft."""
+    if instant.key is None:
+        return instant
+    return eqx.tree_at(lambda i: i.key, instant, jax.random.fold_in(instant.key, index))
+
+
+def trimmed_vehicle(vehicle: Vehicle, instant: Instant, trim: TrimPoint, index: ScalarLike = 0) -> VehicleState:
+    """State of an aircraft that has been holding steady flight up to an instant."""
+    index = jnp.asarray(index, dtype=jnp.int32)
+    instant = of_aircraft(instant, index)
+    now = condition(vehicle.airframe, instant.environment, instant.time, trim.state)
+    truth = truth_of(vehicle, trim.state, now, instant.time)
+    sensors = vehicle.sensors.init(truth, instant)
+    reading, _ = vehicle.sensors.read(sensors, truth, instant)
+    estimator = vehicle.estimator.init(reading, vehicle.airframe, instant)
+    belief, _ = vehicle.estimator.estimate(estimator, reading, vehicle.airframe, instant)
+    return VehicleState(
+        aircraft=moving_state(instant.environment, trim.state),
+        sensors=sensors,
+        estimator=estimator,
+        guidance=vehicle.guidance.init(belief, instant),
+        controller=vehicle.controller.init(trim.state, jnp.stack([trim.mu, trim.alpha, trim.beta])),
+        status=jnp.asarray(FLYING, dtype=jnp.int32),
+        stopped=jnp.asarray(False),
+        index=index,
+    )
+
+
+def perceive(vehicle: Vehicle, state: VehicleState, instant: Instant) -> Perceived:
+    """Sense and estimate."""
+    instant = of_aircraft(instant, state.index)
+    seen = seen_state(instant.environment, state.aircraft)
+    now = condition(vehicle.airframe, instant.environment, instant.time, seen)
+    truth = truth_of(vehicle, seen, now, instant.time)
+    reading, sensors = vehicle.sensors.read(state.sensors, truth, instant)
+    belief, estimator = vehicle.estimator.estimate(state.estimator, reading, vehicle.airframe, instant)
+    return Perceived(truth, belief, sensors, estimator)
+
+
+def act(
+    vehicle: Vehicle,
+    state: VehicleState,
+    seen: Perceived,
+    instant: Instant,
+    plan: AircraftPlan | None = None,
+    freeze: ScalarLike = 0.0,
+) -> tuple[VehicleState, Moment]:
+    """Command, control and move over one step; the next state, and everything known at the step's start.
+
+    Parameters
+    ----------
+    vehicle, state, seen
+        The aircraft, between two steps and as `perceive` gives it.
+    instant
+        Now.
+    plan
+        Its own; None where nobody plans for it. It must be there for an aircraft with a mission.
+    freeze
+        How long before its arrival the plan stands still, s: for the record.
+    """
+    instant = of_aircraft(instant, state.index)
+    truth, belief = seen.truth, seen.belief
+    command, reference_n, guidance = vehicle.guidance.command(state.guidance, belief, plan, instant)
+    status, meeting = state.status, None
+    if vehicle.mission is not None:
+        if plan is None:
+            raise ValueError("an aircraft with a goal is flown with a plan: simulation.fly, with a planner")
+        status = plan_status(status, plan.status)
+        meeting, status = _meet(vehicle.mission, truth, belief, plan, status, instant, freeze)
+        held = vehicle.mission.hold.command(
+            belief,
+            meeting.clearance,
+            vehicle.mission.rendezvous,
+            vehicle.mission.distance_min,
+            plan,
+            broken_off(status),
+            instant,
+        )
+        holding = meeting.phase == HOLD
+        command, reference_n = jax.tree.map(lambda a, b: jnp.where(holding, a, b), held, (command, reference_n))
+    controls, signals, controller = vehicle.controller.control(state.controller, belief, command, instant.step)
+    moment = Moment(
+        truth=truth,
+        belief=belief,
+        controls=controls,
+        signals=signals,
+        command=command,
+        reference_n=reference_n,
+        meeting=meeting,
+        status=state.status if plan is None else plan_status(state.status, plan.status),
+    )
+    after = advance(vehicle.airframe, instant.environment, instant.time, state.aircraft, controls, instant.step)
+    memories = seen.sensors, seen.estimator, guidance, controller
+    stopped = state.stopped
+    if vehicle.mission is not None:
+        finite = _all_finite((after, memories))
+        grounded = seen_state(instant.environment, after).position_n[2] >= 0.0
+        event = jnp.where(~finite, NOT_FINITE, jnp.where(grounded, AT_GROUND, status)).astype(status.dtype)
+        status = jnp.where(stopped, moment.status, event)
+        stopped = stopped | ~finite | grounded
+        before = state.aircraft, (state.sensors, state.estimator, state.guidance, state.controller)
+        after, memories = jax.tree.map(lambda old, new: jnp.where(stopped, old, new), before, (after, memories))
+    return VehicleState(after, *memories, status=status, stopped=stopped, index=state.index), moment
+
+
+def _meet(
+    mission: Mission,
+    truth: Truth,
+    belief: Belief,
+    plan: AircraftPlan,
+    status: Count,
+    instant: Instant,
+    freeze: ScalarLike,
+) -> tuple[Meeting, Count]:
+    """How the aircraft stands to its goal, and its status with what makes it break off.
+
+    Both guards stand above every plan and guidance: the height that ends its descent, and the least distance to its
+    goal, which is the true one.
+    """
+    earth, time = instant.environment.earth, instant.time
+    goal = mission.goal_at(time)
+    rendezvous_n = goal.position_n + mission.rendezvous.stand_off_n
+    to_goal_n, _ = earth.sight(truth.state.position_n, goal.position_n, jnp.zeros(3))
+    to_rendezvous_n, _ = earth.sight(truth.state.position_n, rendezvous_n, jnp.zeros(3))
+    clearance = mission.hold.clearance(belief)
+    too_near = safe_norm(to_goal_n) < mission.distance_min
+    left = broken_off(status)
+    event = jnp.where(clearance.lost, BROKE_OFF, TOO_NEAR)
+    status = jnp.where((clearance.lost | too_near) & ~left, event, status).astype(status.dtype)
+    approach = jnp.where(time >= plan.arrival_time - freeze, FROZEN, APPROACH)
+    phase = jnp.where((time >= plan.arrival_time) | broken_off(status), HOLD, approach)
+    return Meeting(
+        goal=goal,
+        rendezvous_n=rendezvous_n,
+        to_goal_n=to_goal_n,
+        to_rendezvous_n=to_rendezvous_n,
+        clearance=clearance,
+        plan=plan,
+        phase=phase,
+    ), status
+
+
+def _all_finite(value: object) -> Flag:
+    leaves = [leaf for leaf in jax.tree.leaves(value) if jnp.issubdtype(jnp.result_type(leaf), jnp.inexact)]
+    return jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in leaves]))
+
+
+def fly_alone(
+    vehicle: Vehicle,
+    environment: Environment,
+    state: VehicleState,
+    step: ScalarLike,
+    count: int,
+    recorder: AbstractRecorder,
+    key: Array | None = None,
+) -> tuple[VehicleState, Any, Any]:
+    """Fly one aircraft for which nobody plans, from time 0 on.
+
+    Parameters
+    ----------
+    vehicle, state
+        Without a mission.
+    environment
+        Where.
+    step
+        Sampling period, s.
+    count
+        Number of periods.
+    recorder
+        What is to be kept.
+    key
+        Random key of the flight.
+
+    Returns
+    -------
+    State at the end, the recorder's memory then, and its rows, stacked.
+    """
+    step = jnp.asarray(step, dtype=float)
+
+    def one(state: VehicleState, number: Count) -> tuple[VehicleState, Moment, Instant]:
+        instant = Instant(environment, number, step, key)
+        after, moment = act(vehicle, state, perceive(vehicle, state, instant), instant)
+        return after, moment, instant
+
+    return scanned(one, state, jnp.asarray(0, dtype=jnp.int32), count, recorder, recorder.init(1))

@@ -1,0 +1,103 @@
+"""What an aircraft flies after its arrival, or after it has broken off: a hold around its goal."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from anser.control import (
+    FlightLimits,
+    GroundClearance,
+    GuidanceSettings,
+    LoopGains,
+    chart_velocities,
+    follow,
+    ground_clearance,
+    hold,
+    hold_point,
+    levelled_off,
+    over_ground,
+)
+from anser.planning import AircraftPlan, PathCommand, Rendezvous
+from anser.sensing import Belief, Instant
+from anser.shapes import Flag, Scalar, Vector3
+from anser.simulation.planned_hold import hold_reference
+
+
+class HoldAroundGoal(eqx.Module):
+    """A circle around the moving goal, at the rendezvous's height, or the planner's own hold where it made one.
+
+    Attributes
+    ----------
+    settings
+        Of the guidance: radius, sense, climb rate.
+    limits
+        The least altitude that the hold keeps, and what the aircraft can give to keep it.
+    gains
+        With which the controller follows (V, gamma, chi).
+    speed
+        Airspeed, m/s.
+    """
+
+    settings: GuidanceSettings
+    limits: FlightLimits
+    gains: LoopGains
+    speed: Scalar
+
+    def clearance(self, belief: Belief) -> GroundClearance:
+        """Whether the aircraft can still stay above its least altitude."""
+        return ground_clearance(belief, self.limits)
+
+    def command(
+        self,
+        belief: Belief,
+        clearance: GroundClearance,
+        rendezvous: Rendezvous,
+        distance_min: Scalar,
+        plan: AircraftPlan,
+        broke_off: Flag,
+        instant: Instant,
+    ) -> tuple[PathCommand, Vector3]:
+        """Command, and the point of the hold (NED, m) that the aircraft is to be at.
+
+        Parameters
+        ----------
+        belief
+            What the aircraft believes; of its goal too.
+        clearance
+            As of now.
+        rendezvous
+            Its stand-off's height is the hold's.
+        distance_min
+            Least distance from the goal, m.
+        plan
+            Whose arrival is flown on from.
+        broke_off
+            Whether the aircraft is not where its plan has it, and must not follow the planner's hold.
+        instant
+            Now.
+        """
+        if belief.goal is None:
+            raise ValueError("a hold is flown around a goal: the aircraft has none")
+        time, goal_n, goal_velocity_n = instant.time, belief.goal.position_n, belief.goal.velocity_n
+        position_n, settings = belief.state.position_n, self.settings
+        velocity_n, wind_n = chart_velocities(belief)
+        relative_n = position_n - goal_n
+        # where the rendezvous lies below the least altitude the hold does not
+        height = jnp.maximum(-rendezvous.stand_off_n[2], self.limits.altitude_min + goal_n[2])
+        if plan.hold is not None:
+            circle = plan.hold.circles
+            height = circle.height
+            settings = eqx.tree_at(lambda s: (s.hold_radius, s.hold_turn), settings, (circle.radius, circle.turn))
+        # a circle narrower than the least distance keeps it by its height
+        short = jnp.maximum(distance_min**2 - settings.hold_radius**2, 0.0)
+        height = jnp.maximum(height, jnp.where(short > 0.0, jnp.sqrt(jnp.where(short > 0.0, short, 1.0)), -jnp.inf))
+        circle_n = hold_point(relative_n, goal_n, height, settings)
+        direction_n = plan.trajectory.velocity_n(plan.arrival_time) - goal_velocity_n
+        held = hold(relative_n, velocity_n, goal_velocity_n, wind_n, direction_n, height, self.speed, settings)
+        if plan.hold is not None:
+            ahead, foreseen = hold_reference(plan.hold, time, goal_n, goal_velocity_n, self.speed)
+            planned = follow(ahead, time, position_n, velocity_n, wind_n, settings), ahead.position_n(time)
+            on_it = foreseen & ~broke_off
+            held, circle_n = jax.tree.map(lambda a, b: jnp.where(on_it, a, b), planned, (held, circle_n))
+        command = over_ground(held, belief, instant.environment)
+        return levelled_off(command, clearance, self.gains, belief.now.earth.gravity), circle_n

@@ -1,0 +1,213 @@
+"""Recorders: what is kept of a flight, and how often."""
+
+import abc
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from anser.aircraft import Controls
+from anser.control import GroundClearance
+from anser.planning import AircraftPlan
+from anser.sensing import Belief, GoalState, Instant, Truth
+from anser.shapes import Count, Vector3
+from anser.simulation.members import in_fleet_order
+from anser.simulation.record import record
+
+
+class Meeting(eqx.Module):
+    """How one aircraft stands to its goal at one instant.
+
+    Attributes
+    ----------
+    goal
+        The truth.
+    rendezvous_n
+        Where it is to be, NED, m.
+    to_goal_n, to_rendezvous_n
+        Straight lines through space from the aircraft, m.
+    clearance
+        Between it and the ground.
+    plan
+        Its own.
+    phase
+        One of `APPROACH`, `FROZEN`, `HOLD`.
+    """
+
+    goal: GoalState
+    rendezvous_n: Vector3
+    to_goal_n: Vector3
+    to_rendezvous_n: Vector3
+    clearance: GroundClearance
+    plan: AircraftPlan
+    phase: Count
+
+
+class Moment(eqx.Module):
+    """Everything known of one aircraft at one instant.
+
+    Attributes
+    ----------
+    truth, belief
+        What is, and what it believes.
+    controls, signals
+        What its controller sets, and tells.
+    command, reference_n
+        What it was commanded, and where it is to be (NED, m).
+    meeting
+        None for an aircraft without a mission.
+    status
+        Index into `STATUS_MESSAGES`.
+    """
+
+    truth: Truth
+    belief: Belief
+    controls: Controls
+    signals: Any
+    command: Any
+    reference_n: Vector3 | None
+    meeting: Meeting | None
+    status: Count
+
+
+class FleetMoment(eqx.Module):
+    """The moments of a fleet by kinds, each with a leading axis over its members; and their places in the fleet."""
+
+    kinds: tuple[Moment, ...]
+    members: tuple[tuple[int, ...], ...] = eqx.field(static=True)
+
+    def rows(self, of_one: Callable[[Moment], dict[str, Array]]) -> dict[str, Array]:
+        """What a function gives of each aircraft, in the fleet's order; of kinds of aircraft, what all of them give."""
+        found = [jax.vmap(of_one)(moments) for moments in self.kinds]
+        common = [key for key in found[0] if all(key in one for one in found)]
+        return in_fleet_order([{key: one[key] for key in common} for one in found], self.members)
+
+
+class AbstractRecorder(eqx.Module):
+    """What is kept of a flight; concrete ones are final.
+
+    What it sees is the `Moment` of one aircraft flown alone, or the `FleetMoment` of a fleet.
+
+    Attributes
+    ----------
+    every
+        Number of samples between two rows.
+    """
+
+    every: eqx.AbstractVar[int]
+
+    @abc.abstractmethod
+    def init(self, aircraft: int) -> Any:
+        """Memory before the first sample, of so many aircraft."""
+
+    @abc.abstractmethod
+    def take(self, memory: Any, moment: Any, instant: Instant) -> Any:
+        """Memory with one more sample."""
+
+    @abc.abstractmethod
+    def row(self, moment: Any, instant: Instant) -> Any:
+        """What is kept of one sample, as arrays; None: nothing."""
+
+
+class History(AbstractRecorder):
+    """Variables of a fleet over time.
+
+    Attributes
+    ----------
+    every
+        Number of samples between two rows.
+    keys
+        Of `anser.variables.CATALOGUE`; None: all that are recorded.
+    """
+
+    every: int = eqx.field(static=True, default=1)
+    keys: tuple[str, ...] | None = eqx.field(static=True, default=None)
+
+    def init(self, aircraft: int) -> None:
+        """Nothing is kept."""
+
+    def take(self, memory: None, moment: Any, instant: Instant) -> None:
+        """Nothing is kept."""
+
+    def row(self, moment: FleetMoment, instant: Instant) -> dict[str, Array]:
+        """Each variable of each aircraft, SI units and radians.
+
+        Raises
+        ------
+        ValueError
+            No such variable is recorded.
+        """
+        found = moment.rows(record)
+        if self.keys is None:
+            return found
+        unknown = [key for key in self.keys if key not in found]
+        if unknown:
+            raise ValueError(f"not recorded: {', '.join(unknown)}; what is: {', '.join(found)}")
+        return {key: found[key] for key in self.keys}
+
+
+def scanned(
+    one: Callable[[Any, Count], tuple[Any, Any, Instant]],
+    state: Any,
+    since: Count,
+    count: int,
+    recorder: AbstractRecorder,
+    memory: Any,
+) -> tuple[Any, Any, Any]:
+    """Run steps and keep what the recorder wants.
+
+    Parameters
+    ----------
+    one
+        One step: from state and number of the sample to the state after it, what is known at it, and the instant.
+    state
+        Before the first step.
+    since
+        Number of the first sample, not batched.
+    count
+        Number of steps; a multiple of what lies between two rows.
+    recorder, memory
+        What is kept, and what has been so far.
+
+    Returns
+    -------
+    State after the last step, the recorder's memory, and its rows, stacked: of samples `since`, `since + every`, ...
+
+    Raises
+    ------
+    ValueError
+        Rows do not fill the steps.
+    """
+    every = recorder.every
+    if every < 1 or count % every:
+        raise ValueError(f"a row every {every} samples does not fit a flight of {count} samples")
+
+    def step(carry: tuple[Any, Any], number: Count) -> tuple[tuple[Any, Any], Any]:
+        state, memory = carry
+        after, moment, instant = one(state, number)
+        return (after, recorder.take(memory, moment, instant)), recorder.row(moment, instant)
+
+    if every == 1:
+        (state, memory), rows = jax.lax.scan(step, (state, memory), since + jnp.arange(count, dtype=since.dtype))
+        return state, memory, rows
+
+    def sparse(carry: tuple[Any, Any, Any], k: Count) -> tuple[tuple[Any, Any, Any], None]:
+        state, memory, number = carry[0], carry[1], carry[2][0]
+        after, moment, instant = one(state, number)
+        row = jax.lax.cond(k == 0, lambda: recorder.row(moment, instant), lambda: carry[2][1])
+        return (after, recorder.take(memory, moment, instant), (number + 1, row)), None
+
+    shape = jax.eval_shape(lambda c, n: step(c, n)[1], (state, memory), since)
+    empty = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shape)
+
+    def block(carry: tuple[Any, Any, Count], _: None) -> tuple[tuple[Any, Any, Count], Any]:
+        state, memory, number = carry
+        begun = (state, memory, (number, empty))
+        (state, memory, (number, row)), _ = jax.lax.scan(sparse, begun, jnp.arange(every))
+        return (state, memory, number), row
+
+    (state, memory, _), rows = jax.lax.scan(block, (state, memory, since), length=count // every)
+    return state, memory, rows
