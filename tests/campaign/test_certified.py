@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,16 +11,15 @@ from typer.testing import CliRunner
 import anser
 from anser.campaign import NoPlanError, run
 from anser.campaign.certified import arrival_request
-from anser.campaign.execute import _segment
 from anser.campaign.plan_output import record
 from anser.cli import app
 from anser.planning.certified.renewal import ANEW, CORRECTED, LAST_GOOD
 from anser.scenario import load, loads
-from anser.simulation import begin
 from anser.simulation.status import AT_GROUND
 from anser.verification.plan_check import dense_check
 from anser.verification.plan_data import ArrivalRule, FleetLimits, Goals, KeepOutCylinders, Paths, PlanCase, Starts
 from anser.verification.plan_data import WindProfile as JudgedWind
+from support.fleet_flight import own, segment, with_own
 
 _TURN_S = 30.0
 
@@ -115,22 +113,21 @@ def test_the_plan_follows_a_goal_that_turns_and_says_how(flown):
 def test_one_that_has_stopped_is_planned_without(flown):
     """The first stands still from the start on: its boat's turn is no longer a reason to plan anew."""
     planned, count = flown.planned, 2
-    state = begin(planned.flight, planned.ready, planned.plan, jnp.zeros(count), planned.holds)
+    state = planned.begun()
     first = jnp.arange(count) == 0
-    stopped = eqx.tree_at(
-        lambda s: (s.stopped, s.status), state, (first, jnp.where(first, AT_GROUND, state.status).astype(jnp.int32))
-    )
+    statuses = jnp.where(first, AT_GROUND, own(state).status).astype(jnp.int32)
+    stopped = with_own(lambda s: (s.stopped, s.status), state, (first, statuses))
     renewals = set()
-    for _ in range(17):
-        stopped, history = _segment(planned.flight, stopped)
+    for number in range(17):
+        stopped, history = segment(planned.flight, stopped, number)
         renewals |= set(np.asarray(history["renewal"])[200:, 1].tolist())
         assert np.all(np.isfinite(history["north"]))
     assert renewals == {CORRECTED}
-    assert stopped.status.tolist() == [AT_GROUND, 0]
-    assert np.array_equal(stopped.plan.arrival_times, planned.plan.arrival_times)
+    assert own(stopped).status.tolist() == [AT_GROUND, 0]
+    assert np.array_equal(stopped.planner.plan.arrival_times, planned.plan.arrival_times)
     # The path of the one that stands is the first plan's; the other's is too, as its buoy lies where it lay.
-    assert np.array_equal(stopped.plan.paths.air_n[0], planned.plan.paths.air_n[0])
-    np.testing.assert_allclose(stopped.plan.paths.air_n[1], planned.plan.paths.air_n[1], atol=1e-3)
+    assert np.array_equal(stopped.planner.plan.paths.air_n[0], planned.plan.paths.air_n[0])
+    np.testing.assert_allclose(stopped.planner.plan.paths.air_n[1], planned.plan.paths.air_n[1], atol=1e-3)
 
 
 def test_an_independent_check_at_each_millisecond_finds_nothing(flown):

@@ -175,6 +175,6 @@ def test_a_scenario_chooses_the_inversion():
     from pathlib import Path
 
     text = (Path(__file__).parents[2] / "scenarios" / "single-aircraft.toml").read_text()
-    assert float(build_flight(loads(text)).fleet.gains.sensor_bandwidth[0]) == 0.0
+    assert float(build_flight(loads(text)).kinds[0].vehicles.own.controller.gains.sensor_bandwidth[0]) == 0.0
     chosen = text.replace("[[goal]]", '[aircraft.gains]\ninversion = "incremental"\n\n[[goal]]', 1)
-    assert float(build_flight(loads(chosen)).fleet.gains.sensor_bandwidth[0]) == BANDWIDTH
+    assert float(build_flight(loads(chosen)).kinds[0].vehicles.own.controller.gains.sensor_bandwidth[0]) == BANDWIDTH

@@ -7,11 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.campaign.execute import _segment
-from anser.campaign.planned import _start
 from anser.control.ground_clearance import ERROR_ALLOWED_M
 from anser.scenario import build_flight, load
 from anser.simulation.status import AT_GROUND, BROKE_OFF, FLYING
+from support.fleet_flight import own, segment, started, with_own
 
 SCENARIO = Path(__file__).parents[2] / "scenarios" / "three-aircraft.toml"
 FLOOR = 100.0 - ERROR_ALLOWED_M
@@ -27,7 +26,7 @@ DIVES = [
 def three():
     flight = build_flight(load(SCENARIO))
     once = eqx.tree_at(lambda f: f.timing.replan_steps, flight, jnp.zeros_like(flight.timing.replan_steps))
-    return once, _start(flight)[0]
+    return once, started(flight)
 
 
 def quaternion(roll, pitch):
@@ -47,7 +46,7 @@ def placed(state, dives, heights):
     attitude = np.stack([pitched(quaternion(*pair), a) for *pair, a in zip(bank, gamma, alpha, strict=True)])
     velocity_b = np.stack([speed * np.cos(alpha), 0 * speed, speed * np.sin(alpha)], axis=1)
     position_n = np.stack([0 * speed, 5000.0 * np.arange(3), -np.asarray(heights)], axis=1)
-    return eqx.tree_at(
+    return with_own(
         lambda s: (s.aircraft.quaternion, s.aircraft.velocity_b, s.aircraft.position_n, s.aircraft.rates_b),
         state,
         tuple(jnp.asarray(x) for x in (attitude, velocity_b, position_n, np.zeros((3, 3)))),
@@ -60,7 +59,7 @@ def first_trigger(three, dives):
     low, high = np.full(3, FLOOR), np.full(3, FLOOR + 5000.0)
     while np.max(high - low) > 2.0:
         middle = 0.5 * (low + high)
-        _, history = _segment(flight, placed(state, dives, middle))
+        _, history = segment(flight, placed(state, dives, middle))
         lost = history["status"][1] == BROKE_OFF
         low, high = np.where(lost, middle, low), np.where(lost, high, middle)
     return low
@@ -71,10 +70,10 @@ def test_a_descent_broken_off_at_the_last_moment_ends_above_the_floor(three, div
     flight, state = three
     heights = first_trigger(three, dives)
     after, lowest = placed(state, dives, heights), np.full(3, np.inf)
-    for _ in range(6):
-        after, history = _segment(flight, after)
+    for number in range(6):
+        after, history = segment(flight, after, number)
         lowest = np.minimum(lowest, np.asarray(history["altitude"]).min(axis=0))
-    np.testing.assert_array_equal(after.status, BROKE_OFF)
+    np.testing.assert_array_equal(own(after).status, BROKE_OFF)
     # Measured: of the height reckoned with 0.29 to 0.94 is used.
     assert np.all(lowest > FLOOR), (heights, lowest)
     # and it goes to its hold 300 m above its goal
@@ -84,7 +83,7 @@ def test_a_descent_broken_off_at_the_last_moment_ends_above_the_floor(three, div
 
 def test_a_level_flight_at_the_least_altitude_goes_on(three):
     flight, state = three
-    after, _ = _segment(flight, placed(state, [(150, 0, 0, 4), (150, 1, 0, 4), (150, 10, 60, 5)], [90.0, 75.0, 75.0]))
-    assert AT_GROUND not in np.asarray(after.status)
-    _, history = _segment(flight, placed(state, [(150, 0, 0, 4)] * 3, [90.0] * 3))
+    after, _ = segment(flight, placed(state, [(150, 0, 0, 4), (150, 1, 0, 4), (150, 10, 60, 5)], [90.0, 75.0, 75.0]))
+    assert AT_GROUND not in np.asarray(own(after).status)
+    _, history = segment(flight, placed(state, [(150, 0, 0, 4)] * 3, [90.0] * 3))
     assert np.all(np.asarray(history["status"][:5]) == FLYING)

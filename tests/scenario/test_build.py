@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from anser.scenario import build_flight, build_path_limits, load, loads
+from support.fleet_flight import parts_of
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 
@@ -19,19 +20,19 @@ def storm():
 
 def test_units_and_signs(storm):
     scenario, flight = storm
-    fleet = flight.fleet
+    parts, kind = parts_of(flight), flight.kinds[0]
     first = scenario.aircraft[0]
     np.testing.assert_allclose(
-        fleet.start_positions_n[0], [first.start.north_m, first.start.east_m, -first.start.altitude_m]
+        kind.start_positions_n[0], [first.start.north_m, first.start.east_m, -first.start.altitude_m]
     )
-    np.testing.assert_allclose(fleet.starts.course[0], np.deg2rad(first.start.course_deg))
+    np.testing.assert_allclose(kind.starts.course[0], np.deg2rad(first.start.course_deg))
     # Stand-off up is negative down; the wind of 12 m/s from 240 deg blows toward 60 deg.
-    np.testing.assert_allclose(fleet.rendezvous.stand_off_n[0], [0.0, -700.0, -600.0])
+    np.testing.assert_allclose(parts.mission.rendezvous.stand_off_n[0], [0.0, -700.0, -600.0])
     toward = np.deg2rad(60.0)
-    wind_n = flight.environment.wind.at(fleet.start_positions_n[0], 0.0)
+    wind_n = flight.environment.wind.at(kind.start_positions_n[0], 0.0)
     np.testing.assert_allclose(wind_n, 12 * np.array([np.cos(toward), np.sin(toward), 0.0]), atol=1e-12)
     # The storm's points drift with the wind.
-    np.testing.assert_allclose(fleet.goals.velocity_after_n[2], wind_n, atol=1e-12)
+    np.testing.assert_allclose(parts.mission.goal.velocity_after_n[2], wind_n, atol=1e-12)
 
 
 def test_gravity_is_that_of_the_latitude(storm):
@@ -59,14 +60,14 @@ def test_per_aircraft_choices_arrive(storm):
     text += '[[goal]]\nname = "tour"\nkind = "surface"\nwaypoints = [{ time_s = 0.0, north_m = 0.0, east_m = 500.0, '
     text += "altitude_m = 0.0 }, { time_s = 100.0, north_m = 0.0, east_m = 900.0, altitude_m = 0.0 }]\n"
     flight = build_flight(loads(text))
-    assert list(np.asarray(flight.fleet.sides)) == [0, 1, 0, 0]
-    np.testing.assert_allclose(flight.fleet.airframes.x_cg, [0.30, 0.31, 0.30, 0.30])
+    assert list(np.asarray(flight.planner.sides)) == [0, 1, 0, 0]
+    np.testing.assert_allclose(parts_of(flight).airframe.x_cg, [0.30, 0.31, 0.30, 0.30])
     # s119 weighs 637.1595 slug.
-    np.testing.assert_allclose(flight.fleet.airframes.mass_properties.mass[1], 637.1595 * 14.593902937, rtol=1e-8)
-    np.testing.assert_allclose(flight.fleet.gains.velocity.proportional[3], [0.9, 1.1, 1.2])
-    tour = jax.tree.map(lambda leaf: leaf[3], flight.fleet.goals)
+    np.testing.assert_allclose(parts_of(flight).airframe.mass_properties.mass[1], 637.1595 * 14.593902937, rtol=1e-8)
+    np.testing.assert_allclose(parts_of(flight).controller.gains.velocity.proportional[3], [0.9, 1.1, 1.2])
+    tour = jax.tree.map(lambda leaf: leaf[3], parts_of(flight).mission.goal)
     np.testing.assert_allclose(tour.position_n(50.0), [0.0, 700.0, 0.0])
-    still = jax.tree.map(lambda leaf: leaf[1], flight.fleet.goals)
+    still = jax.tree.map(lambda leaf: leaf[1], parts_of(flight).mission.goal)
     np.testing.assert_allclose(still.position_n(50.0), [0.0, 0.0, 0.0])
 
 

@@ -16,10 +16,14 @@ def _with(gains):
 
 def test_bandwidth_and_damping_become_gains():
     design = _with("[aircraft.gains.attitude]\nbandwidth_rad_s = [2.0, 2.5, 3.0]\ndamping = 2.5\nderivative = 0.5")
-    attitude = build_flight(loads(design)).fleet.gains.attitude
+    attitude = build_flight(loads(design)).kinds[0].vehicles.own.controller.gains.attitude
     np.testing.assert_allclose(attitude.proportional[0], [3.0, 3.75, 4.5])
     np.testing.assert_allclose(attitude.integral[0], 1.5 * (np.array([2.0, 2.5, 3.0]) / 5.0) ** 2)
-    without = build_flight(loads(_with("[aircraft.gains.velocity]\nbandwidth_rad_s = 1"))).fleet.gains.velocity
+    without = (
+        build_flight(loads(_with("[aircraft.gains.velocity]\nbandwidth_rad_s = 1")))
+        .kinds[0]
+        .vehicles.own.controller.gains.velocity
+    )
     np.testing.assert_array_equal(without.integral[0], np.zeros(3))
 
 

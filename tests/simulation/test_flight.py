@@ -9,13 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-import anser.simulation.flight as flight_module
-from anser.campaign.execute import _segment
-from anser.campaign.planned import _start
+import anser.planning.published_planner as planner_module
+from anser import simulation
 from anser.scenario import build_flight, load
-from anser.simulation import SEGMENT_STEPS, STATUS_MESSAGES, step_flight
+from anser.simulation import SEGMENT_STEPS, STATUS_MESSAGES
 from anser.simulation.status import NOT_FINITE
 from anser.variables import RECORDED_KEYS
+from support.fleet_flight import own, segment, started, with_own
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 STEPS = 4
@@ -24,13 +24,14 @@ PLAIN = {"xla_backend_optimization_level": 0}
 
 
 def fly(flight, state):
-    return jax.lax.scan(lambda carry, _: step_flight(flight, carry), state, length=STEPS)
+    after, _, history = simulation.fly(flight, state, jnp.asarray(0, dtype=jnp.int32), STEPS)
+    return after, history
 
 
 @pytest.fixture(scope="module")
 def three():
     flight = build_flight(load(SCENARIOS / "three-aircraft.toml"))
-    state, _ = _start(flight)
+    state = started(flight)
     return flight, state
 
 
@@ -41,29 +42,29 @@ def with_the_plan_standing(three):
     Through the renewal, the derivatives compile for minutes.
     """
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(flight_module, "renew", lambda plan, *others: plan)
+        patch.setattr(planner_module, "renew", lambda plan, *others: plan)
         compiled = eqx.filter_jit(lambda flight, state: fly(flight, state), compiler_options=PLAIN)
         compiled(*three)
         yield compiled
 
 
 def test_history_holds_exactly_the_catalogue(three):
-    _, history = _segment(*three)
+    _, history = segment(*three)
     assert set(history) == set(RECORDED_KEYS)
     assert all(values.shape == (SEGMENT_STEPS, 3) for values in history.values())
 
 
 def test_first_row_is_the_scenario_start(three):
     flight, _ = three
-    _, history = _segment(*three)
-    np.testing.assert_allclose(history["north"][0], flight.fleet.start_positions_n[:, 0], atol=1e-9)
-    np.testing.assert_allclose(history["airspeed"][0], flight.fleet.starts.speed, rtol=1e-12)
-    np.testing.assert_allclose(history["course"][0], flight.fleet.starts.course, atol=1e-12)
+    _, history = segment(*three)
+    np.testing.assert_allclose(history["north"][0], flight.kinds[0].start_positions_n[:, 0], atol=1e-9)
+    np.testing.assert_allclose(history["airspeed"][0], flight.kinds[0].starts.speed, rtol=1e-12)
+    np.testing.assert_allclose(history["course"][0], flight.kinds[0].starts.course, atol=1e-12)
     np.testing.assert_allclose(history["path_angle"][0], 0.0, atol=1e-12)
 
 
 def test_the_goals_velocities_are_recovered_from_the_line_of_sight(three):
-    _, history = _segment(*three)
+    _, history = segment(*three)
     # The scenario's boats go North at 25 m/s and East at 15 m/s; the sensor has no noise, rounding is left.
     moving = {"north": [25.0, 0.0, 0.0], "east": [0.0, 0.0, 15.0], "down": [0.0, 0.0, 0.0]}
     for axis, speeds in moving.items():
@@ -74,14 +75,14 @@ def test_the_goals_velocities_are_recovered_from_the_line_of_sight(three):
 
 def test_a_number_that_is_none_stops_its_aircraft_alone(three):
     flight, state = three
-    broken = eqx.tree_at(lambda s: s.aircraft.power, state, state.aircraft.power.at[1].set(jnp.nan))
-    good, _ = _segment(flight, state)
-    after, history = _segment(flight, broken)
-    assert list(np.asarray(after.stopped)) == [False, True, False]
-    assert int(after.status[1]) == NOT_FINITE
+    broken = with_own(lambda s: s.aircraft.power, state, own(state).aircraft.power.at[1].set(jnp.nan))
+    good, _ = segment(flight, state)
+    after, history = segment(flight, broken)
+    assert list(np.asarray(own(after).stopped)) == [False, True, False]
+    assert int(own(after).status[1]) == NOT_FINITE
     assert "number" in STATUS_MESSAGES[NOT_FINITE]
     for k in (0, 2):
-        np.testing.assert_allclose(after.aircraft.position_n[k], good.aircraft.position_n[k], atol=1e-6)
+        np.testing.assert_allclose(own(after).aircraft.position_n[k], own(good).aircraft.position_n[k], atol=1e-6)
     # It stands where it was.
     np.testing.assert_array_equal(history["north"][:, 1], history["north"][0, 1])
 
@@ -89,7 +90,7 @@ def test_a_number_that_is_none_stops_its_aircraft_alone(three):
 def test_flights_in_a_batch_are_the_flights_alone(three, with_the_plan_standing):
     """Of two unlike fleets, so that neither can be taken for the other."""
     flight, state = three
-    faster = eqx.tree_at(lambda s: s.aircraft.velocity_b, state, 1.01 * state.aircraft.velocity_b)
+    faster = with_own(lambda s: s.aircraft.velocity_b, state, 1.01 * own(state).aircraft.velocity_b)
     batch = jax.tree.map(lambda *leaves: jnp.stack(leaves), (flight, state), (flight, faster))
     together = eqx.filter_jit(jax.vmap(fly), compiler_options=PLAIN)(*batch)[1]
     for k, start in enumerate((state, faster)):

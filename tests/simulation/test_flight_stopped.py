@@ -2,16 +2,14 @@
 
 from pathlib import Path
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.campaign.execute import _segment
-from anser.campaign.planned import _start
 from anser.scenario import build_flight, load, loads
 from anser.simulation.status import AT_GROUND, NO_TRIM
+from support.fleet_flight import own, segments, started, with_own
 
 THREE = Path(__file__).parents[2] / "scenarios" / "three-aircraft.toml"
 ARRIVAL_S = 60.36
@@ -21,16 +19,7 @@ OTHERS = np.array([1, 2])
 @pytest.fixture(scope="module")
 def three():
     flight = build_flight(load(THREE))
-    return flight, _start(flight)[0]
-
-
-def flown(flight, state, seconds):
-    """State after so many seconds, of whole segments of 5 s, and the record up to there."""
-    parts = []
-    for _ in range(round(seconds / 5.0)):
-        state, history = _segment(flight, state)
-        parts.append(jax.tree.map(np.asarray, history))
-    return state, {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
+    return flight, started(flight)
 
 
 def check_arrivals(history):
@@ -45,13 +34,13 @@ def check_arrivals(history):
 
 def test_the_others_keep_their_time_when_the_farthest_meets_the_ground(three):
     flight, state = three
-    assert state.plan.farthest == 0
+    assert state.planner.plan.farthest == 0
     # Half a metre above the sea, sinking at 30 m/s: it is there within a few hundredths of a second.
-    low = state.aircraft.position_n.at[0, 2].set(-0.5)
-    sinking = state.aircraft.velocity_b.at[0, 2].add(30.0)
-    state = eqx.tree_at(lambda s: (s.aircraft.position_n, s.aircraft.velocity_b), state, (low, sinking))
-    after, history = flown(flight, state, 70.0)
-    assert list(np.asarray(after.stopped)) == [True, False, False]
+    low = own(state).aircraft.position_n.at[0, 2].set(-0.5)
+    sinking = own(state).aircraft.velocity_b.at[0, 2].add(30.0)
+    state = with_own(lambda s: (s.aircraft.position_n, s.aircraft.velocity_b), state, (low, sinking))
+    after, history = segments(flight, state, 14)
+    assert list(np.asarray(own(after).stopped)) == [True, False, False]
     assert set(history["status"][10:, 0]) == {AT_GROUND}
     assert set(history["status"][:, OTHERS].ravel()) == {0}
     # Before its end the plan was made with it; then that stands, and nothing of the plan waits for what lies there.
@@ -60,34 +49,33 @@ def test_the_others_keep_their_time_when_the_farthest_meets_the_ground(three):
     check_arrivals(history)
     # It shows the arrival time of the last plan that was made with it, and flies no farther.
     np.testing.assert_array_equal(history["arrival_time"][10:, 0], history["arrival_time"][10, 0])
-    assert after.flown[0] < 10.0
+    assert after.planner.flown[0] < 10.0
 
 
 def test_a_fleet_sets_out_without_one_that_cannot_fly():
     # 95 m/s at 14 km: no steady flight; from there it would also be the farthest.
     text = THREE.read_text().replace("altitude_m = 1000.0, speed_m_s = 150.0", "altitude_m = 14000.0, speed_m_s = 95.0")
     flight = build_flight(loads(text))
-    state, _ = _start(flight)
-    assert state.status.tolist() == [NO_TRIM, 0, 0]
-    assert state.plan.farthest in OTHERS
+    state = started(flight)
+    assert own(state).status.tolist() == [NO_TRIM, 0, 0]
+    assert state.planner.plan.farthest in OTHERS
     # The two others are nearer than the first of the shipped scenario, which takes 60.36 s.
-    assert float(state.plan.arrival_time) < ARRIVAL_S - 1.0
-    after, history = flown(flight, state, 70.0)
+    assert float(state.planner.plan.arrival_time) < ARRIVAL_S - 1.0
+    after, history = segments(flight, state, 14)
     np.testing.assert_array_equal(history["status"], np.tile([[NO_TRIM, 0, 0]], (len(history["status"]), 1)))
-    np.testing.assert_allclose(history["arrival_time"], state.plan.arrival_time, atol=0.1)
+    np.testing.assert_allclose(history["arrival_time"], state.planner.plan.arrival_time, atol=0.1)
     check_arrivals(history)
-    assert after.flown[0] == 0.0
+    assert after.planner.flown[0] == 0.0
 
 
 def test_where_all_have_stopped_the_rest_of_the_flight_is_recorded_and_nothing_is_planned(three):
     flight, state = three
-    ended = eqx.tree_at(
-        lambda s: (s.stopped, s.status), state, (jnp.ones_like(state.stopped), jnp.full_like(state.status, AT_GROUND))
-    )
-    after, history = flown(flight, ended, 5.0)
+    all_stopped = jnp.ones_like(own(state).stopped), jnp.full_like(own(state).status, AT_GROUND)
+    ended = with_own(lambda s: (s.stopped, s.status), state, all_stopped)
+    after, history = segments(flight, ended, 1)
     assert set(history["status"].ravel()) == {AT_GROUND}
     for key in ("north", "east", "altitude", "arrival_time"):
         np.testing.assert_array_equal(history[key], np.tile(history[key][:1], (len(history[key]), 1)))
-    for one, other in zip(jax.tree.leaves(after.plan), jax.tree.leaves(state.plan), strict=True):
+    for one, other in zip(jax.tree.leaves(after.planner), jax.tree.leaves(state.planner), strict=True):
         np.testing.assert_array_equal(one, other)
     assert all(np.all(np.isfinite(values)) for values in history.values())

@@ -8,8 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.aircraft import condition
-from anser.control import default_limits, make_plant, published_gains
+from anser.control import InversionAutopilot, default_limits, published_gains
 from anser.environment import standard_environment
 from anser.scenario.library import load_airframe
 from anser.simulation.linearize_chart import coordinates_of, state_at
@@ -18,7 +17,7 @@ from anser.simulation.linearize_open import linearize
 from anser.simulation.linearize_sampled import CHANNELS, linearize_loop
 from anser.simulation.modes import modes_of
 from anser.simulation.motion import advance
-from anser.simulation.response import LoopCommand, control_loop, measured_by, trimmed_memory
+from anser.simulation.response import believed, loop_command, measured_by, motion_of, trimmed_memory
 from anser.simulation.trim import solve_trim
 from anser.verification.linear import LINEAR_CHECKS
 from support.checks import assert_passes
@@ -91,9 +90,8 @@ def test_derivatives_equal_differences_of_the_step():
 
     @jax.jit
     def at_trim():
-        now = condition(F16, ENVIRONMENT, 0.0, point.state)
-        plant = make_plant(F16, LIMITS, GAINS, point.state, now, start, ENVIRONMENT.gravity, STEP)
-        return measured_by(plant, "velocity"), plant.motion.path_rates
+        belief = believed(F16, ENVIRONMENT, point.state)
+        return measured_by(belief, "velocity"), motion_of(belief).path_rates
 
     held, turning = at_trim()
 
@@ -119,10 +117,9 @@ def test_derivatives_equal_differences_of_the_step():
     @jax.jit
     def step(z, command):
         state = state_at(ENVIRONMENT, z[:14], point.state.position_n)
-        command = LoopCommand(command, turning, point.controls.throttle)
-        controls, _, memory = control_loop(
-            F16, ENVIRONMENT, GAINS, LIMITS, 0.0, state, memory_of(list(z[14:])), command, STEP, "velocity"
-        )
+        command = loop_command("velocity", command, turning, point.controls.throttle)
+        belief = believed(F16, ENVIRONMENT, state)
+        controls, _, memory = InversionAutopilot(GAINS, LIMITS).control(memory_of(list(z[14:])), belief, command, STEP)
         after = coordinates_of(ENVIRONMENT, advance(F16, ENVIRONMENT, 0.0, state, controls, STEP))
         fields = ("rates_integral", "surfaces_filter", "attitude_integral", "rates_filter", "surfaces_slow")
         fields += ("velocity_integral", "attitude_filter")

@@ -1,8 +1,8 @@
 """Sensing: what an aircraft is told of itself and of its goal, and what it believes."""
 
 from anser.sensing.delayed import DelayedSensors
-from anser.sensing.direct import DirectEstimator
-from anser.sensing.ideal import IdealSensors
+from anser.sensing.direct import DirectEstimator, goal_seen
+from anser.sensing.ideal import IdealSensors, line_of_sight
 from anser.sensing.interface import (
     AbstractEstimator,
     AbstractSensors,
@@ -25,5 +25,7 @@ __all__ = [
     "Instant",
     "Reading",
     "Truth",
+    "goal_seen",
+    "line_of_sight",
     "velocity_over_ground_n",
 ]

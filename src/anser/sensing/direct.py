@@ -3,8 +3,10 @@
 import jax.numpy as jnp
 
 from anser.aircraft import AbstractAirframe, condition
-from anser.planning import recover
+from anser.environment import AbstractEarth
+from anser.planning import LineOfSight, recover
 from anser.sensing.interface import AbstractEstimator, Belief, GoalState, Instant, Reading, velocity_over_ground_n
+from anser.shapes import Vector3
 
 
 class DirectEstimator(AbstractEstimator):
@@ -28,14 +30,24 @@ class DirectEstimator(AbstractEstimator):
         now, model = reading.now, airframe if self.model is None else self.model
         if self.model is not None:
             now = condition(self.model, instant.environment, instant.time, reading.state)
-        goal = goal_seen(reading, instant)
+        goal = None
+        if reading.sight is not None:
+            velocity_n = velocity_over_ground_n(reading.now, reading.state)
+            goal = goal_seen(instant.environment.earth, reading.sight, reading.state.position_n, velocity_n)
         return Belief(model, reading.state, now, reading.specific_force_b, reading.sight, goal), None
 
 
-def goal_seen(reading: Reading, instant: Instant) -> GoalState | None:
-    """Place and velocity of the goal in the Earth's chart, recovered from the line of sight and the own motion."""
-    if reading.sight is None:
-        return None
-    here_n = jnp.zeros(3)
-    line_n, velocity_n = recover(reading.sight, here_n, velocity_over_ground_n(reading.now, reading.state))
-    return GoalState(*instant.environment.earth.charted(reading.state.position_n, line_n, velocity_n))
+def goal_seen(earth: AbstractEarth, sight: LineOfSight, position_n: Vector3, velocity_n: Vector3) -> GoalState:
+    """Place and velocity of a goal in the Earth's chart, recovered from the line of sight and the own motion.
+
+    Parameters
+    ----------
+    earth
+        The Earth with its chart.
+    sight
+        As measured.
+    position_n, velocity_n
+        Own place in the chart (3,), m, and velocity over ground (3,), NED, m/s.
+    """
+    line_n, goal_velocity_n = recover(sight, jnp.zeros(3), velocity_n)
+    return GoalState(*earth.charted(position_n, line_n, goal_velocity_n))

@@ -4,7 +4,8 @@ import jax.numpy as jnp
 
 from anser.environment import AbstractEarth
 from anser.planning import LineOfSight, measure
-from anser.sensing.interface import AbstractSensors, Instant, Reading, Truth, velocity_over_ground_n
+from anser.sensing.interface import AbstractSensors, GoalState, Instant, Reading, Truth, velocity_over_ground_n
+from anser.shapes import Vector3
 
 
 class IdealSensors(AbstractSensors):
@@ -29,8 +30,24 @@ def true_reading(truth: Truth, earth: AbstractEarth) -> Reading:
 
 
 def true_sight(truth: Truth, earth: AbstractEarth) -> LineOfSight | None:
-    """Line of sight to the goal: its direction and rates in the NED axes of the aircraft's place."""
+    """Line of sight to the goal; None for an aircraft without one."""
     if truth.goal is None:
         return None
-    line_n, goal_over_ground_n = earth.sight(truth.state.position_n, truth.goal.position_n, truth.goal.velocity_n)
-    return measure(jnp.zeros(3), velocity_over_ground_n(truth.now, truth.state), line_n, goal_over_ground_n)
+    velocity_n = velocity_over_ground_n(truth.now, truth.state)
+    return line_of_sight(earth, truth.state.position_n, velocity_n, truth.goal)
+
+
+def line_of_sight(earth: AbstractEarth, position_n: Vector3, velocity_n: Vector3, goal: GoalState) -> LineOfSight:
+    """Straight line through space to a goal: its direction and rates in the NED axes of the own place.
+
+    Parameters
+    ----------
+    earth
+        The Earth with its chart.
+    position_n, velocity_n
+        Own place in the chart (3,), m, and velocity over ground (3,), NED, m/s.
+    goal
+        In the chart.
+    """
+    line_n, goal_over_ground_n = earth.sight(position_n, goal.position_n, goal.velocity_n)
+    return measure(jnp.zeros(3), velocity_n, line_n, goal_over_ground_n)

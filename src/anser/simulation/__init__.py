@@ -4,6 +4,7 @@ from anser.simulation.broken_loop import BREAKPOINTS, HELD_BACK, MemoryFields, l
 from anser.simulation.certified_planner import CertifiedPlanner, CertifiedPlanState
 from anser.simulation.closed_loop import APPROACH, FROZEN, HOLD, fly_alone, trimmed_vehicle
 from anser.simulation.fleet import Flight, FlightState, Timing, assemble, statuses
+from anser.simulation.fleet_summary import FleetSummary, SummaryRecorder
 from anser.simulation.flight import SEGMENT_STEPS, fly, step_fleet
 from anser.simulation.flight_summary import AUTOPILOT_LIMITS, BETA_BOUND, TABLE_AXES, FlightSummary
 from anser.simulation.hold import HoldAroundGoal
@@ -45,6 +46,7 @@ __all__ = [
     "CertifiedPlanState",
     "CertifiedPlanner",
     "FleetMoment",
+    "FleetSummary",
     "Flight",
     "FlightState",
     "FlightSummary",
@@ -64,6 +66,7 @@ __all__ = [
     "NearestTrims",
     "PlannedHolds",
     "Response",
+    "SummaryRecorder",
     "Timing",
     "TrimPoint",
     "TrimTarget",

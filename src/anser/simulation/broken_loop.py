@@ -104,7 +104,7 @@ def excited_loop(
     """
     require_flat(environment)
     autopilot = InversionAutopilot(gains, limits)
-    start, path = trimmed_memory(trim, autopilot), motion_of(believed(airframe, environment, trim.state))
+    start, path = trimmed_memory(trim), motion_of(believed(airframe, environment, trim.state))
     wanted = PathCommand(path.V, path.gamma, path.chi, *path.path_rates)
 
     def elements(of: AutopilotState) -> list[Vector3]:

@@ -10,14 +10,14 @@ from jaxtyping import Array
 from anser.aircraft import AircraftState, Condition, condition, moving_state, seen_state
 from anser.environment import Environment
 from anser.planning import AircraftPlan
-from anser.sensing import Belief, Instant, Truth
+from anser.sensing import Belief, Instant, Truth, velocity_over_ground_n
 from anser.shapes import Count, Flag, ScalarLike
 from anser.simulation.motion import advance
 from anser.simulation.recorder import AbstractRecorder, Meeting, Moment, scanned
+from anser.simulation.stand_off import too_near
 from anser.simulation.status import AT_GROUND, BROKE_OFF, FLYING, NOT_FINITE, TOO_NEAR, broken_off, plan_status
 from anser.simulation.trim import TrimPoint
 from anser.simulation.vehicle import Mission, Vehicle, VehicleState
-from anser.spatial import safe_norm
 
 APPROACH, FROZEN, HOLD = range(3)
 
@@ -160,13 +160,20 @@ def _meet(
     earth, time = instant.environment.earth, instant.time
     goal = mission.goal_at(time)
     rendezvous_n = goal.position_n + mission.rendezvous.stand_off_n
-    to_goal_n, _ = earth.sight(truth.state.position_n, goal.position_n, jnp.zeros(3))
+    to_goal_n, goal_velocity_n = earth.sight(truth.state.position_n, goal.position_n, goal.velocity_n)
     to_rendezvous_n, _ = earth.sight(truth.state.position_n, rendezvous_n, jnp.zeros(3))
     clearance = mission.hold.clearance(belief)
-    too_near = safe_norm(to_goal_n) < mission.distance_min
+    near = too_near(
+        to_goal_n,
+        velocity_over_ground_n(truth.now, truth.state),
+        goal_velocity_n,
+        mission.distance_min,
+        mission.hold.turning_acceleration(clearance, truth.now.earth.gravity),
+        mission.hold.settings.hold_turn,
+    )
     left = broken_off(status)
     event = jnp.where(clearance.lost, BROKE_OFF, TOO_NEAR)
-    status = jnp.where((clearance.lost | too_near) & ~left, event, status).astype(status.dtype)
+    status = jnp.where((clearance.lost | near) & ~left, event, status).astype(status.dtype)
     approach = jnp.where(time >= plan.arrival_time - freeze, FROZEN, APPROACH)
     phase = jnp.where((time >= plan.arrival_time) | broken_off(status), HOLD, approach)
     return Meeting(

@@ -22,6 +22,8 @@ from anser.sensing import Belief, Instant
 from anser.shapes import Flag, Scalar, Vector3
 from anser.simulation.planned_hold import hold_reference
 
+_BANK_MOST = 1.2  # rad: what a level turn asks for beyond has no bound
+
 
 class HoldAroundGoal(eqx.Module):
     """A circle around the moving goal, at the rendezvous's height, or the planner's own hold where it made one.
@@ -46,6 +48,12 @@ class HoldAroundGoal(eqx.Module):
     def clearance(self, belief: Belief) -> GroundClearance:
         """Whether the aircraft can still stay above its least altitude."""
         return ground_clearance(belief, self.limits)
+
+    def turning_acceleration(self, clearance: GroundClearance, gravity: Scalar) -> Scalar:
+        """With which the aircraft can turn in level flight, m/s^2: by its bank limit, its lift and its load factor."""
+        by_bank = gravity * jnp.tan(jnp.minimum(self.limits.bank_max, _BANK_MOST))
+        by_lift = jnp.sqrt(jnp.maximum(clearance.normal_most**2 - gravity**2, 1e-6))
+        return jnp.minimum(by_bank, by_lift)
 
     def command(
         self,

@@ -147,7 +147,7 @@ def _law(case: LoopCase, loop: Loop, fields: tuple[str, ...]) -> tuple[Array, Ve
     """States and commands of the condition; controls and memory after a sample, as they depend on both."""
     airframe, environment, trim = case.airframe, case.environment, case.trim
     autopilot = InversionAutopilot(case.gains, case.limits, loop=loop)
-    start, belief = trimmed_memory(trim, autopilot), believed(airframe, environment, trim.state)
+    start, belief = trimmed_memory(trim), believed(airframe, environment, trim.state)
     held = measured_by(belief, loop)
     rate = motion_of(belief).path_rates if loop == "velocity" else jnp.zeros(3)
 

@@ -16,6 +16,7 @@ from anser.control import (
     Loop,
     LoopCommand,
     PathMotion,
+    initial_autopilot_state,
     path_motion,
 )
 from anser.environment import Environment
@@ -155,9 +156,10 @@ def believed(airframe: AbstractAirframe, environment: Environment, state: Aircra
     return Belief(airframe, state, now, specific_force_b, sight=None, goal=None)
 
 
-def trimmed_memory(trim: TrimPoint, autopilot: InversionAutopilot) -> AutopilotState:
+def trimmed_memory(trim: TrimPoint) -> AutopilotState:
     """Memory of an autopilot that has been holding a trim point."""
-    return autopilot.init(trim.state, jnp.stack([trim.mu, trim.alpha, trim.beta]))
+    attitude = jnp.stack([trim.mu, trim.alpha, trim.beta])
+    return initial_autopilot_state(attitude, trim.state.rates_b, trim.state.surfaces)
 
 
 def motion_of(belief: Belief) -> PathMotion:

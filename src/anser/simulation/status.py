@@ -21,8 +21,8 @@ STATUS_MESSAGES: tuple[str, ...] = (
     "the state stopped being a number: the motion diverged; what is recorded after that stands still",
     "broke off to stay above the least altitude: it pulled up, did not fly its path on and went to its hold",
     "the aircraft reached the ground; what is recorded after that stands still",
-    "came nearer to its goal than a rendezvous may be (150 m to a surface goal, 100 m to an airborne one): "
-    "broke off and went to its hold",
+    "came nearer to its goal than a rendezvous may be (150 m to a surface goal, 100 m to an airborne one), or "
+    "was about to: broke off and went to its hold",
     "the plan ended nearer to the goal than a rendezvous may be (150 m to a surface goal, 100 m to an airborne one): "
     "it was refused, and the aircraft went to its hold",
 )

@@ -6,19 +6,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.aircraft import AircraftState, dispersed_f16, no_dispersion
+from anser.aircraft import dispersed_f16, no_dispersion
 from anser.control import default_limits, published_gains
 from anser.environment import standard_environment
 from anser.scenario import load_airframe
-from anser.simulation import (
-    Reading,
-    dispersed_flight,
-    solve_trim,
-    steady_readings,
-    survey_flight,
-    trim_target,
-)
-from anser.spatial import quaternion_from_euler
+from anser.sensing import DelayedSensors, DirectEstimator
+from anser.simulation import solve_trim, survey_flight, trim_target
 
 DEGREE = np.pi / 180
 NOMINAL, ENVIRONMENT, LIMITS = load_airframe("f16", "textbook"), standard_environment(), default_limits()
@@ -52,20 +45,19 @@ def flown():
         return dispersed_f16(NOMINAL, eqx.tree_at(lambda d: d.coefficients, no_dispersion(), coefficients))
 
     def one(gains, lift, delay, trim):
-        return dispersed_flight(
+        return survey_flight(
             truth(lift),
-            NOMINAL,
             ENVIRONMENT,
             gains,
             LIMITS,
             trim,
             TARGET,
-            delay,
             SIZE,
             TOLERANCE,
-            delay_max=DELAY_MAX,
-            step=STEP,
-            count=COUNT,
+            STEP,
+            COUNT,
+            DelayedSensors(delay, DELAY_MAX, STEP),
+            DirectEstimator(NOMINAL),
         )
 
     def surveyed(gains, trim):
@@ -113,64 +105,3 @@ def test_late_sensors_make_the_surfaces_busy(flown):
     assert np.all(late.final_error_max < 5 * TOLERANCE)
     assert too_late.limited_time[rates] > 1.0 > prompt.limited_time[rates]
     assert not np.array_equal(late.final_error, prompt.final_error)
-
-
-def reading_at(k):
-    """A reading that changes in every number, as a line in time but for the attitude."""
-    x = 1.0 * k
-    return Reading(
-        AircraftState(
-            position_n=jnp.array([x, 2 * x, -1000.0]),
-            velocity_b=jnp.array([100.0 + x, x, -x]),
-            quaternion=quaternion_from_euler(0.0, 0.0, 0.04 * x),
-            rates_b=jnp.array([0.1 * x, 0.0, -0.1 * x]),
-            surfaces=jnp.array([x, -x, 3 * x]),
-            power=jnp.asarray(5 * x),
-        ),
-        jnp.array([x, 0.0, -9.8]),
-    )
-
-
-@pytest.fixture(scope="module")
-def late():
-    """Reading of a given lateness after each of 30 samples, from a memory for 0.1 s at 10 ms."""
-    samples = jax.tree.map(lambda *leaves: jnp.stack(leaves), *map(reading_at, range(30)))
-
-    @jax.jit
-    def all_of(periods):
-        def one(readings, k):
-            readings = readings.with_next(k, jax.tree.map(lambda leaf: leaf[k], samples))
-            return readings, readings.late(k, periods)
-
-        return jax.lax.scan(one, steady_readings(reading_at(0), DELAY_MAX, STEP), jnp.arange(30))[1]
-
-    return lambda periods: jax.tree.map(np.asarray, all_of(jnp.asarray(float(periods)))), samples
-
-
-@pytest.mark.parametrize("periods", [0, 1, 3, 10])
-def test_whole_delays_are_a_shift(late, periods):
-    of, samples = late
-    found = of(periods)
-    shifted = np.maximum(np.arange(30) - periods, 0)  # before the start: the first
-    for ours, given in zip(jax.tree.leaves(found), jax.tree.leaves(samples), strict=True):
-        np.testing.assert_array_equal(ours, np.asarray(given)[shifted])
-
-
-def test_between_samples_it_is_linear(late):
-    of, _ = late
-    found = of(2.25)
-    at = np.arange(30) - 2.25
-    inside = at >= 0
-    np.testing.assert_allclose(found.state.position_n[inside, 0], at[inside], atol=1e-12)
-    np.testing.assert_allclose(found.specific_force_b[inside, 0], at[inside], atol=1e-12)
-    np.testing.assert_allclose(found.state.power[inside], 5 * at[inside], atol=1e-12)
-    np.testing.assert_allclose(np.linalg.norm(found.state.quaternion, axis=1), 1.0, atol=1e-15)
-    # a point of the chord of half the angle, 0.02 rad, is seen 0.02^3 / 30 off that of the arc at most
-    expected = jax.vmap(lambda x: reading_at(x).state.quaternion)(jnp.asarray(at[inside]))
-    np.testing.assert_allclose(found.state.quaternion[inside], expected, atol=1e-6)
-
-
-def test_the_memory_holds_the_largest_delay():
-    """Whole and broken delays up to the largest need the sample before the oldest wanted."""
-    for delay_max, rows in ((0.0, 2), (0.1, 12), (0.105, 13), (0.2, 22)):
-        assert steady_readings(reading_at(0), delay_max, STEP).rows.specific_force_b.shape == (rows, 3)

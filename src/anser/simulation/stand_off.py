@@ -1,0 +1,79 @@
+"""The stand-off guard: whether an aircraft is nearer to its goal than a rendezvous may be, or is about to be."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from anser.shapes import Flag, Scalar, ScalarLike, Vector3
+from anser.spatial import safe_hypot, safe_norm
+
+ERROR_ALLOWED_M = 10.0
+"""By how much less than the least distance a straight flight on may pass the goal, for errors of tracking."""
+_RESERVE_M = 25.0  # by which the last turn away passes outside the least distance
+_ONSET_S = 2.5  # straight on until the turn away is flown
+_SHARE = 0.6  # of the turn that the aircraft can fly
+_LEGS = 24
+
+
+def too_near(
+    to_goal_n: Vector3,
+    velocity_n: Vector3,
+    goal_velocity_n: Vector3,
+    distance_min: ScalarLike,
+    acceleration: ScalarLike,
+    turn: ScalarLike,
+) -> Flag:
+    """Whether an aircraft must break off at once.
+
+    It must where it is nearer than the least distance; and where straight flight on would lead it well inside, as soon
+    as the turn into its hold would otherwise pass the goal with no more than a reserve beyond the least distance.
+
+    Parameters
+    ----------
+    to_goal_n
+        Straight line through space from the aircraft to its goal, NED, m.
+    velocity_n, goal_velocity_n
+        Over the ground, NED, m/s.
+    distance_min
+        m.
+    acceleration
+        With which it can turn, m/s^2.
+    turn
+        Sense of its hold: +1 to the right, -1 to the left.
+    """
+    distance = safe_norm(to_goal_n)
+    inside = distance < distance_min
+    closing_n = velocity_n - goal_velocity_n
+    square = jnp.maximum(jnp.sum(closing_n**2), 1e-6)
+    ahead = jnp.maximum(jnp.sum(to_goal_n * closing_n) / square, 0.0)
+    passes = safe_norm(to_goal_n - ahead * closing_n)
+    level = jnp.maximum(safe_hypot(velocity_n[0], velocity_n[1]), 1.0)
+    rate = _SHARE * jnp.maximum(acceleration, 0.5) / level
+    times = (_ONSET_S + jnp.pi / rate) * jnp.linspace(0.0, 1.0, _LEGS + 1)
+    least = jnp.min(_from_goal(times, rate, to_goal_n, velocity_n, goal_velocity_n, level, turn))
+    return inside | ((passes < distance_min - ERROR_ALLOWED_M) & (least < distance_min + _RESERVE_M))
+
+
+def _from_goal(
+    times: Float[Array, " points"],
+    rate: Scalar,
+    to_goal_n: Vector3,
+    velocity_n: Vector3,
+    goal_velocity_n: Vector3,
+    level: Scalar,
+    turn: ScalarLike,
+) -> Float[Array, " legs"]:
+    """Least distance from the goal on each leg of a turn away, straight legs between points of it, m."""
+    ahead_n = velocity_n.at[2].set(0.0) / level
+    right_n = turn * jnp.stack([-ahead_n[1], ahead_n[0], jnp.zeros_like(level)])
+    angle = rate * jnp.maximum(times - _ONSET_S, 0.0)
+    radius = level / rate
+    forward = level * jnp.minimum(times, _ONSET_S) + radius * jnp.sin(angle)
+    aside = radius * (1.0 - jnp.cos(angle))
+    down = velocity_n[2] * jnp.minimum(times, 2.0 * _ONSET_S)
+    own_n = forward[:, None] * ahead_n[None, :] + aside[:, None] * right_n[None, :]
+    own_n = own_n.at[:, 2].add(down)
+    off_n = to_goal_n[None, :] + times[:, None] * goal_velocity_n[None, :] - own_n
+    start_n, leg_n = off_n[:-1], off_n[1:] - off_n[:-1]
+    part = -jnp.sum(start_n * leg_n, axis=1) / jnp.maximum(jnp.sum(leg_n**2, axis=1), 1e-6)
+    nearest_n = start_n + jnp.clip(part, 0.0, 1.0)[:, None] * leg_n
+    return jnp.sqrt(jnp.sum(nearest_n**2, axis=1) + 1e-12)

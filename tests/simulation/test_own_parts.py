@@ -1,0 +1,207 @@
+"""Parts of a user's own, made outside the package, fly through the public API without a change inside it."""
+
+from pathlib import Path
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from anser.aircraft import Controls
+from anser.control import AbstractController
+from anser.numerics import Stacked
+from anser.planning import AbstractPlanner
+from anser.scenario import build_flight, load
+from anser.sensing import AbstractSensors, IdealSensors
+from anser.shapes import Scalar, Vector3
+from anser.simulation import STATUS_MESSAGES, History, assemble, fly, start_flight
+from anser.simulation.status import BROKE_OFF, PLAN_TOO_NEAR, TOO_NEAR
+from support.straight_lines import Line, StraightLines
+
+SCENARIO = Path(__file__).parents[2] / "scenarios" / "three-aircraft.toml"
+QUICK = {"xla_backend_optimization_level": 0}
+STEP, SECONDS = 0.01, 58.0
+KEYS = (
+    "north",
+    "east",
+    "altitude",
+    "status",
+    "clearance",
+    "phase",
+    "arrival_time",
+    "goal_estimate_north",
+    "goal_north",
+)
+
+
+class Proportional(AbstractController):
+    """Proportional control of roll angle and path angle about trim: no inversion, no integral."""
+
+    surfaces: Vector3 = eqx.field(default_factory=lambda: jnp.array([-0.03, 0.0, 0.0]))
+
+    def init(self, state, attitude):
+        return {"surfaces": state.surfaces, "throttle": jnp.asarray(0.2), "alpha": attitude[1]}
+
+    def control(self, memory, belief, command, step):
+        now, rates_b = belief.now, belief.state.rates_b
+        velocity_n = now.R_bn.T @ belief.state.velocity_b - now.wind_n
+        gamma = jnp.arctan2(-velocity_n[2], jnp.hypot(velocity_n[0], velocity_n[1]))
+        chi = jnp.arctan2(velocity_n[1], velocity_n[0])
+        turn = jnp.arctan2(jnp.sin(command.chi - chi), jnp.cos(command.chi - chi))
+        roll = jnp.arctan2(now.R_bn[1, 2], now.R_bn[2, 2])
+        bank = jnp.clip(2.0 * turn + belief.now.air_data.V * command.chi_dot / 9.81, -0.9, 0.9)
+        pitch = 0.35 * (command.gamma - gamma) - 0.4 * rates_b[1] + 0.03 * (jnp.cos(roll) ** -1 - 1.0)
+        surfaces = memory["surfaces"] + jnp.stack([-pitch, -0.4 * (bank - roll) + 0.2 * rates_b[0], 0.4 * rates_b[2]])
+        throttle = jnp.clip(memory["throttle"] + 0.05 * (command.V - now.air_data.V), 0.0, 1.0)
+        return Controls(surfaces, throttle), None, memory
+
+
+class Biased(AbstractSensors):
+    """Ideal sensors whose range to the goal is wrong by a bias, m."""
+
+    bias: Scalar
+
+    def init(self, truth, instant):
+        return jnp.asarray(0)
+
+    def read(self, memory, truth, instant):
+        reading, _ = IdealSensors().read(None, truth, instant)
+        return eqx.tree_at(lambda r: r.sight.range, reading, reading.sight.range + self.bias), memory + 1
+
+
+def three():
+    return build_flight(load(SCENARIO).replace("aircraft[aircraft-3].start.north_m", -8000.0))
+
+
+def rebuilt(flight, planner=None, **parts):
+    """The flight with other parts in every aircraft."""
+    (kind,) = flight.kinds
+    aircraft = []
+    for k in range(flight.count):
+        vehicle, start, place = flight.aircraft(k)
+        for name, part in parts.items():
+            vehicle = eqx.tree_at(lambda v, name=name: getattr(v, name), vehicle, part)
+        aircraft.append((vehicle, start, place))
+    assert isinstance(kind.vehicles, Stacked)
+    timing = flight.timing
+    return assemble(
+        flight.environment, aircraft, planner or flight.planner, timing.step, int(timing.replan_steps), timing.freeze
+    )
+
+
+def flown(flight, seconds=SECONDS):
+    @eqx.filter_jit
+    def whole(flight):
+        state, _ = start_flight(flight)
+        return fly(flight, state, jnp.asarray(0, dtype=jnp.int32), round(seconds / STEP), History(keys=KEYS))
+
+    state, _, history = whole(flight)
+    return state, {key: np.asarray(values) for key, values in history.items()}
+
+
+def lines(error_n=(0.0, 0.0, 0.0), duration=50.0):
+    return StraightLines(jnp.asarray(duration), jnp.asarray(error_n))
+
+
+@pytest.fixture(scope="module")
+def ordinary():
+    return flown(rebuilt(three(), lines()))
+
+
+def test_a_planner_a_controller_and_a_sensor_of_ones_own_fly_a_mission():
+    """Straight lines from 9 km away, proportional control, a range that is 40 m too long."""
+    flight = rebuilt(three(), lines(), controller=Proportional(), sensors=Biased(jnp.asarray(40.0)))
+    state, history = flown(flight)
+    np.testing.assert_array_equal(history["status"], 0)
+    assert all(np.all(np.isfinite(values)) for values in history.values())
+    # the sensors count their samples
+    np.testing.assert_array_equal(state.vehicles[0].sensors, len(history["north"]))
+    # Its goal is taken to be 40 m farther along the line of sight, by which its path ends elsewhere.
+    assert np.max(np.abs(history["goal_estimate_north"] - history["goal_north"])[0]) > 10.0
+    at = round(50.0 / STEP)
+    assert np.all(history["phase"][at + 1] == 2)
+    assert np.all(history["phase"][at - 1] < 2)
+    assert np.all((history["altitude"] > 100.0) & (history["altitude"] < 1600.0))
+
+
+def test_straight_lines_under_the_autopilot_meet_their_rendezvous(ordinary):
+    _, history = ordinary
+    np.testing.assert_array_equal(history["status"], 0)
+    at = round(50.0 / STEP)
+    # 300 m above the boat that each meets, to within what position feedback leaves of a start with another velocity
+    np.testing.assert_allclose(history["clearance"][at], 300.0, atol=5.0)
+
+
+def test_a_plan_that_ends_too_near_is_refused_and_the_aircraft_holds():
+    """It would end 149 m above its goal."""
+    _, history = flown(rebuilt(three(), lines((0.0, 0.0, 151.0))))
+    np.testing.assert_array_equal(history["status"], PLAN_TOO_NEAR)
+    np.testing.assert_array_equal(history["phase"], 2)
+    assert "refused" in STATUS_MESSAGES[PLAN_TOO_NEAR]
+    assert history["clearance"].min() > 150.0
+
+
+class Feint(eqx.Module):
+    """A line that leads through the goal, and says that it ends elsewhere."""
+
+    line: Line
+    arrival: Scalar
+
+    def position_n(self, time):
+        up_n = jnp.array([0.0, 0.0, -400.0])
+        return self.line.position_n(time) + jnp.where(time >= self.arrival, up_n, 0.0)
+
+    def velocity_n(self, time):
+        return self.line.velocity_n(time)
+
+    def acceleration_n(self, time):
+        return jnp.zeros(3)
+
+
+class Feints(AbstractPlanner):
+    """Paths straight through the goals, whose ends are said to be 400 m above them."""
+
+    duration: Scalar
+
+    def first(self, time, reports, performance):
+        to_goal = StraightLines(self.duration, -reports.rendezvous.stand_off_n[0])
+        plan = to_goal.first(time, reports, performance)
+        return eqx.tree_at(lambda p: p.trajectory, plan, Feint(plan.trajectory, plan.arrival_time))
+
+    def renew(self, memory, time, reports):
+        return memory
+
+    def observe(self, memory, reports, step):
+        return memory
+
+    def plans(self, memory):
+        return memory
+
+
+def airborne(flight, altitude):
+    """The flight with its goals in the air, where no ground stands in the way."""
+    aircraft = []
+    for k in range(flight.count):
+        vehicle, start, place = flight.aircraft(k)
+        lifted = vehicle.mission.goal.positions_n.at[:, 2].set(-altitude)
+        vehicle = eqx.tree_at(
+            lambda v: (v.mission.goal.positions_n, v.mission.airborne), vehicle, (lifted, jnp.asarray(True))
+        )
+        aircraft.append((vehicle, start, place))
+    timing = flight.timing
+    return assemble(flight.environment, aircraft, flight.planner, timing.step, int(timing.replan_steps), timing.freeze)
+
+
+@pytest.mark.parametrize("on_surface", [True, False])
+def test_who_is_led_to_its_goal_breaks_off_into_its_hold_before_it_is_too_near(on_surface):
+    """Whatever the planner says: the loop turns the aircraft away, and the status says so."""
+    flight = rebuilt(three(), Feints(jnp.asarray(50.0)))
+    _, history = flown(flight if on_surface else airborne(flight, 900.0))
+    status, clearance = history["status"], history["clearance"]
+    broke = {BROKE_OFF, TOO_NEAR} if on_surface else {TOO_NEAR}
+    for k in range(3):
+        (left,) = np.nonzero(status[:, k] != 0)
+        assert set(status[left, k]) <= broke
+        assert np.array_equal(left, np.arange(left[0], len(status)))
+        assert np.all(history["phase"][left[0] :, k] == 2)
+        assert clearance[:, k].min() > (150.0 if on_surface else 100.0)

@@ -1,0 +1,46 @@
+"""Flying a fleet segment by segment, and changing the aircraft of a fleet of one kind."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from anser.campaign.execute import _segment
+from anser.campaign.planned import _start
+
+
+def started(flight):
+    """State of a flight at time 0 with the published planner's first plan."""
+    return _start(flight)[0]
+
+
+def segment(flight, state, number=0):
+    """State after one segment, and its history; `number` counts segments from the start."""
+    after, _, history = _segment(flight, state, jnp.asarray(500 * number, dtype=jnp.int32))
+    return after, history
+
+
+def segments(flight, state, count):
+    """State after so many segments from the start on, and the whole history."""
+    parts = []
+    for number in range(count):
+        state, history = segment(flight, state, number)
+        parts.append(jax.tree.map(np.asarray, history))
+    return state, {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
+
+
+def own(state):
+    """States of the aircraft of a fleet of one kind."""
+    (of_kind,) = state.vehicles
+    return of_kind
+
+
+def with_own(where, state, values):
+    """The flight's state with other values in the aircraft's; `where` chooses among `own`."""
+    return eqx.tree_at(lambda s: where(s.vehicles[0]), state, values)
+
+
+def parts_of(flight):
+    """Parts of the aircraft of a fleet of one kind; common leaves have no leading axis."""
+    (kind,) = flight.kinds
+    return eqx.combine(kind.vehicles.own, kind.vehicles.common)

@@ -1,0 +1,49 @@
+"""A planner that is not anser's: straight lines."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from anser.planning import AbstractPlanner, simple_plan
+from anser.shapes import Scalar, Vector3
+
+
+class Line(eqx.Module):
+    """A straight line at a steady velocity."""
+
+    start_n: Vector3
+    steady_n: Vector3
+    since: Scalar
+
+    def position_n(self, time):
+        return self.start_n + (time - self.since) * self.steady_n
+
+    def velocity_n(self, time):
+        return self.steady_n
+
+    def acceleration_n(self, time):
+        return jnp.zeros(3)
+
+
+class StraightLines(AbstractPlanner):
+    """Each aircraft flies straight to its rendezvous, shifted by an error (NED, m), and is there after a given time."""
+
+    duration: Scalar
+    error_n: Vector3
+
+    def first(self, time, reports, performance):
+        def one(told):
+            end_n = told.goal_position_n + self.duration * told.goal_velocity_n + told.rendezvous.stand_off_n
+            velocity_n = (end_n + self.error_n - told.position_n) / self.duration
+            return simple_plan(Line(told.position_n, velocity_n, jnp.asarray(time)), time + self.duration)
+
+        return jax.vmap(one)(reports)
+
+    def renew(self, memory, time, reports):
+        return memory
+
+    def observe(self, memory, reports, step):
+        return memory
+
+    def plans(self, memory):
+        return memory
