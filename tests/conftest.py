@@ -1,11 +1,13 @@
 """Strict tests: float64, no silent rank promotion, warnings are errors, shapes checked by beartype."""
 
 import atexit
+import gc
 import os
 import shutil
 import subprocess
 import sys
 import tempfile
+from pathlib import Path
 
 # What one test module has compiled the others, the other worker and the commands that tests start need not: one cache
 # for the run, which the first process makes and its children inherit.
@@ -42,6 +44,28 @@ jax.config.update("jax_numpy_rank_promotion", "raise")
 settings.register_profile("ci", derandomize=True)
 if os.environ.get("CI"):
     settings.load_profile("ci")
+
+
+_PROGRAMS_MAPPED, _PROGRAMS_KIB = 20_000, 3 << 20  # of a process: memory regions, of which Linux gives 65,530; size
+
+
+@pytest.fixture(scope="module", autouse=True)
+def programs_let_go():
+    """Give compiled programs up before they fill the process.
+
+    Each keeps some memory regions and megabytes for as long as JAX remembers it. A process that has compiled the half of
+    this suite has no regions left and dies within the compiler. What is needed again is read from the cache on disk.
+    """
+    yield
+    here = Path("/proc/self")
+    if not here.exists():
+        return
+    mapped = (here / "maps").read_bytes().count(b"\n")
+    status = (here / "status").read_text()
+    resident_kib = int(status.split("VmRSS:")[1].split()[0])
+    if mapped > _PROGRAMS_MAPPED or resident_kib > _PROGRAMS_KIB:
+        jax.clear_caches()
+        gc.collect()
 
 
 @pytest.fixture(name="anser")
