@@ -8,8 +8,8 @@ import json
 import numpy as np
 import pytest
 
+from anser.planning import LIMITS
 from anser.results import (
-    PLAN_LIMITS,
     TRAJECTORY_COLUMNS,
     plan_dataset,
     plan_margins,
@@ -76,7 +76,7 @@ def test_summary_tells_margins_and_the_closest_pair():
 
 
 def test_margins_are_those_of_what_is_proven():
-    bounds = {limit.key: np.full(3, 100.0) for limit in PLAN_LIMITS if limit.key == "airspeed_min"}
+    bounds = {limit.key: np.full(3, 100.0) for limit in LIMITS if limit.key == "airspeed_min"}
     samples, facts = plan_case(
         keep_outs=(CELL,), bounds=bounds, separation_bound=1.25, keep_out_bounds_m=np.array([[240.0], [230.0], [260.0]])
     )

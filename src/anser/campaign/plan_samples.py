@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from anser.campaign.plan_distances import keep_out_rooms, nearest_pairs, track_of
 from anser.numerics import compiled_quickly
-from anser.planning import polar
+from anser.planning import CERTIFIED_LIMITS, polar
 from anser.results import KeepOutFacts, PlanExtremes, PlanSamples
 from anser.shapes import Scalar, ScalarLike, Vector3
 
@@ -147,17 +147,7 @@ def sample_extremes(
     return PlanExtremes(
         length=mean * duration,
         speed_mean=mean,
-        values={
-            "airspeed_min": speed.min(axis=1),
-            "airspeed_max": speed.max(axis=1),
-            "bank_max": np.abs(asked["bank"]).max(axis=1),
-            "load_factor_max": asked["load_factor"].max(axis=1),
-            "climb_rate_max": np.abs(asked["climb_rate"]).max(axis=1),
-            "altitude_min": asked["altitude"].min(axis=1),
-            "altitude_max": asked["altitude"].max(axis=1),
-            "thrust_surplus_max": asked["thrust_surplus"].max(axis=1),
-            "thrust_deficit_max": (-asked["thrust_surplus"]).max(axis=1),
-        },
+        values={limit.key: limit.extreme(asked[limit.variable], 1) for limit in CERTIFIED_LIMITS},
     )
 
 

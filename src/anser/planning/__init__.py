@@ -4,7 +4,8 @@ from anser.planning.arc_length import arc_length, arc_length_estimate
 from anser.planning.commands import PathCommand, polar, rescaled
 from anser.planning.coordination import PLAN_MESSAGES, FleetPlan, PlanningTask, coordinate
 from anser.planning.goals import GoalMotion, pad_waypoints, straight_goal, waypoint_goal
-from anser.planning.limits import LIMIT_MESSAGES, LimitReport, PathLimits, check_limits
+from anser.planning.limit_check import LimitReport, check_limits
+from anser.planning.limits import CERTIFIED_LIMITS, LIMIT_MESSAGES, LIMITS, Limit, PathLimits
 from anser.planning.line_of_sight import LineOfSight, measure, recover
 from anser.planning.rendezvous import Rendezvous, final_air_velocity, make_rendezvous, time_to_go
 from anser.planning.renewal import renew
@@ -13,11 +14,14 @@ from anser.planning.shape import Bend, solve_lateral_bend
 from anser.planning.trajectory import Trajectory, bend_trajectory, fit_trajectory, lateral_direction_n, with_even_speed
 
 __all__ = [
+    "CERTIFIED_LIMITS",
+    "LIMITS",
     "LIMIT_MESSAGES",
     "PLAN_MESSAGES",
     "Bend",
     "FleetPlan",
     "GoalMotion",
+    "Limit",
     "LimitReport",
     "LineOfSight",
     "PathCommand",

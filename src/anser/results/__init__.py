@@ -16,9 +16,8 @@ from anser.results.margin_dataset import (
 from anser.results.netcdf import read_netcdf, write_netcdf
 from anser.results.path_words import bend_words, turn_words
 from anser.results.plan_dataset import plan_dataset
-from anser.results.plan_limits import PLAN_LIMITS, PlanLimit, plan_margins
 from anser.results.plan_record import Closest, KeepOutFacts, PlanExtremes, PlanFacts, PlanSamples
-from anser.results.plan_summary import PLAN_FORMAT_VERSION, plan_summary
+from anser.results.plan_summary import PLAN_FORMAT_VERSION, plan_margins, plan_summary
 from anser.results.plan_table import TRAJECTORY_COLUMNS, write_trajectories
 from anser.results.provenance import versions
 from anser.results.requirements import REQUIREMENT_NAMES, Requirement
@@ -43,7 +42,6 @@ __all__ = [
     "OUTCOMES",
     "PHASE_MIN_DEG",
     "PLAN_FORMAT_VERSION",
-    "PLAN_LIMITS",
     "REASONS",
     "REQUIREMENT_NAMES",
     "RESERVE_MIN",
@@ -55,7 +53,6 @@ __all__ = [
     "KeepOutFacts",
     "PlanExtremes",
     "PlanFacts",
-    "PlanLimit",
     "PlanSamples",
     "Requirement",
     "Success",

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from anser.planning import LIMITS
 from anser.results.flight_variables import attributes_of
-from anser.results.plan_limits import PLAN_LIMITS
 from anser.results.plan_record import Closest, PlanFacts, PlanSamples
 from anser.results.provenance import versions
 from anser.results.variable_labels import converted, labels_of
@@ -116,7 +116,7 @@ def _add_paths(data: dict[str, Any], samples: PlanSamples, facts: PlanFacts) -> 
         if values is not None:
             data[name] = ("aircraft", values, attributes_of(unit, words))
     planned = {**extremes.values, "level_off_min": np.nan if facts.level_off_m is None else facts.level_off_m}
-    for limit in PLAN_LIMITS:
+    for limit in LIMITS:
         found = {"": planned[limit.key], "limit_": facts.limits.get(limit.key, np.nan)}
         if facts.bounds is not None and limit.key in facts.bounds:
             found["bound_"] = facts.bounds[limit.key]

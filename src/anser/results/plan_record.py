@@ -42,7 +42,7 @@ class PlanExtremes:
     length, speed_mean
         Of the path through the air, m, and along it, m/s.
     values
-        By name as in `anser.results.PLAN_LIMITS`: "airspeed_min", "bank_max", ...
+        By key as in `anser.planning.LIMITS`: "airspeed_min", "bank_max", ...
     """
 
     length: np.ndarray
@@ -117,7 +117,7 @@ class PlanFacts:
     messages
         What is wrong with each path, None where nothing is.
     limits
-        Limits of the scenario by name as in `PLAN_LIMITS`, SI units and radians; a number for all or one for each.
+        Limits of the scenario by key as in `anser.planning.LIMITS`, SI units and radians; one for all or one for each.
     separation_m
         What any two keep until the first of them arrives: in the plane, or else in altitude (0: does not count); None
         where nothing is asked.

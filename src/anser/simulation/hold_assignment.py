@@ -6,7 +6,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from anser.control import GuidanceSettings
-from anser.planning.certified import CERTIFIED_LIMITS, Airspace, Separation, Traveller, path_bounds
+from anser.planning import CERTIFIED_LIMITS
+from anser.planning.certified import Airspace, Separation, Traveller, path_bounds
 from anser.planning.certified.certificate import excess
 from anser.planning.certified.conflicts import Track, keep_out_room
 from anser.planning.certified.crowd import BLOCK, Blocks, crowd_blocks, fleet_use
@@ -27,6 +28,7 @@ _SPACE = 1.1  # of the vertical separation between two levels
 _OFF_GOAL_M = 150.0  # the least distance from a goal on the surface; or the stand-off, where that is less
 _SAME_PLACE_M = 1e-3  # by which a hold that begins at the stand-off itself may be nearer, for rounding
 _ROUNDING = 1e-7  # of the separation
+_ALTITUDES = tuple(limit for limit in CERTIFIED_LIMITS if limit.variable == "altitude")
 _OPTIONS = (len(_RADII) + 1) * 2 * len(_LEVELS)
 
 
@@ -172,8 +174,7 @@ def assign_holds(
         goal_n = own.goal_position_n[None, :] + (times - start_time)[:, None] * own.goal_velocity_n[None, :]
         least = jnp.minimum(safe_norm(own.rendezvous.stand_off_n) - _SAME_PLACE_M, _OFF_GOAL_M)
         off_goal = jnp.all((jax.vmap(safe_norm)(places - goal_n) >= least) | (times <= arrival))
-        low_high = slice(CERTIFIED_LIMITS.index("least altitude"), CERTIFIED_LIMITS.index("greatest altitude") + 1)
-        level = jnp.all(excess(bounds, own.limits)[low_high] <= _ROUNDING)
+        level = jnp.all(excess(bounds, own.limits, _ALTITUDES) <= _ROUNDING)
         fits = level & off_goal & jnp.all(closed_room >= 0.0)
         blocks, blocks_after = (crowd_blocks(track, fleet, _BLOCK) for track in (whole, after))
         return _Held(held, circle, whole, after, blocks, blocks_after, fits, closed_room)

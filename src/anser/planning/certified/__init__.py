@@ -1,7 +1,7 @@
 """The certified planner: paths that keep limits, distances and closed volumes, with bounds that prove it."""
 
 from anser.planning.certified.arrivals import arrival_sets
-from anser.planning.certified.certificate import CERTIFIED_LIMITS, PathBounds, path_bounds
+from anser.planning.certified.certificate import PathBounds, path_bounds
 from anser.planning.certified.certified_plan import Certificate, CertifiedPlan, certify, plan_at, ticks_for
 from anser.planning.certified.relaxing import RELAXED, relaxed
 from anser.planning.certified.renewal import ANEW, FIRST, RENEWAL_MESSAGES, Renewed, renew_certified
@@ -19,7 +19,6 @@ from anser.planning.certified.search import (
 
 __all__ = [
     "ANEW",
-    "CERTIFIED_LIMITS",
     "FIRST",
     "RELAXED",
     "RENEWAL_MESSAGES",

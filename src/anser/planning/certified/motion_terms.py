@@ -12,10 +12,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from anser.planning.certified.certificate import CERTIFIED_LIMITS
 from anser.planning.certified.damped_fit import Form, Normal
 from anser.planning.certified.request import Airspace, Traveller
 from anser.planning.certified.spline_motion import SplineMotion, bases, end_slopes, measure, states, wind_along
+from anser.planning.limits import CERTIFIED_LIMITS
 from anser.shapes import Flag, Scalar
 
 GROUP = 4
@@ -102,23 +102,17 @@ def first_allowed(task: MotionTask, share: Scalar) -> Allowed:
 def narrower(task: MotionTask, allowed: Allowed, over: Float[Array, "9"]) -> Allowed:
     """Less by what is passed between the instants looked at (`certificate.excess`), and a little more."""
     limits = task.traveller.limits
-    named: dict[str, Scalar] = dict(zip(CERTIFIED_LIMITS, _BEYOND * jnp.maximum(over, 0.0), strict=True))
+    fields = (limit.field for limit in CERTIFIED_LIMITS)
+    beyond: dict[str, Scalar] = dict(zip(fields, _BEYOND * jnp.maximum(over, 0.0), strict=True))
     middle = 0.5 * (limits.speed_min + jnp.minimum(limits.speed_max, _ANY_SPEED))
-    low = allowed.speed_min + named["least airspeed"] * limits.speed_min
-    high = allowed.speed_max - named["greatest airspeed"] * jnp.minimum(limits.speed_max, _ANY_SPEED)
+    low = allowed.speed_min + beyond["speed_min"] * limits.speed_min
+    high = allowed.speed_max - beyond["speed_max"] * jnp.minimum(limits.speed_max, _ANY_SPEED)
 
-    def less(value: Scalar, what: str) -> Scalar:
-        return value * jnp.maximum(1.0 - named[what], _LEAST_KEPT)
-
-    return Allowed(
-        jnp.minimum(low, middle),
-        jnp.maximum(high, middle),
-        less(allowed.bank, "bank angle"),
-        less(allowed.load_factor, "load factor"),
-        less(allowed.climb_rate, "rate of climb or descent"),
-        less(allowed.acceleration, "acceleration"),
-        less(allowed.deceleration, "deceleration"),
-    )
+    less = {
+        name: getattr(allowed, name) * jnp.maximum(1.0 - beyond[f"{name}_max"], _LEAST_KEPT)
+        for name in ("bank", "load_factor", "climb_rate", "acceleration", "deceleration")
+    }
+    return Allowed(jnp.minimum(low, middle), jnp.maximum(high, middle), **less)
 
 
 def first_state(task: MotionTask) -> Float[Array, "3 3"]:

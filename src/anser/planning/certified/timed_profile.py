@@ -23,7 +23,6 @@ from anser.planning.certified.detours import WORDS, Direct, direct
 from anser.planning.certified.profile import (
     CURVATURE_KEPT,
     Profile,
-    ProfileLimits,
     Timetable,
     kept,
     last_to_mean_speed,
@@ -160,7 +159,7 @@ def timed_profile(
     profile, arrival = _profile(traveller, airspace, duration, speeds, height)
     table = tabulate(profile, airspace.wind, ticks)
     ends = _ends(traveller, airspace, table, arrival)
-    excess = profile_excess(table, _profile_limits(traveller), airspace.gravity)
+    excess = profile_excess(table, traveller.limits, airspace.gravity)
     return TimedProfile(table, ends, directs(ends), profile.speed_mean, kept(excess) & arrival.attainable)
 
 
@@ -206,17 +205,4 @@ def timed_profiles(
     middle, last = (jnp.stack([speeds[kind][k] for kind in choices.speeds]) for k in range(2))
     return jax.vmap(lambda height, *two: timed_profile(traveller, airspace, duration, ticks, height, two))(
         heights, middle, last
-    )
-
-
-def _profile_limits(traveller: Traveller) -> ProfileLimits:
-    limits = traveller.limits
-    return ProfileLimits(
-        limits.speed_min,
-        limits.speed_max,
-        limits.climb_rate_max,
-        limits.altitude_min,
-        limits.altitude_max,
-        limits.acceleration_max,
-        limits.deceleration_max,
     )
