@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 from anser.campaign.plan_distances import keep_out_rooms, nearest_pairs, track_of
 from anser.numerics import compiled_quickly
 from anser.planning import CERTIFIED_LIMITS, polar
+from anser.planning.demand import demand
 from anser.results import KeepOutFacts, PlanExtremes, PlanSamples
 from anser.shapes import Scalar, ScalarLike, Vector3
 
@@ -73,8 +74,7 @@ def asked_of(path: TimedPosition, time: ScalarLike, gravity: ScalarLike) -> dict
     position, ground, air = path.position_n(time), path.velocity_n(time), path.air_velocity_n(time)
     push = path.acceleration_n(time)
     over, through = polar(ground, push), polar(air, push)
-    side = through.V * jnp.cos(through.gamma) * through.chi_dot
-    lift = gravity * jnp.cos(through.gamma) + through.V * through.gamma_dot
+    asked = demand(air, push, gravity)
     return {
         "north": position[0],
         "east": position[1],
@@ -87,9 +87,9 @@ def asked_of(path: TimedPosition, time: ScalarLike, gravity: ScalarLike) -> dict
         "ground_course": over.chi,
         "path_angle": through.gamma,
         "climb_rate": -air[2],
-        "bank": jnp.arctan2(side, lift),
-        "load_factor": jnp.sqrt(side * side + lift * lift) / gravity,
-        "thrust_surplus": through.V_dot + gravity * jnp.sin(through.gamma),
+        "bank": asked.bank,
+        "load_factor": asked.normal / gravity,
+        "thrust_surplus": asked.along,
     }
 
 

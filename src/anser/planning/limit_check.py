@@ -7,6 +7,7 @@ from jaxtyping import Array, Bool
 
 from anser.constants import STANDARD_GRAVITY_M_S2
 from anser.planning.commands import polar
+from anser.planning.demand import demand
 from anser.planning.level_off import level_off_height
 from anser.planning.limits import PathLimits
 from anser.planning.trajectory import Trajectory
@@ -97,8 +98,7 @@ def _level_off_of_end(trajectory: Trajectory, limits: PathLimits, gravity: Scala
     """Height that the hold needs to end the descent with which a trajectory arrives, m."""
     end = trajectory.start_time + trajectory.duration
     acceleration_n = trajectory.acceleration_n(end)
-    command = polar(trajectory.air_velocity_n(end), acceleration_n)
-    up = command.V * command.gamma_dot + gravity * jnp.cos(command.gamma)
-    bank = jnp.arctan2(command.V * jnp.cos(command.gamma) * command.chi_dot, jnp.maximum(up, 0.1 * gravity))
+    asked = demand(trajectory.air_velocity_n(end), acceleration_n, gravity)
+    bank = jnp.arctan2(asked.side, jnp.maximum(asked.lift, 0.1 * gravity))
     pull = jnp.minimum(_PULL, _PULL_SHARE * (limits.load_factor_max - 1.0) * gravity)
-    return level_off_height(command.V, trajectory.velocity_n(end)[2], acceleration_n[2], bank, pull)
+    return level_off_height(asked.speed, trajectory.velocity_n(end)[2], acceleration_n[2], bank, pull)

@@ -12,6 +12,7 @@ from anser.planning.certified.certificate import excess
 from anser.planning.certified.conflicts import Track, keep_out_room
 from anser.planning.certified.crowd import BLOCK, Blocks, crowd_blocks, fleet_use
 from anser.planning.certified.tracking import path_track
+from anser.planning.demand import turn_radius
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Flag, Scalar, ScalarLike
 from anser.simulation.planned_hold import HoldCircle, PlannedHolds, hold_path, moved
@@ -39,7 +40,7 @@ def _circles(traveller: Traveller, airspace: Airspace, settings: GuidanceSetting
     base = -traveller.rendezvous.stand_off_n[2]
     blowing_n = airspace.wind.at(traveller.goal_position_n + traveller.rendezvous.stand_off_n, 0.0)
     over_ground = traveller.speed + safe_norm(blowing_n - traveller.goal_velocity_n)
-    tightest = over_ground**2 / (airspace.gravity * jnp.tan(traveller.limits.bank_max))
+    tightest = turn_radius(over_ground, traveller.limits.bank_max, airspace.gravity)
     radii = [radius * settings.hold_radius for radius in _RADII]
     radii.append(jnp.minimum(_TIGHT * tightest, settings.hold_radius))
     made = [

@@ -20,6 +20,7 @@ from anser.planning.certified.profile import CURVATURE_KEPT, Timetable
 from anser.planning.certified.request import KeepOuts
 from anser.planning.certified.route import LEGS, TURNS, Ends, tightness, unwind
 from anser.planning.certified.smooth_turn import displacement, smooth_turn
+from anser.planning.demand import greatest_side
 from anser.planning.limits import PathLimits
 from anser.shapes import Count, Scalar, ScalarLike
 
@@ -134,12 +135,8 @@ def make_pace(table: Timetable, ends: Ends, limits: PathLimits, gravity: ScalarL
         now = table.profile.at(t)
         sine = jnp.minimum(jnp.abs(now.climb) / jnp.maximum(now.speed, 1.0), 0.9)
         level = jnp.sqrt(1.0 - sine**2) * (gravity + now.climb_dot)
-        lift = level - sine * jnp.abs(now.speed_dot)
-        most = level + sine * jnp.abs(now.speed_dot)
-        total = jnp.minimum(limits.load_factor_max, 1e3) * gravity
-        by_load = jnp.sqrt(jnp.maximum(total**2 - most**2, 0.01))
-        sideways = jnp.minimum(jnp.maximum(lift, 0.1) * jnp.tan(limits.bank_max), by_load)
-        return now.speed**2 / (CURVATURE_KEPT * sideways)
+        push = sine * jnp.abs(now.speed_dot)
+        return now.speed**2 / (CURVATURE_KEPT * greatest_side(level - push, level + push, limits, gravity))
 
     return Pace(step, jax.vmap(one)(times) * ends.curvature_max)
 

@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 from anser.planning.certified.damped_fit import Form, Normal
 from anser.planning.certified.request import Airspace, Traveller
 from anser.planning.certified.spline_motion import SplineMotion, bases, end_slopes, measure, states, wind_along
+from anser.planning.demand import demand
 from anser.planning.limits import CERTIFIED_LIMITS
 from anser.shapes import Flag, Scalar
 
@@ -31,6 +32,7 @@ _SPEED_RESERVE, _SPEED_PART = 0.15, 0.1  # m/s, but no more than this part of th
 _RESERVE_M, _RESERVE_UP_M = 30.0, 10.0
 _UP_WEIGHT = 3.0  # metres aside that one metre up or down is worth, to get out of a closed volume
 _ANY_LOAD, _ANY_SPEED = 1e3, 1e4
+_LEVEL_LEAST = 1.0  # m/s
 
 
 class MotionTask(NamedTuple):
@@ -136,22 +138,17 @@ def _passed(
     """What passes limits at one instant, by what weighs as much; 0 where kept."""
     limits, gravity = task.traveller.limits, task.airspace.gravity
     (wind,), _ = wind_along(task.airspace.wind, altitude[None], jnp.ones(1))
-    north, east, down = velocity - wind
-    level = jnp.sqrt(north**2 + east**2 + 1.0)
-    speed = jnp.sqrt(level**2 + down**2)
-    side = (north * acceleration[1] - east * acceleration[0]) / level
-    forward = (north * acceleration[0] + east * acceleration[1]) / level
-    up = gravity - acceleration[2]
-    lift = (level * up + down * forward) / speed
-    along = (level * forward - down * up) / speed
+    asked = demand(velocity - wind, acceleration, gravity, _LEVEL_LEAST)
+    most = allowed.load_factor * gravity
+    banked, loaded, pushed = asked.excess(allowed.bank, most, allowed.acceleration, allowed.deceleration)
     low, high = limits.altitude_min + _RESERVE_UP_M, limits.altitude_max - _RESERVE_UP_M
     passed = [
-        (allowed.speed_min - speed) / _SPEED,
-        (speed - allowed.speed_max) / _SPEED,
-        (jnp.abs(side) - lift * allowed.bank) / _FORCE,
-        (jnp.sqrt(side**2 + lift**2 + 1e-6) - allowed.load_factor * gravity) / _FORCE,
-        jnp.maximum(along - allowed.acceleration, -along - allowed.deceleration) / _PUSH,
-        (jnp.abs(down) - allowed.climb_rate) / _CLIMB,
+        (allowed.speed_min - asked.speed) / _SPEED,
+        (asked.speed - allowed.speed_max) / _SPEED,
+        banked / _FORCE,
+        loaded / _FORCE,
+        pushed / _PUSH,
+        (jnp.abs(velocity[2] - wind[2]) - allowed.climb_rate) / _CLIMB,
         (low - altitude) / _HEIGHT_M,
         (altitude - high) / _HEIGHT_M,
     ]

@@ -33,6 +33,7 @@ from anser.planning.certified.profile import (
 )
 from anser.planning.certified.request import Airspace, Traveller
 from anser.planning.certified.route import Ends
+from anser.planning.demand import greatest_side
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 
 _SPEED_ROUNDS = 4
@@ -54,16 +55,9 @@ def curvature_limits(traveller: Traveller, gravity: ScalarLike, profile: Profile
     climb, push = profile.steepest
     slowest = profile.speed_least
     cosine = jnp.sqrt(1.0 - jnp.minimum(climb / jnp.maximum(slowest, 1.0), 0.9) ** 2)
-    lift = jnp.maximum(cosine * gravity - push, _LEAST_PUSH)
-    by_bank = lift * jnp.tan(limits.bank_max)
-    total = jnp.minimum(limits.load_factor_max, 1e3) * gravity
-    by_load = jnp.sqrt(jnp.maximum(total**2 - (gravity + push) ** 2, _LEAST_PUSH**2))
-    curvature = CURVATURE_KEPT * jnp.minimum(by_bank, by_load) / speed**2
+    curvature = CURVATURE_KEPT * greatest_side(cosine * gravity - push, gravity + push, limits, gravity) / speed**2
     ramp_s = jnp.arctan(curvature * speed**2 / gravity) / traveller.roll_rate_max
     return curvature, curvature / (speed * ramp_s)
-
-
-_LEAST_PUSH = 0.1  # m/s^2: an aircraft whose limits allow no turn still has finite radii
 
 
 def speed_rates(traveller: Traveller) -> tuple[Scalar, Scalar]:
