@@ -9,8 +9,9 @@ from anser.planning.limits import CERTIFIED_LIMITS, LIMIT_MESSAGES, LIMITS, Limi
 from anser.planning.line_of_sight import LineOfSight, measure, recover
 from anser.planning.rendezvous import Rendezvous, final_air_velocity, make_rendezvous, time_to_go
 from anser.planning.renewal import renew
-from anser.planning.separation import choose_sides, separation_min
+from anser.planning.separation import Separation, separation_min, separation_ratio
 from anser.planning.shape import Bend, solve_lateral_bend
+from anser.planning.sides import choose_sides
 from anser.planning.trajectory import Trajectory, bend_trajectory, fit_trajectory, lateral_direction_n, with_even_speed
 
 __all__ = [
@@ -28,6 +29,7 @@ __all__ = [
     "PathLimits",
     "PlanningTask",
     "Rendezvous",
+    "Separation",
     "Trajectory",
     "arc_length",
     "arc_length_estimate",
@@ -46,6 +48,7 @@ __all__ = [
     "renew",
     "rescaled",
     "separation_min",
+    "separation_ratio",
     "solve_lateral_bend",
     "straight_goal",
     "time_to_go",

@@ -48,7 +48,7 @@ class Demand(eqx.Module):
     def excess(
         self, bank: ScalarLike, normal: ScalarLike, acceleration: ScalarLike, deceleration: ScalarLike
     ) -> tuple[Scalar, Scalar, Scalar]:
-        """By how much the tangent of a bank angle, a normal force and one along or against are passed; else negative."""
+        """By how much the tangent of a bank angle, a normal force and one along or against are passed, or negative."""
         return (
             jnp.abs(self.side) - self.lift * bank,
             jnp.sqrt(self.side**2 + self.lift**2 + 1e-6) - normal,  # its derivative exists where both are 0

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from anser.results import nearest_other
 from anser.variables import PLAN_VARIABLES
 
 __all__ = ["HOLD", "derive", "is_certified", "nearest_other_m", "scenario_of", "separation_kept"]
@@ -81,15 +82,7 @@ def derive(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> xr.Dataset:
 
 def nearest_other_m(dataset: xr.Dataset) -> np.ndarray:
     """Distance of each aircraft to the nearest other one at every instant, m; shape (time, aircraft)."""
-    places = np.stack([dataset[name].values for name in ("north_m", "east_m", "altitude_m")], axis=-1)
-    nearest = np.full(places.shape[:2], np.inf)
-    # one after the other: all pairs at once would take memory with the square of the fleet
-    for one in range(places.shape[1] - 1):
-        away = np.linalg.norm(places[:, one + 1 :] - places[:, [one]], axis=-1)
-        away = np.where(np.isfinite(away), away, np.inf)
-        nearest[:, one] = np.minimum(nearest[:, one], away.min(axis=1))
-        nearest[:, one + 1 :] = np.minimum(nearest[:, one + 1 :], away)
-    return np.where(np.isfinite(nearest), nearest, np.nan)
+    return nearest_other(_places(dataset))
 
 
 def separation_kept(dataset: xr.Dataset, horizontal_m: float, vertical_m: float) -> np.ndarray:
@@ -98,18 +91,11 @@ def separation_kept(dataset: xr.Dataset, horizontal_m: float, vertical_m: float)
     The better of the two ratios counts, in the plane and in altitude (where `vertical_m` is above 0). Only while
     neither of the two has arrived: afterwards none is asked for, and the value is NaN.
     """
-    north, east, up = (dataset[name].values for name in ("north_m", "east_m", "altitude_m"))
-    flying = dataset["phase"].values != HOLD
-    least = np.full(north.shape, np.inf)
-    for one in range(north.shape[1] - 1):
-        rest = slice(one + 1, None)
-        flat = np.hypot(north[:, rest] - north[:, [one]], east[:, rest] - east[:, [one]]) / horizontal_m
-        tall = np.abs(up[:, rest] - up[:, [one]]) / vertical_m if vertical_m > 0.0 else np.zeros_like(flat)
-        ratio = np.maximum(flat, tall)
-        ratio = np.where(flying[:, rest] & flying[:, [one]] & np.isfinite(ratio), ratio, np.inf)
-        least[:, one] = np.minimum(least[:, one], ratio.min(axis=1))
-        least[:, rest] = np.minimum(least[:, rest], ratio)
-    return np.where(np.isfinite(least), least, np.nan)
+    return nearest_other(_places(dataset), (horizontal_m, vertical_m), dataset["phase"].values != HOLD)
+
+
+def _places(dataset: xr.Dataset) -> np.ndarray:
+    return np.stack([dataset[name].values for name in ("north_m", "east_m", "altitude_m")], axis=-1)
 
 
 def _errors(dataset: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

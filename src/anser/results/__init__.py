@@ -31,6 +31,7 @@ from anser.results.robustness_statistics import (
     success,
     success_interval,
 )
+from anser.results.separated import nearest_other
 from anser.results.summary import FORMAT_VERSION, FlightFacts, read_summary, summarize, write_summary
 from anser.results.summary_text import summary_text
 
@@ -69,6 +70,7 @@ __all__ = [
     "margin_dataset",
     "margin_map_dataset",
     "margin_table",
+    "nearest_other",
     "plan_dataset",
     "plan_margins",
     "plan_summary",

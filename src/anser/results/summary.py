@@ -12,7 +12,7 @@ from anser.results.arrival import closest_approach, least_distance
 from anser.results.path_words import NOMINAL_BEND_M
 from anser.results.provenance import versions
 from anser.results.requirements import Requirement, judge
-from anser.results.separated import separation_ratio
+from anser.results.separated import least_ratio
 
 __all__ = ["FORMAT_VERSION", "FlightFacts", "read_summary", "summarize", "write_summary"]
 
@@ -124,7 +124,7 @@ def summarize(
         "simulated_s": _number(time[-1] - time[0]),
     }
     if facts.separation_m is not None:
-        fleet["separation_ratio_min"] = separation_ratio(history, facts.separation_m)
+        fleet["separation_ratio_min"] = least_ratio(history, facts.separation_m)
     return {
         "format_version": FORMAT_VERSION,
         "scenario": {"name": facts.scenario_name, "hash": facts.scenario_hash},

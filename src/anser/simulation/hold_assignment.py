@@ -6,8 +6,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from anser.control import GuidanceSettings
-from anser.planning import CERTIFIED_LIMITS
-from anser.planning.certified import Airspace, Separation, Traveller, path_bounds
+from anser.planning import CERTIFIED_LIMITS, Separation
+from anser.planning.certified import Airspace, Traveller, path_bounds
 from anser.planning.certified.certificate import excess
 from anser.planning.certified.conflicts import Track, keep_out_room
 from anser.planning.certified.crowd import BLOCK, Blocks, crowd_blocks, fleet_use
