@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from anser.planning.certified.damped_fit import Form, Normal
+from anser.numerics.tridiagonal import Form
 from anser.planning.certified.request import Airspace, Traveller
 from anser.planning.certified.spline_motion import SplineMotion, bases, end_slopes, measure, states, wind_along
 from anser.planning.demand import demand
@@ -83,6 +83,14 @@ class Beginning(NamedTuple):
     coefficients: Float[Array, "coefficients 3"]
     frame: Float[Array, "3 3"]
     allowed: Allowed
+
+
+class Normal(NamedTuple):
+    """Normal equations of least squares: half the sum of squares, its gradient, the Jacobian's product with itself."""
+
+    cost: Scalar
+    gradient: Float[Array, "groups n"]
+    form: Form
 
 
 def first_allowed(task: MotionTask, share: Scalar) -> Allowed:
