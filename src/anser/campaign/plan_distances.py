@@ -15,7 +15,8 @@ from jaxtyping import Array, Float, Int
 
 from anser.numerics import compiled_quickly
 from anser.planning import separation_ratio
-from anser.results import Closest, KeepOutFacts
+from anser.results import Closest
+from anser.scenario.schema_airspace import KeepOut
 from anser.shapes import Scalar
 
 _MOST_PAIRS = 64  # pairs that are looked at between the samples: the nearest ones at the samples
@@ -179,7 +180,7 @@ def _rooms(
     return lax.map(one, (jnp.swapaxes(motion.positions_n, 0, 1), jnp.swapaxes(motion.velocities_n, 0, 1)))
 
 
-def keep_out_rooms(motion: SampledMotion, keep_outs: tuple[KeepOutFacts, ...]) -> tuple[np.ndarray, np.ndarray]:
+def keep_out_rooms(motion: SampledMotion, keep_outs: tuple[KeepOut, ...]) -> tuple[np.ndarray, np.ndarray]:
     """How far each aircraft stays out of each volume at least, m, negative inside; and when, s; (aircraft, volume).
 
     Looked for at sixteen instants between two samples.
@@ -187,6 +188,8 @@ def keep_out_rooms(motion: SampledMotion, keep_outs: tuple[KeepOutFacts, ...]) -
     if not keep_outs:
         none = np.zeros((motion.positions_n.shape[1], 0))
         return none, none
-    rows = [(*one.position_m, *one.velocity_m_s, one.radius_m, one.bottom_m, one.top_m) for one in keep_outs]
+    rows = [
+        (one.north_m, one.east_m, *one.velocity_m_s()[:2], one.radius_m, one.bottom_m, one.top_m) for one in keep_outs
+    ]
     rooms, when = _rooms(motion, jnp.asarray(rows, dtype=float))
     return np.asarray(rooms), np.asarray(when)

@@ -18,8 +18,7 @@ from anser.planning.certified.certified_plan import CertifiedPlan
 from anser.planning.certified.request import Airspace, Traveller
 from anser.report import draw_plan
 from anser.results import (
-    KeepOutFacts,
-    PlanFacts,
+    PlanDetails,
     plan_dataset,
     plan_summary,
     turn_words,
@@ -102,7 +101,7 @@ def record(planned: Planned | AnyCertifiedPlanned) -> RecordedPlan:
 def record_published(planned: Planned) -> RecordedPlan:
     """Sample and sum up a plan of the published planner."""
     scenario, made = planned.scenario, planned.plan
-    facts = _facts(
+    details = PlanDetails(
         scenario,
         paths=planned.path_words(),
         messages=tuple(
@@ -118,7 +117,7 @@ def record_published(planned: Planned) -> RecordedPlan:
         level_off_m=np.asarray(planned.limits.level_off_altitude),
     )
     arrivals = np.full(len(scenario.aircraft), float(made.arrival_time))
-    return _recorded(scenario, made.trajectories, arrivals, planned.flight.environment.gravity, facts)
+    return _recorded(made.trajectories, arrivals, planned.flight.environment.gravity, details)
 
 
 def record_certified(planned: CertifiedPlanned, notes: tuple[str, ...] = ()) -> RecordedPlan:
@@ -129,7 +128,7 @@ def record_certified(planned: CertifiedPlanned, notes: tuple[str, ...] = ()) -> 
     made, asked = jax.tree.map(lambda leaf: leaf[rows], (planned.plan, planned.travellers.limits))
     found = made.certificate
     good, room = np.asarray(planned.plan.good)[rows], float(np.min(np.asarray(found.room)[:, rows]))
-    facts = _facts(
+    details = PlanDetails(
         scenario,
         paths=tuple(turn_words(math.degrees(float(turned))) for turned in made.turned),
         lengths_m=np.asarray(made.lengths),
@@ -144,7 +143,7 @@ def record_certified(planned: CertifiedPlanned, notes: tuple[str, ...] = ()) -> 
         keep_out_bounds_m=np.asarray(found.closed_room) if scenario.keep_out else None,
         **_holds(planned.holds, rows),
     )
-    return _recorded(scenario, made.paths, np.asarray(made.arrival_times), planned.airspace.gravity, facts)
+    return _recorded(made.paths, np.asarray(made.arrival_times), planned.airspace.gravity, details)
 
 
 def _holds(holds: PlannedHolds | None, rows: np.ndarray) -> dict[str, Any]:
@@ -160,13 +159,12 @@ def _holds(holds: PlannedHolds | None, rows: np.ndarray) -> dict[str, Any]:
     }
 
 
-def _recorded(
-    scenario: Scenario, paths: TimedPosition, arrivals: np.ndarray, gravity: Any, facts: PlanFacts
-) -> RecordedPlan:
+def _recorded(paths: TimedPosition, arrivals: np.ndarray, gravity: Any, details: PlanDetails) -> RecordedPlan:
+    scenario = details.scenario
     times = sample_times(0.0, arrivals)
     goals = np.stack([_goal_n(scenario.goal_of(aircraft), times[0]) for aircraft in scenario.aircraft], axis=1)
-    samples = sample_plan(paths, 0.0, arrivals, gravity, goals, times, facts.separation_m, facts.keep_outs)
-    dataset = plan_dataset(samples, facts)
+    samples = sample_plan(paths, 0.0, arrivals, gravity, goals, times, scenario.separation.asked_m, scenario.keep_out)
+    dataset = plan_dataset(samples, details)
     return RecordedPlan(dataset, plan_summary(dataset))
 
 
@@ -194,31 +192,3 @@ def _limits(scenario: Scenario, own: PathLimits | None = None) -> dict[str, floa
         left_out = math.nan if own is None else np.asarray(getattr(own, limit.field))
         found[limit.key] = left_out if given is None else given / limit.factor
     return found
-
-
-def _facts(scenario: Scenario, **more: Any) -> PlanFacts:
-    """What a scenario asks for, and what a planner tells of itself."""
-    apart = scenario.separation
-    return PlanFacts(
-        scenario_name=scenario.name,
-        scenario_hash=scenario.hash,
-        seed=scenario.seed,
-        planner=scenario.fleet.planner,
-        rule=scenario.arrival.rule,
-        aircraft_names=tuple(a.name for a in scenario.aircraft),
-        goal_names=tuple(a.goal for a in scenario.aircraft),
-        separation_m=(apart.horizontal_m, apart.vertical_m) if apart.horizontal_m > 0.0 else None,
-        distance_min_m=scenario.requirements.separation_min_m,
-        keep_outs=tuple(
-            KeepOutFacts(
-                one.name,
-                (one.north_m, one.east_m),
-                one.velocity_m_s()[:2],
-                one.radius_m,
-                one.bottom_m,
-                one.top_m,
-            )
-            for one in scenario.keep_out
-        ),
-        **more,
-    )

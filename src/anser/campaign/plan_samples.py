@@ -12,7 +12,8 @@ from anser.campaign.plan_distances import keep_out_rooms, nearest_pairs, track_o
 from anser.numerics import compiled_quickly
 from anser.planning import CERTIFIED_LIMITS, polar
 from anser.planning.demand import demand
-from anser.results import KeepOutFacts, PlanExtremes, PlanSamples
+from anser.results import PlanExtremes, PlanSamples
+from anser.scenario.schema_airspace import KeepOut
 from anser.shapes import Scalar, ScalarLike, Vector3
 
 SAMPLE_STEP_S = 0.5
@@ -159,7 +160,7 @@ def sample_plan(
     goals_n: np.ndarray,
     times: tuple[np.ndarray, np.ndarray],
     separation_m: tuple[float, float] | None,
-    keep_outs: tuple[KeepOutFacts, ...],
+    keep_outs: tuple[KeepOut, ...],
 ) -> PlanSamples:
     """Everything that is recorded of a plan.
 
@@ -176,7 +177,7 @@ def sample_plan(
     times
         As `sample_times` gives them.
     separation_m, keep_outs
-        What is asked for, as in `PlanFacts`.
+        What a scenario asks for.
     """
     history = sample_paths(paths, arrival_times, times[0], gravity)
     motion = track_of(times[0], history)

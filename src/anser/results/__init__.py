@@ -16,7 +16,7 @@ from anser.results.margin_dataset import (
 from anser.results.netcdf import read_netcdf, write_netcdf
 from anser.results.path_words import bend_words, turn_words
 from anser.results.plan_dataset import plan_dataset
-from anser.results.plan_record import Closest, KeepOutFacts, PlanExtremes, PlanFacts, PlanSamples
+from anser.results.plan_record import Closest, PlanDetails, PlanExtremes, PlanSamples
 from anser.results.plan_summary import PLAN_FORMAT_VERSION, plan_margins, plan_summary
 from anser.results.plan_table import TRAJECTORY_COLUMNS, write_trajectories
 from anser.results.provenance import versions
@@ -32,10 +32,19 @@ from anser.results.robustness_statistics import (
     success_interval,
 )
 from anser.results.separated import nearest_other
-from anser.results.summary import FORMAT_VERSION, FlightFacts, read_summary, summarize, write_summary
+from anser.results.summary import (
+    ARRIVAL_MARGIN_S,
+    CLEARANCE_MIN_M,
+    FORMAT_VERSION,
+    read_summary,
+    summarize,
+    write_summary,
+)
 from anser.results.summary_text import summary_text
 
 __all__ = [
+    "ARRIVAL_MARGIN_S",
+    "CLEARANCE_MIN_M",
     "CLOSED_LOOP",
     "FORMAT_VERSION",
     "GAIN_MIN_DB",
@@ -50,10 +59,8 @@ __all__ = [
     "Closest",
     "FailureCorrelation",
     "FirstBreak",
-    "FlightFacts",
-    "KeepOutFacts",
+    "PlanDetails",
     "PlanExtremes",
-    "PlanFacts",
     "PlanSamples",
     "Requirement",
     "Success",
