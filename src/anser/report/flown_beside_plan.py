@@ -10,7 +10,7 @@ import xarray as xr
 from anser.results import nearest_other
 from anser.variables import PLAN_VARIABLES
 
-__all__ = ["HOLD", "derive", "is_certified", "nearest_other_m", "scenario_of", "separation_kept"]
+__all__ = ["HOLD", "derive", "is_certified", "scenario_of"]
 
 HOLD = 2
 """Value of `phase` once the aircraft has arrived and holds."""
@@ -69,33 +69,19 @@ def derive(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> xr.Dataset:
     along, across, height = _errors(dataset)
     for name, values in (("along_error_m", along), ("across_error_m", across), ("height_error_m", height)):
         _add(found, name, np.where(planned, values, np.nan))
+    places = np.stack([dataset[name].values for name in ("north_m", "east_m", "altitude_m")], axis=-1)
     if dataset.sizes["aircraft"] > 1:
-        _add(found, "distance_min_m", nearest_other_m(dataset))
+        _add(found, "distance_min_m", nearest_other(places))
     floor = scenario.get("limits", {}).get("altitude_min_m")
     if floor is not None:
         _add(found, "height_over_floor_m", dataset["altitude_m"].values - float(floor))
     asked = scenario.get("separation", {})
     if dataset.sizes["aircraft"] > 1 and asked.get("horizontal_m", 0.0) > 0.0:
-        _add(found, "separation_kept", separation_kept(dataset, asked["horizontal_m"], asked.get("vertical_m", 0.0)))
+        # none is asked for of an aircraft that has arrived
+        flying = dataset["phase"].values != HOLD
+        apart_m = asked["horizontal_m"], asked.get("vertical_m", 0.0)
+        _add(found, "separation_kept", nearest_other(places, apart_m, flying))
     return found
-
-
-def nearest_other_m(dataset: xr.Dataset) -> np.ndarray:
-    """Distance of each aircraft to the nearest other one at every instant, m; shape (time, aircraft)."""
-    return nearest_other(_places(dataset))
-
-
-def separation_kept(dataset: xr.Dataset, horizontal_m: float, vertical_m: float) -> np.ndarray:
-    """Least ratio of distance to separation of each aircraft and any other; shape (time, aircraft).
-
-    The better of the two ratios counts, in the plane and in altitude (where `vertical_m` is above 0). Only while
-    neither of the two has arrived: afterwards none is asked for, and the value is NaN.
-    """
-    return nearest_other(_places(dataset), (horizontal_m, vertical_m), dataset["phase"].values != HOLD)
-
-
-def _places(dataset: xr.Dataset) -> np.ndarray:
-    return np.stack([dataset[name].values for name in ("north_m", "east_m", "altitude_m")], axis=-1)
 
 
 def _errors(dataset: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -14,15 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from anser.numerics.gauss_newton import (
-    Damping,
-    Linearized,
-    Search,
-    begin_search,
-    closest_of,
-    least_move,
-    search_steps,
-)
+from anser.numerics import gauss_newton
 from anser.planning.certified.detours import TURN, Solved
 from anser.planning.certified.profile import CURVATURE_KEPT, Timetable
 from anser.planning.certified.request import KeepOuts
@@ -33,7 +25,7 @@ from anser.planning.limits import PathLimits
 from anser.shapes import Count, Scalar, ScalarLike
 
 _FIRST_STEPS, _STEPS = 10, 24
-_DAMPING = Damping(lambda _: jnp.asarray(1e-4), 0.1, 20.0, 1e-14, 1e6)
+_DAMPING = gauss_newton.Damping(lambda _: jnp.asarray(1e-4), 0.1, 20.0, 1e-14, 1e6)
 _LONGEST_STEP = 0.7  # of all unknowns together, in their own units: square roots of radians and of leg / length
 _SOLVED = 1e-10  # part of the path's length by which it may miss its end, radians for its heading
 _TURN_MOST = 7.5  # rad, beside whole circles
@@ -335,22 +327,25 @@ def solve_freely(task: Task, starts: Starts, kept: int | None = None) -> Solved:
     ends = task.ends
     spare = jnp.maximum(task.wanted - jnp.abs(ends.end - ends.start), 0.0)
 
-    def begin(senses: Array, unknowns: Unknowns, waiting: Array) -> Search:
+    def begin(senses: Array, unknowns: Unknowns, waiting: Array) -> gauss_newton.Search:
         circles = TURN * jnp.floor(waiting * spare * ends.curvature_max / TURN)
         # The legs are parts of what is left beside the circles.
         left = 1.0 - jnp.sum(circles) / (ends.curvature_max * task.wanted)
         parts = unknowns.at[TURNS : TURNS + LEGS].multiply(jnp.sqrt(left))
-        return begin_search((senses, circles), parts, unknown)
+        return gauss_newton.begin_search((senses, circles), parts, unknown)
 
-    def missed_at(about: tuple[Array, Array], x: Unknowns) -> Linearized:
-        return Linearized(*_shape(x, task, *about)[1:])
+    def missed_at(about: tuple[Array, Array], x: Unknowns) -> gauss_newton.Linearized:
+        return gauss_newton.Linearized(*_shape(x, task, *about)[1:])
 
-    unknown, move = Linearized(jnp.full(count, 1e6), jnp.zeros((count, _UNKNOWNS))), least_move(_LONGEST_STEP)
+    unknown, move = (
+        gauss_newton.Linearized(jnp.full(count, 1e6), jnp.zeros((count, _UNKNOWNS))),
+        gauss_newton.least_move(_LONGEST_STEP),
+    )
     searches = jax.vmap(begin)(*(jnp.asarray(x) for x in starts))
-    searches = search_steps(missed_at, move, _DAMPING, _FIRST_STEPS, searches)
+    searches = gauss_newton.search_steps(missed_at, move, _DAMPING, _FIRST_STEPS, searches)
     if kept is not None and kept < searches.best.shape[0]:
-        searches = closest_of(searches, kept)
-    searches = search_steps(missed_at, move, _DAMPING, _STEPS - _FIRST_STEPS, searches)
+        searches = gauss_newton.closest_of(searches, kept)
+    searches = gauss_newton.search_steps(missed_at, move, _DAMPING, _STEPS - _FIRST_STEPS, searches)
     senses, circles = searches.about
     solved, missed, _ = jax.vmap(_shape, (0, None, 0, 0))(searches.best, task, senses, circles)
     met = jnp.max(jnp.abs(missed[:, :4]), axis=1) <= _SOLVED
