@@ -57,7 +57,7 @@ def test_every_limit_names_a_setting_of_a_scenario_and_a_variable():
         assert limit.setting in Limits.model_fields
         assert limit.variable in variables
     assert {limit.field for limit in CERTIFIED_LIMITS} == set(PathLimits.__dataclass_fields__)
-    assert {field for fields in LOOSENED_TOGETHER.values() for field in fields} == set(PathLimits.__dataclass_fields__)
+    assert {one.field for group in LOOSENED_TOGETHER.values() for one in group} == set(PathLimits.__dataclass_fields__)
 
 
 def test_what_is_loosened_asks_for_less():

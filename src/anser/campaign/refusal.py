@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from anser.planning import CERTIFIED_LIMITS
 from anser.planning.certified import (
     RELAXED,
     Airspace,
@@ -193,10 +192,10 @@ def _binding(who: int, travellers: Traveller, airspace: Airspace, wanted_s: floa
             best = float(_FACTORS[high]), what
     if best is None:
         return ": no single limit, loosened up to four times, changes that"
-    fields = LOOSENED_TOGETHER.get(best[1], ())
-    keys = " and ".join(f"limits.{limit.setting}" for limit in CERTIFIED_LIMITS if limit.field in fields)
-    named = f"{best[1]} ({keys})" if keys else best[1]
-    return f": the {named} stands in the way, and loosened by {100 * (best[0] - 1):.0f} % it would do"
+    factor, what = best
+    keys = " and ".join(f"limits.{limit.setting}" for limit in LOOSENED_TOGETHER.get(what, ()))
+    named = f"{what} ({keys})" if keys else what
+    return f": the {named} stands in the way, and loosened by {100 * (factor - 1):.0f} % it would do"
 
 
 def _no_common_time(names: Sequence[str], arrivals: Sequence[Intervals], offsets_s: np.ndarray, latest_s: float) -> str:

@@ -186,10 +186,13 @@ LIMIT_MESSAGES = (
 """What `check_limits` finds of a trajectory of the published planner."""
 
 LOOSENED_TOGETHER = {
-    "speed window": ("speed_min", "speed_max"),
-    "rate of climb or descent": ("climb_rate_max",),
-    "acceleration along the path": ("acceleration_max", "deceleration_max"),
-    "bank angle": ("bank_max", "load_factor_max"),
-    "floor and ceiling": ("altitude_min", "altitude_max"),
+    words: tuple(limit for limit in CERTIFIED_LIMITS if limit.field in fields)
+    for words, fields in (
+        ("speed window", ("speed_min", "speed_max")),
+        ("rate of climb or descent", ("climb_rate_max",)),
+        ("acceleration along the path", ("acceleration_max", "deceleration_max")),
+        ("bank angle", ("bank_max", "load_factor_max")),
+        ("floor and ceiling", ("altitude_min", "altitude_max")),
+    )
 }
-"""What can stand in the way of a plan, in words, and the fields of `PathLimits` that are loosened to find out."""
+"""What can stand in the way of a plan, in words, and the limits that are loosened to find out."""

@@ -96,10 +96,10 @@ def find_motions(
     traveller, airspace, duration = task
     cell = duration / CELLS
 
-    def begin_at(beginning: Beginning, measure: Form) -> Search:
+    def begin_at(begun: Beginning, measure: Form) -> Search:
         none = jnp.zeros(measure.own.shape[:2])
         unknown = Normal(jnp.asarray(jnp.inf), none, jax.tree.map(jnp.zeros_like, measure))
-        return begin_search((beginning, measure), none, unknown)
+        return begin_search((begun, measure), none, unknown)
 
     def begin(draw: Draw) -> Search:
         first = beginning(task, CELLS, draw)

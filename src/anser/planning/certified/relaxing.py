@@ -3,7 +3,7 @@
 import equinox as eqx
 
 from anser.planning.certified.request import Airspace, Traveller
-from anser.planning.limits import CERTIFIED_LIMITS, LOOSENED_TOGETHER
+from anser.planning.limits import LOOSENED_TOGETHER
 
 
 def relaxed(travellers: Traveller, airspace: Airspace, what: str, factor: float) -> tuple[Traveller, Airspace]:
@@ -18,10 +18,9 @@ def relaxed(travellers: Traveller, airspace: Airspace, what: str, factor: float)
         )
     if what == "keep-outs":
         return travellers, eqx.tree_at(lambda a: a.keep_outs.radius, airspace, airspace.keep_outs.radius / factor)
-    for limit in CERTIFIED_LIMITS:
-        if limit.field in LOOSENED_TOGETHER[what]:
-            wider = limit.loosened(getattr(limits, limit.field), factor)
-            limits = eqx.tree_at(lambda x, field=limit.field: getattr(x, field), limits, wider)
+    for limit in LOOSENED_TOGETHER[what]:
+        wider = limit.loosened(getattr(limits, limit.field), factor)
+        limits = eqx.tree_at(lambda x, field=limit.field: getattr(x, field), limits, wider)
     return eqx.tree_at(lambda t: t.limits, travellers, limits), airspace
 
 
