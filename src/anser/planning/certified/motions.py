@@ -56,8 +56,6 @@ class Motions(eqx.Module):
         Where it is when.
     valid
         Whether its certificate keeps everything of its own.
-    lengths
-        Horizontal, through the air, m.
     turned
         Sum of the sizes of all changes of heading, rad.
     speeds
@@ -68,7 +66,6 @@ class Motions(eqx.Module):
 
     paths: TimedPath
     valid: Bool[Array, "*motions"]
-    lengths: Float[Array, "*motions"]
     turned: Float[Array, "*motions"]
     speeds: Float[Array, "*motions"]
     accelerations: Float[Array, "*motions cells"]
@@ -142,7 +139,6 @@ def find_motions(
         return Motions(
             path,
             good & (traveller.side == 0),
-            jnp.sum(spans * jnp.sqrt(level_square)[:-1]),
             jnp.sum(spans * (jnp.abs(north * east_dot - east * north_dot) / level_square)[:-1]),
             jnp.sum(spans * jnp.sqrt(jnp.sum(path.air_n[:-1, 1] ** 2, axis=1))) / duration,
             bounds.cell_acceleration,
