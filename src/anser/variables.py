@@ -9,7 +9,7 @@ from typing import Literal
 
 from anser.units import RAD_DEG
 
-__all__ = ["CATALOGUE", "DERIVED_KEYS", "PLAN_VARIABLES", "RECORDED_KEYS", "SHAPE_VARIABLES", "Variable"]
+__all__ = ["CATALOGUE", "DERIVED_KEYS", "PLAN_VARIABLES", "RECORDED_KEYS", "SHAPE_VARIABLES", "UNITS", "Variable"]
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Variable:
 
 
 # Suffix of a name -> unit of the dataset, dataset value / history value.
-_UNITS: dict[str, tuple[str, float]] = {
+UNITS: dict[str, tuple[str, float]] = {
     "": ("1", 1.0),
     "m": ("m", 1.0),
     "s": ("s", 1.0),
@@ -78,7 +78,7 @@ _EARTH, _NED, _BODY, _BODY_NED, _BODY_INERTIAL, _ATTITUDE, _AIR, _SIGHT, _NONE =
 
 
 def _variable(key: str, suffix: str, frame: str, symbol: str, long_name: str) -> Variable:
-    unit, factor = _UNITS[suffix]
+    unit, factor = UNITS[suffix]
     return Variable(f"{key}_{suffix}" if suffix else key, key, unit, factor, frame, symbol, long_name)
 
 

@@ -10,7 +10,7 @@ import pytest
 from anser.campaign.plan_samples import sample_extremes, sample_paths, sample_plan, sample_times
 from anser.planning import fit_trajectory
 from anser.planning.timed_path import TimedPath
-from anser.results import KeepOutFacts
+from anser.scenario.schema_airspace import KeepOut
 
 GRAVITY, SPEED, END = 9.81, 150.0, 40.0
 RADIUS, WIND = 4000.0, 12.0
@@ -157,8 +157,9 @@ CROSSING = _stacked(
 
 @pytest.fixture(scope="module")
 def crossing():
-    cell = KeepOutFacts("cell", (-5000.0, 3000.0), (0.0, -40.0), 700.0, 0.0, 3000.0)
-    low = KeepOutFacts("low", (0.0, 0.0), (0.0, 0.0), 500.0, 0.0, 900.0)
+    moving = {"speed_m_s": 40.0, "course_deg": -90.0}
+    cell = KeepOut(name="cell", north_m=-5000.0, east_m=3000.0, radius_m=700.0, top_m=3000.0, **moving)
+    low = KeepOut(name="low", north_m=0.0, east_m=0.0, radius_m=500.0, top_m=900.0)
     return _plan(CROSSING, (END, END, 20.1), (500.0, 100.0), (cell, low))
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 import anser
-from anser.campaign import CLEARANCE_MIN_M
+from anser.results import CLEARANCE_MIN_M
 from anser.scenario import load, loads
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"

@@ -6,7 +6,13 @@ import jax.numpy as jnp
 from control_cases import AIRFRAME
 
 from anser.aircraft import AircraftState, condition
-from anser.control import AutopilotState, Plant, initial_autopilot_state, make_plant, velocity_control
+from anser.control import (
+    AutopilotState,
+    Plant,
+    initial_autopilot_state,
+)
+from anser.control.autopilot import velocity_control
+from anser.control.plant import make_plant
 from anser.environment import standard_environment
 from anser.planning import PathCommand
 from anser.shapes import ScalarLike

@@ -10,7 +10,11 @@ import pytest
 from autopilot_cases import Case, arrays, control, memory_of, plant_of, turned_after_100_steps
 from control_cases import QUICK
 
-from anser.control import attitude_control, default_limits, published_gains, rate_control
+from anser.control import (
+    default_limits,
+    published_gains,
+)
+from anser.control.autopilot import attitude_control, rate_control
 from anser.simulation.trim import TrimPoint
 
 

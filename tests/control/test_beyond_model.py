@@ -14,12 +14,11 @@ from anser.aircraft import AbstractAirframe, Actuators, MassProperties, Wrench, 
 from anser.control import (
     BeyondModel,
     default_limits,
-    make_plant,
     nothing_beyond,
     published_gains,
-    rate_control,
-    velocity_control,
 )
+from anser.control.autopilot import rate_control, velocity_control
+from anser.control.plant import make_plant
 from anser.planning import PathCommand
 from anser.scenario import build_flight, loads
 from anser.shapes import Scalar, Vector3

@@ -11,11 +11,11 @@ from anser.aircraft import AircraftState, condition
 from anser.control import (
     default_limits,
     initial_autopilot_state,
-    make_plant,
     path_motion,
     published_gains,
-    velocity_control,
 )
+from anser.control.autopilot import velocity_control
+from anser.control.plant import make_plant
 from anser.planning import PathCommand
 from anser.simulation.motion import advance
 from anser.spatial import attitude_from_path, quaternion_from_rotation

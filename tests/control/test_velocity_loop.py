@@ -9,7 +9,10 @@ from control_cases import AIRFRAME, DEGREE, QUICK, environment_of, flights, moti
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from anser.control import attitude_demand, default_limits, thrust_demand
+from anser.control import (
+    default_limits,
+)
+from anser.control.velocity_loop import attitude_demand, thrust_demand
 from anser.units import DEG_RAD
 
 modest = settings(deadline=None, max_examples=40)

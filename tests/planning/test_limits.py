@@ -7,16 +7,10 @@ import numpy as np
 import pytest
 from planning_cases import published_path, velocity
 
-from anser.planning import LIMIT_MESSAGES, PathLimits, check_limits, fit_trajectory
-from anser.planning.limits import (
-    CLIMB_TOO_STEEP,
-    NO_LEVEL_OFF,
-    TOO_FAST,
-    TOO_LOW,
-    TOO_SLOW,
-    TURN_TOO_TIGHT,
-    WITHIN_LIMITS,
-)
+from anser.planning import LIMIT_MESSAGES, LIMITS, PathLimits, check_limits, fit_trajectory
+from anser.planning.limits import CERTIFIED_LIMITS, LOOSENED_TOGETHER
+from anser.scenario.schema_settings import Limits
+from anser.variables import CATALOGUE, PLAN_VARIABLES
 
 GRAVITY = 9.80665
 WIDE = {"speed_min": 80.0, "speed_max": 250.0, "bank_max": 1.2, "climb_rate_max": 120.0, "altitude_min": -1e3}
@@ -33,27 +27,47 @@ def check(path, **changes):
     return compare(path, limits(**changes), GRAVITY)
 
 
+CHECKED = [limit for limit in LIMITS if limit.broken]
+
+
 @pytest.mark.parametrize(
-    ("changes", "flag", "code"),
+    ("changes", "key", "words"),
     [
-        ({}, None, WITHIN_LIMITS),
-        ({"speed_min": 155.0}, "speed_min_ok", TOO_SLOW),
-        ({"speed_max": 160.0}, "speed_max_ok", TOO_FAST),
-        ({"bank_max": 0.1}, "turn_ok", TURN_TOO_TIGHT),
-        ({"climb_rate_max": 50.0}, "climb_ok", CLIMB_TOO_STEEP),
-        ({"altitude_min": 100.0}, "altitude_ok", TOO_LOW),
+        ({}, None, "within all limits"),
+        ({"speed_min": 155.0}, "airspeed_min", "less than the least airspeed"),
+        ({"speed_max": 160.0}, "airspeed_max", "more than the greatest airspeed"),
+        ({"bank_max": 0.1}, "bank_max", "turns faster"),
+        ({"climb_rate_max": 50.0}, "climb_rate_max", "climbs or descends faster"),
+        ({"altitude_min": 100.0}, "altitude_min", "below the least altitude"),
         # it ends at altitude 0, in a descent
-        ({"altitude_min": -1.0}, "level_off_ok", NO_LEVEL_OFF),
+        ({"altitude_min": -1.0}, "level_off_min", "hold cannot level off"),
     ],
 )
-def test_each_limit_is_seen(changes, flag, code):
+def test_each_limit_is_seen(changes, key, words):
     report = check(published_path(-30.0, 0.005), **changes)
-    assert report.status == code
-    flags = ("speed_min_ok", "speed_max_ok", "turn_ok", "climb_ok", "altitude_ok", "level_off_ok")
-    broken = {name for name in flags if not getattr(report, name)}
+    assert words in LIMIT_MESSAGES[int(report.status)]
+    broken = {limit.key for limit, kept in zip(CHECKED, report.kept, strict=True) if not kept}
     # a path that is too low ends too low
-    assert broken == ({flag} - {None}) | ({"level_off_ok"} if code == TOO_LOW else set())
-    assert len(LIMIT_MESSAGES) == 7
+    assert broken == ({key} - {None}) | ({"level_off_min"} if key == "altitude_min" else set())
+
+
+def test_every_limit_names_a_setting_of_a_scenario_and_a_variable():
+    variables = {variable.key for variable in (*CATALOGUE, *PLAN_VARIABLES)}
+    for limit in LIMITS:
+        assert limit.setting in Limits.model_fields
+        assert limit.variable in variables
+    assert {limit.field for limit in CERTIFIED_LIMITS} == set(PathLimits.__dataclass_fields__)
+    assert {one.field for group in LOOSENED_TOGETHER.values() for one in group} == set(PathLimits.__dataclass_fields__)
+
+
+def test_what_is_loosened_asks_for_less():
+    tight = limits(altitude_max=3e3, load_factor_max=4.0, acceleration_max=2.0, deceleration_max=2.0)
+    for limit in CERTIFIED_LIMITS:
+        value = getattr(tight, limit.field)
+        assert limit.excess(limit.loosened(value, 1.5), value) > 0.0
+        assert limit.excess(value, limit.loosened(value, 1.5)) < 0.0
+        # 1 changes nothing but the last digit of an arc tangent
+        np.testing.assert_allclose(limit.loosened(value, 1.0), value, rtol=1e-15)
 
 
 def test_extremes_against_dense_sampling():
@@ -116,10 +130,9 @@ def test_the_end_state_is_what_a_hold_can_catch():
     # the arc, V^2 (1 - cos) / g, with the 7 percent that V^2 gains on the way
     lost = sink + (150.0**2 * (1 - np.cos(np.radians(16.66))) / 9.80665)
     np.testing.assert_allclose(276.0 - high.level_off_altitude, lost, rtol=0.05)
-    assert bool(high.level_off_ok)
-    assert int(high.status) == WITHIN_LIMITS
-    assert not bool(low.level_off_ok)
-    assert int(low.status) == NO_LEVEL_OFF
-    assert "hold cannot level off" in LIMIT_MESSAGES[NO_LEVEL_OFF]
+    assert bool(high.kept[-1])
+    assert int(high.status) == 0
+    assert not bool(low.kept[-1])
+    assert "hold cannot level off" in LIMIT_MESSAGES[int(low.status)]
     # a load factor of 1.5 leaves 0.375 g
     assert float(check(_descending(16.66, 276.0), load_factor_max=1.5).level_off_altitude) < 50.0

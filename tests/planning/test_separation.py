@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from planning_cases import fleet, plan_at, published_fleet, random_fleet, velocity
 
-from anser.planning import choose_sides, fit_trajectory, separation_min
+from anser.planning import choose_sides, fit_trajectory, separation_min, separation_ratio
 
 choose = jax.jit(choose_sides)
 fit = jax.jit(fit_trajectory)
@@ -112,3 +112,18 @@ def test_abreast_pair_detours_away_from_its_neighbour():
         )
         sides = choose(plan_at(0.0, case, jnp.ones(2)), jnp.zeros(2))
         assert sides[1] == mirror
+
+
+@pytest.mark.parametrize(
+    ("asked", "ratios"),
+    [
+        ((500.0, 150.0), [0.8, 2.0, 1.5]),
+        ((500.0, 0.0), [0.8, 0.2, 1.5]),
+        ((0.0, 0.0), [np.inf, np.inf, np.inf]),
+    ],
+)
+def test_ratio_is_the_better_of_both_in_numpy_and_jax(asked, ratios):
+    level, height = np.array([400.0, 100.0, 750.0]), np.array([60.0, 300.0, 0.0])
+    np.testing.assert_allclose(separation_ratio(level, height, *asked), ratios, rtol=1e-15)
+    found = jax.jit(separation_ratio)(*(jnp.asarray(x) for x in (level, height, *asked)))
+    np.testing.assert_allclose(found, ratios, rtol=1e-15)

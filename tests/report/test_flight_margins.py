@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from anser.report.flight_margins import Margin, least_apart, margins_of
-from anser.report.flown_beside_plan import HOLD, derive, nearest_other_m, scenario_of, separation_kept
+from anser.report.flown_beside_plan import HOLD, derive, scenario_of
 from anser.report.opening import aircraft_table, margins_list
+from anser.results import nearest_other
 
 
 @pytest.mark.parametrize(
@@ -98,13 +99,13 @@ def test_how_a_path_goes_stands_in_the_table_where_the_summary_says_it(flight):
 
 def test_the_nearest_other_aircraft_is_found_for_each(flight):
     dataset = flight[0].isel(time=slice(None, None, 400))
-    nearest = nearest_other_m(dataset)
     places = np.stack([dataset[name].values for name in ("north_m", "east_m", "altitude_m")], axis=-1)
+    nearest = nearest_other(places)
     for row in range(nearest.shape[0]):
         for k in range(3):
             others = [np.linalg.norm(places[row, k] - places[row, j]) for j in range(3) if j != k]
             assert nearest[row, k] == pytest.approx(min(others), rel=1e-12)
-    assert np.isnan(nearest_other_m(dataset.isel(aircraft=[0]))).all()
+    assert np.isnan(nearest_other(places[:, [0]])).all()
 
 
 def test_the_least_distance_names_the_two(flight, whole):
@@ -121,7 +122,7 @@ def test_the_least_distance_names_the_two(flight, whole):
 def test_separation_counts_until_the_first_of_two_arrives(flight):
     dataset = flight[0].copy(deep=True)
     dataset["phase"].values[1000:, 1] = HOLD
-    kept = separation_kept(dataset, 500.0, 150.0)
+    kept = derive(dataset, {"separation": {"horizontal_m": 500.0, "vertical_m": 150.0}})["separation_kept"].values
     assert np.isnan(kept[1000:, 1]).all()
     row = dataset.isel(time=1500, aircraft=[0, 2])
     flat = np.hypot(np.ptp(row["north_m"].values), np.ptp(row["east_m"].values)) / 500.0

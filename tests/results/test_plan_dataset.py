@@ -8,8 +8,8 @@ import json
 import numpy as np
 import pytest
 
+from anser.planning import LIMITS
 from anser.results import (
-    PLAN_LIMITS,
     TRAJECTORY_COLUMNS,
     plan_dataset,
     plan_margins,
@@ -26,8 +26,8 @@ def _limits(summary, k):
 
 
 def test_variables_carry_the_labels_of_the_catalogue():
-    samples, facts = plan_case(separation_m=(500.0, 150.0))
-    dataset = plan_dataset(samples, facts)
+    samples, details = plan_case(separation_m=(500.0, 150.0))
+    dataset = plan_dataset(samples, details)
     by_name = {variable.name: variable for variable in (*CATALOGUE, *PLAN_VARIABLES)}
     for name in (*TRAJECTORY_COLUMNS, "goal_north_m", "distance_min_m", "separation_m", "arrival_time_s"):
         variable = by_name[name]
@@ -55,8 +55,8 @@ def test_nothing_is_shown_after_an_arrival():
 
 
 def test_summary_tells_margins_and_the_closest_pair():
-    samples, facts = plan_case(separation_m=(500.0, 150.0), keep_outs=(CELL,), distance_min_m=100.0)
-    summary = plan_summary(plan_dataset(samples, facts))
+    samples, details = plan_case(separation_m=(500.0, 150.0), keep_outs=(CELL,), distance_min_m=100.0)
+    summary = plan_summary(plan_dataset(samples, details))
     row = summary["aircraft"][2]
     assert (row["name"], row["goal"], row["arrival_s"], row["length_m"]) == ("carl", "buoy-1", 40.25, SPEED * 40.25)
     assert row["status"] == summary["status"] == "planned"
@@ -72,15 +72,15 @@ def test_summary_tells_margins_and_the_closest_pair():
     assert summary["least_distance"]["required_m"] == 100.0
     assert summary["keep_outs"] == [{"name": "cell", "aircraft": "anna", "room_m": 250.0, "time_s": 12.0}]
     assert summary["bounds"] == "sampled"
-    assert summary["arrival"] == {"rule": "times", "first_s": 40.25, "last_s": 60.0}
+    assert summary["arrival"] == {"rule": "together", "first_s": 40.25, "last_s": 60.0}
 
 
 def test_margins_are_those_of_what_is_proven():
-    bounds = {limit.key: np.full(3, 100.0) for limit in PLAN_LIMITS if limit.key == "airspeed_min"}
-    samples, facts = plan_case(
+    bounds = {limit.key: np.full(3, 100.0) for limit in LIMITS if limit.key == "airspeed_min"}
+    samples, details = plan_case(
         keep_outs=(CELL,), bounds=bounds, separation_bound=1.25, keep_out_bounds_m=np.array([[240.0], [230.0], [260.0]])
     )
-    dataset = plan_dataset(samples, facts)
+    dataset = plan_dataset(samples, details)
     assert plan_margins(dataset)["airspeed_min_m_s"] == pytest.approx([10.0] * 3)
     summary = plan_summary(dataset)
     assert summary["bounds"] == "proven"
@@ -93,9 +93,9 @@ def test_margins_are_those_of_what_is_proven():
 
 
 def test_a_broken_plan_says_so_and_has_no_number_that_json_has_not(tmp_path):
-    samples, facts = plan_case(messages=("too slow", None, None), problems=('aircraft "anna": too slow',))
+    samples, details = plan_case(messages=("too slow", None, None), problems=('aircraft "anna": too slow',))
     samples.extremes.values["bank_max"][0] = np.nan
-    summary = plan_summary(plan_dataset(samples, facts))
+    summary = plan_summary(plan_dataset(samples, details))
     assert summary["status"] == "not flyable"
     assert summary["problems"] == ['aircraft "anna": too slow']
     assert [row["status"] for row in summary["aircraft"]] == ["too slow", "planned", "planned"]
@@ -111,14 +111,16 @@ def test_one_aircraft_has_no_pair():
 
 
 def test_table_has_every_even_instant_and_the_arrival(tmp_path):
-    samples, facts = plan_case(names=("anna", "a, b", "carl"))
-    dataset, path = plan_dataset(samples, facts), tmp_path / "trajectories.csv"
+    samples, details = plan_case(names=("anna", "a, b", "carl"))
+    dataset, path = plan_dataset(samples, details), tmp_path / "trajectories.csv"
     write_trajectories(dataset, path)
     text = path.read_bytes().decode()
     assert text.count("\r\n") == text.count("\n")  # RFC 4180
     rows = list(csv.DictReader(io.StringIO(text, newline="")))
     assert tuple(rows[0]) == ("time_s", "aircraft", *TRAJECTORY_COLUMNS)
-    times = {name: [float(row["time_s"]) for row in rows if row["aircraft"] == name] for name in facts.aircraft_names}
+    times = {
+        name: [float(row["time_s"]) for row in rows if row["aircraft"] == name] for name in ("anna", "a, b", "carl")
+    }
     assert times["anna"] == list(np.arange(0.0, 60.25, 0.5))  # not at the arrival of carl
     assert times["carl"] == [*np.arange(0.0, 40.25, 0.5), 40.25]
     last = rows[-1]
@@ -131,12 +133,12 @@ def test_table_has_every_even_instant_and_the_arrival(tmp_path):
 
 
 def test_what_does_not_fit_is_refused():
-    samples, facts = plan_case()
+    samples, details = plan_case()
     with pytest.raises(ValueError, match="altitud"):
-        plan_dataset(dataclasses.replace(samples, history={"altitud": samples.history["altitude"]}), facts)
+        plan_dataset(dataclasses.replace(samples, history={"altitud": samples.history["altitude"]}), details)
     with pytest.raises(ValueError, match="shape"):
-        plan_dataset(dataclasses.replace(samples, history={"altitude": samples.history["altitude"][1:]}), facts)
-    with pytest.raises(ValueError, match="goal_names has 2 entries for 3 aircraft"):
-        plan_dataset(samples, dataclasses.replace(facts, goal_names=("a", "b")))
+        plan_dataset(dataclasses.replace(samples, history={"altitude": samples.history["altitude"][1:]}), details)
+    with pytest.raises(ValueError, match="paths has 2 entries for 3 aircraft"):
+        plan_dataset(samples, dataclasses.replace(details, paths=("nominal", "nominal")))
     with pytest.raises(ValueError, match="separation"):
-        plan_dataset(samples, dataclasses.replace(facts, separation_m=(500.0, 0.0)))
+        plan_dataset(samples, plan_case(separation_m=(500.0, 0.0))[1])

@@ -5,7 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from anser.results import FlightFacts, Requirement, read_summary, summarize, versions, write_summary
+from anser.results import read_summary, summarize, versions, write_summary
+from anser.simulation import STATUS_MESSAGES
+from support.made_scenario import made_scenario
 
 TIME = np.arange(0.0, 80.0 + 1e-9, 0.25)
 SPEED = 100.0
@@ -33,28 +35,20 @@ def flight(arrivals=(50.1, 50.3), misses=(3.0, 4.0)):
                 "position_error": np.where(TIME < 52.0, 2.0 + index, 500.0),
                 "lateral_bend": np.where(TIME < 20.0, 400.0 * index, 50.0),
                 "outside_tables": (TIME >= 10.0) & (TIME < 11.5) & (index == 1),
+                "arrival_time": rest + 50.0,
                 "status": rest.astype(int),
             }
         )
     return {key: np.stack([column[key] for column in columns], axis=1) for key in columns[0]}
 
 
-def facts(count=2, **changes):
-    values = {
-        "scenario_name": "two",
-        "scenario_hash": "ab12",
-        "seed": None,
-        "aircraft_names": ("anna", "bert")[:count],
-        "goal_names": ("buoy", "tanker")[:count],
-        "goal_kinds": ("surface", "airborne")[:count],
-        "planned_arrivals_s": (50.0, 50.0)[:count],
-        "minimum_clearances_m": (150.0, 100.0)[:count],
-    }
-    return FlightFacts(**(values | changes))
+def scenario(count=2, **tables):
+    names, goals, kinds = ("anna", "bert"), ("buoy", "tanker"), ("surface", "airborne")
+    return made_scenario(names[:count], goals[:count], kinds[:count], "two", **tables)
 
 
 def test_the_contract_has_these_keys_and_no_others():
-    summary = summarize(TIME, flight(), facts(), wall_s=1.5)
+    summary = summarize(TIME, flight(), scenario(), wall_s=1.5)
     assert list(summary) == [
         "format_version",
         "scenario",
@@ -65,7 +59,7 @@ def test_the_contract_has_these_keys_and_no_others():
         "requirements",
     ]
     assert summary["format_version"] == 1
-    assert summary["scenario"] == {"name": "two", "hash": "ab12"}
+    assert summary["scenario"] == {"name": "two", "hash": scenario().hash}
     assert summary["versions"] == versions()
     assert set(versions()) == {"anser", "jax", "equinox", "numpy", "python"}
     assert set(summary["fleet"]) == {"arrival_spread_s", "separation_min_m", "wall_s", "simulated_s"}
@@ -91,7 +85,7 @@ def test_the_contract_has_these_keys_and_no_others():
 
 
 def test_numbers_of_a_known_flight():
-    summary = summarize(TIME, flight(), facts(), wall_s=1.5)
+    summary = summarize(TIME, flight(), scenario(), wall_s=1.5)
     anna, bert = summary["aircraft"]
     # The record is linear between samples, so that only rounding of 5 km coordinates remains: relative 1e-6 (pytest's
     # own) is ample.
@@ -104,7 +98,7 @@ def test_numbers_of_a_known_flight():
     assert (anna["position_error_max_m"], bert["position_error_max_m"]) == (2.0, 3.0)
     assert (anna["nominal"], anna["lateral_bend_m"]) == (True, 0.0)
     assert (bert["nominal"], bert["lateral_bend_m"]) == (False, 400.0)
-    told = summarize(TIME, flight(), facts(paths=("nominal", "turns 83 deg")), 0.0)["aircraft"]
+    told = summarize(TIME, flight(), scenario(), 0.0, ("nominal", "turns 83 deg"))["aircraft"]
     assert [row["path"] for row in told] == ["nominal", "turns 83 deg"]
     assert (anna["tables_left"], anna["tables_left_s"]) == (False, 0.0)
     assert (bert["tables_left"], bert["tables_left_s"]) == (True, pytest.approx(1.5))
@@ -120,31 +114,30 @@ def test_separation_is_found_between_samples():
     # They cross head on at 40.125 s, half way between two samples, 7 m apart.
     history["north"] = np.stack([200.0 * (TIME - 40.125), -200.0 * (TIME - 40.125)], axis=1)
     history["east"] = np.stack([0.0 * TIME, 0.0 * TIME + 7.0], axis=1)
-    assert summarize(TIME, history, facts(), 0.0)["fleet"]["separation_min_m"] == pytest.approx(7.0)
+    assert summarize(TIME, history, scenario(), 0.0)["fleet"]["separation_min_m"] == pytest.approx(7.0)
 
 
 def test_one_aircraft_has_no_separation():
-    one = facts(1, requirements=(Requirement("separation_min_m", 100.0),))
+    one = scenario(1, requirements={"separation_min_m": 100.0})
     summary = summarize(TIME, flight((50.1,), (3.0,)), one, 0.0)
     assert summary["fleet"]["separation_min_m"] is None
     assert summary["fleet"]["arrival_spread_s"] == 0.0
-    assert summary["requirements"][0] == {"name": "separation_min_m", "limit": 100.0, "value": None, "met": True}
+    entry = {"name": "separation_min_m", "limit": 100.0, "value": None, "met": True}
+    assert entry in summary["requirements"]
 
 
 def test_the_first_failure_is_the_status_and_the_last_how_it_ended():
     history = flight()
     history["status"][100:, 1] = 3
     history["status"][200:, 1] = 5
-    messages = {3: "out of thrust", 5: "diverged"}
-    rows = summarize(TIME, history, facts(status_messages=messages), 0.0)["aircraft"]
-    assert [row["status"] for row in rows] == ["arrived", "out of thrust; then diverged"]
-    assert "status 3" in summarize(TIME, history, facts(), 0.0)["aircraft"][1]["status"]
+    rows = summarize(TIME, history, scenario(), 0.0)["aircraft"]
+    assert [row["status"] for row in rows] == ["arrived", f"{STATUS_MESSAGES[3]}; then {STATUS_MESSAGES[5]}"]
 
 
 @pytest.mark.parametrize("arrivals", [(50.1, 90.0), (50.1, 65.0)])
 def test_an_aircraft_that_is_still_closing_has_not_arrived(arrivals):
     # The one beyond the end of the record, the other beyond 10 s after its planned arrival.
-    row = summarize(TIME, flight(arrivals), facts(), 0.0)["aircraft"][1]
+    row = summarize(TIME, flight(arrivals), scenario(), 0.0)["aircraft"][1]
     assert row["status"].startswith("not arrived")
 
 
@@ -152,8 +145,8 @@ def test_what_does_not_exist_is_null():
     history = flight()
     for key in ("north", "airspeed", "clearance", "position_error", "lateral_bend"):
         history[key][:, 1] = np.nan
-    limits = (Requirement("miss_max_m", 10.0), Requirement("arrival_spread_max_s", 1.0))
-    summary = summarize(TIME, history, facts(requirements=limits, planned_arrivals_s=(50.0, None)), 0.0)
+    history["arrival_time"][:, 1] = np.nan
+    summary = summarize(TIME, history, scenario(), 0.0)
     row = summary["aircraft"][1]
     for key in ("planned_arrival_s", "arrival_s", "miss_m", "speed_mean_m_s", "clearance_min_m", "lateral_bend_m"):
         assert row[key] is None
@@ -165,15 +158,15 @@ def test_what_does_not_exist_is_null():
     json.dumps(summary, allow_nan=False)
 
 
-def test_the_record_must_fit_the_facts():
+def test_the_record_must_fit_the_scenario():
     with pytest.raises(ValueError, match="shape"):
-        summarize(TIME, flight(), facts(1), 0.0)
-    with pytest.raises(ValueError, match="goal_kinds has 1 entries for 2 aircraft"):
-        facts(goal_kinds=("surface",))
+        summarize(TIME, flight(), scenario(1), 0.0)
+    with pytest.raises(ValueError, match="zip"):
+        summarize(TIME, flight(), scenario(), 0.0, ("nominal",))
 
 
 def test_a_summary_survives_the_file_and_is_not_overwritten(tmp_path):
-    summary = summarize(TIME, flight(), facts(seed=5), 1.5)
+    summary = summarize(TIME, flight(), scenario(seed=5), 1.5)
     path = tmp_path / "summary.json"
     write_summary(summary, path)
     assert read_summary(path) == summary

@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 
 from anser.aircraft import condition
-from anser.control import default_limits, make_plant, published_gains, velocity_control
+from anser.control import (
+    default_limits,
+    published_gains,
+)
+from anser.control.autopilot import velocity_control
+from anser.control.plant import make_plant
 from anser.environment import standard_environment
 from anser.planning import PathCommand
 from anser.scenario.library import load_airframe

@@ -6,7 +6,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from anser.aircraft import Controls, condition
-from anser.control import make_plant, velocity_control
+from anser.control.autopilot import velocity_control
+from anser.control.plant import make_plant
 from anser.planning import PathCommand
 from anser.simulation.motion import advance
 from anser.simulation.response import trimmed_memory

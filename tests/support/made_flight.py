@@ -4,8 +4,9 @@ import json
 
 import numpy as np
 
-from anser.results import FlightFacts, Requirement, bend_words, summarize, to_dataset
+from anser.results import bend_words, summarize, to_dataset
 from anser.variables import CATALOGUE, DERIVED_KEYS
+from support.made_scenario import made_scenario
 
 ARRIVAL, END, STEP = 80.0, 130.0, 0.025
 # start north, east, altitude; goal north, east; goal velocity north, east; bend
@@ -129,22 +130,10 @@ def make_flight(scenario_name="Three <aircraft>", repeat=1):
     records = [_one(time, *numbers) for numbers in AIRCRAFT.values()] * repeat
     names = tuple(f"{name}{turn or ''}" for turn in range(repeat) for name in AIRCRAFT)
     history = {key: np.stack([record[key] for record in records], axis=1) for key in records[0]}
-    facts = FlightFacts(
-        scenario_name=scenario_name,
-        scenario_hash="3f9a1c0b7e42d6585a90",
-        seed=7,
-        aircraft_names=names,
-        goal_names=("buoy", "tower", "ship") * repeat,
-        goal_kinds=("surface",) * len(names),
-        planned_arrivals_s=(ARRIVAL,) * len(names),
-        minimum_clearances_m=(150.0,) * len(names),
-        paths=tuple(bend_words(float(bend)) for bend in history["lateral_bend"][0]),
-        requirements=(
-            Requirement("miss_max_m", 15.0),
-            Requirement("arrival_spread_max_s", 1.0),
-            Requirement("separation_min_m", 600.0),
-        ),
-    )
-    summary = summarize(time, history, facts, wall_s=4.2)
+    required = {"miss_max_m": 15.0, "arrival_spread_max_s": 1.0, "separation_min_m": 600.0}
+    tables = {"requirements": required, "limits": {"speed_min_m_s": 30.0, "speed_max_m_s": 340.0}}
+    flown = made_scenario(names, ("buoy", "tower", "ship") * repeat, name=scenario_name, seed=7, **tables)
+    paths = [bend_words(float(bend)) for bend in history["lateral_bend"][0]]
+    summary = summarize(time, history, flown, 4.2, paths)
     attributes = {"reference_latitude_deg": 47.0, "reference_longitude_deg": 8.0, "scenario": json.dumps(SCENARIO)}
     return to_dataset(time, history, names, attributes), summary

@@ -2,14 +2,22 @@
 
 import numpy as np
 
-from anser.results import Closest, KeepOutFacts, PlanExtremes, PlanFacts, PlanSamples
+from anser.results import Closest, PlanDetails, PlanExtremes, PlanSamples
+from support.made_scenario import made_scenario
 
 SPEED, STEP, GRAVITY = 150.0, 0.5, 9.81
-CELL = KeepOutFacts("cell", (4000.0, 4000.0), (10.0, 0.0), 1000.0, 0.0, 3000.0)
+CELL = {"name": "cell", "north_m": 4000.0, "east_m": 4000.0, "speed_m_s": 10.0, "radius_m": 1000.0, "top_m": 3000.0}
 
 
-def plan_case(names=("anna", "bert", "carl"), arrivals=(60.0, 60.0, 40.25), separation_m=None, keep_outs=(), **more):
-    """Samples and facts of a plan; the aircraft come from all sides, the last one arrives between two samples."""
+def plan_case(
+    names=("anna", "bert", "carl"),
+    arrivals=(60.0, 60.0, 40.25),
+    separation_m=None,
+    keep_outs=(),
+    distance_min_m=None,
+    **more,
+):
+    """Samples and details of a plan; the aircraft come from all sides, the last one arrives between two samples."""
     arrival = np.resize(np.asarray(arrivals, dtype=float), len(names))
     time = np.union1d(STEP * np.arange(int(arrival.max() / STEP) + 1), arrival)
     angle = 2.0 * np.pi * np.arange(len(names)) / len(names) + 0.3
@@ -74,14 +82,14 @@ def plan_case(names=("anna", "bert", "carl"), arrivals=(60.0, 60.0, 40.25), sepa
         keep_out_room_m=room,
         keep_out_at_s=np.full(room.shape, 12.0),
     )
-    facts = {
-        "scenario_name": "made-up",
-        "scenario_hash": "3f9a1c0b7e42d6585a90",
-        "seed": 7,
-        "planner": "certified",
-        "rule": "times",
-        "aircraft_names": tuple(names),
-        "goal_names": tuple(f"buoy-{k % 2 + 1}" for k in range(len(names))),
+    tables = {"fleet": {"speed_m_s": SPEED, "planner": "certified"}, "keep_out": list(keep_outs)}
+    if separation_m is not None:
+        tables["separation"] = {"horizontal_m": separation_m[0], "vertical_m": separation_m[1]}
+    if distance_min_m is not None:
+        tables["requirements"] = {"separation_min_m": distance_min_m}
+    scenario = made_scenario(names, [f"buoy-{k % 2 + 1}" for k in range(len(names))], seed=7, **tables)
+    details = {
+        "scenario": scenario,
         "paths": ("nominal",) * len(names),
         "messages": (None,) * len(names),
         "limits": {
@@ -94,7 +102,5 @@ def plan_case(names=("anna", "bert", "carl"), arrivals=(60.0, 60.0, 40.25), sepa
             "altitude_max": 15240.0,
             "thrust_surplus_max": 2.0 * one,
         },
-        "separation_m": separation_m,
-        "keep_outs": tuple(keep_outs),
     }
-    return samples, PlanFacts(**(facts | more))
+    return samples, PlanDetails(**(details | more))

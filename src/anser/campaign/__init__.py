@@ -4,7 +4,7 @@ from anser.campaign.certified import CertifiedPlanned, NoPlanError
 from anser.campaign.dispersion import FlightPoint
 from anser.campaign.envelope import EnvelopeSurvey, survey
 from anser.campaign.envelope_cases import survey_limits
-from anser.campaign.execute import CLEARANCE_MIN_M, Flown, run
+from anser.campaign.execute import Flown, run
 from anser.campaign.linearizing import ConditionError, Linearized, linearize
 from anser.campaign.margins import MarginSurvey, margin_document, margins_at, survey_margins
 from anser.campaign.planned import Planned, plan
@@ -17,7 +17,6 @@ from anser.campaign.trimming import FoundTrim, find_trim
 
 __all__ = [
     "CHANNEL_KEYS",
-    "CLEARANCE_MIN_M",
     "CLIMB_AND_TURN",
     "PUBLISHED_STEPS",
     "CertifiedPlanned",

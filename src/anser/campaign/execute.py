@@ -15,11 +15,8 @@ import xarray as xr
 
 from anser.campaign.certified import CertifiedPlanned, NoPlanError
 from anser.campaign.planned import Planned, plan
-from anser.planning.rendezvous import AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M
 from anser.report import write_report
 from anser.results import (
-    FlightFacts,
-    Requirement,
     summarize,
     summary_text,
     to_dataset,
@@ -28,10 +25,7 @@ from anser.results import (
     write_summary,
 )
 from anser.scenario import Scenario
-from anser.simulation import SEGMENT_STEPS, STATUS_MESSAGES, fly
-
-CLEARANCE_MIN_M = {"surface": SURFACE_STAND_OFF_MIN_M, "airborne": AIRBORNE_STAND_OFF_MIN_M}
-"""Least distance from a goal of each kind: the product's scope, whatever a scenario says."""
+from anser.simulation import SEGMENT_STEPS, fly
 
 _FILES = ("flight.nc", "summary.json", "report.html")
 
@@ -154,7 +148,7 @@ def run(scenario: Scenario, progress: Progress | None = None) -> Flown:
     time_s = np.arange(steps + 1) * timing.step_s
     wall_s = clock.perf_counter() - began
     told("summing up", 1.0)
-    summary = summarize(time_s, history, _facts(scenario, history, planned.path_words()), wall_s)
+    summary = summarize(time_s, history, scenario, wall_s, planned.path_words())
     stride = round(timing.record_period_s / timing.step_s)
     dataset = to_dataset(
         time_s[::stride],
@@ -163,38 +157,6 @@ def run(scenario: Scenario, progress: Progress | None = None) -> Flown:
         _attributes(scenario),
     )
     return Flown(scenario, dataset, summary, planned)
-
-
-def _facts(scenario: Scenario, history: dict[str, np.ndarray], paths: tuple[str, ...]) -> FlightFacts:
-    goals = [scenario.goal_of(a) for a in scenario.aircraft]
-    wanted, limits = scenario.requirements, scenario.limits
-    requirements = [
-        Requirement("miss_max_m", wanted.miss_max_m),
-        *([Requirement("arrival_spread_max_s", wanted.arrival_spread_max_s)] if scenario.arrival.is_common else []),
-        Requirement("speed_min_m_s", limits.speed_min_m_s),
-        Requirement("speed_max_m_s", limits.speed_max_m_s),
-    ]
-    if wanted.position_error_max_m is not None:
-        requirements.append(Requirement("position_error_max_m", wanted.position_error_max_m))
-    if wanted.separation_min_m is not None:
-        requirements.append(Requirement("separation_min_m", wanted.separation_min_m))
-    apart = scenario.separation
-    if apart.horizontal_m > 0.0:
-        requirements.append(Requirement("separation_ratio_min", 1.0))
-    return FlightFacts(
-        scenario_name=scenario.name,
-        scenario_hash=scenario.hash,
-        seed=scenario.seed,
-        aircraft_names=tuple(a.name for a in scenario.aircraft),
-        goal_names=tuple(a.goal for a in scenario.aircraft),
-        goal_kinds=tuple(goal.kind for goal in goals),
-        planned_arrivals_s=tuple(float(t) for t in history["arrival_time"][-1]),
-        minimum_clearances_m=tuple(CLEARANCE_MIN_M[goal.kind] for goal in goals),
-        requirements=tuple(requirements),
-        status_messages=dict(enumerate(STATUS_MESSAGES)),
-        separation_m=(apart.horizontal_m, apart.vertical_m) if apart.horizontal_m > 0.0 else None,
-        paths=paths,
-    )
 
 
 def _attributes(scenario: Scenario) -> dict[str, Any]:

@@ -14,7 +14,9 @@ from jax import lax
 from jaxtyping import Array, Float, Int
 
 from anser.numerics import compiled_quickly
-from anser.results import Closest, KeepOutFacts
+from anser.planning import separation_ratio
+from anser.results import Closest
+from anser.scenario.schema_airspace import KeepOut
 from anser.shapes import Scalar
 
 _MOST_PAIRS = 64  # pairs that are looked at between the samples: the nearest ones at the samples
@@ -57,23 +59,24 @@ def _fine_times(times: Float[Array, " time"]) -> Float[Array, " fine"]:
     return jnp.concatenate([inner.ravel(), times[-1:]])
 
 
-def _distance(apart: Float[Array, "*batch 3"], squeeze: Scalar) -> Float[Array, "*batch"]:
-    """Distance in space for a negative `squeeze`, else the greater of distance in the plane and squeezed height."""
+def _distance(apart: Float[Array, "*batch 3"], asked: Float[Array, "2"]) -> Float[Array, "*batch"]:
+    """Distance in space where no separation is asked, else the horizontal one that would be as much of it."""
     level = jnp.sqrt(apart[..., 0] ** 2 + apart[..., 1] ** 2)
     height = jnp.abs(apart[..., 2])
-    return jnp.where(squeeze < 0.0, jnp.sqrt(level**2 + height**2), jnp.maximum(level, squeeze * height))
+    as_much = asked[0] * separation_ratio(level, height, asked[0], asked[1])
+    return jnp.where(asked[0] > 0.0, as_much, jnp.sqrt(level**2 + height**2))
 
 
 @jax.jit
 def _at_instants(
-    positions: Float[Array, "time aircraft 3"], squeeze: Scalar
+    positions: Float[Array, "time aircraft 3"], asked: Float[Array, "2"]
 ) -> tuple[Float[Array, " time"], Int[Array, " time"], Float[Array, "aircraft aircraft"]]:
     """Least distance of two at each instant, who they are (as one number), and the least of each pair."""
     fleet = positions.shape[1]
     first = jnp.triu(jnp.ones((fleet, fleet), dtype=bool), 1)
 
     def look(least: Array, place: Float[Array, "aircraft 3"]) -> tuple[Array, tuple[Array, Array]]:
-        apart = _distance(place[:, None, :] - place[None, :, :], squeeze)
+        apart = _distance(place[:, None, :] - place[None, :, :], asked)
         apart = jnp.where(first & jnp.isfinite(apart), apart, jnp.inf)
         who = jnp.argmin(apart)
         return jnp.minimum(least, apart), (apart.ravel()[who], who)
@@ -85,7 +88,7 @@ def _at_instants(
 
 @compiled_quickly
 def _closely(
-    motion: SampledMotion, pairs: Int[Array, "pairs 2"], squeeze: Scalar
+    motion: SampledMotion, pairs: Int[Array, "pairs 2"], asked: Float[Array, "2"]
 ) -> tuple[Float[Array, " pairs"], Float[Array, " pairs"], Float[Array, "pairs 3"]]:
     """Least distance of each pair until one arrives, when, and what then lies between them (NED, m)."""
     fine = _fine_times(motion.times)
@@ -96,7 +99,7 @@ def _closely(
 
         def at(time: Scalar) -> tuple[Scalar, Float[Array, "3"]]:
             between = _between(motion.times, apart, rate, time)
-            found = _distance(between, squeeze)
+            found = _distance(between, asked)
             return jnp.where(jnp.isfinite(found), found, jnp.inf), between
 
         k = jnp.argmin(jax.vmap(lambda time: at(time)[0])(fine))
@@ -134,10 +137,7 @@ def nearest_pairs(motion: SampledMotion, separation_m: tuple[float, float] | Non
     if fleet < 2:
         nothing = np.full(count, np.nan)
         return Closest(nothing, np.full((count, 2), -1), np.nan, (-1, -1), np.nan, np.nan, np.nan)
-    squeeze = -1.0
-    if separation_m is not None:
-        squeeze = separation_m[0] / separation_m[1] if separation_m[1] > 0.0 else 0.0
-    measure = jnp.asarray(squeeze)
+    measure = jnp.asarray(separation_m or (0.0, 0.0), dtype=float)
     distance, who, least = (np.asarray(x) for x in _at_instants(motion.positions_n, measure))
     together = np.isfinite(distance)
     order = np.argsort(least, axis=None, kind="stable")[: min(_MOST_PAIRS, fleet * (fleet - 1) // 2)]
@@ -180,7 +180,7 @@ def _rooms(
     return lax.map(one, (jnp.swapaxes(motion.positions_n, 0, 1), jnp.swapaxes(motion.velocities_n, 0, 1)))
 
 
-def keep_out_rooms(motion: SampledMotion, keep_outs: tuple[KeepOutFacts, ...]) -> tuple[np.ndarray, np.ndarray]:
+def keep_out_rooms(motion: SampledMotion, keep_outs: tuple[KeepOut, ...]) -> tuple[np.ndarray, np.ndarray]:
     """How far each aircraft stays out of each volume at least, m, negative inside; and when, s; (aircraft, volume).
 
     Looked for at sixteen instants between two samples.
@@ -188,6 +188,8 @@ def keep_out_rooms(motion: SampledMotion, keep_outs: tuple[KeepOutFacts, ...]) -
     if not keep_outs:
         none = np.zeros((motion.positions_n.shape[1], 0))
         return none, none
-    rows = [(*one.position_m, *one.velocity_m_s, one.radius_m, one.bottom_m, one.top_m) for one in keep_outs]
+    rows = [
+        (one.north_m, one.east_m, *one.velocity_m_s()[:2], one.radius_m, one.bottom_m, one.top_m) for one in keep_outs
+    ]
     rooms, when = _rooms(motion, jnp.asarray(rows, dtype=float))
     return np.asarray(rooms), np.asarray(when)

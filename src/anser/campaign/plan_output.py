@@ -13,13 +13,12 @@ from anser.campaign.certified import NOT_PROVEN
 from anser.campaign.certified import CertifiedPlanned as AnyCertifiedPlanned
 from anser.campaign.plan_samples import TimedPosition, sample_plan, sample_times
 from anser.campaign.planned import Planned
-from anser.planning import LIMIT_MESSAGES, PLAN_MESSAGES
+from anser.planning import CERTIFIED_LIMITS, LIMIT_MESSAGES, LIMITS, PLAN_MESSAGES, PathLimits
 from anser.planning.certified.certified_plan import CertifiedPlan
 from anser.planning.certified.request import Airspace, Traveller
 from anser.report import draw_plan
 from anser.results import (
-    KeepOutFacts,
-    PlanFacts,
+    PlanDetails,
     plan_dataset,
     plan_summary,
     turn_words,
@@ -102,7 +101,7 @@ def record(planned: Planned | AnyCertifiedPlanned) -> RecordedPlan:
 def record_published(planned: Planned) -> RecordedPlan:
     """Sample and sum up a plan of the published planner."""
     scenario, made = planned.scenario, planned.plan
-    facts = _facts(
+    details = PlanDetails(
         scenario,
         paths=planned.path_words(),
         messages=tuple(
@@ -111,13 +110,14 @@ def record_published(planned: Planned) -> RecordedPlan:
         ),
         problems=planned.problems(),
         notes=planned.notes(),
+        limits=_limits(scenario),
         lengths_m=np.asarray(made.lengths),
         nominal_lengths_m=np.asarray(made.nominal_lengths),
         turn_use=np.asarray(planned.limits.turn_use_max),
         level_off_m=np.asarray(planned.limits.level_off_altitude),
     )
     arrivals = np.full(len(scenario.aircraft), float(made.arrival_time))
-    return _recorded(scenario, made.trajectories, arrivals, planned.flight.environment.gravity, facts)
+    return _recorded(made.trajectories, arrivals, planned.flight.environment.gravity, details)
 
 
 def record_certified(planned: CertifiedPlanned, notes: tuple[str, ...] = ()) -> RecordedPlan:
@@ -127,19 +127,8 @@ def record_certified(planned: CertifiedPlanned, notes: tuple[str, ...] = ()) -> 
     rows = np.flatnonzero(np.asarray(planned.travellers.active) > 0.0)
     made, asked = jax.tree.map(lambda leaf: leaf[rows], (planned.plan, planned.travellers.limits))
     found = made.certificate
-    bounds = {
-        "airspeed_min": found.bounds.speed_min,
-        "airspeed_max": found.bounds.speed_max,
-        "bank_max": found.bounds.bank_max,
-        "load_factor_max": found.bounds.load_factor_max,
-        "climb_rate_max": found.bounds.climb_rate_max,
-        "altitude_min": found.bounds.altitude_min,
-        "altitude_max": found.bounds.altitude_max,
-        "thrust_surplus_max": found.bounds.acceleration_max,
-        "thrust_deficit_max": found.bounds.deceleration_max,
-    }
     good, room = np.asarray(planned.plan.good)[rows], float(np.min(np.asarray(found.room)[:, rows]))
-    facts = _facts(
+    details = PlanDetails(
         scenario,
         paths=tuple(turn_words(math.degrees(float(turned))) for turned in made.turned),
         lengths_m=np.asarray(made.lengths),
@@ -148,15 +137,13 @@ def record_certified(planned: CertifiedPlanned, notes: tuple[str, ...] = ()) -> 
         problems=tuple(
             f'aircraft "{a.name}": {NOT_PROVEN}' for a, ok in zip(scenario.aircraft, good, strict=True) if not ok
         ),
-        # Where the scenario leaves these two out they are those of each aircraft at its start.
-        surplus=np.asarray(asked.acceleration_max),
-        deficit=np.asarray(asked.deceleration_max),
-        bounds={key: np.asarray(values) for key, values in bounds.items()},
+        limits=_limits(scenario, asked),
+        bounds={limit.key: np.asarray(getattr(found.bounds, limit.field)) for limit in CERTIFIED_LIMITS},
         separation_bound=room if math.isfinite(room) else None,
         keep_out_bounds_m=np.asarray(found.closed_room) if scenario.keep_out else None,
         **_holds(planned.holds, rows),
     )
-    return _recorded(scenario, made.paths, np.asarray(made.arrival_times), planned.airspace.gravity, facts)
+    return _recorded(made.paths, np.asarray(made.arrival_times), planned.airspace.gravity, details)
 
 
 def _holds(holds: PlannedHolds | None, rows: np.ndarray) -> dict[str, Any]:
@@ -172,13 +159,12 @@ def _holds(holds: PlannedHolds | None, rows: np.ndarray) -> dict[str, Any]:
     }
 
 
-def _recorded(
-    scenario: Scenario, paths: TimedPosition, arrivals: np.ndarray, gravity: Any, facts: PlanFacts
-) -> RecordedPlan:
+def _recorded(paths: TimedPosition, arrivals: np.ndarray, gravity: Any, details: PlanDetails) -> RecordedPlan:
+    scenario = details.scenario
     times = sample_times(0.0, arrivals)
     goals = np.stack([_goal_n(scenario.goal_of(aircraft), times[0]) for aircraft in scenario.aircraft], axis=1)
-    samples = sample_plan(paths, 0.0, arrivals, gravity, goals, times, facts.separation_m, facts.keep_outs)
-    dataset = plan_dataset(samples, facts)
+    samples = sample_plan(paths, 0.0, arrivals, gravity, goals, times, scenario.separation.asked_m, scenario.keep_out)
+    dataset = plan_dataset(samples, details)
     return RecordedPlan(dataset, plan_summary(dataset))
 
 
@@ -195,44 +181,14 @@ def _goal_n(goal: Goal, times_s: np.ndarray) -> np.ndarray:
     return np.stack([place[0], place[1], -place[2]], axis=1)
 
 
-def _facts(
-    scenario: Scenario, surplus: np.ndarray | float = math.nan, deficit: np.ndarray | float = math.nan, **more: Any
-) -> PlanFacts:
-    """What a scenario asks for; `surplus`, `deficit` where it leaves them out; what a planner tells of itself."""
-    limits, apart = scenario.limits, scenario.separation
-    given = limits.acceleration_max_m_s2, limits.deceleration_max_m_s2
-    return PlanFacts(
-        scenario_name=scenario.name,
-        scenario_hash=scenario.hash,
-        seed=scenario.seed,
-        planner=scenario.fleet.planner,
-        rule=scenario.arrival.rule,
-        aircraft_names=tuple(a.name for a in scenario.aircraft),
-        goal_names=tuple(a.goal for a in scenario.aircraft),
-        limits={
-            "airspeed_min": limits.speed_min_m_s,
-            "airspeed_max": limits.speed_max_m_s,
-            "bank_max": math.radians(limits.bank_max_deg),
-            "load_factor_max": limits.load_factor_max,
-            "climb_rate_max": limits.climb_rate_max_m_s,
-            "altitude_min": limits.altitude_min_m,
-            "altitude_max": limits.altitude_max_m,
-            **({"level_off_min": limits.altitude_min_m} if "level_off_m" in more else {}),
-            "thrust_surplus_max": surplus if given[0] is None else given[0],
-            "thrust_deficit_max": deficit if given[1] is None else given[1],
-        },
-        separation_m=(apart.horizontal_m, apart.vertical_m) if apart.horizontal_m > 0.0 else None,
-        distance_min_m=scenario.requirements.separation_min_m,
-        keep_outs=tuple(
-            KeepOutFacts(
-                one.name,
-                (one.north_m, one.east_m),
-                one.velocity_m_s()[:2],
-                one.radius_m,
-                one.bottom_m,
-                one.top_m,
-            )
-            for one in scenario.keep_out
-        ),
-        **more,
-    )
+def _limits(scenario: Scenario, own: PathLimits | None = None) -> dict[str, float | np.ndarray]:
+    """Limits by key; what a scenario leaves out is each aircraft's own at its start.
+
+    The published planner has none of its own, and it alone judges the level-off after the arrival.
+    """
+    found = {}
+    for limit in LIMITS if own is None else CERTIFIED_LIMITS:
+        given = getattr(scenario.limits, limit.setting)
+        left_out = math.nan if own is None else np.asarray(getattr(own, limit.field))
+        found[limit.key] = left_out if given is None else given / limit.factor
+    return found

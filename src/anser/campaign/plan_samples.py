@@ -10,8 +10,10 @@ from jaxtyping import Array, Float
 
 from anser.campaign.plan_distances import keep_out_rooms, nearest_pairs, track_of
 from anser.numerics import compiled_quickly
-from anser.planning import polar
-from anser.results import KeepOutFacts, PlanExtremes, PlanSamples
+from anser.planning import CERTIFIED_LIMITS, polar
+from anser.planning.demand import demand
+from anser.results import PlanExtremes, PlanSamples
+from anser.scenario.schema_airspace import KeepOut
 from anser.shapes import Scalar, ScalarLike, Vector3
 
 SAMPLE_STEP_S = 0.5
@@ -73,8 +75,7 @@ def asked_of(path: TimedPosition, time: ScalarLike, gravity: ScalarLike) -> dict
     position, ground, air = path.position_n(time), path.velocity_n(time), path.air_velocity_n(time)
     push = path.acceleration_n(time)
     over, through = polar(ground, push), polar(air, push)
-    side = through.V * jnp.cos(through.gamma) * through.chi_dot
-    lift = gravity * jnp.cos(through.gamma) + through.V * through.gamma_dot
+    asked = demand(air, push, gravity)
     return {
         "north": position[0],
         "east": position[1],
@@ -87,9 +88,9 @@ def asked_of(path: TimedPosition, time: ScalarLike, gravity: ScalarLike) -> dict
         "ground_course": over.chi,
         "path_angle": through.gamma,
         "climb_rate": -air[2],
-        "bank": jnp.arctan2(side, lift),
-        "load_factor": jnp.sqrt(side * side + lift * lift) / gravity,
-        "thrust_surplus": through.V_dot + gravity * jnp.sin(through.gamma),
+        "bank": asked.bank,
+        "load_factor": asked.normal / gravity,
+        "thrust_surplus": asked.along,
     }
 
 
@@ -147,17 +148,7 @@ def sample_extremes(
     return PlanExtremes(
         length=mean * duration,
         speed_mean=mean,
-        values={
-            "airspeed_min": speed.min(axis=1),
-            "airspeed_max": speed.max(axis=1),
-            "bank_max": np.abs(asked["bank"]).max(axis=1),
-            "load_factor_max": asked["load_factor"].max(axis=1),
-            "climb_rate_max": np.abs(asked["climb_rate"]).max(axis=1),
-            "altitude_min": asked["altitude"].min(axis=1),
-            "altitude_max": asked["altitude"].max(axis=1),
-            "thrust_surplus_max": asked["thrust_surplus"].max(axis=1),
-            "thrust_deficit_max": (-asked["thrust_surplus"]).max(axis=1),
-        },
+        values={limit.key: limit.extreme(asked[limit.variable], 1) for limit in CERTIFIED_LIMITS},
     )
 
 
@@ -169,7 +160,7 @@ def sample_plan(
     goals_n: np.ndarray,
     times: tuple[np.ndarray, np.ndarray],
     separation_m: tuple[float, float] | None,
-    keep_outs: tuple[KeepOutFacts, ...],
+    keep_outs: tuple[KeepOut, ...],
 ) -> PlanSamples:
     """Everything that is recorded of a plan.
 
@@ -186,7 +177,7 @@ def sample_plan(
     times
         As `sample_times` gives them.
     separation_m, keep_outs
-        What is asked for, as in `PlanFacts`.
+        What a scenario asks for.
     """
     history = sample_paths(paths, arrival_times, times[0], gravity)
     motion = track_of(times[0], history)

@@ -19,6 +19,7 @@ from anser.planning.certified import (
     search,
 )
 from anser.planning.certified.arrivals import reachable
+from anser.planning.limits import LOOSENED_TOGETHER
 from anser.scenario import Scenario
 from anser.simulation import PlannedHolds
 
@@ -191,7 +192,10 @@ def _binding(who: int, travellers: Traveller, airspace: Airspace, wanted_s: floa
             best = float(_FACTORS[high]), what
     if best is None:
         return ": no single limit, loosened up to four times, changes that"
-    return f": the {best[1]} stands in the way, and loosened by {100 * (best[0] - 1):.0f} % it would do"
+    factor, what = best
+    keys = " and ".join(f"limits.{limit.setting}" for limit in LOOSENED_TOGETHER.get(what, ()))
+    named = f"{what} ({keys})" if keys else what
+    return f": the {named} stands in the way, and loosened by {100 * (factor - 1):.0f} % it would do"
 
 
 def _no_common_time(names: Sequence[str], arrivals: Sequence[Intervals], offsets_s: np.ndarray, latest_s: float) -> str:

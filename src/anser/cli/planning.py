@@ -132,15 +132,15 @@ def _path_row(row: dict[str, Any]) -> dict[str, str]:
 
 def _print_margins(summary: dict[str, Any]) -> None:
     """What each path leaves to each limit; what is left of none is marked."""
-    from anser.results import PLAN_LIMITS
+    from anser.planning import LIMITS
 
     how = "proven at every instant" if summary["bounds"] == "proven" else "at samples"
     table = plain_table(f"left to the limits, {how} (negative: passed)")
     table.add_column("aircraft", no_wrap=True)
     given = {one["name"] for row in summary["aircraft"] for one in row["limits"]}
-    shown = [limit for limit in PLAN_LIMITS if limit.name in given]
+    shown = [limit for limit in LIMITS if limit.name in given]
     for limit in shown:
-        first, _, rest = _HEADINGS[limit.key].partition(" ")
+        first, _, rest = (limit.heading or limit.words).partition(" ")
         table.add_column(f"{first}\n{rest}\n{_UNITS[limit.unit][0]}", justify="right", no_wrap=True)
     for row in summary["aircraft"]:
         margins = {one["name"]: one["margin"] for one in row["limits"]}
@@ -151,20 +151,6 @@ def _print_margins(summary: dict[str, Any]) -> None:
             cells.append(f"[bold red]{text}[/bold red]" if margin is not None and margin < 0.0 else text)
         table.add_row(row["name"], *cells)
     print_table(table)
-
-
-_HEADINGS = {
-    "airspeed_min": "least airspeed",
-    "airspeed_max": "greatest airspeed",
-    "bank_max": "bank angle",
-    "load_factor_max": "load factor",
-    "climb_rate_max": "climb rate",
-    "altitude_min": "least altitude",
-    "altitude_max": "greatest altitude",
-    "level_off_min": "level-off altitude",
-    "thrust_surplus_max": "acceler- ation",
-    "thrust_deficit_max": "deceler- ation",
-}
 
 
 def _apart(summary: dict[str, Any]) -> list[str]:

@@ -2,7 +2,7 @@
 
 from anser.control.allocation import SurfaceDemand, SurfaceMoments, allocate, surface_moments
 from anser.control.authority import Authority, surface_authority
-from anser.control.autopilot import AutopilotSignals, attitude_control, rate_control, velocity_control
+from anser.control.autopilot import AutopilotSignals
 from anser.control.beyond_model import BeyondModel, nothing_beyond
 from anser.control.excitation import Excitation, no_excitation
 from anser.control.feedback import Differentiator, advanced_integral, brakeable, virtual_control, wrapped
@@ -23,8 +23,8 @@ from anser.control.inversion import InversionAutopilot, Loop, LoopCommand
 from anser.control.limits import FlightLimits, default_limits
 from anser.control.memory import AutopilotState, initial_autopilot_state
 from anser.control.path_motion import PathMotion, path_motion
-from anser.control.plant import Plant, make_plant
-from anser.control.velocity_loop import AttitudeDemand, ThrustDemand, attitude_demand, thrust_demand
+from anser.control.plant import Plant
+from anser.control.velocity_loop import AttitudeDemand, ThrustDemand
 
 __all__ = [
     "SEPARATION_MIN",
@@ -54,8 +54,6 @@ __all__ = [
     "ThrustDemand",
     "advanced_integral",
     "allocate",
-    "attitude_control",
-    "attitude_demand",
     "brakeable",
     "chart_velocities",
     "default_limits",
@@ -68,19 +66,15 @@ __all__ = [
     "levelled_off",
     "loop_bandwidth",
     "loop_gains",
-    "make_plant",
     "no_excitation",
     "nothing_beyond",
     "over_ground",
     "path_motion",
     "published_gains",
-    "rate_control",
     "separations",
     "signal_variables",
     "surface_authority",
     "surface_moments",
-    "thrust_demand",
-    "velocity_control",
     "virtual_control",
     "wrapped",
 ]

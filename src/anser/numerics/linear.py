@@ -1,8 +1,10 @@
 """Small dense algebra without library calls: cheaper inside a scan than a batched solver."""
 
+import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
-from anser.shapes import Matrix33, Vector3
+from anser.shapes import Count, Matrix33, Vector3
 
 
 def _cross(a: Vector3, b: Vector3) -> Vector3:
@@ -33,3 +35,14 @@ def inverse3(matrix: Matrix33, floor: float = 1e-12) -> Matrix33:
 def solve3(matrix: Matrix33, vector: Vector3) -> Vector3:
     """Solve matrix @ x = vector (see `inverse3` for singular matrices)."""
     return times3(inverse3(matrix), vector)
+
+
+def solve_positive(matrix: Float[Array, "n n"], vector: Float[Array, " n"]) -> Float[Array, " n"]:
+    """Solution of a small positive definite system by elimination: a batch of them is one computation."""
+    count = vector.shape[0]
+
+    def eliminate(k: Count, rows: Array) -> Array:
+        pivot = rows[k] / rows[k, k]
+        return (rows - rows[:, k, None] * pivot[None, :]).at[k].set(pivot)
+
+    return jax.lax.fori_loop(0, count, eliminate, jnp.concatenate([matrix, vector[:, None]], axis=1))[:, count]

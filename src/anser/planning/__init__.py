@@ -12,16 +12,20 @@ from anser.planning.interface import (
     Report,
     simple_plan,
 )
-from anser.planning.limits import LIMIT_MESSAGES, LimitReport, PathLimits, check_limits
+from anser.planning.limit_check import LimitReport, check_limits
+from anser.planning.limits import CERTIFIED_LIMITS, LIMIT_MESSAGES, LIMITS, Limit, PathLimits
 from anser.planning.line_of_sight import LineOfSight, measure, recover
 from anser.planning.published_planner import PublishedPlanner, PublishedPlanState
 from anser.planning.rendezvous import Rendezvous, final_air_velocity, make_rendezvous, time_to_go
 from anser.planning.renewal import renew
-from anser.planning.separation import choose_sides, separation_min
+from anser.planning.separation import Separation, separation_min, separation_ratio
 from anser.planning.shape import Bend, solve_lateral_bend
+from anser.planning.sides import choose_sides
 from anser.planning.trajectory import Trajectory, bend_trajectory, fit_trajectory, lateral_direction_n, with_even_speed
 
 __all__ = [
+    "CERTIFIED_LIMITS",
+    "LIMITS",
     "LIMIT_MESSAGES",
     "PLAN_MESSAGES",
     "AbstractPlanner",
@@ -29,6 +33,7 @@ __all__ = [
     "Bend",
     "FleetPlan",
     "GoalMotion",
+    "Limit",
     "LimitReport",
     "LineOfSight",
     "PathCommand",
@@ -40,6 +45,7 @@ __all__ = [
     "Reference",
     "Rendezvous",
     "Report",
+    "Separation",
     "Trajectory",
     "arc_length",
     "arc_length_estimate",
@@ -58,6 +64,7 @@ __all__ = [
     "renew",
     "rescaled",
     "separation_min",
+    "separation_ratio",
     "simple_plan",
     "solve_lateral_bend",
     "straight_goal",

@@ -1,30 +1,17 @@
-"""Whether an aircraft can fly a trajectory: dynamic limits over its whole length, and a hold after its end."""
+"""The catalogue of limits of a path: the one source of checks, refusals, tables and labels; and their values."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
+import numpy as np
 
-from anser.constants import STANDARD_GRAVITY_M_S2
-from anser.planning.commands import polar
-from anser.planning.level_off import level_off_height
-from anser.planning.trajectory import Trajectory
-from anser.shapes import Count, Flag, Scalar, ScalarLike
+from anser.shapes import Scalar, ScalarLike
+from anser.variables import UNITS
 
-WITHIN_LIMITS, TOO_SLOW, TOO_FAST, TURN_TOO_TIGHT, CLIMB_TOO_STEEP, TOO_LOW, NO_LEVEL_OFF = range(7)
-LIMIT_MESSAGES = (
-    "within all limits",
-    "the trajectory asks for less than the least airspeed",
-    "the trajectory asks for more than the greatest airspeed",
-    "the trajectory turns faster than the greatest bank angle allows at its airspeed",
-    "the trajectory climbs or descends faster than the limit",
-    "the trajectory goes below the least altitude",
-    "the trajectory arrives in a descent that the hold cannot level off above the least altitude",
-)
-
-# The pull, beyond carrying the weight, that a plan leaves to the hold: 1 g, as any speed allows at which the lift at
-# alpha_max is 2.2 times the weight (the F-16 from 95 m/s on), and of a smaller load factor limit three quarters.
-_PULL = STANDARD_GRAVITY_M_S2
-_PULL_SHARE = 0.75
+_TILTED = 1.57  # rad: more bank than this has no tangent
+_LOOSENED_M = 1000.0  # by which an altitude moves where other limits double
 
 
 class PathLimits(eqx.Module):
@@ -50,92 +37,162 @@ class PathLimits(eqx.Module):
     """The same with the engine idle, positive, m/s^2."""
 
 
-class LimitReport(eqx.Module):
-    """Extremes along a trajectory, and which limits they keep."""
-
-    speed_min: Scalar
-    """m/s, relative to the air."""
-    speed_max: Scalar
-    """m/s, relative to the air."""
-    turn_rate_max: Scalar
-    """Greatest course rate, either way, rad/s."""
-    turn_use_max: Scalar
-    """Greatest ratio of the course rate to what the bank limit allows at the speed of that point; 1 is the limit."""
-    climb_rate_max: Scalar
-    """Greatest vertical speed relative to the air, up or down, m/s."""
-    altitude_min: Scalar
-    """m, over the ground frame's origin."""
-    level_off_altitude: Scalar
-    """Where the descent at arrival ends when the hold levels it off with 1 g beyond the weight, m."""
-    speed_min_ok: Flag
-    speed_max_ok: Flag
-    turn_ok: Flag
-    climb_ok: Flag
-    altitude_ok: Flag
-    level_off_ok: Flag
-    status: Count
-    """First limit broken, in the order of LIMIT_MESSAGES; 0 is none."""
+def _size(values: np.ndarray, axis: int) -> np.ndarray:
+    return np.max(np.abs(values), axis)
 
 
-def check_limits(trajectory: Trajectory, limits: PathLimits, gravity: ScalarLike, count: int = 129) -> LimitReport:
-    """Compare a trajectory with an aircraft's limits at equal intervals from start to rendezvous, both included.
+def _loss(values: np.ndarray, axis: int) -> np.ndarray:
+    return np.max(-values, axis)
 
-    Parameters
+
+@dataclass(frozen=True)
+class Limit:
+    """One limit of a path.
+
+    Attributes
     ----------
-    trajectory
-        The trajectory.
-    limits
-        The limits.
-    gravity
-        m/s^2.
-    count
-        Number of instants looked at.
-
-    Notes
-    -----
-    Theory section 6, "Dynamic limits on the whole path": |chi_dot| < g tan(bank_max)/V. Speed, turn and climb are
-    those relative to the air, which is what the aircraft feels; altitude is over the ground. The end state is what a
-    hold can catch: see `level_off_height`, with the bank and the vertical acceleration of the path's end.
+    key
+        Name of the extreme that it bounds: "airspeed_min".
+    field
+        Name of its value in `PathLimits`: "speed_min".
+    suffix
+        Unit of a name in a dataset and in a scenario: "m_s"; empty for a pure number.
+    variable
+        What it bounds, by key in `anser.variables`.
+    extreme
+        Which extreme of that along an axis.
+    words
+        What it is.
+    heading
+        The same above a column, two short words; empty where `words` are.
+    broken
+        What a trajectory of the published planner does that breaks it; empty where none is held to it.
+    proven
+        Whether the certified planner proves it.
     """
-    times = trajectory.start_time + trajectory.duration * jnp.linspace(0.0, 1.0, count)
-    command = jax.vmap(lambda t: polar(trajectory.air_velocity_n(t), trajectory.acceleration_n(t)))(times)
-    altitudes = -jax.vmap(trajectory.position_n)(times)[:, 2]
-    altitude_min = jnp.min(altitudes)
-    level_off_altitude = altitudes[-1] - _level_off_of_end(trajectory, limits, gravity)
-    turn_rate = jnp.abs(command.chi_dot)
-    turn_use_max = jnp.max(turn_rate * command.V) / (gravity * jnp.tan(limits.bank_max))
-    climb_rate_max = jnp.max(jnp.abs(command.V * jnp.sin(command.gamma)))
-    speed_min, speed_max = jnp.min(command.V), jnp.max(command.V)
-    kept = (
-        speed_min >= limits.speed_min,
-        speed_max <= limits.speed_max,
-        turn_use_max <= 1.0,
-        climb_rate_max <= limits.climb_rate_max,
-        altitude_min >= limits.altitude_min,
-        level_off_altitude >= limits.altitude_min,
-    )
-    status = jnp.asarray(WITHIN_LIMITS, dtype=int)
-    for code, ok in reversed(list(enumerate(kept, start=TOO_SLOW))):
-        status = jnp.where(ok, status, code)
-    return LimitReport(
-        speed_min,
-        speed_max,
-        jnp.max(turn_rate),
-        turn_use_max,
-        climb_rate_max,
-        altitude_min,
-        level_off_altitude,
-        *kept,
-        status=status,
-    )
+
+    key: str
+    field: str
+    suffix: str
+    variable: str
+    extreme: Callable[[np.ndarray, int], np.ndarray]
+    words: str
+    heading: str = ""
+    broken: str = ""
+    proven: bool = True
+
+    @property
+    def name(self) -> str:
+        """Name of the extreme with its unit."""
+        return f"{self.key}_{self.suffix}" if self.suffix else self.key
+
+    @property
+    def setting(self) -> str:
+        """Key of its value in the table `limits` of a scenario."""
+        return f"{self.field}_{self.suffix}" if self.suffix else self.field
+
+    @property
+    def unit(self) -> str:
+        """Unit in a dataset, as CF writes it."""
+        return UNITS[self.suffix][0]
+
+    @property
+    def factor(self) -> float:
+        """Dataset value divided by the value in SI units or radians."""
+        return UNITS[self.suffix][1]
+
+    @property
+    def least(self) -> bool:
+        """Whether it bounds from below."""
+        return self.extreme is np.min
+
+    def excess(self, value: Scalar, limit: Scalar) -> Scalar:
+        """By how much an extreme passes it, as a part of it (of its tangent); not positive where it is kept.
+
+        Parameters
+        ----------
+        value
+            The extreme.
+        limit
+            Infinite where none is asked.
+        """
+        if self.suffix == "deg":
+            value, limit = jnp.tan(jnp.minimum(value, _TILTED)), jnp.tan(limit)
+        if self.least:
+            value, limit = -value, -limit
+        none = limit == jnp.inf  # one that is not a number is no such limit, and is not kept
+        finite = jnp.where(none, 0.0, limit)
+        return jnp.where(none, -1.0, (value - finite) / jnp.maximum(jnp.abs(finite), 1.0))
+
+    def loosened(self, limit: Scalar, factor: ScalarLike) -> Scalar:
+        """Its value loosened by a factor; 1 is as it is."""
+        if self.suffix == "m":
+            more = _LOOSENED_M * (factor - 1.0)
+            return limit - more if self.least else limit + more
+        if self.suffix == "deg":
+            return jnp.arctan(jnp.tan(limit) * factor)
+        return limit / factor if self.least else limit * factor
 
 
-def _level_off_of_end(trajectory: Trajectory, limits: PathLimits, gravity: ScalarLike) -> Scalar:
-    """Height that the hold needs to end the descent with which a trajectory arrives, m."""
-    end = trajectory.start_time + trajectory.duration
-    acceleration_n = trajectory.acceleration_n(end)
-    command = polar(trajectory.air_velocity_n(end), acceleration_n)
-    up = command.V * command.gamma_dot + gravity * jnp.cos(command.gamma)
-    bank = jnp.arctan2(command.V * jnp.cos(command.gamma) * command.chi_dot, jnp.maximum(up, 0.1 * gravity))
-    pull = jnp.minimum(_PULL, _PULL_SHARE * (limits.load_factor_max - 1.0) * gravity)
-    return level_off_height(command.V, trajectory.velocity_n(end)[2], acceleration_n[2], bank, pull)
+LIMITS = (
+    Limit(
+        *("airspeed_min", "speed_min", "m_s", "airspeed", np.min, "least airspeed"),
+        broken="asks for less than the least airspeed",
+    ),
+    Limit(
+        *("airspeed_max", "speed_max", "m_s", "airspeed", np.max, "greatest airspeed"),
+        broken="asks for more than the greatest airspeed",
+    ),
+    Limit(
+        *("bank_max", "bank_max", "deg", "bank", _size, "bank angle"),
+        broken="turns faster than the greatest bank angle allows at its airspeed",
+    ),
+    Limit("load_factor_max", "load_factor_max", "", "load_factor", np.max, "load factor"),
+    Limit(
+        *("climb_rate_max", "climb_rate_max", "m_s", "climb_rate", _size, "rate of climb or descent"),
+        heading="climb rate",
+        broken="climbs or descends faster than the limit",
+    ),
+    Limit(
+        *("altitude_min", "altitude_min", "m", "altitude", np.min, "least altitude"),
+        broken="goes below the least altitude",
+    ),
+    Limit("altitude_max", "altitude_max", "m", "altitude", np.max, "greatest altitude"),
+    Limit(
+        *("level_off_min", "altitude_min", "m", "altitude", np.min),
+        "least altitude of the level-off after the arrival",
+        heading="level-off altitude",
+        broken="arrives in a descent that the hold cannot level off above the least altitude",
+        proven=False,
+    ),
+    Limit(
+        *("thrust_surplus_max", "acceleration_max", "m_s2", "thrust_surplus", np.max, "acceleration"),
+        heading="acceler- ation",
+    ),
+    Limit(
+        *("thrust_deficit_max", "deceleration_max", "m_s2", "thrust_surplus", _loss, "deceleration"),
+        heading="deceler- ation",
+    ),
+)
+"""Every limit, in the order in which it is shown."""
+
+CERTIFIED_LIMITS = tuple(limit for limit in LIMITS if limit.proven)
+"""Those that the certified planner proves, in the order of `anser.planning.certified.certificate.excess`."""
+
+LIMIT_MESSAGES = (
+    "within all limits",
+    *(f"the trajectory {limit.broken} (limits.{limit.setting})" for limit in LIMITS if limit.broken),
+)
+"""What `check_limits` finds of a trajectory of the published planner."""
+
+LOOSENED_TOGETHER = {
+    words: tuple(limit for limit in CERTIFIED_LIMITS if limit.field in fields)
+    for words, fields in (
+        ("speed window", ("speed_min", "speed_max")),
+        ("rate of climb or descent", ("climb_rate_max",)),
+        ("acceleration along the path", ("acceleration_max", "deceleration_max")),
+        ("bank angle", ("bank_max", "load_factor_max")),
+        ("floor and ceiling", ("altitude_min", "altitude_max")),
+    )
+}
+"""What can stand in the way of a plan, in words, and the limits that are loosened to find out."""

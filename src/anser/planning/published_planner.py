@@ -7,7 +7,7 @@ from jaxtyping import Array, Float, Int
 from anser.planning.coordination import FleetPlan, PlanningTask, coordinate
 from anser.planning.interface import AbstractPlanner, AircraftPlan, Performance, Report
 from anser.planning.renewal import renew
-from anser.planning.separation import choose_sides
+from anser.planning.sides import choose_sides
 from anser.shapes import Flag, Scalar, ScalarLike
 
 

@@ -1,20 +1,42 @@
-"""Distances between the aircraft of a fleet along their plans, and the choice of the sides of their detours."""
+"""How far apart aircraft are, and how much of the separation that is."""
+
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Bool, Float, Int, Real
+from jaxtyping import Array, Bool, Float
 
-from anser.planning.coordination import FleetPlan
-from anser.planning.shape import solve_lateral_bend
-from anser.planning.trajectory import Trajectory, bend_trajectory, with_even_speed
-
-# Least distances that differ by less than this (m) count as equal: often the rendezvous points decide for both sides.
-_SAME_DISTANCE = 1.0
+from anser.planning.trajectory import Trajectory
+from anser.shapes import Scalar
 
 
-def _sample(trajectory: Trajectory, count: int) -> Float[Array, "count 3"]:
+class Separation(eqx.Module):
+    """How far apart two aircraft stay: horizontally or else vertically, m; 0: not asked."""
+
+    horizontal: Scalar
+    vertical: Scalar
+
+
+def separation_ratio(level: Any, height: Any, horizontal: Any, vertical: Any) -> Any:
+    """Distance over separation, the better of the two ratios; 1 is just enough, infinite where nothing is asked.
+
+    Parameters
+    ----------
+    level, height
+        Horizontal and vertical distance, m; arrays of NumPy or of JAX.
+    horizontal, vertical
+        As in `Separation`.
+    """
+    xp = level.__array_namespace__()
+    asked, stacked = horizontal > 0.0, vertical > 0.0
+    flat = xp.where(asked, level / xp.where(asked, horizontal, 1.0), xp.inf)
+    tall = xp.where(stacked, height / xp.where(stacked, vertical, 1.0), -xp.inf)
+    return xp.maximum(flat, tall)
+
+
+def positions_along(trajectory: Trajectory, count: int) -> Float[Array, "count 3"]:
     """Positions over the ground at equal intervals from start to rendezvous, NED, m."""
     times = trajectory.start_time + trajectory.duration * jnp.linspace(0.0, 1.0, count)
     return jax.vmap(trajectory.position_n)(times)
@@ -35,7 +57,7 @@ def separation_min(
     active
         Which aircraft fly; infinite from and to one that does not. None: all fly.
     """
-    positions = jnp.swapaxes(jax.vmap(lambda trajectory: _sample(trajectory, count))(trajectories), 0, 1)
+    positions = jnp.swapaxes(jax.vmap(lambda trajectory: positions_along(trajectory, count))(trajectories), 0, 1)
     fleet = positions.shape[1]
 
     def closer(least: Float[Array, "aircraft aircraft"], now: Float[Array, "aircraft 3"]) -> tuple[Array, None]:
@@ -50,57 +72,3 @@ def separation_min(
     apart = (square > 0.0) & unlike
     distance = jnp.where(apart, jnp.sqrt(jnp.where(apart, square, 1.0)), 0.0)
     return jnp.where(unlike, distance, jnp.inf)
-
-
-def choose_sides(plan: FleetPlan, requested: Real[Array, " aircraft"], count: int = 65) -> Float[Array, " aircraft"]:
-    """Side of each aircraft's detour: as requested, else the one that keeps it farther from the others.
-
-    Parameters
-    ----------
-    plan
-        A plan of the fleet with any sides.
-    requested
-        Positive: right; negative: left; zero: choose.
-    count
-        Number of instants at which distances are compared.
-
-    Returns
-    -------
-    +1 or -1 per aircraft. The aircraft are placed one after the other, the longest nominal path first; each free one
-    takes the side with the greater least distance to those placed already; where that is the same within 1 m, the side
-    with the smaller bend. Those that do not fly are kept clear of by none.
-    """
-    straightened = jax.vmap(lambda path, kappa: bend_trajectory(path, -kappa))(plan.trajectories, plan.lateral_bends)
-    nominal = eqx.tree_at(lambda path: path.law, straightened, plan.trajectories.law)
-    fleet = plan.nominal_lengths.shape[0]
-
-    def options(path: Trajectory) -> tuple[Float[Array, "2 count 3"], Float[Array, "2"]]:
-        def one(side: Float[Array, ""]) -> tuple[Float[Array, "count 3"], Float[Array, ""]]:
-            kappa = solve_lateral_bend(path, plan.reference_length, side).kappa
-            bent = with_even_speed(
-                bend_trajectory(path, kappa), path.law.speeds[0], trade=path.law.trade, even=path.law.even
-            )
-            return _sample(bent, count), jnp.abs(kappa)
-
-        return jax.vmap(one)(jnp.array([1.0, -1.0]))
-
-    paths, bends = jax.vmap(options)(nominal)
-    order = jnp.argsort(-plan.nominal_lengths)
-
-    def place(
-        turn: Int[Array, ""],
-        carry: tuple[Float[Array, " aircraft"], Float[Array, "aircraft count 3"], Bool[Array, " aircraft"]],
-    ) -> tuple[Array, Array, Array]:
-        sides, chosen, placed = carry
-        who = order[turn]
-        apart = paths[who][:, None, :, :] - chosen[None, :, :, :]
-        square = jnp.min(jnp.sum(apart * apart, axis=3), axis=2)
-        right, left = jnp.sqrt(jnp.min(jnp.where(placed[None, :], square, jnp.inf), axis=1))
-        milder = (bends[who][1] < bends[who][0]) & (left + _SAME_DISTANCE >= right)
-        free = jnp.where((left > right + _SAME_DISTANCE) | milder, -1.0, 1.0)
-        side = jnp.where(requested[who] == 0, free, jnp.where(requested[who] < 0, -1.0, 1.0))
-        path = jnp.where(side > 0.0, paths[who][0], paths[who][1])
-        return sides.at[who].set(side), chosen.at[who].set(path), placed.at[who].set(plan.active[who])
-
-    start = (jnp.ones(fleet), jnp.zeros((fleet, count, 3)), jnp.zeros(fleet, dtype=bool))
-    return lax.fori_loop(0, fleet, place, start)[0]

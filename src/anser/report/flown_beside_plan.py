@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from anser.results import nearest_other
 from anser.variables import PLAN_VARIABLES
 
-__all__ = ["HOLD", "derive", "is_certified", "nearest_other_m", "scenario_of", "separation_kept"]
+__all__ = ["HOLD", "derive", "is_certified", "scenario_of"]
 
 HOLD = 2
 """Value of `phase` once the aircraft has arrived and holds."""
@@ -68,48 +69,19 @@ def derive(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> xr.Dataset:
     along, across, height = _errors(dataset)
     for name, values in (("along_error_m", along), ("across_error_m", across), ("height_error_m", height)):
         _add(found, name, np.where(planned, values, np.nan))
+    places = np.stack([dataset[name].values for name in ("north_m", "east_m", "altitude_m")], axis=-1)
     if dataset.sizes["aircraft"] > 1:
-        _add(found, "distance_min_m", nearest_other_m(dataset))
+        _add(found, "distance_min_m", nearest_other(places))
     floor = scenario.get("limits", {}).get("altitude_min_m")
     if floor is not None:
         _add(found, "height_over_floor_m", dataset["altitude_m"].values - float(floor))
     asked = scenario.get("separation", {})
     if dataset.sizes["aircraft"] > 1 and asked.get("horizontal_m", 0.0) > 0.0:
-        _add(found, "separation_kept", separation_kept(dataset, asked["horizontal_m"], asked.get("vertical_m", 0.0)))
+        # none is asked for of an aircraft that has arrived
+        flying = dataset["phase"].values != HOLD
+        apart_m = asked["horizontal_m"], asked.get("vertical_m", 0.0)
+        _add(found, "separation_kept", nearest_other(places, apart_m, flying))
     return found
-
-
-def nearest_other_m(dataset: xr.Dataset) -> np.ndarray:
-    """Distance of each aircraft to the nearest other one at every instant, m; shape (time, aircraft)."""
-    places = np.stack([dataset[name].values for name in ("north_m", "east_m", "altitude_m")], axis=-1)
-    nearest = np.full(places.shape[:2], np.inf)
-    # one after the other: all pairs at once would take memory with the square of the fleet
-    for one in range(places.shape[1] - 1):
-        away = np.linalg.norm(places[:, one + 1 :] - places[:, [one]], axis=-1)
-        away = np.where(np.isfinite(away), away, np.inf)
-        nearest[:, one] = np.minimum(nearest[:, one], away.min(axis=1))
-        nearest[:, one + 1 :] = np.minimum(nearest[:, one + 1 :], away)
-    return np.where(np.isfinite(nearest), nearest, np.nan)
-
-
-def separation_kept(dataset: xr.Dataset, horizontal_m: float, vertical_m: float) -> np.ndarray:
-    """Least ratio of distance to separation of each aircraft and any other; shape (time, aircraft).
-
-    The better of the two ratios counts, in the plane and in altitude (where `vertical_m` is above 0). Only while
-    neither of the two has arrived: afterwards none is asked for, and the value is NaN.
-    """
-    north, east, up = (dataset[name].values for name in ("north_m", "east_m", "altitude_m"))
-    flying = dataset["phase"].values != HOLD
-    least = np.full(north.shape, np.inf)
-    for one in range(north.shape[1] - 1):
-        rest = slice(one + 1, None)
-        flat = np.hypot(north[:, rest] - north[:, [one]], east[:, rest] - east[:, [one]]) / horizontal_m
-        tall = np.abs(up[:, rest] - up[:, [one]]) / vertical_m if vertical_m > 0.0 else np.zeros_like(flat)
-        ratio = np.maximum(flat, tall)
-        ratio = np.where(flying[:, rest] & flying[:, [one]] & np.isfinite(ratio), ratio, np.inf)
-        least[:, one] = np.minimum(least[:, one], ratio.min(axis=1))
-        least[:, rest] = np.minimum(least[:, rest], ratio)
-    return np.where(np.isfinite(least), least, np.nan)
 
 
 def _errors(dataset: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -6,12 +6,20 @@ import xarray as xr
 
 __all__ = ["label_of", "printed_unit"]
 
-_PRINTED_UNITS = {"m s-1": "m/s", "m s-2": "m/s²", "degree": "°", "degree s-1": "°/s", "percent": "%", "1": ""}
+_PRINTED = {
+    "m s-1": "m/s",
+    "m s-2": "m/s²",
+    "m s-4": "m/s⁴",
+    "degree": "°",
+    "degree s-1": "°/s",
+    "percent": "%",
+    "1": "",
+}
 
 
 def printed_unit(unit: str) -> str:
     """Print a unit as people write it; empty where there is none."""
-    return _PRINTED_UNITS.get(unit, unit)
+    return _PRINTED.get(unit, unit)
 
 
 def label_of(values: xr.DataArray) -> dict[str, str]:

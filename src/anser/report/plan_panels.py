@@ -8,6 +8,7 @@ import xarray as xr
 
 from anser.report.plan_map import CLOSED, named_pair
 from anser.report.plan_pens import PlanPen
+from anser.report.print_labels import unit
 from anser.report.print_style import INK, QUIET, SMALL
 
 if TYPE_CHECKING:
@@ -15,7 +16,6 @@ if TYPE_CHECKING:
 
 __all__ = ["draw_altitude", "draw_over_time", "draw_separation"]
 
-_UNITS = {"m s-1": "m/s", "degree": "°", "m": "m"}
 _DASHED = (0, (4, 2))
 _LABEL_WIDTH = 26
 _FAR = 2.0  # a ceiling that is farther above the paths than so many times their range only has its number
@@ -151,4 +151,4 @@ def _told(axes: "Axes", words: str, height: float) -> None:
 
 
 def _label(values: xr.DataArray) -> str:
-    return textwrap.fill(f"{values.attrs['long_name']} ({_UNITS[str(values.attrs['units'])]})", _LABEL_WIDTH)
+    return textwrap.fill(f"{values.attrs['long_name']} ({unit(values)})", _LABEL_WIDTH)

@@ -4,9 +4,10 @@ import textwrap
 
 import xarray as xr
 
+from anser.report.labels import printed_unit
+
 __all__ = ["axis_label", "plain", "symbol", "unit"]
 
-_UNITS = {"m s-1": "m/s", "m s-4": "m/s⁴", "degree": "°", "degree s-1": "°/s", "percent": "%", "1": ""}
 _LINE_LENGTH, _SIGN_LENGTH = 26, 8
 """Characters of a label before it goes on in another line; those that a symbol with its unit takes of them."""
 
@@ -29,8 +30,7 @@ def symbol(values: xr.DataArray) -> str:
 
 def unit(values: xr.DataArray) -> str:
     """Unit of a variable as it is printed; empty where there is none."""
-    stored = str(values.attrs["units"])
-    return _UNITS.get(stored, stored)
+    return printed_unit(str(values.attrs["units"]))
 
 
 def plain(text: object) -> str:

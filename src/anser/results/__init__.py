@@ -16,9 +16,8 @@ from anser.results.margin_dataset import (
 from anser.results.netcdf import read_netcdf, write_netcdf
 from anser.results.path_words import bend_words, turn_words
 from anser.results.plan_dataset import plan_dataset
-from anser.results.plan_limits import PLAN_LIMITS, PlanLimit, plan_margins
-from anser.results.plan_record import Closest, KeepOutFacts, PlanExtremes, PlanFacts, PlanSamples
-from anser.results.plan_summary import PLAN_FORMAT_VERSION, plan_summary
+from anser.results.plan_record import Closest, PlanDetails, PlanExtremes, PlanSamples
+from anser.results.plan_summary import PLAN_FORMAT_VERSION, plan_margins, plan_summary
 from anser.results.plan_table import TRAJECTORY_COLUMNS, write_trajectories
 from anser.results.provenance import versions
 from anser.results.requirements import REQUIREMENT_NAMES, Requirement
@@ -32,10 +31,20 @@ from anser.results.robustness_statistics import (
     success,
     success_interval,
 )
-from anser.results.summary import FORMAT_VERSION, FlightFacts, read_summary, summarize, write_summary
+from anser.results.separated import nearest_other
+from anser.results.summary import (
+    ARRIVAL_MARGIN_S,
+    CLEARANCE_MIN_M,
+    FORMAT_VERSION,
+    read_summary,
+    summarize,
+    write_summary,
+)
 from anser.results.summary_text import summary_text
 
 __all__ = [
+    "ARRIVAL_MARGIN_S",
+    "CLEARANCE_MIN_M",
     "CLOSED_LOOP",
     "FORMAT_VERSION",
     "GAIN_MIN_DB",
@@ -43,7 +52,6 @@ __all__ = [
     "OUTCOMES",
     "PHASE_MIN_DEG",
     "PLAN_FORMAT_VERSION",
-    "PLAN_LIMITS",
     "REASONS",
     "REQUIREMENT_NAMES",
     "RESERVE_MIN",
@@ -51,11 +59,8 @@ __all__ = [
     "Closest",
     "FailureCorrelation",
     "FirstBreak",
-    "FlightFacts",
-    "KeepOutFacts",
+    "PlanDetails",
     "PlanExtremes",
-    "PlanFacts",
-    "PlanLimit",
     "PlanSamples",
     "Requirement",
     "Success",
@@ -72,6 +77,7 @@ __all__ = [
     "margin_dataset",
     "margin_map_dataset",
     "margin_table",
+    "nearest_other",
     "plan_dataset",
     "plan_margins",
     "plan_summary",

@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from anser.planning import LIMITS
 from anser.results.flight_variables import attributes_of
-from anser.results.plan_limits import PLAN_LIMITS
-from anser.results.plan_record import Closest, PlanFacts, PlanSamples
+from anser.results.plan_record import Closest, PlanDetails, PlanSamples
 from anser.results.provenance import versions
 from anser.results.variable_labels import converted, labels_of
 from anser.variables import CATALOGUE, PLAN_VARIABLES
@@ -18,15 +18,15 @@ _VARIABLES = {variable.key: variable for variable in (*CATALOGUE, *PLAN_VARIABLE
 _GOAL_KEYS = ("goal_north", "goal_east", "goal_altitude")
 
 
-def plan_dataset(samples: PlanSamples, facts: PlanFacts) -> xr.Dataset:
+def plan_dataset(samples: PlanSamples, details: PlanDetails) -> xr.Dataset:
     """Label a plan.
 
     Parameters
     ----------
     samples
         Its paths.
-    facts
-        What was asked of it.
+    details
+        What was asked of it, and what its planner says.
 
     Returns
     -------
@@ -38,9 +38,10 @@ def plan_dataset(samples: PlanSamples, facts: PlanFacts) -> xr.Dataset:
     Raises
     ------
     ValueError
-        Samples and facts do not tell of the same aircraft, or a key is not in the catalogue.
+        Samples and details do not tell of the same aircraft, or a key is not in the catalogue.
     """
-    _check(samples, facts)
+    _check(samples, details)
+    fleet = details.scenario.aircraft
     data: dict[str, Any] = {"even": ("time", samples.even, attributes_of("", "Whether the instant is an even one"))}
 
     def add(key: str, values: np.ndarray, dims: Any) -> None:
@@ -56,29 +57,29 @@ def plan_dataset(samples: PlanSamples, facts: PlanFacts) -> xr.Dataset:
     if samples.separated is not None:
         add("separation", samples.separated.distance_m, "time")
         _add_closest(data, "separation", samples.separated)
-    _add_paths(data, samples, facts)
-    _add_keep_outs(data, samples, facts)
+    _add_paths(data, samples, details)
+    _add_keep_outs(data, samples, details)
     coordinates: dict[str, Any] = {
         "time": ("time", samples.time_s, {"units": "s", "long_name": "Time", "symbol": "t"}),
-        "aircraft": ("aircraft", np.array(facts.aircraft_names, dtype=np.str_), {"long_name": "Aircraft"}),
+        "aircraft": ("aircraft", np.array([one.name for one in fleet], dtype=np.str_), {"long_name": "Aircraft"}),
     }
-    if facts.keep_outs:
-        names = np.array([one.name for one in facts.keep_outs], dtype=np.str_)
+    if details.scenario.keep_out:
+        names = np.array([one.name for one in details.scenario.keep_out], dtype=np.str_)
         coordinates["keep_out"] = ("keep_out", names, {"long_name": "Keep-out"})
-    return xr.Dataset(data, coordinates, _attributes(facts))
+    return xr.Dataset(data, coordinates, _attributes(details))
 
 
-def _check(samples: PlanSamples, facts: PlanFacts) -> None:
-    shape = (samples.time_s.size, len(facts.aircraft_names))
+def _check(samples: PlanSamples, details: PlanDetails) -> None:
+    shape = (samples.time_s.size, len(details.scenario.aircraft))
     for key, values in samples.history.items():
         if key not in _VARIABLES:
             raise ValueError(f"the history has the key {key}, which anser.variables does not know")
         if values.shape != shape:
             raise ValueError(f"{key} has shape {values.shape}; (time, aircraft) is {shape}")
-    for name in ("goal_names", "paths", "messages"):
-        if len(getattr(facts, name)) != shape[1]:
-            raise ValueError(f"{name} has {len(getattr(facts, name))} entries for {shape[1]} aircraft")
-    if (samples.separated is None) != (facts.separation_m is None):
+    for name in ("paths", "messages"):
+        if len(getattr(details, name)) != shape[1]:
+            raise ValueError(f"{name} has {len(getattr(details, name))} entries for {shape[1]} aircraft")
+    if (samples.separated is None) != (details.scenario.separation.asked_m is None):
         raise ValueError("separation must be sampled where it is asked for, and only there")
 
 
@@ -97,82 +98,84 @@ def _add_closest(data: dict[str, Any], name: str, closest: Closest) -> None:
         data[key] = ((), float(value), attributes_of(unit, words))
 
 
-def _add_paths(data: dict[str, Any], samples: PlanSamples, facts: PlanFacts) -> None:
+def _add_paths(data: dict[str, Any], samples: PlanSamples, details: PlanDetails) -> None:
     """What holds for a path as a whole."""
-    count = len(facts.aircraft_names)
+    fleet = details.scenario.aircraft
     arrival = _VARIABLES["arrival_time"]
     data[arrival.name] = ("aircraft", np.asarray(samples.arrival_times_s, dtype=float), labels_of(arrival))
     extremes = samples.extremes
-    length = extremes.length if facts.lengths_m is None else facts.lengths_m
+    length = extremes.length if details.lengths_m is None else details.lengths_m
     data["length_m"] = ("aircraft", length, attributes_of("m", "Length of the path through the air, in space"))
     data["airspeed_mean_m_s"] = ("aircraft", extremes.speed_mean, attributes_of("m s-1", "Mean true airspeed"))
     for name, values, unit, words in (
-        ("nominal_length_m", facts.nominal_lengths_m, "m", "Length of the path without its bend"),
-        ("turn_use", facts.turn_use, "1", "Turn rate over that of the greatest bank angle"),
-        ("hold_radius_m", facts.hold_radii_m, "m", "Radius of the hold"),
-        ("hold_turn", facts.hold_turns, "1", "Sense of the hold's turn, 1: right, -1: left"),
-        ("hold_height_m", facts.hold_heights_m, "m", "Height of the hold over the goal"),
+        ("nominal_length_m", details.nominal_lengths_m, "m", "Length of the path without its bend"),
+        ("turn_use", details.turn_use, "1", "Turn rate over that of the greatest bank angle"),
+        ("hold_radius_m", details.hold_radii_m, "m", "Radius of the hold"),
+        ("hold_turn", details.hold_turns, "1", "Sense of the hold's turn, 1: right, -1: left"),
+        ("hold_height_m", details.hold_heights_m, "m", "Height of the hold over the goal"),
     ):
         if values is not None:
             data[name] = ("aircraft", values, attributes_of(unit, words))
-    planned = {**extremes.values, "level_off_min": np.nan if facts.level_off_m is None else facts.level_off_m}
-    for limit in PLAN_LIMITS:
-        found = {"": planned[limit.key], "limit_": facts.limits.get(limit.key, np.nan)}
-        if facts.bounds is not None and limit.key in facts.bounds:
-            found["bound_"] = facts.bounds[limit.key]
+    planned = {**extremes.values, "level_off_min": np.nan if details.level_off_m is None else details.level_off_m}
+    for limit in LIMITS:
+        found = {"": planned[limit.key], "limit_": details.limits.get(limit.key, np.nan)}
+        if details.bounds is not None and limit.key in details.bounds:
+            found["bound_"] = details.bounds[limit.key]
         said = {"": "planned", "limit_": "limit", "bound_": "proven bound"}
         for prefix, values in found.items():
-            full = np.broadcast_to(np.asarray(values, dtype=float) * limit.factor, count).copy()
+            full = np.broadcast_to(np.asarray(values, dtype=float) * limit.factor, len(fleet)).copy()
             labels = attributes_of(limit.unit, f"{limit.words.capitalize()}, {said[prefix]}")
             data[f"{prefix}{limit.name}"] = ("aircraft", full, labels)
     for name, values, words in (
-        ("goal", facts.goal_names, "Goal"),
-        ("path", facts.paths, "How the path goes"),
-        ("message", ["" if one is None else one for one in facts.messages], "What is wrong with it; empty: nothing"),
+        ("goal", [one.goal for one in fleet], "Goal"),
+        ("path", details.paths, "How the path goes"),
+        ("message", ["" if one is None else one for one in details.messages], "What is wrong with it; empty: nothing"),
     ):
         data[name] = ("aircraft", np.array(values, dtype=np.str_), {"long_name": words})
 
 
-def _add_keep_outs(data: dict[str, Any], samples: PlanSamples, facts: PlanFacts) -> None:
-    if not facts.keep_outs:
+def _add_keep_outs(data: dict[str, Any], samples: PlanSamples, details: PlanDetails) -> None:
+    volumes = details.scenario.keep_out
+    if not volumes:
         return
     for name, unit, words, values in (
-        ("north_m", "m", "North position of the middle at time 0", [one.position_m[0] for one in facts.keep_outs]),
-        ("east_m", "m", "East position of the middle at time 0", [one.position_m[1] for one in facts.keep_outs]),
-        ("velocity_north_m_s", "m s-1", "North velocity", [one.velocity_m_s[0] for one in facts.keep_outs]),
-        ("velocity_east_m_s", "m s-1", "East velocity", [one.velocity_m_s[1] for one in facts.keep_outs]),
-        ("radius_m", "m", "Radius", [one.radius_m for one in facts.keep_outs]),
-        ("bottom_m", "m", "Altitude of the bottom", [one.bottom_m for one in facts.keep_outs]),
-        ("top_m", "m", "Altitude of the top", [one.top_m for one in facts.keep_outs]),
+        ("north_m", "m", "North position of the middle at time 0", [one.north_m for one in volumes]),
+        ("east_m", "m", "East position of the middle at time 0", [one.east_m for one in volumes]),
+        ("velocity_north_m_s", "m s-1", "North velocity", [one.velocity_m_s()[0] for one in volumes]),
+        ("velocity_east_m_s", "m s-1", "East velocity", [one.velocity_m_s()[1] for one in volumes]),
+        ("radius_m", "m", "Radius", [one.radius_m for one in volumes]),
+        ("bottom_m", "m", "Altitude of the bottom", [one.bottom_m for one in volumes]),
+        ("top_m", "m", "Altitude of the top", [one.top_m for one in volumes]),
     ):
         data[f"keep_out_{name}"] = ("keep_out", np.array(values, dtype=float), attributes_of(unit, words))
     both = ("aircraft", "keep_out")
     data["keep_out_room_m"] = (both, samples.keep_out_room_m, attributes_of("m", "Least distance outside"))
     data["keep_out_at_s"] = (both, samples.keep_out_at_s, attributes_of("s", "When it is least"))
-    if facts.keep_out_bounds_m is not None:
+    if details.keep_out_bounds_m is not None:
         data["bound_keep_out_room_m"] = (
             both,
-            facts.keep_out_bounds_m,
+            details.keep_out_bounds_m,
             attributes_of("m", "Least distance outside, proven bound"),
         )
 
 
-def _attributes(facts: PlanFacts) -> dict[str, Any]:
+def _attributes(details: PlanDetails) -> dict[str, Any]:
+    scenario = details.scenario
     found: dict[str, Any] = {
-        "title": facts.scenario_name,
-        "scenario_hash": facts.scenario_hash,
-        "seed": facts.seed,
-        "planner": facts.planner,
-        "rule": facts.rule,
-        "problems": "\n".join(facts.problems),
-        "notes": "\n".join(facts.notes),
+        "title": scenario.name,
+        "scenario_hash": scenario.hash,
+        "seed": scenario.seed,
+        "planner": scenario.fleet.planner,
+        "rule": scenario.arrival.rule,
+        "problems": "\n".join(details.problems),
+        "notes": "\n".join(details.notes),
     }
-    if facts.separation_m is not None:
-        found["separation_horizontal_m"], found["separation_vertical_m"] = facts.separation_m
-    if facts.distance_min_m is not None:
-        found["distance_limit_m"] = facts.distance_min_m
-    if facts.separation_bound is not None:
-        found["separation_bound"] = facts.separation_bound
-    if facts.hold_separation_bound is not None:
-        found["hold_separation_bound"] = facts.hold_separation_bound
+    if scenario.separation.asked_m is not None:
+        found["separation_horizontal_m"], found["separation_vertical_m"] = scenario.separation.asked_m
+    if scenario.requirements.separation_min_m is not None:
+        found["distance_limit_m"] = scenario.requirements.separation_min_m
+    if details.separation_bound is not None:
+        found["separation_bound"] = details.separation_bound
+    if details.hold_separation_bound is not None:
+        found["hold_separation_bound"] = details.hold_separation_bound
     return found | {f"version_{name}": version for name, version in versions().items()}

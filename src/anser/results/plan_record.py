@@ -5,7 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["Closest", "KeepOutFacts", "PlanExtremes", "PlanFacts", "PlanSamples"]
+from anser.scenario import Scenario
+
+__all__ = ["Closest", "PlanDetails", "PlanExtremes", "PlanSamples"]
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,7 @@ class PlanExtremes:
     length, speed_mean
         Of the path through the air, m, and along it, m/s.
     values
-        By name as in `anser.results.PLAN_LIMITS`: "airspeed_min", "bank_max", ...
+        By key as in `anser.planning.LIMITS`: "airspeed_min", "bank_max", ...
     """
 
     length: np.ndarray
@@ -71,7 +73,7 @@ class PlanSamples:
     nearest
         By distance in space.
     separated
-        By what `PlanFacts.separation_m` asks for; None where it asks for nothing.
+        By the separation that is asked for; None where none is.
     keep_out_room_m, keep_out_at_s
         How far each aircraft stays out of each keep-out at least, (aircraft, volume), negative inside, and when.
     """
@@ -89,42 +91,19 @@ class PlanSamples:
 
 
 @dataclass(frozen=True)
-class KeepOutFacts:
-    """A cylinder that no aircraft enters: middle and velocity over the ground at time 0, north and east."""
-
-    name: str
-    position_m: tuple[float, float]
-    velocity_m_s: tuple[float, float]
-    radius_m: float
-    bottom_m: float
-    top_m: float
-
-
-@dataclass(frozen=True)
-class PlanFacts:
+class PlanDetails:
     """What was asked of a plan, and what its planner says of it; rows have one entry per aircraft.
 
     Attributes
     ----------
-    scenario_name, scenario_hash, seed
-        Identity of the scenario.
-    planner, rule
-        Which planner, and the rule of arrival.
-    aircraft_names, goal_names
-        Each aircraft and the goal that it meets.
+    scenario
+        What asked for it.
     paths
         How each path goes, in a word or two.
     messages
         What is wrong with each path, None where nothing is.
     limits
-        Limits of the scenario by name as in `PLAN_LIMITS`, SI units and radians; a number for all or one for each.
-    separation_m
-        What any two keep until the first of them arrives: in the plane, or else in altitude (0: does not count); None
-        where nothing is asked.
-    distance_min_m
-        Least distance between two that is required of the flight; None for none.
-    keep_outs
-        Closed volumes.
+        Limits of the scenario by key as in `anser.planning.LIMITS`, SI units and radians; one for all or one for each.
     bounds
         What the planner proves each path to keep within, by the names of `limits`; None: nothing is proven.
     separation_bound
@@ -147,19 +126,10 @@ class PlanFacts:
         Where it differs from the scenario's words, one sentence each.
     """
 
-    scenario_name: str
-    scenario_hash: str
-    seed: int
-    planner: str
-    rule: str
-    aircraft_names: tuple[str, ...]
-    goal_names: tuple[str, ...]
+    scenario: Scenario
     paths: tuple[str, ...]
     messages: tuple[str | None, ...]
     limits: Mapping[str, float | np.ndarray]
-    separation_m: tuple[float, float] | None = None
-    distance_min_m: float | None = None
-    keep_outs: tuple[KeepOutFacts, ...] = ()
     bounds: Mapping[str, np.ndarray] | None = None
     separation_bound: float | None = None
     keep_out_bounds_m: np.ndarray | None = None

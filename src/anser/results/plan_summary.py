@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from anser.results.plan_limits import PLAN_LIMITS, plan_margins
+from anser.planning import LIMITS
 
-__all__ = ["PLAN_FORMAT_VERSION", "plan_summary"]
+__all__ = ["PLAN_FORMAT_VERSION", "plan_margins", "plan_summary"]
 
 PLAN_FORMAT_VERSION = 1
 
@@ -57,6 +57,24 @@ def plan_summary(dataset: xr.Dataset) -> dict[str, Any]:
     }
 
 
+def plan_margins(dataset: xr.Dataset) -> dict[str, np.ndarray]:
+    """What a plan leaves to each limit, by the limit's name; (aircraft,), in its unit, negative where it is passed.
+
+    Parameters
+    ----------
+    dataset
+        As `anser.results.plan_dataset` makes it. Where a bound is proven the margin is that of the bound, else that of
+        the samples; NaN where there is no limit.
+    """
+    found = {}
+    for limit in LIMITS:
+        proven = f"bound_{limit.name}"
+        worst = dataset[proven if proven in dataset else limit.name].values
+        room = worst - dataset[f"limit_{limit.name}"].values
+        found[limit.name] = room if limit.least else -room
+    return found
+
+
 def _aircraft(dataset: xr.Dataset, k: int, name: str, margins: dict[str, np.ndarray]) -> dict[str, Any]:
     def of(key: str) -> float | None:
         return _number(dataset[key].values[k])
@@ -78,7 +96,7 @@ def _aircraft(dataset: xr.Dataset, k: int, name: str, margins: dict[str, np.ndar
         sense = "right" if dataset["hold_turn"].values[k] > 0.0 else "left"
         row["hold"] = {"direction": sense, "radius_m": of("hold_radius_m"), "height_m": of("hold_height_m")}
     row["limits"] = []
-    for limit in PLAN_LIMITS:
+    for limit in LIMITS:
         if not np.isfinite(dataset[f"limit_{limit.name}"].values[k]):
             continue
         entry = {

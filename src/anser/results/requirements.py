@@ -4,7 +4,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["REQUIREMENT_NAMES", "Requirement", "judge"]
+from anser.scenario import Scenario
+
+__all__ = ["REQUIREMENT_NAMES", "Requirement", "judge", "requirements_of"]
 
 _Row = Mapping[str, Any]
 
@@ -69,6 +71,21 @@ class Requirement:
     def __post_init__(self) -> None:
         if self.name not in REQUIREMENT_NAMES:
             raise ValueError(f"requirement {self.name!r} is unknown; known are {', '.join(REQUIREMENT_NAMES)}")
+
+
+def requirements_of(scenario: Scenario) -> tuple[Requirement, ...]:
+    """What a scenario asks of a flight besides the distances from its goals."""
+    wanted, limits = scenario.requirements, scenario.limits
+    asked = {
+        "miss_max_m": wanted.miss_max_m,
+        "arrival_spread_max_s": wanted.arrival_spread_max_s if scenario.arrival.is_common else None,
+        "speed_min_m_s": limits.speed_min_m_s,
+        "speed_max_m_s": limits.speed_max_m_s,
+        "position_error_max_m": wanted.position_error_max_m,
+        "separation_min_m": wanted.separation_min_m,
+        "separation_ratio_min": None if scenario.separation.asked_m is None else 1.0,
+    }
+    return tuple(Requirement(name, limit) for name, limit in asked.items() if limit is not None)
 
 
 def judge(

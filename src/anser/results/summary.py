@@ -1,8 +1,7 @@
 """The machine-readable summary of a flight, format version 1."""
 
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,75 +10,38 @@ import numpy as np
 from anser.results.arrival import closest_approach, least_distance
 from anser.results.path_words import NOMINAL_BEND_M
 from anser.results.provenance import versions
-from anser.results.requirements import Requirement, judge
-from anser.results.separated import separation_ratio
+from anser.results.requirements import judge, requirements_of
+from anser.results.separated import least_ratio
+from anser.scenario import Scenario
+from anser.scenario.schema_checks import AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M
+from anser.simulation import STATUS_MESSAGES
 
-__all__ = ["FORMAT_VERSION", "FlightFacts", "read_summary", "summarize", "write_summary"]
+__all__ = [
+    "ARRIVAL_MARGIN_S",
+    "CLEARANCE_MIN_M",
+    "FORMAT_VERSION",
+    "read_summary",
+    "summarize",
+    "write_summary",
+]
 
 FORMAT_VERSION = 1
+ARRIVAL_MARGIN_S = 10.0
+"""How long after its planned arrival an aircraft may still arrive, s."""
+CLEARANCE_MIN_M = {"surface": SURFACE_STAND_OFF_MIN_M, "airborne": AIRBORNE_STAND_OFF_MIN_M}
+"""Least distance from a goal of each kind: the product's scope, whatever a scenario says."""
 
 _ARRIVED = "arrived"
 _STILL_CLOSING = "not arrived: still closing on the rendezvous when the search for the arrival ended"
 _NO_RECORD = "not arrived: no finite position in the record"
 
 
-@dataclass(frozen=True)
-class FlightFacts:
-    """What a summary must know of the scenario and the plan; one entry per aircraft, in the order of the history.
-
-    Attributes
-    ----------
-    scenario_name, scenario_hash, seed
-        Identity of the scenario; the seed is None where nothing is random.
-    aircraft_names, goal_names
-        Names of the aircraft and of the goals that they meet.
-    goal_kinds
-        Kinds of these goals, one word each: "surface", "airborne".
-    planned_arrivals_s
-        Planned arrival times, s; None for an aircraft without a plan.
-    minimum_clearances_m
-        Least distance that each aircraft must keep from its goal, m.
-    requirements
-        What the scenario asks of the flight besides these clearances.
-    status_messages
-        Message of each status code other than 0.
-    arrival_margin_s
-        How long after its planned arrival an aircraft may still arrive, s.
-    separation_m
-        Horizontal and vertical separation that is asked for, m; None where none is asked.
-    paths
-        How the path of each goes in the first plan, in words; empty where nobody tells.
-    """
-
-    scenario_name: str
-    scenario_hash: str
-    seed: int | None
-    aircraft_names: tuple[str, ...]
-    goal_names: tuple[str, ...]
-    goal_kinds: tuple[str, ...]
-    planned_arrivals_s: tuple[float | None, ...]
-    minimum_clearances_m: tuple[float, ...]
-    requirements: tuple[Requirement, ...] = ()
-    status_messages: Mapping[int, str] = field(default_factory=dict)
-    arrival_margin_s: float = 10.0
-    separation_m: tuple[float, float] | None = None
-    paths: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        rows = {
-            "goal_names": self.goal_names,
-            "goal_kinds": self.goal_kinds,
-            "planned_arrivals_s": self.planned_arrivals_s,
-            "minimum_clearances_m": self.minimum_clearances_m,
-            **({"paths": self.paths} if self.paths else {}),
-        }
-        for name, row in rows.items():
-            if len(row) != len(self.aircraft_names):
-                raise ValueError(f"{name} has {len(row)} entries for {len(self.aircraft_names)} aircraft")
-
-
 def summarize(
-    time_s: np.ndarray, history: Mapping[str, np.ndarray], facts: FlightFacts, wall_s: float
+    time_s: np.ndarray,
+    history: Mapping[str, np.ndarray],
+    scenario: Scenario,
+    wall_s: float,
+    paths: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Sum up a flight from its full-resolution history.
 
@@ -94,10 +56,12 @@ def summarize(
         Times of the record, s, increasing; shape (time,), at least two.
     history
         Arrays of shape (time, aircraft) in SI units and radians, keyed as in `anser.variables`.
-    facts
-        What the scenario and the plan say.
+    scenario
+        What was flown.
     wall_s
         How long the computation took, s.
+    paths
+        How the path of each goes in the first plan, in words; empty where nobody tells.
 
     Returns
     -------
@@ -107,15 +71,17 @@ def summarize(
     Raises
     ------
     ValueError
-        The record does not fit the facts, or a requirement is unknown.
+        The record does not fit the scenario.
     """
     time = np.asarray(time_s, dtype=np.float64)
-    expected = (time.size, len(facts.aircraft_names))
+    expected = (time.size, len(scenario.aircraft))
     if time.size < 2 or history["north"].shape != expected:
         raise ValueError(
             f"the record has shape {history['north'].shape}; time (at least 2) and aircraft give {expected}"
         )
-    aircraft = [_aircraft(time, history, facts, column) for column in range(len(facts.aircraft_names))]
+    aircraft = [_aircraft(time, history, scenario, column) for column in range(len(scenario.aircraft))]
+    for row, path in zip(aircraft, paths, strict=bool(paths)):
+        row["path"] = path
     arrivals = [row["arrival_s"] for row in aircraft]
     fleet: dict[str, float | None] = {
         "arrival_spread_s": None if None in arrivals else max(arrivals) - min(arrivals),
@@ -123,17 +89,18 @@ def summarize(
         "wall_s": _number(wall_s),
         "simulated_s": _number(time[-1] - time[0]),
     }
-    if facts.separation_m is not None:
-        fleet["separation_ratio_min"] = separation_ratio(history, facts.separation_m)
+    if scenario.separation.asked_m is not None:
+        fleet["separation_ratio_min"] = least_ratio(history, scenario.separation.asked_m)
+    kinds = [scenario.goal_of(one).kind for one in scenario.aircraft]
     return {
         "format_version": FORMAT_VERSION,
-        "scenario": {"name": facts.scenario_name, "hash": facts.scenario_hash},
+        "scenario": {"name": scenario.name, "hash": scenario.hash},
         "versions": versions(),
-        "seed": facts.seed,
+        "seed": scenario.seed,
         "aircraft": aircraft,
         "fleet": fleet,
         "requirements": judge(
-            facts.requirements, aircraft, fleet, tuple(zip(facts.goal_kinds, facts.minimum_clearances_m, strict=True))
+            requirements_of(scenario), aircraft, fleet, [(kind, CLEARANCE_MIN_M[kind]) for kind in kinds]
         ),
     }
 
@@ -170,19 +137,19 @@ def read_summary(path: Path) -> dict[str, Any]:
     return summary
 
 
-def _aircraft(time: np.ndarray, history: Mapping[str, np.ndarray], facts: FlightFacts, column: int) -> dict[str, Any]:
+def _aircraft(time: np.ndarray, history: Mapping[str, np.ndarray], scenario: Scenario, column: int) -> dict[str, Any]:
     record = {key: np.asarray(values)[:, column] for key, values in history.items()}
-    planned = facts.planned_arrivals_s[column]
+    planned = float(record["arrival_time"][-1])
     offset = np.stack([record[f"rendezvous_{axis}"] - record[axis] for axis in ("north", "east", "altitude")], axis=-1)
-    arrival, miss = closest_approach(time, offset, planned, facts.arrival_margin_s)
+    arrival, miss = closest_approach(time, offset, planned, ARRIVAL_MARGIN_S)
     mean, least, greatest = _speed_until(time, record["airspeed"], arrival)
     bends = record["lateral_bend"][np.isfinite(record["lateral_bend"])]
     bend = float(bends[0]) if bends.size else None
     tables_left_s = float(np.sum(np.diff(time)[record["outside_tables"][:-1]]))
-    search_end = time[-1] if planned is None else min(time[-1], planned + facts.arrival_margin_s)
+    search_end = min(time[-1], planned + ARRIVAL_MARGIN_S)
     return {
-        "name": facts.aircraft_names[column],
-        "goal": facts.goal_names[column],
+        "name": scenario.aircraft[column].name,
+        "goal": scenario.aircraft[column].goal,
         "planned_arrival_s": _number(planned),
         "arrival_s": _number(arrival),
         "miss_m": _number(miss),
@@ -195,19 +162,19 @@ def _aircraft(time: np.ndarray, history: Mapping[str, np.ndarray], facts: Flight
         "position_error_max_m": _greatest(
             record["position_error"][time <= (arrival if np.isfinite(arrival) else np.inf)]
         ),
-        "path": facts.paths[column] if facts.paths else None,
+        "path": None,
         "nominal": None if bend is None else abs(bend) <= NOMINAL_BEND_M,
         "lateral_bend_m": bend,
-        "status": _status(record["status"], facts.status_messages, arrival, search_end),
+        "status": _status(record["status"], arrival, search_end),
     }
 
 
-def _status(codes: np.ndarray, messages: Mapping[int, str], arrival: float, search_end: float) -> str:
+def _status(codes: np.ndarray, arrival: float, search_end: float) -> str:
     failed = codes[codes != 0]
     if failed.size:
         # The first one is the cause of those that follow; the last one is how it ended.
         ends = dict.fromkeys((int(failed[0]), int(failed[-1])))
-        return "; then ".join(messages.get(code, f"status {code}, which has no message") for code in ends)
+        return "; then ".join(STATUS_MESSAGES[code] for code in ends)
     if not np.isfinite(arrival):
         return _NO_RECORD
     return _ARRIVED if arrival < search_end else _STILL_CLOSING

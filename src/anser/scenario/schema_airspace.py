@@ -30,6 +30,11 @@ class Separation(Table):
             raise ScenarioError("", [Problem("vertical_m", f"{plain(self.vertical_m)} without horizontal_m", words)])
         return self
 
+    @property
+    def asked_m(self) -> tuple[float, float] | None:
+        """Distances in the plane and in altitude, m; None where none is asked for."""
+        return (self.horizontal_m, self.vertical_m) if self.horizontal_m > 0.0 else None
+
     def is_kept(self, one_m: Vector, other_m: Vector) -> bool:
         """Say whether two places (north, east, up; m) are far enough apart, without the reserve.
 

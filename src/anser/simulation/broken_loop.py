@@ -13,8 +13,8 @@ from anser.control import (
     Excitation,
     FlightLimits,
     InversionAutopilot,
-    velocity_control,
 )
+from anser.control.autopilot import velocity_control
 from anser.environment import Environment
 from anser.planning import PathCommand
 from anser.shapes import ScalarLike, Vector3

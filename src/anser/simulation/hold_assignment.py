@@ -6,11 +6,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from anser.control import GuidanceSettings
-from anser.planning.certified import CERTIFIED_LIMITS, Airspace, Separation, Traveller, path_bounds
+from anser.planning import CERTIFIED_LIMITS, Separation
+from anser.planning.certified import Airspace, Traveller, path_bounds
 from anser.planning.certified.certificate import excess
 from anser.planning.certified.conflicts import Track, keep_out_room
 from anser.planning.certified.crowd import BLOCK, Blocks, crowd_blocks, fleet_use
 from anser.planning.certified.tracking import path_track
+from anser.planning.demand import turn_radius
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Flag, Scalar, ScalarLike
 from anser.simulation.planned_hold import HoldCircle, PlannedHolds, hold_path, moved
@@ -27,6 +29,7 @@ _SPACE = 1.1  # of the vertical separation between two levels
 _OFF_GOAL_M = 150.0  # the least distance from a goal on the surface; or the stand-off, where that is less
 _SAME_PLACE_M = 1e-3  # by which a hold that begins at the stand-off itself may be nearer, for rounding
 _ROUNDING = 1e-7  # of the separation
+_ALTITUDES = tuple(limit for limit in CERTIFIED_LIMITS if limit.variable == "altitude")
 _OPTIONS = (len(_RADII) + 1) * 2 * len(_LEVELS)
 
 
@@ -37,7 +40,7 @@ def _circles(traveller: Traveller, airspace: Airspace, settings: GuidanceSetting
     base = -traveller.rendezvous.stand_off_n[2]
     blowing_n = airspace.wind.at(traveller.goal_position_n + traveller.rendezvous.stand_off_n, 0.0)
     over_ground = traveller.speed + safe_norm(blowing_n - traveller.goal_velocity_n)
-    tightest = over_ground**2 / (airspace.gravity * jnp.tan(traveller.limits.bank_max))
+    tightest = turn_radius(over_ground, traveller.limits.bank_max, airspace.gravity)
     radii = [radius * settings.hold_radius for radius in _RADII]
     radii.append(jnp.minimum(_TIGHT * tightest, settings.hold_radius))
     made = [
@@ -172,8 +175,7 @@ def assign_holds(
         goal_n = own.goal_position_n[None, :] + (times - start_time)[:, None] * own.goal_velocity_n[None, :]
         least = jnp.minimum(safe_norm(own.rendezvous.stand_off_n) - _SAME_PLACE_M, _OFF_GOAL_M)
         off_goal = jnp.all((jax.vmap(safe_norm)(places - goal_n) >= least) | (times <= arrival))
-        low_high = slice(CERTIFIED_LIMITS.index("least altitude"), CERTIFIED_LIMITS.index("greatest altitude") + 1)
-        level = jnp.all(excess(bounds, own.limits)[low_high] <= _ROUNDING)
+        level = jnp.all(excess(bounds, own.limits, _ALTITUDES) <= _ROUNDING)
         fits = level & off_goal & jnp.all(closed_room >= 0.0)
         blocks, blocks_after = (crowd_blocks(track, fleet, _BLOCK) for track in (whole, after))
         return _Held(held, circle, whole, after, blocks, blocks_after, fits, closed_room)

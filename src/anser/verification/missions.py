@@ -7,7 +7,7 @@ import numpy as np
 
 from anser.campaign import Flown, run
 from anser.constants import EARTH_ROTATION_RAD_S, STANDARD_GRAVITY_M_S2
-from anser.results import FlightFacts
+from anser.results import ARRIVAL_MARGIN_S
 from anser.scenario import Scenario, loads
 from anser.spatial import radii_of_curvature
 from anser.units import DEG_RAD, RAD_DEG
@@ -35,7 +35,7 @@ def mission(earth: str = "flat", step_s: float = 0.01) -> Flown:
         If the flight ends while the arrival is still looked for.
     """
     flown = run(mission_scenario(earth, step_s))
-    needed = max(row["planned_arrival_s"] for row in flown.summary["aircraft"]) + FlightFacts.arrival_margin_s
+    needed = max(row["planned_arrival_s"] for row in flown.summary["aircraft"]) + ARRIVAL_MARGIN_S
     if needed > _DURATION_S:
         raise RuntimeError(f"{MISSION}: flown for {_DURATION_S:g} s, its arrival needs {needed:.1f} s")
     return flown

@@ -8,7 +8,8 @@ from certified_cases import number, picked
 
 from anser.numerics import compiled_quickly
 from anser.planning.certified.conflicts import Track, keep_out_room, pair_use, track_slack
-from anser.planning.certified.request import KeepOuts, Separation, no_keep_outs
+from anser.planning.certified.request import KeepOuts, no_keep_outs
+from anser.planning.separation import Separation
 
 CASES = 40
 STEP_S, INTERVALS, FINE = 1.0, 60, 200

@@ -9,7 +9,7 @@ from certified_cases import number, picked
 from anser.numerics import compiled_quickly
 from anser.planning.certified.conflicts import Track, pair_use
 from anser.planning.certified.crowd import BLOCK, NEAREST, block_use, blocks_of, fleet_use
-from anser.planning.certified.request import Separation
+from anser.planning.separation import Separation
 
 FLEET, INTERVALS = 60, 64
 APART = Separation(number(500.0), number(150.0))

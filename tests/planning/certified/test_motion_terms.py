@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from certified_cases import number, picked
 
-from anser.planning.certified.certificate import CERTIFIED_LIMITS
 from anser.planning.certified.motion_guesses import beginning, draws
 from anser.planning.certified.motion_terms import (
     _LOOKS,
@@ -25,6 +24,7 @@ from anser.planning.certified.motion_terms import (
     step_measure,
 )
 from anser.planning.certified.spline_motion import SplineMotion, states, states_at
+from anser.planning.limits import CERTIFIED_LIMITS
 from anser.verification.plan_cases import random_case
 from anser.verification.plan_motion import path_demands
 from anser.verification.plan_task import planner_task
@@ -164,8 +164,9 @@ def test_narrower_by_what_is_passed_and_never_empty():
     for kept, before in zip(same, allowed, strict=True):
         np.testing.assert_allclose(kept, before, rtol=1e-15)
     over = np.zeros(9)
-    over[CERTIFIED_LIMITS.index("bank angle")] = 0.02
-    over[CERTIFIED_LIMITS.index("least airspeed")] = 0.001
+    fields = [limit.field for limit in CERTIFIED_LIMITS]
+    over[fields.index("bank_max")] = 0.02
+    over[fields.index("speed_min")] = 0.001
     less = narrower(task, allowed, jnp.asarray(over))
     assert float(less.bank) == pytest.approx(float(allowed.bank) * (1.0 - 0.026))
     assert float(less.speed_min) == pytest.approx(float(allowed.speed_min + 0.0013 * limits.speed_min))

@@ -9,7 +9,6 @@ from certified_cases import GRAVITY, LAYERED, STEADY, blowing, number, picked
 from anser.numerics import compiled_quickly
 from anser.planning.certified.profile import (
     _SPEED_RATES,
-    ProfileLimits,
     kept,
     last_to_mean_speed,
     make_profile,
@@ -18,6 +17,7 @@ from anser.planning.certified.profile import (
     speed_ramp,
     tabulate,
 )
+from anser.planning.limits import PathLimits
 
 CASES = 24
 TICKS = 128
@@ -182,8 +182,7 @@ def test_speed_needed_and_mean_speed_are_each_others_inverse():
 
 
 def limits_of(value):
-    fields = ("speed_min", "speed_max", "climb_rate_max", "altitude_min", "altitude_max", "acceleration_max")
-    return ProfileLimits(*(number(value[f]) for f in (*fields, "deceleration_max")))
+    return PathLimits(**{field: number(of) for field, of in (value | {"bank_max": 1.5}).items()})
 
 
 def test_excess_is_what_a_profile_passes_each_limit_by(layered):

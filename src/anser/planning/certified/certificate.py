@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 
 from anser.environment import AbstractWind, LayeredWind, SteadyWind
 from anser.numerics import bernstein
-from anser.planning.limits import PathLimits
+from anser.planning.limits import CERTIFIED_LIMITS, Limit, PathLimits
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Scalar, ScalarLike
 
@@ -265,40 +265,8 @@ def _root_bounds(square: Cells, error: Float[Array, " cells"]) -> tuple[Array, A
     )
 
 
-def excess(found: PathBounds, limits: PathLimits) -> Float[Array, "9"]:
-    """By how much a path's bounds pass each limit, as a part of it; not positive where it is kept.
-
-    In the order of `CERTIFIED_LIMITS`.
-    """
-
-    def above(value: ScalarLike, limit: Scalar) -> Scalar:
-        none = limit == jnp.inf  # one that is not a number is no such limit, and is not kept
-        finite = jnp.where(none, 0.0, limit)
-        return jnp.where(none, -1.0, (value - finite) / jnp.maximum(jnp.abs(finite), 1.0))
-
-    return jnp.stack(
-        [
-            above(-found.speed_min, -limits.speed_min),
-            above(found.speed_max, limits.speed_max),
-            above(jnp.tan(jnp.minimum(found.bank_max, 1.57)), jnp.tan(limits.bank_max)),
-            above(found.load_factor_max, limits.load_factor_max),
-            above(found.climb_rate_max, limits.climb_rate_max),
-            above(-found.altitude_min, -limits.altitude_min),
-            above(found.altitude_max, limits.altitude_max),
-            above(found.acceleration_max, limits.acceleration_max),
-            above(found.deceleration_max, limits.deceleration_max),
-        ]
-    )
-
-
-CERTIFIED_LIMITS = (
-    "least airspeed",
-    "greatest airspeed",
-    "bank angle",
-    "load factor",
-    "rate of climb or descent",
-    "least altitude",
-    "greatest altitude",
-    "acceleration",
-    "deceleration",
-)
+def excess(
+    found: PathBounds, limits: PathLimits, which: tuple[Limit, ...] = CERTIFIED_LIMITS
+) -> Float[Array, " limits"]:
+    """By how much a path's bounds pass each limit, as a part of it; not positive where it is kept."""
+    return jnp.stack([limit.excess(getattr(found, limit.field), getattr(limits, limit.field)) for limit in which])

@@ -9,7 +9,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from anser.planning.certified.request import KeepOuts, Separation
+from anser.planning.certified.request import KeepOuts
+from anser.planning.separation import Separation, separation_ratio
 from anser.shapes import Scalar
 
 _TINY = 1e-9
@@ -57,12 +58,8 @@ def pair_use(one: Track, other: Track, separation: Separation) -> Float[Array, "
     slack = one.slack + other.slack
     level = _nearest(apart[..., :-1, :2], apart[..., 1:, :2]) - slack
     height = _level_distance(apart[..., :-1, 2], apart[..., 1:, 2]) - slack
-    asked = separation.horizontal > 0.0
-    flat = jnp.where(asked, level / jnp.where(asked, separation.horizontal, 1.0), jnp.inf)
-    stacked = separation.vertical > 0.0
-    tall = jnp.where(stacked, height / jnp.where(stacked, separation.vertical, 1.0), -jnp.inf)
-    room = jnp.where(one.counted * other.counted > 0.0, jnp.maximum(flat, tall), jnp.inf)
-    return jnp.min(room, axis=-1)
+    room = separation_ratio(level, height, separation.horizontal, separation.vertical)
+    return jnp.min(jnp.where(one.counted * other.counted > 0.0, room, jnp.inf), axis=-1)
 
 
 def keep_out_room(track: Track, times: Float[Array, " instants"], volumes: KeepOuts) -> Float[Array, " volumes"]:

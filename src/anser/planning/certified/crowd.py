@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from anser.planning.certified.conflicts import Track, pair_use
-from anser.planning.certified.request import Separation
+from anser.planning.separation import Separation, separation_ratio
 
 BLOCK = 4
 """Intervals of a block; every number of intervals in use is a multiple of it."""
@@ -74,11 +74,8 @@ def block_use(one: Blocks, other: Blocks, separation: Separation) -> Float[Array
     reach = one.reach + other.reach
     level = jnp.sqrt(jnp.maximum(jnp.sum(apart * apart, axis=-1), _TINY)) - reach
     height = jnp.maximum(other.low - one.high, one.low - other.high)
-    asked, stacked = separation.horizontal > 0.0, separation.vertical > 0.0
-    flat = jnp.where(asked, level / jnp.where(asked, separation.horizontal, 1.0), jnp.inf)
-    tall = jnp.where(stacked, height / jnp.where(stacked, separation.vertical, 1.0), -jnp.inf)
     # Inside each other's blocks it may be anything: nothing is left of the room then.
-    room = jnp.maximum(jnp.maximum(flat, tall), 0.0)
+    room = jnp.maximum(separation_ratio(level, height, separation.horizontal, separation.vertical), 0.0)
     return jnp.min(jnp.where(one.counted * other.counted > 0.0, room, jnp.inf), axis=-1)
 
 

@@ -14,16 +14,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from anser.numerics import gauss_newton
 from anser.planning.certified.detours import TURN, Solved
-from anser.planning.certified.least_steps import LeastSteps, Missed, begin_steps, least_steps, nearest_of
 from anser.planning.certified.profile import CURVATURE_KEPT, Timetable
 from anser.planning.certified.request import KeepOuts
 from anser.planning.certified.route import LEGS, TURNS, Ends, tightness, unwind
 from anser.planning.certified.smooth_turn import displacement, smooth_turn
+from anser.planning.demand import greatest_side
 from anser.planning.limits import PathLimits
 from anser.shapes import Count, Scalar, ScalarLike
 
 _FIRST_STEPS, _STEPS = 10, 24
+_DAMPING = gauss_newton.Damping(lambda _: jnp.asarray(1e-4), 0.1, 20.0, 1e-14, 1e6)
 _LONGEST_STEP = 0.7  # of all unknowns together, in their own units: square roots of radians and of leg / length
 _SOLVED = 1e-10  # part of the path's length by which it may miss its end, radians for its heading
 _TURN_MOST = 7.5  # rad, beside whole circles
@@ -134,12 +136,8 @@ def make_pace(table: Timetable, ends: Ends, limits: PathLimits, gravity: ScalarL
         now = table.profile.at(t)
         sine = jnp.minimum(jnp.abs(now.climb) / jnp.maximum(now.speed, 1.0), 0.9)
         level = jnp.sqrt(1.0 - sine**2) * (gravity + now.climb_dot)
-        lift = level - sine * jnp.abs(now.speed_dot)
-        most = level + sine * jnp.abs(now.speed_dot)
-        total = jnp.minimum(limits.load_factor_max, 1e3) * gravity
-        by_load = jnp.sqrt(jnp.maximum(total**2 - most**2, 0.01))
-        sideways = jnp.minimum(jnp.maximum(lift, 0.1) * jnp.tan(limits.bank_max), by_load)
-        return now.speed**2 / (CURVATURE_KEPT * sideways)
+        push = sine * jnp.abs(now.speed_dot)
+        return now.speed**2 / (CURVATURE_KEPT * greatest_side(level - push, level + push, limits, gravity))
 
     return Pace(step, jax.vmap(one)(times) * ends.curvature_max)
 
@@ -329,21 +327,25 @@ def solve_freely(task: Task, starts: Starts, kept: int | None = None) -> Solved:
     ends = task.ends
     spare = jnp.maximum(task.wanted - jnp.abs(ends.end - ends.start), 0.0)
 
-    def begin(senses: Array, unknowns: Unknowns, waiting: Array) -> LeastSteps:
+    def begin(senses: Array, unknowns: Unknowns, waiting: Array) -> gauss_newton.Search:
         circles = TURN * jnp.floor(waiting * spare * ends.curvature_max / TURN)
         # The legs are parts of what is left beside the circles.
         left = 1.0 - jnp.sum(circles) / (ends.curvature_max * task.wanted)
         parts = unknowns.at[TURNS : TURNS + LEGS].multiply(jnp.sqrt(left))
-        return begin_steps((senses, circles), parts, count)
+        return gauss_newton.begin_search((senses, circles), parts, unknown)
 
-    def missed_at(x: Unknowns, about: tuple[Array, Array]) -> Missed:
-        return _shape(x, task, *about)[1:]
+    def missed_at(about: tuple[Array, Array], x: Unknowns) -> gauss_newton.Linearized:
+        return gauss_newton.Linearized(*_shape(x, task, *about)[1:])
 
+    unknown, move = (
+        gauss_newton.Linearized(jnp.full(count, 1e6), jnp.zeros((count, _UNKNOWNS))),
+        gauss_newton.least_move(_LONGEST_STEP),
+    )
     searches = jax.vmap(begin)(*(jnp.asarray(x) for x in starts))
-    searches = least_steps(missed_at, _LONGEST_STEP, _FIRST_STEPS, searches)
+    searches = gauss_newton.search_steps(missed_at, move, _DAMPING, _FIRST_STEPS, searches)
     if kept is not None and kept < searches.best.shape[0]:
-        searches = nearest_of(searches, kept)
-    searches = least_steps(missed_at, _LONGEST_STEP, _STEPS - _FIRST_STEPS, searches)
+        searches = gauss_newton.closest_of(searches, kept)
+    searches = gauss_newton.search_steps(missed_at, move, _DAMPING, _STEPS - _FIRST_STEPS, searches)
     senses, circles = searches.about
     solved, missed, _ = jax.vmap(_shape, (0, None, 0, 0))(searches.best, task, senses, circles)
     met = jnp.max(jnp.abs(missed[:, :4]), axis=1) <= _SOLVED

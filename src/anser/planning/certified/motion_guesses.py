@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from anser.planning.certified.motion_terms import Beginning, MotionTask, first_allowed, first_state, meeting_place
 from anser.planning.certified.spline_motion import end_coefficients
+from anser.planning.demand import turn_radius
 from anser.shapes import Scalar
 
 _POINTS = 160  # intervals of a detour's polyline
@@ -140,7 +141,7 @@ def beginning(task: MotionTask, cells: int, draw: Draw) -> Beginning:
     aim = meeting[:2] - start[:2] - wind * duration
     high = jnp.where(jnp.isfinite(limits.speed_max), limits.speed_max, 2.0 * traveller.speed)
     length = (limits.speed_min + draw.speed * (high - limits.speed_min)) * duration
-    radius = (0.5 * (limits.speed_min + high)) ** 2 / (airspace.gravity * jnp.tan(limits.bank_max))
+    radius = turn_radius(0.5 * (limits.speed_min + high), limits.bank_max, airspace.gravity)
     ahead = traveller.air_velocity_n[:2]
     ahead = ahead / jnp.sqrt(jnp.sum(ahead**2) + 1e-6)
     course = jnp.where(rendezvous.course_prescribed, rendezvous.course, draw.course)

@@ -12,10 +12,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from anser.planning.certified.certificate import CERTIFIED_LIMITS
-from anser.planning.certified.damped_fit import Form, Normal
+from anser.numerics.tridiagonal import Form
 from anser.planning.certified.request import Airspace, Traveller
 from anser.planning.certified.spline_motion import SplineMotion, bases, end_slopes, measure, states, wind_along
+from anser.planning.demand import demand
+from anser.planning.limits import CERTIFIED_LIMITS
 from anser.shapes import Flag, Scalar
 
 GROUP = 4
@@ -31,6 +32,7 @@ _SPEED_RESERVE, _SPEED_PART = 0.15, 0.1  # m/s, but no more than this part of th
 _RESERVE_M, _RESERVE_UP_M = 30.0, 10.0
 _UP_WEIGHT = 3.0  # metres aside that one metre up or down is worth, to get out of a closed volume
 _ANY_LOAD, _ANY_SPEED = 1e3, 1e4
+_LEVEL_LEAST = 1.0  # m/s
 
 
 class MotionTask(NamedTuple):
@@ -83,6 +85,14 @@ class Beginning(NamedTuple):
     allowed: Allowed
 
 
+class Normal(NamedTuple):
+    """Normal equations of least squares: half the sum of squares, its gradient, the Jacobian's product with itself."""
+
+    cost: Scalar
+    gradient: Float[Array, "groups n"]
+    form: Form
+
+
 def first_allowed(task: MotionTask, share: Scalar) -> Allowed:
     """A share of the limits of bank, load factor and acceleration along the path, nearly all of the others."""
     limits = task.traveller.limits
@@ -102,23 +112,17 @@ def first_allowed(task: MotionTask, share: Scalar) -> Allowed:
 def narrower(task: MotionTask, allowed: Allowed, over: Float[Array, "9"]) -> Allowed:
     """Less by what is passed between the instants looked at (`certificate.excess`), and a little more."""
     limits = task.traveller.limits
-    named: dict[str, Scalar] = dict(zip(CERTIFIED_LIMITS, _BEYOND * jnp.maximum(over, 0.0), strict=True))
+    fields = (limit.field for limit in CERTIFIED_LIMITS)
+    beyond: dict[str, Scalar] = dict(zip(fields, _BEYOND * jnp.maximum(over, 0.0), strict=True))
     middle = 0.5 * (limits.speed_min + jnp.minimum(limits.speed_max, _ANY_SPEED))
-    low = allowed.speed_min + named["least airspeed"] * limits.speed_min
-    high = allowed.speed_max - named["greatest airspeed"] * jnp.minimum(limits.speed_max, _ANY_SPEED)
+    low = allowed.speed_min + beyond["speed_min"] * limits.speed_min
+    high = allowed.speed_max - beyond["speed_max"] * jnp.minimum(limits.speed_max, _ANY_SPEED)
 
-    def less(value: Scalar, what: str) -> Scalar:
-        return value * jnp.maximum(1.0 - named[what], _LEAST_KEPT)
-
-    return Allowed(
-        jnp.minimum(low, middle),
-        jnp.maximum(high, middle),
-        less(allowed.bank, "bank angle"),
-        less(allowed.load_factor, "load factor"),
-        less(allowed.climb_rate, "rate of climb or descent"),
-        less(allowed.acceleration, "acceleration"),
-        less(allowed.deceleration, "deceleration"),
-    )
+    less = {
+        name: getattr(allowed, name) * jnp.maximum(1.0 - beyond[f"{name}_max"], _LEAST_KEPT)
+        for name in ("bank", "load_factor", "climb_rate", "acceleration", "deceleration")
+    }
+    return Allowed(jnp.minimum(low, middle), jnp.maximum(high, middle), **less)
 
 
 def first_state(task: MotionTask) -> Float[Array, "3 3"]:
@@ -142,22 +146,17 @@ def _passed(
     """What passes limits at one instant, by what weighs as much; 0 where kept."""
     limits, gravity = task.traveller.limits, task.airspace.gravity
     (wind,), _ = wind_along(task.airspace.wind, altitude[None], jnp.ones(1))
-    north, east, down = velocity - wind
-    level = jnp.sqrt(north**2 + east**2 + 1.0)
-    speed = jnp.sqrt(level**2 + down**2)
-    side = (north * acceleration[1] - east * acceleration[0]) / level
-    forward = (north * acceleration[0] + east * acceleration[1]) / level
-    up = gravity - acceleration[2]
-    lift = (level * up + down * forward) / speed
-    along = (level * forward - down * up) / speed
+    asked = demand(velocity - wind, acceleration, gravity, _LEVEL_LEAST)
+    most = allowed.load_factor * gravity
+    banked, loaded, pushed = asked.excess(allowed.bank, most, allowed.acceleration, allowed.deceleration)
     low, high = limits.altitude_min + _RESERVE_UP_M, limits.altitude_max - _RESERVE_UP_M
     passed = [
-        (allowed.speed_min - speed) / _SPEED,
-        (speed - allowed.speed_max) / _SPEED,
-        (jnp.abs(side) - lift * allowed.bank) / _FORCE,
-        (jnp.sqrt(side**2 + lift**2 + 1e-6) - allowed.load_factor * gravity) / _FORCE,
-        jnp.maximum(along - allowed.acceleration, -along - allowed.deceleration) / _PUSH,
-        (jnp.abs(down) - allowed.climb_rate) / _CLIMB,
+        (allowed.speed_min - asked.speed) / _SPEED,
+        (asked.speed - allowed.speed_max) / _SPEED,
+        banked / _FORCE,
+        loaded / _FORCE,
+        pushed / _PUSH,
+        (jnp.abs(velocity[2] - wind[2]) - allowed.climb_rate) / _CLIMB,
         (low - altitude) / _HEIGHT_M,
         (altitude - high) / _HEIGHT_M,
     ]

@@ -18,8 +18,9 @@ from anser.planning.certified.conflicts import Track, keep_out_room
 from anser.planning.certified.crowd import Blocks, crowd_blocks, fleet_use
 from anser.planning.certified.motions import Motions, find_motions
 from anser.planning.certified.profile import Timetable
-from anser.planning.certified.request import Airspace, KeepOuts, Separation, Traveller
+from anser.planning.certified.request import Airspace, KeepOuts, Traveller
 from anser.planning.certified.tracking import make_schedule, path_track, track
+from anser.planning.separation import Separation
 from anser.shapes import Count, Flag, Scalar
 
 _AT_A_TIME = 4  # candidates compared with the whole fleet at once, the best liked first

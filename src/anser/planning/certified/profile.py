@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 
 from anser.environment import AbstractWind
 from anser.numerics.quadrature import gauss_legendre
+from anser.planning.limits import PathLimits
 from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
 
 CURVATURE_KEPT = 0.98
@@ -348,19 +349,7 @@ def tabulate(profile: Profile, wind: AbstractWind, ticks: int) -> Timetable:
     )
 
 
-class ProfileLimits(eqx.Module):
-    """What a profile may ask; see `anser.planning.limits.PathLimits`."""
-
-    speed_min: Scalar
-    speed_max: Scalar
-    climb_rate_max: Scalar
-    altitude_min: Scalar
-    altitude_max: Scalar
-    acceleration_max: Scalar
-    deceleration_max: Scalar
-
-
-def profile_excess(table: Timetable, limits: ProfileLimits, gravity: ScalarLike) -> Float[Array, "6"]:
+def profile_excess(table: Timetable, limits: PathLimits, gravity: ScalarLike) -> Float[Array, "6"]:
     """By how much a profile breaks each limit, at most, on its ticks; negative: what is left.
 
     Speed too low and too high (m/s), climb rate (m/s), too low and too high (m), acceleration (m/s^2).

@@ -7,6 +7,7 @@ from jaxtyping import Array, Float, Int
 from anser.environment import AbstractWind
 from anser.planning.limits import PathLimits
 from anser.planning.rendezvous import Rendezvous
+from anser.planning.separation import Separation
 from anser.shapes import Scalar, Vector3
 
 
@@ -47,13 +48,6 @@ class Traveller(eqx.Module):
     limits: PathLimits
     roll_rate_max: Scalar
     active: Scalar
-
-
-class Separation(eqx.Module):
-    """How far apart two aircraft stay: horizontally or else vertically, m; 0: not asked."""
-
-    horizontal: Scalar
-    vertical: Scalar
 
 
 class KeepOuts(eqx.Module):

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from anser.planning.certified.request import Airspace, Traveller
+from anser.planning.separation import separation_ratio
 
 _ALTITUDES = 65  # at which the wind is asked for its greatest speed
 _WIND_ROOM = 1.02
@@ -77,5 +78,4 @@ def crowded(
     """Which two aircraft cannot be apart when the first of them arrives, if each takes its duration (s)."""
     horizontal, vertical = float(airspace.separation.horizontal), float(airspace.separation.vertical)
     level, height = apart_at_arrival(travellers, airspace, durations)
-    stacked = (vertical > 0.0) & (height >= vertical - _AT_EDGE_M)
-    return (level < horizontal - _AT_EDGE_M) & ~stacked
+    return separation_ratio(level + _AT_EDGE_M, height + _AT_EDGE_M, horizontal, vertical) < 1.0

@@ -23,7 +23,6 @@ from anser.planning.certified.detours import WORDS, Direct, direct
 from anser.planning.certified.profile import (
     CURVATURE_KEPT,
     Profile,
-    ProfileLimits,
     Timetable,
     kept,
     last_to_mean_speed,
@@ -34,6 +33,7 @@ from anser.planning.certified.profile import (
 )
 from anser.planning.certified.request import Airspace, Traveller
 from anser.planning.certified.route import Ends
+from anser.planning.demand import greatest_side
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 
 _SPEED_ROUNDS = 4
@@ -55,16 +55,9 @@ def curvature_limits(traveller: Traveller, gravity: ScalarLike, profile: Profile
     climb, push = profile.steepest
     slowest = profile.speed_least
     cosine = jnp.sqrt(1.0 - jnp.minimum(climb / jnp.maximum(slowest, 1.0), 0.9) ** 2)
-    lift = jnp.maximum(cosine * gravity - push, _LEAST_PUSH)
-    by_bank = lift * jnp.tan(limits.bank_max)
-    total = jnp.minimum(limits.load_factor_max, 1e3) * gravity
-    by_load = jnp.sqrt(jnp.maximum(total**2 - (gravity + push) ** 2, _LEAST_PUSH**2))
-    curvature = CURVATURE_KEPT * jnp.minimum(by_bank, by_load) / speed**2
+    curvature = CURVATURE_KEPT * greatest_side(cosine * gravity - push, gravity + push, limits, gravity) / speed**2
     ramp_s = jnp.arctan(curvature * speed**2 / gravity) / traveller.roll_rate_max
     return curvature, curvature / (speed * ramp_s)
-
-
-_LEAST_PUSH = 0.1  # m/s^2: an aircraft whose limits allow no turn still has finite radii
 
 
 def speed_rates(traveller: Traveller) -> tuple[Scalar, Scalar]:
@@ -160,7 +153,7 @@ def timed_profile(
     profile, arrival = _profile(traveller, airspace, duration, speeds, height)
     table = tabulate(profile, airspace.wind, ticks)
     ends = _ends(traveller, airspace, table, arrival)
-    excess = profile_excess(table, _profile_limits(traveller), airspace.gravity)
+    excess = profile_excess(table, traveller.limits, airspace.gravity)
     return TimedProfile(table, ends, directs(ends), profile.speed_mean, kept(excess) & arrival.attainable)
 
 
@@ -206,17 +199,4 @@ def timed_profiles(
     middle, last = (jnp.stack([speeds[kind][k] for kind in choices.speeds]) for k in range(2))
     return jax.vmap(lambda height, *two: timed_profile(traveller, airspace, duration, ticks, height, two))(
         heights, middle, last
-    )
-
-
-def _profile_limits(traveller: Traveller) -> ProfileLimits:
-    limits = traveller.limits
-    return ProfileLimits(
-        limits.speed_min,
-        limits.speed_max,
-        limits.climb_rate_max,
-        limits.altitude_min,
-        limits.altitude_max,
-        limits.acceleration_max,
-        limits.deceleration_max,
     )

@@ -11,6 +11,7 @@ from anser.planning.certified.detours import resolve
 from anser.planning.certified.profile import Timetable
 from anser.planning.certified.route import Route, tightness
 from anser.planning.certified.smooth_turn import cis
+from anser.planning.demand import coordinated, greatest_normal
 from anser.planning.limits import PathLimits
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
@@ -86,14 +87,10 @@ def _see(here: Schedule, shape: Route, scale: Scalar, limits: PathLimits, gravit
     side = curvature * here.speed**2 + gust_side
     forward = here.speed_dot + gust_ahead
     up_rate = here.climb + here.wind_n[2]  # through the air
-    speed = jnp.sqrt(here.speed**2 + up_rate**2)
-    cos_climb, sin_climb = here.speed / speed, up_rate / speed
-    up = gravity + here.climb_dot
-    lift = cos_climb * up - sin_climb * forward
-    along = cos_climb * forward + sin_climb * up
-    most = _KEPT * jnp.minimum(limits.load_factor_max, 1e3) * gravity
-    kept = (jnp.abs(side) <= _KEPT * lift * jnp.tan(limits.bank_max)) & (side**2 + lift**2 <= most**2)
-    kept = kept & (along <= _KEPT * limits.acceleration_max) & (-along <= _KEPT * limits.deceleration_max)
+    asked = coordinated(here.speed, up_rate, side, forward, gravity + here.climb_dot)
+    most = jnp.tan(limits.bank_max), greatest_normal(limits, gravity), limits.acceleration_max, limits.deceleration_max
+    banked, loaded, pushed = asked.excess(*(_KEPT * limit for limit in most))
+    kept = (banked <= 0.0) & (loaded <= 0.0) & (pushed <= 0.0)
     position = jnp.stack([jnp.real(level) + shift[0], jnp.imag(level) + shift[1], down])
     return _Seen(position, jnp.sqrt(side**2 + forward**2 + here.climb_dot**2), kept | (here.beyond > 0.0))
 
