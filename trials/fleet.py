@@ -106,9 +106,9 @@ def part_members(members: Sequence[Member], apart: Apart) -> tuple[list[Member] 
     return None, spent
 
 
-def choose_members(pools: Sequence[Sequence[Member]], rng: np.random.Generator, apart: Apart) -> list[Member]:
-    """One member per pool, by exchanges that lessen their conflicts, from random ones on."""
-    chosen = [int(rng.integers(len(pool))) for pool in pools]
+def choose_members(pools: Sequence[Sequence[Member]], first: Sequence[int], apart: Apart) -> list[Member]:
+    """One member per pool, by exchanges that lessen their conflicts, from the first ones on."""
+    chosen = list(first)
     known: dict[tuple[int, int, int, int], float] = {}
 
     def conflict(i: int, a: int, j: int, b: int) -> float:

@@ -93,10 +93,11 @@ def second_search(
     Notes
     -----
     After the proofs of `trials.bounds`: direct collocation of a point mass (`trials.collocation`), solved by IPOPT,
-    from random flights that the cross-entropy method brings near the rendezvous (`trials.sampled_flights`). A few
-    flights per aircraft make a pool; members that conflict least are chosen together, and those still in conflict are
-    solved jointly with their separation as constraints. A plan counts only once `dense_check` passes it. That none was
-    found proves nothing: the problem is not convex, and the solver's solutions are local ones.
+    from random flights that the cross-entropy method brings near the rendezvous (`trials.sampled_flights`). Within a
+    round each aircraft stays apart from those solved before it, if it can. The flights found make a pool per aircraft;
+    members that conflict least are chosen together, and those still in conflict are solved jointly with their
+    separation as constraints. A plan counts only once `dense_check` passes it. That none was found proves nothing: the
+    problem is not convex, and the solver's solutions are local ones.
     """
     bounds = possible_times(case, times, horizon)
     if bounds.reasons:
@@ -171,8 +172,11 @@ def _round(
             if progress.left <= 0:
                 return None
             start = sample_flight(flight, rng, tracks_of(flight, ready, apart))
-            member, spent = solve_alone(flight, start, [], apart)
+            member, spent = solve_alone(flight, start, ready, apart)
             progress.left -= spent
+            if member is None and ready and not pool[who]:
+                member, spent = solve_alone(flight, start, [], apart)
+                progress.left -= spent
             progress.lone[who] = progress.lone[who] + 1 if member is None and not pool[who] else 0
             if member is not None:
                 pool[who].append(member)
@@ -181,8 +185,9 @@ def _round(
             return None
         ready.append(pool[who][-1])
     progress.farthest = max(progress.farthest, (case.size, common))
-    for _ in range(2):
-        plan = _finish(case, choose_members(pool, rng, apart), apart, progress)
+    # Those of this round first, which were made to avoid each other.
+    for first in ([len(own) - 1 for own in pool], [int(rng.integers(len(own))) for own in pool]):
+        plan = _finish(case, choose_members(pool, first, apart), apart, progress)
         if plan is not None:
             return plan
         progress.joined += 1

@@ -16,17 +16,19 @@ from trials.motion import path_cells, path_demands
 from trials.report import LIMITS
 from trials.sampled_flights import sample_flight
 
-SEED = 91  # wind in layers, keep-outs, an arrival time each
+SEED = 0  # six aircraft, wind in four layers, courses and path angles at arrival, a common time
 
 
-def _flight(who=0, seed=SEED, times=120.0):
-    case = random_case(seed)
-    return Flight.of(case, who, times)
+def _flight(who=0, arrival=201.3):
+    return Flight.of(random_case(SEED), who, arrival)
 
 
-def _solved(flight, obstacles=(), start=None, rng=1):
-    x0 = sample_flight(flight, np.random.default_rng(rng), []) if start is None else start
-    return solve_flights([flight], [x0], [list(obstacles)], [], 200)
+def _solved(flight, obstacles=(), start=None):
+    if start is not None:
+        return solve_flights([flight], [start], [list(obstacles)], [], 200)
+    random = np.random.default_rng(1)
+    tries = (solve_flights([flight], [sample_flight(flight, random, [])], [[]], [], 200) for _ in range(5))
+    return next(found for found in tries if found.feasible)
 
 
 def test_forces_of_the_unknowns_are_those_that_the_judge_sees():
@@ -58,7 +60,6 @@ def test_smooth_wind_is_the_wind_but_near_the_layers():
 def test_a_solution_is_one_smooth_path_that_the_judge_passes():
     flight = _flight()
     solved = _solved(flight)
-    assert solved.feasible
     path = flight.path(solved.unknowns[0])
     times, knots = path.knots()
     # The quintic through both ends of each interval is the quartic that was solved: places in between and middles agree.
@@ -73,11 +74,10 @@ def test_a_solution_is_one_smooth_path_that_the_judge_passes():
     np.testing.assert_allclose(motion[6:9], path.middle, atol=1e-4)
 
 
-@pytest.mark.parametrize("who", range(4))
+@pytest.mark.parametrize("who", range(6))
 def test_a_solution_keeps_all_limits_of_its_aircraft(who):
     flight = _flight(who)
     solved = _solved(flight)
-    assert solved.feasible
     alone = _only(flight.case, who)
     for _ in range(4):
         times, knots = flight.path(solved.unknowns[0]).knots()
@@ -101,7 +101,7 @@ def _only(case, who):
 
 
 def test_limits_hold_at_nodes_and_middles():
-    flight = _flight(1)
+    flight = _flight(3)
     solved = _solved(flight)
     L, who = flight.case.limits, flight.who
     nodes, mids = flight.split(solved.unknowns[0])
@@ -114,12 +114,12 @@ def test_limits_hold_at_nodes_and_middles():
 
 @pytest.mark.parametrize("half", [np.inf, 150.0])
 def test_a_cylinder_in_the_way_is_flown_around_or_over(half):
-    flight = _flight(times=170.0)  # time enough for a way around
+    flight = _flight(arrival=260.0)  # time enough for a way around
     free = _solved(flight)
     path = flight.path(free.unknowns[0])
-    times = np.arange(30.0, 90.0, 0.5)
+    times = np.arange(100.0, 160.0, 0.5)
     # Not with its axis on the path: left and right would be alike.
-    centre = np.repeat(path.at(np.array([60.0])) + np.array([[200.0], [100.0], [20.0]]), times.size, axis=1)
+    centre = np.repeat(path.at(np.array([130.0])) + np.array([[200.0], [100.0], [20.0]]), times.size, axis=1)
     solved = _solved(flight, [Obstacle(times, centre, 800.0, half)], free.unknowns[0])
     assert solved.feasible
     apart = flight.path(solved.unknowns[0]).at(times) - centre
@@ -127,15 +127,15 @@ def test_a_cylinder_in_the_way_is_flown_around_or_over(half):
     if np.isfinite(half):
         outside = np.maximum(outside, np.abs(apart[2]) / half)
     assert outside.min() >= 1.0 - 1e-6
-    before = np.hypot(*(path.at(times) - centre)[:2])
+    before = np.hypot(*(path.at(times) - centre)[:2]) / 800.0
     assert before.min() < 1.0  # it was in the way
 
 
 def test_two_flights_are_parted():
     one = _flight()
     same = _solved(one)
-    times = np.arange(20.0, 100.0, 0.5)
-    # The second one starts at the same place, but is looked at from 20 s on only.
+    times = np.arange(60.0, 150.0, 0.5)
+    # The second one starts at the same place, but is looked at from 60 s on only.
     x = same.unknowns[0]
     solved = solve_flights([one, one], [x, x * 1.0001], [[], []], [Encounter(0, 1, times, 300.0, 150.0)], 200)
     assert solved.feasible
@@ -145,8 +145,8 @@ def test_two_flights_are_parted():
 
 
 def test_what_cannot_be_is_not_feasible():
-    flight = _flight(times=20.0)  # kilometres to go
-    assert not _solved(flight).feasible
+    flight = _flight(arrival=20.0)  # more than ten kilometres to go
+    assert not _solved(flight, start=sample_flight(flight, np.random.default_rng(1), [])).feasible
 
 
 def test_sampled_flights_begin_as_asked_end_near_the_rendezvous_and_differ():
@@ -158,7 +158,7 @@ def test_sampled_flights_begin_as_asked_end_near_the_rendezvous_and_differ():
     for x in drawn:
         np.testing.assert_allclose(x[given][:6], low[given][:6], atol=0.05)
         place = flight.split(x)[0][:3, -1]
-        assert np.linalg.norm(place - flight.case.goals.meeting_n(0, np.array([120.0]))[0]) < 1e-6
+        assert np.linalg.norm(place - flight.case.goals.meeting_n(0, np.array([201.3]))[0]) < 1e-6
     assert np.linalg.norm(drawn[0] - drawn[1]) > 100.0
 
 
