@@ -96,7 +96,9 @@ def plan_trials(
 def main() -> None:
     """Run the command line and exit with its code."""
     gc.set_threshold(200_000)  # as in anser.cli: tracing makes many small objects that live
-    app = typer.Typer(context_settings={"help_option_names": ["--help", "-h"]}, pretty_exceptions_enable=False)
+    app = typer.Typer(
+        add_completion=False, context_settings={"help_option_names": ["--help", "-h"]}, pretty_exceptions_enable=False
+    )
     offer(app, plan_trials)
     try:
         app(prog_name="python -m trials")

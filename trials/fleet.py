@@ -22,7 +22,6 @@ _ROOM_M = 0.5
 """Margin of every distance."""
 _NEAR_M, _NEAR_UP_M = 1500.0, 300.0
 """Distances are kept at instants at which they are this close at the start of a solution, and where one broke them."""
-_FLAT_CLOSER = 0.1
 _REPEATS = 4
 """Solutions in which instants are added that the one before broke."""
 _ALONE, _JOINT = 80, 120
@@ -93,7 +92,7 @@ def part_members(members: Sequence[Member], apart: Apart) -> tuple[list[Member] 
                 continue
             mine = sorted(group)
             rest = [one for k, one in enumerate(now) if k not in group]
-            # Those outside may be in the way too; they are asked again, together, where that leads nowhere.
+            # Those outside are obstacles; without them if need be: who is in conflict then is joined in the next pass.
             found, made = _solve([now[k] for k in mine], rest, apart, _JOINT)
             spent += made
             if found is None and rest:
@@ -193,16 +192,14 @@ def _look(
     """At which instants a distance is to be kept, and whether it is broken at one that was not among them before."""
     flat, up = np.hypot(between[0], between[1]), np.abs(between[2])
     close = (flat < radius + _NEAR_M) & (up < half + _NEAR_UP_M)
-    before = seen.get(key)
-    if before is None:
+    if key not in seen:
         seen[key] = close
         return close, False
-    # At those that were kept the solver's own accuracy remains.
-    new = (flat < radius - 1e-3) & (up < half - 1e-3) & ~before
-    seen[key] = before | new if new.any() else before
-    if new.any():
-        seen[key] |= close
-    return seen[key], bool(new.any())
+    # Where it was kept before, what is left is the solver's own accuracy.
+    broken = bool(np.any((flat < radius) & (up < half) & ~seen[key]))
+    if broken:
+        seen[key] = seen[key] | close
+    return seen[key], broken
 
 
 def _stamps(case: PlanCase, until: float, more: list[float]) -> Float[np.ndarray, " time"]:
