@@ -137,8 +137,10 @@ def _add_flight(
     tan_bank, climb = np.tan(float(L.bank_max[who]) - m.bank), float(L.climb_rate_max[who]) - m.climb_rate
     wind, layers = _wind_parameters(case.wind), case.wind.altitudes.size
     given = np.concatenate([[flight.width, tan_bank, lift**2, climb, case.gravity, 1.0 / count], wind])
-    least = np.array([0.0] * 9 + [(L.altitude_min[who] + m.altitude) / 1000.0] + [0.0] * 10)
-    most = np.array([0.0] * 9 + [(L.altitude_max[who] - m.altitude) / 1000.0] + [_FAR] * 10)
+    floor, ceiling = (L.altitude_min[who] + m.altitude) / 1000.0, (L.altitude_max[who] - m.altitude) / 1000.0
+    slower, faster = m.along - L.deceleration_max[who], L.acceleration_max[who] - m.along
+    least = np.array([0.0] * 9 + [floor] + [0.0] * 10 + [slower, 0.0, 0.0, 0.0] * 2)
+    most = np.array([0.0] * 9 + [ceiling] + [_FAR] * 10 + [faster, _FAR, _FAR, _FAR] * 2)
     program.add(_interval_kind(layers), index, np.tile(given, (count, 1)), least, most)
     course, angle = float(case.goals.course[who]), float(case.goals.path_angle[who])
     last, wind = nodes[:, -1:].T, wind[None]
@@ -227,7 +229,7 @@ class _Interval:
 
 @functools.cache
 def _interval_kind(layers: int) -> Kind:
-    """Defects of position, velocity and mid velocity; middle altitude, and the limits at middle and end."""
+    """Defects of position, velocity and mid velocity; middle altitude; limits at middle, end and quarters."""
 
     def formula(z: Any, p: Any) -> tuple[Any, Any]:
         h, tan_bank, lift_square, climb, gravity, share = (p[k] for k in range(6))
@@ -248,6 +250,15 @@ def _interval_kind(layers: int) -> Kind:
                 (lift_square - side**2 - normal**2) / 100.0,
                 (climb - V * ca.sin(gamma)) / 10.0,
                 (climb + V * ca.sin(gamma)) / 10.0,
+            ]
+        # Between them the forces are those interpolated, but for the turning of the axes.
+        for q in ((0.375, 0.75, -0.125), (-0.125, 0.75, 0.375)):
+            force = q[0] * one.begin[6:] + q[1] * one.middle[3:] + q[2] * one.end[6:]
+            rows += [
+                force[0],
+                (tan_bank * force[2] - force[1]) / 10.0,
+                (tan_bank * force[2] + force[1]) / 10.0,
+                (lift_square - force[1] ** 2 - force[2] ** 2) / 100.0,
             ]
         bow = (one.middle[3:] - 0.5 * (one.begin[6:] + one.end[6:])) / gravity
         level = ca.vertcat(one.middle[3], one.middle[4], one.middle[5] - gravity) / gravity

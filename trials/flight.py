@@ -57,6 +57,10 @@ class Margins:
         )
 
 
+_WIDEST = Margins(speed=0.2, bank=0.03, load_factor=0.05, climb_rate=0.5, altitude=5.0, along=0.05)
+"""Beyond these, shorter intervals do better than wider margins."""
+
+
 @dataclass(frozen=True)
 class Flight:
     """One aircraft's flight from its start to its rendezvous at a given time.
@@ -99,9 +103,12 @@ class Flight:
         """Number of them: nodes first, then middles."""
         return len(NODE) * (self.intervals + 1) + len(MID) * self.intervals
 
-    def widened(self, excess: dict[str, float]) -> "Flight":
-        """Return the same flight with margins grown by what a dense check found."""
-        return replace(self, margins=self.margins.widened(excess))
+    def tightened(self, excess: dict[str, float]) -> "Flight":
+        """Return the same flight with margins grown by what a dense check found; if that is much, on half intervals."""
+        wider = self.margins.widened(excess)
+        if any(getattr(wider, limit) > most for limit, most in vars(_WIDEST).items()):
+            return replace(self, intervals=2 * self.intervals)
+        return replace(self, margins=wider)
 
     def split(self, x: Float[np.ndarray, " unknown"]) -> tuple[Float[np.ndarray, "9 node"], Float[np.ndarray, "6 mid"]]:
         """Nodes and middles of unknowns."""
@@ -137,6 +144,19 @@ class Flight:
         gamma = float(-np.arcsin(down / speed))
         force = start.acceleration_n[who] - np.array([0.0, 0.0, case.gravity])
         return np.array([*start.position_n[who], speed, gamma, chi, *(axes(gamma, chi) @ force)])
+
+    def unknowns_of(self, path: "Quartics") -> Float[np.ndarray, " unknown"]:
+        """Unknowns whose path is that given at the nodes and middles."""
+        case = self.case
+        times = np.linspace(case.starts.time, self.arrival, 2 * self.intervals + 1)
+        place, velocity, acceleration = (path.at(times, order) for order in range(3))
+        north, east, down = velocity - smooth_wind(case.wind, -place[2])
+        V, chi = np.sqrt(north**2 + east**2 + down**2), np.unwrap(np.arctan2(east, north))
+        gamma = -np.arcsin(down / V)
+        force = acceleration - np.array([[0.0], [0.0], [case.gravity]])
+        felt = np.stack([axes(g, c) @ f for g, c, f in zip(gamma, chi, force.T, strict=True)], axis=1)
+        rows = np.stack([*place, V, gamma, chi, *felt])
+        return np.concatenate([rows[:, ::2].T.ravel(), rows[3:, 1::2].T.ravel()])
 
     def path(self, x: Float[np.ndarray, " unknown"]) -> "Quartics":
         """Path over the ground."""
@@ -190,17 +210,22 @@ class Quartics:
     middle: Float[np.ndarray, "3 interval"]
     """Acceleration in the middle of each interval."""
 
-    def at(self, times: Float[np.ndarray, " time"]) -> Float[np.ndarray, "3 time"]:
-        """Position, NED, m; before and after the flight that at its ends."""
+    def at(self, times: Float[np.ndarray, " time"], order: int = 0) -> Float[np.ndarray, "3 time"]:
+        """Position, NED, m, or its derivative of an order up to 2; before and after the flight that at its ends."""
         share = np.clip((times - self.begin) / self.width, 0.0, self.middle.shape[1])
         k = np.minimum(share.astype(int), self.middle.shape[1] - 1)
         s, h = share - k, self.width
-        return (
-            self.position[:, k] + h * s * self.velocity[:, k]
-            + h**2 * (s**2 / 2 - s**3 / 2 + s**4 / 6) * self.acceleration[:, k]
-            + h**2 * (2 * s**3 / 3 - s**4 / 3) * self.middle[:, k]
-            + h**2 * (s**4 / 6 - s**3 / 6) * self.acceleration[:, k + 1]
-        )  # fmt: skip
+        shapes = (
+            (s**2 / 2 - s**3 / 2 + s**4 / 6, 2 * s**3 / 3 - s**4 / 3, s**4 / 6 - s**3 / 6),
+            (s - 3 * s**2 / 2 + 2 * s**3 / 3, 2 * s**2 - 4 * s**3 / 3, 2 * s**3 / 3 - s**2 / 2),
+            (1 - 3 * s + 2 * s**2, 4 * s - 4 * s**2, 2 * s**2 - s),
+        )[order]
+        forces = (self.acceleration[:, k], self.middle[:, k], self.acceleration[:, k + 1])
+        value = h ** (2 - order) * sum(shape * force for shape, force in zip(shapes, forces, strict=True))
+        if order == 2:
+            return value
+        value = value + self.velocity[:, k] * (h * s if order == 0 else 1.0)
+        return value + self.position[:, k] if order == 0 else value
 
     def knots(self) -> tuple[Float[np.ndarray, " knot"], Float[np.ndarray, "knot 3 3"]]:
         """Times and [order, axis] at the nodes: quartic between them, so exact as quintic cells."""

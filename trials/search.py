@@ -199,7 +199,7 @@ def _round(
 def _finish(
     case: PlanCase, members: list[Member], apart: Apart, progress: _Progress
 ) -> tuple[Paths, Float[np.ndarray, " aircraft"]] | None:
-    """Part a fleet and check it densely, again with more margins where it passed a limit between instants."""
+    """Part a fleet and check it densely; again with more margin or shorter intervals where it passed a limit."""
     for _ in range(_CHECKS):
         parted, spent = part_members(members, apart)
         progress.left -= spent
@@ -218,7 +218,9 @@ def _finish(
             if not any(breach.who[0] == who for breach in report.breaches if breach.kind != "separation"):
                 members.append(one)
                 continue
-            again, spent = solve_alone(one.flight.widened(excess), one.x, [], apart)
+            flight = one.flight.tightened(excess)
+            start = one.x if flight.intervals == one.flight.intervals else flight.unknowns_of(one.path)
+            again, spent = solve_alone(flight, start, [], apart)
             progress.left -= spent
             if again is None:
                 return None

@@ -84,9 +84,24 @@ def test_a_solution_keeps_all_limits_of_its_aircraft(who):
         report = dense_check(Paths(times[None], knots[None], 0.0 * knots[None]), alone, times[-1:])
         if not any(breach.kind in LIMITS for breach in report.breaches):
             break
-        flight = flight.widened({limit: float(values[0]) for limit, values in report.excess.items()})
-        solved = _solved(flight, start=solved.unknowns[0])
+        path = flight.path(solved.unknowns[0])
+        flight = flight.tightened({limit: float(values[0]) for limit, values in report.excess.items()})
+        solved = _solved(flight, start=flight.unknowns_of(path))
     assert {breach.kind for breach in report.breaches} <= {"keep_out", "arrival_rule"}
+
+
+def test_half_intervals_are_asked_for_where_a_limit_is_passed_by_much_and_keep_the_path():
+    flight = _flight()
+    x = _solved(flight).unknowns[0]
+    little, much = (dict.fromkeys(LIMITS, 0.0) | {"bank_max": by} for by in (0.005, 0.2))
+    assert flight.tightened(little).margins.bank == pytest.approx(flight.margins.bank + 1.3 * 0.005)
+    finer = flight.tightened(much)
+    assert finer.intervals == 2 * flight.intervals
+    times = np.linspace(0.0, flight.arrival, 500)
+    path, again = flight.path(x), finer.path(finer.unknowns_of(flight.path(x)))
+    for order in range(3):
+        np.testing.assert_allclose(again.at(times, order), path.at(times, order), atol=1e-5)
+    np.testing.assert_allclose(flight.unknowns_of(path), x, atol=1e-5)
 
 
 def _only(case, who):
