@@ -29,9 +29,9 @@ verification: .venv/.installed-test
 	$(BIN)/python -m anser.report.verification_page build/verification.json docs
 
 # Two thousand random scenarios, planned and judged: hours. Go on with an interrupted one by `make plan-trials TRIALS=--resume`.
-plan-trials: .venv/.installed
+plan-trials: .venv/.installed-test
 	mkdir -p build
-	$(BIN)/anser plan-trials --seeds 0:2000 --out build/plan-trials.jsonl $(TRIALS)
+	$(BIN)/python -m trials --seeds 0:2000 --out build/plan-trials.jsonl $(TRIALS)
 
 # A hundred random descents flown with the published planner: none may reach the ground. A quarter of an hour or more.
 descent-trials: .venv/.installed-test

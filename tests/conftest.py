@@ -29,7 +29,7 @@ import pytest
 from hypothesis import settings
 from jaxtyping import install_import_hook
 
-with install_import_hook("anser", "beartype.beartype"):
+with install_import_hook(["anser", "trials"], "beartype.beartype"):
     import anser  # noqa: F401
 
 import jax

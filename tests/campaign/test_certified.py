@@ -16,10 +16,10 @@ from anser.cli import app
 from anser.planning.certified.renewal import ANEW, CORRECTED, LAST_GOOD
 from anser.scenario import load, loads
 from anser.simulation.status import AT_GROUND
-from anser.verification.plan_check import dense_check
-from anser.verification.plan_data import ArrivalRule, FleetLimits, Goals, KeepOutCylinders, Paths, PlanCase, Starts
-from anser.verification.plan_data import WindProfile as JudgedWind
 from support.fleet_flight import own, segment, with_own
+from trials.check import dense_check
+from trials.data import ArrivalRule, FleetLimits, Goals, KeepOutCylinders, Paths, PlanCase, Starts
+from trials.data import WindProfile as JudgedWind
 
 _TURN_S = 30.0
 

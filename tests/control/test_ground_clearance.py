@@ -45,7 +45,7 @@ def placed(state, dives, heights):
     gamma, bank, alpha = np.radians(gamma), np.radians(bank), np.radians(alpha)
     attitude = np.stack([pitched(quaternion(*pair), a) for *pair, a in zip(bank, gamma, alpha, strict=True)])
     velocity_b = np.stack([speed * np.cos(alpha), 0 * speed, speed * np.sin(alpha)], axis=1)
-    position_n = np.stack([0 * speed, 5000.0 * np.arange(3), -np.asarray(heights)], axis=1)
+    position_n = np.stack([0 * speed, 5000.0 * (1 + np.arange(3)), -np.asarray(heights)], axis=1)
     return with_own(
         lambda s: (s.aircraft.quaternion, s.aircraft.velocity_b, s.aircraft.position_n, s.aircraft.rates_b),
         state,

@@ -16,7 +16,6 @@ from anser.cli.flights import check, new, run
 from anser.cli.linearizing import linearize
 from anser.cli.margins import margins
 from anser.cli.offering import offer
-from anser.cli.plan_trials import plan_trials
 from anser.cli.planning import plan
 from anser.cli.reporting import report
 from anser.cli.stepping import gallery, step
@@ -45,7 +44,6 @@ def _top(version: Annotated[bool, typer.Option("--version", help="Print the vers
 for _command in (
     run,
     plan,
-    plan_trials,
     check,
     trim,
     linearize,

@@ -12,8 +12,8 @@ from anser.planning.certified.choices import LATE_FAST, PREFERRED, SLOW_FAST, ma
 from anser.planning.certified.delivery import deliver
 from anser.planning.certified.detours import resolve
 from anser.planning.certified.placement import make_options
-from anser.verification.plan_cases import random_case
-from anser.verification.plan_task import planner_task
+from trials.cases import random_case
+from trials.task import planner_task
 
 TICKS = 128
 CHOICES = make_choices((PREFERRED, SLOW_FAST, LATE_FAST), (0.0,), (0,), (0, 1, 3), starts=8)

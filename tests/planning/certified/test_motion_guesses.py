@@ -10,8 +10,8 @@ from anser.numerics import compiled_quickly
 from anser.planning.certified.motion_guesses import beginning, draws
 from anser.planning.certified.motion_terms import MotionTask
 from anser.planning.certified.spline_motion import SplineMotion, states_at
-from anser.verification.plan_cases import random_case
-from anser.verification.plan_task import planner_task
+from trials.cases import random_case
+from trials.task import planner_task
 
 CELLS, STARTS = 64, 40
 

@@ -25,9 +25,9 @@ from anser.planning.certified.motion_terms import (
 )
 from anser.planning.certified.spline_motion import SplineMotion, states, states_at
 from anser.planning.limits import CERTIFIED_LIMITS
-from anser.verification.plan_cases import random_case
-from anser.verification.plan_motion import path_demands
-from anser.verification.plan_task import planner_task
+from trials.cases import random_case
+from trials.motion import path_demands
+from trials.task import planner_task
 
 CELLS = 16
 GROUPS = CELLS // 4

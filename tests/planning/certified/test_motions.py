@@ -11,10 +11,10 @@ from anser.numerics import compiled_quickly
 from anser.planning.certified.arrivals import reachable
 from anser.planning.certified.choices import ALONE, DEEP, PLAIN
 from anser.planning.certified.motions import find_motions
-from anser.verification.plan_cases import random_case
-from anser.verification.plan_check import dense_check
-from anser.verification.plan_data import Paths
-from anser.verification.plan_task import planner_task
+from trials.cases import random_case
+from trials.check import dense_check
+from trials.data import Paths
+from trials.task import planner_task
 
 TICKS, STARTS, KEPT = 128, 32, 6
 # Of the random cases: an aircraft, and a time at which it was said to have no way, though it has: a descent at nearly

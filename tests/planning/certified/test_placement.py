@@ -7,8 +7,8 @@ import pytest
 from anser.numerics import compiled_quickly
 from anser.planning.certified.choices import MATCHED, PREFERRED, SLOWEST, make_choices
 from anser.planning.certified.placement import chosen_of, fewest_first, make_options, place
-from anser.verification.plan_cases import random_case
-from anser.verification.plan_task import planner_task
+from trials.cases import random_case
+from trials.task import planner_task
 
 TICKS = 64
 USUAL = make_choices((PREFERRED,), (0.0,), (0,), (0, 1))

@@ -16,12 +16,12 @@ from jaxtyping import Float
 
 from anser.compilation_cache import enable_compilation_cache
 from anser.planning.certified import search
-from anser.verification.plan_cases import random_case
-from anser.verification.plan_check import dense_check
-from anser.verification.plan_data import Paths, PlanCase
-from anser.verification.plan_report import Breach, PlanReport
-from anser.verification.plan_search import second_search
-from anser.verification.plan_task import LATEST_S, planner_task
+from trials.cases import random_case
+from trials.check import dense_check
+from trials.data import Paths, PlanCase
+from trials.report import Breach, PlanReport
+from trials.search import second_search
+from trials.task import LATEST_S, planner_task
 
 __all__ = ["VERDICTS", "Answer", "Planner", "Trial", "certified_answer", "run_trial", "run_trials"]
 
@@ -109,15 +109,15 @@ def certified_answer(case: PlanCase) -> Answer:
     return Answer(None, arrivals, outcome.tries, closest)
 
 
-def run_trial(seed: int, search_seconds: float, planner: Planner = certified_answer) -> Trial:
+def run_trial(seed: int, iterations: int, planner: Planner = certified_answer) -> Trial:
     """Plan the case of a seed and have the answer judged.
 
     Parameters
     ----------
     seed
         Of `random_case`.
-    search_seconds
-        How long the second search looks for a plan where the planner refuses, s of processor time.
+    iterations
+        Of the second search's solver where the planner refuses, at most.
     planner
         Who answers.
 
@@ -133,31 +133,31 @@ def run_trial(seed: int, search_seconds: float, planner: Planner = certified_ans
         return _broken(case, "planner", error, time.perf_counter() - begin, 0.0)
     planned = time.perf_counter()
     try:
-        trial = _judge(case, answer, search_seconds)
+        trial = _judge(case, answer, iterations)
     except Exception as error:  # noqa: BLE001 - as above
         return _broken(case, "judge", error, planned - begin, time.perf_counter() - planned)
     return dataclasses.replace(trial, plan_s=planned - begin, judge_s=time.perf_counter() - planned)
 
 
-def run_trials(seeds: Sequence[int], search_seconds: float, jobs: int = 1) -> Generator[Trial, None, None]:
+def run_trials(seeds: Sequence[int], iterations: int, jobs: int = 1) -> Generator[Trial, None, None]:
     """Trials of the certified planner, each as soon as it is done; with several jobs in any order.
 
     Parameters
     ----------
     seeds
         Of `random_case`.
-    search_seconds
+    iterations
         See `run_trial`.
     jobs
         Processes at work at once; each loads the planner's programs for itself.
     """
     if jobs == 1:
         enable_compilation_cache()
-        yield from (run_trial(seed, search_seconds) for seed in seeds)
+        yield from (run_trial(seed, iterations) for seed in seeds)
         return
     pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _begin_job)
     try:
-        for done in as_completed([pool.submit(run_trial, seed, search_seconds) for seed in seeds]):
+        for done in as_completed([pool.submit(run_trial, seed, iterations) for seed in seeds]):
             yield done.result()
     finally:
         pool.shutdown(cancel_futures=True)
@@ -182,7 +182,7 @@ def _broken(case: PlanCase, where: str, error: Exception, plan_s: float, judge_s
     return Trial(case.seed, case.size, case.rule.name, "broken", plan_s, judge_s, reasons=(what,))
 
 
-def _judge(case: PlanCase, answer: Answer, search_seconds: float) -> Trial:
+def _judge(case: PlanCase, answer: Answer, iterations: int) -> Trial:
     about = (case.seed, case.size, case.rule.name)
     told = {"tries": answer.tries, "arrival_times": tuple(float(t) for t in answer.arrival_times)}
     if answer.paths is not None:
@@ -190,7 +190,7 @@ def _judge(case: PlanCase, answer: Answer, search_seconds: float) -> Trial:
         verdict = "passes" if report.passes else "fails"
         breaches = tuple(_breach(one) for one in report.breaches)
         return Trial(*about, verdict, 0.0, 0.0, **told, excess=_excess(report), breaches=breaches)
-    result = second_search(case, search_seconds, horizon=LATEST_S, seed=case.seed)
+    result = second_search(case, iterations, horizon=LATEST_S, seed=case.seed)
     found = () if result.paths is None else _describe(result.paths, case)
     return Trial(*about, result.status, 0.0, 0.0, **told, closest=answer.closest, reasons=result.reasons, found=found)
 

@@ -10,7 +10,7 @@ from anser.environment import LayeredWind
 from anser.planning.certified import Airspace, ArrivalRequest, KeepOuts, Separation, Traveller
 from anser.planning.limits import PathLimits
 from anser.planning.rendezvous import Rendezvous
-from anser.verification.plan_data import KeepOutCylinders, PlanCase, WindProfile
+from trials.data import KeepOutCylinders, PlanCase, WindProfile
 
 __all__ = ["LATEST_S", "PlanTask", "planner_task"]
 

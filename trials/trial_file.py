@@ -6,18 +6,18 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from anser.verification.plan_trials import Trial
+from trials.runner import Trial
 
 __all__ = ["FORMAT", "TrialFileError", "append_trial", "begin_trials", "read_trials"]
 
-FORMAT = "anser plan trials 1"
+FORMAT = "anser plan trials 2"
 
 
 class TrialFileError(ValueError):
     """The file is none of trials, or not of these; the text says what arrived and what was expected."""
 
 
-def begin_trials(path: Path, search_seconds: float) -> None:
+def begin_trials(path: Path, iterations: int) -> None:
     """Make a new file without trials.
 
     Raises
@@ -26,7 +26,7 @@ def begin_trials(path: Path, search_seconds: float) -> None:
         If there is one: nothing is overwritten.
     """
     with path.open("x", encoding="utf-8") as file:
-        file.write(json.dumps({"format": FORMAT, "search_seconds": search_seconds}) + "\n")
+        file.write(json.dumps({"format": FORMAT, "search_iterations": iterations}) + "\n")
 
 
 def append_trial(path: Path, trial: Trial) -> None:
@@ -41,13 +41,13 @@ def _plain(value: Any) -> Any:
     return value.item()
 
 
-def read_trials(path: Path, search_seconds: float) -> list[Trial]:
-    """Trials of a file whose refusals were searched for as long (s); a last line that was cut short is taken out of it.
+def read_trials(path: Path, iterations: int) -> list[Trial]:
+    """Trials of a file of as many search iterations; a last line that was cut short is taken out of it.
 
     Raises
     ------
     TrialFileError
-        If the file is another kind, of another search time, or broken elsewhere than in its last line.
+        If the file is another kind, of another number of iterations, or broken elsewhere than in its last line.
     """
     text = path.read_text(encoding="utf-8")
     whole = text[: text.rfind("\n") + 1]
@@ -57,10 +57,9 @@ def read_trials(path: Path, search_seconds: float) -> list[Trial]:
         raise TrialFileError(
             f"arrived {path}, which does not begin as a file of trials; expected {FORMAT!r} in its head"
         )
-    if head.get("search_seconds") != search_seconds:
+    if head.get("search_iterations") != iterations:
         raise TrialFileError(
-            f"arrived {path}, whose refusals were searched for {head.get('search_seconds')} s; expected "
-            f"{search_seconds:g} s as asked now"
+            f"arrived {path}, of {head.get('search_iterations')} search iterations; expected {iterations} as asked now"
         )
     trials = list(_trials(lines, path))
     if whole != text:

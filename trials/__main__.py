@@ -1,6 +1,9 @@
-"""The command plan-trials."""
+"""The command line: ``python -m trials``, in the root of the repository. Exit codes as those of anser."""
 
 import contextlib
+import gc
+import sys
+import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,26 +20,26 @@ from anser.cli.console import (
     problem,
     progress_bar,
 )
-from anser.cli.offering import INTERRUPTED, about
+from anser.cli.offering import INTERRUPTED, about, offer
 
 if TYPE_CHECKING:
-    from anser.verification.plan_tally import Tally
-    from anser.verification.plan_trials import Trial
+    from trials.runner import Trial
+    from trials.tally import Tally
 
 _SEEDS_MOST = 1_000_000
 
 
 @about(
-    "anser plan-trials --seeds 0:100 --out trials.jsonl",
-    "anser plan-trials --seeds 0:100 --out trials.jsonl --resume --jobs 4",
+    "python -m trials --seeds 0:100 --out trials.jsonl",
+    "python -m trials --seeds 0:100 --out trials.jsonl --resume --jobs 4",
     unmet="a plan fails, or too many refusals are contradicted",
 )
 def plan_trials(
     out: Annotated[Path, typer.Option(help="New file of results, one JSON line per seed.", show_default=False)],
     seeds: Annotated[str, typer.Option(help="FIRST:LAST of the seeds, the last left out.")] = "0:2000",
-    search_seconds: Annotated[
-        float, typer.Option(help="How long to look for a plan where the planner refuses, s of processor time.")
-    ] = 20.0,
+    search_iterations: Annotated[
+        int, typer.Option(help="Iterations of the second search's solver where the planner refuses, at most.")
+    ] = 3000,
     jobs: Annotated[int, typer.Option(help="Processes at work at once.")] = 1,
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with the file of an interrupted run: seeds it has are left out.")
@@ -44,22 +47,22 @@ def plan_trials(
 ) -> None:
     """Plan random scenarios; judge each plan densely, and each refusal by proofs and a second search.
 
-    The search varies the same splines, from the same kinds of starts, with the same weights as the planner's free
-    motions, in code of its own: a refusal that it does not contradict is not proved right.
+    The search solves the flights by direct collocation with IPOPT, from random flights: another method than the
+    planner's, in code of its own. It finds local solutions: a refusal that it does not contradict is not proved right.
     """
     wanted = _seeds(seeds)
-    must_lie("--search-seconds", search_seconds, 0.1, 86_400)
+    must_lie("--search-iterations", search_iterations, 1, 10_000_000)
     must_lie("--jobs", jobs, 1, 1024)
-    from anser.verification.plan_tally import tally
-    from anser.verification.plan_trial_file import append_trial
-    from anser.verification.plan_trials import run_trials
+    from trials.runner import run_trials
+    from trials.tally import tally
+    from trials.trial_file import append_trial
 
-    trials = _begin(out, search_seconds, resume)
+    trials = _begin(out, search_iterations, resume)
     there = {one.seed for one in trials}
     missing = [seed for seed in wanted if seed not in there]
     asked = len(wanted)
     stopped = False
-    with progress_bar() as tell, contextlib.closing(run_trials(missing, search_seconds, jobs)) as running:
+    with progress_bar() as tell, contextlib.closing(run_trials(missing, search_iterations, jobs)) as running:
         tell("planning (the first time, this compiles)", 1.0 - len(missing) / asked)
         try:
             for done, trial in enumerate(running, start=1):
@@ -90,6 +93,24 @@ def plan_trials(
         raise typer.Exit(1)
 
 
+def main() -> None:
+    """Run the command line and exit with its code."""
+    gc.set_threshold(200_000)  # as in anser.cli: tracing makes many small objects that live
+    app = typer.Typer(
+        add_completion=False, context_settings={"help_option_names": ["--help", "-h"]}, pretty_exceptions_enable=False
+    )
+    offer(app, plan_trials)
+    try:
+        app(prog_name="python -m trials")
+    except RefusedError as error:
+        problem(str(error))
+        sys.exit(2)
+    except Exception:  # noqa: BLE001 - the outermost frame: an internal fault must end with its own exit code
+        traceback.print_exc()
+        problem("internal fault of the trials: please report the lines above together with the seeds")
+        sys.exit(3)
+
+
 def _seeds(text: str) -> range:
     try:
         first, last = (int(part) for part in text.split(":"))
@@ -102,14 +123,14 @@ def _seeds(text: str) -> range:
     return range(first, last)
 
 
-def _begin(out: Path, search_seconds: float, resume: bool) -> "list[Trial]":
+def _begin(out: Path, iterations: int, resume: bool) -> "list[Trial]":
     """Trials that are there already; without any, a new file."""
-    from anser.verification.plan_trial_file import TrialFileError, begin_trials, read_trials
+    from trials.trial_file import TrialFileError, begin_trials, read_trials
 
     try:
         if resume:
-            return read_trials(out, search_seconds)
-        begin_trials(out, search_seconds)
+            return read_trials(out, iterations)
+        begin_trials(out, iterations)
     except TrialFileError as error:
         raise RefusedError(f"--out: {error}") from None
     except FileExistsError:
@@ -149,3 +170,7 @@ def _table(shown: "Tally") -> Table:
             style="bold" if rule == "all" else None,
         )
     return table
+
+
+if __name__ == "__main__":
+    main()

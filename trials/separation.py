@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from anser.verification.plan_motion import PathCells
+from trials.motion import PathCells
 
 __all__ = ["ChordBlocks", "PairReport", "chord_blocks", "least_clearances"]
 

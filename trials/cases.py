@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from anser.verification.plan_data import (
+from trials.data import (
     ArrivalRule,
     FleetLimits,
     Goals,

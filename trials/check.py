@@ -3,10 +3,10 @@
 import numpy as np
 from jaxtyping import Bool, Float
 
-from anser.verification.plan_data import ArrivalRule, FleetLimits, Paths, PlanCase
-from anser.verification.plan_motion import EMPTY_S, PathCells, path_cells, path_demands
-from anser.verification.plan_report import LIMITS, Breach, PlanReport, Tolerances
-from anser.verification.plan_separation import PairReport, chord_blocks, least_clearances
+from trials.data import ArrivalRule, FleetLimits, Paths, PlanCase
+from trials.motion import EMPTY_S, PathCells, path_cells, path_demands
+from trials.report import LIMITS, Breach, PlanReport, Tolerances
+from trials.separation import PairReport, chord_blocks, least_clearances
 
 __all__ = ["check_rule", "dense_check"]
 

@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from anser.verification.plan_data import PlanCase
-from anser.verification.plan_motion import path_demands
+from trials.data import PlanCase
+from trials.motion import path_demands
 
 __all__ = ["PossibleTimes", "arrival_offsets", "possible_times"]
 

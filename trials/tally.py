@@ -5,8 +5,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from anser.verification.plan_data import RULES
-from anser.verification.plan_trials import VERDICTS, Trial
+from trials.data import RULES
+from trials.runner import VERDICTS, Trial
 
 __all__ = ["CONTRADICTED_MOST", "Tally", "tally"]
 

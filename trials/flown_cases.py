@@ -5,7 +5,7 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Float
 
-from anser.verification.plan_data import (
+from trials.data import (
     ArrivalRule,
     FleetLimits,
     Goals,
@@ -14,7 +14,7 @@ from anser.verification.plan_data import (
     Starts,
     WindProfile,
 )
-from anser.verification.plan_motion import path_demands
+from trials.motion import path_demands
 
 __all__ = ["flown_case"]
 

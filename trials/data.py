@@ -12,7 +12,7 @@ RULES = ("together", "earliest", "at", "sequence", "times", "windows")
 
 @dataclass(frozen=True)
 class FleetLimits:
-    """What a path may ask of each aircraft; see `plan_motion.path_demands` for the quantities."""
+    """What a path may ask of each aircraft; see `trials.motion.path_demands` for the quantities."""
 
     speed_min: Float[np.ndarray, " aircraft"]
     """True airspeed, m/s."""

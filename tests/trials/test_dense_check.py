@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from anser.verification.plan_check import dense_check
-from anser.verification.plan_data import (
+from trials.check import dense_check
+from trials.data import (
     ArrivalRule,
     FleetLimits,
     Goals,
@@ -17,9 +17,9 @@ from anser.verification.plan_data import (
     Starts,
     WindProfile,
 )
-from anser.verification.plan_motion import path_cells
-from anser.verification.plan_report import LIMITS, Tolerances
-from anser.verification.plan_separation import chord_blocks, least_clearances
+from trials.motion import path_cells
+from trials.report import LIMITS, Tolerances
+from trials.separation import chord_blocks, least_clearances
 
 G = 9.80665
 V, RADIUS, LAST = 150.0, 3000.0, 60.0

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from anser.verification.plan_separation import PairReport
+from trials.separation import PairReport
 
 __all__ = ["LIMITS", "Breach", "PlanReport", "Tolerances"]
 
