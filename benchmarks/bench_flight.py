@@ -18,8 +18,9 @@ import pytest
 import anser
 from anser.numerics import make_axis, make_surfaces
 from anser.scenario import build_flight
-from anser.simulation import SEGMENT_STEPS, fly_segment, start_flight
+from anser.simulation import SEGMENT_STEPS, SummaryRecorder, fly, start_flight
 
+ZERO = jnp.asarray(0, dtype=jnp.int32)
 THREE = Path(__file__).parents[1] / "scenarios" / "three-aircraft.toml"
 
 
@@ -31,7 +32,7 @@ def compiled():
     began = time.perf_counter()
     start = jax.jit(start_flight).lower(flight).compile()
     state, _ = start(flight)
-    segment = jax.jit(fly_segment).lower(flight, state).compile()
+    segment = eqx.filter_jit(fly).lower(flight, state, ZERO).compile()
     return flight, state, segment, time.perf_counter() - began
 
 
@@ -49,13 +50,50 @@ def test_three_aircraft_against_real_time(compiled, benchmark):
     def fly():
         carry = state
         for _ in range(12):
-            carry, history = segment(flight, carry)
+            carry, _, history = segment(flight, carry, ZERO)
         jax.block_until_ready(history)
 
     benchmark.pedantic(fly, rounds=5, warmup_rounds=1)
     ratio = simulated / benchmark.stats.stats.median
     print(f"\nthree aircraft, {simulated:g} s, every step recorded: {ratio:.0f} times real time (wanted: 100)")
     benchmark.extra_info["times_real_time"] = ratio
+
+
+def test_a_batch_of_flights_against_one_alone(compiled, benchmark):
+    """1,024 flights from other places, with the running summary: time per aircraft and step against one alone."""
+    flight, state, _, _ = compiled
+    count, aircraft = 1024, flight.count
+    shifts = 50.0 * jnp.asarray(np.random.default_rng(0).normal(size=(count, aircraft, 3)))
+
+    def moved(shift_n):
+        places = state.vehicles[0].aircraft.position_n + shift_n
+        return eqx.tree_at(lambda s: s.vehicles[0].aircraft.position_n, state, places)
+
+    @eqx.filter_jit
+    def summed_up(flight, states, since):
+        def one(start):
+            return fly(flight, start, since, SEGMENT_STEPS, SummaryRecorder())[1][0]
+
+        return jax.vmap(one)(states)
+
+    states, alone = jax.vmap(moved)(shifts), jax.tree.map(lambda leaf: leaf[None], state)
+    times = {}
+    for name, some in (("alone", alone), ("batch", states)):
+        jax.block_until_ready(summed_up(flight, some, ZERO))
+        taken = []
+        for _ in range(5 if name == "alone" else 2):
+            began = time.perf_counter()
+            jax.block_until_ready(summed_up(flight, some, ZERO))
+            taken.append(time.perf_counter() - began)
+        flights = 1 if name == "alone" else count
+        times[name] = 1e6 * min(taken) / (flights * aircraft * SEGMENT_STEPS)
+    benchmark.pedantic(lambda: None, rounds=1)
+    ratio = times["batch"] / times["alone"]
+    print(
+        f"\nper aircraft and step: {times['alone']:.1f} us alone, {times['batch']:.2f} us in a batch of {count}; "
+        f"ratio {ratio:.2f} (wanted: a third)"
+    )
+    benchmark.extra_info.update(times)
 
 
 def test_second_run_of_the_command(benchmark, tmp_path):
