@@ -221,7 +221,7 @@ class Quartics:
             (1 - 3 * s + 2 * s**2, 4 * s - 4 * s**2, 2 * s**2 - s),
         )[order]
         forces = (self.acceleration[:, k], self.middle[:, k], self.acceleration[:, k + 1])
-        value = h ** (2 - order) * np.sum([shape * force for shape, force in zip(shapes, forces, strict=True)], axis=0)
+        value = h ** (2 - order) * (shapes[0] * forces[0] + shapes[1] * forces[1] + shapes[2] * forces[2])
         if order == 2:
             return value
         value = value + self.velocity[:, k] * (h * s if order == 0 else 1.0)
