@@ -16,7 +16,7 @@ def trims() -> list[TrimPoint]:
     return [solve(AIRFRAME, ENVIRONMENT, trim_target(150.0, ALTITUDE, 0.0, chi)) for chi in (0.0, 170 * DEGREE)]
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def turned():
     """`turned_after_100_steps`, compiled; a second trace fails."""
     return eqx.filter_jit(eqx.debug.assert_max_traces(turned_after_100_steps, max_traces=1))
