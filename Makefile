@@ -1,9 +1,9 @@
-# Two commands matter: `make demo` installs and flies three aircraft, `make test` installs and runs every check.
+# Two commands matter: `make demo` installs and flies three aircraft, `make test` installs and runs the checks.
 PYTHON ?= python3
 BIN := .venv/bin
 OUT ?= runs/three-aircraft-$(shell date +%Y%m%d-%H%M%S)
 
-.PHONY: demo test docs bench verification plan-trials descent-trials autopilot clean
+.PHONY: demo test test-long docs bench verification plan-trials descent-trials autopilot clean
 
 demo: .venv/.installed
 	$(BIN)/anser run scenarios/three-aircraft.toml --out $(OUT)
@@ -13,7 +13,11 @@ test: .venv/.installed-test
 	$(BIN)/ruff format --check .
 	$(BIN)/basedpyright
 	$(BIN)/lint-imports
-	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not long"
+
+# What `make test` leaves out: missions, studies, trials of the planner, programs of one test only.
+test-long: .venv/.installed-test
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m long
 
 # The documentation site, every example executed: open build/docs/index.html.
 docs: .venv/.installed-docs

@@ -12,6 +12,7 @@ THREE = SCENARIOS / "three-aircraft.toml"
 FILES = ["plan.json", "plan.png", "plan.svg", "trajectories.csv"]
 
 
+@pytest.mark.long
 def test_plan_writes_its_files_and_prints_margins(anser, tmp_path):
     out = tmp_path / "deep" / "plan"
     code, printed, _ = anser("plan", THREE, "--out", out)

@@ -64,6 +64,7 @@ def test_bad_input_ends_with_2_and_says_what_is_right(anser, words, said):
         assert part in err
 
 
+@pytest.mark.long
 def test_gallery_draws_every_test_and_ends_by_its_limits(anser, tmp_path, monkeypatch):
     """The velocity loop's tests stand for all: a second for each figure, and theirs are the longest."""
     tests = tuple(test for test in PUBLISHED_STEPS if test.loop == "velocity")

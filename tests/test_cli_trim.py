@@ -40,6 +40,7 @@ def test_trim_at_a_centre_of_gravity_is_the_textbooks(anser, cg, alpha_rad, elev
     assert found["elevator"] == pytest.approx(elevator_deg, rel=2e-3)
 
 
+@pytest.mark.long
 def test_the_textbooks_pull_up_takes_more_than_the_engine_has(anser):
     code, printed, err = anser(*PULL_UP, "17.188734", "--cg", "0.30")
     assert (code, printed) == (1, "")

@@ -21,6 +21,9 @@ from trials.check import dense_check
 from trials.data import ArrivalRule, FleetLimits, Goals, KeepOutCylinders, Paths, PlanCase, Starts
 from trials.data import WindProfile as JudgedWind
 
+pytestmark = pytest.mark.long
+
+
 _TURN_S = 30.0
 
 _SCENARIO = f"""

@@ -14,6 +14,9 @@ from anser.cli import main
 from anser.report import draw_envelope
 from anser.results import OUTCOMES, REASONS, read_netcdf
 
+pytestmark = pytest.mark.long
+
+
 ALTITUDES, MACHS = (1000.0, 9000.0, 16000.0), (0.1, 0.5, 1.2)
 FIGURES = {f"{name}.{suffix}" for name in ("trim-map", "commands", "margins") for suffix in ("svg", "png")}
 

@@ -112,6 +112,7 @@ def test_incremental_inversion_brings_the_memory_of_the_sensors():
     assert max(near) < 0.06
 
 
+@pytest.mark.long
 def test_conditions_without_a_model():
     with pytest.raises(ConditionError, match=r"path angle rate 17.2 deg/s[^@]*engine power: 105"):
         anser.linearize(speed_m_s=153.0, altitude_m=0.0, x_cg_over_c=0.3, path_rate_deg_s=17.19)

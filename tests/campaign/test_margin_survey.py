@@ -17,6 +17,9 @@ from anser.report import draw_bode
 from anser.results import CLOSED_LOOP, margin_table, read_netcdf
 from anser.simulation import BREAKPOINTS
 
+pytestmark = pytest.mark.long
+
+
 # At Mach 0.25 and 1 km it flies; at 7 km alpha is beyond the autopilot's 25 deg; above 15 km there are no data.
 ALTITUDES, MACHS = (1000.0, 7000.0, 16000.0), (0.245, 0.5)
 MAPS = {f"{name}.{suffix}" for name in ("actuators", "loops") for suffix in ("svg", "png")}

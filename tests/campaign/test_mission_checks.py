@@ -8,6 +8,9 @@ import anser
 from anser.scenario import loads
 from anser.verification import missions
 
+pytestmark = pytest.mark.long
+
+
 THREE = (Path(__file__).parents[2] / "scenarios" / missions.MISSION).read_text()
 FLOWN_S = 75.0
 

@@ -8,6 +8,7 @@ from anser.scenario import loads
 from scenario.test_cautions import SHEARED
 
 
+@pytest.mark.long
 def test_a_mean_airspeed_other_than_the_fleets_is_announced():
     """Down a path that the idle engine cannot fly at 150 m/s, from 9 m/s against it into 20 m/s behind it."""
     planned = anser.plan(loads(SHEARED))

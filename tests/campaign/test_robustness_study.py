@@ -14,6 +14,9 @@ from anser.campaign.dispersion import CONDITIONS, FACTORS, alone_cases, disperse
 from anser.cli import main
 from anser.results import OUTCOMES, read_netcdf, success
 
+pytestmark = pytest.mark.long
+
+
 NAMES = [factor.name for factor in FACTORS]
 POINTS = (FlightPoint(150.0, 1000.0), FlightPoint(200.0, 6000.0))
 short = functools.partial(robustness_study, duration_s=2.0)

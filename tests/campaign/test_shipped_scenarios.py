@@ -8,6 +8,9 @@ import anser
 from anser.results import CLEARANCE_MIN_M
 from anser.scenario import load, loads
 
+pytestmark = pytest.mark.long
+
+
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 
 

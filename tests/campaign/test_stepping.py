@@ -9,6 +9,9 @@ from anser.campaign import CHANNEL_KEYS, PUBLISHED_STEPS, ConditionError, fly_st
 from anser.campaign.step_tests import STEP_S
 from anser.variables import CATALOGUE
 
+pytestmark = pytest.mark.long
+
+
 BY_NAME = {variable.name: variable for variable in CATALOGUE}
 NAMES = {variable.key: variable.name for variable in CATALOGUE}
 

@@ -81,6 +81,7 @@ def slope():
     return jax.jit(along, compiler_options=QUICK)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("loop", ["velocity", "attitude", "rates"])
 def test_gradient_with_respect_to_gains_agrees_with_differences(turn, turned, slope, loop):
     gains, limits = published_gains(), default_limits()

@@ -80,6 +80,7 @@ class Offset(AbstractAirframe):
         raise NotImplementedError
 
 
+@pytest.mark.long
 def test_surfaces_rest_on_the_measurement_and_on_the_slopes_of_the_model_alone():
     """u = u_0 + G^-1 (nu - y_dot measured): a model whose moments are off by a constant gives the same surfaces."""
     state = make_state(V=150.0, alpha=0.08, beta=0.01, rates=(0.05, 0.02, -0.01), surfaces=(-0.03, 0.0, 0.0))

@@ -44,7 +44,7 @@ def followed(time, offset_n, slip_n, wind_n, gain):
     """Command of an aircraft that is off its plan by given position and velocity errors."""
     plan = _plan(wind_n)
     position_n, velocity_n = plan.position_n(time) - offset_n, plan.velocity_n(time) - slip_n
-    return follow(plan, time, position_n, velocity_n, wind_n, settings_of(gain)), plan.velocity_n(time)
+    return follow(plan.at(time), position_n, velocity_n, wind_n, settings_of(gain)), plan.velocity_n(time)
 
 
 @jax.jit
@@ -53,7 +53,7 @@ def followed_later(time, later, offset_n, slip_n, wind_n):
     plan = _plan(wind_n)
     velocity_n = plan.velocity_n(time) - slip_n
     position_n = plan.position_n(time) - offset_n + later * velocity_n
-    return follow(plan, time + later, position_n, velocity_n, wind_n, settings_of())
+    return follow(plan.at(time + later), position_n, velocity_n, wind_n, settings_of())
 
 
 times = st.floats(6.0, 44.0)

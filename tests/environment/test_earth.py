@@ -87,6 +87,7 @@ def _through_the_chart(earth, lat, lon, h):
     return place, earth.geodetic(place), jacobian - rotation_ned_from_ecef(lat, lon).T
 
 
+@pytest.mark.long
 @settings(deadline=None, max_examples=100)
 @given(anywhere, anywhere, st.floats(0.0, 15e3))
 def test_the_chart_has_one_place_for_each_of_the_earth(origin_deg, there_deg, h):

@@ -190,6 +190,7 @@ def test_an_outrunning_goal_is_flagged_and_the_others_are_planned():
     assert "outruns" in PLAN_MESSAGES[GOAL_OUTRUNS]
 
 
+@pytest.mark.long
 def test_all_outrun_stays_finite_and_bounded():
     case = published_fleet()
     away = case.goal_position_n - case.position_n

@@ -101,6 +101,7 @@ def test_wind_moves_the_ground_track_only():
     np.testing.assert_allclose(b.altitude_min, a.altitude_min - 72.0, atol=1e-9)
 
 
+@pytest.mark.long
 def test_gradient_jit_and_vmap_also_at_rest():
     path = published_path(-30.0, 0.005)
 

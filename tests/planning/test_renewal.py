@@ -81,6 +81,7 @@ def test_bent_paths_are_among_them(flights):
     assert max(float(jnp.max(jnp.abs(bend))) for bend in bends) > 1e4
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("even", [False, True])
 def test_renewing_every_second_does_not_drift(even):
     tasks = in_wind(published_fleet(), WIND)
@@ -228,6 +229,7 @@ def outcome(shift, plan, time, tasks, even):
     return again.arrival_time + jnp.sum(later * jnp.arange(9.0).reshape(3, 3)) / 1e3
 
 
+@pytest.mark.long
 def test_gradient_against_finite_differences():
     tasks = in_wind(published_fleet(), WIND)
     plan = plan_at(100.0, tasks, RIGHT, True)

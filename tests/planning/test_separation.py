@@ -88,6 +88,7 @@ def test_published_fleet_takes_the_milder_bends():
     assert jnp.all(jnp.abs(chosen.lateral_bends) <= jnp.abs(other.lateral_bends))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(6))
 def test_two_aircraft_take_the_wider_side(seed):
     # With two aircraft the greedy choice is the best of all.

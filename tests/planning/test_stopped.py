@@ -166,6 +166,7 @@ def _outcome(shift, tasks):
     return plan.arrival_time + jnp.sum(plan.lateral_bends) / 1e3
 
 
+@pytest.mark.long
 def test_batches_and_derivatives():
     tasks = published_fleet()
     cases = [tasks, without(tasks, 0), without(tasks, 0, 1, 2)]

@@ -186,6 +186,7 @@ def test_every_plot_is_drawn_and_shows_one_instant(browser, path):
     assert browser.run("document.querySelector('#limits .plot .readout').textContent") == expected
 
 
+@pytest.mark.long
 def test_zooming_in_time_fits_the_values_there(browser, flight, path):
     opened(browser, path)
     browser.run("document.querySelector('[data-zoom=last]').click(); document.getElementById('plan').scrollIntoView()")
@@ -216,6 +217,7 @@ def test_focus_goes_everywhere(browser, path):
     assert browser.faults == []
 
 
+@pytest.mark.long
 def test_nothing_is_wider_than_the_window(browser, path):
     opened(browser, path)
     try:

@@ -112,6 +112,7 @@ def test_all_actuators_at_once_have_no_more_than_each(margins):
     assert 0.5 * float(each.disk[:3].min()) < float(together) <= float(each.disk[:3].min())
 
 
+@pytest.mark.long
 def test_the_nonlinear_loop_diverges_where_the_margins_say(level, margins):
     """Each surface's command scaled by 0.9 and 1.1 of its gain margin, or delayed by the samples next to its delay margin.
 

@@ -1,5 +1,8 @@
 """Descending arrivals: none flies into the ground, and the verdict says which could not go on as planned.
 
+pytestmark = pytest.mark.long
+
+
 The hundred tasks of which these are some: trials/test_descents.py.
 """
 

@@ -102,6 +102,7 @@ def test_flights_in_a_batch_are_the_flights_alone(three, with_the_plan_standing)
     assert float(jnp.max(jnp.abs(together["north"][0] - together["north"][1]))) > 1e-2
 
 
+@pytest.mark.long
 def test_derivatives_through_sensing_guidance_control_and_motion(three, with_the_plan_standing):
     """Of the closed loop along one direction in all its numbers at once, against a finite difference."""
     flight, state = three

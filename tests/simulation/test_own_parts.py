@@ -10,7 +10,7 @@ import pytest
 from anser.aircraft import Controls
 from anser.control import AbstractController
 from anser.numerics import Stacked
-from anser.planning import AbstractPlanner
+from anser.planning import AbstractPlanner, AbstractReference
 from anser.scenario import build_flight, load
 from anser.sensing import AbstractSensors, IdealSensors
 from anser.shapes import Scalar, Vector3
@@ -141,21 +141,18 @@ def test_a_plan_that_ends_too_near_is_refused_and_the_aircraft_holds():
     assert history["clearance"].min() > 150.0
 
 
-class Feint(eqx.Module):
+class Feint(AbstractReference):
     """A line that leads through the goal, and says that it ends elsewhere."""
 
     line: Line
     arrival: Scalar
 
-    def position_n(self, time):
+    def at(self, time):
+        planned = self.line.at(time)
         up_n = jnp.array([0.0, 0.0, -400.0])
-        return self.line.position_n(time) + jnp.where(time >= self.arrival, up_n, 0.0)
-
-    def velocity_n(self, time):
-        return self.line.velocity_n(time)
-
-    def acceleration_n(self, time):
-        return jnp.zeros(3)
+        return eqx.tree_at(
+            lambda p: p.position_n, planned, planned.position_n + jnp.where(time >= self.arrival, up_n, 0.0)
+        )
 
 
 class Feints(AbstractPlanner):
@@ -192,7 +189,7 @@ def airborne(flight, altitude):
     return assemble(flight.environment, aircraft, flight.planner, timing.step, int(timing.replan_steps), timing.freeze)
 
 
-@pytest.mark.parametrize("on_surface", [True, False])
+@pytest.mark.parametrize("on_surface", [pytest.param(True, marks=pytest.mark.long), False])
 def test_who_is_led_to_its_goal_breaks_off_into_its_hold_before_it_is_too_near(on_surface):
     """Whatever the planner says: the loop turns the aircraft away, and the status says so."""
     flight = rebuilt(three(), Feints(jnp.asarray(50.0)))

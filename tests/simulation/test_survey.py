@@ -29,6 +29,9 @@ from anser.simulation import (
 from anser.simulation.response import trimmed_memory
 from anser.simulation.step_metrics import step_metrics
 
+pytestmark = pytest.mark.long
+
+
 DEGREE = np.pi / 180
 STEP, COUNT = 0.01, 600
 AIRFRAME, ENVIRONMENT, LIMITS, GAINS = load_airframe(), standard_environment(), default_limits(), published_gains()

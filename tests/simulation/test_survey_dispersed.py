@@ -13,6 +13,9 @@ from anser.scenario import load_airframe
 from anser.sensing import DelayedSensors, DirectEstimator
 from anser.simulation import solve_trim, survey_flight, trim_target
 
+pytestmark = pytest.mark.long
+
+
 DEGREE = np.pi / 180
 NOMINAL, ENVIRONMENT, LIMITS = load_airframe("f16", "textbook"), standard_environment(), default_limits()
 QUICK = {"xla_backend_optimization_level": 0}  # a few short flights do not earn back what faster code costs to compile

@@ -106,6 +106,7 @@ def test_without_sideslip_the_two_pull_ups_are_one():
         np.testing.assert_allclose(a, b, atol=1e-9)
 
 
+@pytest.mark.long
 def test_a_pitch_rate_in_a_turn_is_refused_and_marked_where_it_is_traced():
     for other in ("turn_rate", "path_rate"):
         with pytest.raises(

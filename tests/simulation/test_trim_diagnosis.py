@@ -12,6 +12,9 @@ from anser.units import DEG_RAD, RAD_DEG
 from support.light_aircraft import light_aircraft
 from support.trims import glider, target_deg, trim
 
+pytestmark = pytest.mark.long
+
+
 STILL = standard_environment()
 F16, LIGHT = load_airframe(), light_aircraft()
 TOO_SLOW = target_deg(40.0)

@@ -1,28 +1,21 @@
 """A planner that is not anser's: straight lines."""
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from anser.planning import AbstractPlanner, simple_plan
+from anser.planning import AbstractPlanner, AbstractReference, PathPoint, simple_plan
 from anser.shapes import Scalar, Vector3
 
 
-class Line(eqx.Module):
+class Line(AbstractReference):
     """A straight line at a steady velocity."""
 
     start_n: Vector3
     steady_n: Vector3
     since: Scalar
 
-    def position_n(self, time):
-        return self.start_n + (time - self.since) * self.steady_n
-
-    def velocity_n(self, time):
-        return self.steady_n
-
-    def acceleration_n(self, time):
-        return jnp.zeros(3)
+    def at(self, time):
+        return PathPoint(self.start_n + (time - self.since) * self.steady_n, self.steady_n, jnp.zeros(3))
 
 
 class StraightLines(AbstractPlanner):

@@ -23,6 +23,9 @@ from trials.flown_cases import flown_case
 from trials.motion import path_demands
 from trials.search import second_search
 
+pytestmark = pytest.mark.long
+
+
 NO_ZONES = KeepOutCylinders(np.empty((0, 2)), np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0))
 
 

@@ -52,6 +52,7 @@ def _trial(seed, verdict, rule="at", **more):
     return Trial(seed, 2, rule, verdict, 0.1, 0.2, **more)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", PLANNED)
 def test_plan_of_random_scenario_passes(seed):
     trial = run_trial(seed, 0)

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from anser.campaign.plan_distances import keep_out_rooms, nearest_pairs, track_of
 from anser.numerics import compiled_quickly
-from anser.planning import CERTIFIED_LIMITS, polar
+from anser.planning import CERTIFIED_LIMITS, PathPoint, polar
 from anser.planning.demand import demand
 from anser.results import PlanExtremes, PlanSamples
 from anser.scenario.schema_airspace import KeepOut
@@ -26,20 +26,12 @@ _SAME_TIME_S = 1e-6
 class TimedPosition(Protocol):
     """A path in time, of either planner: NED, SI units."""
 
-    def position_n(self, time: ScalarLike) -> Vector3:
-        """Position over the ground, m."""
-        ...
-
-    def velocity_n(self, time: ScalarLike) -> Vector3:
-        """Velocity over the ground, m/s."""
+    def at(self, time: ScalarLike) -> PathPoint:
+        """Motion over the ground."""
         ...
 
     def air_velocity_n(self, time: ScalarLike) -> Vector3:
         """Velocity relative to the air, m/s."""
-        ...
-
-    def acceleration_n(self, time: ScalarLike) -> Vector3:
-        """Acceleration over the ground, m/s^2."""
         ...
 
 
@@ -72,8 +64,8 @@ def asked_of(path: TimedPosition, time: ScalarLike, gravity: ScalarLike) -> dict
     Bank angle and load factor are those of coordinated flight along the path: the part of the specific force across
     the velocity relative to the air (theory section 6).
     """
-    position, ground, air = path.position_n(time), path.velocity_n(time), path.air_velocity_n(time)
-    push = path.acceleration_n(time)
+    point, air = path.at(time), path.air_velocity_n(time)
+    position, ground, push = point.position_n, point.velocity_n, point.acceleration_n
     over, through = polar(ground, push), polar(air, push)
     asked = demand(air, push, gravity)
     return {

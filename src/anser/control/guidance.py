@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from anser.control.feedback import wrapped
 from anser.control.interface import AbstractGuidance
 from anser.environment import Environment, FlatEarth
-from anser.planning import AircraftPlan, PathCommand, Reference, polar, rescaled
+from anser.planning import AircraftPlan, PathCommand, PathPoint, polar, rescaled
 from anser.sensing import Belief, Instant, velocity_over_ground_n
 from anser.shapes import Scalar, ScalarLike, Vector3
 from anser.spatial import safe_hypot
@@ -63,9 +63,9 @@ class FollowPlan(AbstractGuidance):
         if plan is None:
             raise ValueError("FollowPlan follows a plan: fly it in a flight with a planner")
         velocity_n, wind_n = chart_velocities(belief)
-        path: Reference = plan.trajectory
-        command = follow(path, instant.time, belief.state.position_n, velocity_n, wind_n, self.settings)
-        return over_ground(command, belief, instant.environment), path.position_n(instant.time), None
+        planned = plan.trajectory.at(instant.time)
+        command = follow(planned, belief.state.position_n, velocity_n, wind_n, self.settings)
+        return over_ground(command, belief, instant.environment), planned.position_n, None
 
 
 def chart_velocities(belief: Belief) -> tuple[Vector3, Vector3]:
@@ -82,8 +82,7 @@ def over_ground(command: PathCommand, belief: Belief, environment: Environment) 
 
 
 def follow(
-    trajectory: Reference,
-    time: ScalarLike,
+    planned: PathPoint,
     position_n: Vector3,
     velocity_n: Vector3,
     wind_n: Vector3,
@@ -95,10 +94,8 @@ def follow(
 
     Parameters
     ----------
-    trajectory
-        The plan.
-    time
-        Now, s.
+    planned
+        Motion along the plan, now.
     position_n, velocity_n
         Own position (m) and velocity over ground (m/s).
     wind_n
@@ -106,15 +103,14 @@ def follow(
     settings
         See `GuidanceSettings`.
     """
-    planned_n = trajectory.velocity_n(time)
 
     def correction(offset_n: Vector3) -> Vector3:
         wanted_n = settings.position_gain * offset_n
         return wanted_n / jnp.sqrt(1 + jnp.sum(wanted_n**2) / settings.correction_max**2)
 
-    offset_n = trajectory.position_n(time) - position_n
-    added_n, added_dot_n = jax.jvp(correction, (offset_n,), (planned_n - velocity_n,))
-    return polar(planned_n + added_n - wind_n, trajectory.acceleration_n(time) + added_dot_n)
+    offset_n, slip_n = planned.position_n - position_n, planned.velocity_n - velocity_n
+    added_n, added_dot_n = jax.jvp(correction, (offset_n,), (slip_n,))
+    return polar(planned.velocity_n + added_n - wind_n, planned.acceleration_n + added_dot_n)
 
 
 def hold(

@@ -8,7 +8,6 @@ from anser.planning.interface import (
     AbstractPlanner,
     AircraftPlan,
     Performance,
-    Reference,
     Report,
     simple_plan,
 )
@@ -16,6 +15,7 @@ from anser.planning.limit_check import LimitReport, check_limits
 from anser.planning.limits import CERTIFIED_LIMITS, LIMIT_MESSAGES, LIMITS, Limit, PathLimits
 from anser.planning.line_of_sight import LineOfSight, measure, recover
 from anser.planning.published_planner import PublishedPlanner, PublishedPlanState
+from anser.planning.reference import AbstractReference, PathPoint
 from anser.planning.rendezvous import Rendezvous, final_air_velocity, make_rendezvous, time_to_go
 from anser.planning.renewal import renew
 from anser.planning.separation import Separation, separation_min, separation_ratio
@@ -29,6 +29,7 @@ __all__ = [
     "LIMIT_MESSAGES",
     "PLAN_MESSAGES",
     "AbstractPlanner",
+    "AbstractReference",
     "AircraftPlan",
     "Bend",
     "FleetPlan",
@@ -38,11 +39,11 @@ __all__ = [
     "LineOfSight",
     "PathCommand",
     "PathLimits",
+    "PathPoint",
     "Performance",
     "PlanningTask",
     "PublishedPlanState",
     "PublishedPlanner",
-    "Reference",
     "Rendezvous",
     "Report",
     "Separation",

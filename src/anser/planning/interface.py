@@ -1,7 +1,7 @@
 """Interface of a planner: from what the aircraft of a fleet report to a path and an arrival time for each."""
 
 import abc
-from typing import Any, Protocol
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -10,22 +10,6 @@ from jaxtyping import Array, Float
 
 from anser.planning.rendezvous import Rendezvous
 from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
-
-
-class Reference(Protocol):
-    """What can be followed: a motion over the ground in the Earth's chart, NED, in m and s."""
-
-    def position_n(self, time: ScalarLike) -> Vector3:
-        """Where to be at a time."""
-        ...
-
-    def velocity_n(self, time: ScalarLike) -> Vector3:
-        """How fast."""
-        ...
-
-    def acceleration_n(self, time: ScalarLike) -> Vector3:
-        """And how that changes."""
-        ...
 
 
 class Report(eqx.Module):
@@ -76,7 +60,7 @@ class AircraftPlan(eqx.Module):
     Attributes
     ----------
     trajectory
-        Where to be at which time up to the arrival: a `Reference`.
+        Where to be at which time up to the arrival: an `AbstractReference`.
     arrival_time
         When it is to be at its rendezvous, s.
     status

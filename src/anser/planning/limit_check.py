@@ -63,8 +63,9 @@ def check_limits(trajectory: Trajectory, limits: PathLimits, gravity: ScalarLike
     hold can catch: see `level_off_height`, with the bank and the vertical acceleration of the path's end.
     """
     times = trajectory.start_time + trajectory.duration * jnp.linspace(0.0, 1.0, count)
-    command = jax.vmap(lambda t: polar(trajectory.air_velocity_n(t), trajectory.acceleration_n(t)))(times)
-    altitudes = -jax.vmap(trajectory.position_n)(times)[:, 2]
+    points = jax.vmap(trajectory.at)(times)
+    command = jax.vmap(polar)(points.velocity_n - trajectory.wind_n[None], points.acceleration_n)
+    altitudes = -points.position_n[:, 2]
     altitude_min = jnp.min(altitudes)
     level_off_altitude = altitudes[-1] - _level_off_of_end(trajectory, limits, gravity)
     turn_rate = jnp.abs(command.chi_dot)
@@ -97,8 +98,8 @@ def check_limits(trajectory: Trajectory, limits: PathLimits, gravity: ScalarLike
 def _level_off_of_end(trajectory: Trajectory, limits: PathLimits, gravity: ScalarLike) -> Scalar:
     """Height that the hold needs to end the descent with which a trajectory arrives, m."""
     end = trajectory.start_time + trajectory.duration
-    acceleration_n = trajectory.acceleration_n(end)
-    asked = demand(trajectory.air_velocity_n(end), acceleration_n, gravity)
+    last = trajectory.at(end)
+    asked = demand(last.velocity_n - trajectory.wind_n, last.acceleration_n, gravity)
     bank = jnp.arctan2(asked.side, jnp.maximum(asked.lift, 0.1 * gravity))
     pull = jnp.minimum(_PULL, _PULL_SHARE * (limits.load_factor_max - 1.0) * gravity)
-    return level_off_height(asked.speed, trajectory.velocity_n(end)[2], acceleration_n[2], bank, pull)
+    return level_off_height(asked.speed, last.velocity_n[2], last.acceleration_n[2], bank, pull)

@@ -42,14 +42,12 @@ _TO_NODES = _collocation()
 
 def path_derivative(coefficients_n: Float[Array, "3 5"], s: ScalarLike, order: int) -> Vector3:
     """Derivative of order 0 to 3 of the path with respect to s, m."""
-    factors = [1.0] * 5
-    for power in range(5):
-        for lowered in range(order):
-            factors[power] *= power - lowered
-    total = jnp.zeros(3) + 0.0 * s
-    for power in range(4, order - 1, -1):
-        total = total * s + factors[power] * coefficients_n[:, power]
-    return total
+    factors = np.ones(5 - order)
+    for lowered in range(order):
+        factors *= np.arange(order, 5) - lowered
+    s = jnp.asarray(s, dtype=float)
+    powers = [jnp.ones_like(s), s, s * s, s * s * s, (s * s) * (s * s)][: 5 - order]
+    return jnp.sum(coefficients_n[:, order:] * (jnp.asarray(factors) * jnp.stack(powers))[None, :], axis=1)
 
 
 class Clock(eqx.Module):
@@ -130,7 +128,7 @@ class TimeLaw(eqx.Module):
         ahead = self._ahead(coefficients_n, k, held - self.times[k])
         s = k / CELLS + ahead
         slope_n, bend_n = path_derivative(coefficients_n, s, 1), path_derivative(coefficients_n, s, 2)
-        slope, speed, held_up = self._motion(coefficients_n, k, ahead)
+        slope, speed, held_up, _ = self._motion(coefficients_n, k, ahead)
         s_dot = speed / slope
         push = jnp.where(held_up, 0.0, self.trade * STANDARD_GRAVITY_M_S2 * slope_n[2] / slope - self.push)
         # Beyond the ends s runs on evenly: a fleet that holds has left its path. Rounding is not beyond.
@@ -146,18 +144,17 @@ class TimeLaw(eqx.Module):
         """Square of the airspeed asked for in cell k after some height and length from its start."""
         return self.squares[k] + 2 * (self.trade * gained - self.push * flown)
 
-    def _motion(self, coefficients_n: Float[Array, "3 5"], k: Count, ahead: Scalar) -> tuple[Scalar, Scalar, Flag]:
-        """|dr/ds|, airspeed, and whether it is held up at the least, at a parameter from the start of cell k."""
+    def _motion(
+        self, coefficients_n: Float[Array, "3 5"], k: Count, ahead: Scalar
+    ) -> tuple[Scalar, Scalar, Flag, Scalar]:
+        """|dr/ds|, airspeed, whether it is held at the least, and time (s), at a parameter from the start of cell k."""
         start = k / CELLS
+        cell = _cell(coefficients_n, start, ahead)
         slope = jnp.maximum(norm(path_derivative(coefficients_n, start + ahead, 1)), _TINY)
         down = path_derivative(coefficients_n, start + ahead, 0) - path_derivative(coefficients_n, start, 0)
-        asked = self._asked(k, STANDARD_GRAVITY_M_S2 * down[2], _cell(coefficients_n, start, ahead).length)
-        return slope, jnp.sqrt(jnp.maximum(asked, self.slowest**2)), asked < self.slowest**2
-
-    def _time(self, coefficients_n: Float[Array, "3 5"], k: Count, ahead: Scalar) -> Scalar:
-        """Time from the start of cell k to a parameter from there, s."""
-        cell = _cell(coefficients_n, k / CELLS, ahead)
-        return cell.time(jnp.maximum(self._asked(k, cell.gained, cell.flown), self.slowest**2), ahead)
+        asked = self._asked(k, STANDARD_GRAVITY_M_S2 * down[2], cell.length)
+        time = cell.time(jnp.maximum(self._asked(k, cell.gained, cell.flown), self.slowest**2), ahead)
+        return slope, jnp.sqrt(jnp.maximum(asked, self.slowest**2)), asked < self.slowest**2, time
 
     def _ahead(self, coefficients_n: Float[Array, "3 5"], k: Count, within: ScalarLike) -> Scalar:
         """Parameter from the start of cell k, `within` seconds on: Newton from a cubic through the ends.
@@ -173,10 +170,10 @@ class TimeLaw(eqx.Module):
         ahead = u * (m0 + u * (3 * h - 2 * m0 - m1 + u * (m0 + m1 - 2 * h)))
         for step in range(_CLOCK_STEPS):
             ahead = jnp.clip(ahead, 0.0, h)
-            slope, speed, _ = law._motion(path, k, ahead)
             if step == _CLOCK_STEPS - 1:
                 law, path, elapsed = self, coefficients_n, within
-            ahead = ahead - (law._time(path, k, ahead) - elapsed) * speed / slope
+            slope, speed, _, time = law._motion(path, k, ahead)
+            ahead = ahead - (time - elapsed) * jax.lax.stop_gradient(speed / slope)
         return ahead
 
     @property

@@ -1,11 +1,11 @@
 """A delivered 4-D trajectory: quintics in time through known positions, velocities and accelerations."""
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from anser.numerics.quadrature import gauss_legendre
+from anser.planning.reference import AbstractReference, PathPoint
 from anser.planning.vectors import norm
 from anser.shapes import Scalar, ScalarLike, Vector3
 
@@ -41,7 +41,7 @@ def hermite_quintic(
     return jnp.stack([value, slope, bend])
 
 
-class TimedPath(eqx.Module):
+class TimedPath(AbstractReference):
     """Where one aircraft is to be at which time: twice continuously differentiable over the ground, piecewise quintic.
 
     The path over the ground is the path through the air plus the drift of the air; each is the quintic in each cell
@@ -93,21 +93,13 @@ class TimedPath(eqx.Module):
         ahead = jnp.stack([inside[0] + beyond * inside[1], inside[1], jnp.zeros(3)])
         return jnp.where(beyond == 0.0, inside, ahead)
 
-    def position_n(self, time: ScalarLike) -> Vector3:
-        """Position over the ground, NED, m."""
-        return self._at(self.air_n + self.drift_n, time)[0]
-
-    def velocity_n(self, time: ScalarLike) -> Vector3:
-        """Velocity over the ground, NED, m/s."""
-        return self._at(self.air_n + self.drift_n, time)[1]
+    def at(self, time: ScalarLike) -> PathPoint:
+        """Motion over the ground at a time."""
+        return PathPoint(*self._at(self.air_n + self.drift_n, time))
 
     def air_velocity_n(self, time: ScalarLike) -> Vector3:
         """Velocity relative to the air, NED, m/s."""
         return self._at(self.air_n, time)[1]
-
-    def acceleration_n(self, time: ScalarLike) -> Vector3:
-        """Acceleration over the ground, NED, m/s^2."""
-        return self._at(self.air_n + self.drift_n, time)[2]
 
     def states_n(self, time: ScalarLike) -> tuple[Float[Array, "3 3"], Float[Array, "3 3"]]:
         """Path through the air and drift, each as (order, axis), at a time."""

@@ -4,6 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from anser.planning.reference import AbstractReference, PathPoint
 from anser.planning.time_law import Clock, TimeLaw, even_law, path_derivative, published_law
 from anser.planning.vectors import norm
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
@@ -14,7 +15,7 @@ BEND_COEFFICIENTS = (0.0, 0.0, 1.0, -2.0, 1.0)
 _NO_DIRECTION = 1e-6
 
 
-class Trajectory(eqx.Module):
+class Trajectory(AbstractReference):
     """Where one aircraft is to be at which time, over a steady wind.
 
     The path is a polynomial in s, from 0 to 1, in a frame that drifts with the wind and coincides with the ground at
@@ -46,23 +47,20 @@ class Trajectory(eqx.Module):
         """Derivative of the air-frame path with respect to s, of order 0 to 3, at a given s, m."""
         return path_derivative(self.coefficients_n, phase, order)
 
-    def position_n(self, time: ScalarLike) -> Vector3:
-        """Position over the ground at a time, NED, m."""
-        return self.path_derivative(self.phase(time), 0) + self.wind_n * (time - self.start_time)
+    def at(self, time: ScalarLike) -> PathPoint:
+        """Motion over the ground at a time (the acceleration is the same in both frames, the wind being steady)."""
+        now = self.clock(time)
+        slope_n, bend_n = self.path_derivative(now.s, 1), self.path_derivative(now.s, 2)
+        return PathPoint(
+            position_n=self.path_derivative(now.s, 0) + self.wind_n * (time - self.start_time),
+            velocity_n=slope_n * now.s_dot + self.wind_n,
+            acceleration_n=bend_n * now.s_dot**2 + slope_n * now.s_ddot,
+        )
 
     def air_velocity_n(self, time: ScalarLike) -> Vector3:
         """Velocity relative to the air at a time, NED, m/s."""
         now = self.clock(time)
         return self.path_derivative(now.s, 1) * now.s_dot
-
-    def velocity_n(self, time: ScalarLike) -> Vector3:
-        """Velocity over the ground at a time, NED, m/s."""
-        return self.air_velocity_n(time) + self.wind_n
-
-    def acceleration_n(self, time: ScalarLike) -> Vector3:
-        """Acceleration at a time, NED, m/s^2 (the same in both frames, the wind being steady)."""
-        now = self.clock(time)
-        return self.path_derivative(now.s, 2) * now.s_dot**2 + self.path_derivative(now.s, 1) * now.s_ddot
 
 
 def lateral_direction_n(line_n: Vector3, velocity_0_n: Vector3) -> Vector3:

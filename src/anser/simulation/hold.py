@@ -104,7 +104,8 @@ class HoldAroundGoal(eqx.Module):
         held = hold(relative_n, velocity_n, goal_velocity_n, wind_n, direction_n, height, self.speed, settings)
         if plan.hold is not None:
             ahead, foreseen = hold_reference(plan.hold, time, goal_n, goal_velocity_n, self.speed)
-            planned = follow(ahead, time, position_n, velocity_n, wind_n, settings), ahead.position_n(time)
+            point = ahead.at(time)
+            planned = follow(point, position_n, velocity_n, wind_n, settings), point.position_n
             on_it = foreseen & ~broke_off
             held, circle_n = jax.tree.map(lambda a, b: jnp.where(on_it, a, b), planned, (held, circle_n))
         command = over_ground(held, belief, instant.environment)

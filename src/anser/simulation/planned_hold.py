@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float
 from anser.control import GuidanceSettings, hold
 from anser.control.feedback import wrapped
 from anser.environment import AbstractWind
+from anser.planning import AbstractReference, PathPoint
 from anser.planning.certified import Traveller
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
@@ -106,7 +107,7 @@ def moved(holds: PlannedHolds, travellers: Traveller, now: ScalarLike) -> Planne
     )
 
 
-class HoldReference(eqx.Module):
+class HoldReference(AbstractReference):
     """The hold's path of one aircraft, carried along with its goal as it is sensed now.
 
     Attributes
@@ -124,17 +125,14 @@ class HoldReference(eqx.Module):
     off_rate_n: Vector3
     now: Scalar
 
-    def position_n(self, time: ScalarLike) -> Vector3:
-        """Position over the ground, NED, m."""
-        return self.path.position_n(time) + self.off_n + (time - self.now) * self.off_rate_n
-
-    def velocity_n(self, time: ScalarLike) -> Vector3:
-        """Velocity over the ground, NED, m/s."""
-        return self.path.velocity_n(time) + self.off_rate_n
-
-    def acceleration_n(self, time: ScalarLike) -> Vector3:
-        """Acceleration over the ground, NED, m/s^2."""
-        return self.path.acceleration_n(time)
+    def at(self, time: ScalarLike) -> PathPoint:
+        """Motion over the ground at a time."""
+        planned = self.path.at(time)
+        return PathPoint(
+            planned.position_n + self.off_n + (time - self.now) * self.off_rate_n,
+            planned.velocity_n + self.off_rate_n,
+            planned.acceleration_n,
+        )
 
 
 def each_alone(holds: PlannedHolds) -> PlannedHolds:

@@ -15,6 +15,9 @@ from anser.planning.certified.placement import make_options
 from trials.cases import random_case
 from trials.task import planner_task
 
+pytestmark = pytest.mark.long
+
+
 TICKS = 128
 CHOICES = make_choices((PREFERRED, SLOW_FAST, LATE_FAST), (0.0,), (0,), (0, 1, 3), starts=8)
 

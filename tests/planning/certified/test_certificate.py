@@ -235,6 +235,7 @@ def test_one_by_one_as_a_batch(flown):
         np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)  # rounding, of accelerations too
 
 
+@pytest.mark.long
 def test_gradients_are_finite_with_empty_cells(flown):
     wind, *_, paths, _, _ = flown
 

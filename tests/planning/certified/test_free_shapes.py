@@ -103,6 +103,7 @@ def test_nothing_is_found_below_the_shortest_path():
     assert not np.any(solved.exists)
 
 
+@pytest.mark.long
 def test_three_turns_in_a_row_are_found_where_no_detour_will_do():
     # Back to where it came from: Dubins' shortest path is three turns, 7 pi / 3 radii long; turning once and coming
     # back needs more than that, and a detour is longer still.
@@ -124,6 +125,7 @@ def test_three_turns_in_a_row_are_found_where_no_detour_will_do():
     assert not np.any(compiled_quickly(each)(jnp.asarray(WORDS), both))
 
 
+@pytest.mark.long
 def test_closed_volumes_are_gone_around():
     # One volume amid the straight line from start to end, and twelve radii of it: half the free shapes would enter it.
     few = picked(FREE, slice(6))
@@ -159,6 +161,7 @@ def entered_by(closed, length, place):
     return np.asarray(closed.entered(spot)[0])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("ends", [BENT, FREE], ids=["bent", "free end"])
 def test_derivatives_are_those_of_what_is_missed(ends):
     # Composed by hand: against automatic ones, with a volume that the path may be in and one that moves.
@@ -222,6 +225,7 @@ def test_starts_are_the_same_every_time_and_all_senses_are_among_them():
     assert len({tuple(row) for row in BEGUN.senses}) == 16
 
 
+@pytest.mark.long
 def test_long_waits_are_circles_wherever_there_is_room():
     """Ten times as long as need be: four turns of at most 7.5 rad alone would be legs of many kilometres."""
     one = picked(BENT, 2)

@@ -59,6 +59,7 @@ def dense(form):
 TASKS = ((34, 1), (90, 3), (104, 0))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("seed", "who"), TASKS)
 def test_normal_equations_are_those_of_automatic_derivatives(seed, who):
     task = task_of(seed, who)

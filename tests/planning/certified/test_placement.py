@@ -10,6 +10,9 @@ from anser.planning.certified.placement import chosen_of, fewest_first, make_opt
 from trials.cases import random_case
 from trials.task import planner_task
 
+pytestmark = pytest.mark.long
+
+
 TICKS = 64
 USUAL = make_choices((PREFERRED,), (0.0,), (0,), (0, 1))
 FURTHER = make_choices((MATCHED, SLOWEST), (0.0,), (0,), (0, 1))

@@ -69,6 +69,7 @@ def check_row(one, other, k, flown=0.0):
 STOPPED = (1.0, 1.0, 0.0)
 
 
+@pytest.mark.long
 def test_one_that_flies_on_in_the_way_and_below_its_least_speed_is_no_good_plan(plan):
     assert plan.certificate.room[0, 2] < 1.0
     assert not plan.certificate.kept_alone[2]

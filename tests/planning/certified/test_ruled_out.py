@@ -122,6 +122,7 @@ def test_times_that_are_left_to_a_fleet():
     assert good.tolist() == [False]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("rule", ["earliest", "together", "at"])
 def test_a_fleet_that_is_crowded_whenever_it_arrives_is_not_looked_at_closely(rule, monkeypatch):
     def never(*about, **more):
