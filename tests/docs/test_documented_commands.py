@@ -117,6 +117,9 @@ def test_the_pages_show_commands():
 def test_the_commands_of_a_page_do_what_it_says(page, monkeypatch, tmp_path, capsys):
     """In the order of the page, in an empty folder beside the scenarios, after the files that the page writes."""
     monkeypatch.chdir(tmp_path)
+    # `anser --install-completion` writes into the home folder, for the shell that it runs in.
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setattr("shellingham.detect_shell", lambda *_: ("bash", "/bin/bash"))
     os.symlink(ROOT / "scenarios", tmp_path / "scenarios")
     names: dict[str, object] = {}
     for cell in PYTHON.findall((ROOT / page).read_text(encoding="utf-8")):
