@@ -47,6 +47,7 @@ def test_plan_writes_its_files_and_prints_margins(anser, tmp_path):
     assert before == {path.name: path.read_bytes() for path in out.iterdir()}
 
 
+@pytest.mark.long
 def test_a_plan_beyond_a_limit_is_written_and_ends_with_1(anser, tmp_path):
     path = tmp_path / "scenario.toml"
     path.write_text(THREE.read_text().replace("bank_max_deg = 70.0", "bank_max_deg = 40.0"))

@@ -35,6 +35,7 @@ def test_step_prints_json(anser):
     assert set(step["coupling"]) == {"p", "r"}
 
 
+@pytest.mark.long
 def test_a_point_that_cannot_be_trimmed_ends_with_1_and_the_diagnosis(anser, tmp_path):
     code, _, said = anser(*PITCH[:-1], "30,1000", "--out", tmp_path / "a.svg")
     assert code == 1

@@ -92,6 +92,7 @@ def _near(name):
     return _flown(*_trimmed(*place_deg, course_deg, wind_n), wind_n, seconds)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "origin_deg"),
     [

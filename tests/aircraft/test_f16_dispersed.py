@@ -147,7 +147,7 @@ def test_thrust_mass_actuators():
 
 
 def test_cg_aft_of_the_force():
-    """Moment about a c.g. that moves aft by d: M' = M + d x F, d forward of the old c.g. being -d along body x."""
+    """AircraftSample about a c.g. that moves aft by d: M' = M + d x F, d forward of the old c.g. being -d along body x."""
     shift = 0.07
     before = NOMINAL.aerodynamics(AIR, RATES, SURFACES)
     after = changed("cg_shift", shift).aerodynamics(AIR, RATES, SURFACES)

@@ -195,6 +195,7 @@ def test_a_flight_is_printed_in_a_few_lines(three):
     assert last.startswith("  arrival spread 0.00")
 
 
+@pytest.mark.long
 def test_a_start_without_steady_flight_is_told():
     # 95 m/s at 14 km: even at 45 deg angle of attack the lift and thrust there do not carry the weight.
     text = THREE.replace("altitude_m = 1000.0, speed_m_s = 150.0", "altitude_m = 14000.0, speed_m_s = 95.0")

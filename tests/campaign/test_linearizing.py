@@ -94,6 +94,7 @@ def test_a_sampled_loop(rates_loop):
         assert mode.eigenvalue == pytest.approx(np.roots([2.0, 10.0, 0.25]).max(), rel=0.01)
 
 
+@pytest.mark.long
 def test_incremental_inversion_brings_the_memory_of_the_sensors():
     gains = eqx.tree_at(lambda g: g.sensor_bandwidth, published_gains(), jnp.asarray(20.0))
     found = anser.linearize(speed_m_s=153.0, altitude_m=0.0, loop="rates", gains=gains)

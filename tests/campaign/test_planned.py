@@ -26,6 +26,7 @@ def test_a_mean_airspeed_other_than_the_fleets_is_announced():
     assert str(planned).splitlines()[1:] == [f"  note: {raised}", f"  note: {wind}"]
 
 
+@pytest.mark.long
 def test_shear_by_itself_raises_nothing():
     level = anser.plan(loads(SHEARED).replace("aircraft[one].start.altitude_m", 300.0, "timing.duration_s", 120.0))
     assert float(level.plan.speed) == 150.0

@@ -8,11 +8,11 @@ from control_cases import AIRFRAME
 from anser.aircraft import AircraftState, condition
 from anser.control import (
     AutopilotState,
-    Plant,
+    OnboardModel,
     initial_autopilot_state,
 )
 from anser.control.autopilot import velocity_control
-from anser.control.plant import make_plant
+from anser.control.onboard_model import onboard_model
 from anser.environment import standard_environment
 from anser.planning import PathCommand
 from anser.shapes import ScalarLike
@@ -44,18 +44,18 @@ def memory_of(trim: TrimPoint) -> AutopilotState:
     return initial_autopilot_state(attitude, trim.state.rates_b, trim.state.surfaces)
 
 
-def plant_of(state, memory, gains, limits, step) -> Plant:
+def model_of(state, memory, gains, limits, step) -> OnboardModel:
     now = condition(AIRFRAME, ENVIRONMENT, 0.0, state)
-    return make_plant(AIRFRAME, limits, gains, state, now, memory, ENVIRONMENT.gravity, step)
+    return onboard_model(AIRFRAME, limits, gains, state, now, memory, ENVIRONMENT.gravity, step)
 
 
 def control(case, state, memory, gains, limits):
     """One step of the autopilot with the case's command: controls, signals, memory; and the load factor."""
     zero = jnp.zeros(())
     command = PathCommand(*(jnp.asarray(v, dtype=float) for v in (case.V, case.gamma, case.chi)), zero, zero, zero)
-    plant = plant_of(state, memory, gains, limits, case.step)
-    load = -plant.now.wrench.force_b[2] / (AIRFRAME.mass_properties.mass * ENVIRONMENT.gravity)
-    return velocity_control(plant, memory, command), load
+    model = model_of(state, memory, gains, limits, case.step)
+    load = -model.now.wrench.force_b[2] / (AIRFRAME.mass_properties.mass * ENVIRONMENT.gravity)
+    return velocity_control(model, gains, memory, command), load
 
 
 def fly(case, gains, limits, count):

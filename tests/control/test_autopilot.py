@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from autopilot_cases import Case, arrays, control, memory_of, plant_of, turned_after_100_steps
+from autopilot_cases import Case, arrays, control, memory_of, model_of, turned_after_100_steps
 from control_cases import QUICK
 
 from anser.control import (
@@ -48,10 +48,10 @@ def test_inner_loops_can_be_commanded_alone(trim):
 
     @functools.partial(jax.jit, compiler_options=QUICK)
     def alone():
-        plant = plant_of(trim.state, memory, published_gains(), default_limits(), 0.01)
+        model = model_of(trim.state, memory, published_gains(), default_limits(), 0.01)
         attitude = jnp.stack([trim.mu, trim.alpha, trim.beta])
-        rates, inner, _ = attitude_control(plant, memory, attitude, jnp.zeros(3))
-        fast, _ = rate_control(plant, memory, jnp.zeros(3), jnp.zeros(3))
+        rates, inner, _ = attitude_control(model, published_gains(), memory, attitude, jnp.zeros(3))
+        fast, _ = rate_control(model, published_gains(), memory, jnp.zeros(3), jnp.zeros(3))
         return rates, inner.surfaces, fast.surfaces
 
     rates, inner, fast = alone()
@@ -99,6 +99,7 @@ def test_gradient_with_respect_to_gains_agrees_with_differences(turn, turned, sl
     assert np.abs(exact).max() > 1e-5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("chi", [0.0, 3.0])
 def test_gradients_are_finite_in_trim_and_at_the_limits(trim, slope, chi):
     """At 3 rad the bank and the roll rate are at their limits, at 0 every error is exactly zero."""

@@ -15,7 +15,7 @@ from anser.control import (
     published_gains,
 )
 from anser.control.autopilot import velocity_control
-from anser.control.plant import make_plant
+from anser.control.onboard_model import onboard_model
 from anser.planning import PathCommand
 from anser.simulation.motion import advance
 from anser.spatial import attitude_from_path, quaternion_from_rotation
@@ -67,9 +67,9 @@ def _recover(start):
     def one(carry, _):
         state, memory = carry
         now = condition(AIRFRAME, ENVIRONMENT, 0.0, state)
-        plant = make_plant(AIRFRAME, limits, gains, state, now, memory, gravity, STEP_S)
-        controls, signals, memory = velocity_control(plant, memory, command)
-        motion = plant.motion
+        model = onboard_model(AIRFRAME, limits, gains, state, now, memory, gravity, STEP_S)
+        controls, signals, memory = velocity_control(model, gains, memory, command)
+        motion = model.motion
         row = {
             "altitude": -state.position_n[2],
             "off": jnp.stack([motion.mu, motion.gamma, motion.beta]),

@@ -25,7 +25,6 @@ REFUSED = ' || echo "exit code $?"'
 COVERED = {
     "make demo": ("tests/test_cli.py", 'anser("run", SCENARIOS / "three-aircraft.toml"'),
     "make test": ("Makefile", '-m "not long"'),  # this test is part of it
-    "make test-long": ("Makefile", "-m long"),
     "anser run scenarios/single-aircraft.toml --out first-flight": (
         "tests/campaign/test_shipped_scenarios.py",
         '"single-aircraft"',

@@ -70,7 +70,7 @@ def fleet(
         rendezvous=stand_offs(count) if rendezvous is None else rendezvous,
         wind_n=jnp.zeros((count, 3)) if wind_n is None else jnp.tile(jnp.asarray(wind_n), (count, 1)),
         origin_n=positions_n,
-        length_due=jnp.zeros(count),
+        path_length_deficit=jnp.zeros(count),
         deceleration=jnp.full(count, deceleration, dtype=float),
         active=jnp.ones(count, dtype=bool),
     )
@@ -121,7 +121,7 @@ def on_plan(plan, tasks: PlanningTask, time, elapsed, flown=None) -> PlanningTas
         air_velocity_n=states[1],
         goal_position_n=tasks.goal_position_n + tasks.goal_velocity_n * elapsed,
         origin_n=tasks.position_n + tasks.wind_n * elapsed,
-        length_due=plan.speed * elapsed - flown,
+        path_length_deficit=plan.speed * elapsed - flown,
     )
 
 

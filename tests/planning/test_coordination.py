@@ -143,14 +143,16 @@ def test_replanning_on_the_paths_keeps_the_arrival_time(elapsed):
     np.testing.assert_allclose(again.arrival_time, plan.arrival_time, atol=1e-5)
     assert again.farthest == plan.farthest
     assert np.all(again.converged)
-    np.testing.assert_allclose(lengths_of(again.trajectories), again.reference_length + later.length_due, atol=1e-6)
+    np.testing.assert_allclose(
+        lengths_of(again.trajectories), again.reference_length + later.path_length_deficit, atol=1e-6
+    )
 
 
 @pytest.mark.parametrize("seed", range(8))
 def test_lengths_due_are_flown_on_top(seed):
     case = random_fleet(seed, 40.0)
     due = jnp.asarray(np.random.default_rng(seed).uniform(-300.0, 300.0, 3))
-    behind = replace(case, length_due=due)
+    behind = replace(case, path_length_deficit=due)
     plan = arrive(behind, time=30.0)
     assert np.all(plan.converged)
     # What is due comes on top of each path, and the fleet's mean airspeed over the whole flight is the same for all.
@@ -162,16 +164,18 @@ def test_a_fleet_far_behind_still_finds_its_time(part):
     # Nearly the whole way is due already: the time that is left tends to 0, far below the straight lines' time.
     case = published_fleet()
     way = jnp.linalg.norm(case.goal_position_n + case.rendezvous.stand_off_n - case.position_n, axis=1)
-    behind = replace(case, length_due=part * way)
+    behind = replace(case, path_length_deficit=part * way)
     plan = arrive(behind)
     assert np.all(plan.converged)
     assert plan.arrival_time < 1.1 * (1.0 - part) * jnp.max(way) / SPEED
-    np.testing.assert_allclose(lengths_of(plan.trajectories) - behind.length_due, SPEED * plan.arrival_time, atol=1e-5)
+    np.testing.assert_allclose(
+        lengths_of(plan.trajectories) - behind.path_length_deficit, SPEED * plan.arrival_time, atol=1e-5
+    )
 
 
 def test_a_fleet_behind_by_more_than_its_way_is_refused_and_stays_finite():
     case = published_fleet()
-    plan = arrive(replace(case, length_due=jnp.full(3, 2e4)))
+    plan = arrive(replace(case, path_length_deficit=jnp.full(3, 2e4)))
     assert np.all(plan.status == NO_COMMON_TIME)
     assert not np.any(plan.converged)
     # The time along straight lines at the airspeed stands in: 9 km for the farthest.
@@ -249,6 +253,7 @@ def test_published_single_case():
     check_arrival(case, plan, 0.0)
 
 
+@pytest.mark.long
 def test_gradient_against_finite_differences():
     case, speed = published_fleet(), jnp.asarray(SPEED)
     rng = np.random.default_rng(1)
@@ -271,6 +276,7 @@ def test_gradient_against_finite_differences():
             np.testing.assert_allclose(slope, (ahead - back) / 2e-3, rtol=1e-5, atol=1e-6)
 
 
+@pytest.mark.long
 def test_vmap_over_fleets():
     cases = [random_fleet(seed, 60.0) for seed in (5, 6)]
     stacked = jax.tree.map(lambda *leaves: jnp.stack([jnp.asarray(leaf) for leaf in leaves]), *cases)

@@ -27,8 +27,8 @@ def straight(drop, length=6000.0, speed=150.0):
 @given(drop=st.floats(300.0, 1500.0), speed_0=st.floats(120.0, 180.0), deceleration=st.floats(0.5, 1.3))
 def test_straight_descent_is_uniformly_accelerated(drop, speed_0, deceleration):
     length = 6000.0
-    push = STANDARD_GRAVITY_M_S2 * drop / length - (deceleration - BRAKING_RESERVE_M_S2)
-    last = np.sqrt(speed_0**2 + 2 * push * length)
+    braking = STANDARD_GRAVITY_M_S2 * drop / length - (deceleration - BRAKING_RESERVE_M_S2)
+    last = np.sqrt(speed_0**2 + 2 * braking * length)
     # Uniform acceleration: the mean over time is that of the ends. Exact in every cell, so to rounding.
     np.testing.assert_allclose(solve(straight(drop), speed_0, deceleration), (speed_0 + last) / 2, rtol=1e-9)
 

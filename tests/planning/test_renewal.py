@@ -33,7 +33,7 @@ def renewed(plan, time, tasks, even, sides=RIGHT):
 
 @pytest.fixture(scope="module")
 def flights():
-    """Fleets with a plan each: the published one and generic ones; both laws; wind; room to trade height or none."""
+    """Fleets with a plan each: the published one and generic ones; both laws; wind; room to exchange height or none."""
     planned = []
     for even, deceleration in ((False, 1.0), (True, 1.0), (True, 20.0)):
         for seed, wind in ((None, [0.0, 0.0, 0.0]), (None, WIND), (2, WIND), (8, WIND)):
@@ -60,7 +60,7 @@ def test_a_plan_renewed_on_its_own_path_is_the_same_plan(flights):
     for tasks, plan, even in flights:
         assert np.all(plan.converged)
         law = plan.trajectories.law
-        traded += even and bool(jnp.any((law.trade > 0.0) & (law.trade < 1.0)))
+        traded += even and bool(jnp.any((law.exchange > 0.0) & (law.exchange < 1.0)))
         # Four nodes per cell are exact to a micrometre where |dr/ds| stays above a third of its mean; the speeds of the
         # laws hang on it. The published law asks for no lengths.
         gentle = np.min(law.slopes, axis=1) > np.mean(law.slopes, axis=1) / 3.0
@@ -154,7 +154,9 @@ def test_a_goal_that_swerves_far_out_is_planned_for_anew(even):
     left = again.arrival_time - time
     np.testing.assert_allclose(again.trajectories.duration, left, rtol=1e-12)
     # All fly the fleet's mean speed over their whole flight.
-    np.testing.assert_allclose(lengths_of(again.trajectories), again.speed * left + later.length_due, atol=1e-5)
+    np.testing.assert_allclose(
+        lengths_of(again.trajectories), again.speed * left + later.path_length_deficit, atol=1e-5
+    )
     goals = swerve(later).goal_position_n + swerve(later).goal_velocity_n * left + later.rendezvous.stand_off_n
     np.testing.assert_allclose(along(again.trajectories, again.arrival_time)[0], goals, atol=1e-6)
     # It is just what the fleet would plan from there.
@@ -163,6 +165,7 @@ def test_a_goal_that_swerves_far_out_is_planned_for_anew(even):
     np.testing.assert_allclose(again.lateral_bends, anew.lateral_bends, rtol=1e-9, atol=1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("even", [False, True])
 def test_within_the_last_15_seconds_the_arrival_time_stands(even):
     tasks = published_fleet()
@@ -188,7 +191,9 @@ def test_a_fleet_that_is_too_fast_on_its_way_down_is_not_told_to_be_faster():
     plan = plan_at(100.0, high, RIGHT, True)
     time, later = foreseen(high, plan, 0.6)
     faster = replace(
-        later, air_velocity_n=1.1 * later.air_velocity_n, length_due=later.length_due - 0.02 * plan.lengths
+        later,
+        air_velocity_n=1.1 * later.air_velocity_n,
+        path_length_deficit=later.path_length_deficit - 0.02 * plan.lengths,
     )
     again = renewed(plan, time, faster, True)
     assert again.speed == plan.speed
@@ -245,6 +250,7 @@ def test_gradient_against_finite_differences():
             np.testing.assert_allclose(jnp.sum(slope * way), numeric, rtol=1e-4, atol=1e-6)
 
 
+@pytest.mark.long
 def test_vmap_agrees_with_one_at_a_time():
     # One fleet that keeps its plan and one that does not.
     tasks = published_fleet()

@@ -40,6 +40,7 @@ def check_finite(tree):
     assert all(jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(tree))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("even", [False, True])
 def test_the_others_are_planned_as_if_the_farthest_were_not_there(even):
     tasks = in_wind(published_fleet(), WIND)
@@ -71,7 +72,7 @@ def test_whatever_is_known_of_it_changes_nothing_for_the_others():
             position_n=tasks.position_n.at[0].set(10.0 * other.position_n[0]),
             air_velocity_n=tasks.air_velocity_n.at[0].set(2.0 * other.air_velocity_n[0]),
             goal_velocity_n=tasks.goal_velocity_n.at[0].set(other.goal_velocity_n[0]),
-            length_due=tasks.length_due.at[0].set(-1e5),
+            path_length_deficit=tasks.path_length_deficit.at[0].set(-1e5),
         )
         again = plan_at(0.0, without(odd, 0), RIGHT)
         assert again.arrival_time == plan.arrival_time
@@ -91,6 +92,7 @@ def flown_on(tasks, plan, time, elapsed):
     return without(replace(later, position_n=later.position_n.at[0].set(tasks.position_n[0])), 0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("even", [False, True])
 def test_the_plan_stands_when_one_stops_on_the_way(even):
     tasks = in_wind(published_fleet(), WIND)

@@ -14,15 +14,15 @@ from anser.constants import STANDARD_GRAVITY_M_S2 as g
 from anser.planning import arc_length, bend_trajectory, fit_trajectory, with_even_speed
 from anser.planning.time_law import BRAKING_RESERVE_M_S2, CELLS
 
-trades = st.sampled_from([0.0, 0.4, 1.0])
+exchanges = st.sampled_from([0.0, 0.4, 1.0])
 # First speed over the mean speed.
 ratios = st.floats(0.6, 1.5)
 
 
 @jax.jit
-def evenly(path, ratio, trade):
+def evenly(path, ratio, exchange):
     """The path by the even law, from a speed in a ratio to its mean speed."""
-    return with_even_speed(path, ratio * arc_length(path) / path.duration, trade=trade)
+    return with_even_speed(path, ratio * arc_length(path) / path.duration, exchange=exchange)
 
 
 bounded = jax.jit(lambda path, speed_0, deceleration: with_even_speed(path, speed_0, deceleration))
@@ -67,10 +67,10 @@ def lengths_to(path, phases):
 
 
 @settings(deadline=None, max_examples=30)
-@given(path=trajectories(), bend=st.floats(-3e4, 3e4), ratio=ratios, trade=trades)
-def test_both_laws_arrive_at_the_same_instant(path, bend, ratio, trade):
+@given(path=trajectories(), bend=st.floats(-3e4, 3e4), ratio=ratios, exchange=exchanges)
+def test_both_laws_arrive_at_the_same_instant(path, bend, ratio, exchange):
     path = bend_trajectory(path, bend)
-    even = evenly(path, ratio, trade)
+    even = evenly(path, ratio, exchange)
     # Also down and up slopes of 0.6 rad over kilometres, where the traded speed is several times the mean.
     np.testing.assert_allclose(even.law.times[-1], path.duration, rtol=1e-12)
     for fraction, phase in ((0.0, 0.0), (1.0, 1.0)):
@@ -135,24 +135,24 @@ def test_even_law_without_trade_is_of_constant_acceleration(path, ratio):
 
 
 @settings(deadline=None, max_examples=30)
-@given(path=flyable(), ratio=ratios, trade=trades)
-def test_energy_balance(path, ratio, trade):
-    # The law itself, V^2/2 = V_0^2/2 + trade g (drop) - e l, from what a user of the trajectory sees.
-    even = evenly(path, ratio, trade)
+@given(path=flyable(), ratio=ratios, exchange=exchanges)
+def test_energy_balance(path, ratio, exchange):
+    # The law itself, V^2/2 = V_0^2/2 + exchange g (drop) - e l, from what a user of the trajectory sees.
+    even = evenly(path, ratio, exchange)
     assume(jnp.all(even.law.squares > even.law.slowest**2))
     elapsed = jnp.asarray(FRACTIONS * float(path.duration))
     phases, positions, _, air, _ = motions(even, elapsed)
     speeds, flown = np.linalg.norm(air, axis=1), lengths_to(path, np.asarray(phases))
     drop = np.asarray(positions)[:, 2] - float(positions[0, 2])
-    spent = 0.5 * speeds[0] ** 2 + trade * g * drop - 0.5 * speeds**2
+    spent = 0.5 * speeds[0] ** 2 + exchange * g * drop - 0.5 * speeds**2
     # Four nodes in each of 32 cells leave 1e-7 m of such lengths, times some m/s^2; 1e4 m^2/s^2 cancel.
     np.testing.assert_allclose(spent, spent[-1] * flown / flown[-1], atol=1e-4)
 
 
 @settings(deadline=None, max_examples=30)
-@given(path=flyable(), ratio=ratios, trade=trades, cell=st.integers(1, CELLS - 1))
-def test_speed_is_the_laws_and_continuous(path, ratio, trade, cell):
-    even = evenly(path, ratio, trade)
+@given(path=flyable(), ratio=ratios, exchange=exchanges, cell=st.integers(1, CELLS - 1))
+def test_speed_is_the_laws_and_continuous(path, ratio, exchange, cell):
+    even = evenly(path, ratio, exchange)
     moment = even.law.times[cell]
     before, at, after = (
         np.linalg.norm(motion(even, moment + shift)[3]) for shift in (-1e-9 * path.duration, 0.0, 1e-9 * path.duration)
@@ -164,10 +164,10 @@ def test_speed_is_the_laws_and_continuous(path, ratio, trade, cell):
 
 
 @settings(deadline=None, max_examples=30)
-@given(path=flyable(), ratio=ratios, trade=trades, fraction=st.floats(0.001, 0.999), wind=st.floats(-30.0, 30.0))
-def test_derivatives_are_derivatives(path, ratio, trade, fraction, wind):
+@given(path=flyable(), ratio=ratios, exchange=exchanges, fraction=st.floats(0.001, 0.999), wind=st.floats(-30.0, 30.0))
+def test_derivatives_are_derivatives(path, ratio, exchange, fraction, wind):
     windy = eqx.tree_at(lambda p: p.wind_n, path, jnp.array([wind, 10.0, -1.0]))
-    for timed in (windy, evenly(windy, ratio, trade)):
+    for timed in (windy, evenly(windy, ratio, exchange)):
         # Where the law holds the speed at its floor the acceleration jumps within a cell.
         assume(jnp.all(timed.law.squares > timed.law.slowest**2) | ~timed.law.even)
         _, _, velocity_n, air_n, acceleration_n = motion(timed, fraction * path.duration)
@@ -178,10 +178,10 @@ def test_derivatives_are_derivatives(path, ratio, trade, fraction, wind):
         np.testing.assert_allclose(rates[1], acceleration_n, atol=1e-6)
 
 
-@pytest.mark.parametrize("trade", [0.0, 1.0])
-def test_position_is_the_integral_of_velocity(trade):
+@pytest.mark.parametrize("exchange", [0.0, 1.0])
+def test_position_is_the_integral_of_velocity(exchange):
     # scipy's adaptive rule over the whole path of theory section 6, bent; both kinds of integrals.
-    path = evenly(published_path(-30.0, 0.01), 1.1, trade)
+    path = evenly(published_path(-30.0, 0.01), 1.1, exchange)
     for axis in range(3):
         way, _ = quad(lambda t, a=axis: float(motion(path, t)[2][a]), 0.0, 36.0, epsabs=1e-6, limit=200)
         gain, _ = quad(lambda t, a=axis: float(motion(path, t)[4][a]), 0.0, 36.0, epsabs=1e-6, limit=200)
@@ -219,10 +219,10 @@ def braking(path):
 def test_braking_stays_within_the_bound(path, ratio, deceleration):
     speed_0 = ratio * arc_length(path) / path.duration
     timed = bounded(path, speed_0, deceleration)
-    trade = float(timed.law.trade)
-    assert 0.0 <= trade <= 1.0
-    assume(trade < 1.0)
-    # The trade is a closed form, to first order in the changes of speed, with the fall looked at between the cells:
+    exchange = float(timed.law.exchange)
+    assert 0.0 <= exchange <= 1.0
+    assume(exchange < 1.0)
+    # The exchange is a closed form, to first order in the changes of speed, with the fall looked at between the cells:
     # half of the reserve covers that.
     assert braking(timed) <= deceleration - 0.5 * BRAKING_RESERVE_M_S2
 
@@ -235,24 +235,24 @@ def test_no_more_is_traded_than_needed(path, deceleration):
     timed = bounded(path, speed_0, deceleration)
     # 0.02: the steepest place may lie between two cells.
     if braking(untraded) < deceleration - BRAKING_RESERVE_M_S2 - 0.02:
-        assert timed.law.trade == 0.0
+        assert timed.law.exchange == 0.0
     if braking(untraded) > deceleration - BRAKING_RESERVE_M_S2 + 0.02:
-        assert timed.law.trade > 0.0
+        assert timed.law.exchange > 0.0
 
 
 def test_trade_one_keeps_the_throttle():
-    # Down a straight line steeper than the glide: the speed stays, whatever the trade; on a bend downwards all of the
+    # Down a straight line steeper than the glide: the speed stays, whatever the exchange; on a bend downwards all of the
     # height may become speed, and the braking is the same everywhere.
     start, end = jnp.array([0.0, 0.0, -2000.0]), jnp.array([6e3, 0.0, -500.0])
     down = velocity(150.0, 0.0, -np.arctan2(1500.0, 6000.0))
     straight = bounded(_level(float(jnp.linalg.norm(end - start)) / 150.0, start, down, end, down, 0.0), 150.0, 0.5)
-    assert straight.law.trade == 1.0
+    assert straight.law.exchange == 1.0
     np.testing.assert_allclose(sampled_speeds(straight)[1], 150.0, rtol=1e-9)
     level = velocity(150.0, 0.0)
     curved = evenly(_level(42.0, start, level, end, level, 3000.0), 1.0, 1.0)
     _, _, _, air, acceleration = (np.asarray(part) for part in motions(curved, jnp.asarray(FRACTIONS * 42.0)))
     speed = np.linalg.norm(air, axis=1)
-    np.testing.assert_allclose(g * air[:, 2] / speed - np.sum(acceleration * air, axis=1) / speed, curved.law.push)
+    np.testing.assert_allclose(g * air[:, 2] / speed - np.sum(acceleration * air, axis=1) / speed, curved.law.braking)
 
 
 def test_published_law_runs_evenly_in_s():
@@ -283,7 +283,7 @@ def _seen(numbers, path, elapsed, weight):
     timed = with_even_speed(path, speed_0, deceleration, even=even > 0.5)
     t = path.start_time + elapsed
     seen = timed.position_n(t) + timed.velocity_n(t) + timed.acceleration_n(t)
-    return jnp.sum(seen * jnp.array([1.0, 2.0, -3.0])) + weight * timed.law.trade
+    return jnp.sum(seen * jnp.array([1.0, 2.0, -3.0])) + weight * timed.law.exchange
 
 
 see, slopes_of = jax.jit(_seen), jax.jit(jax.grad(_seen))
@@ -306,7 +306,7 @@ def test_finite_numbers_and_gradients_within_and_beyond(even, elapsed):
 def test_gradient_against_finite_differences(even):
     path, rng = published_path(-21.8, 0.005), np.random.default_rng(2)
     numbers = (path.coefficients_n, jnp.asarray(36.0), jnp.asarray(155.0), jnp.asarray(4.0), jnp.asarray(even))
-    assert 0.0 < bounded(path, 155.0, 4.0).law.trade < 1.0
+    assert 0.0 < bounded(path, 155.0, 4.0).law.exchange < 1.0
     slope = slopes_of(numbers, path, 14.0, 100.0)
     for _ in range(4):
         way = [jnp.asarray(rng.normal(size=shape)) for shape in ((3, 5), (), (), ())] + [jnp.zeros(())]
@@ -322,10 +322,10 @@ def test_gradient_against_finite_differences(even):
 def test_vmap_agrees_with_one_at_a_time():
     paths = [published_path(-30.0, b_4) for b_4 in (0.0, 0.005, 0.01)]
     stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *paths)
-    ratios, trades = jnp.array([0.9, 1.0, 1.2]), jnp.array([0.0, 0.5, 1.0])
-    many = jax.jit(jax.vmap(lambda p, r, k: evenly(p, r, k).position_n(20.0)))(stacked, ratios, trades)
-    for path, ratio, trade, position in zip(paths, ratios, trades, many, strict=True):
-        np.testing.assert_allclose(motion(evenly(path, ratio, trade), 20.0)[1], position, atol=1e-9)
+    ratios, exchanges = jnp.array([0.9, 1.0, 1.2]), jnp.array([0.0, 0.5, 1.0])
+    many = jax.jit(jax.vmap(lambda p, r, k: evenly(p, r, k).position_n(20.0)))(stacked, ratios, exchanges)
+    for path, ratio, exchange, position in zip(paths, ratios, exchanges, many, strict=True):
+        np.testing.assert_allclose(motion(evenly(path, ratio, exchange), 20.0)[1], position, atol=1e-9)
 
 
 def test_other_numbers_do_not_recompile():
@@ -334,7 +334,7 @@ def test_other_numbers_do_not_recompile():
     @jax.jit
     def timed(path, speed_0, deceleration, even):
         traces.append(1)
-        return with_even_speed(path, speed_0, deceleration, even=even).law.trade
+        return with_even_speed(path, speed_0, deceleration, even=even).law.exchange
 
     for speed_0, even in ((150.0, True), (140.0, False)):
         timed(published_path(-30.0), jnp.asarray(speed_0), jnp.asarray(0.01 * speed_0), jnp.asarray(even))

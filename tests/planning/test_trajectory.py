@@ -98,6 +98,7 @@ def test_length_does_not_depend_on_the_compass(turn, kappa):
     np.testing.assert_allclose(length(np.pi / 2), length(0.0), rtol=1e-12)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("line", [(3e3, 1e3, -200.0), (0.0, 0.0, -500.0), (0.0, 0.0, 0.0)])
 @pytest.mark.parametrize("v_0", [(100.0, 50.0, 3.0), (0.0, 0.0, -150.0)])
 def test_gradient_is_finite_for_degenerate_lines(line, v_0):

@@ -23,6 +23,7 @@ def _drawn(dataset, folder, suffixes=(".svg",)):
     return {path.name: path.read_bytes() for path in paths}
 
 
+@pytest.mark.long
 def test_every_figure_in_three_kinds_the_same_twice(thin, tmp_path):
     first = _drawn(thin, tmp_path / "a", (".svg", ".png", ".pdf"))
     assert set(first) == {f"x-{key}{suffix}" for key in FLIGHT_FIGURES for suffix in (".svg", ".png", ".pdf")}

@@ -233,6 +233,7 @@ def test_nothing_is_wider_than_the_window(browser, path):
         browser.resize(*WINDOW)
 
 
+@pytest.mark.long
 def test_two_runs_share_time_focus_axes_and_view(browser, flight, tmp_path):
     path = tmp_path / "beside.html"
     short = flight[0].isel(time=slice(0, 3400))
@@ -259,6 +260,7 @@ def test_two_runs_share_time_focus_axes_and_view(browser, flight, tmp_path):
     ) == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.long
 def test_names_from_files_do_nothing(browser, flight, tmp_path):
     dataset, summary = flight
     summary = copy.deepcopy(summary)

@@ -1,8 +1,5 @@
 """Descending arrivals: none flies into the ground, and the verdict says which could not go on as planned.
 
-pytestmark = pytest.mark.long
-
-
 The hundred tasks of which these are some: trials/test_descents.py.
 """
 
@@ -13,6 +10,9 @@ from anser.campaign.plan_output import record_published
 from anser.simulation import STATUS_MESSAGES
 from anser.simulation.status import BROKE_OFF
 from support.descents import descending_task, flown_descent
+
+pytestmark = pytest.mark.long
+
 
 BROKE = STATUS_MESSAGES[BROKE_OFF]
 

@@ -87,6 +87,7 @@ def test_a_number_that_is_none_stops_its_aircraft_alone(three):
     np.testing.assert_array_equal(history["north"][:, 1], history["north"][0, 1])
 
 
+@pytest.mark.long
 def test_flights_in_a_batch_are_the_flights_alone(three, with_the_plan_standing):
     """Of two unlike fleets, so that neither can be taken for the other."""
     flight, state = three

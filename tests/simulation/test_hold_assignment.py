@@ -16,6 +16,9 @@ from anser.simulation import assign_holds, cells_for
 from anser.simulation.hold_assignment import _circles
 from anser.simulation.planned_hold import FORESEEN, each_alone, hold_path, hold_reference, moved
 
+pytestmark = pytest.mark.long
+
+
 SPEED, GRAVITY, END = 150.0, 9.81, 240.0
 CELLS = cells_for(END)
 SETTINGS = GuidanceSettings(*(jnp.asarray(x) for x in (0.3, 20.0, 3000.0, 1.0, 20.0)))
@@ -164,7 +167,6 @@ def test_begun_without_a_jump_and_flown_within_limits(assigned):
         assert away == pytest.approx(float(holds.circles.radius[k]), rel=0.05)
 
 
-@pytest.mark.long
 def test_stays_out_of_closed_volumes():
     alone = jax.tree.map(lambda leaf: leaf[:1], MEETING)
     free = assign(*alone, airspace(500.0, 150.0))
@@ -191,7 +193,6 @@ def test_says_who_cannot_hold():
     assert np.all(assign(facing[0], inactive, airspace(500.0, 0.0)).clear)
 
 
-@pytest.mark.long
 def test_who_holds_already_goes_on(assigned):
     _, space, holds = assigned
     _, travellers = MEETING
@@ -229,7 +230,6 @@ def test_reference_goes_with_the_goal_and_ends_where_it_moves_otherwise(assigned
     assert not bool(hold_reference(one, END + 1.0, foreseen_n, holds.goal_velocities_n[0], SPEED)[1])
 
 
-@pytest.mark.long
 def test_derivatives_are_finite():
     own = jax.tree.map(lambda leaf: leaf[0], MEETING[1])
     space = airspace(500.0, 150.0)

@@ -139,6 +139,7 @@ def test_names_and_outputs():
     assert np.sin(named["gamma"]) * 160.0 == pytest.approx(float(model.x_dot[9]), rel=1e-12)
 
 
+@pytest.mark.long
 def test_surfaces_act_directly_without_actuators():
     state = make_state(surfaces=(-0.05, 0.02, -0.03))
     controls = Controls(state.surfaces, jnp.asarray(0.4))

@@ -22,6 +22,7 @@ def flight(x_cg, pitch_rate=0.0):
     )
 
 
+@pytest.mark.long
 def test_pull_up_is_the_printed_flight_with_the_printed_outputs():
     """Angle of attack, load factor and its rows of C and D, as the test suite of archimedes (PineTreeLabs) quotes them."""
     point, model = flight(0.30, 0.3)

@@ -23,6 +23,9 @@ from anser.verification.linear import LINEAR_CHECKS
 from support.checks import assert_passes
 from support.trims import target_deg
 
+pytestmark = pytest.mark.long
+
+
 STEP = 0.01
 ENVIRONMENT = standard_environment()
 F16, GAINS, LIMITS = load_airframe(), published_gains(), default_limits()

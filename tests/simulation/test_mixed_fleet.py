@@ -25,6 +25,9 @@ from anser.simulation import (
 from support.light_aircraft import light_aircraft
 from support.straight_lines import StraightLines
 
+pytestmark = pytest.mark.long
+
+
 STEP, SECONDS, ARRIVAL = 0.01, 50.0, 40.0
 ENVIRONMENT = standard_environment()
 
@@ -105,7 +108,6 @@ def test_all_meet_their_rendezvous_each_at_its_own_speed(mixed):
     assert np.all(np.asarray(summary.clearance_min) > 390.0)
 
 
-@pytest.mark.long
 def test_the_order_of_the_fleet_does_not_matter(mixed):
     order, _, (_, summary) = mixed
     other = ("light", "s119", "textbook")

@@ -88,6 +88,7 @@ def test_f16_agrees_with_an_adaptive_integrator(f16_case):
     assert float(jnp.linalg.norm(held.position_n - stepped.position_n)) > 10.0
 
 
+@pytest.mark.long
 def test_smooth_airframe_agrees_with_an_adaptive_integrator_and_order_is_four():
     # The light aircraft's model has no kinks, and the doublet keeps its actuators off their limits.
     point = trim(LIGHT, STILL, target_deg(55.0, 1000.0, 0.0, 30.0, 2.0))

@@ -12,7 +12,7 @@ from anser.control import (
     published_gains,
 )
 from anser.control.autopilot import velocity_control
-from anser.control.plant import make_plant
+from anser.control.onboard_model import onboard_model
 from anser.environment import standard_environment
 from anser.planning import PathCommand
 from anser.scenario.library import load_airframe
@@ -71,13 +71,13 @@ def _history(trim, target, size):
         state, memory = carry
         time = k * STEP
         now = condition(AIRFRAME, ENVIRONMENT, time, state)
-        plant = make_plant(AIRFRAME, LIMITS, GAINS, state, now, memory, ENVIRONMENT.gravity, STEP)
+        model = onboard_model(AIRFRAME, LIMITS, GAINS, state, now, memory, ENVIRONMENT.gravity, STEP)
         course = target.course + target.turn_rate * time
         zero = jnp.zeros(())
         command = PathCommand(
             target.speed + size[0], target.path_angle + size[1], course + size[2], zero, zero, target.turn_rate
         )
-        controls, signals, memory = velocity_control(plant, memory, command)
+        controls, signals, memory = velocity_control(model, GAINS, memory, command)
         after = advance(AIRFRAME, ENVIRONMENT, time, state, controls, STEP)
         row = (time, state, now, controls, signals, course, AIRFRAME.outside_tables(now.air_data))
         return (after, memory), row

@@ -243,6 +243,7 @@ def _differenced(where, arguments, h):
     return (at(value + h) - at(value - h)) / (2 * h)
 
 
+@pytest.mark.long
 def test_gradient_equals_difference_quotient(sensitivity):
     arguments = (F16, STILL, target_deg(163.0, 1700.0, 2.0, 10.0, 3.0))
     wheres = {

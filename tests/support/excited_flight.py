@@ -7,7 +7,7 @@ from jaxtyping import Array, Float
 
 from anser.aircraft import Controls, condition
 from anser.control.autopilot import velocity_control
-from anser.control.plant import make_plant
+from anser.control.onboard_model import onboard_model
 from anser.planning import PathCommand
 from anser.simulation.motion import advance
 from anser.simulation.response import trimmed_memory
@@ -29,8 +29,8 @@ def excited_flight(
         def sample(carry, k):
             state, memory, sent = carry
             now = condition(airframe, environment, 0.0, state)
-            plant = make_plant(airframe, limits, gains, state, now, memory, environment.gravity, step)
-            controls, _, memory = velocity_control(plant, memory, wanted)
+            model = onboard_model(airframe, limits, gains, state, now, memory, environment.gravity, step)
+            controls, _, memory = velocity_control(model, gains, memory, wanted)
             sent = jnp.concatenate([controls.surfaces[None], sent[:-1]])
             surfaces = held + factor * (sent[delay, jnp.arange(3)] - held)
             state = advance(airframe, environment, 0.0, state, Controls(surfaces, controls.throttle), step)
@@ -38,7 +38,7 @@ def excited_flight(
 
         start, memory = trim.state, trimmed_memory(trim)
         now = condition(airframe, environment, 0.0, start)
-        path = make_plant(airframe, limits, gains, start, now, memory, environment.gravity, step).motion
+        path = onboard_model(airframe, limits, gains, start, now, memory, environment.gravity, step).motion
         wanted = PathCommand(path.V, path.gamma, path.chi, *jnp.zeros(3))
         kicked = eqx.tree_at(lambda s: s.rates_b, start, start.rates_b + 1e-9)
         sent = jnp.broadcast_to(held, (LATEST, 3))

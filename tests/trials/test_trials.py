@@ -61,6 +61,7 @@ def test_plan_of_random_scenario_passes(seed):
     assert trial.excess["arrival_position"] < 1e-3  # the tolerance of the check
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", REFUSED)
 def test_refusal_of_random_scenario_is_proved(seed):
     trial = run_trial(seed, 100)

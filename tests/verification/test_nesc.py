@@ -14,7 +14,13 @@ from anser.verification.nesc_flight import fly_free
 CHECKPOINTS = json.loads(resources.files("anser.verification").joinpath("data/nesc_checkpoints.json").read_text())
 
 
-@pytest.mark.parametrize("check", NESC_CHECKS, ids=lambda check: check.key)
+LONG = ("nesc-11", "nesc-12")  # the F-16 over the round Earth
+
+
+@pytest.mark.parametrize(
+    "check",
+    [pytest.param(c, marks=pytest.mark.long if c.key in LONG else (), id=c.key) for c in NESC_CHECKS],
+)
 def test_case_passes(check):
     comparisons = check.measure()
     short = [(c.group, c.where, c.error, c.tolerance) for c in comparisons if not c.passes]

@@ -77,7 +77,7 @@ def angular_acceleration(mass_properties: MassProperties, rates_b: Vector3, mome
 
 
 def moment_for_acceleration(mass_properties: MassProperties, rates_b: Vector3, acceleration_b: Vector3) -> Vector3:
-    """Moment that gives an angular acceleration (rad/s^2): the inverse of `angular_acceleration`, N m."""
+    """AircraftSample that gives an angular acceleration (rad/s^2): the inverse of `angular_acceleration`, N m."""
     momentum_b = times3(mass_properties.inertia_b, rates_b) + mass_properties.spin_momentum_b
     return times3(mass_properties.inertia_b, acceleration_b) + cross(rates_b, momentum_b)
 

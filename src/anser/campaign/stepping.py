@@ -28,7 +28,7 @@ from anser.simulation import (
     trim_target,
     trim_violations,
 )
-from anser.simulation.recorder import AbstractRecorder, Moment
+from anser.simulation.recorder import AbstractRecorder, AircraftSample
 from anser.simulation.response import loop_flight
 from anser.simulation.step_metrics import step_metrics
 from anser.spatial import bank_about_velocity, path_angles, rotate, rotate_back, rotation_from_quaternion
@@ -134,13 +134,13 @@ class _StepRecorder(AbstractRecorder):
     def init(self, aircraft: int) -> None:
         """Nothing is kept."""
 
-    def take(self, memory: None, moment: Moment, instant: Instant) -> None:
+    def take(self, memory: None, sample: AircraftSample, instant: Instant) -> None:
         """Nothing is kept."""
 
-    def row(self, moment: Moment, instant: Instant) -> dict[str, Array]:
+    def row(self, sample: AircraftSample, instant: Instant) -> dict[str, Array]:
         """By the keys of the catalogue."""
-        outputs = _outputs(moment.truth.airframe, instant.environment, moment.truth.state)
-        return {**outputs, "throttle": jnp.asarray(moment.controls.throttle)}
+        outputs = _outputs(sample.truth.airframe, instant.environment, sample.truth.state)
+        return {**outputs, "throttle": jnp.asarray(sample.controls.throttle)}
 
 
 @eqx.filter_jit

@@ -3,7 +3,6 @@
 from anser.control.allocation import SurfaceDemand, SurfaceMoments, allocate, surface_moments
 from anser.control.authority import Authority, surface_authority
 from anser.control.autopilot import AutopilotSignals
-from anser.control.beyond_model import BeyondModel, nothing_beyond
 from anser.control.excitation import Excitation, no_excitation
 from anser.control.feedback import Differentiator, advanced_integral, brakeable, virtual_control, wrapped
 from anser.control.gain_design import SEPARATION_MIN, Separation, designed_gains, loop_bandwidth, separations
@@ -22,8 +21,9 @@ from anser.control.interface import AbstractController, AbstractGuidance, signal
 from anser.control.inversion import InversionAutopilot, Loop, LoopCommand
 from anser.control.limits import FlightLimits, default_limits
 from anser.control.memory import AutopilotState, initial_autopilot_state
+from anser.control.model_residual import ModelResidual, no_residual
+from anser.control.onboard_model import OnboardModel
 from anser.control.path_motion import PathMotion, path_motion
-from anser.control.plant import Plant
 from anser.control.velocity_loop import AttitudeDemand, ThrustDemand
 
 __all__ = [
@@ -35,7 +35,6 @@ __all__ = [
     "AutopilotGains",
     "AutopilotSignals",
     "AutopilotState",
-    "BeyondModel",
     "Differentiator",
     "Excitation",
     "FlightLimits",
@@ -46,8 +45,9 @@ __all__ = [
     "Loop",
     "LoopCommand",
     "LoopGains",
+    "ModelResidual",
+    "OnboardModel",
     "PathMotion",
-    "Plant",
     "Separation",
     "SurfaceDemand",
     "SurfaceMoments",
@@ -67,7 +67,7 @@ __all__ = [
     "loop_bandwidth",
     "loop_gains",
     "no_excitation",
-    "nothing_beyond",
+    "no_residual",
     "over_ground",
     "path_motion",
     "published_gains",

@@ -12,9 +12,10 @@ from anser.aircraft import Controls, angular_acceleration, moment_for_accelerati
 from anser.control.allocation import SurfaceDemand, allocate
 from anser.control.excitation import Excitation, no_excitation
 from anser.control.feedback import advanced_integral, brakeable, virtual_control, wrapped
+from anser.control.gains import AutopilotGains
 from anser.control.memory import AutopilotState
+from anser.control.onboard_model import OnboardModel
 from anser.control.path_motion import PathMotion
-from anser.control.plant import Plant
 from anser.control.velocity_loop import AttitudeDemand, ThrustDemand, attitude_demand, thrust_demand
 from anser.numerics import solve3
 from anser.planning import PathCommand
@@ -70,37 +71,41 @@ class AutopilotSignals(eqx.Module):
 
 
 def rate_control(
-    plant: Plant, memory: AutopilotState, rates_wanted: Vector3, rates_wanted_dot: Vector3
+    model: OnboardModel,
+    gains: AutopilotGains,
+    memory: AutopilotState,
+    rates_wanted: Vector3,
+    rates_wanted_dot: Vector3,
 ) -> tuple[SurfaceDemand, AutopilotState]:
     """Fast loop: surfaces for wanted body rates (rad/s) and their rates of change (rad/s^2).
 
     The demand's surfaces are commands to the actuators: their lag is inverted too, up to `actuator_bandwidth`.
     """
-    mass_properties, rates_b = plant.airframe.mass_properties, plant.state.rates_b
-    error = brakeable(plant.gains.rates, rates_wanted - rates_b, plant.authority.rates_jerk)
-    measured_dot = angular_acceleration(mass_properties, rates_b, plant.now.wrench.moment_b)
-    nu = virtual_control(plant.gains.rates, error, memory.rates_integral, rates_wanted_dot, measured_dot)
-    moment_b = moment_for_acceleration(mass_properties, rates_b, nu - plant.beyond.acceleration_b)
-    demand = allocate(plant.airframe, plant.now, rates_b, plant.moments, moment_b)
-    actuators, surfaces = plant.airframe.actuators, plant.state.surfaces
+    mass_properties, rates_b = model.airframe.mass_properties, model.state.rates_b
+    error = brakeable(gains.rates, rates_wanted - rates_b, model.authority.rates_jerk)
+    measured_dot = angular_acceleration(mass_properties, rates_b, model.now.wrench.moment_b)
+    nu = virtual_control(gains.rates, error, memory.rates_integral, rates_wanted_dot, measured_dot)
+    moment_b = moment_for_acceleration(mass_properties, rates_b, nu - model.residual.acceleration_b)
+    demand = allocate(model.airframe, model.now, rates_b, model.moments, moment_b)
+    actuators, surfaces = model.airframe.actuators, model.state.surfaces
     wanted = actuators.limited(demand.surfaces)
-    share = _sampled_share(plant)
-    command_bandwidth = share * plant.gains.surfaces_command_bandwidth
-    wanted_dot = memory.surfaces_filter.rate(wanted, command_bandwidth, plant.step)
-    rate = wanted_dot + share * plant.gains.actuator_bandwidth * (wanted - surfaces)
-    surfaces_filter = memory.surfaces_filter.advanced(wanted, command_bandwidth, plant.step)
+    share = _sampled_share(model, gains)
+    command_bandwidth = share * gains.surfaces_command_bandwidth
+    wanted_dot = memory.surfaces_filter.rate(wanted, command_bandwidth, model.step)
+    rate = wanted_dot + share * gains.actuator_bandwidth * (wanted - surfaces)
+    surfaces_filter = memory.surfaces_filter.advanced(wanted, command_bandwidth, model.step)
     demand = SurfaceDemand(actuators.command_for_rate(surfaces, rate), demand.saturated)
-    integral = advanced_integral(memory.rates_integral, error, jnp.any(demand.saturated), plant.step)
-    fade = 1 - jnp.exp(-plant.gains.surface_bandwidth * plant.step)
-    surfaces_slow = plant.surfaces_slow + fade * (plant.state.surfaces - plant.surfaces_slow)
+    integral = advanced_integral(memory.rates_integral, error, jnp.any(demand.saturated), model.step)
+    fade = 1 - jnp.exp(-gains.surface_bandwidth * model.step)
+    surfaces_slow = model.surfaces_slow + fade * (model.state.surfaces - model.surfaces_slow)
     return demand, eqx.tree_at(
-        lambda m: (m.rates_integral, m.surfaces_filter, m.surfaces_slow, m.beyond),
+        lambda m: (m.rates_integral, m.surfaces_filter, m.surfaces_slow, m.residual),
         memory,
-        (integral, surfaces_filter, surfaces_slow, plant.beyond),
+        (integral, surfaces_filter, surfaces_slow, model.residual),
     )
 
 
-def _sampled_share(plant: Plant) -> Scalar:
+def _sampled_share(model: OnboardModel, gains: AutopilotGains) -> Scalar:
     """Share of the bandwidths of the surfaces that the sampling period bears; 1 for short periods.
 
     The derivative gain K_D makes the wanted deflection depend on the present one with slope -K_D. With the wanted rate
@@ -108,15 +113,16 @@ def _sampled_share(plant: Plant) -> Scalar:
     times that rate: the sampled loop's pole is 1 - tau (1 - exp(-step/tau)) (K_D N + (1 + K_D) B), which must not come
     near -1 (a limit cycle at the rate limit).
     """
-    gains, lag = plant.gains, plant.airframe.actuators.time_constant
+    lag = model.airframe.actuators.time_constant
     derivative = jnp.max(jnp.abs(gains.rates.derivative))
     bandwidth = derivative * gains.surfaces_command_bandwidth + (1 + derivative) * gains.actuator_bandwidth
-    reach = jnp.max(lag * (1 - jnp.exp(-plant.step / lag))) * bandwidth
+    reach = jnp.max(lag * (1 - jnp.exp(-model.step / lag))) * bandwidth
     return _REACH_MAX / jnp.maximum(reach, _REACH_MAX)
 
 
 def attitude_control(
-    plant: Plant,
+    model: OnboardModel,
+    gains: AutopilotGains,
     memory: AutopilotState,
     attitude_wanted: Vector3,
     attitude_wanted_dot: Vector3,
@@ -126,63 +132,67 @@ def attitude_control(
 
     `added_rates_b` (rad/s) excites the fast loop; the rates that are returned are those wanted without it.
     """
-    motion, gains = plant.motion, plant.gains
+    motion = model.motion
     measured = jnp.stack([motion.mu, motion.alpha, motion.beta])
-    acceleration = plant.authority.attitude_acceleration(motion.effectiveness)
+    acceleration = model.authority.attitude_acceleration(motion.effectiveness)
     error = brakeable(gains.attitude, wrapped(attitude_wanted - measured), acceleration)
-    measured_dot = motion.drift + jnp.sum(motion.effectiveness * plant.state.rates_b[None, :], axis=1)
+    measured_dot = motion.drift + jnp.sum(motion.effectiveness * model.state.rates_b[None, :], axis=1)
     nu = virtual_control(gains.attitude, error, memory.attitude_integral, attitude_wanted_dot, measured_dot)
     free = solve3(motion.effectiveness, nu - motion.drift)
     # Scaled together: a roll rate that is cut while its yaw rate is not would be a sideslip.
-    rates_wanted = free / jnp.maximum(jnp.max(jnp.abs(free) / plant.limits.rates_max), 1.0)
-    integral = advanced_integral(memory.attitude_integral, error, rates_wanted != free, plant.step)
+    rates_wanted = free / jnp.maximum(jnp.max(jnp.abs(free) / model.limits.rates_max), 1.0)
+    integral = advanced_integral(memory.attitude_integral, error, rates_wanted != free, model.step)
     passed = rates_wanted if added_rates_b is None else rates_wanted + added_rates_b
     rates_dot = memory.rates_filter.limited_rate(
-        passed, gains.rates_command_bandwidth, plant.step, plant.authority.rates_jerk
+        passed, gains.rates_command_bandwidth, model.step, model.authority.rates_jerk
     )
-    demand, memory = rate_control(plant, memory, passed, rates_dot)
-    rates_filter = memory.rates_filter.advanced(passed, gains.rates_command_bandwidth, plant.step)
+    demand, memory = rate_control(model, gains, memory, passed, rates_dot)
+    rates_filter = memory.rates_filter.advanced(passed, gains.rates_command_bandwidth, model.step)
     memory = eqx.tree_at(lambda m: (m.attitude_integral, m.rates_filter), memory, (integral, rates_filter))
     return rates_wanted, demand, memory
 
 
 def velocity_control(
-    plant: Plant, memory: AutopilotState, wanted: PathCommand, excitation: Excitation | None = None
+    model: OnboardModel,
+    gains: AutopilotGains,
+    memory: AutopilotState,
+    wanted: PathCommand,
+    excitation: Excitation | None = None,
 ) -> tuple[Controls, AutopilotSignals, AutopilotState]:
     """Whole autopilot: wanted airspeed, path angle and course through the air, with rates, to surfaces and throttle.
 
     The signals tell the commands as they are before `excitation` is added.
     """
     added = no_excitation() if excitation is None else excitation
-    motion, gains, limits = plant.motion, plant.gains, plant.limits
+    motion, limits = model.motion, model.limits
     V_wanted = jnp.clip(wanted.V, limits.speed_min, limits.speed_max)
     error = jnp.stack([V_wanted - motion.V, wanted.gamma - motion.gamma, wrapped(wanted.chi - motion.chi)])
     wanted_dot = jnp.stack([wanted.V_dot, wanted.gamma_dot, wanted.chi_dot])
     nu = virtual_control(gains.velocity, error, memory.velocity_integral, wanted_dot, motion.path_rates)
     thrust = thrust_demand(
-        plant.airframe, gains.engine_bandwidth, plant.slow, plant.state.power, motion, nu[0], plant.gravity
+        model.airframe, gains.engine_bandwidth, model.slow, model.state.power, motion, nu[0], model.gravity
     )
     attitude = attitude_demand(
-        plant.airframe,
+        model.airframe,
         limits,
-        plant.slow,
-        plant.state.rates_b,
-        plant.surfaces_slow,
-        plant.beyond.force_b,
+        model.slow,
+        model.state.rates_b,
+        model.surfaces_slow,
+        model.residual.force_b,
         motion,
         nu[1],
         nu[2],
-        plant.gravity,
+        model.gravity,
     )
     saturated = jnp.stack([thrust.saturated, attitude.alpha_saturated, attitude.bank_saturated])
-    integral = advanced_integral(memory.velocity_integral, error, saturated, plant.step)
+    integral = advanced_integral(memory.velocity_integral, error, saturated, model.step)
     passed = attitude.angles + added.attitude
-    acceleration = plant.authority.attitude_acceleration(motion.effectiveness)
+    acceleration = model.authority.attitude_acceleration(motion.effectiveness)
     attitude_dot = memory.attitude_filter.limited_rate(
-        passed, gains.attitude_command_bandwidth, plant.step, acceleration
+        passed, gains.attitude_command_bandwidth, model.step, acceleration
     )
-    rates_wanted, demand, memory = attitude_control(plant, memory, passed, attitude_dot, added.rates_b)
-    attitude_filter = memory.attitude_filter.advanced(passed, gains.attitude_command_bandwidth, plant.step)
+    rates_wanted, demand, memory = attitude_control(model, gains, memory, passed, attitude_dot, added.rates_b)
+    attitude_filter = memory.attitude_filter.advanced(passed, gains.attitude_command_bandwidth, model.step)
     memory = eqx.tree_at(lambda m: (m.velocity_integral, m.attitude_filter), memory, (integral, attitude_filter))
     signals = AutopilotSignals(
         motion=motion,

@@ -11,7 +11,7 @@ from anser.control.gains import AutopilotGains
 from anser.control.interface import AbstractController
 from anser.control.limits import FlightLimits
 from anser.control.memory import AutopilotState, initial_autopilot_state
-from anser.control.plant import Plant, make_plant
+from anser.control.onboard_model import OnboardModel, onboard_model
 from anser.sensing import Belief
 from anser.shapes import ScalarLike, Vector3
 
@@ -55,9 +55,9 @@ class InversionAutopilot(AbstractController):
         """Memory of an autopilot that has been holding steady flight."""
         return initial_autopilot_state(attitude, state.rates_b, state.surfaces)
 
-    def plant(self, memory: AutopilotState, belief: Belief, step: ScalarLike) -> Plant:
+    def onboard_model(self, memory: AutopilotState, belief: Belief, step: ScalarLike) -> OnboardModel:
         """What the loops share at this sample."""
-        return make_plant(
+        return onboard_model(
             belief.airframe,
             self.limits,
             self.gains,
@@ -73,11 +73,11 @@ class InversionAutopilot(AbstractController):
         self, memory: AutopilotState, belief: Belief, command: Any, step: ScalarLike
     ) -> tuple[Controls, AutopilotSignals | None, AutopilotState]:
         """See `velocity_control`, `attitude_control`, `rate_control`; signals are those of the velocity loop."""
-        plant = self.plant(memory, belief, step)
+        model = self.onboard_model(memory, belief, step)
         if self.loop == "velocity":
-            return velocity_control(plant, memory, command)
+            return velocity_control(model, self.gains, memory, command)
         if self.loop == "attitude":
-            _, demand, memory = attitude_control(plant, memory, command.value, command.rate)
+            _, demand, memory = attitude_control(model, self.gains, memory, command.value, command.rate)
         else:
-            demand, memory = rate_control(plant, memory, command.value, command.rate)
+            demand, memory = rate_control(model, self.gains, memory, command.value, command.rate)
         return Controls(demand.surfaces, jnp.asarray(command.throttle)), None, memory

@@ -3,8 +3,8 @@
 import equinox as eqx
 import jax.numpy as jnp
 
-from anser.control.beyond_model import BeyondModel, nothing_beyond
 from anser.control.feedback import Differentiator
+from anser.control.model_residual import ModelResidual, no_residual
 from anser.shapes import Vector3
 
 
@@ -21,8 +21,8 @@ class AutopilotState(eqx.Module):
         Filter on the deflections that the fast loop wants.
     surfaces_slow
         Deflections through a low-pass filter, rad.
-    beyond
-        What the sensors say beyond the model.
+    residual
+        Measured less modelled forces and accelerations.
     """
 
     velocity_integral: Vector3
@@ -32,7 +32,7 @@ class AutopilotState(eqx.Module):
     rates_filter: Differentiator
     surfaces_filter: Differentiator
     surfaces_slow: Vector3
-    beyond: BeyondModel
+    residual: ModelResidual
 
 
 def initial_autopilot_state(attitude: Vector3, rates_b: Vector3, surfaces: Vector3) -> AutopilotState:
@@ -46,5 +46,5 @@ def initial_autopilot_state(attitude: Vector3, rates_b: Vector3, surfaces: Vecto
         Differentiator(rates_b),
         Differentiator(surfaces),
         surfaces,
-        nothing_beyond(rates_b),
+        no_residual(rates_b),
     )

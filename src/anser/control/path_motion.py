@@ -42,8 +42,8 @@ def path_motion(
 ) -> PathMotion:
     """Evaluate theory section 2's wind-axis equations (g > 0).
 
-    `slow_force_b` is the force without gravity that `drift` is built from (see `Plant`); the path rates are built from
-    the force that acts now.
+    `slow_force_b` is the force without gravity that `drift` is built from (see `OnboardModel`); the path rates are
+    built from the force that acts now.
 
     Vertical flight (cos gamma = 0) and beta of 90 deg are outside their domain; the denominators are held away from 0.
     """

@@ -100,7 +100,7 @@ def attitude_demand(
     now: Condition,
     rates_b: Vector3,
     surfaces: Vector3,
-    force_beyond_b: Vector3,
+    force_residual_b: Vector3,
     motion: PathMotion,
     gamma_dot: ScalarLike,
     chi_dot: ScalarLike,
@@ -111,7 +111,7 @@ def attitude_demand(
     mu = atan2(V cos(gamma) chi_dot, V gamma_dot + g cos gamma), the well-conditioned form; alpha from the balance of
     forces normal to the path at the present bank, m (V gamma_dot + g cos gamma) = L(alpha) cos(mu) with
     L = F_X sin(alpha) - F_Z cos(alpha), solved by Newton steps on the airframe's own forces. With the bank more than 60
-    deg off, an upset, the aircraft is unloaded first. `force_beyond_b` is what the sensors say beyond the airframe's
+    deg off, an upset, the aircraft is unloaded first. `force_residual_b` is what the sensors say beyond the airframe's
     forces, N.
 
     What the lift at alpha_max or the load factor cannot give is left out of both turns alike, of the path's and of the
@@ -125,7 +125,7 @@ def attitude_demand(
     # in a turn the path is pushed down no faster than leaves lift to turn with
     turning = jnp.clip(jnp.abs(side_free) / (_UP_TURNING_G * gravity), 0.0, 1.0)
     up = up_free + turning * jnp.maximum(_UP_TURNING_G * gravity - up_free, 0.0)
-    beside_b = now.propulsive.force_b + force_beyond_b
+    beside_b = now.propulsive.force_b + force_residual_b
 
     def lift(alpha: Scalar) -> Scalar:
         return lift_at(airframe, now, rates_b, surfaces, beside_b, alpha)

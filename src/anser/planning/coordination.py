@@ -95,7 +95,7 @@ class PlanningTask(eqx.Module):
     origin_n
         Where it made its first plan, carried along with the air since, NED, m: its own position in a first plan. The
         line from there to the rendezvous sets the free direction of arrival and the direction of the bend.
-    length_due
+    path_length_deficit
         How much less than speed times time it has flown since its first plan, m: 0 in a first plan. It is added to what
         it flies from here, so that the mean airspeed of the whole flight is the same for all, and a plan renewed on its
         own path is the same plan. (The speed varies along a trajectory: without this, the rest of a path has another
@@ -115,7 +115,7 @@ class PlanningTask(eqx.Module):
     rendezvous: Rendezvous
     wind_n: Vector3
     origin_n: Vector3
-    length_due: Scalar
+    path_length_deficit: Scalar
     deceleration: Scalar
     active: Flag
 
@@ -155,7 +155,7 @@ def nominal_trajectory(
 def _lengths(tasks: PlanningTask, duration: Scalar, speed: Scalar) -> Float[Array, " aircraft"]:
     """Unbent lengths, less what each aircraft is behind (theory section 8's L_i where none is)."""
     return jax.vmap(
-        lambda task: arc_length(nominal_trajectory(task, jnp.zeros(()), duration, speed)[0]) - task.length_due
+        lambda task: arc_length(nominal_trajectory(task, jnp.zeros(()), duration, speed)[0]) - task.path_length_deficit
     )(tasks)
 
 
@@ -213,7 +213,7 @@ def _plan_speed(tasks: PlanningTask, speed: Scalar, raised: Flag) -> Scalar:
     def once(_: object, tried: Scalar) -> Scalar:
         duration, _found, reachable = _common_duration(tasks, tried)
         paths, _attainable = jax.vmap(lambda task: nominal_trajectory(task, 0.0, duration, tried))(tasks)
-        lengths = jnp.where(reachable, jax.vmap(arc_length)(paths) - tasks.length_due, 0.0)
+        lengths = jnp.where(reachable, jax.vmap(arc_length)(paths) - tasks.path_length_deficit, 0.0)
         speeds_0 = jax.vmap(norm)(tasks.air_velocity_n)
         slowest = jax.vmap(slowest_mean_speed)(paths, speeds_0, tasks.deceleration)
         return jnp.where(raised, jnp.maximum(speed, slowest[jnp.argmax(lengths)]), speed)
@@ -245,9 +245,9 @@ def coordinate(
     even_speed
         Whether paths are flown at an even speed; otherwise the parameter runs evenly with time, as published.
     under_way
-        Whether the mean airspeed stands, as that of a first plan which `tasks` tell the lengths due of. Otherwise it is
-        raised where the farthest aircraft cannot come down so slowly. (Raised again on the way it would run away: who
-        is told to be faster has still more speed to lose on what is left of the way down.)
+        Whether the mean airspeed stands, as that of a first plan to which the tasks' `path_length_deficit` refers.
+        Otherwise it is raised where the farthest aircraft cannot come down so slowly. (Raised again on the way it would
+        run away: who is told to be faster has still more speed to lose on what is left of the way down.)
 
     Returns
     -------
@@ -260,17 +260,19 @@ def coordinate(
     160 at 60 percent. The longest time to go along straight lines is a lower bound of it.
     """
     start, speed = jnp.asarray(time, dtype=float), jnp.asarray(speed, dtype=float)
-    due = tasks.length_due
+    deficit = tasks.path_length_deficit
     raised = jnp.asarray(even_speed) & ~jnp.asarray(under_way)
     speed = _plan_speed(tasks, speed, raised)
     duration, found, reachable = _common_duration(tasks, speed)
 
     nominal, attainable = jax.vmap(lambda task: nominal_trajectory(task, start, duration, speed))(tasks)
     lengths = jax.vmap(arc_length)(nominal)
-    counted = jnp.where(reachable | (_counted(tasks) & ~jnp.any(reachable)), lengths - due, 0.0)
+    counted = jnp.where(reachable | (_counted(tasks) & ~jnp.any(reachable)), lengths - deficit, 0.0)
     farthest, reference = jnp.argmax(counted), jnp.max(counted)
 
-    bends = jax.vmap(lambda path, side, behind: solve_lateral_bend(path, reference + behind, side))(nominal, sides, due)
+    bends = jax.vmap(lambda path, side, behind: solve_lateral_bend(path, reference + behind, side))(
+        nominal, sides, deficit
+    )
     bent_at_all = tasks.active & (jnp.arange(lengths.shape[0]) != farthest)
     kappa = jnp.where(bent_at_all, bends.kappa, 0.0)
     bent = jax.vmap(bend_trajectory)(nominal, kappa)

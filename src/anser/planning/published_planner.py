@@ -98,7 +98,7 @@ class PublishedPlanner(AbstractPlanner):
             rendezvous=reports.rendezvous,
             wind_n=reports.wind_n,
             origin_n=self.start_positions_n + reports.wind_n * time,
-            length_due=speed * time - flown,
+            path_length_deficit=speed * time - flown,
             deceleration=deceleration,
             active=reports.active,
         )

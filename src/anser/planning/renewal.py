@@ -36,7 +36,7 @@ def _refit(
         nominal, _ = nominal_trajectory(task, time, duration, speed, stretches)
         kept = bend * rest**4
         path = bend_trajectory(nominal, kept)
-        return with_even_speed(path, norm(task.air_velocity_n), trade=old.law.trade, even=even_speed), kept
+        return with_even_speed(path, norm(task.air_velocity_n), exchange=old.law.exchange, even=even_speed), kept
 
     trajectories, bends = jax.vmap(one)(plan.trajectories, plan.lateral_bends, tasks)
     lengths = jax.vmap(arc_length)(trajectories)
@@ -92,7 +92,7 @@ def renew(
     """
     kept = _refit(plan, time, tasks, plan.speed, even_speed)
     duration = kept.trajectories.duration
-    mean_speed = (kept.lengths - tasks.length_due) / duration
+    mean_speed = (kept.lengths - tasks.path_length_deficit) / duration
     strayed = kept.goal_reachable & (jnp.abs(mean_speed / plan.speed - 1.0) > SPEED_BAND)
     anew = jnp.any((strayed | ~kept.converged) & tasks.active) & (duration[0] > COMMITTED_S)
     made = jax.lax.cond(

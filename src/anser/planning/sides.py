@@ -41,7 +41,7 @@ def choose_sides(plan: FleetPlan, requested: Real[Array, " aircraft"], count: in
         def one(side: Float[Array, ""]) -> tuple[Float[Array, "count 3"], Float[Array, ""]]:
             kappa = solve_lateral_bend(path, plan.reference_length, side).kappa
             bent = with_even_speed(
-                bend_trajectory(path, kappa), path.law.speeds[0], trade=path.law.trade, even=path.law.even
+                bend_trajectory(path, kappa), path.law.speeds[0], exchange=path.law.exchange, even=path.law.even
             )
             return positions_along(bent, count), jnp.abs(kappa)
 

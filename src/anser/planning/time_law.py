@@ -22,8 +22,8 @@ from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
 CELLS = 32
 BRAKING_RESERVE_M_S2 = 0.2  # left to the autopilot, and to the engine's spooling down
 _RULE = gauss_legendre(4)  # per cell: together 128 nodes, exact to rounding for paths that are not tight
-# 20,000 random plans took 16 push steps at most, and 3 clock steps to rounding where the path is not tight.
-_PUSH_STEPS = 20
+# 20,000 random plans took 16 braking steps at most, and 3 clock steps to rounding where the path is not tight.
+_BRAKING_STEPS = 20
 _CLOCK_STEPS = 3
 _SLOWEST = 0.3  # part of the mean speed below which no law goes
 _TINY = 1e-9
@@ -93,16 +93,16 @@ def _cell(coefficients_n: Float[Array, "3 5"], s: ScalarLike, width: ScalarLike)
 
 
 class TimeLaw(eqx.Module):
-    """How the path's parameter runs with time; the fields from `trade` on describe the even law.
+    """How the path's parameter runs with time; the fields from `exchange` on describe the even law.
 
     Attributes
     ----------
     even
         Whether the speed changes evenly; otherwise s does.
-    trade
-        Part of the height lost that becomes speed, 0 to 1.
-    push
-        Deceleration along the path but for what is traded, m/s^2.
+    exchange
+        Energy exchange: part of the potential energy lost that becomes kinetic, 0 to 1.
+    braking
+        Deceleration along the path but for that exchange, m/s^2.
     slowest
         Least airspeed, m/s: a law that asks for less is held there.
     slopes
@@ -114,8 +114,8 @@ class TimeLaw(eqx.Module):
     """
 
     even: Flag
-    trade: Scalar
-    push: Scalar
+    exchange: Scalar
+    braking: Scalar
     slowest: Scalar
     slopes: Float[Array, " nodes"]
     squares: Float[Array, " nodes"]
@@ -130,10 +130,11 @@ class TimeLaw(eqx.Module):
         slope_n, bend_n = path_derivative(coefficients_n, s, 1), path_derivative(coefficients_n, s, 2)
         slope, speed, held_up, _ = self._motion(coefficients_n, k, ahead)
         s_dot = speed / slope
-        push = jnp.where(held_up, 0.0, self.trade * STANDARD_GRAVITY_M_S2 * slope_n[2] / slope - self.push)
+        gained = self.exchange * STANDARD_GRAVITY_M_S2 * slope_n[2] / slope
+        acceleration = jnp.where(held_up, 0.0, gained - self.braking)
         # Beyond the ends s runs on evenly: a fleet that holds has left its path. Rounding is not beyond.
         inside = jnp.abs(elapsed - held) <= _SAME_INSTANT_S
-        s_ddot = jnp.where(inside, (push - jnp.sum(slope_n * bend_n) / slope * s_dot**2) / slope, 0.0)
+        s_ddot = jnp.where(inside, (acceleration - jnp.sum(slope_n * bend_n) / slope * s_dot**2) / slope, 0.0)
         return Clock(
             s=jnp.where(self.even, s + s_dot * (elapsed - held), elapsed / duration),
             s_dot=jnp.where(self.even, s_dot, 1.0 / duration),
@@ -142,7 +143,7 @@ class TimeLaw(eqx.Module):
 
     def _asked(self, k: Count, gained: Array, flown: Array) -> Array:
         """Square of the airspeed asked for in cell k after some height and length from its start."""
-        return self.squares[k] + 2 * (self.trade * gained - self.push * flown)
+        return self.squares[k] + 2 * (self.exchange * gained - self.braking * flown)
 
     def _motion(
         self, coefficients_n: Float[Array, "3 5"], k: Count, ahead: Scalar
@@ -190,7 +191,7 @@ def published_law() -> TimeLaw:
 
 
 class _Profile(eqx.Module):
-    """The even law of one path, but for its push."""
+    """The even law of one path, but for its braking."""
 
     cells: Cell
     """Stacked."""
@@ -198,46 +199,46 @@ class _Profile(eqx.Module):
     """From the start, m."""
     gained: Float[Array, " nodes"]
     """From the start, m^2/s^2."""
-    trade: Scalar
+    exchange: Scalar
     speed_0: Scalar
     duration: Scalar
     slowest: Scalar
 
-    def squares(self, push: Scalar) -> Float[Array, " nodes"]:
+    def squares(self, braking: Scalar) -> Float[Array, " nodes"]:
         """Square of the airspeed asked for at the ends of the cells, m^2/s^2."""
-        return self.speed_0**2 + 2 * (self.trade * self.gained - push * self.lengths)
+        return self.speed_0**2 + 2 * (self.exchange * self.gained - braking * self.lengths)
 
-    def times(self, push: Scalar) -> Float[Array, " nodes"]:
+    def times(self, braking: Scalar) -> Float[Array, " nodes"]:
         """When they are passed, s after the start."""
 
         def time(cell: Cell, square: Scalar) -> Scalar:
-            squares = square + 2 * (self.trade * cell.gained - push * cell.flown)
+            squares = square + 2 * (self.exchange * cell.gained - braking * cell.flown)
             return cell.time(jnp.maximum(squares, self.slowest**2), 1.0 / CELLS)
 
-        spans = jax.vmap(time)(self.cells, self.squares(push)[:-1])
+        spans = jax.vmap(time)(self.cells, self.squares(braking)[:-1])
         return jnp.concatenate([jnp.zeros(1), jnp.cumsum(spans)])
 
 
-def _lateness(push: Scalar, profile: _Profile) -> tuple[Scalar, Scalar]:
-    """How much later than due the path ends under a push, s, and its slope."""
-    return jax.jvp(lambda e: profile.times(e)[-1] - profile.duration, (push,), (jnp.ones_like(push),))
+def _lateness(braking: Scalar, profile: _Profile) -> tuple[Scalar, Scalar]:
+    """How much later than wanted the path ends with some braking, s, and its slope."""
+    return jax.jvp(lambda e: profile.times(e)[-1] - profile.duration, (braking,), (jnp.ones_like(braking),))
 
 
-def _solve_push(profile: _Profile) -> Scalar:
-    """The push with which the path takes its duration: the time rises with it."""
+def _solve_braking(profile: _Profile) -> Scalar:
+    """The braking with which the path takes its duration: the time rises with it."""
     total, v0 = jnp.maximum(profile.lengths[-1], _TINY), profile.speed_0
     mean = total / profile.duration
-    traded = profile.trade * profile.gained
+    traded = profile.exchange * profile.gained
     first = jnp.maximum(profile.lengths[1], _TINY)
     # From the first node on at twice the mean speed: too early. There at the least speed: too late.
     low = -(2 * mean**2 - jnp.min(traded)) / first
     high = (0.5 * v0**2 + jnp.max(traded)) / first
     last = jnp.maximum(2 * mean - v0, 0.5 * mean)
     guess = (traded[-1] - (last**2 - v0**2) / 2) / total
-    return bracketed_newton(_lateness, profile, low, high, guess, _PUSH_STEPS).x
+    return bracketed_newton(_lateness, profile, low, high, guess, _BRAKING_STEPS).x
 
 
-def _least_trade(
+def _least_exchange(
     coefficients_n: Float[Array, "3 5"],
     lengths: Float[Array, " nodes"],
     gained: Float[Array, " nodes"],
@@ -246,10 +247,11 @@ def _least_trade(
     mean_speed: Scalar,
     deceleration: ScalarLike,
 ) -> Scalar:
-    """About the least trade with which the path asks for no more braking than there is: in its steepest place.
+    """Least energy exchange, to first order, with which the path needs no more braking than there is at its steepest.
 
-    There it asks for (1 - trade) g (-dh/dl) + e, and to first order in the changes of speed e = base + trade * mean:
-    without trade the speed ends as far from the mean as it began; height traded early is braked off on the whole path.
+    There it needs (1 - exchange) g (-dh/dl) + e, and to first order in the changes of speed e = base + exchange * mean:
+    without exchange the speed ends as far from the mean as it began; speed gained early is braked off on the whole
+    path.
     """
     edges, total = jnp.asarray(np.linspace(0.0, 1.0, CELLS + 1)), jnp.maximum(lengths[-1], _TINY)
     fall = jax.vmap(lambda s: path_derivative(coefficients_n, s, 1)[2])(edges) / slopes
@@ -266,14 +268,14 @@ def even_law(
     duration: ScalarLike,
     speed_0: ScalarLike,
     deceleration: ScalarLike | None = None,
-    trade: ScalarLike | None = None,
+    exchange: ScalarLike | None = None,
     even: Flag | bool = True,
 ) -> TimeLaw:
-    """The path flown in `duration` seconds, from `speed_0` (m/s), with a steady push along it.
+    """The path flown in `duration` seconds, from `speed_0` (m/s), with constant braking along it.
 
-    V dV/dl = trade g (-dh/dl) - e: e is solved for the duration, by safeguarded Newton on the time of the path, which
-    rises with it. With trade 0 the acceleration is constant (on a path of fitting length the speed); with trade 1 the
-    throttle is. The speed never falls below 0.3 of the mean.
+    V dV/dl = exchange g (-dh/dl) - e: the braking e is solved for the duration, by safeguarded Newton on the time of
+    the path, which rises with it. With exchange 0 the acceleration is constant (on a path of fitting length the speed);
+    with 1 the throttle is. The speed never falls below 0.3 of the mean.
 
     Parameters
     ----------
@@ -284,9 +286,9 @@ def even_law(
     speed_0
         Airspeed at its start.
     deceleration
-        That the aircraft can hold with the engine idle in level flight, m/s^2: the trade is about the least with which
-        the path asks for no more, in closed form. Without it, nothing is traded.
-    trade
+        That the aircraft can hold with the engine idle in level flight, m/s^2: the exchange is about the least with
+        which the path asks for no more, in closed form. Without it, nothing is traded.
+    exchange
         Given instead of found.
     even
         False gives the published law.
@@ -301,20 +303,20 @@ def even_law(
     total = jnp.maximum(lengths[-1], _TINY)
     mean_speed = total / duration
     speed_0 = jnp.asarray(speed_0, dtype=float)
-    if trade is None:
-        trade = jnp.zeros(())
+    if exchange is None:
+        exchange = jnp.zeros(())
         if deceleration is not None:
-            trade = _least_trade(coefficients_n, lengths, gained, slopes, speed_0, mean_speed, deceleration)
+            exchange = _least_exchange(coefficients_n, lengths, gained, slopes, speed_0, mean_speed, deceleration)
     profile = _Profile(
-        cells, lengths, gained, jnp.asarray(trade, dtype=float), speed_0, total / mean_speed, _SLOWEST * mean_speed
+        cells, lengths, gained, jnp.asarray(exchange, dtype=float), speed_0, total / mean_speed, _SLOWEST * mean_speed
     )
-    push = _solve_push(profile)
+    braking = _solve_braking(profile)
     return TimeLaw(
         even=jnp.asarray(even),
-        trade=profile.trade,
-        push=push,
+        exchange=profile.exchange,
+        braking=braking,
         slowest=profile.slowest,
         slopes=slopes,
-        squares=profile.squares(push),
-        times=profile.times(push),
+        squares=profile.squares(braking),
+        times=profile.times(braking),
     )

@@ -103,11 +103,11 @@ def with_even_speed(
     trajectory: Trajectory,
     speed_0: ScalarLike,
     deceleration: ScalarLike | None = None,
-    trade: ScalarLike | None = None,
+    exchange: ScalarLike | None = None,
     even: Flag | bool = True,
 ) -> Trajectory:
     """The same path and times at an airspeed that changes evenly from `speed_0` (m/s); see `even_law`."""
-    law = even_law(trajectory.coefficients_n, trajectory.duration, speed_0, deceleration, trade, even)
+    law = even_law(trajectory.coefficients_n, trajectory.duration, speed_0, deceleration, exchange, even)
     return eqx.tree_at(lambda path: path.law, trajectory, law)
 
 

@@ -28,7 +28,7 @@ _UNITS = {
     **dict.fromkeys(("X", "Y", "Z"), "N"),
     **dict.fromkeys(("P_dot", "Q_dot", "R_dot"), "rad s-2"),
 }
-_SAME_UNIT = ("filter", "slow", "command", "beyond", "last")
+_SAME_UNIT = ("filter", "slow", "command", "residual", "last")
 _TIMES_SECOND = {"rad": "rad s", "rad s-1": "rad", "m s-1": "m"}
 
 _MODE_FIGURES = {

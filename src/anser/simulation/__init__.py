@@ -16,7 +16,7 @@ from anser.simulation.margins import NEUTRAL, LoopAnalysis, LoopResponse, analys
 from anser.simulation.modes import Mode, modes_of, wind_axis_states
 from anser.simulation.motion import advance
 from anser.simulation.planned_hold import PlannedHolds, cells_for
-from anser.simulation.recorder import AbstractRecorder, FleetMoment, History, Moment
+from anser.simulation.recorder import AbstractRecorder, AircraftSample, FleetSample, History
 from anser.simulation.response import Loop, Response, step_response
 from anser.simulation.start import TrimmedFleet, begin, start_flight, trimmed_fleet
 from anser.simulation.status import FLYING, NO_TRIM, STATUS_MESSAGES
@@ -43,9 +43,10 @@ __all__ = [
     "TABLE_AXES",
     "TRIM_STOPS",
     "AbstractRecorder",
+    "AircraftSample",
     "CertifiedPlanState",
     "CertifiedPlanner",
-    "FleetMoment",
+    "FleetSample",
     "FleetSummary",
     "Flight",
     "FlightState",
@@ -61,7 +62,6 @@ __all__ = [
     "MemoryFields",
     "Mission",
     "Mode",
-    "Moment",
     "NearestTrim",
     "NearestTrims",
     "PlannedHolds",

@@ -114,8 +114,8 @@ def excited_loop(
         state = state_at(environment, zw[:_AIRCRAFT], trim.state.position_n)
         before = eqx.tree_at(elements, start, list(zw[_AIRCRAFT:-5].reshape(-1, 3)))
         added = Excitation(attitude=jnp.append(zw[-2:], 0.0), rates_b=zw[-5:-2])
-        plant = autopilot.plant(before, believed(airframe, environment, state), step)
-        controls, signals, after = velocity_control(plant, before, wanted, added)
+        model = autopilot.onboard_model(before, believed(airframe, environment, state), step)
+        controls, signals, after = velocity_control(model, gains, before, wanted, added)
         commands = [controls.surfaces, controls.throttle[None], signals.rates_b, signals.attitude.angles[:2]]
         return jnp.concatenate([*commands, *elements(after), _limited(signals).astype(float)])
 

@@ -13,7 +13,7 @@ from anser.planning import AircraftPlan
 from anser.sensing import Belief, Instant, Truth, velocity_over_ground_n
 from anser.shapes import Count, Flag, ScalarLike
 from anser.simulation.motion import advance
-from anser.simulation.recorder import AbstractRecorder, Meeting, Moment, scanned
+from anser.simulation.recorder import AbstractRecorder, AircraftSample, GoalApproach, scanned
 from anser.simulation.stand_off import too_near
 from anser.simulation.status import AT_GROUND, BROKE_OFF, FLYING, NOT_FINITE, TOO_NEAR, broken_off, plan_status
 from anser.simulation.trim import TrimPoint
@@ -84,7 +84,7 @@ def act(
     instant: Instant,
     plan: AircraftPlan | None = None,
     freeze: ScalarLike = 0.0,
-) -> tuple[VehicleState, Moment]:
+) -> tuple[VehicleState, AircraftSample]:
     """Command, control and move over one step; the next state, and everything known at the step's start.
 
     Parameters
@@ -101,32 +101,32 @@ def act(
     instant = of_aircraft(instant, state.index)
     truth, belief = seen.truth, seen.belief
     command, reference_n, guidance = vehicle.guidance.command(state.guidance, belief, plan, instant)
-    status, meeting = state.status, None
+    status, approach = state.status, None
     if vehicle.mission is not None:
         if plan is None:
             raise ValueError("an aircraft with a goal is flown with a plan: simulation.fly, with a planner")
         status = plan_status(status, plan.status)
-        meeting, status = _meet(vehicle.mission, truth, belief, plan, status, instant, freeze)
+        approach, status = _meet(vehicle.mission, truth, belief, plan, status, instant, freeze)
         held = vehicle.mission.hold.command(
             belief,
-            meeting.clearance,
+            approach.clearance,
             vehicle.mission.rendezvous,
             vehicle.mission.distance_min,
             plan,
             broken_off(status),
             instant,
         )
-        holding = meeting.phase == HOLD
+        holding = approach.phase == HOLD
         command, reference_n = jax.tree.map(lambda a, b: jnp.where(holding, a, b), held, (command, reference_n))
     controls, signals, controller = vehicle.controller.control(state.controller, belief, command, instant.step)
-    moment = Moment(
+    sample = AircraftSample(
         truth=truth,
         belief=belief,
         controls=controls,
         signals=signals,
         command=command,
         reference_n=reference_n,
-        meeting=meeting,
+        approach=approach,
         status=state.status if plan is None else plan_status(state.status, plan.status),
     )
     after = advance(vehicle.airframe, instant.environment, instant.time, state.aircraft, controls, instant.step)
@@ -136,11 +136,11 @@ def act(
         finite = _all_finite((after, memories))
         grounded = seen_state(instant.environment, after).position_n[2] >= 0.0
         event = jnp.where(~finite, NOT_FINITE, jnp.where(grounded, AT_GROUND, status)).astype(status.dtype)
-        status = jnp.where(stopped, moment.status, event)
+        status = jnp.where(stopped, sample.status, event)
         stopped = stopped | ~finite | grounded
         before = state.aircraft, (state.sensors, state.estimator, state.guidance, state.controller)
         after, memories = jax.tree.map(lambda old, new: jnp.where(stopped, old, new), before, (after, memories))
-    return VehicleState(after, *memories, status=status, stopped=stopped, index=state.index), moment
+    return VehicleState(after, *memories, status=status, stopped=stopped, index=state.index), sample
 
 
 def _meet(
@@ -151,7 +151,7 @@ def _meet(
     status: Count,
     instant: Instant,
     freeze: ScalarLike,
-) -> tuple[Meeting, Count]:
+) -> tuple[GoalApproach, Count]:
     """How the aircraft stands to its goal, and its status with what makes it break off.
 
     Both guards stand above every plan and guidance: the height that ends its descent, and the least distance to its
@@ -176,7 +176,7 @@ def _meet(
     status = jnp.where((clearance.lost | near) & ~left, event, status).astype(status.dtype)
     approach = jnp.where(time >= plan.arrival_time - freeze, FROZEN, APPROACH)
     phase = jnp.where((time >= plan.arrival_time) | broken_off(status), HOLD, approach)
-    return Meeting(
+    return GoalApproach(
         goal=goal,
         rendezvous_n=rendezvous_n,
         to_goal_n=to_goal_n,
@@ -224,9 +224,9 @@ def fly_alone(
     """
     step = jnp.asarray(step, dtype=float)
 
-    def one(state: VehicleState, number: Count) -> tuple[VehicleState, Moment, Instant]:
+    def one(state: VehicleState, number: Count) -> tuple[VehicleState, AircraftSample, Instant]:
         instant = Instant(environment, number, step, key)
-        after, moment = act(vehicle, state, perceive(vehicle, state, instant), instant)
-        return after, moment, instant
+        after, sample = act(vehicle, state, perceive(vehicle, state, instant), instant)
+        return after, sample, instant
 
     return scanned(one, state, jnp.asarray(0, dtype=jnp.int32), count, recorder, recorder.init(1))

@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from anser.sensing import Instant
 from anser.shapes import Scalar, ScalarLike
-from anser.simulation.recorder import AbstractRecorder, FleetMoment, Moment
+from anser.simulation.recorder import AbstractRecorder, AircraftSample, FleetSample
 from anser.spatial import safe_norm
 
 ARRIVAL_MARGIN_S = 10.0
@@ -108,11 +108,11 @@ class SummaryRecorder(AbstractRecorder):
         return summary, _Last(jnp.zeros((aircraft, 3)), jnp.zeros((aircraft, 3)), zero, speeds)
 
     def take(
-        self, memory: tuple[FleetSummary, _Last], moment: FleetMoment, instant: Instant
+        self, memory: tuple[FleetSummary, _Last], sample: FleetSample, instant: Instant
     ) -> tuple[FleetSummary, _Last]:
         """Summary with one more sample, and with the interval that ends with it."""
         before, last = memory
-        now = moment.rows(_of_one)
+        now = sample.rows(_of_one)
         time, step = instant.time, instant.step
         position_n, offset_n, airspeed = now["position_n"], now["offset_n"], now["airspeed"]
         begun = instant.number > 0
@@ -153,23 +153,23 @@ class SummaryRecorder(AbstractRecorder):
         whole = last.speeds.until(jnp.ones_like(airspeed), length_s, last.airspeed, airspeed)
         return summary, _Last(position_n, offset_n, airspeed, whole)
 
-    def row(self, moment: FleetMoment, instant: Instant) -> None:
+    def row(self, sample: FleetSample, instant: Instant) -> None:
         """None."""
 
 
-def _of_one(moment: Moment) -> dict[str, Array]:
-    meeting, state = moment.meeting, moment.truth.state
-    assert meeting is not None
-    assert moment.reference_n is not None
+def _of_one(sample: AircraftSample) -> dict[str, Array]:
+    approach, state = sample.approach, sample.truth.state
+    assert approach is not None
+    assert sample.reference_n is not None
     return {
         "position_n": state.position_n,
-        "offset_n": meeting.rendezvous_n - state.position_n,
-        "airspeed": moment.truth.now.air_data.V,
-        "clearance": safe_norm(meeting.to_goal_n),
-        "position_error": safe_norm(moment.reference_n - state.position_n),
-        "arrival_time": meeting.plan.arrival_time,
-        "outside_tables": moment.truth.airframe.outside_tables(moment.truth.now.air_data),
-        "status": moment.status,
+        "offset_n": approach.rendezvous_n - state.position_n,
+        "airspeed": sample.truth.now.air_data.V,
+        "clearance": safe_norm(approach.to_goal_n),
+        "position_error": safe_norm(sample.reference_n - state.position_n),
+        "arrival_time": approach.plan.arrival_time,
+        "outside_tables": sample.truth.airframe.outside_tables(sample.truth.now.air_data),
+        "status": sample.status,
     }
 
 

@@ -14,7 +14,7 @@ from anser.sensing import GoalState, Instant, velocity_over_ground_n
 from anser.shapes import Count, Flag, ScalarLike
 from anser.simulation.closed_loop import Perceived, act, perceive
 from anser.simulation.fleet import Flight, FlightState, fleet_rows, of_members
-from anser.simulation.recorder import AbstractRecorder, FleetMoment, History, scanned
+from anser.simulation.recorder import AbstractRecorder, FleetSample, History, scanned
 from anser.simulation.status import PLAN_TOO_NEAR, broken_off
 from anser.simulation.vehicle import Vehicle, VehicleState
 from anser.spatial import safe_norm
@@ -96,7 +96,7 @@ def refuse(
     )
 
 
-def step_fleet(flight: Flight, state: FlightState, number: Count) -> tuple[FlightState, FleetMoment, Instant]:
+def step_fleet(flight: Flight, state: FlightState, number: Count) -> tuple[FlightState, FleetSample, Instant]:
     """Fly the fleet over one step; the next state, and everything known at the step's start."""
     instant = Instant(flight.environment, number, flight.timing.step, flight.key)
     pairs = list(zip(flight.kinds, state.vehicles, strict=True))
@@ -120,7 +120,7 @@ def step_fleet(flight: Flight, state: FlightState, number: Count) -> tuple[Fligh
     after = FlightState(
         tuple(states for states, _ in moved), flight.planner.observe(planner, reports, flight.timing.step)
     )
-    return after, FleetMoment(tuple(moments for _, moments in moved), flight.members), instant
+    return after, FleetSample(tuple(samples for _, samples in moved), flight.members), instant
 
 
 def fly(
@@ -157,7 +157,7 @@ def fly(
     recorder = History() if recorder is None else recorder
     memory = recorder.init(flight.count) if memory is None else memory
 
-    def one(before: FlightState, number: Count) -> tuple[FlightState, FleetMoment, Instant]:
+    def one(before: FlightState, number: Count) -> tuple[FlightState, FleetSample, Instant]:
         return step_fleet(flight, before, number)
 
     return scanned(one, state, jnp.asarray(since, dtype=jnp.int32), count, recorder, memory)

@@ -105,6 +105,7 @@ def _limit(gains: AutopilotGains, loop: Loop) -> AutopilotGains:
         lambda g: [getattr(g, name) for name in names], gains, [jnp.asarray(v, dtype=float) for v in values]
     )
     if loop == "attitude":
-        # So fast that it does not lie among the poles looked for. The velocity loop would go unstable: see `Plant`.
+        # So fast that it does not lie among the poles looked for. The velocity loop would go unstable, see
+        # `OnboardModel`.
         fast = eqx.tree_at(lambda g: g.surface_bandwidth, fast, jnp.asarray(50.0, dtype=float))
     return fast

@@ -53,10 +53,10 @@ _OWN_MEMORY: dict[Loop, list[tuple[str, tuple[str, ...]]]] = {
 }
 """Fields of the autopilot's memory that each loop adds to those of the loops inside it."""
 SENSOR_MEMORY = (
-    "beyond",
+    "residual",
     (
-        *_named(("X", "Y", "Z"), "beyond"),
-        *_named(CHANNELS["rates"], "dot_beyond"),
+        *_named(("X", "Y", "Z"), "residual"),
+        *_named(CHANNELS["rates"], "dot_residual"),
         *_named(CHANNELS["rates"], "last"),
         *_named(CHANNELS["rates"], "dot_last"),
     ),

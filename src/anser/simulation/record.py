@@ -11,7 +11,7 @@ from anser.shapes import Vector3
 from anser.spatial import bank_about_velocity, euler_from_quaternion, path_angles, rotate, rotate_back, safe_norm
 
 if TYPE_CHECKING:
-    from anser.simulation.recorder import Meeting, Moment
+    from anser.simulation.recorder import AircraftSample, GoalApproach
 
 _TOLD_BY_CONTROLLER = (
     "thrust_command",
@@ -32,12 +32,12 @@ _FLAGGED_BY_CONTROLLER = (
 )
 
 
-def record(moment: "Moment") -> dict[str, Array]:
+def record(sample: "AircraftSample") -> dict[str, Array]:
     """One row of the history of one aircraft, SI units and radians, keyed as in `anser.variables.CATALOGUE`.
 
     What its controller does not tell is NaN, and no limit of it is flagged.
     """
-    truth, state, now, data = moment.truth, moment.truth.state, moment.truth.now, moment.truth.now.air_data
+    truth, state, now, data = sample.truth, sample.truth.state, sample.truth.now, sample.truth.now.air_data
     velocity_n = rotate_back(now.R_bn, state.velocity_b)
     inertial_b = state.rates_b + rotate(now.R_bn, now.earth.earth_rate_n + now.earth.transport_rate_n)
     euler = euler_from_quaternion(state.quaternion)
@@ -45,7 +45,7 @@ def record(moment: "Moment") -> dict[str, Array]:
     through_air = polar(velocity_n - now.wind_n, jnp.zeros(3))
     force_b = now.wrench.force_b
     weight = truth.airframe.mass_properties.mass * now.earth.gravity
-    controls = moment.controls
+    controls = sample.controls
     return {
         **_point("", state.position_n),
         **_vector("velocity", ("north", "east", "down"), velocity_n),
@@ -72,34 +72,34 @@ def record(moment: "Moment") -> dict[str, Array]:
         "throttle": controls.throttle,
         "power": state.power,
         "thrust": now.propulsive.force_b[0],
-        "airspeed_command": moment.command.V,
-        "path_angle_command": moment.command.gamma,
-        "course_command": moment.command.chi,
+        "airspeed_command": sample.command.V,
+        "path_angle_command": sample.command.gamma,
+        "course_command": sample.command.chi,
         **{key: jnp.full_like(data.V, jnp.nan) for key in _TOLD_BY_CONTROLLER},
         **{key: jnp.asarray(False) for key in _FLAGGED_BY_CONTROLLER},
-        **signal_variables(moment.signals),
+        **signal_variables(sample.signals),
         "outside_tables": truth.airframe.outside_tables(data),
-        "status": moment.status,
-        **({} if moment.meeting is None else _of_meeting(moment, moment.meeting)),
+        "status": sample.status,
+        **({} if sample.approach is None else _of_approach(sample, sample.approach)),
     }
 
 
-def _of_meeting(moment: "Moment", meeting: "Meeting") -> dict[str, Array]:
-    goal, seen, sight, reference_n = meeting.goal, moment.belief.goal, moment.belief.sight, moment.reference_n
+def _of_approach(sample: "AircraftSample", approach: "GoalApproach") -> dict[str, Array]:
+    goal, seen, sight, reference_n = approach.goal, sample.belief.goal, sample.belief.sight, sample.reference_n
     assert seen is not None
     assert sight is not None
     assert reference_n is not None
-    plan, axes = meeting.plan, ("north", "east", "down")
+    plan, axes = approach.plan, ("north", "east", "down")
     return {
         **_point("reference_", reference_n),
-        "position_error": safe_norm(reference_n - moment.truth.state.position_n),
+        "position_error": safe_norm(reference_n - sample.truth.state.position_n),
         **_point("goal_", goal.position_n),
         **_point("goal_estimate_", seen.position_n),
         **_vector("goal_velocity", axes, goal.velocity_n),
         **_vector("goal_estimate_velocity", axes, seen.velocity_n),
-        **_point("rendezvous_", meeting.rendezvous_n),
-        "range_to_rendezvous": safe_norm(meeting.to_rendezvous_n),
-        "clearance": safe_norm(meeting.to_goal_n),
+        **_point("rendezvous_", approach.rendezvous_n),
+        "range_to_rendezvous": safe_norm(approach.to_rendezvous_n),
+        "clearance": safe_norm(approach.to_goal_n),
         "sight_range": sight.range,
         "sight_azimuth": sight.azimuth,
         "sight_elevation": sight.elevation,
@@ -109,7 +109,7 @@ def _of_meeting(moment: "Moment", meeting: "Meeting") -> dict[str, Array]:
         "arrival_time": jnp.asarray(plan.arrival_time),
         "planned_length": jnp.asarray(plan.length),
         "lateral_bend": jnp.asarray(plan.lateral_bend),
-        "phase": meeting.phase,
+        "phase": approach.phase,
         "renewal": plan.renewal,
     }
 

@@ -18,8 +18,8 @@ from anser.simulation.members import in_fleet_order
 from anser.simulation.record import record
 
 
-class Meeting(eqx.Module):
-    """How one aircraft stands to its goal at one instant.
+class GoalApproach(eqx.Module):
+    """Where one aircraft is on its way to its goal at one instant.
 
     Attributes
     ----------
@@ -46,8 +46,8 @@ class Meeting(eqx.Module):
     phase: Count
 
 
-class Moment(eqx.Module):
-    """Everything known of one aircraft at one instant.
+class AircraftSample(eqx.Module):
+    """All signals of one aircraft at one sampling instant.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Moment(eqx.Module):
         What its controller sets, and tells.
     command, reference_n
         What it was commanded, and where it is to be (NED, m).
-    meeting
+    approach
         None for an aircraft without a mission.
     status
         Index into `STATUS_MESSAGES`.
@@ -69,19 +69,19 @@ class Moment(eqx.Module):
     signals: Any
     command: Any
     reference_n: Vector3 | None
-    meeting: Meeting | None
+    approach: GoalApproach | None
     status: Count
 
 
-class FleetMoment(eqx.Module):
-    """The moments of a fleet by kinds, each with a leading axis over its members; and their places in the fleet."""
+class FleetSample(eqx.Module):
+    """Samples of a fleet by kinds of aircraft, with a leading axis over members; and their places in the fleet."""
 
-    kinds: tuple[Moment, ...]
+    kinds: tuple[AircraftSample, ...]
     members: tuple[tuple[int, ...], ...] = eqx.field(static=True)
 
-    def rows(self, of_one: Callable[[Moment], dict[str, Array]]) -> dict[str, Array]:
+    def rows(self, of_one: Callable[[AircraftSample], dict[str, Array]]) -> dict[str, Array]:
         """What a function gives of each aircraft, in the fleet's order; of kinds of aircraft, what all of them give."""
-        found = [jax.vmap(of_one)(moments) for moments in self.kinds]
+        found = [jax.vmap(of_one)(samples) for samples in self.kinds]
         common = [key for key in found[0] if all(key in one for one in found)]
         return in_fleet_order([{key: one[key] for key in common} for one in found], self.members)
 
@@ -89,7 +89,7 @@ class FleetMoment(eqx.Module):
 class AbstractRecorder(eqx.Module):
     """What is kept of a flight; concrete ones are final.
 
-    What it sees is the `Moment` of one aircraft flown alone, or the `FleetMoment` of a fleet.
+    What it sees is the `AircraftSample` of one aircraft flown alone, or the `FleetSample` of a fleet.
 
     Attributes
     ----------
@@ -104,11 +104,11 @@ class AbstractRecorder(eqx.Module):
         """Memory before the first sample, of so many aircraft."""
 
     @abc.abstractmethod
-    def take(self, memory: Any, moment: Any, instant: Instant) -> Any:
+    def take(self, memory: Any, sample: Any, instant: Instant) -> Any:
         """Memory with one more sample."""
 
     @abc.abstractmethod
-    def row(self, moment: Any, instant: Instant) -> Any:
+    def row(self, sample: Any, instant: Instant) -> Any:
         """What is kept of one sample, as arrays; None: nothing."""
 
 
@@ -129,10 +129,10 @@ class History(AbstractRecorder):
     def init(self, aircraft: int) -> None:
         """Nothing is kept."""
 
-    def take(self, memory: None, moment: Any, instant: Instant) -> None:
+    def take(self, memory: None, sample: Any, instant: Instant) -> None:
         """Nothing is kept."""
 
-    def row(self, moment: FleetMoment, instant: Instant) -> dict[str, Array]:
+    def row(self, sample: FleetSample, instant: Instant) -> dict[str, Array]:
         """Each variable of each aircraft, SI units and radians.
 
         Raises
@@ -140,7 +140,7 @@ class History(AbstractRecorder):
         ValueError
             No such variable is recorded.
         """
-        found = moment.rows(record)
+        found = sample.rows(record)
         if self.keys is None:
             return found
         unknown = [key for key in self.keys if key not in found]
@@ -187,8 +187,8 @@ def scanned(
 
     def step(carry: tuple[Any, Any], number: Count) -> tuple[tuple[Any, Any], Any]:
         state, memory = carry
-        after, moment, instant = one(state, number)
-        return (after, recorder.take(memory, moment, instant)), recorder.row(moment, instant)
+        after, sample, instant = one(state, number)
+        return (after, recorder.take(memory, sample, instant)), recorder.row(sample, instant)
 
     if every == 1:
         (state, memory), rows = jax.lax.scan(step, (state, memory), since + jnp.arange(count, dtype=since.dtype))
@@ -196,9 +196,9 @@ def scanned(
 
     def sparse(carry: tuple[Any, Any, Any], k: Count) -> tuple[tuple[Any, Any, Any], None]:
         state, memory, number = carry[0], carry[1], carry[2][0]
-        after, moment, instant = one(state, number)
-        row = jax.lax.cond(k == 0, lambda: recorder.row(moment, instant), lambda: carry[2][1])
-        return (after, recorder.take(memory, moment, instant), (number + 1, row)), None
+        after, sample, instant = one(state, number)
+        row = jax.lax.cond(k == 0, lambda: recorder.row(sample, instant), lambda: carry[2][1])
+        return (after, recorder.take(memory, sample, instant), (number + 1, row)), None
 
     shape = jax.eval_shape(lambda c, n: step(c, n)[1], (state, memory), since)
     empty = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shape)

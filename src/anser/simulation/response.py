@@ -24,7 +24,7 @@ from anser.planning import AircraftPlan, PathCommand
 from anser.sensing import Belief, DirectEstimator, IdealSensors, Instant
 from anser.shapes import ScalarLike, Vector3
 from anser.simulation.closed_loop import fly_alone, trimmed_vehicle
-from anser.simulation.recorder import AbstractRecorder, Moment
+from anser.simulation.recorder import AbstractRecorder, AircraftSample
 from anser.simulation.trim import TrimPoint
 from anser.simulation.vehicle import Vehicle
 
@@ -131,14 +131,14 @@ class ResponseRecorder(AbstractRecorder):
     def init(self, aircraft: int) -> None:
         """Nothing is kept."""
 
-    def take(self, memory: None, moment: Moment, instant: Instant) -> None:
+    def take(self, memory: None, sample: AircraftSample, instant: Instant) -> None:
         """Nothing is kept."""
 
-    def row(self, moment: Moment, instant: Instant) -> Response:
+    def row(self, sample: AircraftSample, instant: Instant) -> Response:
         """One row."""
-        state = moment.truth.state
-        measured = measured_by(moment.belief, self.loop)
-        return Response(instant.time, measured, state.surfaces, moment.controls.throttle, state.power)
+        state = sample.truth.state
+        measured = measured_by(sample.belief, self.loop)
+        return Response(instant.time, measured, state.surfaces, sample.controls.throttle, state.power)
 
 
 def loop_command(loop: Loop, value: Vector3, rate: Vector3, throttle: ScalarLike) -> PathCommand | LoopCommand:

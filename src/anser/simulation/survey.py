@@ -11,7 +11,7 @@ from anser.sensing import AbstractEstimator, AbstractSensors, Belief, DirectEsti
 from anser.shapes import ScalarLike, Vector3
 from anser.simulation.closed_loop import fly_alone, trimmed_vehicle
 from anser.simulation.flight_summary import FlightSummary, including, nothing_yet
-from anser.simulation.recorder import AbstractRecorder, Moment
+from anser.simulation.recorder import AbstractRecorder, AircraftSample
 from anser.simulation.survey_sample import finished, late_from, sample_of, stepped_command
 from anser.simulation.trim import TrimPoint, TrimTarget
 from anser.simulation.vehicle import Vehicle
@@ -59,13 +59,13 @@ class SurveyRecorder(AbstractRecorder):
         """Summary of no sample."""
         return nothing_yet()
 
-    def take(self, memory: FlightSummary, moment: Moment, instant: Instant) -> FlightSummary:
+    def take(self, memory: FlightSummary, sample: AircraftSample, instant: Instant) -> FlightSummary:
         """Summary with one more sample."""
-        sample = sample_of(moment, instant.environment, instant.time, self.limits, self.start)
+        extremes = sample_of(sample, instant.environment, instant.time, self.limits, self.start)
         late = instant.number >= late_from(self.count)
-        return including(memory, sample, self.size, self.tolerance, instant.step, late)
+        return including(memory, extremes, self.size, self.tolerance, instant.step, late)
 
-    def row(self, moment: Moment, instant: Instant) -> None:
+    def row(self, sample: AircraftSample, instant: Instant) -> None:
         """None."""
 
 

@@ -12,7 +12,7 @@ from anser.planning import PathCommand
 from anser.sensing import Belief
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 from anser.simulation.flight_summary import FlightSummary, Sample
-from anser.simulation.recorder import Moment
+from anser.simulation.recorder import AircraftSample
 from anser.simulation.trim import TrimTarget
 from anser.spatial import path_angles, rotate_back
 
@@ -55,13 +55,13 @@ def finished(summary: FlightSummary, state: MotionState, step: ScalarLike, count
 
 
 def sample_of(
-    moment: Moment, environment: Environment, time: ScalarLike, limits: FlightLimits, start: Condition
+    sample: AircraftSample, environment: Environment, time: ScalarLike, limits: FlightLimits, start: Condition
 ) -> Sample:
     """What an aircraft does, and at which limits its autopilot believes to stand.
 
     Parameters
     ----------
-    moment
+    sample
         The aircraft, under `InversionAutopilot` with its velocity loop commanded.
     environment, time
         Where and when it flies, s.
@@ -70,11 +70,11 @@ def sample_of(
     start
         Condition at the start, inside the airframe's data.
     """
-    truth, state, now, command = moment.truth.airframe, moment.truth.state, moment.truth.now, moment.command
+    truth, state, now, command = sample.truth.airframe, sample.truth.state, sample.truth.now, sample.command
     actuators = truth.actuators
     gamma, chi = path_angles(rotate_back(now.R_bn, state.velocity_b) - now.wind_n)
     error = jnp.stack([command.V - now.air_data.V, command.gamma - gamma, wrapped(command.chi - chi)])
-    rate_share = jnp.abs(actuators.rate(state.surfaces, moment.controls.surfaces)) / actuators.rate_limit
+    rate_share = jnp.abs(actuators.rate(state.surfaces, sample.controls.surfaces)) / actuators.rate_limit
     return Sample(
         time=time,
         error=error,
@@ -84,7 +84,7 @@ def sample_of(
         surface_share=surface_share(truth, state.surfaces),
         surface_rate_share=rate_share,
         body_rate_share=jnp.abs(state.rates_b) / limits.rates_max,
-        limited=jnp.append(_limited(moment.belief, limits, moment.signals), jnp.any(rate_share >= 1.0)),
+        limited=jnp.append(_limited(sample.belief, limits, sample.signals), jnp.any(rate_share >= 1.0)),
         outside=outside_axes(truth, now, start),
     )
 

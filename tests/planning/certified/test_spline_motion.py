@@ -86,6 +86,7 @@ def test_is_delivered_as_it_is_with_the_wind_it_meets(name):
     np.testing.assert_allclose(jax.vmap(path.air_velocity_n)(3.0 + at), through, atol=1e-6)
 
 
+@pytest.mark.long
 def test_its_drift_is_that_of_integration():
     motion = random_motion(6)
     path = deliver(motion, LAYERED)

@@ -12,13 +12,13 @@ from control_cases import AIRFRAME, DEGREE
 
 from anser.aircraft import AbstractAirframe, Actuators, MassProperties, Wrench, condition
 from anser.control import (
-    BeyondModel,
+    ModelResidual,
     default_limits,
-    nothing_beyond,
+    no_residual,
     published_gains,
 )
 from anser.control.autopilot import rate_control, velocity_control
-from anser.control.plant import make_plant
+from anser.control.onboard_model import onboard_model
 from anser.planning import PathCommand
 from anser.scenario import build_flight, loads
 from anser.shapes import Scalar, Vector3
@@ -39,11 +39,11 @@ def test_filter_takes_in_the_mean_over_the_sample():
     """Constant model error: the filter's memory goes to it with exp(-bandwidth t); with no bandwidth it stays zero."""
     model, error, force = jnp.array([0.1, -0.2, 0.3]), jnp.array([1.0, 2.0, -3.0]), jnp.array([5.0, -6.0, 7.0])
     for bandwidth, reached in ((BANDWIDTH, 1 - np.exp(-BANDWIDTH * 0.5)), (0.0, 0.0)):
-        memory = dataclasses.replace(nothing_beyond(jnp.zeros(3)), model_acceleration_b=model)
+        memory = dataclasses.replace(no_residual(jnp.zeros(3)), model_acceleration_b=model)
         for k in range(1, 51):
             rates = (model + error) * k * STEP
             memory = memory.advanced(force, rates, model, bandwidth, STEP)
-        assert isinstance(memory, BeyondModel)
+        assert isinstance(memory, ModelResidual)
         np.testing.assert_allclose(memory.acceleration_b, reached * error, atol=1e-12)
         np.testing.assert_allclose(memory.force_b, reached * force, atol=1e-12)
 
@@ -91,13 +91,13 @@ def test_surfaces_rest_on_the_measurement_and_on_the_slopes_of_the_model_alone()
         model = Offset(
             AIRFRAME.mass_properties, AIRFRAME.actuators, AIRFRAME.alpha_range, AIRFRAME.beta_range, moment_b
         )
-        beyond = nothing_beyond(state.rates_b)
+        residual = no_residual(state.rates_b)
         if seen:
-            beyond = dataclasses.replace(beyond, acceleration_b=-(J_inverse @ moment_b))
-        memory = eqx.tree_at(lambda m: m.beyond, memory_0, beyond)
+            residual = dataclasses.replace(residual, acceleration_b=-(J_inverse @ moment_b))
+        memory = eqx.tree_at(lambda m: m.residual, memory_0, residual)
         now = condition(model, ENVIRONMENT, 0.0, state)
-        plant = make_plant(model, LIMITS, gains(0.0), state, now, memory, GRAVITY, STEP)
-        demand, _ = rate_control(plant, memory, state.rates_b, jnp.array([0.2, 0.1, 0.0]))
+        model = onboard_model(model, LIMITS, gains(0.0), state, now, memory, GRAVITY, STEP)
+        demand, _ = rate_control(model, gains(0.0), memory, state.rates_b, jnp.array([0.2, 0.1, 0.0]))
         return np.asarray(demand.surfaces)
 
     right, wrong = surfaces(jnp.zeros(3), seen=False), jnp.array([3e3, -5e3, 2e3])  # N m
@@ -127,13 +127,13 @@ def _climb_and_turn(truth, bandwidth, start, memory):
         actual, believed = (condition(airframe, ENVIRONMENT, 0.0, state) for airframe in (truth, AIRFRAME))
         specific_b = actual.wrench.force_b / truth.mass_properties.mass
         setting = gains(bandwidth)
-        plant = make_plant(AIRFRAME, LIMITS, setting, state, believed, memory, GRAVITY, STEP, specific_b)
+        model = onboard_model(AIRFRAME, LIMITS, setting, state, believed, memory, GRAVITY, STEP, specific_b)
         zero = jnp.zeros(())
         command = PathCommand(jnp.asarray(155.0), jnp.asarray(3 * DEGREE), jnp.asarray(30 * DEGREE), zero, zero, zero)
-        controls, _, memory = velocity_control(plant, memory, command)
-        motion = plant.motion
+        controls, _, memory = velocity_control(model, setting, memory, command)
+        motion = model.motion
         row = jnp.stack([motion.V - 155.0, motion.gamma - 3 * DEGREE, motion.chi - 30 * DEGREE, motion.beta])
-        return (advance(truth, ENVIRONMENT, 0.0, state, controls, STEP), memory), (row, state.surfaces, memory.beyond)
+        return (advance(truth, ENVIRONMENT, 0.0, state, controls, STEP), memory), (row, state.surfaces, memory.residual)
 
     return jax.lax.scan(one, (start, memory), length=4000)[1]
 

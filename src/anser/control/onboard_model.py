@@ -1,24 +1,24 @@
-"""What the loops of an autopilot share of their own aircraft, gathered once per sample."""
+"""The on-board model of dynamic inversion, evaluated once per sample for all loops."""
 
 import equinox as eqx
 
 from anser.aircraft import AbstractAirframe, AircraftState, Condition, Wrench, angular_acceleration
 from anser.control.allocation import SurfaceMoments, surface_moments
 from anser.control.authority import Authority, surface_authority
-from anser.control.beyond_model import BeyondModel
 from anser.control.gains import AutopilotGains
 from anser.control.limits import FlightLimits
 from anser.control.memory import AutopilotState
+from anser.control.model_residual import ModelResidual
 from anser.control.path_motion import PathMotion, path_motion
 from anser.numerics import times3
 from anser.shapes import ScalarLike, Vector3
 
 
-class Plant(eqx.Module):
-    """What an autopilot needs of its own aircraft at one instant.
+class OnboardModel(eqx.Module):
+    """On-board model at one instant, which the loops invert.
 
-    `airframe` and the forces in `now` and `slow` are what the autopilot believes: the model, with what the sensors say
-    beyond it where the inversion is incremental.
+    The forces in `now` and `slow` are those of the model of `airframe`, plus the residual that the sensors measure
+    where the inversion is incremental.
 
     The two outer loops see the forces as they are with `surfaces_slow`, low-passed deflections: the lift of the moving
     elevator, differentiated twice on its way through the feed-forward, would come back to the elevator with a loop gain
@@ -28,20 +28,19 @@ class Plant(eqx.Module):
 
     airframe: AbstractAirframe
     limits: FlightLimits
-    gains: AutopilotGains
     state: AircraftState
     now: Condition
     slow: Condition
     surfaces_slow: Vector3
     moments: SurfaceMoments
     authority: Authority
-    beyond: BeyondModel
+    residual: ModelResidual
     motion: PathMotion
     gravity: ScalarLike
     step: ScalarLike
 
 
-def make_plant(
+def onboard_model(
     airframe: AbstractAirframe,
     limits: FlightLimits,
     gains: AutopilotGains,
@@ -51,8 +50,8 @@ def make_plant(
     gravity: ScalarLike,
     step: ScalarLike,
     specific_force_b: Vector3 | None = None,
-) -> Plant:
-    """Gather what the loops share.
+) -> OnboardModel:
+    """Evaluate the on-board model.
 
     Parameters
     ----------
@@ -74,21 +73,21 @@ def make_plant(
     mass_properties = airframe.mass_properties
     model_force_b = now.wrench.force_b
     measured_b = model_force_b if specific_force_b is None else mass_properties.mass * specific_force_b
-    beyond = memory.beyond.advanced(
+    residual = memory.residual.advanced(
         measured_b - model_force_b,
         state.rates_b,
         angular_acceleration(mass_properties, state.rates_b, now.wrench.moment_b),
         gains.sensor_bandwidth,
         step,
     )
-    beyond_wrench = Wrench(beyond.force_b, times3(mass_properties.inertia_b, beyond.acceleration_b))
-    now = eqx.tree_at(lambda c: c.aerodynamic, now, now.aerodynamic + beyond_wrench)
+    residual_wrench = Wrench(residual.force_b, times3(mass_properties.inertia_b, residual.acceleration_b))
+    now = eqx.tree_at(lambda c: c.aerodynamic, now, now.aerodynamic + residual_wrench)
     surfaces_slow = memory.surfaces_slow
-    slow_wrench = airframe.aerodynamics(now.air_data, state.rates_b, surfaces_slow) + beyond_wrench
+    slow_wrench = airframe.aerodynamics(now.air_data, state.rates_b, surfaces_slow) + residual_wrench
     slow = eqx.tree_at(lambda c: c.aerodynamic, now, slow_wrench)
     motion = path_motion(now, slow.wrench.force_b, state.velocity_b, mass_properties.mass, gravity)
     moments = surface_moments(airframe, now, state.rates_b, state.surfaces)
     authority = surface_authority(airframe.actuators, mass_properties, moments, surfaces_slow)
-    return Plant(
-        airframe, limits, gains, state, now, slow, surfaces_slow, moments, authority, beyond, motion, gravity, step
+    return OnboardModel(
+        airframe, limits, state, now, slow, surfaces_slow, moments, authority, residual, motion, gravity, step
     )
