@@ -57,18 +57,7 @@ def draw_envelope(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
     dataset
         As `anser.results.envelope_dataset` makes it.
     folder
-        To write into; existing.
-
-    Returns
-    -------
-    Paths of the files.
-
-    Raises
-    ------
-    FileExistsError
-        A file exists: nothing is overwritten.
-    ImportError
-        matplotlib is not installed.
+        Where to, files and errors: see `anser.report.print_style.save_drawings`.
     """
     drawings = {"trim-map": _trim_map, "commands": _commands, "margins": _margins}
     return save_drawings(drawings, dataset, _STYLE, folder)

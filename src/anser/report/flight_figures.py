@@ -65,21 +65,8 @@ def draw_flight(
         The flight, as `flight.nc` holds it.
     name
         What the names of the files begin with.
-    folder
-        To write into; existing.
-    suffixes
-        Kinds of files, of `FIGURE_SUFFIXES`.
-
-    Returns
-    -------
-    Paths of the files.
-
-    Raises
-    ------
-    FileExistsError
-        A file exists: nothing is overwritten.
-    ImportError
-        Matplotlib is not installed.
+    folder, suffixes
+        Where to, files and errors: see `anser.report.print_style.save_drawings`.
     """
     drawings = {f"{name}-{key}": draw for key, draw in FLIGHT_FIGURES.items()}
     return save_drawings(drawings, dataset, PRINT_STYLE, folder, suffixes)

@@ -90,18 +90,7 @@ def draw_margin_maps(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
     dataset
         As `anser.results.margin_map_dataset` makes it.
     folder
-        To write into; existing.
-
-    Returns
-    -------
-    Paths of the files.
-
-    Raises
-    ------
-    FileExistsError
-        A file exists: nothing is overwritten.
-    ImportError
-        matplotlib is not installed.
+        Where to, files and errors: see `anser.report.print_style.save_drawings`.
     """
     drawings = {"actuators": _actuators, "loops": _loops}
     return save_drawings(drawings, dataset, _STYLE, folder)

@@ -113,7 +113,32 @@ def save_drawings(
     folder: Path,
     suffixes: Sequence[str] = (".svg", ".png"),
 ) -> tuple[Path, ...]:
-    """Draw a dataset in a style, each drawing into `NAME` and each suffix in a folder; returns the new paths."""
+    """Draw a dataset in a style, each drawing into `NAME` and each suffix in a folder.
+
+    Parameters
+    ----------
+    drawings
+        By name.
+    dataset
+        What they draw.
+    style
+        Settings of matplotlib.
+    folder
+        To write into; existing.
+    suffixes
+        Kinds of files, of `FIGURE_SUFFIXES`.
+
+    Returns
+    -------
+    Paths of the files.
+
+    Raises
+    ------
+    FileExistsError
+        A file exists: nothing is overwritten.
+    ImportError
+        matplotlib is not installed.
+    """
     written: list[Path] = []
     with _matplotlib().rc_context(style):
         for name, draw in drawings.items():

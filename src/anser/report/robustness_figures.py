@@ -44,18 +44,7 @@ def draw_robustness(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
     dataset
         As `anser.results.robustness_dataset` makes it; what a part of the study shows is drawn where it was flown.
     folder
-        To write into; existing.
-
-    Returns
-    -------
-    Paths of the files.
-
-    Raises
-    ------
-    FileExistsError
-        A file exists: nothing is overwritten.
-    ImportError
-        matplotlib is not installed.
+        Where to, files and errors: see `anser.report.print_style.save_drawings`.
     """
     drawings = {
         "success": ("dispersed", _by_condition),
