@@ -99,14 +99,14 @@ def test_incremental_inversion_brings_the_memory_of_the_sensors():
     gains = eqx.tree_at(lambda g: g.sensor_bandwidth, published_gains(), jnp.asarray(20.0))
     found = anser.linearize(speed_m_s=153.0, altitude_m=0.0, loop="rates", gains=gains)
     assert found.model.states[-12:] == (
-        *("X_beyond", "Y_beyond", "Z_beyond", "P_dot_beyond", "Q_dot_beyond", "R_dot_beyond"),
+        *("X_residual", "Y_residual", "Z_residual", "P_dot_residual", "Q_dot_residual", "R_dot_residual"),
         *("P_last", "Q_last", "R_last", "P_dot_last", "Q_dot_last", "R_dot_last"),
     )
     # What was measured last is known for one step: P_last(k+1) = P(k), and P(k) is P of the state before the step.
     row = found.model.states.index("P_last")
     np.testing.assert_allclose(found.model.A[row], np.eye(len(found.model.states))[6], atol=1e-12)
     # Forces beyond the model fade with the filter, exp(-20 * 0.01), and reach nothing in this loop.
-    force = found.model.states.index("X_beyond")
+    force = found.model.states.index("X_residual")
     assert float(found.model.A[force, force]) == pytest.approx(np.exp(-0.2))
     # On a perfect model the poles of the loop stay: -4.975 in theory.
     near = sorted(abs(value - complex(-4.9)) for mode in found.modes for value in mode.eigenvalues)[:3]
