@@ -198,7 +198,7 @@ def blowing(wind, altitudes):
     return np.stack([np.interp(altitudes, layers, velocities[:, k]) for k in range(3)], axis=1)
 
 
-TICKS = 128
+INTERVALS = 128
 START_S = 10.0
 FLOWN = {
     "duration": [100.0, 90.0, 140.0, 110.0, 100.0, 120.0],
@@ -220,7 +220,7 @@ BANK = np.radians(38.0)
 
 
 def delivered(wind):
-    """The flights of `FLOWN` in a wind: horizontal ends, timetables, solved detours, shapes and delivered paths."""
+    """The flights of `FLOWN` in a wind: horizontal ends, tabulated profiles, solved detours, shapes and delivered paths."""
 
     def one(flight, way):
         last = mean_to_last_speed(flight["mean"], flight["speed_0"], flight["duration"])
@@ -233,7 +233,7 @@ def delivered(wind):
             (flight["speed_0"], last, last),
             flight["speed_dot_0"],
         )
-        table = tabulate(profile, wind, TICKS)
+        table = tabulate(profile, wind, INTERVALS)
         fastest = profile.speed_most
         curvature = jnp.tan(BANK) * GRAVITY / fastest**2
         zero = jnp.zeros(())

@@ -1,4 +1,4 @@
-"""Where the search for free motions begins: detours of many kinds, as long as the time asks for."""
+"""First guesses for splines: detours of many kinds, as long as the time asks for."""
 
 import functools
 from typing import NamedTuple
@@ -8,8 +8,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from anser.planning.certified.motion_terms import Beginning, MotionTask, first_allowed, first_state, meeting_place
-from anser.planning.certified.spline_motion import end_coefficients
+from anser.planning.certified.spline import end_coefficients
+from anser.planning.certified.spline_equations import (
+    SplineProblem,
+    SplineStart,
+    first_state,
+    first_tightened,
+    meeting_place,
+)
 from anser.planning.demand import turn_radius
 from anser.shapes import Scalar
 
@@ -24,8 +30,8 @@ _HUMP_M = 400.0
 _NONE_M = 1e-6
 
 
-class Draw(NamedTuple):
-    """What chance decides of one start; the same ones every time.
+class GuessParameters(NamedTuple):
+    """What is random in one guess; the same ones every time.
 
     Attributes
     ----------
@@ -63,7 +69,7 @@ class Draw(NamedTuple):
 
 
 def _detour(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
-    """A corner on an ellipse, a zigzag or whole circles: done, ahead, aside, angle and rounds of a `Draw`."""
+    """A corner on an ellipse, a zigzag or whole circles: the first five of `GuessParameters`."""
     s, side = np.linspace(0.0, 1.0, _POINTS + 1), float(rng.choice([-1.0, 1.0]))
     none = np.zeros_like(s)
     kind = rng.random()
@@ -92,9 +98,9 @@ def _drawn(count: int, seed: int) -> tuple[np.ndarray, ...]:
     return tuple(np.array(parts) for parts in zip(*rows, strict=True))
 
 
-def draws(count: int, seed: int = 0) -> Draw:
+def guess_parameters(count: int, seed: int = 0) -> GuessParameters:
     """So many, stacked."""
-    return Draw(*(jnp.asarray(parts) for parts in _drawn(count, seed)))
+    return GuessParameters(*(jnp.asarray(parts) for parts in _drawn(count, seed)))
 
 
 @functools.cache
@@ -107,13 +113,13 @@ def _smoothing(cells: int) -> Float[np.ndarray, "n n"]:
 
 
 def _last_velocity(
-    task: MotionTask, last: Float[Array, "2"], speed: Scalar, wind: Float[Array, "2"], freely: Float[Array, "3"]
+    problem: SplineProblem, last: Float[Array, "2"], speed: Scalar, wind: Float[Array, "2"], freely: Float[Array, "3"]
 ) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
-    """Velocity of arrival over the ground, and the directions in which it may change, see `Beginning.frame`.
+    """Velocity of arrival over the ground, and the directions in which it may change, see `SplineStart.frame`.
 
     Along `last` at an airspeed where a course or an angle is prescribed, else `freely`.
     """
-    rendezvous = task.traveller.rendezvous
+    rendezvous = problem.task.rendezvous
     steep = rendezvous.path_angle_prescribed
     tangent = jnp.tan(rendezvous.path_angle) * steep
     cosine = 1.0 / jnp.sqrt(1.0 + tangent**2)
@@ -125,24 +131,24 @@ def _last_velocity(
     return jnp.where(bound, direction * onward, freely), jnp.where(bound, frame, jnp.eye(3))
 
 
-def beginning(task: MotionTask, cells: int, draw: Draw) -> Beginning:
+def spline_start(problem: SplineProblem, cells: int, draw: GuessParameters) -> SplineStart:
     """Where a search begins.
 
     The way through the air runs from the start some way ahead, makes its detour, and goes some way along the direction
     of arrival to the rendezvous; at an even speed and climb, the mean wind added.
     """
-    traveller, airspace, duration = task
-    limits, rendezvous = traveller.limits, traveller.rendezvous
-    state, meeting = first_state(task), meeting_place(task)
+    task, airspace, duration = problem
+    limits, rendezvous = task.limits, task.rendezvous
+    state, meeting = first_state(problem), meeting_place(problem)
     start = state[0]
     heights = jnp.linspace(-start[2], -meeting[2], 9)
     places = jnp.stack([jnp.zeros(9), jnp.zeros(9), -heights], axis=1)
     wind = jnp.mean(jax.vmap(lambda p: airspace.wind.at(p, 0.0))(places), axis=0)[:2]
     aim = meeting[:2] - start[:2] - wind * duration
-    high = jnp.where(jnp.isfinite(limits.speed_max), limits.speed_max, 2.0 * traveller.speed)
+    high = jnp.where(jnp.isfinite(limits.speed_max), limits.speed_max, 2.0 * task.speed)
     length = (limits.speed_min + draw.speed * (high - limits.speed_min)) * duration
     radius = turn_radius(0.5 * (limits.speed_min + high), limits.bank_max, airspace.gravity)
-    ahead = traveller.air_velocity_n[:2]
+    ahead = task.air_velocity_n[:2]
     ahead = ahead / jnp.sqrt(jnp.sum(ahead**2) + 1e-6)
     course = jnp.where(rendezvous.course_prescribed, rendezvous.course, draw.course)
     last = jnp.stack([jnp.cos(course), jnp.sin(course)])
@@ -181,7 +187,7 @@ def beginning(task: MotionTask, cells: int, draw: Draw) -> Beginning:
     wished = jnp.concatenate([flat, -height[:, None]], axis=1)
 
     freely = (wished[-2] - wished[-4]) * 0.5 * cells / duration
-    velocity, frame = _last_velocity(task, last, done[-1] / duration, wind, freely)
+    velocity, frame = _last_velocity(problem, last, done[-1] / duration, wind, freely)
     cell = duration / cells
     ends = (
         end_coefficients(state, cell),
@@ -189,4 +195,4 @@ def beginning(task: MotionTask, cells: int, draw: Draw) -> Beginning:
     )
     wished = jnp.concatenate([ends[0], wished[3:-3], ends[1]])
     smooth = jnp.asarray(_smoothing(cells)) @ wished
-    return Beginning(jnp.concatenate([ends[0], smooth[3:-3], ends[1]]), frame, first_allowed(task, draw.share))
+    return SplineStart(jnp.concatenate([ends[0], smooth[3:-3], ends[1]]), frame, first_tightened(problem, draw.share))

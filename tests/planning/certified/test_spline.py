@@ -1,4 +1,4 @@
-"""Motions as splines in time: they begin and end as told, do not jump, and are delivered through any wind exactly."""
+"""Trajectories as splines in time: they begin and end as told, do not jump, and are delivered through any wind exactly."""
 
 import jax
 import jax.numpy as jnp
@@ -12,16 +12,16 @@ from scipy.interpolate import BSpline
 
 from anser.numerics import compiled_quickly
 from anser.planning.certified.certificate import path_bounds
-from anser.planning.certified.spline_motion import (
-    SplineMotion,
+from anser.planning.certified.spline import (
+    Spline,
     end_coefficients,
     measure,
-    motion_path,
+    spline_path,
     states,
     states_at,
 )
 
-CELLS, DURATION, TICKS, MORE = 16, 120.0, 64, 21
+CELLS, DURATION, INTERVALS, MORE = 16, 120.0, 64, 21
 WINDS = {"steady": STEADY, "layered": LAYERED}
 
 
@@ -31,12 +31,10 @@ def random_motion(seed, climbing=900.0):
     t = DURATION / CELLS * np.arange(-1, CELLS + 2)
     bow = np.cumsum(rng.normal(0.0, 120.0, CELLS + 3))
     height = 1500.0 + climbing * np.sin(2.0 * np.pi * t / DURATION + rng.uniform(0.0, 6.0))
-    return SplineMotion(
-        number(DURATION), jnp.stack([jnp.asarray(150.0 * t), jnp.asarray(bow), -jnp.asarray(height)], 1)
-    )
+    return Spline(number(DURATION), jnp.stack([jnp.asarray(150.0 * t), jnp.asarray(bow), -jnp.asarray(height)], 1))
 
 
-deliver = compiled_quickly(lambda motion, wind: motion_path(3.0, motion, wind, TICKS, TICKS + MORE))
+deliver = compiled_quickly(lambda motion, wind: spline_path(3.0, motion, wind, INTERVALS, INTERVALS + MORE))
 
 
 def test_is_the_b_spline_of_its_coefficients():
@@ -62,7 +60,7 @@ def test_begins_and_ends_as_told(seed, cell):
     rng = np.random.default_rng(seed)
     ends = rng.normal(0.0, 1.0, (2, 3, 3)) * np.array([1e4, 150.0, 5.0])[None, :, None]
     first, last = (end_coefficients(jnp.asarray(end), cell) for end in ends)
-    motion = SplineMotion(number(8 * cell), jnp.concatenate([first, jnp.zeros((5, 3)), last]))
+    motion = Spline(number(8 * cell), jnp.concatenate([first, jnp.zeros((5, 3)), last]))
     scale = np.array([1e4, 1e4 / cell, 1e4 / cell**2])[:, None]
     for time, end in zip((0.0, 8 * cell), ends, strict=True):
         found = states_at(motion, number(time)[None])[0]
@@ -75,7 +73,7 @@ def test_is_delivered_as_it_is_with_the_wind_it_meets(name):
     path = deliver(motion, wind)
     times = np.asarray(path.times)
     assert times[0] == 3.0
-    assert times.size == TICKS + MORE
+    assert times.size == INTERVALS + MORE
     assert np.all(np.diff(times) >= 0.0)
     np.testing.assert_allclose(times[-1], 3.0 + DURATION, rtol=1e-15)
     at = np.linspace(0.0, DURATION, 777)
@@ -117,7 +115,7 @@ def test_where_the_winds_rate_jumps_there_are_two_knots_and_no_error():
 
 def test_more_edges_than_knots_are_no_error_but_a_bound():
     motion = random_motion(7)
-    few = compiled_quickly(lambda m: motion_path(0.0, m, LAYERED, TICKS, TICKS + 2))(motion)
+    few = compiled_quickly(lambda m: spline_path(0.0, m, LAYERED, INTERVALS, INTERVALS + 2))(motion)
     assert float(path_bounds(few, LAYERED, GRAVITY).wind_error_max) > 0.01
     assert np.all(np.isfinite(few.drift_n))
 
@@ -135,13 +133,13 @@ def test_how_far_a_change_moves_an_aircraft():
 
 def test_one_by_one_as_a_batch_and_derivatives_are_finite():
     motions = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(random_motion(k) for k in range(3)))
-    many = compiled_quickly(jax.vmap(lambda m: motion_path(3.0, m, LAYERED, TICKS, TICKS + MORE)))(motions)
+    many = compiled_quickly(jax.vmap(lambda m: spline_path(3.0, m, LAYERED, INTERVALS, INTERVALS + MORE)))(motions)
     for k in range(3):
         one = deliver(jax.tree.map(lambda leaf, k=k: leaf[k], motions), LAYERED)
         np.testing.assert_allclose(many.air_n[k], one.air_n, rtol=1e-9, atol=1e-9)
 
     def end(motion):
-        path = motion_path(0.0, motion, LAYERED, TICKS, TICKS + MORE)
+        path = spline_path(0.0, motion, LAYERED, INTERVALS, INTERVALS + MORE)
         return jnp.sum(path.position_n(0.7 * DURATION)) + jnp.sum(path.air_velocity_n(0.4 * DURATION))
 
     slope = compiled_quickly(jax.grad(end))(random_motion(2))

@@ -1,4 +1,4 @@
-"""Motions as cubic splines in time of the position over the ground.
+"""Trajectories as cubic splines in time of the position over the ground.
 
 The acceleration is linear between the knots, so that a path through a few of its states is the spline itself. Places,
 velocities and accelerations are linear in the coefficients, and each depends on four of them only.
@@ -24,7 +24,7 @@ _BESIDE_M = 1e-6  # from the edge of a layer of wind: where its rate is taken on
 Coefficients = Float[Array, "coefficients 3"]
 
 
-class SplineMotion(eqx.Module):
+class Spline(eqx.Module):
     """Where one aircraft is when.
 
     Attributes
@@ -67,13 +67,13 @@ def windows(coefficients: Coefficients) -> Float[Array, "cells 4 3"]:
     return jnp.stack([coefficients[k : k + cells] for k in range(4)], axis=1)
 
 
-def states(motion: SplineMotion, places: Float[np.ndarray, " places"]) -> Float[Array, "cells places 3 3"]:
+def states(motion: Spline, places: Float[np.ndarray, " places"]) -> Float[Array, "cells places 3 3"]:
     """Position, velocity and acceleration (order, axis) at the same places, from 0 to 1, of each interval."""
     scale = jnp.stack([motion.cell**-order for order in range(3)])
     return jnp.einsum("ouk,nka,o->nuoa", jnp.asarray(bases(places)), windows(motion.coefficients), scale)
 
 
-def states_at(motion: SplineMotion, times: Float[Array, " times"]) -> Float[Array, "times 3 3"]:
+def states_at(motion: Spline, times: Float[Array, " times"]) -> Float[Array, "times 3 3"]:
     """The same at any times, s."""
     share = times / motion.cell
     which = jnp.clip(jnp.floor(share), 0, motion.cells - 1)
@@ -118,13 +118,13 @@ def wind_along(
 
 
 def _crossings(
-    motion: SplineMotion, edges: Float[Array, " layers"], ticks: int, most: int
+    motion: Spline, edges: Float[Array, " layers"], intervals: int, most: int
 ) -> tuple[Float[Array, " most"], Float[Array, " most"]]:
     """When altitudes (m) are crossed, s, and whether up or down, 1 or -1; for no crossing the last time and 0.
 
-    Those between ticks that are on both sides; no more than so many.
+    Those between intervals that are on both sides; no more than so many.
     """
-    times = motion.duration * jnp.linspace(0.0, 1.0, ticks + 1)
+    times = motion.duration * jnp.linspace(0.0, 1.0, intervals + 1)
     heights = -states_at(motion, times)[:, 0, 2]
     over = heights[:, None] > edges[None, :]
     crossed = (over[1:] != over[:-1]).ravel()
@@ -143,7 +143,7 @@ def _crossings(
     return jnp.where(there, 0.5 * (low + high), motion.duration), jnp.where(there, way, 0.0)
 
 
-def motion_path(start_time: ScalarLike, motion: SplineMotion, wind: AbstractWind, ticks: int, knots: int) -> TimedPath:
+def spline_path(start_time: ScalarLike, motion: Spline, wind: AbstractWind, intervals: int, knots: int) -> TimedPath:
     """The motion as it is delivered, in a wind, with empty intervals at its end up to a number of knots.
 
     Where it crosses the edge of a layer of wind, there are two knots: the rate of the wind jumps.
@@ -154,16 +154,16 @@ def motion_path(start_time: ScalarLike, motion: SplineMotion, wind: AbstractWind
         s.
     motion, wind
         What is flown, in what.
-    ticks
+    intervals
         Even intervals, a multiple of the motion's.
     knots
-        More than `ticks`; half of those beyond are for edges.
+        More than `intervals`; half of those beyond are for edges.
     """
-    times = motion.duration * jnp.linspace(0.0, 1.0, ticks + 1)
-    most = (knots - ticks - 1) // 2
-    aside = jnp.zeros(ticks + 1)
+    times = motion.duration * jnp.linspace(0.0, 1.0, intervals + 1)
+    most = (knots - intervals - 1) // 2
+    aside = jnp.zeros(intervals + 1)
     if isinstance(wind, LayeredWind):
-        crossed, way = _crossings(motion, wind.altitudes, ticks, most)
+        crossed, way = _crossings(motion, wind.altitudes, intervals, most)
         times = jnp.concatenate([times, jnp.repeat(crossed, 2)])
         aside = jnp.concatenate([aside, jnp.stack([-way, way], axis=1).ravel()])
     order = jnp.argsort(times, stable=True)

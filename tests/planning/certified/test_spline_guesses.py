@@ -1,4 +1,4 @@
-"""Where the search for free motions begins: ways of many kinds, as long as the time asks for."""
+"""Where the search for splines begins: ways of many kinds, as long as the time asks for."""
 
 import jax
 import jax.numpy as jnp
@@ -7,9 +7,9 @@ import pytest
 from certified_cases import number, picked
 
 from anser.numerics import compiled_quickly
-from anser.planning.certified.motion_guesses import beginning, draws
-from anser.planning.certified.motion_terms import MotionTask
-from anser.planning.certified.spline_motion import SplineMotion, states_at
+from anser.planning.certified.spline import Spline, states_at
+from anser.planning.certified.spline_equations import SplineProblem
+from anser.planning.certified.spline_guesses import guess_parameters, spline_start
 from trials.cases import random_case
 from trials.task import planner_task
 
@@ -17,24 +17,24 @@ CELLS, STARTS = 64, 40
 
 
 @compiled_quickly
-def _begun(traveller, airspace, duration):
-    task = MotionTask(traveller, airspace, duration)
-    begin = jax.vmap(lambda draw: beginning(task, CELLS, draw))(draws(STARTS))
+def _begun(task, airspace, duration):
+    problem = SplineProblem(task, airspace, duration)
+    begin = jax.vmap(lambda draw: spline_start(problem, CELLS, draw))(guess_parameters(STARTS))
     times = duration * jnp.linspace(0.0, 1.0, 801)
-    return begin, jax.vmap(lambda c: states_at(SplineMotion(duration, c), times))(begin.coefficients)
+    return begin, jax.vmap(lambda c: states_at(Spline(duration, c), times))(begin.coefficients)
 
 
 @pytest.fixture(scope="module", params=[(90, 0, 230.0), (34, 1, 380.0), (674, 2, 620.0)])
 def begun(request):
     seed, who, duration = request.param
-    travellers, airspace, _ = planner_task(random_case(seed))
-    return picked(travellers, who), duration, *_begun(picked(travellers, who), airspace, number(duration))
+    tasks, airspace, _ = planner_task(random_case(seed))
+    return picked(tasks, who), duration, *_begun(picked(tasks, who), airspace, number(duration))
 
 
 def test_they_are_about_as_long_as_their_airspeeds_ask(begun):
-    traveller, duration, _, motion = begun
+    task, duration, _, motion = begun
     lengths = np.sum(np.linalg.norm(np.diff(motion[:, :, 0, :2], axis=1), axis=2), axis=1)
-    low, high = float(traveller.limits.speed_min), float(traveller.limits.speed_max)
+    low, high = float(task.limits.speed_min), float(task.limits.speed_max)
     means = lengths / duration
     # Corners are cut, and the wind carries along; most are within the range, none anywhere near half or twice.
     assert np.mean((means > 0.85 * low) & (means < 1.15 * high)) > 0.7
@@ -42,10 +42,10 @@ def test_they_are_about_as_long_as_their_airspeeds_ask(begun):
 
 
 def test_they_keep_to_altitudes_that_may_be_flown(begun):
-    traveller, _, _, motion = begun
+    task, _, _, motion = begun
     altitudes = -np.asarray(motion)[:, :, 0, 2]
-    assert np.min(altitudes) >= float(traveller.limits.altitude_min) - 50.0
-    assert np.max(altitudes) <= float(traveller.limits.altitude_max) + 50.0
+    assert np.min(altitudes) >= float(task.limits.altitude_min) - 50.0
+    assert np.max(altitudes) <= float(task.limits.altitude_max) + 50.0
 
 
 def test_they_are_of_many_kinds(begun):
@@ -62,8 +62,8 @@ def test_they_are_of_many_kinds(begun):
 
 def test_the_same_every_time_and_finite(begun):
     assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(begun[2].coefficients))
-    for one, other in zip(draws(7), draws(7), strict=True):
+    for one, other in zip(guess_parameters(7), guess_parameters(7), strict=True):
         np.testing.assert_array_equal(one, other)
     # Fewer are the first of more.
-    np.testing.assert_array_equal(draws(3).aside, draws(7).aside[:3])
-    assert not np.array_equal(draws(3, seed=1).aside, draws(3).aside)
+    np.testing.assert_array_equal(guess_parameters(3).aside, guess_parameters(7).aside[:3])
+    assert not np.array_equal(guess_parameters(3, seed=1).aside, guess_parameters(3).aside)
