@@ -14,7 +14,7 @@ from anser.planning.certified import AircraftTask, Airspace, KeepOuts, Separatio
 from anser.planning.timed_path import TimedPath
 from anser.simulation import assign_holds, cells_for
 from anser.simulation.hold_assignment import _circles
-from anser.simulation.planned_hold import FORESEEN, each_alone, hold_path, hold_reference, moved
+from anser.simulation.planned_hold import FORESEEN, each_alone, hold_path, hold_reference, moved_with_goals
 
 SPEED, GRAVITY, END = 150.0, 9.81, 240.0
 CELLS = cells_for(END)
@@ -200,7 +200,7 @@ def test_who_holds_already_goes_on(assigned):
     again = compiled_quickly(
         lambda former: assign_holds(MEETING[0], seen, space, SETTINGS, now, END, CELLS, former=former)
     )(holds)
-    expected = moved(holds, seen, now)
+    expected = moved_with_goals(holds, seen, now)
     for k, arrived in enumerate([True, True, False]):
         same = np.allclose(again.paths.air_n[k], expected.paths.air_n[k], atol=1e-9)
         assert same == arrived

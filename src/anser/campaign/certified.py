@@ -7,22 +7,19 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 import numpy as np
 
-from anser.campaign.plan_interface import SPEED_TOLERANCE, NoPlanError, plan_in_words
+from anser.campaign.plan_interface import SPEED_TOLERANCE, NoPlanError, Planned
 from anser.campaign.refusal import explain, explain_missing_holds
 from anser.campaign.untrimmable import refuse_untrimmable
 from anser.compilation_cache import enable_compilation_cache
 from anser.numerics import compiled_quickly
-from anser.planning.certified import AircraftTask, Airspace, ArrivalRequest, CertifiedPlan, FleetTask, Outcome
+from anser.planning.certified import FIRST, AircraftTask, Airspace, ArrivalRequest, CertifiedPlan, FleetTask, Outcome
 from anser.results import turn_words
 from anser.scenario import Scenario, build_flight
 from anser.simulation import (
     CertifiedPlanner,
     CertifiedPlanState,
-    Flight,
     FlightState,
     PlannedHolds,
-    TrimmedFleet,
-    TrimPoint,
     begin,
     trimmed_fleet,
 )
@@ -33,53 +30,30 @@ NOT_PROVEN = "nothing proves that it keeps its limits, the separation and the ke
 
 
 @dataclass(frozen=True, repr=False)
-class CertifiedPlanned:
-    """What came of planning a scenario with the certified planner, see `anser.campaign.plan_interface.Planned`.
+class CertifiedPlanned(Planned):
+    """What came of planning a scenario with the certified planner.
 
     Attributes
     ----------
-    scenario
-        What was planned.
-    flight
-        Its arrays.
-    fleet
-        The fleet trimmed at its start.
     outcome
         Of the search.
     tasks, airspace
-        The task of the planner.
+        What was asked of the planner.
     holds
         What the aircraft fly after their arrivals; None where there is no plan.
-    refusals
-        Why there is no plan, one sentence each; empty where there is one.
     """
 
-    scenario: Scenario
-    flight: Flight
-    fleet: TrimmedFleet
     outcome: Outcome
     tasks: AircraftTask
     airspace: Airspace
     holds: PlannedHolds | None
-    refusals: tuple[str, ...]
 
     @property
     def plan(self) -> CertifiedPlan:
-        """The plan.
-
-        Raises
-        ------
-        NoPlanError
-            If there is none; the message says why.
-        """
+        """The plan; raises `NoPlanError` if there is none: the message says why."""
         if self.outcome.plan is None:
             raise NoPlanError(self.refusals)
         return self.outcome.plan
-
-    @property
-    def trims(self) -> TrimPoint:
-        """Steady flight of each aircraft at its start; leading axis aircraft."""
-        return self.fleet.trims
 
     def problems(self) -> tuple[str, ...]:
         """Why there is no plan, or why it cannot be flown as it stands, one sentence each; empty where it can."""
@@ -105,11 +79,8 @@ class CertifiedPlanned:
 
     def begun(self) -> FlightState:
         """The fleet at its start, with the plan."""
-        state = CertifiedPlanState(self.plan, jnp.asarray(0), self.holds, self.tasks.limits)
+        state = CertifiedPlanState(self.plan, jnp.asarray(FIRST), self.holds, self.tasks.limits)
         return begin(self.flight, self.fleet, state)
-
-    def __repr__(self) -> str:
-        return plan_in_words(self)
 
 
 def arrival_request(scenario: Scenario) -> ArrivalRequest:
@@ -161,4 +132,4 @@ def plan_certified(scenario: Scenario, on_progress: Callable[[str], None] = lamb
         asked = FleetTask(tasks, planner.airspace, request)
         refusals = explain(scenario, asked, outcome) if holds is None else explain_missing_holds(scenario, asked, holds)
         holds = None
-    return CertifiedPlanned(scenario, flight, fleet, outcome, tasks, planner.airspace, holds, refusals)
+    return CertifiedPlanned(scenario, flight, fleet, refusals, outcome, tasks, planner.airspace, holds)

@@ -11,7 +11,7 @@ import xarray as xr
 
 from anser.campaign.certified import NOT_PROVEN, CertifiedPlanned
 from anser.campaign.plan_interface import Planned
-from anser.campaign.plan_samples import TimedPosition, sample_plan, sample_times
+from anser.campaign.plan_samples import PlannedPath, sample_plan, sample_times
 from anser.campaign.planned import PublishedPlanned
 from anser.planning import CERTIFIED_LIMITS, LIMIT_MESSAGES, LIMITS, PLAN_MESSAGES, PathLimits
 from anser.planning.certified import AircraftTask, CertifiedPlan
@@ -152,7 +152,7 @@ def _holds(holds: PlannedHolds | None, rows: np.ndarray) -> dict[str, Any]:
     }
 
 
-def _recorded(paths: TimedPosition, arrivals: np.ndarray, gravity: Any, details: PlanDetails) -> RecordedPlan:
+def _recorded(paths: PlannedPath, arrivals: np.ndarray, gravity: Any, details: PlanDetails) -> RecordedPlan:
     scenario = details.scenario
     times = sample_times(0.0, arrivals)
     goals = np.stack([_goal_n(scenario.goal_of(aircraft), times[0]) for aircraft in scenario.aircraft], axis=1)

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from anser.campaign.plan_distances import keep_out_rooms, nearest_pairs, track_of
 from anser.numerics import compiled_quickly
-from anser.planning import CERTIFIED_LIMITS, polar
+from anser.planning import CERTIFIED_LIMITS, Reference, polar
 from anser.planning.demand import demand
 from anser.results import PlanExtremes, PlanSamples
 from anser.scenario.schema_airspace import KeepOut
@@ -23,23 +23,11 @@ _BLOCK = 256
 _SAME_TIME_S = 1e-6
 
 
-class TimedPosition(Protocol):
+class PlannedPath(Reference, Protocol):
     """A path in time, of either planner: NED, SI units."""
-
-    def position_n(self, time: ScalarLike) -> Vector3:
-        """Position over the ground, m."""
-        ...
-
-    def velocity_n(self, time: ScalarLike) -> Vector3:
-        """Velocity over the ground, m/s."""
-        ...
 
     def air_velocity_n(self, time: ScalarLike) -> Vector3:
         """Velocity relative to the air, m/s."""
-        ...
-
-    def acceleration_n(self, time: ScalarLike) -> Vector3:
-        """Acceleration over the ground, m/s^2."""
         ...
 
 
@@ -55,7 +43,7 @@ def sample_times(start_s: float, arrival_times: np.ndarray) -> tuple[np.ndarray,
     return times, np.abs(phase - np.round(phase)) * SAMPLE_STEP_S <= _SAME_TIME_S
 
 
-def asked_of(path: TimedPosition, time: ScalarLike, gravity: ScalarLike) -> dict[str, Scalar]:
+def asked_of(path: PlannedPath, time: ScalarLike, gravity: ScalarLike) -> dict[str, Scalar]:
     """What a path asks at a time, by key of `anser.variables`; SI units and radians.
 
     Parameters
@@ -73,9 +61,9 @@ def asked_of(path: TimedPosition, time: ScalarLike, gravity: ScalarLike) -> dict
     the velocity relative to the air (theory section 6).
     """
     position, ground, air = path.position_n(time), path.velocity_n(time), path.air_velocity_n(time)
-    push = path.acceleration_n(time)
-    over, through = polar(ground, push), polar(air, push)
-    asked = demand(air, push, gravity)
+    acceleration = path.acceleration_n(time)
+    over, through = polar(ground, acceleration), polar(air, acceleration)
+    asked = demand(air, acceleration, gravity)
     return {
         "north": position[0],
         "east": position[1],
@@ -96,15 +84,15 @@ def asked_of(path: TimedPosition, time: ScalarLike, gravity: ScalarLike) -> dict
 
 @compiled_quickly
 def _asked(
-    paths: TimedPosition, times: Float[Array, "aircraft block"], gravity: Scalar
+    paths: PlannedPath, times: Float[Array, "aircraft block"], gravity: Scalar
 ) -> dict[str, Float[Array, "aircraft block"]]:
-    def one(path: TimedPosition, instants: Float[Array, " block"]) -> dict[str, Scalar]:
+    def one(path: PlannedPath, instants: Float[Array, " block"]) -> dict[str, Scalar]:
         return jax.vmap(lambda time: asked_of(path, time, gravity))(instants)
 
     return eqx.filter_vmap(one, in_axes=(eqx.if_array(0), 0))(paths, times)
 
 
-def _asked_in_blocks(paths: TimedPosition, times: np.ndarray, gravity: ScalarLike) -> dict[str, np.ndarray]:
+def _asked_in_blocks(paths: PlannedPath, times: np.ndarray, gravity: ScalarLike) -> dict[str, np.ndarray]:
     """What each path asks at its own times, (aircraft, time): blocks of one size, so that a fleet compiles once."""
     count = times.shape[1]
     padded = np.pad(times, ((0, 0), (0, -count % _BLOCK)), mode="edge")
@@ -116,7 +104,7 @@ def _asked_in_blocks(paths: TimedPosition, times: np.ndarray, gravity: ScalarLik
 
 
 def sample_paths(
-    paths: TimedPosition, arrival_times: np.ndarray, times_s: np.ndarray, gravity: ScalarLike
+    paths: PlannedPath, arrival_times: np.ndarray, times_s: np.ndarray, gravity: ScalarLike
 ) -> dict[str, np.ndarray]:
     """What the paths of a fleet ask, by key of `anser.variables`; (time, aircraft), NaN after the arrival.
 
@@ -137,9 +125,7 @@ def sample_paths(
     return {key: np.where(under_way, values, np.nan).T for key, values in found.items()}
 
 
-def sample_extremes(
-    paths: TimedPosition, start_s: float, arrival_times: np.ndarray, gravity: ScalarLike
-) -> PlanExtremes:
+def sample_extremes(paths: PlannedPath, start_s: float, arrival_times: np.ndarray, gravity: ScalarLike) -> PlanExtremes:
     """Least and greatest of each path, from its start to its arrival; arguments as of `sample_paths`."""
     duration = np.asarray(arrival_times) - start_s
     asked = _asked_in_blocks(paths, start_s + duration[:, None] * np.linspace(0.0, 1.0, _FINE)[None, :], gravity)
@@ -153,7 +139,7 @@ def sample_extremes(
 
 
 def sample_plan(
-    paths: TimedPosition,
+    paths: PlannedPath,
     start_s: float,
     arrival_times: np.ndarray,
     gravity: ScalarLike,

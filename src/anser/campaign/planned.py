@@ -11,7 +11,7 @@ import jax
 import numpy as np
 
 from anser.campaign.certified import plan_certified
-from anser.campaign.plan_interface import SPEED_TOLERANCE, Planned, plan_in_words
+from anser.campaign.plan_interface import SPEED_TOLERANCE, Planned
 from anser.campaign.untrimmable import refuse_untrimmable
 from anser.compilation_cache import enable_compilation_cache
 from anser.numerics import compiled_quickly
@@ -21,10 +21,7 @@ from anser.scenario import Scenario, build_flight, build_path_limits
 from anser.scenario.schema_aircraft import Aircraft
 from anser.simulation import (
     STATUS_MESSAGES,
-    Flight,
     FlightState,
-    TrimmedFleet,
-    TrimPoint,
     start_flight,
     statuses,
 )
@@ -41,40 +38,21 @@ def _limits_of(plan: FleetPlan, limits: Any, gravity: Any) -> LimitReport:
 
 
 @dataclass(frozen=True, repr=False)
-class PublishedPlanned:
-    """The first plan of a scenario by the published planner, see `anser.campaign.plan_interface.Planned`.
+class PublishedPlanned(Planned):
+    """The first plan of a scenario by the published planner, which always plans: `problems` says what is wrong with it.
 
     Attributes
     ----------
-    scenario
-        What was planned.
     state
         The fleet at its start, with the plan.
-    fleet
-        The fleet trimmed at its start.
-    flight
-        Its arrays.
     """
 
-    scenario: Scenario
-    flight: Flight
     state: FlightState
-    fleet: TrimmedFleet
 
     @property
     def plan(self) -> FleetPlan:
         """The plan itself."""
         return self.state.planner.plan
-
-    @property
-    def trims(self) -> TrimPoint:
-        """Steady flight of each aircraft at its start; leading axis aircraft."""
-        return self.fleet.trims
-
-    @property
-    def refusals(self) -> tuple[str, ...]:
-        """None: this planner always plans; `problems` says what is wrong with it."""
-        return ()
 
     @functools.cached_property
     def limits(self) -> LimitReport:
@@ -135,9 +113,6 @@ class PublishedPlanned:
         """The fleet at its start, with the plan."""
         return self.state
 
-    def __repr__(self) -> str:
-        return plan_in_words(self)
-
 
 def _change_of_wind_m_s(scenario: Scenario, one: Aircraft, arrival_s: float) -> float:
     """How much the wind at an aircraft's rendezvous differs from that at its start, m/s."""
@@ -177,4 +152,4 @@ def plan(scenario: Scenario, on_progress: Callable[[str], None] = lambda what: N
     flight = build_flight(scenario)
     state, fleet = _start(flight)
     refuse_untrimmable(scenario, flight, fleet.trims)
-    return PublishedPlanned(scenario, flight, state, fleet)
+    return PublishedPlanned(scenario, flight, fleet, (), state)

@@ -20,12 +20,12 @@ from anser.planning.certified.tracking import path_track
 from anser.planning.demand import turn_radius
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Flag, Scalar, ScalarLike
-from anser.simulation.planned_hold import HoldCircle, PlannedHolds, hold_path, moved
+from anser.simulation.planned_hold import HoldCircle, PlannedHolds, hold_path, moved_with_goals
 from anser.spatial import safe_norm
 
 _INSTANTS = 8  # per cell of a hold's path, at which distances are looked at; bounds hold between them
 _INTERVALS_PER_CYLINDER = 4 * INTERVALS_PER_CYLINDER
-_PLENTY = 1e3  # times the separation: more does not count
+_RATIO_CAP = 1e3  # of clearance to separation: more does not count
 _ROUNDS = 3  # in which each aircraft chooses again, given what the others have chosen
 _RADII = (1.0, 1.5, 2.25)  # of the scenario's, besides the tightest
 _TIGHT = 1.2  # times the radius of the tightest turn over the ground
@@ -43,7 +43,7 @@ def _circles(task: AircraftTask, airspace: Airspace, settings: GuidanceSettings)
     stacked = airspace.separation.vertical
     step = jnp.where(stacked > 0.0, _SPACE * stacked, 0.0)
     base = -task.rendezvous.stand_off_n[2]
-    blowing_n = airspace.wind.at(task.goal_position_n + task.rendezvous.stand_off_n, 0.0)
+    blowing_n = airspace.wind.at(task.rendezvous_n, 0.0)
     over_ground = task.speed + safe_norm(blowing_n - task.goal_velocity_n)
     tightest = turn_radius(over_ground, task.limits.bank_max, airspace.gravity)
     radii = [radius * settings.hold_radius for radius in _RADII]
@@ -85,7 +85,7 @@ class _Held(eqx.Module):
 
 
 def _clearance_ratios(who: Count, one: _Held, fleet: _Held, separation: Separation) -> Float[Array, " aircraft"]:
-    """How much of the separation one aircraft keeps from each of a fleet, as soon as the first of both has arrived."""
+    """Clearance ratio between one aircraft and each of a fleet, as soon as the first of both has arrived."""
     others = jnp.arange(fleet.fits.shape[0]) != who
 
     def least(
@@ -152,7 +152,7 @@ def assign_holds(
     end = jnp.maximum(until, jnp.max(arrival_times) + 1.0)
     times = start_time + (end - start_time) * jnp.linspace(0.0, 1.0, _INSTANTS * cells + 1)
     circles = jax.vmap(_circles, in_axes=(0, None, None))(tasks, airspace, settings)
-    flown = None if former is None else moved(former, tasks, start_time)
+    flown = None if former is None else moved_with_goals(former, tasks, start_time)
 
     def approach(path: TimedPath, active: Scalar) -> Track:
         return path_track(path, path_bounds(path, airspace.wind, gravity).cell_acceleration, active, times)
@@ -201,7 +201,7 @@ def assign_holds(
             made = option(who, k)
             least = jnp.min(_clearance_ratios(who, made, held, separation))
             # One that does not fit is worse than any that does.
-            worth = jnp.where(made.fits, jnp.minimum(least, _PLENTY), jnp.minimum(least, 1.0) - _PLENTY)
+            worth = jnp.where(made.fits, jnp.minimum(least, _RATIO_CAP), jnp.minimum(least, 1.0) - _RATIO_CAP)
             better = worth > most
             return k + 1, jnp.where(better, k, best), jnp.maximum(worth, most), made.fits & (least >= 1.0)
 

@@ -82,7 +82,7 @@ def cells_for(duration_s: float) -> int:
     return next((cells for cells in (128, 256, 512, 1024, 2048) if 2.0 * cells >= duration_s), 4096)
 
 
-def moved(holds: PlannedHolds, tasks: AircraftTask, now: ScalarLike) -> PlannedHolds:
+def moved_with_goals(holds: PlannedHolds, tasks: AircraftTask, now: ScalarLike) -> PlannedHolds:
     """The same holds about goals that are foreseen otherwise at `now` (s), seen from which nothing jumps but the rates.
 
     A hold goes with its goal; its path through the air changes by as much as the goal's velocity does.

@@ -8,18 +8,7 @@ from scipy.interpolate import BPoly
 from anser.environment import LayeredWind, SteadyWind
 from anser.numerics.quadrature import gauss_legendre
 from anser.planning.certified.delivery import deliver
-from anser.planning.certified.detours import (
-    ANGLE_MAX,
-    FIRST,
-    FIXED,
-    HEADINGS,
-    SECOND,
-    WORDS,
-    Detour,
-    direct,
-    resolve,
-    solve_detour,
-)
+from anser.planning.certified.detours import WORDS, detour, direct, resolve, solve_detour
 from anser.planning.certified.profile import make_profile, mean_to_last_speed, tabulate
 from anser.planning.certified.route import Ends
 from anser.planning.certified.smooth_turn import cis
@@ -74,14 +63,7 @@ def random_ends(seed, count, near, far, curvature_use=0.9, sharp=4.0, free=False
 
 def detours_of(shapes, sides):
     """Stacked detours; the shapes are indices."""
-    shapes, sides = np.asarray(shapes), np.asarray(sides, dtype=float)
-    return Detour(
-        jnp.asarray(sides[:, None] * HEADINGS[shapes]),
-        jnp.asarray(FIRST[shapes]),
-        jnp.asarray(SECOND[shapes]),
-        jnp.asarray(FIXED[shapes]),
-        jnp.asarray(ANGLE_MAX[shapes]),
-    )
+    return jax.vmap(detour)(jnp.asarray(shapes), jnp.asarray(sides, dtype=float))
 
 
 def picked(tree, k):

@@ -21,7 +21,7 @@ CASES, INTERVALS, SPEED = 24, 64, 140.0
 NO_LIMITS = PathLimits(number(40.0), number(400.0), number(1.2), number(1e3), number(-1e5))
 
 
-def made_travellers(seed, climbing, turning=0.0):
+def made_tasks(seed, climbing, turning=0.0):
     """Stacked: every third has a course, the next an angle, the next both; goals climb by up to `climbing` m/s."""
     rng = np.random.default_rng(seed)
     heading = rng.uniform(-np.pi, np.pi, CASES)
@@ -76,7 +76,7 @@ def flown(tasks, wind):
 
 @pytest.mark.parametrize("wind", [SteadyWind(jnp.array([-20.0, 30.0, 0.0])), LAYERED], ids=["steady", "layered"])
 def test_the_delivered_path_arrives_as_prescribed(wind):
-    tasks = made_travellers(1, climbing=15.0)
+    tasks = made_tasks(1, climbing=15.0)
     good, _, last = (jax.tree.map(np.asarray, leaf) for leaf in flown(tasks, wind))
     assert good.sum() > CASES // 2
     velocity = (last[0] + last[1])[:, 1]
@@ -93,7 +93,7 @@ def test_the_delivered_path_arrives_as_prescribed(wind):
 
 def test_the_path_goes_on_with_the_acceleration_it_begins_with():
     # Up where the wind rises with the altitude: its rate is part of the acceleration over the ground.
-    tasks = made_travellers(2, climbing=0.0, turning=2.0)
+    tasks = made_tasks(2, climbing=0.0, turning=2.0)
     good, first, _ = (jax.tree.map(np.asarray, leaf) for leaf in flown(tasks, LAYERED))
     assert good.sum() > CASES // 2
     begun = first[0][good]
@@ -103,7 +103,7 @@ def test_the_path_goes_on_with_the_acceleration_it_begins_with():
 
 
 def test_what_the_wind_does_not_allow_is_not_attainable():
-    one = picked(made_travellers(3, climbing=0.0), 0)
+    one = picked(made_tasks(3, climbing=0.0), 0)
     strong = SteadyWind(jnp.array([0.0, 80.0, 0.0]))
     north = eqx.tree_at(lambda t: t.rendezvous.course, one, number(0.0))
     assert not arrival_motion(north, strong, 100.0, 71.0).attainable
@@ -115,7 +115,7 @@ def test_what_the_wind_does_not_allow_is_not_attainable():
 
 
 def test_without_a_course_the_heading_is_free_but_where_an_angle_needs_it():
-    angled = picked(made_travellers(4, climbing=0.0), 1)
+    angled = picked(made_tasks(4, climbing=0.0), 1)
     calm, windy = (SteadyWind(jnp.array([0.0, east, 0.0])) for east in (0.0, 10.0))
     assert arrival_motion(angled, calm, 100.0, SPEED).heading_free
     assert not arrival_motion(angled, windy, 100.0, SPEED).heading_free
@@ -124,7 +124,7 @@ def test_without_a_course_the_heading_is_free_but_where_an_angle_needs_it():
 
 
 def test_gradients_are_finite():
-    one = eqx.tree_at(lambda t: t.goal_position_n, picked(made_travellers(5, climbing=5.0), 1), jnp.zeros(3))
+    one = eqx.tree_at(lambda t: t.goal_position_n, picked(made_tasks(5, climbing=5.0), 1), jnp.zeros(3))
     at_rest = eqx.tree_at(lambda t: (t.position_n, t.goal_velocity_n), one, (jnp.zeros(3), jnp.zeros(3)))
 
     def climb(speed):

@@ -6,7 +6,7 @@ from certified_cases import STEADY
 
 from anser.planning.certified import arrivals
 from anser.planning.certified.candidate_sets import ALONE_SPLINES, ALONE_STANDARD, ALONE_TURN_LEG_PATHS
-from anser.planning.certified.search import stacked
+from anser.planning.certified.task import stacked
 from support.aircraft_tasks import aircraft_task, airspace
 
 

@@ -10,8 +10,9 @@ from jaxtyping import TypeCheckError
 
 from anser.environment import AbstractWind, LayeredWind
 from anser.numerics import compiled_quickly
-from anser.planning.certified import AircraftTask, Airspace, KeepOuts, Separation, certify, no_keep_outs
+from anser.planning.certified import AircraftTask, Airspace, KeepOuts, Separation, no_keep_outs
 from anser.planning.certified.certificate import excess, path_bounds
+from anser.planning.certified.certified_plan import certify
 from anser.planning.certified.smooth_turn import cis
 from anser.planning.limits import CERTIFIED_LIMITS, PathLimits
 from anser.planning.rendezvous import make_rendezvous
@@ -247,7 +248,7 @@ def test_gradients_are_finite_with_empty_cells(flown):
     assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(jax.jit(jax.grad(asked))(path)))
 
 
-def _travellers(active):
+def _tasks(active):
     zeros = jnp.zeros((COUNT, 3))
     limits = PathLimits(*(jnp.full(COUNT, x) for x in (50.0, 400.0, 1.4, 100.0, -1e3, 2e4, 9.0, 99.0, 99.0)))
     return AircraftTask(
@@ -272,7 +273,7 @@ def test_a_path_that_is_none_hides_no_other(flown):
     active = np.ones(COUNT)
     active[3] = 0.0
     none = jax.tree.map(lambda leaf: leaf.at[3].set(jnp.nan), paths)
-    certified = compiled_quickly(lambda p: certify(p, _travellers(active), airspace, INTERVALS))
+    certified = compiled_quickly(lambda p: certify(p, _tasks(active), airspace, INTERVALS))
     found, expected = certified(none), certified(paths)
     others = np.arange(COUNT) != 3
     np.testing.assert_allclose(found.keep_out_clearance[others], expected.keep_out_clearance[others], rtol=1e-12)
@@ -302,7 +303,7 @@ def test_a_fleets_certificate_is_never_better_than_its_paths(flown):
     wind, *_, paths, _, dense = flown
     separation = Separation(number(900.0), number(200.0))
     airspace = Airspace(wind, number(GRAVITY), separation, no_keep_outs())
-    tasks = _travellers(np.ones(COUNT))
+    tasks = _tasks(np.ones(COUNT))
     found = compiled_quickly(lambda p: certify(p, tasks, airspace, INTERVALS))(paths)
     room = np.asarray(found.clearance_ratio)
     np.testing.assert_allclose(room, room.T, rtol=1e-12)

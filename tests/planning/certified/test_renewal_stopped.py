@@ -13,7 +13,7 @@ from anser.planning.certified.certified_plan import certify
 from anser.planning.certified.profile import KINKS
 from anser.planning.certified.renewal import CORRECTED, KEPT, REPLANNED, postponements, renew_certified
 from anser.planning.certified.route import PIECES
-from anser.planning.certified.search import stacked
+from anser.planning.certified.task import stacked
 from anser.planning.timed_path import TimedPath
 from support.aircraft_tasks import aircraft_task, airspace
 

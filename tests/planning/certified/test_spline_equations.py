@@ -1,4 +1,4 @@
-"""What motions pass: the equations against automatic derivatives, what is passed against the judge's own formulas."""
+"""What splines pass: the equations against automatic derivatives, what is passed against the judge's own formulas."""
 
 import functools
 
@@ -10,20 +10,19 @@ from certified_cases import number, picked
 
 from anser.planning.certified.spline import Spline, states, states_at
 from anser.planning.certified.spline_equations import (
-    _LOOKS,
+    _SAMPLE_POINTS,
     SplineProblem,
     _limit_violations,
     _violations,
     arrives_forward,
     first_state,
-    first_tightened,
-    meeting_place,
-    moved,
+    initial_limits,
     normal_equations,
     step_metric,
-    tightened_more,
+    tightened,
+    updated,
 )
-from anser.planning.certified.spline_guesses import guess_parameters, spline_start
+from anser.planning.certified.spline_guesses import guesses, spline_start
 from anser.planning.limits import CERTIFIED_LIMITS
 from trials.cases import random_case
 from trials.motion import path_demands
@@ -39,7 +38,7 @@ def problem_of(seed, who, duration=230.0):
 
 
 def begun(problem, k=0):
-    return spline_start(problem, CELLS, picked(guess_parameters(6), k))
+    return spline_start(problem, CELLS, picked(guesses(6), k))
 
 
 def changes(seed, size=300.0):
@@ -65,20 +64,20 @@ def test_normal_equations_are_those_of_automatic_derivatives(seed, who):
     begin = begun(problem, 2)
 
     def rows(x):
-        motion = Spline(problem.duration, moved(begin, problem.duration / CELLS, x))
-        times = motion.cell * (jnp.arange(CELLS)[:, None] + jnp.asarray(_LOOKS)[None, :])
+        spline = Spline(problem.duration, updated(begin, problem.duration / CELLS, x))
+        times = spline.cell * (jnp.arange(CELLS)[:, None] + jnp.asarray(_SAMPLE_POINTS)[None, :])
         one = functools.partial(_violations, problem, begin.allowed)
-        return jax.vmap(jax.vmap(one))(times, states(motion, _LOOKS)).ravel()
+        return jax.vmap(jax.vmap(one))(times, states(spline, _SAMPLE_POINTS)).ravel()
 
     x = changes(seed)
     found = jax.jit(functools.partial(normal_equations, problem))(begin, x)
-    missed = rows(x)
-    jacobian = jax.jit(jax.jacfwd(rows))(x).reshape(missed.size, -1)
-    assert np.sum(np.asarray(missed) > 0.0) > 20
-    np.testing.assert_allclose(found.cost, 0.5 * np.sum(np.asarray(missed) ** 2), rtol=1e-12)
+    violations = rows(x)
+    jacobian = jax.jit(jax.jacfwd(rows))(x).reshape(violations.size, -1)
+    assert np.sum(np.asarray(violations) > 0.0) > 20
+    np.testing.assert_allclose(found.cost, 0.5 * np.sum(np.asarray(violations) ** 2), rtol=1e-12)
     expected = np.asarray(jacobian.T @ jacobian)
     np.testing.assert_allclose(dense(found.form), expected, atol=1e-12 * np.max(expected))
-    gradient = np.asarray(jacobian.T @ missed)
+    gradient = np.asarray(jacobian.T @ violations)
     np.testing.assert_allclose(found.gradient.ravel(), gradient, atol=1e-11 * np.max(np.abs(gradient)))
 
 
@@ -91,12 +90,12 @@ def test_the_size_of_a_step_is_what_it_moves(seed, who):
     # Of the last group, what changes nothing counts by itself.
     form = dense(step_metric(problem, begin))
     idle = np.flatnonzero(
-        np.all(np.asarray(jax.jacfwd(lambda y: moved(begin, cell, y))(x)) == 0.0, axis=(0, 1)).ravel()
+        np.all(np.asarray(jax.jacfwd(lambda y: updated(begin, cell, y))(x)) == 0.0, axis=(0, 1)).ravel()
     )
     assert idle.size in (3, 4, 5)
     flat = np.array(x).ravel()
     flat[idle] = 0.0
-    step = moved(begin, cell, jnp.asarray(flat).reshape(GROUPS, 12)) - begin.coefficients
+    step = updated(begin, cell, jnp.asarray(flat).reshape(GROUPS, 12)) - begin.coefficients
     fine = np.asarray(states(Spline(problem.duration, step), (np.arange(400) + 0.5) / 400))
     sizes = np.mean(np.sum(fine**2, axis=3), axis=(0, 1)) / np.array([3000.0, 30.0, 3.0]) ** 2
     np.testing.assert_allclose(flat @ form @ flat, np.sum(sizes), rtol=1e-4)
@@ -109,10 +108,10 @@ def test_begins_and_arrives_as_asked_whatever_the_change(seed, who):
     rendezvous = problem.task.rendezvous
     for k in range(6):
         begin = begun(problem, k)
-        coefficients = moved(begin, problem.duration / CELLS, changes(k, 50.0))
+        coefficients = updated(begin, problem.duration / CELLS, changes(k, 50.0))
         first, last = states_at(Spline(problem.duration, coefficients), jnp.stack([number(0.0), problem.duration]))
         np.testing.assert_allclose(first, first_state(problem), rtol=1e-9, atol=1e-8)
-        np.testing.assert_allclose(last[0], meeting_place(problem), rtol=1e-9)
+        np.testing.assert_allclose(last[0], problem.task.meeting_n(problem.duration), rtol=1e-9)
         north, east, down = np.asarray(last[1])
         if rendezvous.course_prescribed:
             assert np.cos(np.arctan2(east, north) - float(rendezvous.course)) == pytest.approx(1.0, abs=1e-12)
@@ -131,7 +130,7 @@ def test_an_arrival_backwards_is_none():
 def test_what_is_passed_is_what_the_judge_would_say():
     case = random_case(104)
     problem = problem_of(104, 0)
-    allowed = first_tightened(problem, number(1.0))
+    allowed = initial_limits(problem, number(1.0))
     rng = np.random.default_rng(3)
     for _ in range(40):
         altitude = rng.uniform(200.0, 5000.0)
@@ -161,18 +160,18 @@ def test_what_is_passed_is_what_the_judge_would_say():
 def test_narrower_by_what_is_passed_and_never_empty():
     problem = problem_of(90, 3)
     limits = problem.task.limits
-    allowed = first_tightened(problem, number(0.99))
-    same = tightened_more(problem, allowed, jnp.full(9, -0.1))
+    allowed = initial_limits(problem, number(0.99))
+    same = tightened(problem, allowed, jnp.full(9, -0.1))
     for kept, before in zip(same, allowed, strict=True):
         np.testing.assert_allclose(kept, before, rtol=1e-15)
     over = np.zeros(9)
     fields = [limit.field for limit in CERTIFIED_LIMITS]
     over[fields.index("bank_max")] = 0.02
     over[fields.index("speed_min")] = 0.001
-    less = tightened_more(problem, allowed, jnp.asarray(over))
+    less = tightened(problem, allowed, jnp.asarray(over))
     assert float(less.bank) == pytest.approx(float(allowed.bank) * (1.0 - 0.026))
     assert float(less.speed_min) == pytest.approx(float(allowed.speed_min + 0.0013 * limits.speed_min))
     assert float(less.load_factor) == float(allowed.load_factor)
-    none = tightened_more(problem, allowed, jnp.full(9, 50.0))
+    none = tightened(problem, allowed, jnp.full(9, 50.0))
     assert float(none.speed_min) <= float(none.speed_max)
     assert float(none.bank) > 0.0

@@ -9,7 +9,7 @@ from certified_cases import number, picked
 from anser.numerics import compiled_quickly
 from anser.planning.certified.spline import Spline, states_at
 from anser.planning.certified.spline_equations import SplineProblem
-from anser.planning.certified.spline_guesses import guess_parameters, spline_start
+from anser.planning.certified.spline_guesses import guesses, spline_start
 from trials.cases import random_case
 from trials.task import planner_task
 
@@ -19,7 +19,7 @@ CELLS, STARTS = 64, 40
 @compiled_quickly
 def _begun(task, airspace, duration):
     problem = SplineProblem(task, airspace, duration)
-    begin = jax.vmap(lambda draw: spline_start(problem, CELLS, draw))(guess_parameters(STARTS))
+    begin = jax.vmap(lambda guess: spline_start(problem, CELLS, guess))(guesses(STARTS))
     times = duration * jnp.linspace(0.0, 1.0, 801)
     return begin, jax.vmap(lambda c: states_at(Spline(duration, c), times))(begin.coefficients)
 
@@ -32,8 +32,8 @@ def begun(request):
 
 
 def test_they_are_about_as_long_as_their_airspeeds_ask(begun):
-    task, duration, _, motion = begun
-    lengths = np.sum(np.linalg.norm(np.diff(motion[:, :, 0, :2], axis=1), axis=2), axis=1)
+    task, duration, _, spline = begun
+    lengths = np.sum(np.linalg.norm(np.diff(spline[:, :, 0, :2], axis=1), axis=2), axis=1)
     low, high = float(task.limits.speed_min), float(task.limits.speed_max)
     means = lengths / duration
     # Corners are cut, and the wind carries along; most are within the range, none anywhere near half or twice.
@@ -42,28 +42,28 @@ def test_they_are_about_as_long_as_their_airspeeds_ask(begun):
 
 
 def test_they_keep_to_altitudes_that_may_be_flown(begun):
-    task, _, _, motion = begun
-    altitudes = -np.asarray(motion)[:, :, 0, 2]
+    task, _, _, spline = begun
+    altitudes = -np.asarray(spline)[:, :, 0, 2]
     assert np.min(altitudes) >= float(task.limits.altitude_min) - 50.0
     assert np.max(altitudes) <= float(task.limits.altitude_max) + 50.0
 
 
 def test_they_are_of_many_kinds(begun):
-    *_, motion = begun
-    north, east = np.asarray(motion)[:, ::8, 1, 0], np.asarray(motion)[:, ::8, 1, 1]
+    *_, spline = begun
+    north, east = np.asarray(spline)[:, ::8, 1, 0], np.asarray(spline)[:, ::8, 1, 1]
     turned = np.unwrap(np.arctan2(east, north), axis=1)
     whole = np.ptp(turned, axis=1) / (2.0 * np.pi)
     assert np.sum(whole > 0.9) >= 5
     assert np.sum(whole < 0.7) >= 5
-    aside = np.asarray(motion)[:, 400, 0, :2] - np.asarray(motion)[:, 0, 0, :2]
+    aside = np.asarray(spline)[:, 400, 0, :2] - np.asarray(spline)[:, 0, 0, :2]
     bearings = np.arctan2(aside[:, 1], aside[:, 0])
     assert np.unique(np.round(bearings, 1)).size > STARTS / 4
 
 
 def test_the_same_every_time_and_finite(begun):
     assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(begun[2].coefficients))
-    for one, other in zip(guess_parameters(7), guess_parameters(7), strict=True):
+    for one, other in zip(guesses(7), guesses(7), strict=True):
         np.testing.assert_array_equal(one, other)
     # Fewer are the first of more.
-    np.testing.assert_array_equal(guess_parameters(3).aside, guess_parameters(7).aside[:3])
-    assert not np.array_equal(guess_parameters(3, seed=1).aside, guess_parameters(3).aside)
+    np.testing.assert_array_equal(guesses(3).aside, guesses(7).aside[:3])
+    assert not np.array_equal(guesses(3, seed=1).aside, guesses(3).aside)

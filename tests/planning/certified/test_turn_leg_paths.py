@@ -10,6 +10,7 @@ import pytest
 from certified_cases import GRAVITY, STEADY, detours_of, dubins, integrated, number, picked, random_ends
 
 from anser.numerics import compiled_quickly
+from anser.planning.certified import turn_leg_paths
 from anser.planning.certified.detours import SHAPES, WORDS, direct, resolve, solve_detour
 from anser.planning.certified.profile import make_profile, tabulate
 from anser.planning.certified.task import KeepOuts
@@ -181,7 +182,7 @@ def test_derivatives_are_those_of_what_is_missed(ends):
             problem = TurnLegProblem(one, SLOWING, keep_outs, number(1.4 * where[k] / 0.4))
             senses, first, _ = (jnp.asarray(leaf[n]) for leaf in BEGUN)
             for circles in (jnp.zeros(4), jnp.array([0.0, 4.0 * jnp.pi, 0.0, 0.0])):
-                missed = functools.partial(free_shapes._shape, problem=problem, senses=senses, circles=circles)
+                missed = functools.partial(turn_leg_paths._shape, problem=problem, senses=senses, circles=circles)
                 by_hand, automatic = missed(first)[2], jax.jacfwd(lambda x, of=missed: of(x)[1])(first)
                 np.testing.assert_allclose(by_hand, automatic, rtol=1e-9, atol=1e-12)
 

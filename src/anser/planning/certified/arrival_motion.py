@@ -41,7 +41,7 @@ def arrival_motion(task: AircraftTask, wind: AbstractWind, duration: ScalarLike,
     prescribed with it, it is that of the straight line from here to the rendezvous, as seen from the ground.
     """
     rendezvous = task.rendezvous
-    meeting = task.goal_position_n + task.goal_velocity_n * duration + rendezvous.stand_off_n
+    meeting = task.meeting_n(duration)
     line = (meeting - task.position_n) * jnp.array([1.0, 1.0, 0.0])
     blowing = wind.at(jnp.stack([jnp.zeros(()), jnp.zeros(()), meeting[2]]), duration)
     steep = rendezvous.path_angle_prescribed

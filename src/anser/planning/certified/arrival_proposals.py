@@ -1,6 +1,7 @@
 """Arrival times that the search tries, with the candidates at each, stage by stage."""
 
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+import contextlib
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -75,7 +76,7 @@ class FleetTask:
         """Time of each by the direct path at its preferred speed, s."""
         tasks = self.tasks
         times, found = direct_times(tasks, self.airspace, tasks.speed, _DIRECT_INTERVALS)
-        line = tasks.goal_position_n + tasks.rendezvous.stand_off_n - tasks.position_n
+        line = tasks.rendezvous_n - tasks.position_n
         straight = np.linalg.norm(np.asarray(line), axis=1) / np.asarray(tasks.speed)
         level = np.where(np.asarray(found), np.asarray(times), 1.2 * straight)
         return np.clip(np.maximum(level, self._time_to_height(level)), 1.0, self.request.latest_s)
@@ -83,7 +84,7 @@ class FleetTask:
     def _time_to_height(self, times: ArrivalTimes) -> ArrivalTimes:
         """Least time for the change of altitude, within climb rate and acceleration along the path, s."""
         tasks, limits, gravity = self.tasks, self.tasks.limits, float(self.airspace.gravity)
-        down = np.asarray(tasks.goal_position_n + tasks.rendezvous.stand_off_n - tasks.position_n)[:, 2]
+        down = np.asarray(tasks.rendezvous_n - tasks.position_n)[:, 2]
         fall = down + times * np.asarray(tasks.goal_velocity_n)[:, 2]
         force = np.where(fall > 0.0, np.asarray(limits.deceleration_max), np.asarray(limits.acceleration_max))
         rate = np.minimum(np.asarray(limits.climb_rate_max), force * np.asarray(tasks.speed) / gravity)
@@ -119,14 +120,8 @@ class Proposal:
     message: str | None = None
 
 
-Stage = Generator[Proposal, bool, None]
+Stage = Generator[Proposal, bool | None, None]
 """Proposals, each answered by whether a plan was found."""
-
-
-def _until_found(proposals: Iterable[Proposal]) -> Stage:
-    for proposal in proposals:
-        if (yield proposal):
-            return
 
 
 def _trying(times: ArrivalTimes, candidate_set: CandidateSet) -> Proposal:
@@ -135,17 +130,13 @@ def _trying(times: ArrivalTimes, candidate_set: CandidateSet) -> Proposal:
 
 def first_stage(fleet: FleetTask, thorough: bool) -> Stage:
     """The times that the rule prefers: with few candidates, then with more where nothing rules them out."""
-
-    def proposals() -> Iterator[Proposal]:
-        first = _first_times(fleet)
-        if first is None:
-            return
-        yield Proposal(first, MINIMAL)
-        if fleet.admissible(np.asarray(first, dtype=float)[None])[0]:
-            levels = fleet.levels if fleet.times_given and thorough else (STANDARD,)
-            yield from (Proposal(first, candidate_set) for candidate_set in levels)
-
-    return _until_found(proposals())
+    first = _first_times(fleet)
+    if first is None:
+        return
+    yield Proposal(first, MINIMAL)
+    if fleet.admissible(np.asarray(first, dtype=float)[None])[0]:
+        for candidate_set in fleet.levels if fleet.times_given and thorough else (STANDARD,):
+            yield Proposal(first, candidate_set)
 
 
 def later_stage(fleet: FleetTask) -> Stage:
@@ -153,47 +144,36 @@ def later_stage(fleet: FleetTask) -> Stage:
 
     Before a long delay, turn-and-leg paths are tried: better a loop than to be there at twice the time.
     """
-
-    def proposals() -> Iterator[Proposal]:
-        first, offsets = _first_times(fleet), fleet.offsets
-        if first is None or fleet.request.rule == "windows":
-            return
-        tried = [(factor, STANDARD) for factor in _DELAYS[1:] if factor <= _LONG_DELAY]
-        tried += [(factor, level) for level in fleet.levels[1:2] for factor in _DELAYS_SEARCHED_FULLY]
-        tried += [(factor, STANDARD) for factor in _DELAYS if factor > _LONG_DELAY]
-        for factor, candidate_set in tried:
-            times = factor * (first - offsets) + offsets
-            if np.max(times) <= fleet.request.latest_s and fleet.admissible(times[None])[0]:
-                yield _trying(times, candidate_set)
-
-    return _until_found(proposals())
+    first, offsets = _first_times(fleet), fleet.offsets
+    if first is None or fleet.request.rule == "windows":
+        return
+    tried = [(factor, STANDARD) for factor in _DELAYS[1:] if factor <= _LONG_DELAY]
+    tried += [(factor, level) for level in fleet.levels[1:2] for factor in _DELAYS_SEARCHED_FULLY]
+    tried += [(factor, STANDARD) for factor in _DELAYS if factor > _LONG_DELAY]
+    for factor, candidate_set in tried:
+        times = factor * (first - offsets) + offsets
+        if np.max(times) <= fleet.request.latest_s and fleet.admissible(times[None])[0]:
+            yield _trying(times, candidate_set)
 
 
 def open_stage(fleet: FleetTask, arrivals: Sequence[Intervals]) -> Stage:
     """Times that are open to each aircraft by itself, with more and more candidates."""
-
-    def proposals() -> Iterator[Proposal]:
-        for candidate_set in fleet.levels:
-            times = [t for t in _open_times(fleet, arrivals) if fleet.admissible(t[None])[0]]
-            if candidate_set is not STANDARD and times:
-                times = [times[k] for k in sorted({round(u * (len(times) - 1)) for u in _PARTS_SEARCHED_FULLY})]
-            yield from (_trying(t, candidate_set) for t in times)
-
-    return _until_found(proposals())
+    times = [t for t in _open_times(fleet, arrivals) if fleet.admissible(t[None])[0]]
+    few = [times[k] for k in sorted({round(u * (len(times) - 1)) for u in _PARTS_SEARCHED_FULLY})] if times else []
+    for candidate_set in fleet.levels:
+        for t in times if candidate_set is STANDARD else few:
+            yield _trying(t, candidate_set)
 
 
 def earlier_stage(fleet: FleetTask, known_s: float) -> Stage:
     """Times between the first that nothing rules out and that of a plan (s after its start)."""
-    times = fleet.times_asked()
+    times, found = fleet.times_asked(), None
     tried = earlier_times(times[fleet.admissible(times), 0], known_s)
-    time = next(tried, None)
-    while time is not None:
-        message = f"looking for an earlier arrival, at {time:.1f} s"
-        found = yield Proposal(np.full(fleet.active.size, time), WITH_SPLINES, message)
-        try:
+    with contextlib.suppress(StopIteration):
+        while True:
             time = tried.send(found)
-        except StopIteration:
-            return
+            message = f"looking for an earlier arrival, at {time:.1f} s"
+            found = yield Proposal(np.full(fleet.active.size, time), WITH_SPLINES, message)
 
 
 def open_arrivals(fleet: FleetTask, on_progress: Callable[[str], None]) -> list[Intervals] | None:

@@ -36,7 +36,7 @@ def direct_times(
     """
 
     def one(task: AircraftTask, speed: Scalar) -> tuple[Scalar, Array]:
-        line = task.goal_position_n + task.rendezvous.stand_off_n - task.position_n
+        line = task.rendezvous_n - task.position_n
         first = jnp.maximum(jnp.sqrt(jnp.sum(line**2)) / speed, 5.0)
 
         def once(_: object, carry: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
@@ -147,7 +147,7 @@ def arrival_sets(
         low = windows_s[:, 0]
         grid = low[:, None] + (windows_s[:, 1] - low)[:, None] * np.linspace(0.0, 1.0, _IN_WINDOW)[None, :]
     else:
-        line = tasks.goal_position_n + tasks.rendezvous.stand_off_n - tasks.position_n
+        line = tasks.rendezvous_n - tasks.position_n
         distance = np.linalg.norm(np.asarray(line), axis=1)
         low = np.clip(distance / (_HELPED * np.asarray(tasks.limits.speed_max)), 2.0, 0.9 * latest_s)
         grid = low[:, None] * (latest_s / low)[:, None] ** np.linspace(0.0, 1.0, count)[None, :]

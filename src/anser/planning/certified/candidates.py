@@ -12,19 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 from anser.planning.certified.candidate_sets import RACETRACK, CandidateSet
 from anser.planning.certified.clearance import Track, clearance_from_keep_outs
 from anser.planning.certified.delivery import deliver
-from anser.planning.certified.detours import (
-    ANGLE_MAX,
-    FIRST,
-    FIXED,
-    HEADINGS,
-    SECOND,
-    SHAPES,
-    Detour,
-    Solved,
-    resolve,
-    solve_detour,
-    solve_racetrack,
-)
+from anser.planning.certified.detours import SHAPES, Solved, detour, resolve, solve_detour, solve_racetrack
 from anser.planning.certified.profile import TabulatedProfile
 from anser.planning.certified.route import Ends
 from anser.planning.certified.spline_trajectories import find_splines
@@ -168,9 +156,7 @@ def _detour(
     """The direct path of a rank by length, or the detour from it that takes the time."""
     base = jax.tree.map(lambda leaf: leaf[word], timed.direct)
     wanted = timed.table.length
-    bend = jnp.minimum(shape, SHAPES - 1)
-    rows = (jnp.asarray(table)[bend] for table in (FIRST, SECOND, FIXED, ANGLE_MAX))
-    solved = solve_detour(timed.ends, base, Detour(side * jnp.asarray(HEADINGS)[bend], *rows), wanted)
+    solved = solve_detour(timed.ends, base, detour(jnp.minimum(shape, SHAPES - 1), side), wanted)
     if RACETRACK in candidate_set.shapes:
         held = solve_racetrack(timed.ends, base, side.astype(float), wanted)
         solved = jax.tree.map(lambda a, b: jnp.where(shape == RACETRACK, a, b), held, solved)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from anser.numerics import compiled_by_older_generator
 from anser.planning.certified.broad_phase import INTERVALS_PER_CYLINDER, fleet_clearance_ratio, fleet_cylinders
@@ -87,21 +87,6 @@ class CertifiedPlan(eqx.Module):
     lengths: Float[Array, " aircraft"]
     turned: Float[Array, " aircraft"]
     speeds: Float[Array, " aircraft"]
-
-    @property
-    def trajectories(self) -> TimedPath:
-        """The paths, under the name that all plans have for them."""
-        return self.paths
-
-    @property
-    def lateral_bends(self) -> Float[Array, " aircraft"]:
-        """NaN: these paths have no such parameter."""
-        return jnp.full_like(self.lengths, jnp.nan)
-
-    @property
-    def statuses(self) -> Int[Array, " aircraft"]:
-        """Zero, "planned": a fleet without a plan is refused before it flies."""
-        return jnp.zeros(self.lengths.shape, dtype=jnp.int32)
 
     @property
     def feasible(self) -> Bool[Array, " aircraft"]:

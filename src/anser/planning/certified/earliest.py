@@ -10,7 +10,7 @@ RESOLUTION = 1.02
 """Ratio of two times between which no other is tried."""
 
 
-def earlier_times(admissible: Float[np.ndarray, " n"], known: float) -> Generator[float, bool, float]:
+def earlier_times(admissible: Float[np.ndarray, " n"], known: float) -> Generator[float, bool | None, float]:
     """Times to try one after the other for an earlier one than is known; each is answered by whether it works.
 
     Upwards in steps of an eighth, since what is closed for a while may be open before; then by bisection between the

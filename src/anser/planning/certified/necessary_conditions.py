@@ -16,7 +16,7 @@ _ALTITUDE_MARGIN_M = 1000.0  # above and below all ends: where detours in altitu
 
 def _strongest_wind(tasks: AircraftTask, airspace: Airspace) -> float:
     """Greatest speed of the wind between all ends and somewhat beyond, m/s."""
-    end = tasks.goal_position_n + tasks.rendezvous.stand_off_n
+    end = tasks.rendezvous_n
     both = -np.append(np.asarray(end)[:, 2], np.asarray(tasks.position_n)[:, 2])
     heights = jnp.linspace(np.min(both) - _ALTITUDE_MARGIN_M, np.max(both) + _ALTITUDE_MARGIN_M, _ALTITUDES)
     winds = jax.vmap(lambda h: airspace.wind.at(jnp.stack([0.0 * h, 0.0 * h, -h]), 0.0))(heights)
@@ -28,7 +28,7 @@ def may_arrive(
 ) -> Bool[np.ndarray, " pairs"]:
     """Whether a duration (s) meets the necessary conditions: distance, height, a rendezvous outside keep-outs."""
     limits, t = tasks.limits, durations[:, None]
-    end = tasks.goal_position_n + tasks.rendezvous.stand_off_n
+    end = tasks.rendezvous_n
     line = np.asarray(end - tasks.position_n)[who] + t * np.asarray(tasks.goal_velocity_n)[who]
     wind = _strongest_wind(tasks, airspace)
     fast = np.linalg.norm(line[:, :2], axis=1) <= (np.asarray(limits.speed_max)[who] + wind) * durations
@@ -55,7 +55,7 @@ def arrival_distances_max(
     Horizontal and vertical distance, m; infinite to itself and to one that is not active.
     """
     limits, wind = tasks.limits, _strongest_wind(tasks, airspace)
-    end = np.asarray(tasks.goal_position_n + tasks.rendezvous.stand_off_n)
+    end = np.asarray(tasks.rendezvous_n)
     place = end + durations[:, :, None] * np.asarray(tasks.goal_velocity_n)
     apart = place[:, :, None] - place[:, None, :]
     between = durations[:, :, None] - durations[:, None, :]

@@ -11,7 +11,7 @@ from anser.planning.certified.profile import KINKS
 from anser.planning.certified.route import PIECES
 from anser.planning.certified.task import AircraftTask, Airspace
 from anser.planning.timed_path import TimedPath
-from anser.shapes import Count, Flag, ScalarLike, Vector3
+from anser.shapes import Count, Flag, ScalarLike
 
 FIRST, CORRECTED, REPLANNED, KEPT = range(4)
 RENEWAL_MESSAGES = (
@@ -31,17 +31,13 @@ def intervals_of(paths: TimedPath) -> int:
     return paths.times.shape[-1] - 1 - (PIECES - 1) - KINKS
 
 
-def _meeting_n(task: AircraftTask, after: ScalarLike) -> Vector3:
-    return task.goal_position_n + task.goal_velocity_n * after + task.rendezvous.stand_off_n
-
-
 def _corrected(path: TimedPath, task: AircraftTask, now: ScalarLike) -> TimedPath:
     """The same path, bent evenly from the next knot on to where the rendezvous is expected; C2 everywhere.
 
     The bend is d (10 u^3 - 15 u^4 + 6 u^5): a quintic, so each cell's quintic takes it up exactly.
     """
     end = path.times[-1]
-    off = _meeting_n(task, end - now) - path.air_n[-1, 0] - path.drift_n[-1, 0]
+    off = task.meeting_n(end - now) - path.air_n[-1, 0] - path.drift_n[-1, 0]
     begin = jnp.min(jnp.where(path.times > now, path.times, end))
     span = jnp.maximum(end - begin, 1e-3)
     u = jnp.clip((path.times - begin) / span, 0.0, 1.0)
@@ -147,7 +143,7 @@ def renew_certified(
     under_way = active & (plan.arrival_times > now)
     paths = jax.vmap(_corrected, in_axes=(0, 0, None))(plan.paths, tasks, now)
     paths = _either(active & (plan.arrival_times - now > freeze), paths, plan.paths)
-    corrected = _judged(plan, paths, plan.arrival_times, tasks, airspace, intervals, now, under_way)
+    corrected = _certified(plan, paths, plan.arrival_times, tasks, airspace, intervals, now, under_way)
     fine = jnp.all(corrected.feasible | ~under_way)
 
     free = active & (plan.arrival_times - now > jnp.maximum(freeze, COMMITTED_S))
@@ -163,7 +159,7 @@ def renew_certified(
         made = plan_fleet_at(now, here, airspace, durations, intervals, MINIMAL)
         made = _with_sizes_of(made, plan, free)
         arrivals = jnp.where(free, now + durations, plan.arrival_times)
-        whole = _judged(made, _either(free, made.paths, paths), arrivals, tasks, airspace, intervals, now, under_way)
+        whole = _certified(made, _either(free, made.paths, paths), arrivals, tasks, airspace, intervals, now, under_way)
         good = jnp.all(jnp.where(free, made.valid, True)) & jnp.all(whole.feasible | ~under_way)
         return k + 1, good, whole
 
@@ -190,7 +186,7 @@ def _with_sizes_of(made: CertifiedPlan, plan: CertifiedPlan, free: Bool[Array, "
     return eqx.tree_at(sizes, made, jax.tree.map(lambda new, old: jnp.where(free, new, old), sizes(made), sizes(plan)))
 
 
-def _judged(
+def _certified(
     plan: CertifiedPlan,
     paths: TimedPath,
     arrivals: Float[Array, " aircraft"],

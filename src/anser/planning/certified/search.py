@@ -1,5 +1,6 @@
 """The search for a plan of a fleet: arrival times and candidates tried stage by stage until a certificate keeps all."""
 
+import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -104,19 +105,17 @@ class _Searcher:
     on_progress: Progress
     after: After
 
-    def run(self, state: _State, stage: Stage) -> _State:
-        """Attempt what a stage proposes, until it ends; the last plan found stands."""
-        proposal = next(stage, None)
-        while proposal is not None:
-            if proposal.message is not None:
-                self.on_progress(proposal.message)
-            after = self.attempt(state, proposal.times, proposal.candidate_set)
-            found = after.plan is not None
-            state = after if found else replace(after, plan=state.plan)
-            try:
+    def run(self, state: _State, stage: Stage, to_the_end: bool = False) -> _State:
+        """Attempt what a stage proposes, up to the first plan, or to its end: then the last plan found stands."""
+        found = None
+        with contextlib.suppress(StopIteration):
+            while to_the_end or not found:
                 proposal = stage.send(found)
-            except StopIteration:
-                break
+                if proposal.message is not None:
+                    self.on_progress(proposal.message)
+                made = self.attempt(state, proposal.times, proposal.candidate_set)
+                found = made.plan is not None
+                state = made if found else replace(made, plan=state.plan)
         return state
 
     def attempt(self, state: _State, times: ArrivalTimes, candidate_set: CandidateSet) -> _State:
@@ -212,5 +211,5 @@ def search(
     state = searcher.run(state, open_stage(fleet, arrivals))
     if state.plan is not None and request.rule == "earliest" and fleet.searched_fully:
         arrival_s = float(np.max(np.asarray(state.plan.arrival_times)[fleet.active])) - start_time
-        state = searcher.run(state, earlier_stage(fleet, arrival_s))
+        state = searcher.run(state, earlier_stage(fleet, arrival_s), to_the_end=True)
     return state.outcome(None if request.rule == "windows" else arrivals)

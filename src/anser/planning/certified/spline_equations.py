@@ -1,7 +1,7 @@
-"""What a trajectory violates, and how that changes with it: the least-squares equations of splines.
+"""Violations of limits by a spline, and how they change with it: the equations of its least-squares problem.
 
-A motion is a spline over the ground that begins as its aircraft does and ends at the rendezvous, whatever its unknowns.
-What it passes at an instant depends on four coefficients only: normal equations are summed up interval by interval.
+A spline over the ground begins as its aircraft does and ends at the rendezvous, whatever its unknowns.
+Its violations at an instant depend on four coefficients only: normal equations are summed up interval by interval.
 """
 
 import functools
@@ -13,21 +13,21 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from anser.numerics.tridiagonal import BlockTridiagonal
-from anser.planning.certified.spline import Spline, bases, end_slopes, measure, states, wind_along
+from anser.planning.certified.spline import Spline, bases, end_slopes, mean_squares, states, wind_along
 from anser.planning.certified.task import AircraftTask, Airspace
 from anser.planning.demand import demand
 from anser.planning.limits import CERTIFIED_LIMITS
 from anser.shapes import Flag, Scalar
 
 GROUP = 4
-"""Coefficients whose changes are unknowns together; the intervals of a motion are a multiple."""
-_LOOKS = np.array([0.25, 0.5, 0.75, 1.0])  # of each interval, at which limits are looked at: nothing changes the start
+"""Coefficients whose changes are unknowns together; the intervals of a spline are a multiple."""
+_SAMPLE_POINTS = np.array([0.25, 0.5, 0.75, 1.0])  # of each interval; nothing changes the start
 _SPEED, _FORCE, _ALONG, _CLIMB, _HEIGHT_M, _INSIDE_M = 5.0, 1.0, 0.3, 2.0, 50.0, 200.0
-"""What weighs as much beyond a limit: m/s; m/s^2 across and along the path; m/s up; m; in a volume, m."""
+"""Violations that weigh as much as each other: m/s; m/s^2 across and along the path; m/s up; m; in a volume, m."""
 _STEP_M, _STEP_SPEED, _STEP_ACCELERATION = 3000.0, 30.0, 3.0
 """Changes that make a step of the size 1: m, m/s, m/s^2."""
 _CLIMB_KEPT = 0.998
-_BEYOND, _LEAST_KEPT = 1.3, 0.5
+_VIOLATION_FACTOR, _LEAST_KEPT = 1.3, 0.5
 _SPEED_RESERVE, _SPEED_PART = 0.15, 0.1  # m/s, but no more than this part of the range
 _RESERVE_M, _RESERVE_UP_M = 30.0, 10.0
 _UP_WEIGHT = 3.0  # metres aside that one metre up or down is worth, to get out of a keep-out
@@ -68,7 +68,7 @@ class TightenedLimits(NamedTuple):
 
 
 class SplineStart(NamedTuple):
-    """Where the search for one motion begins.
+    """Where the search for one spline begins.
 
     Attributes
     ----------
@@ -93,7 +93,7 @@ class NormalEquations(NamedTuple):
     form: BlockTridiagonal
 
 
-def first_tightened(problem: SplineProblem, share: Scalar) -> TightenedLimits:
+def initial_limits(problem: SplineProblem, share: Scalar) -> TightenedLimits:
     """A share of the limits of bank, load factor and acceleration along the path, nearly all of the others."""
     limits = problem.task.limits
     highest = jnp.minimum(limits.speed_max, _ANY_SPEED)
@@ -109,17 +109,17 @@ def first_tightened(problem: SplineProblem, share: Scalar) -> TightenedLimits:
     )
 
 
-def tightened_more(problem: SplineProblem, allowed: TightenedLimits, over: Float[Array, "9"]) -> TightenedLimits:
-    """Less by what is passed between the instants looked at (`certificate.excess`), and a little more."""
+def tightened(problem: SplineProblem, allowed: TightenedLimits, over: Float[Array, "9"]) -> TightenedLimits:
+    """Less by what is violated between the instants looked at (`certificate.excess`), and a little more."""
     limits = problem.task.limits
     fields = (limit.field for limit in CERTIFIED_LIMITS)
-    beyond: dict[str, Scalar] = dict(zip(fields, _BEYOND * jnp.maximum(over, 0.0), strict=True))
+    violated: dict[str, Scalar] = dict(zip(fields, _VIOLATION_FACTOR * jnp.maximum(over, 0.0), strict=True))
     middle = 0.5 * (limits.speed_min + jnp.minimum(limits.speed_max, _ANY_SPEED))
-    low = allowed.speed_min + beyond["speed_min"] * limits.speed_min
-    high = allowed.speed_max - beyond["speed_max"] * jnp.minimum(limits.speed_max, _ANY_SPEED)
+    low = allowed.speed_min + violated["speed_min"] * limits.speed_min
+    high = allowed.speed_max - violated["speed_max"] * jnp.minimum(limits.speed_max, _ANY_SPEED)
 
     less = {
-        name: getattr(allowed, name) * jnp.maximum(1.0 - beyond[f"{name}_max"], _LEAST_KEPT)
+        name: getattr(allowed, name) * jnp.maximum(1.0 - violated[f"{name}_max"], _LEAST_KEPT)
         for name in ("bank", "load_factor", "climb_rate", "acceleration", "deceleration")
     }
     return TightenedLimits(jnp.minimum(low, middle), jnp.maximum(high, middle), **less)
@@ -134,12 +134,6 @@ def first_state(problem: SplineProblem) -> Float[Array, "3 3"]:
     return jnp.stack([task.position_n, task.air_velocity_n + wind, task.air_acceleration_n + wind_dot])
 
 
-def meeting_place(problem: SplineProblem) -> Float[Array, "3"]:
-    """Where the motion ends, NED, m."""
-    task = problem.task
-    return task.goal_position_n + task.goal_velocity_n * problem.duration + task.rendezvous.stand_off_n
-
-
 def _limit_violations(
     problem: SplineProblem,
     allowed: TightenedLimits,
@@ -147,14 +141,14 @@ def _limit_violations(
     velocity: Float[Array, "3"],
     acceleration: Float[Array, "3"],
 ) -> Float[Array, "8"]:
-    """What passes limits at one instant, by what weighs as much; 0 where kept."""
+    """Violations of limits at one instant, each in the unit that weighs as much; 0 where kept."""
     limits, gravity = problem.task.limits, problem.airspace.gravity
     (wind,), _ = wind_along(problem.airspace.wind, altitude[None], jnp.ones(1))
     asked = demand(velocity - wind, acceleration, gravity, _LEVEL_LEAST)
     most = allowed.load_factor * gravity
     banked, loaded, along = asked.excess(allowed.bank, most, allowed.acceleration, allowed.deceleration)
     low, high = limits.altitude_min + _RESERVE_UP_M, limits.altitude_max - _RESERVE_UP_M
-    passed = [
+    violations = [
         (allowed.speed_min - asked.speed) / _SPEED,
         (asked.speed - allowed.speed_max) / _SPEED,
         banked / _FORCE,
@@ -164,7 +158,7 @@ def _limit_violations(
         (low - altitude) / _HEIGHT_M,
         (altitude - high) / _HEIGHT_M,
     ]
-    return jnp.maximum(jnp.stack(passed), 0.0)
+    return jnp.maximum(jnp.stack(violations), 0.0)
 
 
 def _keep_out_penetration(problem: SplineProblem, time: Scalar, place: Float[Array, "3"]) -> Scalar:
@@ -184,14 +178,14 @@ def _keep_out_penetration(problem: SplineProblem, time: Scalar, place: Float[Arr
 def _violations(
     problem: SplineProblem, allowed: TightenedLimits, time: Scalar, state: Float[Array, "3 3"]
 ) -> Float[Array, " rows"]:
-    """All that is passed at one instant in a state over the ground (order, axis)."""
+    """All violations at one instant in a state over the ground (order, axis)."""
     rows = _limit_violations(problem, allowed, -state[0, 2], state[1], state[2])
     if problem.airspace.keep_outs.radius.shape[0]:
         rows = jnp.append(rows, _keep_out_penetration(problem, time, state[0]))
     return rows
 
 
-def moved(begin: SplineStart, cell: Scalar, unknowns: Float[Array, "groups 12"]) -> Float[Array, "coefficients 3"]:
+def updated(begin: SplineStart, cell: Scalar, unknowns: Float[Array, "groups 12"]) -> Float[Array, "coefficients 3"]:
     """Coefficients after a change: of those between both ends, and of the last velocity and acceleration."""
     changes = unknowns.reshape(-1, 3)
     inner, (_, velocity, acceleration) = changes[:-3], changes[-3:]
@@ -239,7 +233,7 @@ def step_metric(problem: SplineProblem, begin: SplineStart) -> BlockTridiagonal:
     """Square of the size of a step of the unknowns, as an aircraft feels it; 1 for unknowns that change nothing."""
     cells = begin.coefficients.shape[0] - 3
     cell = problem.duration / cells
-    place, velocity, acceleration = (jnp.asarray(squares) / cells for squares in measure())
+    place, velocity, acceleration = (jnp.asarray(squares) / cells for squares in mean_squares())
     one = place / _STEP_M**2 + velocity / (_STEP_SPEED * cell) ** 2 + acceleration / (_STEP_ACCELERATION * cell**2) ** 2
     last = _last_slopes(begin, cell)
     every = one[None, :, :, None, None] * jnp.eye(3)[None, None, None]
@@ -251,22 +245,22 @@ def step_metric(problem: SplineProblem, begin: SplineStart) -> BlockTridiagonal:
 def normal_equations(
     problem: SplineProblem, begin: SplineStart, unknowns: Float[Array, "groups 12"]
 ) -> NormalEquations:
-    """Normal equations of all that a motion passes, at a few instants of each interval."""
+    """Normal equations of all that a spline violates, at a few instants of each interval."""
     cells = begin.coefficients.shape[0] - 3
-    motion = Spline(problem.duration, moved(begin, problem.duration / cells, unknowns))
-    cell = motion.cell
-    now = states(motion, _LOOKS)
-    times = cell * (jnp.arange(cells)[:, None] + jnp.asarray(_LOOKS)[None, :])
+    spline = Spline(problem.duration, updated(begin, problem.duration / cells, unknowns))
+    cell = spline.cell
+    now = states(spline, _SAMPLE_POINTS)
+    times = cell * (jnp.arange(cells)[:, None] + jnp.asarray(_SAMPLE_POINTS)[None, :])
     one = functools.partial(_violations, problem, begin.allowed)
-    missed = jax.vmap(jax.vmap(one))(times, now)
+    violations = jax.vmap(jax.vmap(one))(times, now)
     by_state = jax.vmap(jax.vmap(jax.jacfwd(one, argnums=1)))(times, now)
-    scaled = jnp.stack([jnp.asarray(of_order) / cell**k for k, of_order in enumerate(bases(_LOOKS))])
+    scaled = jnp.stack([jnp.asarray(of_order) / cell**k for k, of_order in enumerate(bases(_SAMPLE_POINTS))])
     by_window = jnp.einsum("nuroa,ouk->nurka", by_state, scaled).reshape(cells, -1, 12)
-    gradients = jnp.einsum("nr,nrj->nj", missed.reshape(cells, -1), by_window).reshape(cells, 4, 3)
+    gradients = jnp.einsum("nr,nrj->nj", violations.reshape(cells, -1), by_window).reshape(cells, 4, 3)
     squares = jnp.einsum("nri,nrj->nij", by_window, by_window).reshape(cells, 4, 3, 4, 3)
     form = _grouped(jnp.swapaxes(squares, 2, 3))
     gradient = functools.reduce(jnp.add, (jnp.pad(gradients[:, k], ((k, 3 - k), (0, 0))) for k in range(4)))
     gradient = gradient[3:].reshape(cells // GROUP, 3 * GROUP)
     last = _last_slopes(begin, cell)
     gradient = gradient.at[-1].set(last.T @ gradient[-1])
-    return NormalEquations(0.5 * jnp.sum(missed**2), gradient, _ended(form, last))
+    return NormalEquations(0.5 * jnp.sum(violations**2), gradient, _ended(form, last))

@@ -22,23 +22,23 @@ from anser.planning.certified.spline_equations import (
     SplineProblem,
     SplineStart,
     arrives_forward,
-    moved,
     normal_equations,
     step_metric,
-    tightened_more,
+    tightened,
+    updated,
 )
-from anser.planning.certified.spline_guesses import GuessParameters, guess_parameters, spline_start
+from anser.planning.certified.spline_guesses import Guess, guesses, spline_start
 from anser.planning.certified.task import AircraftTask, Airspace
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Scalar, ScalarLike
 
 CELLS = 64
-"""Intervals of a motion; a path's divide them evenly."""
+"""Intervals of a spline; a path's divide them evenly."""
 _FIRST_STEPS, _STEPS, _LAST_STEPS = 20, 40, 12
 _TIGHTENED = 2  # times
-_GOING_ON = 2  # times as many as are delivered
+_REFINED = 2  # times as many as are delivered
 _DAMPING = Damping(lambda cost: 1e-2 * cost, 0.2, 5.0, 1e-9, 1e9)
-_ENOUGH = 1e-9  # cost at which what is passed is a small part of what is held back
+_COST_ENOUGH = 1e-9  # cost at which violations are a small part of what the limits are tightened by
 
 
 def _move(about: tuple[SplineStart, BlockTridiagonal], at: NormalEquations, damping: Scalar) -> Array:
@@ -65,10 +65,10 @@ class Splines(eqx.Module):
     """
 
     paths: TimedPath
-    valid: Bool[Array, "*motions"]
-    turned: Float[Array, "*motions"]
-    speeds: Float[Array, "*motions"]
-    accelerations: Float[Array, "*motions cells"]
+    valid: Bool[Array, "*splines"]
+    turned: Float[Array, "*splines"]
+    speeds: Float[Array, "*splines"]
+    accelerations: Float[Array, "*splines cells"]
 
 
 def find_splines(
@@ -93,37 +93,38 @@ def find_splines(
     task, airspace, duration = problem
     cell = duration / CELLS
 
-    def begin_at(begun: SplineStart, measure: BlockTridiagonal) -> Search:
-        none = jnp.zeros(measure.diagonal.shape[:2])
-        unknown = NormalEquations(jnp.asarray(jnp.inf), none, jax.tree.map(jnp.zeros_like, measure))
-        return begin_search((begun, measure), none, unknown)
+    def begin_at(begun: SplineStart, metric: BlockTridiagonal) -> Search:
+        none = jnp.zeros(metric.diagonal.shape[:2])
+        unknown = NormalEquations(jnp.asarray(jnp.inf), none, jax.tree.map(jnp.zeros_like, metric))
+        return begin_search((begun, metric), none, unknown)
 
-    def begin(draw: GuessParameters) -> Search:
-        first = spline_start(problem, CELLS, draw)
+    def begin(guess: Guess) -> Search:
+        first = spline_start(problem, CELLS, guess)
         return begin_at(first, step_metric(problem, first))
 
     def fitted(searches: Search, steps: int) -> Search:
-        return search_steps(
-            lambda about, x: normal_equations(problem, about[0], x), _move, _DAMPING, steps, searches, kept, _ENOUGH
-        )
+        def at(about: tuple[SplineStart, BlockTridiagonal], x: Array) -> NormalEquations:
+            return normal_equations(problem, about[0], x)
 
-    fits = fitted(jax.vmap(begin)(guess_parameters(starts)), _FIRST_STEPS)
-    fits = closest_of(fits, min(_GOING_ON * kept, starts))
+        return search_steps(at, _move, _DAMPING, steps, searches, kept, _COST_ENOUGH)
+
+    fits = fitted(jax.vmap(begin)(guesses(starts)), _FIRST_STEPS)
+    fits = closest_of(fits, min(_REFINED * kept, starts))
     fits = closest_of(fitted(fits, _STEPS), kept)
 
     def delivered(one: Search) -> tuple[TimedPath, PathBounds]:
-        motion = Spline(duration, moved(one.about[0], cell, one.best))
-        path = spline_path(0.0, motion, airspace.wind, intervals, intervals + PIECES + KINKS)
+        found = Spline(duration, updated(one.about[0], cell, one.best))
+        path = spline_path(0.0, found, airspace.wind, intervals, intervals + PIECES + KINKS)
         return path, path_bounds(path, airspace.wind, airspace.gravity)
 
-    def tightened(one: Search) -> Search:
-        """The same, allowed less of what it passes between the instants that were looked at."""
-        begun, measure = one.about
-        allowed = tightened_more(problem, begun.allowed, excess(delivered(one)[1], task.limits))
-        return begin_at(SplineStart(moved(begun, cell, one.best), begun.frame, allowed), measure)
+    def restarted(one: Search) -> Search:
+        """The same, within limits tightened by what it violates between the instants that were looked at."""
+        begun, metric = one.about
+        allowed = tightened(problem, begun.allowed, excess(delivered(one)[1], task.limits))
+        return begin_at(SplineStart(updated(begun, cell, one.best), begun.frame, allowed), metric)
 
     def again(_: Count, fits: Search) -> Search:
-        return fitted(jax.vmap(tightened)(fits), _LAST_STEPS)
+        return fitted(jax.vmap(restarted)(fits), _LAST_STEPS)
 
     fits = jax.lax.fori_loop(0, _TIGHTENED, again, fits)
 

@@ -13,7 +13,7 @@ from anser.environment import AbstractWind
 from anser.planning.limits import PathLimits
 from anser.planning.rendezvous import Rendezvous
 from anser.planning.separation import Separation
-from anser.shapes import Scalar, Vector3
+from anser.shapes import Scalar, ScalarLike, Vector3
 
 
 class AircraftTask(eqx.Module):
@@ -53,6 +53,15 @@ class AircraftTask(eqx.Module):
     limits: PathLimits
     roll_rate_max: Scalar
     active: Scalar
+
+    @property
+    def rendezvous_n(self) -> Vector3:
+        """Its rendezvous at the start of the plan, NED, m."""
+        return self.goal_position_n + self.rendezvous.stand_off_n
+
+    def meeting_n(self, after: ScalarLike) -> Vector3:
+        """Its rendezvous after a time (s), NED, m."""
+        return self.goal_position_n + self.goal_velocity_n * after + self.rendezvous.stand_off_n
 
 
 def stacked(tasks: Sequence[AircraftTask]) -> AircraftTask:

@@ -85,7 +85,7 @@ def _profile(
     task: AircraftTask, airspace: Airspace, duration: Scalar, speeds: tuple[Scalar, Scalar], altitude_detour: ScalarLike
 ) -> tuple[Profile, ArrivalMotion]:
     begin = task.position_n
-    end_down = task.goal_position_n[2] + task.goal_velocity_n[2] * duration + task.rendezvous.stand_off_n[2]
+    end_down = task.meeting_n(duration)[2]
     wind_0 = airspace.wind.at(begin, 0.0)
     arrival = arrival_motion(task, airspace.wind, duration, speeds[1])
     speed_0 = _speed_0(task)
@@ -107,8 +107,7 @@ def _ends(task: AircraftTask, airspace: Airspace, table: TabulatedProfile, arriv
     """What the horizontal path joins in the frame that drifts with the air, at a tabulated profile."""
     duration, profile = table.profile.duration, table.profile
     velocity, acceleration = task.air_velocity_n, task.air_acceleration_n
-    rendezvous = task.rendezvous
-    end = task.goal_position_n + task.goal_velocity_n * duration + rendezvous.stand_off_n - table.drift_n
+    end = task.meeting_n(duration) - table.drift_n
     level = jnp.maximum(jnp.sum(velocity[:2] ** 2), 1.0)
     curvature = (velocity[0] * acceleration[1] - velocity[1] * acceleration[0]) / level**1.5
     curvature_max, sharpness = curvature_limits(task, airspace.gravity, profile)
