@@ -5,7 +5,7 @@ With `--figure FILE` (png or svg) the times are drawn against the number of airc
 A field of buoys 2 km apart, each visited by one aircraft; they come from a field that is wider and 25 km away, from
 jittered places and heights, headed up to 40 deg off. They keep 500 m or 150 m from each other in a wind of 15 m/s and
 all arrive at one time. Prints the first call (it compiles), the warm time, how many of the fleet keep everything, and
-how many aircraft would be in conflict if each took the path it likes best.
+how many aircraft would be in conflict if each took its cheapest path.
 """
 
 import argparse
@@ -64,16 +64,16 @@ def fleet(count: int, seed: int = 0) -> tuple[AircraftTask, float]:
 
 
 def in_conflict(tasks: AircraftTask, airspace: Airspace, duration: float, intervals: int) -> int:
-    """How many aircraft would be in conflict if each took the path that it likes best."""
+    """How many aircraft would be in conflict if each took its cheapest path."""
 
-    def favourites(tasks: AircraftTask) -> tuple[Track, BoundingCylinders]:
+    def cheapest(tasks: AircraftTask) -> tuple[Track, BoundingCylinders]:
         count = tasks.speed.shape[0]
         found = fleet_candidates(tasks, airspace, jnp.full(count, duration), intervals, intervals, MINIMAL)
         best = jnp.argmin(jnp.where(found.valid, found.cost, jnp.inf), axis=1)
         tracks = jax.tree.map(lambda leaf: leaf[jnp.arange(count), best], found.tracks)
         return tracks, bounding_cylinders(tracks)
 
-    def lacks(tracks: Track, cylinders: BoundingCylinders) -> jax.Array:
+    def in_conflict_of(tracks: Track, cylinders: BoundingCylinders) -> jax.Array:
         everyone = jnp.arange(cylinders.radius.shape[0])
 
         def one(who: jax.Array) -> jax.Array:
@@ -90,7 +90,7 @@ def in_conflict(tasks: AircraftTask, airspace: Airspace, duration: float, interv
 
         return jax.lax.map(one, everyone)
 
-    return int(np.sum(jax.jit(lambda t: lacks(*favourites(t)))(tasks)))
+    return int(np.sum(jax.jit(lambda t: in_conflict_of(*cheapest(t)))(tasks)))
 
 
 def measure(count: int, airspace: Airspace) -> float:

@@ -103,20 +103,10 @@ def record_certified(
     holds: PlannedHolds | None = None,
     notes: tuple[str, ...] = (),
 ) -> RecordedPlan:
-    """Sample and sum up a plan of the certified planner, with what it proves.
+    """Sample and sum up a plan of the certified planner, with what it proves; gravity in m/s^2.
 
-    Parameters
-    ----------
-    scenario, plan, tasks
-        What was planned, the plan, and what was asked of each aircraft; stacked.
-    gravity
-        m/s^2.
-    holds
-        What they fly after their arrivals.
-    notes
-        Where the plan differs from the scenario's words.
+    Rows of stacked tasks that are not active fill the fleet up to a size: they are no aircraft of the scenario.
     """
-    # What fills the fleet up to a size is no aircraft of the scenario.
     rows = np.flatnonzero(np.asarray(tasks.active) > 0.0)
     made, asked = jax.tree.map(lambda leaf: leaf[rows], (plan, tasks.limits))
     found = made.certificate

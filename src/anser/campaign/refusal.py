@@ -29,17 +29,7 @@ _ALL_PAIRS_MOST = 20  # aircraft up to which all pairs are looked at for all arr
 
 
 def explain(scenario: Scenario, fleet: FleetTask, outcome: Outcome) -> tuple[str, ...]:
-    """Sentences that say what stands in the way of a plan.
-
-    Parameters
-    ----------
-    scenario
-        Names the aircraft.
-    fleet
-        What was asked.
-    outcome
-        Of the search that found no plan.
-    """
+    """Sentences that say what stands in the way of a plan of a scenario's fleet, after a search that found none."""
     names, request = [one.name for one in scenario.aircraft], fleet.request
     too_close = _too_close(names, fleet)
     if too_close:
@@ -58,17 +48,7 @@ def explain(scenario: Scenario, fleet: FleetTask, outcome: Outcome) -> tuple[str
 
 
 def explain_missing_holds(scenario: Scenario, fleet: FleetTask, holds: PlannedHolds) -> tuple[str, ...]:
-    """Say why a fleet that could arrive has no plan: who cannot hold afterwards.
-
-    Parameters
-    ----------
-    scenario
-        Names the aircraft.
-    fleet
-        What was asked.
-    holds
-        The best that were found.
-    """
+    """Sentences that say who could arrive, but cannot hold afterwards, given the best holds that were found."""
     names = [one.name for one in scenario.aircraft]
     found, ratios = [], np.asarray(holds.clearance_ratio)
     for k in np.flatnonzero(~np.asarray(holds.clear) & fleet.active):

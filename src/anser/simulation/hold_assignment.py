@@ -126,7 +126,7 @@ def assign_holds(
     """Choose a hold for each aircraft that keeps the separation from all others until the flight ends.
 
     One after the other, the first to arrive first; each takes the first of its circles with which it stays clear of
-    all paths and of the holds chosen so far, or else the one that leaves most. Then those in trouble choose again,
+    all paths and of the holds chosen so far, or else the one that leaves most. Then those in conflict choose again,
     given all the others.
 
     Parameters
@@ -180,9 +180,7 @@ def assign_holds(
         places = jnp.where((times > arrival)[:, None], second.positions_n, first.positions_n)
         whole = Track(places, error_bound, jnp.full_like(error_bound, own.active))
         after = eqx.tree_at(lambda t: t.counted, whole, jnp.where(holding, own.active, 0.0))
-        keep_out_clearance = (
-            clearance_from_keep_outs(after, times, volumes) if volumes.radius.shape[0] else jnp.zeros(0)
-        )
+        keep_out_clearance = clearance_from_keep_outs(after, times, volumes)
         goal_n = own.goal_position_n[None, :] + (times - start_time)[:, None] * own.goal_velocity_n[None, :]
         least = jnp.minimum(safe_norm(own.rendezvous.stand_off_n) - _SAME_PLACE_M, _OFF_GOAL_M)
         off_goal = jnp.all((jax.vmap(safe_norm)(places - goal_n) >= least) | (times <= arrival))
@@ -201,9 +199,9 @@ def assign_holds(
             made = option(who, k)
             least = jnp.min(_clearance_ratios(who, made, held, separation))
             # One that does not fit is worse than any that does.
-            worth = jnp.where(made.fits, jnp.minimum(least, _RATIO_CAP), jnp.minimum(least, 1.0) - _RATIO_CAP)
-            better = worth > most
-            return k + 1, jnp.where(better, k, best), jnp.maximum(worth, most), made.fits & (least >= 1.0)
+            value = jnp.where(made.fits, jnp.minimum(least, _RATIO_CAP), jnp.minimum(least, 1.0) - _RATIO_CAP)
+            better = value > most
+            return k + 1, jnp.where(better, k, best), jnp.maximum(value, most), made.fits & (least >= 1.0)
 
         start = (jnp.asarray(0), pick[who], jnp.asarray(-jnp.inf), settled[who])
         _, best, _, _ = jax.lax.while_loop(lambda s: (s[0] < _OPTIONS) & ~s[3], one_more, start)
@@ -222,12 +220,12 @@ def assign_holds(
         return _Choice(now.turn + 1, held, pick, ratios, clear | (tasks.active == 0.0))
 
     shape = jax.eval_shape(option, jnp.asarray(0), jnp.asarray(0))
-    nobody = jax.tree.map(lambda leaf: jnp.zeros((fleet, *leaf.shape), leaf.dtype), shape)
+    empty = jax.tree.map(lambda leaf: jnp.zeros((fleet, *leaf.shape), leaf.dtype), shape)
     # On their way all count; nobody holds yet.
     on_way = approaches, fleet_cylinders(approaches, fleet, _INTERVALS_PER_CYLINDER)
-    nobody = eqx.tree_at(lambda h: (h.whole, h.cylinders), nobody, on_way)
+    empty = eqx.tree_at(lambda h: (h.whole, h.cylinders), empty, on_way)
     unsettled = jnp.zeros(fleet, dtype=bool)
-    begin = _Choice(jnp.asarray(0), nobody, jnp.zeros(fleet, dtype=int), jnp.zeros((fleet, fleet)), unsettled)
+    begin = _Choice(jnp.asarray(0), empty, jnp.zeros(fleet, dtype=int), jnp.zeros((fleet, fleet)), unsettled)
     made = jax.lax.while_loop(lambda now: (now.turn < _ROUNDS) & ~jnp.all(now.clear), all_choose, begin)
     return PlannedHolds(
         paths=made.held.path,

@@ -80,7 +80,7 @@ def test_edges_are_refined_and_windows_looked_into(asked):
 
 def test_free_motions_widen_the_times_where_asked_for(asked):
     one = stacked([aircraft_task((5000.0, 0.0, -1700.0))])
-    ((first, last),) = arrivals.arrival_sets(one, airspace(STEADY), 300.0, deeply=True)[0]
+    ((first, last),) = arrivals.arrival_sets(one, airspace(STEADY), 300.0, with_splines=True)[0]
     assert 44.0 < first < 44.1
     assert 83.9 < last < 84.0
     looked = np.concatenate([durations for candidate_set, durations in asked if candidate_set is ALONE_SPLINES])

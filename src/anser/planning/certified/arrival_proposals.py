@@ -113,7 +113,7 @@ class FleetTask:
 
 @dataclass(frozen=True)
 class Proposal:
-    """Arrival times (s after the start), the candidates to try there, and what is said of it."""
+    """Arrival times (s after the start), the candidates to try there, and a message of progress."""
 
     times: ArrivalTimes
     candidate_set: CandidateSet
@@ -185,7 +185,7 @@ def open_arrivals(fleet: FleetTask, on_progress: Callable[[str], None]) -> list[
         return None if any(on and not own for on, own in zip(fleet.active, arrivals, strict=True)) else arrivals
     if fleet.searched_fully and not fleet.common(arrivals):
         on_progress("looking again, with splines, for a time that is open to all")
-        arrivals = arrival_sets(fleet.tasks, fleet.airspace, request.latest_s, deeply=True)
+        arrivals = arrival_sets(fleet.tasks, fleet.airspace, request.latest_s, with_splines=True)
     return arrivals
 
 

@@ -21,7 +21,7 @@ _STRETCH = 3.0  # of the time, at most, in one round of the fixed point
 _AT_ONCE = 32  # aircraft and times looked at in one call, at most
 _IN_WINDOW = 12  # times looked at in a window
 _NEAR = 3  # steps of the grid from a time that is open, within which all is tried
-_HELPED = 1.4  # wind behind and a goal that comes nearer: no aircraft is faster than so many times its airspeed
+_OVER_GROUND = 1.4  # wind behind and a goal that comes nearer: no aircraft is faster than so many times its airspeed
 COARSE_INTERVALS = 128
 """Intervals of the paths that tell which times are open: they only say where to look."""
 
@@ -83,9 +83,9 @@ def reachable(
 ) -> Bool[np.ndarray, " pairs"]:
     """Whether aircraft `who`, alone in its airspace, can arrive after a duration (s); any number of such questions."""
     found = np.zeros(who.size, dtype=bool)
-    worth = may_arrive(tasks, airspace, who, durations)
+    admissible = may_arrive(tasks, airspace, who, durations)
     for candidate_set in levels:
-        left = np.flatnonzero(worth & ~found)
+        left = np.flatnonzero(admissible & ~found)
         for begin in range(0, left.size, _AT_ONCE):
             # Filled up to one size: one compiled program for all.
             some, filled = left[begin : begin + _AT_ONCE], np.resize(left[begin : begin + _AT_ONCE], _AT_ONCE)
@@ -100,24 +100,23 @@ def _open_times(
     airspace: Airspace,
     fleet: Int[np.ndarray, " active"],
     grid: Float[np.ndarray, "active n"],
-    deep: Literal["none", "lost", "all"],
+    splines_for: Literal["none", "unreached", "all"],
 ) -> Bool[np.ndarray, "active n"]:
-    """Which times of a grid are open: plain paths everywhere, others near the times found so far, ever farther.
+    """Which times of a grid are open: standard candidates everywhere, others near the times found so far, ever farther.
 
-    With more ways is looked again, as `deep` says, for "none", for "lost" aircraft only, that have no time yet, or for
-    "all".
+    Splines are looked for too for "all" aircraft, or for the "unreached" only, which have no time yet.
     """
     who = np.repeat(fleet, grid.shape[1]).reshape(grid.shape)
     inside = reachable(tasks, airspace, who.ravel(), grid.ravel(), levels=(ALONE_STANDARD,)).reshape(grid.shape)
     ruled_out = ~may_arrive(tasks, airspace, who.ravel(), grid.ravel()).reshape(grid.shape)
-    for candidate_set in (ALONE_TURN_LEG_PATHS,) if deep == "none" else (ALONE_TURN_LEG_PATHS, ALONE_SPLINES):
+    for candidate_set in (ALONE_TURN_LEG_PATHS,) if splines_for == "none" else (ALONE_TURN_LEG_PATHS, ALONE_SPLINES):
         tried = np.zeros(grid.shape, dtype=bool)
         while True:
             # On the far side of times that are ruled out there may be others.
             known = inside | ruled_out
             near = np.stack([np.convolve(row, np.ones(2 * _NEAR + 1), "same") > 0.5 for row in known])
             near |= ~inside.any(axis=1, keepdims=True)
-            if candidate_set is ALONE_SPLINES and deep == "lost":
+            if candidate_set is ALONE_SPLINES and splines_for == "unreached":
                 near &= ~inside.any(axis=1, keepdims=True)
             asked = near & ~inside & ~tried
             if not asked.any():
@@ -132,7 +131,7 @@ def arrival_sets(
     airspace: Airspace,
     latest_s: float,
     windows_s: Float[np.ndarray, "aircraft 2"] | None = None,
-    deeply: bool = False,
+    with_splines: bool = False,
     count: int = 40,
     rounds: int = 6,
 ) -> list[list[tuple[float, float]]]:
@@ -140,8 +139,8 @@ def arrival_sets(
 
     A grid, geometric from the earliest conceivable time on or even within each one's window; each edge is then refined
     by bisection to a `2**rounds`-th of the grid's spacing. Gaps and islands narrower than the grid can be missed.
-    Deeply, splines are tried too where nothing else will do; in windows they are anyway, for an aircraft that has
-    no time at all.
+    With splines, these are tried too where nothing else will do; in windows they are anyway, for an aircraft that
+    has no time at all.
     """
     if windows_s is not None:
         low = windows_s[:, 0]
@@ -149,15 +148,19 @@ def arrival_sets(
     else:
         line = tasks.rendezvous_n - tasks.position_n
         distance = np.linalg.norm(np.asarray(line), axis=1)
-        low = np.clip(distance / (_HELPED * np.asarray(tasks.limits.speed_max)), 2.0, 0.9 * latest_s)
+        low = np.clip(distance / (_OVER_GROUND * np.asarray(tasks.limits.speed_max)), 2.0, 0.9 * latest_s)
         grid = low[:, None] * (latest_s / low)[:, None] ** np.linspace(0.0, 1.0, count)[None, :]
     fleet = np.flatnonzero(np.asarray(tasks.active) > 0.0)
     inside = np.zeros(grid.shape, dtype=bool)
-    deep = "all" if deeply else "none" if windows_s is None else "lost"
-    inside[fleet] = _open_times(tasks, airspace, fleet, grid[fleet], deep)
+    splines_for = "all" if with_splines else "none" if windows_s is None else "unreached"
+    inside[fleet] = _open_times(tasks, airspace, fleet, grid[fleet], splines_for)
     row, edge = np.nonzero(inside[:, 1:] != inside[:, :-1])
     low, high, opening = grid[row, edge], grid[row, edge + 1], inside[row, edge + 1]
-    levels = (ALONE_STANDARD, ALONE_TURN_LEG_PATHS, ALONE_SPLINES) if deeply else (ALONE_STANDARD, ALONE_TURN_LEG_PATHS)
+    levels = (
+        (ALONE_STANDARD, ALONE_TURN_LEG_PATHS, ALONE_SPLINES)
+        if with_splines
+        else (ALONE_STANDARD, ALONE_TURN_LEG_PATHS)
+    )
     for _ in range(rounds if row.size else 0):
         middle = 0.5 * (low + high)
         lower = reachable(tasks, airspace, row, middle, levels=levels) != opening

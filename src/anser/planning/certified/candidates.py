@@ -16,7 +16,7 @@ from anser.planning.certified.detours import SHAPES, Solved, detour, resolve, so
 from anser.planning.certified.profile import TabulatedProfile
 from anser.planning.certified.route import Ends
 from anser.planning.certified.spline_trajectories import find_splines
-from anser.planning.certified.task import AircraftTask, Airspace, KeepOuts
+from anser.planning.certified.task import AircraftTask, Airspace
 from anser.planning.certified.timed_profile import TimedProfile, timed_profiles
 from anser.planning.certified.tracking import path_track, sample_profile, shape_track
 from anser.planning.certified.turn_leg_paths import (
@@ -26,12 +26,13 @@ from anser.planning.certified.turn_leg_paths import (
     make_starts,
     solve_turn_leg_paths,
 )
+from anser.planning.interface import rows_where
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Flag, Scalar, ScalarLike
 
 DETOUR, TURN_LEG_PATH, SPLINE = range(3)
 _PART_REFINED = 0.4  # of the starts of turn-and-leg paths
-_RACETRACK_COST, _TURN_LEG_COST, _SPLINE_COST = 2.0, 3.0, 6.0  # of a path that nobody would expect
+_RACETRACK_COST, _TURN_LEG_COST, _SPLINE_COST = 2.0, 3.0, 6.0  # of unusual paths
 _INVALID, _NOT_SEARCHED = 1e6, 1e9
 
 
@@ -98,8 +99,7 @@ class Candidates(eqx.Module):
             return paths
         own = jax.tree.map(lambda leaf: leaf[fleet, jnp.maximum(chosen - shaped, 0)], self.splines)
         own = eqx.tree_at(lambda p: p.times, own, start_time + own.times)
-        is_spline = chosen >= shaped
-        return jax.tree.map(lambda a, b: jnp.where(is_spline.reshape(-1, *[1] * (a.ndim - 1)), a, b), own, paths)
+        return rows_where(chosen >= shaped, own, paths)
 
 
 class _Shaped(NamedTuple):
@@ -210,7 +210,8 @@ def _aircraft_candidates(
         more = (jnp.full(kept, SPLINE), splines.valid, cost, splines.turned, splines.speeds, own)
         common = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), common, more)
     generator, valid, cost, turned, speed, tracks = common
-    penetration = _penetration(tracks, times, airspace.keep_outs)
+    clearance = jax.vmap(lambda one: clearance_from_keep_outs(one, times, airspace.keep_outs))(tracks)
+    penetration = jnp.sum(jnp.maximum(-clearance, 0.0), axis=-1)
     return Candidates(generator, valid, cost, turned, speed, tracks, penetration, found.shapes, profiles, paths)
 
 
@@ -275,10 +276,3 @@ def _joined(first: Candidates, extra: Candidates) -> Candidates:
     shaped = eqx.tree_at(lambda c: c.splines, later, None)
     both = jax.tree.map(lambda a, b: jnp.concatenate([a, b], axis=1), first, shaped)
     return eqx.tree_at(lambda c: c.splines, both, extra.splines, is_leaf=lambda leaf: leaf is None)
-
-
-def _penetration(tracks: Track, times: Float[Array, " instants"], volumes: KeepOuts) -> Float[Array, " candidates"]:
-    if volumes.radius.shape[0] == 0:
-        return jnp.zeros(tracks.positions_n.shape[0])
-    clearance = jax.vmap(lambda one: clearance_from_keep_outs(one, times, volumes))(tracks)
-    return jnp.sum(jnp.maximum(-clearance, 0.0), axis=-1)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from anser.numerics import compiled_by_older_generator
 from anser.planning.certified.broad_phase import INTERVALS_PER_CYLINDER, fleet_clearance_ratio, fleet_cylinders
@@ -117,22 +117,14 @@ def certify(
     cylinders, everyone = fleet_cylinders(tracks, fleet, FINE * INTERVALS_PER_CYLINDER), jnp.arange(fleet)
 
     def ratios_of(who: Count) -> Float[Array, " aircraft"]:
+        def tracks_of(some: Int[Array, " some"]) -> Track:
+            return jax.tree.map(lambda leaf: leaf[some], tracks)
+
         one, own = jax.tree.map(lambda leaf: leaf[who], (tracks, cylinders))
-        return fleet_clearance_ratio(
-            one,
-            own,
-            cylinders,
-            lambda some: jax.tree.map(lambda leaf: leaf[some], tracks),
-            everyone != who,
-            airspace.separation,
-        )
+        return fleet_clearance_ratio(one, own, cylinders, tracks_of, everyone != who, airspace.separation)
 
     ratios = jax.lax.map(ratios_of, everyone)
-    volumes = airspace.keep_outs
-    if volumes.radius.shape[0]:
-        clearance = jax.lax.map(lambda one: clearance_from_keep_outs(one, times, volumes), tracks)
-    else:
-        clearance = jnp.zeros((fleet, 0))
+    clearance = jax.lax.map(lambda one: clearance_from_keep_outs(one, times, airspace.keep_outs), tracks)
     return Certificate(bounds, over, ratios, clearance)
 
 
@@ -188,7 +180,7 @@ def plan_fleet_at(
 
     if candidate_set.rounds == 1:
         return placed_of(candidates.valid)[0]
-    # Splines have been certified already: an aircraft that has some gives up the others when one is turned down.
+    # Splines have been certified already: an aircraft that has some gives up the others when one is rejected.
     uncertified = candidates.generator != SPLINE
     given_up = uncertified & jnp.any(candidates.valid & ~uncertified, axis=1, keepdims=True)
     return _best_placed(placed_of, candidates.valid, given_up, tasks.active > 0.0, candidate_set.rounds)
@@ -201,10 +193,10 @@ def _best_placed(
     active: Bool[Array, " aircraft"],
     rounds: int,
 ) -> CertifiedPlan:
-    """The plan with the fewest aircraft in trouble, placed again without the candidates that a certificate turns down.
+    """The plan in which the fewest aircraft fail, placed again without the candidates that a certificate rejects.
 
     With the first of its candidates, an aircraft loses those that are given up. What a candidate is held to is looked
-    at from instant to instant; its certificate bounds what lies between too, and may find a limit passed by a hair.
+    at from instant to instant; its certificate bounds what lies between too, and may find a limit violated by little.
     """
     fleet = jnp.arange(valid.shape[0])
 
@@ -213,11 +205,11 @@ def _best_placed(
     ) -> tuple[Count, Array, Array, CertifiedPlan, Flag]:
         turn, left, fewest, best, _ = carry
         plan, placed = placed_of(left)
-        trouble = jnp.sum(active & ~plan.feasible)
-        down = active & plan.valid & ~plan.certificate.kept_alone
-        best = jax.tree.map(lambda a, b: jnp.where(trouble < fewest, a, b), plan, best)
-        left = left.at[fleet, placed.chosen].min(~down) & ~(given_up & down[:, None])
-        return turn + 1, left, jnp.minimum(trouble, fewest), best, (trouble > 0) & jnp.any(down)
+        failed = jnp.sum(active & ~plan.feasible)
+        rejected = active & plan.valid & ~plan.certificate.kept_alone
+        best = jax.tree.map(lambda a, b: jnp.where(failed < fewest, a, b), plan, best)
+        left = left.at[fleet, placed.chosen].min(~rejected) & ~(given_up & rejected[:, None])
+        return turn + 1, left, jnp.minimum(failed, fewest), best, (failed > 0) & jnp.any(rejected)
 
     placed_of = jax.jit(placed_of)  # traced once, though its shapes are asked for first
     shape, _ = jax.eval_shape(placed_of, valid)

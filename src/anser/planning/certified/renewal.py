@@ -10,6 +10,7 @@ from anser.planning.certified.certified_plan import CertifiedPlan, certify, plan
 from anser.planning.certified.profile import KINKS
 from anser.planning.certified.route import PIECES
 from anser.planning.certified.task import AircraftTask, Airspace
+from anser.planning.interface import rows_where
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Flag, ScalarLike
 
@@ -142,7 +143,7 @@ def renew_certified(
     active = tasks.active > 0.0
     under_way = active & (plan.arrival_times > now)
     paths = jax.vmap(_corrected, in_axes=(0, 0, None))(plan.paths, tasks, now)
-    paths = _either(active & (plan.arrival_times - now > freeze), paths, plan.paths)
+    paths = rows_where(active & (plan.arrival_times - now > freeze), paths, plan.paths)
     corrected = _certified(plan, paths, plan.arrival_times, tasks, airspace, intervals, now, under_way)
     fine = jnp.all(corrected.feasible | ~under_way)
 
@@ -157,9 +158,12 @@ def renew_certified(
         k, _, _ = carry
         durations = jnp.maximum(counted - now, COMMITTED_S) + delays[k]
         made = plan_fleet_at(now, here, airspace, durations, intervals, MINIMAL)
-        made = _with_sizes_of(made, plan, free)
+        # Those whose paths stand keep the sizes of these paths.
+        made = eqx.tree_at(_sizes, made, rows_where(free, _sizes(made), _sizes(plan)))
         arrivals = jnp.where(free, now + durations, plan.arrival_times)
-        whole = _certified(made, _either(free, made.paths, paths), arrivals, tasks, airspace, intervals, now, under_way)
+        whole = _certified(
+            made, rows_where(free, made.paths, paths), arrivals, tasks, airspace, intervals, now, under_way
+        )
         good = jnp.all(jnp.where(free, made.valid, True)) & jnp.all(whole.feasible | ~under_way)
         return k + 1, good, whole
 
@@ -173,17 +177,8 @@ def renew_certified(
     return jax.lax.cond(fine, lambda: Renewed(corrected, jnp.asarray(CORRECTED)), anew)
 
 
-def _either(first: Bool[Array, " aircraft"], one: TimedPath, other: TimedPath) -> TimedPath:
-    return jax.tree.map(lambda a, b: jnp.where(first.reshape(-1, *[1] * (a.ndim - 1)), a, b), one, other)
-
-
-def _with_sizes_of(made: CertifiedPlan, plan: CertifiedPlan, free: Bool[Array, " aircraft"]) -> CertifiedPlan:
-    """A new plan in which those whose paths stand keep the lengths, turns and speeds of these paths."""
-
-    def sizes(p: CertifiedPlan) -> tuple[Array, Array, Array]:
-        return p.lengths, p.turned, p.speeds
-
-    return eqx.tree_at(sizes, made, jax.tree.map(lambda new, old: jnp.where(free, new, old), sizes(made), sizes(plan)))
+def _sizes(plan: CertifiedPlan) -> tuple[Array, Array, Array]:
+    return plan.lengths, plan.turned, plan.speeds
 
 
 def _certified(

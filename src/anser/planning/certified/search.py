@@ -90,7 +90,7 @@ class _State:
         )
 
     def outcome(self, arrivals: list[Intervals] | None = None) -> Outcome:
-        """What is told of the search."""
+        """The result of the search."""
         if self.plan is not None:
             return Outcome(self.plan, len(self.tried), arrivals=arrivals)
         return Outcome(None, len(self.tried), self.best_attempt, arrivals, self.without_holds)

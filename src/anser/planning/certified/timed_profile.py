@@ -179,7 +179,7 @@ def timed_profiles(
 
     matched = preferred
     if MATCHED in kinds:
-        # A hair faster: a path that is longer than the direct one by less than this is a detour, a shorter one is none.
+        # Slightly faster: a path longer than the direct one by less than this is a detour, a shorter one is none.
         matched = (1.0 + 2e-4) * jax.lax.fori_loop(0, _SPEED_ROUNDS, closer, preferred)
     means = {
         PREFERRED: wished,
