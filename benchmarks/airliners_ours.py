@@ -16,29 +16,29 @@ from airliners_example import GRAVITY_M_S2, Flown, flown_from_ned, load_example,
 from anser.environment import SteadyWind
 from anser.planning import PathLimits, make_rendezvous
 from anser.planning.certified import (
+    AircraftTask,
     Airspace,
     CertifiedPlan,
     Separation,
-    Traveller,
     no_keep_outs,
     plan_at,
     stacked,
 )
 from anser.planning.certified.arrivals import direct_times
-from anser.planning.certified.choices import FEW
+from anser.planning.certified.candidate_sets import MINIMAL
 
-_TICKS = 512
+_INTERVALS = 512
 _ROLL_RATE = np.deg2rad(3.0)  # gentle, as airliners roll
 _STRAIGHT_ON = 1.0 + 2e-4  # of the direct path's time
 
 
-def fleet() -> tuple[Traveller, Airspace]:
+def fleet() -> tuple[AircraftTask, Airspace]:
     """The example as the certified planner takes it."""
     asked = our_request(load_example())
 
-    def one(k: int) -> Traveller:
+    def one(k: int) -> AircraftTask:
         final = asked.goal_velocity_n[k]
-        return Traveller(
+        return AircraftTask(
             position_n=jnp.asarray(asked.start_n[k]),
             air_velocity_n=jnp.asarray(asked.start_velocity_n[k]),
             air_acceleration_n=jnp.zeros(3),
@@ -68,15 +68,15 @@ def fleet() -> tuple[Traveller, Airspace]:
 
 def ours() -> CertifiedPlan:
     """Each as early as its direct path allows at the airspeed that the ends prescribe."""
-    travellers, airspace = fleet()
-    durations, _ = direct_times(travellers, airspace, travellers.speed, 64)
-    return plan_at(0.0, travellers, airspace, _STRAIGHT_ON * durations, _TICKS, FEW)
+    tasks, airspace = fleet()
+    durations, _ = direct_times(tasks, airspace, tasks.speed, 64)
+    return plan_at(0.0, tasks, airspace, _STRAIGHT_ON * durations, _INTERVALS, MINIMAL)
 
 
 def read_ours(plan: object) -> Flown:
     """For the dense check."""
     assert isinstance(plan, CertifiedPlan)
-    if not bool(jnp.all(plan.good)):
+    if not bool(jnp.all(plan.feasible)):
         raise RuntimeError("the certified planner has no plan of the example that keeps everything")
 
     def state(k: int, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -5,7 +5,7 @@ With `--figure FILE` (png or svg) the times are drawn against the number of airc
 A field of buoys 2 km apart, each visited by one aircraft; they come from a field that is wider and 25 km away, from
 jittered places and heights, headed up to 40 deg off. They keep 500 m or 150 m from each other in a wind of 15 m/s and
 all arrive at one time. Prints the first call (it compiles), the warm time, how many of the fleet keep everything, and
-how many aircraft would be in conflict if each took the path it likes best.
+how many aircraft would be in conflict if each took its cheapest path.
 """
 
 import argparse
@@ -19,11 +19,11 @@ import numpy as np
 from anser.compilation_cache import enable_compilation_cache
 from anser.environment import SteadyWind
 from anser.planning import PathLimits, make_rendezvous
-from anser.planning.certified import Airspace, Separation, Traveller, no_keep_outs, plan_at, stacked, ticks_for
-from anser.planning.certified.choices import FEW, MANY
-from anser.planning.certified.conflicts import Track
-from anser.planning.certified.crowd import Blocks, blocks_of, fleet_use
-from anser.planning.certified.placement import make_options
+from anser.planning.certified import AircraftTask, Airspace, Separation, intervals_for, no_keep_outs, plan_at, stacked
+from anser.planning.certified.broad_phase import BoundingCylinders, bounding_cylinders, fleet_clearance_ratio
+from anser.planning.certified.candidate_sets import MINIMAL, STANDARD
+from anser.planning.certified.candidates import fleet_candidates
+from anser.planning.certified.clearance import Track
 from anser.report.print_style import new_figure, save_figure
 
 _FLEETS = (3, 10, 30, 100, 300, 1000)
@@ -33,7 +33,7 @@ _WIDER = 1.3
 _OFFSET_M = np.array([-20_000.0, 15_000.0])
 
 
-def fleet(count: int, seed: int = 0) -> tuple[Traveller, float]:
+def fleet(count: int, seed: int = 0) -> tuple[AircraftTask, float]:
     """A fleet and a time at which all can arrive, s."""
     rng = np.random.default_rng(seed)
     side = int(np.ceil(np.sqrt(count)))
@@ -43,10 +43,10 @@ def fleet(count: int, seed: int = 0) -> tuple[Traveller, float]:
     starts = _WIDER * goals + _OFFSET_M + rng.uniform(-0.35, 0.35, (count, 2)) * _WIDER * _SPACING_M
     farthest = float(np.max(np.linalg.norm(goals - starts, axis=1)))
 
-    def one(k: int) -> Traveller:
+    def one(k: int) -> AircraftTask:
         line = goals[k] - starts[k]
         heading = np.arctan2(line[1], line[0]) + rng.uniform(-0.7, 0.7)
-        return Traveller(
+        return AircraftTask(
             position_n=jnp.asarray([*starts[k], -rng.uniform(1000.0, 3000.0)]),
             air_velocity_n=jnp.asarray([_SPEED * np.cos(heading), _SPEED * np.sin(heading), 0.0]),
             air_acceleration_n=jnp.zeros(3),
@@ -63,44 +63,44 @@ def fleet(count: int, seed: int = 0) -> tuple[Traveller, float]:
     return stacked([one(k) for k in range(count)]), 1.3 * farthest / _SPEED
 
 
-def in_conflict(travellers: Traveller, airspace: Airspace, duration: float, ticks: int) -> int:
-    """How many aircraft would be in conflict if each took the path that it likes best."""
+def in_conflict(tasks: AircraftTask, airspace: Airspace, duration: float, intervals: int) -> int:
+    """How many aircraft would be in conflict if each took its cheapest path."""
 
-    def favourites(travellers: Traveller) -> tuple[Track, Blocks]:
-        count = travellers.speed.shape[0]
-        options = make_options(travellers, airspace, jnp.full(count, duration), ticks, ticks, FEW)
-        best = jnp.argmin(jnp.where(options.candidates.valid, options.candidates.cost, jnp.inf), axis=1)
-        tracks = jax.tree.map(lambda leaf: leaf[jnp.arange(count), best], options.tracks)
-        return tracks, blocks_of(tracks)
+    def cheapest(tasks: AircraftTask) -> tuple[Track, BoundingCylinders]:
+        count = tasks.speed.shape[0]
+        found = fleet_candidates(tasks, airspace, jnp.full(count, duration), intervals, intervals, MINIMAL)
+        best = jnp.argmin(jnp.where(found.valid, found.cost, jnp.inf), axis=1)
+        tracks = jax.tree.map(lambda leaf: leaf[jnp.arange(count), best], found.tracks)
+        return tracks, bounding_cylinders(tracks)
 
-    def lacks(tracks: Track, blocks: Blocks) -> jax.Array:
-        everyone = jnp.arange(blocks.reach.shape[0])
+    def in_conflict_of(tracks: Track, cylinders: BoundingCylinders) -> jax.Array:
+        everyone = jnp.arange(cylinders.radius.shape[0])
 
         def one(who: jax.Array) -> jax.Array:
-            own, held = jax.tree.map(lambda leaf: leaf[who], (tracks, blocks))
-            use = fleet_use(
+            own, held = jax.tree.map(lambda leaf: leaf[who], (tracks, cylinders))
+            ratios = fleet_clearance_ratio(
                 own,
                 held,
-                blocks,
+                cylinders,
                 lambda some: jax.tree.map(lambda leaf: leaf[some], tracks),
                 everyone != who,
                 airspace.separation,
             )
-            return jnp.any(use < 1.0)
+            return jnp.any(ratios < 1.0)
 
         return jax.lax.map(one, everyone)
 
-    return int(np.sum(jax.jit(lambda t: lacks(*favourites(t)))(travellers)))
+    return int(np.sum(jax.jit(lambda t: in_conflict_of(*cheapest(t)))(tasks)))
 
 
 def measure(count: int, airspace: Airspace) -> float:
     """Plan a fleet, print a line about it and return the warm time, s."""
-    travellers, duration = fleet(count)
-    ticks, durations = ticks_for(duration), jnp.full(count, duration)
-    for name, choices in (("few", FEW), ("many", MANY)):
+    tasks, duration = fleet(count)
+    intervals, durations = intervals_for(duration), jnp.full(count, duration)
+    for name, candidate_set in (("few", MINIMAL), ("many", STANDARD)):
 
-        def plan(choices=choices):
-            return jax.block_until_ready(plan_at(0.0, travellers, airspace, durations, ticks, choices))
+        def plan(candidate_set=candidate_set):
+            return jax.block_until_ready(plan_at(0.0, tasks, airspace, durations, intervals, candidate_set))
 
         begun = time.perf_counter()
         made = plan()
@@ -110,10 +110,10 @@ def measure(count: int, airspace: Airspace) -> float:
             begun = time.perf_counter()
             made = plan()
             spent.append(time.perf_counter() - begun)
-        good = int(np.sum(np.asarray(made.good)))
+        good = int(np.sum(np.asarray(made.feasible)))
         print(
             f"{count:5d} aircraft, {name:4s}: first {first:6.1f} s, warm {min(spent):8.4f} s, {good} proven; "
-            f"{in_conflict(travellers, airspace, duration, ticks)} would be in conflict",
+            f"{in_conflict(tasks, airspace, duration, intervals)} would be in conflict",
             flush=True,
         )
         if good == count:

@@ -90,23 +90,23 @@ def certified_answer(case: PlanCase) -> Answer:
     """The certified planner's answer to a case."""
     task = planner_task(case)
     outcome = search(0.0, *task)
-    plan = outcome.plan if outcome.plan is not None else outcome.closest
+    plan = outcome.plan if outcome.plan is not None else outcome.best_attempt
     if plan is None:
-        return Answer(None, np.empty(0), outcome.tries, {})
+        return Answer(None, np.empty(0), outcome.attempts, {})
     n, start = case.size, case.starts.time
     times, air, drift = (np.asarray(leaf)[:n] for leaf in (plan.paths.times, plan.paths.air_n, plan.paths.drift_n))
     arrivals = np.asarray(plan.arrival_times)[:n] + start
     if outcome.plan is not None:
-        return Answer(Paths(times + start, air, drift), arrivals, outcome.tries, {})
+        return Answer(Paths(times + start, air, drift), arrivals, outcome.attempts, {})
     proven = plan.certificate
     lacks = {
         "path": ~np.asarray(plan.valid),
         "limits": np.max(np.asarray(proven.excess), axis=1) > 0.0,
-        "separation": np.min(np.asarray(proven.room), axis=1) < 1.0,
-        "keep-outs": np.min(np.asarray(proven.closed_room), axis=1, initial=np.inf) < 0.0,
+        "separation": np.min(np.asarray(proven.clearance_ratio), axis=1) < 1.0,
+        "keep-outs": np.min(np.asarray(proven.keep_out_clearance), axis=1, initial=np.inf) < 0.0,
     }
     closest = {what: [int(k) for k in np.flatnonzero(bad[:n])] for what, bad in lacks.items() if bad[:n].any()}
-    return Answer(None, arrivals, outcome.tries, closest)
+    return Answer(None, arrivals, outcome.attempts, closest)
 
 
 def run_trial(seed: int, iterations: int, planner: Planner = certified_answer) -> Trial:
@@ -184,15 +184,17 @@ def _broken(case: PlanCase, where: str, error: Exception, plan_s: float, judge_s
 
 def _judge(case: PlanCase, answer: Answer, iterations: int) -> Trial:
     about = (case.seed, case.size, case.rule.name)
-    told = {"tries": answer.tries, "arrival_times": tuple(float(t) for t in answer.arrival_times)}
+    on_progress = {"tries": answer.tries, "arrival_times": tuple(float(t) for t in answer.arrival_times)}
     if answer.paths is not None:
         report = dense_check(answer.paths, case, answer.arrival_times)
         verdict = "passes" if report.passes else "fails"
         breaches = tuple(_breach(one) for one in report.breaches)
-        return Trial(*about, verdict, 0.0, 0.0, **told, excess=_excess(report), breaches=breaches)
+        return Trial(*about, verdict, 0.0, 0.0, **on_progress, excess=_excess(report), breaches=breaches)
     result = second_search(case, iterations, horizon=LATEST_S, seed=case.seed)
     found = () if result.paths is None else _describe(result.paths, case)
-    return Trial(*about, result.status, 0.0, 0.0, **told, closest=answer.closest, reasons=result.reasons, found=found)
+    return Trial(
+        *about, result.status, 0.0, 0.0, **on_progress, closest=answer.closest, reasons=result.reasons, found=found
+    )
 
 
 def _breach(breach: Breach) -> dict[str, Any]:

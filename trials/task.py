@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from anser.environment import LayeredWind
-from anser.planning.certified import Airspace, ArrivalRequest, KeepOuts, Separation, Traveller
+from anser.planning.certified import AircraftTask, Airspace, ArrivalRequest, KeepOuts, Separation
 from anser.planning.limits import PathLimits
 from anser.planning.rendezvous import Rendezvous
 from trials.data import KeepOutCylinders, PlanCase, WindProfile
@@ -28,7 +28,7 @@ _LAYER_M = 1000.0
 class PlanTask(NamedTuple):
     """What the planner is asked; aircraft beyond those of the case repeat the last one and are not active."""
 
-    travellers: Traveller
+    tasks: AircraftTask
     airspace: Airspace
     request: ArrivalRequest
 
@@ -69,7 +69,7 @@ def planner_task(case: PlanCase) -> PlanTask:
         deceleration_max=_array(limits.deceleration_max[who]),
     )
     low, high = (1.0 + _SPEED_ROOM) * limits.speed_min, (1.0 - _SPEED_ROOM) * limits.speed_max
-    travellers = Traveller(
+    tasks = AircraftTask(
         position_n=_array(starts.position_n[who]),
         air_velocity_n=_array((starts.velocity_n - blowing)[who]),
         air_acceleration_n=jnp.zeros((_FLEET, 3)),
@@ -88,7 +88,7 @@ def planner_task(case: PlanCase) -> PlanTask:
         Separation(_array(case.separation_horizontal), _array(case.separation_vertical)),
         _keep_outs(case.keep_outs, starts.time),
     )
-    return PlanTask(travellers, airspace, _request(case, who))
+    return PlanTask(tasks, airspace, _request(case, who))
 
 
 def _array(values: object) -> Float[Array, "..."]:

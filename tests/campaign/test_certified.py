@@ -13,7 +13,7 @@ from anser.campaign import NoPlanError, run
 from anser.campaign.certified import arrival_request
 from anser.campaign.plan_output import record
 from anser.cli import app
-from anser.planning.certified.renewal import ANEW, CORRECTED, LAST_GOOD
+from anser.planning.certified.renewal import CORRECTED, KEPT, REPLANNED
 from anser.scenario import load, loads
 from anser.simulation.status import AT_GROUND
 from support.fleet_flight import own, segment, with_own
@@ -104,13 +104,13 @@ def test_the_plan_follows_a_goal_that_turns_and_says_how(flown):
     time = data.time.values
     before, after = renewal[(time > 2.0) & (time < _TURN_S)], renewal[(time > _TURN_S + 1.5)]
     assert set(before) <= {CORRECTED}
-    assert set(after) <= {CORRECTED, ANEW}
+    assert set(after) <= {CORRECTED, REPLANNED}
     # Without a renewal the boat's turn would be missed by what it moves off its old way: 5 m/s for half a minute.
     assert flown.summary["aircraft"][0]["miss_m"] < 3.0
     # No jerk: the command's rate of turn never jumps by what a bank of 60 deg in one recorded step (0.1 s) would be.
     banks = data.bank_deg.isel(aircraft=0).values[time < flown.summary["aircraft"][0]["arrival_s"]]
     assert np.max(np.abs(np.diff(banks))) < 6.0
-    assert LAST_GOOD not in set(renewal)
+    assert KEPT not in set(renewal)
 
 
 def test_one_that_has_stopped_is_planned_without(flown):
@@ -135,22 +135,22 @@ def test_one_that_has_stopped_is_planned_without(flown):
 
 def test_an_independent_check_at_each_millisecond_finds_nothing(flown):
     planned = flown.planned
-    plan, limits = planned.plan, jax.tree.map(np.asarray, planned.travellers.limits)
-    task = planned.travellers
+    plan, limits = planned.plan, jax.tree.map(np.asarray, planned.tasks.limits)
+    tasks = planned.tasks
     count = 2
     wind = np.asarray(planned.airspace.wind.velocity_n)
     case = PlanCase(
         Starts(
             0.0,
-            np.asarray(task.position_n),
-            np.asarray(task.air_velocity_n) + wind,
-            np.asarray(task.air_acceleration_n),
+            np.asarray(tasks.position_n),
+            np.asarray(tasks.air_velocity_n) + wind,
+            np.asarray(tasks.air_acceleration_n),
         ),
         Goals(
             times=np.zeros((count, 1)),
-            positions_n=np.asarray(task.goal_position_n)[:, None],
-            velocity_after_n=np.asarray(task.goal_velocity_n),
-            stand_off_n=np.asarray(task.rendezvous.stand_off_n),
+            positions_n=np.asarray(tasks.goal_position_n)[:, None],
+            velocity_after_n=np.asarray(tasks.goal_velocity_n),
+            stand_off_n=np.asarray(tasks.rendezvous.stand_off_n),
             course=np.full(count, np.nan),
             path_angle=np.full(count, np.nan),
         ),
@@ -179,12 +179,12 @@ def test_an_independent_check_at_each_millisecond_finds_nothing(flown):
 
 
 def test_plan_of_python_is_that_of_the_scenarios_planner():
-    """Ways that cross, and a closed volume upon one: the published planner would take 487 m and go 580 m into it."""
+    """Ways that cross, and a keep-out upon one: the published planner would take 487 m and go 580 m into it."""
     crossing = _SCENARIO.replace('goal = "boat"', 'goal = "buoy-"').replace('goal = "buoy"', 'goal = "boat"')
     storm = '[[keep_out]]\nname = "storm"\nnorth_m = -4000.0\neast_m = 700.0\nradius_m = 1000.0\n'
     planned = anser.plan(loads(f"{crossing.replace('buoy-', 'buoy')}\n{storm}"))
     assert (planned.refusals, planned.problems()) == ((), ())
-    assert np.all(planned.plan.good)
+    assert np.all(planned.plan.feasible)
     summary = record(planned).summary
     assert (summary["planner"], summary["bounds"]) == ("certified", "proven")
     assert summary["separation"]["value_m"] >= 500.0

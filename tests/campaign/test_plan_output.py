@@ -1,7 +1,6 @@
 """From a plan of the certified planner to its record: what is proven, what only fills the fleet up, moving goals."""
 
-import types
-
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,11 +9,13 @@ import pytest
 from anser.campaign.certified import NOT_PROVEN
 from anser.campaign.plan_output import record_certified
 from anser.planning import PathLimits
+from anser.planning.certified import stacked
 from anser.planning.certified.certificate import PathBounds
 from anser.planning.certified.certified_plan import Certificate, CertifiedPlan
 from anser.planning.timed_path import TimedPath
 from anser.scenario import loads
 from scenario.certified_scenario import GOOD
+from support.aircraft_tasks import aircraft_task
 
 END, BANK = 60.0, 0.5
 BOAT = 'name = "buoy"\nkind = "surface"\nnorth_m = 300\neast_m = 2000\n'
@@ -32,7 +33,7 @@ def _line(start, velocity):
     return TimedPath(jnp.asarray(times), jnp.asarray(knots), jnp.zeros((13, 3, 3)))
 
 
-def _planned(valid=(True, True, True)):
+def _record(valid=(True, True, True)):
     """Two aircraft, and a third that only fills the fleet up."""
     assert BOAT in GOOD
     lines = [
@@ -65,14 +66,14 @@ def _planned(valid=(True, True, True)):
         "deceleration_max": 0.25,
         "wind_error_max": 0,
     }
-    room = jnp.array([[jnp.inf, 1.5, 0.1], [1.5, jnp.inf, 0.1], [0.1, 0.1, jnp.inf]])
+    ratio = jnp.array([[jnp.inf, 1.5, 0.1], [1.5, jnp.inf, 0.1], [0.1, 0.1, jnp.inf]])
     certificate = Certificate(
         bounds=PathBounds(
             **{key: all_of(value) for key, value in bounds.items()}, cell_acceleration=jnp.zeros((3, 12))
         ),
         excess=jnp.full((3, 9), -0.1),
-        room=jnp.where(room < 1.0, 2.0, room),
-        closed_room=jnp.zeros((3, 0)),
+        clearance_ratio=jnp.where(ratio < 1.0, 2.0, ratio),
+        keep_out_clearance=jnp.zeros((3, 0)),
     )
     plan = CertifiedPlan(
         paths=jax.tree.map(lambda *leaves: jnp.stack(leaves), *lines),
@@ -86,18 +87,17 @@ def _planned(valid=(True, True, True)):
     asked = PathLimits(
         **{key: all_of(value) for key, value in limits.items()}, acceleration_max=all_of(8), deceleration_max=all_of(1)
     )
-    return types.SimpleNamespace(
-        scenario=loads(GOOD.replace(BOAT, TURNING)),
-        plan=plan,
-        travellers=types.SimpleNamespace(limits=asked, active=jnp.array([1.0, 1.0, 0.0])),
-        airspace=types.SimpleNamespace(gravity=jnp.asarray(9.81)),
-        holds=None,
+    tasks = eqx.tree_at(
+        lambda t: (t.limits, t.active),
+        stacked([aircraft_task((0.0, 0.0, 0.0))] * 3),
+        (asked, jnp.array([1.0, 1.0, 0.0])),
     )
+    return record_certified(loads(GOOD.replace(BOAT, TURNING)), plan, tasks, 9.81)
 
 
 @pytest.fixture(scope="module")
 def recorded():
-    return record_certified(_planned())
+    return _record()
 
 
 def test_margins_are_proven_ones(recorded):
@@ -143,6 +143,6 @@ def test_a_goal_with_waypoints_moves_as_the_scenario_says(recorded):
 
 
 def test_a_path_without_proof_is_told():
-    summary = record_certified(_planned(valid=(True, False, False))).summary
+    summary = _record(valid=(True, False, False)).summary
     assert summary["problems"] == [f'aircraft "bravo": {NOT_PROVEN}']
     assert [row["status"] for row in summary["aircraft"]] == ["planned", NOT_PROVEN]

@@ -8,8 +8,8 @@ import pytest
 
 from anser.campaign import refusal
 from anser.environment import SteadyWind
-from anser.planning.certified import ArrivalRequest, Outcome, stacked
-from support.travellers import airspace, traveller
+from anser.planning.certified import ArrivalRequest, FleetTask, Outcome, stacked
+from support.aircraft_tasks import aircraft_task, airspace
 
 NAMES = ("alpha", "bravo", "charlie")
 WINDOWS = ArrivalRequest("windows", 600.0, windows_s=np.array([[90.0, 95.0]] * 3))
@@ -21,43 +21,48 @@ def no_limit_named(monkeypatch):
     monkeypatch.setattr(refusal, "_binding", lambda *about: "")
 
 
+def fleet_of(request_):
+    """Three aircraft on their way to the same goal."""
+    return FleetTask(stacked([aircraft_task((8000.0, 0.0, 0.0))] * 3), airspace(SteadyWind(jnp.zeros(3))), request_)
+
+
 def outcome(valid, kept):
-    closest = SimpleNamespace(valid=np.array(valid), certificate=SimpleNamespace(kept_alone=np.array(kept)))
-    return Outcome(None, 3, closest)
+    best = SimpleNamespace(valid=np.array(valid), certificate=SimpleNamespace(kept_alone=np.array(kept)))
+    return Outcome(None, 3, best)
 
 
 @pytest.mark.parametrize("request_", [WINDOWS, AT], ids=["windows", "at"])
 def test_a_way_that_was_found_is_not_denied(request_):
     arrivals = [[], [(120.0, 600.0)], [(80.0, 600.0)]]
-    denied = refusal._alone(NAMES, None, None, request_, arrivals, Outcome(None, 3))
+    denied = refusal._alone(NAMES, fleet_of(request_), arrivals, Outcome(None, 3))
     assert len(denied) == 2
     assert '"alpha" cannot arrive' in denied[0]
     assert '"bravo" cannot arrive' in denied[1]
     assert "by itself it can from 120.0 to 600.0 s" in denied[1]
     # The search found bravo a way, and alpha one that its certificate turned down.
-    (left,) = refusal._alone(NAMES, None, None, request_, arrivals, outcome([True, True, True], [False, True, True]))
+    (left,) = refusal._alone(NAMES, fleet_of(request_), arrivals, outcome([True, True, True], [False, True, True]))
     assert '"alpha" cannot arrive' in left
 
 
 def crowded_task(goals, moving):
     """Two aircraft side by side on their way to goals given by their east coordinate, m, and its rate, m/s."""
-    travellers = stacked(
-        [traveller((8000.0, east, -1700.0), (0.0, rate, 0.0)) for east, rate in zip(goals, moving, strict=True)]
+    tasks = stacked(
+        [aircraft_task((8000.0, east, -1700.0), (0.0, rate, 0.0)) for east, rate in zip(goals, moving, strict=True)]
     )
-    return travellers, airspace(SteadyWind(jnp.array([10.0, 5.0, 0.0])), 500.0, 150.0)
+    return tasks, airspace(SteadyWind(jnp.array([10.0, 5.0, 0.0])), 500.0, 150.0)
 
 
 def test_rendezvous_points_that_are_too_close_are_named_with_their_distances():
     task = crowded_task((0.0, 400.0), (0.0, 0.0))
-    (told,) = refusal._crowded(NAMES, *task, ArrivalRequest("at", 200.0, times_s=np.full(2, 70.0)))
-    assert 'of "alpha" and "bravo" are too close' in told
-    assert "at 70.0 s they leave 400 m / 0 m at most, 500 m / 150 m asked" in told
+    (said,) = refusal._too_close(NAMES, FleetTask(*task, ArrivalRequest("at", 200.0, times_s=np.full(2, 70.0))))
+    assert 'of "alpha" and "bravo" are too close' in said
+    assert "at 70.0 s they leave 400 m / 0 m at most, 500 m / 150 m asked" in said
     # One that moves away: what it leaves at most, at the latest.
     task = crowded_task((0.0, 200.0), (0.0, 1.0))
-    (told,) = refusal._crowded(NAMES, *task, ArrivalRequest("together", 200.0))
-    assert "when the first of them arrives they leave 400 m / 0 m at most" in told
-    assert refusal._crowded(NAMES, *task, ArrivalRequest("together", 320.0)) == []
-    assert refusal._crowded(NAMES, *task, WINDOWS) == []
+    (said,) = refusal._too_close(NAMES, FleetTask(*task, ArrivalRequest("together", 200.0)))
+    assert "when the first of them arrives they leave 400 m / 0 m at most" in said
+    assert refusal._too_close(NAMES, FleetTask(*task, ArrivalRequest("together", 320.0))) == []
+    assert refusal._too_close(NAMES, FleetTask(*task, WINDOWS)) == []
     # A sequence longer than the flight leaves no time to look at.
     late = ArrivalRequest("sequence", 200.0, offsets_s=np.array([0.0, 250.0]))
-    assert refusal._crowded(NAMES, *task, late) == []
+    assert refusal._too_close(NAMES, FleetTask(*task, late)) == []

@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 
 from anser.numerics import compiled_quickly
 from anser.numerics.gauss_newton import Damping, Linearized, begin_search, closest_of, least_move, search_steps
-from anser.numerics.tridiagonal import Form, solve
+from anser.numerics.tridiagonal import BlockTridiagonal, solve
 
 GROUPS, SIZE = 4, 3
 
@@ -26,7 +26,7 @@ def chain(about, x):
 class Normal(NamedTuple):
     cost: Any
     gradient: Any
-    form: Form
+    form: BlockTridiagonal
 
 
 def normal_at(about, x):
@@ -35,10 +35,10 @@ def normal_at(about, x):
     own = jnp.einsum("rgi,rgj->gij", jacobian, jacobian)
     before = jnp.einsum("rgi,rgj->gij", jacobian, jnp.roll(jacobian, 1, axis=1))
     gradient = jnp.einsum("r,rgi->gi", rows, jacobian)
-    return Normal(0.5 * jnp.sum(rows**2), gradient, Form(own, before))
+    return Normal(0.5 * jnp.sum(rows**2), gradient, BlockTridiagonal(own, before))
 
 
-EVEN = Form(jnp.tile(jnp.eye(SIZE), (GROUPS, 1, 1)), jnp.zeros((GROUPS, SIZE, SIZE)))
+EVEN = BlockTridiagonal(jnp.tile(jnp.eye(SIZE), (GROUPS, 1, 1)), jnp.zeros((GROUPS, SIZE, SIZE)))
 TARGETS = np.random.default_rng(5).uniform(0.2, 6.0, (8, GROUPS * SIZE))
 
 

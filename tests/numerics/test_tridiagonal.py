@@ -5,14 +5,14 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anser.numerics.tridiagonal import Form, solve
+from anser.numerics.tridiagonal import BlockTridiagonal, solve
 
 GROUPS, SIZE = 4, 3
 
 
 def dense(form):
     """The whole matrix of a block tridiagonal form."""
-    own, before = np.asarray(form.own), np.asarray(form.before)
+    own, before = np.asarray(form.diagonal), np.asarray(form.subdiagonal)
     groups, size = own.shape[:2]
     full = np.zeros((groups, size, groups, size))
     for k in range(groups):
@@ -32,7 +32,7 @@ def random_form(seed):
         own[k] += square[:SIZE, :SIZE]
         own[k + 1] += square[SIZE:, SIZE:]
         before[k + 1] = square[SIZE:, :SIZE]
-    return Form(jnp.asarray(own), jnp.asarray(before))
+    return BlockTridiagonal(jnp.asarray(own), jnp.asarray(before))
 
 
 @settings(max_examples=30, deadline=None)

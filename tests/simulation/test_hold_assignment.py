@@ -10,11 +10,11 @@ from anser.control import GuidanceSettings
 from anser.environment import LayeredWind, SteadyWind
 from anser.numerics import compiled_quickly
 from anser.planning import PathLimits, make_rendezvous
-from anser.planning.certified import Airspace, KeepOuts, Separation, Traveller
+from anser.planning.certified import AircraftTask, Airspace, KeepOuts, Separation
 from anser.planning.timed_path import TimedPath
 from anser.simulation import assign_holds, cells_for
 from anser.simulation.hold_assignment import _circles
-from anser.simulation.planned_hold import FORESEEN, each_alone, hold_path, hold_reference, moved
+from anser.simulation.planned_hold import FORESEEN, each_alone, hold_path, hold_reference, moved_with_goals
 
 pytestmark = pytest.mark.long
 
@@ -51,7 +51,7 @@ def stacked(parts):
 
 def fleet(goals_n, velocities_n, heights, courses_deg, arrivals):
     """Approaches that end over the goals, and what the planner knows of their aircraft."""
-    paths, travellers = [], []
+    paths, tasks = [], []
     for goal, velocity, height, course, arrival in zip(
         goals_n, velocities_n, heights, courses_deg, arrivals, strict=True
     ):
@@ -59,8 +59,8 @@ def fleet(goals_n, velocities_n, heights, courses_deg, arrivals):
         end = goal_n + arrival * velocity_n - np.array([0.0, 0.0, height])
         path = straight(end, course, arrival, np.asarray(WIND.at(number(end), 0.0)))
         paths.append(path)
-        travellers.append(
-            Traveller(
+        tasks.append(
+            AircraftTask(
                 position_n=path.position_n(0.0),
                 air_velocity_n=path.air_velocity_n(0.0),
                 air_acceleration_n=jnp.zeros(3),
@@ -74,7 +74,7 @@ def fleet(goals_n, velocities_n, heights, courses_deg, arrivals):
                 active=number(1.0),
             )
         )
-    return stacked(paths), stacked(travellers)
+    return stacked(paths), stacked(tasks)
 
 
 def airspace(horizontal, vertical, keep_out=(9e5, 9e5, 100.0)):
@@ -108,17 +108,17 @@ def ratios(approaches, holds, horizontal, vertical, step=0.05):
     return found
 
 
-def own_circles(paths, travellers, space):
+def own_circles(paths, tasks, space):
     """What everybody would fly with the circle that the scenario names: the holds before they were planned."""
 
-    def one(path, traveller):
+    def one(path, task):
         arrival = path.times[-1]
-        circle = jax.tree.map(lambda leaf: leaf[0], _circles(traveller, space, SETTINGS))
-        goal = traveller.goal_position_n + arrival * traveller.goal_velocity_n, traveller.goal_velocity_n
+        circle = jax.tree.map(lambda leaf: leaf[0], _circles(task, space, SETTINGS))
+        goal = task.goal_position_n + arrival * task.goal_velocity_n, task.goal_velocity_n
         begin = path.position_n(arrival), path.velocity_n(arrival), arrival
-        return hold_path(traveller, begin, goal, circle, space.wind, END, SETTINGS, GRAVITY, CELLS)
+        return hold_path(task, begin, goal, circle, space.wind, END, SETTINGS, GRAVITY, CELLS)
 
-    return jax.vmap(one)(paths, travellers)
+    return jax.vmap(one)(paths, tasks)
 
 
 @pytest.fixture(scope="module", params=[(500.0, 150.0), (450.0, 0.0)], ids=["or in altitude", "in the plane"])
@@ -137,7 +137,7 @@ def test_holds_keep_what_the_scenarios_own_circles_lose(assigned):
 
 def test_bounds_hold_between_the_samples_and_are_close(assigned):
     separation, _, holds = assigned
-    seen, proven = ratios(MEETING[0], holds.paths, *separation), np.asarray(holds.room)
+    seen, proven = ratios(MEETING[0], holds.paths, *separation), np.asarray(holds.clearance_ratio)
     off = ~np.eye(3, dtype=bool)
     assert np.all(np.isinf(proven[~off]))
     assert np.all(proven[off] <= seen[off] + 1e-9)
@@ -176,7 +176,7 @@ def test_stays_out_of_closed_volumes():
     keep_out = (*where[300, :2], 400.0)
     holds = assign(*alone, airspace(500.0, 150.0, keep_out))
     assert bool(holds.clear[0])
-    assert float(holds.closed_room[0, 0]) >= 0.0
+    assert float(holds.keep_out_clearance[0, 0]) >= 0.0
     assert (float(free.circles.radius[0]), float(free.circles.turn[0])) != (
         float(holds.circles.radius[0]),
         float(holds.circles.turn[0]),
@@ -188,22 +188,22 @@ def test_says_who_cannot_hold():
     facing = fleet([(0.0, 0.0), (560.0, 0.0), (9e3, 0.0)], [(0.0, 0.0)] * 3, [300.0] * 3, [0.0, 180.0, 0.0], [90.0] * 3)
     holds = assign(*facing, airspace(500.0, 0.0))
     assert np.asarray(holds.clear).tolist() == [False, False, True]
-    assert float(holds.room[0, 1]) < 0.9
+    assert float(holds.clearance_ratio[0, 1]) < 0.9
     inactive = eqx.tree_at(lambda t: t.active, facing[1], number([1.0, 0.0, 1.0]))
     assert np.all(assign(facing[0], inactive, airspace(500.0, 0.0)).clear)
 
 
 def test_who_holds_already_goes_on(assigned):
     _, space, holds = assigned
-    _, travellers = MEETING
+    _, tasks = MEETING
     now = 95.0
-    faster = travellers.goal_velocity_n + jnp.array([[1.0, -2.0, 0.0]])
-    elsewhere = travellers.goal_position_n + now * travellers.goal_velocity_n + 3.0
-    seen = eqx.tree_at(lambda t: (t.goal_position_n, t.goal_velocity_n), travellers, (elsewhere, faster))
+    faster = tasks.goal_velocity_n + jnp.array([[1.0, -2.0, 0.0]])
+    elsewhere = tasks.goal_position_n + now * tasks.goal_velocity_n + 3.0
+    seen = eqx.tree_at(lambda t: (t.goal_position_n, t.goal_velocity_n), tasks, (elsewhere, faster))
     again = compiled_quickly(
         lambda former: assign_holds(MEETING[0], seen, space, SETTINGS, now, END, CELLS, former=former)
     )(holds)
-    expected = moved(holds, seen, now)
+    expected = moved_with_goals(holds, seen, now)
     for k, arrived in enumerate([True, True, False]):
         same = np.allclose(again.paths.air_n[k], expected.paths.air_n[k], atol=1e-9)
         assert same == arrived

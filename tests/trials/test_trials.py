@@ -94,19 +94,19 @@ def test_task_says_what_the_case_says(seed):
     case = random_case(seed)
     task = planner_task(case)
     n = case.size
-    assert np.array_equal(np.asarray(task.travellers.active), np.arange(8) < n)
+    assert np.array_equal(np.asarray(task.tasks.active), np.arange(8) < n)
     altitude = np.linspace(0.0, 9000.0, 50)
     blowing = jax.vmap(lambda up: task.airspace.wind.at(jax.numpy.stack([0.0 * up, 0.0 * up, -up]), 0.0))(altitude)
     assert np.allclose(np.asarray(blowing).T, case.wind.at(altitude), atol=1e-12)
-    air = np.asarray(task.travellers.air_velocity_n)[:n]
+    air = np.asarray(task.tasks.air_velocity_n)[:n]
     there = np.stack([case.wind.at(np.array(-p[2])) for p in case.starts.position_n])
     assert np.allclose(air + there, case.starts.velocity_n, atol=1e-12)
-    meeting = np.asarray(task.travellers.goal_position_n + task.travellers.rendezvous.stand_off_n)[:n]
-    later = meeting + 60.0 * np.asarray(task.travellers.goal_velocity_n)[:n]
+    meeting = np.asarray(task.tasks.goal_position_n + task.tasks.rendezvous.stand_off_n)[:n]
+    later = meeting + 60.0 * np.asarray(task.tasks.goal_velocity_n)[:n]
     wanted = np.stack([case.goals.meeting_n(who, np.array([60.0]))[0] for who in range(n)])
     assert np.allclose(later, wanted, atol=1e-9)  # rounding at 30 km
     for name in ("speed_min", "bank_max", "load_factor_max", "deceleration_max"):
-        assert np.array_equal(np.asarray(getattr(task.travellers.limits, name))[:n], getattr(case.limits, name))
+        assert np.array_equal(np.asarray(getattr(task.tasks.limits, name))[:n], getattr(case.limits, name))
 
 
 def test_task_refuses_what_the_planner_would_not_be_told():

@@ -1,13 +1,14 @@
 """Campaigns: executing scenarios, one by one for now; trim points and linear models for people."""
 
-from anser.campaign.certified import CertifiedPlanned, NoPlanError
+from anser.campaign.certified import CertifiedPlanned
 from anser.campaign.dispersion import FlightPoint
 from anser.campaign.envelope import EnvelopeSurvey, survey
 from anser.campaign.envelope_cases import survey_limits
 from anser.campaign.execute import Flown, run
 from anser.campaign.linearizing import ConditionError, Linearized, linearize
 from anser.campaign.margins import MarginSurvey, margin_document, margins_at, survey_margins
-from anser.campaign.planned import Planned, plan
+from anser.campaign.plan_interface import NoPlanError, Planned
+from anser.campaign.planned import PublishedPlanned, plan
 from anser.campaign.robustness import RobustnessStudy, robustness_study
 from anser.campaign.step_tests import CHANNEL_KEYS, PUBLISHED_STEPS, StepTest, step_test, unit_of_channel
 from anser.campaign.stepped_flight import SteppedFlight, step_document
@@ -30,6 +31,7 @@ __all__ = [
     "MarginSurvey",
     "NoPlanError",
     "Planned",
+    "PublishedPlanned",
     "RobustnessStudy",
     "StepTest",
     "SteppedFlight",

@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
-from anser.campaign.certified import CertifiedPlanned, NoPlanError
-from anser.campaign.planned import Planned, plan
+from anser.campaign.plan_interface import NoPlanError, Planned
+from anser.campaign.planned import plan
 from anser.report import write_report
 from anser.results import (
     summarize,
@@ -55,7 +55,7 @@ class Flown:
     scenario: Scenario
     dataset: xr.Dataset
     summary: dict[str, Any]
-    planned: Planned | CertifiedPlanned
+    planned: Planned
 
     @property
     def met(self) -> bool:

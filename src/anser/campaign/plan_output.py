@@ -3,19 +3,18 @@
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import jax
 import numpy as np
 import xarray as xr
 
-from anser.campaign.certified import NOT_PROVEN
-from anser.campaign.certified import CertifiedPlanned as AnyCertifiedPlanned
-from anser.campaign.plan_samples import TimedPosition, sample_plan, sample_times
-from anser.campaign.planned import Planned
+from anser.campaign.certified import NOT_PROVEN, CertifiedPlanned
+from anser.campaign.plan_interface import Planned
+from anser.campaign.plan_samples import PlannedPath, sample_plan, sample_times
+from anser.campaign.planned import PublishedPlanned
 from anser.planning import CERTIFIED_LIMITS, LIMIT_MESSAGES, LIMITS, PLAN_MESSAGES, PathLimits
-from anser.planning.certified.certified_plan import CertifiedPlan
-from anser.planning.certified.request import Airspace, Traveller
+from anser.planning.certified import AircraftTask, CertifiedPlan
 from anser.report import draw_plan
 from anser.results import (
     PlanDetails,
@@ -28,35 +27,6 @@ from anser.results import (
 from anser.scenario import Scenario
 from anser.scenario.schema_goal import Goal
 from anser.simulation import PlannedHolds
-
-
-class CertifiedPlanned(Protocol):
-    """What is needed of a plan of the certified planner."""
-
-    @property
-    def scenario(self) -> Scenario:
-        """What was planned."""
-        ...
-
-    @property
-    def plan(self) -> CertifiedPlan:
-        """Paths and proofs."""
-        ...
-
-    @property
-    def travellers(self) -> Traveller:
-        """What was asked of each; stacked."""
-        ...
-
-    @property
-    def airspace(self) -> Airspace:
-        """What they share."""
-        ...
-
-    @property
-    def holds(self) -> PlannedHolds | None:
-        """What they fly after their arrivals."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -87,7 +57,7 @@ class RecordedPlan:
         draw_plan(self.dataset, folder)
 
 
-def record(planned: Planned | AnyCertifiedPlanned) -> RecordedPlan:
+def record(planned: Planned) -> RecordedPlan:
     """Sample and sum up what `anser.plan` gives: `record(anser.plan(scenario)).summary` is what `plan.json` holds.
 
     Raises
@@ -95,10 +65,15 @@ def record(planned: Planned | AnyCertifiedPlanned) -> RecordedPlan:
     NoPlanError
         If it is a refusal.
     """
-    return record_published(planned) if isinstance(planned, Planned) else record_certified(planned, planned.notes())
+    if isinstance(planned, PublishedPlanned):
+        return record_published(planned)
+    if not isinstance(planned, CertifiedPlanned):
+        raise TypeError(f"planned: arrived a {type(planned).__name__}; expected what anser.plan gives")
+    gravity = planned.airspace.gravity
+    return record_certified(planned.scenario, planned.plan, planned.tasks, gravity, planned.holds, planned.notes())
 
 
-def record_published(planned: Planned) -> RecordedPlan:
+def record_published(planned: PublishedPlanned) -> RecordedPlan:
     """Sample and sum up a plan of the published planner."""
     scenario, made = planned.scenario, planned.plan
     details = PlanDetails(
@@ -120,14 +95,22 @@ def record_published(planned: Planned) -> RecordedPlan:
     return _recorded(made.trajectories, arrivals, planned.flight.environment.gravity, details)
 
 
-def record_certified(planned: CertifiedPlanned, notes: tuple[str, ...] = ()) -> RecordedPlan:
-    """Sample and sum up a plan of the certified planner, with what it proves."""
-    scenario = planned.scenario
-    # What fills the fleet up to a size is no aircraft of the scenario.
-    rows = np.flatnonzero(np.asarray(planned.travellers.active) > 0.0)
-    made, asked = jax.tree.map(lambda leaf: leaf[rows], (planned.plan, planned.travellers.limits))
+def record_certified(
+    scenario: Scenario,
+    plan: CertifiedPlan,
+    tasks: AircraftTask,
+    gravity: Any,
+    holds: PlannedHolds | None = None,
+    notes: tuple[str, ...] = (),
+) -> RecordedPlan:
+    """Sample and sum up a plan of the certified planner, with what it proves; gravity in m/s^2.
+
+    Rows of stacked tasks that are not active fill the fleet up to a size: they are no aircraft of the scenario.
+    """
+    rows = np.flatnonzero(np.asarray(tasks.active) > 0.0)
+    made, asked = jax.tree.map(lambda leaf: leaf[rows], (plan, tasks.limits))
     found = made.certificate
-    good, room = np.asarray(planned.plan.good)[rows], float(np.min(np.asarray(found.room)[:, rows]))
+    good, ratio = np.asarray(plan.feasible)[rows], float(np.min(np.asarray(found.clearance_ratio)[:, rows]))
     details = PlanDetails(
         scenario,
         paths=tuple(turn_words(math.degrees(float(turned))) for turned in made.turned),
@@ -139,27 +122,27 @@ def record_certified(planned: CertifiedPlanned, notes: tuple[str, ...] = ()) -> 
         ),
         limits=_limits(scenario, asked),
         bounds={limit.key: np.asarray(getattr(found.bounds, limit.field)) for limit in CERTIFIED_LIMITS},
-        separation_bound=room if math.isfinite(room) else None,
-        keep_out_bounds_m=np.asarray(found.closed_room) if scenario.keep_out else None,
-        **_holds(planned.holds, rows),
+        separation_bound=ratio if math.isfinite(ratio) else None,
+        keep_out_bounds_m=np.asarray(found.keep_out_clearance) if scenario.keep_out else None,
+        **_holds(holds, rows),
     )
-    return _recorded(made.paths, np.asarray(made.arrival_times), planned.airspace.gravity, details)
+    return _recorded(made.paths, np.asarray(made.arrival_times), gravity, details)
 
 
 def _holds(holds: PlannedHolds | None, rows: np.ndarray) -> dict[str, Any]:
-    """What is told of the holds of some aircraft."""
+    """What is recorded of the holds of some aircraft."""
     if holds is None:
         return {}
-    room = float(np.min(np.asarray(holds.room)[:, rows]))
+    ratio = float(np.min(np.asarray(holds.clearance_ratio)[:, rows]))
     return {
         "hold_radii_m": np.asarray(holds.circles.radius)[rows],
         "hold_turns": np.asarray(holds.circles.turn)[rows],
         "hold_heights_m": np.asarray(holds.circles.height)[rows],
-        "hold_separation_bound": room if math.isfinite(room) else None,
+        "hold_separation_bound": ratio if math.isfinite(ratio) else None,
     }
 
 
-def _recorded(paths: TimedPosition, arrivals: np.ndarray, gravity: Any, details: PlanDetails) -> RecordedPlan:
+def _recorded(paths: PlannedPath, arrivals: np.ndarray, gravity: Any, details: PlanDetails) -> RecordedPlan:
     scenario = details.scenario
     times = sample_times(0.0, arrivals)
     goals = np.stack([_goal_n(scenario.goal_of(aircraft), times[0]) for aircraft in scenario.aircraft], axis=1)

@@ -23,7 +23,7 @@ _BLOCK = 256
 _SAME_TIME_S = 1e-6
 
 
-class TimedPosition(Protocol):
+class PlannedPath(Protocol):
     """A path in time, of either planner: NED, SI units."""
 
     def at(self, time: ScalarLike) -> PathPoint:
@@ -47,7 +47,7 @@ def sample_times(start_s: float, arrival_times: np.ndarray) -> tuple[np.ndarray,
     return times, np.abs(phase - np.round(phase)) * SAMPLE_STEP_S <= _SAME_TIME_S
 
 
-def asked_of(path: TimedPosition, time: ScalarLike, gravity: ScalarLike) -> dict[str, Scalar]:
+def asked_of(path: PlannedPath, time: ScalarLike, gravity: ScalarLike) -> dict[str, Scalar]:
     """What a path asks at a time, by key of `anser.variables`; SI units and radians.
 
     Parameters
@@ -65,9 +65,9 @@ def asked_of(path: TimedPosition, time: ScalarLike, gravity: ScalarLike) -> dict
     the velocity relative to the air (theory section 6).
     """
     point, air = path.at(time), path.air_velocity_n(time)
-    position, ground, push = point.position_n, point.velocity_n, point.acceleration_n
-    over, through = polar(ground, push), polar(air, push)
-    asked = demand(air, push, gravity)
+    position, ground, acceleration = point.position_n, point.velocity_n, point.acceleration_n
+    over, through = polar(ground, acceleration), polar(air, acceleration)
+    asked = demand(air, acceleration, gravity)
     return {
         "north": position[0],
         "east": position[1],
@@ -88,15 +88,15 @@ def asked_of(path: TimedPosition, time: ScalarLike, gravity: ScalarLike) -> dict
 
 @compiled_quickly
 def _asked(
-    paths: TimedPosition, times: Float[Array, "aircraft block"], gravity: Scalar
+    paths: PlannedPath, times: Float[Array, "aircraft block"], gravity: Scalar
 ) -> dict[str, Float[Array, "aircraft block"]]:
-    def one(path: TimedPosition, instants: Float[Array, " block"]) -> dict[str, Scalar]:
+    def one(path: PlannedPath, instants: Float[Array, " block"]) -> dict[str, Scalar]:
         return jax.vmap(lambda time: asked_of(path, time, gravity))(instants)
 
     return eqx.filter_vmap(one, in_axes=(eqx.if_array(0), 0))(paths, times)
 
 
-def _asked_in_blocks(paths: TimedPosition, times: np.ndarray, gravity: ScalarLike) -> dict[str, np.ndarray]:
+def _asked_in_blocks(paths: PlannedPath, times: np.ndarray, gravity: ScalarLike) -> dict[str, np.ndarray]:
     """What each path asks at its own times, (aircraft, time): blocks of one size, so that a fleet compiles once."""
     count = times.shape[1]
     padded = np.pad(times, ((0, 0), (0, -count % _BLOCK)), mode="edge")
@@ -108,7 +108,7 @@ def _asked_in_blocks(paths: TimedPosition, times: np.ndarray, gravity: ScalarLik
 
 
 def sample_paths(
-    paths: TimedPosition, arrival_times: np.ndarray, times_s: np.ndarray, gravity: ScalarLike
+    paths: PlannedPath, arrival_times: np.ndarray, times_s: np.ndarray, gravity: ScalarLike
 ) -> dict[str, np.ndarray]:
     """What the paths of a fleet ask, by key of `anser.variables`; (time, aircraft), NaN after the arrival.
 
@@ -129,9 +129,7 @@ def sample_paths(
     return {key: np.where(under_way, values, np.nan).T for key, values in found.items()}
 
 
-def sample_extremes(
-    paths: TimedPosition, start_s: float, arrival_times: np.ndarray, gravity: ScalarLike
-) -> PlanExtremes:
+def sample_extremes(paths: PlannedPath, start_s: float, arrival_times: np.ndarray, gravity: ScalarLike) -> PlanExtremes:
     """Least and greatest of each path, from its start to its arrival; arguments as of `sample_paths`."""
     duration = np.asarray(arrival_times) - start_s
     asked = _asked_in_blocks(paths, start_s + duration[:, None] * np.linspace(0.0, 1.0, _FINE)[None, :], gravity)
@@ -145,7 +143,7 @@ def sample_extremes(
 
 
 def sample_plan(
-    paths: TimedPosition,
+    paths: PlannedPath,
     start_s: float,
     arrival_times: np.ndarray,
     gravity: ScalarLike,

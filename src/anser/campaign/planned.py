@@ -10,7 +10,8 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from anser.campaign.certified import SAME_SPEED, CertifiedPlanned, plan_certified, plan_in_words
+from anser.campaign.certified import plan_certified
+from anser.campaign.plan_interface import SPEED_TOLERANCE, Planned
 from anser.campaign.untrimmable import refuse_untrimmable
 from anser.compilation_cache import enable_compilation_cache
 from anser.numerics import compiled_quickly
@@ -20,10 +21,7 @@ from anser.scenario import Scenario, build_flight, build_path_limits
 from anser.scenario.schema_aircraft import Aircraft
 from anser.simulation import (
     STATUS_MESSAGES,
-    Flight,
     FlightState,
-    TrimmedFleet,
-    TrimPoint,
     start_flight,
     statuses,
 )
@@ -40,40 +38,21 @@ def _limits_of(plan: FleetPlan, limits: Any, gravity: Any) -> LimitReport:
 
 
 @dataclass(frozen=True, repr=False)
-class Planned:
-    """The first plan of a scenario for the published planner; printed, it is when they arrive and what is wrong.
+class PublishedPlanned(Planned):
+    """The first plan of a scenario by the published planner, which always plans: `problems` says what is wrong with it.
 
     Attributes
     ----------
-    scenario
-        What was planned.
     state
         The fleet at its start, with the plan.
-    fleet
-        The fleet trimmed at its start.
-    flight
-        Its arrays.
     """
 
-    scenario: Scenario
-    flight: Flight
     state: FlightState
-    fleet: TrimmedFleet
 
     @property
     def plan(self) -> FleetPlan:
         """The plan itself."""
         return self.state.planner.plan
-
-    @property
-    def trims(self) -> TrimPoint:
-        """Steady flight of each aircraft at its start; leading axis aircraft."""
-        return self.fleet.trims
-
-    @property
-    def refusals(self) -> tuple[str, ...]:
-        """None: this planner always plans; `problems` says what is wrong with it."""
-        return ()
 
     @functools.cached_property
     def limits(self) -> LimitReport:
@@ -90,7 +69,7 @@ class Planned:
     def notes(self) -> tuple[str, ...]:
         """Where the plan differs from the scenario's words, one sentence each: mean airspeed, wind."""
         found, asked_m_s, speed_m_s = [], self.scenario.fleet.speed_m_s, float(self.plan.speed)
-        if speed_m_s > asked_m_s * (1.0 + SAME_SPEED):
+        if speed_m_s > asked_m_s * (1.0 + SPEED_TOLERANCE):
             farthest = self.scenario.aircraft[int(self.plan.farthest)].name
             found.append(
                 f"the plan's mean airspeed is {speed_m_s:.1f} m/s instead of fleet.speed_m_s = {asked_m_s:g} m/s: "
@@ -134,9 +113,6 @@ class Planned:
         """The fleet at its start, with the plan."""
         return self.state
 
-    def __repr__(self) -> str:
-        return plan_in_words(self.scenario, np.asarray(self.plan.arrival_times), self.problems(), self.notes())
-
 
 def _change_of_wind_m_s(scenario: Scenario, one: Aircraft, arrival_s: float) -> float:
     """How much the wind at an aircraft's rendezvous differs from that at its start, m/s."""
@@ -144,7 +120,7 @@ def _change_of_wind_m_s(scenario: Scenario, one: Aircraft, arrival_s: float) -> 
     return math.dist(scenario.wind.velocity_m_s(up_m), scenario.wind.velocity_m_s(one.start.altitude_m))
 
 
-def plan(scenario: Scenario, told: Callable[[str], None] = lambda what: None) -> Planned | CertifiedPlanned:
+def plan(scenario: Scenario, on_progress: Callable[[str], None] = lambda what: None) -> Planned:
     """Trim every aircraft at its start and make the first plan of the scenario's planner, as seen at time 0.
 
     `anser.run` flies what this gives, and `anser plan` prints it.
@@ -153,16 +129,16 @@ def plan(scenario: Scenario, told: Callable[[str], None] = lambda what: None) ->
     ----------
     scenario
         Validated; its `fleet.planner` says which planner.
-    told
+    on_progress
         Called now and then with what is being done.
 
     Returns
     -------
-    Planned or CertifiedPlanned
-        By planner. Both have `plan`, `refusals`, which says why there is none, `problems()`, which also says why one
-        that is there cannot be flown as it stands (both are empty of a good plan), and `notes()`, which says where it
-        differs from the scenario's words. Only the certified planner
-        refuses: without a plan, `plan` raises `anser.campaign.NoPlanError`.
+    Planned
+        With `plan`, `refusals`, which says why there is none, `problems()`, which also says why one that is there
+        cannot be flown as it stands (both are empty of a good plan), and `notes()`, which says where it differs from
+        the scenario's words. Only the certified planner refuses: without a plan, `plan` raises
+        `anser.campaign.NoPlanError`.
 
     Raises
     ------
@@ -171,9 +147,9 @@ def plan(scenario: Scenario, told: Callable[[str], None] = lambda what: None) ->
     """
     enable_compilation_cache()
     if scenario.fleet.planner == "certified":
-        return plan_certified(scenario, told)
-    told("planning (the first time, this compiles)")
+        return plan_certified(scenario, on_progress)
+    on_progress("planning (the first time, this compiles)")
     flight = build_flight(scenario)
     state, fleet = _start(flight)
     refuse_untrimmable(scenario, flight, fleet.trims)
-    return Planned(scenario, flight, state, fleet)
+    return PublishedPlanned(scenario, flight, fleet, (), state)

@@ -2,91 +2,66 @@
 
 from collections.abc import Sequence
 
+import equinox as eqx
 import numpy as np
 
 from anser.planning.certified import (
-    RELAXED,
-    Airspace,
-    ArrivalRequest,
+    FleetTask,
     Outcome,
-    Traveller,
-    apart_at_arrival,
+    Separation,
+    arrival_conflicts,
+    arrival_distances_max,
     arrival_sets,
     common_times,
-    crowded,
-    possible_times,
-    relaxed,
     search,
 )
 from anser.planning.certified.arrivals import reachable
+from anser.planning.certified.task import Intervals
 from anser.planning.limits import LOOSENED_TOGETHER
 from anser.scenario import Scenario
 from anser.simulation import PlannedHolds
 
-Intervals = list[tuple[float, float]]
 _FACTORS = 2.0 ** np.linspace(0.0, 2.0, 9)  # by which a limit is loosened, from as asked to four times
 _MOST_SHOWN = 3
 _STEPS = 5
 _EDGE_S = 0.5
-_CROWDED_MOST = 20  # aircraft up to which all pairs are looked at for all arrival times
+_ALL_PAIRS_MOST = 20  # aircraft up to which all pairs are looked at for all arrival times
 
 
-def explain(
-    scenario: Scenario, travellers: Traveller, airspace: Airspace, request: ArrivalRequest, outcome: Outcome
-) -> tuple[str, ...]:
-    """Sentences that say what stands in the way of a plan.
-
-    Parameters
-    ----------
-    scenario
-        Names the aircraft.
-    travellers, airspace, request
-        The task.
-    outcome
-        Of the search that found no plan.
-    """
-    names = [one.name for one in scenario.aircraft]
-    beside = _crowded(names, travellers, airspace, request)
-    if beside:
-        return tuple(beside)
+def explain(scenario: Scenario, fleet: FleetTask, outcome: Outcome) -> tuple[str, ...]:
+    """Sentences that say what stands in the way of a plan of a scenario's fleet, after a search that found none."""
+    names, request = [one.name for one in scenario.aircraft], fleet.request
+    too_close = _too_close(names, fleet)
+    if too_close:
+        return tuple(too_close)
     arrivals = outcome.arrivals
     if arrivals is None:
-        arrivals = arrival_sets(travellers, airspace, request.latest_s)
-    alone = _alone(names, travellers, airspace, request, arrivals, outcome)
+        arrivals = arrival_sets(fleet.tasks, fleet.airspace, request.latest_s)
+    alone = _alone(names, fleet, arrivals, outcome)
     if alone:
         return tuple(alone)
     if request.rule in ("together", "earliest", "sequence"):
-        offsets = np.zeros(len(names)) if request.offsets_s is None else request.offsets_s
+        offsets = request.offsets(len(names))
         if not [1 for a, _ in common_times(arrivals, offsets) if a <= request.latest_s - float(np.max(offsets))]:
             return (_no_common_time(names, arrivals, offsets, request.latest_s),)
-    return (_conflict(names, travellers, airspace, request, outcome),)
+    return (_conflict(names, fleet, outcome),)
 
 
-def explain_unheld(scenario: Scenario, travellers: Traveller, holds: PlannedHolds) -> tuple[str, ...]:
-    """Say why a fleet that could arrive has no plan: who cannot hold afterwards.
-
-    Parameters
-    ----------
-    scenario
-        Names the aircraft.
-    travellers
-        The task.
-    holds
-        The best that were found.
-    """
+def explain_missing_holds(scenario: Scenario, fleet: FleetTask, holds: PlannedHolds) -> tuple[str, ...]:
+    """Sentences that say who could arrive, but cannot hold afterwards, given the best holds that were found."""
     names = [one.name for one in scenario.aircraft]
-    found, room = [], np.asarray(holds.room)
-    for k in np.flatnonzero(~np.asarray(holds.clear) & (np.asarray(travellers.active) > 0.0)):
-        other = int(np.argmin(room[k]))
-        if room[k, other] >= 1.0:
+    found, ratios = [], np.asarray(holds.clearance_ratio)
+    for k in np.flatnonzero(~np.asarray(holds.clear) & fleet.active):
+        other = int(np.argmin(ratios[k]))
+        if ratios[k, other] >= 1.0:
             found.append(
                 f'aircraft "{names[k]}" can arrive, but no hold afterwards keeps it within the limits of altitude, '
                 "off its goal and out of the keep-outs"
             )
-        elif k < other or room[other, k] >= 1.0:
+        elif k < other or ratios[other, k] >= 1.0:
             found.append(
                 f'"{names[k]}" and "{names[other]}" can arrive, but no holds afterwards keep them apart until the '
-                f"flight ends: {room[k, other]:.2f} of the separation at best; other courses of arrival, rendezvous "
+                f"flight ends: {ratios[k, other]:.2f} of the separation at best; other courses of arrival, rendezvous "
                 "points farther apart or arrivals one after another would help"
             )
     return tuple(found[:_MOST_SHOWN])
@@ -101,17 +76,18 @@ def spoken(intervals: Sequence[tuple[float, float]]) -> str:
     return " and ".join(parts) + more
 
 
-def _crowded(names: Sequence[str], travellers: Traveller, airspace: Airspace, request: ArrivalRequest) -> list[str]:
+def _too_close(names: Sequence[str], fleet: FleetTask) -> list[str]:
     """Pairs whose rendezvous points are closer than the separation whenever they may arrive."""
-    if request.windows_s is not None or len(names) > _CROWDED_MOST:
+    if fleet.request.windows_s is not None or len(names) > _ALL_PAIRS_MOST:
         return []
-    times, _ = possible_times(travellers, airspace, request)
+    times = fleet.times_asked()
     if times.shape[0] == 0:
         return []
-    always = np.all(crowded(travellers, airspace, times), axis=0)
-    level, height = apart_at_arrival(travellers, airspace, times)
-    words = f"at {times[0, 0]:.1f} s" if request.rule == "at" else "when the first of them arrives"
-    least = float(airspace.separation.horizontal), float(airspace.separation.vertical)
+    always = np.all(arrival_conflicts(fleet.tasks, fleet.airspace, times), axis=0)
+    level, height = arrival_distances_max(fleet.tasks, fleet.airspace, times)
+    words = f"at {times[0, 0]:.1f} s" if fleet.request.rule == "at" else "when the first of them arrives"
+    asked = fleet.airspace.separation
+    least = float(asked.horizontal), float(asked.vertical)
     found = []
     for i, j in zip(*np.nonzero(np.triu(always)), strict=True):
         most = int(np.argmax(level[:, i, j]))
@@ -129,23 +105,11 @@ def _distances(horizontal_m: float, vertical_m: float, both: bool) -> str:
     return f"{horizontal_m:.0f} m" + (f" / {vertical_m:.0f} m" if both else "")
 
 
-def _alone(
-    names: Sequence[str],
-    travellers: Traveller,
-    airspace: Airspace,
-    request: ArrivalRequest,
-    arrivals: Sequence[Intervals],
-    outcome: Outcome,
-) -> list[str]:
+def _alone(names: Sequence[str], fleet: FleetTask, arrivals: Sequence[Intervals], outcome: Outcome) -> list[str]:
     """Aircraft that by themselves cannot do what is asked."""
-    found = []
-    closest = outcome.closest
+    found, request, best = [], fleet.request, outcome.best_attempt
     # The search looks further than the arrival sets do: what it found for one aircraft is not denied.
-    flown = (
-        np.zeros(len(names), dtype=bool)
-        if closest is None
-        else np.asarray(closest.valid & closest.certificate.kept_alone)
-    )
+    flown = np.zeros(len(names), dtype=bool) if best is None else np.asarray(best.valid & best.certificate.kept_alone)
     for k, name in enumerate(names):
         if flown[k]:
             continue
@@ -165,23 +129,35 @@ def _alone(
             asked, wanted = f"cannot arrive between {low:.1f} and {high:.1f} s", float(high)
         else:
             continue
-        binding = _binding(k, travellers, airspace, wanted)
         nearest = f"; by itself it can {spoken(own)}" if own else ""
-        found.append(f'aircraft "{name}" {asked}{binding}{nearest}')
+        found.append(f'aircraft "{name}" {asked}{_binding(k, fleet, wanted)}{nearest}')
     return found
 
 
-def _binding(who: int, travellers: Traveller, airspace: Airspace, wanted_s: float) -> str:
+def _loosened(fleet: FleetTask, what: str, factor: float) -> FleetTask:
+    """The same fleet with one kind of limit, or the keep-outs, loosened by a factor (1 is as asked)."""
+    limits = fleet.tasks.limits
+    if what == "keep-outs":
+        radius = fleet.airspace.keep_outs.radius / factor
+        airspace = eqx.tree_at(lambda a: a.keep_outs.radius, fleet.airspace, radius)
+        return FleetTask(fleet.tasks, airspace, fleet.request)
+    for limit in LOOSENED_TOGETHER[what]:
+        wider = limit.loosened(getattr(limits, limit.field), factor)
+        limits = eqx.tree_at(lambda x, field=limit.field: getattr(x, field), limits, wider)
+    return FleetTask(eqx.tree_at(lambda t: t.limits, fleet.tasks, limits), fleet.airspace, fleet.request)
+
+
+def _binding(who: int, fleet: FleetTask, wanted_s: float) -> str:
     """The limit whose loosening alone lets an aircraft arrive at a time, and by how much."""
     best: tuple[float, str] | None = None
-    for what in RELAXED:
-        if what == "keep-outs" and airspace.keep_outs.radius.shape[0] == 0:
+    for what in (*LOOSENED_TOGETHER, "keep-outs"):
+        if what == "keep-outs" and fleet.airspace.keep_outs.radius.shape[0] == 0:
             continue
         low, high = 0, len(_FACTORS) - 1
 
         def works(step: int, what: str = what) -> bool:
-            looser = relaxed(travellers, airspace, what, float(_FACTORS[step]))
-            return bool(reachable(*looser, np.array([who]), np.array([wanted_s]))[0])
+            looser = _loosened(fleet, what, float(_FACTORS[step]))
+            return bool(reachable(looser.tasks, looser.airspace, np.array([who]), np.array([wanted_s]))[0])
 
         if not works(high):
             continue
@@ -208,24 +184,24 @@ def _no_common_time(names: Sequence[str], arrivals: Sequence[Intervals], offsets
     )
 
 
-def _conflict(
-    names: Sequence[str], travellers: Traveller, airspace: Airspace, request: ArrivalRequest, outcome: Outcome
-) -> str:
+def _conflict(names: Sequence[str], fleet: FleetTask, outcome: Outcome) -> str:
     """The largest separation with which a plan exists."""
-    asked = airspace.separation
+    asked = fleet.airspace.separation
     horizontal, vertical = float(asked.horizontal), float(asked.vertical)
     if horizontal == 0.0:
-        return f"no plan was found in {outcome.tries} tries, though each aircraft by itself has one"
+        return f"no plan was found in {outcome.attempts} tries, though each aircraft by itself has one"
     pair = ""
-    if outcome.closest is not None:
-        room = np.asarray(outcome.closest.certificate.room)
-        one, other = (int(k) for k in np.unravel_index(int(np.argmin(room)), room.shape))
+    if outcome.best_attempt is not None:
+        ratios = np.asarray(outcome.best_attempt.certificate.clearance_ratio)
+        one, other = (int(k) for k in np.unravel_index(int(np.argmin(ratios)), ratios.shape))
         pair = f' ("{names[one]}" and "{names[other]}" are the closest)'
     low, high = 0.0, 1.0
     for _ in range(_STEPS):
         middle = 0.5 * (low + high)
-        looser = relaxed(travellers, airspace, "separation", 1.0 / max(middle, 1e-6))
-        works = search(0.0, *looser, request, thorough=False).plan is not None
+        factor = 1.0 / max(middle, 1e-6)
+        smaller = Separation(asked.horizontal / factor, asked.vertical / factor)
+        airspace = eqx.tree_at(lambda a: a.separation, fleet.airspace, smaller)
+        works = search(0.0, fleet.tasks, airspace, fleet.request, thorough=False).plan is not None
         low, high = (middle, high) if works else (low, middle)
     if low == 0.0:
         return f"the aircraft do not keep apart{pair}: not even a small part of the separation asked was reached"

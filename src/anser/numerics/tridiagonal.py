@@ -12,37 +12,37 @@ from jaxtyping import Array, Float
 Groups = Float[Array, "groups n"]
 
 
-class Form(NamedTuple):
-    """A quadratic form, block tridiagonal.
+class BlockTridiagonal(NamedTuple):
+    """A symmetric block tridiagonal matrix.
 
     Attributes
     ----------
-    own
-        Of each group with itself.
-    before
-        Of each group with the one before, (group, of this one, of the one before); that of the first means nothing.
+    diagonal
+        Block of each group.
+    subdiagonal
+        Block of each group with the one before, (group, of this one, of the one before); the first is not used.
     """
 
-    own: Float[Array, "groups n n"]
-    before: Float[Array, "groups n n"]
+    diagonal: Float[Array, "groups n n"]
+    subdiagonal: Float[Array, "groups n n"]
 
 
-def solve(form: Form, right: Groups) -> Groups:
+def solve(form: BlockTridiagonal, right: Groups) -> Groups:
     """What a positive definite form maps to the right side: block elimination, then back."""
     lower = jax.scipy.linalg.solve_triangular
 
     def eliminate(carry: tuple[Array, Array], group: tuple[Array, Array, Array]) -> tuple[Any, Any]:
         factor, found = carry
-        own, before, wanted = group
-        across = lower(factor, before.T, lower=True).T
-        factor = jnp.linalg.cholesky(own - across @ across.T)
+        diagonal, subdiagonal, wanted = group
+        across = lower(factor, subdiagonal.T, lower=True).T
+        factor = jnp.linalg.cholesky(diagonal - across @ across.T)
         found = lower(factor, wanted - across @ found, lower=True)
         return (factor, found), (factor, across, found)
 
     size = right.shape[1]
-    none = form.before.at[0].set(0.0)
+    none = form.subdiagonal.at[0].set(0.0)
     begin = (jnp.eye(size), jnp.zeros(size))
-    _, (factors, acrosses, founds) = jax.lax.scan(eliminate, begin, (form.own, none, right))
+    _, (factors, acrosses, founds) = jax.lax.scan(eliminate, begin, (form.diagonal, none, right))
 
     def back(later: tuple[Array, Array], group: tuple[Array, Array, Array]) -> tuple[tuple[Array, Array], Array]:
         across_later, solved_later = later

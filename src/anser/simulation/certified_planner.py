@@ -12,12 +12,13 @@ from anser.control import GuidanceSettings
 from anser.numerics import any_in_batch, compiled_quickly
 from anser.planning import AbstractPlanner, AircraftPlan, PathLimits, Performance, Report
 from anser.planning.certified import (
-    ANEW,
+    FIRST,
+    REPLANNED,
+    AircraftTask,
     Airspace,
     ArrivalRequest,
     CertifiedPlan,
     Outcome,
-    Traveller,
     renew_certified,
     search,
 )
@@ -63,7 +64,7 @@ class CertifiedPlanner(AbstractPlanner):
     roll_rates_max
         How fast a path may change the bank angle, rad/s.
     airspace
-        Wind, distances, closed volumes.
+        Wind, distances, keep-outs.
     guidance
         Numbers of the holds.
     movable
@@ -95,11 +96,11 @@ class CertifiedPlanner(AbstractPlanner):
             No plan was found.
         """
         latest = float(self.latest)
-        task = self.travellers(reports, self.limits_with(performance))
-        outcome, holds = self.searched(float(time), task, ArrivalRequest("together", latest), float(time) + latest)
+        tasks = self.aircraft_tasks(reports, self.limits_with(performance))
+        outcome, holds = self.searched(float(time), tasks, ArrivalRequest("together", latest), float(time) + latest)
         if outcome.plan is None:
             raise ValueError("the certified planner found no plan in which all arrive together")
-        return CertifiedPlanState(outcome.plan, jnp.asarray(0), holds, task.limits)
+        return CertifiedPlanState(outcome.plan, jnp.asarray(FIRST), holds, tasks.limits)
 
     def limits_with(self, performance: Performance) -> PathLimits:
         """The limits with the accelerations that the engine gives at the start, where none are prescribed.
@@ -120,10 +121,10 @@ class CertifiedPlanner(AbstractPlanner):
     def searched(
         self,
         time: float,
-        task: Traveller,
+        tasks: AircraftTask,
         request: ArrivalRequest,
         until: float,
-        told: Callable[[str], None] = lambda what: None,
+        on_progress: Callable[[str], None] = lambda what: None,
     ) -> tuple[Outcome, PlannedHolds | None]:
         """A first plan with its holds; or, without a plan, the holds that came nearest, if any were tried.
 
@@ -131,35 +132,35 @@ class CertifiedPlanner(AbstractPlanner):
         ----------
         time
             Now, s.
-        task
-            From `travellers`.
+        tasks
+            From `aircraft_tasks`.
         request
             When the aircraft are to arrive.
         until
             End of the flight, s: up to then the holds keep the separation.
-        told
+        on_progress
             Called with what is being done.
         """
         tried: list[tuple[CertifiedPlan, PlannedHolds]] = []
 
         def after(plan: CertifiedPlan) -> np.ndarray:
-            told("choosing the holds")
-            holds = _holds(plan.paths, task, self.airspace, self.guidance, time, until, cells_for(until))
+            on_progress("choosing the holds")
+            holds = _holds(plan.paths, tasks, self.airspace, self.guidance, time, until, cells_for(until))
             tried.append((plan, holds))
             return ~np.asarray(holds.clear)
 
-        outcome = search(time, task, self.airspace, request, told=told, after=after)
-        wanted = outcome.unheld if outcome.plan is None else outcome.plan
+        outcome = search(time, tasks, self.airspace, request, on_progress=on_progress, after=after)
+        wanted = outcome.without_holds if outcome.plan is None else outcome.plan
         return outcome, next((holds for plan, holds in tried if plan is wanted), None)
 
     def renew(self, memory: CertifiedPlanState, time: ScalarLike, reports: Report) -> CertifiedPlanState:
         """The plan bent, made anew or kept, see `renew_certified`; with it the holds that are not flown yet."""
-        own = self.travellers(reports, memory.limits)
+        own = self.aircraft_tasks(reports, memory.limits)
         made = renew_certified(memory.plan, time, own, self.airspace, self.movable, self.freeze, self.latest)
         former = memory.holds
         if former is None:
             return CertifiedPlanState(made.plan, made.how, None, memory.limits)
-        planned_anew = made.how == ANEW
+        planned_anew = made.how == REPLANNED
 
         def chosen_anew() -> PlannedHolds:
             until, cells = jnp.max(former.paths.times), former.paths.times.shape[1] - 1
@@ -187,9 +188,9 @@ class CertifiedPlanner(AbstractPlanner):
             hold=None if memory.holds is None else each_alone(memory.holds),
         )
 
-    def travellers(self, reports: Report, limits: PathLimits) -> Traveller:
+    def aircraft_tasks(self, reports: Report, limits: PathLimits) -> AircraftTask:
         """What the planner reckons with for each aircraft; in steady straight flight, as at the start."""
-        return Traveller(
+        return AircraftTask(
             position_n=reports.position_n,
             air_velocity_n=reports.air_velocity_n,
             air_acceleration_n=jnp.zeros_like(reports.air_velocity_n),

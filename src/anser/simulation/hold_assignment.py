@@ -7,20 +7,25 @@ from jaxtyping import Array, Bool, Float
 
 from anser.control import GuidanceSettings
 from anser.planning import CERTIFIED_LIMITS, Separation
-from anser.planning.certified import Airspace, Traveller, path_bounds
+from anser.planning.certified import AircraftTask, Airspace, path_bounds
+from anser.planning.certified.broad_phase import (
+    INTERVALS_PER_CYLINDER,
+    BoundingCylinders,
+    fleet_clearance_ratio,
+    fleet_cylinders,
+)
 from anser.planning.certified.certificate import excess
-from anser.planning.certified.conflicts import Track, keep_out_room
-from anser.planning.certified.crowd import BLOCK, Blocks, crowd_blocks, fleet_use
+from anser.planning.certified.clearance import Track, clearance_from_keep_outs
 from anser.planning.certified.tracking import path_track
 from anser.planning.demand import turn_radius
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Flag, Scalar, ScalarLike
-from anser.simulation.planned_hold import HoldCircle, PlannedHolds, hold_path, moved
+from anser.simulation.planned_hold import HoldCircle, PlannedHolds, hold_path, moved_with_goals
 from anser.spatial import safe_norm
 
 _INSTANTS = 8  # per cell of a hold's path, at which distances are looked at; bounds hold between them
-_BLOCK = 4 * BLOCK
-_PLENTY = 1e3  # times the separation: more does not count
+_INTERVALS_PER_CYLINDER = 4 * INTERVALS_PER_CYLINDER
+_RATIO_CAP = 1e3  # of clearance to separation: more does not count
 _ROUNDS = 3  # in which each aircraft chooses again, given what the others have chosen
 _RADII = (1.0, 1.5, 2.25)  # of the scenario's, besides the tightest
 _TIGHT = 1.2  # times the radius of the tightest turn over the ground
@@ -33,14 +38,14 @@ _ALTITUDES = tuple(limit for limit in CERTIFIED_LIMITS if limit.variable == "alt
 _OPTIONS = (len(_RADII) + 1) * 2 * len(_LEVELS)
 
 
-def _circles(traveller: Traveller, airspace: Airspace, settings: GuidanceSettings) -> HoldCircle:
+def _circles(task: AircraftTask, airspace: Airspace, settings: GuidanceSettings) -> HoldCircle:
     """The circles that one aircraft may choose from, the scenario's own first; stacked."""
     stacked = airspace.separation.vertical
     step = jnp.where(stacked > 0.0, _SPACE * stacked, 0.0)
-    base = -traveller.rendezvous.stand_off_n[2]
-    blowing_n = airspace.wind.at(traveller.goal_position_n + traveller.rendezvous.stand_off_n, 0.0)
-    over_ground = traveller.speed + safe_norm(blowing_n - traveller.goal_velocity_n)
-    tightest = turn_radius(over_ground, traveller.limits.bank_max, airspace.gravity)
+    base = -task.rendezvous.stand_off_n[2]
+    blowing_n = airspace.wind.at(task.rendezvous_n, 0.0)
+    over_ground = task.speed + safe_norm(blowing_n - task.goal_velocity_n)
+    tightest = turn_radius(over_ground, task.limits.bank_max, airspace.gravity)
     radii = [radius * settings.hold_radius for radius in _RADII]
     radii.append(jnp.minimum(_TIGHT * tightest, settings.hold_radius))
     made = [
@@ -61,37 +66,39 @@ class _Held(eqx.Module):
         The hold.
     whole, after
         Where it is at which time: all the way, and what of that is after its arrival.
-    blocks, blocks_after
+    cylinders, cylinders_after
         Of these, for large fleets.
     fits
-        Whether it stays within altitudes, off its goal and out of closed volumes.
-    closed_room
-        How far it stays out of each closed volume at least, m.
+        Whether it stays within altitudes, off its goal and out of keep-outs.
+    keep_out_clearance
+        How far it stays out of each keep-out at least, m.
     """
 
     path: TimedPath
     circle: HoldCircle
     whole: Track
     after: Track
-    blocks: Blocks
-    blocks_after: Blocks
+    cylinders: BoundingCylinders
+    cylinders_after: BoundingCylinders
     fits: Flag
-    closed_room: Float[Array, " volumes"]
+    keep_out_clearance: Float[Array, " volumes"]
 
 
-def _room(who: Count, one: _Held, fleet: _Held, separation: Separation) -> Float[Array, " aircraft"]:
-    """How much of the separation one aircraft keeps from each of a fleet, as soon as the first of both has arrived."""
+def _clearance_ratios(who: Count, one: _Held, fleet: _Held, separation: Separation) -> Float[Array, " aircraft"]:
+    """Clearance ratio between one aircraft and each of a fleet, as soon as the first of both has arrived."""
     others = jnp.arange(fleet.fits.shape[0]) != who
 
-    def least(own: Track, own_blocks: Blocks, theirs: Track, blocks: Blocks) -> Float[Array, " aircraft"]:
+    def least(
+        own: Track, own_cylinders: BoundingCylinders, theirs: Track, cylinders: BoundingCylinders
+    ) -> Float[Array, " aircraft"]:
         def some(those: Array) -> Track:
             return jax.tree.map(lambda leaf: leaf[those], theirs)
 
-        return fleet_use(own, own_blocks, blocks, some, others, separation)
+        return fleet_clearance_ratio(own, own_cylinders, cylinders, some, others, separation)
 
     return jnp.minimum(
-        least(one.whole, one.blocks, fleet.after, fleet.blocks_after),
-        least(one.after, one.blocks_after, fleet.whole, fleet.blocks),
+        least(one.whole, one.cylinders, fleet.after, fleet.cylinders_after),
+        least(one.after, one.cylinders_after, fleet.whole, fleet.cylinders),
     )
 
 
@@ -102,13 +109,13 @@ class _Choice(eqx.Module):
     held: _Held
     pick: Array
     """Index of the circle of each."""
-    room: Float[Array, "aircraft aircraft"]
+    clearance_ratio: Float[Array, "aircraft aircraft"]
     clear: Bool[Array, " aircraft"]
 
 
 def assign_holds(
     paths: TimedPath,
-    travellers: Traveller,
+    tasks: AircraftTask,
     airspace: Airspace,
     settings: GuidanceSettings,
     start_time: ScalarLike,
@@ -119,14 +126,14 @@ def assign_holds(
     """Choose a hold for each aircraft that keeps the separation from all others until the flight ends.
 
     One after the other, the first to arrive first; each takes the first of its circles with which it stays clear of
-    all paths and of the holds chosen so far, or else the one that leaves most. Then those in trouble choose again,
+    all paths and of the holds chosen so far, or else the one that leaves most. Then those in conflict choose again,
     given all the others.
 
     Parameters
     ----------
     paths
         To the arrivals; stacked.
-    travellers
+    tasks
         As planned: goals as foreseen at `start_time`.
     airspace, settings
         Of the fleet.
@@ -144,17 +151,17 @@ def assign_holds(
     gravity, separation, volumes = airspace.gravity, airspace.separation, airspace.keep_outs
     end = jnp.maximum(until, jnp.max(arrival_times) + 1.0)
     times = start_time + (end - start_time) * jnp.linspace(0.0, 1.0, _INSTANTS * cells + 1)
-    circles = jax.vmap(_circles, in_axes=(0, None, None))(travellers, airspace, settings)
-    flown = None if former is None else moved(former, travellers, start_time)
+    circles = jax.vmap(_circles, in_axes=(0, None, None))(tasks, airspace, settings)
+    flown = None if former is None else moved_with_goals(former, tasks, start_time)
 
     def approach(path: TimedPath, active: Scalar) -> Track:
         return path_track(path, path_bounds(path, airspace.wind, gravity).cell_acceleration, active, times)
 
-    approaches = jax.vmap(approach)(paths, travellers.active)
+    approaches = jax.vmap(approach)(paths, tasks.active)
 
     @jax.jit  # traced once
     def option(who: Count, k: Count) -> _Held:
-        own, path, first = jax.tree.map(lambda leaf: leaf[who], (travellers, paths, approaches))
+        own, path, first = jax.tree.map(lambda leaf: leaf[who], (tasks, paths, approaches))
         circle, arrival = jax.tree.map(lambda leaf: leaf[who, k], circles), arrival_times[who]
         begin = path.position_n(arrival), path.velocity_n(arrival), arrival
         ahead_n = own.goal_position_n + (arrival - start_time) * own.goal_velocity_n
@@ -167,18 +174,22 @@ def assign_holds(
         second = path_track(held, bounds.cell_acceleration, own.active, times)
         # An interval in which it arrives is of both.
         holding, underway = times[1:] > arrival, times[:-1] < arrival
-        slack = jnp.maximum(jnp.where(holding, second.slack, 0.0), jnp.where(underway, first.slack, 0.0))
+        error_bound = jnp.maximum(
+            jnp.where(holding, second.error_bound, 0.0), jnp.where(underway, first.error_bound, 0.0)
+        )
         places = jnp.where((times > arrival)[:, None], second.positions_n, first.positions_n)
-        whole = Track(places, slack, jnp.full_like(slack, own.active))
+        whole = Track(places, error_bound, jnp.full_like(error_bound, own.active))
         after = eqx.tree_at(lambda t: t.counted, whole, jnp.where(holding, own.active, 0.0))
-        closed_room = keep_out_room(after, times, volumes) if volumes.radius.shape[0] else jnp.zeros(0)
+        keep_out_clearance = clearance_from_keep_outs(after, times, volumes)
         goal_n = own.goal_position_n[None, :] + (times - start_time)[:, None] * own.goal_velocity_n[None, :]
         least = jnp.minimum(safe_norm(own.rendezvous.stand_off_n) - _SAME_PLACE_M, _OFF_GOAL_M)
         off_goal = jnp.all((jax.vmap(safe_norm)(places - goal_n) >= least) | (times <= arrival))
         level = jnp.all(excess(bounds, own.limits, _ALTITUDES) <= _ROUNDING)
-        fits = level & off_goal & jnp.all(closed_room >= 0.0)
-        blocks, blocks_after = (crowd_blocks(track, fleet, _BLOCK) for track in (whole, after))
-        return _Held(held, circle, whole, after, blocks, blocks_after, fits, closed_room)
+        fits = level & off_goal & jnp.all(keep_out_clearance >= 0.0)
+        cylinders, cylinders_after = (
+            fleet_cylinders(track, fleet, _INTERVALS_PER_CYLINDER) for track in (whole, after)
+        )
+        return _Held(held, circle, whole, after, cylinders, cylinders_after, fits, keep_out_clearance)
 
     def choose(carry: tuple[_Held, Array, Array], who: Count) -> tuple[tuple[_Held, Array, Array], None]:
         held, pick, settled = carry
@@ -186,11 +197,11 @@ def assign_holds(
         def one_more(state: tuple[Count, Count, Scalar, Flag]) -> tuple[Count, Count, Scalar, Flag]:
             k, best, most, _ = state
             made = option(who, k)
-            least = jnp.min(_room(who, made, held, separation))
+            least = jnp.min(_clearance_ratios(who, made, held, separation))
             # One that does not fit is worse than any that does.
-            worth = jnp.where(made.fits, jnp.minimum(least, _PLENTY), jnp.minimum(least, 1.0) - _PLENTY)
-            better = worth > most
-            return k + 1, jnp.where(better, k, best), jnp.maximum(worth, most), made.fits & (least >= 1.0)
+            value = jnp.where(made.fits, jnp.minimum(least, _RATIO_CAP), jnp.minimum(least, 1.0) - _RATIO_CAP)
+            better = value > most
+            return k + 1, jnp.where(better, k, best), jnp.maximum(value, most), made.fits & (least >= 1.0)
 
         start = (jnp.asarray(0), pick[who], jnp.asarray(-jnp.inf), settled[who])
         _, best, _, _ = jax.lax.while_loop(lambda s: (s[0] < _OPTIONS) & ~s[3], one_more, start)
@@ -201,28 +212,28 @@ def assign_holds(
         order = jnp.argsort(arrival_times)
         (held, pick, _), _ = jax.lax.scan(choose, (now.held, now.pick, now.clear), order)
 
-        def room_of(who: Count) -> Float[Array, " aircraft"]:
-            return _room(who, jax.tree.map(lambda leaf: leaf[who], held), held, separation)
+        def ratios_of(who: Count) -> Float[Array, " aircraft"]:
+            return _clearance_ratios(who, jax.tree.map(lambda leaf: leaf[who], held), held, separation)
 
-        room = jax.lax.map(room_of, jnp.arange(fleet))
-        clear = held.fits & jnp.all(room >= 1.0 - _ROUNDING, axis=1)
-        return _Choice(now.turn + 1, held, pick, room, clear | (travellers.active == 0.0))
+        ratios = jax.lax.map(ratios_of, jnp.arange(fleet))
+        clear = held.fits & jnp.all(ratios >= 1.0 - _ROUNDING, axis=1)
+        return _Choice(now.turn + 1, held, pick, ratios, clear | (tasks.active == 0.0))
 
     shape = jax.eval_shape(option, jnp.asarray(0), jnp.asarray(0))
-    nobody = jax.tree.map(lambda leaf: jnp.zeros((fleet, *leaf.shape), leaf.dtype), shape)
+    empty = jax.tree.map(lambda leaf: jnp.zeros((fleet, *leaf.shape), leaf.dtype), shape)
     # On their way all count; nobody holds yet.
-    on_way = approaches, crowd_blocks(approaches, fleet, _BLOCK)
-    nobody = eqx.tree_at(lambda h: (h.whole, h.blocks), nobody, on_way)
+    on_way = approaches, fleet_cylinders(approaches, fleet, _INTERVALS_PER_CYLINDER)
+    empty = eqx.tree_at(lambda h: (h.whole, h.cylinders), empty, on_way)
     unsettled = jnp.zeros(fleet, dtype=bool)
-    begin = _Choice(jnp.asarray(0), nobody, jnp.zeros(fleet, dtype=int), jnp.zeros((fleet, fleet)), unsettled)
+    begin = _Choice(jnp.asarray(0), empty, jnp.zeros(fleet, dtype=int), jnp.zeros((fleet, fleet)), unsettled)
     made = jax.lax.while_loop(lambda now: (now.turn < _ROUNDS) & ~jnp.all(now.clear), all_choose, begin)
     return PlannedHolds(
         paths=made.held.path,
         circles=made.held.circle,
-        goal_positions_n=travellers.goal_position_n,
-        goal_velocities_n=travellers.goal_velocity_n,
+        goal_positions_n=tasks.goal_position_n,
+        goal_velocities_n=tasks.goal_velocity_n,
         foreseen_at=jnp.asarray(start_time, dtype=float),
-        room=made.room,
-        closed_room=made.held.closed_room,
+        clearance_ratio=made.clearance_ratio,
+        keep_out_clearance=made.held.keep_out_clearance,
         clear=made.clear,
     )

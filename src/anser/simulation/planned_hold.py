@@ -14,7 +14,7 @@ from anser.control import GuidanceSettings, hold
 from anser.control.feedback import wrapped
 from anser.environment import AbstractWind
 from anser.planning import AbstractReference, PathPoint
-from anser.planning.certified import Traveller
+from anser.planning.certified import AircraftTask
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
 from anser.spatial import safe_hypot
@@ -58,13 +58,13 @@ class PlannedHolds(eqx.Module):
         What they join.
     goal_positions_n, goal_velocities_n, foreseen_at
         The goals as they were foreseen: places (m) and velocities (m/s) at a time, s.
-    room
+    clearance_ratio
         Least ratio of distance to separation of each pair from the first arrival of the two until the flight ends;
         infinite for an aircraft and itself.
-    closed_room
-        How far each stays out of each closed volume at least after its arrival, m.
+    keep_out_clearance
+        How far each stays out of each keep-out at least after its arrival, m.
     clear
-        Whether each keeps the separation from all others, stays out of closed volumes and within the limits of
+        Whether each keeps the separation from all others, stays out of keep-outs and within the limits of
         altitude, until the flight ends.
     """
 
@@ -73,8 +73,8 @@ class PlannedHolds(eqx.Module):
     goal_positions_n: Float[Array, "aircraft 3"]
     goal_velocities_n: Float[Array, "aircraft 3"]
     foreseen_at: Scalar
-    room: Float[Array, "aircraft aircraft"]
-    closed_room: Float[Array, "aircraft volumes"]
+    clearance_ratio: Float[Array, "aircraft aircraft"]
+    keep_out_clearance: Float[Array, "aircraft volumes"]
     clear: Bool[Array, " aircraft"]
 
 
@@ -83,13 +83,13 @@ def cells_for(duration_s: float) -> int:
     return next((cells for cells in (128, 256, 512, 1024, 2048) if 2.0 * cells >= duration_s), 4096)
 
 
-def moved(holds: PlannedHolds, travellers: Traveller, now: ScalarLike) -> PlannedHolds:
+def moved_with_goals(holds: PlannedHolds, tasks: AircraftTask, now: ScalarLike) -> PlannedHolds:
     """The same holds about goals that are foreseen otherwise at `now` (s), seen from which nothing jumps but the rates.
 
     A hold goes with its goal; its path through the air changes by as much as the goal's velocity does.
     """
-    off = travellers.goal_position_n - holds.goal_positions_n - (now - holds.foreseen_at) * holds.goal_velocities_n
-    faster = travellers.goal_velocity_n - holds.goal_velocities_n
+    off = tasks.goal_position_n - holds.goal_positions_n - (now - holds.foreseen_at) * holds.goal_velocities_n
+    faster = tasks.goal_velocity_n - holds.goal_velocities_n
 
     def one(path: TimedPath, off_n: Vector3, faster_n: Vector3) -> TimedPath:
         added = off_n[None, :] + (path.times - now)[:, None] * faster_n[None, :]
@@ -100,8 +100,8 @@ def moved(holds: PlannedHolds, travellers: Traveller, now: ScalarLike) -> Planne
         holds,
         (
             jax.vmap(one)(holds.paths, off, faster),
-            travellers.goal_position_n,
-            travellers.goal_velocity_n,
+            tasks.goal_position_n,
+            tasks.goal_velocity_n,
             jnp.asarray(now, dtype=float),
         ),
     )
@@ -176,7 +176,7 @@ def _air_velocity_n(now: _Flying) -> Vector3:
 
 
 def hold_path(
-    traveller: Traveller,
+    task: AircraftTask,
     arrival: tuple[Vector3, Vector3, ScalarLike],
     goal: tuple[Vector3, Vector3],
     circle: HoldCircle,
@@ -190,7 +190,7 @@ def hold_path(
 
     Parameters
     ----------
-    traveller
+    task
         Its speed and limits count.
     arrival
         Position (m), velocity over the ground (m/s) and time (s) with which the hold begins.
@@ -213,7 +213,7 @@ def hold_path(
     goal_n, goal_velocity_n = goal
     settings = eqx.tree_at(lambda s: (s.hold_radius, s.hold_turn), settings, (circle.radius, circle.turn))
     span = jnp.maximum(until - begin, 1.0) / cells
-    most = gravity * jnp.tan(_BANK_KEPT * traveller.limits.bank_max)
+    most = gravity * jnp.tan(_BANK_KEPT * task.limits.bank_max)
     air_n = velocity_n - wind.at(place_n, begin)
     start = _Flying(
         position_n=place_n,
@@ -235,7 +235,7 @@ def hold_path(
             blowing_n,
             velocity_n - goal_velocity_n,
             circle.height,
-            traveller.speed,
+            task.speed,
             settings,
         )
         turn_rate = wanted.chi_dot + _COURSE_GAIN * wrapped(wanted.chi - now.course)
@@ -248,7 +248,7 @@ def hold_path(
             position_n=ground_n,
             drift_n=blowing_n,
             course=now.turning / jnp.maximum(level, 1.0),
-            speed=jnp.clip(_SPEED_GAIN * (traveller.speed - now.speed), -_SPEED_RATE, _SPEED_RATE),
+            speed=jnp.clip(_SPEED_GAIN * (task.speed - now.speed), -_SPEED_RATE, _SPEED_RATE),
             climb=jnp.clip((wanted_climb - now.climb) / _CLIMB_LAG_S, -_CLIMB_RATE, _CLIMB_RATE),
             turning=(asked - now.turning) / _ROLL_LAG_S,
         )

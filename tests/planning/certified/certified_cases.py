@@ -8,18 +8,7 @@ from scipy.interpolate import BPoly
 from anser.environment import LayeredWind, SteadyWind
 from anser.numerics.quadrature import gauss_legendre
 from anser.planning.certified.delivery import deliver
-from anser.planning.certified.detours import (
-    ANGLE_MAX,
-    FIRST,
-    FIXED,
-    HEADINGS,
-    SECOND,
-    WORDS,
-    Detour,
-    direct,
-    resolve,
-    solve_detour,
-)
+from anser.planning.certified.detours import WORDS, detour, direct, resolve, solve_detour
 from anser.planning.certified.profile import make_profile, mean_to_last_speed, tabulate
 from anser.planning.certified.route import Ends
 from anser.planning.certified.smooth_turn import cis
@@ -74,14 +63,7 @@ def random_ends(seed, count, near, far, curvature_use=0.9, sharp=4.0, free=False
 
 def detours_of(shapes, sides):
     """Stacked detours; the shapes are indices."""
-    shapes, sides = np.asarray(shapes), np.asarray(sides, dtype=float)
-    return Detour(
-        jnp.asarray(sides[:, None] * HEADINGS[shapes]),
-        jnp.asarray(FIRST[shapes]),
-        jnp.asarray(SECOND[shapes]),
-        jnp.asarray(FIXED[shapes]),
-        jnp.asarray(ANGLE_MAX[shapes]),
-    )
+    return jax.vmap(detour)(jnp.asarray(shapes), jnp.asarray(sides, dtype=float))
 
 
 def picked(tree, k):
@@ -198,7 +180,7 @@ def blowing(wind, altitudes):
     return np.stack([np.interp(altitudes, layers, velocities[:, k]) for k in range(3)], axis=1)
 
 
-TICKS = 128
+INTERVALS = 128
 START_S = 10.0
 FLOWN = {
     "duration": [100.0, 90.0, 140.0, 110.0, 100.0, 120.0],
@@ -220,7 +202,7 @@ BANK = np.radians(38.0)
 
 
 def delivered(wind):
-    """The flights of `FLOWN` in a wind: horizontal ends, timetables, solved detours, shapes and delivered paths."""
+    """The flights of `FLOWN` in a wind: horizontal ends, tabulated profiles, solved detours, shapes and delivered paths."""
 
     def one(flight, way):
         last = mean_to_last_speed(flight["mean"], flight["speed_0"], flight["duration"])
@@ -233,7 +215,7 @@ def delivered(wind):
             (flight["speed_0"], last, last),
             flight["speed_dot_0"],
         )
-        table = tabulate(profile, wind, TICKS)
+        table = tabulate(profile, wind, INTERVALS)
         fastest = profile.speed_most
         curvature = jnp.tan(BANK) * GRAVITY / fastest**2
         zero = jnp.zeros(())

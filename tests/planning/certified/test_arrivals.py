@@ -5,9 +5,9 @@ import pytest
 from certified_cases import STEADY
 
 from anser.planning.certified import arrivals
-from anser.planning.certified.choices import ALONE, DEEP, PLAIN
-from anser.planning.certified.search import stacked
-from support.travellers import airspace, traveller
+from anser.planning.certified.candidate_sets import ALONE_SPLINES, ALONE_STANDARD, ALONE_TURN_LEG_PATHS
+from anser.planning.certified.task import stacked
+from support.aircraft_tasks import aircraft_task, airspace
 
 
 @pytest.fixture
@@ -15,23 +15,23 @@ def asked(monkeypatch):
     """Times open by plain paths, and by all, in place of the planner's answers; what was asked is kept."""
     calls = []
 
-    def answer(travellers, airspace, durations, count, ticks, choices):
-        calls.append((choices, np.asarray(durations)[:count]))
+    def answer(tasks, airspace, durations, count, intervals, candidate_set):
+        calls.append((candidate_set, np.asarray(durations)[:count]))
         plain = (durations > 60.0) & (durations < 70.0)
         every = plain | ((durations > 44.0) & (durations < 80.0))
         deep = ((durations >= 80.0) & (durations < 84.0)) | ((durations > 91.0) & (durations < 93.0))
-        return {PLAIN: plain, ALONE: every, DEEP: deep}[choices]
+        return {ALONE_STANDARD: plain, ALONE_TURN_LEG_PATHS: every, ALONE_SPLINES: deep}[candidate_set]
 
     monkeypatch.setattr(arrivals, "_reachable_at", answer)
     return calls
 
 
 def test_all_ways_are_tried_near_what_plain_ones_reach_and_on_from_there(asked):
-    one = stacked([traveller((5000.0, 0.0, -1700.0))])
+    one = stacked([aircraft_task((5000.0, 0.0, -1700.0))])
     grid = np.arange(20.0, 120.0, 2.0)[None, :]
     inside = arrivals._open_times(one, airspace(STEADY), np.array([0]), grid, "none")
     np.testing.assert_array_equal(inside, (grid > 44.0) & (grid < 80.0))
-    looked = np.concatenate([durations for choices, durations in asked if choices is ALONE])
+    looked = np.concatenate([durations for candidate_set, durations in asked if candidate_set is ALONE_TURN_LEG_PATHS])
     # The first 25 s are ruled out by the distance: what follows on them is looked at too.
     looked = looked[looked > 25.0 + 2.0 * arrivals._NEAR]
     assert looked.min() >= 46.0 - 2.0 * arrivals._NEAR
@@ -39,30 +39,32 @@ def test_all_ways_are_tried_near_what_plain_ones_reach_and_on_from_there(asked):
 
 
 def test_what_lies_beyond_times_that_are_ruled_out_is_looked_at_too(monkeypatch):
-    """As where a closed volume covers the rendezvous for a while: an island on its far side."""
+    """As where a keep-out covers the rendezvous for a while: an island on its far side."""
     grid = np.arange(30.0, 200.0, 2.0)[None, :]
     covered = (grid > 80.0) & (grid < 140.0)
 
-    def answer(travellers, airspace, durations, count, ticks, choices):
+    def answer(tasks, airspace, durations, count, intervals, candidate_set):
         plain = (durations > 60.0) & (durations < 70.0)
-        return {PLAIN: plain, ALONE: plain | (durations > 140.0)}[choices] & ~((durations > 80.0) & (durations < 140.0))
+        return {ALONE_STANDARD: plain, ALONE_TURN_LEG_PATHS: plain | (durations > 140.0)}[candidate_set] & ~(
+            (durations > 80.0) & (durations < 140.0)
+        )
 
     monkeypatch.setattr(arrivals, "_reachable_at", answer)
-    conceivable = arrivals.conceivable
+    may_arrive = arrivals.may_arrive
 
-    def ruled_out(travellers, airspace, who, durations):
+    def ruled_out(tasks, airspace, who, durations):
         closed = (durations > 80.0) & (durations < 140.0)
-        return conceivable(travellers, airspace, who, durations) & ~closed
+        return may_arrive(tasks, airspace, who, durations) & ~closed
 
-    monkeypatch.setattr(arrivals, "conceivable", ruled_out)
-    one = stacked([traveller((5000.0, 0.0, -1700.0))])
+    monkeypatch.setattr(arrivals, "may_arrive", ruled_out)
+    one = stacked([aircraft_task((5000.0, 0.0, -1700.0))])
     inside = arrivals._open_times(one, airspace(STEADY), np.array([0]), grid, "none")
     assert not np.any(inside & covered)
     np.testing.assert_array_equal(inside, ((grid > 60.0) & (grid < 70.0)) | (grid > 140.0))
 
 
 def test_edges_are_refined_and_windows_looked_into(asked):
-    one = stacked([traveller((5000.0, 0.0, -1700.0))])
+    one = stacked([aircraft_task((5000.0, 0.0, -1700.0))])
     ((first, last),) = arrivals.arrival_sets(one, airspace(STEADY), 300.0)[0]
     assert 44.0 < first < 44.1
     assert 79.9 < last < 80.0
@@ -71,16 +73,16 @@ def test_edges_are_refined_and_windows_looked_into(asked):
     assert first == 70.0
     assert 79.9 < last < 80.0
     assert arrivals.arrival_sets(one, airspace(STEADY), 300.0, np.array([[93.5, 95.0]])) == [[]]
-    # What shapes do not reach is looked at again, with free motions.
+    # What shapes do not reach is looked at again, with splines.
     ((first, last),) = arrivals.arrival_sets(one, airspace(STEADY), 300.0, np.array([[90.0, 95.0]]))[0]
     assert 91.0 < first < last < 93.0
 
 
 def test_free_motions_widen_the_times_where_asked_for(asked):
-    one = stacked([traveller((5000.0, 0.0, -1700.0))])
-    ((first, last),) = arrivals.arrival_sets(one, airspace(STEADY), 300.0, deeply=True)[0]
+    one = stacked([aircraft_task((5000.0, 0.0, -1700.0))])
+    ((first, last),) = arrivals.arrival_sets(one, airspace(STEADY), 300.0, with_splines=True)[0]
     assert 44.0 < first < 44.1
     assert 83.9 < last < 84.0
-    looked = np.concatenate([durations for choices, durations in asked if choices is DEEP])
+    looked = np.concatenate([durations for candidate_set, durations in asked if candidate_set is ALONE_SPLINES])
     looked = looked[looked > 25.0 * 1.08**4]  # those beside what the distance rules out
     assert 44.0 / 1.08**3 < looked.min() < looked.max() < 84.0 * 1.08**4  # a few steps beside what is open

@@ -6,38 +6,37 @@ import numpy as np
 import pytest
 
 from anser.numerics import compiled_quickly
-from anser.planning.certified.candidates import candidates
+from anser.planning.certified.candidate_sets import LATE_FAST, PREFERRED, SLOW_FAST, make_candidate_set
+from anser.planning.certified.candidates import fleet_candidates, shaped_candidates
 from anser.planning.certified.certificate import excess, path_bounds
-from anser.planning.certified.choices import LATE_FAST, PREFERRED, SLOW_FAST, make_choices
 from anser.planning.certified.delivery import deliver
 from anser.planning.certified.detours import resolve
-from anser.planning.certified.placement import make_options
 from trials.cases import random_case
 from trials.task import planner_task
 
 pytestmark = pytest.mark.long
 
 
-TICKS = 128
-CHOICES = make_choices((PREFERRED, SLOW_FAST, LATE_FAST), (0.0,), (0,), (0, 1, 3), starts=8)
+INTERVALS = 128
+CANDIDATES = make_candidate_set((PREFERRED, SLOW_FAST, LATE_FAST), (0.0,), (0,), (0, 1, 3), turn_leg_starts=8)
 
 
 @compiled_quickly
-def _judged(travellers, airspace, durations):
+def _judged(tasks, airspace, durations):
     """Validity as placed and as first found, and by how much the delivered path passes its limits."""
-    options = make_options(travellers, airspace, durations, TICKS, TICKS, CHOICES)
+    options = fleet_candidates(tasks, airspace, durations, INTERVALS, INTERVALS, CANDIDATES)
 
-    def one(traveller, duration, found, tables):
-        first, _ = candidates(traveller, airspace, duration, TICKS, CHOICES)
+    def one(task, duration, shapes, profiles):
+        first, _ = shaped_candidates(task, airspace, duration, INTERVALS, CANDIDATES)
 
-        def passed(candidate):
-            table = jax.tree.map(lambda leaf: leaf[candidate.which], tables)
-            path = deliver(0.0, table, resolve(candidate.ends, candidate.solved))
-            return jnp.max(excess(path_bounds(path, airspace.wind, airspace.gravity), traveller.limits))
+        def passed(shape):
+            profile = jax.tree.map(lambda leaf: leaf[shape.profile], profiles)
+            path = deliver(0.0, profile, resolve(shape.ends, shape.solved))
+            return jnp.max(excess(path_bounds(path, airspace.wind, airspace.gravity), task.limits))
 
-        return first.valid, jax.lax.map(passed, found)
+        return first.valid, jax.lax.map(passed, shapes)
 
-    first, over = jax.vmap(one)(travellers, durations, options.candidates, options.tables)
+    first, over = jax.vmap(one)(tasks, durations, options.shapes, options.profiles)
     return options.valid, first, over
 
 
@@ -45,8 +44,8 @@ def _judged(travellers, airspace, durations):
 def judged():
     rows = []
     for seed, duration in ((2, 260.0), (9, 420.0), (12, 240.0), (63, 200.0)):
-        travellers, airspace, _ = planner_task(random_case(seed))
-        rows.append([np.asarray(x) for x in _judged(travellers, airspace, jnp.full(8, duration))])
+        tasks, airspace, _ = planner_task(random_case(seed))
+        rows.append([np.asarray(x) for x in _judged(tasks, airspace, jnp.full(8, duration))])
     return [np.concatenate(column) for column in zip(*rows, strict=True)]
 
 

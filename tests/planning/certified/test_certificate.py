@@ -5,13 +5,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from certified_cases import FLOWN, GRAVITY, LAYERED, START_S, STEADY, TICKS, Dense, delivered, number, picked
+from certified_cases import FLOWN, GRAVITY, INTERVALS, LAYERED, START_S, STEADY, Dense, delivered, number, picked
 from jaxtyping import TypeCheckError
 
 from anser.environment import AbstractWind, LayeredWind
 from anser.numerics import compiled_quickly
-from anser.planning.certified import Airspace, KeepOuts, Separation, Traveller, certify, no_keep_outs
+from anser.planning.certified import AircraftTask, Airspace, KeepOuts, Separation, no_keep_outs
 from anser.planning.certified.certificate import excess, path_bounds
+from anser.planning.certified.certified_plan import certify
 from anser.planning.certified.smooth_turn import cis
 from anser.planning.limits import CERTIFIED_LIMITS, PathLimits
 from anser.planning.rendezvous import make_rendezvous
@@ -78,7 +79,7 @@ def test_knots_are_in_order_with_none_too_close(flown):
     spans = times[:, 1:] - times[:, :-1]
     # Equal, or at least the fiftieth of a second that keeps the digits of accelerations.
     assert np.all((spans == 0.0) | (spans > 0.02 - 1e-9))
-    assert np.max(spans) <= np.max(FLOWN["duration"]) / TICKS + 0.02
+    assert np.max(spans) <= np.max(FLOWN["duration"]) / INTERVALS + 0.02
 
 
 def test_is_the_designed_path_between_the_knots_too(flown):
@@ -248,10 +249,10 @@ def test_gradients_are_finite_with_empty_cells(flown):
     assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(jax.jit(jax.grad(asked))(path)))
 
 
-def _travellers(active):
+def _tasks(active):
     zeros = jnp.zeros((COUNT, 3))
     limits = PathLimits(*(jnp.full(COUNT, x) for x in (50.0, 400.0, 1.4, 100.0, -1e3, 2e4, 9.0, 99.0, 99.0)))
-    return Traveller(
+    return AircraftTask(
         zeros,
         zeros,
         zeros,
@@ -273,13 +274,15 @@ def test_a_path_that_is_none_hides_no_other(flown):
     active = np.ones(COUNT)
     active[3] = 0.0
     none = jax.tree.map(lambda leaf: leaf.at[3].set(jnp.nan), paths)
-    certified = compiled_quickly(lambda p: certify(p, _travellers(active), airspace, TICKS))
+    certified = compiled_quickly(lambda p: certify(p, _tasks(active), airspace, INTERVALS))
     found, expected = certified(none), certified(paths)
     others = np.arange(COUNT) != 3
-    np.testing.assert_allclose(found.closed_room[others], expected.closed_room[others], rtol=1e-12)
-    np.testing.assert_allclose(found.room[np.ix_(others, others)], expected.room[np.ix_(others, others)], rtol=1e-12)
-    assert np.all(np.isfinite(found.closed_room[others]))
-    assert np.any(found.closed_room[others] < 0.0)
+    np.testing.assert_allclose(found.keep_out_clearance[others], expected.keep_out_clearance[others], rtol=1e-12)
+    np.testing.assert_allclose(
+        found.clearance_ratio[np.ix_(others, others)], expected.clearance_ratio[np.ix_(others, others)], rtol=1e-12
+    )
+    assert np.all(np.isfinite(found.keep_out_clearance[others]))
+    assert np.any(found.keep_out_clearance[others] < 0.0)
     assert not bool(found.kept_alone[3])
 
 
@@ -301,9 +304,9 @@ def test_a_fleets_certificate_is_never_better_than_its_paths(flown):
     wind, *_, paths, _, dense = flown
     separation = Separation(number(900.0), number(200.0))
     airspace = Airspace(wind, number(GRAVITY), separation, no_keep_outs())
-    travellers = _travellers(np.ones(COUNT))
-    found = compiled_quickly(lambda p: certify(p, travellers, airspace, TICKS))(paths)
-    room = np.asarray(found.room)
+    tasks = _tasks(np.ones(COUNT))
+    found = compiled_quickly(lambda p: certify(p, tasks, airspace, INTERVALS))(paths)
+    room = np.asarray(found.clearance_ratio)
     np.testing.assert_allclose(room, room.T, rtol=1e-12)
     for i in range(COUNT):
         for j in range(i):

@@ -19,7 +19,7 @@ class Planned(NamedTuple):
 
     chosen: object
     valid: object
-    good: object
+    feasible: object
     certificate: Seen
 
 
@@ -54,13 +54,13 @@ GOOD = np.array([[False, False, True, True], [True, True, True, True], [False, T
 def test_turned_down_candidates_are_not_chosen_again():
     plan = choose(GOOD, 8)
     np.testing.assert_array_equal(plan.chosen, [2, 0, 1])
-    assert np.all(plan.good)
+    assert np.all(plan.feasible)
 
 
 def test_no_oftener_than_asked_and_the_best_so_far_counts():
     plan = choose(GOOD, 2)
     np.testing.assert_array_equal(plan.chosen, [1, 0, 1])
-    np.testing.assert_array_equal(plan.good, [False, True, True])
+    np.testing.assert_array_equal(plan.feasible, [False, True, True])
 
 
 def test_the_best_is_returned_where_the_last_is_worse():
@@ -68,7 +68,7 @@ def test_the_best_is_returned_where_the_last_is_worse():
     valid = np.array([[True, False, False, False], [True, True, True, True], [True, True, True, True]])
     plan = choose(GOOD, 8, valid)
     np.testing.assert_array_equal(plan.chosen[1:], [0, 1])
-    np.testing.assert_array_equal(plan.good, [False, True, True])
+    np.testing.assert_array_equal(plan.feasible, [False, True, True])
 
 
 def test_with_the_first_that_is_turned_down_those_given_up_go_too():
@@ -76,7 +76,7 @@ def test_with_the_first_that_is_turned_down_those_given_up_go_too():
     given_up[0, :3] = given_up[1, :3] = True
     plan = choose(GOOD, 2, given_up=given_up)
     np.testing.assert_array_equal(plan.chosen, [3, 0, 1])
-    assert np.all(plan.good)
+    assert np.all(plan.feasible)
 
 
 def test_aircraft_that_fill_up_the_fleet_do_not_matter():
@@ -88,4 +88,4 @@ def test_aircraft_that_fill_up_the_fleet_do_not_matter():
 def test_conflicts_with_others_turn_nothing_down(rounds):
     plan = choose(np.ones((3, 4), dtype=bool), rounds, apart=False)
     np.testing.assert_array_equal(plan.chosen, [0, 0, 0])
-    assert not np.any(plan.good)
+    assert not np.any(plan.feasible)

@@ -18,10 +18,10 @@ from anser.planning.certified.route import Ends
 def test_close_knots_do_not_make_accelerations(wind):
     # A knot every 1.5195 s, and one 0.04 s before the second for the end of a fading acceleration: there the table's
     # length is off by what the change of speed that ended at 2 s cost it.
-    duration, ticks = 194.5, 128
+    duration, intervals = 194.5, 128
     profile = make_profile(duration, (2000.0, 1500.0), (0.0, 0.0), 0.0, 0.0, (169.0, 169.1, 165.0), 0.0)
-    assert 0.02 < 2 * duration / ticks - 3.0 < 0.05
-    table = tabulate(profile, wind, ticks)
+    assert 0.02 < 2 * duration / intervals - 3.0 < 0.05
+    table = tabulate(profile, wind, intervals)
     far = 0.9 * table.length
     ends = Ends(
         0j + number(0.0),

@@ -5,46 +5,46 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from anser.planning.certified.earliest import NEARLY, earliest_time
+from anser.planning.certified.earliest import RESOLUTION, earlier_times
 
-POSSIBLE = np.arange(40.0, 1200.0, 0.25)
+ADMISSIBLE = np.arange(40.0, 1200.0, 0.25)
 
 
-def looked(possible, known, works):
+def looked(admissible, known, works):
     """The time found, and those tried."""
-    tried = []
-
-    def asked(time):
-        tried.append(time)
-        return works(time)
-
-    return earliest_time(possible, known, asked), tried
+    times, tried, answer = earlier_times(admissible, known), [], None
+    while True:
+        try:
+            tried.append(times.send(answer))
+        except StopIteration as ended:
+            return ended.value, tried
+        answer = works(tried[-1])
 
 
 @given(first=st.floats(41.0, 900.0), known=st.floats(1.0, 1.3), closed=st.floats(0.0, 0.2))
 def test_it_is_found_to_a_fiftieth_where_all_later_ones_work(first, known, closed):
     # Some of the times before it are ruled out.
-    possible = POSSIBLE[((0.9 - closed) * first > POSSIBLE) | (0.9 * first < POSSIBLE)]
-    found, tried = looked(possible, first * known, lambda t: t >= first)
-    assert first <= found <= max(NEARLY * first, first + 1.0) or found == first * known <= NEARLY * first + 1.0
-    assert set(tried) <= set(possible)
+    admissible = ADMISSIBLE[((0.9 - closed) * first > ADMISSIBLE) | (0.9 * first < ADMISSIBLE)]
+    found, tried = looked(admissible, first * known, lambda t: t >= first)
+    assert first <= found <= max(RESOLUTION * first, first + 1.0) or found == first * known <= RESOLUTION * first + 1.0
+    assert set(tried) <= set(admissible)
     assert len(set(tried)) == len(tried) < 45
 
 
 @pytest.mark.parametrize("known", [608.0, 450.0])
 def test_an_island_before_a_gap_is_found(known):
-    found, tried = looked(POSSIBLE, known, lambda t: 120.0 <= t <= 150.0 or t >= 400.0)
-    assert 120.0 <= found <= 120.0 * NEARLY
+    found, tried = looked(ADMISSIBLE, known, lambda t: 120.0 <= t <= 150.0 or t >= 400.0)
+    assert 120.0 <= found <= 120.0 * RESOLUTION
     assert len(tried) < 20
 
 
 def test_where_nothing_earlier_works_the_known_time_stands():
-    found, tried = looked(POSSIBLE, 77.0, lambda t: False)
+    found, tried = looked(ADMISSIBLE, 77.0, lambda t: False)
     assert found == 77.0
     assert tried == sorted(tried)
     assert max(tried) < 77.0
 
 
-@pytest.mark.parametrize("possible", [np.zeros(0), np.array([90.0]), np.array([77.0])])
-def test_no_time_is_tried_where_none_is_before(possible):
-    assert looked(possible, 77.0, lambda t: True) == (77.0, [])
+@pytest.mark.parametrize("admissible", [np.zeros(0), np.array([90.0]), np.array([77.0])])
+def test_no_time_is_tried_where_none_is_before(admissible):
+    assert looked(admissible, 77.0, lambda t: True) == (77.0, [])

@@ -34,8 +34,8 @@ def test_each_interval_has_the_greatest_bound_of_the_cells_that_it_touches(seed,
     hair = 1e-6 * step
     nearly = (knots[:-1] < times[1:, None] + hair) & (knots[1:] > times[:-1, None] - hair)
     most = np.max(np.where(nearly, bounds, 0.0), axis=1)
-    slack = np.asarray(found.slack) * 8.0 / step**2
+    error_bound = np.asarray(found.error_bound) * 8.0 / step**2
     inside = times[1:] > knots[0]
-    assert np.all(slack[inside] >= least[inside] * (1.0 - 1e-12))
-    assert np.all(slack[inside] <= most[inside] * (1.0 + 1e-12))
+    assert np.all(error_bound[inside] >= least[inside] * (1.0 - 1e-12))
+    assert np.all(error_bound[inside] <= most[inside] * (1.0 + 1e-12))
     assert np.array_equal(found.counted > 0.0, times[:-1] < knots[-1] - 1e-6)

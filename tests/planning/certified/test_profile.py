@@ -20,7 +20,7 @@ from anser.planning.certified.profile import (
 from anser.planning.limits import PathLimits
 
 CASES = 24
-TICKS = 128
+INTERVALS = 128
 FADE_S = 3.0  # of the acceleration that a path begins with
 _RNG = np.random.default_rng(4)
 DURATION = _RNG.uniform(20.0, 300.0, CASES)
@@ -53,8 +53,8 @@ def motions(profile, times):
     return jax.vmap(lambda t: jax.jvp(lambda u: motion(profile, u), (t,), (jnp.ones_like(t),)))(times)
 
 
-def timetable(profile, wind):
-    return tabulate(profile, wind, TICKS)
+def tabulated(profile, wind):
+    return tabulate(profile, wind, INTERVALS)
 
 
 def readings(table, times):
@@ -68,7 +68,7 @@ def readings(table, times):
 
 PROFILES = compiled_quickly(jax.vmap(make))(*INPUTS)
 along = compiled_quickly(jax.vmap(motions))
-tables_of = compiled_quickly(jax.vmap(timetable, in_axes=(0, None)))
+tables_of = compiled_quickly(jax.vmap(tabulated, in_axes=(0, None)))
 read = compiled_quickly(jax.vmap(readings))
 
 
@@ -153,11 +153,11 @@ def layered():
 
 
 def test_readings_between_ticks_agree_with_the_ticks_and_time_is_the_inverse(layered):
-    ticks = DURATION[:, None] * np.linspace(0.0, 1.0, TICKS + 1)
-    lengths, drifts, _, _, times = (np.asarray(x) for x in read(layered, jnp.asarray(ticks)))
+    intervals = DURATION[:, None] * np.linspace(0.0, 1.0, INTERVALS + 1)
+    lengths, drifts, _, _, times = (np.asarray(x) for x in read(layered, jnp.asarray(intervals)))
     np.testing.assert_allclose(lengths, layered.lengths, atol=1e-8)  # rounding of 1e5 m
     np.testing.assert_allclose(drifts, layered.drifts_n, atol=1e-8)
-    np.testing.assert_allclose(times, ticks, atol=1e-8)
+    np.testing.assert_allclose(times, intervals, atol=1e-8)
     between = DURATION[:, None] * np.sort(np.random.default_rng(1).uniform(0.0, 1.0, 60))
     lengths, drifts, speeds, winds, times = (np.asarray(x) for x in read(layered, jnp.asarray(between)))
     # Two Newton steps from a straight line in a tick of 2 s, in which the speed changes by a hundredth.
@@ -186,8 +186,8 @@ def limits_of(value):
 
 
 def test_excess_is_what_a_profile_passes_each_limit_by(layered):
-    ticks = DURATION[:, None] * np.linspace(0.0, 1.0, TICKS + 1)
-    value = np.asarray(along(PROFILES, jnp.asarray(ticks))[0])
+    intervals = DURATION[:, None] * np.linspace(0.0, 1.0, INTERVALS + 1)
+    value = np.asarray(along(PROFILES, jnp.asarray(intervals))[0])
     wide = {
         "speed_min": 50.0,
         "speed_max": 400.0,
@@ -222,7 +222,7 @@ def test_gradients_are_finite_for_level_flight_at_steady_speed():
     def outcome(altitude, speed, duration):
         last = mean_to_last_speed(speed, 150.0, duration)
         profile = make_profile(duration, (altitude, 1000.0), (0.0, 0.0), 0.0, 0.0, (150.0, last, last), 0.0)
-        table = tabulate(profile, LAYERED, 30)  # ticks of 2 s: the shortest change of speed is one of them
+        table = tabulate(profile, LAYERED, 30)  # intervals of 2 s: the shortest change of speed is one of them
         return table.length + jnp.sum(table.drift_n)
 
     slopes = compiled_quickly(jax.grad(outcome, argnums=(0, 1, 2)))(number(1000.0), number(150.0), number(60.0))

@@ -11,24 +11,24 @@ from anser.numerics import compiled_quickly
 from anser.planning.certified import CertifiedPlan
 from anser.planning.certified.certified_plan import certify
 from anser.planning.certified.profile import KINKS
-from anser.planning.certified.renewal import ANEW, CORRECTED, LAST_GOOD, postponements, renew_certified
+from anser.planning.certified.renewal import CORRECTED, KEPT, REPLANNED, postponements, renew_certified
 from anser.planning.certified.route import PIECES
-from anser.planning.certified.search import stacked
+from anser.planning.certified.task import stacked
 from anser.planning.timed_path import TimedPath
-from support.travellers import airspace, traveller
+from support.aircraft_tasks import aircraft_task, airspace
 
-TICKS, NOW, ARRIVAL = 64, 10.0, 110.0
+INTERVALS, NOW, ARRIVAL = 64, 10.0, 110.0
 YES = jnp.asarray(True)
 SPACE = airspace(SteadyWind(jnp.zeros(3)), 500.0, 150.0)
 # North at 150 m/s, side by side; the third flies 100 m beside the first, and at less than its least airspeed.
 EAST = (0.0, 4000.0, 100.0)
 SPEEDS = (150.0, 150.0, 120.0)
 _renew = compiled_quickly(renew_certified)
-_certify = compiled_quickly(lambda paths, fleet: certify(paths, fleet, SPACE, TICKS))
+_certify = compiled_quickly(lambda paths, fleet: certify(paths, fleet, SPACE, INTERVALS))
 
 
 def straight(east, speed):
-    times = jnp.linspace(0.0, ARRIVAL, TICKS + 1 + PIECES - 1 + KINKS)
+    times = jnp.linspace(0.0, ARRIVAL, INTERVALS + 1 + PIECES - 1 + KINKS)
     air = jnp.zeros((times.size, 3, 3)).at[:, 1, 0].set(speed)
     air = air.at[:, 0].set(jnp.array([[0.0, east, -2000.0]]) + times[:, None] * jnp.array([[speed, 0.0, 0.0]]))
     return TimedPath(times, air, jnp.zeros_like(air))
@@ -38,7 +38,7 @@ def fleet(active=(1.0, 1.0, 1.0), nearer=0.0):
     """As seen at `NOW`; the first's rendezvous is nearer by so much than its plan has it."""
     made = []
     for k, (east, speed) in enumerate(zip(EAST, SPEEDS, strict=True)):
-        one = traveller((ARRIVAL * speed - (nearer if k == 0 else 0.0), east, -1700.0))
+        one = aircraft_task((ARRIVAL * speed - (nearer if k == 0 else 0.0), east, -1700.0))
         made.append(eqx.tree_at(lambda t: t.limits.speed_min, one, jnp.asarray(140.0)))
     return eqx.tree_at(lambda t: t.active, stacked(made), jnp.array(active))
 
@@ -53,8 +53,8 @@ def plan():
     )
 
 
-def renewed(plan, travellers, movable=YES):
-    made = _renew(plan, jnp.asarray(NOW), travellers, SPACE, movable, jnp.asarray(2.0), jnp.asarray(jnp.inf))
+def renewed(plan, tasks, movable=YES):
+    made = _renew(plan, jnp.asarray(NOW), tasks, SPACE, movable, jnp.asarray(2.0), jnp.asarray(jnp.inf))
     return made.plan, int(made.how)
 
 
@@ -71,9 +71,9 @@ STOPPED = (1.0, 1.0, 0.0)
 
 @pytest.mark.long
 def test_one_that_flies_on_in_the_way_and_below_its_least_speed_is_no_good_plan(plan):
-    assert plan.certificate.room[0, 2] < 1.0
+    assert plan.certificate.clearance_ratio[0, 2] < 1.0
     assert not plan.certificate.kept_alone[2]
-    assert renewed(plan, fleet())[1] == LAST_GOOD
+    assert renewed(plan, fleet())[1] == KEPT
 
 
 def test_once_it_has_stopped_the_plan_of_the_others_goes_on(plan):
@@ -81,20 +81,20 @@ def test_once_it_has_stopped_the_plan_of_the_others_goes_on(plan):
     assert how == CORRECTED
     for k, flown in enumerate((NOW * SPEEDS[0], NOW * SPEEDS[1], 0.0)):  # who has stopped has no way left to count
         check_row(again, plan, k, flown)
-    assert np.all(again.good[:2])
+    assert np.all(again.feasible[:2])
 
 
 def test_and_is_made_anew_without_it(plan):
     again, how = renewed(plan, fleet(STOPPED, nearer=1500.0))
-    assert how == ANEW
-    assert np.all(again.good[:2])
+    assert how == REPLANNED
+    assert np.all(again.feasible[:2])
     end = again.paths.air_n[0, -1, 0] + again.paths.drift_n[0, -1, 0]
     np.testing.assert_allclose(end, [ARRIVAL * 150.0 - 1500.0, 0.0, -2000.0], atol=1e-3)
     check_row(again, plan, 2)
     # Wherever it is and whatever its path: even one that is none.
     gone = eqx.tree_at(lambda p: p.paths.air_n, plan, plan.paths.air_n.at[2].set(jnp.nan))
     same, how = renewed(gone, fleet(STOPPED, nearer=1500.0))
-    assert how == ANEW
+    assert how == REPLANNED
     for k in (0, 1):
         check_row(again, same, k)
 

@@ -1,51 +1,64 @@
-"""The certified planner: paths that keep limits, distances and closed volumes, with bounds that prove it."""
+"""The certified planner: paths that keep limits, distances and keep-outs, with bounds that prove it.
 
+Where a plan comes from, in the order in which to read; each file uses those below it.
+
+=======================  ==============================================================================================
+``task``                 what is asked: aircraft, airspace, keep-outs, arrival rule
+``search``               `search`: attempts, stage by stage, until a certificate keeps everything
+``arrival_proposals``    the stages: which arrival times to try, with which candidates
+``earliest``             times to try before one that works
+``arrivals``             arrival times that are open to an aircraft by itself
+``necessary_conditions`` arrival times that no path can keep
+``certified_plan``       `plan_at`: a fleet planned for given times: candidates, placement, certificate
+``candidate_sets``       how many candidates of which kind
+``candidates``           the candidates themselves, of three generators in one type
+``placement``            one candidate for each aircraft, so that all keep the separation
+``timed_profile``        altitude and airspeed by time (``profile``), with the shortest direct paths
+``detours``              generator 1: the direct path of two turns and detours that take the time
+``turn_leg_paths``       generator 2: any four turns and three legs, by damped least squares
+``spline_trajectories``  generator 3: splines in time (``spline``), from guesses (``spline_guesses``), by damped least
+                         squares on what they violate (``spline_equations``)
+``route``                turns (``smooth_turn``) and legs as a path by its length
+``arrival_motion``       the motion that a rendezvous prescribes
+``delivery``             profile and route as the path that is flown
+``tracking``             a candidate or a path at the instants of a fleet's clock
+``clearance``            distances between tracks and from keep-outs; ``broad_phase``: in large fleets
+``certificate``          bounds of a path between its knots
+``renewal``              a plan bent or made anew on the way
+=======================  ==============================================================================================
+"""
+
+from anser.planning.certified.arrival_proposals import FleetTask, common_times
 from anser.planning.certified.arrivals import arrival_sets
-from anser.planning.certified.certificate import PathBounds, path_bounds
-from anser.planning.certified.certified_plan import Certificate, CertifiedPlan, certify, plan_at, ticks_for
-from anser.planning.certified.relaxing import RELAXED, relaxed
-from anser.planning.certified.renewal import ANEW, FIRST, RENEWAL_MESSAGES, Renewed, renew_certified
-from anser.planning.certified.request import Airspace, KeepOuts, Traveller, no_keep_outs
-from anser.planning.certified.ruled_out import apart_at_arrival, crowded
-from anser.planning.certified.search import (
-    RULES,
-    ArrivalRequest,
-    Outcome,
-    common_times,
-    possible_times,
-    search,
-    stacked,
-)
+from anser.planning.certified.certificate import path_bounds
+from anser.planning.certified.certified_plan import CertifiedPlan, intervals_for, plan_at
+from anser.planning.certified.necessary_conditions import arrival_conflicts, arrival_distances_max
+from anser.planning.certified.renewal import FIRST, RENEWAL_MESSAGES, REPLANNED, renew_certified
+from anser.planning.certified.search import Outcome, search
+from anser.planning.certified.task import AircraftTask, Airspace, ArrivalRequest, KeepOuts, no_keep_outs, stacked
 from anser.planning.separation import Separation
 
 __all__ = [
-    "ANEW",
     "FIRST",
-    "RELAXED",
     "RENEWAL_MESSAGES",
-    "RULES",
+    "REPLANNED",
+    "AircraftTask",
     "Airspace",
     "ArrivalRequest",
-    "Certificate",
     "CertifiedPlan",
+    "FleetTask",
     "KeepOuts",
     "Outcome",
-    "PathBounds",
-    "Renewed",
     "Separation",
-    "Traveller",
-    "apart_at_arrival",
+    "arrival_conflicts",
+    "arrival_distances_max",
     "arrival_sets",
-    "certify",
     "common_times",
-    "crowded",
+    "intervals_for",
     "no_keep_outs",
     "path_bounds",
     "plan_at",
-    "possible_times",
-    "relaxed",
     "renew_certified",
     "search",
     "stacked",
-    "ticks_for",
 ]

@@ -1,4 +1,4 @@
-"""When each aircraft can be at its rendezvous: the arrival times that its limits and the closed volumes allow."""
+"""When each aircraft can be at its rendezvous: the arrival times that its limits and the keep-outs allow."""
 
 from collections.abc import Sequence
 from typing import Literal
@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from anser.numerics import compiled_by_older_generator
-from anser.planning.certified.choices import ALONE, DEEP, PLAIN, Choices
-from anser.planning.certified.placement import make_options
-from anser.planning.certified.request import Airspace, Traveller
-from anser.planning.certified.ruled_out import conceivable
+from anser.planning.certified.candidate_sets import ALONE_SPLINES, ALONE_STANDARD, ALONE_TURN_LEG_PATHS, CandidateSet
+from anser.planning.certified.candidates import fleet_candidates
+from anser.planning.certified.necessary_conditions import may_arrive
+from anser.planning.certified.task import AircraftTask, Airspace
 from anser.planning.certified.timed_profile import steady_after, timed_profile
 from anser.shapes import Count, Scalar
 
@@ -21,28 +21,28 @@ _STRETCH = 3.0  # of the time, at most, in one round of the fixed point
 _AT_ONCE = 32  # aircraft and times looked at in one call, at most
 _IN_WINDOW = 12  # times looked at in a window
 _NEAR = 3  # steps of the grid from a time that is open, within which all is tried
-_HELPED = 1.4  # wind behind and a goal that comes nearer: no aircraft is faster than so many times its airspeed
-COARSE_TICKS = 128
+_OVER_GROUND = 1.4  # wind behind and a goal that comes nearer: no aircraft is faster than so many times its airspeed
+COARSE_INTERVALS = 128
 """Intervals of the paths that tell which times are open: they only say where to look."""
 
 
-@compiled_by_older_generator(static_argnames=("ticks",))
+@compiled_by_older_generator(static_argnames=("intervals",))
 def direct_times(
-    travellers: Traveller, airspace: Airspace, speeds: Float[Array, " aircraft"], ticks: int
+    tasks: AircraftTask, airspace: Airspace, speeds: Float[Array, " aircraft"], intervals: int
 ) -> tuple[Float[Array, " aircraft"], Bool[Array, " aircraft"]]:
     """Time of the shortest direct path at a mean airspeed (m/s), s, and whether it was found.
 
     A fixed point: the goal moves on, and the air drifts, while the aircraft is on its way.
     """
 
-    def one(traveller: Traveller, speed: Scalar) -> tuple[Scalar, Array]:
-        line = traveller.goal_position_n + traveller.rendezvous.stand_off_n - traveller.position_n
+    def one(task: AircraftTask, speed: Scalar) -> tuple[Scalar, Array]:
+        line = task.rendezvous_n - task.position_n
         first = jnp.maximum(jnp.sqrt(jnp.sum(line**2)) / speed, 5.0)
 
         def once(_: object, carry: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
             duration, _ = carry
-            speeds = steady_after(traveller, duration, speed)
-            timed = timed_profile(traveller, airspace, duration, ticks, jnp.zeros(()), speeds)
+            speeds = steady_after(task, duration, speed)
+            timed = timed_profile(task, airspace, duration, intervals, jnp.zeros(()), speeds)
             wanted = jnp.where(timed.direct.exists[0], timed.direct.length[0], timed.table.length)
             found = duration * wanted / jnp.maximum(timed.table.length, 1.0)
             return jnp.clip(found, duration / _STRETCH, duration * _STRETCH), jnp.abs(found / duration - 1.0)
@@ -50,84 +50,88 @@ def direct_times(
         duration, change = jax.lax.fori_loop(0, ROUNDS, once, (first, jnp.asarray(jnp.inf)))
         return duration, change < 1e-6
 
-    return jax.vmap(one)(travellers, speeds)
+    return jax.vmap(one)(tasks, speeds)
 
 
-@compiled_by_older_generator(static_argnames=("ticks", "choices"))
+@compiled_by_older_generator(static_argnames=("intervals", "candidate_set"))
 def _reachable_at(
-    travellers: Traveller, airspace: Airspace, durations: Float[Array, " n"], count: int, ticks: int, choices: Choices
+    tasks: AircraftTask,
+    airspace: Airspace,
+    durations: Float[Array, " n"],
+    count: int,
+    intervals: int,
+    candidate_set: CandidateSet,
 ) -> Bool[Array, " n"]:
-    """Whether each of the first `count` travellers, alone, can take its duration (s); no for the others."""
+    """Whether each of the aircraft of the first `count` tasks, alone, can take its duration (s); no for the others."""
 
     def look(k: Count, found: Bool[Array, " n"]) -> Bool[Array, " n"]:
         # One after the other: batched they take as long, and batches that are not full take longer.
-        one = jax.tree.map(lambda leaf: leaf[k][None], travellers)
-        options = make_options(one, airspace, durations[k][None], ticks, ticks, choices)
-        return found.at[k].set(jnp.any(options.valid & (options.closed <= 0.0)))
+        one = jax.tree.map(lambda leaf: leaf[k][None], tasks)
+        options = fleet_candidates(one, airspace, durations[k][None], intervals, intervals, candidate_set)
+        return found.at[k].set(jnp.any(options.valid & (options.penetration <= 0.0)))
 
     return jax.lax.fori_loop(0, count, look, jnp.zeros(durations.shape, dtype=bool))
 
 
 def reachable(
-    travellers: Traveller,
+    tasks: AircraftTask,
     airspace: Airspace,
     who: Int[np.ndarray, " pairs"],
     durations: Float[np.ndarray, " pairs"],
-    ticks: int = COARSE_TICKS,
-    levels: Sequence[Choices] = (PLAIN, ALONE),
+    intervals: int = COARSE_INTERVALS,
+    levels: Sequence[CandidateSet] = (ALONE_STANDARD, ALONE_TURN_LEG_PATHS),
 ) -> Bool[np.ndarray, " pairs"]:
     """Whether aircraft `who`, alone in its airspace, can arrive after a duration (s); any number of such questions."""
     found = np.zeros(who.size, dtype=bool)
-    worth = conceivable(travellers, airspace, who, durations)
-    for choices in levels:
-        left = np.flatnonzero(worth & ~found)
+    admissible = may_arrive(tasks, airspace, who, durations)
+    for candidate_set in levels:
+        left = np.flatnonzero(admissible & ~found)
         for begin in range(0, left.size, _AT_ONCE):
             # Filled up to one size: one compiled program for all.
             some, filled = left[begin : begin + _AT_ONCE], np.resize(left[begin : begin + _AT_ONCE], _AT_ONCE)
-            asked = jax.tree.map(lambda leaf, filled=filled: leaf[who[filled]], travellers)
-            good = _reachable_at(asked, airspace, jnp.asarray(durations[filled]), some.size, ticks, choices)
+            asked = jax.tree.map(lambda leaf, filled=filled: leaf[who[filled]], tasks)
+            good = _reachable_at(asked, airspace, jnp.asarray(durations[filled]), some.size, intervals, candidate_set)
             found[some] = np.asarray(good)[: some.size]
     return found
 
 
 def _open_times(
-    travellers: Traveller,
+    tasks: AircraftTask,
     airspace: Airspace,
     fleet: Int[np.ndarray, " active"],
     grid: Float[np.ndarray, "active n"],
-    deep: Literal["none", "lost", "all"],
+    splines_for: Literal["none", "unreached", "all"],
 ) -> Bool[np.ndarray, "active n"]:
-    """Which times of a grid are open: plain paths everywhere, others near the times found so far, ever farther.
+    """Which times of a grid are open: standard candidates everywhere, others near the times found so far, ever farther.
 
-    With more ways is looked again, as `deep` says, for "none", for "lost" aircraft only, that have no time yet, or for
-    "all".
+    Splines are looked for too for "all" aircraft, or for the "unreached" only, which have no time yet.
     """
     who = np.repeat(fleet, grid.shape[1]).reshape(grid.shape)
-    inside = reachable(travellers, airspace, who.ravel(), grid.ravel(), levels=(PLAIN,)).reshape(grid.shape)
-    ruled_out = ~conceivable(travellers, airspace, who.ravel(), grid.ravel()).reshape(grid.shape)
-    for choices in (ALONE,) if deep == "none" else (ALONE, DEEP):
+    inside = reachable(tasks, airspace, who.ravel(), grid.ravel(), levels=(ALONE_STANDARD,)).reshape(grid.shape)
+    ruled_out = ~may_arrive(tasks, airspace, who.ravel(), grid.ravel()).reshape(grid.shape)
+    for candidate_set in (ALONE_TURN_LEG_PATHS,) if splines_for == "none" else (ALONE_TURN_LEG_PATHS, ALONE_SPLINES):
         tried = np.zeros(grid.shape, dtype=bool)
         while True:
             # On the far side of times that are ruled out there may be others.
             known = inside | ruled_out
             near = np.stack([np.convolve(row, np.ones(2 * _NEAR + 1), "same") > 0.5 for row in known])
             near |= ~inside.any(axis=1, keepdims=True)
-            if choices is DEEP and deep == "lost":
+            if candidate_set is ALONE_SPLINES and splines_for == "unreached":
                 near &= ~inside.any(axis=1, keepdims=True)
             asked = near & ~inside & ~tried
             if not asked.any():
                 break
             tried |= asked
-            inside[asked] = reachable(travellers, airspace, who[asked], grid[asked], levels=(choices,))
+            inside[asked] = reachable(tasks, airspace, who[asked], grid[asked], levels=(candidate_set,))
     return inside
 
 
 def arrival_sets(
-    travellers: Traveller,
+    tasks: AircraftTask,
     airspace: Airspace,
     latest_s: float,
     windows_s: Float[np.ndarray, "aircraft 2"] | None = None,
-    deeply: bool = False,
+    with_splines: bool = False,
     count: int = 40,
     rounds: int = 6,
 ) -> list[list[tuple[float, float]]]:
@@ -135,27 +139,31 @@ def arrival_sets(
 
     A grid, geometric from the earliest conceivable time on or even within each one's window; each edge is then refined
     by bisection to a `2**rounds`-th of the grid's spacing. Gaps and islands narrower than the grid can be missed.
-    Deeply, free motions are tried too where nothing else will do; in windows they are anyway, for an aircraft that has
-    no time at all.
+    With splines, these are tried too where nothing else will do; in windows they are anyway, for an aircraft that
+    has no time at all.
     """
     if windows_s is not None:
         low = windows_s[:, 0]
         grid = low[:, None] + (windows_s[:, 1] - low)[:, None] * np.linspace(0.0, 1.0, _IN_WINDOW)[None, :]
     else:
-        line = travellers.goal_position_n + travellers.rendezvous.stand_off_n - travellers.position_n
+        line = tasks.rendezvous_n - tasks.position_n
         distance = np.linalg.norm(np.asarray(line), axis=1)
-        low = np.clip(distance / (_HELPED * np.asarray(travellers.limits.speed_max)), 2.0, 0.9 * latest_s)
+        low = np.clip(distance / (_OVER_GROUND * np.asarray(tasks.limits.speed_max)), 2.0, 0.9 * latest_s)
         grid = low[:, None] * (latest_s / low)[:, None] ** np.linspace(0.0, 1.0, count)[None, :]
-    fleet = np.flatnonzero(np.asarray(travellers.active) > 0.0)
+    fleet = np.flatnonzero(np.asarray(tasks.active) > 0.0)
     inside = np.zeros(grid.shape, dtype=bool)
-    deep = "all" if deeply else "none" if windows_s is None else "lost"
-    inside[fleet] = _open_times(travellers, airspace, fleet, grid[fleet], deep)
+    splines_for = "all" if with_splines else "none" if windows_s is None else "unreached"
+    inside[fleet] = _open_times(tasks, airspace, fleet, grid[fleet], splines_for)
     row, edge = np.nonzero(inside[:, 1:] != inside[:, :-1])
     low, high, opening = grid[row, edge], grid[row, edge + 1], inside[row, edge + 1]
-    levels = (PLAIN, ALONE, DEEP) if deeply else (PLAIN, ALONE)
+    levels = (
+        (ALONE_STANDARD, ALONE_TURN_LEG_PATHS, ALONE_SPLINES)
+        if with_splines
+        else (ALONE_STANDARD, ALONE_TURN_LEG_PATHS)
+    )
     for _ in range(rounds if row.size else 0):
         middle = 0.5 * (low + high)
-        lower = reachable(travellers, airspace, row, middle, levels=levels) != opening
+        lower = reachable(tasks, airspace, row, middle, levels=levels) != opening
         low, high = np.where(lower, middle, low), np.where(lower, high, middle)
     at = np.where(opening, high, low)  # the end of each edge that lies inside
     refined: list[list[tuple[float, float]]] = []

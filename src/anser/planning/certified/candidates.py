@@ -1,129 +1,278 @@
-"""All the ways in which one aircraft can be at its rendezvous at a given time."""
+"""All the ways in which an aircraft can be at its rendezvous at a given time, from three generators."""
 
 import functools
+from collections.abc import Callable
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
 
-from anser.planning.certified.choices import RACETRACK, Choices
-from anser.planning.certified.detours import (
-    ANGLE_MAX,
-    FIRST,
-    FIXED,
-    HEADINGS,
-    SECOND,
-    SHAPES,
-    Detour,
-    Solved,
-    solve_detour,
-    solve_racetrack,
-)
-from anser.planning.certified.free_shapes import Task, make_closed, make_pace, make_starts, solve_freely
-from anser.planning.certified.profile import Profile, Timetable
-from anser.planning.certified.request import Airspace, Traveller
+from anser.planning.certified.candidate_sets import RACETRACK, CandidateSet
+from anser.planning.certified.clearance import Track, clearance_from_keep_outs
+from anser.planning.certified.delivery import deliver
+from anser.planning.certified.detours import SHAPES, Solved, detour, resolve, solve_detour, solve_racetrack
+from anser.planning.certified.profile import TabulatedProfile
 from anser.planning.certified.route import Ends
+from anser.planning.certified.spline_trajectories import find_splines
+from anser.planning.certified.task import AircraftTask, Airspace
 from anser.planning.certified.timed_profile import TimedProfile, timed_profiles
+from anser.planning.certified.tracking import path_track, sample_profile, shape_track
+from anser.planning.certified.turn_leg_paths import (
+    TurnLegProblem,
+    keep_outs_along_path,
+    make_radius_schedule,
+    make_starts,
+    solve_turn_leg_paths,
+)
+from anser.planning.interface import rows_where
+from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Flag, Scalar, ScalarLike
 
+DETOUR, TURN_LEG_PATH, SPLINE = range(3)
+_PART_REFINED = 0.4  # of the starts of turn-and-leg paths
+_RACETRACK_COST, _TURN_LEG_COST, _SPLINE_COST = 2.0, 3.0, 6.0  # of unusual paths
+_INVALID, _NOT_SEARCHED = 1e6, 1e9
 
-class Candidate(eqx.Module):
-    """One way to be there in time; stacked, all of them.
+
+class Shapes(NamedTuple):
+    """Horizontal shapes of candidates, which make a path together with a profile.
 
     Attributes
     ----------
-    profile
-        Altitude and airspeed by time.
     ends, solved
-        Its horizontal shape.
-    valid
-        Whether it exists within the limits of its aircraft.
-    cost
-        How little it is liked.
-    speed
-        Mean airspeed, m/s.
-    which
+        What each joins, and its turns and legs.
+    profile
         Index of its profile.
     """
 
-    profile: Profile
     ends: Ends
     solved: Solved
+    profile: Count
+
+
+class Candidates(eqx.Module):
+    """What a fleet can choose from: (aircraft, candidate), splines last; of one aircraft: (candidate).
+
+    Attributes
+    ----------
+    generator
+        Where each comes from: `DETOUR`, `TURN_LEG_PATH` or `SPLINE`.
+    valid
+        Whether it exists within the limits of its aircraft.
+    cost
+        How little it is preferred.
+    turned, speed
+        Sum of the sizes of its turns, rad, and its mean airspeed, m/s.
+    tracks
+        Where it is at the instants of the fleet's clock.
+    penetration
+        How far it goes into keep-outs, m.
+    shapes
+        Of all but the splines.
+    profiles
+        Altitude and airspeed by time, by index of the profile: (aircraft, profile).
+    splines
+        Paths of the splines, from time 0 on; None where none were looked for.
+    """
+
+    generator: Int[Array, "*aircraft candidates"]
+    valid: Bool[Array, "*aircraft candidates"]
+    cost: Float[Array, "*aircraft candidates"]
+    turned: Float[Array, "*aircraft candidates"]
+    speed: Float[Array, "*aircraft candidates"]
+    tracks: Track
+    penetration: Float[Array, "*aircraft candidates"]
+    shapes: Shapes
+    profiles: TabulatedProfile
+    splines: TimedPath | None
+
+    def paths(self, start_time: ScalarLike, chosen: Int[Array, " aircraft"]) -> TimedPath:
+        """The path of one candidate of each aircraft of a fleet, from a time (s) on."""
+        fleet, shaped = jnp.arange(chosen.shape[0]), self.shapes.profile.shape[1]
+        shape = jax.tree.map(lambda leaf: leaf[fleet, jnp.minimum(chosen, shaped - 1)], self.shapes)
+        profiles = jax.tree.map(lambda leaf: leaf[fleet, shape.profile], self.profiles)
+        routes = jax.vmap(resolve)(shape.ends, shape.solved)
+        paths = jax.vmap(deliver, in_axes=(None, 0, 0))(start_time, profiles, routes)
+        if self.splines is None:
+            return paths
+        own = jax.tree.map(lambda leaf: leaf[fleet, jnp.maximum(chosen - shaped, 0)], self.splines)
+        own = eqx.tree_at(lambda p: p.times, own, start_time + own.times)
+        return rows_where(chosen >= shaped, own, paths)
+
+
+class _Shaped(NamedTuple):
+    """Candidates with a shape and a profile; fields as of `Candidates`."""
+
+    generator: Count
     valid: Flag
     cost: Scalar
+    turned: Scalar
     speed: Scalar
-    which: Count
+    shapes: Shapes
 
 
-def candidates(
-    traveller: Traveller, airspace: Airspace, duration: ScalarLike, ticks: int, choices: Choices
-) -> tuple[Candidate, Timetable]:
-    """The candidates of one aircraft for a duration (s), and the timetables of the profiles, stacked by profile."""
+def _shaped(generator: int, timed: TimedProfile, solved: Solved, fits: Flag, cost: Scalar, profile: Count) -> _Shaped:
+    valid = timed.within_limits & solved.exists & fits & jnp.isfinite(timed.table.length)
+    turned = jnp.sum(jnp.abs(solved.angles))
+    shapes = Shapes(timed.ends, solved, profile)
+    return _Shaped(jnp.asarray(generator), valid, turned + cost, turned, timed.speed, shapes)
+
+
+def shaped_candidates(
+    task: AircraftTask, airspace: Airspace, duration: ScalarLike, intervals: int, candidate_set: CandidateSet
+) -> tuple[_Shaped, TabulatedProfile]:
+    """Detours and turn-and-leg paths of one aircraft for a duration (s), and their profiles; stacked."""
     duration = jnp.asarray(duration, dtype=float)
-    timed = timed_profiles(traveller, airspace, duration, ticks, choices)
-    numbers = jnp.arange(len(choices.speeds))
-    each_way = jax.vmap(functools.partial(_detoured, traveller, choices), in_axes=(None, None, 0, 0, 0))
-    words, shapes, sides = (jnp.asarray(x) for x in (choices.words, choices.shapes, choices.sides))
-    heights = jnp.asarray(choices.heights)
-    costs = jnp.abs(timed.speed / traveller.speed - 1.0) * 20.0 + jnp.abs(heights) / 400.0
+    timed = timed_profiles(task, airspace, duration, intervals, candidate_set)
+    numbers = jnp.arange(len(candidate_set.speeds))
+    each_way = jax.vmap(functools.partial(_detour, task, candidate_set), in_axes=(None, None, 0, 0, 0))
+    words, shapes, sides = (jnp.asarray(x) for x in (candidate_set.words, candidate_set.shapes, candidate_set.sides))
+    altitude_detours = jnp.asarray(candidate_set.altitude_detours)
+    costs = jnp.abs(timed.speed / task.speed - 1.0) * 20.0 + jnp.abs(altitude_detours) / 400.0
     found = jax.vmap(each_way, in_axes=(0, 0, None, None, None))(timed, (costs, numbers), words, shapes, sides)
-    if choices.starts:
-        free = jax.vmap(functools.partial(_freed, traveller, airspace, choices.starts))(timed, (costs, numbers))
+    if candidate_set.turn_leg_starts:
+        free = jax.vmap(functools.partial(_turn_leg_paths, task, airspace, candidate_set.turn_leg_starts))(
+            timed, (costs, numbers)
+        )
         found = jax.tree.map(lambda a, b: jnp.concatenate([a, b], axis=1), found, free)
     flat = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), found)
-    if choices.most is not None and choices.most < choices.size:
-        best = jnp.argsort(jnp.where(flat.valid, flat.cost, jnp.inf))[: choices.most]
+    if candidate_set.kept is not None and candidate_set.kept < candidate_set.size:
+        best = jnp.argsort(jnp.where(flat.valid, flat.cost, jnp.inf))[: candidate_set.kept]
         flat = jax.tree.map(lambda leaf: leaf[best], flat)
     return flat, timed.table
 
 
-def _candidate(timed: TimedProfile, solved: Solved, fits: Flag, cost: Scalar, which: Count) -> Candidate:
-    valid = timed.good & solved.exists & fits & jnp.isfinite(timed.table.length)
-    turned = jnp.sum(jnp.abs(solved.angles))
-    return Candidate(timed.table.profile, timed.ends, solved, valid, turned + cost, timed.speed, which)
-
-
-def _detoured(
-    traveller: Traveller,
-    choices: Choices,
+def _detour(
+    task: AircraftTask,
+    candidate_set: CandidateSet,
     timed: TimedProfile,
     about: tuple[Scalar, Count],
     word: Count,
     shape: Count,
     side: Count,
-) -> Candidate:
+) -> _Shaped:
     """The direct path of a rank by length, or the detour from it that takes the time."""
     base = jax.tree.map(lambda leaf: leaf[word], timed.direct)
     wanted = timed.table.length
-    bend = jnp.minimum(shape, SHAPES - 1)
-    way = Detour(
-        side * jnp.asarray(HEADINGS)[bend],
-        jnp.asarray(FIRST)[bend],
-        jnp.asarray(SECOND)[bend],
-        jnp.asarray(FIXED)[bend],
-        jnp.asarray(ANGLE_MAX)[bend],
-    )
-    solved = solve_detour(timed.ends, base, way, wanted)
-    if RACETRACK in choices.shapes:
+    solved = solve_detour(timed.ends, base, detour(jnp.minimum(shape, SHAPES - 1), side), wanted)
+    if RACETRACK in candidate_set.shapes:
         held = solve_racetrack(timed.ends, base, side.astype(float), wanted)
         solved = jax.tree.map(lambda a, b: jnp.where(shape == RACETRACK, a, b), held, solved)
-    fits = (traveller.side == 0) | (traveller.side * side > 0)
-    cost, which = about
-    return _candidate(timed, solved, fits, cost + jnp.where(shape == RACETRACK, 2.0, 0.0) + 0.01 * shape, which)
+    fits = (task.side == 0) | (task.side * side > 0)
+    cost, profile = about
+    cost = cost + jnp.where(shape == RACETRACK, _RACETRACK_COST, 0.0) + 0.01 * shape
+    return _shaped(DETOUR, timed, solved, fits, cost, profile)
 
 
-def _freed(
-    traveller: Traveller, airspace: Airspace, starts: int, timed: TimedProfile, about: tuple[Scalar, Count]
-) -> Candidate:
-    """Free shapes that take the time; they bend to any side, so only where either will do."""
-    pace = make_pace(timed.table, timed.ends, traveller.limits, airspace.gravity)
-    closed = make_closed(timed.table, airspace.keep_outs)
+def _turn_leg_paths(
+    task: AircraftTask, airspace: Airspace, starts: int, timed: TimedProfile, about: tuple[Scalar, Count]
+) -> _Shaped:
+    """Turn-and-leg paths that take the time; they bend to any side, so only where either will do."""
+    schedule = make_radius_schedule(timed.table, timed.ends, task.limits, airspace.gravity)
+    keep_outs = keep_outs_along_path(timed.table, airspace.keep_outs)
+    problem = TurnLegProblem(timed.ends, schedule, keep_outs, timed.table.length)
+    solved = solve_turn_leg_paths(problem, make_starts(starts), int(_PART_REFINED * starts))
+    cost, profile = about
+    return jax.vmap(lambda one: _shaped(TURN_LEG_PATH, timed, one, task.side == 0, cost + _TURN_LEG_COST, profile))(
+        solved
+    )
 
-    task = Task(timed.ends, pace, closed, timed.table.length)
-    solved = solve_freely(task, make_starts(starts), int(_GOING_ON * starts))
-    cost, which = about
-    return jax.vmap(lambda one: _candidate(timed, one, traveller.side == 0, cost + _FREE, which))(solved)
+
+def _aircraft_candidates(
+    airspace: Airspace,
+    intervals: int,
+    times: Float[Array, " instants"],
+    candidate_set: CandidateSet,
+    task: AircraftTask,
+    duration: Scalar,
+) -> Candidates:
+    """The candidates of one aircraft."""
+    found, profiles = shaped_candidates(task, airspace, duration, intervals, candidate_set)
+    samples = jax.vmap(lambda profile: sample_profile(profile, times))(profiles)
+
+    def tracked(shape: Shapes, speed: Scalar) -> tuple[Track, Flag]:
+        profile, sampled = jax.tree.map(lambda leaf: leaf[shape.profile], (profiles, samples))
+        about = task.limits, airspace.gravity, task.active
+        return shape_track(shape.ends, shape.solved, speed, profile, sampled, times, *about)
+
+    tracks, within_limits = jax.vmap(tracked)(found.shapes, found.speed)
+    common = (found.generator, found.valid & within_limits, found.cost, found.turned, found.speed, tracks)
+    paths = None
+    if candidate_set.spline_starts:
+        starts, kept = candidate_set.spline_starts, candidate_set.splines_kept
+        splines = find_splines(task, airspace, duration, intervals, starts, kept)
+        paths = splines.paths
+        # A path that ends before the last one has shorter intervals than the grid.
+        own = jax.vmap(lambda path, a: path_track(path, a, task.active, times))(paths, splines.accelerations)
+        cost = jnp.where(splines.valid, _SPLINE_COST + splines.turned, _INVALID)
+        more = (jnp.full(kept, SPLINE), splines.valid, cost, splines.turned, splines.speeds, own)
+        common = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), common, more)
+    generator, valid, cost, turned, speed, tracks = common
+    clearance = jax.vmap(lambda one: clearance_from_keep_outs(one, times, airspace.keep_outs))(tracks)
+    penetration = jnp.sum(jnp.maximum(-clearance, 0.0), axis=-1)
+    return Candidates(generator, valid, cost, turned, speed, tracks, penetration, found.shapes, profiles, paths)
 
 
-_GOING_ON = 0.4  # part of the starts
-_FREE = 3.0  # cost of a path without a shape that one would expect
+def fleet_candidates(
+    tasks: AircraftTask,
+    airspace: Airspace,
+    durations: Float[Array, " aircraft"],
+    intervals: int,
+    instants: int,
+    candidate_set: CandidateSet,
+    extra_for: Bool[Array, " aircraft"] | None = None,
+) -> Candidates:
+    """All candidates of a fleet, with their tracks on one grid of instants up to the last arrival.
+
+    Parameters
+    ----------
+    tasks, airspace, durations
+        What is asked: stacked, s.
+    intervals, instants
+        Even intervals of the paths and of the grid.
+    candidate_set
+        What to look at.
+    extra_for
+        Aircraft for which `candidate_set.extra` is looked at too; None: all that are active.
+    """
+    times = jnp.max(durations) / instants * jnp.arange(instants + 1)
+
+    def one_of(some: CandidateSet) -> Callable[[AircraftTask, Scalar], Candidates]:
+        return functools.partial(_aircraft_candidates, airspace, intervals, times, some)
+
+    found = jax.vmap(one_of(candidate_set))(tasks, durations)
+    if candidate_set.extra is None:
+        return found
+    wanted = tasks.active > 0.0 if extra_for is None else extra_for
+    return _joined(found, _for_some(jax.jit(one_of(candidate_set.extra)), tasks, durations, wanted))
+
+
+def _for_some(
+    one: Callable[[AircraftTask, Scalar], Candidates],
+    tasks: AircraftTask,
+    durations: Float[Array, " aircraft"],
+    wanted: Bool[Array, " aircraft"],
+) -> Candidates:
+    """Candidates of some aircraft, one after the other, so that the others cost nothing; they have none."""
+    first = jax.tree.map(lambda leaf: leaf[0], (tasks, durations))
+    fleet = wanted.shape[0]
+    empty = jax.tree.map(lambda leaf: jnp.zeros((fleet, *leaf.shape), leaf.dtype), jax.eval_shape(one, *first))
+    # What was not looked for is no path: it is not chosen even where nothing is valid.
+    empty = eqx.tree_at(lambda o: o.cost, empty, jnp.full_like(empty.cost, _NOT_SEARCHED))
+    queue = jnp.argsort(~wanted, stable=True)
+
+    def add(k: Count, found: Candidates) -> Candidates:
+        own = one(*jax.tree.map(lambda leaf: leaf[queue[k]], (tasks, durations)))
+        return jax.tree.map(lambda all_, leaf: all_.at[queue[k]].set(leaf), found, own)
+
+    return jax.lax.fori_loop(0, jnp.sum(wanted), add, empty)
+
+
+def _joined(first: Candidates, extra: Candidates) -> Candidates:
+    """Two sets of candidates of each aircraft as one; there are splines in the second only."""
+    later = eqx.tree_at(lambda c: c.shapes.profile, extra, extra.shapes.profile + first.profiles.length.shape[1])
+    shaped = eqx.tree_at(lambda c: c.splines, later, None)
+    both = jax.tree.map(lambda a, b: jnp.concatenate([a, b], axis=1), first, shaped)
+    return eqx.tree_at(lambda c: c.splines, both, extra.splines, is_leaf=lambda leaf: leaf is None)

@@ -161,13 +161,13 @@ def _bank_and_load(
 
     level_low, level_high = _root_bounds(level_square, error)
     speed_low, speed_high = _root_bounds(square, error)
-    push = _root(bernstein.bounds(_square(acceleration))[1])
+    a_max = _root(bernstein.bounds(_square(acceleration))[1])
     lift_low = bernstein.bounds(lifting)[0]
     # What an error of the velocity adds: to A, and to D.
-    more_across = error * push
+    more_across = error * a_max
     more_lifting = error * (2.0 * level_high + error) * jnp.max(jnp.abs(gravity - to_down), axis=1)
-    more_lifting = more_lifting + error * (jnp.max(jnp.abs(along), axis=1) + push * jnp.max(jnp.abs(down), axis=1))
-    more_lifting = more_lifting + error**2 * push
+    more_lifting = more_lifting + error * (jnp.max(jnp.abs(along), axis=1) + a_max * jnp.max(jnp.abs(down), axis=1))
+    more_lifting = more_lifting + error**2 * a_max
     least = lift_low - more_lifting
     banked = (least > 0.0) & (speed_low > 0.0) & (level_low > 0.0)
     safe, slow, narrow = (jnp.where(banked, x, 1.0) for x in (least, speed_low, level_low))
@@ -176,7 +176,7 @@ def _bank_and_load(
     load = _root(_most_ratio(side_square + lift_square, both, banked)) + more_across / narrow
     load = (load + more_lifting / (slow * narrow)) * (1.0 + error / slow) * (1.0 + error / narrow)
     # Upside down or too slow to tell: the acceleration and gravity together bound the load even so.
-    return jnp.where(banked, jnp.arctan(tangent), jnp.pi / 2), jnp.where(banked, load / gravity, push / gravity + 1.0)
+    return jnp.where(banked, jnp.arctan(tangent), jnp.pi / 2), jnp.where(banked, load / gravity, a_max / gravity + 1.0)
 
 
 def _most_ratio(upper: Cells, lower: Cells, sound: Bool[Array, " cells"]) -> Float[Array, " cells"]:
@@ -210,7 +210,7 @@ def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> Pat
 
     square, level_square = _square(velocity), _square(velocity[:, :2])
     speed_low, speed_high = _root_bounds(square, error)
-    push = _root(bernstein.bounds(_square(acceleration))[1])
+    a_max = _root(bernstein.bounds(_square(acceleration))[1])
     slow, fast = jnp.maximum(speed_low, _TINY), jnp.maximum(speed_high, _TINY)
 
     up_rate_low, up_rate_high = bernstein.bounds(-velocity[:, 2])
@@ -220,11 +220,11 @@ def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> Pat
 
     # V V_dot = v . a for the air's own velocity; the drift's share is a few hundredths.
     work = jnp.sum(bernstein.product(velocity, acceleration), axis=1) + gravity * bernstein.elevate(-velocity[:, 2], 7)
-    slack = error * (push + gravity)
+    margin = error * (a_max + gravity)
     # The speed with which it is compared may be off by the error.
     off = 1.0 + error / slow
-    forward = off * _most_over_root(work, square, slow, fast) + slack / slow
-    backward = off * _most_over_root(-work, square, slow, fast) + slack / slow
+    forward = off * _most_over_root(work, square, slow, fast) + margin / slow
+    backward = off * _most_over_root(-work, square, slow, fast) + margin / slow
     down_low, down_high = bernstein.bounds(ground[:, 2])
     return PathBounds(
         speed_min=least(speed_low),
@@ -237,7 +237,7 @@ def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> Pat
         acceleration_max=most(forward),
         deceleration_max=most(backward),
         wind_error_max=most(error),
-        cell_acceleration=jnp.where(real, push, 0.0),
+        cell_acceleration=jnp.where(real, a_max, 0.0),
     )
 
 

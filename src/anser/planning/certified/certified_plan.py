@@ -8,21 +8,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from anser.numerics import compiled_by_older_generator
+from anser.planning.certified.broad_phase import INTERVALS_PER_CYLINDER, fleet_clearance_ratio, fleet_cylinders
+from anser.planning.certified.candidate_sets import CandidateSet
+from anser.planning.certified.candidates import SPLINE, fleet_candidates
 from anser.planning.certified.certificate import PathBounds, excess, path_bounds
-from anser.planning.certified.choices import Choices
-from anser.planning.certified.conflicts import Track, keep_out_room
-from anser.planning.certified.crowd import BLOCK, crowd_blocks, fleet_use
-from anser.planning.certified.delivery import deliver
-from anser.planning.certified.detours import resolve
-from anser.planning.certified.placement import (
-    Placed,
-    chosen_motions,
-    chosen_of,
-    fewest_first,
-    make_options,
-    place,
-)
-from anser.planning.certified.request import Airspace, Traveller
+from anser.planning.certified.clearance import Track, clearance_from_keep_outs
+from anser.planning.certified.placement import Placement, fewest_first, place
+from anser.planning.certified.task import AircraftTask, Airspace
 from anser.planning.certified.tracking import path_track
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Flag, Scalar, ScalarLike
@@ -40,27 +32,27 @@ class Certificate(eqx.Module):
         Of each path.
     excess
         By how much each passes each limit, as a part of it, in the order of `CERTIFIED_LIMITS`; positive: broken.
-    room
+    clearance_ratio
         Of each pair, the least ratio of distance to separation, or less; 1 is enough. Infinite for an aircraft and
-        itself. In a large fleet it is exact for the nearest only, see `anser.planning.certified.crowd.fleet_use`.
-    closed_room
-        How far each stays out of each closed volume at least, m.
+        itself. In a large fleet it is exact for the nearest only, see `anser.planning.certified.broad_phase`.
+    keep_out_clearance
+        How far each stays out of each keep-out at least, m.
     """
 
     bounds: PathBounds
     excess: Float[Array, "aircraft limits"]
-    room: Float[Array, "aircraft aircraft"]
-    closed_room: Float[Array, "aircraft volumes"]
+    clearance_ratio: Float[Array, "aircraft aircraft"]
+    keep_out_clearance: Float[Array, "aircraft volumes"]
 
     @property
     def kept_alone(self) -> Bool[Array, " aircraft"]:
         """Whether each aircraft keeps everything but its distance from others."""
-        return jnp.all(self.excess <= _ROUNDING, axis=1) & jnp.all(self.closed_room >= -_ROUNDING_M, axis=1)
+        return jnp.all(self.excess <= _ROUNDING, axis=1) & jnp.all(self.keep_out_clearance >= -_ROUNDING_M, axis=1)
 
     @property
     def kept(self) -> Bool[Array, " aircraft"]:
         """Whether each aircraft keeps everything."""
-        return self.kept_alone & jnp.all(self.room >= 1.0 - _ROUNDING, axis=1)
+        return self.kept_alone & jnp.all(self.clearance_ratio >= 1.0 - _ROUNDING, axis=1)
 
 
 _ROUNDING = 1e-7  # as a part of a limit: a path that starts at it is not refused for rounding
@@ -97,76 +89,53 @@ class CertifiedPlan(eqx.Module):
     speeds: Float[Array, " aircraft"]
 
     @property
-    def trajectories(self) -> TimedPath:
-        """The paths, under the name that all plans have for them."""
-        return self.paths
-
-    @property
-    def lateral_bends(self) -> Float[Array, " aircraft"]:
-        """NaN: these paths have no such parameter."""
-        return jnp.full_like(self.lengths, jnp.nan)
-
-    @property
-    def statuses(self) -> Int[Array, " aircraft"]:
-        """Zero, "planned": a fleet without a plan is refused before it flies."""
-        return jnp.zeros(self.lengths.shape, dtype=jnp.int32)
-
-    @property
-    def good(self) -> Bool[Array, " aircraft"]:
+    def feasible(self) -> Bool[Array, " aircraft"]:
         """Whether each aircraft's path is there and keeps everything."""
         return self.valid & self.certificate.kept
 
 
 def certify(
-    paths: TimedPath, travellers: Traveller, airspace: Airspace, ticks: int, since: ScalarLike = -jnp.inf
+    paths: TimedPath, tasks: AircraftTask, airspace: Airspace, intervals: int, since: ScalarLike = -jnp.inf
 ) -> Certificate:
-    """Bounds of stacked paths; `ticks` even intervals lie between the knots of each.
+    """Bounds of stacked paths; `intervals` even intervals lie between the knots of each.
 
     Limits are looked at over whole paths, distances from a time (s) on.
     """
     bounds = jax.vmap(path_bounds, in_axes=(0, None, None))(paths, airspace.wind, airspace.gravity)
-    over = jax.vmap(excess)(bounds, travellers.limits)
+    over = jax.vmap(excess)(bounds, tasks.limits)
     # A path that is none, which its own bounds tell, must not hide the others.
     starts, ends = paths.times[:, 0], paths.times[:, -1]
     start = jnp.min(jnp.where(jnp.isfinite(starts), starts, jnp.inf))
     end = jnp.max(jnp.where(jnp.isfinite(ends), ends, -jnp.inf))
-    times = start + (end - start) * jnp.linspace(0.0, 1.0, FINE * ticks + 1)
+    times = start + (end - start) * jnp.linspace(0.0, 1.0, FINE * intervals + 1)
 
     def tracked(path: TimedPath, accelerations: Array, active: Scalar) -> Track:
         return path_track(path, accelerations, active, times, since)
 
-    tracks = jax.vmap(tracked)(paths, bounds.cell_acceleration, travellers.active)
+    tracks = jax.vmap(tracked)(paths, bounds.cell_acceleration, tasks.active)
     fleet = paths.times.shape[0]
-    blocks, everyone = crowd_blocks(tracks, fleet, FINE * BLOCK), jnp.arange(fleet)
+    cylinders, everyone = fleet_cylinders(tracks, fleet, FINE * INTERVALS_PER_CYLINDER), jnp.arange(fleet)
 
-    def room_of(who: Count) -> Float[Array, " aircraft"]:
-        one, own = jax.tree.map(lambda leaf: leaf[who], (tracks, blocks))
-        return fleet_use(
-            one,
-            own,
-            blocks,
-            lambda some: jax.tree.map(lambda leaf: leaf[some], tracks),
-            everyone != who,
-            airspace.separation,
-        )
+    def ratios_of(who: Count) -> Float[Array, " aircraft"]:
+        def tracks_of(some: Int[Array, " some"]) -> Track:
+            return jax.tree.map(lambda leaf: leaf[some], tracks)
 
-    room = jax.lax.map(room_of, everyone)
-    volumes = airspace.keep_outs
-    if volumes.radius.shape[0]:
-        closed = jax.lax.map(lambda one: keep_out_room(one, times, volumes), tracks)
-    else:
-        closed = jnp.zeros((fleet, 0))
-    return Certificate(bounds, over, room, closed)
+        one, own = jax.tree.map(lambda leaf: leaf[who], (tracks, cylinders))
+        return fleet_clearance_ratio(one, own, cylinders, tracks_of, everyone != who, airspace.separation)
+
+    ratios = jax.lax.map(ratios_of, everyone)
+    clearance = jax.lax.map(lambda one: clearance_from_keep_outs(one, times, airspace.keep_outs), tracks)
+    return Certificate(bounds, over, ratios, clearance)
 
 
 def plan_fleet_at(
     start_time: ScalarLike,
-    travellers: Traveller,
+    tasks: AircraftTask,
     airspace: Airspace,
     durations: Float[Array, " aircraft"],
-    ticks: int,
-    choices: Choices,
-    sought: Bool[Array, " aircraft"] | None = None,
+    intervals: int,
+    candidate_set: CandidateSet,
+    extra_for: Bool[Array, " aircraft"] | None = None,
 ) -> CertifiedPlan:
     """Plan a fleet for given durations.
 
@@ -174,72 +143,60 @@ def plan_fleet_at(
     ----------
     start_time
         Now, s.
-    travellers
+    tasks
         Stacked.
     airspace
         What they share.
     durations
         Time to each rendezvous, s.
-    ticks
+    intervals
         Even intervals between the knots of a path.
-    choices
+    candidate_set
         Candidates to look at.
-    sought
-        Aircraft for which candidates beyond these are looked at too, see `Choices.beyond`; None: all.
+    extra_for
+        Aircraft for which candidates beyond these are looked at too, see `CandidateSet.beyond`; None: all.
     """
     volumes = airspace.keep_outs
     begun = eqx.tree_at(
         lambda a: a.keep_outs.position_n, airspace, volumes.position_n + start_time * volumes.velocity_n
     )
-    options = make_options(travellers, begun, durations, ticks, ticks, choices, sought)
+    candidates = fleet_candidates(tasks, begun, durations, intervals, intervals, candidate_set, extra_for)
+    fleet = jnp.arange(durations.shape[0])
 
-    def placed_of(valid: Bool[Array, "aircraft candidates"]) -> tuple[CertifiedPlan, Placed]:
-        left = eqx.tree_at(lambda o: o.valid, options, valid)
+    def placed_of(valid: Bool[Array, "aircraft candidates"]) -> tuple[CertifiedPlan, Placement]:
+        left = eqx.tree_at(lambda c: c.valid, candidates, valid)
         placed = place(left, airspace.separation, fewest_first(left))
-        candidate, tables = chosen_of(left, placed)
-        shapes = jax.vmap(resolve)(candidate.ends, candidate.solved)
-        paths = jax.vmap(deliver, in_axes=(None, 0, 0))(start_time, tables, shapes)
-        about = (paths, jnp.sum(jnp.abs(candidate.solved.angles), axis=1), candidate.speed)
-        if options.motions is not None:
-            own = chosen_motions(options.motions, placed.chosen - options.candidates.valid.shape[1])
-            own_paths = eqx.tree_at(lambda p: p.times, own.paths, start_time + own.paths.times)
-            moved = placed.chosen >= options.candidates.valid.shape[1]
-            about = jax.tree.map(
-                lambda a, b: jnp.where(moved.reshape(-1, *[1] * (a.ndim - 1)), a, b),
-                (own_paths, own.turned, own.speeds),
-                about,
-            )
-        paths, turned, speeds = about
+        paths = candidates.paths(start_time, placed.chosen)
         plan = CertifiedPlan(
             paths=paths,
             arrival_times=start_time + durations,
-            certificate=certify(paths, travellers, airspace, ticks),
+            certificate=certify(paths, tasks, airspace, intervals),
             valid=placed.valid,
             lengths=jax.vmap(TimedPath.air_length)(paths),
-            turned=turned,
-            speeds=speeds,
+            turned=candidates.turned[fleet, placed.chosen],
+            speeds=candidates.speed[fleet, placed.chosen],
         )
         return plan, placed
 
-    if choices.rounds == 1:
-        return placed_of(options.valid)[0]
-    # Where one with a shape is turned down and there are free motions, these have been certified already.
-    ordinary = jnp.arange(options.valid.shape[1]) < options.candidates.valid.shape[1]
-    given_up = ordinary[None, :] & jnp.any(options.valid & ~ordinary[None, :], axis=1, keepdims=True)
-    return _best_placed(placed_of, options.valid, given_up, travellers.active > 0.0, choices.rounds)
+    if candidate_set.rounds == 1:
+        return placed_of(candidates.valid)[0]
+    # Splines have been certified already: an aircraft that has some gives up the others when one is rejected.
+    uncertified = candidates.generator != SPLINE
+    given_up = uncertified & jnp.any(candidates.valid & ~uncertified, axis=1, keepdims=True)
+    return _best_placed(placed_of, candidates.valid, given_up, tasks.active > 0.0, candidate_set.rounds)
 
 
 def _best_placed(
-    placed_of: Callable[[Bool[Array, "aircraft candidates"]], tuple[CertifiedPlan, Placed]],
+    placed_of: Callable[[Bool[Array, "aircraft candidates"]], tuple[CertifiedPlan, Placement]],
     valid: Bool[Array, "aircraft candidates"],
     given_up: Bool[Array, "aircraft candidates"],
     active: Bool[Array, " aircraft"],
     rounds: int,
 ) -> CertifiedPlan:
-    """The plan with the fewest aircraft in trouble, placed again without the candidates that a certificate turns down.
+    """The plan in which the fewest aircraft fail, placed again without the candidates that a certificate rejects.
 
     With the first of its candidates, an aircraft loses those that are given up. What a candidate is held to is looked
-    at from instant to instant; its certificate bounds what lies between too, and may find a limit passed by a hair.
+    at from instant to instant; its certificate bounds what lies between too, and may find a limit violated by little.
     """
     fleet = jnp.arange(valid.shape[0])
 
@@ -248,11 +205,11 @@ def _best_placed(
     ) -> tuple[Count, Array, Array, CertifiedPlan, Flag]:
         turn, left, fewest, best, _ = carry
         plan, placed = placed_of(left)
-        trouble = jnp.sum(active & ~plan.good)
-        down = active & plan.valid & ~plan.certificate.kept_alone
-        best = jax.tree.map(lambda a, b: jnp.where(trouble < fewest, a, b), plan, best)
-        left = left.at[fleet, placed.chosen].min(~down) & ~(given_up & down[:, None])
-        return turn + 1, left, jnp.minimum(trouble, fewest), best, (trouble > 0) & jnp.any(down)
+        failed = jnp.sum(active & ~plan.feasible)
+        rejected = active & plan.valid & ~plan.certificate.kept_alone
+        best = jax.tree.map(lambda a, b: jnp.where(failed < fewest, a, b), plan, best)
+        left = left.at[fleet, placed.chosen].min(~rejected) & ~(given_up & rejected[:, None])
+        return turn + 1, left, jnp.minimum(failed, fewest), best, (failed > 0) & jnp.any(rejected)
 
     placed_of = jax.jit(placed_of)  # traced once, though its shapes are asked for first
     shape, _ = jax.eval_shape(placed_of, valid)
@@ -261,10 +218,10 @@ def _best_placed(
     return jax.lax.while_loop(lambda c: (c[0] < rounds) & c[4], again, begin)[3]
 
 
-plan_at = compiled_by_older_generator(static_argnames=("ticks", "choices"))(plan_fleet_at)
+plan_at = compiled_by_older_generator(static_argnames=("intervals", "candidate_set"))(plan_fleet_at)
 """`plan_fleet_at`, compiled."""
 
 
-def ticks_for(duration_s: float) -> int:
+def intervals_for(duration_s: float) -> int:
     """Even intervals for a path of a duration: a power of two from 64 to 2048, at most 2 s long where that will do."""
-    return next((ticks for ticks in (64, 128, 256, 512, 1024) if 2.0 * ticks >= duration_s), 2048)
+    return next((intervals for intervals in (64, 128, 256, 512, 1024) if 2.0 * intervals >= duration_s), 2048)

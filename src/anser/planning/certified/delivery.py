@@ -1,10 +1,10 @@
-"""From shape and timetable to the path that is delivered."""
+"""From shape and tabulated profile to the path that is delivered."""
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from anser.planning.certified.profile import Timetable, flown_between
+from anser.planning.certified.profile import TabulatedProfile, flown_between
 from anser.planning.certified.route import Route
 from anser.planning.certified.smooth_turn import cis
 from anser.planning.timed_path import TimedPath
@@ -13,9 +13,9 @@ from anser.shapes import Scalar, ScalarLike, Vector3
 _CLOSE_S = 0.02  # knots closer than this become one: differences of positions keep their digits in the accelerations
 
 
-def _knots(marks: Float[Array, " marks"], duration: Scalar, ticks: int) -> Float[Array, " knots"]:
+def _knots(marks: Float[Array, " marks"], duration: Scalar, intervals: int) -> Float[Array, " knots"]:
     """Equal intervals and the given times (s), in order, none closer than `_CLOSE_S` unless equal."""
-    even = duration * jnp.linspace(0.0, 1.0, ticks + 1)
+    even = duration * jnp.linspace(0.0, 1.0, intervals + 1)
     times = jnp.sort(jnp.concatenate([even, jnp.clip(marks, 0.0, duration)]))
     times = jnp.where(duration - times < _CLOSE_S, duration, times)
 
@@ -26,7 +26,7 @@ def _knots(marks: Float[Array, " marks"], duration: Scalar, ticks: int) -> Float
     return jax.lax.scan(merge, jnp.zeros(()), times)[1]
 
 
-def deliver(start_time: ScalarLike, table: Timetable, shape: Route) -> TimedPath:
+def deliver(start_time: ScalarLike, table: TabulatedProfile, shape: Route) -> TimedPath:
     """Path with knots at equal intervals and wherever curvature, climb or speed has a kink.
 
     Parameters
@@ -41,7 +41,7 @@ def deliver(start_time: ScalarLike, table: Timetable, shape: Route) -> TimedPath
     duration = table.profile.duration
     marks = jax.vmap(table.time_at)(shape.marks[1:-1] * (table.length / jnp.maximum(shape.length, 1.0)))
     times = _knots(jnp.concatenate([marks, table.profile.kinks]), duration, table.lengths.shape[0] - 1)
-    # From knot to knot, where nothing kinks: the table's lengths are a little off where a kink lies between its ticks,
+    # From knot to knot, where nothing kinks: the table's lengths are a little off where a kink lies within an interval,
     # and in a cell of some hundredths of a second a tenth of a millimetre is an acceleration of 1 m/s^2.
     flown, drifted = jax.vmap(lambda begin, span: flown_between(table.profile, table.wind, begin, span))(
         times[:-1], times[1:] - times[:-1]

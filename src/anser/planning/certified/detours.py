@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from anser.numerics.secant import bracketed_secant
 from anser.planning.certified.route import Ends, Route, route, turned_through, unwind
 from anser.planning.certified.smooth_turn import cis, smooth_turn
-from anser.shapes import Flag, Scalar, ScalarLike
+from anser.shapes import Count, Flag, Scalar, ScalarLike
 
 TURN = 2 * np.pi
 # Senses of the first and the last turn.
@@ -132,15 +132,10 @@ class Detour(eqx.Module):
     angle_max: Scalar
 
 
-def detour(shape: int, side: float) -> Detour:
+def detour(shape: Count | int, side: ScalarLike) -> Detour:
     """One of the shapes (0 to SHAPES - 1), to a side (+1 right, -1 left)."""
-    return Detour(
-        jnp.asarray(side * HEADINGS[shape]),
-        jnp.asarray(FIRST[shape]),
-        jnp.asarray(SECOND[shape]),
-        jnp.asarray(FIXED[shape]),
-        jnp.asarray(ANGLE_MAX[shape]),
-    )
+    headings, *others = (jnp.asarray(table)[shape] for table in (HEADINGS, FIRST, SECOND, FIXED, ANGLE_MAX))
+    return Detour(side * headings, *others)
 
 
 def _turn_angles(base: Direct, way: Detour, angle: ScalarLike, free: Flag) -> Float[Array, "4"]:

@@ -24,14 +24,14 @@ _SPEED_RATES = (0.8, 0.8)  # m/s^2, gaining and losing
 _SHORTEST_RAMP_S = 2.0
 _GENTLE_RAMP_S = 20.0  # of a small change of climb: shorter, it would take more of the lift than it gains in time
 _LEVEL_OFF_ROUNDS = 3
-_DETOUR_RATE, _DETOUR_PUSH = 3.44, 24.0  # greatest slope and second derivative of 64 (s (1 - s))^3
+_DETOUR_RATE, _DETOUR_ACCELERATION = 3.44, 24.0  # greatest slope and second derivative of 64 (s (1 - s))^3
 _FADING_RATE = 0.053  # greatest slope of t^2/2 (1 - t)^4
 KINKS = 5
 """Times at which a third derivative of a profile jumps."""
 _SQUARE_MIN = 1.0  # (m/s)^2: keeps the horizontal airspeed of a vertical path finite; such a path is refused
 
 
-class Motion(eqx.Module):
+class ProfileState(eqx.Module):
     """State of the climb and of the speed at one time."""
 
     altitude: Scalar
@@ -104,7 +104,7 @@ class Profile(eqx.Module):
         return self.speed_1 + (early + late + self.speed_dot_0 * _faded(self.duration)) / self.duration
 
     @property
-    def steepest(self) -> tuple[Scalar, Scalar]:
+    def climb_bounds(self) -> tuple[Scalar, Scalar]:
         """Bounds of the vertical speed over the ground, m/s, and of its rate, m/s^2."""
         ends = jnp.maximum(jnp.abs(self.climb_0), jnp.abs(self.climb_1))
         change = jnp.maximum(jnp.abs(self.plateau - self.climb_0), jnp.abs(self.climb_1 - self.plateau))
@@ -112,10 +112,11 @@ class Profile(eqx.Module):
         detour = jnp.abs(self.detour)
         climb = jnp.maximum(ends, jnp.abs(self.plateau)) + _DETOUR_RATE * detour / self.duration
         climb = climb + _FADING_RATE * jnp.abs(self.climb_dot_0) * fade
-        push = 1.5 * change / self.climb_ramp + _DETOUR_PUSH * detour / self.duration**2 + jnp.abs(self.climb_dot_0)
-        return climb, push
+        rate = 1.5 * change / self.climb_ramp + _DETOUR_ACCELERATION * detour / self.duration**2
+        rate = rate + jnp.abs(self.climb_dot_0)
+        return climb, rate
 
-    def at(self, t: ScalarLike) -> Motion:
+    def at(self, t: ScalarLike) -> ProfileState:
         """State `t` seconds after the start."""
         ramp, total = self.climb_ramp, self.duration
         rise, rise_dot, risen = _step(t / ramp)
@@ -131,7 +132,7 @@ class Profile(eqx.Module):
         late, late_dot, _ = _step((t - total + self.speed_ramp_2) / self.speed_ramp_2)
         up, up_late = self.speed_1 - self.speed_0, self.speed_2 - self.speed_1
         f0, f1 = _fading_speed(t, fade)
-        return Motion(
+        return ProfileState(
             altitude=self.altitude_0
             + self.climb_0 * t
             + ramp * (to * risen + back * fallen)
@@ -257,7 +258,7 @@ def make_profile(
     return Profile(*(jnp.asarray(x, dtype=float) for x in numbers))
 
 
-class Timetable(eqx.Module):
+class TabulatedProfile(eqx.Module):
     """A profile in a wind, tabulated at equal intervals.
 
     Attributes
@@ -274,8 +275,8 @@ class Timetable(eqx.Module):
 
     profile: Profile
     wind: AbstractWind
-    lengths: Float[Array, " ticks"]
-    drifts_n: Float[Array, "ticks 3"]
+    lengths: Float[Array, " intervals"]
+    drifts_n: Float[Array, "intervals 3"]
 
     @property
     def length(self) -> Scalar:
@@ -287,7 +288,7 @@ class Timetable(eqx.Module):
         """Of the air in all, NED, m."""
         return self.drifts_n[..., -1, :]
 
-    def _tick(self, t: ScalarLike) -> tuple[Count, Scalar]:
+    def _interval(self, t: ScalarLike) -> tuple[Count, Scalar]:
         count = self.lengths.shape[0] - 1
         step = self.profile.duration / count
         k = jnp.clip(jnp.floor(t / step).astype(jnp.int32), 0, count - 1)
@@ -299,12 +300,12 @@ class Timetable(eqx.Module):
 
     def length_at(self, t: ScalarLike) -> Scalar:
         """Horizontal length flown by a time, m."""
-        k, begun = self._tick(t)
+        k, begun = self._interval(t)
         return self.lengths[k] + flown_between(self.profile, self.wind, begun, t - begun)[0]
 
     def drift_at(self, t: ScalarLike) -> Vector3:
         """Drift of the air by a time, NED, m."""
-        k, begun = self._tick(t)
+        k, begun = self._interval(t)
         return self.drifts_n[k] + flown_between(self.profile, self.wind, begun, t - begun)[1]
 
     def time_at(self, length: ScalarLike) -> Scalar:
@@ -335,13 +336,13 @@ def flown_between(profile: Profile, wind: AbstractWind, begin: ScalarLike, span:
     return jnp.sum(weights * speeds), jnp.sum(weights[:, None] * winds, axis=0)
 
 
-def tabulate(profile: Profile, wind: AbstractWind, ticks: int) -> Timetable:
-    """Tabulate a profile at `ticks` equal intervals."""
-    step = profile.duration / ticks
+def tabulate(profile: Profile, wind: AbstractWind, intervals: int) -> TabulatedProfile:
+    """Tabulate a profile at `intervals` equal intervals."""
+    step = profile.duration / intervals
     lengths, drifts = jax.vmap(lambda k: flown_between(profile, wind, k * step, step))(
-        jnp.asarray(np.arange(ticks) * 1.0)
+        jnp.asarray(np.arange(intervals) * 1.0)
     )
-    return Timetable(
+    return TabulatedProfile(
         profile,
         wind,
         jnp.concatenate([jnp.zeros(1), jnp.cumsum(lengths)]),
@@ -349,8 +350,8 @@ def tabulate(profile: Profile, wind: AbstractWind, ticks: int) -> Timetable:
     )
 
 
-def profile_excess(table: Timetable, limits: PathLimits, gravity: ScalarLike) -> Float[Array, "6"]:
-    """By how much a profile breaks each limit, at most, on its ticks; negative: what is left.
+def profile_excess(table: TabulatedProfile, limits: PathLimits, gravity: ScalarLike) -> Float[Array, "6"]:
+    """By how much a profile breaks each limit, at most, on its intervals; negative: what is left.
 
     Speed too low and too high (m/s), climb rate (m/s), too low and too high (m), acceleration (m/s^2).
     """

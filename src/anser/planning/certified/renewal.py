@@ -5,15 +5,16 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from anser.planning.certified.candidate_sets import MINIMAL
 from anser.planning.certified.certified_plan import CertifiedPlan, certify, plan_fleet_at
-from anser.planning.certified.choices import FEW
 from anser.planning.certified.profile import KINKS
-from anser.planning.certified.request import Airspace, Traveller
 from anser.planning.certified.route import PIECES
+from anser.planning.certified.task import AircraftTask, Airspace
+from anser.planning.interface import rows_where
 from anser.planning.timed_path import TimedPath
-from anser.shapes import Count, Flag, ScalarLike, Vector3
+from anser.shapes import Count, Flag, ScalarLike
 
-FIRST, CORRECTED, ANEW, LAST_GOOD = range(4)
+FIRST, CORRECTED, REPLANNED, KEPT = range(4)
 RENEWAL_MESSAGES = (
     "the first plan",
     "the plan in force, bent to where the rendezvous is now expected",
@@ -26,22 +27,18 @@ _SAME_PLACE_M = 1e-6
 _LATER = (1.0, 1.03, 1.08, 1.15)  # of the longest time to go, where the arrival time is free
 
 
-def ticks_of(paths: TimedPath) -> int:
+def intervals_of(paths: TimedPath) -> int:
     """Even intervals between the knots of a path."""
     return paths.times.shape[-1] - 1 - (PIECES - 1) - KINKS
 
 
-def _meeting_n(traveller: Traveller, after: ScalarLike) -> Vector3:
-    return traveller.goal_position_n + traveller.goal_velocity_n * after + traveller.rendezvous.stand_off_n
-
-
-def _corrected(path: TimedPath, traveller: Traveller, now: ScalarLike) -> TimedPath:
+def _corrected(path: TimedPath, task: AircraftTask, now: ScalarLike) -> TimedPath:
     """The same path, bent evenly from the next knot on to where the rendezvous is expected; C2 everywhere.
 
     The bend is d (10 u^3 - 15 u^4 + 6 u^5): a quintic, so each cell's quintic takes it up exactly.
     """
     end = path.times[-1]
-    off = _meeting_n(traveller, end - now) - path.air_n[-1, 0] - path.drift_n[-1, 0]
+    off = task.meeting_n(end - now) - path.air_n[-1, 0] - path.drift_n[-1, 0]
     begin = jnp.min(jnp.where(path.times > now, path.times, end))
     span = jnp.maximum(end - begin, 1e-3)
     u = jnp.clip((path.times - begin) / span, 0.0, 1.0)
@@ -58,12 +55,12 @@ def _corrected(path: TimedPath, traveller: Traveller, now: ScalarLike) -> TimedP
     return eqx.tree_at(lambda p: p.air_n, path, jnp.where(needed, bent, path.air_n))
 
 
-def _from_plan(path: TimedPath, traveller: Traveller, now: ScalarLike) -> Traveller:
-    """The traveller as its plan has it now: velocity and acceleration go on without a jump."""
+def _from_plan(path: TimedPath, task: AircraftTask, now: ScalarLike) -> AircraftTask:
+    """The task as its plan has it now: velocity and acceleration go on without a jump."""
     air, drift = path.states_n(now)
     return eqx.tree_at(
         lambda t: (t.position_n, t.air_velocity_n, t.air_acceleration_n),
-        traveller,
+        task,
         (air[0] + drift[0], air[1], air[2]),
     )
 
@@ -111,7 +108,7 @@ class Renewed(eqx.Module):
 def renew_certified(
     plan: CertifiedPlan,
     now: ScalarLike,
-    travellers: Traveller,
+    tasks: AircraftTask,
     airspace: Airspace,
     movable: Flag,
     freeze: ScalarLike = 0.0,
@@ -125,7 +122,7 @@ def renew_certified(
         The plan in force.
     now
         s.
-    travellers
+    tasks
         The fleet with its goals as sensed now; position and motion are taken from the plan. One that is no longer
         active keeps its last path and arrival time: the others neither keep clear of it nor wait for it.
     airspace
@@ -142,17 +139,17 @@ def renew_certified(
     The plan bent to where the rendezvous are now expected, if its certificate still keeps everything; else one planned
     anew from the planned positions, velocities and accelerations; else the last good plan.
     """
-    ticks = ticks_of(plan.paths)
-    active = travellers.active > 0.0
+    intervals = intervals_of(plan.paths)
+    active = tasks.active > 0.0
     under_way = active & (plan.arrival_times > now)
-    paths = jax.vmap(_corrected, in_axes=(0, 0, None))(plan.paths, travellers, now)
-    paths = _either(active & (plan.arrival_times - now > freeze), paths, plan.paths)
-    corrected = _judged(plan, paths, plan.arrival_times, travellers, airspace, ticks, now, under_way)
-    fine = jnp.all(corrected.good | ~under_way)
+    paths = jax.vmap(_corrected, in_axes=(0, 0, None))(plan.paths, tasks, now)
+    paths = rows_where(active & (plan.arrival_times - now > freeze), paths, plan.paths)
+    corrected = _certified(plan, paths, plan.arrival_times, tasks, airspace, intervals, now, under_way)
+    fine = jnp.all(corrected.feasible | ~under_way)
 
     free = active & (plan.arrival_times - now > jnp.maximum(freeze, COMMITTED_S))
-    here = jax.vmap(_from_plan, in_axes=(0, 0, None))(plan.paths, travellers, now)
-    here = eqx.tree_at(lambda t: t.active, here, jnp.where(free, travellers.active, 0.0))
+    here = jax.vmap(_from_plan, in_axes=(0, 0, None))(plan.paths, tasks, now)
+    here = eqx.tree_at(lambda t: t.active, here, jnp.where(free, tasks.active, 0.0))
 
     counted = jnp.where(active, plan.arrival_times, -jnp.inf)
     delays, tries = postponements(counted, now, free | ~active, movable, latest)
@@ -160,11 +157,14 @@ def renew_certified(
     def again(carry: tuple[Count, Flag, CertifiedPlan]) -> tuple[Count, Flag, CertifiedPlan]:
         k, _, _ = carry
         durations = jnp.maximum(counted - now, COMMITTED_S) + delays[k]
-        made = plan_fleet_at(now, here, airspace, durations, ticks, FEW)
-        made = _with_sizes_of(made, plan, free)
+        made = plan_fleet_at(now, here, airspace, durations, intervals, MINIMAL)
+        # Those whose paths stand keep the sizes of these paths.
+        made = eqx.tree_at(_sizes, made, rows_where(free, _sizes(made), _sizes(plan)))
         arrivals = jnp.where(free, now + durations, plan.arrival_times)
-        whole = _judged(made, _either(free, made.paths, paths), arrivals, travellers, airspace, ticks, now, under_way)
-        good = jnp.all(jnp.where(free, made.valid, True)) & jnp.all(whole.good | ~under_way)
+        whole = _certified(
+            made, rows_where(free, made.paths, paths), arrivals, tasks, airspace, intervals, now, under_way
+        )
+        good = jnp.all(jnp.where(free, made.valid, True)) & jnp.all(whole.feasible | ~under_way)
         return k + 1, good, whole
 
     def anew() -> Renewed:
@@ -172,37 +172,28 @@ def renew_certified(
             lambda c: (c[0] < tries) & ~c[1], again, (jnp.asarray(0), jnp.asarray(False), plan)
         )
         kept = jax.tree.map(lambda a, b: jnp.where(found, a, b), made, plan)
-        return Renewed(kept, jnp.where(found, ANEW, LAST_GOOD))
+        return Renewed(kept, jnp.where(found, REPLANNED, KEPT))
 
     return jax.lax.cond(fine, lambda: Renewed(corrected, jnp.asarray(CORRECTED)), anew)
 
 
-def _either(first: Bool[Array, " aircraft"], one: TimedPath, other: TimedPath) -> TimedPath:
-    return jax.tree.map(lambda a, b: jnp.where(first.reshape(-1, *[1] * (a.ndim - 1)), a, b), one, other)
+def _sizes(plan: CertifiedPlan) -> tuple[Array, Array, Array]:
+    return plan.lengths, plan.turned, plan.speeds
 
 
-def _with_sizes_of(made: CertifiedPlan, plan: CertifiedPlan, free: Bool[Array, " aircraft"]) -> CertifiedPlan:
-    """A new plan in which those whose paths stand keep the lengths, turns and speeds of these paths."""
-
-    def sizes(p: CertifiedPlan) -> tuple[Array, Array, Array]:
-        return p.lengths, p.turned, p.speeds
-
-    return eqx.tree_at(sizes, made, jax.tree.map(lambda new, old: jnp.where(free, new, old), sizes(made), sizes(plan)))
-
-
-def _judged(
+def _certified(
     plan: CertifiedPlan,
     paths: TimedPath,
     arrivals: Float[Array, " aircraft"],
-    travellers: Traveller,
+    tasks: AircraftTask,
     airspace: Airspace,
-    ticks: int,
+    intervals: int,
     now: ScalarLike,
     under_way: Bool[Array, " aircraft"],
 ) -> CertifiedPlan:
     """A plan with other paths, certified from now on."""
-    watched = eqx.tree_at(lambda t: t.active, travellers, jnp.where(under_way, travellers.active, 0.0))
-    certificate = certify(paths, watched, airspace, ticks, now)
+    watched = eqx.tree_at(lambda t: t.active, tasks, jnp.where(under_way, tasks.active, 0.0))
+    certificate = certify(paths, watched, airspace, intervals, now)
     ahead = jax.vmap(TimedPath.air_length, in_axes=(0, None))(paths, now)
     return eqx.tree_at(
         lambda p: (p.paths, p.arrival_times, p.certificate, p.valid, p.lengths),

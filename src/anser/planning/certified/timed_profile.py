@@ -1,12 +1,14 @@
 """Profiles of an aircraft that take a given time, with the radii and the direct paths that go with each."""
 
+import functools
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from anser.planning.certified.arriving import Arriving, arriving, climb_acceleration
-from anser.planning.certified.choices import (
+from anser.planning.certified.arrival_motion import ArrivalMotion, arrival_motion, climb_acceleration
+from anser.planning.certified.candidate_sets import (
     FAST_SLOW,
     FASTER,
     FASTEST,
@@ -17,13 +19,13 @@ from anser.planning.certified.choices import (
     SLOW_FAST,
     SLOWER,
     SLOWEST,
-    Choices,
+    CandidateSet,
 )
 from anser.planning.certified.detours import WORDS, Direct, direct
 from anser.planning.certified.profile import (
     CURVATURE_KEPT,
     Profile,
-    Timetable,
+    TabulatedProfile,
     kept,
     last_to_mean_speed,
     make_profile,
@@ -31,8 +33,8 @@ from anser.planning.certified.profile import (
     profile_excess,
     tabulate,
 )
-from anser.planning.certified.request import Airspace, Traveller
 from anser.planning.certified.route import Ends
+from anser.planning.certified.task import AircraftTask, Airspace
 from anser.planning.demand import greatest_side
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 
@@ -45,74 +47,72 @@ def _plane(vector_n: Vector3) -> Array:
     return vector_n[0] + 1j * vector_n[1]
 
 
-def curvature_limits(traveller: Traveller, gravity: ScalarLike, profile: Profile) -> tuple[Scalar, Scalar]:
+def curvature_limits(task: AircraftTask, gravity: ScalarLike, profile: Profile) -> tuple[Scalar, Scalar]:
     """Greatest curvature (1/m) of a path flown by a profile, and its greatest rate along the path (1/m^2).
 
     One curvature for the whole path: that of the greatest airspeed, the steepest climb and the strongest push-over.
     """
-    limits = traveller.limits
+    limits = task.limits
     speed = profile.speed_most
-    climb, push = profile.steepest
+    climb, climb_dot = profile.climb_bounds
     slowest = profile.speed_least
     cosine = jnp.sqrt(1.0 - jnp.minimum(climb / jnp.maximum(slowest, 1.0), 0.9) ** 2)
-    curvature = CURVATURE_KEPT * greatest_side(cosine * gravity - push, gravity + push, limits, gravity) / speed**2
-    ramp_s = jnp.arctan(curvature * speed**2 / gravity) / traveller.roll_rate_max
+    side = greatest_side(cosine * gravity - climb_dot, gravity + climb_dot, limits, gravity)
+    curvature = CURVATURE_KEPT * side / speed**2
+    ramp_s = jnp.arctan(curvature * speed**2 / gravity) / task.roll_rate_max
     return curvature, curvature / (speed * ramp_s)
 
 
-def speed_rates(traveller: Traveller) -> tuple[Scalar, Scalar]:
+def speed_rates(task: AircraftTask) -> tuple[Scalar, Scalar]:
     """Greatest rates at which a profile gains and loses airspeed, m/s^2: the rest is left to climb and descent."""
-    limits = traveller.limits
+    limits = task.limits
     return jnp.minimum(_GAIN, _RATE_KEPT * limits.acceleration_max), jnp.minimum(
         _LOSS, _RATE_KEPT * limits.deceleration_max
     )
 
 
-def _speed_0(traveller: Traveller) -> Scalar:
-    return jnp.sqrt(jnp.sum(traveller.air_velocity_n**2))
+def _speed_0(task: AircraftTask) -> Scalar:
+    return jnp.sqrt(jnp.sum(task.air_velocity_n**2))
 
 
-def steady_after(traveller: Traveller, duration: ScalarLike, mean: ScalarLike) -> tuple[Scalar, Scalar]:
+def steady_after(task: AircraftTask, duration: ScalarLike, mean: ScalarLike) -> tuple[Scalar, Scalar]:
     """The airspeed in the middle and the last one, equal, that make a mean airspeed (m/s)."""
-    last = mean_to_last_speed(mean, _speed_0(traveller), duration, speed_rates(traveller))
+    last = mean_to_last_speed(mean, _speed_0(task), duration, speed_rates(task))
     return last, last
 
 
 def _profile(
-    traveller: Traveller, airspace: Airspace, duration: Scalar, speeds: tuple[Scalar, Scalar], height: ScalarLike
-) -> tuple[Profile, Arriving]:
-    begin = traveller.position_n
-    end_down = (
-        traveller.goal_position_n[2] + traveller.goal_velocity_n[2] * duration + traveller.rendezvous.stand_off_n[2]
-    )
+    task: AircraftTask, airspace: Airspace, duration: Scalar, speeds: tuple[Scalar, Scalar], altitude_detour: ScalarLike
+) -> tuple[Profile, ArrivalMotion]:
+    begin = task.position_n
+    end_down = task.meeting_n(duration)[2]
     wind_0 = airspace.wind.at(begin, 0.0)
-    arrival = arriving(traveller, airspace.wind, duration, speeds[1])
-    speed_0 = _speed_0(traveller)
-    speed_dot = jnp.sum(traveller.air_velocity_n * traveller.air_acceleration_n) / jnp.maximum(speed_0, 1.0)
+    arrival = arrival_motion(task, airspace.wind, duration, speeds[1])
+    speed_0 = _speed_0(task)
+    speed_dot = jnp.sum(task.air_velocity_n * task.air_acceleration_n) / jnp.maximum(speed_0, 1.0)
     profile = make_profile(
         duration,
         (-begin[2], -end_down),
-        (-traveller.air_velocity_n[2] - wind_0[2], arrival.climb),
-        climb_acceleration(traveller, airspace.wind),
-        height,
+        (-task.air_velocity_n[2] - wind_0[2], arrival.climb),
+        climb_acceleration(task, airspace.wind),
+        altitude_detour,
         (speed_0, *speeds),
         speed_dot,
-        speed_rates(traveller),
+        speed_rates(task),
     )
     return profile, arrival
 
 
-def _ends(traveller: Traveller, airspace: Airspace, table: Timetable, arrival: Arriving) -> Ends:
-    """What the horizontal path joins in the frame that drifts with the air, at a timetable."""
+def _ends(task: AircraftTask, airspace: Airspace, table: TabulatedProfile, arrival: ArrivalMotion) -> Ends:
+    """What the horizontal path joins in the frame that drifts with the air, at a tabulated profile."""
     duration, profile = table.profile.duration, table.profile
-    velocity, acceleration = traveller.air_velocity_n, traveller.air_acceleration_n
-    rendezvous = traveller.rendezvous
-    end = traveller.goal_position_n + traveller.goal_velocity_n * duration + rendezvous.stand_off_n - table.drift_n
+    velocity, acceleration = task.air_velocity_n, task.air_acceleration_n
+    end = task.meeting_n(duration) - table.drift_n
     level = jnp.maximum(jnp.sum(velocity[:2] ** 2), 1.0)
     curvature = (velocity[0] * acceleration[1] - velocity[1] * acceleration[0]) / level**1.5
-    curvature_max, sharpness = curvature_limits(traveller, airspace.gravity, profile)
+    curvature_max, sharpness = curvature_limits(task, airspace.gravity, profile)
     return Ends(
-        start=_plane(traveller.position_n),
+        start=_plane(task.position_n),
         heading=jnp.arctan2(velocity[1], velocity[0]),
         curvature=curvature,
         end=_plane(end),
@@ -133,53 +133,53 @@ def directs(ends: Ends) -> Direct:
 class TimedProfile(eqx.Module):
     """A profile with what follows from it alone."""
 
-    table: Timetable
+    table: TabulatedProfile
     ends: Ends
     direct: Direct
     """Four, the shortest first."""
     speed: Scalar
-    good: Flag
+    within_limits: Flag
 
 
 def timed_profile(
-    traveller: Traveller,
+    task: AircraftTask,
     airspace: Airspace,
     duration: Scalar,
-    ticks: int,
-    height: Scalar,
+    intervals: int,
+    altitude_detour: Scalar,
     speeds: tuple[Scalar, Scalar],
 ) -> TimedProfile:
     """Profile of given airspeeds in the middle and at the end, with its direct paths at the radii that go with them."""
-    profile, arrival = _profile(traveller, airspace, duration, speeds, height)
-    table = tabulate(profile, airspace.wind, ticks)
-    ends = _ends(traveller, airspace, table, arrival)
-    excess = profile_excess(table, traveller.limits, airspace.gravity)
+    profile, arrival = _profile(task, airspace, duration, speeds, altitude_detour)
+    table = tabulate(profile, airspace.wind, intervals)
+    ends = _ends(task, airspace, table, arrival)
+    excess = profile_excess(table, task.limits, airspace.gravity)
     return TimedProfile(table, ends, directs(ends), profile.speed_mean, kept(excess) & arrival.attainable)
 
 
 def timed_profiles(
-    traveller: Traveller, airspace: Airspace, duration: Scalar, ticks: int, choices: Choices
+    task: AircraftTask, airspace: Airspace, duration: Scalar, intervals: int, candidate_set: CandidateSet
 ) -> TimedProfile:
-    """All profiles of a table of choices, stacked."""
-    kinds = tuple(dict.fromkeys(choices.speeds))
-    limits, preferred = traveller.limits, traveller.speed
+    """All profiles of a candidate set, stacked."""
+    kinds = tuple(dict.fromkeys(candidate_set.speeds))
+    limits, preferred = task.limits, task.speed
     low, high = 1.002 * limits.speed_min, 0.998 * limits.speed_max
-    speed_0, rates = _speed_0(traveller), speed_rates(traveller)
+    speed_0, rates = _speed_0(task), speed_rates(task)
 
     slowest, fastest = (last_to_mean_speed(last, speed_0, duration, rates) for last in (low, high))
     now = jnp.clip(speed_0, low, high)
     wished = jnp.clip(preferred, low, high)
 
     def closer(_: object, mean: Scalar) -> Scalar:
-        speeds = steady_after(traveller, duration, mean)
-        timed = timed_profile(traveller, airspace, duration, ticks, jnp.zeros(()), speeds)
+        speeds = steady_after(task, duration, mean)
+        timed = timed_profile(task, airspace, duration, intervals, jnp.zeros(()), speeds)
         wanted = jnp.where(timed.direct.exists[0], timed.direct.length[0], timed.table.length)
         # The radii grow with the speed: left to itself a path that is too long would be flown ever faster.
         return jnp.clip(mean * wanted / jnp.maximum(timed.table.length, 1.0), slowest, fastest)
 
     matched = preferred
     if MATCHED in kinds:
-        # A hair faster: a path that is longer than the direct one by less than this is a detour, a shorter one is none.
+        # Slightly faster: a path longer than the direct one by less than this is a detour, a shorter one is none.
         matched = (1.0 + 2e-4) * jax.lax.fori_loop(0, _SPEED_ROUNDS, closer, preferred)
     means = {
         PREFERRED: wished,
@@ -187,7 +187,7 @@ def timed_profiles(
         SLOWER: 0.5 * (wished + slowest),
         FASTER: 0.5 * (wished + fastest),
     }
-    speeds = {kind: steady_after(traveller, duration, mean) for kind, mean in means.items()} | {
+    speeds = {kind: steady_after(task, duration, mean) for kind, mean in means.items()} | {
         SLOWEST: (low, low),
         FASTEST: (high, high),
         SLOW_FAST: (low, high),
@@ -195,8 +195,7 @@ def timed_profiles(
         LATE_FAST: (now, high),
         LATE_SLOW: (now, low),
     }
-    heights = jnp.asarray(choices.heights)
-    middle, last = (jnp.stack([speeds[kind][k] for kind in choices.speeds]) for k in range(2))
-    return jax.vmap(lambda height, *two: timed_profile(traveller, airspace, duration, ticks, height, two))(
-        heights, middle, last
-    )
+    altitude_detours = jnp.asarray(candidate_set.altitude_detours)
+    middle, last = (jnp.stack([speeds[kind][k] for kind in candidate_set.speeds]) for k in range(2))
+    one = functools.partial(timed_profile, task, airspace, duration, intervals)
+    return jax.vmap(lambda detour, *two: one(detour, two))(altitude_detours, middle, last)

@@ -5,11 +5,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from anser.planning.certified.candidates import Candidate
-from anser.planning.certified.conflicts import Track, track_slack
-from anser.planning.certified.detours import resolve
-from anser.planning.certified.profile import Timetable
-from anser.planning.certified.route import Route, tightness
+from anser.planning.certified.clearance import Track, chord_error_bound
+from anser.planning.certified.detours import Solved, resolve
+from anser.planning.certified.profile import TabulatedProfile
+from anser.planning.certified.route import Ends, Route, tightness
 from anser.planning.certified.smooth_turn import cis
 from anser.planning.demand import coordinated, greatest_normal
 from anser.planning.limits import PathLimits
@@ -19,12 +18,12 @@ from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 _KEPT = 0.995  # of the limits: the rest is for what lies between the instants
 
 
-class Schedule(eqx.Module):
-    """A timetable at equally spaced instants; what all candidates of one profile share. After its end it goes on.
+class ProfileSamples(eqx.Module):
+    """A profile at equally spaced instants, for all candidates that share it. After its end it goes on.
 
     Attributes
     ----------
-    beyond
+    since_end
         Time since the end, s; 0 before it.
     length
         Horizontal length flown, m.
@@ -36,7 +35,7 @@ class Schedule(eqx.Module):
         Horizontal airspeed and its rate, m/s and m/s^2.
     """
 
-    beyond: Float[Array, " instants"]
+    since_end: Float[Array, " instants"]
     length: Float[Array, " instants"]
     drift_n: Float[Array, "instants 3"]
     wind_n: Float[Array, "instants 3"]
@@ -48,38 +47,38 @@ class Schedule(eqx.Module):
     speed_dot: Float[Array, " instants"]
 
 
-def make_schedule(table: Timetable, times: Float[Array, " instants"]) -> Schedule:
-    """A timetable at times (s after its start)."""
+def sample_profile(table: TabulatedProfile, times: Float[Array, " instants"]) -> ProfileSamples:
+    """A tabulated profile at times (s after its start)."""
 
-    def one(t: Scalar) -> Schedule:
+    def one(t: Scalar) -> ProfileSamples:
         inside = jnp.clip(t, 0.0, table.profile.duration)
         (speed, wind), (speed_dot, wind_dot) = jax.jvp(table.rates, (inside,), (jnp.ones_like(inside),))
         now = table.profile.at(inside)
         length, drift = table.length_at(inside), table.drift_at(inside)
-        return Schedule(
+        return ProfileSamples(
             t - inside, length, drift, wind, wind_dot, now.altitude, now.climb, now.climb_dot, speed, speed_dot
         )
 
     return jax.vmap(one)(times)
 
 
-class _Seen(eqx.Module):
+class _Instant(eqx.Module):
     """A candidate at one instant."""
 
     position_n: Vector3
-    push: Scalar
+    acceleration: Scalar
     """Size of the acceleration over the ground, m/s^2."""
-    kept: Flag
+    within_limits: Flag
     """Whether bank angle, load factor, and acceleration and deceleration along the path are within limits."""
 
 
-def _see(here: Schedule, shape: Route, scale: Scalar, limits: PathLimits, gravity: ScalarLike) -> _Seen:
-    """One instant of a schedule along a shape that is `scale` times as long as the schedule thinks."""
+def _instant(here: ProfileSamples, shape: Route, scale: Scalar, limits: PathLimits, gravity: ScalarLike) -> _Instant:
+    """One instant of a profile along a shape that is `scale` times as long as the profile's path."""
     place, heading, curvature = shape.at(scale * here.length)
     ahead = cis(heading)
-    level = place + here.beyond * here.speed * ahead
-    down = -here.altitude - here.beyond * here.climb
-    shift = here.drift_n[:2] + here.beyond * here.wind_n[:2]
+    level = place + here.since_end * here.speed * ahead
+    down = -here.altitude - here.since_end * here.climb
+    shift = here.drift_n[:2] + here.since_end * here.wind_n[:2]
     # Forces make the acceleration over the ground: where the wind changes with altitude, it has a share.
     cosine, sine = jnp.real(ahead), jnp.imag(ahead)
     gust_ahead = cosine * here.wind_dot_n[0] + sine * here.wind_dot_n[1]
@@ -89,37 +88,49 @@ def _see(here: Schedule, shape: Route, scale: Scalar, limits: PathLimits, gravit
     up_rate = here.climb + here.wind_n[2]  # through the air
     asked = coordinated(here.speed, up_rate, side, forward, gravity + here.climb_dot)
     most = jnp.tan(limits.bank_max), greatest_normal(limits, gravity), limits.acceleration_max, limits.deceleration_max
-    banked, loaded, pushed = asked.excess(*(_KEPT * limit for limit in most))
-    kept = (banked <= 0.0) & (loaded <= 0.0) & (pushed <= 0.0)
+    banked, loaded, along = asked.excess(*(_KEPT * limit for limit in most))
+    kept = (banked <= 0.0) & (loaded <= 0.0) & (along <= 0.0)
     position = jnp.stack([jnp.real(level) + shift[0], jnp.imag(level) + shift[1], down])
-    return _Seen(position, jnp.sqrt(side**2 + forward**2 + here.climb_dot**2), kept | (here.beyond > 0.0))
+    return _Instant(position, jnp.sqrt(side**2 + forward**2 + here.climb_dot**2), kept | (here.since_end > 0.0))
 
 
-def track(
-    candidate: Candidate,
-    table: Timetable,
-    schedule: Schedule,
+def shape_track(
+    ends: Ends,
+    solved: Solved,
+    speed: ScalarLike,
+    table: TabulatedProfile,
+    samples: ProfileSamples,
     times: Float[Array, " instants"],
     limits: PathLimits,
     gravity: ScalarLike,
     active: ScalarLike = 1.0,
 ) -> tuple[Track, Flag]:
-    """Where a candidate is at the times of its schedule (s), and whether its limits are kept there.
+    """Where a candidate with a shape is at the times of its samples (s), and whether its limits are kept there.
 
     Limits of altitude, airspeed and climb are its profile's, and not looked at again.
+
+    Parameters
+    ----------
+    ends, solved
+        The shape.
+    speed
+        Mean airspeed, m/s.
+    table, samples, times
+        Its profile, and that at the instants of a fleet's clock, s.
+    limits, gravity, active
+        What it is held to; m/s^2; 0 for one that does not count.
     """
-    shape: Route = resolve(candidate.ends, candidate.solved)
-    profile = candidate.profile
-    scale = shape.length / jnp.maximum(table.length, 1.0)
+    route = resolve(ends, solved)
+    scale = route.length / jnp.maximum(table.length, 1.0)
     step = times[1] - times[0]
-    seen = jax.vmap(lambda here: _see(here, shape, scale, limits, gravity))(schedule)
+    seen = jax.vmap(lambda here: _instant(here, route, scale, limits, gravity))(samples)
     # Between the instants a ramp may have raised it.
-    tightest = jnp.min(candidate.solved.scales)
-    rising = 0.25 * step * tightness(candidate.ends, tightest)[1] * candidate.speed**3
-    most = candidate.ends.curvature_max * profile.speed_most**2 + 2.0
-    bound = jnp.minimum(jnp.maximum(seen.push[1:], seen.push[:-1]) + rising, most / tightest)
-    counted = active * jnp.where(times[:-1] < profile.duration - 1e-6, 1.0, 0.0)
-    return Track(seen.position_n, track_slack(bound, step), counted), jnp.all(seen.kept)
+    tightest = jnp.min(solved.scales)
+    rising = 0.25 * step * tightness(ends, tightest)[1] * speed**3
+    most = ends.curvature_max * table.profile.speed_most**2 + 2.0
+    bound = jnp.minimum(jnp.maximum(seen.acceleration[1:], seen.acceleration[:-1]) + rising, most / tightest)
+    counted = active * jnp.where(times[:-1] < table.profile.duration - 1e-6, 1.0, 0.0)
+    return Track(seen.position_n, chord_error_bound(bound, step), counted), jnp.all(seen.within_limits)
 
 
 def path_track(
@@ -150,8 +161,8 @@ def path_track(
     # An interval lies within one cell, which its middle tells, or each cell that it touches begins or ends in it.
     middles = 0.5 * (times[1:] + times[:-1])
     within = jnp.searchsorted(path.times, middles, side="right", method="compare_all") - 1
-    pushes = accelerations[jnp.clip(within, 0, accelerations.shape[0] - 1)]
+    bounds = accelerations[jnp.clip(within, 0, accelerations.shape[0] - 1)]
     for where in (first, last):
-        pushes = pushes.at[jnp.clip(where, 0, count - 1)].max(accelerations)
+        bounds = bounds.at[jnp.clip(where, 0, count - 1)].max(accelerations)
     counted = active * jnp.where((times[:-1] < path.times[-1] - 1e-6) & (times[1:] > since), 1.0, 0.0)
-    return Track(positions, track_slack(pushes, step), counted)
+    return Track(positions, chord_error_bound(bounds, step), counted)

@@ -1,6 +1,4 @@
-"""What no path can do: too far, too steep, into a closed volume, too close to another at the arrival."""
-
-import importlib
+"""What no path can do: too far, too steep, into a keep-out, too close to another at the arrival."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -8,17 +6,25 @@ import numpy as np
 import pytest
 from certified_cases import LAYERED, STEADY
 
-from anser.planning.certified.request import KeepOuts
-from anser.planning.certified.ruled_out import apart_at_arrival, conceivable, crowded
-from anser.planning.certified.search import ArrivalRequest, possible_times, search, stacked
-from support.travellers import CLIMB_MAX, SPEED_MAX, airspace, traveller
+from anser.planning.certified import arrival_proposals
+from anser.planning.certified.arrival_proposals import FleetTask
+from anser.planning.certified.necessary_conditions import arrival_conflicts, arrival_distances_max, may_arrive
+from anser.planning.certified.search import search
+from anser.planning.certified.task import ArrivalRequest, KeepOuts, stacked
+from support.aircraft_tasks import CLIMB_MAX, SPEED_MAX, aircraft_task, airspace
+
+
+def admissible_times(fleet):
+    """Times that the rule leaves open, and which of them nothing rules out."""
+    times = fleet.times_asked()
+    return times, fleet.admissible(times)
 
 
 def earliest(goal, moving, wind):
     """First of many durations that is conceivable, s."""
     durations = np.linspace(1.0, 400.0, 7981)
-    one, nobody = stacked([traveller(goal, moving)]), np.zeros(durations.size, dtype=int)
-    good = conceivable(one, airspace(wind), nobody, durations)
+    one, nobody = stacked([aircraft_task(goal, moving)]), np.zeros(durations.size, dtype=int)
+    good = may_arrive(one, airspace(wind), nobody, durations)
     assert np.all(np.diff(good.astype(int)) >= 0)
     return durations[np.argmax(good)]
 
@@ -41,22 +47,25 @@ def test_a_way_is_too_steep_where_the_climb_takes_longer():
 
 
 def test_limits_that_do_not_exist_rule_nothing_out():
-    one = stacked([traveller((5000.0, 0.0, -1700.0))])
+    one = stacked([aircraft_task((5000.0, 0.0, -1700.0))])
     free = eqx.tree_at(lambda t: (t.limits.speed_max, t.limits.climb_rate_max), one, (jnp.array([jnp.inf]),) * 2)
-    assert conceivable(free, airspace(STEADY), np.array([0]), np.array([1.0])).all()
+    assert may_arrive(free, airspace(STEADY), np.array([0]), np.array([1.0])).all()
 
 
 def test_a_rendezvous_inside_a_closed_volume_is_no_way_while_it_is_there():
     """A cell of 2 km radius passes over a rendezvous 10 km away, from the south at 50 m/s; the goal moves with 10 m/s."""
     durations = np.linspace(80.0, 400.0, 641)
-    one, nobody = stacked([traveller((10_000.0, 0.0, -1000.0), (10.0, 0.0, 0.0))]), np.zeros(durations.size, dtype=int)
+    one, nobody = (
+        stacked([aircraft_task((10_000.0, 0.0, -1000.0), (10.0, 0.0, 0.0))]),
+        np.zeros(durations.size, dtype=int),
+    )
 
     def open_below(bottom):
         volumes = KeepOuts(
             jnp.array([[0.0, 0.0]]), jnp.array([[50.0, 0.0]]), *(jnp.array([x]) for x in (2000.0, bottom, 5000.0))
         )
         there = eqx.tree_at(lambda a: a.keep_outs, airspace(STEADY), volumes)
-        return conceivable(one, there, nobody, durations)
+        return may_arrive(one, there, nobody, durations)
 
     # It gains 40 m/s on a rendezvous 10 km ahead: over it from 200 to 300 s.
     np.testing.assert_array_equal(open_below(0.0), (durations <= 200.0) | (durations >= 300.0))
@@ -68,8 +77,8 @@ WIND = 1.02 * float(np.hypot(*np.asarray(STEADY.velocity_n)[:2]))
 
 
 def test_two_that_arrive_at_once_are_as_far_apart_as_their_rendezvous_points():
-    two = stacked([traveller(NEAR), traveller(FAR, (0.0, 10.0, -2.0))])
-    level, height = apart_at_arrival(two, airspace(STEADY), np.array([[60.0, 60.0], [100.0, 100.0]]))
+    two = stacked([aircraft_task(NEAR), aircraft_task(FAR, (0.0, 10.0, -2.0))])
+    level, height = arrival_distances_max(two, airspace(STEADY), np.array([[60.0, 60.0], [100.0, 100.0]]))
     np.testing.assert_allclose(level[:, 0, 1], [1000.0, 1400.0])
     np.testing.assert_allclose(height[:, 1, 0], [120.0, 200.0])
     assert np.all(np.isinf(level[:, [0, 1], [0, 1]]))
@@ -77,8 +86,8 @@ def test_two_that_arrive_at_once_are_as_far_apart_as_their_rendezvous_points():
 
 
 def test_the_later_one_may_still_be_away_by_what_it_flies_meanwhile():
-    two = stacked([traveller(NEAR), traveller(FAR)])
-    level, height = apart_at_arrival(two, airspace(STEADY), np.array([[60.0, 61.0], [63.0, 60.0]]))
+    two = stacked([aircraft_task(NEAR), aircraft_task(FAR)])
+    level, height = arrival_distances_max(two, airspace(STEADY), np.array([[60.0, 61.0], [63.0, 60.0]]))
     np.testing.assert_allclose(level[:, 0, 1], 400.0 + np.array([1.0, 3.0]) * (SPEED_MAX + WIND))
     np.testing.assert_allclose(height[:, 0, 1], np.array([1.0, 3.0]) * (CLIMB_MAX + WIND))
 
@@ -88,37 +97,39 @@ def test_the_later_one_may_still_be_away_by_what_it_flies_meanwhile():
     [((500.0, 0.0), 0.0, True), ((390.0, 0.0), 0.0, False), ((500.0, 150.0), 0.0, True), ((500.0, 0.0), 1.0, False)],
 )
 def test_crowded_is_what_neither_distance_allows(apart, delay, expected):
-    two = stacked([traveller(NEAR), traveller(FAR)])
-    found = crowded(two, airspace(STEADY, *apart), np.array([[60.0, 60.0 + delay]]))[0]
+    two = stacked([aircraft_task(NEAR), aircraft_task(FAR)])
+    found = arrival_conflicts(two, airspace(STEADY, *apart), np.array([[60.0, 60.0 + delay]]))[0]
     np.testing.assert_array_equal(found, np.array([[False, expected], [expected, False]]))
     # Above each other by more than the vertical distance.
-    above = stacked([traveller(NEAR), traveller((8000.0, 400.0, -1300.0))])
-    assert not crowded(above, airspace(STEADY, 500.0, 150.0), np.array([[60.0, 60.0]])).any()
+    above = stacked([aircraft_task(NEAR), aircraft_task((8000.0, 400.0, -1300.0))])
+    assert not arrival_conflicts(above, airspace(STEADY, 500.0, 150.0), np.array([[60.0, 60.0]])).any()
 
 
 def test_nobody_keeps_clear_of_one_that_only_fills_up():
-    two = stacked([traveller(NEAR), eqx.tree_at(lambda t: t.active, traveller(FAR), jnp.asarray(0.0))])
-    assert not crowded(two, airspace(STEADY, 5000.0), np.array([[60.0, 60.0]])).any()
+    two = stacked([aircraft_task(NEAR), eqx.tree_at(lambda t: t.active, aircraft_task(FAR), jnp.asarray(0.0))])
+    assert not arrival_conflicts(two, airspace(STEADY, 5000.0), np.array([[60.0, 60.0]])).any()
 
 
 def test_without_greatest_speed_two_that_arrive_at_once_are_no_farther_apart():
-    free = [eqx.tree_at(lambda t: t.limits.speed_max, traveller(goal), jnp.asarray(jnp.inf)) for goal in (NEAR, FAR)]
-    level, _ = apart_at_arrival(stacked(free), airspace(STEADY), np.array([[60.0, 60.0]]))
+    free = [
+        eqx.tree_at(lambda t: t.limits.speed_max, aircraft_task(goal), jnp.asarray(jnp.inf)) for goal in (NEAR, FAR)
+    ]
+    level, _ = arrival_distances_max(stacked(free), airspace(STEADY), np.array([[60.0, 60.0]]))
     np.testing.assert_allclose(level[0, 0, 1], 400.0)
 
 
 def test_times_that_are_left_to_a_fleet():
     """The second goal moves away: 900 m apart from 50 s on, and 27 s later by what is flown in the 27 s."""
-    two = stacked([traveller(NEAR), traveller(FAR, (0.0, 10.0, 0.0))])
+    two = stacked([aircraft_task(NEAR), aircraft_task(FAR, (0.0, 10.0, 0.0))])
     air = airspace(STEADY, 901.0)
-    times, good = possible_times(two, air, ArrivalRequest("earliest", 200.0))
+    times, good = admissible_times(FleetTask(two, air, ArrivalRequest("earliest", 200.0)))
     reached = times[:, 0] >= 8000.0 / (SPEED_MAX + WIND)
     np.testing.assert_array_equal(good, reached & (times[:, 0] >= 50.0))
     late = ArrivalRequest("sequence", 200.0, offsets_s=np.array([0.0, 27.0]))
-    times, good = possible_times(two, air, late)
+    times, good = admissible_times(FleetTask(two, air, late))
     assert times[-1, 1] < 200.0
     assert good[times[:, 0] > 60.0].all()
-    _, good = possible_times(two, air, ArrivalRequest("at", 200.0, times_s=np.array([45.0, 45.0])))
+    _, good = admissible_times(FleetTask(two, air, ArrivalRequest("at", 200.0, times_s=np.array([45.0, 45.0]))))
     assert good.tolist() == [False]
 
 
@@ -128,9 +139,9 @@ def test_a_fleet_that_is_crowded_whenever_it_arrives_is_not_looked_at_closely(ru
     def never(*about, **more):
         raise AssertionError("arrival sets were looked for")
 
-    monkeypatch.setattr(importlib.import_module("anser.planning.certified.search"), "arrival_sets", never)
-    two = stacked([traveller(NEAR), traveller(FAR)])
+    monkeypatch.setattr(arrival_proposals, "arrival_sets", never)
+    two = stacked([aircraft_task(NEAR), aircraft_task(FAR)])
     times = np.array([70.0, 70.0]) if rule == "at" else None
     outcome = search(0.0, two, airspace(STEADY, 500.0), ArrivalRequest(rule, 200.0, times))
     assert outcome.plan is None
-    assert outcome.tries <= 1
+    assert outcome.attempts <= 1

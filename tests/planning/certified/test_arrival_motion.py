@@ -9,19 +9,19 @@ from certified_cases import GRAVITY, LAYERED, detours_of, number, picked
 
 from anser.environment import SteadyWind
 from anser.numerics import compiled_quickly
-from anser.planning.certified import Airspace, Separation, Traveller, no_keep_outs
-from anser.planning.certified.arriving import arriving
+from anser.planning.certified import AircraftTask, Airspace, Separation, no_keep_outs
+from anser.planning.certified.arrival_motion import arrival_motion
 from anser.planning.certified.delivery import deliver
 from anser.planning.certified.detours import resolve, solve_detour
 from anser.planning.certified.timed_profile import steady_after, timed_profile
 from anser.planning.limits import PathLimits
 from anser.planning.rendezvous import Rendezvous
 
-CASES, TICKS, SPEED = 24, 64, 140.0
+CASES, INTERVALS, SPEED = 24, 64, 140.0
 NO_LIMITS = PathLimits(number(40.0), number(400.0), number(1.2), number(1e3), number(-1e5))
 
 
-def made_travellers(seed, climbing, turning=0.0):
+def made_tasks(seed, climbing, turning=0.0):
     """Stacked: every third has a course, the next an angle, the next both; goals climb by up to `climbing` m/s."""
     rng = np.random.default_rng(seed)
     heading = rng.uniform(-np.pi, np.pi, CASES)
@@ -33,7 +33,7 @@ def made_travellers(seed, climbing, turning=0.0):
     distance = rng.uniform(9e3, 14e3, CASES)[:, None]
     goal = distance * np.stack([np.cos(course), np.sin(course)], axis=1)
     kind = np.arange(CASES) % 3
-    return Traveller(
+    return AircraftTask(
         position_n=jnp.asarray(np.concatenate([np.zeros((CASES, 2)), rng.uniform(-1900, -1100, (CASES, 1))], axis=1)),
         air_velocity_n=jnp.asarray(air_velocity - np.array([0.0, 0.0, 6.0])),
         air_acceleration_n=jnp.asarray(np.concatenate([turning * across, np.full((CASES, 1), 0.2)], axis=1)),
@@ -59,76 +59,76 @@ def in_wind(wind):
 
 
 @compiled_quickly
-def flown(travellers, wind):
+def flown(tasks, wind):
     """Of each: whether there is a path, and its first and last states through the air and of the drift."""
 
-    def one(traveller, way):
+    def one(task, way):
         airspace = in_wind(wind)
         duration = number(1.35 * 12_000.0 / SPEED)
-        speeds = steady_after(traveller, duration, SPEED)
-        timed = timed_profile(traveller, airspace, duration, TICKS, jnp.zeros(()), speeds)
+        speeds = steady_after(task, duration, SPEED)
+        timed = timed_profile(task, airspace, duration, INTERVALS, jnp.zeros(()), speeds)
         solved = solve_detour(timed.ends, picked(timed.direct, 0), way, timed.table.length)
         path = deliver(0.0, timed.table, resolve(timed.ends, solved))
-        return timed.good & solved.exists, path.states_n(0.0), path.states_n(duration)
+        return timed.within_limits & solved.exists, path.states_n(0.0), path.states_n(duration)
 
-    return jax.vmap(one)(travellers, detours_of(np.zeros(CASES, dtype=int), np.ones(CASES)))
+    return jax.vmap(one)(tasks, detours_of(np.zeros(CASES, dtype=int), np.ones(CASES)))
 
 
 @pytest.mark.parametrize("wind", [SteadyWind(jnp.array([-20.0, 30.0, 0.0])), LAYERED], ids=["steady", "layered"])
 def test_the_delivered_path_arrives_as_prescribed(wind):
-    travellers = made_travellers(1, climbing=15.0)
-    good, _, last = (jax.tree.map(np.asarray, leaf) for leaf in flown(travellers, wind))
+    tasks = made_tasks(1, climbing=15.0)
+    good, _, last = (jax.tree.map(np.asarray, leaf) for leaf in flown(tasks, wind))
     assert good.sum() > CASES // 2
     velocity = (last[0] + last[1])[:, 1]
     course = np.arctan2(velocity[:, 1], velocity[:, 0])
     angle = np.arctan2(-velocity[:, 2], np.hypot(velocity[:, 0], velocity[:, 1]))
-    asked = travellers.rendezvous
+    asked = tasks.rendezvous
     off = (course - np.asarray(asked.course) + np.pi) % (2 * np.pi) - np.pi
     by_course, by_angle = (good & np.asarray(b) for b in (asked.course_prescribed, asked.path_angle_prescribed))
     assert np.max(np.abs(off[by_course])) < 1e-6
     assert np.max(np.abs(angle - np.asarray(asked.path_angle))[by_angle]) < 1e-6
-    climbs = velocity[:, 2] - np.asarray(travellers.goal_velocity_n)[:, 2]
+    climbs = velocity[:, 2] - np.asarray(tasks.goal_velocity_n)[:, 2]
     assert np.max(np.abs(climbs[good & ~np.asarray(asked.path_angle_prescribed)])) < 1e-9
 
 
 def test_the_path_goes_on_with_the_acceleration_it_begins_with():
     # Up where the wind rises with the altitude: its rate is part of the acceleration over the ground.
-    travellers = made_travellers(2, climbing=0.0, turning=2.0)
-    good, first, _ = (jax.tree.map(np.asarray, leaf) for leaf in flown(travellers, LAYERED))
+    tasks = made_tasks(2, climbing=0.0, turning=2.0)
+    good, first, _ = (jax.tree.map(np.asarray, leaf) for leaf in flown(tasks, LAYERED))
     assert good.sum() > CASES // 2
     begun = first[0][good]
     # Altitude exactly; in the plane but for the speed's share of a part in a million of the length.
-    assert np.allclose(begun[:, 2, 2], np.asarray(travellers.air_acceleration_n)[good, 2], rtol=0, atol=1e-9)
-    assert np.allclose(begun[:, 1], np.asarray(travellers.air_velocity_n)[good], rtol=0, atol=1e-3)
+    assert np.allclose(begun[:, 2, 2], np.asarray(tasks.air_acceleration_n)[good, 2], rtol=0, atol=1e-9)
+    assert np.allclose(begun[:, 1], np.asarray(tasks.air_velocity_n)[good], rtol=0, atol=1e-3)
 
 
 def test_what_the_wind_does_not_allow_is_not_attainable():
-    one = picked(made_travellers(3, climbing=0.0), 0)
+    one = picked(made_tasks(3, climbing=0.0), 0)
     strong = SteadyWind(jnp.array([0.0, 80.0, 0.0]))
     north = eqx.tree_at(lambda t: t.rendezvous.course, one, number(0.0))
-    assert not arriving(north, strong, 100.0, 71.0).attainable
-    assert arriving(north, strong, 100.0, 90.0).attainable
+    assert not arrival_motion(north, strong, 100.0, 71.0).attainable
+    assert arrival_motion(north, strong, 100.0, 90.0).attainable
     free = eqx.tree_at(lambda t: t.rendezvous.course_prescribed, north, jnp.asarray(False))
-    assert arriving(free, strong, 100.0, 71.0).attainable
+    assert arrival_motion(free, strong, 100.0, 71.0).attainable
     lifted = eqx.tree_at(lambda t: t.goal_velocity_n, free, jnp.array([0.0, 0.0, -72.0]))
-    assert not arriving(lifted, strong, 100.0, 71.0).attainable
+    assert not arrival_motion(lifted, strong, 100.0, 71.0).attainable
 
 
 def test_without_a_course_the_heading_is_free_but_where_an_angle_needs_it():
-    angled = picked(made_travellers(4, climbing=0.0), 1)
+    angled = picked(made_tasks(4, climbing=0.0), 1)
     calm, windy = (SteadyWind(jnp.array([0.0, east, 0.0])) for east in (0.0, 10.0))
-    assert arriving(angled, calm, 100.0, SPEED).heading_free
-    assert not arriving(angled, windy, 100.0, SPEED).heading_free
+    assert arrival_motion(angled, calm, 100.0, SPEED).heading_free
+    assert not arrival_motion(angled, windy, 100.0, SPEED).heading_free
     free = eqx.tree_at(lambda t: t.rendezvous.path_angle_prescribed, angled, jnp.asarray(False))
-    assert arriving(free, windy, 100.0, SPEED).heading_free
+    assert arrival_motion(free, windy, 100.0, SPEED).heading_free
 
 
 def test_gradients_are_finite():
-    one = eqx.tree_at(lambda t: t.goal_position_n, picked(made_travellers(5, climbing=5.0), 1), jnp.zeros(3))
+    one = eqx.tree_at(lambda t: t.goal_position_n, picked(made_tasks(5, climbing=5.0), 1), jnp.zeros(3))
     at_rest = eqx.tree_at(lambda t: (t.position_n, t.goal_velocity_n), one, (jnp.zeros(3), jnp.zeros(3)))
 
     def climb(speed):
-        found = arriving(at_rest, LAYERED, 100.0, speed)
+        found = arrival_motion(at_rest, LAYERED, 100.0, speed)
         return found.climb + found.heading
 
     assert np.isfinite(jax.grad(climb)(SPEED))

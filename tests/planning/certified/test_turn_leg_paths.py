@@ -10,37 +10,45 @@ import pytest
 from certified_cases import GRAVITY, STEADY, detours_of, dubins, integrated, number, picked, random_ends
 
 from anser.numerics import compiled_quickly
-from anser.planning.certified import free_shapes
+from anser.planning.certified import turn_leg_paths
 from anser.planning.certified.detours import SHAPES, WORDS, direct, resolve, solve_detour
-from anser.planning.certified.free_shapes import Closed, Pace, Task, make_closed, make_pace, make_starts, solve_freely
 from anser.planning.certified.profile import make_profile, tabulate
-from anser.planning.certified.request import KeepOuts
+from anser.planning.certified.task import KeepOuts
+from anser.planning.certified.turn_leg_paths import (
+    KeepOutsAlongPath,
+    RadiusSchedule,
+    TurnLegProblem,
+    keep_outs_along_path,
+    make_radius_schedule,
+    make_starts,
+    solve_turn_leg_paths,
+)
 from anser.planning.limits import PathLimits
 
 CASES = 16
-_PACE_ERROR = 0.02  # what the reserve of the curvature takes up
+_SCHEDULE_ERROR = 0.02  # what the reserve of the curvature takes up
 STARTS = 64
 # Ramps of a two-hundredth of the radius: paths are Dubins' but for that.
 ENDS = random_ends(8, CASES, 0.3, 5.0, curvature_use=0.0, sharp=200.0)
 BENT = random_ends(9, CASES, 3.0, 15.0, curvature_use=1.0)
 FREE = eqx.tree_at(lambda e: e.end_free, BENT, jnp.full(CASES, True))
 BEGUN = make_starts(STARTS)
-EVEN = Pace(number(1e7), jnp.ones(2))
+EVEN = RadiusSchedule(number(1e7), jnp.ones(2))
 # As an aircraft that becomes slower within 4 km, so that it then turns within two thirds of the radius.
-SLOWING = Pace(number(1000.0), jnp.array([1.0, 1.0, 0.89, 0.78, 0.67, 0.67]))
+SLOWING = RadiusSchedule(number(1000.0), jnp.array([1.0, 1.0, 0.89, 0.78, 0.67, 0.67]))
 # As one that becomes faster all the time: a turn's radius is that of its end.
-QUICKENING = Pace(number(4000.0), jnp.array([1.0, 1.15, 1.3, 1.5, 1.7, 1.9]))
-NOTHING = Closed(number(1e7), *(jnp.zeros((0, 2)),) * 2, jnp.zeros(0), jnp.zeros((0, 2)))
+QUICKENING = RadiusSchedule(number(4000.0), jnp.array([1.0, 1.15, 1.3, 1.5, 1.7, 1.9]))
+NOTHING = KeepOutsAlongPath(number(1e7), *(jnp.zeros((0, 2)),) * 2, jnp.zeros(0), jnp.zeros((0, 2)))
 
 
 def around(middle, wide):
-    """One closed volume that stands and matters all the time."""
+    """One keep-out that stands and is at the altitude of the path all the time."""
     north, east = (part(middle) * jnp.ones((1, 2)) for part in (jnp.real, jnp.imag))
-    return Closed(number(1e7), north, east, wide[None], jnp.ones((1, 2)))
+    return KeepOutsAlongPath(number(1e7), north, east, wide[None], jnp.ones((1, 2)))
 
 
-def all_of(ends, pace, wanted, closed=NOTHING):
-    solved = solve_freely(Task(ends, pace, closed, wanted), BEGUN)
+def all_of(ends, schedule, wanted, keep_outs=NOTHING):
+    solved = solve_turn_leg_paths(TurnLegProblem(ends, schedule, keep_outs, wanted), BEGUN)
     return solved, jax.vmap(lambda one: resolve(ends, one))(solved)
 
 
@@ -65,13 +73,13 @@ def pieces_of(shape):
 
 
 @pytest.mark.parametrize(
-    ("ends", "pace", "factor"),
+    ("ends", "schedule", "factor"),
     [(ENDS, EVEN, 1.6), (BENT, EVEN, 1.3), (BENT, SLOWING, 1.3), (FREE, SLOWING, 1.2), (BENT, QUICKENING, 1.5)],
     ids=["near", "bent", "slowing", "free end", "quickening"],
 )
-def test_what_is_found_is_what_was_asked(ends, pace, factor):
+def test_what_is_found_is_what_was_asked(ends, schedule, factor):
     wanted = factor * shortest(ends)
-    solved, shapes = solve(ends, pace, jnp.asarray(wanted))
+    solved, shapes = solve(ends, schedule, jnp.asarray(wanted))
     exists = np.asarray(solved.exists)
     assert np.mean(np.any(exists, axis=1)) > 0.85
     for k, n in np.argwhere(exists)[::7]:
@@ -87,13 +95,13 @@ def test_what_is_found_is_what_was_asked(ends, pace, factor):
             turned = (headings[-1] - float(ends.end_heading[k])) / (2 * np.pi)
             np.testing.assert_allclose(turned, np.round(turned), atol=1e-9)
         assert np.all(np.asarray(solved.legs)[k, n] >= 0.0)
-        # No turn tighter than the pace allows at its beginning and at its end.
+        # No turn tighter than the schedule allows at its beginning and at its end.
         scales = np.asarray(solved.scales)[k, n]
         marks = np.asarray(shape.marks)[1 + 4 * np.arange(4)]
-        known = float(pace.step) * np.arange(pace.scales.size)
-        least = np.interp(marks, known, pace.scales)
-        ended = np.interp(np.asarray(shape.marks)[4 + 4 * np.arange(4)], known, pace.scales)
-        assert np.all(scales >= np.maximum(least, (1.0 - _PACE_ERROR) * ended) - 1e-12)
+        known = float(schedule.step) * np.arange(schedule.scales.size)
+        least = np.interp(marks, known, schedule.scales)
+        ended = np.interp(np.asarray(shape.marks)[4 + 4 * np.arange(4)], known, schedule.scales)
+        assert np.all(scales >= np.maximum(least, (1.0 - _SCHEDULE_ERROR) * ended) - 1e-12)
         peaks = np.abs(np.asarray(shape.curvatures)[2 + 4 * np.arange(4)])
         assert np.all(peaks <= float(ends.curvature_max[k]) / scales * (1 + 1e-12))
 
@@ -127,7 +135,7 @@ def test_three_turns_in_a_row_are_found_where_no_detour_will_do():
 
 @pytest.mark.long
 def test_closed_volumes_are_gone_around():
-    # One volume amid the straight line from start to end, and twelve radii of it: half the free shapes would enter it.
+    # One volume amid the straight line from start to end, and twelve radii of it: half the turn-and-leg paths would enter it.
     few = picked(FREE, slice(6))
     middle = 0.5 * (few.start + few.end)
     wide = 0.3 * np.abs(np.asarray(few.end - few.start))
@@ -156,9 +164,9 @@ def test_closed_volumes_are_gone_around():
     assert np.mean(np.any(np.asarray(kept.exists), axis=1)) > 0.8
 
 
-def entered_by(closed, length, place):
+def entered_by(keep_outs, length, place):
     spot = jnp.array([place.real, place.imag, float(length)])
-    return np.asarray(closed.entered(spot)[0])
+    return np.asarray(keep_outs.penetration(spot)[0])
 
 
 @pytest.mark.long
@@ -169,24 +177,24 @@ def test_derivatives_are_those_of_what_is_missed(ends):
     for k, n in ((0, 3), (5, 11), (9, 30)):
         one = picked(ends, k)
         standing = around(0.5 * (one.start + one.end), jnp.asarray(where[k]))
-        moving = Closed(
+        moving = KeepOutsAlongPath(
             number(2000.0), *(jnp.stack([x[0, :1] + 200.0 * jnp.arange(60.0)]) for x in (standing.norths, standing.easts)),
             standing.radii, jnp.ones((1, 60)),
         )  # fmt: skip
-        for closed in (NOTHING, standing, moving):
-            task = Task(one, SLOWING, closed, number(1.4 * where[k] / 0.4))
+        for keep_outs in (NOTHING, standing, moving):
+            problem = TurnLegProblem(one, SLOWING, keep_outs, number(1.4 * where[k] / 0.4))
             senses, first, _ = (jnp.asarray(leaf[n]) for leaf in BEGUN)
             for circles in (jnp.zeros(4), jnp.array([0.0, 4.0 * jnp.pi, 0.0, 0.0])):
-                missed = functools.partial(free_shapes._shape, task=task, senses=senses, circles=circles)
+                missed = functools.partial(turn_leg_paths._shape, problem=problem, senses=senses, circles=circles)
                 by_hand, automatic = missed(first)[2], jax.jacfwd(lambda x, of=missed: of(x)[1])(first)
                 np.testing.assert_allclose(by_hand, automatic, rtol=1e-9, atol=1e-12)
 
 
 def test_only_the_nearest_go_on():
     one = picked(BENT, 2)
-    task = Task(one, EVEN, NOTHING, number(1.4 * shortest(BENT)[2]))
-    fewer = compiled_quickly(lambda: solve_freely(task, BEGUN, 20))()
-    every = compiled_quickly(lambda: solve_freely(task, BEGUN))()
+    problem = TurnLegProblem(one, EVEN, NOTHING, number(1.4 * shortest(BENT)[2]))
+    fewer = compiled_quickly(lambda: solve_turn_leg_paths(problem, BEGUN, 20))()
+    every = compiled_quickly(lambda: solve_turn_leg_paths(problem, BEGUN))()
     assert fewer.exists.shape == (20,)
     assert np.mean(fewer.exists) > 1.3 * np.mean(every.exists)
     kept = np.asarray(every.angles)
@@ -204,17 +212,17 @@ def test_closed_volumes_are_where_and_when_the_path_meets_them():
         jnp.array([0.0, 1200.0]),
         jnp.array([5000.0, 3000.0]),
     )
-    closed = make_closed(table, volumes)
+    keep_outs = keep_outs_along_path(table, volumes)
     half = table.length_at(50.0)
     wind = np.asarray(STEADY.velocity_n)
     # Its centre after 50 s, from the air's point of view; 100 m inside its edge, the reserve of 30 m not counted.
     centre = complex(2000.0 + 50.0 * (8.0 - wind[0]), -500.0 + 50.0 * (-3.0 - wind[1]))
-    entered = entered_by(closed, half, centre + 600.0)
+    entered = entered_by(keep_outs, half, centre + 600.0)
     np.testing.assert_allclose(entered[0], 130.0 / 730.0, rtol=1e-4)
     # The other begins at 1,200 m, which is reached after 50 s: not before.
     at = -50.0 * complex(wind[0], wind[1])
-    early = entered_by(closed, table.length_at(20.0), 0.4 * at)
-    late = entered_by(closed, table.length_at(80.0), 1.6 * at)
+    early = entered_by(keep_outs, table.length_at(20.0), 0.4 * at)
+    late = entered_by(keep_outs, table.length_at(80.0), 1.6 * at)
     assert float(early[1]) == 0.0
     np.testing.assert_allclose(float(late[1]), 1.0, atol=0.01)
 
@@ -244,20 +252,20 @@ def test_pace_is_that_of_a_level_turn_and_of_what_climb_and_push_leave():
     limits = PathLimits(*(number(x) for x in (90.0, 240.0, np.radians(60.0), 80.0, 0.0, 9000.0, 5.0, 2.0, 2.0)))
     level = tabulate(make_profile(200.0, (900.0, 900.0), (0.0, 0.0), 0.0, 0.0, (150.0, 130.0, 140.0), 0.0), STEADY, 128)
     here = eqx.tree_at(lambda e: e.curvature_max, picked(ENDS, 0), number(1.0 / 2000.0))
-    pace = make_pace(level, here, limits, GRAVITY)
+    schedule = make_radius_schedule(level, here, limits, GRAVITY)
     # In steady level flight the radius is V^2 / (g tan(bank)), and 2 % more for the certificate.
     for place, speed in ((0, 150.0), (64, 130.0), (128, 140.0)):
         radius = speed**2 / (GRAVITY * np.tan(np.radians(60.0))) / 0.98
-        np.testing.assert_allclose(float(pace.scales[place]) * 2000.0, radius, rtol=1e-3)  # V_dot is not quite zero
+        np.testing.assert_allclose(float(schedule.scales[place]) * 2000.0, radius, rtol=1e-3)  # V_dot is not quite zero
     # The greatest within the turn counts.
-    np.testing.assert_allclose(pace.least(0.0, 1e4), pace.scales[0], rtol=1e-12)
+    np.testing.assert_allclose(schedule.least(0.0, 1e4), schedule.scales[0], rtol=1e-12)
     last = float(level.length)
-    np.testing.assert_allclose(pace.least(last - 100.0, 100.0), pace.scales[-1], rtol=1e-12)
+    np.testing.assert_allclose(schedule.least(last - 100.0, 100.0), schedule.scales[-1], rtol=1e-12)
     # Climbing at a tenth of the speed leaves less lift, pulling up more of it.
     climbing = tabulate(
         make_profile(200.0, (900.0, 3500.0), (0.0, 0.0), 0.0, 0.0, (150.0, 150.0, 150.0), 0.0), STEADY, 128
     )
-    steep = make_pace(climbing, here, limits, GRAVITY)
+    steep = make_radius_schedule(climbing, here, limits, GRAVITY)
     now = climbing.profile.at(100.0)
     expected = 150.0**2 / (0.98 * GRAVITY * np.sqrt(1 - (float(now.climb) / 150.0) ** 2) * np.tan(np.radians(60.0)))
     np.testing.assert_allclose(float(steep.scales[64]) * 2000.0, expected, rtol=1e-6)

@@ -1,17 +1,22 @@
 """What is asked of the planner: where each aircraft is, where it must be, and within which limits."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import equinox as eqx
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from anser.environment import AbstractWind
 from anser.planning.limits import PathLimits
 from anser.planning.rendezvous import Rendezvous
 from anser.planning.separation import Separation
-from anser.shapes import Scalar, Vector3
+from anser.shapes import Scalar, ScalarLike, Vector3
 
 
-class Traveller(eqx.Module):
+class AircraftTask(eqx.Module):
     """One aircraft that is to be planned; stacked, a fleet.
 
     Attributes
@@ -48,6 +53,20 @@ class Traveller(eqx.Module):
     limits: PathLimits
     roll_rate_max: Scalar
     active: Scalar
+
+    @property
+    def rendezvous_n(self) -> Vector3:
+        """Its rendezvous at the start of the plan, NED, m."""
+        return self.goal_position_n + self.rendezvous.stand_off_n
+
+    def meeting_n(self, after: ScalarLike) -> Vector3:
+        """Its rendezvous after a time (s), NED, m."""
+        return self.goal_position_n + self.goal_velocity_n * after + self.rendezvous.stand_off_n
+
+
+def stacked(tasks: Sequence[AircraftTask]) -> AircraftTask:
+    """A fleet of single tasks."""
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *tasks)
 
 
 class KeepOuts(eqx.Module):
@@ -90,3 +109,40 @@ class Airspace(eqx.Module):
     gravity: Scalar
     separation: Separation
     keep_outs: KeepOuts
+
+
+RULES = ("together", "earliest", "at", "sequence", "times", "windows")
+ArrivalTimes = Float[np.ndarray, " aircraft"]
+Intervals = list[tuple[float, float]]
+"""Of times, s."""
+
+
+@dataclass(frozen=True)
+class ArrivalRequest:
+    """When a fleet is to arrive.
+
+    Attributes
+    ----------
+    rule
+        One of `RULES`: "together" (one time, the first at which the farthest can be there at its preferred speed),
+        "earliest" (the first that is found, see `anser.planning.certified.earliest`), "at" (a given one), "sequence"
+        (one after another), "times" (each at its own), "windows" (each within its own).
+    latest_s
+        No arrival is later than this, s.
+    times_s
+        For "at" and "times", one per aircraft, s after the start of the plan.
+    offsets_s
+        For "sequence": how long after the first each arrives, s; else None.
+    windows_s
+        For "windows": (aircraft, 2), s.
+    """
+
+    rule: str
+    latest_s: float
+    times_s: ArrivalTimes | None = None
+    offsets_s: ArrivalTimes | None = None
+    windows_s: Float[np.ndarray, "aircraft 2"] | None = None
+
+    def offsets(self, count: int) -> ArrivalTimes:
+        """How long after the first each of so many aircraft arrives, s."""
+        return np.zeros(count) if self.offsets_s is None else self.offsets_s

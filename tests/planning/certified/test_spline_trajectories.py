@@ -1,4 +1,4 @@
-"""Free motions: they arrive and keep everything where nothing else does, seen by another's dense check."""
+"""Splines: they arrive and keep everything where nothing else does, seen by another's dense check."""
 
 import equinox as eqx
 import jax
@@ -9,24 +9,24 @@ from certified_cases import number, picked
 
 from anser.numerics import compiled_quickly
 from anser.planning.certified.arrivals import reachable
-from anser.planning.certified.choices import ALONE, DEEP, PLAIN
-from anser.planning.certified.motions import find_motions
+from anser.planning.certified.candidate_sets import ALONE_SPLINES, ALONE_STANDARD, ALONE_TURN_LEG_PATHS
+from anser.planning.certified.spline_trajectories import find_splines
 from trials.cases import random_case
 from trials.check import dense_check
 from trials.data import Paths
 from trials.task import planner_task
 
-TICKS, STARTS, KEPT = 128, 32, 6
+INTERVALS, STARTS, KEPT = 128, 32, 6
 # Of the random cases: an aircraft, and a time at which it was said to have no way, though it has: a descent at nearly
-# the greatest rate; a turn that needs the least airspeed at full bank; closed volumes.
+# the greatest rate; a turn that needs the least airspeed at full bank; keep-outs.
 HARD = ((90, 3, 192.5), (198, 7, 90.9), (104, 0, 87.9))
 
-found_by = compiled_quickly(lambda one, airspace, t: find_motions(one, airspace, t, TICKS, STARTS, KEPT))
+found_by = compiled_quickly(lambda one, airspace, t: find_splines(one, airspace, t, INTERVALS, STARTS, KEPT))
 
 
 def task_of(seed, who):
-    travellers, airspace, _ = planner_task(random_case(seed))
-    return picked(travellers, who), airspace
+    tasks, airspace, _ = planner_task(random_case(seed))
+    return picked(tasks, who), airspace
 
 
 @pytest.fixture(scope="module")
@@ -54,10 +54,10 @@ def test_there_are_some_and_they_pass_a_dense_check(hard):
 @pytest.mark.long
 def test_nothing_else_finds_a_way_at_those_times():
     for seed, who, t in HARD[:2]:
-        travellers, airspace, _ = planner_task(random_case(seed))
-        asked = (travellers, airspace, np.array([who]), np.array([t]))
-        assert not reachable(*asked, levels=(PLAIN, ALONE))[0]
-        assert reachable(*asked, levels=(DEEP,))[0]
+        tasks, airspace, _ = planner_task(random_case(seed))
+        asked = (tasks, airspace, np.array([who]), np.array([t]))
+        assert not reachable(*asked, levels=(ALONE_STANDARD, ALONE_TURN_LEG_PATHS))[0]
+        assert reachable(*asked, levels=(ALONE_SPLINES,))[0]
 
 
 def test_begins_as_the_aircraft_does_and_ends_as_prescribed():
@@ -76,11 +76,11 @@ def test_begins_as_the_aircraft_does_and_ends_as_prescribed():
 def test_a_turn_under_way_goes_on_without_a_jump():
     one, airspace = task_of(90, 0)
     ahead = one.air_velocity_n / jnp.linalg.norm(one.air_velocity_n)
-    push = jnp.array([-ahead[1], ahead[0], 0.0]) * 1.5
-    turning = eqx.tree_at(lambda t: t.air_acceleration_n, one, push)
+    turn_n = jnp.array([-ahead[1], ahead[0], 0.0]) * 1.5
+    turning = eqx.tree_at(lambda t: t.air_acceleration_n, one, turn_n)
     found = found_by(turning, airspace, number(230.0))
     assert np.any(found.valid)
-    np.testing.assert_allclose(found.paths.air_n[0, 0, 2], push, atol=1e-9)
+    np.testing.assert_allclose(found.paths.air_n[0, 0, 2], turn_n, atol=1e-9)
 
 
 @pytest.mark.long

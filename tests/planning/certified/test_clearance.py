@@ -1,4 +1,4 @@
-"""Distances between moving aircraft and from closed volumes: never more than the true ones, and little less."""
+"""Distances between moving aircraft and from keep-outs: never more than the true ones, and little less."""
 
 import jax
 import jax.numpy as jnp
@@ -7,8 +7,8 @@ import pytest
 from certified_cases import number, picked
 
 from anser.numerics import compiled_quickly
-from anser.planning.certified.conflicts import Track, keep_out_room, pair_use, track_slack
-from anser.planning.certified.request import KeepOuts, no_keep_outs
+from anser.planning.certified.clearance import Track, chord_error_bound, clearance_from_keep_outs, pair_clearance_ratio
+from anser.planning.certified.task import KeepOuts, no_keep_outs
 from anser.planning.separation import Separation
 
 CASES = 40
@@ -16,8 +16,8 @@ STEP_S, INTERVALS, FINE = 1.0, 60, 200
 TIMES = STEP_S * np.arange(INTERVALS + 1)
 DENSE = np.linspace(0.0, TIMES[-1], INTERVALS * FINE + 1)
 APART = Separation(number(900.0), number(150.0))
-USE = compiled_quickly(jax.vmap(pair_use, in_axes=(0, 0, None)))
-ROOM = compiled_quickly(jax.vmap(keep_out_room, in_axes=(0, None, None)))
+USE = compiled_quickly(jax.vmap(pair_clearance_ratio, in_axes=(0, 0, None)))
+ROOM = compiled_quickly(jax.vmap(clearance_from_keep_outs, in_axes=(0, None, None)))
 
 
 class Weaving:
@@ -42,9 +42,9 @@ class Weaving:
 
 
 def track_of(weave, counted=None):
-    slack = track_slack(jnp.full(INTERVALS, weave.acceleration()), number(STEP_S))
+    error_bound = chord_error_bound(jnp.full(INTERVALS, weave.acceleration()), number(STEP_S))
     counts = np.ones(INTERVALS) if counted is None else counted
-    return Track(jnp.asarray(weave.at(TIMES)), slack, jnp.asarray(counts))
+    return Track(jnp.asarray(weave.at(TIMES)), error_bound, jnp.asarray(counts))
 
 
 def stacked(tracks):
@@ -74,10 +74,10 @@ def test_use_is_never_more_than_the_least_ratio_and_little_less(vertical):
         # 3e-5 m keep a root's derivative finite.
         assert found[k] <= least + 1e-6
         # Straight lines are within the two slacks of the paths, either way; the fine grid within 5 ms x 400 m/s / 2.
-        slack = (ONES[k].acceleration() + OTHERS[k].acceleration()) * STEP_S**2 / 8
+        error_bound = (ONES[k].acceleration() + OTHERS[k].acceleration()) * STEP_S**2 / 8
         # Horizontally and vertically the least ratios of one interval are not at the same instant.
         change = STEP_S * (20.0 + 2 * 3.0 / 0.05) if vertical else 0.0
-        assert found[k] >= least - (2 * slack + 1.0 + change) / (vertical or 900.0)
+        assert found[k] >= least - (2 * error_bound + 1.0 + change) / (vertical or 900.0)
         broken += least < 1.0
     assert 5 <= broken <= CASES - 5 or not vertical  # both kinds are there
 
@@ -116,7 +116,7 @@ def test_only_the_common_flight_counts_and_nothing_where_nothing_is_asked():
     none = Separation(number(0.0), number(0.0))
     assert np.all(np.isinf(USE(FIRST, SECOND, none)))
     away = jax.tree.map(jnp.zeros_like, SECOND.counted)
-    assert np.all(np.isinf(USE(FIRST, Track(SECOND.positions_n, SECOND.slack, away), APART)))
+    assert np.all(np.isinf(USE(FIRST, Track(SECOND.positions_n, SECOND.error_bound, away), APART)))
     # One arrives after 20 s: the crossing in the middle is no longer its.
     early = np.where(TIMES[:-1] < 20.0, 1.0, 0.0)
     found = np.asarray(USE(stacked([track_of(w, early) for w in ONES]), SECOND, APART))
@@ -130,8 +130,8 @@ def test_only_the_common_flight_counts_and_nothing_where_nothing_is_asked():
 def test_the_order_of_a_pair_and_batches_make_no_difference():
     together = USE(FIRST, SECOND, APART)
     np.testing.assert_allclose(USE(SECOND, FIRST, APART), together, rtol=1e-12)
-    np.testing.assert_allclose(pair_use(FIRST, SECOND, APART), together, rtol=1e-12)  # its own batch axis
-    alone = [pair_use(picked(FIRST, k), picked(SECOND, k), APART) for k in range(3)]
+    np.testing.assert_allclose(pair_clearance_ratio(FIRST, SECOND, APART), together, rtol=1e-12)  # its own batch axis
+    alone = [pair_clearance_ratio(picked(FIRST, k), picked(SECOND, k), APART) for k in range(3)]
     np.testing.assert_allclose(alone, together[:3], rtol=1e-12)
 
 
@@ -158,11 +158,11 @@ def test_room_outside_standing_and_moving_volumes_is_never_more_than_the_true_on
             apart = path[:, :2] - position[n] - DENSE[:, None] * velocity[n]
             beside = np.hypot(apart[:, 0], apart[:, 1]) - radius[n]
             room = np.min(np.maximum.reduce([beside, bottom[n] + path[:, 2], -path[:, 2] - top[n]]))
-            slack = weave.acceleration() * STEP_S**2 / 8
+            error_bound = weave.acceleration() * STEP_S**2 / 8
             assert found[k, n] <= room + 1e-4  # 3e-5 m keep a root's derivative finite
             # Two slacks; and beside and above are looked at over an interval each, not at the same instant: vertical
             # speeds of 10 + 3/0.05 m/s.
-            assert found[k, n] >= room - 2 * slack - 1.0 - 70.0 * STEP_S
+            assert found[k, n] >= room - 2 * error_bound - 1.0 - 70.0 * STEP_S
             inside += room < 0.0
     assert 20 <= inside <= found.size - 20  # both kinds are there
 
@@ -177,22 +177,22 @@ def test_above_below_and_beside_are_exact_for_straight_flight():
         jnp.array([0.0, 1100.0, 0.0, 0.0, 0.0]),
         jnp.array([750.0, 2000.0, 2000.0, 1010.0, 2000.0]),
     )
-    found = compiled_quickly(keep_out_room)(track, jnp.asarray(TIMES), closed)
+    found = compiled_quickly(clearance_from_keep_outs)(track, jnp.asarray(TIMES), closed)
     # Above, below, beside; inside, 10 m under the top; beside one that flies along, 100 m inside, but for 4560 m.
     beside = np.hypot(600.0, 150.0 * 30.4) - 700.0
     np.testing.assert_allclose(found, [250.0, 100.0, 300.0, -10.0, beside], rtol=1e-9)
     # After the arrival nothing counts.
-    gone = Track(track.positions_n, track.slack, jnp.zeros(INTERVALS))
-    assert np.all(np.isinf(compiled_quickly(keep_out_room)(gone, jnp.asarray(TIMES), closed)))
+    gone = Track(track.positions_n, track.error_bound, jnp.zeros(INTERVALS))
+    assert np.all(np.isinf(compiled_quickly(clearance_from_keep_outs)(gone, jnp.asarray(TIMES), closed)))
 
 
 def test_no_volumes_no_room_asked():
-    assert keep_out_room(picked(FIRST, 0), jnp.asarray(TIMES), no_keep_outs()).shape == (0,)
+    assert clearance_from_keep_outs(picked(FIRST, 0), jnp.asarray(TIMES), no_keep_outs()).shape == (0,)
 
 
 def test_slack_is_the_sagitta_of_the_acceleration():
     # A parabola's distance from its chord, a h^2 / 8, in the middle.
-    np.testing.assert_allclose(track_slack(jnp.array([8.0, 2.0]), number(0.5)), [0.25, 0.0625], rtol=1e-15)
+    np.testing.assert_allclose(chord_error_bound(jnp.array([8.0, 2.0]), number(0.5)), [0.25, 0.0625], rtol=1e-15)
 
 
 def test_gradients_are_finite_in_a_collision_and_at_rest():
@@ -200,11 +200,11 @@ def test_gradients_are_finite_in_a_collision_and_at_rest():
     track = Track(positions, jnp.zeros(INTERVALS), jnp.ones(INTERVALS))
 
     def use(moved):
-        return pair_use(Track(moved, track.slack, track.counted), track, APART)
+        return pair_clearance_ratio(Track(moved, track.error_bound, track.counted), track, APART)
 
     def room(moved):
         closed = KeepOuts(jnp.zeros((1, 2)), jnp.zeros((1, 2)), jnp.ones(1), jnp.zeros(1), jnp.ones(1))
-        return keep_out_room(Track(moved, track.slack, track.counted), jnp.asarray(TIMES), closed)[0]
+        return clearance_from_keep_outs(Track(moved, track.error_bound, track.counted), jnp.asarray(TIMES), closed)[0]
 
     assert np.all(np.isfinite(compiled_quickly(jax.grad(use))(positions)))
     assert np.all(np.isfinite(compiled_quickly(jax.grad(room))(positions)))

@@ -1,49 +1,49 @@
-"""What rules arrival times out whatever the shape of a path: distance, height, closed and crowded rendezvous points."""
+"""Necessary conditions of arrival times, whatever the path: distance, height, and rendezvous points that are free."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from anser.planning.certified.request import Airspace, Traveller
+from anser.planning.certified.task import AircraftTask, Airspace
 from anser.planning.separation import separation_ratio
 
 _ALTITUDES = 65  # at which the wind is asked for its greatest speed
-_WIND_ROOM = 1.02
-_AT_EDGE_M = 1.0  # so far inside a closed volume, or a separation, the judgement is left to the certificate
-_BEYOND_M = 1000.0  # above and below all ends: where detours in altitude lead
+_WIND_FACTOR = 1.02
+_EDGE_M = 1.0  # so far inside a keep-out, or a separation, the judgement is left to the certificate
+_ALTITUDE_MARGIN_M = 1000.0  # above and below all ends: where detours in altitude lead
 
 
-def _strongest_wind(travellers: Traveller, airspace: Airspace) -> float:
+def _strongest_wind(tasks: AircraftTask, airspace: Airspace) -> float:
     """Greatest speed of the wind between all ends and somewhat beyond, m/s."""
-    end = travellers.goal_position_n + travellers.rendezvous.stand_off_n
-    both = -np.append(np.asarray(end)[:, 2], np.asarray(travellers.position_n)[:, 2])
-    heights = jnp.linspace(np.min(both) - _BEYOND_M, np.max(both) + _BEYOND_M, _ALTITUDES)
+    end = tasks.rendezvous_n
+    both = -np.append(np.asarray(end)[:, 2], np.asarray(tasks.position_n)[:, 2])
+    heights = jnp.linspace(np.min(both) - _ALTITUDE_MARGIN_M, np.max(both) + _ALTITUDE_MARGIN_M, _ALTITUDES)
     winds = jax.vmap(lambda h: airspace.wind.at(jnp.stack([0.0 * h, 0.0 * h, -h]), 0.0))(heights)
-    return _WIND_ROOM * float(jnp.max(jnp.linalg.norm(winds, axis=1)))
+    return _WIND_FACTOR * float(jnp.max(jnp.linalg.norm(winds, axis=1)))
 
 
-def conceivable(
-    travellers: Traveller, airspace: Airspace, who: Int[np.ndarray, " pairs"], durations: Float[np.ndarray, " pairs"]
+def may_arrive(
+    tasks: AircraftTask, airspace: Airspace, who: Int[np.ndarray, " pairs"], durations: Float[np.ndarray, " pairs"]
 ) -> Bool[np.ndarray, " pairs"]:
-    """Whether a duration (s) is not ruled out, whatever the shape: by distance, by height, by a closed rendezvous."""
-    limits, t = travellers.limits, durations[:, None]
-    end = travellers.goal_position_n + travellers.rendezvous.stand_off_n
-    line = np.asarray(end - travellers.position_n)[who] + t * np.asarray(travellers.goal_velocity_n)[who]
-    wind = _strongest_wind(travellers, airspace)
+    """Whether a duration (s) meets the necessary conditions: distance, height, a rendezvous outside keep-outs."""
+    limits, t = tasks.limits, durations[:, None]
+    end = tasks.rendezvous_n
+    line = np.asarray(end - tasks.position_n)[who] + t * np.asarray(tasks.goal_velocity_n)[who]
+    wind = _strongest_wind(tasks, airspace)
     fast = np.linalg.norm(line[:, :2], axis=1) <= (np.asarray(limits.speed_max)[who] + wind) * durations
     gentle = np.abs(line[:, 2]) <= (np.asarray(limits.climb_rate_max)[who] + wind) * durations
-    place, volumes = np.asarray(travellers.position_n)[who] + line, airspace.keep_outs
+    place, volumes = np.asarray(tasks.position_n)[who] + line, airspace.keep_outs
     moved = np.asarray(volumes.position_n)[None] + t[:, :, None] * np.asarray(volumes.velocity_n)[None]
-    beside = np.linalg.norm(place[:, None, :2] - moved, axis=2) >= np.asarray(volumes.radius) - _AT_EDGE_M
+    beside = np.linalg.norm(place[:, None, :2] - moved, axis=2) >= np.asarray(volumes.radius) - _EDGE_M
     height = -place[:, 2:]
-    over = height >= np.asarray(volumes.top) - _AT_EDGE_M
-    under = height <= np.asarray(volumes.bottom) + _AT_EDGE_M
+    over = height >= np.asarray(volumes.top) - _EDGE_M
+    under = height <= np.asarray(volumes.bottom) + _EDGE_M
     return fast & gentle & np.all(beside | over | under, axis=1)
 
 
-def apart_at_arrival(
-    travellers: Traveller, airspace: Airspace, durations: Float[np.ndarray, "n aircraft"]
+def arrival_distances_max(
+    tasks: AircraftTask, airspace: Airspace, durations: Float[np.ndarray, "n aircraft"]
 ) -> tuple[Float[np.ndarray, "n aircraft aircraft"], Float[np.ndarray, "n aircraft aircraft"]]:
     """How far apart two aircraft can be at most when the first of them arrives, whatever their shapes.
 
@@ -54,9 +54,9 @@ def apart_at_arrival(
     -------
     Horizontal and vertical distance, m; infinite to itself and to one that is not active.
     """
-    limits, wind = travellers.limits, _strongest_wind(travellers, airspace)
-    end = np.asarray(travellers.goal_position_n + travellers.rendezvous.stand_off_n)
-    place = end + durations[:, :, None] * np.asarray(travellers.goal_velocity_n)
+    limits, wind = tasks.limits, _strongest_wind(tasks, airspace)
+    end = np.asarray(tasks.rendezvous_n)
+    place = end + durations[:, :, None] * np.asarray(tasks.goal_velocity_n)
     apart = place[:, :, None] - place[:, None, :]
     between = durations[:, :, None] - durations[:, None, :]
 
@@ -65,17 +65,17 @@ def apart_at_arrival(
         fast = np.minimum(rate, 1e9) + wind
         return np.where(between > 0.0, fast[:, None], fast[None, :]) * np.abs(between)
 
-    active = np.asarray(travellers.active) > 0.0
+    active = np.asarray(tasks.active) > 0.0
     nothing = np.eye(active.size, dtype=bool) | ~active[:, None] | ~active[None, :]
     level = np.linalg.norm(apart[..., :2], axis=-1) + covered(np.asarray(limits.speed_max))
     height = np.abs(apart[..., 2]) + covered(np.asarray(limits.climb_rate_max))
     return np.where(nothing, np.inf, level), np.where(nothing, np.inf, height)
 
 
-def crowded(
-    travellers: Traveller, airspace: Airspace, durations: Float[np.ndarray, "n aircraft"]
+def arrival_conflicts(
+    tasks: AircraftTask, airspace: Airspace, durations: Float[np.ndarray, "n aircraft"]
 ) -> Bool[np.ndarray, "n aircraft aircraft"]:
     """Which two aircraft cannot be apart when the first of them arrives, if each takes its duration (s)."""
     horizontal, vertical = float(airspace.separation.horizontal), float(airspace.separation.vertical)
-    level, height = apart_at_arrival(travellers, airspace, durations)
-    return separation_ratio(level + _AT_EDGE_M, height + _AT_EDGE_M, horizontal, vertical) < 1.0
+    level, height = arrival_distances_max(tasks, airspace, durations)
+    return separation_ratio(level + _EDGE_M, height + _EDGE_M, horizontal, vertical) < 1.0

@@ -2,16 +2,16 @@
 
 import jax.numpy as jnp
 
-from anser.planning.certified import Airspace, Separation, Traveller, no_keep_outs
+from anser.planning.certified import AircraftTask, Airspace, Separation, no_keep_outs
 from anser.planning.limits import PathLimits
 from anser.planning.rendezvous import make_rendezvous
 
 SPEED_MAX, CLIMB_MAX = 200.0, 40.0
 
 
-def traveller(goal, moving=(0.0, 0.0, 0.0)):
+def aircraft_task(goal, moving=(0.0, 0.0, 0.0)):
     """At 2,000 m above the origin, flying north at 150 m/s; the rendezvous 300 m above a goal."""
-    return Traveller(
+    return AircraftTask(
         position_n=jnp.array([0.0, 0.0, -2000.0]),
         air_velocity_n=jnp.array([150.0, 0.0, 0.0]),
         air_acceleration_n=jnp.zeros(3),

@@ -1,4 +1,4 @@
-"""What motions pass: the equations against automatic derivatives, what is passed against the judge's own formulas."""
+"""What splines pass: the equations against automatic derivatives, what is passed against the judge's own formulas."""
 
 import functools
 
@@ -8,22 +8,21 @@ import numpy as np
 import pytest
 from certified_cases import number, picked
 
-from anser.planning.certified.motion_guesses import beginning, draws
-from anser.planning.certified.motion_terms import (
-    _LOOKS,
-    MotionTask,
-    _missed,
-    _passed,
-    arrives_onward,
-    first_allowed,
+from anser.planning.certified.spline import Spline, states, states_at
+from anser.planning.certified.spline_equations import (
+    _SAMPLE_POINTS,
+    SplineProblem,
+    _limit_violations,
+    _violations,
+    arrives_forward,
     first_state,
-    meeting_place,
-    missed_by,
-    moved,
-    narrower,
-    step_measure,
+    initial_limits,
+    normal_equations,
+    step_metric,
+    tightened,
+    updated,
 )
-from anser.planning.certified.spline_motion import SplineMotion, states, states_at
+from anser.planning.certified.spline_guesses import guesses, spline_start
 from anser.planning.limits import CERTIFIED_LIMITS
 from trials.cases import random_case
 from trials.motion import path_demands
@@ -33,13 +32,13 @@ CELLS = 16
 GROUPS = CELLS // 4
 
 
-def task_of(seed, who, duration=230.0):
-    travellers, airspace, _ = planner_task(random_case(seed))
-    return MotionTask(picked(travellers, who), airspace, number(duration))
+def problem_of(seed, who, duration=230.0):
+    tasks, airspace, _ = planner_task(random_case(seed))
+    return SplineProblem(picked(tasks, who), airspace, number(duration))
 
 
-def begun(task, k=0):
-    return beginning(task, CELLS, picked(draws(6), k))
+def begun(problem, k=0):
+    return spline_start(problem, CELLS, picked(guesses(6), k))
 
 
 def changes(seed, size=300.0):
@@ -49,56 +48,56 @@ def changes(seed, size=300.0):
 def dense(form):
     full = np.zeros((GROUPS, 12, GROUPS, 12))
     for k in range(GROUPS):
-        full[k, :, k] = form.own[k]
+        full[k, :, k] = form.diagonal[k]
         if k:
-            full[k, :, k - 1], full[k - 1, :, k] = form.before[k], np.asarray(form.before[k]).T
+            full[k, :, k - 1], full[k - 1, :, k] = form.subdiagonal[k], np.asarray(form.subdiagonal[k]).T
     return full.reshape(12 * GROUPS, 12 * GROUPS)
 
 
-# Course and path angle prescribed; course alone; neither, with closed volumes.
+# Course and path angle prescribed; course alone; neither, with keep-outs.
 TASKS = ((34, 1), (90, 3), (104, 0))
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(("seed", "who"), TASKS)
 def test_normal_equations_are_those_of_automatic_derivatives(seed, who):
-    task = task_of(seed, who)
-    begin = begun(task, 2)
+    problem = problem_of(seed, who)
+    begin = begun(problem, 2)
 
     def rows(x):
-        motion = SplineMotion(task.duration, moved(begin, task.duration / CELLS, x))
-        times = motion.cell * (jnp.arange(CELLS)[:, None] + jnp.asarray(_LOOKS)[None, :])
-        one = functools.partial(_missed, task, begin.allowed)
-        return jax.vmap(jax.vmap(one))(times, states(motion, _LOOKS)).ravel()
+        spline = Spline(problem.duration, updated(begin, problem.duration / CELLS, x))
+        times = spline.cell * (jnp.arange(CELLS)[:, None] + jnp.asarray(_SAMPLE_POINTS)[None, :])
+        one = functools.partial(_violations, problem, begin.allowed)
+        return jax.vmap(jax.vmap(one))(times, states(spline, _SAMPLE_POINTS)).ravel()
 
     x = changes(seed)
-    found = jax.jit(functools.partial(missed_by, task))(begin, x)
-    missed = rows(x)
-    jacobian = jax.jit(jax.jacfwd(rows))(x).reshape(missed.size, -1)
-    assert np.sum(np.asarray(missed) > 0.0) > 20
-    np.testing.assert_allclose(found.cost, 0.5 * np.sum(np.asarray(missed) ** 2), rtol=1e-12)
+    found = jax.jit(functools.partial(normal_equations, problem))(begin, x)
+    violations = rows(x)
+    jacobian = jax.jit(jax.jacfwd(rows))(x).reshape(violations.size, -1)
+    assert np.sum(np.asarray(violations) > 0.0) > 20
+    np.testing.assert_allclose(found.cost, 0.5 * np.sum(np.asarray(violations) ** 2), rtol=1e-12)
     expected = np.asarray(jacobian.T @ jacobian)
     np.testing.assert_allclose(dense(found.form), expected, atol=1e-12 * np.max(expected))
-    gradient = np.asarray(jacobian.T @ missed)
+    gradient = np.asarray(jacobian.T @ violations)
     np.testing.assert_allclose(found.gradient.ravel(), gradient, atol=1e-11 * np.max(np.abs(gradient)))
 
 
 @pytest.mark.parametrize(("seed", "who"), TASKS)
 def test_the_size_of_a_step_is_what_it_moves(seed, who):
-    task = task_of(seed, who)
-    begin = begun(task)
-    cell = task.duration / CELLS
+    problem = problem_of(seed, who)
+    begin = begun(problem)
+    cell = problem.duration / CELLS
     x = changes(seed + 1)
     # Of the last group, what changes nothing counts by itself.
-    form = dense(step_measure(task, begin))
+    form = dense(step_metric(problem, begin))
     idle = np.flatnonzero(
-        np.all(np.asarray(jax.jacfwd(lambda y: moved(begin, cell, y))(x)) == 0.0, axis=(0, 1)).ravel()
+        np.all(np.asarray(jax.jacfwd(lambda y: updated(begin, cell, y))(x)) == 0.0, axis=(0, 1)).ravel()
     )
     assert idle.size in (3, 4, 5)
     flat = np.array(x).ravel()
     flat[idle] = 0.0
-    step = moved(begin, cell, jnp.asarray(flat).reshape(GROUPS, 12)) - begin.coefficients
-    fine = np.asarray(states(SplineMotion(task.duration, step), (np.arange(400) + 0.5) / 400))
+    step = updated(begin, cell, jnp.asarray(flat).reshape(GROUPS, 12)) - begin.coefficients
+    fine = np.asarray(states(Spline(problem.duration, step), (np.arange(400) + 0.5) / 400))
     sizes = np.mean(np.sum(fine**2, axis=3), axis=(0, 1)) / np.array([3000.0, 30.0, 3.0]) ** 2
     np.testing.assert_allclose(flat @ form @ flat, np.sum(sizes), rtol=1e-4)
     assert np.min(np.linalg.eigvalsh(form)) > 0.0
@@ -106,14 +105,14 @@ def test_the_size_of_a_step_is_what_it_moves(seed, who):
 
 @pytest.mark.parametrize(("seed", "who"), TASKS)
 def test_begins_and_arrives_as_asked_whatever_the_change(seed, who):
-    task = task_of(seed, who)
-    rendezvous = task.traveller.rendezvous
+    problem = problem_of(seed, who)
+    rendezvous = problem.task.rendezvous
     for k in range(6):
-        begin = begun(task, k)
-        coefficients = moved(begin, task.duration / CELLS, changes(k, 50.0))
-        first, last = states_at(SplineMotion(task.duration, coefficients), jnp.stack([number(0.0), task.duration]))
-        np.testing.assert_allclose(first, first_state(task), rtol=1e-9, atol=1e-8)
-        np.testing.assert_allclose(last[0], meeting_place(task), rtol=1e-9)
+        begin = begun(problem, k)
+        coefficients = updated(begin, problem.duration / CELLS, changes(k, 50.0))
+        first, last = states_at(Spline(problem.duration, coefficients), jnp.stack([number(0.0), problem.duration]))
+        np.testing.assert_allclose(first, first_state(problem), rtol=1e-9, atol=1e-8)
+        np.testing.assert_allclose(last[0], problem.task.meeting_n(problem.duration), rtol=1e-9)
         north, east, down = np.asarray(last[1])
         if rendezvous.course_prescribed:
             assert np.cos(np.arctan2(east, north) - float(rendezvous.course)) == pytest.approx(1.0, abs=1e-12)
@@ -122,17 +121,17 @@ def test_begins_and_arrives_as_asked_whatever_the_change(seed, who):
 
 
 def test_an_arrival_backwards_is_none():
-    bound, free = begun(task_of(34, 1)), begun(task_of(104, 0))
+    bound, free = begun(problem_of(34, 1)), begun(problem_of(104, 0))
     onward = bound.frame[:, 0]
-    assert bool(arrives_onward(bound, 150.0 * onward))
-    assert not bool(arrives_onward(bound, -150.0 * onward))
-    assert bool(arrives_onward(free, -150.0 * onward))
+    assert bool(arrives_forward(bound, 150.0 * onward))
+    assert not bool(arrives_forward(bound, -150.0 * onward))
+    assert bool(arrives_forward(free, -150.0 * onward))
 
 
 def test_what_is_passed_is_what_the_judge_would_say():
     case = random_case(104)
-    task = task_of(104, 0)
-    allowed = first_allowed(task, number(1.0))
+    problem = problem_of(104, 0)
+    allowed = initial_limits(problem, number(1.0))
     rng = np.random.default_rng(3)
     for _ in range(40):
         altitude = rng.uniform(200.0, 5000.0)
@@ -140,11 +139,13 @@ def test_what_is_passed_is_what_the_judge_would_say():
         if np.hypot(*velocity[:2]) < 40.0:
             continue
         acceleration = rng.normal(0.0, 5.0, 3)
-        found = np.asarray(_passed(task, allowed, number(altitude), jnp.asarray(velocity), jnp.asarray(acceleration)))
+        found = np.asarray(
+            _limit_violations(problem, allowed, number(altitude), jnp.asarray(velocity), jnp.asarray(acceleration))
+        )
         wind = case.wind.at(np.array([altitude]))[:, 0]
-        asked = path_demands(velocity[:, None], acceleration[:, None], wind[:, None], float(task.airspace.gravity))
+        asked = path_demands(velocity[:, None], acceleration[:, None], wind[:, None], float(problem.airspace.gravity))
         side, normal, along = float(asked.side[0]), float(asked.normal[0]), float(asked.along[0])
-        gravity = float(task.airspace.gravity)
+        gravity = float(problem.airspace.gravity)
         expected = [
             (float(allowed.speed_min) - asked.speed[0]) / 5.0,
             (asked.speed[0] - float(allowed.speed_max)) / 5.0,
@@ -158,20 +159,20 @@ def test_what_is_passed_is_what_the_judge_would_say():
 
 
 def test_narrower_by_what_is_passed_and_never_empty():
-    task = task_of(90, 3)
-    limits = task.traveller.limits
-    allowed = first_allowed(task, number(0.99))
-    same = narrower(task, allowed, jnp.full(9, -0.1))
+    problem = problem_of(90, 3)
+    limits = problem.task.limits
+    allowed = initial_limits(problem, number(0.99))
+    same = tightened(problem, allowed, jnp.full(9, -0.1))
     for kept, before in zip(same, allowed, strict=True):
         np.testing.assert_allclose(kept, before, rtol=1e-15)
     over = np.zeros(9)
     fields = [limit.field for limit in CERTIFIED_LIMITS]
     over[fields.index("bank_max")] = 0.02
     over[fields.index("speed_min")] = 0.001
-    less = narrower(task, allowed, jnp.asarray(over))
+    less = tightened(problem, allowed, jnp.asarray(over))
     assert float(less.bank) == pytest.approx(float(allowed.bank) * (1.0 - 0.026))
     assert float(less.speed_min) == pytest.approx(float(allowed.speed_min + 0.0013 * limits.speed_min))
     assert float(less.load_factor) == float(allowed.load_factor)
-    none = narrower(task, allowed, jnp.full(9, 50.0))
+    none = tightened(problem, allowed, jnp.full(9, 50.0))
     assert float(none.speed_min) <= float(none.speed_max)
     assert float(none.bank) > 0.0

@@ -1,7 +1,7 @@
-"""Paths of a wanted length without a prescribed shape: four turns of any sense and radius, three legs, solved at once.
+"""Turn-and-leg paths of a wanted length: four turns of any sense and radius and three legs, solved at once.
 
 What detours cannot be is found here: three turns in a row, loops, turns wider than need be, turns that are tighter
-once the aircraft is slower, ways around closed volumes. Four equations (where the path ends, its last heading, its
+once the aircraft is slower, ways around keep-outs. Four equations (where the path ends, its last heading, its
 length) and one for each volume hold eleven unknowns: from each of many starts, damped Gauss-Newton steps of least size
 lead to the solution nearest to it.
 """
@@ -16,10 +16,10 @@ from jaxtyping import Array, ArrayLike, Float
 
 from anser.numerics import gauss_newton
 from anser.planning.certified.detours import TURN, Solved
-from anser.planning.certified.profile import CURVATURE_KEPT, Timetable
-from anser.planning.certified.request import KeepOuts
+from anser.planning.certified.profile import CURVATURE_KEPT, TabulatedProfile
 from anser.planning.certified.route import LEGS, TURNS, Ends, tightness, unwind
 from anser.planning.certified.smooth_turn import displacement, smooth_turn
+from anser.planning.certified.task import KeepOuts
 from anser.planning.demand import greatest_side
 from anser.planning.limits import PathLimits
 from anser.shapes import Count, Scalar, ScalarLike
@@ -30,9 +30,9 @@ _LONGEST_STEP = 0.7  # of all unknowns together, in their own units: square root
 _SOLVED = 1e-10  # part of the path's length by which it may miss its end, radians for its heading
 _TURN_MOST = 7.5  # rad, beside whole circles
 _UNKNOWNS = 2 * TURNS + LEGS
-_RESERVE_M, _RESERVE_UP_M = 30.0, 5.0  # from closed volumes
+_RESERVE_M, _RESERVE_UP_M = 30.0, 5.0  # from keep-outs
 _VOLUME_WEIGHT = 0.1
-_PACE_ROUNDS = 4
+_RADIUS_ROUNDS = 4
 _ON_LEGS = (0.0, 0.2, 0.4, 0.6, 0.8)  # where legs are looked at, besides their ends
 Unknowns = Float[Array, "11"]
 Spot = Float[Array, "3"]
@@ -46,7 +46,7 @@ def _between(length: Scalar, step: Scalar, count: int) -> tuple[Count, Scalar]:
     return k, at - k
 
 
-class Pace(eqx.Module):
+class RadiusSchedule(eqx.Module):
     """How tightly a path may turn by how far it has come.
 
     Attributes
@@ -58,7 +58,7 @@ class Pace(eqx.Module):
     """
 
     step: Scalar
-    scales: Float[Array, " ticks"]
+    scales: Float[Array, " intervals"]
 
     def least(self, length: ScalarLike, span: ScalarLike) -> Scalar:
         """Least radius of a turn that begins after a length (m) and takes another, in the same units."""
@@ -70,8 +70,8 @@ class Pace(eqx.Module):
         return jnp.max(jax.vmap(one)(length + span * jnp.array([0.0, 0.5, 1.0])))
 
 
-class Closed(eqx.Module):
-    """Closed volumes, as a path in the drifting air meets them.
+class KeepOutsAlongPath(eqx.Module):
+    """Keep-outs, as a path in the drifting air meets them.
 
     Attributes
     ----------
@@ -81,45 +81,45 @@ class Closed(eqx.Module):
         Of each volume's centre when the path has come so far, in the air's frame, m.
     radii
         m, a reserve included.
-    matters
+    in_altitude_band
         1 where the path is then between bottom and top, else 0.
     """
 
     step: Scalar
-    norths: Float[Array, "volumes ticks"]
-    easts: Float[Array, "volumes ticks"]
+    norths: Float[Array, "volumes intervals"]
+    easts: Float[Array, "volumes intervals"]
     radii: Float[Array, " volumes"]
-    matters: Float[Array, "volumes ticks"]
+    in_altitude_band: Float[Array, "volumes intervals"]
 
-    def entered(self, spot: Spot) -> tuple[Float[Array, " volumes"], Float[Array, "volumes 3"]]:
+    def penetration(self, spot: Spot) -> tuple[Float[Array, " volumes"], Float[Array, "volumes 3"]]:
         """How deep a path is inside each volume at a spot, in units of its radius, and how that changes there."""
-        k, part = _between(spot[2], self.step, self.matters.shape[1])
+        k, part = _between(spot[2], self.step, self.in_altitude_band.shape[1])
         here, there = (jnp.stack([self.norths[:, j], self.easts[:, j]], axis=1) for j in (k, k + 1))
         apart = spot[None, :2] - (1.0 - part) * here - part * there
         distance = jnp.sqrt(jnp.sum(apart**2, axis=1) + 1.0)
-        matters = jnp.maximum(self.matters[:, k], self.matters[:, k + 1])
-        deep = matters * jnp.maximum(1.0 - distance / self.radii, 0.0)
+        in_altitude_band = jnp.maximum(self.in_altitude_band[:, k], self.in_altitude_band[:, k + 1])
+        deep = in_altitude_band * jnp.maximum(1.0 - distance / self.radii, 0.0)
         slope = jnp.where(deep > 0.0, -1.0 / (self.radii * distance), 0.0)[:, None] * apart
         moving = jnp.sum(slope * (there - here), axis=1) / self.step
         return deep, jnp.concatenate([slope, -moving[:, None]], axis=1)
 
 
-def _even_times(table: Timetable) -> tuple[Scalar, Float[Array, " ticks"]]:
-    """An even step along the path of a timetable, m, and when each is reached, s."""
+def _even_times(table: TabulatedProfile) -> tuple[Scalar, Float[Array, " intervals"]]:
+    """An even step along the path of a tabulated profile, m, and when each is reached, s."""
     count = table.lengths.shape[0]
     even = jnp.linspace(0.0, 1.0, count)
     times = jnp.interp(even * table.length, table.lengths, even * table.profile.duration)
     return jnp.maximum(table.length, 1.0) / (count - 1), times
 
 
-def make_closed(table: Timetable, volumes: KeepOuts) -> Closed:
-    """Closed volumes as the path of a timetable meets them."""
+def keep_outs_along_path(table: TabulatedProfile, volumes: KeepOuts) -> KeepOutsAlongPath:
+    """Keep-outs as the path of a tabulated profile meets them."""
     step, times = _even_times(table)
     drifts = jax.vmap(table.drift_at)(times)
     altitudes = jax.vmap(lambda t: table.profile.at(t).altitude)(times)
     altitudes, times = altitudes[None, :], times[None, :]
     inside = (altitudes > volumes.bottom[:, None] - _RESERVE_UP_M) & (altitudes < volumes.top[:, None] + _RESERVE_UP_M)
-    return Closed(
+    return KeepOutsAlongPath(
         step,
         volumes.position_n[:, :1] + volumes.velocity_n[:, :1] * times - drifts[None, :, 0],
         volumes.position_n[:, 1:] + volumes.velocity_n[:, 1:] * times - drifts[None, :, 1],
@@ -128,18 +128,20 @@ def make_closed(table: Timetable, volumes: KeepOuts) -> Closed:
     )
 
 
-def make_pace(table: Timetable, ends: Ends, limits: PathLimits, gravity: ScalarLike) -> Pace:
-    """Pace of a timetable: by the airspeed, the climb and the push of each time, for bank angle and load factor."""
+def make_radius_schedule(
+    table: TabulatedProfile, ends: Ends, limits: PathLimits, gravity: ScalarLike
+) -> RadiusSchedule:
+    """Least radii within bank and load factor, by the airspeed, the climb and their rates at each time."""
     step, times = _even_times(table)
 
     def one(t: Scalar) -> Scalar:
         now = table.profile.at(t)
         sine = jnp.minimum(jnp.abs(now.climb) / jnp.maximum(now.speed, 1.0), 0.9)
         level = jnp.sqrt(1.0 - sine**2) * (gravity + now.climb_dot)
-        push = sine * jnp.abs(now.speed_dot)
-        return now.speed**2 / (CURVATURE_KEPT * greatest_side(level - push, level + push, limits, gravity))
+        share = sine * jnp.abs(now.speed_dot)  # of the longitudinal acceleration, up or down
+        return now.speed**2 / (CURVATURE_KEPT * greatest_side(level - share, level + share, limits, gravity))
 
-    return Pace(step, jax.vmap(one)(times) * ends.curvature_max)
+    return RadiusSchedule(step, jax.vmap(one)(times) * ends.curvature_max)
 
 
 class Starts(NamedTuple):
@@ -174,12 +176,12 @@ def make_starts(count: int, seed: int = 0) -> Starts:
     return Starts(senses, np.sqrt(np.concatenate([turns, legs, wider], axis=1)), waiting)
 
 
-class Task(eqx.Module):
-    """What a free shape has to keep."""
+class TurnLegProblem(eqx.Module):
+    """What a turn-and-leg path has to keep."""
 
     ends: Ends
-    pace: Pace
-    closed: Closed
+    schedule: RadiusSchedule
+    keep_outs: KeepOutsAlongPath
     wanted: Scalar
     """Length of the whole path, m."""
 
@@ -191,12 +193,12 @@ class _Flown(eqx.Module):
     """North and east, m."""
     heading: Scalar
     length: Scalar
-    entered: Float[Array, " volumes"]
-    """How deep it was inside closed volumes, summed over the spots looked at."""
+    penetration: Float[Array, " volumes"]
+    """How deep it was inside keep-outs, summed over the spots looked at."""
     place_by: Float[Array, "2 11"]
     heading_by: Float[Array, "11"]
     length_by: Float[Array, "11"]
-    entered_by: Float[Array, "volumes 11"]
+    penetration_by: Float[Array, "volumes 11"]
 
 
 def _turned(heading: Scalar, vector: Float[Array, "2 ..."]) -> Float[Array, "2 ..."]:
@@ -210,14 +212,14 @@ def _across(vector: Float[Array, "2"]) -> Float[Array, "2"]:
 
 
 def _shape(
-    x: Unknowns, task: Task, senses: Float[Array, "4"], circles: Float[Array, "4"]
+    x: Unknowns, problem: TurnLegProblem, senses: Float[Array, "4"], circles: Float[Array, "4"]
 ) -> tuple[Solved, Float[Array, " equations"], Float[Array, "equations 11"]]:
     """The path that unknowns stand for, and by how much it misses what is wanted, with the derivatives of that.
 
-    Parts of the path's length, of half a turn, and for each closed volume how deep the path is inside. The derivatives
+    Parts of the path's length, of half a turn, and for each keep-out how deep the path is inside. The derivatives
     are composed by hand: what is within a turn depends on three numbers only, not on all eleven.
     """
-    ends, wanted = task.ends, task.wanted
+    ends, wanted = problem.ends, problem.wanted
     squares, slopes = x * x, 2.0 * x
     rows = jnp.eye(_UNKNOWNS) * slopes[:, None]
     whole = senses * circles
@@ -231,10 +233,10 @@ def _shape(
         """By its angle, how much wider it is than need be and where it begins: ends, middle, length; scale."""
         angle, wider, length = own
         # A turn that begins before the aircraft is faster ends later than one that does not: its radius is the end's.
-        scale = task.pace.least(length, 0.0)
-        for _ in range(_PACE_ROUNDS):
+        scale = problem.schedule.least(length, 0.0)
+        for _ in range(_RADIUS_ROUNDS):
             about = smooth_turn(angle, *tightness(ends, scale))
-            scale = task.pace.least(length, about.length)
+            scale = problem.schedule.least(length, about.length)
         scale = scale * (1.0 + wider)
         curvature, sharpness = tightness(ends, scale)
         made = smooth_turn(angle, curvature, sharpness)
@@ -260,23 +262,24 @@ def _shape(
         begun = jnp.append(flown.place + move, flown.length + found[4])
         begun_by = jnp.concatenate([flown.place_by + move_by, (flown.length_by + found_by[4])[None]])
         along, along_by = jnp.append(on, leg), jnp.concatenate([on_by, leg_by[None]])
-        entered, entered_by = flown.entered, flown.entered_by
-        if entered.shape[0]:
+        penetration, penetration_by = flown.penetration, flown.penetration_by
+        if penetration.shape[0]:
             halfway = jnp.append(flown.place + middle, flown.length + 0.5 * found[4])
             halfway_by = jnp.concatenate([flown.place_by + middle_by, (flown.length_by + 0.5 * found_by[4])[None]])
             parts = jnp.array(_ON_LEGS)
             spots = jnp.concatenate([halfway[None], begun[None] + jnp.outer(parts, along)])
-            deep, slope = jax.lax.optimization_barrier(jax.vmap(task.closed.entered)(spots))
-            entered = entered + jnp.sum(deep, axis=0)
+            deep, slope = jax.lax.optimization_barrier(jax.vmap(problem.keep_outs.penetration)(spots))
+            penetration = penetration + jnp.sum(deep, axis=0)
             begin, on_leg = jnp.sum(slope[1:], axis=0), jnp.sum(slope[1:] * parts[:, None, None], axis=0)
             for k in range(3):
-                entered_by = entered_by + jnp.outer(slope[0, :, k], halfway_by[k])
-                entered_by = entered_by + jnp.outer(begin[:, k], begun_by[k]) + jnp.outer(on_leg[:, k], along_by[k])
+                penetration_by = penetration_by + jnp.outer(slope[0, :, k], halfway_by[k])
+                penetration_by = penetration_by + jnp.outer(begin[:, k], begun_by[k])
+                penetration_by = penetration_by + jnp.outer(on_leg[:, k], along_by[k])
         place, place_by = begun[:2] + on, begun_by[:2] + on_by
         length, length_by = begun[2] + leg, begun_by[2] + leg_by
-        return _Flown(place, heading, length, entered, place_by, heading_by, length_by, entered_by), scale
+        return _Flown(place, heading, length, penetration, place_by, heading_by, length_by, penetration_by), scale
 
-    begun, volumes = unwind(ends), task.closed.radii.shape[0]
+    begun, volumes = unwind(ends), problem.keep_outs.radii.shape[0]
     first = _Flown(
         jnp.stack([jnp.real(begun.place), jnp.imag(begun.place)]),
         begun.heading,
@@ -291,26 +294,27 @@ def _shape(
     off = jnp.stack([jnp.real(ends.end), jnp.imag(ends.end)]) - flown.place
     turned = jnp.mod(flown.heading - ends.end_heading + jnp.pi, 2 * jnp.pi) - jnp.pi
     asked = jnp.where(ends.end_free, 0.0, 1.0 / jnp.pi)
-    missed = [off / wanted, (flown.length / wanted - 1.0)[None], (asked * turned)[None], _VOLUME_WEIGHT * flown.entered]
-    missed_by = [
+    length_off, heading_off = (flown.length / wanted - 1.0)[None], (asked * turned)[None]
+    residuals = [off / wanted, length_off, heading_off, _VOLUME_WEIGHT * flown.penetration]
+    residuals_by = [
         -flown.place_by / wanted,
         flown.length_by[None] / wanted,
         asked * flown.heading_by[None],
-        _VOLUME_WEIGHT * flown.entered_by,
+        _VOLUME_WEIGHT * flown.penetration_by,
     ]
     solved = Solved(angles, scales, legs[:LEGS], jnp.asarray(True))
-    return solved, jnp.concatenate(missed), jnp.concatenate(missed_by)
+    return solved, jnp.concatenate(residuals), jnp.concatenate(residuals_by)
 
 
-def solve_freely(task: Task, starts: Starts, kept: int | None = None) -> Solved:
+def solve_turn_leg_paths(problem: TurnLegProblem, starts: Starts, kept: int | None = None) -> Solved:
     """Paths of a wanted length, each near a start; see `make_starts`.
 
-    Closed volumes are looked for where turns begin, are half over and end, and at four places of each leg: what comes
+    Keep-outs are looked for where turns begin, are half over and end, and at four places of each leg: what comes
     of it is to be checked for them. Not differentiated: plans are chosen, not tuned.
 
     Parameters
     ----------
-    task
+    problem
         What they have to keep.
     starts
         Where to begin, stacked.
@@ -321,21 +325,21 @@ def solve_freely(task: Task, starts: Starts, kept: int | None = None) -> Solved:
     -------
     One for each that went on to the last step, in no particular order.
     """
-    task = eqx.tree_at(lambda t: t.wanted, jax.lax.stop_gradient(task), jnp.maximum(task.wanted, 1.0))
-    count = 4 + task.closed.radii.shape[0]
+    problem = eqx.tree_at(lambda t: t.wanted, jax.lax.stop_gradient(problem), jnp.maximum(problem.wanted, 1.0))
+    count = 4 + problem.keep_outs.radii.shape[0]
 
-    ends = task.ends
-    spare = jnp.maximum(task.wanted - jnp.abs(ends.end - ends.start), 0.0)
+    ends = problem.ends
+    spare = jnp.maximum(problem.wanted - jnp.abs(ends.end - ends.start), 0.0)
 
     def begin(senses: Array, unknowns: Unknowns, waiting: Array) -> gauss_newton.Search:
         circles = TURN * jnp.floor(waiting * spare * ends.curvature_max / TURN)
         # The legs are parts of what is left beside the circles.
-        left = 1.0 - jnp.sum(circles) / (ends.curvature_max * task.wanted)
+        left = 1.0 - jnp.sum(circles) / (ends.curvature_max * problem.wanted)
         parts = unknowns.at[TURNS : TURNS + LEGS].multiply(jnp.sqrt(left))
         return gauss_newton.begin_search((senses, circles), parts, unknown)
 
     def missed_at(about: tuple[Array, Array], x: Unknowns) -> gauss_newton.Linearized:
-        return gauss_newton.Linearized(*_shape(x, task, *about)[1:])
+        return gauss_newton.Linearized(*_shape(x, problem, *about)[1:])
 
     unknown, move = (
         gauss_newton.Linearized(jnp.full(count, 1e6), jnp.zeros((count, _UNKNOWNS))),
@@ -347,7 +351,7 @@ def solve_freely(task: Task, starts: Starts, kept: int | None = None) -> Solved:
         searches = gauss_newton.closest_of(searches, kept)
     searches = gauss_newton.search_steps(missed_at, move, _DAMPING, _STEPS - _FIRST_STEPS, searches)
     senses, circles = searches.about
-    solved, missed, _ = jax.vmap(_shape, (0, None, 0, 0))(searches.best, task, senses, circles)
+    solved, missed, _ = jax.vmap(_shape, (0, None, 0, 0))(searches.best, problem, senses, circles)
     met = jnp.max(jnp.abs(missed[:, :4]), axis=1) <= _SOLVED
     turned = jnp.all(jnp.abs(solved.angles) - circles <= _TURN_MOST, axis=1)
     return eqx.tree_at(lambda s: s.exists, solved, met & turned)

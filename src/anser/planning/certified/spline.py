@@ -1,4 +1,4 @@
-"""Motions as cubic splines in time of the position over the ground.
+"""Trajectories as cubic splines in time of the position over the ground.
 
 The acceleration is linear between the knots, so that a path through a few of its states is the spline itself. Places,
 velocities and accelerations are linear in the coefficients, and each depends on four of them only.
@@ -24,7 +24,7 @@ _BESIDE_M = 1e-6  # from the edge of a layer of wind: where its rate is taken on
 Coefficients = Float[Array, "coefficients 3"]
 
 
-class SplineMotion(eqx.Module):
+class Spline(eqx.Module):
     """Where one aircraft is when.
 
     Attributes
@@ -67,18 +67,18 @@ def windows(coefficients: Coefficients) -> Float[Array, "cells 4 3"]:
     return jnp.stack([coefficients[k : k + cells] for k in range(4)], axis=1)
 
 
-def states(motion: SplineMotion, places: Float[np.ndarray, " places"]) -> Float[Array, "cells places 3 3"]:
+def states(spline: Spline, places: Float[np.ndarray, " places"]) -> Float[Array, "cells places 3 3"]:
     """Position, velocity and acceleration (order, axis) at the same places, from 0 to 1, of each interval."""
-    scale = jnp.stack([motion.cell**-order for order in range(3)])
-    return jnp.einsum("ouk,nka,o->nuoa", jnp.asarray(bases(places)), windows(motion.coefficients), scale)
+    scale = jnp.stack([spline.cell**-order for order in range(3)])
+    return jnp.einsum("ouk,nka,o->nuoa", jnp.asarray(bases(places)), windows(spline.coefficients), scale)
 
 
-def states_at(motion: SplineMotion, times: Float[Array, " times"]) -> Float[Array, "times 3 3"]:
+def states_at(spline: Spline, times: Float[Array, " times"]) -> Float[Array, "times 3 3"]:
     """The same at any times, s."""
-    share = times / motion.cell
-    which = jnp.clip(jnp.floor(share), 0, motion.cells - 1)
-    scale = jnp.stack([motion.cell**-order for order in range(3)])
-    held = windows(motion.coefficients)[which.astype(jnp.int32)]
+    share = times / spline.cell
+    which = jnp.clip(jnp.floor(share), 0, spline.cells - 1)
+    scale = jnp.stack([spline.cell**-order for order in range(3)])
+    held = windows(spline.coefficients)[which.astype(jnp.int32)]
     return jnp.einsum("otk,tka,o->toa", bases(share - which), held, scale)
 
 
@@ -97,7 +97,7 @@ def end_slopes(cell: ScalarLike) -> Float[Array, "3 3"]:
 
 
 @functools.cache
-def measure() -> Float[np.ndarray, "3 4 4"]:
+def mean_squares() -> Float[np.ndarray, "3 4 4"]:
     """Mean squares of place, velocity and acceleration in an interval of 1 s, as forms of its four coefficients."""
     at = bases(np.asarray(_RULE.nodes))
     return np.einsum("ouk,oul,u->okl", at, at, np.asarray(_RULE.weights))
@@ -118,14 +118,14 @@ def wind_along(
 
 
 def _crossings(
-    motion: SplineMotion, edges: Float[Array, " layers"], ticks: int, most: int
+    spline: Spline, edges: Float[Array, " layers"], intervals: int, most: int
 ) -> tuple[Float[Array, " most"], Float[Array, " most"]]:
     """When altitudes (m) are crossed, s, and whether up or down, 1 or -1; for no crossing the last time and 0.
 
-    Those between ticks that are on both sides; no more than so many.
+    Those between intervals that are on both sides; no more than so many.
     """
-    times = motion.duration * jnp.linspace(0.0, 1.0, ticks + 1)
-    heights = -states_at(motion, times)[:, 0, 2]
+    times = spline.duration * jnp.linspace(0.0, 1.0, intervals + 1)
+    heights = -states_at(spline, times)[:, 0, 2]
     over = heights[:, None] > edges[None, :]
     crossed = (over[1:] != over[:-1]).ravel()
     found = jnp.flatnonzero(crossed, size=most, fill_value=0)
@@ -136,15 +136,15 @@ def _crossings(
     def halve(_: int, span: tuple[Array, Array]) -> tuple[Array, Array]:
         low, high = span
         middle = 0.5 * (low + high)
-        yet = way * (-states_at(motion, middle)[:, 0, 2] - edge) < 0.0
+        yet = way * (-states_at(spline, middle)[:, 0, 2] - edge) < 0.0
         return jnp.where(yet, middle, low), jnp.where(yet, high, middle)
 
     low, high = jax.lax.fori_loop(0, _HALVINGS, halve, (times[tick], times[tick + 1]))
-    return jnp.where(there, 0.5 * (low + high), motion.duration), jnp.where(there, way, 0.0)
+    return jnp.where(there, 0.5 * (low + high), spline.duration), jnp.where(there, way, 0.0)
 
 
-def motion_path(start_time: ScalarLike, motion: SplineMotion, wind: AbstractWind, ticks: int, knots: int) -> TimedPath:
-    """The motion as it is delivered, in a wind, with empty intervals at its end up to a number of knots.
+def spline_path(start_time: ScalarLike, spline: Spline, wind: AbstractWind, intervals: int, knots: int) -> TimedPath:
+    """The spline as it is delivered, in a wind, with empty intervals at its end up to a number of knots.
 
     Where it crosses the edge of a layer of wind, there are two knots: the rate of the wind jumps.
 
@@ -152,30 +152,30 @@ def motion_path(start_time: ScalarLike, motion: SplineMotion, wind: AbstractWind
     ----------
     start_time
         s.
-    motion, wind
+    spline, wind
         What is flown, in what.
-    ticks
-        Even intervals, a multiple of the motion's.
+    intervals
+        Even intervals, a multiple of the spline's.
     knots
-        More than `ticks`; half of those beyond are for edges.
+        More than `intervals`; half of those beyond are for edges.
     """
-    times = motion.duration * jnp.linspace(0.0, 1.0, ticks + 1)
-    most = (knots - ticks - 1) // 2
-    aside = jnp.zeros(ticks + 1)
+    times = spline.duration * jnp.linspace(0.0, 1.0, intervals + 1)
+    most = (knots - intervals - 1) // 2
+    aside = jnp.zeros(intervals + 1)
     if isinstance(wind, LayeredWind):
-        crossed, way = _crossings(motion, wind.altitudes, ticks, most)
+        crossed, way = _crossings(spline, wind.altitudes, intervals, most)
         times = jnp.concatenate([times, jnp.repeat(crossed, 2)])
         aside = jnp.concatenate([aside, jnp.stack([-way, way], axis=1).ravel()])
     order = jnp.argsort(times, stable=True)
     order = jnp.concatenate([order, jnp.repeat(order[-1:], knots - order.shape[0])])
     times, aside = times[order], aside[order]
     nodes, spans = jnp.asarray(_RULE.nodes), jnp.diff(times)
-    within = states_at(motion, (times[:-1, None] + spans[:, None] * nodes[None, :]).ravel())
+    within = states_at(spline, (times[:-1, None] + spans[:, None] * nodes[None, :]).ravel())
     winds, _ = wind_along(wind, -within[:, 0, 2], -within[:, 1, 2])
     weights = jnp.asarray(_RULE.weights)[None, :, None]
     parts = spans[:, None] * jnp.sum(winds.reshape(-1, nodes.shape[0], 3) * weights, axis=1)
     drifts = jnp.concatenate([jnp.zeros((1, 3)), jnp.cumsum(parts, axis=0)])
-    at = states_at(motion, times)
+    at = states_at(spline, times)
     blowing, changing = wind_along(wind, -at[:, 0, 2] + _BESIDE_M * aside, -at[:, 1, 2])
     drift = jnp.stack([drifts, blowing, changing], axis=1)
     return TimedPath(start_time + times, at - drift, drift)

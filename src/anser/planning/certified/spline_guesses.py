@@ -1,4 +1,4 @@
-"""Where the search for free motions begins: detours of many kinds, as long as the time asks for."""
+"""First guesses for splines: detours of many kinds, as long as the time asks for."""
 
 import functools
 from typing import NamedTuple
@@ -8,8 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from anser.planning.certified.motion_terms import Beginning, MotionTask, first_allowed, first_state, meeting_place
-from anser.planning.certified.spline_motion import end_coefficients
+from anser.planning.certified.spline import end_coefficients
+from anser.planning.certified.spline_equations import (
+    SplineProblem,
+    SplineStart,
+    first_state,
+    initial_limits,
+)
 from anser.planning.demand import turn_radius
 from anser.shapes import Scalar
 
@@ -24,8 +29,8 @@ _HUMP_M = 400.0
 _NONE_M = 1e-6
 
 
-class Draw(NamedTuple):
-    """What chance decides of one start; the same ones every time.
+class Guess(NamedTuple):
+    """What is random in one guess; the same ones every time.
 
     Attributes
     ----------
@@ -63,7 +68,7 @@ class Draw(NamedTuple):
 
 
 def _detour(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
-    """A corner on an ellipse, a zigzag or whole circles: done, ahead, aside, angle and rounds of a `Draw`."""
+    """A corner on an ellipse, a zigzag or whole circles: the first five of `Guess`."""
     s, side = np.linspace(0.0, 1.0, _POINTS + 1), float(rng.choice([-1.0, 1.0]))
     none = np.zeros_like(s)
     kind = rng.random()
@@ -81,7 +86,7 @@ def _detour(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarra
 
 
 @functools.cache
-def _drawn(count: int, seed: int) -> tuple[np.ndarray, ...]:
+def _random_guesses(count: int, seed: int) -> tuple[np.ndarray, ...]:
     rng = np.random.default_rng([13, seed])
     rows = []
     for k in range(count):
@@ -92,9 +97,9 @@ def _drawn(count: int, seed: int) -> tuple[np.ndarray, ...]:
     return tuple(np.array(parts) for parts in zip(*rows, strict=True))
 
 
-def draws(count: int, seed: int = 0) -> Draw:
+def guesses(count: int, seed: int = 0) -> Guess:
     """So many, stacked."""
-    return Draw(*(jnp.asarray(parts) for parts in _drawn(count, seed)))
+    return Guess(*(jnp.asarray(parts) for parts in _random_guesses(count, seed)))
 
 
 @functools.cache
@@ -107,13 +112,13 @@ def _smoothing(cells: int) -> Float[np.ndarray, "n n"]:
 
 
 def _last_velocity(
-    task: MotionTask, last: Float[Array, "2"], speed: Scalar, wind: Float[Array, "2"], freely: Float[Array, "3"]
+    problem: SplineProblem, last: Float[Array, "2"], speed: Scalar, wind: Float[Array, "2"], freely: Float[Array, "3"]
 ) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
-    """Velocity of arrival over the ground, and the directions in which it may change, see `Beginning.frame`.
+    """Velocity of arrival over the ground, and the directions in which it may change, see `SplineStart.frame`.
 
     Along `last` at an airspeed where a course or an angle is prescribed, else `freely`.
     """
-    rendezvous = task.traveller.rendezvous
+    rendezvous = problem.task.rendezvous
     steep = rendezvous.path_angle_prescribed
     tangent = jnp.tan(rendezvous.path_angle) * steep
     cosine = 1.0 / jnp.sqrt(1.0 + tangent**2)
@@ -125,38 +130,38 @@ def _last_velocity(
     return jnp.where(bound, direction * onward, freely), jnp.where(bound, frame, jnp.eye(3))
 
 
-def beginning(task: MotionTask, cells: int, draw: Draw) -> Beginning:
+def spline_start(problem: SplineProblem, cells: int, guess: Guess) -> SplineStart:
     """Where a search begins.
 
     The way through the air runs from the start some way ahead, makes its detour, and goes some way along the direction
     of arrival to the rendezvous; at an even speed and climb, the mean wind added.
     """
-    traveller, airspace, duration = task
-    limits, rendezvous = traveller.limits, traveller.rendezvous
-    state, meeting = first_state(task), meeting_place(task)
+    task, airspace, duration = problem
+    limits, rendezvous = task.limits, task.rendezvous
+    state, meeting = first_state(problem), task.meeting_n(duration)
     start = state[0]
     heights = jnp.linspace(-start[2], -meeting[2], 9)
     places = jnp.stack([jnp.zeros(9), jnp.zeros(9), -heights], axis=1)
     wind = jnp.mean(jax.vmap(lambda p: airspace.wind.at(p, 0.0))(places), axis=0)[:2]
     aim = meeting[:2] - start[:2] - wind * duration
-    high = jnp.where(jnp.isfinite(limits.speed_max), limits.speed_max, 2.0 * traveller.speed)
-    length = (limits.speed_min + draw.speed * (high - limits.speed_min)) * duration
+    high = jnp.where(jnp.isfinite(limits.speed_max), limits.speed_max, 2.0 * task.speed)
+    length = (limits.speed_min + guess.speed * (high - limits.speed_min)) * duration
     radius = turn_radius(0.5 * (limits.speed_min + high), limits.bank_max, airspace.gravity)
-    ahead = traveller.air_velocity_n[:2]
+    ahead = task.air_velocity_n[:2]
     ahead = ahead / jnp.sqrt(jnp.sum(ahead**2) + 1e-6)
-    course = jnp.where(rendezvous.course_prescribed, rendezvous.course, draw.course)
+    course = jnp.where(rendezvous.course_prescribed, rendezvous.course, guess.course)
     last = jnp.stack([jnp.cos(course), jnp.sin(course)])
     bound = rendezvous.course_prescribed | rendezvous.path_angle_prescribed
-    first_leg, last_leg = draw.first_leg * radius, jnp.where(bound, draw.last_leg, 0.0) * radius
+    first_leg, last_leg = guess.first_leg * radius, jnp.where(bound, guess.last_leg, 0.0) * radius
     begin, end = first_leg * ahead, aim - last_leg * last
     straight = jnp.sqrt(jnp.sum((end - begin) ** 2) + _NONE_M)
     along = (end - begin) / straight
     across = jnp.stack([-along[1], along[0]])
-    line = begin[None] + draw.done[:, None] * (end - begin)[None]
+    line = begin[None] + guess.done[:, None] * (end - begin)[None]
     wanted = length - first_leg - last_leg
     room = jnp.maximum(wanted - straight, 0.0) / (2.0 * jnp.pi * _LEAST_CIRCLE * radius)
-    turned = jnp.maximum(jnp.round(jnp.abs(draw.rounds) * room), 1.0) * draw.angle
-    ahead_of, aside_of = draw.ahead + jnp.sin(turned), draw.aside + jnp.sign(draw.rounds) * (1.0 - jnp.cos(turned))
+    turned = jnp.maximum(jnp.round(jnp.abs(guess.rounds) * room), 1.0) * guess.angle
+    ahead_of, aside_of = guess.ahead + jnp.sin(turned), guess.aside + jnp.sign(guess.rounds) * (1.0 - jnp.cos(turned))
     aside = ahead_of[:, None] * along[None] + aside_of[:, None] * across[None]
 
     def long(size: Scalar) -> Scalar:
@@ -176,12 +181,12 @@ def beginning(task: MotionTask, cells: int, draw: Draw) -> Beginning:
     share = jnp.clip((jnp.arange(cells + 3) - 1.0) / cells, 0.0, 1.0)
     flat = jnp.stack([jnp.interp(share * done[-1], done, points[:, k]) for k in range(2)], axis=1)
     flat = flat + start[None, :2] + wind[None] * (share * duration)[:, None]
-    height = -start[2] + (start[2] - meeting[2]) * share + draw.hump * jnp.sin(jnp.pi * share)
+    height = -start[2] + (start[2] - meeting[2]) * share + guess.hump * jnp.sin(jnp.pi * share)
     height = jnp.clip(height, limits.altitude_min, limits.altitude_max)
     wished = jnp.concatenate([flat, -height[:, None]], axis=1)
 
     freely = (wished[-2] - wished[-4]) * 0.5 * cells / duration
-    velocity, frame = _last_velocity(task, last, done[-1] / duration, wind, freely)
+    velocity, frame = _last_velocity(problem, last, done[-1] / duration, wind, freely)
     cell = duration / cells
     ends = (
         end_coefficients(state, cell),
@@ -189,4 +194,4 @@ def beginning(task: MotionTask, cells: int, draw: Draw) -> Beginning:
     )
     wished = jnp.concatenate([ends[0], wished[3:-3], ends[1]])
     smooth = jnp.asarray(_smoothing(cells)) @ wished
-    return Beginning(jnp.concatenate([ends[0], smooth[3:-3], ends[1]]), frame, first_allowed(task, draw.share))
+    return SplineStart(jnp.concatenate([ends[0], smooth[3:-3], ends[1]]), frame, initial_limits(problem, guess.share))

@@ -1,4 +1,4 @@
-"""Motions as splines in time: they begin and end as told, do not jump, and are delivered through any wind exactly."""
+"""Trajectories as splines in time: they begin and end as told, do not jump, and are delivered through any wind exactly."""
 
 import jax
 import jax.numpy as jnp
@@ -12,48 +12,46 @@ from scipy.interpolate import BSpline
 
 from anser.numerics import compiled_quickly
 from anser.planning.certified.certificate import path_bounds
-from anser.planning.certified.spline_motion import (
-    SplineMotion,
+from anser.planning.certified.spline import (
+    Spline,
     end_coefficients,
-    measure,
-    motion_path,
+    mean_squares,
+    spline_path,
     states,
     states_at,
 )
 
-CELLS, DURATION, TICKS, MORE = 16, 120.0, 64, 21
+CELLS, DURATION, INTERVALS, MORE = 16, 120.0, 64, 21
 WINDS = {"steady": STEADY, "layered": LAYERED}
 
 
-def random_motion(seed, climbing=900.0):
+def random_spline(seed, climbing=900.0):
     """Nearly straight at 150 m/s, up and down through the layers of the wind."""
     rng = np.random.default_rng(seed)
     t = DURATION / CELLS * np.arange(-1, CELLS + 2)
     bow = np.cumsum(rng.normal(0.0, 120.0, CELLS + 3))
     height = 1500.0 + climbing * np.sin(2.0 * np.pi * t / DURATION + rng.uniform(0.0, 6.0))
-    return SplineMotion(
-        number(DURATION), jnp.stack([jnp.asarray(150.0 * t), jnp.asarray(bow), -jnp.asarray(height)], 1)
-    )
+    return Spline(number(DURATION), jnp.stack([jnp.asarray(150.0 * t), jnp.asarray(bow), -jnp.asarray(height)], 1))
 
 
-deliver = compiled_quickly(lambda motion, wind: motion_path(3.0, motion, wind, TICKS, TICKS + MORE))
+deliver = compiled_quickly(lambda spline, wind: spline_path(3.0, spline, wind, INTERVALS, INTERVALS + MORE))
 
 
 def test_is_the_b_spline_of_its_coefficients():
-    motion = random_motion(1)
+    spline = random_spline(1)
     cell = DURATION / CELLS
-    spline = BSpline(cell * np.arange(-3, CELLS + 4), np.asarray(motion.coefficients), 3)
+    spline = BSpline(cell * np.arange(-3, CELLS + 4), np.asarray(spline.coefficients), 3)
     times = np.linspace(0.0, DURATION, 200)[:-1]
-    found = states_at(motion, jnp.asarray(times))
+    found = states_at(spline, jnp.asarray(times))
     for order in range(3):
         np.testing.assert_allclose(found[:, order], spline.derivative(order)(times), rtol=1e-9, atol=1e-8)
 
 
 def test_the_same_places_by_interval_and_by_time():
-    motion, places = random_motion(2), np.array([0.0, 0.3, 1.0])
+    spline, places = random_spline(2), np.array([0.0, 0.3, 1.0])
     times = DURATION / CELLS * (np.arange(CELLS)[:, None] + places[None, :])
-    by_time = states_at(motion, jnp.asarray(times.ravel())).reshape(CELLS, 3, 3, 3)
-    np.testing.assert_allclose(states(motion, places), by_time, rtol=1e-9, atol=1e-8)
+    by_time = states_at(spline, jnp.asarray(times.ravel())).reshape(CELLS, 3, 3, 3)
+    np.testing.assert_allclose(states(spline, places), by_time, rtol=1e-9, atol=1e-8)
 
 
 @settings(max_examples=20, deadline=None)
@@ -62,24 +60,24 @@ def test_begins_and_ends_as_told(seed, cell):
     rng = np.random.default_rng(seed)
     ends = rng.normal(0.0, 1.0, (2, 3, 3)) * np.array([1e4, 150.0, 5.0])[None, :, None]
     first, last = (end_coefficients(jnp.asarray(end), cell) for end in ends)
-    motion = SplineMotion(number(8 * cell), jnp.concatenate([first, jnp.zeros((5, 3)), last]))
+    spline = Spline(number(8 * cell), jnp.concatenate([first, jnp.zeros((5, 3)), last]))
     scale = np.array([1e4, 1e4 / cell, 1e4 / cell**2])[:, None]
     for time, end in zip((0.0, 8 * cell), ends, strict=True):
-        found = states_at(motion, number(time)[None])[0]
+        found = states_at(spline, number(time)[None])[0]
         np.testing.assert_allclose(found / scale, end / scale, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", WINDS)
 def test_is_delivered_as_it_is_with_the_wind_it_meets(name):
-    wind, motion = WINDS[name], random_motion(5)
-    path = deliver(motion, wind)
+    wind, spline = WINDS[name], random_spline(5)
+    path = deliver(spline, wind)
     times = np.asarray(path.times)
     assert times[0] == 3.0
-    assert times.size == TICKS + MORE
+    assert times.size == INTERVALS + MORE
     assert np.all(np.diff(times) >= 0.0)
     np.testing.assert_allclose(times[-1], 3.0 + DURATION, rtol=1e-15)
     at = np.linspace(0.0, DURATION, 777)
-    found = states_at(motion, jnp.asarray(at))
+    found = states_at(spline, jnp.asarray(at))
     np.testing.assert_allclose(jax.vmap(path.position_n)(3.0 + at), found[:, 0], atol=1e-7)
     np.testing.assert_allclose(jax.vmap(path.velocity_n)(3.0 + at), found[:, 1], atol=1e-7)
     through = np.asarray(found[:, 1]) - blowing(wind, -np.asarray(found[:, 0, 2]))
@@ -88,21 +86,21 @@ def test_is_delivered_as_it_is_with_the_wind_it_meets(name):
 
 @pytest.mark.long
 def test_its_drift_is_that_of_integration():
-    motion = random_motion(6)
-    path = deliver(motion, LAYERED)
+    spline = random_spline(6)
+    path = deliver(spline, LAYERED)
 
     def rates(t, _):
-        return blowing(LAYERED, -np.asarray(states_at(motion, number(t)[None]))[0, :1, 2])[0]
+        return blowing(LAYERED, -np.asarray(states_at(spline, number(t)[None]))[0, :1, 2])[0]
 
     found = solve_ivp(rates, (0.0, DURATION), np.zeros(3), rtol=1e-9, atol=1e-7, max_step=0.5)
     np.testing.assert_allclose(path.drift_n[-1, 0], found.y[:, -1], atol=1e-3)
 
 
 def test_where_the_winds_rate_jumps_there_are_two_knots_and_no_error():
-    motion = random_motion(7)
-    path = deliver(motion, LAYERED)
+    spline = random_spline(7)
+    path = deliver(spline, LAYERED)
     edges = np.asarray(LAYERED.altitudes)
-    over = -np.asarray(states_at(motion, jnp.linspace(0.0, DURATION, 20_001)))[:, :1, 2] > edges
+    over = -np.asarray(states_at(spline, jnp.linspace(0.0, DURATION, 20_001)))[:, :1, 2] > edges
     crossed = np.sum(over[1:] != over[:-1])
     assert crossed >= 2
     times = np.asarray(path.times)
@@ -117,34 +115,34 @@ def test_where_the_winds_rate_jumps_there_are_two_knots_and_no_error():
 
 
 def test_more_edges_than_knots_are_no_error_but_a_bound():
-    motion = random_motion(7)
-    few = compiled_quickly(lambda m: motion_path(0.0, m, LAYERED, TICKS, TICKS + 2))(motion)
+    spline = random_spline(7)
+    few = compiled_quickly(lambda m: spline_path(0.0, m, LAYERED, INTERVALS, INTERVALS + 2))(spline)
     assert float(path_bounds(few, LAYERED, GRAVITY).wind_error_max) > 0.01
     assert np.all(np.isfinite(few.drift_n))
 
 
 def test_how_far_a_change_moves_an_aircraft():
-    motion = random_motion(8)
-    squares = np.asarray(measure())
+    spline = random_spline(8)
+    squares = np.asarray(mean_squares())
     # In the mean over an interval, of place, velocity and acceleration.
-    fine = np.asarray(states(motion, (np.arange(2000) + 0.5) / 2000))[4]
-    held = np.asarray(motion.coefficients)[4:8]
+    fine = np.asarray(states(spline, (np.arange(2000) + 0.5) / 2000))[4]
+    held = np.asarray(spline.coefficients)[4:8]
     for order in range(3):
         found = np.einsum("kl,ka,la->", squares[order], held, held) / (DURATION / CELLS) ** (2 * order)
         np.testing.assert_allclose(found, np.mean(np.sum(fine[:, order] ** 2, axis=1)), rtol=1e-5)
 
 
 def test_one_by_one_as_a_batch_and_derivatives_are_finite():
-    motions = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(random_motion(k) for k in range(3)))
-    many = compiled_quickly(jax.vmap(lambda m: motion_path(3.0, m, LAYERED, TICKS, TICKS + MORE)))(motions)
+    splines = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(random_spline(k) for k in range(3)))
+    many = compiled_quickly(jax.vmap(lambda m: spline_path(3.0, m, LAYERED, INTERVALS, INTERVALS + MORE)))(splines)
     for k in range(3):
-        one = deliver(jax.tree.map(lambda leaf, k=k: leaf[k], motions), LAYERED)
+        one = deliver(jax.tree.map(lambda leaf, k=k: leaf[k], splines), LAYERED)
         np.testing.assert_allclose(many.air_n[k], one.air_n, rtol=1e-9, atol=1e-9)
 
-    def end(motion):
-        path = motion_path(0.0, motion, LAYERED, TICKS, TICKS + MORE)
+    def end(spline):
+        path = spline_path(0.0, spline, LAYERED, INTERVALS, INTERVALS + MORE)
         return jnp.sum(path.position_n(0.7 * DURATION)) + jnp.sum(path.air_velocity_n(0.4 * DURATION))
 
-    slope = compiled_quickly(jax.grad(end))(random_motion(2))
+    slope = compiled_quickly(jax.grad(end))(random_spline(2))
     assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(slope))
     assert np.max(np.abs(slope.coefficients)) > 0.1

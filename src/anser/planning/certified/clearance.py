@@ -1,4 +1,4 @@
-"""Distances between moving aircraft, and between aircraft and closed volumes, between the instants looked at too.
+"""Clearance between moving aircraft, and between aircraft and keep-outs, between the instants looked at too.
 
 Over a short interval a path stays within acceleration x interval^2 / 8 of the straight line between its ends. Two
 straight motions have their least distance in closed form.
@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from anser.planning.certified.request import KeepOuts
+from anser.planning.certified.task import KeepOuts
 from anser.planning.separation import Separation, separation_ratio
 from anser.shapes import Scalar
 
@@ -23,14 +23,14 @@ class Track(eqx.Module):
     ----------
     positions_n
         Over the ground, (instant, axis), NED, m.
-    slack
-        How far the path is from the straight line at most in each interval, m.
+    error_bound
+        Of the distance between the path and its chord in each interval, m.
     counted
         1 in intervals that begin before the arrival, else 0.
     """
 
     positions_n: Float[Array, "*batch instants 3"]
-    slack: Float[Array, "*batch intervals"]
+    error_bound: Float[Array, "*batch intervals"]
     counted: Float[Array, "*batch intervals"]
 
 
@@ -48,34 +48,36 @@ def _level_distance(begin: Float[Array, "*b"], end: Float[Array, "*b"]) -> Float
     return jnp.where(begin * end <= 0.0, 0.0, jnp.minimum(jnp.abs(begin), jnp.abs(end)))
 
 
-def pair_use(one: Track, other: Track, separation: Separation) -> Float[Array, "*batch"]:
-    """How much of the room that two aircraft must keep is left at the least: 1 is just enough, more is better.
+def pair_clearance_ratio(one: Track, other: Track, separation: Separation) -> Float[Array, "*batch"]:
+    """Least ratio of distance to separation between two paths: 1 is just enough.
 
     In each interval the better of the two ratios of distance to separation, horizontal and vertical, counts; infinite
     where nothing is asked. Batches broadcast; the ranks must agree.
     """
     apart = other.positions_n - one.positions_n
-    slack = one.slack + other.slack
-    level = _nearest(apart[..., :-1, :2], apart[..., 1:, :2]) - slack
-    height = _level_distance(apart[..., :-1, 2], apart[..., 1:, 2]) - slack
-    room = separation_ratio(level, height, separation.horizontal, separation.vertical)
-    return jnp.min(jnp.where(one.counted * other.counted > 0.0, room, jnp.inf), axis=-1)
+    error_bound = one.error_bound + other.error_bound
+    level = _nearest(apart[..., :-1, :2], apart[..., 1:, :2]) - error_bound
+    height = _level_distance(apart[..., :-1, 2], apart[..., 1:, 2]) - error_bound
+    ratio = separation_ratio(level, height, separation.horizontal, separation.vertical)
+    return jnp.min(jnp.where(one.counted * other.counted > 0.0, ratio, jnp.inf), axis=-1)
 
 
-def keep_out_room(track: Track, times: Float[Array, " instants"], volumes: KeepOuts) -> Float[Array, " volumes"]:
+def clearance_from_keep_outs(
+    track: Track, times: Float[Array, " instants"], volumes: KeepOuts
+) -> Float[Array, " volumes"]:
     """By how much one path stays out of each volume at the least, m: negative inside."""
 
     def one(volume: KeepOuts) -> Scalar:
         apart = track.positions_n[:, :2] - volume.position_n[None, :] - times[:, None] * volume.velocity_n[None, :]
-        beside = _nearest(apart[:-1], apart[1:]) - track.slack - volume.radius
+        beside = _nearest(apart[:-1], apart[1:]) - track.error_bound - volume.radius
         up = -track.positions_n[:, 2]
-        low, high = jnp.minimum(up[:-1], up[1:]) - track.slack, jnp.maximum(up[:-1], up[1:]) + track.slack
-        room = jnp.maximum(jnp.maximum(beside, volume.bottom - high), low - volume.top)
-        return jnp.min(jnp.where(track.counted > 0.0, room, jnp.inf))
+        low, high = jnp.minimum(up[:-1], up[1:]) - track.error_bound, jnp.maximum(up[:-1], up[1:]) + track.error_bound
+        clearance = jnp.maximum(jnp.maximum(beside, volume.bottom - high), low - volume.top)
+        return jnp.min(jnp.where(track.counted > 0.0, clearance, jnp.inf))
 
     return jax.vmap(one)(volumes)
 
 
-def track_slack(acceleration: Float[Array, "*batch intervals"], step: Scalar) -> Float[Array, "*batch intervals"]:
-    """Slack from a bound of the acceleration in each interval (m/s^2) and its length (s)."""
+def chord_error_bound(acceleration: Float[Array, "*batch intervals"], step: Scalar) -> Float[Array, "*batch intervals"]:
+    """Distance from the chord, m, by a bound of the acceleration in each interval (m/s^2) and its length (s)."""
     return acceleration * step**2 / 8

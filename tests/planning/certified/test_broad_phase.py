@@ -1,4 +1,4 @@
-"""Distances within a large fleet: the bounds of the blocks are bounds, and the nearest are looked at closely."""
+"""Distances within a large fleet: the bounds of the cylinders are bounds, and the nearest are looked at closely."""
 
 import jax
 import jax.numpy as jnp
@@ -7,8 +7,14 @@ import pytest
 from certified_cases import number, picked
 
 from anser.numerics import compiled_quickly
-from anser.planning.certified.conflicts import Track, pair_use
-from anser.planning.certified.crowd import BLOCK, NEAREST, block_use, blocks_of, fleet_use
+from anser.planning.certified.broad_phase import (
+    EXACT_PAIRS,
+    INTERVALS_PER_CYLINDER,
+    bounding_cylinders,
+    cylinder_clearance_ratio,
+    fleet_clearance_ratio,
+)
+from anser.planning.certified.clearance import Track, pair_clearance_ratio
 from anser.planning.separation import Separation
 
 FLEET, INTERVALS = 60, 64
@@ -23,20 +29,22 @@ def tracks(seed, wide):
     velocity = rng.uniform(-150.0, 150.0, (FLEET, 1, 3)) * np.array([1.0, 1.0, 0.1])
     bend = rng.uniform(-3.0, 3.0, (FLEET, 1, 3)) * np.array([1.0, 1.0, 0.0])
     counted = (t[0, :-1, 0][None] < rng.uniform(30.0, 70.0, (FLEET, 1))).astype(float)
-    slack = rng.uniform(0.0, 3.0, (FLEET, INTERVALS))
-    return Track(*(jnp.asarray(x) for x in (start + velocity * t + 0.5 * bend * t**2, slack, counted)))
+    error_bound = rng.uniform(0.0, 3.0, (FLEET, INTERVALS))
+    return Track(*(jnp.asarray(x) for x in (start + velocity * t + 0.5 * bend * t**2, error_bound, counted)))
 
 
 def everyones(fleet):
-    """Room of each with each: closely, by blocks, and as a large fleet is looked at."""
-    blocks = blocks_of(fleet)
+    """Room of each with each: closely, by cylinders, and as a large fleet is looked at."""
+    cylinders = bounding_cylinders(fleet)
 
     def one(who):
-        own, held = jax.tree.map(lambda leaf: leaf[who], (fleet, blocks))
+        own, held = jax.tree.map(lambda leaf: leaf[who], (fleet, cylinders))
         alone, block = jax.tree.map(lambda leaf: leaf[None], (own, held))
         others = jnp.arange(FLEET) != who
-        found = fleet_use(own, held, blocks, lambda some: jax.tree.map(lambda leaf: leaf[some], fleet), others, APART)
-        return pair_use(alone, fleet, APART), block_use(block, blocks, APART), found
+        found = fleet_clearance_ratio(
+            own, held, cylinders, lambda some: jax.tree.map(lambda leaf: leaf[some], fleet), others, APART
+        )
+        return pair_clearance_ratio(alone, fleet, APART), cylinder_clearance_ratio(block, cylinders, APART), found
 
     return jax.lax.map(one, jnp.arange(FLEET))
 
@@ -59,8 +67,8 @@ def test_blocks_bound_what_a_close_look_finds(wide):
 
 def test_all_conflicts_of_a_sparse_fleet_are_looked_at_closely():
     closely, bound, found = (np.asarray(x) for x in rooms(tracks(2, 60e3)))
-    assert FLEET > NEAREST
-    assert np.max(np.sum((bound < 1.0) & OTHER, axis=1)) <= NEAREST
+    assert FLEET > EXACT_PAIRS
+    assert np.max(np.sum((bound < 1.0) & OTHER, axis=1)) <= EXACT_PAIRS
     # So each pair that is not known to be apart has its own room, not a bound.
     near = (bound < 1.0) & OTHER
     assert np.any(closely[near] < 1.0)
@@ -78,14 +86,16 @@ def test_gradients_are_finite_where_two_are_in_one_place():
 
     def least(place):
         first, second = (picked(fleet, 0) for _ in range(2))
-        shifted = Track(first.positions_n + place[None, :], first.slack, first.counted)
-        return block_use(blocks_of(shifted), blocks_of(second), APART)
+        shifted = Track(first.positions_n + place[None, :], first.error_bound, first.counted)
+        return cylinder_clearance_ratio(bounding_cylinders(shifted), bounding_cylinders(second), APART)
 
     assert np.all(np.isfinite(compiled_quickly(jax.grad(least))(jnp.zeros(3))))
 
 
 def test_a_number_of_intervals_that_makes_no_blocks_is_refused():
     fleet = tracks(5, 8e3)
-    short = Track(fleet.positions_n[:, :-1], fleet.slack[:, :-1], fleet.counted[:, :-1])
-    with pytest.raises(ValueError, match=f"arrived {INTERVALS - 1} intervals; expected a multiple of {BLOCK}"):
-        blocks_of(short)
+    short = Track(fleet.positions_n[:, :-1], fleet.error_bound[:, :-1], fleet.counted[:, :-1])
+    with pytest.raises(
+        ValueError, match=f"arrived {INTERVALS - 1} intervals; expected a multiple of {INTERVALS_PER_CYLINDER}"
+    ):
+        bounding_cylinders(short)

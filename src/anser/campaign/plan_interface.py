@@ -1,0 +1,79 @@
+"""What a first plan is for people, whichever planner made it."""
+
+import abc
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from anser.scenario import Scenario
+from anser.simulation import Flight, FlightState, TrimmedFleet, TrimPoint
+
+SPEED_TOLERANCE = 1e-3
+"""Part of the fleet's speed by which a mean airspeed may differ without a note."""
+
+
+class NoPlanError(Exception):
+    """The certified planner found no plan; `reasons` says why, one sentence each."""
+
+    def __init__(self, reasons: tuple[str, ...]) -> None:
+        super().__init__("; ".join(reasons))
+        self.reasons = reasons
+
+
+@dataclass(frozen=True, repr=False)
+class Planned(abc.ABC):
+    """The first plan of a scenario; printed, it is when the aircraft arrive and what is wrong.
+
+    Attributes
+    ----------
+    scenario
+        What was planned.
+    flight
+        Its arrays.
+    fleet
+        The fleet trimmed at its start.
+    refusals
+        Why there is no plan, one sentence each; empty where there is one.
+    """
+
+    scenario: Scenario
+    flight: Flight
+    fleet: TrimmedFleet
+    refusals: tuple[str, ...]
+
+    @property
+    def trims(self) -> TrimPoint:
+        """Steady flight of each aircraft at its start; leading axis aircraft."""
+        return self.fleet.trims
+
+    @property
+    @abc.abstractmethod
+    def plan(self) -> Any:
+        """The planner's own plan; raises `NoPlanError` if there is none."""
+
+    @abc.abstractmethod
+    def problems(self) -> tuple[str, ...]:
+        """Why there is no plan, or why it cannot be flown as it stands, one sentence each; empty where it can."""
+
+    @abc.abstractmethod
+    def notes(self) -> tuple[str, ...]:
+        """Where the plan differs from the scenario's words, one sentence each."""
+
+    @abc.abstractmethod
+    def path_words(self) -> tuple[str, ...]:
+        """How the path of each aircraft goes, in two or three words."""
+
+    @abc.abstractmethod
+    def begun(self) -> FlightState:
+        """The fleet at its start, with the plan."""
+
+    def __repr__(self) -> str:
+        head = f"{self.scenario.name}, {self.scenario.fleet.planner} planner: "
+        if self.refusals:
+            return "\n  ".join([f"{head}no plan", *self.problems()])
+        arrivals_s = np.asarray(self.plan.arrival_times)
+        first, last = (f"{float(end(arrivals_s)):.2f} s" for end in (np.min, np.max))
+        when = f"all arrive at {last}" if first == last else f"arrivals from {first} to {last}"
+        problems = (f"not flyable: {one}" for one in self.problems())
+        return "\n  ".join([head + when, *problems, *(f"note: {one}" for one in self.notes())])

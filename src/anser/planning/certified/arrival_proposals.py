@@ -1,0 +1,253 @@
+"""Arrival times that the search tries, with the candidates at each, stage by stage."""
+
+import contextlib
+from collections.abc import Callable, Generator, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from anser.planning.certified.arrivals import arrival_sets, direct_times
+from anser.planning.certified.candidate_sets import (
+    MINIMAL,
+    STANDARD,
+    WITH_SPLINES,
+    WITH_TURN_LEG_PATHS,
+    CandidateSet,
+)
+from anser.planning.certified.earliest import earlier_times
+from anser.planning.certified.necessary_conditions import arrival_conflicts, may_arrive
+from anser.planning.certified.profile import CLIMB_ACCELERATION
+from anser.planning.certified.task import AircraftTask, Airspace, ArrivalRequest, ArrivalTimes, Intervals
+
+_DELAYS = (1.0, 1.01, 1.03, 1.06, 1.1, 1.15, 1.22, 1.3, 1.4, 1.55, 1.75, 2.0, 2.4, 3.0)  # of the first time
+_LONG_DELAY = 1.3
+_DELAYS_SEARCHED_FULLY = (1.0, 1.06, 1.15, 1.3)  # at which turn-and-leg paths are tried before a long delay
+_DIRECT_TIME_FACTOR = 1.0002  # later than the direct path takes: to rounding there may be none of just its length
+_PARTS_SEARCHED_FULLY = (0.0, 0.1, 0.25, 0.5, 0.8)  # of the list of open times, for more than the standard candidates
+_GRID_S = 0.25  # between arrival times that are tested for the necessary conditions
+_FULL_SEARCH_FLEET = 12  # aircraft up to which every kind of candidate is tried
+_WINDOW_PARTS = (0.0, 0.12, 0.25, 0.4, 0.55, 0.7, 0.85, 1.0)
+_WINDOW_ROTATIONS = 8
+_DIRECT_INTERVALS = 64
+
+
+@dataclass(frozen=True)
+class FleetTask:
+    """A fleet that is to be planned: its tasks, stacked, the airspace and when it is to arrive."""
+
+    tasks: AircraftTask
+    airspace: Airspace
+    request: ArrivalRequest
+
+    @cached_property
+    def active(self) -> Bool[np.ndarray, " aircraft"]:
+        """Which aircraft count."""
+        return np.asarray(self.tasks.active) > 0.0
+
+    @property
+    def rows(self) -> Int[np.ndarray, " active"]:
+        """Indices of those that count."""
+        return np.flatnonzero(self.active)
+
+    @property
+    def offsets(self) -> ArrivalTimes:
+        """How long after the first each arrives, s."""
+        return self.request.offsets(self.active.size)
+
+    @property
+    def times_given(self) -> bool:
+        """Whether the rule leaves no arrival time open."""
+        return self.request.rule in ("at", "times")
+
+    @property
+    def searched_fully(self) -> bool:
+        """Whether the fleet is small enough to try every kind of candidate."""
+        return self.rows.size <= _FULL_SEARCH_FLEET
+
+    @property
+    def levels(self) -> tuple[CandidateSet, ...]:
+        """The candidates to try one after the other."""
+        return (STANDARD, WITH_TURN_LEG_PATHS, WITH_SPLINES) if self.searched_fully else (STANDARD,)
+
+    @cached_property
+    def preferred(self) -> ArrivalTimes:
+        """Time of each by the direct path at its preferred speed, s."""
+        tasks = self.tasks
+        times, found = direct_times(tasks, self.airspace, tasks.speed, _DIRECT_INTERVALS)
+        line = tasks.rendezvous_n - tasks.position_n
+        straight = np.linalg.norm(np.asarray(line), axis=1) / np.asarray(tasks.speed)
+        level = np.where(np.asarray(found), np.asarray(times), 1.2 * straight)
+        return np.clip(np.maximum(level, self._time_to_height(level)), 1.0, self.request.latest_s)
+
+    def _time_to_height(self, times: ArrivalTimes) -> ArrivalTimes:
+        """Least time for the change of altitude, within climb rate and acceleration along the path, s."""
+        tasks, limits, gravity = self.tasks, self.tasks.limits, float(self.airspace.gravity)
+        down = np.asarray(tasks.rendezvous_n - tasks.position_n)[:, 2]
+        fall = down + times * np.asarray(tasks.goal_velocity_n)[:, 2]
+        force = np.where(fall > 0.0, np.asarray(limits.deceleration_max), np.asarray(limits.acceleration_max))
+        rate = np.minimum(np.asarray(limits.climb_rate_max), force * np.asarray(tasks.speed) / gravity)
+        rate = np.maximum(0.99 * rate, 0.1)
+        return np.abs(fall) / rate + 1.5 * rate / CLIMB_ACCELERATION
+
+    def admissible(self, times: Float[np.ndarray, "n aircraft"]) -> Bool[np.ndarray, " n"]:
+        """Which sets of arrival times (s after the start) meet the necessary conditions."""
+        everyone = np.tile(self.rows, times.shape[0])
+        alone = may_arrive(self.tasks, self.airspace, everyone, times[:, self.rows].ravel()).reshape(times.shape[0], -1)
+        return np.all(alone, axis=1) & ~arrival_conflicts(self.tasks, self.airspace, times).any(axis=(1, 2))
+
+    def times_asked(self) -> Float[np.ndarray, "n aircraft"]:
+        """Arrival times that the rule leaves open, every quarter of a second, or those given; not for windows."""
+        if self.request.times_s is not None:
+            return self.request.times_s[None]
+        last = self.request.latest_s - float(np.max(self.offsets))
+        return np.arange(_GRID_S, last, _GRID_S)[:, None] + self.offsets
+
+    def common(self, arrivals: Sequence[Intervals]) -> Intervals:
+        """Times of the first arrival that are open to all that count, none later than may be, s."""
+        own = [sets if on else [(0.0, np.inf)] for sets, on in zip(arrivals, self.active, strict=True)]
+        last = self.request.latest_s - float(np.max(self.offsets))
+        return [(a, b) for a, b in common_times(own, self.offsets) if a <= last]
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """Arrival times (s after the start), the candidates to try there, and a message of progress."""
+
+    times: ArrivalTimes
+    candidate_set: CandidateSet
+    message: str | None = None
+
+
+Stage = Generator[Proposal, bool | None, None]
+"""Proposals, each answered by whether a plan was found."""
+
+
+def _trying(times: ArrivalTimes, candidate_set: CandidateSet) -> Proposal:
+    return Proposal(times, candidate_set, f"trying arrival at {float(np.max(times)):.1f} s")
+
+
+def first_stage(fleet: FleetTask, thorough: bool) -> Stage:
+    """The times that the rule prefers: with few candidates, then with more where nothing rules them out."""
+    first = _first_times(fleet)
+    if first is None:
+        return
+    yield Proposal(first, MINIMAL)
+    if fleet.admissible(np.asarray(first, dtype=float)[None])[0]:
+        for candidate_set in fleet.levels if fleet.times_given and thorough else (STANDARD,):
+            yield Proposal(first, candidate_set)
+
+
+def later_stage(fleet: FleetTask) -> Stage:
+    """A little later than the first times, and later still, where the rule leaves that open.
+
+    Before a long delay, turn-and-leg paths are tried: better a loop than to be there at twice the time.
+    """
+    first, offsets = _first_times(fleet), fleet.offsets
+    if first is None or fleet.request.rule == "windows":
+        return
+    tried = [(factor, STANDARD) for factor in _DELAYS[1:] if factor <= _LONG_DELAY]
+    tried += [(factor, level) for level in fleet.levels[1:2] for factor in _DELAYS_SEARCHED_FULLY]
+    tried += [(factor, STANDARD) for factor in _DELAYS if factor > _LONG_DELAY]
+    for factor, candidate_set in tried:
+        times = factor * (first - offsets) + offsets
+        if np.max(times) <= fleet.request.latest_s and fleet.admissible(times[None])[0]:
+            yield _trying(times, candidate_set)
+
+
+def open_stage(fleet: FleetTask, arrivals: Sequence[Intervals]) -> Stage:
+    """Times that are open to each aircraft by itself, with more and more candidates."""
+    times = [t for t in _open_times(fleet, arrivals) if fleet.admissible(t[None])[0]]
+    few = [times[k] for k in sorted({round(u * (len(times) - 1)) for u in _PARTS_SEARCHED_FULLY})] if times else []
+    for candidate_set in fleet.levels:
+        for t in times if candidate_set is STANDARD else few:
+            yield _trying(t, candidate_set)
+
+
+def earlier_stage(fleet: FleetTask, known_s: float) -> Stage:
+    """Times between the first that nothing rules out and that of a plan (s after its start)."""
+    times, found = fleet.times_asked(), None
+    tried = earlier_times(times[fleet.admissible(times), 0], known_s)
+    with contextlib.suppress(StopIteration):
+        while True:
+            time = tried.send(found)
+            message = f"looking for an earlier arrival, at {time:.1f} s"
+            found = yield Proposal(np.full(fleet.active.size, time), WITH_SPLINES, message)
+
+
+def open_arrivals(fleet: FleetTask, on_progress: Callable[[str], None]) -> list[Intervals] | None:
+    """For each aircraft the times open to it alone (s after the start); None where one has none in its window."""
+    request = fleet.request
+    on_progress("looking for arrival times that are open to each aircraft")
+    arrivals = arrival_sets(fleet.tasks, fleet.airspace, request.latest_s, request.windows_s)
+    if request.windows_s is not None:
+        return None if any(on and not own for on, own in zip(fleet.active, arrivals, strict=True)) else arrivals
+    if fleet.searched_fully and not fleet.common(arrivals):
+        on_progress("looking again, with splines, for a time that is open to all")
+        arrivals = arrival_sets(fleet.tasks, fleet.airspace, request.latest_s, with_splines=True)
+    return arrivals
+
+
+def _first_times(fleet: FleetTask) -> ArrivalTimes | None:
+    """The times that the rule asks for first; None where they must be looked for."""
+    request, preferred = fleet.request, fleet.preferred
+    if request.times_s is not None:
+        return request.times_s
+    if request.windows_s is not None:
+        return np.clip(preferred, request.windows_s[:, 0], request.windows_s[:, 1])
+    if request.rule == "earliest":
+        return None
+    times = _DIRECT_TIME_FACTOR * float(np.max(preferred - fleet.offsets)) + fleet.offsets
+    return times if np.max(times) <= request.latest_s else None
+
+
+def _open_times(fleet: FleetTask, arrivals: Sequence[Intervals]) -> Iterator[ArrivalTimes]:
+    """Arrival times to try, the preferred ones first; only such as are open to every aircraft by itself."""
+    request, offsets, preferred = fleet.request, fleet.offsets, fleet.preferred
+    if request.windows_s is not None:
+        yield from _window_times(preferred, request.windows_s, arrivals)
+        return
+    last = request.latest_s - float(np.max(offsets))
+    base = float(np.max(preferred - offsets))
+    common = fleet.common(arrivals)
+    if request.rule == "earliest":
+        wanted = [t for a, b in common for t in _spread(a, min(b, last))]
+    else:
+        wanted = [min(max(base * f, a), b) for f in _DELAYS for a, b in common if a <= base * f <= b]
+        wanted += [t for a, b in common if b >= base for t in _spread(max(a, base), min(b, last))]
+    for time in sorted({round(t, 9) for t in wanted if 0.0 < t <= last}):
+        yield time + offsets
+
+
+def _spread(low: float, high: float) -> list[float]:
+    """Times of an interval, the early ones densely."""
+    if not high > low:
+        return [low]
+    top = min(high, 2.5 * low + 10.0)
+    return [low + (top - low) * u for u in (0.0, 0.002, 0.01, 0.03, 0.07, 0.14, 0.25, 0.4, 0.6, 0.8, 1.0)]
+
+
+def _window_times(
+    preferred: ArrivalTimes, windows_s: Float[np.ndarray, "aircraft 2"], arrivals: Sequence[Intervals]
+) -> Iterator[ArrivalTimes]:
+    """One time within each window that is open to its aircraft; then all shifted within their windows."""
+    grids = []
+    for (low, high), sets, wish in zip(windows_s, arrivals, preferred, strict=True):
+        inside = [(max(a, low), min(b, high)) for a, b in sets if max(a, low) <= min(b, high)] or [(low, high)]
+        times = {float(a + (b - a) * u) for a, b in inside for u in _WINDOW_PARTS}
+        grids.append(sorted(times, key=lambda t: abs(t - wish)))
+    for shift in range(max(len(grid) for grid in grids)):
+        yield np.array([grid[min(shift, len(grid) - 1)] for grid in grids])
+    # Each at another of its times: conflicts between two that both moved alike.
+    for shift in range(1, _WINDOW_ROTATIONS):
+        yield np.array([grid[(k * shift) % len(grid)] for k, grid in enumerate(grids)])
+
+
+def common_times(arrivals: Sequence[Intervals], offsets_s: ArrivalTimes) -> Intervals:
+    """Times of the first arrival that are open to all, s."""
+    common: Intervals = [(0.0, float("inf"))]
+    for own, offset in zip(arrivals, offsets_s, strict=True):
+        first = [(a - offset, b - offset) for a, b in own]
+        common = [(max(a, c), min(b, d)) for a, b in common for c, d in first if max(a, c) <= min(b, d)]
+    return common

@@ -1,0 +1,69 @@
+"""Where the search for splines begins: ways of many kinds, as long as the time asks for."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from certified_cases import number, picked
+
+from anser.numerics import compiled_quickly
+from anser.planning.certified.spline import Spline, states_at
+from anser.planning.certified.spline_equations import SplineProblem
+from anser.planning.certified.spline_guesses import guesses, spline_start
+from trials.cases import random_case
+from trials.task import planner_task
+
+CELLS, STARTS = 64, 40
+
+
+@compiled_quickly
+def _begun(task, airspace, duration):
+    problem = SplineProblem(task, airspace, duration)
+    begin = jax.vmap(lambda guess: spline_start(problem, CELLS, guess))(guesses(STARTS))
+    times = duration * jnp.linspace(0.0, 1.0, 801)
+    return begin, jax.vmap(lambda c: states_at(Spline(duration, c), times))(begin.coefficients)
+
+
+@pytest.fixture(scope="module", params=[(90, 0, 230.0), (34, 1, 380.0), (674, 2, 620.0)])
+def begun(request):
+    seed, who, duration = request.param
+    tasks, airspace, _ = planner_task(random_case(seed))
+    return picked(tasks, who), duration, *_begun(picked(tasks, who), airspace, number(duration))
+
+
+def test_they_are_about_as_long_as_their_airspeeds_ask(begun):
+    task, duration, _, spline = begun
+    lengths = np.sum(np.linalg.norm(np.diff(spline[:, :, 0, :2], axis=1), axis=2), axis=1)
+    low, high = float(task.limits.speed_min), float(task.limits.speed_max)
+    means = lengths / duration
+    # Corners are cut, and the wind carries along; most are within the range, none anywhere near half or twice.
+    assert np.mean((means > 0.85 * low) & (means < 1.15 * high)) > 0.7
+    assert np.all((means > 0.5 * low) & (means < 2.0 * high))
+
+
+def test_they_keep_to_altitudes_that_may_be_flown(begun):
+    task, _, _, spline = begun
+    altitudes = -np.asarray(spline)[:, :, 0, 2]
+    assert np.min(altitudes) >= float(task.limits.altitude_min) - 50.0
+    assert np.max(altitudes) <= float(task.limits.altitude_max) + 50.0
+
+
+def test_they_are_of_many_kinds(begun):
+    *_, spline = begun
+    north, east = np.asarray(spline)[:, ::8, 1, 0], np.asarray(spline)[:, ::8, 1, 1]
+    turned = np.unwrap(np.arctan2(east, north), axis=1)
+    whole = np.ptp(turned, axis=1) / (2.0 * np.pi)
+    assert np.sum(whole > 0.9) >= 5
+    assert np.sum(whole < 0.7) >= 5
+    aside = np.asarray(spline)[:, 400, 0, :2] - np.asarray(spline)[:, 0, 0, :2]
+    bearings = np.arctan2(aside[:, 1], aside[:, 0])
+    assert np.unique(np.round(bearings, 1)).size > STARTS / 4
+
+
+def test_the_same_every_time_and_finite(begun):
+    assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(begun[2].coefficients))
+    for one, other in zip(guesses(7), guesses(7), strict=True):
+        np.testing.assert_array_equal(one, other)
+    # Fewer are the first of more.
+    np.testing.assert_array_equal(guesses(3).aside, guesses(7).aside[:3])
+    assert not np.array_equal(guesses(3, seed=1).aside, guesses(3).aside)
