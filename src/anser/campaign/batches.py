@@ -13,7 +13,7 @@ BATCH = 128
 """Flights of one compiled call: larger batches are no faster on a few cores."""
 
 Progress = Callable[[str, float], None]
-"""Told what is being done and the part that is done, 0..1."""
+"""Called with what is being done and the part that is done, 0..1."""
 
 
 class Clock:
@@ -53,7 +53,7 @@ def in_batches(run: Callable[[np.ndarray], Any], total: int, size: int, tell: Ca
     size
         Of a batch.
     tell
-        Told before each batch how many are done, and at the end.
+        Called before each batch how many are done, and at the end.
 
     Returns
     -------

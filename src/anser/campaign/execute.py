@@ -129,25 +129,25 @@ def run(scenario: Scenario, progress: Progress | None = None) -> Flown:
     NoPlanError
         If the certified planner finds no plan; the message says why.
     """
-    told = progress if progress is not None else lambda what, done: None
+    on_progress = progress if progress is not None else lambda what, done: None
     began = clock.perf_counter()
-    planned = plan(scenario, lambda what: told(what, 0.0))
+    planned = plan(scenario, lambda what: on_progress(what, 0.0))
     if planned.refusals:
         raise NoPlanError(planned.refusals)
     flight, state = planned.flight, planned.begun()
     timing = scenario.timing
     steps = round(timing.duration_s / timing.step_s)
-    told("flying (the first time, this compiles)", 0.0)
+    on_progress("flying (the first time, this compiles)", 0.0)
     segments = []
     count = -(-(steps + 1) // SEGMENT_STEPS)
     for k in range(count):
         state, _, history = _segment(flight, state, jnp.asarray(k * SEGMENT_STEPS, dtype=jnp.int32))
         segments.append(jax.tree.map(np.asarray, history))
-        told("flying", (k + 1) / count)
+        on_progress("flying", (k + 1) / count)
     history = {key: np.concatenate([part[key] for part in segments])[: steps + 1] for key in segments[0]}
     time_s = np.arange(steps + 1) * timing.step_s
     wall_s = clock.perf_counter() - began
-    told("summing up", 1.0)
+    on_progress("summing up", 1.0)
     summary = summarize(time_s, history, scenario, wall_s, planned.path_words())
     stride = round(timing.record_period_s / timing.step_s)
     dataset = to_dataset(

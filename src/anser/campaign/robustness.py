@@ -149,10 +149,10 @@ def robustness_study(
             rows = jax.tree.map(lambda leaf: leaf[flown[of_batch]], (dispersions, delays, trims.trim, targets))
             return clock.run(_fly, fixed, gains, *rows, step_s, count)
 
-        def told(done: int, inversion: str = inversion, k: int = k) -> None:
+        def on_progress(done: int, inversion: str = inversion, k: int = k) -> None:
             tell(f"flying {len(flown)} flights, {inversion} inversion", 0.1 + 0.45 * (k + done / len(flown)))
 
-        summaries.append(in_batches(fly, len(flown), BATCH, told))
+        summaries.append(in_batches(fly, len(flown), BATCH, on_progress))
         tolerances = np.broadcast_to(tolerance, (len(flown), 3))
         verdicts.append(judge(summaries[-1], tolerances, count * step_s, beyond[flown]))
     dataset = robustness_dataset(

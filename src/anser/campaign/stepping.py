@@ -70,7 +70,7 @@ def fly_steps(
     inversion
         Of the model, or of the change from what the sensors measure.
     progress
-        Told which loop is flown next.
+        Called with the loop that is flown next.
 
     Raises
     ------

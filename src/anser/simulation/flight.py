@@ -48,10 +48,10 @@ def plans_too_near(flight: Flight, plans: AircraftPlan, reports: Report, time: S
     """Which plans end nearer to the goal, as it is foreseen at steady velocity, than a rendezvous may be."""
     earth = flight.environment.earth
 
-    def one(vehicle: Vehicle, plan: AircraftPlan, told: Report) -> Flag:
+    def one(vehicle: Vehicle, plan: AircraftPlan, report: Report) -> Flag:
         assert vehicle.mission is not None
         ahead = jnp.maximum(plan.arrival_time - time, 0.0)
-        goal = GoalState(told.goal_position_n + ahead * told.goal_velocity_n, told.goal_velocity_n)
+        goal = GoalState(report.goal_position_n + ahead * report.goal_velocity_n, report.goal_velocity_n)
         end_n = plan.trajectory.position_n(plan.arrival_time)
         to_goal_n, _ = earth.sight(end_n, goal.position_n, goal.velocity_n)
         # not a number: there is no such plan
@@ -101,11 +101,11 @@ def step_fleet(flight: Flight, state: FlightState, number: Count) -> tuple[Fligh
     instant = Instant(flight.environment, number, flight.timing.step, flight.key)
     pairs = list(zip(flight.kinds, state.vehicles, strict=True))
     seen = [kind.vehicles.map(lambda v, s: perceive(v, s, instant), states) for kind, states in pairs]
-    told = [
+    reported = [
         kind.vehicles.map(report, one, ~(states.stopped | broken_off(states.status)))
         for (kind, states), one in zip(pairs, seen, strict=True)
     ]
-    reports = fleet_rows(flight, told)
+    reports = fleet_rows(flight, reported)
     planner, refused = _renewed(flight, state, number, reports)
     plans = flight.planner.plans(planner)
     vehicles = refuse(flight, state.vehicles, refused)

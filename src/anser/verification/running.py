@@ -51,7 +51,7 @@ def verify(
     keys
         Which; all of them where None.
     progress
-        Told before each check, and at the end; from two threads where there are long checks.
+        Called before each check, and at the end; from two threads where there are long checks.
     checks
         The checks there are; `CHECKS` where None.
 
