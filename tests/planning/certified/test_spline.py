@@ -40,11 +40,11 @@ deliver = compiled_quickly(lambda spline, wind: spline_path(3.0, spline, wind, I
 def test_is_the_b_spline_of_its_coefficients():
     spline = random_spline(1)
     cell = DURATION / CELLS
-    spline = BSpline(cell * np.arange(-3, CELLS + 4), np.asarray(spline.coefficients), 3)
+    oracle = BSpline(cell * np.arange(-3, CELLS + 4), np.asarray(spline.coefficients), 3)
     times = np.linspace(0.0, DURATION, 200)[:-1]
     found = states_at(spline, jnp.asarray(times))
     for order in range(3):
-        np.testing.assert_allclose(found[:, order], spline.derivative(order)(times), rtol=1e-9, atol=1e-8)
+        np.testing.assert_allclose(found[:, order], oracle.derivative(order)(times), rtol=1e-9, atol=1e-8)
 
 
 def test_the_same_places_by_interval_and_by_time():
