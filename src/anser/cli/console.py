@@ -44,14 +44,14 @@ _SPEED_PERIOD_S = 3600.0
 
 
 @dataclass
-class _Wanted:
+class _Request:
     """What the command under way was asked for, and whether it has answered."""
 
     as_json: bool = False
     answered: bool = False
 
 
-_wanted = _Wanted()
+_request = _Request()
 
 
 @contextlib.contextmanager
@@ -63,7 +63,7 @@ def output(as_json: bool, quiet: bool) -> Iterator[None]:
     RuntimeError
         The command ended with exit code 0 or 1 without the document that was asked for: a fault of the command.
     """
-    _wanted.as_json, _wanted.answered = as_json, False
+    _request.as_json, _request.answered = as_json, False
     screen.quiet, note.quiet = as_json or quiet, quiet
     try:
         yield
@@ -73,12 +73,12 @@ def output(as_json: bool, quiet: bool) -> Iterator[None]:
             _must_have_answered()
         raise
     finally:
-        _wanted.as_json = False
+        _request.as_json = False
         screen.quiet = note.quiet = False
 
 
 def _must_have_answered() -> None:
-    if _wanted.as_json and not _wanted.answered:
+    if _request.as_json and not _request.answered:
         raise RuntimeError("the command has no JSON document")
 
 
@@ -90,9 +90,9 @@ def answer(document: Callable[[], Mapping[str, Any]]) -> None:
     document
         Makes the document, without NaN and infinity, which JSON has not.
     """
-    if _wanted.as_json:
+    if _request.as_json:
         sys.stdout.write(json.dumps(document(), indent=1, allow_nan=False) + "\n")
-        _wanted.answered = True
+        _request.answered = True
 
 
 def end_without(what: str, reasons: Sequence[str], prefix: str = "") -> NoReturn:

@@ -133,7 +133,7 @@ def _stopped_s(dataset: "xr.Dataset") -> dict[str, float]:
     return found
 
 
-def _told(row: dict, stopped_s: dict[str, float]) -> str:
+def _status_text(row: dict, stopped_s: dict[str, float]) -> str:
     """Status of an aircraft, and since when where it got it on the way."""
     since = stopped_s.get(row["name"])
     return row["status"] if since is None else f"at {since:.1f} s: {row['status']}"
@@ -142,8 +142,8 @@ def _told(row: dict, stopped_s: dict[str, float]) -> str:
 def _print_flown(summary: dict, stopped_s: dict[str, float]) -> None:
     table = plain_table(f"{summary['scenario']['name']}: {summary['fleet']['simulated_s']:g} s flown")
     table.add_column("aircraft", overflow="fold")
-    told = any(row["path"] not in (None, "nominal") for row in summary["aircraft"])
-    if told:
+    has_paths = any(row["path"] not in (None, "nominal") for row in summary["aircraft"])
+    if has_paths:
         table.add_column("path", no_wrap=True)
     for name in ("planned\ns", "arrival\ns", "miss\nm", "airspeed\nm/s", "clear\nm"):
         table.add_column(name, justify="right", no_wrap=True)
@@ -153,13 +153,13 @@ def _print_flown(summary: dict, stopped_s: dict[str, float]) -> None:
         left = f" (left the tables for {row['tables_left_s']:.1f} s)" if row["tables_left"] else ""
         table.add_row(
             row["name"],
-            *([row["path"]] if told else []),
+            *([row["path"]] if has_paths else []),
             number(row["planned_arrival_s"], 2),
             number(row["arrival_s"], 2),
             number(row["miss_m"], 2),
             speeds,
             number(row["clearance_min_m"], 0),
-            _told(row, stopped_s) + left,
+            _status_text(row, stopped_s) + left,
         )
     print_table(table)
     fleet = summary["fleet"]
@@ -178,5 +178,5 @@ def _fail_unmet(summary: dict, stopped_s: dict[str, float]) -> None:
             problem(f"not met: {row['name']}: limit {row['limit']:g}, flown {number(row['value'], 4)}")
     for row in summary["aircraft"]:
         if row["status"] != "arrived":
-            problem(f'aircraft "{row["name"]}": {_told(row, stopped_s)}')
+            problem(f'aircraft "{row["name"]}": {_status_text(row, stopped_s)}')
     raise typer.Exit(1)

@@ -70,12 +70,12 @@ def plan(
         raise typer.Exit(1)
 
 
-def _recorded(wanted: Scenario, told: Callable[[str], None]) -> "RecordedPlan":
+def _recorded(wanted: Scenario, on_progress: Callable[[str], None]) -> "RecordedPlan":
     """Plan; where the planner refuses, say why and stop with exit code 1."""
     from anser.campaign import plan as make  # here: a misspelt key must not wait for plotting libraries
     from anser.campaign.plan_output import record
 
-    planned = make(wanted, told)
+    planned = make(wanted, on_progress)
     if planned.refusals:
         end_without("no plan", planned.refusals, "no plan: ")
     return record(planned)

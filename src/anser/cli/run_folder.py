@@ -29,14 +29,14 @@ def read_run(folder: Path) -> tuple["xr.Dataset", dict[str, Any]]:
         ) from None
     try:
         summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
-        told = [row["name"] for row in summary["aircraft"]]
+        summarized = [row["name"] for row in summary["aircraft"]]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise RefusedError(
             f"{folder / SUMMARY}: arrived a file that cannot be read ({error}); expected a summary that anser run wrote"
         ) from None
-    if names != told:
+    if names != summarized:
         raise RefusedError(
-            f"{folder}: arrived {FLIGHT} of {', '.join(names)} with {SUMMARY} of {', '.join(map(str, told))}; "
+            f"{folder}: arrived {FLIGHT} of {', '.join(names)} with {SUMMARY} of {', '.join(map(str, summarized))}; "
             "expected both of the same flight"
         )
     return dataset, summary

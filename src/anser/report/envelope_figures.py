@@ -57,18 +57,7 @@ def draw_envelope(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
     dataset
         As `anser.results.envelope_dataset` makes it.
     folder
-        To write into; existing.
-
-    Returns
-    -------
-    Paths of the files.
-
-    Raises
-    ------
-    FileExistsError
-        A file exists: nothing is overwritten.
-    ImportError
-        matplotlib is not installed.
+        To write into; returns the paths of its new files.
     """
     drawings = {"trim-map": _trim_map, "commands": _commands, "margins": _margins}
     return save_drawings(drawings, dataset, _STYLE, folder)

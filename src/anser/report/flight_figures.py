@@ -66,20 +66,9 @@ def draw_flight(
     name
         What the names of the files begin with.
     folder
-        To write into; existing.
+        To write into; returns the paths of its new files.
     suffixes
         Kinds of files, of `FIGURE_SUFFIXES`.
-
-    Returns
-    -------
-    Paths of the files.
-
-    Raises
-    ------
-    FileExistsError
-        A file exists: nothing is overwritten.
-    ImportError
-        Matplotlib is not installed.
     """
     drawings = {f"{name}-{key}": draw for key, draw in FLIGHT_FIGURES.items()}
     return save_drawings(drawings, dataset, PRINT_STYLE, folder, suffixes)

@@ -50,13 +50,6 @@ def draw_bode(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
         As `anser.results.margin_dataset` makes it, of a stable closed loop.
     paths
         New files, with one of `BODE_SUFFIXES`.
-
-    Raises
-    ------
-    FileExistsError
-        A path exists: nothing is overwritten.
-    ImportError
-        matplotlib is not installed.
     """
     mpl, figure = new_figure((11.0, 9.0))
     with mpl.rc_context(_STYLE):
@@ -90,18 +83,7 @@ def draw_margin_maps(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
     dataset
         As `anser.results.margin_map_dataset` makes it.
     folder
-        To write into; existing.
-
-    Returns
-    -------
-    Paths of the files.
-
-    Raises
-    ------
-    FileExistsError
-        A file exists: nothing is overwritten.
-    ImportError
-        matplotlib is not installed.
+        To write into; returns the paths of its new files.
     """
     drawings = {"actuators": _actuators, "loops": _loops}
     return save_drawings(drawings, dataset, _STYLE, folder)

@@ -27,18 +27,7 @@ def draw_plan(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
     dataset
         As `anser.results.plan_dataset` makes it.
     folder
-        To write into; existing.
-
-    Returns
-    -------
-    Paths of the files.
-
-    Raises
-    ------
-    FileExistsError
-        A file exists: nothing is overwritten.
-    ImportError
-        matplotlib is not installed.
+        To write into; returns the paths of its new files.
     """
     return save_drawings({"plan": _plan}, dataset, _STYLE, folder)
 

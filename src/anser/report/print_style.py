@@ -99,7 +99,7 @@ def marker_of(index: int) -> dict[str, Any]:
 
 
 def save_figure(figure: "Figure", paths: Sequence[Path]) -> None:
-    """Write a figure to new files, each of one of `FIGURE_SUFFIXES`."""
+    """Write a figure to new files, each of one of `FIGURE_SUFFIXES`; FileExistsError where one exists."""
     for path in paths:
         with path.open("xb") as file:
             figure.savefig(file, format=path.suffix.removeprefix("."), dpi=160, metadata=_METADATA[path.suffix])

@@ -44,18 +44,7 @@ def draw_robustness(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
     dataset
         As `anser.results.robustness_dataset` makes it; what a part of the study shows is drawn where it was flown.
     folder
-        To write into; existing.
-
-    Returns
-    -------
-    Paths of the files.
-
-    Raises
-    ------
-    FileExistsError
-        A file exists: nothing is overwritten.
-    ImportError
-        matplotlib is not installed.
+        To write into; returns the paths of its new files.
     """
     drawings = {
         "success": ("dispersed", _by_condition),

@@ -39,14 +39,7 @@ def draw_shapes(dataset: xr.Dataset, family: str, folder: Path) -> tuple[Path, .
     family
         `b4` or `c4`.
     folder
-        To write into; existing.
-
-    Raises
-    ------
-    FileExistsError
-        A file exists: nothing is overwritten.
-    ImportError
-        Matplotlib is not installed.
+        To write into; returns the paths of its new files.
     """
     parameter, across, angle, words = _FAMILIES[family]
 

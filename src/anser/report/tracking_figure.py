@@ -31,13 +31,6 @@ def draw_tracking(dataset: xr.Dataset, title: str, paths: Sequence[Path]) -> Non
         First line of the figure's heading.
     paths
         New files to write, with one of `FIGURE_SUFFIXES`.
-
-    Raises
-    ------
-    FileExistsError
-        A path exists: nothing is overwritten.
-    ImportError
-        Matplotlib is not installed.
     """
     mpl, figure = new_figure((7.6, 6.2))
     of = dataset.isel(aircraft=0)

@@ -29,7 +29,7 @@ from anser.scenario.schema_checks import (
 from anser.scenario.schema_goal import Goal
 from anser.scenario.schema_planner import planner_problems
 from anser.scenario.schema_problems import problems_from
-from anser.scenario.schema_reach import pace_of, reach_problems
+from anser.scenario.schema_reach import reach_problems, reference_speed
 from anser.scenario.schema_settings import Fleet, Guidance, Hold, Limits, Requirements, Timing
 from anser.scenario.schema_surroundings import Earth, EarthOrWord, Wind
 
@@ -187,7 +187,9 @@ def _problems(aircraft: tuple[Aircraft, ...], goals: tuple[Goal, ...], scenario:
         found.extend(same_point_problems(aircraft, scenario.arrival))
         found.extend(arrival_problems(scenario.arrival, aircraft, timing))
         found.extend(keep_out_problems(scenario.keep_out, aircraft, goals))
-    return found or reach_problems(aircraft, goals, pace_of(fleet, limits, scenario.arrival), limits, wind, timing)
+    return found or reach_problems(
+        aircraft, goals, reference_speed(fleet, limits, scenario.arrival), limits, wind, timing
+    )
 
 
 def scenario_hash(scenario: Scenario) -> str:
