@@ -13,6 +13,7 @@ from anser.cli.console import (
     RefusedError,
     answer,
     flight_point,
+    line,
     make_new,
     must_be_known,
     must_lie,
@@ -21,7 +22,6 @@ from anser.cli.console import (
     print_table,
     progress_bar,
     say,
-    screen,
 )
 from anser.cli.offering import about
 
@@ -160,12 +160,10 @@ def _print(study: "RobustnessStudy") -> None:
     for inversion, strongest in _culprits(data).items():
         if strongest:
             words = ", ".join(f"{one.of} of {one.factor} {one.correlation:+.2f}" for one in strongest)
-            screen.print(f"failures, {inversion}, correlate with: {words}", soft_wrap=True, highlight=False)
+            line(f"failures, {inversion}, correlate with: {words}")
     _print_breaks(data)
     flown = int((data["outcome"].values > 0).sum())
-    screen.print(
-        f"{flown} flights, {study.run_s:.1f} s (and {study.compile_s:.1f} s compiling)", soft_wrap=True, highlight=False
-    )
+    line(f"{flown} flights, {study.run_s:.1f} s (and {study.compile_s:.1f} s compiling)")
 
 
 def _shortened(reasons: dict[str, int]) -> str:
