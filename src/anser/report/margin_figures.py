@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from anser.report.map_panels import NOTHING, draw_cells, draw_marks, map_panels
-from anser.report.print_style import FIGURE_SUFFIXES, new_figure, save_drawings, save_figure
+from anser.report.print_style import FIGURE_SUFFIXES, MAP_STYLE, new_figure, save_drawings, save_figure
 from anser.report.style import color_of
 
 if TYPE_CHECKING:
@@ -28,13 +28,9 @@ _SYMBOLS = {"P": "$P$", "Q": "$Q$", "R": "$R$", "mu": r"$\mu$", "alpha": r"$\alp
 _ACTUATORS = ("elevator", "aileron", "rudder")
 _SHOWN_DB, _SHOWN_DEG = (-50.0, 50.0), (-360.0, 0.0)
 _LINE, _CLOSE, _BAD, _HELD_BACK = "#57606a", "#d55e00", "#000000", "#b8b8b8"
-_STYLE: dict[Any, Any] = {
-    # text stays text and the identifiers are fixed: the same numbers make the same file
+_STYLE = {
+    **MAP_STYLE,
     "svg.hashsalt": "anser-margins",
-    "svg.fonttype": "none",
-    "pdf.fonttype": 42,
-    "font.size": 8,
-    "axes.titlesize": 9,
     "legend.fontsize": 7.5,
     "legend.framealpha": 0.85,
     "mathtext.fontset": "dejavusans",

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
+from anser.report.labels import unit
 from anser.report.plan_map import CLOSED, named_pair
 from anser.report.plan_pens import PlanPen
-from anser.report.print_labels import unit
 from anser.report.print_style import INK, QUIET, SMALL
 
 if TYPE_CHECKING:

@@ -16,6 +16,7 @@ __all__ = [
     "FIGURE_SUFFIXES",
     "INK",
     "LARGE",
+    "MAP_STYLE",
     "PRINT_STYLE",
     "QUIET",
     "SMALL",
@@ -60,6 +61,8 @@ PRINT_STYLE: dict[str, Any] = {
     "legend.fontsize": SMALL,
     "legend.handlelength": 2.2,
 }
+MAP_STYLE: dict[str, Any] = {"svg.fonttype": "none", "pdf.fonttype": 42, "font.size": 8, "axes.titlesize": 9}
+"""Of maps over the envelope and of studies."""
 _METADATA: dict[str, dict[str, None]] = {
     ".svg": {"Date": None},
     ".png": {"Software": None},

@@ -2,12 +2,12 @@
 
 import textwrap
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
 
-from anser.report.print_style import save_drawings
+from anser.report.print_style import MAP_STYLE, save_drawings
 from anser.results import FirstBreak, first_breaks, success
 
 if TYPE_CHECKING:
@@ -16,11 +16,9 @@ if TYPE_CHECKING:
 
 __all__ = ["draw_robustness"]
 
-_STYLE: dict[Any, Any] = {
+_STYLE = {
+    **MAP_STYLE,
     "svg.hashsalt": "anser-robustness",
-    "svg.fonttype": "none",
-    "font.size": 8,
-    "axes.titlesize": 9,
     "axes.spines.top": False,
     "axes.spines.right": False,
 }

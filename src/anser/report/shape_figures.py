@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import xarray as xr
 
-from anser.report.print_labels import axis_label, symbol, unit
+from anser.report.labels import axis_label, symbol, unit
 from anser.report.print_style import (
     FIGURE_SUFFIXES,
     INK,

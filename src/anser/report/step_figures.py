@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from anser.report.print_labels import symbol, unit
+from anser.report.labels import symbol, unit
 from anser.report.print_style import (
     DASHED,
     INK,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from anser.report.print_labels import axis_label, plain, unit
+from anser.report.labels import axis_label, plain, unit
 from anser.report.print_style import DASHED, INK, LARGE, PRINT_STYLE, line_of, new_figure, save_figure
 from anser.report.style import color_of
 
