@@ -89,11 +89,10 @@ def robustness(
 
 def _rates(data: "xr.Dataset") -> dict[str, dict[str, "Success"]]:
     """Success by what was flown and by inversion."""
-    from anser.results import success
+    from anser.results import flights_of, success
 
-    parts = data["part"].attrs["flag_meanings"].split()
-    part, spread, condition = (data[name].values for name in ("part", "spread_percent", "condition"))
-    main, swept = part == parts.index("dispersed"), part == parts.index("spread")
+    spread, condition = (data[name].values for name in ("spread_percent", "condition"))
+    main, swept = flights_of(data, "dispersed"), flights_of(data, "spread")
     chosen = {"all": main}
     chosen |= {str(place): main & (condition == k) for k, place in enumerate(data["condition_meaning"].values)}
     chosen |= {f"spread {level:.0f} %": swept & (spread == level) for level in np.unique(spread[swept])}
@@ -103,9 +102,9 @@ def _rates(data: "xr.Dataset") -> dict[str, dict[str, "Success"]]:
 
 def _culprits(data: "xr.Dataset") -> dict[str, list["FailureCorrelation"]]:
     """Factors that failures go with most, by inversion."""
-    from anser.results import failure_correlations
+    from anser.results import failure_correlations, flights_of
 
-    main = data["part"].values == data["part"].attrs["flag_meanings"].split().index("dispersed")
+    main = flights_of(data, "dispersed")
     return {str(of): failure_correlations(data, str(of), main)[:_STRONGEST] for of in data["inversion"].values}
 
 

@@ -28,6 +28,7 @@ from anser.results.robustness_statistics import (
     Success,
     failure_correlations,
     first_breaks,
+    flights_of,
     success,
     success_interval,
 )
@@ -70,6 +71,7 @@ __all__ = [
     "envelope_dataset",
     "failure_correlations",
     "first_breaks",
+    "flights_of",
     "judge",
     "least_distance",
     "linear_dataset",

@@ -13,6 +13,7 @@ __all__ = [
     "Success",
     "failure_correlations",
     "first_breaks",
+    "flights_of",
     "success",
     "success_interval",
 ]
@@ -63,6 +64,11 @@ class Success:
     low: float
     high: float
     reasons: dict[str, int]
+
+
+def flights_of(dataset: xr.Dataset, part: str) -> np.ndarray:
+    """Mask of the flights of one part of a study, shape (flights,)."""
+    return _words(dataset["part"]) == part
 
 
 def success(dataset: xr.Dataset, inversion: str, chosen: np.ndarray) -> Success:
