@@ -44,7 +44,7 @@ def success_interval(reached: int, flown: int) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Success:
-    """How many of some flights reached what they were told.
+    """How many of some flights reached their command.
 
     Attributes
     ----------
@@ -110,7 +110,7 @@ def _reason(of: xr.Dataset, flight: int) -> str:
 
 @dataclass(frozen=True)
 class FirstBreak:
-    """Smallest change of one factor alone, one way, with which a flight does not do as told.
+    """Smallest change of one factor alone, one way, with which a flight does not reach its command.
 
     Attributes
     ----------
@@ -121,7 +121,7 @@ class FirstBreak:
     change, value
         Relative change and value; the largest that was flown where nothing breaks.
     survived
-        Largest change with which all flights still do as told.
+        Largest change with which all flights still reach their command.
     reason, condition
         Why, and where (the first of several); None where nothing breaks.
     """
