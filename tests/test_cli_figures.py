@@ -53,7 +53,7 @@ def test_every_published_case_is_drawn(anser, tmp_path, monkeypatch):
     monkeypatch.setattr("anser.report.tracking_figure.draw_tracking", note("tracking", 2))
     monkeypatch.setattr("anser.report.shape_figures.draw_shapes", shape)
     monkeypatch.setattr("anser.verification.shape_families.shape_families", lambda: {"b4": None, "c4": None})
-    monkeypatch.setattr("anser.verification.published_flights.published_flights", lambda: {"single": flight})
+    monkeypatch.setattr("anser.verification.missions.published_flights", lambda: {"single": flight})
     out = tmp_path / "figures"
     code, printed, _ = anser("figures", "--out", out)
     assert code == 0

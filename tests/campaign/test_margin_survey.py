@@ -177,7 +177,7 @@ def test_the_survey_on_the_command_line(surveyed, command, monkeypatch, tmp_path
         (("--coarse",), "--coarse: arrived without --envelope"),
         (("--envelope", "--out", "new", "--at", "150,1000"), "--at: arrived with --envelope"),
         (("--envelope", "--out", "."), "exists"),
-        (("--bode", "bode.jpg"), ".svg, .png, .pdf"),
+        (("--bode", "bode.jpg"), ".svg, .png or .pdf"),
         (("--bode", "no/such/bode.svg"), "a folder that exists"),
     ],
 )

@@ -4,7 +4,7 @@ import pytest
 
 from anser.report import flight_figures
 from anser.report.flight_figures import FLIGHT_FIGURES, NEEDED_VARIABLES, draw_flight
-from anser.report.print_labels import axis_label, plain
+from anser.report.labels import axis_label, plain
 from anser.report.print_style import line_of, marker_of
 
 ARRIVAL = 80.0  # of the flight in conftest

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from anser.results import Closest, PlanDetails, PlanExtremes, PlanSamples
+from anser.results import ClosestApproach, PlanDetails, PlanExtremes, PlanSamples
 from support.made_scenario import made_scenario
 
 SPEED, STEP, GRAVITY = 150.0, 0.5, 9.81
@@ -66,9 +66,9 @@ def plan_case(
     )
     gap = np.linspace(9000.0, 520.0, time.size)
     pair = np.tile([0, 1], (time.size, 1))
-    closest = Closest(gap, pair, 512.5, (0, 1), 59.75, 510.0, 50.49)
+    closest = ClosestApproach(gap, pair, 512.5, (0, 1), 59.75, 510.0, 50.49)
     if len(names) == 1:
-        closest = Closest(np.nan * gap, 0 * pair - 1, np.nan, (-1, -1), np.nan, np.nan, np.nan)
+        closest = ClosestApproach(np.nan * gap, 0 * pair - 1, np.nan, (-1, -1), np.nan, np.nan, np.nan)
     room = np.full((len(names), len(keep_outs)), 250.0) + 10.0 * np.arange(len(names))[:, None]
     samples = PlanSamples(
         time_s=time,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from anser.report.shape_figures import draw_shapes
-from anser.verification.published_flights import SINGLE
+from anser.verification.missions import SINGLE
 from anser.verification.shape_families import shape_families
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"

@@ -15,7 +15,7 @@ from jaxtyping import Array, Float, Int
 
 from anser.numerics import compiled_quickly
 from anser.planning import separation_ratio
-from anser.results import Closest
+from anser.results import ClosestApproach
 from anser.scenario.schema_airspace import KeepOut
 from anser.shapes import Scalar
 
@@ -118,7 +118,7 @@ def _closely(
     return lax.map(one, pairs)
 
 
-def nearest_pairs(motion: SampledMotion, separation_m: tuple[float, float] | None) -> Closest:
+def nearest_pairs(motion: SampledMotion, separation_m: tuple[float, float] | None) -> ClosestApproach:
     """The two aircraft of a fleet that are nearest to each other, at the samples and at all; until one arrives.
 
     Parameters
@@ -136,7 +136,7 @@ def nearest_pairs(motion: SampledMotion, separation_m: tuple[float, float] | Non
     count, fleet = motion.positions_n.shape[:2]
     if fleet < 2:
         nothing = np.full(count, np.nan)
-        return Closest(nothing, np.full((count, 2), -1), np.nan, (-1, -1), np.nan, np.nan, np.nan)
+        return ClosestApproach(nothing, np.full((count, 2), -1), np.nan, (-1, -1), np.nan, np.nan, np.nan)
     measure = jnp.asarray(separation_m or (0.0, 0.0), dtype=float)
     distance, who, least = (np.asarray(x) for x in _at_instants(motion.positions_n, measure))
     together = np.isfinite(distance)
@@ -147,7 +147,7 @@ def nearest_pairs(motion: SampledMotion, separation_m: tuple[float, float] | Non
     pair = np.stack(np.unravel_index(who, least.shape), axis=1)
     one, other = (int(k) for k in candidates[best])
     met = bool(np.isfinite(found[best]))
-    return Closest(
+    return ClosestApproach(
         distance_m=np.where(together, distance, np.nan),
         pair=np.where(together[:, None], pair, -1),
         least_m=float(found[best]) if met else np.nan,

@@ -3,7 +3,7 @@
 import itertools
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -82,4 +82,17 @@ AircraftName = Annotated[str, typer.Option(help=f"Airframe: {', '.join(AIRFRAMES
 VariantName = Annotated[
     str,
     typer.Option(help="Published set of tables: textbook, s119 or founding.", autocompletion=complete_variant),
+]
+CentreOfGravity = Annotated[
+    float | None,
+    typer.Option(
+        "--cg", "--x-cg", help="Centre of gravity, fraction of the mean aerodynamic chord; left out: the variant's own."
+    ),
+]
+TrueAirspeed = Annotated[float, typer.Option(help="True airspeed.", show_default=False)]
+Altitude = Annotated[float, typer.Option(help="Geometric altitude.", show_default=False)]
+PathAngle = Annotated[float, typer.Option(help="Climb angle.")]
+TurnRate = Annotated[float, typer.Option(help="Rate of the course, right positive.")]
+Inversion = Annotated[
+    Literal["model", "incremental"], typer.Option(help="What the autopilot inverts: the model, or measured changes.")
 ]

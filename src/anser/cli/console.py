@@ -38,20 +38,31 @@ note = Console(stderr=True, highlight=False)
 err = Console(stderr=True, highlight=False)
 
 _WIDTH_MIN = 120  # columns of a table that nobody looks at on a screen: a pipe has none of its own
+_RANGES = {
+    "--speed-m-s": (1, 1000),
+    "--altitude-m": (-500, 30000),
+    "--cg": (0.1, 0.5),
+    "--x-cg": (0.1, 0.5),
+    "--path-angle-deg": (-80, 80),
+    "--turn-rate-deg-s": (-60, 60),
+    "--path-rate-deg-s": (-60, 60),
+    "--pitch-rate-deg-s": (-60, 60),
+}
+"""What the options of a flight condition may be."""
 _BAR_WIDTH = 16  # with the longest text, and the times, within 80 columns
 _SPEED_PERIOD_S = 3600.0
 """The time left follows from the mean speed so far: steps of a campaign are minutes apart."""
 
 
 @dataclass
-class _Wanted:
+class _Request:
     """What the command under way was asked for, and whether it has answered."""
 
     as_json: bool = False
     answered: bool = False
 
 
-_wanted = _Wanted()
+_request = _Request()
 
 
 @contextlib.contextmanager
@@ -63,7 +74,7 @@ def output(as_json: bool, quiet: bool) -> Iterator[None]:
     RuntimeError
         The command ended with exit code 0 or 1 without the document that was asked for: a fault of the command.
     """
-    _wanted.as_json, _wanted.answered = as_json, False
+    _request.as_json, _request.answered = as_json, False
     screen.quiet, note.quiet = as_json or quiet, quiet
     try:
         yield
@@ -73,12 +84,12 @@ def output(as_json: bool, quiet: bool) -> Iterator[None]:
             _must_have_answered()
         raise
     finally:
-        _wanted.as_json = False
+        _request.as_json = False
         screen.quiet = note.quiet = False
 
 
 def _must_have_answered() -> None:
-    if _wanted.as_json and not _wanted.answered:
+    if _request.as_json and not _request.answered:
         raise RuntimeError("the command has no JSON document")
 
 
@@ -90,9 +101,9 @@ def answer(document: Callable[[], Mapping[str, Any]]) -> None:
     document
         Makes the document, without NaN and infinity, which JSON has not.
     """
-    if _wanted.as_json:
+    if _request.as_json:
         sys.stdout.write(json.dumps(document(), indent=1, allow_nan=False) + "\n")
-        _wanted.answered = True
+        _request.answered = True
 
 
 def end_without(what: str, reasons: Sequence[str], prefix: str = "") -> NoReturn:
@@ -242,19 +253,49 @@ def flight_point(at: str) -> tuple[float, float]:
         speed, altitude = (float(part) for part in at.split(","))
     except ValueError:
         raise RefusedError(f"--at: arrived {at!r}; expected SPEED,ALTITUDE in m/s and m, such as 150,2000") from None
-    must_lie("--at, speed", speed, 1, 1000)
-    must_lie("--at, altitude", altitude, -500, 30000)
+    must_lie("--at, speed", speed, *_RANGES["--speed-m-s"])
+    must_lie("--at, altitude", altitude, *_RANGES["--altitude-m"])
     return speed, altitude
 
 
-def must_be_new_picture(option: str, path: Path, suffixes: Sequence[str]) -> None:
-    """Refuse a picture that cannot be written, before anything is computed."""
+def must_be_new_file(option: str, path: Path, suffixes: Sequence[str]) -> None:
+    """Refuse a file that cannot be written, before anything is computed."""
     if path.suffix not in suffixes:
-        raise RefusedError(f"{option}: arrived {path}; expected a name that ends with {', '.join(suffixes)}")
+        words = f"{', '.join(suffixes[:-1])} or {suffixes[-1]}"
+        raise RefusedError(f"{option}: arrived {path}; expected a name that ends with {words}")
     if path.exists():
         raise RefusedError(f"{option}: arrived {path}, which exists; expected a new file (nothing is overwritten)")
     if not path.parent.is_dir():
         raise RefusedError(f"{option}: arrived {path}; expected a file in a folder that exists")
+
+
+@contextlib.contextmanager
+def writing(option: str, path: Path) -> Iterator[None]:
+    """Refuse a file that turns out not to be writable."""
+    try:
+        yield
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise RefusedError(f"{option}: arrived {path}; expected a place for a file ({reason})") from None
+
+
+@contextlib.contextmanager
+def finding_trim(what: str) -> Iterator[Callable[[str], None]]:
+    """As `working`; ends the command with exit code 1 where there is no steady flight at the condition."""
+    from anser.campaign import ConditionError
+
+    try:
+        with working(what) as tell:
+            yield tell
+    except ConditionError as error:
+        end_without("no steady flight", [str(error)])
+
+
+def must_be_flight_condition(condition: Mapping[str, float | None]) -> None:
+    """Refuse numbers outside the range of their options: speed, altitude, centre of gravity, path angle, rates."""
+    for option, value in condition.items():
+        if value is not None:
+            must_lie(option, value, *_RANGES[option])
 
 
 def must_be_known(aircraft: str, variant: str) -> None:

@@ -13,6 +13,7 @@ from anser.cli.console import (
     RefusedError,
     answer,
     flight_point,
+    line,
     make_new,
     must_be_known,
     must_lie,
@@ -21,7 +22,6 @@ from anser.cli.console import (
     print_table,
     progress_bar,
     say,
-    screen,
 )
 from anser.cli.offering import about
 
@@ -89,11 +89,10 @@ def robustness(
 
 def _rates(data: "xr.Dataset") -> dict[str, dict[str, "Success"]]:
     """Success by what was flown and by inversion."""
-    from anser.results import success
+    from anser.results import flights_of, success
 
-    parts = data["part"].attrs["flag_meanings"].split()
-    part, spread, condition = (data[name].values for name in ("part", "spread_percent", "condition"))
-    main, swept = part == parts.index("dispersed"), part == parts.index("spread")
+    spread, condition = (data[name].values for name in ("spread_percent", "condition"))
+    main, swept = flights_of(data, "dispersed"), flights_of(data, "spread")
     chosen = {"all": main}
     chosen |= {str(place): main & (condition == k) for k, place in enumerate(data["condition_meaning"].values)}
     chosen |= {f"spread {level:.0f} %": swept & (spread == level) for level in np.unique(spread[swept])}
@@ -103,9 +102,9 @@ def _rates(data: "xr.Dataset") -> dict[str, dict[str, "Success"]]:
 
 def _culprits(data: "xr.Dataset") -> dict[str, list["FailureCorrelation"]]:
     """Factors that failures go with most, by inversion."""
-    from anser.results import failure_correlations
+    from anser.results import failure_correlations, flights_of
 
-    main = data["part"].values == data["part"].attrs["flag_meanings"].split().index("dispersed")
+    main = flights_of(data, "dispersed")
     return {str(of): failure_correlations(data, str(of), main)[:_STRONGEST] for of in data["inversion"].values}
 
 
@@ -160,12 +159,10 @@ def _print(study: "RobustnessStudy") -> None:
     for inversion, strongest in _culprits(data).items():
         if strongest:
             words = ", ".join(f"{one.of} of {one.factor} {one.correlation:+.2f}" for one in strongest)
-            screen.print(f"failures, {inversion}, correlate with: {words}", soft_wrap=True, highlight=False)
+            line(f"failures, {inversion}, correlate with: {words}")
     _print_breaks(data)
     flown = int((data["outcome"].values > 0).sum())
-    screen.print(
-        f"{flown} flights, {study.run_s:.1f} s (and {study.compile_s:.1f} s compiling)", soft_wrap=True, highlight=False
-    )
+    line(f"{flown} flights, {study.run_s:.1f} s (and {study.compile_s:.1f} s compiling)")
 
 
 def _shortened(reasons: dict[str, int]) -> str:

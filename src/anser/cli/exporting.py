@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from anser.cli.arguments import RunFolder
-from anser.cli.console import RefusedError, answer, line, make_new
+from anser.cli.console import RefusedError, answer, line, make_new, writing
 from anser.cli.offering import about
 from anser.cli.run_folder import must_hold, read_run
 
@@ -61,12 +61,8 @@ def export(
     shown = dataset if period_s is None else thinned(dataset, period_s)
     for name, path in files.items():
         content = FORMATS[name](shown, summary, began)
-        try:
-            with path.open("xb") as file:
-                file.write(content)
-        except OSError as error:
-            reason = error.strerror or str(error)
-            raise RefusedError(f"--out: arrived {path}; expected a place for a file ({reason})") from None
+        with writing("--out", path), path.open("xb") as file:
+            file.write(content)
         line(f"{path}: {len(content) / 1e6:.1f} MB")
     answer(lambda: {"format_version": 1, "files": {name: str(path) for name, path in files.items()}})
 

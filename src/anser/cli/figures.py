@@ -60,7 +60,7 @@ def _published(out: Path) -> Iterator[Path]:
     from anser.report.shape_figures import draw_shapes
     from anser.report.step_figures import draw_overview, draw_step
     from anser.report.tracking_figure import draw_tracking
-    from anser.verification.published_flights import published_flights
+    from anser.verification.missions import published_flights
     from anser.verification.shape_families import shape_families
 
     def paths(name: str) -> list[Path]:

@@ -142,8 +142,8 @@ def _status_text(row: dict, stopped_s: dict[str, float]) -> str:
 def _print_flown(summary: dict, stopped_s: dict[str, float]) -> None:
     table = plain_table(f"{summary['scenario']['name']}: {summary['fleet']['simulated_s']:g} s flown")
     table.add_column("aircraft", overflow="fold")
-    with_paths = any(row["path"] not in (None, "nominal") for row in summary["aircraft"])
-    if with_paths:
+    has_paths = any(row["path"] not in (None, "nominal") for row in summary["aircraft"])
+    if has_paths:
         table.add_column("path", no_wrap=True)
     for name in ("planned\ns", "arrival\ns", "miss\nm", "airspeed\nm/s", "clear\nm"):
         table.add_column(name, justify="right", no_wrap=True)
@@ -153,7 +153,7 @@ def _print_flown(summary: dict, stopped_s: dict[str, float]) -> None:
         left = f" (left the tables for {row['tables_left_s']:.1f} s)" if row["tables_left"] else ""
         table.add_row(
             row["name"],
-            *([row["path"]] if with_paths else []),
+            *([row["path"]] if has_paths else []),
             number(row["planned_arrival_s"], 2),
             number(row["arrival_s"], 2),
             number(row["miss_m"], 2),

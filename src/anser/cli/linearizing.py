@@ -7,18 +7,20 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from anser.cli.arguments import AircraftName, VariantName
+from anser.cli.arguments import AircraftName, Altitude, CentreOfGravity, PathAngle, TrueAirspeed, TurnRate, VariantName
 from anser.cli.console import (
     RefusedError,
     answer,
-    end_without,
+    finding_trim,
     line,
+    must_be_flight_condition,
     must_be_known,
+    must_be_new_file,
     must_lie,
     must_stand_alone,
     say,
     screen,
-    working,
+    writing,
 )
 from anser.cli.offering import about
 
@@ -37,20 +39,13 @@ _ROUNDING = 1e-12
     unmet="no steady flight there",
 )
 def linearize(
-    speed_m_s: Annotated[float, typer.Option(help="True airspeed.", show_default=False)],
-    altitude_m: Annotated[float, typer.Option(help="Geometric altitude.", show_default=False)],
+    speed_m_s: TrueAirspeed,
+    altitude_m: Altitude,
     aircraft: AircraftName = "f16",
     variant: VariantName = "textbook",
-    x_cg: Annotated[
-        float | None,
-        typer.Option(
-            "--x-cg",
-            "--cg",
-            help="Centre of gravity, fraction of the mean aerodynamic chord; left out: the variant's own.",
-        ),
-    ] = None,
-    path_angle_deg: Annotated[float, typer.Option(help="Climb angle.")] = 0.0,
-    turn_rate_deg_s: Annotated[float, typer.Option(help="Rate of the course, right positive.")] = 0.0,
+    x_cg: CentreOfGravity = None,
+    path_angle_deg: PathAngle = 0.0,
+    turn_rate_deg_s: TurnRate = 0.0,
     path_rate_deg_s: Annotated[float, typer.Option(help="Rate of the climb angle: a path bent upwards.")] = 0.0,
     pitch_rate_deg_s: Annotated[
         float, typer.Option(help="Pitch rate of a pull-up: wings level, no roll and yaw rate; no other rate.")
@@ -69,66 +64,47 @@ def linearize(
 ) -> None:
     """Trim an aircraft and linearize it there: A, B, C, D and the modes with their names, in SI units and radians."""
     must_be_known(aircraft, variant)
-    must_lie("--speed-m-s", speed_m_s, 1, 1000)
-    must_lie("--altitude-m", altitude_m, -500, 30000)
-    if x_cg is not None:
-        must_lie("--x-cg", x_cg, 0.1, 0.5)
-    must_lie("--path-angle-deg", path_angle_deg, -80, 80)
-    must_lie("--turn-rate-deg-s", turn_rate_deg_s, -60, 60)
-    must_lie("--path-rate-deg-s", path_rate_deg_s, -60, 60)
-    must_lie("--pitch-rate-deg-s", pitch_rate_deg_s, -60, 60)
     others = {"--turn-rate-deg-s": turn_rate_deg_s, "--path-rate-deg-s": path_rate_deg_s}
+    must_be_flight_condition(
+        {
+            "--speed-m-s": speed_m_s,
+            "--altitude-m": altitude_m,
+            "--x-cg": x_cg,
+            "--path-angle-deg": path_angle_deg,
+            **others,
+            "--pitch-rate-deg-s": pitch_rate_deg_s,
+        }
+    )
     must_stand_alone("--pitch-rate-deg-s", pitch_rate_deg_s, others)
     must_lie("--step-s", step_s, 0.001, 0.05)
     if actuators and loop != "open":
         raise RefusedError(f"--actuators: arrived with --loop {loop}, which always has them; expected --loop open")
     if out is not None:
-        _must_be_new(out)
-    from anser.campaign import ConditionError
+        must_be_new_file("--out", out, _SUFFIXES)
     from anser.campaign import linearize as find
 
-    try:
-        with working("trimming and differentiating (the first time, this compiles)"):
-            found = find(
-                aircraft,
-                variant,
-                speed_m_s=speed_m_s,
-                altitude_m=altitude_m,
-                x_cg_over_c=x_cg,
-                path_angle_deg=path_angle_deg,
-                turn_rate_deg_s=turn_rate_deg_s,
-                path_rate_deg_s=path_rate_deg_s,
-                pitch_rate_deg_s=pitch_rate_deg_s,
-                loop=loop,
-                actuators=actuators,
-                step_s=step_s,
-            )
-    except ConditionError as error:
-        end_without("no steady flight", [str(error)])
+    with finding_trim("trimming and differentiating (the first time, this compiles)"):
+        found = find(
+            aircraft,
+            variant,
+            speed_m_s=speed_m_s,
+            altitude_m=altitude_m,
+            x_cg_over_c=x_cg,
+            path_angle_deg=path_angle_deg,
+            turn_rate_deg_s=turn_rate_deg_s,
+            path_rate_deg_s=path_rate_deg_s,
+            pitch_rate_deg_s=pitch_rate_deg_s,
+            loop=loop,
+            actuators=actuators,
+            step_s=step_s,
+        )
     if out is not None:
-        _write(found, out)
+        with writing("--out", out):
+            found.write(out)
     answer(found.document)
     _print(found)
     if out is not None:
         say(f"{out}: written")
-
-
-def _must_be_new(out: Path) -> None:
-    """Refuse a file that cannot be written, before anything is computed."""
-    if out.suffix not in _SUFFIXES:
-        raise RefusedError(f"--out: arrived {out}; expected a name that ends with {' or '.join(_SUFFIXES)}")
-    if out.exists():
-        raise RefusedError(f"--out: arrived {out}, which exists; expected a new file (nothing is overwritten)")
-    if not out.parent.is_dir():
-        raise RefusedError(f"--out: arrived {out}; expected a file in a folder that exists")
-
-
-def _write(found: "Linearized", out: Path) -> None:
-    try:
-        found.write(out)
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise RefusedError(f"--out: arrived {out}; expected a place where a file can be written ({reason})") from None
 
 
 def _print(found: "Linearized") -> None:

@@ -7,23 +7,23 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from anser.cli.arguments import AircraftName, VariantName
+from anser.cli.arguments import AircraftName, Inversion, VariantName
 from anser.cli.console import (
     RefusedError,
     answer,
-    end_without,
+    finding_trim,
     flight_point,
+    line,
     make_new,
     must_be_known,
-    must_be_new_picture,
+    must_be_new_file,
     must_lie,
     number,
     plain_table,
     print_table,
     progress_bar,
     say,
-    screen,
-    working,
+    writing,
 )
 from anser.cli.offering import about
 
@@ -53,10 +53,7 @@ def margins(
     ] = None,
     aircraft: AircraftName = "f16",
     variant: VariantName = "textbook",
-    inversion: Annotated[
-        Literal["model", "incremental"],
-        typer.Option(help="What the autopilot inverts: the model, or measured changes."),
-    ] = "model",
+    inversion: Inversion = "model",
     step_s: Annotated[float, typer.Option(help="Sampling period of the autopilot, s.")] = 0.01,
     bode: Annotated[
         Path | None, typer.Option(help="New picture of Bode and Nyquist diagrams: NAME.svg, .png or .pdf.")
@@ -85,24 +82,18 @@ def margins(
     if bode is not None:
         from anser.report import BODE_SUFFIXES
 
-        must_be_new_picture("--bode", bode, BODE_SUFFIXES)
-    from anser.campaign import ConditionError, margin_document, margins_at
+        must_be_new_file("--bode", bode, BODE_SUFFIXES)
+    from anser.campaign import margin_document, margins_at
 
-    try:
-        with working("trimming and breaking the loops (the first time, this compiles)"):
-            found = margins_at(
-                aircraft, variant, speed_m_s=speed_m_s, altitude_m=altitude_m, inversion=inversion, step_s=step_s
-            )
-    except ConditionError as error:
-        end_without("no steady flight", [str(error)])
+    with finding_trim("trimming and breaking the loops (the first time, this compiles)"):
+        found = margins_at(
+            aircraft, variant, speed_m_s=speed_m_s, altitude_m=altitude_m, inversion=inversion, step_s=step_s
+        )
     if bode is not None:
         from anser.report import draw_bode
 
-        try:
+        with writing("--bode", bode):
             draw_bode(found, [bode])
-        except OSError as error:
-            reason = error.strerror or str(error)
-            raise RefusedError(f"--bode: arrived {bode}; expected a place for a file ({reason})") from None
     answer(lambda: margin_document(found))
     _print(found)
     if bode is not None:
@@ -173,12 +164,10 @@ def _print(found: "xr.Dataset") -> None:
     print_table(table)
     together = found["actuators_disk_margin"].item()
     gain, phase = _disk(together)
-    screen.print(
+    line(
         f"All three actuators at once: disk {together:.2f}, {gain:.1f} dB or {phase:.1f} deg each. "
         f"Short: less than {of['gain_min_db']:g} dB or {of['phase_min_deg']:g} deg. A dash: nothing destabilizes. "
-        "All loops but the one broken are closed.",
-        soft_wrap=True,
-        highlight=False,
+        "All loops but the one broken are closed."
     )
 
 
@@ -202,12 +191,10 @@ def _print_survey(surveyed: "MarginSurvey") -> None:
         table.add_row(row["breakpoint"], *cells, str(row["short"]), str(row["points"]), str(of_all["short"]))
     print_table(table)
     points = document["points"]
-    screen.print(
+    line(
         f"{points['stable']} points are stable, {points['unstable']} unstable; {points['held_back']} stand at a limit "
         f"of the autopilot, {points['no_trim']} cannot be flown. Short: less than {of['gain_min_db']:g} dB or "
-        f"{of['phase_min_deg']:g} deg. {surveyed.run_s:.1f} s (and {surveyed.compile_s:.1f} s compiling)",
-        soft_wrap=True,
-        highlight=False,
+        f"{of['phase_min_deg']:g} deg. {surveyed.run_s:.1f} s (and {surveyed.compile_s:.1f} s compiling)"
     )
 
 

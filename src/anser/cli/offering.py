@@ -55,11 +55,6 @@ def about(*examples: str, unmet: str | None = None) -> Callable[[_Function], _Fu
     return mark
 
 
-def about_of(command: Callable[..., Any]) -> About:
-    """What `about` said of a command."""
-    return getattr(command, _ABOUT)
-
-
 def offer(app: typer.Typer, command: Callable[..., None]) -> None:
     """Register a function marked by `about` as a command that takes --json and --quiet, too.
 
@@ -85,4 +80,4 @@ def offer(app: typer.Typer, command: Callable[..., None]) -> None:
     # What typer reads of a function: its signature and its annotations.
     answering.__signature__ = inspect.Signature(parameters)  # pyright: ignore[reportAttributeAccessIssue]
     answering.__annotations__ = {one.name: one.annotation for one in parameters}
-    app.command(epilog=about_of(command).epilog())(answering)
+    app.command(epilog=getattr(command, _ABOUT).epilog())(answering)

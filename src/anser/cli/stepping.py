@@ -8,22 +8,23 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 from rich.table import Table
 
-from anser.cli.arguments import VariantName
+from anser.cli.arguments import Inversion, VariantName
 from anser.cli.console import (
     RefusedError,
     answer,
-    end_without,
+    finding_trim,
     flight_point,
+    line,
     make_new,
     must_be_known,
-    must_be_new_picture,
+    must_be_new_file,
     number,
     plain_table,
     print_table,
     problem,
     say,
-    screen,
     working,
+    writing,
 )
 from anser.cli.offering import about
 
@@ -31,11 +32,6 @@ if TYPE_CHECKING:
     from anser.campaign import SteppedFlight, StepTest
 
 _AIRCRAFT = "f16"
-
-_Inversion = Annotated[
-    Literal["model", "incremental"],
-    typer.Option(help="Inversion of the model, or of the change from what the sensors measure."),
-]
 
 
 @about(
@@ -55,7 +51,7 @@ def step(
         float | None,
         typer.Option(help="How long; left out: 3, 6 or 60 s (rates, attitude, velocity), 1.05 s for a yaw rate."),
     ] = None,
-    inversion: _Inversion = "model",
+    inversion: Inversion = "model",
     variant: VariantName = "textbook",
     out: Annotated[Path | None, typer.Option(help="New picture of the response: NAME.svg, .png or .pdf.")] = None,
 ) -> None:
@@ -65,7 +61,7 @@ def step(
     if out is not None:
         from anser.report.print_style import FIGURE_SUFFIXES
 
-        must_be_new_picture("--out", out, FIGURE_SUFFIXES)
+        must_be_new_file("--out", out, FIGURE_SUFFIXES)
     if len(channel) != len(size):
         raise RefusedError(f"--size: arrived {len(size)} for {len(channel)} channels; expected one for each --channel")
     if len(set(channel)) != len(channel):
@@ -80,11 +76,8 @@ def step(
     if out is not None:
         from anser.report.step_figures import draw_step
 
-        try:
+        with writing("--out", out):
             draw_step(flown[0].dataset, [out])
-        except OSError as error:
-            reason = error.strerror or str(error)
-            raise RefusedError(f"--out: arrived {out}; expected a place for a file ({reason})") from None
     answer(lambda: step_document(flown))
     print_table(_table(flown, f"{_AIRCRAFT} ({variant}) at {speed_m_s:g} m/s, {altitude_m:g} m: {inversion} inversion"))
     if flown[0].left_tables:
@@ -99,7 +92,7 @@ def step(
 )
 def gallery(
     out: Annotated[Path, typer.Option(help="New folder for the figures and metrics.json.", show_default=False)],
-    inversion: _Inversion = "model",
+    inversion: Inversion = "model",
     variant: VariantName = "textbook",
 ) -> None:
     """Fly every published test of the autopilot: a figure of each, an overview, a table of their figures."""
@@ -127,21 +120,16 @@ def gallery(
     print_table(_table(flown, f"{_AIRCRAFT} ({variant}) at 150 m/s, 1000 m: {inversion} inversion"))
     limits = document["limits"]
     short = [(flight.test.key, line) for flight in flown for line in flight.shortfalls]
-    screen.print(
+    line(
         f"{len(flown) - len({key for key, _ in short})} of {len(flown)} within overshoot "
         f"{limits['overshoot_percent']:g} %, final error {limits['final_error_percent']:g} %, sideslip "
-        f"{limits['sideslip_in_velocity_steps_deg']:g} deg in velocity steps; figures in {out}",
-        soft_wrap=True,
-        highlight=False,
-        markup=False,
+        f"{limits['sideslip_in_velocity_steps_deg']:g} deg in velocity steps; figures in {out}"
     )
     of = {requirement["name"]: requirement for requirement in requirements}
     error, miss = of["position_error_max_m"], of["miss_max_m"]
-    screen.print(
+    line(
         f"climb and turn: position error {number(error['value'], 2)} m at most, {number(miss['value'], 2)} m at the "
-        f"end; {error['limit']:g} m are allowed",
-        soft_wrap=True,
-        highlight=False,
+        f"end; {error['limit']:g} m are allowed"
     )
     short += [
         ("climb-and-turn", f"{r['name']} is {r['value']:g}, not {r['limit']:g}") for r in requirements if not r["met"]
@@ -159,21 +147,18 @@ def _fly(
     altitude_m: float,
     inversion: Literal["model", "incremental"],
 ) -> tuple["SteppedFlight", ...]:
-    from anser.campaign import ConditionError, fly_steps
+    from anser.campaign import fly_steps
 
-    try:
-        with working("flying (the first time, this compiles)") as tell:
-            return fly_steps(
-                tests,
-                aircraft=_AIRCRAFT,
-                variant=variant,
-                speed_m_s=speed_m_s,
-                altitude_m=altitude_m,
-                inversion=inversion,
-                progress=lambda loop: tell(f"flying the {loop} loop (the first time, this compiles)"),
-            )
-    except ConditionError as error:
-        end_without("no steady flight", [str(error)])
+    with finding_trim("flying (the first time, this compiles)") as tell:
+        return fly_steps(
+            tests,
+            aircraft=_AIRCRAFT,
+            variant=variant,
+            speed_m_s=speed_m_s,
+            altitude_m=altitude_m,
+            inversion=inversion,
+            progress=lambda loop: tell(f"flying the {loop} loop (the first time, this compiles)"),
+        )
 
 
 def _table(flights: Sequence["SteppedFlight"], title: str) -> Table:

@@ -1,13 +1,14 @@
 """The command envelope."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from anser.cli.arguments import AircraftName, VariantName
+from anser.cli.arguments import AircraftName, Inversion, VariantName
 from anser.cli.console import (
     answer,
+    line,
     make_new,
     must_be_known,
     plain_table,
@@ -15,7 +16,6 @@ from anser.cli.console import (
     problem,
     progress_bar,
     say,
-    screen,
 )
 from anser.cli.offering import about
 
@@ -32,10 +32,7 @@ def envelope(
     out: Annotated[Path, typer.Option(help="New folder for the dataset and the figures.", show_default=False)],
     aircraft: AircraftName = "f16",
     variant: VariantName = "textbook",
-    inversion: Annotated[
-        Literal["model", "incremental"],
-        typer.Option(help="What the autopilot inverts: the model, or measured changes."),
-    ] = "model",
+    inversion: Inversion = "model",
     coarse: Annotated[bool, typer.Option("--coarse", help="A grid of 3 x 5 instead of 16 x 18 points.")] = False,
 ) -> None:
     """Survey the envelope: trim map, and standard commands flown from every point of it."""
@@ -108,10 +105,8 @@ def _print(surveyed: "EnvelopeSurvey") -> None:
         )
     print_table(table)
     of = _totals(surveyed)
-    screen.print(
+    line(
         f"{of['trimmable']} of {of['points']} points can be flown steadily, {of['with_reserve']} of them with a tenth "
         f"of power and surfaces left; {of['flights']} flights, {surveyed.run_s:.1f} s "
-        f"(and {surveyed.compile_s:.1f} s compiling)",
-        soft_wrap=True,
-        highlight=False,
+        f"(and {surveyed.compile_s:.1f} s compiling)"
     )

@@ -4,12 +4,12 @@ from typing import Annotated
 
 import typer
 
-from anser.cli.arguments import AircraftName, VariantName
+from anser.cli.arguments import AircraftName, Altitude, CentreOfGravity, PathAngle, TrueAirspeed, TurnRate, VariantName
 from anser.cli.console import (
     answer,
     end_without,
+    must_be_flight_condition,
     must_be_known,
-    must_lie,
     must_stand_alone,
     plain_table,
     print_table,
@@ -26,33 +26,29 @@ from anser.scenario import load_airframe
     unmet="no steady flight there",
 )
 def trim(
-    speed_m_s: Annotated[float, typer.Option(help="True airspeed.", show_default=False)],
-    altitude_m: Annotated[float, typer.Option(help="Geometric altitude.", show_default=False)],
+    speed_m_s: TrueAirspeed,
+    altitude_m: Altitude,
     aircraft: AircraftName = "f16",
     variant: VariantName = "textbook",
-    cg: Annotated[
-        float | None,
-        typer.Option(
-            "--cg",
-            "--x-cg",
-            help="Centre of gravity, fraction of the mean aerodynamic chord; left out: the variant's own.",
-        ),
-    ] = None,
-    path_angle_deg: Annotated[float, typer.Option(help="Climb angle.")] = 0.0,
-    turn_rate_deg_s: Annotated[float, typer.Option(help="Rate of the course, right positive.")] = 0.0,
+    cg: CentreOfGravity = None,
+    path_angle_deg: PathAngle = 0.0,
+    turn_rate_deg_s: TurnRate = 0.0,
     pitch_rate_deg_s: Annotated[
         float, typer.Option(help="Pitch rate of a pull-up: wings level, no roll and yaw rate; not in a turn.")
     ] = 0.0,
 ) -> None:
     """Find the steady flight at a condition, or say what stops it and where the nearest one is."""
     must_be_known(aircraft, variant)
-    must_lie("--speed-m-s", speed_m_s, 1, 1000)
-    must_lie("--altitude-m", altitude_m, -500, 30000)
-    if cg is not None:
-        must_lie("--cg", cg, 0.1, 0.5)
-    must_lie("--path-angle-deg", path_angle_deg, -80, 80)
-    must_lie("--turn-rate-deg-s", turn_rate_deg_s, -60, 60)
-    must_lie("--pitch-rate-deg-s", pitch_rate_deg_s, -60, 60)
+    must_be_flight_condition(
+        {
+            "--speed-m-s": speed_m_s,
+            "--altitude-m": altitude_m,
+            "--cg": cg,
+            "--path-angle-deg": path_angle_deg,
+            "--turn-rate-deg-s": turn_rate_deg_s,
+            "--pitch-rate-deg-s": pitch_rate_deg_s,
+        }
+    )
     must_stand_alone("--pitch-rate-deg-s", pitch_rate_deg_s, {"--turn-rate-deg-s": turn_rate_deg_s})
     from anser.campaign import find_trim
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
-from anser.cli.console import RefusedError, answer, plain_table, print_table, problem, progress_bar, screen
+from anser.cli.console import RefusedError, answer, line, plain_table, print_table, problem, progress_bar
 from anser.cli.offering import about
 
 if TYPE_CHECKING:
@@ -60,11 +60,7 @@ def _print_count(outcomes: Sequence["Outcome"], seconds: float) -> None:
     also = f"; {broken} of {len(outcomes)} checks could not be computed" if broken else ""
     listed = sum(comparison.expected is None for comparison in comparisons)
     without = f" ({listed} of them have no published figure here)" if listed else ""
-    screen.print(
-        f"{passed} of {len(comparisons)} comparisons passed{without}{also}, {seconds:.1f} s",
-        soft_wrap=True,
-        highlight=False,
-    )
+    line(f"{passed} of {len(comparisons)} comparisons passed{without}{also}, {seconds:.1f} s")
 
 
 def _list(checks: Sequence["Check"]) -> Table:

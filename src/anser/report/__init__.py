@@ -1,4 +1,8 @@
-"""Reports, drawn from datasets alone: a flight as one self-contained page; figures of plans, surveys and studies."""
+"""Reports, drawn from datasets alone: a flight as one self-contained page; figures of plans, surveys and studies.
+
+Functions that draw into files never overwrite one: they raise FileExistsError, and ImportError without matplotlib. The
+folder that they draw into must exist.
+"""
 
 from anser.report.envelope_figures import draw_envelope
 from anser.report.margin_figures import BODE_SUFFIXES, draw_bode, draw_margin_maps

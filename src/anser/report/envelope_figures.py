@@ -7,19 +7,14 @@ import numpy as np
 import xarray as xr
 
 from anser.report.map_panels import draw_cells, draw_marks, map_panels
-from anser.report.print_style import save_drawings
+from anser.report.print_style import MAP_STYLE, save_drawings
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = ["draw_envelope"]
 
-_STYLE: dict[Any, Any] = {
-    "svg.hashsalt": "anser-envelope",
-    "svg.fonttype": "none",
-    "font.size": 8,
-    "axes.titlesize": 9,
-}
+_STYLE = {**MAP_STYLE, "svg.hashsalt": "anser-envelope"}
 _DOTS: dict[str, Any] = {"marker": ".", "color": "white", "s": 6.0, "linewidths": 0.0}
 _LOAD, _FLOW, _PLACE = (
     "limited: load factor",
@@ -57,7 +52,7 @@ def draw_envelope(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
     dataset
         As `anser.results.envelope_dataset` makes it.
     folder
-        Where to, files and errors: see `anser.report.print_style.save_drawings`.
+        To write into; returns the paths of its new files.
     """
     drawings = {"trim-map": _trim_map, "commands": _commands, "margins": _margins}
     return save_drawings(drawings, dataset, _STYLE, folder)

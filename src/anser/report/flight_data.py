@@ -39,9 +39,9 @@ def check_flight(dataset: xr.Dataset, summary: Mapping[str, Any]) -> None:
     lacking += [f"aircraft.{key}" for key in _ROW_KEYS if any(key not in row for row in rows)]
     if lacking:
         raise ValueError(f"the summary lacks {', '.join(lacking)}, which the report tells")
-    flown, told = [str(name) for name in dataset["aircraft"].values], [row["name"] for row in summary["aircraft"]]
-    if flown != told:
-        raise ValueError(f"the dataset holds the aircraft {flown}, the summary {told}")
+    flown, summarized = [str(name) for name in dataset["aircraft"].values], [row["name"] for row in summary["aircraft"]]
+    if flown != summarized:
+        raise ValueError(f"the dataset holds the aircraft {flown}, the summary {summarized}")
     of_dataset, of_summary = dataset.attrs.get("scenario_hash"), summary["scenario"]["hash"]
     if of_dataset is not None and of_dataset != of_summary:
         raise ValueError(f"the dataset is of scenario {of_dataset}, the summary {of_summary}")

@@ -8,8 +8,7 @@ import numpy as np
 import xarray as xr
 
 from anser.report.flown_beside_plan import is_certified, scenario_of
-from anser.report.gaps import with_gaps
-from anser.report.print_labels import axis_label, plain
+from anser.report.labels import axis_label, plain
 from anser.report.print_style import (
     DASHED,
     FIGURE_SUFFIXES,
@@ -27,7 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["FLIGHT_FIGURES", "NEEDED_VARIABLES", "draw_flight"]
+__all__ = ["FLIGHT_FIGURES", "NEEDED_VARIABLES", "draw_flight", "with_gaps"]
 
 _WIDTH = 6.5  # inches: the text of a page
 _GUIDANCE = (
@@ -65,8 +64,10 @@ def draw_flight(
         The flight, as `flight.nc` holds it.
     name
         What the names of the files begin with.
-    folder, suffixes
-        Where to, files and errors: see `anser.report.print_style.save_drawings`.
+    folder
+        To write into; returns the paths of its new files.
+    suffixes
+        Kinds of files, of `FIGURE_SUFFIXES`.
     """
     drawings = {f"{name}-{key}": draw for key, draw in FLIGHT_FIGURES.items()}
     return save_drawings(drawings, dataset, PRINT_STYLE, folder, suffixes)
@@ -191,6 +192,21 @@ def _panel(axes: "Axes", dataset: xr.Dataset, name: str, wanted: str | None) -> 
         axes.set_ylim(ends[0] - missing / 2, ends[1] + missing / 2)
     axes.set_ylabel(axis_label(dataset[name]))
     axes.set_xlim(float(time[0]), float(time[meeting.max()]))
+
+
+def with_gaps(x: np.ndarray, y: np.ndarray, jump: float) -> tuple[np.ndarray, np.ndarray]:
+    """Put a gap wherever y jumps by more than `jump`, so that no line is drawn across a wrapped angle.
+
+    Parameters
+    ----------
+    x, y
+        Samples, shape (samples,).
+    jump
+        Greatest difference of neighbours that is still drawn, in the unit of y.
+    """
+    steps = np.abs(np.diff(y))
+    at = np.flatnonzero(np.where(np.isfinite(steps), steps, 0.0) > jump) + 1
+    return np.insert(x, at, x[at]), np.insert(y, at, np.nan)
 
 
 def _finish(figure: "Figure", panels: Sequence["Axes"], dataset: xr.Dataset, words: str, note: str) -> "Figure":

@@ -1,10 +1,11 @@
-"""Words, symbols and units of a variable as text and as HTML, from its attributes alone."""
+"""Words, symbols and units of a variable, from its attributes alone: as text, as HTML and for printed figures."""
 
 import html
+import textwrap
 
 import xarray as xr
 
-__all__ = ["label_of", "printed_unit"]
+__all__ = ["axis_label", "label_of", "plain", "printed_unit", "symbol", "unit"]
 
 _PRINTED = {
     "m s-1": "m/s",
@@ -15,6 +16,8 @@ _PRINTED = {
     "percent": "%",
     "1": "",
 }
+_LINE_LENGTH, _SIGN_LENGTH = 26, 8
+"""Characters of a label before it goes on in another line; those that a symbol with its unit takes of them."""
 
 
 def printed_unit(unit: str) -> str:
@@ -36,3 +39,29 @@ def label_of(values: xr.DataArray) -> dict[str, str]:
         "unit": printed_unit(str(values.attrs["units"])),
         "symbol": f"<i>{base}</i>" + (f"<sub>{subscript}</sub>" if subscript else ""),
     }
+
+
+def axis_label(values: xr.DataArray, words: str | None = None) -> str:
+    """Words, symbol and unit of a variable, long ones in several lines; other words where they are given."""
+    lines = textwrap.wrap(str(values.attrs["long_name"]) if words is None else words, _LINE_LENGTH)
+    printed = unit(values)
+    sign = symbol(values) + (f" ({printed})" if printed else "")
+    # The symbol goes on in the last line where there is room for it.
+    text, between = "\n".join(lines), " " if len(lines[-1]) <= _LINE_LENGTH - _SIGN_LENGTH else "\n"
+    return f"{text}{between}{sign}"
+
+
+def symbol(values: xr.DataArray) -> str:
+    """Symbol of a variable as matplotlib sets it: `p_N` with a subscript."""
+    base, _, subscript = str(values.attrs["symbol"]).partition("_")
+    return f"${base}_{{{subscript}}}$" if subscript else f"${base}$"
+
+
+def unit(values: xr.DataArray) -> str:
+    """Unit of a variable as it is printed; empty where there is none."""
+    return printed_unit(str(values.attrs["units"]))
+
+
+def plain(text: object) -> str:
+    """Text from a file, of which matplotlib is to read nothing as mathematics."""
+    return str(text).replace("$", r"\$")

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from anser.report.map_panels import NOTHING, draw_cells, draw_marks, map_panels
-from anser.report.print_style import FIGURE_SUFFIXES, new_figure, save_drawings, save_figure
+from anser.report.print_style import FIGURE_SUFFIXES, MAP_STYLE, new_figure, save_drawings, save_figure
 from anser.report.style import color_of
 
 if TYPE_CHECKING:
@@ -28,13 +28,9 @@ _SYMBOLS = {"P": "$P$", "Q": "$Q$", "R": "$R$", "mu": r"$\mu$", "alpha": r"$\alp
 _ACTUATORS = ("elevator", "aileron", "rudder")
 _SHOWN_DB, _SHOWN_DEG = (-50.0, 50.0), (-360.0, 0.0)
 _LINE, _CLOSE, _BAD, _HELD_BACK = "#57606a", "#d55e00", "#000000", "#b8b8b8"
-_STYLE: dict[Any, Any] = {
-    # text stays text and the identifiers are fixed: the same numbers make the same file
+_STYLE = {
+    **MAP_STYLE,
     "svg.hashsalt": "anser-margins",
-    "svg.fonttype": "none",
-    "pdf.fonttype": 42,
-    "font.size": 8,
-    "axes.titlesize": 9,
     "legend.fontsize": 7.5,
     "legend.framealpha": 0.85,
     "mathtext.fontset": "dejavusans",
@@ -50,13 +46,6 @@ def draw_bode(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
         As `anser.results.margin_dataset` makes it, of a stable closed loop.
     paths
         New files, with one of `BODE_SUFFIXES`.
-
-    Raises
-    ------
-    FileExistsError
-        A path exists: nothing is overwritten.
-    ImportError
-        matplotlib is not installed.
     """
     mpl, figure = new_figure((11.0, 9.0))
     with mpl.rc_context(_STYLE):
@@ -90,7 +79,7 @@ def draw_margin_maps(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
     dataset
         As `anser.results.margin_map_dataset` makes it.
     folder
-        Where to, files and errors: see `anser.report.print_style.save_drawings`.
+        To write into; returns the paths of its new files.
     """
     drawings = {"actuators": _actuators, "loops": _loops}
     return save_drawings(drawings, dataset, _STYLE, folder)

@@ -116,10 +116,10 @@ def aircraft_table(rows: Sequence[Mapping[str, Any]]) -> str:
 
     How a path goes stands there where the summary says it (older ones do not).
     """
-    told = all(row.get("path") is not None for row in rows)
+    has_paths = all(row.get("path") is not None for row in rows)
     heads = "".join(f"<th>{heading}<small>{unit}</small></th>" for _, heading, unit, _ in _COLUMNS)
-    heads += '<th class="text">Path</th>' if told else ""
-    body = "".join(_aircraft_row(index, row, told) for index, row in enumerate(rows))
+    heads += '<th class="text">Path</th>' if has_paths else ""
+    body = "".join(_aircraft_row(index, row, has_paths) for index, row in enumerate(rows))
     return (
         '<div class="scroll"><table><thead><tr><th class="text">Aircraft</th><th class="text">Goal</th>'
         f'{heads}<th class="text">Status</th></tr></thead><tbody>{body}</tbody></table></div>'
@@ -140,9 +140,9 @@ _COLUMNS: tuple[tuple[str, str, str, int], ...] = (
 )
 
 
-def _aircraft_row(index: int, row: Mapping[str, Any], told: bool) -> str:
+def _aircraft_row(index: int, row: Mapping[str, Any], has_paths: bool) -> str:
     numbers = "".join(f"<td>{number(row[key], digits)}</td>" for key, _, _, digits in _COLUMNS)
-    path = f'<td class="text">{text(row["path"])}</td>' if told else ""
+    path = f'<td class="text">{text(row["path"])}</td>' if has_paths else ""
     fine = "good-text" if row["status"] == "arrived" else "bad-text"
     return (
         f'<tr><td class="text name"><span class="swatch" style="background:{color_of(index)}"></span>'
@@ -162,14 +162,14 @@ def _bar(margin: Margin) -> str:
     )
     unit = f" {margin.unit}" if margin.unit not in ("", "°") else margin.unit
     value = _NOTHING if margin.value is None else f"{_significant(margin.value)}{unit}"
-    told = "" if margin.met else ("passed after the arrival" if margin.after_arrival else "not met")
+    remark = "" if margin.met else ("passed after the arrival" if margin.after_arrival else "not met")
     return (
         f'<li class="{state}"><span class="what">{text(margin.what)}'
         f"<small>{'' if margin.kind == 'requirement' else 'limit; '}{'at most' if margin.most else 'at least'} "
         f"{f'{margin.limit:,g}'.replace('-', '−')}{unit}</small></span>"
         f'<span class="bar"><i style="width:{width:.1f}%"></i></span>'
         f'<span class="share">{share}</span><span class="is"><b>{value}</b>'
-        f"<small>{f'<em>{told}</em> ' if told else ''}{where}</small></span></li>"
+        f"<small>{f'<em>{remark}</em> ' if remark else ''}{where}</small></span></li>"
     )
 
 

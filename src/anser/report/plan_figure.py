@@ -27,7 +27,7 @@ def draw_plan(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
     dataset
         As `anser.results.plan_dataset` makes it.
     folder
-        Where to, files and errors: see `anser.report.print_style.save_drawings`.
+        To write into; returns the paths of its new files.
     """
     return save_drawings({"plan": _plan}, dataset, _STYLE, folder)
 

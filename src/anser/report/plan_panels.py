@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
+from anser.report.labels import unit
 from anser.report.plan_map import CLOSED, named_pair
 from anser.report.plan_pens import PlanPen
-from anser.report.print_labels import unit
 from anser.report.print_style import INK, QUIET, SMALL
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def draw_altitude(axes: "Axes", dataset: xr.Dataset, pens: list[PlanPen]) -> Non
         if ceiling - highest <= _FAR * (highest - floor):
             _limit(axes, ceiling)
         else:
-            _told(axes, f"ceiling {ceiling:,.0f} m", 0.98)
+            _annotate(axes, f"ceiling {ceiling:,.0f} m", 0.98)
             axes.set_ylim(top=highest + 0.22 * max(highest - floor, 1.0))
             return
     axes.margins(y=0.08)
@@ -74,7 +74,7 @@ def draw_separation(axes: "Axes", dataset: xr.Dataset) -> None:
     axes.set_ylabel(_label(dataset[name]))
     if dataset[f"least_{what}_pair"].values[0] < 0:
         axes.set_yticks([])
-        _told(axes, "a single aircraft", 0.55)
+        _annotate(axes, "a single aircraft", 0.55)
         return
     times = dataset["time"].values
     axes.set_yscale("log")
@@ -100,7 +100,7 @@ def draw_separation(axes: "Axes", dataset: xr.Dataset) -> None:
     )
     if asked and of["separation_vertical_m"] > 0.0:
         words = f"{of['separation_vertical_m']:g} m in altitude count as {of['separation_horizontal_m']:g} m"
-        _told(axes, words, 0.97)
+        _annotate(axes, words, 0.97)
     _decades(axes, np.concatenate(shown))
 
 
@@ -146,7 +146,7 @@ def _limit(axes: "Axes", value: float) -> None:
     )
 
 
-def _told(axes: "Axes", words: str, height: float) -> None:
+def _annotate(axes: "Axes", words: str, height: float) -> None:
     axes.text(0.99, height, words, transform=axes.transAxes, ha="right", va="top", color=QUIET, fontsize=SMALL)
 
 

@@ -16,6 +16,7 @@ __all__ = [
     "FIGURE_SUFFIXES",
     "INK",
     "LARGE",
+    "MAP_STYLE",
     "PRINT_STYLE",
     "QUIET",
     "SMALL",
@@ -60,6 +61,8 @@ PRINT_STYLE: dict[str, Any] = {
     "legend.fontsize": SMALL,
     "legend.handlelength": 2.2,
 }
+MAP_STYLE: dict[str, Any] = {"svg.fonttype": "none", "pdf.fonttype": 42, "font.size": 8, "axes.titlesize": 9}
+"""Of maps over the envelope and of studies."""
 _METADATA: dict[str, dict[str, None]] = {
     ".svg": {"Date": None},
     ".png": {"Software": None},
@@ -99,7 +102,7 @@ def marker_of(index: int) -> dict[str, Any]:
 
 
 def save_figure(figure: "Figure", paths: Sequence[Path]) -> None:
-    """Write a figure to new files, each of one of `FIGURE_SUFFIXES`."""
+    """Write a figure to new files, each of one of `FIGURE_SUFFIXES`; FileExistsError where one exists."""
     for path in paths:
         with path.open("xb") as file:
             figure.savefig(file, format=path.suffix.removeprefix("."), dpi=160, metadata=_METADATA[path.suffix])
@@ -113,32 +116,7 @@ def save_drawings(
     folder: Path,
     suffixes: Sequence[str] = (".svg", ".png"),
 ) -> tuple[Path, ...]:
-    """Draw a dataset in a style, each drawing into `NAME` and each suffix in a folder.
-
-    Parameters
-    ----------
-    drawings
-        By name.
-    dataset
-        What they draw.
-    style
-        Settings of matplotlib.
-    folder
-        To write into; existing.
-    suffixes
-        Kinds of files, of `FIGURE_SUFFIXES`.
-
-    Returns
-    -------
-    Paths of the files.
-
-    Raises
-    ------
-    FileExistsError
-        A file exists: nothing is overwritten.
-    ImportError
-        matplotlib is not installed.
-    """
+    """Draw a dataset in a style, each drawing into `NAME` and each suffix in a folder; returns the new paths."""
     written: list[Path] = []
     with _matplotlib().rc_context(style):
         for name, draw in drawings.items():

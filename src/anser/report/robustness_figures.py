@@ -2,13 +2,13 @@
 
 import textwrap
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
 
-from anser.report.print_style import save_drawings
-from anser.results import FirstBreak, first_breaks, success
+from anser.report.print_style import MAP_STYLE, save_drawings
+from anser.results import FirstBreak, first_breaks, flights_of, success
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -16,11 +16,9 @@ if TYPE_CHECKING:
 
 __all__ = ["draw_robustness"]
 
-_STYLE: dict[Any, Any] = {
+_STYLE = {
+    **MAP_STYLE,
     "svg.hashsalt": "anser-robustness",
-    "svg.fonttype": "none",
-    "font.size": 8,
-    "axes.titlesize": 9,
     "axes.spines.top": False,
     "axes.spines.right": False,
 }
@@ -44,7 +42,7 @@ def draw_robustness(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
     dataset
         As `anser.results.robustness_dataset` makes it; what a part of the study shows is drawn where it was flown.
     folder
-        Where to, files and errors: see `anser.report.print_style.save_drawings`.
+        To write into; returns the paths of its new files.
     """
     drawings = {
         "success": ("dispersed", _by_condition),
@@ -52,12 +50,8 @@ def draw_robustness(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
         "spread": ("spread", _against_spread),
         "alone": ("alone", _alone),
     }
-    flown = {name: draw for name, (part, draw) in drawings.items() if _part(dataset, part).any()}
+    flown = {name: draw for name, (part, draw) in drawings.items() if flights_of(dataset, part).any()}
     return save_drawings(flown, dataset, _STYLE, folder)
-
-
-def _part(dataset: xr.Dataset, name: str) -> np.ndarray:
-    return dataset["part"].values == dataset["part"].attrs["flag_meanings"].split().index(name)
 
 
 def _figure(dataset: xr.Dataset, title: str, size: tuple[float, float]) -> "Figure":
@@ -93,7 +87,7 @@ def _rates(axes: "Axes", dataset: xr.Dataset, at: np.ndarray, groups: list[np.nd
 
 
 def _by_condition(dataset: xr.Dataset) -> "Figure":
-    main = _part(dataset, "dispersed")
+    main = flights_of(dataset, "dispersed")
     places = dataset["condition_meaning"].values.tolist()
     figure = _figure(dataset, f"Everything dispersed by {dataset.attrs['spread_percent']:g} %", (7.0, 3.6))
     axes = figure.subplots()
@@ -107,7 +101,7 @@ def _by_condition(dataset: xr.Dataset) -> "Figure":
 
 
 def _against_spread(dataset: xr.Dataset) -> "Figure":
-    part, spread = _part(dataset, "spread"), dataset["spread_percent"].values
+    part, spread = flights_of(dataset, "spread"), dataset["spread_percent"].values
     levels = np.unique(spread[part])
     figure = _figure(dataset, "Success against the spread of everything", (6.0, 3.6))
     axes = figure.subplots()
@@ -118,7 +112,7 @@ def _against_spread(dataset: xr.Dataset) -> "Figure":
 
 
 def _errors(dataset: xr.Dataset) -> "Figure":
-    main = _part(dataset, "dispersed")
+    main = flights_of(dataset, "dispersed")
     figure = _figure(dataset, "Largest error in the last tenth of the flight", (9.0, 3.2))
     panels = figure.subplots(1, len(_CHANNELS), sharey=True)
     for axes, (name, words, limit) in zip(panels, _CHANNELS, strict=True):

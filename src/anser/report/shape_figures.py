@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import xarray as xr
 
-from anser.report.print_labels import axis_label, symbol, unit
+from anser.report.labels import axis_label, symbol, unit
 from anser.report.print_style import (
     FIGURE_SUFFIXES,
     INK,
@@ -39,14 +39,7 @@ def draw_shapes(dataset: xr.Dataset, family: str, folder: Path) -> tuple[Path, .
     family
         `b4` or `c4`.
     folder
-        To write into; existing.
-
-    Raises
-    ------
-    FileExistsError
-        A file exists: nothing is overwritten.
-    ImportError
-        Matplotlib is not installed.
+        To write into; returns the paths of its new files.
     """
     parameter, across, angle, words = _FAMILIES[family]
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from anser.report.print_labels import symbol, unit
+from anser.report.labels import symbol, unit
 from anser.report.print_style import (
     DASHED,
     INK,
@@ -64,13 +64,6 @@ def draw_step(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
         Of one flight, as `anser.campaign.fly_steps` makes it.
     paths
         New files to write, with one of `FIGURE_SUFFIXES`.
-
-    Raises
-    ------
-    FileExistsError
-        A path exists: nothing is overwritten.
-    ImportError
-        Matplotlib is not installed.
     """
     mpl, figure = new_figure((7.6, 5.9))
     with mpl.rc_context(PRINT_STYLE):

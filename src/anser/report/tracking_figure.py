@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from anser.report.print_labels import axis_label, plain, unit
+from anser.report.labels import axis_label, plain, unit
 from anser.report.print_style import DASHED, INK, LARGE, PRINT_STYLE, line_of, new_figure, save_figure
 from anser.report.style import color_of
 
@@ -31,13 +31,6 @@ def draw_tracking(dataset: xr.Dataset, title: str, paths: Sequence[Path]) -> Non
         First line of the figure's heading.
     paths
         New files to write, with one of `FIGURE_SUFFIXES`.
-
-    Raises
-    ------
-    FileExistsError
-        A path exists: nothing is overwritten.
-    ImportError
-        Matplotlib is not installed.
     """
     mpl, figure = new_figure((7.6, 6.2))
     of = dataset.isel(aircraft=0)

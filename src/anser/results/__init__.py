@@ -16,7 +16,7 @@ from anser.results.margin_dataset import (
 from anser.results.netcdf import read_netcdf, write_netcdf
 from anser.results.path_words import bend_words, turn_words
 from anser.results.plan_dataset import plan_dataset
-from anser.results.plan_record import Closest, PlanDetails, PlanExtremes, PlanSamples
+from anser.results.plan_record import ClosestApproach, PlanDetails, PlanExtremes, PlanSamples
 from anser.results.plan_summary import PLAN_FORMAT_VERSION, plan_margins, plan_summary
 from anser.results.plan_table import TRAJECTORY_COLUMNS, write_trajectories
 from anser.results.provenance import versions
@@ -28,6 +28,7 @@ from anser.results.robustness_statistics import (
     Success,
     failure_correlations,
     first_breaks,
+    flights_of,
     success,
     success_interval,
 )
@@ -56,7 +57,7 @@ __all__ = [
     "REQUIREMENT_NAMES",
     "RESERVE_MIN",
     "TRAJECTORY_COLUMNS",
-    "Closest",
+    "ClosestApproach",
     "FailureCorrelation",
     "FirstBreak",
     "PlanDetails",
@@ -70,6 +71,7 @@ __all__ = [
     "envelope_dataset",
     "failure_correlations",
     "first_breaks",
+    "flights_of",
     "judge",
     "least_distance",
     "linear_dataset",

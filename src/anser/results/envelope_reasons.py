@@ -46,8 +46,8 @@ def judge(
 
     A command is reached if every channel ends within its tolerance, commanded or not, sideslip stayed within
     `BETA_BOUND` and the aircraft inside its data. The reason of all else is the first of these that applies: a start
-    beyond the autopilot's limits, which it must leave whatever it is told; alpha or beta beyond the data, whichever was
-    first; for sideslip, the limit of the inner loops at which the autopilot stood longest before; altitude or Mach
+    beyond the autopilot's limits, which it must leave whatever is commanded; alpha or beta beyond the data, whichever
+    was first; for sideslip, the limit of the inner loops at which the autopilot stood longest before; altitude or Mach
     number beyond the data; for a channel that was missed, the limit bearing on it at which it stood longest, of those
     that stood during most of the last tenth, over which the error is taken, or for a tenth of the flight.
 

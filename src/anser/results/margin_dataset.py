@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from anser.results.envelope_dataset import RESERVE_MIN
+from anser.results.flight_variables import attributes_of
 from anser.results.provenance import versions
 from anser.simulation import BREAKPOINTS, HELD_BACK, NEUTRAL, LoopAnalysis, LoopResponse, MapPoint, largest_pole
 from anser.units import RAD_DEG
@@ -70,9 +71,11 @@ def margin_dataset(
     phase -= 360 * np.ceil(phase[:, :1] / 360)
     with np.errstate(divide="ignore"):
         gain = 20 * np.log10(np.abs(loops))
-    data["loop_gain_db"] = (over, gain, _labels("dB", "Gain of the loop"))
-    data["loop_phase_deg"] = (over, phase, _labels("degree", "Phase of the loop"))
-    coordinates = _names() | {"frequency": ("frequency", np.asarray(response.omega), _labels("rad s-1", "Frequency"))}
+    data["loop_gain_db"] = (over, gain, attributes_of("dB", "Gain of the loop"))
+    data["loop_phase_deg"] = (over, phase, attributes_of("degree", "Phase of the loop"))
+    coordinates = _names() | {
+        "frequency": ("frequency", np.asarray(response.omega), attributes_of("rad s-1", "Frequency"))
+    }
     return xr.Dataset(data, coordinates, _attributes(attributes, step_s))
 
 
@@ -123,13 +126,13 @@ def margin_map_dataset(
         "load_factor": (np.where(trimmable, points.load_factor, np.nan), "1", "Normal load factor"),
     }
     for name, (values, unit, words) in of_points.items():
-        data[name] = (_POINT, np.asarray(values).reshape(grid), _labels(unit, words))
+        data[name] = (_POINT, np.asarray(values).reshape(grid), attributes_of(unit, words))
     coordinates = _names() | {
         "condition": ("condition", np.array(list(conditions)), {"long_name": "Steady flight"}),
         "condition_meaning": ("condition", np.array(list(conditions.values()))),
-        "altitude": ("altitude", np.asarray(altitudes_m, dtype=float), _labels("m", "Geometric altitude")),
-        "mach": ("mach", np.asarray(machs, dtype=float), _labels("1", "Mach number")),
-        "airspeed_m_s": (("altitude", "mach"), airspeeds_m_s, _labels("m s-1", "True airspeed")),
+        "altitude": ("altitude", np.asarray(altitudes_m, dtype=float), attributes_of("m", "Geometric altitude")),
+        "mach": ("mach", np.asarray(machs, dtype=float), attributes_of("1", "Mach number")),
+        "airspeed_m_s": (("altitude", "mach"), airspeeds_m_s, attributes_of("m s-1", "True airspeed")),
     }
     return xr.Dataset(data, coordinates, _attributes(attributes, step_s))
 
@@ -195,23 +198,23 @@ def _variables(found: LoopAnalysis, step_s: float, trimmable: np.ndarray) -> lis
 
     flags = {"flag_values": np.arange(len(CLOSED_LOOP), dtype=np.int32), "flag_meanings": " ".join(CLOSED_LOOP)}
     variables: list[_Variable] = [
-        ("closed_loop", (), spread(state, 0), _labels("1", "What the closed loop is") | flags),
-        ("limited", ("command",), spread(limited, False), _labels("1", "Whether the command stands at a limit")),
-        ("pole_real_1_s", (), spread(rate.real, np.nan), _labels("s-1", "Real part of the rightmost pole")),
-        ("pole_imag_1_s", (), spread(rate.imag, np.nan), _labels("s-1", "Imaginary part of the rightmost pole")),
+        ("closed_loop", (), spread(state, 0), attributes_of("1", "What the closed loop is") | flags),
+        ("limited", ("command",), spread(limited, False), attributes_of("1", "Whether the command stands at a limit")),
+        ("pole_real_1_s", (), spread(rate.real, np.nan), attributes_of("s-1", "Real part of the rightmost pole")),
+        ("pole_imag_1_s", (), spread(rate.imag, np.nan), attributes_of("s-1", "Imaginary part of the rightmost pole")),
         (
             "short",
             ("breakpoint",),
             spread(short, False, only_stable=True),
-            _labels("1", "Whether a margin falls short"),
+            attributes_of("1", "Whether a margin falls short"),
         ),
     ]
     for name, (unit, words) in _NUMBERS.items():
         values = spread(numbers[name], np.nan, only_stable=True)
-        variables.append((name, ("breakpoint",), values, _labels(unit, words)))
+        variables.append((name, ("breakpoint",), values, attributes_of(unit, words)))
     together = spread(np.asarray(found.actuators_disk), np.nan, only_stable=True)
     words = "Radius of the symmetric disk margin of all three actuators at once"
-    return [*variables, ("actuators_disk_margin", (), together, _labels("1", words))]
+    return [*variables, ("actuators_disk_margin", (), together, attributes_of("1", words))]
 
 
 def _names() -> dict[str, Any]:
@@ -233,7 +236,3 @@ def _attributes(attributes: Mapping[str, str | int | float], step_s: float) -> d
         "phase_min_deg": PHASE_MIN_DEG,
         **{f"version_{name}": version for name, version in versions().items()},
     }
-
-
-def _labels(unit: str, words: str) -> dict[str, Any]:
-    return {"units": unit, "long_name": words}

@@ -7,7 +7,7 @@ import xarray as xr
 
 from anser.planning import LIMITS
 from anser.results.flight_variables import attributes_of
-from anser.results.plan_record import Closest, PlanDetails, PlanSamples
+from anser.results.plan_record import ClosestApproach, PlanDetails, PlanSamples
 from anser.results.provenance import versions
 from anser.results.variable_labels import converted, labels_of
 from anser.variables import CATALOGUE, PLAN_VARIABLES
@@ -83,7 +83,7 @@ def _check(samples: PlanSamples, details: PlanDetails) -> None:
         raise ValueError("separation must be sampled where it is asked for, and only there")
 
 
-def _add_closest(data: dict[str, Any], name: str, closest: Closest) -> None:
+def _add_closest(data: dict[str, Any], name: str, closest: ClosestApproach) -> None:
     """The pair at each instant, and the nearest of all."""
     pair = np.asarray(closest.pair, dtype=np.int32)
     data[f"{name}_pair"] = (("time", "end"), pair, attributes_of("1", "Indices of the two aircraft; -1: none"))

@@ -7,11 +7,11 @@ import numpy as np
 
 from anser.scenario import Scenario
 
-__all__ = ["Closest", "PlanDetails", "PlanExtremes", "PlanSamples"]
+__all__ = ["ClosestApproach", "PlanDetails", "PlanExtremes", "PlanSamples"]
 
 
 @dataclass(frozen=True)
-class Closest:
+class ClosestApproach:
     """The two aircraft of a fleet that are nearest to each other, at every instant and at all.
 
     Attributes
@@ -84,8 +84,8 @@ class PlanSamples:
     history: Mapping[str, np.ndarray]
     goals_n: np.ndarray
     extremes: PlanExtremes
-    nearest: Closest
-    separated: Closest | None
+    nearest: ClosestApproach
+    separated: ClosestApproach | None
     keep_out_room_m: np.ndarray
     keep_out_at_s: np.ndarray
 

@@ -13,6 +13,7 @@ __all__ = [
     "Success",
     "failure_correlations",
     "first_breaks",
+    "flights_of",
     "success",
     "success_interval",
 ]
@@ -43,7 +44,7 @@ def success_interval(reached: int, flown: int) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Success:
-    """How many of some flights reached what they were told.
+    """How many of some flights reached their command.
 
     Attributes
     ----------
@@ -63,6 +64,11 @@ class Success:
     low: float
     high: float
     reasons: dict[str, int]
+
+
+def flights_of(dataset: xr.Dataset, part: str) -> np.ndarray:
+    """Mask of the flights of one part of a study, shape (flights,)."""
+    return _words(dataset["part"]) == part
 
 
 def success(dataset: xr.Dataset, inversion: str, chosen: np.ndarray) -> Success:
@@ -104,7 +110,7 @@ def _reason(of: xr.Dataset, flight: int) -> str:
 
 @dataclass(frozen=True)
 class FirstBreak:
-    """Smallest change of one factor alone, one way, with which a flight does not do as told.
+    """Smallest change of one factor alone, one way, with which a flight does not reach its command.
 
     Attributes
     ----------
@@ -115,7 +121,7 @@ class FirstBreak:
     change, value
         Relative change and value; the largest that was flown where nothing breaks.
     survived
-        Largest change with which all flights still do as told.
+        Largest change with which all flights still reach their command.
     reason, condition
         Why, and where (the first of several); None where nothing breaks.
     """

@@ -40,8 +40,8 @@ def _of_the_seed(scenario: Scenario) -> list[str]:
 def _of_the_duration(scenario: Scenario) -> list[str]:
     """A flight that lasts long enough only if something helps, which only planning and flying tell."""
     fleet, limits = scenario.fleet, scenario.limits
-    goals, speed = scenario.goal, reference_speed(fleet, limits, scenario.arrival)
-    found = reach_problems(scenario.aircraft, goals, speed, limits, scenario.wind, scenario.timing, unaided=True)
+    goals, reference = scenario.goal, reference_speed(fleet, limits, scenario.arrival)
+    found = reach_problems(scenario.aircraft, goals, reference, limits, scenario.wind, scenario.timing, unaided=True)
     return [
         f"{one.path}: {one.arrived} s suffices only if a descent makes the plan faster or another wind carries it on; "
         f"otherwise expected {one.expected}"

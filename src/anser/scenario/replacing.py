@@ -15,7 +15,7 @@ _READABLE = (
 )
 
 
-class _Item(str):
+class _ItemKey(str):
     """What stands in the brackets of a path."""
 
     __slots__ = ()
@@ -62,61 +62,63 @@ def as_written(value: object) -> object:
 
 
 def _put(values: dict[str, Any], path: str, value: object) -> None:
-    steps = [key or _Item(item) for key, item in _STEP.findall(path)]
+    steps = [key or _ItemKey(item) for key, item in _STEP.findall(path)]
     place: Any = values
-    told = ""
+    path_so_far = ""
     for step, after in zip(steps, [*steps[1:], None], strict=True):
-        where = _where(place, step, told)
-        told = f"{told}[{step}]" if isinstance(step, _Item) else f"{told}.{step}".removeprefix(".")
+        where = _where(place, step, path_so_far)
+        path_so_far = (
+            f"{path_so_far}[{step}]" if isinstance(step, _ItemKey) else f"{path_so_far}.{step}".removeprefix(".")
+        )
         if after is None:
             place[where] = value
             return
         if isinstance(where, str) and place.get(where) is None:
-            if isinstance(after, _Item):
-                raise _refused(told, f"an item, [{after}], of a list that is not written out", "the whole list")
+            if isinstance(after, _ItemKey):
+                raise _refused(path_so_far, f"an item, [{after}], of a list that is not written out", "the whole list")
             place[where] = {}  # a table that was left out
         place = place[where]
 
 
-def _where(place: object, step: str, told: str) -> str | int:
+def _where(place: object, step: str, path_so_far: str) -> str | int:
     """The key or the index of a step in what it leads into."""
-    if isinstance(step, _Item):
+    if isinstance(step, _ItemKey):
         if isinstance(place, list):
-            return _index(place, step, told)
-        raise _refused(told, f"an item, [{step}], of what is no list", "a path without it")
+            return _index(place, step, path_so_far)
+        raise _refused(path_so_far, f"an item, [{step}], of what is no list", "a path without it")
     if isinstance(place, dict):
         return step
     if isinstance(place, list):
-        raise _refused(told, f'the key "{step}" of a list', _which(place, told))
+        raise _refused(path_so_far, f'the key "{step}" of a list', _which(place, path_so_far))
     text = plain(place) if isinstance(place, float) else show(place)
-    raise _refused(told, f'the key "{step}" of {text}, which is no table', "a path that ends here")
+    raise _refused(path_so_far, f'the key "{step}" of {text}, which is no table', "a path that ends here")
 
 
-def _index(items: list[Any], step: _Item, told: str) -> int:
+def _index(items: list[Any], step: _ItemKey, path_so_far: str) -> int:
     if step.isdecimal():
         if int(step) < len(items):
             return int(step)
-        raise _refused(told, f"the item [{step}] of a list of {len(items)}", _which(items, told))
+        raise _refused(path_so_far, f"the item [{step}] of a list of {len(items)}", _which(items, path_so_far))
     name = step.removeprefix('"').removesuffix('"')
     names = _names(items)
     if name in names:
         return names.index(name)
     near = difflib.get_close_matches(name, [one for one in names if one is not None], n=1)
     guess = f'perhaps "{near[0]}"; ' if near else ""
-    raise _refused(told, f"the name {show(name)}, which no item has", guess + _which(items, told))
+    raise _refused(path_so_far, f"the name {show(name)}, which no item has", guess + _which(items, path_so_far))
 
 
 def _names(items: list[Any]) -> list[str | None]:
     return [one.get("name") if isinstance(one, dict) else None for one in items]
 
 
-def _which(items: list[Any], told: str) -> str:
-    """Say how an item of a list is told."""
+def _which(items: list[Any], path_so_far: str) -> str:
+    """Say how an item of a list is named."""
     if not items:
         return "the whole list, which is empty"
     last = len(items) - 1
-    numbers = f"{told}[0]" if last == 0 else f"{told}[0] to {told}[{last}]"
-    names = [f"{told}[{name}]" for name in _names(items) if name is not None]
+    numbers = f"{path_so_far}[0]" if last == 0 else f"{path_so_far}[0] to {path_so_far}[{last}]"
+    names = [f"{path_so_far}[{name}]" for name in _names(items) if name is not None]
     return f"{numbers}, or by name {', '.join(names)}" if names else numbers
 
 

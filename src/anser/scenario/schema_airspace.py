@@ -84,20 +84,7 @@ class KeepOut(Table):
 
 
 def separation_problems(aircraft: tuple[Aircraft, ...], separation: Separation) -> list[Problem]:
-    """Find aircraft that start closer than the separation.
-
-    Parameters
-    ----------
-    aircraft
-        All of the scenario.
-    separation
-        What is asked for.
-
-    Returns
-    -------
-    list of Problem
-        Empty if all is well; two aircraft at one place are told elsewhere.
-    """
+    """Find aircraft that start closer than the separation."""
     found = []
     vertical = f" or {plain(separation.vertical_m)} m in altitude" if separation.vertical_m else ""
     words = f"a start {plain(separation.horizontal_m)} m away in the plane{vertical}, as [separation] asks"
@@ -127,11 +114,6 @@ def keep_out_problems(
     ----------
     keep_outs, aircraft, goals
         All of the scenario; every aircraft's goal exists.
-
-    Returns
-    -------
-    list of Problem
-        Empty if all is well.
     """
     found = []
     names = [one.name for one in keep_outs]
@@ -159,20 +141,7 @@ def keep_out_problems(
 
 
 def same_point_problems(aircraft: tuple[Aircraft, ...], arrival: Arrival) -> list[Problem]:
-    """Find two aircraft sent to one point at one time.
-
-    Parameters
-    ----------
-    aircraft
-        All of the scenario.
-    arrival
-        The rule of the fleet.
-
-    Returns
-    -------
-    list of Problem
-        Empty if all is well.
-    """
+    """Find two aircraft sent to one point at one time."""
     found = []
     for index, one in enumerate(aircraft):
         for other_index, other in enumerate(aircraft[:index]):

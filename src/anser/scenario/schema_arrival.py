@@ -70,17 +70,8 @@ def arrival_problems(arrival: Arrival, aircraft: tuple[Aircraft, ...], timing: T
 
     Parameters
     ----------
-    arrival
-        The rule.
     aircraft
         All of the scenario; their names are unique.
-    timing
-        Its duration counts.
-
-    Returns
-    -------
-    list of Problem
-        Empty if all is well.
     """
     found = [] if arrival.time_s is None else _late("arrival.time_s", arrival.time_s, timing)
     for index, one in enumerate(aircraft):

@@ -49,18 +49,7 @@ def _unchecked(what: str) -> TypeError:
 
 
 def expects(words: str) -> dict[str, Any]:
-    """Attach to a field the words that say what it expects, for messages.
-
-    Parameters
-    ----------
-    words
-        To be read after "expected".
-
-    Returns
-    -------
-    dict
-        For the ``json_schema_extra`` of a field.
-    """
+    """`json_schema_extra` of a field: what it expects, in words that messages put after "expected"."""
     return {"expected": words}
 
 
@@ -81,11 +70,6 @@ def number(
         None for "may be left out"; without it the key is required.
     above
         The number must exceed `low`.
-
-    Returns
-    -------
-    FieldInfo
-        The field.
     """
     span = f"above {low:.10g} and at most {high:.10g}" if above else f"from {low:.10g} to {high:.10g}"
     words = f"a number {span} {unit}".rstrip()
@@ -96,56 +80,21 @@ def number(
 def choice(about: str, options: tuple[str, ...], default: object = PydanticUndefined) -> Any:
     """Declare a field that holds one of some words.
 
-    Parameters
-    ----------
-    about
-        What it is, in one line.
-    options
-        The words, as in the field's Literal type.
-    default
-        Without it the key is required.
-
-    Returns
-    -------
-    FieldInfo
-        The field.
+    `options` are the words of its Literal type; without a default the key is required.
     """
     words = " or ".join(f'"{option}"' for option in options)
     return Field(default, description=about, json_schema_extra=expects(words))
 
 
 def naming(about: str) -> Any:
-    """Declare a required field that holds the name of an aircraft or a goal.
-
-    Parameters
-    ----------
-    about
-        What it names, in one line.
-
-    Returns
-    -------
-    FieldInfo
-        The field.
-    """
+    """Declare a required field that holds the name of an aircraft or a goal."""
     return Field(pattern=NAME_PATTERN, description=about, json_schema_extra=expects(NAME_EXPECTED))
 
 
 def table(about: str, words: str, default: object = PydanticUndefined) -> Any:
     """Declare a field that holds one table.
 
-    Parameters
-    ----------
-    about
-        What it is, in one line.
-    words
-        What is expected, for messages.
-    default
-        Without it the table is required.
-
-    Returns
-    -------
-    FieldInfo
-        The field.
+    `about` says what it is, `words` what messages expect; without a default the table is required.
     """
     return Field(default, description=about, json_schema_extra=expects(words))
 
@@ -153,21 +102,7 @@ def table(about: str, words: str, default: object = PydanticUndefined) -> Any:
 def tables(about: str, words: str, *, at_least: int, default: object = PydanticUndefined) -> Any:
     """Declare a field that holds a list of tables.
 
-    Parameters
-    ----------
-    about
-        What they are, in one line.
-    words
-        What is expected, for messages.
-    at_least
-        The smallest number of tables.
-    default
-        Without it the key is required.
-
-    Returns
-    -------
-    FieldInfo
-        The field.
+    As `table`, of `at_least` so many.
     """
     # a TOML list arrives as a Python list, which a strict tuple would refuse; the items stay strict
     return Field(default, min_length=at_least, strict=False, description=about, json_schema_extra=expects(words))
@@ -180,41 +115,16 @@ def _one_for_all(value: object) -> object:
     return value
 
 
+_GAIN = expects(f"a number from 0 to {GAIN_MAX:g}, or a list of three such numbers")
 _Gain = Annotated[float, Field(ge=0, le=GAIN_MAX)]
 Gain3 = Annotated[tuple[_Gain, _Gain, _Gain], BeforeValidator(_one_for_all), Field(strict=False)]
 
 
 def gain(about: str, default: float) -> Any:
-    """Declare a gain: one number, or a list of three, one for each axis of the loop.
-
-    Parameters
-    ----------
-    about
-        What it multiplies, in one line.
-    default
-        The value of all three axes.
-
-    Returns
-    -------
-    FieldInfo
-        The field; its value is always a tuple of three.
-    """
-    words = f"a number from 0 to {GAIN_MAX:g}, or a list of three such numbers"
-    return Field((default, default, default), description=about, json_schema_extra=expects(words))
+    """Declare a gain: one number, or a list of three, one for each axis of the loop; its value is a tuple of three."""
+    return Field((default, default, default), description=about, json_schema_extra=_GAIN)
 
 
 def designed(about: str) -> Any:
-    """Declare what a gain may be derived from: one number, a list of three, or nothing.
-
-    Parameters
-    ----------
-    about
-        What it is, in one line.
-
-    Returns
-    -------
-    FieldInfo
-        The field; its value is a tuple of three, or None.
-    """
-    words = f"a number from 0 to {GAIN_MAX:g}, or a list of three such numbers"
-    return Field(None, description=about, json_schema_extra=expects(words))
+    """Declare what a gain may be derived from: one number, a list of three, or nothing (None)."""
+    return Field(None, description=about, json_schema_extra=_GAIN)

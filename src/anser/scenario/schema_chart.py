@@ -33,16 +33,8 @@ class _Place(NamedTuple):
 def chart_problems(scenario: "Scenario") -> list[Problem]:
     """Find an origin from which the chart is too wrong for the fleet's places, or which is too near to a pole.
 
-    Parameters
-    ----------
-    scenario
-        With all its tables valid.
-
-    Returns
-    -------
-    list of Problem
-        Empty if all is well, otherwise one, with an origin that would do. Over a flat Earth the chart is true by
-        definition, but its places still need a longitude and a latitude.
+    At most one problem, with an origin that would do. Over a flat Earth the chart is true by definition, but its places
+    still need a longitude and a latitude.
     """
     places = _places(scenario)
     wrong = _wrong(scenario, places, scenario.earth.latitude_deg)

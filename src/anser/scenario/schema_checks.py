@@ -1,4 +1,8 @@
-"""Checks across tables: names, places, envelope, and the stand-off that belongs to the product's scope."""
+"""Checks across tables: names, places, envelope, and the stand-off that belongs to the product's scope.
+
+Here and in the other modules of the schema, `*_problems` take tables of one scenario, each valid by itself, and list
+what is wrong between them; the list is empty if all is well.
+"""
 
 import math
 
@@ -35,18 +39,7 @@ def label(kind: str, named: Aircraft | Goal) -> str:
 
 
 def name_problems(aircraft: tuple[Aircraft, ...], goals: tuple[Goal, ...]) -> list[Problem]:
-    """Find names used twice and goals that do not exist.
-
-    Parameters
-    ----------
-    aircraft, goals
-        All of the scenario.
-
-    Returns
-    -------
-    list of Problem
-        Empty if all is well.
-    """
+    """Find names used twice and goals that do not exist."""
     found = []
     for kind, items in (("aircraft", aircraft), ("goal", goals)):
         first: dict[str, int] = {}
@@ -65,18 +58,7 @@ def name_problems(aircraft: tuple[Aircraft, ...], goals: tuple[Goal, ...]) -> li
 
 
 def speed_problems(fleet: Fleet, limits: Limits, wind: Wind, hold: Hold) -> list[Problem]:
-    """Find a fleet speed outside the limits, a wind too strong for it and a hold too tight for it.
-
-    Parameters
-    ----------
-    fleet, limits, wind, hold
-        Tables of the scenario.
-
-    Returns
-    -------
-    list of Problem
-        Empty if all is well.
-    """
+    """Find a fleet speed outside the limits, a wind too strong for it and a hold too tight for it."""
     found = []
     if not limits.speed_min_m_s < fleet.speed_m_s < limits.speed_max_m_s:
         words = (
@@ -100,20 +82,7 @@ def speed_problems(fleet: Fleet, limits: Limits, wind: Wind, hold: Hold) -> list
 
 
 def start_problems(aircraft: tuple[Aircraft, ...], limits: Limits) -> list[Problem]:
-    """Find starts outside the envelope and two aircraft at one place.
-
-    Parameters
-    ----------
-    aircraft
-        All of the scenario.
-    limits
-        The envelope.
-
-    Returns
-    -------
-    list of Problem
-        Empty if all is well.
-    """
+    """Find starts outside the envelope and two aircraft at one place."""
     found = []
     for index, one in enumerate(aircraft):
         path, whom, start = f"aircraft[{index}].start", label("aircraft", one), one.start
@@ -147,13 +116,6 @@ def rendezvous_problems(
     ----------
     aircraft, goals
         All of the scenario; every aircraft's goal exists.
-    fleet, limits
-        Tables of the scenario.
-
-    Returns
-    -------
-    list of Problem
-        Empty if all is well.
     """
     found = []
     kinds = {goal.name: goal.kind for goal in goals}
@@ -172,20 +134,7 @@ def rendezvous_problems(
 
 
 def goal_problems(goals: tuple[Goal, ...], timing: Timing) -> list[Problem]:
-    """Find airborne goals that stand on the surface or sink to it during the flight.
-
-    Parameters
-    ----------
-    goals
-        All of the scenario.
-    timing
-        Its duration counts.
-
-    Returns
-    -------
-    list of Problem
-        Empty if all is well.
-    """
+    """Find airborne goals that stand on the surface or sink to it during the flight."""
     found = []
     for index, goal in enumerate(goals):
         if goal.kind == "surface":

@@ -17,16 +17,8 @@ _TABLES = ("arrival", "separation")
 def planner_problems(scenario: "Scenario") -> list[Problem]:
     """Find keys that the planner of the scenario does not know.
 
-    Parameters
-    ----------
-    scenario
-        With all its tables valid.
-
-    Returns
-    -------
-    list of Problem
-        Empty if all is well. Beside ``planner = "published"`` written out, a key written out with its default asks for
-        nothing and may stand; so a scenario that was recorded with all its defaults loads again.
+    Beside ``planner = "published"`` written out, a key written out with its default asks for nothing and may stand; so
+    a scenario that was recorded with all its defaults loads again.
     """
     fleet = scenario.fleet
     if fleet.planner == "certified":
@@ -34,27 +26,27 @@ def planner_problems(scenario: "Scenario") -> list[Problem]:
             words = '"even", or fleet.planner = "published", which alone has such polynomials'
             return [Problem("fleet.speed_profile", '"published" with fleet.planner "certified"', words)]
         return []
-    told = "planner" in fleet.model_fields_set
-    found = [_unknown(f"fleet.{key}", fleet, key) for key in _used(fleet, ("reserve",), told)]
-    found.extend(_unknown(f"limits.{key}", scenario.limits, key) for key in _used(scenario.limits, _LIMITS, told))
+    explicit = "planner" in fleet.model_fields_set
+    found = [_unknown(f"fleet.{key}", fleet, key) for key in _used(fleet, ("reserve",), explicit)]
+    found.extend(_unknown(f"limits.{key}", scenario.limits, key) for key in _used(scenario.limits, _LIMITS, explicit))
     for name in _TABLES:
         table: Table = getattr(scenario, name)
         found.extend(
-            _unknown(f"{name}.{key}", table, key) for key in _used(table, tuple(type(table).model_fields), told)
+            _unknown(f"{name}.{key}", table, key) for key in _used(table, tuple(type(table).model_fields), explicit)
         )
     for index, one in enumerate(scenario.aircraft):
         whom = label("aircraft", one)
-        found.extend(_unknown(f"aircraft[{index}].{key}", one, key, whom) for key in _used(one, _AIRCRAFT, told))
+        found.extend(_unknown(f"aircraft[{index}].{key}", one, key, whom) for key in _used(one, _AIRCRAFT, explicit))
     if scenario.keep_out:
         found.append(_refused("keep_out", f"a list of {len(scenario.keep_out)}"))
     return found
 
 
-def _used(table: Table, keys: tuple[str, ...], told: bool) -> list[str]:
+def _used(table: Table, keys: tuple[str, ...], explicit: bool) -> list[str]:
     """List the keys that are written out, less those that ask for nothing."""
     fields = type(table).model_fields
     written = [key for key in keys if key in table.model_fields_set]
-    return [key for key in written if not (told and getattr(table, key) == fields[key].default)]
+    return [key for key in written if not (explicit and getattr(table, key) == fields[key].default)]
 
 
 def _unknown(path: str, table: Table, key: str, whom: str = "") -> Problem:

@@ -47,8 +47,8 @@ def problems_from(error: ValidationError, model: type[BaseModel], raw: object) -
             mistaken.add(meant)
         else:
             found.append(_bad_value(loc, model, raw))
-    told = [problem for problem in found if not (problem.path in mistaken and problem.arrived == "nothing")]
-    return list(dict.fromkeys(told))
+    reported = [problem for problem in found if not (problem.path in mistaken and problem.arrived == "nothing")]
+    return list(dict.fromkeys(reported))
 
 
 def _placed(loc: Sequence[str | int], problem: Problem, raw: object) -> Problem:

@@ -43,13 +43,7 @@ class ReferenceSpeed:
 
 
 def reference_speed(fleet: Fleet, limits: Limits, arrival: Arrival) -> ReferenceSpeed:
-    """Say which speed decides whether a goal is within reach.
-
-    Parameters
-    ----------
-    fleet, limits, arrival
-        Tables of the scenario.
-    """
+    """Say which speed decides whether a goal is within reach."""
     certified = fleet.planner == "certified"
     if not certified or arrival.rule == "together":
         rises = not certified and fleet.speed_profile == "even"
@@ -97,7 +91,7 @@ def time_to_go_s(relative_m: Vector, velocity_m_s: Vector, speed_m_s: float) -> 
 def reach_problems(
     aircraft: tuple[Aircraft, ...],
     goals: tuple[Goal, ...],
-    speed: ReferenceSpeed,
+    reference: ReferenceSpeed,
     limits: Limits,
     wind: Wind,
     timing: Timing,
@@ -110,18 +104,13 @@ def reach_problems(
     ----------
     aircraft, goals
         All of the scenario; every aircraft's goal exists.
-    speed
+    reference
         What decides.
     limits, wind, timing
         Tables of the scenario; the wind is slower than the fleet.
     unaided
         Whether to call a flight too short that is so only without a descent that raises the plan's speed and without
         the wind of other altitudes than that of the start.
-
-    Returns
-    -------
-    list of Problem
-        Empty if all is well.
     """
     found = []
     by_name = {goal.name: goal for goal in goals}
@@ -129,27 +118,29 @@ def reach_problems(
         # the first plan reckons with the wind where the aircraft starts
         starts_m = [one.start.altitude_m for one in aircraft if one.goal == goal.name]
         winds_m_s = dict.fromkeys(wind.velocity_m_s(altitude_m) for altitude_m in starts_m)
-        found.extend(_fast_legs(f"goal[{index}]", goal, speed, tuple(winds_m_s)))
+        found.extend(_fast_legs(f"goal[{index}]", goal, reference, tuple(winds_m_s)))
     if found:
         return found  # without a speed that suffices the times below mean nothing
-    quickest_m_s = None if unaided else _quickest_m_s(aircraft, by_name, speed, timing)
+    quickest_m_s = None if unaided else _quickest_m_s(aircraft, by_name, reference, timing)
     for index, one in enumerate(aircraft):
         found.extend(
-            _unreached(f"aircraft[{index}]", one, by_name[one.goal], speed, quickest_m_s, limits, wind, timing)
+            _reach_problems_of(
+                f"aircraft[{index}]", one, by_name[one.goal], reference, quickest_m_s, limits, wind, timing
+            )
         )
     return found
 
 
 def _quickest_m_s(
-    aircraft: tuple[Aircraft, ...], goals: dict[str, Goal], speed: ReferenceSpeed, timing: Timing
+    aircraft: tuple[Aircraft, ...], goals: dict[str, Goal], reference: ReferenceSpeed, timing: Timing
 ) -> float:
     """Greatest mean airspeed to which the plan may raise that of the fleet, m/s.
 
     Nobody gets faster on the way down than without any drag: speed and height together have so much energy. Which of
     the aircraft is the farthest, whose speed counts, is not asked.
     """
-    found = [speed.speed_m_s]
-    for one in aircraft if speed.may_rise else ():
+    found = [reference.speed_m_s]
+    for one in aircraft if reference.may_rise else ():
         goal = goals[one.goal]
         if goal.waypoints is None:
             lowest_m = min(goal.altitude_m, goal.position_m(timing.duration_s)[2])
@@ -168,7 +159,7 @@ def _plus(a: Vector, b: Vector, factor: float = 1.0) -> Vector:
     return a[0] + factor * b[0], a[1] + factor * b[1], a[2] + factor * b[2]
 
 
-def _fast_legs(path: str, goal: Goal, speed: ReferenceSpeed, winds_m_s: tuple[Vector, ...]) -> list[Problem]:
+def _fast_legs(path: str, goal: Goal, reference: ReferenceSpeed, winds_m_s: tuple[Vector, ...]) -> list[Problem]:
     """Find legs of a goal that are faster through the air than the fleet, in any of the winds."""
     found = []
     points = goal.waypoints or ()
@@ -178,18 +169,20 @@ def _fast_legs(path: str, goal: Goal, speed: ReferenceSpeed, winds_m_s: tuple[Ve
         leg_m = (end.north_m - begin.north_m, end.east_m - begin.east_m, end.altitude_m - begin.altitude_m)
         through_air = _plus((0.0, 0.0, 0.0), leg_m, 1.0 / lasting_s)
         speed_m_s = max((math.hypot(*_plus(through_air, air_m_s, -1.0)) for air_m_s in winds_m_s), default=0.0)
-        if speed_m_s >= speed.speed_m_s:
+        if speed_m_s >= reference.speed_m_s:
             arrived = f"a leg flown at {speed_m_s:.1f} m/s through the air"
-            words = f"less than {speed.key}, which is {plain(speed.speed_m_s)} m/s: the goal outruns its aircraft"
+            words = (
+                f"less than {reference.key}, which is {plain(reference.speed_m_s)} m/s: the goal outruns its aircraft"
+            )
             found.append(Problem(f"{path}.waypoints[{index}]", arrived, words, label("goal", goal)))
     return found
 
 
-def _unreached(
+def _reach_problems_of(
     path: str,
     one: Aircraft,
     goal: Goal,
-    speed: ReferenceSpeed,
+    reference: ReferenceSpeed,
     quickest_m_s: float | None,
     limits: Limits,
     wind: Wind,
@@ -203,22 +196,23 @@ def _unreached(
     wind_m_s = wind.velocity_m_s(one.start.altitude_m)
     # the mean wind of the way may differ from that at the start by so much, and carry the aircraft on
     carried_m_s = max(math.dist(wind_m_s, other_m_s) for _, other_m_s in wind.profile_m_s)
-    most_m_s = speed.speed_m_s if quickest_m_s is None else quickest_m_s + carried_m_s
+    most_m_s = reference.speed_m_s if quickest_m_s is None else quickest_m_s + carried_m_s
     if goal.waypoints is None:
         velocity_m_s = _plus(goal.velocity_m_s(), wind_m_s, -1.0)
-        time_s = time_to_go_s(relative_m, velocity_m_s, speed.speed_m_s + (carried_m_s if speed.knows_layers else 0.0))
+        time_s = time_to_go_s(
+            relative_m, velocity_m_s, reference.speed_m_s + (carried_m_s if reference.knows_layers else 0.0)
+        )
         if time_s is None:
             arrived = f'"{goal.name}", which moves at {math.hypot(*velocity_m_s):.1f} m/s through the air and gets away'
-            words = f"a goal that an aircraft at {speed} can reach"
+            words = f"a goal that an aircraft at {reference} can reach"
             return [Problem(f"{path}.goal", arrived, words, whom)]
         # when the plan arrives is known only at a mean speed
-        heights_m = [place_m[2] + goal.climb_rate_m_s * time_s] if speed.is_mean or not goal.climb_rate_m_s else []
+        heights_m = [place_m[2] + goal.climb_rate_m_s * time_s] if reference.is_mean or not goal.climb_rate_m_s else []
         shortest_s = time_to_go_s(relative_m, velocity_m_s, most_m_s) or 0.0
         if shortest_s >= timing.duration_s:
-            words = (
-                f'more than {shortest_s:.1f} s, the shortest flight from "{one.name}" to goal "{goal.name}" at {speed}'
-            )
-            if most_m_s > speed.speed_m_s:
+            way = f'from "{one.name}" to goal "{goal.name}" at {reference}'
+            words = f"more than {shortest_s:.1f} s, the shortest flight {way}"
+            if most_m_s > reference.speed_m_s:
                 words += f", of which descent, speed at the start and layers of wind may make {most_m_s:.1f} m/s"
             return [Problem("timing.duration_s", plain(timing.duration_s), words)]
         near = time_s < FLIGHT_MIN_S
@@ -231,7 +225,7 @@ def _unreached(
         if distance_m >= most_m_s * timing.duration_s:
             words = f'a longer flight: "{one.name}" does not get to goal "{goal.name}" in this time'
             return [Problem("timing.duration_s", plain(timing.duration_s), words)]
-        near = math.hypot(*relative_m) < speed.speed_m_s * FLIGHT_MIN_S
+        near = math.hypot(*relative_m) < reference.speed_m_s * FLIGHT_MIN_S
     found = []
     if near:
         words = f"a start at least {FLIGHT_MIN_S:g} s of flight away from it"

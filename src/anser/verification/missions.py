@@ -16,6 +16,9 @@ from anser.verification.check import Check, Comparison
 MISSION = "three-aircraft.toml"
 """The standard mission: a copy of the shipped scenario, which a test holds equal to it."""
 
+SINGLE = "single-aircraft.toml"
+"""The single case of the founding work: a copy of the shipped scenario, which a test holds equal to it."""
+
 STEPS_S = (0.02, 0.01, 0.005, 0.0025)
 """50, 100, 200 and 400 Hz; the second is the default."""
 
@@ -43,8 +46,17 @@ def mission(earth: str = "flat", step_s: float = 0.01) -> Flown:
 
 def mission_scenario(earth: str, step_s: float) -> Scenario:
     """The standard mission, cut short after its arrival, over an Earth, with a step, s."""
-    text = resources.files("anser.verification").joinpath(f"data/{MISSION}").read_text(encoding="utf-8")
-    return loads(text, MISSION).replace("timing.duration_s", _DURATION_S, "timing.step_s", step_s, "earth", earth)
+    return _scenario(MISSION).replace("timing.duration_s", _DURATION_S, "timing.step_s", step_s, "earth", earth)
+
+
+def published_flights() -> dict[str, Flown]:
+    """Fly the single and three-aircraft cases of the founding work, the second cut short after its arrival."""
+    return {"single": run(_scenario(SINGLE)), "three": mission()}
+
+
+def _scenario(name: str) -> Scenario:
+    text = resources.files("anser.verification").joinpath(f"data/{name}").read_text(encoding="utf-8")
+    return loads(text, name)
 
 
 def flat_and_round() -> tuple[Comparison, ...]:

@@ -78,14 +78,14 @@ def verify(
         return found
 
     # Compiling is most of the work and leaves the interpreter free: the long checks are run beside the others.
-    beside = _Beside(lambda: run_in_order([check for check in chosen if check.long]))
-    outcomes = run_in_order([check for check in chosen if not check.long]) | beside.result()
+    background = _BackgroundRun(lambda: run_in_order([check for check in chosen if check.long]))
+    outcomes = run_in_order([check for check in chosen if not check.long]) | background.result()
     if progress is not None:
         progress("done", 1.0)
     return tuple(outcomes[check.key] for check in chosen)
 
 
-class _Beside(threading.Thread):
+class _BackgroundRun(threading.Thread):
     """A thread with a result; an interrupt of the program does not wait for it."""
 
     def __init__(self, work: Callable[[], dict[str, Outcome]]) -> None:
