@@ -2,7 +2,6 @@
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Literal
 
 import equinox as eqx
 import jax
@@ -12,29 +11,22 @@ import xarray as xr
 
 from anser.aircraft import AbstractAirframe
 from anser.campaign.batches import BATCH, Clock, Progress, in_batches
+from anser.campaign.conditions import Inversion, airframe_of, gains_for
 from anser.campaign.envelope_cases import (
-    ALTITUDES_M,
     COMMANDS,
     CONDITIONS,
-    MACHS,
-    TOLERANCE,
-    TOLERANCE_SHARE,
     described,
-    grid_axis,
-    steady_targets,
     survey_limits,
+    tolerance_of,
+    trim_map,
 )
 from anser.compilation_cache import enable_compilation_cache
-from anser.control import AutopilotGains, FlightLimits, published_gains
+from anser.control import AutopilotGains, FlightLimits
 from anser.environment import Environment, standard_environment
 from anser.results import OUTCOMES, REASONS, envelope_dataset, judge
-from anser.scenario import load_airframe
-from anser.simulation import FlightSummary, MapPoint, TrimPoint, TrimTarget, map_point, survey_flight
-from anser.units import DEG_RAD
+from anser.simulation import FlightSummary, TrimPoint, TrimTarget, survey_flight
 
 __all__ = ["EnvelopeSurvey", "survey"]
-
-_SENSOR_BANDWIDTH = 20.0  # rad/s, the scenario's default for incremental inversion
 
 
 @dataclasses.dataclass(frozen=True)
@@ -85,7 +77,7 @@ def survey(
     aircraft: str | AbstractAirframe = "f16",
     variant: str = "textbook",
     *,
-    inversion: Literal["model", "incremental"] = "model",
+    inversion: Inversion = "model",
     coarse: bool = False,
     altitudes_m: Sequence[float] | None = None,
     machs: Sequence[float] | None = None,
@@ -122,44 +114,35 @@ def survey(
         No such airframe, an axis that is not of increasing numbers, or flights of fewer than 100 samples.
     """
     enable_compilation_cache()
-    tell = progress or (lambda what, done: None)
-    altitudes = grid_axis("altitudes_m", altitudes_m, ALTITUDES_M[5::5] if coarse else ALTITUDES_M)
-    mach = grid_axis("machs", machs, MACHS[[0, 4, 8, 13, 17]] if coarse else MACHS)
+    on_progress = progress or (lambda what, done: None)
     count = round(duration_s / step_s)
     if count < 100:
         raise ValueError(f"duration_s: arrived {duration_s:g} with step_s {step_s:g}; expected 100 samples or more")
-    attributes: dict[str, str | int | float] = {"aircraft": "custom"}
-    if isinstance(aircraft, str):
-        attributes = {"aircraft": aircraft, "variant": variant}
-        aircraft = load_airframe(aircraft, variant)
-    environment, gains = standard_environment(), published_gains()
+    airframe, attributes = airframe_of(aircraft, variant)
+    environment, gains = standard_environment(), gains_for(inversion)
     limits = survey_limits() if limits is None else limits
-    if inversion == "incremental":
-        gains = eqx.tree_at(lambda g: g.sensor_bandwidth, gains, jnp.asarray(_SENSOR_BANDWIDTH))
-    sound = np.asarray(jax.vmap(lambda h: environment.atmosphere.at(h).speed_of_sound)(jnp.asarray(altitudes)))
-    airspeeds = sound[:, None] * mach[None, :]
-    targets = steady_targets(altitudes, airspeeds, float(environment.gravity))
     clock = Clock()
-    tell("trimming", 0.0)
-    points = clock.run(_map, aircraft, environment, targets)
+    on_progress("trimming", 0.0)
+    trims = trim_map(clock, airframe, environment, altitudes_m, machs, coarse=coarse)
+    points = trims.points
     flown = np.repeat(np.asarray(points.trimmable)[:, None], len(COMMANDS), axis=1)
-    sizes = np.array([[c.speed_m_s, c.path_angle_deg * DEG_RAD, c.course_deg * DEG_RAD] for c in COMMANDS])
-    tolerances = np.maximum(TOLERANCE_SHARE * np.abs(sizes), TOLERANCE)
+    sizes = np.array([command.size for command in COMMANDS])
+    tolerances = tolerance_of(sizes)
     which, command = np.nonzero(flown)
-    flights = _Flights(points.trim, targets, jnp.asarray(sizes), jnp.asarray(tolerances))
+    flights = _Flights(points.trim, trims.targets, jnp.asarray(sizes), jnp.asarray(tolerances))
     summaries = _fly_all(
-        clock, (aircraft, environment, gains, limits), flights, which, command, jnp.asarray(step_s), count, tell
+        clock, (airframe, environment, gains, limits), flights, which, command, jnp.asarray(step_s), count, on_progress
     )
     dataset = envelope_dataset(
         {c.name: c.meaning for c in CONDITIONS},
         {c.name: c.meaning for c in COMMANDS},
-        altitudes,
-        mach,
+        trims.altitudes,
+        trims.machs,
         points,
-        airspeeds,
+        trims.airspeeds,
         flown,
         summaries,
-        judge(summaries, tolerances[command], count * step_s, _beyond(points.trim, airspeeds, limits)[which]),
+        judge(summaries, tolerances[command], count * step_s, _beyond(points.trim, trims.airspeeds, limits)[which]),
         {**attributes, "inversion": inversion, "duration_s": count * step_s, "step_s": step_s, **described(limits)},
     )
     return EnvelopeSurvey(dataset, clock.compile_s, clock.run_s)
@@ -188,11 +171,6 @@ class _Flights(eqx.Module):
 
 
 @eqx.filter_jit
-def _map(airframe: AbstractAirframe, environment: Environment, targets: TrimTarget) -> MapPoint:
-    return jax.vmap(lambda target: map_point(airframe, environment, target))(targets)
-
-
-@eqx.filter_jit
 def _fly(
     of: tuple[AbstractAirframe, Environment, AutopilotGains, FlightLimits],
     flights: _Flights,
@@ -217,14 +195,12 @@ def _fly_all(
     command: np.ndarray,
     step,
     count: int,
-    tell: Progress,
+    on_progress: Progress,
 ) -> FlightSummary:
     """All flights, in batches of one compiled size; the last is filled up with repetitions."""
     total = len(which)
-    if total == 0:
-        raise ValueError("no point of the grid can be flown steadily: there is nothing to survey")
 
     def fly(of_batch: np.ndarray) -> FlightSummary:
         return clock.run(_fly, of, flights, jnp.asarray(which[of_batch]), jnp.asarray(command[of_batch]), step, count)
 
-    return in_batches(fly, total, BATCH, lambda done: tell(f"flying {total} flights", done / total))
+    return in_batches(fly, total, BATCH, lambda done: on_progress(f"flying {total} flights", done / total))

@@ -2,28 +2,21 @@
 
 import dataclasses
 from collections.abc import Sequence
+from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
+from anser.aircraft import AbstractAirframe
+from anser.campaign.batches import Clock
+from anser.campaign.conditions import map_points
 from anser.control import FlightLimits
-from anser.simulation import TrimTarget
+from anser.environment import Environment
+from anser.simulation import MapPoint, TrimTarget
 from anser.units import DEG_RAD
 
-__all__ = [
-    "ALTITUDES_M",
-    "COMMANDS",
-    "CONDITIONS",
-    "MACHS",
-    "TOLERANCE",
-    "TOLERANCE_SHARE",
-    "SteadyFlight",
-    "StepCommand",
-    "described",
-    "grid_axis",
-    "steady_targets",
-    "survey_limits",
-]
+__all__ = ["COMMANDS", "CONDITIONS", "TrimMap", "described", "survey_limits", "tolerance_of", "trim_map"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,6 +39,11 @@ class StepCommand:
     path_angle_deg: float = 0.0
     course_deg: float = 0.0
 
+    @property
+    def size(self) -> tuple[float, float, float]:
+        """Step of airspeed (m/s), path angle and course (rad)."""
+        return self.speed_m_s, self.path_angle_deg * DEG_RAD, self.course_deg * DEG_RAD
+
 
 CONDITIONS = (
     SteadyFlight("level", "level"),
@@ -67,6 +65,58 @@ ALTITUDES_M = np.array([250.0, *np.arange(1000.0, 15001.0, 1000.0)])
 MACHS = np.linspace(0.15, 0.95, 18)
 TOLERANCE_SHARE, TOLERANCE = 0.05, (0.5, 0.3 * DEG_RAD, 0.3 * DEG_RAD)
 """Error that counts as none: part of the step, or m/s and rad, whichever is more."""
+
+
+class TrimMap(NamedTuple):
+    """Steady flights over a grid.
+
+    Attributes
+    ----------
+    altitudes, machs
+        Axes of the grid, m and 1.
+    airspeeds
+        m/s, shape (altitude, mach).
+    targets, points
+        Over (condition, altitude, mach), flattened: what is flown, and its trim.
+    """
+
+    altitudes: np.ndarray
+    machs: np.ndarray
+    airspeeds: np.ndarray
+    targets: TrimTarget
+    points: MapPoint
+
+
+def trim_map(
+    clock: Clock,
+    airframe: AbstractAirframe,
+    environment: Environment,
+    altitudes_m: Sequence[float] | None,
+    machs: Sequence[float] | None,
+    *,
+    coarse: bool,
+) -> TrimMap:
+    """Trim `CONDITIONS` over a grid: its axes as given, or else the usual ones, every few of them where coarse.
+
+    Raises
+    ------
+    ValueError
+        An axis is not of increasing numbers, or no point can be flown.
+    """
+    altitudes = grid_axis("altitudes_m", altitudes_m, ALTITUDES_M[5::5] if coarse else ALTITUDES_M)
+    mach = grid_axis("machs", machs, MACHS[[0, 4, 8, 13, 17]] if coarse else MACHS)
+    sound = np.asarray(jax.vmap(lambda h: environment.atmosphere.at(h).speed_of_sound)(jnp.asarray(altitudes)))
+    airspeeds = sound[:, None] * mach[None, :]
+    targets = steady_targets(altitudes, airspeeds, float(environment.gravity))
+    points = clock.run(map_points, airframe, environment, targets)
+    if not np.any(points.trimmable):
+        raise ValueError("no point of the grid can be flown steadily: there is nothing to survey")
+    return TrimMap(altitudes, mach, airspeeds, targets, points)
+
+
+def tolerance_of(size: np.ndarray) -> np.ndarray:
+    """Errors of airspeed (m/s), path angle and course (rad) that count as none, by the size of the step, (..., 3)."""
+    return np.maximum(TOLERANCE_SHARE * np.abs(size), TOLERANCE)
 
 
 def survey_limits() -> FlightLimits:

@@ -9,13 +9,12 @@ import equinox as eqx
 import numpy as np
 import xarray as xr
 
-from anser.aircraft import AbstractAirframe
-from anser.campaign.trimming import airframe_of
+from anser.aircraft import F16, AbstractAirframe
+from anser.campaign.conditions import ConditionError, airframe_of, steady_trim
 from anser.compilation_cache import enable_compilation_cache
 from anser.control import AutopilotGains, FlightLimits, default_limits, published_gains
 from anser.environment import Environment, standard_environment
 from anser.results import linear_dataset, linear_document, write_netcdf
-from anser.scenario import load_airframe
 from anser.simulation import (
     CHANNELS,
     LinearModel,
@@ -24,10 +23,7 @@ from anser.simulation import (
     TrimPoint,
     linearize_loop,
     modes_of,
-    nearest_trims,
-    solve_trim,
     trim_target,
-    trim_violations,
 )
 from anser.simulation import linearize as linear_model
 from anser.units import DEG_RAD, RAD_DEG
@@ -35,18 +31,13 @@ from anser.units import DEG_RAD, RAD_DEG
 if TYPE_CHECKING:
     import control
 
-__all__ = ["ConditionError", "Linearized", "linearize"]
+__all__ = ["Linearized", "linearize"]
 
 _HELD = 0.01
 """Error that a loop may have while it holds a trim point, in rad, rad/s or m/s. In a steady turn it asks for a sideslip
 of 0 where the trim point has some tenths of a millirad."""
 
-_solve = eqx.filter_jit(solve_trim)
 _open_model = eqx.filter_jit(linear_model)
-
-
-class ConditionError(ValueError):
-    """A condition that cannot be flown steadily, held by the loop or described by Euler angles; the text is final."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -179,22 +170,18 @@ def linearize(
         No such airframe, a centre of gravity for one that is not the library's, or a pitch rate with another rate.
     """
     enable_compilation_cache()
-    of: dict[str, str | float | int] = {"aircraft": "custom"}
-    if isinstance(aircraft, str):
-        x_cg = float(load_airframe(aircraft, variant, x_cg_over_c).x_cg)
-        of = {"aircraft": aircraft, "variant": variant, "x_cg_over_c": x_cg}
-    aircraft = airframe_of(aircraft, variant, x_cg_over_c)
+    airframe, of = airframe_of(aircraft, variant, x_cg_over_c)
+    if isinstance(airframe, F16) and airframe is not aircraft:
+        of["x_cg_over_c"] = float(airframe.x_cg)
     environment = standard_environment() if environment is None else environment
     rates = (rate * DEG_RAD for rate in (turn_rate_deg_s, path_rate_deg_s, pitch_rate_deg_s))
     target = trim_target(speed_m_s, altitude_m, path_angle_deg * DEG_RAD, 0.0, *rates)
-    trim = _solve(aircraft, environment, target)
-    if trim_violations(aircraft, environment, trim):
-        raise ConditionError(nearest_trims(aircraft, environment, target).message())
+    trim = steady_trim(airframe, environment, target)
     if loop == "open":
-        model = _open_model(aircraft, environment, trim.state, trim.controls, actuators=actuators)
+        model = _open_model(airframe, environment, trim.state, trim.controls, actuators=actuators)
     else:
         limits = default_limits()
-        model = linearize_loop(aircraft, environment, gains or published_gains(), limits, trim, step_s, loop)
+        model = linearize_loop(airframe, environment, gains or published_gains(), limits, trim, step_s, loop)
         _must_hold(model, limits, loop)
     if not bool(model.regular):
         raise ConditionError(

@@ -13,35 +13,21 @@ import xarray as xr
 
 from anser.aircraft import AbstractAirframe
 from anser.campaign.batches import Clock, Progress, in_batches
-from anser.campaign.envelope_cases import (
-    ALTITUDES_M,
-    CONDITIONS,
-    MACHS,
-    described,
-    grid_axis,
-    steady_targets,
-    survey_limits,
-)
-from anser.campaign.linearizing import ConditionError
-from anser.campaign.stepping import Inversion
+from anser.campaign.conditions import ConditionError, Inversion, airframe_of, gains_for, map_points
+from anser.campaign.envelope_cases import CONDITIONS, described, survey_limits, trim_map
 from anser.compilation_cache import enable_compilation_cache
-from anser.control import AutopilotGains, FlightLimits, published_gains
+from anser.control import AutopilotGains, FlightLimits
 from anser.environment import Environment, standard_environment
 from anser.results import CLOSED_LOOP, margin_dataset, margin_map_dataset, margin_table
-from anser.scenario import load_airframe
-from anser.scenario.schema_gains import Gains
 from anser.simulation import (
     BREAKPOINTS,
     HELD_BACK,
     LoopAnalysis,
     LoopResponse,
-    MapPoint,
     MemoryFields,
     TrimPoint,
-    TrimTarget,
     analyse_loops,
     loop_memory,
-    map_point,
     nearest_trims,
     trim_target,
 )
@@ -151,11 +137,11 @@ def margins_at(
         No such airframe.
     """
     enable_compilation_cache()
-    airframe, of = _loaded(aircraft, variant)
+    airframe, of = airframe_of(aircraft, variant)
     environment, limits = standard_environment(), survey_limits()
-    wanted = _gains(gains, inversion)
+    wanted = gains_for(inversion, gains)
     target = trim_target(speed_m_s, altitude_m)
-    points = _map(airframe, environment, jax.tree.map(lambda leaf: leaf[None], target))
+    points = map_points(airframe, environment, jax.tree.map(lambda leaf: leaf[None], target))
     if not bool(points.trimmable[0]):
         raise ConditionError(nearest_trims(airframe, environment, target).message())
     # the survey's batch, filled with the one point: compiled once for both
@@ -208,34 +194,29 @@ def survey_margins(
         No such airframe, an axis that is not of increasing numbers, or no point of the grid can be flown.
     """
     enable_compilation_cache()
-    tell = progress or (lambda what, done: None)
-    altitudes = grid_axis("altitudes_m", altitudes_m, ALTITUDES_M[5::5] if coarse else ALTITUDES_M)
-    mach = grid_axis("machs", machs, MACHS[[0, 4, 8, 13, 17]] if coarse else MACHS)
-    airframe, of = _loaded(aircraft, variant)
+    on_progress = progress or (lambda what, done: None)
+    airframe, of = airframe_of(aircraft, variant)
     environment, limits = standard_environment(), survey_limits()
-    wanted = _gains(gains, inversion)
-    sound = np.asarray(jax.vmap(lambda h: environment.atmosphere.at(h).speed_of_sound)(jnp.asarray(altitudes)))
-    airspeeds = sound[:, None] * mach[None, :]
-    targets = steady_targets(altitudes, airspeeds, float(environment.gravity))
+    wanted = gains_for(inversion, gains)
     clock, memory = Clock(), loop_memory(wanted)
-    tell("trimming", 0.0)
-    points = clock.run(_map, airframe, environment, targets)
-    which = np.flatnonzero(np.asarray(points.trimmable))
+    on_progress("trimming", 0.0)
+    trims = trim_map(clock, airframe, environment, altitudes_m, machs, coarse=coarse)
+    which = np.flatnonzero(np.asarray(trims.points.trimmable))
     total = which.size
-    if not total:
-        raise ValueError("no point of the grid can be flown steadily: there is nothing to survey")
 
     def of_batch(numbers: np.ndarray) -> LoopAnalysis:
-        trims = jax.tree.map(lambda leaf: leaf[which[numbers]], points.trim)
-        return clock.run(_analyse, airframe, environment, wanted, limits, trims, jnp.asarray(step_s), memory)[0]
+        some = jax.tree.map(lambda leaf: leaf[which[numbers]], trims.points.trim)
+        return clock.run(_analyse, airframe, environment, wanted, limits, some, jnp.asarray(step_s), memory)[0]
 
-    found = in_batches(of_batch, total, _BATCH, lambda k: tell(f"breaking the loops at {total} points", k / total))
+    found = in_batches(
+        of_batch, total, _BATCH, lambda k: on_progress(f"breaking the loops at {total} points", k / total)
+    )
     dataset = margin_map_dataset(
         {c.name: c.meaning for c in CONDITIONS},
-        altitudes,
-        mach,
-        airspeeds,
-        points,
+        trims.altitudes,
+        trims.machs,
+        trims.airspeeds,
+        trims.points,
         found,
         step_s,
         {**of, "inversion": inversion, **described(limits)},
@@ -259,11 +240,6 @@ def margin_document(dataset: xr.Dataset) -> dict[str, Any]:
 
 
 @eqx.filter_jit
-def _map(airframe: AbstractAirframe, environment: Environment, targets: TrimTarget) -> MapPoint:
-    return jax.vmap(lambda target: map_point(airframe, environment, target))(targets)
-
-
-@eqx.filter_jit
 def _analyse(
     airframe: AbstractAirframe,
     environment: Environment,
@@ -277,18 +253,6 @@ def _analyse(
         return analyse_loops(airframe, environment, gains, limits, trim, step, memory)
 
     return jax.vmap(one)(trims)
-
-
-def _loaded(aircraft: str | AbstractAirframe, variant: str) -> tuple[AbstractAirframe, dict[str, Any]]:
-    if isinstance(aircraft, str):
-        return load_airframe(aircraft, variant), {"aircraft": aircraft, "variant": variant}
-    return aircraft, {"aircraft": "custom"}
-
-
-def _gains(gains: AutopilotGains | None, inversion: Inversion) -> AutopilotGains:
-    bandwidth = Gains().sensor_bandwidth_rad_s if inversion == "incremental" else 0.0
-    wanted = published_gains() if gains is None else gains
-    return eqx.tree_at(lambda g: g.sensor_bandwidth, wanted, jnp.asarray(bandwidth, dtype=float))
 
 
 def _pole(at: xr.Dataset) -> str:

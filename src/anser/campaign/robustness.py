@@ -11,6 +11,7 @@ import xarray as xr
 
 from anser.aircraft import F16, F16Dispersion, dispersed_f16
 from anser.campaign.batches import BATCH, Clock, Progress, in_batches
+from anser.campaign.conditions import ConditionError, Inversion, gains_for
 from anser.campaign.dispersion import (
     CONDITIONS,
     DELAY_MAX_S,
@@ -23,10 +24,9 @@ from anser.campaign.dispersion import (
     dispersion_of,
     spread_cases,
 )
-from anser.campaign.envelope_cases import COMMANDS, TOLERANCE, TOLERANCE_SHARE, described
-from anser.campaign.linearizing import ConditionError
+from anser.campaign.envelope_cases import COMMANDS, described, tolerance_of
 from anser.compilation_cache import enable_compilation_cache
-from anser.control import AutopilotGains, FlightLimits, default_limits, published_gains
+from anser.control import AutopilotGains, FlightLimits, default_limits
 from anser.environment import Environment, standard_environment
 from anser.results import judge, robustness_dataset
 from anser.scenario import load_airframe
@@ -37,6 +37,7 @@ from anser.units import DEG_RAD
 
 __all__ = ["RobustnessStudy", "robustness_study"]
 
+_INVERSIONS: tuple[Inversion, ...] = ("model", "incremental")
 _COMMAND = next(command for command in COMMANDS if command.name == "all")
 _FLIGHTS_OF_SWEEP = 200
 
@@ -137,13 +138,12 @@ def robustness_study(
     flown = np.flatnonzero(trims.trimmable)
     alpha = trims.trim.alpha
     beyond = np.asarray((alpha < limits.alpha_min) | (alpha > limits.alpha_max))
-    size = np.array([_COMMAND.speed_m_s, _COMMAND.path_angle_deg * DEG_RAD, _COMMAND.course_deg * DEG_RAD])
-    tolerance = np.maximum(TOLERANCE_SHARE * np.abs(size), TOLERANCE)
+    size = np.array(_COMMAND.size)
+    tolerance = tolerance_of(size)
     fixed = (nominal, environment, limits, jnp.asarray(size), jnp.asarray(tolerance))
     summaries, verdicts = [], []
-    bandwidths = {"model": 0.0, "incremental": Gains().sensor_bandwidth_rad_s}
-    for k, (inversion, bandwidth) in enumerate(bandwidths.items()):
-        gains = eqx.tree_at(lambda g: g.sensor_bandwidth, published_gains(), jnp.asarray(float(bandwidth)))
+    for k, inversion in enumerate(_INVERSIONS):
+        gains = gains_for(inversion)
 
         def fly(of_batch: np.ndarray, gains: AutopilotGains = gains) -> FlightSummary:
             rows = jax.tree.map(lambda leaf: leaf[flown[of_batch]], (dispersions, delays, trims.trim, targets))
@@ -156,7 +156,7 @@ def robustness_study(
         tolerances = np.broadcast_to(tolerance, (len(flown), 3))
         verdicts.append(judge(summaries[-1], tolerances, count * step_s, beyond[flown]))
     dataset = robustness_dataset(
-        tuple(bandwidths),
+        _INVERSIONS,
         [f"{point.speed_m_s:g} m/s, {point.altitude_m:g} m" for point in conditions],
         {f.name: (f.meaning, f.unit, f.nominal, f.scale) for f in FACTORS},
         PARTS,
@@ -172,7 +172,7 @@ def robustness_study(
             "spread_percent": 100 * spread,
             "duration_s": count * step_s,
             "step_s": step_s,
-            "sensor_bandwidth_rad_s": bandwidths["incremental"],
+            "sensor_bandwidth_rad_s": Gains().sensor_bandwidth_rad_s,
             "tolerance_airspeed_m_s": float(tolerance[0]),
             "tolerance_path_angle_deg": float(tolerance[1] / DEG_RAD),
             "tolerance_course_deg": float(tolerance[2] / DEG_RAD),

@@ -1,7 +1,7 @@
 """Step tests flown from level trim: labelled records and figures, one compiled batch for each loop."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, Literal
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -11,37 +11,26 @@ import xarray as xr
 from jaxtyping import Array, Float
 
 from anser.aircraft import AbstractAirframe, AircraftState, air_data
-from anser.campaign.linearizing import ConditionError
+from anser.campaign.conditions import ConditionError, Inversion, gains_for, steady_trim
 from anser.campaign.step_tests import CHANNEL_KEYS, STEP_S, StepTest
 from anser.campaign.stepped_flight import SURFACES, SteppedFlight
 from anser.compilation_cache import enable_compilation_cache
-from anser.control import AutopilotGains, FlightLimits, default_limits, published_gains
+from anser.control import AutopilotGains, FlightLimits, default_limits
 from anser.environment import Environment, standard_environment
 from anser.scenario import load_airframe
-from anser.scenario.schema_gains import Gains
 from anser.sensing import Instant
-from anser.simulation import (
-    Loop,
-    TrimPoint,
-    nearest_trims,
-    solve_trim,
-    trim_target,
-    trim_violations,
-)
+from anser.simulation import Loop, TrimPoint, trim_target
 from anser.simulation.recorder import AbstractRecorder, AircraftSample
 from anser.simulation.response import loop_flight
 from anser.simulation.step_metrics import step_metrics
 from anser.spatial import bank_about_velocity, path_angles, rotate, rotate_back, rotation_from_quaternion
 from anser.variables import CATALOGUE
 
-__all__ = ["Inversion", "fly_steps"]
-
-Inversion = Literal["model", "incremental"]
+__all__ = ["fly_steps"]
 
 _VARIABLES = {variable.key: variable for variable in CATALOGUE}
 _ANGLES_THAT_WRAP = ("bank", "course")
 
-_solve = eqx.filter_jit(solve_trim)
 _measure = eqx.filter_jit(step_metrics)
 
 
@@ -81,16 +70,10 @@ def fly_steps(
     """
     enable_compilation_cache()
     airframe, environment, limits = load_airframe(aircraft, variant), standard_environment(), default_limits()
-    target = trim_target(speed_m_s, altitude_m)
-    trim = _solve(airframe, environment, target)
-    if trim_violations(airframe, environment, trim):
-        raise ConditionError(nearest_trims(airframe, environment, target).message())
+    trim = steady_trim(airframe, environment, trim_target(speed_m_s, altitude_m))
     for test in tests:
         _must_be_flown(test, speed_m_s, limits)
-    gains = published_gains()
-    if inversion == "incremental":
-        bandwidth = jnp.asarray(Gains().sensor_bandwidth_rad_s, dtype=float)
-        gains = eqx.tree_at(lambda g: g.sensor_bandwidth, gains, bandwidth)
+    gains = gains_for(inversion)
     attributes = {
         "aircraft": aircraft,
         "variant": variant,
@@ -134,13 +117,13 @@ class _StepRecorder(AbstractRecorder):
     def init(self, aircraft: int) -> None:
         """Nothing is kept."""
 
-    def take(self, memory: None, sample: AircraftSample, instant: Instant) -> None:
+    def take(self, memory: None, step: AircraftSample, instant: Instant) -> None:
         """Nothing is kept."""
 
-    def row(self, sample: AircraftSample, instant: Instant) -> dict[str, Array]:
+    def row(self, step: AircraftSample, instant: Instant) -> dict[str, Array]:
         """By the keys of the catalogue."""
-        outputs = _outputs(sample.truth.airframe, instant.environment, sample.truth.state)
-        return {**outputs, "throttle": jnp.asarray(sample.controls.throttle)}
+        outputs = _outputs(step.truth.airframe, instant.environment, step.truth.state)
+        return {**outputs, "throttle": jnp.asarray(step.controls.throttle)}
 
 
 @eqx.filter_jit

@@ -2,8 +2,8 @@
 
 from importlib import resources
 
+from anser.campaign.conditions import Inversion
 from anser.campaign.execute import Flown, run
-from anser.campaign.stepping import Inversion
 from anser.scenario import Scenario, loads
 
 __all__ = ["CLIMB_AND_TURN", "climb_and_turn", "fly_climb_and_turn"]

@@ -2,17 +2,14 @@
 
 from dataclasses import dataclass
 
-import equinox as eqx
-
 from anser.aircraft import AbstractAirframe
+from anser.campaign.conditions import airframe_of, solve
 from anser.compilation_cache import enable_compilation_cache
 from anser.environment import standard_environment
-from anser.scenario import load_airframe
-from anser.simulation import TrimPoint, nearest_trims, solve_trim, trim_target, trim_violations
+from anser.simulation import TrimPoint, nearest_trims, trim_target, trim_violations
 from anser.spatial import euler_from_quaternion
 from anser.units import DEG_RAD, RAD_DEG
 
-_solve = eqx.filter_jit(solve_trim)
 _ROUNDING = 1e-12
 """Values below this are rounding noise of a zero, such as the bank of straight flight."""
 
@@ -34,33 +31,6 @@ class FoundTrim:
     point: TrimPoint
     rows: tuple[tuple[str, float, str], ...]
     diagnosis: str | None
-
-
-def airframe_of(
-    aircraft: str | AbstractAirframe, variant: str = "textbook", x_cg_over_c: float | None = None
-) -> AbstractAirframe:
-    """Airframe of the library by its name, or the caller's own as it is.
-
-    Parameters
-    ----------
-    aircraft
-        Name of an airframe of the library, or an airframe.
-    variant, x_cg_over_c
-        Of the library's airframe: see `load_airframe`.
-
-    Raises
-    ------
-    ValueError
-        No such airframe; or a centre of gravity for an airframe that is not the library's.
-    """
-    if isinstance(aircraft, str):
-        return load_airframe(aircraft, variant, x_cg_over_c)
-    if x_cg_over_c is not None:
-        raise ValueError(
-            f"x_cg_over_c: arrived {x_cg_over_c} with an airframe of your own; expected None, "
-            "and the airframe built with the centre of gravity that it is to have"
-        )
-    return aircraft
 
 
 def find_trim(
@@ -95,10 +65,11 @@ def find_trim(
         No such airframe, a centre of gravity for one that is not the library's, or a pitch rate in a turn.
     """
     enable_compilation_cache()
-    airframe, environment = airframe_of(aircraft, variant, x_cg_over_c), standard_environment()
+    environment = standard_environment()
+    airframe, _ = airframe_of(aircraft, variant, x_cg_over_c)
     turn_rate, pitch_rate = turn_rate_deg_s * DEG_RAD, pitch_rate_deg_s * DEG_RAD
     target = trim_target(speed_m_s, altitude_m, path_angle_deg * DEG_RAD, turn_rate=turn_rate, pitch_rate=pitch_rate)
-    point = _solve(airframe, environment, target)
+    point = solve(airframe, environment, target)
     stopped = bool(trim_violations(airframe, environment, point))
     diagnosis = nearest_trims(airframe, environment, target).message() if stopped else None
     return FoundTrim(point, _rows(airframe, point, altitude_m, speed_m_s), diagnosis)
@@ -131,4 +102,4 @@ def _rows(
     return tuple((name, 0.0 if abs(value) < _ROUNDING else value, unit) for name, value, unit in rows)
 
 
-__all__ = ["FoundTrim", "airframe_of", "find_trim"]
+__all__ = ["FoundTrim", "find_trim"]

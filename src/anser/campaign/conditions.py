@@ -1,0 +1,72 @@
+"""What trims, linear models, step tests and surveys begin with: an airframe, gains, a steady flight."""
+
+from typing import Literal
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from anser.aircraft import AbstractAirframe
+from anser.control import AutopilotGains, published_gains
+from anser.environment import Environment
+from anser.scenario import load_airframe
+from anser.scenario.schema_gains import Gains
+from anser.simulation import MapPoint, TrimPoint, TrimTarget, map_point, nearest_trims, solve_trim, trim_violations
+
+__all__ = ["ConditionError", "Inversion", "airframe_of", "gains_for", "map_points", "solve", "steady_trim"]
+
+Inversion = Literal["model", "incremental"]
+
+solve = eqx.filter_jit(solve_trim)
+
+
+class ConditionError(ValueError):
+    """A condition that cannot be flown steadily, held by the loop or described by Euler angles; the text is final."""
+
+
+def airframe_of(
+    aircraft: str | AbstractAirframe, variant: str = "textbook", x_cg_over_c: float | None = None
+) -> tuple[AbstractAirframe, dict[str, str | int | float]]:
+    """Airframe of the library by its name, or the caller's own as it is; and attributes that say which.
+
+    Parameters
+    ----------
+    aircraft
+        Name of an airframe of the library, or an airframe.
+    variant, x_cg_over_c
+        Of the library's airframe: see `load_airframe`.
+
+    Raises
+    ------
+    ValueError
+        No such airframe; or a centre of gravity for an airframe that is not the library's.
+    """
+    if isinstance(aircraft, str):
+        return load_airframe(aircraft, variant, x_cg_over_c), {"aircraft": aircraft, "variant": variant}
+    if x_cg_over_c is not None:
+        raise ValueError(
+            f"x_cg_over_c: arrived {x_cg_over_c} with an airframe of your own; expected None, "
+            "and the airframe built with the centre of gravity that it is to have"
+        )
+    return aircraft, {"aircraft": "custom"}
+
+
+def gains_for(inversion: Inversion, gains: AutopilotGains | None = None) -> AutopilotGains:
+    """Gains of the autopilot, the published ones if none are given, with the bandwidth of the sensors' filter set."""
+    bandwidth = Gains().sensor_bandwidth_rad_s if inversion == "incremental" else 0.0
+    wanted = published_gains() if gains is None else gains
+    return eqx.tree_at(lambda g: g.sensor_bandwidth, wanted, jnp.asarray(bandwidth, dtype=float))
+
+
+def steady_trim(airframe: AbstractAirframe, environment: Environment, target: TrimTarget) -> TrimPoint:
+    """Trim point of a steady flight; ConditionError with the nearest trim points where there is none."""
+    trim = solve(airframe, environment, target)
+    if trim_violations(airframe, environment, trim):
+        raise ConditionError(nearest_trims(airframe, environment, target).message())
+    return trim
+
+
+@eqx.filter_jit
+def map_points(airframe: AbstractAirframe, environment: Environment, targets: TrimTarget) -> MapPoint:
+    """Points of the trim map at stacked targets."""
+    return jax.vmap(lambda target: map_point(airframe, environment, target))(targets)
