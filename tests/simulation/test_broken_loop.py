@@ -11,6 +11,7 @@ from anser.environment import standard_environment
 from anser.scenario.library import load_airframe
 from anser.simulation.broken_loop import BREAKPOINTS, broken, excited_loop, loop_memory
 from anser.simulation.margins import NEUTRAL, frequencies, largest_pole, loop_margins, loop_response
+from anser.simulation.response import LoopCase
 from support.excited_flight import excited_flight
 from support.trims import target_deg, trim
 
@@ -29,7 +30,7 @@ def level():
 
 @pytest.fixture(scope="module")
 def loop(level):
-    return eqx.filter_jit(excited_loop)(F16, ENVIRONMENT, GAINS, LIMITS, level, STEP, MEMORY)
+    return eqx.filter_jit(excited_loop)(LoopCase(F16, ENVIRONMENT, GAINS, LIMITS, level, STEP), MEMORY)
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ from anser.simulation.linearize_open import linearize
 from anser.simulation.linearize_sampled import CHANNELS, linearize_loop
 from anser.simulation.modes import modes_of
 from anser.simulation.motion import advance
-from anser.simulation.response import believed, loop_command, measured_by, motion_of, trimmed_memory
+from anser.simulation.response import LoopCase, believed, loop_command, measured_by, motion_of, trimmed_memory
 from anser.simulation.trim import solve_trim
 from anser.verification.linear import LINEAR_CHECKS
 from support.checks import assert_passes
@@ -35,7 +35,7 @@ trim = eqx.filter_jit(solve_trim)
 
 
 def model_of(point, loop, step=STEP, gains=GAINS):
-    return linearize_loop(F16, ENVIRONMENT, gains, LIMITS, point, step, loop)
+    return linearize_loop(LoopCase(F16, ENVIRONMENT, gains, LIMITS, point, step), loop)
 
 
 @pytest.fixture(scope="module")
@@ -157,7 +157,7 @@ def test_derivatives_equal_differences_of_the_step():
 @pytest.mark.parametrize("loop", LOOPS)
 def test_inversion_puts_the_poles_where_theory_does(level, loop):
     """With fast filters, actuators and engine, and a short step, the error dynamics are those of theory section 5."""
-    poles = inversion_poles(F16, ENVIRONMENT, GAINS, LIMITS, level, STEP, loop)
+    poles = inversion_poles(LoopCase(F16, ENVIRONMENT, GAINS, LIMITS, level, STEP), loop)
     ideal = {"rates": (2, 10, 0.25), "attitude": (1, 2), "velocity": (1, 1, 0.025)}[loop]
     assert len(poles) == 3 * (len(ideal) - 1)
     np.testing.assert_allclose(sorted(p.ideal.real for p in poles), np.sort(np.tile(np.roots(ideal), 3)), rtol=1e-12)

@@ -14,7 +14,7 @@ import pytest
 
 from anser.control import default_limits, published_gains
 from anser.environment import standard_environment
-from anser.simulation.response import step_response
+from anser.simulation.response import LoopCase, step_response
 from anser.simulation.trim import solve_trim, trim_target
 from support.light_aircraft import light_aircraft
 
@@ -48,7 +48,7 @@ def respond(airframe, limits, trim, loop, sizes, duration_s):
 
     def one(size):
         gains, count = published_gains(), round(duration_s / STEP)
-        return step_response(airframe, ENVIRONMENT, gains, limits, trim, size, STEP, count, loop)
+        return step_response(LoopCase(airframe, ENVIRONMENT, gains, limits, trim, STEP), size, count, loop)
 
     together = jax.jit(jax.vmap(one))(jnp.asarray(sizes))
     return [jax.tree.map(lambda leaf, k=k: np.asarray(leaf[k]), together) for k in range(len(sizes))]

@@ -19,6 +19,7 @@ from anser.simulation import (
     CHANNELS,
     LinearModel,
     Loop,
+    LoopCase,
     Mode,
     TrimPoint,
     linearize_loop,
@@ -181,7 +182,7 @@ def linearize(
         model = _open_model(airframe, environment, trim.state, trim.controls, actuators=actuators)
     else:
         limits = default_limits()
-        model = linearize_loop(airframe, environment, gains or published_gains(), limits, trim, step_s, loop)
+        model = linearize_loop(LoopCase(airframe, environment, gains or published_gains(), limits, trim, step_s), loop)
         _must_hold(model, limits, loop)
     if not bool(model.regular):
         raise ConditionError(

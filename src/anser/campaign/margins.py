@@ -23,6 +23,7 @@ from anser.simulation import (
     BREAKPOINTS,
     HELD_BACK,
     LoopAnalysis,
+    LoopCase,
     LoopResponse,
     MemoryFields,
     TrimPoint,
@@ -250,7 +251,7 @@ def _analyse(
     memory: MemoryFields,
 ) -> tuple[LoopAnalysis, LoopResponse]:
     def one(trim: TrimPoint) -> tuple[LoopAnalysis, LoopResponse]:
-        return analyse_loops(airframe, environment, gains, limits, trim, step, memory)
+        return analyse_loops(LoopCase(airframe, environment, gains, limits, trim, step), memory)
 
     return jax.vmap(one)(trims)
 

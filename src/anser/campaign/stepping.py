@@ -19,7 +19,7 @@ from anser.control import AutopilotGains, FlightLimits, default_limits
 from anser.environment import Environment, standard_environment
 from anser.scenario import load_airframe
 from anser.sensing import Instant
-from anser.simulation import Loop, TrimPoint, trim_target
+from anser.simulation import Loop, LoopCase, TrimPoint, trim_target
 from anser.simulation.recorder import AbstractRecorder, AircraftSample
 from anser.simulation.response import loop_flight
 from anser.simulation.step_metrics import step_metrics
@@ -139,11 +139,12 @@ def _fly(
 ) -> dict[str, Float[Array, "tests steps"]]:
     """Fly a batch of steps: history by the keys of the catalogue, SI units and radians."""
     held = _outputs(airframe, environment, trim.state)
+    case = LoopCase(airframe, environment, gains, limits, trim, STEP_S)
     before = jnp.stack([held[key] for key in CHANNEL_KEYS[loop].values()])
 
     def one(size: Float[Array, "3"]) -> dict[str, Array]:
         value = before + size
-        record = loop_flight(airframe, environment, gains, limits, trim, value, STEP_S, count, loop, _StepRecorder())
+        record = loop_flight(case, value, count, loop, _StepRecorder())
         wanted = dict(zip(CHANNEL_KEYS[loop].values(), value, strict=True))
         commands = {f"{key}_command": jnp.full(count, value) for key, value in wanted.items()}
         return {**record, **{key: jnp.unwrap(record[key]) for key in _ANGLES_THAT_WRAP}, **commands}

@@ -17,7 +17,7 @@ from anser.simulation.modes import Mode, modes_of, wind_axis_states
 from anser.simulation.motion import advance
 from anser.simulation.planned_hold import PlannedHolds, cells_for
 from anser.simulation.recorder import AbstractRecorder, AircraftSample, FleetSample, History
-from anser.simulation.response import Loop, Response, step_response
+from anser.simulation.response import Loop, LoopCase, Response, step_response
 from anser.simulation.start import TrimmedFleet, begin, start_flight, trimmed_fleet
 from anser.simulation.status import FLYING, NO_TRIM, STATUS_MESSAGES
 from anser.simulation.survey import survey_flight
@@ -57,6 +57,7 @@ __all__ = [
     "LinearModel",
     "Loop",
     "LoopAnalysis",
+    "LoopCase",
     "LoopResponse",
     "MapPoint",
     "MemoryFields",

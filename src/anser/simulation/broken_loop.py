@@ -5,24 +5,20 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from anser.aircraft import AbstractAirframe
 from anser.control import (
     AutopilotGains,
     AutopilotSignals,
     AutopilotState,
     Excitation,
-    FlightLimits,
     InversionAutopilot,
 )
 from anser.control.autopilot import velocity_control
-from anser.environment import Environment
 from anser.planning import PathCommand
-from anser.shapes import ScalarLike, Vector3
+from anser.shapes import Vector3
 from anser.simulation.linearize_chart import BODY_STATES, SURFACE_STATES, coordinates_of, state_at
 from anser.simulation.linearize_open import expand, require_flat
-from anser.simulation.linearize_sampled import SENSOR_MEMORY, LoopCase, memory_of, sampled_motion
-from anser.simulation.response import believed, motion_of, trimmed_memory
-from anser.simulation.trim import TrimPoint
+from anser.simulation.linearize_sampled import SENSOR_MEMORY, memory_of, sampled_motion
+from anser.simulation.response import LoopCase, believed, motion_of, trimmed_memory
 
 BREAKPOINTS = ("elevator", "aileron", "rudder", "throttle", "P", "Q", "R", "mu", "alpha")
 """Where a loop can be broken: the commands to the actuators and the engine, to the loop of the body rates and to the
@@ -72,15 +68,7 @@ def loop_memory(gains: AutopilotGains) -> MemoryFields:
     return (*fields, *((SENSOR_MEMORY[0],) if bool(gains.sensor_bandwidth > 0.0) else ()))
 
 
-def excited_loop(
-    airframe: AbstractAirframe,
-    environment: Environment,
-    gains: AutopilotGains,
-    limits: FlightLimits,
-    trim: TrimPoint,
-    step: ScalarLike,
-    memory: MemoryFields,
-) -> ExcitedLoop:
+def excited_loop(case: LoopCase, memory: MemoryFields) -> ExcitedLoop:
     """Differentiate the sampled loop, `velocity_control` and then `advance`, about a trim point.
 
     The command is the steady flight itself. In a steady turn the course it asks for turns with the aircraft, so that
@@ -88,12 +76,8 @@ def excited_loop(
 
     Parameters
     ----------
-    airframe, environment, gains, limits
-        What flies, where (a flat Earth) and how.
-    trim
-        Steady flight that is departed from.
-    step
-        Sampling period, s.
+    case
+        What flies from which trim point, and how; the Earth must be flat.
     memory
         What `loop_memory` says of the gains; a static argument of compiled functions.
 
@@ -102,8 +86,9 @@ def excited_loop(
     TypeError
         The Earth is not flat.
     """
+    airframe, environment, trim = case.airframe, case.environment, case.trim
     require_flat(environment)
-    autopilot = InversionAutopilot(gains, limits)
+    autopilot = InversionAutopilot(case.gains, case.limits)
     start, path = trimmed_memory(trim), motion_of(believed(airframe, environment, trim.state))
     wanted = PathCommand(path.V, path.gamma, path.chi, *path.path_rates)
 
@@ -114,16 +99,14 @@ def excited_loop(
         state = state_at(environment, zw[:_AIRCRAFT], trim.state.position_n)
         before = eqx.tree_at(elements, start, list(zw[_AIRCRAFT:-5].reshape(-1, 3)))
         added = Excitation(attitude=jnp.append(zw[-2:], 0.0), rates_b=zw[-5:-2])
-        model = autopilot.onboard_model(before, believed(airframe, environment, state), step)
-        controls, signals, after = velocity_control(model, gains, before, wanted, added)
+        model = autopilot.onboard_model(before, believed(airframe, environment, state), case.step)
+        controls, signals, after = velocity_control(model, case.gains, before, wanted, added)
         commands = [controls.surfaces, controls.throttle[None], signals.rates_b, signals.attitude.angles[:2]]
         return jnp.concatenate([*commands, *elements(after), _limited(signals).astype(float)])
 
     x = jnp.concatenate([coordinates_of(environment, trim.state), *elements(start), jnp.zeros(5)])
     law = expand(sampled, x)
-    motion = sampled_motion(
-        LoopCase(airframe, environment, gains, limits, trim, jnp.asarray(step, dtype=float)), law.value[:_COMMANDS]
-    )
+    motion = sampled_motion(case, law.value[:_COMMANDS])
     by_state, by_command = jnp.split(motion.slope[:_AIRCRAFT], [_AIRCRAFT], axis=1)
     z, after = jnp.split(law.slope[: -len(HELD_BACK)], [len(BREAKPOINTS)])
     moved = by_command @ z[:_COMMANDS]

@@ -68,11 +68,6 @@ class FleetSummary(eqx.Module):
     separation_min: Scalar
     finite: Bool[Array, " aircraft"]
 
-    @property
-    def arrival_spread(self) -> Scalar:
-        """Last arrival less first, s."""
-        return jnp.max(self.arrival_time) - jnp.min(self.arrival_time)
-
 
 class _Last(NamedTuple):
     """The sample before, of each aircraft."""

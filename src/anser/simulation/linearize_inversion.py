@@ -6,13 +6,10 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from anser.aircraft import AbstractAirframe
-from anser.control import AutopilotGains, FlightLimits
-from anser.environment import Environment
+from anser.control import AutopilotGains
 from anser.simulation.linearize_sampled import CHANNELS, linearize_loop
 from anser.simulation.modes import modes_of
-from anser.simulation.response import Loop
-from anser.simulation.trim import TrimPoint
+from anser.simulation.response import Loop, LoopCase
 
 LIMIT_STEP_S = 0.0005
 _LIMIT_BANDWIDTHS = {
@@ -55,15 +52,7 @@ class InversionPole:
     as_flown: complex
 
 
-def inversion_poles(
-    airframe: AbstractAirframe,
-    environment: Environment,
-    gains: AutopilotGains,
-    limits: FlightLimits,
-    trim: TrimPoint,
-    step: float,
-    loop: Loop,
-) -> tuple[InversionPole, ...]:
+def inversion_poles(case: LoopCase, loop: Loop) -> tuple[InversionPole, ...]:
     """Poles of a loop's three channels: in theory, in the limit in which theory holds, and as flown.
 
     Each ideal pole, channel by channel, is given the nearest pole of the linearized loop that no other has; which of
@@ -72,13 +61,15 @@ def inversion_poles(
     that difference alone drives the engine to its own.
     """
 
-    def poles(with_gains: AutopilotGains, period: float) -> list[complex]:
-        model = linearize_loop(airframe, environment, with_gains, limits, trim, period, loop)
+    def poles(of: LoopCase) -> list[complex]:
+        model = linearize_loop(of, loop)
         # The low-pass filters on the deflections, 2 1/s as published, lie among the attitude loop's poles by chance.
         found = [mode for mode in modes_of(model) if not mode.shares[0][0].endswith("_slow")]
         return [value for mode in found for value in mode.eigenvalues]
 
-    flown, limiting = poles(gains, step), poles(_limit(gains, loop), LIMIT_STEP_S)
+    gains = case.gains
+    limit = dataclasses.replace(case, gains=_limit(gains, loop), step=LIMIT_STEP_S)
+    flown, limiting = poles(case), poles(limit)
     lag = LIMIT_STEP_S + sum(1 / _LIMIT_BANDWIDTHS[name] for name in _LAGS[loop])
     found = []
     for ideal in [pole for k in range(len(CHANNELS[loop])) for pole in _ideal(gains, loop, k)]:

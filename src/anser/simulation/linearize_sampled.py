@@ -5,11 +5,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from anser.aircraft import AbstractAirframe, Controls
-from anser.control import AutopilotGains, AutopilotState, FlightLimits, InversionAutopilot, Loop, wrapped
-from anser.environment import Environment
+from anser.aircraft import Controls
+from anser.control import AutopilotState, InversionAutopilot, Loop, wrapped
 from anser.numerics import compiled_quickly
-from anser.shapes import Scalar, ScalarLike, Vector3
+from anser.shapes import Vector3
 from anser.simulation.linearize_chart import (
     AIR_OUTPUTS,
     BODY_STATES,
@@ -21,8 +20,7 @@ from anser.simulation.linearize_chart import (
 )
 from anser.simulation.linearize_open import Expansion, LinearModel, expand, require_flat
 from anser.simulation.motion import advance
-from anser.simulation.response import believed, loop_command, measured_by, motion_of, trimmed_memory
-from anser.simulation.trim import TrimPoint
+from anser.simulation.response import LoopCase, believed, loop_command, measured_by, motion_of, trimmed_memory
 
 CHANNELS: dict[Loop, tuple[str, str, str]] = {
     "rates": ("P", "Q", "R"),
@@ -67,26 +65,7 @@ _AIRCRAFT = len(_STATES)
 _EULER = slice(3, 6)
 
 
-class LoopCase(eqx.Module):
-    """What flies a trim point, and how."""
-
-    airframe: AbstractAirframe
-    environment: Environment
-    gains: AutopilotGains
-    limits: FlightLimits
-    trim: TrimPoint
-    step: Scalar
-
-
-def linearize_loop(
-    airframe: AbstractAirframe,
-    environment: Environment,
-    gains: AutopilotGains,
-    limits: FlightLimits,
-    trim: TrimPoint,
-    step: ScalarLike,
-    loop: Loop,
-) -> LinearModel:
+def linearize_loop(case: LoopCase, loop: Loop) -> LinearModel:
     """Linear model of the sampled loop about a trim point: dx(k+1) = A dx(k) + B dc(k).
 
     States: those of the aircraft with its actuators, and the autopilot's memory (integrals, filters). Inputs: the
@@ -96,13 +75,9 @@ def linearize_loop(
 
     Parameters
     ----------
-    airframe, environment, gains, limits
-        What flies, where and how. The gains' sensor bandwidth must be a concrete number, not traced: above 0
-        (incremental inversion) the memory of the sensors is part of the state.
-    trim
-        Steady flight that is departed from.
-    step
-        Sampling period, s.
+    case
+        What flies from which trim point, and how. The gains' sensor bandwidth must be a concrete number, not traced:
+        above 0 (incremental inversion) the memory of the sensors is part of the state.
     loop
         Which loop is commanded; those inside it are closed.
 
@@ -111,10 +86,9 @@ def linearize_loop(
     TypeError
         The Earth is not flat.
     """
-    require_flat(environment)
-    case = LoopCase(airframe, environment, gains, limits, trim, jnp.asarray(step, dtype=float))
+    require_flat(case.environment)
     # Compiled in two parts: the motion, by far the larger, is the same for all loops.
-    memory = memory_of(loop) + ([SENSOR_MEMORY] if bool(gains.sensor_bandwidth > 0) else [])
+    memory = memory_of(loop) + ([SENSOR_MEMORY] if bool(case.gains.sensor_bandwidth > 0) else [])
     z, command, law = _law(case, loop, tuple(field for field, _ in memory))
     motion = sampled_motion(case, law.value[:4])
     after = jnp.concatenate([motion.value[:_AIRCRAFT], law.value[4:]])
@@ -135,7 +109,7 @@ def linearize_loop(
         y=jnp.concatenate([z[:_AIRCRAFT], motion.value[_AIRCRAFT:]]),
         x_dot=change / case.step,
         step=case.step,
-        regular=regular_at(environment, trim.state),
+        regular=regular_at(case.environment, case.trim.state),
         states=_STATES + tuple(name for _, names in memory for name in names),
         inputs=_named(CHANNELS[loop], "command"),
         outputs=_STATES + AIR_OUTPUTS,

@@ -12,12 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
-from anser.aircraft import AbstractAirframe
-from anser.control import AutopilotGains, FlightLimits
-from anser.environment import Environment
 from anser.shapes import Scalar, ScalarLike
 from anser.simulation.broken_loop import ACTUATORS, ExcitedLoop, MemoryFields, excited_loop
-from anser.simulation.trim import TrimPoint
+from anser.simulation.response import LoopCase
 from anser.units import DEG_RAD
 
 FREQUENCY_MIN = 1e-3
@@ -104,18 +101,10 @@ class LoopResponse(eqx.Module):
     actuators_difference: Float[Array, " frequency"]
 
 
-def analyse_loops(
-    airframe: AbstractAirframe,
-    environment: Environment,
-    gains: AutopilotGains,
-    limits: FlightLimits,
-    trim: TrimPoint,
-    step: ScalarLike,
-    memory: MemoryFields,
-) -> tuple[LoopAnalysis, LoopResponse]:
+def analyse_loops(case: LoopCase, memory: MemoryFields) -> tuple[LoopAnalysis, LoopResponse]:
     """Margins at every breakpoint of the whole autopilot at a trim point; arguments as of `excited_loop`."""
-    loop = excited_loop(airframe, environment, gains, limits, trim, step, memory)
-    response = loop_response(loop, step, frequencies(step))
+    loop = excited_loop(case, memory)
+    response = loop_response(loop, case.step, frequencies(case.step))
     margins, actuators_disk = loop_margins(response)
     return LoopAnalysis(loop.A, loop.limited, margins, actuators_disk), response
 

@@ -22,11 +22,32 @@ from anser.control import (
 from anser.environment import Environment
 from anser.planning import AircraftPlan, PathCommand
 from anser.sensing import Belief, DirectEstimator, IdealSensors, Instant
-from anser.shapes import ScalarLike, Vector3
+from anser.shapes import Scalar, ScalarLike, Vector3
 from anser.simulation.closed_loop import fly_alone, trimmed_vehicle
 from anser.simulation.recorder import AbstractRecorder, AircraftSample
 from anser.simulation.trim import TrimPoint
 from anser.simulation.vehicle import Vehicle
+
+
+class LoopCase(eqx.Module):
+    """What flies a trim point, and how.
+
+    Attributes
+    ----------
+    airframe, environment, gains, limits
+        What flies, where and how.
+    trim
+        Steady flight that is departed from.
+    step
+        Sampling period, s.
+    """
+
+    airframe: AbstractAirframe
+    environment: Environment
+    gains: AutopilotGains
+    limits: FlightLimits
+    trim: TrimPoint
+    step: Scalar = eqx.field(converter=lambda step: jnp.asarray(step, dtype=float))
 
 
 class HeldCommand(AbstractGuidance):
@@ -64,62 +85,34 @@ class Response(eqx.Module):
     power: Float[Array, " steps"]
 
 
-def step_response(
-    airframe: AbstractAirframe,
-    environment: Environment,
-    gains: AutopilotGains,
-    limits: FlightLimits,
-    trim: TrimPoint,
-    size: Vector3,
-    step: ScalarLike,
-    count: int,
-    loop: Loop,
-) -> Response:
+def step_response(case: LoopCase, size: Vector3, count: int, loop: Loop) -> Response:
     """Fly a step away from trim, commanded to one loop, for `count` sampling periods.
 
     Parameters
     ----------
-    airframe, environment, gains, limits
-        What flies, where and how.
-    trim
-        Steady flight that the step leaves.
+    case
+        What flies, and the steady flight that the step leaves.
     size
         Step of the loop's three channels: (P, Q, R) rad/s, (mu, alpha, beta) rad or (V, gamma, chi) m/s and rad. The
         command jumps at time 0 and carries no rate (no feed-forward). The throttle stays at trim unless the velocity
         loop is commanded.
-    step
-        Sampling period, s.
     count
         Number of periods.
     loop
         Which loop is commanded.
     """
-    held = measured_by(believed(airframe, environment, trim.state), loop)
-    return loop_flight(
-        airframe, environment, gains, limits, trim, held + size, step, count, loop, ResponseRecorder(loop=loop)
-    )
+    held = measured_by(believed(case.airframe, case.environment, case.trim.state), loop)
+    return loop_flight(case, held + size, count, loop, ResponseRecorder(loop=loop))
 
 
-def loop_flight(
-    airframe: AbstractAirframe,
-    environment: Environment,
-    gains: AutopilotGains,
-    limits: FlightLimits,
-    trim: TrimPoint,
-    value: Vector3,
-    step: ScalarLike,
-    count: int,
-    loop: Loop,
-    recorder: AbstractRecorder,
-) -> Any:
+def loop_flight(case: LoopCase, value: Vector3, count: int, loop: Loop, recorder: AbstractRecorder) -> Any:
     """Rows of a flight from trim with one loop commanded to a value throughout; see `step_response`."""
-    command = loop_command(loop, value, jnp.zeros(3), trim.controls.throttle)
-    autopilot = InversionAutopilot(gains, limits, loop=loop)
-    vehicle = Vehicle(airframe, IdealSensors(), DirectEstimator(), HeldCommand(command), autopilot)
-    step = jnp.asarray(step, dtype=float)
-    instant = Instant(environment, jnp.asarray(0, dtype=jnp.int32), step)
-    _, _, rows = fly_alone(vehicle, environment, trimmed_vehicle(vehicle, instant, trim), step, count, recorder)
-    return rows
+    command = loop_command(loop, value, jnp.zeros(3), case.trim.controls.throttle)
+    autopilot = InversionAutopilot(case.gains, case.limits, loop=loop)
+    vehicle = Vehicle(case.airframe, IdealSensors(), DirectEstimator(), HeldCommand(command), autopilot)
+    instant = Instant(case.environment, jnp.asarray(0, dtype=jnp.int32), case.step)
+    start = trimmed_vehicle(vehicle, instant, case.trim)
+    return fly_alone(vehicle, case.environment, start, case.step, count, recorder)[2]
 
 
 class ResponseRecorder(AbstractRecorder):

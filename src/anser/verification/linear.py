@@ -15,6 +15,7 @@ from anser.scenario import load_airframe
 from anser.simulation import (
     CHANNELS,
     LinearModel,
+    LoopCase,
     TrimPoint,
     TrimTarget,
     inversion_poles,
@@ -137,7 +138,7 @@ def _poles() -> tuple[Comparison, ...]:
     gains, limits = published_gains(), default_limits()
     found = []
     for loop, channels in CHANNELS.items():
-        poles = inversion_poles(airframe, environment, gains, limits, point, 0.01, loop)
+        poles = inversion_poles(LoopCase(airframe, environment, gains, limits, point, 0.01), loop)
         per_channel = len(poles) // len(channels)
         for k, pole in enumerate(poles):
             where = f"{channels[k // per_channel]}, {pole.ideal.real:.4g} 1/s"
