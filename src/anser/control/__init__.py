@@ -1,9 +1,9 @@
 """Control: the three inversion loops, allocation, guidance."""
 
-from anser.control.allocation import SurfaceDemand, SurfaceMoments, allocate, surface_moments
-from anser.control.authority import Authority, surface_authority
+from anser.control.allocation import allocate, surface_moments
+from anser.control.authority import surface_authority
 from anser.control.autopilot import AutopilotSignals
-from anser.control.excitation import Excitation, no_excitation
+from anser.control.excitation import Excitation
 from anser.control.feedback import Differentiator, advanced_integral, brakeable, virtual_control, wrapped
 from anser.control.gain_design import SEPARATION_MIN, Separation, designed_gains, loop_bandwidth, separations
 from anser.control.gains import AutopilotGains, LoopGains, loop_gains, published_gains
@@ -24,14 +24,11 @@ from anser.control.memory import AutopilotState, initial_autopilot_state
 from anser.control.model_residual import ModelResidual, no_residual
 from anser.control.onboard_model import OnboardModel
 from anser.control.path_motion import PathMotion, path_motion
-from anser.control.velocity_loop import AttitudeDemand, ThrustDemand
 
 __all__ = [
     "SEPARATION_MIN",
     "AbstractController",
     "AbstractGuidance",
-    "AttitudeDemand",
-    "Authority",
     "AutopilotGains",
     "AutopilotSignals",
     "AutopilotState",
@@ -49,9 +46,6 @@ __all__ = [
     "OnboardModel",
     "PathMotion",
     "Separation",
-    "SurfaceDemand",
-    "SurfaceMoments",
-    "ThrustDemand",
     "advanced_integral",
     "allocate",
     "brakeable",
@@ -66,7 +60,6 @@ __all__ = [
     "levelled_off",
     "loop_bandwidth",
     "loop_gains",
-    "no_excitation",
     "no_residual",
     "over_ground",
     "path_motion",

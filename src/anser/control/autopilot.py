@@ -161,7 +161,7 @@ def velocity_control(
 ) -> tuple[Controls, AutopilotSignals, AutopilotState]:
     """Whole autopilot: wanted airspeed, path angle and course through the air, with rates, to surfaces and throttle.
 
-    The signals tell the commands as they are before `excitation` is added.
+    The signals are the commands before `excitation` is added.
     """
     added = no_excitation() if excitation is None else excitation
     motion, limits = model.motion, model.limits

@@ -59,5 +59,5 @@ class AbstractController(eqx.Module):
 
 
 def signal_variables(signals: Any) -> dict[str, Array]:
-    """What the signals of a controller tell for the record; nothing where it tells none."""
+    """Variables of a controller's signals for the record; none where it has no signals."""
     return {} if signals is None else signals.variables()

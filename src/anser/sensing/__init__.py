@@ -1,4 +1,4 @@
-"""Sensing: what an aircraft is told of itself and of its goal, and what it believes."""
+"""Sensing: what an aircraft measures of itself and of its goal, and what it estimates."""
 
 from anser.sensing.delayed import DelayedSensors
 from anser.sensing.direct import DirectEstimator, goal_seen

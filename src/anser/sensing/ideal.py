@@ -1,4 +1,4 @@
-"""Sensors that tell the truth at once."""
+"""Ideal sensors: the true state without delay or error."""
 
 import jax.numpy as jnp
 
@@ -20,7 +20,7 @@ class IdealSensors(AbstractSensors):
 
 
 def true_reading(truth: Truth, earth: AbstractEarth) -> Reading:
-    """What ideal sensors tell."""
+    """Reading of ideal sensors."""
     return Reading(
         truth.state,
         truth.now,

@@ -79,7 +79,7 @@ class Truth(eqx.Module):
 
 
 class Reading(eqx.Module):
-    """What the sensors of one aircraft tell at one instant.
+    """Reading of the sensors of one aircraft at one instant.
 
     Attributes
     ----------
@@ -135,7 +135,7 @@ class AbstractSensors(eqx.Module):
 
     @abc.abstractmethod
     def read(self, memory: Any, truth: Truth, instant: Instant) -> tuple[Reading, Any]:
-        """What they tell now, and their state after that."""
+        """Their reading now, and their state after it."""
 
 
 class AbstractEstimator(eqx.Module):

@@ -2,10 +2,10 @@
 
 from anser.simulation.broken_loop import BREAKPOINTS, HELD_BACK, MemoryFields, loop_memory
 from anser.simulation.certified_planner import CertifiedPlanner, CertifiedPlanState
-from anser.simulation.closed_loop import APPROACH, FROZEN, HOLD, fly_alone, trimmed_vehicle
+from anser.simulation.closed_loop import fly_alone, trimmed_vehicle
 from anser.simulation.fleet import Flight, FlightState, Timing, assemble, statuses
 from anser.simulation.fleet_summary import FleetSummary, SummaryRecorder
-from anser.simulation.flight import SEGMENT_STEPS, fly, step_fleet
+from anser.simulation.flight import SEGMENT_STEPS, fly
 from anser.simulation.flight_summary import AUTOPILOT_LIMITS, BETA_BOUND, TABLE_AXES, FlightSummary
 from anser.simulation.hold import HoldAroundGoal
 from anser.simulation.hold_assignment import assign_holds
@@ -19,7 +19,7 @@ from anser.simulation.planned_hold import PlannedHolds, cells_for
 from anser.simulation.recorder import AbstractRecorder, AircraftSample, FleetSample, History
 from anser.simulation.response import Loop, LoopCase, Response, step_response
 from anser.simulation.start import TrimmedFleet, begin, start_flight, trimmed_fleet
-from anser.simulation.status import FLYING, NO_TRIM, STATUS_MESSAGES
+from anser.simulation.status import STATUS_MESSAGES
 from anser.simulation.survey import survey_flight
 from anser.simulation.survey_trim import TRIM_STOPS, MapPoint, map_point
 from anser.simulation.trim import TrimPoint, TrimTarget, solve_trim, trim_target
@@ -27,17 +27,12 @@ from anser.simulation.trim_diagnosis import NearestTrim, NearestTrims, nearest_t
 from anser.simulation.vehicle import Mission, Vehicle, VehicleState
 
 __all__ = [
-    "APPROACH",
     "AUTOPILOT_LIMITS",
     "BETA_BOUND",
     "BREAKPOINTS",
     "CHANNELS",
-    "FLYING",
-    "FROZEN",
     "HELD_BACK",
-    "HOLD",
     "NEUTRAL",
-    "NO_TRIM",
     "SEGMENT_STEPS",
     "STATUS_MESSAGES",
     "TABLE_AXES",
@@ -93,7 +88,6 @@ __all__ = [
     "solve_trim",
     "start_flight",
     "statuses",
-    "step_fleet",
     "step_response",
     "survey_flight",
     "trim_target",

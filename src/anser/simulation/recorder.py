@@ -52,9 +52,9 @@ class AircraftSample(eqx.Module):
     Attributes
     ----------
     truth, belief
-        What is, and what it believes.
+        True and estimated state.
     controls, signals
-        What its controller sets, and tells.
+        Outputs and signals of its controller.
     command, reference_n
         What it was commanded, and where it is to be (NED, m).
     approach
