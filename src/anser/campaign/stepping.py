@@ -117,13 +117,13 @@ class _StepRecorder(AbstractRecorder):
     def init(self, aircraft: int) -> None:
         """Nothing is kept."""
 
-    def take(self, memory: None, step: AircraftSample, instant: Instant) -> None:
+    def take(self, memory: None, sample: AircraftSample, instant: Instant) -> None:
         """Nothing is kept."""
 
-    def row(self, step: AircraftSample, instant: Instant) -> dict[str, Array]:
+    def row(self, sample: AircraftSample, instant: Instant) -> dict[str, Array]:
         """By the keys of the catalogue."""
-        outputs = _outputs(step.truth.airframe, instant.environment, step.truth.state)
-        return {**outputs, "throttle": jnp.asarray(step.controls.throttle)}
+        outputs = _outputs(sample.truth.airframe, instant.environment, sample.truth.state)
+        return {**outputs, "throttle": jnp.asarray(sample.controls.throttle)}
 
 
 @eqx.filter_jit

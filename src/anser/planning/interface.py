@@ -111,3 +111,8 @@ class AbstractPlanner(eqx.Module):
     @abc.abstractmethod
     def plans(self, memory: Any) -> AircraftPlan:
         """The plan in force; leading axis aircraft."""
+
+
+def rows_where(chosen: Array, new: Any, old: Any) -> Any:
+    """Leaves of `new` in the rows (leading axis) that are chosen, those of `old` in the others."""
+    return jax.tree.map(lambda a, b: jnp.where(chosen.reshape(-1, *[1] * (jnp.ndim(a) - 1)), a, b), new, old)
