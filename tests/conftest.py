@@ -39,6 +39,7 @@ import jax
 from anser import cli
 from anser.compilation_cache import enable_compilation_cache
 
+gc.set_threshold(200_000)  # as on the command line: tracing makes many small objects that live
 enable_compilation_cache()
 jax.config.update("jax_numpy_rank_promotion", "raise")
 

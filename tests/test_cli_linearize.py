@@ -90,6 +90,7 @@ def test_a_pull_up_by_pitch_rate(anser):
     assert held["Q"] == pytest.approx(np.deg2rad(10.0), rel=1e-14)
 
 
+@pytest.mark.long
 def test_untrimmable_ends_with_1_and_the_diagnosis(anser):
     code, printed, err = anser(*AT, "--path-rate-deg-s", "17.188733853924695")
     assert (code, printed) == (1, "")

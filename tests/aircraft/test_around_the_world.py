@@ -120,6 +120,7 @@ def test_a_flight_is_the_same_from_every_origin(name, origin_deg):
         assert np.max(np.abs(kept)) < SAME, f"{key}: {np.max(np.abs(kept))}"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", FLIGHTS)
 def test_what_is_logged_follows_from_the_place(name):
     """Place, angles, velocity and wind of the log from the Earth-fixed truth alone, through pymap3d."""

@@ -63,6 +63,7 @@ def test_arrival_is_an_extremum_of_the_range_that_the_record_shows(three):
         assert abs(nearest - row["arrival_s"]) <= 0.1
 
 
+@pytest.mark.long
 def test_the_planner_sees_the_goal_only_through_the_sensor(three):
     """What the sensor says moves the plan; the truth behind it does not enter."""
 
@@ -209,6 +210,7 @@ def test_a_start_without_steady_flight_is_told():
         assert "slowest trimmable speed" in message
 
 
+@pytest.mark.long
 def test_an_aircraft_that_meets_the_ground_stops_there_and_is_named():
     """No autopilot authority upward: alpha held at the lower end makes the first aircraft sink to the ground."""
     text = THREE.replace("bank_max_deg = 70.0", "bank_max_deg = 70.0\nalpha_min_deg = -5.0\nalpha_max_deg = 0.5")

@@ -33,6 +33,7 @@ def test_shear_by_itself_raises_nothing():
     assert level.notes() == ()
 
 
+@pytest.mark.long
 def test_a_plan_that_arrives_after_the_flight_is_not_flyable():
     planned = anser.plan(loads(SHEARED).replace("timing.duration_s", 85.0))
     assert planned.problems() == ("the fleet arrives at 87.0 s, the flight ends at 85 s",)

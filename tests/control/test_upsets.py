@@ -91,6 +91,7 @@ def recoveries():
     return {name: {key: values[k] for key, values in flown.items()} for k, name in enumerate(UPSETS)}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", UPSETS)
 def test_recovers_to_level_flight_within_the_tables(recoveries, name):
     flown = recoveries[name]

@@ -272,6 +272,7 @@ _demands_jit = jax.jit(_all_demands)
 _slopes = jax.jit(jax.jacrev(_all_demands), compiler_options=QUICK)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("change", [{}, {0: 1.0}, {4: np.pi / 2}, {3: np.pi}, {3: np.pi / 2}, {1: 1.5}, {2: np.pi / 2}])
 def test_values_and_gradients_are_finite(change):
     x = LEVEL.copy()

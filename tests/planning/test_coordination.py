@@ -173,6 +173,7 @@ def test_a_fleet_far_behind_still_finds_its_time(part):
     )
 
 
+@pytest.mark.long
 def test_a_fleet_behind_by_more_than_its_way_is_refused_and_stays_finite():
     case = published_fleet()
     plan = arrive(replace(case, path_length_deficit=jnp.full(3, 2e4)))
@@ -240,6 +241,7 @@ def test_prescribed_arrival_and_its_refusal():
     assert np.all(refused.status == DIRECTION_UNATTAINABLE)
 
 
+@pytest.mark.long
 def test_published_single_case():
     # Theory section 8: one aircraft flies its nominal path.
     case = fleet(

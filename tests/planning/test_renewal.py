@@ -201,6 +201,7 @@ def test_a_fleet_that_is_too_fast_on_its_way_down_is_not_told_to_be_faster():
     assert plan_at(time, faster, RIGHT, True).speed > 1.02 * plan.speed
 
 
+@pytest.mark.long
 def test_a_plan_that_failed_is_made_anew():
     tasks = published_fleet()
     fleeing = replace(tasks, goal_velocity_n=tasks.goal_velocity_n.at[1].set(velocity(170.0, 0.8)))

@@ -102,6 +102,7 @@ def test_two_aircraft_take_the_wider_side(seed):
     assert gap(sides) >= max(gap(jnp.array([a, b])) for a in (1.0, -1.0) for b in (1.0, -1.0)) - 1.0
 
 
+@pytest.mark.long
 def test_abreast_pair_detours_away_from_its_neighbour():
     # The second has the shorter way, on the first one's right: it must bend right. Mirrored: left.
     for mirror in (1.0, -1.0):

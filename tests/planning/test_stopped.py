@@ -152,6 +152,7 @@ def test_where_none_flies_the_first_plan_is_finite_and_a_later_one_stands(even):
         check_finite(again)
 
 
+@pytest.mark.long
 def test_sides_and_distances_leave_it_out():
     tasks = published_fleet()
     plan = plan_at(0.0, without(tasks, 0), RIGHT)

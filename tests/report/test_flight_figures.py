@@ -41,6 +41,7 @@ def test_labels_come_from_the_dataset_and_names_are_text(thin, tmp_path):
     assert "North velocity of the" in drawn["x-goal-velocity.svg"].decode()
 
 
+@pytest.mark.long
 def test_what_comes_after_the_arrival_is_not_drawn(thin, tmp_path):
     shown = [name for name in NEEDED_VARIABLES if name != "phase"]
     later = thin.copy(deep=True)

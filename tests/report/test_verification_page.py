@@ -86,6 +86,7 @@ def test_only_histories_with_published_figures_are_drawn_and_always_alike(docume
     assert (stale.parent / "timed.svg").read_bytes() == first
 
 
+@pytest.mark.long
 def test_from_the_command_line(document, tmp_path):
     source = tmp_path / "document.json"
     source.write_text(json.dumps(document))

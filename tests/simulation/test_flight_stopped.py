@@ -11,6 +11,9 @@ from anser.scenario import build_flight, load, loads
 from anser.simulation.status import AT_GROUND, NO_TRIM
 from support.fleet_flight import own, segments, started, with_own
 
+pytestmark = pytest.mark.long
+
+
 THREE = Path(__file__).parents[2] / "scenarios" / "three-aircraft.toml"
 ARRIVAL_S = 60.36
 OTHERS = np.array([1, 2])

@@ -173,6 +173,7 @@ def test_chart_is_its_own_inverse_in_wind():
         np.testing.assert_allclose(sign * a, b, rtol=1e-13, atol=1e-13)
 
 
+@pytest.mark.long
 def test_steady_wind_changes_nothing_and_shear_does_what_it_must():
     state = make_state(160.0, 0.1, 0.0, (0.0, 0.3, 0.0), (0.0, 0.0, 0.0), altitude=2500.0)
     controls = Controls(state.surfaces, jnp.asarray(0.4))

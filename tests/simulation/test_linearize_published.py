@@ -43,6 +43,7 @@ def test_pull_up_is_the_printed_flight_with_the_printed_outputs():
 ALWAYS = {"roll", "spiral", "Dutch roll", "engine", "altitude", "heading"}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("x_cg", "longitudinal"),
     [

@@ -18,6 +18,9 @@ from anser.simulation.response import LoopCase, step_response
 from anser.simulation.trim import solve_trim, trim_target
 from support.light_aircraft import light_aircraft
 
+pytestmark = pytest.mark.long
+
+
 DEGREE = np.pi / 180
 STEP = 0.01
 ENVIRONMENT = standard_environment()

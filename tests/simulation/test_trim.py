@@ -262,6 +262,7 @@ def test_gradient_equals_difference_quotient(sensitivity):
             assert float(where(gradient)) == pytest.approx(differenced[name][k], rel=1e-5, abs=1e-12 / h), name
 
 
+@pytest.mark.long
 def test_gradient_in_a_pull_up_equals_difference_quotient(sensitivity):
     arguments = (F16, STILL, trim_target(163.0, 1700.0, 2 * DEG_RAD, pitch_rate=0.08))
     wheres = {"pitch rate": (lambda a: a[2].pitch_rate, 1e-5), "centre of gravity": (lambda a: a[0].x_cg, 1e-5)}

@@ -74,6 +74,7 @@ def flown(tasks, wind):
     return jax.vmap(one)(tasks, detours_of(np.zeros(CASES, dtype=int), np.ones(CASES)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("wind", [SteadyWind(jnp.array([-20.0, 30.0, 0.0])), LAYERED], ids=["steady", "layered"])
 def test_the_delivered_path_arrives_as_prescribed(wind):
     tasks = made_tasks(1, climbing=15.0)

@@ -82,6 +82,7 @@ def test_knots_are_in_order_with_none_too_close(flown):
     assert np.max(spans) <= np.max(FLOWN["duration"]) / INTERVALS + 0.02
 
 
+@pytest.mark.long
 def test_is_the_designed_path_between_the_knots_too(flown):
     wind, _, table, shape, paths, _, _ = flown
     times = np.asarray(FLOWN["duration"])[:, None] * np.linspace(0.0, 1.0, 1500)[1:-1]
@@ -267,6 +268,7 @@ def _tasks(active):
     )
 
 
+@pytest.mark.long
 def test_a_path_that_is_none_hides_no_other(flown):
     wind, *_, paths, _, _ = flown
     volume = KeepOuts(jnp.zeros((1, 2)), jnp.zeros((1, 2)), number([500.0]), number([-100.0]), number([9000.0]))

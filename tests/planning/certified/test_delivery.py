@@ -14,6 +14,7 @@ from anser.planning.certified.profile import make_profile, tabulate
 from anser.planning.certified.route import Ends
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("wind", [STEADY, LAYERED], ids=["steady", "layered"])
 def test_close_knots_do_not_make_accelerations(wind):
     # A knot every 1.5195 s, and one 0.04 s before the second for the end of a fading acceleration: there the table's

@@ -17,6 +17,9 @@ from anser.planning.certified.task import stacked
 from anser.planning.timed_path import TimedPath
 from support.aircraft_tasks import aircraft_task, airspace
 
+pytestmark = pytest.mark.long
+
+
 INTERVALS, NOW, ARRIVAL = 64, 10.0, 110.0
 YES = jnp.asarray(True)
 SPACE = airspace(SteadyWind(jnp.zeros(3)), 500.0, 150.0)
@@ -69,7 +72,6 @@ def check_row(one, other, k, flown=0.0):
 STOPPED = (1.0, 1.0, 0.0)
 
 
-@pytest.mark.long
 def test_one_that_flies_on_in_the_way_and_below_its_least_speed_is_no_good_plan(plan):
     assert plan.certificate.clearance_ratio[0, 2] < 1.0
     assert not plan.certificate.kept_alone[2]

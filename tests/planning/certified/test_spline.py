@@ -21,6 +21,9 @@ from anser.planning.certified.spline import (
     states_at,
 )
 
+pytestmark = pytest.mark.long
+
+
 CELLS, DURATION, INTERVALS, MORE = 16, 120.0, 64, 21
 WINDS = {"steady": STEADY, "layered": LAYERED}
 
@@ -84,7 +87,6 @@ def test_is_delivered_as_it_is_with_the_wind_it_meets(name):
     np.testing.assert_allclose(jax.vmap(path.air_velocity_n)(3.0 + at), through, atol=1e-6)
 
 
-@pytest.mark.long
 def test_its_drift_is_that_of_integration():
     spline = random_spline(6)
     path = deliver(spline, LAYERED)

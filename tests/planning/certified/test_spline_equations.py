@@ -82,6 +82,7 @@ def test_normal_equations_are_those_of_automatic_derivatives(seed, who):
     np.testing.assert_allclose(found.gradient.ravel(), gradient, atol=1e-11 * np.max(np.abs(gradient)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("seed", "who"), TASKS)
 def test_the_size_of_a_step_is_what_it_moves(seed, who):
     problem = problem_of(seed, who)

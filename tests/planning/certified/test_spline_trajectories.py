@@ -16,6 +16,9 @@ from trials.check import dense_check
 from trials.data import Paths
 from trials.task import planner_task
 
+pytestmark = pytest.mark.long
+
+
 INTERVALS, STARTS, KEPT = 128, 32, 6
 # Of the random cases: an aircraft, and a time at which it was said to have no way, though it has: a descent at nearly
 # the greatest rate; a turn that needs the least airspeed at full bank; keep-outs.
@@ -51,7 +54,6 @@ def test_there_are_some_and_they_pass_a_dense_check(hard):
         assert report.arrival_miss[who] <= 1e-3
 
 
-@pytest.mark.long
 def test_nothing_else_finds_a_way_at_those_times():
     for seed, who, t in HARD[:2]:
         tasks, airspace, _ = planner_task(random_case(seed))
@@ -83,7 +85,6 @@ def test_a_turn_under_way_goes_on_without_a_jump():
     np.testing.assert_allclose(found.paths.air_n[0, 0, 2], turn_n, atol=1e-9)
 
 
-@pytest.mark.long
 def test_none_where_a_side_is_prescribed():
     one, airspace = task_of(90, 0)
     found = found_by(eqx.tree_at(lambda t: t.side, one, jnp.asarray(1)), airspace, number(230.0))

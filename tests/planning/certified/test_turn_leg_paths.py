@@ -72,6 +72,7 @@ def pieces_of(shape):
     return list(zip(np.diff(np.asarray(shape.marks)), bends[:-1], bends[1:], strict=True))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("ends", "schedule", "factor"),
     [(ENDS, EVEN, 1.6), (BENT, EVEN, 1.3), (BENT, SLOWING, 1.3), (FREE, SLOWING, 1.2), (BENT, QUICKENING, 1.5)],
@@ -190,6 +191,7 @@ def test_derivatives_are_those_of_what_is_missed(ends):
                 np.testing.assert_allclose(by_hand, automatic, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.long
 def test_only_the_nearest_go_on():
     one = picked(BENT, 2)
     problem = TurnLegProblem(one, EVEN, NOTHING, number(1.4 * shortest(BENT)[2]))
