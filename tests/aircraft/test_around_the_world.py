@@ -157,6 +157,7 @@ def test_the_flights_go_where_they_say():
     assert wrapped[-1] < -179.0
 
 
+@pytest.mark.long
 def test_the_motion_is_smooth_on_the_polar_axis():
     """The derivative on the axis and a hundredth of a metre beside it: the air damps rates that the axes do not enter.
 

@@ -15,6 +15,8 @@ from anser.results import read_netcdf
 from anser.scenario import load_airframe
 from anser.simulation import modes_of
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture(scope="module")
 def level():
@@ -94,7 +96,6 @@ def test_a_sampled_loop(rates_loop):
         assert mode.eigenvalue == pytest.approx(np.roots([2.0, 10.0, 0.25]).max(), rel=0.01)
 
 
-@pytest.mark.long
 def test_incremental_inversion_brings_the_memory_of_the_sensors():
     gains = eqx.tree_at(lambda g: g.sensor_bandwidth, published_gains(), jnp.asarray(20.0))
     found = anser.linearize(speed_m_s=153.0, altitude_m=0.0, loop="rates", gains=gains)
@@ -113,7 +114,6 @@ def test_incremental_inversion_brings_the_memory_of_the_sensors():
     assert max(near) < 0.06
 
 
-@pytest.mark.long
 def test_conditions_without_a_model():
     with pytest.raises(ConditionError, match=r"path angle rate 17.2 deg/s[^@]*engine power: 105"):
         anser.linearize(speed_m_s=153.0, altitude_m=0.0, x_cg_over_c=0.3, path_rate_deg_s=17.19)

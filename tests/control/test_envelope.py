@@ -12,6 +12,9 @@ from anser.aircraft import AircraftState
 from anser.control import AutopilotState, default_limits, initial_autopilot_state, published_gains
 from anser.spatial import attitude_from_path, quaternion_from_rotation
 
+pytestmark = pytest.mark.long
+
+
 STEPS = 4000
 SAMPLING = (0.005, 0.01, 0.02, 0.03, 0.05)
 

@@ -148,6 +148,7 @@ def flown():
     }
 
 
+@pytest.mark.long
 def test_on_a_perfect_model_both_inversions_fly_the_same(flown):
     """What is left of the measured minus the modelled acceleration is the curvature within a sample."""
     one, other = flown["nominal", 0.0][0], flown["nominal", BANDWIDTH][0]

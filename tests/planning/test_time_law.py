@@ -105,6 +105,7 @@ HUMPS = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("duration", "coefficients"), HUMPS)
 @pytest.mark.parametrize("speed_0", [140.0, 150.0, 170.0])
 def test_the_time_is_met_where_plain_newton_flies_off(duration, coefficients, speed_0):
@@ -289,6 +290,7 @@ def _seen(numbers, path, elapsed, weight):
 see, slopes_of = jax.jit(_seen), jax.jit(jax.grad(_seen))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("even", [0.0, 1.0])
 @pytest.mark.parametrize("elapsed", [-1e3, 0.0, 18.0, 36.0, 50.0, 1e5])
 def test_finite_numbers_and_gradients_within_and_beyond(even, elapsed):

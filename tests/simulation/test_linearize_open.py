@@ -19,6 +19,9 @@ from anser.simulation.linearize_open import linearize
 from support.light_aircraft import light_aircraft
 from support.states import condition_of, derivative, make_state
 
+pytestmark = pytest.mark.long
+
+
 STILL = standard_environment()
 F16 = load_airframe()
 LIGHT = light_aircraft()
@@ -139,7 +142,6 @@ def test_names_and_outputs():
     assert np.sin(named["gamma"]) * 160.0 == pytest.approx(float(model.x_dot[9]), rel=1e-12)
 
 
-@pytest.mark.long
 def test_surfaces_act_directly_without_actuators():
     state = make_state(surfaces=(-0.05, 0.02, -0.03))
     controls = Controls(state.surfaces, jnp.asarray(0.4))
@@ -173,7 +175,6 @@ def test_chart_is_its_own_inverse_in_wind():
         np.testing.assert_allclose(sign * a, b, rtol=1e-13, atol=1e-13)
 
 
-@pytest.mark.long
 def test_steady_wind_changes_nothing_and_shear_does_what_it_must():
     state = make_state(160.0, 0.1, 0.0, (0.0, 0.3, 0.0), (0.0, 0.0, 0.0), altitude=2500.0)
     controls = Controls(state.surfaces, jnp.asarray(0.4))

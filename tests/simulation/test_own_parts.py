@@ -189,7 +189,8 @@ def airborne(flight, altitude):
     return assemble(flight.environment, aircraft, flight.planner, timing.step, int(timing.replan_steps), timing.freeze)
 
 
-@pytest.mark.parametrize("on_surface", [pytest.param(True, marks=pytest.mark.long), False])
+@pytest.mark.long
+@pytest.mark.parametrize("on_surface", [True, False])
 def test_who_is_led_to_its_goal_breaks_off_into_its_hold_before_it_is_too_near(on_surface):
     """Whatever the planner says: the loop turns the aircraft away, and the status says so."""
     flight = rebuilt(three(), Feints(jnp.asarray(50.0)))

@@ -31,6 +31,7 @@ def _rates(airframe, environment, point):
     return np.asarray(angles), np.asarray(rate.rates_b), float(rate.power)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", AIRFRAMES)
 @pytest.mark.parametrize(("path_deg", "turn_deg_s"), [(0.0, 0.0), (3.0, -4.0), (-2.0, 5.0)])
 def test_every_airframe_is_steady_in_its_trim(name, path_deg, turn_deg_s):

@@ -43,6 +43,7 @@ def test_each_path_has_its_quartic_coefficient_and_its_length(families, family, 
         np.testing.assert_allclose(dataset[f"member_{name}"].values[[0, -1]], ends[name].values, rtol=1e-12)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("family", ["b4", "c4"])
 def test_the_figure_names_every_path(families, family, tmp_path):
     paths = draw_shapes(families[family], family, tmp_path)

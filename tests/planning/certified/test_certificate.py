@@ -302,6 +302,7 @@ def test_a_cell_that_ends_at_the_edge_of_a_layer_is_on_one_side_of_it():
     assert float(bound_one(at_top, wind, GRAVITY).wind_error_max) == pytest.approx(20.0)
 
 
+@pytest.mark.long
 def test_a_fleets_certificate_is_never_better_than_its_paths(flown):
     wind, *_, paths, _, dense = flown
     separation = Separation(number(900.0), number(200.0))
