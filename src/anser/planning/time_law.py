@@ -45,9 +45,10 @@ def path_derivative(coefficients_n: Float[Array, "3 5"], s: ScalarLike, order: i
     factors = np.ones(5 - order)
     for lowered in range(order):
         factors *= np.arange(order, 5) - lowered
-    s = jnp.asarray(s, dtype=float)
-    powers = [jnp.ones_like(s), s, s * s, s * s * s, (s * s) * (s * s)][: 5 - order]
-    return jnp.sum(coefficients_n[:, order:] * (jnp.asarray(factors) * jnp.stack(powers))[None, :], axis=1)
+    *lower, total = jnp.unstack(jnp.asarray(factors)[None, :] * coefficients_n[:, order:], axis=1)
+    for coefficient in reversed(lower):
+        total = total * s + coefficient
+    return total
 
 
 class Clock(eqx.Module):

@@ -1,6 +1,7 @@
 """The stand-off guard: whether an aircraft is nearer to its goal than a rendezvous may be, or is about to be."""
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
@@ -11,7 +12,7 @@ ERROR_ALLOWED_M = 10.0
 _RESERVE_M = 25.0  # by which the last turn away passes outside the least distance
 _ONSET_S = 2.5  # straight on until the turn away is flown
 _SHARE = 0.6  # of the turn that the aircraft can fly
-_LEGS = 24
+_ANGLES = np.linspace(0.0, np.pi, 24)  # of the turn away, rad
 
 
 def too_near(
@@ -48,13 +49,11 @@ def too_near(
     passes = safe_norm(to_goal_n - ahead * closing_n)
     level = jnp.maximum(safe_hypot(velocity_n[0], velocity_n[1]), 1.0)
     rate = _SHARE * jnp.maximum(acceleration, 0.5) / level
-    times = (_ONSET_S + jnp.pi / rate) * jnp.linspace(0.0, 1.0, _LEGS + 1)
-    least = jnp.min(_from_goal(times, rate, to_goal_n, velocity_n, goal_velocity_n, level, turn))
+    least = jnp.min(_from_goal(rate, to_goal_n, velocity_n, goal_velocity_n, level, turn))
     return inside | ((passes < distance_min - ERROR_ALLOWED_M) & (least < distance_min + _RESERVE_M))
 
 
 def _from_goal(
-    times: Float[Array, " points"],
     rate: Scalar,
     to_goal_n: Vector3,
     velocity_n: Vector3,
@@ -62,13 +61,13 @@ def _from_goal(
     level: Scalar,
     turn: ScalarLike,
 ) -> Float[Array, " legs"]:
-    """Least distance from the goal on each leg of a turn away, straight legs between points of it, m."""
+    """Least distance from the goal on each leg of a half turn away after a straight leg, chords of equal angles, m."""
     ahead_n = velocity_n.at[2].set(0.0) / level
     right_n = turn * jnp.stack([-ahead_n[1], ahead_n[0], jnp.zeros_like(level)])
-    angle = rate * jnp.maximum(times - _ONSET_S, 0.0)
-    radius = level / rate
-    forward = level * jnp.minimum(times, _ONSET_S) + radius * jnp.sin(angle)
-    aside = radius * (1.0 - jnp.cos(angle))
+    radius, start = level / rate, jnp.zeros(1)
+    times = jnp.concatenate([start, _ONSET_S + jnp.asarray(_ANGLES) / rate])
+    forward = jnp.concatenate([start, level * _ONSET_S + radius * jnp.asarray(np.sin(_ANGLES))])
+    aside = jnp.concatenate([start, radius * jnp.asarray(1.0 - np.cos(_ANGLES))])
     down = velocity_n[2] * jnp.minimum(times, 2.0 * _ONSET_S)
     own_n = forward[:, None] * ahead_n[None, :] + aside[:, None] * right_n[None, :]
     own_n = own_n.at[:, 2].add(down)
