@@ -11,9 +11,6 @@ from planning_cases import in_wind, on_plan, plan_at, published_fleet, random_fl
 from anser.planning import PLAN_MESSAGES, choose_sides, coordinate, renew, separation_min
 from anser.planning.coordination import INACTIVE, PLANNED
 
-pytestmark = pytest.mark.long
-
-
 RIGHT = jnp.ones(3)
 WIND = [12.0, -20.0, 0.5]
 OTHERS = np.array([1, 2])
@@ -43,6 +40,7 @@ def check_finite(tree):
     assert all(jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(tree))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("even", [False, True])
 def test_the_others_are_planned_as_if_the_farthest_were_not_there(even):
     tasks = in_wind(published_fleet(), WIND)
@@ -94,6 +92,7 @@ def flown_on(tasks, plan, time, elapsed):
     return without(replace(later, position_n=later.position_n.at[0].set(tasks.position_n[0])), 0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("even", [False, True])
 def test_the_plan_stands_when_one_stops_on_the_way(even):
     tasks = in_wind(published_fleet(), WIND)
@@ -153,6 +152,7 @@ def test_where_none_flies_the_first_plan_is_finite_and_a_later_one_stands(even):
         check_finite(again)
 
 
+@pytest.mark.long
 def test_sides_and_distances_leave_it_out():
     tasks = published_fleet()
     plan = plan_at(0.0, without(tasks, 0), RIGHT)
@@ -169,6 +169,7 @@ def _outcome(shift, tasks):
     return plan.arrival_time + jnp.sum(plan.lateral_bends) / 1e3
 
 
+@pytest.mark.long
 def test_batches_and_derivatives():
     tasks = published_fleet()
     cases = [tasks, without(tasks, 0), without(tasks, 0, 1, 2)]

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.custom_batching import custom_vmap
+from jaxtyping import Array
 
 from anser.shapes import Flag
 
@@ -94,3 +95,8 @@ def any_in_batch(flag: Flag) -> Flag:
 @any_in_batch.def_vmap
 def _any_in_batch(_size: int, _batched: list[bool], flags: Any) -> tuple[Any, bool]:
     return any_in_batch(jnp.any(flags, axis=0)), False
+
+
+def rows_where(chosen: Array, new: Any, old: Any) -> Any:
+    """Leaves of `new` in the rows (leading axis) that are chosen, those of `old` in the others."""
+    return jax.tree.map(lambda a, b: jnp.where(chosen.reshape(-1, *[1] * (jnp.ndim(a) - 1)), a, b), new, old)

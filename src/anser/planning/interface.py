@@ -4,7 +4,6 @@ import abc
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -112,8 +111,3 @@ class AbstractPlanner(eqx.Module):
     @abc.abstractmethod
     def plans(self, memory: Any) -> AircraftPlan:
         """The plan in force; leading axis aircraft."""
-
-
-def rows_where(chosen: Array, new: Any, old: Any) -> Any:
-    """Leaves of `new` in the rows (leading axis) that are chosen, those of `old` in the others."""
-    return jax.tree.map(lambda a, b: jnp.where(chosen.reshape(-1, *[1] * (jnp.ndim(a) - 1)), a, b), new, old)

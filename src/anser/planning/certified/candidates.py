@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from anser.numerics.stacking import rows_where
 from anser.planning.certified.candidate_sets import RACETRACK, CandidateSet
 from anser.planning.certified.clearance import Track, clearance_from_keep_outs
 from anser.planning.certified.delivery import deliver
@@ -26,7 +27,6 @@ from anser.planning.certified.turn_leg_paths import (
     make_starts,
     solve_turn_leg_paths,
 )
-from anser.planning.interface import rows_where
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Flag, Scalar, ScalarLike
 

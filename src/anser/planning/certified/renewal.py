@@ -5,12 +5,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from anser.numerics.stacking import rows_where
 from anser.planning.certified.candidate_sets import MINIMAL
 from anser.planning.certified.certified_plan import CertifiedPlan, certify, plan_fleet_at
 from anser.planning.certified.profile import KINKS
 from anser.planning.certified.route import PIECES
 from anser.planning.certified.task import AircraftTask, Airspace
-from anser.planning.interface import rows_where
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Flag, ScalarLike
 
