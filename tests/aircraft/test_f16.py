@@ -119,7 +119,7 @@ def test_founding_variant_is_that_of_its_thesis(f16):
     change = [vector(a, flow(-5.0), pitching)[0] - vector(a, flow(-5.0))[0] for a in (founding, textbook)]
     per_rate = 0.4 * float(textbook.mean_chord) / 300.0
     np.testing.assert_allclose(np.array(change) / per_rate, [0.11, -0.11], atol=1e-12)
-    np.testing.assert_allclose(founding.elevator_surfaces.axis_y.breakpoints, [-25, -12.5, 0, 12.5, 25], rtol=0)
+    np.testing.assert_allclose(founding.tables.axes.breakpoints[2, :5], [-25, -12.5, 0, 12.5, 25], rtol=0)
     assert vector(founding, flow(5.0), surfaces_deg=(25.0, 0, 0))[0] == pytest.approx(-0.072, abs=1e-12)
     full = vector(founding, flow(5.0), surfaces_deg=(0, 21.5, 0)) - vector(founding, flow(5.0))
     assert full[3] == pytest.approx(DATA["tables"]["Clda"]["values"][3][3], abs=1e-12)

@@ -9,27 +9,27 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import RegularGridInterpolator
 
-from anser.numerics import make_axis, make_curves, make_surfaces
+from anser.numerics import make_axes, make_tables
 
 # Unevenly spaced on purpose, one of them of two points only.
 X, Y, PAIR = [-20.0, -10.0, -5.0, 0.0, 12.0, 45.0], [-30.0, -12.0, 0.5, 30.0], [0.0, 1.0]
 RNG = np.random.default_rng(0)
 LINES = RNG.normal(size=(3, len(X)))
 SHEETS = [RNG.normal(size=(len(X), len(Y))) for _ in range(4)]
-look_up = jax.jit(lambda table, *at: table(*at))
-slopes = jax.jit(jax.jacfwd(lambda table, *at: table(*at), argnums=1))
-slopes_y = jax.jit(jax.jacfwd(lambda table, *at: table(*at), argnums=2))
-reverse_slopes = jax.jit(jax.jacrev(lambda table, *at: table(*at), argnums=1))
+BLOCK = RNG.normal(size=(len(X), len(Y), len(PAIR)))
+SOLID = make_tables(make_axes([X, Y, PAIR], clamp=False), [((0, 1, 2), [BLOCK])])
+look_up = jax.jit(lambda table, *at: table(*at)[0])
+slopes = jax.jit(jax.jacfwd(lambda table, *at: table(*at)[0], argnums=1))
+slopes_y = jax.jit(jax.jacfwd(lambda table, *at: table(*at)[0], argnums=2))
+reverse_slopes = jax.jit(jax.jacrev(lambda table, *at: table(*at)[0], argnums=1))
 
 
 def curves(*, clamp):
-    return make_curves(make_axis(X, clamp=clamp), LINES.tolist())
+    return make_tables(make_axes([X], clamp=clamp), [((0,), LINES.tolist())])
 
 
 def surfaces(*, clamp_x=False, clamp_y=False):
-    return make_surfaces(
-        make_axis(X, clamp=clamp_x), make_axis(Y, clamp=clamp_y), [jnp.asarray(sheet) for sheet in SHEETS]
-    )
+    return make_tables(make_axes([X, Y], clamp=[clamp_x, clamp_y]), [((0, 1), SHEETS)])
 
 
 def by_scipy(x, y):
@@ -80,22 +80,23 @@ def test_surfaces_against_scipy(x, y):
 @given(x=st.floats(-60.0, 90.0), y=st.floats(-90.0, 90.0), a=st.tuples(*[st.floats(-2.0, 2.0)] * 4))
 def test_bilinear_functions_are_met_exactly_everywhere(x, y, a):
     values = a[0] + a[1] * np.array(X)[:, None] + a[2] * np.array(Y)[None, :] + a[3] * np.outer(X, Y)
-    table = make_surfaces(make_axis(X, clamp=False), make_axis(Y, clamp=False), [jnp.asarray(values)])
+    table = make_tables(make_axes([X, Y], clamp=False), [((0, 1), [values])])
     # Coefficients of up to 2 times x y of up to 8e3.
     np.testing.assert_allclose(look_up(table, x, y)[0], a[0] + a[1] * x + a[2] * y + a[3] * x * y, atol=1e-9)
 
 
 def test_a_table_of_two_breakpoints():
-    line = make_curves(make_axis(PAIR, clamp=False), [[3.0, 5.0]])
-    np.testing.assert_allclose([line(x)[0] for x in (-1.0, 0.25, 2.0)], [1.0, 3.5, 7.0], rtol=1e-15)
-    plane = make_surfaces(make_axis(PAIR, clamp=True), make_axis(X, clamp=True), [jnp.asarray(SHEETS[0][:2, [0] * 6])])
-    np.testing.assert_allclose(plane(0.0, 3.0)[0], SHEETS[0][0, 0], rtol=1e-15)
+    line = make_tables(make_axes([PAIR], clamp=False), [((0,), [[3.0, 5.0]])])
+    np.testing.assert_allclose([line(x)[0][0] for x in (-1.0, 0.25, 2.0)], [1.0, 3.5, 7.0], rtol=1e-15)
+    plane = make_tables(make_axes([PAIR, X], clamp=True), [((0, 1), [SHEETS[0][:2, [0] * 6]])])
+    np.testing.assert_allclose(plane(0.0, 3.0)[0][0], SHEETS[0][0, 0], rtol=1e-15)
 
 
 def test_outside():
-    axis = make_axis(X, clamp=True)
+    axes = make_axes([X, PAIR], clamp=True)
     for x, beyond in ((-20.1, True), (-20.0, False), (3.0, False), (45.0, False), (45.1, True)):
-        assert axis.outside(x) == beyond
+        assert axes.outside(jnp.array([x, 1.0])).tolist() == [beyond, False]
+        assert axes.outside(jnp.array([x, 1.1])).tolist() == [beyond, True]
 
 
 @settings(deadline=None, max_examples=30)
@@ -134,7 +135,7 @@ def test_gradient_with_respect_to_the_tables_numbers():
     table = surfaces()
     u, v = 0.25, 0.75
     x, y = X[1] + u * (X[2] - X[1]), Y[2] + v * (Y[3] - Y[2])
-    gradient = jax.grad(lambda cells: eqx.tree_at(lambda t: t.cells, table, cells)(x, y)[1])(table.cells)
+    gradient = jax.grad(lambda cells: eqx.tree_at(lambda t: t.cells[0], table, cells)(x, y)[0][1])(table.cells[0])
     cell = 1 * (len(Y) - 1) + 2
     np.testing.assert_allclose(gradient[cell, :, 1], [1.0, u, v, u * v], rtol=1e-12)
     assert jnp.sum(gradient != 0.0) == 4
@@ -143,10 +144,10 @@ def test_gradient_with_respect_to_the_tables_numbers():
 def test_vmap_agrees_with_one_at_a_time():
     xs, ys = jnp.linspace(-50.0, 80.0, 41), jnp.linspace(70.0, -60.0, 41)
     line, sheet = curves(clamp=True), surfaces(clamp_x=True)
-    many = jax.jit(jax.vmap(sheet))(xs, ys)
+    many = jax.jit(jax.vmap(sheet))(xs, ys)[0]
     assert many.shape == (41, 4)
     np.testing.assert_allclose(many, [look_up(sheet, x, y) for x, y in zip(xs, ys, strict=True)], atol=1e-13)
-    np.testing.assert_allclose(jax.vmap(line)(xs), [look_up(line, x) for x in xs], atol=1e-14)
+    np.testing.assert_allclose(jax.vmap(line)(xs)[0], [look_up(line, x) for x in xs], atol=1e-14)
 
 
 def test_other_numbers_do_not_recompile():
@@ -165,12 +166,32 @@ def test_other_numbers_do_not_recompile():
 @pytest.mark.parametrize("points", [[1.0], [], [0.0, 1.0, 1.0], [0.0, 2.0, 1.0], [0.0, float("nan")]])
 def test_bad_axes_are_refused(points):
     with pytest.raises(ValueError, match="two or more, strictly increasing"):
-        make_axis(points, clamp=True)
+        make_axes([X, points], clamp=True)
 
 
 def test_bad_shapes_are_refused():
-    axis_x, axis_y = make_axis(X, clamp=True), make_axis(Y, clamp=True)
-    with pytest.raises(ValueError, match="5 values on an axis of 6 breakpoints"):
-        make_curves(axis_x, [[0.0] * 5])
+    axes = make_axes([X, Y], clamp=True)
+    with pytest.raises(ValueError, match=r"\(5,\) on axes of \(6,\)"):
+        make_tables(axes, [((0,), [[0.0] * 5])])
     with pytest.raises(ValueError, match=r"\(4, 6\) on axes of \(6, 4\)"):
-        make_surfaces(axis_x, axis_y, [jnp.asarray(SHEETS[0].T)])
+        make_tables(axes, [((0, 1), [SHEETS[0].T])])
+
+
+def test_groups_on_axes_of_several_lengths_are_each_as_alone():
+    axes = make_axes([X, Y, PAIR], clamp=[True, False, True])
+    columns = RNG.normal(size=(2, len(X), len(PAIR)))
+    table = make_tables(axes, [((0,), LINES), ((0, 1), SHEETS), ((0, 2), columns)])
+    plane = make_tables(make_axes([X, PAIR], clamp=True), [((0, 1), columns)])
+    for x, y, z in ((-31.0, 2.0, 0.3), (3.0, -70.0, 1.7), (45.0, 30.0, 1.0)):
+        line, sheet, column = table(x, y, z)
+        np.testing.assert_allclose(line, look_up(curves(clamp=True), x), rtol=1e-14)
+        np.testing.assert_allclose(sheet, look_up(surfaces(clamp_x=True), x, y), rtol=1e-14)
+        np.testing.assert_allclose(column, look_up(plane, x, z), rtol=1e-14)
+
+
+@settings(deadline=None, max_examples=30)
+@given(x=st.floats(-30.0, 60.0), y=st.floats(-40.0, 40.0), z=st.floats(-1.0, 2.0))
+def test_three_axes_against_scipy(x, y, z):
+    at = [[x, y, z]]
+    expected = RegularGridInterpolator((X, Y, PAIR), BLOCK, bounds_error=False, fill_value=None)(at)[0]
+    np.testing.assert_allclose(look_up(SOLID, x, y, z)[0], expected, rtol=1e-12, atol=1e-12)

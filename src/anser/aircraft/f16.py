@@ -12,7 +12,7 @@ from anser.aircraft.actuators import Actuators
 from anser.aircraft.air_data import AirData
 from anser.aircraft.f16_engine import F16Engine
 from anser.aircraft.interface import AbstractAirframe, MassProperties, Wrench
-from anser.numerics import Curves, Surfaces, make_axis, make_curves, make_surfaces
+from anser.numerics import Tables, make_axes, make_tables
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 from anser.units import DEG_RAD, FOOT_M, LBF_N, RAD_DEG, SLUG_FT2_KG_M2, SLUG_KG
 
@@ -48,8 +48,9 @@ class F16(AbstractAirframe):
         CY per degree of sideslip, per unit aileron and per unit rudder deflection.
     normal_force_elevator
         CZ per unit elevator deflection.
-    curves, elevator_surfaces, sideslip_surfaces
-        The packed aerodynamic tables; arguments in degrees.
+    tables
+        Of angle of attack, sideslip and elevator, degrees: functions of the first alone, of it and the elevator, and of
+        it and the sideslip.
     """
 
     mass_properties: MassProperties
@@ -65,9 +66,7 @@ class F16(AbstractAirframe):
     surface_reference: Vector3
     side_force: Vector3
     normal_force_elevator: Scalar
-    curves: Curves
-    elevator_surfaces: Surfaces
-    sideslip_surfaces: Surfaces
+    tables: Tables
 
     def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector3) -> F16Coefficients:
         """Force and moment coefficients (theory section 4).
@@ -83,9 +82,10 @@ class F16(AbstractAirframe):
         p = rates_b[0] * self.span / (2 * V)
         q = rates_b[1] * self.mean_chord / (2 * V)
         y = rates_b[2] * self.span / (2 * V)
-        CZ0, CXq, CYr, CYp, CZq, Clr, Clp, Cmq, Cnr, Cnp = self.curves(alpha_deg)
-        CX0, Cm0 = self.elevator_surfaces(alpha_deg, deflection_deg[0])
-        Clda, Cldr, Cnda, Cndr, Cl0, Cn0 = self.sideslip_surfaces(alpha_deg, beta_deg)
+        of_alpha, of_elevator, of_sideslip = self.tables(alpha_deg, beta_deg, deflection_deg[0])
+        CZ0, CXq, CYr, CYp, CZq, Clr, Clp, Cmq, Cnr, Cnp = of_alpha
+        CX0, Cm0 = of_elevator
+        Clda, Cldr, Cnda, Cndr, Cl0, Cn0 = of_sideslip
         lever = self.x_cg_reference - self.x_cg
         CX = CX0 + CXq * q
         CY = self.side_force[0] * beta_deg + self.side_force[1] * a + self.side_force[2] * r + CYr * y + CYp * p
@@ -168,9 +168,6 @@ def f16_from_data(data: Mapping[str, Any], variant: str = "textbook", x_cg_over_
     tables = _tables_of_variant(data, variant)
     clamp = chosen["table_ends"].startswith("clamped")
     axes = data["axes"]
-    alpha = make_axis(axes["alpha_deg"], clamp=clamp)
-    beta = make_axis(np.arange(-30.0, 31.0, 5.0), clamp=clamp)
-    elevator = make_axis(chosen["elevator_axis_deg"], clamp=clamp)
     airframe = data["airframe"]
     mass = chosen["mass_kg"] if "mass_kg" in chosen else chosen["mass_slug"] * SLUG_KG
     x_cg = chosen.get("x_cg_over_c", airframe["x_cg_over_c"]) if x_cg_over_c is None else x_cg_over_c
@@ -190,10 +187,9 @@ def f16_from_data(data: Mapping[str, Any], variant: str = "textbook", x_cg_over_
         alpha_range=_range_rad(validity["alpha_deg"]),
         beta_range=_range_rad(validity["beta_deg"]),
         engine=F16Engine(
-            thrust_tables=make_surfaces(
-                make_axis(np.asarray(axes["altitude_ft"]) * FOOT_M, clamp=clamp),
-                make_axis(axes["mach"], clamp=clamp),
-                [tables[name] * LBF_N for name in ("T_idle", "T_mil", "T_max")],
+            thrust_tables=make_tables(
+                make_axes([np.asarray(axes["altitude_ft"]) * FOOT_M, axes["mach"]], clamp=clamp),
+                [((0, 1), [tables[name] * LBF_N for name in ("T_idle", "T_mil", "T_max")])],
             )
         ),
         span=jnp.asarray(span),
@@ -204,13 +200,17 @@ def f16_from_data(data: Mapping[str, Any], variant: str = "textbook", x_cg_over_
         surface_reference=jnp.asarray([float(chosen[f"{n}_reference_deg"]) for n in actuators["order"]]),
         side_force=jnp.asarray([side["beta_per_deg"], side["aileron"], side["rudder"]]),
         normal_force_elevator=jnp.asarray(side["normal_force_elevator"]),
-        curves=make_curves(alpha, [tables[name] for name in _ALPHA_CURVES]),
-        elevator_surfaces=make_surfaces(alpha, elevator, [tables[name] for name in _ELEVATOR_SURFACES]),
-        sideslip_surfaces=make_surfaces(
-            alpha,
-            beta,
-            [_on_five_degrees(tables[n]) for n in _SIDESLIP_SURFACES]
-            + [_odd_extension(tables[n]) for n in _ODD_SURFACES],
+        tables=make_tables(
+            make_axes([axes["alpha_deg"], np.arange(-30.0, 31.0, 5.0), chosen["elevator_axis_deg"]], clamp=clamp),
+            [
+                ((0,), [tables[name] for name in _ALPHA_CURVES]),
+                ((0, 2), [tables[name] for name in _ELEVATOR_SURFACES]),
+                (
+                    (0, 1),
+                    [_on_five_degrees(tables[n]) for n in _SIDESLIP_SURFACES]
+                    + [_odd_extension(tables[n]) for n in _ODD_SURFACES],
+                ),
+            ],
         ),
     )
     # Strongly typed leaves: replacing one by another array does not recompile.

@@ -3,7 +3,7 @@
 import equinox as eqx
 import jax.numpy as jnp
 
-from anser.numerics import Surfaces
+from anser.numerics import Tables
 from anser.shapes import Flag, Scalar, ScalarLike
 
 
@@ -16,7 +16,7 @@ class F16Engine(eqx.Module):
         Idle, military and maximum thrust (N) over altitude (m) and Mach number.
     """
 
-    thrust_tables: Surfaces
+    thrust_tables: Tables
 
     def gearing(self, throttle: ScalarLike) -> Scalar:
         """Commanded power (percent) of a throttle setting, held within 0..1 ([SL] TGEAR)."""
@@ -33,14 +33,14 @@ class F16Engine(eqx.Module):
 
     def thrust(self, power: ScalarLike, altitude: ScalarLike, mach: ScalarLike) -> Scalar:
         """Thrust (N) at a power (percent), altitude (m) and Mach number ([SL] THRUST)."""
-        idle, military, maximum = self.thrust_tables(altitude, mach)
+        idle, military, maximum = self.thrust_tables(altitude, mach)[0]
         low = idle + (military - idle) * power / 50
         high = military + (maximum - military) * (power - 50) / 50
         return jnp.where(power < 50, low, high)
 
     def power_for_thrust(self, thrust: ScalarLike, altitude: ScalarLike, mach: ScalarLike) -> Scalar:
         """Power (percent, 0..100) whose thrust is nearest to `thrust` (N): the inverted thrust tables."""
-        idle, military, maximum = self.thrust_tables(altitude, mach)
+        idle, military, maximum = self.thrust_tables(altitude, mach)[0]
         dry = 50 * (thrust - idle) / jnp.maximum(military - idle, 1.0)
         wet = 50 + 50 * (thrust - military) / jnp.maximum(maximum - military, 1.0)
         return jnp.clip(jnp.where(thrust < military, dry, wet), 0.0, 100.0)
@@ -71,4 +71,4 @@ class F16Engine(eqx.Module):
 
     def outside_tables(self, altitude: ScalarLike, mach: ScalarLike) -> Flag:
         """Whether altitude or Mach number lies outside the thrust tables."""
-        return self.thrust_tables.axis_x.outside(altitude) | self.thrust_tables.axis_y.outside(mach)
+        return jnp.any(self.thrust_tables.axes.outside(jnp.stack([altitude, mach])))

@@ -1,136 +1,130 @@
 """Linear interpolation in tables, packed so that one gather fetches a whole cell of all tables that share the axes."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
-from anser.shapes import Flag, Scalar, ScalarLike
+from anser.shapes import ScalarLike
 
 
-class Axis(eqx.Module):
-    """Breakpoints of one table axis and what happens beyond its ends.
+class Axes(eqx.Module):
+    """Breakpoints of several table axes, and what happens beyond their ends; arguments are looked up on all at once.
 
     Attributes
     ----------
     breakpoints
-        Strictly increasing, shape (n,), n >= 2.
+        Of each axis strictly increasing, then plus infinity up to a common length; shape (k, n).
     lower, upper
-        The argument is clipped to this range before the look-up: the end breakpoints for a clamped table, minus and
-        plus infinity for one that is extrapolated linearly.
+        Arguments are clipped to this range before the look-up: the end breakpoints for a clamped axis, minus and plus
+        infinity for one along which tables are extrapolated linearly; shape (k,).
+    sizes
+        Number of breakpoints of each axis, 2 or more.
     """
 
-    breakpoints: Float[Array, " n"]
-    lower: Scalar
-    upper: Scalar
+    breakpoints: Float[Array, "k n"]
+    lower: Float[Array, " k"]
+    upper: Float[Array, " k"]
+    sizes: tuple[int, ...] = eqx.field(static=True)
 
-    @property
-    def cells(self) -> int:
-        """Number of intervals."""
-        return self.breakpoints.shape[0] - 1
-
-    def locate(self, x: ScalarLike) -> tuple[Int[Array, ""], Scalar]:
-        """Interval index and the fraction within it (outside 0..1 where the table is extrapolated)."""
+    def locate(self, x: Float[Array, " k"]) -> tuple[Int[Array, " k"], Float[Array, " k"]]:
+        """Interval index and the fraction within it (outside 0..1 where tables are extrapolated) on each axis."""
         x = jnp.clip(x, self.lower, self.upper)
-        index = jnp.sum(x >= self.breakpoints[1:-1], dtype=jnp.int32)
-        left = self.breakpoints[index]
-        return index, (x - left) / (self.breakpoints[index + 1] - left)
+        above = jnp.sum(x[:, None] >= self.breakpoints[:, 1:], axis=1, dtype=jnp.int32)
+        index = jnp.minimum(above, np.asarray(self.sizes, dtype=np.int32) - 2)
+        ends = jnp.take_along_axis(self.breakpoints, index[:, None] + np.arange(2, dtype=np.int32)[None], axis=1)
+        return index, (x - ends[:, 0]) / (ends[:, 1] - ends[:, 0])
 
-    def outside(self, x: ScalarLike) -> Flag:
-        """Whether x lies beyond the first or last breakpoint."""
-        return (x < self.breakpoints[0]) | (x > self.breakpoints[-1])
-
-
-class Curves(eqx.Module):
-    """K functions of one argument on one axis.
-
-    Attributes
-    ----------
-    axis
-        The common axis, n breakpoints.
-    cells
-        Per interval: value at its left end, then the difference to its right end; shape (n - 1, 2, k).
-    """
-
-    axis: Axis
-    cells: Float[Array, "cells 2 k"]
-
-    def __call__(self, x: ScalarLike) -> Float[Array, " k"]:
-        """Interpolate all k curves at x."""
-        index, u = self.axis.locate(x)
-        cell = self.cells[index]
-        return cell[0] + u * cell[1]
+    def outside(self, x: Float[Array, " k"]) -> Bool[Array, " k"]:
+        """Whether each argument lies beyond the first or last breakpoint of its axis."""
+        last = self.breakpoints[np.arange(len(self.sizes)), np.asarray(self.sizes) - 1]
+        return (x < self.breakpoints[:, 0]) | (x > last)
 
 
-class Surfaces(eqx.Module):
-    """K functions of two arguments on the same two axes, bilinear within a cell.
+class Tables(eqx.Module):
+    """Groups of functions, multilinear between the breakpoints of axes that the groups share.
 
     Attributes
     ----------
-    axis_x, axis_y
-        The common axes, nx and ny breakpoints.
+    axes
+        All axes.
     cells
-        Per cell (row-major over x, y) the four coefficients of 1, u, v, u v; shape ((nx - 1)(ny - 1), 4, k).
+        Of each group, for every cell of its axes (row-major), coefficients of 1, u, v, u v, ... in the fractions u of
+        its first axis, v of its second, ...; shape (cells, 2^axes, functions).
+    along
+        Axes of each group.
     """
 
-    axis_x: Axis
-    axis_y: Axis
-    cells: Float[Array, "cells 4 k"]
+    axes: Axes
+    cells: tuple[Float[Array, "cells corners functions"], ...]
+    along: tuple[tuple[int, ...], ...] = eqx.field(static=True)
 
-    def __call__(self, x: ScalarLike, y: ScalarLike) -> Float[Array, " k"]:
-        """Interpolate all k surfaces at (x, y)."""
-        i, u = self.axis_x.locate(x)
-        j, v = self.axis_y.locate(y)
-        cell = self.cells[i * self.axis_y.cells + j]
-        return cell[0] + u * cell[1] + v * (cell[2] + u * cell[3])
+    def __call__(self, *x: ScalarLike) -> tuple[Float[Array, " functions"], ...]:
+        """Values of each group's functions; one argument for each axis."""
+        index, fraction = self.axes.locate(jnp.stack([jnp.asarray(value, dtype=float) for value in x]))
+        return tuple(
+            self._interpolated(cells, along, index, fraction)
+            for cells, along in zip(self.cells, self.along, strict=True)
+        )
+
+    def _interpolated(
+        self,
+        cells: Float[Array, "cells corners functions"],
+        along: tuple[int, ...],
+        index: Int[Array, " k"],
+        fraction: Float[Array, " k"],
+    ) -> Float[Array, " functions"]:
+        place = index[along[0]]
+        for axis in along[1:]:
+            place = place * (self.axes.sizes[axis] - 1) + index[axis]
+        value = cells[place]
+        for axis in along:
+            value = value[0::2] + fraction[axis] * value[1::2]
+        return value[0]
 
 
-def make_axis(breakpoints: Sequence[float] | np.ndarray, *, clamp: bool) -> Axis:
-    """Build an axis; `clamp` holds the end values, otherwise the end cells are extrapolated linearly.
+def make_axes(axes: Sequence[Sequence[float] | np.ndarray], *, clamp: bool | Sequence[bool]) -> Axes:
+    """Build axes; `clamp` holds the end values, otherwise the end cells are extrapolated linearly.
 
     Raises
     ------
     ValueError
-        If there are fewer than two breakpoints or they do not strictly increase.
+        An axis has fewer than two breakpoints or they do not strictly increase.
     """
-    points = np.asarray(breakpoints, dtype=float)
-    if points.ndim != 1 or points.shape[0] < 2 or not np.all(points[1:] > points[:-1]):
-        raise ValueError(f"table axis: breakpoints must be two or more, strictly increasing; got {breakpoints}")
-    lower, upper = (points[0], points[-1]) if clamp else (-np.inf, np.inf)
-    return Axis(breakpoints=jnp.asarray(points), lower=jnp.asarray(np.array(lower)), upper=jnp.asarray(np.array(upper)))
+    points = [np.asarray(one, dtype=float) for one in axes]
+    for one in points:
+        if one.ndim != 1 or one.size < 2 or not all(b > a for a, b in pairwise(one)):
+            raise ValueError(f"table axis: breakpoints must be two or more, strictly increasing; got {one.tolist()}")
+    longest = max(one.size for one in points)
+    held = np.broadcast_to(clamp, (len(points),))
+    return Axes(
+        breakpoints=jnp.asarray([np.append(one, np.full(longest - one.size, np.inf)) for one in points]),
+        lower=jnp.asarray(np.where(held, [one[0] for one in points], -np.inf)),
+        upper=jnp.asarray(np.where(held, [one[-1] for one in points], np.inf)),
+        sizes=tuple(one.size for one in points),
+    )
 
 
-def make_curves(axis: Axis, values: Sequence[Sequence[float] | np.ndarray]) -> Curves:
-    """Pack k curves, each of n values on the axis.
+def make_tables(axes: Axes, groups: Sequence[tuple[Sequence[int], Sequence[Sequence[float] | np.ndarray]]]) -> Tables:
+    """Pack groups of functions: of each group, the axes that it is given on and its functions' values at their points.
 
     Raises
     ------
     ValueError
-        If a curve's length is not the axis' length.
+        Values do not have the shape of their axes.
     """
-    table = np.asarray(values, dtype=float).T
-    if table.shape[0] != axis.breakpoints.shape[0]:
-        raise ValueError(f"table: {table.shape[0]} values on an axis of {axis.breakpoints.shape[0]} breakpoints")
-    return Curves(axis=axis, cells=jnp.asarray(np.stack([table[:-1], table[1:] - table[:-1]], axis=1)))
-
-
-def make_surfaces(axis_x: Axis, axis_y: Axis, values: Sequence[np.ndarray]) -> Surfaces:
-    """Pack k surfaces, each of shape (nx, ny) on the two axes.
-
-    Raises
-    ------
-    ValueError
-        If a surface's shape is not that of the axes.
-    """
-    table = np.stack([np.asarray(value, dtype=float) for value in values], axis=-1)
-    shape = (axis_x.breakpoints.shape[0], axis_y.breakpoints.shape[0])
-    if table.shape[:2] != shape:
-        raise ValueError(f"table: values of shape {table.shape[:2]} on axes of {shape} breakpoints")
-    corner = table[:-1, :-1]
-    along_x = table[1:, :-1] - corner
-    along_y = table[:-1, 1:] - corner
-    twist = table[1:, 1:] - corner - along_x - along_y
-    cells = np.stack([corner, along_x, along_y, twist], axis=2).reshape(-1, 4, table.shape[-1])
-    return Surfaces(axis_x=axis_x, axis_y=axis_y, cells=jnp.asarray(cells))
+    packed = []
+    for along, functions in groups:
+        table = np.stack([np.asarray(values, dtype=float) for values in functions], axis=-1)
+        shape = tuple(axes.sizes[axis] for axis in along)
+        if table.shape[:-1] != shape:
+            raise ValueError(f"table: values of shape {table.shape[:-1]} on axes of {shape} breakpoints")
+        corners = table[None]
+        for axis in range(1, len(shape) + 1):
+            left, right = (np.take(corners, np.arange(k, shape[axis - 1] - 1 + k), axis=axis) for k in (0, 1))
+            corners = np.concatenate([left, right - left])
+        packed.append(jnp.asarray(np.moveaxis(corners, 0, -2).reshape(-1, 2 ** len(shape), table.shape[-1])))
+    return Tables(axes=axes, cells=tuple(packed), along=tuple(tuple(along) for along, _ in groups))

@@ -80,7 +80,7 @@ class TextbookF16(AbstractAirframe):
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector3) -> Wrench:
         """Force and moment with the other CZ; Cm follows through the lever of the centre of gravity."""
         f16 = self.f16
-        CZ0 = f16.curves(air_data.alpha * RAD_DEG)[0]
+        CZ0 = f16.tables(air_data.alpha * RAD_DEG, 0.0, 0.0)[0][0]
         change = CZ0 * (air_data.beta**2 - (air_data.beta * RAD_DEG / 57.3) ** 2)
         force = air_data.qbar * f16.wing_area * change
         zero = jnp.zeros_like(force)
