@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 
 from anser.aircraft import (
     F16,
-    F16_COEFFICIENT_GROUPS,
     F16_COEFFICIENTS,
     AirData,
     F16Coefficients,
     dispersed_f16,
     no_dispersion,
 )
+from anser.aircraft.f16 import TABLE_COEFFICIENTS
 from anser.scenario import load_airframe
 
 NOMINAL = load_airframe("f16", "textbook")
@@ -80,14 +80,7 @@ def test_every_coefficient_is_tested_and_named_once():
     tested = [name for names in TAKEN_AWAY.values() for name in names]
     assert sorted(tested) == sorted(F16_COEFFICIENTS)
     assert len(set(F16_COEFFICIENTS)) == len(F16_COEFFICIENTS) == no_dispersion().coefficients.size
-    sizes = {
-        "curves": NOMINAL.curves.cells.shape[-1],
-        "elevator_surfaces": NOMINAL.elevator_surfaces.cells.shape[-1],
-        "sideslip_surfaces": NOMINAL.sideslip_surfaces.cells.shape[-1],
-        "side_force": NOMINAL.side_force.size,
-        "normal_force_elevator": 1,
-    }
-    assert {name: len(of) for name, of in F16_COEFFICIENT_GROUPS.items()} == sizes
+    assert [len(names) for names in TABLE_COEFFICIENTS] == [cells.shape[-1] for cells in NOMINAL.tables.cells]
 
 
 def test_no_dispersion_is_the_same_aircraft():

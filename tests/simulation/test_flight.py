@@ -88,6 +88,16 @@ def test_a_number_that_is_none_stops_its_aircraft_alone(three):
 
 
 @pytest.mark.long
+def test_a_step_compiled_as_one_kernel_is_the_same_step(three, with_the_plan_standing):
+    _, in_one_kernel = segment(*three)
+    _, plain = with_the_plan_standing(*three)
+    for key, values in plain.items():
+        scale = 1.0 + float(np.max(np.abs(np.asarray(values, dtype=float))))
+        found = np.asarray(in_one_kernel[key][:STEPS], dtype=float)
+        np.testing.assert_allclose(found, values, atol=1e-9 * scale, rtol=0.0, err_msg=key)
+
+
+@pytest.mark.long
 def test_flights_in_a_batch_are_the_flights_alone(three, with_the_plan_standing):
     """Of two unlike fleets, so that neither can be taken for the other."""
     flight, state = three

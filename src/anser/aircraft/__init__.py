@@ -4,7 +4,6 @@ from anser.aircraft.actuators import Actuators
 from anser.aircraft.air_data import AirData, air_data
 from anser.aircraft.f16 import F16, F16Coefficients, f16_from_data
 from anser.aircraft.f16_dispersed import (
-    F16_COEFFICIENT_GROUPS,
     F16_COEFFICIENTS,
     F16Dispersion,
     dispersed_f16,
@@ -26,7 +25,6 @@ from anser.aircraft.simple_body import SimpleBody, body_from_data
 __all__ = [
     "F16",
     "F16_COEFFICIENTS",
-    "F16_COEFFICIENT_GROUPS",
     "AbstractAirframe",
     "Actuators",
     "AirData",

@@ -16,10 +16,13 @@ from anser.numerics import Tables, make_axes, make_tables
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 from anser.units import DEG_RAD, FOOT_M, LBF_N, RAD_DEG, SLUG_FT2_KG_M2, SLUG_KG
 
-_ALPHA_CURVES = ("CZ0", "CXq", "CYr", "CYp", "CZq", "Clr", "Clp", "Cmq", "Cnr", "Cnp")
-_ELEVATOR_SURFACES = ("CX0", "Cm0")
-_SIDESLIP_SURFACES = ("Clda", "Cldr", "Cnda", "Cndr")
-_ODD_SURFACES = ("Cl0", "Cn0")
+TABLE_COEFFICIENTS = (
+    ("CZ0", "CXq", "CYr", "CYp", "CZq", "Clr", "Clp", "Cmq", "Cnr", "Cnp"),
+    ("CX0", "Cm0"),
+    ("Clda", "Cldr", "Cnda", "Cndr", "Cl0", "Cn0"),
+)
+"""Coefficients in each group of `F16.tables`, in their order."""
+_ODD_IN_SIDESLIP = ("Cl0", "Cn0")
 
 
 class F16Coefficients(eqx.Module):
@@ -175,6 +178,7 @@ def f16_from_data(data: Mapping[str, Any], variant: str = "textbook", x_cg_over_
     limit = np.asarray(actuators["position_limit_deg"]) * DEG_RAD
     span = airframe["span_ft"] * FOOT_M
     side = data["side_force"]
+    of_alpha, of_elevator, of_sideslip = TABLE_COEFFICIENTS
     validity = data["validity"]
     built = F16(
         mass_properties=_mass_properties(airframe, mass, spinning=chosen["engine_angular_momentum"]),
@@ -203,12 +207,11 @@ def f16_from_data(data: Mapping[str, Any], variant: str = "textbook", x_cg_over_
         tables=make_tables(
             make_axes([axes["alpha_deg"], np.arange(-30.0, 31.0, 5.0), chosen["elevator_axis_deg"]], clamp=clamp),
             [
-                ((0,), [tables[name] for name in _ALPHA_CURVES]),
-                ((0, 2), [tables[name] for name in _ELEVATOR_SURFACES]),
+                ((0,), [tables[name] for name in of_alpha]),
+                ((0, 2), [tables[name] for name in of_elevator]),
                 (
                     (0, 1),
-                    [_on_five_degrees(tables[n]) for n in _SIDESLIP_SURFACES]
-                    + [_odd_extension(tables[n]) for n in _ODD_SURFACES],
+                    [(_odd_extension if n in _ODD_IN_SIDESLIP else _on_five_degrees)(tables[n]) for n in of_sideslip],
                 ),
             ],
         ),

@@ -6,20 +6,12 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from anser.aircraft.f16 import F16
+from anser.aircraft.f16 import F16, TABLE_COEFFICIENTS
 from anser.shapes import Scalar, Vector3
 
-F16_COEFFICIENT_GROUPS = {
-    "curves": ("CZ0", "CXq", "CYr", "CYp", "CZq", "Clr", "Clp", "Cmq", "Cnr", "Cnp"),
-    "elevator_surfaces": ("CX0", "Cm0"),
-    "sideslip_surfaces": ("Clda", "Cldr", "Cnda", "Cndr", "Cl0", "Cn0"),
-    "side_force": ("CYb", "CYda", "CYdr"),
-    "normal_force_elevator": ("CZde",),
-}
-"""Coefficients of the build-up (theory section 4) in the order in which each field of `F16` holds them."""
-
-F16_COEFFICIENTS = tuple(name for names in F16_COEFFICIENT_GROUPS.values() for name in names)
-"""All coefficients, in the order of `F16Dispersion.coefficients`."""
+_GROUPS = (*TABLE_COEFFICIENTS, ("CYb", "CYda", "CYdr"), ("CZde",))
+F16_COEFFICIENTS = tuple(itertools.chain(*_GROUPS))
+"""Coefficients of the build-up (theory section 4): those of `F16.tables`, `side_force`, `normal_force_elevator`."""
 
 
 class F16Dispersion(eqx.Module):
@@ -69,22 +61,20 @@ def dispersed_f16(f16: F16, dispersion: F16Dispersion) -> F16:
         By how much.
     """
     ends = [0]
-    for names in F16_COEFFICIENT_GROUPS.values():
+    for names in _GROUPS:
         ends.append(ends[-1] + len(names))
     parts = [dispersion.coefficients[first:last] for first, last in itertools.pairwise(ends)]
-    curves, elevator_surfaces, sideslip_surfaces, side_force, normal_force = parts
+    *tables, side_force, normal_force = parts
     properties = f16.mass_properties
     root = jnp.sqrt(dispersion.inertia)
     # D J D and its inverse: symmetric and positive definite with J
     congruence = root[:, None] * root[None, :]
     return eqx.tree_at(
         lambda a: (
-            a.curves.cells,
-            a.elevator_surfaces.cells,
-            a.sideslip_surfaces.cells,
+            a.tables.cells,
             a.side_force,
             a.normal_force_elevator,
-            a.engine.thrust_tables.cells,
+            a.engine.thrust_tables.cells[0],
             a.mass_properties.mass,
             a.mass_properties.inertia_b,
             a.mass_properties.inertia_inverse_b,
@@ -93,12 +83,10 @@ def dispersed_f16(f16: F16, dispersion: F16Dispersion) -> F16:
         ),
         f16,
         (
-            f16.curves.cells * curves[None, None, :],
-            f16.elevator_surfaces.cells * elevator_surfaces[None, None, :],
-            f16.sideslip_surfaces.cells * sideslip_surfaces[None, None, :],
+            tuple(cells * factors[None, None, :] for cells, factors in zip(f16.tables.cells, tables, strict=True)),
             f16.side_force * side_force,
             f16.normal_force_elevator * normal_force[0],
-            f16.engine.thrust_tables.cells * dispersion.thrust,
+            f16.engine.thrust_tables.cells[0] * dispersion.thrust,
             properties.mass * dispersion.mass,
             properties.inertia_b * congruence,
             properties.inertia_inverse_b / congruence,

@@ -1,5 +1,6 @@
 """Running one scenario: plan it, fly it, keep what came of it."""
 
+import functools
 import tempfile
 import time as clock
 from collections.abc import Callable
@@ -33,7 +34,7 @@ _FILES = ("flight.nc", "summary.json", "report.html")
 Progress = Callable[[str, float], None]
 """Called with what is being done and how much of the flight is behind, 0 to 1."""
 
-_segment = eqx.filter_jit(fly)
+_segment = eqx.filter_jit(functools.partial(fly, one_kernel=True))
 
 
 @dataclass(frozen=True, repr=False)

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 
 from anser.aircraft import Actuators, MassProperties
 from anser.control.allocation import SurfaceMoments
-from anser.numerics import inverse3
+from anser.numerics import inverse3, product3
 from anser.shapes import Matrix33, Vector3
 
 _SHARE = 0.3
@@ -41,7 +41,7 @@ class Authority(eqx.Module):
 
         `effectiveness` is G in (mu_dot, alpha_dot, beta_dot) = drift + G (P, Q, R).
         """
-        return _SHARE * _each_alone(self.deflection @ inverse3(effectiveness), self.margin)
+        return _SHARE * _each_alone(product3(self.deflection, inverse3(effectiveness)), self.margin)
 
 
 def surface_authority(
@@ -51,7 +51,7 @@ def surface_authority(
     half = 0.5 * (actuators.upper - actuators.lower)
     left = jnp.minimum(surfaces_slow - actuators.lower, actuators.upper - surfaces_slow)
     return Authority(
-        deflection=inverse3(moments.slope) @ mass_properties.inertia_b,
+        deflection=product3(inverse3(moments.slope), mass_properties.inertia_b),
         margin=jnp.maximum(left, _MARGIN_MIN * half),
         rate_limit=actuators.rate_limit,
     )

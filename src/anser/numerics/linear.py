@@ -16,6 +16,11 @@ def times3(matrix: Matrix33, vector: Vector3) -> Vector3:
     return jnp.sum(matrix * vector[None, :], axis=1)
 
 
+def product3(a: Matrix33, b: Matrix33) -> Matrix33:
+    """Product of two 3x3 matrices, as explicit sums."""
+    return jnp.sum(a[:, :, None] * b[None, :, :], axis=1)
+
+
 def inverse3(matrix: Matrix33, floor: float = 1e-12) -> Matrix33:
     """Inverse of a 3x3 matrix by cross products of its columns.
 

@@ -1,0 +1,68 @@
+"""Compiling small arithmetic as one kernel.
+
+XLA makes hundreds of kernels of one step of a small fleet, and a CPU takes longer to dispatch them than to compute.
+"""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import equinox as eqx
+import jax
+from jax.experimental.xla_metadata import set_xla_metadata
+from jax.extend.core import ClosedJaxpr, Jaxpr, jaxpr_as_fun
+
+SIZE_MAX = 100_000
+"""Elements of the largest array within one kernel: with larger ones, dispatching is no longer what takes the time."""
+_ELEMENTARY = frozenset(
+    """
+    abs acos add add_any and argmax argmin asin atan atan2 bitcast_convert_type broadcast_in_dim ceil clamp
+    concatenate convert_element_type copy copy_p cos cosh cumsum custom_jvp_call div dynamic_slice
+    dynamic_update_slice eq exp exp2 expm1 floor gather ge gt integer_pow iota is_finite jit le log log1p logistic lt
+    max min mul ne neg not or pad pow random_bits random_fold_in random_split random_unwrap random_wrap reduce_and
+    reduce_max reduce_min reduce_or reduce_prod reduce_sum rem reshape rev round rsqrt scan scatter scatter-add
+    select_n shift_left shift_right_arithmetic shift_right_logical sign sin sinh slice split sqrt square squeeze
+    stack stop_gradient sub tan tanh transpose unstack threefry2x32 while xor
+    """.split()  # noqa: SIM905 - ninety strings in quotes are harder to read
+)
+"""Primitives that XLA's CPU compiler never hands to a library, which it cannot call from within a kernel."""
+
+
+def _equations(jaxpr: Jaxpr) -> Iterator[Any]:
+    """All equations, those of the programs within among them."""
+    for equation in jaxpr.eqns:
+        yield equation
+        within = jax.tree.leaves(equation.params, is_leaf=lambda leaf: isinstance(leaf, Jaxpr | ClosedJaxpr))
+        for value in within:
+            if isinstance(value, Jaxpr | ClosedJaxpr):
+                yield from _equations(value.jaxpr if isinstance(value, ClosedJaxpr) else value)
+
+
+def is_elementary(jaxpr: Jaxpr) -> bool:
+    """Whether a program is only arithmetic on small arrays, which XLA can compile as one kernel of a CPU."""
+    return all(
+        equation.primitive.name in _ELEMENTARY and all(out.aval.size <= SIZE_MAX for out in equation.outvars)
+        for equation in _equations(jaxpr)
+    )
+
+
+def as_one_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The same function, compiled as one kernel where it can be: on a CPU, and if it `is_elementary`.
+
+    To be called while a larger function is traced, which must not be batched afterwards: what was small would be large
+    then.
+    """
+
+    def call(*args: Any) -> Any:
+        if jax.default_backend() != "cpu":
+            return function(*args)
+        traced, shapes, rest = eqx.filter_make_jaxpr(function)(*args)
+        program, arrays = jaxpr_as_fun(traced), jax.tree.leaves(eqx.filter(args, eqx.is_array))
+        if is_elementary(traced.jaxpr):
+            # XLA's own attributes of a call, with which it marks the small loops that it makes one kernel itself.
+            with set_xla_metadata(inlineable="false", xla_cpu_small_call="true"):
+                found = jax.jit(program)(*arrays)
+        else:
+            found = program(*arrays)
+        return eqx.combine(jax.tree.unflatten(jax.tree.structure(shapes), found), rest)
+
+    return call

@@ -1,0 +1,67 @@
+"""Compiling arithmetic as one kernel: the same numbers, and only of what XLA can compile so."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from anser.numerics import as_one_kernel
+from anser.numerics.one_kernel import SIZE_MAX
+
+MARK = 'xla_cpu_small_call = "true"'
+POINTS = jnp.linspace(0.1, 2.0, 12)
+
+
+def waves(x, label="points"):
+    def body(sum_, _):
+        return sum_ + jnp.sin(sum_ * x), None
+
+    return {"sum": jax.lax.scan(body, x, length=3)[0], "greatest": jnp.max(jnp.cos(x)), "label": label}
+
+
+@jax.jit
+def marked(x):
+    found = as_one_kernel(waves)(x, "kept")
+    assert found.pop("label") == "kept"
+    return found
+
+
+def test_numbers_and_derivatives_are_those_of_the_function():
+    found, plain = marked(POINTS), waves(POINTS)
+    assert MARK in marked.lower(POINTS).as_text()
+    for key, value in found.items():
+        np.testing.assert_allclose(value, plain[key], rtol=1e-14, err_msg=key)
+    for derivative in (jax.jacfwd, jax.jacrev):
+        slopes = derivative(lambda x: marked(x)["sum"])(POINTS)
+        np.testing.assert_allclose(slopes, derivative(lambda x: waves(x)["sum"])(POINTS), rtol=1e-13, atol=1e-15)
+
+
+def test_it_is_one_kernel_for_the_machine():
+    def several(x):
+        return jnp.cos(x / jnp.max(jnp.sin(x)))
+
+    programs = [jax.jit(function).lower(POINTS).compile().as_text() for function in (as_one_kernel(several), several)]
+    assert [" call(" in program for program in programs] == [True, False]
+
+
+def test_what_a_library_would_compute_is_left_to_it():
+    square = jnp.eye(40) + 0.01
+    for function in (
+        lambda a: a @ a,
+        jnp.linalg.inv,
+        lambda a: jax.pure_callback(np.cos, jax.ShapeDtypeStruct(a.shape, a.dtype), a),
+        lambda a: jax.lax.cond(a[0, 0] > 1.0, jnp.sin, lambda b: b @ b, a),
+    ):
+        compiled = jax.jit(as_one_kernel(function))
+        assert MARK not in compiled.lower(square).as_text()
+        np.testing.assert_allclose(compiled(square), function(square), rtol=1e-12, atol=1e-14)
+
+
+@pytest.mark.parametrize(("size", "small"), [(SIZE_MAX, True), (SIZE_MAX + 1, False)])
+def test_large_arrays_are_left_to_all_cores(size, small):
+    assert (MARK in jax.jit(as_one_kernel(jnp.sin)).lower(jnp.zeros(size)).as_text()) == small
+
+
+def test_on_a_gpu_nothing_is_marked(monkeypatch):
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    assert MARK not in jax.jit(as_one_kernel(jnp.sin)).lower(POINTS).as_text()
