@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from anser.compilation_cache import enable_compilation_cache
+from anser.compiling import enable_compilation_cache
 from anser.environment import SteadyWind
 from anser.planning import PathLimits, make_rendezvous
 from anser.planning.certified import AircraftTask, Airspace, Separation, intervals_for, no_keep_outs, plan_at, stacked

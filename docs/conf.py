@@ -12,7 +12,7 @@ jax.Array.__name__ = jax.Array.__qualname__ = "Array"  # as signatures are to sh
 jax.Array.__module__ = "jax"
 
 import anser  # noqa: E402 - its annotations take the name on
-from anser.numerics.compiling import known_options  # noqa: E402
+from anser.compiling.options import known_options  # noqa: E402
 
 _ROOT = Path(__file__).parents[1]
 

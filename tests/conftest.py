@@ -37,7 +37,7 @@ with install_import_hook(["anser", "trials"], "beartype.beartype"):
 import jax
 
 from anser import cli
-from anser.compilation_cache import enable_compilation_cache
+from anser.compiling import enable_compilation_cache, forget_programs
 
 gc.set_threshold(200_000)  # as on the command line: tracing makes many small objects that live
 enable_compilation_cache()
@@ -72,6 +72,7 @@ def programs_let_go():
     status = (here / "status").read_text()
     resident_kib = int(status.split("VmRSS:")[1].split()[0])
     if mapped > _PROGRAMS_MAPPED or resident_kib > _PROGRAMS_KIB:
+        forget_programs()
         jax.clear_caches()
         gc.collect()
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from anser.compilation_cache import enable_compilation_cache
+from anser.compiling import enable_compilation_cache
 from anser.planning.certified import search
 from trials.cases import random_case
 from trials.check import dense_check

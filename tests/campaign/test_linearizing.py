@@ -135,7 +135,7 @@ def test_conditions_without_a_model():
 def test_near_the_vertical():
     """A rocket of an aircraft climbs with its nose at 90 deg."""
     f16 = load_airframe()
-    strong = eqx.tree_at(lambda a: a.engine.thrust_tables.cells, f16, 4 * f16.engine.thrust_tables.cells)
+    strong = eqx.tree_at(lambda a: a.engine.thrust_tables.cells[0], f16, 4 * f16.engine.thrust_tables.cells[0])
     level = anser.linearize(strong, speed_m_s=200.0, altitude_m=1000.0, path_angle_deg=70.0)
     nose = 70.0 + float(jnp.rad2deg(level.trim.alpha))
     assert modes_of(level.model)

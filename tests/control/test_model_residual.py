@@ -108,11 +108,11 @@ def test_surfaces_rest_on_the_measurement_and_on_the_slopes_of_the_model_alone()
 def _wrong_aircraft():
     """Lift and drag 30 % less, damping 30 % more, controls 30 % weaker than the autopilot believes."""
     return eqx.tree_at(
-        lambda a: (a.curves.cells, a.sideslip_surfaces.cells, a.normal_force_elevator),
+        lambda a: (a.tables.cells[0], a.tables.cells[2], a.normal_force_elevator),
         AIRFRAME,
         (
-            AIRFRAME.curves.cells * jnp.array([0.7, *(1.3,) * 9])[None, None],
-            AIRFRAME.sideslip_surfaces.cells * jnp.array([0.7, 0.7, 0.7, 0.7, 1.3, 0.7])[None, None],
+            AIRFRAME.tables.cells[0] * jnp.array([0.7, *(1.3,) * 9])[None, None],
+            AIRFRAME.tables.cells[2] * jnp.array([0.7, 0.7, 0.7, 0.7, 1.3, 0.7])[None, None],
             AIRFRAME.normal_force_elevator * 0.7,
         ),
     )

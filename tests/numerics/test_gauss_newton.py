@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
-from anser.numerics import compiled_quickly
+from anser.compiling import compiled_quickly
 from anser.numerics.gauss_newton import Damping, Linearized, begin_search, closest_of, least_move, search_steps
 from anser.numerics.tridiagonal import BlockTridiagonal, solve
 

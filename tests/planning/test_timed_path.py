@@ -7,7 +7,7 @@ import pytest
 from numpy.polynomial import Polynomial
 from scipy.interpolate import BPoly
 
-from anser.numerics import compiled_quickly
+from anser.compiling import compiled_quickly
 from anser.planning.timed_path import TimedPath, hermite_quintic
 
 TIMES = np.array([10.0, 10.0, 11.5, 12.0, 12.0, 12.0, 15.5, 16.0, 16.0])

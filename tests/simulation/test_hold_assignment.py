@@ -6,9 +6,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from anser.compiling import compiled_quickly
 from anser.control import GuidanceSettings
 from anser.environment import LayeredWind, SteadyWind
-from anser.numerics import compiled_quickly
 from anser.planning import PathLimits, make_rendezvous
 from anser.planning.certified import AircraftTask, Airspace, KeepOuts, Separation
 from anser.planning.timed_path import TimedPath

@@ -16,7 +16,8 @@ SAMPLES = 10
 
 def glider(f16: F16) -> F16:
     """F-16 whose engine gives nothing: no level flight exists."""
-    return eqx.tree_at(lambda a: a.engine.thrust_tables.cells, f16, jnp.zeros_like(f16.engine.thrust_tables.cells))
+    (cells,) = f16.engine.thrust_tables.cells
+    return eqx.tree_at(lambda a: a.engine.thrust_tables.cells[0], f16, jnp.zeros_like(cells))
 
 
 trim = eqx.filter_jit(solve_trim)

@@ -27,15 +27,13 @@ class Clock:
 
     def __init__(self) -> None:
         self.compile_s = self.run_s = 0.0
-        self._compiled: dict = {}
 
-    def run(self, function: Callable, *of: Any) -> Any:
-        """Call a function with array arguments of the same shapes as before, compiled once."""
+    def run(self, program: Callable, *of: Any) -> Any:
+        """Call a program with arguments."""
         began = time.perf_counter()
-        if function not in self._compiled:
-            self._compiled[function] = function.lower(*of).compile()  # pyright: ignore[reportFunctionMemberAccess]
+        ready = program.ready(*of)  # pyright: ignore[reportFunctionMemberAccess]
         compiled = time.perf_counter()
-        result = jax.block_until_ready(self._compiled[function](*of))
+        result = jax.block_until_ready(ready())
         self.compile_s += compiled - began
         self.run_s += time.perf_counter() - compiled
         return result

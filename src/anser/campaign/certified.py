@@ -10,8 +10,7 @@ import numpy as np
 from anser.campaign.plan_interface import SPEED_TOLERANCE, NoPlanError, Planned
 from anser.campaign.refusal import explain, explain_missing_holds
 from anser.campaign.untrimmable import refuse_untrimmable
-from anser.compilation_cache import enable_compilation_cache
-from anser.numerics import compiled_quickly
+from anser.compiling import compiled_quickly, enable_compilation_cache
 from anser.planning.certified import FIRST, AircraftTask, Airspace, ArrivalRequest, CertifiedPlan, FleetTask, Outcome
 from anser.results import turn_words
 from anser.scenario import Scenario, build_flight

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from anser.aircraft import AbstractAirframe
+from anser.compiling import compiled
 from anser.control import AutopilotGains, published_gains
 from anser.environment import Environment
 from anser.scenario import load_airframe
@@ -17,7 +18,7 @@ __all__ = ["ConditionError", "Inversion", "airframe_of", "gains_for", "map_point
 
 Inversion = Literal["model", "incremental"]
 
-solve = eqx.filter_jit(solve_trim)
+solve = compiled(solve_trim)
 
 
 class ConditionError(ValueError):
@@ -66,7 +67,7 @@ def steady_trim(airframe: AbstractAirframe, environment: Environment, target: Tr
     return trim
 
 
-@eqx.filter_jit
+@compiled
 def map_points(airframe: AbstractAirframe, environment: Environment, targets: TrimTarget) -> MapPoint:
     """Points of the trim map at stacked targets."""
     return jax.vmap(lambda target: map_point(airframe, environment, target))(targets)

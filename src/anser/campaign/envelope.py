@@ -20,7 +20,7 @@ from anser.campaign.envelope_cases import (
     tolerance_of,
     trim_map,
 )
-from anser.compilation_cache import enable_compilation_cache
+from anser.compiling import compiled, enable_compilation_cache
 from anser.control import AutopilotGains, FlightLimits
 from anser.environment import Environment, standard_environment
 from anser.results import OUTCOMES, REASONS, envelope_dataset, judge
@@ -170,7 +170,7 @@ class _Flights(eqx.Module):
     tolerances: jax.Array
 
 
-@eqx.filter_jit
+@compiled
 def _fly(
     of: tuple[AbstractAirframe, Environment, AutopilotGains, FlightLimits],
     flights: _Flights,

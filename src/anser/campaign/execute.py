@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,6 +15,7 @@ import xarray as xr
 
 from anser.campaign.plan_interface import NoPlanError, Planned
 from anser.campaign.planned import plan
+from anser.compiling import compiled
 from anser.report import write_report
 from anser.results import (
     summarize,
@@ -34,7 +34,7 @@ _FILES = ("flight.nc", "summary.json", "report.html")
 Progress = Callable[[str, float], None]
 """Called with what is being done and how much of the flight is behind, 0 to 1."""
 
-_segment = eqx.filter_jit(functools.partial(fly, one_kernel=True))
+_segment = compiled(functools.partial(fly, one_kernel=True))
 
 
 @dataclass(frozen=True, repr=False)

@@ -5,13 +5,12 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-import equinox as eqx
 import numpy as np
 import xarray as xr
 
 from anser.aircraft import F16, AbstractAirframe
 from anser.campaign.conditions import ConditionError, airframe_of, steady_trim
-from anser.compilation_cache import enable_compilation_cache
+from anser.compiling import compiled, enable_compilation_cache
 from anser.control import AutopilotGains, FlightLimits, default_limits, published_gains
 from anser.environment import Environment, standard_environment
 from anser.results import linear_dataset, linear_document, write_netcdf
@@ -38,7 +37,7 @@ _HELD = 0.01
 """Error that a loop may have while it holds a trim point, in rad, rad/s or m/s. In a steady turn it asks for a sideslip
 of 0 where the trim point has some tenths of a millirad."""
 
-_open_model = eqx.filter_jit(linear_model)
+_open_model = compiled(linear_model)
 
 
 @dataclasses.dataclass(frozen=True)

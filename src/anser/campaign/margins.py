@@ -5,7 +5,6 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,7 +14,7 @@ from anser.aircraft import AbstractAirframe
 from anser.campaign.batches import Clock, Progress, in_batches
 from anser.campaign.conditions import ConditionError, Inversion, airframe_of, gains_for, map_points
 from anser.campaign.envelope_cases import CONDITIONS, described, survey_limits, trim_map
-from anser.compilation_cache import enable_compilation_cache
+from anser.compiling import compiled, enable_compilation_cache
 from anser.control import AutopilotGains, FlightLimits
 from anser.environment import Environment, standard_environment
 from anser.results import CLOSED_LOOP, margin_dataset, margin_map_dataset, margin_table
@@ -240,7 +239,7 @@ def margin_document(dataset: xr.Dataset) -> dict[str, Any]:
     }
 
 
-@eqx.filter_jit
+@compiled
 def _analyse(
     airframe: AbstractAirframe,
     environment: Environment,

@@ -13,7 +13,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from anser.numerics import compiled_quickly
+from anser.compiling import compiled, compiled_quickly
 from anser.planning import separation_ratio
 from anser.results import ClosestApproach
 from anser.scenario.schema_airspace import KeepOut
@@ -67,7 +67,7 @@ def _distance(apart: Float[Array, "*batch 3"], asked: Float[Array, "2"]) -> Floa
     return jnp.where(asked[0] > 0.0, as_much, jnp.sqrt(level**2 + height**2))
 
 
-@jax.jit
+@compiled
 def _at_instants(
     positions: Float[Array, "time aircraft 3"], asked: Float[Array, "2"]
 ) -> tuple[Float[Array, " time"], Int[Array, " time"], Float[Array, "aircraft aircraft"]]:
@@ -158,7 +158,7 @@ def nearest_pairs(motion: SampledMotion, separation_m: tuple[float, float] | Non
     )
 
 
-@jax.jit
+@compiled
 def _rooms(
     motion: SampledMotion, volumes: Float[Array, "volumes 7"]
 ) -> tuple[Float[Array, "aircraft volumes"], Float[Array, "aircraft volumes"]]:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from anser.campaign.plan_distances import keep_out_rooms, nearest_pairs, track_of
-from anser.numerics import compiled_quickly
+from anser.compiling import compiled_quickly
 from anser.planning import CERTIFIED_LIMITS, PathPoint, polar
 from anser.planning.demand import demand
 from anser.results import PlanExtremes, PlanSamples

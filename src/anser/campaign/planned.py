@@ -6,15 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import equinox as eqx
 import jax
 import numpy as np
 
 from anser.campaign.certified import plan_certified
 from anser.campaign.plan_interface import SPEED_TOLERANCE, Planned
 from anser.campaign.untrimmable import refuse_untrimmable
-from anser.compilation_cache import enable_compilation_cache
-from anser.numerics import compiled_quickly
+from anser.compiling import compiled, compiled_quickly, enable_compilation_cache
 from anser.planning import LIMIT_MESSAGES, PLAN_MESSAGES, FleetPlan, LimitReport, check_limits, separation_min
 from anser.results import bend_words
 from anser.scenario import Scenario, build_flight, build_path_limits
@@ -28,11 +26,11 @@ from anser.simulation import (
 from anser.simulation.status import broken_off
 
 _start = compiled_quickly(start_flight)
-_separation = eqx.filter_jit(separation_min)
+_separation = compiled(separation_min)
 _SAME_WIND_M_S = 0.5
 
 
-@eqx.filter_jit
+@compiled
 def _limits_of(plan: FleetPlan, limits: Any, gravity: Any) -> LimitReport:
     return jax.vmap(check_limits, in_axes=(0, None, None))(plan.trajectories, limits, gravity)
 

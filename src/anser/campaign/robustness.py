@@ -3,7 +3,6 @@
 import dataclasses
 from collections.abc import Sequence
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -25,7 +24,7 @@ from anser.campaign.dispersion import (
     spread_cases,
 )
 from anser.campaign.envelope_cases import COMMANDS, described, tolerance_of
-from anser.compilation_cache import enable_compilation_cache
+from anser.compiling import compiled, enable_compilation_cache
 from anser.control import AutopilotGains, FlightLimits, default_limits
 from anser.environment import Environment, standard_environment
 from anser.results import judge, robustness_dataset
@@ -197,7 +196,7 @@ def _must_be_flown(nominal: MapPoint, limits: FlightLimits, conditions: Sequence
             )
 
 
-@eqx.filter_jit
+@compiled
 def _trim(nominal: F16, environment: Environment, dispersions: F16Dispersion, targets: TrimTarget) -> MapPoint:
     def one(dispersion: F16Dispersion, target: TrimTarget) -> MapPoint:
         return map_point(dispersed_f16(nominal, dispersion), environment, target)
@@ -205,7 +204,7 @@ def _trim(nominal: F16, environment: Environment, dispersions: F16Dispersion, ta
     return jax.vmap(one)(dispersions, targets)
 
 
-@eqx.filter_jit
+@compiled
 def _fly(
     of: tuple[F16, Environment, FlightLimits, jax.Array, jax.Array],
     gains: AutopilotGains,

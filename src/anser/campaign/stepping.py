@@ -14,7 +14,7 @@ from anser.aircraft import AbstractAirframe, AircraftState, air_data
 from anser.campaign.conditions import ConditionError, Inversion, gains_for, steady_trim
 from anser.campaign.step_tests import CHANNEL_KEYS, STEP_S, StepTest
 from anser.campaign.stepped_flight import SURFACES, SteppedFlight
-from anser.compilation_cache import enable_compilation_cache
+from anser.compiling import compiled, enable_compilation_cache
 from anser.control import AutopilotGains, FlightLimits, default_limits
 from anser.environment import Environment, standard_environment
 from anser.scenario import load_airframe
@@ -31,7 +31,7 @@ __all__ = ["fly_steps"]
 _VARIABLES = {variable.key: variable for variable in CATALOGUE}
 _ANGLES_THAT_WRAP = ("bank", "course")
 
-_measure = eqx.filter_jit(step_metrics)
+_measure = compiled(step_metrics)
 
 
 def fly_steps(
@@ -126,7 +126,7 @@ class _StepRecorder(AbstractRecorder):
         return {**outputs, "throttle": jnp.asarray(sample.controls.throttle)}
 
 
-@eqx.filter_jit
+@compiled
 def _fly(
     airframe: AbstractAirframe,
     environment: Environment,

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from anser.aircraft import AbstractAirframe
 from anser.campaign.conditions import airframe_of, solve
-from anser.compilation_cache import enable_compilation_cache
+from anser.compiling import enable_compilation_cache
 from anser.environment import standard_environment
 from anser.simulation import TrimPoint, nearest_trims, trim_target, trim_violations
 from anser.spatial import euler_from_quaternion

@@ -26,7 +26,7 @@ def verify(
     only_list: Annotated[bool, typer.Option("--list", help="Print the checks there are and stop.")] = False,
 ) -> None:
     """Compute every published figure that anser knows, and compare: NASA's check-cases, the textbook, the standards."""
-    from anser.compilation_cache import enable_compilation_cache
+    from anser.compiling import enable_compilation_cache
     from anser.verification import select_checks, to_document
     from anser.verification import verify as run
 

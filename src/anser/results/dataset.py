@@ -6,8 +6,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
+from jaxtyping import Array, Float
 
+from anser.compiling import compiled
 from anser.results.variable_labels import converted, labels_of
+from anser.shapes import Scalar
 from anser.spatial import geodetic_from_flat
 from anser.variables import CATALOGUE, DERIVED_KEYS, RECORDED_KEYS, Variable
 
@@ -101,6 +104,12 @@ def _geodetic(arrays: Mapping[str, np.ndarray], latitude: float, longitude: floa
     position_n = jnp.stack(
         [jnp.asarray(arrays["north"]), jnp.asarray(arrays["east"]), -jnp.asarray(arrays["altitude"])], axis=-1
     )
-    convert = jax.vmap(jax.vmap(lambda position: geodetic_from_flat(position, latitude, longitude, 0.0)))
-    found_latitude, found_longitude, _ = jax.jit(convert)(position_n)
+    found_latitude, found_longitude, _ = _places(position_n, jnp.asarray(latitude), jnp.asarray(longitude))
     return np.asarray(found_latitude), np.asarray(found_longitude)
+
+
+@compiled
+def _places(
+    position_n: Float[Array, "time aircraft 3"], latitude: Scalar, longitude: Scalar
+) -> tuple[Float[Array, "time aircraft"], Float[Array, "time aircraft"], Float[Array, "time aircraft"]]:
+    return jax.vmap(jax.vmap(lambda position: geodetic_from_flat(position, latitude, longitude, 0.0)))(position_n)

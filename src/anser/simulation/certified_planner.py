@@ -8,8 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from anser.compiling import compiled_quickly
 from anser.control import GuidanceSettings
-from anser.numerics import any_in_batch, compiled_quickly
+from anser.numerics import any_in_batch
 from anser.planning import AbstractPlanner, AircraftPlan, PathLimits, Performance, Report
 from anser.planning.certified import (
     FIRST,

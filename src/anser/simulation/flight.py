@@ -8,7 +8,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from anser.numerics import any_in_batch, as_one_kernel
+from anser.compiling import as_one_kernel
+from anser.numerics import any_in_batch
 from anser.planning import AircraftPlan, Report
 from anser.sensing import GoalState, Instant, velocity_over_ground_n
 from anser.shapes import Count, Flag, ScalarLike

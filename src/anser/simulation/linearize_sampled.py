@@ -6,8 +6,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from anser.aircraft import Controls
+from anser.compiling import compiled_quickly
 from anser.control import AutopilotState, InversionAutopilot, Loop, wrapped
-from anser.numerics import compiled_quickly
 from anser.shapes import Vector3
 from anser.simulation.linearize_chart import (
     AIR_OUTPUTS,

@@ -4,13 +4,13 @@ import dataclasses
 import math
 from collections.abc import Callable
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool
 
 from anser.aircraft import AbstractAirframe, condition
+from anser.compiling import compiled
 from anser.environment import Environment
 from anser.shapes import Flag, Scalar
 from anser.simulation.trim import TrimPoint, TrimTarget, solve_trim
@@ -191,7 +191,7 @@ def _rate_changed(target: TrimTarget) -> str:
     return "turn_rate" if float(target.pitch_rate) == 0.0 else "pitch_rate"
 
 
-@eqx.filter_jit
+@compiled
 def _elsewhere_outside(
     airframe: AbstractAirframe, environment: Environment, point: TrimPoint
 ) -> tuple[Flag, Scalar, Scalar]:
@@ -202,7 +202,7 @@ def _elsewhere_outside(
     return airframe.outside_tables(within), data.altitude, data.mach
 
 
-@eqx.filter_jit
+@compiled
 def _solve_all(airframe: AbstractAirframe, environment: Environment, targets: TrimTarget) -> tuple[TrimPoint, Flags]:
     def one(target: TrimTarget) -> tuple[TrimPoint, Flag]:
         point = solve_trim(airframe, environment, target)

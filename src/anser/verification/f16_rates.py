@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from anser.aircraft import AbstractAirframe
+from anser.compiling import compiled_quickly
 from anser.environment import Environment
-from anser.numerics import compiled_quickly
 from anser.verification.check import Check, Comparison
 from anser.verification.published import half_of_significant, published
 from anser.verification.textbook import textbook_aircraft, textbook_environment, textbook_rates

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from anser.compiling import compiled_quickly
 from anser.environment import Environment
-from anser.numerics import compiled_quickly
 from anser.shapes import Scalar
 from anser.simulation import TrimPoint, solve_trim, trim_target
 from anser.spatial import euler_from_quaternion

@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Float
 
 from anser.aircraft import AbstractAirframe
+from anser.compiling import compiled_quickly
 from anser.control import default_limits, published_gains
 from anser.environment import Environment, standard_environment
-from anser.numerics import compiled_quickly
 from anser.scenario import load_airframe
 from anser.simulation import (
     CHANNELS,

@@ -20,6 +20,7 @@ from anser.aircraft import (
     earth_fixed_state,
     local_state,
 )
+from anser.compiling import compiled_quickly
 from anser.environment import (
     Environment,
     LayeredWind,
@@ -28,7 +29,6 @@ from anser.environment import (
     spherical_earth,
     wgs84_earth,
 )
-from anser.numerics import compiled_quickly
 from anser.numerics.least_squares import levenberg_marquardt
 from anser.scenario import load_airframe, load_body
 from anser.shapes import Scalar, ScalarLike, Vector3

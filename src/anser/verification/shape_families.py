@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
-from anser.numerics import compiled_quickly
+from anser.compiling import compiled_quickly
 from anser.planning import PathCommand, arc_length, arc_length_estimate, polar
 from anser.results.variable_labels import converted, labels_of
 from anser.shapes import Scalar, Vector3

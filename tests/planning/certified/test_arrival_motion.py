@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from certified_cases import GRAVITY, LAYERED, detours_of, number, picked
 
+from anser.compiling import compiled_quickly
 from anser.environment import SteadyWind
-from anser.numerics import compiled_quickly
 from anser.planning.certified import AircraftTask, Airspace, Separation, no_keep_outs
 from anser.planning.certified.arrival_motion import arrival_motion
 from anser.planning.certified.delivery import deliver

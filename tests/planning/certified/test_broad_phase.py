@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from certified_cases import number, picked
 
-from anser.numerics import compiled_quickly
+from anser.compiling import compiled_quickly
 from anser.planning.certified.broad_phase import (
     EXACT_PAIRS,
     INTERVALS_PER_CYLINDER,

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.numerics import compiled_quickly
+from anser.compiling import compiled_quickly
 from anser.planning.certified.candidate_sets import LATE_FAST, PREFERRED, SLOW_FAST, make_candidate_set
 from anser.planning.certified.candidates import fleet_candidates, shaped_candidates
 from anser.planning.certified.certificate import excess, path_bounds

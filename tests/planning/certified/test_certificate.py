@@ -8,8 +8,8 @@ import pytest
 from certified_cases import FLOWN, GRAVITY, INTERVALS, LAYERED, START_S, STEADY, Dense, delivered, number, picked
 from jaxtyping import TypeCheckError
 
+from anser.compiling import compiled_quickly
 from anser.environment import AbstractWind, LayeredWind
-from anser.numerics import compiled_quickly
 from anser.planning.certified import AircraftTask, Airspace, KeepOuts, Separation, no_keep_outs
 from anser.planning.certified.certificate import excess, path_bounds
 from anser.planning.certified.certified_plan import certify

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from certified_cases import number, picked
 
-from anser.numerics import compiled_quickly
+from anser.compiling import compiled_quickly
 from anser.planning.certified.clearance import Track, chord_error_bound, clearance_from_keep_outs, pair_clearance_ratio
 from anser.planning.certified.task import KeepOuts, no_keep_outs
 from anser.planning.separation import Separation

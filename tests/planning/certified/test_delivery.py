@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from certified_cases import GRAVITY, LAYERED, STEADY, detours_of, number
 
-from anser.numerics import compiled_quickly
+from anser.compiling import compiled_quickly
 from anser.planning.certified.certificate import path_bounds
 from anser.planning.certified.delivery import deliver
 from anser.planning.certified.detours import WORDS, direct, resolve, solve_detour

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from certified_cases import detours_of, dubins_of, number, picked, random_ends
 
-from anser.numerics import compiled_quickly
+from anser.compiling import compiled_quickly
 from anser.planning.certified.detours import (
     SHAPES,
     WORDS,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from certified_cases import GRAVITY, LAYERED, STEADY, blowing, number, picked
 
-from anser.numerics import compiled_quickly
+from anser.compiling import compiled_quickly
 from anser.planning.certified.profile import (
     _SPEED_RATES,
     kept,

@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from anser.compiling import compiled_quickly
 from anser.environment import SteadyWind
-from anser.numerics import compiled_quickly
 from anser.planning.certified import CertifiedPlan
 from anser.planning.certified.certified_plan import certify
 from anser.planning.certified.profile import KINKS

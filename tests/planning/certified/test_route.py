@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from certified_cases import integrated, number, picked, random_ends
 
-from anser.numerics import compiled_quickly
+from anser.compiling import compiled_quickly
 from anser.planning.certified.route import LEGS, TURNS, Ends, route, turned_through, unwind
 
 CASES = 12

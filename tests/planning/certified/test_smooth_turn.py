@@ -8,7 +8,7 @@ from certified_cases import integrated
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from anser.numerics import compiled_quickly
+from anser.compiling import compiled_quickly
 from anser.planning.certified.smooth_turn import along_arc, along_ramp, cis, displacement, smooth_turn
 
 

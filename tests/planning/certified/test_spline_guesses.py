@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from certified_cases import number, picked
 
-from anser.numerics import compiled_quickly
+from anser.compiling import compiled_quickly
 from anser.planning.certified.spline import Spline, states_at
 from anser.planning.certified.spline_equations import SplineProblem
 from anser.planning.certified.spline_guesses import guesses, spline_start

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from certified_cases import number, picked
 
-from anser.numerics import compiled_quickly
+from anser.compiling import compiled_quickly
 from anser.planning.certified.arrivals import reachable
 from anser.planning.certified.candidate_sets import ALONE_SPLINES, ALONE_STANDARD, ALONE_TURN_LEG_PATHS
 from anser.planning.certified.spline_trajectories import find_splines

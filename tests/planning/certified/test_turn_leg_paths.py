@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from certified_cases import GRAVITY, STEADY, detours_of, dubins, integrated, number, picked, random_ends
 
-from anser.numerics import compiled_quickly
+from anser.compiling import compiled_quickly
 from anser.planning.certified import turn_leg_paths
 from anser.planning.certified.detours import SHAPES, WORDS, direct, resolve, solve_detour
 from anser.planning.certified.profile import make_profile, tabulate

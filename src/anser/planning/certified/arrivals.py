@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from anser.numerics import compiled_by_older_generator
+from anser.compiling import compiled_by_older_generator
 from anser.planning.certified.candidate_sets import ALONE_SPLINES, ALONE_STANDARD, ALONE_TURN_LEG_PATHS, CandidateSet
 from anser.planning.certified.candidates import fleet_candidates
 from anser.planning.certified.necessary_conditions import may_arrive

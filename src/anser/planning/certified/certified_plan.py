@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from anser.numerics import compiled_by_older_generator
+from anser.compiling import compiled_by_older_generator
 from anser.planning.certified.broad_phase import INTERVALS_PER_CYLINDER, fleet_clearance_ratio, fleet_cylinders
 from anser.planning.certified.candidate_sets import CandidateSet
 from anser.planning.certified.candidates import SPLINE, fleet_candidates

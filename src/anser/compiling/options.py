@@ -2,12 +2,12 @@
 
 import functools
 from collections.abc import Callable, Sequence
-from typing import ParamSpec, TypeVar
+from typing import ParamSpec, TypeVar, cast
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.core import Tracer
+
+from anser.compiling.program import Program
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -33,46 +33,28 @@ def known_options(wanted: dict[str, bool | str]) -> dict[str, bool | str]:
     return {option: value for option, value in wanted.items() if _known(option, value)}
 
 
+def compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Compile a function, with the compiler's own options."""
+    return cast(Callable[_P, _R], Program(function, dict))
+
+
 def compiled_quickly(function: Callable[_P, _R]) -> Callable[_P, _R]:
     """Compile a function without XLA's optimizer, in a sixth to a half of the time (measured: trims, linear models).
 
-    The function runs more slowly, and its results differ by rounding. Within another compiled function or a derivative
-    it is a part of that one, and compiled as that one is.
+    The function runs more slowly, and its results differ by rounding.
     """
-    within = eqx.filter_jit(function)
-
-    @functools.cache
-    def alone() -> Callable[_P, _R]:
-        options = known_options(_UNOPTIMIZED)
-        return eqx.filter_jit(function, compiler_options=options)  # pyright: ignore[reportCallIssue]
-
-    @functools.wraps(function)
-    def call(*args: _P.args, **kwargs: _P.kwargs) -> _R:
-        # JAX takes compiler options for the outermost function only.
-        traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((args, kwargs)))
-        return (within if traced else alone())(*args, **kwargs)
-
-    return call
+    return cast(Callable[_P, _R], Program(function, lambda: known_options(_UNOPTIMIZED)))
 
 
 def compiled_by_older_generator(
     static_argnames: Sequence[str],
 ) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
-    """Decorate with `jax.jit` by XLA's older code generator for the CPU, where the installed one still has it.
+    """Compile by XLA's older code generator for the CPU, where the installed one still has it.
 
-    That compiles large programs in half the time, and they run as fast. Not for use within another compiled function.
+    That compiles large programs in half the time, and they run as fast. All arguments but those named are traced.
     """
 
     def decorate(function: Callable[_P, _R]) -> Callable[_P, _R]:
-        @functools.cache
-        def compiled() -> Callable[_P, _R]:
-            options = known_options(_OLDER_GENERATOR)
-            return jax.jit(function, static_argnames=static_argnames, compiler_options=options)
-
-        @functools.wraps(function)
-        def call(*args: _P.args, **kwargs: _P.kwargs) -> _R:
-            return compiled()(*args, **kwargs)
-
-        return call
+        return cast(Callable[_P, _R], Program(function, lambda: known_options(_OLDER_GENERATOR), static_argnames))
 
     return decorate

@@ -7,7 +7,7 @@ import sys
 _PROGRAM = """
 import jax, jax.numpy as jnp
 import anser
-from anser.compilation_cache import enable_compilation_cache
+from anser.compiling import enable_compilation_cache
 print(enable_compilation_cache())
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 jax.jit(lambda x: jnp.sin(x) * 2.0)(1.0)

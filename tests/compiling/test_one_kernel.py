@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.numerics import as_one_kernel
-from anser.numerics.one_kernel import SIZE_MAX
+from anser.compiling import as_one_kernel
+from anser.compiling.one_kernel import SIZE_MAX
 
 MARK = 'xla_cpu_small_call = "true"'
 POINTS = jnp.linspace(0.1, 2.0, 12)

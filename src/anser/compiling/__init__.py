@@ -1,0 +1,21 @@
+"""Compiling once per machine, what of it is kept on disk, the compiler's options, a step as one kernel."""
+
+from anser.compiling.cache import cache_folder, enable_compilation_cache, program_store
+from anser.compiling.one_kernel import as_one_kernel
+from anser.compiling.options import compiled, compiled_by_older_generator, compiled_quickly
+from anser.compiling.program import ProgramStore, forget_programs, use_program_store
+from anser.compiling.store import FolderStore
+
+__all__ = [
+    "FolderStore",
+    "ProgramStore",
+    "as_one_kernel",
+    "cache_folder",
+    "compiled",
+    "compiled_by_older_generator",
+    "compiled_quickly",
+    "enable_compilation_cache",
+    "forget_programs",
+    "program_store",
+    "use_program_store",
+]

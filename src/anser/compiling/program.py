@@ -1,0 +1,317 @@
+"""Functions that are compiled once per machine: a store keeps the programs, if one is in use."""
+
+import contextlib
+import dataclasses
+import enum
+import functools
+import hashlib
+import inspect
+import io
+import math
+import os
+import pickle
+import platform
+import sys
+import weakref
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import jaxlib
+import numpy as np
+from jax.core import Tracer
+from jax.experimental import serialize_executable
+
+_FORMAT = 1
+_PACKAGE = Path(__file__).parents[1]
+_KNOWN = ("anser", "builtins", "equinox", "functools", "jax", "jaxlib", "numpy", "pathlib")
+_HIT = "/jax/compilation_cache/cache_hits"
+_SETTINGS = (
+    "jax_default_matmul_precision",
+    "jax_default_prng_impl",
+    "jax_enable_x64",
+    "jax_numpy_dtype_promotion",
+    "jax_threefry_partitionable",
+)
+
+
+class ProgramStore(Protocol):
+    """Where exported programs are kept between processes; neither method may raise."""
+
+    def load(self, key: str) -> bytes | None:
+        """Content that was saved under a key; None where there is none, or none that is whole."""
+
+    def save(self, key: str, content: bytes) -> None:
+        """Keep content under a key, or do nothing."""
+
+
+_in_use: list[ProgramStore] = []
+_programs: "weakref.WeakSet[Program]" = weakref.WeakSet()
+
+
+def use_program_store(store: ProgramStore | None) -> None:
+    """Keep programs in a store from now on; None: in none."""
+    _in_use[:] = [] if store is None else [store]
+
+
+def forget_programs() -> None:
+    """Give up all compiled programs of this process, as `jax.clear_caches` does with JAX's own."""
+    for program in _programs:
+        program.forget()
+
+
+class NotKeptError(Exception):
+    """A function or argument that nothing but this process knows."""
+
+
+def described(value: Any) -> str:
+    """All of a value that a compiled function depends on: structure, static parts, shapes and types of arrays.
+
+    Raises
+    ------
+    NotKeptError
+        Part of it is code that is not the package's own, which could be other code in the next process.
+    """
+    if isinstance(value, np.ndarray | np.generic | jax.Array | jax.ShapeDtypeStruct):
+        return f"{value.dtype}{list(value.shape)}{'~' if getattr(value, 'weak_type', False) else ''}"
+    if value is None or isinstance(value, bool | int | float | complex | str | bytes):
+        return repr(value)
+    if isinstance(value, enum.Enum):
+        return f"{_name(type(value))}.{value.name}"
+    if isinstance(value, dict):
+        return "{" + ",".join(f"{described(k)}:{described(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, frozenset | set):
+        return "set{" + ",".join(sorted(map(described, value))) + "}"
+    if isinstance(value, tuple | list):
+        return f"{_name(type(value))}({','.join(map(described, value))})"
+    if isinstance(value, functools.partial):
+        return f"partial({described(value.func)},{described(value.args)},{described(value.keywords)})"
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        fields = (f"{f.name}={described(getattr(value, f.name, None))}" for f in dataclasses.fields(value))
+        return f"{_name(type(value))}({','.join(fields)})"
+    if isinstance(value, np.dtype):
+        return str(value)
+    if isinstance(value, type) or callable(value):
+        return _name(value)
+    raise NotKeptError(type(value).__name__)
+
+
+def _name(code: Any) -> str:
+    """Name of a class or function of a package that is known by its version."""
+    module, name = getattr(code, "__module__", None), getattr(code, "__qualname__", "<")
+    if module is None or module.split(".")[0] not in _KNOWN or "<" in name:
+        raise NotKeptError(f"{module}.{name}")
+    return f"{module}.{name}"
+
+
+@functools.cache
+def _surroundings() -> str:
+    """Everything but function and arguments on which a compiled program depends: code, versions, machine."""
+    sources = hashlib.sha256()
+    for path in sorted(_PACKAGE.rglob("*")):
+        if path.suffix in (".py", ".json"):
+            sources.update(str(path.relative_to(_PACKAGE)).encode() + b"\0" + path.read_bytes())
+    versions = [f"{module.__name__} {module.__version__}" for module in (jax, jaxlib, np, eqx)]
+    device = jax.devices()[0]
+    machine = [platform.platform(), platform.machine(), device.platform, device.device_kind, str(len(jax.devices()))]
+    processor = Path("/proc/cpuinfo")
+    if processor.is_file():
+        machine += [line for line in processor.read_text().splitlines() if line.startswith(("flags", "Features"))][:1]
+    return "\n".join([str(_FORMAT), sys.version, sources.hexdigest(), *versions, *machine])
+
+
+def _settings() -> str:
+    """What the user can change from one call to the next."""
+    values = [f"{name}={getattr(jax.config, name)}" for name in _SETTINGS]
+    return "\n".join([*values, os.environ.get("XLA_FLAGS", "")])
+
+
+class _Hole:
+    """In the place of an array in the structure of a result."""
+
+
+class _Structures(pickle.Unpickler):
+    """Reads the structure of a result; of classes it knows only those of which results are made."""
+
+    def find_class(self, module_name: str, global_name: str) -> Any:
+        if module_name.split(".")[0] not in _KNOWN or module_name == "builtins":
+            raise pickle.UnpicklingError(f"{module_name}.{global_name}")
+        return super().find_class(module_name, global_name)
+
+
+_hits: list[str] = []
+
+
+@functools.cache
+def _listen() -> None:
+    jax.monitoring.register_event_listener(lambda event, **_: _hits.append(event) if event == _HIT else None)
+
+
+def _compiled(lowered: Any, options: dict[str, bool | str]) -> tuple[Any, bool]:
+    """The program, and whether it can be kept: XLA cannot serialize one again that came out of JAX's own cache."""
+    _listen()
+    before = len(_hits)
+    least_s = jax.config.jax_persistent_cache_min_compile_time_secs  # pyright: ignore[reportAttributeAccessIssue]
+    # It is kept once, in the store.
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", math.inf)
+    try:
+        return lowered.compile(options or None), len(_hits) == before
+    finally:
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", least_s)
+
+
+@functools.cache
+def _have_lapack() -> None:
+    """Have JAX look up LAPACK's functions, which it does when it lowers a call of one, not when it loads one."""
+    jax.jit(jnp.linalg.cholesky).lower(jax.ShapeDtypeStruct((1, 1), jnp.float32))
+
+
+def _content(compiled: Any, result: Any) -> bytes:
+    structure = pickle.dumps(result)
+    return len(structure).to_bytes(8, "big") + structure + serialize_executable.serialize(compiled)[0]
+
+
+def _of_content(content: bytes, arguments: int) -> tuple[Any, Any]:
+    end = 8 + int.from_bytes(content[:8], "big")
+    result = _Structures(io.BytesIO(content[8:end])).load()
+    if b"lapack_" in content:
+        _have_lapack()
+    arrays = sum(isinstance(leaf, _Hole) for leaf in jax.tree.leaves(result))
+    trees = [jax.tree.structure(of) for of in ((([0] * arguments,), {}), [0] * arrays)]
+    return serialize_executable.deserialize_and_load(content[end:], *trees), result
+
+
+def _returning(compiled: Callable[..., list[Any]], result: Any) -> Callable[[list[Any]], Any]:
+    """Call a compiled program of arrays and put its arrays into the structure of the result."""
+    leaves, structure = jax.tree.flatten(result)
+    places = [k for k, leaf in enumerate(leaves) if isinstance(leaf, _Hole)]
+
+    def call(arrays: list[Any]) -> Any:
+        filled = list(leaves)
+        for place, array in zip(places, compiled(arrays), strict=True):
+            filled[place] = array
+        return structure.unflatten(filled)
+
+    return call
+
+
+class Program:
+    """A function of arrays, compiled for each structure, shape and static value of its arguments.
+
+    With a store in use (`use_program_store`), what another process compiled is neither traced nor compiled again.
+    Within another compiled function or a derivative it is a part of that one.
+
+    Parameters
+    ----------
+    function
+        Pure.
+    options
+        Gives the compiler's options when they are first needed.
+    static_argnames
+        Names of static arguments, as of `jax.jit`: all others are traced. None: all that are no arrays are static.
+    """
+
+    def __init__(
+        self,
+        function: Callable[..., Any],
+        options: Callable[[], dict[str, bool | str]],
+        static_argnames: Sequence[str] | None = None,
+    ) -> None:
+        functools.update_wrapper(self, function)
+        self._function, self._options, self._static = function, options, static_argnames
+        self._ready: dict[Any, Callable[[list[Any]], Any]] = {}
+        _programs.add(self)
+
+    @functools.cached_property
+    def _within(self) -> Callable[..., Any]:
+        """Part of another compiled function: JAX takes compiler options for the outermost one only."""
+        if self._static is None:
+            return eqx.filter_jit(self._function)
+        return jax.jit(self._function, static_argnames=self._static)
+
+    @functools.cached_property
+    def _signature(self) -> inspect.Signature:
+        return inspect.signature(self._function)
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        """Call the function, compiled."""
+        return self.ready(*args, **kwargs)()
+
+    def ready(self, *args: Any, **kwargs: Any) -> Callable[[], Any]:
+        """Have the program for such arguments compiled; what is returned calls it with these ones."""
+        traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((args, kwargs)))
+        if traced or jax.config.jax_disable_jit or jax.config.jax_debug_nans:  # pyright: ignore[reportAttributeAccessIssue]
+            return functools.partial(self._within, *args, **kwargs)
+        arrays, static = self._parted(args, kwargs)
+        shapes = tuple((one.shape, one.dtype, getattr(one, "weak_type", False)) for one in arrays)
+        called = (static, shapes, _settings())
+        if called not in self._ready:
+            self._ready[called] = self._prepared(arrays, static)
+        return functools.partial(self._ready[called], arrays)
+
+    def forget(self) -> None:
+        """Give up what is compiled."""
+        self._ready.clear()
+
+    def _parted(self, args: Any, kwargs: Any) -> tuple[list[Any], tuple[Any, tuple[Any, ...]]]:
+        """Array leaves of the arguments; structure and everything else, hashable."""
+        if self._static is None:
+            leaves, structure = jax.tree.flatten((args, kwargs))
+            return [one for one in leaves if eqx.is_array(one)], (
+                structure,
+                tuple(_Hole if eqx.is_array(one) else one for one in leaves),
+            )
+        named = self._signature.bind(*args, **kwargs).arguments
+        # Numbers of Python become weakly typed arrays, as by `jax.jit`.
+        traced = {name: jax.tree.map(jnp.asarray, value) for name, value in named.items() if name not in self._static}
+        leaves, structure = jax.tree.flatten(traced)
+        return leaves, (structure, tuple((name, named[name]) for name in self._static if name in named))
+
+    def _arguments(self, arrays: Sequence[Any], static: tuple[Any, tuple[Any, ...]]) -> tuple[Any, Any]:
+        structure, rest = static
+        if self._static is None:
+            left = iter(arrays)
+            return structure.unflatten([next(left) if one is _Hole else one for one in rest])
+        return (), structure.unflatten(arrays) | dict(rest)
+
+    def _key(self, arrays: list[Any], static: tuple[Any, Any], options: dict[str, bool | str]) -> str | None:
+        """Name of the program for such arguments in a store; None: it cannot be kept."""
+        shapes = [
+            jax.ShapeDtypeStruct(one.shape, one.dtype, weak_type=getattr(one, "weak_type", False)) for one in arrays
+        ]
+        try:
+            of = described((self._function, self._arguments(shapes, static), options))
+        except NotKeptError:
+            return None
+        return hashlib.sha256("\n".join([_surroundings(), _settings(), of]).encode()).hexdigest()
+
+    def _prepared(self, arrays: list[Any], static: tuple[Any, Any]) -> Callable[[list[Any]], Any]:
+        """The program for such arguments: from the store, or compiled and put there."""
+        options = self._options()
+        store = _in_use[0] if _in_use else None
+        key = None if store is None else self._key(arrays, static, options)
+        content = store.load(key) if store is not None and key is not None else None
+        if content is not None:
+            # Whatever is wrong with it, it is made anew.
+            with contextlib.suppress(Exception):
+                return _returning(*_of_content(content, len(arrays)))
+        results = []
+
+        def flat(arrays: list[Any]) -> list[Any]:
+            args, kwargs = self._arguments(arrays, static)
+            leaves, structure = jax.tree.flatten(self._function(*args, **kwargs))
+            results.append(structure.unflatten([_Hole() if eqx.is_array(leaf) else leaf for leaf in leaves]))
+            return [leaf for leaf in leaves if eqx.is_array(leaf)]
+
+        lowered = jax.jit(flat).lower(arrays)
+        if store is None or key is None:
+            return _returning(lowered.compile(options or None), results[0])
+        compiled, whole = _compiled(lowered, options)
+        if whole:
+            # Some cannot be serialized, such as those that call back into Python.
+            with contextlib.suppress(Exception):
+                store.save(key, _content(compiled, results[0]))
+        return _returning(compiled, results[0])
