@@ -77,8 +77,8 @@ def ground_clearance(belief: Belief, limits: FlightLimits) -> GroundClearance:
     fall = -(V_dot * jnp.sin(motion.gamma) + motion.V * jnp.cos(motion.gamma) * gamma_dot)
     needed = level_off_height(motion.V, sink, fall, motion.mu, _PULL_SHARE * spare)
     floor = jnp.maximum(limits.altitude_min - ERROR_ALLOWED_M, 0.0)
-    room = altitude - limits.altitude_min
-    wanted = pull_needed(motion.V, sink, motion.mu, room)
+    height_available = altitude - limits.altitude_min
+    wanted = pull_needed(motion.V, sink, motion.mu, height_available)
     return GroundClearance(
         height_needed=needed,
         lost=needed > altitude - floor,

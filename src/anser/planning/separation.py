@@ -9,6 +9,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float
 
 from anser.planning.trajectory import Trajectory
+from anser.planning.vectors import root
 from anser.shapes import Scalar
 
 
@@ -69,6 +70,4 @@ def separation_min(
     unlike = ~jnp.eye(fleet, dtype=bool)
     if active is not None:
         unlike = unlike & active[:, None] & active[None, :]
-    apart = (square > 0.0) & unlike
-    distance = jnp.where(apart, jnp.sqrt(jnp.where(apart, square, 1.0)), 0.0)
-    return jnp.where(unlike, distance, jnp.inf)
+    return jnp.where(unlike, root(square), jnp.inf)
