@@ -2,7 +2,7 @@
 
 from anser.numerics.compiling import compiled_by_older_generator, compiled_quickly
 from anser.numerics.integrate import rk4_step
-from anser.numerics.linear import inverse3, product3, solve3, times3
+from anser.numerics.linear import cross, inverse3, product3, solve3, times3
 from anser.numerics.one_kernel import as_one_kernel
 from anser.numerics.stacking import Stacked, any_in_batch, stacked, structure_of
 from anser.numerics.tables import Axes, Tables, make_axes, make_tables
@@ -15,6 +15,7 @@ __all__ = [
     "as_one_kernel",
     "compiled_by_older_generator",
     "compiled_quickly",
+    "cross",
     "inverse3",
     "make_axes",
     "make_tables",

@@ -37,6 +37,22 @@ def separation_ratio(level: Any, height: Any, horizontal: Any, vertical: Any) ->
     return xp.maximum(flat, tall)
 
 
+def nearest_fraction(begin: Any, along: Any, least_square: float = 0.0) -> Any:
+    """Part, 0 to 1, of the way from one offset to another at which it is shortest; 0 where the offset stays.
+
+    Parameters
+    ----------
+    begin, along
+        First offset and its change, (..., axis), m; arrays of NumPy or of JAX.
+    least_square
+        Squares of changes below this count as this, m^2.
+    """
+    xp = begin.__array_namespace__()
+    square = xp.sum(along * along, axis=-1)
+    safe = xp.where(square > least_square, square, least_square or 1.0)
+    return xp.clip(-xp.sum(begin * along, axis=-1) / safe, 0.0, 1.0)
+
+
 def positions_along(trajectory: Trajectory, count: int) -> Float[Array, "count 3"]:
     """Positions over the ground at equal intervals from start to rendezvous, NED, m."""
     times = trajectory.start_time + trajectory.duration * jnp.linspace(0.0, 1.0, count)

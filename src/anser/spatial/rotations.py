@@ -209,14 +209,3 @@ def rotate_back(R_ba: Matrix33, v_b: Vector3) -> Vector3:
 def compose(R_cb: Matrix33, R_ba: Matrix33) -> Matrix33:
     """Chain two rotations: ``R_ca = R_cb @ R_ba``."""
     return R_cb[:, 0:1] * R_ba[0:1, :] + R_cb[:, 1:2] * R_ba[1:2, :] + R_cb[:, 2:3] * R_ba[2:3, :]
-
-
-def cross(a: Vector3, b: Vector3) -> Vector3:
-    """Vector product of two vectors in the same frame, any unit."""
-    return jnp.stack(
-        [
-            a[1] * b[2] - a[2] * b[1],
-            a[2] * b[0] - a[0] * b[2],
-            a[0] * b[1] - a[1] * b[0],
-        ]
-    )
