@@ -23,12 +23,7 @@ class Separation(eqx.Module):
 def separation_ratio(level: Any, height: Any, horizontal: Any, vertical: Any) -> Any:
     """Distance over separation, the better of the two ratios; 1 is just enough, infinite where nothing is asked.
 
-    Parameters
-    ----------
-    level, height
-        Horizontal and vertical distance, m; arrays of NumPy or of JAX.
-    horizontal, vertical
-        As in `Separation`.
+    Horizontal and vertical distance, m, are arrays of NumPy or of JAX, or both; separations as in `Separation`.
     """
     xp = level.__array_namespace__()
     asked, stacked = horizontal > 0.0, vertical > 0.0

@@ -230,12 +230,10 @@ def fleet_candidates(
 
     Parameters
     ----------
-    tasks, airspace, durations
-        What is asked: stacked, s.
+    durations
+        Time to each rendezvous, s.
     intervals, instants
         Even intervals of the paths and of the grid.
-    candidate_set
-        What to look at.
     extra_for
         Aircraft for which `candidate_set.extra` is looked at too; None: all that are active.
     """

@@ -166,17 +166,7 @@ def _excess(angle: Scalar, data: tuple[PathEnds, Direct, Detour, Scalar]) -> Sca
 
 
 def solve_detour(ends: PathEnds, base: Direct, way: Detour, wanted: ScalarLike) -> TurnsAndLegs:
-    """The least angle with which a detour has a wanted length (m), within a part in a million.
-
-    Parameters
-    ----------
-    ends, base
-        What to join, and a direct path of it. Where that does not exist, its heading is that of the straight line.
-    way
-        The detour.
-    wanted
-        Length of the whole path, m.
-    """
+    """The least angle with which a detour from a direct path has a wanted length (m), within a part in a million."""
     wanted = jnp.asarray(wanted, dtype=float)
     grid = way.angle_max * jnp.square(jnp.arange(1, _ANGLES_TRIED + 1) / _ANGLES_TRIED)
     legs, lengths = jax.vmap(lambda a: _legs(ends, base, way, a))(grid)

@@ -139,18 +139,10 @@ def path_track(
     times: Float[Array, " instants"],
     since: ScalarLike = -jnp.inf,
 ) -> Track:
-    """A delivered path at even instants, with a rigorous bound of its acceleration in each interval.
+    """A delivered path at even instants (s), with a rigorous bound of its acceleration in each interval.
 
-    Parameters
-    ----------
-    path, accelerations
-        A path, and bounds of its acceleration in each of its cells, m/s^2.
-    active
-        0 for one that does not count.
-    times
-        The instants, s.
-    since
-        What is before counts no more, s.
+    Of the path there are bounds of the acceleration in each of its cells, m/s^2; `active` is 0 for one that does not
+    count, and what is before `since`, s, counts no more.
     """
     step = times[1] - times[0]
     positions = jax.vmap(path.position_n)(times)
