@@ -32,7 +32,7 @@ def separation_ratio(level: Any, height: Any, horizontal: Any, vertical: Any) ->
     return xp.maximum(flat, tall)
 
 
-def nearest_fraction(begin: Any, along: Any, least_square: float = 0.0) -> Any:
+def nearest_fraction(begin: Any, along: Any, least_square: float = 1e-200) -> Any:
     """Part, 0 to 1, of the way from one offset to another at which it is shortest; 0 where the offset stays.
 
     Parameters
@@ -40,12 +40,11 @@ def nearest_fraction(begin: Any, along: Any, least_square: float = 0.0) -> Any:
     begin, along
         First offset and its change, (..., axis), m; arrays of NumPy or of JAX.
     least_square
-        Squares of changes below this count as this, m^2.
+        Squares of changes below this count as this, m^2; it keeps derivatives finite.
     """
     xp = begin.__array_namespace__()
     square = xp.sum(along * along, axis=-1)
-    safe = xp.where(square > least_square, square, least_square or 1.0)
-    return xp.clip(-xp.sum(begin * along, axis=-1) / safe, 0.0, 1.0)
+    return xp.clip(-xp.sum(begin * along, axis=-1) / xp.maximum(square, least_square), 0.0, 1.0)
 
 
 def positions_along(trajectory: Trajectory, count: int) -> Float[Array, "count 3"]:

@@ -7,7 +7,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from anser.planning import nearest_fraction
 from anser.sensing import Instant
 from anser.shapes import Scalar, ScalarLike
 from anser.simulation.recorder import AbstractRecorder, AircraftSample, FleetSample
@@ -171,7 +170,9 @@ def _of_one(sample: AircraftSample) -> dict[str, Array]:
 
 def _nearest(start_n: Array, end_n: Array) -> tuple[Array, Array]:
     """Part of the way from one offset to another at which it is shortest, and its length there, m; rows of (n, 3)."""
-    part = nearest_fraction(start_n, end_n - start_n)
+    along_n = end_n - start_n
+    square = jnp.sum(along_n**2, axis=-1)
+    part = jnp.clip(-jnp.sum(start_n * along_n, axis=-1) / jnp.where(square > 0.0, square, 1.0), 0.0, 1.0)
     return part, _distance(start_n, end_n, part)
 
 
