@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 from control_cases import AIRFRAME
 
-from anser.aircraft import AircraftState, condition
+from anser.aircraft import AircraftState
 from anser.control import (
     AutopilotState,
     OnboardModel,
@@ -17,6 +17,7 @@ from anser.environment import standard_environment
 from anser.planning import PathCommand
 from anser.shapes import ScalarLike
 from anser.simulation.motion import advance
+from anser.simulation.response import believed
 from anser.simulation.trim import TrimPoint
 
 ENVIRONMENT = standard_environment()
@@ -45,8 +46,7 @@ def memory_of(trim: TrimPoint) -> AutopilotState:
 
 
 def model_of(state, memory, gains, limits, step) -> OnboardModel:
-    now = condition(AIRFRAME, ENVIRONMENT, 0.0, state)
-    return onboard_model(AIRFRAME, limits, gains, state, now, memory, ENVIRONMENT.gravity, step)
+    return onboard_model(believed(AIRFRAME, ENVIRONMENT, state), limits, gains, memory, step)
 
 
 def control(case, state, memory, gains, limits):

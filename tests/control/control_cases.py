@@ -6,9 +6,18 @@ import numpy as np
 from hypothesis import strategies as st
 
 from anser.aircraft import AircraftState, Condition, condition
-from anser.control import PathMotion, path_motion
+from anser.control import (
+    OnboardModel,
+    PathMotion,
+    default_limits,
+    initial_autopilot_state,
+    path_motion,
+    published_gains,
+)
+from anser.control.onboard_model import onboard_model
 from anser.environment import standard_environment
 from anser.scenario.library import load_airframe
+from anser.simulation.response import believed
 from anser.spatial import attitude_from_path, quaternion_from_rotation, rotate
 
 DEGREE = np.pi / 180
@@ -77,6 +86,15 @@ def motion_of(state, x) -> tuple[Condition, PathMotion]:
     now = condition(AIRFRAME, environment, 0.0, state)
     mass = AIRFRAME.mass_properties.mass
     return now, path_motion(now, now.wrench.force_b, state.velocity_b, mass, environment.gravity)
+
+
+def model_of(state, x) -> OnboardModel:
+    """What the loops know of a state after steady flight in it."""
+    _, motion = motion_of(state, x)
+    attitude = jnp.stack([motion.mu, motion.alpha, motion.beta])
+    memory = initial_autopilot_state(attitude, state.rates_b, state.surfaces)
+    belief = believed(AIRFRAME, environment_of(x), state)
+    return onboard_model(belief, default_limits(), published_gains(), memory, 0.01)
 
 
 def setting_of(x) -> Setting:

@@ -10,7 +10,7 @@ import pytest
 from autopilot_cases import ENVIRONMENT, memory_of
 from control_cases import AIRFRAME, DEGREE
 
-from anser.aircraft import AbstractAirframe, Actuators, MassProperties, Wrench, condition
+from anser.aircraft import AbstractAirframe, Actuators, MassProperties, Wrench
 from anser.control import (
     ModelResidual,
     default_limits,
@@ -24,6 +24,7 @@ from anser.scenario import build_flight, loads
 from anser.shapes import Scalar, Vector3
 from anser.simulation import trim_target
 from anser.simulation.motion import advance
+from anser.simulation.response import believed
 from support.states import make_state
 from support.trims import trim
 
@@ -95,8 +96,7 @@ def test_surfaces_rest_on_the_measurement_and_on_the_slopes_of_the_model_alone()
         if seen:
             residual = dataclasses.replace(residual, acceleration_b=-(J_inverse @ moment_b))
         memory = eqx.tree_at(lambda m: m.residual, memory_0, residual)
-        now = condition(model, ENVIRONMENT, 0.0, state)
-        model = onboard_model(model, LIMITS, gains(0.0), state, now, memory, GRAVITY, STEP)
+        model = onboard_model(believed(model, ENVIRONMENT, state), LIMITS, gains(0.0), memory, STEP)
         demand, _ = rate_control(model, gains(0.0), memory, state.rates_b, jnp.array([0.2, 0.1, 0.0]))
         return np.asarray(demand.surfaces)
 
@@ -124,10 +124,10 @@ def _climb_and_turn(truth, bandwidth, start, memory):
 
     def one(carry, k):
         state, memory = carry
-        actual, believed = (condition(airframe, ENVIRONMENT, 0.0, state) for airframe in (truth, AIRFRAME))
-        specific_b = actual.wrench.force_b / truth.mass_properties.mass
+        felt_b = believed(truth, ENVIRONMENT, state).specific_force_b
+        belief = eqx.tree_at(lambda b: b.specific_force_b, believed(AIRFRAME, ENVIRONMENT, state), felt_b)
         setting = gains(bandwidth)
-        model = onboard_model(AIRFRAME, LIMITS, setting, state, believed, memory, GRAVITY, STEP, specific_b)
+        model = onboard_model(belief, LIMITS, setting, memory, STEP)
         zero = jnp.zeros(())
         command = PathCommand(jnp.asarray(155.0), jnp.asarray(3 * DEGREE), jnp.asarray(30 * DEGREE), zero, zero, zero)
         controls, _, memory = velocity_control(model, setting, memory, command)

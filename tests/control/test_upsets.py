@@ -18,6 +18,7 @@ from anser.control.autopilot import velocity_control
 from anser.control.onboard_model import onboard_model
 from anser.planning import PathCommand
 from anser.simulation.motion import advance
+from anser.simulation.response import believed
 from anser.spatial import attitude_from_path, quaternion_from_rotation
 
 ALTITUDE_M, SPEED_M_S, STEP_S, STEPS = 3000.0, 160.0, 0.01, 2500
@@ -67,7 +68,7 @@ def _recover(start):
     def one(carry, _):
         state, memory = carry
         now = condition(AIRFRAME, ENVIRONMENT, 0.0, state)
-        model = onboard_model(AIRFRAME, limits, gains, state, now, memory, gravity, STEP_S)
+        model = onboard_model(believed(AIRFRAME, ENVIRONMENT, state), limits, gains, memory, STEP_S)
         controls, signals, memory = velocity_control(model, gains, memory, command)
         motion = model.motion
         row = {

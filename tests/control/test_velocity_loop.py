@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from control_cases import AIRFRAME, DEGREE, QUICK, environment_of, flights, motion_of, setting_of, state_of, vectors
+from control_cases import AIRFRAME, DEGREE, QUICK, flights, model_of, motion_of, setting_of, state_of, vectors
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
@@ -27,7 +27,7 @@ def thrust_case(x, V_dot):
     """Demand, the V_dot and thrust missing once the engine has followed, the engine's response to its throttle."""
     setting = setting_of(x)
     power = setting.state.power
-    demand = thrust_demand(AIRFRAME, ENGINE_BANDWIDTH, setting.now, power, setting.motion, V_dot, G)
+    demand = thrust_demand(model_of(setting.state, x), ENGINE_BANDWIDTH, V_dot)
     data = setting.now.air_data
     steady = AIRFRAME.power_for_thrust(demand.thrust, data.altitude, data.mach)
     short = demand.thrust - AIRFRAME.propulsion(steady, data.altitude, data.mach).force_b[0]
@@ -108,11 +108,7 @@ straight = vectors(
 
 
 def _attitude(state, x, gamma_dot, chi_dot):
-    now, motion = motion_of(state, x)
-    beyond_b = jnp.zeros(3)
-    return attitude_demand(
-        AIRFRAME, LIMITS, now, state.rates_b, state.surfaces, beyond_b, motion, gamma_dot, chi_dot, G
-    )
+    return attitude_demand(model_of(state, x), gamma_dot, chi_dot)
 
 
 @jax.jit
@@ -258,13 +254,8 @@ def _greatest_lift(x):
 
 
 def _all_demands(x):
-    setting = setting_of(x)
-    now, motion = setting.now, setting.motion
-    thrust = thrust_demand(AIRFRAME, ENGINE_BANDWIDTH, now, x[12], motion, 0.5, environment_of(x).gravity)
-    attitude = attitude_demand(
-        *(AIRFRAME, LIMITS, now, setting.state.rates_b, setting.state.surfaces, jnp.zeros(3)),
-        *(motion, 0.01, 0.02, G),
-    )
+    model = model_of(state_of(x), x)
+    thrust, attitude = thrust_demand(model, ENGINE_BANDWIDTH, 0.5), attitude_demand(model, 0.01, 0.02)
     return jnp.concatenate([thrust.throttle[None], thrust.thrust[None], attitude.angles])
 
 

@@ -48,14 +48,6 @@ def test_a_degree_cannot_fall():
         bernstein.elevate(jnp.zeros(4), 2)
 
 
-@pytest.mark.parametrize("degree", [1, 5])
-def test_slope_is_the_derivative_over_the_span(degree):
-    a, spans = drawn(degree), np.linspace(0.3, 7.0, BATCH)
-    found = np.asarray(bernstein.slope(jnp.asarray(a), jnp.asarray(spans)))
-    for c, p, span in zip(found, a, spans, strict=True):
-        np.testing.assert_allclose(power(c)(U), power(p).deriv()(U) / span, atol=1e-10)  # rounding, divided by 0.3
-
-
 @pytest.mark.parametrize("degree", [0, 3, 6])
 def test_bounds_hold_and_touch_at_the_ends(degree):
     a = drawn(degree)
@@ -84,12 +76,11 @@ def test_bounds_close_in_with_the_square_of_the_interval():
     assert 3.5 < excess(0.2) / excess(0.1) < 4.5
 
 
-@pytest.mark.parametrize("degree", [0, 1, 5])
-def test_value_jit_vmap_and_gradient(degree):
-    a, u = jnp.asarray(drawn(degree)), jnp.linspace(0.0, 1.0, BATCH)
-    expected = [power(p)(x) for p, x in zip(np.asarray(a), np.asarray(u), strict=True)]
-    np.testing.assert_allclose(jax.jit(bernstein.evaluate)(a, u), expected, atol=1e-12)  # rounding
-    np.testing.assert_allclose(jax.vmap(bernstein.evaluate)(a, u), expected, atol=1e-12)
-    slopes = jax.vmap(jax.grad(bernstein.evaluate, argnums=1))(a, u)
-    derived = [power(p).deriv()(x) for p, x in zip(np.asarray(a), np.asarray(u), strict=True)]
-    np.testing.assert_allclose(slopes, derived, atol=1e-11)
+def test_product_jit_vmap_and_gradient():
+    a, b, change = (jnp.asarray(drawn(*what)) for what in ((5, 0), (3, 1), (5, 2)))
+    expected = bernstein.product(a, b)
+    np.testing.assert_allclose(jax.jit(bernstein.product)(a, b), expected, atol=1e-12)  # rounding
+    np.testing.assert_allclose(jax.vmap(bernstein.product)(a, b), expected, atol=1e-12)
+    # Linear in each factor: the derivative along a change is the product with it.
+    slope = jax.jvp(lambda of: bernstein.product(of, b), (a,), (change,))[1]
+    np.testing.assert_allclose(slope, bernstein.product(change, b), atol=1e-12)

@@ -26,7 +26,7 @@ from anser.simulation import (
     map_point,
     survey_flight,
 )
-from anser.simulation.response import trimmed_memory
+from anser.simulation.response import believed, trimmed_memory
 from anser.simulation.step_metrics import step_metrics
 
 pytestmark = pytest.mark.long
@@ -71,7 +71,7 @@ def _history(trim, target, size):
         state, memory = carry
         time = k * STEP
         now = condition(AIRFRAME, ENVIRONMENT, time, state)
-        model = onboard_model(AIRFRAME, LIMITS, GAINS, state, now, memory, ENVIRONMENT.gravity, STEP)
+        model = onboard_model(believed(AIRFRAME, ENVIRONMENT, state), LIMITS, GAINS, memory, STEP)
         course = target.course + target.turn_rate * time
         zero = jnp.zeros(())
         command = PathCommand(

@@ -5,12 +5,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from anser.aircraft import Controls, condition
+from anser.aircraft import Controls
 from anser.control.autopilot import velocity_control
 from anser.control.onboard_model import onboard_model
 from anser.planning import PathCommand
 from anser.simulation.motion import advance
-from anser.simulation.response import trimmed_memory
+from anser.simulation.response import believed, trimmed_memory
 
 LATEST = 8
 
@@ -28,8 +28,7 @@ def excited_flight(
     def one(factor, delay):
         def sample(carry, k):
             state, memory, sent = carry
-            now = condition(airframe, environment, 0.0, state)
-            model = onboard_model(airframe, limits, gains, state, now, memory, environment.gravity, step)
+            model = onboard_model(believed(airframe, environment, state), limits, gains, memory, step)
             controls, _, memory = velocity_control(model, gains, memory, wanted)
             sent = jnp.concatenate([controls.surfaces[None], sent[:-1]])
             surfaces = held + factor * (sent[delay, jnp.arange(3)] - held)
@@ -37,8 +36,7 @@ def excited_flight(
             return (state, memory, sent), controls.surfaces - held
 
         start, memory = trim.state, trimmed_memory(trim)
-        now = condition(airframe, environment, 0.0, start)
-        path = onboard_model(airframe, limits, gains, start, now, memory, environment.gravity, step).motion
+        path = onboard_model(believed(airframe, environment, start), limits, gains, memory, step).motion
         wanted = PathCommand(path.V, path.gamma, path.chi, *jnp.zeros(3))
         kicked = eqx.tree_at(lambda s: s.rates_b, start, start.rates_b + 1e-9)
         sent = jnp.broadcast_to(held, (LATEST, 3))

@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 
-from anser.planning import AbstractPlanner, AbstractReference, PathPoint, simple_plan
+from anser.planning import AbstractPlanner, AbstractReference, AircraftPlan, PathPoint
 from anser.shapes import Scalar, Vector3
 
 
@@ -25,10 +25,12 @@ class StraightLines(AbstractPlanner):
     error_n: Vector3
 
     def first(self, time, reports, performance):
-        def one(told):
-            end_n = told.goal_position_n + self.duration * told.goal_velocity_n + told.rendezvous.stand_off_n
-            velocity_n = (end_n + self.error_n - told.position_n) / self.duration
-            return simple_plan(Line(told.position_n, velocity_n, jnp.asarray(time)), time + self.duration)
+        def one(report):
+            end_n = report.goal_position_n + self.duration * report.goal_velocity_n + report.rendezvous.stand_off_n
+            velocity_n = (end_n + self.error_n - report.position_n) / self.duration
+            line = Line(report.position_n, velocity_n, jnp.asarray(time))
+            fine, unknown = jnp.zeros((), dtype=jnp.int32), jnp.full((), jnp.nan)
+            return AircraftPlan(line, time + self.duration, fine, unknown, unknown, fine)
 
         return jax.vmap(one)(reports)
 

@@ -9,7 +9,6 @@ from anser.aircraft.f16_dispersed import (
     dispersed_f16,
     no_dispersion,
 )
-from anser.aircraft.f16_engine import F16Engine
 from anser.aircraft.interface import AbstractAirframe, AircraftState, Controls, MassProperties, Wrench
 from anser.aircraft.motion import MotionState, Moving, motion_derivative, moving_state, seen_state
 from anser.aircraft.rigid_body import (
@@ -34,7 +33,6 @@ __all__ = [
     "EarthFixedState",
     "F16Coefficients",
     "F16Dispersion",
-    "F16Engine",
     "MassProperties",
     "MotionState",
     "Moving",

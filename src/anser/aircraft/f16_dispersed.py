@@ -52,13 +52,6 @@ def dispersed_f16(f16: F16, dispersion: F16Dispersion) -> F16:
 
     A factor multiplies the whole of its table or coefficient, so that its contribution to the build-up scales exactly;
     the arguments of the tables stay. Both c.g. terms, in Cm and Cn, follow the shift.
-
-    Parameters
-    ----------
-    f16
-        What is dispersed.
-    dispersion
-        By how much.
     """
     ends = [0]
     for names in _GROUPS:

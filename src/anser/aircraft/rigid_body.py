@@ -5,9 +5,9 @@ import equinox as eqx
 from anser.aircraft.air_data import AirData, air_data
 from anser.aircraft.interface import AbstractAirframe, AircraftState, Controls, MassProperties, Wrench
 from anser.environment import Environment, LocalEarth
-from anser.numerics import times3
+from anser.numerics import cross, times3
 from anser.shapes import Matrix33, ScalarLike, Vector3
-from anser.spatial import cross, quaternion_derivative, rotate, rotate_back, rotation_from_quaternion
+from anser.spatial import quaternion_derivative, rotate, rotate_back, rotation_from_quaternion
 
 
 class Condition(eqx.Module):

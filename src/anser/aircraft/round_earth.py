@@ -6,10 +6,10 @@ import jax.numpy as jnp
 from anser.aircraft.interface import AbstractAirframe, AircraftState, Controls
 from anser.aircraft.rigid_body import angular_acceleration, condition
 from anser.environment import Environment, RotatingEarth
+from anser.numerics import cross
 from anser.shapes import Quaternion, Scalar, ScalarLike, Vector3
 from anser.spatial import (
     compose,
-    cross,
     quaternion_derivative,
     quaternion_from_euler,
     quaternion_multiply,

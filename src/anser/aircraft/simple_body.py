@@ -77,14 +77,7 @@ class SimpleBody(AbstractAirframe):
 
 
 def body_from_data(data: Mapping[str, Any], name: str) -> SimpleBody:
-    """Build a body from its data file.
-
-    Parameters
-    ----------
-    data
-        Content of `aircraft/data/bodies.json`.
-    name
-        One of its bodies.
+    """Build a body by its name in the content of `aircraft/data/bodies.json`.
 
     Raises
     ------

@@ -5,8 +5,8 @@ from anser.control.authority import surface_authority
 from anser.control.autopilot import AutopilotSignals
 from anser.control.excitation import Excitation
 from anser.control.feedback import Differentiator, advanced_integral, brakeable, virtual_control, wrapped
-from anser.control.gain_design import SEPARATION_MIN, Separation, designed_gains, loop_bandwidth, separations
-from anser.control.gains import AutopilotGains, LoopGains, loop_gains, published_gains
+from anser.control.gain_design import SEPARATION_MIN, designed_gains, loop_bandwidth, separations
+from anser.control.gains import AutopilotGains, LoopGains, published_gains
 from anser.control.ground_clearance import GroundClearance, ground_clearance, levelled_off
 from anser.control.guidance import (
     FollowPlan,
@@ -45,7 +45,6 @@ __all__ = [
     "ModelResidual",
     "OnboardModel",
     "PathMotion",
-    "Separation",
     "advanced_integral",
     "allocate",
     "brakeable",
@@ -59,7 +58,6 @@ __all__ = [
     "initial_autopilot_state",
     "levelled_off",
     "loop_bandwidth",
-    "loop_gains",
     "no_residual",
     "over_ground",
     "path_motion",

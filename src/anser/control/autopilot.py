@@ -10,7 +10,7 @@ from jaxtyping import Array
 
 from anser.aircraft import Controls, angular_acceleration, moment_for_acceleration
 from anser.control.allocation import SurfaceDemand, allocate
-from anser.control.excitation import Excitation, no_excitation
+from anser.control.excitation import Excitation
 from anser.control.feedback import advanced_integral, brakeable, virtual_control, wrapped
 from anser.control.gains import AutopilotGains
 from anser.control.memory import AutopilotState
@@ -163,27 +163,14 @@ def velocity_control(
 
     The signals are the commands before `excitation` is added.
     """
-    added = no_excitation() if excitation is None else excitation
+    added = Excitation() if excitation is None else excitation
     motion, limits = model.motion, model.limits
     V_wanted = jnp.clip(wanted.V, limits.speed_min, limits.speed_max)
     error = jnp.stack([V_wanted - motion.V, wanted.gamma - motion.gamma, wrapped(wanted.chi - motion.chi)])
     wanted_dot = jnp.stack([wanted.V_dot, wanted.gamma_dot, wanted.chi_dot])
     nu = virtual_control(gains.velocity, error, memory.velocity_integral, wanted_dot, motion.path_rates)
-    thrust = thrust_demand(
-        model.airframe, gains.engine_bandwidth, model.slow, model.state.power, motion, nu[0], model.gravity
-    )
-    attitude = attitude_demand(
-        model.airframe,
-        limits,
-        model.slow,
-        model.state.rates_b,
-        model.surfaces_slow,
-        model.residual.force_b,
-        motion,
-        nu[1],
-        nu[2],
-        model.gravity,
-    )
+    thrust = thrust_demand(model, gains.engine_bandwidth, nu[0])
+    attitude = attitude_demand(model, nu[1], nu[2])
     saturated = jnp.stack([thrust.saturated, attitude.alpha_saturated, attitude.bank_saturated])
     integral = advanced_integral(memory.velocity_integral, error, saturated, model.step)
     passed = attitude.angles + added.attitude

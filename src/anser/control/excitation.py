@@ -19,10 +19,5 @@ class Excitation(eqx.Module):
         Added to the wanted (P, Q, R), rad/s.
     """
 
-    attitude: Vector3
-    rates_b: Vector3
-
-
-def no_excitation() -> Excitation:
-    """Nothing is added."""
-    return Excitation(jnp.zeros(3), jnp.zeros(3))
+    attitude: Vector3 = eqx.field(default_factory=lambda: jnp.zeros(3))
+    rates_b: Vector3 = eqx.field(default_factory=lambda: jnp.zeros(3))

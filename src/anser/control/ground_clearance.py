@@ -28,8 +28,6 @@ class GroundClearance(eqx.Module):
 
     Attributes
     ----------
-    height_needed
-        To end the descent that it is in, m.
     lost
         Whether the height left above the floor no longer suffices to end the descent: to be broken off at once.
     pull
@@ -41,7 +39,6 @@ class GroundClearance(eqx.Module):
         What the aircraft does now.
     """
 
-    height_needed: Scalar
     lost: Flag
     pull: Scalar
     normal_most: Scalar
@@ -77,10 +74,9 @@ def ground_clearance(belief: Belief, limits: FlightLimits) -> GroundClearance:
     fall = -(V_dot * jnp.sin(motion.gamma) + motion.V * jnp.cos(motion.gamma) * gamma_dot)
     needed = level_off_height(motion.V, sink, fall, motion.mu, _PULL_SHARE * spare)
     floor = jnp.maximum(limits.altitude_min - ERROR_ALLOWED_M, 0.0)
-    room = altitude - limits.altitude_min
-    wanted = pull_needed(motion.V, sink, motion.mu, room)
+    height_available = altitude - limits.altitude_min
+    wanted = pull_needed(motion.V, sink, motion.mu, height_available)
     return GroundClearance(
-        height_needed=needed,
         lost=needed > altitude - floor,
         pull=jnp.minimum(wanted, spare),
         normal_most=most,

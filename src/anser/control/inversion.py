@@ -11,7 +11,7 @@ from anser.control.gains import AutopilotGains
 from anser.control.interface import AbstractController
 from anser.control.limits import FlightLimits
 from anser.control.memory import AutopilotState, initial_autopilot_state
-from anser.control.onboard_model import OnboardModel, onboard_model
+from anser.control.onboard_model import onboard_model
 from anser.sensing import Belief
 from anser.shapes import ScalarLike, Vector3
 
@@ -55,25 +55,11 @@ class InversionAutopilot(AbstractController):
         """Memory of an autopilot that has been holding steady flight."""
         return initial_autopilot_state(attitude, state.rates_b, state.surfaces)
 
-    def onboard_model(self, memory: AutopilotState, belief: Belief, step: ScalarLike) -> OnboardModel:
-        """What the loops share at this sample."""
-        return onboard_model(
-            belief.airframe,
-            self.limits,
-            self.gains,
-            belief.state,
-            belief.now,
-            memory,
-            belief.now.earth.gravity,
-            step,
-            belief.specific_force_b,
-        )
-
     def control(
         self, memory: AutopilotState, belief: Belief, command: Any, step: ScalarLike
     ) -> tuple[Controls, AutopilotSignals | None, AutopilotState]:
         """See `velocity_control`, `attitude_control`, `rate_control`; signals are those of the velocity loop."""
-        model = self.onboard_model(memory, belief, step)
+        model = onboard_model(belief, self.limits, self.gains, memory, step)
         if self.loop == "velocity":
             return velocity_control(model, self.gains, memory, command)
         if self.loop == "attitude":

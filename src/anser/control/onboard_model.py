@@ -11,6 +11,7 @@ from anser.control.memory import AutopilotState
 from anser.control.model_residual import ModelResidual
 from anser.control.path_motion import PathMotion, path_motion
 from anser.numerics import times3
+from anser.sensing import Belief
 from anser.shapes import ScalarLike, Vector3
 
 
@@ -41,40 +42,13 @@ class OnboardModel(eqx.Module):
 
 
 def onboard_model(
-    airframe: AbstractAirframe,
-    limits: FlightLimits,
-    gains: AutopilotGains,
-    state: AircraftState,
-    now: Condition,
-    memory: AutopilotState,
-    gravity: ScalarLike,
-    step: ScalarLike,
-    specific_force_b: Vector3 | None = None,
+    belief: Belief, limits: FlightLimits, gains: AutopilotGains, memory: AutopilotState, step: ScalarLike
 ) -> OnboardModel:
-    """Evaluate the on-board model.
-
-    Parameters
-    ----------
-    airframe
-        The autopilot's model of its aircraft.
-    limits, gains, memory
-        Of the autopilot.
-    state
-        As measured.
-    now
-        Condition of the model.
-    gravity
-        m/s^2.
-    step
-        Sampling period, s.
-    specific_force_b
-        What accelerometers at the centre of gravity read (3,), m/s^2; that of a perfect model where None.
-    """
+    """Evaluate the on-board model of what an aircraft believes; `step` is the sampling period, s."""
+    airframe, state, now, gravity = belief.airframe, belief.state, belief.now, belief.now.earth.gravity
     mass_properties = airframe.mass_properties
-    model_force_b = now.wrench.force_b
-    measured_b = model_force_b if specific_force_b is None else mass_properties.mass * specific_force_b
     residual = memory.residual.advanced(
-        measured_b - model_force_b,
+        mass_properties.mass * belief.specific_force_b - now.wrench.force_b,
         state.rates_b,
         angular_acceleration(mass_properties, state.rates_b, now.wrench.moment_b),
         gains.sensor_bandwidth,

@@ -5,8 +5,7 @@ import jax
 import jax.numpy as jnp
 
 from anser.aircraft import AbstractAirframe, Condition
-from anser.control.limits import FlightLimits
-from anser.control.path_motion import PathMotion
+from anser.control.onboard_model import OnboardModel
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 
 _COS_BANK_MIN = 0.2  # between 78 and 102 deg of bank lift is asked less and less to hold the path
@@ -49,25 +48,18 @@ class AttitudeDemand(eqx.Module):
     load_factor_short: Flag
 
 
-def thrust_demand(
-    airframe: AbstractAirframe,
-    engine_bandwidth: ScalarLike,
-    now: Condition,
-    power: ScalarLike,
-    motion: PathMotion,
-    V_dot: ScalarLike,
-    gravity: ScalarLike,
-) -> ThrustDemand:
+def thrust_demand(model: OnboardModel, engine_bandwidth: ScalarLike, V_dot: ScalarLike) -> ThrustDemand:
     """Thrust for a wanted V_dot (m/s^2), through the inverted thrust tables, engine lag and gearing.
 
     T = [m (V_dot + g sin gamma) - (aerodynamic force along the velocity)] / (cos alpha cos beta).
     """
+    airframe, now, motion, power = model.airframe, model.slow, model.motion, model.state.power
     ca, sa = jnp.cos(motion.alpha), jnp.sin(motion.alpha)
     cb, sb = jnp.cos(motion.beta), jnp.sin(motion.beta)
     X, Y, Z = now.aerodynamic.force_b
     along = X * ca * cb + Y * sb + Z * sa * cb
     mass = airframe.mass_properties.mass
-    thrust = (mass * (V_dot + gravity * jnp.sin(motion.gamma)) - along) / jnp.maximum(ca * cb, 0.2)
+    thrust = (mass * (V_dot + model.gravity * jnp.sin(motion.gamma)) - along) / jnp.maximum(ca * cb, 0.2)
     altitude, mach = now.air_data.altitude, now.air_data.mach
     wanted = airframe.power_for_thrust(thrust, altitude, mach)
     throttle = airframe.throttle_for_power_rate(power, engine_bandwidth * (wanted - power))
@@ -94,30 +86,19 @@ def lift_at(
     return force_b[0] * jnp.sin(alpha) - force_b[2] * jnp.cos(alpha)
 
 
-def attitude_demand(
-    airframe: AbstractAirframe,
-    limits: FlightLimits,
-    now: Condition,
-    rates_b: Vector3,
-    surfaces: Vector3,
-    force_residual_b: Vector3,
-    motion: PathMotion,
-    gamma_dot: ScalarLike,
-    chi_dot: ScalarLike,
-    gravity: ScalarLike,
-) -> AttitudeDemand:
+def attitude_demand(model: OnboardModel, gamma_dot: ScalarLike, chi_dot: ScalarLike) -> AttitudeDemand:
     """Bank and angle of attack for wanted gamma_dot and chi_dot (rad/s), sideslip zero (coordinated turns).
 
     mu = atan2(V cos(gamma) chi_dot, V gamma_dot + g cos gamma), the well-conditioned form; alpha from the balance of
     forces normal to the path at the present bank, m (V gamma_dot + g cos gamma) = L(alpha) cos(mu) with
-    L = F_X sin(alpha) - F_Z cos(alpha), solved by Newton steps on the airframe's own forces. With the bank more than 60
-    deg off, an upset, the aircraft is unloaded first. `force_residual_b` is what the sensors say beyond the airframe's
-    forces, N.
+    L = F_X sin(alpha) - F_Z cos(alpha), solved by Newton steps on the airframe's own forces and what the sensors say
+    beyond them. With the bank more than 60 deg off, an upset, the aircraft is unloaded first.
 
     What the lift at alpha_max or the load factor cannot give is left out of both turns alike, of the path's and of the
     course's: gravity is carried first.
     """
-    mass = airframe.mass_properties.mass
+    limits, now, motion, gravity = model.limits, model.slow, model.motion, model.gravity
+    mass = model.airframe.mass_properties.mass
     weight = mass * gravity
     fall = gravity * jnp.cos(motion.gamma)
     side_free = motion.V * jnp.cos(motion.gamma) * chi_dot
@@ -125,10 +106,10 @@ def attitude_demand(
     # in a turn the path is pushed down no faster than leaves lift to turn with
     turning = jnp.clip(jnp.abs(side_free) / (_UP_TURNING_G * gravity), 0.0, 1.0)
     up = up_free + turning * jnp.maximum(_UP_TURNING_G * gravity - up_free, 0.0)
-    beside_b = now.propulsive.force_b + force_residual_b
+    beside_b = now.propulsive.force_b + model.residual.force_b
 
     def lift(alpha: Scalar) -> Scalar:
-        return lift_at(airframe, now, rates_b, surfaces, beside_b, alpha)
+        return lift_at(model.airframe, now, model.state.rates_b, model.surfaces_slow, beside_b, alpha)
 
     # more bank than the lift can hold would be a sinking spiral up to alpha_max and beyond
     lift_most = jnp.maximum(LIFT_SHARE * lift(limits.alpha_max), 0.0)

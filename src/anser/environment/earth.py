@@ -7,10 +7,10 @@ import jax.numpy as jnp
 
 from anser.constants import EARTH_GM_M3_S2, EARTH_J2, EARTH_ROTATION_RAD_S, WGS84_A_M, WGS84_F
 from anser.environment.gravity import gravitation_j2
+from anser.numerics import cross
 from anser.shapes import Matrix33, Scalar, ScalarLike, Vector3
 from anser.spatial import (
     Ellipsoid,
-    cross,
     ecef_from_geodetic,
     flat_from_geodetic,
     flat_stretch,

@@ -1,7 +1,7 @@
 """Numerical building blocks: tables, integration, quadrature, roots, small algebra."""
 
 from anser.numerics.integrate import rk4_step
-from anser.numerics.linear import inverse3, product3, solve3, times3
+from anser.numerics.linear import cross, inverse3, product3, solve3, times3
 from anser.numerics.stacking import Stacked, any_in_batch, stacked, structure_of
 from anser.numerics.tables import Axes, Tables, make_axes, make_tables
 
@@ -10,6 +10,7 @@ __all__ = [
     "Stacked",
     "Tables",
     "any_in_batch",
+    "cross",
     "inverse3",
     "make_axes",
     "make_tables",

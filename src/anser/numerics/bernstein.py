@@ -9,7 +9,7 @@ import math
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Inexact
+from jaxtyping import Array, Float
 
 Coefficients = Float[Array, "*batch n"]
 
@@ -37,19 +37,6 @@ def elevate(a: Coefficients, degree: int) -> Float[Array, "*batch m"]:
     return a @ jnp.asarray(np.sum(_product_weights(a.shape[-1] - 1, missing), axis=2).T)
 
 
-def slope(a: Coefficients, span: Inexact[Array, "*batch"]) -> Float[Array, "*batch m"]:
-    """Derivative of a polynomial over an interval of length `span`."""
-    degree = a.shape[-1] - 1
-    return degree * (a[..., 1:] - a[..., :-1]) / span[..., None]
-
-
 def bounds(a: Coefficients) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
     """What the polynomial lies between."""
     return jnp.min(a, axis=-1), jnp.max(a, axis=-1)
-
-
-def evaluate(a: Coefficients, u: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
-    """Value at u, by de Casteljau's scheme."""
-    while a.shape[-1] > 1:
-        a = a[..., :-1] * (1.0 - u)[..., None] + a[..., 1:] * u[..., None]
-    return a[..., 0]

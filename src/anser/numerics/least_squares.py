@@ -8,11 +8,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from anser.shapes import Scalar
+from anser.numerics.gauss_newton import Damping, Linearized, Search, begin_search, search_step
+from anser.shapes import Count, Flag, Scalar
 
 Parameters = TypeVar("Parameters")
 
-_FIRST_DAMPING = 1e-3
+_DAMPING = Damping(lambda _: jnp.asarray(1e-3), 0.1, 10.0)
 _LAST_DAMPING = 1e12
 """No step this short makes progress: the search has ended in a local minimum or at a kink."""
 
@@ -55,33 +56,26 @@ def levenberg_marquardt(
     parameters = jax.tree.map(lambda leaf: jax.lax.stop_gradient(leaf) if eqx.is_array(leaf) else leaf, parameters)
     start = jax.lax.stop_gradient(start)
 
-    def evaluate(x: Float[Array, " n"]) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
+    def evaluate(_: None, x: Float[Array, " n"]) -> Linearized:
         residual, push = jax.linearize(lambda at: function(at, parameters), x)
-        return residual, jax.vmap(push, out_axes=1)(jnp.eye(x.size))
+        return Linearized(residual, jax.vmap(push, out_axes=1)(jnp.eye(x.size)))
 
-    def proceed(carry: tuple) -> Array:
-        _, _, residual, _, damping, count = carry
+    def move(_: None, at: Linearized, damping: Scalar) -> Float[Array, " n"]:
+        return damped_solve(at.jacobian, at.residual, damping)
+
+    def proceed(carry: tuple[Search, Count]) -> Flag:
+        search, count = carry
         # The first evaluation is the loop's own first pass, taken with an infinite residual before it.
-        return (count <= steps) & (jnp.max(jnp.abs(residual)) > tolerance) & (damping < _LAST_DAMPING)
+        left = jnp.max(jnp.abs(search.at.residual)) > tolerance
+        return (count <= steps) & left & ~(search.damping >= _LAST_DAMPING)
 
-    def step(carry: tuple) -> tuple:
-        best, trial, residual, jacobian, damping, count = carry
-        new_residual, new_jacobian = evaluate(trial)
-        # Not-a-number is no improvement.
-        better = jnp.sum(new_residual**2) < jnp.sum(residual**2)
-        best, residual, jacobian = jax.tree.map(
-            lambda new, old: jnp.where(better, new, old),
-            (trial, new_residual, new_jacobian),
-            (best, residual, jacobian),
-        )
-        damping = damping * jnp.where(better, 0.1, 10.0)
-        following = best - damped_solve(jacobian, residual, damping)
-        return best, following, residual, jacobian, damping, count + 1
-
-    unknown = jnp.full_like(start, jnp.inf)
-    first = (start, start, unknown, jnp.eye(start.size), jnp.asarray(10 * _FIRST_DAMPING), jnp.asarray(0))
-    best, _, residual, *_ = jax.lax.while_loop(proceed, step, first)
-    return Solution(best, jnp.max(jnp.abs(residual)))
+    unknown = Linearized(jnp.full_like(start, jnp.inf), jnp.eye(start.size))
+    found, _ = jax.lax.while_loop(
+        proceed,
+        lambda carry: (search_step(evaluate, move, _DAMPING, carry[0]), carry[1] + 1),
+        (begin_search(None, start, unknown), jnp.asarray(0)),
+    )
+    return Solution(found.best, jnp.max(jnp.abs(found.at.residual)))
 
 
 def with_implicit_derivative(

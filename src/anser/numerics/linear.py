@@ -7,7 +7,8 @@ from jaxtyping import Array, Float
 from anser.shapes import Count, Matrix33, Vector3
 
 
-def _cross(a: Vector3, b: Vector3) -> Vector3:
+def cross(a: Vector3, b: Vector3) -> Vector3:
+    """Vector product of two vectors in the same frame, any unit."""
     return jnp.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
@@ -31,7 +32,7 @@ def inverse3(matrix: Matrix33, floor: float = 1e-12) -> Matrix33:
     lengths = jnp.sqrt(jnp.sum(matrix * matrix, axis=0) + 1e-100)
     unit = matrix / lengths[None, :]
     a, b, c = unit[:, 0], unit[:, 1], unit[:, 2]
-    rows = jnp.stack([_cross(b, c), _cross(c, a), _cross(a, b)])
+    rows = jnp.stack([cross(b, c), cross(c, a), cross(a, b)])
     determinant = jnp.sum(a * rows[0])
     safe = jnp.where(jnp.abs(determinant) < floor, jnp.where(determinant < 0, -floor, floor), determinant)
     return rows / (safe * lengths[:, None])

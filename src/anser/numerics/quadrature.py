@@ -40,16 +40,6 @@ def integrate(
     high: ScalarLike,
     rule: QuadratureRule = GAUSS_LEGENDRE_16,
 ) -> Scalar:
-    """Integral of a function over [low, high].
-
-    Parameters
-    ----------
-    function
-        Takes all nodes at once, shape (nodes,), and returns the values there, same shape.
-    low, high
-        Ends of the interval; low > high changes the sign.
-    rule
-        The quadrature rule.
-    """
+    """Integral of a function, which takes all nodes at once, over [low, high]; low > high changes the sign."""
     low, span = jnp.asarray(low), jnp.asarray(high) - jnp.asarray(low)
     return span * jnp.sum(jnp.asarray(rule.weights) * function(low + span * jnp.asarray(rule.nodes)))

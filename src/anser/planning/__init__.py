@@ -9,17 +9,16 @@ from anser.planning.interface import (
     AircraftPlan,
     Performance,
     Report,
-    simple_plan,
 )
 from anser.planning.limit_check import LimitReport, check_limits
-from anser.planning.limits import CERTIFIED_LIMITS, LIMIT_MESSAGES, LIMITS, Limit, PathLimits
+from anser.planning.limits import CERTIFIED_LIMITS, LIMIT_MESSAGES, LIMITS, PathLimits
 from anser.planning.line_of_sight import LineOfSight, measure, recover
-from anser.planning.published_planner import PublishedPlanner, PublishedPlanState
+from anser.planning.published_planner import PublishedPlanner
 from anser.planning.reference import AbstractReference, PathPoint
 from anser.planning.rendezvous import Rendezvous, final_air_velocity, make_rendezvous, time_to_go
 from anser.planning.renewal import renew
-from anser.planning.separation import Separation, separation_min, separation_ratio
-from anser.planning.shape import Bend, solve_lateral_bend
+from anser.planning.separation import Separation, nearest_fraction, separation_min, separation_ratio
+from anser.planning.shape import solve_lateral_bend
 from anser.planning.sides import choose_sides
 from anser.planning.trajectory import Trajectory, bend_trajectory, fit_trajectory, lateral_direction_n, with_even_speed
 
@@ -31,10 +30,8 @@ __all__ = [
     "AbstractPlanner",
     "AbstractReference",
     "AircraftPlan",
-    "Bend",
     "FleetPlan",
     "GoalMotion",
-    "Limit",
     "LimitReport",
     "LineOfSight",
     "PathCommand",
@@ -42,7 +39,6 @@ __all__ = [
     "PathPoint",
     "Performance",
     "PlanningTask",
-    "PublishedPlanState",
     "PublishedPlanner",
     "Rendezvous",
     "Report",
@@ -59,6 +55,7 @@ __all__ = [
     "lateral_direction_n",
     "make_rendezvous",
     "measure",
+    "nearest_fraction",
     "pad_waypoints",
     "polar",
     "recover",
@@ -66,7 +63,6 @@ __all__ = [
     "rescaled",
     "separation_min",
     "separation_ratio",
-    "simple_plan",
     "solve_lateral_bend",
     "straight_goal",
     "time_to_go",

@@ -13,16 +13,10 @@ from anser.shapes import Scalar, ScalarLike
 def arc_length(
     trajectory: Trajectory, start_phase: ScalarLike = 0.0, rule: QuadratureRule = GAUSS_LEGENDRE_16
 ) -> Scalar:
-    """Length of the air path from a normalised time s to the rendezvous, m.
+    """Length of the air path from a path parameter s in [0, 1] to the rendezvous, m.
 
-    Parameters
-    ----------
-    trajectory
-        The trajectory.
-    start_phase
-        s in [0, 1] from where to measure; `trajectory.phase(t)` for the length still to fly at time t.
-    rule
-        Quadrature rule; its positive weights keep the length convex in the bends.
+    From `trajectory.phase(t)` on it is what is still to fly at time t. The rule's positive weights keep the length
+    convex in the bends.
     """
 
     def path_speed(phases: Float[Array, " nodes"]) -> Float[Array, " nodes"]:

@@ -34,7 +34,7 @@ ARRIVAL_STEPS = 12
 # The fixed point is met when the longest path takes the arrival time to within this, s.
 ARRIVAL_TOLERANCE_S = 1e-9
 # Least horizon, s: keeps a fleet that is already there from dividing by zero.
-_SHORTEST_S = 1e-3
+SHORTEST_S = 1e-3
 # A path hardly changes with the speed: each round gains two digits.
 _SPEED_ROUNDS = 3
 
@@ -70,11 +70,6 @@ class FleetPlan(eqx.Module):
     def active(self) -> Bool[Array, " aircraft"]:
         """Which aircraft are planned for, see `PlanningTask.active`."""
         return self.status != INACTIVE
-
-    @property
-    def statuses(self) -> Int[Array, " aircraft"]:
-        """`status`, under the name that all plans have for it."""
-        return self.status
 
 
 class PlanningTask(eqx.Module):
@@ -187,7 +182,7 @@ def _common_duration(tasks: PlanningTask, speed: Scalar) -> tuple[Scalar, Flag, 
     # Only where the search begins: the result does not depend on it, and its gradient is the implicit one.
     straight = jax.lax.stop_gradient(straight)
     least = jnp.where(jnp.any(exists), jnp.max(jnp.where(exists, straight, 0.0)), jnp.max(straight))
-    trials = jnp.maximum(least, _SHORTEST_S) * jnp.array(_TIME_RATIOS)
+    trials = jnp.maximum(least, SHORTEST_S) * jnp.array(_TIME_RATIOS)
     taken = jax.vmap(lambda trial: _lengths(tasks, trial, speed))(trials) / speed
     in_time = taken <= trials[:, None]
     reachable = exists & jnp.any(in_time, axis=0)
@@ -199,7 +194,7 @@ def _common_duration(tasks: PlanningTask, speed: Scalar) -> tuple[Scalar, Flag, 
     root = bracketed_newton(_shortfall, (tasks, speed, reachable), low, high, high, ARRIVAL_STEPS)
     found = jnp.any(all_in_time) & jnp.any(reachable) & (jnp.abs(root.residual) <= ARRIVAL_TOLERANCE_S)
     # Without an answer the straight lines' time stands in.
-    return jnp.maximum(jnp.where(found, root.x, least), _SHORTEST_S), found, reachable
+    return jnp.maximum(jnp.where(found, root.x, least), SHORTEST_S), found, reachable
 
 
 def _timed(path: Trajectory, task: PlanningTask, even_speed: Flag | bool) -> Trajectory:

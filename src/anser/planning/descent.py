@@ -19,14 +19,8 @@ def slowest_mean_speed(path: Trajectory, speed_0: ScalarLike, deceleration: Scal
     V dV/dl = g (-dh/dl) - a with the deceleration a (less the reserve that the even law keeps). On a level path this is
     far below any speed of interest; down a path steeper than the glide it exceeds the first speed.
 
-    Parameters
-    ----------
-    path
-        Its shape counts, not its time law.
-    speed_0
-        Airspeed at its start, m/s.
-    deceleration
-        With the engine idle in level flight, m/s^2.
+    Of the path the shape counts, not the time law. `speed_0` is the airspeed at its start, m/s; the deceleration is
+    that with the engine idle in level flight, m/s^2.
     """
     edges = np.linspace(0.0, 1.0, CELLS + 1)
     middles = jnp.asarray(0.5 * (edges[1:] + edges[:-1]))

@@ -4,9 +4,9 @@ import abc
 from typing import Any
 
 import equinox as eqx
-import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from anser.planning.reference import AbstractReference
 from anser.planning.rendezvous import Rendezvous
 from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
 
@@ -59,7 +59,7 @@ class AircraftPlan(eqx.Module):
     Attributes
     ----------
     trajectory
-        Where to be at which time up to the arrival: an `AbstractReference`.
+        Where to be at which time up to the arrival.
     arrival_time
         When it is to be at its rendezvous, s.
     status
@@ -74,20 +74,13 @@ class AircraftPlan(eqx.Module):
         What it flies after the arrival; None: what its own hold says.
     """
 
-    trajectory: Any
+    trajectory: AbstractReference
     arrival_time: Scalar
     status: Count
     length: Scalar
     lateral_bend: Scalar
     renewal: Count
     hold: Any = None
-
-
-def simple_plan(trajectory: Any, arrival_time: Scalar) -> AircraftPlan:
-    """Plan of one aircraft, or stacked of a fleet, with nothing to tell but trajectory and arrival time (s)."""
-    zero = jnp.zeros_like(arrival_time, dtype=jnp.int32)
-    none = jnp.full_like(arrival_time, jnp.nan)
-    return AircraftPlan(trajectory, arrival_time, zero, none, none, zero)
 
 
 class AbstractPlanner(eqx.Module):

@@ -54,20 +54,15 @@ def level_off_height(
     return fallen + _arc(square, sink_then, jnp.maximum(pull, _PULL_MIN * gravity))
 
 
-def pull_needed(speed: ScalarLike, sink: ScalarLike, bank: ScalarLike, room: ScalarLike) -> Scalar:
-    """Acceleration normal to the path, beyond carrying the weight, that ends a descent within a height, m/s^2.
+def pull_needed(speed: ScalarLike, sink: ScalarLike, bank: ScalarLike, height_available: ScalarLike) -> Scalar:
+    """Acceleration normal to the path, beyond carrying the weight, that ends a descent within a height (m), m/s^2.
 
-    Parameters
-    ----------
-    speed, sink, bank
-        As for `level_off_height`.
-    room
-        Height that is left, m; where nothing is left the pull is that of an arc as short as what is fallen in a third
-        of a second, and 1 m.
+    Speed, sink and bank as for `level_off_height`. Where no height is available the pull is that of an arc as short as
+    what is fallen in a third of a second, and 1 m.
     """
     down = jnp.maximum(sink, 0.0)
     time = REACTION_S + jnp.abs(bank) / ROLL_RATE_RAD_S
-    left = jnp.maximum(room - down * time, down / 3 + 1.0)
+    left = jnp.maximum(height_available - down * time, down / 3 + 1.0)
     square = jnp.maximum(speed, _SPEED_MIN) ** 2
     return square * _one_minus_cosine(down**2 / square) / left
 

@@ -43,21 +43,8 @@ class LimitReport(eqx.Module):
 
 
 def check_limits(trajectory: Trajectory, limits: PathLimits, gravity: ScalarLike, count: int = 129) -> LimitReport:
-    """Compare a trajectory with an aircraft's limits at equal intervals from start to rendezvous, both included.
+    """Compare a trajectory with an aircraft's limits at `count` even instants from start to rendezvous.
 
-    Parameters
-    ----------
-    trajectory
-        The trajectory.
-    limits
-        The limits.
-    gravity
-        m/s^2.
-    count
-        Number of instants looked at.
-
-    Notes
-    -----
     Theory section 6, "Dynamic limits on the whole path": |chi_dot| < g tan(bank_max)/V. Speed, turn and climb are
     those relative to the air, which is what the aircraft feels; altitude is over the ground. The end state is what a
     hold can catch: see `level_off_height`, with the bank and the vertical acceleration of the path's end.

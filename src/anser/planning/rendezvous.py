@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from anser.planning.commands import polar
-from anser.planning.vectors import norm, unit
+from anser.planning.vectors import norm, root, unit
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 
 SURFACE_STAND_OFF_MIN_M = 150.0
@@ -65,11 +65,11 @@ def time_to_go(relative_position: Vector3, relative_velocity: Vector3, speed: Sc
     c = jnp.sum(relative_position * relative_position)
     discriminant = b * b - a * c
     exists = (a < 0.0) | ((b < 0.0) & (discriminant >= 0.0))
-    root = jnp.where(discriminant > 0.0, jnp.sqrt(jnp.where(discriminant > 0.0, discriminant, 1.0)), 0.0)
+    between = root(discriminant)
     away = b > 0.0
-    divisor = jnp.where(away, -a, root - b)
+    divisor = jnp.where(away, -a, between - b)
     usable = exists & (divisor > 0.0)
-    time = jnp.where(away, root + b, c) / jnp.where(usable, divisor, 1.0)
+    time = jnp.where(away, between + b, c) / jnp.where(usable, divisor, 1.0)
     stand_in = norm(relative_position) / (speed + norm(relative_velocity))
     return jnp.where(usable, time, stand_in), exists
 

@@ -5,8 +5,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Real
 
+from anser.numerics.stacking import rows_where
 from anser.planning.arc_length import arc_length
-from anser.planning.coordination import INACTIVE, FleetPlan, PlanningTask, coordinate, nominal_trajectory
+from anser.planning.coordination import INACTIVE, SHORTEST_S, FleetPlan, PlanningTask, coordinate, nominal_trajectory
 from anser.planning.trajectory import Trajectory, bend_trajectory, with_even_speed
 from anser.planning.vectors import norm
 from anser.shapes import Flag, Scalar, ScalarLike
@@ -15,15 +16,13 @@ from anser.shapes import Flag, Scalar, ScalarLike
 SPEED_BAND = 0.01
 # With less time to go than this the arrival time and the shapes stand: see `renew`.
 COMMITTED_S = 15.0
-# Least time to go of a path, s.
-_SHORTEST_S = 1e-3
 
 
 def _refit(
     plan: FleetPlan, time: ScalarLike, tasks: PlanningTask, speed: ScalarLike, even_speed: Flag | bool
 ) -> FleetPlan:
     """The same arrival time and the rest of the same paths, from the present state to where the rendezvous will be."""
-    duration = jnp.maximum(plan.arrival_time - time, _SHORTEST_S)
+    duration = jnp.maximum(plan.arrival_time - time, SHORTEST_S)
 
     def one(old: Trajectory, bend: Scalar, task: PlanningTask) -> tuple[Trajectory, Scalar]:
         # The planned velocity goes on, not the flown one: a new path from the flown speed and course would forgive
@@ -49,9 +48,7 @@ def _standing(plan: FleetPlan, made: FleetPlan, active: Bool[Array, " aircraft"]
     def own(p: FleetPlan) -> tuple[object, ...]:
         return p.trajectories, p.arrival_times, p.nominal_lengths, p.lengths, p.lateral_bends, p.goal_reachable
 
-    rows = jax.tree.map(
-        lambda new, old: jnp.where(active.reshape(-1, *[1] * (new.ndim - 1)), new, old), own(made), own(plan)
-    )
+    rows = rows_where(active, own(made), own(plan))
     status = jnp.where(active, made.status, INACTIVE)
     return eqx.tree_at(lambda p: (*own(p), p.status, p.converged), made, (*rows, status, made.converged & active))
 

@@ -9,6 +9,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float
 
 from anser.planning.trajectory import Trajectory
+from anser.planning.vectors import root
 from anser.shapes import Scalar
 
 
@@ -22,18 +23,28 @@ class Separation(eqx.Module):
 def separation_ratio(level: Any, height: Any, horizontal: Any, vertical: Any) -> Any:
     """Distance over separation, the better of the two ratios; 1 is just enough, infinite where nothing is asked.
 
-    Parameters
-    ----------
-    level, height
-        Horizontal and vertical distance, m; arrays of NumPy or of JAX.
-    horizontal, vertical
-        As in `Separation`.
+    Horizontal and vertical distance, m, are arrays of NumPy or of JAX, or both; separations as in `Separation`.
     """
     xp = level.__array_namespace__()
     asked, stacked = horizontal > 0.0, vertical > 0.0
     flat = xp.where(asked, level / xp.where(asked, horizontal, 1.0), xp.inf)
     tall = xp.where(stacked, height / xp.where(stacked, vertical, 1.0), -xp.inf)
     return xp.maximum(flat, tall)
+
+
+def nearest_fraction(begin: Any, along: Any, least_square: float = 1e-200) -> Any:
+    """Part, 0 to 1, of the way from one offset to another at which it is shortest; 0 where the offset stays.
+
+    Parameters
+    ----------
+    begin, along
+        First offset and its change, (..., axis), m; arrays of NumPy or of JAX.
+    least_square
+        Squares of changes below this count as this, m^2; it keeps derivatives finite.
+    """
+    xp = begin.__array_namespace__()
+    square = xp.sum(along * along, axis=-1)
+    return xp.clip(-xp.sum(begin * along, axis=-1) / xp.maximum(square, least_square), 0.0, 1.0)
 
 
 def positions_along(trajectory: Trajectory, count: int) -> Float[Array, "count 3"]:
@@ -69,6 +80,4 @@ def separation_min(
     unlike = ~jnp.eye(fleet, dtype=bool)
     if active is not None:
         unlike = unlike & active[:, None] & active[None, :]
-    apart = (square > 0.0) & unlike
-    distance = jnp.where(apart, jnp.sqrt(jnp.where(apart, square, 1.0)), 0.0)
-    return jnp.where(unlike, distance, jnp.inf)
+    return jnp.where(unlike, root(square), jnp.inf)

@@ -64,14 +64,9 @@ class Trajectory(AbstractReference):
 
 
 def lateral_direction_n(line_n: Vector3, velocity_0_n: Vector3) -> Vector3:
-    """Horizontal unit vector to the right of the line from start to rendezvous, NED.
+    """Horizontal unit vector to the right of the line from start to rendezvous in the frame of the path, NED.
 
-    Parameters
-    ----------
-    line_n
-        From start to rendezvous, in the frame of the path, NED, m.
-    velocity_0_n
-        Velocity at the start; its horizontal direction replaces that of a vertical line, and North that of both.
+    The horizontal direction of the velocity at the start replaces that of a vertical line, and North that of both.
     """
     ahead = line_n[:2]
     for replacement in (velocity_0_n[:2], jnp.array([1.0, 0.0])):
@@ -83,16 +78,8 @@ def lateral_direction_n(line_n: Vector3, velocity_0_n: Vector3) -> Vector3:
 def bend_trajectory(trajectory: Trajectory, lateral_bend: ScalarLike, vertical_bend: ScalarLike = 0.0) -> Trajectory:
     """Add to a trajectory's bends; the ends and their directions, and the times, stay.
 
-    The result follows the published time law; `with_even_speed` gives it another.
-
-    Parameters
-    ----------
-    trajectory
-        The trajectory to bend, which may be bent already.
-    lateral_bend
-        kappa = b_4 duration^4, m: shifts the middle by kappa/16 along `lateral_n`.
-    vertical_bend
-        The same upwards (c_4 duration^4), m.
+    A lateral bend kappa = b_4 duration^4, m, shifts the middle by kappa/16 along `lateral_n`, a vertical one,
+    c_4 duration^4, upwards. The result follows the published time law; `with_even_speed` gives it another.
     """
     shift = lateral_bend * trajectory.lateral_n - vertical_bend * jnp.array([0.0, 0.0, 1.0])
     coefficients = trajectory.coefficients_n + shift[:, None] * jnp.array(BEND_COEFFICIENTS)[None, :]

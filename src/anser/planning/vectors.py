@@ -1,4 +1,4 @@
-"""Length and direction of a vector with finite gradients at zero."""
+"""Roots, lengths and directions with finite gradients at zero."""
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -6,10 +6,15 @@ from jaxtyping import Array, Float
 from anser.shapes import Scalar, Vector3
 
 
+def root(square: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
+    """Square root; 0 with zero gradient of what is not positive."""
+    positive = square > 0.0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
+
+
 def norm(vector: Float[Array, " k"]) -> Scalar:
     """Euclidean length; its gradient at the zero vector is zero."""
-    square = jnp.sum(vector * vector)
-    return jnp.where(square > 0.0, jnp.sqrt(jnp.where(square > 0.0, square, 1.0)), 0.0)
+    return root(jnp.sum(vector * vector))
 
 
 def unit(vector: Vector3, fallback: Vector3) -> Vector3:

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from anser.planning import nearest_fraction
+
 __all__ = ["closest_approach", "least_distance"]
 
 
@@ -73,8 +75,5 @@ def _segment_minima(points: np.ndarray, allowed: np.ndarray) -> tuple[np.ndarray
     # A record may hold values that are not finite; a segment with one has a distance that is not finite either.
     points = np.where(np.isfinite(points), points, np.nan)
     start, along = points[:-1], np.diff(points, axis=0)
-    square = np.sum(along * along, axis=-1)
-    # A segment of no length is as near everywhere: take its start.
-    fraction = -np.sum(start * along, axis=-1) / np.where(square > 0.0, square, 1.0)
-    fraction = np.minimum(np.clip(fraction, 0.0, 1.0), allowed)
+    fraction = np.minimum(nearest_fraction(start, along), allowed)
     return fraction, np.linalg.norm(start + fraction[..., None] * along, axis=-1)

@@ -53,7 +53,7 @@ class Samples(eqx.Module):
 class DelayedSensors(AbstractSensors):
     """Ideal sensors whose readings are late altogether.
 
-    Before time 0 they told the state at time 0. Angles that wrap (course, azimuth) are not among what is interpolated:
+    Before time 0 they give the state at time 0. Angles that wrap (course, azimuth) are not among what is interpolated:
     attitude is a quaternion, the line of sight to the goal is that of the latest whole period.
 
     Attributes
@@ -80,14 +80,14 @@ class DelayedSensors(AbstractSensors):
         """What was measured `delay` ago."""
         memory = memory.with_next(instant.number, _sample(truth, instant))
         periods = self.delay / instant.step
-        told = memory.late(instant.number, periods)
-        quaternion = told.state.quaternion
+        delayed = memory.late(instant.number, periods)
+        quaternion = delayed.state.quaternion
         # normalized only between samples: a reading that is not late is the sample itself
         quaternion = jnp.where(periods > jnp.floor(periods), normalize(quaternion), quaternion)
-        state = eqx.tree_at(lambda s: s.quaternion, told.state, quaternion)
+        state = eqx.tree_at(lambda s: s.quaternion, delayed.state, quaternion)
         sight = memory.late(instant.number, jnp.round(periods)).sight
         now = condition(truth.airframe, instant.environment, instant.time, state)
-        return Reading(state, now, told.specific_force_b, sight), memory
+        return Reading(state, now, delayed.specific_force_b, sight), memory
 
 
 def _sample(truth: Truth, instant: Instant) -> Sample:

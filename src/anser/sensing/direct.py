@@ -40,14 +40,7 @@ class DirectEstimator(AbstractEstimator):
 def goal_seen(earth: AbstractEarth, sight: LineOfSight, position_n: Vector3, velocity_n: Vector3) -> GoalState:
     """Place and velocity of a goal in the Earth's chart, recovered from the line of sight and the own motion.
 
-    Parameters
-    ----------
-    earth
-        The Earth with its chart.
-    sight
-        As measured.
-    position_n, velocity_n
-        Own place in the chart (3,), m, and velocity over ground (3,), NED, m/s.
+    `position_n` is the own place in the chart (3,), m, `velocity_n` the own velocity over ground (3,), NED, m/s.
     """
     line_n, goal_velocity_n = recover(sight, jnp.zeros(3), velocity_n)
     return GoalState(*earth.charted(position_n, line_n, goal_velocity_n))

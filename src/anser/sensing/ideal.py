@@ -16,17 +16,9 @@ class IdealSensors(AbstractSensors):
 
     def read(self, memory: None, truth: Truth, instant: Instant) -> tuple[Reading, None]:
         """The truth."""
-        return true_reading(truth, instant.environment.earth), None
-
-
-def true_reading(truth: Truth, earth: AbstractEarth) -> Reading:
-    """Reading of ideal sensors."""
-    return Reading(
-        truth.state,
-        truth.now,
-        truth.now.wrench.force_b / truth.airframe.mass_properties.mass,
-        true_sight(truth, earth),
-    )
+        specific_force_b = truth.now.wrench.force_b / truth.airframe.mass_properties.mass
+        sight = true_sight(truth, instant.environment.earth)
+        return Reading(truth.state, truth.now, specific_force_b, sight), None
 
 
 def true_sight(truth: Truth, earth: AbstractEarth) -> LineOfSight | None:
@@ -38,16 +30,9 @@ def true_sight(truth: Truth, earth: AbstractEarth) -> LineOfSight | None:
 
 
 def line_of_sight(earth: AbstractEarth, position_n: Vector3, velocity_n: Vector3, goal: GoalState) -> LineOfSight:
-    """Straight line through space to a goal: its direction and rates in the NED axes of the own place.
+    """Straight line through space to a goal in the chart: its direction and rates in the NED axes of the own place.
 
-    Parameters
-    ----------
-    earth
-        The Earth with its chart.
-    position_n, velocity_n
-        Own place in the chart (3,), m, and velocity over ground (3,), NED, m/s.
-    goal
-        In the chart.
+    `position_n` is the own place in the chart (3,), m, `velocity_n` the own velocity over ground (3,), NED, m/s.
     """
     line_n, goal_over_ground_n = earth.sight(position_n, goal.position_n, goal.velocity_n)
     return measure(jnp.zeros(3), velocity_n, line_n, goal_over_ground_n)

@@ -10,9 +10,9 @@ from anser.control import (
     AutopilotSignals,
     AutopilotState,
     Excitation,
-    InversionAutopilot,
 )
 from anser.control.autopilot import velocity_control
+from anser.control.onboard_model import onboard_model
 from anser.planning import PathCommand
 from anser.shapes import Vector3
 from anser.simulation.linearize_chart import BODY_STATES, SURFACE_STATES, coordinates_of, state_at
@@ -88,7 +88,6 @@ def excited_loop(case: LoopCase, memory: MemoryFields) -> ExcitedLoop:
     """
     airframe, environment, trim = case.airframe, case.environment, case.trim
     require_flat(environment)
-    autopilot = InversionAutopilot(case.gains, case.limits)
     start, path = trimmed_memory(trim), motion_of(believed(airframe, environment, trim.state))
     wanted = PathCommand(path.V, path.gamma, path.chi, *path.path_rates)
 
@@ -99,7 +98,8 @@ def excited_loop(case: LoopCase, memory: MemoryFields) -> ExcitedLoop:
         state = state_at(environment, zw[:_AIRCRAFT], trim.state.position_n)
         before = eqx.tree_at(elements, start, list(zw[_AIRCRAFT:-5].reshape(-1, 3)))
         added = Excitation(attitude=jnp.append(zw[-2:], 0.0), rates_b=zw[-5:-2])
-        model = autopilot.onboard_model(before, believed(airframe, environment, state), case.step)
+        belief = believed(airframe, environment, state)
+        model = onboard_model(belief, case.limits, case.gains, before, case.step)
         controls, signals, after = velocity_control(model, case.gains, before, wanted, added)
         commands = [controls.surfaces, controls.throttle[None], signals.rates_b, signals.attitude.angles[:2]]
         return jnp.concatenate([*commands, *elements(after), _limited(signals).astype(float)])

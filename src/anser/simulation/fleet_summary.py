@@ -69,7 +69,7 @@ class FleetSummary(eqx.Module):
     finite: Bool[Array, " aircraft"]
 
 
-class _Last(NamedTuple):
+class _PreviousSample(NamedTuple):
     """The sample before, of each aircraft."""
 
     position_n: Float[Array, "aircraft 3"]
@@ -83,7 +83,7 @@ class SummaryRecorder(AbstractRecorder):
 
     every: int = eqx.field(static=True, default=1)
 
-    def init(self, aircraft: int) -> tuple[FleetSummary, _Last]:
+    def init(self, aircraft: int) -> tuple[FleetSummary, _PreviousSample]:
         """Summary of no sample."""
         zero, none = jnp.zeros(aircraft), jnp.full(aircraft, jnp.inf)
         code = jnp.zeros(aircraft, dtype=jnp.int32)
@@ -100,11 +100,11 @@ class SummaryRecorder(AbstractRecorder):
             separation_min=jnp.asarray(jnp.inf),
             finite=jnp.ones(aircraft, dtype=bool),
         )
-        return summary, _Last(jnp.zeros((aircraft, 3)), jnp.zeros((aircraft, 3)), zero, speeds)
+        return summary, _PreviousSample(jnp.zeros((aircraft, 3)), jnp.zeros((aircraft, 3)), zero, speeds)
 
     def take(
-        self, memory: tuple[FleetSummary, _Last], sample: FleetSample, instant: Instant
-    ) -> tuple[FleetSummary, _Last]:
+        self, memory: tuple[FleetSummary, _PreviousSample], sample: FleetSample, instant: Instant
+    ) -> tuple[FleetSummary, _PreviousSample]:
         """Summary with one more sample, and with the interval that ends with it."""
         before, last = memory
         now = sample.rows(_of_one)
@@ -146,7 +146,7 @@ class SummaryRecorder(AbstractRecorder):
             finite=before.finite & jnp.isfinite(airspeed) & jnp.all(jnp.isfinite(position_n), axis=1),
         )
         whole = last.speeds.until(jnp.ones_like(airspeed), length_s, last.airspeed, airspeed)
-        return summary, _Last(position_n, offset_n, airspeed, whole)
+        return summary, _PreviousSample(position_n, offset_n, airspeed, whole)
 
     def row(self, sample: FleetSample, instant: Instant) -> None:
         """None."""

@@ -57,7 +57,7 @@ def _circles(task: AircraftTask, airspace: Airspace, settings: GuidanceSettings)
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *made)
 
 
-class _Held(eqx.Module):
+class _HoldOption(eqx.Module):
     """One aircraft with one of its holds, or with none yet; stacked, a fleet.
 
     Attributes
@@ -84,7 +84,9 @@ class _Held(eqx.Module):
     keep_out_clearance: Float[Array, " volumes"]
 
 
-def _clearance_ratios(who: Count, one: _Held, fleet: _Held, separation: Separation) -> Float[Array, " aircraft"]:
+def _clearance_ratios(
+    who: Count, one: _HoldOption, fleet: _HoldOption, separation: Separation
+) -> Float[Array, " aircraft"]:
     """Clearance ratio between one aircraft and each of a fleet, as soon as the first of both has arrived."""
     others = jnp.arange(fleet.fits.shape[0]) != who
 
@@ -106,7 +108,7 @@ class _Choice(eqx.Module):
     """How far the choice of holds has come; leading axis aircraft."""
 
     turn: Count
-    held: _Held
+    held: _HoldOption
     pick: Array
     """Index of the circle of each."""
     clearance_ratio: Float[Array, "aircraft aircraft"]
@@ -160,7 +162,7 @@ def assign_holds(
     approaches = jax.vmap(approach)(paths, tasks.active)
 
     @jax.jit  # traced once
-    def option(who: Count, k: Count) -> _Held:
+    def option(who: Count, k: Count) -> _HoldOption:
         own, path, first = jax.tree.map(lambda leaf: leaf[who], (tasks, paths, approaches))
         circle, arrival = jax.tree.map(lambda leaf: leaf[who, k], circles), arrival_times[who]
         begin = path.position_n(arrival), path.velocity_n(arrival), arrival
@@ -189,9 +191,9 @@ def assign_holds(
         cylinders, cylinders_after = (
             fleet_cylinders(track, fleet, _INTERVALS_PER_CYLINDER) for track in (whole, after)
         )
-        return _Held(held, circle, whole, after, cylinders, cylinders_after, fits, keep_out_clearance)
+        return _HoldOption(held, circle, whole, after, cylinders, cylinders_after, fits, keep_out_clearance)
 
-    def choose(carry: tuple[_Held, Array, Array], who: Count) -> tuple[tuple[_Held, Array, Array], None]:
+    def choose(carry: tuple[_HoldOption, Array, Array], who: Count) -> tuple[tuple[_HoldOption, Array, Array], None]:
         held, pick, settled = carry
 
         def one_more(state: tuple[Count, Count, Scalar, Flag]) -> tuple[Count, Count, Scalar, Flag]:

@@ -155,7 +155,7 @@ def hold_reference(
     return HoldReference(holds.paths, off_n, off_rate_n, jnp.asarray(time, dtype=float)), flown
 
 
-class _Flying(eqx.Module):
+class _PointMass(eqx.Module):
     """A point mass in a hold; position over the ground and what of it is the air's drift, m."""
 
     position_n: Vector3
@@ -170,7 +170,7 @@ class _Flying(eqx.Module):
     """Horizontal acceleration to the right, m/s^2."""
 
 
-def _air_velocity_n(now: _Flying) -> Vector3:
+def _air_velocity_n(now: _PointMass) -> Vector3:
     level = jnp.sqrt(jnp.maximum(now.speed**2 - now.climb**2, 1.0))
     return jnp.stack([level * jnp.cos(now.course), level * jnp.sin(now.course), -now.climb])
 
@@ -215,7 +215,7 @@ def hold_path(
     span = jnp.maximum(until - begin, 1.0) / cells
     most = gravity * jnp.tan(_BANK_KEPT * task.limits.bank_max)
     air_n = velocity_n - wind.at(place_n, begin)
-    start = _Flying(
+    start = _PointMass(
         position_n=place_n,
         drift_n=jnp.zeros(3),
         course=jnp.arctan2(air_n[1], air_n[0]),
@@ -224,7 +224,7 @@ def hold_path(
         turning=jnp.zeros(()),
     )
 
-    def rates(elapsed: ScalarLike, now: _Flying) -> _Flying:
+    def rates(elapsed: ScalarLike, now: _PointMass) -> _PointMass:
         blowing_n = wind.at(now.position_n, begin)
         ground_n = _air_velocity_n(now) + blowing_n
         relative_n = now.position_n - goal_n - elapsed * goal_velocity_n
@@ -244,7 +244,7 @@ def hold_path(
         rising = jnp.clip(rising, -settings.climb_rate_max, settings.climb_rate_max)
         wanted_climb = rising - goal_velocity_n[2] + blowing_n[2]
         level = safe_hypot(*_air_velocity_n(now)[:2])
-        return _Flying(
+        return _PointMass(
             position_n=ground_n,
             drift_n=blowing_n,
             course=now.turning / jnp.maximum(level, 1.0),
@@ -253,13 +253,13 @@ def hold_path(
             turning=(asked - now.turning) / _ROLL_LAG_S,
         )
 
-    def added(one: _Flying, other: _Flying, factor: ScalarLike) -> _Flying:
+    def added(one: _PointMass, other: _PointMass, factor: ScalarLike) -> _PointMass:
         return jax.tree.map(lambda a, b: a + factor * b, one, other)
 
-    def cell(now: _Flying, k: Count) -> tuple[_Flying, tuple[Array, Array]]:
+    def cell(now: _PointMass, k: Count) -> tuple[_PointMass, tuple[Array, Array]]:
         step = span / _SUBSTEPS
 
-        def substep(j: Count, at: _Flying) -> _Flying:
+        def substep(j: Count, at: _PointMass) -> _PointMass:
             t = k * span + j * step
             one = rates(t, at)
             two = rates(t + step / 2, added(at, one, step / 2))

@@ -16,9 +16,10 @@ from anser.aircraft import (
     angular_acceleration,
 )
 from anser.environment import AbstractEarth, Air, Environment
+from anser.numerics import cross
 from anser.numerics.least_squares import Solution, levenberg_marquardt, with_implicit_derivative
 from anser.shapes import Flag, Matrix33, Scalar, ScalarLike, Vector3
-from anser.spatial import attitude_from_path, cross, quaternion_from_rotation, rotate, rotate_back
+from anser.spatial import attitude_from_path, quaternion_from_rotation, rotate, rotate_back
 from anser.units import DEG_RAD
 
 Unknowns = Float[Array, "7"]

@@ -16,7 +16,6 @@ from anser.spatial.frames import (
 )
 from anser.spatial.rotations import (
     compose,
-    cross,
     euler_from_quaternion,
     euler_from_rotation,
     normalize,
@@ -55,7 +54,6 @@ __all__ = [
     "attitude_from_path",
     "bank_about_velocity",
     "compose",
-    "cross",
     "ecef_from_eci",
     "ecef_from_geodetic",
     "ecef_from_ned_point",

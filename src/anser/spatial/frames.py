@@ -43,18 +43,9 @@ def velocity_ecef_from_eci(
     longitude_0: ScalarLike,
     rotation_rate: ScalarLike = EARTH_ROTATION_RAD_S,
 ) -> Vector3:
-    """Velocity relative to the rotating Earth, in ECEF axes.
+    """Velocity relative to the rotating Earth (3,), ECEF axes, m/s: ``R_ei (v_i - w_E x p_i)``.
 
-    Parameters
-    ----------
-    position_i, velocity_i
-        Inertial position (3,), m, and velocity (3,), m/s.
-    time, longitude_0, rotation_rate
-        s, lambda_0 in rad, and rad/s.
-
-    Returns
-    -------
-    (3,), m/s: ``R_ei (v_i - w_E x p_i)``.
+    From inertial position (3,), m, and velocity (3,), m/s; time in s, lambda_0 in rad.
     """
     relative_i = velocity_i - _earth_rotation_cross(position_i, rotation_rate)
     return rotate(rotation_ecef_from_eci(time, longitude_0, rotation_rate), relative_i)
@@ -67,18 +58,10 @@ def velocity_eci_from_ecef(
     longitude_0: ScalarLike,
     rotation_rate: ScalarLike = EARTH_ROTATION_RAD_S,
 ) -> Vector3:
-    """Inertial velocity of a point that moves relative to the Earth.
+    """Inertial velocity (3,), ECI axes, m/s, of a point that moves: ``R_ei.T (v_e + w_E x p_e)``.
 
-    Parameters
-    ----------
-    position_e, velocity_e
-        Earth-fixed position (3,), m, and velocity relative to the Earth (3,), m/s, both in ECEF axes.
-    time, longitude_0, rotation_rate
-        s, lambda_0 in rad, and rad/s.
-
-    Returns
-    -------
-    (3,), m/s, in ECI axes: ``R_ei.T (v_e + w_E x p_e)``.
+    From Earth-fixed position (3,), m, and velocity relative to the Earth (3,), m/s, both in ECEF axes; time in s,
+    lambda_0 in rad.
     """
     inertial_e = velocity_e + _earth_rotation_cross(position_e, rotation_rate)
     return rotate_back(rotation_ecef_from_eci(time, longitude_0, rotation_rate), inertial_e)

@@ -17,16 +17,9 @@ _GIMBAL_COSINE = 1e-8
 
 
 def rotation_from_quaternion(q: Quaternion) -> Matrix33:
-    """Rotation matrix ``R_bn`` of a unit quaternion.
+    """Rotation matrix ``R_bn`` (3, 3), NED to body, of a unit quaternion (4,). Source: theory section 1.
 
-    Parameters
-    ----------
-    q
-        Attitude (4,), unit length; another length scales the matrix by its square.
-
-    Returns
-    -------
-    ``R_bn`` (3, 3), NED to body. Source: theory section 1.
+    A quaternion of another length scales the matrix by its square.
     """
     q0, q1, q2, q3 = q[0], q[1], q[2], q[3]
     s0, s1, s2, s3 = q0 * q0, q1 * q1, q2 * q2, q3 * q3
@@ -40,20 +33,11 @@ def rotation_from_quaternion(q: Quaternion) -> Matrix33:
 
 
 def quaternion_from_rotation(R_bn: Matrix33) -> Quaternion:
-    """Find the unit quaternion, with q0 >= 0, of a rotation matrix.
+    """Find the unit quaternion (4,), with q0 >= 0, of a rotation matrix ``R_bn`` (3, 3), NED to body.
 
     The matrix of all products ``4 q_i q_j`` is linear in ``R_bn``; its row with the largest diagonal, at least 1, is
     the quaternion up to its length. So no small number is ever a divisor (Shepperd, J. Guidance and Control 1(3),
     1978).
-
-    Parameters
-    ----------
-    R_bn
-        Rotation (3, 3), NED to body.
-
-    Returns
-    -------
-    Attitude (4,), unit length.
     """
     (r11, r12, r13), (r21, r22, r23), (r31, r32, r33) = ([R_bn[i, j] for j in range(3)] for i in range(3))
     q0q1, q0q2, q0q3 = r23 - r32, r31 - r13, r12 - r21
@@ -117,12 +101,7 @@ def quaternion_from_euler(roll: ScalarLike, pitch: ScalarLike, yaw: ScalarLike) 
 
 
 def euler_from_rotation(R_bn: Matrix33) -> Vector3:
-    """Roll, pitch, yaw of a rotation matrix.
-
-    Parameters
-    ----------
-    R_bn
-        Rotation (3, 3), NED to body.
+    """Roll, pitch, yaw of a rotation matrix (3, 3), NED to body.
 
     Returns
     -------
@@ -148,18 +127,9 @@ def euler_from_quaternion(q: Quaternion) -> Vector3:
 
 
 def quaternion_derivative(q: Quaternion, rates_b: Vector3) -> Quaternion:
-    """Time derivative of the attitude quaternion.
+    """Time derivative of the attitude quaternion (4,), 1/s, always at right angles to it. Source: theory section 2.
 
-    Parameters
-    ----------
-    q
-        Attitude (4,), NED to body.
-    rates_b
-        Angular velocity of the body against NED (3,), in body axes: P, Q, R in rad/s.
-
-    Returns
-    -------
-    (4,), 1/s; always at right angles to ``q``. Source: theory section 2.
+    ``rates_b`` is the angular velocity of the body against NED (3,), in body axes: P, Q, R in rad/s.
     """
     P, Q, R = rates_b[0], rates_b[1], rates_b[2]
     q0, q1, q2, q3 = q[0], q[1], q[2], q[3]
@@ -209,14 +179,3 @@ def rotate_back(R_ba: Matrix33, v_b: Vector3) -> Vector3:
 def compose(R_cb: Matrix33, R_ba: Matrix33) -> Matrix33:
     """Chain two rotations: ``R_ca = R_cb @ R_ba``."""
     return R_cb[:, 0:1] * R_ba[0:1, :] + R_cb[:, 1:2] * R_ba[1:2, :] + R_cb[:, 2:3] * R_ba[2:3, :]
-
-
-def cross(a: Vector3, b: Vector3) -> Vector3:
-    """Vector product of two vectors in the same frame, any unit."""
-    return jnp.stack(
-        [
-            a[1] * b[2] - a[2] * b[1],
-            a[2] * b[0] - a[0] * b[2],
-            a[0] * b[1] - a[1] * b[0],
-        ]
-    )

@@ -21,12 +21,7 @@ def rotation_wind_from_body(alpha: ScalarLike, beta: ScalarLike) -> Matrix33:
 
 
 def flow_angles(velocity_air_b: Vector3) -> tuple[Scalar, Scalar, Scalar]:
-    """Airspeed, angle of attack and sideslip.
-
-    Parameters
-    ----------
-    velocity_air_b
-        Velocity relative to the air (3,), body axes, m/s.
+    """Airspeed, angle of attack and sideslip of a velocity relative to the air (3,), body axes, m/s.
 
     Returns
     -------
@@ -38,12 +33,7 @@ def flow_angles(velocity_air_b: Vector3) -> tuple[Scalar, Scalar, Scalar]:
 
 
 def path_angles(velocity_n: Vector3) -> tuple[Scalar, Scalar]:
-    """Flight-path angle and course.
-
-    Parameters
-    ----------
-    velocity_n
-        Velocity (3,), NED, m/s.
+    """Flight-path angle and course of a velocity (3,), NED, m/s.
 
     Returns
     -------
@@ -55,14 +45,7 @@ def path_angles(velocity_n: Vector3) -> tuple[Scalar, Scalar]:
 
 
 def bank_about_velocity(R_bn: Matrix33, alpha: ScalarLike, beta: ScalarLike) -> Scalar:
-    """Bank angle about the velocity vector.
-
-    Parameters
-    ----------
-    R_bn
-        Attitude (3, 3), NED to body.
-    alpha, beta
-        Angle of attack and sideslip, rad.
+    """Bank angle about the velocity vector of an attitude (3, 3), NED to body, at alpha and beta (rad).
 
     Returns
     -------

@@ -10,11 +10,11 @@ import numpy as np
 
 from anser.aircraft import AircraftState, Controls, EarthFixedState, SimpleBody, earth_fixed_state
 from anser.environment import Environment, RotatingEarth, standard_environment, wgs84_earth
+from anser.numerics import cross
 from anser.scenario import load_body
 from anser.shapes import Count, Scalar, ScalarLike
 from anser.simulation import advance
 from anser.spatial import (
-    cross,
     eci_from_ecef,
     quaternion_from_euler,
     rotate_back,

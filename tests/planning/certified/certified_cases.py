@@ -8,9 +8,9 @@ from scipy.interpolate import BPoly
 from anser.environment import LayeredWind, SteadyWind
 from anser.numerics.quadrature import gauss_legendre
 from anser.planning.certified.delivery import deliver
-from anser.planning.certified.detours import WORDS, detour, direct, resolve, solve_detour
+from anser.planning.certified.detours import WORDS, detour, direct, solve_detour
 from anser.planning.certified.profile import make_profile, mean_to_last_speed, tabulate
-from anser.planning.certified.route import Ends
+from anser.planning.certified.route import PathEnds, route
 from anser.planning.certified.smooth_turn import cis
 
 GRAVITY = 9.81
@@ -49,7 +49,7 @@ def random_ends(seed, count, near, far, curvature_use=0.9, sharp=4.0, free=False
     radii = rng.uniform(600.0, 3000.0, count)
     start = rng.uniform(-1e4, 1e4, count) + 1j * rng.uniform(-1e4, 1e4, count)
     line = rng.uniform(near, far, count) * radii * np.exp(1j * rng.uniform(-np.pi, np.pi, count))
-    return Ends(
+    return PathEnds(
         start=jnp.asarray(start),
         heading=jnp.asarray(rng.uniform(-np.pi, np.pi, count)),
         curvature=jnp.asarray(curvature_use * rng.uniform(-1.0, 1.0, count) / radii),
@@ -219,7 +219,7 @@ def delivered(wind):
         fastest = profile.speed_most
         curvature = jnp.tan(BANK) * GRAVITY / fastest**2
         zero = jnp.zeros(())
-        ends = Ends(
+        ends = PathEnds(
             start=jax.lax.complex(zero, zero),
             heading=flight["heading"],
             curvature=flight["bend"] * curvature,
@@ -232,7 +232,7 @@ def delivered(wind):
         words = jax.vmap(lambda word: direct(ends, word))(jnp.asarray(WORDS))
         base = jax.tree.map(lambda leaf: leaf[jnp.argmin(words.length)], words)
         solved = solve_detour(ends, base, way, table.length)
-        shape = resolve(ends, solved)
+        shape = route(ends, solved)
         return ends, table, solved, shape, deliver(START_S, table, shape)
 
     return jax.vmap(one)({name: jnp.asarray(values) for name, values in FLOWN.items()}, WAYS)

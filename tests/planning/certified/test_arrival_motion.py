@@ -12,7 +12,8 @@ from anser.environment import SteadyWind
 from anser.planning.certified import AircraftTask, Airspace, Separation, no_keep_outs
 from anser.planning.certified.arrival_motion import arrival_motion
 from anser.planning.certified.delivery import deliver
-from anser.planning.certified.detours import resolve, solve_detour
+from anser.planning.certified.detours import solve_detour
+from anser.planning.certified.route import route
 from anser.planning.certified.timed_profile import steady_after, timed_profile
 from anser.planning.limits import PathLimits
 from anser.planning.rendezvous import Rendezvous
@@ -68,7 +69,7 @@ def flown(tasks, wind):
         speeds = steady_after(task, duration, SPEED)
         timed = timed_profile(task, airspace, duration, INTERVALS, jnp.zeros(()), speeds)
         solved = solve_detour(timed.ends, picked(timed.direct, 0), way, timed.table.length)
-        path = deliver(0.0, timed.table, resolve(timed.ends, solved))
+        path = deliver(0.0, timed.table, route(timed.ends, solved))
         return timed.within_limits & solved.exists, path.states_n(0.0), path.states_n(duration)
 
     return jax.vmap(one)(tasks, detours_of(np.zeros(CASES, dtype=int), np.ones(CASES)))

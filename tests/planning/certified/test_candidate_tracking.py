@@ -10,7 +10,7 @@ from anser.planning.certified.candidate_sets import LATE_FAST, PREFERRED, SLOW_F
 from anser.planning.certified.candidates import fleet_candidates, shaped_candidates
 from anser.planning.certified.certificate import excess, path_bounds
 from anser.planning.certified.delivery import deliver
-from anser.planning.certified.detours import resolve
+from anser.planning.certified.route import route
 from trials.cases import random_case
 from trials.task import planner_task
 
@@ -31,7 +31,7 @@ def _judged(tasks, airspace, durations):
 
         def passed(shape):
             profile = jax.tree.map(lambda leaf: leaf[shape.profile], profiles)
-            path = deliver(0.0, profile, resolve(shape.ends, shape.solved))
+            path = deliver(0.0, profile, route(shape.ends, shape.turns_and_legs))
             return jnp.max(excess(path_bounds(path, airspace.wind, airspace.gravity), task.limits))
 
         return first.valid, jax.lax.map(passed, shapes)

@@ -40,8 +40,8 @@ def meant(table, shape, path, times):
     scale = shape.length / table.length
 
     def one(t):
-        place, heading, _ = shape.at(scale * table.length_at(t))
-        drift = table.drift_at(t)
+        length, drift = table.flown_at(t)
+        place, heading, _ = shape.at(scale * length)
         now = table.profile.at(t)
         (speed, wind), ahead = table.rates(t), cis(heading)
         position = jnp.stack([jnp.real(place) + drift[0], jnp.imag(place) + drift[1], -now.altitude])

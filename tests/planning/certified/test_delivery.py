@@ -9,9 +9,9 @@ from certified_cases import GRAVITY, LAYERED, STEADY, detours_of, number
 from anser.compiling import compiled_quickly
 from anser.planning.certified.certificate import path_bounds
 from anser.planning.certified.delivery import deliver
-from anser.planning.certified.detours import WORDS, direct, resolve, solve_detour
+from anser.planning.certified.detours import WORDS, direct, solve_detour
 from anser.planning.certified.profile import make_profile, tabulate
-from anser.planning.certified.route import Ends
+from anser.planning.certified.route import PathEnds, route
 
 
 @pytest.mark.long
@@ -24,7 +24,7 @@ def test_close_knots_do_not_make_accelerations(wind):
     assert 0.02 < 2 * duration / intervals - 3.0 < 0.05
     table = tabulate(profile, wind, intervals)
     far = 0.9 * table.length
-    ends = Ends(
+    ends = PathEnds(
         0j + number(0.0),
         number(0.0),
         number(0.0),
@@ -39,7 +39,7 @@ def test_close_knots_do_not_make_accelerations(wind):
     def made():
         base = direct(ends, jnp.asarray(WORDS[0]))
         way = jax.tree.map(lambda leaf: leaf[0], detours_of(range(1), np.ones(1)))
-        path = deliver(0.0, table, resolve(ends, solve_detour(ends, base, way, table.length)))
+        path = deliver(0.0, table, route(ends, solve_detour(ends, base, way, table.length)))
         return path, path_bounds(path, wind, GRAVITY)
 
     path, found = made()

@@ -11,12 +11,11 @@ from anser.compiling import compiled_quickly
 from anser.planning.certified.detours import (
     SHAPES,
     WORDS,
-    Solved,
     direct,
-    resolve,
     solve_detour,
     solve_racetrack,
 )
+from anser.planning.certified.route import TurnsAndLegs, route
 
 CASES = 48
 SHAPE, SIDE = (x.ravel() for x in np.meshgrid(np.arange(SHAPES), [1.0, -1.0], indexing="ij"))
@@ -31,7 +30,9 @@ def all_words(ends):
         found = direct(ends, word)
         zero = jnp.zeros(())
         angles = jnp.stack([found.angles[0], zero, zero, found.angles[1]])
-        return found, resolve(ends, Solved(angles, jnp.ones(4), jnp.stack([found.straight, zero, zero]), found.exists))
+        return found, route(
+            ends, TurnsAndLegs(angles, jnp.ones(4), jnp.stack([found.straight, zero, zero]), found.exists)
+        )
 
     return jax.vmap(one)(jnp.asarray(WORDS))
 
@@ -41,11 +42,11 @@ def detoured(ends, base, factor):
 
     def one(way):
         solved = solve_detour(ends, base, way, factor * base.length)
-        return solved, resolve(ends, solved)
+        return solved, route(ends, solved)
 
     def lap(side):
         solved = solve_racetrack(ends, base, side, factor * base.length)
-        return solved, resolve(ends, solved)
+        return solved, route(ends, solved)
 
     return jax.vmap(one)(WAYS), jax.vmap(lap)(jnp.array([1.0, -1.0]))
 

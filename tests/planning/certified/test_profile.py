@@ -59,7 +59,7 @@ def tabulated(profile, wind):
 
 def readings(table, times):
     def one(t):
-        length, drift = table.length_at(t), table.drift_at(t)
+        length, drift = table.flown_at(t)
         speed, wind = table.rates(t)
         return length, drift, speed, wind, table.time_at(length)
 

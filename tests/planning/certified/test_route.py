@@ -6,7 +6,12 @@ import numpy as np
 from certified_cases import integrated, number, picked, random_ends
 
 from anser.compiling import compiled_quickly
-from anser.planning.certified.route import LEGS, TURNS, Ends, route, turned_through, unwind
+from anser.planning.certified.route import LEGS, TURNS, PathEnds, TurnsAndLegs, roll_out, route, turned_through
+
+
+def flown(ends, angles, legs):
+    return route(ends, TurnsAndLegs(angles, jnp.ones(TURNS), legs, jnp.asarray(True)))
+
 
 CASES = 12
 ENDS = random_ends(5, CASES, 5.0, 20.0, curvature_use=1.0)
@@ -16,7 +21,7 @@ ANGLES[:4, 1] = 0.0  # no turn
 ANGLES[2:6, 2] = 1e-3  # one without an arc
 LENGTHS = _RNG.uniform(0.0, 5000.0, (CASES, LEGS))
 LENGTHS[:2, 0] = 0.0
-ROUTES = compiled_quickly(jax.vmap(route))(ENDS, jnp.asarray(ANGLES), jnp.asarray(LENGTHS))
+ROUTES = compiled_quickly(jax.vmap(flown))(ENDS, jnp.asarray(ANGLES), jnp.asarray(LENGTHS))
 
 
 def state(shape, length):
@@ -110,9 +115,9 @@ def test_straight_on_after_its_end():
 
 def test_four_turns_in_a_row_are_a_route_without_legs():
     def one(ends, angles):
-        begun = unwind(ends)
+        begun = roll_out(ends)
         move, length, after = turned_through(ends, begun.heading, angles)
-        return begun.place + move, begun.length + length, after, route(ends, angles, jnp.zeros(LEGS))
+        return begun.place + move, begun.length + length, after, flown(ends, angles, jnp.zeros(LEGS))
 
     place, length, after, shape = compiled_quickly(jax.vmap(one))(ENDS, jnp.asarray(ANGLES))
     np.testing.assert_allclose(place, shape.places[:, -1], atol=1e-8)  # rounding of 1e4 m
@@ -121,9 +126,9 @@ def test_four_turns_in_a_row_are_a_route_without_legs():
     np.testing.assert_allclose(after, shape.headings[:, [4, 8, 12, 16]], atol=1e-12)
 
 
-def test_unwinding_from_a_straight_start_is_nothing():
-    straight = Ends(*jax.tree.leaves(picked(ENDS, 0)))
-    begun = unwind(Ends(**{**vars(straight), "curvature": number(0.0)}))
+def test_rolling_out_of_a_straight_start_is_nothing():
+    straight = PathEnds(*jax.tree.leaves(picked(ENDS, 0)))
+    begun = roll_out(PathEnds(**{**vars(straight), "curvature": number(0.0)}))
     assert begun.length == 0.0
     assert begun.place == straight.start
     assert begun.heading == straight.heading
@@ -131,7 +136,7 @@ def test_unwinding_from_a_straight_start_is_nothing():
 
 def test_gradients_are_finite_with_a_turn_of_no_angle():
     def end(angles, legs, curvature):
-        shape = route(Ends(**{**vars(picked(ENDS, 0)), "curvature": curvature}), angles, legs)
+        shape = flown(PathEnds(**{**vars(picked(ENDS, 0)), "curvature": curvature}), angles, legs)
         place, heading, _ = shape.at(0.4 * shape.length)
         return jnp.real(shape.places[-1]) + jnp.imag(shape.places[-1]) + jnp.real(place) + heading
 

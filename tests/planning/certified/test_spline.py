@@ -14,7 +14,7 @@ from anser.compiling import compiled_quickly
 from anser.planning.certified.certificate import path_bounds
 from anser.planning.certified.spline import (
     Spline,
-    end_coefficients,
+    end_slopes,
     mean_squares,
     spline_path,
     states,
@@ -62,7 +62,7 @@ def test_the_same_places_by_interval_and_by_time():
 def test_begins_and_ends_as_told(seed, cell):
     rng = np.random.default_rng(seed)
     ends = rng.normal(0.0, 1.0, (2, 3, 3)) * np.array([1e4, 150.0, 5.0])[None, :, None]
-    first, last = (end_coefficients(jnp.asarray(end), cell) for end in ends)
+    first, last = (end_slopes(cell) @ jnp.asarray(end) for end in ends)
     spline = Spline(number(8 * cell), jnp.concatenate([first, jnp.zeros((5, 3)), last]))
     scale = np.array([1e4, 1e4 / cell, 1e4 / cell**2])[:, None]
     for time, end in zip((0.0, 8 * cell), ends, strict=True):

@@ -11,8 +11,9 @@ from certified_cases import GRAVITY, STEADY, detours_of, dubins, integrated, num
 
 from anser.compiling import compiled_quickly
 from anser.planning.certified import turn_leg_paths
-from anser.planning.certified.detours import SHAPES, WORDS, direct, resolve, solve_detour
+from anser.planning.certified.detours import SHAPES, WORDS, direct, solve_detour
 from anser.planning.certified.profile import make_profile, tabulate
+from anser.planning.certified.route import route
 from anser.planning.certified.task import KeepOuts
 from anser.planning.certified.turn_leg_paths import (
     KeepOutsAlongPath,
@@ -49,7 +50,7 @@ def around(middle, wide):
 
 def all_of(ends, schedule, wanted, keep_outs=NOTHING):
     solved = solve_turn_leg_paths(TurnLegProblem(ends, schedule, keep_outs, wanted), BEGUN)
-    return solved, jax.vmap(lambda one: resolve(ends, one))(solved)
+    return solved, jax.vmap(lambda one: route(ends, one))(solved)
 
 
 solve = compiled_quickly(jax.vmap(all_of, in_axes=(0, None, 0)))
@@ -215,7 +216,7 @@ def test_closed_volumes_are_where_and_when_the_path_meets_them():
         jnp.array([5000.0, 3000.0]),
     )
     keep_outs = keep_outs_along_path(table, volumes)
-    half = table.length_at(50.0)
+    half = table.flown_at(50.0)[0]
     wind = np.asarray(STEADY.velocity_n)
     # Its centre after 50 s, from the air's point of view; 100 m inside its edge, the reserve of 30 m not counted.
     centre = complex(2000.0 + 50.0 * (8.0 - wind[0]), -500.0 + 50.0 * (-3.0 - wind[1]))
@@ -223,8 +224,8 @@ def test_closed_volumes_are_where_and_when_the_path_meets_them():
     np.testing.assert_allclose(entered[0], 130.0 / 730.0, rtol=1e-4)
     # The other begins at 1,200 m, which is reached after 50 s: not before.
     at = -50.0 * complex(wind[0], wind[1])
-    early = entered_by(keep_outs, table.length_at(20.0), 0.4 * at)
-    late = entered_by(keep_outs, table.length_at(80.0), 1.6 * at)
+    early = entered_by(keep_outs, table.flown_at(20.0)[0], 0.4 * at)
+    late = entered_by(keep_outs, table.flown_at(80.0)[0], 1.6 * at)
     assert float(early[1]) == 0.0
     np.testing.assert_allclose(float(late[1]), 1.0, atol=0.01)
 

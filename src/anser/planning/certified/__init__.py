@@ -33,14 +33,13 @@ from anser.planning.certified.arrivals import arrival_sets
 from anser.planning.certified.certificate import path_bounds
 from anser.planning.certified.certified_plan import CertifiedPlan, intervals_for, plan_at
 from anser.planning.certified.necessary_conditions import arrival_conflicts, arrival_distances_max
-from anser.planning.certified.renewal import FIRST, RENEWAL_MESSAGES, REPLANNED, renew_certified
+from anser.planning.certified.renewal import FIRST, REPLANNED, renew_certified
 from anser.planning.certified.search import Outcome, search
 from anser.planning.certified.task import AircraftTask, Airspace, ArrivalRequest, KeepOuts, no_keep_outs, stacked
 from anser.planning.separation import Separation
 
 __all__ = [
     "FIRST",
-    "RENEWAL_MESSAGES",
     "REPLANNED",
     "AircraftTask",
     "Airspace",

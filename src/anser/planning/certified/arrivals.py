@@ -156,11 +156,7 @@ def arrival_sets(
     inside[fleet] = _open_times(tasks, airspace, fleet, grid[fleet], splines_for)
     row, edge = np.nonzero(inside[:, 1:] != inside[:, :-1])
     low, high, opening = grid[row, edge], grid[row, edge + 1], inside[row, edge + 1]
-    levels = (
-        (ALONE_STANDARD, ALONE_TURN_LEG_PATHS, ALONE_SPLINES)
-        if with_splines
-        else (ALONE_STANDARD, ALONE_TURN_LEG_PATHS)
-    )
+    levels = (ALONE_STANDARD, ALONE_TURN_LEG_PATHS, *([ALONE_SPLINES] if with_splines else []))
     for _ in range(rounds if row.size else 0):
         middle = 0.5 * (low + high)
         lower = reachable(tasks, airspace, row, middle, levels=levels) != opening

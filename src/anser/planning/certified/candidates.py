@@ -13,9 +13,9 @@ from anser.numerics.stacking import rows_where
 from anser.planning.certified.candidate_sets import RACETRACK, CandidateSet
 from anser.planning.certified.clearance import Track, clearance_from_keep_outs
 from anser.planning.certified.delivery import deliver
-from anser.planning.certified.detours import SHAPES, Solved, detour, resolve, solve_detour, solve_racetrack
+from anser.planning.certified.detours import SHAPES, detour, solve_detour, solve_racetrack
 from anser.planning.certified.profile import TabulatedProfile
-from anser.planning.certified.route import Ends
+from anser.planning.certified.route import PathEnds, TurnsAndLegs, route
 from anser.planning.certified.spline_trajectories import find_splines
 from anser.planning.certified.task import AircraftTask, Airspace
 from anser.planning.certified.timed_profile import TimedProfile, timed_profiles
@@ -41,14 +41,14 @@ class Shapes(NamedTuple):
 
     Attributes
     ----------
-    ends, solved
-        What each joins, and its turns and legs.
+    ends, turns_and_legs
+        What each joins, and by what.
     profile
         Index of its profile.
     """
 
-    ends: Ends
-    solved: Solved
+    ends: PathEnds
+    turns_and_legs: TurnsAndLegs
     profile: Count
 
 
@@ -93,7 +93,7 @@ class Candidates(eqx.Module):
         fleet, shaped = jnp.arange(chosen.shape[0]), self.shapes.profile.shape[1]
         shape = jax.tree.map(lambda leaf: leaf[fleet, jnp.minimum(chosen, shaped - 1)], self.shapes)
         profiles = jax.tree.map(lambda leaf: leaf[fleet, shape.profile], self.profiles)
-        routes = jax.vmap(resolve)(shape.ends, shape.solved)
+        routes = jax.vmap(route)(shape.ends, shape.turns_and_legs)
         paths = jax.vmap(deliver, in_axes=(None, 0, 0))(start_time, profiles, routes)
         if self.splines is None:
             return paths
@@ -113,7 +113,9 @@ class _Shaped(NamedTuple):
     shapes: Shapes
 
 
-def _shaped(generator: int, timed: TimedProfile, solved: Solved, fits: Flag, cost: Scalar, profile: Count) -> _Shaped:
+def _shaped(
+    generator: int, timed: TimedProfile, solved: TurnsAndLegs, fits: Flag, cost: Scalar, profile: Count
+) -> _Shaped:
     valid = timed.within_limits & solved.exists & fits & jnp.isfinite(timed.table.length)
     turned = jnp.sum(jnp.abs(solved.angles))
     shapes = Shapes(timed.ends, solved, profile)
@@ -195,7 +197,7 @@ def _aircraft_candidates(
     def tracked(shape: Shapes, speed: Scalar) -> tuple[Track, Flag]:
         profile, sampled = jax.tree.map(lambda leaf: leaf[shape.profile], (profiles, samples))
         about = task.limits, airspace.gravity, task.active
-        return shape_track(shape.ends, shape.solved, speed, profile, sampled, times, *about)
+        return shape_track(shape.ends, shape.turns_and_legs, speed, profile, sampled, times, *about)
 
     tracks, within_limits = jax.vmap(tracked)(found.shapes, found.speed)
     common = (found.generator, found.valid & within_limits, found.cost, found.turned, found.speed, tracks)
@@ -228,12 +230,10 @@ def fleet_candidates(
 
     Parameters
     ----------
-    tasks, airspace, durations
-        What is asked: stacked, s.
+    durations
+        Time to each rendezvous, s.
     intervals, instants
         Even intervals of the paths and of the grid.
-    candidate_set
-        What to look at.
     extra_for
         Aircraft for which `candidate_set.extra` is looked at too; None: all that are active.
     """

@@ -14,6 +14,7 @@ from anser.environment import AbstractWind, LayeredWind, SteadyWind
 from anser.numerics import bernstein
 from anser.planning.limits import CERTIFIED_LIMITS, Limit, PathLimits
 from anser.planning.timed_path import TimedPath
+from anser.planning.vectors import root
 from anser.shapes import Scalar, ScalarLike
 
 Cells = Float[Array, "cells n"]
@@ -82,12 +83,6 @@ def _controls(
     return position, velocity, acceleration
 
 
-def _root(square: Array) -> Array:
-    """Square root, 0 of what is not positive, with a finite derivative there."""
-    positive = square > 0.0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
-
-
 def _square(a: Float[Array, "cells axes n"]) -> Cells:
     return jnp.sum(bernstein.product(a, a), axis=1)
 
@@ -98,7 +93,7 @@ def _wind_error(
     """Bound of |slope of the drift - wind| per cell."""
     if isinstance(wind, SteadyWind):
         off = jnp.max(jnp.abs(slope - wind.velocity_n[None, :, None]), axis=2)
-        return jnp.where(drifting, _root(jnp.sum(off**2, axis=1)), 0.0)
+        return jnp.where(drifting, root(jnp.sum(off**2, axis=1)), 0.0)
     if not isinstance(wind, LayeredWind):
         raise TypeError(f"no certificate for wind of type {type(wind).__name__}; expected a steady or a layered wind")
     low, high = bernstein.bounds(-down)
@@ -118,8 +113,8 @@ def _wind_error(
         # A cell that ends at the layer's edge, to rounding, is in the next one: what that leaves out is added.
         under = (high < bottom + _EDGE_M) & (low < bottom - _EDGE_M)
         over = (low > top - _EDGE_M) & (high > top + _EDGE_M)
-        left_out = _EDGE_M * _root(jnp.sum(rate**2))
-        return jnp.where(under | over, left_out * ((low <= top) & (high >= bottom)), _root(jnp.sum(off**2, axis=1)))
+        left_out = _EDGE_M * root(jnp.sum(rate**2))
+        return jnp.where(under | over, left_out * ((low <= top) & (high >= bottom)), root(jnp.sum(off**2, axis=1)))
 
     return jnp.where(drifting, jnp.max(jax.vmap(layer)(bottoms, tops, first, last), axis=0), 0.0)
 
@@ -161,7 +156,7 @@ def _bank_and_load(
 
     level_low, level_high = _root_bounds(level_square, error)
     speed_low, speed_high = _root_bounds(square, error)
-    a_max = _root(bernstein.bounds(_square(acceleration))[1])
+    a_max = root(bernstein.bounds(_square(acceleration))[1])
     lift_low = bernstein.bounds(lifting)[0]
     # What an error of the velocity adds: to A, and to D.
     more_across = error * a_max
@@ -171,9 +166,9 @@ def _bank_and_load(
     least = lift_low - more_lifting
     banked = (least > 0.0) & (speed_low > 0.0) & (level_low > 0.0)
     safe, slow, narrow = (jnp.where(banked, x, 1.0) for x in (least, speed_low, level_low))
-    tangent = _root(_most_ratio(side_square, lift_square, banked)) + more_across * speed_high / safe
+    tangent = root(_most_ratio(side_square, lift_square, banked)) + more_across * speed_high / safe
     tangent = tangent * (1.0 + error / slow) * (safe + more_lifting) / safe
-    load = _root(_most_ratio(side_square + lift_square, both, banked)) + more_across / narrow
+    load = root(_most_ratio(side_square + lift_square, both, banked)) + more_across / narrow
     load = (load + more_lifting / (slow * narrow)) * (1.0 + error / slow) * (1.0 + error / narrow)
     # Upside down or too slow to tell: the acceleration and gravity together bound the load even so.
     return jnp.where(banked, jnp.arctan(tangent), jnp.pi / 2), jnp.where(banked, load / gravity, a_max / gravity + 1.0)
@@ -210,7 +205,7 @@ def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> Pat
 
     square, level_square = _square(velocity), _square(velocity[:, :2])
     speed_low, speed_high = _root_bounds(square, error)
-    a_max = _root(bernstein.bounds(_square(acceleration))[1])
+    a_max = root(bernstein.bounds(_square(acceleration))[1])
     slow, fast = jnp.maximum(speed_low, _TINY), jnp.maximum(speed_high, _TINY)
 
     up_rate_low, up_rate_high = bernstein.bounds(-velocity[:, 2])
@@ -259,10 +254,7 @@ def _most_over_root(
 def _root_bounds(square: Cells, error: Float[Array, " cells"]) -> tuple[Array, Array]:
     """Bounds of a length from its square's coefficients, widened by an error."""
     low, high = bernstein.bounds(square)
-    return (
-        jnp.maximum(_root(low) - error, 0.0),
-        _root(high) + error,
-    )
+    return jnp.maximum(root(low) - error, 0.0), root(high) + error
 
 
 def excess(

@@ -137,24 +137,14 @@ def plan_fleet_at(
     candidate_set: CandidateSet,
     extra_for: Bool[Array, " aircraft"] | None = None,
 ) -> CertifiedPlan:
-    """Plan a fleet for given durations.
+    """Plan a fleet from a time (s) on for given durations to each rendezvous (s).
 
     Parameters
     ----------
-    start_time
-        Now, s.
-    tasks
-        Stacked.
-    airspace
-        What they share.
-    durations
-        Time to each rendezvous, s.
     intervals
         Even intervals between the knots of a path.
-    candidate_set
-        Candidates to look at.
     extra_for
-        Aircraft for which candidates beyond these are looked at too, see `CandidateSet.beyond`; None: all.
+        Aircraft for which `candidate_set.extra` is looked at too; None: all that are active.
     """
     volumes = airspace.keep_outs
     begun = eqx.tree_at(

@@ -10,10 +10,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from anser.planning.certified.task import KeepOuts
-from anser.planning.separation import Separation, separation_ratio
+from anser.planning.separation import Separation, nearest_fraction, separation_ratio
 from anser.shapes import Scalar
 
-_TINY = 1e-9
+_TINY = 1e-9  # m^2
 
 
 class Track(eqx.Module):
@@ -37,9 +37,7 @@ class Track(eqx.Module):
 def _nearest(begin: Float[Array, "*b 2"], end: Float[Array, "*b 2"]) -> Float[Array, "*b"]:
     """Least length of a vector that changes evenly between two."""
     step = end - begin
-    square = jnp.sum(step * step, axis=-1)
-    u = jnp.clip(-jnp.sum(begin * step, axis=-1) / jnp.maximum(square, _TINY), 0.0, 1.0)
-    near = begin + u[..., None] * step
+    near = begin + nearest_fraction(begin, step, _TINY)[..., None] * step
     return jnp.sqrt(jnp.maximum(jnp.sum(near * near, axis=-1), _TINY))
 
 

@@ -27,16 +27,9 @@ def _knots(marks: Float[Array, " marks"], duration: Scalar, intervals: int) -> F
 
 
 def deliver(start_time: ScalarLike, table: TabulatedProfile, shape: Route) -> TimedPath:
-    """Path with knots at equal intervals and wherever curvature, climb or speed has a kink.
+    """Path from a time (s) on, with knots at equal intervals and wherever curvature, climb or speed has a kink.
 
-    Parameters
-    ----------
-    start_time
-        s.
-    table
-        Altitude and airspeed by time; its length is the shape's to a part in a million, which the airspeed takes up.
-    shape
-        Horizontal shape.
+    The table's length is the shape's to a part in a million, which the airspeed takes up.
     """
     duration = table.profile.duration
     marks = jax.vmap(table.time_at)(shape.marks[1:-1] * (table.length / jnp.maximum(shape.length, 1.0)))

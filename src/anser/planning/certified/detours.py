@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from anser.numerics.secant import bracketed_secant
-from anser.planning.certified.route import Ends, Route, route, turned_through, unwind
+from anser.planning.certified.route import PathEnds, TurnsAndLegs, roll_out, turned_through
 from anser.planning.certified.smooth_turn import cis, smooth_turn
 from anser.shapes import Count, Flag, Scalar, ScalarLike
 
@@ -72,28 +72,28 @@ def _full(first: Scalar, last: Scalar) -> Float[Array, "4"]:
     return jnp.stack([first, zero, zero, last])
 
 
-def _word_angles(ends: Ends, begun: ScalarLike, word: Float[Array, "2"], heading: ScalarLike) -> Float[Array, "2"]:
+def _word_angles(ends: PathEnds, begun: ScalarLike, word: Float[Array, "2"], heading: ScalarLike) -> Float[Array, "2"]:
     first = word[0] * (jnp.mod(word[0] * (heading - begun) + 2 * _AHEAD, TURN) - 2 * _AHEAD)
     last = word[1] * jnp.mod(word[1] * (ends.end_heading - heading), TURN)
     return jnp.stack([first, jnp.where(ends.end_free, 0.0, last)])
 
 
-def _aim(ends: Ends, angles: Float[Array, "2"]) -> tuple[Scalar, Scalar, Scalar]:
+def _aim(ends: PathEnds, angles: Float[Array, "2"]) -> tuple[Scalar, Scalar, Scalar]:
     """Length of the straight part, what it passes the end by to the right, and the length of the whole."""
-    begun = unwind(ends)
+    begun = roll_out(ends)
     turns, turning, after = turned_through(ends, begun.heading, _full(angles[0], angles[1]))
     left = (ends.end - begun.place - turns) * cis(-after[0])
     return jnp.real(left), jnp.imag(left), begun.length + turning + jnp.real(left)
 
 
-def _aim_error(angle: Scalar, data: tuple[Ends, Float[Array, "2"], Float[Array, "2"]]) -> Scalar:
+def _aim_error(angle: Scalar, data: tuple[PathEnds, Float[Array, "2"], Float[Array, "2"]]) -> Scalar:
     ends, base, lasting = data
     return _aim(ends, base + angle * lasting)[1]
 
 
-def direct(ends: Ends, word: Float[Array, "2"]) -> Direct:
+def direct(ends: PathEnds, word: Float[Array, "2"]) -> Direct:
     """The shortest direct path of one word (senses of the first and of the last turn, +1 right)."""
-    begun = unwind(ends).heading
+    begun = roll_out(ends).heading
     width = TURN / _HEADINGS_TRIED
     # A little before the present heading, so that going straight on is inside.
     tried = begun - _AHEAD + width * jnp.arange(_HEADINGS_TRIED)
@@ -144,9 +144,9 @@ def _turn_angles(base: Direct, way: Detour, angle: ScalarLike, free: Flag) -> Fl
     return jnp.stack([base.angles[0] + legs[0], legs[1] - legs[0], legs[2] - legs[1], last])
 
 
-def _legs(ends: Ends, base: Direct, way: Detour, angle: ScalarLike) -> tuple[Float[Array, "3"], Scalar]:
+def _legs(ends: PathEnds, base: Direct, way: Detour, angle: ScalarLike) -> tuple[Float[Array, "3"], Scalar]:
     """Lengths of the three legs and of the whole path, m; a negative leg does not exist."""
-    begun = unwind(ends)
+    begun = roll_out(ends)
     turns, turning, after = turned_through(ends, begun.heading, _turn_angles(base, way, angle, ends.end_free))
     along = cis(after[:3])
     fixed = base.straight * way.fixed
@@ -160,33 +160,13 @@ def _legs(ends: Ends, base: Direct, way: Detour, angle: ScalarLike) -> tuple[Flo
     return legs, begun.length + turning + jnp.sum(legs)
 
 
-def _excess(angle: Scalar, data: tuple[Ends, Direct, Detour, Scalar]) -> Scalar:
+def _excess(angle: Scalar, data: tuple[PathEnds, Direct, Detour, Scalar]) -> Scalar:
     ends, base, way, wanted = data
     return _legs(ends, base, way, angle)[1] - wanted
 
 
-class Solved(eqx.Module):
-    """A path of a wanted length: its four turns (rad), their scales, its three legs (m), and whether there is one."""
-
-    angles: Float[Array, "4"]
-    scales: Float[Array, "4"]
-    """See `anser.planning.certified.route.tightness`."""
-    legs: Float[Array, "3"]
-    exists: Flag
-
-
-def solve_detour(ends: Ends, base: Direct, way: Detour, wanted: ScalarLike) -> Solved:
-    """The least angle with which a detour has a wanted length (m), within a part in a million.
-
-    Parameters
-    ----------
-    ends, base
-        What to join, and a direct path of it. Where that does not exist, its heading is that of the straight line.
-    way
-        The detour.
-    wanted
-        Length of the whole path, m.
-    """
+def solve_detour(ends: PathEnds, base: Direct, way: Detour, wanted: ScalarLike) -> TurnsAndLegs:
+    """The least angle with which a detour from a direct path has a wanted length (m), within a part in a million."""
     wanted = jnp.asarray(wanted, dtype=float)
     grid = way.angle_max * jnp.square(jnp.arange(1, _ANGLES_TRIED + 1) / _ANGLES_TRIED)
     legs, lengths = jax.vmap(lambda a: _legs(ends, base, way, a))(grid)
@@ -202,7 +182,7 @@ def solve_detour(ends: Ends, base: Direct, way: Detour, wanted: ScalarLike) -> S
     met = jnp.any(crossing) & (jnp.abs(length - wanted) <= _SAME_LENGTH * wanted) & jnp.all(solved >= 0.0)
     straight = flyable[0] & (jnp.abs(excess[0]) <= _SAME_LENGTH * wanted)
     zero = jnp.zeros(())
-    return Solved(
+    return TurnsAndLegs(
         angles=jnp.where(
             straight, _full(base.angles[0], base.angles[1]), _turn_angles(base, way, found, ends.end_free)
         ),
@@ -215,7 +195,7 @@ def solve_detour(ends: Ends, base: Direct, way: Detour, wanted: ScalarLike) -> S
 _LEG_M = 4000.0  # of a racetrack: above it, more laps
 
 
-def solve_racetrack(ends: Ends, base: Direct, side: Scalar, wanted: ScalarLike) -> Solved:
+def solve_racetrack(ends: PathEnds, base: Direct, side: Scalar, wanted: ScalarLike) -> TurnsAndLegs:
     """A racetrack flown first, to a side (+1 right), then a direct path: any length from one lap more on.
 
     The laps beyond the first are whole turns, as many as leave its legs short.
@@ -230,9 +210,4 @@ def solve_racetrack(ends: Ends, base: Direct, side: Scalar, wanted: ScalarLike) 
     exists = base.exists & (leg >= 0.0)
     leg = jnp.maximum(leg, 0.0)
     angles = jnp.stack([laps, side * jnp.pi, base.angles[0], base.angles[1]])
-    return Solved(angles, jnp.ones(4), jnp.stack([leg, leg, base.straight]), exists)
-
-
-def resolve(ends: Ends, solved: Solved) -> Route:
-    """The path itself."""
-    return route(ends, solved.angles, solved.legs, solved.scales)
+    return TurnsAndLegs(angles, jnp.ones(4), jnp.stack([leg, leg, base.straight]), exists)

@@ -31,13 +31,10 @@ class Placement(eqx.Module):
         Index of its candidate.
     valid
         Whether that keeps the aircraft's own limits.
-    conflict
-        How much of the separation it lacks, summed over the others, and its penetration of keep-outs.
     """
 
     chosen: Int[Array, " aircraft"]
     valid: Bool[Array, " aircraft"]
-    conflict: Float[Array, " aircraft"]
 
 
 def place(candidates: Candidates, separation: Separation, order: Int[Array, " aircraft"]) -> Placement:
@@ -120,13 +117,12 @@ def place(candidates: Candidates, separation: Separation, order: Int[Array, " ai
         cylinders, chosen = jax.lax.fori_loop(0, jnp.sum(missing > 0.0), one, (cylinders, chosen))
         return turn + 1, cylinders, chosen, shortfalls(cylinders, chosen)
 
-    _, cylinders, chosen, missing = jax.lax.while_loop(
+    _, _, chosen, _ = jax.lax.while_loop(
         lambda c: (c[0] < _ROUNDS) & jnp.any(c[3] > 0.0),
         choose_again,
         (jnp.asarray(0), cylinders, chosen, shortfalls(cylinders, chosen)),
     )
-    conflict = missing + candidates.penetration[everyone, chosen]
-    return Placement(chosen, candidates.valid[everyone, chosen], conflict)
+    return Placement(chosen, candidates.valid[everyone, chosen])
 
 
 def fewest_first(candidates: Candidates) -> Int[Array, " aircraft"]:

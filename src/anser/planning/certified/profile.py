@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 from anser.environment import AbstractWind
 from anser.numerics.quadrature import gauss_legendre
 from anser.planning.limits import PathLimits
-from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
+from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 
 CURVATURE_KEPT = 0.98
 """Of what bank and load factor allow: the certificate's bounds and the fit take the rest."""
@@ -288,25 +288,17 @@ class TabulatedProfile(eqx.Module):
         """Of the air in all, NED, m."""
         return self.drifts_n[..., -1, :]
 
-    def _interval(self, t: ScalarLike) -> tuple[Count, Scalar]:
-        count = self.lengths.shape[0] - 1
-        step = self.profile.duration / count
-        k = jnp.clip(jnp.floor(t / step).astype(jnp.int32), 0, count - 1)
-        return k, k * step
-
     def rates(self, t: ScalarLike) -> tuple[Scalar, Vector3]:
         """Horizontal airspeed, m/s, and wind, NED, m/s."""
         return horizontal_speed(self.profile, self.wind, t)
 
-    def length_at(self, t: ScalarLike) -> Scalar:
-        """Horizontal length flown by a time, m."""
-        k, begun = self._interval(t)
-        return self.lengths[k] + flown_between(self.profile, self.wind, begun, t - begun)[0]
-
-    def drift_at(self, t: ScalarLike) -> Vector3:
-        """Drift of the air by a time, NED, m."""
-        k, begun = self._interval(t)
-        return self.drifts_n[k] + flown_between(self.profile, self.wind, begun, t - begun)[1]
+    def flown_at(self, t: ScalarLike) -> tuple[Scalar, Vector3]:
+        """Horizontal length flown by a time, m, and drift of the air by then, NED, m."""
+        count = self.lengths.shape[0] - 1
+        step = self.profile.duration / count
+        k = jnp.clip(jnp.floor(t / step).astype(jnp.int32), 0, count - 1)
+        length, drift = flown_between(self.profile, self.wind, k * step, t - k * step)
+        return self.lengths[k] + length, self.drifts_n[k] + drift
 
     def time_at(self, length: ScalarLike) -> Scalar:
         """When a horizontal length has been flown, s after the start."""

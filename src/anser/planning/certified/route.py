@@ -8,7 +8,6 @@ from jaxtyping import Array, Complex, Float
 
 from anser.planning.certified.smooth_turn import (
     Plane,
-    Turn,
     along_arc,
     along_ramp,
     cis,
@@ -24,7 +23,7 @@ _UP, _FLAT, _DOWN = 0, 1, 2
 _KINDS = np.array([_DOWN, *([_UP, _FLAT, _DOWN, _FLAT] * LEGS), _UP, _FLAT, _DOWN])
 
 
-class Ends(eqx.Module):
+class PathEnds(eqx.Module):
     """What a horizontal path has to join, and how tightly it may turn.
 
     Attributes
@@ -51,7 +50,28 @@ class Ends(eqx.Module):
     sharpness: Scalar
 
 
-class Unwound(eqx.Module):
+class TurnsAndLegs(eqx.Module):
+    """Four turns with three legs between them; stacked, many.
+
+    Attributes
+    ----------
+    angles
+        Of the turns, rad, right positive.
+    scales
+        Of the turns, see `tightness`.
+    legs
+        Lengths, m.
+    exists
+        Whether there is such a path.
+    """
+
+    angles: Float[Array, "4"]
+    scales: Float[Array, "4"]
+    legs: Float[Array, "3"]
+    exists: Flag
+
+
+class RollOut(eqx.Module):
     """Where the path flies straight for the first time, having left the turn it began in as fast as it may."""
 
     length: Scalar
@@ -59,13 +79,13 @@ class Unwound(eqx.Module):
     heading: Scalar
 
 
-def unwind(ends: Ends) -> Unwound:
+def roll_out(ends: PathEnds) -> RollOut:
     """Leave the turn in which a path begins."""
     sign = jnp.where(ends.curvature < 0.0, -1.0, 1.0)
     length = jnp.abs(ends.curvature) / ends.sharpness
     heading = ends.heading + 0.5 * ends.curvature * length
     step = cis(heading) * jnp.conj(along_ramp(length, sign * ends.sharpness))
-    return Unwound(length, ends.start + step, heading)
+    return RollOut(length, ends.start + step, heading)
 
 
 class Route(eqx.Module):
@@ -119,7 +139,7 @@ class Route(eqx.Module):
         )
 
 
-def tightness(ends: Ends, scale: ScalarLike) -> tuple[Scalar, Scalar]:
+def tightness(ends: PathEnds, scale: ScalarLike) -> tuple[Scalar, Scalar]:
     """Greatest curvature (1/m) and sharpness (1/m^2) of a turn whose radius is `scale` times the least at full speed.
 
     The ramps keep their length: a slower aircraft takes more time for them than it needs, a wider turn as much.
@@ -127,24 +147,11 @@ def tightness(ends: Ends, scale: ScalarLike) -> tuple[Scalar, Scalar]:
     return ends.curvature_max / scale, ends.sharpness / scale
 
 
-def _resolve_turns(
-    ends: Ends, angles: Float[Array, " turns"], scales: Float[Array, " turns"]
-) -> tuple[Turn, Float[Array, " turns"]]:
-    """The turns, and the sharpness of each."""
-    curvatures, sharps = jax.vmap(tightness, in_axes=(None, 0))(ends, scales)
-    return jax.vmap(smooth_turn)(angles, curvatures, sharps), sharps
-
-
-def route(
-    ends: Ends,
-    angles: Float[Array, " turns"],
-    legs: Float[Array, " legs"],
-    scales: Float[Array, " turns"] | None = None,
-) -> Route:
-    """Path of four turns (rad) with three legs (m) between them; for the scales (ones) see `tightness`."""
-    begun = unwind(ends)
-    scales = jnp.ones_like(angles) if scales is None else scales
-    turns, sharpest = _resolve_turns(ends, angles, scales)
+def route(ends: PathEnds, shape: TurnsAndLegs) -> Route:
+    """Path of turns with legs between them."""
+    begun, angles = roll_out(ends), shape.angles
+    curvatures, sharpest = jax.vmap(tightness, in_axes=(None, 0))(ends, shape.scales)
+    turns = jax.vmap(smooth_turn)(angles, curvatures, sharpest)
     zero = jnp.zeros(())
     sign = jnp.where(angles < 0.0, -1.0, 1.0)
     lengths, bends, sharps = [begun.length], [zero], [-jnp.sign(ends.curvature) * ends.sharpness]
@@ -154,7 +161,7 @@ def route(
         bends += [turns.peak[k], turns.peak[k], zero]
         sharps += [rate, zero, -rate]
         if k < LEGS:
-            lengths.append(legs[k])
+            lengths.append(shape.legs[k])
             bends.append(zero)
             sharps.append(zero)
     steps = jnp.stack(lengths)
@@ -175,11 +182,10 @@ def route(
 
 
 def turned_through(
-    ends: Ends, heading: ScalarLike, angles: Float[Array, " turns"], scales: Float[Array, " turns"] | None = None
+    ends: PathEnds, heading: ScalarLike, angles: Float[Array, " turns"]
 ) -> tuple[Plane, Scalar, Float[Array, " turns"]]:
-    """Displacement of four turns flown one after the other, their length, and the headings after each."""
-    scales = jnp.ones_like(angles) if scales is None else scales
-    turns, sharps = _resolve_turns(ends, angles, scales)
+    """Displacement of four tightest turns (rad) one after the other, their length, and the headings after each."""
+    turns = jax.vmap(smooth_turn, in_axes=(0, None, None))(angles, ends.curvature_max, ends.sharpness)
     after = heading + jnp.cumsum(angles)
-    moves = jax.vmap(displacement)(turns, sharps)
+    moves = jax.vmap(displacement, in_axes=(0, None))(turns, ends.sharpness)
     return jnp.sum(cis(after - angles) * moves), jnp.sum(turns.length), after

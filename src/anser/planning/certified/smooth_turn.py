@@ -68,16 +68,8 @@ def smooth_turn(angle: ScalarLike, curvature_max: ScalarLike, sharpness: ScalarL
 def along_ramp(length: ScalarLike, sharpness: ScalarLike) -> Plane:
     """Displacement along a clothoid from zero curvature, in the frame of its straight end, m.
 
-    Parameters
-    ----------
-    length
-        From the straight end, m.
-    sharpness
-        Rate of the curvature, 1/m^2, right positive.
-
-    Notes
-    -----
-    The integral of exp(i sharpness u^2 / 2), by its power series.
+    The integral of exp(i sharpness u^2 / 2) over a length (m), by its power series; the rate of the curvature (1/m^2)
+    is positive to the right.
     """
     x = 0.5 * sharpness * jnp.square(length)
     square = x * x

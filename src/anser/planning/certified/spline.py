@@ -82,13 +82,8 @@ def states_at(spline: Spline, times: Float[Array, " times"]) -> Float[Array, "ti
     return jnp.einsum("otk,tka,o->toa", bases(share - which), held, scale)
 
 
-def end_coefficients(state: Float[Array, "3 3"], cell: ScalarLike) -> Float[Array, "3 3"]:
-    """The three coefficients about a knot, from position, velocity and acceleration (order, axis) there."""
-    return end_slopes(cell) @ state
-
-
 def end_slopes(cell: ScalarLike) -> Float[Array, "3 3"]:
-    """How the three coefficients about a knot follow from position, velocity and acceleration there."""
+    """How the three coefficients about a knot follow from position, velocity and acceleration there: by a product."""
     sixth = jnp.asarray(cell) ** 2 / 6.0
     one = jnp.ones(())
     return jnp.stack(

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from anser.planning.certified.spline import end_coefficients
+from anser.planning.certified.spline import end_slopes
 from anser.planning.certified.spline_equations import (
     SplineProblem,
     SplineStart,
@@ -41,7 +41,7 @@ class Guess(NamedTuple):
     angle
         There, of whole circles; 0 without.
     rounds
-        Part of the circles for which there is room; negative: to the left.
+        Part of the circles that fit; negative: to the left.
     speed
         Part of the range of airspeeds that makes the length.
     first_leg, last_leg
@@ -159,8 +159,8 @@ def spline_start(problem: SplineProblem, cells: int, guess: Guess) -> SplineStar
     across = jnp.stack([-along[1], along[0]])
     line = begin[None] + guess.done[:, None] * (end - begin)[None]
     wanted = length - first_leg - last_leg
-    room = jnp.maximum(wanted - straight, 0.0) / (2.0 * jnp.pi * _LEAST_CIRCLE * radius)
-    turned = jnp.maximum(jnp.round(jnp.abs(guess.rounds) * room), 1.0) * guess.angle
+    circles_max = jnp.maximum(wanted - straight, 0.0) / (2.0 * jnp.pi * _LEAST_CIRCLE * radius)
+    turned = jnp.maximum(jnp.round(jnp.abs(guess.rounds) * circles_max), 1.0) * guess.angle
     ahead_of, aside_of = guess.ahead + jnp.sin(turned), guess.aside + jnp.sign(guess.rounds) * (1.0 - jnp.cos(turned))
     aside = ahead_of[:, None] * along[None] + aside_of[:, None] * across[None]
 
@@ -187,11 +187,7 @@ def spline_start(problem: SplineProblem, cells: int, guess: Guess) -> SplineStar
 
     freely = (wished[-2] - wished[-4]) * 0.5 * cells / duration
     velocity, frame = _last_velocity(problem, last, done[-1] / duration, wind, freely)
-    cell = duration / cells
-    ends = (
-        end_coefficients(state, cell),
-        end_coefficients(jnp.stack([meeting, velocity, jnp.zeros(3)]), cell),
-    )
-    wished = jnp.concatenate([ends[0], wished[3:-3], ends[1]])
-    smooth = jnp.asarray(_smoothing(cells)) @ wished
-    return SplineStart(jnp.concatenate([ends[0], smooth[3:-3], ends[1]]), frame, initial_limits(problem, guess.share))
+    slopes = end_slopes(duration / cells)
+    first, last = slopes @ state, slopes @ jnp.stack([meeting, velocity, jnp.zeros(3)])
+    smooth = jnp.asarray(_smoothing(cells)) @ jnp.concatenate([first, wished[3:-3], last])
+    return SplineStart(jnp.concatenate([first, smooth[3:-3], last]), frame, initial_limits(problem, guess.share))

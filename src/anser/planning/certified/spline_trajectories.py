@@ -76,18 +76,8 @@ def find_splines(
 ) -> Splines:
     """Spline trajectories of one aircraft that take a duration (s), from so many starts; the nearest few are delivered.
 
-    Not differentiated: plans are chosen, not tuned.
-
-    Parameters
-    ----------
-    task, airspace
-        The problem.
-    duration
-        s.
-    intervals
-        Even intervals between the knots of a path, a multiple of `CELLS`.
-    starts, kept
-        How many to begin with and to deliver.
+    Not differentiated: plans are chosen, not tuned. Between the knots of a path are even intervals, a multiple of
+    `CELLS`.
     """
     problem = jax.lax.stop_gradient(SplineProblem(task, airspace, jnp.asarray(duration, dtype=float)))
     task, airspace, duration = problem

@@ -33,7 +33,7 @@ from anser.planning.certified.profile import (
     profile_excess,
     tabulate,
 )
-from anser.planning.certified.route import Ends
+from anser.planning.certified.route import PathEnds
 from anser.planning.certified.task import AircraftTask, Airspace
 from anser.planning.demand import greatest_side
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
@@ -103,7 +103,7 @@ def _profile(
     return profile, arrival
 
 
-def _ends(task: AircraftTask, airspace: Airspace, table: TabulatedProfile, arrival: ArrivalMotion) -> Ends:
+def _ends(task: AircraftTask, airspace: Airspace, table: TabulatedProfile, arrival: ArrivalMotion) -> PathEnds:
     """What the horizontal path joins in the frame that drifts with the air, at a tabulated profile."""
     duration, profile = table.profile.duration, table.profile
     velocity, acceleration = task.air_velocity_n, task.air_acceleration_n
@@ -111,7 +111,7 @@ def _ends(task: AircraftTask, airspace: Airspace, table: TabulatedProfile, arriv
     level = jnp.maximum(jnp.sum(velocity[:2] ** 2), 1.0)
     curvature = (velocity[0] * acceleration[1] - velocity[1] * acceleration[0]) / level**1.5
     curvature_max, sharpness = curvature_limits(task, airspace.gravity, profile)
-    return Ends(
+    return PathEnds(
         start=_plane(task.position_n),
         heading=jnp.arctan2(velocity[1], velocity[0]),
         curvature=curvature,
@@ -123,7 +123,7 @@ def _ends(task: AircraftTask, airspace: Airspace, table: TabulatedProfile, arriv
     )
 
 
-def directs(ends: Ends) -> Direct:
+def directs(ends: PathEnds) -> Direct:
     """The four direct paths, the shortest first."""
     found = jax.vmap(lambda word: direct(ends, word))(jnp.asarray(WORDS))
     order = jnp.argsort(found.length)
@@ -134,7 +134,7 @@ class TimedProfile(eqx.Module):
     """A profile with what follows from it alone."""
 
     table: TabulatedProfile
-    ends: Ends
+    ends: PathEnds
     direct: Direct
     """Four, the shortest first."""
     speed: Scalar

@@ -6,9 +6,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from anser.planning.certified.clearance import Track, chord_error_bound
-from anser.planning.certified.detours import Solved, resolve
 from anser.planning.certified.profile import TabulatedProfile
-from anser.planning.certified.route import Ends, Route, tightness
+from anser.planning.certified.route import PathEnds, Route, TurnsAndLegs, route, tightness
 from anser.planning.certified.smooth_turn import cis
 from anser.planning.demand import coordinated, greatest_normal
 from anser.planning.limits import PathLimits
@@ -54,7 +53,7 @@ def sample_profile(table: TabulatedProfile, times: Float[Array, " instants"]) ->
         inside = jnp.clip(t, 0.0, table.profile.duration)
         (speed, wind), (speed_dot, wind_dot) = jax.jvp(table.rates, (inside,), (jnp.ones_like(inside),))
         now = table.profile.at(inside)
-        length, drift = table.length_at(inside), table.drift_at(inside)
+        length, drift = table.flown_at(inside)
         return ProfileSamples(
             t - inside, length, drift, wind, wind_dot, now.altitude, now.climb, now.climb_dot, speed, speed_dot
         )
@@ -95,8 +94,8 @@ def _instant(here: ProfileSamples, shape: Route, scale: Scalar, limits: PathLimi
 
 
 def shape_track(
-    ends: Ends,
-    solved: Solved,
+    ends: PathEnds,
+    turns_and_legs: TurnsAndLegs,
     speed: ScalarLike,
     table: TabulatedProfile,
     samples: ProfileSamples,
@@ -111,7 +110,7 @@ def shape_track(
 
     Parameters
     ----------
-    ends, solved
+    ends, turns_and_legs
         The shape.
     speed
         Mean airspeed, m/s.
@@ -120,12 +119,12 @@ def shape_track(
     limits, gravity, active
         What it is held to; m/s^2; 0 for one that does not count.
     """
-    route = resolve(ends, solved)
-    scale = route.length / jnp.maximum(table.length, 1.0)
+    shape = route(ends, turns_and_legs)
+    scale = shape.length / jnp.maximum(table.length, 1.0)
     step = times[1] - times[0]
-    seen = jax.vmap(lambda here: _instant(here, route, scale, limits, gravity))(samples)
+    seen = jax.vmap(lambda here: _instant(here, shape, scale, limits, gravity))(samples)
     # Between the instants a ramp may have raised it.
-    tightest = jnp.min(solved.scales)
+    tightest = jnp.min(turns_and_legs.scales)
     rising = 0.25 * step * tightness(ends, tightest)[1] * speed**3
     most = ends.curvature_max * table.profile.speed_most**2 + 2.0
     bound = jnp.minimum(jnp.maximum(seen.acceleration[1:], seen.acceleration[:-1]) + rising, most / tightest)
@@ -140,18 +139,10 @@ def path_track(
     times: Float[Array, " instants"],
     since: ScalarLike = -jnp.inf,
 ) -> Track:
-    """A delivered path at even instants, with a rigorous bound of its acceleration in each interval.
+    """A delivered path at even instants (s), with a rigorous bound of its acceleration in each interval.
 
-    Parameters
-    ----------
-    path, accelerations
-        A path, and bounds of its acceleration in each of its cells, m/s^2.
-    active
-        0 for one that does not count.
-    times
-        The instants, s.
-    since
-        What is before counts no more, s.
+    Of the path there are bounds of the acceleration in each of its cells, m/s^2; `active` is 0 for one that does not
+    count, and what is before `since`, s, counts no more.
     """
     step = times[1] - times[0]
     positions = jax.vmap(path.position_n)(times)

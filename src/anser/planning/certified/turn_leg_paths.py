@@ -15,9 +15,9 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from anser.numerics import gauss_newton
-from anser.planning.certified.detours import TURN, Solved
+from anser.planning.certified.detours import TURN
 from anser.planning.certified.profile import CURVATURE_KEPT, TabulatedProfile
-from anser.planning.certified.route import LEGS, TURNS, Ends, tightness, unwind
+from anser.planning.certified.route import LEGS, TURNS, PathEnds, TurnsAndLegs, roll_out, tightness
 from anser.planning.certified.smooth_turn import displacement, smooth_turn
 from anser.planning.certified.task import KeepOuts
 from anser.planning.demand import greatest_side
@@ -115,7 +115,7 @@ def _even_times(table: TabulatedProfile) -> tuple[Scalar, Float[Array, " interva
 def keep_outs_along_path(table: TabulatedProfile, volumes: KeepOuts) -> KeepOutsAlongPath:
     """Keep-outs as the path of a tabulated profile meets them."""
     step, times = _even_times(table)
-    drifts = jax.vmap(table.drift_at)(times)
+    _, drifts = jax.vmap(table.flown_at)(times)
     altitudes = jax.vmap(lambda t: table.profile.at(t).altitude)(times)
     altitudes, times = altitudes[None, :], times[None, :]
     inside = (altitudes > volumes.bottom[:, None] - _RESERVE_UP_M) & (altitudes < volumes.top[:, None] + _RESERVE_UP_M)
@@ -129,7 +129,7 @@ def keep_outs_along_path(table: TabulatedProfile, volumes: KeepOuts) -> KeepOuts
 
 
 def make_radius_schedule(
-    table: TabulatedProfile, ends: Ends, limits: PathLimits, gravity: ScalarLike
+    table: TabulatedProfile, ends: PathEnds, limits: PathLimits, gravity: ScalarLike
 ) -> RadiusSchedule:
     """Least radii within bank and load factor, by the airspeed, the climb and their rates at each time."""
     step, times = _even_times(table)
@@ -179,7 +179,7 @@ def make_starts(count: int, seed: int = 0) -> Starts:
 class TurnLegProblem(eqx.Module):
     """What a turn-and-leg path has to keep."""
 
-    ends: Ends
+    ends: PathEnds
     schedule: RadiusSchedule
     keep_outs: KeepOutsAlongPath
     wanted: Scalar
@@ -213,7 +213,7 @@ def _across(vector: Float[Array, "2"]) -> Float[Array, "2"]:
 
 def _shape(
     x: Unknowns, problem: TurnLegProblem, senses: Float[Array, "4"], circles: Float[Array, "4"]
-) -> tuple[Solved, Float[Array, " equations"], Float[Array, "equations 11"]]:
+) -> tuple[TurnsAndLegs, Float[Array, " equations"], Float[Array, "equations 11"]]:
     """The path that unknowns stand for, and by how much it misses what is wanted, with the derivatives of that.
 
     Parts of the path's length, of half a turn, and for each keep-out how deep the path is inside. The derivatives
@@ -279,7 +279,7 @@ def _shape(
         length, length_by = begun[2] + leg, begun_by[2] + leg_by
         return _Flown(place, heading, length, penetration, place_by, heading_by, length_by, penetration_by), scale
 
-    begun, volumes = unwind(ends), problem.keep_outs.radii.shape[0]
+    begun, volumes = roll_out(ends), problem.keep_outs.radii.shape[0]
     first = _Flown(
         jnp.stack([jnp.real(begun.place), jnp.imag(begun.place)]),
         begun.heading,
@@ -302,11 +302,11 @@ def _shape(
         asked * flown.heading_by[None],
         _VOLUME_WEIGHT * flown.penetration_by,
     ]
-    solved = Solved(angles, scales, legs[:LEGS], jnp.asarray(True))
+    solved = TurnsAndLegs(angles, scales, legs[:LEGS], jnp.asarray(True))
     return solved, jnp.concatenate(residuals), jnp.concatenate(residuals_by)
 
 
-def solve_turn_leg_paths(problem: TurnLegProblem, starts: Starts, kept: int | None = None) -> Solved:
+def solve_turn_leg_paths(problem: TurnLegProblem, starts: Starts, kept: int | None = None) -> TurnsAndLegs:
     """Paths of a wanted length, each near a start; see `make_starts`.
 
     Keep-outs are looked for where turns begin, are half over and end, and at four places of each leg: what comes
