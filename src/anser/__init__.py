@@ -4,19 +4,23 @@
 >>> flown = anser.run(anser.load("scenarios/three-aircraft.toml"))
 >>> flown.dataset.altitude_m, flown.summary["fleet"]["arrival_spread_s"]
 
-Importing anser switches JAX to float64, which all of it needs.
+Importing anser switches JAX to float64, which all of it needs, whether JAX is imported before or after it; anser itself
+loads JAX only when something is used that computes with arrays.
 """
 
 import importlib
+import os
+import sys
 from typing import TYPE_CHECKING, Any
-
-import jax
 
 if TYPE_CHECKING:
     from anser.campaign import linearize, plan, run
     from anser.scenario import load, loads
 
-jax.config.update("jax_enable_x64", True)
+if "jax" in sys.modules:
+    sys.modules["jax"].config.update("jax_enable_x64", True)
+else:
+    os.environ["JAX_ENABLE_X64"] = "1"  # JAX reads it when it is imported
 
 __version__ = "0.1.0"
 __all__ = ["__version__", "linearize", "load", "loads", "plan", "run"]

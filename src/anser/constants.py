@@ -1,4 +1,4 @@
-"""Sourced physical constants, SI units; a name ends with its unit (none: dimensionless)."""
+"""Sourced physical constants and the least stand-offs, SI units; a name ends with its unit (none: dimensionless)."""
 
 # [WGS84] NIMA TR8350.2: the two numbers that define the ellipsoid; what follows from them is `anser.spatial.Ellipsoid`.
 WGS84_A_M = 6378137.0
@@ -26,3 +26,7 @@ SEA_LEVEL_PRESSURE_PA = 101325.0
 SEA_LEVEL_TEMPERATURE_K = 288.15
 GEOPOTENTIAL_RADIUS_M = 6356766.0
 """Earth radius of the geopotential conversion, [USSA76] part 1.2.4."""
+
+SURFACE_STAND_OFF_MIN_M = 150.0
+AIRBORNE_STAND_OFF_MIN_M = 100.0
+"""Least distance that an aircraft keeps from a goal of each kind: the product's scope, whatever a scenario says."""

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from anser.aircraft import AbstractAirframe
-from anser.scenario.library import AIRFRAMES, VARIANTS, load_airframe
+from anser.scenario import AIRFRAMES, VARIANTS, load_airframe
 
 
 @pytest.mark.parametrize(("name", "variant"), [(name, variant) for name in AIRFRAMES for variant in VARIANTS[name]])

@@ -16,7 +16,6 @@ from anser.cli.console import (
     working,
 )
 from anser.cli.offering import about
-from anser.scenario import load_airframe
 
 
 @about(
@@ -51,6 +50,7 @@ def trim(
     )
     must_stand_alone("--pitch-rate-deg-s", pitch_rate_deg_s, {"--turn-rate-deg-s": turn_rate_deg_s})
     from anser.campaign import find_trim
+    from anser.scenario import load_airframe
 
     airframe = load_airframe(aircraft, variant, cg)
     with working("solving (the first time, this compiles)"):

@@ -7,10 +7,6 @@ from anser.planning.commands import polar
 from anser.planning.vectors import norm, root, unit
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 
-SURFACE_STAND_OFF_MIN_M = 150.0
-AIRBORNE_STAND_OFF_MIN_M = 100.0
-"""Least distance that an aircraft keeps from a goal of each kind: the product's scope, whatever a scenario says."""
-
 
 class Rendezvous(eqx.Module):
     """How an aircraft is to meet its goal; arrays throughout, so that other numbers do not recompile."""

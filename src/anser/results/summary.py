@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from anser.constants import AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M
 from anser.results.arrival import closest_approach, least_distance
 from anser.results.path_words import NOMINAL_BEND_M
 from anser.results.provenance import versions
 from anser.results.requirements import judge, requirements_of
 from anser.results.separated import least_ratio
 from anser.scenario import Scenario
-from anser.scenario.schema_checks import AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M
 from anser.simulation import STATUS_MESSAGES
 
 __all__ = [

@@ -1,12 +1,21 @@
-"""Scenarios: the schema of their files, loading with plain errors, building a flight. Input units end here."""
+"""Scenarios: the schema of their files, loading with plain errors, building a flight. Input units end here.
 
-from anser.scenario.build import build_environment, build_flight, build_path_limits
+Reading and checking a scenario needs no JAX; what builds arrays is loaded on first use.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from anser.scenario.airframe_names import AIRFRAMES, BODIES, VARIANTS
 from anser.scenario.cautions import cautions
 from anser.scenario.errors import Problem, ScenarioError
-from anser.scenario.library import AIRFRAMES, BODIES, VARIANTS, load_airframe, load_body
 from anser.scenario.load import load, loads
 from anser.scenario.schema import Scenario, scenario_hash, validate
 from anser.scenario.template import starter_scenario, write_starter
+
+if TYPE_CHECKING:
+    from anser.scenario.build import build_environment, build_flight, build_path_limits
+    from anser.scenario.library import load_airframe, load_body
 
 __all__ = [
     "AIRFRAMES",
@@ -28,3 +37,18 @@ __all__ = [
     "validate",
     "write_starter",
 ]
+
+_WHERE = {
+    "build_environment": "anser.scenario.build",
+    "build_flight": "anser.scenario.build",
+    "build_path_limits": "anser.scenario.build",
+    "load_airframe": "anser.scenario.library",
+    "load_body": "anser.scenario.library",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Load what builds arrays on first use."""
+    if name not in _WHERE:
+        raise AttributeError(f"module 'anser.scenario' has no attribute {name!r}")
+    return getattr(importlib.import_module(_WHERE[name]), name)

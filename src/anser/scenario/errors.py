@@ -58,6 +58,11 @@ class ScenarioError(ValueError):
         return "\n  ".join([f"{self.source or 'scenario'}: {count}", *map(str, self.problems)])
 
 
+def refused(source: str, arrived: str, expected: str) -> ScenarioError:
+    """One problem with a file as a whole."""
+    return ScenarioError(source, [Problem("", arrived, expected)])
+
+
 def show(value: object) -> str:
     """Describe a value that arrived, in the words of a TOML file.
 

@@ -6,10 +6,7 @@ from importlib import resources
 from typing import Any
 
 from anser.aircraft import F16, SimpleBody, body_from_data, f16_from_data
-
-AIRFRAMES = ("f16",)
-BODIES = ("dragless-sphere", "sphere", "undamped-brick", "brick")
-VARIANTS = {"f16": ("textbook", "s119", "founding")}
+from anser.scenario.airframe_names import AIRFRAMES
 
 
 @functools.cache
@@ -24,9 +21,9 @@ def load_airframe(name: str = "f16", variant: str = "textbook", x_cg_over_c: flo
     Parameters
     ----------
     name
-        One of `AIRFRAMES`.
+        One of `anser.scenario.AIRFRAMES`.
     variant
-        One of `VARIANTS[name]`.
+        One of `anser.scenario.VARIANTS[name]`.
     x_cg_over_c
         Centre of gravity as a fraction of the mean chord; the variant's own where None.
 
@@ -47,7 +44,7 @@ def load_body(name: str) -> SimpleBody:
     Parameters
     ----------
     name
-        One of `BODIES`.
+        One of `anser.scenario.BODIES`.
 
     Raises
     ------

@@ -7,7 +7,7 @@ import re
 import tomllib
 from pathlib import Path
 
-from anser.scenario.errors import Problem, ScenarioError, show
+from anser.scenario.errors import Problem, ScenarioError, refused, show
 from anser.scenario.schema import Scenario, validate
 from anser.scenario.schema_aircraft import Aircraft
 
@@ -40,18 +40,18 @@ def load(path: str | os.PathLike[str]) -> Scenario:
     try:
         content = Path(path).read_bytes()
     except FileNotFoundError:
-        raise _refused(source, "no file of this name", f"the path of a scenario file{_near(Path(path))}") from None
+        raise refused(source, "no file of this name", f"the path of a scenario file{_near(Path(path))}") from None
     except IsADirectoryError:
-        raise _refused(source, "a folder", "the path of a scenario file") from None
+        raise refused(source, "a folder", "the path of a scenario file") from None
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise _refused(source, f"a path that cannot be read ({reason})", "a scenario file that can be read") from None
+        raise refused(source, f"a path that cannot be read ({reason})", "a scenario file that can be read") from None
     try:
         text = content.decode("utf-8-sig")  # editors under Windows put a mark in front
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
         arrived = f"bytes that are not UTF-8 (in line {line})"
-        raise _refused(source, arrived, "a text file in UTF-8") from None
+        raise refused(source, arrived, "a text file in UTF-8") from None
     return loads(text, source)
 
 
@@ -82,7 +82,7 @@ def loads(text: str, source: str = "<string>") -> Scenario:
     except (ValueError, RecursionError) as error:
         # whole numbers too long for Python, lists within lists beyond its depth
         reason = "too deeply nested" if isinstance(error, RecursionError) else str(error)
-        raise _refused(source, f"text that cannot be read ({reason})", "TOML") from None
+        raise refused(source, f"text that cannot be read ({reason})", "TOML") from None
     return validate(values, source)
 
 
@@ -94,10 +94,6 @@ def _near(path: Path) -> str:
         return ""
     near = difflib.get_close_matches(path.name, there, n=1)
     return f", perhaps {show(str(path.with_name(near[0])))}" if near else ""
-
-
-def _refused(source: str, arrived: str, expected: str) -> ScenarioError:
-    return ScenarioError(source, [Problem("", arrived, expected)])
 
 
 def _syntax_problem(text: str, message: str) -> Problem:

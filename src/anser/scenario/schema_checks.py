@@ -6,7 +6,7 @@ what is wrong between them; the list is empty if all is well.
 
 import math
 
-from anser.planning.rendezvous import AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M
+from anser.constants import AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M
 from anser.scenario.errors import Problem, plain
 from anser.scenario.schema_aircraft import Aircraft
 from anser.scenario.schema_goal import Goal

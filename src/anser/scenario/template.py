@@ -4,7 +4,7 @@ import os
 from importlib.resources import files
 from pathlib import Path
 
-from anser.scenario.errors import Problem, ScenarioError
+from anser.scenario.errors import refused
 
 
 def starter_scenario() -> str:
@@ -42,15 +42,11 @@ def write_starter(path: str | os.PathLike[str]) -> Path:
         with target.open("x", encoding="utf-8", newline="\n") as stream:
             stream.write(text)
     except FileExistsError:
-        raise _not_written(target, "a name that is taken", "the name of a new file; nothing was written") from None
+        raise refused(str(target), "a name that is taken", "the name of a new file; nothing was written") from None
     except FileNotFoundError:
-        raise _not_written(target, "a folder that does not exist", "the name of a file in a folder that does") from None
+        raise refused(str(target), "a folder that does not exist", "the name of a file in a folder that does") from None
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         arrived = f"a path that cannot be written ({reason})"
-        raise _not_written(target, arrived, "the name of a file that can be written") from None
+        raise refused(str(target), arrived, "the name of a file that can be written") from None
     return target
-
-
-def _not_written(target: Path, arrived: str, expected: str) -> ScenarioError:
-    return ScenarioError(str(target), [Problem("", arrived, expected)])

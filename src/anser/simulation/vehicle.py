@@ -6,9 +6,9 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from anser.aircraft import AbstractAirframe, MotionState
+from anser.constants import AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M
 from anser.control import AbstractController, AbstractGuidance
 from anser.planning import GoalMotion, Rendezvous
-from anser.planning.rendezvous import AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M
 from anser.sensing import AbstractEstimator, AbstractSensors, GoalState
 from anser.shapes import Count, Flag, Scalar, ScalarLike
 from anser.simulation.hold import HoldAroundGoal

@@ -1,0 +1,36 @@
+"""What a command does not use, it does not import: help, check and new do without JAX; float64 holds all the same."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+SCENARIO = str(ROOT / "scenarios" / "three-aircraft.toml")
+
+
+def _run(program, folder):
+    done = subprocess.run([sys.executable, "-c", program], cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines()[-1]
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["check", SCENARIO], ["new", "mine.toml"]], ids=lambda x: x[0])
+def test_light_commands_do_not_import_jax(arguments, tmp_path):
+    program = f"""
+import sys
+sys.argv = ["anser", *{arguments!r}]
+from anser.cli import main
+try:
+    main()
+except SystemExit as end:
+    assert not end.code, end.code
+print("jax" in sys.modules)
+"""
+    assert _run(program, tmp_path) == "False"
+
+
+@pytest.mark.parametrize("first", ["import anser, jax", "import jax, anser"])
+def test_arrays_are_float64_in_either_order_of_import(first, tmp_path):
+    assert _run(f"{first}\nimport jax.numpy as jnp\nprint(jnp.zeros(3).dtype)", tmp_path) == "float64"
