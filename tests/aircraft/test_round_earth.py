@@ -18,10 +18,9 @@ from anser.aircraft import (
     state_derivative,
 )
 from anser.environment import FlatEarth, spherical_earth, standard_environment, wgs84_earth
-from anser.numerics import rk4_step
+from anser.numerics import cross, rk4_step
 from anser.scenario import load_airframe, load_body
 from anser.spatial import (
-    cross,
     eci_from_ecef,
     quaternion_derivative,
     rotate,

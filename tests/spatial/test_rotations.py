@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from jax.test_util import check_grads
 from scipy.spatial.transform import Rotation
 
+from anser.numerics import cross
 from anser.spatial import (
     compose,
-    cross,
     euler_from_quaternion,
     euler_from_rotation,
     normalize,

@@ -76,8 +76,8 @@ def find_splines(
 ) -> Splines:
     """Spline trajectories of one aircraft that take a duration (s), from so many starts; the nearest few are delivered.
 
-    Not differentiated: plans are chosen, not tuned. Between the knots of a path are even intervals, a multiple of
-    `CELLS`.
+    Not differentiated: plans are chosen, not tuned. The number of even intervals between the knots of a path is a
+    multiple of `CELLS`.
     """
     problem = jax.lax.stop_gradient(SplineProblem(task, airspace, jnp.asarray(duration, dtype=float)))
     task, airspace, duration = problem
