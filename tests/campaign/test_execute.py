@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import anser
-from anser.campaign.execute import _segment
+from anser.campaign.execute import fly_segment
 from anser.campaign.planned import _start
 from anser.results import read_netcdf
 from anser.scenario import ScenarioError, build_flight, loads
@@ -160,7 +160,7 @@ def test_other_numbers_do_not_compile_again(three, caplog):
     for scenario in (loads(THREE), loads(text)):
         flight = build_flight(scenario)
         (state, _), at_start = traced(_start, flight)
-        _, in_flight = traced(_segment, flight, state, jnp.asarray(0, dtype=jnp.int32))
+        _, in_flight = traced(fly_segment, flight, state, jnp.asarray(0, dtype=jnp.int32))
         assert not {"start_flight", "fly"} & (at_start | in_flight)
 
 

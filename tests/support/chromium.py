@@ -68,7 +68,7 @@ class Chromium:
         os.close(self._in)
         os.close(self._out)
 
-    def open(self, path: Path, limit_s=30.0):
+    def open(self, path: Path, limit_s=120.0):
         """Open a file and wait until the page says that it is ready; returns how long that took, s."""
         began = time.monotonic()
         self._ask("Page.navigate", url=path.resolve().as_uri())

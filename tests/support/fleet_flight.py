@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from anser.campaign.execute import _segment
+from anser.campaign.execute import fly_segment
 from anser.campaign.planned import _start
 
 
@@ -16,7 +16,7 @@ def started(flight):
 
 def segment(flight, state, number=0):
     """State after one segment, and its history; `number` counts segments from the start."""
-    after, _, history = _segment(flight, state, jnp.asarray(500 * number, dtype=jnp.int32))
+    after, _, history = fly_segment(flight, state, jnp.asarray(500 * number, dtype=jnp.int32))
     return after, history
 
 

@@ -16,6 +16,7 @@ from anser.campaign.stepped_flight import SteppedFlight, step_document
 from anser.campaign.stepping import fly_steps
 from anser.campaign.tracking import CLIMB_AND_TURN, fly_climb_and_turn
 from anser.campaign.trimming import FoundTrim, find_trim
+from anser.campaign.warming import warm
 
 __all__ = [
     "CHANNEL_KEYS",
@@ -51,4 +52,5 @@ __all__ = [
     "survey_limits",
     "survey_margins",
     "unit_of_channel",
+    "warm",
 ]

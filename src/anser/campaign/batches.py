@@ -2,13 +2,16 @@
 
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import numpy as np
 
+from anser.compiling import Program
+
 __all__ = ["BATCH", "Clock", "Progress", "in_batches"]
 
+_R = TypeVar("_R")
 BATCH = 128
 """Flights of one compiled call: larger batches are no faster on a few cores."""
 
@@ -28,10 +31,10 @@ class Clock:
     def __init__(self) -> None:
         self.compile_s = self.run_s = 0.0
 
-    def run(self, program: Callable, *of: Any) -> Any:
+    def run(self, program: Program[..., _R], *of: Any) -> _R:
         """Call a program with arguments."""
         began = time.perf_counter()
-        ready = program.ready(*of)  # pyright: ignore[reportFunctionMemberAccess]
+        ready = program.ready(*of)
         compiled = time.perf_counter()
         result = jax.block_until_ready(ready())
         self.compile_s += compiled - began

@@ -34,7 +34,8 @@ _FILES = ("flight.nc", "summary.json", "report.html")
 Progress = Callable[[str, float], None]
 """Called with what is being done and how much of the flight is behind, 0 to 1."""
 
-_segment = compiled(functools.partial(fly, one_kernel=True))
+fly_segment = compiled(functools.partial(fly, one_kernel=True))
+"""One segment of a flight by itself, compiled; see `anser.simulation.fly`."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -142,7 +143,7 @@ def run(scenario: Scenario, progress: Progress | None = None) -> Flown:
     segments = []
     count = -(-(steps + 1) // SEGMENT_STEPS)
     for k in range(count):
-        state, _, history = _segment(flight, state, jnp.asarray(k * SEGMENT_STEPS, dtype=jnp.int32))
+        state, _, history = fly_segment(flight, state, jnp.asarray(k * SEGMENT_STEPS, dtype=jnp.int32))
         segments.append(jax.tree.map(np.asarray, history))
         on_progress("flying", (k + 1) / count)
     history = {key: np.concatenate([part[key] for part in segments])[: steps + 1] for key in segments[0]}

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 import anser
+from anser.cli.caching import cache
 from anser.cli.console import RefusedError, problem
 from anser.cli.dispersing import robustness
 from anser.cli.exporting import export
@@ -57,6 +58,7 @@ for _command in (
     export,
     figures,
     new,
+    cache,
 ):
     offer(app, _command)
 

@@ -22,8 +22,8 @@ def cache_folder() -> Path | None:
     if wanted.lower() == "off":
         return None
     already: str | None = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
-    folder = Path(already or wanted or platformdirs.user_cache_path("anser") / "compiled")
-    return folder if already or wanted or folder.is_absolute() else None
+    folder = Path(wanted or already or platformdirs.user_cache_path("anser") / "compiled")
+    return folder if wanted or already or folder.is_absolute() else None
 
 
 def program_store() -> FolderStore | None:

@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Callable, Sequence
-from typing import ParamSpec, TypeVar, cast
+from typing import ParamSpec, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -33,28 +33,28 @@ def known_options(wanted: dict[str, bool | str]) -> dict[str, bool | str]:
     return {option: value for option, value in wanted.items() if _known(option, value)}
 
 
-def compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
+def compiled(function: Callable[_P, _R]) -> Program[_P, _R]:
     """Compile a function, with the compiler's own options."""
-    return cast(Callable[_P, _R], Program(function, dict))
+    return Program(function, dict)
 
 
-def compiled_quickly(function: Callable[_P, _R]) -> Callable[_P, _R]:
+def compiled_quickly(function: Callable[_P, _R]) -> Program[_P, _R]:
     """Compile a function without XLA's optimizer, in a sixth to a half of the time (measured: trims, linear models).
 
     The function runs more slowly, and its results differ by rounding.
     """
-    return cast(Callable[_P, _R], Program(function, lambda: known_options(_UNOPTIMIZED)))
+    return Program(function, lambda: known_options(_UNOPTIMIZED))
 
 
 def compiled_by_older_generator(
     static_argnames: Sequence[str],
-) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
+) -> Callable[[Callable[_P, _R]], Program[_P, _R]]:
     """Compile by XLA's older code generator for the CPU, where the installed one still has it.
 
     That compiles large programs in half the time, and they run as fast. All arguments but those named are traced.
     """
 
-    def decorate(function: Callable[_P, _R]) -> Callable[_P, _R]:
-        return cast(Callable[_P, _R], Program(function, lambda: known_options(_OLDER_GENERATOR), static_argnames))
+    def decorate(function: Callable[_P, _R]) -> Program[_P, _R]:
+        return Program(function, lambda: known_options(_OLDER_GENERATOR), static_argnames)
 
     return decorate

@@ -15,7 +15,7 @@ import sys
 import weakref
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Generic, ParamSpec, Protocol, TypeVar
 
 import equinox as eqx
 import jax
@@ -25,9 +25,22 @@ import numpy as np
 from jax.core import Tracer
 from jax.experimental import serialize_executable
 
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
 _FORMAT = 1
 _PACKAGE = Path(__file__).parents[1]
-_KNOWN = ("anser", "builtins", "equinox", "functools", "jax", "jaxlib", "numpy", "pathlib")
+_KNOWN = {"anser", "equinox", "jax", "jaxlib", "jaxtyping", "numpy", "scipy"} | sys.stdlib_module_names
+_KERNELS = {
+    "aircraft",
+    "compiling",
+    "control",
+    "environment",
+    "numerics",
+    "planning",
+    "sensing",
+    "simulation",
+    "spatial",
+}
 _HIT = "/jax/compilation_cache/cache_hits"
 _SETTINGS = (
     "jax_default_matmul_precision",
@@ -49,7 +62,7 @@ class ProgramStore(Protocol):
 
 
 _in_use: list[ProgramStore] = []
-_programs: "weakref.WeakSet[Program]" = weakref.WeakSet()
+_programs: "weakref.WeakSet[Program[..., Any]]" = weakref.WeakSet()
 
 
 def use_program_store(store: ProgramStore | None) -> None:
@@ -107,20 +120,58 @@ def _name(code: Any) -> str:
     return f"{module}.{name}"
 
 
-@functools.cache
-def _surroundings() -> str:
-    """Everything but function and arguments on which a compiled program depends: code, versions, machine."""
+def _hash_of_sources() -> str:
     sources = hashlib.sha256()
     for path in sorted(_PACKAGE.rglob("*")):
         if path.suffix in (".py", ".json"):
             sources.update(str(path.relative_to(_PACKAGE)).encode() + b"\0" + path.read_bytes())
+    return sources.hexdigest()
+
+
+_SOURCES = _hash_of_sources()
+"""When this was imported: what is edited later is not what runs."""
+
+
+def _as_loaded() -> str:
+    """Names and numbers of the kernels' modules, as they stand in this process: somebody may have replaced some.
+
+    Raises
+    ------
+    NotKeptError
+        Code of somebody else stands there.
+    """
+    found = []
+
+    def add(place: str, value: Any) -> None:
+        if inspect.isfunction(value) or inspect.isclass(value):
+            if value.__module__.split(".")[0] not in _KNOWN:
+                raise NotKeptError(f"{value.__module__}.{value.__qualname__}")
+            found.append(f"{place}:{value.__module__}.{value.__qualname__}")
+        elif isinstance(value, bool | int | float | str):
+            found.append(f"{place}={value!r}")
+
+    for name, module in sorted(sys.modules.items()):
+        if name.startswith("anser.") and name.split(".")[1] in _KERNELS:
+            for key, value in vars(module).items():
+                if not key.startswith("__"):
+                    add(f"{name}.{key}", value)
+                if inspect.isclass(value) and value.__module__ == name:
+                    for of, method in vars(value).items():
+                        if inspect.isfunction(method):
+                            add(f"{name}.{key}.{of}", method)
+    return hashlib.sha256("\n".join(found).encode()).hexdigest()
+
+
+@functools.cache
+def _surroundings() -> str:
+    """Everything but function and arguments on which a compiled program depends: code, versions, machine."""
     versions = [f"{module.__name__} {module.__version__}" for module in (jax, jaxlib, np, eqx)]
     device = jax.devices()[0]
     machine = [platform.platform(), platform.machine(), device.platform, device.device_kind, str(len(jax.devices()))]
     processor = Path("/proc/cpuinfo")
     if processor.is_file():
         machine += [line for line in processor.read_text().splitlines() if line.startswith(("flags", "Features"))][:1]
-    return "\n".join([str(_FORMAT), sys.version, sources.hexdigest(), *versions, *machine])
+    return "\n".join([str(_FORMAT), sys.version, _SOURCES, *versions, *machine])
 
 
 def _settings() -> str:
@@ -137,7 +188,7 @@ class _Structures(pickle.Unpickler):
     """Reads the structure of a result; of classes it knows only those of which results are made."""
 
     def find_class(self, module_name: str, global_name: str) -> Any:
-        if module_name.split(".")[0] not in _KNOWN or module_name == "builtins":
+        if module_name.split(".")[0] not in ("anser", "equinox", "jax", "numpy"):
             raise pickle.UnpicklingError(f"{module_name}.{global_name}")
         return super().find_class(module_name, global_name)
 
@@ -198,7 +249,7 @@ def _returning(compiled: Callable[..., list[Any]], result: Any) -> Callable[[lis
     return call
 
 
-class Program:
+class Program(Generic[_P, _R]):
     """A function of arrays, compiled for each structure, shape and static value of its arguments.
 
     With a store in use (`use_program_store`), what another process compiled is neither traced nor compiled again.
@@ -216,7 +267,7 @@ class Program:
 
     def __init__(
         self,
-        function: Callable[..., Any],
+        function: Callable[_P, _R],
         options: Callable[[], dict[str, bool | str]],
         static_argnames: Sequence[str] | None = None,
     ) -> None:
@@ -236,11 +287,11 @@ class Program:
     def _signature(self) -> inspect.Signature:
         return inspect.signature(self._function)
 
-    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+    def __call__(self, *args: _P.args, **kwargs: _P.kwargs) -> _R:
         """Call the function, compiled."""
         return self.ready(*args, **kwargs)()
 
-    def ready(self, *args: Any, **kwargs: Any) -> Callable[[], Any]:
+    def ready(self, *args: _P.args, **kwargs: _P.kwargs) -> Callable[[], _R]:
         """Have the program for such arguments compiled; what is returned calls it with these ones."""
         traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((args, kwargs)))
         if traced or jax.config.jax_disable_jit or jax.config.jax_debug_nans:  # pyright: ignore[reportAttributeAccessIssue]
@@ -283,7 +334,7 @@ class Program:
             jax.ShapeDtypeStruct(one.shape, one.dtype, weak_type=getattr(one, "weak_type", False)) for one in arrays
         ]
         try:
-            of = described((self._function, self._arguments(shapes, static), options))
+            of = described((self._function, self._arguments(shapes, static), options)) + _as_loaded()
         except NotKeptError:
             return None
         return hashlib.sha256("\n".join([_surroundings(), _settings(), of]).encode()).hexdigest()
@@ -298,11 +349,12 @@ class Program:
             # Whatever is wrong with it, it is made anew.
             with contextlib.suppress(Exception):
                 return _returning(*_of_content(content, len(arrays)))
-        results = []
+        results: list[Any] = []
+        function: Callable[..., Any] = self._function
 
         def flat(arrays: list[Any]) -> list[Any]:
             args, kwargs = self._arguments(arrays, static)
-            leaves, structure = jax.tree.flatten(self._function(*args, **kwargs))
+            leaves, structure = jax.tree.flatten(function(*args, **kwargs))
             results.append(structure.unflatten([_Hole() if eqx.is_array(leaf) else leaf for leaf in leaves]))
             return [leaf for leaf in leaves if eqx.is_array(leaf)]
 

@@ -4,9 +4,11 @@ import contextlib
 import hashlib
 import os
 import tempfile
+import time
 from pathlib import Path
 
 _MARK = b"anser program 1\n"
+_LEFT_S = 3600.0  # age of a half-written file whose process must have ended
 
 
 class FolderStore:
@@ -71,6 +73,9 @@ class FolderStore:
                 break
             path.unlink(missing_ok=True)
             total -= size
+        for path in self.folder.glob(".new-*"):
+            if time.time() - path.stat().st_mtime > _LEFT_S:
+                path.unlink(missing_ok=True)
 
     def clear(self) -> int:
         """Delete all programs, and what an interrupted process left; how many programs it were."""

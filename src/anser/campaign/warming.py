@@ -1,0 +1,47 @@
+"""Compiling beforehand what the commands need first."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax.numpy as jnp
+
+from anser.campaign.execute import Progress, fly_segment
+from anser.campaign.linearizing import linearize
+from anser.campaign.planned import plan
+from anser.campaign.step_tests import PUBLISHED_STEPS
+from anser.campaign.stepping import fly_steps
+from anser.campaign.trimming import find_trim
+from anser.scenario import Scenario
+
+__all__ = ["warm"]
+
+
+def warm(scenarios: Sequence[Scenario], progress: Progress | None = None) -> None:
+    """Compile, or load, the programs that `plan`, `run`, `trim`, `linearize` and `step` need.
+
+    Parameters
+    ----------
+    scenarios
+        To be planned and flown for a segment. Their numbers do not matter: planner, earth, aircraft and how many they
+        are, keep-outs and layers of wind do.
+    progress
+        Called with what is being done and the part that is done, 0..1.
+    """
+    on_progress = progress if progress is not None else lambda what, done: None
+
+    def fly(scenario: Scenario) -> None:
+        planned = plan(scenario)
+        if not planned.refusals:
+            fly_segment.ready(planned.flight, planned.begun(), jnp.asarray(0, dtype=jnp.int32))
+
+    condition: dict[str, Any] = {"speed_m_s": 150.0, "altitude_m": 1000.0}
+    tasks: list[tuple[str, Callable[[], Any]]] = [
+        *((f"{one.name}: plan and flight", lambda one=one: fly(one)) for one in scenarios),
+        ("trim", lambda: find_trim("f16", **condition)),
+        ("linear model", lambda: linearize("f16", **condition)),
+        ("step", lambda: fly_steps(PUBLISHED_STEPS[:1], **condition)),
+    ]
+    for k, (what, do) in enumerate(tasks):
+        on_progress(what, k / len(tasks))
+        do()
+    on_progress("ready", 1.0)

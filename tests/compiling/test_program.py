@@ -1,0 +1,200 @@
+"""Programs kept between processes: the same numbers bit for bit, and nothing that is wrong with the store is noticed."""
+
+import os
+import subprocess
+import sys
+import time
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import anser.compiling.store as store_module
+from anser.compiling import FolderStore, compiled, compiled_quickly, program_store, use_program_store
+from anser.compiling.program import NotKeptError, described
+from anser.environment import standard_environment
+from anser.numerics import solve3
+from anser.scenario import load_airframe
+from anser.simulation import solve_trim, trim_target
+
+MATRIX, VECTOR = jnp.array([[2.0, 1.0, 0.0], [0.5, 3.0, 0.2], [0.0, 0.1, 1.5]]), jnp.array([1.0, 2.0, 3.0])
+
+
+@pytest.fixture
+def store(tmp_path):
+    """A store of its own, in use; afterwards that of the suite again."""
+    found = FolderStore(tmp_path / "programs")
+    use_program_store(found)
+    yield found
+    use_program_store(program_store())
+
+
+def solved(kind=compiled):
+    """A program of the package's own code, without what this process remembers."""
+    return kind(solve3)
+
+
+def test_a_second_process_neither_traces_nor_compiles(store, monkeypatch):
+    first = solved()(MATRIX, VECTOR)
+    (kept,) = store.files()
+    monkeypatch.setattr(jax, "jit", None)  # whoever traces fails
+    np.testing.assert_array_equal(solved()(MATRIX, VECTOR), first)
+    assert store.files() == [kept]
+
+
+def test_another_shape_option_or_function_is_another_program(store):
+    solved()(MATRIX, VECTOR)
+    solved(compiled_quickly)(MATRIX, VECTOR)
+    solved()(MATRIX.astype(jnp.float32), VECTOR.astype(jnp.float32))
+    assert len(store.files()) == 3
+    solved()(2.0 * MATRIX, VECTOR + 1.0)
+    assert len(store.files()) == 3
+
+
+def test_kept_programs_give_the_bits_of_those_traced_afresh(store):
+    airframe, environment, target = load_airframe("f16"), standard_environment(), trim_target(150.0, 1000.0)
+    found = []
+    for _ in range(2):
+        found.append(compiled_quickly(solve_trim)(airframe, environment, target))
+    use_program_store(None)
+    found.append(compiled_quickly(solve_trim)(airframe, environment, target))
+    assert len(store.files()) == 1
+    for other in found[1:]:
+        assert eqx.tree_equal(found[0], other)
+        assert jax.tree.structure(found[0]) == jax.tree.structure(other)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda held: b"",
+        lambda held: held[:1000],
+        lambda held: held[:-1] + bytes([held[-1] ^ 1]),
+        lambda held: b"something else",
+        lambda held: held + b"more",
+    ],
+)
+def test_a_damaged_program_is_made_anew(store, damage):
+    expected = solved()(MATRIX, VECTOR)
+    (path,) = store.files()
+    whole = path.read_bytes()
+    path.write_bytes(damage(whole))
+    np.testing.assert_array_equal(solved()(MATRIX, VECTOR), expected)
+    assert len(path.read_bytes()) == len(whole)
+
+
+def test_a_whole_file_with_something_else_in_it_is_made_anew(store):
+    expected = solved()(MATRIX, VECTOR)
+    (path,) = store.files()
+    store.save(path.stem, b"\x00" * 8 + b"no program")
+    np.testing.assert_array_equal(solved()(MATRIX, VECTOR), expected)
+
+
+def test_a_foreign_class_in_it_is_not_loaded(store, tmp_path):
+    import pickle
+
+    class Harm:
+        def __reduce__(self):
+            return os.system, (f"touch {tmp_path / 'harm'}",)
+
+    expected = solved()(MATRIX, VECTOR)
+    (path,) = store.files()
+    structure = pickle.dumps(Harm())
+    store.save(path.stem, len(structure).to_bytes(8, "big") + structure)
+    np.testing.assert_array_equal(solved()(MATRIX, VECTOR), expected)
+    assert not (tmp_path / "harm").exists()
+
+
+def test_code_that_only_this_process_knows_is_not_kept(store):
+    with pytest.raises(NotKeptError):
+        described(lambda x: x)
+    assert float(compiled(lambda x: 2.0 * x)(jnp.asarray(3.0))) == 6.0
+    assert store.files() == []
+
+
+def test_a_folder_that_takes_nothing_costs_time_only(tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    for folder in (tmp_path / "file" / "programs", tmp_path / "full"):
+        store = FolderStore(folder)
+        if folder.name == "full":
+            folder.symlink_to("/dev/full")  # every write fails with "no space left on device"
+        use_program_store(store)
+        try:
+            np.testing.assert_allclose(MATRIX @ solved()(MATRIX, VECTOR), VECTOR, rtol=1e-12)
+        finally:
+            use_program_store(program_store())
+        assert store.files() == []
+
+
+def test_a_full_disk_leaves_nothing_behind(store, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fdopen", full)
+    solved()(MATRIX, VECTOR)
+    assert list(store.folder.iterdir()) == []
+
+
+def test_the_oldest_go_beyond_the_size(tmp_path):
+    store = FolderStore(tmp_path, size_max=3_200)
+    for number in range(5):
+        store.save(f"{number}", bytes(1_000))
+        os.utime(tmp_path / f"{number}.program", ns=(number, number))
+        if number == 2:
+            assert store.load("0") == bytes(1_000)  # used: younger than 1 and 2 now
+    assert {path.stem for path in store.files()} == {"0", "3", "4"}
+    assert store.clear() == 3
+    assert store.files() == []
+
+
+_WRITER = """
+import importlib.util, pathlib, sys
+of = importlib.util.spec_from_file_location("store", sys.argv[1])
+store = importlib.util.module_from_spec(of)
+of.loader.exec_module(store)
+kept = store.FolderStore(pathlib.Path(sys.argv[2]))
+print("ready", flush=True)
+number = 0
+while True:
+    kept.save("program", bytes([number % 251]) * 3_000_000)
+    number += 1
+"""
+
+
+def test_a_process_killed_while_it_writes_leaves_a_whole_program_or_none(tmp_path):
+    """Fifty times; what the store gives is what some process has saved."""
+    store, random = FolderStore(tmp_path / "programs"), np.random.default_rng(0)
+    command = [sys.executable, "-S", "-c", _WRITER, store_module.__file__, str(store.folder)]
+    seen = 0
+    for _ in range(50):
+        with subprocess.Popen(command, stdout=subprocess.PIPE) as writer:
+            assert writer.stdout.readline() == b"ready\n"
+            time.sleep(random.uniform(0.0, 0.03))
+            writer.kill()
+        held = store.load("program")
+        seen += held is not None
+        assert held is None or (len(held) == 3_000_000 and len(set(held)) == 1)
+    assert seen > 10
+    assert len(store.files()) <= 1
+
+
+def test_what_a_killed_process_left_is_swept_up(tmp_path):
+    store = FolderStore(tmp_path)
+    for name, age_s in ((".new-old", 7_200), (".new-young", 60)):
+        (tmp_path / name).write_bytes(b"half")
+        os.utime(tmp_path / name, (time.time() - age_s,) * 2)
+    store.save("a", b"whole")
+    assert sorted(path.name for path in tmp_path.iterdir()) == [".new-young", "a.program"]
+    store.clear()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_function_replaced_in_this_process_is_what_runs_and_is_not_kept(store, monkeypatch):
+    import anser.numerics.linear as linear
+
+    solved()(MATRIX, VECTOR)
+    monkeypatch.setattr(linear, "times3", lambda matrix, vector: 7.0 * vector)
+    np.testing.assert_array_equal(solved()(MATRIX, VECTOR), 7.0 * VECTOR)
+    assert len(store.files()) == 1
