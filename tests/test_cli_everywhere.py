@@ -11,6 +11,7 @@ import sys
 import time
 from pathlib import Path
 
+import jax.numpy as jnp
 import pytest
 import rich.console
 import rich.progress
@@ -20,8 +21,9 @@ from typer.testing import CliRunner
 
 from anser.cli import app, console
 from anser.cli.arguments import complete_run, complete_scenario, complete_variant
-from anser.cli.console import answer, line, problem, progress_bar, say
+from anser.cli.console import answer, line, problem, progress_bar, say, working
 from anser.cli.offering import about, offer
+from anser.compiling import compiled
 from support.made_flight import make_flight
 
 ROOT = Path(__file__).parents[1]
@@ -304,3 +306,17 @@ def test_no_progress_without_a_screen_or_by_quiet(monkeypatch, capsys):
     with progress_bar() as tell:
         tell("flying", 0.5)
     assert capsys.readouterr() == ("", "")
+
+
+def test_the_progress_says_when_anser_compiles_and_only_then(monkeypatch):
+    said = []
+    monkeypatch.setattr(console.Progress, "update", lambda self, task, **what: said.append(what.get("description")))
+    fresh = compiled(lambda x: 2.0 * x)
+    with progress_bar() as tell:
+        tell("flying", 0.5)
+        fresh(jnp.ones(3))
+        fresh(jnp.ones(3))
+    with working("solving"):
+        fresh(jnp.ones(3))
+        fresh(jnp.ones(4))
+    assert said == ["starting", "flying", "flying: compiling", "flying", "solving", "solving: compiling", "solving"]

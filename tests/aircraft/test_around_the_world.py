@@ -145,6 +145,7 @@ def test_what_is_logged_follows_from_the_place(name):
     np.testing.assert_allclose(difference, 0.0, atol=SAME)
 
 
+@pytest.mark.long
 def test_the_flights_go_where_they_say():
     """The circle stays at three nautical miles of arc for more than a turn; the others cross what they are to cross."""
     circle = _near("around the pole")

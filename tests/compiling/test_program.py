@@ -13,7 +13,7 @@ import pytest
 
 import anser.compiling.store as store_module
 from anser.compiling import FolderStore, compiled, compiled_quickly, program_store, use_program_store
-from anser.compiling.program import NotKeptError, described
+from anser.compiling.keys import NotKeptError, described
 from anser.environment import standard_environment
 from anser.numerics import solve3
 from anser.scenario import load_airframe

@@ -108,6 +108,7 @@ def test_gradients_are_finite_in_trim_and_at_the_limits(trim, slope, chi):
     assert np.isfinite(slope(case, gains, default_limits(), jax.tree.map(jnp.ones_like, gains))).all()
 
 
+@pytest.mark.long
 def test_reverse_gradient_of_one_step_is_finite(trim):
     """Through all three loops, with respect to state, memory, command, gains and limits."""
 

@@ -65,6 +65,7 @@ def first_trigger(three, dives):
     return low
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("dives", DIVES, ids=["shallow and banked", "slow and pushed over", "steep and inverted"])
 def test_a_descent_broken_off_at_the_last_moment_ends_above_the_floor(three, dives):
     flight, state = three

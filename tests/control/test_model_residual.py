@@ -157,6 +157,7 @@ def test_on_a_perfect_model_both_inversions_fly_the_same(flown):
     assert np.abs(flown["nominal", 0.0][2].acceleration_b).max() == 0.0
 
 
+@pytest.mark.long
 def test_on_a_wrong_model_the_incremental_inversion_does_not_feel_it(flown):
     """The path angle, whose lift is off by 30 %: model-based inversion sags and needs its slow integral."""
     _, _, sensed = flown["wrong", BANDWIDTH]

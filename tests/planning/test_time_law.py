@@ -304,6 +304,7 @@ def test_finite_numbers_and_gradients_within_and_beyond(even, elapsed):
                 assert jnp.all(jnp.isfinite(leaf))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("even", [0.0, 1.0])
 def test_gradient_against_finite_differences(even):
     path, rng = published_path(-21.8, 0.005), np.random.default_rng(2)

@@ -146,6 +146,7 @@ def test_a_cylinder_in_the_way_is_flown_around_or_over(half):
     assert before.min() < 1.0  # it was in the way
 
 
+@pytest.mark.long
 def test_two_flights_are_parted():
     one = _flight()
     same = _solved(one)

@@ -131,6 +131,7 @@ def test_wrong_plan_fails_with_its_figures():
     assert "speed_min of 0" in shown.disagreements[0]
 
 
+@pytest.mark.long
 def test_wrong_refusal_is_contradicted_by_a_plan():
     trial = run_trial(POSSIBLE, 1000, _refuse)
     assert trial.verdict == "found"
@@ -203,6 +204,7 @@ def trials(monkeypatch, capsys):
     return call
 
 
+@pytest.mark.long
 def test_command_resumes_and_fails_on_contradictions(trials, tmp_path):
     path = tmp_path / "trials.jsonl"
     code, printed, _ = trials("--seeds", "6:7", "--search-iterations", 1000, "--out", path)

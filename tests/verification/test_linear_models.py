@@ -3,6 +3,7 @@
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from anser.simulation import trim_target
 from anser.units import FOOT_M
@@ -15,6 +16,7 @@ PULL_UP, MODES, _ = LINEAR_CHECKS  # the third stands with the tests of the samp
 PRINTED = published("textbook_checks")["pull_up_linearization"]
 
 
+@pytest.mark.long
 def test_pull_up_equals_the_printed_matrices():
     # The flight is not near a breakpoint of the tables: alpha 17.2 deg, elevator -7.1 deg; sideslip is 0.0023 deg, but
     # there the tables are odd and have no kink.

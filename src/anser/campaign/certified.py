@@ -115,7 +115,7 @@ def plan_certified(scenario: Scenario, on_progress: Callable[[str], None] = lamb
         If an aircraft cannot fly steadily at its start.
     """
     enable_compilation_cache()
-    on_progress("trimming (the first time, this compiles)")
+    on_progress("trimming")
     flight = build_flight(scenario)
     fleet = _trimmed(flight)
     refuse_untrimmable(scenario, flight, fleet.trims)

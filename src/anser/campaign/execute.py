@@ -139,7 +139,7 @@ def run(scenario: Scenario, progress: Progress | None = None) -> Flown:
     flight, state = planned.flight, planned.begun()
     timing = scenario.timing
     steps = round(timing.duration_s / timing.step_s)
-    on_progress("flying (the first time, this compiles)", 0.0)
+    on_progress("flying", 0.0)
     segments = []
     count = -(-(steps + 1) // SEGMENT_STEPS)
     for k in range(count):

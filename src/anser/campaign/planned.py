@@ -146,7 +146,7 @@ def plan(scenario: Scenario, on_progress: Callable[[str], None] = lambda what: N
     enable_compilation_cache()
     if scenario.fleet.planner == "certified":
         return plan_certified(scenario, on_progress)
-    on_progress("planning (the first time, this compiles)")
+    on_progress("planning")
     flight = build_flight(scenario)
     state, fleet = _start(flight)
     refuse_untrimmable(scenario, flight, fleet.trims)

@@ -24,6 +24,7 @@ from rich.progress import (
     ProgressColumn,
     SpinnerColumn,
     Task,
+    TaskID,
     TaskProgressColumn,
     TextColumn,
     TimeElapsedColumn,
@@ -161,23 +162,44 @@ def _watched() -> bool:
 
 
 @contextlib.contextmanager
+def _named(bar: Progress, task: TaskID, what: str) -> Iterator[Callable[..., None]]:
+    """What turns what is being done, and how much of it is, into the bar's text; it says so while anser compiles."""
+    from anser.compiling import watching  # here: help needs no JAX
+
+    now = what
+    bar.update(task, description=what)
+
+    def tell(doing: str, done: float | None = None) -> None:
+        nonlocal now
+        now = doing
+        bar.update(task, description=doing, completed=done)
+
+    with watching(lambda compiling: bar.update(task, description=f"{now}: compiling" if compiling else now)):
+        yield tell
+
+
+@contextlib.contextmanager
 def progress_bar() -> Iterator[Callable[[str, float], None]]:
     """Bar with the time gone and left, gone at the end, never there without a screen; told what is done, and 0 to 1."""
     columns = (TextColumn("{task.description}", markup=False), BarColumn(_BAR_WIDTH), TaskProgressColumn(), _Times())
-    with Progress(
-        *columns, console=note, transient=True, disable=not _watched(), speed_estimate_period=_SPEED_PERIOD_S
-    ) as bar:
-        task = bar.add_task("starting", total=1.0)
-        yield lambda what, done: bar.update(task, description=what, completed=done)
+    with (
+        Progress(
+            *columns, console=note, transient=True, disable=not _watched(), speed_estimate_period=_SPEED_PERIOD_S
+        ) as bar,
+        _named(bar, bar.add_task("", total=1.0), "starting") as tell,
+    ):
+        yield tell
 
 
 @contextlib.contextmanager
 def working(what: str) -> Iterator[Callable[[str], None]]:
     """Sign of life with the time gone, where nobody knows how long it takes; told what is being done."""
     columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
-    with Progress(*columns, console=note, transient=True, disable=not _watched()) as bar:
-        task = bar.add_task(what, total=None)
-        yield lambda now: bar.update(task, description=now)
+    with (
+        Progress(*columns, console=note, transient=True, disable=not _watched()) as bar,
+        _named(bar, bar.add_task("", total=None), what) as tell,
+    ):
+        yield tell
 
 
 class RefusedError(Exception):

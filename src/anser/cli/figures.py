@@ -69,7 +69,7 @@ def _published(out: Path) -> Iterator[Path]:
     with working("computing the paths bent by b4 and c4") as tell:
         for family, dataset in shape_families().items():
             yield from draw_shapes(dataset, family, out)
-        tell("flying the step responses (the first time, this compiles)")
+        tell("flying the step responses")
         flown = fly_steps(
             PUBLISHED_STEPS,
             aircraft=_AIRCRAFT,
@@ -88,7 +88,7 @@ def _published(out: Path) -> Iterator[Path]:
         tracked = fly_climb_and_turn(_VARIANT)
         draw_tracking(tracked.dataset, "Climb and turn on velocity commands alone", files := paths("climb-and-turn"))
         yield from files
-        tell("flying one and three aircraft (the first time, this compiles)")
+        tell("flying one and three aircraft")
         for name, flight in published_flights().items():
             tell(f"drawing the flight: {name}")
             yield from draw_flight(flight.dataset, name, out)

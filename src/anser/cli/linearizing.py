@@ -83,7 +83,7 @@ def linearize(
         must_be_new_file("--out", out, _SUFFIXES)
     from anser.campaign import linearize as find
 
-    with finding_trim("trimming and differentiating (the first time, this compiles)"):
+    with finding_trim("trimming and differentiating"):
         found = find(
             aircraft,
             variant,

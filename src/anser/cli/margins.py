@@ -85,7 +85,7 @@ def margins(
         must_be_new_file("--bode", bode, BODE_SUFFIXES)
     from anser.campaign import margin_document, margins_at
 
-    with finding_trim("trimming and breaking the loops (the first time, this compiles)"):
+    with finding_trim("trimming and breaking the loops"):
         found = margins_at(
             aircraft, variant, speed_m_s=speed_m_s, altitude_m=altitude_m, inversion=inversion, step_s=step_s
         )

@@ -50,7 +50,7 @@ def plan(
     if out is not None:
         make_new(out)
     try:
-        with working("planning (the first time, this compiles)") as tell:
+        with working("planning") as tell:
             recorded = _recorded(wanted, tell)
             if out is not None:
                 recorded.write_into(out)

@@ -149,7 +149,7 @@ def _fly(
 ) -> tuple["SteppedFlight", ...]:
     from anser.campaign import fly_steps
 
-    with finding_trim("flying (the first time, this compiles)") as tell:
+    with finding_trim("flying") as tell:
         return fly_steps(
             tests,
             aircraft=_AIRCRAFT,
@@ -157,7 +157,7 @@ def _fly(
             speed_m_s=speed_m_s,
             altitude_m=altitude_m,
             inversion=inversion,
-            progress=lambda loop: tell(f"flying the {loop} loop (the first time, this compiles)"),
+            progress=lambda loop: tell(f"flying the {loop} loop"),
         )
 
 

@@ -53,7 +53,7 @@ def trim(
     from anser.scenario import load_airframe
 
     airframe = load_airframe(aircraft, variant, cg)
-    with working("solving (the first time, this compiles)"):
+    with working("solving"):
         found = find_trim(
             airframe,
             speed_m_s,

@@ -1,54 +1,26 @@
 """Functions that are compiled once per machine: a store keeps the programs, if one is in use."""
 
 import contextlib
-import dataclasses
-import enum
 import functools
-import hashlib
 import inspect
 import io
 import math
-import os
 import pickle
-import platform
-import sys
 import weakref
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Generic, ParamSpec, Protocol, TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import jaxlib
-import numpy as np
 from jax.core import Tracer
 from jax.experimental import serialize_executable
 
+from anser.compiling.keys import NotKeptError, key_of, settings
+
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
-_FORMAT = 1
-_PACKAGE = Path(__file__).parents[1]
-_KNOWN = {"anser", "equinox", "jax", "jaxlib", "jaxtyping", "numpy", "scipy"} | sys.stdlib_module_names
-_KERNELS = {
-    "aircraft",
-    "compiling",
-    "control",
-    "environment",
-    "numerics",
-    "planning",
-    "sensing",
-    "simulation",
-    "spatial",
-}
 _HIT = "/jax/compilation_cache/cache_hits"
-_SETTINGS = (
-    "jax_default_matmul_precision",
-    "jax_default_prng_impl",
-    "jax_enable_x64",
-    "jax_numpy_dtype_promotion",
-    "jax_threefry_partitionable",
-)
 
 
 class ProgramStore(Protocol):
@@ -62,6 +34,7 @@ class ProgramStore(Protocol):
 
 
 _in_use: list[ProgramStore] = []
+_watchers: list[Callable[[bool], None]] = []
 _programs: "weakref.WeakSet[Program[..., Any]]" = weakref.WeakSet()
 
 
@@ -70,114 +43,31 @@ def use_program_store(store: ProgramStore | None) -> None:
     _in_use[:] = [] if store is None else [store]
 
 
+@contextlib.contextmanager
+def watching(on_compiling: Callable[[bool], None]) -> Iterator[None]:
+    """Have a function called with True whenever compiling begins and with False when it has ended."""
+    _watchers.append(on_compiling)
+    try:
+        yield
+    finally:
+        _watchers.remove(on_compiling)
+
+
+@contextlib.contextmanager
+def _announced() -> Iterator[None]:
+    for tell in _watchers:
+        tell(True)
+    try:
+        yield
+    finally:
+        for tell in _watchers:
+            tell(False)
+
+
 def forget_programs() -> None:
     """Give up all compiled programs of this process, as `jax.clear_caches` does with JAX's own."""
     for program in _programs:
         program.forget()
-
-
-class NotKeptError(Exception):
-    """A function or argument that nothing but this process knows."""
-
-
-def described(value: Any) -> str:
-    """All of a value that a compiled function depends on: structure, static parts, shapes and types of arrays.
-
-    Raises
-    ------
-    NotKeptError
-        Part of it is code that is not the package's own, which could be other code in the next process.
-    """
-    if isinstance(value, np.ndarray | np.generic | jax.Array | jax.ShapeDtypeStruct):
-        return f"{value.dtype}{list(value.shape)}{'~' if getattr(value, 'weak_type', False) else ''}"
-    if value is None or isinstance(value, bool | int | float | complex | str | bytes):
-        return repr(value)
-    if isinstance(value, enum.Enum):
-        return f"{_name(type(value))}.{value.name}"
-    if isinstance(value, dict):
-        return "{" + ",".join(f"{described(k)}:{described(v)}" for k, v in value.items()) + "}"
-    if isinstance(value, frozenset | set):
-        return "set{" + ",".join(sorted(map(described, value))) + "}"
-    if isinstance(value, tuple | list):
-        return f"{_name(type(value))}({','.join(map(described, value))})"
-    if isinstance(value, functools.partial):
-        return f"partial({described(value.func)},{described(value.args)},{described(value.keywords)})"
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = (f"{f.name}={described(getattr(value, f.name, None))}" for f in dataclasses.fields(value))
-        return f"{_name(type(value))}({','.join(fields)})"
-    if isinstance(value, np.dtype):
-        return str(value)
-    if isinstance(value, type) or callable(value):
-        return _name(value)
-    raise NotKeptError(type(value).__name__)
-
-
-def _name(code: Any) -> str:
-    """Name of a class or function of a package that is known by its version."""
-    module, name = getattr(code, "__module__", None), getattr(code, "__qualname__", "<")
-    if module is None or module.split(".")[0] not in _KNOWN or "<" in name:
-        raise NotKeptError(f"{module}.{name}")
-    return f"{module}.{name}"
-
-
-def _hash_of_sources() -> str:
-    sources = hashlib.sha256()
-    for path in sorted(_PACKAGE.rglob("*")):
-        if path.suffix in (".py", ".json"):
-            sources.update(str(path.relative_to(_PACKAGE)).encode() + b"\0" + path.read_bytes())
-    return sources.hexdigest()
-
-
-_SOURCES = _hash_of_sources()
-"""When this was imported: what is edited later is not what runs."""
-
-
-def _as_loaded() -> str:
-    """Names and numbers of the kernels' modules, as they stand in this process: somebody may have replaced some.
-
-    Raises
-    ------
-    NotKeptError
-        Code of somebody else stands there.
-    """
-    found = []
-
-    def add(place: str, value: Any) -> None:
-        if inspect.isfunction(value) or inspect.isclass(value):
-            if value.__module__.split(".")[0] not in _KNOWN:
-                raise NotKeptError(f"{value.__module__}.{value.__qualname__}")
-            found.append(f"{place}:{value.__module__}.{value.__qualname__}")
-        elif isinstance(value, bool | int | float | str):
-            found.append(f"{place}={value!r}")
-
-    for name, module in sorted(sys.modules.items()):
-        if name.startswith("anser.") and name.split(".")[1] in _KERNELS:
-            for key, value in vars(module).items():
-                if not key.startswith("__"):
-                    add(f"{name}.{key}", value)
-                if inspect.isclass(value) and value.__module__ == name:
-                    for of, method in vars(value).items():
-                        if inspect.isfunction(method):
-                            add(f"{name}.{key}.{of}", method)
-    return hashlib.sha256("\n".join(found).encode()).hexdigest()
-
-
-@functools.cache
-def _surroundings() -> str:
-    """Everything but function and arguments on which a compiled program depends: code, versions, machine."""
-    versions = [f"{module.__name__} {module.__version__}" for module in (jax, jaxlib, np, eqx)]
-    device = jax.devices()[0]
-    machine = [platform.platform(), platform.machine(), device.platform, device.device_kind, str(len(jax.devices()))]
-    processor = Path("/proc/cpuinfo")
-    if processor.is_file():
-        machine += [line for line in processor.read_text().splitlines() if line.startswith(("flags", "Features"))][:1]
-    return "\n".join([str(_FORMAT), sys.version, _SOURCES, *versions, *machine])
-
-
-def _settings() -> str:
-    """What the user can change from one call to the next."""
-    values = [f"{name}={getattr(jax.config, name)}" for name in _SETTINGS]
-    return "\n".join([*values, os.environ.get("XLA_FLAGS", "")])
 
 
 class _Hole:
@@ -298,7 +188,7 @@ class Program(Generic[_P, _R]):
             return functools.partial(self._within, *args, **kwargs)
         arrays, static = self._parted(args, kwargs)
         shapes = tuple((one.shape, one.dtype, getattr(one, "weak_type", False)) for one in arrays)
-        called = (static, shapes, _settings())
+        called = (static, shapes, settings())
         if called not in self._ready:
             self._ready[called] = self._prepared(arrays, static)
         return functools.partial(self._ready[called], arrays)
@@ -334,10 +224,9 @@ class Program(Generic[_P, _R]):
             jax.ShapeDtypeStruct(one.shape, one.dtype, weak_type=getattr(one, "weak_type", False)) for one in arrays
         ]
         try:
-            of = described((self._function, self._arguments(shapes, static), options)) + _as_loaded()
+            return key_of((self._function, self._arguments(shapes, static), options))
         except NotKeptError:
             return None
-        return hashlib.sha256("\n".join([_surroundings(), _settings(), of]).encode()).hexdigest()
 
     def _prepared(self, arrays: list[Any], static: tuple[Any, Any]) -> Callable[[list[Any]], Any]:
         """The program for such arguments: from the store, or compiled and put there."""
@@ -349,6 +238,18 @@ class Program(Generic[_P, _R]):
             # Whatever is wrong with it, it is made anew.
             with contextlib.suppress(Exception):
                 return _returning(*_of_content(content, len(arrays)))
+        with _announced():
+            compiled, result, kept = self._anew(arrays, static, options, keep=key is not None)
+        if kept and store is not None and key is not None:
+            # Some cannot be serialized, such as those that call back into Python.
+            with contextlib.suppress(Exception):
+                store.save(key, _content(compiled, result))
+        return _returning(compiled, result)
+
+    def _anew(
+        self, arrays: list[Any], static: tuple[Any, Any], options: dict[str, bool | str], *, keep: bool
+    ) -> tuple[Any, Any, bool]:
+        """The program compiled, the structure of its result, and whether it can be kept."""
         results: list[Any] = []
         function: Callable[..., Any] = self._function
 
@@ -359,11 +260,5 @@ class Program(Generic[_P, _R]):
             return [leaf for leaf in leaves if eqx.is_array(leaf)]
 
         lowered = jax.jit(flat).lower(arrays)
-        if store is None or key is None:
-            return _returning(lowered.compile(options or None), results[0])
-        compiled, whole = _compiled(lowered, options)
-        if whole:
-            # Some cannot be serialized, such as those that call back into Python.
-            with contextlib.suppress(Exception):
-                store.save(key, _content(compiled, results[0]))
-        return _returning(compiled, results[0])
+        compiled, kept = _compiled(lowered, options) if keep else (lowered.compile(options or None), False)
+        return compiled, results[0], kept

@@ -93,6 +93,7 @@ def test_the_delivered_path_arrives_as_prescribed(wind):
     assert np.max(np.abs(climbs[good & ~np.asarray(asked.path_angle_prescribed)])) < 1e-9
 
 
+@pytest.mark.long
 def test_the_path_goes_on_with_the_acceleration_it_begins_with():
     # Up where the wind rises with the altitude: its rate is part of the acceleration over the ground.
     tasks = made_tasks(2, climbing=0.0, turning=2.0)

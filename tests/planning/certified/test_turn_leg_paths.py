@@ -108,6 +108,7 @@ def test_what_is_found_is_what_was_asked(ends, schedule, factor):
         assert np.all(peaks <= float(ends.curvature_max[k]) / scales * (1 + 1e-12))
 
 
+@pytest.mark.long
 def test_nothing_is_found_below_the_shortest_path():
     solved, _ = solve(ENDS, EVEN, jnp.asarray(0.995 * shortest(ENDS)))
     assert not np.any(solved.exists)
@@ -205,6 +206,7 @@ def test_only_the_nearest_go_on():
     assert all(np.any(np.all(np.abs(kept - own) < 1e-6, axis=1)) for own in np.asarray(fewer.angles)[fewer.exists])
 
 
+@pytest.mark.long
 def test_closed_volumes_are_where_and_when_the_path_meets_them():
     profile = make_profile(100.0, (900.0, 1500.0), (0.0, 0.0), 0.0, 0.0, (150.0, 150.0, 150.0), 0.0)
     table = tabulate(profile, STEADY, 64)
