@@ -51,6 +51,7 @@ def installed(tmp_path_factory):
         if key not in {"XLA_FLAGS", "PYTHONPATH", "VIRTUAL_ENV", "PIP_CONSTRAINT", "ANSER_TEST_CACHE"}
     }
     environment["ANSER_COMPILATION_CACHE"] = str(folder / "compiled")
+    environment["XLA_FLAGS"] = "--xla_backend_optimization_level=0"  # as all tests; every version knows it
     # Only what belongs to the package: a build beside other tests must not read their leavings.
     sources = folder / "sources"
     sources.mkdir()
