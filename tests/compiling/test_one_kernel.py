@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from anser.compiling import as_one_kernel
-from anser.compiling.one_kernel import SIZE_MAX
+from anser.compiling.one_kernel import COMPUTED_MAX, MOVED_MAX
 
 MARK = 'xla_cpu_small_call = "true"'
 POINTS = jnp.linspace(0.1, 2.0, 12)
@@ -57,9 +57,25 @@ def test_what_a_library_would_compute_is_left_to_it():
         np.testing.assert_allclose(compiled(square), function(square), rtol=1e-12, atol=1e-14)
 
 
-@pytest.mark.parametrize(("size", "small"), [(SIZE_MAX, True), (SIZE_MAX + 1, False)])
-def test_large_arrays_are_left_to_all_cores(size, small):
-    assert (MARK in jax.jit(as_one_kernel(jnp.sin)).lower(jnp.zeros(size)).as_text()) == small
+def costly(x):
+    return sum(jnp.exp(jnp.sin(k * x) ** 3.3) / (1.0 + jnp.arctan2(x, k + x * x)) for k in range(12))
+
+
+@pytest.mark.parametrize(
+    ("function", "size", "small"),
+    [
+        (costly, COMPUTED_MAX, True),
+        (costly, COMPUTED_MAX + 1, False),
+        (lambda x: x[::-1], MOVED_MAX, True),
+        (lambda x: x[::-1], MOVED_MAX + 1, False),
+    ],
+)
+def test_what_is_divided_among_cores_is_left_alone(function, size, small):
+    """As large as it may be, XLA still compiles it as one kernel."""
+    x = jnp.linspace(0.0, 1.0, size)
+    lowered = jax.jit(as_one_kernel(function)).lower(x)
+    assert (MARK in lowered.as_text()) == small
+    np.testing.assert_allclose(lowered.compile()(x), function(x), rtol=1e-13)
 
 
 def test_on_a_gpu_nothing_is_marked(monkeypatch):

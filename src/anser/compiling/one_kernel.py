@@ -11,20 +11,25 @@ import jax
 from jax.experimental.xla_metadata import set_xla_metadata
 from jax.extend.core import ClosedJaxpr, Jaxpr, jaxpr_as_fun
 
-SIZE_MAX = 100_000
-"""Elements of the largest array within one kernel: with larger ones, dispatching is no longer what takes the time."""
-_ELEMENTARY = frozenset(
+COMPUTED_MAX, MOVED_MAX = 320, 16_384
+"""Elements of the largest array that is computed, or only moved, within one kernel. XLA divides larger ones among cores
+(from 256 KiB on, or 200,000 operations), and cannot do that within a kernel: it ends with an internal fault."""
+_MOVES = frozenset(
     """
-    abs acos add add_any and argmax argmin asin atan atan2 bitcast_convert_type broadcast_in_dim ceil clamp
-    concatenate convert_element_type copy copy_p cos cosh cumsum custom_jvp_call div dynamic_slice
-    dynamic_update_slice eq exp exp2 expm1 floor gather ge gt integer_pow iota is_finite jit le log log1p logistic lt
-    max min mul ne neg not or pad pow random_bits random_fold_in random_split random_unwrap random_wrap reduce_and
-    reduce_max reduce_min reduce_or reduce_prod reduce_sum rem reshape rev round rsqrt scan scatter scatter-add
-    select_n shift_left shift_right_arithmetic shift_right_logical sign sin sinh slice split sqrt square squeeze
-    stack stop_gradient sub tan tanh transpose unstack threefry2x32 while xor
-    """.split()  # noqa: SIM905 - ninety strings in quotes are harder to read
+    broadcast_in_dim concatenate convert_element_type copy copy_p custom_jvp_call dynamic_slice dynamic_update_slice
+    gather iota jit pad reshape rev scan scatter select_n slice split squeeze stack transpose unstack while
+    """.split()  # noqa: SIM905 - in quotes they are harder to read
 )
-"""Primitives that XLA's CPU compiler never hands to a library, which it cannot call from within a kernel."""
+_ARITHMETIC = frozenset(
+    """
+    abs acos add add_any and argmax argmin asin atan atan2 bitcast_convert_type ceil clamp cos cosh cumsum div eq exp
+    exp2 expm1 floor ge gt integer_pow is_finite le log log1p logistic lt max min mul ne neg not or pow random_bits
+    random_fold_in random_split random_unwrap random_wrap reduce_and reduce_max reduce_min reduce_or reduce_prod
+    reduce_sum rem round rsqrt scatter-add shift_left shift_right_arithmetic shift_right_logical sign sin sinh sqrt
+    square stop_gradient sub tan tanh threefry2x32 xor
+    """.split()  # noqa: SIM905
+)
+"""Primitives that XLA's CPU compiler never hands to a library, which it cannot call from within a kernel either."""
 
 
 def _equations(jaxpr: Jaxpr) -> Iterator[Any]:
@@ -39,10 +44,12 @@ def _equations(jaxpr: Jaxpr) -> Iterator[Any]:
 
 def is_elementary(jaxpr: Jaxpr) -> bool:
     """Whether a program is only arithmetic on small arrays, which XLA can compile as one kernel of a CPU."""
-    return all(
-        equation.primitive.name in _ELEMENTARY and all(out.aval.size <= SIZE_MAX for out in equation.outvars)
-        for equation in _equations(jaxpr)
-    )
+
+    def fits(equation: Any) -> bool:
+        name, largest = equation.primitive.name, max((out.aval.size for out in equation.outvars), default=0)
+        return (name in _ARITHMETIC and largest <= COMPUTED_MAX) or (name in _MOVES and largest <= MOVED_MAX)
+
+    return all(fits(equation) for equation in _equations(jaxpr))
 
 
 def as_one_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
