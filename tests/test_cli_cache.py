@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from anser.compiling import FolderStore, use_program_store
+from anser.compiling import FolderStore, forget_programs, use_program_store
 from anser.compiling import program_store as store_of_the_suite
 
 IN_USE = store_of_the_suite()
@@ -58,14 +58,16 @@ def test_off_and_wrong_input(anser, store, monkeypatch, tmp_path):
 
 
 @pytest.mark.long
-def test_what_is_warm_is_loaded(anser, store, tmp_path, monkeypatch):
+def test_what_is_warm_is_loaded(anser, store, tmp_path):
     store.clear()
+    forget_programs()
     assert anser("new", tmp_path / "mine.toml")[0] == 0
     code, out, _ = anser("cache", "warm")
     assert code == 0
     kept = {path.name for path in store.files()}
     assert f"{len(kept)} programs" in out
     assert len(kept) >= 5
+    forget_programs()
     assert anser("run", tmp_path / "mine.toml", "--out", tmp_path / "run")[0] == 0
     made = [path.name for path in store.files() if path.name not in kept]
     assert len(made) <= 3  # limits, places on the Earth: small
