@@ -9,8 +9,6 @@ import numpy as np
 
 from anser.compiling import Program
 
-__all__ = ["BATCH", "Clock", "Progress", "in_batches"]
-
 _R = TypeVar("_R")
 BATCH = 128
 """Flights of one compiled call: larger batches are no faster on a few cores."""

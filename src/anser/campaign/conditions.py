@@ -14,8 +14,6 @@ from anser.scenario import load_airframe
 from anser.scenario.schema_gains import Gains
 from anser.simulation import MapPoint, TrimPoint, TrimTarget, map_point, nearest_trims, solve_trim, trim_violations
 
-__all__ = ["ConditionError", "Inversion", "airframe_of", "gains_for", "map_points", "solve", "steady_trim"]
-
 Inversion = Literal["model", "incremental"]
 
 solve = compiled(solve_trim)

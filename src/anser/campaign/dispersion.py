@@ -7,21 +7,6 @@ import numpy as np
 
 from anser.aircraft import F16_COEFFICIENTS, F16Dispersion
 
-__all__ = [
-    "CONDITIONS",
-    "DELAY_MAX_S",
-    "FACTORS",
-    "PARTS",
-    "SPREADS",
-    "Cases",
-    "Factor",
-    "FlightPoint",
-    "alone_cases",
-    "dispersed_cases",
-    "dispersion_of",
-    "spread_cases",
-]
-
 DELAY_MAX_S = 0.2
 """Longest delay of the sensors that is flown."""
 

@@ -26,8 +26,6 @@ from anser.environment import Environment, standard_environment
 from anser.results import OUTCOMES, REASONS, envelope_dataset, judge
 from anser.simulation import FlightSummary, TrimPoint, TrimTarget, survey_flight
 
-__all__ = ["EnvelopeSurvey", "survey"]
-
 
 @dataclasses.dataclass(frozen=True)
 class EnvelopeSurvey:

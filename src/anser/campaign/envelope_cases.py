@@ -16,8 +16,6 @@ from anser.environment import Environment
 from anser.simulation import MapPoint, TrimTarget
 from anser.units import DEG_RAD
 
-__all__ = ["COMMANDS", "CONDITIONS", "TrimMap", "described", "survey_limits", "tolerance_of", "trim_map"]
-
 
 @dataclasses.dataclass(frozen=True)
 class SteadyFlight:

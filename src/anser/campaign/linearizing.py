@@ -31,8 +31,6 @@ from anser.units import DEG_RAD, RAD_DEG
 if TYPE_CHECKING:
     import control
 
-__all__ = ["Linearized", "linearize"]
-
 _HELD = 0.01
 """Error that a loop may have while it holds a trim point, in rad, rad/s or m/s. In a steady turn it asks for a sideslip
 of 0 where the trim point has some tenths of a millirad."""

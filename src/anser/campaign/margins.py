@@ -32,8 +32,6 @@ from anser.simulation import (
     trim_target,
 )
 
-__all__ = ["MarginSurvey", "margin_document", "margins_at", "survey_margins"]
-
 _FORMAT_VERSION = 1
 _BATCH = 32
 """Points of one compiled call: the responses of more do not stay in the processors' caches."""

@@ -34,8 +34,6 @@ from anser.sensing import DelayedSensors, DirectEstimator
 from anser.simulation import FlightSummary, MapPoint, TrimPoint, TrimTarget, map_point, survey_flight, trim_target
 from anser.units import DEG_RAD
 
-__all__ = ["RobustnessStudy", "robustness_study"]
-
 _INVERSIONS: tuple[Inversion, ...] = ("model", "incremental")
 _COMMAND = next(command for command in COMMANDS if command.name == "all")
 _FLIGHTS_OF_SWEEP = 200

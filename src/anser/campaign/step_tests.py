@@ -7,8 +7,6 @@ from typing import get_args
 
 from anser.simulation import Loop
 
-__all__ = ["CHANNEL_KEYS", "PUBLISHED_STEPS", "STEP_S", "StepTest", "step_test", "unit_of_channel"]
-
 STEP_S = 0.01
 """Sampling period of the autopilot."""
 

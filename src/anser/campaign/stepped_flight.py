@@ -12,8 +12,6 @@ from anser.campaign.step_tests import CHANNEL_KEYS, STEP_S, StepTest, unit_of_ch
 from anser.simulation.step_metrics import StepMetrics
 from anser.variables import CATALOGUE
 
-__all__ = ["STEP_FORMAT_VERSION", "SURFACES", "SteppedFlight", "step_document"]
-
 STEP_FORMAT_VERSION = 1
 """Version of the document that `step_document` makes; it changes when a field changes its meaning or goes."""
 

@@ -26,8 +26,6 @@ from anser.simulation.step_metrics import step_metrics
 from anser.spatial import bank_about_velocity, path_angles, rotate, rotate_back, rotation_from_quaternion
 from anser.variables import CATALOGUE
 
-__all__ = ["fly_steps"]
-
 _VARIABLES = {variable.key: variable for variable in CATALOGUE}
 _ANGLES_THAT_WRAP = ("bank", "course")
 

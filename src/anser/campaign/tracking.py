@@ -6,8 +6,6 @@ from anser.campaign.conditions import Inversion
 from anser.campaign.execute import Flown, run
 from anser.scenario import Scenario, loads
 
-__all__ = ["CLIMB_AND_TURN", "climb_and_turn", "fly_climb_and_turn"]
-
 CLIMB_AND_TURN = "climb-and-turn.toml"
 """The case: a copy of the shipped scenario, which a test holds equal to it."""
 

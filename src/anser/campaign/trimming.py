@@ -100,6 +100,3 @@ def _rows(
         ("Mach number", mach, ""),
     )
     return tuple((name, 0.0 if abs(value) < _ROUNDING else value, unit) for name, value, unit in rows)
-
-
-__all__ = ["FoundTrim", "find_trim"]

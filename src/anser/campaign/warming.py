@@ -13,8 +13,6 @@ from anser.campaign.stepping import fly_steps
 from anser.campaign.trimming import find_trim
 from anser.scenario import Scenario
 
-__all__ = ["warm"]
-
 
 def warm(scenarios: Sequence[Scenario], progress: Progress | None = None) -> None:
     """Compile, or load, the programs that `plan`, `run`, `trim`, `linearize` and `step` need.

@@ -8,8 +8,6 @@ import numpy as np
 
 from anser.report.style import color_of
 
-__all__ = ["arrival_strip"]
-
 _WIDTH, _NAMES, _RIGHT, _FOOT = 560, 128, 16, 34
 _INK, _GRID = "#57606a", "#e6e9ed"
 _TALL, _ROW_MAX, _ROW_MIN, _ROW_NAMED = 260.0, 24.0, 4.0, 11.0

@@ -5,8 +5,6 @@ from typing import Any
 
 from anser.report.opening import number, text
 
-__all__ = ["difference_table", "scenario_differences"]
-
 _FIGURES = (
     ("arrival_spread_s", "Arrival spread", "s", 4),
     ("separation_min_m", "Least distance of two aircraft", "m", 1),

@@ -12,8 +12,6 @@ from anser.report.print_style import MAP_STYLE, save_drawings
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["draw_envelope"]
-
 _STYLE = {**MAP_STYLE, "svg.hashsalt": "anser-envelope"}
 _DOTS: dict[str, Any] = {"marker": ".", "color": "white", "s": 6.0, "linewidths": 0.0}
 _LOAD, _FLOW, _PLACE = (

@@ -12,8 +12,6 @@ from anser.report.flight_panels import NEEDED, packed_variables, sections_for
 from anser.report.labels import label_of
 from anser.report.packing import pack, step_of
 
-__all__ = ["as_script", "check_flight", "flight_data"]
-
 _SAMPLES_MAX = 150_000  # of all aircraft together: 20 aircraft at 10 Hz for 750 s
 _TIMES_MAX = 12_000
 _SUMMARY_KEYS = ("scenario", "versions", "seed", "aircraft", "fleet", "requirements")

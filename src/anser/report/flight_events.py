@@ -5,8 +5,6 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-__all__ = ["LIMITED", "RENEWALS", "events_of"]
-
 RENEWALS = ("fitted to where the goal is now", "corrected", "planned anew", "last good plan kept")
 """What a renewal did, in the order of the numbers in `events_of`."""
 

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["FLIGHT_FIGURES", "NEEDED_VARIABLES", "draw_flight", "with_gaps"]
-
 _WIDTH = 6.5  # inches: the text of a page
 _GUIDANCE = (
     ("airspeed_m_s", "airspeed_command_m_s"),

@@ -7,8 +7,6 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-__all__ = ["Margin", "least_apart", "margins_of"]
-
 _Row = Mapping[str, Any]
 
 

@@ -6,8 +6,6 @@ from typing import Any
 
 import xarray as xr
 
-__all__ = ["NEEDED", "SECTIONS", "Panel", "Section", "packed_variables", "sections_for"]
-
 
 @dataclass(frozen=True)
 class Panel:

@@ -10,8 +10,6 @@ import xarray as xr
 from anser.results import nearest_other
 from anser.variables import PLAN_VARIABLES
 
-__all__ = ["HOLD", "derive", "is_certified", "scenario_of"]
-
 HOLD = 2
 """Value of `phase` once the aircraft has arrived and holds."""
 

@@ -5,8 +5,6 @@ import textwrap
 
 import xarray as xr
 
-__all__ = ["axis_label", "label_of", "plain", "printed_unit", "symbol", "unit"]
-
 _PRINTED = {
     "m s-1": "m/s",
     "m s-2": "m/s²",

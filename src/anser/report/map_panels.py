@@ -10,8 +10,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["NOTHING", "draw_cells", "draw_marks", "map_panels"]
-
 NOTHING = "#e6e6e6"
 """Colour of what is not there."""
 

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["BODE_SUFFIXES", "draw_bode", "draw_margin_maps"]
-
 BODE_SUFFIXES = FIGURE_SUFFIXES
 """Kinds of files that a Bode diagram can be."""
 _GROUPS = {

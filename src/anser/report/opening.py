@@ -10,8 +10,6 @@ import xarray as xr
 from anser.report.flight_margins import Margin, least_apart
 from anser.report.style import color_of
 
-__all__ = ["aircraft_table", "answer", "cards", "margins_list", "number", "text"]
-
 _NOTHING = "–"
 
 

@@ -10,8 +10,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-__all__ = ["pack", "step_of"]
-
 _STEPS = {"m": 0.01, "s": 1e-4, "N": 1.0, "Pa": 1.0, "1": 1e-5}  # smallest difference kept, by unit
 _OTHER_STEP = 1e-3
 _SMALLEST = 1e-6  # a range below this is rounding

@@ -20,8 +20,6 @@ from anser.report.opening import aircraft_table, answer, cards, margins_list, nu
 from anser.report.page_controls import EVENTS_KEY, KEEP_OUT_KEY, SCENE_KEY, TRANSPORT, toolbar
 from anser.report.style import COLORS
 
-__all__ = ["write_comparison", "write_report"]
-
 _TIGHTEST = 6  # margins shown before the rest is unfolded
 _STYLES = ("vendor/uplot.min.css", "page.css")
 _SCRIPTS = (

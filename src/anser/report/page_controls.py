@@ -1,7 +1,5 @@
 """The parts of the report page that are the same for every flight: buttons, keys, the bar of time."""
 
-__all__ = ["EVENTS_KEY", "KEEP_OUT_KEY", "SCENE_KEY", "TRANSPORT", "toolbar"]
-
 
 def toolbar() -> str:
     """Buttons of the views, the scale of heights, the switch of the plan."""

@@ -14,8 +14,6 @@ from anser.report.print_style import LARGE, PRINT_STYLE, new_figure, save_drawin
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["draw_plan"]
-
 _STYLE = {**PRINT_STYLE, "svg.hashsalt": "anser-plan"}
 
 

@@ -11,8 +11,6 @@ from anser.report.print_style import INK, QUIET, SMALL
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["CLOSED", "draw_map", "mark_step", "named_pair"]
-
 CLOSED = "#b3261e"
 """Colour of keep-outs and of limits."""
 _KM = 1e-3

@@ -14,8 +14,6 @@ from anser.report.print_style import INK, QUIET, SMALL
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["draw_altitude", "draw_over_time", "draw_separation"]
-
 _DASHED = (0, (4, 2))
 _LABEL_WIDTH = 26
 _FAR = 2.0  # a ceiling that is farther above the paths than so many times their range only has its number

@@ -8,8 +8,6 @@ import xarray as xr
 
 from anser.report.style import color_of
 
-__all__ = ["PlanPen", "plan_pens", "shared_prefix"]
-
 _COLORS = 7  # then the colours begin again, with other dashes
 _DASHES: tuple[Any, ...] = ("solid", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1, 1.5)))
 _FEW = 7

@@ -11,22 +11,6 @@ from anser.report.style import color_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = [
-    "DASHED",
-    "FIGURE_SUFFIXES",
-    "INK",
-    "LARGE",
-    "MAP_STYLE",
-    "PRINT_STYLE",
-    "QUIET",
-    "SMALL",
-    "line_of",
-    "marker_of",
-    "new_figure",
-    "save_drawings",
-    "save_figure",
-]
-
 FIGURE_SUFFIXES = (".svg", ".png", ".pdf")
 """Kinds of files that a figure can be."""
 

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_robustness"]
-
 _STYLE = {
     **MAP_STYLE,
     "svg.hashsalt": "anser-robustness",

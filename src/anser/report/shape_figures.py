@@ -20,8 +20,6 @@ from anser.report.print_style import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["draw_shapes"]
-
 _FAMILIES = {
     # parameter, its axis, what it changes most besides
     "b4": ("lateral_shape_m_s4", "east_m", "course_command_deg", "Paths bent sideways"),

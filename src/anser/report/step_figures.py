@@ -25,8 +25,6 @@ from anser.report.style import color_of
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["draw_overview", "draw_step"]
-
 _RATES = ("roll_rate_deg_s", "pitch_rate_deg_s", "yaw_rate_deg_s")
 _PATH = ("path_angle_deg", "course_deg")
 _CHANNELS = {

@@ -14,8 +14,6 @@ from anser.report.style import color_of
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["draw_tracking"]
-
 _COMMANDED = ("airspeed_m_s", "path_angle_deg", "course_deg", "bank_deg", "alpha_deg")
 _SURFACES = ("elevator_deg", "aileron_deg", "rudder_deg")
 

@@ -12,8 +12,6 @@ from typing import Any
 
 from anser.report.verification_plots import plot_errors
 
-__all__ = ["write_verification_page"]
-
 _ALL_ROWS = 24
 """Checks with at most so many comparisons show all of them, others the worst of each quantity."""
 _LISTED_TIMES = 4

@@ -4,8 +4,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-__all__ = ["plot_errors"]
-
 _PANELS = (
     ("Place", ("altitudeMsl", "latitude", "longitude", "eiPosition", "gePosition")),
     ("Velocity", ("feVelocity", "eiVelocity", "altitudeRate", "trueAirspeed")),

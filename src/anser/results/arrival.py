@@ -4,8 +4,6 @@ import numpy as np
 
 from anser.planning import nearest_fraction
 
-__all__ = ["closest_approach", "least_distance"]
-
 
 def closest_approach(
     time_s: np.ndarray, offset: np.ndarray, planned_arrival_s: float | None, margin_s: float = 10.0

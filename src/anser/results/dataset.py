@@ -14,8 +14,6 @@ from anser.shapes import Scalar
 from anser.spatial import geodetic_from_flat
 from anser.variables import CATALOGUE, DERIVED_KEYS, RECORDED_KEYS, Variable
 
-__all__ = ["to_dataset"]
-
 _REFERENCE = ("reference_latitude_deg", "reference_longitude_deg")
 
 

@@ -12,8 +12,6 @@ from anser.results.provenance import versions
 from anser.simulation import AUTOPILOT_LIMITS, TABLE_AXES, TRIM_STOPS, FlightSummary, MapPoint
 from anser.units import RAD_DEG
 
-__all__ = ["RESERVE_MIN", "envelope_dataset"]
-
 RESERVE_MIN = 0.1
 """Part of the power, up and down, and of each surface's way that a point with reserve has left."""
 

@@ -6,8 +6,6 @@ import numpy as np
 
 from anser.simulation import AUTOPILOT_LIMITS, BETA_BOUND, TABLE_AXES, FlightSummary
 
-__all__ = ["OUTCOMES", "REASONS", "Verdicts", "judge"]
-
 OUTCOMES = ("not_flown", "reached", "limited", "failed")
 """Limited: in controlled flight the command was missed at a limit of thrust, alpha, load factor or bank, or the data
 ended in altitude or Mach number, or the steady flight that is left lies beyond the autopilot's limits. Failed: alpha or

@@ -7,8 +7,6 @@ import numpy as np
 from anser.simulation import FlightSummary
 from anser.units import RAD_DEG
 
-__all__ = ["add_flights", "attributes_of"]
-
 _CHANNELS = (
     ("airspeed", "m_s", "m s-1", 1.0),
     ("path_angle", "deg", "degree", RAD_DEG),

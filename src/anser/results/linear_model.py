@@ -10,8 +10,6 @@ import xarray as xr
 from anser.results.provenance import versions
 from anser.simulation import LinearModel, Mode, wind_axis_states
 
-__all__ = ["LINEAR_FORMAT_VERSION", "linear_dataset", "linear_document", "unit_of"]
-
 LINEAR_FORMAT_VERSION = 1
 """Raised when a name is taken away or changes its meaning."""
 

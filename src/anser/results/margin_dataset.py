@@ -14,8 +14,6 @@ from anser.results.provenance import versions
 from anser.simulation import BREAKPOINTS, HELD_BACK, NEUTRAL, LoopAnalysis, LoopResponse, MapPoint, largest_pole
 from anser.units import RAD_DEG
 
-__all__ = ["CLOSED_LOOP", "GAIN_MIN_DB", "PHASE_MIN_DEG", "margin_dataset", "margin_map_dataset", "margin_table"]
-
 GAIN_MIN_DB, PHASE_MIN_DEG = 6.0, 40.0
 """What falls short of either is marked as short."""
 CLOSED_LOOP = ("no_trim", "held_back", "unstable", "stable")

@@ -5,8 +5,6 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-__all__ = ["read_netcdf", "write_netcdf"]
-
 
 def write_netcdf(dataset: xr.Dataset, path: Path) -> None:
     """Write a dataset to a NetCDF-4 file, compressed without loss.

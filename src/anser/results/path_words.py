@@ -1,7 +1,5 @@
 """How a planned path goes, in a word or two: the same in plan.json, summary.json and on the terminal."""
 
-__all__ = ["NOMINAL_BEND_M", "bend_words", "turn_words"]
-
 NOMINAL_BEND_M = 1.0
 """Up to this lateral bend, m, a path of the published planner is nominal.
 

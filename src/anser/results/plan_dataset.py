@@ -12,8 +12,6 @@ from anser.results.provenance import versions
 from anser.results.variable_labels import converted, labels_of
 from anser.variables import CATALOGUE, PLAN_VARIABLES
 
-__all__ = ["plan_dataset"]
-
 _VARIABLES = {variable.key: variable for variable in (*CATALOGUE, *PLAN_VARIABLES)}
 _GOAL_KEYS = ("goal_north", "goal_east", "goal_altitude")
 

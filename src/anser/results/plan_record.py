@@ -7,8 +7,6 @@ import numpy as np
 
 from anser.scenario import Scenario
 
-__all__ = ["ClosestApproach", "PlanDetails", "PlanExtremes", "PlanSamples"]
-
 
 @dataclass(frozen=True)
 class ClosestApproach:

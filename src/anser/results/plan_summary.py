@@ -8,8 +8,6 @@ import xarray as xr
 
 from anser.planning import LIMITS
 
-__all__ = ["PLAN_FORMAT_VERSION", "plan_margins", "plan_summary"]
-
 PLAN_FORMAT_VERSION = 1
 
 _PLANNED = "planned"

@@ -6,8 +6,6 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-__all__ = ["TRAJECTORY_COLUMNS", "write_trajectories"]
-
 TRAJECTORY_COLUMNS = (
     "north_m",
     "east_m",

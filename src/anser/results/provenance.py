@@ -3,8 +3,6 @@
 import platform
 from importlib.metadata import version
 
-__all__ = ["versions"]
-
 
 def versions() -> dict[str, str]:
     """Versions of anser and of all that its numbers depend on, by name."""

@@ -6,8 +6,6 @@ from typing import Any
 
 from anser.scenario import Scenario
 
-__all__ = ["REQUIREMENT_NAMES", "Requirement", "judge", "requirements_of"]
-
 _Row = Mapping[str, Any]
 
 

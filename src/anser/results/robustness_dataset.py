@@ -11,8 +11,6 @@ from anser.results.flight_variables import add_flights, attributes_of
 from anser.results.provenance import versions
 from anser.simulation import AUTOPILOT_LIMITS, TABLE_AXES, TRIM_STOPS, FlightSummary, MapPoint
 
-__all__ = ["robustness_dataset"]
-
 
 def robustness_dataset(
     inversions: Sequence[str],

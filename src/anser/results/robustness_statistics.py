@@ -7,17 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-__all__ = [
-    "FailureCorrelation",
-    "FirstBreak",
-    "Success",
-    "failure_correlations",
-    "first_breaks",
-    "flights_of",
-    "success",
-    "success_interval",
-]
-
 _QUANTILE = 1.959963984540054  # of the normal distribution: 95 % lie within this many standard deviations
 _CHANNELS = (("airspeed", "m_s"), ("path_angle", "deg"), ("course", "deg"))
 _NO_STEADY_FLIGHT = "no_steady_flight"

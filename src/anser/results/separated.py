@@ -6,8 +6,6 @@ import numpy as np
 
 from anser.planning import separation_ratio
 
-__all__ = ["least_ratio", "nearest_other"]
-
 
 def nearest_other(
     places_m: np.ndarray, separation_m: tuple[float, float] | None = None, counted: np.ndarray | None = None

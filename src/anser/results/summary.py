@@ -16,15 +16,6 @@ from anser.results.separated import least_ratio
 from anser.scenario import Scenario
 from anser.simulation import STATUS_MESSAGES
 
-__all__ = [
-    "ARRIVAL_MARGIN_S",
-    "CLEARANCE_MIN_M",
-    "FORMAT_VERSION",
-    "read_summary",
-    "summarize",
-    "write_summary",
-]
-
 FORMAT_VERSION = 1
 ARRIVAL_MARGIN_S = 10.0
 """How long after its planned arrival an aircraft may still arrive, s."""

@@ -3,8 +3,6 @@
 from collections.abc import Mapping
 from typing import Any
 
-__all__ = ["summary_text"]
-
 _AIRCRAFT_MOST = 6  # with a line each
 
 

@@ -4,8 +4,6 @@ import numpy as np
 
 from anser.variables import Variable
 
-__all__ = ["converted", "labels_of"]
-
 
 def converted(variable: Variable, array: np.ndarray) -> np.ndarray:
     """Values of a history (SI, rad) in the unit of the dataset; angles in (-180, 180] deg."""

@@ -19,8 +19,6 @@ from anser.report.exports.geography import (
 )
 from anser.report.style import color_of
 
-__all__ = ["to_czml"]
-
 # Decimals: 1e-9 deg of arc and 1e-4 m are a tenth of a millimetre, 1e-8 of a quaternion a hundredth of a second of arc.
 _DEGREES, _METRES, _QUATERNION, _SECONDS = 9, 4, 8, 6
 # Forward, across, up, m: larger than life, to be seen from a few kilometres.

@@ -11,8 +11,6 @@ from scipy.spatial.transform import Rotation
 
 from anser.spatial import places_from_flat
 
-__all__ = ["NEEDED_VARIABLES", "Track", "aircraft_track", "attitude_fixed", "goal_tracks", "rendezvous_track", "stamp"]
-
 _PLACES = tuple(f"{place}{axis}_m" for place in ("goal_", "rendezvous_") for axis in ("north", "east", "altitude"))
 _QUATERNION = tuple(f"quaternion_{k}" for k in range(4))
 NEEDED_VARIABLES = (

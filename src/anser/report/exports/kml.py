@@ -14,8 +14,6 @@ from anser.report.exports.geography import Track, aircraft_track, goal_tracks, r
 from anser.report.labels import printed_unit
 from anser.report.style import color_of
 
-__all__ = ["to_kml"]
-
 _KML, _GX = "http://www.opengis.net/kml/2.2", "http://www.google.com/kml/ext/2.2"
 _ARRAYS = ("airspeed_m_s", "roll_deg", "pitch_deg", "yaw_deg")
 """Variables that every track carries beside its place: Google Earth draws them with its profile."""

@@ -6,8 +6,6 @@ import numpy as np
 import xarray as xr
 from scipy.io import savemat
 
-__all__ = ["to_mat"]
-
 _LONGEST = 63  # characters of a name in MATLAB
 _LABELS = ("units", "long_name", "frame")
 

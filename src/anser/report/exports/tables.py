@@ -8,8 +8,6 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-__all__ = ["PARQUET_MISSING", "has_parquet", "to_csv", "to_parquet"]
-
 PARQUET_MISSING = "Parquet needs pyarrow, which is not installed: pip install pyarrow"
 _LABELS = ("units", "long_name", "frame", "symbol", "flag_meanings")
 
