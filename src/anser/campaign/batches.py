@@ -2,10 +2,12 @@
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import jax
 import numpy as np
+import xarray as xr
 
 from anser.compiling import Program
 
@@ -15,6 +17,27 @@ BATCH = 128
 
 Progress = Callable[[str, float], None]
 """Called with what is being done and the part that is done, 0..1."""
+
+
+def silent(what: str, done: float) -> None:
+    """Tell nobody: `Progress` where none is wanted."""
+
+
+@dataclass(frozen=True)
+class Study:
+    """What was computed in batches.
+
+    Attributes
+    ----------
+    dataset
+        All of it, labelled.
+    compile_s, run_s
+        Wall time spent compiling and running.
+    """
+
+    dataset: xr.Dataset
+    compile_s: float
+    run_s: float
 
 
 class Clock:

@@ -7,10 +7,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import xarray as xr
 
 from anser.aircraft import AbstractAirframe
-from anser.campaign.batches import BATCH, Clock, Progress, in_batches
+from anser.campaign.batches import BATCH, Clock, Progress, Study, in_batches, silent
 from anser.campaign.conditions import Inversion, airframe_of, gains_for
 from anser.campaign.envelope_cases import (
     COMMANDS,
@@ -28,20 +27,8 @@ from anser.simulation import FlightSummary, TrimPoint, TrimTarget, survey_flight
 
 
 @dataclasses.dataclass(frozen=True)
-class EnvelopeSurvey:
-    """A survey.
-
-    Attributes
-    ----------
-    dataset
-        All of it, labelled: see `anser.results.envelope_dataset`.
-    compile_s, run_s
-        Wall time spent compiling, and trimming and flying.
-    """
-
-    dataset: xr.Dataset
-    compile_s: float
-    run_s: float
+class EnvelopeSurvey(Study):
+    """A survey; its dataset: see `anser.results.envelope_dataset`."""
 
     def counts(self, *, with_reserve: bool = False) -> dict[str, dict[str, int]]:
         """Flights by "outcome: reason" for each condition, of all points or of those with reserve."""
@@ -112,7 +99,7 @@ def survey(
         No such airframe, an axis that is not of increasing numbers, or flights of fewer than 100 samples.
     """
     enable_compilation_cache()
-    on_progress = progress or (lambda what, done: None)
+    on_progress = progress or silent
     count = round(duration_s / step_s)
     if count < 100:
         raise ValueError(f"duration_s: arrived {duration_s:g} with step_s {step_s:g}; expected 100 samples or more")
@@ -132,12 +119,8 @@ def survey(
         clock, (airframe, environment, gains, limits), flights, which, command, jnp.asarray(step_s), count, on_progress
     )
     dataset = envelope_dataset(
-        {c.name: c.meaning for c in CONDITIONS},
+        trims,
         {c.name: c.meaning for c in COMMANDS},
-        trims.altitudes,
-        trims.machs,
-        points,
-        trims.airspeeds,
         flown,
         summaries,
         judge(summaries, tolerances[command], count * step_s, _beyond(points.trim, trims.airspeeds, limits)[which]),

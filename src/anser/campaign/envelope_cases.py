@@ -2,7 +2,6 @@
 
 import dataclasses
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +12,8 @@ from anser.campaign.batches import Clock
 from anser.campaign.conditions import map_points
 from anser.control import FlightLimits
 from anser.environment import Environment
-from anser.simulation import MapPoint, TrimTarget
+from anser.results import TrimMap
+from anser.simulation import TrimTarget
 from anser.units import DEG_RAD
 
 
@@ -65,26 +65,6 @@ TOLERANCE_SHARE, TOLERANCE = 0.05, (0.5, 0.3 * DEG_RAD, 0.3 * DEG_RAD)
 """Error that counts as none: part of the step, or m/s and rad, whichever is more."""
 
 
-class TrimMap(NamedTuple):
-    """Steady flights over a grid.
-
-    Attributes
-    ----------
-    altitudes, machs
-        Axes of the grid, m and 1.
-    airspeeds
-        m/s, shape (altitude, mach).
-    targets, points
-        Over (condition, altitude, mach), flattened: what is flown, and its trim.
-    """
-
-    altitudes: np.ndarray
-    machs: np.ndarray
-    airspeeds: np.ndarray
-    targets: TrimTarget
-    points: MapPoint
-
-
 def trim_map(
     clock: Clock,
     airframe: AbstractAirframe,
@@ -109,7 +89,7 @@ def trim_map(
     points = clock.run(map_points, airframe, environment, targets)
     if not np.any(points.trimmable):
         raise ValueError("no point of the grid can be flown steadily: there is nothing to survey")
-    return TrimMap(altitudes, mach, airspeeds, targets, points)
+    return TrimMap({c.name: c.meaning for c in CONDITIONS}, altitudes, mach, airspeeds, targets, points)
 
 
 def tolerance_of(size: np.ndarray) -> np.ndarray:

@@ -3,7 +3,6 @@
 import functools
 import tempfile
 import time as clock
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
+from anser.campaign.batches import Progress, silent
 from anser.campaign.plan_interface import NoPlanError, Planned
 from anser.campaign.planned import plan
 from anser.compiling import compiled
@@ -21,7 +21,7 @@ from anser.results import (
     summarize,
     summary_text,
     to_dataset,
-    versions,
+    version_attributes,
     write_netcdf,
     write_summary,
 )
@@ -29,10 +29,6 @@ from anser.scenario import Scenario
 from anser.simulation import SEGMENT_STEPS, fly
 
 _FILES = ("flight.nc", "summary.json", "report.html")
-
-
-Progress = Callable[[str, float], None]
-"""Called with what is being done and how much of the flight is behind, 0 to 1."""
 
 fly_segment = compiled(functools.partial(fly, one_kernel=True))
 """One segment of a flight by itself, compiled; see `anser.simulation.fly`."""
@@ -131,7 +127,7 @@ def run(scenario: Scenario, progress: Progress | None = None) -> Flown:
     NoPlanError
         If the certified planner finds no plan; the message says why.
     """
-    on_progress = progress if progress is not None else lambda what, done: None
+    on_progress = progress or silent
     began = clock.perf_counter()
     planned = plan(scenario, lambda what: on_progress(what, 0.0))
     if planned.refusals:
@@ -171,5 +167,5 @@ def _attributes(scenario: Scenario) -> dict[str, Any]:
         "earth_model": scenario.earth.model,
         "reference_latitude_deg": scenario.earth.latitude_deg,
         "reference_longitude_deg": scenario.earth.longitude_deg,
-        **{f"version_{name}": version for name, version in versions().items()},
+        **version_attributes(),
     }

@@ -1,7 +1,6 @@
 """Stability margins of the autopilot: at one trim point with the responses, and over the trim map of the envelope."""
 
 import dataclasses
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,13 +10,20 @@ import numpy as np
 import xarray as xr
 
 from anser.aircraft import AbstractAirframe
-from anser.campaign.batches import Clock, Progress, in_batches
+from anser.campaign.batches import Clock, Progress, Study, in_batches, silent
 from anser.campaign.conditions import ConditionError, Inversion, airframe_of, gains_for, map_points
-from anser.campaign.envelope_cases import CONDITIONS, described, survey_limits, trim_map
+from anser.campaign.envelope_cases import described, survey_limits, trim_map
 from anser.compiling import compiled, enable_compilation_cache
 from anser.control import AutopilotGains, FlightLimits
 from anser.environment import Environment, standard_environment
-from anser.results import CLOSED_LOOP, margin_dataset, margin_map_dataset, margin_table
+from anser.results import (
+    CLOSED_LOOP,
+    finite_or_none,
+    margin_dataset,
+    margin_map_dataset,
+    margin_table,
+    plain_attributes,
+)
 from anser.simulation import (
     BREAKPOINTS,
     HELD_BACK,
@@ -38,20 +44,8 @@ _BATCH = 32
 
 
 @dataclasses.dataclass(frozen=True)
-class MarginSurvey:
-    """Margins over the envelope.
-
-    Attributes
-    ----------
-    dataset
-        All of it, labelled: see `anser.results.margin_map_dataset`.
-    compile_s, run_s
-        Wall time spent compiling, and trimming and analysing.
-    """
-
-    dataset: xr.Dataset
-    compile_s: float
-    run_s: float
+class MarginSurvey(Study):
+    """Margins over the envelope; the dataset: see `anser.results.margin_map_dataset`."""
 
     def counts(self) -> dict[str, int]:
         """Points by what the closed loop is there."""
@@ -83,7 +77,7 @@ class MarginSurvey:
         """Counts and the table of the breakpoints, plain data for JSON."""
         return {
             "format_version": _FORMAT_VERSION,
-            "survey": _plain(self.dataset.attrs),
+            "survey": plain_attributes(self.dataset.attrs),
             "points": self.counts(),
             "with_reserve": int(self.dataset["with_reserve"].sum()),
             "compile_s": round(self.compile_s, 3),
@@ -179,12 +173,8 @@ def survey_margins(
     ----------
     aircraft, variant, inversion, step_s, gains
         As of `margins_at`.
-    coarse
-        A grid of 3 x 5 instead of 16 x 18 points.
-    altitudes_m, machs
-        Axes of the grid, instead of 250 m to 15 km and Mach 0.15 to 0.95.
-    progress
-        Called with what is being done and the part that is done, 0..1.
+    coarse, altitudes_m, machs, progress
+        As of `anser.campaign.survey`.
 
     Raises
     ------
@@ -192,7 +182,7 @@ def survey_margins(
         No such airframe, an axis that is not of increasing numbers, or no point of the grid can be flown.
     """
     enable_compilation_cache()
-    on_progress = progress or (lambda what, done: None)
+    on_progress = progress or silent
     airframe, of = airframe_of(aircraft, variant)
     environment, limits = standard_environment(), survey_limits()
     wanted = gains_for(inversion, gains)
@@ -209,16 +199,7 @@ def survey_margins(
     found = in_batches(
         of_batch, total, _BATCH, lambda k: on_progress(f"breaking the loops at {total} points", k / total)
     )
-    dataset = margin_map_dataset(
-        {c.name: c.meaning for c in CONDITIONS},
-        trims.altitudes,
-        trims.machs,
-        trims.airspeeds,
-        trims.points,
-        found,
-        step_s,
-        {**of, "inversion": inversion, **described(limits)},
-    )
+    dataset = margin_map_dataset(trims, found, step_s, {**of, "inversion": inversion, **described(limits)})
     return MarginSurvey(dataset, clock.compile_s, clock.run_s)
 
 
@@ -228,10 +209,15 @@ def margin_document(dataset: xr.Dataset) -> dict[str, Any]:
     for name in BREAKPOINTS:
         of = dataset.sel(breakpoint=name)
         figures = {key: of[key].item() for key, of_key in dataset.data_vars.items() if of_key.dims == ("breakpoint",)}
-        rows.append({"breakpoint": name, **{key: _finite(value) for key, value in figures.items()}})
+        rows.append(
+            {
+                "breakpoint": name,
+                **{key: value if key == "short" else finite_or_none(value) for key, value in figures.items()},
+            }
+        )
     return {
         "format_version": _FORMAT_VERSION,
-        "condition": _plain(dataset.attrs),
+        "condition": plain_attributes(dataset.attrs),
         "actuators_disk_margin": dataset["actuators_disk_margin"].item(),
         "breakpoints": rows,
     }
@@ -256,11 +242,3 @@ def _analyse(
 def _pole(at: xr.Dataset) -> str:
     real, imaginary = at["pole_real_1_s"].item(), at["pole_imag_1_s"].item()
     return f"{real:+.3g} 1/s" if not imaginary else f"{real:+.3g} +- {imaginary:.3g}i 1/s"
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
-
-
-def _plain(attributes: dict[str, Any]) -> dict[str, Any]:
-    return {name: getattr(value, "item", lambda v=value: v)() for name, value in attributes.items()}

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 import jax
 import jax.numpy as jnp
 import numpy as np
-import xarray as xr
 
 from anser.aircraft import F16, F16Dispersion, dispersed_f16
-from anser.campaign.batches import BATCH, Clock, Progress, in_batches
+from anser.campaign.batches import BATCH, Clock, Progress, Study, in_batches, silent
 from anser.campaign.conditions import ConditionError, Inversion, gains_for
 from anser.campaign.dispersion import (
     CONDITIONS,
@@ -40,20 +39,8 @@ _FLIGHTS_OF_SWEEP = 200
 
 
 @dataclasses.dataclass(frozen=True)
-class RobustnessStudy:
-    """A study.
-
-    Attributes
-    ----------
-    dataset
-        All of it, labelled: see `anser.results.robustness_dataset`.
-    compile_s, run_s
-        Wall time spent compiling, and trimming and flying.
-    """
-
-    dataset: xr.Dataset
-    compile_s: float
-    run_s: float
+class RobustnessStudy(Study):
+    """A study; its dataset: see `anser.results.robustness_dataset`."""
 
 
 def robustness_study(
@@ -100,7 +87,7 @@ def robustness_study(
         No such variant; a number out of range.
     """
     enable_compilation_cache()
-    tell = progress or (lambda what, done: None)
+    on_progress = progress or silent
     count = round(duration_s / step_s)
     if flights < 1 or not 0.0 <= spread <= 0.9 or count < 100:
         raise ValueError(
@@ -126,7 +113,9 @@ def robustness_study(
         def batch(of_batch: np.ndarray) -> MapPoint:
             return clock.run(_trim, nominal, environment, *jax.tree.map(lambda leaf: leaf[of_batch], rows))
 
-        return in_batches(batch, total, BATCH, lambda done: tell(f"trimming {total} aircraft", share * done / total))
+        return in_batches(
+            batch, total, BATCH, lambda done: on_progress(f"trimming {total} aircraft", share * done / total)
+        )
 
     _must_be_flown(trimmed(dispersed_cases(len(conditions), 0.0, seed, len(conditions)), 0.0), limits, conditions)
     trims = trimmed(cases, 0.1)
@@ -146,10 +135,10 @@ def robustness_study(
             rows = jax.tree.map(lambda leaf: leaf[flown[of_batch]], (dispersions, delays, trims.trim, targets))
             return clock.run(_fly, fixed, gains, *rows, step_s, count)
 
-        def on_progress(done: int, inversion: str = inversion, k: int = k) -> None:
-            tell(f"flying {len(flown)} flights, {inversion} inversion", 0.1 + 0.45 * (k + done / len(flown)))
+        def tell(done: int, inversion: str = inversion, k: int = k) -> None:
+            on_progress(f"flying {len(flown)} flights, {inversion} inversion", 0.1 + 0.45 * (k + done / len(flown)))
 
-        summaries.append(in_batches(fly, len(flown), BATCH, on_progress))
+        summaries.append(in_batches(fly, len(flown), BATCH, tell))
         tolerances = np.broadcast_to(tolerance, (len(flown), 3))
         verdicts.append(judge(summaries[-1], tolerances, count * step_s, beyond[flown]))
     dataset = robustness_dataset(

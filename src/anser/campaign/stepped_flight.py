@@ -1,6 +1,5 @@
 """A step test that was flown: its record, its figures, and what it must keep to."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -9,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from anser.campaign.step_tests import CHANNEL_KEYS, STEP_S, StepTest, unit_of_channel
+from anser.results import finite_or_none
 from anser.simulation.step_metrics import StepMetrics
 from anser.variables import CATALOGUE
 
@@ -81,17 +81,17 @@ class SteppedFlight:
             channel: {
                 "unit": unit_of_channel(channel),
                 "size": self.test.size[k],
-                "rise_time_s": _finite(m.rise_time[k]),
-                "settling_time_s": _finite(m.settling_time[k]),
-                "overshoot_percent": _finite(100 * m.overshoot[k]),
-                "final_error_percent": _finite(100 * m.final_error[k]),
+                "rise_time_s": finite_or_none(m.rise_time[k]),
+                "settling_time_s": finite_or_none(m.settling_time[k]),
+                "overshoot_percent": finite_or_none(100 * m.overshoot[k]),
+                "final_error_percent": finite_or_none(100 * m.final_error[k]),
             }
             for k, channel in enumerate(channels)
             if self.test.size[k] != 0.0
         }
         factors = [_FACTORS[key] for key in CHANNEL_KEYS[self.test.loop].values()]
         coupling = {
-            channel: {"unit": unit_of_channel(channel), "greatest": _finite(factors[k] * m.coupling[k])}
+            channel: {"unit": unit_of_channel(channel), "greatest": finite_or_none(factors[k] * m.coupling[k])}
             for k, channel in enumerate(channels)
             if channel not in stepped
         }
@@ -102,8 +102,8 @@ class SteppedFlight:
             "read_at_s": self.test.read_at_s,
             "channels": stepped,
             "coupling": coupling,
-            "sideslip_max_deg": _finite(self.sideslip_max_deg),
-            "surface_use_percent": {name: _finite(100 * m.surface_use[k]) for k, name in enumerate(SURFACES)},
+            "sideslip_max_deg": finite_or_none(self.sideslip_max_deg),
+            "surface_use_percent": {name: finite_or_none(100 * m.surface_use[k]) for k, name in enumerate(SURFACES)},
             "shortfalls": list(self.shortfalls),
         }
 
@@ -121,7 +121,3 @@ def step_document(flights: Sequence[SteppedFlight]) -> dict[str, Any]:
         },
         "steps": [flight.document() for flight in flights],
     }
-
-
-def _finite(value: Any) -> float | None:
-    return float(value) if math.isfinite(value) else None

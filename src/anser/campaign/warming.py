@@ -5,7 +5,8 @@ from typing import Any
 
 import jax.numpy as jnp
 
-from anser.campaign.execute import Progress, fly_segment
+from anser.campaign.batches import Progress, silent
+from anser.campaign.execute import fly_segment
 from anser.campaign.linearizing import linearize
 from anser.campaign.planned import plan
 from anser.campaign.step_tests import PUBLISHED_STEPS
@@ -25,7 +26,7 @@ def warm(scenarios: Sequence[Scenario], progress: Progress | None = None) -> Non
     progress
         Called with what is being done and the part that is done, 0..1.
     """
-    on_progress = progress if progress is not None else lambda what, done: None
+    on_progress = progress or silent
 
     def fly(scenario: Scenario) -> None:
         planned = plan(scenario)

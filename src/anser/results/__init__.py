@@ -2,7 +2,7 @@
 
 from anser.results.arrival import closest_approach, least_distance
 from anser.results.dataset import to_dataset
-from anser.results.envelope_dataset import RESERVE_MIN, envelope_dataset
+from anser.results.envelope_dataset import envelope_dataset
 from anser.results.envelope_reasons import OUTCOMES, REASONS, Verdicts, judge
 from anser.results.linear_model import LINEAR_FORMAT_VERSION, linear_dataset, linear_document, unit_of
 from anser.results.margin_dataset import (
@@ -15,11 +15,12 @@ from anser.results.margin_dataset import (
 )
 from anser.results.netcdf import read_netcdf, write_netcdf
 from anser.results.path_words import bend_words, turn_words
+from anser.results.plain import finite_or_none, plain_attributes
 from anser.results.plan_dataset import plan_dataset
 from anser.results.plan_record import ClosestApproach, PlanDetails, PlanExtremes, PlanSamples
 from anser.results.plan_summary import PLAN_FORMAT_VERSION, plan_margins, plan_summary
 from anser.results.plan_table import TRAJECTORY_COLUMNS, write_trajectories
-from anser.results.provenance import versions
+from anser.results.provenance import version_attributes, versions
 from anser.results.requirements import REQUIREMENT_NAMES, Requirement
 from anser.results.robustness_dataset import robustness_dataset
 from anser.results.robustness_statistics import (
@@ -42,6 +43,7 @@ from anser.results.summary import (
     write_summary,
 )
 from anser.results.summary_text import summary_text
+from anser.results.trim_map import RESERVE_MIN, TrimMap
 
 __all__ = [
     "ARRIVAL_MARGIN_S",
@@ -65,11 +67,13 @@ __all__ = [
     "PlanSamples",
     "Requirement",
     "Success",
+    "TrimMap",
     "Verdicts",
     "bend_words",
     "closest_approach",
     "envelope_dataset",
     "failure_correlations",
+    "finite_or_none",
     "first_breaks",
     "flights_of",
     "judge",
@@ -80,6 +84,7 @@ __all__ = [
     "margin_map_dataset",
     "margin_table",
     "nearest_other",
+    "plain_attributes",
     "plan_dataset",
     "plan_margins",
     "plan_summary",
@@ -93,6 +98,7 @@ __all__ = [
     "to_dataset",
     "turn_words",
     "unit_of",
+    "version_attributes",
     "versions",
     "write_netcdf",
     "write_summary",

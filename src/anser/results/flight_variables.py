@@ -4,7 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from anser.simulation import FlightSummary
+from anser.results.envelope_reasons import OUTCOMES, REASONS, Verdicts
+from anser.results.variable_labels import attributes_of, flags_of
+from anser.simulation import AUTOPILOT_LIMITS, TABLE_AXES, FlightSummary
 from anser.units import RAD_DEG
 
 _CHANNELS = (
@@ -12,44 +14,39 @@ _CHANNELS = (
     ("path_angle", "deg", "degree", RAD_DEG),
     ("course", "deg", "degree", RAD_DEG),
 )
+# Name after the channel's, field of `FlightSummary`, unit where it is not the channel's, words.
+_OF_CHANNELS = (
+    ("final_error_{}", "final_error", None, "Command minus {}, mean of the last tenth"),
+    ("final_error_max_{}", "final_error_max", None, "Largest error of the {} in the last tenth"),
+    ("settling_s", "settling_time", "s", "Until the {} stays within its tolerance; inf: not before the end"),
+    ("overshoot", "overshoot", "1", "Overshoot of the {}, part of the step"),
+    ("coupling_{}", "coupling", None, "Largest error of the {} where it is not stepped"),
+)
+
+FLIGHT_AXES: dict[str, Any] = {
+    "surface": ("surface", np.array(("elevator", "aileron", "rudder"))),
+    "axis": ("axis", np.array(("roll", "pitch", "yaw"))),
+    "limit": ("limit", np.array(AUTOPILOT_LIMITS)),
+    "table": ("table", np.array(TABLE_AXES)),
+}
+"""Coordinates of the dimensions that `flight_variables` has beyond the flights."""
+
+FlightVariables = dict[str, tuple[np.ndarray, dict[str, Any], tuple[str, ...]]]
+"""By name: values with the flights as their first axis, attributes, dimensions beyond the flights."""
 
 
-def attributes_of(unit: str, words: str) -> dict[str, Any]:
-    """Unit and long name as attributes; no unit where it is empty."""
-    return {"units": unit, "long_name": words} if unit else {"long_name": words}
+def flight_variables(flights: FlightSummary, verdicts: Verdicts) -> FlightVariables:
+    """Every variable of flights: errors of the channels, extremes, times at limits, what became of them and why."""
+    found: FlightVariables = {}
 
+    def add(name: str, values: Any, unit: str, words: str, *over: str) -> None:
+        found[name] = (np.asarray(values), attributes_of(unit, words), over)
 
-def add_flights(add: Any, flights: FlightSummary) -> None:
-    """Call `add(name, values, unit, words, over)` for every variable; values have the flights as their first axis."""
     for k, (name, suffix, unit, factor) in enumerate(_CHANNELS):
-        words = name.replace("_", " ")
-        add(
-            f"{name}_final_error_{suffix}",
-            np.asarray(flights.final_error)[:, k] * factor,
-            unit,
-            f"Command minus {words}, mean of the last tenth",
-        )
-        add(
-            f"{name}_final_error_max_{suffix}",
-            np.asarray(flights.final_error_max)[:, k] * factor,
-            unit,
-            f"Largest error of the {words} in the last tenth",
-        )
-        add(
-            f"{name}_settling_s",
-            np.asarray(flights.settling_time)[:, k],
-            "s",
-            f"Until the {words} stays within its tolerance; inf: not before the end",
-        )
-        add(
-            f"{name}_overshoot", np.asarray(flights.overshoot)[:, k], "1", f"Overshoot of the {words}, part of the step"
-        )
-        add(
-            f"{name}_coupling_{suffix}",
-            np.asarray(flights.coupling)[:, k] * factor,
-            unit,
-            f"Largest error of the {words} where it is not stepped",
-        )
+        for what, field, own_unit, words in _OF_CHANNELS:
+            values = np.asarray(getattr(flights, field))[:, k] * (factor if own_unit is None else 1.0)
+            said = words.format(name.replace("_", " "))
+            add(f"{name}_{what.format(suffix)}", values, unit if own_unit is None else own_unit, said)
     add("beta_max_deg", np.asarray(flights.beta_max) * RAD_DEG, "degree", "Largest sideslip, either way")
     add("alpha_min_deg", np.asarray(flights.alpha_min) * RAD_DEG, "degree", "Least angle of attack")
     add("alpha_max_deg", np.asarray(flights.alpha_max) * RAD_DEG, "degree", "Greatest angle of attack")
@@ -60,12 +57,10 @@ def add_flights(add: Any, flights: FlightSummary) -> None:
     add("body_rate_share", flights.body_rate_share, "1", "Largest body rate over the autopilot's limit", "axis")
     add("limited_s", flights.limited_time, "s", "Time at each limit of the autopilot", "limit")
     add("limited_late_s", flights.limited_late, "s", "Time at each limit in the last tenth of the flight", "limit")
-    add(
-        "limited_before_slip_s",
-        flights.limited_before_slip,
-        "s",
-        "Time at each limit until sideslip first passes its bound",
-        "limit",
-    )
+    before_slip = "Time at each limit until sideslip first passes its bound"
+    add("limited_before_slip_s", flights.limited_before_slip, "s", before_slip, "limit")
     add("left_s", flights.left_time, "s", "First time outside the data; inf: never", "table")
     add("finite", np.asarray(flights.finite).astype(np.int32), "1", "Whether the state stayed finite; 0 if not flown")
+    found["outcome"] = (verdicts.outcome, flags_of("What became of the flight", OUTCOMES), ())
+    found["reason"] = (verdicts.reason, flags_of("Limit that stood in the way", REASONS), ())
+    return found

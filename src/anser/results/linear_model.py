@@ -1,13 +1,13 @@
 """A linear model and its modes, labelled: as a dataset and as plain data for JSON. SI units and radians throughout."""
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from anser.results.provenance import versions
+from anser.results.plain import finite_or_none
+from anser.results.provenance import version_attributes, versions
 from anser.simulation import LinearModel, Mode, wind_axis_states
 
 LINEAR_FORMAT_VERSION = 1
@@ -73,7 +73,13 @@ def linear_dataset(
     sampled = float(model.step) > 0
     wind_states, _ = wind_axis_states(model)
     coordinates: dict[str, Any] = {}
-    for dimension, names in _dimensions(model, wind_states).items():
+    for dimension, names in (
+        ("state_rate", model.states),
+        ("state", model.states),
+        ("input", model.inputs),
+        ("output", model.outputs),
+        ("wind_state", wind_states),
+    ):
         coordinates[dimension] = (dimension, np.array(names))
         coordinates[f"{dimension}_unit"] = (dimension, np.array([unit_of(name) for name in names]))
     coordinates["mode_name"] = ("mode", np.array([mode.name for mode in modes]))
@@ -100,8 +106,7 @@ def linear_dataset(
         data[name + _SUFFIX[unit]] = ("mode", values, {"units": unit, "long_name": words})
     shares = np.array([[dict(mode.shares)[state] for state in wind_states] for mode in modes])
     data["share"] = (("mode", "wind_state"), shares, {"units": "1", "long_name": "Part of a state in a mode"})
-    of = {**attributes, "step_s": float(model.step), **{f"version_{k}": v for k, v in versions().items()}}
-    return xr.Dataset(data, coordinates, of)
+    return xr.Dataset(data, coordinates, {**attributes, "step_s": float(model.step), **version_attributes()})
 
 
 def linear_document(
@@ -122,21 +127,14 @@ def linear_document(
             {
                 "name": mode.name,
                 "order": mode.order,
-                **{name + _SUFFIX[unit]: _finite(_figure(mode, name)) for name, (unit, _) in _MODE_FIGURES.items()},
+                **{
+                    name + _SUFFIX[unit]: finite_or_none(_figure(mode, name))
+                    for name, (unit, _) in _MODE_FIGURES.items()
+                },
                 "shares": {state: share for state, share in mode.shares if share >= 0.005},
             }
             for mode in modes
         ],
-    }
-
-
-def _dimensions(model: LinearModel, wind_states: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
-    return {
-        "state_rate": model.states,
-        "state": model.states,
-        "input": model.inputs,
-        "output": model.outputs,
-        "wind_state": wind_states,
     }
 
 
@@ -152,7 +150,3 @@ def _figure(mode: Mode, name: str) -> float:
     if name.startswith("eigenvalue"):
         return mode.eigenvalue.real if name.endswith("real") else mode.eigenvalue.imag
     return getattr(mode, name)
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

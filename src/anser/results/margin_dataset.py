@@ -8,10 +8,11 @@ import jax
 import numpy as np
 import xarray as xr
 
-from anser.results.envelope_dataset import RESERVE_MIN
-from anser.results.flight_variables import attributes_of
-from anser.results.provenance import versions
-from anser.simulation import BREAKPOINTS, HELD_BACK, NEUTRAL, LoopAnalysis, LoopResponse, MapPoint, largest_pole
+from anser.results.plain import finite_or_none
+from anser.results.provenance import version_attributes
+from anser.results.trim_map import POINT, TrimMap
+from anser.results.variable_labels import attributes_of, flags_of, scattered
+from anser.simulation import BREAKPOINTS, HELD_BACK, NEUTRAL, LoopAnalysis, LoopResponse, largest_pole
 from anser.units import RAD_DEG
 
 GAIN_MIN_DB, PHASE_MIN_DEG = 6.0, 40.0
@@ -22,19 +23,6 @@ open; the closed loop is unstable; it is stable. Only the last has margins."""
 
 _Variable = tuple[str, tuple[str, ...], np.ndarray, dict[str, Any]]
 """Name, dimensions beyond those of the points, values over points and those dimensions, labels."""
-
-_POINT = ("condition", "altitude", "mach")
-_NUMBERS = {
-    "gain_up_db": ("dB", "Factor by which the gain can rise"),
-    "gain_down_db": ("dB", "Factor by which the gain can fall"),
-    "gain_margin_db": ("dB", "Gain margin, the lesser of both ways"),
-    "phase_margin_deg": ("degree", "Phase margin, either way"),
-    "delay_margin_ms": ("ms", "Delay margin"),
-    "disk_margin": ("1", "Radius of the symmetric disk margin"),
-    "gain_up_at_rad_s": ("rad s-1", "Where the gain can rise least"),
-    "gain_down_at_rad_s": ("rad s-1", "Where the gain can fall least"),
-    "crossover_rad_s": ("rad s-1", "Gain crossover that has the phase margin"),
-}
 
 
 def margin_dataset(
@@ -78,27 +66,14 @@ def margin_dataset(
 
 
 def margin_map_dataset(
-    conditions: Mapping[str, str],
-    altitudes_m: np.ndarray,
-    machs: np.ndarray,
-    airspeeds_m_s: np.ndarray,
-    points: MapPoint,
-    found: LoopAnalysis,
-    step_s: float,
-    attributes: Mapping[str, str | int | float],
+    trims: TrimMap, found: LoopAnalysis, step_s: float, attributes: Mapping[str, str | int | float]
 ) -> xr.Dataset:
     """Label the margins over a trim map.
 
     Parameters
     ----------
-    conditions
-        Names of the steady flights and what they mean.
-    altitudes_m, machs
-        Axes of the grid.
-    airspeeds_m_s
-        True airspeed over (altitude, mach).
-    points
-        Trim map; leaves of shape (conditions x altitudes x machs, ...), the last running fastest.
+    trims
+        The map.
     found
         What `analyse_loops` found of the points that are trimmable, in order.
     step_s
@@ -111,28 +86,16 @@ def margin_map_dataset(
     xr.Dataset
         Over (condition, altitude, mach) and (condition, altitude, mach, breakpoint).
     """
-    grid = (len(conditions), len(altitudes_m), len(machs))
-    trimmable = np.asarray(points.trimmable)
-    data: dict[str, Any] = {}
-    for name, dims, values, labels in _variables(found, step_s, trimmable):
-        data[name] = ((*_POINT, *dims), values.reshape(*grid, *values.shape[1:]), labels)
-    left = [np.asarray(points.power_left), np.asarray(points.power_spare), np.asarray(points.surface_left).min(axis=1)]
-    reserve = trimmable & (np.minimum.reduce(left) >= RESERVE_MIN)
-    of_points = {
-        "with_reserve": (reserve, "1", "Whether a tenth of power and surfaces is left"),
-        "alpha_deg": (np.where(trimmable, points.trim.alpha, np.nan) * RAD_DEG, "degree", "Angle of attack"),
-        "load_factor": (np.where(trimmable, points.load_factor, np.nan), "1", "Normal load factor"),
+    points, trimmable = trims.points, np.asarray(trims.points.trimmable)
+    data: dict[str, Any] = {
+        name: ((*POINT, *dims), trims.gridded(values), labels)
+        for name, dims, values, labels in _variables(found, step_s, trimmable)
     }
-    for name, (values, unit, words) in of_points.items():
-        data[name] = (_POINT, np.asarray(values).reshape(grid), attributes_of(unit, words))
-    coordinates = _names() | {
-        "condition": ("condition", np.array(list(conditions)), {"long_name": "Steady flight"}),
-        "condition_meaning": ("condition", np.array(list(conditions.values()))),
-        "altitude": ("altitude", np.asarray(altitudes_m, dtype=float), attributes_of("m", "Geometric altitude")),
-        "mach": ("mach", np.asarray(machs, dtype=float), attributes_of("1", "Mach number")),
-        "airspeed_m_s": (("altitude", "mach"), airspeeds_m_s, attributes_of("m s-1", "True airspeed")),
-    }
-    return xr.Dataset(data, coordinates, _attributes(attributes, step_s))
+    alpha, load_factor = (np.where(trimmable, of, np.nan) for of in (points.trim.alpha, points.load_factor))
+    data["with_reserve"] = trims.with_reserve()
+    data["alpha_deg"] = trims.variable(alpha * RAD_DEG, "degree", "Angle of attack")
+    data["load_factor"] = trims.variable(load_factor, "1", "Normal load factor")
+    return xr.Dataset(data, _names() | trims.coordinates("Steady flight"), _attributes(attributes, step_s))
 
 
 def margin_table(dataset: xr.Dataset, *, with_reserve: bool = True) -> list[dict[str, Any]]:
@@ -158,8 +121,8 @@ def margin_table(dataset: xr.Dataset, *, with_reserve: bool = True) -> list[dict
             values = np.sort(dataset[margin].values[among][:, k])
             # by rank: no mean of a finite and an infinite margin
             for what, part in (("min", 0.0), ("p5", 0.05), ("median", 0.5)):
-                value = float(values[math.floor(part * (values.size - 1))]) if values.size else math.nan
-                row[f"{margin}_{what}"] = value if math.isfinite(value) else None
+                value = values[math.floor(part * (values.size - 1))] if values.size else math.nan
+                row[f"{margin}_{what}"] = finite_or_none(value)
         row["short"] = int(dataset["short"].values[among][:, k].sum())
         rows.append(row)
     return rows
@@ -175,44 +138,39 @@ def _variables(found: LoopAnalysis, step_s: float, trimmable: np.ndarray) -> lis
     m = {name: np.asarray(values) for name, values in vars(found.margins).items()}
     with np.errstate(divide="ignore"):
         up, down = 20 * np.log10(m["gain_up"]), -20 * np.log10(m["gain_down"])
+    gain, phase = np.minimum(up, down), m["phase"] * RAD_DEG
     numbers = {
-        "gain_up_db": up,
-        "gain_down_db": down,
-        "gain_margin_db": np.minimum(up, down),
-        "phase_margin_deg": m["phase"] * RAD_DEG,
-        "delay_margin_ms": m["delay"] * 1000.0,
-        "disk_margin": m["disk"],
-        "gain_up_at_rad_s": m["gain_up_at"],
-        "gain_down_at_rad_s": m["gain_down_at"],
-        "crossover_rad_s": m["crossover"],
+        "gain_up_db": (up, "dB", "Factor by which the gain can rise"),
+        "gain_down_db": (down, "dB", "Factor by which the gain can fall"),
+        "gain_margin_db": (gain, "dB", "Gain margin, the lesser of both ways"),
+        "phase_margin_deg": (phase, "degree", "Phase margin, either way"),
+        "delay_margin_ms": (m["delay"] * 1000.0, "ms", "Delay margin"),
+        "disk_margin": (m["disk"], "1", "Radius of the symmetric disk margin"),
+        "gain_up_at_rad_s": (m["gain_up_at"], "rad s-1", "Where the gain can rise least"),
+        "gain_down_at_rad_s": (m["gain_down_at"], "rad s-1", "Where the gain can fall least"),
+        "crossover_rad_s": (m["crossover"], "rad s-1", "Gain crossover that has the phase margin"),
     }
-    short = (numbers["gain_margin_db"] < GAIN_MIN_DB) | (numbers["phase_margin_deg"] < PHASE_MIN_DEG)
+    short = (gain < GAIN_MIN_DB) | (phase < PHASE_MIN_DEG)
+    stable_points = trimmable.copy()
+    stable_points[trimmable] = state == 3
 
-    def spread(values: np.ndarray, nothing: Any, *, only_stable: bool = False) -> np.ndarray:
-        full = np.full((trimmable.size, *values.shape[1:]), nothing, values.dtype)
-        keep = state == 3 if only_stable else np.ones(state.shape, dtype=bool)
-        full[np.flatnonzero(trimmable)[keep]] = values[keep]
-        return full
+    def add(name: str, values: Any, labels: dict[str, Any], *over: str) -> None:
+        variables.append((name, over, scattered(values, trimmable), labels))
 
-    flags = {"flag_values": np.arange(len(CLOSED_LOOP), dtype=np.int32), "flag_meanings": " ".join(CLOSED_LOOP)}
-    variables: list[_Variable] = [
-        ("closed_loop", (), spread(state, 0), attributes_of("1", "What the closed loop is") | flags),
-        ("limited", ("command",), spread(limited, False), attributes_of("1", "Whether the command stands at a limit")),
-        ("pole_real_1_s", (), spread(rate.real, np.nan), attributes_of("s-1", "Real part of the rightmost pole")),
-        ("pole_imag_1_s", (), spread(rate.imag, np.nan), attributes_of("s-1", "Imaginary part of the rightmost pole")),
-        (
-            "short",
-            ("breakpoint",),
-            spread(short, False, only_stable=True),
-            attributes_of("1", "Whether a margin falls short"),
-        ),
-    ]
-    for name, (unit, words) in _NUMBERS.items():
-        values = spread(numbers[name], np.nan, only_stable=True)
-        variables.append((name, ("breakpoint",), values, attributes_of(unit, words)))
-    together = spread(np.asarray(found.actuators_disk), np.nan, only_stable=True)
+    def add_stable(name: str, values: np.ndarray, labels: dict[str, Any], *over: str) -> None:
+        variables.append((name, over, scattered(values[state == 3], stable_points), labels))
+
+    variables: list[_Variable] = []
+    add("closed_loop", state, flags_of("What the closed loop is", CLOSED_LOOP))
+    add("limited", limited, attributes_of("1", "Whether the command stands at a limit"), "command")
+    add("pole_real_1_s", rate.real, attributes_of("s-1", "Real part of the rightmost pole"))
+    add("pole_imag_1_s", rate.imag, attributes_of("s-1", "Imaginary part of the rightmost pole"))
+    add_stable("short", short, attributes_of("1", "Whether a margin falls short"), "breakpoint")
+    for name, (values, unit, words) in numbers.items():
+        add_stable(name, values, attributes_of(unit, words), "breakpoint")
     words = "Radius of the symmetric disk margin of all three actuators at once"
-    return [*variables, ("actuators_disk_margin", (), together, attributes_of("1", words))]
+    add_stable("actuators_disk_margin", np.asarray(found.actuators_disk), attributes_of("1", words))
+    return variables
 
 
 def _names() -> dict[str, Any]:
@@ -221,7 +179,7 @@ def _names() -> dict[str, Any]:
         "command": (
             "command",
             np.array(HELD_BACK),
-            {"long_name": "Command of the autopilot that can stand at a limit"},
+            attributes_of("", "Command of the autopilot that can stand at a limit"),
         ),
     }
 
@@ -232,5 +190,5 @@ def _attributes(attributes: Mapping[str, str | int | float], step_s: float) -> d
         "step_s": step_s,
         "gain_min_db": GAIN_MIN_DB,
         "phase_min_deg": PHASE_MIN_DEG,
-        **{f"version_{name}": version for name, version in versions().items()},
+        **version_attributes(),
     }

@@ -6,10 +6,9 @@ import numpy as np
 import xarray as xr
 
 from anser.planning import LIMITS
-from anser.results.flight_variables import attributes_of
 from anser.results.plan_record import ClosestApproach, PlanDetails, PlanSamples
-from anser.results.provenance import versions
-from anser.results.variable_labels import converted, labels_of
+from anser.results.provenance import version_attributes
+from anser.results.variable_labels import attributes_of, converted, labels_of
 from anser.variables import CATALOGUE, PLAN_VARIABLES
 
 _VARIABLES = {variable.key: variable for variable in (*CATALOGUE, *PLAN_VARIABLES)}
@@ -176,4 +175,4 @@ def _attributes(details: PlanDetails) -> dict[str, Any]:
         found["separation_bound"] = details.separation_bound
     if details.hold_separation_bound is not None:
         found["hold_separation_bound"] = details.hold_separation_bound
-    return found | {f"version_{name}": version for name, version in versions().items()}
+    return found | version_attributes()

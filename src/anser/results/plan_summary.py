@@ -1,12 +1,12 @@
 """The machine-readable summary of a plan, format version 1."""
 
-import math
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from anser.planning import LIMITS
+from anser.results.plain import finite_or_none
 
 PLAN_FORMAT_VERSION = 1
 
@@ -45,8 +45,8 @@ def plan_summary(dataset: xr.Dataset) -> dict[str, Any]:
         "notes": of["notes"].split("\n") if of["notes"] else [],
         "arrival": {
             "rule": of["rule"],
-            "first_s": _number(np.min(arrivals)),
-            "last_s": _number(np.max(arrivals)),
+            "first_s": finite_or_none(np.min(arrivals)),
+            "last_s": finite_or_none(np.max(arrivals)),
         },
         "aircraft": [_aircraft(dataset, k, names[k], margins) for k in range(len(names))],
         "least_distance": _least(dataset, "distance", names) | {"required_m": of.get("distance_limit_m")},
@@ -75,7 +75,7 @@ def plan_margins(dataset: xr.Dataset) -> dict[str, np.ndarray]:
 
 def _aircraft(dataset: xr.Dataset, k: int, name: str, margins: dict[str, np.ndarray]) -> dict[str, Any]:
     def of(key: str) -> float | None:
-        return _number(dataset[key].values[k])
+        return finite_or_none(dataset[key].values[k])
 
     message = str(dataset["message"].values[k])
     row: dict[str, Any] = {
@@ -101,7 +101,7 @@ def _aircraft(dataset: xr.Dataset, k: int, name: str, margins: dict[str, np.ndar
             "name": limit.name,
             "limit": of(f"limit_{limit.name}"),
             "planned": of(limit.name),
-            "margin": _number(margins[limit.name][k]),
+            "margin": finite_or_none(margins[limit.name][k]),
         }
         if f"bound_{limit.name}" in dataset:
             entry["bound"] = of(f"bound_{limit.name}")
@@ -112,11 +112,11 @@ def _aircraft(dataset: xr.Dataset, k: int, name: str, margins: dict[str, np.ndar
 def _least(dataset: xr.Dataset, what: str, names: list[str]) -> dict[str, Any]:
     pair = dataset[f"least_{what}_pair"].values
     return {
-        "value_m": _number(dataset[f"least_{what}_m"].item()),
+        "value_m": finite_or_none(dataset[f"least_{what}_m"].item()),
         "pair": [names[k] for k in pair] if pair[0] >= 0 else None,
-        "time_s": _number(dataset[f"least_{what}_at_s"].item()),
-        "horizontal_m": _number(dataset[f"least_{what}_level_m"].item()),
-        "vertical_m": _number(dataset[f"least_{what}_height_m"].item()),
+        "time_s": finite_or_none(dataset[f"least_{what}_at_s"].item()),
+        "horizontal_m": finite_or_none(dataset[f"least_{what}_level_m"].item()),
+        "vertical_m": finite_or_none(dataset[f"least_{what}_height_m"].item()),
     }
 
 
@@ -130,9 +130,9 @@ def _separation(dataset: xr.Dataset, names: list[str]) -> dict[str, Any] | None:
     margin = None if least["value_m"] is None else least["value_m"] - asked
     found = {"horizontal_asked_m": asked, "vertical_asked_m": of["separation_vertical_m"], **least, "margin_m": margin}
     if "separation_bound" in of:
-        found["bound_ratio"] = _number(of["separation_bound"])
+        found["bound_ratio"] = finite_or_none(of["separation_bound"])
     if "hold_separation_bound" in of:
-        found["hold_bound_ratio"] = _number(of["hold_separation_bound"])
+        found["hold_bound_ratio"] = finite_or_none(of["hold_separation_bound"])
     return found
 
 
@@ -144,14 +144,10 @@ def _keep_outs(dataset: xr.Dataset, names: list[str]) -> list[dict[str, Any]]:
         row = {
             "name": str(dataset["keep_out"].values[k]),
             "aircraft": names[who],
-            "room_m": _number(room[who]),
-            "time_s": _number(dataset["keep_out_at_s"].values[who, k]),
+            "room_m": finite_or_none(room[who]),
+            "time_s": finite_or_none(dataset["keep_out_at_s"].values[who, k]),
         }
         if "bound_keep_out_room_m" in dataset:
-            row["bound_m"] = _number(np.min(dataset["bound_keep_out_room_m"].values[:, k]))
+            row["bound_m"] = finite_or_none(np.min(dataset["bound_keep_out_room_m"].values[:, k]))
         found.append(row)
     return found
-
-
-def _number(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None

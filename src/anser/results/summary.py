@@ -1,7 +1,7 @@
 """The machine-readable summary of a flight, format version 1."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 from anser.constants import AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M
 from anser.results.arrival import closest_approach, least_distance
 from anser.results.path_words import NOMINAL_BEND_M
+from anser.results.plain import finite_or_none
 from anser.results.provenance import versions
 from anser.results.requirements import judge, requirements_of
 from anser.results.separated import least_ratio
@@ -77,8 +78,8 @@ def summarize(
     fleet: dict[str, float | None] = {
         "arrival_spread_s": None if None in arrivals else max(arrivals) - min(arrivals),
         "separation_min_m": _least_separation(history),
-        "wall_s": _number(wall_s),
-        "simulated_s": _number(time[-1] - time[0]),
+        "wall_s": finite_or_none(wall_s),
+        "simulated_s": finite_or_none(time[-1] - time[0]),
     }
     if scenario.separation.asked_m is not None:
         fleet["separation_ratio_min"] = least_ratio(history, scenario.separation.asked_m)
@@ -141,17 +142,17 @@ def _aircraft(time: np.ndarray, history: Mapping[str, np.ndarray], scenario: Sce
     return {
         "name": scenario.aircraft[column].name,
         "goal": scenario.aircraft[column].goal,
-        "planned_arrival_s": _number(planned),
-        "arrival_s": _number(arrival),
-        "miss_m": _number(miss),
+        "planned_arrival_s": finite_or_none(planned),
+        "arrival_s": finite_or_none(arrival),
+        "miss_m": finite_or_none(miss),
         "speed_mean_m_s": mean,
         "speed_min_m_s": least,
         "speed_max_m_s": greatest,
-        "clearance_min_m": _least(record["clearance"]),
+        "clearance_min_m": _finite_end(np.min, record["clearance"]),
         "tables_left": bool(np.any(record["outside_tables"])),
         "tables_left_s": tables_left_s,
-        "position_error_max_m": _greatest(
-            record["position_error"][time <= (arrival if np.isfinite(arrival) else np.inf)]
+        "position_error_max_m": _finite_end(
+            np.max, record["position_error"][time <= (arrival if np.isfinite(arrival) else np.inf)]
         ),
         "path": None,
         "nominal": None if bend is None else abs(bend) <= NOMINAL_BEND_M,
@@ -190,18 +191,10 @@ def _least_separation(history: Mapping[str, np.ndarray]) -> float | None:
     position = np.stack([history["north"], history["east"], history["altitude"]], axis=-1)
     # One aircraft against all after it: the memory of all pairs at once would grow with the square of the fleet.
     pairs = [least_distance(position[:, i + 1 :] - position[:, i : i + 1]) for i in range(position.shape[1] - 1)]
-    return _least(np.concatenate(pairs)) if pairs else None
+    return _finite_end(np.min, np.concatenate(pairs)) if pairs else None
 
 
-def _least(values: np.ndarray) -> float | None:
+def _finite_end(end: Callable[[np.ndarray], Any], values: np.ndarray) -> float | None:
+    """Least or greatest (`np.min`, `np.max`) of the values that are finite; None where there is none."""
     finite = values[np.isfinite(values)]
-    return float(np.min(finite)) if finite.size else None
-
-
-def _greatest(values: np.ndarray) -> float | None:
-    finite = values[np.isfinite(values)]
-    return float(np.max(finite)) if finite.size else None
-
-
-def _number(value: float | None) -> float | None:
-    return float(value) if value is not None and np.isfinite(value) else None
+    return float(end(finite)) if finite.size else None

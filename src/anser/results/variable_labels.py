@@ -1,4 +1,7 @@
-"""How a variable of the catalogue stands in a dataset: its unit and its labels."""
+"""How a variable stands in a dataset: its unit and its labels."""
+
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +18,7 @@ def converted(variable: Variable, array: np.ndarray) -> np.ndarray:
 
 
 def labels_of(variable: Variable) -> dict[str, object]:
-    """Attributes of a variable in a dataset."""
+    """Attributes of a variable of the catalogue."""
     labels: dict[str, object] = {
         "units": variable.unit,
         "frame": variable.frame,
@@ -28,3 +31,26 @@ def labels_of(variable: Variable) -> dict[str, object]:
         labels["flag_values"] = np.arange(len(variable.flags), dtype=stored)
         labels["flag_meanings"] = " ".join(variable.flags)
     return labels
+
+
+def attributes_of(unit: str, words: str) -> dict[str, Any]:
+    """Unit and long name as attributes; no unit where it is empty."""
+    return {"units": unit, "long_name": words} if unit else {"long_name": words}
+
+
+def flags_of(words: str, meanings: Sequence[str]) -> dict[str, Any]:
+    """Attributes of an index (int32); blanks of a meaning become underscores, as the meanings stand in one line."""
+    names = " ".join(meaning.replace(", ", ",").replace(" ", "_") for meaning in meanings)
+    return {
+        **attributes_of("1", words),
+        "flag_values": np.arange(len(meanings), dtype=np.int32),
+        "flag_meanings": names,
+    }
+
+
+def scattered(values: Any, where: np.ndarray) -> np.ndarray:
+    """Rows of values, in order, where a mask of any shape is true; elsewhere NaN, or 0 of integers and truth values."""
+    array = np.asarray(values)
+    full = np.full((*where.shape, *array.shape[1:]), 0 if array.dtype.kind in "ib" else np.nan, array.dtype)
+    full[where] = array
+    return full
