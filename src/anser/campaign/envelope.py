@@ -115,9 +115,12 @@ def survey(
     tolerances = tolerance_of(sizes)
     which, command = np.nonzero(flown)
     flights = _Flights(points.trim, trims.targets, jnp.asarray(sizes), jnp.asarray(tolerances))
-    summaries = _fly_all(
-        clock, (airframe, environment, gains, limits), flights, which, command, jnp.asarray(step_s), count, on_progress
-    )
+    of, step, total = (airframe, environment, gains, limits), jnp.asarray(step_s), len(which)
+
+    def fly(of_batch: np.ndarray) -> FlightSummary:
+        return clock.run(_fly, of, flights, jnp.asarray(which[of_batch]), jnp.asarray(command[of_batch]), step, count)
+
+    summaries = in_batches(fly, total, BATCH, lambda done: on_progress(f"flying {total} flights", done / total))
     dataset = envelope_dataset(
         trims,
         {c.name: c.meaning for c in COMMANDS},
@@ -166,22 +169,3 @@ def _fly(
         return survey_flight(*of, trim, target, size, tolerance, step, count)
 
     return jax.vmap(one)(trims, targets, flights.sizes[command], flights.tolerances[command])
-
-
-def _fly_all(
-    clock: Clock,
-    of: tuple,
-    flights: _Flights,
-    which: np.ndarray,
-    command: np.ndarray,
-    step,
-    count: int,
-    on_progress: Progress,
-) -> FlightSummary:
-    """All flights, in batches of one compiled size; the last is filled up with repetitions."""
-    total = len(which)
-
-    def fly(of_batch: np.ndarray) -> FlightSummary:
-        return clock.run(_fly, of, flights, jnp.asarray(which[of_batch]), jnp.asarray(command[of_batch]), step, count)
-
-    return in_batches(fly, total, BATCH, lambda done: on_progress(f"flying {total} flights", done / total))

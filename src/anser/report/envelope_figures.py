@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from anser.report.map_panels import draw_cells, draw_marks, map_panels
+from anser.report.map_panels import draw_cells, draw_column, draw_marks, map_panels
 from anser.report.print_style import MAP_STYLE, save_drawings
 
 if TYPE_CHECKING:
@@ -68,11 +68,10 @@ def _trim_map(dataset: xr.Dataset) -> "Figure":
         ("way left to the nearest surface stop (part)", least_surface, "magma", (0.0, 1.0)),
     )
     for k, (label, values, colours, (low, high)) in enumerate(columns):
+        shown = np.where(trimmable, values, np.nan)
+        draw_column(figure, axes[:, k], below[k], dataset, shown, label, cmap=colours, vmin=low, vmax=high)
         for c in range(len(axes)):
-            shown = np.where(trimmable[c], values[c], np.nan)
-            draw_cells(axes[c, k], dataset, shown, cmap=colours, vmin=low, vmax=high)
             draw_marks(axes[c, k], dataset, with_reserve[c], **_DOTS)
-        figure.colorbar(axes[0, k].collections[0], cax=below[k], orientation="horizontal", label=label)
     return figure
 
 
@@ -119,7 +118,6 @@ def _margins(dataset: xr.Dataset) -> "Figure":
         ("surfaces to their stops (part)", 1.0 - dataset["surface_share"].values.max(axis=-1), 1.0),
     )
     for k, (label, values, ends) in enumerate(columns):
-        for c in range(len(axes)):
-            draw_cells(axes[c, k], dataset, values[c].min(axis=-1), cmap="RdBu", vmin=-ends, vmax=ends)
-        figure.colorbar(axes[0, k].collections[0], cax=below[k], orientation="horizontal", label=label)
+        least = values.min(axis=-1)
+        draw_column(figure, axes[:, k], below[k], dataset, least, label, cmap="RdBu", vmin=-ends, vmax=ends)
     return figure

@@ -15,8 +15,9 @@ from anser.report.packing import pack, step_of
 _SAMPLES_MAX = 150_000  # of all aircraft together: 20 aircraft at 10 Hz for 750 s
 _TIMES_MAX = 12_000
 _SUMMARY_KEYS = ("scenario", "versions", "seed", "aircraft", "fleet", "requirements")
+_FACT_KEYS = ("name", "goal", "planned_arrival_s", "arrival_s", "miss_m", "status")
 _ROW_KEYS = (
-    *("name", "goal", "planned_arrival_s", "arrival_s", "miss_m", "status"),
+    *_FACT_KEYS,
     *("speed_min_m_s", "speed_mean_m_s", "speed_max_m_s", "clearance_min_m", "position_error_max_m", "tables_left_s"),
 )
 
@@ -88,7 +89,7 @@ def flight_data(
         "times": int(kept.size),
         "every": every,
         "timeStep": columns[0][1],
-        "aircraft": [_facts(row) for row in summary["aircraft"]],
+        "aircraft": [{key: row[key] for key in _FACT_KEYS} for row in summary["aircraft"]],
         "variables": variables,
         "packed": packed,
         "events": events_of(dataset),
@@ -102,8 +103,3 @@ def as_script(data: Any) -> str:
     """JSON that can stand within a script element: nothing in it ends the element or begins another."""
     text = json.dumps(data, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
-
-
-def _facts(row: Mapping[str, Any]) -> dict[str, Any]:
-    keys = ("name", "goal", "planned_arrival_s", "arrival_s", "miss_m", "status")
-    return {key: row[key] for key in keys}

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from anser.report.flown_beside_plan import is_certified, scenario_of
+from anser.report.flown_beside_plan import HOLD, is_certified, scenario_of
 from anser.report.labels import axis_label, plain
 from anser.report.print_style import (
     DASHED,
@@ -44,7 +44,6 @@ NEEDED_VARIABLES = (
 )
 """Variables of a flight that these figures draw."""
 
-_HOLD = 2  # phase: the hold after the arrival
 _MARKS = 8  # on a line over time
 _SPAN_MIN = {"m s-1": 2.0, "degree": 2.0, "m": 10.0, "s": 0.2}
 """Least height of a panel: what hardly moves must not look as if it did."""
@@ -220,7 +219,7 @@ def _finish(figure: "Figure", panels: Sequence["Axes"], dataset: xr.Dataset, wor
 
 def _meetings(dataset: xr.Dataset) -> np.ndarray:
     """Index of the last time before each aircraft begins its hold; the last of the flight where it never does."""
-    held = dataset["phase"].values >= _HOLD
+    held = dataset["phase"].values >= HOLD
     return np.where(held.any(axis=0), np.maximum(held.argmax(axis=0), 1), held.shape[0]) - 1
 
 

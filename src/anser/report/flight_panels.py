@@ -6,6 +6,8 @@ from typing import Any
 
 import xarray as xr
 
+from anser.report.flown_beside_plan import DERIVED
+
 
 @dataclass(frozen=True)
 class Panel:
@@ -107,15 +109,6 @@ SECTIONS: tuple[Section, ...] = (
     ),
 )
 
-_DERIVED = {
-    "along_error_m",
-    "across_error_m",
-    "height_error_m",
-    "climb_rate_m_s",
-    "height_over_floor_m",
-    "distance_min_m",
-    "separation_kept",
-}
 _SCENE = (
     *(
         f"{place}{axis}_m"
@@ -139,7 +132,7 @@ _DRAWN = tuple(
     )
 )
 
-NEEDED: tuple[str, ...] = tuple(dict.fromkeys((*_SCENE, *_EVENTS, *(n for n in _DRAWN if n not in _DERIVED))))
+NEEDED: tuple[str, ...] = tuple(dict.fromkeys((*_SCENE, *_EVENTS, *(n for n in _DRAWN if n not in DERIVED))))
 """Variables that a dataset must have for a report."""
 
 

@@ -13,6 +13,7 @@ from anser.variables import PLAN_VARIABLES
 HOLD = 2
 """Value of `phase` once the aircraft has arrived and holds."""
 
+_CLIMB_RATE = next(variable for variable in PLAN_VARIABLES if variable.key == "climb_rate")
 _LABELS = {
     "along_error_m": ("m", "e_a", "Ahead of the planned point"),
     "across_error_m": ("m", "e_x", "Right of the planned path"),
@@ -21,6 +22,8 @@ _LABELS = {
     "separation_kept": ("1", "d_sep", "Separation kept over separation asked for"),
     "distance_min_m": ("m", "d_min", "Distance to the nearest other aircraft"),
 }
+DERIVED = (_CLIMB_RATE.name, *_LABELS)
+"""Names of what `derive` adds."""
 
 
 def scenario_of(dataset: xr.Dataset) -> dict[str, Any]:
@@ -60,9 +63,8 @@ def derive(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> xr.Dataset:
         for name in ("position_error_m", "reference_north_m", "reference_east_m", "reference_altitude_m")
     }
     found = dataset.assign(changed)
-    climb = next(v for v in PLAN_VARIABLES if v.key == "climb_rate")
-    found[climb.name] = (-dataset["velocity_down_m_s"]).assign_attrs(
-        units=climb.unit, symbol=climb.symbol, long_name=climb.long_name
+    found[_CLIMB_RATE.name] = (-dataset["velocity_down_m_s"]).assign_attrs(
+        units=_CLIMB_RATE.unit, symbol=_CLIMB_RATE.symbol, long_name=_CLIMB_RATE.long_name
     )
     along, across, height = _errors(dataset)
     for name, values in (("along_error_m", along), ("across_error_m", across), ("height_error_m", height)):

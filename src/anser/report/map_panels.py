@@ -56,6 +56,22 @@ def map_panels(
     return figure, axes, below
 
 
+def draw_column(
+    figure: "Figure",
+    panels: np.ndarray,
+    below: "Axes",
+    dataset: xr.Dataset,
+    values: np.ndarray,
+    label: str,
+    extend: str | None = None,
+    **style: Any,
+) -> None:
+    """One figure (condition, altitude, mach) over all conditions, with its colours below; `extend` of the colours."""
+    for axes, cells in zip(panels, values, strict=True):
+        draw_cells(axes, dataset, cells, **style)
+    figure.colorbar(panels[0].collections[0], cax=below, orientation="horizontal", label=label, extend=extend)
+
+
 def draw_cells(axes: "Axes", dataset: xr.Dataset, values: np.ndarray, **style: Any) -> None:
     """Cells about the points of the grid; nothing where the value is no number."""
     shown = np.ma.masked_invalid(values)

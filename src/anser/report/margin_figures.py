@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from anser.report.map_panels import NOTHING, draw_cells, draw_marks, map_panels
+from anser.report.map_panels import NOTHING, draw_cells, draw_column, draw_marks, map_panels
 from anser.report.print_style import FIGURE_SUFFIXES, MAP_STYLE, new_figure, save_drawings, save_figure
 from anser.report.style import color_of
 
@@ -157,7 +157,8 @@ def _actuators(dataset: xr.Dataset) -> "Figure":
     short = np.any(of["short"].values, axis=-1)
     for k, (label, name, ends) in enumerate(columns):
         values = of[name].values
-        _column(figure, axes[:, k], below[k], dataset, values.min(axis=-1) if values.ndim == 4 else values, ends, label)
+        least = values.min(axis=-1) if values.ndim == 4 else values
+        draw_column(figure, axes[:, k], below[k], dataset, np.minimum(least, ends[1]), label, **_scale(*ends))
         for c in range(len(axes)):
             _mark(axes[c, k], dataset, c, short[c])
     return figure
@@ -170,7 +171,8 @@ def _loops(dataset: xr.Dataset) -> "Figure":
     for k, name in enumerate(names):
         of = dataset.sel(breakpoint=name)
         axes[0, k].set_title(_SYMBOLS.get(name, name))
-        _column(figure, axes[:, k], below[k], dataset, of["disk_margin"].values, (0.0, 2.0), "disk margin")
+        disk = np.minimum(of["disk_margin"].values, 2.0)
+        draw_column(figure, axes[:, k], below[k], dataset, disk, "disk margin", **_scale(0.0, 2.0))
         for c in range(len(axes)):
             _mark(axes[c, k], dataset, c, of["short"].values[c])
     return figure
@@ -185,32 +187,18 @@ def _notes(dataset: xr.Dataset, words: str) -> tuple[str, str]:
     )
 
 
-def _column(
-    figure: "Figure",
-    panels: np.ndarray,
-    below: "Axes",
-    dataset: xr.Dataset,
-    values: np.ndarray,
-    ends: tuple[float, float],
-    label: str,
-) -> None:
-    """One margin over all conditions; what is beyond the end of the scale, or infinite, has the colour of the end."""
-    for c, axes in enumerate(panels):
-        draw_cells(axes, dataset, np.minimum(values[c], ends[1]), cmap="viridis", vmin=ends[0], vmax=ends[1])
-    figure.colorbar(panels[0].collections[0], cax=below, orientation="horizontal", label=label, extend="max")
+def _scale(low: float, high: float) -> dict[str, Any]:
+    """Colours of a margin; what is beyond the end of the scale, or infinite, has the colour of the end."""
+    return {"extend": "max", "cmap": "viridis", "vmin": low, "vmax": high}
 
 
 def _mark(axes: "Axes", dataset: xr.Dataset, condition: int, short: np.ndarray) -> None:
+    from matplotlib.colors import ListedColormap
+
     meanings = dataset["closed_loop"].attrs["flag_meanings"].split()
     state = dataset["closed_loop"].values[condition]
     for what, colour in (("held_back", _HELD_BACK), ("unstable", _BAD)):
         cells = np.where(state == meanings.index(what), 1.0, np.nan)
         if np.isfinite(cells).any():
-            draw_cells(axes, dataset, cells, cmap=_one(colour))
+            draw_cells(axes, dataset, cells, cmap=ListedColormap([colour]))
     draw_marks(axes, dataset, short, marker="x", color=_CLOSE, s=18, linewidths=1.4)
-
-
-def _one(colour: str) -> Any:
-    from matplotlib.colors import ListedColormap
-
-    return ListedColormap([colour])

@@ -111,12 +111,10 @@ def _own_reason(comparison: Mapping[str, Any], check: Mapping[str, Any]) -> str:
 
 def _worst(comparisons: Sequence[Mapping[str, Any]]) -> Iterable[Mapping[str, Any]]:
     """Worst comparison of each quantity, in the order of the quantities."""
-    by_group: dict[str, Mapping[str, Any]] = {}
+    by_group: dict[str, list[Mapping[str, Any]]] = {}
     for comparison in comparisons:
-        known = by_group.get(comparison["group"])
-        if known is None or _severity(comparison) > _severity(known):
-            by_group[comparison["group"]] = comparison
-    return by_group.values()
+        by_group.setdefault(comparison["group"], []).append(comparison)
+    return (max(members, key=_severity) for members in by_group.values())
 
 
 def _severity(comparison: Mapping[str, Any]) -> float:

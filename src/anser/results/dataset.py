@@ -9,7 +9,7 @@ import xarray as xr
 from jaxtyping import Array, Float
 
 from anser.compiling import compiled
-from anser.results.variable_labels import converted, labels_of
+from anser.results.variable_labels import converted, labels_of, record_coordinates
 from anser.shapes import Scalar
 from anser.spatial import geodetic_from_flat
 from anser.variables import CATALOGUE, DERIVED_KEYS, RECORDED_KEYS, Variable
@@ -64,11 +64,7 @@ def to_dataset(
     arrays = {v.key: _checked(v, history[v.key], shape) for v in CATALOGUE if v.key not in DERIVED_KEYS}
     arrays["latitude"], arrays["longitude"] = _geodetic(arrays, *(np.radians(attributes[key]) for key in _REFERENCE))
     data = {v.name: (("time", "aircraft"), converted(v, arrays[v.key]), labels_of(v)) for v in CATALOGUE}
-    coordinates = {
-        "time": ("time", time, {"units": "s", "long_name": "Time", "symbol": "t"}),
-        "aircraft": ("aircraft", np.array(names, dtype=np.str_), {"long_name": "Aircraft"}),
-    }
-    return xr.Dataset(data, coordinates, dict(attributes))
+    return xr.Dataset(data, record_coordinates(time, names), dict(attributes))
 
 
 def _check_keys(history: Mapping[str, np.ndarray]) -> None:

@@ -139,11 +139,9 @@ def linear_document(
 
 
 def _named(names: tuple[str, ...], values: Any, rates: Any = None) -> list[dict[str, Any]]:
-    rows = [{"name": n, "unit": unit_of(n), "value": float(v)} for n, v in zip(names, values, strict=True)]
-    if rates is not None:
-        for row, rate in zip(rows, rates, strict=True):
-            row["rate"] = float(rate)
-    return rows
+    columns = {"value": values} if rates is None else {"value": values, "rate": rates}
+    rows = zip(names, *columns.values(), strict=True)
+    return [{"name": n, "unit": unit_of(n), **dict(zip(columns, map(float, of), strict=True))} for n, *of in rows]
 
 
 def _figure(mode: Mode, name: str) -> float:

@@ -8,7 +8,7 @@ import xarray as xr
 from anser.planning import LIMITS
 from anser.results.plan_record import ClosestApproach, PlanDetails, PlanSamples
 from anser.results.provenance import version_attributes
-from anser.results.variable_labels import attributes_of, converted, labels_of
+from anser.results.variable_labels import attributes_of, converted, labels_of, record_coordinates
 from anser.variables import CATALOGUE, PLAN_VARIABLES
 
 _VARIABLES = {variable.key: variable for variable in (*CATALOGUE, *PLAN_VARIABLES)}
@@ -56,10 +56,7 @@ def plan_dataset(samples: PlanSamples, details: PlanDetails) -> xr.Dataset:
         _add_closest(data, "separation", samples.separated)
     _add_paths(data, samples, details)
     _add_keep_outs(data, samples, details)
-    coordinates: dict[str, Any] = {
-        "time": ("time", samples.time_s, {"units": "s", "long_name": "Time", "symbol": "t"}),
-        "aircraft": ("aircraft", np.array([one.name for one in fleet], dtype=np.str_), {"long_name": "Aircraft"}),
-    }
+    coordinates = record_coordinates(samples.time_s, [one.name for one in fleet])
     if details.scenario.keep_out:
         names = np.array([one.name for one in details.scenario.keep_out], dtype=np.str_)
         coordinates["keep_out"] = ("keep_out", names, {"long_name": "Keep-out"})

@@ -22,13 +22,9 @@ def _arrival_errors(aircraft: Sequence[_Row], fleet: _Row) -> list[float | None]
     return [None if flown is None or planned is None else abs(flown - planned) for flown, planned in pairs]
 
 
-def _separation(aircraft: Sequence[_Row], fleet: _Row) -> list[float | None]:
+def _of_pairs(key: str) -> Callable[[Sequence[_Row], _Row], list[float | None]]:
     # One aircraft alone has no separation to lose.
-    return [] if len(aircraft) == 1 else [fleet["separation_min_m"]]
-
-
-def _ratio(aircraft: Sequence[_Row], fleet: _Row) -> list[float | None]:
-    return [] if len(aircraft) == 1 else [fleet.get("separation_ratio_min")]
+    return lambda aircraft, fleet: [] if len(aircraft) == 1 else [fleet.get(key)]
 
 
 # Greatest (or least) value over these numbers must not exceed (or fall below) the limit.
@@ -41,8 +37,8 @@ _AT_MOST = {
     "tables_left_max_s": _of_all("tables_left_s"),
 }
 _AT_LEAST = {
-    "separation_ratio_min": _ratio,
-    "separation_min_m": _separation,
+    "separation_ratio_min": _of_pairs("separation_ratio_min"),
+    "separation_min_m": _of_pairs("separation_min_m"),
     "clearance_min_m": _of_all("clearance_min_m"),
     "speed_min_m_s": _of_all("speed_min_m_s"),
 }

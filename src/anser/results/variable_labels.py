@@ -48,6 +48,14 @@ def flags_of(words: str, meanings: Sequence[str]) -> dict[str, Any]:
     }
 
 
+def record_coordinates(time_s: np.ndarray, aircraft_names: Sequence[str]) -> dict[str, Any]:
+    """Coordinates of a record over (time, aircraft)."""
+    return {
+        "time": ("time", time_s, {"units": "s", "long_name": "Time", "symbol": "t"}),
+        "aircraft": ("aircraft", np.array(aircraft_names, dtype=np.str_), {"long_name": "Aircraft"}),
+    }
+
+
 def scattered(values: Any, where: np.ndarray) -> np.ndarray:
     """Rows of values, in order, where a mask of any shape is true; elsewhere NaN, or 0 of integers and truth values."""
     array = np.asarray(values)

@@ -3,7 +3,7 @@
 import html
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from datetime import datetime
 from typing import Any
 
@@ -103,20 +103,16 @@ def _style(parent: ET.Element, key: str, color: str, scale: float, width: float)
     red, green, blue = (color[k : k + 2] for k in (1, 3, 5))
     turned = f"ff{blue}{green}{red}".lower()  # KML's colours are alpha, blue, green, red
     style = _child(parent, "Style", id=key)
-    _children(_child(style, "IconStyle"), (("color", turned), ("scale", f"{scale:g}")))
-    _children(_child(style, "LabelStyle"), (("color", turned), ("scale", "0.8")))
-    _children(_child(style, "LineStyle"), (("color", turned), ("width", f"{width:g}")))
+    for of, field, size in (("Icon", "scale", scale), ("Label", "scale", 0.8), ("Line", "width", width)):
+        part = _child(style, f"{of}Style")
+        _child(part, "color", turned)
+        _child(part, field, f"{size:g}")
 
 
 def _folder(parent: ET.Element, name: str) -> ET.Element:
     folder = _child(parent, "Folder")
     _child(folder, "name", name)
     return folder
-
-
-def _children(parent: ET.Element, entries: Sequence[tuple[str, str]]) -> None:
-    for tag, text in entries:
-        _child(parent, tag, text)
 
 
 def _child(parent: ET.Element, tag: str, text: str | None = None, **attributes: str) -> ET.Element:
