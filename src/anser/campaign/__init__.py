@@ -11,7 +11,7 @@ from anser.campaign.margins import MarginSurvey, margin_document, margins_at, su
 from anser.campaign.plan_interface import NoPlanError, Planned
 from anser.campaign.planned import PublishedPlanned, plan
 from anser.campaign.robustness import RobustnessStudy, robustness_study
-from anser.campaign.step_tests import CHANNEL_KEYS, PUBLISHED_STEPS, StepTest, step_test, unit_of_channel
+from anser.campaign.step_tests import CHANNEL_KEYS, PUBLISHED_STEPS, StepTest, step_test
 from anser.campaign.stepped_flight import SteppedFlight, step_document
 from anser.campaign.stepping import fly_steps
 from anser.campaign.tracking import CLIMB_AND_TURN, fly_climb_and_turn
@@ -51,6 +51,5 @@ __all__ = [
     "survey",
     "survey_limits",
     "survey_margins",
-    "unit_of_channel",
     "warm",
 ]

@@ -78,22 +78,16 @@ def find_trim(
 def _rows(
     airframe: AbstractAirframe, point: TrimPoint, altitude_m: float, speed_m_s: float
 ) -> tuple[tuple[str, float, str], ...]:
-    roll, pitch, _ = (float(angle) * RAD_DEG for angle in euler_from_quaternion(point.state.quaternion))
+    roll, pitch, _ = euler_from_quaternion(point.state.quaternion)
     mach = speed_m_s / float(standard_environment().atmosphere.at(altitude_m).speed_of_sound)
     thrust = float(airframe.propulsion(point.power, altitude_m, mach).force_b[0])
-    elevator, aileron, rudder = (float(angle) * RAD_DEG for angle in point.state.surfaces)
-    rates = tuple(float(rate) * RAD_DEG for rate in point.state.rates_b)
+    flow = {"angle of attack": point.alpha, "sideslip": point.beta, "roll": roll, "pitch": pitch}
+    rates = zip(("roll rate", "pitch rate", "yaw rate"), point.state.rates_b, strict=True)
+    surfaces = zip(("elevator", "aileron", "rudder"), point.state.surfaces, strict=True)
     rows = (
-        ("angle of attack", float(point.alpha) * RAD_DEG, "deg"),
-        ("sideslip", float(point.beta) * RAD_DEG, "deg"),
-        ("roll", roll, "deg"),
-        ("pitch", pitch, "deg"),
-        ("roll rate", rates[0], "deg/s"),
-        ("pitch rate", rates[1], "deg/s"),
-        ("yaw rate", rates[2], "deg/s"),
-        ("elevator", elevator, "deg"),
-        ("aileron", aileron, "deg"),
-        ("rudder", rudder, "deg"),
+        *((name, float(angle) * RAD_DEG, "deg") for name, angle in flow.items()),
+        *((name, float(rate) * RAD_DEG, "deg/s") for name, rate in rates),
+        *((name, float(angle) * RAD_DEG, "deg") for name, angle in surfaces),
         ("throttle", float(point.controls.throttle), "0 to 1"),
         ("engine power", float(point.power), "percent"),
         ("thrust", thrust / 1000, "kN"),

@@ -96,10 +96,6 @@ def _tracks(dataset: xr.Dataset) -> "Figure":
     return _finish(figure, [axes], dataset, "tracks over ground up to the arrival", note)
 
 
-def _altitudes(dataset: xr.Dataset) -> "Figure":
-    return _over_time(dataset, [_ALTITUDE], "altitudes", "dashed: planned")
-
-
 def _ranges(dataset: xr.Dataset) -> "Figure":
     figure = _figure(dataset, 3.2)
     panels = list(figure.subplots(1, 2))
@@ -112,29 +108,25 @@ def _ranges(dataset: xr.Dataset) -> "Figure":
     return _finish(figure, panels, dataset, "ranges to the rendezvous", "left linear, right logarithmic")
 
 
-def _guidance(dataset: xr.Dataset) -> "Figure":
-    return _over_time(dataset, _GUIDANCE, "guidance commands and responses", "dashed: command")
-
-
-def _goal_velocities(dataset: xr.Dataset) -> "Figure":
-    note = "with marks: recovered from the line of sight; dashed: true"
-    return _over_time(dataset, _VELOCITIES, "velocities of the goals as the aircraft estimate them", note)
-
-
 def _plan(dataset: xr.Dataset) -> "Figure":
     if is_certified(scenario_of(dataset)):  # its paths have no such parameter
-        return _over_time(dataset, [(name, None) for name in _PLAN[1:]], "length and arrival time of the plan", "")
-    return _over_time(
-        dataset, [(name, None) for name in _PLAN], "shape parameter, length and arrival time of the plan", ""
-    )
+        names, words = _PLAN[1:], "length and arrival time of the plan"
+    else:
+        names, words = _PLAN, "shape parameter, length and arrival time of the plan"
+    return _over_time(dataset, [(name, None) for name in names], words, "")
 
 
 FLIGHT_FIGURES: dict[str, Callable[[xr.Dataset], "Figure"]] = {
     "tracks": _tracks,
-    "altitudes": _altitudes,
+    "altitudes": lambda dataset: _over_time(dataset, [_ALTITUDE], "altitudes", "dashed: planned"),
     "ranges": _ranges,
-    "guidance": _guidance,
-    "goal-velocity": _goal_velocities,
+    "guidance": lambda dataset: _over_time(dataset, _GUIDANCE, "guidance commands and responses", "dashed: command"),
+    "goal-velocity": lambda dataset: _over_time(
+        dataset,
+        _VELOCITIES,
+        "velocities of the goals as the aircraft estimate them",
+        "with marks: recovered from the line of sight; dashed: true",
+    ),
     "plan": _plan,
 }
 """Name of each figure, and what draws it."""

@@ -144,18 +144,18 @@ def _requirement(entry: _Row, rows: Sequence[_Row], dataset: xr.Dataset) -> Marg
         off = [(abs(a - p), who) for a, p, who in pairs if a is not None and p is not None]
         who = str(max(off)[1]) if off else ""
     elif name == "separation_ratio_min" and "separation_kept" in dataset:
-        who, when = _least(dataset, "separation_kept")
+        _, who, when = _extreme(dataset, dataset["separation_kept"].values, False)
     elif name == "separation_min_m" and (apart := least_apart(dataset)) is not None:
         who, when = f"{apart[2]} and {apart[3]}", apart[1]
     return Margin(words, "requirement", unit, entry["limit"], entry["value"], most, bool(entry["met"]), who, when)
 
 
-def _least(dataset: xr.Dataset, name: str) -> tuple[str, float | None]:
-    values = dataset[name].values
+def _extreme(dataset: xr.Dataset, values: np.ndarray, greatest: bool) -> tuple[float | None, str, float | None]:
+    """Least or greatest of values over (time, aircraft), whose it is and when, s; None where there is none."""
     if not np.isfinite(values).any():
-        return "", None
-    row, column = np.unravel_index(np.nanargmin(values), values.shape)
-    return str(dataset["aircraft"].values[column]), float(dataset["time"].values[row])
+        return None, "", None
+    row, column = np.unravel_index(np.nanargmax(values) if greatest else np.nanargmin(values), values.shape)
+    return float(values[row, column]), str(dataset["aircraft"].values[column]), float(dataset["time"].values[row])
 
 
 def _limit(
@@ -167,12 +167,10 @@ def _limit(
     """
     values = -dataset[name].values if sign == -1 else dataset[name].values
     most = sign != 0
-    if not np.isfinite(values).any():
+    value, who, when = _extreme(dataset, values, most)
+    if value is None:
         return Margin(words, "limit", unit, limit, None, most, False)
-    row, column = np.unravel_index(np.nanargmax(values) if most else np.nanargmin(values), values.shape)
-    value = float(values[row, column])
     met = value <= limit if most else value >= limit
-    who, when = str(dataset["aircraft"].values[column]), float(dataset["time"].values[row])
     passed = values > limit if most else values < limit
     later = not met and not bool(np.any(passed & flying))
     return Margin(words, "limit", unit, limit, value, most, met, who, when, later)

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from anser.report.plan_pens import PlanPen
-from anser.report.print_style import INK, QUIET, SMALL
+from anser.report.print_style import DASHED, INK, QUIET, SMALL
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -160,7 +160,7 @@ def _keep_outs(axes: "Axes", dataset: xr.Dataset) -> None:
         style: dict[str, Any] = {"edgecolor": CLOSED, "linewidth": 1.0, "zorder": 2}
         axes.add_patch(Circle((here[0], here[1]), radius, facecolor=f"{CLOSED}26", **style))
         if not np.array_equal(here, there):
-            axes.add_patch(Circle((there[0], there[1]), radius, facecolor="none", linestyle=(0, (4, 2)), **style))
+            axes.add_patch(Circle((there[0], there[1]), radius, facecolor="none", linestyle=DASHED, **style))
             arrow = {"arrowstyle": "->", "color": CLOSED, "linewidth": 1.0}
             axes.annotate("", (there[0], there[1]), (here[0], here[1]), arrowprops=arrow, zorder=2)
         words = f"{dataset['keep_out'].values[k]}\n{of['bottom_m']:,.0f} to {of['top_m']:,.0f} m"

@@ -9,12 +9,11 @@ import xarray as xr
 from anser.report.labels import unit
 from anser.report.plan_map import CLOSED, named_pair
 from anser.report.plan_pens import PlanPen
-from anser.report.print_style import INK, QUIET, SMALL
+from anser.report.print_style import DASHED, INK, QUIET, SMALL
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_DASHED = (0, (4, 2))
 _LABEL_WIDTH = 26
 _FAR = 2.0  # a ceiling that is farther above the paths than so many times their range only has its number
 
@@ -131,7 +130,7 @@ def _lines(axes: "Axes", dataset: xr.Dataset, pens: list[PlanPen], name: str) ->
 
 
 def _limit(axes: "Axes", value: float) -> None:
-    axes.axhline(value, color=CLOSED, linestyle=_DASHED, linewidth=1.0, zorder=2)
+    axes.axhline(value, color=CLOSED, linestyle=DASHED, linewidth=1.0, zorder=2)
     axes.annotate(
         f"{value:,.6g}".replace("-", "\u2212"),
         (1.0, value),

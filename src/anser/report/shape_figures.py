@@ -7,6 +7,7 @@ import xarray as xr
 
 from anser.report.labels import axis_label, symbol, unit
 from anser.report.print_style import (
+    DASHED,
     FIGURE_SUFFIXES,
     INK,
     LARGE,
@@ -60,7 +61,7 @@ def draw_shapes(dataset: xr.Dataset, family: str, folder: Path) -> tuple[Path, .
         lengths, values = grid[1, 1], dataset[parameter].values
         for name, look in (
             ("length_m", {"color": INK, "linestyle": "solid"}),
-            ("length_estimate_m", {"color": QUIET, "linestyle": (0, (4, 2))}),
+            ("length_estimate_m", {"color": QUIET, "linestyle": DASHED}),
         ):
             members = (dataset[f"member_{of}"].values for of in (parameter, name))
             lengths.plot(*members, label=dataset[name].attrs["long_name"], **look)

@@ -3,25 +3,17 @@
 from anser.results.arrival import closest_approach, least_distance
 from anser.results.dataset import to_dataset
 from anser.results.envelope_dataset import envelope_dataset
-from anser.results.envelope_reasons import OUTCOMES, REASONS, Verdicts, judge
-from anser.results.linear_model import LINEAR_FORMAT_VERSION, linear_dataset, linear_document, unit_of
-from anser.results.margin_dataset import (
-    CLOSED_LOOP,
-    GAIN_MIN_DB,
-    PHASE_MIN_DEG,
-    margin_dataset,
-    margin_map_dataset,
-    margin_table,
-)
+from anser.results.envelope_reasons import OUTCOMES, REASONS, judge
+from anser.results.linear_model import linear_dataset, linear_document, unit_of
+from anser.results.margin_dataset import CLOSED_LOOP, margin_dataset, margin_map_dataset, margin_table
 from anser.results.netcdf import read_netcdf, write_netcdf
 from anser.results.path_words import bend_words, turn_words
 from anser.results.plain import finite_or_none, plain_attributes
 from anser.results.plan_dataset import plan_dataset
 from anser.results.plan_record import ClosestApproach, PlanDetails, PlanExtremes, PlanSamples
-from anser.results.plan_summary import PLAN_FORMAT_VERSION, plan_margins, plan_summary
+from anser.results.plan_summary import plan_margins, plan_summary
 from anser.results.plan_table import TRAJECTORY_COLUMNS, write_trajectories
 from anser.results.provenance import version_attributes, versions
-from anser.results.requirements import REQUIREMENT_NAMES, Requirement
 from anser.results.robustness_dataset import robustness_dataset
 from anser.results.robustness_statistics import (
     FailureCorrelation,
@@ -34,30 +26,17 @@ from anser.results.robustness_statistics import (
     success_interval,
 )
 from anser.results.separated import nearest_other
-from anser.results.summary import (
-    ARRIVAL_MARGIN_S,
-    CLEARANCE_MIN_M,
-    FORMAT_VERSION,
-    read_summary,
-    summarize,
-    write_summary,
-)
+from anser.results.summary import CLEARANCE_MIN_M, read_summary, summarize, write_summary
 from anser.results.summary_text import summary_text
-from anser.results.trim_map import RESERVE_MIN, TrimMap
+from anser.results.trim_map import TrimMap
+from anser.simulation.fleet_summary import ARRIVAL_MARGIN_S
 
 __all__ = [
     "ARRIVAL_MARGIN_S",
     "CLEARANCE_MIN_M",
     "CLOSED_LOOP",
-    "FORMAT_VERSION",
-    "GAIN_MIN_DB",
-    "LINEAR_FORMAT_VERSION",
     "OUTCOMES",
-    "PHASE_MIN_DEG",
-    "PLAN_FORMAT_VERSION",
     "REASONS",
-    "REQUIREMENT_NAMES",
-    "RESERVE_MIN",
     "TRAJECTORY_COLUMNS",
     "ClosestApproach",
     "FailureCorrelation",
@@ -65,10 +44,8 @@ __all__ = [
     "PlanDetails",
     "PlanExtremes",
     "PlanSamples",
-    "Requirement",
     "Success",
     "TrimMap",
-    "Verdicts",
     "bend_words",
     "closest_approach",
     "envelope_dataset",

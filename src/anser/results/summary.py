@@ -16,10 +16,9 @@ from anser.results.requirements import judge, requirements_of
 from anser.results.separated import least_ratio
 from anser.scenario import Scenario
 from anser.simulation import STATUS_MESSAGES
+from anser.simulation.fleet_summary import ARRIVAL_MARGIN_S
 
 FORMAT_VERSION = 1
-ARRIVAL_MARGIN_S = 10.0
-"""How long after its planned arrival an aircraft may still arrive, s."""
 CLEARANCE_MIN_M = {"surface": SURFACE_STAND_OFF_MIN_M, "airborne": AIRBORNE_STAND_OFF_MIN_M}
 """Least distance from a goal of each kind: the product's scope, whatever a scenario says."""
 
