@@ -58,8 +58,7 @@ class CertifiedPlanned(Planned):
         """Why there is no plan, or why it cannot be flown as it stands, one sentence each; empty where it can."""
         if self.outcome.plan is None:
             return self.refusals
-        pairs = zip(self.scenario.aircraft, np.asarray(self.plan.feasible), strict=True)
-        return tuple(f'aircraft "{one.name}": {NOT_PROVEN}' for one, good in pairs if not good)
+        return not_proven(self.scenario, np.asarray(self.plan.feasible))
 
     def notes(self) -> tuple[str, ...]:
         """Where the plan differs from what the scenario prefers, the mean airspeed, in one sentence; or nothing."""
@@ -80,6 +79,12 @@ class CertifiedPlanned(Planned):
         """The fleet at its start, with the plan."""
         state = CertifiedPlanState(self.plan, jnp.asarray(FIRST), self.holds, self.tasks.limits)
         return begin(self.flight, self.fleet, state)
+
+
+def not_proven(scenario: Scenario, feasible: np.ndarray) -> tuple[str, ...]:
+    """Whose paths are delivered without a proof, one sentence each."""
+    pairs = zip(scenario.aircraft, feasible, strict=True)
+    return tuple(f'aircraft "{one.name}": {NOT_PROVEN}' for one, good in pairs if not good)
 
 
 def arrival_request(scenario: Scenario) -> ArrivalRequest:

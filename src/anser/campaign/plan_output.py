@@ -9,7 +9,7 @@ import jax
 import numpy as np
 import xarray as xr
 
-from anser.campaign.certified import NOT_PROVEN, CertifiedPlanned
+from anser.campaign.certified import NOT_PROVEN, CertifiedPlanned, not_proven
 from anser.campaign.plan_interface import Planned
 from anser.campaign.plan_samples import PlannedPath, sample_plan, sample_times
 from anser.campaign.planned import PublishedPlanned
@@ -117,9 +117,7 @@ def record_certified(
         lengths_m=np.asarray(made.lengths),
         notes=notes,
         messages=tuple(None if ok else NOT_PROVEN for ok in good),
-        problems=tuple(
-            f'aircraft "{a.name}": {NOT_PROVEN}' for a, ok in zip(scenario.aircraft, good, strict=True) if not ok
-        ),
+        problems=not_proven(scenario, good),
         limits=_limits(scenario, asked),
         bounds={limit.key: np.asarray(getattr(found.bounds, limit.field)) for limit in CERTIFIED_LIMITS},
         separation_bound=ratio if math.isfinite(ratio) else None,

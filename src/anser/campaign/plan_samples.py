@@ -48,16 +48,7 @@ def sample_times(start_s: float, arrival_times: np.ndarray) -> tuple[np.ndarray,
 
 
 def asked_of(path: PlannedPath, time: ScalarLike, gravity: ScalarLike) -> dict[str, Scalar]:
-    """What a path asks at a time, by key of `anser.variables`; SI units and radians.
-
-    Parameters
-    ----------
-    path
-        Of one aircraft.
-    time
-        s.
-    gravity
-        m/s^2.
+    """What the path of one aircraft asks at a time (s), by key of `anser.variables`; SI units and radians.
 
     Notes
     -----

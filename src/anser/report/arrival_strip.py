@@ -14,17 +14,9 @@ _TALL, _ROW_MAX, _ROW_MIN, _ROW_NAMED = 260.0, 24.0, 4.0, 11.0
 
 
 def arrival_strip(summary: Mapping[str, Any]) -> str:
-    """Draw the arrivals against the planned ones: early to the left, late to the right.
+    """Draw the arrivals of a `summary.json` against the planned ones: early to the left, late to the right.
 
-    Parameters
-    ----------
-    summary
-        As `summary.json` holds it.
-
-    Returns
-    -------
-    str
-        A figure; empty where fewer than two aircraft have both times.
+    Empty where fewer than two aircraft have both times.
     """
     rows = [
         (k, str(row["name"]), float(row["arrival_s"]) - float(row["planned_arrival_s"]))
@@ -44,7 +36,7 @@ def arrival_strip(summary: Mapping[str, Any]) -> str:
 
     parts = [
         f'<line x1="{x(t):.1f}" x2="{x(t):.1f}" y1="0" y2="{bottom:.1f}" stroke="{_INK if t == 0 else _GRID}"/>'
-        f'<text x="{x(t):.1f}" y="{bottom + 14:.1f}" text-anchor="middle">{_printed(t)}</text>'
+        f'<text x="{x(t):.1f}" y="{bottom + 14:.1f}" text-anchor="middle">{f"{t:.6g}".replace("-", "−")}</text>'
         for t in ticks
     ]
     for place, (k, name, offset) in enumerate(rows):
@@ -75,7 +67,3 @@ def _ticks(low: float, high: float) -> list[float]:
     step = next(size * m for m in (0.2, 0.25, 0.5, 1.0, 2.0, 5.0) if reach / (size * m) <= 5.5)
     first, last = int(np.floor(low / step + 1e-9)), int(np.ceil(high / step - 1e-9))
     return [float(k * step) for k in range(first, last + 1)]
-
-
-def _printed(value: float) -> str:
-    return f"{value:.6g}".replace("-", "−")

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from anser.report.opening import number, text
+from anser.report.opening import number, scroll_table, text
 
 _FIGURES = (
     ("arrival_spread_s", "Arrival spread", "s", 4),
@@ -22,15 +22,7 @@ _MOST = 200  # rows of differing keys
 
 
 def difference_table(runs: Sequence[tuple[str, Mapping[str, Any]]], scenarios: Sequence[Mapping[str, Any]]) -> str:
-    """Figures of both runs with their difference, then every key in which the scenarios differ.
-
-    Parameters
-    ----------
-    runs
-        Label and summary of each.
-    scenarios
-        Of each; may be empty.
-    """
+    """Figures of two runs (label, summary) with their difference, then every key in which the scenarios differ."""
     first, second = (summary for _, summary in runs)
     rows = [
         _row(words, unit, digits, first["fleet"].get(key), second["fleet"].get(key))
@@ -40,10 +32,7 @@ def difference_table(runs: Sequence[tuple[str, Mapping[str, Any]]], scenarios: S
         values = [[row[key] for row in summary["aircraft"] if row[key] is not None] for summary in (first, second)]
         rows.append(_row(words, unit, digits, *(worst(v) if v else None for v in values)))
     heads = "".join(f"<th>{text(label)}</th>" for label, _ in runs)
-    table = (
-        f'<div class="scroll"><table><thead><tr><th class="text">Figure</th>{heads}<th>second less first</th></tr>'
-        f"</thead><tbody>{''.join(rows)}</tbody></table></div>"
-    )
+    table = scroll_table(f'<th class="text">Figure</th>{heads}<th>second less first</th>', "".join(rows))
     return f'<section id="differences"><h2>What differs</h2>{table}{_keys(runs, scenarios)}</section>'
 
 
@@ -84,10 +73,7 @@ def _keys(runs: Sequence[tuple[str, Mapping[str, Any]]], scenarios: Sequence[Map
         for path, one, other in found[:_MOST]
     )
     rest = f'<p class="caption">and {len(found) - _MOST} more</p>' if len(found) > _MOST else ""
-    return (
-        f'<div class="scroll"><table><thead><tr><th class="text">Key of the scenario</th>{heads}</tr></thead>'
-        f"<tbody>{body}</tbody></table></div>{rest}"
-    )
+    return scroll_table(f'<th class="text">Key of the scenario</th>{heads}', body) + rest
 
 
 def _value(value: Any) -> str:

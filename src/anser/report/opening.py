@@ -25,6 +25,11 @@ def number(value: float | None, digits: int) -> str:
     return f"{value:,.{digits}f}".replace("-", "−")
 
 
+def scroll_table(heads: str, body: str) -> str:
+    """Table that scrolls where it is wider than the page, from its cells of the head and its rows."""
+    return f'<div class="scroll"><table><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table></div>'
+
+
 def answer(summary: Mapping[str, Any], scenario: Mapping[str, Any]) -> str:
     """Say whether they arrived together and by how much, and name what was not met.
 
@@ -118,10 +123,8 @@ def aircraft_table(rows: Sequence[Mapping[str, Any]]) -> str:
     heads = "".join(f"<th>{heading}<small>{unit}</small></th>" for _, heading, unit, _ in _COLUMNS)
     heads += '<th class="text">Path</th>' if has_paths else ""
     body = "".join(_aircraft_row(index, row, has_paths) for index, row in enumerate(rows))
-    return (
-        '<div class="scroll"><table><thead><tr><th class="text">Aircraft</th><th class="text">Goal</th>'
-        f'{heads}<th class="text">Status</th></tr></thead><tbody>{body}</tbody></table></div>'
-    )
+    left, right = '<th class="text">Aircraft</th><th class="text">Goal</th>', '<th class="text">Status</th>'
+    return scroll_table(left + heads + right, body)
 
 
 # Key of the summary's row of an aircraft: heading, unit, decimals.

@@ -13,7 +13,7 @@ import xarray as xr
 from anser.report.arrival_strip import arrival_strip
 from anser.report.comparison import difference_table
 from anser.report.flight_data import as_script, check_flight, flight_data
-from anser.report.flight_margins import Margin, margins_of
+from anser.report.flight_margins import margins_of
 from anser.report.flight_panels import SECTIONS
 from anser.report.flown_beside_plan import derive, scenario_of
 from anser.report.opening import aircraft_table, answer, cards, margins_list, number, text
@@ -92,22 +92,13 @@ def _write(runs: list[_Run], path: Path, overwrite: bool) -> None:
 
 def _page(runs: list[_Run]) -> str:
     scenarios = [scenario_of(dataset) for _, dataset, _ in runs]
-    wholes = [derive(dataset, scenario) for (_, dataset, _), scenario in zip(runs, scenarios, strict=True)]
-    margins = [margins_of(w, summary, s) for w, (_, _, summary), s in zip(wholes, runs, scenarios, strict=True)]
-    data = {
-        "colors": COLORS,
-        "runs": [
-            flight_data(w, summary, s, label) for w, (label, _, summary), s in zip(wholes, runs, scenarios, strict=True)
-        ],
-    }
+    shown = [(derive(run[1], scenario), run[2], scenario) for run, scenario in zip(runs, scenarios, strict=True)]
+    data = {"colors": COLORS, "runs": [flight_data(*of, run[0]) for of, run in zip(shown, runs, strict=True)]}
     scripts = [_asset(name) for name in _SCRIPTS]
     single = len(runs) == 1
     labels = [text(label) for label, _, _ in runs]
     title = labels[0] if single else f"{labels[0]} beside {labels[1]}"
-    openings = [
-        _opening(label, whole, summary, scenario, own, single)
-        for label, whole, (_, _, summary), scenario, own in zip(labels, wholes, runs, scenarios, margins, strict=True)
-    ]
+    openings = [_opening(None if single else label, *of) for label, of in zip(labels, shown, strict=True)]
     lead = text(runs[0][1].attrs.get("description", "")) if single else "Two runs over one time, with equal axes."
     beside = "" if single else difference_table([(label, summary) for label, _, summary in runs], scenarios)
     tables = [aircraft_table(summary["aircraft"]) for _, _, summary in runs]
@@ -192,15 +183,9 @@ def _stage(k: int) -> str:
     return f'<div class="scene-place" data-run="{k}"></div><div class="list-place" data-run="{k}"></div>'
 
 
-def _opening(
-    label: str,
-    dataset: xr.Dataset,
-    summary: Mapping[str, Any],
-    scenario: Mapping[str, Any],
-    margins: Sequence[Margin],
-    single: bool,
-) -> str:
-    name = "" if single else f'<p class="run-name"><b>{label}</b></p>'
+def _opening(label: str | None, dataset: xr.Dataset, summary: Mapping[str, Any], scenario: Mapping[str, Any]) -> str:
+    name = f'<p class="run-name"><b>{label}</b></p>' if label is not None else ""
+    margins = margins_of(dataset, summary, scenario)
     rest = margins[_TIGHTEST:]
     more = f'<details class="more"><summary>{len(rest)} more</summary>{margins_list(rest)}</details>' if rest else ""
     return (

@@ -21,23 +21,7 @@ _FAR = 2.0  # a ceiling that is farther above the paths than so many times their
 def draw_over_time(
     axes: "Axes", dataset: xr.Dataset, pens: list[PlanPen], name: str, limits: tuple[str, ...], both: bool
 ) -> None:
-    """Draw one variable of all aircraft, and its limits (`both`: also to the other side).
-
-    Parameters
-    ----------
-    axes
-        To draw into.
-    dataset
-        A plan.
-    pens
-        Of the aircraft.
-    name
-        Of the variable over (time, aircraft).
-    limits
-        Names of what is limited, over (aircraft,).
-    both
-        Whether each limit holds with either sign.
-    """
+    """Draw one variable of all aircraft, and its limits by their names without `limit_` (`both`: with either sign)."""
     _lines(axes, dataset, pens, name)
     values = [float(value) for limit in limits for value in np.unique(dataset[f"limit_{limit}"].values)]
     for value in [sign * value for value in values if np.isfinite(value) for sign in ((1.0, -1.0) if both else (1.0,))]:

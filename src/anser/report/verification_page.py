@@ -92,8 +92,8 @@ def _section(check: Mapping[str, Any], plot: str | None) -> str:
                         c["where"],
                         _figure(c["expected"]),
                         _figure(c["obtained"]),
-                        _short(c["error"]),
-                        _short(c["tolerance"]) + _own_reason(c, check),
+                        _figure(c["error"], 2),
+                        _figure(c["tolerance"], 2) + _own_reason(c, check),
                         c["unit"],
                     )
                     for c in shown
@@ -141,12 +141,8 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines) + "\n"
 
 
-def _figure(value: float | None) -> str:
-    return "" if value is None else f"{value:.10g}"
-
-
-def _short(value: float | None) -> str:
-    return "" if value is None else f"{value:.2g}"
+def _figure(value: float | None, digits: int = 10) -> str:
+    return "" if value is None else f"{value:.{digits}g}"
 
 
 def _anchor(title: str) -> str:

@@ -166,10 +166,9 @@ def _attributes(details: PlanDetails) -> dict[str, Any]:
     }
     if scenario.separation.asked_m is not None:
         found["separation_horizontal_m"], found["separation_vertical_m"] = scenario.separation.asked_m
-    if scenario.requirements.separation_min_m is not None:
-        found["distance_limit_m"] = scenario.requirements.separation_min_m
-    if details.separation_bound is not None:
-        found["separation_bound"] = details.separation_bound
-    if details.hold_separation_bound is not None:
-        found["hold_separation_bound"] = details.hold_separation_bound
-    return found | version_attributes()
+    known = {
+        "distance_limit_m": scenario.requirements.separation_min_m,
+        "separation_bound": details.separation_bound,
+        "hold_separation_bound": details.hold_separation_bound,
+    }
+    return found | {name: value for name, value in known.items() if value is not None} | version_attributes()

@@ -7,13 +7,7 @@ _AIRCRAFT_MOST = 6  # with a line each
 
 
 def summary_text(summary: Mapping[str, Any]) -> str:
-    """Say who arrived when, how far they missed, and what was not met; of a large fleet the first aircraft only.
-
-    Parameters
-    ----------
-    summary
-        As `summarize` makes it.
-    """
+    """Say who arrived when, how far they missed, and what was not met; of a large fleet the first aircraft only."""
     rows, fleet = summary["aircraft"], summary["fleet"]
     arrived = sum(row["status"] == "arrived" for row in rows)
     unmet = [entry["name"] for entry in summary["requirements"] if not entry["met"]]

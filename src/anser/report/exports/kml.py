@@ -27,14 +27,7 @@ def to_kml(dataset: xr.Dataset, summary: Mapping[str, Any], start: datetime) -> 
 
     Heights are written as absolute. `gx:angles` are heading, tilt and roll as KML counts them, each clockwise about its
     axis seen from the axis' tip: tilt and roll are minus pitch and minus roll of the flight. No model and no picture is
-    referred to.
-
-    Parameters
-    ----------
-    dataset, summary
-        A flight, as `flight.nc` and `summary.json` hold it.
-    start
-        Date and time at which the flight's time is 0.
+    referred to. Arguments as of `to_czml`.
     """
     root = ET.Element("kml", {"xmlns": _KML, "xmlns:gx": _GX})
     document = _child(root, "Document")

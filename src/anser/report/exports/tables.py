@@ -2,7 +2,6 @@
 
 import importlib.util
 import io
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -44,7 +43,7 @@ def to_parquet(dataset: xr.Dataset) -> bytes:
         for name, values in columns.items()
     }
     labels = {"time_s": {"units": "s", "long_name": "Time"}, "aircraft": {"long_name": "Aircraft"}} | {
-        str(name): _labels(dataset[name]) for name in dataset.data_vars
+        str(name): {key: str(of.attrs[key]) for key in _LABELS if key in of.attrs} for name, of in dataset.items()
     }
     fields = [pa.field(name, array.type, metadata=labels[name]) for name, array in arrays.items()]
     schema = pa.schema(fields, metadata={key: str(value) for key, value in dataset.attrs.items()})
@@ -62,7 +61,3 @@ def _columns(dataset: xr.Dataset) -> list[tuple[str, np.ndarray]]:
         ("aircraft", np.repeat(names, times)),
         *((str(name), values.transpose("aircraft", "time").values.ravel()) for name, values in dataset.items()),
     ]
-
-
-def _labels(values: xr.DataArray) -> dict[Any, Any]:
-    return {key: str(values.attrs[key]) for key in _LABELS if key in values.attrs}
