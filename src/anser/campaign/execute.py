@@ -7,15 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
 from anser.campaign.batches import Progress, silent
 from anser.campaign.plan_interface import NoPlanError, Planned
 from anser.campaign.planned import plan
-from anser.compiling import compiled
+from anser.compiling import Prepared, compiled
+from anser.numerics import as_array
 from anser.report import write_report
 from anser.results import (
     summarize,
@@ -26,12 +25,17 @@ from anser.results import (
     write_summary,
 )
 from anser.scenario import Scenario
-from anser.simulation import SEGMENT_STEPS, fly
+from anser.simulation import SEGMENT_STEPS, Flight, FlightState, fly
 
 _FILES = ("flight.nc", "summary.json", "report.html")
 
 fly_segment = compiled(functools.partial(fly, one_kernel=True))
 """One segment of a flight by itself, compiled; see `anser.simulation.fly`."""
+
+
+def prepare_flight(flight: Flight, state: FlightState) -> Prepared:
+    """Begin with the program of a flight's segments, for a state or the shapes of one."""
+    return fly_segment.prepare(flight, state, as_array(0, np.int32))
 
 
 @dataclass(frozen=True, repr=False)
@@ -129,7 +133,7 @@ def run(scenario: Scenario, progress: Progress | None = None) -> Flown:
     """
     on_progress = progress or silent
     began = clock.perf_counter()
-    planned = plan(scenario, lambda what: on_progress(what, 0.0))
+    planned = plan(scenario, lambda what: on_progress(what, 0.0), prepare_flight)
     if planned.refusals:
         raise NoPlanError(planned.refusals)
     flight, state = planned.flight, planned.begun()
@@ -139,8 +143,8 @@ def run(scenario: Scenario, progress: Progress | None = None) -> Flown:
     segments = []
     count = -(-(steps + 1) // SEGMENT_STEPS)
     for k in range(count):
-        state, _, history = fly_segment(flight, state, jnp.asarray(k * SEGMENT_STEPS, dtype=jnp.int32))
-        segments.append(jax.tree.map(np.asarray, history))
+        state, _, history = fly_segment(flight, state, as_array(k * SEGMENT_STEPS, np.int32))
+        segments.append({key: np.asarray(rows)[:, : len(scenario.aircraft)] for key, rows in history.items()})
         on_progress("flying", (k + 1) / count)
     history = {key: np.concatenate([part[key] for part in segments])[: steps + 1] for key in segments[0]}
     time_s = np.arange(steps + 1) * timing.step_s
