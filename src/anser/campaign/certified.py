@@ -12,8 +12,8 @@ from anser.campaign.refusal import explain, explain_missing_holds
 from anser.campaign.untrimmable import refuse_untrimmable
 from anser.compiling import compiled_quickly, enable_compilation_cache
 from anser.numerics import as_array, leading
+from anser.planning import turn_words
 from anser.planning.certified import FIRST, AircraftTask, Airspace, ArrivalRequest, CertifiedPlan, FleetTask, Outcome
-from anser.results import turn_words
 from anser.scenario import Scenario, build_flight
 from anser.simulation import (
     CertifiedPlanner,
@@ -24,8 +24,10 @@ from anser.simulation import (
     trimmed_fleet,
 )
 
-_trimmed = compiled_quickly(trimmed_fleet)
-_begun = compiled_quickly(begin)
+trimmed = compiled_quickly(trimmed_fleet)
+"""`trimmed_fleet`, compiled."""
+begun = compiled_quickly(begin)
+"""`begin`, compiled."""
 NOT_PROVEN = "nothing proves that it keeps its limits, the separation and the keep-outs"
 """Message of a path that the certified planner delivers without a proof."""
 
@@ -86,7 +88,7 @@ class CertifiedPlanned(Planned):
         if self.outcome.plan is None:
             raise NoPlanError(self.refusals)
         state = CertifiedPlanState(self.outcome.plan, as_array(FIRST, np.int64), self.holds, self.tasks.limits)
-        return _begun(self.flight, self.fleet, state)
+        return begun(self.flight, self.fleet, state)
 
 
 def not_proven(scenario: Scenario, feasible: np.ndarray) -> tuple[str, ...]:
@@ -134,7 +136,7 @@ def plan_certified(
     enable_compilation_cache()
     on_progress("trimming")
     flight, count = build_flight(scenario, filled_up=True), len(scenario.aircraft)
-    fleet = _trimmed(flight)
+    fleet = trimmed(flight)
     refuse_untrimmable(scenario, flight, leading(fleet.trims, count))
     planner = flight.planner
     if not isinstance(planner, CertifiedPlanner):

@@ -29,6 +29,10 @@ class NoPlanError(Exception):
         self.reasons = reasons
 
 
+class PlanFileError(ValueError):
+    """A file that holds no plan, or not one for the scenario."""
+
+
 @dataclass(frozen=True, repr=False)
 class Planned(abc.ABC):
     """The first plan of a scenario; printed, it is when the aircraft arrive and what is wrong.

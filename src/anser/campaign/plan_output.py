@@ -14,14 +14,13 @@ from anser.campaign.plan_interface import Planned
 from anser.campaign.plan_samples import PlannedPath, sample_plan, sample_times
 from anser.campaign.planned import PublishedPlanned
 from anser.numerics import leading
-from anser.planning import CERTIFIED_LIMITS, LIMIT_MESSAGES, LIMITS, PLAN_MESSAGES, PathLimits
+from anser.planning import CERTIFIED_LIMITS, LIMIT_MESSAGES, LIMITS, PLAN_MESSAGES, PathLimits, turn_words
 from anser.planning.certified import AircraftTask, CertifiedPlan
 from anser.report import draw_plan
 from anser.results import (
     PlanDetails,
     plan_dataset,
     plan_summary,
-    turn_words,
     write_summary,
     write_trajectories,
 )

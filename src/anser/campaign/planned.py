@@ -14,8 +14,15 @@ from anser.campaign.plan_interface import SPEED_TOLERANCE, Ahead, Planned
 from anser.campaign.untrimmable import refuse_untrimmable
 from anser.compiling import compiled, compiled_quickly, enable_compilation_cache
 from anser.numerics import leading
-from anser.planning import LIMIT_MESSAGES, PLAN_MESSAGES, FleetPlan, LimitReport, check_limits, separation_min
-from anser.results import bend_words
+from anser.planning import (
+    LIMIT_MESSAGES,
+    PLAN_MESSAGES,
+    FleetPlan,
+    LimitReport,
+    bend_words,
+    check_limits,
+    separation_min,
+)
 from anser.scenario import Scenario, build_flight, build_path_limits
 from anser.scenario.schema_aircraft import Aircraft
 from anser.simulation import (

@@ -9,6 +9,7 @@ import typer
 
 from anser.cli.arguments import ScenarioPath
 from anser.cli.console import (
+    RefusedError,
     answer,
     end_without,
     line,
@@ -22,10 +23,13 @@ from anser.cli.console import (
     say,
 )
 from anser.cli.offering import about
+from anser.cli.run_folder import PLAN
 from anser.scenario import Scenario, ScenarioError, cautions, load, write_starter
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from anser.campaign import Planned
 
 
 def _loaded(path: Path) -> Scenario:
@@ -40,6 +44,7 @@ def _loaded(path: Path) -> Scenario:
     "anser run scenarios/three-aircraft.toml",
     "anser run scenarios/storm-sampling.toml --out runs/storm",
     "anser run scenarios/three-aircraft.toml --json --quiet > summary.json",
+    "anser run scenarios/twenty-aircraft.toml --plan plans/twenty",
     unmet="flown, but a requirement was not met; or there is no plan",
 )
 def run(
@@ -52,22 +57,31 @@ def run(
             show_default=False,
         ),
     ] = None,
+    plan: Annotated[
+        Path | None,
+        typer.Option(help="Folder that anser plan --out wrote: its plan is flown, none is made.", show_default=False),
+    ] = None,
 ) -> None:
     """Fly a scenario, write its results into a new folder and print a table."""
     wanted = _loaded(scenario)
+    if plan is not None and not (plan / PLAN).is_file():
+        words = f"a folder without {PLAN}" if plan.is_dir() else "no folder"
+        raise RefusedError(f"--plan: arrived {plan}, {words}; expected a folder that anser plan --out wrote")
     if out is not None:
         make_new(out)
     target = out if out is not None else make_next(Path("runs") / wanted.name)
-    from anser.campaign import NoPlanError
+    from anser.campaign import NoPlanError, PlanFileError
     from anser.campaign import run as fly  # here: a misspelt key must not wait for plotting libraries
 
     try:
         with progress_bar() as tell:
-            flown = fly(wanted, tell)
+            flown = fly(wanted, tell, None if plan is None else _finished_plan(plan, wanted))
             tell("writing", 1.0)
             flown.write_into(target)
     except NoPlanError as error:
         end_without("no plan", error.reasons, "no plan: ")
+    except PlanFileError as error:
+        raise RefusedError(f"--plan: {error}") from None
     finally:
         with contextlib.suppress(OSError):
             target.rmdir()  # succeeds only while it is empty: a flight that did not end leaves nothing behind
@@ -81,6 +95,12 @@ def run(
         for beyond in flown.planned.problems():
             problem(f"planned beyond the limits: {beyond}")
         _fail_unmet(flown.summary, stopped_s)
+
+
+def _finished_plan(folder: Path, wanted: Scenario) -> "Planned":
+    from anser.campaign import read_plan
+
+    return read_plan(folder / PLAN, wanted)
 
 
 @about("anser check scenarios/three-aircraft.toml", "anser check mine.toml --json")

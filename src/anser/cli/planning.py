@@ -21,9 +21,11 @@ from anser.cli.console import (
     working,
 )
 from anser.cli.offering import about
+from anser.cli.run_folder import PLAN
 from anser.scenario import Scenario, cautions, load
 
 if TYPE_CHECKING:
+    from anser.campaign import Planned
     from anser.campaign.plan_output import RecordedPlan
 
 _UNITS = {"m": ("m", 0), "m s-1": ("m/s", 1), "m s-2": ("m/s^2", 2), "degree": ("deg", 1), "1": ("", 2)}
@@ -40,7 +42,9 @@ def plan(
     scenario: ScenarioPath,
     out: Annotated[
         Path | None,
-        typer.Option(help="New folder for plan.json, trajectories.csv, plan.png, plan.svg.", show_default=False),
+        typer.Option(
+            help="New folder for plan.json, trajectories.csv, plan.png, plan.svg, plan.npz.", show_default=False
+        ),
     ] = None,
 ) -> None:
     """Plan a scenario without flying it: arrival times, each aircraft's path, what it leaves to the limits."""
@@ -49,11 +53,14 @@ def plan(
         say(f"caution: {caution}")
     if out is not None:
         make_new(out)
+    from anser.campaign import write_plan  # here: a misspelt key must not wait for plotting libraries
+
     try:
         with working("planning") as tell:
-            recorded = _recorded(wanted, tell)
+            planned, recorded = _recorded(wanted, tell)
             if out is not None:
                 recorded.write_into(out)
+                write_plan(planned, out / PLAN)
     finally:
         if out is not None:
             with contextlib.suppress(OSError):
@@ -61,7 +68,7 @@ def plan(
     answer(lambda: recorded.summary)
     _print(recorded)
     if out is not None:
-        say(f"{out}: plan.json, trajectories.csv, plan.png, plan.svg written")
+        say(f"{out}: plan.json, trajectories.csv, plan.png, plan.svg, plan.npz written")
     for note in recorded.summary["notes"]:
         say(f"note: {note}")
     for found in recorded.summary["problems"]:
@@ -70,15 +77,15 @@ def plan(
         raise typer.Exit(1)
 
 
-def _recorded(wanted: Scenario, on_progress: Callable[[str], None]) -> "RecordedPlan":
+def _recorded(wanted: Scenario, on_progress: Callable[[str], None]) -> "tuple[Planned, RecordedPlan]":
     """Plan; where the planner refuses, say why and stop with exit code 1."""
-    from anser.campaign import plan as make  # here: a misspelt key must not wait for plotting libraries
+    from anser.campaign import plan as make
     from anser.campaign.plan_output import record
 
     planned = make(wanted, on_progress)
     if planned.refusals:
         end_without("no plan", planned.refusals, "no plan: ")
-    return record(planned)
+    return planned, record(planned)
 
 
 def _print(recorded: "RecordedPlan") -> None:

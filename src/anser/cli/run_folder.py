@@ -9,7 +9,7 @@ from anser.cli.console import RefusedError
 if TYPE_CHECKING:
     import xarray as xr
 
-FLIGHT, SUMMARY = "flight.nc", "summary.json"
+FLIGHT, SUMMARY, PLAN = "flight.nc", "summary.json", "plan.npz"
 
 
 def read_run(folder: Path) -> tuple["xr.Dataset", dict[str, Any]]:
