@@ -13,7 +13,7 @@ from anser.cli.console import RefusedError, problem
 from anser.cli.dispersing import robustness
 from anser.cli.exporting import export
 from anser.cli.figures import figures
-from anser.cli.flights import check, new, run
+from anser.cli.flights import check, convert, new, run
 from anser.cli.linearizing import linearize
 from anser.cli.margins import margins
 from anser.cli.offering import offer
@@ -58,6 +58,7 @@ for _command in (
     export,
     figures,
     new,
+    convert,
     cache,
 ):
     offer(app, _command)

@@ -25,6 +25,10 @@ from anser.cli.console import (
 from anser.cli.offering import about
 from anser.cli.run_folder import PLAN
 from anser.scenario import Scenario, ScenarioError, cautions, load, write_starter
+from anser.scenario import convert as as_format
+from anser.scenario.load import read_text
+from anser.scenario.schema import DEFAULT_PLANNERS, FORMAT
+from anser.scenario.template import write_new
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -133,6 +137,21 @@ def check(scenario: ScenarioPath) -> None:
     )
     line(f"{scenario}: good. {wanted.name}: {fleet}, {goals}, {wanted.timing.duration_s:g} s.")
     line(f"Next: anser plan {scenario}")
+
+
+@about("anser convert old.toml new.toml", "anser convert new.toml old.toml --format 1")
+def convert(
+    scenario: ScenarioPath,
+    path: Annotated[Path, typer.Argument(help="File to write; it must not exist.", show_default=False)],
+    format_: Annotated[int, typer.Option("--format", help="Format to write: 1 or 2.")] = FORMAT,
+) -> None:
+    """Write a scenario file in another format: it flies as it did, and its comments stay."""
+    if format_ not in DEFAULT_PLANNERS:
+        raise RefusedError(f"--format: arrived {format_}; expected {' or '.join(map(str, DEFAULT_PLANNERS))}")
+    text = as_format(read_text(scenario), str(scenario), format_)
+    write_new(path, text)
+    answer(lambda: {"format_version": 1, "file": str(path), "format": format_})
+    line(f"{path}: written in format {format_}. Next: anser check {path}")
 
 
 @about("anser new mine.toml")
