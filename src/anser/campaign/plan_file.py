@@ -46,7 +46,7 @@ def write_plan(planned: Planned, path: Path) -> None:
         **version_attributes(),
     }
     with path.open("xb") as file:
-        np.savez(file, about=np.array(json.dumps(about)), **arrays)
+        np.savez(file, allow_pickle=False, about=np.array(json.dumps(about)), **arrays)
 
 
 def read_plan(path: Path, scenario: Scenario) -> Planned:

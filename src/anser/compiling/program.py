@@ -9,7 +9,7 @@ import pickle
 import threading
 import weakref
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Generic, ParamSpec, Protocol, TypeVar
 
 import equinox as eqx
@@ -37,6 +37,7 @@ class ProgramStore(Protocol):
 
 _in_use: list[ProgramStore] = []
 _watchers: list[Callable[[bool], None]] = []
+_announcing: list[None] = []
 _programs: "weakref.WeakSet[Program[..., Any]]" = weakref.WeakSet()
 
 
@@ -57,12 +58,16 @@ def watching(on_compiling: Callable[[bool], None]) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _announced() -> Iterator[None]:
-    for tell in _watchers:
+    """Tell the watchers, once where this is entered within itself."""
+    watchers = [] if _announcing else list(_watchers)
+    _announcing.append(None)
+    for tell in watchers:
         tell(True)
     try:
         yield
     finally:
-        for tell in _watchers:
+        _announcing.pop()
+        for tell in watchers:
             tell(False)
 
 
@@ -181,23 +186,22 @@ class Prepared:
     """
 
     def __init__(self, shapes: Any, make: Callable[[], Callable[..., list[Any]]], *, compiles: bool) -> None:
-        self.shapes, self._make, self._compiles = shapes, make, compiles
-        self._made: Future[Callable[..., list[Any]]] | None = None
+        self.shapes, self._made, self._compiles, self._begun = shapes, make, compiles, False
         if not compiles:
             self.begin()
 
     def begin(self) -> "Prepared":
         """Have it made, in a thread of its own."""
-        if self._made is None:
-            self._made = _beside.submit(self._make)
+        if not self._begun:
+            self._made, self._begun = _beside.submit(self._made).result, True
         return self
 
     @functools.cached_property
     def function(self) -> Callable[[list[Any]], Any]:
         """The program, as soon as it is there: arrays in, result out."""
         with _announced() if self._compiles else contextlib.nullcontext():
-            made = self._make() if self._made is None else self._made.result()
-        del self._make, self._made  # and the arrays that they were made for
+            made = self._made()
+        self._made, self._begun = (lambda: made), True  # the arrays that it was made for go
         return _returning(made, self.shapes)
 
 
@@ -249,7 +253,11 @@ class Program(Generic[_P, _R]):
         if traced or jax.config.jax_disable_jit or jax.config.jax_debug_nans:  # pyright: ignore[reportAttributeAccessIssue]
             return functools.partial(self._within, *args, **kwargs)
         arrays, static = self._parted(args, kwargs)
-        return functools.partial(self._prepared(arrays, static).function, arrays)
+        prepared = self._known(arrays, static)
+        if prepared is None:
+            with _announced():
+                return functools.partial(self._prepared(arrays, static).function, arrays)
+        return functools.partial(prepared.function, arrays)
 
     def prepare(self, *args: Any, **kwargs: Any) -> Prepared:
         """Begin with the program for arguments of such shapes: `jax.ShapeDtypeStruct` may stand for arrays."""
@@ -288,10 +296,26 @@ class Program(Generic[_P, _R]):
             return None
 
     def _prepared(self, arrays: list[Any], static: tuple[Any, Any]) -> Prepared:
-        """The program for such arguments: from the store, or to be compiled and put there."""
-        called = (static, tuple((one.shape, one.dtype, getattr(one, "weak_type", False)) for one in arrays), settings())
+        """The program for such arguments: known, or traced to be compiled and put into the store."""
+        prepared = self._known(arrays, static)
+        if prepared is None:
+            with _announced():
+                prepared = Prepared(*self._compiling(arrays, static), compiles=True)
+            self._ready[self._called(arrays, static)] = prepared
+        return prepared
+
+    def _called(self, arrays: list[Any], static: tuple[Any, Any]) -> Any:
+        shapes = tuple((one.shape, one.dtype, getattr(one, "weak_type", False)) for one in arrays)
+        return static, shapes, settings()
+
+    def _known(self, arrays: list[Any], static: tuple[Any, Any]) -> Prepared | None:
+        """The program for such arguments that this process has, or the store; None: neither."""
+        called = self._called(arrays, static)
         if called not in self._ready:
-            self._ready[called] = self._kept(arrays, static) or self._anew(arrays, static)
+            kept = self._kept(arrays, static)
+            if kept is None:
+                return None
+            self._ready[called] = kept
         return self._ready[called]
 
     def _kept(self, arrays: list[Any], static: tuple[Any, Any]) -> Prepared | None:
@@ -311,11 +335,6 @@ class Program(Generic[_P, _R]):
 
             return Prepared(shapes, loaded, compiles=False)
         return None
-
-    def _anew(self, arrays: list[Any], static: tuple[Any, Any]) -> Prepared:
-        with _announced():
-            shapes, make = self._compiling(arrays, static)
-        return Prepared(shapes, make, compiles=True)
 
     def _compiling(
         self, arrays: list[Any], static: tuple[Any, Any]

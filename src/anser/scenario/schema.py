@@ -38,7 +38,7 @@ FORMAT = 2
 """The newest format of scenario files; those before it are read too."""
 DEFAULT_PLANNERS = {1: "published", 2: "certified"}
 """The planner that is meant where a file of a format names none."""
-_FORMATS = f"{FORMAT}, or 1 for a file of before"
+_FORMATS = f"{FORMAT} or 1, the formats that this anser reads"
 SEED_MAX = 2**32 - 1
 
 
