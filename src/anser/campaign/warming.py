@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from anser.campaign.batches import Progress, silent
-from anser.campaign.execute import fly_segment, prepare_flight
+from anser.campaign.execute import fly_segment, prepare_flight, without_replanning
 from anser.campaign.linearizing import linearize
 from anser.campaign.planned import plan
 from anser.campaign.step_tests import PUBLISHED_STEPS
@@ -32,7 +32,8 @@ def warm(scenarios: Sequence[Scenario], progress: Progress | None = None) -> Non
     def fly(scenario: Scenario) -> None:
         planned = plan(scenario, ahead=prepare_flight)
         if not planned.refusals:
-            fly_segment.ready(planned.flight, planned.begun(), as_array(0, np.int32))
+            for flight in (without_replanning(planned.flight), planned.flight):
+                fly_segment.ready(flight, planned.begun(), as_array(0, np.int32))
 
     condition: dict[str, Any] = {"speed_m_s": 150.0, "altitude_m": 1000.0}
     tasks: list[tuple[str, Callable[[], Any]]] = [

@@ -26,12 +26,15 @@ class PublishedPlanState(eqx.Module):
         What each can hold with the engine idle in level flight at its start, m/s^2.
     flown
         Length of the path through the air flown so far, m.
+    asked
+        Whether a plan made anew was due that a planner which does not replan could not make.
     """
 
     plan: FleetPlan
     sides: Float[Array, " aircraft"]
     deceleration: Float[Array, " aircraft"]
     flown: Float[Array, " aircraft"]
+    asked: Flag
 
 
 class PublishedPlanner(AbstractPlanner):
@@ -47,12 +50,16 @@ class PublishedPlanner(AbstractPlanner):
         Mean airspeed that the plan gives to all, m/s.
     even_speed
         Whether paths are flown at an even speed rather than with the published time law.
+    replans
+        Whether the fleet is coordinated anew on the way where that is due. Without, it is a smaller program; its state
+        says where the other one is needed.
     """
 
     start_positions_n: Float[Array, "aircraft 3"]
     sides: Int[Array, " aircraft"]
     speed: Scalar
     even_speed: Flag
+    replans: bool = eqx.field(static=True, default=True)
 
     def first(self, time: ScalarLike, reports: Report, performance: Performance) -> PublishedPlanState:
         """Plan both ways, choose the sides of the detours, plan."""
@@ -71,13 +78,13 @@ class PublishedPlanner(AbstractPlanner):
         # A loop: one copy of the planning in the compiled code.
         begin = (requested, requested, zeros_as(planned, requested))
         _, sides, plan = jax.lax.fori_loop(0, 2, again, begin)
-        return PublishedPlanState(plan, sides, deceleration, flown)
+        return PublishedPlanState(plan, sides, deceleration, flown, jnp.asarray(False))
 
     def renew(self, memory: PublishedPlanState, time: ScalarLike, reports: Report) -> PublishedPlanState:
         """The rest of the same paths, or a fleet coordinated anew."""
         tasks = self._tasks(time, reports, memory.plan.speed, memory.flown, memory.deceleration)
-        plan = renew(memory.plan, time, tasks, memory.sides, self.even_speed)
-        return eqx.tree_at(lambda m: m.plan, memory, plan)
+        plan, asked = renew(memory.plan, time, tasks, memory.sides, self.even_speed, self.replans)
+        return eqx.tree_at(lambda m: (m.plan, m.asked), memory, (plan, memory.asked | asked))
 
     def observe(self, memory: PublishedPlanState, reports: Report, step: ScalarLike) -> PublishedPlanState:
         """Count the length flown."""

@@ -60,7 +60,8 @@ def renew(
     tasks: PlanningTask,
     sides: Real[Array, " aircraft"],
     even_speed: Flag | bool = False,
-) -> FleetPlan:
+    replans: bool = True,
+) -> tuple[FleetPlan, Flag]:
     """Plan again from the present state.
 
     Every path is fitted anew from where its aircraft is to where its rendezvous will be. The arrival time and the shape
@@ -81,6 +82,12 @@ def renew(
         Now, s.
     tasks, sides, even_speed
         As for `coordinate`; the lengths due are those at the plan's mean airspeed, which stands.
+    replans
+        Whether a fleet is coordinated anew where that is due.
+
+    Returns
+    -------
+    The plan, and whether it is not coordinated anew though that was due.
 
     Notes
     -----
@@ -93,7 +100,9 @@ def renew(
     mean_speed = (kept.lengths - tasks.path_length_deficit) / duration
     strayed = kept.goal_reachable & (jnp.abs(mean_speed / plan.speed - 1.0) > SPEED_BAND)
     anew = jnp.any((strayed | ~kept.converged) & tasks.active) & (duration[0] > COMMITTED_S)
+    if not replans:
+        return _standing(plan, kept, tasks.active), anew
     made = jax.lax.cond(
         anew, lambda: coordinate(time, tasks, plan.speed, sides, even_speed, under_way=True), lambda: kept
     )
-    return _standing(plan, made, tasks.active)
+    return _standing(plan, made, tasks.active), jnp.asarray(False)

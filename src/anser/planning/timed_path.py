@@ -77,8 +77,13 @@ class TimedPath(AbstractReference):
         """How long it lasts, s."""
         return self.times[-1] - self.times[0]
 
-    def _at(self, knots: Knots, time: ScalarLike) -> Float[Array, "3 3"]:
-        """Value, slope and second derivative; straight on at the last velocity after the end, at the first before."""
+    def _at(self, time: ScalarLike, knots: Knots, *more: Knots) -> Float[Array, "3 3"]:
+        """Value, slope and second derivative of a sum; on at the last velocity after the end, at the first before."""
+
+        def state_at(k: Array) -> Float[Array, "3 3"]:
+            # Of two knots only: sums of all of them would be made at every step of a flight.
+            return sum((other[k] for other in more), knots[k])
+
         # Not clip: its derivative at the ends themselves is one half.
         held = jnp.where(time < self.times[0], self.times[0], jnp.where(time > self.times[-1], self.times[-1], time))
         last = self.times.shape[0] - 1
@@ -88,22 +93,22 @@ class TimedPath(AbstractReference):
         k = jnp.clip(k, 0, last - 1)
         span = self.times[k + 1] - self.times[k]
         safe = jnp.where(span > 0.0, span, 1.0)
-        inside = hermite_quintic(knots[k], knots[k + 1], safe, (held - self.times[k]) / safe)
+        inside = hermite_quintic(state_at(k), state_at(k + 1), safe, (held - self.times[k]) / safe)
         beyond = time - held
         ahead = jnp.stack([inside[0] + beyond * inside[1], inside[1], jnp.zeros(3)])
         return jnp.where(beyond == 0.0, inside, ahead)
 
     def at(self, time: ScalarLike) -> PathPoint:
         """Motion over the ground at a time."""
-        return PathPoint(*self._at(self.air_n + self.drift_n, time))
+        return PathPoint(*self._at(time, self.air_n, self.drift_n))
 
     def air_velocity_n(self, time: ScalarLike) -> Vector3:
         """Velocity relative to the air, NED, m/s."""
-        return self._at(self.air_n, time)[1]
+        return self._at(time, self.air_n)[1]
 
     def states_n(self, time: ScalarLike) -> tuple[Float[Array, "3 3"], Float[Array, "3 3"]]:
         """Path through the air and drift, each as (order, axis), at a time."""
-        return self._at(self.air_n, time), self._at(self.drift_n, time)
+        return self._at(time, self.air_n), self._at(time, self.drift_n)
 
     def air_length(self, since: ScalarLike = -jnp.inf) -> Scalar:
         """Length of the path through the air, in space, from a time (s) on, m."""

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, Int
 
 from anser.compiling import compiled_quickly
 from anser.control import GuidanceSettings
-from anser.numerics import any_in_batch
+from anser.numerics import any_in_batch, as_array
 from anser.planning import AbstractPlanner, AircraftPlan, PathLimits, Performance, Report
 from anser.planning.certified import (
     FIRST,
@@ -43,12 +43,15 @@ class CertifiedPlanState(eqx.Module):
         What the aircraft fly after their arrival; None: what their own hold says.
     limits
         What each path may ask, the accelerations that its engine gives among it; leading axis aircraft.
+    asked
+        Whether a plan made anew was due that a planner which does not replan could not make.
     """
 
     plan: CertifiedPlan
     renewal: Count
     holds: PlannedHolds | None
     limits: PathLimits
+    asked: Flag = eqx.field(default_factory=lambda: as_array(False, bool))
 
 
 class CertifiedPlanner(AbstractPlanner):
@@ -74,6 +77,9 @@ class CertifiedPlanner(AbstractPlanner):
         But not beyond this, s.
     freeze
         A path stands as it is for this long before its arrival, s.
+    replans
+        Whether a plan is made anew on the way where one bent will not do. Without, it is a much smaller program; its
+        state says where the other one is needed.
     """
 
     sides: Int[Array, " aircraft"]
@@ -85,6 +91,7 @@ class CertifiedPlanner(AbstractPlanner):
     movable: Flag
     latest: Scalar
     freeze: Scalar
+    replans: bool = eqx.field(static=True, default=True)
 
     def first(self, time: ScalarLike, reports: Report, performance: Performance) -> CertifiedPlanState:
         """Search for a plan in which all arrive together, with holds up to the latest arrival: not to be traced.
@@ -157,10 +164,12 @@ class CertifiedPlanner(AbstractPlanner):
     def renew(self, memory: CertifiedPlanState, time: ScalarLike, reports: Report) -> CertifiedPlanState:
         """The plan bent, made anew or kept, see `renew_certified`; with it the holds that are not flown yet."""
         own = self.aircraft_tasks(reports, memory.limits)
-        made = renew_certified(memory.plan, time, own, self.airspace, self.movable, self.freeze, self.latest)
-        former = memory.holds
-        if former is None:
-            return CertifiedPlanState(made.plan, made.how, None, memory.limits)
+        made = renew_certified(
+            memory.plan, time, own, self.airspace, self.movable, self.freeze, self.latest, self.replans
+        )
+        former, asked = memory.holds, memory.asked | made.asked
+        if former is None or not self.replans:
+            return CertifiedPlanState(made.plan, made.how, former, memory.limits, asked)
         planned_anew = made.how == REPLANNED
 
         def chosen_anew() -> PlannedHolds:
@@ -169,7 +178,7 @@ class CertifiedPlanner(AbstractPlanner):
 
         holds = jax.lax.cond(any_in_batch(planned_anew), chosen_anew, lambda: former)
         holds = jax.tree.map(lambda new, old: jnp.where(planned_anew, new, old), holds, former)
-        return CertifiedPlanState(made.plan, made.how, holds, memory.limits)
+        return CertifiedPlanState(made.plan, made.how, holds, memory.limits, asked)
 
     def observe(self, memory: CertifiedPlanState, reports: Report, step: ScalarLike) -> CertifiedPlanState:
         """Nothing is taken from the way flown."""

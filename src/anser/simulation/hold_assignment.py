@@ -104,6 +104,10 @@ def _clearance_ratios(
     )
 
 
+_Best = tuple[Count, Count, Scalar, _HoldOption, Flag]
+"""The circle to try next, the best so far, its worth and its hold, and whether it is clear."""
+
+
 class _Choice(eqx.Module):
     """How far the choice of holds has come; leading axis aircraft."""
 
@@ -196,18 +200,20 @@ def assign_holds(
     def choose(carry: tuple[_HoldOption, Array, Array], who: Count) -> tuple[tuple[_HoldOption, Array, Array], None]:
         held, pick, settled = carry
 
-        def one_more(state: tuple[Count, Count, Scalar, Flag]) -> tuple[Count, Count, Scalar, Flag]:
-            k, best, most, _ = state
+        def one_more(state: _Best) -> _Best:
+            k, best, most, own, _ = state
             made = option(who, k)
             least = jnp.min(_clearance_ratios(who, made, held, separation))
             # One that does not fit is worse than any that does.
             value = jnp.where(made.fits, jnp.minimum(least, _RATIO_CAP), jnp.minimum(least, 1.0) - _RATIO_CAP)
             better = value > most
-            return k + 1, jnp.where(better, k, best), jnp.maximum(value, most), made.fits & (least >= 1.0)
+            own = jax.tree.map(lambda new, old: jnp.where(better, new, old), made, own)
+            return k + 1, jnp.where(better, k, best), jnp.maximum(value, most), own, made.fits & (least >= 1.0)
 
-        start = (jnp.asarray(0), pick[who], jnp.asarray(-jnp.inf), settled[who])
-        _, best, _, _ = jax.lax.while_loop(lambda s: (s[0] < _OPTIONS) & ~s[3], one_more, start)
-        held = jax.tree.map(lambda every, one: every.at[who].set(one), held, option(who, best))
+        so_far = jax.tree.map(lambda every: every[who], held)
+        start = (jnp.asarray(0), pick[who], jnp.asarray(-jnp.inf), so_far, settled[who])
+        _, best, _, own, _ = jax.lax.while_loop(lambda s: (s[0] < _OPTIONS) & ~s[4], one_more, start)
+        held = jax.tree.map(lambda every, one: every.at[who].set(one), held, own)
         return (held, pick.at[who].set(best), settled), None
 
     def all_choose(now: _Choice) -> _Choice:

@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float
 from anser.control import GuidanceSettings, hold
 from anser.control.feedback import wrapped
 from anser.environment import AbstractWind
+from anser.numerics import rk4_step
 from anser.planning import AbstractReference, PathPoint
 from anser.planning.certified import AircraftTask
 from anser.planning.timed_path import TimedPath
@@ -253,20 +254,11 @@ def hold_path(
             turning=(asked - now.turning) / _ROLL_LAG_S,
         )
 
-    def added(one: _PointMass, other: _PointMass, factor: ScalarLike) -> _PointMass:
-        return jax.tree.map(lambda a, b: a + factor * b, one, other)
-
     def cell(now: _PointMass, k: Count) -> tuple[_PointMass, tuple[Array, Array]]:
         step = span / _SUBSTEPS
 
         def substep(j: Count, at: _PointMass) -> _PointMass:
-            t = k * span + j * step
-            one = rates(t, at)
-            two = rates(t + step / 2, added(at, one, step / 2))
-            three = rates(t + step / 2, added(at, two, step / 2))
-            four = rates(t + step, added(at, three, step))
-            mean = jax.tree.map(lambda a, b, c, d: (a + 2 * b + 2 * c + d) / 6, one, two, three, four)
-            return added(at, mean, step)
+            return rk4_step(rates, k * span + j * step, at, step)
 
         # The velocity's rate by the chain rule, so that knots have the acceleration of the motion itself.
         motion = rates(k * span, now)

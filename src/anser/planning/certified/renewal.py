@@ -99,10 +99,11 @@ def postponements(
 
 
 class Renewed(eqx.Module):
-    """A plan and, per aircraft, what became of it: an index into `RENEWAL_MESSAGES`."""
+    """A plan, what became of it (index into `RENEWAL_MESSAGES`), and whether none was made anew where one was due."""
 
     plan: CertifiedPlan
     how: Count
+    asked: Flag
 
 
 def renew_certified(
@@ -113,6 +114,7 @@ def renew_certified(
     movable: Flag,
     freeze: ScalarLike = 0.0,
     latest: ScalarLike = jnp.inf,
+    replans: bool = True,
 ) -> Renewed:
     """Plan again from the planned state, towards the goals as they are seen now.
 
@@ -133,6 +135,8 @@ def renew_certified(
         A path stands as it is for this long before its arrival, s.
     latest
         No arrival is put off beyond this, s.
+    replans
+        Whether a plan is made anew where one bent will not do.
 
     Returns
     -------
@@ -146,6 +150,8 @@ def renew_certified(
     paths = rows_where(active & (plan.arrival_times - now > freeze), paths, plan.paths)
     corrected = _certified(plan, paths, plan.arrival_times, tasks, airspace, intervals, now, under_way)
     fine = jnp.all(corrected.feasible | ~under_way)
+    if not replans:
+        return Renewed(corrected, jnp.asarray(CORRECTED), ~fine)
 
     free = active & (plan.arrival_times - now > jnp.maximum(freeze, COMMITTED_S))
     here = jax.vmap(_from_plan, in_axes=(0, 0, None))(plan.paths, tasks, now)
@@ -172,9 +178,10 @@ def renew_certified(
             lambda c: (c[0] < tries) & ~c[1], again, (jnp.asarray(0), jnp.asarray(False), plan)
         )
         kept = jax.tree.map(lambda a, b: jnp.where(found, a, b), made, plan)
-        return Renewed(kept, jnp.where(found, REPLANNED, KEPT))
+        return Renewed(kept, jnp.where(found, REPLANNED, KEPT), never)
 
-    return jax.lax.cond(fine, lambda: Renewed(corrected, jnp.asarray(CORRECTED)), anew)
+    never = jnp.asarray(False)
+    return jax.lax.cond(fine, lambda: Renewed(corrected, jnp.asarray(CORRECTED), never), anew)
 
 
 def _sizes(plan: CertifiedPlan) -> tuple[Array, Array, Array]:
