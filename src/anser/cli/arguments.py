@@ -7,9 +7,9 @@ from typing import Annotated, Literal
 
 import typer
 
+from anser.cli.run_folder import RUN_FILES
 from anser.scenario import AIRFRAMES, VARIANTS
 
-_RUN_FILES = ("flight.nc", "summary.json")
 _LOOKED_AT_MOST = 500
 """Entries that a completion looks at: it must not take long in a large folder."""
 _DEEP = 2
@@ -23,7 +23,7 @@ def complete_scenario(incomplete: str) -> list[str]:
 
 def complete_run(incomplete: str) -> list[str]:
     """Folders of runs that begin so, in this folder and two below."""
-    return _found(incomplete, lambda path: all((path / name).is_file() for name in _RUN_FILES))
+    return _found(incomplete, lambda path: all((path / name).is_file() for name in RUN_FILES))
 
 
 def complete_aircraft(incomplete: str) -> list[str]:
