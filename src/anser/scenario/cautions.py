@@ -9,17 +9,9 @@ from anser.scenario.schema_reach import reach_problems, reference_speed
 
 
 def cautions(scenario: Scenario) -> tuple[str, ...]:
-    """Say what will probably not work as meant, one sentence each; empty where nothing is to be said.
-
-    Parameters
-    ----------
-    scenario
-        Validated.
-    """
-    found = [*_of_the_seed(scenario), *_of_the_duration(scenario)]
-    for index, aircraft in enumerate(scenario.aircraft):
-        found.extend(_of_the_gains(index, aircraft))
-    return tuple(found)
+    """Say what will probably not work as meant, one sentence each; empty where nothing is to be said."""
+    gains = [text for index, one in enumerate(scenario.aircraft) for text in _of_the_gains(index, one)]
+    return (*_of_the_seed(scenario), *_of_the_duration(scenario), *gains)
 
 
 def _of_the_seed(scenario: Scenario) -> list[str]:

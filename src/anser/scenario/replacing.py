@@ -22,19 +22,16 @@ class _ItemKey(str):
 
 
 def with_changes(scenario: Table, changes: tuple[tuple[object, object], ...]) -> dict[str, Any]:
-    """Take the values of a scenario that were written out, and put others in their places.
+    """Values of a scenario that were written out, others put in their places one after the other.
 
     Parameters
     ----------
-    scenario
-        Validated.
     changes
-        Paths and values, made one after the other.
+        Paths and values.
 
     Returns
     -------
-    dict
-        As the file would hold them; not validated.
+    As the file would hold them; not validated.
 
     Raises
     ------

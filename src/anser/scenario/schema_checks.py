@@ -21,20 +21,7 @@ _SCOPE = "this is the scope of anser: a rendezvous is never the goal itself"
 
 
 def label(kind: str, named: Aircraft | Goal) -> str:
-    """Name an aircraft or a goal in a message.
-
-    Parameters
-    ----------
-    kind
-        "aircraft" or "goal".
-    named
-        The aircraft or goal.
-
-    Returns
-    -------
-    str
-        Such as ``goal "ship"``.
-    """
+    """Name an aircraft or a goal in a message, such as ``goal "ship"``."""
     return f'{kind} "{named.name}"'
 
 
@@ -110,13 +97,7 @@ def start_problems(aircraft: tuple[Aircraft, ...], limits: Limits) -> list[Probl
 def rendezvous_problems(
     aircraft: tuple[Aircraft, ...], goals: tuple[Goal, ...], fleet: Fleet, limits: Limits
 ) -> list[Problem]:
-    """Find stand-offs below the minimum and arrivals too steep.
-
-    Parameters
-    ----------
-    aircraft, goals
-        All of the scenario; every aircraft's goal exists.
-    """
+    """Find stand-offs below the minimum and arrivals too steep; every aircraft's goal exists."""
     found = []
     kinds = {goal.name: goal.kind for goal in goals}
     for index, one in enumerate(aircraft):

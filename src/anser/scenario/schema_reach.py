@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from anser.scenario.errors import Problem, plain
 from anser.scenario.schema_aircraft import Aircraft
 from anser.scenario.schema_arrival import Arrival
+from anser.scenario.schema_base import Vector
 from anser.scenario.schema_checks import GRAVITY_M_S2, label
 from anser.scenario.schema_goal import Goal
 from anser.scenario.schema_settings import Fleet, Limits, Timing
-from anser.scenario.schema_surroundings import Vector, Wind
+from anser.scenario.schema_surroundings import Wind
 
 FLIGHT_MIN_S = 1.0
 
@@ -65,8 +66,7 @@ def time_to_go_s(relative_m: Vector, velocity_m_s: Vector, speed_m_s: float) -> 
 
     Returns
     -------
-    float or None
-        The smallest time of meeting, s; None if the point outruns the aircraft.
+    The smallest time of meeting, s; None if the point outruns the aircraft.
 
     Notes
     -----

@@ -6,11 +6,10 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from anser.environment import Environment
-from anser.numerics import Stacked, stacked, structure_of
+from anser.numerics import Stacked, rows_of, stacked, structure_of
 from anser.planning import AbstractPlanner
 from anser.shapes import Count, Scalar, ScalarLike, Vector3
 from anser.simulation.members import in_fleet_order, rows_at
@@ -173,8 +172,8 @@ def _kind(aircraft: Sequence[tuple[Vehicle, TrimTarget, Vector3]], members: Sequ
     vehicles, starts, places = zip(*(aircraft[k] for k in members), strict=True)
     return Kind(
         vehicles=stacked(vehicles),
-        starts=jax.tree.map(lambda *leaves: jnp.asarray(np.stack([np.asarray(leaf) for leaf in leaves])), *starts),
-        start_positions_n=jnp.asarray(np.stack([np.asarray(place) for place in places])),
+        starts=rows_of(starts),
+        start_positions_n=rows_of(places),
         members=tuple(members),
     )
 
