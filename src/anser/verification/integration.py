@@ -75,16 +75,13 @@ def order() -> tuple[Comparison, ...]:
     """Order from three steps each: log2 of the ratio of successive differences."""
     ends = [_fly_for("brick", _start(), step_s, _DURATION_S) for step_s in _STEPS_S]
     found = []
-    for name in ("rates_b", "quaternion", "velocity_b"):
+    for name, words in {"rates_b": "rates", "quaternion": "attitude", "velocity_b": "velocity"}.items():
         values = [np.asarray(getattr(end, name)) for end in ends]
         changes = [np.linalg.norm(b - a) for a, b in itertools.pairwise(values)]
         for k in range(len(_STEPS_S) - 2):
-            where = f"{_WORDS[name]}, steps {_STEPS_S[k]:g}, {_STEPS_S[k + 1]:g}, {_STEPS_S[k + 2]:g} s"
+            where = f"{words}, steps {_STEPS_S[k]:g}, {_STEPS_S[k + 1]:g}, {_STEPS_S[k + 2]:g} s"
             found.append(Comparison("order", where, "", 4.0, float(np.log2(changes[k] / changes[k + 1])), 0.2))
     return tuple(found)
-
-
-_WORDS = {"rates_b": "rates", "quaternion": "attitude", "velocity_b": "velocity"}
 
 
 def invariants() -> tuple[Comparison, ...]:
@@ -116,25 +113,17 @@ def _conserved(state: EarthFixedState, time: Scalar) -> tuple[jax.Array, jax.Arr
     return energy[None], cross(position_i, velocity_i)[2:], spin_i
 
 
-_ORDER = (
-    "A damped, tumbling brick over the rotating Earth, 8 s: each halving of the step must divide the change by 2^4, to "
-    "0.2 in the exponent, because the next order still shows. The test suite compares the integrator with an adaptive "
-    "one of order 8 besides."
-)
-_INVARIANTS = (
-    "The brick of NESC case 2 thrown over the rotating ellipsoid: energy with the J2 potential, the polar component of "
-    "the orbital angular momentum, the rotational angular momentum in inertial axes (which the attitude enters), each "
-    "relative to itself. The brick turns 0.0065 rad in a step; the fourth-order method leaves (0.0065)^5/120 of a "
-    "radian in each of 3000 steps, 3e-10 in all."
-)
-
 INTEGRATION_CHECKS: tuple[Check, ...] = (
     Check(
         key="integrator-order",
         title="Observed order of the default integrator",
         source="classical Runge-Kutta",
         why="higher orders still show",
-        explanation=_ORDER,
+        explanation=(
+            "A damped, tumbling brick over the rotating Earth, 8 s: each halving of the step must divide the change by "
+            "2^4, to 0.2 in the exponent, because the next order still shows. The test suite compares the integrator "
+            "with an adaptive one of order 8 besides."
+        ),
         measure=order,
     ),
     Check(
@@ -142,7 +131,12 @@ INTEGRATION_CHECKS: tuple[Check, ...] = (
         title="What a body without air forces keeps",
         source="mechanics",
         why="fourth order: 3e-10",
-        explanation=_INVARIANTS,
+        explanation=(
+            "The brick of NESC case 2 thrown over the rotating ellipsoid: energy with the J2 potential, the polar "
+            "component of the orbital angular momentum, the rotational angular momentum in inertial axes (which the "
+            "attitude enters), each relative to itself. The brick turns 0.0065 rad in a step; the fourth-order method "
+            "leaves (0.0065)^5/120 of a radian in each of 3000 steps, 3e-10 in all."
+        ),
         measure=invariants,
     ),
 )

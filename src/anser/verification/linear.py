@@ -152,31 +152,18 @@ def _poles() -> tuple[Comparison, ...]:
     return tuple(found)
 
 
-_PULL_UP = (
-    "A and B by automatic differentiation about the trimmed pull-up (P = R = 0, as in the textbook), in the printed "
-    "units, with the constants of the textbook's program. Three digits are printed, one of numbers below 0.001; a "
-    "printed 0 may be as much as half the smallest unit in its row. The trim needs throttle 1.023, where the "
-    "textbook's gearing goes on and ours stops: the throttle's entry is taken below."
-)
-_MODES = (
-    "Eigenvalues of the longitudinal and lateral blocks without altitude and heading, as in the textbook, centre of "
-    "mass at 0.30 c; and the names that the full model's eigenvectors earn. The printed 0.0739 of the phugoid is "
-    "0.07397 cut off."
-)
-_POLES = (
-    "Poles of the linearized, sampled loops with a sampling period of 0.5 ms and with filters, actuator and engine "
-    "inversion 10 to 67 times as fast as flown, against the roots of (1 + K_D) s^2 + K_P s + K_I: the lags that are "
-    "left, T in sum, move a pole s by about s^2 T. Listed besides: the nearest poles as flown, at 100 Hz with the "
-    "default bandwidths."
-)
-
 LINEAR_CHECKS: tuple[Check, ...] = (
     Check(
         key="f16-pull-up",
         title="F-16: linear model of a pull-up of 0.3 rad/s at 502 ft/s",
         source="[SL] sec. 3.7",
         why="half the last digit",
-        explanation=_PULL_UP,
+        explanation=(
+            "A and B by automatic differentiation about the trimmed pull-up (P = R = 0, as in the textbook), in the "
+            "printed units, with the constants of the textbook's program. Three digits are printed, one of numbers "
+            "below 0.001; a printed 0 may be as much as half the smallest unit in its row. The trim needs throttle "
+            "1.023, where the textbook's gearing goes on and ours stops: the throttle's entry is taken below."
+        ),
         measure=_pull_up,
     ),
     Check(
@@ -184,7 +171,11 @@ LINEAR_CHECKS: tuple[Check, ...] = (
         title="F-16: modes of level flight at 502 ft/s",
         source="[SL] ex. 3.8-1",
         why="half the last digit",
-        explanation=_MODES,
+        explanation=(
+            "Eigenvalues of the longitudinal and lateral blocks without altitude and heading, as in the textbook, "
+            "centre of mass at 0.30 c; and the names that the full model's eigenvectors earn. The printed 0.0739 of "
+            "the phugoid is 0.07397 cut off."
+        ),
         measure=_modes,
     ),
     Check(
@@ -192,7 +183,12 @@ LINEAR_CHECKS: tuple[Check, ...] = (
         title="Autopilot: closed-loop poles where dynamic inversion puts them",
         source="theory sec. 5",
         why="s^2 times the lags left",
-        explanation=_POLES,
+        explanation=(
+            "Poles of the linearized, sampled loops with a sampling period of 0.5 ms and with filters, actuator and "
+            "engine inversion 10 to 67 times as fast as flown, against the roots of (1 + K_D) s^2 + K_P s + K_I: the "
+            "lags that are left, T in sum, move a pole s by about s^2 T. Listed besides: the nearest poles as flown, "
+            "at 100 Hz with the default bandwidths."
+        ),
         measure=_poles,
     ),
 )

@@ -6,8 +6,6 @@ import math
 from importlib import resources
 from typing import Any
 
-__all__ = ["half_of_last_digit", "half_of_significant", "published"]
-
 
 @functools.cache
 def published(name: str) -> dict[str, Any]:
