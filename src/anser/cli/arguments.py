@@ -80,8 +80,7 @@ RunFolder = Annotated[
 ]
 AircraftName = Annotated[str, typer.Option(help=f"Airframe: {', '.join(AIRFRAMES)}.", autocompletion=complete_aircraft)]
 VariantName = Annotated[
-    str,
-    typer.Option(help="Published set of tables: textbook, s119 or founding.", autocompletion=complete_variant),
+    str, typer.Option(help="Published set of tables: textbook, s119 or founding.", autocompletion=complete_variant)
 ]
 CentreOfGravity = Annotated[
     float | None,
@@ -95,4 +94,7 @@ PathAngle = Annotated[float, typer.Option(help="Climb angle.")]
 TurnRate = Annotated[float, typer.Option(help="Rate of the course, right positive.")]
 Inversion = Annotated[
     Literal["model", "incremental"], typer.Option(help="What the autopilot inverts: the model, or measured changes.")
+]
+SurveyFolder = Annotated[
+    Path, typer.Option("--out", help="New folder for the dataset and the figures.", show_default=False)
 ]

@@ -1,7 +1,6 @@
 """Commands about scenarios: run, plan, check, new."""
 
 import dataclasses
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -29,8 +28,6 @@ from anser.scenario import Scenario, ScenarioError, cautions, load, write_starte
 
 if TYPE_CHECKING:
     import xarray as xr
-
-    from anser.campaign.plan_output import RecordedPlan
 
 
 def _loaded(path: Path) -> Scenario:
@@ -207,11 +204,20 @@ def plan(
     if out is not None:
         make_new(out)
     with kept_unless_empty(out), working("planning") as tell:
-        recorded = _recorded(wanted, tell)
+        from anser.campaign import plan as make  # here: a misspelt key must not wait for plotting libraries
+        from anser.campaign.plan_output import record
+
+        planned = make(wanted, tell)
+        if planned.refusals:
+            end_without("no plan", planned.refusals, "no plan: ")
+        recorded = record(planned)
         if out is not None:
             recorded.write_into(out)
     answer(lambda: recorded.summary)
-    _print_plan(recorded)
+    _print_paths(recorded.summary)
+    _print_margins(recorded.summary)
+    for text in _apart(recorded.summary):
+        line(text)
     if out is not None:
         say(f"{out}: plan.json, trajectories.csv, plan.png, plan.svg written")
     for note in recorded.summary["notes"]:
@@ -220,25 +226,6 @@ def plan(
         problem(f"not flyable: {found}")
     if recorded.summary["problems"]:
         raise typer.Exit(1)
-
-
-def _recorded(wanted: Scenario, on_progress: Callable[[str], None]) -> "RecordedPlan":
-    """Plan; where the planner refuses, say why and stop with exit code 1."""
-    from anser.campaign import plan as make  # here: a misspelt key must not wait for plotting libraries
-    from anser.campaign.plan_output import record
-
-    planned = make(wanted, on_progress)
-    if planned.refusals:
-        end_without("no plan", planned.refusals, "no plan: ")
-    return record(planned)
-
-
-def _print_plan(recorded: "RecordedPlan") -> None:
-    summary = recorded.summary
-    _print_paths(summary)
-    _print_margins(summary)
-    for text in _apart(summary):
-        line(text)
 
 
 def _print_paths(summary: dict[str, Any]) -> None:

@@ -45,16 +45,14 @@ def report(
 
     runs = [(str(folder), *read_run(folder, place)) for place, folder in folders.items()]
     try:
-        if other is None:
-            write_report(*runs[0][1:], target, overwrite=force)
-        else:
-            write_comparison(runs, target, overwrite=force)
+        with writing("--out", target):
+            if other is None:
+                write_report(*runs[0][1:], target, overwrite=force)
+            else:
+                write_comparison(runs, target, overwrite=force)
     except ValueError as error:
         words = f"{error}; expected what one flight of `anser run` wrote"
         raise RefusedError(f"{' and '.join(map(str, folders.values()))}: {words}") from None
-    except OSError as error:
-        words = f"expected a file that can be written ({error.strerror or error})"
-        raise RefusedError(f"--out: arrived {target}; {words}") from None
     answer(lambda: {"format_version": 1, "file": str(target)})
     line(f"{target}: written")
 

@@ -2,13 +2,12 @@
 
 import dataclasses
 import math
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
 
-from anser.cli.arguments import AircraftName, Inversion, VariantName
+from anser.cli.arguments import AircraftName, Inversion, SurveyFolder, VariantName
 from anser.cli.console import (
     RefusedError,
     answer,
@@ -41,7 +40,7 @@ if TYPE_CHECKING:
     unmet="a flight falls short",
 )
 def envelope(
-    out: Annotated[Path, typer.Option(help="New folder for the dataset and the figures.", show_default=False)],
+    out: SurveyFolder,
     aircraft: AircraftName = "f16",
     variant: VariantName = "textbook",
     inversion: Inversion = "model",
@@ -125,7 +124,7 @@ _STRONGEST, _REASONS = 5, 2
     "anser robustness --flights 200 --spread 30 --at 150,2000 --out thirty-percent",
 )
 def robustness(
-    out: Annotated[Path, typer.Option(help="New folder for the dataset and the figures.", show_default=False)],
+    out: SurveyFolder,
     flights: Annotated[int, typer.Option(help="Flights of each inversion, spread over the conditions.")] = 1000,
     spread: Annotated[float, typer.Option(help="Greatest change of every factor, percent.")] = 20.0,
     seed: Annotated[int, typer.Option(help="What the random draws follow from.")] = 0,

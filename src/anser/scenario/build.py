@@ -42,8 +42,7 @@ from anser.planning import (
 from anser.planning.certified import Airspace, KeepOuts, Separation
 from anser.scenario.library import load_airframe
 from anser.scenario.schema import Scenario
-from anser.scenario.schema_aircraft import Aircraft
-from anser.scenario.schema_gains import AttitudeGains, RateGains, VelocityGains
+from anser.scenario.schema_aircraft import Aircraft, AttitudeGains, RateGains, VelocityGains
 from anser.scenario.schema_goal import Goal
 from anser.scenario.schema_settings import Limits
 from anser.sensing import DirectEstimator, IdealSensors

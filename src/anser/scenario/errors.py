@@ -58,9 +58,9 @@ class ScenarioError(ValueError):
         return "\n  ".join([f"{self.source or 'scenario'}: {count}", *map(str, self.problems)])
 
 
-def refused(source: str, arrived: str, expected: str) -> ScenarioError:
-    """One problem with a file as a whole."""
-    return ScenarioError(source, [Problem("", arrived, expected)])
+def refused(source: str, arrived: str, expected: str, path: str = "") -> ScenarioError:
+    """One problem, with a file as a whole or at a path."""
+    return ScenarioError(source, [Problem(path, arrived, expected)])
 
 
 def reason_of(error: Exception) -> str:

@@ -22,14 +22,14 @@ from anser.scenario.schema_chart import chart_problems
 from anser.scenario.schema_checks import (
     goal_problems,
     name_problems,
+    planner_problems,
     rendezvous_problems,
     speed_problems,
     start_problems,
 )
 from anser.scenario.schema_goal import Goal
-from anser.scenario.schema_planner import planner_problems
 from anser.scenario.schema_problems import problems_from
-from anser.scenario.schema_reach import reach_problems, reference_speed
+from anser.scenario.schema_reach import reach_problems
 from anser.scenario.schema_settings import Fleet, Guidance, Hold, Limits, Requirements, Timing
 from anser.scenario.schema_surroundings import Earth, EarthOrWord, Wind
 
@@ -95,8 +95,7 @@ class Scenario(Table):
             found.extend(same_point_problems(aircraft, self.arrival))
             found.extend(arrival_problems(self.arrival, aircraft, self.timing))
             found.extend(keep_out_problems(self.keep_out, aircraft, goals))
-        reference = reference_speed(fleet, limits, self.arrival)
-        return found or reach_problems(aircraft, goals, reference, limits, self.wind, self.timing)
+        return found or reach_problems(self)
 
     @property
     def hash(self) -> str:

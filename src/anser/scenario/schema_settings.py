@@ -115,11 +115,7 @@ class Guidance(Table):
     """How the plan is followed."""
 
     position_gain_per_s: float = number(
-        "correction of the commanded velocity per metre of error; 0 = velocity commands alone",
-        0,
-        5,
-        "1/s",
-        0.3,
+        "correction of the commanded velocity per metre of error; 0 = velocity commands alone", 0, 5, "1/s", 0.3
     )
 
 

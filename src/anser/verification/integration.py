@@ -9,7 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from anser.aircraft import AircraftState, Controls, EarthFixedState, SimpleBody, earth_fixed_state
-from anser.environment import Environment, RotatingEarth, standard_environment, wgs84_earth
+from anser.aircraft.round_earth import round_earth_of
+from anser.environment import Environment, standard_environment, wgs84_earth
 from anser.numerics import cross
 from anser.scenario import load_body
 from anser.shapes import Count, Scalar, ScalarLike
@@ -51,13 +52,6 @@ def _environment() -> Environment:
     return standard_environment(earth=wgs84_earth(0.5, 1.0))
 
 
-def _earth() -> RotatingEarth:
-    earth = _environment().earth
-    if not isinstance(earth, RotatingEarth):
-        raise TypeError("the integrator is tried over a RotatingEarth")
-    return earth
-
-
 def _start() -> EarthFixedState:
     """A brick thrown at 200 m/s, tumbling as in [NESC] cases 2 and 3, 30,000 ft up."""
     seen = AircraftState(
@@ -68,7 +62,7 @@ def _start() -> EarthFixedState:
         surfaces=jnp.zeros(3),
         power=jnp.zeros(()),
     )
-    return earth_fixed_state(_earth(), seen)
+    return earth_fixed_state(round_earth_of(_environment()), seen)
 
 
 def order() -> tuple[Comparison, ...]:
@@ -100,7 +94,7 @@ def invariants() -> tuple[Comparison, ...]:
 
 @jax.jit
 def _conserved(state: EarthFixedState, time: Scalar) -> tuple[jax.Array, jax.Array, jax.Array]:
-    earth, body = _earth(), load_body("undamped-brick")
+    earth, body = round_earth_of(_environment()), load_body("undamped-brick")
     position_i = eci_from_ecef(state.position_e, time, 0.0)
     velocity_e = rotate_back(rotation_from_quaternion(state.quaternion), state.velocity_b)
     velocity_i = velocity_eci_from_ecef(state.position_e, velocity_e, time, 0.0)

@@ -26,7 +26,7 @@ from anser.simulation import (
 )
 from anser.units import DEG_RAD, FOOT_M
 from anser.verification.check import Check, Comparison
-from anser.verification.published import half_of_last_digit, published
+from anser.verification.published import as_printed, half_of_last_digit, published
 from anser.verification.textbook import textbook_aircraft, textbook_environment
 
 _SPEED_M_S = 502.0 * FOOT_M
@@ -120,14 +120,12 @@ def _modes() -> tuple[Comparison, ...]:
         values = np.linalg.eigvals(printed_block(model, "A", states, states))
         wanted = complex(float(real), float(imaginary))
         nearest = values[np.argmin(np.abs(values - wanted))]
-        found.append(Comparison(name, "real part", "1/s", wanted.real, float(nearest.real), half_of_last_digit(real)))
-        if imaginary == "0":
-            found.append(Comparison(name, "imaginary part", "rad/s", 0.0, float(nearest.imag), 1e-12))
-        else:
-            cut = name == "phugoid"
-            size = half_of_last_digit(imaginary) * (2 if cut else 1)
-            of_pair = wanted.imag, float(abs(nearest.imag)), size
-            found.append(Comparison(name, "imaginary part", "rad/s", *of_pair, why=_CUT if cut else ""))
+        found.append(as_printed(name, "real part", "1/s", real, nearest.real))
+        cut = name == "phugoid"
+        size = half_of_last_digit(imaginary) * (2 if cut else 1) if wanted.imag else 1e-12
+        obtained = float(abs(nearest.imag) if wanted.imag else nearest.imag)
+        why = _CUT if cut else ""
+        found.append(Comparison(name, "imaginary part", "rad/s", wanted.imag, obtained, size, why=why))
         found.append(Comparison("found by name", name, "", 1.0, float(name in named), 0.0, why="a name or none"))
     return tuple(found)
 
@@ -142,13 +140,12 @@ def _poles() -> tuple[Comparison, ...]:
         per_channel = len(poles) // len(channels)
         for k, pole in enumerate(poles):
             where = f"{channels[k // per_channel]}, {pole.ideal.real:.4g} 1/s"
-            found.append(
-                Comparison(f"{loop} loop", where, "1/s", pole.ideal.real, pole.in_the_limit.real, pole.tolerance)
-            )
-            found.append(
-                Comparison(f"{loop} loop, imaginary", where, "1/s", 0.0, pole.in_the_limit.imag, pole.tolerance)
-            )
-            found.append(Comparison(f"{loop} loop, as flown", where, "1/s", None, pole.as_flown.real, None))
+            limit, tolerance = pole.in_the_limit, pole.tolerance
+            found += [
+                Comparison(f"{loop} loop", where, "1/s", pole.ideal.real, limit.real, tolerance),
+                Comparison(f"{loop} loop, imaginary", where, "1/s", 0.0, limit.imag, tolerance),
+                Comparison(f"{loop} loop, as flown", where, "1/s", None, pole.as_flown.real, None),
+            ]
     return tuple(found)
 
 

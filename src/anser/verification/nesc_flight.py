@@ -19,15 +19,9 @@ from anser.aircraft import (
     earth_fixed_state,
     local_state,
 )
+from anser.aircraft.round_earth import round_earth_of
 from anser.compiling import compiled_quickly
-from anser.environment import (
-    Environment,
-    LayeredWind,
-    RotatingEarth,
-    StandardAtmosphere,
-    spherical_earth,
-    wgs84_earth,
-)
+from anser.environment import Environment, LayeredWind, StandardAtmosphere, spherical_earth, wgs84_earth
 from anser.numerics import rows_of
 from anser.numerics.least_squares import levenberg_marquardt
 from anser.scenario import load_airframe, load_body
@@ -120,19 +114,12 @@ def _environment(
     return Environment(StandardAtmosphere(), wind, made)
 
 
-def _earth_of(environment: Environment) -> RotatingEarth:
-    earth = environment.earth
-    if not isinstance(earth, RotatingEarth):
-        raise TypeError("check-cases are flown over a RotatingEarth")
-    return earth
-
-
 def _start_free(environment: Environment, case: FreeFlight) -> EarthFixedState:
     quaternion = quaternion_from_euler(jnp.zeros(()), jnp.zeros(()), jnp.asarray(case.yaw_deg * DEG_RAD))
     position_n = jnp.array([0.0, 0.0, -case.altitude_ft * FOOT_M])
     velocity_b = rotate(rotation_from_quaternion(quaternion), jnp.asarray(case.velocity_ft_s) * FOOT_M)
     seen = AircraftState(position_n, velocity_b, quaternion, jnp.zeros(3), jnp.zeros(3), jnp.zeros(()))
-    start = earth_fixed_state(_earth_of(environment), seen)
+    start = earth_fixed_state(round_earth_of(environment), seen)
     return eqx.tree_at(lambda state: state.rates_b, start, jnp.asarray(case.rates_deg_s) * DEG_RAD)
 
 
@@ -151,7 +138,7 @@ def _trim_all(
 def _trim_level(
     airframe: AbstractAirframe, environment: Environment, place_n: Vector3, velocity_n: Vector3
 ) -> tuple[EarthFixedState, Controls, Scalar]:
-    earth = _earth_of(environment)
+    earth = round_earth_of(environment)
     heading, speed = jnp.arctan2(velocity_n[1], velocity_n[0]), safe_norm(velocity_n)
 
     def state_of(x: Vector3) -> tuple[EarthFixedState, Controls]:
@@ -208,7 +195,7 @@ def _row(
     airframe: AbstractAirframe, environment: Environment, time: ScalarLike, state: EarthFixedState
 ) -> dict[str, Scalar]:
     """One row of a participant's log, by the published names of the columns and in their units."""
-    earth = _earth_of(environment)
+    earth = round_earth_of(environment)
     seen = local_state(earth, state)
     now = condition(airframe, environment, time, seen)
     lat, lon, _ = earth.geodetic(seen.position_n)
@@ -238,12 +225,12 @@ def _row(
         "ambientPressure_lbf_ft2": air.pressure / PSF_PA,
         "ambientTemperature_dgR": air.temperature / RANKINE_K,
         **_axes("aero_bodyForce_lbf", now.aerodynamic.force_b / LBF_N),
-        **_axes("aero_bodyMoment_ftlbf", now.aerodynamic.moment_b / FT_LBF_N_M, ("L", "M", "N")),
+        **_axes("aero_bodyMoment_ftlbf", now.aerodynamic.moment_b / FT_LBF_N_M, "LMN"),
         "mach": now.air_data.mach,
         "dynamicPressure_lbf_ft2": now.air_data.qbar / PSF_PA,
         "trueAirspeed_nmi_h": now.air_data.V / KNOT_M_S,
     }
 
 
-def _axes(name: str, vector: Vector3, axes: tuple[str, str, str] = ("X", "Y", "Z")) -> dict[str, Scalar]:
+def _axes(name: str, vector: Vector3, axes: Sequence[str] = "XYZ") -> dict[str, Scalar]:
     return {f"{name}_{axis}": vector[k] for k, axis in enumerate(axes)}
