@@ -8,14 +8,10 @@ Importing anser switches JAX to float64, which all of it needs, whether JAX is i
 loads JAX only when something is used that computes with arrays.
 """
 
-import importlib
 import os
 import sys
-from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:
-    from anser.campaign import linearize, plan, run
-    from anser.scenario import load, loads
+import lazy_loader
 
 if "jax" in sys.modules:
     sys.modules["jax"].config.update("jax_enable_x64", True)
@@ -23,19 +19,4 @@ else:
     os.environ["JAX_ENABLE_X64"] = "1"  # JAX reads it when it is imported
 
 __version__ = "0.1.0"
-__all__ = ["__version__", "linearize", "load", "loads", "plan", "run"]
-
-_WHERE = {
-    "linearize": "anser.campaign",
-    "load": "anser.scenario",
-    "loads": "anser.scenario",
-    "plan": "anser.campaign",
-    "run": "anser.campaign",
-}
-
-
-def __getattr__(name: str) -> Any:
-    """Load the user's entry points on first use: the kernels need neither xarray nor pydantic."""
-    if name not in _WHERE:
-        raise AttributeError(f"module 'anser' has no attribute {name!r}")
-    return getattr(importlib.import_module(_WHERE[name]), name)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

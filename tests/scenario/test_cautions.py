@@ -67,7 +67,7 @@ def test_loops_too_close_in_time_are_named_and_the_defaults_are_not():
 
 def test_a_seed_that_changes_nothing_says_so():
     assert cautions(loads(TEXT)) == ()
-    said = cautions(loads(TEXT.replace("format = 1", "format = 1\nseed = 7", 1)))
+    said = cautions(loads(TEXT.replace("format = 2", "format = 2\nseed = 7", 1)))
     assert said == ("seed: 7 is recorded and changes nothing: nothing in a flight is random yet",)
     assert "nothing yet" in Scenario.model_fields["seed"].description
     assert "seed = 0" in starter_scenario()
@@ -75,7 +75,7 @@ def test_a_seed_that_changes_nothing_says_so():
 
 
 SHEARED = """
-format = 1
+format = 2
 name = "down-through-a-shear"
 
 [timing]
@@ -83,6 +83,7 @@ duration_s = 95.0
 
 [fleet]
 speed_m_s = 150.0
+planner = "published"
 
 [wind]
 layers = [

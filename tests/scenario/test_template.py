@@ -55,7 +55,7 @@ def test_write_starter(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     assert write_starter(str(path)) == path
     assert load(path).name == "starter"
-    assert tomllib.loads(path.read_text(encoding="utf-8"))["format"] == 1
+    assert tomllib.loads(path.read_text(encoding="utf-8"))["format"] == 2
 
 
 def test_write_starter_overwrites_nothing(tmp_path: Path) -> None:

@@ -4,7 +4,8 @@ import json
 
 import numpy as np
 
-from anser.results import bend_words, summarize, to_dataset
+from anser.planning import bend_words
+from anser.results import summarize, to_dataset
 from anser.variables import CATALOGUE, DERIVED_KEYS
 from support.made_scenario import made_scenario
 

@@ -12,7 +12,7 @@ from anser.aircraft.actuators import Actuators
 from anser.aircraft.air_data import AirData
 from anser.aircraft.f16_engine import F16Engine
 from anser.aircraft.interface import AbstractAirframe, MassProperties, Wrench
-from anser.numerics import Tables, make_axes, make_tables
+from anser.numerics import Tables, as_array, make_axes, make_tables
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 from anser.units import DEG_RAD, FOOT_M, LBF_N, RAD_DEG, SLUG_FT2_KG_M2, SLUG_KG
 
@@ -183,10 +183,10 @@ def f16_from_data(data: Mapping[str, Any], variant: str = "textbook", x_cg_over_
     built = F16(
         mass_properties=_mass_properties(airframe, mass, spinning=chosen["engine_angular_momentum"]),
         actuators=Actuators(
-            time_constant=jnp.asarray(actuators["time_constant_s"]),
-            lower=jnp.asarray(-limit),
-            upper=jnp.asarray(limit),
-            rate_limit=jnp.asarray(np.asarray(actuators["rate_limit_deg_s"]) * DEG_RAD),
+            time_constant=as_array(actuators["time_constant_s"]),
+            lower=as_array(-limit),
+            upper=as_array(limit),
+            rate_limit=as_array(np.asarray(actuators["rate_limit_deg_s"]) * DEG_RAD),
         ),
         alpha_range=_range_rad(validity["alpha_deg"]),
         beta_range=_range_rad(validity["beta_deg"]),
@@ -196,14 +196,14 @@ def f16_from_data(data: Mapping[str, Any], variant: str = "textbook", x_cg_over_
                 [((0, 1), [tables[name] * LBF_N for name in ("T_idle", "T_mil", "T_max")])],
             )
         ),
-        span=jnp.asarray(span),
-        wing_area=jnp.asarray(airframe["wing_area_ft2"] * FOOT_M**2),
-        mean_chord=jnp.asarray(airframe["mean_chord_ft"] * FOOT_M),
-        x_cg=jnp.asarray(float(x_cg)),
-        x_cg_reference=jnp.asarray(airframe["x_cg_reference_over_c"]),
-        surface_reference=jnp.asarray([float(chosen[f"{n}_reference_deg"]) for n in actuators["order"]]),
-        side_force=jnp.asarray([side["beta_per_deg"], side["aileron"], side["rudder"]]),
-        normal_force_elevator=jnp.asarray(side["normal_force_elevator"]),
+        span=as_array(span),
+        wing_area=as_array(airframe["wing_area_ft2"] * FOOT_M**2),
+        mean_chord=as_array(airframe["mean_chord_ft"] * FOOT_M),
+        x_cg=as_array(float(x_cg)),
+        x_cg_reference=as_array(airframe["x_cg_reference_over_c"]),
+        surface_reference=as_array([float(chosen[f"{n}_reference_deg"]) for n in actuators["order"]]),
+        side_force=as_array([side["beta_per_deg"], side["aileron"], side["rudder"]]),
+        normal_force_elevator=as_array(side["normal_force_elevator"]),
         tables=make_tables(
             make_axes([axes["alpha_deg"], np.arange(-30.0, 31.0, 5.0), chosen["elevator_axis_deg"]], clamp=clamp),
             [
@@ -217,7 +217,7 @@ def f16_from_data(data: Mapping[str, Any], variant: str = "textbook", x_cg_over_
         ),
     )
     # Strongly typed leaves: replacing one by another array does not recompile.
-    return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype=float), built)
+    return jax.tree.map(lambda leaf: as_array(leaf), built)
 
 
 def _tables_of_variant(data: Mapping[str, Any], variant: str) -> dict[str, np.ndarray]:
@@ -245,7 +245,7 @@ def _odd_extension(table: np.ndarray) -> np.ndarray:
 
 
 def _range_rad(range_deg: Sequence[float]) -> tuple[Scalar, Scalar]:
-    return jnp.asarray(range_deg[0] * DEG_RAD), jnp.asarray(range_deg[1] * DEG_RAD)
+    return as_array(range_deg[0] * DEG_RAD), as_array(range_deg[1] * DEG_RAD)
 
 
 def _mass_properties(airframe: Mapping[str, Any], mass: float, *, spinning: bool) -> MassProperties:
@@ -253,8 +253,8 @@ def _mass_properties(airframe: Mapping[str, Any], mass: float, *, spinning: bool
     inertia_b = np.array([[J["Jxx"], 0.0, -J["Jxz"]], [0.0, J["Jyy"], 0.0], [-J["Jxz"], 0.0, J["Jzz"]]])
     spin = airframe["engine_angular_momentum_slug_ft2_s"] * SLUG_FT2_KG_M2 if spinning else 0.0
     return MassProperties(
-        mass=jnp.asarray(mass),
-        inertia_b=jnp.asarray(inertia_b),
-        inertia_inverse_b=jnp.asarray(np.linalg.inv(inertia_b)),
-        spin_momentum_b=jnp.asarray([spin, 0.0, 0.0]),
+        mass=as_array(mass),
+        inertia_b=as_array(inertia_b),
+        inertia_inverse_b=as_array(np.linalg.inv(inertia_b)),
+        spin_momentum_b=as_array([spin, 0.0, 0.0]),
     )

@@ -3,13 +3,15 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import jax
 import numpy as np
-import xarray as xr
 
 from anser.compiling import Program
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 _R = TypeVar("_R")
 BATCH = 128
@@ -35,7 +37,7 @@ class Study:
         Wall time spent compiling and running.
     """
 
-    dataset: xr.Dataset
+    dataset: "xr.Dataset"
     compile_s: float
     run_s: float
 

@@ -1,18 +1,19 @@
 """Planning a scenario with the certified planner, or saying why no plan exists."""
 
+import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import jax.numpy as jnp
 import numpy as np
 
-from anser.campaign.plan_interface import SPEED_TOLERANCE, NoPlanError, Planned
+from anser.campaign.plan_interface import SPEED_TOLERANCE, Ahead, NoPlanError, Planned
 from anser.campaign.refusal import explain, explain_missing_holds
 from anser.campaign.untrimmable import refuse_untrimmable
 from anser.compiling import compiled_quickly, enable_compilation_cache
+from anser.numerics import as_array, leading
+from anser.planning import turn_words
 from anser.planning.certified import FIRST, AircraftTask, Airspace, ArrivalRequest, CertifiedPlan, FleetTask, Outcome
-from anser.results import turn_words
 from anser.scenario import Scenario, build_flight
 from anser.simulation import (
     CertifiedPlanner,
@@ -23,7 +24,10 @@ from anser.simulation import (
     trimmed_fleet,
 )
 
-_trimmed = compiled_quickly(trimmed_fleet)
+trimmed = compiled_quickly(trimmed_fleet)
+"""`trimmed_fleet`, compiled."""
+begun = compiled_quickly(begin)
+"""`begin`, compiled."""
 NOT_PROVEN = "nothing proves that it keeps its limits, the separation and the keep-outs"
 """Message of a path that the certified planner delivers without a proof."""
 
@@ -40,6 +44,10 @@ class CertifiedPlanned(Planned):
         What was asked of the planner.
     holds
         What the aircraft fly after their arrivals; None where there is no plan.
+
+    Notes
+    -----
+    Outcome, tasks and holds are of all aircraft of the flight, those that only fill it up among them.
     """
 
     outcome: Outcome
@@ -47,12 +55,12 @@ class CertifiedPlanned(Planned):
     airspace: Airspace
     holds: PlannedHolds | None
 
-    @property
+    @functools.cached_property
     def plan(self) -> CertifiedPlan:
         """The plan; raises `NoPlanError` if there is none: the message says why."""
         if self.outcome.plan is None:
             raise NoPlanError(self.refusals)
-        return self.outcome.plan
+        return self.outcome.plan.leading(len(self.scenario.aircraft))
 
     def problems(self) -> tuple[str, ...]:
         """Why there is no plan, or why it cannot be flown as it stands, one sentence each; empty where it can."""
@@ -77,8 +85,10 @@ class CertifiedPlanned(Planned):
 
     def begun(self) -> FlightState:
         """The fleet at its start, with the plan."""
-        state = CertifiedPlanState(self.plan, jnp.asarray(FIRST), self.holds, self.tasks.limits)
-        return begin(self.flight, self.fleet, state)
+        if self.outcome.plan is None:
+            raise NoPlanError(self.refusals)
+        state = CertifiedPlanState(self.outcome.plan, as_array(FIRST, np.int64), self.holds, self.tasks.limits)
+        return begun(self.flight, self.fleet, state)
 
 
 def not_proven(scenario: Scenario, feasible: np.ndarray) -> tuple[str, ...]:
@@ -87,8 +97,8 @@ def not_proven(scenario: Scenario, feasible: np.ndarray) -> tuple[str, ...]:
     return tuple(f'aircraft "{one.name}": {NOT_PROVEN}' for one, good in pairs if not good)
 
 
-def arrival_request(scenario: Scenario) -> ArrivalRequest:
-    """When the aircraft of a scenario are to arrive."""
+def arrival_request(scenario: Scenario, count: int | None = None) -> ArrivalRequest:
+    """When the aircraft of a scenario are to arrive; of a count of them, with the last repeated."""
     arrival, aircraft = scenario.arrival, scenario.aircraft
     times = offsets = windows = None
     if arrival.rule == "at":
@@ -101,18 +111,22 @@ def arrival_request(scenario: Scenario) -> ArrivalRequest:
         names = arrival.order if arrival.order is not None else tuple(one.name for one in aircraft)
         assert arrival.spacing_s is not None
         offsets = np.array([names.index(one.name) for one in aircraft]) * arrival.spacing_s
-    return ArrivalRequest(arrival.rule, scenario.timing.latest_arrival_s, times, offsets, windows)
+    more = 0 if count is None else count - len(aircraft)
+    rows = (None if own is None else np.concatenate([own, *[own[-1:]] * more]) for own in (times, offsets, windows))
+    return ArrivalRequest(arrival.rule, scenario.timing.latest_arrival_s, *rows)
 
 
-def plan_certified(scenario: Scenario, on_progress: Callable[[str], None] = lambda what: None) -> CertifiedPlanned:
+def plan_certified(
+    scenario: Scenario, on_progress: Callable[[str], None] = lambda what: None, ahead: Ahead = lambda *of: None
+) -> CertifiedPlanned:
     """Trim every aircraft, look for a plan that keeps everything, and where none is found say why.
 
     Parameters
     ----------
     scenario
         With `fleet.planner = "certified"`.
-    on_progress
-        Called with what is being done.
+    on_progress, ahead
+        As of `anser.plan`.
 
     Raises
     ------
@@ -121,19 +135,28 @@ def plan_certified(scenario: Scenario, on_progress: Callable[[str], None] = lamb
     """
     enable_compilation_cache()
     on_progress("trimming")
-    flight = build_flight(scenario)
-    fleet = _trimmed(flight)
-    refuse_untrimmable(scenario, flight, fleet.trims)
+    flight, count = build_flight(scenario, filled_up=True), len(scenario.aircraft)
+    fleet = trimmed(flight)
+    refuse_untrimmable(scenario, flight, leading(fleet.trims, count))
     planner = flight.planner
     if not isinstance(planner, CertifiedPlanner):
         raise TypeError(f'fleet.planner: arrived "{scenario.fleet.planner}"; expected "certified"')
     tasks = planner.aircraft_tasks(fleet.reports, planner.limits_with(fleet.performance))
-    request = arrival_request(scenario)
+    request = arrival_request(scenario, flight.count)
     outcome, holds = planner.searched(0.0, tasks, request, scenario.timing.duration_s, on_progress)
     refusals: tuple[str, ...] = ()
     if outcome.plan is None:
         on_progress("looking for what stands in the way")
-        asked = FleetTask(tasks, planner.airspace, request)
-        refusals = explain(scenario, asked, outcome) if holds is None else explain_missing_holds(scenario, asked, holds)
+        asked = FleetTask(leading(tasks, count), planner.airspace, arrival_request(scenario))
+        refusals = (
+            explain(scenario, asked, outcome.leading(count))
+            if holds is None
+            else explain_missing_holds(scenario, asked, holds)
+        )
         holds = None
-    return CertifiedPlanned(scenario, flight, fleet, refusals, outcome, tasks, planner.airspace, holds)
+    made = CertifiedPlanned(scenario, flight, fleet, refusals, outcome, tasks, planner.airspace, holds)
+    if not refusals:
+        following = ahead(flight, made.begun())
+        if following is not None:
+            following.begin()
+    return made

@@ -1,37 +1,42 @@
 """Running one scenario: plan it, fly it, keep what came of it."""
 
 import functools
+import importlib
 import tempfile
 import time as clock
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-import xarray as xr
 
 from anser.campaign.batches import Progress, silent
 from anser.campaign.plan_interface import NoPlanError, Planned
 from anser.campaign.planned import plan
-from anser.compiling import compiled
-from anser.report import write_report
-from anser.results import (
-    summarize,
-    summary_text,
-    to_dataset,
-    version_attributes,
-    write_netcdf,
-    write_summary,
-)
+from anser.compiling import Prepared, compiled
+from anser.numerics import as_array
 from anser.scenario import Scenario
-from anser.simulation import SEGMENT_STEPS, fly
+from anser.simulation import SEGMENT_STEPS, Flight, FlightState, fly
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 _FILES = ("flight.nc", "summary.json", "report.html")
 
 fly_segment = compiled(functools.partial(fly, one_kernel=True))
 """One segment of a flight by itself, compiled; see `anser.simulation.fly`."""
+
+
+def prepare_flight(flight: Flight, state: FlightState) -> Prepared:
+    """Begin with the program of a flight's segments, for a state or the shapes of one."""
+    return fly_segment.prepare(flight, state, as_array(0, np.int32))
+
+
+def _prepare(flight: Flight, state: FlightState) -> Prepared:
+    """As `prepare_flight`; xarray and pandas, which take as long to import as a program to load, come meanwhile."""
+    prepared = prepare_flight(flight, state)
+    importlib.import_module("anser.results")
+    return prepared
 
 
 @dataclass(frozen=True, repr=False)
@@ -51,7 +56,7 @@ class Flown:
     """
 
     scenario: Scenario
-    dataset: xr.Dataset
+    dataset: "xr.Dataset"
     summary: dict[str, Any]
     planned: Planned
 
@@ -62,10 +67,14 @@ class Flown:
         return arrived and all(row["met"] for row in self.summary["requirements"])
 
     def __repr__(self) -> str:
+        from anser.results import summary_text
+
         return summary_text(self.summary)
 
     def report(self, path: Path | str) -> Path:
         """Write the interactive HTML report; refuses to overwrite (FileExistsError)."""
+        from anser.report import write_report
+
         write_report(self.dataset, self.summary, Path(path))
         return Path(path)
 
@@ -104,13 +113,15 @@ class Flown:
 
     def write_into(self, folder: Path) -> None:
         """Write the three files into a folder that exists; refuses to overwrite any (FileExistsError)."""
+        from anser.results import write_netcdf, write_summary
+
         flight, summary, report = (folder / name for name in _FILES)
         write_netcdf(self.dataset, flight)
         write_summary(self.summary, summary)
         self.report(report)
 
 
-def run(scenario: Scenario, progress: Progress | None = None) -> Flown:
+def run(scenario: Scenario, progress: Progress | None = None, planned: Planned | None = None) -> Flown:
     """Fly a scenario.
 
     Parameters
@@ -119,9 +130,13 @@ def run(scenario: Scenario, progress: Progress | None = None) -> Flown:
         Validated, from `load`.
     progress
         Called now and then with what is being done and how much of the flight is behind.
+    planned
+        A finished plan of this scenario, from `anser.plan` or `anser.campaign.read_plan`; None: one is made.
 
     Raises
     ------
+    ValueError
+        The plan is one of another scenario.
     ScenarioError
         If an aircraft cannot fly steadily at its start; the message says what stops it.
     NoPlanError
@@ -129,7 +144,12 @@ def run(scenario: Scenario, progress: Progress | None = None) -> Flown:
     """
     on_progress = progress or silent
     began = clock.perf_counter()
-    planned = plan(scenario, lambda what: on_progress(what, 0.0))
+    if planned is None:
+        planned = plan(scenario, lambda what: on_progress(what, 0.0), _prepare)
+    elif planned.scenario != scenario:
+        raise ValueError(f"planned: arrived a plan for {planned.scenario.name}; expected one for the scenario itself")
+    from anser.results import summarize, to_dataset, version_attributes
+
     if planned.refusals:
         raise NoPlanError(planned.refusals)
     flight, state = planned.flight, planned.begun()
@@ -139,8 +159,8 @@ def run(scenario: Scenario, progress: Progress | None = None) -> Flown:
     segments = []
     count = -(-(steps + 1) // SEGMENT_STEPS)
     for k in range(count):
-        state, _, history = fly_segment(flight, state, jnp.asarray(k * SEGMENT_STEPS, dtype=jnp.int32))
-        segments.append(jax.tree.map(np.asarray, history))
+        state, _, history = fly_segment(flight, state, as_array(k * SEGMENT_STEPS, np.int32))
+        segments.append({key: np.asarray(rows)[:, : len(scenario.aircraft)] for key, rows in history.items()})
         on_progress("flying", (k + 1) / count)
     history = {key: np.concatenate([part[key] for part in segments])[: steps + 1] for key in segments[0]}
     time_s = np.arange(steps + 1) * timing.step_s
@@ -152,7 +172,7 @@ def run(scenario: Scenario, progress: Progress | None = None) -> Flown:
         time_s[::stride],
         {key: values[::stride] for key, values in history.items()},
         [a.name for a in scenario.aircraft],
-        _attributes(scenario),
+        _attributes(scenario) | version_attributes(),
     )
     return Flown(scenario, dataset, summary, planned)
 
@@ -167,5 +187,4 @@ def _attributes(scenario: Scenario) -> dict[str, Any]:
         "earth_model": scenario.earth.model,
         "reference_latitude_deg": scenario.earth.latitude_deg,
         "reference_longitude_deg": scenario.earth.longitude_deg,
-        **version_attributes(),
     }

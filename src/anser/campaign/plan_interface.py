@@ -1,16 +1,24 @@
 """What a first plan is for people, whichever planner made it."""
 
 import abc
+import functools
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from anser.compiling import Prepared
+from anser.numerics import leading
 from anser.scenario import Scenario
 from anser.simulation import Flight, FlightState, TrimmedFleet, TrimPoint
 
 SPEED_TOLERANCE = 1e-3
 """Part of the fleet's speed by which a mean airspeed may differ without a note."""
+
+
+Ahead = Callable[[Flight, Any], Prepared | None]
+"""Prepares the program that is needed after the plan, for a flight and the shapes of its first state."""
 
 
 class NoPlanError(Exception):
@@ -19,6 +27,10 @@ class NoPlanError(Exception):
     def __init__(self, reasons: tuple[str, ...]) -> None:
         super().__init__("; ".join(reasons))
         self.reasons = reasons
+
+
+class PlanFileError(ValueError):
+    """A file that holds no plan, or not one for the scenario."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -30,9 +42,9 @@ class Planned(abc.ABC):
     scenario
         What was planned.
     flight
-        Its arrays.
+        Its arrays, filled up to a size with aircraft that never fly.
     fleet
-        The fleet trimmed at its start.
+        All of these, trimmed at the start.
     refusals
         Why there is no plan, one sentence each; empty where there is one.
     """
@@ -45,9 +57,9 @@ class Planned(abc.ABC):
     @property
     def trims(self) -> TrimPoint:
         """Steady flight of each aircraft at its start; leading axis aircraft."""
-        return self.fleet.trims
+        return leading(self.fleet.trims, len(self.scenario.aircraft))
 
-    @property
+    @functools.cached_property
     @abc.abstractmethod
     def plan(self) -> Any:
         """The planner's own plan; raises `NoPlanError` if there is none."""

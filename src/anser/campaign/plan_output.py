@@ -13,14 +13,14 @@ from anser.campaign.certified import NOT_PROVEN, CertifiedPlanned, not_proven
 from anser.campaign.plan_interface import Planned
 from anser.campaign.plan_samples import PlannedPath, sample_plan, sample_times
 from anser.campaign.planned import PublishedPlanned
-from anser.planning import CERTIFIED_LIMITS, LIMIT_MESSAGES, LIMITS, PLAN_MESSAGES, PathLimits
+from anser.numerics import leading
+from anser.planning import CERTIFIED_LIMITS, LIMIT_MESSAGES, LIMITS, PLAN_MESSAGES, PathLimits, turn_words
 from anser.planning.certified import AircraftTask, CertifiedPlan
 from anser.report import draw_plan
 from anser.results import (
     PlanDetails,
     plan_dataset,
     plan_summary,
-    turn_words,
     write_summary,
     write_trajectories,
 )
@@ -70,7 +70,9 @@ def record(planned: Planned) -> RecordedPlan:
     if not isinstance(planned, CertifiedPlanned):
         raise TypeError(f"planned: arrived a {type(planned).__name__}; expected what anser.plan gives")
     gravity = planned.airspace.gravity
-    return record_certified(planned.scenario, planned.plan, planned.tasks, gravity, planned.holds, planned.notes())
+    count = len(planned.scenario.aircraft)
+    tasks, holds = leading(planned.tasks, count), planned.holds
+    return record_certified(planned.scenario, planned.plan, tasks, gravity, holds, planned.notes())
 
 
 def record_published(planned: PublishedPlanned) -> RecordedPlan:
@@ -121,7 +123,9 @@ def record_certified(
         limits=_limits(scenario, asked),
         bounds={limit.key: np.asarray(getattr(found.bounds, limit.field)) for limit in CERTIFIED_LIMITS},
         separation_bound=ratio if math.isfinite(ratio) else None,
-        keep_out_bounds_m=np.asarray(found.keep_out_clearance) if scenario.keep_out else None,
+        keep_out_bounds_m=np.asarray(found.keep_out_clearance)[:, : len(scenario.keep_out)]
+        if scenario.keep_out
+        else None,
         **_holds(holds, rows),
     )
     return _recorded(made.paths, np.asarray(made.arrival_times), gravity, details)

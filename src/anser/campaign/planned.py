@@ -10,11 +10,19 @@ import jax
 import numpy as np
 
 from anser.campaign.certified import plan_certified
-from anser.campaign.plan_interface import SPEED_TOLERANCE, Planned
+from anser.campaign.plan_interface import SPEED_TOLERANCE, Ahead, Planned
 from anser.campaign.untrimmable import refuse_untrimmable
 from anser.compiling import compiled, compiled_quickly, enable_compilation_cache
-from anser.planning import LIMIT_MESSAGES, PLAN_MESSAGES, FleetPlan, LimitReport, check_limits, separation_min
-from anser.results import bend_words
+from anser.numerics import leading
+from anser.planning import (
+    LIMIT_MESSAGES,
+    PLAN_MESSAGES,
+    FleetPlan,
+    LimitReport,
+    bend_words,
+    check_limits,
+    separation_min,
+)
 from anser.scenario import Scenario, build_flight, build_path_limits
 from anser.scenario.schema_aircraft import Aircraft
 from anser.simulation import (
@@ -47,22 +55,28 @@ class PublishedPlanned(Planned):
 
     state: FlightState
 
-    @property
+    @functools.cached_property
     def plan(self) -> FleetPlan:
         """The plan itself."""
+        return leading(self._all, len(self.scenario.aircraft))
+
+    @property
+    def _all(self) -> FleetPlan:
+        """The plan with those that fill the fleet up."""
         return self.state.planner.plan
 
     @functools.cached_property
     def limits(self) -> LimitReport:
         """How the paths keep the scenario's limits; leading axis aircraft."""
-        return _limits_of(self.plan, build_path_limits(self.scenario), self.flight.environment.gravity)
+        found = _limits_of(self._all, build_path_limits(self.scenario), self.flight.environment.gravity)
+        return leading(found, len(self.scenario.aircraft))
 
     @functools.cached_property
     def separation_min_m(self) -> float | None:
         """Least planned distance between two aircraft up to the arrival, m; None for one aircraft."""
         if len(self.scenario.aircraft) == 1:
             return None
-        return float(np.min(np.asarray(_separation(self.plan.trajectories))))
+        return float(np.min(np.asarray(_separation(self._all.trajectories, active=self._all.active))))
 
     def notes(self) -> tuple[str, ...]:
         """Where the plan differs from the scenario's words, one sentence each: mean airspeed, wind."""
@@ -118,7 +132,9 @@ def _change_of_wind_m_s(scenario: Scenario, one: Aircraft, arrival_s: float) -> 
     return math.dist(scenario.wind.velocity_m_s(up_m), scenario.wind.velocity_m_s(one.start.altitude_m))
 
 
-def plan(scenario: Scenario, on_progress: Callable[[str], None] = lambda what: None) -> Planned:
+def plan(
+    scenario: Scenario, on_progress: Callable[[str], None] = lambda what: None, ahead: Ahead = lambda *of: None
+) -> Planned:
     """Trim every aircraft at its start and make the first plan of the scenario's planner, as seen at time 0.
 
     `anser.run` flies what this gives, and `anser plan` prints it.
@@ -129,6 +145,9 @@ def plan(scenario: Scenario, on_progress: Callable[[str], None] = lambda what: N
         Validated; its `fleet.planner` says which planner.
     on_progress
         Called now and then with what is being done.
+    ahead
+        Prepares a program that is needed next, for a flight and the shapes of its first state: it is traced while the
+        start is compiled, and compiled as soon as that is known to exist.
 
     Returns
     -------
@@ -145,9 +164,14 @@ def plan(scenario: Scenario, on_progress: Callable[[str], None] = lambda what: N
     """
     enable_compilation_cache()
     if scenario.fleet.planner == "certified":
-        return plan_certified(scenario, on_progress)
+        return plan_certified(scenario, on_progress, ahead)
     on_progress("planning")
-    flight = build_flight(scenario)
+    flight = build_flight(scenario, filled_up=True)
+    start = _start.prepare(flight).begin()
+    following = ahead(flight, start.shapes[0])
     state, fleet = _start(flight)
-    refuse_untrimmable(scenario, flight, fleet.trims)
-    return PublishedPlanned(scenario, flight, fleet, (), state)
+    made = PublishedPlanned(scenario, flight, fleet, (), state)
+    refuse_untrimmable(scenario, flight, made.trims)
+    if following is not None:
+        following.begin()
+    return made

@@ -3,15 +3,16 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import jax.numpy as jnp
+import numpy as np
 
 from anser.campaign.batches import Progress, silent
-from anser.campaign.execute import fly_segment
+from anser.campaign.execute import fly_segment, prepare_flight
 from anser.campaign.linearizing import linearize
 from anser.campaign.planned import plan
 from anser.campaign.step_tests import PUBLISHED_STEPS
 from anser.campaign.stepping import fly_steps
 from anser.campaign.trimming import find_trim
+from anser.numerics import as_array
 from anser.scenario import Scenario
 
 
@@ -29,9 +30,9 @@ def warm(scenarios: Sequence[Scenario], progress: Progress | None = None) -> Non
     on_progress = progress or silent
 
     def fly(scenario: Scenario) -> None:
-        planned = plan(scenario)
+        planned = plan(scenario, ahead=prepare_flight)
         if not planned.refusals:
-            fly_segment.ready(planned.flight, planned.begun(), jnp.asarray(0, dtype=jnp.int32))
+            fly_segment.ready(planned.flight, planned.begun(), as_array(0, np.int32))
 
     condition: dict[str, Any] = {"speed_m_s": 150.0, "altitude_m": 1000.0}
     tasks: list[tuple[str, Callable[[], Any]]] = [

@@ -10,7 +10,7 @@ import typer
 import anser
 from anser.cli.caching import cache
 from anser.cli.console import RefusedError, problem
-from anser.cli.flights import check, new, plan, run
+from anser.cli.flights import check, convert, new, plan, run
 from anser.cli.margins import margins
 from anser.cli.offering import offer
 from anser.cli.reporting import export, figures, report
@@ -53,6 +53,7 @@ for _command in (
     export,
     figures,
     new,
+    convert,
     cache,
 ):
     offer(app, _command)

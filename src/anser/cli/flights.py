@@ -8,6 +8,7 @@ import typer
 
 from anser.cli.arguments import ScenarioPath
 from anser.cli.console import (
+    RefusedError,
     answer,
     columns,
     end_without,
@@ -24,10 +25,17 @@ from anser.cli.console import (
     working,
 )
 from anser.cli.offering import about
+from anser.cli.run_folder import PLAN
 from anser.scenario import Scenario, ScenarioError, cautions, load, write_starter
+from anser.scenario import convert as as_format
+from anser.scenario.load import read_text
+from anser.scenario.schema import DEFAULT_PLANNERS, FORMAT
+from anser.scenario.template import write_new
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from anser.campaign import Planned
 
 
 def _loaded(path: Path) -> Scenario:
@@ -42,6 +50,7 @@ def _loaded(path: Path) -> Scenario:
     "anser run scenarios/three-aircraft.toml",
     "anser run scenarios/storm-sampling.toml --out runs/storm",
     "anser run scenarios/three-aircraft.toml --json --quiet > summary.json",
+    "anser run scenarios/twenty-aircraft.toml --plan plans/twenty",
     unmet="flown, but a requirement was not met; or there is no plan",
 )
 def run(
@@ -54,22 +63,31 @@ def run(
             show_default=False,
         ),
     ] = None,
+    plan: Annotated[
+        Path | None,
+        typer.Option(help="Folder that anser plan --out wrote: its plan is flown, none is made.", show_default=False),
+    ] = None,
 ) -> None:
     """Fly a scenario, write its results into a new folder and print a table."""
     wanted = _loaded(scenario)
+    if plan is not None and not (plan / PLAN).is_file():
+        words = f"a folder without {PLAN}" if plan.is_dir() else "no folder"
+        raise RefusedError(f"--plan: arrived {plan}, {words}; expected a folder that anser plan --out wrote")
     if out is not None:
         make_new(out)
     target = out if out is not None else make_next(Path("runs") / wanted.name)
-    from anser.campaign import NoPlanError
+    from anser.campaign import NoPlanError, PlanFileError
     from anser.campaign import run as fly  # here: a misspelt key must not wait for plotting libraries
 
     try:
         with kept_unless_empty(target), progress_bar() as tell:
-            flown = fly(wanted, tell)
+            flown = fly(wanted, tell, None if plan is None else _finished_plan(plan, wanted))
             tell("writing", 1.0)
             flown.write_into(target)
     except NoPlanError as error:
         end_without("no plan", error.reasons, "no plan: ")
+    except PlanFileError as error:
+        raise RefusedError(f"--plan: {error}") from None
     answer(lambda: flown.summary)
     stopped_s = _stopped_s(flown.dataset)
     _print_flown(flown.summary, stopped_s)
@@ -80,6 +98,12 @@ def run(
         for beyond in flown.planned.problems():
             problem(f"planned beyond the limits: {beyond}")
         _fail_unmet(flown.summary, stopped_s)
+
+
+def _finished_plan(folder: Path, wanted: Scenario) -> "Planned":
+    from anser.campaign import read_plan
+
+    return read_plan(folder / PLAN, wanted)
 
 
 @about("anser check scenarios/three-aircraft.toml", "anser check mine.toml --json")
@@ -112,6 +136,21 @@ def check(scenario: ScenarioPath) -> None:
     )
     line(f"{scenario}: good. {wanted.name}: {fleet}, {goals}, {wanted.timing.duration_s:g} s.")
     line(f"Next: anser plan {scenario}")
+
+
+@about("anser convert old.toml new.toml", "anser convert new.toml old.toml --format 1")
+def convert(
+    scenario: ScenarioPath,
+    path: Annotated[Path, typer.Argument(help="File to write; it must not exist.", show_default=False)],
+    format_: Annotated[int, typer.Option("--format", help="Format to write: 1 or 2.")] = FORMAT,
+) -> None:
+    """Write a scenario file in another format: it flies as it did, and its comments stay."""
+    if format_ not in DEFAULT_PLANNERS:
+        raise RefusedError(f"--format: arrived {format_}; expected {' or '.join(map(str, DEFAULT_PLANNERS))}")
+    text = as_format(read_text(scenario), str(scenario), format_)
+    write_new(path, text)
+    answer(lambda: {"format_version": 1, "file": str(path), "format": format_})
+    line(f"{path}: written in format {format_}. Next: anser check {path}")
 
 
 @about("anser new mine.toml")
@@ -196,7 +235,9 @@ def plan(
     scenario: ScenarioPath,
     out: Annotated[
         Path | None,
-        typer.Option(help="New folder for plan.json, trajectories.csv, plan.png, plan.svg.", show_default=False),
+        typer.Option(
+            help="New folder for plan.json, trajectories.csv, plan.png, plan.svg, plan.npz.", show_default=False
+        ),
     ] = None,
 ) -> None:
     """Plan a scenario without flying it: arrival times, each aircraft's path, what it leaves to the limits."""
@@ -205,6 +246,7 @@ def plan(
         make_new(out)
     with kept_unless_empty(out), working("planning") as tell:
         from anser.campaign import plan as make  # here: a misspelt key must not wait for plotting libraries
+        from anser.campaign import write_plan
         from anser.campaign.plan_output import record
 
         planned = make(wanted, tell)
@@ -213,13 +255,14 @@ def plan(
         recorded = record(planned)
         if out is not None:
             recorded.write_into(out)
+            write_plan(planned, out / PLAN)
     answer(lambda: recorded.summary)
     _print_paths(recorded.summary)
     _print_margins(recorded.summary)
     for text in _apart(recorded.summary):
         line(text)
     if out is not None:
-        say(f"{out}: plan.json, trajectories.csv, plan.png, plan.svg written")
+        say(f"{out}: plan.json, trajectories.csv, plan.png, plan.svg, plan.npz written")
     for note in recorded.summary["notes"]:
         say(f"note: {note}")
     for found in recorded.summary["problems"]:

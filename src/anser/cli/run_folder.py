@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 FLIGHT, SUMMARY = RUN_FILES = ("flight.nc", "summary.json")
+PLAN = "plan.npz"
 
 
 def must_be_run(folder: Path, place: str = "RUN") -> None:

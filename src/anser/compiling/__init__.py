@@ -3,11 +3,12 @@
 from anser.compiling.cache import cache_folder, enable_compilation_cache, program_store
 from anser.compiling.one_kernel import as_one_kernel
 from anser.compiling.options import compiled, compiled_by_older_generator, compiled_quickly
-from anser.compiling.program import Program, ProgramStore, forget_programs, use_program_store, watching
+from anser.compiling.program import Prepared, Program, ProgramStore, forget_programs, use_program_store, watching
 from anser.compiling.store import FolderStore
 
 __all__ = [
     "FolderStore",
+    "Prepared",
     "Program",
     "ProgramStore",
     "as_one_kernel",

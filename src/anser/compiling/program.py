@@ -6,8 +6,10 @@ import inspect
 import io
 import math
 import pickle
+import threading
 import weakref
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Generic, ParamSpec, Protocol, TypeVar
 
 import equinox as eqx
@@ -35,6 +37,7 @@ class ProgramStore(Protocol):
 
 _in_use: list[ProgramStore] = []
 _watchers: list[Callable[[bool], None]] = []
+_announcing: list[None] = []
 _programs: "weakref.WeakSet[Program[..., Any]]" = weakref.WeakSet()
 
 
@@ -55,12 +58,16 @@ def watching(on_compiling: Callable[[bool], None]) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _announced() -> Iterator[None]:
-    for tell in _watchers:
+    """Tell the watchers, once where this is entered within itself."""
+    watchers = [] if _announcing else list(_watchers)
+    _announcing.append(None)
+    for tell in watchers:
         tell(True)
     try:
         yield
     finally:
-        for tell in _watchers:
+        _announcing.pop()
+        for tell in watchers:
             tell(False)
 
 
@@ -71,7 +78,7 @@ def forget_programs() -> None:
 
 
 class _Hole:
-    """In the place of an array in the structure of a result."""
+    """In the place of an array in the structure of arguments."""
 
 
 class _Structures(pickle.Unpickler):
@@ -83,25 +90,43 @@ class _Structures(pickle.Unpickler):
         return super().find_class(module_name, global_name)
 
 
-_hits: list[str] = []
+_hits: list[int] = []
+"""The thread of each program that came out of JAX's own cache."""
+_beside = ThreadPoolExecutor(2, "anser-compiling")
+_changing = threading.Lock()
+_compiling: list[float] = []
 
 
 @functools.cache
 def _listen() -> None:
-    jax.monitoring.register_event_listener(lambda event, **_: _hits.append(event) if event == _HIT else None)
+    jax.monitoring.register_event_listener(
+        lambda event, **_: _hits.append(threading.get_ident()) if event == _HIT else None
+    )
+
+
+@contextlib.contextmanager
+def _kept_by_the_store() -> Iterator[None]:
+    """What is compiled here, in whatever thread, is kept once, in the store, and not in JAX's own cache."""
+    setting = "jax_persistent_cache_min_compile_time_secs"
+    with _changing:
+        _compiling.append(getattr(jax.config, setting))
+        jax.config.update(setting, math.inf)
+    try:
+        yield
+    finally:
+        with _changing:
+            # The last one out puts back what the first one found.
+            found = _compiling.pop(0) if len(_compiling) == 1 else _compiling.pop(1)
+            jax.config.update(setting, found)
 
 
 def _compiled(lowered: Any, options: dict[str, bool | str]) -> tuple[Any, bool]:
     """The program, and whether it can be kept: XLA cannot serialize one again that came out of JAX's own cache."""
     _listen()
-    before = len(_hits)
-    least_s = jax.config.jax_persistent_cache_min_compile_time_secs  # pyright: ignore[reportAttributeAccessIssue]
-    # It is kept once, in the store.
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", math.inf)
-    try:
-        return lowered.compile(options or None), len(_hits) == before
-    finally:
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", least_s)
+    own = threading.get_ident()
+    before = _hits.count(own)
+    with _kept_by_the_store():
+        return lowered.compile(options or None), _hits.count(own) == before
 
 
 @functools.cache
@@ -120,15 +145,27 @@ def _of_content(content: bytes, arguments: int) -> tuple[Any, Any]:
     result = _Structures(io.BytesIO(content[8:end])).load()
     if b"lapack_" in content:
         _have_lapack()
-    arrays = sum(isinstance(leaf, _Hole) for leaf in jax.tree.leaves(result))
+    arrays = sum(map(_is_shape, jax.tree.leaves(result)))
     trees = [jax.tree.structure(of) for of in ((([0] * arguments,), {}), [0] * arrays)]
-    return serialize_executable.deserialize_and_load(content[end:], *trees), result
+    return functools.partial(serialize_executable.deserialize_and_load, content[end:], *trees), result
+
+
+def _is_shape(leaf: Any) -> bool:
+    return isinstance(leaf, jax.ShapeDtypeStruct)
+
+
+def _is_array(leaf: Any) -> bool:
+    return eqx.is_array(leaf) or _is_shape(leaf)
+
+
+def _shape_of(array: Any) -> jax.ShapeDtypeStruct:
+    return jax.ShapeDtypeStruct(array.shape, array.dtype, weak_type=getattr(array, "weak_type", False))
 
 
 def _returning(compiled: Callable[..., list[Any]], result: Any) -> Callable[[list[Any]], Any]:
     """Call a compiled program of arrays and put its arrays into the structure of the result."""
     leaves, structure = jax.tree.flatten(result)
-    places = [k for k, leaf in enumerate(leaves) if isinstance(leaf, _Hole)]
+    places = [k for k, leaf in enumerate(leaves) if _is_shape(leaf)]
 
     def call(arrays: list[Any]) -> Any:
         filled = list(leaves)
@@ -137,6 +174,35 @@ def _returning(compiled: Callable[..., list[Any]], result: Any) -> Callable[[lis
         return structure.unflatten(filled)
 
     return call
+
+
+class Prepared:
+    """A program that is loaded or compiled beside other work: what is kept at once, what is not from `begin` on.
+
+    Attributes
+    ----------
+    shapes
+        What the program gives, with `jax.ShapeDtypeStruct` in the place of arrays.
+    """
+
+    def __init__(self, shapes: Any, make: Callable[[], Callable[..., list[Any]]], *, compiles: bool) -> None:
+        self.shapes, self._made, self._compiles, self._begun = shapes, make, compiles, False
+        if not compiles:
+            self.begin()
+
+    def begin(self) -> "Prepared":
+        """Have it made, in a thread of its own."""
+        if not self._begun:
+            self._made, self._begun = _beside.submit(self._made).result, True
+        return self
+
+    @functools.cached_property
+    def function(self) -> Callable[[list[Any]], Any]:
+        """The program, as soon as it is there: arrays in, result out."""
+        with _announced() if self._compiles else contextlib.nullcontext():
+            made = self._made()
+        self._made, self._begun = (lambda: made), True  # the arrays that it was made for go
+        return _returning(made, self.shapes)
 
 
 class Program(Generic[_P, _R]):
@@ -163,7 +229,7 @@ class Program(Generic[_P, _R]):
     ) -> None:
         functools.update_wrapper(self, function)
         self._function, self._options, self._static = function, options, static_argnames
-        self._ready: dict[Any, Callable[[list[Any]], Any]] = {}
+        self._ready: dict[Any, Prepared] = {}
         _programs.add(self)
 
     @functools.cached_property
@@ -187,11 +253,15 @@ class Program(Generic[_P, _R]):
         if traced or jax.config.jax_disable_jit or jax.config.jax_debug_nans:  # pyright: ignore[reportAttributeAccessIssue]
             return functools.partial(self._within, *args, **kwargs)
         arrays, static = self._parted(args, kwargs)
-        shapes = tuple((one.shape, one.dtype, getattr(one, "weak_type", False)) for one in arrays)
-        called = (static, shapes, settings())
-        if called not in self._ready:
-            self._ready[called] = self._prepared(arrays, static)
-        return functools.partial(self._ready[called], arrays)
+        prepared = self._known(arrays, static)
+        if prepared is None:
+            with _announced():
+                return functools.partial(self._prepared(arrays, static).function, arrays)
+        return functools.partial(prepared.function, arrays)
+
+    def prepare(self, *args: Any, **kwargs: Any) -> Prepared:
+        """Begin with the program for arguments of such shapes: `jax.ShapeDtypeStruct` may stand for arrays."""
+        return self._prepared(*self._parted(args, kwargs))
 
     def forget(self) -> None:
         """Give up what is compiled."""
@@ -201,9 +271,9 @@ class Program(Generic[_P, _R]):
         """Array leaves of the arguments; structure and everything else, hashable."""
         if self._static is None:
             leaves, structure = jax.tree.flatten((args, kwargs))
-            return [one for one in leaves if eqx.is_array(one)], (
+            return [one for one in leaves if _is_array(one)], (
                 structure,
-                tuple(_Hole if eqx.is_array(one) else one for one in leaves),
+                tuple(_Hole if _is_array(one) else one for one in leaves),
             )
         named = self._signature.bind(*args, **kwargs).arguments
         # Numbers of Python become weakly typed arrays, as by `jax.jit`.
@@ -220,45 +290,76 @@ class Program(Generic[_P, _R]):
 
     def _key(self, arrays: list[Any], static: tuple[Any, Any], options: dict[str, bool | str]) -> str | None:
         """Name of the program for such arguments in a store; None: it cannot be kept."""
-        shapes = [
-            jax.ShapeDtypeStruct(one.shape, one.dtype, weak_type=getattr(one, "weak_type", False)) for one in arrays
-        ]
         try:
-            return key_of((self._function, self._arguments(shapes, static), options))
+            return key_of((self._function, self._arguments(list(map(_shape_of, arrays)), static), options))
         except NotKeptError:
             return None
 
-    def _prepared(self, arrays: list[Any], static: tuple[Any, Any]) -> Callable[[list[Any]], Any]:
-        """The program for such arguments: from the store, or compiled and put there."""
-        options = self._options()
-        store = _in_use[0] if _in_use else None
-        key = None if store is None else self._key(arrays, static, options)
-        content = store.load(key) if store is not None and key is not None else None
-        if content is not None:
-            # Whatever is wrong with it, it is made anew.
-            with contextlib.suppress(Exception):
-                return _returning(*_of_content(content, len(arrays)))
-        with _announced():
-            compiled, result, kept = self._anew(arrays, static, options, keep=key is not None)
-        if kept and store is not None and key is not None:
-            # Some cannot be serialized, such as those that call back into Python.
-            with contextlib.suppress(Exception):
-                store.save(key, _content(compiled, result))
-        return _returning(compiled, result)
+    def _prepared(self, arrays: list[Any], static: tuple[Any, Any]) -> Prepared:
+        """The program for such arguments: known, or traced to be compiled and put into the store."""
+        prepared = self._known(arrays, static)
+        if prepared is None:
+            with _announced():
+                prepared = Prepared(*self._compiling(arrays, static), compiles=True)
+            self._ready[self._called(arrays, static)] = prepared
+        return prepared
 
-    def _anew(
-        self, arrays: list[Any], static: tuple[Any, Any], options: dict[str, bool | str], *, keep: bool
-    ) -> tuple[Any, Any, bool]:
-        """The program compiled, the structure of its result, and whether it can be kept."""
+    def _called(self, arrays: list[Any], static: tuple[Any, Any]) -> Any:
+        shapes = tuple((one.shape, one.dtype, getattr(one, "weak_type", False)) for one in arrays)
+        return static, shapes, settings()
+
+    def _known(self, arrays: list[Any], static: tuple[Any, Any]) -> Prepared | None:
+        """The program for such arguments that this process has, or the store; None: neither."""
+        called = self._called(arrays, static)
+        if called not in self._ready:
+            kept = self._kept(arrays, static)
+            if kept is None:
+                return None
+            self._ready[called] = kept
+        return self._ready[called]
+
+    def _kept(self, arrays: list[Any], static: tuple[Any, Any]) -> Prepared | None:
+        """What is kept of the program; None: nothing. Whatever is wrong with it, it is made anew."""
+        store = _in_use[0] if _in_use else None
+        key = None if store is None else self._key(arrays, static, self._options())
+        content = store.load(key) if store is not None and key is not None else None
+        if content is None:
+            return None
+        with contextlib.suppress(Exception):
+            load, shapes = _of_content(content, len(arrays))
+
+            def loaded() -> Callable[..., list[Any]]:
+                with contextlib.suppress(Exception):
+                    return load()
+                return self._compiling(arrays, static)[1]()
+
+            return Prepared(shapes, loaded, compiles=False)
+        return None
+
+    def _compiling(
+        self, arrays: list[Any], static: tuple[Any, Any]
+    ) -> tuple[Any, Callable[[], Callable[..., list[Any]]]]:
+        """What the program gives, traced and lowered; what compiles it and puts it into the store."""
         results: list[Any] = []
         function: Callable[..., Any] = self._function
 
         def flat(arrays: list[Any]) -> list[Any]:
             args, kwargs = self._arguments(arrays, static)
             leaves, structure = jax.tree.flatten(function(*args, **kwargs))
-            results.append(structure.unflatten([_Hole() if eqx.is_array(leaf) else leaf for leaf in leaves]))
+            results.append(structure.unflatten([_shape_of(leaf) if eqx.is_array(leaf) else leaf for leaf in leaves]))
             return [leaf for leaf in leaves if eqx.is_array(leaf)]
 
-        lowered = jax.jit(flat).lower(arrays)
-        compiled, kept = _compiled(lowered, options) if keep else (lowered.compile(options or None), False)
-        return compiled, results[0], kept
+        lowered, options, store = jax.jit(flat).lower(arrays), self._options(), _in_use[0] if _in_use else None
+        key = None if store is None else self._key(arrays, static, options)
+
+        def make() -> Callable[..., list[Any]]:
+            if store is None or key is None:
+                return lowered.compile(options or None)
+            compiled, kept = _compiled(lowered, options)
+            if kept:
+                # Some cannot be serialized, such as those that call back into Python.
+                with contextlib.suppress(Exception):
+                    store.save(key, _content(compiled, results[0]))
+            return compiled
+
+        return results[0], make

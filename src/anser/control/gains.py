@@ -1,8 +1,8 @@
 """Gains of the three loops; the published ones ([TH], theory section 5) are the defaults."""
 
 import equinox as eqx
-import jax.numpy as jnp
 
+from anser.numerics import as_array
 from anser.shapes import Scalar, Vector3
 
 
@@ -59,7 +59,7 @@ def loop_gains(
     proportional: float, integral: float = 0.0, derivative: float = 0.0, feed_forward: float = 1.0
 ) -> LoopGains:
     """Build the same gains for all three channels of a loop."""
-    return LoopGains(*(jnp.full(3, g, dtype=float) for g in (proportional, integral, derivative, feed_forward)))
+    return LoopGains(*(as_array([g] * 3) for g in (proportional, integral, derivative, feed_forward)))
 
 
 def published_gains() -> AutopilotGains:
@@ -68,11 +68,11 @@ def published_gains() -> AutopilotGains:
         rates=loop_gains(10.0, 0.25, 1.0),
         attitude=loop_gains(2.0),
         velocity=loop_gains(1.0, 0.025),
-        attitude_command_bandwidth=jnp.asarray(4.0, dtype=float),
-        rates_command_bandwidth=jnp.asarray(3.0, dtype=float),
-        surfaces_command_bandwidth=jnp.asarray(20.0, dtype=float),
-        actuator_bandwidth=jnp.asarray(40.0, dtype=float),
-        surface_bandwidth=jnp.asarray(0.5, dtype=float),
-        engine_bandwidth=jnp.asarray(5.0, dtype=float),
-        sensor_bandwidth=jnp.asarray(0.0, dtype=float),
+        attitude_command_bandwidth=as_array(4.0),
+        rates_command_bandwidth=as_array(3.0),
+        surfaces_command_bandwidth=as_array(20.0),
+        actuator_bandwidth=as_array(40.0),
+        surface_bandwidth=as_array(0.5),
+        engine_bandwidth=as_array(5.0),
+        sensor_bandwidth=as_array(0.0),
     )

@@ -127,11 +127,13 @@ def attitude_demand(model: OnboardModel, gamma_dot: ScalarLike, chi_dot: ScalarL
     lift_free = ready * mass * up * c_mu / jnp.maximum(c_mu**2, _COS_BANK_MIN**2)
     lift_wanted = jnp.clip(lift_free, limits.load_factor_min * weight, limits.load_factor_max * weight)
     slope_min = 0.02 * now.air_data.qbar  # keeps the step finite past the peak of the lift curve
-    alpha_free = motion.alpha
-    for _ in range(_NEWTON_STEPS):
-        value, slope = jax.jvp(lift, (alpha_free,), (jnp.ones_like(alpha_free),))
+
+    def closer(_: object, alpha: Scalar) -> Scalar:
+        value, slope = jax.jvp(lift, (alpha,), (jnp.ones_like(alpha),))
         step = (lift_wanted - value) / jnp.maximum(slope, slope_min)
-        alpha_free = jnp.clip(alpha_free + step, limits.alpha_min - 0.1, limits.alpha_max + 0.1)
+        return jnp.clip(alpha + step, limits.alpha_min - 0.1, limits.alpha_max + 0.1)
+
+    alpha_free = jax.lax.fori_loop(0, _NEWTON_STEPS, closer, motion.alpha)
     alpha = jnp.clip(alpha_free, limits.alpha_min, limits.alpha_max)
     return AttitudeDemand(
         angles=jnp.stack([mu, alpha, jnp.zeros_like(alpha)]),

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 
 from anser.constants import EARTH_GM_M3_S2, EARTH_J2, EARTH_ROTATION_RAD_S, WGS84_A_M, WGS84_F
 from anser.environment.gravity import gravitation_j2
-from anser.numerics import cross
+from anser.numerics import as_array, cross
 from anser.shapes import Matrix33, Scalar, ScalarLike, Vector3
 from anser.spatial import (
     Ellipsoid,
@@ -242,6 +242,6 @@ def _earth(
 ) -> RotatingEarth:
     # Strongly typed leaves: replacing one by another array does not recompile.
     radius, flattening, rate, gm, oblateness, lat, lon = (
-        jnp.asarray(x, dtype=float) for x in (a, f, rotation_rate, EARTH_GM_M3_S2, j2, latitude, longitude)
+        as_array(x) for x in (a, f, rotation_rate, EARTH_GM_M3_S2, j2, latitude, longitude)
     )
     return RotatingEarth(Ellipsoid(radius, flattening), rate, gm, oblateness, lat, lon)

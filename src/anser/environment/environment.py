@@ -8,6 +8,7 @@ from anser.environment.atmosphere import AbstractAtmosphere, StandardAtmosphere
 from anser.environment.earth import AbstractEarth, FlatEarth
 from anser.environment.gravity import somigliana
 from anser.environment.wind import AbstractWind, SteadyWind
+from anser.numerics import as_array
 from anser.shapes import Scalar, ScalarLike, Vector3
 
 
@@ -49,7 +50,7 @@ def standard_environment(
     earth
         Another Earth; `latitude` then counts for nothing.
     """
-    gravity = jnp.asarray(STANDARD_GRAVITY_M_S2) if latitude is None else somigliana(latitude)
+    gravity = as_array(STANDARD_GRAVITY_M_S2) if latitude is None else somigliana(latitude)
     return Environment(
         atmosphere=StandardAtmosphere(),
         wind=SteadyWind(jnp.zeros(3) if wind_n is None else wind_n),

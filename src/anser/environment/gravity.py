@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 
 from anser.constants import SOMIGLIANA_EQUATOR_M_S2, SOMIGLIANA_K
+from anser.numerics import as_array, namespace
 from anser.shapes import Scalar, ScalarLike, Vector3
 from anser.spatial import WGS84
 
@@ -12,8 +13,9 @@ def somigliana(latitude: ScalarLike) -> Scalar:
 
     Normal gravity: gravitation and centrifugal acceleration together, down. Source: theory section 1, [WGS84].
     """
-    s2 = jnp.sin(latitude) ** 2
-    return SOMIGLIANA_EQUATOR_M_S2 * (1.0 + SOMIGLIANA_K * s2) / jnp.sqrt(1.0 - WGS84.e2 * s2)
+    xp = namespace(latitude)
+    s2 = xp.sin(latitude) ** 2
+    return as_array(SOMIGLIANA_EQUATOR_M_S2 * (1.0 + SOMIGLIANA_K * s2) / xp.sqrt(1.0 - WGS84.e2 * s2))
 
 
 def gravitation_j2(

@@ -1,5 +1,6 @@
 """Numerical building blocks: tables, integration, quadrature, roots, small algebra."""
 
+from anser.numerics.arrays import as_array, leading, namespace, zeros_as
 from anser.numerics.integrate import rk4_step
 from anser.numerics.linear import cross, inverse3, product3, solve3, times3
 from anser.numerics.stacking import Stacked, any_in_batch, rows_of, stacked, structure_of
@@ -10,10 +11,13 @@ __all__ = [
     "Stacked",
     "Tables",
     "any_in_batch",
+    "as_array",
     "cross",
     "inverse3",
+    "leading",
     "make_axes",
     "make_tables",
+    "namespace",
     "product3",
     "rk4_step",
     "rows_of",
@@ -21,4 +25,5 @@ __all__ = [
     "stacked",
     "structure_of",
     "times3",
+    "zeros_as",
 ]

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 import jax
+import jax.numpy as jnp
 
 from anser.shapes import ScalarLike
 
@@ -19,8 +20,11 @@ def rk4_step(derivative: Callable[[ScalarLike, Y], Y], t: ScalarLike, y: Y, h: S
     def shifted(scale: ScalarLike, slope: Y) -> Y:
         return jax.tree.map(lambda a, b: a + scale * b, y, slope)
 
-    k1 = derivative(t, y)
-    k2 = derivative(t + h / 2, shifted(h / 2, k1))
-    k3 = derivative(t + h / 2, shifted(h / 2, k2))
-    k4 = derivative(t + h, shifted(h, k3))
-    return jax.tree.map(lambda a, p, q, r, s: a + h / 6 * (p + 2 * (q + r) + s), y, k1, k2, k3, k4)
+    def stage(slope: Y, part: ScalarLike) -> tuple[Y, Y]:
+        slope = derivative(t + part * h, shifted(part * h, slope))
+        return slope, slope
+
+    # One copy of the derivative in the compiled code.
+    zero = jax.tree.map(jnp.zeros_like, y)
+    k = jax.lax.scan(stage, zero, jnp.asarray([0.0, 0.5, 0.5, 1.0]))[1]
+    return jax.tree.map(lambda a, k: a + h / 6 * (k[0] + 2 * (k[1] + k[2]) + k[3]), y, k)

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import NamedTuple, TypeVar
 
+import equinox as eqx
 import jax.numpy as jnp
 from jax import lax
 
@@ -55,24 +56,31 @@ def bracketed_newton(
     start = jnp.clip(guess.astype(float), low, high)
 
     def step(_: object, carry: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
-        x, low, high, last, before_last, best, best_size = carry
+        x, low, high, last, before_last, best, residual = carry
         value, slope = function(x, fixed)
-        size = jnp.abs(value)
-        better = size < best_size
-        best, best_size = jnp.where(better, x, best), jnp.where(better, size, best_size)
+        better = jnp.abs(value) < jnp.abs(residual)
+        best, residual = jnp.where(better, x, best), jnp.where(better, value, residual)
         low, high = jnp.where(value < 0.0, x, low), jnp.where(value < 0.0, high, x)
         newton = x - value / jnp.where(slope == 0.0, 1.0, slope)
         inside = (newton >= low) & (newton <= high) & (slope != 0.0)
         take = inside & (jnp.abs(newton - x) <= 0.5 * before_last)
         following = jnp.where(take, newton, 0.5 * (low + high))
-        return following, low, high, jnp.abs(following - x), last, best, best_size
+        return following, low, high, jnp.abs(following - x), last, best, residual
 
     # Twice the width lets the first two Newton steps go anywhere inside the bracket.
     width = 2.0 * (high - low)
     unknown = jnp.full_like(start, jnp.inf)
-    found = lax.fori_loop(0, steps, step, (start, low, high, width, width, start, unknown))[5]
-    value, slope = function(lax.stop_gradient(found), parameters)
-    residual, slope = lax.stop_gradient((value, slope))
-    # Zero in value; its derivative is the implicit one.
-    correction = jnp.where(slope == 0.0, 0.0, (value - residual) / jnp.where(slope == 0.0, 1.0, slope))
-    return Root(found - correction, residual)
+    found, residual = lax.fori_loop(0, steps, step, (start, low, high, width, width, start, unknown))[5:]
+    return Root(_implicit(function, parameters, found), residual)
+
+
+@eqx.filter_custom_jvp
+def _implicit(function: Callable, parameters: object, root: Scalar) -> Scalar:
+    return root
+
+
+@_implicit.def_jvp
+def _implicit_jvp(primals: tuple, tangents: tuple) -> tuple[Scalar, Scalar]:
+    function, parameters, root = primals
+    (_, slope), (change, _) = eqx.filter_jvp(lambda p: function(root, p), (parameters,), (tangents[1],))
+    return root, jnp.where(slope == 0.0, 0.0, -change / jnp.where(slope == 0.0, 1.0, slope))

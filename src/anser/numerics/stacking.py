@@ -10,6 +10,7 @@ import numpy as np
 from jax.custom_batching import custom_vmap
 from jaxtyping import Array
 
+from anser.numerics.arrays import as_array
 from anser.shapes import Flag
 
 T = TypeVar("T")
@@ -48,7 +49,7 @@ def structure_of(value: Any) -> tuple[Any, tuple[Any, ...]]:
     return structure, tuple((np.shape(leaf), np.asarray(leaf).dtype) for leaf in leaves)
 
 
-def stacked(parts: Sequence[T], *, tables_only: bool = True) -> Stacked[T]:
+def stacked(parts: Sequence[T], *, tables_only: bool = True, own: Callable[[T], Any] | None = None) -> Stacked[T]:
     """Stack objects of one structure; what is equal in all is common.
 
     Parameters
@@ -58,6 +59,8 @@ def stacked(parts: Sequence[T], *, tables_only: bool = True) -> Stacked[T]:
     tables_only
         Whether arrays of less than two dimensions are stacked though they are equal in all. Then other numbers in one
         object do not change the structure of the whole, which would compile anew; tables and matrices can be common.
+    own
+        What of an object is stacked though it is equal in all; None: nothing.
 
     Raises
     ------
@@ -68,19 +71,22 @@ def stacked(parts: Sequence[T], *, tables_only: bool = True) -> Stacked[T]:
         raise ValueError("objects of different structure cannot be stacked: each must have leaves of the same shapes")
     rows = [jax.tree.leaves(part) for part in parts]
     structure = jax.tree.structure(parts[0])
-    own, common = [], []
+    apart = jax.tree.map(lambda _: False, parts[0])
+    if own is not None:
+        apart = eqx.tree_at(own, apart, replace_fn=lambda part: jax.tree.map(lambda _: True, part))
+    stacks, common = [], []
     # NumPy: stacking on the host compiles nothing.
-    for leaves in zip(*(map(np.asarray, row) for row in rows), strict=True):
-        small = tables_only and leaves[0].ndim < 2
+    for always, *leaves in zip(jax.tree.leaves(apart), *(map(np.asarray, row) for row in rows), strict=True):
+        small = always or (tables_only and leaves[0].ndim < 2)
         equal = not small and all(np.array_equal(leaves[0], leaf, equal_nan=_is_float(leaf)) for leaf in leaves[1:])
-        own.append(None if equal else jnp.asarray(np.stack(leaves)))
-        common.append(jnp.asarray(leaves[0]) if equal else None)
-    return Stacked(structure.unflatten(own), structure.unflatten(common))
+        stacks.append(None if equal else as_array(np.stack(leaves), None))
+        common.append(as_array(leaves[0], None) if equal else None)
+    return Stacked(structure.unflatten(stacks), structure.unflatten(common))
 
 
 def rows_of(parts: Sequence[T]) -> T:
     """Objects of one structure as one, every leaf with a leading axis; stacked on the host, which compiles nothing."""
-    return jax.tree.map(lambda *leaves: jnp.asarray(np.stack([np.asarray(leaf) for leaf in leaves])), *parts)
+    return jax.tree.map(lambda *leaves: as_array(np.stack([np.asarray(leaf) for leaf in leaves]), None), *parts)
 
 
 def _is_float(leaf: np.ndarray) -> bool:

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from anser.numerics.arrays import as_array
 from anser.shapes import ScalarLike
 
 
@@ -101,9 +102,9 @@ def make_axes(axes: Sequence[Sequence[float] | np.ndarray], *, clamp: bool | Seq
     longest = max(one.size for one in points)
     held = np.broadcast_to(clamp, (len(points),))
     return Axes(
-        breakpoints=jnp.asarray([np.append(one, np.full(longest - one.size, np.inf)) for one in points]),
-        lower=jnp.asarray(np.where(held, [one[0] for one in points], -np.inf)),
-        upper=jnp.asarray(np.where(held, [one[-1] for one in points], np.inf)),
+        breakpoints=as_array([np.append(one, np.full(longest - one.size, np.inf)) for one in points]),
+        lower=as_array(np.where(held, [one[0] for one in points], -np.inf)),
+        upper=as_array(np.where(held, [one[-1] for one in points], np.inf)),
         sizes=tuple(one.size for one in points),
     )
 
@@ -126,5 +127,5 @@ def make_tables(axes: Axes, groups: Sequence[tuple[Sequence[int], Sequence[Seque
         for axis in range(1, len(shape) + 1):
             left, right = (np.take(corners, np.arange(k, shape[axis - 1] - 1 + k), axis=axis) for k in (0, 1))
             corners = np.concatenate([left, right - left])
-        packed.append(jnp.asarray(np.moveaxis(corners, 0, -2).reshape(-1, 2 ** len(shape), table.shape[-1])))
+        packed.append(as_array(np.moveaxis(corners, 0, -2).reshape(-1, 2 ** len(shape), table.shape[-1])))
     return Tables(axes=axes, cells=tuple(packed), along=tuple(tuple(along) for along, _ in groups))

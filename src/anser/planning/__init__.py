@@ -13,6 +13,7 @@ from anser.planning.interface import (
 from anser.planning.limit_check import LimitReport, check_limits
 from anser.planning.limits import CERTIFIED_LIMITS, LIMIT_MESSAGES, LIMITS, PathLimits
 from anser.planning.line_of_sight import LineOfSight, measure, recover
+from anser.planning.path_words import bend_words, turn_words
 from anser.planning.published_planner import PublishedPlanner
 from anser.planning.reference import AbstractReference, PathPoint
 from anser.planning.rendezvous import Rendezvous, final_air_velocity, make_rendezvous, time_to_go
@@ -47,6 +48,7 @@ __all__ = [
     "arc_length",
     "arc_length_estimate",
     "bend_trajectory",
+    "bend_words",
     "check_limits",
     "choose_sides",
     "coordinate",
@@ -66,6 +68,7 @@ __all__ = [
     "solve_lateral_bend",
     "straight_goal",
     "time_to_go",
+    "turn_words",
     "waypoint_goal",
     "with_even_speed",
 ]

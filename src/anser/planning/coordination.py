@@ -1,10 +1,13 @@
 """One arrival time for a fleet, and a trajectory for each aircraft that meets it."""
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Real
 
+from anser.numerics import zeros_as
 from anser.numerics.newton import bracketed_newton
 from anser.planning.arc_length import arc_length
 from anser.planning.descent import slowest_mean_speed
@@ -202,18 +205,35 @@ def _timed(path: Trajectory, task: PlanningTask, even_speed: Flag | bool) -> Tra
     return with_even_speed(path, norm(task.air_velocity_n), task.deceleration, even=even_speed)
 
 
-def _plan_speed(tasks: PlanningTask, speed: Scalar, raised: Flag) -> Scalar:
-    """The fleet's mean airspeed; raised to the least with which the farthest that flies can come down its path."""
+class _Common(NamedTuple):
+    """Mean airspeed and arrival time of a fleet, and the nominal paths that take it."""
 
-    def once(_: object, tried: Scalar) -> Scalar:
-        duration, _found, reachable = _common_duration(tasks, tried)
-        paths, _attainable = jax.vmap(lambda task: nominal_trajectory(task, 0.0, duration, tried))(tasks)
-        lengths = jnp.where(reachable, jax.vmap(arc_length)(paths) - tasks.path_length_deficit, 0.0)
-        speeds_0 = jax.vmap(norm)(tasks.air_velocity_n)
-        slowest = jax.vmap(slowest_mean_speed)(paths, speeds_0, tasks.deceleration)
-        return jnp.where(raised, jnp.maximum(speed, slowest[jnp.argmax(lengths)]), speed)
+    speed: Scalar
+    duration: Scalar
+    found: Flag
+    reachable: Bool[Array, " aircraft"]
+    nominal: Trajectory
+    attainable: Bool[Array, " aircraft"]
+    lengths: Float[Array, " aircraft"]
 
-    return jax.lax.fori_loop(0, _SPEED_ROUNDS, once, speed)
+
+def _common(tasks: PlanningTask, start: Scalar, speed: Scalar, raised: Flag) -> _Common:
+    """The fleet's mean airspeed, raised to the least with which the farthest that flies can come down its path."""
+    speeds_0 = jax.vmap(norm)(tasks.air_velocity_n)
+
+    @jax.jit  # traced once, though its shapes are asked for first
+    def at(speed: Scalar) -> _Common:
+        duration, found, reachable = _common_duration(tasks, speed)
+        paths, attainable = jax.vmap(lambda task: nominal_trajectory(task, start, duration, speed))(tasks)
+        return _Common(speed, duration, found, reachable, paths, attainable, jax.vmap(arc_length)(paths))
+
+    def again(_: object, carry: tuple[Scalar, _Common]) -> tuple[Scalar, _Common]:
+        tried = at(carry[0])
+        flown = jnp.where(tried.reachable, tried.lengths - tasks.path_length_deficit, 0.0)
+        slowest = jax.vmap(slowest_mean_speed)(tried.nominal, speeds_0, tasks.deceleration)
+        return jnp.where(raised, jnp.maximum(speed, slowest[jnp.argmax(flown)]), speed), tried
+
+    return jax.lax.fori_loop(0, _SPEED_ROUNDS + 1, again, (speed, zeros_as(at, speed)))[1]
 
 
 @jax.jit  # traced once, however often a program plans
@@ -257,11 +277,7 @@ def coordinate(
     start, speed = jnp.asarray(time, dtype=float), jnp.asarray(speed, dtype=float)
     deficit = tasks.path_length_deficit
     raised = jnp.asarray(even_speed) & ~jnp.asarray(under_way)
-    speed = _plan_speed(tasks, speed, raised)
-    duration, found, reachable = _common_duration(tasks, speed)
-
-    nominal, attainable = jax.vmap(lambda task: nominal_trajectory(task, start, duration, speed))(tasks)
-    lengths = jax.vmap(arc_length)(nominal)
+    speed, duration, found, reachable, nominal, attainable, lengths = _common(tasks, start, speed, raised)
     counted = jnp.where(reachable | (_counted(tasks) & ~jnp.any(reachable)), lengths - deficit, 0.0)
     farthest, reference = jnp.argmax(counted), jnp.max(counted)
 

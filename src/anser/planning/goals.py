@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from anser.numerics import as_array, namespace
 from anser.shapes import ScalarLike, Vector3
 
 
@@ -41,7 +42,8 @@ class GoalMotion(eqx.Module):
 
 def straight_goal(position_n: Vector3, velocity_n: Vector3, time: ScalarLike = 0.0) -> GoalMotion:
     """Goal at a position (NED, m) at a time (s), moving on from there at a steady velocity (NED, m/s)."""
-    return GoalMotion(jnp.asarray(time, dtype=float)[None], position_n[None, :], velocity_n)
+    xp = namespace(position_n, time)
+    return GoalMotion(as_array(xp.asarray(time)[None]), as_array(xp.asarray(position_n)[None]), velocity_n)
 
 
 def waypoint_goal(
@@ -73,8 +75,8 @@ def waypoint_goal(
         )
     if not np.all(np.diff(stamps) > 0.0):
         raise ValueError(f"waypoint times {stamps.tolist()} do not strictly increase")
-    after = jnp.zeros(3) if velocity_after_n is None else velocity_after_n
-    return GoalMotion(jnp.asarray(stamps), positions_n, after)
+    after = as_array([0.0] * 3) if velocity_after_n is None else velocity_after_n
+    return GoalMotion(as_array(stamps), positions_n, after)
 
 
 def pad_waypoints(goal: GoalMotion, count: int) -> GoalMotion:
@@ -88,6 +90,9 @@ def pad_waypoints(goal: GoalMotion, count: int) -> GoalMotion:
     missing = count - goal.times.shape[0]
     if missing < 0:
         raise ValueError(f"the goal has {goal.times.shape[0]} waypoints, more than the {count} to pad it to")
-    times = jnp.concatenate([goal.times, jnp.repeat(goal.times[-1:], missing)])
-    positions = jnp.concatenate([goal.positions_n, jnp.repeat(goal.positions_n[-1:], missing, axis=0)])
-    return GoalMotion(times, positions, goal.velocity_after_n)
+    xp = namespace(goal)
+    times, positions_n = (
+        as_array(xp.concatenate([known, xp.repeat(known[-1:], missing, axis=0)]))
+        for known in map(xp.asarray, (goal.times, goal.positions_n))
+    )
+    return GoalMotion(times, positions_n, goal.velocity_after_n)

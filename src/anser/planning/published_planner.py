@@ -1,9 +1,11 @@
 """The published planner as a part of the closed loop: one arrival time for all, detours by lateral bends."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from anser.numerics import zeros_as
 from anser.planning.coordination import FleetPlan, PlanningTask, coordinate
 from anser.planning.interface import AbstractPlanner, AircraftPlan, Performance, Report
 from anser.planning.renewal import renew
@@ -58,9 +60,17 @@ class PublishedPlanner(AbstractPlanner):
         flown, deceleration = jnp.zeros_like(requested), performance.deceleration
         tasks = self._tasks(time, reports, self.speed, flown, deceleration)
         start_time = jnp.asarray(time, dtype=float)
-        both = coordinate(start_time, tasks, self.speed, requested, self.even_speed)
-        sides = choose_sides(both, requested)
-        plan = coordinate(start_time, tasks, self.speed, sides, self.even_speed)
+
+        def planned(sides: Float[Array, " aircraft"]) -> FleetPlan:
+            return coordinate(start_time, tasks, self.speed, sides, self.even_speed)
+
+        def again(_: object, carry: tuple[Array, Array, FleetPlan]) -> tuple[Array, Array, FleetPlan]:
+            plan = planned(carry[0])
+            return choose_sides(plan, requested), carry[0], plan
+
+        # A loop: one copy of the planning in the compiled code.
+        begin = (requested, requested, zeros_as(planned, requested))
+        _, sides, plan = jax.lax.fori_loop(0, 2, again, begin)
         return PublishedPlanState(plan, sides, deceleration, flown)
 
     def renew(self, memory: PublishedPlanState, time: ScalarLike, reports: Report) -> PublishedPlanState:

@@ -3,6 +3,7 @@
 import equinox as eqx
 import jax.numpy as jnp
 
+from anser.numerics import as_array
 from anser.planning.commands import polar
 from anser.planning.vectors import norm, root, unit
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
@@ -27,10 +28,10 @@ def make_rendezvous(
     """Rendezvous with the final course and path angle (over the ground, rad) prescribed where given."""
     return Rendezvous(
         stand_off_n,
-        jnp.asarray(0.0 if course is None else course, dtype=float),
-        jnp.asarray(course is not None),
-        jnp.asarray(0.0 if path_angle is None else path_angle, dtype=float),
-        jnp.asarray(path_angle is not None),
+        as_array(0.0 if course is None else course),
+        as_array(course is not None, bool),
+        as_array(0.0 if path_angle is None else path_angle),
+        as_array(path_angle is not None, bool),
     )
 
 

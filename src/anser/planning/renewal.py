@@ -27,9 +27,10 @@ def _refit(
     def one(old: Trajectory, bend: Scalar, task: PlanningTask) -> tuple[Trajectory, Scalar]:
         # The planned velocity goes on, not the flown one: a new path from the flown speed and course would forgive
         # every lag of the aircraft, second after second, and leave it to the last seconds.
-        task = eqx.tree_at(lambda t: t.air_velocity_n, task, old.air_velocity_n(time))
+        now = old.clock(time)
+        task = eqx.tree_at(lambda t: t.air_velocity_n, task, old.path_derivative(now.s, 1) * now.s_dot)
         # The rest of a path of this family, with s running from 0 to 1 on it, is a path of this family.
-        s = jnp.clip(old.phase(time), 0.0, 1.0 - 1e-6)
+        s = jnp.clip(now.s, 0.0, 1.0 - 1e-6)
         rest = 1.0 - s
         stretches = (rest * norm(old.path_derivative(s, 1)), rest * norm(old.path_derivative(1.0, 1)))
         nominal, _ = nominal_trajectory(task, time, duration, speed, stretches)

@@ -170,13 +170,14 @@ class TimeLaw(eqx.Module):
         m0, m1 = span * speeds[0] / law.slopes[k], span * speeds[1] / law.slopes[k + 1]
         u = elapsed / span
         ahead = u * (m0 + u * (3 * h - 2 * m0 - m1 + u * (m0 + m1 - 2 * h)))
-        for step in range(_CLOCK_STEPS):
+
+        def closer(law: TimeLaw, path: Float[Array, "3 5"], elapsed: ScalarLike, ahead: Scalar) -> Scalar:
             ahead = jnp.clip(ahead, 0.0, h)
-            if step == _CLOCK_STEPS - 1:
-                law, path, elapsed = self, coefficients_n, within
             slope, speed, _, time = law._motion(path, k, ahead)
-            ahead = ahead - (time - elapsed) * jax.lax.stop_gradient(speed / slope)
-        return ahead
+            return ahead - (time - elapsed) * jax.lax.stop_gradient(speed / slope)
+
+        ahead = jax.lax.fori_loop(0, _CLOCK_STEPS - 1, lambda _, x: closer(law, path, elapsed, x), ahead)
+        return closer(self, coefficients_n, within, ahead)
 
     @property
     def speeds(self) -> Float[Array, "*fleet nodes"]:

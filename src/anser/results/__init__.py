@@ -7,7 +7,6 @@ from anser.results.envelope_reasons import OUTCOMES, REASONS, judge
 from anser.results.linear_model import linear_dataset, linear_document, unit_of
 from anser.results.margin_dataset import CLOSED_LOOP, margin_dataset, margin_map_dataset, margin_table
 from anser.results.netcdf import read_netcdf, write_netcdf
-from anser.results.path_words import bend_words, turn_words
 from anser.results.plain import finite_or_none, plain_attributes, write_json
 from anser.results.plan_dataset import plan_dataset
 from anser.results.plan_record import ClosestApproach, PlanDetails, PlanExtremes, PlanSamples
@@ -46,7 +45,6 @@ __all__ = [
     "PlanSamples",
     "Success",
     "TrimMap",
-    "bend_words",
     "closest_approach",
     "envelope_dataset",
     "failure_correlations",
@@ -73,7 +71,6 @@ __all__ = [
     "summarize",
     "summary_text",
     "to_dataset",
-    "turn_words",
     "unit_of",
     "version_attributes",
     "versions",

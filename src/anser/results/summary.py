@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from anser.constants import AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M
+from anser.planning.path_words import NOMINAL_BEND_M
 from anser.results.arrival import closest_approach, least_distance
-from anser.results.path_words import NOMINAL_BEND_M
 from anser.results.plain import finite_or_none
 from anser.results.provenance import versions
 from anser.results.requirements import judge, requirements_of

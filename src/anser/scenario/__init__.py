@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from anser.scenario.airframe_names import AIRFRAMES, BODIES, VARIANTS
 from anser.scenario.cautions import cautions
+from anser.scenario.converting import convert
 from anser.scenario.errors import Problem, ScenarioError
 from anser.scenario.load import load, loads
 from anser.scenario.schema import Scenario, scenario_hash, validate
@@ -28,6 +29,7 @@ __all__ = [
     "build_flight",
     "build_path_limits",
     "cautions",
+    "convert",
     "load",
     "load_airframe",
     "load_body",

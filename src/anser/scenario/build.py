@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from anser.control import (
@@ -28,7 +28,7 @@ from anser.environment import (
     somigliana,
     wgs84_earth,
 )
-from anser.numerics import rows_of
+from anser.numerics import as_array, rows_of
 from anser.planning import (
     GoalMotion,
     PathLimits,
@@ -62,34 +62,44 @@ from anser.units import DEG_RAD
 _CORRECTION_MAX_M_S = 20.0  # what position feedback may add to the planned velocity
 _HOLD_CLIMB_MAX_M_S = 20.0  # vertical speed in the hold, within the scenario's own limit
 _RATES_MAX_DEG_S = (120.0, 60.0, 60.0)  # body rates that the autopilot may ask for
+_FLEET = 4  # a fleet is filled up to a multiple of so many aircraft
+_WAYPOINTS, _LAYERS, _KEEP_OUTS = 4, 4, 2  # least sizes of routes, shear profiles and lists of keep-outs
+_ABOVE_M = 1000.0  # between the altitudes that fill up a shear profile
+_BEYOND_M = 1e6  # altitude of the empty cylinders that fill up a list of keep-outs
 _SIDES = {"auto": 0, "right": 1, "left": -1}
 
 
-def build_flight(scenario: Scenario) -> Flight:
+def build_flight(scenario: Scenario, *, filled_up: bool = False) -> Flight:
     """Build the arrays that a flight is computed from.
 
     Every number of the scenario becomes an array, so that another value of the same shape does not compile again. Shape
-    are the numbers of aircraft, of waypoints and of wind layers, and which Earth it is.
+    are the numbers of aircraft, of waypoints, of wind layers and of keep-outs, and which Earth it is; numbers of
+    waypoints, layers and keep-outs are brought to few sizes.
 
     Parameters
     ----------
     scenario
         Validated.
+    filled_up
+        Whether the fleet is filled up to a multiple of four aircraft, with copies of the last that never fly: then
+        another number of aircraft seldom compiles anew.
     """
     timing = scenario.timing
-    goals = _goals([scenario.goal_of(a) for a in scenario.aircraft])
+    fleet = [*scenario.aircraft, *[scenario.aircraft[-1]] * (-len(scenario.aircraft) % _FLEET if filled_up else 0)]
+    goals = _goals([scenario.goal_of(a) for a in fleet])
     guidance, limits = _guidance(scenario), _flight_limits(scenario)
     return assemble(
         build_environment(scenario),
         [
             (_vehicle(scenario, a, goal, guidance, limits), _start(a), _ned(a.start.position_m))
-            for a, goal in zip(scenario.aircraft, goals, strict=True)
+            for a, goal in zip(fleet, goals, strict=True)
         ],
-        _certified(scenario, guidance) if scenario.fleet.planner == "certified" else _published(scenario),
+        (_certified if scenario.fleet.planner == "certified" else _published)(scenario, fleet, guidance),
         timing.step_s,
         round(timing.replan_period_s / timing.step_s),
         timing.freeze_s,
         None if scenario.seed is None else jax.random.key_data(jax.random.key(scenario.seed)),
+        len(scenario.aircraft),
     )
 
 
@@ -105,7 +115,7 @@ def _vehicle(
         controller=InversionAutopilot(gains, limits),
         mission=Mission(
             goal=goal,
-            airborne=jnp.asarray(scenario.goal_of(aircraft).kind == "airborne"),
+            airborne=as_array(scenario.goal_of(aircraft).kind == "airborne", bool),
             rendezvous=_rendezvous(aircraft),
             hold=HoldAroundGoal(guidance, limits, gains.velocity, _scalar(scenario.fleet.speed_m_s)),
         ),
@@ -123,17 +133,17 @@ def _guidance(scenario: Scenario) -> GuidanceSettings:
     )
 
 
-def _published(scenario: Scenario) -> PublishedPlanner:
+def _published(scenario: Scenario, fleet: Sequence[Aircraft], guidance: GuidanceSettings) -> PublishedPlanner:
     return PublishedPlanner(
-        start_positions_n=jnp.stack([_ned(a.start.position_m) for a in scenario.aircraft]),
-        sides=_sides(scenario),
+        start_positions_n=rows_of([_ned(a.start.position_m) for a in fleet]),
+        sides=_sides(fleet),
         speed=_scalar(scenario.fleet.speed_m_s),
-        even_speed=jnp.asarray(scenario.fleet.speed_profile == "even"),
+        even_speed=as_array(scenario.fleet.speed_profile == "even", bool),
     )
 
 
-def _sides(scenario: Scenario) -> Array:
-    return jnp.asarray([_SIDES[a.bend] for a in scenario.aircraft], dtype=jnp.int32)
+def _sides(fleet: Sequence[Aircraft]) -> Array:
+    return as_array([_SIDES[a.bend] for a in fleet], np.int32)
 
 
 def build_environment(scenario: Scenario) -> Environment:
@@ -148,7 +158,17 @@ def _wind(scenario: Scenario) -> AbstractWind:
     if scenario.wind.layers is None:
         return SteadyWind(_ned(profile[0][1]))
     altitudes, velocities = zip(*profile, strict=True)
-    return LayeredWind(jnp.asarray(altitudes, dtype=float), jnp.stack([_ned(velocity) for velocity in velocities]))
+    more = _size(len(altitudes), _LAYERS) - len(altitudes)
+    above = [altitudes[-1] + k * _ABOVE_M for k in range(1, more + 1)]  # where the wind is that of the last layer
+    return LayeredWind(
+        as_array([*altitudes, *above]),
+        rows_of([_ned(velocity) for velocity in [*velocities, *[velocities[-1]] * more]]),
+    )
+
+
+def _size(count: int, least: int) -> int:
+    """The least of `least`, twice as many, ... that is not below a count."""
+    return least * 2 ** max(0, math.ceil(math.log2(count / least)))
 
 
 def build_path_limits(scenario: Scenario) -> PathLimits:
@@ -170,15 +190,15 @@ def _path_limits(limits: Limits, speed_min_m_s: float, speed_max_m_s: float, par
     )
 
 
-def _certified(scenario: Scenario, guidance: GuidanceSettings) -> CertifiedPlanner:
+def _certified(scenario: Scenario, fleet: Sequence[Aircraft], guidance: GuidanceSettings) -> CertifiedPlanner:
     """The certified planner; accelerations that the scenario leaves to the aircraft stay infinite."""
-    apart, volumes = scenario.separation, scenario.keep_out
+    apart = scenario.separation
     asked = apart.horizontal_m > 0.0
     return CertifiedPlanner(
-        sides=_sides(scenario),
+        sides=_sides(fleet),
         speed=_scalar(scenario.fleet.speed_m_s),
-        limits=rows_of([_planned_limits(scenario, a) for a in scenario.aircraft]),
-        roll_rates_max=jnp.full(len(scenario.aircraft), scenario.limits.roll_rate_max_deg_s * DEG_RAD),
+        limits=rows_of([_planned_limits(scenario, a) for a in fleet]),
+        roll_rates_max=as_array([scenario.limits.roll_rate_max_deg_s * DEG_RAD] * len(fleet)),
         airspace=Airspace(
             wind=_wind(scenario),
             gravity=build_environment(scenario).gravity,
@@ -186,19 +206,21 @@ def _certified(scenario: Scenario, guidance: GuidanceSettings) -> CertifiedPlann
                 _scalar(apart.horizontal_m + apart.reserve_m if asked else 0.0),
                 _scalar(apart.vertical_m + apart.reserve_m if asked and apart.vertical_m > 0.0 else 0.0),
             ),
-            keep_outs=KeepOuts(
-                position_n=jnp.asarray([(v.north_m, v.east_m) for v in volumes], dtype=float).reshape(-1, 2),
-                velocity_n=jnp.asarray([v.velocity_m_s()[:2] for v in volumes], dtype=float).reshape(-1, 2),
-                radius=jnp.asarray([v.radius_m for v in volumes], dtype=float),
-                bottom=jnp.asarray([v.bottom_m for v in volumes], dtype=float),
-                top=jnp.asarray([v.top_m for v in volumes], dtype=float),
-            ),
+            keep_outs=_keep_outs(scenario),
         ),
-        movable=jnp.asarray(scenario.arrival.rule in ("together", "earliest", "sequence")),
+        movable=as_array(scenario.arrival.rule in ("together", "earliest", "sequence"), bool),
         latest=_scalar(scenario.timing.latest_arrival_s),
         freeze=_scalar(scenario.timing.freeze_s),
         guidance=guidance,
     )
+
+
+def _keep_outs(scenario: Scenario) -> KeepOuts:
+    rows = [(v.north_m, v.east_m, *v.velocity_m_s()[:2], v.radius_m, v.bottom_m, v.top_m) for v in scenario.keep_out]
+    if rows:
+        rows += [(0.0, 0.0, 0.0, 0.0, 0.0, _BEYOND_M, _BEYOND_M)] * (_size(len(rows), _KEEP_OUTS) - len(rows))
+    table = np.reshape(rows, (-1, 7))
+    return KeepOuts(*map(as_array, (table[:, :2], table[:, 2:4], table[:, 4], table[:, 5], table[:, 6])))
 
 
 def _planned_limits(scenario: Scenario, aircraft: Aircraft) -> PathLimits:
@@ -220,13 +242,13 @@ def _planned_limits(scenario: Scenario, aircraft: Aircraft) -> PathLimits:
 
 
 def _scalar(value: float) -> Scalar:
-    return jnp.asarray(value, dtype=float)
+    return as_array(value)
 
 
 def _ned(position_up_m: Sequence[float]) -> Vector3:
     """(north, east, up) as (north, east, down)."""
     north, east, up = position_up_m
-    return jnp.asarray([north, east, -up], dtype=float)
+    return as_array([north, east, -up])
 
 
 def _start(aircraft: Aircraft) -> TrimTarget:
@@ -237,13 +259,15 @@ def _start(aircraft: Aircraft) -> TrimTarget:
 def _goals(goals: Sequence[Goal]) -> list[GoalMotion]:
     motions = [_motion(goal) for goal in goals]
     count = max(motion.times.shape[0] for motion in motions)
+    if count > 1:
+        count = _size(count, _WAYPOINTS)
     return [pad_waypoints(motion, count) for motion in motions]
 
 
 def _motion(goal: Goal) -> GoalMotion:
     if goal.waypoints is None:
         return straight_goal(_ned(goal.position_m(0.0)), _ned(goal.velocity_m_s()))
-    places = jnp.stack([_ned((p.north_m, p.east_m, p.altitude_m)) for p in goal.waypoints])
+    places = rows_of([_ned((p.north_m, p.east_m, p.altitude_m)) for p in goal.waypoints])
     return waypoint_goal([p.time_s for p in goal.waypoints], places)
 
 
@@ -269,7 +293,7 @@ def build_gains(aircraft: Aircraft) -> AutopilotGains:
 
 def _loop(gains: RateGains | AttitudeGains | VelocityGains) -> LoopGains:
     def channels(values: Sequence[float]) -> Array:
-        return jnp.asarray(values, dtype=float)
+        return as_array(values)
 
     others = channels(gains.derivative), channels(gains.feed_forward)
     if gains.bandwidth_rad_s is not None:
@@ -288,6 +312,6 @@ def _flight_limits(scenario: Scenario) -> FlightLimits:
         alpha_max=_scalar(math.radians(limits.alpha_max_deg)),
         load_factor_min=_scalar(limits.load_factor_min),
         load_factor_max=_scalar(limits.load_factor_max),
-        rates_max=jnp.asarray([math.radians(x) for x in _RATES_MAX_DEG_S]),
+        rates_max=as_array([math.radians(x) for x in _RATES_MAX_DEG_S]),
         altitude_min=_scalar(limits.altitude_min_m),
     )

@@ -2,7 +2,7 @@
 
 import math
 
-from anser.scenario.schema import Scenario
+from anser.scenario.schema import DEFAULT_PLANNERS, FORMAT, Scenario
 from anser.scenario.schema_aircraft import Aircraft, Gains
 from anser.scenario.schema_reach import reach_problems
 
@@ -10,7 +10,19 @@ from anser.scenario.schema_reach import reach_problems
 def cautions(scenario: Scenario) -> tuple[str, ...]:
     """Say what will probably not work as meant, one sentence each; empty where nothing is to be said."""
     gains = [text for index, one in enumerate(scenario.aircraft) for text in _of_the_gains(index, one)]
-    return (*_of_the_seed(scenario), *_of_the_duration(scenario), *gains)
+    return (*_of_the_format(scenario), *_of_the_seed(scenario), *_of_the_duration(scenario), *gains)
+
+
+def _of_the_format(scenario: Scenario) -> list[str]:
+    """A file of before that leaves the planner to the default, which is another one now."""
+    if scenario.format == FORMAT or "planner" in scenario.fleet.model_fields_set:
+        return []
+    meant, now = DEFAULT_PLANNERS[scenario.format], DEFAULT_PLANNERS[FORMAT]
+    return [
+        f'fleet.planner: left out in a file of format {scenario.format}, which means "{meant}"; the default of format '
+        f'{FORMAT} is "{now}", whose plans keep limits and separation: anser convert writes the file in format '
+        f"{FORMAT}, and the planner into it"
+    ]
 
 
 def _of_the_seed(scenario: Scenario) -> list[str]:

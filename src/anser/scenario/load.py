@@ -31,6 +31,11 @@ def load(path: str | os.PathLike[str]) -> Scenario:
     ScenarioError
         If the file cannot be read or is no valid scenario; the message says where and what would be right.
     """
+    return loads(read_text(path), os.fspath(path))
+
+
+def read_text(path: str | os.PathLike[str]) -> str:
+    """Text of a scenario file; raises ScenarioError if it cannot be read."""
     source = os.fspath(path)
     try:
         content = Path(path).read_bytes()
@@ -42,12 +47,11 @@ def load(path: str | os.PathLike[str]) -> Scenario:
         arrived = f"a path that cannot be read ({reason_of(error)})"
         raise refused(source, arrived, "a scenario file that can be read") from None
     try:
-        text = content.decode("utf-8-sig")  # editors under Windows put a mark in front
+        return content.decode("utf-8-sig")  # editors under Windows put a mark in front
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
         arrived = f"bytes that are not UTF-8 (in line {line})"
         raise refused(source, arrived, "a text file in UTF-8") from None
-    return loads(text, source)
 
 
 def loads(text: str, source: str = "<string>") -> Scenario:

@@ -1,10 +1,11 @@
 """The scenario: everything that one flight of a fleet needs, validated, in the units of its file."""
 
+import copy
 import hashlib
 import json
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
-from pydantic import Field, ValidationError
+from pydantic import Field, ValidationError, model_validator
 
 from anser.scenario.errors import Problem, ScenarioError, show
 from anser.scenario.replacing import with_changes
@@ -33,16 +34,18 @@ from anser.scenario.schema_reach import reach_problems
 from anser.scenario.schema_settings import Fleet, Guidance, Hold, Limits, Requirements, Timing
 from anser.scenario.schema_surroundings import Earth, EarthOrWord, Wind
 
-FORMAT = 1
+FORMAT = 2
+"""The newest format of scenario files; those before it are read too."""
+DEFAULT_PLANNERS = {1: "published", 2: "certified"}
+"""The planner that is meant where a file of a format names none."""
+_FORMATS = f"{FORMAT} or 1, the formats that this anser reads"
 SEED_MAX = 2**32 - 1
 
 
 class Scenario(Table):
-    """A scenario file of format 1; build one with :func:`anser.scenario.load`, whose messages are plain."""
+    """A scenario file; build one with :func:`anser.scenario.load`, whose messages are plain."""
 
-    format: Literal[1] = Field(
-        description="version of the file format", json_schema_extra=expects("1, the format that this anser reads")
-    )
+    format: Literal[1, 2] = Field(description="version of the file format", json_schema_extra=expects(_FORMATS))
     name: str = Field(
         pattern=SLUG_PATTERN,
         max_length=64,
@@ -74,6 +77,18 @@ class Scenario(Table):
     keep_out: tuple[KeepOut, ...] = tables(
         "where no aircraft may be", "tables [[keep_out]], in double brackets", at_least=0, default=()
     )
+
+    @model_validator(mode="after")
+    def _holds_together(self) -> Self:
+        if "planner" not in self.fleet.model_fields_set:
+            # Not by validating the name: the file does not hold it, and what is written again must not either.
+            meant = copy.copy(self.fleet)
+            object.__setattr__(meant, "planner", DEFAULT_PLANNERS[self.format])
+            object.__setattr__(self, "fleet", meant)
+        found = self.own_problems()
+        if found:
+            raise ScenarioError("", found)
+        return self
 
     def own_problems(self) -> list[Problem]:
         """Find what is wrong between tables, from the simple to what rests on it."""
@@ -156,10 +171,9 @@ def validate(values: dict[str, Any], source: str = "<values>") -> Scenario:
         If it is no valid scenario.
     """
     version = values.get("format")
-    if "format" in values and (type(version) is not int or version != FORMAT):
+    if "format" in values and (type(version) is not int or version not in DEFAULT_PLANNERS):
         # in another format all keys may differ, so nothing else is told
-        expected = f"{FORMAT}, the format that this anser reads"
-        raise ScenarioError(source, [Problem("format", show(version), expected)])
+        raise ScenarioError(source, [Problem("format", show(version), _FORMATS)])
     try:
         return Scenario.model_validate(values)
     except ValidationError as error:

@@ -60,7 +60,7 @@ class Fleet(Table):
     planner: Literal["published", "certified"] = choice(
         "how the paths are found: as published, or so that limits and separation are proven to be kept",
         ("published", "certified"),
-        "published",
+        "certified",
     )
     reserve: float = number(
         "part of each limit that the plan leaves to the autopilot; of the speed window, of each side of speed_m_s",

@@ -20,8 +20,12 @@ def write_starter(path: str | os.PathLike[str]) -> Path:
     ScenarioError
         If something of this name is there already (it is left alone), or the file cannot be written.
     """
+    return write_new(path, starter_scenario())
+
+
+def write_new(path: str | os.PathLike[str], text: str) -> Path:
+    """Write a scenario's text to a new file; raises as `write_starter` does."""
     target = Path(path)
-    text = starter_scenario()
     try:
         with target.open("x", encoding="utf-8", newline="\n") as stream:
             stream.write(text)

@@ -5,11 +5,11 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from anser.environment import Environment
-from anser.numerics import Stacked, rows_of, stacked, structure_of
+from anser.numerics import Stacked, as_array, rows_of, stacked, structure_of
 from anser.planning import AbstractPlanner
 from anser.shapes import Count, Scalar, ScalarLike, Vector3
 from anser.simulation.members import in_fleet_order, rows_at
@@ -46,6 +46,8 @@ class Kind(eqx.Module):
         Steady flight from which each starts; leading axis members.
     start_positions_n
         Where, m.
+    flies
+        Whether each is one of the fleet's aircraft; the others fill it up to a size and never fly.
     members
         Place of each in the fleet.
     """
@@ -53,6 +55,7 @@ class Kind(eqx.Module):
     vehicles: Stacked[Vehicle]
     starts: TrimTarget
     start_positions_n: Float[Array, "members 3"]
+    flies: Bool[Array, " members"]
     members: tuple[int, ...] = eqx.field(static=True)
 
 
@@ -122,6 +125,7 @@ def assemble(
     replan_steps: int,
     freeze: ScalarLike = 0.0,
     key: Array | None = None,
+    flying: int | None = None,
 ) -> Flight:
     """Put a flight together; aircraft of one structure become one kind.
 
@@ -141,6 +145,9 @@ def assemble(
         How long the plan stands still before the arrival, s.
     key
         Random key.
+    flying
+        How many of the aircraft, from the first on, fly: the others fill the fleet up to a size for which a program is
+        compiled already. None: all.
 
     Raises
     ------
@@ -157,23 +164,26 @@ def assemble(
         kinds.setdefault(structure_of(vehicle), []).append(k)
     return Flight(
         environment=environment,
-        kinds=tuple(_kind(aircraft, members) for members in kinds.values()),
+        kinds=tuple(
+            _kind(aircraft, members, len(aircraft) if flying is None else flying) for members in kinds.values()
+        ),
         planner=planner,
         timing=Timing(
-            step=jnp.asarray(step, dtype=float),
-            replan_steps=jnp.asarray(replan_steps, dtype=jnp.int32),
-            freeze=jnp.asarray(freeze, dtype=float),
+            step=as_array(step),
+            replan_steps=as_array(replan_steps, np.int32),
+            freeze=as_array(freeze),
         ),
         key=key,
     )
 
 
-def _kind(aircraft: Sequence[tuple[Vehicle, TrimTarget, Vector3]], members: Sequence[int]) -> Kind:
+def _kind(aircraft: Sequence[tuple[Vehicle, TrimTarget, Vector3]], members: Sequence[int], flying: int) -> Kind:
     vehicles, starts, places = zip(*(aircraft[k] for k in members), strict=True)
     return Kind(
-        vehicles=stacked(vehicles),
+        vehicles=stacked(vehicles, own=lambda vehicle: vehicle.mission),
         starts=rows_of(starts),
         start_positions_n=rows_of(places),
+        flies=as_array([k < flying for k in members], bool),
         members=tuple(members),
     )
 

@@ -11,6 +11,7 @@ from jaxtyping import Array
 
 from anser.aircraft import Controls
 from anser.control import GroundClearance
+from anser.numerics import zeros_as
 from anser.planning import AircraftPlan
 from anser.sensing import Belief, GoalState, Instant, Truth
 from anser.shapes import Count, Vector3
@@ -200,8 +201,7 @@ def scanned(
         row = jax.lax.cond(k == 0, lambda: recorder.row(sample, instant), lambda: carry[2][1])
         return (after, recorder.take(memory, sample, instant), (number + 1, row)), None
 
-    shape = jax.eval_shape(lambda c, n: step(c, n)[1], (state, memory), since)
-    empty = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shape)
+    empty = zeros_as(lambda c, n: step(c, n)[1], (state, memory), since)
 
     def block(carry: tuple[Any, Any, Count], _: None) -> tuple[tuple[Any, Any, Count], Any]:
         state, memory, number = carry

@@ -9,7 +9,7 @@ from jaxtyping import Array
 from anser.aircraft import AbstractAirframe, Condition
 from anser.planning import Performance, Report
 from anser.sensing import Instant
-from anser.shapes import Scalar, ScalarLike, Vector3
+from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 from anser.simulation.closed_loop import perceive, trimmed_vehicle
 from anser.simulation.fleet import Flight, FlightState, fleet_rows, of_members
 from anser.simulation.flight import plans_too_near, refuse, report
@@ -54,19 +54,21 @@ def trimmed_fleet(flight: Flight) -> TrimmedFleet:
     environment, timing = flight.environment, flight.timing
     instant = Instant(environment, jnp.asarray(0, dtype=jnp.int32), timing.step, flight.key)
 
-    def one(vehicle: Vehicle, target: TrimTarget, place_n: Vector3, index: Array) -> Any:
+    def one(vehicle: Vehicle, target: TrimTarget, place_n: Vector3, flies: Flag, index: Array) -> Any:
         trim = solve_trim(vehicle.airframe, environment, target, place_n)
         state = trimmed_vehicle(vehicle, instant, trim, index)
         untrimmed = ~trim.converged | (trim.excess > EXCESS_NOISE)
         status = jnp.where(untrimmed, NO_TRIM, state.status).astype(jnp.int32)
-        state = eqx.tree_at(lambda s: (s.status, s.stopped), state, (status, untrimmed))
+        state = eqx.tree_at(lambda s: (s.status, s.stopped), state, (status, untrimmed | ~flies))
         seen = perceive(vehicle, state, instant)
         now, airframe = seen.truth.now, vehicle.airframe
         performance = Performance(-_along_path(airframe, now, 0.0), _along_path(airframe, now, 100.0))
-        return trim, state, report(vehicle, seen, ~untrimmed), performance
+        return trim, state, report(vehicle, seen, ~state.stopped), performance
 
     found = [
-        kind.vehicles.map(one, kind.starts, kind.start_positions_n, jnp.asarray(kind.members, dtype=jnp.int32))
+        kind.vehicles.map(
+            one, kind.starts, kind.start_positions_n, kind.flies, jnp.asarray(kind.members, dtype=jnp.int32)
+        )
         for kind in flight.kinds
     ]
     trims, reports, performance = fleet_rows(flight, [(trim, told, able) for trim, _, told, able in found])

@@ -16,7 +16,7 @@ from anser.aircraft import (
     angular_acceleration,
 )
 from anser.environment import AbstractEarth, Air, Environment
-from anser.numerics import cross
+from anser.numerics import as_array, cross
 from anser.numerics.least_squares import Solution, levenberg_marquardt, with_implicit_derivative
 from anser.shapes import Flag, Matrix33, Scalar, ScalarLike, Vector3
 from anser.spatial import attitude_from_path, quaternion_from_rotation, rotate, rotate_back
@@ -137,7 +137,7 @@ def trim_target(
             "expected a pitch rate alone (a pull-up with P = R = 0), or turn and path rates, which set all body rates"
         )
     numbers = (speed, altitude, path_angle, course, turn_rate, path_rate, pitch_rate)
-    return TrimTarget(*(jnp.asarray(x, dtype=float) for x in numbers))
+    return TrimTarget(*map(as_array, numbers))
 
 
 def _known_other_than_0(rate: ScalarLike) -> bool:

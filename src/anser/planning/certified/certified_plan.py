@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from anser.compiling import compiled_by_older_generator
+from anser.numerics import leading, zeros_as
 from anser.planning.certified.broad_phase import INTERVALS_PER_CYLINDER, fleet_clearance_ratio, fleet_cylinders
 from anser.planning.certified.candidate_sets import CandidateSet
 from anser.planning.certified.candidates import SPLINE, fleet_candidates
@@ -87,6 +88,11 @@ class CertifiedPlan(eqx.Module):
     lengths: Float[Array, " aircraft"]
     turned: Float[Array, " aircraft"]
     speeds: Float[Array, " aircraft"]
+
+    def leading(self, count: int) -> "CertifiedPlan":
+        """Of the first aircraft only; concrete."""
+        first = leading(self, count)
+        return eqx.tree_at(lambda p: p.certificate.clearance_ratio, first, first.certificate.clearance_ratio[:, :count])
 
     @property
     def feasible(self) -> Bool[Array, " aircraft"]:
@@ -202,8 +208,7 @@ def _best_placed(
         return turn + 1, left, jnp.minimum(failed, fewest), best, (failed > 0) & jnp.any(rejected)
 
     placed_of = jax.jit(placed_of)  # traced once, though its shapes are asked for first
-    shape, _ = jax.eval_shape(placed_of, valid)
-    empty = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shape)
+    empty, _ = zeros_as(placed_of, valid)
     begin = (jnp.asarray(0), valid, jnp.asarray(fleet.size + 1), empty, jnp.asarray(True))
     return jax.lax.while_loop(lambda c: (c[0] < rounds) & c[4], again, begin)[3]
 

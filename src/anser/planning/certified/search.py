@@ -53,6 +53,13 @@ class Outcome:
     arrivals: list[Intervals] | None = None
     without_holds: CertifiedPlan | None = None
 
+    def leading(self, count: int) -> "Outcome":
+        """Of the first aircraft only."""
+        plans = (None if one is None else one.leading(count) for one in (self.plan, self.best_attempt))
+        without_holds = None if self.without_holds is None else self.without_holds.leading(count)
+        arrivals = None if self.arrivals is None else self.arrivals[:count]
+        return Outcome(next(plans), self.attempts, next(plans), arrivals, without_holds)
+
 
 @dataclass(frozen=True)
 class _Attempt:

@@ -1,0 +1,5 @@
+from .campaign import linearize, plan, run
+from .scenario import load, loads
+
+__version__: str
+__all__ = ["linearize", "load", "loads", "plan", "run"]

@@ -1,0 +1,57 @@
+from .certified import CertifiedPlanned
+from .conditions import ConditionError, Inversion
+from .dispersion import FlightPoint
+from .envelope import EnvelopeSurvey, survey
+from .envelope_cases import survey_limits
+from .execute import Flown, run
+from .linearizing import Linearized, linearize
+from .margins import MarginSurvey, margin_document, margins_at, survey_margins
+from .plan_file import read_plan, write_plan
+from .plan_interface import NoPlanError, PlanFileError, Planned
+from .planned import PublishedPlanned, plan
+from .robustness import RobustnessStudy, robustness_study
+from .step_tests import CHANNEL_KEYS, PUBLISHED_STEPS, StepTest, step_test
+from .stepped_flight import SteppedFlight, step_document
+from .stepping import fly_steps
+from .tracking import CLIMB_AND_TURN, fly_climb_and_turn
+from .trimming import FoundTrim, find_trim
+from .warming import warm
+
+__all__ = [
+    "CHANNEL_KEYS",
+    "CLIMB_AND_TURN",
+    "PUBLISHED_STEPS",
+    "CertifiedPlanned",
+    "ConditionError",
+    "EnvelopeSurvey",
+    "FlightPoint",
+    "Flown",
+    "FoundTrim",
+    "Inversion",
+    "Linearized",
+    "MarginSurvey",
+    "NoPlanError",
+    "PlanFileError",
+    "Planned",
+    "PublishedPlanned",
+    "RobustnessStudy",
+    "StepTest",
+    "SteppedFlight",
+    "find_trim",
+    "fly_climb_and_turn",
+    "fly_steps",
+    "linearize",
+    "margin_document",
+    "margins_at",
+    "plan",
+    "read_plan",
+    "robustness_study",
+    "run",
+    "step_document",
+    "step_test",
+    "survey",
+    "survey_limits",
+    "survey_margins",
+    "warm",
+    "write_plan",
+]

@@ -1,0 +1,40 @@
+"""Arrays made of numbers that are known, or traced."""
+
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array
+
+T = TypeVar("T")
+
+
+def namespace(*values: Any) -> ModuleType:
+    """NumPy for values that are known, which compiles nothing; `jax.numpy` where one is traced."""
+    return jnp if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(values)) else np
+
+
+def leading(rows: T, count: int) -> T:
+    """The first rows of all arrays that have any; numbers as they are."""
+    return jax.tree.map(lambda leaf: as_array(np.asarray(leaf)[:count], None) if np.ndim(leaf) else leaf, rows)
+
+
+def zeros_as(function: Callable[..., T], *args: Any) -> T:
+    """Zeros of the shapes that a function of such arguments gives; nothing is computed."""
+    return jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(function, *args))
+
+
+def as_array(value: Any, dtype: Any = float) -> Array:
+    """Numbers as an array of JAX, strongly typed; None: of their own type.
+
+    What is known is put on the device as it is, where `jnp.asarray` would compile a program for each new shape.
+    """
+    if namespace(value) is jnp:
+        return jnp.asarray(value, dtype)
+    if isinstance(value, jax.Array) and dtype in (None, value.dtype) and not value.weak_type:
+        return value
+    return jax.device_put(np.asarray(value, dtype))
