@@ -31,5 +31,7 @@ def make_run(folder: Path) -> Path:
     write_netcdf(tiny_dataset(), folder / "flight.nc")
     row = {"name": "one", "goal": "buoy", "status": "arrived", "planned_arrival_s": 1.0}
     row |= {"arrival_s": None, "miss_m": 0.0}
-    (folder / "summary.json").write_text(json.dumps({"scenario": {"name": "still"}, "aircraft": [row]}))
+    (folder / "summary.json").write_text(
+        json.dumps({"format_version": 1, "scenario": {"name": "still"}, "aircraft": [row]})
+    )
     return folder

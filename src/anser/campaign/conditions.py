@@ -11,7 +11,7 @@ from anser.compiling import compiled
 from anser.control import AutopilotGains, published_gains
 from anser.environment import Environment
 from anser.scenario import load_airframe
-from anser.scenario.schema_gains import Gains
+from anser.scenario.schema_aircraft import Gains
 from anser.simulation import MapPoint, TrimPoint, TrimTarget, map_point, nearest_trims, solve_trim, trim_violations
 
 Inversion = Literal["model", "incremental"]

@@ -1,7 +1,6 @@
 """A linear model about a trim point: labelled, with its modes, as a dataset, JSON or a python-control system."""
 
 import dataclasses
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -13,7 +12,7 @@ from anser.campaign.conditions import ConditionError, airframe_of, steady_trim
 from anser.compiling import compiled, enable_compilation_cache
 from anser.control import AutopilotGains, FlightLimits, default_limits, published_gains
 from anser.environment import Environment, standard_environment
-from anser.results import linear_dataset, linear_document, write_netcdf
+from anser.results import linear_dataset, linear_document, write_json, write_netcdf
 from anser.simulation import (
     CHANNELS,
     LinearModel,
@@ -103,9 +102,7 @@ class Linearized:
         if path.suffix == ".nc":
             write_netcdf(self.dataset, path)
         elif path.suffix == ".json":
-            with path.open("x", encoding="utf-8") as file:
-                json.dump(self.document(), file, indent=1, allow_nan=False)
-                file.write("\n")
+            write_json(self.document(), path)
         else:
             raise ValueError(f"{path}: expected a name that ends with .nc or .json")
 

@@ -28,7 +28,7 @@ from anser.control import AutopilotGains, FlightLimits, default_limits
 from anser.environment import Environment, standard_environment
 from anser.results import judge, robustness_dataset
 from anser.scenario import load_airframe
-from anser.scenario.schema_gains import Gains
+from anser.scenario.schema_aircraft import Gains
 from anser.sensing import DelayedSensors, DirectEstimator
 from anser.simulation import FlightSummary, MapPoint, TrimPoint, TrimTarget, map_point, survey_flight, trim_target
 from anser.units import DEG_RAD

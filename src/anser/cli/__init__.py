@@ -10,18 +10,13 @@ import typer
 import anser
 from anser.cli.caching import cache
 from anser.cli.console import RefusedError, problem
-from anser.cli.dispersing import robustness
-from anser.cli.exporting import export
-from anser.cli.figures import figures
-from anser.cli.flights import check, convert, new, run
-from anser.cli.linearizing import linearize
+from anser.cli.flights import check, convert, new, plan, run
 from anser.cli.margins import margins
 from anser.cli.offering import offer
-from anser.cli.planning import plan
-from anser.cli.reporting import report
+from anser.cli.reporting import export, figures, report
 from anser.cli.stepping import gallery, step
-from anser.cli.surveying import envelope
-from anser.cli.trimming import trim
+from anser.cli.surveying import envelope, robustness
+from anser.cli.trimming import linearize, trim
 from anser.cli.verifying import verify
 from anser.scenario import ScenarioError
 

@@ -7,9 +7,9 @@ from typing import Annotated, Literal
 
 import typer
 
+from anser.cli.run_folder import RUN_FILES
 from anser.scenario import AIRFRAMES, VARIANTS
 
-_RUN_FILES = ("flight.nc", "summary.json")
 _LOOKED_AT_MOST = 500
 """Entries that a completion looks at: it must not take long in a large folder."""
 _DEEP = 2
@@ -23,7 +23,7 @@ def complete_scenario(incomplete: str) -> list[str]:
 
 def complete_run(incomplete: str) -> list[str]:
     """Folders of runs that begin so, in this folder and two below."""
-    return _found(incomplete, lambda path: all((path / name).is_file() for name in _RUN_FILES))
+    return _found(incomplete, lambda path: all((path / name).is_file() for name in RUN_FILES))
 
 
 def complete_aircraft(incomplete: str) -> list[str]:
@@ -80,8 +80,7 @@ RunFolder = Annotated[
 ]
 AircraftName = Annotated[str, typer.Option(help=f"Airframe: {', '.join(AIRFRAMES)}.", autocompletion=complete_aircraft)]
 VariantName = Annotated[
-    str,
-    typer.Option(help="Published set of tables: textbook, s119 or founding.", autocompletion=complete_variant),
+    str, typer.Option(help="Published set of tables: textbook, s119 or founding.", autocompletion=complete_variant)
 ]
 CentreOfGravity = Annotated[
     float | None,
@@ -95,4 +94,7 @@ PathAngle = Annotated[float, typer.Option(help="Climb angle.")]
 TurnRate = Annotated[float, typer.Option(help="Rate of the course, right positive.")]
 Inversion = Annotated[
     Literal["model", "incremental"], typer.Option(help="What the autopilot inverts: the model, or measured changes.")
+]
+SurveyFolder = Annotated[
+    Path, typer.Option("--out", help="New folder for the dataset and the figures.", show_default=False)
 ]

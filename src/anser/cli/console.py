@@ -24,12 +24,11 @@ from rich.progress import (
     ProgressColumn,
     SpinnerColumn,
     Task,
-    TaskID,
     TaskProgressColumn,
     TextColumn,
     TimeElapsedColumn,
 )
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 from anser.scenario import AIRFRAMES, VARIANTS
@@ -40,16 +39,16 @@ err = Console(stderr=True, highlight=False)
 
 _WIDTH_MIN = 120  # columns of a table that nobody looks at on a screen: a pipe has none of its own
 _RANGES = {
-    "--speed-m-s": (1, 1000),
-    "--altitude-m": (-500, 30000),
-    "--cg": (0.1, 0.5),
-    "--x-cg": (0.1, 0.5),
-    "--path-angle-deg": (-80, 80),
-    "--turn-rate-deg-s": (-60, 60),
-    "--path-rate-deg-s": (-60, 60),
-    "--pitch-rate-deg-s": (-60, 60),
+    "speed_m_s": (1, 1000),
+    "altitude_m": (-500, 30000),
+    "cg": (0.1, 0.5),
+    "x_cg": (0.1, 0.5),
+    "path_angle_deg": (-80, 80),
+    "turn_rate_deg_s": (-60, 60),
+    "path_rate_deg_s": (-60, 60),
+    "pitch_rate_deg_s": (-60, 60),
 }
-"""What the options of a flight condition may be."""
+"""What the options of a flight condition may be, in the order in which they are looked at."""
 _BAR_WIDTH = 16  # with the longest text, and the times, within 80 columns
 _SPEED_PERIOD_S = 3600.0
 """The time left follows from the mean speed so far: steps of a campaign are minutes apart."""
@@ -157,49 +156,40 @@ def _clock(seconds: float) -> str:
     return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
 
 
-def _watched() -> bool:
-    return note.is_terminal and not note.quiet
+def progress_bar() -> contextlib.AbstractContextManager[Callable[[str, float], None]]:
+    """Bar with the time gone and left, gone at the end, never there without a screen; told what is done, and 0 to 1."""
+    return _shown("starting", 1.0, _doing(), BarColumn(_BAR_WIDTH), TaskProgressColumn(), _Times())
+
+
+def working(what: str) -> contextlib.AbstractContextManager[Callable[[str], None]]:
+    """Sign of life with the time gone, where nobody knows how long it takes; told what is being done."""
+    return _shown(what, None, SpinnerColumn(), _doing(), TimeElapsedColumn())
+
+
+def _doing() -> TextColumn:
+    return TextColumn("{task.description}", markup=False)
 
 
 @contextlib.contextmanager
-def _named(bar: Progress, task: TaskID, what: str) -> Iterator[Callable[..., None]]:
-    """What turns what is being done, and how much of it is, into the bar's text; it says so while anser compiles."""
+def _shown(what: str, total: float | None, *columns: ProgressColumn) -> Iterator[Callable[..., None]]:
+    """Line on the screen, told what is being done and how much of it is; it says so while anser compiles."""
     from anser.compiling import watching  # here: help needs no JAX
 
-    now = what
-    bar.update(task, description=what)
+    disable = not note.is_terminal or note.quiet
+    with Progress(
+        *columns, console=note, transient=True, disable=disable, speed_estimate_period=_SPEED_PERIOD_S
+    ) as bar:
+        task = bar.add_task("", total=total)
+        now = what
+        bar.update(task, description=what)
 
-    def tell(doing: str, done: float | None = None) -> None:
-        nonlocal now
-        now = doing
-        bar.update(task, description=doing, completed=done)
+        def tell(doing: str, done: float | None = None) -> None:
+            nonlocal now
+            now = doing
+            bar.update(task, description=doing, completed=done)
 
-    with watching(lambda compiling: bar.update(task, description=f"{now}: compiling" if compiling else now)):
-        yield tell
-
-
-@contextlib.contextmanager
-def progress_bar() -> Iterator[Callable[[str, float], None]]:
-    """Bar with the time gone and left, gone at the end, never there without a screen; told what is done, and 0 to 1."""
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(_BAR_WIDTH), TaskProgressColumn(), _Times())
-    with (
-        Progress(
-            *columns, console=note, transient=True, disable=not _watched(), speed_estimate_period=_SPEED_PERIOD_S
-        ) as bar,
-        _named(bar, bar.add_task("", total=1.0), "starting") as tell,
-    ):
-        yield tell
-
-
-@contextlib.contextmanager
-def working(what: str) -> Iterator[Callable[[str], None]]:
-    """Sign of life with the time gone, where nobody knows how long it takes; told what is being done."""
-    columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
-    with (
-        Progress(*columns, console=note, transient=True, disable=not _watched()) as bar,
-        _named(bar, bar.add_task("", total=None), what) as tell,
-    ):
-        yield tell
+        with watching(lambda compiling: bar.update(task, description=f"{now}: compiling" if compiling else now)):
+            yield tell
 
 
 class RefusedError(Exception):
@@ -208,15 +198,12 @@ class RefusedError(Exception):
 
 def make_new(folder: Path) -> None:
     """Make the output folder, before anything is flown; refuse one that exists or cannot be made."""
-    try:
-        folder.mkdir(parents=True)
-    except FileExistsError:
-        raise RefusedError(
-            f"--out: arrived {folder}, which exists; expected a new folder (nothing is overwritten)"
-        ) from None
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise RefusedError(f"--out: arrived {folder}; expected a place where a folder can be made ({reason})") from None
+    with _refusing("--out", folder, "a place where a folder can be made"):
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            words = "which exists; expected a new folder (nothing is overwritten)"
+            raise RefusedError(f"--out: arrived {folder}, {words}") from None
 
 
 def make_next(folder: Path) -> Path:
@@ -237,22 +224,31 @@ def make_next(folder: Path) -> Path:
         ) from None
 
 
+@contextlib.contextmanager
+def kept_unless_empty(folder: Path | None) -> Iterator[None]:
+    """Take the new folder away at the end where nothing was written into it: what did not end leaves nothing behind."""
+    try:
+        yield
+    finally:
+        with contextlib.suppress(OSError):
+            if folder is not None:
+                folder.rmdir()  # succeeds only while it is empty
+
+
 def must_lie(option: str, value: float, low: float, high: float) -> None:
     """Refuse a number outside a range."""
     if not (math.isfinite(value) and low <= value <= high):
         raise RefusedError(f"{option}: arrived {value:g}; expected a number from {low:g} to {high:g}")
 
 
-def must_stand_alone(option: str, value: float, others: Mapping[str, float]) -> None:
-    """Refuse a number other than 0 beside another option's that is not 0."""
-    for other, beside in others.items():
-        if value != 0 and beside != 0:
-            raise RefusedError(f"{option}: arrived {value:g} with {other} {beside:g}; expected one of them 0")
-
-
-def plain_table(title: str) -> Table:
+def plain_table(title: str, *columns: Column | str) -> Table:
     """Table without lines between its rows."""
-    return Table(title=title, box=rich.box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)
+    return Table(*columns, title=title, box=rich.box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)
+
+
+def columns(*headings: str, **look: Any) -> list[Column]:
+    """Columns of one look for `plain_table`: `justify`, `overflow`, `no_wrap`."""
+    return [Column(heading, **look) for heading in headings]
 
 
 def number(value: float | None, digits: int) -> str:
@@ -275,8 +271,8 @@ def flight_point(at: str) -> tuple[float, float]:
         speed, altitude = (float(part) for part in at.split(","))
     except ValueError:
         raise RefusedError(f"--at: arrived {at!r}; expected SPEED,ALTITUDE in m/s and m, such as 150,2000") from None
-    must_lie("--at, speed", speed, *_RANGES["--speed-m-s"])
-    must_lie("--at, altitude", altitude, *_RANGES["--altitude-m"])
+    must_lie("--at, speed", speed, *_RANGES["speed_m_s"])
+    must_lie("--at, altitude", altitude, *_RANGES["altitude_m"])
     return speed, altitude
 
 
@@ -291,14 +287,19 @@ def must_be_new_file(option: str, path: Path, suffixes: Sequence[str]) -> None:
         raise RefusedError(f"{option}: arrived {path}; expected a file in a folder that exists")
 
 
-@contextlib.contextmanager
-def writing(option: str, path: Path) -> Iterator[None]:
+def writing(option: str, path: Path) -> contextlib.AbstractContextManager[None]:
     """Refuse a file that turns out not to be writable."""
+    return _refusing(option, path, "a place for a file")
+
+
+@contextlib.contextmanager
+def _refusing(option: str, path: Path, expected: str) -> Iterator[None]:
+    """Refuse a path of an option that the system does not take."""
     try:
         yield
     except OSError as error:
         reason = error.strerror or str(error)
-        raise RefusedError(f"{option}: arrived {path}; expected a place for a file ({reason})") from None
+        raise RefusedError(f"{option}: arrived {path}; expected {expected} ({reason})") from None
 
 
 @contextlib.contextmanager
@@ -314,10 +315,27 @@ def finding_trim(what: str) -> Iterator[Callable[[str], None]]:
 
 
 def must_be_flight_condition(condition: Mapping[str, float | None]) -> None:
-    """Refuse numbers outside the range of their options: speed, altitude, centre of gravity, path angle, rates."""
-    for option, value in condition.items():
+    """Refuse numbers outside the range of their options, and a pitch rate beside another rate.
+
+    Parameters
+    ----------
+    condition
+        Parameters of the command by name: speed, altitude, centre of gravity, path angle, rates; None: not given.
+    """
+    for name, (low, high) in _RANGES.items():
+        value = condition.get(name)
         if value is not None:
-            must_lie(option, value, *_RANGES[option])
+            must_lie(_option(name), value, low, high)
+    pitch_rate = condition.get("pitch_rate_deg_s")
+    for name in ("turn_rate_deg_s", "path_rate_deg_s"):
+        rate = condition.get(name)
+        if rate and pitch_rate:
+            option, other = _option("pitch_rate_deg_s"), _option(name)
+            raise RefusedError(f"{option}: arrived {pitch_rate:g} with {other} {rate:g}; expected one of them 0")
+
+
+def _option(parameter: str) -> str:
+    return f"--{parameter.replace('_', '-')}"
 
 
 def must_be_known(aircraft: str, variant: str) -> None:

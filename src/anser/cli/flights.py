@@ -1,9 +1,8 @@
-"""Commands about flights: run, check, new."""
+"""Commands about scenarios: run, plan, check, new."""
 
-import contextlib
 import dataclasses
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -11,7 +10,9 @@ from anser.cli.arguments import ScenarioPath
 from anser.cli.console import (
     RefusedError,
     answer,
+    columns,
     end_without,
+    kept_unless_empty,
     line,
     make_new,
     make_next,
@@ -21,6 +22,7 @@ from anser.cli.console import (
     problem,
     progress_bar,
     say,
+    working,
 )
 from anser.cli.offering import about
 from anser.cli.run_folder import PLAN
@@ -78,7 +80,7 @@ def run(
     from anser.campaign import run as fly  # here: a misspelt key must not wait for plotting libraries
 
     try:
-        with progress_bar() as tell:
+        with kept_unless_empty(target), progress_bar() as tell:
             flown = fly(wanted, tell, None if plan is None else _finished_plan(plan, wanted))
             tell("writing", 1.0)
             flown.write_into(target)
@@ -86,9 +88,6 @@ def run(
         end_without("no plan", error.reasons, "no plan: ")
     except PlanFileError as error:
         raise RefusedError(f"--plan: {error}") from None
-    finally:
-        with contextlib.suppress(OSError):
-            target.rmdir()  # succeeds only while it is empty: a flight that did not end leaves nothing behind
     answer(lambda: flown.summary)
     stopped_s = _stopped_s(flown.dataset)
     _print_flown(flown.summary, stopped_s)
@@ -179,14 +178,15 @@ def _status_text(row: dict, stopped_s: dict[str, float]) -> str:
 
 
 def _print_flown(summary: dict, stopped_s: dict[str, float]) -> None:
-    table = plain_table(f"{summary['scenario']['name']}: {summary['fleet']['simulated_s']:g} s flown")
-    table.add_column("aircraft", overflow="fold")
     has_paths = any(row["path"] not in (None, "nominal") for row in summary["aircraft"])
-    if has_paths:
-        table.add_column("path", no_wrap=True)
-    for name in ("planned\ns", "arrival\ns", "miss\nm", "airspeed\nm/s", "clear\nm"):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("status", overflow="fold", min_width=7)
+    figures = ("planned\ns", "arrival\ns", "miss\nm", "airspeed\nm/s", "clear\nm")
+    table = plain_table(
+        f"{summary['scenario']['name']}: {summary['fleet']['simulated_s']:g} s flown",
+        *columns("aircraft", overflow="fold"),
+        *columns(*(["path"] if has_paths else []), no_wrap=True),
+        *columns(*figures, justify="right", no_wrap=True),
+        *columns("status", overflow="fold", min_width=7),
+    )
     for row in summary["aircraft"]:
         speeds = "/".join(number(row[f"speed_{k}_m_s"], 0) for k in ("min", "mean", "max"))
         left = f" (left the tables for {row['tables_left_s']:.1f} s)" if row["tables_left"] else ""
@@ -219,3 +219,138 @@ def _fail_unmet(summary: dict, stopped_s: dict[str, float]) -> None:
         if row["status"] != "arrived":
             problem(f'aircraft "{row["name"]}": {_status_text(row, stopped_s)}')
     raise typer.Exit(1)
+
+
+_UNITS = {"m": ("m", 0), "m s-1": ("m/s", 1), "m s-2": ("m/s^2", 2), "degree": ("deg", 1), "1": ("", 2)}
+"""How a unit is printed, and with how many decimals."""
+_SAME_TIME_S = 5e-3
+
+
+@about(
+    "anser plan scenarios/three-aircraft.toml",
+    "anser plan scenarios/twenty-aircraft.toml --out plans/twenty",
+    unmet="no plan, or one beyond a limit",
+)
+def plan(
+    scenario: ScenarioPath,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="New folder for plan.json, trajectories.csv, plan.png, plan.svg, plan.npz.", show_default=False
+        ),
+    ] = None,
+) -> None:
+    """Plan a scenario without flying it: arrival times, each aircraft's path, what it leaves to the limits."""
+    wanted = _loaded(scenario)
+    if out is not None:
+        make_new(out)
+    with kept_unless_empty(out), working("planning") as tell:
+        from anser.campaign import plan as make  # here: a misspelt key must not wait for plotting libraries
+        from anser.campaign import write_plan
+        from anser.campaign.plan_output import record
+
+        planned = make(wanted, tell)
+        if planned.refusals:
+            end_without("no plan", planned.refusals, "no plan: ")
+        recorded = record(planned)
+        if out is not None:
+            recorded.write_into(out)
+            write_plan(planned, out / PLAN)
+    answer(lambda: recorded.summary)
+    _print_paths(recorded.summary)
+    _print_margins(recorded.summary)
+    for text in _apart(recorded.summary):
+        line(text)
+    if out is not None:
+        say(f"{out}: plan.json, trajectories.csv, plan.png, plan.svg, plan.npz written")
+    for note in recorded.summary["notes"]:
+        say(f"note: {note}")
+    for found in recorded.summary["problems"]:
+        problem(f"not flyable: {found}")
+    if recorded.summary["problems"]:
+        raise typer.Exit(1)
+
+
+def _print_paths(summary: dict[str, Any]) -> None:
+    arrival = summary["arrival"]
+    common = arrival["last_s"] - arrival["first_s"] < _SAME_TIME_S
+    when = (
+        f"all arrive at {arrival['last_s']:.2f} s"
+        if common
+        else f"arrivals from {arrival['first_s']:.2f} to {arrival['last_s']:.2f} s"
+    )
+    rows = [_path_row(row, common) for row in summary["aircraft"]]
+    table = plain_table(
+        f"{summary['scenario']['name']}: {when}",
+        *columns("aircraft", "path", no_wrap=True),
+        *columns(*rows[0], justify="right", no_wrap=True),
+    )
+    for row, cells in zip(summary["aircraft"], rows, strict=True):
+        table.add_row(row["name"], row["path"], *cells.values())
+    print_table(table)
+
+
+def _path_row(row: dict[str, Any], arrive_together: bool) -> dict[str, str]:
+    """Cells of an aircraft by their headings; the same headings for all of a fleet."""
+    found = {one["name"]: one["planned"] for one in row["limits"]}
+    cells = {} if arrive_together else {"arrival\ns": number(row["arrival_s"], 2)}
+    if "nominal_length_m" in row:
+        cells["nominal\nm"] = number(row["nominal_length_m"], 1)
+    cells["planned\nm"] = number(row["length_m"], 1)
+    cells["mean\nm/s"] = number(row["speed_mean_m_s"], 1)
+    cells["airspeed\nm/s"] = f"{number(row['speed_min_m_s'], 0)} to {number(row['speed_max_m_s'], 0)}"
+    if "turn_use" in row:
+        cells["turn, of\nlimit"] = f"{number(100.0 * row['turn_use'], 0)} %"
+    cells["bank\ndeg"] = number(found.get("bank_max_deg"), 0)
+    cells["climb\nm/s"] = number(found.get("climb_rate_max_m_s"), 1)
+    cells["lowest\nm"] = number(found.get("altitude_min_m"), 0)
+    return cells
+
+
+def _print_margins(summary: dict[str, Any]) -> None:
+    """What each path leaves to each limit; what is left of none is marked."""
+    from anser.planning import LIMITS
+
+    how = "proven at every instant" if summary["bounds"] == "proven" else "at samples"
+    table = plain_table(f"left to the limits, {how} (negative: passed)", *columns("aircraft", no_wrap=True))
+    given = {one["name"] for row in summary["aircraft"] for one in row["limits"]}
+    shown = [limit for limit in LIMITS if limit.name in given]
+    for limit in shown:
+        first, _, rest = (limit.heading or limit.words).partition(" ")
+        table.add_column(f"{first}\n{rest}\n{_UNITS[limit.unit][0]}", justify="right", no_wrap=True)
+    for row in summary["aircraft"]:
+        margins = {one["name"]: one["margin"] for one in row["limits"]}
+        cells = []
+        for limit in shown:
+            margin = margins.get(limit.name)
+            text = number(margin, _UNITS[limit.unit][1])
+            cells.append(f"[bold red]{text}[/bold red]" if margin is not None and margin < 0.0 else text)
+        table.add_row(row["name"], *cells)
+    print_table(table)
+
+
+def _apart(summary: dict[str, Any]) -> list[str]:
+    """Lines about the closest pairs and the keep-outs."""
+    lines = []
+    asked, least = summary["separation"], summary["least_distance"]
+    if asked is not None and asked["pair"] is not None:
+        words = f"{asked['horizontal_asked_m']:g} m"
+        if asked["vertical_asked_m"]:
+            words += f", or {asked['vertical_asked_m']:g} m in altitude"
+        lines.append(
+            f"closest by the separation ({words}): {' and '.join(asked['pair'])} at {asked['time_s']:.2f} s, "
+            f"{asked['horizontal_m']:.0f} m in the plane and {asked['vertical_m']:.0f} m in altitude"
+        )
+    if asked is not None and asked.get("hold_bound_ratio") is not None:
+        lines.append(f"holds: at least {asked['hold_bound_ratio']:.2f} times the separation, until the flight ends")
+    if least["pair"] is not None:
+        required = "" if least["required_m"] is None else f" ({least['required_m']:g} m required)"
+        lines.append(
+            f"least separation {least['value_m']:.0f} m in space{required}: {' and '.join(least['pair'])} "
+            f"at {least['time_s']:.2f} s"
+        )
+    lines += [
+        f"keep-out {one['name']}: nearest is {one['aircraft']}, {one['room_m']:.0f} m outside at {one['time_s']:.2f} s"
+        for one in summary["keep_outs"]
+    ]
+    return lines

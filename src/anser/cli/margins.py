@@ -1,9 +1,8 @@
 """The command margins."""
 
-import json
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -11,6 +10,7 @@ from anser.cli.arguments import AircraftName, Inversion, VariantName
 from anser.cli.console import (
     RefusedError,
     answer,
+    columns,
     finding_trim,
     flight_point,
     line,
@@ -100,33 +100,18 @@ def margins(
         say(f"{bode}: written")
 
 
-def _survey(
-    aircraft: str,
-    variant: str,
-    inversion: Literal["model", "incremental"],
-    step_s: float,
-    coarse: bool,
-    out: Path,
-) -> None:
+def _survey(aircraft: str, variant: str, inversion: Inversion, step_s: float, coarse: bool, out: Path) -> None:
     make_new(out)
     from anser.campaign import survey_margins
     from anser.report import draw_margin_maps
-    from anser.results import write_netcdf
+    from anser.results import write_json, write_netcdf
 
     with progress_bar() as tell:
-        surveyed = survey_margins(
-            aircraft,
-            variant,
-            inversion=inversion,
-            coarse=coarse,
-            step_s=step_s,
-            progress=tell,
-        )
+        surveyed = survey_margins(aircraft, variant, inversion=inversion, coarse=coarse, step_s=step_s, progress=tell)
         tell("writing", 1.0)
         write_netcdf(surveyed.dataset, out / "margins.nc")
         draw_margin_maps(surveyed.dataset, out)
-        with (out / "margins.json").open("x", encoding="utf-8") as file:
-            file.write(json.dumps(surveyed.document(), indent=1, allow_nan=False) + "\n")
+        write_json(surveyed.document(), out / "margins.json")
     answer(surveyed.document)
     _print_survey(surveyed)
     say(f"{out}: margins.nc, margins.json and maps written")
@@ -138,14 +123,14 @@ def _name(of: dict[str, Any]) -> str:
 
 def _print(found: "xr.Dataset") -> None:
     of = found.attrs
+    figures = ("gain up, dB", "down, dB", "phase, deg", "crossover, rad/s", "delay, ms", "disk", "is dB", "or deg")
     table = plain_table(
         f"{_name(of)} at {of['speed_m_s']:g} m/s, {of['altitude_m']:g} m: {of['inversion']} inversion, "
-        f"sampled every {1000 * of['step_s']:g} ms"
+        f"sampled every {1000 * of['step_s']:g} ms",
+        *columns("loop broken at", no_wrap=True),
+        *columns(*figures, justify="right"),
+        "short",
     )
-    table.add_column("loop broken at", no_wrap=True)
-    for head in ("gain up, dB", "down, dB", "phase, deg", "crossover, rad/s", "delay, ms", "disk", "is dB", "or deg"):
-        table.add_column(head, justify="right")
-    table.add_column("short")
     for name in found["breakpoint"].values.tolist():
         row = {key: values.item() for key, values in found.sel(breakpoint=name).data_vars.items() if not values.dims}
         gain, phase = _disk(row["disk_margin"])
@@ -174,15 +159,13 @@ def _print(found: "xr.Dataset") -> None:
 def _print_survey(surveyed: "MarginSurvey") -> None:
     document = surveyed.document()
     of = surveyed.dataset.attrs
+    figures = (*(heading for _, heading, _ in _FIGURES), "short", "of points", "short of all points")
     table = plain_table(
         f"{_name(of)}, {of['inversion']} inversion: least / 5th percentile / median where a tenth of power and "
-        "surfaces is left"
+        "surfaces is left",
+        *columns("loop broken at", no_wrap=True),
+        *columns(*figures, justify="right"),
     )
-    table.add_column("loop broken at", no_wrap=True)
-    for _, head, _ in _FIGURES:
-        table.add_column(head, justify="right")
-    for head in ("short", "of points", "short of all points"):
-        table.add_column(head, justify="right")
     for row, of_all in zip(document["breakpoints_with_reserve"], document["breakpoints_all"], strict=True):
         cells = [
             " / ".join(number(row[f"{key}_{what}"], digits) for what in ("min", "p5", "median"))

@@ -3,7 +3,6 @@
 import functools
 import inspect
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Annotated, Any, TypeVar
 
 import typer
@@ -12,7 +11,7 @@ from rich.markup import escape
 from anser.cli.console import output, problem
 
 _Function = TypeVar("_Function", bound=Callable[..., None])
-_ABOUT = "anser_about"
+_EPILOG = "anser_epilog"
 INTERRUPTED = 130
 
 _Json = Annotated[
@@ -23,33 +22,22 @@ _Quiet = Annotated[
 ]
 
 
-@dataclass(frozen=True)
-class About:
-    """What the help of a command tells besides its options.
+def about(*examples: str, unmet: str | None = None) -> Callable[[_Function], _Function]:
+    """Give a command what `offer` shows under the options of its help.
 
-    Attributes
+    Parameters
     ----------
-    examples
+    *examples
         Command lines as a user types them, the plainest first.
     unmet
         What exit code 1 means here; None where the command never ends with it.
     """
-
-    examples: tuple[str, ...]
-    unmet: str | None
-
-    def epilog(self) -> str:
-        """Lines under the options of the help."""
-        codes = ["0  done", *([f"1  {self.unmet}"] if self.unmet else []), "2  bad input", "3  internal fault"]
-        lines = ["Examples:", *self.examples, "", "Exit codes:", *codes]
-        return escape("\n".join(line if not line or line.endswith(":") else f"  {line}" for line in lines))
-
-
-def about(*examples: str, unmet: str | None = None) -> Callable[[_Function], _Function]:
-    """Give a command its examples and the meaning of its exit code 1; `offer` shows them."""
+    codes = ["0  done", *([f"1  {unmet}"] if unmet else []), "2  bad input", "3  internal fault"]
+    lines = ["Examples:", *examples, "", "Exit codes:", *codes]
+    epilog = escape("\n".join(line if not line or line.endswith(":") else f"  {line}" for line in lines))
 
     def mark(function: _Function) -> _Function:
-        setattr(function, _ABOUT, About(examples, unmet))
+        setattr(function, _EPILOG, epilog)
         return function
 
     return mark
@@ -80,4 +68,4 @@ def offer(app: typer.Typer, command: Callable[..., None]) -> None:
     # What typer reads of a function: its signature and its annotations.
     answering.__signature__ = inspect.Signature(parameters)  # pyright: ignore[reportAttributeAccessIssue]
     answering.__annotations__ = {one.name: one.annotation for one in parameters}
-    app.command(epilog=getattr(command, _ABOUT).epilog())(answering)
+    app.command(epilog=getattr(command, _EPILOG))(answering)

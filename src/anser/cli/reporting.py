@@ -1,18 +1,17 @@
-"""Command about finished runs: report."""
+"""Commands about finished runs: report, export, figures."""
 
+import math
+from collections.abc import Iterator
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
 from anser.cli.arguments import RunFolder, complete_run
-from anser.cli.console import RefusedError, answer, line
+from anser.cli.console import RefusedError, answer, line, make_new, working, writing
 from anser.cli.offering import about
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-_FILES = ("flight.nc", "summary.json")
+from anser.cli.run_folder import RUN_FILES, must_be_run, read_flight, read_run
 
 
 @about(
@@ -36,37 +35,26 @@ def report(
     if other is not None and out is None:
         raise RefusedError("--out: arrived nothing; expected a file for the report of two runs, such as beside.html")
     target = out if out is not None else run / "report.html"
-    folders = [folder for folder in (run, other) if folder is not None]
-    for place, folder in zip(("RUN", "OTHER"), folders, strict=False):
-        _must_be_run(place, folder)
+    folders = {place: folder for place, folder in (("RUN", run), ("OTHER", other)) if folder is not None}
+    for place, folder in folders.items():
+        must_be_run(folder, place)
     if out is None and target.exists() and not force:
         raise RefusedError(f"--out: arrived nothing, and {target} exists; give --force to write it anew, or --out FILE")
     _must_be_writable(target, force)
     from anser.report import write_comparison, write_report  # here: a misspelt folder must not wait for libraries
 
-    runs = [(str(folder), *_read(place, folder)) for place, folder in zip(("RUN", "OTHER"), folders, strict=False)]
+    runs = [(str(folder), *read_run(folder, place)) for place, folder in folders.items()]
     try:
-        if other is None:
-            write_report(*runs[0][1:], target, overwrite=force)
-        else:
-            write_comparison(runs, target, overwrite=force)
+        with writing("--out", target):
+            if other is None:
+                write_report(*runs[0][1:], target, overwrite=force)
+            else:
+                write_comparison(runs, target, overwrite=force)
     except ValueError as error:
         words = f"{error}; expected what one flight of `anser run` wrote"
-        raise RefusedError(f"{' and '.join(map(str, folders))}: {words}") from None
-    except OSError as error:
-        words = f"expected a file that can be written ({error.strerror or error})"
-        raise RefusedError(f"--out: arrived {target}; {words}") from None
+        raise RefusedError(f"{' and '.join(map(str, folders.values()))}: {words}") from None
     answer(lambda: {"format_version": 1, "file": str(target)})
     line(f"{target}: written")
-
-
-def _must_be_run(place: str, folder: Path) -> None:
-    lacking = [name for name in _FILES if not (folder / name).is_file()]
-    if not folder.is_dir():
-        raise RefusedError(f"{place}: arrived {folder}, which is no folder; expected one that `anser run` wrote")
-    if lacking:
-        words = f"which holds no {' and no '.join(lacking)}; expected a folder that `anser run` wrote"
-        raise RefusedError(f"{place}: arrived {folder}, {words}")
 
 
 def _must_be_writable(target: Path, force: bool) -> None:
@@ -76,18 +64,152 @@ def _must_be_writable(target: Path, force: bool) -> None:
         raise RefusedError(f"--out: arrived {target}; expected a file in a folder that exists")
     if target.exists() and not force:
         raise RefusedError(f"--out: {target} exists; expected a new file, or --force to replace it")
-    if target.name in _FILES:
+    if target.name in RUN_FILES:
         raise RefusedError(f"--out: arrived {target}, which holds a run; expected another file, such as report.html")
 
 
-def _read(place: str, folder: Path) -> tuple["xr.Dataset", dict[str, Any]]:
-    from anser.results import read_netcdf, read_summary
+_START = "2000-01-01T12:00:00Z"
 
-    read: dict[str, Any] = {}
-    for name, reader in zip(_FILES, (read_netcdf, read_summary), strict=True):
-        try:
-            read[name] = reader(folder / name)
-        except (OSError, ValueError, KeyError) as error:
-            words = f"arrived a file that cannot be read ({error}); expected what `anser run` wrote"
-            raise RefusedError(f"{place}, {folder / name}: {words}") from None
-    return read["flight.nc"], read["summary.json"]
+
+@about(
+    "anser export runs/three-aircraft --format czml,kml",
+    "anser export runs/three-aircraft --format csv --period-s 1 --out tables",
+)
+def export(
+    run: RunFolder,
+    formats: Annotated[
+        list[str],
+        typer.Option("--format", help="czml, kml, csv, parquet or mat; several with commas, or given several times."),
+    ],
+    out: Annotated[
+        Path | None, typer.Option(help="New folder for the files; left out: beside flight.nc.", show_default=False)
+    ] = None,
+    start: Annotated[
+        str, typer.Option(help="Date and time (UTC) of the flight's time 0 in CZML and KML, which need one.")
+    ] = _START,
+    period_s: Annotated[
+        float | None, typer.Option(help="Only the recorded times nearest to every so many seconds; left out: all.")
+    ] = None,
+) -> None:
+    """Write a flight for Cesium (czml), Google Earth (kml), tables (csv, parquet), MATLAB and Octave (mat)."""
+    began = _started(start)
+    if period_s is not None and not (math.isfinite(period_s) and period_s > 0):
+        raise RefusedError(f"--period-s: arrived {period_s:g}; expected a number above 0")
+    from anser.report.exports import FORMATS, NEEDED_VARIABLES, PARQUET_MISSING, has_parquet, thinned
+
+    wanted = list(dict.fromkeys(part.strip() for entry in formats for part in entry.split(",")))
+    for name in wanted:
+        if name not in FORMATS:
+            raise RefusedError(f"--format: arrived {name!r}; expected one of {', '.join(FORMATS)}")
+    if "parquet" in wanted and not has_parquet():
+        raise RefusedError(f"--format: {PARQUET_MISSING}; or leave parquet out: all others are written without it")
+    dataset, summary = read_flight(run, NEEDED_VARIABLES)
+    if out is not None:
+        make_new(out)
+    files = {name: (out or run) / f"flight.{name}" for name in wanted}
+    for path in files.values():
+        if path.exists():
+            raise RefusedError(
+                f"--format: arrived {path.suffix[1:]} for {path}, which exists; expected a new file (nothing is "
+                "overwritten): give another folder with --out"
+            )
+    shown = dataset if period_s is None else thinned(dataset, period_s)
+    for name, path in files.items():
+        content = FORMATS[name](shown, summary, began)
+        with writing("--out", path), path.open("xb") as file:
+            file.write(content)
+        line(f"{path}: {len(content) / 1e6:.1f} MB")
+    answer(lambda: {"format_version": 1, "files": {name: str(path) for name, path in files.items()}})
+
+
+def _started(start: str) -> datetime:
+    try:
+        began = datetime.fromisoformat(start)
+    except ValueError:
+        raise RefusedError(f"--start: arrived {start!r}; expected a date and time such as {_START}") from None
+    if not 1900 <= began.year <= 2200:
+        raise RefusedError(f"--start: arrived {start!r}; expected a year from 1900 to 2200")
+    return began if began.tzinfo is not None else began.replace(tzinfo=UTC)
+
+
+_AIRCRAFT, _VARIANT, _SPEED_M_S, _ALTITUDE_M = "f16", "textbook", 150.0, 1000.0
+
+
+@about(
+    "anser figures --out figures",
+    "anser figures runs/three-aircraft --out figures",
+)
+def figures(
+    out: Annotated[Path, typer.Option(help="New folder for the figures.", show_default=False)],
+    run: Annotated[
+        Path | None,
+        typer.Argument(
+            help="Folder that anser run wrote; left out: the published cases.",
+            show_default=False,
+            autocompletion=complete_run,
+        ),
+    ] = None,
+) -> None:
+    """Draw figures for a paper, each as PDF, SVG and PNG: of a flight, or every one of the published cases.
+
+    The published cases are the step responses, the climb-and-turn, the paths bent by b4 and c4, the flights of one and
+    of three aircraft; they are computed on the way, in a few minutes the first time.
+    """
+    if run is not None:
+        must_be_run(run)
+        from anser.report.flight_figures import NEEDED_VARIABLES, draw_flight
+
+        dataset, _ = read_flight(run, NEEDED_VARIABLES)
+        make_new(out)
+        with working("drawing"):
+            written = draw_flight(dataset, "flight", out)
+    else:
+        make_new(out)
+        written = tuple(_published(out))
+    kinds = sorted({path.suffix for path in written})
+    count = len(written) // len(kinds)
+    made = "1 figure" if count == 1 else f"{count} figures, each"
+    answer(lambda: {"format_version": 1, "files": [str(path) for path in written]})
+    line(f"{out}: {made} as {', '.join(kinds)}")
+
+
+def _published(out: Path) -> Iterator[Path]:
+    """Compute and draw the published cases, one after the other."""
+    from anser.campaign import PUBLISHED_STEPS, fly_climb_and_turn, fly_steps
+    from anser.report.flight_figures import draw_flight
+    from anser.report.print_style import FIGURE_SUFFIXES
+    from anser.report.shape_figures import draw_shapes
+    from anser.report.step_figures import draw_overview, draw_step
+    from anser.report.tracking_figure import draw_tracking
+    from anser.verification.missions import published_flights
+    from anser.verification.shape_families import shape_families
+
+    def paths(name: str) -> list[Path]:
+        return [out / f"{name}{suffix}" for suffix in FIGURE_SUFFIXES]
+
+    with working("computing the paths bent by b4 and c4") as tell:
+        for family, dataset in shape_families().items():
+            yield from draw_shapes(dataset, family, out)
+        tell("flying the step responses")
+        flown = fly_steps(
+            PUBLISHED_STEPS,
+            aircraft=_AIRCRAFT,
+            variant=_VARIANT,
+            speed_m_s=_SPEED_M_S,
+            altitude_m=_ALTITUDE_M,
+            inversion="model",
+        )
+        tell("drawing the step responses")
+        for flight in flown:
+            draw_step(flight.dataset, files := paths(f"step-{flight.test.key}"))
+            yield from files
+        draw_overview([flight.dataset for flight in flown], files := paths("step-overview"))
+        yield from files
+        tell("flying the climb-and-turn")
+        tracked = fly_climb_and_turn(_VARIANT)
+        draw_tracking(tracked.dataset, "Climb and turn on velocity commands alone", files := paths("climb-and-turn"))
+        yield from files
+        tell("flying one and three aircraft")
+        for name, flight in published_flights().items():
+            tell(f"drawing the flight: {name}")
+            yield from draw_flight(flight.dataset, name, out)

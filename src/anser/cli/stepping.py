@@ -1,9 +1,8 @@
 """The commands step and gallery."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from rich.table import Table
@@ -12,6 +11,7 @@ from anser.cli.arguments import Inversion, VariantName
 from anser.cli.console import (
     RefusedError,
     answer,
+    columns,
     finding_trim,
     flight_point,
     line,
@@ -101,15 +101,14 @@ def gallery(
     from anser.campaign import PUBLISHED_STEPS, fly_climb_and_turn, step_document
     from anser.report.step_figures import draw_overview, draw_step
     from anser.report.tracking_figure import draw_tracking
+    from anser.results import write_json
 
     flown = _fly(PUBLISHED_STEPS, variant, 150.0, 1000.0, inversion)
     with working("flying the climb-and-turn"):
         tracked = fly_climb_and_turn(variant, inversion)
     requirements = tracked.summary["requirements"]
     document = step_document(flown) | {"climb_and_turn": requirements}
-    with (out / "metrics.json").open("x", encoding="utf-8") as file:
-        json.dump(document, file, indent=1, allow_nan=False)
-        file.write("\n")
+    write_json(document, out / "metrics.json")
     with working("drawing"):
         for flight in flown:
             draw_step(flight.dataset, [out / f"{flight.test.key}{suffix}" for suffix in (".svg", ".png")])
@@ -141,11 +140,7 @@ def gallery(
 
 
 def _fly(
-    tests: Sequence["StepTest"],
-    variant: str,
-    speed_m_s: float,
-    altitude_m: float,
-    inversion: Literal["model", "incremental"],
+    tests: Sequence["StepTest"], variant: str, speed_m_s: float, altitude_m: float, inversion: Inversion
 ) -> tuple["SteppedFlight", ...]:
     from anser.campaign import fly_steps
 
@@ -163,14 +158,13 @@ def _fly(
 
 def _table(flights: Sequence["SteppedFlight"], title: str) -> Table:
     """One row per commanded channel."""
-    table = plain_table(title)
-    for name, unit in (("step", ""), ("channel", "")):
-        table.add_column(f"{name}\n{unit}", no_wrap=True)
-    for name, unit in (("size", ""), ("rise", "s"), ("settling", "s"), ("overshoot", "%"), ("final error", "%")):
-        table.add_column(f"{name}\n{unit}", justify="right")
-    table.add_column("others move\nat most")
-    table.add_column("sideslip\ndeg", justify="right")
-    table.add_column("elevator, aileron,\nrudder used, %", justify="right")
+    table = plain_table(
+        title,
+        *columns("step\n", "channel\n", no_wrap=True),
+        *columns("size\n", "rise\ns", "settling\ns", "overshoot\n%", "final error\n%", justify="right"),
+        "others move\nat most",
+        *columns("sideslip\ndeg", "elevator, aileron,\nrudder used, %", justify="right"),
+    )
     for flight in flights:
         document = flight.document()
         others = ", ".join(
@@ -181,19 +175,11 @@ def _table(flights: Sequence["SteppedFlight"], title: str) -> Table:
         once = [document["key"], others, number(document["sideslip_max_deg"], 2), surfaces]
         for channel, of in document["channels"].items():
             key, *rest = once
-            table.add_row(key, channel, *_cells(of), *rest, style="red" if document["shortfalls"] else None)
+            names = ("rise_time_s", "settling_time_s", "overshoot_percent", "final_error_percent")
+            cells = (f"{of['size']:+g} {of['unit']}", *(number(of[name], 2) for name in names))
+            table.add_row(key, channel, *cells, *rest, style="red" if document["shortfalls"] else None)
             once = [""] * 4
     return table
-
-
-def _cells(of: dict[str, Any]) -> list[str]:
-    return [
-        f"{of['size']:+g} {of['unit']}",
-        number(of["rise_time_s"], 2),
-        number(of["settling_time_s"], 2),
-        number(of["overshoot_percent"], 2),
-        number(of["final_error_percent"], 2),
-    ]
 
 
 def _short(value: float | None) -> str:

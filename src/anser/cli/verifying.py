@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
-from anser.cli.console import RefusedError, answer, line, plain_table, print_table, problem, progress_bar
+from anser.cli.console import RefusedError, answer, columns, line, plain_table, print_table, problem, progress_bar
 from anser.cli.offering import about
 
 if TYPE_CHECKING:
@@ -64,9 +64,8 @@ def _print_count(outcomes: Sequence["Outcome"], seconds: float) -> None:
 
 
 def _list(checks: Sequence["Check"]) -> Table:
-    table = plain_table("checks")
-    for name in ("check", "title", "source"):
-        table.add_column(name, overflow="fold", no_wrap=name == "check")
+    fold = columns("title", "source", overflow="fold")
+    table = plain_table("checks", *columns("check", overflow="fold", no_wrap=True), *fold)
     for check in checks:
         table.add_row(check.key, check.title, _plain(check.source))
     return table
@@ -74,19 +73,17 @@ def _list(checks: Sequence["Check"]) -> Table:
 
 def _table(outcomes: Sequence["Outcome"]) -> Table:
     """One row per check and quantity: its worst point."""
-    table = plain_table("worst point of each quantity")
-    table.add_column("check", no_wrap=True)
-    table.add_column("quantity", overflow="fold")
-    for name in ("expected", "obtained", "error", "tolerance"):
-        table.add_column(name, justify="right", overflow="fold")
-    table.add_column("why that tolerance", overflow="fold")
-    table.add_column("source", overflow="fold")
+    table = plain_table(
+        "worst point of each quantity",
+        *columns("check", no_wrap=True),
+        *columns("quantity", overflow="fold"),
+        *columns("expected", "obtained", "error", "tolerance", justify="right", overflow="fold"),
+        *columns("why that tolerance", "source", overflow="fold"),
+    )
     for outcome in outcomes:
         check = outcome.check
         if outcome.problem is not None:
-            table.add_row(
-                check.key, _plain(outcome.problem), "-", "-", "-", "-", "-", _plain(check.source), style="red"
-            )
+            table.add_row(check.key, _plain(outcome.problem), *"-----", _plain(check.source), style="red")
         for worst in _worst(outcome.comparisons):
             expected, obtained = _figures(worst)
             table.add_row(

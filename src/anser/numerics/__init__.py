@@ -3,7 +3,7 @@
 from anser.numerics.arrays import as_array, leading, namespace, zeros_as
 from anser.numerics.integrate import rk4_step
 from anser.numerics.linear import cross, inverse3, product3, solve3, times3
-from anser.numerics.stacking import Stacked, any_in_batch, stacked, structure_of
+from anser.numerics.stacking import Stacked, any_in_batch, rows_of, stacked, structure_of
 from anser.numerics.tables import Axes, Tables, make_axes, make_tables
 
 __all__ = [
@@ -20,6 +20,7 @@ __all__ = [
     "namespace",
     "product3",
     "rk4_step",
+    "rows_of",
     "solve3",
     "stacked",
     "structure_of",

@@ -7,7 +7,7 @@ from anser.results.envelope_reasons import OUTCOMES, REASONS, judge
 from anser.results.linear_model import linear_dataset, linear_document, unit_of
 from anser.results.margin_dataset import CLOSED_LOOP, margin_dataset, margin_map_dataset, margin_table
 from anser.results.netcdf import read_netcdf, write_netcdf
-from anser.results.plain import finite_or_none, plain_attributes
+from anser.results.plain import finite_or_none, plain_attributes, write_json
 from anser.results.plan_dataset import plan_dataset
 from anser.results.plan_record import ClosestApproach, PlanDetails, PlanExtremes, PlanSamples
 from anser.results.plan_summary import plan_margins, plan_summary
@@ -74,6 +74,7 @@ __all__ = [
     "unit_of",
     "version_attributes",
     "versions",
+    "write_json",
     "write_netcdf",
     "write_summary",
     "write_trajectories",

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from typing import TypeVar
 
 import equinox as eqx
 import jax
@@ -29,7 +28,7 @@ from anser.environment import (
     somigliana,
     wgs84_earth,
 )
-from anser.numerics import as_array
+from anser.numerics import as_array, rows_of
 from anser.planning import (
     GoalMotion,
     PathLimits,
@@ -43,9 +42,9 @@ from anser.planning import (
 from anser.planning.certified import Airspace, KeepOuts, Separation
 from anser.scenario.library import load_airframe
 from anser.scenario.schema import Scenario
-from anser.scenario.schema_aircraft import Aircraft
-from anser.scenario.schema_gains import AttitudeGains, RateGains, VelocityGains
+from anser.scenario.schema_aircraft import Aircraft, AttitudeGains, RateGains, VelocityGains
 from anser.scenario.schema_goal import Goal
+from anser.scenario.schema_settings import Limits
 from anser.sensing import DirectEstimator, IdealSensors
 from anser.shapes import Scalar, Vector3
 from anser.simulation import (
@@ -59,8 +58,6 @@ from anser.simulation import (
     trim_target,
 )
 from anser.units import DEG_RAD
-
-T = TypeVar("T")
 
 _CORRECTION_MAX_M_S = 20.0  # what position feedback may add to the planned velocity
 _HOLD_CLIMB_MAX_M_S = 20.0  # vertical speed in the hold, within the scenario's own limit
@@ -138,7 +135,7 @@ def _guidance(scenario: Scenario) -> GuidanceSettings:
 
 def _published(scenario: Scenario, fleet: Sequence[Aircraft], guidance: GuidanceSettings) -> PublishedPlanner:
     return PublishedPlanner(
-        start_positions_n=_rows([_ned(a.start.position_m) for a in fleet]),
+        start_positions_n=rows_of([_ned(a.start.position_m) for a in fleet]),
         sides=_sides(fleet),
         speed=_scalar(scenario.fleet.speed_m_s),
         even_speed=as_array(scenario.fleet.speed_profile == "even", bool),
@@ -164,7 +161,8 @@ def _wind(scenario: Scenario) -> AbstractWind:
     more = _size(len(altitudes), _LAYERS) - len(altitudes)
     above = [altitudes[-1] + k * _ABOVE_M for k in range(1, more + 1)]  # where the wind is that of the last layer
     return LayeredWind(
-        as_array([*altitudes, *above]), _rows([_ned(velocity) for velocity in [*velocities, *[velocities[-1]] * more]])
+        as_array([*altitudes, *above]),
+        rows_of([_ned(velocity) for velocity in [*velocities, *[velocities[-1]] * more]]),
     )
 
 
@@ -176,14 +174,19 @@ def _size(count: int, least: int) -> int:
 def build_path_limits(scenario: Scenario) -> PathLimits:
     """What a trajectory may ask of an aircraft of this scenario."""
     limits = scenario.limits
+    return _path_limits(limits, limits.speed_min_m_s, limits.speed_max_m_s, 1.0)
+
+
+def _path_limits(limits: Limits, speed_min_m_s: float, speed_max_m_s: float, part: float) -> PathLimits:
+    """Part of the limits of bank, climb rate and load factor beyond 1; all of the altitudes."""
     return PathLimits(
-        speed_min=_scalar(limits.speed_min_m_s),
-        speed_max=_scalar(limits.speed_max_m_s),
-        bank_max=_scalar(limits.bank_max_deg * DEG_RAD),
-        climb_rate_max=_scalar(limits.climb_rate_max_m_s),
+        speed_min=_scalar(speed_min_m_s),
+        speed_max=_scalar(speed_max_m_s),
+        bank_max=_scalar(part * limits.bank_max_deg * DEG_RAD),
+        climb_rate_max=_scalar(part * limits.climb_rate_max_m_s),
         altitude_min=_scalar(limits.altitude_min_m),
         altitude_max=_scalar(limits.altitude_max_m),
-        load_factor_max=_scalar(limits.load_factor_max),
+        load_factor_max=_scalar(1.0 + part * (limits.load_factor_max - 1.0)),
     )
 
 
@@ -194,7 +197,7 @@ def _certified(scenario: Scenario, fleet: Sequence[Aircraft], guidance: Guidance
     return CertifiedPlanner(
         sides=_sides(fleet),
         speed=_scalar(scenario.fleet.speed_m_s),
-        limits=_stacked([_planned_limits(scenario, a) for a in fleet]),
+        limits=rows_of([_planned_limits(scenario, a) for a in fleet]),
         roll_rates_max=as_array([scenario.limits.roll_rate_max_deg_s * DEG_RAD] * len(fleet)),
         airspace=Airspace(
             wind=_wind(scenario),
@@ -226,39 +229,26 @@ def _planned_limits(scenario: Scenario, aircraft: Aircraft) -> PathLimits:
     slowest = limits.speed_min_m_s + reserve * (speed - limits.speed_min_m_s)
     fastest = limits.speed_max_m_s - reserve * (limits.speed_max_m_s - speed)
     own = aircraft.start.speed_m_s
-    return PathLimits(
-        speed_min=_scalar(max(min(slowest, own - 1.0), limits.speed_min_m_s)),
-        speed_max=_scalar(min(max(fastest, own + 1.0), limits.speed_max_m_s)),
-        bank_max=_scalar((1.0 - reserve) * limits.bank_max_deg * DEG_RAD),
-        climb_rate_max=_scalar((1.0 - reserve) * limits.climb_rate_max_m_s),
-        altitude_min=_scalar(limits.altitude_min_m),
-        altitude_max=_scalar(limits.altitude_max_m),
-        load_factor_max=_scalar(1.0 + (1.0 - reserve) * (limits.load_factor_max - 1.0)),
-        acceleration_max=_scalar(_or_infinite(limits.acceleration_max_m_s2)),
-        deceleration_max=_scalar(_or_infinite(limits.deceleration_max_m_s2)),
+    slowest = max(min(slowest, own - 1.0), limits.speed_min_m_s)
+    fastest = min(max(fastest, own + 1.0), limits.speed_max_m_s)
+    return eqx.tree_at(
+        lambda planned: (planned.acceleration_max, planned.deceleration_max),
+        _path_limits(limits, slowest, fastest, 1.0 - reserve),
+        tuple(
+            _scalar(math.inf if value is None else value)
+            for value in (limits.acceleration_max_m_s2, limits.deceleration_max_m_s2)
+        ),
     )
-
-
-def _or_infinite(value: float | None) -> float:
-    return math.inf if value is None else value
 
 
 def _scalar(value: float) -> Scalar:
     return as_array(value)
 
 
-def _rows(rows: Sequence[Array]) -> Array:
-    return as_array(np.stack([np.asarray(row) for row in rows]), None)
-
-
 def _ned(position_up_m: Sequence[float]) -> Vector3:
     """(north, east, up) as (north, east, down)."""
     north, east, up = position_up_m
     return as_array([north, east, -up])
-
-
-def _stacked(parts: Sequence[T]) -> T:
-    return jax.tree.map(lambda *leaves: _rows(leaves), *parts)
 
 
 def _start(aircraft: Aircraft) -> TrimTarget:
@@ -277,7 +267,7 @@ def _goals(goals: Sequence[Goal]) -> list[GoalMotion]:
 def _motion(goal: Goal) -> GoalMotion:
     if goal.waypoints is None:
         return straight_goal(_ned(goal.position_m(0.0)), _ned(goal.velocity_m_s()))
-    places = _rows([_ned((p.north_m, p.east_m, p.altitude_m)) for p in goal.waypoints])
+    places = rows_of([_ned((p.north_m, p.east_m, p.altitude_m)) for p in goal.waypoints])
     return waypoint_goal([p.time_s for p in goal.waypoints], places)
 
 
@@ -305,28 +295,21 @@ def _loop(gains: RateGains | AttitudeGains | VelocityGains) -> LoopGains:
     def channels(values: Sequence[float]) -> Array:
         return as_array(values)
 
+    others = channels(gains.derivative), channels(gains.feed_forward)
     if gains.bandwidth_rad_s is not None:
         damping = (math.inf,) * 3 if gains.damping is None else gains.damping
-        return designed_gains(
-            *(channels(values) for values in (gains.bandwidth_rad_s, damping, gains.derivative, gains.feed_forward))
-        )
-    return LoopGains(
-        proportional=channels(gains.proportional),
-        integral=channels(gains.integral),
-        derivative=channels(gains.derivative),
-        feed_forward=channels(gains.feed_forward),
-    )
+        return designed_gains(channels(gains.bandwidth_rad_s), channels(damping), *others)
+    return LoopGains(channels(gains.proportional), channels(gains.integral), *others)
 
 
 def _flight_limits(scenario: Scenario) -> FlightLimits:
     limits = scenario.limits
-    degrees = [math.radians(x) for x in (limits.bank_max_deg, limits.alpha_min_deg, limits.alpha_max_deg)]
     return FlightLimits(
         speed_min=_scalar(limits.speed_min_m_s),
         speed_max=_scalar(limits.speed_max_m_s),
-        bank_max=_scalar(degrees[0]),
-        alpha_min=_scalar(degrees[1]),
-        alpha_max=_scalar(degrees[2]),
+        bank_max=_scalar(math.radians(limits.bank_max_deg)),
+        alpha_min=_scalar(math.radians(limits.alpha_min_deg)),
+        alpha_max=_scalar(math.radians(limits.alpha_max_deg)),
         load_factor_min=_scalar(limits.load_factor_min),
         load_factor_max=_scalar(limits.load_factor_max),
         rates_max=as_array([math.radians(x) for x in _RATES_MAX_DEG_S]),

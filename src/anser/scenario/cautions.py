@@ -3,23 +3,14 @@
 import math
 
 from anser.scenario.schema import DEFAULT_PLANNERS, FORMAT, Scenario
-from anser.scenario.schema_aircraft import Aircraft
-from anser.scenario.schema_gains import Gains
-from anser.scenario.schema_reach import reach_problems, reference_speed
+from anser.scenario.schema_aircraft import Aircraft, Gains
+from anser.scenario.schema_reach import reach_problems
 
 
 def cautions(scenario: Scenario) -> tuple[str, ...]:
-    """Say what will probably not work as meant, one sentence each; empty where nothing is to be said.
-
-    Parameters
-    ----------
-    scenario
-        Validated.
-    """
-    found = [*_of_the_format(scenario), *_of_the_seed(scenario), *_of_the_duration(scenario)]
-    for index, aircraft in enumerate(scenario.aircraft):
-        found.extend(_of_the_gains(index, aircraft))
-    return tuple(found)
+    """Say what will probably not work as meant, one sentence each; empty where nothing is to be said."""
+    gains = [text for index, one in enumerate(scenario.aircraft) for text in _of_the_gains(index, one)]
+    return (*_of_the_format(scenario), *_of_the_seed(scenario), *_of_the_duration(scenario), *gains)
 
 
 def _of_the_format(scenario: Scenario) -> list[str]:
@@ -43,13 +34,10 @@ def _of_the_seed(scenario: Scenario) -> list[str]:
 
 def _of_the_duration(scenario: Scenario) -> list[str]:
     """A flight that lasts long enough only if something helps, which only planning and flying tell."""
-    fleet, limits = scenario.fleet, scenario.limits
-    goals, reference = scenario.goal, reference_speed(fleet, limits, scenario.arrival)
-    found = reach_problems(scenario.aircraft, goals, reference, limits, scenario.wind, scenario.timing, unaided=True)
     return [
         f"{one.path}: {one.arrived} s suffices only if a descent makes the plan faster or another wind carries it on; "
         f"otherwise expected {one.expected}"
-        for one in found
+        for one in reach_problems(scenario, unaided=True)
         if one.path == "timing.duration_s"
     ]
 

@@ -58,24 +58,18 @@ class ScenarioError(ValueError):
         return "\n  ".join([f"{self.source or 'scenario'}: {count}", *map(str, self.problems)])
 
 
-def refused(source: str, arrived: str, expected: str) -> ScenarioError:
-    """One problem with a file as a whole."""
-    return ScenarioError(source, [Problem("", arrived, expected)])
+def refused(source: str, arrived: str, expected: str, path: str = "") -> ScenarioError:
+    """One problem, with a file as a whole or at a path."""
+    return ScenarioError(source, [Problem(path, arrived, expected)])
+
+
+def reason_of(error: Exception) -> str:
+    """Why the system did not read or write a file, without its name."""
+    return error.strerror if isinstance(error, OSError) and error.strerror else str(error)
 
 
 def show(value: object) -> str:
-    """Describe a value that arrived, in the words of a TOML file.
-
-    Parameters
-    ----------
-    value
-        Anything that a TOML file can hold, or None.
-
-    Returns
-    -------
-    str
-        Short, on one line.
-    """
+    """Describe a value that arrived (what a TOML file can hold, or None) in the words of such a file, on one line."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
@@ -94,16 +88,5 @@ def show(value: object) -> str:
 
 
 def plain(value: float) -> str:
-    """Write a number of a validated scenario without needless zeros.
-
-    Parameters
-    ----------
-    value
-        In any unit.
-
-    Returns
-    -------
-    str
-        All its digits, to 15.
-    """
+    """Write a number of a validated scenario without needless zeros: all its digits, to 15."""
     return f"{value:.15g}"

@@ -7,7 +7,7 @@ import re
 import tomllib
 from pathlib import Path
 
-from anser.scenario.errors import Problem, ScenarioError, refused, show
+from anser.scenario.errors import Problem, ScenarioError, reason_of, refused, show
 from anser.scenario.schema import Scenario, validate
 from anser.scenario.schema_aircraft import Aircraft
 
@@ -25,11 +25,6 @@ def load(path: str | os.PathLike[str]) -> Scenario:
     ----------
     path
         A TOML file, UTF-8.
-
-    Returns
-    -------
-    Scenario
-        Validated.
 
     Raises
     ------
@@ -49,8 +44,8 @@ def read_text(path: str | os.PathLike[str]) -> str:
     except IsADirectoryError:
         raise refused(source, "a folder", "the path of a scenario file") from None
     except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise refused(source, f"a path that cannot be read ({reason})", "a scenario file that can be read") from None
+        arrived = f"a path that cannot be read ({reason_of(error)})"
+        raise refused(source, arrived, "a scenario file that can be read") from None
     try:
         return content.decode("utf-8-sig")  # editors under Windows put a mark in front
     except UnicodeDecodeError as error:
@@ -68,11 +63,6 @@ def loads(text: str, source: str = "<string>") -> Scenario:
         TOML.
     source
         What to call it in messages.
-
-    Returns
-    -------
-    Scenario
-        Validated.
 
     Raises
     ------

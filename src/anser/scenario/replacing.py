@@ -4,7 +4,7 @@ import difflib
 import re
 from typing import Any
 
-from anser.scenario.errors import Problem, ScenarioError, plain, show
+from anser.scenario.errors import plain, refused, show
 from anser.scenario.schema_base import Table
 
 _PATH = re.compile(r"\w+(?:\[[^\[\]]+\])*(?:\.\w+(?:\[[^\[\]]+\])*)*", re.ASCII)
@@ -22,19 +22,16 @@ class _ItemKey(str):
 
 
 def with_changes(scenario: Table, changes: tuple[tuple[object, object], ...]) -> dict[str, Any]:
-    """Take the values of a scenario that were written out, and put others in their places.
+    """Values of a scenario that were written out, others put in their places one after the other.
 
     Parameters
     ----------
-    scenario
-        Validated.
     changes
-        Paths and values, made one after the other.
+        Paths and values.
 
     Returns
     -------
-    dict
-        As the file would hold them; not validated.
+    As the file would hold them; not validated.
 
     Raises
     ------
@@ -44,7 +41,7 @@ def with_changes(scenario: Table, changes: tuple[tuple[object, object], ...]) ->
     values = scenario.model_dump(mode="json", exclude_unset=True)
     for path, value in changes:
         if not isinstance(path, str) or not _PATH.fullmatch(path):
-            raise _refused("", f"{show(path)} as a path", _READABLE)
+            raise refused("", f"{show(path)} as a path", _READABLE)
         _put(values, path, as_written(value))
     return values
 
@@ -75,7 +72,9 @@ def _put(values: dict[str, Any], path: str, value: object) -> None:
             return
         if isinstance(where, str) and place.get(where) is None:
             if isinstance(after, _ItemKey):
-                raise _refused(path_so_far, f"an item, [{after}], of a list that is not written out", "the whole list")
+                raise refused(
+                    "", f"an item, [{after}], of a list that is not written out", "the whole list", path_so_far
+                )
             place[where] = {}  # a table that was left out
         place = place[where]
 
@@ -85,27 +84,27 @@ def _where(place: object, step: str, path_so_far: str) -> str | int:
     if isinstance(step, _ItemKey):
         if isinstance(place, list):
             return _index(place, step, path_so_far)
-        raise _refused(path_so_far, f"an item, [{step}], of what is no list", "a path without it")
+        raise refused("", f"an item, [{step}], of what is no list", "a path without it", path_so_far)
     if isinstance(place, dict):
         return step
     if isinstance(place, list):
-        raise _refused(path_so_far, f'the key "{step}" of a list', _which(place, path_so_far))
+        raise refused("", f'the key "{step}" of a list', _which(place, path_so_far), path_so_far)
     text = plain(place) if isinstance(place, float) else show(place)
-    raise _refused(path_so_far, f'the key "{step}" of {text}, which is no table', "a path that ends here")
+    raise refused("", f'the key "{step}" of {text}, which is no table', "a path that ends here", path_so_far)
 
 
 def _index(items: list[Any], step: _ItemKey, path_so_far: str) -> int:
     if step.isdecimal():
         if int(step) < len(items):
             return int(step)
-        raise _refused(path_so_far, f"the item [{step}] of a list of {len(items)}", _which(items, path_so_far))
+        raise refused("", f"the item [{step}] of a list of {len(items)}", _which(items, path_so_far), path_so_far)
     name = step.removeprefix('"').removesuffix('"')
     names = _names(items)
     if name in names:
         return names.index(name)
     near = difflib.get_close_matches(name, [one for one in names if one is not None], n=1)
     guess = f'perhaps "{near[0]}"; ' if near else ""
-    raise _refused(path_so_far, f"the name {show(name)}, which no item has", guess + _which(items, path_so_far))
+    raise refused("", f"the name {show(name)}, which no item has", guess + _which(items, path_so_far), path_so_far)
 
 
 def _names(items: list[Any]) -> list[str | None]:
@@ -120,7 +119,3 @@ def _which(items: list[Any], path_so_far: str) -> str:
     numbers = f"{path_so_far}[0]" if last == 0 else f"{path_so_far}[0] to {path_so_far}[{last}]"
     names = [f"{path_so_far}[{name}]" for name in _names(items) if name is not None]
     return f"{numbers}, or by name {', '.join(names)}" if names else numbers
-
-
-def _refused(path: str, arrived: str, expected: str) -> ScenarioError:
-    return ScenarioError("", [Problem(path, arrived, expected)])

@@ -3,7 +3,7 @@
 import copy
 import hashlib
 import json
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 from pydantic import Field, ValidationError, model_validator
 
@@ -23,14 +23,14 @@ from anser.scenario.schema_chart import chart_problems
 from anser.scenario.schema_checks import (
     goal_problems,
     name_problems,
+    planner_problems,
     rendezvous_problems,
     speed_problems,
     start_problems,
 )
 from anser.scenario.schema_goal import Goal
-from anser.scenario.schema_planner import planner_problems
 from anser.scenario.schema_problems import problems_from
-from anser.scenario.schema_reach import reach_problems, reference_speed
+from anser.scenario.schema_reach import reach_problems
 from anser.scenario.schema_settings import Fleet, Guidance, Hold, Limits, Requirements, Timing
 from anser.scenario.schema_surroundings import Earth, EarthOrWord, Wind
 
@@ -79,20 +79,38 @@ class Scenario(Table):
     )
 
     @model_validator(mode="after")
-    def _planner_of_the_format(self) -> "Scenario":
+    def _holds_together(self) -> Self:
         if "planner" not in self.fleet.model_fields_set:
             # Not by validating the name: the file does not hold it, and what is written again must not either.
             meant = copy.copy(self.fleet)
             object.__setattr__(meant, "planner", DEFAULT_PLANNERS[self.format])
             object.__setattr__(self, "fleet", meant)
-        return self
-
-    @model_validator(mode="after")
-    def _holds_together(self) -> "Scenario":
-        found = _problems(self.aircraft, self.goal, self)
+        found = self.own_problems()
         if found:
             raise ScenarioError("", found)
         return self
+
+    def own_problems(self) -> list[Problem]:
+        """Find what is wrong between tables, from the simple to what rests on it."""
+        aircraft, goals, fleet, limits = self.aircraft, self.goal, self.fleet, self.limits
+        unread = planner_problems(self)
+        if unread:
+            return unread  # what the planner does not know is not judged
+        names = name_problems(aircraft, goals)
+        found = [
+            *names,
+            *speed_problems(fleet, limits, self.wind, self.hold),
+            *start_problems(aircraft, limits),
+            *goal_problems(goals, self.timing),
+            *separation_problems(aircraft, self.separation),
+            *chart_problems(self),
+        ]
+        if not names:
+            found.extend(rendezvous_problems(aircraft, goals, fleet, limits))
+            found.extend(same_point_problems(aircraft, self.arrival))
+            found.extend(arrival_problems(self.arrival, aircraft, self.timing))
+            found.extend(keep_out_problems(self.keep_out, aircraft, goals))
+        return found or reach_problems(self)
 
     @property
     def hash(self) -> str:
@@ -100,17 +118,11 @@ class Scenario(Table):
         return scenario_hash(self)
 
     def goal_of(self, aircraft: Aircraft) -> Goal:
-        """Look up the goal of an aircraft of this scenario.
-
-        Parameters
-        ----------
-        aircraft
-            One of the scenario.
-        """
+        """Look up the goal of an aircraft of this scenario."""
         return next(goal for goal in self.goal if goal.name == aircraft.goal)
 
     def replace(self, path: str, value: object, /, *more: object) -> "Scenario":
-        """Make a scenario with other values, as validated as one from a file.
+        """Make another scenario with other values, as validated as one from a file; this one stays as it is.
 
         Parameters
         ----------
@@ -124,11 +136,6 @@ class Scenario(Table):
         *more
             Further paths and values in turn. All are put in their places one after the other, and only what comes of
             all is validated.
-
-        Returns
-        -------
-        Scenario
-            Another one; this one stays as it is.
 
         Raises
         ------
@@ -158,11 +165,6 @@ def validate(values: dict[str, Any], source: str = "<values>") -> Scenario:
     source
         What to call it in messages.
 
-    Returns
-    -------
-    Scenario
-        Validated.
-
     Raises
     ------
     ScenarioError
@@ -178,43 +180,10 @@ def validate(values: dict[str, Any], source: str = "<values>") -> Scenario:
         raise ScenarioError(source, problems_from(error, Scenario, values)) from None
 
 
-def _problems(aircraft: tuple[Aircraft, ...], goals: tuple[Goal, ...], scenario: Scenario) -> list[Problem]:
-    """Find what is wrong between tables, from the simple to what rests on it."""
-    fleet, limits, wind, timing = scenario.fleet, scenario.limits, scenario.wind, scenario.timing
-    unread = planner_problems(scenario)
-    if unread:
-        return unread  # what the planner does not know is not judged
-    names = name_problems(aircraft, goals)
-    found = [
-        *names,
-        *speed_problems(fleet, limits, wind, scenario.hold),
-        *start_problems(aircraft, limits),
-        *goal_problems(goals, timing),
-        *separation_problems(aircraft, scenario.separation),
-        *chart_problems(scenario),
-    ]
-    if not names:
-        found.extend(rendezvous_problems(aircraft, goals, fleet, limits))
-        found.extend(same_point_problems(aircraft, scenario.arrival))
-        found.extend(arrival_problems(scenario.arrival, aircraft, timing))
-        found.extend(keep_out_problems(scenario.keep_out, aircraft, goals))
-    return found or reach_problems(
-        aircraft, goals, reference_speed(fleet, limits, scenario.arrival), limits, wind, timing
-    )
-
-
 def scenario_hash(scenario: Scenario) -> str:
     """Hash the values of a scenario: comments, order of keys and defaults written out do not change it.
 
-    Parameters
-    ----------
-    scenario
-        A validated scenario.
-
-    Returns
-    -------
-    str
-        SHA-256 of its canonical JSON (keys sorted, no blanks, ASCII), 64 hexadecimal digits.
+    SHA-256 of its canonical JSON (keys sorted, no blanks, ASCII), 64 hexadecimal digits.
     """
     values = scenario.model_dump(mode="json")
     text = json.dumps(values, sort_keys=True, separators=(",", ":"), allow_nan=False)

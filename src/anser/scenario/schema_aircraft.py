@@ -1,15 +1,17 @@
-"""The aircraft: airframe, start, rendezvous."""
+"""The aircraft: airframe, start, rendezvous, gains of the autopilot (given, or as wanted bandwidths and damping)."""
 
 import math
 from typing import Literal
 
-from anser.scenario.schema_base import Table, choice, naming, number, table
-from anser.scenario.schema_gains import Gains
+from anser.scenario.errors import Problem, plain
+from anser.scenario.schema_base import Gain3, Table, choice, designed, gain, naming, number, table
 from anser.scenario.schema_goal import PLACE_MAX_M
 from anser.scenario.schema_settings import ALTITUDE_MAX_M, DURATION_MAX_S, SPEED_MAX_M_S
 
 STAND_OFF_MAX_M = 20_000.0
 PATH_ANGLE_MAX_DEG = 60.0
+DAMPING_MIN = 0.1
+_GAIN_WAYS = "either proportional and integral, or bandwidth_rad_s and damping; not both"
 
 
 class Start(Table):
@@ -48,6 +50,67 @@ class Rendezvous(Table):
     def stand_off_distance_m(self) -> float:
         """Distance of the rendezvous point from the goal, m."""
         return math.hypot(*self.stand_off_m)
+
+
+class _LoopGains(Table):
+    """What the gains of all loops share: the other way to give them."""
+
+    bandwidth_rad_s: Gain3 | None = designed("wanted bandwidth, instead of proportional and integral")
+    damping: Gain3 | None = designed("wanted damping of the pair of poles; left out: no integral")
+
+    def own_problems(self) -> list[Problem]:
+        """Find gains given in both ways, and a damping without a bandwidth or too small."""
+        found = []
+        if self.bandwidth_rad_s is not None:
+            both = [key for key in ("proportional", "integral") if key in self.model_fields_set]
+            found = [Problem(key, f"{plain(getattr(self, key)[0])} beside bandwidth_rad_s", _GAIN_WAYS) for key in both]
+        elif self.damping is not None:
+            found = [Problem("damping", f"{plain(self.damping[0])} without bandwidth_rad_s", _GAIN_WAYS)]
+        if self.damping is not None and min(self.damping) < DAMPING_MIN:
+            found.append(Problem("damping", plain(min(self.damping)), f"a number from {DAMPING_MIN:g}"))
+        return found
+
+
+class RateGains(_LoopGains):
+    """Gains of the fast loop, axes (roll rate P, pitch rate Q, yaw rate R)."""
+
+    proportional: Gain3 = gain("of the error, 1/s", 10.0)
+    integral: Gain3 = gain("of the integrated error, 1/s^2", 0.25)
+    derivative: Gain3 = gain("of the error's rate", 1.0)
+    feed_forward: Gain3 = gain("of the commanded rate of change", 1.0)
+
+
+class AttitudeGains(_LoopGains):
+    """Gains of the middle loop, axes (bank mu, angle of attack alpha, sideslip beta)."""
+
+    proportional: Gain3 = gain("of the error, 1/s", 2.0)
+    integral: Gain3 = gain("of the integrated error, 1/s^2", 0.0)
+    derivative: Gain3 = gain("of the error's rate", 0.0)
+    feed_forward: Gain3 = gain("of the commanded rate of change", 1.0)
+
+
+class VelocityGains(_LoopGains):
+    """Gains of the slow loop, axes (speed V, path angle gamma, course chi)."""
+
+    proportional: Gain3 = gain("of the error, 1/s", 1.0)
+    integral: Gain3 = gain("of the integrated error, 1/s^2", 0.025)
+    derivative: Gain3 = gain("of the error's rate", 0.0)
+    feed_forward: Gain3 = gain("of the commanded rate of change", 1.0)
+
+
+class Gains(Table):
+    """Gains of the autopilot's three loops (theory section 5), and which inversion they drive."""
+
+    inversion: Literal["model", "incremental"] = choice(
+        "what is inverted: the model, or the change from what the sensors measure", ("model", "incremental"), "model"
+    )
+    sensor_bandwidth_rad_s: float = number(
+        "of the filter on the sensors of the incremental inversion", 1, 100, "rad/s", 20.0
+    )
+
+    rates: RateGains = table("fast loop", "a table [aircraft.gains.rates]", RateGains())
+    attitude: AttitudeGains = table("middle loop", "a table [aircraft.gains.attitude]", AttitudeGains())
+    velocity: VelocityGains = table("slow loop", "a table [aircraft.gains.velocity]", VelocityGains())
 
 
 class Aircraft(Table):

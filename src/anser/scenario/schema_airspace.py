@@ -2,16 +2,13 @@
 
 import math
 
-from pydantic import model_validator
-
-from anser.scenario.errors import Problem, ScenarioError, plain
+from anser.scenario.errors import Problem, plain
 from anser.scenario.schema_aircraft import Aircraft
 from anser.scenario.schema_arrival import Arrival
-from anser.scenario.schema_base import Table, naming, number
+from anser.scenario.schema_base import Table, Vector, misordered, naming, number, velocity_on_course
 from anser.scenario.schema_checks import SAME_PLACE_M, label
 from anser.scenario.schema_goal import PLACE_MAX_M, Goal
 from anser.scenario.schema_settings import ALTITUDE_MAX_M, SPEED_MAX_M_S
-from anser.scenario.schema_surroundings import Vector
 
 
 class Separation(Table):
@@ -23,12 +20,12 @@ class Separation(Table):
     )
     reserve_m: float = number("what the plan adds to both, for the errors of flight", 0, 1_000, "m", 10.0)
 
-    @model_validator(mode="after")
-    def _asks_for_a_distance(self) -> "Separation":
-        if self.vertical_m > 0.0 and self.horizontal_m == 0.0:
-            words = "horizontal_m above 0 beside it: aircraft are apart in the plane or in altitude"
-            raise ScenarioError("", [Problem("vertical_m", f"{plain(self.vertical_m)} without horizontal_m", words)])
-        return self
+    def own_problems(self) -> list[Problem]:
+        """Find altitudes without a distance in the plane."""
+        if self.horizontal_m > 0.0 or self.vertical_m == 0.0:
+            return []
+        words = "horizontal_m above 0 beside it: aircraft are apart in the plane or in altitude"
+        return [Problem("vertical_m", f"{plain(self.vertical_m)} without horizontal_m", words)]
 
     @property
     def asked_m(self) -> tuple[float, float] | None:
@@ -36,13 +33,7 @@ class Separation(Table):
         return (self.horizontal_m, self.vertical_m) if self.horizontal_m > 0.0 else None
 
     def is_kept(self, one_m: Vector, other_m: Vector) -> bool:
-        """Say whether two places (north, east, up; m) are far enough apart, without the reserve.
-
-        Parameters
-        ----------
-        one_m, other_m
-            The places.
-        """
+        """Say whether two places (north, east, up; m) are far enough apart, without the reserve."""
         apart_up_m = abs(one_m[2] - other_m[2])
         return math.dist(one_m[:2], other_m[:2]) >= self.horizontal_m or 0.0 < self.vertical_m <= apart_up_m
 
@@ -59,26 +50,16 @@ class KeepOut(Table):
     speed_m_s: float = number("its speed over the ground", 0, SPEED_MAX_M_S, "m/s", 0.0)
     course_deg: float = number("direction of its motion over the ground", -360, 360, "deg", 0.0)
 
-    @model_validator(mode="after")
-    def _has_a_height(self) -> "KeepOut":
-        if self.bottom_m >= self.top_m:
-            words = f"less than top_m, which is {plain(self.top_m)} m"
-            raise ScenarioError("", [Problem("bottom_m", plain(self.bottom_m), words)])
-        return self
+    def own_problems(self) -> list[Problem]:
+        """Find a cylinder without a height."""
+        return misordered(self, "bottom_m", "top_m", "m")
 
     def velocity_m_s(self) -> Vector:
         """Velocity over the ground (north, east, up), m/s."""
-        course = math.radians(self.course_deg)
-        return self.speed_m_s * math.cos(course), self.speed_m_s * math.sin(course), 0.0
+        return velocity_on_course(self.speed_m_s, self.course_deg)
 
     def holds(self, place_m: Vector) -> bool:
-        """Say whether a place (north, east, up; m) is inside at time 0; its surface is outside.
-
-        Parameters
-        ----------
-        place_m
-            The place.
-        """
+        """Say whether a place (north, east, up; m) is inside at time 0; its surface is outside."""
         away_m = math.dist(place_m[:2], (self.north_m, self.east_m))
         return away_m < self.radius_m and self.bottom_m < place_m[2] < self.top_m
 
@@ -110,10 +91,7 @@ def keep_out_problems(
 ) -> list[Problem]:
     """Find names used twice, starts inside a keep-out, and rendezvous points that never leave one.
 
-    Parameters
-    ----------
-    keep_outs, aircraft, goals
-        All of the scenario; every aircraft's goal exists.
+    Every aircraft's goal exists.
     """
     found = []
     names = [one.name for one in keep_outs]

@@ -2,9 +2,9 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from anser.scenario.errors import Problem, ScenarioError, plain, show
+from anser.scenario.errors import Problem, plain, show
 from anser.scenario.schema_aircraft import Aircraft
 from anser.scenario.schema_base import NAME_PATTERN, Table, choice, expects, number
 from anser.scenario.schema_checks import label
@@ -35,8 +35,8 @@ class Arrival(Table):
         json_schema_extra=expects('a list of the names of all aircraft, such as ["first", "second"]'),
     )
 
-    @model_validator(mode="after")
-    def _belongs_to_the_rule(self) -> "Arrival":
+    def own_problems(self) -> list[Problem]:
+        """Find keys that the rule does not know or lacks."""
         found = []
         for key, rule in _RULE_OF.items():
             value = getattr(self, key)
@@ -45,9 +45,7 @@ class Arrival(Table):
                 found.append(Problem(key, arrived, f'rule = "{rule}", or no {key}'))
             if value is None and self.rule == rule and key != "order":
                 found.append(Problem(key, "nothing", f'a number (s), which rule "{rule}" needs'))
-        if found:
-            raise ScenarioError("", found)
-        return self
+        return found
 
     @property
     def is_common(self) -> bool:
@@ -55,23 +53,14 @@ class Arrival(Table):
         return self.rule in ("together", "earliest", "at") or (self.rule == "sequence" and self.spacing_s == 0.0)
 
     def meet(self, one: Aircraft, other: Aircraft) -> bool:
-        """Say whether two aircraft of the fleet arrive at the same time by this rule.
-
-        Parameters
-        ----------
-        one, other
-            Of the scenario.
-        """
+        """Say whether two aircraft of the fleet arrive at the same time by this rule."""
         return self.is_common or (self.rule == "times" and one.arrive_s == other.arrive_s)
 
 
 def arrival_problems(arrival: Arrival, aircraft: tuple[Aircraft, ...], timing: Timing) -> list[Problem]:
     """Find times that the rule lacks or does not know, an order that is none, and arrivals after the flight.
 
-    Parameters
-    ----------
-    aircraft
-        All of the scenario; their names are unique.
+    The names of the aircraft are unique.
     """
     found = [] if arrival.time_s is None else _late("arrival.time_s", arrival.time_s, timing)
     for index, one in enumerate(aircraft):

@@ -1,10 +1,14 @@
 """What all tables of a scenario share: strictness, and fields that know in words what they expect."""
 
-from collections.abc import Mapping
+import bisect
+import math
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Never, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 from pydantic_core import PydanticUndefined
+
+from anser.scenario.errors import Problem, ScenarioError, plain
 
 NAME_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_-]{0,63}$"
 NAME_EXPECTED = "a name of 1 to 64 letters, digits, hyphens and underscores"
@@ -13,11 +17,25 @@ SLUG_EXPECTED = 'a name in small letters, digits and single hyphens, such as "th
 
 GAIN_MAX = 1000.0
 
+Vector = tuple[float, float, float]
+"""North, east, up."""
+
 
 class Table(BaseModel):
     """A table of a scenario: frozen, strict about types, refusing unknown keys, NaN and infinity."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False, validate_default=True)
+
+    def own_problems(self) -> list[Problem]:
+        """Find what is wrong between keys of the table, each valid by itself; paths are those within the table."""
+        return []
+
+    @model_validator(mode="after")
+    def _holds_together(self) -> Self:
+        found = self.own_problems()
+        if found:
+            raise ScenarioError("", found)
+        return self
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """Copy the table as it is.
@@ -46,6 +64,37 @@ def _unchecked(what: str) -> TypeError:
         f"{what} would make a scenario that nothing has checked; change a scenario by path, which checks it: "
         'scenario.replace("fleet.speed_m_s", 160.0, "wind.speed_m_s", 8.0)'
     )
+
+
+def misordered(table: Table, low_key: str, high_key: str, unit: str) -> list[Problem]:
+    """Find a key of a table that is not less than another one."""
+    low, high = getattr(table, low_key), getattr(table, high_key)
+    return [] if low < high else [Problem(low_key, plain(low), f"less than {high_key}, which is {plain(high)} {unit}")]
+
+
+def velocity_on_course(speed_m_s: float, course_deg: float, up_m_s: float = 0.0) -> Vector:
+    """Velocity (north, east, up) of a horizontal speed in a direction clockwise from north, m/s."""
+    course = math.radians(course_deg)
+    return speed_m_s * math.cos(course), speed_m_s * math.sin(course), up_m_s
+
+
+def between(points: Sequence[tuple[float, Vector]], at: float) -> Vector:
+    """Value at a place between points, linear from one to the next, beyond the ends as there.
+
+    Parameters
+    ----------
+    points
+        Place (such as a time or an altitude) and value, in rising order; one or more.
+    at
+        The place wanted.
+    """
+    after = bisect.bisect_right(points, at, key=lambda point: point[0])
+    if after in (0, len(points)):
+        return points[0 if after == 0 else -1][1]
+    (low, begin), (high, end) = points[after - 1], points[after]
+    share = (at - low) / (high - low)
+    north, east, up = (a + share * (b - a) for a, b in zip(begin, end, strict=True))
+    return north, east, up
 
 
 def expects(words: str) -> dict[str, Any]:

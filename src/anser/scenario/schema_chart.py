@@ -120,6 +120,3 @@ def _inside(latitude_deg: float, places: list[_Place], reach_m: float) -> bool:
     east = max(abs(place.east_m) for place in places) / across_m + reach_m / across_m
     turned = math.atan(east) if east < 1.0 else 0.25 * math.pi + 0.5 * (east - 1.0)
     return origin + north < 0.5 * math.pi and origin + south > -0.5 * math.pi and turned < math.pi
-
-
-__all__ = ["SCALE_ERROR_MAX", "chart_problems", "scale_error"]

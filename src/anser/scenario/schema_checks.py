@@ -5,36 +5,32 @@ what is wrong between them; the list is empty if all is well.
 """
 
 import math
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 from anser.constants import AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M
-from anser.scenario.errors import Problem, plain
+from anser.scenario.errors import Problem, plain, show
 from anser.scenario.schema_aircraft import Aircraft
+from anser.scenario.schema_base import Table
 from anser.scenario.schema_goal import Goal
 from anser.scenario.schema_settings import Fleet, Hold, Limits, Timing
 from anser.scenario.schema_surroundings import Wind
+
+if TYPE_CHECKING:
+    from anser.scenario.schema import Scenario
 
 AIRBORNE_ALTITUDE_MIN_M = 50.0
 SAME_PLACE_M = 10.0  # about the span of the aircraft
 
 GRAVITY_M_S2 = 9.80665
 _SCOPE = "this is the scope of anser: a rendezvous is never the goal itself"
+_CERTIFIED_LIMITS = ("altitude_max_m", "roll_rate_max_deg_s", "acceleration_max_m_s2", "deceleration_max_m_s2")
+_CERTIFIED_TIMES = ("arrive_s", "arrive_from_s", "arrive_to_s")
+"""Keys that the certified planner alone knows."""
 
 
 def label(kind: str, named: Aircraft | Goal) -> str:
-    """Name an aircraft or a goal in a message.
-
-    Parameters
-    ----------
-    kind
-        "aircraft" or "goal".
-    named
-        The aircraft or goal.
-
-    Returns
-    -------
-    str
-        Such as ``goal "ship"``.
-    """
+    """Name an aircraft or a goal in a message, such as ``goal "ship"``."""
     return f'{kind} "{named.name}"'
 
 
@@ -110,13 +106,7 @@ def start_problems(aircraft: tuple[Aircraft, ...], limits: Limits) -> list[Probl
 def rendezvous_problems(
     aircraft: tuple[Aircraft, ...], goals: tuple[Goal, ...], fleet: Fleet, limits: Limits
 ) -> list[Problem]:
-    """Find stand-offs below the minimum and arrivals too steep.
-
-    Parameters
-    ----------
-    aircraft, goals
-        All of the scenario; every aircraft's goal exists.
-    """
+    """Find stand-offs below the minimum and arrivals too steep; every aircraft's goal exists."""
     found = []
     kinds = {goal.name: goal.kind for goal in goals}
     for index, one in enumerate(aircraft):
@@ -164,3 +154,38 @@ def _too_steep(path: str, whom: str, angle_deg: float, speed_m_s: float, limits:
     arrived = f"{plain(angle_deg)}, a climb rate of {rate_m_s:.1f} m/s"
     words = f"a climb rate within limits.climb_rate_max_m_s, which is {plain(limits.climb_rate_max_m_s)} m/s"
     return [Problem(path, arrived, words, whom)]
+
+
+def planner_problems(scenario: "Scenario") -> list[Problem]:
+    """Find keys that the planner of the scenario does not know.
+
+    Beside ``planner = "published"`` written out, a key written out with its default asks for nothing and may stand; so
+    a scenario that was recorded with all its defaults loads again.
+    """
+    fleet = scenario.fleet
+    if fleet.planner == "certified":
+        if fleet.speed_profile == "published":
+            words = '"even", or fleet.planner = "published", which alone has such polynomials'
+            return [Problem("fleet.speed_profile", '"published" with fleet.planner "certified"', words)]
+        return []
+    explicit = "planner" in fleet.model_fields_set
+    asked: list[tuple[str, Table, Iterable[str], str]] = [
+        ("fleet", fleet, ("reserve",), ""),
+        ("limits", scenario.limits, _CERTIFIED_LIMITS, ""),
+        ("arrival", scenario.arrival, type(scenario.arrival).model_fields, ""),
+        ("separation", scenario.separation, type(scenario.separation).model_fields, ""),
+    ]
+    for index, one in enumerate(scenario.aircraft):
+        asked.append((f"aircraft[{index}]", one, _CERTIFIED_TIMES, label("aircraft", one)))
+    words = 'fleet.planner = "certified" beside it, which alone knows this key'
+    found = []
+    for path, table, keys, whom in asked:
+        for key in keys:
+            value, default = getattr(table, key), type(table).model_fields[key].default
+            if key in table.model_fields_set and not (explicit and value == default):
+                shown = plain(value) if isinstance(value, float) else show(value)
+                found.append(Problem(f"{path}.{key}", f'{shown} with fleet.planner "published"', words, whom))
+    if scenario.keep_out:
+        arrived = f'a list of {len(scenario.keep_out)} with fleet.planner "published"'
+        found.append(Problem("keep_out", arrived, words))
+    return found

@@ -1,13 +1,9 @@
 """The places to meet: fixed, moving steadily, or moving along waypoints."""
 
-import bisect
-import math
 from typing import Literal
 
-from pydantic import model_validator
-
-from anser.scenario.errors import Problem, ScenarioError, plain
-from anser.scenario.schema_base import Table, choice, naming, number, tables
+from anser.scenario.errors import Problem, plain
+from anser.scenario.schema_base import Table, Vector, between, choice, naming, number, tables, velocity_on_course
 from anser.scenario.schema_settings import ALTITUDE_MAX_M, SPEED_MAX_M_S
 
 PLACE_MAX_M = 500_000.0
@@ -41,8 +37,8 @@ class Goal(Table):
         "its motion, instead of position and speed", "a list of waypoints, at least one", at_least=1, default=None
     )
 
-    @model_validator(mode="after")
-    def _moves_one_way(self) -> "Goal":
+    def own_problems(self) -> list[Problem]:
+        """Find a motion given in no way or in both, and waypoints out of order."""
         found: list[Problem] = []
         if self.waypoints is None:
             place = {"north_m": self.north_m, "east_m": self.east_m}
@@ -52,39 +48,19 @@ class Goal(Table):
             both = [key for key in _STEADY_KEYS if key in self.model_fields_set]
             found.extend(Problem(key, f"{plain(getattr(self, key))} beside waypoints", _WAYS) for key in both)
             found.extend(_disordered(self.waypoints))
-        if found:
-            raise ScenarioError("", found)
-        return self
+        return found
 
-    def velocity_m_s(self) -> tuple[float, float, float]:
+    def velocity_m_s(self) -> Vector:
         """Velocity over the ground (north, east, up) at time 0 of a goal without waypoints, m/s."""
-        course = math.radians(self.course_deg)
-        return self.speed_m_s * math.cos(course), self.speed_m_s * math.sin(course), self.climb_rate_m_s
+        return velocity_on_course(self.speed_m_s, self.course_deg, self.climb_rate_m_s)
 
-    def position_m(self, time_s: float) -> tuple[float, float, float]:
-        """Position (north, east, up) at a time, m; after its last waypoint the goal stays there.
-
-        Parameters
-        ----------
-        time_s
-            Seconds since the start of the flight, at least 0.
-        """
+    def position_m(self, time_s: float) -> Vector:
+        """Position (north, east, up; m) at a time since the start, s; after its last waypoint the goal stays there."""
         if self.waypoints is None:
             north, east, up = self.velocity_m_s()
             start_north_m, start_east_m = self.north_m or 0.0, self.east_m or 0.0
             return start_north_m + north * time_s, start_east_m + east * time_s, self.altitude_m + up * time_s
-        after = bisect.bisect_right(self.waypoints, time_s, key=lambda point: point.time_s)
-        here = _place(self.waypoints[after - 1])
-        if after == len(self.waypoints):
-            return here
-        begin_s, end_s = self.waypoints[after - 1].time_s, self.waypoints[after].time_s
-        share = (time_s - begin_s) / (end_s - begin_s)
-        north, east, up = (a + share * (b - a) for a, b in zip(here, _place(self.waypoints[after]), strict=True))
-        return north, east, up
-
-
-def _place(point: Waypoint) -> tuple[float, float, float]:
-    return point.north_m, point.east_m, point.altitude_m
+        return between([(p.time_s, (p.north_m, p.east_m, p.altitude_m)) for p in self.waypoints], time_s)
 
 
 def _disordered(points: tuple[Waypoint, ...]) -> list[Problem]:

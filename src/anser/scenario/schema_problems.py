@@ -28,8 +28,7 @@ def problems_from(error: ValidationError, model: type[BaseModel], raw: object) -
 
     Returns
     -------
-    list of Problem
-        At least one, in the order of the schema; a missing key whose misspelling is there is told once.
+    At least one, in the order of the schema; a missing key whose misspelling is there is told once.
     """
     found: list[Problem] = []
     mistaken: set[str] = set()

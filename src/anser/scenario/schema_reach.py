@@ -2,14 +2,18 @@
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from anser.scenario.errors import Problem, plain
 from anser.scenario.schema_aircraft import Aircraft
 from anser.scenario.schema_arrival import Arrival
+from anser.scenario.schema_base import Vector
 from anser.scenario.schema_checks import GRAVITY_M_S2, label
 from anser.scenario.schema_goal import Goal
-from anser.scenario.schema_settings import Fleet, Limits, Timing
-from anser.scenario.schema_surroundings import Vector, Wind
+from anser.scenario.schema_settings import Fleet, Limits
+
+if TYPE_CHECKING:
+    from anser.scenario.schema import Scenario
 
 FLIGHT_MIN_S = 1.0
 
@@ -65,8 +69,7 @@ def time_to_go_s(relative_m: Vector, velocity_m_s: Vector, speed_m_s: float) -> 
 
     Returns
     -------
-    float or None
-        The smallest time of meeting, s; None if the point outruns the aircraft.
+    The smallest time of meeting, s; None if the point outruns the aircraft.
 
     Notes
     -----
@@ -88,62 +91,43 @@ def time_to_go_s(relative_m: Vector, velocity_m_s: Vector, speed_m_s: float) -> 
     return min((root for root in roots if root > 0.0), default=None)
 
 
-def reach_problems(
-    aircraft: tuple[Aircraft, ...],
-    goals: tuple[Goal, ...],
-    reference: ReferenceSpeed,
-    limits: Limits,
-    wind: Wind,
-    timing: Timing,
-    *,
-    unaided: bool = False,
-) -> list[Problem]:
+def reach_problems(scenario: "Scenario", *, unaided: bool = False) -> list[Problem]:
     """Find goals that outrun their aircraft, flights too short, and rendezvous points outside the envelope.
 
     Parameters
     ----------
-    aircraft, goals
-        All of the scenario; every aircraft's goal exists.
-    reference
-        What decides.
-    limits, wind, timing
-        Tables of the scenario; the wind is slower than the fleet.
+    scenario
+        Whose aircraft all have a goal; the wind is slower than the fleet.
     unaided
         Whether to call a flight too short that is so only without a descent that raises the plan's speed and without
         the wind of other altitudes than that of the start.
     """
     found = []
-    by_name = {goal.name: goal for goal in goals}
-    for index, goal in enumerate(goals):
+    reference = reference_speed(scenario.fleet, scenario.limits, scenario.arrival)
+    for index, goal in enumerate(scenario.goal):
         # the first plan reckons with the wind where the aircraft starts
-        starts_m = [one.start.altitude_m for one in aircraft if one.goal == goal.name]
-        winds_m_s = dict.fromkeys(wind.velocity_m_s(altitude_m) for altitude_m in starts_m)
+        starts_m = [one.start.altitude_m for one in scenario.aircraft if one.goal == goal.name]
+        winds_m_s = dict.fromkeys(scenario.wind.velocity_m_s(altitude_m) for altitude_m in starts_m)
         found.extend(_fast_legs(f"goal[{index}]", goal, reference, tuple(winds_m_s)))
     if found:
         return found  # without a speed that suffices the times below mean nothing
-    quickest_m_s = None if unaided else _quickest_m_s(aircraft, by_name, reference, timing)
-    for index, one in enumerate(aircraft):
-        found.extend(
-            _reach_problems_of(
-                f"aircraft[{index}]", one, by_name[one.goal], reference, quickest_m_s, limits, wind, timing
-            )
-        )
+    quickest_m_s = None if unaided else _quickest_m_s(scenario, reference)
+    for index, one in enumerate(scenario.aircraft):
+        found.extend(_reach_problems_of(f"aircraft[{index}]", one, scenario, reference, quickest_m_s))
     return found
 
 
-def _quickest_m_s(
-    aircraft: tuple[Aircraft, ...], goals: dict[str, Goal], reference: ReferenceSpeed, timing: Timing
-) -> float:
+def _quickest_m_s(scenario: "Scenario", reference: ReferenceSpeed) -> float:
     """Greatest mean airspeed to which the plan may raise that of the fleet, m/s.
 
     Nobody gets faster on the way down than without any drag: speed and height together have so much energy. Which of
     the aircraft is the farthest, whose speed counts, is not asked.
     """
     found = [reference.speed_m_s]
-    for one in aircraft if reference.may_rise else ():
-        goal = goals[one.goal]
+    for one in scenario.aircraft if reference.may_rise else ():
+        goal = scenario.goal_of(one)
         if goal.waypoints is None:
-            lowest_m = min(goal.altitude_m, goal.position_m(timing.duration_s)[2])
+            lowest_m = min(goal.altitude_m, goal.position_m(scenario.timing.duration_s)[2])
         else:
             lowest_m = min(point.altitude_m for point in goal.waypoints)
         fall_m = max(0.0, one.start.altitude_m - lowest_m - one.rendezvous.stand_off_up_m)
@@ -179,16 +163,10 @@ def _fast_legs(path: str, goal: Goal, reference: ReferenceSpeed, winds_m_s: tupl
 
 
 def _reach_problems_of(
-    path: str,
-    one: Aircraft,
-    goal: Goal,
-    reference: ReferenceSpeed,
-    quickest_m_s: float | None,
-    limits: Limits,
-    wind: Wind,
-    timing: Timing,
+    path: str, one: Aircraft, scenario: "Scenario", reference: ReferenceSpeed, quickest_m_s: float | None
 ) -> list[Problem]:
     """Find why an aircraft does not reach its goal, if it does not."""
+    goal, limits, wind, timing = scenario.goal_of(one), scenario.limits, scenario.wind, scenario.timing
     whom = label("aircraft", one)
     place_m = _plus(goal.position_m(0.0), one.rendezvous.stand_off_m)
     relative_m = _plus(place_m, one.start.position_m, -1.0)

@@ -3,10 +3,8 @@
 import math
 from typing import Literal
 
-from pydantic import model_validator
-
-from anser.scenario.errors import Problem, ScenarioError, plain
-from anser.scenario.schema_base import Table, choice, number
+from anser.scenario.errors import Problem, plain
+from anser.scenario.schema_base import Table, choice, misordered, number
 
 ALTITUDE_MAX_M = 15240.0  # the end of the thrust tables (50,000 ft), [SL] appendix A
 SPEED_MAX_M_S = 340.0  # the thrust tables end at Mach 1
@@ -33,21 +31,15 @@ class Timing(Table):
         """Latest arrival that a certified plan may have: the flight goes on for a second after it."""
         return self.duration_s - 1.0
 
-    @model_validator(mode="after")
-    def _fits(self) -> "Timing":
+    def own_problems(self) -> list[Problem]:
+        """Find periods that are no whole number of steps, and a plan that stays from the start."""
         found = []
         for key, period_s in (("record_period_s", self.record_period_s), ("replan_period_s", self.replan_period_s)):
             allowed_zero = key == "replan_period_s" and period_s == 0
             if not allowed_zero and not _is_multiple(period_s, self.step_s):
                 words = f"a whole multiple of step_s, which is {plain(self.step_s)} s"
                 found.append(Problem(key, plain(period_s), words))
-        if self.freeze_s >= self.duration_s:
-            found.append(
-                Problem("freeze_s", plain(self.freeze_s), f"less than duration_s, which is {plain(self.duration_s)} s")
-            )
-        if found:
-            raise ScenarioError("", found)
-        return self
+        return [*found, *misordered(self, "freeze_s", "duration_s", "s")]
 
 
 class Fleet(Table):
@@ -110,33 +102,20 @@ class Limits(Table):
         above=True,
     )
 
-    @model_validator(mode="after")
-    def _ordered(self) -> "Limits":
-        # the ranges of the load factors do not meet, so they need no such check
-        pairs = (
-            ("speed_min_m_s", self.speed_min_m_s, "speed_max_m_s", self.speed_max_m_s, "m/s"),
-            ("altitude_min_m", self.altitude_min_m, "altitude_max_m", self.altitude_max_m, "m"),
-            ("alpha_min_deg", self.alpha_min_deg, "alpha_max_deg", self.alpha_max_deg, "deg"),
-        )
-        found = [
-            Problem(low_key, plain(low), f"less than {high_key}, which is {plain(high)} {unit}")
-            for low_key, low, high_key, high, unit in pairs
-            if low >= high
+    def own_problems(self) -> list[Problem]:
+        """Find ranges without a width; those of the load factors do not meet, so they need no such check."""
+        return [
+            *misordered(self, "speed_min_m_s", "speed_max_m_s", "m/s"),
+            *misordered(self, "altitude_min_m", "altitude_max_m", "m"),
+            *misordered(self, "alpha_min_deg", "alpha_max_deg", "deg"),
         ]
-        if found:
-            raise ScenarioError("", found)
-        return self
 
 
 class Guidance(Table):
     """How the plan is followed."""
 
     position_gain_per_s: float = number(
-        "correction of the commanded velocity per metre of error; 0 = velocity commands alone",
-        0,
-        5,
-        "1/s",
-        0.3,
+        "correction of the commanded velocity per metre of error; 0 = velocity commands alone", 0, 5, "1/s", 0.3
     )
 
 

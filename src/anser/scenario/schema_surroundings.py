@@ -1,15 +1,12 @@
 """The tables of a scenario that say what surrounds the flight: the Earth and the wind."""
 
-import bisect
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, model_validator
+from pydantic import BeforeValidator
 
 from anser.scenario.errors import Problem, ScenarioError, plain, show
-from anser.scenario.schema_base import Table, choice, number, tables
-
-Vector = tuple[float, float, float]
+from anser.scenario.schema_base import Table, Vector, between, choice, number, tables, velocity_on_course
 
 _EARTHS = ("flat", "wgs84")
 _WAYS = "either speed_m_s, from_deg and up_m_s, the same at all altitudes, or layers; not both"
@@ -60,10 +57,10 @@ class Wind(Table):
         default=None,
     )
 
-    @model_validator(mode="after")
-    def _blows_one_way(self) -> "Wind":
+    def own_problems(self) -> list[Problem]:
+        """Find a wind given in both ways, and layers that do not rise."""
         if self.layers is None:
-            return self
+            return []
         steady = [key for key in ("speed_m_s", "from_deg", "up_m_s") if key in self.model_fields_set]
         found = [Problem(key, f"{plain(getattr(self, key))} beside layers", _WAYS) for key in steady]
         for index in range(1, len(self.layers)):
@@ -71,9 +68,7 @@ class Wind(Table):
             if here <= below:
                 words = f"more than the layer before it, {plain(below)} m"
                 found.append(Problem(f"layers[{index}].altitude_m", plain(here), words))
-        if found:
-            raise ScenarioError("", found)
-        return self
+        return found
 
     @property
     def profile_m_s(self) -> tuple[tuple[float, Vector], ...]:
@@ -89,19 +84,8 @@ class Wind(Table):
 
     def velocity_m_s(self, altitude_m: float) -> Vector:
         """Velocity of the air over the ground (north, east, up), m/s, at an altitude, m."""
-        profile = self.profile_m_s
-        above = bisect.bisect_right([altitude for altitude, _ in profile], altitude_m)
-        if above in (0, len(profile)):
-            return profile[0 if above == 0 else -1][1]
-        (low, begin), (high, end) = profile[above - 1], profile[above]
-        share = (altitude_m - low) / (high - low)
-        north, east, up = (a + share * (b - a) for a, b in zip(begin, end, strict=True))
-        return north, east, up
+        return between(self.profile_m_s, altitude_m)
 
 
 def _blowing(wind: Wind | WindLayer) -> Vector:
-    angle = math.radians(wind.from_deg)
-    return -wind.speed_m_s * math.cos(angle), -wind.speed_m_s * math.sin(angle), wind.up_m_s
-
-
-__all__ = ["Earth", "EarthOrWord", "Vector", "Wind", "WindLayer"]
+    return velocity_on_course(-wind.speed_m_s, wind.from_deg, wind.up_m_s)

@@ -4,32 +4,16 @@ import os
 from importlib.resources import files
 from pathlib import Path
 
-from anser.scenario.errors import refused
+from anser.scenario.errors import reason_of, refused
 
 
 def starter_scenario() -> str:
-    """Return the text of the starter scenario: two aircraft, two drifting buoys, every key commented.
-
-    Returns
-    -------
-    str
-        TOML that loads as it stands.
-    """
+    """Text (TOML) of the starter scenario: two aircraft, two drifting buoys, every key commented; a valid one."""
     return files("anser.scenario").joinpath("starter.toml").read_text(encoding="utf-8")
 
 
 def write_starter(path: str | os.PathLike[str]) -> Path:
-    """Write the starter scenario to a new file.
-
-    Parameters
-    ----------
-    path
-        The file to write.
-
-    Returns
-    -------
-    Path
-        The same.
+    """Write the starter scenario to a new file, and return its path.
 
     Raises
     ------
@@ -50,7 +34,6 @@ def write_new(path: str | os.PathLike[str], text: str) -> Path:
     except FileNotFoundError:
         raise refused(str(target), "a folder that does not exist", "the name of a file in a folder that does") from None
     except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        arrived = f"a path that cannot be written ({reason})"
+        arrived = f"a path that cannot be written ({reason_of(error)})"
         raise refused(str(target), arrived, "the name of a file that can be written") from None
     return target

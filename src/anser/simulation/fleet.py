@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from anser.environment import Environment
-from anser.numerics import Stacked, as_array, stacked, structure_of
+from anser.numerics import Stacked, as_array, rows_of, stacked, structure_of
 from anser.planning import AbstractPlanner
 from anser.shapes import Count, Scalar, ScalarLike, Vector3
 from anser.simulation.members import in_fleet_order, rows_at
@@ -181,8 +181,8 @@ def _kind(aircraft: Sequence[tuple[Vehicle, TrimTarget, Vector3]], members: Sequ
     vehicles, starts, places = zip(*(aircraft[k] for k in members), strict=True)
     return Kind(
         vehicles=stacked(vehicles, own=lambda vehicle: vehicle.mission),
-        starts=jax.tree.map(lambda *leaves: as_array(np.stack([np.asarray(leaf) for leaf in leaves])), *starts),
-        start_positions_n=as_array(np.stack([np.asarray(place) for place in places])),
+        starts=rows_of(starts),
+        start_positions_n=rows_of(places),
         flies=as_array([k < flying for k in members], bool),
         members=tuple(members),
     )

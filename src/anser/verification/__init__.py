@@ -6,9 +6,8 @@ True
 """
 
 from anser.verification.check import Check, Comparison, Outcome
-from anser.verification.checks import CHECKS
 from anser.verification.document import FORMAT_VERSION, to_document
-from anser.verification.running import select_checks, verify
+from anser.verification.running import CHECKS, select_checks, verify
 
 __all__ = [
     "CHECKS",

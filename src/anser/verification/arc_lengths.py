@@ -9,7 +9,7 @@ from anser.planning import Trajectory, arc_length_estimate, fit_trajectory
 from anser.shapes import Scalar, ScalarLike
 from anser.units import DEG_RAD
 from anser.verification.check import Check, Comparison
-from anser.verification.published import half_of_last_digit, published
+from anser.verification.published import as_printed, published
 
 _SPEED_M_S = 150.0
 DURATION_S = 36.0
@@ -53,13 +53,12 @@ def _measure() -> tuple[Comparison, ...]:
     rows = published("arc_lengths")["rows"]
     lengths = _estimate(*jnp.array([row[:3] for row in rows]).T)
     return tuple(
-        Comparison(
-            group="lateral" if math.isclose(angle, -30.0) else "vertical",
-            where=f"gamma_f {angle:g} deg, b_4 {b_4:g}, c_4 {c_4:g}",
-            unit="m",
-            expected=float(printed),
-            obtained=float(length),
-            tolerance=half_of_last_digit(printed),
+        as_printed(
+            "lateral" if math.isclose(angle, -30.0) else "vertical",
+            f"gamma_f {angle:g} deg, b_4 {b_4:g}, c_4 {c_4:g}",
+            "m",
+            printed,
+            length,
         )
         for (angle, b_4, c_4, printed), length in zip(rows, lengths, strict=True)
     )

@@ -4,8 +4,6 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-__all__ = ["Check", "Comparison", "Outcome"]
-
 
 @dataclass(frozen=True)
 class Comparison:

@@ -12,7 +12,7 @@ from anser.shapes import Vector3
 from anser.spatial import WGS84, ecef_from_geodetic, geodetic_from_ecef, radii_of_curvature
 from anser.units import DEG_RAD, FOOT_M, RAD_DEG
 from anser.verification.check import Check, Comparison
-from anser.verification.published import half_of_last_digit, half_of_significant, published
+from anser.verification.published import as_printed, half_of_significant, published
 
 _ROUNDING_M = 1e-8
 """Some ten units in the last place of 6.4e6 m."""
@@ -48,7 +48,7 @@ def _ellipsoid() -> Iterator[Comparison]:
     }
     for name, (printed, unit) in published("wgs84")["derived"].items():
         for obtained in found[name]:
-            yield Comparison(name, "ellipsoid", unit, float(printed), obtained, half_of_last_digit(printed))
+            yield as_printed(name, "ellipsoid", unit, printed, obtained)
     equator_M, equator_N = (float(R) for R in radii_of_curvature(0.0))
     yield _closed("radius of curvature", "meridian at the equator, b^2/a", "m", b * b / a, equator_M)
     yield _closed("radius of curvature", "prime vertical at the equator, a", "m", a, equator_N)

@@ -1,7 +1,7 @@
 """The s119 F-16 against the static check shots of its published data files."""
 
-from collections.abc import Iterator
-from typing import Any
+import functools
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -31,16 +31,8 @@ _AERO_INPUTS = {
     "rudderDeflection": DEG_RAD,
 }
 """Inputs of the aerodynamic shots, in order, and their factors to SI."""
+_TURNS = ("Roll", "Pitch", "Yaw")
 _ENGINE_INPUTS = {"powerLeverAngle": 1.0, "altitudeMSL": FOOT_M, "mach": 1.0}
-
-
-def _airframe() -> F16:
-    return load_airframe("f16", "s119", x_cg_over_c=_MOMENT_REFERENCE)
-
-
-def _inputs(shots: list[dict[str, Any]], factors: dict[str, float]) -> Float[Array, "shot inputs"]:
-    """Inputs of all shots, SI and rad."""
-    return jnp.array([[shot["inputs"][name][0] * factor for name, factor in factors.items()] for shot in shots])
 
 
 @jax.jit
@@ -78,25 +70,19 @@ def _thrust(airframe: F16, shots: Float[Array, "shot 3"]) -> dict[str, Float[Arr
     return jax.vmap(one)(shots)
 
 
-_TURNS = ("Roll", "Pitch", "Yaw")
-
-
-def _compare(shots: list[dict[str, Any]], found: dict[str, Float[Array, " shot"]]) -> Iterator[Comparison]:
-    values = {name: np.asarray(column) for name, column in found.items()}
-    for k, shot in enumerate(shots):
-        for name, (expected, unit, tolerance) in shot["outputs"].items():
-            obtained = float(values[name][k])
-            yield Comparison(name, shot["name"], _UNITS[unit], expected, obtained, tolerance)
-
-
-def _measure_aerodynamics() -> tuple[Comparison, ...]:
-    shots = published("daveml_aero_checks")["shots"]
-    return tuple(_compare(shots, _coefficients(_airframe(), _inputs(shots, _AERO_INPUTS))))
-
-
-def _measure_engine() -> tuple[Comparison, ...]:
-    shots = published("daveml_engine_checks")["shots"]
-    return tuple(_compare(shots, _thrust(_airframe(), _inputs(shots, _ENGINE_INPUTS))))
+def _measure(
+    file: str, factors: dict[str, float], compute: Callable[[F16, Array], dict[str, Float[Array, " shot"]]]
+) -> tuple[Comparison, ...]:
+    """Compare all shots of a file; `factors` are those of its inputs, in order, to SI and rad."""
+    shots = published(file)["shots"]
+    inputs = jnp.array([[shot["inputs"][name][0] * factor for name, factor in factors.items()] for shot in shots])
+    airframe = load_airframe("f16", "s119", x_cg_over_c=_MOMENT_REFERENCE)
+    values = {name: np.asarray(column) for name, column in compute(airframe, inputs).items()}
+    return tuple(
+        Comparison(name, shot["name"], _UNITS[unit], expected, float(values[name][k]), tolerance)
+        for k, shot in enumerate(shots)
+        for name, (expected, unit, tolerance) in shot["outputs"].items()
+    )
 
 
 F16_AERO_SHOTS = Check(
@@ -108,7 +94,7 @@ F16_AERO_SHOTS = Check(
         "Coefficients of the s119 variant at 300 ft/s and 5 deg angle of attack, with one input moved at a time. They "
         "refer to the moment reference of the data, 0.35 c, so the centre of gravity is put there."
     ),
-    measure=_measure_aerodynamics,
+    measure=functools.partial(_measure, "daveml_aero_checks", _AERO_INPUTS, _coefficients),
 )
 
 F16_ENGINE_SHOTS = Check(
@@ -119,5 +105,5 @@ F16_ENGINE_SHOTS = Check(
     explanation=(
         "Thrust of the s119 variant from power lever, altitude and Mach number; it has no moment and no side force."
     ),
-    measure=_measure_engine,
+    measure=functools.partial(_measure, "daveml_engine_checks", _ENGINE_INPUTS, _thrust),
 )

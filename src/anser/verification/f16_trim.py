@@ -95,6 +95,7 @@ def _figures(point: TrimPoint, euler: Float[np.ndarray, "3"]) -> dict[str, float
     """Figures of a trim by the names under which they are published."""
     elevator, aileron, rudder = (float(angle) * RAD_DEG for angle in point.state.surfaces)
     P, Q, R = (float(rate) for rate in point.state.rates_b)
+    power = float(point.power)
     return {
         "alpha_deg": float(point.alpha) * RAD_DEG,
         "alpha_rad": float(point.alpha),
@@ -104,17 +105,12 @@ def _figures(point: TrimPoint, euler: Float[np.ndarray, "3"]) -> dict[str, float
         "P": P,
         "Q": Q,
         "R": R,
-        "throttle": _throttle(point),
+        # beyond full power, the throttle of the textbook's gearing ([SL] TGEAR), which has no stop
+        "throttle": (power + 117.38) / 217.38 if power > 100.0 else float(point.controls.throttle),
         "elevator_deg": elevator,
         "aileron_deg": aileron,
         "rudder_deg": rudder,
     }
-
-
-def _throttle(point: TrimPoint) -> float:
-    """Throttle of the trim; beyond full power that of the textbook's gearing ([SL] TGEAR), which has no stop."""
-    power = float(point.power)
-    return (power + 117.38) / 217.38 if power > 100.0 else float(point.controls.throttle)
 
 
 def _level(rows: list[dict[str, float]], found: list[dict[str, float]]) -> Iterator[Comparison]:

@@ -9,7 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from anser.aircraft import AircraftState, Controls, EarthFixedState, SimpleBody, earth_fixed_state
-from anser.environment import Environment, RotatingEarth, standard_environment, wgs84_earth
+from anser.aircraft.round_earth import round_earth_of
+from anser.environment import Environment, standard_environment, wgs84_earth
 from anser.numerics import cross
 from anser.scenario import load_body
 from anser.shapes import Count, Scalar, ScalarLike
@@ -51,13 +52,6 @@ def _environment() -> Environment:
     return standard_environment(earth=wgs84_earth(0.5, 1.0))
 
 
-def _earth() -> RotatingEarth:
-    earth = _environment().earth
-    if not isinstance(earth, RotatingEarth):
-        raise TypeError("the integrator is tried over a RotatingEarth")
-    return earth
-
-
 def _start() -> EarthFixedState:
     """A brick thrown at 200 m/s, tumbling as in [NESC] cases 2 and 3, 30,000 ft up."""
     seen = AircraftState(
@@ -68,23 +62,20 @@ def _start() -> EarthFixedState:
         surfaces=jnp.zeros(3),
         power=jnp.zeros(()),
     )
-    return earth_fixed_state(_earth(), seen)
+    return earth_fixed_state(round_earth_of(_environment()), seen)
 
 
 def order() -> tuple[Comparison, ...]:
     """Order from three steps each: log2 of the ratio of successive differences."""
     ends = [_fly_for("brick", _start(), step_s, _DURATION_S) for step_s in _STEPS_S]
     found = []
-    for name in ("rates_b", "quaternion", "velocity_b"):
+    for name, words in {"rates_b": "rates", "quaternion": "attitude", "velocity_b": "velocity"}.items():
         values = [np.asarray(getattr(end, name)) for end in ends]
         changes = [np.linalg.norm(b - a) for a, b in itertools.pairwise(values)]
         for k in range(len(_STEPS_S) - 2):
-            where = f"{_WORDS[name]}, steps {_STEPS_S[k]:g}, {_STEPS_S[k + 1]:g}, {_STEPS_S[k + 2]:g} s"
+            where = f"{words}, steps {_STEPS_S[k]:g}, {_STEPS_S[k + 1]:g}, {_STEPS_S[k + 2]:g} s"
             found.append(Comparison("order", where, "", 4.0, float(np.log2(changes[k] / changes[k + 1])), 0.2))
     return tuple(found)
-
-
-_WORDS = {"rates_b": "rates", "quaternion": "attitude", "velocity_b": "velocity"}
 
 
 def invariants() -> tuple[Comparison, ...]:
@@ -103,7 +94,7 @@ def invariants() -> tuple[Comparison, ...]:
 
 @jax.jit
 def _conserved(state: EarthFixedState, time: Scalar) -> tuple[jax.Array, jax.Array, jax.Array]:
-    earth, body = _earth(), load_body("undamped-brick")
+    earth, body = round_earth_of(_environment()), load_body("undamped-brick")
     position_i = eci_from_ecef(state.position_e, time, 0.0)
     velocity_e = rotate_back(rotation_from_quaternion(state.quaternion), state.velocity_b)
     velocity_i = velocity_eci_from_ecef(state.position_e, velocity_e, time, 0.0)
@@ -116,25 +107,17 @@ def _conserved(state: EarthFixedState, time: Scalar) -> tuple[jax.Array, jax.Arr
     return energy[None], cross(position_i, velocity_i)[2:], spin_i
 
 
-_ORDER = (
-    "A damped, tumbling brick over the rotating Earth, 8 s: each halving of the step must divide the change by 2^4, to "
-    "0.2 in the exponent, because the next order still shows. The test suite compares the integrator with an adaptive "
-    "one of order 8 besides."
-)
-_INVARIANTS = (
-    "The brick of NESC case 2 thrown over the rotating ellipsoid: energy with the J2 potential, the polar component of "
-    "the orbital angular momentum, the rotational angular momentum in inertial axes (which the attitude enters), each "
-    "relative to itself. The brick turns 0.0065 rad in a step; the fourth-order method leaves (0.0065)^5/120 of a "
-    "radian in each of 3000 steps, 3e-10 in all."
-)
-
 INTEGRATION_CHECKS: tuple[Check, ...] = (
     Check(
         key="integrator-order",
         title="Observed order of the default integrator",
         source="classical Runge-Kutta",
         why="higher orders still show",
-        explanation=_ORDER,
+        explanation=(
+            "A damped, tumbling brick over the rotating Earth, 8 s: each halving of the step must divide the change by "
+            "2^4, to 0.2 in the exponent, because the next order still shows. The test suite compares the integrator "
+            "with an adaptive one of order 8 besides."
+        ),
         measure=order,
     ),
     Check(
@@ -142,7 +125,12 @@ INTEGRATION_CHECKS: tuple[Check, ...] = (
         title="What a body without air forces keeps",
         source="mechanics",
         why="fourth order: 3e-10",
-        explanation=_INVARIANTS,
+        explanation=(
+            "The brick of NESC case 2 thrown over the rotating ellipsoid: energy with the J2 potential, the polar "
+            "component of the orbital angular momentum, the rotational angular momentum in inertial axes (which the "
+            "attitude enters), each relative to itself. The brick turns 0.0065 rad in a step; the fourth-order method "
+            "leaves (0.0065)^5/120 of a radian in each of 3000 steps, 3e-10 in all."
+        ),
         measure=invariants,
     ),
 )

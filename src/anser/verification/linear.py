@@ -26,7 +26,7 @@ from anser.simulation import (
 )
 from anser.units import DEG_RAD, FOOT_M
 from anser.verification.check import Check, Comparison
-from anser.verification.published import half_of_last_digit, published
+from anser.verification.published import as_printed, half_of_last_digit, published
 from anser.verification.textbook import textbook_aircraft, textbook_environment
 
 _SPEED_M_S = 502.0 * FOOT_M
@@ -120,14 +120,12 @@ def _modes() -> tuple[Comparison, ...]:
         values = np.linalg.eigvals(printed_block(model, "A", states, states))
         wanted = complex(float(real), float(imaginary))
         nearest = values[np.argmin(np.abs(values - wanted))]
-        found.append(Comparison(name, "real part", "1/s", wanted.real, float(nearest.real), half_of_last_digit(real)))
-        if imaginary == "0":
-            found.append(Comparison(name, "imaginary part", "rad/s", 0.0, float(nearest.imag), 1e-12))
-        else:
-            cut = name == "phugoid"
-            size = half_of_last_digit(imaginary) * (2 if cut else 1)
-            of_pair = wanted.imag, float(abs(nearest.imag)), size
-            found.append(Comparison(name, "imaginary part", "rad/s", *of_pair, why=_CUT if cut else ""))
+        found.append(as_printed(name, "real part", "1/s", real, nearest.real))
+        cut = name == "phugoid"
+        size = half_of_last_digit(imaginary) * (2 if cut else 1) if wanted.imag else 1e-12
+        obtained = float(abs(nearest.imag) if wanted.imag else nearest.imag)
+        why = _CUT if cut else ""
+        found.append(Comparison(name, "imaginary part", "rad/s", wanted.imag, obtained, size, why=why))
         found.append(Comparison("found by name", name, "", 1.0, float(name in named), 0.0, why="a name or none"))
     return tuple(found)
 
@@ -142,33 +140,14 @@ def _poles() -> tuple[Comparison, ...]:
         per_channel = len(poles) // len(channels)
         for k, pole in enumerate(poles):
             where = f"{channels[k // per_channel]}, {pole.ideal.real:.4g} 1/s"
-            found.append(
-                Comparison(f"{loop} loop", where, "1/s", pole.ideal.real, pole.in_the_limit.real, pole.tolerance)
-            )
-            found.append(
-                Comparison(f"{loop} loop, imaginary", where, "1/s", 0.0, pole.in_the_limit.imag, pole.tolerance)
-            )
-            found.append(Comparison(f"{loop} loop, as flown", where, "1/s", None, pole.as_flown.real, None))
+            limit, tolerance = pole.in_the_limit, pole.tolerance
+            found += [
+                Comparison(f"{loop} loop", where, "1/s", pole.ideal.real, limit.real, tolerance),
+                Comparison(f"{loop} loop, imaginary", where, "1/s", 0.0, limit.imag, tolerance),
+                Comparison(f"{loop} loop, as flown", where, "1/s", None, pole.as_flown.real, None),
+            ]
     return tuple(found)
 
-
-_PULL_UP = (
-    "A and B by automatic differentiation about the trimmed pull-up (P = R = 0, as in the textbook), in the printed "
-    "units, with the constants of the textbook's program. Three digits are printed, one of numbers below 0.001; a "
-    "printed 0 may be as much as half the smallest unit in its row. The trim needs throttle 1.023, where the "
-    "textbook's gearing goes on and ours stops: the throttle's entry is taken below."
-)
-_MODES = (
-    "Eigenvalues of the longitudinal and lateral blocks without altitude and heading, as in the textbook, centre of "
-    "mass at 0.30 c; and the names that the full model's eigenvectors earn. The printed 0.0739 of the phugoid is "
-    "0.07397 cut off."
-)
-_POLES = (
-    "Poles of the linearized, sampled loops with a sampling period of 0.5 ms and with filters, actuator and engine "
-    "inversion 10 to 67 times as fast as flown, against the roots of (1 + K_D) s^2 + K_P s + K_I: the lags that are "
-    "left, T in sum, move a pole s by about s^2 T. Listed besides: the nearest poles as flown, at 100 Hz with the "
-    "default bandwidths."
-)
 
 LINEAR_CHECKS: tuple[Check, ...] = (
     Check(
@@ -176,7 +155,12 @@ LINEAR_CHECKS: tuple[Check, ...] = (
         title="F-16: linear model of a pull-up of 0.3 rad/s at 502 ft/s",
         source="[SL] sec. 3.7",
         why="half the last digit",
-        explanation=_PULL_UP,
+        explanation=(
+            "A and B by automatic differentiation about the trimmed pull-up (P = R = 0, as in the textbook), in the "
+            "printed units, with the constants of the textbook's program. Three digits are printed, one of numbers "
+            "below 0.001; a printed 0 may be as much as half the smallest unit in its row. The trim needs throttle "
+            "1.023, where the textbook's gearing goes on and ours stops: the throttle's entry is taken below."
+        ),
         measure=_pull_up,
     ),
     Check(
@@ -184,7 +168,11 @@ LINEAR_CHECKS: tuple[Check, ...] = (
         title="F-16: modes of level flight at 502 ft/s",
         source="[SL] ex. 3.8-1",
         why="half the last digit",
-        explanation=_MODES,
+        explanation=(
+            "Eigenvalues of the longitudinal and lateral blocks without altitude and heading, as in the textbook, "
+            "centre of mass at 0.30 c; and the names that the full model's eigenvectors earn. The printed 0.0739 of "
+            "the phugoid is 0.07397 cut off."
+        ),
         measure=_modes,
     ),
     Check(
@@ -192,7 +180,12 @@ LINEAR_CHECKS: tuple[Check, ...] = (
         title="Autopilot: closed-loop poles where dynamic inversion puts them",
         source="theory sec. 5",
         why="s^2 times the lags left",
-        explanation=_POLES,
+        explanation=(
+            "Poles of the linearized, sampled loops with a sampling period of 0.5 ms and with filters, actuator and "
+            "engine inversion 10 to 67 times as fast as flown, against the roots of (1 + K_D) s^2 + K_P s + K_I: the "
+            "lags that are left, T in sum, move a pole s by about s^2 T. Listed besides: the nearest poles as flown, "
+            "at 100 Hz with the default bandwidths."
+        ),
         measure=_poles,
     ),
 )

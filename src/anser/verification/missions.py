@@ -83,7 +83,9 @@ def flat_and_round() -> tuple[Comparison, ...]:
         one, other = (flown.dataset.airspeed_m_s.isel(aircraft=k).values for flown in (flat, curved))
         arrived = flat.dataset.time.values <= before["arrival_s"]
         found.append(
-            Comparison("airspeed, greatest difference", name, "m/s", None, _greatest((one - other)[arrived]), None)
+            Comparison(
+                "airspeed, greatest difference", name, "m/s", None, float(np.max(np.abs((one - other)[arrived]))), None
+            )
         )
     spread = flat.scenario.requirements.arrival_spread_max_s
     found.append(_of_fleet("arrival spread", flat, curved, 0.01 * spread))
@@ -132,11 +134,7 @@ def _apart(one: Flown, other: Flown, k: int) -> float:
         (one.dataset[name].isel(aircraft=k) - other.dataset[name].isel(aircraft=k)).values[arrived]
         for name in ("north_m", "east_m", "altitude_m")
     ]
-    return _greatest(np.sqrt(sum(offset**2 for offset in offsets)))
-
-
-def _greatest(values: np.ndarray) -> float:
-    return float(np.max(np.abs(values)))
+    return float(np.max(np.sqrt(sum(offset**2 for offset in offsets))))
 
 
 def _drift_m(flown: Flown, k: int) -> float:
@@ -159,27 +157,20 @@ def _of_fleet(group: str, before: Flown, after: Flown, tolerance: float, where: 
     return Comparison(group, where, "s", _spread_s(before), _spread_s(after), tolerance)
 
 
-_FLAT_ROUND = (
-    "The same mission over the flat Earth (expected) and over the rotating WGS-84 ellipsoid (obtained). In straight "
-    "flight the round Earth takes 2 w V cos(lat) sin(course) + V^2/R off the lift per mass and asks for a bank against "
-    "(2 w sin(lat) + V sin(course) tan(lat)/R) V/g: both within 5 % of the largest that either can be (0.0254 m/s^2, "
-    "0.148 deg), because the two closed loops fly slightly different climbs. The autopilot does not know these "
-    "accelerations: a velocity error of a/K_P through the approach bounds how far the paths part. The arrival must not "
-    "change by more than 1 % of what is required."
-)
-_STEPS = (
-    "Arrival figures with the default step of 0.01 s against those with half of it, each within 1 % of its requirement "
-    "(3 m, 0.05 s). The step is the sampling period of the autopilots too: what changes is the controlled flight, not "
-    "the integration alone. Listed besides: 50, 100 and 200 Hz against 400 Hz."
-)
-
 MISSION_CHECKS: tuple[Check, ...] = (
     Check(
         key="flat-round",
         title="Flat and round Earth over the three-aircraft mission",
         source="[SL] eq. 1.7-18",
         why="linear theory; 1 % of the limits",
-        explanation=_FLAT_ROUND,
+        explanation=(
+            "The same mission over the flat Earth (expected) and over the rotating WGS-84 ellipsoid (obtained). In "
+            "straight flight the round Earth takes 2 w V cos(lat) sin(course) + V^2/R off the lift per mass and asks "
+            "for a bank against (2 w sin(lat) + V sin(course) tan(lat)/R) V/g: both within 5 % of the largest that "
+            "either can be (0.0254 m/s^2, 0.148 deg), because the two closed loops fly slightly different climbs. The "
+            "autopilot does not know these accelerations: a velocity error of a/K_P through the approach bounds how "
+            "far the paths part. The arrival must not change by more than 1 % of what is required."
+        ),
         measure=flat_and_round,
         long=True,
     ),
@@ -188,7 +179,11 @@ MISSION_CHECKS: tuple[Check, ...] = (
         title="Step size over the three-aircraft mission",
         source="own, halved steps",
         why="1 % of the requirement",
-        explanation=_STEPS,
+        explanation=(
+            "Arrival figures with the default step of 0.01 s against those with half of it, each within 1 % of its "
+            "requirement (3 m, 0.05 s). The step is the sampling period of the autopilots too: what changes is the "
+            "controlled flight, not the integration alone. Listed besides: 50, 100 and 200 Hz against 400 Hz."
+        ),
         measure=steps,
         long=True,
     ),

@@ -1,13 +1,12 @@
 """The NESC check-cases as checks: published checkpoints where there are any, listed results where there are none."""
 
 import functools
-import json
-from importlib import resources
 from typing import Any
 
 from anser.verification.check import Check, Comparison
 from anser.verification.nesc_cases import FREE_FLIGHTS, TRIMMED_FLIGHTS, FreeFlight, TrimmedFlight
 from anser.verification.nesc_flight import LOG_PERIOD_S, Log, fly_free, fly_trimmed
+from anser.verification.published import half_of_significant, published
 
 _SOURCE = "NASA/TM-2015-218675"
 _DIGITS = 10
@@ -32,22 +31,20 @@ _NOTES = {
 
 
 def _check(case: FreeFlight | TrimmedFlight) -> Check:
-    key = f"{case.number:02d}"
-    given = key in _checkpoints()["cases"]
+    given = _checkpoints(case) is not None
     return Check(
-        key=f"nesc-{key}",
+        key=f"nesc-{case.number:02d}",
         title=f"NESC case {case.number}: {case.title}",
         source=f"{_SOURCE}, case {case.number}",
         why="scatter of sims 04, 05" if given else "no figure given",
         explanation=" ".join(filter(None, [_EXPLANATION if given else _LISTED.strip(), _NOTES.get(case.number, "")])),
-        measure=functools.partial(_compared if given else _listed, case),
+        measure=functools.partial(_measure, case),
     )
 
 
-@functools.cache
-def _checkpoints() -> dict[str, Any]:
-    text = resources.files("anser.verification").joinpath("data/nesc_checkpoints.json").read_text(encoding="utf-8")
-    return json.loads(text)
+def _checkpoints(case: FreeFlight | TrimmedFlight) -> dict[str, Any] | None:
+    """Published figures of a case; None where there are none."""
+    return published("nesc_checkpoints")["cases"].get(f"{case.number:02d}")
 
 
 @functools.cache
@@ -56,68 +53,38 @@ def _logs(trimmed: bool) -> dict[int, Log]:
     return fly_trimmed(TRIMMED_FLIGHTS) if trimmed else fly_free(FREE_FLIGHTS)
 
 
-def _log(case: FreeFlight | TrimmedFlight) -> Log:
-    return _logs(isinstance(case, TrimmedFlight))[case.number]
-
-
-def _compared(case: FreeFlight | TrimmedFlight) -> tuple[Comparison, ...]:
-    """Every checkpoint of every column that has a tolerance, against both participants."""
-    published = _checkpoints()["cases"][f"{case.number:02d}"]
-    log = _log(case)
+def _measure(case: FreeFlight | TrimmedFlight) -> tuple[Comparison, ...]:
+    """Every checkpoint of every column that has a tolerance, against both participants; or all that is logged."""
+    log, given = _logs(isinstance(case, TrimmedFlight))[case.number], _checkpoints(case)
+    if given is None:
+        return tuple(_comparison(name, log, time_s) for name in log for time_s in case.times_s)
     return tuple(
         _comparison(name, log, time_s, simulation, column[simulation][k], column["tolerance"])
-        for name, column in published["columns"].items()
+        for name, column in given["columns"].items()
         if "tolerance" in column
         for simulation in ("sim_04", "sim_05")
-        for k, time_s in enumerate(published["times_s"])
+        for k, time_s in enumerate(given["times_s"])
     )
 
 
-def _comparison(name: str, log: Log, time_s: float, simulation: str, expected: float, tolerance: float) -> Comparison:
-    obtained = _at(log, name, time_s)
-    if name.startswith("eulerAngle"):
+def _comparison(
+    name: str, log: Log, time_s: float, simulation: str = "", expected: float | None = None, tolerance: float = 0.0
+) -> Comparison:
+    """One column at a time, against a participant where a figure is given."""
+    obtained = float(log[name][round(time_s / LOG_PERIOD_S)])
+    if expected is not None and name.startswith("eulerAngle"):
         obtained += 360.0 * round((expected - obtained) / 360.0)
-    last_digit = float(f"{abs(expected):.{_DIGITS - 1}e}".split("e")[1]) - (_DIGITS - 1) if expected else -300.0
+    half_digit = half_of_significant(expected, _DIGITS) if expected else 0.0
     return Comparison(
         group=name,
-        where=f"t {time_s:g} s, {simulation}",
-        unit=_unit(name),
+        where=f"t {time_s:g} s, {simulation}" if simulation else f"t {time_s:g} s",
+        unit=next((unit for suffix, unit in _UNITS if suffix in name), "1"),
         expected=expected,
         obtained=obtained,
-        tolerance=tolerance + 0.5 * 10.0**last_digit,
+        tolerance=None if expected is None else tolerance + half_digit,
         time_s=float(time_s),
         reference=simulation,
     )
-
-
-def _listed(case: FreeFlight | TrimmedFlight) -> tuple[Comparison, ...]:
-    """Every column at every time of the case."""
-    log = _log(case)
-    return tuple(
-        Comparison(
-            group=name,
-            where=f"t {time_s:g} s",
-            unit=_unit(name),
-            expected=None,
-            obtained=_at(log, name, time_s),
-            tolerance=None,
-            time_s=time_s,
-        )
-        for name in log
-        for time_s in case.times_s
-    )
-
-
-def _at(log: Log, name: str, time_s: float) -> float:
-    return float(log[name][round(time_s / LOG_PERIOD_S)])
-
-
-def _unit(column: str) -> str:
-    """Unit of a published column, which its name carries."""
-    for suffix, unit in _UNITS:
-        if suffix in column:
-            return unit
-    return "1"
 
 
 _UNITS = (
@@ -134,6 +101,7 @@ _UNITS = (
     ("_deg", "deg"),
     ("_ft", "ft"),
 )
+"""Units that the names of the published columns carry."""
 
 NESC_CHECKS: tuple[Check, ...] = tuple(_check(case) for case in (*FREE_FLIGHTS, *TRIMMED_FLIGHTS))
 """Cases 1 to 12."""

@@ -47,11 +47,11 @@ class FreeFlight:
     number: int
     title: str
     body: str
-    earth: EarthName
-    altitude_ft: float
-    velocity_ft_s: tuple[float, float, float]
-    yaw_deg: float
-    rates_deg_s: tuple[float, float, float]
+    earth: EarthName = "wgs84"
+    altitude_ft: float = 30_000.0
+    velocity_ft_s: tuple[float, float, float] = _AT_REST
+    yaw_deg: float = 0.0
+    rates_deg_s: tuple[float, float, float] = _AT_REST
     wind_east_ft_s: tuple[float, float] = (0.0, 0.0)
     times_s: tuple[float, ...] = _FALL_S
 
@@ -81,39 +81,20 @@ class TrimmedFlight:
     times_s: tuple[float, ...] = _CRUISE_S
 
 
-def _dropped(number: int, title: str, body: str, **others: object) -> FreeFlight:
-    values: dict = {"earth": "wgs84", "rates_deg_s": _AT_REST, **others}
-    return FreeFlight(number, title, body, altitude_ft=30_000.0, velocity_ft_s=_AT_REST, yaw_deg=0.0, **values)
-
-
 FREE_FLIGHTS: tuple[FreeFlight, ...] = (
-    _dropped(1, "dropped dragless sphere", "dragless-sphere"),
-    _dropped(2, "tumbling brick, no damping, no drag", "undamped-brick", rates_deg_s=_TUMBLING_DEG_S),
-    _dropped(3, "tumbling brick with damping, no drag", "brick", rates_deg_s=_TUMBLING_DEG_S),
-    _dropped(4, "sphere, round non-rotating Earth", "sphere", earth="sphere", rates_deg_s=_TUMBLING_DEG_S),
-    _dropped(5, "sphere, round rotating Earth", "sphere", earth="rotating-sphere", rates_deg_s=_TUMBLING_DEG_S),
-    _dropped(6, "sphere, ellipsoidal Earth", "sphere"),
-    _dropped(7, "sphere in a steady wind", "sphere", wind_east_ft_s=(20.0, 20.0)),
-    _dropped(8, "sphere in a wind shear", "sphere", wind_east_ft_s=(-20.0, 70.0)),
+    FreeFlight(1, "dropped dragless sphere", "dragless-sphere"),
+    FreeFlight(2, "tumbling brick, no damping, no drag", "undamped-brick", rates_deg_s=_TUMBLING_DEG_S),
+    FreeFlight(3, "tumbling brick with damping, no drag", "brick", rates_deg_s=_TUMBLING_DEG_S),
+    FreeFlight(4, "sphere, round non-rotating Earth", "sphere", earth="sphere", rates_deg_s=_TUMBLING_DEG_S),
+    FreeFlight(5, "sphere, round rotating Earth", "sphere", earth="rotating-sphere", rates_deg_s=_TUMBLING_DEG_S),
+    FreeFlight(6, "sphere, ellipsoidal Earth", "sphere"),
+    FreeFlight(7, "sphere in a steady wind", "sphere", wind_east_ft_s=(20.0, 20.0)),
+    FreeFlight(8, "sphere in a wind shear", "sphere", wind_east_ft_s=(-20.0, 70.0)),
     FreeFlight(
-        9,
-        "eastward cannonball",
-        "sphere",
-        "wgs84",
-        altitude_ft=0.0,
-        velocity_ft_s=(0.0, 1000.0, -1000.0),
-        yaw_deg=90.0,
-        rates_deg_s=(0.0, -EARTH_RATE_DEG_S, 0.0),
+        9, "eastward cannonball", "sphere", "wgs84", 0.0, (0.0, 1000.0, -1000.0), 90.0, (0.0, -EARTH_RATE_DEG_S, 0.0)
     ),
     FreeFlight(
-        10,
-        "northward cannonball",
-        "sphere",
-        "wgs84",
-        altitude_ft=0.0,
-        velocity_ft_s=(1000.0, 0.0, -1000.0),
-        yaw_deg=0.0,
-        rates_deg_s=(EARTH_RATE_DEG_S, 0.0, 0.0),
+        10, "northward cannonball", "sphere", "wgs84", 0.0, (1000.0, 0.0, -1000.0), 0.0, (EARTH_RATE_DEG_S, 0.0, 0.0)
     ),
 )
 

@@ -2,7 +2,6 @@
 
 import functools
 from collections.abc import Sequence
-from typing import TypeVar
 
 import equinox as eqx
 import jax
@@ -20,15 +19,10 @@ from anser.aircraft import (
     earth_fixed_state,
     local_state,
 )
+from anser.aircraft.round_earth import round_earth_of
 from anser.compiling import compiled_quickly
-from anser.environment import (
-    Environment,
-    LayeredWind,
-    RotatingEarth,
-    StandardAtmosphere,
-    spherical_earth,
-    wgs84_earth,
-)
+from anser.environment import Environment, LayeredWind, StandardAtmosphere, spherical_earth, wgs84_earth
+from anser.numerics import rows_of
 from anser.numerics.least_squares import levenberg_marquardt
 from anser.scenario import load_airframe, load_body
 from anser.shapes import Scalar, ScalarLike, Vector3
@@ -62,8 +56,6 @@ _FALL_STEPS = 10
 """Integration steps of 0.01 s in a log period: a hundred times below the tumbling's period, error below 1e-9 deg."""
 _CRUISE_STEPS = 5
 
-T = TypeVar("T")
-
 Log = dict[str, np.ndarray]
 """Column of the published data -> values at each logged time."""
 
@@ -73,11 +65,8 @@ def fly_free(cases: Sequence[FreeFlight]) -> dict[int, Log]:
     airframes = [load_body(case.body) for case in cases]
     environments = [_environment(case.earth, case.wind_east_ft_s) for case in cases]
     starts = [_start_free(environment, case) for environment, case in zip(environments, cases, strict=True)]
-    controls = [_NO_CONTROLS for _ in cases]
-    periods = round(max(case.times_s[-1] for case in cases) / LOG_PERIOD_S)
-    stacks = _stacked(airframes), _stacked(environments), _stacked(starts), _stacked(controls)
-    logs = _fly_all(*stacks, periods, _FALL_STEPS)
-    return {case.number: {key: np.asarray(values[k]) for key, values in logs.items()} for k, case in enumerate(cases)}
+    controls = [Controls(surfaces=jnp.zeros(3), throttle=jnp.zeros(()))] * len(cases)
+    return _logs(cases, rows_of(airframes), rows_of(environments), rows_of(starts), rows_of(controls), _FALL_STEPS)
 
 
 def fly_trimmed(cases: Sequence[TrimmedFlight]) -> dict[int, Log]:
@@ -87,23 +76,27 @@ def fly_trimmed(cases: Sequence[TrimmedFlight]) -> dict[int, Log]:
     """
     airframe = load_airframe("f16", "s119")
     environments = [_environment("wgs84", (0.0, 0.0), case.latitude_deg, case.longitude_deg) for case in cases]
-    places = _stacked([jnp.array([0.0, 0.0, -case.altitude_ft * FOOT_M]) for case in cases])
-    velocities_n = _stacked([jnp.asarray(case.velocity_ft_s) * FOOT_M for case in cases])
-    environment = _stacked(environments)
+    places = jnp.array([[0.0, 0.0, -case.altitude_ft * FOOT_M] for case in cases])
+    velocities_n = jnp.array([case.velocity_ft_s for case in cases]) * FOOT_M
+    environment = rows_of(environments)
     starts, controls, residual = _trim_all(airframe, environment, places, velocities_n)
     if not np.all(np.asarray(residual) < 1e-8):
         raise RuntimeError(f"the check-case's trim was not found: accelerations of {np.asarray(residual)} g remain")
+    return _logs(cases, rows_of([airframe] * len(cases)), environment, starts, controls, _CRUISE_STEPS)
+
+
+def _logs(
+    cases: Sequence[FreeFlight | TrimmedFlight],
+    airframes: AbstractAirframe,
+    environments: Environment,
+    starts: EarthFixedState,
+    controls: Controls,
+    steps: int,
+) -> dict[int, Log]:
+    """Logs of all cases by their numbers, as long as the longest; what is flown is stacked."""
     periods = round(max(case.times_s[-1] for case in cases) / LOG_PERIOD_S)
-    airframes = _stacked([airframe] * len(cases))
-    logs = _fly_all(airframes, environment, starts, controls, periods, _CRUISE_STEPS)
+    logs = _fly_all(airframes, environments, starts, controls, periods, steps)
     return {case.number: {key: np.asarray(values[k]) for key, values in logs.items()} for k, case in enumerate(cases)}
-
-
-_NO_CONTROLS = Controls(surfaces=jnp.zeros(3), throttle=jnp.zeros(()))
-
-
-def _stacked(parts: Sequence[T]) -> T:
-    return jax.tree.map(lambda *leaves: jnp.asarray(np.stack([np.asarray(leaf) for leaf in leaves])), *parts)
 
 
 def _environment(
@@ -121,19 +114,12 @@ def _environment(
     return Environment(StandardAtmosphere(), wind, made)
 
 
-def _earth_of(environment: Environment) -> RotatingEarth:
-    earth = environment.earth
-    if not isinstance(earth, RotatingEarth):
-        raise TypeError("check-cases are flown over a RotatingEarth")
-    return earth
-
-
 def _start_free(environment: Environment, case: FreeFlight) -> EarthFixedState:
     quaternion = quaternion_from_euler(jnp.zeros(()), jnp.zeros(()), jnp.asarray(case.yaw_deg * DEG_RAD))
     position_n = jnp.array([0.0, 0.0, -case.altitude_ft * FOOT_M])
     velocity_b = rotate(rotation_from_quaternion(quaternion), jnp.asarray(case.velocity_ft_s) * FOOT_M)
     seen = AircraftState(position_n, velocity_b, quaternion, jnp.zeros(3), jnp.zeros(3), jnp.zeros(()))
-    start = earth_fixed_state(_earth_of(environment), seen)
+    start = earth_fixed_state(round_earth_of(environment), seen)
     return eqx.tree_at(lambda state: state.rates_b, start, jnp.asarray(case.rates_deg_s) * DEG_RAD)
 
 
@@ -152,7 +138,7 @@ def _trim_all(
 def _trim_level(
     airframe: AbstractAirframe, environment: Environment, place_n: Vector3, velocity_n: Vector3
 ) -> tuple[EarthFixedState, Controls, Scalar]:
-    earth = _earth_of(environment)
+    earth = round_earth_of(environment)
     heading, speed = jnp.arctan2(velocity_n[1], velocity_n[0]), safe_norm(velocity_n)
 
     def state_of(x: Vector3) -> tuple[EarthFixedState, Controls]:
@@ -209,7 +195,7 @@ def _row(
     airframe: AbstractAirframe, environment: Environment, time: ScalarLike, state: EarthFixedState
 ) -> dict[str, Scalar]:
     """One row of a participant's log, by the published names of the columns and in their units."""
-    earth = _earth_of(environment)
+    earth = round_earth_of(environment)
     seen = local_state(earth, state)
     now = condition(airframe, environment, time, seen)
     lat, lon, _ = earth.geodetic(seen.position_n)
@@ -239,12 +225,12 @@ def _row(
         "ambientPressure_lbf_ft2": air.pressure / PSF_PA,
         "ambientTemperature_dgR": air.temperature / RANKINE_K,
         **_axes("aero_bodyForce_lbf", now.aerodynamic.force_b / LBF_N),
-        **_axes("aero_bodyMoment_ftlbf", now.aerodynamic.moment_b / FT_LBF_N_M, ("L", "M", "N")),
+        **_axes("aero_bodyMoment_ftlbf", now.aerodynamic.moment_b / FT_LBF_N_M, "LMN"),
         "mach": now.air_data.mach,
         "dynamicPressure_lbf_ft2": now.air_data.qbar / PSF_PA,
         "trueAirspeed_nmi_h": now.air_data.V / KNOT_M_S,
     }
 
 
-def _axes(name: str, vector: Vector3, axes: tuple[str, str, str] = ("X", "Y", "Z")) -> dict[str, Scalar]:
+def _axes(name: str, vector: Vector3, axes: Sequence[str] = "XYZ") -> dict[str, Scalar]:
     return {f"{name}_{axis}": vector[k] for k, axis in enumerate(axes)}

@@ -6,7 +6,7 @@ import math
 from importlib import resources
 from typing import Any
 
-__all__ = ["half_of_last_digit", "half_of_significant", "published"]
+from anser.verification.check import Comparison
 
 
 @functools.cache
@@ -26,3 +26,8 @@ def half_of_last_digit(printed: str) -> float:
 def half_of_significant(figure: float, digits: int) -> float:
     """Half a unit of the last of so many significant digits of a figure, for a file that does not keep final zeros."""
     return 0.5 * 10.0 ** (math.floor(math.log10(abs(figure))) - digits + 1)
+
+
+def as_printed(group: str, where: str, unit: str, printed: str, obtained: float) -> Comparison:
+    """Compare with a figure as it is printed, to half a unit of its last digit."""
+    return Comparison(group, where, unit, float(printed), float(obtained), half_of_last_digit(printed))

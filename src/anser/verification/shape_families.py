@@ -13,8 +13,6 @@ from anser.variables import CATALOGUE, SHAPE_VARIABLES
 from anser.verification.arc_lengths import DURATION_S, published_path
 from anser.verification.published import published
 
-__all__ = ["shape_families"]
-
 _TIMES = 181  # every fifth of a second
 _MEMBERS = 81
 _SHAPES = ("lateral_shape", "vertical_shape")

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 
 from anser.environment import Air, StandardAtmosphere, geometric_from_geopotential
 from anser.verification.check import Check, Comparison
-from anser.verification.published import half_of_last_digit, published
+from anser.verification.published import as_printed, half_of_last_digit, published
 
 _UNITS = {"temperature": "K", "pressure": "Pa", "density": "kg/m^3", "speed_of_sound": "m/s"}
 _air_at = jax.jit(jax.vmap(StandardAtmosphere().at))
@@ -43,8 +43,7 @@ def _table(rows: list, pressure_low_m: list[int], air: Air) -> Iterator[Comparis
 
 def _bases(bases: list, pressures: jax.Array) -> Iterator[Comparison]:
     for (base, printed), obtained in zip(bases, pressures, strict=True):
-        where = f"{base / 1000:g} km geopotential"
-        yield Comparison("base_pressure", where, "Pa", float(printed), float(obtained), half_of_last_digit(printed))
+        yield as_printed("base_pressure", f"{base / 1000:g} km geopotential", "Pa", printed, obtained)
 
 
 USSA76 = Check(

@@ -26,16 +26,6 @@ from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 from anser.spatial import euler_from_quaternion, flow_angles, quaternion_from_euler
 from anser.units import DEG_RAD, FOOT_M, FT_LBF_N_M, PSF_PA, RAD_DEG, RANKINE_K, SLUG_FT3_KG_M3, SLUG_KG
 
-__all__ = [
-    "TextbookAtmosphere",
-    "TextbookF16",
-    "textbook_aircraft",
-    "textbook_controls",
-    "textbook_environment",
-    "textbook_rates",
-    "textbook_state",
-]
-
 TextbookState = Float[Array, "13"]
 """VT ft/s, alpha, beta, phi, theta, psi rad, P, Q, R rad/s, north, east, altitude ft, power percent."""
 TextbookControls = Float[Array, "4"]
