@@ -2,15 +2,17 @@
 
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from jaxtyping import Array
 
 from anser.campaign.plan_interface import SPEED_TOLERANCE, Ahead, NoPlanError, Planned
 from anser.campaign.refusal import explain, explain_missing_holds
 from anser.campaign.untrimmable import refuse_untrimmable
-from anser.compiling import compiled_quickly, enable_compilation_cache
+from anser.compiling import Prepared, compiled_quickly, enable_compilation_cache
 from anser.numerics import as_array, leading
 from anser.planning import turn_words
 from anser.planning.certified import FIRST, AircraftTask, Airspace, ArrivalRequest, CertifiedPlan, FleetTask, Outcome
@@ -18,8 +20,10 @@ from anser.scenario import Scenario, build_flight
 from anser.simulation import (
     CertifiedPlanner,
     CertifiedPlanState,
+    Flight,
     FlightState,
     PlannedHolds,
+    TrimmedFleet,
     begin,
     trimmed_fleet,
 )
@@ -28,6 +32,19 @@ trimmed = compiled_quickly(trimmed_fleet)
 """`trimmed_fleet`, compiled."""
 begun = compiled_quickly(begin)
 """`begin`, compiled."""
+
+
+@compiled_quickly
+def _asked(flight: Flight, planner: CertifiedPlanner) -> tuple[TrimmedFleet, AircraftTask]:
+    """The fleet trimmed at its start, and what is asked of the planner for it."""
+    fleet = trimmed_fleet(flight)
+    return fleet, planner.aircraft_tasks(fleet.reports, planner.limits_with(fleet.performance))
+
+
+def _first() -> Array:
+    return as_array(FIRST, np.int64)
+
+
 NOT_PROVEN = "nothing proves that it keeps its limits, the separation and the keep-outs"
 """Message of a path that the certified planner delivers without a proof."""
 
@@ -87,7 +104,7 @@ class CertifiedPlanned(Planned):
         """The fleet at its start, with the plan."""
         if self.outcome.plan is None:
             raise NoPlanError(self.refusals)
-        state = CertifiedPlanState(self.outcome.plan, as_array(FIRST, np.int64), self.holds, self.tasks.limits)
+        state = CertifiedPlanState(self.outcome.plan, _first(), self.holds, self.tasks.limits)
         return begun(self.flight, self.fleet, state)
 
 
@@ -136,12 +153,18 @@ def plan_certified(
     enable_compilation_cache()
     on_progress("trimming")
     flight, count = build_flight(scenario, filled_up=True), len(scenario.aircraft)
-    fleet = trimmed(flight)
-    refuse_untrimmable(scenario, flight, leading(fleet.trims, count))
     planner = flight.planner
     if not isinstance(planner, CertifiedPlanner):
         raise TypeError(f'fleet.planner: arrived "{scenario.fleet.planner}"; expected "certified"')
-    tasks = planner.aircraft_tasks(fleet.reports, planner.limits_with(fleet.performance))
+    start = _asked.prepare(flight, planner).begin()
+    coming = _programs_ahead(scenario, flight, planner, start.shapes, ahead)
+    following = next(coming, None)  # traced while the start is compiled
+    fleet, tasks = _asked(flight, planner)
+    refuse_untrimmable(scenario, flight, leading(fleet.trims, count))
+    if following is not None:
+        following.begin()
+        for program in coming:
+            program.begin()
     request = arrival_request(scenario, flight.count)
     outcome, holds = planner.searched(0.0, tasks, request, scenario.timing.duration_s, on_progress)
     refusals: tuple[str, ...] = ()
@@ -154,9 +177,27 @@ def plan_certified(
             else explain_missing_holds(scenario, asked, holds)
         )
         holds = None
-    made = CertifiedPlanned(scenario, flight, fleet, refusals, outcome, tasks, planner.airspace, holds)
-    if not refusals:
-        following = ahead(flight, made.begun())
+    return CertifiedPlanned(scenario, flight, fleet, refusals, outcome, tasks, planner.airspace, holds)
+
+
+def _programs_ahead(
+    scenario: Scenario, flight: Flight, planner: CertifiedPlanner, shapes: Any, ahead: Ahead
+) -> Iterator[Prepared]:
+    """Prepare what will be needed, as far as the shapes of fleet and tasks tell; the last is what comes `ahead`."""
+    fleet, tasks = shapes
+    longest_s = max(
+        math.dist(one.start.position_m, scenario.goal_of(one).position_m(0.0)) for one in scenario.aircraft
+    ) / min(scenario.fleet.speed_m_s, scenario.limits.speed_max_m_s)
+    given_s = [one.arrive_s for one in scenario.aircraft if one.arrive_s is not None] + [scenario.arrival.time_s or 0.0]
+    longest_s = max(longest_s, *given_s)
+    found = []
+    for program in planner.programs_ahead(tasks, longest_s, scenario.timing.duration_s):
+        found.append(program.shapes)
+        yield program
+    if found:
+        plan, holds = found
+        program = begun.prepare(flight, fleet, CertifiedPlanState(plan, _first(), holds, tasks.limits))
+        yield program
+        following = ahead(flight, program.shapes)
         if following is not None:
-            following.begin()
-    return made
+            yield following

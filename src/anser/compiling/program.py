@@ -277,7 +277,11 @@ class Program(Generic[_P, _R]):
             )
         named = self._signature.bind(*args, **kwargs).arguments
         # Numbers of Python become weakly typed arrays, as by `jax.jit`.
-        traced = {name: jax.tree.map(jnp.asarray, value) for name, value in named.items() if name not in self._static}
+        traced = {
+            name: jax.tree.map(lambda leaf: leaf if _is_array(leaf) else jnp.asarray(leaf), value)
+            for name, value in named.items()
+            if name not in self._static
+        }
         leaves, structure = jax.tree.flatten(traced)
         return leaves, (structure, tuple((name, named[name]) for name in self._static if name in named))
 

@@ -1,6 +1,7 @@
 """The certified planner as a part of the closed loop: paths with certificates, and the holds after them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -8,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from anser.compiling import compiled_quickly
+from anser.compiling import Prepared, compiled_quickly
 from anser.control import GuidanceSettings
 from anser.numerics import any_in_batch, as_array
 from anser.planning import AbstractPlanner, AircraftPlan, PathLimits, Performance, Report
@@ -20,9 +21,13 @@ from anser.planning.certified import (
     ArrivalRequest,
     CertifiedPlan,
     Outcome,
+    intervals_for,
+    plan_at,
     renew_certified,
     search,
 )
+from anser.planning.certified.candidate_sets import STANDARD
+from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Flag, Scalar, ScalarLike
 from anser.simulation.hold_assignment import assign_holds
 from anser.simulation.planned_hold import PlannedHolds, cells_for, each_alone
@@ -153,13 +158,40 @@ class CertifiedPlanner(AbstractPlanner):
 
         def after(plan: CertifiedPlan) -> np.ndarray:
             on_progress("choosing the holds")
-            holds = _holds(plan.paths, tasks, self.airspace, self.guidance, time, until, cells_for(until))
+            holds = _holds(*self._hold_arguments(plan.paths, tasks, time, until))
             tried.append((plan, holds))
             return ~np.asarray(holds.clear)
 
         outcome = search(time, tasks, self.airspace, request, on_progress=on_progress, after=after)
         wanted = outcome.without_holds if outcome.plan is None else outcome.plan
         return outcome, next((holds for plan, holds in tried if plan is wanted), None)
+
+    def _hold_arguments(self, paths: TimedPath, tasks: AircraftTask, time: float, until: float) -> tuple[Any, ...]:
+        return paths, tasks, self.airspace, self.guidance, as_array(time), as_array(until), cells_for(until)
+
+    def programs_ahead(self, tasks: AircraftTask, longest: float, until: float) -> Iterator[Prepared]:
+        """Prepare, one after the other, the programs that a search from time 0 will need.
+
+        Parameters
+        ----------
+        tasks
+            The fleet, or shapes of it.
+        longest
+            Roughly how long the last aircraft will be on its way, s: where that leaves the size of the paths open,
+            nothing is prepared.
+        until
+            As of `searched`.
+
+        Yields
+        ------
+        Those that make plans (`CertifiedPlan`) and holds (`PlannedHolds`).
+        """
+        intervals = intervals_for(longest)
+        if {intervals_for(0.95 * longest), intervals_for(1.2 * longest)} == {intervals}:
+            durations = jax.ShapeDtypeStruct(tasks.active.shape, tasks.active.dtype)
+            first = plan_at.prepare(0.0, tasks, self.airspace, durations, intervals, STANDARD, None)
+            yield first
+            yield _holds.prepare(*self._hold_arguments(first.shapes.paths, tasks, 0.0, until))
 
     def renew(self, memory: CertifiedPlanState, time: ScalarLike, reports: Report) -> CertifiedPlanState:
         """The plan bent, made anew or kept, see `renew_certified`; with it the holds that are not flown yet."""

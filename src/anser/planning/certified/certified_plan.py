@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from anser.compiling import compiled_by_older_generator
-from anser.numerics import leading, zeros_as
+from anser.numerics import leading, namespace, zeros_as
 from anser.planning.certified.broad_phase import INTERVALS_PER_CYLINDER, fleet_clearance_ratio, fleet_cylinders
 from anser.planning.certified.candidate_sets import CandidateSet
 from anser.planning.certified.candidates import SPLINE, fleet_candidates
@@ -48,12 +48,15 @@ class Certificate(eqx.Module):
     @property
     def kept_alone(self) -> Bool[Array, " aircraft"]:
         """Whether each aircraft keeps everything but its distance from others."""
-        return jnp.all(self.excess <= _ROUNDING, axis=1) & jnp.all(self.keep_out_clearance >= -_ROUNDING_M, axis=1)
+        xp = namespace(self)
+        excess, clearance = xp.asarray(self.excess), xp.asarray(self.keep_out_clearance)
+        return xp.all(excess <= _ROUNDING, axis=1) & xp.all(clearance >= -_ROUNDING_M, axis=1)
 
     @property
     def kept(self) -> Bool[Array, " aircraft"]:
         """Whether each aircraft keeps everything."""
-        return self.kept_alone & jnp.all(self.clearance_ratio >= 1.0 - _ROUNDING, axis=1)
+        xp = namespace(self)
+        return self.kept_alone & xp.all(xp.asarray(self.clearance_ratio) >= 1.0 - _ROUNDING, axis=1)
 
 
 _ROUNDING = 1e-7  # as a part of a limit: a path that starts at it is not refused for rounding
@@ -97,7 +100,7 @@ class CertifiedPlan(eqx.Module):
     @property
     def feasible(self) -> Bool[Array, " aircraft"]:
         """Whether each aircraft's path is there and keeps everything."""
-        return self.valid & self.certificate.kept
+        return namespace(self).asarray(self.valid) & self.certificate.kept
 
 
 def certify(
