@@ -28,7 +28,9 @@ _renew = jax.jit(renew)
 
 
 def renewed(plan, time, tasks, even, sides=RIGHT):
-    return _renew(plan, jnp.asarray(time, dtype=float), tasks, sides, jnp.asarray(even))
+    plan, asked = _renew(plan, jnp.asarray(time, dtype=float), tasks, sides, jnp.asarray(even))
+    assert not asked
+    return plan
 
 
 @pytest.fixture(scope="module")
@@ -165,6 +167,21 @@ def test_a_goal_that_swerves_far_out_is_planned_for_anew(even):
     np.testing.assert_allclose(again.lateral_bends, anew.lateral_bends, rtol=1e-9, atol=1e-6)
 
 
+def test_a_renewal_without_replanning_says_where_one_is_due(flights):
+    kept = jax.jit(lambda *given: renew(*given, replans=False))
+    for tasks, plan, even in flights:
+        time, later = foreseen(tasks, plan, 0.4)
+        for case, due in ((later, False), (swerve(later), True)):
+            full = renewed(plan, time, case, even)
+            light, asked = kept(plan, jnp.asarray(time), case, RIGHT, jnp.asarray(even))
+            assert asked == due
+            assert light.arrival_time == plan.arrival_time
+            assert (full.arrival_time == plan.arrival_time) != due
+            if not due:
+                for one, other in zip(jax.tree.leaves(light), jax.tree.leaves(full), strict=True):
+                    np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-6)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("even", [False, True])
 def test_within_the_last_15_seconds_the_arrival_time_stands(even):
@@ -230,7 +247,7 @@ def outcome(shift, plan, time, tasks, even):
     tasks = replace(
         tasks, position_n=tasks.position_n + shift[:3], goal_velocity_n=tasks.goal_velocity_n + 0.01 * shift[3:]
     )
-    again = renew(plan, time, tasks, RIGHT, even)
+    again, _ = renew(plan, time, tasks, RIGHT, even)
     later = jax.vmap(lambda path: path.position_n(time + 10.0) + path.velocity_n(time + 10.0))(again.trajectories)
     return again.arrival_time + jnp.sum(later * jnp.arange(9.0).reshape(3, 3)) / 1e3
 
@@ -259,7 +276,7 @@ def test_vmap_agrees_with_one_at_a_time():
     time, later = foreseen(tasks, plan, 0.4)
     cases = [later, swerve(later)]
     stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *cases)
-    both = jax.jit(jax.vmap(lambda case: renew(plan, time, case, RIGHT)))(stacked)
+    both = jax.jit(jax.vmap(lambda case: renew(plan, time, case, RIGHT)[0]))(stacked)
     for index, case in enumerate(cases):
         alone = renewed(plan, time, case, False)
         np.testing.assert_allclose(both.arrival_time[index], alone.arrival_time, rtol=1e-12)
@@ -272,6 +289,6 @@ def test_no_weak_types():
     tasks = published_fleet()
     plan = plan_at(100.0, tasks, RIGHT)
     for even in (False, True, jnp.asarray(True)):
-        shapes = jax.eval_shape(renew, plan, 120.0, tasks, RIGHT, even)
+        shapes, _ = jax.eval_shape(renew, plan, 120.0, tasks, RIGHT, even)
         assert not any(leaf.weak_type for leaf in jax.tree.leaves(shapes))
         assert jax.tree.map(lambda leaf: leaf.dtype, shapes) == jax.tree.map(lambda leaf: leaf.dtype, plan)

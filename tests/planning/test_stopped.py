@@ -20,7 +20,7 @@ _least = jax.jit(separation_min, static_argnames="count")
 
 
 def renewed(plan, time, tasks, even=False):
-    return _renew(plan, jnp.asarray(time, dtype=float), tasks, RIGHT, jnp.asarray(even))
+    return _renew(plan, jnp.asarray(time, dtype=float), tasks, RIGHT, jnp.asarray(even))[0]
 
 
 def without(tasks, *gone):

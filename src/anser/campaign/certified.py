@@ -4,7 +4,7 @@ import functools
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from jaxtyping import Array
@@ -153,9 +153,7 @@ def plan_certified(
     enable_compilation_cache()
     on_progress("trimming")
     flight, count = build_flight(scenario, filled_up=True), len(scenario.aircraft)
-    planner = flight.planner
-    if not isinstance(planner, CertifiedPlanner):
-        raise TypeError(f'fleet.planner: arrived "{scenario.fleet.planner}"; expected "certified"')
+    planner = cast(CertifiedPlanner, flight.planner)
     start = _asked.prepare(flight, planner).begin()
     coming = _programs_ahead(scenario, flight, planner, start.shapes, ahead)
     following = next(coming, None)  # traced while the start is compiled

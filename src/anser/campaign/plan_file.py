@@ -2,8 +2,9 @@
 
 import hashlib
 import json
+import zipfile
 from pathlib import Path
-from typing import Any, get_args, get_type_hints
+from typing import Any, cast, get_args, get_type_hints
 
 import equinox as eqx
 import jax
@@ -60,7 +61,7 @@ def read_plan(path: Path, scenario: Scenario) -> Planned:
         An aircraft cannot fly steadily at its start.
     """
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
         about = json.loads(str(arrays.pop("about")))
         if about["format_version"] != _FORMAT:
@@ -73,7 +74,7 @@ def read_plan(path: Path, scenario: Scenario) -> Planned:
                 f"expected that of this one ({scenario.fleet.planner}, {scenario.hash}): other numbers, another plan"
             )
         state = _rebuilt(_STATES[about["planner"]], "", arrays)
-    except (OSError, KeyError, TypeError, ValueError, EOFError) as error:
+    except (OSError, KeyError, TypeError, ValueError, EOFError, zipfile.BadZipFile) as error:
         if isinstance(error, PlanFileError):
             raise
         raise PlanFileError(f"{path} cannot be read as a plan ({error})") from None
@@ -87,9 +88,9 @@ def _planned(scenario: Scenario, state: Any, path: Path) -> Planned:
         raise PlanFileError(f"{path} holds a plan of another size than this version of anser makes")
     fleet = trimmed(flight)
     refuse_untrimmable(scenario, flight, leading(fleet.trims, count))
-    planner = flight.planner
-    if not isinstance(planner, CertifiedPlanner):
+    if scenario.fleet.planner == "published":
         return PublishedPlanned(scenario, flight, fleet, (), begun(flight, fleet, state))
+    planner = cast(CertifiedPlanner, flight.planner)
     tasks = planner.aircraft_tasks(fleet.reports, state.limits)
     outcome = Outcome(state.plan, 0)
     return CertifiedPlanned(scenario, flight, fleet, (), outcome, tasks, planner.airspace, state.holds)

@@ -1,5 +1,7 @@
 """Renewing a certified plan while an aircraft has stopped: the others neither keep clear of it nor wait for it."""
 
+import functools
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -99,6 +101,19 @@ def test_and_is_made_anew_without_it(plan):
     assert how == REPLANNED
     for k in (0, 1):
         check_row(again, same, k)
+
+
+def test_a_renewal_without_replanning_says_where_one_is_due(plan):
+    light = compiled_quickly(functools.partial(renew_certified, replans=False))
+    for tasks, due in ((fleet(STOPPED), False), (fleet(STOPPED, nearer=1500.0), True), (fleet(), True)):
+        more = (jnp.asarray(NOW), tasks, SPACE, YES, jnp.asarray(2.0), jnp.asarray(jnp.inf))
+        kept, full = light(plan, *more), _renew(plan, *more)
+        assert kept.asked == due
+        assert not full.asked
+        assert (int(full.how) == CORRECTED) != due
+        if not due:
+            for one, other in zip(jax.tree.leaves(kept.plan), jax.tree.leaves(full.plan), strict=True):
+                np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-6)
 
 
 def test_where_all_have_stopped_the_plan_stands(plan):
