@@ -10,8 +10,8 @@ from anser.campaign.certified import NOT_PROVEN
 from anser.campaign.plan_output import record_certified
 from anser.planning import PathLimits
 from anser.planning.certified import stacked
-from anser.planning.certified.certificate import PathBounds
 from anser.planning.certified.certified_plan import Certificate, CertifiedPlan
+from anser.planning.certified.path_bounds import PathBounds
 from anser.planning.timed_path import TimedPath
 from anser.scenario import loads
 from scenario.certified_scenario import GOOD

@@ -76,9 +76,7 @@ def test_a_fifth_is_another():
     assert not like(fleet(5), THREE)
 
 
-@pytest.mark.parametrize(
-    ("made", "one", "same", "more"), [(keep_outs, 1, 2, 3), (layers, 2, 4, 5), (route, 2, 4, 5)]
-)
+@pytest.mark.parametrize(("made", "one", "same", "more"), [(keep_outs, 1, 2, 3), (layers, 2, 4, 5), (route, 2, 4, 5)])
 def test_other_numbers_of_other_things(made, one, same, more):
     assert like(made(one), made(same))
     assert not like(made(one), made(more))
@@ -95,7 +93,9 @@ def test_what_fills_up_changes_nothing():
 def test_wind_is_that_of_the_layers_given():
     for height in (0.0, 250.0, 1000.0, 5000.0):
         found = [
-            build_flight(loads(layers(count)), filled_up=True).environment.wind.velocity_n(np.array([0.0, 0.0, -height]))
+            build_flight(loads(layers(count)), filled_up=True).environment.wind.velocity_n(
+                np.array([0.0, 0.0, -height])
+            )
             for count in (3, 4)
         ]
         if height <= 1000.0:

@@ -14,6 +14,7 @@ from jax import lax
 from jaxtyping import Array, Float, Int
 
 from anser.compiling import compiled, compiled_quickly
+from anser.numerics import as_array, filled_up
 from anser.planning import separation_ratio
 from anser.results import ClosestApproach
 from anser.scenario.schema_airspace import KeepOut
@@ -22,6 +23,9 @@ from anser.shapes import Scalar
 _MOST_PAIRS = 64  # pairs that are looked at between the samples: the nearest ones at the samples
 _PARTS = 16  # of an interval between two samples, each of which is halved so often that only rounding is left
 _HALVINGS = 30
+
+
+FLEET, _TIMES, _VOLUMES = 4, 512, 2  # sizes to whose multiples all are filled up: other numbers seldom compile
 
 
 class SampledMotion(eqx.Module):
@@ -36,7 +40,20 @@ def track_of(times_s: np.ndarray, history: Mapping[str, np.ndarray]) -> SampledM
     """Motion of a fleet from a history as `sample_paths` makes it; the wind is horizontal."""
     places = np.stack([history["north"], history["east"], -history["altitude"]], axis=-1)
     speeds = np.stack([history["velocity_north"], history["velocity_east"], -history["climb_rate"]], axis=-1)
-    return SampledMotion(jnp.asarray(times_s), jnp.asarray(places), jnp.asarray(speeds))
+    return SampledMotion(*map(as_array, (times_s, places, speeds)))
+
+
+def _filled(motion: SampledMotion) -> SampledMotion:
+    """With instants and aircraft of which nothing is known."""
+    count, fleet = motion.positions_n.shape[:2]
+    more, others = -count % _TIMES, -fleet % FLEET
+    known = np.asarray(motion.times)
+    times = np.concatenate([known, known[-1] + 1.0 + np.arange(more)])
+    states = (
+        np.pad(np.asarray(state), ((0, more), (0, others), (0, 0)), constant_values=np.nan)
+        for state in (motion.positions_n, motion.velocities_n)
+    )
+    return SampledMotion(*map(as_array, (times, *states)))
 
 
 def _between(
@@ -137,12 +154,13 @@ def nearest_pairs(motion: SampledMotion, separation_m: tuple[float, float] | Non
     if fleet < 2:
         nothing = np.full(count, np.nan)
         return ClosestApproach(nothing, np.full((count, 2), -1), np.nan, (-1, -1), np.nan, np.nan, np.nan)
-    measure = jnp.asarray(separation_m or (0.0, 0.0), dtype=float)
-    distance, who, least = (np.asarray(x) for x in _at_instants(motion.positions_n, measure))
+    measure, filled = as_array(separation_m or (0.0, 0.0)), _filled(motion)
+    distance, who, least = (np.asarray(x) for x in _at_instants(filled.positions_n, measure))
+    distance, who = distance[:count], who[:count]
     together = np.isfinite(distance)
-    order = np.argsort(least, axis=None, kind="stable")[: min(_MOST_PAIRS, fleet * (fleet - 1) // 2)]
-    candidates = np.stack(np.unravel_index(order, least.shape), axis=1)
-    found, when, apart = (np.asarray(x) for x in _closely(motion, jnp.asarray(candidates), measure))
+    pairs = np.stack(np.triu_indices(len(least), 1), axis=1)
+    candidates = pairs[np.argsort(least[tuple(pairs.T)], kind="stable")[:_MOST_PAIRS]]
+    found, when, apart = (np.asarray(x) for x in _closely(filled, as_array(candidates, None), measure))
     best = int(np.argmin(found))
     pair = np.stack(np.unravel_index(who, least.shape), axis=1)
     one, other = (int(k) for k in candidates[best])
@@ -191,5 +209,6 @@ def keep_out_rooms(motion: SampledMotion, keep_outs: tuple[KeepOut, ...]) -> tup
     rows = [
         (one.north_m, one.east_m, *one.velocity_m_s()[:2], one.radius_m, one.bottom_m, one.top_m) for one in keep_outs
     ]
-    rooms, when = _rooms(motion, jnp.asarray(rows, dtype=float))
-    return np.asarray(rooms), np.asarray(when)
+    found = _rooms(_filled(motion), filled_up(as_array(rows), _VOLUMES))
+    rooms, when = (np.asarray(one)[: motion.positions_n.shape[1], : len(rows)] for one in found)
+    return rooms, when

@@ -110,7 +110,7 @@ def record_certified(
     Rows of stacked tasks that are not active fill the fleet up to a size: they are no aircraft of the scenario.
     """
     rows = np.flatnonzero(np.asarray(tasks.active) > 0.0)
-    made, asked = jax.tree.map(lambda leaf: leaf[rows], (plan, tasks.limits))
+    made, asked = jax.tree.map(lambda leaf: np.asarray(leaf)[rows], (plan, tasks.limits))
     found = made.certificate
     good, ratio = np.asarray(plan.feasible)[rows], float(np.min(np.asarray(found.clearance_ratio)[:, rows]))
     details = PlanDetails(

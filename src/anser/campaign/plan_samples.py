@@ -4,12 +4,12 @@ from typing import Protocol
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from anser.campaign.plan_distances import keep_out_rooms, nearest_pairs, track_of
+from anser.campaign.plan_distances import FLEET, keep_out_rooms, nearest_pairs, track_of
 from anser.compiling import compiled_quickly
+from anser.numerics import as_array, filled_up
 from anser.planning import CERTIFIED_LIMITS, PathPoint, polar
 from anser.planning.demand import demand
 from anser.results import PlanExtremes, PlanSamples
@@ -88,14 +88,13 @@ def _asked(
 
 
 def _asked_in_blocks(paths: PlannedPath, times: np.ndarray, gravity: ScalarLike) -> dict[str, np.ndarray]:
-    """What each path asks at its own times, (aircraft, time): blocks of one size, so that a fleet compiles once."""
-    count = times.shape[1]
-    padded = np.pad(times, ((0, 0), (0, -count % _BLOCK)), mode="edge")
-    weight = jnp.asarray(gravity, dtype=float)
-    blocks = [
-        _asked(paths, jnp.asarray(block), weight) for block in np.split(padded, padded.shape[1] // _BLOCK, axis=1)
-    ]
-    return {key: np.concatenate([np.asarray(one[key]) for one in blocks], axis=1)[:, :count] for key in blocks[0]}
+    """What each path asks at its own times, (aircraft, time): fleets and blocks of few sizes, which seldom compile."""
+    fleet, count = times.shape
+    filled = np.pad(times, ((0, -fleet % FLEET), (0, -count % _BLOCK)), mode="edge")
+    paths, weight = filled_up(paths, FLEET), as_array(gravity)
+    blocks = [_asked(paths, as_array(block), weight) for block in np.split(filled, filled.shape[1] // _BLOCK, axis=1)]
+    found = {key: np.concatenate([np.asarray(one[key]) for one in blocks], axis=1) for key in blocks[0]}
+    return {key: values[:fleet, :count] for key, values in found.items()}
 
 
 def sample_paths(

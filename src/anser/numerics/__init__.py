@@ -1,6 +1,6 @@
 """Numerical building blocks: tables, integration, quadrature, roots, small algebra."""
 
-from anser.numerics.arrays import as_array, leading, namespace, zeros_as
+from anser.numerics.arrays import as_array, filled_up, leading, namespace, zeros_as
 from anser.numerics.integrate import rk4_step
 from anser.numerics.linear import cross, inverse3, product3, solve3, times3
 from anser.numerics.stacking import Stacked, any_in_batch, rows_of, stacked, structure_of
@@ -13,6 +13,7 @@ __all__ = [
     "any_in_batch",
     "as_array",
     "cross",
+    "filled_up",
     "inverse3",
     "leading",
     "make_axes",

@@ -23,6 +23,16 @@ def leading(rows: T, count: int) -> T:
     return jax.tree.map(lambda leaf: as_array(np.asarray(leaf)[:count], None) if np.ndim(leaf) else leaf, rows)
 
 
+def filled_up(rows: T, size: int) -> T:
+    """The rows of all arrays, known, with copies of the last up to a multiple of a size."""
+
+    def one(leaf: Any) -> Array:
+        held = np.asarray(leaf)
+        return as_array(np.concatenate([held, *[held[-1:]] * (-len(held) % size)]), None)
+
+    return jax.tree.map(one, rows)
+
+
 def zeros_as(function: Callable[..., T], *args: Any) -> T:
     """Zeros of the shapes that a function of such arguments gives; nothing is computed."""
     return jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(function, *args))

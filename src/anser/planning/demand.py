@@ -1,7 +1,7 @@
 """What a motion demands of its aircraft in coordinated flight, without a force to the side in the body's axes.
 
 The certificate bounds the same quantities between the knots, as ratios of polynomials: see
-`anser.planning.certified.certificate`.
+`anser.planning.certified.path_bounds`.
 """
 
 import equinox as eqx

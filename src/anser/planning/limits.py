@@ -177,7 +177,7 @@ LIMITS = (
 """Every limit, in the order in which it is shown."""
 
 CERTIFIED_LIMITS = tuple(limit for limit in LIMITS if limit.proven)
-"""Those that the certified planner proves, in the order of `anser.planning.certified.certificate.excess`."""
+"""Those that the certified planner proves, in the order of `anser.planning.certified.path_bounds.excess`."""
 
 LIMIT_MESSAGES = (
     "within all limits",

@@ -162,7 +162,7 @@ class CertifiedPlanner(AbstractPlanner):
             tried.append((plan, holds))
             return ~np.asarray(holds.clear)
 
-        outcome = search(time, tasks, self.airspace, request, on_progress=on_progress, after=after)
+        outcome = search(time, tasks, self.airspace, request, on_progress=on_progress, failed_after_arrival=after)
         wanted = outcome.without_holds if outcome.plan is None else outcome.plan
         return outcome, next((holds for plan, holds in tried if plan is wanted), None)
 

@@ -14,8 +14,8 @@ from anser.planning.certified.broad_phase import (
     fleet_clearance_ratio,
     fleet_cylinders,
 )
-from anser.planning.certified.certificate import excess
 from anser.planning.certified.clearance import Track, clearance_from_keep_outs
+from anser.planning.certified.path_bounds import excess
 from anser.planning.certified.tracking import path_track
 from anser.planning.demand import turn_radius
 from anser.planning.timed_path import TimedPath

@@ -7,9 +7,9 @@ import pytest
 
 from anser.compiling import compiled_quickly
 from anser.planning.certified.candidate_sets import LATE_FAST, PREFERRED, SLOW_FAST, make_candidate_set
-from anser.planning.certified.candidates import fleet_candidates, shaped_candidates
-from anser.planning.certified.certificate import excess, path_bounds
+from anser.planning.certified.candidates import fleet_candidates, routed_candidates
 from anser.planning.certified.delivery import deliver
+from anser.planning.certified.path_bounds import excess, path_bounds
 from anser.planning.certified.route import route
 from trials.cases import random_case
 from trials.task import planner_task
@@ -27,7 +27,7 @@ def _judged(tasks, airspace, durations):
     options = fleet_candidates(tasks, airspace, durations, INTERVALS, INTERVALS, CANDIDATES)
 
     def one(task, duration, shapes, profiles):
-        first, _ = shaped_candidates(task, airspace, duration, INTERVALS, CANDIDATES)
+        first, _ = routed_candidates(task, airspace, duration, INTERVALS, CANDIDATES)
 
         def passed(shape):
             profile = jax.tree.map(lambda leaf: leaf[shape.profile], profiles)
@@ -36,7 +36,7 @@ def _judged(tasks, airspace, durations):
 
         return first.valid, jax.lax.map(passed, shapes)
 
-    first, over = jax.vmap(one)(tasks, durations, options.shapes, options.profiles)
+    first, over = jax.vmap(one)(tasks, durations, options.routes, options.profiles)
     return options.valid, first, over
 
 

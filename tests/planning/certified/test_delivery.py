@@ -7,9 +7,9 @@ import pytest
 from certified_cases import GRAVITY, LAYERED, STEADY, detours_of, number
 
 from anser.compiling import compiled_quickly
-from anser.planning.certified.certificate import path_bounds
 from anser.planning.certified.delivery import deliver
 from anser.planning.certified.detours import WORDS, direct, solve_detour
+from anser.planning.certified.path_bounds import path_bounds
 from anser.planning.certified.profile import make_profile, tabulate
 from anser.planning.certified.route import PathEnds, route
 

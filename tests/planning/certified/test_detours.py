@@ -9,7 +9,7 @@ from certified_cases import detours_of, dubins_of, number, picked, random_ends
 
 from anser.compiling import compiled_quickly
 from anser.planning.certified.detours import (
-    SHAPES,
+    DETOUR_KINDS,
     WORDS,
     direct,
     solve_detour,
@@ -18,7 +18,7 @@ from anser.planning.certified.detours import (
 from anser.planning.certified.route import TurnsAndLegs, route
 
 CASES = 48
-SHAPE, SIDE = (x.ravel() for x in np.meshgrid(np.arange(SHAPES), [1.0, -1.0], indexing="ij"))
+SHAPE, SIDE = (x.ravel() for x in np.meshgrid(np.arange(DETOUR_KINDS), [1.0, -1.0], indexing="ij"))
 WAYS = detours_of(SHAPE, SIDE)
 SAME = 1e-6  # to which a direct path meets its end and a detour its length, as parts of the length
 

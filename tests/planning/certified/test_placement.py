@@ -29,7 +29,7 @@ def _all_options(tasks, airspace, durations):
     both = fleet_candidates(tasks, airspace, durations, INTERVALS, INTERVALS, BOTH, jnp.asarray(NEEDY))
     placed = place(both, airspace.separation, fewest_first(both))
     fleet = jnp.arange(8)
-    chosen = both.shapes.profile[fleet, placed.chosen], both.speed[fleet, placed.chosen]
+    chosen = both.routes.profile[fleet, placed.chosen], both.speed[fleet, placed.chosen]
     return further, both, placed, chosen, both.paths(0.0, placed.chosen)
 
 
@@ -70,7 +70,7 @@ def test_the_profile_of_a_candidate_is_found_among_both_kinds(options):
     assert np.any(placed.chosen > 3)
     lengths = np.asarray(both.profiles.length)
     assert lengths.shape == (8, 3)
-    assert set(np.asarray(both.shapes.profile[0, 4:]).tolist()) == {1, 2}
+    assert set(np.asarray(both.routes.profile[0, 4:]).tolist()) == {1, 2}
     # The airspeed of the profile it names is its own, and so is that of the path that is delivered.
     mean = np.asarray(speed) * 260.0
     good = np.asarray(placed.valid)

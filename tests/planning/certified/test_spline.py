@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import BSpline
 
 from anser.compiling import compiled_quickly
-from anser.planning.certified.certificate import path_bounds
+from anser.planning.certified.path_bounds import path_bounds
 from anser.planning.certified.spline import (
     Spline,
     end_slopes,

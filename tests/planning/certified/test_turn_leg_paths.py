@@ -11,7 +11,7 @@ from certified_cases import GRAVITY, STEADY, detours_of, dubins, integrated, num
 
 from anser.compiling import compiled_quickly
 from anser.planning.certified import turn_leg_paths
-from anser.planning.certified.detours import SHAPES, WORDS, direct, solve_detour
+from anser.planning.certified.detours import DETOUR_KINDS, WORDS, direct, solve_detour
 from anser.planning.certified.profile import make_profile, tabulate
 from anser.planning.certified.route import route
 from anser.planning.certified.task import KeepOuts
@@ -130,8 +130,10 @@ def test_three_turns_in_a_row_are_found_where_no_detour_will_do():
     def bent(word, way):
         return solve_detour(back, direct(back, word), way, wanted).exists
 
-    ways = detours_of(range(SHAPES), np.ones(SHAPES))
-    both = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), ways, detours_of(range(SHAPES), -np.ones(SHAPES)))
+    ways = detours_of(range(DETOUR_KINDS), np.ones(DETOUR_KINDS))
+    both = jax.tree.map(
+        lambda a, b: jnp.concatenate([a, b]), ways, detours_of(range(DETOUR_KINDS), -np.ones(DETOUR_KINDS))
+    )
     each = jax.vmap(jax.vmap(bent, in_axes=(None, 0)), in_axes=(0, None))
     assert not np.any(compiled_quickly(each)(jnp.asarray(WORDS), both))
 

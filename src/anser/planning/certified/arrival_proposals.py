@@ -23,11 +23,11 @@ from anser.planning.certified.task import AircraftTask, Airspace, ArrivalRequest
 
 _DELAYS = (1.0, 1.01, 1.03, 1.06, 1.1, 1.15, 1.22, 1.3, 1.4, 1.55, 1.75, 2.0, 2.4, 3.0)  # of the first time
 _LONG_DELAY = 1.3
-_DELAYS_SEARCHED_FULLY = (1.0, 1.06, 1.15, 1.3)  # at which turn-and-leg paths are tried before a long delay
+_DELAYS_OF_SMALL = (1.0, 1.06, 1.15, 1.3)  # at which turn-and-leg paths are tried before a long delay
 _DIRECT_TIME_FACTOR = 1.0002  # later than the direct path takes: to rounding there may be none of just its length
-_PARTS_SEARCHED_FULLY = (0.0, 0.1, 0.25, 0.5, 0.8)  # of the list of open times, for more than the standard candidates
+_PARTS_OF_SMALL = (0.0, 0.1, 0.25, 0.5, 0.8)  # of the list of open times, for more than the standard candidates
 _GRID_S = 0.25  # between arrival times that are tested for the necessary conditions
-_FULL_SEARCH_FLEET = 12  # aircraft up to which every kind of candidate is tried
+_SMALL_FLEET = 12  # aircraft up to which every kind of candidate is tried
 _WINDOW_PARTS = (0.0, 0.12, 0.25, 0.4, 0.55, 0.7, 0.85, 1.0)
 _WINDOW_ROTATIONS = 8
 _DIRECT_INTERVALS = 64
@@ -62,14 +62,14 @@ class FleetTask:
         return self.request.rule in ("at", "times")
 
     @property
-    def searched_fully(self) -> bool:
+    def is_small(self) -> bool:
         """Whether the fleet is small enough to try every kind of candidate."""
-        return self.rows.size <= _FULL_SEARCH_FLEET
+        return self.rows.size <= _SMALL_FLEET
 
     @property
     def levels(self) -> tuple[CandidateSet, ...]:
         """The candidates to try one after the other."""
-        return (STANDARD, WITH_TURN_LEG_PATHS, WITH_SPLINES) if self.searched_fully else (STANDARD,)
+        return (STANDARD, WITH_TURN_LEG_PATHS, WITH_SPLINES) if self.is_small else (STANDARD,)
 
     @cached_property
     def preferred(self) -> ArrivalTimes:
@@ -148,7 +148,7 @@ def later_stage(fleet: FleetTask) -> Stage:
     if first is None or fleet.request.rule == "windows":
         return
     tried = [(factor, STANDARD) for factor in _DELAYS[1:] if factor <= _LONG_DELAY]
-    tried += [(factor, level) for level in fleet.levels[1:2] for factor in _DELAYS_SEARCHED_FULLY]
+    tried += [(factor, level) for level in fleet.levels[1:2] for factor in _DELAYS_OF_SMALL]
     tried += [(factor, STANDARD) for factor in _DELAYS if factor > _LONG_DELAY]
     for factor, candidate_set in tried:
         times = factor * (first - offsets) + offsets
@@ -158,8 +158,8 @@ def later_stage(fleet: FleetTask) -> Stage:
 
 def open_stage(fleet: FleetTask, arrivals: Sequence[Intervals]) -> Stage:
     """Times that are open to each aircraft by itself, with more and more candidates."""
-    times = [t for t in _open_times(fleet, arrivals) if fleet.admissible(t[None])[0]]
-    few = [times[k] for k in sorted({round(u * (len(times) - 1)) for u in _PARTS_SEARCHED_FULLY})] if times else []
+    times = [t for t in _times_open_to_all(fleet, arrivals) if fleet.admissible(t[None])[0]]
+    few = [times[k] for k in sorted({round(u * (len(times) - 1)) for u in _PARTS_OF_SMALL})] if times else []
     for candidate_set in fleet.levels:
         for t in times if candidate_set is STANDARD else few:
             yield _trying(t, candidate_set)
@@ -183,7 +183,7 @@ def open_arrivals(fleet: FleetTask, on_progress: Callable[[str], None]) -> list[
     arrivals = arrival_sets(fleet.tasks, fleet.airspace, request.latest_s, request.windows_s)
     if request.windows_s is not None:
         return None if any(on and not own for on, own in zip(fleet.active, arrivals, strict=True)) else arrivals
-    if fleet.searched_fully and not fleet.common(arrivals):
+    if fleet.is_small and not fleet.common(arrivals):
         on_progress("looking again, with splines, for a time that is open to all")
         arrivals = arrival_sets(fleet.tasks, fleet.airspace, request.latest_s, with_splines=True)
     return arrivals
@@ -202,7 +202,7 @@ def _first_times(fleet: FleetTask) -> ArrivalTimes | None:
     return times if np.max(times) <= request.latest_s else None
 
 
-def _open_times(fleet: FleetTask, arrivals: Sequence[Intervals]) -> Iterator[ArrivalTimes]:
+def _times_open_to_all(fleet: FleetTask, arrivals: Sequence[Intervals]) -> Iterator[ArrivalTimes]:
     """Arrival times to try, the preferred ones first; only such as are open to every aircraft by itself."""
     request, offsets, preferred = fleet.request, fleet.offsets, fleet.preferred
     if request.windows_s is not None:

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from anser.planning.certified.detours import SHAPES
+from anser.planning.certified.detours import DETOUR_KINDS
 
-RACETRACK = SHAPES
+RACETRACK = DETOUR_KINDS
 # How the airspeed is chosen. One change to a speed whose mean is: as preferred; such that the direct path takes the
 # time. One change, to the least or the greatest; or such that the mean is halfway from there to the preferred one. Two
 # changes: slow first, then fast; fast, then slow; as it is, then fast; as it is, then slow.
@@ -19,8 +19,8 @@ class CandidateSet(NamedTuple):
     ----------
     speeds, altitude_detours
         One row per profile: how the airspeed is chosen, and the detour in altitude, m.
-    words, shapes, sides
-        One row per detour: rank of the direct path by its length, which shape (`RACETRACK` after the others), side.
+    words, detour_kinds, sides
+        One row per detour: rank of the direct path by its length, which kind (`RACETRACK` after the others), side.
     turn_leg_starts
         Turn-and-leg paths are looked for per profile from so many starts.
     kept
@@ -36,7 +36,7 @@ class CandidateSet(NamedTuple):
     speeds: tuple[int, ...]
     altitude_detours: tuple[float, ...]
     words: tuple[int, ...]
-    shapes: tuple[int, ...]
+    detour_kinds: tuple[int, ...]
     sides: tuple[int, ...]
     turn_leg_starts: int = 0
     kept: int | None = None
@@ -55,7 +55,7 @@ def make_candidate_set(
     speeds: Sequence[int],
     altitude_detours: Sequence[float],
     words: Sequence[int],
-    shapes: Sequence[int],
+    detour_kinds: Sequence[int],
     turn_leg_starts: int = 0,
     kept: int | None = None,
     rounds: int = 1,
@@ -63,10 +63,10 @@ def make_candidate_set(
 ) -> CandidateSet:
     """Every combination of profiles and detours, to both sides, with turn-and-leg paths and splines (starts, kept)."""
     profiles = [(speed, detour) for speed in speeds for detour in altitude_detours]
-    ways = [(word, shape, side) for word in words for shape in shapes for side in (1, -1)]
+    ways = [(word, kind, side) for word in words for kind in detour_kinds for side in (1, -1)]
     speed_column, altitude_column = zip(*profiles, strict=True)
-    word_column, shape_column, side_column = zip(*ways, strict=True)
-    columns = (speed_column, altitude_column, word_column, shape_column, side_column)
+    word_column, kind_column, side_column = zip(*ways, strict=True)
+    columns = (speed_column, altitude_column, word_column, kind_column, side_column)
     return CandidateSet(*columns, turn_leg_starts, kept, rounds, *splines)
 
 

@@ -13,13 +13,13 @@ from anser.numerics.stacking import rows_where
 from anser.planning.certified.candidate_sets import RACETRACK, CandidateSet
 from anser.planning.certified.clearance import Track, clearance_from_keep_outs
 from anser.planning.certified.delivery import deliver
-from anser.planning.certified.detours import SHAPES, detour, solve_detour, solve_racetrack
+from anser.planning.certified.detours import DETOUR_KINDS, detour, solve_detour, solve_racetrack
 from anser.planning.certified.profile import TabulatedProfile
 from anser.planning.certified.route import PathEnds, TurnsAndLegs, route
 from anser.planning.certified.spline_trajectories import find_splines
 from anser.planning.certified.task import AircraftTask, Airspace
 from anser.planning.certified.timed_profile import TimedProfile, timed_profiles
-from anser.planning.certified.tracking import path_track, sample_profile, shape_track
+from anser.planning.certified.tracking import path_track, route_track, sample_profile
 from anser.planning.certified.turn_leg_paths import (
     TurnLegProblem,
     keep_outs_along_path,
@@ -36,8 +36,8 @@ _RACETRACK_COST, _TURN_LEG_COST, _SPLINE_COST = 2.0, 3.0, 6.0  # of unusual path
 _INVALID, _NOT_SEARCHED = 1e6, 1e9
 
 
-class Shapes(NamedTuple):
-    """Horizontal shapes of candidates, which make a path together with a profile.
+class Routes(NamedTuple):
+    """Turns and legs of candidates, which make a path together with a profile.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class Candidates(eqx.Module):
         Where it is at the instants of the fleet's clock.
     penetration
         How far it goes into keep-outs, m.
-    shapes
+    routes
         Of all but the splines.
     profiles
         Altitude and airspeed by time, by index of the profile: (aircraft, profile).
@@ -84,56 +84,56 @@ class Candidates(eqx.Module):
     speed: Float[Array, "*aircraft candidates"]
     tracks: Track
     penetration: Float[Array, "*aircraft candidates"]
-    shapes: Shapes
+    routes: Routes
     profiles: TabulatedProfile
     splines: TimedPath | None
 
     def paths(self, start_time: ScalarLike, chosen: Int[Array, " aircraft"]) -> TimedPath:
         """The path of one candidate of each aircraft of a fleet, from a time (s) on."""
-        fleet, shaped = jnp.arange(chosen.shape[0]), self.shapes.profile.shape[1]
-        shape = jax.tree.map(lambda leaf: leaf[fleet, jnp.minimum(chosen, shaped - 1)], self.shapes)
-        profiles = jax.tree.map(lambda leaf: leaf[fleet, shape.profile], self.profiles)
-        routes = jax.vmap(route)(shape.ends, shape.turns_and_legs)
+        fleet, routed = jnp.arange(chosen.shape[0]), self.routes.profile.shape[1]
+        own = jax.tree.map(lambda leaf: leaf[fleet, jnp.minimum(chosen, routed - 1)], self.routes)
+        profiles = jax.tree.map(lambda leaf: leaf[fleet, own.profile], self.profiles)
+        routes = jax.vmap(route)(own.ends, own.turns_and_legs)
         paths = jax.vmap(deliver, in_axes=(None, 0, 0))(start_time, profiles, routes)
         if self.splines is None:
             return paths
-        own = jax.tree.map(lambda leaf: leaf[fleet, jnp.maximum(chosen - shaped, 0)], self.splines)
-        own = eqx.tree_at(lambda p: p.times, own, start_time + own.times)
-        return rows_where(chosen >= shaped, own, paths)
+        splines = jax.tree.map(lambda leaf: leaf[fleet, jnp.maximum(chosen - routed, 0)], self.splines)
+        splines = eqx.tree_at(lambda p: p.times, splines, start_time + splines.times)
+        return rows_where(chosen >= routed, splines, paths)
 
 
-class _Shaped(NamedTuple):
-    """Candidates with a shape and a profile; fields as of `Candidates`."""
+class _Routed(NamedTuple):
+    """Candidates of turns and legs; fields as of `Candidates`."""
 
     generator: Count
     valid: Flag
     cost: Scalar
     turned: Scalar
     speed: Scalar
-    shapes: Shapes
+    routes: Routes
 
 
-def _shaped(
+def _routed(
     generator: int, timed: TimedProfile, solved: TurnsAndLegs, fits: Flag, cost: Scalar, profile: Count
-) -> _Shaped:
+) -> _Routed:
     valid = timed.within_limits & solved.exists & fits & jnp.isfinite(timed.table.length)
     turned = jnp.sum(jnp.abs(solved.angles))
-    shapes = Shapes(timed.ends, solved, profile)
-    return _Shaped(jnp.asarray(generator), valid, turned + cost, turned, timed.speed, shapes)
+    routes = Routes(timed.ends, solved, profile)
+    return _Routed(jnp.asarray(generator), valid, turned + cost, turned, timed.speed, routes)
 
 
-def shaped_candidates(
+def routed_candidates(
     task: AircraftTask, airspace: Airspace, duration: ScalarLike, intervals: int, candidate_set: CandidateSet
-) -> tuple[_Shaped, TabulatedProfile]:
+) -> tuple[_Routed, TabulatedProfile]:
     """Detours and turn-and-leg paths of one aircraft for a duration (s), and their profiles; stacked."""
     duration = jnp.asarray(duration, dtype=float)
     timed = timed_profiles(task, airspace, duration, intervals, candidate_set)
     numbers = jnp.arange(len(candidate_set.speeds))
     each_way = jax.vmap(functools.partial(_detour, task, candidate_set), in_axes=(None, None, 0, 0, 0))
-    words, shapes, sides = (jnp.asarray(x) for x in (candidate_set.words, candidate_set.shapes, candidate_set.sides))
+    tables = candidate_set.words, candidate_set.detour_kinds, candidate_set.sides
     altitude_detours = jnp.asarray(candidate_set.altitude_detours)
     costs = jnp.abs(timed.speed / task.speed - 1.0) * 20.0 + jnp.abs(altitude_detours) / 400.0
-    found = jax.vmap(each_way, in_axes=(0, 0, None, None, None))(timed, (costs, numbers), words, shapes, sides)
+    found = jax.vmap(each_way, in_axes=(0, 0, None, None, None))(timed, (costs, numbers), *map(jnp.asarray, tables))
     if candidate_set.turn_leg_starts:
         free = jax.vmap(functools.partial(_turn_leg_paths, task, airspace, candidate_set.turn_leg_starts))(
             timed, (costs, numbers)
@@ -152,32 +152,32 @@ def _detour(
     timed: TimedProfile,
     about: tuple[Scalar, Count],
     word: Count,
-    shape: Count,
+    kind: Count,
     side: Count,
-) -> _Shaped:
+) -> _Routed:
     """The direct path of a rank by length, or the detour from it that takes the time."""
     base = jax.tree.map(lambda leaf: leaf[word], timed.direct)
     wanted = timed.table.length
-    solved = solve_detour(timed.ends, base, detour(jnp.minimum(shape, SHAPES - 1), side), wanted)
-    if RACETRACK in candidate_set.shapes:
+    solved = solve_detour(timed.ends, base, detour(jnp.minimum(kind, DETOUR_KINDS - 1), side), wanted)
+    if RACETRACK in candidate_set.detour_kinds:
         held = solve_racetrack(timed.ends, base, side.astype(float), wanted)
-        solved = jax.tree.map(lambda a, b: jnp.where(shape == RACETRACK, a, b), held, solved)
+        solved = jax.tree.map(lambda a, b: jnp.where(kind == RACETRACK, a, b), held, solved)
     fits = (task.side == 0) | (task.side * side > 0)
     cost, profile = about
-    cost = cost + jnp.where(shape == RACETRACK, _RACETRACK_COST, 0.0) + 0.01 * shape
-    return _shaped(DETOUR, timed, solved, fits, cost, profile)
+    cost = cost + jnp.where(kind == RACETRACK, _RACETRACK_COST, 0.0) + 0.01 * kind
+    return _routed(DETOUR, timed, solved, fits, cost, profile)
 
 
 def _turn_leg_paths(
     task: AircraftTask, airspace: Airspace, starts: int, timed: TimedProfile, about: tuple[Scalar, Count]
-) -> _Shaped:
+) -> _Routed:
     """Turn-and-leg paths that take the time; they bend to any side, so only where either will do."""
     schedule = make_radius_schedule(timed.table, timed.ends, task.limits, airspace.gravity)
     keep_outs = keep_outs_along_path(timed.table, airspace.keep_outs)
     problem = TurnLegProblem(timed.ends, schedule, keep_outs, timed.table.length)
     solved = solve_turn_leg_paths(problem, make_starts(starts), int(_PART_REFINED * starts))
     cost, profile = about
-    return jax.vmap(lambda one: _shaped(TURN_LEG_PATH, timed, one, task.side == 0, cost + _TURN_LEG_COST, profile))(
+    return jax.vmap(lambda one: _routed(TURN_LEG_PATH, timed, one, task.side == 0, cost + _TURN_LEG_COST, profile))(
         solved
     )
 
@@ -191,15 +191,15 @@ def _aircraft_candidates(
     duration: Scalar,
 ) -> Candidates:
     """The candidates of one aircraft."""
-    found, profiles = shaped_candidates(task, airspace, duration, intervals, candidate_set)
+    found, profiles = routed_candidates(task, airspace, duration, intervals, candidate_set)
     samples = jax.vmap(lambda profile: sample_profile(profile, times))(profiles)
 
-    def tracked(shape: Shapes, speed: Scalar) -> tuple[Track, Flag]:
-        profile, sampled = jax.tree.map(lambda leaf: leaf[shape.profile], (profiles, samples))
+    def tracked(one: Routes, speed: Scalar) -> tuple[Track, Flag]:
+        profile, sampled = jax.tree.map(lambda leaf: leaf[one.profile], (profiles, samples))
         about = task.limits, airspace.gravity, task.active
-        return shape_track(shape.ends, shape.turns_and_legs, speed, profile, sampled, times, *about)
+        return route_track(one.ends, one.turns_and_legs, speed, profile, sampled, times, *about)
 
-    tracks, within_limits = jax.vmap(tracked)(found.shapes, found.speed)
+    tracks, within_limits = jax.vmap(tracked)(found.routes, found.speed)
     common = (found.generator, found.valid & within_limits, found.cost, found.turned, found.speed, tracks)
     paths = None
     if candidate_set.spline_starts:
@@ -214,7 +214,7 @@ def _aircraft_candidates(
     generator, valid, cost, turned, speed, tracks = common
     clearance = jax.vmap(lambda one: clearance_from_keep_outs(one, times, airspace.keep_outs))(tracks)
     penetration = jnp.sum(jnp.maximum(-clearance, 0.0), axis=-1)
-    return Candidates(generator, valid, cost, turned, speed, tracks, penetration, found.shapes, profiles, paths)
+    return Candidates(generator, valid, cost, turned, speed, tracks, penetration, found.routes, profiles, paths)
 
 
 def fleet_candidates(
@@ -272,7 +272,7 @@ def _for_some(
 
 def _joined(first: Candidates, extra: Candidates) -> Candidates:
     """Two sets of candidates of each aircraft as one; there are splines in the second only."""
-    later = eqx.tree_at(lambda c: c.shapes.profile, extra, extra.shapes.profile + first.profiles.length.shape[1])
-    shaped = eqx.tree_at(lambda c: c.splines, later, None)
-    both = jax.tree.map(lambda a, b: jnp.concatenate([a, b], axis=1), first, shaped)
+    later = eqx.tree_at(lambda c: c.routes.profile, extra, extra.routes.profile + first.profiles.length.shape[1])
+    routed = eqx.tree_at(lambda c: c.splines, later, None)
+    both = jax.tree.map(lambda a, b: jnp.concatenate([a, b], axis=1), first, routed)
     return eqx.tree_at(lambda c: c.splines, both, extra.splines, is_leaf=lambda leaf: leaf is None)

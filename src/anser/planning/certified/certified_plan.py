@@ -12,8 +12,8 @@ from anser.numerics import leading, namespace, zeros_as
 from anser.planning.certified.broad_phase import INTERVALS_PER_CYLINDER, fleet_clearance_ratio, fleet_cylinders
 from anser.planning.certified.candidate_sets import CandidateSet
 from anser.planning.certified.candidates import SPLINE, fleet_candidates
-from anser.planning.certified.certificate import PathBounds, excess, path_bounds
 from anser.planning.certified.clearance import Track, clearance_from_keep_outs
+from anser.planning.certified.path_bounds import PathBounds, excess, path_bounds
 from anser.planning.certified.placement import Placement, fewest_first, place
 from anser.planning.certified.task import AircraftTask, Airspace
 from anser.planning.certified.tracking import path_track
@@ -66,6 +66,10 @@ _ROUNDING_M = 1e-3
 class CertifiedPlan(eqx.Module):
     """Paths of a fleet; leading axis aircraft.
 
+    Whether a path is good is said in steps: `valid`, one was found within its aircraft's own limits; then, of what was
+    found, `certificate.kept_alone`, limits and keep-outs are kept between all knots too; `certificate.kept`, and the
+    separation from the others; `feasible`, all of this together.
+
     Attributes
     ----------
     paths
@@ -75,7 +79,7 @@ class CertifiedPlan(eqx.Module):
     certificate
         What they keep.
     valid
-        Whether a path was found for each within its own limits.
+        Whether a path was found for each within its own limits, as far as its samples tell.
     lengths
         Of the paths through the air, in space, from the plan's last renewal on, m.
     turned

@@ -1,4 +1,4 @@
-"""From shape and tabulated profile to the path that is delivered."""
+"""From route and tabulated profile to the path that is delivered."""
 
 import jax
 import jax.numpy as jnp
@@ -26,13 +26,13 @@ def _knots(marks: Float[Array, " marks"], duration: Scalar, intervals: int) -> F
     return jax.lax.scan(merge, jnp.zeros(()), times)[1]
 
 
-def deliver(start_time: ScalarLike, table: TabulatedProfile, shape: Route) -> TimedPath:
+def deliver(start_time: ScalarLike, table: TabulatedProfile, horizontal: Route) -> TimedPath:
     """Path from a time (s) on, with knots at equal intervals and wherever curvature, climb or speed has a kink.
 
-    The table's length is the shape's to a part in a million, which the airspeed takes up.
+    The table's length is the route's to a part in a million, which the airspeed takes up.
     """
     duration = table.profile.duration
-    marks = jax.vmap(table.time_at)(shape.marks[1:-1] * (table.length / jnp.maximum(shape.length, 1.0)))
+    marks = jax.vmap(table.time_at)(horizontal.marks[1:-1] * (table.length / jnp.maximum(horizontal.length, 1.0)))
     times = _knots(jnp.concatenate([marks, table.profile.kinks]), duration, table.lengths.shape[0] - 1)
     # From knot to knot, where nothing kinks: the table's lengths are a little off where a kink lies within an interval,
     # and in a cell of some hundredths of a second a tenth of a millimetre is an acceleration of 1 m/s^2.
@@ -43,11 +43,11 @@ def deliver(start_time: ScalarLike, table: TabulatedProfile, shape: Route) -> Ti
     drifts = jnp.concatenate([jnp.zeros((1, 3)), jnp.cumsum(drifted, axis=0)])
     # It ends where it was to end: the table's drift has led there.
     astray = (table.drift_n - drifts[-1]) / duration
-    scale = shape.length / jnp.maximum(lengths[-1], 1.0)
+    scale = horizontal.length / jnp.maximum(lengths[-1], 1.0)
 
     def one(t: Scalar, length: Scalar, drift: Vector3) -> tuple[Float[Array, "3 3"], Float[Array, "3 3"]]:
         (speed, wind), (speed_dot, wind_dot) = jax.jvp(table.rates, (t,), (jnp.ones_like(t),))
-        place, heading, curvature = shape.at(scale * length)
+        place, heading, curvature = horizontal.at(scale * length)
         drift, wind = drift + t * astray, wind + astray
         now = table.profile.at(t)
         ahead = cis(heading)

@@ -21,7 +21,7 @@ TURN = 2 * np.pi
 WORDS = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]])
 # Headings of the three legs in units of the angle, right first; parts of the two unknown lengths that each leg has;
 # part of the direct path's straight length that it has besides.
-_SHAPES = (
+_DETOURS = (
     # right, then left of the line: a corner in the middle, near the start, near the end
     ((1.0, -1.0, -1.0), (1.0, 0.0, 0.0), (0.0, 0.5, 0.5), (0.0, 0.0, 0.0)),
     ((1.0, -0.4, -0.4), (1.0, 0.0, 0.0), (0.0, 0.5, 0.5), (0.0, 0.0, 0.0)),
@@ -31,8 +31,8 @@ _SHAPES = (
     # first to one side, then to the other
     ((1.0, -1.0, 1.0), (0.5, 0.0, 0.5), (0.0, 1.0, 0.0), (0.0, 0.0, 0.0)),
 )
-HEADINGS, FIRST, SECOND, FIXED = (np.array([shape[k] for shape in _SHAPES]) for k in range(4))
-SHAPES = len(_SHAPES)
+HEADINGS, FIRST, SECOND, FIXED = (np.array([kind[k] for kind in _DETOURS]) for k in range(4))
+DETOUR_KINDS = len(_DETOURS)
 ANGLE_MAX = np.array([2.6, 2.1, 2.1, 2.4, 1.5])
 _HEADINGS_TRIED = 48
 _AHEAD = 1e-3  # rad
@@ -132,9 +132,9 @@ class Detour(eqx.Module):
     angle_max: Scalar
 
 
-def detour(shape: Count | int, side: ScalarLike) -> Detour:
-    """One of the shapes (0 to SHAPES - 1), to a side (+1 right, -1 left)."""
-    headings, *others = (jnp.asarray(table)[shape] for table in (HEADINGS, FIRST, SECOND, FIXED, ANGLE_MAX))
+def detour(kind: Count | int, side: ScalarLike) -> Detour:
+    """One kind of detour (0 to DETOUR_KINDS - 1), to a side (+1 right, -1 left)."""
+    headings, *others = (jnp.asarray(table)[kind] for table in (HEADINGS, FIRST, SECOND, FIXED, ANGLE_MAX))
     return Detour(side * headings, *others)
 
 

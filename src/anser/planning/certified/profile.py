@@ -1,4 +1,4 @@
-"""Altitude and airspeed by time, chosen before the shape of the path; what they make of the air's motion.
+"""Altitude and airspeed by time, chosen before the route; what they make of the air's motion.
 
 Both rise and fall by smoothsteps, so that acceleration is continuous; both begin with the aircraft's own acceleration,
 which fades. The length of the horizontal path, and how far the air drifts, follow by quadrature on a uniform grid.

@@ -1,4 +1,4 @@
-"""The horizontal shape of a path: turns and straight legs, by length along it."""
+"""The horizontal part of a path, its route: turns and straight legs, by length along it."""
 
 import equinox as eqx
 import jax
@@ -147,10 +147,10 @@ def tightness(ends: PathEnds, scale: ScalarLike) -> tuple[Scalar, Scalar]:
     return ends.curvature_max / scale, ends.sharpness / scale
 
 
-def route(ends: PathEnds, shape: TurnsAndLegs) -> Route:
+def route(ends: PathEnds, solved: TurnsAndLegs) -> Route:
     """Path of turns with legs between them."""
-    begun, angles = roll_out(ends), shape.angles
-    curvatures, sharpest = jax.vmap(tightness, in_axes=(None, 0))(ends, shape.scales)
+    begun, angles = roll_out(ends), solved.angles
+    curvatures, sharpest = jax.vmap(tightness, in_axes=(None, 0))(ends, solved.scales)
     turns = jax.vmap(smooth_turn)(angles, curvatures, sharpest)
     zero = jnp.zeros(())
     sign = jnp.where(angles < 0.0, -1.0, 1.0)
@@ -161,7 +161,7 @@ def route(ends: PathEnds, shape: TurnsAndLegs) -> Route:
         bends += [turns.peak[k], turns.peak[k], zero]
         sharps += [rate, zero, -rate]
         if k < LEGS:
-            lengths.append(shape.legs[k])
+            lengths.append(solved.legs[k])
             bends.append(zero)
             sharps.append(zero)
     steps = jnp.stack(lengths)

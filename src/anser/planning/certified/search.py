@@ -25,7 +25,7 @@ _TIME_TOLERANCE = 5e-4  # part of itself by which a time differs from one that n
 _EXTENSIONS = 2  # times at most that an attempt is repeated with more aircraft that look at the extra candidates
 
 Progress = Callable[[str], None]
-After = Callable[[CertifiedPlan], np.ndarray]
+FailedAfterArrival = Callable[[CertifiedPlan], np.ndarray]
 Failed = Bool[np.ndarray, " aircraft"]
 
 
@@ -110,7 +110,7 @@ class _Searcher:
     start_time: float
     fleet: FleetTask
     on_progress: Progress
-    after: After
+    failed_after_arrival: FailedAfterArrival
 
     def run(self, state: _State, stage: Stage, to_the_end: bool = False) -> _State:
         """Attempt what a stage proposes, up to the first plan, or to its end: then the last plan found stands."""
@@ -165,7 +165,7 @@ class _Searcher:
         )
         failed = fleet.active & ~np.asarray(plan.feasible)
         if not failed.any():
-            failed = fleet.active & self.after(plan)
+            failed = fleet.active & self.failed_after_arrival(plan)
             if failed.any():
                 state = replace(state, without_holds=plan)
         return plan, failed, state
@@ -178,7 +178,7 @@ def search(
     request: ArrivalRequest,
     on_progress: Progress = lambda what: None,
     thorough: bool = True,
-    after: After = lambda plan: np.zeros(plan.arrival_times.shape, dtype=bool),
+    failed_after_arrival: FailedAfterArrival = lambda plan: np.zeros(plan.arrival_times.shape, dtype=bool),
 ) -> Outcome:
     """Find a plan whose certificate keeps everything.
 
@@ -198,16 +198,16 @@ def search(
         Called with what is being done.
     thorough
         False stops after the first times.
-    after
+    failed_after_arrival
         Called with a plan that keeps everything: which aircraft do not after their arrivals.
     """
     fleet = FleetTask(tasks, airspace, request)
-    searcher = _Searcher(start_time, fleet, on_progress, after)
+    searcher = _Searcher(start_time, fleet, on_progress, failed_after_arrival)
     on_progress("planning")
     state = searcher.run(_State(), first_stage(fleet, thorough))
     if state.plan is not None or fleet.times_given or not thorough:
         return state.outcome()
-    if fleet.searched_fully and request.rule != "windows" and not fleet.admissible(fleet.times_asked()).any():
+    if fleet.is_small and request.rule != "windows" and not fleet.admissible(fleet.times_asked()).any():
         return state.outcome()
     state = searcher.run(state, later_stage(fleet))
     if state.plan is not None:
@@ -216,7 +216,7 @@ def search(
     if arrivals is None:
         return state.outcome()
     state = searcher.run(state, open_stage(fleet, arrivals))
-    if state.plan is not None and request.rule == "earliest" and fleet.searched_fully:
+    if state.plan is not None and request.rule == "earliest" and fleet.is_small:
         arrival_s = float(np.max(np.asarray(state.plan.arrival_times)[fleet.active])) - start_time
         state = searcher.run(state, earlier_stage(fleet, arrival_s), to_the_end=True)
     return state.outcome(None if request.rule == "windows" else arrivals)

@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float
 
 from anser.numerics.gauss_newton import Damping, Search, begin_search, closest_of, search_steps
 from anser.numerics.tridiagonal import BlockTridiagonal, solve
-from anser.planning.certified.certificate import PathBounds, excess, path_bounds
+from anser.planning.certified.path_bounds import PathBounds, excess, path_bounds
 from anser.planning.certified.profile import KINKS
 from anser.planning.certified.route import PIECES
 from anser.planning.certified.spline import Spline, spline_path

@@ -71,9 +71,11 @@ class _Instant(eqx.Module):
     """Whether bank angle, load factor, and acceleration and deceleration along the path are within limits."""
 
 
-def _instant(here: ProfileSamples, shape: Route, scale: Scalar, limits: PathLimits, gravity: ScalarLike) -> _Instant:
-    """One instant of a profile along a shape that is `scale` times as long as the profile's path."""
-    place, heading, curvature = shape.at(scale * here.length)
+def _instant(
+    here: ProfileSamples, horizontal: Route, scale: Scalar, limits: PathLimits, gravity: ScalarLike
+) -> _Instant:
+    """One instant of a profile along a route that is `scale` times as long as the profile's path."""
+    place, heading, curvature = horizontal.at(scale * here.length)
     ahead = cis(heading)
     level = place + here.since_end * here.speed * ahead
     down = -here.altitude - here.since_end * here.climb
@@ -93,7 +95,7 @@ def _instant(here: ProfileSamples, shape: Route, scale: Scalar, limits: PathLimi
     return _Instant(position, jnp.sqrt(side**2 + forward**2 + here.climb_dot**2), kept | (here.since_end > 0.0))
 
 
-def shape_track(
+def route_track(
     ends: PathEnds,
     turns_and_legs: TurnsAndLegs,
     speed: ScalarLike,
@@ -104,14 +106,14 @@ def shape_track(
     gravity: ScalarLike,
     active: ScalarLike = 1.0,
 ) -> tuple[Track, Flag]:
-    """Where a candidate with a shape is at the times of its samples (s), and whether its limits are kept there.
+    """Where a candidate with a route is at the times of its samples (s), and whether its limits are kept there.
 
     Limits of altitude, airspeed and climb are its profile's, and not looked at again.
 
     Parameters
     ----------
     ends, turns_and_legs
-        The shape.
+        Its route.
     speed
         Mean airspeed, m/s.
     table, samples, times
@@ -119,10 +121,10 @@ def shape_track(
     limits, gravity, active
         What it is held to; m/s^2; 0 for one that does not count.
     """
-    shape = route(ends, turns_and_legs)
-    scale = shape.length / jnp.maximum(table.length, 1.0)
+    horizontal = route(ends, turns_and_legs)
+    scale = horizontal.length / jnp.maximum(table.length, 1.0)
     step = times[1] - times[0]
-    seen = jax.vmap(lambda here: _instant(here, shape, scale, limits, gravity))(samples)
+    seen = jax.vmap(lambda here: _instant(here, horizontal, scale, limits, gravity))(samples)
     # Between the instants a ramp may have raised it.
     tightest = jnp.min(turns_and_legs.scales)
     rising = 0.25 * step * tightness(ends, tightest)[1] * speed**3

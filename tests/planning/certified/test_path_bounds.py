@@ -11,8 +11,8 @@ from jaxtyping import TypeCheckError
 from anser.compiling import compiled_quickly
 from anser.environment import AbstractWind, LayeredWind
 from anser.planning.certified import AircraftTask, Airspace, KeepOuts, Separation, no_keep_outs
-from anser.planning.certified.certificate import excess, path_bounds
 from anser.planning.certified.certified_plan import certify
+from anser.planning.certified.path_bounds import excess, path_bounds
 from anser.planning.certified.smooth_turn import cis
 from anser.planning.limits import CERTIFIED_LIMITS, PathLimits
 from anser.planning.rendezvous import make_rendezvous
