@@ -191,6 +191,21 @@ def test_separation_counts_the_plane_or_scaled_height(crossing):
     assert flat.separated.least_m == pytest.approx(87.0 / math.sqrt(2.0), abs=1e-6)
 
 
+def test_another_fleet_and_duration_compile_nothing(crossing, caplog):
+    zone = KeepOut(name="zone", north_m=9000.0, east_m=0.0, radius_m=500.0)
+    four = jax.tree.map(lambda leaf: np.concatenate([leaf, leaf[:1]]), CROSSING)
+    two = jax.tree.map(lambda leaf: np.asarray(leaf)[:2], CROSSING)
+    with jax.log_compiles():
+        found = [
+            _plan(four, (END, END, 20.1, END), (500.0, 100.0), (zone,)),
+            _plan(two, (25.0, 25.0), None, (zone, zone)),
+        ]
+    assert "Compiling" not in caplog.text
+    assert found[0].nearest.least_pair == (0, 3)  # the same path
+    assert found[1].nearest.least_m == pytest.approx(crossing.nearest.least_m, abs=1e-6)
+    assert [one.keep_out_room_m.shape for one in found] == [(4, 1), (2, 2)]
+
+
 def test_keep_outs_that_move(crossing):
     # The first flies east at north 0, 5000 m north of the cell's middle; the cell moves west 40 m/s: abeam at t with
     # -2013 + 150 t = 3000 - 40 t.

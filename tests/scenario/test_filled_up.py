@@ -4,6 +4,7 @@ from pathlib import Path
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -93,9 +94,7 @@ def test_what_fills_up_changes_nothing():
 def test_wind_is_that_of_the_layers_given():
     for height in (0.0, 250.0, 1000.0, 5000.0):
         found = [
-            build_flight(loads(layers(count)), filled_up=True).environment.wind.velocity_n(
-                np.array([0.0, 0.0, -height])
-            )
+            build_flight(loads(layers(count)), filled_up=True).environment.wind.at(jnp.array([0.0, 0.0, -height]), 0.0)
             for count in (3, 4)
         ]
         if height <= 1000.0:
