@@ -75,3 +75,11 @@ def test_path_limits(storm):
     scenario, _ = storm
     limits = build_path_limits(scenario)
     np.testing.assert_allclose(limits.bank_max, np.deg2rad(scenario.limits.bank_max_deg))
+
+
+@pytest.mark.parametrize("seed", [0, 7, 2**31 + 5])
+def test_the_key_is_that_of_jax(storm, seed):
+    flight = build_flight(storm[0].replace("seed", seed))
+    expected = jax.random.key_data(jax.random.key(seed))
+    assert flight.key.dtype == expected.dtype
+    np.testing.assert_array_equal(flight.key, expected)

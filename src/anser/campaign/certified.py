@@ -89,7 +89,10 @@ class CertifiedPlanned(Planned):
         """Where the plan differs from what the scenario prefers, the mean airspeed, in one sentence; or nothing."""
         if self.outcome.plan is None:
             return ()
-        asked_m_s, found_m_s = self.scenario.fleet.speed_m_s, np.asarray(self.plan.lengths / self.plan.arrival_times)
+        asked_m_s, found_m_s = (
+            self.scenario.fleet.speed_m_s,
+            np.asarray(self.plan.lengths) / np.asarray(self.plan.arrival_times),
+        )
         others = np.flatnonzero(np.abs(found_m_s / asked_m_s - 1.0) > SPEED_TOLERANCE)
         if not others.size:
             return ()

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 import xarray as xr
 
@@ -13,7 +12,7 @@ from anser.campaign.certified import NOT_PROVEN, CertifiedPlanned, not_proven
 from anser.campaign.plan_interface import Planned
 from anser.campaign.plan_samples import PlannedPath, sample_plan, sample_times
 from anser.campaign.planned import PublishedPlanned
-from anser.numerics import leading
+from anser.numerics import leading, rows_at
 from anser.planning import CERTIFIED_LIMITS, LIMIT_MESSAGES, LIMITS, PLAN_MESSAGES, PathLimits, turn_words
 from anser.planning.certified import AircraftTask, CertifiedPlan
 from anser.report import draw_plan
@@ -110,7 +109,7 @@ def record_certified(
     Rows of stacked tasks that are not active fill the fleet up to a size: they are no aircraft of the scenario.
     """
     rows = np.flatnonzero(np.asarray(tasks.active) > 0.0)
-    made, asked = jax.tree.map(lambda leaf: np.asarray(leaf)[rows], (plan, tasks.limits))
+    made, asked = rows_at((plan, tasks.limits), rows)
     found = made.certificate
     good, ratio = np.asarray(plan.feasible)[rows], float(np.min(np.asarray(found.clearance_ratio)[:, rows]))
     details = PlanDetails(

@@ -107,14 +107,15 @@ class PublishedPlanned(Planned):
         if self.arrival_s >= duration_s:
             found.append(f"the fleet arrives at {self.arrival_s:.1f} s, the flight ends at {duration_s:g} s")
         codes, stopped = (np.asarray(rows) for rows in statuses(self.flight, self.state))
+        planned, limits = np.asarray(self.plan.status), np.asarray(self.limits.status)
         for k, aircraft in enumerate(self.scenario.aircraft):
             status = int(codes[k])
             if stopped[k] or broken_off(status):
                 found.append(f'aircraft "{aircraft.name}": {STATUS_MESSAGES[status]}')
-            elif int(self.plan.status[k]):
-                found.append(f'aircraft "{aircraft.name}": {PLAN_MESSAGES[int(self.plan.status[k])]}')
-            elif int(self.limits.status[k]):
-                found.append(f'aircraft "{aircraft.name}": {LIMIT_MESSAGES[int(self.limits.status[k])]}')
+            elif planned[k]:
+                found.append(f'aircraft "{aircraft.name}": {PLAN_MESSAGES[int(planned[k])]}')
+            elif limits[k]:
+                found.append(f'aircraft "{aircraft.name}": {LIMIT_MESSAGES[int(limits[k])]}')
         return tuple(found)
 
     def path_words(self) -> tuple[str, ...]:

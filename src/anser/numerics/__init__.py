@@ -1,6 +1,6 @@
 """Numerical building blocks: tables, integration, quadrature, roots, small algebra."""
 
-from anser.numerics.arrays import as_array, filled_up, leading, namespace, zeros_as
+from anser.numerics.arrays import as_array, few_sizes, filled_up, leading, namespace, rows_at, zeros_as
 from anser.numerics.integrate import rk4_step
 from anser.numerics.linear import cross, inverse3, product3, solve3, times3
 from anser.numerics.stacking import Stacked, any_in_batch, rows_of, stacked, structure_of
@@ -13,6 +13,7 @@ __all__ = [
     "any_in_batch",
     "as_array",
     "cross",
+    "few_sizes",
     "filled_up",
     "inverse3",
     "leading",
@@ -21,6 +22,7 @@ __all__ = [
     "namespace",
     "product3",
     "rk4_step",
+    "rows_at",
     "rows_of",
     "solve3",
     "stacked",

@@ -1,5 +1,6 @@
 """Arrays made of numbers that are known, or traced."""
 
+import math
 from collections.abc import Callable
 from types import ModuleType
 from typing import Any, TypeVar
@@ -18,9 +19,19 @@ def namespace(*values: Any) -> ModuleType:
     return jnp if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(values)) else np
 
 
+def rows_at(rows: T, which: slice | np.ndarray) -> T:
+    """Some rows of all arrays that have any; numbers as they are."""
+    return jax.tree.map(lambda leaf: as_array(np.asarray(leaf)[which], None) if np.ndim(leaf) else leaf, rows)
+
+
 def leading(rows: T, count: int) -> T:
     """The first rows of all arrays that have any; numbers as they are."""
-    return jax.tree.map(lambda leaf: as_array(np.asarray(leaf)[:count], None) if np.ndim(leaf) else leaf, rows)
+    return rows_at(rows, slice(count))
+
+
+def few_sizes(count: int, least: int) -> int:
+    """The least of `least`, twice as many, ... that is not below a count: few sizes are few programs."""
+    return least * 2 ** max(0, math.ceil(math.log2(count / least)))
 
 
 def filled_up(rows: T, size: int) -> T:

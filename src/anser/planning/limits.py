@@ -7,6 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from anser.numerics import as_array
 from anser.shapes import Scalar, ScalarLike
 from anser.variables import UNITS
 
@@ -27,13 +28,13 @@ class PathLimits(eqx.Module):
     """Vertical speed relative to the air, up or down, m/s."""
     altitude_min: Scalar
     """m."""
-    altitude_max: Scalar = eqx.field(default_factory=lambda: jnp.asarray(jnp.inf))
+    altitude_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))
     """m."""
-    load_factor_max: Scalar = eqx.field(default_factory=lambda: jnp.asarray(jnp.inf))
+    load_factor_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))
     """1."""
-    acceleration_max: Scalar = eqx.field(default_factory=lambda: jnp.asarray(jnp.inf))
+    acceleration_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))
     """Of V_dot + g sin(gamma), what the engine gives beyond drag, m/s^2."""
-    deceleration_max: Scalar = eqx.field(default_factory=lambda: jnp.asarray(jnp.inf))
+    deceleration_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))
     """The same with the engine idle, positive, m/s^2."""
 
 

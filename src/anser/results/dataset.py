@@ -3,17 +3,18 @@
 from collections.abc import Mapping, Sequence
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float
 
 from anser.compiling import compiled
+from anser.numerics import as_array, few_sizes, filled_up
 from anser.results.variable_labels import converted, labels_of, record_coordinates
 from anser.shapes import Scalar
 from anser.spatial import geodetic_from_flat
 from anser.variables import CATALOGUE, DERIVED_KEYS, RECORDED_KEYS, Variable
 
+_ROWS = 4096  # positions are converted in so many rows, or twice, four times, ...: few sizes compile seldom
 _REFERENCE = ("reference_latitude_deg", "reference_longitude_deg")
 
 
@@ -95,15 +96,16 @@ def _checked(variable: Variable, values: np.ndarray, shape: tuple[int, int]) -> 
 
 
 def _geodetic(arrays: Mapping[str, np.ndarray], latitude: float, longitude: float) -> tuple[np.ndarray, np.ndarray]:
-    position_n = jnp.stack(
-        [jnp.asarray(arrays["north"]), jnp.asarray(arrays["east"]), -jnp.asarray(arrays["altitude"])], axis=-1
-    )
-    found_latitude, found_longitude, _ = _places(position_n, jnp.asarray(latitude), jnp.asarray(longitude))
-    return np.asarray(found_latitude), np.asarray(found_longitude)
+    positions = np.stack([arrays["north"], arrays["east"], -np.asarray(arrays["altitude"])], axis=-1)
+    rows = positions.reshape(-1, 3)
+    filled = filled_up(rows, few_sizes(len(rows), _ROWS)) if len(rows) else rows
+    places = _places(as_array(filled), as_array(latitude), as_array(longitude))[:2]
+    found = [np.asarray(one)[: len(rows)].reshape(positions.shape[:2]) for one in places]
+    return found[0], found[1]
 
 
 @compiled
 def _places(
-    position_n: Float[Array, "time aircraft 3"], latitude: Scalar, longitude: Scalar
-) -> tuple[Float[Array, "time aircraft"], Float[Array, "time aircraft"], Float[Array, "time aircraft"]]:
-    return jax.vmap(jax.vmap(lambda position: geodetic_from_flat(position, latitude, longitude, 0.0)))(position_n)
+    positions_n: Float[Array, "rows 3"], latitude: Scalar, longitude: Scalar
+) -> tuple[Float[Array, " rows"], Float[Array, " rows"], Float[Array, " rows"]]:
+    return jax.vmap(lambda position: geodetic_from_flat(position, latitude, longitude, 0.0))(positions_n)

@@ -26,7 +26,7 @@ def write_netcdf(dataset: xr.Dataset, path: Path) -> None:
     }
     partial = path.with_name(path.name + ".part")
     try:
-        dataset.to_netcdf(partial, mode="w", format="NETCDF4", engine="h5netcdf", encoding=encoding)
+        dataset.to_netcdf(partial, mode="w", format="NETCDF4", engine="netcdf4", encoding=encoding)
         partial.rename(path)
     finally:
         partial.unlink(missing_ok=True)
@@ -35,7 +35,7 @@ def write_netcdf(dataset: xr.Dataset, path: Path) -> None:
 def read_netcdf(path: Path) -> xr.Dataset:
     """Read a dataset that `write_netcdf` wrote, whole, equal to the one written."""
     # Times are plain seconds from the start of the flight, not dates.
-    dataset = xr.load_dataset(path, engine="h5netcdf", decode_times=False, decode_timedelta=False)
+    dataset = xr.load_dataset(path, engine="netcdf4", decode_times=False, decode_timedelta=False)
     if "aircraft" in dataset.coords:
         names = dataset["aircraft"]
         dataset = dataset.assign_coords(aircraft=("aircraft", names.values.astype(np.str_), names.attrs))

@@ -4,7 +4,6 @@ import math
 from collections.abc import Sequence
 
 import equinox as eqx
-import jax
 import numpy as np
 from jaxtyping import Array
 
@@ -28,7 +27,7 @@ from anser.environment import (
     somigliana,
     wgs84_earth,
 )
-from anser.numerics import as_array, rows_of
+from anser.numerics import as_array, few_sizes, rows_of
 from anser.planning import (
     GoalMotion,
     PathLimits,
@@ -98,9 +97,14 @@ def build_flight(scenario: Scenario, *, filled_up: bool = False) -> Flight:
         timing.step_s,
         round(timing.replan_period_s / timing.step_s),
         timing.freeze_s,
-        None if scenario.seed is None else jax.random.key_data(jax.random.key(scenario.seed)),
+        None if scenario.seed is None else _key(scenario.seed),
         len(scenario.aircraft),
     )
+
+
+def _key(seed: int) -> Array:
+    """Key of the generator (Threefry) for a seed, as `jax.random.key` makes it; without compiling."""
+    return as_array([seed >> 32 & 0xFFFFFFFF, seed & 0xFFFFFFFF], np.uint32)
 
 
 def _vehicle(
@@ -158,17 +162,12 @@ def _wind(scenario: Scenario) -> AbstractWind:
     if scenario.wind.layers is None:
         return SteadyWind(_ned(profile[0][1]))
     altitudes, velocities = zip(*profile, strict=True)
-    more = _size(len(altitudes), _LAYERS) - len(altitudes)
+    more = few_sizes(len(altitudes), _LAYERS) - len(altitudes)
     above = [altitudes[-1] + k * _ABOVE_M for k in range(1, more + 1)]  # where the wind is that of the last layer
     return LayeredWind(
         as_array([*altitudes, *above]),
         rows_of([_ned(velocity) for velocity in [*velocities, *[velocities[-1]] * more]]),
     )
-
-
-def _size(count: int, least: int) -> int:
-    """The least of `least`, twice as many, ... that is not below a count."""
-    return least * 2 ** max(0, math.ceil(math.log2(count / least)))
 
 
 def build_path_limits(scenario: Scenario) -> PathLimits:
@@ -218,7 +217,7 @@ def _certified(scenario: Scenario, fleet: Sequence[Aircraft], guidance: Guidance
 def _keep_outs(scenario: Scenario) -> KeepOuts:
     rows = [(v.north_m, v.east_m, *v.velocity_m_s()[:2], v.radius_m, v.bottom_m, v.top_m) for v in scenario.keep_out]
     if rows:
-        rows += [(0.0, 0.0, 0.0, 0.0, 0.0, _BEYOND_M, _BEYOND_M)] * (_size(len(rows), _KEEP_OUTS) - len(rows))
+        rows += [(0.0, 0.0, 0.0, 0.0, 0.0, _BEYOND_M, _BEYOND_M)] * (few_sizes(len(rows), _KEEP_OUTS) - len(rows))
     table = np.reshape(rows, (-1, 7))
     return KeepOuts(*map(as_array, (table[:, :2], table[:, 2:4], table[:, 4], table[:, 5], table[:, 6])))
 
@@ -260,7 +259,7 @@ def _goals(goals: Sequence[Goal]) -> list[GoalMotion]:
     motions = [_motion(goal) for goal in goals]
     count = max(motion.times.shape[0] for motion in motions)
     if count > 1:
-        count = _size(count, _WAYPOINTS)
+        count = few_sizes(count, _WAYPOINTS)
     return [pad_waypoints(motion, count) for motion in motions]
 
 

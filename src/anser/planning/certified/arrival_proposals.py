@@ -76,15 +76,15 @@ class FleetTask:
         """Time of each by the direct path at its preferred speed, s."""
         tasks = self.tasks
         times, found = direct_times(tasks, self.airspace, tasks.speed, _DIRECT_INTERVALS)
-        line = tasks.rendezvous_n - tasks.position_n
-        straight = np.linalg.norm(np.asarray(line), axis=1) / np.asarray(tasks.speed)
+        line = np.asarray(tasks.rendezvous_n) - np.asarray(tasks.position_n)
+        straight = np.linalg.norm(line, axis=1) / np.asarray(tasks.speed)
         level = np.where(np.asarray(found), np.asarray(times), 1.2 * straight)
         return np.clip(np.maximum(level, self._time_to_height(level)), 1.0, self.request.latest_s)
 
     def _time_to_height(self, times: ArrivalTimes) -> ArrivalTimes:
         """Least time for the change of altitude, within climb rate and acceleration along the path, s."""
         tasks, limits, gravity = self.tasks, self.tasks.limits, float(self.airspace.gravity)
-        down = np.asarray(tasks.rendezvous_n - tasks.position_n)[:, 2]
+        down = (np.asarray(tasks.rendezvous_n) - np.asarray(tasks.position_n))[:, 2]
         fall = down + times * np.asarray(tasks.goal_velocity_n)[:, 2]
         force = np.where(fall > 0.0, np.asarray(limits.deceleration_max), np.asarray(limits.acceleration_max))
         rate = np.minimum(np.asarray(limits.climb_rate_max), force * np.asarray(tasks.speed) / gravity)

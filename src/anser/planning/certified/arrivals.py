@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from anser.compiling import compiled_by_older_generator
+from anser.numerics import as_array, rows_at
 from anser.planning.certified.candidate_sets import ALONE_SPLINES, ALONE_STANDARD, ALONE_TURN_LEG_PATHS, CandidateSet
 from anser.planning.certified.candidates import fleet_candidates
 from anser.planning.certified.necessary_conditions import may_arrive
@@ -58,7 +59,7 @@ def _reachable_at(
     tasks: AircraftTask,
     airspace: Airspace,
     durations: Float[Array, " n"],
-    count: int,
+    count: Count,
     intervals: int,
     candidate_set: CandidateSet,
 ) -> Bool[Array, " n"]:
@@ -89,9 +90,11 @@ def reachable(
         for begin in range(0, left.size, _AT_ONCE):
             # Filled up to one size: one compiled program for all.
             some, filled = left[begin : begin + _AT_ONCE], np.resize(left[begin : begin + _AT_ONCE], _AT_ONCE)
-            asked = jax.tree.map(lambda leaf, filled=filled: leaf[who[filled]], tasks)
-            good = _reachable_at(asked, airspace, jnp.asarray(durations[filled]), some.size, intervals, candidate_set)
-            found[some] = np.asarray(good)[: some.size]
+            asked = rows_at(tasks, who[filled])
+            count, times = as_array(some.size, np.int32), as_array(durations[filled])
+            found[some] = np.asarray(_reachable_at(asked, airspace, times, count, intervals, candidate_set))[
+                : some.size
+            ]
     return found
 
 
@@ -146,8 +149,7 @@ def arrival_sets(
         low = windows_s[:, 0]
         grid = low[:, None] + (windows_s[:, 1] - low)[:, None] * np.linspace(0.0, 1.0, _IN_WINDOW)[None, :]
     else:
-        line = tasks.rendezvous_n - tasks.position_n
-        distance = np.linalg.norm(np.asarray(line), axis=1)
+        distance = np.linalg.norm(np.asarray(tasks.rendezvous_n) - np.asarray(tasks.position_n), axis=1)
         low = np.clip(distance / (_OVER_GROUND * np.asarray(tasks.limits.speed_max)), 2.0, 0.9 * latest_s)
         grid = low[:, None] * (latest_s / low)[:, None] ** np.linspace(0.0, 1.0, count)[None, :]
     fleet = np.flatnonzero(np.asarray(tasks.active) > 0.0)

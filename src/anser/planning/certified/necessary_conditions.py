@@ -3,10 +3,14 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
+from anser.compiling import compiled_quickly
+from anser.environment import AbstractWind
+from anser.numerics import as_array
 from anser.planning.certified.task import AircraftTask, Airspace
 from anser.planning.separation import separation_ratio
+from anser.shapes import Scalar
 
 _ALTITUDES = 65  # at which the wind is asked for its greatest speed
 _WIND_FACTOR = 1.02
@@ -16,11 +20,15 @@ _ALTITUDE_MARGIN_M = 1000.0  # above and below all ends: where detours in altitu
 
 def _strongest_wind(tasks: AircraftTask, airspace: Airspace) -> float:
     """Greatest speed of the wind between all ends and somewhat beyond, m/s."""
-    end = tasks.rendezvous_n
-    both = -np.append(np.asarray(end)[:, 2], np.asarray(tasks.position_n)[:, 2])
-    heights = jnp.linspace(np.min(both) - _ALTITUDE_MARGIN_M, np.max(both) + _ALTITUDE_MARGIN_M, _ALTITUDES)
-    winds = jax.vmap(lambda h: airspace.wind.at(jnp.stack([0.0 * h, 0.0 * h, -h]), 0.0))(heights)
-    return _WIND_FACTOR * float(jnp.max(jnp.linalg.norm(winds, axis=1)))
+    both = -np.append(np.asarray(tasks.rendezvous_n)[:, 2], np.asarray(tasks.position_n)[:, 2])
+    heights = np.linspace(np.min(both) - _ALTITUDE_MARGIN_M, np.max(both) + _ALTITUDE_MARGIN_M, _ALTITUDES)
+    return _WIND_FACTOR * float(_strongest(airspace.wind, as_array(heights)))
+
+
+@compiled_quickly
+def _strongest(wind: AbstractWind, heights: Float[Array, " n"]) -> Scalar:
+    winds = jax.vmap(lambda h: wind.at(jnp.stack([0.0 * h, 0.0 * h, -h]), 0.0))(heights)
+    return jnp.max(jnp.linalg.norm(winds, axis=1))
 
 
 def may_arrive(
@@ -28,8 +36,9 @@ def may_arrive(
 ) -> Bool[np.ndarray, " pairs"]:
     """Whether a duration (s) meets the necessary conditions: distance, height, a rendezvous outside keep-outs."""
     limits, t = tasks.limits, durations[:, None]
-    end = tasks.rendezvous_n
-    line = np.asarray(end - tasks.position_n)[who] + t * np.asarray(tasks.goal_velocity_n)[who]
+    line = (np.asarray(tasks.rendezvous_n) - np.asarray(tasks.position_n))[who] + t * np.asarray(tasks.goal_velocity_n)[
+        who
+    ]
     wind = _strongest_wind(tasks, airspace)
     fast = np.linalg.norm(line[:, :2], axis=1) <= (np.asarray(limits.speed_max)[who] + wind) * durations
     gentle = np.abs(line[:, 2]) <= (np.asarray(limits.climb_rate_max)[who] + wind) * durations

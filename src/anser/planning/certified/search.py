@@ -4,10 +4,10 @@ import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool
 
+from anser.numerics import as_array
 from anser.planning.certified.arrival_proposals import (
     FleetTask,
     Stage,
@@ -158,10 +158,10 @@ class _Searcher:
             self.start_time,
             fleet.tasks,
             fleet.airspace,
-            jnp.asarray(times),
+            as_array(times),
             intervals_for(float(np.max(times))),
             candidate_set,
-            None if extra_for is None else jnp.asarray(extra_for),
+            None if extra_for is None else as_array(extra_for, bool),
         )
         failed = fleet.active & ~np.asarray(plan.feasible)
         if not failed.any():

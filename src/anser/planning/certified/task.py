@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from anser.environment import AbstractWind
+from anser.numerics import namespace
 from anser.planning.limits import PathLimits
 from anser.planning.rendezvous import Rendezvous
 from anser.planning.separation import Separation
@@ -57,7 +58,8 @@ class AircraftTask(eqx.Module):
     @property
     def rendezvous_n(self) -> Vector3:
         """Its rendezvous at the start of the plan, NED, m."""
-        return self.goal_position_n + self.rendezvous.stand_off_n
+        xp = namespace(self)
+        return xp.asarray(self.goal_position_n) + xp.asarray(self.rendezvous.stand_off_n)
 
     def meeting_n(self, after: ScalarLike) -> Vector3:
         """Its rendezvous after a time (s), NED, m."""
