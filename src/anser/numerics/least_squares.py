@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from anser.numerics.gauss_newton import Damping, Linearized, Search, begin_search, search_step
+from anser.numerics.linear import solve_positive
 from anser.shapes import Count, Flag, Scalar
 
 Parameters = TypeVar("Parameters")
@@ -112,4 +113,4 @@ def damped_solve(matrix: Float[Array, "n n"], vector: Float[Array, " n"], dampin
     normal = matrix.T @ matrix
     floor = 1e-14 * jnp.max(jnp.diagonal(normal)) + 1e-30
     square = normal + (damping + floor) * jnp.eye(vector.size)
-    return jax.scipy.linalg.cho_solve((jnp.linalg.cholesky(square), True), matrix.T @ vector)
+    return solve_positive(square, matrix.T @ vector)
