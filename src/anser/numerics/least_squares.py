@@ -113,4 +113,7 @@ def damped_solve(matrix: Float[Array, "n n"], vector: Float[Array, " n"], dampin
     normal = matrix.T @ matrix
     floor = 1e-14 * jnp.max(jnp.diagonal(normal)) + 1e-30
     square = normal + (damping + floor) * jnp.eye(vector.size)
-    return solve_positive(square, matrix.T @ vector)
+    # Its own derivative: that of the system, not of the elimination.
+    return jax.lax.custom_linear_solve(
+        lambda x: square @ x, matrix.T @ vector, lambda _, right: solve_positive(square, right), symmetric=True
+    )
