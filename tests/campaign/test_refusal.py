@@ -66,3 +66,17 @@ def test_rendezvous_points_that_are_too_close_are_named_with_their_distances():
     # A sequence longer than the flight leaves no time to look at.
     late = ArrivalRequest("sequence", 200.0, offsets_s=np.array([0.0, 250.0]))
     assert refusal._too_close(NAMES, FleetTask(*task, late)) == []
+
+
+def test_missing_holds_are_told_of_the_aircraft_there_are():
+    scenario = SimpleNamespace(aircraft=[SimpleNamespace(name=name) for name in NAMES])
+    fleet = SimpleNamespace(active=np.array([True, True, True]))
+    ratios = np.full((4, 4), np.inf)
+    ratios[0, 1] = ratios[1, 0] = 0.4
+    ratios[3, :3] = ratios[:3, 3] = 0.1  # one that only fills the fleet up
+    holds = SimpleNamespace(clear=np.array([False, False, False, False]), clearance_ratio=ratios)
+    found = refusal.explain_missing_holds(scenario, fleet, holds)
+    assert len(found) == 2
+    assert found[0].startswith('"alpha" and "bravo" can arrive, but no holds afterwards keep them apart')
+    assert "0.40 of the separation" in found[0]
+    assert found[1].startswith('aircraft "charlie" can arrive, but no hold afterwards keeps it within')

@@ -50,8 +50,9 @@ def explain(scenario: Scenario, fleet: FleetTask, outcome: Outcome) -> tuple[str
 def explain_missing_holds(scenario: Scenario, fleet: FleetTask, holds: PlannedHolds) -> tuple[str, ...]:
     """Sentences that say who could arrive, but cannot hold afterwards, given the best holds that were found."""
     names = [one.name for one in scenario.aircraft]
-    found, ratios = [], np.asarray(holds.clearance_ratio)
-    for k in np.flatnonzero(~np.asarray(holds.clear) & fleet.active):
+    known = slice(len(names))  # not those that fill the fleet up
+    found, ratios = [], np.asarray(holds.clearance_ratio)[known, known]
+    for k in np.flatnonzero(~np.asarray(holds.clear)[known] & fleet.active):
         other = int(np.argmin(ratios[k]))
         if ratios[k, other] >= 1.0:
             found.append(
