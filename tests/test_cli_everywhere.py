@@ -308,6 +308,33 @@ def test_no_progress_without_a_screen_or_by_quiet(monkeypatch, capsys):
     assert capsys.readouterr() == ("", "")
 
 
+def test_the_bar_counts_what_can_be_counted_and_moves_otherwise(monkeypatch):
+    seen = []
+    update = console.Progress.update
+
+    def watch(self, task, **what):
+        update(self, task, **what)
+        seen.append((self.tasks[0].description, self.tasks[0].percentage if self.tasks[0].total else None))
+
+    monkeypatch.setattr(console.Progress, "update", watch)
+    fresh = compiled(lambda x: 3.0 * x)
+    with progress_bar() as tell:
+        tell("planning", None)
+        tell("flying", 0.25)
+        fresh(jnp.ones(3))
+        tell("flying", 0.5)
+        tell("writing", None)
+    assert seen == [
+        ("starting", None),
+        ("planning", None),
+        ("flying", 25.0),
+        ("flying: compiling", None),
+        ("flying", 25.0),
+        ("flying", 50.0),
+        ("writing", None),
+    ]
+
+
 def test_the_progress_says_when_anser_compiles_and_only_then(monkeypatch):
     said = []
     monkeypatch.setattr(console.Progress, "update", lambda self, task, **what: said.append(what.get("description")))

@@ -17,11 +17,11 @@ _R = TypeVar("_R")
 BATCH = 128
 """Flights of one compiled call: larger batches are no faster on a few cores."""
 
-Progress = Callable[[str, float], None]
-"""Called with what is being done and the part that is done, 0..1."""
+Progress = Callable[[str, float | None], None]
+"""Called with what is being done and the part that is done, 0..1; None where nobody knows how long it takes."""
 
 
-def silent(what: str, done: float) -> None:
+def silent(what: str, done: float | None) -> None:
     """Tell nobody: `Progress` where none is wanted."""
 
 

@@ -135,7 +135,7 @@ def run(scenario: Scenario, progress: Progress | None = None, planned: Planned |
     scenario
         Validated, from `load`.
     progress
-        Called now and then with what is being done and how much of the flight is behind.
+        Called now and then with what is being done and how much of the flight is behind; None before and after it.
     planned
         A finished plan of this scenario, from `anser.plan` or `anser.campaign.read_plan`; None: one is made.
 
@@ -151,7 +151,7 @@ def run(scenario: Scenario, progress: Progress | None = None, planned: Planned |
     on_progress = progress or silent
     began = clock.perf_counter()
     if planned is None:
-        planned = plan(scenario, lambda what: on_progress(what, 0.0), _prepare)
+        planned = plan(scenario, lambda what: on_progress(what, None), _prepare)
     elif planned.scenario != scenario:
         raise ValueError(f"planned: arrived a plan for {planned.scenario.name}; expected one for the scenario itself")
     from anser.results import summarize, to_dataset, version_attributes
@@ -176,7 +176,7 @@ def run(scenario: Scenario, progress: Progress | None = None, planned: Planned |
     history = {key: np.concatenate([part[key] for part in segments])[: steps + 1] for key in segments[0]}
     time_s = np.arange(steps + 1) * timing.step_s
     wall_s = clock.perf_counter() - began
-    on_progress("summing up", 1.0)
+    on_progress("summing up", None)
     summary = summarize(time_s, history, scenario, wall_s, planned.path_words())
     stride = round(timing.record_period_s / timing.step_s)
     dataset = to_dataset(

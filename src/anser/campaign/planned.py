@@ -166,7 +166,7 @@ def plan(
     enable_compilation_cache()
     if scenario.fleet.planner == "certified":
         return plan_certified(scenario, on_progress, ahead)
-    on_progress("planning")
+    on_progress("trimming and planning")
     flight = build_flight(scenario, filled_up=True)
     start = _start.prepare(flight).begin()
     following = ahead(flight, start.shapes[0])

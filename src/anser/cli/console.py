@@ -156,8 +156,11 @@ def _clock(seconds: float) -> str:
     return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
 
 
-def progress_bar() -> contextlib.AbstractContextManager[Callable[[str, float], None]]:
-    """Bar with the time gone and left, gone at the end, never there without a screen; told what is done, and 0 to 1."""
+def progress_bar() -> contextlib.AbstractContextManager[Callable[[str, float | None], None]]:
+    """Bar with the time gone and left, gone at the end, never there without a screen.
+
+    It is told what is being done and how much of it is done, 0 to 1; None: nobody knows, the bar only moves.
+    """
     return _shown("starting", 1.0, _doing(), BarColumn(_BAR_WIDTH), TaskProgressColumn(), _Times())
 
 
@@ -180,15 +183,20 @@ def _shown(what: str, total: float | None, *columns: ProgressColumn) -> Iterator
         *columns, console=note, transient=True, disable=disable, speed_estimate_period=_SPEED_PERIOD_S
     ) as bar:
         task = bar.add_task("", total=total)
-        now = what
-        bar.update(task, description=what)
+        now, part = what, None
+
+        def show(compiling: bool) -> None:
+            # How long the compiler takes nobody knows either.
+            bar.tasks[0].total = None if compiling or part is None else total
+            bar.update(task, description=f"{now}: compiling" if compiling else now, completed=part)
 
         def tell(doing: str, done: float | None = None) -> None:
-            nonlocal now
-            now = doing
-            bar.update(task, description=doing, completed=done)
+            nonlocal now, part
+            now, part = doing, done
+            show(compiling=False)
 
-        with watching(lambda compiling: bar.update(task, description=f"{now}: compiling" if compiling else now)):
+        show(compiling=False)
+        with watching(show):
             yield tell
 
 

@@ -82,7 +82,7 @@ def run(
     try:
         with kept_unless_empty(target), progress_bar() as tell:
             flown = fly(wanted, tell, None if plan is None else _finished_plan(plan, wanted))
-            tell("writing", 1.0)
+            tell("writing", None)
             flown.write_into(target)
     except NoPlanError as error:
         end_without("no plan", error.reasons, "no plan: ")
