@@ -220,3 +220,20 @@ def test_an_aircraft_that_meets_the_ground_stops_there_and_is_named():
     # breaking off does not help it; what it ended with is told
     assert any(status.endswith(STATUS_MESSAGES[AT_GROUND]) for status in _by_name(flown, "status").values())
     assert all(bool(np.isfinite(flown.dataset[name]).all()) for name in ("north_m", "altitude_m", "airspeed_m_s"))
+
+
+@pytest.mark.long
+def test_aircraft_that_fill_the_fleet_up_change_nothing():
+    found = []
+    for filled_up in (False, True):
+        flight = build_flight(loads(THREE), filled_up=filled_up)
+        state, _ = _start(flight)
+        _, _, history = fly_segment(without_replanning(flight), state, jnp.asarray(0, dtype=jnp.int32))
+        found.append(history)
+    exact, filled = found
+    for key, values in exact.items():
+        rows = np.asarray(filled[key])[:, :3]
+        # Another program: rounding of what may be large.
+        np.testing.assert_allclose(rows, values, rtol=1e-9, atol=1e-7, err_msg=key)
+    assert filled["north"].shape[1] == 4
+    assert np.all(np.asarray(filled["north"])[:, 3] == filled["north"][0, 3])  # it never flies

@@ -32,3 +32,21 @@ def test_the_default_lies_in_the_users_cache(monkeypatch):
     import platformdirs
 
     assert _run("") == str(platformdirs.user_cache_path("anser") / "compiled")
+
+
+_KEPT = """
+import jax.numpy as jnp
+from anser.compiling import compiled, enable_compilation_cache
+from anser.numerics import solve3
+enable_compilation_cache()
+print(compiled(solve3)(jnp.eye(3), jnp.arange(3.0)).tolist())
+"""
+
+
+def test_without_a_home_folder_everything_is_computed_all_the_same():
+    """The home is a place below a file, where no folder can be made."""
+    environment = {key: value for key, value in os.environ.items() if not key.startswith(("XDG_", "JAX_COMPILATION"))}
+    environment |= {"HOME": "/dev/null/nobody", "ANSER_COMPILATION_CACHE": ""}
+    command = [sys.executable, "-W", "error", "-c", _KEPT]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
+    assert (done.returncode, done.stdout.strip()) == (0, "[0.0, 1.0, 2.0]"), done.stderr

@@ -137,6 +137,36 @@ def test_a_full_disk_leaves_nothing_behind(store, monkeypatch):
     assert list(store.folder.iterdir()) == []
 
 
+def test_a_folder_that_may_only_be_read_serves_what_it_has(store, monkeypatch):
+    expected = solved()(MATRIX, VECTOR)
+
+    def forbidden(*_, **__):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(store_module.tempfile, "mkstemp", forbidden)
+    monkeypatch.setattr(store_module.os, "utime", forbidden)
+    solved()(MATRIX.astype(jnp.float32), VECTOR.astype(jnp.float32))
+    assert len(store.files()) == 1
+    monkeypatch.setattr(jax, "jit", None)  # whoever traces fails
+    np.testing.assert_array_equal(solved()(MATRIX, VECTOR), expected)
+
+
+def test_what_is_prepared_is_made_beside_and_only_once(store):
+    function = compiled(solve3)
+    shapes = jax.ShapeDtypeStruct((3, 3), jnp.float64), jax.ShapeDtypeStruct((3,), jnp.float64)
+    prepared = function.prepare(*shapes)
+    assert prepared.shapes == shapes[1]
+    assert store.files() == []  # traced; compiled from `begin` on
+    prepared.begin().begin()
+    expected = function(MATRIX, VECTOR)
+    np.testing.assert_allclose(MATRIX @ expected, VECTOR, rtol=1e-12)
+    assert len(store.files()) == 1
+    # What is kept is loaded at once.
+    again = compiled(solve3)
+    assert again.prepare(*shapes).shapes == shapes[1]
+    np.testing.assert_array_equal(again(MATRIX, VECTOR), expected)
+
+
 def test_the_oldest_go_beyond_the_size(tmp_path):
     store = FolderStore(tmp_path, size_max=3_200)
     for number in range(5):

@@ -182,7 +182,7 @@ def _shown(what: str, total: float | None, *columns: ProgressColumn) -> Iterator
     with Progress(
         *columns, console=note, transient=True, disable=disable, speed_estimate_period=_SPEED_PERIOD_S
     ) as bar:
-        task = bar.add_task("", total=total)
+        task = bar.add_task("", total=None)
         now, part = what, None
 
         def show(compiling: bool) -> None:
