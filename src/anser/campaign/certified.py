@@ -158,14 +158,10 @@ def plan_certified(
     flight, count = build_flight(scenario, filled_up=True), len(scenario.aircraft)
     planner = cast(CertifiedPlanner, flight.planner)
     start = _asked.prepare(flight, planner).begin()
-    coming = _programs_ahead(scenario, flight, planner, start.shapes, ahead)
-    following = next(coming, None)  # traced while the start is compiled
+    for program in _programs_ahead(scenario, flight, planner, start.shapes, ahead):
+        program.begin()
     fleet, tasks = _asked(flight, planner)
     refuse_untrimmable(scenario, flight, leading(fleet.trims, count))
-    if following is not None:
-        following.begin()
-        for program in coming:
-            program.begin()
     request = arrival_request(scenario, flight.count)
     outcome, holds = planner.searched(0.0, tasks, request, scenario.timing.duration_s, on_progress)
     refusals: tuple[str, ...] = ()

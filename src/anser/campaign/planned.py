@@ -148,7 +148,7 @@ def plan(
         Called now and then with what is being done.
     ahead
         Prepares a program that is needed next, for a flight and the shapes of its first state: it is traced while the
-        start is compiled, and compiled as soon as that is known to exist.
+        start is compiled, and compiled beside it.
 
     Returns
     -------
@@ -170,9 +170,9 @@ def plan(
     flight = build_flight(scenario, filled_up=True)
     start = _start.prepare(flight).begin()
     following = ahead(flight, start.shapes[0])
+    if following is not None:
+        following.begin()
     state, fleet = _start(flight)
     made = PublishedPlanned(scenario, flight, fleet, (), state)
     refuse_untrimmable(scenario, flight, made.trims)
-    if following is not None:
-        following.begin()
     return made

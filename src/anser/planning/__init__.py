@@ -18,7 +18,7 @@ from anser.planning.published_planner import PublishedPlanner
 from anser.planning.reference import AbstractReference, PathPoint
 from anser.planning.rendezvous import Rendezvous, final_air_velocity, make_rendezvous, time_to_go
 from anser.planning.renewal import renew
-from anser.planning.separation import Separation, nearest_fraction, separation_min, separation_ratio
+from anser.planning.separation import nearest_fraction, separation_min, separation_ratio
 from anser.planning.shape import solve_lateral_bend
 from anser.planning.sides import choose_sides
 from anser.planning.trajectory import Trajectory, bend_trajectory, fit_trajectory, lateral_direction_n, with_even_speed
@@ -43,7 +43,6 @@ __all__ = [
     "PublishedPlanner",
     "Rendezvous",
     "Report",
-    "Separation",
     "Trajectory",
     "arc_length",
     "arc_length_estimate",

@@ -6,8 +6,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from anser.control import GuidanceSettings
-from anser.planning import CERTIFIED_LIMITS, Separation
-from anser.planning.certified import AircraftTask, Airspace, path_bounds
+from anser.planning import CERTIFIED_LIMITS
+from anser.planning.certified import AircraftTask, Airspace, Separation, path_bounds
 from anser.planning.certified.broad_phase import (
     INTERVALS_PER_CYLINDER,
     BoundingCylinders,
