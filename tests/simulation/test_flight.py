@@ -42,7 +42,7 @@ def with_the_plan_standing(three):
     Through the renewal, the derivatives compile for minutes.
     """
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(planner_module, "renew", lambda plan, *others: plan)
+        patch.setattr(planner_module, "renew", lambda plan, *others: (plan, jnp.asarray(False)))
         compiled = eqx.filter_jit(lambda flight, state: fly(flight, state), compiler_options=PLAIN)
         compiled(*three)
         yield compiled
