@@ -57,20 +57,25 @@ class CertifiedPlanned(Planned):
     ----------
     outcome
         Of the search.
-    tasks, airspace
+    all_tasks, airspace
         What was asked of the planner.
     holds
         What the aircraft fly after their arrivals; None where there is no plan.
 
     Notes
     -----
-    Outcome, tasks and holds are of all aircraft of the flight, those that only fill it up among them.
+    Outcome, all tasks and holds are of all aircraft of the flight, those that only fill it up among them.
     """
 
     outcome: Outcome
-    tasks: AircraftTask
+    all_tasks: AircraftTask
     airspace: Airspace
     holds: PlannedHolds | None
+
+    @functools.cached_property
+    def tasks(self) -> AircraftTask:
+        """What was asked of the scenario's aircraft; leading axis aircraft."""
+        return leading(self.all_tasks, len(self.scenario.aircraft))
 
     @functools.cached_property
     def plan(self) -> CertifiedPlan:
@@ -89,10 +94,8 @@ class CertifiedPlanned(Planned):
         """Where the plan differs from what the scenario prefers, the mean airspeed, in one sentence; or nothing."""
         if self.outcome.plan is None:
             return ()
-        asked_m_s, found_m_s = (
-            self.scenario.fleet.speed_m_s,
-            np.asarray(self.plan.lengths) / np.asarray(self.plan.arrival_times),
-        )
+        asked_m_s, plan = self.scenario.fleet.speed_m_s, self.plan
+        found_m_s = np.asarray(plan.lengths) / np.asarray(plan.arrival_times)
         others = np.flatnonzero(np.abs(found_m_s / asked_m_s - 1.0) > SPEED_TOLERANCE)
         if not others.size:
             return ()
@@ -107,7 +110,7 @@ class CertifiedPlanned(Planned):
         """The fleet at its start, with the plan."""
         if self.outcome.plan is None:
             raise NoPlanError(self.refusals)
-        state = CertifiedPlanState(self.outcome.plan, _first(), self.holds, self.tasks.limits)
+        state = CertifiedPlanState(self.outcome.plan, _first(), self.holds, self.all_tasks.limits)
         return begun(self.flight, self.fleet, state)
 
 

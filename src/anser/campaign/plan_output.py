@@ -12,7 +12,7 @@ from anser.campaign.certified import NOT_PROVEN, CertifiedPlanned, not_proven
 from anser.campaign.plan_interface import Planned
 from anser.campaign.plan_samples import PlannedPath, sample_plan, sample_times
 from anser.campaign.planned import PublishedPlanned
-from anser.numerics import leading, rows_at
+from anser.numerics import rows_at
 from anser.planning import CERTIFIED_LIMITS, LIMIT_MESSAGES, LIMITS, PLAN_MESSAGES, PathLimits, turn_words
 from anser.planning.certified import AircraftTask, CertifiedPlan
 from anser.report import draw_plan
@@ -68,10 +68,8 @@ def record(planned: Planned) -> RecordedPlan:
         return record_published(planned)
     if not isinstance(planned, CertifiedPlanned):
         raise TypeError(f"planned: arrived a {type(planned).__name__}; expected what anser.plan gives")
-    gravity = planned.airspace.gravity
-    count = len(planned.scenario.aircraft)
-    tasks, holds = leading(planned.tasks, count), planned.holds
-    return record_certified(planned.scenario, planned.plan, tasks, gravity, holds, planned.notes())
+    gravity, holds = planned.airspace.gravity, planned.holds
+    return record_certified(planned.scenario, planned.plan, planned.tasks, gravity, holds, planned.notes())
 
 
 def record_published(planned: PublishedPlanned) -> RecordedPlan:
