@@ -78,8 +78,8 @@ def test_path_limits(storm):
 
 
 @pytest.mark.parametrize("seed", [0, 7, 2**31 + 5])
-def test_the_key_is_that_of_jax(storm, seed):
-    flight = build_flight(storm[0].replace("seed", seed))
-    expected = jax.random.key_data(jax.random.key(seed))
-    assert flight.key.dtype == expected.dtype
-    np.testing.assert_array_equal(flight.key, expected)
+def test_the_key_is_that_of_jax_with_the_flight_folded_in(storm, seed):
+    flight = build_flight(storm[0].replace("seed", seed), flight=3)
+    expected = jax.random.key_data(jax.random.fold_in(jax.random.key(seed), 3))
+    assert flight.randomness.key.dtype == expected.dtype
+    np.testing.assert_array_equal(flight.randomness.key, expected)

@@ -2,6 +2,7 @@
 
 from anser.aircraft.actuators import Actuators
 from anser.aircraft.air_data import AirData, air_data
+from anser.aircraft.disturbance import Disturbance, no_disturbance
 from anser.aircraft.f16 import F16, F16Coefficients, f16_from_data
 from anser.aircraft.f16_dispersed import (
     F16_COEFFICIENTS,
@@ -30,6 +31,7 @@ __all__ = [
     "AircraftState",
     "Condition",
     "Controls",
+    "Disturbance",
     "EarthFixedState",
     "F16Coefficients",
     "F16Dispersion",
@@ -51,6 +53,7 @@ __all__ = [
     "motion_derivative",
     "moving_state",
     "no_dispersion",
+    "no_disturbance",
     "seen_state",
     "state_derivative",
 ]

@@ -2,6 +2,7 @@
 
 from typing import TypeVar, cast
 
+from anser.aircraft.disturbance import Disturbance
 from anser.aircraft.interface import AbstractAirframe, AircraftState, Controls
 from anser.aircraft.rigid_body import state_derivative
 from anser.aircraft.round_earth import (
@@ -34,9 +35,14 @@ def seen_state(environment: Environment, state: MotionState) -> AircraftState:
 
 
 def motion_derivative(
-    airframe: AbstractAirframe, environment: Environment, time: ScalarLike, state: Moving, controls: Controls
+    airframe: AbstractAirframe,
+    environment: Environment,
+    time: ScalarLike,
+    state: Moving,
+    controls: Controls,
+    disturbance: Disturbance | None = None,
 ) -> Moving:
     """Time derivative of a state that is integrated, of the same kind."""
     if isinstance(state, AircraftState):
-        return cast(Moving, state_derivative(airframe, environment, time, state, controls))
-    return cast(Moving, earth_fixed_derivative(airframe, environment, time, state, controls))
+        return cast(Moving, state_derivative(airframe, environment, time, state, controls, disturbance))
+    return cast(Moving, earth_fixed_derivative(airframe, environment, time, state, controls, disturbance))

@@ -3,6 +3,7 @@
 import equinox as eqx
 
 from anser.aircraft.air_data import AirData, air_data
+from anser.aircraft.disturbance import Disturbance
 from anser.aircraft.interface import AbstractAirframe, AircraftState, Controls, MassProperties, Wrench
 from anser.environment import Environment, LocalEarth
 from anser.numerics import cross, times3
@@ -18,9 +19,9 @@ class Condition(eqx.Module):
     R_bn
         Rotation NED to body.
     wind_n
-        Velocity of the air over ground, m/s.
+        Mean velocity of the air over ground, without gusts, m/s.
     air_data
-        See `AirData`.
+        See `AirData`; gusts are in it.
     earth
         What the Earth means here at this velocity.
     aerodynamic, propulsive
@@ -46,12 +47,14 @@ def condition(
     time: ScalarLike,
     state: AircraftState,
     rates_air_b: Vector3 | None = None,
+    disturbance: Disturbance | None = None,
 ) -> Condition:
     """Air data, forces and moments of a state at a time (s).
 
     The air turns with the Earth: what damps are the body rates relative to it, not those relative to the travelling NED
     axes, nor the inertial ones. Where they are known otherwise, `rates_air_b` gives them, rad/s: at a pole, where the
-    travelling axes turn without bound, they do not follow from the state.
+    travelling axes turn without bound, they do not follow from the state. `disturbance` is what is met besides the mean
+    wind, None: nothing.
     """
     R_bn = rotation_from_quaternion(state.quaternion)
     wind_n = environment.wind.at(state.position_n, time)
@@ -59,14 +62,21 @@ def condition(
     earth = environment.earth.local(state.position_n, rotate_back(R_bn, state.velocity_b))
     if rates_air_b is None:
         rates_air_b = state.rates_b + rotate(R_bn, earth.transport_rate_n)
-    data = air_data(state.velocity_b - rotate(R_bn, wind_n), altitude, environment.atmosphere.at(altitude))
+    velocity_air_b = state.velocity_b - rotate(R_bn, wind_n)
+    if disturbance is not None:
+        velocity_air_b = velocity_air_b - disturbance.gust.velocity_b
+        rates_air_b = rates_air_b - disturbance.gust.rates_b
+    data = air_data(velocity_air_b, altitude, environment.atmosphere.at(altitude))
+    propulsive = airframe.propulsion(state.power, altitude, data.mach)
+    if disturbance is not None:
+        propulsive = Wrench(disturbance.thrust * propulsive.force_b, disturbance.thrust * propulsive.moment_b)
     return Condition(
         R_bn=R_bn,
         wind_n=wind_n,
         air_data=data,
         earth=earth,
         aerodynamic=airframe.aerodynamics(data, rates_air_b, state.surfaces),
-        propulsive=airframe.propulsion(state.power, altitude, data.mach),
+        propulsive=propulsive,
     )
 
 
@@ -88,12 +98,13 @@ def state_derivative(
     time: ScalarLike,
     state: AircraftState,
     controls: Controls,
+    disturbance: Disturbance | None = None,
 ) -> AircraftState:
     """Time derivative of the state over a flat Earth, as a state of derivatives; see `round_earth` for the other.
 
     Wind enters through the air-relative velocity only, which is exact for a steady wind.
     """
-    now = condition(airframe, environment, time, state)
+    now = condition(airframe, environment, time, state, disturbance=disturbance)
     wrench = now.wrench
     return AircraftState(
         position_n=rotate_back(now.R_bn, state.velocity_b),

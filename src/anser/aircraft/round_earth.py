@@ -3,6 +3,7 @@
 import equinox as eqx
 import jax.numpy as jnp
 
+from anser.aircraft.disturbance import Disturbance
 from anser.aircraft.interface import AbstractAirframe, AircraftState, Controls
 from anser.aircraft.rigid_body import angular_acceleration, condition
 from anser.environment import Environment, RotatingEarth
@@ -101,6 +102,7 @@ def earth_fixed_derivative(
     time: ScalarLike,
     state: EarthFixedState,
     controls: Controls,
+    disturbance: Disturbance | None = None,
 ) -> EarthFixedState:
     """Time derivative of the state over the environment's round Earth, as a state of derivatives.
 
@@ -111,7 +113,7 @@ def earth_fixed_derivative(
     R_be = rotation_from_quaternion(state.quaternion)
     earth_rate_b = earth.rotation_rate * R_be[:, 2]
     rates_air_b = state.rates_b - earth_rate_b
-    wrench = condition(airframe, environment, time, local_state(earth, state), rates_air_b).wrench
+    wrench = condition(airframe, environment, time, local_state(earth, state), rates_air_b, disturbance).wrench
     return EarthFixedState(
         position_e=rotate_back(R_be, state.velocity_b),
         velocity_b=wrench.force_b / airframe.mass_properties.mass

@@ -22,11 +22,11 @@ _MOVES = frozenset(
 )
 _ARITHMETIC = frozenset(
     """
-    abs acos add add_any and argmax argmin asin atan atan2 bitcast_convert_type ceil clamp cos cosh cumsum div eq exp
-    exp2 expm1 floor ge gt integer_pow is_finite le le_to log log1p logistic lt lt_to max min mul ne neg not or pow
-    random_bits random_fold_in random_split random_unwrap random_wrap reduce_and reduce_max reduce_min reduce_or
-    reduce_prod reduce_sum rem round rsqrt scatter-add shift_left shift_right_arithmetic shift_right_logical sign sin
-    sinh sqrt square stop_gradient sub tan tanh threefry2x32 xor
+    abs acos add add_any and argmax argmin asin atan atan2 bitcast_convert_type ceil clamp cos cosh cumsum div eq
+    erf_inv exp exp2 expm1 floor ge gt integer_pow is_finite le le_to log log1p logistic lt lt_to max min mul ne neg
+    not or pow random_bits random_fold_in random_split random_unwrap random_wrap reduce_and reduce_max reduce_min
+    reduce_or reduce_prod reduce_sum rem round rsqrt scatter-add shift_left shift_right_arithmetic shift_right_logical
+    sign sin sinh sqrt square stop_gradient sub tan tanh threefry2x32 xor
     """.split()  # noqa: SIM905
 )
 """Primitives that XLA's CPU compiler never hands to a library, which it cannot call from within a kernel either."""

@@ -18,17 +18,22 @@ from anser.environment.earth import (
 )
 from anser.environment.environment import Environment, standard_environment
 from anser.environment.gravity import gravitation_j2, somigliana
+from anser.environment.gusts import AbstractGusts, AirFlow, Gust, NoGusts
 from anser.environment.wind import AbstractWind, LayeredWind, SteadyWind, steady_wind_from
 
 __all__ = [
     "AbstractAtmosphere",
     "AbstractEarth",
+    "AbstractGusts",
     "AbstractWind",
     "Air",
+    "AirFlow",
     "Environment",
     "FlatEarth",
+    "Gust",
     "LayeredWind",
     "LocalEarth",
+    "NoGusts",
     "RotatingEarth",
     "StandardAtmosphere",
     "SteadyWind",

@@ -3,11 +3,15 @@
 from anser.numerics.arrays import as_array, few_sizes, filled_up, leading, namespace, rows_at, zeros_as
 from anser.numerics.integrate import rk4_step
 from anser.numerics.linear import cross, inverse3, product3, solve3, times3
+from anser.numerics.randomness import AbstractRandomness, Given, Seeded, seeded
 from anser.numerics.stacking import Stacked, any_in_batch, rows_of, stacked, structure_of
 from anser.numerics.tables import Axes, Tables, make_axes, make_tables
 
 __all__ = [
+    "AbstractRandomness",
     "Axes",
+    "Given",
+    "Seeded",
     "Stacked",
     "Tables",
     "any_in_batch",
@@ -24,6 +28,7 @@ __all__ = [
     "rk4_step",
     "rows_at",
     "rows_of",
+    "seeded",
     "solve3",
     "stacked",
     "structure_of",

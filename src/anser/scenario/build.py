@@ -27,7 +27,7 @@ from anser.environment import (
     somigliana,
     wgs84_earth,
 )
-from anser.numerics import as_array, few_sizes, rows_of
+from anser.numerics import as_array, few_sizes, rows_of, seeded
 from anser.planning import (
     GoalMotion,
     PathLimits,
@@ -68,7 +68,7 @@ _BEYOND_M = 1e6  # altitude of the empty cylinders that fill up a list of keep-o
 _SIDES = {"auto": 0, "right": 1, "left": -1}
 
 
-def build_flight(scenario: Scenario, *, filled_up: bool = False) -> Flight:
+def build_flight(scenario: Scenario, *, filled_up: bool = False, flight: int = 0) -> Flight:
     """Build the arrays that a flight is computed from.
 
     Every number of the scenario becomes an array, so that another value of the same shape does not compile again. Shape
@@ -82,6 +82,8 @@ def build_flight(scenario: Scenario, *, filled_up: bool = False) -> Flight:
     filled_up
         Whether the fleet is filled up to a multiple of four aircraft, with copies of the last that never fly: then
         another number of aircraft seldom compiles anew.
+    flight
+        Number of the flight, which with the scenario's seed rules all that is random.
     """
     timing = scenario.timing
     fleet = [*scenario.aircraft, *[scenario.aircraft[-1]] * (-len(scenario.aircraft) % _FLEET if filled_up else 0)]
@@ -97,14 +99,9 @@ def build_flight(scenario: Scenario, *, filled_up: bool = False) -> Flight:
         timing.step_s,
         round(timing.replan_period_s / timing.step_s),
         timing.freeze_s,
-        None if scenario.seed is None else _key(scenario.seed),
+        seeded(scenario.seed, flight),
         len(scenario.aircraft),
     )
-
-
-def _key(seed: int) -> Array:
-    """Key of the generator (Threefry) for a seed, as `jax.random.key` makes it; without compiling."""
-    return as_array([seed >> 32 & 0xFFFFFFFF, seed & 0xFFFFFFFF], np.uint32)
 
 
 def _vehicle(

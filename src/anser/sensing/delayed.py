@@ -86,8 +86,9 @@ class DelayedSensors(AbstractSensors):
         quaternion = jnp.where(periods > jnp.floor(periods), normalize(quaternion), quaternion)
         state = eqx.tree_at(lambda s: s.quaternion, delayed.state, quaternion)
         sight = memory.late(instant.number, jnp.round(periods)).sight
-        now = condition(truth.airframe, instant.environment, instant.time, state)
-        return Reading(state, now, delayed.specific_force_b, sight), memory
+        now = condition(truth.airframe, instant.environment, instant.time, state, disturbance=truth.disturbance)
+        works = truth.goal_sensor_works
+        return Reading(state, now, delayed.specific_force_b, sight, goal_sensor_works=works), memory
 
 
 def _sample(truth: Truth, instant: Instant) -> Sample:

@@ -1,5 +1,6 @@
 """An estimator that believes its sensors as they are."""
 
+import jax
 import jax.numpy as jnp
 
 from anser.aircraft import AbstractAirframe, condition
@@ -20,21 +21,25 @@ class DirectEstimator(AbstractEstimator):
 
     model: AbstractAirframe | None = None
 
-    def init(self, reading: Reading, airframe: AbstractAirframe, instant: Instant) -> None:
-        """Nothing is kept."""
+    def init(self, reading: Reading, airframe: AbstractAirframe, instant: Instant) -> GoalState | None:
+        """The goal as it is seen; None without one."""
+        if reading.sight is None:
+            return None
+        velocity_n = velocity_over_ground_n(reading.now, reading.state)
+        return goal_seen(instant.environment.earth, reading.sight, reading.state.position_n, velocity_n)
 
     def estimate(
-        self, memory: None, reading: Reading, airframe: AbstractAirframe, instant: Instant
-    ) -> tuple[Belief, None]:
-        """Believe the reading."""
+        self, memory: GoalState | None, reading: Reading, airframe: AbstractAirframe, instant: Instant
+    ) -> tuple[Belief, GoalState | None]:
+        """Believe the reading; a goal that is no longer seen is taken to move on steadily."""
         now, model = reading.now, airframe if self.model is None else self.model
         if self.model is not None:
             now = condition(self.model, instant.environment, instant.time, reading.state)
-        goal = None
-        if reading.sight is not None:
-            velocity_n = velocity_over_ground_n(reading.now, reading.state)
-            goal = goal_seen(instant.environment.earth, reading.sight, reading.state.position_n, velocity_n)
-        return Belief(model, reading.state, now, reading.specific_force_b, reading.sight, goal), None
+        goal = self.init(reading, airframe, instant)
+        if goal is not None and memory is not None:
+            ahead = GoalState(memory.position_n + instant.step * memory.velocity_n, memory.velocity_n)
+            goal = jax.tree.map(lambda seen, last: jnp.where(reading.goal_sensor_works, seen, last), goal, ahead)
+        return Belief(model, reading.state, now, reading.specific_force_b, reading.sight, goal), goal
 
 
 def goal_seen(earth: AbstractEarth, sight: LineOfSight, position_n: Vector3, velocity_n: Vector3) -> GoalState:

@@ -18,7 +18,7 @@ class IdealSensors(AbstractSensors):
         """The truth."""
         specific_force_b = truth.now.wrench.force_b / truth.airframe.mass_properties.mass
         sight = true_sight(truth, instant.environment.earth)
-        return Reading(truth.state, truth.now, specific_force_b, sight), None
+        return Reading(truth.state, truth.now, specific_force_b, sight, goal_sensor_works=truth.goal_sensor_works), None
 
 
 def true_sight(truth: Truth, earth: AbstractEarth) -> LineOfSight | None:

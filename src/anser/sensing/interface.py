@@ -1,16 +1,17 @@
 """Interfaces of sensors and estimators: from the truth to readings, from readings to what an aircraft believes."""
 
 import abc
-from typing import Any
+from typing import Any, Literal
 
 import equinox as eqx
-import jax
-from jaxtyping import Array
+from jaxtyping import Array, Bool, Float
 
-from anser.aircraft import AbstractAirframe, AircraftState, Condition
+from anser.aircraft import AbstractAirframe, AircraftState, Condition, Disturbance, no_disturbance
 from anser.environment import Environment
+from anser.numerics import as_array
+from anser.numerics.randomness import BEFORE_FIRST, AbstractRandomness
 from anser.planning import LineOfSight
-from anser.shapes import Count, Scalar, Vector3
+from anser.shapes import Count, Flag, Matrix33, Scalar, Vector3
 from anser.spatial import rotate_back
 
 
@@ -25,31 +26,49 @@ class Instant(eqx.Module):
         Of the sample, from 0.
     step
         Sampling period, s.
-    key
-        Random key of this aircraft in this flight; None where the flight has no seed.
+    randomness
+        Source of the random numbers of this aircraft in this flight; None where nothing may draw any.
     """
 
     environment: Environment
     number: Count
     step: Scalar
-    key: Array | None = None
+    randomness: AbstractRandomness | None = None
 
     @property
     def time(self) -> Scalar:
         """S."""
         return self.number * self.step
 
-    def random_key(self, part: int) -> Array:
-        """Key for what a part of one aircraft draws at this sample: of (seed, flight, aircraft, part, sample) alone.
+    def normals(self, part: int, count: int, *, once: bool = False) -> Array:
+        """Standard normal numbers that a part of one aircraft draws, shape (count,).
+
+        They follow from (seed, flight, aircraft, part, sample) alone.
+
+        Parameters
+        ----------
+        part
+            One of those in `anser.numerics.randomness`, or a user's own from 100 on.
+        count
+            How many.
+        once
+            Those that are drawn once, before the first sample; else those of this sample.
 
         Raises
         ------
         ValueError
             The flight has no seed.
         """
-        if self.key is None:
+        return self._source().normals(part, BEFORE_FIRST if once else self.number, count)
+
+    def uniforms(self, part: int, count: int, *, once: bool = False) -> Array:
+        """As `normals`, between 0 and 1."""
+        return self._source().uniforms(part, BEFORE_FIRST if once else self.number, count)
+
+    def _source(self) -> AbstractRandomness:
+        if self.randomness is None:
             raise ValueError("a part of the closed loop draws random numbers, but the flight has no seed")
-        return jax.random.fold_in(jax.random.fold_in(self.key, part), self.number)
+        return self.randomness
 
 
 class GoalState(eqx.Module):
@@ -70,12 +89,59 @@ class Truth(eqx.Module):
         Its state, and the air data, forces and moments there.
     goal
         Its goal; None for an aircraft without one.
+    goal_sensor_works
+        False once it has lost the sensor of its goal.
+    disturbance
+        Gust and thrust, as far as they are not in the mean wind and a sound engine.
     """
 
     airframe: AbstractAirframe
     state: AircraftState
     now: Condition
     goal: GoalState | None
+    goal_sensor_works: Flag = eqx.field(default_factory=lambda: as_array(True, bool))
+    disturbance: Disturbance = eqx.field(default_factory=no_disturbance)
+
+
+class GoalReading(eqx.Module):
+    """One measurement of a goal, or none.
+
+    Attributes
+    ----------
+    values
+        Line of sight: range (m), azimuth, elevation (rad) in axes North, East, up, and their rates; or a goal's own
+        report: its position (NED, m) and velocity (NED, m/s) in the Earth's chart.
+    sigmas
+        Standard deviations of their errors, same units.
+    measured
+        Which of them there are; none at a sample without a measurement.
+    number
+        Sample at which it was measured; it may arrive later.
+    kind
+        "sight" or "report".
+    """
+
+    values: Float[Array, "6"]
+    sigmas: Float[Array, "6"]
+    measured: Bool[Array, "6"]
+    number: Count
+    kind: Literal["sight", "report"] = eqx.field(static=True)
+
+
+class Fix(eqx.Module):
+    """Position and velocity by satellite navigation.
+
+    Attributes
+    ----------
+    position_n, velocity_n
+        NED, m in the Earth's chart and m/s over the ground; those of the last fix where there is no new one.
+    new
+        Whether it is of this sample.
+    """
+
+    position_n: Vector3
+    velocity_n: Vector3
+    new: Flag
 
 
 class Reading(eqx.Module):
@@ -90,13 +156,26 @@ class Reading(eqx.Module):
     specific_force_b
         Of accelerometers at the centre of gravity, body axes, m/s^2.
     sight
-        Line of sight to the goal; None for an aircraft without one.
+        Line of sight to the goal with all rates at every sample; None for an aircraft without a goal, or whose sensor
+        does less.
+    goal
+        What such a sensor gives.
+    fix
+        By satellite navigation; None: the position in the state is at hand at every sample.
+    velocity_air_b
+        Velocity through the air as pitot tube and vanes measure it, body axes, m/s; None: that in `now`.
+    goal_sensor_works
+        As `Truth` has it: an aircraft knows that its sensor has failed.
     """
 
     state: AircraftState
     now: Condition
     specific_force_b: Vector3
     sight: LineOfSight | None
+    goal: GoalReading | None = None
+    fix: Fix | None = None
+    velocity_air_b: Vector3 | None = None
+    goal_sensor_works: Flag = eqx.field(default_factory=lambda: as_array(True, bool))
 
 
 class Belief(eqx.Module):
@@ -113,9 +192,11 @@ class Belief(eqx.Module):
     specific_force_b
         As measured, m/s^2.
     sight
-        Line of sight to the goal as measured; None for an aircraft without one.
+        Line of sight to the goal as measured, or as it is taken to be; None for an aircraft without one.
     goal
         Where it takes its goal to be, and how it moves; None without one.
+    uncertainty
+        Of both; None where they are taken to be exact.
     """
 
     airframe: AbstractAirframe
@@ -124,6 +205,34 @@ class Belief(eqx.Module):
     specific_force_b: Vector3
     sight: LineOfSight | None
     goal: GoalState | None
+    uncertainty: "Uncertainty | None" = None
+
+
+class Uncertainty(eqx.Module):
+    """How well an aircraft knows its own place and its goal.
+
+    Attributes
+    ----------
+    own_covariance
+        Of the own position, NED, m^2.
+    goal_covariance
+        Of the goal's position and velocity, NED, m and m/s.
+    seen
+        Whether a measurement of the goal came in at this sample.
+    nis
+        Normalised innovation squared of the last one, over its dimension: 1 in the mean.
+    goal_status
+        One of `GOAL_KNOWN`, `GOAL_NEVER_SEEN`, `GOAL_DIVERGED`.
+    """
+
+    own_covariance: Matrix33
+    goal_covariance: Float[Array, "6 6"]
+    seen: Flag
+    nis: Scalar
+    goal_status: Count
+
+
+GOAL_KNOWN, GOAL_NEVER_SEEN, GOAL_DIVERGED = range(3)
 
 
 class AbstractSensors(eqx.Module):

@@ -7,8 +7,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from anser.aircraft import AircraftState, Condition, condition, moving_state, seen_state
-from anser.environment import Environment
+from anser.aircraft import AircraftState, Disturbance, condition, moving_state, seen_state
+from anser.environment import AirFlow, Environment
+from anser.numerics import AbstractRandomness
+from anser.numerics.randomness import AIR
 from anser.planning import AircraftPlan
 from anser.sensing import Belief, Instant, Truth, velocity_over_ground_n
 from anser.shapes import Count, Flag, ScalarLike
@@ -18,6 +20,7 @@ from anser.simulation.stand_off import too_near
 from anser.simulation.status import AT_GROUND, BROKE_OFF, FLYING, NOT_FINITE, TOO_NEAR, broken_off, plan_status
 from anser.simulation.trim import TrimPoint
 from anser.simulation.vehicle import Mission, Vehicle, VehicleState
+from anser.spatial import rotate, rotation_from_quaternion, safe_norm
 
 APPROACH, FROZEN, HOLD = range(3)
 
@@ -27,29 +30,42 @@ class Perceived(eqx.Module):
 
     truth: Truth
     belief: Belief
+    flow: AirFlow
     sensors: Any
     estimator: Any
 
 
-def truth_of(vehicle: Vehicle, state: AircraftState, now: Condition, time: ScalarLike) -> Truth:
-    """What is true of an aircraft at a time (s)."""
+def truth_of(vehicle: Vehicle, state: AircraftState, instant: Instant, gusts: Any, flow: AirFlow) -> Truth:
+    """What is true of an aircraft at an instant, from its state and that of the gusts that it meets."""
+    time = instant.time
+    disturbance = Disturbance(vehicle.gusts.at(gusts, flow), vehicle.faults.thrust(time))
+    now = condition(vehicle.airframe, instant.environment, time, state, disturbance=disturbance)
     goal = None if vehicle.mission is None else vehicle.mission.goal_at(time)
-    return Truth(vehicle.airframe, state, now, goal)
+    return Truth(vehicle.airframe, state, now, goal, vehicle.faults.goal_sensor_works(time), disturbance)
+
+
+def air_flow(state: AircraftState, instant: Instant) -> AirFlow:
+    """What the gusts at an aircraft depend on; the ground is at altitude 0."""
+    wind_n = instant.environment.wind.at(state.position_n, instant.time)
+    R_bn = rotation_from_quaternion(state.quaternion)
+    airspeed = safe_norm(state.velocity_b - rotate(R_bn, wind_n))
+    return AirFlow(airspeed, -state.position_n[2], R_bn, wind_n, instant.time)
 
 
 def of_aircraft(instant: Instant, index: Count) -> Instant:
-    """The instant with the random key of one aircraft."""
-    if instant.key is None:
+    """The instant with the random numbers of one aircraft."""
+    if instant.randomness is None:
         return instant
-    return eqx.tree_at(lambda i: i.key, instant, jax.random.fold_in(instant.key, index))
+    return eqx.tree_at(lambda i: i.randomness, instant, instant.randomness.of_aircraft(index))
 
 
 def trimmed_vehicle(vehicle: Vehicle, instant: Instant, trim: TrimPoint, index: ScalarLike = 0) -> VehicleState:
     """State of an aircraft that has been holding steady flight up to an instant."""
     index = jnp.asarray(index, dtype=jnp.int32)
     instant = of_aircraft(instant, index)
-    now = condition(vehicle.airframe, instant.environment, instant.time, trim.state)
-    truth = truth_of(vehicle, trim.state, now, instant.time)
+    flow = air_flow(trim.state, instant)
+    gusts = vehicle.gusts.init(_normals(vehicle, instant, once=True), flow)
+    truth = truth_of(vehicle, trim.state, instant, gusts, flow)
     sensors = vehicle.sensors.init(truth, instant)
     reading, _ = vehicle.sensors.read(sensors, truth, instant)
     estimator = vehicle.estimator.init(reading, vehicle.airframe, instant)
@@ -60,6 +76,7 @@ def trimmed_vehicle(vehicle: Vehicle, instant: Instant, trim: TrimPoint, index: 
         estimator=estimator,
         guidance=vehicle.guidance.init(belief, instant),
         controller=vehicle.controller.init(trim.state, jnp.stack([trim.mu, trim.alpha, trim.beta])),
+        gusts=gusts,
         status=jnp.asarray(FLYING, dtype=jnp.int32),
         stopped=jnp.asarray(False),
         index=index,
@@ -70,11 +87,16 @@ def perceive(vehicle: Vehicle, state: VehicleState, instant: Instant) -> Perceiv
     """Sense and estimate."""
     instant = of_aircraft(instant, state.index)
     seen = seen_state(instant.environment, state.aircraft)
-    now = condition(vehicle.airframe, instant.environment, instant.time, seen)
-    truth = truth_of(vehicle, seen, now, instant.time)
+    flow = air_flow(seen, instant)
+    truth = truth_of(vehicle, seen, instant, state.gusts, flow)
     reading, sensors = vehicle.sensors.read(state.sensors, truth, instant)
     belief, estimator = vehicle.estimator.estimate(state.estimator, reading, vehicle.airframe, instant)
-    return Perceived(truth, belief, sensors, estimator)
+    return Perceived(truth, belief, flow, sensors, estimator)
+
+
+def _normals(vehicle: Vehicle, instant: Instant, *, once: bool = False) -> Array:
+    count = vehicle.gusts.normals
+    return instant.normals(AIR, count, once=once) if count else jnp.zeros(0)
 
 
 def act(
@@ -129,8 +151,17 @@ def act(
         approach=approach,
         status=state.status if plan is None else plan_status(state.status, plan.status),
     )
-    after = advance(vehicle.airframe, instant.environment, instant.time, state.aircraft, controls, instant.step)
-    memories = seen.sensors, seen.estimator, guidance, controller
+    after = advance(
+        vehicle.airframe,
+        instant.environment,
+        instant.time,
+        state.aircraft,
+        controls,
+        instant.step,
+        truth.disturbance,
+    )
+    gusts = vehicle.gusts.advance(state.gusts, _normals(vehicle, instant), seen.flow, instant.step)
+    memories = seen.sensors, seen.estimator, guidance, controller, gusts
     stopped = state.stopped
     if vehicle.mission is not None:
         finite = _all_finite((after, memories))
@@ -138,7 +169,8 @@ def act(
         event = jnp.where(~finite, NOT_FINITE, jnp.where(grounded, AT_GROUND, status)).astype(status.dtype)
         status = jnp.where(stopped, sample.status, event)
         stopped = stopped | ~finite | grounded
-        before = state.aircraft, (state.sensors, state.estimator, state.guidance, state.controller)
+        held = state.sensors, state.estimator, state.guidance, state.controller, state.gusts
+        before = state.aircraft, held
         after, memories = jax.tree.map(lambda old, new: jnp.where(stopped, old, new), before, (after, memories))
     return VehicleState(after, *memories, status=status, stopped=stopped, index=state.index), sample
 
@@ -199,7 +231,7 @@ def fly_alone(
     step: ScalarLike,
     count: int,
     recorder: AbstractRecorder,
-    key: Array | None = None,
+    randomness: AbstractRandomness | None = None,
 ) -> tuple[VehicleState, Any, Any]:
     """Fly one aircraft for which nobody plans, from time 0 on.
 
@@ -215,8 +247,8 @@ def fly_alone(
         Number of periods.
     recorder
         What is to be kept.
-    key
-        Random key of the flight.
+    randomness
+        Source of the random numbers of the flight.
 
     Returns
     -------
@@ -225,7 +257,7 @@ def fly_alone(
     step = jnp.asarray(step, dtype=float)
 
     def one(state: VehicleState, number: Count) -> tuple[VehicleState, AircraftSample, Instant]:
-        instant = Instant(environment, number, step, key)
+        instant = Instant(environment, number, step, randomness)
         after, sample = act(vehicle, state, perceive(vehicle, state, instant), instant)
         return after, sample, instant
 

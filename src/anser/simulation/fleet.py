@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from anser.environment import Environment
-from anser.numerics import Stacked, as_array, rows_of, stacked, structure_of
+from anser.numerics import AbstractRandomness, Stacked, as_array, rows_of, stacked, structure_of
 from anser.planning import AbstractPlanner
 from anser.shapes import Count, Scalar, ScalarLike, Vector3
 from anser.simulation.members import in_fleet_order, rows_at
@@ -72,15 +72,15 @@ class Flight(eqx.Module):
         Of all.
     timing
         Periods.
-    key
-        Random key, of the seed and the flight; None: nothing may draw random numbers.
+    randomness
+        Source of random numbers, of the seed and the flight; None: nothing may draw any.
     """
 
     environment: Environment
     kinds: tuple[Kind, ...]
     planner: AbstractPlanner
     timing: Timing
-    key: Array | None = None
+    randomness: AbstractRandomness | None = None
 
     @property
     def members(self) -> tuple[tuple[int, ...], ...]:
@@ -124,7 +124,7 @@ def assemble(
     step: ScalarLike,
     replan_steps: int,
     freeze: ScalarLike = 0.0,
-    key: Array | None = None,
+    randomness: AbstractRandomness | None = None,
     flying: int | None = None,
 ) -> Flight:
     """Put a flight together; aircraft of one structure become one kind.
@@ -143,8 +143,8 @@ def assemble(
         Number of steps between plans; 0 plans once.
     freeze
         How long the plan stands still before the arrival, s.
-    key
-        Random key.
+    randomness
+        Source of random numbers.
     flying
         How many of the aircraft, from the first on, fly: the others fill the fleet up to a size for which a program is
         compiled already. None: all.
@@ -173,7 +173,7 @@ def assemble(
             replan_steps=as_array(replan_steps, np.int32),
             freeze=as_array(freeze),
         ),
-        key=key,
+        randomness=randomness,
     )
 
 

@@ -101,7 +101,7 @@ def step_fleet(
     flight: Flight, state: FlightState, number: Count, *, one_kernel: bool = False
 ) -> tuple[FlightState, FleetSample, Instant]:
     """Fly the fleet over one step; the next state, and everything known at the step's start (see `fly`)."""
-    instant = Instant(flight.environment, number, flight.timing.step, flight.key)
+    instant = Instant(flight.environment, number, flight.timing.step, flight.randomness)
     pairs = list(zip(flight.kinds, state.vehicles, strict=True))
     compiled = as_one_kernel if one_kernel else lambda function: function
 

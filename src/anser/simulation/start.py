@@ -52,7 +52,7 @@ def _along_path(airframe: AbstractAirframe, now: Condition, power: ScalarLike) -
 def trimmed_fleet(flight: Flight) -> TrimmedFleet:
     """Trim every aircraft at its start and look at its goal, at time 0."""
     environment, timing = flight.environment, flight.timing
-    instant = Instant(environment, jnp.asarray(0, dtype=jnp.int32), timing.step, flight.key)
+    instant = Instant(environment, jnp.asarray(0, dtype=jnp.int32), timing.step, flight.randomness)
 
     def one(vehicle: Vehicle, target: TrimTarget, place_n: Vector3, flies: Flag, index: Array) -> Any:
         trim = solve_trim(vehicle.airframe, environment, target, place_n)

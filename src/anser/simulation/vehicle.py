@@ -8,9 +8,11 @@ import jax.numpy as jnp
 from anser.aircraft import AbstractAirframe, MotionState
 from anser.constants import AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M
 from anser.control import AbstractController, AbstractGuidance
+from anser.environment import AbstractGusts, NoGusts
 from anser.planning import GoalMotion, Rendezvous
 from anser.sensing import AbstractEstimator, AbstractSensors, GoalState
 from anser.shapes import Count, Flag, Scalar, ScalarLike
+from anser.simulation.faults import Faults, no_faults
 from anser.simulation.hold import HoldAroundGoal
 
 
@@ -59,6 +61,10 @@ class Vehicle(eqx.Module):
         From commands to controls.
     mission
         None: it has no goal, nothing stops it and nobody plans for it.
+    gusts
+        That it meets beside the mean wind.
+    faults
+        That befall it.
     """
 
     airframe: AbstractAirframe
@@ -67,6 +73,8 @@ class Vehicle(eqx.Module):
     guidance: AbstractGuidance
     controller: AbstractController
     mission: Mission | None = None
+    gusts: AbstractGusts = eqx.field(default_factory=NoGusts)
+    faults: Faults = eqx.field(default_factory=no_faults)
 
 
 class VehicleState(eqx.Module):
@@ -76,7 +84,7 @@ class VehicleState(eqx.Module):
     ----------
     aircraft
         As it is integrated over the environment's Earth.
-    sensors, estimator, guidance, controller
+    sensors, estimator, guidance, controller, gusts
         What each part carries along; the closed loop knows none of their insides.
     status
         Index into `STATUS_MESSAGES`; 0 while all is well.
@@ -91,6 +99,7 @@ class VehicleState(eqx.Module):
     estimator: Any
     guidance: Any
     controller: Any
+    gusts: Any
     status: Count
     stopped: Flag
     index: Count

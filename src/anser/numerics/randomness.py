@@ -1,0 +1,138 @@
+"""Random numbers without hidden state: each follows from (seed, flight, aircraft, part, sample) alone."""
+
+import abc
+from collections.abc import Mapping
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, UInt32
+
+from anser.numerics.arrays import as_array, namespace
+from anser.shapes import Count
+
+AIR, OWN_SENSORS, GOAL_SENSOR, BRIEFING, NETWORK = range(5)
+"""Parts of the closed loop that draw random numbers; a user's own are numbered from 100 on."""
+BEFORE_FIRST = -1
+"""Sample number of what is drawn once, before the first sample."""
+
+_ROTATIONS = ((13, 15, 26, 6), (17, 29, 16, 24))
+_PARITY = 0x1BD11BDA
+_LANES = 1 << 16  # numbers that a part may draw at one sample
+
+
+class AbstractRandomness(eqx.Module):
+    """Source of the random numbers of a flight; concrete ones are final."""
+
+    @abc.abstractmethod
+    def of_aircraft(self, index: Count) -> "AbstractRandomness":
+        """The source of one aircraft, from that of the flight."""
+
+    @abc.abstractmethod
+    def normals(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
+        """Independent standard normal numbers that a part draws at a sample."""
+
+    @abc.abstractmethod
+    def uniforms(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
+        """Independent numbers between 0 and 1, both excluded, that a part draws at a sample: Phi of the normals."""
+
+
+class Seeded(AbstractRandomness):
+    """Counter-based generator: Threefry-2x32 of (part and place, sample) under a key of (seed, flight, aircraft).
+
+    The bits, and with them the numbers, are the same for one aircraft alone and in any batch.
+
+    Attributes
+    ----------
+    key
+        Of the seed and the flight, or of one aircraft in it.
+    """
+
+    key: UInt32[Array, "2"]
+
+    def of_aircraft(self, index: Count) -> "Seeded":
+        """The key with the aircraft's place in the fleet folded in."""
+        return Seeded(folded(self.key, index))
+
+    def normals(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
+        """See `AbstractRandomness`: the inverse of the error function of the uniform numbers."""
+        return np.sqrt(2.0) * jax.lax.erf_inv(2.0 * self.uniforms(part, number, count) - 1.0)
+
+    def uniforms(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
+        """See `AbstractRandomness`: centres of 2^52 equal intervals."""
+        if count > _LANES:
+            raise ValueError(f"{count} random numbers at one sample; a part may draw {_LANES}")
+        lanes = np.arange(count, dtype=np.uint32) + np.uint32(part * _LANES)
+        samples = jnp.broadcast_to(jnp.asarray(number, dtype=jnp.int32).astype(jnp.uint32), (count,))
+        high, low = _threefry(self.key, lanes, samples)
+        dtype = jnp.result_type(float)
+        return (high.astype(dtype) * 2.0**20 + jnp.right_shift(low, np.uint32(12)).astype(dtype) + 0.5) * 2.0**-52
+
+
+class Given(AbstractRandomness):
+    """Numbers that were designed or recorded, to be flown or replayed.
+
+    Attributes
+    ----------
+    drawn
+        By part: standard normals of (aircraft, samples, count), or of one aircraft; the first sample is the one before
+        the start (`BEFORE_FIRST`).
+    """
+
+    drawn: Mapping[int, Float[Array, "..."]]
+
+    def of_aircraft(self, index: Count) -> "Given":
+        """The rows of one aircraft."""
+        return Given({part: rows[index] for part, rows in self.drawn.items()})
+
+    def normals(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
+        """See `AbstractRandomness`.
+
+        Raises
+        ------
+        ValueError
+            None, or too few, are given for the part.
+        """
+        rows = self.drawn.get(part)
+        if rows is None or rows.shape[-1] < count:
+            given = "none" if rows is None else f"{rows.shape[-1]} a sample"
+            raise ValueError(f"part {part} draws {count} random numbers a sample; {given} given for it")
+        return rows[jnp.asarray(number) + 1, :count]
+
+    def uniforms(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
+        """See `AbstractRandomness`."""
+        return jax.scipy.special.ndtr(self.normals(part, number, count))
+
+
+def seeded(seed: int, flight: int = 0) -> Seeded:
+    """Source of the random numbers of one flight of a seed (both up to 2^32 - 1); compiles nothing."""
+    key = as_array([0, seed], np.uint32)
+    return Seeded(as_array(folded(np.asarray(key), np.asarray(flight)), np.uint32))
+
+
+def folded(key: UInt32[Array, "2"], value: Count) -> UInt32[Array, "2"]:
+    """Another key, for a value that a key is to hold for; as `jax.random.fold_in` makes it."""
+    xp = namespace(key, value)
+    zero = xp.zeros((1,), dtype=np.uint32)
+    return xp.concatenate(_threefry(key, zero, xp.asarray(value).astype(np.uint32)[None]))
+
+
+def _threefry(
+    key: UInt32[Array, "2"], first: UInt32[Array, " n"], second: UInt32[Array, " n"]
+) -> tuple[UInt32[Array, " n"], UInt32[Array, " n"]]:
+    """Threefry-2x32 in 20 rounds: two words for each pair of counters.
+
+    Source: J. K. Salmon, M. A. Moraes, R. O. Dror, D. E. Shaw, *Parallel random numbers: as easy as 1, 2, 3*, SC 2011.
+    Written out, because jax's own is a loop within the step, which costs more than the step's other random work.
+    """
+    xp = namespace(key, first, second)
+    keys = (key[0], key[1], key[0] ^ key[1] ^ np.uint32(_PARITY))
+    x, y = xp.asarray(first) + keys[0], xp.asarray(second) + keys[1]
+    for group in range(5):
+        for rotation in _ROTATIONS[group % 2]:
+            x = x + y
+            y = ((y << np.uint32(rotation)) | (y >> np.uint32(32 - rotation))) ^ x
+        x = x + keys[(group + 1) % 3]
+        y = y + keys[(group + 2) % 3] + np.uint32(group + 1)
+    return x, y

@@ -1,0 +1,220 @@
+"""Sensors of a goal: errors, period, latency, field of view, range and dropouts of what is measured of it.
+
+Error models of civil sensors: nothing is decoded or received.
+"""
+
+import math
+from typing import Literal
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from anser.environment import AbstractEarth
+from anser.numerics.randomness import GOAL_SENSOR
+from anser.planning import LineOfSight
+from anser.sensing.dropouts import Dropouts
+from anser.sensing.ideal import true_sight
+from anser.sensing.interface import GoalReading, Instant, Truth
+from anser.sensing.own_sensors import is_due
+from anser.shapes import Flag, Scalar, Vector3
+from anser.spatial import rotate, safe_norm
+
+_NORMALS, _UNIFORMS = 6, 3  # errors; outage, loss, latency
+_COS_MIN = 0.02  # of the elevation: nearer to the vertical the azimuth's error no longer grows
+
+
+class FieldOfView(eqx.Module):
+    """What a sensor can see.
+
+    Attributes
+    ----------
+    axis_b
+        Its middle, a unit vector in body axes.
+    half_angle
+        From there to its edge, rad; pi: all round.
+    range_max
+        m.
+    """
+
+    axis_b: Vector3
+    half_angle: Scalar
+    range_max: Scalar
+
+    def sees(self, R_bn: Array, line_n: Vector3) -> Flag:
+        """Whether what lies along a line from the aircraft (NED, m) is in it."""
+        distance = safe_norm(line_n)
+        along = jnp.sum(self.axis_b * rotate(R_bn, line_n)) / jnp.maximum(distance, 1e-9)
+        return (distance <= self.range_max) & (along >= jnp.cos(jnp.minimum(self.half_angle, jnp.pi)) - 1e-12)
+
+
+class Queue(eqx.Module):
+    """Measurements that are on their way; leading axis slots.
+
+    Attributes
+    ----------
+    readings
+        What was measured.
+    arrives
+        Sample at which each arrives.
+    waiting
+        Whether there is one.
+    """
+
+    readings: GoalReading
+    arrives: Int[Array, " slots"]
+    waiting: Bool[Array, " slots"]
+
+
+class GoalSensorState(eqx.Module):
+    """A goal sensor between two samples: its biases, whether an outage is on, and what is on its way (if late)."""
+
+    biases: Float[Array, "6"]
+    outage: Flag
+    queue: Queue | None
+
+
+class GoalSensor(eqx.Module):
+    """One sensor of a goal.
+
+    Attributes
+    ----------
+    sigmas
+        Standard deviations of the errors of each measurement, as in `GoalReading`; an angle's is that across the line
+        of sight: the azimuth's own is greater by 1 / cos(elevation).
+    range_share
+        A further error of the range, as a part of it.
+    bias_sigmas
+        Of what is drawn once in a flight.
+    measures
+        Which of the six there are.
+    period
+        Between two measurements, s; a multiple of the sampling period.
+    latency
+        Least and greatest time until a measurement arrives, s: drawn evenly in between, so that it may come after a
+        later one.
+    view
+        Where it sees.
+    dropouts
+        When it fails.
+    kind
+        "sight": line of sight from the aircraft; "report": the goal's own position and velocity.
+    slots
+        How many measurements can be on their way; 0 without latency.
+    """
+
+    sigmas: Float[Array, "6"]
+    range_share: Scalar
+    bias_sigmas: Float[Array, "6"]
+    measures: Bool[Array, "6"]
+    period: Scalar
+    latency: Float[Array, "2"]
+    view: FieldOfView
+    dropouts: Dropouts
+    kind: Literal["sight", "report"] = eqx.field(static=True)
+    slots: int = eqx.field(static=True, default=0)
+
+    def init(self, truth: Truth, instant: Instant) -> GoalSensorState:
+        """Its state before the first sample."""
+        biases = self.bias_sigmas * instant.normals(GOAL_SENSOR, _NORMALS, once=True)
+        outage = self.dropouts.first(_uniforms(instant, once=True)[0])
+        queue = None
+        if self.slots:
+            empty = self._nothing(instant)
+            rows = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (self.slots, *leaf.shape)), empty)
+            queue = Queue(rows, jnp.zeros(self.slots, dtype=jnp.int32), jnp.zeros(self.slots, dtype=bool))
+        return GoalSensorState(biases, outage, queue)
+
+    def read(self, memory: GoalSensorState, truth: Truth, instant: Instant) -> tuple[GoalReading, GoalSensorState]:
+        """What arrives at a sample, and its state after it."""
+        due, uniforms = is_due(instant, self.period), _uniforms(instant)
+        after = self.dropouts.after(memory.outage, self.period, uniforms[0])
+        outage = jnp.where(due & (instant.number > 0), after, memory.outage)
+        made = self._measured(memory, truth, instant, due & ~self.dropouts.lost(outage, uniforms[1]))
+        if memory.queue is None:
+            return made, GoalSensorState(memory.biases, outage, None)
+        delay = self.latency[0] + uniforms[2] * (self.latency[1] - self.latency[0])
+        reading, queue = self._passed(memory.queue, made, instant, delay)
+        return reading, GoalSensorState(memory.biases, outage, queue)
+
+    def _measured(self, memory: GoalSensorState, truth: Truth, instant: Instant, tried: Flag) -> GoalReading:
+        goal = truth.goal
+        if goal is None:
+            raise ValueError("a sensor of a goal on an aircraft without one")
+        sight = true_sight(truth, instant.environment.earth)
+        assert sight is not None
+        line_n = _line(truth, instant.environment.earth)
+        seen = tried & truth.goal_sensor_works & self.view.sees(truth.now.R_bn, line_n)
+        if self.kind == "sight":
+            values, sigmas = _of_sight(sight), self._sight_sigmas(sight)
+        else:
+            values, sigmas = jnp.concatenate([goal.position_n, goal.velocity_n]), self.sigmas
+        errors = memory.biases + sigmas * instant.normals(GOAL_SENSOR, _NORMALS)
+        return GoalReading(
+            values=jnp.where(self.measures, values + errors, 0.0),
+            sigmas=sigmas,
+            measured=self.measures & seen,
+            number=instant.number,
+            kind=self.kind,
+        )
+
+    def _sight_sigmas(self, sight: LineOfSight) -> Array:
+        level = jnp.maximum(jnp.cos(sight.elevation), _COS_MIN)
+        scale = jnp.ones(6).at[jnp.array([1, 4])].set(1.0 / level)
+        sigmas = self.sigmas * scale
+        return sigmas.at[0].set(jnp.sqrt(self.sigmas[0] ** 2 + (self.range_share * sight.range) ** 2))
+
+    def _nothing(self, instant: Instant) -> GoalReading:
+        none = jnp.zeros(6)
+        return GoalReading(none, jnp.ones(6), jnp.zeros(6, dtype=bool), instant.number, self.kind)
+
+    def _passed(self, queue: Queue, made: GoalReading, instant: Instant, delay: Scalar) -> tuple[GoalReading, Queue]:
+        """Put a measurement on its way, and take the one that is to arrive first, if it is there."""
+        here, never = jnp.any(made.measured), jnp.iinfo(jnp.int32).max
+        free = jnp.argmin(queue.waiting)
+        at = jnp.arange(self.slots) == free
+        put = at & here
+        late = instant.number + jnp.round(delay / instant.step).astype(instant.number.dtype)
+
+        def placed(rows: Array, value: Array) -> Array:
+            return jnp.where(put.reshape(-1, *[1] * (rows.ndim - 1)), value[None], rows)
+
+        readings = jax.tree.map(placed, queue.readings, made)
+        arrives = jnp.where(put, late, queue.arrives)
+        waiting = queue.waiting | put
+        first = jnp.argmin(jnp.where(waiting, arrives, never))
+        there = waiting[first] & (arrives[first] <= instant.number)
+        taken = jax.tree.map(lambda rows: rows[first], readings)
+        taken = eqx.tree_at(lambda r: r.measured, taken, taken.measured & there)
+        return taken, Queue(readings, arrives, waiting & ~((jnp.arange(self.slots) == first) & there))
+
+
+def slots_for(latency_max_s: float, period_s: float) -> int:
+    """How many measurements can be on their way at once: 0, or a power of two from 2 on."""
+    if latency_max_s <= 0.0:
+        return 0
+    return 2 ** max(1, math.ceil(math.log2(latency_max_s / period_s + 2.0)))
+
+
+def _uniforms(instant: Instant, *, once: bool = False) -> Array:
+    # lanes beyond those of the normals
+    return instant.uniforms(GOAL_SENSOR, _NORMALS + _UNIFORMS, once=once)[_NORMALS:]
+
+
+def _of_sight(sight: LineOfSight) -> Array:
+    return jnp.stack(
+        [
+            sight.range,
+            sight.azimuth,
+            sight.elevation,
+            sight.range_rate,
+            sight.azimuth_rate,
+            sight.elevation_rate,
+        ]
+    )
+
+
+def _line(truth: Truth, earth: AbstractEarth) -> Vector3:
+    assert truth.goal is not None
+    return earth.sight(truth.state.position_n, truth.goal.position_n, truth.goal.velocity_n)[0]

@@ -1,0 +1,191 @@
+"""Own navigation: a Kalman filter of satellite fixes and inertial measurements, and a filter of the air's motion."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from anser.environment import LocalEarth
+from anser.numerics import any_in_batch
+from anser.sensing.interface import Fix
+from anser.shapes import Matrix33, Scalar, ScalarLike, Vector3
+from anser.spatial import rotate, rotate_back
+
+_FIRST_SPEED_SIGMA = 1.0  # m/s, per axis, before the first fix
+
+
+class Navigation(eqx.Module):
+    """What the navigation filter carries along.
+
+    Attributes
+    ----------
+    position_n, velocity_n
+        NED, m in the Earth's chart and m/s over the ground.
+    error_n
+        Slow error of the satellite fixes, as far as it can be told, m.
+    acceleration_n
+        Of the last sample, m/s^2.
+    covariance
+        Of (position, velocity, slow error) in each axis; as of the last fix.
+    """
+
+    position_n: Vector3
+    velocity_n: Vector3
+    error_n: Vector3
+    acceleration_n: Vector3
+    covariance: Float[Array, "3 3 3"]
+
+    @property
+    def position_covariance(self) -> Matrix33:
+        """Of the position, NED, m^2."""
+        return jnp.diag(self.covariance[:, 0, 0])
+
+
+class NavigationFilter(eqx.Module):
+    """Satellite navigation aids inertial dead reckoning, axis by axis (NED): a linear Kalman filter of three states.
+
+    Between fixes position and velocity follow the accelerometers and the attitude; each fix corrects them. The slow
+    error of satellite navigation is a state of its own (first-order Gauss-Markov), which a fix hardly tells from the
+    position: so the covariance of the position does not fall below it. Source: P. D. Groves, *Principles of GNSS,
+    Inertial, and Multisensor Integrated Navigation Systems*, 2nd ed., 14.2 and 14.3 (loosely coupled integration).
+
+    Attributes
+    ----------
+    slow_sigma, slow_time
+        Standard deviation (NED, m) and correlation time (s) of the slow error.
+    noise_sigma, velocity_sigma
+        Of what each fix has anew: NED, m and m/s.
+    acceleration_density
+        Spectral density of the errors of the acceleration, m^2/s^3.
+    period
+        Between two fixes, s.
+    """
+
+    slow_sigma: Vector3
+    slow_time: Scalar
+    noise_sigma: Vector3
+    velocity_sigma: Vector3
+    acceleration_density: Scalar
+    period: Scalar
+
+    def init(self, fix: Fix, acceleration_n: Vector3) -> Navigation:
+        """After the first fix."""
+        slow, noise = self.slow_sigma**2, self.noise_sigma**2
+        speed, zero = self.velocity_sigma**2, jnp.zeros(3)
+        rows = [[slow + noise, zero, -slow], [zero, speed, zero], [-slow, zero, slow]]
+        covariance = jnp.stack([jnp.stack(row, axis=-1) for row in rows], axis=-2)
+        return Navigation(fix.position_n, fix.velocity_n, zero, acceleration_n, covariance)
+
+    def step(
+        self, memory: Navigation, fix: Fix, acceleration_n: Vector3, chart_scale: Vector3, step: ScalarLike
+    ) -> Navigation:
+        """One sampling period (s) further, with the acceleration (NED, m/s^2) and the fix at its end."""
+        gained_n = 0.5 * step * (memory.acceleration_n + acceleration_n)
+        velocity_n = memory.velocity_n + gained_n
+        position_n = memory.position_n + chart_scale * step * (memory.velocity_n + 0.5 * gained_n)
+        ahead = Navigation(position_n, velocity_n, memory.error_n, acceleration_n, memory.covariance)
+
+        def corrected() -> Navigation:
+            found = self._corrected(ahead, fix)
+            return jax.tree.map(lambda new, old: jnp.where(fix.new, new, old), found, ahead)
+
+        return jax.lax.cond(any_in_batch(fix.new), corrected, lambda: ahead)
+
+    def _corrected(self, memory: Navigation, fix: Fix) -> Navigation:
+        span, kept = self.period, jnp.exp(-self.period / self.slow_time)
+        density = self.acceleration_density
+        moved = jnp.eye(3).at[0, 1].set(span).at[2, 2].set(kept)
+        noise = jnp.zeros((3, 3, 3))
+        noise = noise.at[:, 0, 0].set(density * span**3 / 3).at[:, 1, 1].set(density * span)
+        noise = noise.at[:, 0, 1].set(density * span**2 / 2).at[:, 1, 0].set(density * span**2 / 2)
+        noise = noise.at[:, 2, 2].set(-jnp.expm1(-2 * span / self.slow_time) * self.slow_sigma**2)
+        covariance = _product(_product(moved, memory.covariance), moved.T) + noise
+        mean = jnp.stack([memory.position_n, memory.velocity_n, kept * memory.error_n], axis=-1)
+        # two scalar measurements of each axis: position with the slow error, then velocity
+        mean, covariance = _measured(mean, covariance, jnp.array([1.0, 0.0, 1.0]), fix.position_n, self.noise_sigma**2)
+        mean, covariance = _measured(
+            mean, covariance, jnp.array([0.0, 1.0, 0.0]), fix.velocity_n, self.velocity_sigma**2
+        )
+        return Navigation(mean[:, 0], mean[:, 1], mean[:, 2], memory.acceleration_n, covariance)
+
+
+def _product(a: Array, b: Array) -> Array:
+    return jnp.sum(a[..., :, :, None] * b[..., None, :, :], axis=-2)
+
+
+def _measured(
+    mean: Float[Array, "3 3"], covariance: Float[Array, "3 3 3"], row: Vector3, value: Vector3, variance: Vector3
+) -> tuple[Float[Array, "3 3"], Float[Array, "3 3 3"]]:
+    """A scalar measurement in each axis, `value` = `row` . state + error; in the form of Joseph."""
+    across = jnp.sum(covariance * row, axis=-1)
+    spread = jnp.sum(across * row, axis=-1) + variance
+    # without any spread the measurement and the state are both exact, and agree
+    gain = across / jnp.where(spread > 0.0, spread, 1.0)[:, None]
+    off = value - jnp.sum(mean * row, axis=-1)
+    left = jnp.eye(3) - gain[:, :, None] * row
+    covariance = _product(_product(left, covariance), jnp.swapaxes(left, -1, -2))
+    covariance = covariance + variance[:, None, None] * gain[:, :, None] * gain[:, None, :]
+    return mean + gain * off[:, None], 0.5 * (covariance + jnp.swapaxes(covariance, -1, -2))
+
+
+def acceleration_n(R_bn: Matrix33, specific_force_b: Vector3, earth: LocalEarth) -> Vector3:
+    """Rate of the velocity over the ground in the local NED axes, from what accelerometers measure, m/s^2."""
+    return rotate_back(R_bn, specific_force_b) + earth.apparent_gravity_n
+
+
+class AirMotion(eqx.Module):
+    """What an aircraft takes the air's motion to be: mean wind (NED, m/s) and gust (body axes, m/s)."""
+
+    wind_n: Vector3
+    gust_b: Vector3
+
+
+class AirFilter(eqx.Module):
+    """Mean wind and gusts from the difference of the velocities over the ground and through the air.
+
+    Both are low-passed: the mean wind slowly; the gust quickly, and across the flight alone: it changes the angles of
+    attack and sideslip that the autopilot reckons with. The airspeed that it flies by is that through the mean wind, as
+    inertially smoothed airspeed indication has it; a gust along the flight would drive the throttle.
+
+    Attributes
+    ----------
+    wind_time, gust_time
+        Time constants, s.
+    """
+
+    wind_time: Scalar
+    gust_time: Scalar
+
+    def init(self, wind_n: Vector3) -> AirMotion:
+        """The mean wind as it was forecast at the start."""
+        return AirMotion(wind_n, jnp.zeros(3))
+
+    def step(
+        self,
+        memory: AirMotion,
+        R_bn: Matrix33,
+        velocity_n: Vector3,
+        velocity_air_b: Vector3,
+        step: ScalarLike,
+    ) -> AirMotion:
+        """After one more sampling period (s).
+
+        Parameters
+        ----------
+        memory
+            Before it.
+        R_bn
+            Rotation NED to body.
+        velocity_n
+            Over the ground, NED, m/s.
+        velocity_air_b
+            Through the air as measured, body axes, m/s.
+        step
+            s.
+        """
+        off_b = rotate(R_bn, velocity_n - memory.wind_n) - velocity_air_b
+        wind_n = memory.wind_n - jnp.expm1(-step / self.wind_time) * rotate_back(R_bn, off_b)
+        square = jnp.maximum(jnp.sum(velocity_air_b**2), 1.0)
+        across_b = off_b - (jnp.sum(off_b * velocity_air_b) / square) * velocity_air_b
+        gust_b = memory.gust_b - jnp.expm1(-step / self.gust_time) * (across_b - memory.gust_b)
+        return AirMotion(wind_n, gust_b)
