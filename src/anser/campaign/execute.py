@@ -14,6 +14,7 @@ import numpy as np
 from anser.campaign.batches import Progress, silent
 from anser.campaign.plan_interface import NoPlanError, Planned
 from anser.campaign.planned import plan
+from anser.campaign.replanned import after_event, event_steps
 from anser.compiling import Prepared, compiled
 from anser.numerics import as_array
 from anser.scenario import Scenario
@@ -163,21 +164,32 @@ def run(scenario: Scenario, progress: Progress | None = None, planned: Planned |
     timing = scenario.timing
     steps = round(timing.duration_s / timing.step_s)
     on_progress("flying", 0.0)
-    segments = []
-    count = -(-(steps + 1) // SEGMENT_STEPS)
-    for k in range(count):
-        number = as_array(k * SEGMENT_STEPS, np.int32)
-        after, _, history = fly_segment(simpler, state, number)
+    segments, outcomes, at = [], [], 0
+    events = event_steps(scenario)
+    while at <= steps:
+        while events and events[0][0] <= at:
+            (_, event), *events = events
+            flight, state, outcome = after_event(
+                scenario, flight, state, at, event, lambda what: on_progress(what, None)
+            )
+            simpler = without_replanning(flight)
+            outcomes.append(outcome)
+        flown = min(SEGMENT_STEPS, (events[0][0] if events else steps + 1) - at)
+        # a flight without events has none of the program that can fly part of a segment
+        part = {"flown": as_array(flown, np.int32)} if scenario.event else {}
+        number = as_array(at, np.int32)
+        after, _, history = fly_segment(simpler, state, number, **part)
         if after.planner.asked:  # what came of it does not count
-            after, _, history = fly_segment(flight, state, number)
-        state = after
-        segments.append({key: np.asarray(rows)[:, : len(scenario.aircraft)] for key, rows in history.items()})
-        on_progress("flying", (k + 1) / count)
+            after, _, history = fly_segment(flight, state, number, **part)
+        state, at = after, at + (flown if scenario.event else SEGMENT_STEPS)
+        rows = slice(flown if scenario.event else None), slice(len(scenario.aircraft))
+        segments.append({key: np.asarray(values)[rows] for key, values in history.items()})
+        on_progress("flying", min(at / (steps + 1), 1.0))
     history = {key: np.concatenate([part[key] for part in segments])[: steps + 1] for key in segments[0]}
     time_s = np.arange(steps + 1) * timing.step_s
     wall_s = clock.perf_counter() - began
     on_progress("summing up", None)
-    summary = summarize(time_s, history, scenario, wall_s, planned.path_words())
+    summary = summarize(time_s, history, scenario, wall_s, planned.path_words(), [one.as_dict() for one in outcomes])
     stride = round(timing.record_period_s / timing.step_s)
     dataset = to_dataset(
         time_s[::stride],

@@ -2,6 +2,7 @@
 
 import abc
 from collections.abc import Mapping
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -111,16 +112,14 @@ def seeded(seed: int, flight: int = 0) -> Seeded:
     return Seeded(as_array(folded(np.asarray(key), np.asarray(flight)), np.uint32))
 
 
-def folded(key: UInt32[Array, "2"], value: Count) -> UInt32[Array, "2"]:
+def folded(key: Any, value: Any) -> UInt32[Array, "2"]:
     """Another key, for a value that a key is to hold for; as `jax.random.fold_in` makes it."""
     xp = namespace(key, value)
     zero = xp.zeros((1,), dtype=np.uint32)
     return xp.concatenate(_threefry(key, zero, xp.asarray(value).astype(np.uint32)[None]))
 
 
-def _threefry(
-    key: UInt32[Array, "2"], first: UInt32[Array, " n"], second: UInt32[Array, " n"]
-) -> tuple[UInt32[Array, " n"], UInt32[Array, " n"]]:
+def _threefry(key: Any, first: Any, second: Any) -> tuple[UInt32[Array, " n"], UInt32[Array, " n"]]:
     """Threefry-2x32 in 20 rounds: two words for each pair of counters.
 
     Source: J. K. Salmon, M. A. Moraes, R. O. Dror, D. E. Shaw, *Parallel random numbers: as easy as 1, 2, 3*, SC 2011.

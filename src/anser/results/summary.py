@@ -33,6 +33,7 @@ def summarize(
     scenario: Scenario,
     wall_s: float,
     paths: Sequence[str] = (),
+    events: Sequence[Mapping[str, Any]] = (),
 ) -> dict[str, Any]:
     """Sum up a flight from its full-resolution history.
 
@@ -53,6 +54,8 @@ def summarize(
         How long the computation took, s.
     paths
         How the path of each goes in the first plan, in words; empty where nobody tells.
+    events
+        What happened on the way, and what became of the plan.
 
     Returns
     -------
@@ -93,6 +96,7 @@ def summarize(
         "requirements": judge(
             requirements_of(scenario), aircraft, fleet, [(kind, CLEARANCE_MIN_M[kind]) for kind in kinds]
         ),
+        **({"events": [dict(event) for event in events]} if events else {}),
     }
 
 

@@ -39,9 +39,11 @@ from anser.planning import (
     waypoint_goal,
 )
 from anser.planning.certified import Airspace, KeepOuts, Separation
+from anser.scenario.build_events import changed_motion, faults_of
 from anser.scenario.library import load_airframe
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_aircraft import Aircraft, AttitudeGains, RateGains, VelocityGains
+from anser.scenario.schema_event import Event
 from anser.scenario.schema_goal import Goal
 from anser.scenario.schema_settings import Limits
 from anser.sensing import DirectEstimator, IdealSensors
@@ -65,6 +67,7 @@ _FLEET = 4  # a fleet is filled up to a multiple of so many aircraft
 _WAYPOINTS, _LAYERS, _KEEP_OUTS = 4, 4, 2  # least sizes of routes, shear profiles and lists of keep-outs
 _ABOVE_M = 1000.0  # between the altitudes that fill up a shear profile
 _BEYOND_M = 1e6  # altitude of the empty cylinders that fill up a list of keep-outs
+_NO_KEEP_OUT = (0.0, 0.0, 0.0, 0.0, 0.0, _BEYOND_M, _BEYOND_M)
 _SIDES = {"auto": 0, "right": 1, "left": -1}
 
 
@@ -87,7 +90,7 @@ def build_flight(scenario: Scenario, *, filled_up: bool = False, flight: int = 0
     """
     timing = scenario.timing
     fleet = [*scenario.aircraft, *[scenario.aircraft[-1]] * (-len(scenario.aircraft) % _FLEET if filled_up else 0)]
-    goals = _goals([scenario.goal_of(a) for a in fleet])
+    goals = _goals([scenario.goal_of(a) for a in fleet], scenario.event)
     guidance, limits = _guidance(scenario), _flight_limits(scenario)
     return assemble(
         build_environment(scenario),
@@ -120,6 +123,7 @@ def _vehicle(
             rendezvous=_rendezvous(aircraft),
             hold=HoldAroundGoal(guidance, limits, gains.velocity, _scalar(scenario.fleet.speed_m_s)),
         ),
+        faults=faults_of(aircraft, scenario.event),
     )
 
 
@@ -213,8 +217,9 @@ def _certified(scenario: Scenario, fleet: Sequence[Aircraft], guidance: Guidance
 
 def _keep_outs(scenario: Scenario) -> KeepOuts:
     rows = [(v.north_m, v.east_m, *v.velocity_m_s()[:2], v.radius_m, v.bottom_m, v.top_m) for v in scenario.keep_out]
+    rows += [_NO_KEEP_OUT for event in scenario.event if event.kind == "keep-out-appears"]
     if rows:
-        rows += [(0.0, 0.0, 0.0, 0.0, 0.0, _BEYOND_M, _BEYOND_M)] * (few_sizes(len(rows), _KEEP_OUTS) - len(rows))
+        rows += [_NO_KEEP_OUT] * (few_sizes(len(rows), _KEEP_OUTS) - len(rows))
     table = np.reshape(rows, (-1, 7))
     return KeepOuts(*map(as_array, (table[:, :2], table[:, 2:4], table[:, 4], table[:, 5], table[:, 6])))
 
@@ -252,8 +257,8 @@ def _start(aircraft: Aircraft) -> TrimTarget:
     return trim_target(start.speed_m_s, start.altitude_m, start.path_angle_deg * DEG_RAD, start.course_deg * DEG_RAD)
 
 
-def _goals(goals: Sequence[Goal]) -> list[GoalMotion]:
-    motions = [_motion(goal) for goal in goals]
+def _goals(goals: Sequence[Goal], events: Sequence[Event]) -> list[GoalMotion]:
+    motions = [changed_motion(goal, _motion(goal), events) for goal in goals]
     count = max(motion.times.shape[0] for motion in motions)
     if count > 1:
         count = few_sizes(count, _WAYPOINTS)

@@ -9,6 +9,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from anser.scenario.errors import Problem, ScenarioError, show
 from anser.scenario.replacing import with_changes
+from anser.scenario.schema_air import DiscreteGust, Turbulence, gust_problems
 from anser.scenario.schema_aircraft import Aircraft
 from anser.scenario.schema_airspace import (
     KeepOut,
@@ -28,9 +29,11 @@ from anser.scenario.schema_checks import (
     speed_problems,
     start_problems,
 )
+from anser.scenario.schema_event import Event, event_problems
 from anser.scenario.schema_goal import Goal
 from anser.scenario.schema_problems import problems_from
 from anser.scenario.schema_reach import reach_problems
+from anser.scenario.schema_sensing import Estimator, GoalSensor, Navigation, sensing_problems
 from anser.scenario.schema_settings import Fleet, Guidance, Hold, Limits, Requirements, Timing
 from anser.scenario.schema_surroundings import Earth, EarthOrWord, Wind
 
@@ -57,7 +60,7 @@ class Scenario(Table):
         0,
         ge=0,
         le=SEED_MAX,
-        description="of everything that is random, which is nothing yet: recorded, it changes no flight",
+        description="of everything that is random",
         json_schema_extra=expects(f"a whole number from 0 to {SEED_MAX}"),
     )
     timing: Timing = table("time", "a table [timing]")
@@ -74,6 +77,16 @@ class Scenario(Table):
         "the fleet", "one table [[aircraft]] or more, in double brackets", at_least=1
     )
     goal: tuple[Goal, ...] = tables("places to meet", "one table [[goal]] or more, in double brackets", at_least=1)
+    turbulence: Turbulence = table("gusts of the air", "a table [turbulence]", Turbulence())
+    gust: tuple[DiscreteGust, ...] = tables(
+        "single gusts", "tables [[gust]], in double brackets", at_least=0, default=()
+    )
+    navigation: Navigation = table("what an aircraft knows of itself", "a table [navigation]", Navigation())
+    goal_sensor: GoalSensor = table("what it sees of its goal", "a table [goal_sensor]", GoalSensor())
+    estimator: Estimator = table("the filter behind it", "a table [estimator]", Estimator())
+    event: tuple[Event, ...] = tables(
+        "what happens on the way", "tables [[event]], in double brackets", at_least=0, default=()
+    )
     keep_out: tuple[KeepOut, ...] = tables(
         "where no aircraft may be", "tables [[keep_out]], in double brackets", at_least=0, default=()
     )
@@ -104,6 +117,9 @@ class Scenario(Table):
             *goal_problems(goals, self.timing),
             *separation_problems(aircraft, self.separation),
             *chart_problems(self),
+            *gust_problems(self.gust, aircraft),
+            *sensing_problems(self.navigation, self.goal_sensor, self.timing),
+            *event_problems(self.event, aircraft, goals, self.timing, fleet.planner),
         ]
         if not names:
             found.extend(rendezvous_problems(aircraft, goals, fleet, limits))

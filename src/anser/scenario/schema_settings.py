@@ -11,7 +11,7 @@ SPEED_MAX_M_S = 340.0  # the thrust tables end at Mach 1
 DURATION_MAX_S = 7200.0
 
 
-def _is_multiple(period_s: float, step_s: float) -> bool:
+def is_multiple(period_s: float, step_s: float) -> bool:
     """Say whether a period is a whole number of steps, to the rounding of decimal input."""
     steps = period_s / step_s
     return round(steps) >= 1 and math.isclose(steps, round(steps), rel_tol=1e-9)
@@ -36,7 +36,7 @@ class Timing(Table):
         found = []
         for key, period_s in (("record_period_s", self.record_period_s), ("replan_period_s", self.replan_period_s)):
             allowed_zero = key == "replan_period_s" and period_s == 0
-            if not allowed_zero and not _is_multiple(period_s, self.step_s):
+            if not allowed_zero and not is_multiple(period_s, self.step_s):
                 words = f"a whole multiple of step_s, which is {plain(self.step_s)} s"
                 found.append(Problem(key, plain(period_s), words))
         return [*found, *misordered(self, "freeze_s", "duration_s", "s")]

@@ -3,6 +3,7 @@
 from anser.simulation.broken_loop import BREAKPOINTS, HELD_BACK, MemoryFields, loop_memory
 from anser.simulation.certified_planner import CertifiedPlanner, CertifiedPlanState
 from anser.simulation.closed_loop import fly_alone, trimmed_vehicle
+from anser.simulation.faults import Faults, no_faults
 from anser.simulation.fleet import Flight, FlightState, Timing, assemble, statuses
 from anser.simulation.fleet_summary import FleetSummary, SummaryRecorder
 from anser.simulation.flight import SEGMENT_STEPS, fly
@@ -41,6 +42,7 @@ __all__ = [
     "AircraftSample",
     "CertifiedPlanState",
     "CertifiedPlanner",
+    "Faults",
     "FleetSample",
     "FleetSummary",
     "Flight",
@@ -85,6 +87,7 @@ __all__ = [
     "map_point",
     "modes_of",
     "nearest_trims",
+    "no_faults",
     "solve_trim",
     "start_flight",
     "statuses",

@@ -12,12 +12,23 @@ from anser.environment import AirFlow, Environment
 from anser.numerics import AbstractRandomness
 from anser.numerics.randomness import AIR
 from anser.planning import AircraftPlan
-from anser.sensing import Belief, Instant, Truth, velocity_over_ground_n
+from anser.sensing import GOAL_DIVERGED, GOAL_NEVER_SEEN, Belief, Instant, Truth, velocity_over_ground_n
 from anser.shapes import Count, Flag, ScalarLike
 from anser.simulation.motion import advance
 from anser.simulation.recorder import AbstractRecorder, AircraftSample, GoalApproach, scanned
 from anser.simulation.stand_off import too_near
-from anser.simulation.status import AT_GROUND, BROKE_OFF, FLYING, NOT_FINITE, TOO_NEAR, broken_off, plan_status
+from anser.simulation.status import (
+    AT_GROUND,
+    BROKE_OFF,
+    FLYING,
+    GOAL_LOST,
+    GOAL_UNSEEN,
+    LEFT,
+    NOT_FINITE,
+    TOO_NEAR,
+    broken_off,
+    plan_status,
+)
 from anser.simulation.trim import TrimPoint
 from anser.simulation.vehicle import Mission, Vehicle, VehicleState
 from anser.spatial import rotate, rotation_from_quaternion, safe_norm
@@ -127,7 +138,7 @@ def act(
     if vehicle.mission is not None:
         if plan is None:
             raise ValueError("an aircraft with a goal is flown with a plan: simulation.fly, with a planner")
-        status = plan_status(status, plan.status)
+        status = _own_status(vehicle, plan_status(status, plan.status), belief, plan, instant, freeze)
         approach, status = _meet(vehicle.mission, truth, belief, plan, status, instant, freeze)
         held = vehicle.mission.hold.command(
             belief,
@@ -173,6 +184,23 @@ def act(
         before = state.aircraft, held
         after, memories = jax.tree.map(lambda old, new: jnp.where(stopped, old, new), before, (after, memories))
     return VehicleState(after, *memories, status=status, stopped=stopped, index=state.index), sample
+
+
+def _own_status(
+    vehicle: Vehicle, status: Count, belief: Belief, plan: AircraftPlan, instant: Instant, freeze: ScalarLike
+) -> Count:
+    """Status with what an aircraft knows by itself: that it has left its fleet, or has no goal to go by."""
+    time = instant.time
+    left = (status == FLYING) & vehicle.faults.left(time)
+    status = jnp.where(left, LEFT, status).astype(status.dtype)
+    if belief.uncertainty is None:
+        return status
+    unseen = belief.uncertainty.goal_status == GOAL_NEVER_SEEN
+    lost = belief.uncertainty.goal_status == GOAL_DIVERGED
+    # Before the plan stands still there is time to see it yet.
+    unseen = unseen & (time >= plan.arrival_time - freeze)
+    event = jnp.where(lost, GOAL_LOST, jnp.where(unseen, GOAL_UNSEEN, status))
+    return jnp.where(status == FLYING, event, status).astype(status.dtype)
 
 
 def _meet(

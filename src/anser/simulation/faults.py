@@ -16,11 +16,15 @@ class Faults(eqx.Module):
         From when on its engine gives only a part (0..1) of its thrust.
     sensor_time
         From when on the sensor of its goal fails.
+    leaving_time
+        From when on it is no longer one of its fleet: it flies the plan that is made for it then, straight on, and
+        nobody waits for it.
     """
 
     thrust_time: Scalar
     thrust_left: Scalar
     sensor_time: Scalar
+    leaving_time: Scalar
 
     def thrust(self, time: ScalarLike) -> Scalar:
         """Part of the thrust that is left."""
@@ -30,7 +34,12 @@ class Faults(eqx.Module):
         """Whether the goal can be sensed."""
         return jnp.asarray(time < self.sensor_time)
 
+    def left(self, time: ScalarLike) -> Flag:
+        """Whether it has left its fleet."""
+        return jnp.asarray(time >= self.leaving_time)
+
 
 def no_faults() -> Faults:
     """None."""
-    return Faults(as_array(jnp.inf), as_array(1.0), as_array(jnp.inf))
+    never = as_array(jnp.inf)
+    return Faults(never, as_array(1.0), never, never)

@@ -45,6 +45,25 @@ def report(vehicle: Vehicle, seen: Perceived, active: Flag) -> Report:
     )
 
 
+def fleet_reports(
+    flight: Flight, state: FlightState, instant: Instant, *, one_kernel: bool = False
+) -> tuple[list[Perceived], Report]:
+    """What each aircraft perceives, by kinds, and what all of them report to the planner; leading axis aircraft."""
+    compiled = as_one_kernel if one_kernel else lambda function: function
+
+    def perceived(vehicle: Vehicle, before: VehicleState) -> Perceived:
+        return perceive(vehicle, before, instant)
+
+    def reported(vehicle: Vehicle, seen: Perceived, before: VehicleState) -> Report:
+        away = before.stopped | broken_off(before.status) | vehicle.faults.left(instant.time)
+        return report(vehicle, seen, ~away)
+
+    pairs = list(zip(flight.kinds, state.vehicles, strict=True))
+    seen = [compiled(kind.vehicles.map)(perceived, states) for kind, states in pairs]
+    told = [kind.vehicles.map(reported, one, states) for (kind, states), one in zip(pairs, seen, strict=True)]
+    return seen, fleet_rows(flight, told)
+
+
 def plans_too_near(flight: Flight, plans: AircraftPlan, reports: Report, time: ScalarLike) -> Bool[Array, " aircraft"]:
     """Which plans end nearer to the goal, as it is foreseen at steady velocity, than a rendezvous may be."""
     earth = flight.environment.earth
@@ -102,18 +121,8 @@ def step_fleet(
 ) -> tuple[FlightState, FleetSample, Instant]:
     """Fly the fleet over one step; the next state, and everything known at the step's start (see `fly`)."""
     instant = Instant(flight.environment, number, flight.timing.step, flight.randomness)
-    pairs = list(zip(flight.kinds, state.vehicles, strict=True))
     compiled = as_one_kernel if one_kernel else lambda function: function
-
-    def perceived(vehicle: Vehicle, before: VehicleState) -> Perceived:
-        return perceive(vehicle, before, instant)
-
-    seen = [compiled(kind.vehicles.map)(perceived, states) for kind, states in pairs]
-    reported = [
-        kind.vehicles.map(report, one, ~(states.stopped | broken_off(states.status)))
-        for (kind, states), one in zip(pairs, seen, strict=True)
-    ]
-    reports = fleet_rows(flight, reported)
+    seen, reports = fleet_reports(flight, state, instant, one_kernel=one_kernel)
     planner, refused = _renewed(flight, state, number, reports)
     plans = flight.planner.plans(planner)
     vehicles = refuse(flight, state.vehicles, refused)
@@ -140,6 +149,7 @@ def fly(
     memory: Any = None,
     *,
     one_kernel: bool = False,
+    flown: Count | None = None,
 ) -> tuple[FlightState, Any, Any]:
     """Fly a number of steps.
 
@@ -162,6 +172,8 @@ def fly(
     one_kernel
         Whether what each aircraft does in a step is compiled as one kernel where the machine is a CPU. It makes a
         flight by itself two to three times as fast; one that is to be batched must not be compiled so.
+    flown
+        How many of the steps are flown; the rows of the others mean nothing. None: all.
 
     Returns
     -------
@@ -173,4 +185,4 @@ def fly(
     def one(before: FlightState, number: Count) -> tuple[FlightState, FleetSample, Instant]:
         return step_fleet(flight, before, number, one_kernel=one_kernel)
 
-    return scanned(one, state, jnp.asarray(since, dtype=jnp.int32), count, recorder, memory)
+    return scanned(one, state, jnp.asarray(since, dtype=jnp.int32), count, recorder, memory, flown)

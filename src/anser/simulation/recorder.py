@@ -157,6 +157,7 @@ def scanned(
     count: int,
     recorder: AbstractRecorder,
     memory: Any,
+    flown: Count | None = None,
 ) -> tuple[Any, Any, Any]:
     """Run steps and keep what the recorder wants.
 
@@ -172,6 +173,8 @@ def scanned(
         Number of steps; a multiple of what lies between two rows.
     recorder, memory
         What is kept, and what has been so far.
+    flown
+        How many of the steps are run, where that is known only when it runs and each has a row; None: all.
 
     Returns
     -------
@@ -190,6 +193,17 @@ def scanned(
         state, memory = carry
         after, sample, instant = one(state, number)
         return (after, recorder.take(memory, sample, instant)), recorder.row(sample, instant)
+
+    if flown is not None:
+        if every != 1:
+            raise ValueError(f"a row every {every} samples does not fit a number of steps that is not known")
+        empty = zeros_as(lambda c, n: step(c, n)[1], (state, memory), since)
+
+        def some(carry: tuple[Any, Any], k: Count) -> tuple[tuple[Any, Any], Any]:
+            return jax.lax.cond(k < flown, lambda: step(carry, since + k), lambda: (carry, empty))
+
+        (state, memory), rows = jax.lax.scan(some, (state, memory), jnp.arange(count, dtype=since.dtype))
+        return state, memory, rows
 
     if every == 1:
         (state, memory), rows = jax.lax.scan(step, (state, memory), since + jnp.arange(count, dtype=since.dtype))

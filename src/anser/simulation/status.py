@@ -13,6 +13,9 @@ BROKE_OFF = NO_TRIM + 2
 AT_GROUND = NO_TRIM + 3
 TOO_NEAR = NO_TRIM + 4
 PLAN_TOO_NEAR = NO_TRIM + 5
+LEFT = NO_TRIM + 6
+GOAL_UNSEEN = NO_TRIM + 7
+GOAL_LOST = NO_TRIM + 8
 
 STATUS_MESSAGES: tuple[str, ...] = (
     "arrived",
@@ -25,13 +28,17 @@ STATUS_MESSAGES: tuple[str, ...] = (
     "was about to: broke off and went to its hold",
     "the plan ended nearer to the goal than a rendezvous may be (150 m to a surface goal, 100 m to an airborne one): "
     "it was refused, and the aircraft went to its hold",
+    "left the fleet and flew straight on",
+    "its goal was never seen: it held where the goal was said to be",
+    "the filter that follows its goal diverged: it held where the goal was last taken to be",
 )
 """Message of each status; the first ones are the planner's own."""
 
 
 def broken_off(status: Any) -> Any:
     """Whether a status, or which of several, means that an aircraft has left its plan for its hold."""
-    return (status == BROKE_OFF) | (status == TOO_NEAR) | (status == PLAN_TOO_NEAR)
+    away = (status == BROKE_OFF) | (status == TOO_NEAR) | (status == PLAN_TOO_NEAR)
+    return away | (status == GOAL_UNSEEN) | (status == GOAL_LOST)
 
 
 def plan_status(status: Any, planned: Any) -> Any:

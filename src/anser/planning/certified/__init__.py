@@ -32,7 +32,7 @@ Two stand apart: ``task``, what is asked (aircraft, airspace, keep-outs, arrival
 
 from anser.planning.certified.arrival_proposals import FleetTask, common_times
 from anser.planning.certified.arrivals import arrival_sets
-from anser.planning.certified.certified_plan import CertifiedPlan, intervals_for, plan_at
+from anser.planning.certified.certified_plan import CertifiedPlan, Standing, intervals_for, plan_at
 from anser.planning.certified.necessary_conditions import arrival_conflicts, arrival_distances_max
 from anser.planning.certified.path_bounds import path_bounds
 from anser.planning.certified.renewal import FIRST, REPLANNED, renew_certified
@@ -51,6 +51,7 @@ __all__ = [
     "KeepOuts",
     "Outcome",
     "Separation",
+    "Standing",
     "arrival_conflicts",
     "arrival_distances_max",
     "arrival_sets",

@@ -9,9 +9,10 @@ from jaxtyping import Array, Bool, Float, Int
 
 from anser.compiling import compiled_by_older_generator
 from anser.numerics import leading, namespace, zeros_as
+from anser.numerics.stacking import rows_where
 from anser.planning.certified.broad_phase import INTERVALS_PER_CYLINDER, fleet_clearance_ratio, fleet_cylinders
 from anser.planning.certified.candidate_sets import CandidateSet
-from anser.planning.certified.candidates import SPLINE, fleet_candidates
+from anser.planning.certified.candidates import SPLINE, Candidates, fleet_candidates
 from anser.planning.certified.clearance import Track, clearance_from_keep_outs
 from anser.planning.certified.path_bounds import PathBounds, excess, path_bounds
 from anser.planning.certified.placement import Placement, fewest_first, place
@@ -107,6 +108,24 @@ class CertifiedPlan(eqx.Module):
         return namespace(self).asarray(self.valid) & self.certificate.kept
 
 
+class Standing(eqx.Module):
+    """Paths that stand as they are while the rest of a fleet is planned around them; leading axis aircraft.
+
+    Attributes
+    ----------
+    which
+        Whose paths stand.
+    paths
+        Where they are when; of the others they mean nothing.
+    arrival_times
+        When they are at their rendezvous, s.
+    """
+
+    which: Bool[Array, " aircraft"]
+    paths: TimedPath
+    arrival_times: Float[Array, " aircraft"]
+
+
 def certify(
     paths: TimedPath, tasks: AircraftTask, airspace: Airspace, intervals: int, since: ScalarLike = -jnp.inf
 ) -> Certificate:
@@ -149,6 +168,7 @@ def plan_fleet_at(
     intervals: int,
     candidate_set: CandidateSet,
     extra_for: Bool[Array, " aircraft"] | None = None,
+    standing: Standing | None = None,
 ) -> CertifiedPlan:
     """Plan a fleet from a time (s) on for given durations to each rendezvous (s).
 
@@ -158,22 +178,31 @@ def plan_fleet_at(
         Even intervals between the knots of a path.
     extra_for
         Aircraft for which `candidate_set.extra` is looked at too; None: all that are active.
+    standing
+        Paths that the others keep clear of; these aircraft need not be active. None: there are none.
     """
     volumes = airspace.keep_outs
     begun = eqx.tree_at(
         lambda a: a.keep_outs.position_n, airspace, volumes.position_n + start_time * volumes.velocity_n
     )
     candidates = fleet_candidates(tasks, begun, durations, intervals, intervals, candidate_set, extra_for)
-    fleet = jnp.arange(durations.shape[0])
+    fleet, since = jnp.arange(durations.shape[0]), -jnp.inf
+    if standing is not None:
+        candidates = _around(candidates, standing, airspace, start_time, durations, intervals)
+        tasks = eqx.tree_at(lambda t: t.active, tasks, jnp.where(standing.which, 1.0, tasks.active))
+        since = start_time
 
     def placed_of(valid: Bool[Array, "aircraft candidates"]) -> tuple[CertifiedPlan, Placement]:
         left = eqx.tree_at(lambda c: c.valid, candidates, valid)
         placed = place(left, airspace.separation, fewest_first(left))
-        paths = candidates.paths(start_time, placed.chosen)
+        paths, arrivals = candidates.paths(start_time, placed.chosen), start_time + durations
+        if standing is not None:
+            paths = rows_where(standing.which, standing.paths, paths)
+            arrivals = jnp.where(standing.which, standing.arrival_times, arrivals)
         plan = CertifiedPlan(
             paths=paths,
-            arrival_times=start_time + durations,
-            certificate=certify(paths, tasks, airspace, intervals),
+            arrival_times=arrivals,
+            certificate=certify(paths, tasks, airspace, intervals, since),
             valid=placed.valid,
             lengths=jax.vmap(TimedPath.air_length)(paths),
             turned=candidates.turned[fleet, placed.chosen],
@@ -187,6 +216,30 @@ def plan_fleet_at(
     uncertified = candidates.generator != SPLINE
     given_up = uncertified & jnp.any(candidates.valid & ~uncertified, axis=1, keepdims=True)
     return _best_placed(placed_of, candidates.valid, given_up, tasks.active > 0.0, candidate_set.rounds)
+
+
+def _around(
+    candidates: Candidates,
+    standing: Standing,
+    airspace: Airspace,
+    start_time: ScalarLike,
+    durations: Float[Array, " aircraft"],
+    intervals: int,
+) -> Candidates:
+    """Candidates with those of aircraft whose paths stand replaced by these paths."""
+    times = start_time + jnp.max(durations) / intervals * jnp.arange(intervals + 1)
+
+    def tracked(path: TimedPath) -> Track:
+        bounds = path_bounds(path, airspace.wind, airspace.gravity)
+        return path_track(path, bounds.cell_acceleration, 1.0, times)
+
+    tracks, count = jax.vmap(tracked)(standing.paths), candidates.valid.shape[1]
+    tracks = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf[:, None], (leaf.shape[0], count, *leaf.shape[1:])), tracks)
+    own = tracks, jnp.ones_like(candidates.valid), jnp.zeros_like(candidates.cost), jnp.zeros_like(candidates.cost)
+    held = (candidates.tracks, candidates.valid, candidates.cost, candidates.penetration)
+    return eqx.tree_at(
+        lambda c: (c.tracks, c.valid, c.cost, c.penetration), candidates, rows_where(standing.which, own, held)
+    )
 
 
 def _best_placed(

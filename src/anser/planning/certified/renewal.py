@@ -55,7 +55,7 @@ def _corrected(path: TimedPath, task: AircraftTask, now: ScalarLike) -> TimedPat
     return eqx.tree_at(lambda p: p.air_n, path, jnp.where(needed, bent, path.air_n))
 
 
-def _from_plan(path: TimedPath, task: AircraftTask, now: ScalarLike) -> AircraftTask:
+def from_plan(path: TimedPath, task: AircraftTask, now: ScalarLike) -> AircraftTask:
     """The task as its plan has it now: velocity and acceleration go on without a jump."""
     air, drift = path.states_n(now)
     return eqx.tree_at(
@@ -154,7 +154,7 @@ def renew_certified(
         return Renewed(corrected, jnp.asarray(CORRECTED), ~fine)
 
     free = active & (plan.arrival_times - now > jnp.maximum(freeze, COMMITTED_S))
-    here = jax.vmap(_from_plan, in_axes=(0, 0, None))(plan.paths, tasks, now)
+    here = jax.vmap(from_plan, in_axes=(0, 0, None))(plan.paths, tasks, now)
     here = eqx.tree_at(lambda t: t.active, here, jnp.where(free, tasks.active, 0.0))
 
     counted = jnp.where(active, plan.arrival_times, -jnp.inf)

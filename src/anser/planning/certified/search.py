@@ -18,7 +18,7 @@ from anser.planning.certified.arrival_proposals import (
     open_stage,
 )
 from anser.planning.certified.candidate_sets import STANDARD, CandidateSet
-from anser.planning.certified.certified_plan import CertifiedPlan, intervals_for, plan_at
+from anser.planning.certified.certified_plan import CertifiedPlan, Standing, intervals_for, plan_at
 from anser.planning.certified.task import AircraftTask, Airspace, ArrivalRequest, ArrivalTimes, Intervals
 
 _TIME_TOLERANCE = 5e-4  # part of itself by which a time differs from one that need not be tried again
@@ -111,6 +111,8 @@ class _Searcher:
     fleet: FleetTask
     on_progress: Progress
     failed_after_arrival: FailedAfterArrival
+    standing: Standing | None
+    intervals: int | None
 
     def run(self, state: _State, stage: Stage, to_the_end: bool = False) -> _State:
         """Attempt what a stage proposes, up to the first plan, or to its end: then the last plan found stands."""
@@ -159,9 +161,10 @@ class _Searcher:
             fleet.tasks,
             fleet.airspace,
             as_array(times),
-            intervals_for(float(np.max(times))),
+            intervals_for(float(np.max(times))) if self.intervals is None else self.intervals,
             candidate_set,
             None if extra_for is None else as_array(extra_for, bool),
+            *(() if self.standing is None else (self.standing,)),
         )
         failed = fleet.active & ~np.asarray(plan.feasible)
         if not failed.any():
@@ -179,6 +182,8 @@ def search(
     on_progress: Progress = lambda what: None,
     thorough: bool = True,
     failed_after_arrival: FailedAfterArrival = lambda plan: np.zeros(plan.arrival_times.shape, dtype=bool),
+    standing: Standing | None = None,
+    intervals: int | None = None,
 ) -> Outcome:
     """Find a plan whose certificate keeps everything.
 
@@ -200,9 +205,13 @@ def search(
         False stops after the first times.
     failed_after_arrival
         Called with a plan that keeps everything: which aircraft do not after their arrivals.
+    standing
+        Paths that all keep clear of, of aircraft that are not active; None: there are none.
+    intervals
+        Even intervals between the knots of the paths; None: as the arrival times ask.
     """
     fleet = FleetTask(tasks, airspace, request)
-    searcher = _Searcher(start_time, fleet, on_progress, failed_after_arrival)
+    searcher = _Searcher(start_time, fleet, on_progress, failed_after_arrival, standing, intervals)
     on_progress("planning")
     state = searcher.run(_State(), first_stage(fleet, thorough))
     if state.plan is not None or fleet.times_given or not thorough:
