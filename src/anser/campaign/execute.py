@@ -69,8 +69,8 @@ class Flown:
 
     @property
     def met(self) -> bool:
-        """Whether every aircraft arrived and every requirement is met."""
-        arrived = all(row["status"] == "arrived" for row in self.summary["aircraft"])
+        """Whether every aircraft arrived that did not leave the fleet, and every requirement is met."""
+        arrived = all(row["status"] == "arrived" or "left_s" in row for row in self.summary["aircraft"])
         return arrived and all(row["met"] for row in self.summary["requirements"])
 
     def __repr__(self) -> str:

@@ -39,7 +39,8 @@ def answer(summary: Mapping[str, Any], scenario: Mapping[str, Any]) -> str:
         As the run holds them; the scenario may be empty.
     """
     rows, spread = summary["aircraft"], summary["fleet"]["arrival_spread_s"]
-    stray = [row for row in rows if row["status"] != "arrived"]
+    left = [row for row in rows if "left_s" in row]
+    stray = [row for row in rows if row["status"] != "arrived" and "left_s" not in row]
     unmet = [entry["name"] for entry in summary["requirements"] if not entry["met"]]
     allowed = next((e["limit"] for e in summary["requirements"] if e["name"] == "arrival_spread_max_s"), None)
     together = (
@@ -49,8 +50,8 @@ def answer(summary: Mapping[str, Any], scenario: Mapping[str, Any]) -> str:
     )
     apart = "" if spread is None else _duration(spread)
     good = not stray and not unmet
-    if stray:
-        count = len(rows) - len(stray)
+    if stray or left:
+        count = len(rows) - len(stray) - len(left)
         head = f"{count} of {len(rows)} aircraft arrived" if len(rows) > 1 else "The aircraft failed"
     elif together and "arrival_spread_max_s" in unmet:
         head = f"All {len(rows)} aircraft arrived, but {apart} apart"
@@ -61,7 +62,7 @@ def answer(summary: Mapping[str, Any], scenario: Mapping[str, Any]) -> str:
     if not good and not stray and "arrival_spread_max_s" not in unmet:
         head += ", but not as required"
     parts = [] if allowed is None or not together else [f"{number(allowed, 2)} s apart were allowed."]
-    parts += [f"<b>{text(row['name'])}</b>: {text(row['status'])}." for row in stray]
+    parts += [f"<b>{text(row['name'])}</b>: {text(row['status'])}." for row in (*stray, *left)]
     if unmet:
         parts.append(f"Requirements not met: <b>{text(', '.join(unmet))}</b>.")
     elif good:

@@ -119,7 +119,8 @@ def judge(
 def _judge_one(requirement: Requirement, aircraft: Sequence[_Row], fleet: _Row) -> dict[str, Any]:
     name, limit = requirement.name, requirement.limit
     at_most = name in _AT_MOST
-    values = (_AT_MOST if at_most else _AT_LEAST)[name](aircraft, fleet)
+    staying = [row for row in aircraft if "left_s" not in row]  # nothing is asked of one that has left the fleet
+    values = (_AT_MOST if at_most else _AT_LEAST)[name](staying, fleet)
     if not values:
         return _entry(name, limit, None, True)
     numbers = [value for value in values if value is not None]

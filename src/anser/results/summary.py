@@ -17,6 +17,7 @@ from anser.results.separated import least_ratio
 from anser.scenario import Scenario
 from anser.simulation import STATUS_MESSAGES
 from anser.simulation.fleet_summary import ARRIVAL_MARGIN_S
+from anser.simulation.status import LEFT
 
 FORMAT_VERSION = 1
 CLEARANCE_MIN_M = {"surface": SURFACE_STAND_OFF_MIN_M, "airborne": AIRBORNE_STAND_OFF_MIN_M}
@@ -76,9 +77,9 @@ def summarize(
     aircraft = [_aircraft(time, history, scenario, column) for column in range(len(scenario.aircraft))]
     for row, path in zip(aircraft, paths, strict=bool(paths)):
         row["path"] = path
-    arrivals = [row["arrival_s"] for row in aircraft]
+    arrivals = [row["arrival_s"] for row in aircraft if "left_s" not in row]
     fleet: dict[str, float | None] = {
-        "arrival_spread_s": None if None in arrivals else max(arrivals) - min(arrivals),
+        "arrival_spread_s": None if not arrivals or None in arrivals else max(arrivals) - min(arrivals),
         "separation_min_m": _least_separation(history),
         "wall_s": finite_or_none(wall_s),
         "simulated_s": finite_or_none(time[-1] - time[0]),
@@ -142,7 +143,11 @@ def _aircraft(time: np.ndarray, history: Mapping[str, np.ndarray], scenario: Sce
     bend = float(bends[0]) if bends.size else None
     tables_left_s = float(np.sum(np.diff(time)[record["outside_tables"][:-1]]))
     search_end = min(time[-1], planned + ARRIVAL_MARGIN_S)
+    left = np.flatnonzero(record["status"] == LEFT)
+    if left.size:
+        arrival = miss = planned = np.nan
     return {
+        **({"left_s": float(time[left[0]])} if left.size else {}),
         "name": scenario.aircraft[column].name,
         "goal": scenario.aircraft[column].goal,
         "planned_arrival_s": finite_or_none(planned),

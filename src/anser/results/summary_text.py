@@ -12,7 +12,8 @@ def summary_text(summary: Mapping[str, Any]) -> str:
     arrived = sum(row["status"] == "arrived" for row in rows)
     unmet = [entry["name"] for entry in summary["requirements"] if not entry["met"]]
     judged = f"not met: {', '.join(unmet)}" if unmet else "all requirements met"
-    if arrived < len(rows) and not unmet:
+    left = sum("left_s" in row for row in rows)
+    if arrived + left < len(rows) and not unmet:
         # one that ends on the ground or breaks off after its arrival has kept every number that is required of it
         judged = "the flight failed"
     lines = [f"{summary['scenario']['name']}: {arrived} of {len(rows)} aircraft arrived, {judged}"]

@@ -40,13 +40,13 @@ from anser.planning import (
 )
 from anser.planning.certified import Airspace, KeepOuts, Separation
 from anser.scenario.build_events import changed_motion, faults_of
+from anser.scenario.build_sensing import build_estimator, build_sensors
 from anser.scenario.library import load_airframe
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_aircraft import Aircraft, AttitudeGains, RateGains, VelocityGains
 from anser.scenario.schema_event import Event
 from anser.scenario.schema_goal import Goal
 from anser.scenario.schema_settings import Limits
-from anser.sensing import DirectEstimator, IdealSensors
 from anser.shapes import Scalar, Vector3
 from anser.simulation import (
     CertifiedPlanner,
@@ -113,8 +113,8 @@ def _vehicle(
     gains = build_gains(aircraft)
     return Vehicle(
         airframe=load_airframe(aircraft.type, aircraft.variant, aircraft.x_cg_over_c),
-        sensors=IdealSensors(),
-        estimator=DirectEstimator(),
+        sensors=build_sensors(scenario),
+        estimator=build_estimator(scenario, goal),
         guidance=FollowPlan(guidance),
         controller=InversionAutopilot(gains, limits),
         mission=Mission(

@@ -2,6 +2,9 @@
 
 from anser.sensing.delayed import DelayedSensors
 from anser.sensing.direct import DirectEstimator, goal_seen
+from anser.sensing.dropouts import Dropouts
+from anser.sensing.goal_filters import AbstractGoalFilter, ExtendedKalmanFilter, SteadyMotion
+from anser.sensing.goal_sensors import FieldOfView, GoalSensor, slots_for
 from anser.sensing.ideal import IdealSensors, line_of_sight
 from anser.sensing.interface import (
     GOAL_DIVERGED,
@@ -19,25 +22,45 @@ from anser.sensing.interface import (
     Uncertainty,
     velocity_over_ground_n,
 )
+from anser.sensing.navigation import AirFilter, NavigationFilter
+from anser.sensing.noisy import NoisySensors
+from anser.sensing.own_sensors import AirDataSensors, InertialSensors, OwnSensors, SatelliteNavigation
+from anser.sensing.tracking import Briefing, TrackingEstimator
 
 __all__ = [
     "GOAL_DIVERGED",
     "GOAL_KNOWN",
     "GOAL_NEVER_SEEN",
     "AbstractEstimator",
+    "AbstractGoalFilter",
     "AbstractSensors",
+    "AirDataSensors",
+    "AirFilter",
     "Belief",
+    "Briefing",
     "DelayedSensors",
     "DirectEstimator",
+    "Dropouts",
+    "ExtendedKalmanFilter",
+    "FieldOfView",
     "Fix",
     "GoalReading",
+    "GoalSensor",
     "GoalState",
     "IdealSensors",
+    "InertialSensors",
     "Instant",
+    "NavigationFilter",
+    "NoisySensors",
+    "OwnSensors",
     "Reading",
+    "SatelliteNavigation",
+    "SteadyMotion",
+    "TrackingEstimator",
     "Truth",
     "Uncertainty",
     "goal_seen",
     "line_of_sight",
+    "slots_for",
     "velocity_over_ground_n",
 ]

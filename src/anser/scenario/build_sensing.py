@@ -1,0 +1,166 @@
+"""From the tables of a scenario on what aircraft know to sensors and estimators."""
+
+import math
+
+import numpy as np
+
+from anser.numerics import as_array
+from anser.planning import GoalMotion
+from anser.scenario.schema import Scenario
+from anser.scenario.schema_sensing import GoalSensor as GoalSensorTable
+from anser.scenario.schema_sensing import Navigation
+from anser.sensing import (
+    AbstractEstimator,
+    AbstractSensors,
+    AirDataSensors,
+    AirFilter,
+    Briefing,
+    DirectEstimator,
+    Dropouts,
+    ExtendedKalmanFilter,
+    FieldOfView,
+    GoalSensor,
+    IdealSensors,
+    InertialSensors,
+    NavigationFilter,
+    NoisySensors,
+    OwnSensors,
+    SatelliteNavigation,
+    SteadyMotion,
+    TrackingEstimator,
+    slots_for,
+)
+from anser.shapes import Vector3
+from anser.units import DEG_RAD
+
+_VERTICAL_SHARE = 0.1  # of a goal's acceleration
+_NIS_MAX = 10.0  # mean normalised innovation from which a filter has diverged: 1 is right
+_SIGMA_MAX_M = 5000.0
+_UNMEASURED = 1.0  # standard deviation of what is not measured, which never counts
+_ACCELERATION_DENSITY = 1e-3  # m^2/s^3, of what attitude errors make of gravity, beside the accelerometers' noise
+_GRAVITY_M_S2 = 9.81
+
+
+def build_sensors(scenario: Scenario) -> AbstractSensors:
+    """Sensors of an aircraft: ideal ones where the scenario says nothing else."""
+    own, goal = own_sensors(scenario.navigation), goal_sensor(scenario.goal_sensor)
+    return IdealSensors() if own is None and goal is None else NoisySensors(own, goal)
+
+
+def build_estimator(scenario: Scenario, goal: GoalMotion) -> AbstractEstimator:
+    """What stands behind them: nothing where all is exact and the air is smooth."""
+    navigation, sensor, estimator = scenario.navigation, scenario.goal_sensor, scenario.estimator
+    exact, smooth = navigation.sensors == "exact", scenario.turbulence.intensity == "none" and not scenario.gust
+    if exact and smooth and sensor.preset == "exact":
+        return DirectEstimator()
+    own = None if exact else _navigation_filter(navigation)
+    air = None if exact and smooth else AirFilter(as_array(navigation.wind_time_s), as_array(navigation.gust_time_s))
+    if sensor.preset == "exact":
+        return TrackingEstimator(own, air)
+    density = estimator.acceleration_m_s2**2
+    tracking = ExtendedKalmanFilter(
+        motion=SteadyMotion(as_array(density), as_array(_VERTICAL_SHARE**2 * density)),
+        nis_max=as_array(_NIS_MAX),
+        sigma_max=as_array(_SIGMA_MAX_M),
+        slots=_history(sensor, scenario.timing.step_s),
+    )
+    briefing = Briefing(
+        position_n=as_array(np.asarray(goal.position_n(0.0))),
+        velocity_n=as_array(np.asarray(goal.velocity_n(0.0))),
+        position_sigma=as_array(estimator.briefed_position_m),
+        velocity_sigma=as_array(estimator.briefed_velocity_m_s),
+    )
+    return TrackingEstimator(own, air, tracking, briefing)
+
+
+def own_sensors(table: Navigation) -> OwnSensors | None:
+    """Satellite navigation, inertial sensors and air data with the errors of a table; None: exact."""
+    if table.sensors == "exact":
+        return None
+    return OwnSensors(
+        satellite=SatelliteNavigation(
+            position_sigma=_axes(table.position_m),
+            correlation_time=as_array(table.correlation_s),
+            noise_sigma=_axes(table.noise_m),
+            velocity_sigma=_axes(table.velocity_m_s),
+            period=as_array(table.period_s),
+        ),
+        inertial=InertialSensors(
+            attitude_sigma=as_array([DEG_RAD * a for a in (table.attitude_deg, table.attitude_deg, table.heading_deg)]),
+            attitude_time=as_array(table.correlation_s),
+            rates_bias=as_array(DEG_RAD * table.rates_bias_deg_s),
+            rates_noise=as_array(DEG_RAD * table.rates_noise_deg_s),
+            force_bias=as_array(table.force_bias_m_s2),
+            force_noise=as_array(table.force_noise_m_s2),
+        ),
+        air_data=AirDataSensors(
+            airspeed_bias=as_array(table.airspeed_bias_m_s),
+            airspeed_noise=as_array(table.airspeed_noise_m_s),
+            vane_bias=as_array(DEG_RAD * table.vane_bias_deg),
+            vane_noise=as_array(DEG_RAD * table.vane_noise_deg),
+        ),
+    )
+
+
+def _navigation_filter(table: Navigation) -> NavigationFilter:
+    tilt = (DEG_RAD * max(table.attitude_deg, table.heading_deg) * _GRAVITY_M_S2) ** 2
+    density = (tilt + table.force_bias_m_s2**2) * table.correlation_s * _ACCELERATION_DENSITY
+    return NavigationFilter(
+        slow_sigma=_axes(table.position_m),
+        slow_time=as_array(table.correlation_s),
+        noise_sigma=_axes(table.noise_m),
+        velocity_sigma=_axes(table.velocity_m_s),
+        acceleration_density=as_array(max(density, 1e-12)),
+        period=as_array(table.period_s),
+    )
+
+
+def goal_sensor(table: GoalSensorTable) -> GoalSensor | None:
+    """Sensor of a goal with the numbers of a table and its preset; None: exact."""
+    if table.preset == "exact":
+        return None
+    number = table.number
+    report = number("kind") == "report"
+    if report:
+        sigmas = [number("position_m")] * 3 + [number("velocity_m_s")] * 3
+        measured, biases = [True] * 6, [0.0] * 6
+    else:
+        angle, rate = 1e-3 * number("angle_mrad"), number("angle_rate_mrad_s")
+        given = (number("range_m"), angle, angle, number("range_rate_m_s"), rate and 1e-3 * rate, rate and 1e-3 * rate)
+        measured = [one is not None for one in given]
+        sigmas = [_UNMEASURED if one is None else one for one in given]
+        bias = 1e-3 * table.angle_bias_mrad
+        biases = [table.range_bias_m, bias, bias, 0.0, 0.0, 0.0]
+    azimuth, elevation = (DEG_RAD * a for a in number("axis_deg", (0.0, 0.0)))
+    axis_b = [
+        math.cos(elevation) * math.cos(azimuth),
+        math.cos(elevation) * math.sin(azimuth),
+        -math.sin(elevation),
+    ]
+    latency = number("latency_s")
+    return GoalSensor(
+        sigmas=as_array(sigmas),
+        range_share=as_array(0.0),
+        bias_sigmas=as_array(biases),
+        measures=as_array(measured, bool),
+        period=as_array(number("period_s")),
+        latency=as_array(latency),
+        view=FieldOfView(
+            as_array(axis_b), as_array(DEG_RAD * number("half_angle_deg", 180.0)), as_array(number("range_max_m"))
+        ),
+        dropouts=Dropouts(
+            as_array(table.dropout_probability), as_array(table.outage_share), as_array(table.outage_mean_s)
+        ),
+        kind="report" if report else "sight",
+        slots=slots_for(latency[1], number("period_s")),
+    )
+
+
+def _history(table: GoalSensorTable, step_s: float) -> int:
+    """Samples of its own motion that an aircraft keeps for measurements that come late: a power of two."""
+    latest_s = table.number("latency_s")[1]
+    return 0 if latest_s <= 0.0 else 2 ** math.ceil(math.log2(latest_s / step_s + 2.0))
+
+
+def _axes(value: float) -> Vector3:
+    return as_array([value] * 3)
