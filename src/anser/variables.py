@@ -4,12 +4,21 @@ The kernels record a history, a dict of arrays of shape (time, aircraft) keyed b
 radians. A dataset holds the same numbers as `Variable.name`, which carries a unit suffix: dataset = history * factor.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from anser.units import RAD_DEG
 
-__all__ = ["CATALOGUE", "DERIVED_KEYS", "PLAN_VARIABLES", "RECORDED_KEYS", "SHAPE_VARIABLES", "UNITS", "Variable"]
+__all__ = [
+    "CATALOGUE",
+    "DERIVED_KEYS",
+    "OPTIONAL_KEYS",
+    "PLAN_VARIABLES",
+    "RECORDED_KEYS",
+    "SHAPE_VARIABLES",
+    "UNITS",
+    "Variable",
+]
 
 
 @dataclass(frozen=True)
@@ -36,6 +45,8 @@ class Variable:
         Kind of number in history and dataset.
     flags
         Meanings of the values 0, 1, 2, ... of a discrete variable, one word each; empty for all others.
+    optional
+        Whether it is recorded only where there is such a thing: gusts, or sensors with errors.
     """
 
     name: str
@@ -47,6 +58,7 @@ class Variable:
     long_name: str
     dtype: Literal["float64", "int32", "bool"] = "float64"
     flags: tuple[str, ...] = ()
+    optional: bool = False
 
 
 # Suffix of a name -> unit of the dataset, dataset value / history value.
@@ -80,6 +92,10 @@ _EARTH, _NED, _BODY, _BODY_NED, _BODY_INERTIAL, _ATTITUDE, _AIR, _SIGHT, _NONE =
 def _variable(key: str, suffix: str, frame: str, symbol: str, long_name: str) -> Variable:
     unit, factor = UNITS[suffix]
     return Variable(f"{key}_{suffix}" if suffix else key, key, unit, factor, frame, symbol, long_name)
+
+
+def _optional(variable: Variable) -> Variable:
+    return replace(variable, optional=True)
 
 
 def _discrete(
@@ -207,14 +223,52 @@ CATALOGUE: tuple[Variable, ...] = (
     ),
     _discrete("outside_tables", "bool", "outside", "Outside the aerodynamic tables", ("inside", "outside")),
     _discrete("status", "int32", "status", "Status of the aircraft, 0 when fine", ()),
+    # air that is not smooth
+    *map(
+        _optional,
+        (
+            _variable("airspeed_mean_wind", "m_s", _NONE, "V_0", "True airspeed without gusts"),
+            _variable("gust_u", "m_s", _BODY, "u_g", "Gust along body x"),
+            _variable("gust_v", "m_s", _BODY, "v_g", "Gust along body y"),
+            _variable("gust_w", "m_s", _BODY, "w_g", "Gust along body z"),
+            _variable("gust_roll_rate", "deg_s", _BODY, "p_g", "Roll rate of the gust"),
+            _variable("gust_pitch_rate", "deg_s", _BODY, "q_g", "Pitch rate of the gust"),
+            _variable("gust_yaw_rate", "deg_s", _BODY, "r_g", "Yaw rate of the gust"),
+        ),
+    ),
+    # what an aircraft knows, with sensors that have errors
+    *map(
+        _optional,
+        (
+            _variable("own_estimate_north", "m", _NED, "p̂_N", "North position, as the aircraft takes it to be"),
+            _variable("own_estimate_east", "m", _NED, "p̂_E", "East position, as the aircraft takes it to be"),
+            _variable("own_estimate_altitude", "m", _NED, "ĥ", "Altitude, as the aircraft takes it to be"),
+            _variable("own_sigma_north", "m", _NED, "σ_p,N", "Standard deviation of the own north position"),
+            _variable("own_sigma_east", "m", _NED, "σ_p,E", "Standard deviation of the own east position"),
+            _variable("own_sigma_altitude", "m", _NED, "σ_h", "Standard deviation of the own altitude"),
+            _variable("goal_sigma_north", "m", _NED, "σ_g,N", "Standard deviation of the goal's north position"),
+            _variable("goal_sigma_east", "m", _NED, "σ_g,E", "Standard deviation of the goal's east position"),
+            _variable("goal_sigma_altitude", "m", _NED, "σ_g,h", "Standard deviation of the goal's altitude"),
+            _variable("goal_correlation", "", _NED, "ρ_g", "Correlation of the goal's north and east position"),
+            _variable("goal_sigma_speed", "m_s", _NED, "σ_W", "Standard deviation of the goal's velocity in the plane"),
+            _variable("goal_nis", "", _NONE, "ε_ν", "Normalised innovation squared, over its dimension"),
+            _discrete("goal_seen", "bool", "seen", "A measurement of the goal came in", ("unseen", "seen")),
+            _discrete("goal_known", "int32", "known", "State of the filter", ("known", "never_seen", "diverged")),
+        ),
+    ),
 )
 """Every recorded variable, in the order in which a dataset lists them."""
 
 DERIVED_KEYS: frozenset[str] = frozenset({"latitude", "longitude"})
 """Keys that no kernel records: they are computed when a history becomes a dataset."""
 
-RECORDED_KEYS: tuple[str, ...] = tuple(variable.key for variable in CATALOGUE if variable.key not in DERIVED_KEYS)
-"""Keys that a history must have, all of them and no others."""
+OPTIONAL_KEYS: frozenset[str] = frozenset(variable.key for variable in CATALOGUE if variable.optional)
+"""Keys that a history may have."""
+
+RECORDED_KEYS: tuple[str, ...] = tuple(
+    variable.key for variable in CATALOGUE if variable.key not in DERIVED_KEYS | OPTIONAL_KEYS
+)
+"""Keys that a history must have, all of them and no others but the optional ones."""
 
 PLAN_VARIABLES: tuple[Variable, ...] = (
     _variable("climb_rate", "m_s", _AIR, "V_h", "Climb rate"),

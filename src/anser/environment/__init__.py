@@ -18,7 +18,9 @@ from anser.environment.earth import (
 )
 from anser.environment.environment import Environment, standard_environment
 from anser.environment.gravity import gravitation_j2, somigliana
-from anser.environment.gusts import AbstractGusts, AirFlow, Gust, NoGusts
+from anser.environment.gusts import AbstractGusts, AirFlow, DiscreteGust, Gust, NoGusts, SummedGusts
+from anser.environment.turbulence import Turbulence
+from anser.environment.turbulence_levels import ExceedanceTable
 from anser.environment.wind import AbstractWind, LayeredWind, SteadyWind, steady_wind_from
 
 __all__ = [
@@ -28,7 +30,9 @@ __all__ = [
     "AbstractWind",
     "Air",
     "AirFlow",
+    "DiscreteGust",
     "Environment",
+    "ExceedanceTable",
     "FlatEarth",
     "Gust",
     "LayeredWind",
@@ -37,6 +41,8 @@ __all__ = [
     "RotatingEarth",
     "StandardAtmosphere",
     "SteadyWind",
+    "SummedGusts",
+    "Turbulence",
     "geometric_from_geopotential",
     "geopotential_from_geometric",
     "gravitation_j2",

@@ -12,7 +12,7 @@ from anser.numerics import as_array, few_sizes, filled_up
 from anser.results.variable_labels import converted, labels_of, record_coordinates
 from anser.shapes import Scalar
 from anser.spatial import geodetic_from_flat
-from anser.variables import CATALOGUE, DERIVED_KEYS, RECORDED_KEYS, Variable
+from anser.variables import CATALOGUE, OPTIONAL_KEYS, RECORDED_KEYS, Variable
 
 _ROWS = 4096  # positions are converted in so many rows, or twice, four times, ...: few sizes compile seldom
 _REFERENCE = ("reference_latitude_deg", "reference_longitude_deg")
@@ -62,18 +62,20 @@ def to_dataset(
     _check_attributes(attributes)
 
     shape = (time.size, len(names))
-    arrays = {v.key: _checked(v, history[v.key], shape) for v in CATALOGUE if v.key not in DERIVED_KEYS}
+    arrays = {v.key: _checked(v, history[v.key], shape) for v in CATALOGUE if v.key in history}
     arrays["latitude"], arrays["longitude"] = _geodetic(arrays, *(np.radians(attributes[key]) for key in _REFERENCE))
-    data = {v.name: (("time", "aircraft"), converted(v, arrays[v.key]), labels_of(v)) for v in CATALOGUE}
+    held = [v for v in CATALOGUE if v.key in arrays]
+    data = {v.name: (("time", "aircraft"), converted(v, arrays[v.key]), labels_of(v)) for v in held}
     return xr.Dataset(data, record_coordinates(time, names), dict(attributes))
 
 
 def _check_keys(history: Mapping[str, np.ndarray]) -> None:
-    unknown, missing = sorted(set(history) - set(RECORDED_KEYS)), sorted(set(RECORDED_KEYS) - set(history))
+    unknown = sorted(set(history) - set(RECORDED_KEYS) - OPTIONAL_KEYS)
+    missing = sorted(set(RECORDED_KEYS) - set(history))
     if unknown or missing:
         raise ValueError(
             f"the history does not match the catalogue in anser.variables: unknown keys {unknown}, "
-            f"missing keys {missing}; it must have every key of RECORDED_KEYS and no other"
+            f"missing keys {missing}; it must have every key of RECORDED_KEYS, may have OPTIONAL_KEYS, and no other"
         )
 
 

@@ -38,8 +38,9 @@ def summarize(
 ) -> dict[str, Any]:
     """Sum up a flight from its full-resolution history.
 
-    Speeds and position error count up to the arrival; clearance, separation and the time outside the aerodynamic tables
-    over the whole record. Path and lateral bend are those of the first plan, which describes the whole path;
+    Speeds, those without gusts, and position error count up to the arrival; clearance, separation and the time outside
+    the aerodynamic tables over the whole record. Path and lateral bend are those of the first plan, which describes the
+    whole path;
     `nominal` says whether it goes without a bend. Only paths of the published planner have such a bend: of others
     `lateral_bend_m` and `nominal` are None. What does not exist is None, never NaN.
 
@@ -138,7 +139,7 @@ def _aircraft(time: np.ndarray, history: Mapping[str, np.ndarray], scenario: Sce
     planned = float(record["arrival_time"][-1])
     offset = np.stack([record[f"rendezvous_{axis}"] - record[axis] for axis in ("north", "east", "altitude")], axis=-1)
     arrival, miss = closest_approach(time, offset, planned, ARRIVAL_MARGIN_S)
-    mean, least, greatest = _speed_until(time, record["airspeed"], arrival)
+    mean, least, greatest = _speed_until(time, record.get("airspeed_mean_wind", record["airspeed"]), arrival)
     bends = record["lateral_bend"][np.isfinite(record["lateral_bend"])]
     bend = float(bends[0]) if bends.size else None
     tables_left_s = float(np.sum(np.diff(time)[record["outside_tables"][:-1]]))
@@ -162,10 +163,29 @@ def _aircraft(time: np.ndarray, history: Mapping[str, np.ndarray], scenario: Sce
         "position_error_max_m": _finite_end(
             np.max, record["position_error"][time <= (arrival if np.isfinite(arrival) else np.inf)]
         ),
+        **(_in_gusts(time, record, scenario) if "gust_u" in record else {}),
         "path": None,
         "nominal": None if bend is None else abs(bend) <= NOMINAL_BEND_M,
         "lateral_bend_m": bend,
         "status": _status(record["status"], arrival, search_end),
+    }
+
+
+def _in_gusts(time: np.ndarray, record: Mapping[str, np.ndarray], scenario: Scenario) -> dict[str, float | None]:
+    """What the gusts did: extremes of the load factor, time beyond its limits, and the way that each surface went."""
+    load, limits, spans = record["load_factor"], scenario.limits, np.diff(time)
+    beyond = (load < limits.load_factor_min) | (load > limits.load_factor_max)
+    travel = {
+        f"{surface}_travel_deg": finite_or_none(float(np.degrees(np.sum(np.abs(np.diff(record[surface]))))))
+        for surface in ("elevator", "aileron", "rudder")
+    }
+    return {
+        "gust_max_m_s": _finite_end(np.max, np.sqrt(sum(record[f"gust_{axis}"] ** 2 for axis in "uvw"))),
+        "load_factor_min": _finite_end(np.min, load),
+        "load_factor_max": _finite_end(np.max, load),
+        "load_factor_exceeded_s": float(np.sum(spans[beyond[:-1]])),
+        "surfaces_limited_s": float(np.sum(spans[record["surfaces_limited"][:-1]])),
+        **travel,
     }
 
 

@@ -39,6 +39,7 @@ from anser.planning import (
     waypoint_goal,
 )
 from anser.planning.certified import Airspace, KeepOuts, Separation
+from anser.scenario.build_air import build_gusts
 from anser.scenario.build_events import changed_motion, faults_of
 from anser.scenario.build_sensing import build_estimator, build_sensors
 from anser.scenario.library import load_airframe
@@ -110,9 +111,10 @@ def build_flight(scenario: Scenario, *, filled_up: bool = False, flight: int = 0
 def _vehicle(
     scenario: Scenario, aircraft: Aircraft, goal: GoalMotion, guidance: GuidanceSettings, limits: FlightLimits
 ) -> Vehicle:
-    gains = build_gains(aircraft)
+    gains, airframe = build_gains(aircraft), load_airframe(aircraft.type, aircraft.variant, aircraft.x_cg_over_c)
     return Vehicle(
-        airframe=load_airframe(aircraft.type, aircraft.variant, aircraft.x_cg_over_c),
+        airframe=airframe,
+        gusts=build_gusts(scenario, aircraft, airframe.span),
         sensors=build_sensors(scenario),
         estimator=build_estimator(scenario, goal),
         guidance=FollowPlan(guidance),

@@ -15,7 +15,7 @@ INTENSITIES = {"light": (7.71667, 1e-2), "moderate": (15.43333, 1e-3), "severe":
 
 
 class Turbulence(Table):
-    """Continuous gusts by a military specification, drawn for each aircraft by itself."""
+    """Continuous gusts by MIL-F-8785C and MIL-HDBK-1797 (the same numbers), drawn for each aircraft by itself."""
 
     intensity: Literal["none", "light", "moderate", "severe"] = choice(
         "how strong: the wind at 20 ft below 1,000 ft, the probability of being exceeded above 2,000 ft",
@@ -23,9 +23,6 @@ class Turbulence(Table):
         "none",
     )
     spectrum: Literal["dryden", "von-karman"] = choice("form of the spectra", ("dryden", "von-karman"), "dryden")
-    document: Literal["MIL-F-8785C", "MIL-HDBK-1797"] = choice(
-        "whose scales and spectra", ("MIL-F-8785C", "MIL-HDBK-1797"), "MIL-F-8785C"
-    )
 
 
 class DiscreteGust(Table):

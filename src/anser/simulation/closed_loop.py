@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from anser.aircraft import AircraftState, Disturbance, condition, moving_state, seen_state
-from anser.environment import AirFlow, Environment
+from anser.environment import AirFlow, Environment, NoGusts
 from anser.numerics import AbstractRandomness
 from anser.numerics.randomness import AIR
 from anser.planning import AircraftPlan
@@ -161,6 +161,7 @@ def act(
         reference_n=reference_n,
         approach=approach,
         status=state.status if plan is None else plan_status(state.status, plan.status),
+        flow=None if isinstance(vehicle.gusts, NoGusts) else seen.flow,
     )
     after = advance(
         vehicle.airframe,

@@ -42,7 +42,7 @@ class FleetSummary(eqx.Module):
         Time of the closest pass of the moving rendezvous (s) and distance then (m), up to 10 s after the planned
         arrival; between samples the offset is linear in time.
     speeds_until_arrival
-        Up to then; their integral over the arrival time is the mean airspeed.
+        Up to then, without gusts; their integral over the arrival time is the mean airspeed.
     position_error_max
         Up to the planned arrival, m.
     clearance_min
@@ -159,7 +159,7 @@ def _of_one(sample: AircraftSample) -> dict[str, Array]:
     return {
         "position_n": state.position_n,
         "offset_n": approach.rendezvous_n - state.position_n,
-        "airspeed": sample.truth.now.air_data.V,
+        "airspeed": sample.truth.now.air_data.V if sample.flow is None else sample.flow.airspeed,
         "clearance": safe_norm(approach.to_goal_n),
         "position_error": safe_norm(sample.reference_n - state.position_n),
         "arrival_time": approach.plan.arrival_time,

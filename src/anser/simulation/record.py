@@ -6,7 +6,10 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from anser.control import signal_variables
+from anser.environment import AirFlow, Gust
 from anser.planning import polar
+from anser.planning.vectors import root
+from anser.sensing import Belief, Uncertainty
 from anser.shapes import Vector3
 from anser.spatial import bank_about_velocity, euler_from_quaternion, path_angles, rotate, rotate_back, safe_norm
 
@@ -81,6 +84,29 @@ def record(sample: "AircraftSample") -> dict[str, Array]:
         "outside_tables": truth.airframe.outside_tables(data),
         "status": sample.status,
         **({} if sample.approach is None else _of_approach(sample, sample.approach)),
+        **({} if sample.flow is None else _of_gusts(truth.disturbance.gust, sample.flow)),
+        **({} if sample.belief.uncertainty is None else _of_knowledge(sample.belief, sample.belief.uncertainty)),
+    }
+
+
+def _of_gusts(gust: Gust, flow: AirFlow) -> dict[str, Array]:
+    turning = {f"gust_{key}": value for key, value in _rates("", gust.rates_b).items()}
+    return {"airspeed_mean_wind": flow.airspeed, **_vector("gust", ("u", "v", "w"), gust.velocity_b), **turning}
+
+
+def _of_knowledge(belief: Belief, known: Uncertainty) -> dict[str, Array]:
+    own, goal = (root(jnp.diag(matrix)[:3]) for matrix in (known.own_covariance, known.goal_covariance))
+    axes, level = ("north", "east", "altitude"), goal[0] * goal[1]
+    speeds = jnp.diag(known.goal_covariance)[3:5]
+    return {
+        **_point("own_estimate_", belief.state.position_n),
+        **{f"own_sigma_{axis}": own[k] for k, axis in enumerate(axes)},
+        **{f"goal_sigma_{axis}": goal[k] for k, axis in enumerate(axes)},
+        "goal_correlation": known.goal_covariance[0, 1] / jnp.where(level > 0.0, level, 1.0),
+        "goal_sigma_speed": root(jnp.sum(speeds)),
+        "goal_nis": known.nis,
+        "goal_seen": known.seen,
+        "goal_known": known.goal_status,
     }
 
 

@@ -11,6 +11,7 @@ from jaxtyping import Array
 
 from anser.aircraft import Controls
 from anser.control import GroundClearance
+from anser.environment import AirFlow
 from anser.numerics import zeros_as
 from anser.planning import AircraftPlan
 from anser.sensing import Belief, GoalState, Instant, Truth
@@ -72,6 +73,7 @@ class AircraftSample(eqx.Module):
     reference_n: Vector3 | None
     approach: GoalApproach | None
     status: Count
+    flow: AirFlow | None = None
 
 
 class FleetSample(eqx.Module):

@@ -1,0 +1,189 @@
+"""Shaping filters of turbulence: white noise in, gusts of a given spectrum out, exact from sample to sample.
+
+Time is counted in units of the scale over the airspeed, L/V, and gusts in units of their intensity; so the filters
+hold while airspeed, height and intensity change.
+"""
+
+import abc
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from anser.shapes import Scalar
+
+_SERIES_BELOW = 0.05
+_SERIES = [(-2.0) ** k / (np.prod(np.arange(1, k + 1), dtype=float) * (k + 3)) for k in range(8)]
+
+
+class AbstractShapingFilter(eqx.Module):
+    """A filter of white noise for unit intensity; concrete ones are final."""
+
+    @property
+    @abc.abstractmethod
+    def size(self) -> int:
+        """Number of states, and of standard normals for each step."""
+
+    @abc.abstractmethod
+    def stationary(self, normals: Float[Array, " size"]) -> Float[Array, " size"]:
+        """State of noise that has been blowing for ever."""
+
+    @abc.abstractmethod
+    def transition(self, span: Scalar) -> tuple[Float[Array, "size size"], Float[Array, "size size"]]:
+        """What a span (in units of L/V) makes of the state, and a root of the covariance of what it adds."""
+
+    @abc.abstractmethod
+    def output(self, state: Float[Array, " size"]) -> Scalar:
+        """The gust, in units of its intensity."""
+
+    def advanced(
+        self, state: Float[Array, " size"], normals: Float[Array, " size"], span: Scalar
+    ) -> Float[Array, " size"]:
+        """State a span later: exact for any span."""
+        kept, added = self.transition(span)
+        return jnp.sum(kept * state[None, :], axis=1) + jnp.sum(added * normals[None, :], axis=1)
+
+
+class FirstOrder(AbstractShapingFilter):
+    """H(s) = sqrt(2) / (1 + s): the spectrum (2/pi) / (1 + w^2). Dryden's longitudinal gust, and all roll rates."""
+
+    @property
+    def size(self) -> int:
+        """One."""
+        return 1
+
+    def stationary(self, normals: Float[Array, "1"]) -> Float[Array, "1"]:
+        """See `AbstractShapingFilter`."""
+        return normals
+
+    def transition(self, span: Scalar) -> tuple[Float[Array, "1 1"], Float[Array, "1 1"]]:
+        """See `AbstractShapingFilter`."""
+        return jnp.exp(-span)[None, None], jnp.sqrt(-jnp.expm1(-2.0 * span))[None, None]
+
+    def output(self, state: Float[Array, "1"]) -> Scalar:
+        """See `AbstractShapingFilter`."""
+        return state[0]
+
+
+class DrydenAcross(AbstractShapingFilter):
+    """H(s) = (1 + sqrt(3) s) / (1 + s)^2: the spectrum (1/pi) (1 + 3 w^2) / (1 + w^2)^2."""
+
+    @property
+    def size(self) -> int:
+        """Two."""
+        return 2
+
+    def stationary(self, normals: Float[Array, "2"]) -> Float[Array, "2"]:
+        """See `AbstractShapingFilter`: both states are independent, of variance 1/4."""
+        return 0.5 * normals
+
+    def transition(self, span: Scalar) -> tuple[Float[Array, "2 2"], Float[Array, "2 2"]]:
+        """See `AbstractShapingFilter`; x1' = x2, x2' = -x1 - 2 x2 + n."""
+        t, faded, forgotten = span, jnp.exp(-span), jnp.exp(-2.0 * span)
+        kept = faded * jnp.stack([jnp.stack([1.0 + t, t]), jnp.stack([-t, 1.0 - t])])
+        small = jnp.minimum(t, _SERIES_BELOW)
+        series = small**3 * sum(c * small**k for k, c in enumerate(_SERIES))
+        whole = 0.25 - forgotten * (0.5 * t * t + 0.5 * t + 0.25)
+        first = jnp.where(t < _SERIES_BELOW, series, whole)
+        both = 0.5 * t * t * forgotten
+        second = jnp.maximum(0.25 + forgotten * (0.5 * t - 0.5 * t * t - 0.25), 1e-30)
+        root = jnp.sqrt(second)
+        rest = jnp.sqrt(jnp.maximum(first - both**2 / second, 1e-60))
+        zero = jnp.zeros_like(t)
+        return kept, jnp.stack([jnp.stack([both / root, rest]), jnp.stack([root, zero])])
+
+    def output(self, state: Float[Array, "2"]) -> Scalar:
+        """See `AbstractShapingFilter`."""
+        return state[0] + np.sqrt(3.0) * state[1]
+
+
+class Modes(AbstractShapingFilter):
+    """H(s) = sum of r_i / (s + p_i) with real poles.
+
+    Attributes
+    ----------
+    poles, residues
+        Concrete: p_i and r_i.
+    """
+
+    poles: tuple[float, ...] = eqx.field(static=True)
+    residues: tuple[float, ...] = eqx.field(static=True)
+
+    @property
+    def size(self) -> int:
+        """Number of poles."""
+        return len(self.poles)
+
+    def stationary(self, normals: Float[Array, " size"]) -> Float[Array, " size"]:
+        """See `AbstractShapingFilter`."""
+        sums = np.add.outer(self.poles, self.poles)
+        return jnp.sum(np.linalg.cholesky(1.0 / sums) * normals[None, :], axis=1)
+
+    def transition(self, span: Scalar) -> tuple[Float[Array, "size size"], Float[Array, "size size"]]:
+        """See `AbstractShapingFilter`; all modes get the same noise."""
+        poles = np.asarray(self.poles)
+        sums = np.add.outer(poles, poles)
+        added = -jnp.expm1(-sums * span) / sums
+        return jnp.diag(jnp.exp(-poles * span)), _root(added, poles.size)
+
+    def output(self, state: Float[Array, " size"]) -> Scalar:
+        """See `AbstractShapingFilter`."""
+        return jnp.sum(np.asarray(self.residues) * state)
+
+
+def _root(matrix: Float[Array, "n n"], count: int) -> Float[Array, "n n"]:
+    """Cholesky's root of a small matrix, written out; pivots that rounding makes negative count as none."""
+    rows: list[list[Array]] = []
+    for i in range(count):
+        row: list[Array] = []
+        for j in range(i + 1):
+            left = matrix[i, j] - sum((a * b for a, b in zip(row[:j], rows[j] if j < i else row, strict=False)), 0.0)
+            if i == j:
+                row.append(jnp.sqrt(jnp.maximum(left, 1e-60)))
+            else:
+                row.append(left / rows[j][j])
+        rows.append(row)
+    zero = jnp.zeros_like(matrix[0, 0])
+    return jnp.stack([jnp.stack([*row, *[zero] * (count - len(row))]) for row in rows])
+
+
+def modes_of(gain: float, numerator: tuple[float, ...], denominator: tuple[float, ...]) -> Modes:
+    """Filter of a gain times a rational function with simple real poles, coefficients from s^0 up.
+
+    Raises
+    ------
+    ValueError
+        The poles are others.
+    """
+    bottom = np.polynomial.Polynomial(denominator)
+    roots = bottom.roots()
+    if np.any(np.abs(roots.imag) > 0.0) or np.any(roots.real >= 0.0):
+        raise ValueError(f"poles {roots}: expected real ones, all negative")
+    roots = np.sort(roots.real)[::-1]
+    residues = np.polynomial.Polynomial(numerator)(roots) / bottom.deriv()(roots)
+    poles = -roots
+    return Modes(tuple(map(float, poles)), tuple(map(float, gain * residues)))
+
+
+VON_KARMAN_ALONG = modes_of(np.sqrt(2.0), (1.0, 0.25), (1.0, 1.357, 0.1987))
+"""Von Karman's longitudinal gust.
+
+Rational approximations: J. Yeager, *Implementation and Testing of Turbulence Models for the F18-HARV Simulation*,
+NASA/CR-1998-206937, equations 16 and 17.
+"""
+VON_KARMAN_ACROSS = modes_of(1.0, (1.0, 2.7478, 0.3398), (1.0, 2.9958, 1.9754, 0.1539))
+"""Von Karman's gusts across the flight; see `VON_KARMAN_ALONG`."""
+DRYDEN_ALONG, DRYDEN_ACROSS = FirstOrder(), DrydenAcross()
+
+
+def sampled_spectrum(shaping: AbstractShapingFilter, span: float, frequencies: Float[np.ndarray, " n"]) -> np.ndarray:
+    """One-sided spectrum of the sequence that a filter gives with samples a span apart.
+
+    Frequencies in units of V/L, up to pi over the span; the integral over all of them is the variance.
+    """
+    kept, added = (np.asarray(matrix) for matrix in shaping.transition(jnp.asarray(span)))
+    rows = np.stack([np.asarray(shaping.output(jnp.asarray(row))) for row in np.eye(kept.shape[0])])
+    eye = np.eye(kept.shape[0])
+    seen = np.stack([rows @ np.linalg.solve(eye - kept * np.exp(-1j * w * span), added) for w in frequencies])
+    return span / np.pi * np.sum(np.abs(seen) ** 2, axis=1)
