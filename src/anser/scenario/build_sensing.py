@@ -7,18 +7,20 @@ import numpy as np
 from anser.numerics import as_array
 from anser.planning import GoalMotion
 from anser.scenario.schema import Scenario
+from anser.scenario.schema_sensing import Estimator, Navigation
 from anser.scenario.schema_sensing import GoalSensor as GoalSensorTable
-from anser.scenario.schema_sensing import Navigation
 from anser.sensing import (
     AbstractEstimator,
+    AbstractMotion,
     AbstractSensors,
     AirDataSensors,
     AirFilter,
     Briefing,
+    CoordinatedTurn,
     DirectEstimator,
     Dropouts,
-    ExtendedKalmanFilter,
     FieldOfView,
+    GoalFilter,
     GoalSensor,
     IdealSensors,
     InertialSensors,
@@ -57,9 +59,10 @@ def build_estimator(scenario: Scenario, goal: GoalMotion) -> AbstractEstimator:
     air = None if exact and smooth else AirFilter(as_array(navigation.wind_time_s), as_array(navigation.gust_time_s))
     if sensor.preset == "exact":
         return TrackingEstimator(own, air)
-    density = estimator.acceleration_m_s2**2
-    tracking = ExtendedKalmanFilter(
-        motion=SteadyMotion(as_array(density), as_array(_VERTICAL_SHARE**2 * density)),
+    tracking = GoalFilter(
+        models=_motions(estimator),
+        sojourn=as_array(estimator.sojourn_s),
+        kind=estimator.filter,
         nis_max=as_array(_NIS_MAX),
         sigma_max=as_array(_SIGMA_MAX_M),
         slots=_history(sensor, scenario.timing.step_s),
@@ -71,6 +74,18 @@ def build_estimator(scenario: Scenario, goal: GoalMotion) -> AbstractEstimator:
         velocity_sigma=as_array(estimator.briefed_velocity_m_s),
     )
     return TrackingEstimator(own, air, tracking, briefing)
+
+
+def _motions(table: Estimator) -> tuple[AbstractMotion, ...]:
+    density = as_array(table.acceleration_m_s2**2)
+    density_up = as_array((_VERTICAL_SHARE * table.acceleration_m_s2) ** 2)
+    turn_density = as_array((DEG_RAD * table.turn_rate_deg_s) ** 2)
+    turning = CoordinatedTurn(density, density_up, turn_density)
+    if table.motion == "turning":
+        return (turning,)
+    if table.motion == "changing":
+        return SteadyMotion(density, density_up, turn_density), turning
+    return (SteadyMotion(density, density_up),)
 
 
 def own_sensors(table: Navigation) -> OwnSensors | None:

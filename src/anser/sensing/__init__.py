@@ -3,7 +3,7 @@
 from anser.sensing.delayed import DelayedSensors
 from anser.sensing.direct import DirectEstimator, goal_seen
 from anser.sensing.dropouts import Dropouts
-from anser.sensing.goal_filters import AbstractGoalFilter, ExtendedKalmanFilter, SteadyMotion
+from anser.sensing.goal_filters import AbstractGoalFilter, GoalFilter
 from anser.sensing.goal_sensors import FieldOfView, GoalSensor, slots_for
 from anser.sensing.ideal import IdealSensors, line_of_sight
 from anser.sensing.interface import (
@@ -22,6 +22,7 @@ from anser.sensing.interface import (
     Uncertainty,
     velocity_over_ground_n,
 )
+from anser.sensing.motion_models import AbstractMotion, CoordinatedTurn, SteadyMotion
 from anser.sensing.navigation import AirFilter, NavigationFilter
 from anser.sensing.noisy import NoisySensors
 from anser.sensing.own_sensors import AirDataSensors, InertialSensors, OwnSensors, SatelliteNavigation
@@ -33,17 +34,19 @@ __all__ = [
     "GOAL_NEVER_SEEN",
     "AbstractEstimator",
     "AbstractGoalFilter",
+    "AbstractMotion",
     "AbstractSensors",
     "AirDataSensors",
     "AirFilter",
     "Belief",
     "Briefing",
+    "CoordinatedTurn",
     "DelayedSensors",
     "DirectEstimator",
     "Dropouts",
-    "ExtendedKalmanFilter",
     "FieldOfView",
     "Fix",
+    "GoalFilter",
     "GoalReading",
     "GoalSensor",
     "GoalState",

@@ -1,29 +1,24 @@
-"""Following a goal through its measurements: the interface of the filters, and the extended Kalman filter."""
+"""Following a goal through its measurements: extended and unscented Kalman filters, one model of motion or several."""
 
 import abc
-from typing import Any
+from typing import Any, Literal
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from anser.numerics import any_in_batch
 from anser.sensing.ideal import line_of_sight
-from anser.sensing.interface import (
-    GOAL_DIVERGED,
-    GOAL_KNOWN,
-    GOAL_NEVER_SEEN,
-    GoalReading,
-    GoalState,
-    Instant,
-)
+from anser.sensing.interface import GOAL_DIVERGED, GOAL_KNOWN, GOAL_NEVER_SEEN, GoalReading, GoalState, Instant
+from anser.sensing.kalman import Measurement, SigmaPoints, extended_update, unscented_spread, unscented_update
+from anser.sensing.motion_models import AbstractMotion
 from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
 
 _MEMORY = 20.0  # measurements over which the size of innovations is averaged
-_INITIAL_NIS = 1.0
 _ANGLES = np.array([False, True, True, False, False, False])
+_TURN_SIGMA = 0.05  # rad/s, of a turn rate of which nothing is known
 
 
 class OwnMotion(eqx.Module):
@@ -67,35 +62,15 @@ class AbstractGoalFilter(eqx.Module):
         """State after what arrived at a sample, and what it says of the goal then."""
 
 
-class SteadyMotion(eqx.Module):
-    """Nearly constant velocity: white noise of acceleration, of spectral densities in the plane and in height, m^2/s^3.
-
-    Source: Y. Bar-Shalom, X. R. Li, T. Kirubarajan, *Estimation with Applications to Tracking and Navigation*, 6.2.2.
-    """
-
-    density: Scalar
-    density_up: Scalar
-
-    def moved(self, mean: Float[Array, "6"], span: ScalarLike) -> Float[Array, "6"]:
-        """Mean after a time (s)."""
-        return jnp.concatenate([mean[:3] + span * mean[3:], mean[3:]])
-
-    def spread(self, covariance: Float[Array, "6 6"], span: ScalarLike) -> Float[Array, "6 6"]:
-        """Covariance after a time (s), by blocks: F P F^T + Q."""
-        place, cross, speed = covariance[:3, :3], covariance[:3, 3:], covariance[3:, 3:]
-        noise = jnp.diag(jnp.stack([self.density, self.density, self.density_up]))
-        place = place + span * (cross + cross.T) + span**2 * speed + noise * span**3 / 3
-        cross = cross + span * speed + noise * span**2 / 2
-        return jnp.block([[place, cross], [cross.T, speed + noise * span]])
-
-
 class Track(eqx.Module):
-    """A goal between two samples.
+    """A goal between two samples; leading axis models.
 
     Attributes
     ----------
-    mean, covariance
-        At the time of the latest measurement, or of the start.
+    means, covariances
+        By each model of motion, at the time of the latest measurement, or of the start.
+    shares
+        Probabilities of the models.
     number
         Sample of that time.
     count
@@ -106,8 +81,9 @@ class Track(eqx.Module):
         Own motion at the latest samples, where measurements may be late: leading axis slots, by sample modulo slots.
     """
 
-    mean: Float[Array, "6"]
-    covariance: Float[Array, "6 6"]
+    means: Float[Array, "models n"]
+    covariances: Float[Array, "models n n"]
+    shares: Float[Array, " models"]
     number: Count
     count: Count
     nis: Scalar
@@ -115,37 +91,59 @@ class Track(eqx.Module):
     own: OwnMotion | None
 
 
-class ExtendedKalmanFilter(AbstractGoalFilter):
-    """Extended Kalman filter of position and velocity in NED axes.
+class GoalFilter(AbstractGoalFilter):
+    """Kalman filter of a goal in NED axes; with several models, interacting ones (IMM).
 
-    A measurement that comes late is taken in at its own time where it is the latest so far; one that comes out of order
-    is predicted from the estimate taken back to its time without process noise (Y. Bar-Shalom, IEEE Trans. Aerospace
-    and Electronic Systems 38, 2002, "algorithm C"), which is exact for steady goals.
+    Extended or unscented. A measurement that comes late is taken in at its own time where it is the latest so far; one
+    out of order is predicted from the estimate taken back to its time without process noise (Y. Bar-Shalom, IEEE Trans.
+    Aerospace and Electronic Systems 38, 2002, algorithm C), exact where there is none. The models interact as in H. A.
+    P. Blom, Y. Bar-Shalom, IEEE Trans. Automatic Control 33, 1988; the time between two measurements may differ.
 
     Attributes
     ----------
-    motion
-        Of the goal.
+    models
+        Of the motion, all with as many states.
+    sojourn
+        Mean time for which the goal keeps a model, s; with one model it counts for nothing.
     nis_max
         Mean innovation, normalised, above which the filter has diverged.
     sigma_max
         Standard deviation of the position above which it has, m.
+    kind
+        "ekf" or "ukf".
+    points
+        Of the unscented filter.
     slots
         How many samples back a measurement may have been made, at least; 0: none is late.
     """
 
-    motion: SteadyMotion
+    models: tuple[AbstractMotion, ...]
+    sojourn: Scalar
     nis_max: Scalar
     sigma_max: Scalar
+    kind: Literal["ekf", "ukf"] = eqx.field(static=True, default="ekf")
+    points: SigmaPoints = eqx.field(static=True, default=SigmaPoints())
     slots: int = eqx.field(static=True, default=0)
 
     def init(self, mean: Float[Array, "6"], sigmas: Float[Array, "6"]) -> Track:
-        """See `AbstractGoalFilter`."""
-        zero, own = jnp.asarray(0, dtype=jnp.int32), None
+        """See `AbstractGoalFilter`; a turn rate begins with 0, of which 3 deg/s is one standard deviation."""
+        zero, own, models = jnp.asarray(0, dtype=jnp.int32), None, len(self.models)
         if self.slots:
             own = OwnMotion(jnp.zeros((self.slots, 3)), jnp.zeros((self.slots, 3)))
+        if self.models[0].size == 7:
+            mean = jnp.concatenate([mean, jnp.zeros_like(mean[:1])])
+            sigmas = jnp.concatenate([sigmas, jnp.full_like(sigmas[:1], _TURN_SIGMA)])
         one = jnp.ones_like(mean[0])
-        return Track(mean, jnp.diag(sigmas**2), zero, zero, one, _INITIAL_NIS * one, own)
+        return Track(
+            means=jnp.broadcast_to(mean, (models, mean.shape[0])),
+            covariances=jnp.broadcast_to(jnp.diag(sigmas**2), (models, mean.shape[0], mean.shape[0])),
+            shares=jnp.full(models, 1.0 / models),
+            number=zero,
+            count=zero,
+            nis=one,
+            nis_mean=one,
+            own=own,
+        )
 
     def step(self, memory: Track, reading: GoalReading, own: OwnMotion, instant: Instant) -> tuple[Track, GoalEstimate]:
         """See `AbstractGoalFilter`."""
@@ -157,47 +155,91 @@ class ExtendedKalmanFilter(AbstractGoalFilter):
         seen = jnp.any(reading.measured)
 
         def updated() -> Track:
-            made = self._updated(memory, reading, then, instant)
+            made = self.updated(memory, reading, then, instant)
             return jax.tree.map(lambda new, old: jnp.where(seen, new, old), made, memory)
 
         after = jax.lax.cond(any_in_batch(seen), updated, lambda: memory)
-        ahead = (instant.number - after.number) * instant.step
-        covariance = self.motion.spread(after.covariance, ahead)
-        return after, GoalEstimate(
-            mean=self.motion.moved(after.mean, ahead),
-            covariance=covariance,
-            seen=seen,
-            nis=after.nis,
-            status=self._status(after, covariance),
-        )
+        mean, covariance = self.at(after, (instant.number - after.number) * instant.step)
+        return after, GoalEstimate(mean, covariance, seen, after.nis, self._status(after, covariance))
 
-    def _status(self, track: Track, covariance: Float[Array, "6 6"]) -> Count:
-        sigma = jnp.sqrt(jnp.maximum(jnp.max(jnp.diag(covariance)[:3]), 0.0))
-        diverged = (track.nis_mean > self.nis_max) | ~(sigma <= self.sigma_max)
-        known = jnp.where(track.count > 0, GOAL_KNOWN, GOAL_NEVER_SEEN)
-        return jnp.where((track.count > 0) & diverged, GOAL_DIVERGED, known).astype(jnp.int32)
+    def at(self, track: Track, ahead: ScalarLike) -> tuple[Float[Array, "6"], Float[Array, "6 6"]]:
+        """Mean and covariance of position and velocity a time (s) after the latest measurement."""
+        pairs = [self._moved(model, track.means[k], track.covariances[k], ahead) for k, model in enumerate(self.models)]
+        means, covariances = jnp.stack([mean for mean, _ in pairs]), jnp.stack([spread for _, spread in pairs])
+        mean, covariance = _combined(track.shares, means, covariances)
+        return mean[:6], covariance[:6, :6]
 
-    def _updated(self, track: Track, reading: GoalReading, own: OwnMotion, instant: Instant) -> Track:
+    def updated(self, track: Track, reading: GoalReading, own: OwnMotion, instant: Instant) -> Track:
+        """After a measurement: mixed, predicted, updated and weighed."""
         elapsed = (reading.number - track.number) * instant.step
         forward, back = jnp.maximum(elapsed, 0.0), jnp.minimum(elapsed, 0.0)
-        mean, covariance = self.motion.moved(track.mean, forward), self.motion.spread(track.covariance, forward)
+        means, covariances, shares = self._mixed(track, forward)
+        found = []
+        for k, model in enumerate(self.models):
+            mean, covariance = self._moved(model, means[k], covariances[k], forward)
 
-        def measured(state: Float[Array, "6"]) -> Float[Array, "6"]:
-            return expected(reading, self.motion.moved(state, back), own, instant)
+            def off(state: Float[Array, " n"], model: AbstractMotion = model) -> Float[Array, "6"]:
+                return innovation(reading, expected(reading, model.moved(state, back)[:6], own, instant))
 
-        predicted, slopes = measured(mean), jax.jacfwd(measured)(mean)
-        off = innovation(reading, predicted)
-        mean, covariance, nis = taken_in(mean, covariance, slopes, off, reading.sigmas**2, reading.measured)
+            measurement = Measurement(off, reading.sigmas**2, reading.measured)
+            if self.kind == "ekf":
+                found.append(extended_update(mean, covariance, measurement))
+            else:
+                found.append(unscented_update(mean, covariance, measurement, self.points))
+        logs = jnp.stack([one.log_likelihood for one in found])
+        weights = shares * jnp.exp(logs - jnp.max(logs))
+        weights = weights / jnp.sum(weights)
+        dimension = jnp.maximum(jnp.sum(reading.measured), 1)
+        nis = jnp.sum(weights * jnp.stack([one.nis for one in found])) / dimension
         share = 1.0 / jnp.minimum(track.count + 1.0, _MEMORY)
         return Track(
-            mean=mean,
-            covariance=covariance,
+            means=jnp.stack([one.mean for one in found]),
+            covariances=jnp.stack([one.covariance for one in found]),
+            shares=weights,
             number=jnp.maximum(track.number, reading.number),
             count=track.count + 1,
             nis=nis,
             nis_mean=track.nis_mean + share * (nis - track.nis_mean),
             own=track.own,
         )
+
+    def _moved(
+        self, model: AbstractMotion, mean: Array, covariance: Array, span: ScalarLike
+    ) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
+        if self.kind == "ekf":
+            return model.moved(mean, span), model.spread(mean, covariance, span)
+        return unscented_spread(lambda s: model.moved(s, span), mean, covariance, model.noise(span), self.points)
+
+    def _mixed(self, track: Track, span: ScalarLike) -> tuple[Array, Array, Array]:
+        """Each model's state, mixed with those from which the goal may have changed to it, and the models' shares."""
+        count = len(self.models)
+        if count == 1:
+            return track.means, track.covariances, track.shares
+        # a chain that leaves each model at the same rate, for any other alike
+        kept = jnp.exp(-jnp.asarray(span) / self.sojourn * count / (count - 1))
+        chain = kept * jnp.eye(count) + (1.0 - kept) / count
+        joint = chain * track.shares[:, None]
+        shares = jnp.sum(joint, axis=0)
+        weights = joint / shares[None, :]
+        means = jnp.sum(weights[:, :, None] * track.means[:, None, :], axis=0)
+        apart = track.means[:, None, :] - means[None, :, :]
+        spreads = track.covariances[:, None] + apart[..., :, None] * apart[..., None, :]
+        return means, jnp.sum(weights[:, :, None, None] * spreads, axis=0), shares
+
+    def _status(self, track: Track, covariance: Float[Array, "6 6"]) -> Count:
+        square = jnp.max(jnp.diag(covariance)[:3])
+        diverged = (track.nis_mean > self.nis_max) | ~(square <= self.sigma_max**2)
+        known = jnp.where(track.count > 0, GOAL_KNOWN, GOAL_NEVER_SEEN)
+        return jnp.where((track.count > 0) & diverged, GOAL_DIVERGED, known).astype(jnp.int32)
+
+
+def _combined(shares: Array, means: Array, covariances: Array) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
+    """Mean and covariance of a mixture."""
+    if means.shape[0] == 1:
+        return means[0], covariances[0]
+    mean = jnp.sum(shares[:, None] * means, axis=0)
+    apart = means - mean[None]
+    return mean, jnp.sum(shares[:, None, None] * (covariances + apart[:, :, None] * apart[:, None, :]), axis=0)
 
 
 def expected(reading: GoalReading, state: Float[Array, "6"], own: OwnMotion, instant: Instant) -> Float[Array, "6"]:
@@ -224,51 +266,3 @@ def innovation(reading: GoalReading, predicted: Float[Array, "6"]) -> Float[Arra
     if reading.kind == "sight":
         off = jnp.where(_ANGLES, off - 2 * jnp.pi * jnp.round(off / (2 * jnp.pi)), off)
     return off
-
-
-def taken_in(
-    mean: Float[Array, " n"],
-    covariance: Float[Array, "n n"],
-    slopes: Float[Array, "m n"],
-    off: Float[Array, " m"],
-    variances: Float[Array, " m"],
-    measured: Bool[Array, " m"],
-) -> tuple[Float[Array, " n"], Float[Array, "n n"], Scalar]:
-    """Kalman update by independent measurements, one scalar after the other: the same as all at once.
-
-    Parameters
-    ----------
-    mean, covariance
-        Predicted.
-    slopes
-        Derivative of the measurements with respect to the state, at the predicted mean.
-    off
-        Innovation there.
-    variances
-        Of the errors.
-    measured
-        Which count.
-
-    Returns
-    -------
-    Mean and covariance, and the normalised innovation squared over the number of measurements.
-    """
-    begin = mean
-    total = jnp.zeros_like(off[0])
-    for k in range(off.shape[0]):
-        row, on = slopes[k], measured[k]
-        across = jnp.sum(covariance * row[None, :], axis=1)
-        spread = jnp.sum(row * across) + variances[k]
-        safe = jnp.where(on & (spread > 0.0), spread, 1.0)
-        left = off[k] - jnp.sum(row * (mean - begin))
-        gain = jnp.where(on, across / safe, 0.0)
-        mean = mean + gain * left
-        # Joseph's form, multiplied out for a scalar measurement
-        covariance = (
-            covariance
-            - gain[:, None] * across[None, :]
-            - across[:, None] * gain[None, :]
-            + safe * gain[:, None] * gain[None, :]
-        )
-        total = total + jnp.where(on, left**2 / safe, 0.0)
-    return mean, covariance, total / jnp.maximum(jnp.sum(measured), 1)

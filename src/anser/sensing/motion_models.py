@@ -1,0 +1,140 @@
+"""How a goal is taken to move: steadily, or in a coordinated turn; states of position, velocity and turn rate."""
+
+import abc
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from anser.shapes import Scalar, ScalarLike
+
+_SMALL = 1e-3  # rad turned, below which sine and cosine integrals are taken as series
+
+
+class AbstractMotion(eqx.Module):
+    """A motion model; concrete ones are final. States: position, velocity (NED, m and m/s), turn rate (rad/s)."""
+
+    @property
+    @abc.abstractmethod
+    def size(self) -> int:
+        """Number of states: 6, or 7 with the turn rate."""
+
+    @abc.abstractmethod
+    def moved(self, state: Float[Array, " n"], span: ScalarLike) -> Float[Array, " n"]:
+        """State a time (s) later or, with a negative one, before; without noise."""
+
+    @abc.abstractmethod
+    def noise(self, span: ScalarLike) -> Float[Array, "n n"]:
+        """Covariance of what the noise adds in a time, s."""
+
+    @abc.abstractmethod
+    def spread(
+        self, mean: Float[Array, " n"], covariance: Float[Array, "n n"], span: ScalarLike
+    ) -> Float[Array, "n n"]:
+        """Covariance a time (s) later, F P F^T + Q with the derivative of `moved` at the mean."""
+
+
+class SteadyMotion(AbstractMotion):
+    """Nearly constant velocity: white noise of acceleration.
+
+    Source: Y. Bar-Shalom, X. R. Li, T. Kirubarajan, *Estimation with Applications to Tracking and Navigation*, 2001,
+    6.2.2 (discretised continuous white noise acceleration model).
+
+    Attributes
+    ----------
+    density, density_up
+        Spectral densities in the plane and in height, m^2/s^3.
+    turn_density
+        Of the turn rate, which goes on unseen, rad^2/s^3; None: it is no state.
+    """
+
+    density: Scalar
+    density_up: Scalar
+    turn_density: Scalar | None = None
+
+    @property
+    def size(self) -> int:
+        """See `AbstractMotion`."""
+        return 6 if self.turn_density is None else 7
+
+    def moved(self, state: Float[Array, " n"], span: ScalarLike) -> Float[Array, " n"]:
+        """See `AbstractMotion`."""
+        return jnp.concatenate([state[:3] + span * state[3:6], state[3:]])
+
+    def noise(self, span: ScalarLike) -> Float[Array, "n n"]:
+        """See `AbstractMotion`."""
+        return _white_acceleration(self.density, self.density_up, self.turn_density, span)
+
+    def spread(
+        self, mean: Float[Array, " n"], covariance: Float[Array, "n n"], span: ScalarLike
+    ) -> Float[Array, "n n"]:
+        """See `AbstractMotion`: the rows of the velocity added to those of the position, then the columns."""
+        rows = covariance.at[:3].add(span * covariance[3:6])
+        return rows.at[:, :3].add(span * rows[:, 3:6]) + self.noise(span)
+
+
+class CoordinatedTurn(AbstractMotion):
+    """Coordinated turn in the plane at a turn rate that is not known, with white noise of acceleration and turn rate.
+
+    Source: as `SteadyMotion`, 11.7.1 and 11.7.2; positive turn rates are clockwise seen from above.
+
+    Attributes
+    ----------
+    density, density_up
+        Spectral densities of the acceleration in the plane and in height, m^2/s^3.
+    turn_density
+        Of the turn rate's change, rad^2/s^3.
+    """
+
+    density: Scalar
+    density_up: Scalar
+    turn_density: Scalar
+
+    @property
+    def size(self) -> int:
+        """See `AbstractMotion`."""
+        return 7
+
+    def moved(self, state: Float[Array, "7"], span: ScalarLike) -> Float[Array, "7"]:
+        """See `AbstractMotion`: exact for a steady turn."""
+        north, east, down, v_n, v_e, v_d, rate = state
+        angle = rate * span
+        small = jnp.abs(angle) < _SMALL
+        safe = jnp.where(small, 1.0, angle)
+        square = angle * angle
+        along = span * jnp.where(small, 1.0 - square / 6.0, jnp.sin(safe) / safe)
+        aside = span * jnp.where(small, angle * (0.5 - square / 24.0), (1.0 - jnp.cos(safe)) / safe)
+        cosine, sine = jnp.cos(angle), jnp.sin(angle)
+        return jnp.stack(
+            [
+                north + along * v_n - aside * v_e,
+                east + aside * v_n + along * v_e,
+                down + span * v_d,
+                cosine * v_n - sine * v_e,
+                sine * v_n + cosine * v_e,
+                v_d,
+                rate,
+            ]
+        )
+
+    def noise(self, span: ScalarLike) -> Float[Array, "7 7"]:
+        """See `AbstractMotion`."""
+        return _white_acceleration(self.density, self.density_up, self.turn_density, span)
+
+    def spread(self, mean: Float[Array, "7"], covariance: Float[Array, "7 7"], span: ScalarLike) -> Float[Array, "7 7"]:
+        """See `AbstractMotion`."""
+        slopes = jax.jacfwd(lambda state: self.moved(state, span))(mean)
+        rows = jnp.sum(slopes[:, :, None] * covariance[None, :, :], axis=1)
+        return jnp.sum(rows[:, None, :] * slopes[None, :, :], axis=2) + self.noise(span)
+
+
+def _white_acceleration(
+    density: Scalar, density_up: Scalar, turn_density: Scalar | None, span: ScalarLike
+) -> Float[Array, "n n"]:
+    densities = jnp.stack([density, density, density_up])
+    places, both, speeds = (jnp.diag(densities * part) for part in (span**3 / 3.0, span**2 / 2.0, span))
+    noise = jnp.concatenate([jnp.concatenate([places, both], axis=1), jnp.concatenate([both, speeds], axis=1)], axis=0)
+    if turn_density is None:
+        return noise
+    return jnp.pad(noise, ((0, 1), (0, 1))).at[6, 6].set(turn_density * span)
