@@ -6,7 +6,7 @@ import numpy as np
 
 from anser.planning import bend_words
 from anser.results import summarize, to_dataset
-from anser.variables import CATALOGUE, DERIVED_KEYS
+from anser.variables import CATALOGUE, RECORDED_KEYS
 from support.made_scenario import made_scenario
 
 ARRIVAL, END, STEP = 80.0, 130.0, 0.025
@@ -74,7 +74,7 @@ def _one(time, start_n, start_e, start_h, goal_n, goal_e, w_n, w_e, bend):
     record = {
         variable.key: np.zeros(time.size, dtype=variable.dtype)
         for variable in CATALOGUE
-        if variable.key not in DERIVED_KEYS
+        if variable.key in RECORDED_KEYS
     }
     record |= {
         "north": path[0] + 3.0 * ripple,

@@ -7,14 +7,14 @@ import numpy as np
 import xarray as xr
 
 from anser.results import to_dataset, write_netcdf
-from anser.variables import CATALOGUE, DERIVED_KEYS
+from anser.variables import CATALOGUE, RECORDED_KEYS
 
 TIMES = 21
 
 
 def tiny_dataset() -> xr.Dataset:
     """Two seconds at 900 m."""
-    history = {v.key: np.zeros((TIMES, 1), v.dtype) for v in CATALOGUE if v.key not in DERIVED_KEYS}
+    history = {v.key: np.zeros((TIMES, 1), v.dtype) for v in CATALOGUE if v.key in RECORDED_KEYS}
     history |= {
         "quaternion_0": np.ones((TIMES, 1)),
         "altitude": np.full((TIMES, 1), 900.0),

@@ -27,9 +27,10 @@ def _of_the_format(scenario: Scenario) -> list[str]:
 
 def _of_the_seed(scenario: Scenario) -> list[str]:
     """A seed that was chosen in the belief that it changes something."""
-    if scenario.seed == type(scenario).model_fields["seed"].default:
+    if scenario.seed == type(scenario).model_fields["seed"].default or scenario.is_random:
         return []
-    return [f"seed: {scenario.seed} is recorded and changes nothing: nothing in a flight is random yet"]
+    words = "[turbulence], [navigation] and [goal_sensor] are what is"
+    return [f"seed: {scenario.seed} is recorded and changes nothing: nothing in this flight is random; {words}"]
 
 
 def _of_the_duration(scenario: Scenario) -> list[str]:

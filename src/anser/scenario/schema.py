@@ -133,6 +133,12 @@ class Scenario(Table):
         """SHA-256 of the validated values, 64 hexadecimal digits; see :func:`scenario_hash`."""
         return scenario_hash(self)
 
+    @property
+    def is_random(self) -> bool:
+        """Whether the seed changes anything."""
+        known = self.navigation.sensors == "exact" and self.goal_sensor.preset == "exact"
+        return self.turbulence.intensity != "none" or not known
+
     def goal_of(self, aircraft: Aircraft) -> Goal:
         """Look up the goal of an aircraft of this scenario."""
         return next(goal for goal in self.goal if goal.name == aircraft.goal)

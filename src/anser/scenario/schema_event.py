@@ -31,7 +31,7 @@ _NEEDS: dict[str, tuple[str, ...]] = {
     "arrival-put-off": ("later_s",),
 }
 _MAY: dict[str, tuple[str, ...]] = {
-    "aircraft-leaves": ("course_deg", "gaps", "take_over"),
+    "aircraft-leaves": ("course_deg", "gaps"),
     "goal-turns": ("speed_m_s",),
 }
 
@@ -75,11 +75,6 @@ class Event(Table):
         "their times",
         ("close-up", "keep"),
         None,
-    )
-    take_over: bool | None = Field(
-        None,
-        description="whether the goals are shared out anew among those that are left: the nearest that reaches each",
-        json_schema_extra=expects("true or false"),
     )
 
     def own_problems(self) -> list[Problem]:

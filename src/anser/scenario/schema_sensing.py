@@ -95,7 +95,7 @@ class GoalSensor(Table):
         kind = None if self.preset == "exact" else goal_sensor_presets()[self.preset]["kind"]
         for key in sorted(self.model_fields_set - {"preset"}):
             unused = kind is None or (kind == "sight" and key in _OF_REPORT) or (kind == "report" and key in _OF_SIGHT)
-            if unused and getattr(self, key) is not None:
+            if unused and getattr(self, key) != type(self).model_fields[key].default:
                 words = f'no {key}, which the sensor "{self.preset}" does not have'
                 if kind is None:
                     words = 'preset other than "exact", whose numbers it can replace: ' + ", ".join(PRESETS)
