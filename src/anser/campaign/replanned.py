@@ -18,7 +18,7 @@ from anser.planning.certified.task import KeepOuts
 from anser.planning.timed_path import TimedPath
 from anser.scenario import Scenario
 from anser.scenario.schema_event import Event
-from anser.simulation import CertifiedPlanState, Flight, FlightState, assign_holds
+from anser.simulation import CertifiedPlanner, CertifiedPlanState, Flight, FlightState, assign_holds
 from anser.simulation.replanning import TURNS, Present, leaving, present, with_plan
 
 _present = compiled_quickly(present)
@@ -97,6 +97,11 @@ class _Done:
         return EventOutcome(self.event.time_s, self.event.kind, self.whom, planned, message)
 
 
+def _planner(flight: Flight) -> CertifiedPlanner:
+    assert isinstance(flight.planner, CertifiedPlanner), "events are for flights with the certified planner"
+    return flight.planner
+
+
 def _turns(state: FlightState, who: int, event: Event) -> Any:
     """Turns of an aircraft that leaves, rad, of one number: that onto its course, or those to be tried."""
     if event.course_deg is None:
@@ -115,7 +120,7 @@ def _air_velocity(paths: TimedPath, who: Any, time: Any) -> Any:
 
 def _with_keep_out(scenario: Scenario, flight: Flight, event: Event) -> Flight:
     """The planner with one more keep-out, in a row that was kept free for it."""
-    appeared, volumes = event.keep_out, flight.planner.airspace.keep_outs
+    appeared, volumes = event.keep_out, _planner(flight).airspace.keep_outs
     assert appeared is not None
     earlier = [one for one in scenario.event if one.kind == event.kind]
     row = len(scenario.keep_out) + earlier.index(event)
@@ -158,7 +163,7 @@ def _planned_on(
     seen: Present = _present(flight, state, as_array(number, np.int32))
     free = np.asarray(seen.tasks.active) > 0.0
     times_s = np.asarray(memory.plan.arrival_times)
-    certificate = _certificate(memory.plan, seen.seen, flight.planner.airspace, as_array(now_s))
+    certificate = _certificate(memory.plan, seen.seen, _planner(flight).airspace, as_array(now_s))
     kept = np.asarray(certificate.kept)
     wanted_s = _wanted(scenario, times_s, free, event)
     unmoved = bool(np.all(wanted_s[free] == times_s[free]))
@@ -212,7 +217,7 @@ def _searched(
     wanted_s: np.ndarray,
     on_progress: Callable[[str], None],
 ) -> tuple[CertifiedPlan | None, Any]:
-    memory, planner = state.planner, flight.planner
+    memory, planner = state.planner, _planner(flight)
     free = np.asarray(seen.tasks.active) > 0.0
     intervals = intervals_of(memory.plan.paths)
     until, cells = as_array(scenario.timing.duration_s), memory.holds.paths.times.shape[1] - 1

@@ -66,7 +66,7 @@ class Seeded(AbstractRandomness):
             raise ValueError(f"{count} random numbers at one sample; a part may draw {_LANES}")
         lanes = np.arange(count, dtype=np.uint32) + np.uint32(part * _LANES)
         samples = jnp.broadcast_to(jnp.asarray(number, dtype=jnp.int32).astype(jnp.uint32), (count,))
-        high, low = _threefry(self.key, lanes, samples)
+        high, low = threefry(self.key, lanes, samples)
         dtype = jnp.result_type(float)
         return (high.astype(dtype) * 2.0**20 + jnp.right_shift(low, np.uint32(12)).astype(dtype) + 0.5) * 2.0**-52
 
@@ -108,18 +108,18 @@ class Given(AbstractRandomness):
 
 def seeded(seed: int, flight: int = 0) -> Seeded:
     """Source of the random numbers of one flight of a seed (both up to 2^32 - 1); compiles nothing."""
-    key = as_array([0, seed], np.uint32)
-    return Seeded(as_array(folded(np.asarray(key), np.asarray(flight)), np.uint32))
+    key = np.array([0, seed], dtype=np.uint32)
+    return Seeded(as_array(folded(key, np.asarray(flight)), np.uint32))
 
 
 def folded(key: Any, value: Any) -> UInt32[Array, "2"]:
     """Another key, for a value that a key is to hold for; as `jax.random.fold_in` makes it."""
     xp = namespace(key, value)
     zero = xp.zeros((1,), dtype=np.uint32)
-    return xp.concatenate(_threefry(key, zero, xp.asarray(value).astype(np.uint32)[None]))
+    return xp.concatenate(threefry(key, zero, xp.asarray(value).astype(np.uint32)[None]))
 
 
-def _threefry(key: Any, first: Any, second: Any) -> tuple[UInt32[Array, " n"], UInt32[Array, " n"]]:
+def threefry(key: Any, first: Any, second: Any) -> tuple[UInt32[Array, " n"], UInt32[Array, " n"]]:
     """Threefry-2x32 in 20 rounds: two words for each pair of counters.
 
     Source: J. K. Salmon, M. A. Moraes, R. O. Dror, D. E. Shaw, *Parallel random numbers: as easy as 1, 2, 3*, SC 2011.

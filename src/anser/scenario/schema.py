@@ -31,6 +31,7 @@ from anser.scenario.schema_checks import (
 )
 from anser.scenario.schema_event import Event, event_problems
 from anser.scenario.schema_goal import Goal
+from anser.scenario.schema_margin import margin_problems
 from anser.scenario.schema_problems import problems_from
 from anser.scenario.schema_reach import reach_problems
 from anser.scenario.schema_sensing import Estimator, GoalSensor, Navigation, sensing_problems
@@ -124,6 +125,9 @@ class Scenario(Table):
         if not names:
             found.extend(rendezvous_problems(aircraft, goals, fleet, limits))
             found.extend(same_point_problems(aircraft, self.arrival))
+            found.extend(
+                margin_problems(aircraft, goals, self.goal_sensor, self.estimator, self.navigation, self.timing, fleet)
+            )
             found.extend(arrival_problems(self.arrival, aircraft, self.timing))
             found.extend(keep_out_problems(self.keep_out, aircraft, goals))
         return found or reach_problems(self)

@@ -1,0 +1,153 @@
+"""Shaping filters of turbulence: exact from sample to sample, of the spectra that the documents give."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy import linalg, stats
+
+from anser.environment.gust_filters import (
+    DRYDEN_ACROSS,
+    DRYDEN_ALONG,
+    VON_KARMAN_ACROSS,
+    VON_KARMAN_ALONG,
+    modes_of,
+    sampled_spectrum,
+)
+
+FILTERS = {
+    "dryden along": DRYDEN_ALONG,
+    "dryden across": DRYDEN_ACROSS,
+    "von karman along": VON_KARMAN_ALONG,
+    "von karman across": VON_KARMAN_ACROSS,
+}
+
+
+def analytic(name, w):
+    """One-sided spectra of unit intensity, in frequencies of V/L: MIL-F-8785C, 3.7.1.1 and 3.7.1.2."""
+    return {
+        "dryden along": 2.0 / np.pi / (1.0 + w**2),
+        "dryden across": 1.0 / np.pi * (1.0 + 3.0 * w**2) / (1.0 + w**2) ** 2,
+        "von karman along": 2.0 / np.pi / (1.0 + (1.339 * w) ** 2) ** (5.0 / 6.0),
+        "von karman across": (1.0 / np.pi)
+        * (1.0 + 8.0 / 3.0 * (1.339 * w) ** 2)
+        / (1.0 + (1.339 * w) ** 2) ** (11.0 / 6.0),
+    }[name]
+
+
+@pytest.mark.parametrize("w", [0.05, 0.4, 1.0, 7.0])
+@pytest.mark.parametrize("family", ["dryden", "von karman"])
+def test_both_documents_have_the_same_spectra(family, w):
+    """MIL-HDBK-1797 writes L_v and L_w half as long, and twice them in the spectra."""
+    half = 0.5  # L of MIL-HDBK-1797 in units of that of MIL-F-8785C
+    x = 2.0 * half * w
+    if family == "dryden":
+        theirs = 2.0 * half / np.pi * (1.0 + 12.0 * (half * w) ** 2) / (1.0 + 4.0 * (half * w) ** 2) ** 2
+    else:
+        theirs = 2.0 * half / np.pi * (1.0 + 8.0 / 3.0 * (1.339 * x) ** 2) / (1.0 + (1.339 * x) ** 2) ** (11.0 / 6.0)
+    np.testing.assert_allclose(theirs, analytic(f"{family} across", w), rtol=1e-12)
+
+
+def matrices(shaping, span):
+    kept, root = (np.asarray(m) for m in shaping.transition(jnp.asarray(span)))
+    rows = np.stack([np.asarray(shaping.output(jnp.asarray(row))) for row in np.eye(shaping.size)])
+    first = np.stack([np.asarray(shaping.stationary(jnp.asarray(row))) for row in np.eye(shaping.size)], axis=1)
+    return kept, root @ root.T, rows, first @ first.T
+
+
+@pytest.mark.parametrize("span", [1e-4, 3e-3, 0.049, 0.051, 1.0])
+@pytest.mark.parametrize("name", FILTERS)
+def test_the_first_state_is_stationary(name, span):
+    kept, added, _, first = matrices(FILTERS[name], span)
+    np.testing.assert_allclose(kept @ first @ kept.T + added, first, atol=1e-14)
+
+
+@pytest.mark.parametrize("span", [1e-3, 0.02, 0.7])
+def test_the_step_of_the_dryden_filter_is_exact(span):
+    """By the matrix exponential of C. F. Van Loan, IEEE Trans. Automatic Control 23, 1978."""
+    A = np.array([[0.0, 1.0], [-1.0, -2.0]])
+    noise = np.diag([0.0, 1.0])
+    whole = linalg.expm(np.block([[-A, noise], [np.zeros((2, 2)), A.T]]) * span)
+    kept, added, _, _ = matrices(DRYDEN_ACROSS, span)
+    np.testing.assert_allclose(kept, whole[2:, 2:].T, rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(added, whole[2:, 2:].T @ whole[:2, 2:], rtol=2e-9, atol=1e-15)
+
+
+@pytest.mark.parametrize("name", FILTERS)
+def test_the_spectrum_is_that_of_the_document(name):
+    """Dryden to what sampling folds over; von Karman to what a rational function can do, from 0.03 to 10 V/L."""
+    w = np.geomspace(0.03, 10.0, 60)
+    ratio = sampled_spectrum(FILTERS[name], 3e-3, w) / analytic(name, w)
+    if name.startswith("dryden"):
+        np.testing.assert_allclose(ratio, 1.0, atol=1e-3)
+    else:
+        assert ratio.min() > 0.95
+        assert ratio.max() < 1.03
+
+
+@pytest.mark.parametrize("name", FILTERS)
+def test_the_variance(name):
+    _, _, rows, first = matrices(FILTERS[name], 0.01)
+    variance = rows @ first @ rows
+    if name.startswith("dryden"):
+        np.testing.assert_allclose(variance, 1.0, rtol=1e-12)
+    else:
+        assert 0.9 < variance < 1.0  # a rational function has no tail of w^(-5/3)
+    w = np.geomspace(1e-4, np.pi / 0.05, 4000)
+    np.testing.assert_allclose(np.trapezoid(sampled_spectrum(FILTERS[name], 0.05, w), w), variance, rtol=2e-3)
+
+
+def realised(shaping, span, count, samples, seed=3):
+    """Sequences of a filter, (count, samples)."""
+    normals = np.random.default_rng(seed).normal(size=(samples + 1, shaping.size, count))
+
+    def step(state, drawn):
+        after = jax.vmap(shaping.advanced, in_axes=(1, 1, None), out_axes=1)(state, drawn, jnp.asarray(span))
+        return after, jax.vmap(shaping.output, in_axes=1)(after)
+
+    first = jax.vmap(shaping.stationary, in_axes=1, out_axes=1)(jnp.asarray(normals[0]))
+    return np.asarray(jax.jit(lambda s, n: jax.lax.scan(step, s, n))(first, jnp.asarray(normals[1:]))[1]).T
+
+
+# 30 minutes at 150 m/s in scales of 533 m (1,750 ft) are a way of 506 scales; a sample each 0.075 s
+SPAN, SAMPLES = 0.075 * 150.0 / 533.4, 24_000
+
+
+@pytest.mark.parametrize(
+    ("count", "samples"),
+    [(200, SAMPLES), (40, 4000)],
+    ids=["200 of 30 min", "40 of 5 min"],
+)
+@pytest.mark.parametrize("name", FILTERS)
+def test_realisations_have_the_spectrum_of_the_filter(name, count, samples):
+    """Averaged periodograms over two decades, within the pointwise 95 % band of chi-square, which has 2 count degrees.
+
+    Windowed (Hann) against leakage; the expected periodogram is the sampled spectrum seen through the window.
+    """
+    shaping = FILTERS[name]
+    rows = realised(shaping, SPAN, count, samples)
+    variance = matrices(shaping, SPAN)
+    expected = variance[2] @ variance[3] @ variance[2]
+    # effective samples: the way in scales, about
+    assert abs(np.mean(rows**2) / expected - 1.0) < max(0.02, 6.0 / np.sqrt(count * samples * SPAN))
+    window = np.hanning(samples + 1)[:-1]
+    seen = np.abs(np.fft.rfft(rows * window, axis=1)) ** 2 * SPAN / (np.pi * np.sum(window**2))
+    w = 2.0 * np.pi * np.fft.rfftfreq(samples, SPAN)
+    inside = (w >= 0.1) & (w <= 10.0)
+    bins = np.flatnonzero(inside)[:: max(1, inside.sum() // 400)]
+    fine = sampled_spectrum(shaping, SPAN, w[bins])
+    mean = seen[:, bins].mean(axis=0)
+    low, high = stats.chi2.ppf([0.025, 0.975], 2 * count) / (2 * count)
+    share = np.mean((mean >= low * fine) & (mean <= high * fine))
+    assert share >= (0.93 if count == 200 else 0.9)
+
+
+def test_gradients_vmap_and_complex_poles():
+    slope = jax.grad(lambda t: jnp.sum(VON_KARMAN_ACROSS.advanced(jnp.ones(3), jnp.ones(3), t)))(jnp.asarray(0.01))
+    assert np.isfinite(slope)
+    spans = jnp.array([1e-4, 0.01, 1.0])
+    many = jax.jit(jax.vmap(lambda t: DRYDEN_ACROSS.transition(t)[1]))(spans)
+    for span, root in zip(spans, many, strict=True):
+        np.testing.assert_allclose(root, DRYDEN_ACROSS.transition(span)[1], rtol=1e-12)
+    with pytest.raises(ValueError, match="expected real ones"):
+        modes_of(1.0, (1.0,), (1.0, 0.1, 1.0))

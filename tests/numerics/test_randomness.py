@@ -1,0 +1,88 @@
+"""Random numbers: those of JAX's own generator, the same alone and in any batch, as normal and even as they claim."""
+
+import jax
+import jax.extend.random
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from anser.numerics import Given, seeded
+from anser.numerics.randomness import AIR, BEFORE_FIRST, GOAL_SENSOR, folded, threefry
+
+words = st.integers(0, 2**32 - 1)
+
+
+@given(words, words, words, words)
+@settings(deadline=None, max_examples=50)
+def test_the_bits_are_those_of_jax(a, b, c, d):
+    key = np.array([a, b], dtype=np.uint32)
+    ours = np.concatenate(threefry(key, np.array([c], dtype=np.uint32), np.array([d], dtype=np.uint32)))
+    theirs = jax.extend.random.threefry_2x32(jnp.asarray(key), jnp.array([c, d], dtype=jnp.uint32))
+    np.testing.assert_array_equal(ours, theirs)
+
+
+@given(words, words)
+@settings(deadline=None, max_examples=20)
+def test_folding_is_that_of_jax(seed, value):
+    expected = jax.random.key_data(jax.random.fold_in(jax.random.key(seed), value))
+    np.testing.assert_array_equal(folded(np.array([0, seed], dtype=np.uint32), np.asarray(value)), expected)
+
+
+def drawn(flight, aircraft, number):
+    source = seeded(5, 3).of_aircraft(aircraft)
+    return source.normals(AIR, number, 7) + 0.0 * flight
+
+
+def test_the_same_numbers_alone_and_in_a_batch_to_the_last_bit():
+    batch = jax.jit(jax.vmap(lambda a, k: drawn(0.0, a, k)))(jnp.arange(64) % 8, jnp.arange(64) * 37)
+    alone = np.stack([jax.jit(drawn)(0.0, jnp.asarray(k % 8), jnp.asarray(k * 37)) for k in range(64)])
+    np.testing.assert_array_equal(batch, alone)
+
+    def scanned(carry, k):
+        return carry, drawn(carry, jnp.asarray(2), k * 37)
+
+    _, in_time = jax.lax.scan(scanned, 0.0, jnp.arange(64))
+    np.testing.assert_array_equal(np.asarray(in_time)[2::8], alone[2::8])
+
+
+def test_seed_flight_aircraft_part_and_sample_each_give_others():
+    one = seeded(5, 3).of_aircraft(jnp.asarray(1))
+    base = np.asarray(one.normals(AIR, 10, 4))
+    others = [
+        seeded(6, 3).of_aircraft(jnp.asarray(1)).normals(AIR, 10, 4),
+        seeded(5, 4).of_aircraft(jnp.asarray(1)).normals(AIR, 10, 4),
+        seeded(5, 3).of_aircraft(jnp.asarray(2)).normals(AIR, 10, 4),
+        one.normals(GOAL_SENSOR, 10, 4),
+        one.normals(AIR, 11, 4),
+        one.normals(AIR, BEFORE_FIRST, 4),
+    ]
+    for other in others:
+        assert not np.any(np.asarray(other) == base)
+    np.testing.assert_array_equal(one.normals(AIR, 10, 6)[:4], base)  # more of them do not change the first
+
+
+def test_normals_are_normal_and_independent():
+    numbers = np.asarray(jax.jit(jax.vmap(lambda k: seeded(1).normals(AIR, k, 5)))(jnp.arange(40_000)))
+    for column in numbers.T:
+        assert stats.kstest(column, "norm").pvalue > 1e-3
+    correlation = np.corrcoef(np.concatenate([numbers[1:], numbers[:-1]], axis=1).T) - np.eye(10)
+    assert np.max(np.abs(correlation)) < 5.0 / np.sqrt(40_000)
+    even = np.asarray(jax.jit(jax.vmap(lambda k: seeded(1).uniforms(AIR, k, 1)))(jnp.arange(40_000)))
+    assert even.min() > 0.0
+    assert even.max() < 1.0
+    np.testing.assert_allclose(stats.norm.ppf(even[:, 0]), numbers[:, 0], atol=1e-9)
+
+
+def test_given_numbers_are_replayed():
+    table = np.random.default_rng(0).normal(size=(2, 6, 3))
+    given_ = Given({AIR: jnp.asarray(table)}).of_aircraft(jnp.asarray(1))
+    np.testing.assert_array_equal(given_.normals(AIR, BEFORE_FIRST, 3), table[1, 0])
+    np.testing.assert_array_equal(given_.normals(AIR, jnp.asarray(4), 2), table[1, 5, :2])
+    np.testing.assert_allclose(given_.uniforms(AIR, 0, 3), stats.norm.cdf(table[1, 1]), rtol=1e-12)
+    with pytest.raises(ValueError, match="part 2 draws 1 random numbers a sample; none given"):
+        given_.normals(GOAL_SENSOR, 0, 1)
+    with pytest.raises(ValueError, match="3 a sample given"):
+        given_.normals(AIR, 0, 4)

@@ -1,0 +1,234 @@
+"""Many flights of one scenario, of which only what is drawn differs: how far they miss, beside the least possible.
+
+``python -m trials.noisy_flights scenarios/uncertain-world.toml --flights 1000 --out build/noisy-flights.npz``
+"""
+
+import argparse
+import dataclasses
+import functools
+import time
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy import stats
+
+from anser.campaign.certified import arrival_request
+from anser.numerics import as_array, rows_of, seeded
+from anser.planning.certified import FIRST, intervals_for, search
+from anser.scenario import build_flight, load
+from anser.sensing import Instant
+from anser.simulation import (
+    SEGMENT_STEPS,
+    AbstractRecorder,
+    CertifiedPlanner,
+    CertifiedPlanState,
+    Flight,
+    FlightState,
+    SummaryRecorder,
+    assign_holds,
+    begin,
+    cells_for,
+    fly,
+    trimmed_fleet,
+)
+from anser.simulation.recorder import FleetSample
+
+BATCH = 64
+
+
+class AtFreeze(NamedTuple):
+    """What an aircraft knew when its plan came to stand still; leading axis aircraft."""
+
+    goal_covariance: jax.Array
+    own_covariance: jax.Array
+    time: jax.Array
+
+
+class Recorder(AbstractRecorder):
+    """The running summary, and what was known at the freeze."""
+
+    every: int = eqx.field(static=True, default=1)
+
+    def init(self, aircraft: int) -> Any:
+        """Nothing known yet."""
+        known = AtFreeze(jnp.zeros((aircraft, 6, 6)), jnp.zeros((aircraft, 3, 3)), jnp.full(aircraft, jnp.inf))
+        return SummaryRecorder().init(aircraft), known
+
+    def take(self, memory: Any, sample: FleetSample, instant: Instant) -> Any:
+        """With one more sample."""
+        summary, known = memory
+        now = sample.rows(_known)
+        first = (now["phase"] >= 1) & jnp.isinf(known.time)
+        kept = AtFreeze(
+            jnp.where(first[:, None, None], now["goal"], known.goal_covariance),
+            jnp.where(first[:, None, None], now["own"], known.own_covariance),
+            jnp.where(first, instant.time, known.time),
+        )
+        return SummaryRecorder().take(summary, sample, instant), kept
+
+    def row(self, sample: FleetSample, instant: Instant) -> None:
+        """None."""
+
+
+def _known(sample: Any) -> dict[str, jax.Array]:
+    known = sample.belief.uncertainty
+    phase = sample.approach.phase
+    if known is None:
+        return {"phase": phase, "goal": jnp.zeros((6, 6)), "own": jnp.zeros((3, 3))}
+    return {"phase": phase, "goal": known.goal_covariance, "own": known.own_covariance}
+
+
+@jax.jit
+def _trimmed(flight: Flight, keys: Any) -> Any:
+    def one(randomness: Any) -> Any:
+        fleet = trimmed_fleet(dataclasses.replace(flight, randomness=randomness))
+        planner = flight.planner
+        assert isinstance(planner, CertifiedPlanner)
+        return fleet, planner.aircraft_tasks(fleet.reports, planner.limits_with(fleet.performance))
+
+    return jax.vmap(one)(keys)
+
+
+@jax.jit
+def _begun(flight: Flight, fleets: Any, plans: CertifiedPlanState) -> FlightState:
+    return jax.vmap(lambda fleet, plan: begin(flight, fleet, plan))(fleets, plans)
+
+
+_holds = jax.jit(assign_holds, static_argnames=("cells",))
+
+
+@functools.partial(jax.jit, static_argnames=("count",))
+def _segment(flight: Flight, keys: Any, states: FlightState, since: Any, memory: Any, count: int) -> Any:
+    def one(randomness: Any, state: FlightState, kept: Any) -> Any:
+        own = dataclasses.replace(flight, randomness=randomness)
+        after, kept, _ = fly(own, state, since, count, Recorder(), kept)
+        return after, kept
+
+    return jax.vmap(one)(keys, states, memory)
+
+
+def fly_many(path: str, flights: int, first: int = 0, batch: int = BATCH) -> dict[str, np.ndarray]:
+    """Fly many flights of a scenario; rows of numbers for each."""
+    scenario = load(path)
+    flight = build_flight(scenario)
+    planner, timing = flight.planner, scenario.timing
+    assert isinstance(planner, CertifiedPlanner)
+    steps = round(timing.duration_s / timing.step_s)
+    until, cells = as_array(timing.duration_s), cells_for(timing.duration_s)
+    found: list[dict[str, np.ndarray]] = []
+    for begin_at in range(first, first + flights, batch):
+        began = time.perf_counter()
+        numbers = list(range(begin_at, begin_at + batch))
+        keys = rows_of([seeded(scenario.seed, number) for number in numbers])
+        fleets, tasks = _trimmed(flight, keys)
+        plans, planned = [], []
+        for k in range(batch):
+            own = jax.tree.map(lambda leaf, k=k: leaf[k], tasks)
+            tried: list[Any] = []
+
+            def after(plan: Any, own: Any = own, tried: list[Any] = tried) -> np.ndarray:
+                holds = _holds(plan.paths, own, planner.airspace, planner.guidance, as_array(0.0), until, cells)
+                tried.append(holds)
+                return ~np.asarray(holds.clear)
+
+            outcome = search(
+                0.0,
+                own,
+                planner.airspace,
+                arrival_request(scenario),
+                failed_after_arrival=after,
+                intervals=intervals_for(timing.duration_s),
+            )
+            planned.append(outcome.plan is not None)
+            if outcome.plan is None:
+                plans.append(plans[-1])
+                continue
+            plans.append(CertifiedPlanState(outcome.plan, as_array(FIRST, np.int64), tried[-1], own.limits))
+        states = _begun(flight, fleets, rows_of(plans))
+        memory = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (batch, *leaf.shape)), Recorder().init(flight.count))
+        for since in range(0, steps, SEGMENT_STEPS):
+            states, memory = _segment(flight, keys, states, as_array(since, np.int32), memory, SEGMENT_STEPS)
+        (summary, _), known = jax.tree.map(np.asarray, memory)
+        arrivals = np.asarray(states.planner.plan.arrival_times)
+        found.append(
+            {
+                "flight": np.array(numbers),
+                "planned": np.array(planned),
+                "planned_arrival_s": arrivals,
+                "arrival_s": summary.arrival_time,
+                "miss_m": summary.miss,
+                "speed_min_m_s": summary.speeds_until_arrival.least,
+                "speed_max_m_s": summary.speeds_until_arrival.greatest,
+                "clearance_m": summary.clearance_min,
+                "status": summary.first_status,
+                "goal_covariance": known.goal_covariance,
+                "own_covariance": known.own_covariance,
+                "frozen_s": known.time,
+            }
+        )
+        print(f"flights to {begin_at + batch}: {time.perf_counter() - began:.1f} s", flush=True)  # noqa: T201
+    return {key: np.concatenate([one[key] for one in found])[:flights] for key in found[0]}
+
+
+def quantile_with_interval(values: np.ndarray, part: float = 0.95, confidence: float = 0.95) -> tuple[float, ...]:
+    """A quantile and its interval by order statistics (binomial), distribution-free."""
+    ordered, count = np.sort(values), values.size
+    low, high = stats.binom.ppf([0.5 * (1 - confidence), 0.5 * (1 + confidence)], count, part).astype(int)
+    return float(np.quantile(values, part)), float(ordered[max(low - 1, 0)]), float(ordered[min(high, count - 1)])
+
+
+def floor_of(rows: dict[str, np.ndarray], freeze_s: float, density: float, draws: int = 50) -> tuple[np.ndarray, ...]:
+    """Misses (m) and offsets along the flight that the knowledge at the freeze leaves, drawn from its covariance."""
+    rng = np.random.default_rng(0)
+    ahead = np.eye(6)
+    ahead[:3, 3:] = freeze_s * np.eye(3)
+    noise = np.diag([density, density, 0.01 * density]) * freeze_s**3 / 3
+    shape = rows["goal_covariance"].shape[:2]
+    spread = (ahead @ rows["goal_covariance"] @ ahead.T)[..., :3, :3] + noise + rows["own_covariance"]
+    roots = np.linalg.cholesky(spread + 1e-12 * np.eye(3))
+    drawn = np.einsum("faij,dfaj->dfai", roots, rng.normal(size=(draws, *shape, 3)))
+    return np.linalg.norm(drawn, axis=-1), drawn
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("scenario")
+    parser.add_argument("--flights", type=int, default=1000)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--batch", type=int, default=BATCH)
+    parser.add_argument("--out", type=Path, required=True)
+    asked = parser.parse_args()
+    rows = fly_many(asked.scenario, asked.flights, asked.first, asked.batch)
+    np.savez_compressed(asked.out, allow_pickle=False, **rows)
+    scenario = load(asked.scenario)
+    for line in told(rows, scenario.timing.freeze_s, scenario.estimator.acceleration_m_s2**2, scenario.fleet.speed_m_s):
+        print(line)  # noqa: T201
+
+
+def told(rows: dict[str, np.ndarray], freeze_s: float, density: float, speed_m_s: float) -> list[str]:
+    """What came of it, in lines."""
+    spread = rows["arrival_s"].max(axis=1) - rows["arrival_s"].min(axis=1)
+    floor, drawn = floor_of(rows, freeze_s, density)
+    late = drawn[..., 0] / speed_m_s
+    floor_spread = (late.max(axis=-1) - late.min(axis=-1)).ravel()
+    lines = [f"{rows['flight'].size} flights, {int(rows['planned'].sum())} planned"]
+    lines.append(f"status other than 0: {int((rows['status'] != 0).any(axis=1).sum())}")
+    for name, values, least in (("miss_m", rows["miss_m"].ravel(), floor.ravel()), ("spread_s", spread, floor_spread)):
+        value, low, high = quantile_with_interval(values)
+        lines.append(
+            f"{name}: 95 % {value:.4g} ({low:.4g} to {high:.4g}), floor {np.quantile(least, 0.95):.4g}, "
+            f"ratio {value / np.quantile(least, 0.95):.3f}, greatest {values.max():.4g}"
+        )
+    lines.append(f"airspeed without gusts {rows['speed_min_m_s'].min():.2f} to {rows['speed_max_m_s'].max():.2f} m/s")
+    lines.append(f"clearance at least {rows['clearance_m'].min():.1f} m")
+    return lines
+
+
+if __name__ == "__main__":
+    jax.config.update("jax_enable_x64", True)
+    main()
