@@ -137,10 +137,10 @@ class Estimator(Table):
         0,
         100_000,
         "m",
-        500.0,
+        200.0,
         above=True,
     )
-    briefed_velocity_m_s: float = number("the same of its velocity", 0, 100, "m/s", 5.0, above=True)
+    briefed_velocity_m_s: float = number("the same of its velocity", 0, 100, "m/s", 2.0, above=True)
     margin_sigma: float = number(
         "how many standard deviations of the goal's place the stand-off keeps beyond its least distance", 0, 10, "", 3.0
     )

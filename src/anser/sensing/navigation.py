@@ -1,12 +1,14 @@
 """Own navigation: a Kalman filter of satellite fixes and inertial measurements, and a filter of the air's motion."""
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from anser.environment import LocalEarth
-from anser.numerics import any_in_batch
+from anser.numerics import any_in_batch, product3, times3
 from anser.sensing.interface import Fix
 from anser.shapes import Matrix33, Scalar, ScalarLike, Vector3
 from anser.spatial import rotate, rotate_back
@@ -92,40 +94,38 @@ class NavigationFilter(eqx.Module):
         return jax.lax.cond(any_in_batch(fix.new), corrected, lambda: ahead)
 
     def _corrected(self, memory: Navigation, fix: Fix) -> Navigation:
-        span, kept = self.period, jnp.exp(-self.period / self.slow_time)
-        density = self.acceleration_density
-        moved = jnp.eye(3).at[0, 1].set(span).at[2, 2].set(kept)
-        noise = jnp.zeros((3, 3, 3))
-        noise = noise.at[:, 0, 0].set(density * span**3 / 3).at[:, 1, 1].set(density * span)
-        noise = noise.at[:, 0, 1].set(density * span**2 / 2).at[:, 1, 0].set(density * span**2 / 2)
-        noise = noise.at[:, 2, 2].set(-jnp.expm1(-2 * span / self.slow_time) * self.slow_sigma**2)
-        covariance = _product(_product(moved, memory.covariance), moved.T) + noise
-        mean = jnp.stack([memory.position_n, memory.velocity_n, kept * memory.error_n], axis=-1)
-        # two scalar measurements of each axis: position with the slow error, then velocity
-        mean, covariance = _measured(mean, covariance, jnp.array([1.0, 0.0, 1.0]), fix.position_n, self.noise_sigma**2)
-        mean, covariance = _measured(
-            mean, covariance, jnp.array([0.0, 1.0, 0.0]), fix.velocity_n, self.velocity_sigma**2
-        )
+        def axis(state: Vector3, covariance: Matrix33, fixed: Float[Array, "2"], own: Vector3) -> Any:
+            """One axis: `fixed` is the fix's position and velocity, `own` the three standard deviations."""
+            kept, span = jnp.exp(-self.period / self.slow_time), self.period
+            slow, noise, rate = own**2
+            moved = jnp.eye(3).at[0, 1].set(span).at[2, 2].set(kept)
+            added = jnp.diag(jnp.stack([span**3 / 3, span, 0.0 * span])).at[0, 1].set(span**2 / 2)
+            added = self.acceleration_density * added.at[1, 0].set(span**2 / 2)
+            added = added.at[2, 2].set(-jnp.expm1(-2 * span / self.slow_time) * slow)
+            mean = state.at[2].multiply(kept)
+            covariance = product3(product3(moved, covariance), moved.T) + added
+            # position with the slow error, then velocity
+            mean, covariance = _measured(mean, covariance, jnp.array([1.0, 0.0, 1.0]), fixed[0], noise)
+            return _measured(mean, covariance, jnp.array([0.0, 1.0, 0.0]), fixed[1], rate)
+
+        fixed = jnp.stack([fix.position_n, fix.velocity_n], axis=1)
+        sigmas = jnp.stack([self.slow_sigma, self.noise_sigma, self.velocity_sigma], axis=1)
+        states = jnp.stack([memory.position_n, memory.velocity_n, memory.error_n], axis=1)
+        mean, covariance = jax.vmap(axis)(states, memory.covariance, fixed, sigmas)
         return Navigation(mean[:, 0], mean[:, 1], mean[:, 2], memory.acceleration_n, covariance)
 
 
-def _product(a: Array, b: Array) -> Array:
-    return jnp.sum(a[..., :, :, None] * b[..., None, :, :], axis=-2)
-
-
 def _measured(
-    mean: Float[Array, "3 3"], covariance: Float[Array, "3 3 3"], row: Vector3, value: Vector3, variance: Vector3
-) -> tuple[Float[Array, "3 3"], Float[Array, "3 3 3"]]:
-    """A scalar measurement in each axis, `value` = `row` . state + error; in the form of Joseph."""
-    across = jnp.sum(covariance * row, axis=-1)
-    spread = jnp.sum(across * row, axis=-1) + variance
+    mean: Vector3, covariance: Matrix33, row: Vector3, value: Scalar, variance: Scalar
+) -> tuple[Vector3, Matrix33]:
+    """A scalar measurement, `value` = `row` . state + error; in the form of Joseph."""
+    across = times3(covariance, row)
+    spread = jnp.sum(across * row) + variance
     # without any spread the measurement and the state are both exact, and agree
-    gain = across / jnp.where(spread > 0.0, spread, 1.0)[:, None]
-    off = value - jnp.sum(mean * row, axis=-1)
-    left = jnp.eye(3) - gain[:, :, None] * row
-    covariance = _product(_product(left, covariance), jnp.swapaxes(left, -1, -2))
-    covariance = covariance + variance[:, None, None] * gain[:, :, None] * gain[:, None, :]
-    return mean + gain * off[:, None], 0.5 * (covariance + jnp.swapaxes(covariance, -1, -2))
+    gain = across / jnp.where(spread > 0.0, spread, 1.0)
+    left = jnp.eye(3) - gain[:, None] * row[None, :]
+    covariance = product3(product3(left, covariance), left.T) + variance * gain[:, None] * gain[None, :]
+    return mean + gain * (value - jnp.sum(mean * row)), 0.5 * (covariance + covariance.T)
 
 
 def acceleration_n(R_bn: Matrix33, specific_force_b: Vector3, earth: LocalEarth) -> Vector3:

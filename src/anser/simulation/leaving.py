@@ -13,7 +13,7 @@ from anser.spatial import safe_hypot
 
 _EASED_S = 4.0  # in which the acceleration of the plan that is left dies down
 _LEVEL_S = 12.0  # in which the climb or descent is ended
-_BANK = 0.44  # rad, greatest of the turn
+_BANK = 0.7  # rad, greatest of the turn
 _STEEPEST = 1.875  # slope of the blend at its middle
 
 
@@ -23,7 +23,7 @@ def leaving_path(
     """Path from where a planned path is now to a time (s), with as many knots.
 
     It goes on without a jump of velocity or acceleration, levels off, turns by an angle (rad, right positive) at a bank
-    of at most 25 deg or so, and keeps its level airspeed.
+    of at most 40 deg, and keeps its level airspeed.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def leaving_path(
     drifts = _integrated(elapsed, winds, wind_rates)
     return TimedPath(
         times,
-        jnp.stack([place_n + places, velocities, rates], axis=1),
+        jnp.stack([place_n[None] + places, velocities, rates], axis=1),
         jnp.stack([drifts, winds, wind_rates], axis=1),
     )
 

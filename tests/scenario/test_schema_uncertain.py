@@ -1,0 +1,166 @@
+"""Tables of an uncertain world: what is refused, where and why; what they build."""
+
+import numpy as np
+import pytest
+
+from anser.environment import DiscreteGust, NoGusts, SummedGusts, Turbulence
+from anser.scenario import ScenarioError, build_flight, loads
+from anser.scenario.schema_margin import goal_sigma_m
+from anser.scenario.schema_sensing import PRESETS, Estimator, GoalSensor, Navigation, goal_sensor_presets
+from anser.scenario.schema_settings import Fleet, Timing
+from anser.sensing import DirectEstimator, IdealSensors, NoisySensors, TrackingEstimator
+
+TEXT = """
+format = 2
+name = "two"
+[timing]
+duration_s = 200.0
+[fleet]
+speed_m_s = 150.0
+[[aircraft]]
+name = "alpha"
+goal = "ship"
+start = { north_m = 9000.0, east_m = 0.0, altitude_m = 1500.0, speed_m_s = 150.0, course_deg = 180.0 }
+rendezvous = { stand_off_up_m = 400.0 }
+[[aircraft]]
+name = "bravo"
+goal = "buoy"
+start = { north_m = 0.0, east_m = 9000.0, altitude_m = 1800.0, speed_m_s = 150.0, course_deg = 270.0 }
+[[goal]]
+name = "ship"
+kind = "surface"
+north_m = 0.0
+east_m = 0.0
+speed_m_s = 8.0
+course_deg = 90.0
+[[goal]]
+name = "buoy"
+kind = "surface"
+north_m = -2000.0
+east_m = 500.0
+"""
+CAMERA = '[goal_sensor]\npreset = "camera"\n'
+
+
+def event(lines):
+    return f"[[event]]\ntime_s = 30.0\n{lines}\n"
+
+
+@pytest.mark.parametrize(
+    ("more", "place", "words"),
+    [
+        ('[turbulence]\nintensity = "rough"', "turbulence.intensity", '"light" or "moderate"'),
+        ("[navigation]\nposition_m = -1.0", "navigation.position_m", "from 0 to 1000 m"),
+        ('[navigation]\nsensors = "satellite-inertial"\nperiod_s = 0.123', "navigation.period_s", "whole multiple"),
+        (CAMERA + "dropout_probability = 1.5", "goal_sensor.dropout_probability", "from 0 to 1"),
+        (CAMERA + "outage_share = 1.0", "goal_sensor.outage_share", "from 0 to 0.99"),
+        (CAMERA + "range_m = -3.0", "goal_sensor.range_m", "from 0 to 10000 m"),
+        (CAMERA + "position_m = 3.0", "goal_sensor.position_m", 'the sensor "camera" does not have'),
+        (CAMERA + "latency_s = [2.0, 1.0]", "goal_sensor.latency_s", "the first not above the second"),
+        (CAMERA + "period_s = 0.015", "goal_sensor.period_s", "whole multiple"),
+        ('[goal_sensor]\npreset = "radar"', "goal_sensor.preset", '"weather-radar"'),
+        ("[goal_sensor]\nrange_m = 3.0", "goal_sensor.range_m", 'preset other than "exact"'),
+        ('[goal_sensor]\npreset = "ais"\nangle_mrad = 3.0', "goal_sensor.angle_mrad", "does not have"),
+        ('[estimator]\nfilter = "kalman"', "estimator.filter", '"ekf" or "ukf"'),
+        ("[estimator]\nacceleration_m_s2 = 0.0", "estimator.acceleration_m_s2", "above 0"),
+        ('[[gust]]\ntime_s = 3.0\nup_m_s = 5.0\naircraft = "charlie"', "gust[0].aircraft", '"alpha", "bravo"'),
+        ("[[gust]]\ntime_s = 3.0", "gust[0].up_m_s", "other than 0"),
+        (event('kind = "aircraft-leaves"\naircraft = "charlie"'), "event[0].aircraft", '"alpha", "bravo"'),
+        (event('kind = "aircraft-leaves"'), "event[0].aircraft", "needs: aircraft"),
+        (event('kind = "explodes"'), "event[0].kind", '"thrust-lost"'),
+        (event('kind = "thrust-lost"\naircraft = "alpha"\nthrust_left = 1.5'), "event[0].thrust_left", "from 0 to 1"),
+        (event('kind = "thrust-lost"\naircraft = "alpha"'), "event[0].thrust_left", "thrust_left"),
+        (event('kind = "goal-stops"\ngoal = "island"'), "event[0].goal", '"ship", "buoy"'),
+        (event('kind = "goal-stops"\ngoal = "ship"\nlater_s = 3.0'), "event[0].later_s", "no later_s"),
+        (
+            event('kind = "arrival-put-off"\nlater_s = 5.0').replace("30.0", "300.0"),
+            "event[0].time_s",
+            "end of the flight",
+        ),
+        (
+            event('kind = "aircraft-leaves"\naircraft = "alpha"')
+            + event('kind = "aircraft-leaves"\naircraft = "alpha"'),
+            "event[1].aircraft",
+            "has not left",
+        ),
+    ],
+)
+def test_what_is_wrong_is_named_with_its_place(more, place, words):
+    with pytest.raises(ScenarioError) as refused:
+        loads(TEXT + more)
+    told = [problem for problem in refused.value.problems if problem.path == place]
+    assert len(told) == 1, refused.value
+    assert words in str(told[0])
+
+
+def test_events_need_the_certified_planner():
+    with pytest.raises(ScenarioError, match="only that planner plans on"):
+        loads(TEXT.replace("[fleet]", '[fleet]\nplanner = "published"') + event('kind = "goal-stops"\ngoal = "ship"'))
+
+
+def parts(text):
+    flight = build_flight(loads(text))
+    return flight.kinds[0].vehicles.at(0)
+
+
+def test_a_perfect_world_is_the_default():
+    vehicle = parts(TEXT)
+    assert isinstance(vehicle.sensors, IdealSensors)
+    assert isinstance(vehicle.estimator, DirectEstimator)
+    assert isinstance(vehicle.gusts, NoGusts)
+    assert np.isinf(vehicle.faults.leaving_time)
+
+
+def test_each_table_builds_its_part():
+    gust = '[[gust]]\ntime_s = 9.0\nup_m_s = 5.0\naircraft = "bravo"\n'
+    both = parts(TEXT + '[turbulence]\nintensity = "severe"\nspectrum = "von-karman"\n' + gust)
+    assert isinstance(both.gusts, SummedGusts)
+    turbulence, single = both.gusts.parts
+    assert isinstance(turbulence, Turbulence)
+    assert turbulence.family == "von-karman"
+    np.testing.assert_allclose(turbulence.wind_20ft, 45 * 1852.0 / 3600.0, rtol=1e-6)
+    assert isinstance(single, DiscreteGust)
+    np.testing.assert_array_equal(single.amplitudes, np.zeros(3))  # bravo alone meets it
+    assert isinstance(both.estimator, TrackingEstimator)
+    assert both.estimator.goal is None
+    for preset in PRESETS:
+        seen = parts(
+            TEXT + f'[goal_sensor]\npreset = "{preset}"\n[estimator]\nmotion = "changing"\nmargin_sigma = 0.0\n'
+        )
+        assert isinstance(seen.sensors, NoisySensors)
+        assert seen.sensors.goal.kind == goal_sensor_presets()[preset]["kind"]
+        assert len(seen.estimator.goal.models) == 2
+    lost = parts(TEXT + event('kind = "thrust-lost"\naircraft = "alpha"\nthrust_left = 0.4'))
+    assert float(lost.faults.thrust(29.99)) == 1.0
+    assert float(lost.faults.thrust(30.0)) == pytest.approx(0.4)
+
+
+def test_every_number_of_a_preset_has_its_source():
+    for preset in PRESETS:
+        assert len(goal_sensor_presets()[preset]["source"]) > 60
+
+
+def test_a_goal_that_turns_turns():
+    motion = parts(TEXT + event('kind = "goal-turns"\ngoal = "ship"\ncourse_deg = 0.0\nspeed_m_s = 4.0')).mission.goal
+    np.testing.assert_allclose(motion.position_n(30.0), [0.0, 240.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(motion.position_n(40.0), [40.0, 240.0, 0.0], atol=1e-9)
+    still = parts(TEXT + event('kind = "goal-stops"\ngoal = "ship"')).mission.goal
+    np.testing.assert_allclose(still.position_n(90.0), [0.0, 240.0, 0.0], atol=1e-9)
+
+
+def test_a_stand_off_keeps_its_margin_for_what_is_not_known():
+    near = TEXT.replace("stand_off_up_m = 400.0", "stand_off_up_m = 160.0")
+    loads(near)
+    with pytest.raises(ScenarioError, match="standard deviations of the goal's place"):
+        loads(near + CAMERA + "angle_bias_mrad = 10.0\n")
+    loads(near + CAMERA + "angle_bias_mrad = 10.0\n[estimator]\nmargin_sigma = 0.0\n")
+
+
+def test_the_margin_is_that_of_the_filter():
+    """Of a still goal, whose filter averages: the error of one measurement over the root of their number."""
+    sensor = GoalSensor(preset="ais", position_m=10.0, velocity_m_s=5.0, period_s=1.0)
+    estimator = Estimator(acceleration_m_s2=1e-9, briefed_position_m=1e5, briefed_velocity_m_s=1e-9)
+    timing, fleet = Timing(duration_s=100.0, freeze_s=0.0), Fleet(speed_m_s=150.0)
+    np.testing.assert_allclose(
+        goal_sigma_m(sensor, estimator, Navigation(), timing, fleet, 300.0), 10.0 / np.sqrt(100.0), rtol=1e-3
+    )
