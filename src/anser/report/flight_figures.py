@@ -66,7 +66,8 @@ def draw_flight(
     suffixes
         Kinds of files, of `FIGURE_SUFFIXES`.
     """
-    drawings = {f"{name}-{key}": draw for key, draw in FLIGHT_FIGURES.items()}
+    known = KNOWLEDGE_FIGURES if "goal_sigma_north_m" in dataset else {}
+    drawings = {f"{name}-{key}": draw for key, draw in (FLIGHT_FIGURES | known).items()}
     return save_drawings(drawings, dataset, PRINT_STYLE, folder, suffixes)
 
 
@@ -130,6 +131,62 @@ FLIGHT_FIGURES: dict[str, Callable[[xr.Dataset], "Figure"]] = {
     "plan": _plan,
 }
 """Name of each figure, and what draws it."""
+
+
+def _knowledge(dataset: xr.Dataset) -> "Figure":
+    """How far the goal is from where it is taken to be, with the filter's band; below, ellipses before the arrival."""
+    from matplotlib.patches import Ellipse
+
+    meeting, time = _meetings(dataset), dataset["time"].values
+    count = dataset.sizes["aircraft"]
+    columns = min(count, 4)
+    figure = _figure(dataset, 5.6)
+    grid = figure.add_gridspec(2, columns)
+    above = figure.add_subplot(grid[0, :])
+    for k, last in enumerate(meeting):
+        until = slice(0, int(last) + 1)
+        off = [(dataset[f"goal_{a}_m"] - dataset[f"goal_estimate_{a}_m"]).values[until, k] for a in _PLACE]
+        sigma = [dataset[f"goal_sigma_{a}_m"].values[until, k] for a in _PLACE]
+        look = _look(dataset, k)
+        above.plot(time[until], np.sqrt(sum(x**2 for x in off)), label=_name(dataset, k), markevery=0.1, **look)
+        above.plot(time[until], 2 * np.sqrt(sum(x**2 for x in sigma)), color=look["color"], linestyle=DASHED)
+    above.set_yscale("log")
+    above.set_xlabel("Time $t$ (s)")
+    above.set_ylabel("Error of the goal's place (m)")
+    for k in range(columns):
+        axes, last = figure.add_subplot(grid[1, k]), int(meeting[k])
+        for back in (20.0, 10.0, 4.0, 0.0):
+            at = max(0, int(np.searchsorted(time, time[last] - back)))
+            north, east = (float(dataset[f"goal_sigma_{a}_m"].values[at, k]) for a in ("north", "east"))
+            both = float(dataset["goal_correlation"].values[at, k]) * north * east
+            values, vectors = np.linalg.eigh(np.array([[east**2, both], [both, north**2]]))
+            angle = np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1]))
+            axes_lengths = 4.0 * np.sqrt(np.maximum(values[::-1], 0.0))
+            centre = [
+                float((dataset[f"goal_estimate_{a}_m"] - dataset[f"goal_{a}_m"]).values[at, k])
+                for a in ("east", "north")
+            ]
+            ring = Ellipse(
+                (centre[0], centre[1]), *axes_lengths, angle=angle, fill=False, color=_look(dataset, k)["color"]
+            )
+            axes.add_patch(ring)
+            axes.plot(*centre, ".", color=INK, markersize=2)
+        axes.plot(0.0, 0.0, "+", color=INK)
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.autoscale_view()
+        axes.set_title(_name(dataset, k), fontsize=SMALL)
+        axes.set_xlabel("East of the goal (m)")
+        if k == 0:
+            axes.set_ylabel("North of the goal (m)")
+    note = (
+        "above: solid error, dashed two standard deviations; below: ellipses of two, 20, 10, 4, 0 s before the arrival"
+    )
+    return _finish(figure, [above], dataset, "what the aircraft know of their goals", note)
+
+
+_PLACE = ("north", "east", "altitude")
+KNOWLEDGE_FIGURES: dict[str, Callable[[xr.Dataset], "Figure"]] = {"knowledge": _knowledge}
+"""Of flights with sensors that have errors."""
 
 
 def _figure(dataset: xr.Dataset, height: float) -> "Figure":

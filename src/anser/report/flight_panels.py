@@ -7,6 +7,7 @@ from typing import Any
 import xarray as xr
 
 from anser.report.flown_beside_plan import DERIVED
+from anser.variables import CATALOGUE
 
 
 @dataclass(frozen=True)
@@ -89,6 +90,27 @@ SECTIONS: tuple[Section, ...] = (
         ),
     ),
     Section(
+        "knowledge",
+        "Truth and estimate",
+        "Solid: error; dashed: two standard deviations, as the filter has them.",
+        (
+            Panel("goal_error_m", "goal_band_m"),
+            Panel("own_error_m", "own_band_m"),
+            Panel("goal_nis", None, (1.0,), True),
+        ),
+    ),
+    Section(
+        "gusts",
+        "Gusts",
+        "Beyond the mean wind, in body axes.",
+        (
+            Panel("gust_u_m_s"),
+            Panel("gust_v_m_s"),
+            Panel("gust_w_m_s"),
+            Panel("airspeed_m_s", "airspeed_mean_wind_m_s"),
+        ),
+    ),
+    Section(
         "attitude",
         "Attitude",
         "From north, east, down to the body.",
@@ -132,7 +154,10 @@ _DRAWN = tuple(
     )
 )
 
-NEEDED: tuple[str, ...] = tuple(dict.fromkeys((*_SCENE, *_EVENTS, *(n for n in _DRAWN if n not in DERIVED))))
+_OPTIONAL = {variable.name for variable in CATALOGUE if variable.optional}
+NEEDED: tuple[str, ...] = tuple(
+    dict.fromkeys((*_SCENE, *_EVENTS, *(n for n in _DRAWN if n not in DERIVED and n not in _OPTIONAL)))
+)
 """Variables that a dataset must have for a report."""
 
 
@@ -156,14 +181,16 @@ def sections_for(dataset: xr.Dataset, limits: Mapping[str, Any]) -> list[dict[st
         panels = [
             {
                 "response": panel.response,
-                "command": panel.command,
+                "command": panel.command if panel.command in dataset else None,
                 "limits": [value for value in (_limit(key, limits) for key in panel.limits) if value is not None],
                 "within": panel.within,
             }
             for panel in section.panels
             if panel.response in dataset
         ]
-        found.append({"key": section.key, "title": section.title, "caption": section.caption, "panels": panels})
+        # a section for what some flights have shows nothing that others stand with
+        if all(panel.response in dataset for panel in section.panels[:1]):
+            found.append({"key": section.key, "title": section.title, "caption": section.caption, "panels": panels})
     return found
 
 

@@ -1,7 +1,7 @@
 """What a record implies beyond its own variables: errors along and across the plan, the room that is left around it."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,10 @@ _LABELS = {
     "height_over_floor_m": ("m", "h_f", "Height over the lowest altitude allowed"),
     "separation_kept": ("1", "d_sep", "Separation kept over separation asked for"),
     "distance_min_m": ("m", "d_min", "Distance to the nearest other aircraft"),
+    "goal_error_m": ("m", "e_g", "Distance of the goal from where it is taken to be"),
+    "goal_band_m": ("m", "2σ_g", "Two standard deviations of the goal's place"),
+    "own_error_m": ("m", "e_o", "Distance of the aircraft from where it takes itself to be"),
+    "own_band_m": ("m", "2σ_o", "Two standard deviations of the own place"),
 }
 DERIVED = (_CLIMB_RATE.name, *_LABELS)
 """Names of what `derive` adds."""
@@ -55,7 +59,8 @@ def derive(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> xr.Dataset:
     xr.Dataset
         The same with `climb_rate_m_s`, `along_error_m`, `across_error_m`, `height_error_m`; `distance_min_m` where
         there are two aircraft or more; `height_over_floor_m` and `separation_kept` where the scenario asks for them.
-        `position_error_m` and the planned point are NaN in the hold.
+        `position_error_m` and the planned point are NaN in the hold. Where sensors have errors, how far goal and
+        aircraft are from where they are taken to be, with two standard deviations (the root of the sum over the axes).
     """
     planned = dataset["phase"].values != HOLD
     changed = {
@@ -81,7 +86,18 @@ def derive(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> xr.Dataset:
         flying = dataset["phase"].values != HOLD
         apart_m = asked["horizontal_m"], asked.get("vertical_m", 0.0)
         _add(found, "separation_kept", nearest_other(places, apart_m, flying))
+    if "goal_sigma_north_m" in dataset:
+        for what, true, taken in (("goal", "goal_", "goal_estimate_"), ("own", "", "own_estimate_")):
+            _add(found, f"{what}_error_m", _length(dataset[f"{true}{a}"] - dataset[f"{taken}{a}"] for a in _AXES))
+            _add(found, f"{what}_band_m", 2.0 * _length(dataset[f"{what}_sigma_{axis}"] for axis in _AXES))
     return found
+
+
+_AXES = ("north_m", "east_m", "altitude_m")
+
+
+def _length(parts: Iterable[xr.DataArray]) -> np.ndarray:
+    return np.sqrt(sum(part.values**2 for part in parts))
 
 
 def _errors(dataset: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

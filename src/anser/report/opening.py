@@ -63,6 +63,11 @@ def answer(summary: Mapping[str, Any], scenario: Mapping[str, Any]) -> str:
         head += ", but not as required"
     parts = [] if allowed is None or not together else [f"{number(allowed, 2)} s apart were allowed."]
     parts += [f"<b>{text(row['name'])}</b>: {text(row['status'])}." for row in (*stray, *left)]
+    parts += [
+        f"At {number(event['time_s'], 1)} s {text(event['kind'].replace('-', ' '))} ({text(event['whom'])}): "
+        f"{text(event['message'])}."
+        for event in summary.get("events", ())
+    ]
     if unmet:
         parts.append(f"Requirements not met: <b>{text(', '.join(unmet))}</b>.")
     elif good:
