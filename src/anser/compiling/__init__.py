@@ -1,7 +1,7 @@
 """Compiling once per machine, what of it is kept on disk, the compiler's options, a step as one kernel."""
 
 from anser.compiling.cache import cache_folder, enable_compilation_cache, program_store
-from anser.compiling.one_kernel import as_one_kernel
+from anser.compiling.one_kernel import as_one_kernel, in_one_kernel
 from anser.compiling.options import compiled, compiled_by_older_generator, compiled_quickly
 from anser.compiling.program import Prepared, Program, ProgramStore, forget_programs, use_program_store, watching
 from anser.compiling.store import FolderStore
@@ -18,6 +18,7 @@ __all__ = [
     "compiled_quickly",
     "enable_compilation_cache",
     "forget_programs",
+    "in_one_kernel",
     "program_store",
     "use_program_store",
     "watching",

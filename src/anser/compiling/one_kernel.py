@@ -4,6 +4,7 @@ XLA makes hundreds of kernels of one step of a small fleet, and a CPU takes long
 """
 
 from collections.abc import Callable, Iterator
+from contextvars import ContextVar
 from typing import Any
 
 import equinox as eqx
@@ -11,13 +12,14 @@ import jax
 from jax.experimental.xla_metadata import set_xla_metadata
 from jax.extend.core import ClosedJaxpr, Jaxpr, jaxpr_as_fun
 
-COMPUTED_MAX, MOVED_MAX = 320, 16_384
+COMPUTED_MAX, MOVED_MAX = 640, 16_384
 """Elements of the largest array that is computed, or only moved, within one kernel. XLA divides larger ones among cores
 (from 256 KiB on, or 200,000 operations), and cannot do that within a kernel: it ends with an internal fault."""
 _MOVES = frozenset(
     """
-    broadcast_in_dim concatenate convert_element_type copy copy_p custom_jvp_call dynamic_slice dynamic_update_slice
-    gather iota jit pad reshape rev scan scatter select_n slice split squeeze stack transpose unstack while
+    broadcast_in_dim concatenate convert_element_type copy copy_p custom_jvp_call custom_vmap_call dynamic_slice
+    dynamic_update_slice gather iota jit pad reshape rev scan scatter select_n slice split squeeze stack transpose
+    unstack while
     """.split()  # noqa: SIM905 - in quotes they are harder to read
 )
 _ARITHMETIC = frozenset(
@@ -30,6 +32,14 @@ _ARITHMETIC = frozenset(
     """.split()  # noqa: SIM905
 )
 """Primitives that XLA's CPU compiler never hands to a library, which it cannot call from within a kernel either."""
+
+
+_tracing: ContextVar[bool] = ContextVar("tracing one kernel", default=False)
+
+
+def in_one_kernel() -> bool:
+    """Whether what is traced now is meant for one kernel: it can hold no condition, only selections."""
+    return _tracing.get()
 
 
 def _equations(jaxpr: Jaxpr) -> Iterator[Any]:
@@ -62,7 +72,11 @@ def as_one_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     def call(*args: Any) -> Any:
         if jax.default_backend() != "cpu":
             return function(*args)
-        traced, shapes, rest = eqx.filter_make_jaxpr(function)(*args)
+        before = _tracing.set(True)
+        try:
+            traced, shapes, rest = eqx.filter_make_jaxpr(function)(*args)
+        finally:
+            _tracing.reset(before)
         program, arrays = jaxpr_as_fun(traced), jax.tree.leaves(eqx.filter(args, eqx.is_array))
         if is_elementary(traced.jaxpr):
             # XLA's own attributes of a call, with which it marks the small loops that it makes one kernel itself.

@@ -125,7 +125,7 @@ class Modes(AbstractShapingFilter):
         poles = np.asarray(self.poles)
         sums = np.add.outer(poles, poles)
         added = -jnp.expm1(-sums * span) / sums
-        return jnp.diag(jnp.exp(-poles * span)), _root(added, poles.size)
+        return jnp.exp(-poles * span)[:, None] * np.eye(poles.size), _root(added, poles.size)
 
     def output(self, state: Float[Array, " size"]) -> Scalar:
         """See `AbstractShapingFilter`."""

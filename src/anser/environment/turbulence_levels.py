@@ -34,8 +34,18 @@ class ExceedanceTable(eqx.Module):
 
     def at(self, height: ScalarLike, log_probability: ScalarLike) -> Scalar:
         """M/s: linear in the height and in the logarithm of the probability, at the ends as there."""
-        across = jnp.stack([jnp.interp(height, self.heights, column) for column in self.sigmas.T])
-        return jnp.interp(-jnp.asarray(log_probability), -self.log_probabilities, across)
+        across = jnp.sum(_shares(jnp.asarray(height), self.heights)[:, None] * self.sigmas, axis=0)
+        return jnp.sum(_shares(-jnp.asarray(log_probability), -self.log_probabilities) * across)
+
+
+def _shares(at: Scalar, places: Float[Array, " n"]) -> Float[Array, " n"]:
+    """Weights of tabulated values that interpolate linearly between rising places, and hold the ends' beyond."""
+    held = jnp.clip(at, places[0], places[-1])
+    gaps = places[1:] - places[:-1]
+    rising = jnp.clip((held - places[:-1]) / gaps, 0.0, 1.0)
+    one = jnp.ones_like(rising[:1])
+    # each place counts from where its left neighbour ends to where its right one begins
+    return jnp.concatenate([one, rising]) - jnp.concatenate([rising, 0.0 * one])
 
 
 class Levels(eqx.Module):

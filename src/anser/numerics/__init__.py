@@ -4,7 +4,7 @@ from anser.numerics.arrays import as_array, few_sizes, filled_up, leading, names
 from anser.numerics.integrate import rk4_step
 from anser.numerics.linear import cross, inverse3, product3, solve3, times3
 from anser.numerics.randomness import AbstractRandomness, Given, Seeded, seeded
-from anser.numerics.stacking import Stacked, any_in_batch, rows_of, stacked, structure_of
+from anser.numerics.stacking import Stacked, any_in_batch, rows_of, stacked, structure_of, where_any
 from anser.numerics.tables import Axes, Tables, make_axes, make_tables
 
 __all__ = [
@@ -33,5 +33,6 @@ __all__ = [
     "stacked",
     "structure_of",
     "times3",
+    "where_any",
     "zeros_as",
 ]

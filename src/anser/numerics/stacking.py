@@ -10,6 +10,7 @@ import numpy as np
 from jax.custom_batching import custom_vmap
 from jaxtyping import Array
 
+from anser.compiling import in_one_kernel
 from anser.numerics.arrays import as_array
 from anser.shapes import Flag
 
@@ -106,6 +107,19 @@ def any_in_batch(flag: Flag) -> Flag:
 @any_in_batch.def_vmap
 def _any_in_batch(_size: int, _batched: list[bool], flags: Any) -> tuple[Any, bool]:
     return any_in_batch(jnp.any(flags, axis=0)), False
+
+
+def where_any(chosen: Flag, new: Callable[[], T], old: T) -> T:
+    """Leaves of `new()` where a flag stands, else those of `old`; nothing is computed where none of a batch has it.
+
+    For what is due now and then only. In a program that becomes one kernel, which holds no condition, it is computed
+    always.
+    """
+
+    def some() -> T:
+        return jax.tree.map(lambda a, b: jnp.where(chosen, a, b), new(), old)
+
+    return some() if in_one_kernel() else jax.lax.cond(any_in_batch(chosen), some, lambda: old)
 
 
 def rows_where(chosen: Array, new: Any, old: Any) -> Any:

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from anser.numerics import any_in_batch
+from anser.numerics import where_any
 from anser.sensing.ideal import line_of_sight
 from anser.sensing.interface import GOAL_DIVERGED, GOAL_KNOWN, GOAL_NEVER_SEEN, GoalReading, GoalState, Instant
 from anser.sensing.kalman import Measurement, SigmaPoints, extended_update, unscented_spread, unscented_update
@@ -149,16 +149,13 @@ class GoalFilter(AbstractGoalFilter):
         """See `AbstractGoalFilter`."""
         then = own
         if memory.own is not None:
-            rows = jax.tree.map(lambda all_, one: all_.at[instant.number % self.slots].set(one), memory.own, own)
+            now = jnp.arange(self.slots)[:, None] == instant.number % self.slots
+            rows = jax.tree.map(lambda all_, one: jnp.where(now, one[None], all_), memory.own, own)
             memory = eqx.tree_at(lambda m: m.own, memory, rows)
             then = jax.tree.map(lambda all_: all_[reading.number % self.slots], rows)
         seen = jnp.any(reading.measured)
 
-        def updated() -> Track:
-            made = self.updated(memory, reading, then, instant)
-            return jax.tree.map(lambda new, old: jnp.where(seen, new, old), made, memory)
-
-        after = jax.lax.cond(any_in_batch(seen), updated, lambda: memory)
+        after = where_any(seen, lambda: self.updated(memory, reading, then, instant), memory)
         mean, covariance = self.at(after, (instant.number - after.number) * instant.step)
         return after, GoalEstimate(mean, covariance, seen, after.nis, self._status(after, covariance))
 
@@ -227,7 +224,7 @@ class GoalFilter(AbstractGoalFilter):
         return means, jnp.sum(weights[:, :, None, None] * spreads, axis=0), shares
 
     def _status(self, track: Track, covariance: Float[Array, "6 6"]) -> Count:
-        square = jnp.max(jnp.diag(covariance)[:3])
+        square = jnp.max(jnp.stack([covariance[k, k] for k in range(3)]))
         diverged = (track.nis_mean > self.nis_max) | ~(square <= self.sigma_max**2)
         known = jnp.where(track.count > 0, GOAL_KNOWN, GOAL_NEVER_SEEN)
         return jnp.where((track.count > 0) & diverged, GOAL_DIVERGED, known).astype(jnp.int32)

@@ -9,6 +9,7 @@ from typing import Literal
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from anser.environment import AbstractEarth
@@ -22,6 +23,7 @@ from anser.shapes import Flag, Scalar, Vector3
 from anser.spatial import rotate, safe_norm
 
 _NORMALS, _UNIFORMS = 6, 3  # errors; outage, loss, latency
+_RANGE, _AZIMUTHS = np.eye(6, dtype=bool)[0], np.array([False, True, False, False, True, False])
 _COS_MIN = 0.02  # of the elevation: nearer to the vertical the azimuth's error no longer grows
 
 
@@ -161,9 +163,9 @@ class GoalSensor(eqx.Module):
 
     def _sight_sigmas(self, sight: LineOfSight) -> Array:
         level = jnp.maximum(jnp.cos(sight.elevation), _COS_MIN)
-        scale = jnp.ones(6).at[jnp.array([1, 4])].set(1.0 / level)
-        sigmas = self.sigmas * scale
-        return sigmas.at[0].set(jnp.sqrt(self.sigmas[0] ** 2 + (self.range_share * sight.range) ** 2))
+        sigmas = jnp.where(_AZIMUTHS, self.sigmas / level, self.sigmas)
+        of_range = jnp.sqrt(self.sigmas[0] ** 2 + (self.range_share * sight.range) ** 2)
+        return jnp.where(_RANGE, of_range, sigmas)
 
     def _nothing(self, instant: Instant) -> GoalReading:
         none = jnp.zeros(6)

@@ -118,7 +118,7 @@ def unscented_update(
     off = jnp.sum(of_mean[:, None] * offs, axis=0)
     expected_apart, apart = off[None] - offs, around - mean[None]
     spread = jnp.sum(of_covariance[:, None, None] * expected_apart[:, :, None] * expected_apart[:, None, :], axis=0)
-    spread = spread + jnp.diag(jnp.where(on, measurement.variances, 1.0))
+    spread = spread + jnp.where(on, measurement.variances, 1.0)[:, None] * np.eye(off.shape[0])
     both = jnp.sum(of_covariance[:, None, None] * apart[:, :, None] * expected_apart[:, None, :], axis=0)
     root = cholesky(spread)
     whitened, across = _forward(root, off[:, None])[:, 0], _forward(root, both.T)
@@ -126,7 +126,8 @@ def unscented_update(
     covariance = covariance - jnp.sum(across[:, :, None] * across[:, None, :], axis=0)
     mean = mean + jnp.sum(across * whitened[:, None], axis=0)
     nis = jnp.sum(whitened**2)
-    logs = jnp.where(on, 2.0 * jnp.log(jnp.diag(root)) + _LOG_2PI, 0.0)
+    pivots = jnp.stack([root[k, k] for k in range(off.shape[0])])
+    logs = jnp.where(on, 2.0 * jnp.log(pivots) + _LOG_2PI, 0.0)
     return Updated(mean, covariance, nis, -0.5 * (nis + jnp.sum(logs)))
 
 
@@ -140,16 +141,17 @@ def cholesky(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
         pivot = jnp.maximum(left[k], 0.0)
         safe = jnp.where(pivot > 0.0, pivot, 1.0)
         own = jnp.where((places >= k) & (pivot > 0.0), left / jnp.sqrt(safe), 0.0)
-        return root.at[:, k].set(own)
+        return jnp.where(places[None, :] == k, own[:, None], root)
 
     return jax.lax.fori_loop(0, count, column, jnp.zeros_like(matrix))
 
 
 def _forward(root: Float[Array, "m m"], rows: Float[Array, "m k"]) -> Float[Array, "m k"]:
     """Solution X of L X = B for a lower L."""
+    places = jnp.arange(rows.shape[0])
 
     def row(k: Count, found: Float[Array, "m k"]) -> Float[Array, "m k"]:
         left = rows[k] - jnp.sum(root[k][:, None] * found, axis=0)
-        return found.at[k].set(left / root[k, k])
+        return jnp.where(places[:, None] == k, (left / root[k, k])[None], found)
 
     return jax.lax.fori_loop(0, rows.shape[0], row, jnp.zeros_like(rows))

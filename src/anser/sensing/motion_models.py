@@ -5,6 +5,7 @@ import abc
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from anser.shapes import Scalar, ScalarLike
@@ -70,8 +71,8 @@ class SteadyMotion(AbstractMotion):
         self, mean: Float[Array, " n"], covariance: Float[Array, "n n"], span: ScalarLike
     ) -> Float[Array, "n n"]:
         """See `AbstractMotion`: the rows of the velocity added to those of the position, then the columns."""
-        rows = covariance.at[:3].add(span * covariance[3:6])
-        return rows.at[:, :3].add(span * rows[:, 3:6]) + self.noise(span)
+        rows = jnp.concatenate([covariance[:3] + span * covariance[3:6], covariance[3:]], axis=0)
+        return jnp.concatenate([rows[:, :3] + span * rows[:, 3:6], rows[:, 3:]], axis=1) + self.noise(span)
 
 
 class CoordinatedTurn(AbstractMotion):
@@ -133,8 +134,11 @@ def _white_acceleration(
     density: Scalar, density_up: Scalar, turn_density: Scalar | None, span: ScalarLike
 ) -> Float[Array, "n n"]:
     densities = jnp.stack([density, density, density_up])
-    places, both, speeds = (jnp.diag(densities * part) for part in (span**3 / 3.0, span**2 / 2.0, span))
+    axes = densities[:, None] * np.eye(3)
+    places, both, speeds = (axes * part for part in (span**3 / 3.0, span**2 / 2.0, span))
     noise = jnp.concatenate([jnp.concatenate([places, both], axis=1), jnp.concatenate([both, speeds], axis=1)], axis=0)
     if turn_density is None:
         return noise
-    return jnp.pad(noise, ((0, 1), (0, 1))).at[6, 6].set(turn_density * span)
+    last = np.zeros((7, 7))
+    last[6, 6] = 1.0
+    return jnp.pad(noise, ((0, 1), (0, 1))) + last * (turn_density * span)

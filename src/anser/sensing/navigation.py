@@ -5,10 +5,11 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from anser.environment import LocalEarth
-from anser.numerics import any_in_batch, product3, times3
+from anser.numerics import product3, times3, where_any
 from anser.sensing.interface import Fix
 from anser.shapes import Matrix33, Scalar, ScalarLike, Vector3
 from anser.spatial import rotate, rotate_back
@@ -40,7 +41,7 @@ class Navigation(eqx.Module):
     @property
     def position_covariance(self) -> Matrix33:
         """Of the position, NED, m^2."""
-        return jnp.diag(self.covariance[:, 0, 0])
+        return self.covariance[:, 0, 0][:, None] * np.eye(3)
 
 
 class NavigationFilter(eqx.Module):
@@ -87,22 +88,20 @@ class NavigationFilter(eqx.Module):
         position_n = memory.position_n + chart_scale * step * (memory.velocity_n + 0.5 * gained_n)
         ahead = Navigation(position_n, velocity_n, memory.error_n, acceleration_n, memory.covariance)
 
-        def corrected() -> Navigation:
-            found = self._corrected(ahead, fix)
-            return jax.tree.map(lambda new, old: jnp.where(fix.new, new, old), found, ahead)
-
-        return jax.lax.cond(any_in_batch(fix.new), corrected, lambda: ahead)
+        return where_any(fix.new, lambda: self._corrected(ahead, fix), ahead)
 
     def _corrected(self, memory: Navigation, fix: Fix) -> Navigation:
         def axis(state: Vector3, covariance: Matrix33, fixed: Float[Array, "2"], own: Vector3) -> Any:
             """One axis: `fixed` is the fix's position and velocity, `own` the three standard deviations."""
             kept, span = jnp.exp(-self.period / self.slow_time), self.period
             slow, noise, rate = own**2
-            moved = jnp.eye(3).at[0, 1].set(span).at[2, 2].set(kept)
-            added = jnp.diag(jnp.stack([span**3 / 3, span, 0.0 * span])).at[0, 1].set(span**2 / 2)
-            added = self.acceleration_density * added.at[1, 0].set(span**2 / 2)
-            added = added.at[2, 2].set(-jnp.expm1(-2 * span / self.slow_time) * slow)
-            mean = state.at[2].multiply(kept)
+            one, zero = jnp.ones_like(span), jnp.zeros_like(span)
+            moved = jnp.stack([one, span, zero, zero, one, zero, zero, zero, kept]).reshape(3, 3)
+            density, fresh = self.acceleration_density, -jnp.expm1(-2 * span / self.slow_time) * slow
+            both = density * span**2 / 2
+            added = jnp.stack([density * span**3 / 3, both, zero, both, density * span, zero, zero, zero, fresh])
+            added = added.reshape(3, 3)
+            mean = jnp.stack([state[0], state[1], kept * state[2]])
             covariance = product3(product3(moved, covariance), moved.T) + added
             # position with the slow error, then velocity
             mean, covariance = _measured(mean, covariance, jnp.array([1.0, 0.0, 1.0]), fixed[0], noise)

@@ -95,15 +95,16 @@ def _of_gusts(gust: Gust, flow: AirFlow) -> dict[str, Array]:
 
 
 def _of_knowledge(belief: Belief, known: Uncertainty) -> dict[str, Array]:
-    own, goal = (root(jnp.diag(matrix)[:3]) for matrix in (known.own_covariance, known.goal_covariance))
+    own, goal = (
+        root(jnp.stack([matrix[k, k] for k in range(3)])) for matrix in (known.own_covariance, known.goal_covariance)
+    )
     axes, level = ("north", "east", "altitude"), goal[0] * goal[1]
-    speeds = jnp.diag(known.goal_covariance)[3:5]
     return {
         **_point("own_estimate_", belief.state.position_n),
         **{f"own_sigma_{axis}": own[k] for k, axis in enumerate(axes)},
         **{f"goal_sigma_{axis}": goal[k] for k, axis in enumerate(axes)},
         "goal_correlation": known.goal_covariance[0, 1] / jnp.where(level > 0.0, level, 1.0),
-        "goal_sigma_speed": root(jnp.sum(speeds)),
+        "goal_sigma_speed": root(known.goal_covariance[3, 3] + known.goal_covariance[4, 4]),
         "goal_nis": known.nis,
         "goal_seen": known.seen,
         "goal_known": known.goal_status,
