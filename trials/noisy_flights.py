@@ -192,7 +192,7 @@ def floor_of(rows: dict[str, np.ndarray], freeze_s: float, density: float, draws
     ahead[:3, 3:] = freeze_s * np.eye(3)
     noise = np.diag([density, density, 0.01 * density]) * freeze_s**3 / 3
     shape = rows["goal_covariance"].shape[:2]
-    spread = (ahead @ rows["goal_covariance"] @ ahead.T)[..., :3, :3] + noise + rows["own_covariance"]
+    spread = (ahead @ rows["goal_covariance"] @ ahead.T)[..., :3, :3] + noise
     roots = np.linalg.cholesky(spread + 1e-12 * np.eye(3))
     drawn = np.einsum("faij,dfaj->dfai", roots, rng.normal(size=(draws, *shape, 3)))
     return np.linalg.norm(drawn, axis=-1), drawn

@@ -216,7 +216,7 @@ class Uncertainty(eqx.Module):
     own_covariance
         Of the own position, NED, m^2.
     goal_covariance
-        Of the goal's position and velocity, NED, m and m/s.
+        Of the goal's position and velocity, NED, m and m/s; the own place's is in it where the goal is seen from there.
     seen
         Whether a measurement of the goal came in at this sample.
     nis

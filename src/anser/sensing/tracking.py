@@ -133,7 +133,10 @@ class TrackingEstimator(AbstractEstimator):
             goal, found = self.goal.step(goal, reading.goal, motion, instant)
             seen_goal = GoalState(found.mean[:3], found.mean[3:])
             sight = line_of_sight(instant.environment.earth, state.position_n, velocity_n, seen_goal)
-            uncertainty = Uncertainty(own_covariance, found.covariance, found.seen, found.nis, found.status)
+            covariance = found.covariance
+            if reading.goal.kind == "sight":  # seen from a place that is uncertain itself
+                covariance = covariance + jnp.pad(own_covariance, (0, 3))
+            uncertainty = Uncertainty(own_covariance, covariance, found.seen, found.nis, found.status)
         belief = Belief(airframe, state, now, reading.specific_force_b, sight, seen_goal, uncertainty)
         return belief, Tracked(own, air, goal)
 
