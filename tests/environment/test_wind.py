@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from anser.environment import AbstractWind, LayeredWind, SteadyWind, steady_wind_from
+from anser.environment.wind import VaryingWind
 
 
 @pytest.mark.parametrize(
@@ -68,3 +69,61 @@ def test_layers_are_differentiable_and_batched():
     np.testing.assert_allclose(slope, [[0, 0, 0], [0, 0, -0.03], [0, 0, 0]], atol=1e-17)
     many = jax.vmap(wind.at, in_axes=(0, None))(jnp.array([[0.0, 0.0, -500.0], [0.0, 0.0, -1000.0]]), 0.0)
     np.testing.assert_allclose(many[:, 1], [9.0, 24.0])
+
+
+TIMES, ALTITUDES = np.array([0.0, 600.0, 1500.0]), np.array([100.0, 200.0, 1000.0, 4000.0])
+VELOCITIES = np.random.default_rng(2).normal(scale=10.0, size=(3, 4, 3))
+
+
+def varying():
+    return VaryingWind(jnp.asarray(TIMES), jnp.asarray(ALTITUDES), jnp.asarray(VELOCITIES))
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.floats(-500.0, 3000.0), st.floats(-500.0, 6000.0))
+def test_varying_wind_is_bilinear_and_held_at_the_ends(time, altitude):
+    """Against `numpy.interp`, first in altitude at each time, then in time: weights round by 1e-16 of 50 m/s."""
+    expected = [
+        np.interp(time, TIMES, [np.interp(altitude, ALTITUDES, row[:, k]) for row in VELOCITIES]) for k in range(3)
+    ]
+    found = _VARYING_AT(jnp.array([3e3, -2e3, -altitude]), time)
+    np.testing.assert_allclose(found, expected, atol=2e-13)
+
+
+_VARYING_AT = jax.jit(lambda position_n, time: varying().at(position_n, time))
+
+
+def test_varying_wind_at_its_places_and_beyond():
+    wind = varying()
+    assert isinstance(wind, AbstractWind)
+    for k, time in enumerate(TIMES):
+        for j, altitude in enumerate(ALTITUDES):
+            np.testing.assert_allclose(wind.at(jnp.array([0.0, 0.0, -altitude]), time), VELOCITIES[k, j], atol=1e-14)
+    np.testing.assert_allclose(wind.at(jnp.array([0.0, 0.0, 50.0]), -1.0), VELOCITIES[0, 0], atol=1e-14)
+    np.testing.assert_allclose(wind.at(jnp.array([0.0, 0.0, -9e3]), 1e6), VELOCITIES[-1, -1], atol=1e-14)
+
+
+def test_varying_wind_of_one_time_is_layered_and_of_one_place_steady():
+    position_n = jnp.array([0.0, 0.0, -700.0])
+    layered = LayeredWind(jnp.asarray(ALTITUDES), jnp.asarray(VELOCITIES[1]))
+    one_time = VaryingWind(jnp.array([5.0]), jnp.asarray(ALTITUDES), jnp.asarray(VELOCITIES[1:2]))
+    np.testing.assert_allclose(one_time.at(position_n, 99.0), layered.at(position_n, 99.0), atol=1e-14)
+    one_place = VaryingWind(jnp.array([5.0]), jnp.array([0.0]), jnp.asarray(VELOCITIES[1:2, :1]))
+    np.testing.assert_array_equal(one_place.at(position_n, 99.0), VELOCITIES[1, 0])
+
+
+def test_varying_wind_is_differentiable_and_batched():
+    """In between, the slopes in time and in altitude are those of the cell's corners; beyond the ends they are none."""
+    wind, position_n = varying(), jnp.array([0.0, 0.0, -600.0])
+    change = jax.grad(lambda t: wind.at(position_n, t)[0])(300.0)
+    below, above = (VELOCITIES[1, j, 0] - VELOCITIES[0, j, 0] for j in (1, 2))
+    np.testing.assert_allclose(change, (0.5 * below + 0.5 * above) / 600.0, rtol=1e-12)
+    shear = jax.jacrev(lambda p: wind.at(p, 0.0))(position_n)[:, 2]
+    np.testing.assert_allclose(shear, -(VELOCITIES[0, 2] - VELOCITIES[0, 1]) / 800.0, rtol=1e-12)
+    np.testing.assert_array_equal(jax.grad(lambda t: wind.at(position_n, t)[0])(1e5), 0.0)
+    positions_n, times = jnp.tile(position_n, (3, 1)), jnp.array([0.0, 600.0, 1500.0])
+    many = jax.jit(jax.vmap(wind.at))(positions_n, times)
+    np.testing.assert_allclose(many, 0.5 * (VELOCITIES[:, 1] + VELOCITIES[:, 2]), atol=1e-14)
+    winds = jax.vmap(lambda scale: VaryingWind(wind.times, wind.altitudes, scale * wind.velocities_n))(jnp.arange(3.0))
+    of_winds = jax.vmap(lambda one: one.at(position_n, 600.0))(winds)
+    np.testing.assert_allclose(of_winds[2], 2.0 * of_winds[1], atol=1e-14)

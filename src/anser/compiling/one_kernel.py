@@ -12,7 +12,7 @@ import jax
 from jax.experimental.xla_metadata import set_xla_metadata
 from jax.extend.core import ClosedJaxpr, Jaxpr, jaxpr_as_fun
 
-COMPUTED_MAX, MOVED_MAX = 640, 16_384
+COMPUTED_MAX, MOVED_MAX = 320, 16_384
 """Elements of the largest array that is computed, or only moved, within one kernel. XLA divides larger ones among cores
 (from 256 KiB on, or 200,000 operations), and cannot do that within a kernel: it ends with an internal fault."""
 _MOVES = frozenset(

@@ -21,7 +21,7 @@ from anser.environment.gravity import gravitation_j2, somigliana
 from anser.environment.gusts import AbstractGusts, AirFlow, DiscreteGust, Gust, NoGusts, SummedGusts
 from anser.environment.turbulence import Turbulence
 from anser.environment.turbulence_levels import ExceedanceTable
-from anser.environment.wind import AbstractWind, LayeredWind, SteadyWind, steady_wind_from
+from anser.environment.wind import AbstractWind, LayeredWind, SteadyWind, VaryingWind, steady_wind_from
 
 __all__ = [
     "AbstractAtmosphere",
@@ -43,6 +43,7 @@ __all__ = [
     "SteadyWind",
     "SummedGusts",
     "Turbulence",
+    "VaryingWind",
     "geometric_from_geopotential",
     "geopotential_from_geometric",
     "gravitation_j2",

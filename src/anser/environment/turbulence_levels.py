@@ -34,7 +34,9 @@ class ExceedanceTable(eqx.Module):
 
     def at(self, height: ScalarLike, log_probability: ScalarLike) -> Scalar:
         """M/s: linear in the height and in the logarithm of the probability, at the ends as there."""
-        across = jnp.sum(_shares(jnp.asarray(height), self.heights)[:, None] * self.sigmas, axis=0)
+        shares = _shares(jnp.asarray(height), self.heights)
+        # column by column: together they would be too large for one kernel
+        across = jnp.stack([jnp.sum(shares * self.sigmas[:, k]) for k in range(self.sigmas.shape[1])])
         return jnp.sum(_shares(-jnp.asarray(log_probability), -self.log_probabilities) * across)
 
 

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from anser.shapes import ScalarLike, Vector3
+from anser.shapes import Scalar, ScalarLike, Vector3
 from anser.units import DEG_RAD
 
 
@@ -53,6 +53,37 @@ class LayeredWind(AbstractWind):
         """Velocity of the air (3,), NED, m/s, at the altitude of a position; time makes no difference."""
         altitude = -position_n[2]
         return jnp.stack([jnp.interp(altitude, self.altitudes, self.velocities_n[:, k]) for k in range(3)])
+
+
+class VaryingWind(AbstractWind):
+    """Wind that changes with altitude and time, the same over the whole ground: soundings or forecasts in a row.
+
+    Attributes
+    ----------
+    times
+        (t,), s, rising.
+    altitudes
+        Geometric altitudes (layer,), m, rising.
+    velocities_n
+        Velocity of the air then and there (t, layer, 3), local NED, m/s; linear in between in both, and beyond the
+        first and last time, the lowest and highest altitude that of the end.
+    """
+
+    times: Float[Array, " t"]
+    altitudes: Float[Array, " layer"]
+    velocities_n: Float[Array, "t layer 3"]
+
+    def at(self, position_n: Vector3, time: ScalarLike) -> Vector3:
+        """Velocity of the air (3,), NED, m/s, at a time, s, and at the altitude of a position."""
+        layers_n = jnp.sum(_shares(jnp.asarray(time), self.times)[:, None, None] * self.velocities_n, axis=0)
+        return jnp.sum(_shares(-position_n[2], self.altitudes)[:, None] * layers_n, axis=0)
+
+
+def _shares(at: Scalar, places: Float[Array, " n"]) -> Float[Array, " n"]:
+    """Weights of values at rising places: linear between two of them, that of the end beyond; one place has it all."""
+    parts = jnp.clip((at - places[:-1]) / (places[1:] - places[:-1]), 0.0, 1.0)
+    # each gap takes from the place below what it gives to the one above
+    return jnp.concatenate([jnp.ones_like(places[:1]), parts]) - jnp.concatenate([parts, jnp.zeros_like(places[:1])])
 
 
 def steady_wind_from(speed_m_s: ScalarLike, from_deg: ScalarLike, up_m_s: ScalarLike = 0.0) -> SteadyWind:

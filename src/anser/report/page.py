@@ -107,6 +107,7 @@ def _page(runs: list[_Run]) -> str:
         f'<p class="caption">{section.caption}<span class="who"></span></p>'
         f'<div class="plots" data-section="{section.key}"></div></section>'
         for section in SECTIONS
+        if any(section.key == one["key"] for run in data["runs"] for one in run["sections"])
     )
     return f"""<!DOCTYPE html>
 <html lang="en">

@@ -71,7 +71,8 @@ def margin_problems(
         distance_m = one.rendezvous.stand_off_distance_m
         sigma_m = goal_sigma_m(sensor, estimator, navigation, timing, fleet, distance_m)
         needed_m = least_m + estimator.margin_sigma * sigma_m
-        if distance_m < needed_m:
+        # nearer than the scope allows is told by itself
+        if sigma_m > 0.0 and least_m <= distance_m < needed_m:
             words = (
                 f"a stand-off of {math.ceil(needed_m)} m or more: the {plain(least_m)} m of the scope and "
                 f"estimator.margin_sigma = {plain(estimator.margin_sigma)} standard deviations of the goal's place at "

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from anser.environment import LocalEarth
-from anser.numerics import product3, times3, where_any
+from anser.numerics import times3, where_any
 from anser.sensing.interface import Fix
 from anser.shapes import Matrix33, Scalar, ScalarLike, Vector3
 from anser.spatial import rotate, rotate_back
@@ -95,14 +95,13 @@ class NavigationFilter(eqx.Module):
             """One axis: `fixed` is the fix's position and velocity, `own` the three standard deviations."""
             kept, span = jnp.exp(-self.period / self.slow_time), self.period
             slow, noise, rate = own**2
-            one, zero = jnp.ones_like(span), jnp.zeros_like(span)
-            moved = jnp.stack([one, span, zero, zero, one, zero, zero, zero, kept]).reshape(3, 3)
+            zero = jnp.zeros_like(span)
             density, fresh = self.acceleration_density, -jnp.expm1(-2 * span / self.slow_time) * slow
             both = density * span**2 / 2
             added = jnp.stack([density * span**3 / 3, both, zero, both, density * span, zero, zero, zero, fresh])
             added = added.reshape(3, 3)
             mean = jnp.stack([state[0], state[1], kept * state[2]])
-            covariance = product3(product3(moved, covariance), moved.T) + added
+            covariance = _moved(_moved(covariance, span, kept).T, span, kept) + added
             # position with the slow error, then velocity
             mean, covariance = _measured(mean, covariance, jnp.array([1.0, 0.0, 1.0]), fixed[0], noise)
             return _measured(mean, covariance, jnp.array([0.0, 1.0, 0.0]), fixed[1], rate)
@@ -117,14 +116,23 @@ class NavigationFilter(eqx.Module):
 def _measured(
     mean: Vector3, covariance: Matrix33, row: Vector3, value: Scalar, variance: Scalar
 ) -> tuple[Vector3, Matrix33]:
-    """A scalar measurement, `value` = `row` . state + error; in the form of Joseph."""
+    """A scalar measurement, `value` = `row` . state + error; in the form of Joseph, multiplied out."""
     across = times3(covariance, row)
     spread = jnp.sum(across * row) + variance
     # without any spread the measurement and the state are both exact, and agree
     gain = across / jnp.where(spread > 0.0, spread, 1.0)
-    left = jnp.eye(3) - gain[:, None] * row[None, :]
-    covariance = product3(product3(left, covariance), left.T) + variance * gain[:, None] * gain[None, :]
-    return mean + gain * (value - jnp.sum(mean * row)), 0.5 * (covariance + covariance.T)
+    covariance = (
+        covariance
+        - gain[:, None] * across[None, :]
+        - across[:, None] * gain[None, :]
+        + spread * gain[:, None] * gain[None, :]
+    )
+    return mean + gain * (value - jnp.sum(mean * row)), covariance
+
+
+def _moved(matrix: Matrix33, span: ScalarLike, kept: ScalarLike) -> Matrix33:
+    """Rows of a matrix by the transition: position and velocity over a time (s), and what is kept of the slow error."""
+    return jnp.stack([matrix[0] + span * matrix[1], matrix[1], kept * matrix[2]])
 
 
 def acceleration_n(R_bn: Matrix33, specific_force_b: Vector3, earth: LocalEarth) -> Vector3:

@@ -185,7 +185,7 @@ function buildKeys(runs, state) {
 function buildPlots(runs, state) {
   const plots = new Plots(state);
   document.querySelectorAll(".plots").forEach((grid) => {
-    const found = runs.map((run) => run.sections.find((section) => section.key === grid.dataset.section).panels);
+    const found = runs.map((run) => run.sections.find((section) => section.key === grid.dataset.section)?.panels ?? []);
     const keys = [...new Set(found.flat().map((panel) => panel.response))];
     for (const key of keys) {
       runs.forEach((run, r) => {
