@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from anser.environment.wind import linear_shares
 from anser.shapes import Scalar, ScalarLike, Vector3
 
 Family = Literal["dryden", "von-karman"]
@@ -34,20 +35,10 @@ class ExceedanceTable(eqx.Module):
 
     def at(self, height: ScalarLike, log_probability: ScalarLike) -> Scalar:
         """M/s: linear in the height and in the logarithm of the probability, at the ends as there."""
-        shares = _shares(jnp.asarray(height), self.heights)
+        shares = linear_shares(jnp.asarray(height), self.heights)
         # column by column: together they would be too large for one kernel
         across = jnp.stack([jnp.sum(shares * self.sigmas[:, k]) for k in range(self.sigmas.shape[1])])
-        return jnp.sum(_shares(-jnp.asarray(log_probability), -self.log_probabilities) * across)
-
-
-def _shares(at: Scalar, places: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Weights of tabulated values that interpolate linearly between rising places, and hold the ends' beyond."""
-    held = jnp.clip(at, places[0], places[-1])
-    gaps = places[1:] - places[:-1]
-    rising = jnp.clip((held - places[:-1]) / gaps, 0.0, 1.0)
-    one = jnp.ones_like(rising[:1])
-    # each place counts from where its left neighbour ends to where its right one begins
-    return jnp.concatenate([one, rising]) - jnp.concatenate([rising, 0.0 * one])
+        return jnp.sum(linear_shares(-jnp.asarray(log_probability), -self.log_probabilities) * across)
 
 
 class Levels(eqx.Module):

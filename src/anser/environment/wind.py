@@ -75,11 +75,11 @@ class VaryingWind(AbstractWind):
 
     def at(self, position_n: Vector3, time: ScalarLike) -> Vector3:
         """Velocity of the air (3,), NED, m/s, at a time, s, and at the altitude of a position."""
-        layers_n = jnp.sum(_shares(jnp.asarray(time), self.times)[:, None, None] * self.velocities_n, axis=0)
-        return jnp.sum(_shares(-position_n[2], self.altitudes)[:, None] * layers_n, axis=0)
+        layers_n = jnp.sum(linear_shares(jnp.asarray(time), self.times)[:, None, None] * self.velocities_n, axis=0)
+        return jnp.sum(linear_shares(-position_n[2], self.altitudes)[:, None] * layers_n, axis=0)
 
 
-def _shares(at: Scalar, places: Float[Array, " n"]) -> Float[Array, " n"]:
+def linear_shares(at: Scalar, places: Float[Array, " n"]) -> Float[Array, " n"]:
     """Weights of values at rising places: linear between two of them, that of the end beyond; one place has it all."""
     parts = jnp.clip((at - places[:-1]) / (places[1:] - places[:-1]), 0.0, 1.0)
     # each gap takes from the place below what it gives to the one above
