@@ -50,7 +50,8 @@ def test_the_way_is_flown_through_the_air_from_the_start_on(airspeed, step):
     gust = discrete(start=1.0)
     before = gust.advance(gust.init(NONE_DRAWN, flow(airspeed)), NONE_DRAWN, flow(airspeed, 0.999), step)
     assert float(before) == 0.0
-    np.testing.assert_allclose(gust.advance(before, NONE_DRAWN, flow(airspeed, 1.0), step), airspeed * step)
+    after = gust.advance(before, NONE_DRAWN, flow(airspeed, 1.0), step)
+    np.testing.assert_allclose(after, airspeed * step, atol=1e-300)  # below it, JAX counts numbers as none
 
 
 def test_the_sum_deals_the_normals_out_in_order():

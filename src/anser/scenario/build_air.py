@@ -5,6 +5,8 @@ import json
 import math
 from importlib import resources
 
+import jax
+
 from anser.environment import AbstractGusts, DiscreteGust, ExceedanceTable, NoGusts, SummedGusts, Turbulence
 from anser.numerics import as_array
 from anser.scenario.schema import Scenario
@@ -50,8 +52,9 @@ def exceedance_table() -> ExceedanceTable:
     """Intensity of turbulence by height and probability, from its data file."""
     path = resources.files("anser.environment").joinpath("data/turbulence.json")
     data = json.loads(path.read_text(encoding="utf-8"))
-    return ExceedanceTable(
-        heights=as_array([_FOOT_M * height for height in data["heights_ft"]]),
-        log_probabilities=as_array([math.log10(p) for p in data["probabilities"]]),
-        sigmas=as_array([[_FOOT_M * sigma for sigma in row] for row in data["sigma_ft_s"]]),
-    )
+    with jax.ensure_compile_time_eval():  # kept, so never of the trace in which it may first be asked for
+        return ExceedanceTable(
+            heights=as_array([_FOOT_M * height for height in data["heights_ft"]]),
+            log_probabilities=as_array([math.log10(p) for p in data["probabilities"]]),
+            sigmas=as_array([[_FOOT_M * sigma for sigma in row] for row in data["sigma_ft_s"]]),
+        )
