@@ -1,5 +1,6 @@
 """Intensities and scales of turbulence: every entry of the table, joints between the heights, what lies in between."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -31,7 +32,7 @@ FIGURE_7 = np.array(
 )
 
 TABLE = exceedance_table()
-_AT = jax.jit(TABLE.at)
+_AT = eqx.filter_jit(TABLE.at)
 _LEVELS = {
     family: jax.jit(lambda h, wind, logp, family=family: levels(h, wind, logp, TABLE, family))
     for family in ("dryden", "von-karman")
