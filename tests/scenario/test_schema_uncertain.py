@@ -1,5 +1,6 @@
 """Tables of an uncertain world: what is refused, where and why; what they build."""
 
+import jax
 import numpy as np
 import pytest
 
@@ -9,6 +10,7 @@ from anser.scenario.schema_margin import goal_sigma_m
 from anser.scenario.schema_sensing import PRESETS, Estimator, GoalSensor, Navigation, goal_sensor_presets
 from anser.scenario.schema_settings import Fleet, Timing
 from anser.sensing import DirectEstimator, IdealSensors, NoisySensors, TrackingEstimator
+from anser.simulation import trimmed_fleet
 
 TEXT = """
 format = 2
@@ -164,3 +166,19 @@ def test_the_margin_is_that_of_the_filter():
     np.testing.assert_allclose(
         goal_sigma_m(sensor, estimator, Navigation(), timing, fleet, 300.0), 10.0 / np.sqrt(100.0), rtol=1e-3
     )
+
+
+@pytest.mark.parametrize(
+    "tables",
+    [
+        '[turbulence]\nintensity = "light"',
+        '[navigation]\nsensors = "satellite-inertial"',
+        CAMERA,
+        '[turbulence]\nintensity = "light"\n[navigation]\nsensors = "satellite-inertial"',
+        '[turbulence]\nintensity = "light"\n' + CAMERA,
+    ],
+)
+def test_any_of_the_tables_alone_makes_a_flight_whose_aircraft_report_a_goal(tables):
+    flight = build_flight(loads(TEXT + tables))
+    fleet = jax.eval_shape(trimmed_fleet, flight)
+    assert fleet.reports.goal_position_n.shape == (2, 3)

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, UInt32
 from anser.numerics.arrays import as_array, namespace
 from anser.shapes import Count
 
-AIR, OWN_SENSORS, GOAL_SENSOR, BRIEFING, NETWORK = range(5)
+AIR, OWN_SENSORS, GOAL_SENSOR, BRIEFING, NETWORK, SATELLITES = range(6)
 """Parts of the closed loop that draw random numbers; a user's own are numbered from 100 on."""
 BEFORE_FIRST = -1
 """Sample number of what is drawn once, before the first sample."""

@@ -37,9 +37,14 @@ class DirectEstimator(AbstractEstimator):
             now = condition(self.model, instant.environment, instant.time, reading.state)
         goal = self.init(reading, airframe, instant)
         if goal is not None and memory is not None:
-            ahead = GoalState(memory.position_n + instant.step * memory.velocity_n, memory.velocity_n)
-            goal = jax.tree.map(lambda seen, last: jnp.where(reading.goal_sensor_works, seen, last), goal, ahead)
+            goal = seen_or_ahead(goal, memory, reading, instant)
         return Belief(model, reading.state, now, reading.specific_force_b, reading.sight, goal), goal
+
+
+def seen_or_ahead(seen: GoalState, last: GoalState, reading: Reading, instant: Instant) -> GoalState:
+    """A goal as it is seen; where its sensor has failed it is taken to have moved on steadily since the last sample."""
+    ahead = GoalState(last.position_n + instant.step * last.velocity_n, last.velocity_n)
+    return jax.tree.map(lambda new, old: jnp.where(reading.goal_sensor_works, new, old), seen, ahead)
 
 
 def goal_seen(earth: AbstractEarth, sight: LineOfSight, position_n: Vector3, velocity_n: Vector3) -> GoalState:

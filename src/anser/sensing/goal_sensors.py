@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from anser.environment import AbstractEarth
+from anser.numerics import where_any
 from anser.numerics.randomness import GOAL_SENSOR
 from anser.planning import LineOfSight
 from anser.sensing.dropouts import Dropouts
@@ -120,7 +121,8 @@ class GoalSensor(eqx.Module):
     def init(self, truth: Truth, instant: Instant) -> GoalSensorState:
         """Its state before the first sample."""
         biases = self.bias_sigmas * instant.normals(GOAL_SENSOR, _NORMALS, once=True)
-        outage = self.dropouts.first(_uniforms(instant, once=True)[0])
+        drawn = instant.uniforms(GOAL_SENSOR, _NORMALS + _UNIFORMS, once=True)
+        outage = self.dropouts.first(drawn[_NORMALS])
         queue = None
         if self.slots:
             empty = self._nothing(instant)
@@ -130,24 +132,31 @@ class GoalSensor(eqx.Module):
 
     def read(self, memory: GoalSensorState, truth: Truth, instant: Instant) -> tuple[GoalReading, GoalSensorState]:
         """What arrives at a sample, and its state after it."""
-        due, uniforms = is_due(instant, self.period), _uniforms(instant)
-        after = self.dropouts.after(memory.outage, self.period, uniforms[0])
-        outage = jnp.where(due & (instant.number > 0), after, memory.outage)
-        made = self._measured(memory, truth, instant, due & ~self.dropouts.lost(outage, uniforms[1]))
+        due = is_due(instant, self.period)
+        outage, made, delay = where_any(
+            due, lambda: self._tried(memory, truth, instant), (memory.outage, self._nothing(instant), self.latency[0])
+        )
         if memory.queue is None:
             return made, GoalSensorState(memory.biases, outage, None)
-        delay = self.latency[0] + uniforms[2] * (self.latency[1] - self.latency[0])
         reading, queue = self._passed(memory.queue, made, instant, delay)
         return reading, GoalSensorState(memory.biases, outage, queue)
 
-    def _measured(self, memory: GoalSensorState, truth: Truth, instant: Instant, tried: Flag) -> GoalReading:
+    def _tried(self, memory: GoalSensorState, truth: Truth, instant: Instant) -> tuple[Flag, GoalReading, Scalar]:
+        """Whether it fails when a measurement is due, what it measures, and how long that takes to arrive, s."""
+        uniforms = instant.uniforms(GOAL_SENSOR, _NORMALS + _UNIFORMS)[_NORMALS:]  # lanes beyond those of the normals
+        after = self.dropouts.after(memory.outage, self.period, uniforms[0])
+        outage = jnp.where(instant.number > 0, after, memory.outage)
+        made = self._measured(memory, truth, instant, ~self.dropouts.lost(outage, uniforms[1]))
+        return outage, made, self.latency[0] + uniforms[2] * (self.latency[1] - self.latency[0])
+
+    def _measured(self, memory: GoalSensorState, truth: Truth, instant: Instant, works: Flag) -> GoalReading:
         goal = truth.goal
         if goal is None:
             raise ValueError("a sensor of a goal on an aircraft without one")
         sight = true_sight(truth, instant.environment.earth)
         assert sight is not None
         line_n = _line(truth, instant.environment.earth)
-        seen = tried & truth.goal_sensor_works & self.view.sees(truth.now.R_bn, line_n)
+        seen = works & truth.goal_sensor_works & self.view.sees(truth.now.R_bn, line_n)
         if self.kind == "sight":
             values, sigmas = _of_sight(sight), self._sight_sigmas(sight)
         else:
@@ -197,11 +206,6 @@ def slots_for(latency_max_s: float, period_s: float) -> int:
     if latency_max_s <= 0.0:
         return 0
     return 2 ** max(1, math.ceil(math.log2(latency_max_s / period_s + 2.0)))
-
-
-def _uniforms(instant: Instant, *, once: bool = False) -> Array:
-    # lanes beyond those of the normals
-    return instant.uniforms(GOAL_SENSOR, _NORMALS + _UNIFORMS, once=once)[_NORMALS:]
 
 
 def _of_sight(sight: LineOfSight) -> Array:

@@ -4,13 +4,15 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from anser.numerics.randomness import OWN_SENSORS
+from anser.numerics import where_any
+from anser.numerics.randomness import OWN_SENSORS, SATELLITES
 from anser.sensing.dropouts import gauss_markov
 from anser.sensing.interface import Fix, Instant, Truth, velocity_over_ground_n
 from anser.shapes import Quaternion, Scalar, Vector3
 from anser.spatial import quaternion_from_euler, quaternion_multiply
 
-_NORMALS = 21  # position 3, white position 3, velocity 3, attitude 3, gyro 3, accelerometer 3, airspeed and vanes 3
+_NORMALS = 12  # at each sample: attitude 3, gyro 3, accelerometer 3, airspeed and vanes 3
+_FIX_NORMALS = 9  # at each fix: slow error 3, position 3, velocity 3
 
 
 class SatelliteNavigation(eqx.Module):
@@ -81,7 +83,7 @@ class OwnErrors(eqx.Module):
     Attributes
     ----------
     position_n, attitude_b
-        Gauss-Markov, m and rad.
+        Gauss-Markov, m (as of the last fix) and rad.
     rates_b, force_b, air
         Biases: rad/s, m/s^2, and (m/s, rad, rad) of airspeed, angle of attack and sideslip.
     fix
@@ -119,49 +121,53 @@ class OwnSensors(eqx.Module):
         satellite, inertial, air = self.satellite, self.inertial, self.air_data
         velocity_n = velocity_over_ground_n(truth.now, truth.state)
         return OwnErrors(
-            position_n=satellite.position_sigma * drawn[0:3],
-            attitude_b=inertial.attitude_sigma * drawn[9:12],
-            rates_b=inertial.rates_bias * drawn[12:15],
-            force_b=inertial.force_bias * drawn[15:18],
-            air=jnp.stack([air.airspeed_bias, air.vane_bias, air.vane_bias]) * drawn[18:21],
+            position_n=satellite.position_sigma * instant.normals(SATELLITES, _FIX_NORMALS, once=True)[0:3],
+            attitude_b=inertial.attitude_sigma * drawn[0:3],
+            rates_b=inertial.rates_bias * drawn[3:6],
+            force_b=inertial.force_bias * drawn[6:9],
+            air=jnp.stack([air.airspeed_bias, air.vane_bias, air.vane_bias]) * drawn[9:12],
             fix=Fix(truth.state.position_n, velocity_n, jnp.asarray(False)),
         )
 
     def read(self, memory: OwnErrors, truth: Truth, instant: Instant) -> tuple[OwnReading, OwnErrors]:
         """Reading of a sample, and the errors after it."""
-        drawn, step = instant.normals(OWN_SENSORS, _NORMALS), instant.step
-        satellite, inertial, air = self.satellite, self.inertial, self.air_data
-        started = instant.number > 0  # what is drawn before the first sample holds for it
-        position_n = gauss_markov(
-            memory.position_n, satellite.position_sigma, satellite.correlation_time, step, drawn[0:3]
+        drawn, inertial, air = instant.normals(OWN_SENSORS, _NORMALS), self.inertial, self.air_data
+        # what is drawn before the first sample holds for it
+        attitude_b = gauss_markov(
+            memory.attitude_b, inertial.attitude_sigma, inertial.attitude_time, instant.step, drawn[0:3]
         )
-        position_n = jnp.where(started, position_n, memory.position_n)
-        attitude_b = gauss_markov(memory.attitude_b, inertial.attitude_sigma, inertial.attitude_time, step, drawn[9:12])
-        attitude_b = jnp.where(started, attitude_b, memory.attitude_b)
+        attitude_b = jnp.where(instant.number > 0, attitude_b, memory.attitude_b)
+        due, last = is_due(instant, self.satellite.period), memory.fix
+        position_n, fixed_n, fixed_velocity_n = where_any(
+            due,
+            lambda: self._fixed(memory.position_n, truth, instant),
+            (memory.position_n, last.position_n, last.velocity_n),
+        )
+        fix = Fix(fixed_n, fixed_velocity_n, due)
         state, data = truth.state, truth.now.air_data
-        fixed = is_due(instant, satellite.period)
-        fix = Fix(
-            state.position_n + position_n + satellite.noise_sigma * drawn[3:6],
-            velocity_over_ground_n(truth.now, state) + satellite.velocity_sigma * drawn[6:9],
-            fixed,
-        )
-        fix = Fix(
-            jnp.where(fixed, fix.position_n, memory.fix.position_n),
-            jnp.where(fixed, fix.velocity_n, memory.fix.velocity_n),
-            fixed,
-        )
         measured = jnp.stack([data.V, data.alpha, data.beta]) + memory.air
-        measured = measured + jnp.stack([air.airspeed_noise, air.vane_noise, air.vane_noise]) * drawn[18:21]
+        measured = measured + jnp.stack([air.airspeed_noise, air.vane_noise, air.vane_noise]) * drawn[9:12]
         force_b = truth.now.wrench.force_b / truth.airframe.mass_properties.mass
         reading = OwnReading(
             quaternion=tilted(state.quaternion, attitude_b),
-            rates_b=state.rates_b + memory.rates_b + inertial.rates_noise * drawn[12:15],
-            specific_force_b=force_b + memory.force_b + inertial.force_noise * drawn[15:18],
+            rates_b=state.rates_b + memory.rates_b + inertial.rates_noise * drawn[3:6],
+            specific_force_b=force_b + memory.force_b + inertial.force_noise * drawn[6:9],
             velocity_air_b=_through_air_b(*measured),
             fix=fix,
         )
         after = OwnErrors(position_n, attitude_b, memory.rates_b, memory.force_b, memory.air, fix)
         return reading, after
+
+    def _fixed(self, slow_n: Vector3, truth: Truth, instant: Instant) -> tuple[Vector3, Vector3, Vector3]:
+        """Slow error, position and velocity of a fix, from the slow error of the last one, a period ago."""
+        satellite, drawn = self.satellite, instant.normals(SATELLITES, _FIX_NORMALS)
+        moved_n = gauss_markov(
+            slow_n, satellite.position_sigma, satellite.correlation_time, satellite.period, drawn[0:3]
+        )
+        slow_n = jnp.where(instant.number > 0, moved_n, slow_n)
+        position_n = truth.state.position_n + slow_n + satellite.noise_sigma * drawn[3:6]
+        velocity_n = velocity_over_ground_n(truth.now, truth.state) + satellite.velocity_sigma * drawn[6:9]
+        return slow_n, position_n, velocity_n
 
 
 def is_due(instant: Instant, period: Scalar) -> Array:

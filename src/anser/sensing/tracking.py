@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 from anser.aircraft import AbstractAirframe, Disturbance, condition
 from anser.environment import AbstractWind, Gust, SteadyWind
 from anser.numerics.randomness import BRIEFING
+from anser.sensing.direct import goal_seen, seen_or_ahead
 from anser.sensing.goal_filters import AbstractGoalFilter, OwnMotion
 from anser.sensing.ideal import line_of_sight
 from anser.sensing.interface import (
@@ -54,7 +55,7 @@ _VERTICAL = 0.1  # of the uncertainty of a goal's altitude and climb, beside tha
 
 
 class Tracked(eqx.Module):
-    """What the estimator carries along; None where that part is exact."""
+    """What the estimator carries along; None where that part is exact, but for a goal: where it was last seen."""
 
     own: Navigation | None
     air: AirMotion | None
@@ -71,7 +72,7 @@ class TrackingEstimator(AbstractEstimator):
     air
         None: so is the air.
     goal
-        Filter of the goal; None: its line of sight is exact.
+        Filter of the goal; None: its line of sight is exact, seen from where the aircraft takes itself to be.
     briefing
         What is known of the goal beforehand; with a filter of the goal only.
     """
@@ -92,6 +93,9 @@ class TrackingEstimator(AbstractEstimator):
         if self.goal is not None:
             assert self.briefing is not None
             goal = self.goal.init(*self.briefing.drawn(instant))
+        elif reading.sight is not None:
+            velocity_n = velocity_over_ground_n(now, state)
+            goal = goal_seen(instant.environment.earth, reading.sight, state.position_n, velocity_n)
         air = None if self.air is None else self.air.init(wind.at(state.position_n, instant.time))
         return Tracked(own, air, goal)
 
@@ -137,6 +141,10 @@ class TrackingEstimator(AbstractEstimator):
             if reading.goal.kind == "sight":  # seen from a place that is uncertain itself
                 covariance = covariance + jnp.pad(own_covariance, (0, 3))
             uncertainty = Uncertainty(own_covariance, covariance, found.seen, found.nis, found.status)
+        elif sight is not None and goal is not None:
+            velocity_n = velocity_over_ground_n(now, state)
+            seen = goal_seen(instant.environment.earth, sight, state.position_n, velocity_n)
+            seen_goal = goal = seen_or_ahead(seen, goal, reading, instant)
         belief = Belief(airframe, state, now, reading.specific_force_b, sight, seen_goal, uncertainty)
         return belief, Tracked(own, air, goal)
 
