@@ -17,6 +17,7 @@ import numpy as np
 from scipy import stats
 
 from anser.campaign.certified import arrival_request
+from anser.campaign.execute import without_replanning
 from anser.compiling import enable_compilation_cache
 from anser.numerics import as_array, rows_of, seeded
 from anser.planning.certified import FIRST, intervals_for, search
@@ -38,7 +39,8 @@ from anser.simulation import (
 )
 from anser.simulation.recorder import FleetSample
 
-BATCH = 64
+BATCH = 125
+_AGAIN = 8  # flights of a segment that are flown again at once
 
 
 class AtFreeze(NamedTuple):
@@ -153,8 +155,19 @@ def fly_many(path: str, flights: int, first: int = 0, batch: int = BATCH) -> dic
         made = time.perf_counter()
         states = _begun(flight, fleets, rows_of(plans))
         memory = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (batch, *leaf.shape)), Recorder().init(flight.count))
+        flown_again = 0
         for since in range(0, steps, SEGMENT_STEPS):
-            states, memory = _segment(flight, keys, states, as_array(since, np.int32), memory, SEGMENT_STEPS)
+            number = as_array(since, np.int32)
+            after, kept = _segment(without_replanning(flight), keys, states, number, memory, SEGMENT_STEPS)
+            asked = np.flatnonzero(np.asarray(after.planner.asked))
+            flown_again += asked.size
+            for some in (asked[k : k + _AGAIN] for k in range(0, asked.size, _AGAIN)):
+                # filled up to one shape with the last of them
+                rows = np.concatenate([some, np.repeat(some[-1:], _AGAIN - some.size)])
+                before = jax.tree.map(lambda leaf, rows=rows: leaf[rows], (keys, states, memory))
+                full = _segment(flight, before[0], before[1], number, before[2], SEGMENT_STEPS)
+                after, kept = jax.tree.map(lambda held, new, rows=rows: held.at[rows].set(new), (after, kept), full)
+            states, memory = after, kept
         (summary, _), known = jax.tree.map(np.asarray, memory)
         arrivals = np.asarray(states.planner.plan.arrival_times)
         found.append(
@@ -174,6 +187,7 @@ def fly_many(path: str, flights: int, first: int = 0, batch: int = BATCH) -> dic
             }
         )
         told_s = f"{made - began:.0f} s planning, {time.perf_counter() - made:.0f} s flying"
+        told_s += f", {flown_again} segments of {batch * (steps // SEGMENT_STEPS)} flown again with a plan made anew"
         print(f"flights to {begin_at + batch}: {told_s}", flush=True)  # noqa: T201
     return {key: np.concatenate([one[key] for one in found])[:flights] for key in found[0]}
 

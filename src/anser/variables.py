@@ -256,6 +256,16 @@ CATALOGUE: tuple[Variable, ...] = (
             _discrete("goal_known", "int32", "known", "State of the filter", ("known", "never_seen", "diverged")),
         ),
     ),
+    # what the aircraft of a fleet without a centre share
+    *map(
+        _optional,
+        (
+            _variable("clock_lag", "s", _NONE, "t - γ", "Lag of the clock along the path"),
+            _variable("clock_rate", "", _NONE, "γ_dot", "Rate of the clock along the path"),
+            _discrete("heard_from", "int32", "H", "Whom it heard: the sum of 2^k over aircraft k", ()),
+            _discrete("path_offered", "bool", "offer", "Another path is offered", ("settled", "offered")),
+        ),
+    ),
 )
 """Every recorded variable, in the order in which a dataset lists them."""
 

@@ -37,7 +37,7 @@ class StraightLines(AbstractPlanner):
     def renew(self, memory, time, reports):
         return memory
 
-    def observe(self, memory, reports, step):
+    def observe(self, memory, reports, number, step, randomness):
         return memory
 
     def plans(self, memory):

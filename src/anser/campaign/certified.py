@@ -35,13 +35,14 @@ begun = compiled_quickly(begin)
 
 
 @compiled_quickly
-def _asked(flight: Flight, planner: CertifiedPlanner) -> tuple[TrimmedFleet, AircraftTask]:
+def asked(flight: Flight, planner: CertifiedPlanner) -> tuple[TrimmedFleet, AircraftTask]:
     """The fleet trimmed at its start, and what is asked of the planner for it."""
     fleet = trimmed_fleet(flight)
     return fleet, planner.aircraft_tasks(fleet.reports, planner.limits_with(fleet.performance))
 
 
-def _first() -> Array:
+def first_renewal() -> Array:
+    """That a plan is the first: index into `RENEWAL_MESSAGES`."""
     return as_array(FIRST, np.int64)
 
 
@@ -110,7 +111,7 @@ class CertifiedPlanned(Planned):
         """The fleet at its start, with the plan."""
         if self.outcome.plan is None:
             raise NoPlanError(self.refusals)
-        state = CertifiedPlanState(self.outcome.plan, _first(), self.holds, self.all_tasks.limits)
+        state = CertifiedPlanState(self.outcome.plan, first_renewal(), self.holds, self.all_tasks.limits)
         return begun(self.flight, self.fleet, state)
 
 
@@ -160,21 +161,21 @@ def plan_certified(
     on_progress("trimming")
     flight, count = build_flight(scenario, filled_up=True), len(scenario.aircraft)
     planner = cast(CertifiedPlanner, flight.planner)
-    start = _asked.prepare(flight, planner).begin()
+    start = asked.prepare(flight, planner).begin()
     for program in _programs_ahead(scenario, flight, planner, start.shapes, ahead):
         program.begin()
-    fleet, tasks = _asked(flight, planner)
+    fleet, tasks = asked(flight, planner)
     refuse_untrimmable(scenario, flight, leading(fleet.trims, count))
     request = arrival_request(scenario, flight.count)
     outcome, holds = planner.searched(0.0, tasks, request, scenario.timing.duration_s, on_progress)
     refusals: tuple[str, ...] = ()
     if outcome.plan is None:
         on_progress("looking for what stands in the way")
-        asked = FleetTask(leading(tasks, count), planner.airspace, arrival_request(scenario))
+        wanted = FleetTask(leading(tasks, count), planner.airspace, arrival_request(scenario))
         refusals = (
-            explain(scenario, asked, outcome.leading(count))
+            explain(scenario, wanted, outcome.leading(count))
             if holds is None
-            else explain_missing_holds(scenario, asked, holds)
+            else explain_missing_holds(scenario, wanted, holds)
         )
         holds = None
     return CertifiedPlanned(scenario, flight, fleet, refusals, outcome, tasks, planner.airspace, holds)
@@ -196,7 +197,7 @@ def _programs_ahead(
         yield program
     if found:
         plan, holds = found
-        program = begun.prepare(flight, fleet, CertifiedPlanState(plan, _first(), holds, tasks.limits))
+        program = begun.prepare(flight, fleet, CertifiedPlanState(plan, first_renewal(), holds, tasks.limits))
         yield program
         following = ahead(flight, program.shapes)
         if following is not None:

@@ -10,6 +10,7 @@ import jax
 import numpy as np
 
 from anser.campaign.certified import plan_certified
+from anser.campaign.negotiated import plan_decentralised
 from anser.campaign.plan_interface import SPEED_TOLERANCE, Ahead, Planned
 from anser.campaign.untrimmable import refuse_untrimmable
 from anser.compiling import compiled, compiled_quickly, enable_compilation_cache
@@ -166,6 +167,8 @@ def plan(
     enable_compilation_cache()
     if scenario.fleet.planner == "certified":
         return plan_certified(scenario, on_progress, ahead)
+    if scenario.fleet.planner == "decentralised":
+        return plan_decentralised(scenario, on_progress, ahead)
     on_progress("trimming and planning")
     flight = build_flight(scenario, filled_up=True)
     start = _start.prepare(flight).begin()

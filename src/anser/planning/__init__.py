@@ -7,6 +7,7 @@ from anser.planning.goals import GoalMotion, pad_waypoints, straight_goal, waypo
 from anser.planning.interface import (
     AbstractPlanner,
     AircraftPlan,
+    NetworkView,
     Performance,
     Report,
 )
@@ -35,6 +36,7 @@ __all__ = [
     "GoalMotion",
     "LimitReport",
     "LineOfSight",
+    "NetworkView",
     "PathCommand",
     "PathLimits",
     "PathPoint",

@@ -4,8 +4,9 @@ import abc
 from typing import Any
 
 import equinox as eqx
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
+from anser.numerics import AbstractRandomness
 from anser.planning.reference import AbstractReference
 from anser.planning.rendezvous import Rendezvous
 from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
@@ -53,6 +54,27 @@ class Performance(eqx.Module):
     acceleration: Float[Array, "..."]
 
 
+class NetworkView(eqx.Module):
+    """What one aircraft of a fleet without a centre shares with the others; stacked, for a fleet.
+
+    Attributes
+    ----------
+    lag
+        By how much its clock is behind the time, s.
+    rate
+        Of its clock.
+    hears
+        Whom it heard at the last exchange.
+    offers
+        Whether it offers another path.
+    """
+
+    lag: Scalar
+    rate: Scalar
+    hears: Bool[Array, " aircraft"]
+    offers: Flag
+
+
 class AircraftPlan(eqx.Module):
     """What the closed loop takes of a plan for one aircraft; stacked, for a fleet.
 
@@ -72,6 +94,8 @@ class AircraftPlan(eqx.Module):
         How the plan in force came about: index into `RENEWAL_MESSAGES`.
     hold
         What it flies after the arrival; None: what its own hold says.
+    network
+        Where nobody plans for all; else None.
     """
 
     trajectory: AbstractReference
@@ -81,6 +105,7 @@ class AircraftPlan(eqx.Module):
     lateral_bend: Scalar
     renewal: Count
     hold: Any = None
+    network: NetworkView | None = None
 
 
 class AbstractPlanner(eqx.Module):
@@ -98,8 +123,25 @@ class AbstractPlanner(eqx.Module):
         """State of the planner with a plan renewed from stacked reports at a time (s)."""
 
     @abc.abstractmethod
-    def observe(self, memory: Any, reports: Report, step: ScalarLike) -> Any:
-        """State of the planner after one more step (s) of flight, at whose start the fleet reported."""
+    def observe(
+        self,
+        memory: Any,
+        reports: Report,
+        number: Count,
+        step: ScalarLike,
+        randomness: AbstractRandomness | None,
+    ) -> Any:
+        """State of the planner after one more step of flight, at whose start the fleet reported.
+
+        Parameters
+        ----------
+        memory, reports
+            Of the sample at the start of the step.
+        number, step
+            Of that sample, and s.
+        randomness
+            Of the flight; None: it may draw no random numbers.
+        """
 
     @abc.abstractmethod
     def plans(self, memory: Any) -> AircraftPlan:

@@ -5,12 +5,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from anser.numerics import zeros_as
+from anser.numerics import AbstractRandomness, zeros_as
 from anser.planning.coordination import FleetPlan, PlanningTask, coordinate
 from anser.planning.interface import AbstractPlanner, AircraftPlan, Performance, Report
 from anser.planning.renewal import renew
 from anser.planning.sides import choose_sides
-from anser.shapes import Flag, Scalar, ScalarLike
+from anser.shapes import Count, Flag, Scalar, ScalarLike
 
 
 class PublishedPlanState(eqx.Module):
@@ -86,7 +86,14 @@ class PublishedPlanner(AbstractPlanner):
         plan, asked = renew(memory.plan, time, tasks, memory.sides, self.even_speed, self.replans)
         return eqx.tree_at(lambda m: (m.plan, m.asked), memory, (plan, memory.asked | asked))
 
-    def observe(self, memory: PublishedPlanState, reports: Report, step: ScalarLike) -> PublishedPlanState:
+    def observe(
+        self,
+        memory: PublishedPlanState,
+        reports: Report,
+        number: Count,
+        step: ScalarLike,
+        randomness: AbstractRandomness | None,
+    ) -> PublishedPlanState:
         """Count the length flown."""
         flown = memory.flown + jnp.where(reports.active, step * reports.airspeed, 0.0)
         return eqx.tree_at(lambda m: m.flown, memory, flown)

@@ -40,8 +40,8 @@ def scenario_of(dataset: xr.Dataset) -> dict[str, Any]:
 
 
 def is_certified(scenario: Mapping[str, Any]) -> bool:
-    """Whether the certified planner made the plan; its paths have turns, but no lateral bend."""
-    return scenario.get("fleet", {}).get("planner") == "certified"
+    """Whether the paths have certificates; these paths have turns, but no lateral bend."""
+    return scenario.get("fleet", {}).get("planner", "published") != "published"
 
 
 def derive(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> xr.Dataset:

@@ -39,6 +39,7 @@ from anser.planning import (
     waypoint_goal,
 )
 from anser.planning.certified import Airspace, KeepOuts, Separation
+from anser.planning.time_coordination import CoordinationGains
 from anser.scenario.build_air import build_gusts
 from anser.scenario.build_events import changed_motion, faults_of
 from anser.scenario.build_sensing import build_estimator, build_sensors
@@ -47,13 +48,17 @@ from anser.scenario.schema import Scenario
 from anser.scenario.schema_aircraft import Aircraft, AttitudeGains, RateGains, VelocityGains
 from anser.scenario.schema_event import Event
 from anser.scenario.schema_goal import Goal
+from anser.scenario.schema_network import Network as NetworkTable
 from anser.scenario.schema_settings import Limits
+from anser.sensing import Dropouts
 from anser.shapes import Scalar, Vector3
 from anser.simulation import (
     CertifiedPlanner,
+    DecentralisedPlanner,
     Flight,
     HoldAroundGoal,
     Mission,
+    Network,
     TrimTarget,
     Vehicle,
     assemble,
@@ -99,7 +104,7 @@ def build_flight(scenario: Scenario, *, filled_up: bool = False, flight: int = 0
             (_vehicle(scenario, a, goal, guidance, limits), _start(a), _ned(a.start.position_m))
             for a, goal in zip(fleet, goals, strict=True)
         ],
-        (_certified if scenario.fleet.planner == "certified" else _published)(scenario, fleet, guidance),
+        _PLANNERS[scenario.fleet.planner](scenario, fleet, guidance),
         timing.step_s,
         round(timing.replan_period_s / timing.step_s),
         timing.freeze_s,
@@ -217,6 +222,42 @@ def _certified(scenario: Scenario, fleet: Sequence[Aircraft], guidance: Guidance
     )
 
 
+def _decentralised(scenario: Scenario, fleet: Sequence[Aircraft], guidance: GuidanceSettings) -> DecentralisedPlanner:
+    """Each for itself; the separation is widened by what the others may do without being heard of."""
+    each, network = _certified(scenario, fleet, guidance), build_network(scenario)
+    numbers = scenario.network or NetworkTable()
+    apart, fastest = each.airspace.separation, float(np.max(each.limits.speed_max)) + scenario.wind.greatest_m_s
+    more = 2.0 * numbers.tube_m + numbers.skew_max_s * fastest
+    climbed = 2.0 * numbers.tube_m + numbers.skew_max_s * scenario.limits.climb_rate_max_m_s
+    widened = Separation(
+        _scalar(float(apart.horizontal) + (more if float(apart.horizontal) > 0.0 else 0.0)),
+        _scalar(float(apart.vertical) + (climbed if float(apart.vertical) > 0.0 else 0.0)),
+    )
+    each = eqx.tree_at(lambda p: p.airspace.separation, each, widened)
+    gains = CoordinationGains(
+        coupling=_scalar(numbers.coupling_per_s),
+        damping=_scalar(numbers.damping_per_s),
+        waiting=_scalar(numbers.waiting_per_s2),
+        rate_range=_scalar(numbers.rate_range),
+        skew_max=_scalar(numbers.skew_max_s),
+    )
+    return DecentralisedPlanner(each, network, gains, _scalar(numbers.tube_m))
+
+
+def build_network(scenario: Scenario) -> Network:
+    """Who hears whom in a fleet without a centre."""
+    numbers = scenario.network or NetworkTable()
+    delay = round(numbers.delay_s / numbers.period_s)
+    return Network(
+        range=_scalar(numbers.range_m),
+        dropouts=Dropouts(_scalar(numbers.loss), _scalar(numbers.outage_share), _scalar(numbers.outage_mean_s)),
+        period=_scalar(numbers.period_s),
+        every=as_array(round(numbers.period_s / scenario.timing.step_s), np.int32),
+        delay=as_array(delay, np.int32),
+        slots=few_sizes(delay + 1, 2),
+    )
+
+
 def _keep_outs(scenario: Scenario) -> KeepOuts:
     rows = [(v.north_m, v.east_m, *v.velocity_m_s()[:2], v.radius_m, v.bottom_m, v.top_m) for v in scenario.keep_out]
     rows += [_NO_KEEP_OUT for event in scenario.event if event.kind == "keep-out-appears"]
@@ -224,6 +265,9 @@ def _keep_outs(scenario: Scenario) -> KeepOuts:
         rows += [_NO_KEEP_OUT] * (few_sizes(len(rows), _KEEP_OUTS) - len(rows))
     table = np.reshape(rows, (-1, 7))
     return KeepOuts(*map(as_array, (table[:, :2], table[:, 2:4], table[:, 4], table[:, 5], table[:, 6])))
+
+
+_PLANNERS = {"published": _published, "certified": _certified, "decentralised": _decentralised}
 
 
 def _planned_limits(scenario: Scenario, aircraft: Aircraft) -> PathLimits:

@@ -32,6 +32,7 @@ from anser.scenario.schema_checks import (
 from anser.scenario.schema_event import Event, event_problems
 from anser.scenario.schema_goal import Goal
 from anser.scenario.schema_margin import margin_problems
+from anser.scenario.schema_network import Network, network_problems
 from anser.scenario.schema_problems import problems_from
 from anser.scenario.schema_reach import reach_problems
 from anser.scenario.schema_sensing import Estimator, GoalSensor, Navigation, sensing_problems
@@ -85,6 +86,7 @@ class Scenario(Table):
     navigation: Navigation = table("what an aircraft knows of itself", "a table [navigation]", Navigation())
     goal_sensor: GoalSensor = table("what it sees of its goal", "a table [goal_sensor]", GoalSensor())
     estimator: Estimator = table("the filter behind it", "a table [estimator]", Estimator())
+    network: Network | None = table("who hears whom in a fleet without a centre", "a table [network]", None)
     event: tuple[Event, ...] = tables(
         "what happens on the way", "tables [[event]], in double brackets", at_least=0, default=()
     )
@@ -121,6 +123,16 @@ class Scenario(Table):
             *gust_problems(self.gust, aircraft),
             *sensing_problems(self.navigation, self.goal_sensor, self.timing),
             *event_problems(self.event, aircraft, goals, self.timing, fleet.planner),
+            *network_problems(
+                self.network,
+                fleet,
+                limits,
+                self.timing,
+                self.arrival,
+                aircraft,
+                self.event,
+                self.wind.greatest_m_s,
+            ),
         ]
         if not names:
             found.extend(rendezvous_problems(aircraft, goals, fleet, limits))
@@ -141,7 +153,9 @@ class Scenario(Table):
     def is_random(self) -> bool:
         """Whether the seed changes anything."""
         known = self.navigation.sensors == "exact" and self.goal_sensor.preset == "exact"
-        return self.turbulence.intensity != "none" or not known
+        network = self.network
+        heard = network is None or not (network.loss or network.outage_share)
+        return self.turbulence.intensity != "none" or not known or not heard
 
     def goal_of(self, aircraft: Aircraft) -> Goal:
         """Look up the goal of an aircraft of this scenario."""

@@ -163,10 +163,10 @@ def planner_problems(scenario: "Scenario") -> list[Problem]:
     a scenario that was recorded with all its defaults loads again.
     """
     fleet = scenario.fleet
-    if fleet.planner == "certified":
+    if fleet.is_certified:
         if fleet.speed_profile == "published":
             words = '"even", or fleet.planner = "published", which alone has such polynomials'
-            return [Problem("fleet.speed_profile", '"published" with fleet.planner "certified"', words)]
+            return [Problem("fleet.speed_profile", f'"published" with fleet.planner "{fleet.planner}"', words)]
         return []
     explicit = "planner" in fleet.model_fields_set
     asked: list[tuple[str, Table, Iterable[str], str]] = [

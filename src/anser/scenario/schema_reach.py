@@ -48,7 +48,7 @@ class ReferenceSpeed:
 
 def reference_speed(fleet: Fleet, limits: Limits, arrival: Arrival) -> ReferenceSpeed:
     """Say which speed decides whether a goal is within reach."""
-    certified = fleet.planner == "certified"
+    certified = fleet.is_certified
     if not certified or arrival.rule == "together":
         rises = not certified and fleet.speed_profile == "even"
         return ReferenceSpeed(fleet.speed_m_s, "fleet.speed_m_s", is_mean=True, may_rise=rises, knows_layers=certified)

@@ -57,9 +57,10 @@ class Fleet(Table):
         ("even", "published"),
         "even",
     )
-    planner: Literal["published", "certified"] = choice(
-        "how the paths are found: as published, or so that limits and separation are proven to be kept",
-        ("published", "certified"),
+    planner: Literal["published", "certified", "decentralised"] = choice(
+        "how the paths are found: as published, so that limits and separation are proven to be kept, or so by each "
+        "aircraft for itself, without a centre",
+        ("published", "certified", "decentralised"),
         "certified",
     )
     reserve: float = number(
@@ -69,6 +70,11 @@ class Fleet(Table):
         "",
         0.1,
     )
+
+    @property
+    def is_certified(self) -> bool:
+        """Whether its paths have certificates."""
+        return self.planner != "published"
 
 
 class Limits(Table):

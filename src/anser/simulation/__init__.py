@@ -3,6 +3,7 @@
 from anser.simulation.broken_loop import BREAKPOINTS, HELD_BACK, MemoryFields, loop_memory
 from anser.simulation.certified_planner import CertifiedPlanner, CertifiedPlanState
 from anser.simulation.closed_loop import fly_alone, trimmed_vehicle
+from anser.simulation.decentralised_planner import DecentralisedPlanner, DecentralisedPlanState
 from anser.simulation.faults import Faults, no_faults
 from anser.simulation.fleet import Flight, FlightState, Timing, assemble, statuses
 from anser.simulation.fleet_summary import FleetSummary, SummaryRecorder
@@ -16,6 +17,7 @@ from anser.simulation.linearize_sampled import CHANNELS, linearize_loop
 from anser.simulation.margins import NEUTRAL, LoopAnalysis, LoopResponse, analyse_loops, largest_pole
 from anser.simulation.modes import Mode, modes_of, wind_axis_states
 from anser.simulation.motion import advance
+from anser.simulation.network import Network
 from anser.simulation.planned_hold import PlannedHolds, cells_for
 from anser.simulation.recorder import AbstractRecorder, AircraftSample, FleetSample, History
 from anser.simulation.response import Loop, LoopCase, Response, step_response
@@ -29,25 +31,22 @@ from anser.simulation.vehicle import Mission, Vehicle, VehicleState
 
 __all__ = [
     "AUTOPILOT_LIMITS",
+    "AbstractRecorder",
+    "AircraftSample",
     "BETA_BOUND",
     "BREAKPOINTS",
     "CHANNELS",
-    "HELD_BACK",
-    "NEUTRAL",
-    "SEGMENT_STEPS",
-    "STATUS_MESSAGES",
-    "TABLE_AXES",
-    "TRIM_STOPS",
-    "AbstractRecorder",
-    "AircraftSample",
     "CertifiedPlanState",
     "CertifiedPlanner",
+    "DecentralisedPlanState",
+    "DecentralisedPlanner",
     "Faults",
     "FleetSample",
     "FleetSummary",
     "Flight",
     "FlightState",
     "FlightSummary",
+    "HELD_BACK",
     "History",
     "HoldAroundGoal",
     "InversionPole",
@@ -60,11 +59,17 @@ __all__ = [
     "MemoryFields",
     "Mission",
     "Mode",
+    "NEUTRAL",
     "NearestTrim",
     "NearestTrims",
+    "Network",
     "PlannedHolds",
     "Response",
+    "SEGMENT_STEPS",
+    "STATUS_MESSAGES",
     "SummaryRecorder",
+    "TABLE_AXES",
+    "TRIM_STOPS",
     "Timing",
     "TrimPoint",
     "TrimTarget",

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, Int
 
 from anser.compiling import Prepared, compiled_quickly
 from anser.control import GuidanceSettings
-from anser.numerics import any_in_batch, as_array
+from anser.numerics import AbstractRandomness, any_in_batch, as_array
 from anser.planning import AbstractPlanner, AircraftPlan, PathLimits, Performance, Report
 from anser.planning.certified import (
     FIRST,
@@ -212,7 +212,14 @@ class CertifiedPlanner(AbstractPlanner):
         holds = jax.tree.map(lambda new, old: jnp.where(planned_anew, new, old), holds, former)
         return CertifiedPlanState(made.plan, made.how, holds, memory.limits, asked)
 
-    def observe(self, memory: CertifiedPlanState, reports: Report, step: ScalarLike) -> CertifiedPlanState:
+    def observe(
+        self,
+        memory: CertifiedPlanState,
+        reports: Report,
+        number: Count,
+        step: ScalarLike,
+        randomness: AbstractRandomness | None,
+    ) -> CertifiedPlanState:
         """Nothing is taken from the way flown."""
         return memory
 

@@ -134,9 +134,8 @@ def step_fleet(
         compiled(kind.vehicles.map)(acted, before, one, of_members(plans, kind, flight.count))
         for kind, before, one in zip(flight.kinds, vehicles, seen, strict=True)
     ]
-    after = FlightState(
-        tuple(states for states, _ in moved), flight.planner.observe(planner, reports, flight.timing.step)
-    )
+    planner = flight.planner.observe(planner, reports, number, flight.timing.step, flight.randomness)
+    after = FlightState(tuple(states for states, _ in moved), planner)
     return after, FleetSample(tuple(samples for _, samples in moved), flight.members), instant
 
 

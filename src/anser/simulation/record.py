@@ -3,11 +3,12 @@
 from typing import TYPE_CHECKING
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from anser.control import signal_variables
 from anser.environment import AirFlow, Gust
-from anser.planning import polar
+from anser.planning import NetworkView, polar
 from anser.planning.vectors import root
 from anser.sensing import Belief, Uncertainty
 from anser.shapes import Vector3
@@ -86,12 +87,27 @@ def record(sample: "AircraftSample") -> dict[str, Array]:
         **({} if sample.approach is None else _of_approach(sample, sample.approach)),
         **({} if sample.flow is None else _of_gusts(truth.disturbance.gust, sample.flow)),
         **({} if sample.belief.uncertainty is None else _of_knowledge(sample.belief, sample.belief.uncertainty)),
+        **(
+            {}
+            if sample.approach is None or sample.approach.plan.network is None
+            else _of_network(sample.approach.plan.network)
+        ),
     }
 
 
 def _of_gusts(gust: Gust, flow: AirFlow) -> dict[str, Array]:
     turning = {f"gust_{key}": value for key, value in _rates("", gust.rates_b).items()}
     return {"airspeed_mean_wind": flow.airspeed, **_vector("gust", ("u", "v", "w"), gust.velocity_b), **turning}
+
+
+def _of_network(view: NetworkView) -> dict[str, Array]:
+    weights = 2 ** np.arange(view.hears.shape[0])
+    return {
+        "clock_lag": view.lag,
+        "clock_rate": view.rate,
+        "heard_from": jnp.sum(jnp.where(view.hears, weights, 0)).astype(jnp.int32),
+        "path_offered": view.offers,
+    }
 
 
 def _of_knowledge(belief: Belief, known: Uncertainty) -> dict[str, Array]:

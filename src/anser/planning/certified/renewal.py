@@ -32,14 +32,28 @@ def intervals_of(paths: TimedPath) -> int:
     return paths.times.shape[-1] - 1 - (PIECES - 1) - KINKS
 
 
-def _corrected(path: TimedPath, task: AircraftTask, now: ScalarLike) -> TimedPath:
-    """The same path, bent evenly from the next knot on to where the rendezvous is expected; C2 everywhere.
+def corrected(
+    path: TimedPath, task: AircraftTask, now: ScalarLike, to_go: ScalarLike | None = None, lead: ScalarLike = 0.0
+) -> TimedPath:
+    """The same path, bent evenly from a knot on to where the rendezvous is expected; C2 everywhere.
 
     The bend is d (10 u^3 - 15 u^4 + 6 u^5): a quintic, so each cell's quintic takes it up exactly.
+
+    Parameters
+    ----------
+    path, task
+        With the goal as it is sensed now.
+    now
+        On the path's clock, s.
+    to_go
+        When the path ends, s from now; None: as its clock has it.
+    lead
+        The path stays as it is for this long, s.
     """
     end = path.times[-1]
-    off = task.meeting_n(end - now) - path.air_n[-1, 0] - path.drift_n[-1, 0]
-    begin = jnp.min(jnp.where(path.times > now, path.times, end))
+    to_go = end - now if to_go is None else to_go
+    off = task.meeting_n(to_go) - path.air_n[-1, 0] - path.drift_n[-1, 0]
+    begin = jnp.min(jnp.where(path.times > now + lead, path.times, end))
     span = jnp.maximum(end - begin, 1e-3)
     u = jnp.clip((path.times - begin) / span, 0.0, 1.0)
     shares = jnp.stack(
@@ -146,12 +160,12 @@ def renew_certified(
     intervals = intervals_of(plan.paths)
     active = tasks.active > 0.0
     under_way = active & (plan.arrival_times > now)
-    paths = jax.vmap(_corrected, in_axes=(0, 0, None))(plan.paths, tasks, now)
+    paths = jax.vmap(corrected, in_axes=(0, 0, None))(plan.paths, tasks, now)
     paths = rows_where(active & (plan.arrival_times - now > freeze), paths, plan.paths)
-    corrected = _certified(plan, paths, plan.arrival_times, tasks, airspace, intervals, now, under_way)
-    fine = jnp.all(corrected.feasible | ~under_way)
+    bent = _certified(plan, paths, plan.arrival_times, tasks, airspace, intervals, now, under_way)
+    fine = jnp.all(bent.feasible | ~under_way)
     if not replans:
-        return Renewed(corrected, jnp.asarray(CORRECTED), ~fine)
+        return Renewed(bent, jnp.asarray(CORRECTED), ~fine)
 
     free = active & (plan.arrival_times - now > jnp.maximum(freeze, COMMITTED_S))
     here = jax.vmap(from_plan, in_axes=(0, 0, None))(plan.paths, tasks, now)
@@ -181,7 +195,7 @@ def renew_certified(
         return Renewed(kept, jnp.where(found, REPLANNED, KEPT), never)
 
     never = jnp.asarray(False)
-    return jax.lax.cond(fine, lambda: Renewed(corrected, jnp.asarray(CORRECTED), never), anew)
+    return jax.lax.cond(fine, lambda: Renewed(bent, jnp.asarray(CORRECTED), never), anew)
 
 
 def _sizes(plan: CertifiedPlan) -> tuple[Array, Array, Array]:

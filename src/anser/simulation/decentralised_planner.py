@@ -1,0 +1,330 @@
+"""The planner without a centre: each aircraft plans with what it knows, and talks to the others over a network.
+
+Before the flight the aircraft have agreed on an arrival time, the latest that any of them asks for, and on paths
+(`anser.campaign.negotiated`). On the way each bends its own path to where it takes its goal to be; within a tube about the
+path that all know by itself, farther only with the word of all others (`path_exchange`). The clocks along the paths are
+kept together (`anser.planning.time_coordination`): who is kept up is waited for.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from anser.numerics import AbstractRandomness
+from anser.numerics.stacking import rows_where
+from anser.planning import (
+    AbstractPlanner,
+    AbstractReference,
+    AircraftPlan,
+    NetworkView,
+    PathLimits,
+    PathPoint,
+    Performance,
+    Report,
+)
+from anser.planning.certified import CertifiedPlan
+from anser.planning.certified.certified_plan import Certificate, certify
+from anser.planning.certified.renewal import CORRECTED, KEPT, corrected, intervals_of
+from anser.planning.certified.task import AircraftTask
+from anser.planning.time_coordination import CoordinationGains, bounded_rate, clock_acceleration
+from anser.planning.timed_path import TimedPath
+from anser.shapes import Count, Flag, Scalar, ScalarLike
+from anser.simulation.certified_planner import CertifiedPlanner, CertifiedPlanState
+from anser.simulation.network import Network, NetworkState
+from anser.simulation.path_exchange import (
+    Exchange,
+    after_word,
+    agreed_on,
+    farthest_apart,
+    stacked_paths,
+    with_offers,
+)
+from anser.simulation.planned_hold import PlannedHolds, each_alone
+from anser.spatial import safe_norm
+
+LEAD_S = 6.0
+"""For this long after it was offered a path is still the one that is flown: so long the others have to answer."""
+_ENOUGH = 1.0 - 1e-7  # ratio of distance to separation
+
+
+class ClockedPath(AbstractReference):
+    """A path followed by a clock of its own.
+
+    Attributes
+    ----------
+    path
+        By its clock.
+    clock, rate, acceleration
+        The clock at a time, s, 1 and 1/s.
+    time
+        s.
+    """
+
+    path: TimedPath
+    clock: Scalar
+    rate: Scalar
+    acceleration: Scalar
+    time: Scalar
+
+    def at(self, time: ScalarLike) -> PathPoint:
+        """Motion over the ground at a time."""
+        point = self.path.at(self.clock + self.rate * (time - self.time))
+        bend_n = self.rate**2 * point.acceleration_n + self.acceleration * point.velocity_n
+        return PathPoint(point.position_n, self.rate * point.velocity_n, bend_n)
+
+    @property
+    def duration(self) -> Scalar:
+        """Of the path by its clock, s."""
+        return self.path.duration
+
+
+class Clocks(eqx.Module):
+    """Clocks along the paths; leading axis aircraft.
+
+    Attributes
+    ----------
+    clock
+        How far along its path each is to be, s.
+    rate, acceleration
+        1 and 1/s.
+    """
+
+    clock: Float[Array, " aircraft"]
+    rate: Float[Array, " aircraft"]
+    acceleration: Float[Array, " aircraft"]
+
+
+class DecentralisedPlanState(eqx.Module):
+    """What the planner carries along: of each aircraft only what it would know itself.
+
+    Attributes
+    ----------
+    plan
+        The paths that are flown.
+    renewal
+        What became of the last renewal of each: index into `RENEWAL_MESSAGES`.
+    holds, limits
+        As of `CertifiedPlanState`.
+    exchange
+        What is agreed on.
+    clocks, network, time
+        Of now; s.
+    asked
+        Never: no path is searched for anew.
+    """
+
+    plan: CertifiedPlan
+    renewal: Array
+    holds: PlannedHolds | None
+    limits: PathLimits
+    exchange: Exchange
+    clocks: Clocks
+    network: NetworkState
+    time: Scalar
+    asked: Flag
+
+
+class DecentralisedPlanner(AbstractPlanner):
+    """Each aircraft for itself.
+
+    Attributes
+    ----------
+    each
+        Limits, airspace and numbers of the paths; its separation includes twice the tube and the greatest skew.
+    network
+        Who hears whom.
+    gains
+        Of the clocks.
+    tube
+        How far each may depart from the path that all know, m.
+    replans
+        As of the certified planner; there is no difference here.
+    """
+
+    each: CertifiedPlanner
+    network: Network
+    gains: CoordinationGains
+    tube: Scalar
+    replans: bool = eqx.field(static=True, default=True)
+
+    def first(self, time: ScalarLike, reports: Report, performance: Performance) -> DecentralisedPlanState:
+        """Not here: the aircraft agree before the flight, see `anser.campaign.negotiated`."""
+        raise ValueError("without a centre a fleet agrees on its first plan beforehand: anser.plan makes it")
+
+    def begun(self, first: CertifiedPlanState, randomness: AbstractRandomness | None) -> DecentralisedPlanState:
+        """State at time 0 with paths that all have agreed on."""
+        count = first.plan.arrival_times.shape[0]
+        clocks = Clocks(jnp.zeros(count), jnp.ones(count), jnp.zeros(count))
+        return DecentralisedPlanState(
+            plan=first.plan,
+            renewal=jnp.zeros(count, dtype=jnp.int32),
+            holds=first.holds,
+            limits=first.limits,
+            exchange=agreed_on(first.plan.paths),
+            clocks=clocks,
+            network=self.network.init(clocks.clock, randomness),
+            time=jnp.zeros(()),
+            asked=jnp.asarray(False),
+        )
+
+    def renew(self, memory: DecentralisedPlanState, time: ScalarLike, reports: Report) -> DecentralisedPlanState:
+        """Answer what was heard, and bend each path to where its rendezvous is now expected."""
+        plan, state, clock = memory.plan, memory.exchange, memory.clocks.clock
+        tasks = self.each.aircraft_tasks(reports, memory.limits)
+        to_go = plan.arrival_times - clock
+        under_way = reports.active & (to_go > self.each.freeze)
+        lead = jnp.minimum(LEAD_S, jnp.maximum(0.25 * to_go, 0.0))
+        bent = jax.vmap(corrected)(plan.paths, tasks, clock, to_go / memory.clocks.rate, lead)
+        bent = rows_where(under_way & ~state.open, bent, plan.paths)
+
+        certificate, clear = self._certified(state, bent, tasks, jnp.min(clock), reports.active)
+        count = clock.shape[0]
+        agreed, other, mine = (slice(k * count, (k + 1) * count) for k in range(3))
+        known = memory.network.known
+        state, taken = after_word(
+            state, known, clear[other, agreed], clear[other, other], clock, reports.active, LEAD_S - 1.0
+        )
+        # What each flies: within the tube by itself, else only what it offers and all acknowledge.
+        paths = rows_where(taken, memory.exchange.other, plan.paths)
+        alone = certificate.kept_alone[mine]
+        near = jax.vmap(farthest_apart)(bent, memory.exchange.agreed) <= self.tube
+        free = under_way & ~memory.exchange.open & ~taken
+        bends = free & alone & near
+        paths = rows_where(bends, bent, paths)
+        # (aircraft, whose): another path than the agreed one that it must keep clear of as well
+        heard = known.tokens == memory.exchange.tokens[None, :]
+        reckoned = ~memory.exchange.settled[None, :] & (memory.exchange.open[None, :] == heard)
+        safe = jnp.all(clear[mine, agreed] & (clear[mine, other] | ~reckoned), axis=1)
+        offers = free & alone & ~near & safe & state.settled & (to_go > self.each.freeze + 2.0 * LEAD_S)
+        state = with_offers(state, bent, offers, clock)
+
+        ahead = jax.vmap(TimedPath.air_length)(paths, clock)
+        ratios = certificate.clearance_ratio[agreed, agreed]
+        own = jax.tree.map(lambda leaf: leaf[mine], certificate)
+        own = eqx.tree_at(lambda c: c.clearance_ratio, own, ratios)
+        own = jax.tree.map(lambda new, old: rows_where(bends, new, old), own, plan.certificate)
+        plan = eqx.tree_at(
+            lambda p: (p.paths, p.certificate, p.lengths),
+            plan,
+            (paths, own, jnp.where(under_way, ahead, plan.lengths)),
+        )
+        how = jnp.where(under_way & ~bends & ~taken, KEPT, CORRECTED).astype(memory.renewal.dtype)
+        return eqx.tree_at(
+            lambda m: (m.plan, m.renewal, m.exchange),
+            memory,
+            (plan, jnp.where(reports.active, how, memory.renewal), state),
+        )
+
+    def _certified(
+        self,
+        state: Exchange,
+        bent: TimedPath,
+        tasks: AircraftTask,
+        since: ScalarLike,
+        active: Bool[Array, " aircraft"],
+    ) -> tuple[Certificate, Bool[Array, "paths paths"]]:
+        """Bounds of agreed, other and new paths, one set after the other; and which keep clear of which."""
+        paths = stacked_paths(state.agreed, state.other, bent)
+        thrice = jax.tree.map(lambda leaf: jnp.concatenate([leaf, leaf, leaf]), tasks)
+        certificate = certify(paths, thrice, self.each.airspace, intervals_of(bent), since)
+        count = active.shape[0]
+        same = jnp.tile(jnp.eye(count, dtype=bool), (3, 3))
+        return certificate, (certificate.clearance_ratio >= _ENOUGH) | same
+
+    def observe(
+        self,
+        memory: DecentralisedPlanState,
+        reports: Report,
+        number: Count,
+        step: ScalarLike,
+        randomness: AbstractRandomness | None,
+    ) -> DecentralisedPlanState:
+        """Talk to the others where that is due, and let the clocks go on."""
+        time, due = memory.time, number % jnp.maximum(self.network.every, 1) == 0
+
+        def talked() -> tuple[NetworkState, Array]:
+            own = memory.clocks.clock, memory.exchange.tokens, memory.exchange.acknowledged
+            network = self.network.exchange(
+                memory.network, own, reports.position_n, reports.active, number, time, randomness
+            )
+            return network, self._accelerations(memory, network, reports)
+
+        network, acceleration = jax.lax.cond(due, talked, lambda: (memory.network, memory.clocks.acceleration))
+        memory = eqx.tree_at(lambda m: m.network, memory, network)
+        return eqx.tree_at(
+            lambda m: (m.clocks, m.time),
+            memory,
+            (self._moved(memory, reports, acceleration, step), (number + 1) * jnp.asarray(step, dtype=float)),
+        )
+
+    def _coordinates(self, memory: DecentralisedPlanState, reports: Report) -> Bool[Array, " aircraft"]:
+        return reports.active & (memory.plan.arrival_times - memory.clocks.clock > self.each.freeze)
+
+    def _accelerations(
+        self, memory: DecentralisedPlanState, network: NetworkState, reports: Report
+    ) -> Float[Array, " aircraft"]:
+        """Of the clocks, by the law, from what was heard."""
+        clocks, known = memory.clocks, network.known
+        heard = known.clocks + (memory.time - known.times)
+
+        def one(path: TimedPath, clock: Scalar, rate: Scalar, others: Array, hears: Array, position_n: Array) -> Scalar:
+            wanted = path.at(clock)
+            speed = jnp.maximum(safe_norm(wanted.velocity_n), 1.0)
+            lag = jnp.sum(wanted.velocity_n * (wanted.position_n - position_n)) / speed**2
+            return clock_acceleration(clock, rate, others, hears, lag, jnp.sum(reports.active), self.gains)
+
+        found = jax.vmap(one)(memory.plan.paths, clocks.clock, clocks.rate, heard, network.hears, reports.position_n)
+        freely = -self.gains.damping * (clocks.rate - 1.0)
+        return jnp.where(self._coordinates(memory, reports), found, freely)
+
+    def _moved(
+        self, memory: DecentralisedPlanState, reports: Report, acceleration: Float[Array, " aircraft"], step: ScalarLike
+    ) -> Clocks:
+        """The clocks after a step (s); after its arrival each goes on at the rate 1."""
+        clocks, known, time = memory.clocks, memory.network.known, memory.time
+        count = clocks.clock.shape[0]
+        heard = known.clocks + (time - known.times)
+        doubt = self.gains.rate_range * (time - known.times)
+        counted = reports.active[None, :] & ~jnp.eye(count, dtype=bool)
+        wanted = clocks.rate + step * acceleration
+        rate = jax.vmap(bounded_rate, in_axes=(0, 0, 0, 0, 0, None))(
+            wanted, clocks.clock, heard, doubt, counted, self.gains
+        )
+        arrived = clocks.clock >= memory.plan.arrival_times
+        rate = jnp.where(arrived | ~reports.active, 1.0, rate)
+        clock = clocks.clock + step * 0.5 * (clocks.rate + rate)
+        return Clocks(clock, rate, jnp.where(arrived, 0.0, (rate - clocks.rate) / step))
+
+    def plans(self, memory: DecentralisedPlanState) -> AircraftPlan:
+        """The paths in force, each by its clock; arrivals and holds are as late as the clocks."""
+        plan, clocks, time = memory.plan, memory.clocks, memory.time
+        late = time - clocks.clock
+        to_go = plan.arrival_times - clocks.clock
+        arrival_times = jnp.where(to_go > 0.0, time + to_go / clocks.rate, plan.arrival_times + late)
+        count = late.shape[0]
+        holds, shift = memory.holds, arrival_times - plan.arrival_times
+        if holds is not None:
+            each = each_alone(holds)
+            holds = eqx.tree_at(
+                lambda h: (h.paths.times, h.foreseen_at),
+                each,
+                (each.paths.times + shift[:, None], each.foreseen_at + shift),
+            )
+        return AircraftPlan(
+            trajectory=ClockedPath(
+                plan.paths, clocks.clock, clocks.rate, clocks.acceleration, jnp.broadcast_to(time, count)
+            ),
+            arrival_time=arrival_times,
+            status=jnp.zeros(count, dtype=jnp.int32),
+            length=plan.lengths,
+            lateral_bend=jnp.full_like(plan.lengths, jnp.nan),
+            renewal=memory.renewal,
+            hold=holds,
+            network=NetworkView(
+                lag=late,
+                rate=clocks.rate,
+                hears=memory.network.hears,
+                offers=memory.exchange.open,
+            ),
+        )
