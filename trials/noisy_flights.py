@@ -18,16 +18,18 @@ from scipy import stats
 
 from anser.campaign.certified import arrival_request
 from anser.campaign.execute import without_replanning
+from anser.campaign.negotiated import agreed_plan
 from anser.compiling import enable_compilation_cache
 from anser.numerics import as_array, rows_of, seeded
-from anser.planning.certified import FIRST, intervals_for, search
-from anser.scenario import build_flight, load
+from anser.planning.certified import FIRST, AircraftTask, intervals_for, search
+from anser.scenario import Scenario, build_flight, load
 from anser.sensing import Instant
 from anser.simulation import (
     SEGMENT_STEPS,
     AbstractRecorder,
     CertifiedPlanner,
     CertifiedPlanState,
+    DecentralisedPlanner,
     Flight,
     FlightState,
     SummaryRecorder,
@@ -89,16 +91,52 @@ def _known(sample: Any) -> dict[str, jax.Array]:
 def _trimmed(flight: Flight, keys: Any) -> Any:
     def one(randomness: Any) -> Any:
         fleet = trimmed_fleet(dataclasses.replace(flight, randomness=randomness))
-        planner = flight.planner
-        assert isinstance(planner, CertifiedPlanner)
+        planner = _each(flight)
         return fleet, planner.aircraft_tasks(fleet.reports, planner.limits_with(fleet.performance))
 
     return jax.vmap(one)(keys)
 
 
 @jax.jit
-def _begun(flight: Flight, fleets: Any, plans: CertifiedPlanState) -> FlightState:
-    return jax.vmap(lambda fleet, plan: begin(flight, fleet, plan))(fleets, plans)
+def _begun(flight: Flight, keys: Any, fleets: Any, plans: CertifiedPlanState) -> FlightState:
+    def one(randomness: Any, fleet: Any, plan: CertifiedPlanState) -> FlightState:
+        planner = flight.planner
+        memory = planner.begun(plan, randomness) if isinstance(planner, DecentralisedPlanner) else plan
+        return begin(dataclasses.replace(flight, randomness=randomness), fleet, memory)
+
+    return jax.vmap(one)(keys, fleets, plans)
+
+
+def _each(flight: Flight) -> CertifiedPlanner:
+    """The certified planner of a flight, or that of each aircraft without a centre."""
+    planner = flight.planner.each if isinstance(flight.planner, DecentralisedPlanner) else flight.planner
+    assert isinstance(planner, CertifiedPlanner)
+    return planner
+
+
+def _planned(scenario: Scenario, flight: Flight, tasks: AircraftTask) -> tuple[Any, Any]:
+    """A first plan and its holds; None where there is none."""
+    if isinstance(flight.planner, DecentralisedPlanner):
+        return agreed_plan(scenario, flight, tasks)[:2]
+    planner, duration_s, tried = _each(flight), scenario.timing.duration_s, []
+
+    def after(plan: Any) -> np.ndarray:
+        cells = cells_for(duration_s)
+        holds = _holds(
+            plan.paths, tasks, planner.airspace, planner.guidance, as_array(0.0), as_array(duration_s), cells
+        )
+        tried.append(holds)
+        return ~np.asarray(holds.clear)
+
+    outcome = search(
+        0.0,
+        tasks,
+        planner.airspace,
+        arrival_request(scenario),
+        failed_after_arrival=after,
+        intervals=intervals_for(duration_s),
+    )
+    return (None, None) if outcome.plan is None else (outcome.plan, tried[-1])
 
 
 _holds = jax.jit(assign_holds, static_argnames=("cells",))
@@ -118,10 +156,8 @@ def fly_many(path: str, flights: int, first: int = 0, batch: int = BATCH) -> dic
     """Fly many flights of a scenario; rows of numbers for each."""
     scenario = load(path)
     flight = build_flight(scenario)
-    planner, timing = flight.planner, scenario.timing
-    assert isinstance(planner, CertifiedPlanner)
+    timing = scenario.timing
     steps = round(timing.duration_s / timing.step_s)
-    until, cells = as_array(timing.duration_s), cells_for(timing.duration_s)
     found: list[dict[str, np.ndarray]] = []
     for begin_at in range(first, first + flights, batch):
         began = time.perf_counter()
@@ -131,29 +167,13 @@ def fly_many(path: str, flights: int, first: int = 0, batch: int = BATCH) -> dic
         plans, planned = [], []
         jax.block_until_ready(tasks)
         for k in range(batch):
-            own = jax.tree.map(lambda leaf, k=k: leaf[k], tasks)
-            tried: list[Any] = []
-
-            def after(plan: Any, own: Any = own, tried: list[Any] = tried) -> np.ndarray:
-                holds = _holds(plan.paths, own, planner.airspace, planner.guidance, as_array(0.0), until, cells)
-                tried.append(holds)
-                return ~np.asarray(holds.clear)
-
-            outcome = search(
-                0.0,
-                own,
-                planner.airspace,
-                arrival_request(scenario),
-                failed_after_arrival=after,
-                intervals=intervals_for(timing.duration_s),
-            )
-            planned.append(outcome.plan is not None)
-            if outcome.plan is None:
-                plans.append(plans[-1])
-                continue
-            plans.append(CertifiedPlanState(outcome.plan, as_array(FIRST, np.int64), tried[-1], own.limits))
-        made = time.perf_counter()
-        states = _begun(flight, fleets, rows_of(plans))
+            own, key = jax.tree.map(lambda leaf, k=k: leaf[k], (tasks, keys))
+            plan, holds = _planned(scenario, dataclasses.replace(flight, randomness=key), own)
+            planned.append(plan is not None)
+            made = CertifiedPlanState(plan, as_array(FIRST, np.int64), holds, own.limits)
+            plans.append(plans[-1] if plan is None else made)
+        planned_at = time.perf_counter()
+        states = _begun(flight, keys, fleets, rows_of(plans))
         memory = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (batch, *leaf.shape)), Recorder().init(flight.count))
         flown_again = 0
         for since in range(0, steps, SEGMENT_STEPS):
@@ -179,6 +199,7 @@ def fly_many(path: str, flights: int, first: int = 0, batch: int = BATCH) -> dic
                 "miss_m": summary.miss,
                 "speed_min_m_s": summary.speeds_until_arrival.least,
                 "speed_max_m_s": summary.speeds_until_arrival.greatest,
+                "separation_m": summary.separation_min,
                 "clearance_m": summary.clearance_min,
                 "status": summary.first_status,
                 "goal_covariance": known.goal_covariance,
@@ -186,7 +207,7 @@ def fly_many(path: str, flights: int, first: int = 0, batch: int = BATCH) -> dic
                 "frozen_s": known.time,
             }
         )
-        told_s = f"{made - began:.0f} s planning, {time.perf_counter() - made:.0f} s flying"
+        told_s = f"{planned_at - began:.0f} s planning, {time.perf_counter() - planned_at:.0f} s flying"
         told_s += f", {flown_again} segments of {batch * (steps // SEGMENT_STEPS)} flown again with a plan made anew"
         print(f"flights to {begin_at + batch}: {told_s}", flush=True)  # noqa: T201
     return {key: np.concatenate([one[key] for one in found])[:flights] for key in found[0]}
@@ -245,6 +266,7 @@ def told(rows: dict[str, np.ndarray], freeze_s: float, density: float, speed_m_s
             f"ratio {value / np.quantile(least, 0.95):.3f}, greatest {values.max():.4g}"
         )
     lines.append(f"airspeed without gusts {rows['speed_min_m_s'].min():.2f} to {rows['speed_max_m_s'].max():.2f} m/s")
+    lines.append(f"least separation {rows['separation_m'].min():.1f} m")
     lines.append(f"clearance at least {rows['clearance_m'].min():.1f} m")
     return lines
 

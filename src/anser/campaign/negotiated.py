@@ -1,4 +1,4 @@
-"""The first plan of a fleet without a centre: its aircraft agree on an arrival time and on paths, over their network."""
+"""The first plan of a fleet without a centre: agreed on over the network, first the arrival time, then the paths."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -122,8 +122,8 @@ class _Talk:
             known = np.where(heard, np.minimum(known, exchange + max(self.delay, 1)), known)
         unheard = ", ".join(f'"{self.names[k]}"' for k in np.flatnonzero(known > len(self.links)))
         raise _NoAgreementError(
-            f"the fleet does not agree within network.agree_within_s = {len(self.links) * self.period_s:g} s: what aircraft "
-            f'"{self.names[source]}" says does not reach {unheard or "all others in time"}'
+            f"the fleet does not agree within network.agree_within_s = {len(self.links) * self.period_s:g} s: what "
+            f'aircraft "{self.names[source]}" says does not reach {unheard or "all others in time"}'
         )
 
 
@@ -132,9 +132,9 @@ def plan_decentralised(
 ) -> DecentralisedPlanned:
     """Trim every aircraft and let the fleet agree.
 
-    Each looks for its own first arrival; the latest of these is what all agree on (max-consensus). Then, in the order of
-    the scenario, each looks for a path that arrives then and keeps clear of the paths it has heard of; one that finds none
-    proposes a later time, and all begin again. The holds follow from the paths by a rule that all know.
+    Each looks for its own first arrival; the latest of these is what all agree on (max-consensus). Then, in the order
+    of the scenario, each looks for a path that arrives then and keeps clear of the paths it has heard of; one that
+    finds none proposes a later time, and all begin again. The holds follow from the paths by a rule that all know.
 
     Parameters
     ----------
@@ -154,22 +154,28 @@ def plan_decentralised(
     planner = cast(DecentralisedPlanner, flight.planner)
     fleet, tasks = asked(flight, planner.each)
     refuse_untrimmable(scenario, flight, leading(fleet.trims, count))
-    talk = _talk(scenario, flight, tasks)
-    refusals: tuple[str, ...] = ()
-    outcome, holds = Outcome(None, 0), None
-    try:
-        plan, holds = _agreed(scenario, planner, tasks, talk, on_progress)
-        outcome = Outcome(plan, 1)
+    plan, holds, talked_s, why = agreed_plan(scenario, flight, tasks, on_progress)
+    if plan is not None:
         first = CertifiedPlanState(plan, first_renewal(), holds, tasks.limits)
         program = _begun.prepare(flight, fleet, first).begin()
         following = ahead(flight, program.shapes)
         if following is not None:
             following.begin()
+    refusals = (why,) if why else ()
+    airspace = planner.each.airspace
+    return DecentralisedPlanned(scenario, flight, fleet, refusals, Outcome(plan, 1), tasks, airspace, holds, talked_s)
+
+
+def agreed_plan(
+    scenario: Scenario, flight: Flight, tasks: AircraftTask, on_progress: Callable[[str], None] = lambda what: None
+) -> tuple[CertifiedPlan | None, PlannedHolds | None, float, str]:
+    """What a fleet agrees on: plan and holds, or why there are none; and how long it talked, s."""
+    talk = _talk(scenario, flight, tasks)
+    try:
+        plan, holds = _agreed(scenario, cast(DecentralisedPlanner, flight.planner), tasks, talk, on_progress)
     except _NoAgreementError as error:
-        refusals = (str(error),)
-    return DecentralisedPlanned(
-        scenario, flight, fleet, refusals, outcome, tasks, planner.each.airspace, holds, talk.now * talk.period_s
-    )
+        return None, None, talk.now * talk.period_s, str(error)
+    return plan, holds, talk.now * talk.period_s, ""
 
 
 def _talk(scenario: Scenario, flight: Flight, tasks: AircraftTask) -> _Talk:

@@ -1,14 +1,15 @@
 """Time coordination: clocks along the paths of a fleet, kept together by what the aircraft tell each other.
 
-Each aircraft flies its path by a clock of its own, gamma, whose rate is 1 as long as nothing keeps it up. The clocks are
-coordinated by
+Each aircraft flies its path by a clock of its own, gamma, whose rate is 1 as long as nothing keeps it up. The clocks
+are coordinated by
 
     gamma_dot_dot_i = -b (gamma_dot_i - 1) - (b c / n) sum_j (gamma_i - gamma_j) - k lag_i,
 
 the sum over those that aircraft i hears from; lag_i is by how much it is behind its path, s. Sources: E. Xargay,
-I. Kaminer, A. Pascoal, N. Hovakimyan et al., *Time-Critical Cooperative Path Following of Multiple Unmanned Aerial Vehicles
-over Time-Varying Networks*, J. Guidance 36 (2013) 499-516, doi 10.2514/1.56538; H. Kang, I. Kaminer, V. Cichella,
-N. Hovakimyan, *Coordinated Path Following of UAVs over Time-Varying Digraphs Connected in an Integral Sense*,
+I. Kaminer, A. Pascoal, N. Hovakimyan et al., *Time-Critical Cooperative Path Following of Multiple Unmanned Aerial
+Vehicles over Time-Varying Networks*, J. Guidance 36 (2013) 499-516, doi 10.2514/1.56538; H. Kang, I. Kaminer,
+V. Cichella, N. Hovakimyan, *Coordinated Path Following of UAVs over Time-Varying Digraphs Connected in an Integral
+Sense*,
 arXiv 2307.06553. The gain is divided by the number of aircraft, so that c is how fast a complete network agrees.
 """
 
@@ -88,8 +89,8 @@ def bounded_rate(
     """The rate of a clock within its range, and such that no two clocks ever differ by more than the greatest skew.
 
     A clock moves away from another one only as long as the other, wherever it may be by now, is nearer than that: the
-    other may have moved by `doubt` since it was heard of, and keeps the same rule. Without word for long the doubt alone
-    is as much as that, and the rate is 1.
+    other may have moved by `doubt` since it was heard of, and keeps the same rule. Without word for long the doubt
+    alone is as much as that, and the rate is 1.
 
     Parameters
     ----------

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from anser.numerics import AbstractRandomness
+from anser.numerics import AbstractRandomness, any_in_batch
 from anser.numerics.stacking import rows_where
 from anser.planning import (
     AbstractPlanner,
@@ -23,9 +23,10 @@ from anser.planning import (
     Performance,
     Report,
 )
-from anser.planning.certified import CertifiedPlan
-from anser.planning.certified.certified_plan import Certificate, certify
-from anser.planning.certified.renewal import CORRECTED, KEPT, corrected, intervals_of
+from anser.planning.certified import REPLANNED, CertifiedPlan, Standing
+from anser.planning.certified.candidate_sets import MINIMAL
+from anser.planning.certified.certified_plan import Certificate, certify, plan_fleet_at
+from anser.planning.certified.renewal import COMMITTED_S, CORRECTED, KEPT, corrected, from_plan, intervals_of
 from anser.planning.certified.task import AircraftTask
 from anser.planning.time_coordination import CoordinationGains, bounded_rate, clock_acceleration
 from anser.planning.timed_path import TimedPath
@@ -53,8 +54,10 @@ class ClockedPath(AbstractReference):
 
     Attributes
     ----------
-    path
+    path, following
         By its clock.
+    follows
+        Whether the second takes the place of the first from its beginning on.
     clock, rate, acceleration
         The clock at a time, s, 1 and 1/s.
     time
@@ -62,6 +65,8 @@ class ClockedPath(AbstractReference):
     """
 
     path: TimedPath
+    following: TimedPath
+    follows: Flag
     clock: Scalar
     rate: Scalar
     acceleration: Scalar
@@ -69,7 +74,9 @@ class ClockedPath(AbstractReference):
 
     def at(self, time: ScalarLike) -> PathPoint:
         """Motion over the ground at a time."""
-        point = self.path.at(self.clock + self.rate * (time - self.time))
+        clock = self.clock + self.rate * (time - self.time)
+        second = self.follows & (clock >= self.following.start_time)
+        point = jax.tree.map(lambda a, b: jnp.where(second, a, b), self.following.at(clock), self.path.at(clock))
         bend_n = self.rate**2 * point.acceleration_n + self.acceleration * point.velocity_n
         return PathPoint(point.position_n, self.rate * point.velocity_n, bend_n)
 
@@ -111,7 +118,9 @@ class DecentralisedPlanState(eqx.Module):
     clocks, network, time
         Of now; s.
     asked
-        Never: no path is searched for anew.
+        Whether a path made anew was wanted that a planner which does not replan could not make.
+    waits
+        Who flies its former path until the one that is agreed on begins.
     """
 
     plan: CertifiedPlan
@@ -123,6 +132,7 @@ class DecentralisedPlanState(eqx.Module):
     network: NetworkState
     time: Scalar
     asked: Flag
+    waits: Bool[Array, " aircraft"]
 
 
 class DecentralisedPlanner(AbstractPlanner):
@@ -139,7 +149,7 @@ class DecentralisedPlanner(AbstractPlanner):
     tube
         How far each may depart from the path that all know, m.
     replans
-        As of the certified planner; there is no difference here.
+        Whether an aircraft whose path cannot be bent looks for another one on the way.
     """
 
     each: CertifiedPlanner
@@ -166,71 +176,114 @@ class DecentralisedPlanner(AbstractPlanner):
             network=self.network.init(clocks.clock, randomness),
             time=jnp.zeros(()),
             asked=jnp.asarray(False),
+            waits=jnp.zeros(count, dtype=bool),
         )
 
     def renew(self, memory: DecentralisedPlanState, time: ScalarLike, reports: Report) -> DecentralisedPlanState:
         """Answer what was heard, and bend each path to where its rendezvous is now expected."""
-        plan, state, clock = memory.plan, memory.exchange, memory.clocks.clock
+        plan, state, clock, known = memory.plan, memory.exchange, memory.clocks.clock, memory.network.known
         tasks = self.each.aircraft_tasks(reports, memory.limits)
         to_go = plan.arrival_times - clock
         under_way = reports.active & (to_go > self.each.freeze)
+        # A path that all have agreed on is flown from its beginning on, and until then the one before.
+        begun = clock >= state.agreed.times[:, 0]
+        paths = rows_where(memory.waits & begun, state.agreed, plan.paths)
+        waits = memory.waits & ~begun
+        free = under_way & ~state.open & ~waits
         lead = jnp.minimum(LEAD_S, jnp.maximum(0.25 * to_go, 0.0))
-        bent = jax.vmap(corrected)(plan.paths, tasks, clock, to_go / memory.clocks.rate, lead)
-        bent = rows_where(under_way & ~state.open, bent, plan.paths)
+        bent = jax.vmap(corrected)(paths, tasks, clock, to_go / memory.clocks.rate, lead)
+        bent = rows_where(free, bent, paths)
 
-        certificate, clear = self._certified(state, bent, tasks, jnp.min(clock), reports.active)
-        count = clock.shape[0]
-        agreed, other, mine = (slice(k * count, (k + 1) * count) for k in range(3))
-        known = memory.network.known
+        certificate, clear = self._certified(state, bent, tasks, jnp.min(clock))
+        agreed, other, mine = _sets(clock.shape[0])
+        # (aircraft, whose): another path than the agreed one that it must keep clear of as well
+        reckoned = ~state.settled[None, :] & (state.open[None, :] == (known.tokens == state.tokens[None, :]))
         state, taken = after_word(
             state, known, clear[other, agreed], clear[other, other], clock, reports.active, LEAD_S - 1.0
         )
-        # What each flies: within the tube by itself, else only what it offers and all acknowledge.
-        paths = rows_where(taken, memory.exchange.other, plan.paths)
         alone = certificate.kept_alone[mine]
-        near = jax.vmap(farthest_apart)(bent, memory.exchange.agreed) <= self.tube
-        free = under_way & ~memory.exchange.open & ~taken
+        near = jax.vmap(farthest_apart)(bent, state.agreed) <= self.tube
         bends = free & alone & near
         paths = rows_where(bends, bent, paths)
-        # (aircraft, whose): another path than the agreed one that it must keep clear of as well
-        heard = known.tokens == memory.exchange.tokens[None, :]
-        reckoned = ~memory.exchange.settled[None, :] & (memory.exchange.open[None, :] == heard)
+        may_offer = free & ~bends & state.settled & (to_go > self.each.freeze + 2.0 * LEAD_S)
         safe = jnp.all(clear[mine, agreed] & (clear[mine, other] | ~reckoned), axis=1)
-        offers = free & alone & ~near & safe & state.settled & (to_go > self.each.freeze + 2.0 * LEAD_S)
+        offers = may_offer & alone & safe
+        wanted = may_offer & ~offers & (to_go > COMMITTED_S + 2.0 * LEAD_S)
+        asked = memory.asked
+        if self.replans:
+            bent, found = self._anew(state, paths, bent, tasks, clock, to_go, wanted, reckoned, time)
+            offers = offers | found
+        else:
+            asked = asked | jnp.any(wanted)
         state = with_offers(state, bent, offers, clock)
 
         ahead = jax.vmap(TimedPath.air_length)(paths, clock)
-        ratios = certificate.clearance_ratio[agreed, agreed]
         own = jax.tree.map(lambda leaf: leaf[mine], certificate)
-        own = eqx.tree_at(lambda c: c.clearance_ratio, own, ratios)
+        own = eqx.tree_at(lambda c: c.clearance_ratio, own, certificate.clearance_ratio[agreed, agreed])
         own = jax.tree.map(lambda new, old: rows_where(bends, new, old), own, plan.certificate)
         plan = eqx.tree_at(
             lambda p: (p.paths, p.certificate, p.lengths),
             plan,
             (paths, own, jnp.where(under_way, ahead, plan.lengths)),
         )
-        how = jnp.where(under_way & ~bends & ~taken, KEPT, CORRECTED).astype(memory.renewal.dtype)
+        how = jnp.where(taken, REPLANNED, jnp.where(under_way & ~bends, KEPT, CORRECTED)).astype(memory.renewal.dtype)
         return eqx.tree_at(
-            lambda m: (m.plan, m.renewal, m.exchange),
+            lambda m: (m.plan, m.renewal, m.exchange, m.waits, m.asked),
             memory,
-            (plan, jnp.where(reports.active, how, memory.renewal), state),
+            (plan, jnp.where(reports.active, how, memory.renewal), state, waits | taken, asked),
         )
 
     def _certified(
-        self,
-        state: Exchange,
-        bent: TimedPath,
-        tasks: AircraftTask,
-        since: ScalarLike,
-        active: Bool[Array, " aircraft"],
+        self, state: Exchange, bent: TimedPath, tasks: AircraftTask, since: ScalarLike
     ) -> tuple[Certificate, Bool[Array, "paths paths"]]:
         """Bounds of agreed, other and new paths, one set after the other; and which keep clear of which."""
         paths = stacked_paths(state.agreed, state.other, bent)
         thrice = jax.tree.map(lambda leaf: jnp.concatenate([leaf, leaf, leaf]), tasks)
         certificate = certify(paths, thrice, self.each.airspace, intervals_of(bent), since)
-        count = active.shape[0]
-        same = jnp.tile(jnp.eye(count, dtype=bool), (3, 3))
+        same = jnp.tile(jnp.eye(tasks.active.shape[0], dtype=bool), (3, 3))
         return certificate, (certificate.clearance_ratio >= _ENOUGH) | same
+
+    def _anew(
+        self,
+        state: Exchange,
+        paths: TimedPath,
+        bent: TimedPath,
+        tasks: AircraftTask,
+        clock: Float[Array, " aircraft"],
+        to_go: Float[Array, " aircraft"],
+        wanted: Bool[Array, " aircraft"],
+        reckoned: Bool[Array, "aircraft aircraft"],
+        time: ScalarLike,
+    ) -> tuple[TimedPath, Bool[Array, " aircraft"]]:
+        """A path of another shape for one of those whose path can't be bent, if there is one; they take turns."""
+        count = clock.shape[0]
+        turn = jnp.round(time).astype(jnp.int32) % count
+        order = (jnp.arange(count) - turn) % count
+        who = jnp.arange(count) == jnp.argmin(jnp.where(wanted, order, count))
+        who = who & wanted
+
+        def made() -> tuple[TimedPath, Bool[Array, " aircraft"]]:
+            start = jnp.sum(jnp.where(who, clock, 0.0)) + LEAD_S
+            here = jax.vmap(from_plan, in_axes=(0, 0, None))(paths, tasks, start)
+            ahead_n = tasks.goal_position_n + LEAD_S * tasks.goal_velocity_n
+            here = eqx.tree_at(
+                lambda t: (t.active, t.goal_position_n), here, (jnp.where(who, tasks.active, 0.0), ahead_n)
+            )
+            standing = Standing((tasks.active > 0.0) & ~who, state.agreed, state.agreed.times[:, -1])
+            durations = jnp.full(count, jnp.maximum(jnp.sum(jnp.where(who, to_go, 0.0)) - LEAD_S, COMMITTED_S))
+            plan = plan_fleet_at(
+                start, here, self.each.airspace, durations, intervals_of(paths), MINIMAL, standing=standing
+            )
+            new = rows_where(who, plan.paths, bent)
+            certificate, clear = self._certified(state, new, tasks, jnp.min(clock))
+            agreed, other, mine = _sets(count)
+            safe = jnp.all(clear[mine, agreed] & (clear[mine, other] | ~reckoned), axis=1)
+            return new, who & plan.valid & certificate.kept_alone[mine] & safe
+
+        def none() -> tuple[TimedPath, Bool[Array, " aircraft"]]:
+            return bent, jnp.zeros(count, dtype=bool)
+
+        return jax.lax.cond(any_in_batch(jnp.any(wanted)), made, none)
 
     def observe(
         self,
@@ -268,13 +321,14 @@ class DecentralisedPlanner(AbstractPlanner):
         clocks, known = memory.clocks, network.known
         heard = known.clocks + (memory.time - known.times)
 
-        def one(path: TimedPath, clock: Scalar, rate: Scalar, others: Array, hears: Array, position_n: Array) -> Scalar:
-            wanted = path.at(clock)
+        def one(path: ClockedPath, others: Array, hears: Array, position_n: Array) -> Scalar:
+            wanted = path.at(path.time)
             speed = jnp.maximum(safe_norm(wanted.velocity_n), 1.0)
             lag = jnp.sum(wanted.velocity_n * (wanted.position_n - position_n)) / speed**2
-            return clock_acceleration(clock, rate, others, hears, lag, jnp.sum(reports.active), self.gains)
+            count = jnp.sum(reports.active)
+            return clock_acceleration(path.clock, path.rate, others, hears, lag, count, self.gains)
 
-        found = jax.vmap(one)(memory.plan.paths, clocks.clock, clocks.rate, heard, network.hears, reports.position_n)
+        found = jax.vmap(one)(self._followed(memory), heard, network.hears, reports.position_n)
         freely = -self.gains.damping * (clocks.rate - 1.0)
         return jnp.where(self._coordinates(memory, reports), found, freely)
 
@@ -296,6 +350,19 @@ class DecentralisedPlanner(AbstractPlanner):
         clock = clocks.clock + step * 0.5 * (clocks.rate + rate)
         return Clocks(clock, rate, jnp.where(arrived, 0.0, (rate - clocks.rate) / step))
 
+    def _followed(self, memory: DecentralisedPlanState) -> ClockedPath:
+        """What each follows; leading axis aircraft."""
+        clocks = memory.clocks
+        return ClockedPath(
+            path=memory.plan.paths,
+            following=memory.exchange.agreed,
+            follows=memory.waits,
+            clock=clocks.clock,
+            rate=clocks.rate,
+            acceleration=clocks.acceleration,
+            time=jnp.broadcast_to(memory.time, clocks.clock.shape),
+        )
+
     def plans(self, memory: DecentralisedPlanState) -> AircraftPlan:
         """The paths in force, each by its clock; arrivals and holds are as late as the clocks."""
         plan, clocks, time = memory.plan, memory.clocks, memory.time
@@ -312,9 +379,7 @@ class DecentralisedPlanner(AbstractPlanner):
                 (each.paths.times + shift[:, None], each.foreseen_at + shift),
             )
         return AircraftPlan(
-            trajectory=ClockedPath(
-                plan.paths, clocks.clock, clocks.rate, clocks.acceleration, jnp.broadcast_to(time, count)
-            ),
+            trajectory=self._followed(memory),
             arrival_time=arrival_times,
             status=jnp.zeros(count, dtype=jnp.int32),
             length=plan.lengths,
@@ -328,3 +393,8 @@ class DecentralisedPlanner(AbstractPlanner):
                 offers=memory.exchange.open,
             ),
         )
+
+
+def _sets(count: int) -> tuple[slice, slice, slice]:
+    """Of three sets of so many paths, one after the other."""
+    return slice(0, count), slice(count, 2 * count), slice(2 * count, 3 * count)

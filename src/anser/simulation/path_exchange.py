@@ -101,11 +101,12 @@ def after_word(
     itself = np.eye(count, dtype=bool)
     back = jnp.swapaxes(known.acknowledged, 1, 2)[np.arange(count), np.arange(count)]
     answered = jnp.all((back == state.tokens[:, None]) | itself | ~taking_part[None, :], axis=1)
-    taken = state.open & answered
+    in_time = clocks - state.offered_at <= patience
+    taken = state.open & answered & in_time
     # of two offers in each other's way that of the aircraft further behind is withdrawn
     earlier = np.tri(count, k=-1, dtype=bool)
     yields = jnp.any((heard % 2 == 1) & current & ~clear_of_other.T & earlier & ~itself, axis=1)
-    withdrawn = state.open & ~taken & ((clocks - state.offered_at > patience) | yields)
+    withdrawn = state.open & ~taken & (~in_time | yields)
     settled = state.settled | (~state.open & answered)
 
     agreed = rows_where(taken, state.other, state.agreed)

@@ -144,7 +144,7 @@ def path_track(
     """A delivered path at even instants (s), with a rigorous bound of its acceleration in each interval.
 
     Of the path there are bounds of the acceleration in each of its cells, m/s^2; `active` is 0 for one that does not
-    count, and what is before `since`, s, counts no more.
+    count, and what is before `since`, s, or before the path begins, does not either.
     """
     step = times[1] - times[0]
     positions = jax.vmap(path.position_n)(times)
@@ -157,5 +157,6 @@ def path_track(
     bounds = accelerations[jnp.clip(within, 0, accelerations.shape[0] - 1)]
     for where in (first, last):
         bounds = bounds.at[jnp.clip(where, 0, count - 1)].max(accelerations)
-    counted = active * jnp.where((times[:-1] < path.times[-1] - 1e-6) & (times[1:] > since), 1.0, 0.0)
+    flown = (times[:-1] < path.times[-1] - 1e-6) & (times[1:] > jnp.maximum(since, path.times[0]))
+    counted = active * jnp.where(flown, 1.0, 0.0)
     return Track(positions, chord_error_bound(bounds, step), counted)
