@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import importlib
+import json
 import tempfile
 import time as clock
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from anser.campaign.batches import Progress, silent
+from anser.campaign.negotiated import DecentralisedPlanned
 from anser.campaign.plan_interface import NoPlanError, Planned
 from anser.campaign.planned import plan
 from anser.campaign.replanned import after_event, event_steps
@@ -155,7 +157,7 @@ def run(scenario: Scenario, progress: Progress | None = None, planned: Planned |
         planned = plan(scenario, lambda what: on_progress(what, None), _prepare)
     elif planned.scenario != scenario:
         raise ValueError(f"planned: arrived a plan for {planned.scenario.name}; expected one for the scenario itself")
-    from anser.results import summarize, to_dataset, version_attributes
+    from anser.results import summarize, summarize_network, to_dataset, version_attributes
 
     if planned.refusals:
         raise NoPlanError(planned.refusals)
@@ -190,12 +192,16 @@ def run(scenario: Scenario, progress: Progress | None = None, planned: Planned |
     wall_s = clock.perf_counter() - began
     on_progress("summing up", None)
     summary = summarize(time_s, history, scenario, wall_s, planned.path_words(), [one.as_dict() for one in outcomes])
+    attributes = _attributes(scenario) | version_attributes()
+    if isinstance(planned, DecentralisedPlanned):
+        summary["network"] = summarize_network(time_s, history, scenario, planned.agreed_after_s)
+        attributes["network"] = json.dumps(summary["network"])
     stride = round(timing.record_period_s / timing.step_s)
     dataset = to_dataset(
         time_s[::stride],
         {key: values[::stride] for key, values in history.items()},
         [a.name for a in scenario.aircraft],
-        _attributes(scenario) | version_attributes(),
+        attributes,
     )
     return Flown(scenario, dataset, summary, planned)
 

@@ -208,6 +208,8 @@ def _print_flown(summary: dict, stopped_s: dict[str, float]) -> None:
     )
     if fleet.get("separation_ratio_min") is not None:
         line(f"at least {fleet['separation_ratio_min']:.2f} times the separation asked for, holds included")
+    if "network" in summary:
+        line(f"without a centre: {summary['network']['message']}")
 
 
 def _fail_unmet(summary: dict, stopped_s: dict[str, float]) -> None:

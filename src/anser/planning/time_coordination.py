@@ -9,8 +9,7 @@ the sum over those that aircraft i hears from; lag_i is by how much it is behind
 I. Kaminer, A. Pascoal, N. Hovakimyan et al., *Time-Critical Cooperative Path Following of Multiple Unmanned Aerial
 Vehicles over Time-Varying Networks*, J. Guidance 36 (2013) 499-516, doi 10.2514/1.56538; H. Kang, I. Kaminer,
 V. Cichella, N. Hovakimyan, *Coordinated Path Following of UAVs over Time-Varying Digraphs Connected in an Integral
-Sense*,
-arXiv 2307.06553. The gain is divided by the number of aircraft, so that c is how fast a complete network agrees.
+Sense*, arXiv 2307.06553. The gain is divided by the number of aircraft, so that c is how fast a complete network agrees.
 """
 
 import equinox as eqx
@@ -145,8 +144,8 @@ def guaranteed_rate(mu: float, coupling: float, window_s: float) -> float:
     """Rate of convergence that is promised for clocks without range and skew limits, 1/s: c mu / (1 + c T)^2.
 
     For gamma_dot = -(c / n) L gamma and the quality of service mu over windows T, |Q gamma| falls at least as
-    exp(-rate t), over whole windows. Source: Xargay et al. (2013), after A. Loria, E. Panteley, *Uniform exponential stability
-    of linear time-varying systems: revisited*, Systems & Control Letters 47 (2002) 13-24.
+    exp(-rate t), over whole windows. Source: Xargay et al. (2013), after A. Loria, E. Panteley, *Uniform exponential
+    stability of linear time-varying systems: revisited*, Systems & Control Letters 47 (2002) 13-24.
     """
     return coupling * mu / (1.0 + coupling * window_s) ** 2
 

@@ -9,6 +9,7 @@ import xarray as xr
 
 from anser.report.flown_beside_plan import HOLD, is_certified, scenario_of
 from anser.report.labels import axis_label, plain
+from anser.report.links_strip import network_of, pair_links
 from anser.report.print_style import (
     DASHED,
     FIGURE_SUFFIXES,
@@ -67,7 +68,8 @@ def draw_flight(
         Kinds of files, of `FIGURE_SUFFIXES`.
     """
     known = KNOWLEDGE_FIGURES if "goal_sigma_north_m" in dataset else {}
-    drawings = {f"{name}-{key}": draw for key, draw in (FLIGHT_FIGURES | known).items()}
+    talked = NETWORK_FIGURES if network_of(dataset) else {}
+    drawings = {f"{name}-{key}": draw for key, draw in (FLIGHT_FIGURES | known | talked).items()}
     return save_drawings(drawings, dataset, PRINT_STYLE, folder, suffixes)
 
 
@@ -184,7 +186,39 @@ def _knowledge(dataset: xr.Dataset) -> "Figure":
     return _finish(figure, [above], dataset, "what the aircraft know of their goals", note)
 
 
+def _network(dataset: xr.Dataset) -> "Figure":
+    """Which links are up, and how far the clocks are apart, beside what the theorem of time coordination promises."""
+    network = network_of(dataset)
+    series, pairs = network["series"], list(pair_links(dataset).items())
+    figure = _figure(dataset, 5.6)
+    above, middle, below = figure.subplots(3, 1, sharex=True, height_ratios=[1.2, 1.0, 1.4])
+    time, until = dataset["time"].values, series["time_s"][-1]
+    for row, (_, up) in enumerate(pairs):
+        edges = np.flatnonzero(np.diff(up.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
+        spans = [(time[a], time[min(b, len(time) - 1)] - time[a]) for a, b in edges]
+        above.broken_barh(spans, (row - 0.35, 0.7), color=QUIET)
+    above.set_yticks(range(len(pairs)), ["–".join(pair) for pair, _ in pairs], fontsize=SMALL)
+    above.set_ylabel("Link")
+    middle.plot(series["time_s"], series["quality_of_service"], color=INK)
+    middle.axhline(0.0, color=QUIET, linewidth=0.5)
+    middle.set_ylim(-0.05, 1.05)
+    middle.set_ylabel(r"Quality $\mu$")
+    apart = np.maximum(np.asarray(series["coordination_error_s"]), 1e-6)
+    greatest = int(np.argmax(apart))
+    since = np.asarray(series["time_s"][greatest:])
+    promised = apart[greatest] * np.exp(-network["promised_rate_per_s"] * (since - since[0]))
+    below.semilogy(series["time_s"], apart, color=INK, label="clocks")
+    below.semilogy(since, promised, color=INK, linestyle=DASHED, label="promised without further disturbance")
+    below.set_xlim(0.0, until)
+    below.set_ylabel(r"$|Q\gamma|$ (s)")
+    below.set_xlabel("Time $t$ (s)")
+    note = f"window of {network['window_s']:g} s; promised rate {network['promised_rate_per_s']:.3f} per second"
+    return _finish(figure, [below], dataset, "links, quality of service, and how far the clocks are apart", note)
+
+
 _PLACE = ("north", "east", "altitude")
+NETWORK_FIGURES: dict[str, Callable[[xr.Dataset], "Figure"]] = {"network": _network}
+"""Of flights without a centre."""
 KNOWLEDGE_FIGURES: dict[str, Callable[[xr.Dataset], "Figure"]] = {"knowledge": _knowledge}
 """Of flights with sensors that have errors."""
 

@@ -100,6 +100,12 @@ SECTIONS: tuple[Section, ...] = (
         ),
     ),
     Section(
+        "network",
+        "Clocks along the paths",
+        "Each aircraft flies its path by a clock of its own, which waits for those that are kept up.",
+        (Panel("clock_lag_s"), Panel("clock_rate"), Panel("links_heard")),
+    ),
+    Section(
         "gusts",
         "Gusts",
         "Beyond the mean wind, in body axes.",

@@ -15,6 +15,7 @@ HOLD = 2
 
 _CLIMB_RATE = next(variable for variable in PLAN_VARIABLES if variable.key == "climb_rate")
 _LABELS = {
+    "links_heard": ("1", "n_H", "Number of aircraft heard"),
     "along_error_m": ("m", "e_a", "Ahead of the planned point"),
     "across_error_m": ("m", "e_x", "Right of the planned path"),
     "height_error_m": ("m", "e_h", "Above the planned path"),
@@ -90,6 +91,8 @@ def derive(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> xr.Dataset:
         for what, true, taken in (("goal", "goal_", "goal_estimate_"), ("own", "", "own_estimate_")):
             _add(found, f"{what}_error_m", _length(dataset[f"{true}{a}"] - dataset[f"{taken}{a}"] for a in _AXES))
             _add(found, f"{what}_band_m", 2.0 * _length(dataset[f"{what}_sigma_{axis}"] for axis in _AXES))
+    if "heard_from" in dataset:
+        _add(found, "links_heard", np.bitwise_count(dataset["heard_from"].values).astype(float))
     return found
 
 

@@ -68,6 +68,11 @@ def answer(summary: Mapping[str, Any], scenario: Mapping[str, Any]) -> str:
         f"{text(event['message'])}."
         for event in summary.get("events", ())
     ]
+    network = summary.get("network")
+    if network:
+        words = text(network["message"])
+        words = words if network["condition_met"] else f"<b>{words}</b>"
+        parts.append(f"Without a centre: {words}.")
     if unmet:
         parts.append(f"Requirements not met: <b>{text(', '.join(unmet))}</b>.")
     elif good:

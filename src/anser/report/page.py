@@ -16,6 +16,7 @@ from anser.report.flight_data import as_script, check_flight, flight_data
 from anser.report.flight_margins import margins_of
 from anser.report.flight_panels import SECTIONS
 from anser.report.flown_beside_plan import derive, scenario_of
+from anser.report.links_strip import links_strip
 from anser.report.opening import aircraft_table, answer, cards, margins_list, number, text
 from anser.report.page_controls import EVENTS_KEY, KEEP_OUT_KEY, SCENE_KEY, TRANSPORT, toolbar
 from anser.report.style import COLORS
@@ -145,6 +146,7 @@ script-src {" ".join(map(_hash_of, scripts))}; img-src data: blob:; connect-src 
 <div class="runs">{_places(labels, "timeline-place", lambda k: "")}</div>
 {EVENTS_KEY}
 </section>
+{_network(labels, [dataset for dataset, *_ in shown])}
 <div class="toolbar"><span class="group">Time axis
 <button type="button" data-zoom="all">all</button><button type="button" data-zoom="approach">up to the arrival</button>
 <button type="button" data-zoom="last">last 15 s</button></span>
@@ -177,6 +179,18 @@ def _places(labels: Sequence[str], kind: str, inner: Any) -> str:
     return "".join(
         f'<div>{head.format(label) if head else ""}<div class="{kind}" data-run="{k}">{inner(k)}</div></div>'
         for k, label in enumerate(labels)
+    )
+
+
+def _network(labels: Sequence[str], datasets: Sequence[xr.Dataset]) -> str:
+    """Section of a fleet without a centre; empty where there is none."""
+    strips = [links_strip(dataset) for dataset in datasets]
+    if not any(strips):
+        return ""
+    return (
+        '<section id="links"><h2>Who heard whom</h2><p class="caption">One row for each pair, filled while the two '
+        "hear each other; below, the quality of service of the network: 1 where all always hear all, 0 where it falls "
+        f'apart.</p><div class="runs">{_places(labels, "", lambda k: strips[k])}</div></section>'
     )
 
 

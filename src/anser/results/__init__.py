@@ -7,6 +7,7 @@ from anser.results.envelope_reasons import OUTCOMES, REASONS, judge
 from anser.results.linear_model import linear_dataset, linear_document, unit_of
 from anser.results.margin_dataset import CLOSED_LOOP, margin_dataset, margin_map_dataset, margin_table
 from anser.results.netcdf import read_netcdf, write_netcdf
+from anser.results.network_summary import summarize_network
 from anser.results.plain import finite_or_none, plain_attributes, write_json
 from anser.results.plan_dataset import plan_dataset
 from anser.results.plan_record import ClosestApproach, PlanDetails, PlanExtremes, PlanSamples
@@ -69,6 +70,7 @@ __all__ = [
     "success",
     "success_interval",
     "summarize",
+    "summarize_network",
     "summary_text",
     "to_dataset",
     "unit_of",

@@ -25,6 +25,8 @@ def summary_text(summary: Mapping[str, Any]) -> str:
     words = (("arrival_spread_s", "arrival spread {:.4f} s"), ("separation_min_m", "least separation {:.0f} m"))
     known = [form.format(fleet[key]) for key, form in words if fleet[key] is not None and len(rows) > 1]
     lines.append("  " + ", ".join([*known, f"{fleet['simulated_s']:g} s flown"]))
+    if "network" in summary:
+        lines.append(f"  without a centre: {summary['network']['message']}")
     return "\n".join(lines)
 
 

@@ -1,9 +1,9 @@
 """The planner without a centre: each aircraft plans with what it knows, and talks to the others over a network.
 
 Before the flight the aircraft have agreed on an arrival time, the latest that any of them asks for, and on paths
-(`anser.campaign.negotiated`). On the way each bends its own path to where it takes its goal to be; within a tube about the
-path that all know by itself, farther only with the word of all others (`path_exchange`). The clocks along the paths are
-kept together (`anser.planning.time_coordination`): who is kept up is waited for.
+(`anser.campaign.negotiated`). On the way each bends its own path to where it takes its goal to be; within a tube about
+the path that all know by itself, farther only with the word of all others (`path_exchange`). The clocks along the paths
+are kept together (`anser.planning.time_coordination`): who is kept up is waited for.
 """
 
 import equinox as eqx

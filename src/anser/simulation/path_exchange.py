@@ -1,9 +1,9 @@
 """Paths agreed on without a centre: offered, acknowledged by all, then flown; so that the separation is never lost.
 
-Each aircraft has a path that all others have acknowledged, and flies within a tube about it. To fly another one it offers
-it; the others acknowledge it if it keeps the separation from all that they themselves may fly; with the word of all
-others it changes over, and tells so. Until all have acknowledged that too, they keep clear of both paths, and it makes no
-other offer. Whatever is lost or late on the way, no one ever flies a path that another has not agreed to.
+Each aircraft has a path that all others have acknowledged, and flies within a tube about it. To fly another one it
+offers it; the others acknowledge it if it keeps the separation from all that they themselves may fly; with the word of
+all others it changes over, and tells so. Until all have acknowledged that too, they keep clear of both paths, and it
+makes no other offer. Whatever is lost or late on the way, no one ever flies a path that another has not agreed to.
 
 Each aircraft has a token that counts its steps: odd while an offer is open, even after it was taken up or withdrawn.
 """
@@ -77,8 +77,8 @@ def after_word(
     state, known
         The agreement, and what each knows of the others.
     clear_of_agreed, clear_of_other
-        Whether the other path of a row's aircraft keeps the separation from the agreed path, and from the other path, of a
-        column's.
+        Whether the other path of a row's aircraft keeps the separation from the agreed path, and from the other path,
+        of a column's.
     clocks
         Of the aircraft, s.
     taking_part
