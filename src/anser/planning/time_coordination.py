@@ -9,7 +9,7 @@ the sum over those that aircraft i hears from; lag_i is by how much it is behind
 I. Kaminer, A. Pascoal, N. Hovakimyan et al., *Time-Critical Cooperative Path Following of Multiple Unmanned Aerial
 Vehicles over Time-Varying Networks*, J. Guidance 36 (2013) 499-516, doi 10.2514/1.56538; H. Kang, I. Kaminer,
 V. Cichella, N. Hovakimyan, *Coordinated Path Following of UAVs over Time-Varying Digraphs Connected in an Integral
-Sense*, arXiv 2307.06553. The gain is divided by the number of aircraft, so that c is how fast a complete network agrees.
+Sense*, arXiv 2307.06553. The gain is divided by the number of aircraft: c is how fast a complete network agrees.
 """
 
 import equinox as eqx
