@@ -201,7 +201,9 @@ def test_who_holds_already_goes_on(assigned):
     elsewhere = tasks.goal_position_n + now * tasks.goal_velocity_n + 3.0
     seen = eqx.tree_at(lambda t: (t.goal_position_n, t.goal_velocity_n), tasks, (elsewhere, faster))
     again = compiled_quickly(
-        lambda former: assign_holds(MEETING[0], seen, space, SETTINGS, now, END, CELLS, former=former)
+        lambda former: assign_holds(
+            MEETING[0], seen, space, SETTINGS, now, END, CELLS, moved_with_goals(former, seen, now)
+        )
     )(holds)
     expected = moved_with_goals(holds, seen, now)
     for k, arrived in enumerate([True, True, False]):

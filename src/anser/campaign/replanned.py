@@ -18,12 +18,18 @@ from anser.planning.certified.task import KeepOuts
 from anser.planning.timed_path import TimedPath
 from anser.scenario import Scenario
 from anser.scenario.schema_event import Event
-from anser.simulation import CertifiedPlanner, CertifiedPlanState, Flight, FlightState, assign_holds
+from anser.simulation import CertifiedPlanner, CertifiedPlanState, Flight, FlightState, assign_holds, moved_with_goals
 from anser.simulation.replanning import TURNS, Present, leaving, present, with_plan
 
 _present = compiled_quickly(present)
 _leaving = compiled_quickly(leaving)
-_holds = compiled_quickly(assign_holds)
+
+
+@compiled_quickly
+def _holds(paths: Any, tasks: Any, airspace: Any, guidance: Any, now: Any, until: Any, cells: int, former: Any) -> Any:
+    """Holds for a plan made at a time, with those that are flown already going on with their goals."""
+    moved = None if former is None else moved_with_goals(former, tasks, now)
+    return assign_holds(paths, tasks, airspace, guidance, now, until, cells, moved)
 
 
 @compiled_quickly

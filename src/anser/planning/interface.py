@@ -94,6 +94,8 @@ class AircraftPlan(eqx.Module):
         How the plan in force came about: index into `RENEWAL_MESSAGES`.
     hold
         What it flies after the arrival; None: what its own hold says.
+    hold_reach
+        How far its hold may go with a goal that moves otherwise than foreseen, m; None: as `hold_reference` has it.
     network
         Where nobody plans for all; else None.
     """
@@ -105,6 +107,7 @@ class AircraftPlan(eqx.Module):
     lateral_bend: Scalar
     renewal: Count
     hold: Any = None
+    hold_reach: Scalar | None = None
     network: NetworkView | None = None
 
 

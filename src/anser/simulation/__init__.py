@@ -18,7 +18,7 @@ from anser.simulation.margins import NEUTRAL, LoopAnalysis, LoopResponse, analys
 from anser.simulation.modes import Mode, modes_of, wind_axis_states
 from anser.simulation.motion import advance
 from anser.simulation.network import Network
-from anser.simulation.planned_hold import PlannedHolds, cells_for
+from anser.simulation.planned_hold import PlannedHolds, cells_for, moved_with_goals
 from anser.simulation.recorder import AbstractRecorder, AircraftSample, FleetSample, History
 from anser.simulation.response import Loop, LoopCase, Response, step_response
 from anser.simulation.start import TrimmedFleet, begin, start_flight, trimmed_fleet
@@ -91,6 +91,7 @@ __all__ = [
     "loop_memory",
     "map_point",
     "modes_of",
+    "moved_with_goals",
     "nearest_trims",
     "no_faults",
     "solve_trim",

@@ -30,7 +30,7 @@ from anser.planning.certified.candidate_sets import STANDARD
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Flag, Scalar, ScalarLike
 from anser.simulation.hold_assignment import assign_holds
-from anser.simulation.planned_hold import PlannedHolds, cells_for, each_alone
+from anser.simulation.planned_hold import PlannedHolds, cells_for, each_alone, moved_with_goals
 
 _holds = compiled_quickly(assign_holds)
 
@@ -206,7 +206,8 @@ class CertifiedPlanner(AbstractPlanner):
 
         def chosen_anew() -> PlannedHolds:
             until, cells = jnp.max(former.paths.times), former.paths.times.shape[1] - 1
-            return assign_holds(made.plan.paths, own, self.airspace, self.guidance, time, until, cells, former=former)
+            moved = moved_with_goals(former, own, time)
+            return assign_holds(made.plan.paths, own, self.airspace, self.guidance, time, until, cells, moved)
 
         holds = jax.lax.cond(any_in_batch(planned_anew), chosen_anew, lambda: former)
         holds = jax.tree.map(lambda new, old: jnp.where(planned_anew, new, old), holds, former)

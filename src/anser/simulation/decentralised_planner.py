@@ -25,28 +25,40 @@ from anser.planning import (
 )
 from anser.planning.certified import REPLANNED, CertifiedPlan, Standing
 from anser.planning.certified.candidate_sets import MINIMAL
-from anser.planning.certified.certified_plan import Certificate, certify, plan_fleet_at
-from anser.planning.certified.renewal import COMMITTED_S, CORRECTED, KEPT, corrected, from_plan, intervals_of
+from anser.planning.certified.certified_plan import certify, plan_fleet_at
+from anser.planning.certified.renewal import (
+    COMMITTED_S,
+    CORRECTED,
+    KEPT,
+    corrected,
+    from_plan,
+    intervals_of,
+    postponements,
+)
 from anser.planning.certified.task import AircraftTask
 from anser.planning.time_coordination import CoordinationGains, bounded_rate, clock_acceleration
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Flag, Scalar, ScalarLike
 from anser.simulation.certified_planner import CertifiedPlanner, CertifiedPlanState
-from anser.simulation.network import Network, NetworkState
+from anser.simulation.hold_assignment import assign_holds
+from anser.simulation.network import Network, NetworkState, OwnWord
 from anser.simulation.path_exchange import (
     Exchange,
     after_word,
     agreed_on,
     farthest_apart,
-    stacked_paths,
+    stacked_ways,
     with_offers,
 )
-from anser.simulation.planned_hold import PlannedHolds, each_alone
+from anser.simulation.planned_hold import each_alone, moved_with_goals
+from anser.simulation.way import Way, clearance_ratios
 from anser.spatial import safe_norm
 
 LEAD_S = 6.0
 """For this long after it was offered a path is still the one that is flown: so long the others have to answer."""
 _ENOUGH = 1.0 - 1e-7  # ratio of distance to separation
+_SAME_TIME_S = 1e-3
+_LATER = (0.0, 0.01, 0.02, 0.04, 0.08, 0.15)  # of the time to go: no later than needed, the others follow
 
 
 class ClockedPath(AbstractReference):
@@ -111,7 +123,7 @@ class DecentralisedPlanState(eqx.Module):
         The paths that are flown.
     renewal
         What became of the last renewal of each: index into `RENEWAL_MESSAGES`.
-    holds, limits
+    limits
         As of `CertifiedPlanState`.
     exchange
         What is agreed on.
@@ -121,11 +133,14 @@ class DecentralisedPlanState(eqx.Module):
         Whether a path made anew was wanted that a planner which does not replan could not make.
     waits
         Who flies its former path until the one that is agreed on begins.
+    first_arrivals
+        Arrivals on which all agreed before the flight, by the clocks, s.
+    delays
+        By how much each takes all arrivals to be put off, s: the greatest that it has asked for or heard of.
     """
 
     plan: CertifiedPlan
     renewal: Array
-    holds: PlannedHolds | None
     limits: PathLimits
     exchange: Exchange
     clocks: Clocks
@@ -133,6 +148,8 @@ class DecentralisedPlanState(eqx.Module):
     time: Scalar
     asked: Flag
     waits: Bool[Array, " aircraft"]
+    first_arrivals: Float[Array, " aircraft"]
+    delays: Float[Array, " aircraft"]
 
 
 class DecentralisedPlanner(AbstractPlanner):
@@ -163,20 +180,22 @@ class DecentralisedPlanner(AbstractPlanner):
         raise ValueError("without a centre a fleet agrees on its first plan beforehand: anser.plan makes it")
 
     def begun(self, first: CertifiedPlanState, randomness: AbstractRandomness | None) -> DecentralisedPlanState:
-        """State at time 0 with paths that all have agreed on."""
-        count = first.plan.arrival_times.shape[0]
+        """State at time 0 with paths and holds that all have agreed on."""
+        assert first.holds is not None, "without a centre a fleet agrees on its holds too"
+        count, arrivals = first.plan.arrival_times.shape[0], first.plan.arrival_times
         clocks = Clocks(jnp.zeros(count), jnp.ones(count), jnp.zeros(count))
         return DecentralisedPlanState(
             plan=first.plan,
             renewal=jnp.zeros(count, dtype=jnp.int32),
-            holds=first.holds,
             limits=first.limits,
-            exchange=agreed_on(first.plan.paths),
+            exchange=agreed_on(Way(first.plan.paths, each_alone(first.holds))),
             clocks=clocks,
             network=self.network.init(clocks.clock, randomness),
             time=jnp.zeros(()),
             asked=jnp.asarray(False),
             waits=jnp.zeros(count, dtype=bool),
+            first_arrivals=arrivals,
+            delays=jnp.zeros(count),
         )
 
     def renew(self, memory: DecentralisedPlanState, time: ScalarLike, reports: Report) -> DecentralisedPlanState:
@@ -186,104 +205,147 @@ class DecentralisedPlanner(AbstractPlanner):
         to_go = plan.arrival_times - clock
         under_way = reports.active & (to_go > self.each.freeze)
         # A path that all have agreed on is flown from its beginning on, and until then the one before.
-        begun = clock >= state.agreed.times[:, 0]
-        paths = rows_where(memory.waits & begun, state.agreed, plan.paths)
+        begun = clock >= state.agreed.path.times[:, 0]
+        paths = rows_where(memory.waits & begun, state.agreed.path, plan.paths)
         waits = memory.waits & ~begun
         free = under_way & ~state.open & ~waits
         lead = jnp.minimum(LEAD_S, jnp.maximum(0.25 * to_go, 0.0))
         bent = jax.vmap(corrected)(paths, tasks, clock, to_go / memory.clocks.rate, lead)
         bent = rows_where(free, bent, paths)
+        # the latest arrival that anyone has asked for, as far as each has heard
+        delays = jnp.maximum(memory.delays, jnp.max(known.delays, axis=1))
+        behind = memory.first_arrivals + delays > state.agreed.path.times[:, -1] + _SAME_TIME_S
 
-        certificate, clear = self._certified(state, bent, tasks, jnp.min(clock))
+        since = jnp.min(clock)
+        certificate = certify(bent, tasks, self.each.airspace, intervals_of(bent), since)
+        near = jax.vmap(farthest_apart)(bent, state.agreed.path) <= self.tube
+        bends = free & certificate.kept_alone & near
+        ways = Way(bent, moved_with_goals(state.agreed.hold, tasks, clock))
         agreed, other, mine = _sets(clock.shape[0])
-        # (aircraft, whose): another path than the agreed one that it must keep clear of as well
+        clear = jax.lax.cond(
+            any_in_batch(jnp.any(~state.settled | (free & ~bends))),
+            lambda: self._clear(state, ways, tasks.active, since),
+            lambda: jnp.zeros((3 * clock.shape[0], 3 * clock.shape[0]), dtype=bool),
+        )
+        # (aircraft, whose): another way than the agreed one that it must keep clear of as well
         reckoned = ~state.settled[None, :] & (state.open[None, :] == (known.tokens == state.tokens[None, :]))
         state, taken = after_word(
             state, known, clear[other, agreed], clear[other, other], clock, reports.active, LEAD_S - 1.0
         )
-        alone = certificate.kept_alone[mine]
-        near = jax.vmap(farthest_apart)(bent, state.agreed) <= self.tube
-        bends = free & alone & near
         paths = rows_where(bends, bent, paths)
-        may_offer = free & ~bends & state.settled & (to_go > self.each.freeze + 2.0 * LEAD_S)
+        may_offer = free & state.settled & ~behind & ~bends & (to_go > self.each.freeze + 2.0 * LEAD_S)
         safe = jnp.all(clear[mine, agreed] & (clear[mine, other] | ~reckoned), axis=1)
-        offers = may_offer & alone & safe
-        wanted = may_offer & ~offers & (to_go > COMMITTED_S + 2.0 * LEAD_S)
+        offers = may_offer & certificate.kept_alone & safe
+        wanted = free & state.settled & (behind | ~bends) & ~offers & (to_go > COMMITTED_S + 2.0 * LEAD_S)
         asked = memory.asked
         if self.replans:
-            bent, found = self._anew(state, paths, bent, tasks, clock, to_go, wanted, reckoned, time)
+            ways, found, delays = self._anew(memory, state, paths, ways, tasks, wanted, reckoned, delays, time)
             offers = offers | found
         else:
             asked = asked | jnp.any(wanted)
-        state = with_offers(state, bent, offers, clock)
+        state = with_offers(state, ways, offers, clock)
 
         ahead = jax.vmap(TimedPath.air_length)(paths, clock)
-        own = jax.tree.map(lambda leaf: leaf[mine], certificate)
-        own = eqx.tree_at(lambda c: c.clearance_ratio, own, certificate.clearance_ratio[agreed, agreed])
-        own = jax.tree.map(lambda new, old: rows_where(bends, new, old), own, plan.certificate)
+        own = jax.tree.map(lambda new, old: rows_where(bends, new, old), certificate, plan.certificate)
         plan = eqx.tree_at(
-            lambda p: (p.paths, p.certificate, p.lengths),
+            lambda p: (p.paths, p.certificate, p.lengths, p.arrival_times),
             plan,
-            (paths, own, jnp.where(under_way, ahead, plan.lengths)),
+            (
+                paths,
+                own,
+                jnp.where(under_way, ahead, plan.lengths),
+                jnp.where(taken, state.agreed.path.times[:, -1], plan.arrival_times),
+            ),
         )
         how = jnp.where(taken, REPLANNED, jnp.where(under_way & ~bends, KEPT, CORRECTED)).astype(memory.renewal.dtype)
         return eqx.tree_at(
-            lambda m: (m.plan, m.renewal, m.exchange, m.waits, m.asked),
+            lambda m: (m.plan, m.renewal, m.exchange, m.waits, m.asked, m.delays),
             memory,
-            (plan, jnp.where(reports.active, how, memory.renewal), state, waits | taken, asked),
+            (plan, jnp.where(reports.active, how, memory.renewal), state, waits | taken, asked, delays),
         )
 
-    def _certified(
-        self, state: Exchange, bent: TimedPath, tasks: AircraftTask, since: ScalarLike
-    ) -> tuple[Certificate, Bool[Array, "paths paths"]]:
-        """Bounds of agreed, other and new paths, one set after the other; and which keep clear of which."""
-        paths = stacked_paths(state.agreed, state.other, bent)
-        thrice = jax.tree.map(lambda leaf: jnp.concatenate([leaf, leaf, leaf]), tasks)
-        certificate = certify(paths, thrice, self.each.airspace, intervals_of(bent), since)
-        same = jnp.tile(jnp.eye(tasks.active.shape[0], dtype=bool), (3, 3))
-        return certificate, (certificate.clearance_ratio >= _ENOUGH) | same
+    def _clear(
+        self, state: Exchange, ways: Way, active: Float[Array, " aircraft"], since: ScalarLike
+    ) -> Bool[Array, "ways ways"]:
+        """Which of agreed, other and new ways keep clear of which, one set after the other."""
+        three = stacked_ways(state.agreed, state.other, ways)
+        ratios = clearance_ratios(three, jnp.tile(active, 3), self.each.airspace, since)
+        return (ratios >= _ENOUGH) | jnp.tile(jnp.eye(active.shape[0], dtype=bool), (3, 3))
 
     def _anew(
         self,
+        memory: DecentralisedPlanState,
         state: Exchange,
         paths: TimedPath,
-        bent: TimedPath,
+        ways: Way,
         tasks: AircraftTask,
-        clock: Float[Array, " aircraft"],
-        to_go: Float[Array, " aircraft"],
         wanted: Bool[Array, " aircraft"],
         reckoned: Bool[Array, "aircraft aircraft"],
+        delays: Float[Array, " aircraft"],
         time: ScalarLike,
-    ) -> tuple[TimedPath, Bool[Array, " aircraft"]]:
-        """A path of another shape for one of those whose path can't be bent, if there is one; they take turns."""
-        count = clock.shape[0]
+    ) -> tuple[Way, Bool[Array, " aircraft"], Float[Array, " aircraft"]]:
+        """A way of another shape for one of those whose path can't be bent, if there is one; they take turns.
+
+        It arrives when the aircraft takes all to arrive; where there is no such way, later, which the others will hear.
+        """
+        count, clock = wanted.shape[0], memory.clocks.clock
         turn = jnp.round(time).astype(jnp.int32) % count
         order = (jnp.arange(count) - turn) % count
-        who = jnp.arange(count) == jnp.argmin(jnp.where(wanted, order, count))
-        who = who & wanted
+        who = (jnp.arange(count) == jnp.argmin(jnp.where(wanted, order, count))) & wanted
+        space, agreed_paths = self.each.airspace, state.agreed.path
 
-        def made() -> tuple[TimedPath, Bool[Array, " aircraft"]]:
-            start = jnp.sum(jnp.where(who, clock, 0.0)) + LEAD_S
-            here = jax.vmap(from_plan, in_axes=(0, 0, None))(paths, tasks, start)
-            ahead_n = tasks.goal_position_n + LEAD_S * tasks.goal_velocity_n
-            here = eqx.tree_at(
-                lambda t: (t.active, t.goal_position_n), here, (jnp.where(who, tasks.active, 0.0), ahead_n)
+        def of_it(values: Array) -> Array:
+            return jnp.sum(jnp.where(who, values, 0.0))
+
+        start, delay, active = of_it(clock) + LEAD_S, of_it(delays), tasks.active > 0.0
+        due = memory.first_arrivals + delay
+        ahead_n = tasks.goal_position_n + LEAD_S * tasks.goal_velocity_n
+        ahead = eqx.tree_at(lambda t: t.goal_position_n, tasks, ahead_n)
+        here = jax.vmap(from_plan, in_axes=(0, 0, None))(paths, ahead, start)
+        here = eqx.tree_at(lambda t: t.active, here, jnp.where(who, tasks.active, 0.0))
+        standing = Standing(active & ~who, agreed_paths, agreed_paths.times[:, -1])
+        put_off, tries = postponements(
+            jnp.where(active, due, -jnp.inf),
+            start,
+            ~active | (due > start + COMMITTED_S + 3.0 * LEAD_S),
+            self.each.movable,
+            self.each.latest,
+            _LATER,
+        )
+        until, cells = jnp.max(state.agreed.hold.paths.times), state.agreed.hold.paths.times.shape[1] - 1
+        _, _, mine = _sets(count)
+
+        def held(path: TimedPath) -> Way:
+            along = rows_where(who, path, agreed_paths)
+            holds = assign_holds(
+                along, ahead, space, self.each.guidance, start, until, cells, state.agreed.hold, stays=~who
             )
-            standing = Standing((tasks.active > 0.0) & ~who, state.agreed, state.agreed.times[:, -1])
-            durations = jnp.full(count, jnp.maximum(jnp.sum(jnp.where(who, to_go, 0.0)) - LEAD_S, COMMITTED_S))
-            plan = plan_fleet_at(
-                start, here, self.each.airspace, durations, intervals_of(paths), MINIMAL, standing=standing
-            )
-            new = rows_where(who, plan.paths, bent)
-            certificate, clear = self._certified(state, new, tasks, jnp.min(clock))
-            agreed, other, mine = _sets(count)
+            return rows_where(who, Way(path, each_alone(holds)), ways)
+
+        def again(carry: tuple[Count, Flag, Way]) -> tuple[Count, Flag, Way]:
+            k, _, _ = carry
+            durations = jnp.full(count, jnp.maximum(of_it(due) + put_off[k] - start, COMMITTED_S))
+            plan = plan_fleet_at(start, here, space, durations, intervals_of(paths), MINIMAL, standing=standing)
+            good = jnp.any(who & plan.feasible)
+            made = jax.lax.cond(any_in_batch(good), lambda: held(plan.paths), lambda: ways)
+            clear = self._clear(state, made, tasks.active, jnp.min(clock))
+            agreed, other, _ = _sets(count)
             safe = jnp.all(clear[mine, agreed] & (clear[mine, other] | ~reckoned), axis=1)
-            return new, who & plan.valid & certificate.kept_alone[mine] & safe
+            return k + 1, good & jnp.any(who & made.hold.clear & safe), made
 
-        def none() -> tuple[TimedPath, Bool[Array, " aircraft"]]:
-            return bent, jnp.zeros(count, dtype=bool)
+        def made() -> tuple[Way, Flag, Scalar]:
+            k, found, new = jax.lax.while_loop(
+                lambda c: (c[0] < tries) & ~c[1], again, (jnp.asarray(0), jnp.asarray(False), ways)
+            )
+            return new, found, put_off[jnp.maximum(k - 1, 0)]
 
-        return jax.lax.cond(any_in_batch(jnp.any(wanted)), made, none)
+        def none() -> tuple[Way, Flag, Scalar]:
+            return ways, jnp.asarray(False), jnp.zeros(())
+
+        new, found, later = jax.lax.cond(any_in_batch(jnp.any(who)), made, none)
+        found = found & jnp.any(who)
+        chosen = rows_where(who & found, new, ways)
+        return chosen, who & found, jnp.where(who & found, delay + later, delays)
 
     def observe(
         self,
@@ -297,7 +359,8 @@ class DecentralisedPlanner(AbstractPlanner):
         time, due = memory.time, number % jnp.maximum(self.network.every, 1) == 0
 
         def talked() -> tuple[NetworkState, Array]:
-            own = memory.clocks.clock, memory.exchange.tokens, memory.exchange.acknowledged
+            exchange = memory.exchange
+            own = OwnWord(memory.clocks.clock, exchange.tokens, exchange.acknowledged, memory.delays)
             network = self.network.exchange(
                 memory.network, own, reports.position_n, reports.active, number, time, randomness
             )
@@ -355,7 +418,7 @@ class DecentralisedPlanner(AbstractPlanner):
         clocks = memory.clocks
         return ClockedPath(
             path=memory.plan.paths,
-            following=memory.exchange.agreed,
+            following=memory.exchange.agreed.path,
             follows=memory.waits,
             clock=clocks.clock,
             rate=clocks.rate,
@@ -370,14 +433,12 @@ class DecentralisedPlanner(AbstractPlanner):
         to_go = plan.arrival_times - clocks.clock
         arrival_times = jnp.where(to_go > 0.0, time + to_go / clocks.rate, plan.arrival_times + late)
         count = late.shape[0]
-        holds, shift = memory.holds, arrival_times - plan.arrival_times
-        if holds is not None:
-            each = each_alone(holds)
-            holds = eqx.tree_at(
-                lambda h: (h.paths.times, h.foreseen_at),
-                each,
-                (each.paths.times + shift[:, None], each.foreseen_at + shift),
-            )
+        holds, shift = memory.exchange.agreed.hold, arrival_times - plan.arrival_times
+        holds = eqx.tree_at(
+            lambda h: (h.paths.times, h.foreseen_at),
+            holds,
+            (holds.paths.times + shift[:, None], holds.foreseen_at + shift),
+        )
         return AircraftPlan(
             trajectory=self._followed(memory),
             arrival_time=arrival_times,
@@ -386,6 +447,7 @@ class DecentralisedPlanner(AbstractPlanner):
             lateral_bend=jnp.full_like(plan.lengths, jnp.nan),
             renewal=memory.renewal,
             hold=holds,
+            hold_reach=jnp.full(count, self.tube),
             network=NetworkView(
                 lag=late,
                 rate=clocks.rate,

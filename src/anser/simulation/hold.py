@@ -103,7 +103,7 @@ class HoldAroundGoal(eqx.Module):
         direction_n = plan.trajectory.velocity_n(plan.arrival_time) - goal_velocity_n
         held = hold(relative_n, velocity_n, goal_velocity_n, wind_n, direction_n, height, self.speed, settings)
         if plan.hold is not None:
-            ahead, foreseen = hold_reference(plan.hold, time, goal_n, goal_velocity_n, self.speed)
+            ahead, foreseen = hold_reference(plan.hold, time, goal_n, goal_velocity_n, self.speed, plan.hold_reach)
             point = ahead.at(time)
             planned = follow(point, position_n, velocity_n, wind_n, settings), point.position_n
             on_it = foreseen & ~broke_off

@@ -8,23 +8,17 @@ from jaxtyping import Array, Bool, Float
 from anser.control import GuidanceSettings
 from anser.planning import CERTIFIED_LIMITS
 from anser.planning.certified import AircraftTask, Airspace, Separation, path_bounds
-from anser.planning.certified.broad_phase import (
-    INTERVALS_PER_CYLINDER,
-    BoundingCylinders,
-    fleet_clearance_ratio,
-    fleet_cylinders,
-)
+from anser.planning.certified.broad_phase import BoundingCylinders, fleet_clearance_ratio, fleet_cylinders
 from anser.planning.certified.clearance import Track, clearance_from_keep_outs
 from anser.planning.certified.path_bounds import excess
 from anser.planning.certified.tracking import path_track
 from anser.planning.demand import turn_radius
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Flag, Scalar, ScalarLike
-from anser.simulation.planned_hold import HoldCircle, PlannedHolds, hold_path, moved_with_goals
+from anser.simulation.planned_hold import HoldCircle, PlannedHolds, hold_path
+from anser.simulation.way import INSTANTS, INTERVALS_PER_CYLINDER, holding_in, whole_track
 from anser.spatial import safe_norm
 
-_INSTANTS = 8  # per cell of a hold's path, at which distances are looked at; bounds hold between them
-_INTERVALS_PER_CYLINDER = 4 * INTERVALS_PER_CYLINDER
 _RATIO_CAP = 1e3  # of clearance to separation: more does not count
 _ROUNDS = 3  # in which each aircraft chooses again, given what the others have chosen
 _RADII = (1.0, 1.5, 2.25)  # of the scenario's, besides the tightest
@@ -128,6 +122,7 @@ def assign_holds(
     until: ScalarLike,
     cells: int,
     former: PlannedHolds | None = None,
+    stays: Bool[Array, " aircraft"] | None = None,
 ) -> PlannedHolds:
     """Choose a hold for each aircraft that keeps the separation from all others until the flight ends.
 
@@ -149,16 +144,16 @@ def assign_holds(
         End of the flight, s.
     cells
         Of each hold's path, see `cells_for`.
-    former
-        Holds that are flown already by those who have arrived at `start_time`: these stay.
+    former, stays
+        Holds that stand, and whose do; None: those who have arrived at `start_time` fly theirs already.
     """
     arrival_times = paths.times[:, -1]
     fleet = arrival_times.shape[0]
     gravity, separation, volumes = airspace.gravity, airspace.separation, airspace.keep_outs
     end = jnp.maximum(until, jnp.max(arrival_times) + 1.0)
-    times = start_time + (end - start_time) * jnp.linspace(0.0, 1.0, _INSTANTS * cells + 1)
+    times = start_time + (end - start_time) * jnp.linspace(0.0, 1.0, INSTANTS * cells + 1)
     circles = jax.vmap(_circles, in_axes=(0, None, None))(tasks, airspace, settings)
-    flown = None if former is None else moved_with_goals(former, tasks, start_time)
+    stays = arrival_times <= start_time if stays is None else stays
 
     def approach(path: TimedPath, active: Scalar) -> Track:
         return path_track(path, path_bounds(path, airspace.wind, gravity).cell_acceleration, active, times)
@@ -173,28 +168,20 @@ def assign_holds(
         ahead_n = own.goal_position_n + (arrival - start_time) * own.goal_velocity_n
         goal = ahead_n, own.goal_velocity_n
         held = hold_path(own, begin, goal, circle, airspace.wind, end, settings, gravity, cells)
-        if flown is not None:
-            old = jax.tree.map(lambda leaf: leaf[who], (flown.paths, flown.circles))
-            held, circle = jax.tree.map(lambda a, b: jnp.where(arrival <= start_time, a, b), old, (held, circle))
+        if former is not None:
+            old = jax.tree.map(lambda leaf: leaf[who], (former.paths, former.circles))
+            held, circle = jax.tree.map(lambda a, b: jnp.where(stays[who], a, b), old, (held, circle))
         bounds = path_bounds(held, airspace.wind, gravity)
         second = path_track(held, bounds.cell_acceleration, own.active, times)
-        # An interval in which it arrives is of both.
-        holding, underway = times[1:] > arrival, times[:-1] < arrival
-        error_bound = jnp.maximum(
-            jnp.where(holding, second.error_bound, 0.0), jnp.where(underway, first.error_bound, 0.0)
-        )
-        places = jnp.where((times > arrival)[:, None], second.positions_n, first.positions_n)
-        whole = Track(places, error_bound, jnp.full_like(error_bound, own.active))
-        after = eqx.tree_at(lambda t: t.counted, whole, jnp.where(holding, own.active, 0.0))
+        whole = whole_track(first, second, times, arrival)
+        after = eqx.tree_at(lambda t: t.counted, whole, jnp.where(holding_in(times, arrival), own.active, 0.0))
         keep_out_clearance = clearance_from_keep_outs(after, times, volumes)
         goal_n = own.goal_position_n[None, :] + (times - start_time)[:, None] * own.goal_velocity_n[None, :]
         least = jnp.minimum(safe_norm(own.rendezvous.stand_off_n) - _SAME_PLACE_M, _OFF_GOAL_M)
-        off_goal = jnp.all((jax.vmap(safe_norm)(places - goal_n) >= least) | (times <= arrival))
+        off_goal = jnp.all((jax.vmap(safe_norm)(whole.positions_n - goal_n) >= least) | (times <= arrival))
         level = jnp.all(excess(bounds, own.limits, _ALTITUDES) <= _ROUNDING)
         fits = level & off_goal & jnp.all(keep_out_clearance >= 0.0)
-        cylinders, cylinders_after = (
-            fleet_cylinders(track, fleet, _INTERVALS_PER_CYLINDER) for track in (whole, after)
-        )
+        cylinders, cylinders_after = (fleet_cylinders(track, fleet, INTERVALS_PER_CYLINDER) for track in (whole, after))
         return _HoldOption(held, circle, whole, after, cylinders, cylinders_after, fits, keep_out_clearance)
 
     def choose(carry: tuple[_HoldOption, Array, Array], who: Count) -> tuple[tuple[_HoldOption, Array, Array], None]:
@@ -230,7 +217,7 @@ def assign_holds(
     shape = jax.eval_shape(option, jnp.asarray(0), jnp.asarray(0))
     empty = jax.tree.map(lambda leaf: jnp.zeros((fleet, *leaf.shape), leaf.dtype), shape)
     # On their way all count; nobody holds yet.
-    on_way = approaches, fleet_cylinders(approaches, fleet, _INTERVALS_PER_CYLINDER)
+    on_way = approaches, fleet_cylinders(approaches, fleet, INTERVALS_PER_CYLINDER)
     empty = eqx.tree_at(lambda h: (h.whole, h.cylinders), empty, on_way)
     unsettled = jnp.zeros(fleet, dtype=bool)
     begin = _Choice(jnp.asarray(0), empty, jnp.zeros(fleet, dtype=int), jnp.zeros((fleet, fleet)), unsettled)

@@ -28,12 +28,24 @@ class Knowledge(eqx.Module):
         How far the path of each is, see `exchange`.
     acknowledged
         (holder, about, whose): whose token it has acknowledged.
+    delays
+        By how much each wants all arrivals put off, s.
     """
 
     clocks: Float[Array, "aircraft aircraft"]
     times: Float[Array, "aircraft aircraft"]
     tokens: Int[Array, "aircraft aircraft"]
     acknowledged: Int[Array, "aircraft aircraft aircraft"]
+    delays: Float[Array, "aircraft aircraft"]
+
+
+class OwnWord(eqx.Module):
+    """What aircraft say of themselves, now; leading axis aircraft. For the meaning see `Knowledge`."""
+
+    clocks: Float[Array, " aircraft"]
+    tokens: Int[Array, " aircraft"]
+    acknowledged: Int[Array, "aircraft aircraft"]
+    delays: Float[Array, " aircraft"]
 
 
 class NetworkState(eqx.Module):
@@ -96,6 +108,7 @@ class Network(eqx.Module):
             times=jnp.zeros(pairs),
             tokens=none,
             acknowledged=jnp.zeros((count, count, count), dtype=jnp.int32),
+            delays=jnp.zeros(pairs),
         )
         sent = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (self.slots, *leaf.shape)), known)
         links = jnp.zeros(pairs, dtype=bool)
@@ -105,7 +118,7 @@ class Network(eqx.Module):
     def exchange(
         self,
         state: NetworkState,
-        own: tuple[Array, Array, Array],
+        own: OwnWord,
         positions_n: Float[Array, "aircraft 3"],
         active: Bool[Array, " aircraft"],
         number: Count,
@@ -117,7 +130,7 @@ class Network(eqx.Module):
         Parameters
         ----------
         own
-            Of each aircraft itself, now: clock, token, and (aircraft, whose) the tokens that it has acknowledged.
+            What each says of itself.
         positions_n
             Of the aircraft, NED, m.
         active
@@ -154,15 +167,15 @@ class Network(eqx.Module):
         return outages, up & active[:, None] & active[None, :] & ~np.eye(count, dtype=bool)
 
 
-def _of_itself(known: Knowledge, own: tuple[Array, Array, Array], time: Scalar) -> Knowledge:
+def _of_itself(known: Knowledge, own: OwnWord, time: Scalar) -> Knowledge:
     """What all know, with what each knows of itself as it is now."""
-    clocks, tokens, acknowledged = own
-    itself = np.eye(clocks.shape[0], dtype=bool)
+    itself = np.eye(own.clocks.shape[0], dtype=bool)
     return Knowledge(
-        clocks=jnp.where(itself, clocks, known.clocks),
+        clocks=jnp.where(itself, own.clocks, known.clocks),
         times=jnp.where(itself, time, known.times),
-        tokens=jnp.where(itself, tokens, known.tokens),
-        acknowledged=jnp.where(itself[:, :, None], acknowledged, known.acknowledged),
+        tokens=jnp.where(itself, own.tokens, known.tokens),
+        acknowledged=jnp.where(itself[:, :, None], own.acknowledged, known.acknowledged),
+        delays=jnp.where(itself, own.delays, known.delays),
     )
 
 

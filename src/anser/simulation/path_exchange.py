@@ -1,9 +1,10 @@
-"""Paths agreed on without a centre: offered, acknowledged by all, then flown; so that the separation is never lost.
+"""Ways agreed on without a centre: offered, acknowledged by all, then flown; so that the separation is never lost.
 
-Each aircraft has a path that all others have acknowledged, and flies within a tube about it. To fly another one it
-offers it; the others acknowledge it if it keeps the separation from all that they themselves may fly; with the word of
-all others it changes over, and tells so. Until all have acknowledged that too, they keep clear of both paths, and it
-makes no other offer. Whatever is lost or late on the way, no one ever flies a path that another has not agreed to.
+Each aircraft has a way, a path to its arrival and a hold after it, that all others have acknowledged, and flies within
+a tube about it. To fly another one it offers it; the others acknowledge it if it keeps the separation from all that
+they themselves may fly; with the word of all others it changes over, and tells so. Until all have acknowledged that
+too, they keep clear of both ways, and it makes no other offer. Whatever is lost or late on the way, no one ever flies
+a way that another has not agreed to.
 
 Each aircraft has a token that counts its steps: odd while an offer is open, even after it was taken up or withdrawn.
 """
@@ -18,6 +19,7 @@ from anser.numerics.stacking import rows_where
 from anser.planning.timed_path import TimedPath
 from anser.shapes import ScalarLike
 from anser.simulation.network import Knowledge
+from anser.simulation.way import Way
 
 Pairs = Bool[Array, "aircraft aircraft"]
 
@@ -28,7 +30,7 @@ class Exchange(eqx.Module):
     Attributes
     ----------
     agreed
-        Paths that all have acknowledged: each flies within a tube about its own.
+        Ways that all have acknowledged: each flies within a tube about its own.
     other
         The one that each offers, or has just left or withdrawn; the agreed one where that is settled.
     tokens
@@ -41,8 +43,8 @@ class Exchange(eqx.Module):
         (aircraft, whose): the last token of each other that it has acknowledged.
     """
 
-    agreed: TimedPath
-    other: TimedPath
+    agreed: Way
+    other: Way
     tokens: Int[Array, " aircraft"]
     settled: Bool[Array, " aircraft"]
     offered_at: Float[Array, " aircraft"]
@@ -54,11 +56,11 @@ class Exchange(eqx.Module):
         return self.tokens % 2 == 1
 
 
-def agreed_on(paths: TimedPath) -> Exchange:
+def agreed_on(ways: Way) -> Exchange:
     """After the agreement before the flight."""
-    count = paths.times.shape[0]
+    count = ways.path.times.shape[0]
     none = jnp.zeros((count, count), dtype=jnp.int32)
-    return Exchange(paths, paths, none[0], jnp.ones(count, dtype=bool), jnp.full(count, -jnp.inf), none)
+    return Exchange(ways, ways, none[0], jnp.ones(count, dtype=bool), jnp.full(count, -jnp.inf), none)
 
 
 def after_word(
@@ -77,7 +79,7 @@ def after_word(
     state, known
         The agreement, and what each knows of the others.
     clear_of_agreed, clear_of_other
-        Whether the other path of a row's aircraft keeps the separation from the agreed path, and from the other path,
+        Whether the other way of a row's aircraft keeps the separation from the agreed way, and from the other way,
         of a column's.
     clocks
         Of the aircraft, s.
@@ -88,7 +90,7 @@ def after_word(
 
     Returns
     -------
-    The agreement after it, and who takes up the path that it offered.
+    The agreement after it, and who takes up the way that it offered.
     """
     count = clocks.shape[0]
     heard, current = known.tokens, known.tokens == state.tokens[None, :]
@@ -117,12 +119,12 @@ def after_word(
 
 
 def with_offers(
-    state: Exchange, paths: TimedPath, offers: Bool[Array, " aircraft"], clocks: Float[Array, " aircraft"]
+    state: Exchange, ways: Way, offers: Bool[Array, " aircraft"], clocks: Float[Array, " aircraft"]
 ) -> Exchange:
-    """Open offers of paths by some; these must be settled."""
+    """Open offers of ways by some; these must be settled."""
     return Exchange(
         state.agreed,
-        rows_where(offers, paths, state.other),
+        rows_where(offers, ways, state.other),
         state.tokens + jnp.where(offers, 1, 0),
         state.settled & ~offers,
         jnp.where(offers, clocks, state.offered_at),
@@ -151,6 +153,6 @@ def farthest_apart(one: TimedPath, other: TimedPath) -> Array:
     return jnp.sqrt(jnp.max(jnp.sum(points**2, axis=-1)))
 
 
-def stacked_paths(*sets: TimedPath) -> TimedPath:
-    """Paths of one fleet several times over, one set after the other."""
+def stacked_ways(*sets: Way) -> Way:
+    """Ways of one fleet several times over, one set after the other."""
     return jax.tree.map(lambda *leaves: jnp.concatenate(leaves), *sets)

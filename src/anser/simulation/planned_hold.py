@@ -18,7 +18,7 @@ from anser.planning import AbstractReference, PathPoint
 from anser.planning.certified import AircraftTask
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
-from anser.spatial import safe_hypot
+from anser.spatial import safe_hypot, safe_norm
 
 _SUBSTEPS = 4  # of the integration in each cell
 _ROLL_LAG_S = 1.5
@@ -84,26 +84,31 @@ def cells_for(duration_s: float) -> int:
     return next((cells for cells in (128, 256, 512, 1024, 2048) if 2.0 * cells >= duration_s), 4096)
 
 
-def moved_with_goals(holds: PlannedHolds, tasks: AircraftTask, now: ScalarLike) -> PlannedHolds:
+def moved_with_goals(
+    holds: PlannedHolds, tasks: AircraftTask, now: ScalarLike | Float[Array, " aircraft"]
+) -> PlannedHolds:
     """The same holds about goals that are foreseen otherwise at `now` (s), seen from which nothing jumps but the rates.
 
-    A hold goes with its goal; its path through the air changes by as much as the goal's velocity does.
+    A hold goes with its goal; its path through the air changes by as much as the goal's velocity does. Where `now` is a
+    time for each, so is `foreseen_at` after it.
     """
-    off = tasks.goal_position_n - holds.goal_positions_n - (now - holds.foreseen_at) * holds.goal_velocities_n
+    now = jnp.asarray(now, dtype=float)
+    elapsed = jnp.broadcast_to(now - holds.foreseen_at, holds.clear.shape)
+    off = tasks.goal_position_n - holds.goal_positions_n - elapsed[:, None] * holds.goal_velocities_n
     faster = tasks.goal_velocity_n - holds.goal_velocities_n
 
-    def one(path: TimedPath, off_n: Vector3, faster_n: Vector3) -> TimedPath:
-        added = off_n[None, :] + (path.times - now)[:, None] * faster_n[None, :]
+    def one(path: TimedPath, off_n: Vector3, faster_n: Vector3, since: Scalar) -> TimedPath:
+        added = off_n[None, :] + (path.times - since)[:, None] * faster_n[None, :]
         return eqx.tree_at(lambda p: p.air_n, path, path.air_n.at[:, 0].add(added).at[:, 1].add(faster_n))
 
     return eqx.tree_at(
         lambda h: (h.paths, h.goal_positions_n, h.goal_velocities_n, h.foreseen_at),
         holds,
         (
-            jax.vmap(one)(holds.paths, off, faster),
+            jax.vmap(one)(holds.paths, off, faster, jnp.broadcast_to(now, elapsed.shape)),
             tasks.goal_position_n,
             tasks.goal_velocity_n,
-            jnp.asarray(now, dtype=float),
+            now,
         ),
     )
 
@@ -143,15 +148,25 @@ def each_alone(holds: PlannedHolds) -> PlannedHolds:
 
 
 def hold_reference(
-    holds: PlannedHolds, time: ScalarLike, goal_position_n: Vector3, goal_velocity_n: Vector3, speed: ScalarLike
+    holds: PlannedHolds,
+    time: ScalarLike,
+    goal_position_n: Vector3,
+    goal_velocity_n: Vector3,
+    speed: ScalarLike,
+    reach: ScalarLike | None = None,
 ) -> tuple[HoldReference, Flag]:
     """What one aircraft of some holds (no leading axis) is to fly about its goal as sensed, and whether it is to.
 
     Not where the goal moves otherwise than foreseen by more than `FORESEEN` of the airspeed (m/s), nor beyond the end.
+    With a `reach` (m) it is flown however the goal moves, and goes with it no farther than that.
     """
     off_rate_n = goal_velocity_n - holds.goal_velocities_n
     off_n = goal_position_n - holds.goal_positions_n - (time - holds.foreseen_at) * holds.goal_velocities_n
     as_foreseen = jnp.sum(off_rate_n**2) <= (FORESEEN * speed) ** 2
+    if reach is not None:
+        share = jnp.minimum(1.0, reach / jnp.maximum(safe_norm(off_n), reach))
+        off_n, off_rate_n = share * off_n, jnp.where(share < 1.0, 0.0, 1.0) * off_rate_n
+        as_foreseen = jnp.asarray(True)
     flown = as_foreseen & (time <= holds.paths.times[-1])
     return HoldReference(holds.paths, off_n, off_rate_n, jnp.asarray(time, dtype=float)), flown
 

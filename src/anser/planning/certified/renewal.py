@@ -24,7 +24,8 @@ RENEWAL_MESSAGES = (
 COMMITTED_S = 15.0
 """With less time to go than this an aircraft's path is corrected, but not planned anew."""
 _SAME_PLACE_M = 1e-6
-_LATER = (1.0, 1.03, 1.08, 1.15)  # of the longest time to go, where the arrival time is free
+LATER = (0.0, 0.03, 0.08, 0.15)
+"""By which parts of the longest time to go the arrivals may be put off, where the arrival time is free."""
 
 
 def intervals_of(paths: TimedPath) -> int:
@@ -85,6 +86,7 @@ def postponements(
     free: Bool[Array, " aircraft"],
     movable: Flag,
     latest: ScalarLike,
+    parts: tuple[float, ...] = LATER,
 ) -> tuple[Float[Array, " tries"], Count]:
     """By how much a fleet's arrivals may be put off, and how many of these delays there are.
 
@@ -97,6 +99,8 @@ def postponements(
         As planned so far, s; -inf for one that does not count.
     now, latest
         s; no arrival is put off beyond the latter.
+    parts
+        Of the longest time to go: the delays.
     free
         Whether each may be planned anew, or does not count.
     movable
@@ -107,7 +111,7 @@ def postponements(
     Delays, s, from none on, and the number of them that are open, at least one.
     """
     last = jnp.max(arrival_times)
-    delays = (jnp.asarray(_LATER) - 1.0) * jnp.maximum(last - now, 0.0)
+    delays = jnp.asarray(parts) * jnp.maximum(last - now, 0.0)
     soon = jnp.sum(last + delays <= latest, dtype=jnp.int32)
     return delays, jnp.where(movable & jnp.all(free), jnp.maximum(soon, 1), 1)
 
