@@ -75,6 +75,8 @@ def test_discrete_variables_name_their_values():
         "status",
         "goal_known",
         "goal_seen",
+        "heard_from",
+        "path_offered",
     }
     # CF separates the meanings by blanks.
     assert all(" " not in word for variable in CATALOGUE for word in variable.flags)

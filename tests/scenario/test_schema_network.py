@@ -1,0 +1,90 @@
+"""The table of a fleet without a centre: what is refused, where and why; what it builds."""
+
+import numpy as np
+import pytest
+
+from anser.scenario import ScenarioError, build_flight, loads
+from anser.scenario.schema_network import AIRCRAFT_MAX, greatest_rate_range
+from anser.simulation import DecentralisedPlanner
+from scenario.test_schema_uncertain import TEXT
+
+ALONE = TEXT.replace("[fleet]", '[fleet]\nplanner = "decentralised"')
+
+
+@pytest.mark.parametrize(
+    ("more", "place", "words"),
+    [
+        ("[network]\nloss = 1.5", "network.loss", "from 0 to 1"),
+        ("[network]\nrange_m = -1.0", "network.range_m", "above 0"),
+        ("[network]\ndelay_s = 0.25", "network.delay_s", "whole multiple of period_s"),
+        ("[network]\nperiod_s = 0.013", "network.period_s", "whole multiple of timing.step_s"),
+        ("[network]\noutage_share = 1.0", "network.outage_share", "from 0 to 0.99"),
+        ("[network]\ncoupling_per_s = 0.3", "network.coupling_per_s", "at most 0.25"),
+        ("[network]\nrate_range = 0.09", "network.rate_range", "what fleet.reserve = 0.1 leaves"),
+        ("[network]\nreach_m = 5.0", "network.reach_m", "range_m"),
+        ('[arrival]\nrule = "earliest"', "arrival.rule", '"together" or "at" or "times" or "sequence"'),
+        ('[[event]]\ntime_s = 30.0\nkind = "aircraft-leaves"\naircraft = "alpha"', "event[0].kind", "goal-sensor-lost"),
+    ],
+)
+def test_what_is_refused(more, place, words):
+    with pytest.raises(ScenarioError) as caught:
+        loads(f"{ALONE}\n{more}\n")
+    told = [problem for problem in caught.value.problems if problem.path == place]
+    assert len(told) == 1, caught.value
+    assert words in str(told[0])
+
+
+@pytest.mark.parametrize("planner", ["certified", "published"])
+def test_a_network_that_nobody_belongs_to_is_refused(planner):
+    text = TEXT.replace("[fleet]", f'[fleet]\nplanner = "{planner}"')
+    with pytest.raises(ScenarioError, match="nobody else talks over it"):
+        loads(text + "[network]\nloss = 0.1\n")
+
+
+def test_plans_must_be_renewed():
+    with pytest.raises(ScenarioError, match=r"timing\.replan_period_s"):
+        loads(ALONE.replace("duration_s = 200.0", "duration_s = 200.0\nreplan_period_s = 0.0"))
+
+
+def test_too_many_aircraft():
+    head, tail = ALONE.split("[[aircraft]]", 1)
+    one = tail[: tail.index("[[aircraft]]")]
+    more = "".join(
+        "[[aircraft]]"
+        + one.replace("alpha", f"a{k}")
+        .replace("north_m = 9000.0", f"north_m = {9000 + 500 * k}.0")
+        .replace("400", f"{400 + 10 * k}")
+        for k in range(AIRCRAFT_MAX)
+    )
+    with pytest.raises(ScenarioError, match=f"at most {AIRCRAFT_MAX}"):
+        loads(f"{head}{more}[[aircraft]]{tail}")
+
+
+def test_a_clock_as_fast_as_allowed_keeps_the_limits():
+    """What the reserve leaves is enough for a path flown at either end of the range, by hand for its four causes."""
+    scenario = loads(ALONE)
+    fleet, limits = scenario.fleet, scenario.limits
+    most = greatest_rate_range(fleet, limits, 12.0)
+    assert (1.0 + most) ** 2 * (1.0 - fleet.reserve) <= 1.0 + 1e-12
+    slow = limits.speed_min_m_s + fleet.reserve * (fleet.speed_m_s - limits.speed_min_m_s)
+    fast = limits.speed_max_m_s - fleet.reserve * (limits.speed_max_m_s - fleet.speed_m_s)
+    # over the ground, in a wind against or along the flight
+    for wind in (-12.0, 12.0):
+        assert (1.0 - most) * (slow + wind) - wind >= limits.speed_min_m_s - 1e-9
+        assert (1.0 + most) * (fast + wind) - wind <= limits.speed_max_m_s + 1e-9
+
+
+def test_what_it_builds():
+    scenario = loads(
+        f"{ALONE}\n[network]\ndelay_s = 0.5\nloss = 0.3\ntube_m = 40.0\n[separation]\nhorizontal_m = 300.0\n"
+    )
+    planner = build_flight(scenario).planner
+    assert isinstance(planner, DecentralisedPlanner)
+    assert int(planner.network.delay) == 5
+    assert planner.network.slots > 5
+    assert int(planner.network.every) == 10
+    assert float(planner.tube) == 40.0
+    # twice the tube, and how far one flies while two clocks differ by the greatest skew
+    fastest = float(np.max(planner.each.limits.speed_max))
+    assert float(planner.each.airspace.separation.horizontal) == pytest.approx(300.0 + 10.0 + 80.0 + 0.5 * fastest)
+    assert float(planner.each.airspace.separation.vertical) == 0.0
