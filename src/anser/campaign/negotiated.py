@@ -28,6 +28,7 @@ from anser.planning.certified.certified_plan import certify
 from anser.planning.certified.renewal import intervals_of
 from anser.scenario import Scenario, build_flight
 from anser.scenario.schema_network import Network as NetworkTable
+from anser.shapes import Scalar
 from anser.simulation import (
     CertifiedPlanState,
     DecentralisedPlanner,
@@ -67,6 +68,21 @@ def _links(network: Network, positions_n: Any, active: Any, randomness: Any, rou
     return jax.lax.scan(one, jnp.zeros((count, count), dtype=bool), rounds)[1]
 
 
+class Agreement(eqx.Module):
+    """What a fleet has agreed on, as arrays.
+
+    Attributes
+    ----------
+    first
+        Paths and holds.
+    after_s
+        How long it talked.
+    """
+
+    first: CertifiedPlanState
+    after_s: Scalar
+
+
 @dataclass(frozen=True, repr=False)
 class DecentralisedPlanned(CertifiedPlanned):
     """What the aircraft of a fleet without a centre have agreed on.
@@ -81,10 +97,14 @@ class DecentralisedPlanned(CertifiedPlanned):
 
     def begun(self) -> FlightState:
         """The fleet at its start, with the plan."""
+        return _begun(self.flight, self.fleet, self.kept().first)
+
+    def kept(self) -> Agreement:
+        """Paths, holds, and how long they talked."""
         if self.outcome.plan is None:
             raise NoPlanError(self.refusals)
         first = CertifiedPlanState(self.outcome.plan, first_renewal(), self.holds, self.all_tasks.limits)
-        return _begun(self.flight, self.fleet, first)
+        return Agreement(first, as_array(self.agreed_after_s))
 
     def notes(self) -> tuple[str, ...]:
         """As of the certified planner, and how long they talked."""

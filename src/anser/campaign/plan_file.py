@@ -4,13 +4,14 @@ import hashlib
 import json
 import zipfile
 from pathlib import Path
-from typing import Any, cast, get_args, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 import equinox as eqx
 import jax
 import numpy as np
 
 from anser.campaign.certified import CertifiedPlanned, begun, trimmed
+from anser.campaign.negotiated import Agreement, DecentralisedPlanned
 from anser.campaign.plan_interface import PlanFileError, Planned
 from anser.campaign.planned import PublishedPlanned
 from anser.campaign.untrimmable import refuse_untrimmable
@@ -20,10 +21,10 @@ from anser.planning.certified import Outcome
 from anser.planning.published_planner import PublishedPlanState
 from anser.results import version_attributes
 from anser.scenario import Scenario, build_flight
-from anser.simulation import CertifiedPlanner, CertifiedPlanState
+from anser.simulation import CertifiedPlanner, CertifiedPlanState, DecentralisedPlanner
 
 _FORMAT = 1
-_STATES = {"published": PublishedPlanState, "certified": CertifiedPlanState}
+_STATES = {"published": PublishedPlanState, "certified": CertifiedPlanState, "decentralised": Agreement}
 
 
 def write_plan(planned: Planned, path: Path) -> None:
@@ -36,8 +37,7 @@ def write_plan(planned: Planned, path: Path) -> None:
     NoPlanError
         There is no plan.
     """
-    state = planned.begun().planner
-    leaves = jax.tree_util.tree_flatten_with_path(state)[0]
+    leaves = jax.tree_util.tree_flatten_with_path(planned.kept())[0]
     arrays = {jax.tree_util.keystr(place, simple=True, separator="."): np.asarray(leaf) for place, leaf in leaves}
     about = {
         "format_version": _FORMAT,
@@ -90,10 +90,14 @@ def _planned(scenario: Scenario, state: Any, path: Path) -> Planned:
     refuse_untrimmable(scenario, flight, leading(fleet.trims, count))
     if scenario.fleet.planner == "published":
         return PublishedPlanned(scenario, flight, fleet, (), begun(flight, fleet, state))
-    planner = cast(CertifiedPlanner, flight.planner)
-    tasks = planner.aircraft_tasks(fleet.reports, state.limits)
-    outcome = Outcome(state.plan, 0)
-    return CertifiedPlanned(scenario, flight, fleet, (), outcome, tasks, planner.airspace, state.holds)
+    first = state.first if isinstance(state, Agreement) else state
+    planner = flight.planner.each if isinstance(flight.planner, DecentralisedPlanner) else flight.planner
+    assert isinstance(planner, CertifiedPlanner)
+    tasks = planner.aircraft_tasks(fleet.reports, first.limits)
+    made = scenario, flight, fleet, (), Outcome(first.plan, 0), tasks, planner.airspace, first.holds
+    if isinstance(state, Agreement):
+        return DecentralisedPlanned(*made, float(state.after_s))
+    return CertifiedPlanned(*made)
 
 
 def _digest(arrays: dict[str, np.ndarray]) -> str:

@@ -80,6 +80,10 @@ class Planned(abc.ABC):
     def begun(self) -> FlightState:
         """The fleet at its start, with the plan."""
 
+    def kept(self) -> Any:
+        """What a file keeps of it: arrays in a module."""
+        return self.begun().planner
+
     def __repr__(self) -> str:
         head = f"{self.scenario.name}, {self.scenario.fleet.planner} planner: "
         if self.refusals:
