@@ -133,7 +133,7 @@ def test_a_plan_that_does_not_exist_is_not_written(tmp_path):
     class Refused:
         scenario = loads(GOOD)
 
-        def begun(self):
+        def kept(self):
             raise NoPlanError(("the goal flees",))
 
     with pytest.raises(NoPlanError, match="the goal flees"):

@@ -17,6 +17,7 @@ from anser.campaign.negotiated import DecentralisedPlanned
 from anser.campaign.plan_interface import NoPlanError, Planned
 from anser.campaign.planned import plan
 from anser.campaign.replanned import after_event, event_steps
+from anser.campaign.takeover import take_over
 from anser.compiling import Prepared, compiled
 from anser.numerics import as_array
 from anser.scenario import Scenario
@@ -167,15 +168,21 @@ def run(scenario: Scenario, progress: Progress | None = None, planned: Planned |
     steps = round(timing.duration_s / timing.step_s)
     on_progress("flying", 0.0)
     segments, outcomes, at = [], [], 0
-    events = event_steps(scenario)
+    events, goals = event_steps(scenario), tuple(one.goal for one in scenario.aircraft)
+
+    def told(what: str) -> None:
+        on_progress(what, None)
+
     while at <= steps:
-        while events and events[0][0] <= at:
-            (_, event), *events = events
-            flight, state, outcome = after_event(
-                scenario, flight, state, at, event, lambda what: on_progress(what, None)
-            )
-            simpler = without_replanning(flight)
+        now = [event for due, event in events if due <= at]
+        events = events[len(now) :]
+        for event in now:
+            flight, state, outcome = after_event(scenario, flight, state, at, event, told)
             outcomes.append(outcome)
+        flight, state, goals, taken = take_over(scenario, flight, state, at, now, goals, told)
+        outcomes += taken
+        if now:
+            simpler = without_replanning(flight)
         flown = min(SEGMENT_STEPS, (events[0][0] if events else steps + 1) - at)
         # a flight without events has none of the program that can fly part of a segment
         part = {"flown": as_array(flown, np.int32)} if scenario.event else {}
@@ -191,7 +198,8 @@ def run(scenario: Scenario, progress: Progress | None = None, planned: Planned |
     time_s = np.arange(steps + 1) * timing.step_s
     wall_s = clock.perf_counter() - began
     on_progress("summing up", None)
-    summary = summarize(time_s, history, scenario, wall_s, planned.path_words(), [one.as_dict() for one in outcomes])
+    happened = [one.as_dict() for one in outcomes]
+    summary = summarize(time_s, history, scenario, wall_s, planned.path_words(), happened, goals)
     attributes = _attributes(scenario) | version_attributes()
     if isinstance(planned, DecentralisedPlanned):
         summary["network"] = summarize_network(time_s, history, scenario, planned.agreed_after_s)

@@ -166,7 +166,7 @@ def _planned_on(
 ) -> tuple[Flight, FlightState, EventOutcome]:
     """The plan in force where it still keeps everything; else one made anew; else the plan in force all the same."""
     memory, now_s = state.planner, number * scenario.timing.step_s
-    seen: Present = _present(flight, state, as_array(number, np.int32))
+    seen = seen_at(flight, state, number)
     free = np.asarray(seen.tasks.active) > 0.0
     times_s = np.asarray(memory.plan.arrival_times)
     certificate = _certificate(memory.plan, seen.seen, _planner(flight).airspace, as_array(now_s))
@@ -178,11 +178,23 @@ def _planned_on(
     if unmoved and kept[free].all():
         kept_plan = dataclasses.replace(memory, plan=dataclasses.replace(memory.plan, certificate=certificate))
         return flight, with_plan(state, kept_plan), done(True, "the plan in force keeps everything")
-    found, holds = _searched(scenario, flight, state, seen, now_s, wanted_s, on_progress)
-    if found is None:
+    planned = _searched(scenario, flight, state, seen, now_s, wanted_s, on_progress)
+    if planned is None:
         return flight, state, done(False, "no plan was found that keeps everything: the plan in force is kept")
-    new = CertifiedPlanState(found, as_array(REPLANNED, np.asarray(memory.renewal).dtype), holds, memory.limits)
-    return flight, with_plan(state, new), done(True, "planned anew")
+    return flight, planned, done(True, "planned anew")
+
+
+def seen_at(flight: Flight, state: FlightState, number: int) -> Present:
+    """A fleet in flight as the planner sees it at a sample."""
+    return _present(flight, state, as_array(number, np.int32))
+
+
+def planned_anew(
+    scenario: Scenario, flight: Flight, state: FlightState, number: int, on_progress: Callable[[str], None]
+) -> FlightState | None:
+    """The flight's state with a plan made anew at a sample, for the arrivals in force or what the rule allows."""
+    times_s, now_s = np.asarray(state.planner.plan.arrival_times), number * scenario.timing.step_s
+    return _searched(scenario, flight, state, seen_at(flight, state, number), now_s, times_s, on_progress)
 
 
 def _wanted(scenario: Scenario, times_s: np.ndarray, free: np.ndarray, event: Event) -> np.ndarray:
@@ -222,7 +234,7 @@ def _searched(
     now_s: float,
     wanted_s: np.ndarray,
     on_progress: Callable[[str], None],
-) -> tuple[CertifiedPlan | None, Any]:
+) -> FlightState | None:
     memory, planner = state.planner, _planner(flight)
     free = np.asarray(seen.tasks.active) > 0.0
     intervals = intervals_of(memory.plan.paths)
@@ -249,8 +261,10 @@ def _searched(
             intervals=intervals,
         )
         if outcome.plan is not None:
-            return outcome.plan, next(holds for plan, holds in tried if plan is outcome.plan)
-    return None, None
+            holds = next(holds for plan, holds in tried if plan is outcome.plan)
+            how = as_array(REPLANNED, np.asarray(memory.renewal).dtype)
+            return with_plan(state, CertifiedPlanState(outcome.plan, how, holds, memory.limits))
+    return None
 
 
 def event_steps(scenario: Scenario) -> Sequence[tuple[int, Event]]:

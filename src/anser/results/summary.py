@@ -35,6 +35,7 @@ def summarize(
     wall_s: float,
     paths: Sequence[str] = (),
     events: Sequence[Mapping[str, Any]] = (),
+    goals: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Sum up a flight from its full-resolution history.
 
@@ -58,6 +59,8 @@ def summarize(
         How the path of each goes in the first plan, in words; empty where nobody tells.
     events
         What happened on the way, and what became of the plan.
+    goals
+        Name of the goal that each flies to at the end, where some have taken over another's; empty: the scenario's.
 
     Returns
     -------
@@ -78,6 +81,8 @@ def summarize(
     aircraft = [_aircraft(time, history, scenario, column) for column in range(len(scenario.aircraft))]
     for row, path in zip(aircraft, paths, strict=bool(paths)):
         row["path"] = path
+    for row, goal in zip(aircraft, goals, strict=bool(goals)):
+        row["goal"] = goal
     arrivals = [row["arrival_s"] for row in aircraft if "left_s" not in row]
     fleet: dict[str, float | None] = {
         "arrival_spread_s": None if not arrivals or None in arrivals else max(arrivals) - min(arrivals),
@@ -87,7 +92,7 @@ def summarize(
     }
     if scenario.separation.asked_m is not None:
         fleet["separation_ratio_min"] = least_ratio(history, scenario.separation.asked_m)
-    kinds = [scenario.goal_of(one).kind for one in scenario.aircraft]
+    kinds = _kinds(scenario, aircraft)
     return {
         "format_version": FORMAT_VERSION,
         "scenario": {"name": scenario.name, "hash": scenario.hash},
@@ -100,6 +105,15 @@ def summarize(
         ),
         **({"events": [dict(event) for event in events]} if events else {}),
     }
+
+
+def _kinds(scenario: Scenario, aircraft: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Kind of goal by which each keeps its distance: of one that flew to goals of both, the greater distance."""
+    of_goal = {goal.name: goal.kind for goal in scenario.goal}
+    return [
+        max((of_goal[row["goal"]], of_goal[one.goal]), key=CLEARANCE_MIN_M.__getitem__)
+        for row, one in zip(aircraft, scenario.aircraft, strict=True)
+    ]
 
 
 def write_summary(summary: Mapping[str, Any], path: Path) -> None:

@@ -31,7 +31,7 @@ _NEEDS: dict[str, tuple[str, ...]] = {
     "arrival-put-off": ("later_s",),
 }
 _MAY: dict[str, tuple[str, ...]] = {
-    "aircraft-leaves": ("course_deg", "gaps"),
+    "aircraft-leaves": ("course_deg", "gaps", "goal_taken_over_by"),
     "goal-turns": ("speed_m_s",),
 }
 
@@ -74,6 +74,12 @@ class Event(Table):
         'what those behind an aircraft that leaves a sequence do: move up by one place ("close-up"; left out), or keep '
         "their times",
         ("close-up", "keep"),
+        None,
+    )
+    goal_taken_over_by: Literal["nearest", "spare"] | None = choice(
+        'who flies to the goal of an aircraft that leaves: the nearest that can be there in time ("nearest"), the '
+        'nearest of those whose own goal another aircraft flies to as well ("spare"), or nobody (left out)',
+        ("nearest", "spare"),
         None,
     )
 

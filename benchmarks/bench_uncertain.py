@@ -1,0 +1,78 @@
+"""What an uncertain world costs: a step of the closed loop at 1,024 fleets, beside that of the perfect world.
+
+Compare ratios within one run: the variants take turns, so that what else the machine does befalls all of them.
+"""
+
+import dataclasses
+import time
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from anser.campaign.execute import without_replanning
+from anser.numerics import rows_of, seeded
+from anser.scenario import build_flight, loads
+from anser.simulation import SummaryRecorder, begin, fly, trimmed_fleet
+
+TEXT = (Path(__file__).parents[1] / "scenarios" / "uncertain-world.toml").read_text(encoding="utf-8")
+AIR, REST = TEXT.index("[turbulence]"), TEXT.index("[[aircraft]]")
+NOISY = TEXT[AIR:REST]
+FILTER = '[estimator]\nfilter = "{}"\nmotion = "{}"\n\n'
+VARIANTS = {
+    "perfect": "",
+    "Dryden, satellite navigation, EKF": NOISY + FILTER.format("ekf", "steady"),
+    "Dryden alone": '[turbulence]\nintensity = "moderate"\n\n',
+    "satellite navigation alone": '[navigation]\nsensors = "satellite-inertial"\n\n',
+    "EKF alone": '[goal_sensor]\npreset = "camera"\n\n' + FILTER.format("ekf", "steady"),
+    "von Karman instead": NOISY.replace('"moderate"', '"moderate"\nspectrum = "von-karman"')
+    + FILTER.format("ekf", "steady"),
+    "UKF instead": NOISY + FILTER.format("ukf", "steady"),
+    "IMM (EKF) instead": NOISY + FILTER.format("ekf", "changing"),
+    "IMM (UKF) instead": NOISY + FILTER.format("ukf", "changing"),
+}
+FLEETS, STEPS, ROUNDS = 1024, 200, 3
+
+
+@eqx.filter_jit
+def summed_up(flight, keys, states):
+    def one(key, state):
+        own = dataclasses.replace(flight, randomness=key)
+        return fly(own, state, jnp.asarray(0, dtype=jnp.int32), STEPS, SummaryRecorder())[1]
+
+    return jax.vmap(one)(keys, states)
+
+
+def batch_of(text):
+    scenario = loads(TEXT[:AIR] + text + TEXT[REST:])
+    flight = build_flight(scenario)
+    fleet = jax.jit(trimmed_fleet)(flight)
+    first = flight.planner.first(0.0, fleet.reports, fleet.performance)
+    flight = without_replanning(flight)
+    keys = rows_of([seeded(scenario.seed, number) for number in range(FLEETS)])
+
+    def started(key):
+        return begin(dataclasses.replace(flight, randomness=key), fleet, first)
+
+    return flight, keys, jax.jit(jax.vmap(started))(keys)
+
+
+def test_what_an_uncertain_world_costs(benchmark):
+    batches = {name: batch_of(text) for name, text in VARIANTS.items()}
+    for batch in batches.values():
+        jax.block_until_ready(summed_up(*batch))
+    taken = {name: [] for name in batches}
+    for _ in range(ROUNDS):
+        for name, batch in batches.items():
+            began = time.perf_counter()
+            jax.block_until_ready(summed_up(*batch))
+            taken[name].append(time.perf_counter() - began)
+    benchmark.pedantic(lambda: None, rounds=1)
+    aircraft = FLEETS * batches["perfect"][0].count * STEPS
+    print(f"\nper aircraft and step in a batch of {FLEETS} fleets:")
+    for name, seconds in taken.items():
+        ratio = np.median(np.array(seconds) / np.array(taken["perfect"]))
+        print(f"  {name}: {1e6 * min(seconds) / aircraft:.2f} us, {100 * (ratio - 1):+.0f} %")
+        benchmark.extra_info[name] = float(ratio)

@@ -1,0 +1,56 @@
+"""Links of a fleet without a centre, drawn: a bar for each pair while it hears each other."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from anser.report.links_strip import links_strip, network_of, pair_links
+
+NAMES = ("anna", "b<e>rt", "cläre with a long name")
+
+
+@pytest.fixture
+def dataset():
+    heard = np.zeros((101, 3), dtype=np.int32)
+    heard[20:60, 0], heard[20:60, 1] = 0b010, 0b001
+    series = {"time_s": [0.0, 1.0, 2.0], "quality_of_service": [0.0, 0.5, 1.0]}
+    return xr.Dataset(
+        {"heard_from": (("time", "aircraft"), heard)},
+        coords={"time": np.linspace(0.0, 10.0, 101), "aircraft": list(NAMES)},
+        attrs={"network": json.dumps({"series": series})},
+    )
+
+
+def test_pairs(dataset):
+    pairs = pair_links(dataset)
+    assert list(pairs) == [(NAMES[0], NAMES[1]), (NAMES[0], NAMES[2]), (NAMES[1], NAMES[2])]
+    assert pairs[NAMES[0], NAMES[1]].sum() == 40
+    assert not pairs[NAMES[1], NAMES[2]].any()
+
+
+def test_strip(dataset):
+    drawn = links_strip(dataset)
+    assert "<e>" not in drawn
+    assert "b&lt;e&gt;rt" in drawn
+    bars = re.findall(r'd="(M[^"]*H[^"]*)"', drawn)
+    assert len(bars) == 1
+    begin, end = (float(v) for v in re.match(r"M([\d.]+) [\d.]+H([\d.]+)", bars[0]).groups())
+    # 2 s and 6 s of 10 s
+    assert (end - begin) == pytest.approx(0.4 * 700, abs=0.2)
+    assert "quality of service" in drawn
+    for one in re.findall(r"nan|inf", drawn):
+        pytest.fail(one)
+
+
+def test_nothing_is_drawn_of_a_fleet_with_a_centre(dataset):
+    assert links_strip(dataset.drop_vars("heard_from")) == ""
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{", "3"])
+def test_what_cannot_be_read_is_left_out(dataset, text):
+    dataset.attrs["network"] = text
+    assert network_of(dataset) == {}
+    assert "quality of service<" not in links_strip(dataset)

@@ -1,0 +1,119 @@
+"""Sensors without errors are the perfect world, and flights by noisy sensors come to it as the noise vanishes."""
+
+import dataclasses
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import numpy as np
+import pytest
+
+from anser.scenario import build_flight, loads
+from anser.sensing import DirectEstimator, TrackingEstimator
+from anser.simulation import assemble, fly, start_flight
+
+pytestmark = pytest.mark.long
+
+TEXT = Path("scenarios/three-aircraft.toml").read_text(encoding="utf-8")
+STEPS = 7000  # beyond the arrivals at 60.4 s
+# at every step, and every error a share of what it is by default
+NAVIGATION = """
+[navigation]
+sensors = "satellite-inertial"
+period_s = 0.01
+position_m = {two:g}
+noise_m = {noise:g}
+velocity_m_s = {velocity:g}
+attitude_deg = {velocity:g}
+heading_deg = {noise:g}
+rates_bias_deg_s = {bias:g}
+rates_noise_deg_s = {velocity:g}
+force_bias_m_s2 = {bias:g}
+force_noise_m_s2 = {velocity:g}
+airspeed_bias_m_s = {noise:g}
+airspeed_noise_m_s = {noise:g}
+vane_bias_deg = {velocity:g}
+vane_noise_deg = {velocity:g}
+"""
+GOAL = """
+[goal_sensor]
+preset = "camera"
+period_s = 0.01
+range_m = {range:g}
+angle_mrad = {angle:g}
+[estimator]
+briefed_position_m = {range:g}
+briefed_velocity_m_s = {velocity:g}
+"""
+
+
+def noisy(share):
+    numbers = {"two": 2.0, "noise": 0.3, "velocity": 0.05, "bias": 0.002, "range": 10.0, "angle": 3.0}
+    scaled = {key: share * value for key, value in numbers.items()}
+    return NAVIGATION.format(**scaled), GOAL.format(**(scaled if share else numbers))
+
+
+def with_estimator(flight, estimator):
+    """The same flight with one estimator for all."""
+    aircraft = [flight.aircraft(k) for k in range(flight.count)]
+    aircraft = [(dataclasses.replace(vehicle, estimator=estimator), *start) for vehicle, *start in aircraft]
+    timing = flight.timing
+    return assemble(
+        flight.environment,
+        aircraft,
+        flight.planner,
+        timing.step,
+        timing.replan_steps,
+        timing.freeze,
+        flight.randomness,
+    )
+
+
+@eqx.filter_jit
+def flown(flight):
+    state, _ = start_flight(flight)
+    _, _, rows = fly(flight, state, 0, STEPS)
+    return {key: rows[key] for key in SCALES}
+
+
+# of each recorded quantity, SI
+SCALES = {
+    "north": 1e4,
+    "east": 1e4,
+    "altitude": 1e3,
+    "airspeed": 150.0,
+    "alpha": 0.1,
+    "roll": 1.0,
+    "roll_rate": 1.0,
+    "elevator": 0.1,
+    "arrival_time": 60.0,
+}
+
+
+@pytest.fixture(scope="module")
+def perfect():
+    return jax.tree.map(np.asarray, flown(build_flight(loads(TEXT))))
+
+
+def farthest(one, other):
+    return max(float(np.max(np.abs(one[key] - other[key]))) / scale for key, scale in SCALES.items())
+
+
+@pytest.mark.parametrize("estimator", [DirectEstimator(), TrackingEstimator()], ids=["none", "no filters"])
+def test_sensors_without_errors_at_every_step_are_the_perfect_world(perfect, estimator):
+    flight = with_estimator(build_flight(loads(TEXT + noisy(0.0)[0])), estimator)
+    found = jax.tree.map(np.asarray, flown(flight))
+    assert farthest(found, perfect) < 1e-9
+
+
+def test_flights_by_filters_come_to_the_perfect_one_over_three_decades(perfect):
+    off = []
+    for share in (1.0, 0.1, 0.01, 0.001):
+        found = jax.tree.map(np.asarray, flown(build_flight(loads(TEXT + "".join(noisy(share))))))
+        places = [np.abs(found[key] - perfect[key]).max() for key in ("north", "east", "altitude")]
+        off.append(float(max(places)))
+    print("greatest departure from the perfect flight, m:", off)  # noqa: T201
+    # in proportion to the noise, but for what is not linear in the largest of it
+    ratios = np.array(off[:-1]) / np.array(off[1:])
+    assert np.all(ratios > 7.0), off
+    assert off[-1] < 0.02
