@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from anser.campaign.batches import Progress, silent
+from anser.campaign.happenings import Happenings
 from anser.campaign.negotiated import DecentralisedPlanned
 from anser.campaign.plan_interface import NoPlanError, Planned
 from anser.campaign.planned import plan
-from anser.campaign.replanned import after_event, event_steps
-from anser.campaign.takeover import take_over
 from anser.compiling import Prepared, compiled
 from anser.numerics import as_array
 from anser.scenario import Scenario
@@ -167,30 +166,20 @@ def run(scenario: Scenario, progress: Progress | None = None, planned: Planned |
     timing = scenario.timing
     steps = round(timing.duration_s / timing.step_s)
     on_progress("flying", 0.0)
-    segments, outcomes, at = [], [], 0
-    events, goals = event_steps(scenario), tuple(one.goal for one in scenario.aircraft)
-
-    def told(what: str) -> None:
-        on_progress(what, None)
-
+    segments, at = [], 0
+    happenings = Happenings(scenario, lambda what: on_progress(what, None))
     while at <= steps:
-        now = [event for due, event in events if due <= at]
-        events = events[len(now) :]
-        for event in now:
-            flight, state, outcome = after_event(scenario, flight, state, at, event, told)
-            outcomes.append(outcome)
-        flight, state, goals, taken = take_over(scenario, flight, state, at, now, goals, told)
-        outcomes += taken
-        if now:
-            simpler = without_replanning(flight)
-        flown = min(SEGMENT_STEPS, (events[0][0] if events else steps + 1) - at)
+        flight, state = happenings.take_place(flight, state, at)
+        simpler = without_replanning(flight)
+        flown = happenings.steps_until_next(at, min(SEGMENT_STEPS, steps + 1 - at))
         # a flight without events has none of the program that can fly part of a segment
         part = {"flown": as_array(flown, np.int32)} if scenario.event else {}
         number = as_array(at, np.int32)
         after, _, history = fly_segment(simpler, state, number, **part)
         if after.planner.asked:  # what came of it does not count
             after, _, history = fly_segment(flight, state, number, **part)
-        state, at = after, at + (flown if scenario.event else SEGMENT_STEPS)
+        at += flown if scenario.event else SEGMENT_STEPS
+        state = happenings.looked_after(flight, after, at)
         rows = slice(flown if scenario.event else None), slice(len(scenario.aircraft))
         segments.append({key: np.asarray(values)[rows] for key, values in history.items()})
         on_progress("flying", min(at / (steps + 1), 1.0))
@@ -198,8 +187,8 @@ def run(scenario: Scenario, progress: Progress | None = None, planned: Planned |
     time_s = np.arange(steps + 1) * timing.step_s
     wall_s = clock.perf_counter() - began
     on_progress("summing up", None)
-    happened = [one.as_dict() for one in outcomes]
-    summary = summarize(time_s, history, scenario, wall_s, planned.path_words(), happened, goals)
+    happened = [one.as_dict() for one in happenings.outcomes]
+    summary = summarize(time_s, history, scenario, wall_s, planned.path_words(), happened, happenings.goals)
     attributes = _attributes(scenario) | version_attributes()
     if isinstance(planned, DecentralisedPlanned):
         summary["network"] = summarize_network(time_s, history, scenario, planned.agreed_after_s)

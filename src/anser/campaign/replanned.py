@@ -1,7 +1,7 @@
 """What becomes of a flight's plan when something happens: who leaves leaves clear of the others, who stays plans on."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,10 +17,11 @@ from anser.planning.certified.renewal import intervals_of
 from anser.planning.certified.task import KeepOuts
 from anser.planning.timed_path import TimedPath
 from anser.scenario import Scenario
-from anser.scenario.schema_event import Event
+from anser.scenario.schema_event import GOAL_EVENTS, Event
 from anser.simulation import CertifiedPlanner, CertifiedPlanState, Flight, FlightState, assign_holds, moved_with_goals
 from anser.simulation.replanning import TURNS, Present, leaving, present, with_plan
 
+NO_PLAN = "no plan was found that keeps everything: the plan in force is kept"
 _present = compiled_quickly(present)
 _leaving = compiled_quickly(leaving)
 
@@ -77,7 +78,7 @@ def after_event(
     names = [one.name for one in scenario.aircraft]
     whom = event.aircraft or event.goal or (event.keep_out.name if event.keep_out is not None else "all")
     done = _Done(event, whom)
-    if event.kind in ("goal-stops", "goal-turns", "goal-sensor-lost"):
+    if event.kind in GOAL_EVENTS:
         return flight, state, done(True, "the plan is renewed towards where the goal is taken to be")
     on_progress(f"planning on after {event.kind} at {event.time_s:g} s")
     at = as_array(number, np.int32)
@@ -180,7 +181,7 @@ def _planned_on(
         return flight, with_plan(state, kept_plan), done(True, "the plan in force keeps everything")
     planned = _searched(scenario, flight, state, seen, now_s, wanted_s, on_progress)
     if planned is None:
-        return flight, state, done(False, "no plan was found that keeps everything: the plan in force is kept")
+        return flight, state, done(False, NO_PLAN)
     return flight, planned, done(True, "planned anew")
 
 
@@ -194,7 +195,10 @@ def planned_anew(
 ) -> FlightState | None:
     """The flight's state with a plan made anew at a sample, for the arrivals in force or what the rule allows."""
     times_s, now_s = np.asarray(state.planner.plan.arrival_times), number * scenario.timing.step_s
-    return _searched(scenario, flight, state, seen_at(flight, state, number), now_s, times_s, on_progress)
+    seen = seen_at(flight, state, number)
+    if not (np.asarray(seen.tasks.active) > 0.0).any():
+        return None
+    return _searched(scenario, flight, state, seen, now_s, times_s, on_progress)
 
 
 def _wanted(scenario: Scenario, times_s: np.ndarray, free: np.ndarray, event: Event) -> np.ndarray:
@@ -265,10 +269,3 @@ def _searched(
             how = as_array(REPLANNED, np.asarray(memory.renewal).dtype)
             return with_plan(state, CertifiedPlanState(outcome.plan, how, holds, memory.limits))
     return None
-
-
-def event_steps(scenario: Scenario) -> Sequence[tuple[int, Event]]:
-    """Sample at which each event happens, in the order of time."""
-    step_s = scenario.timing.step_s
-    pairs = [(round(event.time_s / step_s), event) for event in scenario.event]
-    return sorted(pairs, key=lambda pair: pair[0])

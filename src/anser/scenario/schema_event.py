@@ -21,6 +21,8 @@ KINDS = (
     "keep-out-appears",
     "arrival-put-off",
 )
+GOAL_EVENTS = ("goal-sensor-lost", "goal-stops", "goal-turns")
+"""Those that leave fleet and airspace as they are: the plan is renewed towards where the goal is taken to be."""
 _NEEDS: dict[str, tuple[str, ...]] = {
     "aircraft-leaves": ("aircraft",),
     "goal-sensor-lost": ("aircraft",),

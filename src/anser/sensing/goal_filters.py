@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from anser.numerics import where_any
-from anser.sensing.ideal import line_of_sight
+from anser.sensing.ideal import line_of_sight, sight_values
 from anser.sensing.interface import GOAL_DIVERGED, GOAL_KNOWN, GOAL_NEVER_SEEN, GoalReading, GoalState, Instant
 from anser.sensing.kalman import Measurement, SigmaPoints, extended_update, unscented_spread, unscented_update
 from anser.sensing.motion_models import AbstractMotion
@@ -244,17 +244,7 @@ def expected(reading: GoalReading, state: Float[Array, "6"], own: OwnMotion, ins
     if reading.kind == "report":
         return state
     goal = GoalState(state[:3], state[3:])
-    sight = line_of_sight(instant.environment.earth, own.position_n, own.velocity_n, goal)
-    return jnp.stack(
-        [
-            sight.range,
-            sight.azimuth,
-            sight.elevation,
-            sight.range_rate,
-            sight.azimuth_rate,
-            sight.elevation_rate,
-        ]
-    )
+    return sight_values(line_of_sight(instant.environment.earth, own.position_n, own.velocity_n, goal))
 
 
 def innovation(reading: GoalReading, predicted: Float[Array, "6"]) -> Float[Array, "6"]:

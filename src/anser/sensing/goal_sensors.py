@@ -17,7 +17,7 @@ from anser.numerics import where_any
 from anser.numerics.randomness import GOAL_SENSOR
 from anser.planning import LineOfSight
 from anser.sensing.dropouts import Dropouts
-from anser.sensing.ideal import true_sight
+from anser.sensing.ideal import sight_values, true_sight
 from anser.sensing.interface import GoalReading, Instant, Truth
 from anser.sensing.own_sensors import is_due
 from anser.shapes import Flag, Scalar, Vector3
@@ -158,7 +158,7 @@ class GoalSensor(eqx.Module):
         line_n = _line(truth, instant.environment.earth)
         seen = works & truth.goal_sensor_works & self.view.sees(truth.now.R_bn, line_n)
         if self.kind == "sight":
-            values, sigmas = _of_sight(sight), self._sight_sigmas(sight)
+            values, sigmas = sight_values(sight), self._sight_sigmas(sight)
         else:
             values, sigmas = jnp.concatenate([goal.position_n, goal.velocity_n]), self.sigmas
         errors = memory.biases + sigmas * instant.normals(GOAL_SENSOR, _NORMALS)
@@ -206,19 +206,6 @@ def slots_for(latency_max_s: float, period_s: float) -> int:
     if latency_max_s <= 0.0:
         return 0
     return 2 ** max(1, math.ceil(math.log2(latency_max_s / period_s + 2.0)))
-
-
-def _of_sight(sight: LineOfSight) -> Array:
-    return jnp.stack(
-        [
-            sight.range,
-            sight.azimuth,
-            sight.elevation,
-            sight.range_rate,
-            sight.azimuth_rate,
-            sight.elevation_rate,
-        ]
-    )
 
 
 def _line(truth: Truth, earth: AbstractEarth) -> Vector3:

@@ -1,6 +1,7 @@
 """Ideal sensors: the true state without delay or error."""
 
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
 from anser.environment import AbstractEarth
 from anser.planning import LineOfSight, measure
@@ -36,3 +37,17 @@ def line_of_sight(earth: AbstractEarth, position_n: Vector3, velocity_n: Vector3
     """
     line_n, goal_over_ground_n = earth.sight(position_n, goal.position_n, goal.velocity_n)
     return measure(jnp.zeros(3), velocity_n, line_n, goal_over_ground_n)
+
+
+def sight_values(sight: LineOfSight) -> Float[Array, "6"]:
+    """Range (m), azimuth and elevation (rad), and their rates, in the order of `GoalReading`."""
+    return jnp.stack(
+        [
+            sight.range,
+            sight.azimuth,
+            sight.elevation,
+            sight.range_rate,
+            sight.azimuth_rate,
+            sight.elevation_rate,
+        ]
+    )

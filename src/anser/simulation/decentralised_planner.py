@@ -15,11 +15,9 @@ from anser.numerics import AbstractRandomness, any_in_batch
 from anser.numerics.stacking import rows_where
 from anser.planning import (
     AbstractPlanner,
-    AbstractReference,
     AircraftPlan,
     NetworkView,
     PathLimits,
-    PathPoint,
     Performance,
     Report,
 )
@@ -36,10 +34,11 @@ from anser.planning.certified.renewal import (
     postponements,
 )
 from anser.planning.certified.task import AircraftTask
-from anser.planning.time_coordination import CoordinationGains, bounded_rate, clock_acceleration
+from anser.planning.time_coordination import CoordinationGains
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Flag, Scalar, ScalarLike
 from anser.simulation.certified_planner import CertifiedPlanner, CertifiedPlanState
+from anser.simulation.clocks import ClockedPath, Clocks, accelerations, clocks_after
 from anser.simulation.hold_assignment import assign_holds
 from anser.simulation.network import Network, NetworkState, OwnWord
 from anser.simulation.path_exchange import (
@@ -52,66 +51,12 @@ from anser.simulation.path_exchange import (
 )
 from anser.simulation.planned_hold import each_alone, moved_with_goals
 from anser.simulation.way import Way, clearance_ratios
-from anser.spatial import safe_norm
 
 LEAD_S = 6.0
 """For this long after it was offered a path is still the one that is flown: so long the others have to answer."""
 _ENOUGH = 1.0 - 1e-7  # ratio of distance to separation
 _SAME_TIME_S = 1e-3
 _LATER = (0.0, 0.01, 0.02, 0.04, 0.08, 0.15)  # of the time to go: no later than needed, the others follow
-
-
-class ClockedPath(AbstractReference):
-    """A path followed by a clock of its own.
-
-    Attributes
-    ----------
-    path, following
-        By its clock.
-    follows
-        Whether the second takes the place of the first from its beginning on.
-    clock, rate, acceleration
-        The clock at a time, s, 1 and 1/s.
-    time
-        s.
-    """
-
-    path: TimedPath
-    following: TimedPath
-    follows: Flag
-    clock: Scalar
-    rate: Scalar
-    acceleration: Scalar
-    time: Scalar
-
-    def at(self, time: ScalarLike) -> PathPoint:
-        """Motion over the ground at a time."""
-        clock = self.clock + self.rate * (time - self.time)
-        second = self.follows & (clock >= self.following.start_time)
-        point = jax.tree.map(lambda a, b: jnp.where(second, a, b), self.following.at(clock), self.path.at(clock))
-        bend_n = self.rate**2 * point.acceleration_n + self.acceleration * point.velocity_n
-        return PathPoint(point.position_n, self.rate * point.velocity_n, bend_n)
-
-    @property
-    def duration(self) -> Scalar:
-        """Of the path by its clock, s."""
-        return self.path.duration
-
-
-class Clocks(eqx.Module):
-    """Clocks along the paths; leading axis aircraft.
-
-    Attributes
-    ----------
-    clock
-        How far along its path each is to be, s.
-    rate, acceleration
-        1 and 1/s.
-    """
-
-    clock: Float[Array, " aircraft"]
-    rate: Float[Array, " aircraft"]
-    acceleration: Float[Array, " aircraft"]
 
 
 class DecentralisedPlanState(eqx.Module):
@@ -364,54 +309,19 @@ class DecentralisedPlanner(AbstractPlanner):
             network = self.network.exchange(
                 memory.network, own, reports.position_n, reports.active, number, time, randomness
             )
-            return network, self._accelerations(memory, network, reports)
+            coordinated = reports.active & (memory.plan.arrival_times - memory.clocks.clock > self.each.freeze)
+            paths, places_n = self._followed(memory), reports.position_n
+            return network, accelerations(paths, network, places_n, reports.active, coordinated, self.gains)
 
         network, acceleration = jax.lax.cond(due, talked, lambda: (memory.network, memory.clocks.acceleration))
-        memory = eqx.tree_at(lambda m: m.network, memory, network)
-        return eqx.tree_at(
-            lambda m: (m.clocks, m.time),
-            memory,
-            (self._moved(memory, reports, acceleration, step), (number + 1) * jnp.asarray(step, dtype=float)),
-        )
-
-    def _coordinates(self, memory: DecentralisedPlanState, reports: Report) -> Bool[Array, " aircraft"]:
-        return reports.active & (memory.plan.arrival_times - memory.clocks.clock > self.each.freeze)
-
-    def _accelerations(
-        self, memory: DecentralisedPlanState, network: NetworkState, reports: Report
-    ) -> Float[Array, " aircraft"]:
-        """Of the clocks, by the law, from what was heard."""
-        clocks, known = memory.clocks, network.known
-        heard = known.clocks + (memory.time - known.times)
-
-        def one(path: ClockedPath, others: Array, hears: Array, position_n: Array) -> Scalar:
-            wanted = path.at(path.time)
-            speed = jnp.maximum(safe_norm(wanted.velocity_n), 1.0)
-            lag = jnp.sum(wanted.velocity_n * (wanted.position_n - position_n)) / speed**2
-            count = jnp.sum(reports.active)
-            return clock_acceleration(path.clock, path.rate, others, hears, lag, count, self.gains)
-
-        found = jax.vmap(one)(self._followed(memory), heard, network.hears, reports.position_n)
-        freely = -self.gains.damping * (clocks.rate - 1.0)
-        return jnp.where(self._coordinates(memory, reports), found, freely)
-
-    def _moved(
-        self, memory: DecentralisedPlanState, reports: Report, acceleration: Float[Array, " aircraft"], step: ScalarLike
-    ) -> Clocks:
-        """The clocks after a step (s); after its arrival each goes on at the rate 1."""
-        clocks, known, time = memory.clocks, memory.network.known, memory.time
-        count = clocks.clock.shape[0]
-        heard = known.clocks + (time - known.times)
-        doubt = self.gains.rate_range * (time - known.times)
-        counted = reports.active[None, :] & ~jnp.eye(count, dtype=bool)
-        wanted = clocks.rate + step * acceleration
-        rate = jax.vmap(bounded_rate, in_axes=(0, 0, 0, 0, 0, None))(
-            wanted, clocks.clock, heard, doubt, counted, self.gains
-        )
+        clocks = eqx.tree_at(lambda c: c.acceleration, memory.clocks, acceleration)
         arrived = clocks.clock >= memory.plan.arrival_times
-        rate = jnp.where(arrived | ~reports.active, 1.0, rate)
-        clock = clocks.clock + step * 0.5 * (clocks.rate + rate)
-        return Clocks(clock, rate, jnp.where(arrived, 0.0, (rate - clocks.rate) / step))
+        clocks = clocks_after(clocks, network.known, time, reports.active, arrived, self.gains, step)
+        return eqx.tree_at(
+            lambda m: (m.network, m.clocks, m.time),
+            memory,
+            (network, clocks, (number + 1) * jnp.asarray(step, dtype=float)),
+        )
 
     def _followed(self, memory: DecentralisedPlanState) -> ClockedPath:
         """What each follows; leading axis aircraft."""
