@@ -71,7 +71,7 @@ def test_they_agree_on_one_arrival_and_keep_apart(planned):
 
 
 def test_they_arrive_together_by_clocks_that_stay_together(flown):
-    assert flown.met, flown.requirements
+    assert flown.met, flown.summary["requirements"]
     fleet = flown.summary["fleet"]
     assert fleet["arrival_spread_s"] < 0.02
     assert fleet["separation_min_m"] > 150.0
@@ -121,5 +121,15 @@ def test_with_a_perfect_network_they_arrive_when_a_centre_has_them_arrive():
 @pytest.mark.long
 def test_the_shipped_scenario_without_a_centre():
     flown = anser.run(load("scenarios/no-centre.toml"))
-    assert flown.met, flown.requirements
+    assert flown.met, flown.summary["requirements"]
     assert flown.summary["fleet"]["separation_min_m"] >= 200.0
+
+
+@pytest.mark.long
+def test_with_less_thrust_it_goes_on_and_the_others_wait_for_it():
+    event = '[[event]]\ntime_s = 15.0\nkind = "thrust-lost"\naircraft = "alpha"\nthrust_left = 0.5\n'
+    flown = anser.run(loads(TEXT + event))
+    assert flown.met, flown.summary["requirements"]
+    (told,) = flown.summary["events"]
+    assert told["planned"]
+    assert "the others wait for it" in told["message"]

@@ -92,6 +92,8 @@ def after_event(
         flight = _with_keep_out(scenario, flight, event)
     if event.kind == "thrust-lost":
         state = _with_less_thrust(state, names.index(str(event.aircraft)), event.thrust_left or 0.0)
+        if scenario.fleet.planner == "decentralised":
+            return flight, state, done(True, "its path is renewed within what it can do, and the others wait for it")
     return _planned_on(scenario, flight, state, number, event, done, on_progress)
 
 
