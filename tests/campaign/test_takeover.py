@@ -130,6 +130,19 @@ def test_goals_left_at_once_are_assigned_with_the_shortest_ways_in_all(monkeypat
     assert {one.whom for one in done} == {"a", "d"}
 
 
+def test_a_goal_to_which_another_flies_as_well_is_not_free(monkeypatch):
+    _, _, goals, (done,) = taken_over(monkeypatch, [("a", "nearest")])
+    assert goals == tuple(OF.values())
+    assert done.planned
+    assert done.message == 'its goal "one" is not free: "d" flies to it'
+
+
+def test_who_is_alone_with_its_goal_once_another_has_left_is_not_spare(monkeypatch):
+    _, _, goals, done = taken_over(monkeypatch, [("a", "spare"), ("c", "spare")])
+    assert goals == tuple(OF.values())
+    assert [one.planned for one in done] == [True, False]
+
+
 def test_goal_rendezvous_and_what_is_known_of_it_are_handed_over():
     noisy = text(("c", "nearest")) + '[goal_sensor]\npreset = "ais"\n[navigation]\nsensors = "satellite-inertial"\n'
     flight = build_flight(loads(noisy))

@@ -31,22 +31,32 @@ class _Fleet:
     arrival_times_s: np.ndarray
     now_s: float
 
+    def flying_to(self, goal: str) -> list[str]:
+        """Names of those who fly to a goal and have not left."""
+        events = self.scenario.event
+        left = {one.aircraft for one in events if one.kind == "aircraft-leaves" and one.time_s <= self.now_s}
+        names = [one.name for one in self.scenario.aircraft]
+        return [name for name, own in zip(names, self.goals, strict=True) if own == goal and name not in left]
+
     def ways_m(self, left: Sequence[tuple[int, Event]]) -> np.ndarray:
-        """Way of each aircraft to the rendezvous of each who left, where it can be there in time; else `_NEVER`."""
+        """Way of each aircraft to the rendezvous of each who left, where it may be there in time; else `_NEVER`.
+
+        In time is what a straight flight at the greatest airspeed, with the wind, allows: the search decides.
+        """
         tasks, names = self.present.tasks, [one.name for one in self.scenario.aircraft]
         places = np.asarray(tasks.position_n)
         free = np.asarray(tasks.active)[: len(names)] > 0.0
         last_s = self.arrival_times_s
         if self.scenario.arrival.rule in ("together", "earliest", "sequence"):
             last_s = np.full_like(last_s, self.scenario.timing.latest_arrival_s)
-        reach_m = (last_s - self.now_s) * np.asarray(tasks.limits.speed_max)
+        reach_m = (last_s - self.now_s) * (np.asarray(tasks.limits.speed_max) + self.scenario.wind.greatest_m_s)
         seen, ways = self.present.seen, np.full((len(names), len(left)), _NEVER)
         for column, (leaver, event) in enumerate(left):
             to_go_s = np.maximum(self.arrival_times_s - self.now_s, 0.0)[:, None]
             goal_n = np.asarray(seen.goal_position_n)[leaver] + to_go_s * np.asarray(seen.goal_velocity_n)[leaver]
             away = np.linalg.norm(goal_n + np.asarray(seen.rendezvous.stand_off_n)[leaver] - places, axis=1)
             for row in np.flatnonzero(free):
-                spare = self.goals.count(self.goals[row]) > 1
+                spare = len(self.flying_to(self.goals[row])) > 1
                 if away[row] <= reach_m[row] and (spare or event.goal_taken_over_by == "nearest"):
                     ways[row, column] = away[row]
         return ways
@@ -82,15 +92,23 @@ def take_over(
     Flight and state after it, the name of the goal of each aircraft, and what was done.
     """
     asked = [event for event in left if event.goal_taken_over_by is not None]
-    names = [one.name for one in scenario.aircraft]
-    free = [(names.index(str(event.aircraft)), event) for event in asked]
-    if not free:
+    if not asked:
         return flight, state, tuple(goals), []
     on_progress("looking for aircraft that take over a goal")
-    now_s = number * scenario.timing.step_s
+    names, now_s = [one.name for one in scenario.aircraft], number * scenario.timing.step_s
     fleet = _Fleet(
         scenario, tuple(goals), seen_at(flight, state, number), np.asarray(state.planner.plan.arrival_times), now_s
     )
+    free: list[tuple[int, Event]] = []
+    visited: list[EventOutcome] = []
+    for event in asked:
+        leaver = names.index(str(event.aircraft))
+        others = fleet.flying_to(goals[leaver])
+        if others:
+            message = f'its goal "{goals[leaver]}" is not free: "{others[0]}" flies to it'
+            visited.append(EventOutcome(now_s, TAKEN_OVER, names[leaver], True, message))
+        else:
+            free.append((leaver, event))
     ways = fleet.ways_m(free)
     while np.any(ways < _NEVER):
         rows, columns = linear_sum_assignment(ways)
@@ -114,10 +132,10 @@ def take_over(
                 for taker, column in pairs
             ]
             lacking = sorted(set(range(len(free))) - {column for _, column in pairs})
-            return handed, planned, tuple(after), [*done, *(_nobody(now_s, *free[c], goals) for c in lacking)]
+            return handed, planned, tuple(after), [*visited, *done, *(_nobody(now_s, *free[c], goals) for c in lacking)]
         taker, column = max(pairs, key=lambda pair: ways[pair])
         ways[taker, column] = _NEVER
-    return flight, state, tuple(goals), [_nobody(now_s, *one, goals) for one in free]
+    return flight, state, tuple(goals), [*visited, *(_nobody(now_s, *one, goals) for one in free)]
 
 
 def _nobody(now_s: float, leaver: int, event: Event, goals: Sequence[str]) -> EventOutcome:
