@@ -44,11 +44,12 @@ angle_mrad = {angle:g}
 [estimator]
 briefed_position_m = {range:g}
 briefed_velocity_m_s = {velocity:g}
+acceleration_m_s2 = {goal:g}
 """
 
 
 def noisy(share):
-    numbers = {"two": 2.0, "noise": 0.3, "velocity": 0.05, "bias": 0.002, "range": 10.0, "angle": 3.0}
+    numbers = {"two": 2.0, "noise": 0.3, "velocity": 0.05, "bias": 0.002, "range": 10.0, "angle": 3.0, "goal": 0.02}
     scaled = {key: share * value for key, value in numbers.items()}
     return NAVIGATION.format(**scaled), GOAL.format(**(scaled if share else numbers))
 
@@ -107,13 +108,17 @@ def test_sensors_without_errors_at_every_step_are_the_perfect_world(perfect, est
 
 
 def test_flights_by_filters_come_to_the_perfect_one_over_three_decades(perfect):
+    """All noise vanishes, that of the goal's motion too, for which the filter allows: its gain stays as it is.
+
+    Were that part kept, errors of the goal's velocity would fall only with the fourth root of the sensor's noise.
+    """
     off = []
-    for share in (1.0, 0.1, 0.01, 0.001):
+    for share in (0.1, 0.01, 0.001, 0.0001):
         found = jax.tree.map(np.asarray, flown(build_flight(loads(TEXT + "".join(noisy(share))))))
         places = [np.abs(found[key] - perfect[key]).max() for key in ("north", "east", "altitude")]
         off.append(float(max(places)))
     print("greatest departure from the perfect flight, m:", off)  # noqa: T201
-    # in proportion to the noise, but for what is not linear in the largest of it
+    # in proportion to the noise: a factor of 10, but for what is not linear in the largest of it
     ratios = np.array(off[:-1]) / np.array(off[1:])
     assert np.all(ratios > 7.0), off
-    assert off[-1] < 0.02
+    assert off[-1] < 0.01
