@@ -208,7 +208,7 @@ CATALOGUE: tuple[Variable, ...] = (
         "int32",
         "renewal",
         "How the plan in force came to be",
-        ("first", "corrected", "anew", "last_good_kept"),
+        ("first", "corrected", "anew", "last_good_kept", "goal_awaited"),
     ),
     *(
         _discrete(f"{what}_limited", "bool", f"{what}_lim", f"{words} at a limit", ("free", "limited"))

@@ -29,6 +29,8 @@ class Report(eqx.Module):
         How it is to meet the goal.
     active
         Whether it flies its plan. One that has stopped or has broken off does not: the others are planned without it.
+    goal_covariance
+        Of the goal's position and velocity as it takes them to be, NED, m and m/s; None: they are exact.
     """
 
     position_n: Vector3
@@ -39,6 +41,7 @@ class Report(eqx.Module):
     goal_velocity_n: Vector3
     rendezvous: Rendezvous
     active: Flag
+    goal_covariance: Float[Array, "*aircraft 6 6"] | None = None
 
 
 class Performance(eqx.Module):

@@ -5,7 +5,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-RENEWALS = ("fitted to where the goal is now", "corrected", "planned anew", "last good plan kept")
+RENEWALS = (
+    "fitted to where the goal is now",
+    "corrected",
+    "planned anew",
+    "last good plan kept",
+    "kept until the goal is known better",
+)
 """What a renewal did, in the order of the numbers in `events_of`."""
 
 LIMITED = ("speed", "thrust", "lift", "bank", "rates", "surfaces")

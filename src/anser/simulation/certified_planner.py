@@ -197,7 +197,15 @@ class CertifiedPlanner(AbstractPlanner):
         """The plan bent, made anew or kept, see `renew_certified`; with it the holds that are not flown yet."""
         own = self.aircraft_tasks(reports, memory.limits)
         made = renew_certified(
-            memory.plan, time, own, self.airspace, self.movable, self.freeze, self.latest, self.replans
+            memory.plan,
+            time,
+            own,
+            self.airspace,
+            self.movable,
+            self.freeze,
+            self.latest,
+            self.replans,
+            reports.goal_covariance,
         )
         former, asked = memory.holds, memory.asked | made.asked
         if former is None or not self.replans:

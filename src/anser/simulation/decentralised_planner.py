@@ -25,6 +25,7 @@ from anser.planning.certified import REPLANNED, CertifiedPlan, Standing
 from anser.planning.certified.candidate_sets import MINIMAL
 from anser.planning.certified.certified_plan import certify, plan_fleet_at
 from anser.planning.certified.renewal import (
+    AWAITING,
     COMMITTED_S,
     CORRECTED,
     KEPT,
@@ -32,6 +33,7 @@ from anser.planning.certified.renewal import (
     from_plan,
     intervals_of,
     postponements,
+    surely_elsewhere,
 )
 from anser.planning.certified.task import AircraftTask
 from anser.planning.time_coordination import CoordinationGains
@@ -181,7 +183,11 @@ class DecentralisedPlanner(AbstractPlanner):
         may_offer = free & state.settled & ~behind & ~bends & (to_go > self.each.freeze + 2.0 * LEAD_S)
         safe = jnp.all(clear[mine, agreed] & (clear[mine, other] | ~reckoned), axis=1)
         offers = may_offer & certificate.kept_alone & safe
-        wanted = free & state.settled & (behind | ~bends) & ~offers & (to_go > COMMITTED_S + 2.0 * LEAD_S)
+        sure = under_way
+        if reports.goal_covariance is not None:
+            sure = jax.vmap(surely_elsewhere)(paths, tasks, reports.goal_covariance, to_go / memory.clocks.rate)
+        due = behind | (~bends & sure)
+        wanted = free & state.settled & due & ~offers & (to_go > COMMITTED_S + 2.0 * LEAD_S)
         asked = memory.asked
         if self.replans:
             ways, found, delays = self._anew(memory, state, paths, ways, tasks, wanted, reckoned, delays, time)
@@ -202,7 +208,8 @@ class DecentralisedPlanner(AbstractPlanner):
                 jnp.where(taken, state.agreed.path.times[:, -1], plan.arrival_times),
             ),
         )
-        how = jnp.where(taken, REPLANNED, jnp.where(under_way & ~bends, KEPT, CORRECTED)).astype(memory.renewal.dtype)
+        stands = jnp.where(sure, KEPT, AWAITING)
+        how = jnp.where(taken, REPLANNED, jnp.where(under_way & ~bends, stands, CORRECTED)).astype(memory.renewal.dtype)
         return eqx.tree_at(
             lambda m: (m.plan, m.renewal, m.exchange, m.waits, m.asked, m.delays),
             memory,

@@ -42,6 +42,7 @@ def report(vehicle: Vehicle, seen: Perceived, active: Flag) -> Report:
         goal_velocity_n=belief.goal.velocity_n,
         rendezvous=mission.rendezvous,
         active=active,
+        goal_covariance=None if belief.uncertainty is None else belief.uncertainty.goal_covariance,
     )
 
 

@@ -18,6 +18,7 @@ from anser.planning.certified.path_bounds import PathBounds, excess, path_bounds
 from anser.planning.certified.placement import Placement, fewest_first, place
 from anser.planning.certified.task import AircraftTask, Airspace
 from anser.planning.certified.tracking import path_track
+from anser.planning.limits import PathLimits
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Flag, Scalar, ScalarLike
 
@@ -126,14 +127,29 @@ class Standing(eqx.Module):
     arrival_times: Float[Array, " aircraft"]
 
 
-def certify(
-    paths: TimedPath, tasks: AircraftTask, airspace: Airspace, intervals: int, since: ScalarLike = -jnp.inf
-) -> Certificate:
-    """Bounds of stacked paths; `intervals` even intervals lie between the knots of each.
+def fleet_bounds(paths: TimedPath, airspace: Airspace) -> PathBounds:
+    """Bounds of stacked paths."""
+    return jax.vmap(path_bounds, in_axes=(0, None, None))(paths, airspace.wind, airspace.gravity)
 
-    Limits are looked at over whole paths, distances from a time (s) on.
+
+def within_limits(bounds: PathBounds, limits: PathLimits) -> Bool[Array, " aircraft"]:
+    """Whether each of stacked bounds keeps its aircraft's limits."""
+    return jnp.all(jax.vmap(excess)(bounds, limits) <= _ROUNDING, axis=1)
+
+
+def certify(
+    paths: TimedPath,
+    tasks: AircraftTask,
+    airspace: Airspace,
+    intervals: int,
+    since: ScalarLike = -jnp.inf,
+    bounds: PathBounds | None = None,
+) -> Certificate:
+    """What stacked paths keep; `intervals` even intervals lie between the knots of each.
+
+    Limits are looked at over whole paths, distances from a time (s) on. `bounds` of the paths, where they are known.
     """
-    bounds = jax.vmap(path_bounds, in_axes=(0, None, None))(paths, airspace.wind, airspace.gravity)
+    bounds = fleet_bounds(paths, airspace) if bounds is None else bounds
     over = jax.vmap(excess)(bounds, tasks.limits)
     # A path that is none, which its own bounds tell, must not hide the others.
     starts, ends = paths.times[:, 0], paths.times[:, -1]

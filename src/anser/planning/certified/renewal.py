@@ -7,23 +7,34 @@ from jaxtyping import Array, Bool, Float
 
 from anser.numerics.stacking import rows_where
 from anser.planning.certified.candidate_sets import MINIMAL
-from anser.planning.certified.certified_plan import CertifiedPlan, certify, plan_fleet_at
+from anser.planning.certified.certified_plan import (
+    CertifiedPlan,
+    certify,
+    fleet_bounds,
+    plan_fleet_at,
+    within_limits,
+)
+from anser.planning.certified.path_bounds import PathBounds
 from anser.planning.certified.profile import KINKS
 from anser.planning.certified.route import PIECES
 from anser.planning.certified.task import AircraftTask, Airspace
 from anser.planning.timed_path import TimedPath
-from anser.shapes import Count, Flag, ScalarLike
+from anser.shapes import Count, Flag, ScalarLike, Vector3
 
-FIRST, CORRECTED, REPLANNED, KEPT = range(4)
+FIRST, CORRECTED, REPLANNED, KEPT, AWAITING = range(5)
 RENEWAL_MESSAGES = (
     "the first plan",
     "the plan in force, bent to where the rendezvous is now expected",
     "planned anew from the planned state",
     "no new plan keeps all limits: the last good plan is kept",
+    "the last good plan is kept until the goal is known well enough for another",
 )
 COMMITTED_S = 15.0
 """With less time to go than this an aircraft's path is corrected, but not planned anew."""
 _SAME_PLACE_M = 1e-6
+SURE = 3.0
+"""By how many standard deviations, as the goal is known, a rendezvous is elsewhere before another plan is made for it.
+Nearer, the next measurements may well bring it back."""
 LATER = (0.0, 0.03, 0.08, 0.15)
 """By which parts of the longest time to go the arrivals may be put off, where the arrival time is free."""
 
@@ -53,7 +64,7 @@ def corrected(
     """
     end = path.times[-1]
     to_go = end - now if to_go is None else to_go
-    off = task.meeting_n(to_go) - path.air_n[-1, 0] - path.drift_n[-1, 0]
+    off = moved_n(path, task, to_go)
     begin = jnp.min(jnp.where(path.times > now + lead, path.times, end))
     span = jnp.maximum(end - begin, 1e-3)
     u = jnp.clip((path.times - begin) / span, 0.0, 1.0)
@@ -68,6 +79,31 @@ def corrected(
     needed = (jnp.sum(off**2) > _SAME_PLACE_M**2) & (end > begin)
     bent = path.air_n + shares[:, :, None] * off[None, None, :]
     return eqx.tree_at(lambda p: p.air_n, path, jnp.where(needed, bent, path.air_n))
+
+
+def moved_n(path: TimedPath, task: AircraftTask, to_go: ScalarLike) -> Vector3:
+    """From where a path ends to where the rendezvous is expected after a time (s), NED, m."""
+    return task.meeting_n(to_go) - path.air_n[-1, 0] - path.drift_n[-1, 0]
+
+
+def surely_elsewhere(path: TimedPath, task: AircraftTask, covariance: Float[Array, "6 6"], to_go: ScalarLike) -> Flag:
+    """Whether a rendezvous is farther from where a path ends than the errors of what is known of its goal explain.
+
+    By `SURE` standard deviations of the goal's place at the arrival, in the direction from the one to the other.
+
+    Parameters
+    ----------
+    path, task
+        With the goal as it is sensed now.
+    covariance
+        Of the goal's position and velocity now, NED, m and m/s; foreseen at steady velocity.
+    to_go
+        To the arrival, s.
+    """
+    off = moved_n(path, task, to_go)
+    ahead = jnp.concatenate([off, to_go * off])
+    variance = jnp.sum(ahead[:, None] * covariance * ahead[None, :])  # times the square of the distance
+    return jnp.sum(off**2) ** 2 > SURE**2 * variance
 
 
 def from_plan(path: TimedPath, task: AircraftTask, now: ScalarLike) -> AircraftTask:
@@ -133,6 +169,7 @@ def renew_certified(
     freeze: ScalarLike = 0.0,
     latest: ScalarLike = jnp.inf,
     replans: bool = True,
+    covariances: Float[Array, "aircraft 6 6"] | None = None,
 ) -> Renewed:
     """Plan again from the planned state, towards the goals as they are seen now.
 
@@ -155,6 +192,9 @@ def renew_certified(
         No arrival is put off beyond this, s.
     replans
         Whether a plan is made anew where one bent will not do.
+    covariances
+        Of the goals' positions and velocities, NED, m and m/s: no plan is made anew for one that is not
+        `surely_elsewhere`, and its path stands where it cannot be bent. None: the goals are known exactly.
 
     Returns
     -------
@@ -166,10 +206,17 @@ def renew_certified(
     under_way = active & (plan.arrival_times > now)
     paths = jax.vmap(corrected, in_axes=(0, 0, None))(plan.paths, tasks, now)
     paths = rows_where(active & (plan.arrival_times - now > freeze), paths, plan.paths)
-    bent = _certified(plan, paths, plan.arrival_times, tasks, airspace, intervals, now, under_way)
+    bounds, awaited = None, jnp.zeros_like(under_way)
+    if covariances is not None:
+        sure = jax.vmap(surely_elsewhere)(plan.paths, tasks, covariances, plan.arrival_times - now)
+        bounds = fleet_bounds(paths, airspace)
+        awaited = under_way & ~sure & ~within_limits(bounds, tasks.limits)
+        paths, bounds = rows_where(awaited, (plan.paths, plan.certificate.bounds), (paths, bounds))
+    bent = _certified(plan, paths, plan.arrival_times, tasks, airspace, intervals, now, under_way, bounds)
     fine = jnp.all(bent.feasible | ~under_way)
+    how = jnp.where(jnp.any(awaited), AWAITING, CORRECTED)
     if not replans:
-        return Renewed(bent, jnp.asarray(CORRECTED), ~fine)
+        return Renewed(bent, how, ~fine)
 
     free = active & (plan.arrival_times - now > jnp.maximum(freeze, COMMITTED_S))
     here = jax.vmap(from_plan, in_axes=(0, 0, None))(plan.paths, tasks, now)
@@ -199,7 +246,7 @@ def renew_certified(
         return Renewed(kept, jnp.where(found, REPLANNED, KEPT), never)
 
     never = jnp.asarray(False)
-    return jax.lax.cond(fine, lambda: Renewed(bent, jnp.asarray(CORRECTED), never), anew)
+    return jax.lax.cond(fine, lambda: Renewed(bent, how, never), anew)
 
 
 def _sizes(plan: CertifiedPlan) -> tuple[Array, Array, Array]:
@@ -215,10 +262,11 @@ def _certified(
     intervals: int,
     now: ScalarLike,
     under_way: Bool[Array, " aircraft"],
+    bounds: PathBounds | None = None,
 ) -> CertifiedPlan:
     """A plan with other paths, certified from now on."""
     watched = eqx.tree_at(lambda t: t.active, tasks, jnp.where(under_way, tasks.active, 0.0))
-    certificate = certify(paths, watched, airspace, intervals, now)
+    certificate = certify(paths, watched, airspace, intervals, now, bounds)
     ahead = jax.vmap(TimedPath.air_length, in_axes=(0, None))(paths, now)
     return eqx.tree_at(
         lambda p: (p.paths, p.arrival_times, p.certificate, p.valid, p.lengths),

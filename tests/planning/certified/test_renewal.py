@@ -1,4 +1,4 @@
-"""Renewing a certified plan while an aircraft has stopped: the others neither keep clear of it nor wait for it."""
+"""Renewing a certified plan: where an aircraft has stopped, and where a goal is known with an error only."""
 
 import functools
 
@@ -13,7 +13,15 @@ from anser.environment import SteadyWind
 from anser.planning.certified import CertifiedPlan
 from anser.planning.certified.certified_plan import certify
 from anser.planning.certified.profile import KINKS
-from anser.planning.certified.renewal import CORRECTED, KEPT, REPLANNED, postponements, renew_certified
+from anser.planning.certified.renewal import (
+    AWAITING,
+    CORRECTED,
+    KEPT,
+    REPLANNED,
+    postponements,
+    renew_certified,
+    surely_elsewhere,
+)
 from anser.planning.certified.route import PIECES
 from anser.planning.certified.task import stacked
 from anser.planning.timed_path import TimedPath
@@ -58,8 +66,9 @@ def plan():
     )
 
 
-def renewed(plan, tasks, movable=YES):
-    made = _renew(plan, jnp.asarray(NOW), tasks, SPACE, movable, jnp.asarray(2.0), jnp.asarray(jnp.inf))
+def renewed(plan, tasks, movable=YES, covariances=None):
+    numbers = jnp.asarray(2.0), jnp.asarray(jnp.inf)
+    made = _renew(plan, jnp.asarray(NOW), tasks, SPACE, movable, *numbers, covariances=covariances)
     return made.plan, int(made.how)
 
 
@@ -132,3 +141,52 @@ def test_one_that_has_stopped_neither_lengthens_nor_forbids_a_delay():
     delays, tries = postponements(jnp.full(3, -jnp.inf), 100.0, free, YES, 210.0)
     np.testing.assert_array_equal(delays, 0.0)
     assert tries == 4
+
+
+def known_to(speed_sigma):
+    """Of each goal, where only its velocity is uncertain; m/s per axis."""
+    return jnp.broadcast_to(jnp.diag(jnp.array([0.0, 0.0, 0.0, *[speed_sigma**2] * 3])), (3, 6, 6))
+
+
+def test_no_plan_is_made_anew_for_what_may_be_noise(plan):
+    """1,500 m nearer, in 100 s: 15 m/s, which is 2.9 standard deviations of 5.2 m/s and 3.1 of 4.8 m/s."""
+    tasks = fleet(STOPPED, nearer=1500.0)
+    again, how = renewed(plan, tasks, covariances=known_to(5.2))
+    assert how == AWAITING
+    for k in (0, 1):
+        check_row(again, plan, k, NOW * SPEEDS[k])
+    assert np.all(again.feasible[:2])
+    surely, exactly = (renewed(plan, tasks, covariances=known)[0] for known in (known_to(4.8), None))
+    assert renewed(plan, tasks, covariances=known_to(4.8))[1] == REPLANNED
+    for k in (0, 1):
+        check_row(surely, exactly, k)
+
+
+def test_a_path_is_bent_by_any_amount_that_keeps_its_limits_while_another_waits(plan):
+    tasks = fleet(STOPPED, nearer=1500.0)
+    tasks = eqx.tree_at(lambda t: t.goal_position_n, tasks, tasks.goal_position_n.at[1, 1].add(10.0))
+    again, how = renewed(plan, tasks, covariances=known_to(5.2))
+    assert how == AWAITING
+    check_row(again, plan, 0, NOW * SPEEDS[0])
+    end = again.paths.air_n[1, -1, 0] + again.paths.drift_n[1, -1, 0]
+    np.testing.assert_allclose(end, [ARRIVAL * 150.0, EAST[1] + 10.0, -2000.0], atol=1e-3)
+
+
+def test_how_sure_it_is_counts_along_the_way_to_the_other_place(plan):
+    path, task = (jax.tree.map(lambda leaf: leaf[0], rows) for rows in (plan.paths, fleet(nearer=50.0)))
+    across = jnp.diag(jnp.array([1.0, 1e6, 1e6, 0.0, 1e4, 1e4]))
+    assert surely_elsewhere(path, task, across, 100.0)
+    assert not surely_elsewhere(path, task, across.at[0, 0].set(17.0**2), 100.0)
+    assert surely_elsewhere(path, task, across.at[0, 0].set(16.0**2), 100.0)
+    # place and velocity that are wrong against each other
+    assert surely_elsewhere(
+        path, task, across.at[0, 0].set(30.0**2).at[3, 3].set(0.09).at[0, 3].set(-9.0).at[3, 0].set(-9.0), 100.0
+    )
+    exact = fleet()
+    same = jax.tree.map(lambda leaf: leaf[0], exact)
+    assert not surely_elsewhere(path, same, jnp.zeros((6, 6)), 100.0)
+    for find in (
+        jax.jit(surely_elsewhere),
+        lambda *a: jax.vmap(surely_elsewhere, in_axes=(None, None, 0, None))(a[0], a[1], a[2][None], a[3])[0],
+    ):
+        assert find(path, task, across, 100.0)
