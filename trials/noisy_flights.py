@@ -40,6 +40,7 @@ from anser.simulation import (
     trimmed_fleet,
 )
 from anser.simulation.recorder import FleetSample
+from anser.spatial import rotate_back
 
 BATCH = 125
 _AGAIN = 8  # flights of a segment that are flown again at once
@@ -53,6 +54,13 @@ class AtFreeze(NamedTuple):
     time: jax.Array
 
 
+class Greatest(NamedTuple):
+    """Bank angle (rad) and rate of climb or descent (m/s) of each aircraft up to its arrival."""
+
+    bank: jax.Array
+    climb_rate: jax.Array
+
+
 class Recorder(AbstractRecorder):
     """The running summary, and what was known at the freeze."""
 
@@ -61,11 +69,11 @@ class Recorder(AbstractRecorder):
     def init(self, aircraft: int) -> Any:
         """Nothing known yet."""
         known = AtFreeze(jnp.zeros((aircraft, 6, 6)), jnp.zeros((aircraft, 3, 3)), jnp.full(aircraft, jnp.inf))
-        return SummaryRecorder().init(aircraft), known
+        return SummaryRecorder().init(aircraft), known, Greatest(jnp.zeros(aircraft), jnp.zeros(aircraft))
 
     def take(self, memory: Any, sample: FleetSample, instant: Instant) -> Any:
         """With one more sample."""
-        summary, known = memory
+        summary, known, greatest = memory
         now = sample.rows(_known)
         first = (now["phase"] >= 1) & jnp.isinf(known.time)
         kept = AtFreeze(
@@ -73,7 +81,12 @@ class Recorder(AbstractRecorder):
             jnp.where(first[:, None, None], now["own"], known.own_covariance),
             jnp.where(first, instant.time, known.time),
         )
-        return SummaryRecorder().take(summary, sample, instant), kept
+        on_way = now["phase"] < 2
+        more = Greatest(
+            jnp.where(on_way, jnp.maximum(greatest.bank, now["bank"]), greatest.bank),
+            jnp.where(on_way, jnp.maximum(greatest.climb_rate, now["climb_rate"]), greatest.climb_rate),
+        )
+        return SummaryRecorder().take(summary, sample, instant), kept, more
 
     def row(self, sample: FleetSample, instant: Instant) -> None:
         """None."""
@@ -82,9 +95,15 @@ class Recorder(AbstractRecorder):
 def _known(sample: Any) -> dict[str, jax.Array]:
     known = sample.belief.uncertainty
     phase = sample.approach.phase
+    R_bn = sample.truth.now.R_bn
+    shared = {
+        "phase": phase,
+        "bank": jnp.abs(jnp.arctan2(R_bn[1, 2], R_bn[2, 2])),
+        "climb_rate": jnp.abs(rotate_back(R_bn, sample.truth.state.velocity_b)[2]),
+    }
     if known is None:
-        return {"phase": phase, "goal": jnp.zeros((6, 6)), "own": jnp.zeros((3, 3))}
-    return {"phase": phase, "goal": known.goal_covariance, "own": known.own_covariance}
+        return shared | {"goal": jnp.zeros((6, 6)), "own": jnp.zeros((3, 3))}
+    return shared | {"goal": known.goal_covariance, "own": known.own_covariance}
 
 
 @jax.jit
@@ -188,7 +207,7 @@ def fly_many(path: str, flights: int, first: int = 0, batch: int = BATCH) -> dic
                 full = _segment(flight, before[0], before[1], number, before[2], SEGMENT_STEPS)
                 after, kept = jax.tree.map(lambda held, new, rows=rows: held.at[rows].set(new), (after, kept), full)
             states, memory = after, kept
-        (summary, _), known = jax.tree.map(np.asarray, memory)
+        (summary, _), known, greatest = jax.tree.map(np.asarray, memory)
         arrivals = np.asarray(states.planner.plan.arrival_times)
         found.append(
             {
@@ -199,6 +218,8 @@ def fly_many(path: str, flights: int, first: int = 0, batch: int = BATCH) -> dic
                 "miss_m": summary.miss,
                 "speed_min_m_s": summary.speeds_until_arrival.least,
                 "speed_max_m_s": summary.speeds_until_arrival.greatest,
+                "bank_max_rad": greatest.bank,
+                "climb_rate_max_m_s": greatest.climb_rate,
                 "separation_m": summary.separation_min,
                 "clearance_m": summary.clearance_min,
                 "status": summary.first_status,
@@ -266,6 +287,10 @@ def told(rows: dict[str, np.ndarray], freeze_s: float, density: float, speed_m_s
             f"ratio {value / np.quantile(least, 0.95):.3f}, greatest {values.max():.4g}"
         )
     lines.append(f"airspeed without gusts {rows['speed_min_m_s'].min():.2f} to {rows['speed_max_m_s'].max():.2f} m/s")
+    lines.append(f"bank angle to {np.degrees(rows['bank_max_rad'].max()):.1f} deg up to the arrival")
+    lines.append(f"rate of climb or descent to {rows['climb_rate_max_m_s'].max():.1f} m/s")
+    times = rows["planned_arrival_s"].max(axis=1)
+    lines.append(f"last arrival {times.min():.1f} to {times.max():.1f} s, median {np.median(times):.1f} s")
     lines.append(f"least separation {rows['separation_m'].min():.1f} m")
     lines.append(f"clearance at least {rows['clearance_m'].min():.1f} m")
     return lines

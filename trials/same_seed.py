@@ -22,6 +22,8 @@ SCALES = {
     "miss_m": 1.0e4,
     "speed_min_m_s": 150.0,
     "speed_max_m_s": 150.0,
+    "bank_max_rad": 1.0,
+    "climb_rate_max_m_s": 150.0,
     "separation_m": 1.0e4,
     "clearance_m": 1.0e4,
     "status": 1.0,

@@ -11,7 +11,7 @@ import pytest
 from scipy import stats
 
 from anser.environment import standard_environment
-from anser.sensing import CoordinatedTurn, GoalFilter, GoalReading, Instant, SteadyMotion
+from anser.sensing import GOAL_DIVERGED, CoordinatedTurn, GoalFilter, GoalReading, Instant, SteadyMotion
 from anser.sensing.goal_filters import OwnMotion, expected
 from anser.sensing.kalman import SigmaPoints, cholesky
 
@@ -212,6 +212,30 @@ def test_dropouts_leave_what_is_predicted():
     np.testing.assert_allclose(
         found.covariance, STEADY.spread(START, jnp.diag(START_SIGMAS**2), jnp.asarray(5.0 * STEP)), rtol=1e-12
     )
+
+
+def test_one_wild_measurement_is_no_divergence_and_a_goal_that_goes_elsewhere_is():
+    """A filter that takes its goal to be all but steady, one measurement 15 sigma off, or all from the tenth on 60."""
+    exact = SteadyMotion(jnp.asarray(1e-6), jnp.asarray(1e-6))
+    tracker = eqx.tree_at(lambda f: f.nis_max, made((exact,)), jnp.asarray(10.0))
+
+    @jax.jit
+    def statuses(wild, off):
+        def step(track, k):
+            own, instant = own_at(k), instant_at(k)
+            truth = START.at[:3].add(k * STEP * START[3:])
+            empty = GoalReading(jnp.zeros(6), SIGMAS, MEASURED, k, "sight")
+            values = expected(empty, truth, own, instant) + jnp.where(wild[k], off * SIGMAS, 0.0)
+            track, found = tracker.step(track, GoalReading(values, SIGMAS, MEASURED, k, "sight"), own, instant)
+            return track, found.status
+
+        return jax.lax.scan(step, tracker.init(START, START_SIGMAS), jnp.arange(1, 40, dtype=jnp.int32))[1]
+
+    samples = np.arange(40)
+    assert not np.any(statuses(samples == 10, 15.0))
+    jumped = np.asarray(statuses(samples >= 10, 60.0))
+    assert not np.any(jumped[:9])
+    assert np.any(jumped[9:20] == GOAL_DIVERGED)
 
 
 def test_gradients_are_finite_and_batches_are_single_runs():

@@ -57,8 +57,8 @@ class Seeded(AbstractRandomness):
         return Seeded(folded(self.key, index))
 
     def normals(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
-        """See `AbstractRandomness`: the inverse of the error function of the uniform numbers."""
-        return np.sqrt(2.0) * jax.lax.erf_inv(2.0 * self.uniforms(part, number, count) - 1.0)
+        """See `AbstractRandomness`: the inverse of the normal distribution at the uniform numbers."""
+        return jax.scipy.special.ndtri(self.uniforms(part, number, count))
 
     def uniforms(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
         """See `AbstractRandomness`: centres of 2^52 equal intervals."""

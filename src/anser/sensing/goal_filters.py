@@ -17,6 +17,7 @@ from anser.sensing.motion_models import AbstractMotion
 from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
 
 _MEMORY = 20.0  # measurements over which the size of innovations is averaged
+_OUTLIER = 5.0  # times `nis_max`: more than that no innovation counts for, lest a single one make a filter diverge
 _ANGLES = np.array([False, True, True, False, False, False])
 _TURN_SIGMA = 0.05  # rad/s, of a turn rate of which nothing is known
 
@@ -106,7 +107,8 @@ class GoalFilter(AbstractGoalFilter):
     sojourn
         Mean time for which the goal keeps a model, s; with one model it counts for nothing.
     nis_max
-        Mean innovation, normalised, above which the filter has diverged.
+        Mean innovation, normalised, above which the filter has diverged. The mean fades over 20 measurements and begins
+        with 1; a single one never makes it so great.
     sigma_max
         Standard deviation of the position above which it has, m.
     kind
@@ -188,7 +190,7 @@ class GoalFilter(AbstractGoalFilter):
         weights = weights / jnp.sum(weights)
         dimension = jnp.maximum(jnp.sum(reading.measured), 1)
         nis = jnp.sum(weights * jnp.stack([one.nis for one in found])) / dimension
-        share = 1.0 / jnp.minimum(track.count + 1.0, _MEMORY)
+        counted = jnp.minimum(nis, _OUTLIER * self.nis_max)
         return Track(
             means=jnp.stack([one.mean for one in found]),
             covariances=jnp.stack([one.covariance for one in found]),
@@ -196,7 +198,7 @@ class GoalFilter(AbstractGoalFilter):
             number=jnp.maximum(track.number, reading.number),
             count=track.count + 1,
             nis=nis,
-            nis_mean=track.nis_mean + share * (nis - track.nis_mean),
+            nis_mean=track.nis_mean + (counted - track.nis_mean) / _MEMORY,
             own=track.own,
         )
 

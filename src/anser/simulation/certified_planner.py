@@ -85,6 +85,8 @@ class CertifiedPlanner(AbstractPlanner):
     replans
         Whether a plan is made anew on the way where one bent will not do. Without, it is a much smaller program; its
         state says where the other one is needed.
+    spared
+        Part of the accelerations along the path that a new path leaves for being bent; 0 where goals are known exactly.
     """
 
     sides: Int[Array, " aircraft"]
@@ -97,6 +99,7 @@ class CertifiedPlanner(AbstractPlanner):
     latest: Scalar
     freeze: Scalar
     replans: bool = eqx.field(static=True, default=True)
+    spared: Scalar = eqx.field(default_factory=lambda: as_array(0.0))
 
     def first(self, time: ScalarLike, reports: Report, performance: Performance) -> CertifiedPlanState:
         """Search for a plan in which all arrive together, with holds up to the latest arrival: not to be traced.
@@ -118,18 +121,22 @@ class CertifiedPlanner(AbstractPlanner):
     def limits_with(self, performance: Performance) -> PathLimits:
         """The limits with the accelerations that the engine gives at the start, where none are prescribed.
 
-        The reserve that the other limits leave is not taken off: it is a plan's, and these change on the way.
+        The reserve that the other limits leave is not taken off, as these change on the way; but what is `spared` is.
         """
 
         def own(prescribed: Array, able: Array) -> Array:
-            return jnp.where(jnp.isinf(prescribed), jnp.maximum(able, 0.1), prescribed)
+            return (1.0 - self.spared) * jnp.where(jnp.isinf(prescribed), jnp.maximum(able, 0.1), prescribed)
 
         limits = self.limits
         accelerations = (
             own(limits.acceleration_max, performance.acceleration),
             own(limits.deceleration_max, performance.deceleration),
         )
-        return eqx.tree_at(lambda p: (p.acceleration_max, p.deceleration_max), limits, accelerations)
+        return eqx.tree_at(_accelerations, limits, accelerations)
+
+    def when_bent(self, limits: PathLimits) -> PathLimits:
+        """What a path may ask that is bent on the way: the limits of a new one, and what that has `spared`."""
+        return eqx.tree_at(_accelerations, limits, replace_fn=lambda most: most / (1.0 - self.spared))
 
     def searched(
         self,
@@ -206,6 +213,7 @@ class CertifiedPlanner(AbstractPlanner):
             self.latest,
             self.replans,
             reports.goal_covariance,
+            self.when_bent(memory.limits),
         )
         former, asked = memory.holds, memory.asked | made.asked
         if former is None or not self.replans:
@@ -261,3 +269,7 @@ class CertifiedPlanner(AbstractPlanner):
             roll_rate_max=self.roll_rates_max,
             active=jnp.where(reports.active, 1.0, 0.0),
         )
+
+
+def _accelerations(limits: PathLimits) -> tuple[Array, Array]:
+    return limits.acceleration_max, limits.deceleration_max

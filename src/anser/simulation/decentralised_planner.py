@@ -164,7 +164,8 @@ class DecentralisedPlanner(AbstractPlanner):
         behind = memory.first_arrivals + delays > state.agreed.path.times[:, -1] + _SAME_TIME_S
 
         since = jnp.min(clock)
-        certificate = certify(bent, tasks, self.each.airspace, intervals_of(bent), since)
+        held_to = self.each.aircraft_tasks(reports, self.each.when_bent(memory.limits))
+        certificate = certify(bent, held_to, self.each.airspace, intervals_of(bent), since)
         near = jax.vmap(farthest_apart)(bent, state.agreed.path) <= self.tube
         bends = free & certificate.kept_alone & near
         ways = Way(bent, moved_with_goals(state.agreed.hold, tasks, clock))

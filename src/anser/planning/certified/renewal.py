@@ -18,6 +18,7 @@ from anser.planning.certified.path_bounds import PathBounds
 from anser.planning.certified.profile import KINKS
 from anser.planning.certified.route import PIECES
 from anser.planning.certified.task import AircraftTask, Airspace
+from anser.planning.limits import PathLimits
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Flag, ScalarLike, Vector3
 
@@ -170,6 +171,7 @@ def renew_certified(
     latest: ScalarLike = jnp.inf,
     replans: bool = True,
     covariances: Float[Array, "aircraft 6 6"] | None = None,
+    bent_limits: PathLimits | None = None,
 ) -> Renewed:
     """Plan again from the planned state, towards the goals as they are seen now.
 
@@ -195,6 +197,8 @@ def renew_certified(
     covariances
         Of the goals' positions and velocities, NED, m and m/s: no plan is made anew for one that is not
         `surely_elsewhere`, and its path stands where it cannot be bent. None: the goals are known exactly.
+    bent_limits
+        What a path that is bent may ask of each aircraft, where that is more than a new one may; None: the same.
 
     Returns
     -------
@@ -204,15 +208,16 @@ def renew_certified(
     intervals = intervals_of(plan.paths)
     active = tasks.active > 0.0
     under_way = active & (plan.arrival_times > now)
+    held_to = tasks if bent_limits is None else eqx.tree_at(lambda t: t.limits, tasks, bent_limits)
     paths = jax.vmap(corrected, in_axes=(0, 0, None))(plan.paths, tasks, now)
     paths = rows_where(active & (plan.arrival_times - now > freeze), paths, plan.paths)
     bounds, awaited = None, jnp.zeros_like(under_way)
     if covariances is not None:
         sure = jax.vmap(surely_elsewhere)(plan.paths, tasks, covariances, plan.arrival_times - now)
         bounds = fleet_bounds(paths, airspace)
-        awaited = under_way & ~sure & ~within_limits(bounds, tasks.limits)
+        awaited = under_way & ~sure & ~within_limits(bounds, held_to.limits)
         paths, bounds = rows_where(awaited, (plan.paths, plan.certificate.bounds), (paths, bounds))
-    bent = _certified(plan, paths, plan.arrival_times, tasks, airspace, intervals, now, under_way, bounds)
+    bent = _certified(plan, paths, plan.arrival_times, held_to, airspace, intervals, now, under_way, bounds)
     fine = jnp.all(bent.feasible | ~under_way)
     how = jnp.where(jnp.any(awaited), AWAITING, CORRECTED)
     if not replans:
@@ -233,7 +238,7 @@ def renew_certified(
         made = eqx.tree_at(_sizes, made, rows_where(free, _sizes(made), _sizes(plan)))
         arrivals = jnp.where(free, now + durations, plan.arrival_times)
         whole = _certified(
-            made, rows_where(free, made.paths, paths), arrivals, tasks, airspace, intervals, now, under_way
+            made, rows_where(free, made.paths, paths), arrivals, held_to, airspace, intervals, now, under_way
         )
         good = jnp.all(jnp.where(free, made.valid, True)) & jnp.all(whole.feasible | ~under_way)
         return k + 1, good, whole
