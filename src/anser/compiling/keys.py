@@ -7,6 +7,7 @@ import hashlib
 import inspect
 import os
 import platform
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -83,16 +84,27 @@ def _name(code: Any) -> str:
     return f"{module}.{name}"
 
 
-def _hash_of_sources() -> str:
-    sources = hashlib.sha256()
+def _hashes_of_sources() -> tuple[str, str]:
+    """Of the kernels and what they import, and of everything."""
+    kernels, everything = hashlib.sha256(), hashlib.sha256()
     for path in sorted(_PACKAGE.rglob("*")):
         if path.suffix in (".py", ".json"):
-            sources.update(str(path.relative_to(_PACKAGE)).encode() + b"\0" + path.read_bytes())
-    return sources.hexdigest()
+            place = path.relative_to(_PACKAGE)
+            content = str(place).encode() + b"\0" + path.read_bytes()
+            everything.update(content)
+            if len(place.parts) == 1 or place.parts[0] in _KERNELS:
+                kernels.update(content)
+    return kernels.hexdigest(), everything.hexdigest()
 
 
-_SOURCES = _hash_of_sources()
+_KERNEL_SOURCES, _ALL_SOURCES = _hashes_of_sources()
 """When this was imported: what is edited later is not what runs."""
+
+
+def _sources_of(description: str) -> str:
+    """Hash of the sources on which a program depends: imports point downwards, from no kernel to any other room."""
+    rooms = set(re.findall(r"\banser\.(\w+)\.", description))
+    return _KERNEL_SOURCES if rooms <= _KERNELS else _ALL_SOURCES
 
 
 def _as_loaded() -> str:
@@ -127,14 +139,14 @@ def _as_loaded() -> str:
 
 @functools.cache
 def _surroundings() -> str:
-    """Everything but function and arguments on which a compiled program depends: code, versions, machine."""
+    """Everything but code and arguments on which a compiled program depends: versions, machine."""
     versions = [f"{module.__name__} {module.__version__}" for module in (jax, jaxlib, np, eqx)]
     device = jax.devices()[0]
     machine = [platform.platform(), platform.machine(), device.platform, device.device_kind, str(len(jax.devices()))]
     processor = Path("/proc/cpuinfo")
     if processor.is_file():
         machine += [line for line in processor.read_text().splitlines() if line.startswith(("flags", "Features"))][:1]
-    return "\n".join([str(_FORMAT), sys.version, _SOURCES, *versions, *machine])
+    return "\n".join([str(_FORMAT), sys.version, *versions, *machine])
 
 
 def settings() -> str:
@@ -151,5 +163,6 @@ def key_of(value: Any) -> str:
     NotKeptError
         Part of it is code that another process could not be sure of.
     """
-    parts = [_surroundings(), settings(), _as_loaded(), described(value)]
+    description = described(value)
+    parts = [_surroundings(), _sources_of(description), settings(), _as_loaded(), description]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
