@@ -208,7 +208,7 @@ CATALOGUE: tuple[Variable, ...] = (
         "int32",
         "renewal",
         "How the plan in force came to be",
-        ("first", "corrected", "anew", "last_good_kept", "goal_awaited"),
+        ("first", "corrected", "anew", "last_good_kept", "goal_awaited", "bent_in_part"),
     ),
     *(
         _discrete(f"{what}_limited", "bool", f"{what}_lim", f"{words} at a limit", ("free", "limited"))

@@ -52,6 +52,17 @@ def test_the_same_seed_is_the_same_flight_and_another_is_another(noisy):
     assert np.abs(other.dataset["gust_w_m_s"] - noisy.dataset["gust_w_m_s"]).max() > 1.0
 
 
+def test_ships_that_turn_are_followed_by_what_ais_reports_tell():
+    flown = run(load("scenarios/turning-ships.toml"))
+    assert flown.met, flown.summary["events"]
+    assert max(row["miss_m"] for row in flown.summary["aircraft"]) < 10.0  # a report is good to 10 m, and many are fused
+    # each of the two that turned is taken to move as it does, ten reports (10 s each at most) later
+    late = flown.dataset.sel(time=flown.summary["aircraft"][0]["arrival_s"], method="nearest")
+    for axis in ("north", "east"):
+        off = late[f"goal_velocity_{axis}_m_s"] - late[f"goal_estimate_velocity_{axis}_m_s"]
+        assert np.abs(off.values).max() < 2.0
+
+
 def test_one_leaves_and_the_others_arrive_as_planned():
     left = run(loads(APART + '[[event]]\ntime_s = 40.0\nkind = "aircraft-leaves"\naircraft = "aircraft-2"\n'))
     assert left.met

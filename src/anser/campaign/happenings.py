@@ -7,7 +7,7 @@ import numpy as np
 
 from anser.campaign.replanned import NO_PLAN, EventOutcome, after_event, planned_anew
 from anser.campaign.takeover import take_over
-from anser.planning.certified.renewal import KEPT
+from anser.planning.certified.renewal import BENT_IN_PART, KEPT
 from anser.scenario import Scenario
 from anser.scenario.schema_event import GOAL_EVENTS, Event
 from anser.simulation import Flight, FlightState
@@ -77,7 +77,7 @@ class Happenings:
             return state
         (place, tries), now_s = self._watched, number * self._scenario.timing.step_s
         event = self.outcomes[place]
-        if int(np.asarray(state.planner.renewal)) != KEPT:
+        if int(np.asarray(state.planner.renewal)) not in (KEPT, BENT_IN_PART):
             if now_s > event.time_s + _SETTLED_S:
                 self._watched = None
             return state

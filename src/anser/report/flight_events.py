@@ -11,6 +11,7 @@ RENEWALS = (
     "planned anew",
     "last good plan kept",
     "kept until the goal is known better",
+    "bent as far as the limits allow",
 )
 """What a renewal did, in the order of the numbers in `events_of`."""
 

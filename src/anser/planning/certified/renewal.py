@@ -20,15 +20,16 @@ from anser.planning.certified.route import PIECES
 from anser.planning.certified.task import AircraftTask, Airspace
 from anser.planning.limits import PathLimits
 from anser.planning.timed_path import TimedPath
-from anser.shapes import Count, Flag, ScalarLike, Vector3
+from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
 
-FIRST, CORRECTED, REPLANNED, KEPT, AWAITING = range(5)
+FIRST, CORRECTED, REPLANNED, KEPT, AWAITING, BENT_IN_PART = range(6)
 RENEWAL_MESSAGES = (
     "the first plan",
     "the plan in force, bent to where the rendezvous is now expected",
     "planned anew from the planned state",
     "no new plan keeps all limits: the last good plan is kept",
     "the last good plan is kept until the goal is known well enough for another",
+    "no new plan keeps all limits: the last good plan is bent as far as they allow",
 )
 COMMITTED_S = 15.0
 """With less time to go than this an aircraft's path is corrected, but not planned anew."""
@@ -36,6 +37,8 @@ _SAME_PLACE_M = 1e-6
 SURE = 3.0
 """By how many standard deviations, as the goal is known, a rendezvous is elsewhere before another plan is made for it.
 Nearer, the next measurements may well bring it back."""
+PARTS_BENT = (1.0, 0.75, 0.5, 0.25)
+"""Parts of a bend that are tried, the greatest first, where no new plan is found."""
 LATER = (0.0, 0.03, 0.08, 0.15)
 """By which parts of the longest time to go the arrivals may be put off, where the arrival time is free."""
 
@@ -203,7 +206,8 @@ def renew_certified(
     Returns
     -------
     The plan bent to where the rendezvous are now expected, if its certificate still keeps everything; else one planned
-    anew from the planned positions, velocities and accelerations; else the last good plan.
+    anew from the planned positions, velocities and accelerations, with the limits of a new path or else with those of a
+    bent one; else the last good plan, each path bent as far as its limits allow, if all still keep clear of each other.
     """
     intervals = intervals_of(plan.paths)
     active = tasks.active > 0.0
@@ -229,26 +233,45 @@ def renew_certified(
 
     counted = jnp.where(active, plan.arrival_times, -jnp.inf)
     delays, tries = postponements(counted, now, free | ~active, movable, latest)
+    rounds = 1 if covariances is None else 2
+
+    def certified(made: CertifiedPlan, paths: TimedPath, arrivals: Float[Array, " aircraft"]) -> CertifiedPlan:
+        return _certified(made, paths, arrivals, held_to, airspace, intervals, now, under_way)
 
     def again(carry: tuple[Count, Flag, CertifiedPlan]) -> tuple[Count, Flag, CertifiedPlan]:
         k, _, _ = carry
-        durations = jnp.maximum(counted - now, COMMITTED_S) + delays[k]
-        made = plan_fleet_at(now, here, airspace, durations, intervals, MINIMAL)
+        durations = jnp.maximum(counted - now, COMMITTED_S) + delays[k % tries]
+        limits = jax.tree.map(lambda new, bent: jnp.where(k < tries, new, bent), tasks.limits, held_to.limits)
+        asking = eqx.tree_at(lambda t: t.limits, here, limits)
+        made = plan_fleet_at(now, asking, airspace, durations, intervals, MINIMAL)
         # Those whose paths stand keep the sizes of these paths.
         made = eqx.tree_at(_sizes, made, rows_where(free, _sizes(made), _sizes(plan)))
         arrivals = jnp.where(free, now + durations, plan.arrival_times)
-        whole = _certified(
-            made, rows_where(free, made.paths, paths), arrivals, held_to, airspace, intervals, now, under_way
-        )
+        whole = certified(made, rows_where(free, made.paths, paths), arrivals)
         good = jnp.all(jnp.where(free, made.valid, True)) & jnp.all(whole.feasible | ~under_way)
         return k + 1, good, whole
 
+    def in_part() -> tuple[Flag, CertifiedPlan]:
+        def with_part(part: Scalar) -> tuple[TimedPath, Bool[Array, " aircraft"]]:
+            bent_n = plan.paths.air_n + part * (paths.air_n - plan.paths.air_n)
+            some = eqx.tree_at(lambda p: p.air_n, plan.paths, bent_n)
+            return some, within_limits(fleet_bounds(some, airspace), held_to.limits)
+
+        some, keeps = jax.lax.map(with_part, jnp.asarray(PARTS_BENT))
+        most = jax.tree.map(lambda leaf: leaf[jnp.argmax(keeps, axis=0), jnp.arange(active.shape[0])], some)
+        chosen = rows_where(jnp.any(keeps, axis=0), most, plan.paths)
+        made = certified(plan, chosen, plan.arrival_times)
+        moved = jnp.any(chosen.air_n != plan.paths.air_n)
+        return moved & jnp.all(made.feasible | ~under_way), made
+
     def anew() -> Renewed:
         _, found, made = jax.lax.while_loop(
-            lambda c: (c[0] < tries) & ~c[1], again, (jnp.asarray(0), jnp.asarray(False), plan)
+            lambda c: (c[0] < rounds * tries) & ~c[1], again, (jnp.asarray(0), jnp.asarray(False), plan)
         )
-        kept = jax.tree.map(lambda a, b: jnp.where(found, a, b), made, plan)
-        return Renewed(kept, jnp.where(found, REPLANNED, KEPT), never)
+        some, bent_in_part = in_part()
+        kept = jax.tree.map(lambda a, b, c: jnp.where(found, a, jnp.where(some, b, c)), made, bent_in_part, plan)
+        how = jnp.where(found, REPLANNED, jnp.where(some, BENT_IN_PART, KEPT))
+        return Renewed(kept, how, never)
 
     never = jnp.asarray(False)
     return jax.lax.cond(fine, lambda: Renewed(bent, how, never), anew)
