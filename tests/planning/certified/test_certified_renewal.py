@@ -15,8 +15,10 @@ from anser.planning.certified.certified_plan import certify
 from anser.planning.certified.profile import KINKS
 from anser.planning.certified.renewal import (
     AWAITING,
+    BENT_IN_PART,
     CORRECTED,
     KEPT,
+    PARTS_BENT,
     REPLANNED,
     postponements,
     renew_certified,
@@ -66,9 +68,9 @@ def plan():
     )
 
 
-def renewed(plan, tasks, movable=YES, covariances=None):
+def renewed(plan, tasks, movable=YES, covariances=None, now=NOW):
     numbers = jnp.asarray(2.0), jnp.asarray(jnp.inf)
-    made = _renew(plan, jnp.asarray(NOW), tasks, SPACE, movable, *numbers, covariances=covariances)
+    made = _renew(plan, jnp.asarray(now), tasks, SPACE, movable, *numbers, covariances=covariances)
     return made.plan, int(made.how)
 
 
@@ -170,6 +172,29 @@ def test_a_path_is_bent_by_any_amount_that_keeps_its_limits_while_another_waits(
     check_row(again, plan, 0, NOW * SPEEDS[0])
     end = again.paths.air_n[1, -1, 0] + again.paths.drift_n[1, -1, 0]
     np.testing.assert_allclose(end, [ARRIVAL * 150.0, EAST[1] + 10.0, -2000.0], atol=1e-3)
+
+
+def test_where_none_is_found_each_path_is_bent_as_far_as_its_limits_allow(plan):
+    """With 12 s to go nobody is planned anew: the first can brake for a part of what it is too late, the second for all."""
+    tasks = fleet(STOPPED, nearer=120.0)
+    tasks = eqx.tree_at(lambda t: t.goal_position_n, tasks, tasks.goal_position_n.at[1, 1].add(10.0))
+    again, how = renewed(plan, tasks, now=ARRIVAL - 12.0)
+    assert how == BENT_IN_PART
+    ends = again.paths.air_n[:, -1, 0] + again.paths.drift_n[:, -1, 0]
+    np.testing.assert_allclose(ends[1], [ARRIVAL * 150.0, EAST[1] + 10.0, -2000.0], atol=1e-3)
+    nearer = (ARRIVAL * 150.0 - ends[0, 0]) / 120.0
+    part = min(PARTS_BENT, key=lambda part: abs(part - nearer))
+    assert part < 1.0
+    np.testing.assert_allclose(nearer, part, atol=1e-6)
+    assert np.all(again.feasible[:2])
+    check_row(again, plan, 2)
+
+
+def test_a_path_that_no_part_of_the_bend_suits_stands(plan):
+    again, how = renewed(plan, fleet(STOPPED, nearer=3000.0), now=ARRIVAL - 12.0)
+    assert how == KEPT
+    for k in range(3):
+        check_row(again, plan, k)
 
 
 def test_how_sure_it_is_counts_along_the_way_to_the_other_place(plan):
