@@ -1,6 +1,8 @@
 """Many flights of one scenario, of which only what is drawn differs: how far they miss, beside the least possible.
 
 ``python -m trials.noisy_flights scenarios/uncertain-world.toml --flights 1000 --out build/noisy-flights.npz``
+
+Without a centre first plans are of several sizes, and few flights wait for the same search: ``--batch 1``.
 """
 
 import argparse
@@ -43,7 +45,7 @@ from anser.simulation.recorder import FleetSample
 from anser.spatial import rotate_back
 
 BATCH = 125
-_AGAIN = 8  # flights of a segment that are flown again at once
+_AGAIN = 8  # flights of a segment that are flown again at once, at most
 
 
 class AtFreeze(NamedTuple):
@@ -177,6 +179,7 @@ def fly_many(path: str, flights: int, first: int = 0, batch: int = BATCH) -> dic
     flight = build_flight(scenario)
     timing = scenario.timing
     steps = round(timing.duration_s / timing.step_s)
+    at_once = min(_AGAIN, batch)
     found: list[dict[str, np.ndarray]] = []
     for begin_at in range(first, first + flights, batch):
         began = time.perf_counter()
@@ -200,9 +203,9 @@ def fly_many(path: str, flights: int, first: int = 0, batch: int = BATCH) -> dic
             after, kept = _segment(without_replanning(flight), keys, states, number, memory, SEGMENT_STEPS)
             asked = np.flatnonzero(np.asarray(after.planner.asked))
             flown_again += asked.size
-            for some in (asked[k : k + _AGAIN] for k in range(0, asked.size, _AGAIN)):
+            for some in (asked[k : k + at_once] for k in range(0, asked.size, at_once)):
                 # filled up to one shape with the last of them
-                rows = np.concatenate([some, np.repeat(some[-1:], _AGAIN - some.size)])
+                rows = np.concatenate([some, np.repeat(some[-1:], at_once - some.size)])
                 before = jax.tree.map(lambda leaf, rows=rows: leaf[rows], (keys, states, memory))
                 full = _segment(flight, before[0], before[1], number, before[2], SEGMENT_STEPS)
                 after, kept = jax.tree.map(lambda held, new, rows=rows: held.at[rows].set(new), (after, kept), full)

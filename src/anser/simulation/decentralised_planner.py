@@ -23,12 +23,14 @@ from anser.planning import (
 )
 from anser.planning.certified import REPLANNED, CertifiedPlan, Standing
 from anser.planning.certified.candidate_sets import MINIMAL
-from anser.planning.certified.certified_plan import certify, plan_fleet_at
+from anser.planning.certified.certified_plan import Certificate, certify, plan_fleet_at
 from anser.planning.certified.renewal import (
     AWAITING,
+    BENT_IN_PART,
     COMMITTED_S,
     CORRECTED,
     KEPT,
+    PARTS_BENT,
     corrected,
     from_plan,
     intervals_of,
@@ -167,11 +169,28 @@ class DecentralisedPlanner(AbstractPlanner):
         held_to = self.each.aircraft_tasks(reports, self.each.when_bent(memory.limits))
         certificate = certify(bent, held_to, self.each.airspace, intervals_of(bent), since)
         near = jax.vmap(farthest_apart)(bent, state.agreed.path) <= self.tube
-        bends = free & certificate.kept_alone & near
+        wholly = free & certificate.kept_alone & near
+
+        def with_part(part: Scalar) -> tuple[TimedPath, Certificate, Bool[Array, " aircraft"]]:
+            some = eqx.tree_at(lambda p: p.air_n, paths, paths.air_n + part * (bent.air_n - paths.air_n))
+            its = certify(some, held_to, self.each.airspace, intervals_of(some), since)
+            within = jax.vmap(farthest_apart)(some, state.agreed.path) <= self.tube
+            return some, its, free & its.kept_alone & within
+
+        def in_part() -> tuple[TimedPath, Certificate, Bool[Array, " aircraft"]]:
+            made = jax.lax.map(with_part, jnp.asarray(PARTS_BENT[1:]))
+            most = jnp.argmax(made[2], axis=0), jnp.arange(clock.shape[0])
+            return jax.tree.map(lambda leaf: leaf[most], made)
+
+        partly = jax.lax.cond(
+            any_in_batch(jnp.any(free & ~wholly)), in_part, lambda: (bent, certificate, jnp.zeros_like(wholly))
+        )
+        bends = wholly | partly[2]
+        taken_up, kept = rows_where(wholly, (bent, certificate), partly[:2])
         ways = Way(bent, moved_with_goals(state.agreed.hold, tasks, clock))
         agreed, other, mine = _sets(clock.shape[0])
         clear = jax.lax.cond(
-            any_in_batch(jnp.any(~state.settled | (free & ~bends))),
+            any_in_batch(jnp.any(~state.settled | (free & ~wholly))),
             lambda: self._clear(state, ways, tasks.active, since),
             lambda: jnp.zeros((3 * clock.shape[0], 3 * clock.shape[0]), dtype=bool),
         )
@@ -180,14 +199,14 @@ class DecentralisedPlanner(AbstractPlanner):
         state, taken = after_word(
             state, known, clear[other, agreed], clear[other, other], clock, reports.active, LEAD_S - 1.0
         )
-        paths = rows_where(bends, bent, paths)
-        may_offer = free & state.settled & ~behind & ~bends & (to_go > self.each.freeze + 2.0 * LEAD_S)
+        paths = rows_where(bends, taken_up, paths)
+        may_offer = free & state.settled & ~behind & ~wholly & (to_go > self.each.freeze + 2.0 * LEAD_S)
         safe = jnp.all(clear[mine, agreed] & (clear[mine, other] | ~reckoned), axis=1)
         offers = may_offer & certificate.kept_alone & safe
         sure = under_way
         if reports.goal_covariance is not None:
             sure = jax.vmap(surely_elsewhere)(paths, tasks, reports.goal_covariance, to_go / memory.clocks.rate)
-        due = behind | (~bends & sure)
+        due = behind | (~wholly & sure)
         wanted = free & state.settled & due & ~offers & (to_go > COMMITTED_S + 2.0 * LEAD_S)
         asked = memory.asked
         if self.replans:
@@ -198,7 +217,7 @@ class DecentralisedPlanner(AbstractPlanner):
         state = with_offers(state, ways, offers, clock)
 
         ahead = jax.vmap(TimedPath.air_length)(paths, clock)
-        own = jax.tree.map(lambda new, old: rows_where(bends, new, old), certificate, plan.certificate)
+        own = jax.tree.map(lambda new, old: rows_where(bends, new, old), kept, plan.certificate)
         plan = eqx.tree_at(
             lambda p: (p.paths, p.certificate, p.lengths, p.arrival_times),
             plan,
@@ -209,8 +228,10 @@ class DecentralisedPlanner(AbstractPlanner):
                 jnp.where(taken, state.agreed.path.times[:, -1], plan.arrival_times),
             ),
         )
-        stands = jnp.where(sure, KEPT, AWAITING)
-        how = jnp.where(taken, REPLANNED, jnp.where(under_way & ~bends, stands, CORRECTED)).astype(memory.renewal.dtype)
+        stands = jnp.where(bends, BENT_IN_PART, jnp.where(sure, KEPT, AWAITING))
+        how = jnp.where(taken, REPLANNED, jnp.where(under_way & ~wholly, stands, CORRECTED)).astype(
+            memory.renewal.dtype
+        )
         return eqx.tree_at(
             lambda m: (m.plan, m.renewal, m.exchange, m.waits, m.asked, m.delays),
             memory,
@@ -265,6 +286,7 @@ class DecentralisedPlanner(AbstractPlanner):
             self.each.latest,
             _LATER,
         )
+        bent_limits = self.each.when_bent(tasks.limits)
         until, cells = jnp.max(state.agreed.hold.paths.times), state.agreed.hold.paths.times.shape[1] - 1
         _, _, mine = _sets(count)
 
@@ -277,8 +299,10 @@ class DecentralisedPlanner(AbstractPlanner):
 
         def again(carry: tuple[Count, Flag, Way]) -> tuple[Count, Flag, Way]:
             k, _, _ = carry
-            durations = jnp.full(count, jnp.maximum(of_it(due) + put_off[k] - start, COMMITTED_S))
-            plan = plan_fleet_at(start, here, space, durations, intervals_of(paths), MINIMAL, standing=standing)
+            durations = jnp.full(count, jnp.maximum(of_it(due) + put_off[k % tries] - start, COMMITTED_S))
+            limits = jax.tree.map(lambda new, most: jnp.where(k < tries, new, most), tasks.limits, bent_limits)
+            asking = eqx.tree_at(lambda t: t.limits, here, limits)
+            plan = plan_fleet_at(start, asking, space, durations, intervals_of(paths), MINIMAL, standing=standing)
             good = jnp.any(who & plan.feasible)
             made = jax.lax.cond(any_in_batch(good), lambda: held(plan.paths), lambda: ways)
             clear = self._clear(state, made, tasks.active, jnp.min(clock))
@@ -288,9 +312,9 @@ class DecentralisedPlanner(AbstractPlanner):
 
         def made() -> tuple[Way, Flag, Scalar]:
             k, found, new = jax.lax.while_loop(
-                lambda c: (c[0] < tries) & ~c[1], again, (jnp.asarray(0), jnp.asarray(False), ways)
+                lambda c: (c[0] < 2 * tries) & ~c[1], again, (jnp.asarray(0), jnp.asarray(False), ways)
             )
-            return new, found, put_off[jnp.maximum(k - 1, 0)]
+            return new, found, put_off[jnp.maximum(k - 1, 0) % tries]
 
         def none() -> tuple[Way, Flag, Scalar]:
             return ways, jnp.asarray(False), jnp.zeros(())
