@@ -197,11 +197,20 @@ def test_a_process_killed_while_it_writes_leaves_a_whole_program_or_none(tmp_pat
     """Fifty times; what the store gives is what some process has saved."""
     store, random = FolderStore(tmp_path / "programs"), np.random.default_rng(0)
     command = [sys.executable, "-S", "-c", _WRITER, store_module.__file__, str(store.folder)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as writer:
+        assert writer.stdout.readline() == b"ready\n"
+        began = time.perf_counter()
+        while store.load("program") is None:
+            assert writer.poll() is None
+            assert time.perf_counter() < began + 120.0
+        one_takes_s = time.perf_counter() - began
+        writer.kill()
+    store.clear()
     seen = 0
     for _ in range(50):
         with subprocess.Popen(command, stdout=subprocess.PIPE) as writer:
             assert writer.stdout.readline() == b"ready\n"
-            time.sleep(random.uniform(0.0, 0.03))
+            time.sleep(random.uniform(0.0, 3.0 * one_takes_s))
             writer.kill()
         held = store.load("program")
         seen += held is not None
