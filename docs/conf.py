@@ -67,15 +67,16 @@ python_use_unqualified_type_names = True
 python_maximum_signature_line_length = 100
 default_role = "code"  # docstrings set names between single backquotes
 
-_STARTUP = f'''"""What each example finds: the scenarios beside it, a shell, plain figures."""
+_STARTUP = f'''"""What each example finds: the scenarios and docs beside it, a shell, plain figures."""
 import os
 import subprocess
 import textwrap
 
 from IPython.core.magic import register_cell_magic
 
-if not os.path.exists("scenarios"):
-    os.symlink({str(_ROOT / "scenarios")!r}, "scenarios")
+for folder in ("scenarios", "docs"):
+    if not os.path.exists(folder):
+        os.symlink(os.path.join({str(_ROOT)!r}, folder), folder)
 for name in ("FORCE_COLOR", "CLICOLOR", "CLICOLOR_FORCE"):
     os.environ.pop(name, None)  # commands write as into a pipe
 
