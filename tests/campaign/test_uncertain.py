@@ -57,11 +57,11 @@ def test_ships_that_turn_are_followed_by_what_ais_reports_tell():
     assert flown.met, flown.summary["events"]
     # a report is good to 10 m, and many are fused
     assert max(row["miss_m"] for row in flown.summary["aircraft"]) < 10.0
-    # the two that turned are taken to move as they do
+    # the two that turned are taken to move as they do: 0.05 m/s off at most in the seeds 1 to 4 and 7
     late = flown.dataset.sel(time=flown.summary["aircraft"][0]["arrival_s"], method="nearest")
     for axis in ("north", "east"):
         off = late[f"goal_velocity_{axis}_m_s"] - late[f"goal_estimate_velocity_{axis}_m_s"]
-        assert np.abs(off.values).max() < 2.0
+        assert np.abs(off.values).max() < 0.2
 
 
 def test_one_leaves_and_the_others_arrive_as_planned():
