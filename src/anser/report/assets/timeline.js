@@ -1,7 +1,7 @@
 /* Lanes of events over time: phase of the flight, renewals of the plan, commands at a limit. */
 "use strict";
 
-const RENEWAL_INKS = ["#57606a", "#0072B2", "#D55E00", "#1b1f24", "#CC79A7", "#E69F00"];
+const RENEWAL_INKS = ["#57606a", "#0072B2", "#D55E00", "#1b1f24", "#CC79A7", "#56B4E9"];
 const PHASE_INKS = { approach: "#d7e7f3", frozen: "#9cc3de", hold: "#edeff2" };
 const LIMITED_INK = "#E69F00", OUTSIDE_INK = "#b3261e";
 
