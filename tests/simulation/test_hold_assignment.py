@@ -167,6 +167,29 @@ def test_begun_without_a_jump_and_flown_within_limits(assigned):
         assert away == pytest.approx(float(holds.circles.radius[k]), rel=0.05)
 
 
+def steep_hold(climb, load_factor_max):
+    """Heights (m) and vertical accelerations (m/s^2) of a hold that begins with a climb rate at a height of 500 m."""
+    _, tasks = fleet(GOALS[:1], [(0.0, 0.0)], [500.0], [20.0], [90.0])
+    task = jax.tree.map(lambda leaf: leaf[0], tasks)
+    task = eqx.tree_at(lambda t: t.limits.load_factor_max, task, number(load_factor_max))
+    still = SteadyWind(jnp.zeros(3))
+    begin = number([0.0, 0.0, -500.0]), number([170.0, 0.0, -climb]), number(90.0)
+    circle = jax.tree.map(lambda leaf: leaf[0], _circles(task, airspace(500.0, 150.0), SETTINGS))
+    made = hold_path(task, begin, (jnp.zeros(3), jnp.zeros(3)), circle, still, END, SETTINGS, GRAVITY, CELLS)
+    times = jnp.linspace(90.0, END, 2001)
+    return -np.asarray(jax.vmap(made.position_n)(times))[:, 2], np.asarray(jax.vmap(made.acceleration_n)(times))[:, 2]
+
+
+def test_steep_arrival_is_levelled_off_as_hard_as_it_must():
+    """From 72 m/s of descent within 8 s: 9 m/s^2, a loss of 72^2 / 18 = 288 m (the climb wanted by then hides the lag)."""
+    heights, pulls = steep_hold(-72.0, np.inf)
+    assert 500.0 - np.min(heights) == pytest.approx(72.0**2 / 18.0, rel=0.02)
+    assert np.max(-pulls) == pytest.approx(9.0, abs=0.4)
+    # With little load factor to spare, no harder than that allows; as gently as ever where it is not steep.
+    assert np.max(-steep_hold(-72.0, 1.8)[1]) == pytest.approx(0.75 * 0.8 * GRAVITY, abs=0.4)
+    assert np.max(-steep_hold(-25.0, np.inf)[1]) == pytest.approx(4.0, abs=0.3)
+
+
 def test_stays_out_of_closed_volumes():
     alone = jax.tree.map(lambda leaf: leaf[:1], MEETING)
     free = assign(*alone, airspace(500.0, 150.0))

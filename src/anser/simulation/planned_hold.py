@@ -25,6 +25,8 @@ _ROLL_LAG_S = 1.5
 _COURSE_GAIN = 0.5  # 1/s
 _SPEED_GAIN, _SPEED_RATE = 0.2, 0.8  # 1/s, m/s^2
 _HEIGHT_GAIN, _CLIMB_LAG_S, _CLIMB_RATE = 0.2, 2.0, 4.0  # 1/s, s, m/s^2
+_LEVEL_OFF_S = 8.0  # in which a steep arrival is levelled off, with more than `_CLIMB_RATE` where it must
+_PULL_SHARE = 0.75  # of the load factor beyond 1 that is used for it
 _BANK_KEPT = 0.95  # of the greatest bank angle
 FORESEEN = 0.1
 """Part of the airspeed by which a goal's velocity may differ from what was foreseen with the hold still being flown."""
@@ -231,6 +233,8 @@ def hold_path(
     span = jnp.maximum(until - begin, 1.0) / cells
     most = gravity * jnp.tan(_BANK_KEPT * task.limits.bank_max)
     air_n = velocity_n - wind.at(place_n, begin)
+    steep = jnp.minimum(jnp.abs(air_n[2]) / _LEVEL_OFF_S, _PULL_SHARE * (task.limits.load_factor_max - 1.0) * gravity)
+    climb_rate = jnp.maximum(_CLIMB_RATE, steep)
     start = _PointMass(
         position_n=place_n,
         drift_n=jnp.zeros(3),
@@ -265,7 +269,7 @@ def hold_path(
             drift_n=blowing_n,
             course=now.turning / jnp.maximum(level, 1.0),
             speed=jnp.clip(_SPEED_GAIN * (task.speed - now.speed), -_SPEED_RATE, _SPEED_RATE),
-            climb=jnp.clip((wanted_climb - now.climb) / _CLIMB_LAG_S, -_CLIMB_RATE, _CLIMB_RATE),
+            climb=jnp.clip((wanted_climb - now.climb) / _CLIMB_LAG_S, -climb_rate, climb_rate),
             turning=(asked - now.turning) / _ROLL_LAG_S,
         )
 
