@@ -18,11 +18,13 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 
 from anser.campaign import Flown, NoPlanError, plan, run
 from anser.campaign.certified import CertifiedPlanned
 from anser.compiling import enable_compilation_cache
+from anser.planning.timed_path import TimedPath
 from anser.scenario import Scenario, ScenarioError, loads
 from anser.scenario.schema_event import Event
 from trials.data import ArrivalRule, FleetLimits, Goals, KeepOutCylinders, PlanCase, Starts, WindProfile
@@ -30,6 +32,7 @@ from trials.search import second_search
 
 _BOX_M, _APART_M, _DURATION_S, _LATEST_S = 13_000.0, 300.0, 255.0, 254.0
 _HOLD_S = 30.0  # with less to go than freeze or what is committed, nobody is planned anew
+_WARNING_S = 20.0  # of flight, to what appears on the way: nothing is asked of who is already upon it
 _KINDS = {
     "aircraft-leaves": 0.45,
     "thrust-lost": 0.15,
@@ -89,8 +92,8 @@ def _places(rng: np.random.Generator, count: int, size_m: float, apart_m: float)
     return np.array(found)
 
 
-def random_event(rng: np.random.Generator, planned: CertifiedPlanned) -> str:
-    """An event at a random time while all are on their way."""
+def random_event(rng: np.random.Generator, planned: CertifiedPlanned) -> str | None:
+    """An event at a random time while all are on their way; None where what was drawn cannot be planned around."""
     names = [one.name for one in planned.scenario.aircraft]
     arrivals = np.asarray(planned.plan.arrival_times)
     kind = str(rng.choice(list(_KINDS), p=list(_KINDS.values())))
@@ -110,15 +113,25 @@ def random_event(rng: np.random.Generator, planned: CertifiedPlanned) -> str:
     if kind == "arrival-put-off":
         text += f"later_s = {rng.uniform(5, 30):.1f}\n"
     if kind == "keep-out-appears":
-        # on somebody's way, well ahead of all and clear of the rendezvous points
-        point = planned.plan.paths
-        middle = np.asarray(point.air_n)[who, :, 0] + np.asarray(point.drift_n)[who, :, 0]
-        row = middle[int(0.6 * middle.shape[0])]
+        radius_m = float(rng.uniform(300, 900))
+        spot = _ahead(planned, who, at_s, radius_m)
+        if spot is None:
+            return None
         text += (
-            f'keep_out = {{ name = "storm", north_m = {row[0]:.1f}, east_m = {row[1]:.1f}, '
-            f"radius_m = {rng.uniform(300, 900):.0f} }}\n"
+            f'keep_out = {{ name = "storm", north_m = {spot[0]:.1f}, east_m = {spot[1]:.1f}, '
+            f"radius_m = {radius_m:.0f} }}\n"
         )
     return text
+
+
+def _ahead(planned: CertifiedPlanned, who: int, at_s: float, radius_m: float) -> np.ndarray | None:
+    """Half way from a time to the arrival of one: a place on its way, unless somebody is already close to it."""
+    paths, arrivals = planned.plan.paths, np.asarray(planned.plan.arrival_times)
+    each = jax.vmap(TimedPath.position_n, in_axes=(0, None))
+    spot = np.asarray(each(paths, at_s + max(_WARNING_S, 0.5 * (arrivals[who] - at_s))))[who, :2]
+    apart = np.hypot(*(np.asarray(each(paths, at_s))[:, :2] - spot).T)
+    near = apart < radius_m + _WARNING_S * np.asarray(planned.tasks.limits.speed_min)
+    return None if near.any() else spot
 
 
 def judged(scenario: Scenario, event: Event, flown: Flown) -> str:
@@ -232,6 +245,9 @@ def run_seed(seed: int) -> dict[str, Any]:
     drawn_s = time.perf_counter() - began
     for _ in range(_REDRAWN):
         text_of_event = random_event(rng, planned)
+        if text_of_event is None:
+            why = "somebody is too close to a keep-out that appears"
+            continue
         try:
             scenario = loads(text + text_of_event)
             break
