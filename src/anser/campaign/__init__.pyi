@@ -13,6 +13,7 @@ from .robustness import RobustnessStudy, robustness_study
 from .step_tests import CHANNEL_KEYS, PUBLISHED_STEPS, StepTest, step_test
 from .stepped_flight import SteppedFlight, step_document
 from .stepping import fly_steps
+from .sweeping import sweep, swept_scenarios
 from .tracking import CLIMB_AND_TURN, fly_climb_and_turn
 from .trimming import FoundTrim, find_trim
 from .warming import warm
@@ -52,6 +53,8 @@ __all__ = [
     "survey",
     "survey_limits",
     "survey_margins",
+    "sweep",
+    "swept_scenarios",
     "warm",
     "write_plan",
 ]

@@ -16,6 +16,7 @@ from anser.cli.offering import offer
 from anser.cli.reporting import export, figures, report
 from anser.cli.stepping import gallery, step
 from anser.cli.surveying import envelope, robustness
+from anser.cli.sweeping import sweep
 from anser.cli.trimming import linearize, trim
 from anser.cli.verifying import verify
 from anser.scenario import ScenarioError
@@ -40,6 +41,7 @@ def _top(version: Annotated[bool, typer.Option("--version", help="Print the vers
 for _command in (
     run,
     plan,
+    sweep,
     check,
     trim,
     linearize,

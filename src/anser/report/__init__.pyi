@@ -3,6 +3,7 @@ from .margin_figures import BODE_SUFFIXES, draw_bode, draw_margin_maps
 from .page import write_comparison, write_report
 from .plan_figure import draw_plan
 from .robustness_figures import draw_robustness
+from .sweep_figure import draw_sweep
 
 __all__ = [
     "BODE_SUFFIXES",
@@ -11,6 +12,7 @@ __all__ = [
     "draw_margin_maps",
     "draw_plan",
     "draw_robustness",
+    "draw_sweep",
     "write_comparison",
     "write_report",
 ]

@@ -28,6 +28,7 @@ from anser.results.robustness_statistics import (
 from anser.results.separated import nearest_other
 from anser.results.summary import CLEARANCE_MIN_M, read_summary, summarize, write_summary
 from anser.results.summary_text import summary_text
+from anser.results.sweep_dataset import sweep_dataset
 from anser.results.trim_map import TrimMap
 from anser.simulation.fleet_summary import ARRIVAL_MARGIN_S
 
@@ -72,6 +73,7 @@ __all__ = [
     "summarize",
     "summarize_network",
     "summary_text",
+    "sweep_dataset",
     "to_dataset",
     "unit_of",
     "version_attributes",

@@ -181,7 +181,7 @@ def _aircraft(time: np.ndarray, history: Mapping[str, np.ndarray], scenario: Sce
         "path": None,
         "nominal": None if bend is None else abs(bend) <= NOMINAL_BEND_M,
         "lateral_bend_m": bend,
-        "status": _status(record["status"], arrival, search_end),
+        "status": arrival_status(record["status"], arrival, search_end),
     }
 
 
@@ -203,7 +203,8 @@ def _in_gusts(time: np.ndarray, record: Mapping[str, np.ndarray], scenario: Scen
     }
 
 
-def _status(codes: np.ndarray, arrival: float, search_end: float) -> str:
+def arrival_status(codes: np.ndarray, arrival: float, search_end: float) -> str:
+    """What became of an aircraft, in words: from its status over time, arrival, s, and until when one counts, s."""
     failed = codes[codes != 0]
     if failed.size:
         # The first one is the cause of those that follow; the last one is how it ended.

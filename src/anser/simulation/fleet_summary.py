@@ -7,10 +7,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from anser.planning import separation_ratio
+from anser.planning.separation import Separation
 from anser.sensing import Instant
-from anser.shapes import Scalar, ScalarLike
+from anser.shapes import Count, Scalar, ScalarLike
 from anser.simulation.recorder import AbstractRecorder, AircraftSample, FleetSample
-from anser.spatial import safe_norm
+from anser.spatial import safe_hypot, safe_norm
 
 ARRIVAL_MARGIN_S = 10.0
 """How long after its planned arrival an aircraft may still arrive."""
@@ -44,15 +46,16 @@ class FleetSummary(eqx.Module):
     speeds_until_arrival
         Up to then, without gusts; their integral over the arrival time is the mean airspeed.
     position_error_max
-        Up to the planned arrival, m.
+        Up to then, m.
     clearance_min
         Least distance from the goal, m.
     tables_left_time
         How long the airframe was outside its data, s.
     first_status, last_status
         The first that was not 0, and the last; index into `STATUS_MESSAGES`.
-    separation_min
-        Least distance of any two aircraft, m; infinite for one.
+    separation_min, separation_ratio_min
+        Least distance of any two aircraft, m, and at the samples least ratio of distance to separation; infinite for
+        one, and where no separation is given.
     finite
         Whether every recorded number of each was one.
     """
@@ -66,21 +69,33 @@ class FleetSummary(eqx.Module):
     first_status: Int[Array, " aircraft"]
     last_status: Int[Array, " aircraft"]
     separation_min: Scalar
+    separation_ratio_min: Scalar
     finite: Bool[Array, " aircraft"]
 
 
 class _PreviousSample(NamedTuple):
-    """The sample before, of each aircraft."""
+    """The sample before, of each aircraft, and what had come up to then."""
 
     position_n: Float[Array, "aircraft 3"]
     offset_n: Float[Array, "aircraft 3"]
     airspeed: Float[Array, " aircraft"]
     speeds: Speeds
+    position_error_max: Float[Array, " aircraft"]
 
 
 class SummaryRecorder(AbstractRecorder):
-    """The running summary; no rows. Memory is the summary so far and the sample before."""
+    """The running summary; no rows. Memory is the summary so far and the sample before.
 
+    Attributes
+    ----------
+    separation
+        That is asked of the fleet; None: none.
+    last
+        Number of the last sample that counts; None: all do.
+    """
+
+    separation: Separation | None = None
+    last: Count | None = None
     every: int = eqx.field(static=True, default=1)
 
     def init(self, aircraft: int) -> tuple[FleetSummary, _PreviousSample]:
@@ -98,14 +113,22 @@ class SummaryRecorder(AbstractRecorder):
             first_status=code,
             last_status=code,
             separation_min=jnp.asarray(jnp.inf),
+            separation_ratio_min=jnp.asarray(jnp.inf),
             finite=jnp.ones(aircraft, dtype=bool),
         )
-        return summary, _PreviousSample(jnp.zeros((aircraft, 3)), jnp.zeros((aircraft, 3)), zero, speeds)
+        return summary, _PreviousSample(jnp.zeros((aircraft, 3)), jnp.zeros((aircraft, 3)), zero, speeds, zero)
 
     def take(
         self, memory: tuple[FleetSummary, _PreviousSample], sample: FleetSample, instant: Instant
     ) -> tuple[FleetSummary, _PreviousSample]:
         """Summary with one more sample, and with the interval that ends with it."""
+        if self.last is None:
+            return self._taken(memory, sample, instant)
+        return jax.lax.cond(instant.number <= self.last, lambda: self._taken(memory, sample, instant), lambda: memory)
+
+    def _taken(
+        self, memory: tuple[FleetSummary, _PreviousSample], sample: FleetSample, instant: Instant
+    ) -> tuple[FleetSummary, _PreviousSample]:
         before, last = memory
         now = sample.rows(_of_one)
         time, step = instant.time, instant.step
@@ -124,29 +147,39 @@ class SummaryRecorder(AbstractRecorder):
         distance = jnp.where(left_s >= 0.0, _distance(last.offset_n, offset_n, part), jnp.inf)
         nearer = distance < before.miss
         until = last.speeds.until(part, length_s, last.airspeed, airspeed)
+        error_max = jnp.maximum(last.position_error_max, now["position_error"])
+        error_until = jnp.where(part < 1.0, last.position_error_max, error_max)
         arrived = jax.tree.map(
             lambda new, old: jnp.where(nearer, new, old),
-            (time - length_s + part * length_s, distance, until),
-            (before.arrival_time, before.miss, before.speeds_until_arrival),
+            (time - length_s + part * length_s, distance, until, error_until),
+            (before.arrival_time, before.miss, before.speeds_until_arrival, before.position_error_max),
         )
-        on_way = time <= now["arrival_time"]
         code = now["status"]
         summary = FleetSummary(
             arrival_time=arrived[0],
             miss=arrived[1],
             speeds_until_arrival=arrived[2],
-            position_error_max=jnp.where(
-                on_way, jnp.maximum(before.position_error_max, now["position_error"]), before.position_error_max
-            ),
+            position_error_max=arrived[3],
             clearance_min=jnp.minimum(before.clearance_min, now["clearance"]),
             tables_left_time=before.tables_left_time + jnp.where(now["outside_tables"], step, 0.0),
             first_status=jnp.where(before.first_status == 0, code, before.first_status),
             last_status=code,
             separation_min=jnp.minimum(before.separation_min, _least_separation(last.position_n, position_n)),
+            separation_ratio_min=jnp.minimum(before.separation_ratio_min, self._ratio(position_n)),
             finite=before.finite & jnp.isfinite(airspeed) & jnp.all(jnp.isfinite(position_n), axis=1),
         )
         whole = last.speeds.until(jnp.ones_like(airspeed), length_s, last.airspeed, airspeed)
-        return summary, _PreviousSample(position_n, offset_n, airspeed, whole)
+        return summary, _PreviousSample(position_n, offset_n, airspeed, whole, error_max)
+
+    def _ratio(self, position_n: Float[Array, "aircraft 3"]) -> Scalar:
+        """Least ratio of distance to separation of any two of a fleet at a sample."""
+        count = position_n.shape[0]
+        if self.separation is None or count < 2:
+            return jnp.asarray(jnp.inf)
+        first, second = jnp.triu_indices(count, 1)
+        apart_n = position_n[second] - position_n[first]
+        level, height = safe_hypot(apart_n[:, 0], apart_n[:, 1]), jnp.abs(apart_n[:, 2])
+        return jnp.min(separation_ratio(level, height, self.separation.horizontal, self.separation.vertical))
 
     def row(self, sample: FleetSample, instant: Instant) -> None:
         """None."""

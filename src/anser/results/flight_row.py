@@ -1,0 +1,67 @@
+"""What is told of one flight of many: the same numbers as in `summary.json`, from the running summary."""
+
+from typing import Any
+
+import numpy as np
+
+from anser.results.plain import finite_or_none
+from anser.results.requirements import judge, requirements_of
+from anser.results.summary import CLEARANCE_MIN_M, arrival_status
+from anser.scenario import Scenario
+from anser.simulation import FleetSummary
+from anser.simulation.fleet_summary import ARRIVAL_MARGIN_S
+from anser.simulation.status import LEFT
+
+
+def flight_row(summary: FleetSummary, planned_s: np.ndarray, scenario: Scenario) -> dict[str, Any]:
+    """Rows of the aircraft, numbers of the fleet, and the requirements, as `summarize` gives them.
+
+    Parameters
+    ----------
+    summary
+        Of one flight, concrete.
+    planned_s
+        Arrival times of the last plan, s.
+    scenario
+        What was flown.
+
+    Returns
+    -------
+    dict
+        `aircraft`, `fleet`, `requirements`, and `met`: whether all arrived and every requirement is met.
+    """
+    duration_s, aircraft = scenario.timing.duration_s, []
+    for k, one in enumerate(scenario.aircraft):
+        left = int(summary.first_status[k]) == LEFT
+        planned = np.nan if left else float(planned_s[k])
+        arrival, miss = (np.nan, np.nan) if left else (float(summary.arrival_time[k]), float(summary.miss[k]))
+        speeds = summary.speeds_until_arrival
+        flown_s = arrival if np.isfinite(arrival) and arrival > 0.0 else np.nan
+        codes = np.array([summary.first_status[k], summary.last_status[k]])
+        aircraft.append(
+            {
+                "name": one.name,
+                "goal": one.goal,
+                "planned_arrival_s": finite_or_none(planned),
+                "arrival_s": finite_or_none(arrival),
+                "miss_m": finite_or_none(miss),
+                "speed_mean_m_s": finite_or_none(float(speeds.integral[k]) / flown_s),
+                "speed_min_m_s": finite_or_none(float(speeds.least[k])),
+                "speed_max_m_s": finite_or_none(float(speeds.greatest[k])),
+                "clearance_min_m": finite_or_none(float(summary.clearance_min[k])),
+                "tables_left_s": finite_or_none(float(summary.tables_left_time[k])),
+                "position_error_max_m": finite_or_none(float(summary.position_error_max[k])),
+                "status": arrival_status(codes, arrival, min(duration_s, planned + ARRIVAL_MARGIN_S)),
+            }
+        )
+    arrivals = [row["arrival_s"] for row in aircraft]
+    fleet = {
+        "arrival_spread_s": None if None in arrivals else max(arrivals) - min(arrivals),
+        "separation_min_m": finite_or_none(float(summary.separation_min)),
+    }
+    if scenario.separation.asked_m is not None:
+        fleet["separation_ratio_min"] = finite_or_none(float(summary.separation_ratio_min))
+    kinds = [scenario.goal_of(one).kind for one in scenario.aircraft]
+    requirements = judge(requirements_of(scenario), aircraft, fleet, [(kind, CLEARANCE_MIN_M[kind]) for kind in kinds])
+    met = all(row["status"] == "arrived" for row in aircraft) and all(one["met"] for one in requirements)
+    return {"aircraft": aircraft, "fleet": fleet, "requirements": requirements, "met": met}

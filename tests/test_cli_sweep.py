@@ -1,0 +1,72 @@
+"""The command sweep end to end: what it prints, what it writes, how it ends."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from anser.cli.sweeping import swept_values
+from anser.results import read_netcdf
+
+THREE = Path(__file__).parents[1] / "scenarios" / "three-aircraft.toml"
+
+
+def test_sweep_prints_a_table_writes_and_draws(anser, tmp_path):
+    out = tmp_path / "sweep"
+    code, printed, said = anser("sweep", THREE, "--set", "wind.speed_m_s=0:8:8", "--out", out)
+    assert code == 0
+    assert "wind.speed_m_s" in printed
+    assert "sweep.nc and figure written" in said
+    data = read_netcdf(out / "sweep.nc")
+    assert data["wind.speed_m_s"].values.tolist() == [0.0, 8.0]
+    assert data["met"].values.all()
+    assert {path.name for path in out.iterdir()} == {"sweep.nc", "sweep.svg", "sweep.png"}
+    code, _, said = anser("sweep", THREE, "--set", "wind.speed_m_s=0,5", "--out", out)
+    assert code == 2
+    assert "exists" in said
+
+
+@pytest.mark.long
+def test_sweep_prints_json_and_ends_with_1_where_a_flight_falls_short(anser, tmp_path):
+    asked = ("--set", "aircraft[aircraft-2].start.altitude_m=1500,15000", "--json", "--out", tmp_path / "sweep")
+    code, printed, said = anser("sweep", THREE, *asked)
+    assert code == 1
+    assert "1 of 2 flights" in said
+    document = json.loads(printed)
+    good, bad = document["flights"]
+    assert good["met"]
+    assert good["reason"] == ""
+    assert bad["miss_max_m"] is None
+    assert "aircraft-2" in bad["reason"]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("wind.speed_m_s", "PATH=VALUES"),
+        ("=5", "PATH=VALUES"),
+        ("wind.speed_m_s=0:20:0", "step that leads"),
+        ("wind.speed_m_s=0:20:-5", "step that leads"),
+        ("wind.speed_m_s=0:a:5", "three numbers"),
+        ("wind.speed_m_s=0:1:1e-9", "10000 at most"),
+        ("wind.sped_m_s=5", "wind.sped_m_s"),
+        ("wind.speed_m_s=-5", "wind.speed_m_s"),
+    ],
+)
+def test_what_is_no_sweep_ends_with_2(anser, tmp_path, text, said):
+    code, _, words = anser("sweep", THREE, "--set", text, "--out", tmp_path / "sweep")
+    assert code == 2
+    assert said in words
+    assert not (tmp_path / "sweep").exists()
+
+
+def test_a_path_twice_ends_with_2(anser, tmp_path):
+    twice = ("--set", "wind.speed_m_s=5", "--set", "wind.speed_m_s=6")
+    code, _, said = anser("sweep", THREE, *twice, "--out", tmp_path / "sweep")
+    assert code == 2
+    assert "twice" in said
+
+
+def test_values_are_what_a_file_would_hold():
+    found = swept_values(["a=0:0.3:0.1", "b=1,2.5,left,true", "c=2:-2:-2"])
+    assert found == {"a": [0, 0.1, 0.2, 0.3], "b": [1, 2.5, "left", True], "c": [2, 0, -2]}
