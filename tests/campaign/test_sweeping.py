@@ -12,6 +12,7 @@ from anser.scenario import ScenarioError
 THREE = anser.load(Path(__file__).parents[2] / "scenarios" / "three-aircraft.toml")
 
 
+@pytest.mark.long
 def test_every_combination_is_flown_and_labelled():
     data = anser.sweep(THREE, {"wind.speed_m_s": [0.0, 8.0], "goal[0].speed_m_s": [5.0, 10.0]})
     assert dict(data.sizes) == {"wind.speed_m_s": 2, "goal[0].speed_m_s": 2, "aircraft": 3}
