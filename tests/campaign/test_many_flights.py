@@ -34,6 +34,12 @@ def assert_equals(row, flown):
     assert row.met == flown.met
 
 
+def test_flights_that_are_all_the_same_fly_too():
+    first, again = fly_many([FlightCase(THREE), FlightCase(THREE)])
+    assert first.met
+    assert first == again
+
+
 def test_rows_are_the_summaries_of_single_flights():
     windy = THREE.replace("wind.speed_m_s", 9.0, "wind.from_deg", 250.0)
     told = []
@@ -64,6 +70,15 @@ def test_certified_flights_too(name):
     flown = anser.run(scenario)
     assert_equals(first, flown)
     assert_equals(again, flown)
+
+
+@pytest.mark.long
+def test_each_flight_is_judged_by_its_own_separation():
+    storm = anser.load(SCENARIOS / "storm-sampling.toml")
+    narrow, wide = (storm.replace("separation", {"horizontal_m": apart_m}) for apart_m in (300.0, 500.0))
+    rows = fly_many([FlightCase(narrow), FlightCase(wide)])
+    assert_equals(rows[0], anser.run(narrow))
+    assert_equals(rows[1], anser.run(wide))
 
 
 @pytest.mark.long

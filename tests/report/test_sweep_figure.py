@@ -1,20 +1,19 @@
 """The figure of a sweep: drawn against numbers only, one line for each combination of the rest."""
 
-from types import SimpleNamespace
-
 import numpy as np
 
 from anser.report import draw_sweep
 from anser.results import sweep_dataset
+from anser.results.flight_row import FlightRow
 
 
 def flight(arrival_s, miss_m):
     """One aircraft that arrives; none where it could not begin."""
     if arrival_s is None:
-        return SimpleNamespace(aircraft=[], fleet={}, requirements=[], met=False, reason="no plan")
+        return FlightRow.failed("no plan")
     aircraft = [{"arrival_s": arrival_s, "miss_m": miss_m, "status": "arrived"}]
     unmet = [{"name": "miss_max_m", "met": miss_m < 1.0}]
-    return SimpleNamespace(aircraft=aircraft, fleet={}, requirements=unmet, met=miss_m < 1.0, reason="")
+    return FlightRow(aircraft, {}, unmet, met=miss_m < 1.0)
 
 
 def swept(paths, flights):

@@ -3,14 +3,13 @@
 import dataclasses
 import hashlib
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple, cast
 
 import jax
 import numpy as np
 from jaxtyping import Array
 
-from anser.campaign.batches import Progress, silent
+from anser.campaign.batches import BATCH, Progress, silent
 from anser.campaign.certified import arrival_request, first_renewal
 from anser.campaign.execute import run, without_replanning
 from anser.campaign.plan_interface import NoPlanError
@@ -19,7 +18,7 @@ from anser.compiling import compiled, enable_compilation_cache
 from anser.numerics import Stacked, as_array, rows_of, seeded, stacked, structure_of
 from anser.planning.certified import AircraftTask
 from anser.planning.separation import Separation
-from anser.results.flight_row import flight_row
+from anser.results.flight_row import FlightRow, flight_row
 from anser.scenario import Scenario, ScenarioError, build_flight
 from anser.shapes import Count
 from anser.simulation import (
@@ -36,8 +35,6 @@ from anser.simulation import (
     trimmed_fleet,
 )
 
-BATCH = 128
-"""Flights of one compiled call: larger batches are no faster on a few cores."""
 _AGAIN = 8  # flights of a segment that are flown again at once, with a plan made anew
 NO_PLAN = "no plan: the certified planner finds none that keeps everything"
 
@@ -47,32 +44,6 @@ class FlightCase(NamedTuple):
 
     scenario: Scenario
     number: int = 0
-
-
-@dataclass(frozen=True)
-class FlightRow:
-    """What came of one flight.
-
-    Attributes
-    ----------
-    aircraft, fleet, requirements
-        As in `summary.json`; empty where it could not begin.
-    met
-        Whether all arrived and every requirement is met.
-    reason
-        Why it could not begin; empty where it did.
-    """
-
-    aircraft: list[dict[str, Any]]
-    fleet: dict[str, Any]
-    requirements: list[dict[str, Any]]
-    met: bool
-    reason: str = ""
-
-    @classmethod
-    def failed(cls, reason: str) -> "FlightRow":
-        """Of a flight that could not begin."""
-        return cls([], {}, [], met=False, reason=reason)
 
 
 _Flights = Stacked[Flight]
@@ -98,12 +69,15 @@ def _begun(flights: _Flights, fleets: TrimmedFleet, plans: CertifiedPlanState) -
 
 
 @compiled
-def _segment(flights: _Flights, states: FlightState, memory: Any, since: Count, recorder: SummaryRecorder) -> Any:
-    def one(flight: Flight, state: FlightState, kept: Any) -> Any:
+def _segment(
+    flights: _Flights, states: FlightState, memory: Any, separations: Separation, since: Count, last: Count
+) -> Any:
+    def one(flight: Flight, state: FlightState, kept: Any, separation: Separation) -> Any:
+        recorder = SummaryRecorder(separation=separation, last=last)
         after, kept, _ = fly(flight, state, since, SEGMENT_STEPS, recorder, kept)
         return after, kept
 
-    return flights.map(one, states, memory)
+    return flights.map(one, states, memory, separations)
 
 
 def fly_many(
@@ -173,7 +147,9 @@ def _flown_alone(case: FlightCase) -> FlightRow:
     except (NoPlanError, ScenarioError) as error:
         return FlightRow.failed(str(error))
     summary = flown.summary
-    return FlightRow(summary["aircraft"], summary["fleet"], summary["requirements"], flown.met)
+    # how long it took is no outcome: the same flight would be another row
+    fleet = {key: value for key, value in summary["fleet"].items() if key not in ("wall_s", "simulated_s")}
+    return FlightRow(summary["aircraft"], fleet, summary["requirements"], flown.met)
 
 
 class _Group:
@@ -193,7 +169,8 @@ class _Group:
 
     def _differing(self, flight: Flight) -> list[Any]:
         leaves = jax.tree.leaves(flight)
-        differ = np.zeros(len(leaves), dtype=bool) if self.differ is None else self.differ
+        # one leaf at least is stacked, or flights that are all the same would have nothing to be mapped over
+        differ = np.arange(len(leaves)) == 0 if self.differ is None else self.differ
         return [leaf for leaf, own in zip(leaves, differ, strict=True) if own]
 
 
@@ -284,29 +261,30 @@ def _summed_up(
         return []
     timing = cases[0].scenario.timing
     steps = round(timing.duration_s / timing.step_s)
-    apart = [case.scenario.separation.asked_m or (0.0, 0.0) for case in cases]
-    recorder = SummaryRecorder(separation=Separation(*map(as_array, apart[0])), last=as_array(steps, np.int32))
-    size = _size_of(flights)
+    size, last = _size_of(flights), as_array(steps, np.int32)
+    apart = np.zeros((size, 2))
+    apart[list(places)] = [case.scenario.separation.asked_m or (0.0, 0.0) for case in cases]
+    separations = Separation(*map(as_array, apart.T))
     memory = jax.tree.map(
         lambda leaf: as_array(np.broadcast_to(np.asarray(leaf), (size, *np.shape(leaf))), None),
-        recorder.init(len(cases[0].scenario.aircraft)),
+        SummaryRecorder().init(len(cases[0].scenario.aircraft)),
     )
     simpler = Stacked(without_replanning(flights.own), without_replanning(flights.common))
     for since in range(0, steps + 1, SEGMENT_STEPS):
         number = as_array(since, np.int32)
-        after, kept = _segment(simpler, states, memory, number, recorder)
+        after, kept = _segment(simpler, states, memory, separations, number, last)
         asked = np.flatnonzero(np.asarray(after.planner.asked))
         for some in (asked[k : k + _AGAIN] for k in range(0, asked.size, _AGAIN)):
             # what came of it does not count; filled up to one size with the last of them
             which = np.concatenate([some, np.repeat(some[-1:], _AGAIN - some.size)])
             own = Stacked(_rows(flights.own, which), flights.common)
-            full = _segment(own, _rows(states, which), _rows(memory, which), number, recorder)
+            chosen = _rows((states, memory, separations), which)
+            full = _segment(own, *chosen, number, last)
             after, kept = jax.tree.map(lambda held, new, which=which: _put(held, which, new), (after, kept), full)
         states, memory = after, kept
     summary = jax.tree.map(np.asarray, memory[0])
     arrivals = np.asarray(_arrivals(flights, states))
-    rows = [flight_row(_row(summary, at), arrivals[at], case.scenario) for case, at in zip(cases, places, strict=True)]
-    return [FlightRow(**row) for row in rows]
+    return [flight_row(_row(summary, at), arrivals[at], case.scenario) for case, at in zip(cases, places, strict=True)]
 
 
 @compiled

@@ -1,9 +1,11 @@
 """Command sweep: a scenario flown with every combination of some of its numbers."""
 
+import itertools
 import re
 from decimal import Decimal, InvalidOperation
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
 
 from anser.cli.arguments import ScenarioPath, SurveyFolder
@@ -117,9 +119,6 @@ def _value(text: str) -> object:
 
 def _flights(data: "xr.Dataset", swept: dict[str, list[object]]) -> list[dict[str, Any]]:
     """Numbers of each flight, the last path's values fastest."""
-    import itertools
-
-    import numpy as np
 
     def of(name: str, at: tuple[int, ...]) -> float | None:
         values = data[name].values[at] if name in data else np.array(np.nan)

@@ -1,5 +1,6 @@
 """What is told of one flight of many: the same numbers as in `summary.json`, from the running summary."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,34 @@ from anser.simulation.fleet_summary import ARRIVAL_MARGIN_S
 from anser.simulation.status import LEFT
 
 
-def flight_row(summary: FleetSummary, planned_s: np.ndarray, scenario: Scenario) -> dict[str, Any]:
-    """Rows of the aircraft, numbers of the fleet, and the requirements, as `summarize` gives them.
+@dataclass(frozen=True)
+class FlightRow:
+    """What came of one flight.
+
+    Attributes
+    ----------
+    aircraft, fleet, requirements
+        As in `summary.json`; empty where it could not begin.
+    met
+        Whether all arrived and every requirement is met.
+    reason
+        Why it could not begin; empty where it did.
+    """
+
+    aircraft: list[dict[str, Any]]
+    fleet: dict[str, Any]
+    requirements: list[dict[str, Any]]
+    met: bool
+    reason: str = ""
+
+    @classmethod
+    def failed(cls, reason: str) -> "FlightRow":
+        """Of a flight that could not begin."""
+        return cls([], {}, [], met=False, reason=reason)
+
+
+def flight_row(summary: FleetSummary, planned_s: np.ndarray, scenario: Scenario) -> FlightRow:
+    """Sum one flight up as `summarize` does.
 
     Parameters
     ----------
@@ -24,11 +51,6 @@ def flight_row(summary: FleetSummary, planned_s: np.ndarray, scenario: Scenario)
         Arrival times of the last plan, s.
     scenario
         What was flown.
-
-    Returns
-    -------
-    dict
-        `aircraft`, `fleet`, `requirements`, and `met`: whether all arrived and every requirement is met.
     """
     duration_s, aircraft = scenario.timing.duration_s, []
     for k, one in enumerate(scenario.aircraft):
@@ -64,4 +86,4 @@ def flight_row(summary: FleetSummary, planned_s: np.ndarray, scenario: Scenario)
     kinds = [scenario.goal_of(one).kind for one in scenario.aircraft]
     requirements = judge(requirements_of(scenario), aircraft, fleet, [(kind, CLEARANCE_MIN_M[kind]) for kind in kinds])
     met = all(row["status"] == "arrived" for row in aircraft) and all(one["met"] for one in requirements)
-    return {"aircraft": aircraft, "fleet": fleet, "requirements": requirements, "met": met}
+    return FlightRow(aircraft, fleet, requirements, met)

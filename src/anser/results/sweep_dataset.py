@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from anser.results.flight_row import FlightRow
 from anser.results.provenance import version_attributes
 from anser.results.variable_labels import attributes_of
 
@@ -31,7 +32,7 @@ _OF_FLEET = {
 def sweep_dataset(
     swept: Mapping[str, Sequence[object]],
     aircraft: Sequence[str],
-    rows: Sequence[Any],
+    rows: Sequence[FlightRow],
     attributes: Mapping[str, str | int],
 ) -> xr.Dataset:
     """Label the flights of a sweep.
@@ -43,8 +44,7 @@ def sweep_dataset(
     aircraft
         Names.
     rows
-        What came of each flight, in that order: `aircraft`, `fleet`, `requirements`, `met`, `reason`, as of
-        `anser.campaign.many_flights.FlightRow`.
+        What came of each flight, in that order.
     attributes
         Of the whole dataset.
 
