@@ -34,6 +34,7 @@ def assert_equals(row, flown):
     assert row.met == flown.met
 
 
+@pytest.mark.long
 def test_flights_that_are_all_the_same_fly_too():
     first, again = fly_many([FlightCase(THREE), FlightCase(THREE)])
     assert first.met

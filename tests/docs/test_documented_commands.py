@@ -69,6 +69,10 @@ COVERED = {
         "tests/campaign/test_envelope_survey.py",
         "def test_the_command_writes_the_files",
     ),
+    "anser sweep scenarios/three-aircraft.toml --set wind.speed_m_s=0:20:5 --out sweep": (
+        "tests/test_cli_sweep.py",
+        '"wind.speed_m_s=0:8:8"',
+    ),
     "anser verify": ("tests/verification/test_nesc.py", "NESC_CHECKS"),  # with its neighbours, each check by itself
 }
 """Commands that take too long here, or install: the file that runs the same, or the same on a smaller case, and its words."""
