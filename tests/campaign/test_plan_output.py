@@ -69,7 +69,11 @@ def _record(valid=(True, True, True)):
     ratio = jnp.array([[jnp.inf, 1.5, 0.1], [1.5, jnp.inf, 0.1], [0.1, 0.1, jnp.inf]])
     certificate = Certificate(
         bounds=PathBounds(
-            **{key: all_of(value) for key, value in bounds.items()}, cell_acceleration=jnp.zeros((3, 12))
+            **{key: all_of(value) for key, value in bounds.items()},
+            cell_acceleration=jnp.zeros((3, 12)),
+            cell_along=jnp.zeros((3, 12, 2)),
+            cell_speeds=jnp.full((3, 12, 2), 150.0),
+            cell_load_factors=jnp.ones((3, 12, 2)),
         ),
         excess=jnp.full((3, 9), -0.1),
         clearance_ratio=jnp.where(ratio < 1.0, 2.0, ratio),
@@ -117,8 +121,8 @@ def test_margins_are_proven_ones(recorded):
             "climb_rate_max_m_s": 79.0,
             "altitude_min_m": 890.0,
             "altitude_max_m": 13730.0,
-            "thrust_surplus_max_m_s2": 7.5,
-            "thrust_deficit_max_m_s2": 0.75,
+            "thrust_surplus_max_m_s2": 8.0 / 0.9 - 0.5,  # the reserve included
+            "thrust_deficit_max_m_s2": 1.0 / 0.9 - 0.25,
         }
     )
     assert limits["airspeed_min_m_s"]["planned"] == pytest.approx(150.0, rel=1e-9)  # a straight line, to rounding

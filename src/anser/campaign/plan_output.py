@@ -12,9 +12,10 @@ from anser.campaign.certified import NOT_PROVEN, CertifiedPlanned, not_proven
 from anser.campaign.plan_interface import Planned
 from anser.campaign.plan_samples import PlannedPath, sample_plan, sample_times
 from anser.campaign.planned import PublishedPlanned
-from anser.numerics import rows_at
+from anser.numerics import each_of, rows_at
 from anser.planning import CERTIFIED_LIMITS, LIMIT_MESSAGES, LIMITS, PLAN_MESSAGES, PathLimits, turn_words
 from anser.planning.certified import AircraftTask, CertifiedPlan
+from anser.planning.certified.path_bounds import PathBounds
 from anser.report import draw_plan
 from anser.results import (
     PlanDetails,
@@ -118,14 +119,21 @@ def record_certified(
         messages=tuple(None if ok else NOT_PROVEN for ok in good),
         problems=not_proven(scenario, good),
         limits=_limits(scenario, asked),
-        bounds={limit.key: np.asarray(getattr(found.bounds, limit.field)) for limit in CERTIFIED_LIMITS},
+        bounds=_bounds(found.bounds, asked),
         separation_bound=ratio if math.isfinite(ratio) else None,
         keep_out_bounds_m=np.asarray(found.keep_out_clearance)[:, : len(scenario.keep_out)]
         if scenario.keep_out
         else None,
         **_holds(holds, rows),
     )
-    return _recorded(made.paths, np.asarray(made.arrival_times), gravity, details)
+    return _recorded(made.paths, np.asarray(made.arrival_times), gravity, details, asked)
+
+
+def _bounds(found: PathBounds, limits: PathLimits) -> dict[str, np.ndarray]:
+    """Bounds of paths by key: of the accelerations those that ask as much of each aircraft at its start."""
+    values = {limit.key: np.asarray(getattr(found, limit.field)) for limit in CERTIFIED_LIMITS}
+    along = np.array([own.along_at_start(held_to) for own, held_to in each_of((found, limits))])
+    return values | {"thrust_surplus_max": along[:, 0], "thrust_deficit_max": along[:, 1]}
 
 
 def _holds(holds: PlannedHolds | None, rows: np.ndarray) -> dict[str, Any]:
@@ -141,11 +149,19 @@ def _holds(holds: PlannedHolds | None, rows: np.ndarray) -> dict[str, Any]:
     }
 
 
-def _recorded(paths: PlannedPath, arrivals: np.ndarray, gravity: Any, details: PlanDetails) -> RecordedPlan:
+def _recorded(
+    paths: PlannedPath,
+    arrivals: np.ndarray,
+    gravity: Any,
+    details: PlanDetails,
+    limits: PathLimits | None = None,
+) -> RecordedPlan:
     scenario = details.scenario
     times = sample_times(0.0, arrivals)
     goals = np.stack([_goal_n(scenario.goal_of(aircraft), times[0]) for aircraft in scenario.aircraft], axis=1)
-    samples = sample_plan(paths, 0.0, arrivals, gravity, goals, times, scenario.separation.asked_m, scenario.keep_out)
+    samples = sample_plan(
+        paths, 0.0, arrivals, gravity, goals, times, scenario.separation.asked_m, scenario.keep_out, limits
+    )
     dataset = plan_dataset(samples, details)
     return RecordedPlan(dataset, plan_summary(dataset))
 
@@ -164,13 +180,13 @@ def _goal_n(goal: Goal, times_s: np.ndarray) -> np.ndarray:
 
 
 def _limits(scenario: Scenario, own: PathLimits | None = None) -> dict[str, float | np.ndarray]:
-    """Limits by key; what a scenario leaves out is each aircraft's own at its start.
+    """Limits by key; what a scenario leaves out is each aircraft's own at its start, the reserve included.
 
     The published planner has none of its own, and it alone judges the level-off after the arrival.
     """
     found = {}
     for limit in LIMITS if own is None else CERTIFIED_LIMITS:
         given = getattr(scenario.limits, limit.setting)
-        left_out = math.nan if own is None else np.asarray(getattr(own, limit.field))
+        left_out = math.nan if own is None else np.asarray(getattr(own, limit.field)) / (1.0 - scenario.fleet.reserve)
         found[limit.key] = left_out if given is None else given / limit.factor
     return found

@@ -1,6 +1,6 @@
 """Planned paths at instants: what each asks of its aircraft, and its least and greatest."""
 
-from typing import Protocol
+from typing import Any, Protocol
 
 import equinox as eqx
 import jax
@@ -9,8 +9,8 @@ from jaxtyping import Array, Float
 
 from anser.campaign.plan_distances import FLEET, keep_out_rooms, nearest_pairs, track_of
 from anser.compiling import compiled_quickly
-from anser.numerics import as_array, filled_up
-from anser.planning import CERTIFIED_LIMITS, PathPoint, polar
+from anser.numerics import as_array, each_of, filled_up
+from anser.planning import CERTIFIED_LIMITS, PathLimits, PathPoint, polar
 from anser.planning.demand import demand
 from anser.results import PlanExtremes, PlanSamples
 from anser.scenario.schema_airspace import KeepOut
@@ -119,17 +119,35 @@ def sample_paths(
     return {key: np.where(under_way, values, np.nan).T for key, values in found.items()}
 
 
-def sample_extremes(paths: PlannedPath, start_s: float, arrival_times: np.ndarray, gravity: ScalarLike) -> PlanExtremes:
-    """Least and greatest of each path, from its start to its arrival; arguments as of `sample_paths`."""
+def sample_extremes(
+    paths: PlannedPath,
+    start_s: float,
+    arrival_times: np.ndarray,
+    gravity: ScalarLike,
+    limits: PathLimits | None = None,
+) -> PlanExtremes:
+    """Least and greatest of each path, from its start to its arrival; arguments as of `sample_paths`.
+
+    With limits, the accelerations are those that ask as much of each aircraft at its start; else the paths' own.
+    """
     duration = np.asarray(arrival_times) - start_s
     asked = _asked_in_blocks(paths, start_s + duration[:, None] * np.linspace(0.0, 1.0, _FINE)[None, :], gravity)
     speed = asked["airspeed"]
     mean = np.trapezoid(speed, axis=1) / (_FINE - 1)
-    return PlanExtremes(
-        length=mean * duration,
-        speed_mean=mean,
-        values={limit.key: limit.extreme(asked[limit.variable], 1) for limit in CERTIFIED_LIMITS},
-    )
+    values = {limit.key: limit.extreme(asked[limit.variable], 1) for limit in CERTIFIED_LIMITS}
+    if limits is not None and limits.idle is not None:
+        rows = zip(each_of(limits), asked["thrust_surplus"], speed, asked["load_factor"], strict=True)
+        found = np.array([_along_at_start(*row) for row in rows])
+        values |= {"thrust_surplus_max": found[:, 0], "thrust_deficit_max": found[:, 1]}
+    return PlanExtremes(length=mean * duration, speed_mean=mean, values=values)
+
+
+def _along_at_start(limits: PathLimits, along: np.ndarray, speed: np.ndarray, load_factor: np.ndarray) -> Any:
+    """The greatest acceleration and deceleration of a path as `PathBounds.along_at_start` has them, m/s^2."""
+    idle = limits.idle
+    assert idle is not None
+    gained = along + limits.deceleration_max * idle.rise(speed, load_factor)
+    return np.max(gained), np.max(-along / idle.share(speed, load_factor))
 
 
 def sample_plan(
@@ -141,6 +159,7 @@ def sample_plan(
     times: tuple[np.ndarray, np.ndarray],
     separation_m: tuple[float, float] | None,
     keep_outs: tuple[KeepOut, ...],
+    limits: PathLimits | None = None,
 ) -> PlanSamples:
     """Everything that is recorded of a plan.
 
@@ -158,6 +177,8 @@ def sample_plan(
         As `sample_times` gives them.
     separation_m, keep_outs
         What a scenario asks for.
+    limits
+        As of `sample_extremes`.
     """
     history = sample_paths(paths, arrival_times, times[0], gravity)
     motion = track_of(times[0], history)
@@ -169,7 +190,7 @@ def sample_plan(
         arrival_times_s=np.asarray(arrival_times, dtype=float),
         history=history,
         goals_n=np.where(under_way[:, :, None], goals_n, np.nan),
-        extremes=sample_extremes(paths, start_s, arrival_times, gravity),
+        extremes=sample_extremes(paths, start_s, arrival_times, gravity, limits),
         nearest=nearest_pairs(motion, None),
         separated=None if separation_m is None else nearest_pairs(motion, separation_m),
         keep_out_room_m=rooms,

@@ -1,6 +1,7 @@
 """What becomes of a flight's plan when something happens: who leaves leaves clear of the others, who stays plans on."""
 
 import dataclasses
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +12,8 @@ import numpy as np
 
 from anser.compiling import compiled_quickly
 from anser.numerics import as_array
-from anser.planning.certified import REPLANNED, ArrivalRequest, CertifiedPlan, Outcome, search
+from anser.planning import PathLimits
+from anser.planning.certified import REPLANNED, AircraftTask, ArrivalRequest, CertifiedPlan, Outcome, search
 from anser.planning.certified.certified_plan import certify
 from anser.planning.certified.renewal import intervals_of
 from anser.planning.certified.task import KeepOuts
@@ -22,6 +24,7 @@ from anser.simulation import CertifiedPlanner, CertifiedPlanState, Flight, Fligh
 from anser.simulation.replanning import TURNS, Present, leaving, present, with_plan
 
 NO_PLAN = "no plan was found that keeps everything: the plan in force is kept"
+_ACCELERATION_M_S2 = 2.0  # which the F-16's engine gives within two seconds from idle; all its thrust within six
 _present = compiled_quickly(present)
 _leaving = compiled_quickly(leaving)
 
@@ -172,7 +175,9 @@ def _planned_on(
     seen = seen_at(flight, state, number)
     free = np.asarray(seen.tasks.active) > 0.0
     times_s = np.asarray(memory.plan.arrival_times)
-    certificate = _certificate(memory.plan, seen.seen, _planner(flight).airspace, as_array(now_s))
+    planner = _planner(flight)
+    held_to = _with_limits(seen.seen, planner.when_bent(memory.limits))
+    certificate = _certificate(memory.plan, held_to, planner.airspace, as_array(now_s))
     kept = np.asarray(certificate.kept)
     wanted_s = _wanted(scenario, times_s, free, event)
     unmoved = bool(np.all(wanted_s[free] == times_s[free]))
@@ -185,6 +190,16 @@ def _planned_on(
     if planned is None:
         return flight, state, done(False, NO_PLAN)
     return flight, planned, done(True, "planned anew")
+
+
+def _with_limits(tasks: AircraftTask, limits: PathLimits) -> AircraftTask:
+    return eqx.tree_at(lambda task: task.limits, tasks, limits)
+
+
+def _gentle(limits: PathLimits) -> PathLimits:
+    """Limits with no more acceleration along the path than an engine gives without a delay that is felt."""
+    gentle = np.minimum(np.asarray(limits.acceleration_max), _ACCELERATION_M_S2)
+    return eqx.tree_at(lambda own: own.acceleration_max, limits, as_array(gentle))
 
 
 def seen_at(flight: Flight, state: FlightState, number: int) -> Present:
@@ -255,10 +270,11 @@ def _searched(
         return ~np.asarray(holds.clear)
 
     times_s = np.asarray(memory.plan.arrival_times)
-    for request in _requests(scenario, times_s, free, now_s, wanted_s):
+    held_to = _gentle(memory.limits), planner.when_bent(memory.limits)
+    for request, limits in itertools.product(_requests(scenario, times_s, free, now_s, wanted_s), held_to):
         outcome: Outcome = search(
             now_s,
-            seen.tasks,
+            _with_limits(seen.tasks, limits),
             planner.airspace,
             request,
             on_progress=on_progress,

@@ -1,6 +1,6 @@
 """Numerical building blocks: tables, integration, quadrature, roots, small algebra."""
 
-from anser.numerics.arrays import as_array, few_sizes, filled_up, leading, namespace, rows_at, zeros_as
+from anser.numerics.arrays import as_array, each_of, few_sizes, filled_up, leading, namespace, rows_at, zeros_as
 from anser.numerics.integrate import rk4_step
 from anser.numerics.linear import cross, inverse3, product3, solve3, times3
 from anser.numerics.randomness import AbstractRandomness, Given, Seeded, seeded
@@ -17,6 +17,7 @@ __all__ = [
     "any_in_batch",
     "as_array",
     "cross",
+    "each_of",
     "few_sizes",
     "filled_up",
     "inverse3",

@@ -29,6 +29,13 @@ def leading(rows: T, count: int) -> T:
     return rows_at(rows, slice(count))
 
 
+def each_of(rows: T) -> list[T]:
+    """The rows of all arrays, known, one after the other; as NumPy arrays."""
+    known = jax.tree.map(np.asarray, rows)
+    count = jax.tree.leaves(known)[0].shape[0]
+    return [jax.tree.map(lambda leaf, k=k: leaf[k], known) for k in range(count)]
+
+
 def few_sizes(count: int, least: int) -> int:
     """The least of `least`, twice as many, ... that is not below a count: few sizes are few programs."""
     return least * 2 ** max(0, math.ceil(math.log2(count / least)))

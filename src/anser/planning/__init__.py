@@ -4,6 +4,7 @@ from anser.planning.arc_length import arc_length, arc_length_estimate
 from anser.planning.commands import PathCommand, polar, rescaled
 from anser.planning.coordination import PLAN_MESSAGES, FleetPlan, PlanningTask, coordinate
 from anser.planning.goals import GoalMotion, pad_waypoints, straight_goal, waypoint_goal
+from anser.planning.idle_deceleration import IdleDeceleration
 from anser.planning.interface import (
     AbstractPlanner,
     AircraftPlan,
@@ -34,6 +35,7 @@ __all__ = [
     "AircraftPlan",
     "FleetPlan",
     "GoalMotion",
+    "IdleDeceleration",
     "LimitReport",
     "LineOfSight",
     "NetworkView",

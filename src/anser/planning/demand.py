@@ -45,13 +45,18 @@ class Demand(eqx.Module):
         """Force across the velocity, m/s^2: the load factor times gravity."""
         return jnp.sqrt(self.side**2 + self.lift**2)
 
+    @property
+    def smooth_normal(self) -> Scalar:
+        """The same and a little more near 0, where its derivative exists too."""
+        return jnp.sqrt(self.side**2 + self.lift**2 + 1e-6)
+
     def excess(
         self, bank: ScalarLike, normal: ScalarLike, acceleration: ScalarLike, deceleration: ScalarLike
     ) -> tuple[Scalar, Scalar, Scalar]:
         """By how much the tangent of a bank angle, a normal force and one along or against are passed, or negative."""
         return (
             jnp.abs(self.side) - self.lift * bank,
-            jnp.sqrt(self.side**2 + self.lift**2 + 1e-6) - normal,  # its derivative exists where both are 0
+            self.smooth_normal - normal,
             jnp.maximum(self.along - acceleration, -self.along - deceleration),
         )
 

@@ -7,6 +7,7 @@ import equinox as eqx
 from jaxtyping import Array, Bool, Float
 
 from anser.numerics import AbstractRandomness
+from anser.planning.idle_deceleration import IdleDeceleration
 from anser.planning.reference import AbstractReference
 from anser.planning.rendezvous import Rendezvous
 from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
@@ -51,10 +52,13 @@ class Performance(eqx.Module):
     ----------
     deceleration, acceleration
         With the engine idle, and with all its thrust, in level flight, m/s^2.
+    idle
+        What of that deceleration there is at other airspeeds and load factors.
     """
 
     deceleration: Float[Array, "..."]
     acceleration: Float[Array, "..."]
+    idle: IdleDeceleration
 
 
 class NetworkView(eqx.Module):

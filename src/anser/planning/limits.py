@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from anser.numerics import as_array
+from anser.planning.idle_deceleration import IdleDeceleration
 from anser.shapes import Scalar, ScalarLike
 from anser.variables import UNITS
 
@@ -33,9 +34,23 @@ class PathLimits(eqx.Module):
     load_factor_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))
     """1."""
     acceleration_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))
-    """Of V_dot + g sin(gamma), what the engine gives beyond drag, m/s^2."""
+    """Of V_dot + g sin(gamma), what the engine gives beyond drag, m/s^2; where `idle` is given, up to load factor 1."""
     deceleration_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))
-    """The same with the engine idle, positive, m/s^2."""
+    """The same with the engine idle, positive, m/s^2; where `idle` is given, level at the airspeed of the start."""
+    idle: IdleDeceleration | None = None
+    """How the drag changes with airspeed and load factor, as a share of `deceleration_max`; None: not at all."""
+
+    def along(self, speed: ScalarLike, load_factor: ScalarLike) -> tuple[Scalar, Scalar]:
+        """The acceleration and the deceleration that there are at an airspeed (m/s) and a load factor, m/s^2."""
+        if self.idle is None:
+            return self.acceleration_max, self.deceleration_max
+        rise, share = self.idle.rise(speed, load_factor), self.idle.share(speed, load_factor)
+        return self.acceleration_max - self.deceleration_max * rise, self.deceleration_max * share
+
+
+def accelerations_of(limits: PathLimits) -> tuple[Scalar, Scalar]:
+    """Both accelerations along the path, of which `eqx.tree_at` makes others."""
+    return limits.acceleration_max, limits.deceleration_max
 
 
 def _size(values: np.ndarray, axis: int) -> np.ndarray:

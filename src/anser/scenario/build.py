@@ -219,7 +219,7 @@ def _certified(scenario: Scenario, fleet: Sequence[Aircraft], guidance: Guidance
         latest=_scalar(scenario.timing.latest_arrival_s),
         freeze=_scalar(scenario.timing.freeze_s),
         guidance=guidance,
-        spared=_scalar(0.0 if scenario.goal_sensor.preset == "exact" else scenario.fleet.reserve),
+        spared=_scalar(scenario.fleet.reserve),
     )
 
 

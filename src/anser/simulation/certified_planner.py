@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, Int
 from anser.compiling import Prepared, compiled_quickly
 from anser.control import GuidanceSettings
 from anser.numerics import AbstractRandomness, any_in_batch, as_array
-from anser.planning import AbstractPlanner, AircraftPlan, PathLimits, Performance, Report
+from anser.planning import AbstractPlanner, AircraftPlan, IdleDeceleration, PathLimits, Performance, Report
 from anser.planning.certified import (
     FIRST,
     REPLANNED,
@@ -27,6 +27,7 @@ from anser.planning.certified import (
     search,
 )
 from anser.planning.certified.candidate_sets import STANDARD
+from anser.planning.limits import accelerations_of
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Flag, Scalar, ScalarLike
 from anser.simulation.hold_assignment import assign_holds
@@ -86,7 +87,8 @@ class CertifiedPlanner(AbstractPlanner):
         Whether a plan is made anew on the way where one bent will not do. Without, it is a much smaller program; its
         state says where the other one is needed.
     spared
-        Part of the accelerations along the path that a new path leaves for being bent; 0 where goals are known exactly.
+        Part of the accelerations along the path that a new path leaves to the autopilot, above all to the engine's
+        spooling down, and for being bent.
     """
 
     sides: Int[Array, " aircraft"]
@@ -119,24 +121,29 @@ class CertifiedPlanner(AbstractPlanner):
         return CertifiedPlanState(outcome.plan, jnp.asarray(FIRST), holds, tasks.limits)
 
     def limits_with(self, performance: Performance) -> PathLimits:
-        """The limits with the accelerations that the engine gives at the start, where none are prescribed.
+        """The limits with the accelerations that the engine gives, where none are prescribed.
 
-        The reserve that the other limits leave is not taken off, as these change on the way; but what is `spared` is.
+        With all its thrust that is what it gives at the start; idle, it changes with airspeed and load factor. What is
+        `spared` is taken off.
         """
 
         def own(prescribed: Array, able: Array) -> Array:
             return (1.0 - self.spared) * jnp.where(jnp.isinf(prescribed), jnp.maximum(able, 0.1), prescribed)
 
-        limits = self.limits
+        limits, idle = self.limits, performance.idle
+        free = jnp.isinf(limits.deceleration_max)[:, None]
         accelerations = (
             own(limits.acceleration_max, performance.acceleration),
             own(limits.deceleration_max, performance.deceleration),
         )
-        return eqx.tree_at(_accelerations, limits, accelerations)
+        shares = jnp.where(free, idle.level, 1.0), jnp.where(free, idle.by_lift, 0.0)
+        limits = eqx.tree_at(accelerations_of, limits, accelerations)
+        idle = IdleDeceleration(idle.speeds, *shares)
+        return eqx.tree_at(lambda own: own.idle, limits, idle, is_leaf=lambda leaf: leaf is None)
 
     def when_bent(self, limits: PathLimits) -> PathLimits:
         """What a path may ask that is bent on the way: the limits of a new one, and what that has `spared`."""
-        return eqx.tree_at(_accelerations, limits, replace_fn=lambda most: most / (1.0 - self.spared))
+        return eqx.tree_at(accelerations_of, limits, replace_fn=lambda most: most / (1.0 - self.spared))
 
     def searched(
         self,
@@ -269,7 +276,3 @@ class CertifiedPlanner(AbstractPlanner):
             roll_rate_max=self.roll_rates_max,
             active=jnp.where(reports.active, 1.0, 0.0),
         )
-
-
-def _accelerations(limits: PathLimits) -> tuple[Array, Array]:
-    return limits.acceleration_max, limits.deceleration_max

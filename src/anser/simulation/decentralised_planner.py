@@ -210,8 +210,7 @@ class DecentralisedPlanner(AbstractPlanner):
         wanted = free & state.settled & due & ~offers & (to_go > COMMITTED_S + 2.0 * LEAD_S)
         asked = memory.asked
         if self.replans:
-            rounds = 1 if reports.goal_covariance is None else 2  # nothing is spared where goals are known exactly
-            ways, found, delays = self._anew(memory, state, paths, ways, tasks, wanted, reckoned, delays, time, rounds)
+            ways, found, delays = self._anew(memory, state, paths, ways, tasks, wanted, reckoned, delays, time)
             offers = offers | found
         else:
             asked = asked | jnp.any(wanted)
@@ -258,7 +257,6 @@ class DecentralisedPlanner(AbstractPlanner):
         reckoned: Bool[Array, "aircraft aircraft"],
         delays: Float[Array, " aircraft"],
         time: ScalarLike,
-        rounds: int,
     ) -> tuple[Way, Bool[Array, " aircraft"], Float[Array, " aircraft"]]:
         """A way of another shape for one of those whose path can't be bent, if there is one; they take turns.
 
@@ -315,7 +313,7 @@ class DecentralisedPlanner(AbstractPlanner):
 
         def made() -> tuple[Way, Flag, Scalar]:
             k, found, new = jax.lax.while_loop(
-                lambda c: (c[0] < rounds * tries) & ~c[1], again, (jnp.asarray(0), jnp.asarray(False), ways)
+                lambda c: (c[0] < 2 * tries) & ~c[1], again, (jnp.asarray(0), jnp.asarray(False), ways)
             )
             return new, found, put_off[jnp.maximum(k - 1, 0) % tries]
 

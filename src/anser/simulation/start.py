@@ -6,13 +6,13 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from anser.aircraft import AbstractAirframe, Condition
 from anser.planning import Performance, Report
 from anser.sensing import Instant
-from anser.shapes import Flag, Scalar, ScalarLike, Vector3
+from anser.shapes import Flag, Vector3
 from anser.simulation.closed_loop import perceive, trimmed_vehicle
 from anser.simulation.fleet import Flight, FlightState, fleet_rows, of_members
 from anser.simulation.flight import plans_too_near, refuse, report
+from anser.simulation.performance import performance_at
 from anser.simulation.status import NO_TRIM, plan_status
 from anser.simulation.trim import EXCESS_NOISE, TrimPoint, TrimTarget, solve_trim
 from anser.simulation.vehicle import Vehicle, VehicleState
@@ -39,16 +39,6 @@ class TrimmedFleet(eqx.Module):
     performance: Performance
 
 
-def _along_path(airframe: AbstractAirframe, now: Condition, power: ScalarLike) -> Scalar:
-    """Thrust at a power (percent) less drag, over mass, in the trimmed condition, m/s^2."""
-    data = now.air_data
-    pushed = airframe.propulsion(power, data.altitude, data.mach)
-    direction_b = jnp.stack(
-        [jnp.cos(data.alpha) * jnp.cos(data.beta), jnp.sin(data.beta), jnp.sin(data.alpha) * jnp.cos(data.beta)]
-    )
-    return jnp.sum(direction_b * (now.aerodynamic.force_b + pushed.force_b)) / airframe.mass_properties.mass
-
-
 def trimmed_fleet(flight: Flight) -> TrimmedFleet:
     """Trim every aircraft at its start and look at its goal, at time 0."""
     environment, timing = flight.environment, flight.timing
@@ -62,7 +52,7 @@ def trimmed_fleet(flight: Flight) -> TrimmedFleet:
         state = eqx.tree_at(lambda s: (s.status, s.stopped), state, (status, untrimmed | ~flies))
         seen = perceive(vehicle, state, instant)
         now, airframe = seen.truth.now, vehicle.airframe
-        performance = Performance(-_along_path(airframe, now, 0.0), _along_path(airframe, now, 100.0))
+        performance = performance_at(airframe, environment, now, trim.state.surfaces)
         return trim, state, report(vehicle, seen, ~state.stopped), performance
 
     found = [

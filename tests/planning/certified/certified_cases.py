@@ -149,8 +149,8 @@ class Dense:
         drifting = BPoly.from_derivatives(times, drift[real]).derivative(1)(self.time)
         self.wind_error = np.linalg.norm(drifting - self.blowing, axis=1)
 
-    def extremes(self):
-        """Under the names of `PathBounds`."""
+    def extremes(self, drag=None):
+        """Under the names of `PathBounds`; with a function that gives a share and a rise of drag, as at the start."""
         through, push = self.velocity - self.blowing, self.acceleration
         speed, level = np.linalg.norm(through, axis=1), np.hypot(through[:, 0], through[:, 1])
         side = (through[:, 0] * push[:, 1] - through[:, 1] * push[:, 0]) / level
@@ -158,6 +158,7 @@ class Dense:
         sine, cosine = -through[:, 2] / speed, level / speed
         lift = GRAVITY * cosine - push[:, 2] * cosine - ahead * sine
         along = np.sum(through * push, axis=1) / speed + GRAVITY * sine
+        share, rise = (1.0, 0.0) if drag is None else drag(speed, np.hypot(side, lift) / GRAVITY)
         return {
             "speed_min": np.min(speed),
             "speed_max": np.max(speed),
@@ -166,8 +167,8 @@ class Dense:
             "climb_rate_max": np.max(np.abs(through[:, 2])),
             "altitude_min": np.min(-self.position[:, 2]),
             "altitude_max": np.max(-self.position[:, 2]),
-            "acceleration_max": np.max(along),
-            "deceleration_max": np.max(-along),
+            "acceleration_max": np.max(along + rise),
+            "deceleration_max": np.max(-along / share),
             "wind_error_max": np.max(self.wind_error),
         }
 

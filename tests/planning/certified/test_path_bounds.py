@@ -14,6 +14,7 @@ from anser.planning.certified import AircraftTask, Airspace, KeepOuts, Separatio
 from anser.planning.certified.certified_plan import certify
 from anser.planning.certified.path_bounds import excess, path_bounds
 from anser.planning.certified.smooth_turn import cis
+from anser.planning.idle_deceleration import IdleDeceleration
 from anser.planning.limits import CERTIFIED_LIMITS, PathLimits
 from anser.planning.rendezvous import make_rendezvous
 from anser.planning.timed_path import TimedPath
@@ -121,6 +122,39 @@ def test_bounds_contain_the_extremes_and_little_more(flown):
             assert beyond >= -1e-9 * (1.0 + abs(exact)), where  # rounding
             assert beyond <= part * abs(exact) + more, where
     assert np.all(np.asarray(bounds.wind_error_max) < (1e-9 if wind is STEADY else 0.3))
+
+
+# Of an F-16 at 164 m/s: less at lower airspeeds and unloaded.
+IDLE = IdleDeceleration(
+    *(
+        jnp.array(row)
+        for row in ([90.0, 110.0, 130.0, 165.0, 205.0], [1.05, 0.85, 0.82, 1.0, 1.55], [1, 0.7, 0.5, 0.2, 0])
+    )
+)
+
+
+def drag(speed, load_factor):
+    """By numpy: linear in airspeed, drag due to lift by the square of the load factor; at 1.2 m/s^2 at the start."""
+    unloaded = 1.0 - np.clip(load_factor, 0.0, 1.0) ** 2
+    level, by_lift = (np.interp(speed, IDLE.speeds, row) for row in (IDLE.level, IDLE.by_lift))
+    return level - unloaded * by_lift, 1.2 * by_lift * (np.maximum(load_factor, 1.0) ** 2 - 1.0)
+
+
+def test_accelerations_are_held_to_what_airspeed_and_load_factor_leave_of_them(flown):
+    *_, bounds, dense = flown
+    wide = [number(x) for x in (50.0, 400.0, 1.4, 100.0, -1e3)]
+    free = PathLimits(*wide, acceleration_max=number(50.0), deceleration_max=number(1.2), idle=IDLE)
+    found = jax.vmap(lambda own: jnp.stack(own.along_at_start(free)))(bounds)
+    plain = [one.extremes() for one in dense]
+    for k in range(COUNT):
+        exact = dense[k].extremes(drag)
+        for way, key in enumerate(("acceleration_max", "deceleration_max")):
+            assert exact[key] <= float(found[k, way]) <= 1.08 * exact[key] + 0.15
+    slower, faster = (np.array([one[key] for one in plain]) for key in ("deceleration_max", "acceleration_max"))
+    assert np.any(np.asarray(found[:, 1]) > 1.05 * slower)
+    assert np.any(np.asarray(found[:, 0]) > 1.2 * faster)
+    kept = np.asarray(passed(bounds, free))[:, [one.field for one in CERTIFIED_LIMITS].index("deceleration_max")] <= 0.0
+    np.testing.assert_array_equal(kept, np.asarray(found[:, 1]) <= 1.2)
 
 
 def test_acceleration_of_each_cell_is_bounded(flown):

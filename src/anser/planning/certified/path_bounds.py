@@ -5,13 +5,15 @@ the products from which the rest follows by interval arithmetic. The bounds are 
 a second they exceed the true extremes by about a hundredth.
 """
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from anser.environment import AbstractWind, LayeredWind, SteadyWind
-from anser.numerics import bernstein
+from anser.numerics import bernstein, namespace
 from anser.planning.limits import CERTIFIED_LIMITS, Limit, PathLimits
 from anser.planning.timed_path import TimedPath
 from anser.planning.vectors import root
@@ -41,6 +43,9 @@ class PathBounds(eqx.Module):
         By how much the drift's slope and the wind at the aircraft differ at most, m/s.
     cell_acceleration
         Bound of the acceleration over the ground in each cell, m/s^2; for distances between paths.
+    cell_along, cell_speeds, cell_load_factors
+        Of each cell: `acceleration_max` and `deceleration_max`, least and greatest airspeed, least and greatest load
+        factor.
     """
 
     speed_min: Scalar
@@ -54,6 +59,22 @@ class PathBounds(eqx.Module):
     deceleration_max: Scalar
     wind_error_max: Scalar
     cell_acceleration: Float[Array, " cells"]
+    cell_along: Float[Array, "cells 2"]
+    cell_speeds: Float[Array, "cells 2"]
+    cell_load_factors: Float[Array, "cells 2"]
+
+    def along_at_start(self, limits: PathLimits) -> tuple[Any, Any]:
+        """The acceleration and the deceleration that ask as much of an aircraft at its start, level, m/s^2.
+
+        They keep the limits of there if and only if the path keeps those of each airspeed and load factor.
+        """
+        idle, xp = limits.idle, namespace(self, limits)
+        if idle is None:
+            return self.acceleration_max, self.deceleration_max
+        slow, fast = self.cell_speeds[:, 0], self.cell_speeds[:, 1]
+        least, most = self.cell_load_factors[:, 0], self.cell_load_factors[:, 1]
+        gained = self.cell_along[:, 0] + limits.deceleration_max * idle.greatest_rise(slow, fast, most)
+        return xp.max(gained), xp.max(self.cell_along[:, 1] / idle.least_share(slow, fast, least))
 
 
 def _controls(
@@ -125,8 +146,8 @@ def _bank_and_load(
     squares: tuple[Cells, Cells],
     error: Float[Array, " cells"],
     gravity: ScalarLike,
-) -> tuple[Float[Array, " cells"], Float[Array, " cells"]]:
-    """Bounds of the bank angle, rad, and of the load factor in coordinated flight, per cell.
+) -> tuple[Float[Array, " cells"], Float[Array, " cells"], Float[Array, " cells"]]:
+    """Bounds of the bank angle, rad, and of the load factor in coordinated flight from above and below, per cell.
 
     With L the horizontal and V the whole airspeed, both are ratios of polynomials: of the acceleration across,
     A / L, and of the lift, D / (V L), A = v x a and D = L^2 up - climb (v . a). A ratio of two polynomials in Bernstein
@@ -171,7 +192,11 @@ def _bank_and_load(
     load = root(_most_ratio(side_square + lift_square, both, banked)) + more_across / narrow
     load = (load + more_lifting / (slow * narrow)) * (1.0 + error / slow) * (1.0 + error / narrow)
     # Upside down or too slow to tell: the acceleration and gravity together bound the load even so.
-    return jnp.where(banked, jnp.arctan(tangent), jnp.pi / 2), jnp.where(banked, load / gravity, a_max / gravity + 1.0)
+    return (
+        jnp.where(banked, jnp.arctan(tangent), jnp.pi / 2),
+        jnp.where(banked, load / gravity, a_max / gravity + 1.0),
+        jnp.where(banked, least / (jnp.maximum(speed_high * level_high, _TINY) * gravity), 0.0),
+    )
 
 
 def _most_ratio(upper: Cells, lower: Cells, sound: Bool[Array, " cells"]) -> Float[Array, " cells"]:
@@ -211,7 +236,7 @@ def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> Pat
     up_rate_low, up_rate_high = bernstein.bounds(-velocity[:, 2])
     up_rate_low, up_rate_high = up_rate_low - error, up_rate_high + error
     climb = jnp.maximum(jnp.abs(up_rate_low), jnp.abs(up_rate_high))
-    bank, load = _bank_and_load(velocity, acceleration, (square, level_square), error, gravity)
+    bank, load, load_low = _bank_and_load(velocity, acceleration, (square, level_square), error, gravity)
 
     # V V_dot = v . a for the air's own velocity; the drift's share is a few hundredths.
     work = jnp.sum(bernstein.product(velocity, acceleration), axis=1) + gravity * bernstein.elevate(-velocity[:, 2], 7)
@@ -233,6 +258,9 @@ def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> Pat
         deceleration_max=most(backward),
         wind_error_max=most(error),
         cell_acceleration=jnp.where(real, a_max, 0.0),
+        cell_along=jnp.where(real[:, None], jnp.stack([forward, backward], axis=-1), 0.0),
+        cell_speeds=jnp.stack([speed_low, speed_high], axis=-1),
+        cell_load_factors=jnp.stack([load_low, jnp.where(real, load, 0.0)], axis=-1),
     )
 
 
@@ -261,4 +289,10 @@ def excess(
     found: PathBounds, limits: PathLimits, which: tuple[Limit, ...] = CERTIFIED_LIMITS
 ) -> Float[Array, " limits"]:
     """By how much a path's bounds pass each limit, as a part of it; not positive where it is kept."""
-    return jnp.stack([limit.excess(getattr(found, limit.field), getattr(limits, limit.field)) for limit in which])
+    along: dict[str, Any] = dict(
+        zip(("acceleration_max", "deceleration_max"), found.along_at_start(limits), strict=True)
+    )
+    values = [along.get(limit.field, getattr(found, limit.field)) for limit in which]
+    return jnp.stack(
+        [limit.excess(value, getattr(limits, limit.field)) for limit, value in zip(which, values, strict=True)]
+    )

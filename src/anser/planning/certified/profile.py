@@ -354,6 +354,7 @@ def profile_excess(table: TabulatedProfile, limits: PathLimits, gravity: ScalarL
         now = profile.at(t)
         climb = now.climb + table.rates(t)[1][2]
         along = now.speed_dot + gravity * climb / jnp.maximum(now.speed, 1.0)
+        faster, slower = limits.along(now.speed, 1.0 + now.climb_dot / gravity)
         return jnp.stack(
             [
                 limits.speed_min - now.speed,
@@ -361,7 +362,7 @@ def profile_excess(table: TabulatedProfile, limits: PathLimits, gravity: ScalarL
                 jnp.abs(climb) - limits.climb_rate_max,
                 limits.altitude_min - now.altitude,
                 now.altitude - limits.altitude_max,
-                jnp.maximum(along - limits.acceleration_max, -along - limits.deceleration_max),
+                jnp.maximum(along - faster, -along - slower),
             ]
         )
 

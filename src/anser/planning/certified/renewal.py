@@ -233,7 +233,7 @@ def renew_certified(
 
     counted = jnp.where(active, plan.arrival_times, -jnp.inf)
     delays, tries = postponements(counted, now, free | ~active, movable, latest)
-    rounds = 1 if covariances is None else 2
+    rounds = 1 if bent_limits is None else 2
 
     def certified(made: CertifiedPlan, paths: TimedPath, arrivals: Float[Array, " aircraft"]) -> CertifiedPlan:
         return _certified(made, paths, arrivals, held_to, airspace, intervals, now, under_way)

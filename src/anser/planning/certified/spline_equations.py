@@ -7,6 +7,7 @@ Its violations at an instant depend on four coefficients only: normal equations 
 import functools
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,7 +17,7 @@ from anser.numerics.tridiagonal import BlockTridiagonal
 from anser.planning.certified.spline import Spline, bases, end_slopes, mean_squares, states, wind_along
 from anser.planning.certified.task import AircraftTask, Airspace
 from anser.planning.demand import demand
-from anser.planning.limits import CERTIFIED_LIMITS
+from anser.planning.limits import CERTIFIED_LIMITS, accelerations_of
 from anser.shapes import Flag, Scalar
 
 GROUP = 4
@@ -146,7 +147,8 @@ def _limit_violations(
     (wind,), _ = wind_along(problem.airspace.wind, altitude[None], jnp.ones(1))
     asked = demand(velocity - wind, acceleration, gravity, _LEVEL_LEAST)
     most = allowed.load_factor * gravity
-    banked, loaded, along = asked.excess(allowed.bank, most, allowed.acceleration, allowed.deceleration)
+    held_to = eqx.tree_at(accelerations_of, limits, (allowed.acceleration, allowed.deceleration))
+    banked, loaded, along = asked.excess(allowed.bank, most, *held_to.along(asked.speed, asked.smooth_normal / gravity))
     low, high = limits.altitude_min + _RESERVE_UP_M, limits.altitude_max - _RESERVE_UP_M
     violations = [
         (allowed.speed_min - asked.speed) / _SPEED,

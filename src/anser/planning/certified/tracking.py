@@ -88,7 +88,8 @@ def _instant(
     forward = here.speed_dot + gust_ahead
     up_rate = here.climb + here.wind_n[2]  # through the air
     asked = coordinated(here.speed, up_rate, side, forward, gravity + here.climb_dot)
-    most = jnp.tan(limits.bank_max), greatest_normal(limits, gravity), limits.acceleration_max, limits.deceleration_max
+    accelerations = limits.along(asked.speed, asked.normal / gravity)
+    most = jnp.tan(limits.bank_max), greatest_normal(limits, gravity), *accelerations
     banked, loaded, along = asked.excess(*(_KEPT * limit for limit in most))
     kept = (banked <= 0.0) & (loaded <= 0.0) & (along <= 0.0)
     position = jnp.stack([jnp.real(level) + shift[0], jnp.imag(level) + shift[1], down])
