@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from anser.planning.certified.earliest import RESOLUTION, earlier_times
@@ -21,12 +21,14 @@ def looked(admissible, known, works):
         answer = works(tried[-1])
 
 
+@example(first=50.375, known=1.05078125, closed=0.0)
 @given(first=st.floats(41.0, 900.0), known=st.floats(1.0, 1.3), closed=st.floats(0.0, 0.2))
 def test_it_is_found_to_a_fiftieth_where_all_later_ones_work(first, known, closed):
     # Some of the times before it are ruled out.
     admissible = ADMISSIBLE[((0.9 - closed) * first > ADMISSIBLE) | (0.9 * first < ADMISSIBLE)]
     found, tried = looked(admissible, first * known, lambda t: t >= first)
-    assert first <= found <= max(RESOLUTION * first, first + 1.0) or found == first * known <= RESOLUTION * first + 1.0
+    # Between two times in that ratio there may be none of the grid, a quarter of a second apart.
+    assert first <= found <= RESOLUTION * first + 0.26 or found == first * known <= RESOLUTION * first + 1.0
     assert set(tried) <= set(admissible)
     assert len(set(tried)) == len(tried) < 45
 
