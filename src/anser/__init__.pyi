@@ -1,5 +1,5 @@
-from .campaign import linearize, plan, run, sweep
+from .campaign import linearize, plan, run, sweep, trim
 from .scenario import load, loads
 
 __version__: str
-__all__ = ["linearize", "load", "loads", "plan", "run", "sweep"]
+__all__ = ["linearize", "load", "loads", "plan", "run", "sweep", "trim"]

@@ -198,6 +198,18 @@ def test_a_flight_is_printed_in_a_few_lines(three):
 
 
 @pytest.mark.long
+def test_it_shows_itself_in_a_notebook_and_in_a_browser(three, monkeypatch):
+    opened = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    page = three.show()
+    assert opened == [page.as_uri()]
+    assert page.read_text(encoding="utf-8").lstrip().lower().startswith("<!doctype html>")
+    assert "<td>arrived</td>" in three._repr_html_()
+    plan = three.planned._repr_html_()
+    assert all(f"<td>{one.name}</td>" in plan for one in three.scenario.aircraft)
+    assert "separation" in three.plot.names
+
+
 def test_a_start_without_steady_flight_is_told():
     # 95 m/s at 14 km: even at 45 deg angle of attack the lift and thrust there do not carry the weight.
     text = THREE.replace("altitude_m = 1000.0, speed_m_s = 150.0", "altitude_m = 14000.0, speed_m_s = 95.0")

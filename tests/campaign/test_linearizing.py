@@ -28,6 +28,14 @@ def rates_loop():
     return anser.linearize(speed_m_s=153.0, altitude_m=0.0, x_cg_over_c=0.3, loop="rates", step_s=0.02)
 
 
+def test_printed_it_is_its_modes(level):
+    lines = repr(level).splitlines()
+    assert lines[0].startswith("f16 at 153 m/s and 0 m, open loop: 11 states, 4 inputs")
+    assert [line.strip().split("  ")[0] for line in lines[2:]] == [mode.name for mode in level.modes]
+    assert len(repr(level)) < 1200
+    assert level._repr_html_().count("<tr>") == 1 + len(level.modes)
+
+
 def test_it_is_the_trimmed_aircraft(level):
     assert level.condition["x_cg_over_c"] == pytest.approx(0.3)
     named = dict(zip(level.model.states, np.asarray(level.model.x), strict=True))

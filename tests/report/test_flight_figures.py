@@ -52,7 +52,7 @@ def test_what_comes_after_the_arrival_is_not_drawn(thin, tmp_path):
     first = _drawn(thin, tmp_path / "a")
     assert _drawn(later, tmp_path / "b") == first
     other = _drawn(before, tmp_path / "c")
-    assert [name for name in first if other[name] != first[name]] == ["x-altitudes.svg"]
+    assert [name for name in first if other[name] != first[name]] == ["x-altitudes.svg", "x-profile.svg"]
 
 
 def test_a_certified_plan_has_no_shape_parameter(thin, tmp_path, monkeypatch):

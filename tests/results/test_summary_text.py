@@ -2,7 +2,7 @@
 
 import copy
 
-from anser.results import summary_text
+from anser.results import summary_html, summary_text
 from support.made_flight import make_flight
 
 
@@ -23,6 +23,10 @@ def test_it_says_who_arrived_when_and_what_was_not_met():
     assert lines[0] == f"three: 2 of 3 aircraft arrived, not met: {summary['requirements'][0]['name']}"
     assert lines[2] == "  bert: no plan"
     assert "arrival spread" not in lines[-1]
+    table = summary_html(summary)
+    assert table.count("<tr>") == 4
+    assert "<td>bert</td><td>no plan</td><td>–</td><td>–</td><td>–</td>" in table
+    assert f"<b>{lines[0]}</b>" in table
 
 
 def test_a_flight_that_failed_after_its_arrival_does_not_meet_all():

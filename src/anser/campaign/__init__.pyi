@@ -15,7 +15,7 @@ from .stepped_flight import SteppedFlight, step_document
 from .stepping import fly_steps
 from .sweeping import sweep, swept_scenarios
 from .tracking import CLIMB_AND_TURN, fly_climb_and_turn
-from .trimming import FoundTrim, find_trim
+from .trimming import FoundTrim, trim
 from .warming import warm
 
 __all__ = [
@@ -38,7 +38,6 @@ __all__ = [
     "RobustnessStudy",
     "StepTest",
     "SteppedFlight",
-    "find_trim",
     "fly_climb_and_turn",
     "fly_steps",
     "linearize",
@@ -55,6 +54,7 @@ __all__ = [
     "survey_margins",
     "sweep",
     "swept_scenarios",
+    "trim",
     "warm",
     "write_plan",
 ]

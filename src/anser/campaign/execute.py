@@ -4,8 +4,10 @@ import dataclasses
 import functools
 import importlib
 import json
+import os
 import tempfile
 import time as clock
+import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,11 +21,13 @@ from anser.campaign.plan_interface import NoPlanError, Planned
 from anser.campaign.planned import plan
 from anser.compiling import Prepared, compiled
 from anser.numerics import as_array
-from anser.scenario import Scenario
+from anser.scenario import Scenario, as_scenario
 from anser.simulation import SEGMENT_STEPS, Flight, FlightState, fly
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from anser.report import FlightPlots
 
 _FILES = ("flight.nc", "summary.json", "report.html")
 
@@ -80,6 +84,24 @@ class Flown:
 
         return summary_text(self.summary)
 
+    def _repr_html_(self) -> str:
+        from anser.results import summary_html
+
+        return summary_html(self.summary)
+
+    @property
+    def plot(self) -> "FlightPlots":
+        """Its figures: `flown.plot.tracks()`, `.profile()`, `.separation()` and others."""
+        from anser.report import FlightPlots
+
+        return FlightPlots(self.dataset)
+
+    def show(self) -> Path:
+        """Write the interactive report into a new temporary folder and open it in the browser; returns its path."""
+        page = self.report(Path(tempfile.mkdtemp(prefix="anser-")) / "report.html")
+        webbrowser.open(page.as_uri())
+        return page
+
     def report(self, path: Path | str) -> Path:
         """Write the interactive HTML report; refuses to overwrite (FileExistsError)."""
         from anser.report import write_report
@@ -130,13 +152,15 @@ class Flown:
         self.report(report)
 
 
-def run(scenario: Scenario, progress: Progress | None = None, planned: Planned | None = None) -> Flown:
+def run(
+    scenario: Scenario | str | os.PathLike[str], progress: Progress | None = None, planned: Planned | None = None
+) -> Flown:
     """Fly a scenario.
 
     Parameters
     ----------
     scenario
-        Validated, from `load`.
+        Validated, from `load`, or the path of its file.
     progress
         Called now and then with what is being done and how much of the flight is behind; None before and after it.
     planned
@@ -147,11 +171,12 @@ def run(scenario: Scenario, progress: Progress | None = None, planned: Planned |
     ValueError
         The plan is one of another scenario.
     ScenarioError
-        If an aircraft cannot fly steadily at its start; the message says what stops it.
+        If the file cannot be read or is no valid scenario, or an aircraft cannot fly steadily at its start; the message
+        says what stops it.
     NoPlanError
         If the certified planner finds no plan; the message says why.
     """
-    on_progress = progress or silent
+    scenario, on_progress = as_scenario(scenario), progress or silent
     began = clock.perf_counter()
     if planned is None:
         planned = plan(scenario, lambda what: on_progress(what, None), _prepare)

@@ -12,7 +12,7 @@ from anser.campaign.conditions import ConditionError, airframe_of, steady_trim
 from anser.compiling import compiled, enable_compilation_cache
 from anser.control import AutopilotGains, FlightLimits, default_limits, published_gains
 from anser.environment import Environment, standard_environment
-from anser.results import linear_dataset, linear_document, write_json, write_netcdf
+from anser.results import linear_dataset, linear_document, notebook_table, write_json, write_netcdf
 from anser.simulation import (
     CHANNELS,
     LinearModel,
@@ -34,12 +34,14 @@ _HELD = 0.01
 """Error that a loop may have while it holds a trim point, in rad, rad/s or m/s. In a steady turn it asks for a sideslip
 of 0 where the trim point has some tenths of a millirad."""
 
+_MODE = ("mode", "natural frequency, rad/s", "damping ratio", "time constant, s")
+
 _open_model = compiled(linear_model)
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class Linearized:
-    """A linear model with its modes.
+    """A linear model with its modes; printed, it is these.
 
     Attributes
     ----------
@@ -57,6 +59,33 @@ class Linearized:
     modes: tuple[Mode, ...]
     trim: TrimPoint
     condition: dict[str, str | float | int]
+
+    def __repr__(self) -> str:
+        rows = [{key: key for key in _MODE}, *self._modes()]
+        widths = [max(len(row[key]) for row in rows) for key in _MODE]
+        lines = (
+            "  ".join(
+                f"{cell:<{w}}" if k == 0 else f"{cell:>{w}}"
+                for k, (cell, w) in enumerate(zip(row.values(), widths, strict=True))
+            )
+            for row in rows
+        )
+        return "\n".join([self._title(), *(f"  {one}" for one in lines)])
+
+    def _repr_html_(self) -> str:
+        return notebook_table(self._title(), self._modes())
+
+    def _title(self) -> str:
+        of, model = self.condition, self.model
+        sizes = f"{len(model.states)} states, {len(model.inputs)} inputs, {len(model.outputs)} outputs"
+        return f"{of['aircraft']} at {of['speed_m_s']:g} m/s and {of['altitude_m']:g} m, {of['loop']} loop: {sizes}"
+
+    def _modes(self) -> list[dict[str, str]]:
+        numbers = ((one.natural_frequency, one.damping_ratio, one.time_constant) for one in self.modes)
+        cells = (
+            (one.name, *(f"{value:.4g}" for value in three)) for one, three in zip(self.modes, numbers, strict=True)
+        )
+        return [dict(zip(_MODE, row, strict=True)) for row in cells]
 
     @property
     def dataset(self) -> xr.Dataset:

@@ -85,11 +85,29 @@ class Planned(abc.ABC):
         return self.begun().planner
 
     def __repr__(self) -> str:
+        return "\n  ".join([self._head(), *self._told()])
+
+    def _repr_html_(self) -> str:
+        from anser.results import notebook_table
+
+        rows = []
+        if not self.refusals:
+            arrivals = np.broadcast_to(np.asarray(self.plan.arrival_times), len(self.scenario.aircraft))
+            rows = [
+                {"aircraft": one.name, "goal": one.goal, "arrives at, s": f"{float(time):.2f}", "path": words}
+                for one, time, words in zip(self.scenario.aircraft, arrivals, self.path_words(), strict=True)
+            ]
+        return notebook_table(self._head(), rows, self._told())
+
+    def _head(self) -> str:
         head = f"{self.scenario.name}, {self.scenario.fleet.planner} planner: "
         if self.refusals:
-            return "\n  ".join([f"{head}no plan", *self.problems()])
+            return f"{head}no plan"
         arrivals_s = np.asarray(self.plan.arrival_times)
         first, last = (f"{float(end(arrivals_s)):.2f} s" for end in (np.min, np.max))
-        when = f"all arrive at {last}" if first == last else f"arrivals from {first} to {last}"
-        problems = (f"not flyable: {one}" for one in self.problems())
-        return "\n  ".join([head + when, *problems, *(f"note: {one}" for one in self.notes())])
+        return head + (f"all arrive at {last}" if first == last else f"arrivals from {first} to {last}")
+
+    def _told(self) -> list[str]:
+        """What is wrong with it, and what is to be noted."""
+        problems = self.problems() if self.refusals else [f"not flyable: {one}" for one in self.problems()]
+        return [*problems, *(f"note: {one}" for one in self.notes())]

@@ -2,6 +2,7 @@
 
 import functools
 import math
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -24,7 +25,7 @@ from anser.planning import (
     check_limits,
     separation_min,
 )
-from anser.scenario import Scenario, build_flight, build_path_limits
+from anser.scenario import Scenario, as_scenario, build_flight, build_path_limits
 from anser.scenario.schema_aircraft import Aircraft
 from anser.simulation import (
     STATUS_MESSAGES,
@@ -135,7 +136,9 @@ def _change_of_wind_m_s(scenario: Scenario, one: Aircraft, arrival_s: float) -> 
 
 
 def plan(
-    scenario: Scenario, on_progress: Callable[[str], None] = lambda what: None, ahead: Ahead = lambda *of: None
+    scenario: Scenario | str | os.PathLike[str],
+    on_progress: Callable[[str], None] = lambda what: None,
+    ahead: Ahead = lambda *of: None,
 ) -> Planned:
     """Trim every aircraft at its start and make the first plan of the scenario's planner, as seen at time 0.
 
@@ -144,7 +147,7 @@ def plan(
     Parameters
     ----------
     scenario
-        Validated; its `fleet.planner` says which planner.
+        Validated, from `load`, or the path of its file; its `fleet.planner` says which planner.
     on_progress
         Called now and then with what is being done.
     ahead
@@ -162,9 +165,11 @@ def plan(
     Raises
     ------
     ScenarioError
-        If an aircraft cannot fly steadily at its start; the message says what stops it.
+        If the file cannot be read or is no valid scenario, or an aircraft cannot fly steadily at its start; the message
+        says what stops it.
     """
     enable_compilation_cache()
+    scenario = as_scenario(scenario)
     if scenario.fleet.planner == "certified":
         return plan_certified(scenario, on_progress, ahead)
     if scenario.fleet.planner == "decentralised":

@@ -1,12 +1,13 @@
 """A scenario flown with every combination of some of its numbers: one dataset over what was swept."""
 
 import itertools
+import os
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from anser.campaign.batches import Progress
 from anser.campaign.many_flights import FlightCase, fly_many
-from anser.scenario import Problem, Scenario, ScenarioError
+from anser.scenario import Problem, Scenario, ScenarioError, as_scenario
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -15,7 +16,11 @@ _SAID = 5
 """Combinations that are named where several make no valid scenario."""
 
 
-def sweep(scenario: Scenario, swept: Mapping[str, Sequence[object]], progress: Progress | None = None) -> "xr.Dataset":
+def sweep(
+    scenario: Scenario | str | os.PathLike[str],
+    swept: Mapping[str, Sequence[object]],
+    progress: Progress | None = None,
+) -> "xr.Dataset":
     """Fly a scenario with every combination of values at some of its places.
 
     All are validated before one flies. They share the scenario's seed: what is random is the same in all, so that
@@ -24,7 +29,7 @@ def sweep(scenario: Scenario, swept: Mapping[str, Sequence[object]], progress: P
     Parameters
     ----------
     scenario
-        Validated, from `load`.
+        Validated, from `load`, or the path of its file.
     swept
         By path, as of `Scenario.replace`, the values to be put there: `{"wind.speed_m_s": [0, 5, 10]}`.
     progress
@@ -39,10 +44,12 @@ def sweep(scenario: Scenario, swept: Mapping[str, Sequence[object]], progress: P
     Raises
     ------
     ScenarioError
-        A path leads nowhere, or a combination makes no valid scenario or another fleet; the message names it.
+        The file cannot be read or is no valid scenario; a path leads nowhere, or a combination makes no valid scenario
+        or another fleet: the message names it.
     ValueError
         Nothing is swept, or a path has no values or one of them twice.
     """
+    scenario = as_scenario(scenario)
     scenarios = swept_scenarios(scenario, swept)
     rows = fly_many([FlightCase(one) for one in scenarios], progress)
     from anser.results import sweep_dataset

@@ -14,9 +14,9 @@ _ROUNDING = 1e-12
 """Values below this are rounding noise of a zero, such as the bank of straight flight."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FoundTrim:
-    """A trim point for display.
+    """A trim point; printed, it is its numbers, or what stops it.
 
     Attributes
     ----------
@@ -32,8 +32,23 @@ class FoundTrim:
     rows: tuple[tuple[str, float, str], ...]
     diagnosis: str | None
 
+    def __repr__(self) -> str:
+        if self.diagnosis is not None:
+            return f"no steady flight: {self.diagnosis}"
+        widest = max(len(name) for name, _, _ in self.rows)
+        lines = (f"  {name:<{widest}}  {value:12.6f} {unit}".rstrip() for name, value, unit in self.rows)
+        return "\n".join(["steady flight", *lines])
 
-def find_trim(
+    def _repr_html_(self) -> str:
+        from anser.results import notebook_table
+
+        if self.diagnosis is not None:
+            return notebook_table("no steady flight", [], [self.diagnosis])
+        cells = [{"quantity": name, "value": f"{value:.6f}", "unit": unit} for name, value, unit in self.rows]
+        return notebook_table("steady flight", cells)
+
+
+def trim(
     aircraft: str | AbstractAirframe,
     speed_m_s: float,
     altitude_m: float,

@@ -11,7 +11,7 @@ from anser.campaign.linearizing import linearize
 from anser.campaign.planned import plan
 from anser.campaign.step_tests import PUBLISHED_STEPS
 from anser.campaign.stepping import fly_steps
-from anser.campaign.trimming import find_trim
+from anser.campaign.trimming import trim
 from anser.numerics import as_array
 from anser.scenario import Scenario
 
@@ -38,7 +38,7 @@ def warm(scenarios: Sequence[Scenario], progress: Progress | None = None) -> Non
     condition: dict[str, Any] = {"speed_m_s": 150.0, "altitude_m": 1000.0}
     tasks: list[tuple[str, Callable[[], Any]]] = [
         *((f"{one.name}: plan and flight", lambda one=one: fly(one)) for one in scenarios),
-        ("trim", lambda: find_trim("f16", **condition)),
+        ("trim", lambda: trim("f16", **condition)),
         ("linear model", lambda: linearize("f16", **condition)),
         ("step", lambda: fly_steps(PUBLISHED_STEPS[:1], **condition)),
     ]

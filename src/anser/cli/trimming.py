@@ -61,12 +61,12 @@ def trim(
         "pitch_rate_deg_s": pitch_rate_deg_s,
     }
     must_be_flight_condition(condition | {"cg": cg})
-    from anser.campaign import find_trim
+    from anser.campaign import trim as find
     from anser.scenario import load_airframe
 
     airframe = load_airframe(aircraft, variant, cg)
     with working("solving"):
-        found = find_trim(airframe, **condition)
+        found = find(airframe, **condition)
     if found.diagnosis is not None:
         end_without("no steady flight", [found.diagnosis])
     answer(

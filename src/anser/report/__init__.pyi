@@ -1,4 +1,5 @@
 from .envelope_figures import draw_envelope
+from .flight_plots import FlightPlots
 from .margin_figures import BODE_SUFFIXES, draw_bode, draw_margin_maps
 from .page import write_comparison, write_report
 from .plan_figure import draw_plan
@@ -7,6 +8,7 @@ from .sweep_figure import draw_sweep
 
 __all__ = [
     "BODE_SUFFIXES",
+    "FlightPlots",
     "draw_bode",
     "draw_envelope",
     "draw_margin_maps",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from anser.report.flown_beside_plan import HOLD, is_certified, scenario_of
+from anser.report.flown_beside_plan import HOLD, asked_separation, is_certified, scenario_of
 from anser.report.labels import axis_label, plain
 from anser.report.links_strip import network_of, pair_links
 from anser.report.print_style import (
@@ -22,6 +22,7 @@ from anser.report.print_style import (
     new_figure,
     save_drawings,
 )
+from anser.results import nearest_other
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -67,10 +68,17 @@ def draw_flight(
     suffixes
         Kinds of files, of `FIGURE_SUFFIXES`.
     """
+    drawings = {f"{name}-{key}": draw for key, draw in figures_of(dataset).items()}
+    return save_drawings(drawings, dataset, PRINT_STYLE, folder, suffixes)
+
+
+def figures_of(dataset: xr.Dataset) -> dict[str, Callable[[xr.Dataset], "Figure"]]:
+    """What can be drawn of a flight, by name."""
     known = KNOWLEDGE_FIGURES if "goal_sigma_north_m" in dataset else {}
     talked = NETWORK_FIGURES if network_of(dataset) else {}
-    drawings = {f"{name}-{key}": draw for key, draw in (FLIGHT_FIGURES | known | talked).items()}
-    return save_drawings(drawings, dataset, PRINT_STYLE, folder, suffixes)
+    alone = dataset.sizes["aircraft"] == 1
+    figures = {key: draw for key, draw in FLIGHT_FIGURES.items() if not (alone and key == "separation")}
+    return figures | known | talked
 
 
 def _tracks(dataset: xr.Dataset) -> "Figure":
@@ -111,6 +119,50 @@ def _ranges(dataset: xr.Dataset) -> "Figure":
     return _finish(figure, panels, dataset, "ranges to the rendezvous", "left linear, right logarithmic")
 
 
+def _profile(dataset: xr.Dataset) -> "Figure":
+    limits = scenario_of(dataset).get("limits", {})
+    figure = _over_time(dataset, [_ALTITUDE, _GUIDANCE[0]], "altitude and airspeed", "dashed: planned; line: limit")
+    for axes, key in zip(figure.axes, ("altitude", "speed"), strict=True):
+        unit = {"altitude": "m", "speed": "m_s"}[key]
+        for end in ("min", "max"):
+            value = limits.get(f"{key}_{end}_{unit}")
+            if value is not None:
+                _limit_line(axes, float(value))
+    return figure
+
+
+def _limit_line(axes: "Axes", value: float) -> None:
+    """A line where a limit is, if that is within what the panel shows."""
+    low, high = axes.get_ylim()
+    if low <= value <= high:
+        axes.axhline(value, color=QUIET, linewidth=0.8)
+
+
+def _separation(dataset: xr.Dataset) -> "Figure":
+    """Least distance of each aircraft to any other until the flight ends, and its ratio to the separation asked for."""
+    asked = asked_separation(scenario_of(dataset))
+    time = dataset["time"].values
+    places = np.stack([dataset[name].values for name in ("north_m", "east_m", "altitude_m")], axis=-1)
+    drawn: list[tuple[str, np.ndarray, float | None]] = [("Least distance to another (m)", nearest_other(places), None)]
+    if asked is not None:
+        drawn.append(("Distance over separation", nearest_other(places, asked), 1.0))
+    figure = _figure(dataset, 1.4 + 1.9 * len(drawn))
+    panels = list(figure.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0])
+    for axes, (words, values, least) in zip(panels, drawn, strict=True):
+        for k in range(values.shape[1]):
+            every = _marked_every(time.size, k, values.shape[1])
+            axes.plot(time, values[:, k], label=_name(dataset, k), markevery=every, **_look(dataset, k))
+        axes.set_yscale("log")
+        axes.set_ylabel(words)
+        if least is not None:
+            axes.axhline(least, color=INK, linewidth=0.8)
+    panels[-1].set_xlabel("Time $t$ (s)")
+    note = ""
+    if asked is not None:
+        note = f"asked for: {asked[0]:g} m" + (f", or {asked[1]:g} m in altitude" if asked[1] else "")
+    return _finish(figure, panels, dataset, "distances between the aircraft", note)
+
+
 def _plan(dataset: xr.Dataset) -> "Figure":
     if is_certified(scenario_of(dataset)):  # its paths have no such parameter
         names, words = _PLAN[1:], "length and arrival time of the plan"
@@ -122,6 +174,8 @@ def _plan(dataset: xr.Dataset) -> "Figure":
 FLIGHT_FIGURES: dict[str, Callable[[xr.Dataset], "Figure"]] = {
     "tracks": _tracks,
     "altitudes": lambda dataset: _over_time(dataset, [_ALTITUDE], "altitudes", "dashed: planned"),
+    "profile": _profile,
+    "separation": _separation,
     "ranges": _ranges,
     "guidance": lambda dataset: _over_time(dataset, _GUIDANCE, "guidance commands and responses", "dashed: command"),
     "goal-velocity": lambda dataset: _over_time(
@@ -132,7 +186,7 @@ FLIGHT_FIGURES: dict[str, Callable[[xr.Dataset], "Figure"]] = {
     ),
     "plan": _plan,
 }
-"""Name of each figure, and what draws it."""
+"""Name of each figure, and what draws it; that of the separation only where there are two aircraft."""
 
 
 def _knowledge(dataset: xr.Dataset) -> "Figure":
@@ -258,8 +312,7 @@ def _panel(axes: "Axes", dataset: xr.Dataset, name: str, wanted: str | None) -> 
     for k, last in enumerate(meeting):
         until = slice(0, int(last) + 1)
         x, y = with_gaps(time[until], dataset[name].values[until, k].astype(np.float64), jump)
-        step = max(x.size // _MARKS, 1)
-        every = (k * step // meeting.size, step)  # in turn, so that equal lines show all their marks
+        every = _marked_every(x.size, k, meeting.size)
         axes.plot(x, y, markevery=every, label=_name(dataset, k), **_look(dataset, k))
         drawn.append(y)
         if wanted is not None:
@@ -272,6 +325,12 @@ def _panel(axes: "Axes", dataset: xr.Dataset, name: str, wanted: str | None) -> 
         axes.set_ylim(ends[0] - missing / 2, ends[1] + missing / 2)
     axes.set_ylabel(axis_label(dataset[name]))
     axes.set_xlim(float(time[0]), float(time[meeting.max()]))
+
+
+def _marked_every(samples: int, index: int, count: int) -> tuple[int, int]:
+    """Which samples of one line of some bear a mark: in turn, so that equal lines show all their marks."""
+    step = max(samples // _MARKS, 1)
+    return index * step // count, step
 
 
 def with_gaps(x: np.ndarray, y: np.ndarray, jump: float) -> tuple[np.ndarray, np.ndarray]:

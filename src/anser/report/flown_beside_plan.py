@@ -45,6 +45,14 @@ def is_certified(scenario: Mapping[str, Any]) -> bool:
     return scenario.get("fleet", {}).get("planner", "published") != "published"
 
 
+def asked_separation(scenario: Mapping[str, Any]) -> tuple[float, float] | None:
+    """Horizontal and vertical separation that a scenario asks for, m; vertical 0: altitude does not count."""
+    asked = scenario.get("separation", {})
+    if not asked.get("horizontal_m", 0.0) > 0.0:
+        return None
+    return float(asked["horizontal_m"]), float(asked.get("vertical_m", 0.0))
+
+
 def derive(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> xr.Dataset:
     """Add what the report draws and no flight records; plan and errors end where the hold begins.
 
@@ -81,11 +89,10 @@ def derive(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> xr.Dataset:
     floor = scenario.get("limits", {}).get("altitude_min_m")
     if floor is not None:
         _add(found, "height_over_floor_m", dataset["altitude_m"].values - float(floor))
-    asked = scenario.get("separation", {})
-    if dataset.sizes["aircraft"] > 1 and asked.get("horizontal_m", 0.0) > 0.0:
+    apart_m = asked_separation(scenario)
+    if dataset.sizes["aircraft"] > 1 and apart_m is not None:
         # none is asked for of an aircraft that has arrived
         flying = dataset["phase"].values != HOLD
-        apart_m = asked["horizontal_m"], asked.get("vertical_m", 0.0)
         _add(found, "separation_kept", nearest_other(places, apart_m, flying))
     if "goal_sigma_north_m" in dataset:
         for what, true, taken in (("goal", "goal_", "goal_estimate_"), ("own", "", "own_estimate_")):

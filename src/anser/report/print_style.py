@@ -1,5 +1,7 @@
 """Figures for print: how they look, and how they are written so that the same numbers make the same file."""
 
+import functools
+import io
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -65,8 +67,28 @@ def _matplotlib() -> Any:
 
 def new_figure(size: tuple[float, float]) -> tuple[Any, "Figure"]:
     """Matplotlib, and an empty figure of a size in inches."""
-    mpl = _matplotlib()
-    return mpl, mpl.figure.Figure(figsize=size, layout="constrained")
+    return _matplotlib(), _drawing_class()(figsize=size, layout="constrained")
+
+
+@functools.cache
+def _drawing_class() -> Any:
+    """Make the class of figures that a notebook shows, pyplot or not."""
+
+    class Drawing(_matplotlib().figure.Figure):
+        """A figure without a window."""
+
+        def _repr_png_(self) -> bytes:
+            content = io.BytesIO()
+            self.savefig(content, format="png", dpi=120)
+            return content.getvalue()
+
+    return Drawing
+
+
+def drawn(draw: Callable[[xr.Dataset], "Figure"], dataset: xr.Dataset) -> "Figure":
+    """Draw a figure of a dataset in the style for print."""
+    with _matplotlib().rc_context(PRINT_STYLE):
+        return draw(dataset)
 
 
 def line_of(index: int) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from anser.results.linear_model import linear_dataset, linear_document, unit_of
 from anser.results.margin_dataset import CLOSED_LOOP, margin_dataset, margin_map_dataset, margin_table
 from anser.results.netcdf import read_netcdf, write_netcdf
 from anser.results.network_summary import summarize_network
+from anser.results.notebook_table import notebook_table
 from anser.results.plain import finite_or_none, plain_attributes, write_json
 from anser.results.plan_dataset import plan_dataset
 from anser.results.plan_record import ClosestApproach, PlanDetails, PlanExtremes, PlanSamples
@@ -27,7 +28,7 @@ from anser.results.robustness_statistics import (
 )
 from anser.results.separated import nearest_other
 from anser.results.summary import CLEARANCE_MIN_M, read_summary, summarize, write_summary
-from anser.results.summary_text import summary_text
+from anser.results.summary_text import summary_html, summary_text
 from anser.results.sweep_dataset import sweep_dataset
 from anser.results.trim_map import TrimMap
 from anser.simulation.fleet_summary import ARRIVAL_MARGIN_S
@@ -61,6 +62,7 @@ __all__ = [
     "margin_map_dataset",
     "margin_table",
     "nearest_other",
+    "notebook_table",
     "plain_attributes",
     "plan_dataset",
     "plan_margins",
@@ -72,6 +74,7 @@ __all__ = [
     "success_interval",
     "summarize",
     "summarize_network",
+    "summary_html",
     "summary_text",
     "sweep_dataset",
     "to_dataset",

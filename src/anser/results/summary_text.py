@@ -1,14 +1,45 @@
 """The summary of a flight in a few lines of text."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+from anser.results.notebook_table import notebook_table
+
 _AIRCRAFT_MOST = 6  # with a line each
+_ROWS_MOST = 40  # of a table
 
 
 def summary_text(summary: Mapping[str, Any]) -> str:
     """Say who arrived when, how far they missed, and what was not met; of a large fleet the first aircraft only."""
-    rows, fleet = summary["aircraft"], summary["fleet"]
+    rows = summary["aircraft"]
+    shown = rows if len(rows) <= _AIRCRAFT_MOST else rows[: _AIRCRAFT_MOST - 1]
+    lines = [
+        _judgement(summary),
+        *(f"  {_aircraft(row)}" for row in shown),
+        *(f"  {one}" for one in _rest(rows, shown)),
+    ]
+    return "\n".join([*lines, *(f"  {one}" for one in _fleet(summary))])
+
+
+def summary_html(summary: Mapping[str, Any]) -> str:
+    """Say the same as a table in a notebook."""
+    rows = summary["aircraft"]
+    shown = rows if len(rows) <= _ROWS_MOST else rows[: _ROWS_MOST - 1]
+    cells = [
+        {
+            "aircraft": row["name"],
+            "status": row["status"],
+            "arrived, s": _number(row["arrival_s"]),
+            "planned, s": _number(row["planned_arrival_s"]),
+            "miss, m": _number(row["miss_m"]),
+        }
+        for row in shown
+    ]
+    return notebook_table(_judgement(summary), cells, [*_rest(rows, shown), *_fleet(summary)])
+
+
+def _judgement(summary: Mapping[str, Any]) -> str:
+    rows = summary["aircraft"]
     arrived = sum(row["status"] == "arrived" for row in rows)
     unmet = [entry["name"] for entry in summary["requirements"] if not entry["met"]]
     judged = f"not met: {', '.join(unmet)}" if unmet else "all requirements met"
@@ -16,18 +47,28 @@ def summary_text(summary: Mapping[str, Any]) -> str:
     if arrived + left < len(rows) and not unmet:
         # one that ends on the ground or breaks off after its arrival has kept every number that is required of it
         judged = "the flight failed"
-    lines = [f"{summary['scenario']['name']}: {arrived} of {len(rows)} aircraft arrived, {judged}"]
-    shown = rows if len(rows) <= _AIRCRAFT_MOST else rows[: _AIRCRAFT_MOST - 1]
-    lines += [f"  {_aircraft(row)}" for row in shown]
-    if len(rows) > len(shown):
-        stray = sum(row["status"] != "arrived" for row in rows[len(shown) :])
-        lines.append(f"  and {len(rows) - len(shown)} more, of which {stray or 'none'} failed")
+    return f"{summary['scenario']['name']}: {arrived} of {len(rows)} aircraft arrived, {judged}"
+
+
+def _rest(rows: Sequence[Mapping[str, Any]], shown: Sequence[Mapping[str, Any]]) -> list[str]:
+    if len(rows) == len(shown):
+        return []
+    stray = sum(row["status"] != "arrived" for row in rows[len(shown) :])
+    return [f"and {len(rows) - len(shown)} more, of which {stray or 'none'} failed"]
+
+
+def _fleet(summary: Mapping[str, Any]) -> list[str]:
+    rows, fleet = summary["aircraft"], summary["fleet"]
     words = (("arrival_spread_s", "arrival spread {:.4f} s"), ("separation_min_m", "least separation {:.0f} m"))
     known = [form.format(fleet[key]) for key, form in words if fleet[key] is not None and len(rows) > 1]
-    lines.append("  " + ", ".join([*known, f"{fleet['simulated_s']:g} s flown"]))
+    lines = [", ".join([*known, f"{fleet['simulated_s']:g} s flown"])]
     if "network" in summary:
-        lines.append(f"  without a centre: {summary['network']['message']}")
-    return "\n".join(lines)
+        lines.append(f"without a centre: {summary['network']['message']}")
+    return lines
+
+
+def _number(value: float | None) -> str:
+    return "–" if value is None else f"{value:.2f}"
 
 
 def _aircraft(row: Mapping[str, Any]) -> str:

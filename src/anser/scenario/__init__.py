@@ -10,7 +10,7 @@ from anser.scenario.airframe_names import AIRFRAMES, BODIES, VARIANTS
 from anser.scenario.cautions import cautions
 from anser.scenario.converting import convert
 from anser.scenario.errors import Problem, ScenarioError
-from anser.scenario.load import load, loads
+from anser.scenario.load import as_scenario, load, loads
 from anser.scenario.schema import Scenario, scenario_hash, validate
 from anser.scenario.template import starter_scenario, write_starter
 
@@ -25,6 +25,7 @@ __all__ = [
     "Problem",
     "Scenario",
     "ScenarioError",
+    "as_scenario",
     "build_environment",
     "build_flight",
     "build_path_limits",

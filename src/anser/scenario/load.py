@@ -34,6 +34,23 @@ def load(path: str | os.PathLike[str]) -> Scenario:
     return loads(read_text(path), os.fspath(path))
 
 
+def as_scenario(given: Scenario | str | os.PathLike[str]) -> Scenario:
+    """A scenario as it is, or read from its file.
+
+    Raises
+    ------
+    ScenarioError
+        As of `load`.
+    TypeError
+        It is neither a scenario nor a path.
+    """
+    if isinstance(given, Scenario):
+        return given
+    if isinstance(given, str | os.PathLike):
+        return load(given)
+    raise TypeError(f"scenario: arrived {type(given).__name__}; expected a scenario, or the path of its file")
+
+
 def read_text(path: str | os.PathLike[str]) -> str:
     """Text of a scenario file; raises ScenarioError if it cannot be read."""
     source = os.fspath(path)

@@ -1,0 +1,19 @@
+"""A table in a notebook: HTML of plain text."""
+
+import xml.etree.ElementTree as ElementTree
+
+from anser.results import notebook_table
+
+
+def test_it_is_a_table_with_a_title_and_notes_and_text_stays_text():
+    page = ElementTree.fromstring(
+        notebook_table("<a> & b", [{"x": "1", "y<": "2"}, {"x": "3", "y<": "<b>"}], ["n > 1"])
+    )
+    assert page.find("p/b").text == "<a> & b"
+    assert [cell.text for cell in page.iter("th")] == ["x", "y<"]
+    assert [cell.text for cell in page.iter("td")] == ["1", "2", "3", "<b>"]
+    assert page.findall("p")[-1].text == "n > 1"
+
+
+def test_without_rows_there_is_no_table():
+    assert "<table>" not in notebook_table("no plan", [], ["why"])
