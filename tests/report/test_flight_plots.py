@@ -20,7 +20,7 @@ def test_each_is_a_figure_that_a_notebook_shows(plots, name):
     assert figure._repr_png_().startswith(PNG)
     assert name in plots.names
     labels = {text.get_text() for text in figure.legends[0].get_texts()}
-    assert labels == {"anna", "bert", "carl"}
+    assert labels == {"anna", "bert", "<b>cläre</b> & co"}
 
 
 def test_a_separation_is_the_least_distance_to_any_other(plots, flight):
