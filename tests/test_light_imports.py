@@ -34,3 +34,11 @@ print("jax" in sys.modules)
 @pytest.mark.parametrize("first", ["import anser, jax", "import jax, anser"])
 def test_arrays_are_float64_in_either_order_of_import(first, tmp_path):
     assert _run(f"{first}\nimport jax.numpy as jnp\nprint(jnp.zeros(3).dtype)", tmp_path) == "float64"
+
+
+@pytest.mark.parametrize(("given", "told"), [(None, "3"), ("0", "0")])
+def test_xla_is_quiet_unless_it_was_asked_to_talk(given, told, tmp_path, monkeypatch):
+    monkeypatch.delenv("TF_CPP_MIN_LOG_LEVEL", raising=False)
+    if given is not None:
+        monkeypatch.setenv("TF_CPP_MIN_LOG_LEVEL", given)
+    assert _run('import os, anser\nprint(os.environ["TF_CPP_MIN_LOG_LEVEL"])', tmp_path) == told

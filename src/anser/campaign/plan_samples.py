@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from anser.campaign.plan_distances import FLEET, keep_out_rooms, nearest_pairs, track_of
 from anser.compiling import compiled_quickly
 from anser.numerics import as_array, each_of, filled_up
-from anser.planning import CERTIFIED_LIMITS, PathLimits, PathPoint, polar
+from anser.planning import CERTIFIED_LIMITS, IdleDeceleration, PathLimits, PathPoint, polar
 from anser.planning.demand import demand
 from anser.results import PlanExtremes, PlanSamples
 from anser.scenario.schema_airspace import KeepOut
@@ -136,17 +136,18 @@ def sample_extremes(
     mean = np.trapezoid(speed, axis=1) / (_FINE - 1)
     values = {limit.key: limit.extreme(asked[limit.variable], 1) for limit in CERTIFIED_LIMITS}
     if limits is not None and limits.idle is not None:
-        rows = zip(each_of(limits), asked["thrust_surplus"], speed, asked["load_factor"], strict=True)
-        found = np.array([_along_at_start(*row) for row in rows])
+        own = each_of((limits.idle, limits.deceleration_max))
+        rows = zip(own, asked["thrust_surplus"], speed, asked["load_factor"], strict=True)
+        found = np.array([_along_at_start(*one, *row) for one, *row in rows])
         values |= {"thrust_surplus_max": found[:, 0], "thrust_deficit_max": found[:, 1]}
     return PlanExtremes(length=mean * duration, speed_mean=mean, values=values)
 
 
-def _along_at_start(limits: PathLimits, along: np.ndarray, speed: np.ndarray, load_factor: np.ndarray) -> Any:
+def _along_at_start(
+    idle: IdleDeceleration, deceleration: ScalarLike, along: np.ndarray, speed: np.ndarray, load_factor: np.ndarray
+) -> tuple[Any, Any]:
     """The greatest acceleration and deceleration of a path as `PathBounds.along_at_start` has them, m/s^2."""
-    idle = limits.idle
-    assert idle is not None
-    gained = along + limits.deceleration_max * idle.rise(speed, load_factor)
+    gained = along + deceleration * idle.rise(speed, load_factor)
     return np.max(gained), np.max(-along / idle.share(speed, load_factor))
 
 

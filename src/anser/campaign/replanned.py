@@ -24,7 +24,7 @@ from anser.simulation import CertifiedPlanner, CertifiedPlanState, Flight, Fligh
 from anser.simulation.replanning import TURNS, Present, leaving, present, with_plan
 
 NO_PLAN = "no plan was found that keeps everything: the plan in force is kept"
-_ACCELERATION_M_S2 = 2.0  # which the F-16's engine gives within two seconds from idle; all its thrust within six
+_ACCELERATION_M_S2 = 2.0  # which the F-16's engine gives 3 s after idling; nearly all its thrust takes 5 s
 _present = compiled_quickly(present)
 _leaving = compiled_quickly(leaving)
 
@@ -197,7 +197,7 @@ def _with_limits(tasks: AircraftTask, limits: PathLimits) -> AircraftTask:
 
 
 def _gentle(limits: PathLimits) -> PathLimits:
-    """Limits with no more acceleration along the path than an engine gives without a delay that is felt."""
+    """Limits with no more acceleration along the path than an engine gives soon."""
     gentle = np.minimum(np.asarray(limits.acceleration_max), _ACCELERATION_M_S2)
     return eqx.tree_at(lambda own: own.acceleration_max, limits, as_array(gentle))
 

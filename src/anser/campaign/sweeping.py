@@ -81,6 +81,7 @@ def swept_scenarios(scenario: Scenario, swept: Mapping[str, Sequence[object]]) -
             arrived = ", ".join(a.name for a in one.aircraft)
             expected = "the aircraft of the scenario, as all flights of a sweep have the same fleet"
             problems.append((given, [Problem("aircraft", arrived, expected)]))
+            continue
         made.append(one)
     if problems:
         raise _refused(scenario, problems, len(made) + len(problems))

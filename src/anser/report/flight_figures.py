@@ -121,7 +121,9 @@ def _ranges(dataset: xr.Dataset) -> "Figure":
 
 def _profile(dataset: xr.Dataset) -> "Figure":
     limits = scenario_of(dataset).get("limits", {})
-    figure = _over_time(dataset, [_ALTITUDE, _GUIDANCE[0]], "altitude and airspeed", "dashed: planned; line: limit")
+    figure = _over_time(
+        dataset, [_ALTITUDE, _GUIDANCE[0]], "altitude and airspeed", "dashed: planned, commanded; line: limit"
+    )
     for axes, key in zip(figure.axes, ("altitude", "speed"), strict=True):
         unit = {"altitude": "m", "speed": "m_s"}[key]
         for end in ("min", "max"):

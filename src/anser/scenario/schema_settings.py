@@ -92,7 +92,7 @@ class Limits(Table):
     alpha_max_deg: float = number("highest angle of attack", -10, 45, "deg", 25.0)
     roll_rate_max_deg_s: float = number("greatest roll rate that a plan asks for", 5, 90, "deg/s", 20.0)
     acceleration_max_m_s2: float | None = number(
-        "greatest surplus of thrust over drag, per mass, that a plan asks for; left out: its own at the start",
+        "greatest surplus of thrust over drag, per mass, that a plan asks for; left out: that of its start",
         0,
         50,
         "m/s^2",
@@ -100,7 +100,7 @@ class Limits(Table):
         above=True,
     )
     deceleration_max_m_s2: float | None = number(
-        "greatest surplus of drag over thrust, per mass, that a plan asks for; left out: its own at the start",
+        "greatest surplus of drag over thrust, per mass, that a plan asks for; left out: its own at each airspeed",
         0,
         50,
         "m/s^2",

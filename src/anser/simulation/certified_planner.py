@@ -31,6 +31,7 @@ from anser.planning.limits import accelerations_of
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Flag, Scalar, ScalarLike
 from anser.simulation.hold_assignment import assign_holds
+from anser.simulation.performance import ABLE_LEAST
 from anser.simulation.planned_hold import PlannedHolds, cells_for, each_alone, moved_with_goals
 
 _holds = compiled_quickly(assign_holds)
@@ -128,7 +129,7 @@ class CertifiedPlanner(AbstractPlanner):
         """
 
         def own(prescribed: Array, able: Array) -> Array:
-            return (1.0 - self.spared) * jnp.where(jnp.isinf(prescribed), jnp.maximum(able, 0.1), prescribed)
+            return (1.0 - self.spared) * jnp.where(jnp.isinf(prescribed), jnp.maximum(able, ABLE_LEAST), prescribed)
 
         limits, idle = self.limits, performance.idle
         free = jnp.isinf(limits.deceleration_max)[:, None]

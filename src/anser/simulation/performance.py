@@ -13,7 +13,8 @@ from anser.shapes import Scalar, ScalarLike, Vector3
 _SPEEDS = np.array([0.55, 0.65, 0.75, 0.85, 1.0, 1.25])  # of that at the start
 _PUSH_OVER = 0.75  # load factor at which the drag due to lift is looked at besides 1
 _NEWTON_STEPS = 6  # the lift curve is piecewise linear
-_DECELERATION_LEAST = 0.1  # m/s^2
+ABLE_LEAST = 0.1
+"""Acceleration or deceleration that every aircraft is taken to have, m/s^2."""
 
 
 def performance_at(
@@ -22,14 +23,14 @@ def performance_at(
     """What an aircraft can do from steady level flight, of which the condition and the surfaces (rad) are given.
 
     At other airspeeds and load factors the surfaces are left where they are: of the F-16, the drag less the idle
-    thrust is within 3 % of that trimmed there (85 to 230 m/s).
+    thrust is within 3 % and 0.06 m/s^2 of that trimmed there (95 to 200 m/s, load factors 0.5 to 1).
     """
     data = now.air_data
     level, pushed_over = (
         _idle_decelerations(airframe, environment, now, surfaces, load_factor) for load_factor in (1.0, _PUSH_OVER)
     )
     deceleration = -_along_path(airframe, now, 0.0)
-    share = jnp.maximum(deceleration, _DECELERATION_LEAST)
+    share = jnp.maximum(deceleration, ABLE_LEAST)
     by_lift = jnp.maximum(level - pushed_over, 0.0) / (1.0 - _PUSH_OVER**2)
     return Performance(
         deceleration=deceleration,
