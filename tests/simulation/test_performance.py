@@ -5,10 +5,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from anser.aircraft import condition
+from anser.compiling import compiled_quickly
 from anser.environment import standard_environment
 from anser.scenario.library import load_airframe
 from anser.simulation.performance import performance_at
-from anser.simulation.trim import solve_trim, trim_target
+from anser.simulation.trim import TrimTarget, solve_trim, trim_target
 from support.light_aircraft import light_aircraft
 from support.states import condition_of
 
@@ -17,16 +19,26 @@ F16 = load_airframe("f16", "textbook")
 GRAVITY = 9.80665
 
 
+solved = compiled_quickly(solve_trim)
+
+
+def performance_of(airframe, speed, altitude):
+    zero = jnp.zeros(())
+    point = solve_trim(airframe, STILL, TrimTarget(speed, altitude, zero, zero, zero, zero))
+    return performance_at(airframe, STILL, condition(airframe, STILL, 0.0, point.state), point.state.surfaces)
+
+
+compiled_performance = compiled_quickly(performance_of)
+
+
 def performance(airframe, speed, altitude):
-    point = solve_trim(airframe, STILL, trim_target(speed, altitude))
-    assert point.converged
-    return performance_at(airframe, STILL, condition_of(airframe, STILL, 0.0, point.state), point.state.surfaces)
+    return compiled_performance(airframe, jnp.asarray(speed), jnp.asarray(altitude))
 
 
 def against_path(airframe, speed, altitude, load_factor):
     """Drag less idle thrust per mass where the aircraft is trimmed at an airspeed and a load factor, m/s^2."""
     push_rad_s = (load_factor - 1.0) * GRAVITY / speed
-    point = solve_trim(airframe, STILL, trim_target(speed, altitude, path_rate=push_rad_s))
+    point = solved(airframe, STILL, trim_target(speed, altitude, path_rate=push_rad_s))
     assert point.converged
     now = condition_of(airframe, STILL, 0.0, point.state)
     data = now.air_data
@@ -69,13 +81,8 @@ def test_of_any_airframe_and_with_a_gradient():
     assert np.all(np.asarray(able.idle.by_lift) >= 0.0)
 
     def slower(speed):
-        return performance_of(speed).idle.share(130.0, 0.8)
+        return performance_of(F16, speed, jnp.asarray(1500.0)).idle.share(130.0, 0.8)
 
-    def performance_of(speed):
-        point = solve_trim(F16, STILL, trim_target(speed, 1500.0))
-        now = condition_of(F16, STILL, 0.0, point.state)
-        return performance_at(F16, STILL, now, point.state.surfaces)
-
-    slope = jax.jit(jax.grad(slower))(jnp.asarray(164.0))
-    step = 1e-3
-    assert float(slope) == pytest.approx(float(slower(164.0 + step) - slower(164.0 - step)) / (2 * step), rel=1e-4)
+    both, step = compiled_quickly(jax.value_and_grad(slower)), 1e-3
+    ahead, behind = (float(both(jnp.asarray(164.0 + way * step))[0]) for way in (1.0, -1.0))
+    assert float(both(jnp.asarray(164.0))[1]) == pytest.approx((ahead - behind) / (2 * step), rel=1e-4)
