@@ -34,7 +34,7 @@ VARIANTS = {
     "IMM (EKF) instead": NOISY + FILTER.format("ekf", "changing"),
     "IMM (UKF) instead": NOISY + FILTER.format("ukf", "changing"),
 }
-FLEETS, STEPS, ROUNDS = 1024, 200, 3
+FLEETS, STEPS, ROUNDS = 1024, 200, 9
 
 
 @eqx.filter_jit

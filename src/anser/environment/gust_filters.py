@@ -59,7 +59,8 @@ class FirstOrder(AbstractShapingFilter):
 
     def transition(self, span: Scalar) -> tuple[Float[Array, "1 1"], Float[Array, "1 1"]]:
         """See `AbstractShapingFilter`."""
-        return jnp.exp(-span)[None, None], jnp.sqrt(-jnp.expm1(-2.0 * span))[None, None]
+        fade = jnp.expm1(-span)
+        return (1.0 + fade)[None, None], jnp.sqrt(-fade * (2.0 + fade))[None, None]
 
     def output(self, state: Float[Array, "1"]) -> Scalar:
         """See `AbstractShapingFilter`."""
@@ -80,7 +81,8 @@ class DrydenAcross(AbstractShapingFilter):
 
     def transition(self, span: Scalar) -> tuple[Float[Array, "2 2"], Float[Array, "2 2"]]:
         """See `AbstractShapingFilter`; x1' = x2, x2' = -x1 - 2 x2 + n."""
-        t, faded, forgotten = span, jnp.exp(-span), jnp.exp(-2.0 * span)
+        t, faded = span, jnp.exp(-span)
+        forgotten = faded**2
         kept = faded * jnp.stack([jnp.stack([1.0 + t, t]), jnp.stack([-t, 1.0 - t])])
         small = jnp.minimum(t, _SERIES_BELOW)
         series = small**3 * sum(c * small**k for k, c in enumerate(_SERIES))

@@ -153,8 +153,8 @@ def roll_sigma(length: ScalarLike, sigma: ScalarLike, span: ScalarLike) -> Scala
 
 def lagged(state: Scalar, before: Scalar, after: Scalar, span: ScalarLike) -> Scalar:
     """First-order lag of a signal that changes evenly over a span (in time constants): exact for such a signal."""
-    kept = jnp.exp(-jnp.asarray(span))
-    mean = -jnp.expm1(-jnp.asarray(span)) / span
+    fade = jnp.expm1(-jnp.asarray(span))
+    kept, mean = 1.0 + fade, -fade / span
     return kept * state + (mean - kept) * before + (1.0 - mean) * after
 
 

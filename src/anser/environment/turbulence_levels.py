@@ -77,9 +77,10 @@ def levels(
     height_ft = jnp.asarray(height) / FOOT_M
     low_ft = jnp.clip(height_ft, _LOWEST_FT, _LOW_FT)
     shape = 0.177 + 0.000823 * low_ft
-    low_lengths = jnp.stack([low_ft / shape**1.2, low_ft / shape**1.2, low_ft])
+    smaller = shape**-0.4
+    low_lengths = jnp.stack([low_ft * smaller**3, low_ft * smaller**3, low_ft])
     sigma_w = 0.1 * jnp.asarray(wind_20ft)
-    low_sigmas = sigma_w * jnp.stack([shape**-0.4, shape**-0.4, jnp.ones_like(shape)])
+    low_sigmas = sigma_w * jnp.stack([smaller, smaller, jnp.ones_like(shape)])
     scale = jnp.full(3, _SCALE_FT[family])
     sigma = table.at(jnp.maximum(height_ft, _HIGH_FT) * FOOT_M, log_probability)
     high = jnp.clip((height_ft - _LOW_FT) / (_HIGH_FT - _LOW_FT), 0.0, 1.0)

@@ -9,7 +9,7 @@ from anser.numerics.randomness import OWN_SENSORS, SATELLITES
 from anser.sensing.dropouts import gauss_markov
 from anser.sensing.interface import Fix, Instant, Truth, velocity_over_ground_n
 from anser.shapes import Quaternion, Scalar, Vector3
-from anser.spatial import quaternion_from_euler, quaternion_multiply
+from anser.spatial import normalize, quaternion_multiply
 
 _NORMALS = 12  # at each sample: attitude 3, gyro 3, accelerometer 3, airspeed and vanes 3
 _FIX_NORMALS = 9  # at each fix: slow error 3, position 3, velocity 3
@@ -177,8 +177,12 @@ def is_due(instant: Instant, period: Scalar) -> Array:
 
 
 def tilted(quaternion: Quaternion, angles_b: Vector3) -> Quaternion:
-    """An attitude turned about its body axes by small angles (roll, pitch, yaw; rad)."""
-    return quaternion_multiply(quaternion, quaternion_from_euler(*angles_b))
+    """An attitude turned about its body axes by small angles (roll, pitch, yaw; rad): by the half of them to first order.
+
+    The turn is 2 arctan(|angles| / 2) about their vector, within 1e-6 of the angle up to 0.2 deg and 1e-4 up to 2 deg.
+    """
+    half_b = 0.5 * angles_b
+    return quaternion_multiply(quaternion, normalize(jnp.concatenate([jnp.ones(1), half_b])))
 
 
 def _through_air_b(V: Scalar, alpha: Scalar, beta: Scalar) -> Vector3:
