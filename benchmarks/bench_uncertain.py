@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from anser.campaign.execute import without_replanning
+from anser.execution.execute import without_replanning
 from anser.numerics import rows_of, seeded
 from anser.scenario import build_flight, loads
 from anser.simulation import SummaryRecorder, begin, fly, trimmed_fleet

@@ -79,7 +79,7 @@ def test_when_an_aircraft_stopped_is_told(anser, tmp_path, monkeypatch):
     flown = SimpleNamespace(
         dataset=dataset, summary=summary, met=False, planned=planned, write_into=lambda folder: (folder / "x").touch()
     )
-    monkeypatch.setattr("anser.campaign.run", lambda *asked: flown)
+    monkeypatch.setattr("anser.execution.run", lambda *asked: flown)
     code, printed, err = anser("run", SCENARIOS / "three-aircraft.toml", "--out", tmp_path / "run")
     assert code == 1
     assert "at 75.2 s: the aircraft reached the ground" in printed

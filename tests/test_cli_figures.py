@@ -46,8 +46,8 @@ def test_every_published_case_is_drawn(anser, tmp_path, monkeypatch):
         return paths
 
     tests = [SimpleNamespace(test=SimpleNamespace(key=key), dataset=None) for key in ("rates-p", "velocity-v")]
-    monkeypatch.setattr("anser.campaign.fly_steps", lambda *tests_, **settings: tests)
-    monkeypatch.setattr("anser.campaign.fly_climb_and_turn", lambda variant: flight)
+    monkeypatch.setattr("anser.execution.fly_steps", lambda *tests_, **settings: tests)
+    monkeypatch.setattr("anser.execution.fly_climb_and_turn", lambda variant: flight)
     monkeypatch.setattr("anser.report.step_figures.draw_step", note("step", 1))
     monkeypatch.setattr("anser.report.step_figures.draw_overview", note("overview", 1))
     monkeypatch.setattr("anser.report.tracking_figure.draw_tracking", note("tracking", 2))

@@ -21,9 +21,9 @@ from typing import Any
 import jax
 import numpy as np
 
-from anser.campaign import Flown, NoPlanError, plan, run
-from anser.campaign.certified import CertifiedPlanned
 from anser.compiling import enable_compilation_cache
+from anser.execution import Flown, NoPlanError, plan, run
+from anser.execution.certified import CertifiedPlanned
 from anser.planning.timed_path import TimedPath
 from anser.scenario import Scenario, ScenarioError, loads
 from anser.scenario.schema_event import Event

@@ -18,10 +18,10 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import stats
 
-from anser.campaign.certified import arrival_request
-from anser.campaign.execute import without_replanning
-from anser.campaign.negotiated import agreed_plan
 from anser.compiling import enable_compilation_cache
+from anser.execution.certified import arrival_request
+from anser.execution.execute import without_replanning
+from anser.execution.negotiated import agreed_plan
 from anser.numerics import as_array, rows_of, seeded
 from anser.planning.certified import FIRST, AircraftTask, intervals_for, search
 from anser.scenario import Scenario, build_flight, load

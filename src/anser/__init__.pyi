@@ -1,4 +1,4 @@
-from .campaign import linearize, plan, run, sweep, trim
+from .execution import linearize, plan, run, sweep, trim
 from .scenario import load, loads
 
 __version__: str

@@ -3,9 +3,9 @@
 import pytest
 
 import anser.compiling.keys as keys
-from anser.campaign.execute import fly_segment
-from anser.campaign.linearizing import _open_model
-from anser.campaign.planned import _start
+from anser.execution.execute import fly_segment
+from anser.execution.linearizing import _open_model
+from anser.execution.planned import _start
 from anser.results.dataset import to_dataset
 from anser.simulation.trim import solve_trim
 

@@ -6,7 +6,7 @@ The hundred tasks of which these are some: trials/test_descents.py.
 import pytest
 
 import anser
-from anser.campaign.plan_output import record_published
+from anser.execution.plan_output import record_published
 from anser.simulation import STATUS_MESSAGES
 from anser.simulation.status import BROKE_OFF
 from support.descents import descending_task, flown_descent

@@ -1,7 +1,7 @@
 """Step responses of another airframe: the same autopilot, gains and code fly a light propeller aircraft.
 
 Each channel alone and all three of a loop together overshoot by less than 10 percent and end within 1 percent, as the
-published ones of the F-16 do (tests/campaign/test_stepping.py).
+published ones of the F-16 do (tests/execution/test_stepping.py).
 """
 
 from typing import NamedTuple

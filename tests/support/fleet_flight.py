@@ -5,8 +5,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from anser.campaign.execute import fly_segment
-from anser.campaign.planned import _start
+from anser.execution.execute import fly_segment
+from anser.execution.planned import _start
 
 
 def started(flight):

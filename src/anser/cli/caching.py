@@ -43,7 +43,7 @@ def cache(
         say(f"{store.clear()} programs deleted")
     if what == "warm":
         wanted = [load(path) for path in scenario] if scenario else [loads(starter_scenario())]
-        from anser.campaign import warm
+        from anser.execution import warm
 
         with progress_bar() as tell:
             warm(wanted, tell)

@@ -313,7 +313,7 @@ def _refusing(option: str, path: Path, expected: str) -> Iterator[None]:
 @contextlib.contextmanager
 def finding_trim(what: str) -> Iterator[Callable[[str], None]]:
     """As `working`; ends the command with exit code 1 where there is no steady flight at the condition."""
-    from anser.campaign import ConditionError
+    from anser.execution import ConditionError
 
     try:
         with working(what) as tell:

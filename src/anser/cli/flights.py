@@ -35,7 +35,7 @@ from anser.scenario.template import write_new
 if TYPE_CHECKING:
     import xarray as xr
 
-    from anser.campaign import Planned
+    from anser.execution import Planned
 
 
 def _loaded(path: Path) -> Scenario:
@@ -76,8 +76,8 @@ def run(
     if out is not None:
         make_new(out)
     target = out if out is not None else make_next(Path("runs") / wanted.name)
-    from anser.campaign import NoPlanError, PlanFileError
-    from anser.campaign import run as fly  # here: a misspelt key must not wait for plotting libraries
+    from anser.execution import NoPlanError, PlanFileError
+    from anser.execution import run as fly  # here: a misspelt key must not wait for plotting libraries
 
     try:
         with kept_unless_empty(target), progress_bar() as tell:
@@ -101,7 +101,7 @@ def run(
 
 
 def _finished_plan(folder: Path, wanted: Scenario) -> "Planned":
-    from anser.campaign import read_plan
+    from anser.execution import read_plan
 
     return read_plan(folder / PLAN, wanted)
 
@@ -247,9 +247,9 @@ def plan(
     if out is not None:
         make_new(out)
     with kept_unless_empty(out), working("planning") as tell:
-        from anser.campaign import plan as make  # here: a misspelt key must not wait for plotting libraries
-        from anser.campaign import write_plan
-        from anser.campaign.plan_output import record
+        from anser.execution import plan as make  # here: a misspelt key must not wait for plotting libraries
+        from anser.execution import write_plan
+        from anser.execution.plan_output import record
 
         planned = make(wanted, tell)
         if planned.refusals:

@@ -30,7 +30,7 @@ from anser.cli.offering import about
 if TYPE_CHECKING:
     import xarray as xr
 
-    from anser.campaign import MarginSurvey
+    from anser.execution import MarginSurvey
 
 _AT = "150,1000"
 _FIGURES = (
@@ -83,7 +83,7 @@ def margins(
         from anser.report import BODE_SUFFIXES
 
         must_be_new_file("--bode", bode, BODE_SUFFIXES)
-    from anser.campaign import margin_document, margins_at
+    from anser.execution import margin_document, margins_at
 
     with finding_trim("trimming and breaking the loops"):
         found = margins_at(
@@ -102,7 +102,7 @@ def margins(
 
 def _survey(aircraft: str, variant: str, inversion: Inversion, step_s: float, coarse: bool, out: Path) -> None:
     make_new(out)
-    from anser.campaign import survey_margins
+    from anser.execution import survey_margins
     from anser.report import draw_margin_maps
     from anser.results import write_json, write_netcdf
 

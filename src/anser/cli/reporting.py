@@ -175,7 +175,7 @@ def figures(
 
 def _published(out: Path) -> Iterator[Path]:
     """Compute and draw the published cases, one after the other."""
-    from anser.campaign import PUBLISHED_STEPS, fly_climb_and_turn, fly_steps
+    from anser.execution import PUBLISHED_STEPS, fly_climb_and_turn, fly_steps
     from anser.report.flight_figures import draw_flight
     from anser.report.print_style import FIGURE_SUFFIXES
     from anser.report.shape_figures import draw_shapes

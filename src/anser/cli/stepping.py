@@ -29,7 +29,7 @@ from anser.cli.console import (
 from anser.cli.offering import about
 
 if TYPE_CHECKING:
-    from anser.campaign import SteppedFlight, StepTest
+    from anser.execution import SteppedFlight, StepTest
 
 _AIRCRAFT = "f16"
 
@@ -66,7 +66,7 @@ def step(
         raise RefusedError(f"--size: arrived {len(size)} for {len(channel)} channels; expected one for each --channel")
     if len(set(channel)) != len(channel):
         raise RefusedError(f"--channel: arrived {', '.join(channel)}; expected each at most once")
-    from anser.campaign import step_document, step_test
+    from anser.execution import step_document, step_test
 
     try:
         test = step_test(loop, dict(zip(channel, size, strict=True)), duration_s)
@@ -98,7 +98,7 @@ def gallery(
     """Fly every published test of the autopilot: a figure of each, an overview, a table of their figures."""
     must_be_known(_AIRCRAFT, variant)
     make_new(out)
-    from anser.campaign import PUBLISHED_STEPS, fly_climb_and_turn, step_document
+    from anser.execution import PUBLISHED_STEPS, fly_climb_and_turn, step_document
     from anser.report.step_figures import draw_overview, draw_step
     from anser.report.tracking_figure import draw_tracking
     from anser.results import write_json
@@ -142,7 +142,7 @@ def gallery(
 def _fly(
     tests: Sequence["StepTest"], variant: str, speed_m_s: float, altitude_m: float, inversion: Inversion
 ) -> tuple["SteppedFlight", ...]:
-    from anser.campaign import fly_steps
+    from anser.execution import fly_steps
 
     with finding_trim("flying") as tell:
         return fly_steps(

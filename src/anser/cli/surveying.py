@@ -30,7 +30,7 @@ from anser.cli.offering import about
 if TYPE_CHECKING:
     import xarray as xr
 
-    from anser.campaign import EnvelopeSurvey, RobustnessStudy
+    from anser.execution import EnvelopeSurvey, RobustnessStudy
     from anser.results import FailureCorrelation, Success
 
 
@@ -49,7 +49,7 @@ def envelope(
     """Survey the envelope: trim map, and standard commands flown from every point of it."""
     must_be_known(aircraft, variant)
     make_new(out)
-    from anser.campaign import survey
+    from anser.execution import survey
     from anser.report import draw_envelope
     from anser.results import write_netcdf
 
@@ -141,8 +141,8 @@ def robustness(
     must_lie("--spread", spread, 0, 90)
     must_lie("--seed", seed, 0, 2**63 - 1)
     must_be_known(_AIRCRAFT, variant)
-    from anser.campaign import ConditionError, FlightPoint, robustness_study
-    from anser.campaign.dispersion import CONDITIONS
+    from anser.execution import ConditionError, FlightPoint, robustness_study
+    from anser.execution.dispersion import CONDITIONS
     from anser.report import draw_robustness
     from anser.results import write_netcdf
 

@@ -57,7 +57,7 @@ def sweep(
     """Fly a scenario with every combination of some of its numbers."""
     wanted, swept = load(scenario), swept_values(set_)
     make_new(out)
-    from anser.campaign import sweep as fly
+    from anser.execution import sweep as fly
     from anser.report import draw_sweep
     from anser.results import write_netcdf
 

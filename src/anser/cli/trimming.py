@@ -29,7 +29,7 @@ from anser.cli.console import (
 from anser.cli.offering import about
 
 if TYPE_CHECKING:
-    from anser.campaign import Linearized
+    from anser.execution import Linearized
     from anser.simulation import Mode
 
 
@@ -61,7 +61,7 @@ def trim(
         "pitch_rate_deg_s": pitch_rate_deg_s,
     }
     must_be_flight_condition(condition | {"cg": cg})
-    from anser.campaign import trim as find
+    from anser.execution import trim as find
     from anser.scenario import load_airframe
 
     airframe = load_airframe(aircraft, variant, cg)
@@ -136,7 +136,7 @@ def linearize(
         raise RefusedError(f"--actuators: arrived with --loop {loop}, which always has them; expected --loop open")
     if out is not None:
         must_be_new_file("--out", out, _SUFFIXES)
-    from anser.campaign import linearize as find
+    from anser.execution import linearize as find
 
     with finding_trim("trimming and differentiating"):
         found = find(aircraft, variant, x_cg_over_c=x_cg, loop=loop, actuators=actuators, step_s=step_s, **condition)

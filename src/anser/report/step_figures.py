@@ -59,7 +59,7 @@ def draw_step(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
     Parameters
     ----------
     dataset
-        Of one flight, as `anser.campaign.fly_steps` makes it.
+        Of one flight, as `anser.execution.fly_steps` makes it.
     paths
         New files to write, with one of `FIGURE_SUFFIXES`.
     """

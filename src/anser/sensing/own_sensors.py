@@ -177,9 +177,9 @@ def is_due(instant: Instant, period: Scalar) -> Array:
 
 
 def tilted(quaternion: Quaternion, angles_b: Vector3) -> Quaternion:
-    """An attitude turned about its body axes by small angles (roll, pitch, yaw; rad): by the half of them to first order.
+    """An attitude turned about its body axes by small angles (roll, pitch, yaw; rad).
 
-    The turn is 2 arctan(|angles| / 2) about their vector, within 1e-6 of the angle up to 0.2 deg and 1e-4 up to 2 deg.
+    It is a turn by 2 arctan(|angles| / 2) about their vector, within 1e-6 of it up to 0.2 deg and 1e-4 up to 2 deg.
     """
     half_b = 0.5 * angles_b
     return quaternion_multiply(quaternion, normalize(jnp.concatenate([jnp.ones(1), half_b])))

@@ -1,7 +1,7 @@
 """The planner without a centre: each aircraft plans with what it knows, and talks to the others over a network.
 
 Before the flight the aircraft have agreed on an arrival time, the latest that any of them asks for, and on paths
-(`anser.campaign.negotiated`). On the way each bends its own path to where it takes its goal to be; within a tube about
+(`anser.execution.negotiated`). On the way each bends its own path to where it takes its goal to be; within a tube about
 the path that all know by itself, farther only with the word of all others (`path_exchange`). The clocks along the paths
 are kept together (`anser.planning.time_coordination`): who is kept up is waited for.
 """
@@ -125,7 +125,7 @@ class DecentralisedPlanner(AbstractPlanner):
     replans: bool = eqx.field(static=True, default=True)
 
     def first(self, time: ScalarLike, reports: Report, performance: Performance) -> DecentralisedPlanState:
-        """Not here: the aircraft agree before the flight, see `anser.campaign.negotiated`."""
+        """Not here: the aircraft agree before the flight, see `anser.execution.negotiated`."""
         raise ValueError("without a centre a fleet agrees on its first plan beforehand: anser.plan makes it")
 
     def begun(self, first: CertifiedPlanState, randomness: AbstractRandomness | None) -> DecentralisedPlanState:

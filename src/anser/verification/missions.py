@@ -5,8 +5,8 @@ from importlib import resources
 
 import numpy as np
 
-from anser.campaign import Flown, run
 from anser.constants import EARTH_ROTATION_RAD_S, STANDARD_GRAVITY_M_S2
+from anser.execution import Flown, run
 from anser.results import ARRIVAL_MARGIN_S
 from anser.scenario import Scenario, loads
 from anser.spatial import radii_of_curvature

@@ -1,7 +1,7 @@
 """The certified planner: paths that keep limits, distances and keep-outs, with bounds that prove it.
 
 Where a plan comes from, roughly top-down; what is indented is part of the line above it. Its callers are
-`anser.simulation.certified_planner`, which flies plans, and `anser.campaign.refusal`, which says why there is none.
+`anser.simulation.certified_planner`, which flies plans, and `anser.execution.refusal`, which says why there is none.
 
 ============================  =========================================================================================
 ``search``                    `search`: attempts, stage by stage, until a certificate keeps everything

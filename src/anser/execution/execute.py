@@ -1,0 +1,241 @@
+"""Running one scenario: plan it, fly it, keep what came of it."""
+
+import dataclasses
+import functools
+import importlib
+import json
+import os
+import tempfile
+import time as clock
+import webbrowser
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from anser.compiling import Prepared, compiled
+from anser.execution.batches import Progress, silent
+from anser.execution.happenings import Happenings
+from anser.execution.negotiated import DecentralisedPlanned
+from anser.execution.plan_interface import NoPlanError, Planned
+from anser.execution.planned import plan
+from anser.numerics import as_array
+from anser.scenario import Scenario, as_scenario
+from anser.simulation import SEGMENT_STEPS, Flight, FlightState, fly
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from anser.report import FlightPlots
+
+_FILES = ("flight.nc", "summary.json", "report.html")
+
+fly_segment = compiled(functools.partial(fly, one_kernel=True))
+"""One segment of a flight by itself, compiled; see `anser.simulation.fly`."""
+
+
+def without_replanning(flight: Flight) -> Flight:
+    """The same flight with a planner that only keeps its plan up to date: a smaller program, for most segments."""
+    return dataclasses.replace(flight, planner=dataclasses.replace(flight.planner, replans=False))
+
+
+def prepare_flight(flight: Flight, state: FlightState) -> Prepared:
+    """Begin with the program of a flight's segments, for a state or the shapes of one."""
+    return fly_segment.prepare(without_replanning(flight), state, as_array(0, np.int32))
+
+
+def _prepare(flight: Flight, state: FlightState) -> Prepared:
+    """As `prepare_flight`; xarray and pandas, which take as long to import as a program to load, come meanwhile."""
+    prepared = prepare_flight(flight, state)
+    importlib.import_module("anser.results")
+    return prepared
+
+
+@dataclass(frozen=True, repr=False)
+class Flown:
+    """A flown scenario; printed, it is who arrived when.
+
+    Attributes
+    ----------
+    scenario
+        What was flown.
+    dataset
+        Recorded at the scenario's record period; dimensions time and aircraft, every variable with unit, frame, name.
+    summary
+        The contract of `summary.json`.
+    planned
+        The first plan, with what of it the scenario's limits forbid.
+    """
+
+    scenario: Scenario
+    dataset: "xr.Dataset"
+    summary: dict[str, Any]
+    planned: Planned
+
+    @property
+    def met(self) -> bool:
+        """Whether every aircraft arrived that did not leave the fleet, and every requirement is met."""
+        arrived = all(row["status"] == "arrived" or "left_s" in row for row in self.summary["aircraft"])
+        return arrived and all(row["met"] for row in self.summary["requirements"])
+
+    def __repr__(self) -> str:
+        from anser.results import summary_text
+
+        return summary_text(self.summary)
+
+    def _repr_html_(self) -> str:
+        from anser.results import summary_html
+
+        return summary_html(self.summary)
+
+    @property
+    def plot(self) -> "FlightPlots":
+        """Its figures: `flown.plot.tracks()`, `.profile()`, `.separation()` and others."""
+        from anser.report import FlightPlots
+
+        return FlightPlots(self.dataset)
+
+    def show(self) -> Path:
+        """Write the interactive report into a new temporary folder and open it in the browser; returns its path."""
+        page = self.report(Path(tempfile.mkdtemp(prefix="anser-")) / "report.html")
+        webbrowser.open(page.as_uri())
+        return page
+
+    def report(self, path: Path | str) -> Path:
+        """Write the interactive HTML report; refuses to overwrite (FileExistsError)."""
+        from anser.report import write_report
+
+        write_report(self.dataset, self.summary, Path(path))
+        return Path(path)
+
+    def save(self, folder: Path | str, *, force: bool = False) -> Path:
+        """Write `flight.nc`, `summary.json` and `report.html` into a new folder.
+
+        Parameters
+        ----------
+        folder
+            To make and write into.
+        force
+            Whether the folder may exist: these three files are then replaced in it, all others are left alone.
+
+        Raises
+        ------
+        FileExistsError
+            If the folder exists: without `force` nothing is overwritten.
+        """
+        target = Path(folder)
+        if target.is_dir() and force:
+            self._replace_in(target)
+            return target
+        if target.exists():
+            or_force = ", or give force=True to replace the run in it" if target.is_dir() else ""
+            raise FileExistsError(f"{target} exists and is not overwritten: choose another folder{or_force}")
+        target.mkdir(parents=True)
+        self.write_into(target)
+        return target
+
+    def _replace_in(self, folder: Path) -> None:
+        """Write the three files beside those that stand there, and only when all are complete in their place."""
+        with tempfile.TemporaryDirectory(dir=folder, prefix=".anser-") as beside:
+            self.write_into(Path(beside))
+            for name in _FILES:
+                (Path(beside) / name).replace(folder / name)
+
+    def write_into(self, folder: Path) -> None:
+        """Write the three files into a folder that exists; refuses to overwrite any (FileExistsError)."""
+        from anser.results import write_netcdf, write_summary
+
+        flight, summary, report = (folder / name for name in _FILES)
+        write_netcdf(self.dataset, flight)
+        write_summary(self.summary, summary)
+        self.report(report)
+
+
+def run(
+    scenario: Scenario | str | os.PathLike[str], progress: Progress | None = None, planned: Planned | None = None
+) -> Flown:
+    """Fly a scenario.
+
+    Parameters
+    ----------
+    scenario
+        Validated, from `load`, or the path of its file.
+    progress
+        Called now and then with what is being done and how much of the flight is behind; None before and after it.
+    planned
+        A finished plan of this scenario, from `anser.plan` or `anser.execution.read_plan`; None: one is made.
+
+    Raises
+    ------
+    ValueError
+        The plan is one of another scenario.
+    ScenarioError
+        If the file cannot be read or is no valid scenario, or an aircraft cannot fly steadily at its start; the message
+        says what stops it.
+    NoPlanError
+        If the certified planner finds no plan; the message says why.
+    """
+    scenario, on_progress = as_scenario(scenario), progress or silent
+    began = clock.perf_counter()
+    if planned is None:
+        planned = plan(scenario, lambda what: on_progress(what, None), _prepare)
+    elif planned.scenario != scenario:
+        raise ValueError(f"planned: arrived a plan for {planned.scenario.name}; expected one for the scenario itself")
+    from anser.results import summarize, summarize_network, to_dataset, version_attributes
+
+    if planned.refusals:
+        raise NoPlanError(planned.refusals)
+    flight, state = planned.flight, planned.begun()
+    simpler = without_replanning(flight)
+    timing = scenario.timing
+    steps = round(timing.duration_s / timing.step_s)
+    on_progress("flying", 0.0)
+    segments, at = [], 0
+    happenings = Happenings(scenario, lambda what: on_progress(what, None))
+    while at <= steps:
+        flight, state = happenings.take_place(flight, state, at)
+        simpler = without_replanning(flight)
+        flown = happenings.steps_until_next(at, min(SEGMENT_STEPS, steps + 1 - at))
+        # a flight without events has none of the program that can fly part of a segment
+        part = {"flown": as_array(flown, np.int32)} if scenario.event else {}
+        number = as_array(at, np.int32)
+        after, _, history = fly_segment(simpler, state, number, **part)
+        if after.planner.asked:  # what came of it does not count
+            after, _, history = fly_segment(flight, state, number, **part)
+        at += flown if scenario.event else SEGMENT_STEPS
+        state = happenings.looked_after(flight, after, at)
+        rows = slice(flown if scenario.event else None), slice(len(scenario.aircraft))
+        segments.append({key: np.asarray(values)[rows] for key, values in history.items()})
+        on_progress("flying", min(at / (steps + 1), 1.0))
+    history = {key: np.concatenate([part[key] for part in segments])[: steps + 1] for key in segments[0]}
+    time_s = np.arange(steps + 1) * timing.step_s
+    wall_s = clock.perf_counter() - began
+    on_progress("summing up", None)
+    happened = [one.as_dict() for one in happenings.outcomes]
+    summary = summarize(time_s, history, scenario, wall_s, planned.path_words(), happened, happenings.goals)
+    attributes = _attributes(scenario) | version_attributes()
+    if isinstance(planned, DecentralisedPlanned):
+        summary["network"] = summarize_network(time_s, history, scenario, planned.agreed_after_s)
+        attributes["network"] = json.dumps(summary["network"])
+    stride = round(timing.record_period_s / timing.step_s)
+    dataset = to_dataset(
+        time_s[::stride],
+        {key: values[::stride] for key, values in history.items()},
+        [a.name for a in scenario.aircraft],
+        attributes,
+    )
+    return Flown(scenario, dataset, summary, planned)
+
+
+def _attributes(scenario: Scenario) -> dict[str, Any]:
+    return {
+        "title": scenario.name,
+        "description": scenario.description,
+        "scenario_hash": scenario.hash,
+        "scenario": scenario.model_dump_json(),
+        "seed": scenario.seed,
+        "earth_model": scenario.earth.model,
+        "reference_latitude_deg": scenario.earth.latitude_deg,
+        "reference_longitude_deg": scenario.earth.longitude_deg,
+    }

@@ -1,0 +1,122 @@
+"""A finished plan as a file: all its arrays, so that it can be flown without being made again."""
+
+import hashlib
+import json
+import zipfile
+from pathlib import Path
+from typing import Any, get_args, get_type_hints
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from anser.compiling import enable_compilation_cache
+from anser.execution.certified import CertifiedPlanned, begun, trimmed
+from anser.execution.negotiated import Agreement, DecentralisedPlanned
+from anser.execution.plan_interface import PlanFileError, Planned
+from anser.execution.planned import PublishedPlanned
+from anser.execution.untrimmable import refuse_untrimmable
+from anser.numerics import as_array, leading
+from anser.planning.certified import Outcome
+from anser.planning.published_planner import PublishedPlanState
+from anser.results import version_attributes
+from anser.scenario import Scenario, build_flight
+from anser.simulation import CertifiedPlanner, CertifiedPlanState, DecentralisedPlanner
+
+_FORMAT = 1
+_STATES = {"published": PublishedPlanState, "certified": CertifiedPlanState, "decentralised": Agreement}
+
+
+def write_plan(planned: Planned, path: Path) -> None:
+    """Write a finished plan into a new file, a NumPy archive.
+
+    Raises
+    ------
+    FileExistsError
+        The file exists: nothing is overwritten.
+    NoPlanError
+        There is no plan.
+    """
+    leaves = jax.tree_util.tree_flatten_with_path(planned.kept())[0]
+    arrays = {jax.tree_util.keystr(place, simple=True, separator="."): np.asarray(leaf) for place, leaf in leaves}
+    about = {
+        "format_version": _FORMAT,
+        "planner": planned.scenario.fleet.planner,
+        "scenario_hash": planned.scenario.hash,
+        "sha256": _digest(arrays),
+        **version_attributes(),
+    }
+    with path.open("xb") as file:
+        np.savez(file, allow_pickle=False, about=np.array(json.dumps(about)), **arrays)
+
+
+def read_plan(path: Path, scenario: Scenario) -> Planned:
+    """Read a finished plan of a scenario; its aircraft are trimmed again, its search is not repeated.
+
+    Raises
+    ------
+    PlanFileError
+        The file cannot be read, is damaged, or holds a plan for another scenario.
+    ScenarioError
+        An aircraft cannot fly steadily at its start.
+    """
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+        about = json.loads(str(arrays.pop("about")))
+        if about["format_version"] != _FORMAT:
+            raise PlanFileError(f"{path} has format_version {about['format_version']}; expected {_FORMAT}")
+        if about["sha256"] != _digest(arrays):
+            raise PlanFileError(f"{path} is damaged: its content is not what was written")
+        if (about["planner"], about["scenario_hash"]) != (scenario.fleet.planner, scenario.hash):
+            raise PlanFileError(
+                f"{path} holds the plan of another scenario ({about['planner']}, hash {about['scenario_hash']}); "
+                f"expected that of this one ({scenario.fleet.planner}, {scenario.hash}): other numbers, another plan"
+            )
+        state = _rebuilt(_STATES[about["planner"]], "", arrays)
+    except (OSError, KeyError, TypeError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        if isinstance(error, PlanFileError):
+            raise
+        raise PlanFileError(f"{path} cannot be read as a plan ({error})") from None
+    return _planned(scenario, state, path)
+
+
+def _planned(scenario: Scenario, state: Any, path: Path) -> Planned:
+    enable_compilation_cache()
+    flight, count = build_flight(scenario, filled_up=True), len(scenario.aircraft)
+    if flight.count != jax.tree.leaves(state)[0].shape[0]:
+        raise PlanFileError(f"{path} holds a plan of another size than this version of anser makes")
+    fleet = trimmed(flight)
+    refuse_untrimmable(scenario, flight, leading(fleet.trims, count))
+    if scenario.fleet.planner == "published":
+        return PublishedPlanned(scenario, flight, fleet, (), begun(flight, fleet, state))
+    first = state.first if isinstance(state, Agreement) else state
+    planner = flight.planner.each if isinstance(flight.planner, DecentralisedPlanner) else flight.planner
+    assert isinstance(planner, CertifiedPlanner)
+    tasks = planner.aircraft_tasks(fleet.reports, first.limits)
+    made = scenario, flight, fleet, (), Outcome(first.plan, 0), tasks, planner.airspace, first.holds
+    if isinstance(state, Agreement):
+        return DecentralisedPlanned(*made, float(state.after_s))
+    return CertifiedPlanned(*made)
+
+
+def _digest(arrays: dict[str, np.ndarray]) -> str:
+    found = hashlib.sha256()
+    for name, array in sorted(arrays.items()):
+        found.update(f"{name} {array.dtype} {array.shape}\n".encode() + array.tobytes())
+    return found.hexdigest()
+
+
+def _rebuilt(kind: type, place: str, arrays: dict[str, np.ndarray]) -> Any:
+    """A module of arrays from those under its place, by the types of its fields."""
+    fields = {}
+    for name, hint in get_type_hints(kind).items():
+        own = f"{place}{name}"
+        modules = [one for one in (hint, *get_args(hint)) if isinstance(one, type) and issubclass(one, eqx.Module)]
+        if not modules:
+            fields[name] = as_array(arrays[own], None)
+        elif any(key.startswith(f"{own}.") for key in arrays):
+            fields[name] = _rebuilt(modules[0], f"{own}.", arrays)
+        else:
+            fields[name] = None
+    return kind(**fields)

@@ -1,0 +1,98 @@
+"""A scenario flown with every combination of some of its numbers: one dataset over what was swept."""
+
+import itertools
+import os
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from anser.execution.batches import Progress
+from anser.execution.many_flights import FlightCase, fly_many
+from anser.scenario import Problem, Scenario, ScenarioError, as_scenario
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_SAID = 5
+"""Combinations that are named where several make no valid scenario."""
+
+
+def sweep(
+    scenario: Scenario | str | os.PathLike[str],
+    swept: Mapping[str, Sequence[object]],
+    progress: Progress | None = None,
+) -> "xr.Dataset":
+    """Fly a scenario with every combination of values at some of its places.
+
+    All are validated before one flies. They share the scenario's seed: what is random is the same in all, so that
+    flights differ by what was swept alone.
+
+    Parameters
+    ----------
+    scenario
+        Validated, from `load`, or the path of its file.
+    swept
+        By path, as of `Scenario.replace`, the values to be put there: `{"wind.speed_m_s": [0, 5, 10]}`.
+    progress
+        Called with what is being done and the part of the flights that is behind, 0..1.
+
+    Returns
+    -------
+    xr.Dataset
+        One dimension for each path, named like it, and `aircraft`: arrival times, misses, airspeeds, distances, spread,
+        whether every requirement is met, as in `summary.json`; a flight that could not begin has its `reason`.
+
+    Raises
+    ------
+    ScenarioError
+        The file cannot be read or is no valid scenario; a path leads nowhere, or a combination makes no valid scenario
+        or another fleet: the message names it.
+    ValueError
+        Nothing is swept, or a path has no values or one of them twice.
+    """
+    scenario = as_scenario(scenario)
+    scenarios = swept_scenarios(scenario, swept)
+    rows = fly_many([FlightCase(one) for one in scenarios], progress)
+    from anser.results import sweep_dataset
+
+    attributes = {"title": scenario.name, "scenario_hash": scenario.hash, "scenario": scenario.model_dump_json()}
+    names = [one.name for one in scenario.aircraft]
+    return sweep_dataset(swept, names, rows, attributes | {"seed": scenario.seed})
+
+
+def swept_scenarios(scenario: Scenario, swept: Mapping[str, Sequence[object]]) -> list[Scenario]:
+    """Scenarios of a sweep, the last path's values fastest; raises as `sweep` does."""
+    if not swept:
+        raise ValueError("sweep: arrived no path; expected one at least, such as {'wind.speed_m_s': [0, 5, 10]}")
+    for path, values in swept.items():
+        if isinstance(values, str) or not len(values):
+            raise ValueError(f"sweep, {path}: arrived {values!r}; expected a list with one value at least")
+        if any(values[k] == other for k in range(len(values)) for other in values[:k]):
+            raise ValueError(f"sweep, {path}: arrived a value twice in {list(values)!r}; expected each once")
+    made, problems = [], []
+    for chosen in itertools.product(*swept.values()):
+        given = dict(zip(swept, chosen, strict=True))
+        try:
+            (path, value), *more = given.items()
+            one = scenario.replace(path, value, *itertools.chain(*more))
+        except ScenarioError as error:
+            problems.append((given, error.problems))
+            continue
+        if [a.name for a in one.aircraft] != [a.name for a in scenario.aircraft]:
+            arrived = ", ".join(a.name for a in one.aircraft)
+            expected = "the aircraft of the scenario, as all flights of a sweep have the same fleet"
+            problems.append((given, [Problem("aircraft", arrived, expected)]))
+            continue
+        made.append(one)
+    if problems:
+        raise _refused(scenario, problems, len(made) + len(problems))
+    return made
+
+
+def _refused(scenario: Scenario, problems: list, count: int) -> ScenarioError:
+    """One message for all combinations that are no scenario: the first few whole, and how many there are."""
+    said = []
+    for given, found in problems[:_SAID]:
+        words = ", ".join(f"{path} = {value}" for path, value in given.items())
+        said += [Problem(f"{one.path} (with {words})", one.arrived, one.expected) for one in found]
+    more = f" ({len(problems)} of {count} combinations, the first {_SAID} told)" if len(problems) > _SAID else ""
+    return ScenarioError(f"sweep of {scenario.name}{more}", said)

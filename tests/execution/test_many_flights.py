@@ -1,0 +1,90 @@
+"""Flights in batches come to what each comes to by itself, and say why one cannot begin."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import anser
+from anser.execution.many_flights import FlightCase, fly_many
+
+SCENARIOS = Path(__file__).parents[2] / "scenarios"
+THREE = anser.load(SCENARIOS / "three-aircraft.toml")
+_SCALE = 1e-9  # of each number: batches of another shape round otherwise
+
+
+def assert_equals(row, flown):
+    """What a row has is in the summary, to rounding."""
+
+    def compare(own, other, place):
+        if isinstance(own, dict):
+            for key, value in own.items():
+                compare(value, other[key], f"{place}/{key}")
+        elif isinstance(own, list):
+            assert len(own) == len(other)
+            for k, (one, another) in enumerate(zip(own, other, strict=True)):
+                compare(one, another, f"{place}/{k}")
+        elif isinstance(own, float):
+            assert own == pytest.approx(other, rel=_SCALE, abs=_SCALE), place
+        else:
+            assert own == other, place
+
+    for part in ("aircraft", "fleet", "requirements"):
+        compare(getattr(row, part), flown.summary[part], part)
+    assert row.met == flown.met
+
+
+@pytest.mark.long
+def test_flights_that_are_all_the_same_fly_too():
+    first, again = fly_many([FlightCase(THREE), FlightCase(THREE)])
+    assert first.met
+    assert first == again
+
+
+def test_rows_are_the_summaries_of_single_flights():
+    windy = THREE.replace("wind.speed_m_s", 9.0, "wind.from_deg", 250.0)
+    told = []
+    rows = fly_many(
+        [FlightCase(THREE), FlightCase(windy)], lambda what, part: told.append(part), done=lambda k, r: told.append(k)
+    )
+    assert_equals(rows[0], anser.run(THREE))
+    assert_equals(rows[1], anser.run(windy))
+    assert told == [0.0, [0, 1], 1.0]
+
+
+@pytest.mark.long
+def test_a_flight_that_cannot_begin_is_a_row_with_its_reason():
+    high = THREE.replace("aircraft[aircraft-2].start.altitude_m", 15000.0)
+    good, bad = fly_many([FlightCase(THREE), FlightCase(high)])
+    assert good.met
+    assert not bad.met
+    assert "aircraft-2" in bad.reason
+    assert bad.aircraft == []
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["uncertain-world", "storm-sampling", "lost-aircraft"])
+def test_certified_flights_too(name):
+    """With noise: the same numbers are drawn in a batch. With events they are flown one by one."""
+    scenario = anser.load(SCENARIOS / f"{name}.toml")
+    first, again = fly_many([FlightCase(scenario), FlightCase(scenario)])
+    flown = anser.run(scenario)
+    assert_equals(first, flown)
+    assert_equals(again, flown)
+
+
+@pytest.mark.long
+def test_each_flight_is_judged_by_its_own_separation():
+    storm = anser.load(SCENARIOS / "storm-sampling.toml")
+    narrow, wide = (storm.replace("separation", {"horizontal_m": apart_m}) for apart_m in (300.0, 500.0))
+    rows = fly_many([FlightCase(narrow), FlightCase(wide)])
+    assert_equals(rows[0], anser.run(narrow))
+    assert_equals(rows[1], anser.run(wide))
+
+
+@pytest.mark.long
+def test_flights_of_other_numbers_draw_other_noise():
+    scenario = anser.load(SCENARIOS / "uncertain-world.toml")
+    rows = fly_many([FlightCase(scenario, number) for number in range(3)])
+    misses = np.array([[one["miss_m"] for one in row.aircraft] for row in rows])
+    assert np.all(np.ptp(misses, axis=0) > 1e-3)
