@@ -1,5 +1,6 @@
+from .campaigns import campaign
 from .execution import linearize, plan, run, sweep, trim
 from .scenario import load, loads
 
 __version__: str
-__all__ = ["linearize", "load", "loads", "plan", "run", "sweep", "trim"]
+__all__ = ["campaign", "linearize", "load", "loads", "plan", "run", "sweep", "trim"]

@@ -73,6 +73,15 @@ COVERED = {
         "tests/test_cli_sweep.py",
         '"wind.speed_m_s=0:8:8"',
     ),
+    "anser campaign studies/how-surely.toml --out runs/how-surely": (
+        "tests/test_cli_campaign.py",
+        'anser("campaign", study, "--out", out, "--processes", 1)',
+    ),
+    "anser campaign studies/how-surely.toml --out runs/how-surely --resume": (
+        "tests/test_cli_campaign.py",
+        '"--resume"',
+    ),
+    "anser run --campaign runs/how-surely --flight 17": ("tests/test_cli_campaign.py", '"--flight", 1'),
     "anser verify": ("tests/verification/test_nesc.py", "NESC_CHECKS"),  # with its neighbours, each check by itself
 }
 """Commands that take too long here, or install: the file that runs the same, or the same on a smaller case, and its words."""

@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 from scipy.stats import binomtest, pearsonr
 
-from anser.results import failure_correlations, first_breaks, success, success_interval
+from anser.results import failure_correlations, first_breaks, success, wilson_interval
 from support.robustness_cases import REACHED, made_up_study
 
 STUDY = made_up_study()
@@ -16,7 +16,7 @@ DISPERSED = STUDY["part"].values == 0
     ("reached", "flown"), [(0, 1), (1, 1), (0, 200), (200, 200), (949, 1000), (17, 40), (999, 1000)]
 )
 def test_intervals_are_wilsons(reached, flown):
-    low, high = success_interval(reached, flown)
+    low, high = wilson_interval(reached, flown)
     expected = binomtest(reached, flown).proportion_ci(0.95, method="wilson")
     assert low == pytest.approx(expected.low, abs=1e-12)
     assert high == pytest.approx(expected.high, abs=1e-12)
@@ -24,7 +24,7 @@ def test_intervals_are_wilsons(reached, flown):
 
 
 def test_of_no_flights_nothing_is_known():
-    assert success_interval(0, 0) == (0.0, 1.0)
+    assert wilson_interval(0, 0) == (0.0, 1.0)
     found = success(STUDY, "model", np.zeros(STUDY.sizes["flight"], dtype=bool))
     assert (found.drawn, found.flown, found.low, found.high) == (0, 0, 0.0, 1.0)
     assert np.isnan(found.share)
@@ -34,7 +34,7 @@ def test_success_counts_and_names():
     found = success(STUDY, "model", DISPERSED)
     assert (found.drawn, found.no_steady_flight, found.flown, found.reached) == (10, 0, 10, 8)
     assert found.share == pytest.approx(0.8)
-    assert (found.low, found.high) == success_interval(8, 10)
+    assert (found.low, found.high) == wilson_interval(8, 10)
     # a failure that no limit explains is named by the channel that was not reached
     assert found.reasons == {"failed: surfaces": 1, "failed: error_left_in_path_angle": 1}
     assert success(STUDY, "incremental", DISPERSED).reasons == {}

@@ -9,6 +9,7 @@ import typer
 
 import anser
 from anser.cli.caching import cache
+from anser.cli.campaigning import campaign
 from anser.cli.console import RefusedError, problem
 from anser.cli.flights import check, convert, new, plan, run
 from anser.cli.margins import margins
@@ -42,6 +43,7 @@ for _command in (
     run,
     plan,
     sweep,
+    campaign,
     check,
     trim,
     linearize,

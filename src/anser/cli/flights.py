@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from anser.cli.arguments import ScenarioPath
+from anser.cli.arguments import ScenarioPath, complete_scenario
 from anser.cli.console import (
     RefusedError,
     answer,
@@ -35,7 +35,8 @@ from anser.scenario.template import write_new
 if TYPE_CHECKING:
     import xarray as xr
 
-    from anser.execution import Planned
+    from anser.campaigns import CampaignStore
+    from anser.execution import Flown, Planned
 
 
 def _loaded(path: Path) -> Scenario:
@@ -51,10 +52,14 @@ def _loaded(path: Path) -> Scenario:
     "anser run scenarios/storm-sampling.toml --out runs/storm",
     "anser run scenarios/three-aircraft.toml --json --quiet > summary.json",
     "anser run scenarios/twenty-aircraft.toml --plan plans/twenty",
+    "anser run --campaign runs/how-surely --flight 17",
     unmet="flown, but a requirement was not met; or there is no plan",
 )
 def run(
-    scenario: ScenarioPath,
+    scenario: Annotated[
+        Path | None,
+        typer.Argument(help="Scenario file (TOML).", show_default=False, autocompletion=complete_scenario),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -67,9 +72,22 @@ def run(
         Path | None,
         typer.Option(help="Folder that anser plan --out wrote: its plan is flown, none is made.", show_default=False),
     ] = None,
+    campaign: Annotated[
+        Path | None,
+        typer.Option(help="Folder of a campaign: one of its flights is flown again.", show_default=False),
+    ] = None,
+    flight: Annotated[int | None, typer.Option(help="Which flight of the campaign.", show_default=False)] = None,
 ) -> None:
     """Fly a scenario, write its results into a new folder and print a table."""
-    wanted = _loaded(scenario)
+    store = None
+    if campaign is not None or flight is not None:
+        if campaign is None or flight is None or scenario is not None:
+            raise RefusedError("run: expected either a scenario file, or both --campaign FOLDER and --flight NUMBER")
+        store, wanted = _flight_of(campaign, flight)
+    elif scenario is None:
+        raise RefusedError("run: arrived no scenario; expected a scenario file, or --campaign and --flight")
+    else:
+        wanted = _loaded(scenario)
     if plan is not None and not (plan / PLAN).is_file():
         words = f"a folder without {PLAN}" if plan.is_dir() else "no folder"
         raise RefusedError(f"--plan: arrived {plan}, {words}; expected a folder that anser plan --out wrote")
@@ -94,10 +112,42 @@ def run(
     for note in flown.planned.notes():
         say(f"note: {note}")
     say(f"{target}: flight.nc, summary.json, report.html written")
+    if store is not None and flight is not None:
+        _say_whether_same(store, flight, flown)
     if not flown.met:
         for beyond in flown.planned.problems():
             problem(f"planned beyond the limits: {beyond}")
         _fail_unmet(flown.summary, stopped_s)
+
+
+def _flight_of(folder: Path, number: int) -> "tuple[CampaignStore, Scenario]":
+    from anser.campaigns import CampaignStore, StoreError, flight_of
+
+    try:
+        store = CampaignStore.open(folder)
+    except StoreError as error:
+        raise RefusedError(f"--campaign: {error}") from None
+    try:
+        return store, flight_of(store, number)
+    except ScenarioError:
+        raise
+    except ValueError as error:
+        raise RefusedError(f"--{error}") from None
+
+
+def _say_whether_same(store: "CampaignStore", number: int, flown: "Flown") -> None:
+    """Whether a flight of a campaign came out as its row says."""
+    from anser.campaigns import departures
+
+    if number not in store.flown:
+        say(f"flight {number} has not been flown in the campaign yet")
+        return
+    found = departures(store, number, flown.summary, met=flown.met)
+    if not found:
+        say(f"flight {number}: as in the campaign")
+    for name, off in found.items():
+        words = f"differs by {off:.2g} of its scale" if isinstance(off, float) else f"is {off} in the campaign"
+        problem(f"flight {number}: {name} {words}: rounding, alone and in a batch, led to another decision")
 
 
 def _finished_plan(folder: Path, wanted: Scenario) -> "Planned":

@@ -40,10 +40,11 @@ NO_PLAN = "no plan: the certified planner finds none that keeps everything"
 
 
 class FlightCase(NamedTuple):
-    """One flight: a scenario, and its number, which with the scenario's seed rules all that is random."""
+    """One flight: a scenario, and its number, which with the seed rules all that is random; None: the scenario's."""
 
     scenario: Scenario
     number: int = 0
+    seed: int | None = None
 
 
 _Flights = Stacked[Flight]
@@ -112,7 +113,7 @@ def fly_many(
     enable_compilation_cache()
     tell = progress or silent
     rows: list[FlightRow | None] = [None] * len(cases)
-    alone = [k for k, case in enumerate(cases) if _planned_on_the_way(case.scenario)]
+    alone = [k for k, case in enumerate(cases) if flown_one_by_one(case.scenario)]
     together = [k for k in range(len(cases)) if k not in set(alone)]
     behind = 0
 
@@ -134,7 +135,7 @@ def fly_many(
     return cast(list[FlightRow], rows)
 
 
-def _planned_on_the_way(scenario: Scenario) -> bool:
+def flown_one_by_one(scenario: Scenario) -> bool:
     """Whether a scenario's flight stops for a search on the host, or has plans of several sizes."""
     return bool(scenario.event) or scenario.fleet.planner == "decentralised"
 
@@ -143,7 +144,8 @@ def _flown_alone(case: FlightCase) -> FlightRow:
     if case.number != 0:
         raise ValueError(f"{case.scenario.name}: arrived the number {case.number}; expected 0, as it is flown alone")
     try:
-        flown = run(case.scenario)
+        scenario = case.scenario if case.seed is None else case.scenario.replace("seed", case.seed)
+        flown = run(scenario)
     except (NoPlanError, ScenarioError) as error:
         return FlightRow.failed(str(error))
     summary = flown.summary
@@ -185,7 +187,8 @@ def _alike(cases: Sequence[FlightCase], batch: int) -> Iterator[tuple[_Group, li
     for number, case in enumerate(cases):
         if last is None or case.scenario is not last[0]:
             last = case.scenario, build_flight(case.scenario)
-        flight = dataclasses.replace(last[1], randomness=seeded(case.scenario.seed, case.number))
+        seed = case.scenario.seed if case.seed is None else case.seed
+        flight = dataclasses.replace(last[1], randomness=seeded(seed, case.number))
         timing = case.scenario.timing
         key = structure_of(flight), timing.step_s, timing.replan_period_s, timing.duration_s
         group = groups.setdefault(key, _Group())

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, UInt32
 from anser.numerics.arrays import as_array, namespace
 from anser.shapes import Count
 
-AIR, OWN_SENSORS, GOAL_SENSOR, BRIEFING, NETWORK, SATELLITES = range(6)
+AIR, OWN_SENSORS, GOAL_SENSOR, BRIEFING, NETWORK, SATELLITES, DISPERSIONS = range(7)
 """Parts of the closed loop that draw random numbers; a user's own are numbered from 100 on."""
 BEFORE_FIRST = -1
 """Sample number of what is drawn once, before the first sample."""
@@ -64,11 +64,8 @@ class Seeded(AbstractRandomness):
         """See `AbstractRandomness`: centres of 2^52 equal intervals."""
         if count > _LANES:
             raise ValueError(f"{count} random numbers at one sample; a part may draw {_LANES}")
-        lanes = np.arange(count, dtype=np.uint32) + np.uint32(part * _LANES)
         samples = jnp.broadcast_to(jnp.asarray(number, dtype=jnp.int32).astype(jnp.uint32), (count,))
-        high, low = threefry(self.key, lanes, samples)
-        dtype = jnp.result_type(float)
-        return (high.astype(dtype) * 2.0**20 + jnp.right_shift(low, np.uint32(12)).astype(dtype) + 0.5) * 2.0**-52
+        return uniforms_of(self.key, part, samples, np.arange(count))
 
 
 class Given(AbstractRandomness):
@@ -110,6 +107,15 @@ def seeded(seed: int, flight: int = 0) -> Seeded:
     """Source of the random numbers of one flight of a seed (both up to 2^32 - 1); compiles nothing."""
     key = np.array([0, seed], dtype=np.uint32)
     return Seeded(as_array(folded(key, np.asarray(flight)), np.uint32))
+
+
+def uniforms_of(key: Any, part: int, samples: Any, lanes: np.ndarray) -> Any:
+    """Numbers between 0 and 1, both excluded, of a part, of samples and of places: centres of 2^52 equal intervals."""
+    xp = namespace(key, samples)
+    first = lanes.astype(np.uint32) + np.uint32(part * _LANES)
+    high, low = threefry(key, first, xp.asarray(samples).astype(np.uint32))
+    dtype = xp.result_type(float)
+    return (high.astype(dtype) * 2.0**20 + xp.right_shift(low, np.uint32(12)).astype(dtype) + 0.5) * 2.0**-52
 
 
 def folded(key: Any, value: Any) -> UInt32[Array, "2"]:

@@ -4,6 +4,7 @@ from anser.results.arrival import closest_approach, least_distance
 from anser.results.dataset import to_dataset
 from anser.results.envelope_dataset import envelope_dataset
 from anser.results.envelope_reasons import OUTCOMES, REASONS, judge
+from anser.results.intervals import order_statistic_interval, quantile, wilson_interval
 from anser.results.linear_model import linear_dataset, linear_document, unit_of
 from anser.results.margin_dataset import CLOSED_LOOP, margin_dataset, margin_map_dataset, margin_table
 from anser.results.netcdf import read_netcdf, write_netcdf
@@ -24,7 +25,6 @@ from anser.results.robustness_statistics import (
     first_breaks,
     flights_of,
     success,
-    success_interval,
 )
 from anser.results.separated import nearest_other
 from anser.results.summary import CLEARANCE_MIN_M, read_summary, summarize, write_summary
@@ -63,15 +63,16 @@ __all__ = [
     "margin_table",
     "nearest_other",
     "notebook_table",
+    "order_statistic_interval",
     "plain_attributes",
     "plan_dataset",
     "plan_margins",
     "plan_summary",
+    "quantile",
     "read_netcdf",
     "read_summary",
     "robustness_dataset",
     "success",
-    "success_interval",
     "summarize",
     "summarize_network",
     "summary_html",
@@ -81,6 +82,7 @@ __all__ = [
     "unit_of",
     "version_attributes",
     "versions",
+    "wilson_interval",
     "write_json",
     "write_netcdf",
     "write_summary",

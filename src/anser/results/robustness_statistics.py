@@ -7,28 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-_QUANTILE = 1.959963984540054  # of the normal distribution: 95 % lie within this many standard deviations
+from anser.results.intervals import wilson_interval
+
 _CHANNELS = (("airspeed", "m_s"), ("path_angle", "deg"), ("course", "deg"))
 _NO_STEADY_FLIGHT = "no_steady_flight"
-
-
-def success_interval(reached: int, flown: int) -> tuple[float, float]:
-    """Interval that holds the probability of success with a confidence of 95 %.
-
-    Wilson's score interval, which is close to its confidence at rates near 0 and 1 also, unlike the usual normal one.
-    Source: E. B. Wilson, *J. American Statistical Association* 22(158), 1927.
-
-    Parameters
-    ----------
-    reached, flown
-        Successes, and trials; of no trials nothing is known: 0 to 1.
-    """
-    if flown == 0:
-        return 0.0, 1.0
-    z2, share = _QUANTILE**2 / flown, reached / flown
-    middle = (share + z2 / 2) / (1 + z2)
-    half = _QUANTILE / (1 + z2) * math.sqrt(share * (1 - share) / flown + z2 / (4 * flown))
-    return (0.0 if reached == 0 else middle - half), (1.0 if reached == flown else middle + half)
 
 
 @dataclass(frozen=True)
@@ -73,8 +55,8 @@ def success(dataset: xr.Dataset, inversion: str, chosen: np.ndarray) -> Success:
         flown=number,
         reached=reached,
         share=reached / number if number else math.nan,
-        low=success_interval(reached, number)[0],
-        high=success_interval(reached, number)[1],
+        low=wilson_interval(reached, number)[0],
+        high=wilson_interval(reached, number)[1],
         reasons=dict(named.most_common()),
     )
 

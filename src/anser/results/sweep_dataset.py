@@ -7,26 +7,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from anser.results.flight_columns import OF_FLEET, flight_columns
 from anser.results.flight_row import FlightRow
 from anser.results.provenance import version_attributes
 from anser.results.variable_labels import attributes_of
-
-_OF_AIRCRAFT = {
-    "planned_arrival_s": ("s", "Arrival as planned at last"),
-    "arrival_s": ("s", "Arrival"),
-    "miss_m": ("m", "Least distance to the rendezvous"),
-    "speed_mean_m_s": ("m s-1", "Mean airspeed up to the arrival"),
-    "speed_min_m_s": ("m s-1", "Least airspeed up to the arrival"),
-    "speed_max_m_s": ("m s-1", "Greatest airspeed up to the arrival"),
-    "clearance_min_m": ("m", "Least distance to the goal"),
-    "position_error_max_m": ("m", "Greatest distance from the planned position up to the arrival"),
-    "tables_left_s": ("s", "Time outside the tables of the airframe"),
-}
-_OF_FLEET = {
-    "arrival_spread_s": ("s", "Time between the first and the last arrival"),
-    "separation_min_m": ("m", "Least distance between two aircraft"),
-    "separation_ratio_min": ("1", "Least ratio of a distance to the separation asked for"),
-}
 
 
 def sweep_dataset(
@@ -57,40 +41,17 @@ def sweep_dataset(
     shape = tuple(len(values) for values in swept.values())
     dimensions = tuple(swept)
 
-    def of_flights(values: Sequence[Any], *more: int) -> np.ndarray:
-        return np.array(values).reshape(*shape, *more)
-
-    def of_aircraft(key: str, missing: Any) -> np.ndarray:
-        none = [missing] * len(aircraft)
-        columns = [[_or(one.get(key), missing) for one in row.aircraft] or none for row in rows]
-        return of_flights(columns, len(aircraft))
-
     data: dict[str, Any] = {
-        key: ((*dimensions, "aircraft"), of_aircraft(key, np.nan).astype(float), attributes_of(*labels))
-        for key, labels in _OF_AIRCRAFT.items()
+        key: ((*dimensions, *of_one), values.reshape(*shape, *values.shape[1:]), about)
+        for key, (of_one, values, about) in flight_columns(rows, len(aircraft)).items()
+        if key not in OF_FLEET or not np.isnan(values).all()
     }
-    words = attributes_of("", "What became of it")
-    data["status"] = ((*dimensions, "aircraft"), of_aircraft("status", "no flight").astype(np.str_), words)
-    for key, labels in _OF_FLEET.items():
-        found = of_flights([_or(row.fleet.get(key), np.nan) for row in rows]).astype(float)
-        if not np.isnan(found).all():
-            data[key] = (dimensions, found, attributes_of(*labels))
-    met = attributes_of("1", "Whether all arrived and every requirement is met")
-    data["met"] = (dimensions, of_flights([row.met for row in rows]), met)
-    unmet = [", ".join(one["name"] for one in row.requirements if not one["met"]) for row in rows]
-    data["unmet"] = (dimensions, of_flights(unmet).astype(np.str_), attributes_of("", "Requirements that are not met"))
-    reason = attributes_of("", "Why the flight could not begin; empty where it did")
-    data["reason"] = (dimensions, of_flights([row.reason for row in rows]).astype(np.str_), reason)
     coordinates: dict[str, Any] = {
         path: (path, _plain(values), attributes_of("", f"{path} of the scenario")) for path, values in swept.items()
     }
     coordinates["aircraft"] = ("aircraft", np.array(aircraft, dtype=np.str_), {"long_name": "Aircraft"})
     about = {**attributes, "swept": json.dumps(list(swept)), **version_attributes()}
     return xr.Dataset(data, coordinates, about)
-
-
-def _or(value: Any, missing: Any) -> Any:
-    return missing if value is None else value
 
 
 def _plain(values: Sequence[object]) -> np.ndarray:

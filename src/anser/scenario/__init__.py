@@ -11,6 +11,7 @@ from anser.scenario.cautions import cautions
 from anser.scenario.converting import convert
 from anser.scenario.errors import Problem, ScenarioError
 from anser.scenario.load import as_scenario, load, loads
+from anser.scenario.replacing import value_at
 from anser.scenario.schema import Scenario, scenario_hash, validate
 from anser.scenario.template import starter_scenario, write_starter
 
@@ -38,6 +39,7 @@ __all__ = [
     "scenario_hash",
     "starter_scenario",
     "validate",
+    "value_at",
     "write_starter",
 ]
 

@@ -6,6 +6,7 @@ import os
 import re
 import tomllib
 from pathlib import Path
+from typing import Any
 
 from anser.scenario.errors import Problem, ScenarioError, reason_of, refused, show
 from anser.scenario.schema import Scenario, validate
@@ -51,18 +52,18 @@ def as_scenario(given: Scenario | str | os.PathLike[str]) -> Scenario:
     raise TypeError(f"scenario: arrived {type(given).__name__}; expected a scenario, or the path of its file")
 
 
-def read_text(path: str | os.PathLike[str]) -> str:
-    """Text of a scenario file; raises ScenarioError if it cannot be read."""
+def read_text(path: str | os.PathLike[str], what: str = "scenario") -> str:
+    """Text of a file (a scenario, or what else it is); raises ScenarioError if it cannot be read."""
     source = os.fspath(path)
     try:
         content = Path(path).read_bytes()
     except FileNotFoundError:
-        raise refused(source, "no file of this name", f"the path of a scenario file{_near(Path(path))}") from None
+        raise refused(source, "no file of this name", f"the path of a {what} file{_near(Path(path))}") from None
     except IsADirectoryError:
-        raise refused(source, "a folder", "the path of a scenario file") from None
+        raise refused(source, "a folder", f"the path of a {what} file") from None
     except (OSError, ValueError) as error:
         arrived = f"a path that cannot be read ({reason_of(error)})"
-        raise refused(source, arrived, "a scenario file that can be read") from None
+        raise refused(source, arrived, f"a {what} file that can be read") from None
     try:
         return content.decode("utf-8-sig")  # editors under Windows put a mark in front
     except UnicodeDecodeError as error:
@@ -86,15 +87,19 @@ def loads(text: str, source: str = "<string>") -> Scenario:
     ScenarioError
         If it is no TOML or no valid scenario.
     """
+    return validate(parsed(text, source), source)
+
+
+def parsed(text: str, source: str) -> dict[str, Any]:
+    """Values of a text in TOML; raises ScenarioError, with the line, if it is none."""
     try:
-        values = tomllib.loads(text)
+        return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(source, [_syntax_problem(text, str(error))]) from None
     except (ValueError, RecursionError) as error:
         # whole numbers too long for Python, lists within lists beyond its depth
         reason = "too deeply nested" if isinstance(error, RecursionError) else str(error)
         raise refused(source, f"text that cannot be read ({reason})", "TOML") from None
-    return validate(values, source)
 
 
 def _near(path: Path) -> str:

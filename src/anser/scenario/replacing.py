@@ -46,6 +46,22 @@ def with_changes(scenario: Table, changes: tuple[tuple[object, object], ...]) ->
     return values
 
 
+def value_at(scenario: Table, path: str) -> Any:
+    """What stands at a place of a scenario, defaults included; raises ScenarioError where there is none."""
+    if not _PATH.fullmatch(path):
+        raise refused("", f"{show(path)} as a path", _READABLE)
+    place: Any = scenario.model_dump(mode="json")
+    path_so_far = ""
+    for key, item in _STEP.findall(path):
+        step = key or _ItemKey(item)
+        where = _where(place, step, path_so_far)
+        path_so_far = _further(path_so_far, step)
+        if isinstance(where, str) and where not in place:
+            raise refused("", f"the unknown key {show(where)}", f"one of the keys {', '.join(place)}", path_so_far)
+        place = place[where]
+    return place
+
+
 def as_written(value: object) -> object:
     """Write a value as a file would hold it: tables as dictionaries, numbers of array libraries as plain ones."""
     if isinstance(value, Table):
@@ -64,9 +80,7 @@ def _put(values: dict[str, Any], path: str, value: object) -> None:
     path_so_far = ""
     for step, after in zip(steps, [*steps[1:], None], strict=True):
         where = _where(place, step, path_so_far)
-        path_so_far = (
-            f"{path_so_far}[{step}]" if isinstance(step, _ItemKey) else f"{path_so_far}.{step}".removeprefix(".")
-        )
+        path_so_far = _further(path_so_far, step)
         if after is None:
             place[where] = value
             return
@@ -77,6 +91,11 @@ def _put(values: dict[str, Any], path: str, value: object) -> None:
                 )
             place[where] = {}  # a table that was left out
         place = place[where]
+
+
+def _further(path_so_far: str, step: str) -> str:
+    """A path and one step more."""
+    return f"{path_so_far}[{step}]" if isinstance(step, _ItemKey) else f"{path_so_far}.{step}".removeprefix(".")
 
 
 def _where(place: object, step: str, path_so_far: str) -> str | int:

@@ -1,0 +1,22 @@
+from .again import departures
+from .answers import Answer, Answers, answers
+from .campaign import Campaign, campaign
+from .flying import flight_of, fly_campaign, prepare
+from .store import CampaignStore, StoreError
+from .study import Study, load_study
+
+__all__ = [
+    "Answer",
+    "Answers",
+    "Campaign",
+    "CampaignStore",
+    "StoreError",
+    "Study",
+    "answers",
+    "campaign",
+    "departures",
+    "flight_of",
+    "fly_campaign",
+    "load_study",
+    "prepare",
+]

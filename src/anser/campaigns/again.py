@@ -1,0 +1,45 @@
+"""A flight of a campaign flown again, and whether it is the same."""
+
+from typing import Any
+
+import numpy as np
+
+from anser.campaigns.store import CampaignStore
+from anser.results.flight_columns import flight_columns
+from anser.results.flight_row import FlightRow
+
+SAME = 1e-9
+"""Of a quantity's scale: what rounding changes between a flight alone and one in a batch."""
+_SCALES = {"s": 100.0, "m": 1e4, "m s-1": 150.0, "1": 1.0}
+
+
+def departures(store: CampaignStore, number: int, summary: dict[str, Any], *, met: bool) -> dict[str, float | str]:
+    """What differs between a flight flown again and its row.
+
+    Parameters
+    ----------
+    store
+        Of the campaign.
+    number
+        Of the flight, complete in the store.
+    summary, met
+        Of the flight flown again.
+
+    Returns
+    -------
+    By quantity the greatest difference over its scale, where that is more than `SAME`; of texts what the row says.
+    """
+    data = store.dataset().sel(flight=number)
+    fleet = {key: value for key, value in summary["fleet"].items() if value is not None}
+    row = FlightRow(summary["aircraft"], fleet, summary["requirements"], met)
+    found: dict[str, float | str] = {}
+    for name, (_, values, labels) in flight_columns([row], len(store.scenario.aircraft)).items():
+        kept, flown = data[name].values, values[0]
+        if values.dtype.kind != "f":
+            if not np.array_equal(kept, flown):
+                found[name] = str(kept)
+            continue
+        off = np.where(np.isnan(kept) & np.isnan(flown), 0.0, np.abs(kept - flown)) / _SCALES[labels["units"]]
+        if not np.all(off <= SAME):
+            found[name] = float(np.max(off))
+    return found

@@ -1,0 +1,156 @@
+"""What a campaign answers: how surely, how far at most, and what fails; with intervals."""
+
+from collections import Counter
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from anser.results import finite_or_none, order_statistic_interval, quantile, wilson_interval
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from anser.campaigns.study import Answering
+
+_UPPER = {
+    "miss_m": ("greatest miss", "m"),
+    "arrival_spread_s": ("arrival spread", "s"),
+    "arrival_s": ("last arrival", "s"),
+}
+"""What is the better the less; of aircraft the greatest counts."""
+_LOWER = {
+    "separation_min_m": ("least separation", "m"),
+    "separation_ratio_min": ("least part of the separation asked for", "1"),
+    "clearance_min_m": ("least distance to a goal", "m"),
+}
+"""What is the better the more; of aircraft the least counts."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A quantile of one quantity over all flights, with an interval.
+
+    Attributes
+    ----------
+    name, words, unit
+        Of the quantity.
+    share
+        Part of the flights that stay within the value: below it, or above it where `upper` is False.
+    upper
+        Whether it is bounded from above.
+    value, low, high
+        Quantile, and the ends of its order-statistic interval; None where so many flights failed, or so few were
+        flown, that it is not known.
+    """
+
+    name: str
+    words: str
+    unit: str
+    share: float
+    upper: bool
+    value: float | None
+    low: float | None
+    high: float | None
+
+
+@dataclass(frozen=True)
+class Answers:
+    """What the flights of a campaign answer so far.
+
+    Attributes
+    ----------
+    flights, flown, met
+        How many there are to be, were flown, and met every requirement; one that could not begin counts as flown.
+    confidence
+        Of all intervals.
+    probability, low, high
+        Of meeting every requirement, and its Wilson interval.
+    causes
+        What failed in how many flights, the most frequent first.
+    quantiles
+        Of each quantity.
+    worst
+        Numbers of the flights that failed, and then of those with the greatest miss; ten at most.
+    """
+
+    flights: int
+    flown: int
+    met: int
+    confidence: float
+    probability: float | None
+    low: float
+    high: float
+    causes: dict[str, int]
+    quantiles: tuple[Answer, ...]
+    worst: tuple[int, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self)
+
+
+_WORST = 10
+
+
+def answers(data: "xr.Dataset", flights: int, asked: "Answering") -> Answers:
+    """Sum a campaign up. A flight that failed counts as a failure in every answer, never as missing.
+
+    Parameters
+    ----------
+    data
+        Flights flown, from `CampaignStore.dataset`.
+    flights
+        How many there are to be.
+    asked
+        Confidence and quantiles, of the study.
+    """
+    flown, met = data.sizes["flight"], int(data["met"].sum())
+    low, high = wilson_interval(met, flown, asked.confidence)
+    found = []
+    for upper, quantities in ((True, _UPPER), (False, _LOWER)):
+        for name, (words, unit) in quantities.items():
+            values = _of_fleet(data[name], upper)
+            if flown and np.isfinite(values).any():
+                found += [
+                    _answer(name, words, unit, values, share, upper, asked.confidence) for share in asked.quantiles
+                ]
+    share = met / flown if flown else None
+    worst = _worst(data)
+    return Answers(flights, flown, met, asked.confidence, share, low, high, _causes(data), tuple(found), worst)
+
+
+def _of_fleet(data: "xr.DataArray", upper: bool) -> np.ndarray:
+    """The worse of a fleet's aircraft; infinitely bad where one has none."""
+    bad = np.inf if upper else -np.inf
+    values = np.where(np.isnan(data.values), bad, data.values)
+    if values.ndim == 1:
+        return values
+    return np.max(values, axis=1) if upper else np.min(values, axis=1)
+
+
+def _answer(
+    name: str, words: str, unit: str, values: np.ndarray, share: float, upper: bool, confidence: float
+) -> Answer:
+    sign = 1.0 if upper else -1.0
+    low, high = order_statistic_interval(sign * values, share, confidence)
+    value = sign * quantile(sign * values, share)
+    ends = (low, high) if upper else (-high, -low)
+    return Answer(name, words, unit, share, upper, *map(finite_or_none, (value, *ends)))
+
+
+def _causes(data: "xr.Dataset") -> dict[str, int]:
+    """What a flight failed of: that it could not begin, else statuses of aircraft and requirements."""
+    counted: Counter[str] = Counter()
+    for k in np.flatnonzero(~data["met"].values):
+        reason = str(data["reason"].values[k])
+        statuses = {str(one) for one in data["status"].values[k]} - {"arrived"}
+        unmet = [f"not met: {one}" for one in str(data["unmet"].values[k]).split(", ") if one]
+        counted.update([f"could not begin: {reason}"] if reason else [*sorted(statuses), *unmet])
+    return dict(counted.most_common())
+
+
+def _worst(data: "xr.Dataset") -> tuple[int, ...]:
+    misses = _of_fleet(data["miss_m"], upper=True)
+    order = np.lexsort((-misses, data["met"].values))
+    return tuple(int(data["flight"].values[k]) for k in order[:_WORST])

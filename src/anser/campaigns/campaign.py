@@ -1,0 +1,109 @@
+"""A campaign for people: fly a study, or what is missing of it, and read its answers."""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from anser.campaigns.answers import Answers, answers
+from anser.campaigns.flying import flight_of, fly_campaign, prepare, usual_processes
+from anser.campaigns.store import CampaignStore, StoreError
+from anser.campaigns.study import load_study
+from anser.execution.batches import Progress
+from anser.scenario import Scenario
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """A campaign in its folder, whole or as far as it was flown.
+
+    Attributes
+    ----------
+    store
+        Its store.
+    """
+
+    store: CampaignStore
+
+    @property
+    def folder(self) -> Path:
+        """Its folder."""
+        return self.store.folder
+
+    @property
+    def dataset(self) -> "xr.Dataset":
+        """Values applied and what came of each flight; dimensions flight and aircraft."""
+        return self.store.dataset()
+
+    def answers(self) -> Answers:
+        """Probabilities and quantiles, with intervals."""
+        return answers(self.dataset, self.store.flights, self.store.study.answers)
+
+    def flight(self, number: int) -> Scenario:
+        """Scenario of one flight, for `anser.run`; ValueError where there is none, ScenarioError where it is none."""
+        return flight_of(self.store, number)
+
+
+def campaign(
+    study: str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    *,
+    resume: bool = False,
+    processes: int | None = None,
+    progress: Progress | None = None,
+) -> Campaign:
+    """Fly a study: a scenario many times, with numbers of it dispersed.
+
+    Each flight is a scenario of its own, with its own seed and the values applied, validated as any other: what comes
+    of one that is refused, or fails, is a row with the reason. In a script of several processes, call this below
+    ``if __name__ == "__main__":``.
+
+    Parameters
+    ----------
+    study
+        A study file (TOML).
+    out
+        Folder for the store; new, unless `resume`.
+    resume
+        Whether to fly what is missing of the campaign in that folder.
+    processes
+        How many fly at a time; None: one for each core.
+    progress
+        Called with what is being done and the part of the flights that is behind, 0..1.
+
+    Raises
+    ------
+    ScenarioError
+        The study or its scenario is not valid, or no flight of it makes a valid scenario.
+    StoreError
+        There is no campaign to go on with, or one of another study or version; or no space for one.
+    FileExistsError
+        The folder exists and `resume` is not asked for.
+    """
+    store = store_of(study, Path(out), resume=resume)
+    fly_campaign(store, usual_processes() if processes is None else processes, progress)
+    return Campaign(store)
+
+
+def store_of(study: str | os.PathLike[str], folder: Path, *, resume: bool) -> CampaignStore:
+    """The store to fly into: a new one, or one to go on with; raises as `campaign` does."""
+    wanted, scenario, given = load_study(study)
+    if resume:
+        store = CampaignStore.open(folder)
+        store.refuse_unless_same(wanted, scenario)
+        return store
+    if folder.exists():
+        raise FileExistsError(f"{folder} exists and is not overwritten: choose another folder, or resume")
+    folder.mkdir(parents=True)
+    try:
+        return prepare(folder, wanted, scenario, given)
+    except BaseException:
+        if not any(folder.iterdir()):
+            folder.rmdir()
+        raise
+
+
+__all__ = ["Campaign", "StoreError", "campaign", "store_of"]

@@ -1,0 +1,156 @@
+"""Distributions of what a campaign disperses: from a number between 0 and 1 to a value."""
+
+from collections.abc import Callable
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+from scipy import stats
+
+from anser.scenario.errors import Problem, plain, show
+from anser.scenario.schema_base import Table, choice, expects, misordered, number
+
+_LARGEST = 1e9
+_FARTHEST_SIGMA = 8.0
+_PATH = 'a path of the scenario in quotes, such as "wind.speed_m_s" or "aircraft[0].start.speed_m_s"'
+_KEYS = {
+    "normal": ("mean", "sigma"),
+    "truncated": ("mean", "sigma", "low", "high"),
+    "uniform": ("low", "high"),
+    "log-normal": ("median", "sigma"),
+    "triangular": ("low", "mode", "high"),
+    "choice": ("values",),
+}
+"""By distribution, the keys that it needs; weights may be left out."""
+
+Kind = Literal["normal", "truncated", "uniform", "log-normal", "triangular", "choice"]
+Value = float | int | str | bool
+
+
+def _bound(about: str) -> float | None:
+    return number(about, -_LARGEST, _LARGEST, "", None)
+
+
+class Vary(Table):
+    """One number of the scenario that is dispersed."""
+
+    path: str = Field(min_length=1, description="where in the scenario", json_schema_extra=expects(_PATH))
+    distribution: Kind = choice("of its values", tuple(_KEYS))
+    how: Literal["set", "add", "multiply"] = choice(
+        "whether a value takes the place of the scenario's, is added to it or multiplies it",
+        ("set", "add", "multiply"),
+        "set",
+    )
+    mean: float | None = _bound("mean; of a truncated one before it is truncated")
+    median: float | None = number("median", 0, _LARGEST, "", None, above=True)
+    sigma: float | None = number(
+        "standard deviation: of a log-normal one that of the natural logarithm, of a truncated one before it is "
+        "truncated",
+        0,
+        _LARGEST,
+        "",
+        None,
+        above=True,
+    )
+    low: float | None = _bound("least value")
+    mode: float | None = _bound("most frequent value")
+    high: float | None = _bound("greatest value")
+    values: tuple[Value, ...] | None = Field(
+        None,
+        min_length=1,
+        strict=False,
+        description="what there is to choose from",
+        json_schema_extra=expects("a list of numbers, of texts or of true and false, one at least"),
+    )
+    weights: tuple[Annotated[float, Field(gt=0.0)], ...] | None = Field(
+        None,
+        strict=False,
+        description="how often each is chosen, in proportion; left out: all alike",
+        json_schema_extra=expects("a list of numbers above 0, as many as there are values"),
+    )
+
+    def own_problems(self) -> list[Problem]:
+        """Find keys that the distribution lacks or does not have, and values that do not go together."""
+        needed = _KEYS[self.distribution]
+        known = {*needed, "weights"} if self.distribution == "choice" else {*needed}
+        others = {key for keys in _KEYS.values() for key in keys} | {"weights"}
+        found = [
+            Problem(key, "nothing", f"a value: the distribution {self.distribution} has {', '.join(needed)}")
+            for key in needed
+            if getattr(self, key) is None
+        ]
+        found += [
+            Problem(key, show(getattr(self, key)), f"no such key: {self.distribution} has {', '.join(needed)}")
+            for key in sorted(others - known)
+            if getattr(self, key) is not None
+        ]
+        if found:
+            return found
+        if self.distribution == "choice":
+            return self._choice_problems()
+        if self.low is not None:
+            found = misordered(self, "low", "high", "")
+        if not found and self.mode is not None and not self.low <= self.mode <= self.high:  # pyright: ignore
+            found = [Problem("mode", plain(self.mode), f"from low to high: {self.low:g} to {self.high:g}")]
+        if not found and self.distribution == "truncated":
+            low, high = self._scaled_bounds()
+            if max(low, -high) > _FARTHEST_SIGMA:
+                words = f"{self.low:g} to {self.high:g}, all beyond {_FARTHEST_SIGMA:g} sigma"
+                found = [Problem("low", words, "bounds with a part of the distribution between them")]
+        return found
+
+    def _choice_problems(self) -> list[Problem]:
+        values, kinds = self.values or (), {_kind(one) for one in self.values or ()}
+        found = []
+        if len(kinds) > 1:
+            found.append(Problem("values", " and ".join(sorted(kinds)), "values of one kind"))
+        elif len(set(values)) < len(values):
+            found.append(Problem("values", "a value twice", "each once; weights say how often it is chosen"))
+        elif self.how != "set" and kinds != {"numbers"}:
+            found.append(Problem("how", f'"{self.how}" for {kinds.pop()}', '"set"'))
+        if self.weights is not None and len(self.weights) != len(values):
+            found.append(Problem("weights", f"a list of {len(self.weights)}", f"{len(values)}, one for each value"))
+        return found
+
+    def at(self, shares: np.ndarray) -> np.ndarray:
+        """Values that these shares (0..1, both excluded) of all values stay below; of a choice in their order."""
+        return _INVERSE[self.distribution](self, shares)
+
+    @property
+    def is_number(self) -> bool:
+        """Whether its values are numbers."""
+        return self.values is None or _kind(self.values[0]) == "numbers"
+
+    def _scaled_bounds(self) -> tuple[float, float]:
+        """Bounds of a truncated one, in sigma from the mean."""
+        low, high, mean, sigma = (getattr(self, key) for key in ("low", "high", "mean", "sigma"))
+        return (low - mean) / sigma, (high - mean) / sigma
+
+    def _truncated(self, shares: np.ndarray) -> np.ndarray:
+        return np.clip(stats.truncnorm.ppf(shares, *self._scaled_bounds(), self.mean, self.sigma), self.low, self.high)
+
+    def _triangular(self, shares: np.ndarray) -> np.ndarray:
+        low, mode, high = (getattr(self, key) for key in ("low", "mode", "high"))
+        return stats.triang.ppf(shares, (mode - low) / (high - low), low, high - low)
+
+    def _chosen(self, shares: np.ndarray) -> np.ndarray:
+        values = self.values or ()
+        ends = np.cumsum(np.ones(len(values)) if self.weights is None else self.weights)
+        which = np.searchsorted(ends / ends[-1], shares, side="right")
+        return np.array(values)[np.minimum(which, len(values) - 1)]
+
+
+_INVERSE: dict[str, Callable[[Vary, np.ndarray], np.ndarray]] = {
+    "normal": lambda vary, shares: stats.norm.ppf(shares, vary.mean, vary.sigma),
+    "truncated": Vary._truncated,
+    "uniform": lambda vary, shares: stats.uniform.ppf(shares, vary.low, vary.high - vary.low),  # pyright: ignore
+    "log-normal": lambda vary, shares: stats.lognorm.ppf(shares, vary.sigma, scale=vary.median),
+    "triangular": Vary._triangular,
+    "choice": Vary._chosen,
+}
+
+
+def _kind(value: Value) -> str:
+    if isinstance(value, bool):
+        return "truth values"
+    return "texts" if isinstance(value, str) else "numbers"

@@ -1,0 +1,195 @@
+"""Flying a campaign: chunk by chunk, in one process or several, and going on with one."""
+
+import concurrent.futures
+import contextlib
+import multiprocessing
+import os
+import signal
+from collections.abc import Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from anser.campaigns.sampling import flight_seeds, sampled
+from anser.campaigns.store import CampaignStore, StoreError
+from anser.campaigns.study import Study
+from anser.compiling import enable_compilation_cache
+from anser.execution.batches import BATCH, Progress, silent
+from anser.execution.many_flights import FlightCase, flown_one_by_one, fly_many
+from anser.results.flight_row import FlightRow
+from anser.scenario import Problem, Scenario, ScenarioError, value_at
+from anser.scenario.errors import show
+
+_ALONE = 4
+"""Flights of a chunk where each is flown by itself."""
+_TRIED = 64
+"""Scenarios that are validated before any flies; where all of them are refused, so is the study."""
+
+
+def applied_values(study: Study, scenario: Scenario, given: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """What is put into the scenario of each flight, by path: the sampled values, added or multiplied where asked.
+
+    Raises
+    ------
+    ScenarioError
+        A path leads nowhere, or to no number where one is to be added or multiplied.
+    """
+    how, found = {one.path: one.how for one in study.vary}, {}
+    for path, values in sampled(study, given).items():
+        base = value_at(scenario, path)
+        if how.get(path, "set") == "set":
+            found[path] = values
+            continue
+        if isinstance(base, bool) or not isinstance(base, int | float):
+            raise ScenarioError(study.name, [_no_number(path, base, how[path])])
+        found[path] = base + values if how[path] == "add" else base * values
+    return found
+
+
+def prepare(folder: Path, study: Study, scenario: Scenario, given: dict[str, np.ndarray]) -> CampaignStore:
+    """Make the store of a campaign in a folder that exists, without flying; raises what `fly_campaign` raises."""
+    applied = applied_values(study, scenario, given)
+    count = next(iter(applied.values())).size if applied else study.sampling.flights or 0
+    _try(study, scenario, applied, count)
+    chunk = min(_ALONE if flown_one_by_one(scenario) else BATCH, count)
+    return CampaignStore.create(folder, study, scenario, applied, flight_seeds(study, count), chunk)
+
+
+def fly_campaign(store: CampaignStore, processes: int = 1, progress: Progress | None = None) -> None:
+    """Fly what is missing of a campaign.
+
+    Parameters
+    ----------
+    store
+        Of the campaign.
+    processes
+        How many fly at a time.
+    progress
+        Called with what is being done and the part of the flights that is behind, 0..1.
+    """
+    tell, total = progress or silent, store.flights
+    missing = [int(chunk) for chunk in np.flatnonzero(~store.done)]
+    behind = store.flown.size
+
+    def say() -> None:
+        tell(f"{behind} of {total} flights", behind / total)
+
+    say()
+    with _workers(min(processes, len(missing))) as workers:
+        for count in _each(workers, store.folder, missing):
+            behind += count
+            say()
+
+
+def flight_of(store: CampaignStore, number: int) -> Scenario:
+    """The scenario of one flight: a file like any other.
+
+    Raises
+    ------
+    ValueError
+        There is no such flight.
+    ScenarioError
+        What was sampled made no valid scenario.
+    """
+    if not 0 <= number < store.flights:
+        raise ValueError(f"flight: arrived {number}; expected one from 0 to {store.flights - 1}")
+    seeds, applied = store.applied(slice(number, number + 1))
+    return _scenario(store.scenario, int(seeds[0]), {path: values[0] for path, values in applied.items()})
+
+
+def fly_chunk(folder: Path, chunk: int) -> int:
+    """Fly one chunk of a campaign and write it; how many flights it had."""
+    store = CampaignStore.open(folder)
+    seeds, applied = store.applied(store.rows_of(chunk))
+    rows: list[FlightRow | None] = [None] * seeds.size
+    cases: dict[int, FlightCase] = {}
+    for k, seed in enumerate(seeds.tolist()):
+        if not applied:
+            cases[k] = FlightCase(store.scenario, seed=seed)
+            continue
+        try:
+            cases[k] = FlightCase(_scenario(store.scenario, seed, {path: one[k] for path, one in applied.items()}))
+        except ScenarioError as error:
+            rows[k] = FlightRow.failed("; ".join(map(str, error.problems)))
+    for k, row in zip(cases, fly_many(list(cases.values()), batch=store.chunk), strict=True):
+        rows[k] = row
+    store.write(chunk, [row for row in rows if row is not None])
+    return len(rows)
+
+
+def _scenario(base: Scenario, seed: int, applied: dict[str, Any]) -> Scenario:
+    changes: list[object] = ["seed", seed]
+    for path, value in applied.items():
+        value = value.item()
+        held = value_at(base, path)
+        whole = isinstance(held, int) and not isinstance(held, bool) and isinstance(value, float) and value.is_integer()
+        changes += [path, int(value) if whole else value]
+    return base.replace(*changes)  # pyright: ignore[reportArgumentType]
+
+
+def _try(study: Study, scenario: Scenario, applied: dict[str, np.ndarray], count: int) -> None:
+    first: ScenarioError | None = None
+    for k in range(min(count, _TRIED)):
+        try:
+            _scenario(scenario, 0, {path: values[k] for path, values in applied.items()})
+        except ScenarioError as error:
+            first = first or error
+        else:
+            return
+    if first is not None:
+        raise ScenarioError(f"{study.name}, every flight", first.problems)
+
+
+def _no_number(path: str, base: object, how: str) -> Problem:
+    return Problem(path, f'{show(base)} in the scenario, with how = "{how}"', 'a number there, or how = "set"')
+
+
+@contextlib.contextmanager
+def _workers(processes: int) -> Iterator[Executor | None]:
+    """Processes of their own, or None: this one."""
+    if processes <= 1:
+        enable_compilation_cache()
+        yield None
+        return
+    others, context = set(multiprocessing.active_children()), multiprocessing.get_context("spawn")
+    workers = ProcessPoolExecutor(processes, mp_context=context, initializer=_begin_worker)
+    try:
+        yield workers
+    except BaseException:
+        # what they are at is not marked, so that nothing is lost but its time
+        workers.shutdown(wait=False, cancel_futures=True)
+        for child in set(multiprocessing.active_children()) - others:
+            child.terminate()
+        raise
+    workers.shutdown()
+
+
+def _begin_worker() -> None:
+    """A process that flies: Ctrl-C is for the one that gave it the work."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    enable_compilation_cache()
+
+
+def _each(workers: Executor | None, folder: Path, chunks: list[int]) -> Iterator[int]:
+    """How many flights each chunk had, as it becomes complete."""
+    if workers is None:
+        for chunk in chunks:
+            yield fly_chunk(folder, chunk)
+        return
+    waiting: set[Future[int]] = {workers.submit(fly_chunk, folder, chunk) for chunk in chunks}
+    try:
+        for ended in concurrent.futures.as_completed(waiting):
+            yield ended.result()
+    except BrokenProcessPool:
+        words = "a process that flew and was killed, perhaps for want of memory"
+        raise StoreError(
+            f"{folder}: arrived {words}; expected all to end by themselves; resume flies the rest"
+        ) from None
+
+
+def usual_processes() -> int:
+    """As many as there are cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,0 +1,77 @@
+"""From a study to the values of every flight."""
+
+import itertools
+from collections.abc import Mapping
+
+import numpy as np
+from scipy import stats
+from scipy.stats import qmc
+
+from anser.campaigns.study import Study
+from anser.numerics.randomness import DISPERSIONS, seeded, uniforms_of
+
+_LEAST = 2.0**-53
+
+
+def sampled(study: Study, given: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Values of the distributions by path, one for each flight; nothing has been added or multiplied yet.
+
+    Plain Monte Carlo gives flight k the same values however many there are. A Latin hypercube does not.
+
+    Parameters
+    ----------
+    study
+        Validated.
+    given
+        Columns of its table, by path.
+    """
+    if study.sampling.method == "table":
+        return dict(given)
+    if study.sampling.method == "grid":
+        return _grid(study)
+    shares = _together(study, _shares(study))
+    return {vary.path: vary.at(shares[:, k]) for k, vary in enumerate(study.vary)}
+
+
+def flight_count(study: Study, given: Mapping[str, np.ndarray]) -> int:
+    """How many flights a study has."""
+    if study.sampling.flights is not None:
+        return study.sampling.flights
+    return next(iter(sampled(study, given).values())).size
+
+
+def flight_seeds(study: Study, count: int) -> np.ndarray:
+    """Seeds of the flights, each as in a scenario: one after the other from a place that the study's seed scatters."""
+    first = np.random.SeedSequence(study.seed).generate_state(1, np.uint32)[0]
+    return (np.uint64(first) + np.arange(count, dtype=np.uint64)) % np.uint64(2**32)
+
+
+def _shares(study: Study) -> np.ndarray:
+    """Numbers between 0 and 1, shape (flights, varied)."""
+    flights, count = study.sampling.flights or 0, len(study.vary)
+    if study.sampling.method == "monte-carlo":
+        lanes = np.tile(np.arange(count), flights)
+        numbers = np.repeat(np.arange(flights), count)
+        key = np.asarray(seeded(study.seed).key)
+        return uniforms_of(key, DISPERSIONS, numbers, lanes).reshape(flights, count)
+    kind = {"latin-hypercube": qmc.LatinHypercube, "sobol": qmc.Sobol}[study.sampling.method]
+    return np.clip(kind(count, rng=np.random.default_rng(study.seed)).random(flights), _LEAST, 1.0 - _LEAST)
+
+
+def _together(study: Study, shares: np.ndarray) -> np.ndarray:
+    """Correlate the groups: by the normal numbers behind the shares."""
+    shares, paths = shares.copy(), [vary.path for vary in study.vary]
+    for group in study.correlated:
+        columns = [paths.index(path) for path in group.paths]
+        normals = stats.norm.ppf(shares[:, columns]) @ np.linalg.cholesky(np.array(group.coefficients)).T
+        shares[:, columns] = np.clip(stats.norm.cdf(normals), _LEAST, 1.0 - _LEAST)
+    return shares
+
+
+def _grid(study: Study) -> dict[str, np.ndarray]:
+    """Every combination, the last path's values fastest: all values of a choice, the middles of equal parts else."""
+    levels = study.sampling.levels or 1
+    middles = (np.arange(levels) + 0.5) / levels
+    axes = [np.array(vary.values) if vary.values is not None else vary.at(middles) for vary in study.vary]
+    columns = zip(*itertools.product(*axes), strict=True)
+    return {vary.path: np.array(column) for vary, column in zip(study.vary, columns, strict=True)}

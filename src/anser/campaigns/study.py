@@ -1,0 +1,249 @@
+"""The study file: which scenario is flown how often, what of it varies, and what is asked of the answers."""
+
+import csv
+import hashlib
+import json
+import os
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field, ValidationError
+
+from anser.campaigns.distributions import Vary
+from anser.scenario import Problem, Scenario, ScenarioError, load
+from anser.scenario.errors import plain, show
+from anser.scenario.load import parsed, read_text
+from anser.scenario.schema import SEED_MAX
+from anser.scenario.schema_base import (
+    SLUG_EXPECTED,
+    SLUG_PATTERN,
+    Table,
+    choice,
+    expects,
+    number,
+    table,
+    tables,
+)
+from anser.scenario.schema_problems import problems_from
+
+METHODS = ("monte-carlo", "latin-hypercube", "sobol", "grid", "table")
+FLIGHTS_MAX = 10_000_000
+_LEAST_EIGENVALUE = 1e-9
+
+
+class Sampling(Table):
+    """How often, and how what varies is sampled."""
+
+    method: Literal["monte-carlo", "latin-hypercube", "sobol", "grid", "table"] = choice(
+        "of sampling", METHODS, "monte-carlo"
+    )
+    flights: int | None = Field(
+        None,
+        ge=1,
+        le=FLIGHTS_MAX,
+        description="how many; left out with a grid or a table, which say it themselves",
+        json_schema_extra=expects(f"a whole number from 1 to {FLIGHTS_MAX}"),
+    )
+    levels: int | None = Field(
+        None,
+        ge=1,
+        le=1000,
+        description="values of each number on a grid: the middles of so many parts of equal probability",
+        json_schema_extra=expects("a whole number from 1 to 1000"),
+    )
+    file: str | None = Field(
+        None,
+        description="table of the values (CSV, one column for each path), seen from the study file",
+        json_schema_extra=expects("the path of a CSV file in quotes"),
+    )
+
+    def own_problems(self) -> list[Problem]:
+        """Find keys that the method lacks or does not know."""
+        needed = {"grid": "levels", "table": "file"}.get(self.method, "flights")
+        keys = {"flights": self.flights, "levels": self.levels, "file": self.file}
+        found = [
+            Problem(key, show(value), f"no such key with the method {self.method}, which has {needed}")
+            for key, value in keys.items()
+            if value is not None and key != needed
+        ]
+        if keys[needed] is None:
+            found.append(Problem(needed, "nothing", f"a value: the method {self.method} needs it"))
+        if self.method == "sobol" and self.flights is not None and self.flights & (self.flights - 1):
+            near = 2 ** round(np.log2(self.flights))
+            found.append(Problem("flights", str(self.flights), f"a power of 2 for a Sobol sequence, such as {near}"))
+        return found
+
+
+class Correlated(Table):
+    """Numbers that do not vary independently: a Gaussian copula."""
+
+    paths: tuple[str, ...] = Field(
+        min_length=2,
+        strict=False,
+        description="of tables [[vary]]",
+        json_schema_extra=expects("a list of two paths or more"),
+    )
+    coefficients: tuple[Annotated[tuple[float, ...], Field(strict=False)], ...] = Field(
+        strict=False,
+        description="correlation matrix of the normal numbers behind them",
+        json_schema_extra=expects("a symmetric matrix with ones on its diagonal, a list of rows"),
+    )
+
+    def own_problems(self) -> list[Problem]:
+        """Find what is no correlation matrix."""
+        count, rows = len(self.paths), self.coefficients
+        words = f"a symmetric, positive definite matrix of {count} rows with ones on its diagonal"
+        if len(rows) != count or any(len(row) != count for row in rows):
+            return [Problem("coefficients", f"{len(rows)} rows", words)]
+        matrix = np.array(rows)
+        if not np.array_equal(matrix, matrix.T) or not np.array_equal(np.diag(matrix), np.ones(count)):
+            return [Problem("coefficients", "another matrix", words)]
+        least = float(np.linalg.eigvalsh(matrix)[0])
+        if least < _LEAST_EIGENVALUE:
+            return [Problem("coefficients", f"a matrix with the eigenvalue {plain(least)}", words)]
+        return []
+
+
+class Answering(Table):
+    """What is asked of the answers."""
+
+    confidence: float = number("of the intervals", 0.5, 0.999999, "", 0.95)
+    quantiles: tuple[float, ...] = Field(
+        default=(0.5, 0.95, 0.99),
+        strict=False,
+        description="shares of the flights for which bounds are told",
+        json_schema_extra=expects("a list of numbers between 0 and 1"),
+    )
+
+    def own_problems(self) -> list[Problem]:
+        """Find shares that are none."""
+        return [
+            Problem(f"quantiles[{k}]", plain(share), "a number between 0 and 1, both excluded")
+            for k, share in enumerate(self.quantiles)
+            if not 0.0 < share < 1.0
+        ]
+
+
+class Study(Table):
+    """A study file; read one with :func:`anser.campaigns.load_study`, whose messages are plain."""
+
+    format: Literal[1] = Field(description="version of the file format", json_schema_extra=expects("1"))
+    name: str = Field(
+        pattern=SLUG_PATTERN,
+        max_length=64,
+        description="name of the study, also of its output",
+        json_schema_extra=expects(SLUG_EXPECTED),
+    )
+    description: str = Field("", description="what it is for", json_schema_extra=expects("a text in quotes"))
+    scenario: str = Field(
+        min_length=1,
+        description="scenario file, seen from the study file",
+        json_schema_extra=expects("the path of a scenario file in quotes"),
+    )
+    seed: int = Field(
+        0,
+        ge=0,
+        le=SEED_MAX,
+        description="of all that is random: of the sampling and of each flight",
+        json_schema_extra=expects(f"a whole number from 0 to {SEED_MAX}"),
+    )
+    sampling: Sampling = table("how often and how", "a table [sampling]")
+    vary: tuple[Vary, ...] = tables("what varies", "tables [[vary]], in double brackets", at_least=0, default=())
+    correlated: tuple[Correlated, ...] = tables(
+        "what varies together", "tables [[correlated]], in double brackets", at_least=0, default=()
+    )
+    answers: Answering = table("what is asked", "a table [answers]", Answering())
+
+    def own_problems(self) -> list[Problem]:
+        """Find what is wrong between tables."""
+        paths = [one.path for one in self.vary]
+        found = [
+            Problem(f"vary[{k}].path", show(path), "each path once")
+            for k, path in enumerate(paths)
+            if path in paths[:k]
+        ]
+        found += [
+            Problem(f"vary[{k}].path", '"seed"', "another path: the study's seed gives each flight its own")
+            for k, path in enumerate(paths)
+            if path == "seed"
+        ]
+        taken: list[str] = []
+        for k, group in enumerate(self.correlated):
+            for path in group.paths:
+                if path not in paths:
+                    found.append(Problem(f"correlated[{k}].paths", show(path), "paths of tables [[vary]]"))
+                elif path in taken:
+                    found.append(Problem(f"correlated[{k}].paths", show(path), "each path in one group, once"))
+                taken.append(path)
+        if self.sampling.method in ("grid", "table") and self.correlated:
+            found.append(Problem("correlated", "a table", f"none with the method {self.sampling.method}"))
+        if self.sampling.method == "table" and self.vary:
+            found.append(Problem("vary", "a table", "none: the columns of sampling.file say what varies"))
+        if self.sampling.method != "monte-carlo" and not self.vary and self.sampling.method != "table":
+            words = f"one table [[vary]] at least with the method {self.sampling.method}"
+            found.append(Problem("vary", "nothing", words))
+        return found
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 of the validated values, 64 hexadecimal digits."""
+        text = json.dumps(self.model_dump(mode="json"), sort_keys=True, separators=(",", ":"), allow_nan=False)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+
+def load_study(path: str | os.PathLike[str]) -> tuple[Study, Scenario, dict[str, np.ndarray]]:
+    """Read and validate a study file, its scenario, and its table of values where it has one.
+
+    Parameters
+    ----------
+    path
+        A TOML file, UTF-8.
+
+    Returns
+    -------
+    The study, the scenario, and the columns of the table by path (empty without a table).
+
+    Raises
+    ------
+    ScenarioError
+        A file cannot be read or is no valid study or scenario; the message says where and what would be right.
+    """
+    source = os.fspath(path)
+    study = validate_study(parsed(read_text(path, "study"), source), source)
+    scenario = load(Path(path).parent / study.scenario)
+    given = {} if study.sampling.file is None else _columns(Path(path).parent / study.sampling.file)
+    return study, scenario, given
+
+
+def validate_study(values: dict[str, Any], source: str = "<values>") -> Study:
+    """Validate a study that is at hand as nested dictionaries and lists; raises `ScenarioError`."""
+    try:
+        return Study.model_validate(values)
+    except ValidationError as error:
+        raise ScenarioError(source, problems_from(error, Study, values)) from None
+
+
+def _columns(path: Path) -> dict[str, np.ndarray]:
+    """Values by the headings of a CSV file: numbers, truth values where all are `true` or `false`, else texts."""
+    rows = list(csv.reader(read_text(path, "table").splitlines()))
+    rows = [row for row in rows if row]
+    if len(rows) < 2:
+        arrived = f"{len(rows)} rows"
+        raise ScenarioError(os.fspath(path), [Problem("", arrived, "a row of paths and one row of values at least")])
+    heads, width = [head.strip() for head in rows[0]], len(rows[0])
+    if len(set(heads)) < width:
+        raise ScenarioError(os.fspath(path), [Problem("row 1", "a path twice", "each path once")])
+    for k, row in enumerate(rows):
+        if len(row) != width:
+            raise ScenarioError(os.fspath(path), [Problem(f"row {k + 1}", f"{len(row)} values", f"{width}")])
+    return {head: _read([row[k].strip() for row in rows[1:]]) for k, head in enumerate(heads)}
+
+
+def _read(texts: list[str]) -> np.ndarray:
+    if set(texts) <= {"true", "false"}:
+        return np.array([text == "true" for text in texts])
+    try:
+        return np.array([float(text) for text in texts])
+    except ValueError:
+        return np.array(texts)

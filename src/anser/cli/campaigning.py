@@ -1,0 +1,95 @@
+"""Command campaign: a scenario flown many times, with numbers of it dispersed."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from anser.cli.console import (
+    RefusedError,
+    answer,
+    columns,
+    line,
+    number,
+    plain_table,
+    print_table,
+    problem,
+    progress_bar,
+    say,
+)
+from anser.cli.offering import about
+
+if TYPE_CHECKING:
+    from anser.campaigns import Answers
+
+_CAUSES = 8
+"""Causes of failure that are printed at most."""
+
+
+@about(
+    "anser campaign studies/how-surely.toml --out runs/how-surely",
+    "anser campaign studies/how-surely.toml --out runs/how-surely --resume",
+    unmet="a flight did not meet every requirement, or could not begin",
+)
+def campaign(
+    study: Annotated[Path, typer.Argument(help="Study file (TOML).", show_default=False)],
+    out: Annotated[Path, typer.Option(help="Folder of the campaign; new, unless --resume.", show_default=False)],
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Fly what is missing of the campaign in the folder.")
+    ] = False,
+    processes: Annotated[
+        int | None,
+        typer.Option(min=1, help="How many fly at a time; left out: one for each core.", show_default=False),
+    ] = None,
+) -> None:
+    """Fly a study: a scenario many times, its numbers dispersed, and say how surely it keeps its requirements."""
+    from anser.campaigns import Campaign, StoreError, fly_campaign
+    from anser.campaigns.campaign import store_of
+    from anser.campaigns.flying import usual_processes
+
+    try:
+        store = store_of(study, out, resume=resume)
+    except FileExistsError:
+        raise RefusedError(f"--out: arrived {out}, which exists; expected a new folder, or --resume") from None
+    except StoreError as error:
+        raise RefusedError(str(error)) from None
+    flown = Campaign(store)
+    try:
+        with progress_bar() as tell:
+            fly_campaign(store, usual_processes() if processes is None else processes, tell)
+    except KeyboardInterrupt:
+        _print_answers(flown.answers(), store.study.name)
+        say(f"{out}: {store.flown.size} of {store.flights} flights; --resume flies the others")
+        raise
+    found = flown.answers()
+    answer(lambda: {"format_version": 1, "study": store.study.name, **found.as_dict()})
+    _print_answers(found, store.study.name)
+    say(f"{out}: flights.zarr written")
+    if found.met < found.flown:
+        problem(
+            f"{found.flown - found.met} of {found.flown} flights did not meet every requirement, or could not begin"
+        )
+        raise typer.Exit(1)
+
+
+def _print_answers(found: "Answers", name: str) -> None:
+    """Probability, quantiles and causes."""
+    if not found.flown:
+        line(f"{name}: no flight so far")
+        return
+    sure, share = f"{100 * found.confidence:g} %", 100 * found.met / found.flown
+    interval = f"{100 * found.low:.2f} to {100 * found.high:.2f} % at {sure} confidence"
+    line(f"{name}: {found.met} of {found.flown} flights meet every requirement, {share:.2f} % ({interval})")
+    table = plain_table(
+        f"bounds that part of the flights keep; interval at {sure} confidence",
+        *columns("", overflow="fold"),
+        *columns("of flights", "bound", "from", "to", justify="right"),
+        *columns("unit"),
+    )
+    for one in found.quantiles:
+        cells = [number(value, 3) for value in (one.value, one.low, one.high)]
+        table.add_row(one.words, f"{100 * one.share:g} %", *cells, one.unit)
+    print_table(table)
+    for words, count in list(found.causes.items())[:_CAUSES]:
+        line(f"{count} flights: {words}")
+    line(f"worst flights: {', '.join(map(str, found.worst))}")

@@ -1,0 +1,66 @@
+"""From rows of flights to columns: one array for each quantity, with its unit and meaning."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from anser.results.flight_row import FlightRow
+from anser.results.variable_labels import attributes_of
+
+OF_AIRCRAFT = {
+    "planned_arrival_s": ("s", "Arrival as planned at last"),
+    "arrival_s": ("s", "Arrival"),
+    "miss_m": ("m", "Least distance to the rendezvous"),
+    "speed_mean_m_s": ("m s-1", "Mean airspeed up to the arrival"),
+    "speed_min_m_s": ("m s-1", "Least airspeed up to the arrival"),
+    "speed_max_m_s": ("m s-1", "Greatest airspeed up to the arrival"),
+    "clearance_min_m": ("m", "Least distance to the goal"),
+    "position_error_max_m": ("m", "Greatest distance from the planned position up to the arrival"),
+    "tables_left_s": ("s", "Time outside the tables of the airframe"),
+}
+OF_FLEET = {
+    "arrival_spread_s": ("s", "Time between the first and the last arrival"),
+    "separation_min_m": ("m", "Least distance between two aircraft"),
+    "separation_ratio_min": ("1", "Least ratio of a distance to the separation asked for"),
+}
+
+Column = tuple[tuple[str, ...], np.ndarray, dict[str, Any]]
+"""Dimensions of one flight (none, or `aircraft`), values with a leading axis of flights, attributes."""
+
+
+def flight_columns(rows: Sequence[FlightRow], aircraft: int) -> dict[str, Column]:
+    """Arrays of all that rows hold; NaN and "no flight" where a flight could not begin, with the reason.
+
+    Parameters
+    ----------
+    rows
+        Of flights with the same fleet.
+    aircraft
+        How many.
+    """
+
+    def of_aircraft(key: str, missing: Any) -> np.ndarray:
+        none = [missing] * aircraft
+        return np.array([[_or(one.get(key), missing) for one in row.aircraft] or none for row in rows])
+
+    found: dict[str, Column] = {
+        key: (("aircraft",), of_aircraft(key, np.nan).astype(float), attributes_of(*labels))
+        for key, labels in OF_AIRCRAFT.items()
+    }
+    words = attributes_of("", "What became of it")
+    found["status"] = (("aircraft",), of_aircraft("status", "no flight").astype(np.str_), words)
+    for key, labels in OF_FLEET.items():
+        values = np.array([_or(row.fleet.get(key), np.nan) for row in rows], dtype=float)
+        found[key] = ((), values, attributes_of(*labels))
+    met = attributes_of("1", "Whether all arrived and every requirement is met")
+    found["met"] = ((), np.array([row.met for row in rows], dtype=bool), met)
+    unmet = [", ".join(one["name"] for one in row.requirements if not one["met"]) for row in rows]
+    found["unmet"] = ((), np.array(unmet, dtype=np.str_), attributes_of("", "Requirements that are not met"))
+    reason = attributes_of("", "Why the flight could not begin; empty where it did")
+    found["reason"] = ((), np.array([row.reason for row in rows], dtype=np.str_), reason)
+    return found
+
+
+def _or(value: Any, missing: Any) -> Any:
+    return missing if value is None else value

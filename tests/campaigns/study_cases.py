@@ -1,0 +1,44 @@
+"""A small study, and flights that are made up from their scenarios: for tests that fly nothing."""
+
+import hashlib
+from pathlib import Path
+
+import anser
+from anser.campaigns.study import validate_study
+from anser.results.flight_row import FlightRow
+
+STUDIES = Path(__file__).parents[2] / "studies"
+THREE = anser.load(STUDIES.parent / "scenarios" / "three-aircraft.toml")
+WIND = {"path": "wind.speed_m_s", "distribution": "uniform", "low": 0.0, "high": 9.0}
+
+
+def study_of(**changes):
+    values = {"format": 1, "name": "test", "scenario": "three.toml", "seed": 1, "sampling": {"flights": 4}}
+    return validate_study({**values, "vary": [WIND], **changes}, "study.toml")
+
+
+def text_of(scenario="three.toml", flights=4):
+    return (
+        f'format = 1\nname = "test"\nscenario = "{scenario}"\nseed = 1\n[sampling]\nflights = {flights}\n'
+        '[[vary]]\npath = "wind.speed_m_s"\ndistribution = "uniform"\nlow = 0.0\nhigh = 9.0\n'
+    )
+
+
+def made_up(cases, batch=None):
+    """Rows that follow from each scenario alone; some fail, one cannot begin."""
+    return [_row(case) for case in cases]
+
+
+def _row(case):
+    scenario = case.scenario
+    seed = scenario.seed if case.seed is None else case.seed
+    drawn = int(hashlib.sha256(f"{seed} {scenario.wind.speed_m_s}".encode()).hexdigest(), 16) % 1000 / 100.0
+    if drawn < 1.0:
+        return FlightRow.failed("made up: could not begin")
+    aircraft = [
+        {"name": one.name, "arrival_s": 60.0 + drawn, "miss_m": drawn + k, "status": "arrived"}
+        for k, one in enumerate(scenario.aircraft)
+    ]
+    met = drawn < 8.0
+    fleet = {"arrival_spread_s": drawn / 100.0, "separation_min_m": 500.0 - drawn}
+    return FlightRow(aircraft, fleet, [{"name": "miss_max_m", "met": met}], met)

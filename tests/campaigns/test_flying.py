@@ -1,0 +1,153 @@
+"""Campaigns with made-up flights: complete, resumed to the last bit, refused where something else is there."""
+
+import multiprocessing
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from anser import campaigns
+from anser.campaigns import Campaign, CampaignStore, StoreError, departures, flight_of, fly_campaign, flying, prepare
+from anser.scenario import ScenarioError
+from campaigns.study_cases import THREE, made_up, study_of
+
+FLIGHTS, CHUNK = 50, 8
+
+
+@pytest.fixture(autouse=True)
+def made_up_flights(monkeypatch):
+    monkeypatch.setattr(flying, "fly_many", made_up)
+    monkeypatch.setattr(flying, "BATCH", CHUNK)
+
+
+def begun(folder, **changes):
+    folder.mkdir()
+    study = study_of(**{"sampling": {"flights": FLIGHTS}, **changes})
+    return prepare(folder, study, THREE, {})
+
+
+def test_every_flight_has_a_row_and_what_was_applied(tmp_path):
+    store = begun(tmp_path / "out")
+    told = []
+    fly_campaign(store, progress=lambda what, part: told.append((what, part)))
+    data = store.dataset()
+    assert data["flight"].values.tolist() == list(range(FLIGHTS))
+    assert told[0] == ("0 of 50 flights", 0.0)
+    assert told[-1] == ("50 of 50 flights", 1.0)
+    for k in range(FLIGHTS):
+        scenario = flight_of(store, k)
+        assert scenario.wind.speed_m_s == data["wind.speed_m_s"].values[k]
+        assert scenario.seed == data["seed"].values[k]
+        (row,) = made_up([flying.FlightCase(scenario)])
+        assert data["reason"].values[k] == row.reason
+        if not row.reason:
+            assert data["miss_m"].values[k, 1] == row.aircraft[1]["miss_m"]
+    assert xr.open_zarr(tmp_path / "out" / "flights.zarr", consolidated=False, chunks=None).sizes["flight"] == FLIGHTS
+
+
+def test_an_interrupted_campaign_goes_on_to_the_last_bit(tmp_path, monkeypatch):
+    whole = begun(tmp_path / "whole")
+    fly_campaign(whole)
+    rng = np.random.default_rng(3)
+    store = begun(tmp_path / "parts")
+    interrupted = 0
+    while not store.done.all():
+        left = int(rng.integers(0, 3))
+
+        def sometimes(cases, batch=None):
+            nonlocal left
+            if left == 0:
+                raise KeyboardInterrupt
+            left -= 1
+            return made_up(cases)
+
+        monkeypatch.setattr(flying, "fly_many", sometimes)
+        try:
+            fly_campaign(store)
+        except KeyboardInterrupt:
+            interrupted += 1
+            partial = Campaign(store)
+            assert partial.answers().flown == store.flown.size == partial.dataset.sizes["flight"]
+    assert interrupted > 2
+    xr.testing.assert_identical(store.dataset(), whole.dataset())
+
+
+def test_a_chunk_without_its_mark_is_flown_again(tmp_path):
+    store = begun(tmp_path / "out")
+    fly_campaign(store)
+    whole = store.dataset()
+    store._array("chunk_done")[2] = 0
+    store._array("miss_m")[16:24] = -1.0  # half written
+    assert store.dataset().sizes["flight"] == FLIGHTS - CHUNK
+    fly_campaign(CampaignStore.open(tmp_path / "out"))
+    xr.testing.assert_identical(store.dataset(), whole)
+
+
+def test_a_flight_that_is_no_scenario_is_a_failure_with_its_reason(tmp_path):
+    wide = {"path": "wind.speed_m_s", "distribution": "uniform", "low": -20.0, "high": 20.0}
+    store = begun(tmp_path / "out", vary=[wide])
+    fly_campaign(store)
+    data, found = store.dataset(), Campaign(store).answers()
+    bad = data["wind.speed_m_s"].values < 0.0
+    assert 0 < bad.sum() < FLIGHTS
+    assert all("wind.speed_m_s: arrived -" in str(one) for one in data["reason"].values[bad])
+    assert not data["met"].values[bad].any()
+    assert found.flown == FLIGHTS
+    assert found.met == int(data["met"].sum())
+    assert found.high < 1.0 - bad.mean() + 0.2
+    with pytest.raises(ScenarioError):
+        flight_of(store, int(np.flatnonzero(bad)[0]))
+
+
+def test_answers_count_failures_as_the_worst(tmp_path):
+    store = begun(tmp_path / "out")
+    fly_campaign(store)
+    data, found = store.dataset(), Campaign(store).answers()
+    began = data["reason"].values == ""
+    assert (~began).sum() > 0
+    (miss,) = [one for one in found.quantiles if one.name == "miss_m" and one.share == 0.5]
+    worst = np.where(began, data["miss_m"].values.max(axis=1), np.inf)
+    assert miss.value == np.sort(worst)[24]
+    assert miss.low < miss.value < miss.high
+    assert found.causes["could not begin: made up: could not begin"] == (~began).sum()
+    assert found.causes["not met: miss_max_m"] == (~data["met"].values & began).sum()
+    assert set(found.worst[: int((~began).sum())]) == set(np.flatnonzero(~began).tolist())
+
+
+def test_another_study_scenario_or_version_is_refused(tmp_path, monkeypatch):
+    store = begun(tmp_path / "out")
+    same = study_of(sampling={"flights": FLIGHTS})
+    store.refuse_unless_same(same, THREE)
+    with pytest.raises(StoreError, match="study"):
+        store.refuse_unless_same(study_of(sampling={"flights": FLIGHTS}, seed=2), THREE)
+    with pytest.raises(StoreError, match="scenario"):
+        store.refuse_unless_same(same, THREE.replace("fleet.speed_m_s", 151.0))
+    monkeypatch.setattr(campaigns.store, "version_attributes", lambda: {"version_anser": "9.9"})
+    with pytest.raises(StoreError, match=r"expected 9\.9"):
+        store.refuse_unless_same(same, THREE)
+    with pytest.raises(StoreError, match="a folder without"):
+        CampaignStore.open(tmp_path)
+
+
+def test_no_space_is_refused_before_anything_flies(tmp_path, monkeypatch):
+    monkeypatch.setattr(campaigns.store.shutil, "disk_usage", lambda folder: type("Free", (), {"free": 1000})())
+    with pytest.raises(StoreError, match=r"0\.001 MB free; expected 0\."):
+        begun(tmp_path / "out")
+
+
+def test_a_flight_flown_again_is_compared_with_its_row(tmp_path):
+    store = begun(tmp_path / "out")
+    fly_campaign(store)
+    number = int(np.flatnonzero(store.dataset()["met"].values)[0])
+    (row,) = made_up([flying.FlightCase(flight_of(store, number))])
+    summary = {"aircraft": row.aircraft, "fleet": row.fleet, "requirements": row.requirements}
+    assert departures(store, number, summary, met=True) == {}
+    row.aircraft[1]["miss_m"] += 1.0
+    assert departures(store, number, summary, met=False) == {"miss_m": pytest.approx(1e-4), "met": "True"}
+    with pytest.raises(ValueError, match="arrived 50; expected one from 0 to 49"):
+        flight_of(store, FLIGHTS)
+
+
+def test_a_campaign_leaves_no_processes(tmp_path):
+    fly_campaign(begun(tmp_path / "out"))
+    assert not multiprocessing.active_children()

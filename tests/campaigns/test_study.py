@@ -1,0 +1,105 @@
+"""Study files: what is read, and what is refused before anything flies."""
+
+import numpy as np
+import pytest
+
+from anser.campaigns import load_study
+from anser.campaigns.flying import applied_values, prepare
+from anser.scenario import ScenarioError
+from campaigns.study_cases import STUDIES, THREE, study_of, text_of
+
+
+def test_the_shipped_study_is_good():
+    study, scenario, given = load_study(STUDIES / "how-surely.toml")
+    assert scenario.name == "uncertain-world"
+    assert given == {}
+    assert [one.distribution for one in study.vary] == ["triangular", "log-normal", "choice"]
+
+
+def test_the_hash_is_that_of_the_values(tmp_path):
+    study, again = study_of(), study_of()
+    assert study.hash == again.hash
+    assert study.hash != study_of(seed=2).hash
+
+
+@pytest.mark.parametrize(
+    ("sampling", "said"),
+    [
+        ({}, "sampling.flights: arrived nothing; expected a value: the method monte-carlo needs it"),
+        ({"flights": 0}, "sampling.flights: arrived 0; expected a whole number from 1"),
+        ({"method": "sobol", "flights": 100}, "sampling.flights: arrived 100; expected a power of 2"),
+        ({"method": "grid", "flights": 8}, "sampling.flights: arrived 8; expected no such key"),
+        ({"method": "walk", "flights": 8}, 'sampling.method: arrived "walk"; expected "monte-carlo" or'),
+    ],
+)
+def test_a_sampling_that_is_none_is_refused(sampling, said):
+    with pytest.raises(ScenarioError) as caught:
+        study_of(sampling=sampling)
+    assert said in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"correlated": [{"paths": ["a", "b"], "coefficients": [[1.0, 0.5], [0.5, 1.0]]}]}, "paths of tables [[vary]]"),
+        (
+            {"correlated": [{"paths": ["wind.speed_m_s"] * 2, "coefficients": [[1.0, 2.0], [2.0, 1.0]]}]},
+            "correlated[0].coefficients: arrived a matrix with the eigenvalue -1",
+        ),
+        ({"vary": [{"path": "seed", "distribution": "uniform", "low": 0.0, "high": 9.0}]}, "another path"),
+        ({"answers": {"quantiles": [1.0]}}, "answers.quantiles[0]: arrived 1; expected a number between 0 and 1"),
+        ({"flights": 3}, 'flights: arrived the unknown key "flights"'),
+    ],
+)
+def test_what_does_not_go_together_is_refused(changes, said):
+    with pytest.raises(ScenarioError) as caught:
+        study_of(**changes)
+    assert said in str(caught.value)
+
+
+def test_a_missing_scenario_is_named(tmp_path):
+    (tmp_path / "study.toml").write_text(text_of(scenario="nowhere.toml"))
+    with pytest.raises(ScenarioError, match=r"nowhere.toml: 1 problem\n.*no file of this name"):
+        load_study(tmp_path / "study.toml")
+
+
+def test_a_path_that_leads_nowhere_is_refused_before_anything_flies(tmp_path):
+    study = study_of(vary=[{"path": "wind.sped_m_s", "distribution": "uniform", "low": 0.0, "high": 5.0}])
+    with pytest.raises(ScenarioError, match="the unknown key"):
+        prepare(tmp_path, study, THREE, {})
+    assert not any(tmp_path.iterdir())
+
+
+def test_values_that_no_flight_can_have_are_refused_before_anything_flies(tmp_path):
+    study = study_of(vary=[{"path": "wind.speed_m_s", "distribution": "uniform", "low": -9.0, "high": -5.0}])
+    with pytest.raises(ScenarioError, match="every flight") as caught:
+        prepare(tmp_path, study, THREE, {})
+    assert "wind.speed_m_s: arrived -" in str(caught.value)
+    assert not any(tmp_path.iterdir())
+
+
+def test_values_are_set_added_and_multiplied():
+    def applied(path, how):
+        vary = [{"path": path, "distribution": "choice", "values": [2.0], "how": how}]
+        return applied_values(study_of(vary=vary), THREE, {})[path]
+
+    speed = THREE.aircraft[0].start.speed_m_s
+    np.testing.assert_array_equal(applied("aircraft[0].start.speed_m_s", "set"), np.full(4, 2.0))
+    np.testing.assert_array_equal(applied("aircraft[0].start.speed_m_s", "add"), np.full(4, speed + 2.0))
+    np.testing.assert_array_equal(applied("aircraft[0].start.speed_m_s", "multiply"), np.full(4, speed * 2.0))
+    with pytest.raises(ScenarioError, match="a number there"):
+        applied("earth.model", "add")
+
+
+def test_a_table_gives_the_values(tmp_path):
+    (tmp_path / "values.csv").write_text("wind.speed_m_s,fleet.planner\n0.5,published\n3,certified\n")
+    (tmp_path / "three.toml").write_text((STUDIES.parent / "scenarios" / "three-aircraft.toml").read_text())
+    text = 'format = 1\nname = "t"\nscenario = "three.toml"\n[sampling]\nmethod = "table"\nfile = "values.csv"\n'
+    (tmp_path / "study.toml").write_text(text)
+    study, scenario, given = load_study(tmp_path / "study.toml")
+    found = applied_values(study, scenario, given)
+    assert found["wind.speed_m_s"].tolist() == [0.5, 3.0]
+    assert found["fleet.planner"].tolist() == ["published", "certified"]
+    (tmp_path / "values.csv").write_text("wind.speed_m_s\n0.5,1\n")
+    with pytest.raises(ScenarioError, match="row 2: arrived 2 values; expected 1"):
+        load_study(tmp_path / "study.toml")
