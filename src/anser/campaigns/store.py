@@ -199,7 +199,8 @@ class CampaignStore:
         """All flights of complete chunks, labelled: dimensions flight and aircraft."""
         with xr.open_zarr(self.folder / _FOLDER, chunks=None, consolidated=False, mask_and_scale=False) as data:
             found = data.drop_vars(_DONE).isel(flight=self.flown).load()
-        return found.set_coords(["flight", "aircraft"])
+        attributes = {"confidence": self.study.answers.confidence}
+        return found.set_coords(["flight", "aircraft"]).assign_attrs(attributes)
 
     def _array(self, name: str) -> zarr.Array:
         found = self._group[name]

@@ -54,17 +54,21 @@ def campaign(
     except StoreError as error:
         raise RefusedError(str(error)) from None
     flown = Campaign(store)
+    from anser.report import draw_campaign
+
     try:
         with progress_bar() as tell:
             fly_campaign(store, usual_processes() if processes is None else processes, tell)
     except KeyboardInterrupt:
         _print_answers(flown.answers(), store.study.name)
+        draw_campaign(flown.dataset, out)
         say(f"{out}: {store.flown.size} of {store.flights} flights; --resume flies the others")
         raise
     found = flown.answers()
     answer(lambda: {"format_version": 1, "study": store.study.name, **found.as_dict()})
     _print_answers(found, store.study.name)
-    say(f"{out}: flights.zarr written")
+    drawn = draw_campaign(flown.dataset, out)
+    say(f"{out}: flights.zarr{' and figure' if drawn else ''} written")
     if found.met < found.flown:
         problem(
             f"{found.flown - found.met} of {found.flown} flights did not meet every requirement, or could not begin"

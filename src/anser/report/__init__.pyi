@@ -1,3 +1,4 @@
+from .campaign_figure import draw_campaign
 from .envelope_figures import draw_envelope
 from .flight_plots import FlightPlots
 from .margin_figures import BODE_SUFFIXES, draw_bode, draw_margin_maps
@@ -10,6 +11,7 @@ __all__ = [
     "BODE_SUFFIXES",
     "FlightPlots",
     "draw_bode",
+    "draw_campaign",
     "draw_envelope",
     "draw_margin_maps",
     "draw_plan",

@@ -1,0 +1,36 @@
+"""The figure of a campaign: drawn of any, also where flights failed or nothing varied."""
+
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from anser.report import draw_campaign
+
+
+def made_up(flights, varied=("wind.speed_m_s",), failed=()):
+    rng = np.random.default_rng(1)
+    miss = rng.exponential(1.0, (flights, 2))
+    miss[list(failed)] = np.nan
+    data = {
+        "miss_m": (("flight", "aircraft"), miss),
+        "arrival_spread_s": ("flight", miss[:, 0] / 10.0),
+        "met": ("flight", miss.max(axis=1) < 2.0),
+        **{path: ("flight", rng.uniform(0.0, 9.0, flights)) for path in varied},
+    }
+    return xr.Dataset(data, attrs={"title": "test", "varied": json.dumps(list(varied)), "confidence": 0.95})
+
+
+@pytest.mark.parametrize(
+    ("flights", "varied", "failed"), [(2, (), ()), (300, ("a", "b", "c", "d"), (3, 5)), (20, ("a",), range(20))]
+)
+def test_any_campaign_is_drawn_anew(tmp_path, flights, varied, failed):
+    paths = draw_campaign(made_up(flights, varied, failed), tmp_path)
+    assert {path.name for path in paths} == {"campaign.svg", "campaign.png"}
+    assert all(path.stat().st_size > 10_000 for path in paths)
+    assert draw_campaign(made_up(flights, varied, failed), tmp_path) == paths
+
+
+def test_of_one_flight_there_is_nothing_to_draw(tmp_path):
+    assert draw_campaign(made_up(1), tmp_path) == ()
