@@ -117,14 +117,17 @@ def test_answers_count_failures_as_the_worst(tmp_path):
 def test_another_study_scenario_or_version_is_refused(tmp_path, monkeypatch):
     store = begun(tmp_path / "out")
     same = study_of(sampling={"flights": FLIGHTS})
-    store.refuse_unless_same(same, THREE)
+    values = flying.applied_values(same, THREE, {})
+    store.refuse_unless_same(same, THREE, values)
+    with pytest.raises(StoreError, match="other values"):
+        store.refuse_unless_same(same, THREE, {"wind.speed_m_s": values["wind.speed_m_s"] + 1.0})
     with pytest.raises(StoreError, match="study"):
-        store.refuse_unless_same(study_of(sampling={"flights": FLIGHTS}, seed=2), THREE)
+        store.refuse_unless_same(study_of(sampling={"flights": FLIGHTS}, seed=2), THREE, values)
     with pytest.raises(StoreError, match="scenario"):
-        store.refuse_unless_same(same, THREE.replace("fleet.speed_m_s", 151.0))
+        store.refuse_unless_same(same, THREE.replace("fleet.speed_m_s", 151.0), values)
     monkeypatch.setattr(campaigns.store, "version_attributes", lambda: {"version_anser": "9.9"})
     with pytest.raises(StoreError, match=r"expected 9\.9"):
-        store.refuse_unless_same(same, THREE)
+        store.refuse_unless_same(same, THREE, values)
     with pytest.raises(StoreError, match="a folder without"):
         CampaignStore.open(tmp_path)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from anser.campaigns.answers import Answers, answers
-from anser.campaigns.flying import flight_of, fly_campaign, prepare, usual_processes
+from anser.campaigns.flying import applied_values, flight_of, fly_campaign, prepare, usual_processes
 from anser.campaigns.store import CampaignStore, StoreError
 from anser.campaigns.study import load_study
 from anser.execution.batches import Progress
@@ -93,7 +93,7 @@ def store_of(study: str | os.PathLike[str], folder: Path, *, resume: bool) -> Ca
     wanted, scenario, given = load_study(study)
     if resume:
         store = CampaignStore.open(folder)
-        store.refuse_unless_same(wanted, scenario)
+        store.refuse_unless_same(wanted, scenario, applied_values(wanted, scenario, given))
         return store
     if folder.exists():
         raise FileExistsError(f"{folder} exists and is not overwritten: choose another folder, or resume")

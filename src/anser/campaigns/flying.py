@@ -78,10 +78,14 @@ def fly_campaign(store: CampaignStore, processes: int = 1, progress: Progress | 
         tell(f"{behind} of {total} flights", behind / total)
 
     say()
+    if store.enough is not None:
+        return
     with _workers(min(processes, len(missing))) as workers:
-        for count in _each(workers, store.folder, missing):
+        for count in _each(workers, store.folder, missing, processes):
             behind += count
             say()
+            if store.enough is not None:
+                break
 
 
 def flight_of(store: CampaignStore, number: int) -> Scenario:
@@ -173,16 +177,21 @@ def _begin_worker() -> None:
     enable_compilation_cache()
 
 
-def _each(workers: Executor | None, folder: Path, chunks: list[int]) -> Iterator[int]:
-    """How many flights each chunk had, as it becomes complete."""
+def _each(workers: Executor | None, folder: Path, chunks: list[int], at_a_time: int) -> Iterator[int]:
+    """How many flights each chunk had, as it becomes complete; so many are given out in advance, in their order."""
     if workers is None:
         for chunk in chunks:
             yield fly_chunk(folder, chunk)
         return
-    waiting: set[Future[int]] = {workers.submit(fly_chunk, folder, chunk) for chunk in chunks}
+    given, waiting = 0, set[Future[int]]()
     try:
-        for ended in concurrent.futures.as_completed(waiting):
-            yield ended.result()
+        while given < len(chunks) or waiting:
+            more = chunks[given : given + at_a_time - len(waiting)]
+            waiting |= {workers.submit(fly_chunk, folder, chunk) for chunk in more}
+            given += len(more)
+            ended, waiting = concurrent.futures.wait(waiting, return_when=concurrent.futures.FIRST_COMPLETED)
+            for one in ended:
+                yield one.result()
     except BrokenProcessPool:
         words = "a process that flew and was killed, perhaps for want of memory"
         raise StoreError(

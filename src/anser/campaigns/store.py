@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 import zarr
 
+from anser.campaigns.stopping import enough
 from anser.campaigns.study import Study, validate_study
 from anser.results import version_attributes
 from anser.results.flight_columns import Column, flight_columns
@@ -154,9 +155,20 @@ class CampaignStore:
         return np.asarray(self._array(_DONE)[:]) == 1
 
     @property
+    def enough(self) -> int | None:
+        """How many of the first chunks are enough by the study's rule; None where they are not, or it has none."""
+        if self.study.until is None:
+            return None
+        name = self.study.until.statistic
+        return enough(self.study, self.done, self.chunk, {name: np.asarray(self._array(name)[:])})
+
+    @property
     def flown(self) -> np.ndarray:
-        """Numbers of the flights of complete chunks."""
-        return np.flatnonzero(np.repeat(self.done, self.chunk)[: self.flights])
+        """Numbers of the flights that count: those of complete chunks, as far as the study's rule asks for them."""
+        counts, stop = self.done, self.enough
+        if stop is not None:
+            counts = counts & (np.arange(counts.size) < stop)
+        return np.flatnonzero(np.repeat(counts, self.chunk)[: self.flights])
 
     @property
     def varied(self) -> list[str]:
@@ -181,8 +193,8 @@ class CampaignStore:
         os.sync()  # or the mark could outlive a power cut that its chunk does not
         self._array(_DONE)[chunk] = 1
 
-    def refuse_unless_same(self, study: Study, scenario: Scenario) -> None:
-        """Refuse to go on with another study, scenario or version of what the numbers depend on (StoreError)."""
+    def refuse_unless_same(self, study: Study, scenario: Scenario, applied: Mapping[str, np.ndarray]) -> None:
+        """Refuse to go on with another study, scenario, value or version of what numbers depend on (StoreError)."""
         about = self._group.attrs
         for what, found, wanted in (
             ("study", about["study_hash"], study.hash),
@@ -194,6 +206,12 @@ class CampaignStore:
                 raise StoreError(
                     f"{self.folder}: arrived a campaign with the {words}; expected {wanted}, to go on with it"
                 )
+
+        kept = self.applied(slice(None))[1]
+        same = [path for path, values in applied.items() if path in kept and np.array_equal(kept[path], values)]
+        if list(kept) != same:
+            words = "arrived a campaign with other values; expected those of the study, to go on with it"
+            raise StoreError(f"{self.folder}: {words}")
 
     def dataset(self) -> xr.Dataset:
         """All flights of complete chunks, labelled: dimensions flight and aircraft."""

@@ -125,6 +125,31 @@ class Answering(Table):
         ]
 
 
+class Until(Table):
+    """When fewer flights are enough."""
+
+    statistic: Literal["met", "miss_m", "arrival_spread_s"] = choice(
+        "whose interval is looked at: the probability that all requirements are met, or a quantile over the flights",
+        ("met", "miss_m", "arrival_spread_s"),
+        "met",
+    )
+    share: float = number("which quantile of miss or spread", 0, 1, "", 0.95, above=True)
+    width: float = number("of the interval, in its unit", 0, 1e9, "", above=True)
+    at_least: int = Field(
+        100,
+        ge=1,
+        le=FLIGHTS_MAX,
+        description="flights that are flown in any case",
+        json_schema_extra=expects(f"a whole number from 1 to {FLIGHTS_MAX}"),
+    )
+
+    def own_problems(self) -> list[Problem]:
+        """Find a quantile that no number of flights bounds."""
+        if self.share == 1.0:
+            return [Problem("share", "1", "a number below 1")]
+        return []
+
+
 class Study(Table):
     """A study file; read one with :func:`anser.campaigns.load_study`, whose messages are plain."""
 
@@ -153,6 +178,7 @@ class Study(Table):
     correlated: tuple[Correlated, ...] = tables(
         "what varies together", "tables [[correlated]], in double brackets", at_least=0, default=()
     )
+    until: Until | None = table("when fewer flights are enough", "a table [until]", None)
     answers: Answering = table("what is asked", "a table [answers]", Answering())
 
     def own_problems(self) -> list[Problem]:
@@ -178,6 +204,9 @@ class Study(Table):
                 taken.append(path)
         if self.sampling.method in ("grid", "table") and self.correlated:
             found.append(Problem("correlated", "a table", f"none with the method {self.sampling.method}"))
+        if self.until is not None and self.sampling.method != "monte-carlo":
+            words = "none: only of plain Monte Carlo are the first flights a sample of their own"
+            found.append(Problem("until", "a table", words))
         if self.sampling.method == "table" and self.vary:
             found.append(Problem("vary", "a table", "none: the columns of sampling.file say what varies"))
         if self.sampling.method != "monte-carlo" and not self.vary and self.sampling.method != "table":
