@@ -17,6 +17,17 @@ from campaigns.study_cases import STUDIES, made_up, text_of
 THREE = STUDIES.parent / "scenarios" / "three-aircraft.toml"
 
 
+def begin_with(chunk, study, folder, out, *more):
+    """The command in a process of its own, with chunks of so many flights."""
+    program = folder / "fly.py"
+    program.write_text(
+        f"import sys\nfrom anser.campaigns import flying\nflying.BATCH = {chunk}\n"
+        "from anser.cli import main\nif __name__ == '__main__':\n    sys.argv[0] = 'anser'\n    main()\n"
+    )
+    command = [sys.executable, program, "campaign", study, "--out", folder / out, *more]
+    return subprocess.Popen([*map(str, command)], stdout=subprocess.DEVNULL)
+
+
 @pytest.fixture
 def study(tmp_path):
     (tmp_path / "three.toml").write_text(THREE.read_text())
@@ -83,29 +94,23 @@ def test_run_says_what_it_needs_of_a_campaign(anser, words, said):
 @pytest.mark.long
 def test_a_killed_campaign_goes_on_to_the_last_bit_in_one_process_and_in_two(study, tmp_path):
     """Chunks of four flights that are really flown; killed in the midst of one, resumed, and flown by two processes."""
-    program = (
-        "import sys\nfrom anser.campaigns import flying\nflying.BATCH = 4\n"
-        "from anser.cli import main\nif __name__ == '__main__':\n    sys.argv[0] = 'anser'\n    main()\n"
-    )
-    (tmp_path / "fly.py").write_text(program)
 
     def begin(out, *more):
-        command = [sys.executable, tmp_path / "fly.py", "campaign", study, "--out", out, *more]
-        return subprocess.Popen([*map(str, command)], env={**os.environ}, stdout=subprocess.DEVNULL)
+        return begin_with(4, study, tmp_path, out, *more)
 
     def flown(out):
         return CampaignStore.open(Path(out)).dataset()
 
-    assert begin(tmp_path / "whole", "--processes", "1").wait() == 0
-    assert begin(tmp_path / "two", "--processes", "2").wait() == 0
-    killed = begin(tmp_path / "killed", "--processes", "1")
+    assert begin("whole", "--processes", "1").wait() == 0
+    assert begin("two", "--processes", "2").wait() == 0
+    killed = begin("killed", "--processes", "1")
     while not (tmp_path / "killed" / "flights.zarr" / "chunk_done" / "1").exists():
         time.sleep(0.05)
         assert killed.poll() is None
     killed.send_signal(signal.SIGKILL)
     killed.wait()
     assert flown(tmp_path / "killed").sizes["flight"] < 20
-    assert begin(tmp_path / "killed", "--processes", "1", "--resume").wait() == 0
+    assert begin("killed", "--processes", "1", "--resume").wait() == 0
     whole = flown(tmp_path / "whole")
     assert whole.sizes["flight"] == 20
     xr.testing.assert_identical(flown(tmp_path / "killed"), whole)
@@ -124,3 +129,31 @@ def test_any_flight_is_flown_again_as_in_the_campaign(anser, study, tmp_path):
     code, _, said = anser("run", "--campaign", tmp_path / "out", "--flight", 3)
     assert code == 2
     assert "--flight: arrived 3; expected one from 0 to 2" in said
+
+
+def test_a_cluster_that_is_not_there_is_refused_and_the_store_can_be_gone_on_with(anser, study, tmp_path, monkeypatch):
+    monkeypatch.setattr(flying, "_PATIENCE", "1s")
+    code, _, said = anser("campaign", study, "--out", tmp_path / "out", "--cluster", "tcp://127.0.0.1:9")
+    assert code == 2
+    assert "cluster: arrived tcp://127.0.0.1:9; expected the address of a running scheduler" in said
+
+
+@pytest.mark.long
+def test_a_cluster_flies_the_same_to_the_last_bit_though_a_worker_is_killed(study, tmp_path):
+    from distributed import LocalCluster
+
+    text = study.read_text()
+    study.write_text(text.replace("flights = 20", "flights = 6"))
+    flying_alone = begin_with(4, study, tmp_path, "whole", "--processes", "1")
+    assert flying_alone.wait() == 0
+    with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
+        begun = begin_with(4, study, tmp_path, "spread", "--cluster", cluster.scheduler_address)
+        while not (tmp_path / "spread" / "flights.zarr" / "chunk_done").exists():
+            time.sleep(0.05)
+        time.sleep(8.0)
+        worker = next(iter(cluster.workers.values()))
+        os.kill(worker.process.pid, signal.SIGKILL)
+        assert begun.wait() == 0
+    whole, spread = (CampaignStore.open(tmp_path / name).dataset() for name in ("whole", "spread"))
+    assert whole.sizes["flight"] == 6
+    xr.testing.assert_identical(whole, spread)

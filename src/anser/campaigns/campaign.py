@@ -53,6 +53,7 @@ def campaign(
     *,
     resume: bool = False,
     processes: int | None = None,
+    cluster: str | None = None,
     progress: Progress | None = None,
 ) -> Campaign:
     """Fly a study: a scenario many times, with numbers of it dispersed.
@@ -71,6 +72,8 @@ def campaign(
         Whether to fly what is missing of the campaign in that folder.
     processes
         How many fly at a time; None: one for each core.
+    cluster
+        Address of a running scheduler of dask.distributed, whose workers fly instead; they must see the folder.
     progress
         Called with what is being done and the part of the flights that is behind, 0..1.
 
@@ -84,7 +87,7 @@ def campaign(
         The folder exists and `resume` is not asked for.
     """
     store = store_of(study, Path(out), resume=resume)
-    fly_campaign(store, usual_processes() if processes is None else processes, progress)
+    fly_campaign(store, usual_processes() if processes is None else processes, progress, cluster)
     return Campaign(store)
 
 

@@ -2,6 +2,7 @@
 
 import concurrent.futures
 import contextlib
+import importlib
 import multiprocessing
 import os
 import signal
@@ -25,6 +26,10 @@ from anser.scenario.errors import show
 
 _ALONE = 4
 """Flights of a chunk where each is flown by itself."""
+_PATIENCE = "10s"
+"""How long the scheduler of a cluster may take to answer."""
+_RETRIES = 20
+"""How often a chunk is flown again whose worker was lost."""
 _TRIED = 64
 """Scenarios that are validated before any flies; where all of them are refused, so is the study."""
 
@@ -58,7 +63,9 @@ def prepare(folder: Path, study: Study, scenario: Scenario, given: dict[str, np.
     return CampaignStore.create(folder, study, scenario, applied, flight_seeds(study, count), chunk)
 
 
-def fly_campaign(store: CampaignStore, processes: int = 1, progress: Progress | None = None) -> None:
+def fly_campaign(
+    store: CampaignStore, processes: int = 1, progress: Progress | None = None, cluster: str | None = None
+) -> None:
     """Fly what is missing of a campaign.
 
     Parameters
@@ -69,6 +76,13 @@ def fly_campaign(store: CampaignStore, processes: int = 1, progress: Progress | 
         How many fly at a time.
     progress
         Called with what is being done and the part of the flights that is behind, 0..1.
+    cluster
+        Address of a running scheduler of dask.distributed, whose workers fly instead; they must see the folder.
+
+    Raises
+    ------
+    StoreError
+        A process was killed, or the cluster cannot be reached.
     """
     tell, total = progress or silent, store.flights
     missing = [int(chunk) for chunk in np.flatnonzero(~store.done)]
@@ -80,8 +94,9 @@ def fly_campaign(store: CampaignStore, processes: int = 1, progress: Progress | 
     say()
     if store.enough is not None:
         return
-    with _workers(min(processes, len(missing))) as workers:
-        for count in _each(workers, store.folder, missing, processes):
+    workers = _cluster(cluster) if cluster is not None else _workers(min(processes, len(missing)))
+    with workers as (executor, at_a_time):
+        for count in _each(executor, store.folder.resolve(), missing, at_a_time):
             behind += count
             say()
             if store.enough is not None:
@@ -152,16 +167,34 @@ def _no_number(path: str, base: object, how: str) -> Problem:
 
 
 @contextlib.contextmanager
-def _workers(processes: int) -> Iterator[Executor | None]:
+def _cluster(address: str) -> Iterator[tuple[Executor, int]]:
+    """Workers of a cluster, and how many chunks they are given at a time."""
+    try:
+        distributed = importlib.import_module("distributed")
+    except ImportError:
+        raise StoreError(
+            'cluster: arrived an address, but no dask; expected it installed: the extra "campaign"'
+        ) from None
+    try:
+        client = distributed.Client(address, timeout=_PATIENCE)
+    except (OSError, ValueError) as error:
+        words = f"expected the address of a running scheduler, such as tcp://127.0.0.1:8786 ({error})"
+        raise StoreError(f"cluster: arrived {address}; {words}") from None
+    with client:
+        yield client.get_executor(pure=False, retries=_RETRIES), 2 * max(len(client.nthreads()), 1)
+
+
+@contextlib.contextmanager
+def _workers(processes: int) -> Iterator[tuple[Executor | None, int]]:
     """Processes of their own, or None: this one."""
     if processes <= 1:
         enable_compilation_cache()
-        yield None
+        yield None, 1
         return
     others, context = set(multiprocessing.active_children()), multiprocessing.get_context("spawn")
     workers = ProcessPoolExecutor(processes, mp_context=context, initializer=_begin_worker)
     try:
-        yield workers
+        yield workers, processes
     except BaseException:
         # what they are at is not marked, so that nothing is lost but its time
         workers.shutdown(wait=False, cancel_futures=True)

@@ -41,11 +41,16 @@ def campaign(
         int | None,
         typer.Option(min=1, help="How many fly at a time; left out: one for each core.", show_default=False),
     ] = None,
+    cluster: Annotated[
+        str | None,
+        typer.Option(help="Address of a dask scheduler, whose workers fly instead.", show_default=False),
+    ] = None,
 ) -> None:
     """Fly a study: a scenario many times, its numbers dispersed, and say how surely it keeps its requirements."""
     from anser.campaigns import Campaign, StoreError, fly_campaign
     from anser.campaigns.campaign import store_of
     from anser.campaigns.flying import usual_processes
+    from anser.report import draw_campaign
 
     try:
         store = store_of(study, out, resume=resume)
@@ -54,16 +59,16 @@ def campaign(
     except StoreError as error:
         raise RefusedError(str(error)) from None
     flown = Campaign(store)
-    from anser.report import draw_campaign
-
     try:
         with progress_bar() as tell:
-            fly_campaign(store, usual_processes() if processes is None else processes, tell)
+            fly_campaign(store, usual_processes() if processes is None else processes, tell, cluster)
     except KeyboardInterrupt:
         _print_answers(flown.answers(), store.study.name)
         draw_campaign(flown.dataset, out)
         say(f"{out}: {store.flown.size} of {store.flights} flights; --resume flies the others")
         raise
+    except StoreError as error:
+        raise RefusedError(str(error)) from None
     found = flown.answers()
     answer(lambda: {"format_version": 1, "study": store.study.name, **found.as_dict()})
     _print_answers(found, store.study.name)
