@@ -80,8 +80,13 @@ def test_the_wheel_plans_and_flies_the_starter_scenario(anser):
     summary = json.loads((anser.folder / "flown" / "summary.json").read_text())
     assert [row["status"] for row in summary["aircraft"]] == ["arrived"] * len(planned["aircraft"])
     assert summary["fleet"]["arrival_spread_s"] < 0.05
-    # The published planner is compiled another way.
     assert 'planner = "certified"' in text
+
+
+@pytest.mark.long
+def test_its_published_planner_which_is_compiled_another_way_plans_too(anser):
+    anser("new", "another.toml")
+    text = (anser.folder / "another.toml").read_text()
     (anser.folder / "published.toml").write_text(text.replace('planner = "certified"', 'planner = "published"'))
     published = json.loads(anser("plan", "published.toml", "--json"))
-    assert len(published["aircraft"]) == len(planned["aircraft"])
+    assert len(published["aircraft"]) == text.count("\n[[aircraft]]") > 0
