@@ -44,7 +44,10 @@ def applied_values(study: Study, scenario: Scenario, given: dict[str, np.ndarray
     """
     how, found = {one.path: one.how for one in study.vary}, {}
     for path, values in sampled(study, given).items():
-        base = value_at(scenario, path)
+        try:
+            base = value_at(scenario, path)
+        except ScenarioError as error:
+            raise ScenarioError(f"{study.name}, what varies of {scenario.name}", error.problems) from None
         if how.get(path, "set") == "set":
             found[path] = values
             continue
