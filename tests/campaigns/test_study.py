@@ -65,7 +65,7 @@ def test_a_missing_scenario_is_named(tmp_path):
 
 def test_a_path_that_leads_nowhere_is_refused_before_anything_flies(tmp_path):
     study = study_of(vary=[{"path": "wind.sped_m_s", "distribution": "uniform", "low": 0.0, "high": 5.0}])
-    with pytest.raises(ScenarioError, match="test, what varies of three-aircraft: 1 problem\n.*the unknown key"):
+    with pytest.raises(ScenarioError, match=r"test, what varies of three-aircraft: 1 problem\n.*the unknown key"):
         prepare(tmp_path, study, THREE, {})
     assert not any(tmp_path.iterdir())
 
