@@ -1,0 +1,50 @@
+"""Every kind of number that a study may disperse reaches the model: changed alone, the flight is another."""
+
+import numpy as np
+import pytest
+
+import anser
+from anser.campaigns import CampaignStore
+from anser.campaigns.flying import fly_campaign, prepare
+from anser.scenario import value_at
+from campaigns.study_cases import STUDIES, study_of
+
+WORLD = anser.load(STUDIES.parent / "scenarios" / "uncertain-world.toml").replace("fleet.planner", "published")
+CHANGED = {
+    "wind.speed_m_s": 3.0,
+    "aircraft[0].start.north_m": 1100.0,
+    "aircraft[1].start.speed_m_s": 155.0,
+    "goal[0].speed_m_s": 12.0,
+    "fleet.speed_m_s": 152.0,
+    "guidance.position_gain_per_s": 0.2,
+    "turbulence.intensity": "light",
+    "navigation.position_m": 4.0,
+    "navigation.correlation_s": 30.0,
+    "goal_sensor.angle_mrad": 6.0,
+    "goal_sensor.range_m": 20.0,
+    "goal_sensor.outage_share": 0.2,
+}
+PRESET = {"goal_sensor.angle_mrad": 3.0, "goal_sensor.range_m": 10.0}
+"""What the camera has where the file says nothing."""
+
+
+@pytest.mark.long
+def test_each_number_alone_makes_another_flight(tmp_path):
+    columns, flights = {}, len(CHANGED) + 2
+    for k, (path, value) in enumerate(CHANGED.items()):
+        held = PRESET.get(path, value_at(WORLD, path))
+        assert held != value
+        column = [held] * flights
+        column[k + 2] = value  # two flights are as they are
+        columns[path] = np.array(column)
+    study = study_of(vary=[], sampling={"method": "table", "file": "values.csv"})
+    store = prepare(tmp_path, study, WORLD, columns)
+    store._array("seed")[:] = 7  # all alike but for what is changed
+    fly_campaign(store)
+    data = CampaignStore.open(tmp_path).dataset()
+    assert (data["reason"].values == "").all()
+    told = np.concatenate([data[key].values for key in ("arrival_s", "miss_m", "speed_max_m_s")], axis=1)
+    np.testing.assert_array_equal(told[0], told[1])
+    for k, path in enumerate(CHANGED):
+        assert data[path].values[k + 2] == CHANGED[path]
+        assert np.any(told[k + 2] != told[0]), path
