@@ -10,7 +10,7 @@ import pytest
 from anser.execution import run, takeover
 from anser.execution.plan_interface import Planned
 from anser.scenario import build_flight, loads
-from anser.simulation import CertifiedPlanState, FlightState
+from anser.simulation import CertifiedPlanState, FlightState, trimmed_fleet
 
 BASE = """
 format = 2
@@ -147,9 +147,11 @@ def test_goal_rendezvous_and_what_is_known_of_it_are_handed_over():
     noisy = text(("c", "nearest")) + '[goal_sensor]\npreset = "ais"\n[navigation]\nsensors = "satellite-inertial"\n'
     flight = build_flight(loads(noisy))
 
-    from anser.simulation.start import trimmed_fleet
-
-    vehicles = jax.jit(trimmed_fleet)(flight).vehicles
+    # nothing is flown, so that any numbers will do: those of no two aircraft are the same
+    shapes = jax.eval_shape(trimmed_fleet, flight).vehicles
+    vehicles = jax.tree.map(
+        lambda leaf: jnp.arange(1, 1 + np.prod(leaf.shape, dtype=int)).reshape(leaf.shape).astype(leaf.dtype), shapes
+    )
 
     state = FlightState(vehicles, None)
     after, moved = takeover._handed_over(flight, state, 2, 0)
