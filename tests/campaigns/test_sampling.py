@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from anser.campaigns.sampling import flight_count, flight_seeds, sampled
+from anser.campaigns.sampling import flight_seeds, sampled
 from campaigns.study_cases import WIND, study_of
 
 COURSE = {"path": "wind.from_deg", "distribution": "normal", "mean": 10.0, "sigma": 5.0}
@@ -49,7 +49,6 @@ def test_a_grid_has_every_combination():
     choice = {"path": "fleet.planner", "distribution": "choice", "values": ["published", "certified"]}
     study = study_of(sampling={"method": "grid", "levels": 3}, vary=[WIND, choice])
     found = sampled(study, {})
-    assert flight_count(study, {}) == 6
     np.testing.assert_allclose(found["wind.speed_m_s"], [1.5, 1.5, 4.5, 4.5, 7.5, 7.5])
     assert found["fleet.planner"].tolist() == ["published", "certified"] * 3
 

@@ -15,10 +15,10 @@ UNTIL = {"statistic": "met", "width": 0.1, "at_least": 100}
 
 def test_it_stops_at_the_first_chunk_that_is_enough():
     study, met = study_of(until=UNTIL), np.ones(1000, dtype=bool)
-    found = enough(study, np.ones(100, dtype=bool), 10, {"met": met})
+    found = enough(study, np.ones(100, dtype=bool), 10, met)
     assert found == 10  # at_least
     met[::5] = False
-    found = enough(study, np.ones(100, dtype=bool), 10, {"met": met})
+    found = enough(study, np.ones(100, dtype=bool), 10, met)
     widths = [np.subtract(*wilson_interval(int(met[: 10 * k].sum()), 10 * k)[::-1]) for k in (found - 1, found)]
     assert widths[1] <= 0.1 < widths[0]
 
@@ -26,17 +26,17 @@ def test_it_stops_at_the_first_chunk_that_is_enough():
 def test_chunks_count_in_their_order():
     study, done = study_of(until=UNTIL), np.ones(100, dtype=bool)
     done[5] = False
-    assert enough(study, done, 10, {"met": np.ones(1000, dtype=bool)}) is None
-    assert enough(study_of(), done, 10, {}) is None
+    assert enough(study, done, 10, np.ones(1000, dtype=bool)) is None
+    assert enough(study_of(), done, 10, np.zeros(0)) is None
 
 
 def test_a_miss_that_is_not_known_is_the_worst():
     study = study_of(until={"statistic": "miss_m", "share": 0.5, "width": 0.5, "at_least": 10})
-    values = np.ones((100, 3))
-    assert enough(study, np.ones(10, dtype=bool), 10, {"miss_m": values}) == 1
-    values[::2] = np.nan
-    values[1::4] = np.nan
-    assert enough(study, np.ones(10, dtype=bool), 10, {"miss_m": values}) is None
+    values = np.ones(100)
+    assert enough(study, np.ones(10, dtype=bool), 10, values) == 1
+    values[::2] = np.inf
+    values[1::4] = np.inf
+    assert enough(study, np.ones(10, dtype=bool), 10, values) is None
 
 
 def test_a_campaign_ends_when_it_is_enough(tmp_path, monkeypatch):
@@ -62,11 +62,11 @@ def test_looking_often_costs_little_coverage():
     covered = 0
     for _ in range(4000):
         met = rng.random(600) < truth
-        count = 10 * enough(study, np.ones(60, dtype=bool), 10, {"met": met})
+        count = 10 * enough(study, np.ones(60, dtype=bool), 10, met)
         low, high = wilson_interval(int(met[:count].sum()), count)
         covered += low <= truth <= high
-    # four standard deviations of the estimate are 1.4 %
-    assert 0.925 <= covered / 4000 <= 0.97
+    # 95.9 % with this seed; four standard deviations of the estimate are 1.3 %
+    assert 0.946 <= covered / 4000 <= 0.972
 
 
 def test_a_rule_for_a_sample_that_is_even_as_a_whole_is_refused():

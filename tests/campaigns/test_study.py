@@ -16,7 +16,7 @@ def test_the_shipped_study_is_good():
     assert [one.distribution for one in study.vary] == ["triangular", "log-normal", "choice"]
 
 
-def test_the_hash_is_that_of_the_values(tmp_path):
+def test_the_hash_is_that_of_the_values():
     study, again = study_of(), study_of()
     assert study.hash == again.hash
     assert study.hash != study_of(seed=2).hash
@@ -103,3 +103,12 @@ def test_a_table_gives_the_values(tmp_path):
     (tmp_path / "values.csv").write_text("wind.speed_m_s\n0.5,1\n")
     with pytest.raises(ScenarioError, match="row 2: arrived 2 values; expected 1"):
         load_study(tmp_path / "study.toml")
+    (tmp_path / "values.csv").write_text("seed\n1\n")
+    with pytest.raises(ScenarioError, match="another path: the study's seed"):
+        load_study(tmp_path / "study.toml")
+
+
+def test_whole_numbers_are_put_where_whole_ones_stand():
+    vary = [{"path": "format", "distribution": "choice", "values": [1.0, 2.0]}]
+    assert applied_values(study_of(vary=vary), THREE, {})["format"].dtype.kind == "i"
+    assert applied_values(study_of(), THREE, {})["wind.speed_m_s"].dtype.kind == "f"

@@ -30,8 +30,7 @@ def departures(store: CampaignStore, number: int, summary: dict[str, Any], *, me
     By quantity the greatest difference over its scale, where that is more than `SAME`; of texts what the row says.
     """
     data = store.dataset().sel(flight=number)
-    fleet = {key: value for key, value in summary["fleet"].items() if value is not None}
-    row = FlightRow(summary["aircraft"], fleet, summary["requirements"], met)
+    row = FlightRow(summary["aircraft"], summary["fleet"], summary["requirements"], met)
     found: dict[str, float | str] = {}
     for name, (_, values, labels) in flight_columns([row], len(store.scenario.aircraft)).items():
         kept, flown = data[name].values, values[0]

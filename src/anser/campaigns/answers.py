@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from anser.results import finite_or_none, order_statistic_interval, quantile, wilson_interval
+from anser.results.flight_columns import worst_of_fleet
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -110,7 +111,7 @@ def answers(data: "xr.Dataset", flights: int, asked: "Answering") -> Answers:
     found = []
     for upper, quantities in ((True, _UPPER), (False, _LOWER)):
         for name, (words, unit) in quantities.items():
-            values = _of_fleet(data[name], upper)
+            values = worst_of_fleet(data[name].values, data["met"].values, upper=upper)
             if flown and np.isfinite(values).any():
                 found += [
                     _answer(name, words, unit, values, share, upper, asked.confidence) for share in asked.quantiles
@@ -118,15 +119,6 @@ def answers(data: "xr.Dataset", flights: int, asked: "Answering") -> Answers:
     share = met / flown if flown else None
     worst = _worst(data)
     return Answers(flights, flown, met, asked.confidence, share, low, high, _causes(data), tuple(found), worst)
-
-
-def _of_fleet(data: "xr.DataArray", upper: bool) -> np.ndarray:
-    """The worse of a fleet's aircraft; infinitely bad where one has none."""
-    bad = np.inf if upper else -np.inf
-    values = np.where(np.isnan(data.values), bad, data.values)
-    if values.ndim == 1:
-        return values
-    return np.max(values, axis=1) if upper else np.min(values, axis=1)
 
 
 def _answer(
@@ -151,6 +143,6 @@ def _causes(data: "xr.Dataset") -> dict[str, int]:
 
 
 def _worst(data: "xr.Dataset") -> tuple[int, ...]:
-    misses = _of_fleet(data["miss_m"], upper=True)
+    misses = worst_of_fleet(data["miss_m"].values, data["met"].values)
     order = np.lexsort((-misses, data["met"].values))
     return tuple(int(data["flight"].values[k]) for k in order[:_WORST])

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from anser.campaigns.answers import Answers, answers
 from anser.campaigns.flying import applied_values, flight_of, fly_campaign, prepare, usual_processes
-from anser.campaigns.store import CampaignStore, StoreError
+from anser.campaigns.store import CampaignStore
 from anser.campaigns.study import load_study
 from anser.execution.batches import Progress
 from anser.scenario import Scenario
@@ -107,6 +107,3 @@ def store_of(study: str | os.PathLike[str], folder: Path, *, resume: bool) -> Ca
         if not any(folder.iterdir()):
             folder.rmdir()
         raise
-
-
-__all__ = ["Campaign", "StoreError", "campaign", "store_of"]

@@ -28,8 +28,6 @@ _ALONE = 4
 """Flights of a chunk where each is flown by itself."""
 _PATIENCE = "10s"
 """How long the scheduler of a cluster may take to answer."""
-_RETRIES = 20
-"""How often a chunk is flown again whose worker was lost."""
 _TRIED = 64
 """Scenarios that are validated before any flies; where all of them are refused, so is the study."""
 
@@ -48,17 +46,17 @@ def applied_values(study: Study, scenario: Scenario, given: dict[str, np.ndarray
             base = value_at(scenario, path)
         except ScenarioError as error:
             raise ScenarioError(f"{study.name}, what varies of {scenario.name}", error.problems) from None
-        if how.get(path, "set") == "set":
-            found[path] = values
-            continue
-        if isinstance(base, bool) or not isinstance(base, int | float):
-            raise ScenarioError(study.name, [_no_number(path, base, how[path])])
-        found[path] = base + values if how[path] == "add" else base * values
+        if how.get(path, "set") != "set":
+            if isinstance(base, bool) or not isinstance(base, int | float):
+                raise ScenarioError(study.name, [_no_number(path, base, how[path])])
+            values = base + values if how[path] == "add" else base * values
+        whole = isinstance(base, int) and not isinstance(base, bool) and values.dtype.kind == "f"
+        found[path] = values.astype(int) if whole and np.all(values == np.rint(values)) else values
     return found
 
 
 def prepare(folder: Path, study: Study, scenario: Scenario, given: dict[str, np.ndarray]) -> CampaignStore:
-    """Make the store of a campaign in a folder that exists, without flying; raises what `fly_campaign` raises."""
+    """Make the store of a campaign in a folder that exists, without flying; raises ScenarioError and StoreError."""
     applied = applied_values(study, scenario, given)
     count = next(iter(applied.values())).size if applied else study.sampling.flights or 0
     _try(study, scenario, applied, count)
@@ -145,10 +143,7 @@ def fly_chunk(folder: Path, chunk: int) -> int:
 def _scenario(base: Scenario, seed: int, applied: dict[str, Any]) -> Scenario:
     changes: list[object] = ["seed", seed]
     for path, value in applied.items():
-        value = value.item()
-        held = value_at(base, path)
-        whole = isinstance(held, int) and not isinstance(held, bool) and isinstance(value, float) and value.is_integer()
-        changes += [path, int(value) if whole else value]
+        changes += [path, value.item()]
     return base.replace(*changes)  # pyright: ignore[reportArgumentType]
 
 
@@ -184,7 +179,11 @@ def _cluster(address: str) -> Iterator[tuple[Executor, int]]:
         words = f"expected the address of a running scheduler, such as tcp://127.0.0.1:8786 ({error})"
         raise StoreError(f"cluster: arrived {address}; {words}") from None
     with client:
-        yield client.get_executor(pure=False, retries=_RETRIES), 2 * max(len(client.nthreads()), 1)
+        try:
+            yield client.get_executor(pure=False), 2 * max(len(client.nthreads()), 1)
+        except distributed.KilledWorker:
+            words = "arrived a chunk that killed several workers, perhaps for want of memory; expected none"
+            raise StoreError(f"cluster {address}: {words}; resume flies what is missing") from None
 
 
 @contextlib.contextmanager

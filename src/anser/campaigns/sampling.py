@@ -33,13 +33,6 @@ def sampled(study: Study, given: Mapping[str, np.ndarray]) -> dict[str, np.ndarr
     return {vary.path: vary.at(shares[:, k]) for k, vary in enumerate(study.vary)}
 
 
-def flight_count(study: Study, given: Mapping[str, np.ndarray]) -> int:
-    """How many flights a study has."""
-    if study.sampling.flights is not None:
-        return study.sampling.flights
-    return next(iter(sampled(study, given).values())).size
-
-
 def flight_seeds(study: Study, count: int) -> np.ndarray:
     """Seeds of the flights, each as in a scenario: one after the other from a place that the study's seed scatters."""
     first = np.random.SeedSequence(study.seed).generate_state(1, np.uint32)[0]

@@ -1,16 +1,12 @@
 """When a campaign has flown enough: the interval of a named statistic is as narrow as asked for."""
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from anser.campaigns.study import Study
 from anser.results import order_statistic_interval, wilson_interval
 
-STATISTICS = ("met", "miss_m", "arrival_spread_s")
 
-
-def enough(study: Study, done: np.ndarray, chunk: int, columns: Mapping[str, np.ndarray]) -> int | None:
+def enough(study: Study, done: np.ndarray, chunk: int, values: np.ndarray, since: int = 0) -> int | None:
     """How many of the first chunks are enough; None where the study does not say, or they are not yet.
 
     Looked at after each chunk in their order, whichever was complete first: so it does not depend on how many fly at a
@@ -24,19 +20,15 @@ def enough(study: Study, done: np.ndarray, chunk: int, columns: Mapping[str, np.
         Whether each chunk is complete.
     chunk
         Flights of a chunk.
-    columns
-        Of each statistic, all flights in their order.
+    values
+        Of the rule's statistic, one for each flight; infinite where it is infinitely bad.
+    since
+        Chunks of which it is known that they are not enough.
     """
     until = study.until
     if until is None:
         return None
-    complete = done.size if done.all() else int(np.argmin(done))
-    values = np.asarray(columns[until.statistic], dtype=float)
-    if values.ndim > 1:
-        values = np.max(values, axis=1)
-    # one without a value is the worst
-    values = np.where(np.isnan(values), np.inf, values)
-    for count in range(1, complete + 1):
+    for count in range(since + 1, complete_from_first(done) + 1):
         flights = min(count * chunk, values.size)
         if flights < until.at_least:
             continue
@@ -44,6 +36,11 @@ def enough(study: Study, done: np.ndarray, chunk: int, columns: Mapping[str, np.
         if high - low <= until.width:
             return count
     return None
+
+
+def complete_from_first(done: np.ndarray) -> int:
+    """How many chunks are complete without one missing before them."""
+    return done.size if done.all() else int(np.argmin(done))
 
 
 def _interval(study: Study, values: np.ndarray) -> tuple[float, float]:

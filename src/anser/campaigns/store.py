@@ -11,10 +11,10 @@ import numpy as np
 import xarray as xr
 import zarr
 
-from anser.campaigns.stopping import enough
+from anser.campaigns.stopping import complete_from_first, enough
 from anser.campaigns.study import Study, validate_study
 from anser.results import version_attributes
-from anser.results.flight_columns import Column, flight_columns
+from anser.results.flight_columns import Column, flight_columns, worst_of_fleet
 from anser.results.flight_row import FlightRow
 from anser.scenario import Scenario
 from anser.scenario.schema import validate
@@ -53,6 +53,7 @@ class CampaignStore:
         self.study = validate_study(json.loads(about["study"]), f"{folder}, study")
         self.scenario = validate(json.loads(about["scenario"]), f"{folder}, scenario")
         self.chunk = int(about["chunk"])
+        self._not_enough = 0  # chunks that were looked at: each look sorts all flights so far
         self.versions = {key: value for key, value in about.items() if key.startswith("version_")}
 
     @classmethod
@@ -159,8 +160,14 @@ class CampaignStore:
         """How many of the first chunks are enough by the study's rule; None where they are not, or it has none."""
         if self.study.until is None:
             return None
-        name = self.study.until.statistic
-        return enough(self.study, self.done, self.chunk, {name: np.asarray(self._array(name)[:])})
+        met, values = (np.asarray(self._array(name)[:]) for name in ("met", self.study.until.statistic))
+        if self.study.until.statistic != "met":
+            values = worst_of_fleet(values, met)
+        done = self.done
+        found = enough(self.study, done, self.chunk, values, self._not_enough)
+        if found is None:
+            self._not_enough = complete_from_first(done)
+        return found
 
     @property
     def flown(self) -> np.ndarray:

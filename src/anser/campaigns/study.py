@@ -1,8 +1,6 @@
 """The study file: which scenario is flown how often, what of it varies, and what is asked of the answers."""
 
 import csv
-import hashlib
-import json
 import os
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -20,6 +18,7 @@ from anser.scenario.schema_base import (
     SLUG_PATTERN,
     Table,
     choice,
+    content_hash,
     expects,
     number,
     table,
@@ -217,8 +216,7 @@ class Study(Table):
     @property
     def hash(self) -> str:
         """SHA-256 of the validated values, 64 hexadecimal digits."""
-        text = json.dumps(self.model_dump(mode="json"), sort_keys=True, separators=(",", ":"), allow_nan=False)
-        return hashlib.sha256(text.encode()).hexdigest()
+        return content_hash(self)
 
 
 def load_study(path: str | os.PathLike[str]) -> tuple[Study, Scenario, dict[str, np.ndarray]]:
@@ -263,6 +261,9 @@ def _columns(path: Path) -> dict[str, np.ndarray]:
     heads, width = [head.strip() for head in rows[0]], len(rows[0])
     if len(set(heads)) < width:
         raise ScenarioError(os.fspath(path), [Problem("row 1", "a path twice", "each path once")])
+    if "seed" in heads:
+        words = "another path: the study's seed gives each flight its own"
+        raise ScenarioError(os.fspath(path), [Problem("row 1", '"seed"', words)])
     for k, row in enumerate(rows):
         if len(row) != width:
             raise ScenarioError(os.fspath(path), [Problem(f"row {k + 1}", f"{len(row)} values", f"{width}")])

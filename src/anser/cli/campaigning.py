@@ -18,9 +18,11 @@ from anser.cli.console import (
     say,
 )
 from anser.cli.offering import about
+from anser.scenario import Scenario, ScenarioError
 
 if TYPE_CHECKING:
-    from anser.campaigns import Answers
+    from anser.campaigns import Answers, CampaignStore
+    from anser.execution import Flown
 
 _CAUSES = 8
 """Causes of failure that are printed at most."""
@@ -79,6 +81,37 @@ def campaign(
             f"{found.flown - found.met} of {found.flown} flights did not meet every requirement, or could not begin"
         )
         raise typer.Exit(1)
+
+
+def flight_of_campaign(folder: Path, number: int) -> "tuple[CampaignStore, Scenario]":
+    """The store of a folder and the scenario of one of its flights; refuses what is neither."""
+    from anser.campaigns import CampaignStore, StoreError, flight_of
+
+    try:
+        store = CampaignStore.open(folder)
+    except StoreError as error:
+        raise RefusedError(f"--campaign: {error}") from None
+    try:
+        return store, flight_of(store, number)
+    except ScenarioError:
+        raise
+    except ValueError as error:
+        raise RefusedError(f"--{error}") from None
+
+
+def say_whether_same(store: "CampaignStore", number: int, flown: "Flown") -> None:
+    """Whether a flight of a campaign came out as its row says."""
+    from anser.campaigns import departures
+
+    if number not in store.flown:
+        say(f"flight {number} has not been flown in the campaign yet")
+        return
+    found = departures(store, number, flown.summary, met=flown.met)
+    if not found:
+        say(f"flight {number}: as in the campaign")
+    for name, off in found.items():
+        words = f"differs by {off:.2g} of its scale" if isinstance(off, float) else f"is {off} in the campaign"
+        problem(f"flight {number}: {name} {words}: another version, or rounding that led to another decision")
 
 
 def _print_answers(found: "Answers", name: str) -> None:

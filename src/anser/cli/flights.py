@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from anser.cli.arguments import ScenarioPath, complete_scenario
+from anser.cli.campaigning import flight_of_campaign, say_whether_same
 from anser.cli.console import (
     RefusedError,
     answer,
@@ -35,8 +36,7 @@ from anser.scenario.template import write_new
 if TYPE_CHECKING:
     import xarray as xr
 
-    from anser.campaigns import CampaignStore
-    from anser.execution import Flown, Planned
+    from anser.execution import Planned
 
 
 def _loaded(path: Path) -> Scenario:
@@ -83,7 +83,7 @@ def run(
     if campaign is not None or flight is not None:
         if campaign is None or flight is None or scenario is not None:
             raise RefusedError("run: expected either a scenario file, or both --campaign FOLDER and --flight NUMBER")
-        store, wanted = _flight_of(campaign, flight)
+        store, wanted = flight_of_campaign(campaign, flight)
     elif scenario is None:
         raise RefusedError("run: arrived no scenario; expected a scenario file, or --campaign and --flight")
     else:
@@ -113,41 +113,11 @@ def run(
         say(f"note: {note}")
     say(f"{target}: flight.nc, summary.json, report.html written")
     if store is not None and flight is not None:
-        _say_whether_same(store, flight, flown)
+        say_whether_same(store, flight, flown)
     if not flown.met:
         for beyond in flown.planned.problems():
             problem(f"planned beyond the limits: {beyond}")
         _fail_unmet(flown.summary, stopped_s)
-
-
-def _flight_of(folder: Path, number: int) -> "tuple[CampaignStore, Scenario]":
-    from anser.campaigns import CampaignStore, StoreError, flight_of
-
-    try:
-        store = CampaignStore.open(folder)
-    except StoreError as error:
-        raise RefusedError(f"--campaign: {error}") from None
-    try:
-        return store, flight_of(store, number)
-    except ScenarioError:
-        raise
-    except ValueError as error:
-        raise RefusedError(f"--{error}") from None
-
-
-def _say_whether_same(store: "CampaignStore", number: int, flown: "Flown") -> None:
-    """Whether a flight of a campaign came out as its row says."""
-    from anser.campaigns import departures
-
-    if number not in store.flown:
-        say(f"flight {number} has not been flown in the campaign yet")
-        return
-    found = departures(store, number, flown.summary, met=flown.met)
-    if not found:
-        say(f"flight {number}: as in the campaign")
-    for name, off in found.items():
-        words = f"differs by {off:.2g} of its scale" if isinstance(off, float) else f"is {off} in the campaign"
-        problem(f"flight {number}: {name} {words}: rounding, alone and in a batch, led to another decision")
 
 
 def _finished_plan(folder: Path, wanted: Scenario) -> "Planned":

@@ -9,6 +9,7 @@ import xarray as xr
 
 from anser.report.print_style import PRINT_STYLE, SMALL, line_of, new_figure, save_drawings
 from anser.results import order_statistic_interval, wilson_interval
+from anser.results.flight_columns import worst_of_fleet
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -107,6 +108,4 @@ def _draw_against(axes: "Axes", dataset: xr.Dataset, path: str) -> None:
 
 
 def _worst(dataset: xr.Dataset, name: str) -> np.ndarray:
-    """The greatest of the aircraft; infinite where one has none."""
-    values = np.where(np.isnan(dataset[name].values), np.inf, dataset[name].values)
-    return values.max(axis=1) if values.ndim > 1 else values
+    return worst_of_fleet(dataset[name].values, dataset["met"].values)

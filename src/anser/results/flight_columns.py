@@ -62,5 +62,25 @@ def flight_columns(rows: Sequence[FlightRow], aircraft: int) -> dict[str, Column
     return found
 
 
+def worst_of_fleet(values: np.ndarray, met: np.ndarray, *, upper: bool = True) -> np.ndarray:
+    """Of each flight the greatest of its aircraft (the least where `upper` is False).
+
+    One that has none makes its flight infinitely bad, unless the flight met every requirement without it (it had left).
+
+    Parameters
+    ----------
+    values
+        Shape (flights,) or (flights, aircraft); NaN where there is none.
+    met
+        Whether each flight met every requirement.
+    upper
+        Whether more is worse.
+    """
+    rows = (values if upper else -values).reshape(values.shape[0], -1)
+    bad = np.where(met, -np.inf, np.inf)[:, None]
+    worst = np.max(np.where(np.isnan(rows), bad, rows), axis=1)
+    return worst if upper else -worst
+
+
 def _or(value: Any, missing: Any) -> Any:
     return missing if value is None else value

@@ -1,8 +1,6 @@
 """The scenario: everything that one flight of a fleet needs, validated, in the units of its file."""
 
 import copy
-import hashlib
-import json
 from typing import Any, Literal, Self
 
 from pydantic import Field, ValidationError, model_validator
@@ -19,7 +17,7 @@ from anser.scenario.schema_airspace import (
     separation_problems,
 )
 from anser.scenario.schema_arrival import Arrival, arrival_problems
-from anser.scenario.schema_base import SLUG_EXPECTED, SLUG_PATTERN, Table, expects, table, tables
+from anser.scenario.schema_base import SLUG_EXPECTED, SLUG_PATTERN, Table, content_hash, expects, table, tables
 from anser.scenario.schema_chart import chart_problems
 from anser.scenario.schema_checks import (
     goal_problems,
@@ -225,6 +223,4 @@ def scenario_hash(scenario: Scenario) -> str:
 
     SHA-256 of its canonical JSON (keys sorted, no blanks, ASCII), 64 hexadecimal digits.
     """
-    values = scenario.model_dump(mode="json")
-    text = json.dumps(values, sort_keys=True, separators=(",", ":"), allow_nan=False)
-    return hashlib.sha256(text.encode()).hexdigest()
+    return content_hash(scenario)

@@ -1,6 +1,8 @@
 """What all tables of a scenario share: strictness, and fields that know in words what they expect."""
 
 import bisect
+import hashlib
+import json
 import math
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Never, Self
@@ -57,6 +59,12 @@ class Table(BaseModel):
     def model_construct(cls, _fields_set: set[str] | None = None, **values: Any) -> Never:
         """Refused: it makes a table that nothing has checked (TypeError)."""
         raise _unchecked(f"{cls.__name__}.model_construct()")
+
+
+def content_hash(table: Table) -> str:
+    """SHA-256 of the canonical JSON of a table (keys sorted, no blanks, ASCII), 64 hexadecimal digits."""
+    text = json.dumps(table.model_dump(mode="json"), sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _unchecked(what: str) -> TypeError:
