@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from anser.campaigns.sampling import flight_seeds, sampled
+from anser.campaigns.sampling import flight_seeds, independent, sampled
 from campaigns.study_cases import WIND, study_of
 
 COURSE = {"path": "wind.from_deg", "distribution": "normal", "mean": 10.0, "sigma": 5.0}
@@ -58,3 +58,19 @@ def test_every_flight_has_a_seed_of_its_own_and_studies_do_not_share_them():
     assert np.unique(one).size == 10_000
     assert one.max() < 2**32
     assert np.intersect1d(one, other).size == 0
+
+
+def test_a_saltelli_block_is_a_point_another_and_the_first_with_each_of_its_numbers_from_the_other():
+    study = study_of(sampling={"method": "saltelli", "flights": 16}, vary=[WIND, COURSE])
+    assert study.block == 4
+    values = np.stack(list(sampled(study, {}).values()), axis=1).reshape(16, 4, 2)
+    a, swapped, b = values[:, 0], values[:, 1:3], values[:, 3]
+    for k in range(2):
+        np.testing.assert_array_equal(swapped[:, k, k], b[:, k])
+        np.testing.assert_array_equal(swapped[:, k, 1 - k], a[:, 1 - k])
+    assert not np.any(a == b)
+    seeds = flight_seeds(study, 64).reshape(16, 4)
+    assert (seeds[:, :3] == seeds[:, :1]).all()
+    assert np.unique(seeds[:, [0, 3]]).size == 32
+    np.testing.assert_array_equal(independent(study, np.arange(8)), [True, False, False, True] * 2)
+    assert independent(study_of(), np.arange(8)).all()

@@ -9,6 +9,7 @@ from scipy.stats import qmc
 
 from anser.campaigns.study import Study
 from anser.numerics.randomness import DISPERSIONS, seeded, uniforms_of
+from anser.results import saltelli_shares
 
 _LEAST = 2.0**-53
 
@@ -34,9 +35,23 @@ def sampled(study: Study, given: Mapping[str, np.ndarray]) -> dict[str, np.ndarr
 
 
 def flight_seeds(study: Study, count: int) -> np.ndarray:
-    """Seeds of the flights, each as in a scenario: one after the other from a place that the study's seed scatters."""
+    """Seeds of the flights, each as in a scenario: one after the other from a place that the study's seed scatters.
+
+    Of a Saltelli block all flights share one but the last, which has its own: what is random then differs wherever the
+    inputs A and B do, and nowhere else, so that it adds neither to the first index of an input nor to its total one.
+    """
     first = np.random.SeedSequence(study.seed).generate_state(1, np.uint32)[0]
-    return (np.uint64(first) + np.arange(count, dtype=np.uint64)) % np.uint64(2**32)
+    numbers = np.arange(count, dtype=np.uint64)
+    if study.block > 1:
+        block = np.uint64(study.block)
+        numbers = np.uint64(2) * (numbers // block) + (numbers % block == block - np.uint64(1))
+    return (np.uint64(first) + numbers) % np.uint64(2**32)
+
+
+def independent(study: Study, numbers: np.ndarray) -> np.ndarray:
+    """Which of these flights are independent of each other: all, but of a Saltelli block its first and last alone."""
+    place = numbers % study.block
+    return (place == 0) | (place == study.block - 1)
 
 
 def _shares(study: Study) -> np.ndarray:
@@ -47,6 +62,8 @@ def _shares(study: Study) -> np.ndarray:
         numbers = np.repeat(np.arange(flights), count)
         key = np.asarray(seeded(study.seed).key)
         return uniforms_of(key, DISPERSIONS, numbers, lanes).reshape(flights, count)
+    if study.sampling.method == "saltelli":
+        return np.clip(saltelli_shares(count, flights, study.seed), _LEAST, 1.0 - _LEAST)
     kind = {"latin-hypercube": qmc.LatinHypercube, "sobol": qmc.Sobol}[study.sampling.method]
     return np.clip(kind(count, rng=np.random.default_rng(study.seed)).random(flights), _LEAST, 1.0 - _LEAST)
 

@@ -26,7 +26,7 @@ from anser.scenario.schema_base import (
 )
 from anser.scenario.schema_problems import problems_from
 
-METHODS = ("monte-carlo", "latin-hypercube", "sobol", "grid", "table")
+METHODS = ("monte-carlo", "latin-hypercube", "sobol", "saltelli", "grid", "table")
 FLIGHTS_MAX = 10_000_000
 _LEAST_EIGENVALUE = 1e-9
 
@@ -34,14 +34,15 @@ _LEAST_EIGENVALUE = 1e-9
 class Sampling(Table):
     """How often, and how what varies is sampled."""
 
-    method: Literal["monte-carlo", "latin-hypercube", "sobol", "grid", "table"] = choice(
+    method: Literal["monte-carlo", "latin-hypercube", "sobol", "saltelli", "grid", "table"] = choice(
         "of sampling", METHODS, "monte-carlo"
     )
     flights: int | None = Field(
         None,
         ge=1,
         le=FLIGHTS_MAX,
-        description="how many; left out with a grid or a table, which say it themselves",
+        description="how many; with saltelli how many blocks, each of as many flights as numbers vary and two more; "
+        "left out with a grid or a table, which say it themselves",
         json_schema_extra=expects(f"a whole number from 1 to {FLIGHTS_MAX}"),
     )
     levels: int | None = Field(
@@ -68,7 +69,7 @@ class Sampling(Table):
         ]
         if keys[needed] is None:
             found.append(Problem(needed, "nothing", f"a value: the method {self.method} needs it"))
-        if self.method == "sobol" and self.flights is not None and self.flights & (self.flights - 1):
+        if self.method in ("sobol", "saltelli") and self.flights is not None and self.flights & (self.flights - 1):
             near = 2 ** round(np.log2(self.flights))
             found.append(Problem("flights", str(self.flights), f"a power of 2 for a Sobol sequence, such as {near}"))
         return found
@@ -201,8 +202,11 @@ class Study(Table):
                 elif path in taken:
                     found.append(Problem(f"correlated[{k}].paths", show(path), "each path in one group, once"))
                 taken.append(path)
-        if self.sampling.method in ("grid", "table") and self.correlated:
+        if self.sampling.method in ("grid", "table", "saltelli") and self.correlated:
             found.append(Problem("correlated", "a table", f"none with the method {self.sampling.method}"))
+        if self.block * (self.sampling.flights or 0) > FLIGHTS_MAX:
+            words = f"{FLIGHTS_MAX // self.block} blocks of {self.block} flights at most"
+            found.append(Problem("sampling.flights", str(self.sampling.flights), words))
         if self.until is not None and self.sampling.method != "monte-carlo":
             words = "none: only of plain Monte Carlo are the first flights a sample of their own"
             found.append(Problem("until", "a table", words))
@@ -212,6 +216,11 @@ class Study(Table):
             words = f"one table [[vary]] at least with the method {self.sampling.method}"
             found.append(Problem("vary", "nothing", words))
         return found
+
+    @property
+    def block(self) -> int:
+        """Flights that belong together: with saltelli as many as numbers vary and two more, else each by itself."""
+        return len(self.vary) + 2 if self.sampling.method == "saltelli" else 1
 
     @property
     def hash(self) -> str:

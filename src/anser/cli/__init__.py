@@ -9,10 +9,11 @@ import typer
 
 import anser
 from anser.cli.caching import cache
-from anser.cli.campaigning import campaign
+from anser.cli.campaigning import fly
 from anser.cli.console import RefusedError, problem
 from anser.cli.flights import check, convert, new, plan, run
 from anser.cli.margins import margins
+from anser.cli.grouping import offer_group
 from anser.cli.offering import offer
 from anser.cli.reporting import export, figures, report
 from anser.cli.stepping import gallery, step
@@ -43,7 +44,6 @@ for _command in (
     run,
     plan,
     sweep,
-    campaign,
     check,
     trim,
     linearize,
@@ -61,6 +61,15 @@ for _command in (
     cache,
 ):
     offer(app, _command)
+offer_group(
+    app,
+    "campaign",
+    (fly,),
+    "Fly a study, a scenario many times with its numbers dispersed; report on the flights; compare two campaigns.",
+    (
+        "anser campaign studies/how-surely.toml --out runs/how-surely",
+    ),
+)
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""Command campaign: a scenario flown many times, with numbers of it dispersed."""
+"""Command campaign fly: a scenario flown many times, with numbers of it dispersed."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -33,7 +33,7 @@ _CAUSES = 8
     "anser campaign studies/how-surely.toml --out runs/how-surely --resume",
     unmet="a flight did not meet every requirement, or could not begin",
 )
-def campaign(
+def fly(
     study: Annotated[Path, typer.Argument(help="Study file (TOML).", show_default=False)],
     out: Annotated[Path, typer.Option(help="Folder of the campaign; new, unless --resume.", show_default=False)],
     resume: Annotated[
@@ -48,7 +48,10 @@ def campaign(
         typer.Option(help="Address of a dask scheduler, whose workers fly instead.", show_default=False),
     ] = None,
 ) -> None:
-    """Fly a study: a scenario many times, its numbers dispersed, and say how surely it keeps its requirements."""
+    """Fly a study: a scenario many times, its numbers dispersed, and say how surely it keeps its requirements.
+
+    The word fly may be left out: anser campaign STUDY --out FOLDER.
+    """
     from anser.campaigns import Campaign, StoreError, fly_campaign
     from anser.campaigns.campaign import store_of
     from anser.campaigns.flying import usual_processes

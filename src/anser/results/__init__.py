@@ -16,6 +16,7 @@ from anser.results.plan_record import ClosestApproach, PlanDetails, PlanExtremes
 from anser.results.plan_summary import plan_margins, plan_summary
 from anser.results.plan_table import TRAJECTORY_COLUMNS, write_trajectories
 from anser.results.provenance import version_attributes, versions
+from anser.results.rank_correlation import rank_correlation
 from anser.results.robustness_dataset import robustness_dataset
 from anser.results.robustness_statistics import (
     FailureCorrelation,
@@ -27,6 +28,7 @@ from anser.results.robustness_statistics import (
     success,
 )
 from anser.results.separated import nearest_other
+from anser.results.sobol_indices import SobolIndices, saltelli_shares, sobol_indices
 from anser.results.summary import CLEARANCE_MIN_M, read_summary, summarize, write_summary
 from anser.results.summary_text import summary_html, summary_text
 from anser.results.sweep_dataset import sweep_dataset
@@ -46,6 +48,7 @@ __all__ = [
     "PlanDetails",
     "PlanExtremes",
     "PlanSamples",
+    "SobolIndices",
     "Success",
     "TrimMap",
     "closest_approach",
@@ -69,9 +72,12 @@ __all__ = [
     "plan_margins",
     "plan_summary",
     "quantile",
+    "rank_correlation",
     "read_netcdf",
     "read_summary",
     "robustness_dataset",
+    "saltelli_shares",
+    "sobol_indices",
     "success",
     "summarize",
     "summarize_network",
