@@ -10,7 +10,8 @@ import pytest
 from anser.report import write_comparison, write_report
 from anser.report.comparison import scenario_differences
 from anser.report.opening import answer
-from anser.report.page import _SCRIPTS, _asset
+from anser.report.page import _SCRIPTS
+from anser.report.page_shell import asset
 from support.made_flight import make_flight
 
 EVIL = "</script><script>alert(1)</script>"
@@ -26,8 +27,8 @@ def page(flight, tmp_path_factory):
 def own(page):
     """The page without its scripts, which hold markup of all kinds, and without packed numbers."""
     for name in _SCRIPTS:
-        assert page.count(_asset(name)) == 1
-        page = page.replace(_asset(name), "")
+        assert page.count(asset(name)) == 1
+        page = page.replace(asset(name), "")
     return re.sub(r'"packed":"[^"]*"', "", page)
 
 

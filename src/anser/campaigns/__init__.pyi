@@ -2,6 +2,7 @@ from .again import departures
 from .answers import Answer, Answers, answers
 from .campaign import Campaign, campaign
 from .flying import flight_of, fly_campaign, prepare
+from .influences import Influence, Influences, influences
 from .store import CampaignStore, StoreError
 from .study import Study, load_study
 
@@ -10,6 +11,8 @@ __all__ = [
     "Answers",
     "Campaign",
     "CampaignStore",
+    "Influence",
+    "Influences",
     "StoreError",
     "Study",
     "answers",
@@ -17,6 +20,7 @@ __all__ = [
     "departures",
     "flight_of",
     "fly_campaign",
+    "influences",
     "load_study",
     "prepare",
 ]

@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from anser.campaigns.sampling import independent
 from anser.results import finite_or_none, order_statistic_interval, quantile, wilson_interval
 from anser.results.flight_columns import worst_of_fleet
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from anser.campaigns.study import Answering
+    from anser.campaigns.study import Study
 
 _UPPER = {
     "miss_m": ("greatest miss", "m"),
@@ -65,6 +66,9 @@ class Answers:
         How many there are to be, were flown, and met every requirement; one that could not begin counts as flown.
     confidence
         Of all intervals.
+    independent
+        How many of those flown are independent of each other: all, but for the blocks of a Saltelli sampling. The
+        probability and the quantiles come from these alone, or their intervals would be too narrow.
     probability, low, high
         Of meeting every requirement, and its Wilson interval.
     causes
@@ -79,6 +83,7 @@ class Answers:
     flown: int
     met: int
     confidence: float
+    independent: int
     probability: float | None
     low: float
     high: float
@@ -94,7 +99,7 @@ class Answers:
 _WORST = 10
 
 
-def answers(data: "xr.Dataset", flights: int, asked: "Answering") -> Answers:
+def answers(data: "xr.Dataset", flights: int, study: "Study") -> Answers:
     """Sum a campaign up. A flight that failed counts as a failure in every answer, never as missing.
 
     Parameters
@@ -103,22 +108,25 @@ def answers(data: "xr.Dataset", flights: int, asked: "Answering") -> Answers:
         Flights flown, from `CampaignStore.dataset`.
     flights
         How many there are to be.
-    asked
-        Confidence and quantiles, of the study.
+    study
+        What was flown; it says the confidence and the quantiles.
     """
-    flown, met = data.sizes["flight"], int(data["met"].sum())
-    low, high = wilson_interval(met, flown, asked.confidence)
+    flown, met, asked = data.sizes["flight"], int(data["met"].sum()), study.answers
+    alone = data.isel(flight=np.flatnonzero(independent(study, data["flight"].values)))
+    count, met_alone = alone.sizes["flight"], int(alone["met"].sum())
+    low, high = wilson_interval(met_alone, count, asked.confidence)
     found = []
     for upper, quantities in ((True, _UPPER), (False, _LOWER)):
         for name, (words, unit) in quantities.items():
-            values = worst_of_fleet(data[name].values, data["met"].values, upper=upper)
-            if flown and np.isfinite(values).any():
+            values = worst_of_fleet(alone[name].values, alone["met"].values, upper=upper)
+            if count and np.isfinite(values).any():
                 found += [
                     _answer(name, words, unit, values, share, upper, asked.confidence) for share in asked.quantiles
                 ]
-    share = met / flown if flown else None
-    worst = _worst(data)
-    return Answers(flights, flown, met, asked.confidence, share, low, high, _causes(data), tuple(found), worst)
+    share, worst = met_alone / count if count else None, worst_flights(data, _WORST)
+    return Answers(
+        flights, flown, met, asked.confidence, count, share, low, high, _causes(data), tuple(found), worst
+    )
 
 
 def _answer(
@@ -142,7 +150,8 @@ def _causes(data: "xr.Dataset") -> dict[str, int]:
     return dict(counted.most_common())
 
 
-def _worst(data: "xr.Dataset") -> tuple[int, ...]:
+def worst_flights(data: "xr.Dataset", count: int) -> tuple[int, ...]:
+    """Numbers of the flights that failed, and then of those with the greatest miss; so many at most."""
     misses = worst_of_fleet(data["miss_m"].values, data["met"].values)
     order = np.lexsort((-misses, data["met"].values))
-    return tuple(int(data["flight"].values[k]) for k in order[:_WORST])
+    return tuple(int(data["flight"].values[k]) for k in order[:count])

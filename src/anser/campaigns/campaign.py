@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from anser.campaigns.answers import Answers, answers
 from anser.campaigns.flying import applied_values, flight_of, fly_campaign, prepare, usual_processes
+from anser.campaigns.influences import Influences, influences
 from anser.campaigns.store import CampaignStore
 from anser.campaigns.study import load_study
 from anser.execution.batches import Progress
@@ -40,7 +41,11 @@ class Campaign:
 
     def answers(self) -> Answers:
         """Probabilities and quantiles, with intervals."""
-        return answers(self.dataset, self.store.flights, self.store.study.answers)
+        return answers(self.dataset, self.store.flights, self.store.study)
+
+    def influences(self) -> Influences:
+        """What the outputs depend on: Sobol indices of a Saltelli sampling, else rank correlations."""
+        return influences(self.dataset, self.store.study, self.store.varied)
 
     def flight(self, number: int) -> Scenario:
         """Scenario of one flight, for `anser.run`; ValueError where there is none, ScenarioError where it is none."""

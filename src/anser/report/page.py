@@ -1,10 +1,7 @@
 """The report of a flight, or of two side by side: one page that needs nothing else, not even a network."""
 
-import base64
-import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +9,14 @@ import xarray as xr
 
 from anser.report.arrival_strip import arrival_strip
 from anser.report.comparison import difference_table
-from anser.report.flight_data import as_script, check_flight, flight_data
+from anser.report.flight_data import check_flight, flight_data
 from anser.report.flight_margins import margins_of
 from anser.report.flight_panels import SECTIONS
 from anser.report.flown_beside_plan import derive, scenario_of
 from anser.report.links_strip import links_strip
 from anser.report.opening import aircraft_table, answer, cards, margins_list, number, text
 from anser.report.page_controls import EVENTS_KEY, KEEP_OUT_KEY, SCENE_KEY, TRANSPORT, toolbar
+from anser.report.page_shell import page, write_page
 from anser.report.style import COLORS
 
 _TIGHTEST = 6  # margins shown before the rest is unfolded
@@ -79,23 +77,15 @@ def write_comparison(runs: Sequence[_Run], path: Path, *, overwrite: bool = Fals
 
 
 def _write(runs: list[_Run], path: Path, overwrite: bool) -> None:
-    if path.exists() and not overwrite:
+    if path.exists() and not overwrite:  # before all the work
         raise FileExistsError(f"{path} exists and is not overwritten")
-    page = _page(runs)
-    # whole or not at all: a page that stood there stays until the new one is complete
-    partial = path.with_name(path.name + ".part")
-    try:
-        partial.write_text(page, encoding="utf-8")
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+    write_page(_page(runs), path, overwrite=overwrite)
 
 
 def _page(runs: list[_Run]) -> str:
     scenarios = [scenario_of(dataset) for _, dataset, _ in runs]
     shown = [(derive(run[1], scenario), run[2], scenario) for run, scenario in zip(runs, scenarios, strict=True)]
     data = {"colors": COLORS, "runs": [flight_data(*of, run[0]) for of, run in zip(shown, runs, strict=True)]}
-    scripts = [_asset(name) for name in _SCRIPTS]
     single = len(runs) == 1
     labels = [text(label) for label, _, _ in runs]
     title = labels[0] if single else f"{labels[0]} beside {labels[1]}"
@@ -110,19 +100,7 @@ def _page(runs: list[_Run]) -> str:
         for section in SECTIONS
         if any(section.key == one["key"] for run in data["runs"] for one in run["sections"])
     )
-    return f"""<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src 'unsafe-inline'; \
-script-src {" ".join(map(_hash_of, scripts))}; img-src data: blob:; connect-src 'none'">
-<title>{title} · anser flight report</title>
-<link rel="icon" href="data:,">
-<style>{"".join(_asset(name) for name in _STYLES)}</style>
-</head>
-<body class="{"single" if single else "pair"}">
-<main>
+    contents = f"""<main>
 <header>
 <h1>{title}</h1>
 <p class="lead">{lead}</p>
@@ -157,21 +135,15 @@ script-src {" ".join(map(_hash_of, scripts))}; img-src data: blob:; connect-src 
 <div class="runs">{_places(labels, "", lambda k: _provenance(runs[k], scenarios[k], data["runs"][k]["every"]))}</div>
 </section>
 </main>
-{TRANSPORT}
-<script type="application/json" id="flights">{as_script(data)}</script>
-{"".join(f"<script>{script}</script>" for script in scripts)}
-</body>
-</html>
-"""
-
-
-def _asset(name: str) -> str:
-    return files("anser.report").joinpath("assets", *name.split("/")).read_text(encoding="utf-8")
-
-
-def _hash_of(script: str) -> str:
-    """Name a script to the browser, which runs no other: not even one that some name would smuggle in."""
-    return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
+{TRANSPORT}"""
+    return page(
+        f"{title} · anser flight report",
+        look="single" if single else "pair",
+        styles=_STYLES,
+        scripts=_SCRIPTS,
+        contents=contents,
+        data=("flights", data),
+    )
 
 
 def _places(labels: Sequence[str], kind: str, inner: Any) -> str:
