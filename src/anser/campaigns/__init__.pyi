@@ -3,6 +3,8 @@ from .answers import Answer, Answers, answers
 from .campaign import Campaign, campaign
 from .flying import flight_of, fly_campaign, prepare
 from .influences import Influence, Influences, influences
+from .keeping import keep_worst
+from .reporting import write_campaign
 from .store import CampaignStore, StoreError
 from .study import Study, load_study
 
@@ -21,6 +23,8 @@ __all__ = [
     "flight_of",
     "fly_campaign",
     "influences",
+    "keep_worst",
     "load_study",
     "prepare",
+    "write_campaign",
 ]

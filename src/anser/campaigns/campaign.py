@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 from anser.campaigns.answers import Answers, answers
 from anser.campaigns.flying import applied_values, flight_of, fly_campaign, prepare, usual_processes
 from anser.campaigns.influences import Influences, influences
+from anser.campaigns.keeping import keep_worst
+from anser.campaigns.reporting import OTHERS, WORST, write_campaign
 from anser.campaigns.store import CampaignStore
 from anser.campaigns.study import load_study
 from anser.execution.batches import Progress
@@ -46,6 +48,12 @@ class Campaign:
     def influences(self) -> Influences:
         """What the outputs depend on: Sobol indices of a Saltelli sampling, else rank correlations."""
         return influences(self.dataset, self.store.study, self.store.varied)
+
+    def report(
+        self, worst: int = WORST, others: int = OTHERS, progress: Progress | None = None
+    ) -> tuple[Path, ...]:
+        """Write `report.html` and the tables into the folder; see `anser.campaigns.write_campaign`."""
+        return write_campaign(self.store, worst, others, progress)
 
     def flight(self, number: int) -> Scenario:
         """Scenario of one flight, for `anser.run`; ValueError where there is none, ScenarioError where it is none."""
@@ -93,6 +101,7 @@ def campaign(
     """
     store = store_of(study, Path(out), resume=resume)
     fly_campaign(store, usual_processes() if processes is None else processes, progress, cluster)
+    keep_worst(store, progress)
     return Campaign(store)
 
 

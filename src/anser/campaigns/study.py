@@ -150,6 +150,18 @@ class Until(Table):
         return []
 
 
+class Keep(Table):
+    """What is kept of flights beside their rows."""
+
+    worst: int = Field(
+        0,
+        ge=0,
+        le=1000,
+        description="how many of the worst flights are kept whole when the campaign ends, as anser run leaves them",
+        json_schema_extra=expects("a whole number from 0 to 1000"),
+    )
+
+
 class Study(Table):
     """A study file; read one with :func:`anser.campaigns.load_study`, whose messages are plain."""
 
@@ -180,6 +192,7 @@ class Study(Table):
     )
     until: Until | None = table("when fewer flights are enough", "a table [until]", None)
     answers: Answering = table("what is asked", "a table [answers]", Answering())
+    keep: Keep | None = table("what is kept beside the rows", "a table [keep]", None)
 
     def own_problems(self) -> list[Problem]:
         """Find what is wrong between tables."""

@@ -9,6 +9,7 @@ import typer
 
 import anser
 from anser.cli.caching import cache
+from anser.cli.campaign_answers import report as report_campaign
 from anser.cli.campaigning import fly
 from anser.cli.console import RefusedError, problem
 from anser.cli.flights import check, convert, new, plan, run
@@ -64,10 +65,11 @@ for _command in (
 offer_group(
     app,
     "campaign",
-    (fly,),
+    (fly, report_campaign),
     "Fly a study, a scenario many times with its numbers dispersed; report on the flights; compare two campaigns.",
     (
         "anser campaign studies/how-surely.toml --out runs/how-surely",
+        "anser campaign report runs/how-surely",
     ),
 )
 

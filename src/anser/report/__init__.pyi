@@ -1,4 +1,6 @@
+from .campaign_data import CampaignShown, FlownAgain
 from .campaign_figure import draw_campaign
+from .campaign_page import write_campaign_report
 from .envelope_figures import draw_envelope
 from .flight_plots import FlightPlots
 from .margin_figures import BODE_SUFFIXES, draw_bode, draw_margin_maps
@@ -9,7 +11,9 @@ from .sweep_figure import draw_sweep
 
 __all__ = [
     "BODE_SUFFIXES",
+    "CampaignShown",
     "FlightPlots",
+    "FlownAgain",
     "draw_bode",
     "draw_campaign",
     "draw_envelope",
@@ -17,6 +21,7 @@ __all__ = [
     "draw_plan",
     "draw_robustness",
     "draw_sweep",
+    "write_campaign_report",
     "write_comparison",
     "write_report",
 ]

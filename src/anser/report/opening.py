@@ -107,6 +107,11 @@ def cards(dataset: xr.Dataset, summary: Mapping[str, Any]) -> str:
         later = ", after arriving" if ends and apart[1] > min(ends) else ""
         where = f"at {number(apart[1], 1)} s{later}: {text(apart[2])}, {text(apart[3])}"
         found.append(("Least distance of two", number(fleet["separation_min_m"], 0), "m", where))
+    return cards_of(found)
+
+
+def cards_of(found: Sequence[tuple[str, str, str, str]]) -> str:
+    """Numbers that stand out: of each the heading, the value, its unit and a note; HTML."""
     return (
         '<div class="cards">'
         + "".join(

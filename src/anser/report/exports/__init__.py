@@ -1,4 +1,4 @@
-"""A recorded flight in the formats of other programs: Cesium, Google Earth, tables, MATLAB."""
+"""A recorded flight in the formats of other programs: Cesium, Google Earth, tables, MATLAB; a campaign as tables."""
 
 from collections.abc import Callable, Mapping
 from datetime import datetime
@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from anser.report.exports.campaign_tables import write_campaign_tables
 from anser.report.exports.czml import to_czml
 from anser.report.exports.geography import NEEDED_VARIABLES
 from anser.report.exports.kml import to_kml
@@ -24,6 +25,7 @@ __all__ = [
     "to_kml",
     "to_mat",
     "to_parquet",
+    "write_campaign_tables",
 ]
 
 FORMATS: dict[str, Callable[[xr.Dataset, Mapping[str, Any], datetime], bytes]] = {

@@ -2,6 +2,8 @@
 
 import importlib.util
 import io
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -32,21 +34,45 @@ def to_parquet(dataset: xr.Dataset) -> bytes:
     ImportError
         Pyarrow is not installed.
     """
+    labels = {"time_s": {"units": "s", "long_name": "Time"}, "aircraft": {"long_name": "Aircraft"}} | {
+        str(name): of.attrs for name, of in dataset.items()
+    }
+    return parquet_of(dict(_columns(dataset)), labels, dataset.attrs)
+
+
+def parquet_of(
+    columns: Mapping[str, np.ndarray], labels: Mapping[str, Mapping[str, Any]], about: Mapping[Any, Any]
+) -> bytes:
+    """Write columns of equal length as Parquet.
+
+    Parameters
+    ----------
+    columns
+        By name; that of the aircraft is kept as a dictionary.
+    labels
+        Attributes of columns by name, of which unit and words are kept.
+    about
+        Attributes of the table.
+
+    Raises
+    ------
+    ImportError
+        Pyarrow is not installed.
+    """
     try:
         import pyarrow as pa
         import pyarrow.parquet as pq
     except ImportError:
         raise ImportError(PARQUET_MISSING) from None
-    columns = dict(_columns(dataset))
     arrays = {
         name: pa.array(values).dictionary_encode() if name == "aircraft" else pa.array(values)
         for name, values in columns.items()
     }
-    labels = {"time_s": {"units": "s", "long_name": "Time"}, "aircraft": {"long_name": "Aircraft"}} | {
-        str(name): {key: str(of.attrs[key]) for key in _LABELS if key in of.attrs} for name, of in dataset.items()
+    kept = {
+        name: {key: str(of[key]) for key in _LABELS if key in of} for name in columns for of in (labels.get(name, {}),)
     }
-    fields = [pa.field(name, array.type, metadata=labels[name]) for name, array in arrays.items()]
-    schema = pa.schema(fields, metadata={key: str(value) for key, value in dataset.attrs.items()})
+    fields = [pa.field(name, array.type, metadata=kept[name]) for name, array in arrays.items()]
+    schema = pa.schema(fields, metadata={key: str(value) for key, value in about.items()})
     buffer = io.BytesIO()
     pq.write_table(pa.Table.from_arrays(list(arrays.values()), schema=schema), buffer, compression="zstd")
     return buffer.getvalue()

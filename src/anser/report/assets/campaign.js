@@ -1,0 +1,290 @@
+/* Plots of a campaign: convergence, distributions, every flight against each input. */
+"use strict";
+
+const TALL = 230, INK = "#0072b2", BAD_INK = "#d55e00", BAND = "rgba(0, 114, 178, 0.16)";
+const AXIS = { stroke: "#57606a", grid: { stroke: "#eceff2", width: 1 }, ticks: { stroke: "#c8ced6", width: 1, size: 4 }, font: "11px system-ui, sans-serif" };
+
+/** Text of a tick: as many digits as there are. */
+const ticked = (value) => (+value.toPrecision(6)).toLocaleString("en-US", { maximumFractionDigits: 9 }).replace("-", "−");
+
+/** Least and greatest of some numbers, with room; null counts nowhere. */
+function reach(values, room = 0.05) {
+  let low = Infinity, high = -Infinity;
+  for (const value of values) {
+    if (value === null) continue;
+    if (value < low) low = value;
+    if (value > high) high = value;
+  }
+  if (!(low <= high)) return [0, 1];
+  const more = high - low > 1e-12 * Math.max(1, Math.abs(high)) ? room * (high - low) : Math.max(room * Math.abs(high), 1e-6);
+  return [low - more, high + more];
+}
+
+/** A figure with a caption; drawn when it comes into sight, anew when the window has another width. */
+class Chart {
+  constructor(place, title) {
+    this.root = element("figure", "plot");
+    const head = element("figcaption");
+    this.title = element("span", "title", title);
+    this.readout = element("output", "readout");
+    head.append(this.title, this.readout);
+    this.box = element("div", "canvas");
+    this.root.append(head, this.box);
+    this.root.chart = this;
+    place.append(this.root);
+    Chart.watch.observe(this.root);
+    Chart.all.push(this);
+  }
+
+  draw() {
+    if (this.plot) this.plot.destroy();
+    const { options, data } = this.described();
+    const sized = (u, ticks) => Math.max(48, 14 + 6.6 * Math.max(0, ...(ticks || []).map((one) => one.length)));
+    this.plot = new uPlot(
+      {
+        width: Math.max(220, this.box.clientWidth), height: TALL, padding: [8, 18, 0, 0], legend: { show: false },
+        cursor: { y: false, drag: { x: false, y: false }, points: { show: false } },
+        ...options,
+        axes: [
+          { ...AXIS, size: 42, gap: 3, labelSize: 16, labelGap: 0, labelFont: AXIS.font, values: (u, ticks) => ticks.map(ticked), ...options.axes?.[0] },
+          { ...AXIS, size: sized, gap: 4, values: (u, ticks) => ticks.map(ticked), ...options.axes?.[1] },
+        ],
+      },
+      data,
+      this.box
+    );
+    this.stale = false;
+  }
+}
+Chart.all = [];
+Chart.visible = new Set();
+Chart.watch = new IntersectionObserver((entries) => entries.forEach((entry) => {
+  const chart = entry.target.chart;
+  if (!entry.isIntersecting) { Chart.visible.delete(chart); return; }
+  Chart.visible.add(chart);
+  if (!chart.plot || chart.stale) chart.draw();
+}), { rootMargin: "200px" });
+
+/** Draw all anew that are in sight, the others when they come into it. */
+function refresh(charts = Chart.all) {
+  charts.forEach((chart) => { chart.stale = true; });
+  charts.filter((chart) => Chart.visible.has(chart)).forEach((chart) => chart.draw());
+}
+
+/** An estimate and its interval against the number of flights. */
+class Converging extends Chart {
+  constructor(place, title, lines, unit) {
+    super(place, title);
+    Object.assign(this, { lines, unit });
+  }
+
+  described() {
+    const { n, value, low, high } = this.lines, thin = { stroke: "rgba(0, 114, 178, 0.4)", width: 1, points: { show: false } };
+    // a band is drawn between two numbers: where the interval has no end, to the edge
+    const known = value.filter((_, k) => k >= n.length / 20), range = reach([...known, ...low.slice(-60), ...high.slice(-60)]);
+    const filled = (ends, edge, k) => (value[k] === null && ends[k] === null ? null : ends[k] ?? edge);
+    const lows = low.map((_, k) => filled(low, range[0] - 1e9, k)), highs = high.map((_, k) => filled(high, range[1] + 1e9, k));
+    return {
+      options: {
+        scales: { x: { time: false }, y: { range: () => range } },
+        series: [{}, thin, thin, { stroke: INK, width: 2, points: { show: n.length < 3 } }],
+        bands: [{ series: [2, 1], fill: BAND }],
+        axes: [{ label: "flights" }],
+        hooks: { setCursor: [(u) => this._tell(u)] },
+      },
+      data: [n, lows, highs, value],
+    };
+  }
+
+  _tell(u) {
+    const k = u.cursor.idx, { n, value, low, high } = this.lines;
+    if (k === null || k === undefined) { this.readout.textContent = ""; return; }
+    this.readout.textContent = `${n[k].toLocaleString("en-US")}: ${printed(value[k] ?? NaN)} (${printed(low[k] ?? NaN)} to ${printed(high[k] ?? NaN)}) ${this.unit}`;
+  }
+}
+
+/** Part of the flights that keeps each bound, with the intervals of some quantiles. */
+class Distribution extends Chart {
+  constructor(place, quantity) {
+    super(place, `${quantity.words} (${quantity.unit})`);
+    this.quantity = quantity;
+  }
+
+  described() {
+    const { kept, part, upper, quantiles } = this.quantity;
+    const ends = quantiles.flatMap((one) => [one.low, one.high, one.value]);
+    const range = reach([...kept, ...ends]);
+    return {
+      options: {
+        scales: { x: { time: false, range: () => range }, y: { range: () => [0, 103] } },
+        series: [{}, { stroke: INK, width: 2, paths: uPlot.paths.stepped({ align: upper ? 1 : -1 }), points: { show: kept.length < 3 } }],
+        axes: [{ label: upper ? "at most" : "at least" }, { values: (u, ticks) => ticks.map((one) => `${one} %`) }],
+        hooks: { draw: [(u) => this._marks(u)], setCursor: [(u) => this._tell(u)] },
+      },
+      data: [kept, part],
+    };
+  }
+
+  _marks(u) {
+    const { ctx, bbox } = u, ratio = devicePixelRatio || 1;
+    ctx.save();
+    ctx.beginPath();
+    ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
+    ctx.clip();
+    ctx.strokeStyle = ctx.fillStyle = BAD_INK;
+    for (const { share, value, low, high } of this.quantity.quantiles) {
+      if (value === null) continue;
+      const y = u.valToPos(100 * share, "y", true), x = u.valToPos(value, "x", true);
+      const from = low === null ? bbox.left : u.valToPos(low, "x", true);
+      const to = high === null ? bbox.left + bbox.width : u.valToPos(high, "x", true);
+      ctx.lineWidth = 3 * ratio;
+      ctx.beginPath();
+      ctx.moveTo(from, y);
+      ctx.lineTo(to, y);
+      ctx.stroke();
+      ctx.beginPath();
+      ctx.arc(x, y, 3.5 * ratio, 0, 2 * Math.PI);
+      ctx.fill();
+    }
+    ctx.restore();
+  }
+
+  _tell(u) {
+    const k = u.cursor.idx, { kept, part, unit } = this.quantity;
+    this.readout.textContent = k === null || k === undefined || kept[k] === undefined ? "" : `${printed(part[k])} %: ${printed(kept[k])} ${unit}`;
+  }
+}
+
+/** Every flight against one input: dots met everything, crosses did not. */
+class Against extends Chart {
+  constructor(place, data, input, chosen) {
+    super(place, input.path);
+    Object.assign(this, { campaign: data, input, chosen });
+  }
+
+  /** Place of a flight on the axis of the input: texts stand beside one another, scattered a little. */
+  _x(k) {
+    const value = this.input.values[k];
+    return this.input.levels ? value + 0.5 * ((this.campaign.numbers[k] * 0.618034) % 1) - 0.25 : value;
+  }
+
+  described() {
+    const { levels, values } = this.input, quantity = this.chosen();
+    const x = levels ? [-0.6, levels.length - 0.4] : reach(values, 0.03), y = reach(this.campaign.outputs[quantity.name], 0.08);
+    const named = levels && { splits: () => levels.map((_, k) => k), values: (u, ticks) => ticks.map((k) => levels[k]) };
+    return {
+      options: {
+        scales: { x: { time: false, range: () => x }, y: { range: () => y } },
+        series: [{}, { paths: () => null, points: { show: false } }],
+        axes: [{ ...(named || {}), size: 28 }],
+        cursor: { x: false, y: false, drag: { x: false, y: false }, points: { show: false } },
+        hooks: { draw: [(u) => this._dots(u, quantity)], setCursor: [(u) => this._tell(u, quantity)] },
+      },
+      data: [x, [null, null]],
+    };
+  }
+
+  /** Pixels of a flight from the corner of the plot; at the edge where it has no number. */
+  _at(u, k, quantity, canvas) {
+    const y = this.campaign.outputs[quantity.name][k], edge = quantity.upper ? 0.02 : 0.98;
+    const tall = canvas ? u.bbox.height : u.over.clientHeight, top = canvas ? u.bbox.top : 0;
+    return [u.valToPos(this._x(k), "x", canvas), y === null ? top + edge * tall : u.valToPos(y, "y", canvas)];
+  }
+
+  _dots(u, quantity) {
+    const { ctx } = u, ratio = devicePixelRatio || 1, { failed, numbers } = this.campaign, many = numbers.length > 1000;
+    ctx.save();
+    ctx.fillStyle = INK;
+    ctx.globalAlpha = many ? 0.45 : 0.75;
+    const size = (many ? 1.6 : 2.4) * ratio;
+    numbers.forEach((_, k) => {
+      if (failed[k]) return;
+      const [x, y] = this._at(u, k, quantity, true);
+      ctx.beginPath();
+      ctx.arc(x, y, size, 0, 2 * Math.PI);
+      ctx.fill();
+    });
+    ctx.globalAlpha = 0.9;
+    ctx.strokeStyle = BAD_INK;
+    ctx.lineWidth = 1.6 * ratio;
+    const arm = 3.4 * ratio;
+    ctx.beginPath();
+    numbers.forEach((_, k) => {
+      if (!failed[k]) return;
+      const [x, y] = this._at(u, k, quantity, true);
+      ctx.moveTo(x - arm, y - arm);
+      ctx.lineTo(x + arm, y + arm);
+      ctx.moveTo(x - arm, y + arm);
+      ctx.lineTo(x + arm, y - arm);
+    });
+    ctx.stroke();
+    ctx.restore();
+  }
+
+  /** The flight nearest to the mouse. */
+  _tell(u, quantity) {
+    const { left, top } = u.cursor;
+    let best = -1, least = 14 ** 2;
+    if (left >= 0) {
+      this.campaign.numbers.forEach((_, k) => {
+        const [x, y] = this._at(u, k, quantity, false), off = (x - left) ** 2 + (y - top) ** 2;
+        if (off < least) [best, least] = [k, off];
+      });
+    }
+    const y = best < 0 ? null : this.campaign.outputs[quantity.name][best];
+    this.readout.textContent = best < 0 ? "" : `flight ${this.campaign.numbers[best]}: ${y === null ? "no number" : `${printed(y)} ${quantity.unit}`}`;
+  }
+}
+
+/** A row of the table of the worst flights brings out its tracks. */
+function linkMap() {
+  const map = document.querySelector(".map");
+  if (!map) return;
+  document.querySelectorAll("#worst tr[data-flight]").forEach((row) => {
+    const track = map.querySelector(`.worst-track[data-flight="${row.dataset.flight}"]`);
+    if (!track) return;
+    row.addEventListener("mouseenter", () => { map.classList.add("focused"); track.classList.add("chosen"); });
+    row.addEventListener("mouseleave", () => { map.classList.remove("focused"); track.classList.remove("chosen"); });
+  });
+}
+
+function start() {
+  const data = JSON.parse(document.getElementById("campaign").textContent);
+  const place = (name) => document.querySelector(`[data-plots="${name}"]`);
+  if (data.met.n.length) new Converging(place("converging"), "met every requirement (%)", data.met, "%");
+  for (const one of data.quantities) {
+    const title = `${one.words} that ${+(100 * one.share).toPrecision(4)} % of the flights keep (${one.unit})`;
+    new Converging(place("converging"), title, one.converging, one.unit);
+    new Distribution(place("distributions"), one);
+  }
+  const select = document.getElementById("quantity");
+  if (select && data.quantities.length) {
+    for (const one of data.quantities) {
+      const option = element("option", "", `${one.words} (${one.unit})`);
+      option.value = one.name;
+      select.append(option);
+    }
+    const chosen = () => data.quantities.find((one) => one.name === select.value);
+    const charts = data.inputs.map((input) => new Against(place("against"), data, input, chosen));
+    select.addEventListener("change", () => refresh(charts));
+    const [drawn, all] = data.drawn;
+    if (drawn < all) document.getElementById("drawn").textContent = `${drawn.toLocaleString("en-US")} of ${all.toLocaleString("en-US")} flights are drawn.`;
+  }
+  linkMap();
+  let width = innerWidth;
+  addEventListener("resize", () => {
+    if (innerWidth === width) return;
+    width = innerWidth;
+    refresh();
+  });
+  window.anser = { data, charts: Chart.all };
+  document.documentElement.dataset.ready = String(Math.round(performance.now()));
+}
+
+try {
+  start();
+} catch (error) {
+  console.error(error);
+  document.getElementById("fault").hidden = false;
+  document.getElementById("fault").textContent = `The interactive part of this page could not start: ${error.message}`;
+}

@@ -1,0 +1,208 @@
+"""Parts of a campaign's page, as HTML: the answer first, why flights failed, bounds, the worst flights, provenance."""
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from anser.report.campaign_data import CampaignShown
+from anser.report.opening import cards_of, number, scroll_table, text
+from anser.report.style import color_of
+from anser.results.flight_columns import worst_of_fleet
+
+_CAUSES = 12
+"""Causes of failure that are shown at most."""
+_NUMBERS = 12
+"""Flights that are named at most where several are alike."""
+_HEADLINES = ("miss_m", "arrival_spread_s")
+_WORDS = {"miss_m": "miss by at most", "arrival_spread_s": "arrive within"}
+
+
+def headline(shown: CampaignShown) -> str:
+    """Say how surely, from how many flights; a campaign that is not complete says so first."""
+    found = shown.answers
+    flown, met, sure = found["flown"], found["met"], f"{100 * found['confidence']:g} %"
+    part = _partial(shown)
+    if not flown:
+        return f'{part}<div class="answer mixed"><p class="head">No flight so far</p></div>'
+    share = f"{100 * found['probability']:.2f} %"
+    interval = f"{100 * found['low']:.2f} to {100 * found['high']:.2f} %"
+    sentences = [f"{share} of the flights; {interval} at {sure} confidence{_alone(found)}."]
+    sentences += [
+        f"{100 * one['share']:g} % of the flights {_WORDS[one['name']]} {_bound(one)}."
+        for one in (_main(found, name) for name in _HEADLINES)
+        if one is not None and one["value"] is not None
+    ]
+    look, mark = ("good", "✓") if met == flown else ("mixed", "")
+    head = f"{met:,} of {flown:,} flights met every requirement"
+    return (
+        f'{part}<div class="answer {look}"><p class="head"><span aria-hidden="true">{mark}</span> {head}</p>'
+        f"<p>{' '.join(sentences)}</p></div>"
+    )
+
+
+def _partial(shown: CampaignShown) -> str:
+    flown, flights = shown.answers["flown"], shown.answers["flights"]
+    if flown == flights:
+        return ""
+    if shown.enough:
+        return f'<p class="caption">After {flown:,} of {flights:,} flights the interval was as narrow as the study asks.</p>'
+    return (
+        f'<p class="lacking"><b>Partial: {flown:,} of {flights:,} flights.</b> '
+        "All that stands below comes from these alone.</p>"
+    )
+
+
+def _alone(found: Mapping[str, Any]) -> str:
+    if found["independent"] == found["flown"]:
+        return ""
+    return f", from the {found['independent']:,} flights that are independent of each other"
+
+
+def _main(found: Mapping[str, Any], name: str) -> Mapping[str, Any] | None:
+    """The quantile nearest to 95 %."""
+    of = [one for one in found["quantiles"] if one["name"] == name]
+    return min(of, key=lambda one: abs(one["share"] - 0.95)) if of else None
+
+
+def _bound(one: Mapping[str, Any]) -> str:
+    low, high = (_value(one[end]) for end in ("low", "high"))
+    return f"{_value(one['value'])}&nbsp;{text(one['unit'])} ({low} to {high}&nbsp;{text(one['unit'])})"
+
+
+def _value(value: float | None) -> str:
+    """Four significant digits; what is not known is not known."""
+    if value is None:
+        return "not known"
+    return number(value, 0 if abs(value) >= 1000 else max(0, min(6, 3 - int(np.floor(np.log10(max(abs(value), 1e-6)))))))
+
+
+def numbers(shown: CampaignShown) -> str:
+    """The few numbers that people ask for first."""
+    found = shown.answers
+    sure = f"{100 * found['confidence']:g} %"
+    begun = int((shown.dataset["reason"].values == "").sum())
+    cards = [("Flights", f"{found['flown']:,}", "", f"of {found['flights']:,}")]
+    if found["probability"] is not None:
+        ends = f"{100 * found['low']:.2f} to {100 * found['high']:.2f} % at {sure}"
+        cards.append(("Met everything", f"{100 * found['probability']:.2f}", "%", ends))
+    for name in _HEADLINES:
+        one = _main(found, name)
+        if one is not None:
+            share = f"{100 * one['share']:g} % of flights: {one['words']}"
+            ends = f"{_value(one['low'])} to {_value(one['high'])} {text(one['unit'])}"
+            unit = "" if one["value"] is None else text(one["unit"])
+            cards.append((text(share[0].upper() + share[1:]), _value(one["value"]), unit, ends))
+    cards.append(("Failed", f"{found['flown'] - found['met']:,}", "", f"{found['flown'] - begun:,} could not begin"))
+    return cards_of(cards)
+
+
+def causes(shown: CampaignShown) -> str:
+    """Causes of failure, the most frequent first: a bar of their part of all flights that failed."""
+    counted, failed = shown.answers["causes"], shown.answers["flown"] - shown.answers["met"]
+    if not counted:
+        return '<p class="caption">No flight failed.</p>'
+    rows = "".join(
+        f'<li class="over"><span class="what">{text(words)}</span>'
+        f'<span class="bar"><i style="width:{100 * count / failed:.1f}%"></i></span>'
+        f'<span class="share">{100 * count / failed:.0f} %</span><span class="is"><b>{count:,}</b> of {failed:,}</span></li>'
+        for words, count in list(counted.items())[:_CAUSES]
+    )
+    more = len(counted) - _CAUSES
+    rest = f'<p class="caption">{more} rarer causes are not shown; all are in flights.parquet.</p>' if more > 0 else ""
+    return f'<ol class="margins">{rows}</ol>{rest}'
+
+
+def bounds(shown: CampaignShown) -> str:
+    """Table of the quantiles with their intervals."""
+    heads = '<th class="text">Quantity</th><th>Of the flights</th><th class="text"></th><th>Bound</th>'
+    heads += "<th>From</th><th>To</th>" + '<th class="text">Unit</th>'
+    body = "".join(
+        f'<tr><td class="text name">{text(one["words"])}</td><td>{100 * one["share"]:g} %</td>'
+        f'<td class="text">{"at most" if one["upper"] else "at least"}</td>'
+        + "".join(f"<td>{_value(one[key])}</td>" for key in ("value", "low", "high"))
+        + f'<td class="text">{text(one["unit"])}</td></tr>'
+        for one in shown.answers["quantiles"]
+    )
+    return scroll_table(heads, body)
+
+
+def worst_table(shown: CampaignShown) -> str:
+    """The worst flights: what came of them, the values applied, and the command that flies each again."""
+    if not len(shown.worst):
+        return '<p class="caption">No flight has begun.</p>'
+    rows = shown.dataset.sel(flight=list(shown.worst))
+    drawn = [one.number for one in shown.again if one.worst]
+    met = rows["met"].values
+    misses, spreads = (worst_of_fleet(rows[name].values, met) for name in _HEADLINES)
+    heads = '<th>Flight</th><th>Miss<small>m</small></th><th>Spread<small>s</small></th><th class="text">What failed</th>'
+    heads += "".join(f"<th>{text(path)}</th>" for path in shown.varied) + '<th class="text">Fly it again</th>'
+    body = ""
+    for k, flight in enumerate(shown.worst):
+        swatch = f'<span class="swatch" style="background:{color_of(drawn.index(flight))}"></span>' if flight in drawn else ""
+        cells = "".join(f"<td>{_applied(rows[path].values[k])}</td>" for path in shown.varied)
+        failed = "" if met[k] else _failed(rows, k)
+        command = f"anser run --campaign {shown.place} --flight {flight}"
+        body += (
+            f'<tr data-flight="{flight}"><td class="name">{swatch}{flight}</td><td>{number(misses[k], 3)}</td>'
+            f'<td>{number(spreads[k], 4)}</td><td class="text free">{text(failed) or "nothing"}</td>{cells}'
+            f'<td class="text"><code>{text(command)}</code></td></tr>'
+        )
+    return scroll_table(heads, body)
+
+
+def _failed(rows: Any, k: int) -> str:
+    statuses = sorted({str(one) for one in rows["status"].values[k]} - {"arrived"})
+    return "; ".join([*statuses, *(f"not met: {one}" for one in str(rows["unmet"].values[k]).split(", ") if one)])
+
+
+def _applied(value: Any) -> str:
+    return text(f"{value:.5g}".replace("-", "−")) if isinstance(value, float) else text(value)
+
+
+def not_begun(shown: CampaignShown) -> str:
+    """Flights that could not begin, by their reason; empty where all could."""
+    reasons = shown.dataset["reason"].values
+    found: dict[str, list[int]] = {}
+    for flight, reason in zip(shown.dataset["flight"].values.tolist(), reasons.tolist(), strict=True):
+        if reason:
+            found.setdefault(reason, []).append(flight)
+    if not found:
+        return ""
+    body = "".join(
+        f'<tr><td>{len(flights):,}</td><td class="text free">{text(reason)}</td><td class="text free">'
+        f"{', '.join(map(str, flights[:_NUMBERS]))}{', …' if len(flights) > _NUMBERS else ''}</td></tr>"
+        for reason, flights in sorted(found.items(), key=lambda item: -len(item[1]))
+    )
+    heads = '<th>Flights</th><th class="text">Reason</th><th class="text">Their numbers</th>'
+    return (
+        '<section id="not-begun"><h2>Could not begin</h2><p class="caption">They count as failures, with an infinite '
+        f"miss, in all that stands above.</p>{scroll_table(heads, body)}</section>"
+    )
+
+
+def provenance(shown: CampaignShown) -> str:
+    """Study, scenario, seed, versions."""
+    about, study = shown.dataset.attrs, shown.study
+    versions = [
+        f"{text(key.removeprefix('version_'))} {text(value)}" for key, value in about.items() if key.startswith("version_")
+    ]
+    sampling = ", ".join(f"{text(key)} {text(value)}" for key, value in study["sampling"].items() if value is not None)
+    wholes = (("study", study), ("scenario, as far as its file says", json.loads(about["scenario"])))
+    details = "".join(
+        f'<details class="more"><summary>the {name}</summary>'
+        f"<pre>{text(json.dumps(values, indent=2, ensure_ascii=False))}</pre></details>"
+        for name, values in wholes
+    )
+    return (
+        f'<div class="facts"><div>Study <b>{text(study["name"])}</b>, hash <code>{text(about["study_hash"])}</code></div>'
+        f"<div>Scenario hash <code>{text(about['scenario_hash'])}</code></div><div>Seed {text(study.get('seed', 0))}</div>"
+        f"<div>Sampling: {sampling}</div><div>{', '.join(versions)}</div></div>{details}"
+    )
+
+
+def input_words(influences: Mapping[str, Any]) -> Sequence[str]:
+    """Why outputs or inputs have no index, a sentence each."""
+    outputs = influences["outputs"]
+    return [f"{text(outputs.get(name, name))}: none, {text(reason)}." for name, reason in influences["without"].items()]
