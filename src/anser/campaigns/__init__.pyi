@@ -1,6 +1,7 @@
 from .again import departures
 from .answers import Answer, Answers, answers
 from .campaign import Campaign, campaign
+from .comparing import CampaignComparison, Difference, compare_campaigns
 from .flying import flight_of, fly_campaign, prepare
 from .influences import Influence, Influences, influences
 from .keeping import keep_worst
@@ -12,13 +13,16 @@ __all__ = [
     "Answer",
     "Answers",
     "Campaign",
+    "CampaignComparison",
     "CampaignStore",
+    "Difference",
     "Influence",
     "Influences",
     "StoreError",
     "Study",
     "answers",
     "campaign",
+    "compare_campaigns",
     "departures",
     "flight_of",
     "fly_campaign",

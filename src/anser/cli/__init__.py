@@ -9,6 +9,7 @@ import typer
 
 import anser
 from anser.cli.caching import cache
+from anser.cli.campaign_answers import compare
 from anser.cli.campaign_answers import report as report_campaign
 from anser.cli.campaigning import fly
 from anser.cli.console import RefusedError, problem
@@ -65,11 +66,12 @@ for _command in (
 offer_group(
     app,
     "campaign",
-    (fly, report_campaign),
+    (fly, report_campaign, compare),
     "Fly a study, a scenario many times with its numbers dispersed; report on the flights; compare two campaigns.",
     (
         "anser campaign studies/how-surely.toml --out runs/how-surely",
         "anser campaign report runs/how-surely",
+        "anser campaign compare runs/how-surely runs/windier",
     ),
 )
 

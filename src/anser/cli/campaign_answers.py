@@ -5,12 +5,26 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from anser.cli.console import RefusedError, answer, line, progress_bar, say
+from anser.cli.console import (
+    RefusedError,
+    answer,
+    columns,
+    kept_unless_empty,
+    line,
+    make_new,
+    number,
+    plain_table,
+    print_table,
+    progress_bar,
+    say,
+)
 from anser.cli.offering import about
 
 if TYPE_CHECKING:
-    from anser.campaigns import CampaignStore
+    from anser.campaigns import CampaignComparison, CampaignStore
 
+_KEYS = 12
+"""Keys of the scenario that are printed at most."""
 _CampaignFolder = Annotated[
     Path, typer.Argument(help="Folder of a campaign: flights.zarr.", show_default=False, metavar="FOLDER")
 ]
@@ -48,6 +62,67 @@ def report(
         say(f"partial: {store.flown.size} of {store.flights} flights")
     if not has_parquet():
         say(f"no tables: {PARQUET_MISSING}")
+
+
+@about(
+    "anser campaign compare runs/how-surely runs/windier",
+    "anser campaign compare runs/how-surely runs/windier --out compared",
+)
+def compare(
+    folder: _CampaignFolder,
+    other: Annotated[
+        Path, typer.Argument(help="Folder of a second campaign with the same seeds.", show_default=False)
+    ],
+    out: Annotated[Path | None, typer.Option(help="New folder for the figure.", show_default=False)] = None,
+) -> None:
+    """Compare two campaigns with paired seeds, flight by flight: which is better, how often and by how much."""
+    opened(folder, "FOLDER")
+    opened(other, "OTHER")
+    from anser.campaigns import compare_campaigns
+    from anser.report import draw_paired
+
+    try:
+        found = compare_campaigns(folder, other)
+    except ValueError as error:
+        raise RefusedError(f"{folder}, {other}: {error}") from None
+    if out is not None:
+        make_new(out)
+        with kept_unless_empty(out):
+            written = draw_paired(found.dataset, out)
+            say(f"{out}: {', '.join(path.name for path in written) or 'nothing'} written")
+    answer(lambda: {"format_version": 1, **found.as_dict()})
+    _print_compared(found)
+
+
+def _print_compared(found: "CampaignComparison") -> None:
+    sure = f"{100 * found.confidence:g} %"
+    line(f"{found.flights} pairs; first: {found.first}; second: {found.second}")
+    line(
+        f"every requirement met in both {found.both}, in the first alone {found.first_only}, in the second alone "
+        f"{found.second_only}, in neither {found.neither}; McNemar, exact: p = {found.p_value:.3g}"
+    )
+    for one in found.differences:
+        line(
+            f"{one.words}: less in the second in {one.second_better} flights, alike in {one.alike}, less in the first in "
+            f"{one.first_better}; {100 * one.share:.2f} % ({100 * one.low:.2f} to {100 * one.high:.2f} % at {sure} "
+            "confidence) better in the second"
+        )
+    table = plain_table(
+        f"second less first, bounds that part of the pairs stay below; interval at {sure} confidence",
+        *columns("", overflow="fold"),
+        *columns("of pairs", "below", "from", "to", justify="right"),
+        *columns("unit"),
+    )
+    for one in found.differences:
+        for share, *values in one.quantiles:
+            table.add_row(one.words, f"{100 * share:g} %", *(number(value, 4) for value in values), one.unit)
+    print_table(table)
+    for path, count in found.applied.items():
+        line(f"applied otherwise in {count} of {found.flights} pairs: {path}")
+    for path, one, other in found.scenario[:_KEYS]:
+        line(f"scenario, {path}: {one} in the first, {other} in the second")
+    if len(found.scenario) > _KEYS:
+        line(f"and {len(found.scenario) - _KEYS} more keys of the scenario")
 
 
 def opened(folder: Path, place: str) -> "CampaignStore":

@@ -5,6 +5,7 @@ from .envelope_figures import draw_envelope
 from .flight_plots import FlightPlots
 from .margin_figures import BODE_SUFFIXES, draw_bode, draw_margin_maps
 from .page import write_comparison, write_report
+from .paired_figure import draw_paired
 from .plan_figure import draw_plan
 from .robustness_figures import draw_robustness
 from .sweep_figure import draw_sweep
@@ -18,6 +19,7 @@ __all__ = [
     "draw_campaign",
     "draw_envelope",
     "draw_margin_maps",
+    "draw_paired",
     "draw_plan",
     "draw_robustness",
     "draw_sweep",

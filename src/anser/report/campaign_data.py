@@ -90,7 +90,7 @@ def campaign_data(shown: CampaignShown) -> dict[str, Any]:
         name, upper = one["name"], one["upper"]
         if name not in found:
             values = worst_of_fleet(alone[name].values, alone["met"].values, upper=upper)
-            share = _usual([other["share"] for other in shown.answers["quantiles"] if other["name"] == name])
+            share = _usual([other for other in shown.answers["quantiles"] if other["name"] == name])
             about = {key: one[key] for key in ("name", "words", "unit", "upper")}
             found[name] = about | _distribution(values, upper) | _converging(values, share, upper, confidence)
         found[name].setdefault("quantiles", []).append({key: one[key] for key in ("share", "value", "low", "high")})
@@ -102,9 +102,10 @@ def campaign_data(shown: CampaignShown) -> dict[str, Any]:
     }
 
 
-def _usual(shares: Sequence[float]) -> float:
-    """The quantile whose convergence is drawn: that nearest to 95 %."""
-    return min(shares, key=lambda share: abs(share - 0.95))
+def _usual(quantiles: Sequence[Mapping[str, Any]]) -> float:
+    """The share whose convergence is drawn: the nearest to 95 % of those whose bound is known, if one is."""
+    known = [one["share"] for one in quantiles if one["value"] is not None]
+    return min(known or [one["share"] for one in quantiles], key=lambda share: abs(share - 0.95))
 
 
 def _counts(size: int) -> np.ndarray:

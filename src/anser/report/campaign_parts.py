@@ -30,9 +30,10 @@ def headline(shown: CampaignShown) -> str:
     interval = f"{100 * found['low']:.2f} to {100 * found['high']:.2f} %"
     sentences = [f"{share} of the flights; {interval} at {sure} confidence{_alone(found)}."]
     sentences += [
-        f"{100 * one['share']:g} % of the flights {_WORDS[one['name']]} {_bound(one)}."
+        f"{100 * one['share']:g} % of the flights {_WORDS[one['name']]} {_value(one['value'])}&nbsp;{text(one['unit'])} "
+        f"({_ends(one)})."
         for one in (_main(found, name) for name in _HEADLINES)
-        if one is not None and one["value"] is not None
+        if one is not None
     ]
     look, mark = ("good", "✓") if met == flown else ("mixed", "")
     head = f"{met:,} of {flown:,} flights met every requirement"
@@ -61,21 +62,22 @@ def _alone(found: Mapping[str, Any]) -> str:
 
 
 def _main(found: Mapping[str, Any], name: str) -> Mapping[str, Any] | None:
-    """The quantile nearest to 95 %."""
-    of = [one for one in found["quantiles"] if one["name"] == name]
+    """The known quantile nearest to 95 %; None where none is known."""
+    of = [one for one in found["quantiles"] if one["name"] == name and one["value"] is not None]
     return min(of, key=lambda one: abs(one["share"] - 0.95)) if of else None
 
 
-def _bound(one: Mapping[str, Any]) -> str:
-    low, high = (_value(one[end]) for end in ("low", "high"))
-    return f"{_value(one['value'])}&nbsp;{text(one['unit'])} ({low} to {high}&nbsp;{text(one['unit'])})"
+def _ends(one: Mapping[str, Any]) -> str:
+    """Interval in words; an end that so few flights do not tell is open."""
+    if one["low"] is None or one["high"] is None:
+        return "or less" if one["high"] is not None else "or more" if one["low"] is not None else "interval open"
+    return f"{_value(one['low'])} to {_value(one['high'])}"
 
 
-def _value(value: float | None) -> str:
-    """Four significant digits; what is not known is not known."""
-    if value is None:
-        return "not known"
-    return number(value, 0 if abs(value) >= 1000 else max(0, min(6, 3 - int(np.floor(np.log10(max(abs(value), 1e-6)))))))
+def _value(value: float) -> str:
+    """Four significant digits."""
+    digits = 3 - int(np.floor(np.log10(max(abs(value), 1e-6))))
+    return number(value, max(0, min(6, digits)))
 
 
 def numbers(shown: CampaignShown) -> str:
@@ -91,9 +93,7 @@ def numbers(shown: CampaignShown) -> str:
         one = _main(found, name)
         if one is not None:
             share = f"{100 * one['share']:g} % of flights: {one['words']}"
-            ends = f"{_value(one['low'])} to {_value(one['high'])} {text(one['unit'])}"
-            unit = "" if one["value"] is None else text(one["unit"])
-            cards.append((text(share[0].upper() + share[1:]), _value(one["value"]), unit, ends))
+            cards.append((text(share), _value(one["value"]), text(one["unit"]), _ends(one)))
     cards.append(("Failed", f"{found['flown'] - found['met']:,}", "", f"{found['flown'] - begun:,} could not begin"))
     return cards_of(cards)
 
@@ -115,17 +115,25 @@ def causes(shown: CampaignShown) -> str:
 
 
 def bounds(shown: CampaignShown) -> str:
-    """Table of the quantiles with their intervals."""
-    heads = '<th class="text">Quantity</th><th>Of the flights</th><th class="text"></th><th>Bound</th>'
-    heads += "<th>From</th><th>To</th>" + '<th class="text">Unit</th>'
-    body = "".join(
-        f'<tr><td class="text name">{text(one["words"])}</td><td>{100 * one["share"]:g} %</td>'
-        f'<td class="text">{"at most" if one["upper"] else "at least"}</td>'
-        + "".join(f"<td>{_value(one[key])}</td>" for key in ("value", "low", "high"))
-        + f'<td class="text">{text(one["unit"])}</td></tr>'
-        for one in shown.answers["quantiles"]
-    )
+    """Table of the quantiles with their intervals: a row for each quantity, a column for each part of the flights."""
+    quantiles = shown.answers["quantiles"]
+    shares = sorted({one["share"] for one in quantiles})
+    heads = '<th class="text">Quantity</th><th class="text"></th>'
+    heads += "".join(f"<th>{100 * share:g} % of flights<small>interval</small></th>" for share in shares)
+    body = ""
+    for name in dict.fromkeys(one["name"] for one in quantiles):
+        of = {one["share"]: one for one in quantiles if one["name"] == name}
+        first = next(iter(of.values()))
+        body += f'<tr><td class="text name">{text(first["words"])}</td>'
+        body += f'<td class="text">{"at most" if first["upper"] else "at least"}</td>'
+        body += "".join(_cell(of[share]) for share in shares) + "</tr>"
     return scroll_table(heads, body)
+
+
+def _cell(one: Mapping[str, Any]) -> str:
+    if one["value"] is None:
+        return "<td>none<small>too many failed</small></td>"
+    return f"<td>{_value(one['value'])} {text(one['unit'])}<small>{_ends(one)}</small></td>"
 
 
 def worst_table(shown: CampaignShown) -> str:
@@ -147,7 +155,7 @@ def worst_table(shown: CampaignShown) -> str:
         body += (
             f'<tr data-flight="{flight}"><td class="name">{swatch}{flight}</td><td>{number(misses[k], 3)}</td>'
             f'<td>{number(spreads[k], 4)}</td><td class="text free">{text(failed) or "nothing"}</td>{cells}'
-            f'<td class="text"><code>{text(command)}</code></td></tr>'
+            f'<td class="text command"><code>{text(command)}</code></td></tr>'
         )
     return scroll_table(heads, body)
 

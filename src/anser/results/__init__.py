@@ -7,6 +7,7 @@ from anser.results.envelope_reasons import OUTCOMES, REASONS, judge
 from anser.results.intervals import order_statistic_interval, quantile, wilson_interval
 from anser.results.linear_model import linear_dataset, linear_document, unit_of
 from anser.results.margin_dataset import CLOSED_LOOP, margin_dataset, margin_map_dataset, margin_table
+from anser.results.mcnemar import mcnemar_exact
 from anser.results.netcdf import read_netcdf, write_netcdf
 from anser.results.network_summary import summarize_network
 from anser.results.notebook_table import notebook_table
@@ -64,6 +65,7 @@ __all__ = [
     "margin_dataset",
     "margin_map_dataset",
     "margin_table",
+    "mcnemar_exact",
     "nearest_other",
     "notebook_table",
     "order_statistic_interval",

@@ -46,7 +46,7 @@ class Chart {
         cursor: { y: false, drag: { x: false, y: false }, points: { show: false } },
         ...options,
         axes: [
-          { ...AXIS, size: 42, gap: 3, labelSize: 16, labelGap: 0, labelFont: AXIS.font, values: (u, ticks) => ticks.map(ticked), ...options.axes?.[0] },
+          { ...AXIS, size: 24, gap: 3, labelSize: 16, labelGap: 0, labelFont: AXIS.font, values: (u, ticks) => ticks.map(ticked), ...options.axes?.[0] },
           { ...AXIS, size: sized, gap: 4, values: (u, ticks) => ticks.map(ticked), ...options.axes?.[1] },
         ],
       },
@@ -82,8 +82,8 @@ class Converging extends Chart {
     const { n, value, low, high } = this.lines, thin = { stroke: "rgba(0, 114, 178, 0.4)", width: 1, points: { show: false } };
     // a band is drawn between two numbers: where the interval has no end, to the edge
     const known = value.filter((_, k) => k >= n.length / 20), range = reach([...known, ...low.slice(-60), ...high.slice(-60)]);
-    const filled = (ends, edge, k) => (value[k] === null && ends[k] === null ? null : ends[k] ?? edge);
-    const lows = low.map((_, k) => filled(low, range[0] - 1e9, k)), highs = high.map((_, k) => filled(high, range[1] + 1e9, k));
+    const filled = (ends, edge) => ends.map((end, k) => end ?? (value[k] === null ? null : edge)), beyond = range[1] - range[0];
+    const lows = filled(low, range[0] - beyond), highs = filled(high, range[1] + beyond);
     return {
       options: {
         scales: { x: { time: false }, y: { range: () => range } },
@@ -176,7 +176,7 @@ class Against extends Chart {
       options: {
         scales: { x: { time: false, range: () => x }, y: { range: () => y } },
         series: [{}, { paths: () => null, points: { show: false } }],
-        axes: [{ ...(named || {}), size: 28 }],
+        axes: [{ ...(named || {}) }],
         cursor: { x: false, y: false, drag: { x: false, y: false }, points: { show: false } },
         hooks: { draw: [(u) => this._dots(u, quantity)], setCursor: [(u) => this._tell(u, quantity)] },
       },
@@ -254,7 +254,7 @@ function start() {
   if (data.met.n.length) new Converging(place("converging"), "met every requirement (%)", data.met, "%");
   for (const one of data.quantities) {
     const title = `${one.words} that ${+(100 * one.share).toPrecision(4)} % of the flights keep (${one.unit})`;
-    new Converging(place("converging"), title, one.converging, one.unit);
+    if (one.converging.value.some((value) => value !== null)) new Converging(place("converging"), title, one.converging, one.unit);
     new Distribution(place("distributions"), one);
   }
   const select = document.getElementById("quantity");
