@@ -36,7 +36,9 @@ def test_a_perfect_order_has_an_interval_too():
     assert 0.9 < low <= high <= 1.0
 
 
-@pytest.mark.parametrize(("x", "y", "said"), [(np.arange(3.0), np.arange(3.0), "3 pairs"), (np.ones(9), np.arange(9.0), "all alike")])
+@pytest.mark.parametrize(
+    ("x", "y", "said"), [(np.arange(3.0), np.arange(3.0), "3 pairs"), (np.ones(9), np.arange(9.0), "all alike")]
+)
 def test_what_has_no_ranks_is_refused(x, y, said):
     with pytest.raises(ValueError, match=said):
         rank_correlation(x, y)

@@ -5,11 +5,12 @@ from .comparing import CampaignComparison, Difference, compare_campaigns
 from .flying import flight_of, fly_campaign, prepare
 from .influences import Influence, Influences, influences
 from .keeping import keep_worst
-from .reporting import write_campaign
+from .reporting import REPORT, write_campaign
 from .store import CampaignStore, StoreError
 from .study import Study, load_study
 
 __all__ = [
+    "REPORT",
     "Answer",
     "Answers",
     "Campaign",

@@ -124,9 +124,7 @@ def answers(data: "xr.Dataset", flights: int, study: "Study") -> Answers:
                     _answer(name, words, unit, values, share, upper, asked.confidence) for share in asked.quantiles
                 ]
     share, worst = met_alone / count if count else None, worst_flights(data, _WORST)
-    return Answers(
-        flights, flown, met, asked.confidence, count, share, low, high, _causes(data), tuple(found), worst
-    )
+    return Answers(flights, flown, met, asked.confidence, count, share, low, high, _causes(data), tuple(found), worst)
 
 
 def _answer(

@@ -49,9 +49,7 @@ class Campaign:
         """What the outputs depend on: Sobol indices of a Saltelli sampling, else rank correlations."""
         return influences(self.dataset, self.store.study, self.store.varied)
 
-    def report(
-        self, worst: int = WORST, others: int = OTHERS, progress: Progress | None = None
-    ) -> tuple[Path, ...]:
+    def report(self, worst: int = WORST, others: int = OTHERS, progress: Progress | None = None) -> tuple[Path, ...]:
         """Write `report.html` and the tables into the folder; see `anser.campaigns.write_campaign`."""
         return write_campaign(self.store, worst, others, progress)
 

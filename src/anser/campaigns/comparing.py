@@ -111,8 +111,8 @@ def compare_campaigns(
 ) -> CampaignComparison:
     """Compare two campaigns flight by flight: flight k of both has the same seed.
 
-    What is random is then the same in both, and the difference of a pair is due to what was changed. A flight that failed
-    has an infinite miss; where both failed they are alike.
+    What is random is then the same in both, and the difference of a pair is due to what was changed. A flight that
+    failed has an infinite miss; where both failed they are alike.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def compare_campaigns(
         mcnemar_exact(only[0], only[1]),
         tuple(_difference(name, data[name].values, shares, confidence) for name in _OUTPUTS),
         _applied(one, other, numbers),
-        tuple(scenario_differences(*(each.scenario.model_dump(mode="json") for each in (one, other)))),
+        tuple(scenario_differences(one.scenario.model_dump(mode="json"), other.scenario.model_dump(mode="json"))),
         data,
     )
 
@@ -191,14 +191,14 @@ def _difference(name: str, values: np.ndarray, shares: list[float], confidence: 
     off = np.where(alike, 0.0, np.where(alike, 0.0, second) - np.where(alike, 0.0, first))
     better, count = int(np.sum(off < 0.0)), off.size
     low, high = wilson_interval(better, count, confidence)
-    quantiles = tuple(
-        (share, *map(finite_or_none, (quantile(off, share), *order_statistic_interval(off, share, confidence))))
-        for share in shares
-    )
+    quantiles = []
+    for at in shares:
+        ends = order_statistic_interval(off, at, confidence)
+        quantiles.append((at, finite_or_none(quantile(off, at)), finite_or_none(ends[0]), finite_or_none(ends[1])))
     unit = {**OF_AIRCRAFT, **OF_FLEET}[name][0]
     same = int(alike.sum())
     return Difference(
-        name, _OUTPUTS[name], unit, better, same, count - better - same, better / count, low, high, quantiles
+        name, _OUTPUTS[name], unit, better, same, count - better - same, better / count, low, high, tuple(quantiles)
     )
 
 

@@ -115,7 +115,9 @@ def _sobol(data: "xr.Dataset", study: Study, varied: list[str]) -> Influences:
     def of(name: str) -> None:
         lacking = int(np.sum(~np.isfinite(outputs[name])))
         if lacking:
-            raise ValueError(f"{lacking} of {outputs[name].size} flights have no such number, and one in its place would be made up")
+            raise ValueError(
+                f"{lacking} of {outputs[name].size} flights have no such number, and one in its place would be made up"
+            )
         indices = sobol_indices(outputs[name], len(varied), confidence)
         for k, path in enumerate(varied):
             for measure, values, halves in (

@@ -57,7 +57,7 @@ def write_campaign(
     begun = data.isel(flight=np.flatnonzero(data["reason"].values == ""))
     listed = worst_flights(begun, max(worst, _LISTED))
     drawn = listed[:worst]
-    again = {number: True for number in drawn}
+    again = dict.fromkeys(drawn, True)
     if drawn:
         again |= {number: False for number in _spaced(begun["flight"].values, others) if number not in drawn}
     found, depends = answers(data, store.flights, study).as_dict(), influences(data, study, store.varied).as_dict()

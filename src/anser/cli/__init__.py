@@ -14,8 +14,8 @@ from anser.cli.campaign_answers import report as report_campaign
 from anser.cli.campaigning import fly
 from anser.cli.console import RefusedError, problem
 from anser.cli.flights import check, convert, new, plan, run
-from anser.cli.margins import margins
 from anser.cli.grouping import offer_group
+from anser.cli.margins import margins
 from anser.cli.offering import offer
 from anser.cli.reporting import export, figures, report
 from anser.cli.stepping import gallery, step

@@ -70,9 +70,7 @@ def report(
 )
 def compare(
     folder: _CampaignFolder,
-    other: Annotated[
-        Path, typer.Argument(help="Folder of a second campaign with the same seeds.", show_default=False)
-    ],
+    other: Annotated[Path, typer.Argument(help="Folder of a second campaign with the same seeds.", show_default=False)],
     out: Annotated[Path | None, typer.Option(help="New folder for the figure.", show_default=False)] = None,
 ) -> None:
     """Compare two campaigns with paired seeds, flight by flight: which is better, how often and by how much."""
@@ -103,8 +101,8 @@ def _print_compared(found: "CampaignComparison") -> None:
     )
     for one in found.differences:
         line(
-            f"{one.words}: less in the second in {one.second_better} flights, alike in {one.alike}, less in the first in "
-            f"{one.first_better}; {100 * one.share:.2f} % ({100 * one.low:.2f} to {100 * one.high:.2f} % at {sure} "
+            f"{one.words}: less in the second in {one.second_better} flights, alike in {one.alike}, less in the first "
+            f"in {one.first_better}; {100 * one.share:.2f} % ({100 * one.low:.2f} to {100 * one.high:.2f} % at {sure} "
             "confidence) better in the second"
         )
     table = plain_table(

@@ -52,10 +52,9 @@ def fly(
 
     The word fly may be left out: anser campaign STUDY --out FOLDER.
     """
-    from anser.campaigns import Campaign, StoreError, fly_campaign
+    from anser.campaigns import Campaign, StoreError, fly_campaign, keep_worst
     from anser.campaigns.campaign import store_of
     from anser.campaigns.flying import usual_processes
-    from anser.report import draw_campaign
 
     try:
         store = store_of(study, out, resume=resume)
@@ -63,13 +62,14 @@ def fly(
         raise RefusedError(f"--out: arrived {out}, which exists; expected a new folder, or --resume") from None
     except StoreError as error:
         raise RefusedError(str(error)) from None
-    flown = Campaign(store)
+    flown, before = Campaign(store), store.flown.size
     try:
         with progress_bar() as tell:
             fly_campaign(store, usual_processes() if processes is None else processes, tell, cluster)
+            keep_worst(store, tell)
     except KeyboardInterrupt:
         _print_answers(flown.answers(), store.study.name)
-        draw_campaign(flown.dataset, out)
+        _write(store, before)
         say(f"{out}: {store.flown.size} of {store.flights} flights; --resume flies the others")
         raise
     except StoreError as error:
@@ -77,13 +77,27 @@ def fly(
     found = flown.answers()
     answer(lambda: {"format_version": 1, "study": store.study.name, **found.as_dict()})
     _print_answers(found, store.study.name)
-    drawn = draw_campaign(flown.dataset, out)
-    say(f"{out}: flights.zarr{' and figure' if drawn else ''} written")
+    written = ["flights.zarr", *_write(store, before)]
+    say(f"{out}: {', '.join(written)} written; anser campaign report {out} draws the worst flights, too")
     if found.met < found.flown:
         problem(
             f"{found.flown - found.met} of {found.flown} flights did not meet every requirement, or could not begin"
         )
         raise typer.Exit(1)
+
+
+def _write(store: "CampaignStore", before: int) -> list[str]:
+    """Figure and report of what was flown, without flying any again; what was written.
+
+    A report that is there stays where no flight has come to those before: it may show flights that were flown again.
+    """
+    from anser.campaigns import REPORT, write_campaign
+    from anser.report import draw_campaign
+
+    written = [path.name for path in draw_campaign(store.dataset(), store.folder)]
+    if store.flown.size and (store.flown.size != before or not (store.folder / REPORT).exists()):
+        written += [path.name for path in write_campaign(store, worst=0)]
+    return written
 
 
 def flight_of_campaign(folder: Path, number: int) -> "tuple[CampaignStore, Scenario]":
@@ -122,8 +136,10 @@ def _print_answers(found: "Answers", name: str) -> None:
     if not found.flown:
         line(f"{name}: no flight so far")
         return
-    sure, share = f"{100 * found.confidence:g} %", 100 * found.met / found.flown
+    sure, share = f"{100 * found.confidence:g} %", 100 * (found.probability or 0.0)
     interval = f"{100 * found.low:.2f} to {100 * found.high:.2f} % at {sure} confidence"
+    if found.independent < found.flown:
+        interval += f", from {found.independent} that are independent of each other"
     line(f"{name}: {found.met} of {found.flown} flights meet every requirement, {share:.2f} % ({interval})")
     table = plain_table(
         f"bounds that part of the flights keep; interval at {sure} confidence",

@@ -118,7 +118,12 @@ def _met(met: np.ndarray, confidence: float) -> dict[str, Any]:
     pairs = zip(successes.tolist(), counts.tolist(), strict=True)
     ends = np.array([wilson_interval(*pair, confidence) for pair in pairs]).reshape(-1, 2)
     middle = 100.0 * successes / np.maximum(counts, 1)
-    return {"n": counts.tolist(), "value": plain(middle), "low": plain(100 * ends[:, 0]), "high": plain(100 * ends[:, 1])}
+    return {
+        "n": counts.tolist(),
+        "value": plain(middle),
+        "low": plain(100 * ends[:, 0]),
+        "high": plain(100 * ends[:, 1]),
+    }
 
 
 def _converging(values: np.ndarray, share: float, upper: bool, confidence: float) -> dict[str, Any]:

@@ -64,9 +64,7 @@ def _tracks(flown: FlownAgain, arrivals: np.ndarray) -> list[np.ndarray]:
 
 
 def _paths(placed: _Placing, lines: Sequence[np.ndarray], words: str) -> str:
-    made = "".join(
-        "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in placed(line)) for line in lines
-    )
+    made = "".join("M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in placed(line)) for line in lines)
     return f'<path d="{made}" fill="none"><title>{words}</title></path>'
 
 

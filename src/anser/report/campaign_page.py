@@ -93,7 +93,8 @@ def _influences(shown: CampaignShown) -> str:
         "variance, and blind to what rises and falls. Texts rank in the order of the study."
     )
     rows = "".join(
-        f'<tr><td class="text">{text(found["outputs"][one["output"]])}</td><td class="text name">{text(one["path"])}</td>'
+        f'<tr><td class="text">{text(found["outputs"][one["output"]])}</td>'
+        f'<td class="text name">{text(one["path"])}</td>'
         f'<td class="text">{text(one["measure"])}</td>'
         + "".join(f"<td>{number(one[key], 3)}</td>" for key in ("value", "low", "high"))
         + "</tr>"
@@ -115,8 +116,8 @@ def _against(shown: CampaignShown) -> str:
         return ""
     return (
         '<section id="against"><h2>Every flight against each input</h2><div class="toolbar"><label class="group">'
-        'Quantity <select id="quantity"></select></label><span class="caption">A dot met every requirement, a cross did '
-        'not; crosses at the edge have no number. <span id="drawn"></span></span></div>'
+        'Quantity <select id="quantity"></select></label><span class="caption">A dot met every requirement, a '
+        'cross did not; crosses at the edge have no number. <span id="drawn"></span></span></div>'
         '<div class="plots" data-plots="against"></div></section>'
     )
 
@@ -128,7 +129,7 @@ def _map(shown: CampaignShown) -> str:
         return f'<p class="caption">{words}</p>'
     others = sum(not one.worst for one in shown.again)
     words = (
-        f"Flights that began, the worst first, in colour over {others} others, evenly spaced; from above, each aircraft "
-        "until it has arrived. A dot is where one began, a square where it was at the end."
+        f"Flights that began, the worst first, in colour over {others} others, evenly spaced; from above, each "
+        "aircraft until it has arrived. A dot is where one began, a square where it was at the end."
     )
     return f'<p class="caption">{words}</p>{drawn}'

@@ -30,8 +30,8 @@ def headline(shown: CampaignShown) -> str:
     interval = f"{100 * found['low']:.2f} to {100 * found['high']:.2f} %"
     sentences = [f"{share} of the flights; {interval} at {sure} confidence{_alone(found)}."]
     sentences += [
-        f"{100 * one['share']:g} % of the flights {_WORDS[one['name']]} {_value(one['value'])}&nbsp;{text(one['unit'])} "
-        f"({_ends(one)})."
+        f"{100 * one['share']:g} % of the flights {_WORDS[one['name']]} {_value(one['value'])}&nbsp;"
+        f"{text(one['unit'])} ({_ends(one)})."
         for one in (_main(found, name) for name in _HEADLINES)
         if one is not None
     ]
@@ -48,7 +48,8 @@ def _partial(shown: CampaignShown) -> str:
     if flown == flights:
         return ""
     if shown.enough:
-        return f'<p class="caption">After {flown:,} of {flights:,} flights the interval was as narrow as the study asks.</p>'
+        words = f"After {flown:,} of {flights:,} flights the interval was as narrow as the study asks."
+        return f'<p class="caption">{words}</p>'
     return (
         f'<p class="lacking"><b>Partial: {flown:,} of {flights:,} flights.</b> '
         "All that stands below comes from these alone.</p>"
@@ -106,7 +107,8 @@ def causes(shown: CampaignShown) -> str:
     rows = "".join(
         f'<li class="over"><span class="what">{text(words)}</span>'
         f'<span class="bar"><i style="width:{100 * count / failed:.1f}%"></i></span>'
-        f'<span class="share">{100 * count / failed:.0f} %</span><span class="is"><b>{count:,}</b> of {failed:,}</span></li>'
+        f'<span class="share">{100 * count / failed:.0f} %</span>'
+        f'<span class="is"><b>{count:,}</b> of {failed:,}</span></li>'
         for words, count in list(counted.items())[:_CAUSES]
     )
     more = len(counted) - _CAUSES
@@ -144,11 +146,17 @@ def worst_table(shown: CampaignShown) -> str:
     drawn = [one.number for one in shown.again if one.worst]
     met = rows["met"].values
     misses, spreads = (worst_of_fleet(rows[name].values, met) for name in _HEADLINES)
-    heads = '<th>Flight</th><th>Miss<small>m</small></th><th>Spread<small>s</small></th><th class="text">What failed</th>'
+    heads = (
+        '<th>Flight</th><th>Miss<small>m</small></th><th>Spread<small>s</small></th><th class="text">What failed</th>'
+    )
     heads += "".join(f"<th>{text(path)}</th>" for path in shown.varied) + '<th class="text">Fly it again</th>'
     body = ""
     for k, flight in enumerate(shown.worst):
-        swatch = f'<span class="swatch" style="background:{color_of(drawn.index(flight))}"></span>' if flight in drawn else ""
+        swatch = (
+            f'<span class="swatch" style="background:{color_of(drawn.index(flight))}"></span>'
+            if flight in drawn
+            else ""
+        )
         cells = "".join(f"<td>{_applied(rows[path].values[k])}</td>" for path in shown.varied)
         failed = "" if met[k] else _failed(rows, k)
         command = f"anser run --campaign {shown.place} --flight {flight}"
@@ -194,7 +202,9 @@ def provenance(shown: CampaignShown) -> str:
     """Study, scenario, seed, versions."""
     about, study = shown.dataset.attrs, shown.study
     versions = [
-        f"{text(key.removeprefix('version_'))} {text(value)}" for key, value in about.items() if key.startswith("version_")
+        f"{text(key.removeprefix('version_'))} {text(value)}"
+        for key, value in about.items()
+        if key.startswith("version_")
     ]
     sampling = ", ".join(f"{text(key)} {text(value)}" for key, value in study["sampling"].items() if value is not None)
     wholes = (("study", study), ("scenario, as far as its file says", json.loads(about["scenario"])))
@@ -204,9 +214,11 @@ def provenance(shown: CampaignShown) -> str:
         for name, values in wholes
     )
     return (
-        f'<div class="facts"><div>Study <b>{text(study["name"])}</b>, hash <code>{text(about["study_hash"])}</code></div>'
-        f"<div>Scenario hash <code>{text(about['scenario_hash'])}</code></div><div>Seed {text(study.get('seed', 0))}</div>"
-        f"<div>Sampling: {sampling}</div><div>{', '.join(versions)}</div></div>{details}"
+        f'<div class="facts"><div>Study <b>{text(study["name"])}</b></div>'
+        f"<div>Study hash <code>{text(about['study_hash'])}</code></div>"
+        f"<div>Scenario hash <code>{text(about['scenario_hash'])}</code></div>"
+        f"<div>Seed {text(study.get('seed', 0))}</div><div>Sampling: {sampling}</div>"
+        f"<div>{', '.join(versions)}</div></div>{details}"
     )
 
 

@@ -6,9 +6,9 @@ from scipy import stats
 def mcnemar_exact(first_only: int, second_only: int) -> float:
     """Probability that pairs fall apart so unevenly, or more so, where neither way is better (two-sided).
 
-    Of the pairs in which exactly one succeeded it is then a coin's toss which. Source: Q. McNemar, *Note on the sampling
-    error of the difference between correlated proportions or percentages*, Psychometrika 12(2), 1947; exact, as a sign
-    test: A. Agresti, *Categorical Data Analysis*, 3rd ed., section 11.1.2.
+    Of the pairs in which exactly one succeeded it is then a coin's toss which. Source: Q. McNemar, *Note on the
+    sampling error of the difference between correlated proportions or percentages*, Psychometrika 12(2), 1947;
+    exact, as a sign test: A. Agresti, *Categorical Data Analysis*, 3rd ed., section 11.1.2.
 
     Parameters
     ----------
