@@ -20,8 +20,8 @@ def write_campaign_tables(
     """Write the tables of a campaign, in place of former ones.
 
     `flights.parquet` has a row for each flight: the values applied, what came of it, the worst of its aircraft
-    (infinite where one has none). `aircraft.parquet` has a row for each aircraft of each flight. `answers.parquet` holds
-    the quantiles and the probability with their intervals, `indices.parquet` what the outputs depend on.
+    (infinite where one has none). `aircraft.parquet` has a row for each aircraft of each flight. `answers.parquet`
+    holds the quantiles and the probability with their intervals, `indices.parquet` what the outputs depend on.
 
     Parameters
     ----------

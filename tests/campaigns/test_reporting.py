@@ -1,0 +1,181 @@
+"""The report of a campaign from made-up flights: what it says, its tables, what is flown again, what is kept."""
+
+import json
+import re
+from types import SimpleNamespace
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from anser.campaigns import Campaign, fly_campaign, flying, keep_worst, keeping, prepare, reporting, write_campaign
+from campaigns.study_cases import THREE, WIND, made_up, study_of
+from support.made_flight import make_flight
+
+FLIGHTS = 60
+EVIL = "</script><script>alert(1)</script>"
+AIR = {"path": "aircraft[0].bend", "distribution": "choice", "values": ["left", "right"]}
+
+
+@pytest.fixture(autouse=True)
+def made_up_flights(monkeypatch):
+    monkeypatch.setattr(flying, "fly_many", made_up)
+    monkeypatch.setattr(flying, "BATCH", 20)
+
+
+@pytest.fixture
+def again(monkeypatch):
+    """Flights flown again are made up too; which ones."""
+    numbers, (dataset, summary) = [], make_flight()
+
+    def save(folder):
+        folder.mkdir(parents=True)
+        dataset.to_netcdf(folder / "flight.nc")
+        return folder
+
+    def run(scenario):
+        numbers.append(scenario)
+        return SimpleNamespace(dataset=dataset, summary=summary, save=save)
+
+    monkeypatch.setattr(reporting, "run", run)
+    monkeypatch.setattr(keeping, "run", run)
+    return numbers
+
+
+def begun(folder, **changes):
+    folder.mkdir()
+    changes = {"sampling": {"flights": FLIGHTS}, "vary": [WIND, AIR], **changes}
+    return prepare(folder, study_of(**changes), THREE, {})
+
+
+def flown(folder, **changes):
+    store = begun(folder, **changes)
+    fly_campaign(store)
+    return store
+
+
+def page_of(store):
+    return (store.folder / "report.html").read_text(encoding="utf-8")
+
+
+def data_of(page):
+    (found,) = re.findall(r'<script type="application/json" id="campaign">(.*?)</script>', page, re.DOTALL)
+    return json.loads(found)
+
+
+def test_the_page_says_what_the_answers_say(tmp_path):
+    store = flown(tmp_path / "out", description=EVIL)
+    told = []
+    written = write_campaign(store, worst=0, progress=lambda what, part: told.append(what))
+    names = ["report.html", "flights.parquet", "aircraft.parquet", "answers.parquet", "indices.parquet"]
+    assert [path.name for path in written] == names
+    assert told == ["writing"]
+    page, found = page_of(store), Campaign(store).answers()
+    assert f"{found.met} of 60 flights met every requirement" in page
+    assert f"{100 * found.low:.2f} to {100 * found.high:.2f} % at 95 % confidence" in page
+    assert "could not begin: made up: could not begin" in page
+    assert "Partial" not in page
+    assert "None was flown again" in page
+    assert EVIL not in page
+    assert re.search(r"""(src|href)\s*=\s*["']?(https?:)?//""", page) is None
+    begins = [k for k in found.worst if store.dataset()["reason"].values[k] == ""]
+    for number in begins:
+        assert f"anser run --campaign {store.folder} --flight {number}<" in page
+    data = data_of(page)
+    assert [one["path"] for one in data["inputs"]] == ["wind.speed_m_s", "aircraft[0].bend"]
+    assert data["inputs"][1]["levels"] == ["left", "right"]
+    assert data["met"]["n"][-1] == data["drawn"][1] == FLIGHTS
+    (miss,) = [one for one in data["quantities"] if one["name"] == "miss_m"]
+    assert len(miss["kept"]) == sum(store.dataset()["reason"].values == "")
+    assert miss["converging"]["value"][-1] == next(
+        one["value"] for one in miss["quantiles"] if one["share"] == miss["share"]
+    )
+
+
+def test_a_partial_campaign_says_so_with_its_n(tmp_path):
+    store = begun(tmp_path / "out")
+    flying.fly_chunk(store.folder, 1)
+    write_campaign(store, worst=0)
+    assert "<b>Partial: 20 of 60 flights.</b>" in page_of(store)
+    assert data_of(page_of(store))["numbers"] == list(range(20, 40))
+
+
+def test_a_campaign_that_had_enough_is_not_partial(tmp_path):
+    store = flown(tmp_path / "out", until={"width": 0.9, "at_least": 20})
+    assert store.flown.size == 20
+    write_campaign(store, worst=0)
+    assert "Partial" not in page_of(store)
+    assert "After 20 of 60 flights the interval was as narrow as the study asks." in page_of(store)
+
+
+def test_the_worst_are_drawn_over_others(tmp_path, again):
+    store = flown(tmp_path / "out")
+    told = []
+    write_campaign(store, worst=2, others=4, progress=lambda what, part: told.append((what, part)))
+    data = store.dataset()
+    misses = np.where(data["reason"].values == "", data["miss_m"].max("aircraft").values, -np.inf)
+    worst = [int(k) for k in np.argsort(-misses)[:2]]
+    page = page_of(store)
+    assert re.findall(r'class="worst-track" data-flight="(\d+)"', page) == [str(number) for number in worst]
+    assert page.count("<title>flight ") == len(again)
+    assert 5 <= len(again) <= 6  # one of the others may be one of the worst
+    assert [scenario.seed for scenario in again[:2]] == data["seed"].values[worst].tolist()
+    assert told[0] == (f"flying {len(again)} flights again", 0.0)
+    assert told[-1] == ("writing", None)
+
+
+def test_the_tables_hold_every_flight_and_answer(tmp_path):
+    store = flown(tmp_path / "out")
+    write_campaign(store, worst=0)
+    data, found = store.dataset(), Campaign(store).answers()
+    flights = pq.read_table(store.folder / "flights.parquet")
+    assert flights.num_rows == FLIGHTS
+    np.testing.assert_array_equal(flights["wind.speed_m_s"], data["wind.speed_m_s"].values)
+    np.testing.assert_array_equal(flights["met"], data["met"].values)
+    assert np.isinf(np.array(flights["worst_miss_m"])[data["reason"].values != ""]).all()
+    assert flights.schema.field("worst_miss_m").metadata[b"units"] == b"m"
+    aircraft = pq.read_table(store.folder / "aircraft.parquet")
+    assert aircraft.num_rows == 3 * FLIGHTS
+    np.testing.assert_array_equal(aircraft["miss_m"], data["miss_m"].values.ravel())
+    assert aircraft["aircraft"][:3].to_pylist() == data["aircraft"].values.tolist()
+    answers = pq.read_table(store.folder / "answers.parquet").to_pylist()
+    assert answers[0]["value"] == found.probability
+    assert len(answers) == 1 + len(found.quantiles)
+    assert json.loads(pq.read_schema(store.folder / "answers.parquet").metadata[b"causes"]) == found.causes
+    indices = pq.read_table(store.folder / "indices.parquet").to_pylist()
+    assert {row["path"] for row in indices} == {"wind.speed_m_s", "aircraft[0].bend"}
+    assert {row["measure"] for row in indices} == {"rank"}
+
+
+def test_without_pyarrow_there_is_the_page_alone(tmp_path, monkeypatch):
+    monkeypatch.setattr(reporting, "has_parquet", lambda: False)
+    store = flown(tmp_path / "out", vary=[])
+    assert [path.name for path in write_campaign(store, worst=0)] == ["report.html"]
+
+
+def test_a_saltelli_campaign_tells_of_the_flights_that_are_independent(tmp_path):
+    store = flown(tmp_path / "out", sampling={"method": "saltelli", "flights": 16})
+    found = Campaign(store).answers()
+    assert (found.flown, found.independent) == (64, 32)
+    alone = store.dataset()["met"].values.reshape(16, 4)[:, [0, 3]]
+    assert found.probability == alone.mean()
+    write_campaign(store, worst=0)
+    page = page_of(store)
+    assert "from the 32 flights that are independent of each other" in page
+    assert "first index (narrow), total index (wide)" in page
+    assert "one in its place would be made up" in page
+
+
+def test_the_worst_are_kept_whole_once(tmp_path, again):
+    store = flown(tmp_path / "out", keep={"worst": 3})
+    folders = keep_worst(store)
+    data = store.dataset()
+    misses = np.where(data["reason"].values == "", data["miss_m"].max("aircraft").values, -np.inf)
+    assert [folder.name for folder in folders] == [f"flight-{k:06d}" for k in np.argsort(-misses)[:3]]
+    assert len(again) == 3
+    assert keep_worst(store) == folders
+    assert len(again) == 3
+    write_campaign(store, worst=3, others=0)  # those kept are read, none is flown again
+    assert len(again) == 3
+    assert page_of(store).count('class="worst-track"') == 3
+    assert keep_worst(flown(tmp_path / "none")) == ()
