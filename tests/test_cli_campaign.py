@@ -58,7 +58,50 @@ def test_campaign_prints_its_answers_and_goes_on(anser, study, tmp_path, monkeyp
     assert "to go on with it" in said
 
 
-def test_ctrl_c_leaves_answers_of_what_was_flown(anser, study, tmp_path, monkeypatch):
+def test_a_campaign_is_reported_and_compared(anser, study, tmp_path, monkeypatch):
+    monkeypatch.setattr(flying, "fly_many", made_up)
+    out, other = tmp_path / "out", tmp_path / "other"
+    anser("campaign", "fly", study, "--out", out, "--processes", 1)
+    assert (out / "report.html").is_file()
+    (out / "report.html").unlink()
+    code, printed, _ = anser("campaign", "report", out, "--worst", 0)
+    assert code == 0
+    assert "report.html: written" in printed
+    assert (out / "report.html").is_file()
+    assert (out / "flights.parquet").is_file()
+    code, printed, _ = anser("campaign", "report", out, "--worst", 0, "--json")
+    assert json.loads(printed)["flown"] == 20
+    code, _, said = anser("campaign", "report", tmp_path)
+    assert (code, "FOLDER: " in said, "a folder without flights.zarr" in said) == (2, True, True)
+
+    study.write_text(text_of(flights=20).replace("high = 9.0", "high = 6.0"))
+    anser("campaign", study, "--out", other, "--processes", 1)
+    code, printed, said = anser("campaign", "compare", out, other, "--out", tmp_path / "compared")
+    assert code == 0
+    assert "20 pairs" in printed
+    assert "McNemar, exact: p =" in printed
+    assert "applied otherwise in 20 of 20 pairs: wind.speed_m_s" in printed
+    assert (tmp_path / "compared" / "comparison.svg").is_file()
+    code, printed, _ = anser("campaign", "compare", out, other, "--json")
+    document = json.loads(printed)
+    assert (code, document["flights"], document["applied"]) == (0, 20, {"wind.speed_m_s": 20})
+    study.write_text(text_of(flights=20).replace("seed = 1", "seed = 2"))
+    anser("campaign", study, "--out", tmp_path / "third", "--processes", 1)
+    code, _, said = anser("campaign", "compare", out, tmp_path / "third")
+    assert code == 2
+    assert "expected the same seed for the same flight" in said
+
+
+def test_a_report_that_shows_flights_stays_where_none_has_come(anser, study, tmp_path, monkeypatch):
+    monkeypatch.setattr(flying, "fly_many", made_up)
+    page = tmp_path / "out" / "report.html"
+    anser("campaign", study, "--out", tmp_path / "out", "--processes", 1)
+    page.write_text("with a map")
+    anser("campaign", study, "--out", tmp_path / "out", "--resume")
+    assert page.read_text() == "with a map"
+
+
+def test_ctrl_c_leaves_answers_and_report_of_what_was_flown(anser, study, tmp_path, monkeypatch):
     left = 1
 
     def once(cases, batch=None):
@@ -74,6 +117,7 @@ def test_ctrl_c_leaves_answers_of_what_was_flown(anser, study, tmp_path, monkeyp
     assert code == 130
     assert "of 8 flights meet every requirement" in printed
     assert "8 of 20 flights; --resume flies the others" in said
+    assert "<b>Partial: 8 of 20 flights.</b>" in (tmp_path / "out" / "report.html").read_text()
 
 
 @pytest.mark.parametrize(
@@ -129,6 +173,24 @@ def test_any_flight_is_flown_again_as_in_the_campaign(anser, study, tmp_path):
     code, _, said = anser("run", "--campaign", tmp_path / "out", "--flight", 3)
     assert code == 2
     assert "--flight: arrived 3; expected one from 0 to 2" in said
+
+
+@pytest.mark.long
+def test_a_saltelli_study_is_flown_kept_and_reported_with_its_worst_drawn(anser, study, tmp_path):
+    text = text_of(flights=2).replace("[sampling]", '[keep]\nworst = 1\n[sampling]\nmethod = "saltelli"')
+    study.write_text(text)
+    out = tmp_path / "out"
+    code, printed, _ = anser("campaign", study, "--out", out, "--processes", 1)
+    assert code == 0
+    assert "6 of 6 flights" in printed
+    (kept,) = (out / "worst").iterdir()
+    assert {path.name for path in kept.iterdir()} == {"flight.nc", "summary.json", "report.html"}
+    code, _, _ = anser("campaign", "report", out, "--worst", 2, "--others", 3)
+    assert code == 0
+    page = (out / "report.html").read_text()
+    assert page.count('class="worst-track"') == 2
+    assert f'data-flight="{int(kept.name[-6:])}"' in page
+    assert "Sobol indices" in page
 
 
 def test_a_cluster_that_is_not_there_is_refused_and_the_store_can_be_gone_on_with(anser, study, tmp_path, monkeypatch):

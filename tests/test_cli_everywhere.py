@@ -29,13 +29,23 @@ from support.made_flight import make_flight
 ROOT = Path(__file__).parents[1]
 SCENARIOS = ROOT / "scenarios"
 THREE = SCENARIOS / "three-aircraft.toml"
-COMMANDS = get_command(app).commands
+GROUPS = get_command(app).commands
+
+
+def _leaves(commands, before=""):
+    """Commands by all their words; of a group its own, by its words and theirs."""
+    for name, command in commands.items():
+        inner = getattr(command, "commands", None)
+        yield from _leaves(inner, f"{before}{name} ") if inner else [(f"{before}{name}", command)]
+
+
+COMMANDS = dict(_leaves(GROUPS))
 COLOUR = re.compile(r"\x1b\[[\d;]*(?:3[0-7]|38|9[0-7])[\d;]*m")
 
 
 @functools.cache
 def _help(name):
-    return CliRunner().invoke(app, [name, "--help"], env={"COLUMNS": "150", "TERM": "dumb"}).stdout
+    return CliRunner().invoke(app, [*name.split(), "--help"], env={"COLUMNS": "150", "TERM": "dumb"}).stdout
 
 
 def _examples(name):
@@ -60,8 +70,13 @@ def test_every_example_is_a_command_line_that_parses(name):
     assert examples
     for example in examples:
         program, command, *words = shlex.split(example.partition(" > ")[0])
-        assert (program, command) == ("anser", name)
-        COMMANDS[name].make_context(name, words)  # raises UsageError at what the command has not
+        assert (program, command) == ("anser", name.split()[0])
+        context, meant = GROUPS[command].make_context(command, words), command  # raises UsageError at what it has not
+        if command != name:
+            meant, inner, rest = GROUPS[command].resolve_command(context, [*context._protected_args, *context.args])
+            inner.make_context(meant, rest)
+            meant = f"{command} {meant}"
+        assert meant == name
         for word in words:
             if word.startswith("scenarios/"):
                 assert (ROOT / word).is_file()
@@ -245,6 +260,24 @@ def test_scenarios_and_runs_are_found_where_they_lie(tmp_path, monkeypatch):
     assert complete_run("") == ["runs/a"]
     assert complete_run("runs/") == ["runs/a"]
     assert complete_run(".h") == [".hidden"]
+
+
+def test_a_group_means_its_first_command_where_none_is_named(anser):
+    shown = CliRunner().invoke(app, ["campaign", "--help"], env={"COLUMNS": "150", "TERM": "dumb"}).stdout
+    for name in ("fly", "report", "compare"):
+        assert re.search(rf"^│ {name} ", shown, re.MULTILINE)
+    for words, said in (
+        (("campaign", "study.toml"), "Missing option '--out'"),
+        (("campaign", "--resume", "study.toml"), "Missing option '--out'"),
+        (("campaign", "fly", "study.toml"), "Missing option '--out'"),
+        (("campaign", "reprot", "folder"), "Did you mean 'report'"),
+        (("campaign", "nowhere.toml", "--out", "x"), "nowhere.toml"),
+    ):
+        code, printed, err = anser(*words)
+        assert (code, printed) == (2, "")
+        assert said in err
+    assert {"report", "compare"} <= set(_completed("anser campaign ", ROOT))
+    assert "--processes" in _completed("anser campaign x.toml --", ROOT)
 
 
 def test_variants_are_those_of_the_aircraft():

@@ -65,7 +65,7 @@ def test_what_is_no_pair_is_refused(tmp_path):
     one = flown(tmp_path / "one")
     with pytest.raises(ValueError, match="arrived campaigns of 60 and 20 flights"):
         anser.compare_campaigns(one, flown(tmp_path / "few", sampling={"flights": 20}))
-    with pytest.raises(ValueError, match="60 of 60 flights have other seeds .*of the seeds 1 and 2"):
+    with pytest.raises(ValueError, match=r"60 of 60 flights have other seeds .*of the seeds 1 and 2"):
         anser.compare_campaigns(one, flown(tmp_path / "seed", seed=2))
     (tmp_path / "begun").mkdir()
     prepare(tmp_path / "begun", study_of(sampling={"flights": FLIGHTS}), THREE, {})

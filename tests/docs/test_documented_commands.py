@@ -81,6 +81,14 @@ COVERED = {
         "tests/test_cli_campaign.py",
         '"--resume"',
     ),
+    "anser campaign report runs/how-surely": (
+        "tests/test_cli_campaign.py",
+        'anser("campaign", "report", out, "--worst", 0)',
+    ),
+    "anser campaign compare runs/how-surely runs/windier --out compared": (
+        "tests/test_cli_campaign.py",
+        'anser("campaign", "compare", out, other, "--out", tmp_path / "compared")',
+    ),
     "anser run --campaign runs/how-surely --flight 17": ("tests/test_cli_campaign.py", '"--flight", 1'),
     "anser verify": ("tests/verification/test_nesc.py", "NESC_CHECKS"),  # with its neighbours, each check by itself
 }
@@ -164,10 +172,14 @@ def test_every_command_named_in_the_text_exists_with_its_options():
     for page in [*PAGES, *(ROOT / "docs").glob("*.md")]:
         for words in INLINE.findall(page.read_text(encoding="utf-8")):
             name, *rest = re.sub(r"[\[\](),;]", " ", words.removeprefix("anser ")).split()
+            commands = group.commands
+            if hasattr(commands.get(name), "commands"):  # a group: of it the command named next, or the first
+                commands = commands[name].commands
+                name = rest[0] if rest and rest[0] in commands else next(iter(commands))
             if name.startswith("-") or name.isupper():  # an option of all, or a word that stands for any command
                 continue
-            assert name in group.commands, f"{page.name}: `{words}`: no such command"
-            known = {option for parameter in group.commands[name].params for option in parameter.opts}
+            assert name in commands, f"{page.name}: `{words}`: no such command"
+            known = {option for parameter in commands[name].params for option in parameter.opts}
             unknown = {word for word in rest if word.startswith("--")} - known - {"--help"}
             assert not unknown, f"{page.name}: `{words}`: no such option {unknown}"
 

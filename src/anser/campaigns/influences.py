@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 SOBOL, RANK = "Sobol indices", "rank correlation"
+_ALIKE = "it is the same in every flight"
 _OUTPUTS = {
     "met": "every requirement met (1 or 0)",
     "miss_m": "greatest miss",
@@ -127,7 +128,7 @@ def _sobol(data: "xr.Dataset", study: Study, varied: list[str]) -> Influences:
                 value, half = float(values[k]), float(halves[k])
                 found.append(Influence(name, path, measure, value, value - half, value + half))
 
-    without = _trying(of)
+    without = _trying(of, outputs)
     return Influences(SOBOL, confidence, data.sizes["flight"], _OUTPUTS, tuple(found), without)
 
 
@@ -135,11 +136,7 @@ def _ranks(data: "xr.Dataset", study: Study, varied: list[str]) -> Influences:
     confidence, outputs = study.answers.confidence, _outputs(data)
     inputs = {path: ordered_values(data[path].values, study, path) for path in varied}
     without = {path: "texts of a table have no order" for path, values in inputs.items() if values is None}
-    without |= {
-        path: "it is the same in every flight"
-        for path, values in inputs.items()
-        if values is not None and values.size and np.ptp(values) == 0.0
-    }
+    without |= {path: _ALIKE for path, values in inputs.items() if values is not None and np.unique(values).size < 2}
     found: list[Influence] = []
 
     def of(name: str) -> None:
@@ -147,14 +144,17 @@ def _ranks(data: "xr.Dataset", study: Study, varied: list[str]) -> Influences:
             if values is not None and path not in without:
                 found.append(Influence(name, path, "rank", *rank_correlation(values, outputs[name], confidence)))
 
-    without |= _trying(of)
+    without |= _trying(of, outputs)
     return Influences(RANK, confidence, data.sizes["flight"], _OUTPUTS, tuple(found), without)
 
 
-def _trying(of: Callable[[str], None]) -> dict[str, str]:
+def _trying(of: Callable[[str], None], outputs: Mapping[str, np.ndarray]) -> dict[str, str]:
     """Do it of every output; why it cannot be done of some."""
     without: dict[str, str] = {}
     for name in _OUTPUTS:
+        if np.unique(outputs[name]).size < 2:
+            without[name] = _ALIKE
+            continue
         try:
             of(name)
         except ValueError as error:

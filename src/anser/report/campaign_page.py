@@ -49,8 +49,7 @@ def _page(shown: CampaignShown) -> str:
 <p id="fault" class="fault" hidden></p>
 </header>
 <section class="opening"><div>{headline(shown)}{numbers(shown)}</div>
-<div><h2 class="tight">Why flights failed</h2><p class="caption">Part of the flights that failed; a flight may fail of
-several things.</p>{causes(shown)}</div></section>
+<div><h2 class="tight">Why flights failed</h2>{causes(shown)}</div></section>
 <section id="bounds"><h2>Bounds</h2><p class="caption">What part of the flights keeps, with an interval by order
 statistics at {sure} confidence. A flight that failed counts as infinitely bad.{alone}</p>{bounds(shown)}</section>
 <section id="converging"><h2>Convergence</h2><p class="caption">Each estimate and its interval at {sure} against the

@@ -70,9 +70,12 @@ def _main(found: Mapping[str, Any], name: str) -> Mapping[str, Any] | None:
 
 def _ends(one: Mapping[str, Any]) -> str:
     """Interval in words; an end that so few flights do not tell is open."""
-    if one["low"] is None or one["high"] is None:
-        return "or less" if one["high"] is not None else "or more" if one["low"] is not None else "interval open"
-    return f"{_value(one['low'])} to {_value(one['high'])}"
+    low, high = one["low"], one["high"]
+    if low is None and high is None:
+        return "interval open"
+    if low is None or high is None:
+        return f"{_value(low)} or more" if high is None else f"{_value(high)} or less"
+    return f"{_value(low)} to {_value(high)}"
 
 
 def _value(value: float) -> str:
@@ -113,7 +116,8 @@ def causes(shown: CampaignShown) -> str:
     )
     more = len(counted) - _CAUSES
     rest = f'<p class="caption">{more} rarer causes are not shown; all are in flights.parquet.</p>' if more > 0 else ""
-    return f'<ol class="margins">{rows}</ol>{rest}'
+    words = "Part of the flights that failed; a flight may fail of several things."
+    return f'<p class="caption">{words}</p><ol class="margins">{rows}</ol>{rest}'
 
 
 def bounds(shown: CampaignShown) -> str:
