@@ -1,0 +1,81 @@
+"""The report of a campaign in a real browser: nothing complains, nothing leaves the file, every plot is drawn."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from anser.campaigns import fly_campaign, flying, prepare, reporting, write_campaign
+from campaigns.study_cases import THREE, WIND, made_up, study_of
+from support.chromium import NAMES, Chromium, find_chromium
+from support.made_flight import make_flight
+
+if find_chromium() is None:
+    pytest.skip(
+        f"no Chromium here (none of {', '.join(NAMES)}): the report was not opened in a browser",
+        allow_module_level=True,
+    )
+
+EVIL = "</script><script>window.harmed = true</script><img src=x onerror='window.harmed = true'>"
+BEND = {"path": "aircraft[0].bend", "distribution": "choice", "values": ["left", "right"]}
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("campaign")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(flying, "fly_many", made_up)
+        patch.setattr(reporting, "run", lambda scenario: SimpleNamespace(dataset=make_flight()[0]))
+        store = prepare(folder, study_of(sampling={"flights": 80}, vary=[WIND, BEND], description=EVIL), THREE, {})
+        fly_campaign(store)
+        return write_campaign(store, worst=2, others=3)[0]
+
+
+@pytest.fixture(scope="module")
+def browser(page, tmp_path_factory):
+    with Chromium(tmp_path_factory.mktemp("chromium"), 1280, 800) as opened:
+        opened.open(page)
+        opened.settle()
+        yield opened
+
+
+def test_every_plot_is_drawn_and_nothing_complains_or_leaves_the_file(browser, page):
+    for key in ("converging", "distributions", "against"):
+        for end in ("start", "end"):
+            browser.run(f"document.getElementById('{key}').scrollIntoView({{ block: '{end}' }})")
+            browser.settle()
+    assert browser.run("anser.charts.length") == 1 + 4 + 4 + 2  # met, four quantities twice, two inputs
+    assert browser.run("anser.charts.filter((chart) => !chart.plot).length") == 0
+    assert browser.run("document.querySelectorAll('.map .worst-track').length") == 2
+    assert browser.run("typeof window.harmed") == "undefined"
+    assert browser.run("document.querySelector('.lead').textContent") == EVIL
+    assert browser.faults == []
+    assert [url for url in browser.requests if not url.startswith(("data:", "blob:"))] == [page.as_uri()]
+
+
+def test_another_quantity_is_drawn_against_the_inputs(browser):
+    browser.run("document.getElementById('against').scrollIntoView()")
+    browser.settle()
+    scale = "(() => { const s = anser.charts.at(-1).plot.scales.y; return [s.min, s.max]; })()"
+    before = browser.run(scale)
+    browser.run(
+        "{ const s = document.getElementById('quantity'); s.value = 'arrival_s'; s.dispatchEvent(new Event('change')); }"
+    )
+    browser.settle()
+    low, high = browser.run(scale)
+    assert before[1] < low  # misses of some metres, arrivals at some 60 s
+    assert high > low
+    assert browser.run("anser.charts.at(-1).plot.axes[0]._values") == ["left", "right"]
+
+
+def test_a_row_of_the_worst_brings_out_its_tracks(browser):
+    browser.run("document.querySelector('#worst tr[data-flight]').dispatchEvent(new Event('mouseenter'))")
+    assert browser.run("document.querySelectorAll('.map.focused .worst-track.chosen').length") == 1
+    browser.run("document.querySelector('#worst tr[data-flight]').dispatchEvent(new Event('mouseleave'))")
+    assert browser.run("document.querySelectorAll('.map.focused').length") == 0
+
+
+def test_nothing_is_wider_than_the_window(browser):
+    for width in (420, 1280):
+        browser.resize(width, 800)
+        browser.settle()
+        assert browser.run("document.documentElement.scrollWidth") <= width
