@@ -67,7 +67,15 @@ def test_the_page_says_what_the_answers_say(tmp_path):
     store = flown(tmp_path / "out", description=EVIL)
     told = []
     written = write_campaign(store, worst=0, progress=lambda what, part: told.append(what))
-    names = ["report.html", "flights.parquet", "aircraft.parquet", "answers.parquet", "indices.parquet"]
+    names = [
+        "report.html",
+        "campaign.svg",
+        "campaign.png",
+        "flights.parquet",
+        "aircraft.parquet",
+        "answers.parquet",
+        "indices.parquet",
+    ]
     assert [path.name for path in written] == names
     assert told == ["writing"]
     page, found = page_of(store), Campaign(store).answers()
@@ -150,7 +158,7 @@ def test_the_tables_hold_every_flight_and_answer(tmp_path):
 def test_without_pyarrow_there_is_the_page_alone(tmp_path, monkeypatch):
     monkeypatch.setattr(reporting, "has_parquet", lambda: False)
     store = flown(tmp_path / "out", vary=[])
-    assert [path.name for path in write_campaign(store, worst=0)] == ["report.html"]
+    assert [path.name for path in write_campaign(store, worst=0)] == ["report.html", "campaign.svg", "campaign.png"]
 
 
 def test_a_saltelli_campaign_tells_of_the_flights_that_are_independent(tmp_path):

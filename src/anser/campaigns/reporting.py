@@ -14,7 +14,7 @@ from anser.campaigns.sampling import independent
 from anser.campaigns.store import CampaignStore
 from anser.execution import NoPlanError, run
 from anser.execution.batches import Progress, silent
-from anser.report import CampaignShown, FlownAgain, write_campaign_report
+from anser.report import CampaignShown, FlownAgain, draw_campaign, write_campaign_report
 from anser.report.exports import has_parquet, write_campaign_tables
 from anser.results import read_netcdf
 from anser.scenario import ScenarioError
@@ -35,7 +35,7 @@ _LISTED = 5
 def write_campaign(
     store: CampaignStore, worst: int = WORST, others: int = OTHERS, progress: Progress | None = None
 ) -> tuple[Path, ...]:
-    """Write the report of a campaign, whole or partial, and its tables, in place of former ones.
+    """Write the report of a campaign, whole or partial, its figure and its tables, in place of former ones.
 
     Parameters
     ----------
@@ -50,8 +50,8 @@ def write_campaign(
 
     Returns
     -------
-    What was written: `report.html`, and with pyarrow `flights.parquet`, `aircraft.parquet`, `answers.parquet` and
-    `indices.parquet`.
+    What was written: `report.html`, of two flights or more `campaign.svg` and `campaign.png`, and with pyarrow
+    `flights.parquet`, `aircraft.parquet`, `answers.parquet` and `indices.parquet`.
     """
     tell, data, study = progress or silent, store.dataset(), store.study
     begun = data.isel(flight=np.flatnonzero(data["reason"].values == ""))
@@ -81,8 +81,9 @@ def write_campaign(
     tell("writing", None)
     page = store.folder / REPORT
     write_campaign_report(shown, page)
+    figure = draw_campaign(data.isel(flight=np.flatnonzero(shown.independent)), store.folder)
     tables = write_campaign_tables(data, found, depends, store.folder) if has_parquet() else ()
-    return page, *tables
+    return page, *figure, *tables
 
 
 def _spaced(numbers: np.ndarray, count: int) -> Sequence[int]:

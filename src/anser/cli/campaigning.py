@@ -87,17 +87,15 @@ def fly(
 
 
 def _write(store: "CampaignStore", before: int) -> list[str]:
-    """Figure and report of what was flown, without flying any again; what was written.
+    """Report of what was flown, without flying any again; what was written.
 
     A report that is there stays where no flight has come to those before: it may show flights that were flown again.
     """
     from anser.campaigns import REPORT, write_campaign
-    from anser.report import draw_campaign
 
-    written = [path.name for path in draw_campaign(store.dataset(), store.folder)]
-    if store.flown.size and (store.flown.size != before or not (store.folder / REPORT).exists()):
-        written += [path.name for path in write_campaign(store, worst=0)]
-    return written
+    if not store.flown.size or (store.flown.size == before and (store.folder / REPORT).exists()):
+        return []
+    return [path.name for path in write_campaign(store, worst=0)]
 
 
 def flight_of_campaign(folder: Path, number: int) -> "tuple[CampaignStore, Scenario]":
