@@ -1,6 +1,7 @@
 """What Python offers: its names, their types, and scenarios by the path of their file."""
 
 import json
+import re
 import subprocess
 import sys
 from importlib.resources import files
@@ -17,6 +18,15 @@ ENTRIES = ["campaign", "compare_campaigns", "linearize", "load", "loads", "plan"
 def test_dir_names_what_there_is_and_each_is_documented():
     assert dir(anser) == ENTRIES
     assert all(getattr(anser, name).__doc__ for name in ENTRIES)
+
+
+def test_no_file_has_the_name_of_what_its_room_offers():
+    """Once it is imported it would stand in the room instead: `anser.campaigns.answers` a module, not the function."""
+    for stub in files("anser").rglob("__init__.pyi"):
+        words = stub.read_text().partition("__all__")[2]
+        offered = set(re.findall(r'"(\w+)"', words))
+        assert offered
+        assert not offered & {path.stem for path in stub.parent.glob("*.py")}, stub
 
 
 def test_types_are_for_users_too():

@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 from anser.campaigns import influences
-from anser.campaigns.influences import RANK, SOBOL, ordered_values
+from anser.campaigns.influencing import RANK, SOBOL, ordered_values
 from anser.campaigns.sampling import sampled
 from campaigns.study_cases import WIND, study_of
 

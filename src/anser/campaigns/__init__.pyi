@@ -1,9 +1,9 @@
 from .again import departures
-from .answers import Answer, Answers, answers
-from .campaign import Campaign, campaign
+from .answering import Answer, Answers, answers
+from .campaigning import Campaign, campaign
 from .comparing import CampaignComparison, Difference, compare_campaigns
 from .flying import flight_of, fly_campaign, prepare
-from .influences import Influence, Influences, influences
+from .influencing import Influence, Influences, influences
 from .keeping import keep_worst
 from .reporting import REPORT, write_campaign
 from .store import CampaignStore, StoreError

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from anser.campaigns.campaign import Campaign
+from anser.campaigns.campaigning import Campaign
 from anser.campaigns.sampling import independent
 from anser.campaigns.store import CampaignStore
 from anser.report.comparison import scenario_differences

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from anser.campaigns.answers import worst_flights
+from anser.campaigns.answering import worst_flights
 from anser.campaigns.flying import flight_of
 from anser.campaigns.store import CampaignStore
 from anser.execution import NoPlanError, run

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from anser.campaigns.answers import answers, worst_flights
+from anser.campaigns.answering import answers, worst_flights
 from anser.campaigns.flying import flight_of
-from anser.campaigns.influences import influences
+from anser.campaigns.influencing import influences
 from anser.campaigns.keeping import kept_flight
 from anser.campaigns.sampling import independent
 from anser.campaigns.store import CampaignStore

@@ -53,7 +53,7 @@ def fly(
     The word fly may be left out: anser campaign STUDY --out FOLDER.
     """
     from anser.campaigns import Campaign, StoreError, fly_campaign, keep_worst
-    from anser.campaigns.campaign import store_of
+    from anser.campaigns.campaigning import store_of
     from anser.campaigns.flying import usual_processes
 
     try:

@@ -78,8 +78,10 @@ def _ends(one: Mapping[str, Any]) -> str:
     return f"{_value(low)} to {_value(high)}"
 
 
-def _value(value: float) -> str:
+def _value(value: float | None) -> str:
     """Four significant digits."""
+    if value is None:
+        return number(None, 0)
     digits = 3 - int(np.floor(np.log10(max(abs(value), 1e-6))))
     return number(value, max(0, min(6, digits)))
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from anser.campaigns.answers import Answers, answers
+from anser.campaigns.answering import Answers, answers
 from anser.campaigns.flying import applied_values, flight_of, fly_campaign, prepare, usual_processes
-from anser.campaigns.influences import Influences, influences
+from anser.campaigns.influencing import Influences, influences
 from anser.campaigns.keeping import keep_worst
 from anser.campaigns.reporting import OTHERS, WORST, write_campaign
 from anser.campaigns.store import CampaignStore
