@@ -70,7 +70,7 @@ def write_campaign(
         dataset=data,
         answers=found,
         influences=depends,
-        study=study.model_dump(mode="json", exclude_unset=True),
+        study=study.model_dump(mode="json", exclude_none=True),
         place=str(store.folder),
         independent=independent(study, data["flight"].values),
         worst=listed,

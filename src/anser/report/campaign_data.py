@@ -16,7 +16,7 @@ _COUNTS = 100
 _STEPS = 1500
 """Points of a distribution at most."""
 _POINTS = 4000
-"""Flights that are drawn against the inputs at most; those that failed first."""
+"""Flights that are drawn against the inputs at most."""
 
 
 @dataclass(frozen=True)
@@ -153,10 +153,10 @@ def _distribution(values: np.ndarray, upper: bool) -> dict[str, Any]:
 
 
 def _flights(shown: CampaignShown, quantities: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Flights against the inputs: those that failed, and evenly spaced ones of the others where there are too many."""
+    """Flights against the inputs; evenly spaced ones where there are too many, half of them such that failed."""
     data, met = shown.dataset, shown.dataset["met"].values
-    order = np.concatenate([np.flatnonzero(~met), _spaced(np.flatnonzero(met), max(_POINTS - int((~met).sum()), 0))])
-    rows = np.sort(order[:_POINTS])
+    failed = _spaced(np.flatnonzero(~met), max(_POINTS // 2, _POINTS - int(met.sum())))
+    rows = np.sort(np.concatenate([failed, _spaced(np.flatnonzero(met), _POINTS - failed.size)]))
     inputs = []
     for path in shown.varied:
         values = data[path].values[rows]

@@ -21,6 +21,8 @@ _ACROSS_MAX = 6
 """Inputs that flights are drawn against at most."""
 _POINTS = 200
 """Numbers of flights at which the convergence is drawn."""
+_MANY = 5_000
+"""Flights of which more are drawn as pixels, or the figure as SVG would be too large."""
 _ENOUGH = 2
 """Flights that there is something to draw of."""
 
@@ -81,7 +83,7 @@ def _draw_distribution(axes: "Axes", dataset: xr.Dataset, name: str) -> None:
     ordered = np.sort(values)
     shares = 100.0 * np.arange(1, ordered.size + 1) / ordered.size
     known = np.isfinite(ordered)
-    axes.step(ordered[known], shares[known], where="post", color=line_of(0)["color"])
+    axes.step(ordered[known], shares[known], where="post", color=line_of(0)["color"], rasterized=values.size > _MANY)
     low, high = order_statistic_interval(values, 0.95, float(dataset.attrs["confidence"]))
     label: str | None = "interval of the 95 % point"
     for end in (low, high):
@@ -99,8 +101,9 @@ def _draw_against(axes: "Axes", dataset: xr.Dataset, path: str) -> None:
     """Greatest miss of each flight against an input; those that failed are crosses, at the top without a miss."""
     x, y, met = dataset[path].values, _worst(dataset, "miss_m"), dataset["met"].values
     known = np.isfinite(y)
-    axes.plot(x[met & known], y[met & known], ".", markersize=3.0, color=line_of(0)["color"])
-    axes.plot(x[~met & known], y[~met & known], "x", markersize=5.0, color=line_of(1)["color"])
+    many = x.size > _MANY
+    axes.plot(x[met & known], y[met & known], ".", markersize=3.0, color=line_of(0)["color"], rasterized=many)
+    axes.plot(x[~met & known], y[~met & known], "x", markersize=5.0, color=line_of(1)["color"], rasterized=many)
     for value in x[~known]:
         axes.plot(value, 0.98, "x", markersize=5.0, color=line_of(1)["color"], transform=axes.get_xaxis_transform())
     axes.set_xlabel(path)

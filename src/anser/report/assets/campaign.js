@@ -268,7 +268,7 @@ function start() {
     const charts = data.inputs.map((input) => new Against(place("against"), data, input, chosen));
     select.addEventListener("change", () => refresh(charts));
     const [drawn, all] = data.drawn;
-    if (drawn < all) document.getElementById("drawn").textContent = `${drawn.toLocaleString("en-US")} of ${all.toLocaleString("en-US")} flights are drawn.`;
+    if (drawn < all) document.getElementById("drawn").textContent = `${drawn.toLocaleString("en-US")} of ${all.toLocaleString("en-US")} flights are drawn, failed ones closer together.`;
   }
   linkMap();
   let width = innerWidth;
