@@ -132,6 +132,17 @@ def test_the_worst_are_drawn_over_others(tmp_path, again):
     assert told[-1] == ("writing", None)
 
 
+def test_a_report_that_is_interrupted_is_there_without_its_map(tmp_path, monkeypatch):
+    def interrupted(scenario):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(reporting, "run", interrupted)
+    store = flown(tmp_path / "out")
+    with pytest.raises(KeyboardInterrupt):
+        write_campaign(store, worst=2)
+    assert "None was flown again" in page_of(store)
+
+
 def test_the_tables_hold_every_flight_and_answer(tmp_path):
     store = flown(tmp_path / "out")
     write_campaign(store, worst=0)

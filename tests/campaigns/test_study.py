@@ -16,6 +16,12 @@ def test_the_shipped_study_is_good():
     assert [one.distribution for one in study.vary] == ["triangular", "log-normal", "choice"]
 
 
+def test_the_shipped_study_for_indices_is_good(tmp_path):
+    study, scenario, given = load_study(STUDIES / "what-matters.toml")
+    assert study.block == 5
+    assert prepare(tmp_path, study, scenario, given).flights == 320
+
+
 def test_the_hash_is_that_of_the_values():
     study, again = study_of(), study_of()
     assert study.hash == again.hash
@@ -48,6 +54,7 @@ def test_a_sampling_that_is_none_is_refused(sampling, said):
         ),
         ({"vary": [{"path": "seed", "distribution": "uniform", "low": 0.0, "high": 9.0}]}, "another path"),
         ({"answers": {"quantiles": [1.0]}}, "answers.quantiles[0]: arrived 1; expected a number between 0 and 1"),
+        ({"keep": {"worst": -1}}, "keep.worst: arrived -1; expected a whole number from 0 to 1000"),
         ({"flights": 3}, 'flights: arrived the unknown key "flights"'),
     ],
 )

@@ -31,7 +31,7 @@ class Difference:
     name, words, unit
         Of the quantity, of which less is better.
     second_better, alike, first_better
-        In how many flights; alike where both failed, too.
+        In how many flights; alike where both have no such number, too.
     share, low, high
         Part of the flights in which the second is better, and its Wilson interval.
     quantiles
@@ -111,8 +111,8 @@ def compare_campaigns(
 ) -> CampaignComparison:
     """Compare two campaigns flight by flight: flight k of both has the same seed.
 
-    What is random is then the same in both, and the difference of a pair is due to what was changed. A flight that
-    failed has an infinite miss; where both failed they are alike.
+    What is random is then the same in both, and the difference of a pair is due to what was changed. A flight
+    without a miss has an infinite one; where both have none they are alike.
 
     Parameters
     ----------

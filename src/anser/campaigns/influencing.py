@@ -79,8 +79,8 @@ class Influences:
 def influences(data: "xr.Dataset", study: Study, varied: list[str]) -> Influences:
     """Find what the outputs depend on.
 
-    A flight that failed counts with ``met`` as 0. Of miss and spread, rank correlations count it as the worst; Sobol
-    indices need a finite number of every flight, and there are none where one has none.
+    In ``met`` every flight counts, as 1 or 0. Of miss and spread, rank correlations count a flight that has none as the
+    worst; Sobol indices need a finite number of every flight, and there are none where one has none.
 
     Parameters
     ----------

@@ -1,5 +1,6 @@
 """The report of a campaign: some of its flights flown again, and all written into its folder."""
 
+import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -76,10 +77,12 @@ def write_campaign(
         worst=listed,
         enough=store.enough is not None,
         levels=levels,
-        again=_flown_again(store, again, tell),
     )
-    tell("writing", None)
     page = store.folder / REPORT
+    if again and not page.exists():
+        write_campaign_report(shown, page)  # readable should the flights be interrupted
+    shown = dataclasses.replace(shown, again=_flown_again(store, again, tell))
+    tell("writing", None)
     write_campaign_report(shown, page)
     figure = draw_campaign(data.isel(flight=np.flatnonzero(shown.independent)), store.folder)
     tables = write_campaign_tables(data, found, depends, store.folder) if has_parquet() else ()

@@ -140,7 +140,7 @@ def bounds(shown: CampaignShown) -> str:
 
 def _cell(one: Mapping[str, Any]) -> str:
     if one["value"] is None:
-        return "<td>none<small>too many failed</small></td>"
+        return "<td>none<small>too many flights have no number</small></td>"
     return f"<td>{_value(one['value'])} {text(one['unit'])}<small>{_ends(one)}</small></td>"
 
 
