@@ -162,6 +162,20 @@ def test_a_killed_campaign_goes_on_to_the_last_bit_in_one_process_and_in_two(stu
 
 
 @pytest.mark.long
+def test_ctrl_c_stops_processes_that_fly_and_leaves_a_report(study, tmp_path):
+    begun = begin_with(4, study, tmp_path, "out", "--processes", "2")
+    done = tmp_path / "out" / "flights.zarr" / "chunk_done"
+    while not any((done / str(k)).exists() for k in range(5)):
+        time.sleep(0.05)
+        assert begun.poll() is None
+    begun.send_signal(signal.SIGINT)
+    assert begun.wait() == 130
+    flown = CampaignStore.open(tmp_path / "out").flown.size
+    assert 4 <= flown < 20
+    assert f"<b>Partial: {flown} of 20 flights.</b>" in (tmp_path / "out" / "report.html").read_text()
+
+
+@pytest.mark.long
 def test_any_flight_is_flown_again_as_in_the_campaign(anser, study, tmp_path):
     study.write_text(text_of(flights=3))
     code, _, _ = anser("campaign", study, "--out", tmp_path / "out", "--processes", 1)

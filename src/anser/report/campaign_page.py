@@ -51,7 +51,8 @@ def _page(shown: CampaignShown) -> str:
 <section class="opening"><div>{headline(shown)}{numbers(shown)}</div>
 <div><h2 class="tight">Why flights failed</h2>{causes(shown)}</div></section>
 <section id="bounds"><h2>Bounds</h2><p class="caption">What part of the flights keeps, with an interval by order
-statistics at {sure} confidence. A flight that has no such number counts as infinitely bad.{alone}</p>{bounds(shown)}</section>
+statistics at {sure} confidence. A flight that has no such number counts as infinitely bad.{alone}</p>
+{bounds(shown)}</section>
 <section id="converging"><h2>Convergence</h2><p class="caption">Each estimate and its interval at {sure} against the
 number of flights.{alone}</p><div class="plots" data-plots="converging"></div></section>
 <section id="distributions"><h2>Distributions</h2><p class="caption">Part of the flights that keeps a bound; bars: the
