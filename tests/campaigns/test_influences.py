@@ -6,7 +6,7 @@ import xarray as xr
 
 from anser.campaigns import influences
 from anser.campaigns.influencing import RANK, SOBOL, ordered_values
-from anser.campaigns.sampling import sampled
+from anser.campaigns.sampling import flight_seeds, sampled
 from campaigns.study_cases import WIND, study_of
 
 COURSE = {"path": "wind.from_deg", "distribution": "uniform", "low": 0.0, "high": 9.0}
@@ -49,6 +49,23 @@ def test_sobol_indices_share_the_variance_out():
     assert values_of(found, "met", "total") == pytest.approx([1.0, 0.0], abs=0.03)
     assert found.without == {"arrival_spread_s": "it is the same in every flight"}
     assert all(one.low <= one.value <= one.high for one in found.found)
+
+
+def test_what_is_random_in_a_flight_is_put_down_to_no_input():
+    study = saltelli()
+    data = flown(study)
+    drawn = {seed: np.random.default_rng(seed).uniform(0.0, 9.0) for seed in flight_seeds(study, 1024).tolist()}
+    noise = np.array([drawn[seed] for seed in flight_seeds(study, 1024).tolist()])
+    alone = data.assign(arrival_spread_s=("flight", data["wind.speed_m_s"].values + noise))
+    found = influences(alone, study, PATHS)
+    # half of the variance is the speed's, nothing the direction's, neither by itself nor in combination
+    for measure in ("first", "total"):
+        assert values_of(found, "arrival_spread_s", measure) == pytest.approx([0.5, 0.0], abs=0.08)
+    assert values_of(found, "arrival_spread_s", "total")[1] == 0.0
+    # with a seed of its own for each flight, all of the noise is in the total index of every input
+    noise = np.random.default_rng(1).uniform(0.0, 9.0, 1024)
+    apart = data.assign(arrival_spread_s=("flight", data["wind.speed_m_s"].values + noise))
+    assert values_of(influences(apart, study, PATHS), "arrival_spread_s", "total")[1] == pytest.approx(0.5, abs=0.1)
 
 
 def test_a_flight_without_a_number_leaves_met_alone():
