@@ -39,7 +39,7 @@ class Differentiator(eqx.Module):
 
 def wrapped(angle: Vector3 | ScalarLike) -> Vector3:
     """Angle difference wrapped to -pi..pi, rad; smooth but at the cut itself."""
-    return jnp.arctan2(jnp.sin(angle), jnp.cos(angle))
+    return angle - 2 * jnp.pi * jnp.round(angle / (2 * jnp.pi))
 
 
 def virtual_control(

@@ -1,5 +1,6 @@
 """Arrays made of numbers that are known, or traced."""
 
+import functools
 import math
 from collections.abc import Callable
 from types import ModuleType
@@ -12,6 +13,9 @@ from jax.core import Tracer
 from jaxtyping import Array
 
 T = TypeVar("T")
+
+_SHARED_MAX = 16
+"""Elements of the largest array that is shared by all who ask for the same numbers."""
 
 
 def namespace(*values: Any) -> ModuleType:
@@ -65,4 +69,14 @@ def as_array(value: Any, dtype: Any = float) -> Array:
         return jnp.asarray(value, dtype)
     if isinstance(value, jax.Array) and dtype in (None, value.dtype) and not value.weak_type:
         return value
-    return jax.device_put(np.asarray(value, dtype))
+    held = np.asarray(value, dtype)
+    if held.size <= _SHARED_MAX:
+        return _on_device(held.tobytes(), held.dtype, held.shape)
+    return jax.device_put(held)
+
+
+@functools.lru_cache(maxsize=8192)
+def _on_device(raw: bytes, dtype: np.dtype, shape: tuple[int, ...]) -> Array:
+    """A small array, which flights of a campaign have in common for the most part: putting it there takes longest."""
+    with jax.ensure_compile_time_eval():  # or what is traced would be kept
+        return jax.device_put(np.frombuffer(raw, dtype).reshape(shape))

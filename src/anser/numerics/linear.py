@@ -14,6 +14,7 @@ def cross(a: Vector3, b: Vector3) -> Vector3:
 
 def times3(matrix: Matrix33, vector: Vector3) -> Vector3:
     """Product of a 3x3 matrix and a vector, as explicit sums."""
+    vector = jax.lax.optimization_barrier(vector)
     return jnp.sum(matrix * vector[None, :], axis=1)
 
 

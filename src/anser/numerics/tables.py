@@ -11,6 +11,9 @@ from jaxtyping import Array, Bool, Float, Int
 from anser.numerics.arrays import as_array
 from anser.shapes import ScalarLike
 
+_EVEN = 1e-14
+"""Part of an axis by which its intervals may differ where it counts as evenly spaced."""
+
 
 class Axes(eqx.Module):
     """Breakpoints of several table axes, and what happens beyond their ends; arguments are looked up on all at once.
@@ -24,16 +27,24 @@ class Axes(eqx.Module):
         infinity for one along which tables are extrapolated linearly; shape (k,).
     sizes
         Number of breakpoints of each axis, 2 or more.
+    even
+        Whether the breakpoints of every axis are evenly spaced, to rounding: then the interval is computed.
     """
 
     breakpoints: Float[Array, "k n"]
     lower: Float[Array, " k"]
     upper: Float[Array, " k"]
     sizes: tuple[int, ...] = eqx.field(static=True)
+    even: bool = eqx.field(static=True)
 
     def locate(self, x: Float[Array, " k"]) -> tuple[Int[Array, " k"], Float[Array, " k"]]:
         """Interval index and the fraction within it (outside 0..1 where tables are extrapolated) on each axis."""
         x = jnp.clip(x, self.lower, self.upper)
+        if self.even:
+            first, second = self.breakpoints[:, 0], self.breakpoints[:, 1]
+            place = (x - first) / (second - first)
+            below = jnp.clip(jnp.floor(place), 0.0, np.asarray(self.sizes) - 2.0)
+            return below.astype(jnp.int32), place - below
         above = jnp.sum(x[:, None] >= self.breakpoints[:, 1:], axis=1, dtype=jnp.int32)
         index = jnp.minimum(above, np.asarray(self.sizes, dtype=np.int32) - 2)
         ends = jnp.take_along_axis(self.breakpoints, index[:, None] + np.arange(2, dtype=np.int32)[None], axis=1)
@@ -106,6 +117,7 @@ def make_axes(axes: Sequence[Sequence[float] | np.ndarray], *, clamp: bool | Seq
         lower=as_array(np.where(held, [one[0] for one in points], -np.inf)),
         upper=as_array(np.where(held, [one[-1] for one in points], np.inf)),
         sizes=tuple(one.size for one in points),
+        even=all(np.ptp(np.diff(one)) <= _EVEN * np.ptp(one) for one in points),
     )
 
 

@@ -1,5 +1,6 @@
 """From a scenario to a flight: here input units end and arrays begin."""
 
+import functools
 import math
 from collections.abc import Sequence
 
@@ -45,7 +46,7 @@ from anser.scenario.build_events import changed_motion, faults_of
 from anser.scenario.build_sensing import build_estimator, build_sensors
 from anser.scenario.library import load_airframe
 from anser.scenario.schema import Scenario
-from anser.scenario.schema_aircraft import Aircraft, AttitudeGains, RateGains, VelocityGains
+from anser.scenario.schema_aircraft import Aircraft, AttitudeGains, Gains, RateGains, VelocityGains
 from anser.scenario.schema_event import Event
 from anser.scenario.schema_goal import Goal
 from anser.scenario.schema_network import Network as NetworkTable
@@ -330,7 +331,11 @@ def _rendezvous(aircraft: Aircraft) -> Rendezvous:
 
 def build_gains(aircraft: Aircraft) -> AutopilotGains:
     """Gains of one aircraft's autopilot."""
-    gains = aircraft.gains
+    return _built_gains(aircraft.gains)
+
+
+@functools.lru_cache(maxsize=256)
+def _built_gains(gains: Gains) -> AutopilotGains:
     bandwidth = gains.sensor_bandwidth_rad_s if gains.inversion == "incremental" else 0.0
     return eqx.tree_at(
         lambda g: (g.rates, g.attitude, g.velocity, g.sensor_bandwidth),

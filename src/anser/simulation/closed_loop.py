@@ -9,7 +9,7 @@ from jaxtyping import Array
 
 from anser.aircraft import AircraftState, Disturbance, condition, moving_state, seen_state
 from anser.environment import AirFlow, Environment, NoGusts
-from anser.numerics import AbstractRandomness
+from anser.numerics import AbstractRandomness, where_any
 from anser.numerics.randomness import AIR
 from anser.planning import AircraftPlan
 from anser.sensing import GOAL_DIVERGED, GOAL_NEVER_SEEN, Belief, Instant, Truth, velocity_over_ground_n
@@ -140,17 +140,14 @@ def act(
             raise ValueError("an aircraft with a goal is flown with a plan: simulation.fly, with a planner")
         status = _own_status(vehicle, plan_status(status, plan.status), belief, plan, instant, freeze)
         approach, status = _meet(vehicle.mission, truth, belief, plan, status, instant, freeze)
-        held = vehicle.mission.hold.command(
-            belief,
-            approach.clearance,
-            vehicle.mission.rendezvous,
-            vehicle.mission.distance_min,
-            plan,
-            broken_off(status),
-            instant,
+        mission, clearance, away = vehicle.mission, approach.clearance, broken_off(status)
+        command, reference_n = where_any(
+            approach.phase == HOLD,
+            lambda: mission.hold.command(
+                belief, clearance, mission.rendezvous, mission.distance_min, plan, away, instant
+            ),
+            (command, reference_n),
         )
-        holding = approach.phase == HOLD
-        command, reference_n = jax.tree.map(lambda a, b: jnp.where(holding, a, b), held, (command, reference_n))
     controls, signals, controller = vehicle.controller.control(state.controller, belief, command, instant.step)
     sample = AircraftSample(
         truth=truth,

@@ -4,6 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from anser.numerics import where_any
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 from anser.spatial import safe_hypot, safe_norm
 
@@ -49,8 +50,13 @@ def too_near(
     passes = safe_norm(to_goal_n - ahead * closing_n)
     level = jnp.maximum(safe_hypot(velocity_n[0], velocity_n[1]), 1.0)
     rate = _SHARE * jnp.maximum(acceleration, 0.5) / level
-    least = jnp.min(_from_goal(rate, to_goal_n, velocity_n, goal_velocity_n, level, turn))
-    return inside | ((passes < distance_min - ERROR_ALLOWED_M) & (least < distance_min + _RESERVE_M))
+    leads_inside = passes < distance_min - ERROR_ALLOWED_M
+
+    def late() -> Flag:
+        least = jnp.min(_from_goal(rate, to_goal_n, velocity_n, goal_velocity_n, level, turn))
+        return least < distance_min + _RESERVE_M
+
+    return inside | where_any(leads_inside, late, jnp.zeros_like(leads_inside))
 
 
 def _from_goal(
