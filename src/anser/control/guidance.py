@@ -9,7 +9,7 @@ from anser.control.interface import AbstractGuidance
 from anser.environment import Environment, FlatEarth
 from anser.planning import AircraftPlan, PathCommand, PathPoint, polar, rescaled
 from anser.sensing import Belief, Instant, velocity_over_ground_n
-from anser.shapes import Scalar, ScalarLike, Vector3
+from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 from anser.spatial import safe_hypot
 
 _CLIMB_GAIN = 0.2  # 1/s: altitude errors in the hold fade within about 15 s
@@ -138,7 +138,8 @@ def hold(
     wind_n
         As measured, m/s.
     arrival_direction_n
-        Direction of the arrival; flown on to a tenth of the radius, where the radial is not yet well defined.
+        Direction of the arrival; flown on to a tenth of the radius, where the radial is not yet well defined, and of no
+        account elsewhere (`crosses_centre`).
     height
         Wanted height above the goal, m.
     speed
@@ -206,6 +207,11 @@ def _turned_one_way(command: PathCommand, velocity_air_n: Vector3, turn: ScalarL
     chi = jnp.where(large, course + asked, command.chi)
     chi_dot = jnp.where(large, 0.0, command.chi_dot)
     return eqx.tree_at(lambda c: (c.chi, c.chi_dot), command, (chi, chi_dot))
+
+
+def crosses_centre(relative_n: Vector3, settings: GuidanceSettings) -> Flag:
+    """Whether an aircraft (seen from the goal, NED, m) is where its hold flies on along the arrival's direction."""
+    return safe_hypot(relative_n[0], relative_n[1]) < _STRAIGHT_ON * settings.hold_radius
 
 
 def hold_point(

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from anser.compiling import in_one_kernel
 from anser.shapes import Count, Matrix33, Vector3
 
 
@@ -14,7 +15,8 @@ def cross(a: Vector3, b: Vector3) -> Vector3:
 
 def times3(matrix: Matrix33, vector: Vector3) -> Vector3:
     """Product of a 3x3 matrix and a vector, as explicit sums."""
-    vector = jax.lax.optimization_barrier(vector)
+    if not in_one_kernel():
+        vector = jax.lax.optimization_barrier(vector)  # or each row would compute it anew
     return jnp.sum(matrix * vector[None, :], axis=1)
 
 

@@ -10,6 +10,7 @@ from anser.control import (
     GuidanceSettings,
     LoopGains,
     chart_velocities,
+    crosses_centre,
     follow,
     ground_clearance,
     hold,
@@ -17,6 +18,7 @@ from anser.control import (
     levelled_off,
     over_ground,
 )
+from anser.numerics import where_any
 from anser.planning import AircraftPlan, PathCommand, Rendezvous
 from anser.sensing import Belief, Instant
 from anser.shapes import Flag, Scalar, Vector3
@@ -100,7 +102,11 @@ class HoldAroundGoal(eqx.Module):
         short = jnp.maximum(distance_min**2 - settings.hold_radius**2, 0.0)
         height = jnp.maximum(height, jnp.where(short > 0.0, jnp.sqrt(jnp.where(short > 0.0, short, 1.0)), -jnp.inf))
         circle_n = hold_point(relative_n, goal_n, height, settings)
-        direction_n = plan.trajectory.velocity_n(plan.arrival_time) - goal_velocity_n
+        direction_n = where_any(  # of the arrival: it counts near the goal only
+            crosses_centre(relative_n, settings),
+            lambda: plan.trajectory.velocity_n(plan.arrival_time) - goal_velocity_n,
+            velocity_n - goal_velocity_n,
+        )
         held = hold(relative_n, velocity_n, goal_velocity_n, wind_n, direction_n, height, self.speed, settings)
         if plan.hold is not None:
             ahead, foreseen = hold_reference(plan.hold, time, goal_n, goal_velocity_n, self.speed, plan.hold_reach)
