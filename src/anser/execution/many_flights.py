@@ -15,7 +15,7 @@ from anser.execution.certified import arrival_request, first_renewal
 from anser.execution.execute import run, without_replanning
 from anser.execution.plan_interface import NoPlanError
 from anser.execution.untrimmable import refuse_untrimmable
-from anser.numerics import Stacked, as_array, rows_of, seeded, stacked, structure_of
+from anser.numerics import AbstractRandomness, Stacked, as_array, rows_of, seeded, stacked, structure_of
 from anser.planning.certified import AircraftTask
 from anser.planning.separation import Separation
 from anser.results.flight_row import FlightRow, flight_row
@@ -40,11 +40,15 @@ NO_PLAN = "no plan: the certified planner finds none that keeps everything"
 
 
 class FlightCase(NamedTuple):
-    """One flight: a scenario, and its number, which with the seed rules all that is random; None: the scenario's."""
+    """One flight: a scenario, and its number, which with the seed rules all that is random; None: the scenario's.
+
+    Where a source of the random numbers is given, it takes the place of both.
+    """
 
     scenario: Scenario
     number: int = 0
     seed: int | None = None
+    randomness: AbstractRandomness | None = None
 
 
 _Flights = Stacked[Flight]
@@ -141,6 +145,8 @@ def flown_one_by_one(scenario: Scenario) -> bool:
 
 
 def _flown_alone(case: FlightCase) -> FlightRow:
+    if case.randomness is not None:
+        raise ValueError(f"{case.scenario.name}: arrived random numbers of its own; expected none, as it is flown alone")
     if case.number != 0:
         raise ValueError(f"{case.scenario.name}: arrived the number {case.number}; expected 0, as it is flown alone")
     try:
@@ -188,7 +194,8 @@ def _alike(cases: Sequence[FlightCase], batch: int) -> Iterator[tuple[_Group, li
         if last is None or case.scenario is not last[0]:
             last = case.scenario, build_flight(case.scenario)
         seed = case.scenario.seed if case.seed is None else case.seed
-        flight = dataclasses.replace(last[1], randomness=seeded(seed, case.number))
+        source = seeded(seed, case.number) if case.randomness is None else case.randomness
+        flight = dataclasses.replace(last[1], randomness=source)
         timing = case.scenario.timing
         key = structure_of(flight), timing.step_s, timing.replan_period_s, timing.duration_s
         group = groups.setdefault(key, _Group())
