@@ -171,7 +171,6 @@ def subset_simulation(
     threshold: float,
     plan: SubsetPlan,
     seed: int,
-    level_done: Callable[[int], None] = lambda level: None,
 ) -> tuple[Repetition, ...]:
     """Walk into the rare: from level to level, all repetitions side by side.
 
@@ -187,8 +186,6 @@ def subset_simulation(
         How much of it.
     seed
         Of which points begin a chain.
-    level_done
-        Called with the number of each level that is complete.
 
     Returns
     -------
@@ -202,7 +199,7 @@ def subset_simulation(
     walks = {k: _walk(threshold, plan, np.random.default_rng([seed, k])) for k in range(plan.repetitions)}
     asked = {k: next(walk) for k, walk in walks.items()}
     found: dict[int, Repetition] = {}
-    number = rounds = 0
+    number = 0
     while asked:
         sizes = [keep.size for _, keep in asked.values()]
         numbers = number + np.arange(sum(sizes))
@@ -221,9 +218,6 @@ def subset_simulation(
             except StopIteration as ended:
                 found[k] = ended.value
                 del asked[k]
-        if rounds % (plan.length - 1) == 0:
-            level_done(rounds // (plan.length - 1))
-        rounds += 1
     return tuple(found[k] for k in range(plan.repetitions))
 
 

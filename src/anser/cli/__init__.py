@@ -14,6 +14,7 @@ from anser.cli.console import RefusedError, problem
 from anser.cli.flights import check, convert, new, plan, run
 from anser.cli.margins import margins
 from anser.cli.offering import offer
+from anser.cli.rare_events import rare
 from anser.cli.reporting import export, figures, report
 from anser.cli.stepping import gallery, step
 from anser.cli.surveying import envelope, robustness
@@ -44,6 +45,7 @@ for _command in (
     plan,
     sweep,
     campaign,
+    rare,
     check,
     trim,
     linearize,

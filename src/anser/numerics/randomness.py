@@ -106,9 +106,8 @@ class Given(AbstractRandomness):
 class Blended(AbstractRandomness):
     """Weighted sums of the normals of several seeded sources, standard normal again: what a walk has come to.
 
-    A walk through the standard normals of a flight that mixes each point with a fresh one, as those of Markov chains do,
-    is the list of the sources and their weights: nothing of the length of the flight has to be kept, and nobody has to
-    know how many numbers it draws.
+    A walk that mixes the standard normals of a flight with fresh ones, as Markov chains do, is the list of the sources
+    and their weights: nothing of the length of the flight is kept, and nobody has to know how many numbers it draws.
 
     Attributes
     ----------

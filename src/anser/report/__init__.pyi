@@ -4,6 +4,7 @@ from .flight_plots import FlightPlots
 from .margin_figures import BODE_SUFFIXES, draw_bode, draw_margin_maps
 from .page import write_comparison, write_report
 from .plan_figure import draw_plan
+from .rare_figure import draw_rare
 from .robustness_figures import draw_robustness
 from .sweep_figure import draw_sweep
 
@@ -15,6 +16,7 @@ __all__ = [
     "draw_envelope",
     "draw_margin_maps",
     "draw_plan",
+    "draw_rare",
     "draw_robustness",
     "draw_sweep",
     "write_comparison",
