@@ -5,14 +5,13 @@ the seed. Where it has come to is which flights were mixed, and how much of each
 number of the flight follows again.
 """
 
-import functools
 from collections.abc import Sequence
 
 import numpy as np
 from scipy import stats
 
-from anser.numerics import Blended, as_array, few_sizes, seeded
-from anser.numerics.randomness import DISPERSIONS, uniforms_of
+from anser.numerics import Blended, as_array, few_sizes
+from anser.numerics.randomness import DISPERSIONS, flight_keys, uniforms_of
 
 _ROOM = 128
 """Terms for which there is room: programs are compiled for few sizes."""
@@ -63,28 +62,14 @@ class Blends:
 
     def source(self, point: np.ndarray) -> Blended:
         """All that is random in the flight of a point."""
-        keys = np.zeros((self.terms, 2), np.uint32)
-        for k, flight in enumerate(_flights(point)):
-            keys[k] = self._key(flight)
+        keys = flight_keys(self.seed, point["flights"])
         return Blended(as_array(keys, np.uint32), as_array(point["weights"]), as_array(point["count"], np.int32))
 
     def dispersions(self, points: np.ndarray, count: int) -> np.ndarray:
         """Normals behind what the study disperses, shape (points, count)."""
-        found = np.zeros((points.size, count))
-        for row, point in zip(found, points, strict=True):
-            for flight, weight in zip(_flights(point), point["weights"], strict=False):
-                row += weight * self._dispersed(flight, count)
-        return found
-
-    @functools.lru_cache(maxsize=1 << 16)  # noqa: B019 - lives as long as what it is for: one run
-    def _key(self, flight: int) -> np.ndarray:
-        return np.asarray(seeded(self.seed, flight).key)
-
-    @functools.lru_cache(maxsize=1 << 16)  # noqa: B019
-    def _dispersed(self, flight: int, count: int) -> np.ndarray:
-        shares = uniforms_of(self._key(flight), DISPERSIONS, np.zeros(count, np.uint32), np.arange(count))
-        return stats.norm.ppf(shares)
-
-
-def _flights(point: np.ndarray) -> list[int]:
-    return point["flights"][: int(point["count"])].tolist()
+        width = int(np.max(points["count"]))
+        keys = flight_keys(self.seed, points["flights"][:, :width].ravel())
+        lanes = np.tile(np.arange(count), len(keys))
+        shares = uniforms_of(np.repeat(keys, count, axis=0).T, DISPERSIONS, np.zeros(lanes.size, np.uint32), lanes)
+        normals = stats.norm.ppf(shares).reshape(points.size, width, count)
+        return np.einsum("pt,ptc->pc", points["weights"][:, :width], normals)

@@ -152,6 +152,12 @@ def seeded(seed: int, flight: int = 0) -> Seeded:
     return Seeded(as_array(folded(key, np.asarray(flight)), np.uint32))
 
 
+def flight_keys(seed: int, flights: np.ndarray) -> np.ndarray:
+    """Keys of flights of a seed, shape (flights, 2); as `seeded` has them, of known numbers."""
+    zeros = np.zeros(flights.size, np.uint32)
+    return np.stack(threefry(np.array([0, seed], dtype=np.uint32), zeros, flights.astype(np.uint32)), axis=-1)
+
+
 def uniforms_of(key: Any, part: int, samples: Any, lanes: np.ndarray) -> Any:
     """Numbers between 0 and 1, both excluded, of a part, of samples and of places: centres of 2^52 equal intervals."""
     xp = namespace(key, samples)
