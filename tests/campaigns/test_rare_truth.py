@@ -5,32 +5,14 @@ import time
 import numpy as np
 import pytest
 
+import anser
 from anser.campaigns.rare_flights import RareFlights
 from anser.campaigns.subset import estimate, subset_simulation
 from anser.results import wilson_interval
-from anser.scenario import loads
-from campaigns.study_cases import study_of
+from campaigns.study_cases import STUDIES, study_of
 
-# One aircraft for 14 s in moderate turbulence, with the errors of its navigation: 3e4 normal numbers, 12 ms a flight.
-SHORT = loads("""
-format = 2
-name = "short"
-timing = { duration_s = 14.0, step_s = 0.02 }
-fleet = { speed_m_s = 150.0 }
-turbulence = { intensity = "moderate" }
-navigation = { sensors = "satellite-inertial", position_m = 2.0, correlation_s = 60.0 }
-
-[[aircraft]]
-name = "aircraft-1"
-goal = "buoy"
-start = { north_m = -1650.0, east_m = 60.0, altitude_m = 300.0, speed_m_s = 150.0, course_deg = 0.0 }
-
-[[goal]]
-name = "buoy"
-kind = "surface"
-north_m = 0.0
-east_m = 0.0
-""")
+SHORT = anser.load(STUDIES / "short-approach.toml")
+"""One aircraft for 14 s in moderate turbulence, with errors of its navigation: 3e4 normal numbers, 12 ms a flight."""
 THRESHOLD_M = 1.6
 RARE = {"statistic": "miss_m", "threshold": THRESHOLD_M, "flights": 400, "repetitions": 4}
 BRUTE = 20_000

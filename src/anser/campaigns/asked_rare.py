@@ -7,7 +7,8 @@ from pydantic import Field
 from anser.scenario.errors import Problem, plain
 from anser.scenario.schema_base import Table, choice, expects, number
 
-FLIGHTS_MAX = 1_000_000
+FLIGHTS_MAX = 100_000
+"""Of a level: what its walks have come to takes about 1.5 kB of memory for each."""
 STATISTICS = ("separation_min_m", "clearance_min_m", "miss_m", "arrival_spread_s")
 BREACHED_BELOW = ("separation_min_m", "clearance_min_m")
 """Of the others the event is above the threshold."""

@@ -49,7 +49,8 @@ def rare(
     except StoreError as error:
         raise RefusedError(str(error)) from None
     except KeyboardInterrupt:
-        say(f"{out}: {RareStore.open(out).flown} flights; --resume goes on")
+        if out.exists():
+            say(f"{out}: {RareStore.open(out).flown} flights; --resume goes on")
         raise
     answer(lambda: found.document)
     _print(found)

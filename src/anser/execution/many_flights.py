@@ -171,7 +171,8 @@ class _Group:
         """Flights as one, filled up with the last: what once differed is not taken as common again, to compile once."""
         more = [flights[-1]] * (size - len(flights))
         found = stacked([*flights, *more], tables_only=False, own=self._differing)
-        self.differ = np.array([leaf is not None for leaf in jax.tree.leaves(found.own, is_leaf=_is_none)])
+        # of each leaf of a flight: what a flight has not is none of its leaves
+        self.differ = np.array(jax.tree.leaves(jax.tree.map(lambda _, own: own is not None, flights[-1], found.own)))
         return found
 
     def _differing(self, flight: Flight) -> list[Any]:
@@ -179,10 +180,6 @@ class _Group:
         # one leaf at least is stacked, or flights that are all the same would have nothing to be mapped over
         differ = np.arange(len(leaves)) == 0 if self.differ is None else self.differ
         return [leaf for leaf, own in zip(leaves, differ, strict=True) if own]
-
-
-def _is_none(leaf: Any) -> bool:
-    return leaf is None
 
 
 def _alike(cases: Sequence[FlightCase], batch: int) -> Iterator[tuple[_Group, list[int], list[Flight]]]:
