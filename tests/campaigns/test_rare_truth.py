@@ -13,57 +13,56 @@ from campaigns.study_cases import STUDIES, study_of
 
 SHORT = anser.load(STUDIES / "short-approach.toml")
 """One aircraft for 14 s in moderate turbulence, with errors of its navigation: 3e4 normal numbers, 12 ms a flight."""
-THRESHOLD_M = 1.6
-RARE = {"statistic": "miss_m", "threshold": THRESHOLD_M, "flights": 400, "repetitions": 4}
+THRESHOLD_M = 1.7
+"""Missed by more in about one flight of a thousand."""
+TIMES, REPETITIONS, POINTS = 20, 4, 100
 BRUTE = 20_000
 FAR = 1 << 30
 """Numbers of flights that no walk flies."""
 
 
-def flights_of(seed, **changes):
-    study = study_of(sampling=None, vary=[], rare={**RARE, **changes}, seed=seed)
-    return RareFlights(study, SHORT)
+def flights_of(seed, threshold_m=THRESHOLD_M, times=TIMES):
+    """So many studies at once, which have nothing in common but their seed: all their flights have other numbers."""
+    repetitions = times * REPETITIONS
+    asked = {
+        "statistic": "miss_m",
+        "threshold": threshold_m,
+        "flights": repetitions * POINTS,
+        "repetitions": repetitions,
+    }
+    return RareFlights(study_of(sampling=None, vary=[], rare=asked, seed=seed), SHORT)
 
 
-def brute_force(count=BRUTE, seed=1):
+def brute_force(flights, count=BRUTE):
     """Values of flights that are independent of each other and of every walk."""
-    flights = flights_of(seed)
-    size = flights.batch
-    return np.concatenate(
-        [flights.fly(flights.space.fresh(FAR + np.arange(since, since + size))) for since in range(0, count, size)]
-    )
+    starts = range(0, count, flights.batch)
+    return np.concatenate([flights.fly(flights.space.fresh(FAR + k + np.arange(flights.batch))) for k in starts])
 
 
-def walked(seed, **changes):
-    """Probability and interval, as `anser rare` finds them, and how many flights that took."""
-    flights = flights_of(seed, **changes)
-    flown = 0
+def repeated(seed=1, threshold_m=THRESHOLD_M, brute=BRUTE, say=lambda *words: None):
+    """How many intervals of small studies overlap that of brute force."""
+    began, flights, flown = time.perf_counter(), flights_of(seed, threshold_m), 0
+    values = brute_force(flights, brute)
+    breached = int(np.sum(values > threshold_m))
+    low, high = wilson_interval(breached, values.size, 0.95)
+    say(f"brute force: {breached} of {values.size}: {low:.3g} to {high:.3g}, {time.perf_counter() - began:.0f} s")
 
     def limit_state(points, numbers):
         nonlocal flown
         flown += points.size
         parts = [points[k : k + flights.batch] for k in range(0, points.size, flights.batch)]
-        return np.concatenate([flights.fly(part) for part in parts])
+        found = np.concatenate([flights.fly(part) for part in parts])
+        say(f"{flown} flights, {time.perf_counter() - began:.0f} s")
+        return found
 
-    found = subset_simulation(flights.space, limit_state, flights.threshold, flights.plan, seed)
-    return estimate(found, flights.threshold, 0.95), found, flown
-
-
-def repeated(times=20, brute=BRUTE, threshold_m=THRESHOLD_M, say=lambda *words: None):
-    """How many intervals of so many seeds overlap that of brute force."""
-    began = time.perf_counter()
-    values = brute_force(brute)
-    breached = int(np.sum(values > threshold_m))
-    low, high = wilson_interval(breached, values.size, 0.95)
-    say(f"brute force: {breached} of {values.size}: {low:.3g} to {high:.3g}, {time.perf_counter() - began:.0f} s")
+    walked = subset_simulation(flights.space, limit_state, flights.threshold, flights.plan, seed)
     overlaps = 0
-    for seed in range(100, 100 + times):
-        ours, _, flown = walked(seed, threshold=threshold_m)
-        overlap = ours.probability is not None and ours.low <= high and low <= ours.high
-        overlaps += overlap
-        p = ours.probability or np.nan
-        say(f"seed {seed}: {p:.3g} ({ours.low:.3g} to {ours.high:.3g}), {flown} flights, overlaps: {overlap}")
-    say(f"{overlaps} of {times} overlap, {time.perf_counter() - began:.0f} s")
+    for k in range(TIMES):
+        ours = estimate(walked[k * REPETITIONS : (k + 1) * REPETITIONS], threshold_m, 0.95)
+        overlaps += ours.probability is not None and ours.low <= high and low <= ours.high
+        say(f"{k}: {ours.probability} ({ours.low:.3g} to {ours.high:.3g})")
+    every = estimate(walked, threshold_m, 0.95)
+    say(f"{overlaps} of {TIMES} overlap; all together {every}; {flown} flights, {time.perf_counter() - began:.0f} s")
     return overlaps
 
 
