@@ -69,3 +69,16 @@ def repeated(seed=1, threshold_m=THRESHOLD_M, brute=BRUTE, say=lambda *words: No
 @pytest.mark.long
 def test_intervals_overlap_that_of_brute_force():
     assert repeated() >= 19
+
+
+@pytest.mark.long
+def test_the_worst_flight_alone_is_as_it_was(tmp_path):
+    """Of a level that is really flown; the threshold is one that most flights pass."""
+    (tmp_path / "short.toml").write_text((STUDIES / "short-approach.toml").read_text())
+    text = (STUDIES / "how-rarely.toml").read_text().replace("short-approach", "short")
+    text = text.replace("threshold = 2.0", "threshold = 0.1").replace("flights = 1000", "flights = 500")
+    (tmp_path / "study.toml").write_text(text)
+    found = anser.rare(tmp_path / "study.toml", tmp_path / "out", processes=1)
+    assert found.estimate.low > 0.5
+    flown = found.fly_worst()
+    assert flown.summary["aircraft"][0]["miss_m"] == pytest.approx(found.document["worst"][0]["miss_m"], rel=1e-6)

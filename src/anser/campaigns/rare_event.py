@@ -17,7 +17,9 @@ from anser.campaigns.rare_store import RareStore
 from anser.campaigns.study import load_study
 from anser.campaigns.subset import Repetition, SubsetEstimate, estimate, subset_simulation
 from anser.execution.batches import Progress, silent
+from anser.execution.execute import Flown, run
 from anser.execution.many_flights import FlightCase
+from anser.execution.planned import plan, with_randomness
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -77,11 +79,17 @@ class RareEvent:
         return SubsetEstimate(None, 0.0, high)
 
     def worst(self, place: int = 0) -> FlightCase:
-        """One of the worst flights, 0 for the worst of all, for `anser.execution.fly_many`."""
+        """One of the worst flights, 0 for the worst of all; ScenarioError where what was drawn makes no scenario."""
         points = worst_points(self.repetitions)
         if not 0 <= place < len(points):
             raise ValueError(f"place: arrived {place}; expected one from 0 to {len(points) - 1}")
         return self.flights.case(points[place].point)
+
+    def fly_worst(self, place: int = 0) -> Flown:
+        """Fly one of the worst flights again by itself, with all that `anser.run` records; raises as that does."""
+        case = self.worst(place)
+        assert case.randomness is not None
+        return run(case.scenario, planned=with_randomness(plan(case.scenario), case.randomness))
 
 
 def rare(

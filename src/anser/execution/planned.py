@@ -1,5 +1,6 @@
 """The first plan of a scenario, by the planner that it names."""
 
+import dataclasses
 import functools
 import math
 import os
@@ -15,7 +16,7 @@ from anser.execution.certified import plan_certified
 from anser.execution.negotiated import plan_decentralised
 from anser.execution.plan_interface import SPEED_TOLERANCE, Ahead, Planned
 from anser.execution.untrimmable import refuse_untrimmable
-from anser.numerics import leading
+from anser.numerics import AbstractRandomness, leading
 from anser.planning import (
     LIMIT_MESSAGES,
     PLAN_MESSAGES,
@@ -184,3 +185,15 @@ def plan(
     made = PublishedPlanned(scenario, flight, fleet, (), state)
     refuse_untrimmable(scenario, flight, made.trims)
     return made
+
+
+def with_randomness(planned: Planned, source: AbstractRandomness) -> Planned:
+    """A plan whose flight draws its random numbers from another source, for `anser.run`; not one without a centre.
+
+    What is planned does not depend on them; what the sensors say at the start does.
+    """
+    flight = dataclasses.replace(planned.flight, randomness=source)
+    if isinstance(planned, PublishedPlanned):
+        state, _ = _start(flight)
+        return dataclasses.replace(planned, flight=flight, state=state)
+    return dataclasses.replace(planned, flight=flight)
