@@ -18,7 +18,6 @@ from anser.campaigns.sampling import dispersed
 from anser.campaigns.store import StoreError
 from anser.campaigns.study import Study
 from anser.campaigns.subset import SubsetPlan
-from anser.execution.batches import BATCH
 from anser.execution.many_flights import FlightCase, flown_one_by_one, fly_many
 from anser.results.flight_row import FlightRow
 from anser.scenario import Problem, Scenario, ScenarioError
@@ -26,6 +25,8 @@ from anser.simulation.status import AT_GROUND, NO_TRIM, NOT_FINITE, STATUS_MESSA
 
 _CRASHED = tuple(STATUS_MESSAGES[code] for code in (NO_TRIM, NOT_FINITE, AT_GROUND))
 """After these what is recorded says nothing."""
+_TOGETHER = 64
+"""Flights of one compiled call at most: less than in a campaign, so that there is work for several processes."""
 _TRIED = 64
 """Points whose scenarios are validated before any flies."""
 
@@ -78,7 +79,7 @@ class RareFlights:
     def batch(self) -> int:
         """Flights of one compiled call: what all chains ask for at once, or an equal part of it."""
         at_once = self.plan.chains * self.plan.repetitions
-        return -(-at_once // -(-at_once // BATCH))
+        return -(-at_once // -(-at_once // _TOGETHER))
 
     def signed(self, value: float) -> float:
         """From a quantity to a value of which more is worse, and back."""
