@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from anser.campaigns import StoreError, campaign, rare, rare_flights, read_rare
+from anser.campaigns import StoreError, SubsetPlan, campaign, load_study, rare, rare_flights, read_rare
 from anser.campaigns.rare_event import rare_store_of
 from anser.campaigns.rare_flights import RareFlights
 from anser.results.flight_row import FlightRow
@@ -24,6 +24,15 @@ def study(tmp_path):
     (tmp_path / "three.toml").write_text((STUDIES.parent / "scenarios" / "three-aircraft.toml").read_text())
     (tmp_path / "study.toml").write_text(RARE_TEXT)
     return tmp_path / "study.toml"
+
+
+def test_the_shipped_study_is_good():
+    study, scenario, _ = load_study(STUDIES / "how-rarely.toml")
+    flights = RareFlights(study, scenario)
+    assert flights.plan == SubsetPlan(points=200, share=0.1, levels_max=10, repetitions=5)
+    assert flights.batch == 50
+    assert flights.threshold == 2.0
+    flights.refuse_early()
 
 
 def test_a_known_probability_and_all_that_is_told_of_it(study, tmp_path):

@@ -8,6 +8,7 @@ import pytest
 import anser
 from anser.campaigns.rare_flights import RareFlights
 from anser.campaigns.subset import estimate, subset_simulation
+from anser.execution.many_flights import FlightCase, fly_many
 from anser.results import wilson_interval
 from campaigns.study_cases import STUDIES, study_of
 
@@ -69,6 +70,14 @@ def repeated(seed=1, threshold_m=THRESHOLD_M, brute=BRUTE, say=lambda *words: No
 @pytest.mark.long
 def test_intervals_overlap_that_of_brute_force():
     assert repeated() >= 19
+
+
+@pytest.mark.long
+def test_a_fresh_point_flies_as_the_flight_of_its_number():
+    rows = fly_many([FlightCase(SHORT, k, seed=1) for k in range(4)])
+    misses = [row.aircraft[0]["miss_m"] for row in rows]
+    flights = flights_of(1, times=1)
+    np.testing.assert_allclose(flights.fly(flights.space.fresh(np.arange(4))), misses, rtol=1e-7)
 
 
 @pytest.mark.long
