@@ -19,7 +19,7 @@ from anser.campaigns.subset import Repetition, SubsetEstimate, estimate, subset_
 from anser.execution.batches import Progress, silent
 from anser.execution.execute import Flown, run
 from anser.execution.many_flights import FlightCase
-from anser.execution.planned import plan, with_randomness
+from anser.execution.planned import plan
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -88,8 +88,7 @@ class RareEvent:
     def fly_worst(self, place: int = 0) -> Flown:
         """Fly one of the worst flights again by itself, with all that `anser.run` records; raises as that does."""
         case = self.worst(place)
-        assert case.randomness is not None
-        return run(case.scenario, planned=with_randomness(plan(case.scenario), case.randomness))
+        return run(case.scenario, planned=plan(case.scenario, randomness=case.randomness))
 
 
 def rare(
