@@ -12,7 +12,7 @@ import pytest
 import anser
 from anser.scenario import ScenarioError
 
-ENTRIES = ["campaign", "compare_campaigns", "linearize", "load", "loads", "plan", "run", "sweep", "trim"]
+ENTRIES = ["campaign", "compare_campaigns", "linearize", "load", "loads", "plan", "rare", "run", "sweep", "trim"]
 
 
 def test_dir_names_what_there_is_and_each_is_documented():

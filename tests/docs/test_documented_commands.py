@@ -89,6 +89,14 @@ COVERED = {
         "tests/test_cli_campaign.py",
         'anser("campaign", "compare", out, other, "--out", tmp_path / "compared")',
     ),
+    "anser rare studies/how-rarely.toml --out runs/how-rarely": (
+        "tests/test_cli_rare.py",
+        'anser("rare", study, "--out", out, "--processes", 1)',
+    ),
+    "anser rare studies/how-rarely.toml --out runs/how-rarely --resume": (
+        "tests/test_cli_rare.py",
+        '"--processes", 1, "--resume")',
+    ),
     "anser run --campaign runs/how-surely --flight 17": ("tests/test_cli_campaign.py", '"--flight", 1'),
     "anser verify": ("tests/verification/test_nesc.py", "NESC_CHECKS"),  # with its neighbours, each check by itself
 }

@@ -1,12 +1,15 @@
 """Flights in batches come to what each comes to by itself, and say why one cannot begin."""
 
 from pathlib import Path
+from typing import Any
 
+import equinox as eqx
 import numpy as np
 import pytest
 
 import anser
-from anser.execution.many_flights import FlightCase, fly_many
+from anser.execution.many_flights import FlightCase, _Group, fly_many
+from anser.numerics import Blended, as_array
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 THREE = anser.load(SCENARIOS / "three-aircraft.toml")
@@ -88,3 +91,31 @@ def test_flights_of_other_numbers_draw_other_noise():
     rows = fly_many([FlightCase(scenario, number) for number in range(3)])
     misses = np.array([[one["miss_m"] for one in row.aircraft] for row in rows])
     assert np.all(np.ptp(misses, axis=0) > 1e-3)
+
+
+class Part(eqx.Module):
+    absent: None
+    number: Any
+    table: Any
+
+
+def test_what_a_flight_has_not_is_not_counted_among_what_differs():
+    """Of a second batch of one group; what differed once stays apart."""
+    group = _Group()
+
+    def of(*numbers):
+        return [Part(None, as_array(number), as_array([1.0, 2.0])) for number in numbers]
+
+    first = group.stacked(of(1.0, 2.0), 2)
+    second = group.stacked(of(3.0), 2)
+    assert first.common.table is not None
+    assert second.own.number.tolist() == [3.0, 3.0]
+    assert second.own.absent is None
+    assert second.common.table is not None
+
+
+def test_random_numbers_of_its_own_are_refused_for_what_is_flown_alone():
+    source = Blended(as_array(np.zeros((1, 2)), np.uint32), as_array([1.0]), as_array(1, np.int32))
+    alone = THREE.replace("fleet.planner", "decentralised")
+    with pytest.raises(ValueError, match="arrived random numbers of its own; expected 0 and none"):
+        fly_many([FlightCase(alone, randomness=source)])

@@ -33,7 +33,12 @@ _TRIED = 64
 
 
 def applied_values(study: Study, scenario: Scenario, given: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """What is put into the scenario of each flight, by path: the sampled values, added or multiplied where asked.
+    """What is put into the scenario of each flight of a campaign, by path; raises as `put` does."""
+    return put(study, scenario, sampled(study, given))
+
+
+def put(study: Study, scenario: Scenario, sampled: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """What is put into scenarios, by path: the sampled values, added or multiplied where asked.
 
     Raises
     ------
@@ -41,7 +46,7 @@ def applied_values(study: Study, scenario: Scenario, given: dict[str, np.ndarray
         A path leads nowhere, or to no number where one is to be added or multiplied.
     """
     how, found = {one.path: one.how for one in study.vary}, {}
-    for path, values in sampled(study, given).items():
+    for path, values in sampled.items():
         try:
             base = value_at(scenario, path)
         except ScenarioError as error:
@@ -58,8 +63,8 @@ def applied_values(study: Study, scenario: Scenario, given: dict[str, np.ndarray
 def prepare(folder: Path, study: Study, scenario: Scenario, given: dict[str, np.ndarray]) -> CampaignStore:
     """Make the store of a campaign in a folder that exists, without flying; raises ScenarioError and StoreError."""
     applied = applied_values(study, scenario, given)
-    count = next(iter(applied.values())).size if applied else study.sampling.flights or 0
-    _try(study, scenario, applied, count)
+    count = next(iter(applied.values())).size if applied else study.sampled.flights or 0
+    refuse_if_none(study, scenario, applied, count)
     chunk = min(_ALONE if flown_one_by_one(scenario) else BATCH, count)
     return CampaignStore.create(folder, study, scenario, applied, flight_seeds(study, count), chunk)
 
@@ -95,8 +100,8 @@ def fly_campaign(
     say()
     if store.enough is not None:
         return
-    workers = _cluster(cluster) if cluster is not None else _workers(min(processes, len(missing)))
-    with workers as (executor, at_a_time):
+    flying = _cluster(cluster) if cluster is not None else workers(min(processes, len(missing)))
+    with flying as (executor, at_a_time):
         for count in _each(executor, store.folder.resolve(), missing, at_a_time):
             behind += count
             say()
@@ -117,7 +122,7 @@ def flight_of(store: CampaignStore, number: int) -> Scenario:
     if not 0 <= number < store.flights:
         raise ValueError(f"flight: arrived {number}; expected one from 0 to {store.flights - 1}")
     seeds, applied = store.applied(slice(number, number + 1))
-    return _scenario(store.scenario, int(seeds[0]), {path: values[0] for path, values in applied.items()})
+    return scenario_with(store.scenario, int(seeds[0]), {path: values[0] for path, values in applied.items()})
 
 
 def fly_chunk(folder: Path, chunk: int) -> int:
@@ -131,7 +136,7 @@ def fly_chunk(folder: Path, chunk: int) -> int:
             cases[k] = FlightCase(store.scenario, seed=seed)
             continue
         try:
-            cases[k] = FlightCase(_scenario(store.scenario, seed, {path: one[k] for path, one in applied.items()}))
+            cases[k] = FlightCase(scenario_with(store.scenario, seed, {path: one[k] for path, one in applied.items()}))
         except ScenarioError as error:
             rows[k] = FlightRow.failed("; ".join(map(str, error.problems)))
     for k, row in zip(cases, fly_many(list(cases.values()), batch=store.chunk), strict=True):
@@ -140,18 +145,20 @@ def fly_chunk(folder: Path, chunk: int) -> int:
     return len(rows)
 
 
-def _scenario(base: Scenario, seed: int, applied: dict[str, Any]) -> Scenario:
+def scenario_with(base: Scenario, seed: int, applied: dict[str, Any]) -> Scenario:
+    """A scenario with a seed and values put into it by their paths; raises ScenarioError where that makes none."""
     changes: list[object] = ["seed", seed]
     for path, value in applied.items():
         changes += [path, value.item()]
     return base.replace(*changes)  # pyright: ignore[reportArgumentType]
 
 
-def _try(study: Study, scenario: Scenario, applied: dict[str, np.ndarray], count: int) -> None:
+def refuse_if_none(study: Study, scenario: Scenario, applied: dict[str, np.ndarray], count: int) -> None:
+    """Refuse a study of which none of the first scenarios is valid (ScenarioError)."""
     first: ScenarioError | None = None
     for k in range(min(count, _TRIED)):
         try:
-            _scenario(scenario, 0, {path: values[k] for path, values in applied.items()})
+            scenario_with(scenario, 0, {path: values[k] for path, values in applied.items()})
         except ScenarioError as error:
             first = first or error
         else:
@@ -187,23 +194,23 @@ def _cluster(address: str) -> Iterator[tuple[Executor, int]]:
 
 
 @contextlib.contextmanager
-def _workers(processes: int) -> Iterator[tuple[Executor | None, int]]:
-    """Processes of their own, or None: this one."""
+def workers(processes: int) -> Iterator[tuple[Executor | None, int]]:
+    """Processes of their own, or None: this one; and how many."""
     if processes <= 1:
         enable_compilation_cache()
         yield None, 1
         return
     others, context = set(multiprocessing.active_children()), multiprocessing.get_context("spawn")
-    workers = ProcessPoolExecutor(processes, mp_context=context, initializer=_begin_worker)
+    pool = ProcessPoolExecutor(processes, mp_context=context, initializer=_begin_worker)
     try:
-        yield workers, processes
+        yield pool, processes
     except BaseException:
         # what they are at is not marked, so that nothing is lost but its time
-        workers.shutdown(wait=False, cancel_futures=True)
+        pool.shutdown(wait=False, cancel_futures=True)
         for child in set(multiprocessing.active_children()) - others:
             child.terminate()
         raise
-    workers.shutdown()
+    pool.shutdown()
 
 
 def _begin_worker() -> None:

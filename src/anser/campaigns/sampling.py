@@ -26,12 +26,17 @@ def sampled(study: Study, given: Mapping[str, np.ndarray]) -> dict[str, np.ndarr
     given
         Columns of its table, by path.
     """
-    if study.sampling.method == "table":
+    if study.sampled.method == "table":
         return dict(given)
-    if study.sampling.method == "grid":
+    if study.sampled.method == "grid":
         return _grid(study)
-    shares = _together(study, _shares(study))
-    return {vary.path: vary.at(shares[:, k]) for k, vary in enumerate(study.vary)}
+    return dispersed(study, _shares(study))
+
+
+def dispersed(study: Study, shares: np.ndarray) -> dict[str, np.ndarray]:
+    """Values by path, from numbers between 0 and 1 of shape (flights, varied) that are independent and even."""
+    together = _together(study, np.clip(shares, _LEAST, 1.0 - _LEAST))
+    return {vary.path: vary.at(together[:, k]) for k, vary in enumerate(study.vary)}
 
 
 def flight_seeds(study: Study, count: int) -> np.ndarray:
@@ -56,15 +61,15 @@ def independent(study: Study, numbers: np.ndarray) -> np.ndarray:
 
 def _shares(study: Study) -> np.ndarray:
     """Numbers between 0 and 1, shape (flights, varied)."""
-    flights, count = study.sampling.flights or 0, len(study.vary)
-    if study.sampling.method == "monte-carlo":
+    flights, count = study.sampled.flights or 0, len(study.vary)
+    if study.sampled.method == "monte-carlo":
         lanes = np.tile(np.arange(count), flights)
         numbers = np.repeat(np.arange(flights), count)
         key = np.asarray(seeded(study.seed).key)
         return uniforms_of(key, DISPERSIONS, numbers, lanes).reshape(flights, count)
-    if study.sampling.method == "saltelli":
+    if study.sampled.method == "saltelli":
         return np.clip(saltelli_shares(count, flights, study.seed), _LEAST, 1.0 - _LEAST)
-    kind = {"latin-hypercube": qmc.LatinHypercube, "sobol": qmc.Sobol}[study.sampling.method]
+    kind = {"latin-hypercube": qmc.LatinHypercube, "sobol": qmc.Sobol}[study.sampled.method]
     return np.clip(kind(count, rng=np.random.default_rng(study.seed)).random(flights), _LEAST, 1.0 - _LEAST)
 
 
@@ -80,7 +85,7 @@ def _together(study: Study, shares: np.ndarray) -> np.ndarray:
 
 def _grid(study: Study) -> dict[str, np.ndarray]:
     """Every combination, the last path's values fastest: all values of a choice, the middles of equal parts else."""
-    levels = study.sampling.levels or 1
+    levels = study.sampled.levels or 1
     middles = (np.arange(levels) + 0.5) / levels
     axes = [np.array(vary.values) if vary.values is not None else vary.at(middles) for vary in study.vary]
     columns = zip(*itertools.product(*axes), strict=True)

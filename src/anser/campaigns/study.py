@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, ValidationError
 
+from anser.campaigns.asked_rare import Rare
 from anser.campaigns.distributions import Vary
 from anser.scenario import Problem, Scenario, ScenarioError, load
 from anser.scenario.errors import plain, show
@@ -185,11 +186,12 @@ class Study(Table):
         description="of all that is random: of the sampling and of each flight",
         json_schema_extra=expects(f"a whole number from 0 to {SEED_MAX}"),
     )
-    sampling: Sampling = table("how often and how", "a table [sampling]")
+    sampling: Sampling | None = table("of a campaign: how often and how", "a table [sampling]", None)
     vary: tuple[Vary, ...] = tables("what varies", "tables [[vary]], in double brackets", at_least=0, default=())
     correlated: tuple[Correlated, ...] = tables(
         "what varies together", "tables [[correlated]], in double brackets", at_least=0, default=()
     )
+    rare: Rare | None = table("which event's probability is looked for", "a table [rare]", None)
     until: Until | None = table("when fewer flights are enough", "a table [until]", None)
     answers: Answering = table("what is asked", "a table [answers]", Answering())
     keep: Keep | None = table("what is kept beside the rows", "a table [keep]", None)
@@ -215,25 +217,47 @@ class Study(Table):
                 elif path in taken:
                     found.append(Problem(f"correlated[{k}].paths", show(path), "each path in one group, once"))
                 taken.append(path)
-        if self.sampling.method in ("grid", "table", "saltelli") and self.correlated:
-            found.append(Problem("correlated", "a table", f"none with the method {self.sampling.method}"))
-        if self.block * (self.sampling.flights or 0) > FLIGHTS_MAX:
+        return [*found, *(self._sampling_problems(self.sampling) if self.sampling is not None else self._without())]
+
+    def _sampling_problems(self, sampling: Sampling) -> list[Problem]:
+        found = []
+        if sampling.method in ("grid", "table", "saltelli") and self.correlated:
+            found.append(Problem("correlated", "a table", f"none with the method {sampling.method}"))
+        if self.block * (sampling.flights or 0) > FLIGHTS_MAX:
             words = f"{FLIGHTS_MAX // self.block} blocks of {self.block} flights at most"
-            found.append(Problem("sampling.flights", str(self.sampling.flights), words))
-        if self.until is not None and self.sampling.method != "monte-carlo":
+            found.append(Problem("sampling.flights", str(sampling.flights), words))
+        if self.until is not None and sampling.method != "monte-carlo":
             words = "none: only of plain Monte Carlo are the first flights a sample of their own"
             found.append(Problem("until", "a table", words))
-        if self.sampling.method == "table" and self.vary:
+        if sampling.method == "table" and self.rare is not None:
+            found.append(Problem("rare", "a table", "none: the values of a table are no distributions"))
+        if sampling.method == "table" and self.vary:
             found.append(Problem("vary", "a table", "none: the columns of sampling.file say what varies"))
-        if self.sampling.method != "monte-carlo" and not self.vary and self.sampling.method != "table":
-            words = f"one table [[vary]] at least with the method {self.sampling.method}"
+        if sampling.method != "monte-carlo" and not self.vary and sampling.method != "table":
+            words = f"one table [[vary]] at least with the method {sampling.method}"
             found.append(Problem("vary", "nothing", words))
         return found
+
+    def _without(self) -> list[Problem]:
+        """Problems of a study without a table [sampling]."""
+        found = []
+        if self.rare is None:
+            found.append(Problem("sampling", "nothing", "a table [sampling], or a table [rare]"))
+        if self.until is not None:
+            found.append(Problem("until", "a table", "none without a table [sampling]"))
+        return found
+
+    @property
+    def sampled(self) -> Sampling:
+        """How often and how a campaign samples; ScenarioError where the study is for none."""
+        if self.sampling is None:
+            raise ScenarioError(self.name, [Problem("sampling", "nothing", "a table [sampling], to fly a campaign")])
+        return self.sampling
 
     @property
     def block(self) -> int:
         """Flights that belong together: with saltelli as many as numbers vary and two more, else each by itself."""
-        return len(self.vary) + 2 if self.sampling.method == "saltelli" else 1
+        return len(self.vary) + 2 if self.sampling is not None and self.sampling.method == "saltelli" else 1
 
     @property
     def hash(self) -> str:
@@ -261,7 +285,8 @@ def load_study(path: str | os.PathLike[str]) -> tuple[Study, Scenario, dict[str,
     source = os.fspath(path)
     study = validate_study(parsed(read_text(path, "study"), source), source)
     scenario = load(Path(path).parent / study.scenario)
-    given = {} if study.sampling.file is None else _columns(Path(path).parent / study.sampling.file)
+    file = None if study.sampling is None else study.sampling.file
+    given = {} if file is None else _columns(Path(path).parent / file)
     return study, scenario, given
 
 

@@ -17,6 +17,7 @@ from anser.cli.flights import check, convert, new, plan, run
 from anser.cli.grouping import offer_group
 from anser.cli.margins import margins
 from anser.cli.offering import offer
+from anser.cli.rare_events import rare
 from anser.cli.reporting import export, figures, report
 from anser.cli.stepping import gallery, step
 from anser.cli.surveying import envelope, robustness
@@ -46,6 +47,7 @@ for _command in (
     run,
     plan,
     sweep,
+    rare,
     check,
     trim,
     linearize,

@@ -1,5 +1,6 @@
 """Planning a scenario with the certified planner, or saying why no plan exists."""
 
+import dataclasses
 import functools
 import math
 from collections.abc import Callable, Iterator
@@ -13,7 +14,7 @@ from anser.compiling import Prepared, compiled_quickly, enable_compilation_cache
 from anser.execution.plan_interface import SPEED_TOLERANCE, Ahead, NoPlanError, Planned
 from anser.execution.refusal import explain, explain_missing_holds
 from anser.execution.untrimmable import refuse_untrimmable
-from anser.numerics import as_array, leading
+from anser.numerics import AbstractRandomness, as_array, leading
 from anser.planning import turn_words
 from anser.planning.certified import FIRST, AircraftTask, Airspace, ArrivalRequest, CertifiedPlan, FleetTask, Outcome
 from anser.scenario import Scenario, build_flight
@@ -140,8 +141,16 @@ def arrival_request(scenario: Scenario, count: int | None = None) -> ArrivalRequ
     return ArrivalRequest(arrival.rule, scenario.timing.latest_arrival_s, *rows)
 
 
+def drawing_from(source: AbstractRandomness | None, flight: Flight) -> Flight:
+    """A flight that draws its random numbers from another source; None: as it is."""
+    return flight if source is None else dataclasses.replace(flight, randomness=source)
+
+
 def plan_certified(
-    scenario: Scenario, on_progress: Callable[[str], None] = lambda what: None, ahead: Ahead = lambda *of: None
+    scenario: Scenario,
+    on_progress: Callable[[str], None] = lambda what: None,
+    ahead: Ahead = lambda *of: None,
+    randomness: AbstractRandomness | None = None,
 ) -> CertifiedPlanned:
     """Trim every aircraft, look for a plan that keeps everything, and where none is found say why.
 
@@ -149,7 +158,7 @@ def plan_certified(
     ----------
     scenario
         With `fleet.planner = "certified"`.
-    on_progress, ahead
+    on_progress, ahead, randomness
         As of `anser.plan`.
 
     Raises
@@ -159,7 +168,7 @@ def plan_certified(
     """
     enable_compilation_cache()
     on_progress("trimming")
-    flight, count = build_flight(scenario, filled_up=True), len(scenario.aircraft)
+    flight, count = drawing_from(randomness, build_flight(scenario, filled_up=True)), len(scenario.aircraft)
     planner = cast(CertifiedPlanner, flight.planner)
     start = asked.prepare(flight, planner).begin()
     for program in _programs_ahead(scenario, flight, planner, start.shapes, ahead):

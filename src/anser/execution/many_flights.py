@@ -15,7 +15,7 @@ from anser.execution.certified import arrival_request, first_renewal
 from anser.execution.execute import run, without_replanning
 from anser.execution.plan_interface import NoPlanError
 from anser.execution.untrimmable import refuse_untrimmable
-from anser.numerics import Stacked, as_array, rows_of, seeded, stacked, structure_of
+from anser.numerics import AbstractRandomness, Stacked, as_array, rows_of, seeded, stacked, structure_of
 from anser.planning.certified import AircraftTask
 from anser.planning.separation import Separation
 from anser.results.flight_row import FlightRow, flight_row
@@ -40,11 +40,15 @@ NO_PLAN = "no plan: the certified planner finds none that keeps everything"
 
 
 class FlightCase(NamedTuple):
-    """One flight: a scenario, and its number, which with the seed rules all that is random; None: the scenario's."""
+    """One flight: a scenario, and its number, which with the seed rules all that is random; None: the scenario's.
+
+    Where a source of the random numbers is given, it takes the place of both.
+    """
 
     scenario: Scenario
     number: int = 0
     seed: int | None = None
+    randomness: AbstractRandomness | None = None
 
 
 _Flights = Stacked[Flight]
@@ -141,8 +145,9 @@ def flown_one_by_one(scenario: Scenario) -> bool:
 
 
 def _flown_alone(case: FlightCase) -> FlightRow:
-    if case.number != 0:
-        raise ValueError(f"{case.scenario.name}: arrived the number {case.number}; expected 0, as it is flown alone")
+    if case.number != 0 or case.randomness is not None:
+        arrived = f"the number {case.number}" if case.randomness is None else "random numbers of its own"
+        raise ValueError(f"{case.scenario.name}: arrived {arrived}; expected 0 and none, as it is flown alone")
     try:
         scenario = case.scenario if case.seed is None else case.scenario.replace("seed", case.seed)
         flown = run(scenario)
@@ -166,7 +171,8 @@ class _Group:
         """Flights as one, filled up with the last: what once differed is not taken as common again, to compile once."""
         more = [flights[-1]] * (size - len(flights))
         found = stacked([*flights, *more], tables_only=False, own=self._differing)
-        self.differ = np.array([leaf is not None for leaf in jax.tree.leaves(found.own, is_leaf=_is_none)])
+        # of each leaf of a flight: what a flight has not is none of its leaves
+        self.differ = np.array(jax.tree.leaves(jax.tree.map(lambda _, own: own is not None, flights[-1], found.own)))
         return found
 
     def _differing(self, flight: Flight) -> list[Any]:
@@ -174,10 +180,6 @@ class _Group:
         # one leaf at least is stacked, or flights that are all the same would have nothing to be mapped over
         differ = np.arange(len(leaves)) == 0 if self.differ is None else self.differ
         return [leaf for leaf, own in zip(leaves, differ, strict=True) if own]
-
-
-def _is_none(leaf: Any) -> bool:
-    return leaf is None
 
 
 def _alike(cases: Sequence[FlightCase], batch: int) -> Iterator[tuple[_Group, list[int], list[Flight]]]:
@@ -188,7 +190,8 @@ def _alike(cases: Sequence[FlightCase], batch: int) -> Iterator[tuple[_Group, li
         if last is None or case.scenario is not last[0]:
             last = case.scenario, build_flight(case.scenario)
         seed = case.scenario.seed if case.seed is None else case.seed
-        flight = dataclasses.replace(last[1], randomness=seeded(seed, case.number))
+        source = seeded(seed, case.number) if case.randomness is None else case.randomness
+        flight = dataclasses.replace(last[1], randomness=source)
         timing = case.scenario.timing
         key = structure_of(flight), timing.step_s, timing.replan_period_s, timing.duration_s
         group = groups.setdefault(key, _Group())

@@ -11,11 +11,11 @@ import jax
 import numpy as np
 
 from anser.compiling import compiled, compiled_quickly, enable_compilation_cache
-from anser.execution.certified import plan_certified
+from anser.execution.certified import drawing_from, plan_certified
 from anser.execution.negotiated import plan_decentralised
 from anser.execution.plan_interface import SPEED_TOLERANCE, Ahead, Planned
 from anser.execution.untrimmable import refuse_untrimmable
-from anser.numerics import leading
+from anser.numerics import AbstractRandomness, leading
 from anser.planning import (
     LIMIT_MESSAGES,
     PLAN_MESSAGES,
@@ -139,6 +139,7 @@ def plan(
     scenario: Scenario | str | os.PathLike[str],
     on_progress: Callable[[str], None] = lambda what: None,
     ahead: Ahead = lambda *of: None,
+    randomness: AbstractRandomness | None = None,
 ) -> Planned:
     """Trim every aircraft at its start and make the first plan of the scenario's planner, as seen at time 0.
 
@@ -153,6 +154,8 @@ def plan(
     ahead
         Prepares a program that is needed next, for a flight and the shapes of its first state: it is traced while the
         start is compiled, and compiled beside it.
+    randomness
+        Source of all random numbers; None: that of the scenario's seed. Not without a centre.
 
     Returns
     -------
@@ -171,11 +174,11 @@ def plan(
     enable_compilation_cache()
     scenario = as_scenario(scenario)
     if scenario.fleet.planner == "certified":
-        return plan_certified(scenario, on_progress, ahead)
+        return plan_certified(scenario, on_progress, ahead, randomness)
     if scenario.fleet.planner == "decentralised":
         return plan_decentralised(scenario, on_progress, ahead)
     on_progress("trimming and planning")
-    flight = build_flight(scenario, filled_up=True)
+    flight = drawing_from(randomness, build_flight(scenario, filled_up=True))
     start = _start.prepare(flight).begin()
     following = ahead(flight, start.shapes[0])
     if following is not None:

@@ -3,13 +3,14 @@
 from anser.numerics.arrays import as_array, each_of, few_sizes, filled_up, leading, namespace, rows_at, zeros_as
 from anser.numerics.integrate import rk4_step
 from anser.numerics.linear import cross, inverse3, product3, solve3, times3
-from anser.numerics.randomness import AbstractRandomness, Given, Seeded, seeded
+from anser.numerics.randomness import AbstractRandomness, Blended, Given, Seeded, seeded
 from anser.numerics.stacking import Stacked, any_in_batch, rows_of, stacked, structure_of, where_any
 from anser.numerics.tables import Axes, Tables, make_axes, make_tables
 
 __all__ = [
     "AbstractRandomness",
     "Axes",
+    "Blended",
     "Given",
     "Seeded",
     "Stacked",

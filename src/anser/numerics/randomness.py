@@ -103,10 +103,59 @@ class Given(AbstractRandomness):
         return jax.scipy.special.ndtr(self.normals(part, number, count))
 
 
+class Blended(AbstractRandomness):
+    """Weighted sums of the normals of several seeded sources, standard normal again: what a walk has come to.
+
+    A walk that mixes the standard normals of a flight with fresh ones, as Markov chains do, is the list of the sources
+    and their weights: nothing of the length of the flight is kept, and nobody has to know how many numbers it draws.
+
+    Attributes
+    ----------
+    keys
+        Of the sources, of a flight or of one aircraft in it.
+    weights
+        Of each; the sum of their squares is 1.
+    count
+        How many count; those after them are there for the shape. The numbers of a sample cost so many times one draw.
+    aircraft
+        Place in the fleet; None: the source of the flight.
+    """
+
+    keys: UInt32[Array, "terms 2"]
+    weights: Float[Array, " terms"]
+    count: Count
+    aircraft: Count | None = None
+
+    def of_aircraft(self, index: Count) -> "Blended":
+        """The sources of one aircraft."""
+        return Blended(self.keys, self.weights, self.count, index)
+
+    def normals(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
+        """See `AbstractRandomness`."""
+
+        def more(k: Count, total: Array) -> Array:
+            source = Seeded(self.keys[k])
+            if self.aircraft is not None:
+                source = source.of_aircraft(self.aircraft)
+            return total + self.weights[k] * source.normals(part, number, count)
+
+        return jax.lax.fori_loop(0, self.count, more, jnp.zeros(count, self.weights.dtype))
+
+    def uniforms(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
+        """See `AbstractRandomness`."""
+        return jax.scipy.special.ndtr(self.normals(part, number, count))
+
+
 def seeded(seed: int, flight: int = 0) -> Seeded:
     """Source of the random numbers of one flight of a seed (both up to 2^32 - 1); compiles nothing."""
     key = np.array([0, seed], dtype=np.uint32)
     return Seeded(as_array(folded(key, np.asarray(flight)), np.uint32))
+
+
+def flight_keys(seed: int, flights: np.ndarray) -> np.ndarray:
+    """Keys of flights of a seed, shape (flights, 2); as `seeded` has them, of known numbers."""
+    zeros = np.zeros(flights.size, np.uint32)
+    return np.stack(threefry(np.array([0, seed], dtype=np.uint32), zeros, flights.astype(np.uint32)), axis=-1)
 
 
 def uniforms_of(key: Any, part: int, samples: Any, lanes: np.ndarray) -> Any:

@@ -7,6 +7,7 @@ from .margin_figures import BODE_SUFFIXES, draw_bode, draw_margin_maps
 from .page import write_comparison, write_report
 from .paired_figure import draw_paired
 from .plan_figure import draw_plan
+from .rare_figure import draw_rare
 from .robustness_figures import draw_robustness
 from .sweep_figure import draw_sweep
 
@@ -21,6 +22,7 @@ __all__ = [
     "draw_margin_maps",
     "draw_paired",
     "draw_plan",
+    "draw_rare",
     "draw_robustness",
     "draw_sweep",
     "write_campaign_report",

@@ -4,7 +4,7 @@ from anser.results.arrival import closest_approach, least_distance
 from anser.results.dataset import to_dataset
 from anser.results.envelope_dataset import envelope_dataset
 from anser.results.envelope_reasons import OUTCOMES, REASONS, judge
-from anser.results.intervals import order_statistic_interval, quantile, wilson_interval
+from anser.results.intervals import log_interval, order_statistic_interval, quantile, wilson_interval
 from anser.results.linear_model import linear_dataset, linear_document, unit_of
 from anser.results.margin_dataset import CLOSED_LOOP, margin_dataset, margin_map_dataset, margin_table
 from anser.results.mcnemar import mcnemar_exact
@@ -62,6 +62,7 @@ __all__ = [
     "least_distance",
     "linear_dataset",
     "linear_document",
+    "log_interval",
     "margin_dataset",
     "margin_map_dataset",
     "margin_table",

@@ -43,6 +43,33 @@ def wilson_interval(successes: int, count: int, confidence: float = 0.95) -> tup
     return low, high
 
 
+def log_interval(estimates: np.ndarray, confidence: float = 0.95) -> tuple[float, float, float]:
+    """Mean of independent estimates of one positive quantity, and its interval: Student's of their logarithms.
+
+    Parameters
+    ----------
+    estimates
+        Two at least, above 0, of about the same precision.
+    confidence
+        Nominal coverage, 0..1.
+
+    Returns
+    -------
+    Geometric mean, lower and upper end.
+
+    Raises
+    ------
+    ValueError
+        There are fewer than two, or one is not above 0.
+    """
+    if estimates.size < 2 or not np.all(estimates > 0.0):
+        raise ValueError(f"arrived {estimates.tolist()}; expected two positive numbers at least")
+    logs = np.log(estimates)
+    half = stats.t.ppf(0.5 + 0.5 * confidence, logs.size - 1) * np.std(logs, ddof=1) / math.sqrt(logs.size)
+    middle = float(np.mean(logs))
+    return math.exp(middle), math.exp(middle - half), math.exp(middle + half)
+
+
 def order_statistic_interval(values: np.ndarray, share: float, confidence: float = 0.95) -> tuple[float, float]:
     """Interval for a quantile of whatever distribution: between two of the values.
 

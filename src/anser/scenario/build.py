@@ -331,7 +331,7 @@ def _rendezvous(aircraft: Aircraft) -> Rendezvous:
 
 def build_gains(aircraft: Aircraft) -> AutopilotGains:
     """Gains of one aircraft's autopilot."""
-    return _built_gains(aircraft.gains)
+    return _built_gains(aircraft.gains)  # pyright: ignore[reportArgumentType] - frozen, so it has a hash
 
 
 @functools.lru_cache(maxsize=256)

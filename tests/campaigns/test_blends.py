@@ -1,0 +1,74 @@
+"""Blends: standard normal however they were mixed, the same on the host and within a flight, and found again."""
+
+import jax.numpy as jnp
+import numpy as np
+from scipy import stats
+
+from anser.campaigns.blends import Blends
+from anser.campaigns.subset import SubsetPlan, estimate, subset_simulation
+from anser.numerics import seeded
+from anser.numerics.randomness import AIR, DISPERSIONS
+
+SPACE = Blends(5, 20)
+
+
+def mixed_often(count, moves, keep):
+    points = SPACE.fresh(np.arange(count))
+    for move in range(moves):
+        points = SPACE.mixed(points, np.full(count, keep), count * (move + 1) + np.arange(count))
+    return points
+
+
+def test_a_fresh_one_is_the_flight_of_its_number():
+    (point,) = SPACE.fresh(np.array([7]))
+    ours, theirs = SPACE.source(point).of_aircraft(jnp.asarray(1)), seeded(5, 7).of_aircraft(jnp.asarray(1))
+    # compiled in a loop, which may round otherwise
+    np.testing.assert_allclose(ours.normals(AIR, 3, 6), theirs.normals(AIR, 3, 6), rtol=1e-14)
+    np.testing.assert_allclose(ours.uniforms(AIR, 3, 6), theirs.uniforms(AIR, 3, 6), rtol=1e-12)
+
+
+def test_a_mixed_one_is_the_weighted_sum():
+    points = SPACE.mixed(SPACE.fresh(np.array([7])), np.array([0.8]), np.array([9]))
+    np.testing.assert_allclose(
+        SPACE.source(points[0]).normals(AIR, 3, 6),
+        0.8 * seeded(5, 7).normals(AIR, 3, 6) + 0.6 * seeded(5, 9).normals(AIR, 3, 6),
+        rtol=1e-12,
+    )
+    # on the host the same numbers, for what the study disperses
+    np.testing.assert_allclose(
+        SPACE.dispersions(points, 4)[0], SPACE.source(points[0]).normals(DISPERSIONS, 0, 4), rtol=1e-9
+    )
+
+
+def test_of_what_is_not_kept_nothing_is_left():
+    points = SPACE.mixed(SPACE.fresh(np.arange(2)), np.array([0.0, 0.6]), np.array([8, 9]))
+    assert points["count"].tolist() == [1, 2]
+    assert points["flights"][0, 0] == 8
+    assert points["weights"][0, 0] == 1.0
+    np.testing.assert_allclose(np.sum(points["weights"] ** 2, axis=1), 1.0)
+
+
+def test_they_are_standard_normal_and_independent_however_often_mixed():
+    numbers = SPACE.dispersions(mixed_often(4000, 5, 0.7), 3)
+    for column in numbers.T:
+        assert stats.kstest(column, "norm").pvalue > 1e-3
+    correlation = np.corrcoef(numbers.T) - np.eye(3)
+    assert np.max(np.abs(correlation)) < 4.0 / np.sqrt(4000)
+
+
+def test_a_point_is_found_again_from_its_flights_and_weights():
+    point = mixed_often(3, 4, 0.9)[1]
+    count = int(point["count"])
+    again = SPACE.point(point["flights"][:count].tolist(), point["weights"][:count].tolist())
+    assert again == point
+
+
+def test_a_known_probability_is_found_among_them():
+    space, threshold = Blends(3, 28), float(stats.norm.isf(1e-3))
+
+    def linear(points, numbers):
+        return space.dispersions(points, 4).sum(axis=1) / 2.0
+
+    walked = subset_simulation(space, linear, threshold, SubsetPlan(200, 0.1, 4, 5), 3)
+    ours = estimate(walked, threshold, 0.95)
+    assert ours.low < 1e-3 < ours.high

@@ -1,0 +1,201 @@
+"""Rare events with made-up flights: known probabilities, gone on with to the last bit, refused where they cannot be."""
+
+import json
+
+import numpy as np
+import pytest
+
+from anser.campaigns import StoreError, SubsetPlan, campaign, load_study, rare, rare_flights, read_rare
+from anser.campaigns.rare_event import rare_store_of
+from anser.campaigns.rare_flights import RareFlights
+from anser.results.flight_row import FlightRow
+from anser.scenario import ScenarioError
+from campaigns.rare_cases import ABOVE, BELOW, RARE_TEXT, made_up, rare_study
+from campaigns.study_cases import STUDIES, THREE
+
+
+@pytest.fixture(autouse=True)
+def made_up_flights(monkeypatch):
+    monkeypatch.setattr(rare_flights, "fly_many", made_up)
+
+
+@pytest.fixture
+def study(tmp_path):
+    (tmp_path / "three.toml").write_text((STUDIES.parent / "scenarios" / "three-aircraft.toml").read_text())
+    (tmp_path / "study.toml").write_text(RARE_TEXT)
+    return tmp_path / "study.toml"
+
+
+def test_the_shipped_study_is_good():
+    study, scenario, _ = load_study(STUDIES / "how-rarely.toml")
+    flights = RareFlights(study, scenario)
+    assert flights.plan == SubsetPlan(points=200, share=0.1, levels_max=10, repetitions=5)
+    assert flights.batch == 50
+    assert flights.threshold == 2.0
+    flights.refuse_early()
+
+
+def test_a_known_probability_and_all_that_is_told_of_it(study, tmp_path):
+    told = []
+    found = rare(study, tmp_path / "out", processes=1, progress=lambda what, part: told.append((what, part)))
+    assert found.estimate.low < 1e-2 < found.estimate.high
+    assert found.probability_of(4.5).probability == pytest.approx(0.5, abs=0.1)
+    document = json.loads((tmp_path / "out" / "rare.json").read_text())
+    assert document == json.loads(json.dumps(found.document))
+    assert document["probability"] == found.estimate.probability
+    assert document["seed"] == 1
+    assert document["scenario_hash"] == THREE.hash
+    assert document["levels"][0] == {
+        "flights": 300,
+        "bounds": [None] * 3,
+        "shares": document["levels"][0]["shares"],
+        "acceptances": [None] * 3,
+    }
+    assert document["levels"][1]["flights"] == 270
+    assert all(7.5 < bound < 8.5 for bound in document["levels"][1]["bounds"])
+    assert document["flights"] == found.store.flown
+    assert {path.name for path in (tmp_path / "out").iterdir()} >= {"rare.json", "rare.svg", "rare.png"}
+    assert told[0] == ("level 1: 30 of 300 flights", 0.1)
+    assert ("level 2: 270 of 270 flights", 1.0) in told
+    # the worst again: the same flight
+    worst = document["worst"][0]
+    assert worst["miss_m"] > 8.91
+    (row,) = made_up([found.worst()])
+    assert max(one["miss_m"] for one in row.aircraft) == pytest.approx(worst["miss_m"], rel=1e-12)
+    with pytest.raises(ValueError, match="place: arrived 10; expected one from 0 to 9"):
+        found.worst(10)
+    assert read_rare(tmp_path / "out").document == found.document
+
+
+def test_an_interrupted_one_goes_on_to_the_last_bit(study, tmp_path, monkeypatch):
+    whole = rare(study, tmp_path / "whole", processes=1)
+    flown = 0
+
+    def sometimes(cases, batch=None):
+        nonlocal flown
+        flown += 1
+        if flown % 7 == 0:
+            raise KeyboardInterrupt
+        return made_up(cases)
+
+    monkeypatch.setattr(rare_flights, "fly_many", sometimes)
+    interrupted, found = 0, None
+    while found is None:
+        try:
+            found = rare(study, tmp_path / "parts", processes=1, resume=interrupted > 0)
+        except KeyboardInterrupt:
+            interrupted += 1
+    assert interrupted > 2
+    assert found.document == whole.document
+    # none was flown twice: what was interrupted counts once more
+    assert flown - interrupted == whole.store.flown // whole.flights.batch
+    (tmp_path / "parts" / "flown" / "000000030.npy").unlink()
+    with pytest.raises(StoreError, match="arrived no batch from flight 30 on"):
+        read_rare(tmp_path / "parts")
+
+
+def test_what_cannot_be_gone_on_with_is_refused(study, tmp_path, monkeypatch):
+    rare_store_of(study, tmp_path / "out", resume=False)
+    with pytest.raises(FileExistsError):
+        rare(study, tmp_path / "out", processes=1)
+    with pytest.raises(StoreError, match=r"a folder without rare-asked\.json"):
+        rare(study, tmp_path, processes=1, resume=True)
+    study.write_text(RARE_TEXT.replace("seed = 1", "seed = 2"))
+    with pytest.raises(StoreError, match="a rare event with the study hash"):
+        rare(study, tmp_path / "out", processes=1, resume=True)
+    study.write_text(RARE_TEXT)
+    monkeypatch.setattr("anser.campaigns.rare_store.version_attributes", lambda: {"version_anser": "9.9"})
+    with pytest.raises(StoreError, match=r"version anser .*; expected 9\.9, to go on with it"):
+        rare(study, tmp_path / "out", processes=1, resume=True)
+    batch = tmp_path / "out" / "flown" / "000000000.npy"
+    np.save(batch, np.zeros(2))
+    with pytest.raises(StoreError, match="arrived 2 flights; expected 30"):
+        read_rare(tmp_path / "out")
+
+
+def test_a_breach_below_the_threshold(study, tmp_path):
+    text = RARE_TEXT.replace("miss_m", "separation_min_m").replace("8.91", "500.09")
+    study.write_text(text)
+    found = rare(study, tmp_path / "out", processes=1)
+    assert found.estimate.low < 1e-2 < found.estimate.high
+    assert found.document["breached"] == "below"
+    thresholds = found.dataset["threshold"].values
+    assert thresholds[0] > 503.0
+    assert thresholds[-1] == 500.09
+    assert np.all(np.diff(found.dataset["probability"].values) <= 1e-12)
+
+
+def test_what_is_rarer_than_its_levels_is_told_as_a_bound(study, tmp_path):
+    study.write_text(RARE_TEXT.replace("8.91", "20.0").replace("repetitions", "levels_max = 2\nrepetitions"))
+    found = rare(study, tmp_path / "out", processes=1)
+    assert found.estimate.probability is None
+    assert found.estimate.low == 0.0
+    assert 0.05 < found.estimate.high < 0.3
+    assert found.document["probability"] is None
+    assert np.isfinite(found.dataset["probability"].values[:-1]).all()
+
+
+def test_flights_that_fail_are_the_event():
+    flights = RareFlights(
+        rare_study(vary=[{"path": "wind.speed_m_s", "distribution": "normal", "mean": 0.0, "sigma": 3.0}]), THREE
+    )
+    points = flights.space.fresh(np.arange(20))
+    values, winds = flights.fly(points), 3.0 * flights.space.dispersions(points, 1)[:, 0]
+    assert 3 < np.sum(winds < 0.0) < 17
+    np.testing.assert_array_equal(np.isinf(values), winds < 0.0)
+    np.testing.assert_allclose(values[winds >= 0.0], winds[winds >= 0.0], rtol=1e-9)
+    assert flights.value_of(FlightRow.failed("no plan")) == np.inf
+    (row,) = made_up([flights.case(points[int(np.argmax(winds))])])
+    assert np.isfinite(flights.value_of(row))
+    row.aircraft[1]["status"] = "the aircraft reached the ground; what is recorded after that stands still"
+    assert flights.value_of(row) == np.inf
+    row.aircraft[1].update(status="arrived", miss_m=None)
+    assert flights.value_of(row) == np.inf
+
+
+def test_correlated_numbers_stay_so():
+    course = {"path": "wind.from_deg", "distribution": "normal", "mean": 180.0, "sigma": 5.0}
+    speed = {"path": "wind.speed_m_s", "distribution": "normal", "mean": 50.0, "sigma": 1.0}
+    group = {"paths": ["wind.speed_m_s", "wind.from_deg"], "coefficients": [[1.0, 0.8], [0.8, 1.0]]}
+    flights = RareFlights(rare_study(vary=[speed, course], correlated=[group]), THREE)
+    applied = flights._applied(flights.space.fresh(np.arange(4000)))
+    assert np.corrcoef(*applied.values())[0, 1] == pytest.approx(0.8, abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("rare_table", "said"),
+    [
+        ({**ABOVE, "level_share": 0.3}, "rare.level_share: arrived 0.3; expected one over a whole number"),
+        ({**ABOVE, "flights": 310}, "rare.flights: arrived 310; expected a multiple of 30"),
+        ({**ABOVE, "flights": 30}, "300 at least"),
+        ({**ABOVE, "repetitions": 1}, "rare.repetitions: arrived 1; expected a whole number from 3 to 100"),
+        ({**ABOVE, "statistic": "speed"}, 'rare.statistic: arrived "speed"; expected "separation_min_m" or'),
+        ({"statistic": "miss_m"}, "rare.threshold: arrived nothing; expected"),
+    ],
+)
+def test_an_event_that_is_none_is_refused(rare_table, said):
+    with pytest.raises(ScenarioError) as caught:
+        rare_study(rare=rare_table)
+    assert said in str(caught.value)
+
+
+def test_what_a_scenario_cannot_have_is_refused_before_anything_flies(study, tmp_path):
+    one = THREE.replace("aircraft", [THREE.aircraft[0].model_dump(exclude_unset=True)])
+    with pytest.raises(ScenarioError, match="a statistic of one aircraft, such as miss_m"):
+        _ = RareFlights(rare_study(rare=BELOW), one).asked
+    with pytest.raises(ScenarioError, match="one whose flights can fly together"):
+        _ = RareFlights(rare_study(), THREE.replace("fleet.planner", "decentralised")).asked
+    study.write_text(RARE_TEXT.replace("low = 0.0", "low = -9.0").replace("high = 9.0", "high = -5.0"))
+    with pytest.raises(ScenarioError, match="test, every flight"):
+        rare(study, tmp_path / "out")
+    study.write_text(RARE_TEXT)
+    with pytest.raises(ScenarioError, match=r"sampling: arrived nothing; expected a table \[sampling\], to fly"):
+        campaign(study, tmp_path / "out")
+    study.write_text(RARE_TEXT[: RARE_TEXT.index("[rare]")] + "[sampling]\nflights = 4\n")
+    with pytest.raises(ScenarioError, match=r"rare: arrived nothing; expected a table \[rare\]"):
+        rare(study, tmp_path / "out")
+    with pytest.raises(ScenarioError, match=r"sampling: arrived nothing; expected a table \[sampling\], or"):
+        rare_study(rare=None)
+    with pytest.raises(ScenarioError, match="until: arrived a table; expected none without"):
+        rare_study(until={"width": 0.1})
+    assert not (tmp_path / "out").exists()
