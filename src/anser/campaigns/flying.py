@@ -216,6 +216,8 @@ def workers(processes: int) -> Iterator[tuple[Executor | None, int]]:
 def _begin_worker() -> None:
     """A process that flies: Ctrl-C is for the one that gave it the work."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # XLA's threads: one process for each core keeps it busy by itself, and more of them get into each other's way
+    os.environ.setdefault("NPROC", "1")
     enable_compilation_cache()
 
 
