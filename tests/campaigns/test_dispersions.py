@@ -23,6 +23,12 @@ CHANGED = {
     "goal_sensor.angle_mrad": 6.0,
     "goal_sensor.range_m": 20.0,
     "goal_sensor.outage_share": 0.2,
+    "aircraft[0].deviation.mass": 1.1,
+    "aircraft[0].deviation.pitch_inertia": 1.2,
+    "aircraft[0].deviation.thrust": 0.9,
+    "aircraft[0].deviation.cg_shift": 0.02,
+    "aircraft[0].deviation.actuator_bandwidth": 0.7,
+    "aircraft[0].deviation.coefficients.Cm0": 1.2,
 }
 PRESET = {"goal_sensor.angle_mrad": 3.0, "goal_sensor.range_m": 10.0}
 """What the camera has where the file says nothing."""

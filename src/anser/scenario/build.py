@@ -8,6 +8,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array
 
+from anser.aircraft import F16_COEFFICIENTS, F16Dispersion, dispersed_f16
 from anser.control import (
     AutopilotGains,
     FlightLimits,
@@ -47,6 +48,7 @@ from anser.scenario.build_sensing import build_estimator, build_sensors
 from anser.scenario.library import load_airframe
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_aircraft import Aircraft, AttitudeGains, Gains, RateGains, VelocityGains
+from anser.scenario.schema_deviation import Deviation
 from anser.scenario.schema_event import Event
 from anser.scenario.schema_goal import Goal
 from anser.scenario.schema_network import Network as NetworkTable
@@ -117,12 +119,14 @@ def build_flight(scenario: Scenario, *, filled_up: bool = False, flight: int = 0
 def _vehicle(
     scenario: Scenario, aircraft: Aircraft, goal: GoalMotion, guidance: GuidanceSettings, limits: FlightLimits
 ) -> Vehicle:
-    gains, airframe = build_gains(aircraft), load_airframe(aircraft.type, aircraft.variant, aircraft.x_cg_over_c)
+    gains, known = build_gains(aircraft), load_airframe(aircraft.type, aircraft.variant, aircraft.x_cg_over_c)
+    dispersed = aircraft.deviation != Deviation()
+    airframe = dispersed_f16(known, _dispersion(aircraft.deviation)) if dispersed else known
     return Vehicle(
         airframe=airframe,
         gusts=build_gusts(scenario, aircraft, airframe.span),
         sensors=build_sensors(scenario),
-        estimator=build_estimator(scenario, goal),
+        estimator=build_estimator(scenario, goal, known if dispersed else None),
         guidance=FollowPlan(guidance),
         controller=InversionAutopilot(gains, limits),
         mission=Mission(
@@ -341,6 +345,18 @@ def _built_gains(gains: Gains) -> AutopilotGains:
         lambda g: (g.rates, g.attitude, g.velocity, g.sensor_bandwidth),
         published_gains(),
         (_loop(gains.rates), _loop(gains.attitude), _loop(gains.velocity), _scalar(bandwidth)),
+    )
+
+
+def _dispersion(deviation: Deviation) -> F16Dispersion:
+    d = deviation
+    return F16Dispersion(
+        coefficients=as_array([getattr(d.coefficients, name) for name in F16_COEFFICIENTS]),
+        thrust=_scalar(d.thrust),
+        mass=_scalar(d.mass),
+        inertia=as_array([d.roll_inertia, d.pitch_inertia, d.yaw_inertia]),
+        actuator_bandwidth=_scalar(d.actuator_bandwidth),
+        cg_shift=_scalar(d.cg_shift),
     )
 
 

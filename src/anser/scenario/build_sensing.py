@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from anser.aircraft import AbstractAirframe
 from anser.numerics import as_array
 from anser.planning import GoalMotion
 from anser.scenario.schema import Scenario
@@ -49,16 +50,19 @@ def build_sensors(scenario: Scenario) -> AbstractSensors:
     return IdealSensors() if own is None and goal is None else NoisySensors(own, goal)
 
 
-def build_estimator(scenario: Scenario, goal: GoalMotion) -> AbstractEstimator:
-    """What stands behind them: nothing where all is exact and the air is smooth."""
+def build_estimator(scenario: Scenario, goal: GoalMotion, model: AbstractAirframe | None = None) -> AbstractEstimator:
+    """What stands behind them: nothing where all is exact and the air is smooth.
+
+    `model` is the airframe that the aircraft takes itself to be; None: that which flies.
+    """
     navigation, sensor, estimator = scenario.navigation, scenario.goal_sensor, scenario.estimator
     exact, smooth = navigation.sensors == "exact", scenario.turbulence.intensity == "none" and not scenario.gust
     if exact and smooth and sensor.preset == "exact":
-        return DirectEstimator()
+        return DirectEstimator(model)
     own = None if exact else _navigation_filter(navigation)
     air = None if exact and smooth else AirFilter(as_array(navigation.wind_time_s), as_array(navigation.gust_time_s))
     if sensor.preset == "exact":
-        return TrackingEstimator(own, air)
+        return TrackingEstimator(own, air, model=model)
     tracking = GoalFilter(
         models=_motions(estimator),
         sojourn=as_array(estimator.sojourn_s),
@@ -73,7 +77,7 @@ def build_estimator(scenario: Scenario, goal: GoalMotion) -> AbstractEstimator:
         position_sigma=as_array(estimator.briefed_position_m),
         velocity_sigma=as_array(estimator.briefed_velocity_m_s),
     )
-    return TrackingEstimator(own, air, tracking, briefing)
+    return TrackingEstimator(own, air, tracking, briefing, model)
 
 
 def _motions(table: Estimator) -> tuple[AbstractMotion, ...]:

@@ -5,6 +5,7 @@ from typing import Literal
 
 from anser.scenario.errors import Problem, plain
 from anser.scenario.schema_base import Gain3, Table, choice, designed, gain, naming, number, table
+from anser.scenario.schema_deviation import Deviation
 from anser.scenario.schema_goal import PLACE_MAX_M
 from anser.scenario.schema_settings import ALTITUDE_MAX_M, DURATION_MAX_S, SPEED_MAX_M_S
 
@@ -132,3 +133,6 @@ class Aircraft(Table):
     start: Start = table("beginning", "a table [aircraft.start]")
     rendezvous: Rendezvous = table("where to be", "a table [aircraft.rendezvous]", Rendezvous())
     gains: Gains = table("gains of the autopilot", "tables [aircraft.gains.rates] and so on", Gains())
+    deviation: Deviation = table(
+        "how it differs from what its autopilot and planner know", "a table [aircraft.deviation]", Deviation()
+    )

@@ -75,12 +75,15 @@ class TrackingEstimator(AbstractEstimator):
         Filter of the goal; None: its line of sight is exact, seen from where the aircraft takes itself to be.
     briefing
         What is known of the goal beforehand; with a filter of the goal only.
+    model
+        What the aircraft believes of its airframe; None: the airframe itself.
     """
 
     own: NavigationFilter | None = None
     air: AirFilter | None = None
     goal: AbstractGoalFilter | None = None
     briefing: Briefing | None = None
+    model: AbstractAirframe | None = None
 
     def init(self, reading: Reading, airframe: AbstractAirframe, instant: Instant) -> Tracked:
         """After the first reading."""
@@ -104,6 +107,7 @@ class TrackingEstimator(AbstractEstimator):
     ) -> tuple[Belief, Tracked]:
         """Take in a reading."""
         state, now, step = reading.state, reading.now, instant.step
+        airframe = airframe if self.model is None else self.model
         own, air, goal, uncertainty, seen_goal = memory.own, memory.air, memory.goal, None, None
         own_covariance = jnp.zeros((3, 3))
         if self.own is not None and own is not None:
@@ -127,7 +131,7 @@ class TrackingEstimator(AbstractEstimator):
             environment = eqx.tree_at(lambda e: e.wind, instant.environment, SteadyWind(air.wind_n), is_leaf=_is_wind)
             disturbance = Disturbance(Gust(air.gust_b, jnp.zeros(3)), jnp.ones_like(step))
             now = condition(airframe, environment, instant.time, state, disturbance=disturbance)
-        elif self.own is not None:
+        elif self.own is not None or self.model is not None:
             now = condition(airframe, instant.environment, instant.time, state)
         sight = reading.sight
         if self.goal is not None:

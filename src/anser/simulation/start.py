@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from anser.aircraft import condition
 from anser.planning import Performance, Report
 from anser.sensing import Instant
 from anser.shapes import Flag, Vector3
@@ -51,8 +52,10 @@ def trimmed_fleet(flight: Flight) -> TrimmedFleet:
         status = jnp.where(untrimmed, NO_TRIM, state.status).astype(jnp.int32)
         state = eqx.tree_at(lambda s: (s.status, s.stopped), state, (status, untrimmed | ~flies))
         seen = perceive(vehicle, state, instant)
-        now, airframe = seen.truth.now, vehicle.airframe
-        performance = performance_at(airframe, environment, now, trim.state.surfaces)
+        known, now = seen.belief.airframe, seen.truth.now
+        if known is not vehicle.airframe:  # what the planner knows is what the aircraft takes itself to be
+            now = condition(known, environment, instant.time, trim.state)
+        performance = performance_at(known, environment, now, trim.state.surfaces)
         return trim, state, report(vehicle, seen, ~state.stopped), performance
 
     found = [

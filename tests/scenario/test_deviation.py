@@ -1,0 +1,56 @@
+"""An aircraft that differs from what its autopilot and planner know of it."""
+
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+from anser.aircraft import F16_COEFFICIENTS
+from anser.aircraft.air_data import AirData
+from anser.scenario import ScenarioError, build_flight, load
+from anser.scenario.schema_deviation import CoefficientFactors
+
+SCENARIOS = Path(__file__).parents[2] / "scenarios"
+
+
+def vehicle_with(*changes):
+    scenario = load(SCENARIOS / "three-aircraft.toml")
+    return build_flight(scenario.replace(*changes) if changes else scenario).aircraft(0)[0]
+
+
+def test_every_coefficient_of_the_build_up_has_a_factor():
+    assert tuple(CoefficientFactors.model_fields) == F16_COEFFICIENTS
+
+
+def test_what_flies_differs_and_what_is_believed_does_not():
+    known = vehicle_with()
+    path = "aircraft[0].deviation."
+    flown = vehicle_with(path + "mass", 1.1, path + "pitch_inertia", 1.3, path + "cg_shift", 0.02, path + "thrust", 0.9)
+    assert known.estimator.model is None
+    properties, published = flown.airframe.mass_properties, known.airframe.mass_properties
+    np.testing.assert_allclose(properties.mass, 1.1 * published.mass, rtol=1e-14)
+    np.testing.assert_allclose(properties.inertia_b[1, 1], 1.3 * published.inertia_b[1, 1], rtol=1e-14)
+    np.testing.assert_allclose(flown.airframe.x_cg, known.airframe.x_cg + 0.02, rtol=1e-14)
+    thrust, full = (one.airframe.propulsion(90.0, 1000.0, 0.5).force_b[0] for one in (flown, known))
+    np.testing.assert_allclose(thrust, 0.9 * full, rtol=1e-12)
+    for believed, one in zip(jax.tree.leaves(flown.estimator.model), jax.tree.leaves(known.airframe), strict=True):
+        np.testing.assert_array_equal(believed, one)
+
+
+@pytest.mark.parametrize("name", ["Cm0", "Cnp", "CYdr"])
+def test_a_coefficient_is_multiplied(name):
+    changed = vehicle_with(f"aircraft[0].deviation.coefficients.{name}", 1.5).airframe
+    rates, surfaces = np.array([0.1, 0.05, -0.02]), np.array([0.05, -0.1, 0.2])
+
+    def moments(airframe):
+        data = AirData(*(np.asarray(value) for value in (150.0, 0.1, 0.05, 1.1, 12000.0, 0.45, 1000.0)))
+        return np.asarray(airframe.aerodynamics(data, rates, surfaces).moment_b)
+
+    differs = moments(changed) != moments(vehicle_with().airframe)
+    np.testing.assert_array_equal(differs, {"Cm0": [0, 1, 0], "Cnp": [0, 0, 1], "CYdr": [0, 0, 1]}[name])
+
+
+def test_what_is_no_aircraft_is_refused():
+    with pytest.raises(ScenarioError, match=r"deviation.mass \(aircraft .aircraft-1.\): arrived 0.0; expected a number from 0.1"):
+        vehicle_with("aircraft[0].deviation.mass", 0.0)
