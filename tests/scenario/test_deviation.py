@@ -52,5 +52,7 @@ def test_a_coefficient_is_multiplied(name):
 
 
 def test_what_is_no_aircraft_is_refused():
-    with pytest.raises(ScenarioError, match=r"deviation.mass \(aircraft .aircraft-1.\): arrived 0.0; expected a number from 0.1"):
+    with pytest.raises(
+        ScenarioError, match=r"deviation.mass \(aircraft .aircraft-1.\): arrived 0.0; expected a number from 0.1"
+    ):
         vehicle_with("aircraft[0].deviation.mass", 0.0)
