@@ -1,4 +1,4 @@
-"""Campaigns of 2,000 flights whose processes, or workers, are killed 20 times: `python -m trials.killed_campaigns`.
+"""Campaigns of 2,000 flights whose processes or workers are killed 20 times: `python -m trials.killed_campaigns`.
 
 After the last resume every data array must be, bit for bit, that of a campaign which nobody disturbed.
 """
@@ -88,15 +88,16 @@ def killed_workers(study: Path, folder: Path, draw: random.Random) -> int:
                 with contextlib.suppress(StoreError):  # a chunk whose workers were killed thrice: resumed
                     fly_campaign(store, cluster=cluster.scheduler_address)
 
-            flying = threading.Thread(target=fly)
+            flying = threading.Thread(target=fly, daemon=True)
             flying.start()
             while flying.is_alive():
                 flying.join(draw.uniform(4.0, 15.0))
                 if flying.is_alive() and killed < KILLS:
                     pids = [worker.pid for worker in cluster.workers.values() if worker.pid]
-                    if pids:
-                        os.kill(draw.choice(pids), signal.SIGKILL)
-                        killed += 1
+                    with contextlib.suppress(ProcessLookupError):  # it is being restarted
+                        if pids:
+                            os.kill(draw.choice(pids), signal.SIGKILL)
+                            killed += 1
     return killed
 
 
@@ -116,7 +117,8 @@ def main() -> int:
         began = time.perf_counter()
         fly_campaign(store_of(study, here / "undisturbed", resume=False), 2)
         _say(f"undisturbed: {FLIGHTS} flights in {time.perf_counter() - began:.0f} s")
-        for name, fly in (("processes", killed_processes), ("workers", killed_workers)):
+        kinds = {"processes": killed_processes, "workers": killed_workers}
+        for name, fly in [(name, kinds[name]) for name in sys.argv[1:] or kinds]:
             killed, number = 0, 0
             while killed < KILLS:
                 folder = here / f"{name}-{number}"
