@@ -93,11 +93,12 @@ def killed_workers(study: Path, folder: Path, draw: random.Random) -> int:
             while flying.is_alive():
                 flying.join(draw.uniform(4.0, 15.0))
                 if flying.is_alive() and killed < KILLS:
-                    pids = [worker.pid for worker in cluster.workers.values() if worker.pid]
-                    with contextlib.suppress(ProcessLookupError):  # it is being restarted
-                        if pids:
-                            os.kill(draw.choice(pids), signal.SIGKILL)
-                            killed += 1
+                    # one that is killed while it starts is given up by its nanny, and nobody would fly in the end
+                    nannies = [one for one in cluster.workers.values() if one.process is not None]
+                    running = [one.pid for one in nannies if one.process.status.name == "running"]
+                    if len(running) == len(cluster.workers):
+                        os.kill(draw.choice(running), signal.SIGKILL)
+                        killed += 1
     return killed
 
 
