@@ -22,6 +22,7 @@ from anser.campaigns import CampaignStore, StoreError, fly_campaign
 from anser.campaigns.campaigning import store_of
 
 FLIGHTS, KILLS = 2000, 20
+_WORKERS = 2
 _SCENARIO = Path(__file__).parents[1] / "scenarios" / "single-aircraft.toml"
 _STUDY = """format = 1
 name = "killed"
@@ -80,7 +81,7 @@ def killed_workers(study: Path, folder: Path, draw: random.Random) -> int:
     from distributed import LocalCluster
 
     killed, store = 0, store_of(study, folder, resume=False)
-    both: Any = LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0")
+    both: Any = LocalCluster(n_workers=_WORKERS, threads_per_worker=1, dashboard_address=":0")
     with both as cluster:
         while not CampaignStore.open(folder).done.all():
 
@@ -93,10 +94,12 @@ def killed_workers(study: Path, folder: Path, draw: random.Random) -> int:
             while flying.is_alive():
                 flying.join(draw.uniform(4.0, 15.0))
                 if flying.is_alive() and killed < KILLS:
-                    # one that is killed while it starts is given up by its nanny, and nobody would fly in the end
+                    # one that is killed while it starts is given up by dask, and nobody would fly in the end
                     nannies = [one for one in cluster.workers.values() if one.process is not None]
                     running = [one.pid for one in nannies if one.process.status.name == "running"]
-                    if len(running) == len(cluster.workers):
+                    if len(cluster.workers) < _WORKERS:
+                        cluster.scale(_WORKERS)
+                    elif len(running) == _WORKERS:
                         os.kill(draw.choice(running), signal.SIGKILL)
                         killed += 1
     return killed
