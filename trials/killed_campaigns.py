@@ -6,6 +6,7 @@ After the last resume every data array must be, bit for bit, that of a campaign 
 import contextlib
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -71,7 +72,7 @@ def killed_processes(study: Path, folder: Path, draw: random.Random) -> int:
             running.wait()
             killed += 1
             if not (folder / "flights.zarr" / "chunk_done").exists():
-                subprocess.run(["rm", "-rf", str(folder)], check=True)  # killed before there was a store
+                shutil.rmtree(folder, ignore_errors=True)  # killed before there was a store
             continue
         return killed
 

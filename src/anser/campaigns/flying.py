@@ -28,7 +28,7 @@ _ALONE = 4
 """Flights of a chunk where each is flown by itself."""
 _PATIENCE = "10s"
 """How long the scheduler of a cluster may take to answer."""
-_TRIED = 64
+TRIED = 64
 """Scenarios that are validated before any flies; where all of them are refused, so is the study."""
 
 
@@ -156,7 +156,7 @@ def scenario_with(base: Scenario, seed: int, applied: dict[str, Any]) -> Scenari
 def refuse_if_none(study: Study, scenario: Scenario, applied: dict[str, np.ndarray], count: int) -> None:
     """Refuse a study of which none of the first scenarios is valid (ScenarioError)."""
     first: ScenarioError | None = None
-    for k in range(min(count, _TRIED)):
+    for k in range(min(count, TRIED)):
         try:
             scenario_with(scenario, 0, {path: values[k] for path, values in applied.items()})
         except ScenarioError as error:

@@ -12,7 +12,7 @@ from scipy import stats
 
 from anser.campaigns.asked_rare import Rare
 from anser.campaigns.blends import Blends
-from anser.campaigns.flying import put, refuse_if_none, scenario_with
+from anser.campaigns.flying import TRIED, put, refuse_if_none, scenario_with
 from anser.campaigns.rare_store import RareStore
 from anser.campaigns.sampling import dispersed
 from anser.campaigns.store import StoreError
@@ -27,8 +27,6 @@ _CRASHED = tuple(STATUS_MESSAGES[code] for code in (NO_TRIM, NOT_FINITE, AT_GROU
 """After these what is recorded says nothing."""
 _TOGETHER = 64
 """Flights of one compiled call at most: less than in a campaign, so that there is work for several processes."""
-_TRIED = 64
-"""Points whose scenarios are validated before any flies."""
 
 
 class RareFlights:
@@ -87,7 +85,7 @@ class RareFlights:
 
     def refuse_early(self) -> None:
         """Refuse before anything flies what no flight can have (ScenarioError)."""
-        numbers = np.arange(min(_TRIED, self.asked.flights))
+        numbers = np.arange(min(TRIED, self.asked.flights))
         refuse_if_none(self.study, self.scenario, self._applied(self.space.fresh(numbers)), numbers.size)
 
     def fly(self, points: np.ndarray) -> np.ndarray:
