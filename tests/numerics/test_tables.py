@@ -195,3 +195,26 @@ def test_three_axes_against_scipy(x, y, z):
     at = [[x, y, z]]
     expected = RegularGridInterpolator((X, Y, PAIR), BLOCK, bounds_error=False, fill_value=None)(at)[0]
     np.testing.assert_allclose(look_up(SOLID, x, y, z)[0], expected, rtol=1e-12, atol=1e-12)
+
+
+EVEN_X, EVEN_Y = np.linspace(-0.3, 0.9, 7), 1000.0 * np.arange(4) * 0.3048
+EVEN = RNG.normal(size=(7, 4))
+EVEN_TABLES = {
+    clamp: make_tables(make_axes([EVEN_X, EVEN_Y], clamp=clamp), [((0, 1), [EVEN])]) for clamp in (False, True)
+}
+
+
+@pytest.mark.parametrize("clamp", [False, True])
+@settings(deadline=None)
+@given(x=st.floats(-2.0, 2.0), y=st.floats(-2000.0, 3000.0))
+def test_cells_of_evenly_spaced_axes_are_those_of_scipy(clamp, x, y):
+    held = (np.clip(x, EVEN_X[0], EVEN_X[-1]), np.clip(y, EVEN_Y[0], EVEN_Y[-1])) if clamp else (x, y)
+    expected = RegularGridInterpolator((EVEN_X, EVEN_Y), EVEN, bounds_error=False, fill_value=None)([held])[0]
+    # the fractions of axes beyond their ends amplify rounding: up to 10 cells of values of order 1
+    np.testing.assert_allclose(look_up(EVEN_TABLES[clamp], x, y)[0], expected, rtol=1e-12, atol=1e-12)
+
+
+def test_an_axis_that_is_not_even_makes_none_of_them_so():
+    assert all(table.axes.even for table in EVEN_TABLES.values())
+    assert not make_axes([EVEN_X, X], clamp=True).even
+    assert not make_axes([np.append(EVEN_X, 1.1 + 1e-9)], clamp=True).even

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from anser.cli.campaign_answers import opened
 from anser.cli.console import (
     RefusedError,
     answer,
@@ -100,12 +101,9 @@ def _write(store: "CampaignStore", before: int) -> list[str]:
 
 def flight_of_campaign(folder: Path, number: int) -> "tuple[CampaignStore, Scenario]":
     """The store of a folder and the scenario of one of its flights; refuses what is neither."""
-    from anser.campaigns import CampaignStore, StoreError, flight_of
+    from anser.campaigns import flight_of
 
-    try:
-        store = CampaignStore.open(folder)
-    except StoreError as error:
-        raise RefusedError(f"--campaign: {error}") from None
+    store = opened(folder, "--campaign")
     try:
         return store, flight_of(store, number)
     except ScenarioError:
