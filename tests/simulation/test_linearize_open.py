@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.aircraft import AircraftState, Controls
+from anser.aircraft import AircraftState, Controls, Deflections
 from anser.environment import Environment, LayeredWind, StandardAtmosphere, standard_environment, wgs84_earth
 from anser.scenario.library import load_airframe
 from anser.simulation.linearize_chart import coordinates_of, state_at
@@ -150,14 +150,14 @@ def test_surfaces_act_directly_without_actuators():
     assert model.inputs == ("throttle", *SURFACES)
 
     def accelerations(surfaces):
-        moved = dataclasses.replace(state, surfaces=jnp.asarray(surfaces))
+        moved = dataclasses.replace(state, actuators=Deflections(jnp.asarray(surfaces)))
         return np.asarray(derivative(LIGHT, CALM, 0.0, moved, controls).rates_b)
 
     # Moments are linear in the surfaces: nothing but rounding of 1e-14 over 1e-3 rad.
     found = [differenced(accelerations, np.asarray(state.surfaces), k, 1e-3) for k in range(3)]
     np.testing.assert_allclose(model.B[6:9, 1:], np.stack(found, axis=1), rtol=1e-10, atol=1e-10)
     # The deflections are those of the controls, wherever the state's are.
-    elsewhere = dataclasses.replace(state, surfaces=jnp.zeros(3))
+    elsewhere = dataclasses.replace(state, actuators=Deflections(jnp.zeros(3)))
     for one, other in zip(
         jax.tree.leaves(direct(LIGHT, CALM, elsewhere, controls)), jax.tree.leaves(model), strict=True
     ):

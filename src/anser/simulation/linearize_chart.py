@@ -5,7 +5,7 @@ import math
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from anser.aircraft import AbstractAirframe, AircraftState, condition
+from anser.aircraft import AbstractAirframe, AircraftState, Deflections, EnginePower, condition
 from anser.environment import Environment
 from anser.shapes import Flag, Vector3
 from anser.spatial import (
@@ -54,8 +54,8 @@ def state_at(environment: Environment, coordinates: Coordinates, place_n: Vector
         velocity_b=velocity_air_b + wind_b,
         quaternion=quaternion_from_euler(phi, theta, psi),
         rates_b=coordinates[6:9],
-        surfaces=coordinates[11:],
-        power=coordinates[10],
+        actuators=Deflections(coordinates[11:]),
+        engine=EnginePower(coordinates[10]),
     )
 
 
