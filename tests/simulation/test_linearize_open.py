@@ -168,7 +168,7 @@ def test_chart_is_its_own_inverse_in_wind():
     environment = standard_environment(wind_n=jnp.array([12.0, -20.0, 1.0]))
     state = make_state(euler=(2.5, -0.7, -3.0), beta=-0.3)
     there = coordinates_of(environment, state)
-    back = state_at(environment, there, state.position_n)
+    back = state_at(environment, there, state)
     for a, b in zip(jax.tree.leaves(back), jax.tree.leaves(state), strict=True):
         # The quaternion's sign follows the angles here and the components there: both are the same attitude.
         sign = np.sign(np.dot(np.ravel(a), np.ravel(b))) if a.shape == (4,) else 1.0
@@ -181,7 +181,7 @@ def test_steady_wind_changes_nothing_and_shear_does_what_it_must():
 
     def in_wind(at_2500_n, per_metre):
         environment = layered(at_2500_n, per_metre)
-        moving = state_at(environment, coordinates_of(STILL, state), state.position_n)
+        moving = state_at(environment, coordinates_of(STILL, state), state)
         return direct(LIGHT, environment, moving, controls)
 
     still = direct(LIGHT, CALM, state, controls)

@@ -23,6 +23,11 @@ class AbstractEngine(eqx.Module):
     Thrust follows from the power and the air; a controller reaches it through the inverses.
     """
 
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of the elements of the state, in the order of its leaves."""
+        return ("power",)
+
     @abc.abstractmethod
     def settled(self, power: ScalarLike) -> Any:
         """State of an engine that runs steadily at a power (percent); has an attribute `power`."""

@@ -97,11 +97,6 @@ def _rows(
 ) -> tuple[tuple[str, float, str], ...]:
     roll, pitch, _ = euler_from_quaternion(point.state.quaternion)
     air = standard_environment().atmosphere.at(altitude_m)
-    direction = [
-        jnp.cos(point.alpha) * jnp.cos(point.beta),
-        jnp.sin(point.beta),
-        jnp.sin(point.alpha) * jnp.cos(point.beta),
-    ]
     data = air_data(speed_m_s * jnp.stack([ca * cb, sb, sa * cb]), altitude_m, air)
     thrust = float(airframe.engine.propulsion(point.power, data).force_b[0])
     flow = {"angle of attack": point.alpha, "sideslip": point.beta, "roll": roll, "pitch": pitch}
