@@ -10,7 +10,7 @@ from anser.control import AutopilotSignals, FlightLimits, wrapped
 from anser.environment import Environment
 from anser.planning import PathCommand
 from anser.sensing import Belief
-from anser.shapes import Flag, Scalar, ScalarLike, Vector3
+from anser.shapes import Flag, Scalar, ScalarLike, Vector, Vector3
 from anser.simulation.flight_summary import FlightSummary, Sample
 from anser.simulation.recorder import AircraftSample
 from anser.simulation.trim import TrimTarget
@@ -90,7 +90,7 @@ def sample_of(
     )
 
 
-def surface_share(airframe: AbstractAirframe, surfaces: Vector3) -> Vector3:
+def surface_share(airframe: AbstractAirframe, surfaces: Vector) -> Vector:
     """Part of the way from the middle to the stop at which each surface (rad) stands."""
     lower, upper = airframe.actuators.lower, airframe.actuators.upper
     return jnp.abs(2 * surfaces - lower - upper) / (upper - lower)
