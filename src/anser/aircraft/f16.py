@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from anser.aircraft.actuators import FirstOrderActuators
+from anser.aircraft.actuators import AbstractActuators, FirstOrderActuators
 from anser.aircraft.air_data import AirData
 from anser.aircraft.f16_engine import F16Engine
 from anser.aircraft.interface import AbstractAirframe, MassProperties
@@ -58,10 +58,10 @@ class F16(AbstractAirframe):
     """
 
     mass_properties: MassProperties
-    actuators: FirstOrderActuators
+    actuators: AbstractActuators
     alpha_range: tuple[Scalar, Scalar]
     beta_range: tuple[Scalar, Scalar]
-    engine: F16Engine
+    engine: F16Engine  # pyright: ignore[reportIncompatibleVariableOverride] - whose tables deviations scale
     span: Scalar
     wing_area: Scalar
     mean_chord: Scalar

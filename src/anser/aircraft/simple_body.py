@@ -7,9 +7,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from anser.aircraft.actuators import FirstOrderActuators
+from anser.aircraft.actuators import AbstractActuators, FirstOrderActuators
 from anser.aircraft.air_data import AirData
-from anser.aircraft.engine import NoEngine
+from anser.aircraft.engine import AbstractEngine, NoEngine
 from anser.aircraft.interface import AbstractAirframe, MassProperties
 from anser.aircraft.wrench import Wrench
 from anser.shapes import Flag, Scalar, Vector, Vector3
@@ -32,8 +32,8 @@ class SimpleBody(AbstractAirframe):
     """
 
     mass_properties: MassProperties
-    actuators: FirstOrderActuators
-    engine: NoEngine
+    actuators: AbstractActuators
+    engine: AbstractEngine
     alpha_range: tuple[Scalar, Scalar]
     beta_range: tuple[Scalar, Scalar]
     area: Scalar

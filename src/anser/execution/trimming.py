@@ -97,6 +97,7 @@ def _rows(
 ) -> tuple[tuple[str, float, str], ...]:
     roll, pitch, _ = euler_from_quaternion(point.state.quaternion)
     air = standard_environment().atmosphere.at(altitude_m)
+    ca, sa, cb, sb = (f(x) for x in (point.alpha, point.beta) for f in (jnp.cos, jnp.sin))
     data = air_data(speed_m_s * jnp.stack([ca * cb, sb, sa * cb]), altitude_m, air)
     thrust = float(airframe.engine.propulsion(point.power, data).force_b[0])
     flow = {"angle of attack": point.alpha, "sideslip": point.beta, "roll": roll, "pitch": pitch}

@@ -10,19 +10,19 @@ from jaxtyping import Array, Float
 
 from anser.aircraft import (
     F16,
+    AbstractActuators,
     AbstractAirframe,
+    AbstractEngine,
     AircraftState,
     AirData,
     Controls,
     Deflections,
     EnginePower,
-    FirstOrderActuators,
     MassProperties,
     Wrench,
     moment_for_acceleration,
     state_derivative,
 )
-from anser.aircraft.f16_engine import F16Engine
 from anser.environment import AbstractAtmosphere, Air, Environment, FlatEarth, SteadyWind
 from anser.scenario.library import load_airframe
 from anser.shapes import Flag, Scalar, ScalarLike, Vector, Vector3
@@ -66,8 +66,8 @@ class TextbookF16(AbstractAirframe):
     f16: F16
     rounded_inertia: bool = eqx.field(static=True)
     mass_properties: MassProperties
-    actuators: FirstOrderActuators
-    engine: F16Engine
+    actuators: AbstractActuators
+    engine: AbstractEngine
     alpha_range: tuple[Scalar, Scalar]
     beta_range: tuple[Scalar, Scalar]
 
