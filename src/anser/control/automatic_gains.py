@@ -1,0 +1,103 @@
+"""Gains from the aircraft itself: as fast as its actuators, its sampling, its authority and its engine bear."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from anser.aircraft import AbstractAirframe, Condition
+from anser.control.allocation import deflection_for_moment, surface_moments
+from anser.control.gain_design import designed_gains
+from anser.control.gains import AutopilotGains, published_gains
+from anser.numerics import product3
+from anser.shapes import Scalar, ScalarLike, Vector
+
+_ACTUATORS = 2.0
+"""Bandwidth that is asked of an actuator, over that of its own lag: 40 1/s of the F-16's 20.2 1/s."""
+_SAMPLES = 0.4
+"""Bandwidth that is asked of an actuator, at most, times the sampling period."""
+_RATES, _ATTITUDE, _VELOCITY = 8.0, 2.5, 2.0
+"""Bandwidth of each loop: that of the one inside it over this, as in the published gains (40, 5, 2, 1 1/s)."""
+_RATE_ERROR = np.radians(20.0)
+"""Error of a body rate that the surfaces must be able to work on in full, rad/s."""
+_ENGINE, _ENGINE_MOST = 5.0, 5.0
+"""Bandwidth that is asked of the engine, over that of its own lag and in 1/s, at most."""
+_INTEGRAL_RATES, _INTEGRAL_VELOCITY = np.sqrt(50.0), np.sqrt(10.0)
+"""Damping of the pairs that the integrals make, as in the published gains."""
+
+
+class Bandwidths(eqx.Module):
+    """Bandwidths of the loops, 1/s.
+
+    Attributes
+    ----------
+    actuators, engine
+        That are asked of them by inverting their lags.
+    rates, attitude, velocity
+        Of (P, Q, R), (mu, alpha, beta), (V, gamma, chi).
+    """
+
+    actuators: Scalar
+    engine: Scalar
+    rates: Vector
+    attitude: Vector
+    velocity: Vector
+
+
+def own_bandwidths(airframe: AbstractAirframe, now: Condition, surfaces: Vector, power: ScalarLike, step: ScalarLike) -> Bandwidths:
+    """Bandwidths that an aircraft bears in a steady condition.
+
+    The ratios are those of the published gains of the F-16 ([TH]; theory section 5), which come out for it but for the
+    rounding of its actuators' lag.
+
+    Parameters
+    ----------
+    airframe, now
+        In steady flight.
+    surfaces, power
+        There, rad and percent.
+    step
+        Sampling period, s.
+    """
+    actuators = airframe.actuators
+    commanded = np.flatnonzero(actuators.commanded)
+    fastest = _ACTUATORS / jnp.max(actuators.time_constant[commanded])
+    of_actuators = jnp.minimum(fastest, _SAMPLES / step)
+    moments = surface_moments(airframe, now, jnp.zeros(3), surfaces)
+    each = product3(deflection_for_moment(actuators, moments.slope), airframe.mass_properties.inertia_b)
+    left = jnp.minimum(surfaces - actuators.lower, actuators.upper - surfaces)
+    used = jnp.abs(each) / jnp.maximum(left, 1e-3)[:, None]
+    able = 1.0 / jnp.maximum(jnp.max(used[commanded], axis=0), 1e-6)
+    rates = jnp.minimum(of_actuators / _RATES, able / _RATE_ERROR)
+    if not actuators.controls_yaw:
+        rates = rates.at[2].set(jnp.min(rates[:2]))
+    attitude = rates / _ATTITUDE
+
+    def power_rate(of: Scalar) -> Scalar:
+        engine = airframe.engine
+        return engine.rate(engine.settled(of), engine.throttle_for_power(power), now.air_data).power
+
+    own = -jax.grad(power_rate)(jnp.asarray(power, dtype=float))
+    of_engine = jnp.clip(_ENGINE * own, 1e-2, _ENGINE_MOST)
+    # path angle rests on angle of attack, course on bank, airspeed on the engine
+    velocity = jnp.stack([jnp.minimum(of_engine, attitude[1]), attitude[1], attitude[0]]) / _VELOCITY
+    return Bandwidths(of_actuators, of_engine, rates, attitude, velocity)
+
+
+def automatic_gains(bandwidths: Bandwidths) -> AutopilotGains:
+    """Gains of all loops from their bandwidths; feed-forward, dampings and filters keep the published proportions."""
+    published, b = published_gains(), bandwidths
+    damping = jnp.ones(3)
+    slowest = {"rates": jnp.min(b.rates), "attitude": jnp.min(b.attitude[:2])}
+    return AutopilotGains(
+        rates=designed_gains(b.rates, _INTEGRAL_RATES * damping, 1.0),
+        attitude=designed_gains(b.attitude, jnp.inf * damping),
+        velocity=designed_gains(b.velocity, _INTEGRAL_VELOCITY * damping),
+        attitude_command_bandwidth=2.0 * slowest["attitude"],
+        rates_command_bandwidth=0.6 * slowest["rates"],
+        surfaces_command_bandwidth=0.5 * b.actuators,
+        actuator_bandwidth=b.actuators,
+        surface_bandwidth=published.surface_bandwidth * slowest["attitude"] / 2.0,
+        engine_bandwidth=b.engine,
+        sensor_bandwidth=published.sensor_bandwidth,
+    )
