@@ -69,7 +69,7 @@ class CertifiedPlanner(AbstractPlanner):
     sides
         Side of each aircraft's detour: +1 right, -1 left, 0 either.
     speed
-        Mean airspeed that all prefer, m/s.
+        Mean airspeed that each prefers, m/s.
     limits
         What each path may ask; leading axis aircraft.
     roll_rates_max
@@ -93,7 +93,7 @@ class CertifiedPlanner(AbstractPlanner):
     """
 
     sides: Int[Array, " aircraft"]
-    speed: Scalar
+    speed: Float[Array, " aircraft"]
     limits: PathLimits
     roll_rates_max: Float[Array, " aircraft"]
     airspace: Airspace
@@ -271,7 +271,7 @@ class CertifiedPlanner(AbstractPlanner):
             goal_position_n=reports.goal_position_n,
             goal_velocity_n=reports.goal_velocity_n,
             rendezvous=reports.rendezvous,
-            speed=jnp.full(self.sides.shape, self.speed),
+            speed=self.speed,
             side=self.sides,
             limits=limits,
             roll_rate_max=self.roll_rates_max,
