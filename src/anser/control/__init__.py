@@ -2,6 +2,7 @@
 
 from anser.control.allocation import allocate, surface_moments
 from anser.control.authority import surface_authority
+from anser.control.automatic_gains import Bandwidths, automatic_gains, own_bandwidths
 from anser.control.autopilot import AutopilotSignals
 from anser.control.excitation import Excitation
 from anser.control.feedback import Differentiator, advanced_integral, brakeable, virtual_control, wrapped
@@ -33,6 +34,7 @@ __all__ = [
     "AutopilotGains",
     "AutopilotSignals",
     "AutopilotState",
+    "Bandwidths",
     "Differentiator",
     "Excitation",
     "FlightLimits",
@@ -48,6 +50,7 @@ __all__ = [
     "PathMotion",
     "advanced_integral",
     "allocate",
+    "automatic_gains",
     "brakeable",
     "chart_velocities",
     "crosses_centre",
@@ -62,6 +65,7 @@ __all__ = [
     "loop_bandwidth",
     "no_residual",
     "over_ground",
+    "own_bandwidths",
     "path_motion",
     "published_gains",
     "separations",

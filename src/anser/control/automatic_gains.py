@@ -44,7 +44,9 @@ class Bandwidths(eqx.Module):
     velocity: Vector
 
 
-def own_bandwidths(airframe: AbstractAirframe, now: Condition, surfaces: Vector, power: ScalarLike, step: ScalarLike) -> Bandwidths:
+def own_bandwidths(
+    airframe: AbstractAirframe, now: Condition, surfaces: Vector, power: ScalarLike, step: ScalarLike
+) -> Bandwidths:
     """Bandwidths that an aircraft bears in a steady condition.
 
     The ratios are those of the published gains of the F-16 ([TH]; theory section 5), which come out for it but for the

@@ -1,0 +1,71 @@
+"""Gains from the aircraft itself: the published ones for the F-16, slower ones for slower actuators, samples, surfaces."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from anser.aircraft import condition
+from anser.control import SEPARATION_MIN, automatic_gains, own_bandwidths, published_gains, separations
+from anser.environment import standard_environment
+from anser.scenario import load_airframe
+from support.light_aircraft import light_aircraft
+from support.trims import target_deg, trim
+
+ENVIRONMENT = standard_environment()
+
+
+@eqx.filter_jit
+def bandwidths_of(airframe, point, step):
+    now = condition(airframe, ENVIRONMENT, 0.0, point.state)
+    return own_bandwidths(airframe, now, point.state.surfaces, point.power, step)
+
+
+@pytest.fixture(scope="module")
+def light():
+    airframe = light_aircraft()
+    return airframe, trim(airframe, ENVIRONMENT, target_deg(53.0, 500.0))
+
+
+def test_those_of_the_f16_are_the_published_ones():
+    f16 = load_airframe()
+    found = automatic_gains(bandwidths_of(f16, trim(f16, ENVIRONMENT, target_deg(150.0, 1000.0)), 0.01))
+    for name, one, other in zip(
+        vars(published_gains()), jax.tree.leaves(found), jax.tree.leaves(published_gains()), strict=False
+    ):
+        # the ratios are the published ones; the lag of the actuators, 1/20.2 s, is not 1/20 s, the sample bounds it
+        np.testing.assert_allclose(one, other, rtol=1e-9, err_msg=name)
+
+
+def test_they_follow_actuators_samples_and_authority(light):
+    airframe, point = light
+    own = bandwidths_of(airframe, point, 0.01)
+    slow = eqx.tree_at(lambda a: a.actuators.time_constant, airframe, 2.0 * airframe.actuators.time_constant)
+    np.testing.assert_allclose(bandwidths_of(slow, point, 0.01).rates, 0.5 * own.rates, rtol=1e-12)
+    np.testing.assert_allclose(bandwidths_of(airframe, point, 0.05).actuators, 8.0)
+    # ailerons that hardly reach anything: roll waits, and yaw, which they have to balance
+    weak = eqx.tree_at(
+        lambda a: (a.actuators.lower, a.actuators.upper),
+        airframe,
+        (airframe.actuators.lower.at[1].set(-0.002), airframe.actuators.upper.at[1].set(0.002)),
+    )
+    found = bandwidths_of(weak, point, 0.01)
+    assert found.rates[0] < 0.2 * own.rates[0]
+    np.testing.assert_allclose(found.rates[1], own.rates[1], rtol=1e-12)
+    assert found.velocity[2] < 0.2 * own.velocity[2]
+
+
+def test_loops_stay_apart(light):
+    airframe, point = light
+    for pair in separations(automatic_gains(bandwidths_of(airframe, point, 0.01))):
+        assert pair.ratio >= SEPARATION_MIN - 1e-9, pair
+
+
+def test_derivatives_are_finite(light):
+    airframe, point = light
+
+    def total(step):
+        return sum(jnp.sum(leaf) for leaf in jax.tree.leaves(bandwidths_of(airframe, point, step)))
+
+    assert jnp.isfinite(jax.grad(total)(0.02))
