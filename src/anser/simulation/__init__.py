@@ -1,6 +1,7 @@
 """Simulation: the closed loop of a fleet, trim, responses, linear models, the recorded history."""
 
 from anser.simulation.broken_loop import HELD_BACK, MemoryFields, breakpoints, loop_memory
+from anser.simulation.capability import Capability, capability_of, capability_points
 from anser.simulation.certified_planner import CertifiedPlanner, CertifiedPlanState
 from anser.simulation.closed_loop import fly_alone, trimmed_vehicle
 from anser.simulation.decentralised_planner import DecentralisedPlanner, DecentralisedPlanState
@@ -41,6 +42,7 @@ __all__ = [
     "TRIM_STOPS",
     "AbstractRecorder",
     "AircraftSample",
+    "Capability",
     "CertifiedPlanState",
     "CertifiedPlanner",
     "DecentralisedPlanState",
@@ -81,6 +83,8 @@ __all__ = [
     "assign_holds",
     "begin",
     "breakpoints",
+    "capability_of",
+    "capability_points",
     "cells_for",
     "fly",
     "fly_alone",
