@@ -9,7 +9,10 @@ from anser.aircraft.actuators import (
     SecondOrderActuators,
 )
 from anser.aircraft.air_data import AirData, air_data
+from anser.aircraft.derivative_aircraft import NEVER, DerivativeAircraft, Validity
+from anser.aircraft.derivative_dispersed import DerivativeDispersion, dispersed_derivative_aircraft
 from anser.aircraft.disturbance import Disturbance, no_disturbance
+from anser.aircraft.electric_propeller import ElectricPropeller
 from anser.aircraft.engine import AbstractEngine, EnginePower, NoEngine, along_body_x
 from anser.aircraft.f16 import F16, F16Coefficients, f16_from_data
 from anser.aircraft.f16_dispersed import (
@@ -19,7 +22,9 @@ from anser.aircraft.f16_dispersed import (
     no_dispersion,
 )
 from anser.aircraft.interface import AbstractAirframe, AircraftState, Controls, MassProperties
+from anser.aircraft.jet_engine import JetEngine
 from anser.aircraft.motion import MotionState, Moving, motion_derivative, moving_state, seen_state
+from anser.aircraft.piston_propeller import PistonPropeller
 from anser.aircraft.rigid_body import (
     Condition,
     angular_acceleration,
@@ -34,6 +39,7 @@ from anser.aircraft.wrench import Wrench
 __all__ = [
     "F16",
     "F16_COEFFICIENTS",
+    "NEVER",
     "STANDARD_SURFACES",
     "AbstractActuators",
     "AbstractAirframe",
@@ -43,25 +49,32 @@ __all__ = [
     "Condition",
     "Controls",
     "Deflections",
+    "DerivativeAircraft",
+    "DerivativeDispersion",
     "Disturbance",
     "EarthFixedState",
+    "ElectricPropeller",
     "EnginePower",
     "F16Coefficients",
     "F16Dispersion",
     "FirstOrderActuators",
+    "JetEngine",
     "MassProperties",
     "MotionState",
     "Moving",
     "MovingDeflections",
     "NoEngine",
+    "PistonPropeller",
     "SecondOrderActuators",
     "SimpleBody",
+    "Validity",
     "Wrench",
     "air_data",
     "along_body_x",
     "angular_acceleration",
     "body_from_data",
     "condition",
+    "dispersed_derivative_aircraft",
     "dispersed_f16",
     "earth_fixed_derivative",
     "earth_fixed_state",

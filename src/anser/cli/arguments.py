@@ -27,8 +27,9 @@ def complete_run(incomplete: str) -> list[str]:
 
 
 def complete_aircraft(incomplete: str) -> list[str]:
-    """Airframes that begin so."""
-    return [name for name in AIRFRAMES if name.startswith(incomplete)]
+    """Airframes that begin so, and aircraft files in this folder and two below."""
+    names = [name for name in AIRFRAMES if name.startswith(incomplete)]
+    return names + _found(incomplete, _is_airframe)
 
 
 def complete_variant(context: typer.Context, incomplete: str) -> list[str]:
@@ -36,6 +37,10 @@ def complete_variant(context: typer.Context, incomplete: str) -> list[str]:
     known = VARIANTS.get(context.params.get("aircraft") or "")
     names = known if known is not None else dict.fromkeys(itertools.chain(*VARIANTS.values()))
     return [name for name in names if name.startswith(incomplete)]
+
+
+def _is_airframe(path: Path) -> bool:
+    return path.suffix == ".toml" and path.is_file() and b"[[surface]]" in path.read_bytes()
 
 
 def _is_scenario(path: Path) -> bool:
@@ -78,9 +83,18 @@ RunFolder = Annotated[
     Path,
     typer.Argument(help="Folder of a run: flight.nc, summary.json.", show_default=False, autocompletion=complete_run),
 ]
-AircraftName = Annotated[str, typer.Option(help=f"Airframe: {', '.join(AIRFRAMES)}.", autocompletion=complete_aircraft)]
+AircraftName = Annotated[
+    str,
+    typer.Option(
+        help=f"Airframe: {', '.join(AIRFRAMES)}, the name of an entry point, or the path of an aircraft file.",
+        autocompletion=complete_aircraft,
+    ),
+]
 VariantName = Annotated[
-    str, typer.Option(help="Published set of tables: textbook, s119 or founding.", autocompletion=complete_variant)
+    str,
+    typer.Option(
+        help="Published set of tables of the F-16: textbook, s119 or founding.", autocompletion=complete_variant
+    ),
 ]
 CentreOfGravity = Annotated[
     float | None,

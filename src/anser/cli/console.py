@@ -31,7 +31,8 @@ from rich.progress import (
 from rich.table import Column, Table
 from rich.text import Text
 
-from anser.scenario import AIRFRAMES, VARIANTS
+from anser.scenario import VARIANTS
+from anser.scenario.airframe_file import SUFFIXES, known_types, unknown_type
 
 screen = Console()
 note = Console(stderr=True, highlight=False)
@@ -347,8 +348,11 @@ def _option(parameter: str) -> str:
 
 
 def must_be_known(aircraft: str, variant: str) -> None:
-    """Refuse an airframe, or a variant of it, that the library does not have."""
-    if aircraft not in AIRFRAMES:
-        raise RefusedError(f"--aircraft: arrived {aircraft!r}; expected one of {', '.join(AIRFRAMES)}")
-    if variant not in VARIANTS[aircraft]:
-        raise RefusedError(f"--variant: arrived {variant!r}; expected one of {', '.join(VARIANTS[aircraft])}")
+    """Refuse an airframe that nobody offers, or a variant that it does not have; files are read later."""
+    if Path(aircraft).suffix not in SUFFIXES and aircraft not in known_types():
+        words = f"{unknown_type(aircraft)}, or the path of an aircraft file (.toml)"
+        raise RefusedError(f"--aircraft: arrived {aircraft!r}; expected {words}")
+    known = VARIANTS.get(aircraft, ("textbook",))
+    if variant not in known:
+        words = f"one of {', '.join(known)}" if aircraft in VARIANTS else f"none: {aircraft} has no variants"
+        raise RefusedError(f"--variant: arrived {variant!r}; expected {words}")

@@ -118,7 +118,9 @@ def _survey(aircraft: str, variant: str, inversion: Inversion, step_s: float, co
 
 
 def _name(of: dict[str, Any]) -> str:
-    return f"{of['aircraft']} ({of['variant']})"
+    from anser.execution import name_of
+
+    return name_of(of)
 
 
 def _print(found: "xr.Dataset") -> None:

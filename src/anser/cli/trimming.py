@@ -61,10 +61,12 @@ def trim(
         "pitch_rate_deg_s": pitch_rate_deg_s,
     }
     must_be_flight_condition(condition | {"cg": cg})
+    from anser.aircraft import F16
+    from anser.execution import airframe_of, name_of
     from anser.execution import trim as find
-    from anser.scenario import load_airframe
 
-    airframe = load_airframe(aircraft, variant, cg)
+    airframe, of = airframe_of(aircraft, variant, cg)
+    centre = {"x_cg_over_c": float(airframe.x_cg)} if isinstance(airframe, F16) else {}
     with working("solving"):
         found = find(airframe, **condition)
     if found.diagnosis is not None:
@@ -72,16 +74,16 @@ def trim(
     answer(
         lambda: {
             "format_version": 1,
-            "aircraft": aircraft,
-            "variant": variant,
-            "x_cg_over_c": float(airframe.x_cg),
+            **of,
+            **centre,
             **condition,
             "quantities": [{"name": name, "value": value, "unit": unit or "1"} for name, value, unit in found.rows],
         }
     )
-    title = f"{aircraft} ({variant}) at {speed_m_s:g} m/s, {altitude_m:g} m"
+    title = f"{name_of(of)} at {speed_m_s:g} m/s, {altitude_m:g} m"
     table = plain_table(title, "quantity", *columns("value", justify="right"), "unit")
-    for name, value, unit in (("centre of gravity", float(airframe.x_cg), "of chord"), *found.rows):
+    placed = [("centre of gravity", value, "of chord") for value in centre.values()]
+    for name, value, unit in (*placed, *found.rows):
         table.add_row(name, f"{value:.4f}", unit)
     print_table(table)
 
@@ -150,12 +152,14 @@ def linearize(
 
 
 def _print_model(found: "Linearized") -> None:
+    from anser.execution import name_of
+
     model, of = found.model, found.condition
+    centre = f", centre of mass {of['x_cg_over_c']:.3g}," if "x_cg_over_c" in of else ""
     sampled = float(model.step) > 0
     kind = f"{of['loop']} loop, sampled every {float(model.step):g} s" if sampled else "open loop"
     lines = [
-        f"{of['aircraft']} ({of['variant']}, centre of mass {of['x_cg_over_c']:.3g}) at {of['speed_m_s']:g} m/s, "
-        f"{of['altitude_m']:g} m: {kind}",
+        f"{name_of(of)}{centre} at {of['speed_m_s']:g} m/s, {of['altitude_m']:g} m: {kind}",
         "SI units and radians; power in percent",
         "",
         *_mode_lines(found.modes),

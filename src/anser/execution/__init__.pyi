@@ -1,5 +1,5 @@
 from .certified import CertifiedPlanned
-from .conditions import ConditionError, Inversion
+from .conditions import ConditionError, Inversion, airframe_of, name_of
 from .dispersion import FlightPoint
 from .envelope import EnvelopeSurvey, survey
 from .envelope_cases import survey_limits
@@ -38,11 +38,13 @@ __all__ = [
     "RobustnessStudy",
     "StepTest",
     "SteppedFlight",
+    "airframe_of",
     "fly_climb_and_turn",
     "fly_steps",
     "linearize",
     "margin_document",
     "margins_at",
+    "name_of",
     "plan",
     "read_plan",
     "robustness_study",

@@ -1,6 +1,7 @@
 """What trims, linear models, step tests and surveys begin with: an airframe, gains, a steady flight."""
 
-from typing import Literal
+from collections.abc import Mapping
+from typing import Any, Literal
 
 import equinox as eqx
 import jax
@@ -10,7 +11,7 @@ from anser.aircraft import AbstractAirframe
 from anser.compiling import compiled
 from anser.control import AutopilotGains, published_gains
 from anser.environment import Environment
-from anser.scenario import load_airframe
+from anser.scenario import VARIANTS, load_airframe
 from anser.scenario.schema_aircraft import Gains
 from anser.simulation import MapPoint, TrimPoint, TrimTarget, map_point, nearest_trims, solve_trim, trim_violations
 
@@ -26,28 +27,40 @@ class ConditionError(ValueError):
 def airframe_of(
     aircraft: str | AbstractAirframe, variant: str = "textbook", x_cg_over_c: float | None = None
 ) -> tuple[AbstractAirframe, dict[str, str | int | float]]:
-    """Airframe of the library by its name, or the caller's own as it is; and attributes that say which.
+    """Airframe by its name or file, or the caller's own as it is; and attributes that say which.
 
     Parameters
     ----------
     aircraft
-        Name of an airframe of the library, or an airframe.
+        Name of an airframe of the library or of an entry point, path of an aircraft file, or an airframe.
     variant, x_cg_over_c
-        Of the library's airframe: see `load_airframe`.
+        Of the library's F-16: see `load_f16`.
 
     Raises
     ------
     ValueError
-        No such airframe; or a centre of gravity for an airframe that is not the library's.
+        No such airframe; or a centre of gravity for an airframe that is not the library's F-16.
+    ScenarioError
+        No valid aircraft file.
     """
     if isinstance(aircraft, str):
-        return load_airframe(aircraft, variant, x_cg_over_c), {"aircraft": aircraft, "variant": variant}
+        of: dict[str, str | int | float] = {"aircraft": aircraft}
+        return load_airframe(aircraft, variant, x_cg_over_c), of | (
+            {"variant": variant} if aircraft in VARIANTS else {}
+        )
     if x_cg_over_c is not None:
         raise ValueError(
             f"x_cg_over_c: arrived {x_cg_over_c} with an airframe of your own; expected None, "
             "and the airframe built with the centre of gravity that it is to have"
         )
     return aircraft, {"aircraft": "custom"}
+
+
+def name_of(attributes: Mapping[str, Any]) -> str:
+    """Airframe as attributes of `airframe_of` name it, with its variant where it has one."""
+    return " ".join(
+        [str(attributes["aircraft"]), *(f"({attributes[key]})" for key in ("variant",) if key in attributes)]
+    )
 
 
 def gains_for(inversion: Inversion, gains: AutopilotGains | None = None) -> AutopilotGains:

@@ -27,7 +27,7 @@ from anser.execution.dispersion import (
 )
 from anser.execution.envelope_cases import COMMANDS, described, tolerance_of
 from anser.results import judge, robustness_dataset
-from anser.scenario import load_airframe
+from anser.scenario import load_f16
 from anser.scenario.schema_aircraft import Gains
 from anser.sensing import DelayedSensors, DirectEstimator
 from anser.simulation import FlightSummary, MapPoint, TrimPoint, TrimTarget, map_point, survey_flight, trim_target
@@ -97,7 +97,7 @@ def robustness_study(
         cases = dispersed_cases(flights, spread, seed, len(conditions))
         if sweep:
             cases += spread_cases(_FLIGHTS_OF_SWEEP, seed, len(conditions)) + alone_cases(len(conditions))
-    nominal = load_airframe("f16", variant)
+    nominal = load_f16(variant)
     if not isinstance(nominal, F16):
         raise TypeError(f"expected an F16, not a {type(nominal).__name__}")
     environment, limits = standard_environment(), default_limits()

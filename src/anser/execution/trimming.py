@@ -12,6 +12,8 @@ from anser.simulation import TrimPoint, nearest_trims, trim_target, trim_violati
 from anser.spatial import euler_from_quaternion
 from anser.units import DEG_RAD, RAD_DEG
 
+_HEAVY_KG = 1000.0
+"""Thrust of aircraft of more mass is told in kN."""
 _ROUNDING = 1e-12
 """Values below this are rounding noise of a zero, such as the bank of straight flight."""
 
@@ -100,6 +102,7 @@ def _rows(
     ca, sa, cb, sb = (f(x) for x in (point.alpha, point.beta) for f in (jnp.cos, jnp.sin))
     data = air_data(speed_m_s * jnp.stack([ca * cb, sb, sa * cb]), altitude_m, air)
     thrust = float(airframe.engine.propulsion(point.power, data).force_b[0])
+    heavy = float(airframe.mass_properties.mass) > _HEAVY_KG
     flow = {"angle of attack": point.alpha, "sideslip": point.beta, "roll": roll, "pitch": pitch}
     rates = zip(("roll rate", "pitch rate", "yaw rate"), point.state.rates_b, strict=True)
     surfaces = zip(airframe.actuators.names, point.state.surfaces, strict=True)
@@ -109,7 +112,7 @@ def _rows(
         *((name, float(angle) * RAD_DEG, "deg") for name, angle in surfaces),
         ("throttle", float(point.controls.throttle), "0 to 1"),
         ("engine power", float(point.power), "percent"),
-        ("thrust", thrust / 1000, "kN"),
+        ("thrust", thrust / 1000, "kN") if heavy else ("thrust", thrust, "N"),
         ("Mach number", float(data.mach), ""),
     )
     return tuple((name, 0.0 if abs(value) < _ROUNDING else value, unit) for name, value, unit in rows)

@@ -6,6 +6,7 @@ Reading and checking a scenario needs no JAX; what builds arrays is loaded on fi
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from anser.scenario.airframe_file import AirframeFile, read_airframe
 from anser.scenario.airframe_names import AIRFRAMES, BODIES, VARIANTS
 from anser.scenario.cautions import cautions
 from anser.scenario.converting import convert
@@ -17,12 +18,13 @@ from anser.scenario.template import starter_scenario, write_starter
 
 if TYPE_CHECKING:
     from anser.scenario.build import build_environment, build_flight, build_path_limits
-    from anser.scenario.library import load_airframe, load_body
+    from anser.scenario.library import load_airframe, load_body, load_f16
 
 __all__ = [
     "AIRFRAMES",
     "BODIES",
     "VARIANTS",
+    "AirframeFile",
     "Problem",
     "Scenario",
     "ScenarioError",
@@ -35,7 +37,9 @@ __all__ = [
     "load",
     "load_airframe",
     "load_body",
+    "load_f16",
     "loads",
+    "read_airframe",
     "scenario_hash",
     "starter_scenario",
     "validate",
@@ -49,6 +53,7 @@ _WHERE = {
     "build_path_limits": "anser.scenario.build",
     "load_airframe": "anser.scenario.library",
     "load_body": "anser.scenario.library",
+    "load_f16": "anser.scenario.library",
 }
 
 

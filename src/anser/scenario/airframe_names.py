@@ -1,5 +1,8 @@
 """The names of what comes with anser: airframes, their variants, and rigid bodies for free flight."""
 
-AIRFRAMES = ("f16",)
+FILES = ("aerosonde",)
+"""Airframes of the library that are aircraft files."""
+AIRFRAMES = ("f16", *FILES)
 BODIES = ("dragless-sphere", "sphere", "undamped-brick", "brick")
 VARIANTS = {"f16": ("textbook", "s119", "founding")}
+"""Variants of the airframes that have any."""

@@ -8,7 +8,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array
 
-from anser.aircraft import F16_COEFFICIENTS, F16Dispersion, dispersed_f16
+from anser.aircraft import F16, F16_COEFFICIENTS, AbstractAirframe, DerivativeAircraft, F16Dispersion, dispersed_f16
 from anser.control import (
     AutopilotGains,
     FlightLimits,
@@ -42,10 +42,11 @@ from anser.planning import (
 )
 from anser.planning.certified import Airspace, KeepOuts, Separation
 from anser.planning.time_coordination import CoordinationGains
+from anser.scenario.airframe_file.build import dispersed_airframe
 from anser.scenario.build_air import build_gusts
 from anser.scenario.build_events import changed_motion, faults_of
 from anser.scenario.build_sensing import build_estimator, build_sensors
-from anser.scenario.library import load_airframe
+from anser.scenario.library import airframe_of_table, span_of
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_aircraft import Aircraft, AttitudeGains, Gains, RateGains, VelocityGains
 from anser.scenario.schema_deviation import Deviation
@@ -119,12 +120,12 @@ def build_flight(scenario: Scenario, *, filled_up: bool = False, flight: int = 0
 def _vehicle(
     scenario: Scenario, aircraft: Aircraft, goal: GoalMotion, guidance: GuidanceSettings, limits: FlightLimits
 ) -> Vehicle:
-    gains, known = build_gains(aircraft), load_airframe(aircraft.type, aircraft.variant, aircraft.x_cg_over_c)
+    gains, known = build_gains(aircraft), build_airframe_of(aircraft)
     dispersed = aircraft.deviation != Deviation()
-    airframe = dispersed_f16(known, _dispersion(aircraft.deviation)) if dispersed else known
+    airframe = _dispersed(known, aircraft.deviation) if dispersed else known
     return Vehicle(
         airframe=airframe,
-        gusts=build_gusts(scenario, aircraft, airframe.span),
+        gusts=build_gusts(scenario, aircraft, span_of(airframe) if scenario.is_gusty else 0.0),
         sensors=build_sensors(scenario),
         estimator=build_estimator(scenario, goal, known if dispersed else None),
         guidance=FollowPlan(guidance),
@@ -137,6 +138,19 @@ def _vehicle(
         ),
         faults=faults_of(aircraft, scenario.event),
     )
+
+
+def build_airframe_of(aircraft: Aircraft) -> AbstractAirframe:
+    """Airframe of one aircraft as its autopilot and planner know it."""
+    return airframe_of_table(aircraft.type, aircraft.variant, aircraft.x_cg_over_c, aircraft.airframe)
+
+
+def _dispersed(known: AbstractAirframe, deviation: Deviation) -> AbstractAirframe:
+    if isinstance(known, F16):
+        return dispersed_f16(known, _dispersion(deviation))
+    if isinstance(known, DerivativeAircraft):
+        return dispersed_airframe(known, deviation)
+    raise TypeError(f"a deviation of {type(known).__name__}, of which no coefficients are known")
 
 
 def _guidance(scenario: Scenario) -> GuidanceSettings:

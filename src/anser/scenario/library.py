@@ -1,12 +1,16 @@
-"""The airframes that come with anser, read from their data files."""
+"""Airframes by name or file: the library's, those of entry points, and aircraft files."""
 
 import functools
 import json
+import os
 from importlib import resources
+from pathlib import Path
 from typing import Any
 
-from anser.aircraft import F16, SimpleBody, body_from_data, f16_from_data
-from anser.scenario.airframe_names import AIRFRAMES
+from anser.aircraft import F16, AbstractAirframe, DerivativeAircraft, SimpleBody, body_from_data, f16_from_data
+from anser.scenario.airframe_file import SUFFIXES, AirframeFile, entry_points, library_file, read_airframe, unknown_type
+from anser.scenario.airframe_file.build import build_airframe
+from anser.scenario.airframe_names import FILES
 
 
 @functools.cache
@@ -15,26 +19,83 @@ def _data(name: str) -> dict[str, Any]:
 
 
 @functools.cache
-def load_airframe(name: str = "f16", variant: str = "textbook", x_cg_over_c: float | None = None) -> F16:
-    """Build an airframe of the library.
+def load_f16(variant: str = "textbook", x_cg_over_c: float | None = None) -> F16:
+    """Build the F-16 of the library.
 
     Parameters
     ----------
-    name
-        One of `anser.scenario.AIRFRAMES`.
     variant
-        One of `anser.scenario.VARIANTS[name]`.
+        One of `anser.scenario.VARIANTS["f16"]`.
     x_cg_over_c
         Centre of gravity as a fraction of the mean chord; the variant's own where None.
 
     Raises
     ------
     ValueError
-        If the name or variant is unknown; the message lists the known ones.
+        If the variant is unknown; the message lists the known ones.
     """
-    if name not in AIRFRAMES:
-        raise ValueError(f"aircraft type {name!r}: known are {', '.join(AIRFRAMES)}")
-    return f16_from_data(_data(name), variant, x_cg_over_c)
+    return f16_from_data(_data("f16"), variant, x_cg_over_c)
+
+
+def load_airframe(name: str = "f16", variant: str = "textbook", x_cg_over_c: float | None = None) -> AbstractAirframe:
+    """Build an airframe.
+
+    Parameters
+    ----------
+    name
+        One of `anser.scenario.AIRFRAMES`, the name of an entry point, or the path of an aircraft file.
+    variant, x_cg_over_c
+        Of the F-16 alone: see `load_f16`.
+
+    Raises
+    ------
+    ValueError
+        If the name or variant is unknown; the message lists the known ones. Or if an entry point gives no airframe.
+    ScenarioError
+        If an aircraft file cannot be read or is none.
+    """
+    if name == "f16":
+        return load_f16(variant, x_cg_over_c)
+    if x_cg_over_c is not None:
+        raise ValueError(f"x_cg_over_c: arrived {x_cg_over_c} with {name!r}; expected None: the F-16 alone has it")
+    if is_path(name):
+        return build_airframe(read_airframe(name))
+    if name in FILES:
+        return build_airframe(library_file(name))
+    if name in entry_points():
+        return _of_entry_point(name)
+    raise ValueError(f"aircraft type {name!r}: {unknown_type(name)}, or the path of an aircraft file")
+
+
+def is_path(name: str | os.PathLike[str]) -> bool:
+    """Whether a name is meant as the path of an aircraft file."""
+    return Path(name).suffix in SUFFIXES
+
+
+def airframe_of_table(
+    kind: str, variant: str, x_cg_over_c: float | None, file: AirframeFile | None
+) -> AbstractAirframe:
+    """Airframe of a table [[aircraft]] of a scenario: its file, or its type."""
+    return load_airframe(kind, variant, x_cg_over_c) if file is None else build_airframe(file)
+
+
+@functools.cache
+def _of_entry_point(name: str) -> AbstractAirframe:
+    point = entry_points()[name]
+    made = point.load()()
+    if not isinstance(made, AbstractAirframe):
+        raise ValueError(f"entry point {name!r} ({point.value}): gave {type(made).__name__}; expected an airframe")
+    return made
+
+
+def span_of(airframe: AbstractAirframe) -> Any:
+    """Wing span (m) of an airframe, which turbulence asks for; ValueError where it has none."""
+    if isinstance(airframe, F16 | DerivativeAircraft):
+        return airframe.span
+    span = getattr(airframe, "span", None)
+    if span is None:
+        raise ValueError(f"{type(airframe).__name__}: has no attribute span, which turbulence asks for")
+    return span
 
 
 @functools.cache

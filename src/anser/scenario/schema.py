@@ -5,6 +5,7 @@ from typing import Any, Literal, Self
 
 from pydantic import Field, ValidationError, model_validator
 
+from anser.scenario.airframe_paths import with_airframes
 from anser.scenario.errors import Problem, ScenarioError, show
 from anser.scenario.replacing import with_changes
 from anser.scenario.schema_air import DiscreteGust, Turbulence, gust_problems
@@ -32,6 +33,7 @@ from anser.scenario.schema_goal import Goal
 from anser.scenario.schema_margin import margin_problems
 from anser.scenario.schema_network import Network, network_problems
 from anser.scenario.schema_problems import problems_from
+from anser.scenario.schema_ranges import limits_of, range_problems
 from anser.scenario.schema_reach import reach_problems
 from anser.scenario.schema_sensing import Estimator, GoalSensor, Navigation, sensing_problems
 from anser.scenario.schema_settings import Fleet, Guidance, Hold, Limits, Requirements, Timing
@@ -99,6 +101,7 @@ class Scenario(Table):
             meant = copy.copy(self.fleet)
             object.__setattr__(meant, "planner", DEFAULT_PLANNERS[self.format])
             object.__setattr__(self, "fleet", meant)
+        object.__setattr__(self, "limits", limits_of(self.limits, self.aircraft))
         found = self.own_problems()
         if found:
             raise ScenarioError("", found)
@@ -113,6 +116,7 @@ class Scenario(Table):
         names = name_problems(aircraft, goals)
         found = [
             *names,
+            *range_problems(aircraft, limits),
             *speed_problems(fleet, limits, self.wind, self.hold),
             *start_problems(aircraft, limits),
             *goal_problems(goals, self.timing),
@@ -154,6 +158,11 @@ class Scenario(Table):
         network = self.network
         heard = network is None or not (network.loss or network.outage_share)
         return self.turbulence.intensity != "none" or not known or not heard
+
+    @property
+    def is_gusty(self) -> bool:
+        """Whether there is turbulence, which asks for the span of the wing."""
+        return self.turbulence.intensity != "none"
 
     def goal_of(self, aircraft: Aircraft) -> Goal:
         """Look up the goal of an aircraft of this scenario."""
@@ -201,17 +210,18 @@ def validate(values: dict[str, Any], source: str = "<values>") -> Scenario:
     values
         As the TOML file would hold them.
     source
-        What to call it in messages.
+        What to call it in messages; a path of the scenario's file: paths in it are seen from there.
 
     Raises
     ------
     ScenarioError
-        If it is no valid scenario.
+        If it is no valid scenario, or an aircraft file that it names is none.
     """
     version = values.get("format")
     if "format" in values and (type(version) is not int or version not in DEFAULT_PLANNERS):
         # in another format all keys may differ, so nothing else is told
         raise ScenarioError(source, [Problem("format", show(version), _FORMATS)])
+    values = with_airframes(values, source)
     try:
         return Scenario.model_validate(values)
     except ValidationError as error:

@@ -3,9 +3,15 @@
 import math
 from typing import Literal
 
-from anser.scenario.errors import Problem, plain
-from anser.scenario.schema_base import Gain3, Table, choice, designed, gain, naming, number, table
-from anser.scenario.schema_deviation import Deviation
+from pydantic import Field
+
+from anser.derivative_names import DERIVATIVES
+from anser.scenario.airframe_file import AirframeFile, known_types, library_file, unknown_type
+from anser.scenario.airframe_names import AIRFRAMES, FILES
+from anser.scenario.airframe_range import AirframeRange, airframe_range
+from anser.scenario.errors import Problem, plain, show
+from anser.scenario.schema_base import Gain3, Table, choice, designed, expects, gain, naming, number, table
+from anser.scenario.schema_deviation import F16_FACTORS, SPECIAL_SURFACES, Deviation
 from anser.scenario.schema_goal import PLACE_MAX_M
 from anser.scenario.schema_settings import ALTITUDE_MAX_M, DURATION_MAX_S, SPEED_MAX_M_S
 
@@ -21,7 +27,7 @@ class Start(Table):
     north_m: float = number("north of the origin", -PLACE_MAX_M, PLACE_MAX_M, "m")
     east_m: float = number("east of the origin", -PLACE_MAX_M, PLACE_MAX_M, "m")
     altitude_m: float = number("height above sea level", 0, ALTITUDE_MAX_M, "m")
-    speed_m_s: float = number("airspeed", 30, SPEED_MAX_M_S, "m/s")
+    speed_m_s: float = number("airspeed", 1, SPEED_MAX_M_S, "m/s")
     course_deg: float = number("direction of flight, clockwise from north", -360, 360, "deg")
     path_angle_deg: float = number("climb angle", -PATH_ANGLE_MAX_DEG, PATH_ANGLE_MAX_DEG, "deg", 0.0)
 
@@ -118,7 +124,16 @@ class Aircraft(Table):
     """One aircraft of the fleet."""
 
     name: str = naming("name of the aircraft, unique")
-    type: Literal["f16"] = choice("airframe", ("f16",), "f16")
+    type: str = Field(
+        "f16",
+        description="airframe of the library or of an entry point",
+        json_schema_extra=expects(f"the name of an airframe: {', '.join(AIRFRAMES)}, or that of an entry point"),
+    )
+    airframe: AirframeFile | None = table(
+        "an aircraft file in the place of type",
+        'the path of an aircraft file, seen from the scenario, such as "my-uav.toml"',
+        None,
+    )
     variant: Literal["textbook", "s119", "founding"] = choice(
         "which published set of its aerodynamic tables", ("textbook", "s119", "founding"), "textbook"
     )
@@ -136,3 +151,72 @@ class Aircraft(Table):
     deviation: Deviation = table(
         "how it differs from what its autopilot and planner know", "a table [aircraft.deviation]", Deviation()
     )
+
+    @property
+    def range(self) -> AirframeRange:
+        """Where its data hold."""
+        return airframe_range(self.type, self.airframe)
+
+    @property
+    def file(self) -> AirframeFile | None:
+        """Its aircraft file, in the library or beside the scenario; None where it has none."""
+        if self.airframe is not None:
+            return self.airframe
+        return library_file(self.type) if self.type in FILES else None
+
+    def own_problems(self) -> list[Problem]:
+        """Find an airframe that is unknown or given twice, what it has not, and a start where its data do not hold."""
+        if self.type not in AIRFRAMES and self.type not in known_types():
+            return [Problem("type", show(self.type), unknown_type(self.type))]
+        found = []
+        own = "the library's F-16 alone has this key"
+        is_f16 = self.airframe is None and self.type == "f16"
+        if self.airframe is not None and self.type != "f16":
+            found.append(Problem("airframe", f'a file beside type = "{self.type}"', "one of the two, not both"))
+        if not is_f16 and self.variant != "textbook":
+            found.append(Problem("variant", show(self.variant), f"nothing: {own}"))
+        if not is_f16 and self.x_cg_over_c is not None:
+            found.append(Problem("x_cg_over_c", plain(self.x_cg_over_c), f"nothing: {own}"))
+        return [*found, *self._start_problems(), *self._deviation_problems()]
+
+    def _start_problems(self) -> list[Problem]:
+        found, where = [], self.range
+        for key, ends, unit in (
+            ("speed_m_s", where.airspeed_m_s, "m/s"),
+            ("altitude_m", where.altitude_m, "m"),
+        ):
+            value = getattr(self.start, key)
+            if ends is not None and not ends[0] <= value <= ends[1]:
+                words = f"from {plain(ends[0])} to {plain(ends[1])} {unit}, where the data of {where.name} hold"
+                found.append(Problem(f"start.{key}", plain(value), words))
+        return found
+
+    def _deviation_problems(self) -> list[Problem]:
+        """Find deviations of what the airframe does not have."""
+        file, given = self.file, self.deviation.coefficients
+        if file is None and self.type != "f16":
+            if self.deviation == Deviation():
+                return []
+            words = f"none: of {self.type}, an airframe in code, anser knows no coefficients to vary"
+            return [Problem("deviation", "a table", words)]
+        names = F16_FACTORS if file is None else _derivatives_of(file)
+        words = f"a coefficient of {self.range.name}: {', '.join(names)}"
+        unknown = [name for name in type(given).model_fields if name not in names and getattr(given, name) != 1.0]
+        found = [Problem(f"deviation.coefficients.{n}", plain(getattr(given, n)), words) for n in unknown]
+        if file is not None and file.engine is None and self.deviation.thrust != 1.0:
+            found.append(Problem("deviation.thrust", plain(self.deviation.thrust), f"1: {file.name} has no engine"))
+        return found
+
+
+def _derivatives_of(file: AirframeFile) -> tuple[str, ...]:
+    """Names of the derivatives that a file has, and that a deviation may have factors on."""
+    own = [name for name in DERIVATIVES if getattr(file.aerodynamics, name) != 0.0]
+    tables = [f"{one.replaces}0" if len(one.replaces) == 2 else one.replaces for one in file.table]
+    surfaces = [
+        f"{row}_{one.name}"
+        for one in file.surface
+        if one.name in SPECIAL_SURFACES
+        for row in ("CL", "CD", "CY", "Cl", "Cm", "Cn")
+        if getattr(one, row) != 0.0
+    ]
+    return tuple(dict.fromkeys([*own, *tables, *surfaces]))

@@ -1,6 +1,14 @@
 """How one aircraft differs from what its autopilot and planner know of it."""
 
+from typing import TYPE_CHECKING
+
+from pydantic import create_model
+
+from anser.derivative_names import COEFFICIENTS, DERIVATIVES
 from anser.scenario.schema_base import Table, number, table
+
+SPECIAL_SURFACES = ("elevator", "aileron", "rudder")
+"""Surfaces whose derivatives a deviation may have factors on."""
 
 
 def _factor(about: str) -> float:
@@ -11,7 +19,7 @@ def _positive(about: str) -> float:
     return number(f"factor on {about}", 0.1, 10, "", 1.0)
 
 
-class CoefficientFactors(Table):
+class _F16Factors(Table):
     """Factors on the aerodynamic coefficients of the F-16, each on its whole table; names as in theory section 4."""
 
     CZ0: float = _factor("CZ0, of the angle of attack")
@@ -36,6 +44,22 @@ class CoefficientFactors(Table):
     CYda: float = _factor("CY per aileron")
     CYdr: float = _factor("CY per rudder")
     CZde: float = _factor("CZ per elevator")
+
+
+F16_FACTORS = tuple(_F16Factors.model_fields)
+_OF_FILES = (*DERIVATIVES, *(f"{row}_{name}" for name in SPECIAL_SURFACES for row in COEFFICIENTS))
+_NEW = [name for name in _OF_FILES if name not in F16_FACTORS]
+
+if TYPE_CHECKING:
+    CoefficientFactors = _F16Factors
+else:
+    CoefficientFactors = create_model(
+        "CoefficientFactors",
+        __base__=_F16Factors,
+        __module__=__name__,
+        __doc__="Factors on aerodynamic coefficients: those of the F-16, and the derivatives of an aircraft file.",
+        **{name: (float, _factor(f"{name} of an aircraft file")) for name in _NEW},
+    )
 
 
 class Deviation(Table):

@@ -3,11 +3,10 @@
 import math
 from typing import Literal
 
+from anser.scenario.airframe_range import ALTITUDE_MAX_M, SPEED_MAX_M_S
 from anser.scenario.errors import Problem, plain
 from anser.scenario.schema_base import Table, choice, misordered, number
 
-ALTITUDE_MAX_M = 15240.0  # the end of the thrust tables (50,000 ft), [SL] appendix A
-SPEED_MAX_M_S = 340.0  # the thrust tables end at Mach 1
 DURATION_MAX_S = 7200.0
 
 
@@ -48,7 +47,7 @@ class Fleet(Table):
     speed_m_s: float = number(
         "mean airspeed of the plan, the same for all; more where the farthest cannot come down so slowly (certified: "
         "the one preferred)",
-        30,
+        1,
         SPEED_MAX_M_S,
         "m/s",
     )
@@ -80,8 +79,8 @@ class Fleet(Table):
 class Limits(Table):
     """The envelope that plans and autopilot keep to."""
 
-    speed_min_m_s: float = number("lowest airspeed", 30, SPEED_MAX_M_S, "m/s", 90.0)
-    speed_max_m_s: float = number("highest airspeed", 30, SPEED_MAX_M_S, "m/s", 240.0)
+    speed_min_m_s: float = number("lowest airspeed", 1, SPEED_MAX_M_S, "m/s", 90.0)
+    speed_max_m_s: float = number("highest airspeed", 1, SPEED_MAX_M_S, "m/s", 240.0)
     bank_max_deg: float = number("largest bank angle", 5, 85, "deg", 60.0)
     climb_rate_max_m_s: float = number("largest rate of climb or descent", 1, 300, "m/s", 80.0)
     altitude_min_m: float = number("lowest altitude", 0, ALTITUDE_MAX_M, "m", 100.0)
@@ -128,7 +127,7 @@ class Guidance(Table):
 class Hold(Table):
     """The circle that every aircraft flies after its arrival."""
 
-    radius_m: float = number("radius of the circle", 200, 100_000, "m", 4000.0)
+    radius_m: float = number("radius of the circle", 20, 100_000, "m", 4000.0)
     direction: Literal["right", "left"] = choice("sense of the turn", ("right", "left"), "right")
 
 

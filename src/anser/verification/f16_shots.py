@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from anser.aircraft import F16, air_data, along_body_x
 from anser.environment import StandardAtmosphere
-from anser.scenario import load_airframe
+from anser.scenario import load_f16
 from anser.shapes import Vector3
 from anser.units import DEG_RAD, FOOT_M, FT_LBF_N_M, LBF_N
 from anser.verification.check import Check, Comparison
@@ -76,7 +76,7 @@ def _measure(
     """Compare all shots of a file; `factors` are those of its inputs, in order, to SI and rad."""
     shots = published(file)["shots"]
     inputs = jnp.array([[shot["inputs"][name][0] * factor for name, factor in factors.items()] for shot in shots])
-    airframe = load_airframe("f16", "s119", x_cg_over_c=_MOMENT_REFERENCE)
+    airframe = load_f16("s119", x_cg_over_c=_MOMENT_REFERENCE)
     values = {name: np.asarray(column) for name, column in compute(airframe, inputs).items()}
     return tuple(
         Comparison(name, shot["name"], _UNITS[unit], expected, float(values[name][k]), tolerance)

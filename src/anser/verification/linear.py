@@ -11,7 +11,7 @@ from anser.aircraft import AbstractAirframe
 from anser.compiling import compiled_quickly
 from anser.control import default_limits, published_gains
 from anser.environment import Environment, standard_environment
-from anser.scenario import load_airframe
+from anser.scenario import load_f16
 from anser.simulation import (
     CHANNELS,
     LinearModel,
@@ -131,7 +131,7 @@ def _modes() -> tuple[Comparison, ...]:
 
 
 def _poles() -> tuple[Comparison, ...]:
-    airframe, environment = load_airframe(), standard_environment()
+    airframe, environment = load_f16(), standard_environment()
     point = compiled_quickly(solve_trim)(airframe, environment, trim_target(150.0, 2000.0))
     gains, limits = published_gains(), default_limits()
     found = []

@@ -24,7 +24,7 @@ from anser.compiling import compiled_quickly
 from anser.environment import Environment, LayeredWind, StandardAtmosphere, spherical_earth, wgs84_earth
 from anser.numerics import rows_of
 from anser.numerics.least_squares import levenberg_marquardt
-from anser.scenario import load_airframe, load_body
+from anser.scenario import load_body, load_f16
 from anser.shapes import Scalar, ScalarLike, Vector3
 from anser.simulation import advance
 from anser.spatial import (
@@ -74,7 +74,7 @@ def fly_trimmed(cases: Sequence[TrimmedFlight]) -> dict[int, Log]:
 
     The published vehicle has neither lags nor engine momentum: the trimmed controls and power are simply held.
     """
-    airframe = load_airframe("f16", "s119")
+    airframe = load_f16("s119")
     environments = [_environment("wgs84", (0.0, 0.0), case.latitude_deg, case.longitude_deg) for case in cases]
     places = jnp.array([[0.0, 0.0, -case.altitude_ft * FOOT_M] for case in cases])
     velocities_n = jnp.array([case.velocity_ft_s for case in cases]) * FOOT_M

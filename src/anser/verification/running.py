@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 
+from anser.verification.aerosonde import AEROSONDE_FORCES
 from anser.verification.arc_lengths import ARC_LENGTHS
 from anser.verification.check import Check, Outcome
 from anser.verification.earth_figure import WGS84_FIGURE
@@ -26,6 +27,7 @@ CHECKS: tuple[Check, ...] = (
     F16_TURN,
     F16_AERO_SHOTS,
     F16_ENGINE_SHOTS,
+    AEROSONDE_FORCES,
     ARC_LENGTHS,
     *LINEAR_CHECKS,
     *INTEGRATION_CHECKS,

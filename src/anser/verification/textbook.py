@@ -24,7 +24,7 @@ from anser.aircraft import (
     state_derivative,
 )
 from anser.environment import AbstractAtmosphere, Air, Environment, FlatEarth, SteadyWind
-from anser.scenario.library import load_airframe
+from anser.scenario.library import load_f16
 from anser.shapes import Flag, Scalar, ScalarLike, Vector, Vector3
 from anser.spatial import euler_from_quaternion, flow_angles, quaternion_from_euler
 from anser.units import DEG_RAD, FOOT_M, FT_LBF_N_M, PSF_PA, RAD_DEG, RANKINE_K, SLUG_FT3_KG_M3, SLUG_KG
@@ -109,7 +109,7 @@ def _textbook_acceleration(rates_b: Vector3, moment_b: Vector3) -> Vector3:
 
 def textbook_aircraft(x_cg_over_c: float, *, rounded_inertia: bool = True) -> TextbookF16:
     """Build the F-16 of the printed figures, 1/0.00157 slug."""
-    f16 = load_airframe("f16", "textbook", x_cg_over_c)
+    f16 = load_f16("textbook", x_cg_over_c)
     mass_properties = eqx.tree_at(lambda m: m.mass, f16.mass_properties, jnp.asarray(SLUG_KG / 1.57e-3))
     return TextbookF16(
         f16=f16,

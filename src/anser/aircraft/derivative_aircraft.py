@@ -1,0 +1,138 @@
+"""An aircraft by its stability and control derivatives, with what tables it has, and a stall to a flat plate."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from anser.aircraft.actuators import AbstractActuators
+from anser.aircraft.air_data import AirData
+from anser.aircraft.engine import AbstractEngine
+from anser.aircraft.interface import AbstractAirframe, MassProperties
+from anser.aircraft.wrench import Wrench
+from anser.derivative_names import ARGUMENTS
+from anser.numerics import Tables, cross
+from anser.shapes import Flag, Scalar, Vector, Vector3
+
+NEVER = 100.0
+"""Angle of attack of the stall, rad, of an aircraft that has none."""
+_OF_ALPHA = tuple(ARGUMENTS.index(one) for one in ("0", "_alpha", "_alpha2"))
+
+
+class Validity(eqx.Module):
+    """Least and greatest values for which data hold; infinite where nothing bounds them.
+
+    True airspeed (m/s), geometric altitude (m) and Mach number.
+    """
+
+    airspeed: tuple[Scalar, Scalar]
+    altitude: tuple[Scalar, Scalar]
+    mach: tuple[Scalar, Scalar]
+
+
+class DerivativeAircraft(AbstractAirframe):
+    """Aerodynamic coefficients linear in everything but for drag, stall and tables.
+
+    Attributes
+    ----------
+    span, wing_area, mean_chord
+        Reference lengths (m) and area (m^2).
+    cg_offset_b
+        Centre of gravity seen from the point that the moment coefficients refer to, body axes, m.
+    derivatives
+        Row: of `anser.derivative_names.COEFFICIENTS`; column: of `ARGUMENTS` there, then the surfaces in the actuators'
+        order; per rad.
+    induced_drag
+        1 / (pi e AR): factor of the square of the lift that the angle of attack makes.
+    stall_sharpness, stall_alpha
+        M and alpha0 of the blending to a flat plate; alpha0 in rad, `NEVER` for an aircraft without.
+    tables
+        Over alpha, beta (rad) and surfaces (rad); None where there are none.
+    table_arguments
+        What each axis of the tables is along: place in alpha, beta, surfaces.
+    table_places
+        Of each function of the tables, in the order of its groups: row and column of the derivative whose place it
+        takes.
+    table_factors
+        On the values of each function; 1 as published.
+    validity
+        Of airspeed, altitude and Mach number.
+    """
+
+    mass_properties: MassProperties
+    actuators: AbstractActuators
+    engine: AbstractEngine
+    alpha_range: tuple[Scalar, Scalar]
+    beta_range: tuple[Scalar, Scalar]
+    span: Scalar
+    wing_area: Scalar
+    mean_chord: Scalar
+    cg_offset_b: Vector3
+    derivatives: Float[Array, "6 columns"]
+    induced_drag: Scalar
+    stall_sharpness: Scalar
+    stall_alpha: Scalar
+    validity: Validity
+    tables: Tables | None = None
+    table_factors: Float[Array, " tables"] | None = None
+    table_places: tuple[tuple[int, int], ...] = eqx.field(static=True, default=())
+    table_arguments: tuple[int, ...] = eqx.field(static=True, default=())
+
+    def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Float[Array, "6"]:
+        """`COEFFICIENTS` about the reference point.
+
+        Rates are made dimensionless with b/2V and c/2V; below 1 m/s the speed is held at 1 m/s there, so that the
+        coefficients stay finite for an aircraft at rest. Stall and drag: [BM] section 4.2, where lift of the angle of
+        attack fades into that of a flat plate, 2 sign(alpha) sin^2(alpha) cos(alpha).
+        """
+        alpha, beta = air_data.alpha, air_data.beta
+        V = jnp.maximum(air_data.V, 1.0)
+        p, r = rates_b[0] * self.span / (2 * V), rates_b[2] * self.span / (2 * V)
+        q = rates_b[1] * self.mean_chord / (2 * V)
+        ones = jnp.ones_like(alpha)
+        argument = jnp.concatenate([jnp.stack([ones, alpha, beta, p, q, r, alpha**2, beta**2]), surfaces])
+        parts = self.derivatives * argument
+        if self.tables is not None and self.table_factors is not None:
+            inputs = (alpha, beta, *surfaces)
+            values = jnp.concatenate(self.tables(*(inputs[k] for k in self.table_arguments))) * self.table_factors
+            rows, columns = np.asarray(self.table_places).T
+            parts = parts.at[rows, columns].add(values * argument[columns])
+        total = jnp.sum(parts, axis=1)
+        attached = jnp.sum(parts[0, np.asarray(_OF_ALPHA)])
+        sine, cosine = jnp.sin(alpha), jnp.cos(alpha)
+        plate = 2.0 * jnp.abs(sine) * sine * cosine
+        stalled = self.separated(alpha)
+        lift = total[0] + stalled * (plate - attached)
+        drag = total[1] + self.induced_drag * attached**2
+        return jnp.concatenate([jnp.stack([lift, drag]), total[2:]])
+
+    def separated(self, alpha: Scalar) -> Scalar:
+        """How far the flow is separated, 0..1: sigma of [BM] equation 4.10, in a form that never overflows."""
+        M, alpha0 = self.stall_sharpness, self.stall_alpha
+        above, below = jax.nn.sigmoid(M * (alpha - alpha0)), jax.nn.sigmoid(-M * (alpha + alpha0))
+        return above + below - above * below
+
+    def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
+        """Force of lift and drag turned by alpha, and of the side; moment of the coefficients, and of the force."""
+        CL, CD, CY, Cl, Cm, Cn = self.coefficients(air_data, rates_b, surfaces)
+        sa, ca = jnp.sin(air_data.alpha), jnp.cos(air_data.alpha)
+        scale = air_data.qbar * self.wing_area
+        force_b = scale * jnp.stack([CL * sa - CD * ca, CY, -CL * ca - CD * sa])
+        moment_b = scale * jnp.stack([self.span * Cl, self.mean_chord * Cm, self.span * Cn])
+        return Wrench(force_b=force_b, moment_b=moment_b - cross(self.cg_offset_b, force_b))
+
+    def outside_tables(self, air_data: AirData) -> Flag:
+        """Outside the ranges of alpha, beta, airspeed, altitude or Mach number, or of the engine's data."""
+
+        def outside(value: Scalar, ends: tuple[Scalar, Scalar]) -> Flag:
+            return (value < ends[0]) | (value > ends[1])
+
+        return (
+            outside(air_data.alpha, self.alpha_range)
+            | outside(air_data.beta, self.beta_range)
+            | outside(air_data.V, self.validity.airspeed)
+            | outside(air_data.altitude, self.validity.altitude)
+            | outside(air_data.mach, self.validity.mach)
+            | self.engine.outside_tables(air_data)
+        )

@@ -1,0 +1,65 @@
+"""Limits of a fleet and the ranges of its aircraft: where a scenario gives no limit, the aircraft do."""
+
+import copy
+
+from anser.scenario.airframe_range import AirframeRange
+from anser.scenario.errors import Problem, plain
+from anser.scenario.schema_aircraft import Aircraft
+from anser.scenario.schema_settings import Limits
+
+_KEYS = (
+    ("speed_min_m_s", "speed_max_m_s", "airspeed_m_s", "m/s"),
+    ("altitude_min_m", "altitude_max_m", "altitude_m", "m"),
+    ("alpha_min_deg", "alpha_max_deg", "alpha_deg", "deg"),
+)
+
+
+def limits_of(limits: Limits, aircraft: tuple[Aircraft, ...]) -> Limits:
+    """Limits whose airspeeds and angles of attack, where left out, are those of the aircraft files of the fleet.
+
+    The range that all files have in common. Where none is, or the scenario gives a limit, it stays as it is.
+    """
+    ranges = [one.range for one in aircraft]
+    files = [one for one in ranges if one.by_file]
+    if not files:
+        return limits
+    meant = copy.copy(limits)
+    for low_key, high_key, name, _ in _KEYS:
+        ends = [getattr(one, name) for one in files if getattr(one, name) is not None]
+        if not ends or name == "altitude_m":
+            continue
+        low, high = max(end[0] for end in ends), min(end[1] for end in ends)
+        if name == "alpha_deg":
+            low, high = max(low, limits.alpha_min_deg), min(high, limits.alpha_max_deg)
+        if not low < high:
+            continue
+        # as the planner that is meant: the file does not hold them, and what is written again must not either
+        for key, end in ((low_key, low), (high_key, high)):
+            if key not in limits.model_fields_set:
+                object.__setattr__(meant, key, end)
+    return meant
+
+
+def range_problems(aircraft: tuple[Aircraft, ...], limits: Limits) -> list[Problem]:
+    """Find limits that let an aircraft fly where its data do not hold; altitudes beyond them are only marked."""
+    found: dict[str, Problem] = {}
+    for one in dict.fromkeys(each.range for each in aircraft):
+        for problem in _beyond(one, limits):
+            found.setdefault(problem.path, problem)
+    return list(found.values())
+
+
+def _beyond(own: AirframeRange, limits: Limits) -> list[Problem]:
+    found = []
+    for low_key, high_key, name, unit in _KEYS:
+        ends = getattr(own, name)
+        if ends is None or name == "altitude_m":
+            continue
+        for key, bad, words in (
+            (low_key, getattr(limits, low_key) < ends[0], f"at least {plain(ends[0])} {unit}"),
+            (high_key, getattr(limits, high_key) > ends[1], f"at most {plain(ends[1])} {unit}"),
+        ):
+            if bad:
+                arrived = plain(getattr(limits, key))
+                found.append(Problem(f"limits.{key}", arrived, f"{words}, where the data of {own.name} hold"))
+    return found

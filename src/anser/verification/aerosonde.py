@@ -1,0 +1,81 @@
+"""The Aerosonde against forces, moments and accelerations that its source's authors publish."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from anser.aircraft import AirData, DerivativeAircraft, angular_acceleration
+from anser.scenario.airframe_file import build_airframe, library_file
+from anser.scenario.airframe_file.build import with_derivatives
+from anser.verification.check import Check, Comparison
+from anser.verification.published import published
+
+_TOLERANCE = 1e-10
+_SPEED_OF_SOUND_M_S = 340.0
+"""Of no effect: nothing of this aircraft depends on the Mach number."""
+_AXES = ("x", "y", "z")
+
+
+def _rotation(quaternion: list[float]) -> np.ndarray:
+    """R(q) / det R(q), body to NED, as the authors have it: of unit length to 1e-8 only, their quaternion is not."""
+    q0, q1, q2, q3 = quaternion
+    R = np.array(
+        [
+            [q0**2 + q1**2 - q2**2 - q3**2, 2 * (q1 * q2 - q0 * q3), 2 * (q1 * q3 + q0 * q2)],
+            [2 * (q1 * q2 + q0 * q3), q0**2 - q1**2 + q2**2 - q3**2, 2 * (q2 * q3 - q0 * q1)],
+            [2 * (q1 * q3 - q0 * q2), 2 * (q2 * q3 + q0 * q1), q0**2 - q1**2 - q2**2 + q3**2],
+        ]
+    )
+    return R / np.linalg.det(R)
+
+
+def _compare(airframe: DerivativeAircraft, case: Mapping[str, Any], density: float, gravity: float) -> list[Comparison]:
+    state, controls = case["state"], case["controls"]
+    V, alpha, beta = case.get("V", 25.0), case.get("alpha", 0.0), case.get("beta", 0.0)
+    numbers = (V, alpha, beta, density, 0.5 * density * V * V, V / _SPEED_OF_SOUND_M_S, 100.0)
+    data = AirData(*(jnp.asarray(float(number)) for number in numbers))
+    velocity_b, rates_b = np.asarray(state["velocity_b_m_s"], float), np.asarray(state["rates_b_rad_s"], float)
+    surfaces = jnp.asarray([controls[name] for name in airframe.actuators.names])
+    propulsive = airframe.engine.propulsion(100.0 * controls["throttle"], data)
+    total = airframe.aerodynamics(data, jnp.asarray(rates_b), surfaces) + propulsive
+    mass = float(airframe.mass_properties.mass)
+    force_b = np.asarray(total.force_b) + mass * _rotation(state["quaternion"]).T @ np.array([0.0, 0.0, gravity])
+    linear = force_b / mass - np.cross(rates_b, velocity_b)
+    angular = angular_acceleration(airframe.mass_properties, jnp.asarray(rates_b), total.moment_b)
+    found = {
+        "thrust": ("N", [case["thrust_N"]], [propulsive.force_b[0]]),
+        "propeller torque": ("N m", [case["torque_Nm"]], [-propulsive.moment_b[0]]),
+        "force": ("N", case["force_moment"][:3], force_b),
+        "moment": ("N m", case["force_moment"][3:], total.moment_b),
+        "acceleration": ("m/s^2", case["derivatives_uvw_pqr"][:3], linear),
+        "angular acceleration": ("rad/s^2", case["derivatives_uvw_pqr"][3:], angular),
+    }
+    return [
+        Comparison(group, f"{case['name']}, {axis}", unit, expected, float(obtained), _TOLERANCE)
+        for group, (unit, wanted, values) in found.items()
+        for axis, expected, obtained in zip(_AXES, wanted, values, strict=False)
+    ]
+
+
+def _measure() -> tuple[Comparison, ...]:
+    data, file = published("aerosonde_checks"), library_file("aerosonde")
+    airframe = with_derivatives(build_airframe(file), file, {"CD0": 0.0})
+    density, gravity = data["rho_check_kg_m3"], data["gravity_check_m_s2"]
+    return tuple(one for case in data["checks"] for one in _compare(airframe, case, density, gravity))
+
+
+AEROSONDE_FORCES = Check(
+    key="aerosonde-forces",
+    title="Aerosonde: forces, moments and accelerations",
+    source="[BM] app. E, authors' simulator",
+    why="rounding",
+    explanation=(
+        "Three states of the small electric aircraft, with the arithmetic of the authors' simulator: no parasite drag "
+        "(CD_p = 0), gravity turned by R(q) / det R(q) because the quaternion is of unit length to 1e-8 only, airspeed "
+        "and flow angles as listed (in case 2 those of case 1 are still in force; with wind, sideslip is "
+        "asin(v / sqrt(u^2 + w^2)), 5.9e-6 rad from asin(v / V))."
+    ),
+    measure=_measure,
+)
