@@ -76,7 +76,10 @@ class Tables(eqx.Module):
 
     def __call__(self, *x: ScalarLike) -> tuple[Float[Array, " functions"], ...]:
         """Values of each group's functions; one argument for each axis."""
-        index, fraction = self.axes.locate(jnp.stack([jnp.asarray(value, dtype=float) for value in x]))
+        return self.within(*self.axes.locate(jnp.stack([jnp.asarray(value, dtype=float) for value in x])))
+
+    def within(self, index: Int[Array, " k"], fraction: Float[Array, " k"]) -> tuple[Float[Array, " functions"], ...]:
+        """Values of each group's functions, given an interval of each axis and the fraction within it."""
         return tuple(
             self._interpolated(cells, along, index, fraction)
             for cells, along in zip(self.cells, self.along, strict=True)
