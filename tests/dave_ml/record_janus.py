@@ -63,7 +63,7 @@ def main(count, out, paths):
                 break
             except ValueError as error:  # leave out a variable with an operation that Janus does not know
                 kind, name = re.search(r'(ID|in function)\s+"(.*?)"', str(error)).groups()
-                print(f"left out: {name}", str(error).splitlines()[-1])
+                sys.stderr.write(f"left out: {name} {str(error).splitlines()[-1]}\n")
                 known = VARIABLE.findall(text) if kind == "ID" else FUNCTION.findall(text)
                 text = text.replace(next(d for d in known if f'="{name}"' in d.partition(">")[0]), "")
         units = {str(v.var_id): str(v.units) for v in model.get_variabledef()}
@@ -77,7 +77,10 @@ def main(count, out, paths):
                 size = RANGES.get(units[name], 1.0)
                 one[name].set_value(round(draw.uniform(-size if units[name] in SIGNED else 0.0, size), 4))
             rows.append([one[name].get_value() for name in units])
-        found[Path(path).name] = {"inputs": inputs, "values": dict(zip(units, map(list, zip(*rows))))}
+        found[Path(path).name] = {
+            "inputs": inputs,
+            "values": dict(zip(units, map(list, zip(*rows, strict=True)), strict=True)),
+        }
     Path(out).write_text(json.dumps(found))
 
 

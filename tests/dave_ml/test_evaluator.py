@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from files import ALL, FEATURES, NASA, formula_model, model
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from anser.dave_ml import read_dave_ml
@@ -29,7 +29,9 @@ def test_only_what_is_wanted_is_asked_for_and_computed():
     assert float(aero.evaluate({"alpha": 5.0}, ("cxq",))["cxq"]) == pytest.approx(1.34, rel=1e-15)
     assert float(aero.evaluate({"alpha": 5.0, "el": 0.0}, ("cxt",))["cxt"]) == pytest.approx(-0.004, rel=1e-12)
     traced = jax.make_jaxpr(lambda x: aero.evaluate(x, ("cxt",)))({"alpha": 1.0, "el": 1.0})
-    assert str(traced).count("gather") == 1
+    # of the groups of tables, that of two functions of elevator and angle of attack alone
+    assert "f64[44,4,2]" in str(traced)
+    assert "f64[11,2,10]" not in str(traced)
     assert float(aero.evaluate({}, ("sref",))["sref"]) == 300.0
 
 
@@ -51,7 +53,7 @@ def test_what_does_not_fit_is_refused(inputs, outputs, says):
 def test_limits_of_variables_hold_for_inputs_calculations_and_tables():
     aero, control, all_of_it = model("F16_aero"), model("F16_control"), model("features")
     assert float(aero.evaluate({"vt": 0.0}, ("vt",))["vt"]) == 0.1
-    given = {name: 0.0 for name in control.inputs}
+    given = dict.fromkeys(control.inputs, 0.0)
     assert float(control.evaluate({**given, "altMsl": 1e4}, ("deltaThetaCmd",))["deltaThetaCmd"]) == -5.0
     assert float(all_of_it.evaluate({"x": 2.5, "y": 1.9}, ("x",))["x"]) == 2.5
     assert float(all_of_it.evaluate({"x": 9.0}, ("x",))["x"]) == 2.5
@@ -127,7 +129,10 @@ def test_constants_may_be_changed_and_what_follows_from_them_follows():
     assert float(evaluator.constants["k_squared"]) == 2.25
     changed = evaluator.with_constants({"factor": 3.0})
     assert float(changed.constants["k_squared"]) == 9.0
-    product = {name: float(e.evaluate({"x": 0.5, "y": 0.5}, ("product",))["product"]) for name, e in (("a", evaluator), ("b", changed))}
+    product = {
+        name: float(e.evaluate({"x": 0.5, "y": 0.5}, ("product",))["product"])
+        for name, e in (("a", evaluator), ("b", changed))
+    }
     assert product == {"a": 0.375, "b": 0.75}
     with pytest.raises(ValueError, match="no constant"):
         evaluator.with_constants({"two_axes": 1.0})
@@ -144,7 +149,10 @@ def test_what_is_calculated_from_literals_may_be_put_right():
     assert float(exact.constants["rtd"]) == 180.0 / np.pi
 
 
-SMOOTH = sorted(set(model("features").outputs) - {"below", "above", "switch", "line_discrete", "line_floor", "line_ceiling", "mixed"})
+SMOOTH = sorted(
+    set(model("features").outputs)
+    - {"below", "above", "switch", "line_discrete", "line_floor", "line_ceiling", "mixed"}
+)
 
 
 @jax.jit
@@ -154,13 +162,17 @@ def _values(x, y):
 
 @jax.jit
 def _slopes(x, y):
-    one = lambda x: _values(x, y)
+    def one(x):
+        return _values(x, y)
+
     return jax.jvp(one, (x,), (jnp.ones_like(x),))[1], jax.jacrev(one)(x)
 
 
 @settings(deadline=None, max_examples=30)
 @given(x=st.floats(-1.93, 1.93), y=st.floats(-1.85, 1.85))
 def test_gradients_against_differences(x, y):
+    # not where functions have no slope, or one that changes within the step
+    assume(min(abs(x), abs(y), abs(abs(x) - np.pi / 2), abs(x - y)) > 1e-2)
     h = 1e-6
     up, down = _values(x + h, y), _values(x - h, y)
     forward, backward = _slopes(x, y)
@@ -204,7 +216,9 @@ def test_gradient_with_respect_to_a_table():
 
 
 def test_single_precision_stays_single():
-    single = lambda tree: jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), tree)
+    def single(tree):
+        return jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), tree)
+
     found = single(model("F16_aero").evaluator).evaluate(single(STATE), ("cz", "cn"))
     exact = model("F16_aero").evaluate(STATE, ("cz", "cn"))
     for key, value in found.items():

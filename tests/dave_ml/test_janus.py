@@ -23,7 +23,10 @@ def compared(name):
     recorded = RECORDED[f"{name}.dml"]
     wanted = tuple(recorded["values"])
     inputs = {key: jnp.array(recorded["values"][key]) for key in recorded["inputs"]}
-    evaluate = lambda x: model(name).evaluate(x, wanted)
+
+    def evaluate(x):
+        return model(name).evaluate(x, wanted)
+
     ours = jax.jit(jax.vmap(evaluate))(inputs) if inputs else evaluate({})
     theirs = {key: np.array(values, dtype=float) for key, values in recorded["values"].items()}
     return {key: np.broadcast_to(ours[key], theirs[key].shape) for key in wanted}, theirs
@@ -34,7 +37,9 @@ def test_every_variable_of_nasas_files(name):
     ours, theirs = compared(name)
     assert set(ours) == set(model(name).definition.variables)
     for key, values in theirs.items():
-        np.testing.assert_allclose(ours[key] / np.maximum(1, abs(values)), values / np.maximum(1, abs(values)), atol=2e-13)
+        np.testing.assert_allclose(
+            ours[key] / np.maximum(1, abs(values)), values / np.maximum(1, abs(values)), atol=2e-13
+        )
 
 
 def test_operations_and_tables():

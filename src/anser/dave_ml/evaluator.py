@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -9,14 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from anser.dave_ml.arithmetic import IN_JAX
+from anser.dave_ml.arithmetic import IN_JAX, IN_NUMPY
 from anser.dave_ml.definition import Breakpoints, Definition, Function, GriddedTable
 from anser.dave_ml.errors import shown
 from anser.dave_ml.lookups import Lookup, make_lookups, refuse_too_large
 from anser.dave_ml.scattered import ScatteredTable, make_scattered, meshes_of, refuse_doubles
-from anser.dave_ml.structure import Structure, constants_of, structure_of
+from anser.dave_ml.structure import Structure, constants_of, limited, structure_of
 from anser.dave_ml.unit_names import Unit, unit_of
-from anser.numerics import as_array
+from anser.numerics import as_array, namespace
 from anser.shapes import Scalar, ScalarLike
 
 
@@ -120,17 +121,21 @@ class Evaluator(eqx.Module):
         ValueError
             A variable is no constant.
         """
-        values: dict[str, Array] = dict(self.constants)
         changed = {self.structure.find(name): value for name, value in changes.items()}
-        for identifier, value in changed.items():
-            if identifier not in values:
+        for identifier in changed:
+            if identifier not in self.constants:
                 raise ValueError(f"{shown(identifier)} is no constant of the file")
-            values[identifier] = _limited(as_array(value), self.structure.by_id[identifier].limits)
+        values: dict[str, Any] = {**self.constants, **changed}
+        arithmetic, limit = IN_JAX, _limited
+        if namespace(values) is np:  # nothing to compile
+            values = {name: float(value) for name, value in values.items()}
+            arithmetic, limit = IN_NUMPY, limited
         for quantity in self.structure.quantities:
-            if quantity.formula is not None and quantity.id in values and quantity.id not in changed:
-                found = IN_JAX.value_of(quantity.formula, values)
-                values[quantity.id] = _limited(_number(found), quantity.limits)
-        return eqx.tree_at(lambda e: e.constants, self, values)
+            if quantity.id in changed:
+                values[quantity.id] = limit(values[quantity.id], quantity.limits)
+            elif quantity.formula is not None and quantity.id in values:
+                values[quantity.id] = limit(arithmetic.value_of(quantity.formula, values), quantity.limits)
+        return eqx.tree_at(lambda e: e.constants, self, {name: as_array(value) for name, value in values.items()})
 
     def _input(self, name: str, value: ScalarLike) -> str:
         identifier = self.structure.find(name)

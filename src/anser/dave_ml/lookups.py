@@ -78,13 +78,13 @@ def _stepped(between: Interpolate, fraction: Array) -> Array:
 
 def _part_of(tables: Tables, groups: Sequence[int], axes: Sequence[int]) -> Tables:
     """Some groups of tables, on the axes that they need."""
-    rows = np.asarray(axes)
+    all_axes = tables.axes
     part = Axes(
-        breakpoints=tables.axes.breakpoints[rows],
-        lower=tables.axes.lower[rows],
-        upper=tables.axes.upper[rows],
-        sizes=tuple(tables.axes.sizes[axis] for axis in axes),
-        even=tables.axes.even,
+        breakpoints=jnp.stack([all_axes.breakpoints[axis] for axis in axes]),
+        lower=jnp.stack([all_axes.lower[axis] for axis in axes]),
+        upper=jnp.stack([all_axes.upper[axis] for axis in axes]),
+        sizes=tuple(all_axes.sizes[axis] for axis in axes),
+        even=all_axes.even,
     )
     return Tables(
         axes=part,

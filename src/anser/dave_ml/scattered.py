@@ -14,7 +14,7 @@ from anser.dave_ml.errors import shown
 from anser.numerics import as_array
 from anser.shapes import Scalar
 
-POINTS_MAX: Final = {2: 5000, 3: 300, 4: 100, 5: 50}
+POINTS_MAX: Final = {2: 5000, 3: 200, 4: 100, 5: 50}
 """Points of an ungridded table, by the number of its coordinates: bounds the simplices and the time to find them."""
 _INSIDE: Final = -1e-12
 """Least barycentric coordinate of a point within a simplex: rounding."""
