@@ -24,6 +24,7 @@ _KERNELS = {
     "aircraft",
     "compiling",
     "control",
+    "dave_ml",
     "environment",
     "numerics",
     "planning",

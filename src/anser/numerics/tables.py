@@ -43,7 +43,7 @@ class Axes(eqx.Module):
         if self.even:
             first, second = self.breakpoints[:, 0], self.breakpoints[:, 1]
             place = (x - first) / (second - first)
-            below = jnp.clip(jnp.floor(place), 0.0, np.asarray(self.sizes) - 2.0)
+            below = jnp.clip(jnp.floor(place), 0.0, np.asarray(self.sizes, place.dtype) - 2)
             return below.astype(jnp.int32), place - below
         above = jnp.sum(x[:, None] >= self.breakpoints[:, 1:], axis=1, dtype=jnp.int32)
         index = jnp.minimum(above, np.asarray(self.sizes, dtype=np.int32) - 2)
@@ -76,7 +76,10 @@ class Tables(eqx.Module):
 
     def __call__(self, *x: ScalarLike) -> tuple[Float[Array, " functions"], ...]:
         """Values of each group's functions; one argument for each axis."""
-        index, fraction = self.axes.locate(jnp.stack([jnp.asarray(value, dtype=float) for value in x]))
+        return self.within(*self.axes.locate(jnp.stack([jnp.asarray(value, dtype=float) for value in x])))
+
+    def within(self, index: Int[Array, " k"], fraction: Float[Array, " k"]) -> tuple[Float[Array, " functions"], ...]:
+        """Values of each group's functions, given an interval of each axis and the fraction within it."""
         return tuple(
             self._interpolated(cells, along, index, fraction)
             for cells, along in zip(self.cells, self.along, strict=True)

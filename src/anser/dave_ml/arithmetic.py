@@ -1,0 +1,160 @@
+"""The operations of formulas in JAX, whose slopes are finite everywhere, and in NumPy for what is known at reading."""
+
+import functools
+import operator
+from collections.abc import Callable
+from typing import Any, Final
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from anser.dave_ml.formulas import Arithmetic
+
+
+def _guarded(function: Callable[..., Any], *slopes: Callable[..., Any]) -> Callable[..., Any]:
+    """A function with partial derivatives, each a function of the arguments and the value.
+
+    Where one is not finite it counts as zero, so that a branch that is not chosen, or a point such as the root of zero,
+    makes no gradient a NaN.
+    """
+
+    @jax.custom_jvp
+    def guarded(*arguments: Any) -> Any:
+        return function(*arguments)
+
+    @guarded.defjvp
+    def _(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
+        value = function(*primals)
+        parts = [slope(*primals, value) for slope in slopes]
+        parts = [jnp.where(jnp.isfinite(part), part, jnp.zeros_like(part)) for part in parts]
+        return value, functools.reduce(operator.add, (p * t for p, t in zip(parts, tangents, strict=True)))
+
+    return guarded
+
+
+_divide = _guarded(lambda a, b: a / b, lambda a, b, y: 1.0 / b, lambda a, b, y: -y / b)
+_power = _guarded(jnp.power, lambda a, b, y: b * jnp.power(a, b - 1.0), lambda a, b, y: y * jnp.log(a))
+_sqrt = _guarded(jnp.sqrt, lambda a, y: 0.5 / y)
+_ln = _guarded(jnp.log, lambda a, y: 1.0 / a)
+_atan2 = _guarded(jnp.arctan2, lambda a, b, y: b / (a * a + b * b), lambda a, b, y: -a / (a * a + b * b))
+_arcsin = _guarded(jnp.arcsin, lambda a, y: 1.0 / jnp.sqrt(1.0 - a * a))
+_arccos = _guarded(jnp.arccos, lambda a, y: -1.0 / jnp.sqrt(1.0 - a * a))
+_arccosh = _guarded(jnp.arccosh, lambda a, y: 1.0 / jnp.sqrt(a * a - 1.0))
+_arctanh = _guarded(jnp.arctanh, lambda a, y: 1.0 / (1.0 - a * a))
+_tan = _guarded(jnp.tan, lambda a, y: 1.0 + y * y)
+_exp = _guarded(jnp.exp, lambda a, y: y)
+
+_POWER_MAX: Final = 16
+"""Greatest whole exponent that is computed by multiplying."""
+
+
+def _power_of_number(base: Any, exponent: float) -> Any:
+    """A power whose exponent is known."""
+    if exponent == 0.5:
+        return _sqrt(base)
+    if exponent.is_integer() and abs(exponent) <= _POWER_MAX:
+        whole = base ** int(abs(exponent))
+        return whole if exponent >= 0.0 else _divide(1.0, whole)
+    return _power(base, exponent)
+
+
+def _minus(divide_free: Any, *other: Any) -> Any:
+    return divide_free - other[0] if other else -divide_free
+
+
+def _folded(two: Callable[[Any, Any], Any]) -> Callable[..., Any]:
+    return lambda *arguments: functools.reduce(two, arguments)
+
+
+_SHARED: Final[dict[str, Callable[..., Any]]] = {
+    "plus": _folded(operator.add),
+    "minus": _minus,
+    "times": _folded(operator.mul),
+    "lt": operator.lt,
+    "leq": operator.le,
+    "gt": operator.gt,
+    "geq": operator.ge,
+    "eq": operator.eq,
+    "neq": operator.ne,
+}
+
+IN_JAX: Final = Arithmetic(
+    {
+        **_SHARED,
+        "divide": _divide,
+        "power": _power,
+        "root": lambda a, degree=2.0: _sqrt(a) if degree == 2.0 else _power(a, _divide(1.0, degree)),
+        "exp": _exp,
+        "ln": _ln,
+        "log": lambda a, base=10.0: _divide(_ln(a), _ln(base)),
+        "abs": jnp.abs,
+        "floor": jnp.floor,
+        "ceiling": jnp.ceil,
+        "min": _folded(jnp.minimum),
+        "max": _folded(jnp.maximum),
+        "atan2": _atan2,
+        "sin": jnp.sin,
+        "cos": jnp.cos,
+        "tan": _tan,
+        "sec": lambda a: _divide(1.0, jnp.cos(a)),
+        "csc": lambda a: _divide(1.0, jnp.sin(a)),
+        "cot": lambda a: _divide(jnp.cos(a), jnp.sin(a)),
+        "arcsin": _arcsin,
+        "arccos": _arccos,
+        "arctan": jnp.arctan,
+        "sinh": jnp.sinh,
+        "cosh": jnp.cosh,
+        "tanh": jnp.tanh,
+        "arcsinh": jnp.arcsinh,
+        "arccosh": _arccosh,
+        "arctanh": _arctanh,
+        "and": _folded(jnp.logical_and),
+        "or": _folded(jnp.logical_or),
+        "xor": _folded(jnp.logical_xor),
+        "not": jnp.logical_not,
+    },
+    _power_of_number,
+    jnp.where,
+)
+"""For traced values: scalars, or arrays of one shape."""
+
+IN_NUMPY: Final = Arithmetic(
+    {
+        **_SHARED,
+        "divide": np.divide,
+        "power": np.power,
+        "root": lambda a, degree=2.0: np.sqrt(a) if degree == 2.0 else np.power(a, np.divide(1.0, degree)),
+        "exp": np.exp,
+        "ln": np.log,
+        "log": lambda a, base=10.0: np.divide(np.log(a), np.log(base)),
+        "abs": np.abs,
+        "floor": np.floor,
+        "ceiling": np.ceil,
+        "min": _folded(np.minimum),
+        "max": _folded(np.maximum),
+        "atan2": np.arctan2,
+        "sin": np.sin,
+        "cos": np.cos,
+        "tan": np.tan,
+        "sec": lambda a: np.divide(1.0, np.cos(a)),
+        "csc": lambda a: np.divide(1.0, np.sin(a)),
+        "cot": lambda a: np.divide(np.cos(a), np.sin(a)),
+        "arcsin": np.arcsin,
+        "arccos": np.arccos,
+        "arctan": np.arctan,
+        "sinh": np.sinh,
+        "cosh": np.cosh,
+        "tanh": np.tanh,
+        "arcsinh": np.arcsinh,
+        "arccosh": np.arccosh,
+        "arctanh": np.arctanh,
+        "and": _folded(np.logical_and),
+        "or": _folded(np.logical_or),
+        "xor": _folded(np.logical_xor),
+        "not": np.logical_not,
+    },
+    np.power,
+    np.where,
+)
+"""For numbers that are known."""
