@@ -45,6 +45,7 @@ from anser.planning.time_coordination import CoordinationGains
 from anser.scenario.airframe_file.build import dispersed_airframe
 from anser.scenario.build_air import build_gusts
 from anser.scenario.build_events import changed_motion, faults_of
+from anser.scenario.build_own import beyond_own, has_own, own_limits, own_of, with_own_gains
 from anser.scenario.build_sensing import build_estimator, build_sensors
 from anser.scenario.library import airframe_of_table, span_of
 from anser.scenario.schema import Scenario
@@ -71,8 +72,10 @@ from anser.simulation import (
 from anser.units import DEG_RAD
 
 _CORRECTION_MAX_M_S = 20.0  # what position feedback may add to the planned velocity
+_CORRECTION_PART = 0.13  # the same, part of the airspeed that an aircraft prefers, where it is not the library's F-16
 _HOLD_CLIMB_MAX_M_S = 20.0  # vertical speed in the hold, within the scenario's own limit
 _RATES_MAX_DEG_S = (120.0, 60.0, 60.0)  # body rates that the autopilot may ask for
+_BANK_LAG_MOST = math.radians(10.0)  # how far the bank may lag behind a plan that rolls
 _FLEET = 4  # a fleet is filled up to a multiple of so many aircraft
 _WAYPOINTS, _LAYERS, _KEEP_OUTS = 4, 4, 2  # least sizes of routes, shear profiles and lists of keep-outs
 _ABOVE_M = 1000.0  # between the altitudes that fill up a shear profile
@@ -101,11 +104,11 @@ def build_flight(scenario: Scenario, *, filled_up: bool = False, flight: int = 0
     timing = scenario.timing
     fleet = [*scenario.aircraft, *[scenario.aircraft[-1]] * (-len(scenario.aircraft) % _FLEET if filled_up else 0)]
     goals = _goals([scenario.goal_of(a) for a in fleet], scenario.event)
-    guidance, limits = _guidance(scenario), _flight_limits(scenario)
+    guidance = _guidance(scenario)
     return assemble(
         build_environment(scenario),
         [
-            (_vehicle(scenario, a, goal, guidance, limits), _start(a), _ned(a.start.position_m))
+            (_vehicle(scenario, a, goal), _start(a), _ned(a.start.position_m))
             for a, goal in zip(fleet, goals, strict=True)
         ],
         _PLANNERS[scenario.fleet.planner](scenario, fleet, guidance),
@@ -117,10 +120,10 @@ def build_flight(scenario: Scenario, *, filled_up: bool = False, flight: int = 0
     )
 
 
-def _vehicle(
-    scenario: Scenario, aircraft: Aircraft, goal: GoalMotion, guidance: GuidanceSettings, limits: FlightLimits
-) -> Vehicle:
-    gains, known = build_gains(aircraft), build_airframe_of(aircraft)
+def _vehicle(scenario: Scenario, aircraft: Aircraft, goal: GoalMotion) -> Vehicle:
+    known, speed_m_s = build_airframe_of(aircraft), scenario.speed_for(aircraft)
+    guidance, limits = _guidance(scenario, aircraft), _flight_limits(limits_of(scenario, aircraft))
+    gains = gains_of(scenario, aircraft)
     dispersed = aircraft.deviation != Deviation()
     airframe = _dispersed(known, aircraft.deviation) if dispersed else known
     return Vehicle(
@@ -134,7 +137,7 @@ def _vehicle(
             goal=goal,
             airborne=as_array(scenario.goal_of(aircraft).kind == "airborne", bool),
             rendezvous=_rendezvous(aircraft),
-            hold=HoldAroundGoal(guidance, limits, gains.velocity, _scalar(scenario.fleet.speed_m_s)),
+            hold=HoldAroundGoal(guidance, limits, gains.velocity, _scalar(speed_m_s)),
         ),
         faults=faults_of(aircraft, scenario.event),
     )
@@ -153,14 +156,44 @@ def _dispersed(known: AbstractAirframe, deviation: Deviation) -> AbstractAirfram
     raise TypeError(f"a deviation of {type(known).__name__}, of which no coefficients are known")
 
 
-def _guidance(scenario: Scenario) -> GuidanceSettings:
+def gains_of(scenario: Scenario, aircraft: Aircraft) -> AutopilotGains:
+    """Gains of one aircraft's autopilot: given, published (of the F-16), or the aircraft's own."""
+    given = build_gains(aircraft)
+    if not has_own(aircraft):
+        return given
+    return with_own_gains(given, aircraft, own_of(scenario, aircraft, build_airframe_of(aircraft)))
+
+
+def limits_of(scenario: Scenario, aircraft: Aircraft) -> Limits:
+    """Limits of one aircraft: what the scenario leaves out follows from its file and its trim map."""
+    limits = scenario.limits_for(aircraft)
+    if not has_own(aircraft):
+        return limits
+    return own_limits(limits, own_of(scenario, aircraft, build_airframe_of(aircraft)).able)
+
+
+def asked_beyond(scenario: Scenario) -> tuple[str, ...]:
+    """What the scenario asks of its aircraft that they cannot do by their trim maps, one sentence each."""
+    found = []
+    for index, one in enumerate(scenario.aircraft):
+        if has_own(one):
+            able = own_of(scenario, one, build_airframe_of(one)).able
+            found += beyond_own(scenario, scenario.limits_for(one), index, able)
+    return tuple(found)
+
+
+def _guidance(scenario: Scenario, aircraft: Aircraft | None = None) -> GuidanceSettings:
+    """How one aircraft follows its plan; of the whole fleet, for its holds, where None."""
     guidance, hold = scenario.guidance, scenario.hold
+    of = scenario.aircraft if aircraft is None else (aircraft,)
+    climb_rates = [limits_of(scenario, one).climb_rate_max_m_s for one in of]
+    corrections = [_CORRECTION_PART * scenario.speed_for(one) for one in of if has_own(one)]
     return GuidanceSettings(
         position_gain=_scalar(guidance.position_gain_per_s),
-        correction_max=_scalar(_CORRECTION_MAX_M_S),
+        correction_max=_scalar(min(_CORRECTION_MAX_M_S, *corrections)),
         hold_radius=_scalar(hold.radius_m),
         hold_turn=_scalar(1.0 if hold.direction == "right" else -1.0),
-        climb_rate_max=_scalar(min(_HOLD_CLIMB_MAX_M_S, scenario.limits.climb_rate_max_m_s)),
+        climb_rate_max=_scalar(min(_HOLD_CLIMB_MAX_M_S, *climb_rates)),
     )
 
 
@@ -198,9 +231,18 @@ def _wind(scenario: Scenario) -> AbstractWind:
 
 
 def build_path_limits(scenario: Scenario) -> PathLimits:
-    """What a trajectory may ask of an aircraft of this scenario."""
-    limits = scenario.limits
-    return _path_limits(limits, limits.speed_min_m_s, limits.speed_max_m_s, 1.0)
+    """What a trajectory may ask of every aircraft of this scenario."""
+    each = [limits_of(scenario, one) for one in scenario.aircraft]
+    slowest, fastest = max(one.speed_min_m_s for one in each), min(one.speed_max_m_s for one in each)
+    least = [_path_limits(one, slowest, fastest, 1.0) for one in each]
+    return eqx.tree_at(
+        lambda own: (own.bank_max, own.climb_rate_max, own.load_factor_max),
+        least[0],
+        tuple(
+            min(values)
+            for values in zip(*((o.bank_max, o.climb_rate_max, o.load_factor_max) for o in least), strict=True)
+        ),
+    )
 
 
 def _path_limits(limits: Limits, speed_min_m_s: float, speed_max_m_s: float, part: float) -> PathLimits:
@@ -222,9 +264,9 @@ def _certified(scenario: Scenario, fleet: Sequence[Aircraft], guidance: Guidance
     asked = apart.horizontal_m > 0.0
     return CertifiedPlanner(
         sides=_sides(fleet),
-        speed=_scalar(scenario.fleet.speed_m_s),
+        speed=as_array([scenario.speed_for(one) for one in fleet]),
         limits=rows_of([_planned_limits(scenario, a) for a in fleet]),
-        roll_rates_max=as_array([scenario.limits.roll_rate_max_deg_s * DEG_RAD] * len(fleet)),
+        roll_rates_max=as_array([_roll_rate(scenario, one) for one in fleet]),
         airspace=Airspace(
             wind=_wind(scenario),
             gravity=build_environment(scenario).gravity,
@@ -248,7 +290,7 @@ def _decentralised(scenario: Scenario, fleet: Sequence[Aircraft], guidance: Guid
     numbers = scenario.network or NetworkTable()
     apart, fastest = each.airspace.separation, float(np.max(each.limits.speed_max)) + scenario.wind.greatest_m_s
     more = 2.0 * numbers.tube_m + numbers.skew_max_s * fastest
-    climbed = 2.0 * numbers.tube_m + numbers.skew_max_s * scenario.limits.climb_rate_max_m_s
+    climbed = 2.0 * numbers.tube_m + numbers.skew_max_s * float(np.max(each.limits.climb_rate_max))
     widened = Separation(
         _scalar(float(apart.horizontal) + (more if float(apart.horizontal) > 0.0 else 0.0)),
         _scalar(float(apart.vertical) + (climbed if float(apart.vertical) > 0.0 else 0.0)),
@@ -290,9 +332,18 @@ def _keep_outs(scenario: Scenario) -> KeepOuts:
 _PLANNERS = {"published": _published, "certified": _certified, "decentralised": _decentralised}
 
 
+def _roll_rate(scenario: Scenario, aircraft: Aircraft) -> float:
+    """Greatest roll rate that a plan asks of one aircraft, rad/s: the scenario's, or as its bank loop can follow."""
+    limit = scenario.limits.roll_rate_max_deg_s * DEG_RAD
+    if not has_own(aircraft) or "roll_rate_max_deg_s" in scenario.limits.model_fields_set:
+        return limit
+    bandwidth = float(own_of(scenario, aircraft, build_airframe_of(aircraft)).bandwidths.attitude[0])
+    return min(limit, bandwidth * _BANK_LAG_MOST)
+
+
 def _planned_limits(scenario: Scenario, aircraft: Aircraft) -> PathLimits:
     """The scenario's limits less the reserve; the speed window contains the aircraft's first airspeed all the same."""
-    limits, speed, reserve = scenario.limits, scenario.fleet.speed_m_s, scenario.fleet.reserve
+    limits, speed, reserve = limits_of(scenario, aircraft), scenario.speed_for(aircraft), scenario.fleet.reserve
     slowest = limits.speed_min_m_s + reserve * (speed - limits.speed_min_m_s)
     fastest = limits.speed_max_m_s - reserve * (limits.speed_max_m_s - speed)
     own = aircraft.start.speed_m_s
@@ -385,8 +436,7 @@ def _loop(gains: RateGains | AttitudeGains | VelocityGains) -> LoopGains:
     return LoopGains(channels(gains.proportional), channels(gains.integral), *others)
 
 
-def _flight_limits(scenario: Scenario) -> FlightLimits:
-    limits = scenario.limits
+def _flight_limits(limits: Limits) -> FlightLimits:
     return FlightLimits(
         speed_min=_scalar(limits.speed_min_m_s),
         speed_max=_scalar(limits.speed_max_m_s),

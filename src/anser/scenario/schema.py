@@ -33,7 +33,7 @@ from anser.scenario.schema_goal import Goal
 from anser.scenario.schema_margin import margin_problems
 from anser.scenario.schema_network import Network, network_problems
 from anser.scenario.schema_problems import problems_from
-from anser.scenario.schema_ranges import limits_of, range_problems
+from anser.scenario.schema_ranges import limits_for, range_problems
 from anser.scenario.schema_reach import reach_problems
 from anser.scenario.schema_sensing import Estimator, GoalSensor, Navigation, sensing_problems
 from anser.scenario.schema_settings import Fleet, Guidance, Hold, Limits, Requirements, Timing
@@ -101,7 +101,8 @@ class Scenario(Table):
             meant = copy.copy(self.fleet)
             object.__setattr__(meant, "planner", DEFAULT_PLANNERS[self.format])
             object.__setattr__(self, "fleet", meant)
-        object.__setattr__(self, "limits", limits_of(self.limits, self.aircraft))
+        if len({one.range for one in self.aircraft}) == 1:
+            object.__setattr__(self, "limits", limits_for(self.limits, self.aircraft[0].range))
         found = self.own_problems()
         if found:
             raise ScenarioError("", found)
@@ -117,8 +118,8 @@ class Scenario(Table):
         found = [
             *names,
             *range_problems(aircraft, limits),
-            *speed_problems(fleet, limits, self.wind, self.hold),
-            *start_problems(aircraft, limits),
+            *speed_problems(self),
+            *start_problems(self),
             *goal_problems(goals, self.timing),
             *separation_problems(aircraft, self.separation),
             *chart_problems(self),
@@ -137,7 +138,7 @@ class Scenario(Table):
             ),
         ]
         if not names:
-            found.extend(rendezvous_problems(aircraft, goals, fleet, limits))
+            found.extend(rendezvous_problems(self))
             found.extend(same_point_problems(aircraft, self.arrival))
             found.extend(
                 margin_problems(aircraft, goals, self.goal_sensor, self.estimator, self.navigation, self.timing, fleet)
@@ -163,6 +164,14 @@ class Scenario(Table):
     def is_gusty(self) -> bool:
         """Whether there is turbulence, which asks for the span of the wing."""
         return self.turbulence.intensity != "none"
+
+    def limits_for(self, aircraft: Aircraft) -> Limits:
+        """Limits of one aircraft: what the scenario leaves out is its airframe's own."""
+        return limits_for(self.limits, aircraft.range)
+
+    def speed_for(self, aircraft: Aircraft) -> float:
+        """Airspeed that one aircraft prefers, m/s: its own where it has one, or that of the fleet."""
+        return self.fleet.speed_m_s if aircraft.speed_m_s is None else aircraft.speed_m_s
 
     def goal_of(self, aircraft: Aircraft) -> Goal:
         """Look up the goal of an aircraft of this scenario."""

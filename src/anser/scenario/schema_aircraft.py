@@ -142,6 +142,9 @@ class Aircraft(Table):
     bend: Literal["auto", "left", "right"] = choice(
         "side of a detour, seen along the flight", ("auto", "left", "right"), "auto"
     )
+    speed_m_s: float | None = number(
+        "airspeed that it prefers, instead of fleet.speed_m_s (certified)", 1, SPEED_MAX_M_S, "m/s", None
+    )
     arrive_s: float | None = number('time of arrival, with arrival.rule "times"', 1, DURATION_MAX_S, "s", None)
     arrive_from_s: float | None = number('earliest arrival, with arrival.rule "windows"', 0, DURATION_MAX_S, "s", None)
     arrive_to_s: float | None = number('latest arrival, with arrival.rule "windows"', 1, DURATION_MAX_S, "s", None)

@@ -13,8 +13,7 @@ from anser.scenario.errors import Problem, plain, show
 from anser.scenario.schema_aircraft import Aircraft
 from anser.scenario.schema_base import Table
 from anser.scenario.schema_goal import Goal
-from anser.scenario.schema_settings import Fleet, Hold, Limits, Timing
-from anser.scenario.schema_surroundings import Wind
+from anser.scenario.schema_settings import Limits, Timing
 
 if TYPE_CHECKING:
     from anser.scenario.schema import Scenario
@@ -25,7 +24,7 @@ SAME_PLACE_M = 10.0  # about the span of the aircraft
 GRAVITY_M_S2 = 9.80665
 _SCOPE = "this is the scope of anser: a rendezvous is never the goal itself"
 _CERTIFIED_LIMITS = ("altitude_max_m", "roll_rate_max_deg_s", "acceleration_max_m_s2", "deceleration_max_m_s2")
-_CERTIFIED_TIMES = ("arrive_s", "arrive_from_s", "arrive_to_s")
+_CERTIFIED_OWN = ("speed_m_s", "arrive_s", "arrive_from_s", "arrive_to_s")
 """Keys that the certified planner alone knows."""
 
 
@@ -53,35 +52,59 @@ def name_problems(aircraft: tuple[Aircraft, ...], goals: tuple[Goal, ...]) -> li
     return found
 
 
-def speed_problems(fleet: Fleet, limits: Limits, wind: Wind, hold: Hold) -> list[Problem]:
-    """Find a fleet speed outside the limits, a wind too strong for it and a hold too tight for it."""
-    found = []
-    if not limits.speed_min_m_s < fleet.speed_m_s < limits.speed_max_m_s:
+def speed_problems(scenario: "Scenario") -> list[Problem]:
+    """Find preferred airspeeds outside the limits, a wind too strong for them and a hold too tight for them."""
+    found: dict[str, Problem] = {}
+    for index, one in enumerate(scenario.aircraft):
+        for problem in _speed_problems_of(scenario, index, one):
+            found.setdefault(problem.path, problem)
+    return list(found.values())
+
+
+def _speed_problems_of(scenario: "Scenario", index: int, one: Aircraft) -> list[Problem]:
+    found, limits, wind = [], scenario.limits_for(one), scenario.wind
+    speed_m_s = scenario.speed_for(one)
+    key = "fleet.speed_m_s" if one.speed_m_s is None else f"aircraft[{index}].speed_m_s"
+    whom = "" if one.speed_m_s is None else label("aircraft", one)
+    if not limits.speed_min_m_s < speed_m_s < limits.speed_max_m_s:
         words = (
             f"a speed between limits.speed_min_m_s ({plain(limits.speed_min_m_s)} m/s) and "
-            f"limits.speed_max_m_s ({plain(limits.speed_max_m_s)} m/s)"
+            f"limits.speed_max_m_s ({plain(limits.speed_max_m_s)} m/s){_of_its_own(scenario, one)}"
         )
-        found.append(Problem("fleet.speed_m_s", plain(fleet.speed_m_s), words))
-    if wind.greatest_m_s >= fleet.speed_m_s:
-        words = f"a wind slower than fleet.speed_m_s, which is {plain(fleet.speed_m_s)} m/s"
+        found.append(Problem(key, plain(speed_m_s), words, whom))
+    if wind.greatest_m_s >= speed_m_s:
+        words = f"a wind slower than {key}, which is {plain(speed_m_s)} m/s"
         where = "wind.speed_m_s" if wind.layers is None else "wind.layers"
         found.append(Problem(where, plain(wind.speed_m_s if wind.layers is None else wind.greatest_m_s), words))
-    ground_speed_m_s = fleet.speed_m_s + max(math.hypot(*velocity[:2]) for _, velocity in wind.profile_m_s)
+    ground_speed_m_s = speed_m_s + max(math.hypot(*velocity[:2]) for _, velocity in wind.profile_m_s)
     tightest_m = ground_speed_m_s**2 / (GRAVITY_M_S2 * math.tan(math.radians(limits.bank_max_deg)))
-    if hold.radius_m < tightest_m:
+    if scenario.hold.radius_m < tightest_m:
         words = (
             f"at least {math.ceil(tightest_m)} m, the turn at {ground_speed_m_s:.1f} m/s over the ground "
             f"with limits.bank_max_deg = {plain(limits.bank_max_deg)}"
         )
-        found.append(Problem("hold.radius_m", plain(hold.radius_m), words))
+        found.append(Problem("hold.radius_m", plain(scenario.hold.radius_m), words))
     return found
 
 
-def start_problems(aircraft: tuple[Aircraft, ...], limits: Limits) -> list[Problem]:
+def _of_its_own(scenario: "Scenario", one: Aircraft) -> str:
+    """Whose limits they are where a fleet has several kinds; what to do where one speed serves none of them."""
+    if len({other.range for other in scenario.aircraft}) == 1:
+        return ""
+    way = "" if one.speed_m_s is not None else "; aircraft[].speed_m_s gives an aircraft an airspeed of its own"
+    return f", those of {one.range.name}{way}"
+
+
+def start_problems(scenario: "Scenario") -> list[Problem]:
     """Find starts outside the envelope and two aircraft at one place."""
-    found = []
+    found, aircraft = [], scenario.aircraft
     for index, one in enumerate(aircraft):
-        path, whom, start = f"aircraft[{index}].start", label("aircraft", one), one.start
+        path, whom, start, limits = (
+            f"aircraft[{index}].start",
+            label("aircraft", one),
+            one.start,
+            scenario.limits_for(one),
+        )
         if not limits.speed_min_m_s <= start.speed_m_s <= limits.speed_max_m_s:
             words = (
                 f"a speed from limits.speed_min_m_s ({plain(limits.speed_min_m_s)} m/s) to "
@@ -103,13 +126,12 @@ def start_problems(aircraft: tuple[Aircraft, ...], limits: Limits) -> list[Probl
     return found
 
 
-def rendezvous_problems(
-    aircraft: tuple[Aircraft, ...], goals: tuple[Goal, ...], fleet: Fleet, limits: Limits
-) -> list[Problem]:
+def rendezvous_problems(scenario: "Scenario") -> list[Problem]:
     """Find stand-offs below the minimum and arrivals too steep; every aircraft's goal exists."""
     found = []
-    kinds = {goal.name: goal.kind for goal in goals}
-    for index, one in enumerate(aircraft):
+    kinds = {goal.name: goal.kind for goal in scenario.goal}
+    for index, one in enumerate(scenario.aircraft):
+        limits, speed_m_s = scenario.limits_for(one), scenario.speed_for(one)
         path, whom, there = f"aircraft[{index}].rendezvous", label("aircraft", one), one.rendezvous
         if kinds[one.goal] == "surface" and there.stand_off_up_m < SURFACE_STAND_OFF_MIN_M:
             words = f'at least {SURFACE_STAND_OFF_MIN_M:g} m above the surface goal "{one.goal}"; {_SCOPE}'
@@ -119,7 +141,7 @@ def rendezvous_problems(
             arrived = f"a stand-off of {there.stand_off_distance_m:.1f} m"
             found.append(Problem(path, arrived, words, whom))
         if there.path_angle_deg is not None:
-            found.extend(_too_steep(f"{path}.path_angle_deg", whom, there.path_angle_deg, fleet.speed_m_s, limits))
+            found.extend(_too_steep(f"{path}.path_angle_deg", whom, there.path_angle_deg, speed_m_s, limits))
     return found
 
 
@@ -176,7 +198,7 @@ def planner_problems(scenario: "Scenario") -> list[Problem]:
         ("separation", scenario.separation, type(scenario.separation).model_fields, ""),
     ]
     for index, one in enumerate(scenario.aircraft):
-        asked.append((f"aircraft[{index}]", one, _CERTIFIED_TIMES, label("aircraft", one)))
+        asked.append((f"aircraft[{index}]", one, _CERTIFIED_OWN, label("aircraft", one)))
     words = 'fleet.planner = "certified" beside it, which alone knows this key'
     found = []
     for path, table, keys, whom in asked:

@@ -1,4 +1,4 @@
-"""Limits of a fleet and the ranges of its aircraft: where a scenario gives no limit, the aircraft do."""
+"""Limits and the ranges of aircraft: where a scenario gives no limit, the aircraft's own file does."""
 
 import copy
 
@@ -14,29 +14,25 @@ _KEYS = (
 )
 
 
-def limits_of(limits: Limits, aircraft: tuple[Aircraft, ...]) -> Limits:
-    """Limits whose airspeeds and angles of attack, where left out, are those of the aircraft files of the fleet.
+def limits_for(limits: Limits, own: AirframeRange) -> Limits:
+    """Limits of one aircraft: airspeeds and angles of attack that the scenario leaves out are those of its file.
 
-    The range that all files have in common. Where none is, or the scenario gives a limit, it stays as it is.
+    An aircraft without a file has the limits of the scenario.
     """
-    ranges = [one.range for one in aircraft]
-    files = [one for one in ranges if one.by_file]
-    if not files:
+    if not own.by_file:
         return limits
     meant = copy.copy(limits)
     for low_key, high_key, name, _ in _KEYS:
-        ends = [getattr(one, name) for one in files if getattr(one, name) is not None]
-        if not ends or name == "altitude_m":
-            continue
-        low, high = max(end[0] for end in ends), min(end[1] for end in ends)
-        if name == "alpha_deg":
-            low, high = max(low, limits.alpha_min_deg), min(high, limits.alpha_max_deg)
-        if not low < high:
+        ends = getattr(own, name)
+        if ends is None or name == "altitude_m":
             continue
         # as the planner that is meant: the file does not hold them, and what is written again must not either
-        for key, end in ((low_key, low), (high_key, high)):
-            if key not in limits.model_fields_set:
-                object.__setattr__(meant, key, end)
+        if low_key not in limits.model_fields_set:
+            value = ends[0] if name == "airspeed_m_s" else max(ends[0], getattr(limits, low_key))
+            object.__setattr__(meant, low_key, value)
+        if high_key not in limits.model_fields_set:
+            value = ends[1] if name == "airspeed_m_s" else min(ends[1], getattr(limits, high_key))
+            object.__setattr__(meant, high_key, value)
     return meant
 
 
@@ -44,7 +40,7 @@ def range_problems(aircraft: tuple[Aircraft, ...], limits: Limits) -> list[Probl
     """Find limits that let an aircraft fly where its data do not hold; altitudes beyond them are only marked."""
     found: dict[str, Problem] = {}
     for one in dict.fromkeys(each.range for each in aircraft):
-        for problem in _beyond(one, limits):
+        for problem in _beyond(one, limits_for(limits, one)):
             found.setdefault(problem.path, problem)
     return list(found.values())
 

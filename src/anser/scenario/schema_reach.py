@@ -6,11 +6,9 @@ from typing import TYPE_CHECKING
 
 from anser.scenario.errors import Problem, plain
 from anser.scenario.schema_aircraft import Aircraft
-from anser.scenario.schema_arrival import Arrival
 from anser.scenario.schema_base import Vector
 from anser.scenario.schema_checks import GRAVITY_M_S2, label
 from anser.scenario.schema_goal import Goal
-from anser.scenario.schema_settings import Fleet, Limits
 
 if TYPE_CHECKING:
     from anser.scenario.schema import Scenario
@@ -46,12 +44,14 @@ class ReferenceSpeed:
         return f"{self.key} = {plain(self.speed_m_s)} m/s"
 
 
-def reference_speed(fleet: Fleet, limits: Limits, arrival: Arrival) -> ReferenceSpeed:
-    """Say which speed decides whether a goal is within reach."""
+def reference_speed(scenario: "Scenario", one: Aircraft) -> ReferenceSpeed:
+    """Say which speed decides whether a goal is within an aircraft's reach."""
+    fleet, limits, arrival = scenario.fleet, scenario.limits_for(one), scenario.arrival
     certified = fleet.is_certified
     if not certified or arrival.rule == "together":
         rises = not certified and fleet.speed_profile == "even"
-        return ReferenceSpeed(fleet.speed_m_s, "fleet.speed_m_s", is_mean=True, may_rise=rises, knows_layers=certified)
+        key = "fleet.speed_m_s" if one.speed_m_s is None else f'the speed_m_s of "{one.name}"'
+        return ReferenceSpeed(scenario.speed_for(one), key, is_mean=True, may_rise=rises, knows_layers=certified)
     return ReferenceSpeed(limits.speed_max_m_s, "limits.speed_max_m_s", is_mean=False, knows_layers=True)
 
 
@@ -103,16 +103,20 @@ def reach_problems(scenario: "Scenario", *, unaided: bool = False) -> list[Probl
         the wind of other altitudes than that of the start.
     """
     found = []
-    reference = reference_speed(scenario.fleet, scenario.limits, scenario.arrival)
     for index, goal in enumerate(scenario.goal):
         # the first plan reckons with the wind where the aircraft starts
-        starts_m = [one.start.altitude_m for one in scenario.aircraft if one.goal == goal.name]
+        coming = [one for one in scenario.aircraft if one.goal == goal.name]
+        if not coming:
+            continue
+        starts_m = [one.start.altitude_m for one in coming]
+        reference = min((reference_speed(scenario, one) for one in coming), key=lambda one: one.speed_m_s)
         winds_m_s = dict.fromkeys(scenario.wind.velocity_m_s(altitude_m) for altitude_m in starts_m)
         found.extend(_fast_legs(f"goal[{index}]", goal, reference, tuple(winds_m_s)))
     if found:
         return found  # without a speed that suffices the times below mean nothing
-    quickest_m_s = None if unaided else _quickest_m_s(scenario, reference)
     for index, one in enumerate(scenario.aircraft):
+        reference = reference_speed(scenario, one)
+        quickest_m_s = None if unaided else _quickest_m_s(scenario, reference)
         found.extend(_reach_problems_of(f"aircraft[{index}]", one, scenario, reference, quickest_m_s))
     return found
 
@@ -166,7 +170,7 @@ def _reach_problems_of(
     path: str, one: Aircraft, scenario: "Scenario", reference: ReferenceSpeed, quickest_m_s: float | None
 ) -> list[Problem]:
     """Find why an aircraft does not reach its goal, if it does not."""
-    goal, limits, wind, timing = scenario.goal_of(one), scenario.limits, scenario.wind, scenario.timing
+    goal, limits, wind, timing = scenario.goal_of(one), scenario.limits_for(one), scenario.wind, scenario.timing
     whom = label("aircraft", one)
     place_m = _plus(goal.position_m(0.0), one.rendezvous.stand_off_m)
     relative_m = _plus(place_m, one.start.position_m, -1.0)

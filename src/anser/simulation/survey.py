@@ -119,7 +119,8 @@ def survey_flight(
     step = jnp.asarray(step, dtype=float)
     instant = Instant(environment, jnp.asarray(0, dtype=jnp.int32), step)
     start = condition(airframe, environment, 0.0, trim.state)
-    surfaces = len(airframe.actuators.names)
-    recorder = SurveyRecorder(limits, start, size, tolerance, count, surfaces)
+    recorder = SurveyRecorder(
+        limits=limits, start=start, size=size, tolerance=tolerance, count=count, surfaces=len(airframe.actuators.names)
+    )
     state, summary, _ = fly_alone(vehicle, environment, trimmed_vehicle(vehicle, instant, trim), step, count, recorder)
     return finished(summary, state.aircraft, step, count)
