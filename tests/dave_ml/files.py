@@ -22,8 +22,9 @@ def model(name: str) -> Model:
 
 def formula_model(mathml: str) -> Model:
     """A model of x and y with one output, z."""
+    math = mathml if mathml.startswith("<math ") else f"<math>{mathml}</math>"
     return read_dave_ml(
-        f'{HEAD}<variableDef name="z" varID="z" units="nd"><calculation><math>{mathml}</math></calculation><isOutput/>'
+        f'{HEAD}<variableDef name="z" varID="z" units="nd"><calculation>{math}</calculation><isOutput/>'
         "</variableDef></DAVEfunc>",
         "formula",
     )

@@ -63,19 +63,19 @@ def test_grids(x, y, flap):
     found = looked_up(x, y, flap)
     of = {"bounds_error": False, "fill_value": None}
     held = np.clip(y, -1.0, 1.0), np.clip(x, -1.5, 2.0)
-    plane = RegularGridInterpolator((E, U), PLANE, **of)(held)[0]
+    plane = RegularGridInterpolator((E, U), PLANE, **of)([held])[0]
     np.testing.assert_allclose(found["two_axes"], plane, rtol=1e-12, atol=1e-12)
     # the same table with its axes exchanged
     np.testing.assert_allclose(found["transposed"], plane, rtol=1e-12, atol=1e-12)
     nearest = U[np.argmin(abs(U - held[1]))]
     if np.sum(np.isclose(abs(U - held[1]), abs(nearest - held[1]))) == 1:
-        mixed = RegularGridInterpolator((E, U), PLANE, **of)((max(y, -1.0), nearest))[0]
+        mixed = RegularGridInterpolator((E, U), PLANE, **of)([(max(y, -1.0), nearest)])[0]
         np.testing.assert_allclose(found["mixed"], mixed, rtol=1e-12, atol=1e-12)
     # a third axis of one breakpoint, along which nothing changes
-    solid = RegularGridInterpolator((E, F), SOLID[:, :, 0], **of)((held[0], min(flap, 40.0)))[0]
+    solid = RegularGridInterpolator((E, F), SOLID[:, :, 0], **of)([(held[0], min(flap, 40.0))])[0]
     np.testing.assert_allclose(found["three_axes"], solid, rtol=1e-12, atol=1e-12)
     deep = RegularGridInterpolator((U, E), PLANE.T, **of)
-    at = np.clip(found["two_axes"], -1.5, 2.0), np.clip(found["line_both"], -1.0, 1.0)
+    at = [(np.clip(float(found["two_axes"]), -1.5, 2.0), np.clip(float(found["line_both"]), -1.0, 1.0))]
     np.testing.assert_allclose(found["deep"], deep(at)[0], rtol=1e-12, atol=1e-12)
 
 
