@@ -16,7 +16,7 @@ from anser.control import AutopilotGains, FlightLimits, default_limits
 from anser.environment import Environment, standard_environment
 from anser.execution.conditions import ConditionError, Inversion, gains_for, steady_trim
 from anser.execution.step_tests import CHANNEL_KEYS, STEP_S, StepTest
-from anser.execution.stepped_flight import SURFACES, SteppedFlight
+from anser.execution.stepped_flight import SteppedFlight
 from anser.scenario import load_airframe
 from anser.sensing import Instant
 from anser.simulation import Loop, LoopCase, TrimPoint, trim_target
@@ -24,7 +24,7 @@ from anser.simulation.recorder import AbstractRecorder, AircraftSample
 from anser.simulation.response import loop_flight
 from anser.simulation.step_metrics import step_metrics
 from anser.spatial import bank_about_velocity, path_angles, rotate, rotate_back, rotation_from_quaternion
-from anser.variables import CATALOGUE
+from anser.variables import CATALOGUE, catalogue
 
 _VARIABLES = {variable.key: variable for variable in CATALOGUE}
 _ANGLES_THAT_WRAP = ("bank", "course")
@@ -166,7 +166,7 @@ def _outputs(airframe: AbstractAirframe, environment: Environment, state: Aircra
         "airspeed": data.V,
         "path_angle": gamma,
         "course": chi,
-        **dict(zip(SURFACES, state.surfaces, strict=True)),
+        **dict(zip(airframe.actuators.names, state.surfaces, strict=True)),
         "power": state.power,
         "outside_tables": jnp.where(airframe.outside_tables(data), 1.0, 0.0),
     }
@@ -179,14 +179,15 @@ def _flight(
     time = STEP_S * np.arange(len(record["power"]))
     until = round(test.read_at_s / STEP_S) + 1
     measured = np.stack([record[key][:until] for key in CHANNEL_KEYS[test.loop].values()], axis=1)
-    surfaces = np.stack([record[name][:until] for name in SURFACES], axis=1)
+    surfaces = np.stack([record[name][:until] for name in airframe.actuators.names], axis=1)
     stops = (airframe.actuators.lower, airframe.actuators.upper)
     size = jnp.asarray(_si(test))
     figures = _measure(jnp.asarray(time[:until]), jnp.asarray(measured), size, jnp.asarray(surfaces), stops)
     metrics = jax.tree.map(np.asarray, figures)
+    labelled = {v.key: v for v in catalogue(airframe.actuators.names)}
     variables = {}
     for key, values in record.items():
-        v = _VARIABLES[key]
+        v = labelled[key]
         labels = {"units": v.unit, "symbol": v.symbol, "long_name": v.long_name, "frame": v.frame}
         variables[v.name] = ("time", (v.factor * values).astype(v.dtype), labels)
     dataset = xr.Dataset(
@@ -194,6 +195,7 @@ def _flight(
         coords={"time": ("time", time, {"units": "s", "long_name": "Time", "symbol": "t"})},
         attrs={
             **attributes,
+            "surfaces": " ".join(airframe.actuators.names),
             "key": test.key,
             "loop": test.loop,
             "commanded": [_VARIABLES[CHANNEL_KEYS[test.loop][channel]].name for channel in test.commanded],

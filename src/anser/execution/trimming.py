@@ -11,6 +11,7 @@ from anser.execution.conditions import airframe_of, solve
 from anser.simulation import TrimPoint, nearest_trims, trim_target, trim_violations
 from anser.spatial import euler_from_quaternion
 from anser.units import DEG_RAD, RAD_DEG
+from anser.variables import surface_words
 
 _ROUNDING = 1e-12
 """Values below this are rounding noise of a zero, such as the bank of straight flight."""
@@ -106,7 +107,7 @@ def _rows(
     rows = (
         *((name, float(angle) * RAD_DEG, "deg") for name, angle in flow.items()),
         *((name, float(rate) * RAD_DEG, "deg/s") for name, rate in rates),
-        *((name, float(angle) * RAD_DEG, "deg") for name, angle in surfaces),
+        *((surface_words(name), float(angle) * RAD_DEG, "deg") for name, angle in surfaces),
         ("throttle", float(point.controls.throttle), "0 to 1"),
         ("engine power", float(point.power), "percent"),
         ("thrust", thrust / 1000, "kN"),
