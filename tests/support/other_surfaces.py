@@ -82,6 +82,4 @@ def split_aileron_aircraft():
         rate_limit=jnp.full(4, 1.0),
         names=SPLIT,
     )
-    return _mixed(
-        actuators, [[1.0, 0.0, 0.0, 0.0], [0.0, 0.5, 0.5, 0.0], [0.0, 0.0, 0.0, 1.0]]
-    )
+    return _mixed(actuators, [[1.0, 0.0, 0.0, 0.0], [0.0, 0.5, 0.5, 0.0], [0.0, 0.0, 0.0, 1.0]])
