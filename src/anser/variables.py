@@ -118,7 +118,7 @@ def _discrete(
 STANDARD_SURFACES: tuple[str, ...] = ("elevator", "aileron", "rudder")
 """Names of the surfaces of an aircraft with one for each axis, in their order."""
 
-_SUBSCRIPTS = dict(zip(STANDARD_SURFACES, "ear", strict=True))
+_SUBSCRIPTS: Mapping[str, str] = dict(zip(STANDARD_SURFACES, "ear", strict=True))
 _SURFACE_NAME = re.compile("[a-z][a-z0-9]*(_[a-z0-9]+)*")
 
 

@@ -113,7 +113,7 @@ def step_document(flights: Sequence[SteppedFlight]) -> dict[str, Any]:
     about = ("aircraft", "variant", "speed_m_s", "altitude_m", "inversion")
     return {
         "format_version": STEP_FORMAT_VERSION,
-        **{name: flights[0].dataset.attrs[name] for name in about},
+        **{name: flights[0].dataset.attrs[name] for name in about if name in flights[0].dataset.attrs},
         "limits": {
             "overshoot_percent": 100 * _OVERSHOOT_MAX,
             "final_error_percent": 100 * _FINAL_ERROR_MAX,

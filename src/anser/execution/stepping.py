@@ -14,10 +14,9 @@ from anser.aircraft import AbstractAirframe, AircraftState, air_data
 from anser.compiling import compiled, enable_compilation_cache
 from anser.control import AutopilotGains, FlightLimits, default_limits
 from anser.environment import Environment, standard_environment
-from anser.execution.conditions import ConditionError, Inversion, gains_for, steady_trim
+from anser.execution.conditions import ConditionError, Inversion, airframe_of, gains_for, steady_trim
 from anser.execution.step_tests import CHANNEL_KEYS, STEP_S, StepTest
 from anser.execution.stepped_flight import SteppedFlight
-from anser.scenario import load_airframe
 from anser.sensing import Instant
 from anser.simulation import Loop, LoopCase, TrimPoint, trim_target
 from anser.simulation.recorder import AbstractRecorder, AircraftSample
@@ -35,7 +34,7 @@ _measure = compiled(step_metrics)
 def fly_steps(
     tests: Sequence[StepTest],
     *,
-    aircraft: str = "f16",
+    aircraft: str | AbstractAirframe = "f16",
     variant: str = "textbook",
     speed_m_s: float = 150.0,
     altitude_m: float = 1000.0,
@@ -51,7 +50,7 @@ def fly_steps(
     tests
         What to command.
     aircraft, variant
-        Of the library: see `load_airframe`.
+        Of the library, or an airframe.
     speed_m_s, altitude_m
         True airspeed and geometric altitude of the trim point.
     inversion
@@ -67,18 +66,13 @@ def fly_steps(
         No such airframe.
     """
     enable_compilation_cache()
-    airframe, environment, limits = load_airframe(aircraft, variant), standard_environment(), default_limits()
+    airframe, of = airframe_of(aircraft, variant)
+    environment, limits = standard_environment(), default_limits()
     trim = steady_trim(airframe, environment, trim_target(speed_m_s, altitude_m))
     for test in tests:
         _must_be_flown(test, speed_m_s, limits)
     gains = gains_for(inversion)
-    attributes = {
-        "aircraft": aircraft,
-        "variant": variant,
-        "speed_m_s": speed_m_s,
-        "altitude_m": altitude_m,
-        "inversion": inversion,
-    }
+    attributes = {**of, "speed_m_s": speed_m_s, "altitude_m": altitude_m, "inversion": inversion}
     found: dict[StepTest, SteppedFlight] = {}
     batches: dict[tuple[Loop, float], list[StepTest]] = {}
     for test in tests:

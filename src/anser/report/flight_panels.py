@@ -34,7 +34,12 @@ class Panel:
     within: bool = False
 
 
-SURFACE = Panel("{}_deg", "{}_command_deg")
+def _surface_panel(surface: str) -> Panel:
+    """Position and command of a control surface."""
+    return Panel(f"{surface}_deg", f"{surface}_command_deg")
+
+
+SURFACE = _surface_panel("*")
 """Stands for a panel of each of the flight's control surfaces."""
 
 
@@ -160,7 +165,7 @@ def _panels(section: Section, surfaces: Sequence[str]) -> list[Panel]:
     """Panels of a section for a flight with these control surfaces."""
     found = []
     for panel in section.panels:
-        found += [Panel(*(n.format(s) for n in _names(panel))) for s in surfaces] if panel is SURFACE else [panel]
+        found += [_surface_panel(name) for name in surfaces] if panel is SURFACE else [panel]
     return found
 
 

@@ -227,7 +227,8 @@ def _heading(dataset: xr.Dataset) -> str:
 def _about(dataset: xr.Dataset) -> str:
     of = dataset.attrs
     inversion = {"model": "inversion of the model", "incremental": "incremental inversion"}[of["inversion"]]
+    variant = f" ({of['variant']})" if "variant" in of else ""
     return (
-        f"{of['aircraft']} ({of['variant']}) from level trim at {of['speed_m_s']:g} m/s, {of['altitude_m']:g} m; "
+        f"{of['aircraft']}{variant} from level trim at {of['speed_m_s']:g} m/s, {of['altitude_m']:g} m; "
         f"{inversion}; commands dashed"
     )
