@@ -1,11 +1,23 @@
 """The catalogue of recorded variables: unambiguous, complete, and consistent in unit, suffix and factor."""
 
 import math
-from dataclasses import FrozenInstanceError
+from dataclasses import FrozenInstanceError, fields
 
 import pytest
 
-from anser.variables import CATALOGUE, DERIVED_KEYS, OPTIONAL_KEYS, RECORDED_KEYS
+from anser.aircraft import FirstOrderActuators
+from anser.variables import (
+    CATALOGUE,
+    DERIVED_KEYS,
+    OPTIONAL_KEYS,
+    RECORDED_KEYS,
+    STANDARD_SURFACES,
+    Variable,
+    all_surfaces,
+    catalogue,
+    recorded_keys,
+    surface_variables,
+)
 
 # What a name must end with for each unit; written out here, apart from the catalogue's own table.
 SUFFIX_OF_UNIT = {
@@ -85,3 +97,66 @@ def test_discrete_variables_name_their_values():
 def test_a_variable_cannot_be_changed():
     with pytest.raises(FrozenInstanceError):
         CATALOGUE[0].factor = 2.0  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_the_standard_surfaces_have_their_own_entries():
+    assert surface_variables(STANDARD_SURFACES) == tuple(
+        variable for variable in CATALOGUE if variable.key.removesuffix("_command") in STANDARD_SURFACES
+    )
+    assert catalogue() == CATALOGUE
+    default = next(field.default for field in fields(FirstOrderActuators) if field.name == "names")
+    assert default == STANDARD_SURFACES
+
+
+def test_a_surface_of_another_name_has_an_entry_like_theirs():
+    position, command = surface_variables(["left_elevon"])
+    assert position == Variable(
+        "left_elevon_deg", "left_elevon", "degree", 180.0 / math.pi, "body FRD", "δ_le", "Left elevon"
+    )
+    assert (command.name, command.key) == ("left_elevon_command_deg", "left_elevon_command")
+    assert (command.symbol, command.long_name) == ("δ_le,c", "Left elevon command")
+
+
+def test_symbols_of_surfaces_differ():
+    symbols = [
+        variable.symbol
+        for variable in surface_variables(["elevator", "flap", "left_elevon", "leading_edge", "lower_e"])
+    ]
+    assert symbols[:5] == ["δ_e", "δ_flap", "δ_left,elevon", "δ_leading,edge", "δ_lower,e"]
+    assert len(set(symbols)) == 10
+
+
+def test_the_catalogue_of_other_surfaces_has_all_else_as_it_was():
+    names = ("left_elevon", "right_elevon")
+    found = catalogue(names)
+    of_surfaces = surface_variables(names)
+    assert [v for v in found if v not in of_surfaces] == [
+        v for v in CATALOGUE if v not in surface_variables(STANDARD_SURFACES)
+    ]
+    at = found.index(of_surfaces[0])
+    assert found[at : at + 4] == of_surfaces
+    assert CATALOGUE[at].key == "elevator"
+    keys = recorded_keys(names)
+    assert set(RECORDED_KEYS) - set(keys) == {v.key for v in surface_variables(STANDARD_SURFACES)}
+    assert set(keys) - set(RECORDED_KEYS) == {v.key for v in of_surfaces}
+
+
+def test_surfaces_of_a_fleet_come_in_the_order_in_which_they_occur():
+    assert all_surfaces([("b", "a"), ("a", "c"), ("b",)]) == ("b", "a", "c")
+
+
+@pytest.mark.parametrize("name", ["bank", "roll_rate", "flap_command"])
+def test_a_surface_cannot_have_the_name_of_another_variable(name):
+    with pytest.raises(ValueError, match="another variable"):
+        surface_variables(["flap", name])
+
+
+@pytest.mark.parametrize("name", ["Flap", "left flap", "flap_", "2flap", ""])
+def test_a_surface_needs_a_plain_name(name):
+    with pytest.raises(ValueError, match="lower-case words"):
+        surface_variables([name])
+
+
+def test_a_surface_cannot_occur_twice():
+    with pytest.raises(ValueError, match="'flap'"):
+        surface_variables(["flap", "flap"])

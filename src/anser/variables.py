@@ -2,8 +2,13 @@
 
 The kernels record a history, a dict of arrays of shape (time, aircraft) keyed by `Variable.key`, in SI units and
 radians. A dataset holds the same numbers as `Variable.name`, which carries a unit suffix: dataset = history * factor.
+
+Control surfaces have the names that their airframe gives them. `CATALOGUE` has those of an aircraft with one for each
+axis; `catalogue` gives it for aircraft of other surfaces.
 """
 
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -16,8 +21,14 @@ __all__ = [
     "PLAN_VARIABLES",
     "RECORDED_KEYS",
     "SHAPE_VARIABLES",
+    "STANDARD_SURFACES",
     "UNITS",
     "Variable",
+    "all_surfaces",
+    "catalogue",
+    "recorded_keys",
+    "surface_variables",
+    "surface_words",
 ]
 
 
@@ -104,6 +115,28 @@ def _discrete(
     return Variable(key, key, "1", 1.0, _NONE, symbol, long_name, dtype, flags)
 
 
+STANDARD_SURFACES: tuple[str, ...] = ("elevator", "aileron", "rudder")
+"""Names of the surfaces of an aircraft with one for each axis, in their order."""
+
+_SUBSCRIPTS: Mapping[str, str] = dict(zip(STANDARD_SURFACES, "ear", strict=True))
+_SURFACE_NAME = re.compile("[a-z][a-z0-9]*(_[a-z0-9]+)*")
+
+
+def surface_words(name: str) -> str:
+    """A surface as words: left elevon."""
+    return name.replace("_", " ")
+
+
+def _surfaces(subscripts: Mapping[str, str]) -> tuple[Variable, ...]:
+    """Positions of surfaces, then their commands; from their names and the subscripts of their symbols."""
+    told = [(name, f"δ_{subscript}", surface_words(name).capitalize()) for name, subscript in subscripts.items()]
+    positions = (_variable(name, "deg", _BODY, symbol, words) for name, symbol, words in told)
+    commands = (
+        _variable(f"{name}_command", "deg", _BODY, f"{symbol},c", f"{words} command") for name, symbol, words in told
+    )
+    return (*positions, *commands)
+
+
 CATALOGUE: tuple[Variable, ...] = (
     # position and velocity over ground
     _variable("north", "m", _NED, "p_N", "North position"),
@@ -144,12 +177,7 @@ CATALOGUE: tuple[Variable, ...] = (
     _variable("course", "deg", _AIR, "χ", "Course"),
     _variable("load_factor", "", _BODY, "n_z", "Normal load factor"),
     # controls and engine
-    _variable("elevator", "deg", _BODY, "δ_e", "Elevator"),
-    _variable("aileron", "deg", _BODY, "δ_a", "Aileron"),
-    _variable("rudder", "deg", _BODY, "δ_r", "Rudder"),
-    _variable("elevator_command", "deg", _BODY, "δ_e,c", "Elevator command"),
-    _variable("aileron_command", "deg", _BODY, "δ_a,c", "Aileron command"),
-    _variable("rudder_command", "deg", _BODY, "δ_r,c", "Rudder command"),
+    *_surfaces(_SUBSCRIPTS),
     _variable("throttle", "", _NONE, "δ_t", "Throttle"),
     _variable("power", "percent", _NONE, "P_a", "Engine power"),
     _variable("thrust", "n", _BODY, "T", "Thrust"),
@@ -275,10 +303,69 @@ DERIVED_KEYS: frozenset[str] = frozenset({"latitude", "longitude"})
 OPTIONAL_KEYS: frozenset[str] = frozenset(variable.key for variable in CATALOGUE if variable.optional)
 """Keys that a history may have."""
 
-RECORDED_KEYS: tuple[str, ...] = tuple(
-    variable.key for variable in CATALOGUE if variable.key not in DERIVED_KEYS | OPTIONAL_KEYS
-)
-"""Keys that a history must have, all of them and no others but the optional ones."""
+
+def surface_variables(names: Iterable[str]) -> tuple[Variable, ...]:
+    """Catalogue entries of control surfaces: the position of each, then the command of each.
+
+    Parameters
+    ----------
+    names
+        Names of an airframe's surfaces, or of those of a whole fleet, each once.
+
+    Returns
+    -------
+    tuple
+        Of `left_elevon` the variables `left_elevon_deg` and `left_elevon_command_deg`, keys `left_elevon` and
+        `left_elevon_command`. The symbol has the first letters of a name of several words, "le", or the one word; where
+        two would be the same, all words.
+
+    Raises
+    ------
+    ValueError
+        A name is not made of lower-case words joined by `_`, occurs twice, or is that of another variable.
+    """
+    named = list(names)
+    wrong = [name for name in named if not _SURFACE_NAME.fullmatch(name)]
+    if wrong:
+        raise ValueError(f"control surface {wrong[0]!r}: expected lower-case words joined by _, as in left_elevon")
+    short = {name: _SUBSCRIPTS.get(name) or _initials(name) for name in named}
+    taken = list(short.values())
+    found = _surfaces({n: own if taken.count(own) == 1 else n.replace("_", ",") for n, own in short.items()})
+    keys = [variable.key for variable in found]
+    others = {variable.key for variable in CATALOGUE} - _STANDARD_KEYS
+    twice = [name for name in named if named.count(name) > 1]
+    twice += [key for key in keys if key in others or keys.count(key) > 1]
+    if twice:
+        raise ValueError(f"control surface {twice[0]!r}: another variable of the record has this name; choose another")
+    return found
+
+
+def _initials(name: str) -> str:
+    words = name.split("_")
+    return name if len(words) == 1 else "".join(word[0] for word in words)
+
+
+_STANDARD_KEYS = frozenset(variable.key for variable in _surfaces(_SUBSCRIPTS))
+
+
+def all_surfaces(of_aircraft: Iterable[Sequence[str]]) -> tuple[str, ...]:
+    """Names of the surfaces of some aircraft, each once, in the order in which they first occur."""
+    return tuple(dict.fromkeys(name for names in of_aircraft for name in names))
+
+
+def catalogue(surfaces: Sequence[str] = STANDARD_SURFACES) -> tuple[Variable, ...]:
+    """Every variable of a history of aircraft with these control surfaces, in the order of `CATALOGUE`."""
+    at = next(k for k, variable in enumerate(CATALOGUE) if variable.key in _STANDARD_KEYS)
+    return (*CATALOGUE[:at], *surface_variables(surfaces), *CATALOGUE[at + len(_STANDARD_KEYS) :])
+
+
+def recorded_keys(surfaces: Sequence[str] = STANDARD_SURFACES) -> tuple[str, ...]:
+    """Keys that a history of aircraft with these control surfaces must have, and no others but the optional ones."""
+    return tuple(v.key for v in catalogue(surfaces) if v.key not in DERIVED_KEYS | OPTIONAL_KEYS)
+
+
+RECORDED_KEYS: tuple[str, ...] = recorded_keys()
+"""Keys that a history of aircraft with the standard surfaces must have."""
 
 PLAN_VARIABLES: tuple[Variable, ...] = (
     _variable("climb_rate", "m_s", _AIR, "V_h", "Climb rate"),

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from anser.report.step_figures import draw_overview, draw_step
-from anser.variables import CATALOGUE
+from anser.variables import CATALOGUE, catalogue
 
 TIME = np.arange(0.0, 2.005, 0.01)
 LABELS = {v.name: {"units": v.unit, "symbol": v.symbol, "long_name": v.long_name} for v in CATALOGUE}
@@ -65,3 +65,16 @@ def test_without_matplotlib_it_says_what_to_install(tmp_path, monkeypatch):
     with pytest.raises(ImportError, match="pip install matplotlib"):
         draw_step(_dataset(), [tmp_path / "a.svg"])
     assert not (tmp_path / "a.svg").exists()
+
+
+def test_other_surfaces_are_drawn_by_their_names(tmp_path):
+    surfaces = ("elevator", "left_aileron", "right_aileron", "leading_edge_flap")
+    labels = {v.name: {"units": v.unit, "symbol": v.symbol, "long_name": v.long_name} for v in catalogue(surfaces)}
+    dataset = _dataset().drop_vars(["aileron_deg", "rudder_deg"])
+    for k, name in enumerate(surfaces):
+        dataset[f"{name}_deg"] = ("time", np.sin(TIME + k), labels[f"{name}_deg"])
+    draw_step(dataset.assign_attrs(surfaces=" ".join(surfaces)), [tmp_path / "a.svg"])
+    text = (tmp_path / "a.svg").read_text()
+    for words in ("Elevator", "Left aileron", "Right aileron", "Leading edge flap"):
+        assert words in text
+    assert "Rudder" not in text

@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 from anser.report.tracking_figure import draw_tracking
-from anser.variables import CATALOGUE
+from anser.variables import CATALOGUE, surface_variables
 
 COUNT, ARRIVAL = 50, 30.0
 
@@ -48,3 +48,16 @@ def test_same_numbers_make_the_same_file_and_nothing_is_overwritten(dataset, tmp
     assert first.read_bytes() == second.read_bytes()
     with pytest.raises(FileExistsError):
         draw_tracking(dataset, "twice", [first])
+
+
+def test_surfaces_without_a_common_symbol_are_named(dataset, tmp_path):
+    path = tmp_path / "figure.svg"
+    draw_tracking(dataset, "standard", [tmp_path / "standard.svg"])
+    assert "Left elevon" not in (tmp_path / "standard.svg").read_text(encoding="utf-8")
+    for k, v in enumerate(surface_variables(["left_elevon", "right_elevon"])):
+        labels = {"units": v.unit, "symbol": v.symbol, "long_name": v.long_name}
+        dataset[v.name] = (("time", "aircraft"), np.full((COUNT, 1), float(k)), labels)
+    draw_tracking(dataset.assign_attrs(surfaces="left_elevon right_elevon"), "elevons", [path])
+    text = path.read_text(encoding="utf-8")
+    assert "Left elevon" in text
+    assert "Right elevon" in text

@@ -4,15 +4,15 @@ import numpy as np
 import pymap3d
 import pytest
 
-from anser.results import to_dataset
-from anser.variables import CATALOGUE, DERIVED_KEYS
+from anser.results import surfaces_of, to_dataset
+from anser.variables import CATALOGUE, DERIVED_KEYS, STANDARD_SURFACES
 
 
 def test_every_variable_of_the_catalogue_is_labelled(time_s, history, names, attributes):
     dataset = to_dataset(time_s, history, names, attributes)
     assert list(dataset.data_vars) == [variable.name for variable in CATALOGUE]
     assert list(dataset["aircraft"].values) == list(names)
-    assert dataset.attrs == attributes
+    assert dataset.attrs == attributes | {"surfaces": "elevator aileron rudder"}
     assert dataset["time"].attrs["units"] == "s"
     for variable in CATALOGUE:
         found = dataset[variable.name]
@@ -123,3 +123,56 @@ def test_the_reference_is_needed(time_s, history, names, attributes):
 def test_attributes_are_text_or_numbers(time_s, history, names, attributes):
     with pytest.raises(TypeError, match="wind"):
         to_dataset(time_s, history, names, attributes | {"wind": np.zeros((2, 2)).astype(object)})
+
+
+ELEVONS = ("left_elevon", "right_elevon")
+
+
+def elevons_only(history):
+    """The history with two elevons in place of the standard surfaces."""
+    found = {key: values for key, values in history.items() if key.removesuffix("_command") not in STANDARD_SURFACES}
+    return found | {
+        f"{name}{suffix}": history[f"{old}{suffix}"]
+        for name, old in zip(ELEVONS, ("elevator", "aileron"), strict=True)
+        for suffix in ("", "_command")
+    }
+
+
+def test_a_fleet_may_have_other_surfaces(time_s, history, names, attributes):
+    dataset = to_dataset(time_s, elevons_only(history), names, attributes, [ELEVONS] * 3)
+    assert surfaces_of(dataset) == ELEVONS
+    assert "rudder_deg" not in dataset
+    np.testing.assert_array_equal(dataset["left_elevon_deg"], np.degrees(history["elevator"]))
+    assert dataset["right_elevon_command_deg"].attrs["long_name"] == "Right elevon command"
+    assert "comment" not in dataset["left_elevon_deg"].attrs
+    order = list(dataset.data_vars)
+    assert order.index("left_elevon_deg") == order.index("load_factor") + 1
+
+
+def test_its_surfaces_must_be_recorded_and_no_others(time_s, history, names, attributes):
+    changed = elevons_only(history)
+    del changed["right_elevon_command"]
+    with pytest.raises(ValueError, match=r"missing keys \['right_elevon_command'\]"):
+        to_dataset(time_s, changed, names, attributes, [ELEVONS] * 3)
+    with pytest.raises(ValueError, match=r"unknown keys \['left_elevon', .*missing keys \['aileron'"):
+        to_dataset(time_s, elevons_only(history), names, attributes)
+
+
+def test_of_aircraft_with_different_surfaces_it_says_which_may_be_missing(time_s, history, names, attributes):
+    mixed = history | elevons_only(history)
+    dataset = to_dataset(time_s, mixed, names, attributes, [("elevator", *ELEVONS), STANDARD_SURFACES, ("elevator",)])
+    assert surfaces_of(dataset) == ("elevator", *ELEVONS, "aileron", "rudder")
+    assert "comment" not in dataset["elevator_deg"].attrs
+    for name in (*ELEVONS, "aileron", "rudder"):
+        assert dataset[f"{name}_command_deg"].attrs["comment"] == "NaN of an aircraft that has no such surface"
+
+
+def test_surfaces_are_told_of_each_aircraft(time_s, history, names, attributes):
+    with pytest.raises(ValueError, match="surfaces are those of 1 aircraft; there are 3"):
+        to_dataset(time_s, history, names, attributes, [STANDARD_SURFACES])
+
+
+def test_a_dataset_from_before_has_the_standard_surfaces(time_s, history, names, attributes):
+    dataset = to_dataset(time_s, history, names, attributes)
+    del dataset.attrs["surfaces"]
+    assert surfaces_of(dataset) == STANDARD_SURFACES

@@ -117,3 +117,23 @@ def test_document_is_plain_json_with_the_same_numbers(labelled):
 )
 def test_units(name, unit):
     assert unit_of(name) == unit
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("left_elevon", "rad"),
+        ("left_elevon_command", "rad"),
+        ("left_elevon_velocity", "rad s-1"),
+        ("right_elevon_filter", "rad"),
+        ("throttle", "1"),
+    ],
+)
+def test_units_of_other_surfaces(name, unit):
+    assert unit_of(name, ("left_elevon", "right_elevon")) == unit
+
+
+@pytest.mark.parametrize("name", ["rudder", "rudder_command", "left_elevon_speed"])
+def test_what_has_no_unit_is_refused(name):
+    with pytest.raises(ValueError, match=f"no unit is known for {name}"):
+        unit_of(name, ("left_elevon", "right_elevon"))

@@ -186,3 +186,24 @@ def test_another_format_is_refused(tmp_path):
     path.write_text('{"format_version": 2}')
     with pytest.raises(ValueError, match="format_version 2"):
         read_summary(path)
+
+
+def test_each_aircraft_tells_how_far_its_own_surfaces_went():
+    """Up and down by 2 deg and 3 deg; no way is told of a surface that an aircraft has not."""
+    history, none = flight(), np.full(TIME.size, np.nan)
+    rest = np.zeros_like(TIME)
+    swing = np.radians(np.interp(TIME, [0.0, 20.0, 40.0, 80.0], [0.0, 2.0, -1.0, -1.0]))
+    for key in ("gust_u", "gust_v", "gust_w", "load_factor"):
+        history[key] = np.stack([rest, rest], axis=1)
+    history["surfaces_limited"] = np.zeros((TIME.size, 2), dtype=bool)
+    history |= {"flap": np.stack([swing, none], axis=1), "rudder": np.stack([none, 2.0 * swing], axis=1)}
+    anna, bert = summarize(TIME, history, scenario(), 0.0, surfaces=[("flap",), ("rudder",)])["aircraft"]
+    # the sum of 320 steps in rad
+    assert anna["flap_travel_deg"] == pytest.approx(5.0, rel=1e-12)
+    assert bert["rudder_travel_deg"] == pytest.approx(10.0, rel=1e-12)
+    assert [key for row in (anna, bert) for key in row if key.endswith("_travel_deg")] == [
+        "flap_travel_deg",
+        "rudder_travel_deg",
+    ]
+    with pytest.raises(ValueError, match="surfaces are those of 1 aircraft; there are 2"):
+        summarize(TIME, history, scenario(), 0.0, surfaces=[("flap",)])

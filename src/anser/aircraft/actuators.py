@@ -9,9 +9,7 @@ from jaxtyping import Array, Float
 
 from anser.aircraft.air_data import AirData
 from anser.shapes import Vector
-
-STANDARD_SURFACES = ("elevator", "aileron", "rudder")
-"""Names of the surfaces of an aircraft with one for each axis, in their order."""
+from anser.variables import STANDARD_SURFACES
 
 
 class AbstractActuators(eqx.Module):

@@ -1,5 +1,6 @@
 """The commands step and gallery."""
 
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -163,7 +164,7 @@ def _table(flights: Sequence["SteppedFlight"], title: str) -> Table:
         *columns("step\n", "channel\n", no_wrap=True),
         *columns("size\n", "rise\ns", "settling\ns", "overshoot\n%", "final error\n%", justify="right"),
         "others move\nat most",
-        *columns("sideslip\ndeg", "elevator, aileron,\nrudder used, %", justify="right"),
+        *columns("sideslip\ndeg", _surfaces_used(flights[0]), justify="right"),
     )
     for flight in flights:
         document = flight.document()
@@ -180,6 +181,12 @@ def _table(flights: Sequence["SteppedFlight"], title: str) -> Table:
             table.add_row(key, channel, *cells, *rest, style="red" if document["shortfalls"] else None)
             once = [""] * 4
     return table
+
+
+def _surfaces_used(flight: "SteppedFlight") -> str:
+    """Heading of the column of all control surfaces, in narrow lines."""
+    names = [name.replace("_", " ") for name in flight.document()["surface_use_percent"]]
+    return textwrap.fill(f"{', '.join(names)} used, %", 20)
 
 
 def _short(value: float | None) -> str:

@@ -174,7 +174,7 @@ def plan_certified(
     for program in _programs_ahead(scenario, flight, planner, start.shapes, ahead):
         program.begin()
     fleet, tasks = asked(flight, planner)
-    refuse_untrimmable(scenario, flight, leading(fleet.trims, count))
+    refuse_untrimmable(scenario, flight, fleet.steady)
     request = arrival_request(scenario, flight.count)
     outcome, holds = planner.searched(0.0, tasks, request, scenario.timing.duration_s, on_progress)
     refusals: tuple[str, ...] = ()

@@ -89,7 +89,8 @@ def trim_map(
     points = clock.run(map_points, airframe, environment, targets)
     if not np.any(points.trimmable):
         raise ValueError("no point of the grid can be flown steadily: there is nothing to survey")
-    return TrimMap({c.name: c.meaning for c in CONDITIONS}, altitudes, mach, airspeeds, targets, points)
+    conditions = {c.name: c.meaning for c in CONDITIONS}
+    return TrimMap(conditions, altitudes, mach, airspeeds, targets, points, airframe.actuators.names)
 
 
 def tolerance_of(size: np.ndarray) -> np.ndarray:

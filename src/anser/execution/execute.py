@@ -213,7 +213,8 @@ def run(
     wall_s = clock.perf_counter() - began
     on_progress("summing up", None)
     happened = [one.as_dict() for one in happenings.outcomes]
-    summary = summarize(time_s, history, scenario, wall_s, planned.path_words(), happened, happenings.goals)
+    surfaces = planned.flight.surfaces[: len(scenario.aircraft)]
+    summary = summarize(time_s, history, scenario, wall_s, planned.path_words(), happened, happenings.goals, surfaces)
     attributes = _attributes(scenario) | version_attributes()
     if isinstance(planned, DecentralisedPlanned):
         summary["network"] = summarize_network(time_s, history, scenario, planned.agreed_after_s)
@@ -224,6 +225,7 @@ def run(
         {key: values[::stride] for key, values in history.items()},
         [a.name for a in scenario.aircraft],
         attributes,
+        surfaces,
     )
     return Flown(scenario, dataset, summary, planned)
 

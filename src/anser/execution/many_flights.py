@@ -245,10 +245,10 @@ def _flown(cases: Sequence[FlightCase], flights: _Flights, alone: Sequence[Fligh
 def _untrimmable(cases: Sequence[FlightCase], alone: Sequence[Flight], fleets: TrimmedFleet) -> dict[int, str]:
     """Of flights with an aircraft that cannot fly steadily at its start: what stops it."""
     found = {}
-    trims = jax.tree.map(np.asarray, fleets.trims)
+    steady = np.asarray(fleets.steady)
     for k, (case, flight) in enumerate(zip(cases, alone, strict=True)):
         try:
-            refuse_untrimmable(case.scenario, flight, _row(trims, k))
+            refuse_untrimmable(case.scenario, flight, steady[k])
         except ScenarioError as error:
             found[k] = "; ".join(map(str, error.problems))
     return found

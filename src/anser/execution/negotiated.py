@@ -13,7 +13,7 @@ from anser.compiling import compiled_quickly, enable_compilation_cache
 from anser.execution.certified import CertifiedPlanned, arrival_request, asked, first_renewal
 from anser.execution.plan_interface import Ahead, NoPlanError
 from anser.execution.untrimmable import refuse_untrimmable
-from anser.numerics import as_array, leading
+from anser.numerics import as_array
 from anser.numerics.stacking import rows_where
 from anser.planning.certified import (
     AircraftTask,
@@ -170,10 +170,10 @@ def plan_decentralised(
     """
     enable_compilation_cache()
     on_progress("trimming")
-    flight, count = build_flight(scenario, filled_up=True), len(scenario.aircraft)
+    flight = build_flight(scenario, filled_up=True)
     planner = cast(DecentralisedPlanner, flight.planner)
     fleet, tasks = asked(flight, planner.each)
-    refuse_untrimmable(scenario, flight, leading(fleet.trims, count))
+    refuse_untrimmable(scenario, flight, fleet.steady)
     plan, holds, talked_s, why = agreed_plan(scenario, flight, tasks, on_progress)
     if plan is not None:
         first = CertifiedPlanState(plan, first_renewal(), holds, tasks.limits)

@@ -16,7 +16,7 @@ from anser.execution.negotiated import Agreement, DecentralisedPlanned
 from anser.execution.plan_interface import PlanFileError, Planned
 from anser.execution.planned import PublishedPlanned
 from anser.execution.untrimmable import refuse_untrimmable
-from anser.numerics import as_array, leading
+from anser.numerics import as_array
 from anser.planning.certified import Outcome
 from anser.planning.published_planner import PublishedPlanState
 from anser.results import version_attributes
@@ -83,11 +83,11 @@ def read_plan(path: Path, scenario: Scenario) -> Planned:
 
 def _planned(scenario: Scenario, state: Any, path: Path) -> Planned:
     enable_compilation_cache()
-    flight, count = build_flight(scenario, filled_up=True), len(scenario.aircraft)
+    flight = build_flight(scenario, filled_up=True)
     if flight.count != jax.tree.leaves(state)[0].shape[0]:
         raise PlanFileError(f"{path} holds a plan of another size than this version of anser makes")
     fleet = trimmed(flight)
-    refuse_untrimmable(scenario, flight, leading(fleet.trims, count))
+    refuse_untrimmable(scenario, flight, fleet.steady)
     if scenario.fleet.planner == "published":
         return PublishedPlanned(scenario, flight, fleet, (), begun(flight, fleet, state))
     first = state.first if isinstance(state, Agreement) else state

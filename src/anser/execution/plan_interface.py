@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from anser.compiling import Prepared
-from anser.numerics import leading
+from anser.numerics import each_of
 from anser.scenario import Scenario
 from anser.simulation import Flight, FlightState, TrimmedFleet, TrimPoint
 
@@ -55,9 +55,11 @@ class Planned(abc.ABC):
     refusals: tuple[str, ...]
 
     @property
-    def trims(self) -> TrimPoint:
-        """Steady flight of each aircraft at its start; leading axis aircraft."""
-        return leading(self.fleet.trims, len(self.scenario.aircraft))
+    def trims(self) -> tuple[TrimPoint, ...]:
+        """Steady flight of each aircraft at its start."""
+        of_kinds = zip(self.flight.kinds, self.fleet.trims, strict=True)
+        found = {place: one for kind, rows in of_kinds for place, one in zip(kind.members, each_of(rows), strict=True)}
+        return tuple(found[place] for place in range(len(self.scenario.aircraft)))
 
     @functools.cached_property
     @abc.abstractmethod

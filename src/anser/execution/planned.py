@@ -185,5 +185,5 @@ def plan(
         following.begin()
     state, fleet = _start(flight)
     made = PublishedPlanned(scenario, flight, fleet, (), state)
-    refuse_untrimmable(scenario, flight, made.trims)
+    refuse_untrimmable(scenario, flight, fleet.steady)
     return made

@@ -150,6 +150,7 @@ def robustness_study(
         trims,
         summaries,
         verdicts,
+        nominal.actuators.names,
         {
             "aircraft": "f16",
             "variant": variant,

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from anser.execution.step_tests import CHANNEL_KEYS, STEP_S, StepTest, unit_of_channel
-from anser.results import finite_or_none
+from anser.results import finite_or_none, surfaces_of
 from anser.simulation.step_metrics import StepMetrics
 from anser.variables import CATALOGUE
 
@@ -21,8 +21,6 @@ _SIDESLIP_MAX_DEG = 1.0
 """What the published responses must keep to; the last in steps of the velocity loop."""
 
 _FACTORS = {variable.key: variable.factor for variable in CATALOGUE}
-SURFACES = ("elevator", "aileron", "rudder")
-"""Keys of the surfaces, in the order of their deflections."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +33,7 @@ class SteppedFlight:
         What was commanded.
     dataset
         Outputs of all three loops, commands of the stepped one, surfaces, throttle and power over time, named and
-        labelled as in `anser.variables.CATALOGUE`; the attributes say what flew where.
+        labelled as in `anser.variables.catalogue`; the attributes say what flew where.
     metrics
         Figures up to the reading, SI units and radians.
     """
@@ -103,7 +101,9 @@ class SteppedFlight:
             "channels": stepped,
             "coupling": coupling,
             "sideslip_max_deg": finite_or_none(self.sideslip_max_deg),
-            "surface_use_percent": {name: finite_or_none(100 * m.surface_use[k]) for k, name in enumerate(SURFACES)},
+            "surface_use_percent": {
+                name: finite_or_none(100 * m.surface_use[k]) for k, name in enumerate(surfaces_of(self.dataset))
+            },
             "shortfalls": list(self.shortfalls),
         }
 
@@ -113,7 +113,7 @@ def step_document(flights: Sequence[SteppedFlight]) -> dict[str, Any]:
     about = ("aircraft", "variant", "speed_m_s", "altitude_m", "inversion")
     return {
         "format_version": STEP_FORMAT_VERSION,
-        **{name: flights[0].dataset.attrs[name] for name in about},
+        **{name: flights[0].dataset.attrs[name] for name in about if name in flights[0].dataset.attrs},
         "limits": {
             "overshoot_percent": 100 * _OVERSHOOT_MAX,
             "final_error_percent": 100 * _FINAL_ERROR_MAX,

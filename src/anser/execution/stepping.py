@@ -14,17 +14,16 @@ from anser.aircraft import AbstractAirframe, AircraftState, air_data
 from anser.compiling import compiled, enable_compilation_cache
 from anser.control import AutopilotGains, FlightLimits, default_limits
 from anser.environment import Environment, standard_environment
-from anser.execution.conditions import ConditionError, Inversion, gains_for, steady_trim
+from anser.execution.conditions import ConditionError, Inversion, airframe_of, gains_for, steady_trim
 from anser.execution.step_tests import CHANNEL_KEYS, STEP_S, StepTest
-from anser.execution.stepped_flight import SURFACES, SteppedFlight
-from anser.scenario import load_airframe
+from anser.execution.stepped_flight import SteppedFlight
 from anser.sensing import Instant
 from anser.simulation import Loop, LoopCase, TrimPoint, trim_target
 from anser.simulation.recorder import AbstractRecorder, AircraftSample
 from anser.simulation.response import loop_flight
 from anser.simulation.step_metrics import step_metrics
 from anser.spatial import bank_about_velocity, path_angles, rotate, rotate_back, rotation_from_quaternion
-from anser.variables import CATALOGUE
+from anser.variables import CATALOGUE, catalogue
 
 _VARIABLES = {variable.key: variable for variable in CATALOGUE}
 _ANGLES_THAT_WRAP = ("bank", "course")
@@ -35,7 +34,7 @@ _measure = compiled(step_metrics)
 def fly_steps(
     tests: Sequence[StepTest],
     *,
-    aircraft: str = "f16",
+    aircraft: str | AbstractAirframe = "f16",
     variant: str = "textbook",
     speed_m_s: float = 150.0,
     altitude_m: float = 1000.0,
@@ -51,7 +50,7 @@ def fly_steps(
     tests
         What to command.
     aircraft, variant
-        Of the library: see `load_airframe`.
+        Of the library, or an airframe.
     speed_m_s, altitude_m
         True airspeed and geometric altitude of the trim point.
     inversion
@@ -67,18 +66,13 @@ def fly_steps(
         No such airframe.
     """
     enable_compilation_cache()
-    airframe, environment, limits = load_airframe(aircraft, variant), standard_environment(), default_limits()
+    airframe, of = airframe_of(aircraft, variant)
+    environment, limits = standard_environment(), default_limits()
     trim = steady_trim(airframe, environment, trim_target(speed_m_s, altitude_m))
     for test in tests:
         _must_be_flown(test, speed_m_s, limits)
     gains = gains_for(inversion)
-    attributes = {
-        "aircraft": aircraft,
-        "variant": variant,
-        "speed_m_s": speed_m_s,
-        "altitude_m": altitude_m,
-        "inversion": inversion,
-    }
+    attributes = {**of, "speed_m_s": speed_m_s, "altitude_m": altitude_m, "inversion": inversion}
     found: dict[StepTest, SteppedFlight] = {}
     batches: dict[tuple[Loop, float], list[StepTest]] = {}
     for test in tests:
@@ -166,7 +160,7 @@ def _outputs(airframe: AbstractAirframe, environment: Environment, state: Aircra
         "airspeed": data.V,
         "path_angle": gamma,
         "course": chi,
-        **dict(zip(SURFACES, state.surfaces, strict=True)),
+        **dict(zip(airframe.actuators.names, state.surfaces, strict=True)),
         "power": state.power,
         "outside_tables": jnp.where(airframe.outside_tables(data), 1.0, 0.0),
     }
@@ -179,14 +173,15 @@ def _flight(
     time = STEP_S * np.arange(len(record["power"]))
     until = round(test.read_at_s / STEP_S) + 1
     measured = np.stack([record[key][:until] for key in CHANNEL_KEYS[test.loop].values()], axis=1)
-    surfaces = np.stack([record[name][:until] for name in SURFACES], axis=1)
+    surfaces = np.stack([record[name][:until] for name in airframe.actuators.names], axis=1)
     stops = (airframe.actuators.lower, airframe.actuators.upper)
     size = jnp.asarray(_si(test))
     figures = _measure(jnp.asarray(time[:until]), jnp.asarray(measured), size, jnp.asarray(surfaces), stops)
     metrics = jax.tree.map(np.asarray, figures)
+    labelled = {v.key: v for v in catalogue(airframe.actuators.names)}
     variables = {}
     for key, values in record.items():
-        v = _VARIABLES[key]
+        v = labelled[key]
         labels = {"units": v.unit, "symbol": v.symbol, "long_name": v.long_name, "frame": v.frame}
         variables[v.name] = ("time", (v.factor * values).astype(v.dtype), labels)
     dataset = xr.Dataset(
@@ -194,6 +189,7 @@ def _flight(
         coords={"time": ("time", time, {"units": "s", "long_name": "Time", "symbol": "t"})},
         attrs={
             **attributes,
+            "surfaces": " ".join(airframe.actuators.names),
             "key": test.key,
             "loop": test.loop,
             "commanded": [_VARIABLES[CHANNEL_KEYS[test.loop][channel]].name for channel in test.commanded],

@@ -11,6 +11,7 @@ from anser.execution.conditions import airframe_of, solve
 from anser.simulation import TrimPoint, nearest_trims, trim_target, trim_violations
 from anser.spatial import euler_from_quaternion
 from anser.units import DEG_RAD, RAD_DEG
+from anser.variables import surface_words
 
 _HEAVY_KG = 1000.0
 """Thrust of aircraft of more mass is told in kN."""
@@ -109,7 +110,7 @@ def _rows(
     rows = (
         *((name, float(angle) * RAD_DEG, "deg") for name, angle in flow.items()),
         *((name, float(rate) * RAD_DEG, "deg/s") for name, rate in rates),
-        *((name, float(angle) * RAD_DEG, "deg") for name, angle in surfaces),
+        *((surface_words(name), float(angle) * RAD_DEG, "deg") for name, angle in surfaces),
         ("throttle", float(point.controls.throttle), "0 to 1"),
         ("engine power", float(point.power), "percent"),
         ("thrust", thrust / 1000, "kN") if heavy else ("thrust", thrust, "N"),

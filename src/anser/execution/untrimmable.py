@@ -1,16 +1,25 @@
 """Refusing starts without steady flight."""
 
+from typing import Any
+
 import numpy as np
 
 from anser.scenario import Problem, Scenario, ScenarioError
-from anser.simulation import Flight, TrimPoint, nearest_trims
-from anser.simulation.trim import EXCESS_NOISE
+from anser.simulation import Flight, nearest_trims
 
 
-def refuse_untrimmable(scenario: Scenario, flight: Flight, trims: TrimPoint) -> None:
-    """Refuse starts without steady flight: say which limit stops it and where the nearest trim points are."""
+def refuse_untrimmable(scenario: Scenario, flight: Flight, steady: Any) -> None:
+    """Refuse starts without steady flight: say which limit stops it and where the nearest trim points are.
+
+    Parameters
+    ----------
+    scenario, flight
+        What is to be flown.
+    steady
+        Whether each aircraft of the flight has one, as `TrimmedFleet` says; those that only fill the fleet up too.
+    """
     problems = []
-    for k in np.flatnonzero(~np.asarray(trims.converged) | (np.asarray(trims.excess) > EXCESS_NOISE)):
+    for k in np.flatnonzero(~np.asarray(steady)[: len(scenario.aircraft)]):
         vehicle, target, _ = flight.aircraft(int(k))
         found = nearest_trims(vehicle.airframe, flight.environment, target)
         aircraft, start = scenario.aircraft[k], scenario.aircraft[k].start

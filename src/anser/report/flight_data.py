@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from anser.report.flight_events import LIMITED, RENEWALS, events_of
-from anser.report.flight_panels import NEEDED, packed_variables, sections_for
+from anser.report.flight_panels import needed_variables, packed_variables, sections_for
 from anser.report.labels import label_of
 from anser.report.packing import pack, step_of
 
@@ -30,7 +30,7 @@ def check_flight(dataset: xr.Dataset, summary: Mapping[str, Any]) -> None:
     ValueError
         The dataset lacks a variable, the summary a key, or dataset and summary are not of one flight.
     """
-    missing = [name for name in NEEDED if name not in dataset.data_vars]
+    missing = [name for name in needed_variables(dataset) if name not in dataset.data_vars]
     if missing:
         raise ValueError(f"the dataset lacks {', '.join(missing)}, which the report draws")
     lacking = [key for key in _SUMMARY_KEYS if key not in summary]

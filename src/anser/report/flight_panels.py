@@ -1,12 +1,13 @@
 """The time plots of a flight report: which variables stand together, which limits are drawn with them."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import xarray as xr
 
 from anser.report.flown_beside_plan import DERIVED
+from anser.results import surfaces_of
 from anser.variables import CATALOGUE
 
 
@@ -31,6 +32,15 @@ class Panel:
     command: str | None = None
     limits: tuple[str | float, ...] = ()
     within: bool = False
+
+
+def _surface_panel(surface: str) -> Panel:
+    """Position and command of a control surface."""
+    return Panel(f"{surface}_deg", f"{surface}_command_deg")
+
+
+SURFACE = _surface_panel("*")
+"""Stands for a panel of each of the flight's control surfaces."""
 
 
 @dataclass(frozen=True)
@@ -127,9 +137,7 @@ SECTIONS: tuple[Section, ...] = (
         "Surfaces and engine",
         "Solid: position; dashed: command, cut where it lies far beyond.",
         (
-            Panel("elevator_deg", "elevator_command_deg"),
-            Panel("aileron_deg", "aileron_command_deg"),
-            Panel("rudder_deg", "rudder_command_deg"),
+            SURFACE,
             Panel("throttle"),
             Panel("power_percent"),
             Panel("thrust_n", "thrust_command_n"),
@@ -150,26 +158,36 @@ _EVENTS = (
     *(f"{what}_limited" for what in ("speed", "thrust", "lift", "bank", "rates", "surfaces")),
     "velocity_down_m_s",
 )
-_DRAWN = tuple(
-    dict.fromkeys(
-        name
-        for section in SECTIONS
-        for panel in section.panels
-        for name in (panel.response, panel.command)
-        if name is not None
-    )
-)
-
 _OPTIONAL = {variable.name for variable in CATALOGUE if variable.optional}
-NEEDED: tuple[str, ...] = tuple(
-    dict.fromkeys((*_SCENE, *_EVENTS, *(n for n in _DRAWN if n not in DERIVED and n not in _OPTIONAL)))
-)
-"""Variables that a dataset must have for a report."""
+
+
+def _panels(section: Section, surfaces: Sequence[str]) -> list[Panel]:
+    """Panels of a section for a flight with these control surfaces."""
+    found = []
+    for panel in section.panels:
+        found += [_surface_panel(name) for name in surfaces] if panel is SURFACE else [panel]
+    return found
+
+
+def _names(panel: Panel) -> list[str]:
+    return [name for name in (panel.response, panel.command) if name is not None]
+
+
+def _drawn(surfaces: Sequence[str]) -> list[str]:
+    panels = [panel for section in SECTIONS for panel in _panels(section, surfaces)]
+    return [name for panel in panels for name in _names(panel)]
+
+
+def needed_variables(dataset: xr.Dataset) -> tuple[str, ...]:
+    """Variables that a dataset must have for a report, those of its own control surfaces among them."""
+    own = [name for name in _drawn(surfaces_of(dataset)) if name not in DERIVED and name not in _OPTIONAL]
+    return tuple(dict.fromkeys((*_SCENE, *_EVENTS, *own)))
 
 
 def packed_variables(dataset: xr.Dataset) -> tuple[str, ...]:
     """Variables of a dataset, derived ones included, that the page gets."""
-    return tuple(name for name in dict.fromkeys((*_SCENE, *_DRAWN)) if name in dataset)
+    drawn = dict.fromkeys((*_SCENE, *_drawn(surfaces_of(dataset))))
+    return tuple(name for name in drawn if name in dataset)
 
 
 def sections_for(dataset: xr.Dataset, limits: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -191,11 +209,11 @@ def sections_for(dataset: xr.Dataset, limits: Mapping[str, Any]) -> list[dict[st
                 "limits": [value for value in (_limit(key, limits) for key in panel.limits) if value is not None],
                 "within": panel.within,
             }
-            for panel in section.panels
+            for panel in _panels(section, surfaces_of(dataset))
             if panel.response in dataset
         ]
         # a section for what some flights have shows nothing that others stand with
-        if all(panel.response in dataset for panel in section.panels[:1]):
+        if all(panel is SURFACE or panel.response in dataset for panel in section.panels[:1]):
             found.append({"key": section.key, "title": section.title, "caption": section.caption, "panels": panels})
     return found
 

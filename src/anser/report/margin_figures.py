@@ -10,6 +10,7 @@ import xarray as xr
 from anser.report.map_panels import NOTHING, draw_cells, draw_column, draw_marks, map_panels
 from anser.report.print_style import FIGURE_SUFFIXES, MAP_STYLE, new_figure, save_drawings, save_figure
 from anser.report.style import color_of
+from anser.variables import surface_words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -87,7 +88,7 @@ def _bode(gain: "Axes", phase: "Axes", dataset: xr.Dataset, names: Sequence[str]
     for k, name in enumerate(names):
         of = dataset.sel(breakpoint=name)
         colour = color_of(k)
-        label = _SYMBOLS.get(name, name)
+        label = _said(name)
         gain.semilogx(omega, of["loop_gain_db"].values, color=colour, lw=1.2, label=label)
         degrees = of["loop_phase_deg"].values
         shown = np.mod(degrees, 360.0) - 360.0
@@ -142,6 +143,10 @@ def _nyquist(axes: "Axes", dataset: xr.Dataset, names: Sequence[str]) -> None:
     axes.grid(color=NOTHING, lw=0.5)
 
 
+def _said(breakpoint: str) -> str:
+    return _SYMBOLS.get(breakpoint, surface_words(breakpoint))
+
+
 def _of_actuators(dataset: xr.Dataset) -> list[str]:
     inner = {_ENGINE, *(name for group in _OUTER.values() for name in group)}
     return [name for name in dataset["breakpoint"].values.tolist() if name not in inner]
@@ -149,7 +154,7 @@ def _of_actuators(dataset: xr.Dataset) -> list[str]:
 
 def _actuators(dataset: xr.Dataset) -> "Figure":
     names = _of_actuators(dataset)
-    notes = _notes(dataset, "Least of " + ", ".join(names) + ", one loop broken at a time.")
+    notes = _notes(dataset, "Least of " + ", ".join(map(_said, names)) + ", one loop broken at a time.")
     figure, axes, below = map_panels(dataset, 4, 12.0, "Margins at the actuators", notes)
     of = dataset.sel(breakpoint=names)
     columns = (
@@ -175,7 +180,7 @@ def _loops(dataset: xr.Dataset) -> "Figure":
     figure, axes, below = map_panels(dataset, len(names), 1.2 + 2.2 * len(names), "Loops inside the autopilot", notes)
     for k, name in enumerate(names):
         of = dataset.sel(breakpoint=name)
-        axes[0, k].set_title(_SYMBOLS.get(name, name))
+        axes[0, k].set_title(_said(name))
         disk = np.minimum(of["disk_margin"].values, 2.0)
         draw_column(figure, axes[:, k], below[k], dataset, disk, "disk margin", **_scale(0.0, 2.0))
         for c in range(len(axes)):

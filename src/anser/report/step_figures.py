@@ -21,6 +21,7 @@ from anser.report.print_style import (
     save_figure,
 )
 from anser.report.style import color_of
+from anser.results import surfaces_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,7 +39,7 @@ _OTHERS = {
     "velocity": (("bank_deg", "alpha_deg"), ("beta_deg",), _RATES),
 }
 """What the loops that were not commanded did, three panels."""
-_CONTROLS = (("elevator_deg", "aileron_deg", "rudder_deg"), ("throttle",), ("power_percent",))
+_ENGINE = (("throttle",), ("power_percent",))
 
 _BEGINNING_S = 15.0
 """Of a long test, what the two lower rows show: by then all that is quick is over."""
@@ -66,7 +67,8 @@ def draw_step(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
     mpl, figure = new_figure((7.6, 5.9))
     with mpl.rc_context(PRINT_STYLE):
         loop = dataset.attrs["loop"]
-        panels = [*((name,) for name in _CHANNELS[loop]), *_OTHERS[loop], *_CONTROLS]
+        surfaces = tuple(f"{name}_deg" for name in surfaces_of(dataset))
+        panels = [*((name,) for name in _CHANNELS[loop]), *_OTHERS[loop], surfaces, *_ENGINE]
         grid = figure.subplots(3, 3, sharex="row")
         end = float(dataset["time"].values[-1])
         shown = dataset if end <= 2 * _BEGINNING_S else dataset.sel(time=slice(0.0, _BEGINNING_S))
@@ -225,7 +227,8 @@ def _heading(dataset: xr.Dataset) -> str:
 def _about(dataset: xr.Dataset) -> str:
     of = dataset.attrs
     inversion = {"model": "inversion of the model", "incremental": "incremental inversion"}[of["inversion"]]
+    variant = f" ({of['variant']})" if "variant" in of else ""
     return (
-        f"{of['aircraft']} ({of['variant']}) from level trim at {of['speed_m_s']:g} m/s, {of['altitude_m']:g} m; "
+        f"{of['aircraft']}{variant} from level trim at {of['speed_m_s']:g} m/s, {of['altitude_m']:g} m; "
         f"{inversion}; commands dashed"
     )

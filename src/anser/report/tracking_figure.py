@@ -10,12 +10,13 @@ import xarray as xr
 from anser.report.labels import axis_label, plain, unit
 from anser.report.print_style import DASHED, INK, LARGE, PRINT_STYLE, line_of, new_figure, save_figure
 from anser.report.style import color_of
+from anser.results import surfaces_of
+from anser.variables import STANDARD_SURFACES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _COMMANDED = ("airspeed_m_s", "path_angle_deg", "course_deg", "bank_deg", "alpha_deg")
-_SURFACES = ("elevator_deg", "aileron_deg", "rudder_deg")
 
 
 def draw_tracking(dataset: xr.Dataset, title: str, paths: Sequence[Path]) -> None:
@@ -42,7 +43,7 @@ def draw_tracking(dataset: xr.Dataset, title: str, paths: Sequence[Path]) -> Non
         for axes, name in zip((*grid[1], *grid[2, :2]), _COMMANDED, strict=True):
             command = name.replace("_m_s", "_command_m_s").replace("_deg", "_command_deg")
             _over_time(axes, flown, (name,), {name: command})
-        _over_time(grid[2, 2], flown, _SURFACES, {})
+        _over_time(grid[2, 2], flown, [f"{name}_deg" for name in surfaces_of(dataset)], {})
         for axes in grid[2]:
             axes.set_xlabel("Time $t$ (s)")
         worst = float(flown["position_error_m"].max())
@@ -63,8 +64,11 @@ def _path(axes: "Axes", flown: xr.Dataset, names: tuple[str, str]) -> None:
 
 
 def _over_time(axes: "Axes", flown: xr.Dataset, names: Sequence[str], wanted: dict[str, str]) -> None:
+    # Symbols that everybody knows are enough.
+    known = all(name.removesuffix("_deg") in STANDARD_SURFACES for name in names)
     for k, name in enumerate(names):
-        label = f"${flown[name].attrs['symbol']}$" if len(names) > 1 else None
+        said = f"${flown[name].attrs['symbol']}$" if known else str(flown[name].attrs["long_name"])
+        label = said if len(names) > 1 else None
         axes.plot(flown["time"].values, flown[name].values, **line_of(k), label=label)
         if name in wanted:
             axes.plot(

@@ -1,7 +1,7 @@
 """Results of a flight: a labelled dataset, a file of it, a summary, and the software that computed them."""
 
 from anser.results.arrival import closest_approach, least_distance
-from anser.results.dataset import to_dataset
+from anser.results.dataset import surfaces_of, to_dataset
 from anser.results.envelope_dataset import envelope_dataset
 from anser.results.envelope_reasons import OUTCOMES, REASONS, judge
 from anser.results.intervals import log_interval, order_statistic_interval, quantile, wilson_interval
@@ -86,6 +86,7 @@ __all__ = [
     "summarize_network",
     "summary_html",
     "summary_text",
+    "surfaces_of",
     "sweep_dataset",
     "to_dataset",
     "unit_of",

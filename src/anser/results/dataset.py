@@ -12,7 +12,15 @@ from anser.numerics import as_array, few_sizes, filled_up
 from anser.results.variable_labels import converted, labels_of, record_coordinates
 from anser.shapes import Scalar
 from anser.spatial import geodetic_from_flat
-from anser.variables import CATALOGUE, OPTIONAL_KEYS, RECORDED_KEYS, Variable
+from anser.variables import (
+    OPTIONAL_KEYS,
+    STANDARD_SURFACES,
+    Variable,
+    all_surfaces,
+    catalogue,
+    recorded_keys,
+    surface_variables,
+)
 
 _ROWS = 4096  # positions are converted in so many rows, or twice, four times, ...: few sizes compile seldom
 _REFERENCE = ("reference_latitude_deg", "reference_longitude_deg")
@@ -23,6 +31,7 @@ def to_dataset(
     history: Mapping[str, np.ndarray],
     aircraft_names: Sequence[str],
     attributes: Mapping[str, str | int | float],
+    surfaces: Sequence[Sequence[str]] = (),
 ) -> xr.Dataset:
     """Label a history: dimensions (time, aircraft), one variable for each entry of the catalogue.
 
@@ -31,24 +40,28 @@ def to_dataset(
     time_s
         Times of the record, s, increasing; shape (time,).
     history
-        One array of shape (time, aircraft) for each of `anser.variables.RECORDED_KEYS`, SI units and radians.
+        One array of shape (time, aircraft) for each of `anser.variables.recorded_keys`, SI units and radians; NaN of a
+        surface that an aircraft has not.
     aircraft_names
         Names of the aircraft, each once, in the order of the history's columns.
     attributes
         Attributes of the whole dataset, text or numbers. `reference_latitude_deg` and `reference_longitude_deg`
         must be among them: the geodetic place, at altitude 0, of the origin of the NED axes.
+    surfaces
+        Names of the control surfaces of each aircraft; empty: all have `anser.variables.STANDARD_SURFACES`.
 
     Returns
     -------
     xr.Dataset
         With the attributes `units`, `frame`, `long_name` and `symbol` on each variable. Angles lie in (-180, 180] deg.
-        Latitude and longitude are those of the flat Earth of theory section 1.
+        Latitude and longitude are those of the flat Earth of theory section 1. The attribute `surfaces` holds the names
+        of all control surfaces (see `surfaces_of`); a `comment` stands with those that some aircraft have not.
 
     Raises
     ------
     ValueError
         A key is unknown or missing, a shape is wrong, time does not increase, a name occurs twice, the geodetic
-        reference is missing.
+        reference is missing, surfaces are not told of each aircraft.
     TypeError
         A kind of number is not that of the catalogue, or an attribute is neither text nor number.
     """
@@ -58,24 +71,39 @@ def to_dataset(
     names = list(aircraft_names)
     if len(set(names)) != len(names) or not names:
         raise ValueError(f"aircraft_names must be given, each once, not {names}")
-    _check_keys(history)
+    if surfaces and len(surfaces) != len(names):
+        raise ValueError(f"surfaces are those of {len(surfaces)} aircraft; there are {len(names)}")
+    named = all_surfaces(surfaces) or STANDARD_SURFACES
+    _check_keys(history, named)
     _check_attributes(attributes)
 
-    shape = (time.size, len(names))
-    arrays = {v.key: _checked(v, history[v.key], shape) for v in CATALOGUE if v.key in history}
+    variables, shape = catalogue(named), (time.size, len(names))
+    arrays = {v.key: _checked(v, history[v.key], shape) for v in variables if v.key in history}
     arrays["latitude"], arrays["longitude"] = _geodetic(arrays, *(np.radians(attributes[key]) for key in _REFERENCE))
-    held = [v for v in CATALOGUE if v.key in arrays]
+    held = [v for v in variables if v.key in arrays]
     data = {v.name: (("time", "aircraft"), converted(v, arrays[v.key]), labels_of(v)) for v in held}
-    return xr.Dataset(data, record_coordinates(time, names), dict(attributes))
+    for v in surface_variables(name for name in named if any(name not in own for own in surfaces)):
+        data[v.name][2]["comment"] = "NaN of an aircraft that has no such surface"
+    return xr.Dataset(data, record_coordinates(time, names), {**attributes, "surfaces": " ".join(named)})
 
 
-def _check_keys(history: Mapping[str, np.ndarray]) -> None:
-    unknown = sorted(set(history) - set(RECORDED_KEYS) - OPTIONAL_KEYS)
-    missing = sorted(set(RECORDED_KEYS) - set(history))
+def surfaces_of(dataset: xr.Dataset) -> tuple[str, ...]:
+    """Names of the control surfaces in a record: its attribute `surfaces`, in one text as CF lists names.
+
+    A record without that attribute, from before it was written, has the standard ones.
+    """
+    return tuple(str(dataset.attrs.get("surfaces", " ".join(STANDARD_SURFACES))).split())
+
+
+def _check_keys(history: Mapping[str, np.ndarray], surfaces: Sequence[str]) -> None:
+    needed = set(recorded_keys(surfaces))
+    unknown = sorted(set(history) - needed - OPTIONAL_KEYS)
+    missing = sorted(needed - set(history))
     if unknown or missing:
         raise ValueError(
             f"the history does not match the catalogue in anser.variables: unknown keys {unknown}, "
-            f"missing keys {missing}; it must have every key of RECORDED_KEYS, may have OPTIONAL_KEYS, and no other"
+            f"missing keys {missing}; with the surfaces {', '.join(surfaces)} it must have every key of "
+            "recorded_keys(surfaces), may have OPTIONAL_KEYS, and no other"
         )
 
 

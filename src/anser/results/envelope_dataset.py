@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from anser.results.envelope_reasons import Verdicts
-from anser.results.flight_variables import FLIGHT_AXES, flight_variables
+from anser.results.flight_variables import flight_axes, flight_variables
 from anser.results.provenance import version_attributes
 from anser.results.trim_map import POINT, TrimMap
 from anser.results.variable_labels import attributes_of, flags_of, scattered
@@ -51,7 +51,7 @@ def envelope_dataset(
         **trims.coordinates("Steady flight that is left"),
         "command": ("command", np.array(list(commands)), attributes_of("", "Step of the path command")),
         "command_meaning": ("command", np.array(list(commands.values()))),
-        **FLIGHT_AXES,
+        **flight_axes(trims.surfaces),
     }
     return xr.Dataset(data, coordinates, {**attributes, **version_attributes()})
 

@@ -1,5 +1,6 @@
 """Variables of a dataset that hold the summaries of flights."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -23,16 +24,18 @@ _OF_CHANNELS = (
     ("coupling_{}", "coupling", None, "Largest error of the {} where it is not stepped"),
 )
 
-FLIGHT_AXES: dict[str, Any] = {
-    "surface": ("surface", np.array(("elevator", "aileron", "rudder"))),
-    "axis": ("axis", np.array(("roll", "pitch", "yaw"))),
-    "limit": ("limit", np.array(AUTOPILOT_LIMITS)),
-    "table": ("table", np.array(TABLE_AXES)),
-}
-"""Coordinates of the dimensions that `flight_variables` has beyond the flights."""
-
 FlightVariables = dict[str, tuple[np.ndarray, dict[str, Any], tuple[str, ...]]]
 """By name: values with the flights as their first axis, attributes, dimensions beyond the flights."""
+
+
+def flight_axes(surfaces: Sequence[str]) -> dict[str, Any]:
+    """Coordinates of the dimensions that `flight_variables` has beyond the flights; `surfaces` are the airframe's."""
+    return {
+        "surface": ("surface", np.array(surfaces)),
+        "axis": ("axis", np.array(("roll", "pitch", "yaw"))),
+        "limit": ("limit", np.array(AUTOPILOT_LIMITS)),
+        "table": ("table", np.array(TABLE_AXES)),
+    }
 
 
 def flight_variables(flights: FlightSummary, verdicts: Verdicts) -> FlightVariables:

@@ -9,13 +9,13 @@ import xarray as xr
 from anser.results.plain import finite_or_none
 from anser.results.provenance import version_attributes, versions
 from anser.simulation import LinearModel, Mode, wind_axis_states
+from anser.variables import STANDARD_SURFACES
 
 LINEAR_FORMAT_VERSION = 1
 """Raised when a name is taken away or changes its meaning."""
 
 _UNITS = {
     **dict.fromkeys(("alpha", "beta", "phi", "theta", "psi", "gamma", "chi", "mu"), "rad"),
-    **dict.fromkeys(("elevator", "aileron", "rudder"), "rad"),
     **dict.fromkeys(("P", "Q", "R", "P_w", "R_w"), "rad s-1"),
     "V": "m s-1",
     "altitude": "m",
@@ -42,12 +42,28 @@ _MODE_FIGURES = {
 _SUFFIX = {"s-1": "_1_s", "rad s-1": "_rad_s", "1": "", "s": "_s"}
 
 
-def unit_of(name: str) -> str:
-    """Unit of a state, an input or an output, as CF writes it."""
+def unit_of(name: str, surfaces: Sequence[str] = STANDARD_SURFACES) -> str:
+    """Unit of a state, an input or an output, as CF writes it.
+
+    Parameters
+    ----------
+    name
+        In a `LinearModel`.
+    surfaces
+        Names of the airframe's control surfaces.
+
+    Raises
+    ------
+    ValueError
+        No unit is known for this name.
+    """
+    moving = {f"{surface}_velocity": "rad s-1" for surface in surfaces}
+    units = {**_UNITS, **dict.fromkeys(surfaces, "rad"), **moving}
     channel, _, kind = name.rpartition("_")
-    if kind == "integral":
-        return _TIMES_SECOND[_UNITS[channel]]
-    return _UNITS[channel] if kind in _SAME_UNIT else _UNITS[name]
+    base = channel if kind in (*_SAME_UNIT, "integral") and name not in units else name
+    if base not in units:
+        raise ValueError(f"no unit is known for {name}, of an aircraft with the surfaces {', '.join(surfaces)}")
+    return _TIMES_SECOND[units[base]] if base != name and kind == "integral" else units[base]
 
 
 def linear_dataset(
@@ -81,7 +97,7 @@ def linear_dataset(
         ("wind_state", wind_states),
     ):
         coordinates[dimension] = (dimension, np.array(names))
-        coordinates[f"{dimension}_unit"] = (dimension, np.array([unit_of(name) for name in names]))
+        coordinates[f"{dimension}_unit"] = (dimension, np.array([unit_of(name, model.surfaces) for name in names]))
     coordinates["mode_name"] = ("mode", np.array([mode.name for mode in modes]))
     coordinates["mode_order"] = ("mode", np.array([mode.order for mode in modes], dtype=np.int32))
     after = "next states" if sampled else "rates of the states"
@@ -119,9 +135,9 @@ def linear_document(
         "condition": dict(attributes),
         "units": "SI and radians",
         "step_s": float(model.step),
-        "states": _named(model.states, model.x, model.x_dot),
-        "inputs": _named(model.inputs, model.u),
-        "outputs": _named(model.outputs, model.y),
+        "states": _named(model.surfaces, model.states, model.x, model.x_dot),
+        "inputs": _named(model.surfaces, model.inputs, model.u),
+        "outputs": _named(model.surfaces, model.outputs, model.y),
         **{name: np.asarray(getattr(model, name)).tolist() for name in "ABCD"},
         "modes": [
             {
@@ -138,10 +154,12 @@ def linear_document(
     }
 
 
-def _named(names: tuple[str, ...], values: Any, rates: Any = None) -> list[dict[str, Any]]:
+def _named(surfaces: Sequence[str], names: tuple[str, ...], values: Any, rates: Any = None) -> list[dict[str, Any]]:
     columns = {"value": values} if rates is None else {"value": values, "rate": rates}
     rows = zip(names, *columns.values(), strict=True)
-    return [{"name": n, "unit": unit_of(n), **dict(zip(columns, map(float, of), strict=True))} for n, *of in rows]
+    return [
+        {"name": n, "unit": unit_of(n, surfaces), **dict(zip(columns, map(float, of), strict=True))} for n, *of in rows
+    ]
 
 
 def _figure(mode: Mode, name: str) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from anser.results.envelope_reasons import Verdicts
-from anser.results.flight_variables import FLIGHT_AXES, flight_variables
+from anser.results.flight_variables import flight_axes, flight_variables
 from anser.results.provenance import version_attributes
 from anser.results.variable_labels import attributes_of, flags_of, scattered
 from anser.simulation import TRIM_STOPS, FlightSummary, MapPoint
@@ -22,6 +22,7 @@ def robustness_dataset(
     trims: MapPoint,
     summaries: Sequence[FlightSummary],
     verdicts: Sequence[Verdicts],
+    surfaces: Sequence[str],
     attributes: Mapping[str, str | int | float],
 ) -> xr.Dataset:
     """Label a study.
@@ -43,6 +44,8 @@ def robustness_dataset(
         Steady flight of each truth.
     summaries, verdicts
         Of the flights from those truths that have one, in order.
+    surfaces
+        Names of the airframe's control surfaces.
     attributes
         Of the whole dataset.
 
@@ -82,6 +85,6 @@ def robustness_dataset(
         "factor_nominal": ("factor", nominal, attributes_of("1", "Value without a change (factor_unit)")),
         "factor_scale": ("factor", scale, attributes_of("1", "What a change of 100 % adds (factor_unit)")),
         "condition_meaning": ("place", np.array(conditions)),
-        **FLIGHT_AXES,
+        **flight_axes(surfaces),
     }
     return xr.Dataset(data, coordinates, {**attributes, **version_attributes()})

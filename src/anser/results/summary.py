@@ -18,6 +18,7 @@ from anser.scenario import Scenario
 from anser.simulation import STATUS_MESSAGES
 from anser.simulation.fleet_summary import ARRIVAL_MARGIN_S
 from anser.simulation.status import LEFT
+from anser.variables import STANDARD_SURFACES
 
 FORMAT_VERSION = 1
 CLEARANCE_MIN_M = {"surface": SURFACE_STAND_OFF_MIN_M, "airborne": AIRBORNE_STAND_OFF_MIN_M}
@@ -36,6 +37,7 @@ def summarize(
     paths: Sequence[str] = (),
     events: Sequence[Mapping[str, Any]] = (),
     goals: Sequence[str] = (),
+    surfaces: Sequence[Sequence[str]] = (),
 ) -> dict[str, Any]:
     """Sum up a flight from its full-resolution history.
 
@@ -61,6 +63,8 @@ def summarize(
         What happened on the way, and what became of the plan.
     goals
         Name of the goal that each flies to at the end, where some have taken over another's; empty: the scenario's.
+    surfaces
+        Names of the control surfaces of each; empty: all have the standard ones.
 
     Returns
     -------
@@ -78,7 +82,10 @@ def summarize(
         raise ValueError(
             f"the record has shape {history['north'].shape}; time (at least 2) and aircraft give {expected}"
         )
-    aircraft = [_aircraft(time, history, scenario, column) for column in range(len(scenario.aircraft))]
+    if surfaces and len(surfaces) != expected[1]:
+        raise ValueError(f"surfaces are those of {len(surfaces)} aircraft; there are {expected[1]}")
+    named = surfaces or [STANDARD_SURFACES] * len(scenario.aircraft)
+    aircraft = [_aircraft(time, history, scenario, *of) for of in enumerate(named)]
     for row, path in zip(aircraft, paths, strict=bool(paths)):
         row["path"] = path
     for row, goal in zip(aircraft, goals, strict=bool(goals)):
@@ -148,7 +155,9 @@ def read_summary(path: Path) -> dict[str, Any]:
     return summary
 
 
-def _aircraft(time: np.ndarray, history: Mapping[str, np.ndarray], scenario: Scenario, column: int) -> dict[str, Any]:
+def _aircraft(
+    time: np.ndarray, history: Mapping[str, np.ndarray], scenario: Scenario, column: int, surfaces: Sequence[str]
+) -> dict[str, Any]:
     record = {key: np.asarray(values)[:, column] for key, values in history.items()}
     planned = float(record["arrival_time"][-1])
     offset = np.stack([record[f"rendezvous_{axis}"] - record[axis] for axis in ("north", "east", "altitude")], axis=-1)
@@ -177,7 +186,7 @@ def _aircraft(time: np.ndarray, history: Mapping[str, np.ndarray], scenario: Sce
         "position_error_max_m": _finite_end(
             np.max, record["position_error"][time <= (arrival if np.isfinite(arrival) else np.inf)]
         ),
-        **(_in_gusts(time, record, scenario) if "gust_u" in record else {}),
+        **(_in_gusts(time, record, scenario, surfaces) if "gust_u" in record else {}),
         "path": None,
         "nominal": None if bend is None else abs(bend) <= NOMINAL_BEND_M,
         "lateral_bend_m": bend,
@@ -185,13 +194,15 @@ def _aircraft(time: np.ndarray, history: Mapping[str, np.ndarray], scenario: Sce
     }
 
 
-def _in_gusts(time: np.ndarray, record: Mapping[str, np.ndarray], scenario: Scenario) -> dict[str, float | None]:
+def _in_gusts(
+    time: np.ndarray, record: Mapping[str, np.ndarray], scenario: Scenario, surfaces: Sequence[str]
+) -> dict[str, float | None]:
     """What the gusts did: extremes of the load factor, time beyond its limits, and the way that each surface went."""
     load, limits, spans = record["load_factor"], scenario.limits, np.diff(time)
     beyond = (load < limits.load_factor_min) | (load > limits.load_factor_max)
     travel = {
         f"{surface}_travel_deg": finite_or_none(float(np.degrees(np.sum(np.abs(np.diff(record[surface]))))))
-        for surface in ("elevator", "aileron", "rudder")
+        for surface in surfaces
     }
     return {
         "gust_max_m_s": _finite_end(np.max, np.sqrt(sum(record[f"gust_{axis}"] ** 2 for axis in "uvw"))),

@@ -28,6 +28,8 @@ class TrimMap(NamedTuple):
         True airspeed, m/s, shape (altitude, mach).
     targets, points
         What is flown, and its trim; leaves of shape (conditions x altitudes x machs, ...), the last running fastest.
+    surfaces
+        Names of the airframe's control surfaces.
     """
 
     conditions: Mapping[str, str]
@@ -36,6 +38,7 @@ class TrimMap(NamedTuple):
     airspeeds: np.ndarray
     targets: TrimTarget
     points: MapPoint
+    surfaces: tuple[str, ...]
 
     def gridded(self, values: Any) -> np.ndarray:
         """Values of the points, shape (points, ...), over the grid."""

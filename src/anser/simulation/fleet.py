@@ -92,6 +92,12 @@ class Flight(eqx.Module):
         """Number of aircraft."""
         return sum(len(kind.members) for kind in self.kinds)
 
+    @property
+    def surfaces(self) -> tuple[tuple[str, ...], ...]:
+        """Names of the control surfaces of each aircraft, in the fleet's order."""
+        named = {place: kind.vehicles.own.airframe.actuators.names for kind in self.kinds for place in kind.members}
+        return tuple(named[place] for place in range(self.count))
+
     def aircraft(self, place: int) -> tuple[Vehicle, TrimTarget, Vector3]:
         """The aircraft at a place in the fleet, the steady flight that it starts from, and where, m."""
         for kind in self.kinds:

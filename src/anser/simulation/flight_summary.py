@@ -30,7 +30,7 @@ BETA_BOUND = 2.0 * DEG_RAD
 
 
 class FlightSummary(eqx.Module):
-    """What is kept of one flight. Channels are (V, gamma, chi), m/s and rad; surfaces elevator, aileron, rudder.
+    """What is kept of one flight. Channels are (V, gamma, chi), m/s and rad; surfaces are the airframe's.
 
     Attributes
     ----------

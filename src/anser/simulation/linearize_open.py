@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from anser.aircraft import AbstractAirframe, AircraftState, Controls, state_derivative
+from anser.aircraft import STANDARD_SURFACES, AbstractAirframe, AircraftState, Controls, state_derivative
 from anser.environment import Environment, FlatEarth
 from anser.shapes import Flag, Scalar
 from anser.simulation.linearize_chart import (
@@ -42,6 +42,8 @@ class LinearModel(eqx.Module):
         Whether the coordinates are good at this condition: see `regular_at`.
     states, inputs, outputs
         Names.
+    surfaces
+        Names of the airframe's control surfaces, of which states and inputs are made.
     """
 
     A: Float[Array, "state state"]
@@ -57,6 +59,7 @@ class LinearModel(eqx.Module):
     states: tuple[str, ...] = eqx.field(static=True)
     inputs: tuple[str, ...] = eqx.field(static=True)
     outputs: tuple[str, ...] = eqx.field(static=True)
+    surfaces: tuple[str, ...] = eqx.field(static=True, default=STANDARD_SURFACES)
 
 
 def linearize(
@@ -116,6 +119,7 @@ def linearize(
         states=names,
         inputs=("throttle", *(f"{name}_command" if actuators else name for name in surfaces)),
         outputs=names + AIR_OUTPUTS,
+        surfaces=surfaces,
     )
 
 

@@ -117,6 +117,7 @@ def linearize_loop(case: LoopCase, loop: Loop) -> LinearModel:
         states=states + tuple(name for _, names in memory for name in names),
         inputs=_named(CHANNELS[loop], "command"),
         outputs=states + AIR_OUTPUTS,
+        surfaces=case.airframe.actuators.names,
     )
 
 

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from anser.aircraft import AbstractAirframe
 from anser.control import signal_variables
 from anser.environment import AirFlow, Gust
 from anser.planning import NetworkView, polar
@@ -13,6 +14,7 @@ from anser.planning.vectors import root
 from anser.sensing import Belief, Uncertainty
 from anser.shapes import Vector3
 from anser.spatial import bank_about_velocity, euler_from_quaternion, path_angles, rotate, rotate_back, safe_norm
+from anser.variables import surface_variables
 
 if TYPE_CHECKING:
     from anser.simulation.recorder import AircraftSample, GoalApproach
@@ -37,8 +39,9 @@ _FLAGGED_BY_CONTROLLER = (
 
 
 def record(sample: "AircraftSample") -> dict[str, Array]:
-    """One row of the history of one aircraft, SI units and radians, keyed as in `anser.variables.CATALOGUE`.
+    """One row of the history of one aircraft, SI units and radians, keyed as in `anser.variables.catalogue`.
 
+    The control surfaces are the airframe's own.
     What its controller does not tell is NaN, and no limit of it is flagged.
     """
     truth, state, now, data = sample.truth, sample.truth.state, sample.truth.now, sample.truth.now.air_data
@@ -71,8 +74,7 @@ def record(sample: "AircraftSample") -> dict[str, Array]:
         "path_angle": through_air.gamma,
         "course": through_air.chi,
         "load_factor": -force_b[2] / weight,
-        **_surfaces("", state.surfaces),
-        **_surfaces("_command", controls.surfaces),
+        **dict(zip(_surface_keys(truth.airframe), (*state.surfaces, *controls.surfaces), strict=True)),
         "throttle": controls.throttle,
         "power": state.power,
         "thrust": now.propulsive.force_b[0],
@@ -173,5 +175,6 @@ def _rates(suffix: str, rates_b: Vector3) -> dict[str, Array]:
     return {f"{name}_rate{suffix}": rates_b[k] for k, name in enumerate(("roll", "pitch", "yaw"))}
 
 
-def _surfaces(suffix: str, surfaces: Vector3) -> dict[str, Array]:
-    return {f"{name}{suffix}": surfaces[k] for k, name in enumerate(("elevator", "aileron", "rudder"))}
+def _surface_keys(airframe: AbstractAirframe) -> list[str]:
+    """Keys of positions, then of commands."""
+    return [variable.key for variable in surface_variables(airframe.actuators.names)]

@@ -18,6 +18,7 @@ from anser.sensing import Belief, GoalState, Instant, Truth
 from anser.shapes import Count, Vector3
 from anser.simulation.members import in_fleet_order
 from anser.simulation.record import record
+from anser.variables import all_surfaces, surface_variables
 
 
 class GoalApproach(eqx.Module):
@@ -83,10 +84,22 @@ class FleetSample(eqx.Module):
     members: tuple[tuple[int, ...], ...] = eqx.field(static=True)
 
     def rows(self, of_one: Callable[[AircraftSample], dict[str, Array]]) -> dict[str, Array]:
-        """What a function gives of each aircraft, in the fleet's order; of kinds of aircraft, what all of them give."""
+        """What a function gives of each aircraft, in the fleet's order.
+
+        Of several kinds of aircraft it is what all of them give, and the control surfaces of any: NaN of an aircraft
+        that has no such surface.
+        """
         found = [jax.vmap(of_one)(samples) for samples in self.kinds]
-        common = [key for key in found[0] if all(key in one for one in found)]
-        return in_fleet_order([{key: one[key] for key in common} for one in found], self.members)
+        surfaces = all_surfaces(samples.truth.airframe.actuators.names for samples in self.kinds)
+        of_some = {variable.key for variable in surface_variables(surfaces)}
+        keys = dict.fromkeys(key for one in found for key in one)
+        kept = [key for key in keys if key in of_some or all(key in one for one in found)]
+        like = {key: one[key] for one in found for key in one}
+        rows = [
+            {key: one[key] if key in one else jnp.full(len(places), jnp.nan, like[key].dtype) for key in kept}
+            for one, places in zip(found, self.members, strict=True)
+        ]
+        return in_fleet_order(rows, self.members)
 
 
 class AbstractRecorder(eqx.Module):
@@ -123,7 +136,7 @@ class History(AbstractRecorder):
     every
         Number of samples between two rows.
     keys
-        Of `anser.variables.CATALOGUE`; None: all that are recorded.
+        Of `anser.variables.catalogue`; None: all that are recorded.
     """
 
     every: int = eqx.field(static=True, default=1)

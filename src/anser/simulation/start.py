@@ -4,7 +4,7 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array
+from jaxtyping import Array, Bool
 
 from anser.aircraft import condition
 from anser.planning import Performance, Report
@@ -25,7 +25,9 @@ class TrimmedFleet(eqx.Module):
     Attributes
     ----------
     trims
-        Steady flight of each; leading axis aircraft.
+        Steady flight of each, by kind; leading axis members.
+    steady
+        Whether each has one, within its limits; leading axis aircraft.
     vehicles
         The state of each there, by kind.
     reports
@@ -34,7 +36,8 @@ class TrimmedFleet(eqx.Module):
         What each can do along its path; leading axis aircraft.
     """
 
-    trims: TrimPoint
+    trims: tuple[TrimPoint, ...]
+    steady: Bool[Array, " aircraft"]
     vehicles: tuple[VehicleState, ...]
     reports: Report
     performance: Performance
@@ -56,7 +59,7 @@ def trimmed_fleet(flight: Flight) -> TrimmedFleet:
         if known is not vehicle.airframe:  # what the planner knows is what the aircraft takes itself to be
             now = condition(known, environment, instant.time, trim.state)
         performance = performance_at(known, environment, now, trim.state.surfaces)
-        return trim, state, report(vehicle, seen, ~state.stopped), performance
+        return (trim, state), (~untrimmed, report(vehicle, seen, ~state.stopped), performance)
 
     found = [
         kind.vehicles.map(
@@ -64,8 +67,9 @@ def trimmed_fleet(flight: Flight) -> TrimmedFleet:
         )
         for kind in flight.kinds
     ]
-    trims, reports, performance = fleet_rows(flight, [(trim, told, able) for trim, _, told, able in found])
-    return TrimmedFleet(trims, tuple(state for _, state, _, _ in found), reports, performance)
+    trims, states = zip(*(own for own, _ in found), strict=True)
+    steady, reports, performance = fleet_rows(flight, [of_all for _, of_all in found])
+    return TrimmedFleet(trims, steady, states, reports, performance)
 
 
 def start_flight(flight: Flight) -> tuple[FlightState, TrimmedFleet]:

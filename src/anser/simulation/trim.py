@@ -212,7 +212,7 @@ def _shares(airframe: AbstractAirframe, data: AirData) -> Float[Array, "surface 
     rest = actuators.scheduled(jnp.zeros(len(actuators.names)), data)
     slope = jax.jacfwd(lambda u: airframe.aerodynamics(data, jnp.zeros(3), u).moment_b)(rest)
     shares = deflection_for_moment(actuators, slope)
-    return shares / jnp.max(jnp.abs(shares), axis=0)
+    return shares / jnp.max(jnp.abs(shares), axis=0, keepdims=True)
 
 
 def solve_trim(

@@ -1,0 +1,85 @@
+"""The light aircraft with control surfaces of other names and another number, for whatever must not assume three."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from anser.aircraft import (
+    AbstractActuators,
+    AbstractAirframe,
+    AbstractEngine,
+    AirData,
+    FirstOrderActuators,
+    MassProperties,
+    SecondOrderActuators,
+    Wrench,
+)
+from anser.shapes import Flag, Scalar, Vector, Vector3
+from anser.units import DEG_RAD
+from support.light_aircraft import light_aircraft
+
+ELEVONS = ("left_elevon", "right_elevon")
+SPLIT = ("elevator", "left_aileron", "right_aileron", "rudder")
+
+
+class MixedSurfaces(AbstractAirframe):
+    """An airframe whose surfaces act as sums of another's.
+
+    Attributes
+    ----------
+    base
+        The other.
+    mixing
+        Deflections of its surfaces of those of this one, shape (its surfaces, surfaces).
+    """
+
+    mass_properties: MassProperties
+    actuators: AbstractActuators
+    engine: AbstractEngine
+    alpha_range: tuple[Scalar, Scalar]
+    beta_range: tuple[Scalar, Scalar]
+    base: AbstractAirframe
+    mixing: Float[Array, "others surfaces"]
+
+    def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
+        """Those of the other airframe."""
+        return self.base.aerodynamics(air_data, rates_b, self.mixing @ surfaces)
+
+    def outside_tables(self, air_data: AirData) -> Flag:
+        """As the other airframe."""
+        return self.base.outside_tables(air_data)
+
+
+def _mixed(actuators, mixing):
+    base = light_aircraft()
+    return MixedSurfaces(
+        mass_properties=base.mass_properties,
+        actuators=actuators,
+        engine=base.engine,
+        alpha_range=base.alpha_range,
+        beta_range=base.beta_range,
+        base=base,
+        mixing=jnp.asarray(mixing),
+    )
+
+
+def elevon_aircraft():
+    """Two elevons, half of whose sum is an elevator and half of whose difference ailerons; no rudder."""
+    limit = jnp.full(2, 25.0 * DEG_RAD)
+    actuators = FirstOrderActuators(
+        time_constant=jnp.full(2, 0.1), lower=-limit, upper=limit, rate_limit=jnp.full(2, 1.0), names=ELEVONS
+    )
+    return _mixed(actuators, [[0.5, 0.5], [0.5, -0.5], [0.0, 0.0]])
+
+
+def split_aileron_aircraft():
+    """An aileron on each side, which share the work of the one; second-order actuators."""
+    limit = jnp.array([25.0, 20.0, 20.0, 20.0]) * DEG_RAD
+    actuators = SecondOrderActuators(
+        frequency=jnp.full(4, 20.0),
+        damping=jnp.full(4, 0.8),
+        lower=-limit,
+        upper=limit,
+        rate_limit=jnp.full(4, 1.0),
+        names=SPLIT,
+    )
+    return _mixed(actuators, [[1.0, 0.0, 0.0, 0.0], [0.0, 0.5, 0.5, 0.0], [0.0, 0.0, 0.0, 1.0]])
