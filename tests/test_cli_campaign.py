@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 import xarray as xr
 
-from anser.campaigns import CampaignStore, flying
+from anser.campaigns import CampaignStore, cluster, flying
 from campaigns.study_cases import STUDIES, made_up, text_of
 
 THREE = STUDIES.parent / "scenarios" / "three-aircraft.toml"
@@ -208,7 +208,7 @@ def test_a_saltelli_study_is_flown_kept_and_reported_with_its_worst_drawn(anser,
 
 
 def test_a_cluster_that_is_not_there_is_refused_and_the_store_can_be_gone_on_with(anser, study, tmp_path, monkeypatch):
-    monkeypatch.setattr(flying, "_PATIENCE", "1s")
+    monkeypatch.setattr(cluster, "_CONNECT", "1s")
     code, _, said = anser("campaign", study, "--out", tmp_path / "out", "--cluster", "tcp://127.0.0.1:9")
     assert code == 2
     assert "cluster: arrived tcp://127.0.0.1:9; expected the address of a running scheduler" in said
@@ -222,12 +222,12 @@ def test_a_cluster_flies_the_same_to_the_last_bit_though_a_worker_is_killed(stud
     study.write_text(text.replace("flights = 20", "flights = 6"))
     flying_alone = begin_with(4, study, tmp_path, "whole", "--processes", "1")
     assert flying_alone.wait() == 0
-    with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
-        begun = begin_with(4, study, tmp_path, "spread", "--cluster", cluster.scheduler_address)
+    with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as local:
+        begun = begin_with(4, study, tmp_path, "spread", "--cluster", local.scheduler_address)
         while not (tmp_path / "spread" / "flights.zarr" / "chunk_done").exists():
             time.sleep(0.05)
         time.sleep(8.0)
-        worker = next(iter(cluster.workers.values()))
+        worker = next(iter(local.workers.values()))
         os.kill(worker.process.pid, signal.SIGKILL)
         assert begun.wait() == 0
     whole, spread = (CampaignStore.open(tmp_path / name).dataset() for name in ("whole", "spread"))

@@ -2,11 +2,10 @@
 
 import concurrent.futures
 import contextlib
-import importlib
 import multiprocessing
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from anser.campaigns.cluster import flown_by_cluster
 from anser.campaigns.sampling import flight_seeds, sampled
 from anser.campaigns.store import CampaignStore, StoreError
 from anser.campaigns.study import Study
@@ -26,8 +26,6 @@ from anser.scenario.errors import show
 
 _ALONE = 4
 """Flights of a chunk where each is flown by itself."""
-_PATIENCE = "10s"
-"""How long the scheduler of a cluster may take to answer."""
 TRIED = 64
 """Scenarios that are validated before any flies; where all of them are refused, so is the study."""
 
@@ -88,7 +86,7 @@ def fly_campaign(
     Raises
     ------
     StoreError
-        A process was killed, or the cluster cannot be reached.
+        A process was killed, or the cluster cannot be reached or is lost; what is complete stays complete.
     """
     tell, total = progress or silent, store.flights
     missing = [int(chunk) for chunk in np.flatnonzero(~store.done)]
@@ -100,9 +98,14 @@ def fly_campaign(
     say()
     if store.enough is not None:
         return
-    flying = _cluster(cluster) if cluster is not None else workers(min(processes, len(missing)))
-    with flying as (executor, at_a_time):
-        for count in _each(executor, store.folder.resolve(), missing, at_a_time):
+    folder = store.folder.resolve()
+    with contextlib.ExitStack() as stack:
+        if cluster is not None:
+            counts = flown_by_cluster(cluster, fly_chunk, folder, missing)
+        else:
+            executor, at_a_time = stack.enter_context(workers(min(processes, len(missing))))
+            counts = _each(executor, folder, missing, at_a_time)
+        for count in stack.enter_context(contextlib.closing(counts)):
             behind += count
             say()
             if store.enough is not None:
@@ -172,28 +175,6 @@ def _no_number(path: str, base: object, how: str) -> Problem:
 
 
 @contextlib.contextmanager
-def _cluster(address: str) -> Iterator[tuple[Executor, int]]:
-    """Workers of a cluster, and how many chunks they are given at a time."""
-    try:
-        distributed = importlib.import_module("distributed")
-    except ImportError:
-        raise StoreError(
-            'cluster: arrived an address, but no dask; expected it installed: the extra "campaign"'
-        ) from None
-    try:
-        client = distributed.Client(address, timeout=_PATIENCE)
-    except (OSError, ValueError) as error:
-        words = f"expected the address of a running scheduler, such as tcp://127.0.0.1:8786 ({error})"
-        raise StoreError(f"cluster: arrived {address}; {words}") from None
-    with client:
-        try:
-            yield client.get_executor(pure=False), 2 * max(len(client.nthreads()), 1)
-        except distributed.KilledWorker:
-            words = "arrived a chunk that killed several workers, perhaps for want of memory; expected none"
-            raise StoreError(f"cluster {address}: {words}; resume flies what is missing") from None
-
-
-@contextlib.contextmanager
 def workers(processes: int) -> Iterator[tuple[Executor | None, int]]:
     """Processes of their own, or None: this one; and how many."""
     if processes <= 1:
@@ -221,7 +202,7 @@ def _begin_worker() -> None:
     enable_compilation_cache()
 
 
-def _each(workers: Executor | None, folder: Path, chunks: list[int], at_a_time: int) -> Iterator[int]:
+def _each(workers: Executor | None, folder: Path, chunks: list[int], at_a_time: int) -> Generator[int, None, None]:
     """How many flights each chunk had, as it becomes complete; so many are given out in advance, in their order."""
     if workers is None:
         for chunk in chunks:

@@ -71,9 +71,11 @@ def fly(
     except KeyboardInterrupt:
         _print_answers(flown.answers(), store.study.name)
         _write(store, before)
-        say(f"{out}: {store.flown.size} of {store.flights} flights; --resume flies the others")
+        say(_kept(store))
         raise
     except StoreError as error:
+        _write(store, before)
+        say(_kept(store))
         raise RefusedError(str(error)) from None
     found = flown.answers()
     answer(lambda: {"format_version": 1, "study": store.study.name, **found.as_dict()})
@@ -85,6 +87,10 @@ def fly(
             f"{found.flown - found.met} of {found.flown} flights did not meet every requirement, or could not begin"
         )
         raise typer.Exit(1)
+
+
+def _kept(store: "CampaignStore") -> str:
+    return f"{store.folder}: {store.flown.size} of {store.flights} flights; --resume flies the others"
 
 
 def _write(store: "CampaignStore", before: int) -> list[str]:
