@@ -41,6 +41,14 @@ class Campaign:
         """Values applied and what came of each flight; dimensions flight and aircraft."""
         return self.store.dataset()
 
+    @property
+    def series(self) -> "xr.Dataset":
+        """What the study's table [keep] has kept over time; dimensions flight, aircraft and time.
+
+        Raises StoreError where that is nothing.
+        """
+        return self.store.series()
+
     def answers(self) -> Answers:
         """Probabilities and quantiles, with intervals."""
         return answers(self.dataset, self.store.flights, self.store.study)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from anser.campaigns.cluster import flown_by_cluster
+from anser.campaigns.kept import refuse_series
 from anser.campaigns.sampling import flight_seeds, sampled
 from anser.campaigns.store import CampaignStore, StoreError
 from anser.campaigns.study import Study
@@ -63,6 +64,7 @@ def prepare(folder: Path, study: Study, scenario: Scenario, given: dict[str, np.
     applied = applied_values(study, scenario, given)
     count = next(iter(applied.values())).size if applied else study.sampled.flights or 0
     refuse_if_none(study, scenario, applied, count)
+    refuse_series(study.keep, study.name, _valid(scenario, applied, count), applied)
     chunk = min(_ALONE if flown_one_by_one(scenario) else BATCH, count)
     return CampaignStore.create(folder, study, scenario, applied, flight_seeds(study, count), chunk)
 
@@ -142,7 +144,7 @@ def fly_chunk(folder: Path, chunk: int) -> int:
             cases[k] = FlightCase(scenario_with(store.scenario, seed, {path: one[k] for path, one in applied.items()}))
         except ScenarioError as error:
             rows[k] = FlightRow.failed("; ".join(map(str, error.problems)))
-    for k, row in zip(cases, fly_many(list(cases.values()), batch=store.chunk), strict=True):
+    for k, row in zip(cases, fly_many(list(cases.values()), batch=store.chunk, series=store.kept), strict=True):
         rows[k] = row
     store.write(chunk, [row for row in rows if row is not None])
     return len(rows)
@@ -168,6 +170,13 @@ def refuse_if_none(study: Study, scenario: Scenario, applied: dict[str, np.ndarr
             return
     if first is not None:
         raise ScenarioError(f"{study.name}, every flight", first.problems)
+
+
+def _valid(scenario: Scenario, applied: dict[str, np.ndarray], count: int) -> Iterator[Scenario]:
+    """Those of the first scenarios that are valid."""
+    for k in range(min(count, TRIED) if applied else 1):
+        with contextlib.suppress(ScenarioError):
+            yield scenario_with(scenario, 0, {path: values[k] for path, values in applied.items()})
 
 
 def _no_number(path: str, base: object, how: str) -> Problem:
