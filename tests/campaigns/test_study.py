@@ -65,7 +65,7 @@ def test_a_sampling_that_is_none_is_refused(sampling, said):
         ({"keep": {"series_every_s": 2.0}}, "keep.series: arrived nothing; expected names of variables"),
         (
             {"keep": {"series": ["bank"], "series_every_s": 0.0}},
-            "keep.series_every_s: arrived 0; expected a number from",
+            "keep.series_every_s: arrived 0.0; expected a number from",
         ),
         ({"keep": {"worst": -1}}, "keep.worst: arrived -1; expected a whole number from 0 to 1000"),
         ({"flights": 3}, 'flights: arrived the unknown key "flights"'),
