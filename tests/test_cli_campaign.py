@@ -8,12 +8,14 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 import xarray as xr
 
 from anser.campaigns import CampaignStore, cluster, flying
 from campaigns.study_cases import STUDIES, made_up, text_of
 
+KEPT = '[keep]\nseries = ["position_error", "airspeed", "phase"]\nseries_every_s = 0.7\n'
 THREE = STUDIES.parent / "scenarios" / "three-aircraft.toml"
 
 
@@ -26,6 +28,17 @@ def begin_with(chunk, study, folder, out, *more):
     )
     command = [sys.executable, program, "campaign", study, "--out", folder / out, *more]
     return subprocess.Popen([*map(str, command)], stdout=subprocess.DEVNULL)
+
+
+def assert_same_to_the_last_bit(folder, other, flights):
+    """Rows and series of two campaigns."""
+    one, two = CampaignStore.open(folder), CampaignStore.open(other)
+    assert one.flown.size == flights
+    xr.testing.assert_identical(one.dataset(), two.dataset())
+    series = one.series().load()
+    assert np.isfinite(series["position_error_m"].values).all()
+    assert series["airspeed_m_s"].values.std() > 0.1
+    xr.testing.assert_identical(series, two.series().load())
 
 
 @pytest.fixture
@@ -142,9 +155,7 @@ def test_a_killed_campaign_goes_on_to_the_last_bit_in_one_process_and_in_two(stu
     def begin(out, *more):
         return begin_with(4, study, tmp_path, out, *more)
 
-    def flown(out):
-        return CampaignStore.open(Path(out)).dataset()
-
+    study.write_text(text_of(flights=20) + KEPT)
     assert begin("whole", "--processes", "1").wait() == 0
     assert begin("two", "--processes", "2").wait() == 0
     killed = begin("killed", "--processes", "1")
@@ -153,12 +164,10 @@ def test_a_killed_campaign_goes_on_to_the_last_bit_in_one_process_and_in_two(stu
         assert killed.poll() is None
     killed.send_signal(signal.SIGKILL)
     killed.wait()
-    assert flown(tmp_path / "killed").sizes["flight"] < 20
+    assert CampaignStore.open(tmp_path / "killed").flown.size < 20
     assert begin("killed", "--processes", "1", "--resume").wait() == 0
-    whole = flown(tmp_path / "whole")
-    assert whole.sizes["flight"] == 20
-    xr.testing.assert_identical(flown(tmp_path / "killed"), whole)
-    xr.testing.assert_identical(flown(tmp_path / "two"), whole)
+    assert_same_to_the_last_bit(tmp_path / "killed", tmp_path / "whole", 20)
+    assert_same_to_the_last_bit(tmp_path / "two", tmp_path / "whole", 20)
 
 
 @pytest.mark.long
@@ -219,7 +228,7 @@ def test_a_cluster_flies_the_same_to_the_last_bit_though_a_worker_is_killed(stud
     from distributed import LocalCluster
 
     text = study.read_text()
-    study.write_text(text.replace("flights = 20", "flights = 6"))
+    study.write_text(text.replace("flights = 20", "flights = 6") + KEPT)
     flying_alone = begin_with(4, study, tmp_path, "whole", "--processes", "1")
     assert flying_alone.wait() == 0
     with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as local:
@@ -230,6 +239,4 @@ def test_a_cluster_flies_the_same_to_the_last_bit_though_a_worker_is_killed(stud
         worker = next(iter(local.workers.values()))
         os.kill(worker.process.pid, signal.SIGKILL)
         assert begun.wait() == 0
-    whole, spread = (CampaignStore.open(tmp_path / name).dataset() for name in ("whole", "spread"))
-    assert whole.sizes["flight"] == 6
-    xr.testing.assert_identical(whole, spread)
+    assert_same_to_the_last_bit(tmp_path / "spread", tmp_path / "whole", 6)

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from anser.campaigns.cluster import flown_by_cluster
-from anser.campaigns.kept import refuse_series
+from anser.campaigns.kept import refuse_series, series_of
+from anser.campaigns.memory import Room, batch_for, room_for
 from anser.campaigns.sampling import flight_seeds, sampled
 from anser.campaigns.store import CampaignStore, StoreError
 from anser.campaigns.study import Study
@@ -65,7 +66,8 @@ def prepare(folder: Path, study: Study, scenario: Scenario, given: dict[str, np.
     count = next(iter(applied.values())).size if applied else study.sampled.flights or 0
     refuse_if_none(study, scenario, applied, count)
     refuse_series(study.keep, study.name, _valid(scenario, applied, count), applied)
-    chunk = min(_ALONE if flown_one_by_one(scenario) else BATCH, count)
+    most = _ALONE if flown_one_by_one(scenario) else batch_for(BATCH, scenario, series_of(study.keep, scenario))
+    chunk = min(most, count)
     return CampaignStore.create(folder, study, scenario, applied, flight_seeds(study, count), chunk)
 
 
@@ -112,6 +114,13 @@ def fly_campaign(
             say()
             if store.enough is not None:
                 break
+
+
+def room_of(store: CampaignStore) -> Room:
+    """How many processes fly a campaign where nobody says, and what is said of it."""
+    # those that are flown one by one take no more than one of a batch
+    batch = 1 if flown_one_by_one(store.scenario) else store.chunk
+    return room_for(store.scenario, batch, store.kept)
 
 
 def flight_of(store: CampaignStore, number: int) -> Scenario:
@@ -231,8 +240,3 @@ def _each(workers: Executor | None, folder: Path, chunks: list[int], at_a_time: 
         raise StoreError(
             f"{folder}: arrived {words}; expected all to end by themselves; resume flies the rest"
         ) from None
-
-
-def usual_processes() -> int:
-    """As many as there are cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -42,7 +42,7 @@ def fly(
     ] = False,
     processes: Annotated[
         int | None,
-        typer.Option(min=1, help="How many fly at a time; left out: one for each core.", show_default=False),
+        typer.Option(min=1, help="How many fly at a time; left out: one a core, if memory lasts.", show_default=False),
     ] = None,
     cluster: Annotated[
         str | None,
@@ -55,7 +55,7 @@ def fly(
     """
     from anser.campaigns import Campaign, StoreError, fly_campaign, keep_worst
     from anser.campaigns.campaigning import store_of
-    from anser.campaigns.flying import usual_processes
+    from anser.campaigns.flying import room_of
 
     try:
         store = store_of(study, out, resume=resume)
@@ -64,9 +64,14 @@ def fly(
     except StoreError as error:
         raise RefusedError(str(error)) from None
     flown, before = Campaign(store), store.flown.size
+    if processes is None and cluster is None:
+        room = room_of(store)
+        processes = room.processes
+        if room.words:
+            say(room.words)
     try:
         with progress_bar() as tell:
-            fly_campaign(store, usual_processes() if processes is None else processes, tell, cluster)
+            fly_campaign(store, processes or 1, tell, cluster)
             keep_worst(store, tell)
     except KeyboardInterrupt:
         _print_answers(flown.answers(), store.study.name)

@@ -82,7 +82,7 @@ class SeriesKept(eqx.Module):
 
     def recorder(self, summary: SummaryRecorder) -> "SummaryAndSeries":
         """What records both."""
-        return SummaryAndSeries(summary, self.keys, self.recorded_every)
+        return SummaryAndSeries(summary=summary, keys=self.keys, every=self.recorded_every)
 
 
 class SummaryAndSeries(AbstractRecorder):
