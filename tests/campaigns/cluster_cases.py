@@ -16,14 +16,13 @@ TESTS = Path(__file__).parents[1]
 def marked(folder, chunk):
     """Fly nothing: leave a file."""
     (folder / str(chunk)).write_text("")
-    return 1
 
 
 def slow(folder, chunk):
     """As `marked`, but all chunks after the first take an hour."""
     if chunk > 0:
         time.sleep(3600.0)
-    return marked(folder, chunk)
+    marked(folder, chunk)
 
 
 def deadly(folder, chunk):
@@ -32,40 +31,44 @@ def deadly(folder, chunk):
         with (folder / "deaths").open("a") as deaths:
             deaths.write("x")
         os.kill(os.getpid(), signal.SIGKILL)
-    return marked(folder, chunk)
+    marked(folder, chunk)
+
+
+class Worker:
+    """A worker in a process of its own, without a nanny; begun again when it has died, where that is asked for."""
+
+    def __init__(self, address, options, again):
+        words = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads", "1", "--no-nanny"]
+        self._words, self._options, self._again = [*words, "--no-dashboard"], options, again
+        self._process = self._begun()
+        threading.Thread(target=self._look_after, daemon=True).start()
+
+    def kill(self):
+        """Kill it for good."""
+        self._again = False
+        self._process.kill()
+
+    def _begun(self):
+        return subprocess.Popen(self._words, stderr=subprocess.DEVNULL, **self._options)
+
+    def _look_after(self):
+        self._process.wait()
+        while self._again:
+            self._process = self._begun()
+            self._process.wait()
 
 
 @contextlib.contextmanager
-def begun_cluster():
-    """A scheduler and one worker without a nanny: the address, and both processes."""
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(TESTS), *sys.path])}
-    quiet = {"env": environment, "stdout": subprocess.DEVNULL}
-    words = [
-        sys.executable,
-        "-m",
-        "distributed.cli.dask_scheduler",
-        "--host",
-        "127.0.0.1",
-        "--port",
-        "0",
-        "--no-dashboard",
-    ]
-    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True, **quiet) as scheduler:
+def begun_cluster(path=(str(TESTS), *sys.path), again=False):
+    """A scheduler and one worker, who find modules in a path: the address, and both."""
+    options = {"env": {**os.environ, "PYTHONPATH": os.pathsep.join(path)}, "stdout": subprocess.DEVNULL}
+    words = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"]
+    with subprocess.Popen([*words, "--no-dashboard"], stderr=subprocess.PIPE, text=True, **options) as scheduler:
         address = next(found[0] for line in scheduler.stderr if (found := re.search(r"tcp://127\.0\.0\.1:\d+", line)))
         threading.Thread(target=scheduler.stderr.read, daemon=True).start()
-        words = [
-            sys.executable,
-            "-m",
-            "distributed.cli.dask_worker",
-            address,
-            "--nthreads",
-            "1",
-            "--no-nanny",
-            "--no-dashboard",
-        ]
-        with subprocess.Popen(words, stderr=subprocess.DEVNULL, **quiet) as worker:
-            try:
-                yield address, scheduler, worker
-            finally:
-                for process in (worker, scheduler):
-                    process.kill()
+        worker = Worker(address, options, again)
+        try:
+            yield address, scheduler, worker
+        finally:
+            worker.kill()
+            scheduler.kill()

@@ -128,6 +128,8 @@ def test_another_study_scenario_or_version_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(campaigns.store, "version_attributes", lambda: {"version_anser": "9.9"})
     with pytest.raises(StoreError, match=r"expected 9\.9"):
         store.refuse_unless_same(same, THREE, values)
+    with pytest.raises(StoreError, match=r"expected 9\.9"):
+        flying.fly_chunk(store.folder, 0)  # a worker of another version
     with pytest.raises(StoreError, match="a folder without"):
         CampaignStore.open(tmp_path)
 

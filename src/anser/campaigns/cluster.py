@@ -1,13 +1,11 @@
 """Chunks of a campaign flown by a cluster of dask.distributed: given out, looked after, ended where it is lost."""
 
-import concurrent.futures
 import contextlib
 import importlib
 import logging
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Generator, Iterator
-from concurrent.futures import CancelledError, Future
+from collections.abc import Callable, Collection, Generator, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +14,9 @@ from anser.campaigns.store import StoreError
 _CONNECT = "10s"
 """How long the scheduler may take to answer at first."""
 _LOOK_S = 5.0
-"""How often the cluster is looked after while no chunk ends."""
+"""How often the cluster is looked after."""
+_WAIT_S = 0.05
+"""Between two looks at whether a chunk has ended."""
 _ANSWER_S = 30.0
 """How long the scheduler may take to answer while flights are in the air: it may be busy."""
 _WITHOUT_WORKERS_S = 120.0
@@ -28,9 +28,9 @@ _IN_A_ROW = 3
 
 
 def flown_by_cluster(
-    address: str, fly: Callable[[Path, int], int], folder: Path, chunks: list[int]
+    address: str, fly: Callable[[Path, int], object], folder: Path, chunks: list[int]
 ) -> Generator[int, None, None]:
-    """Have chunks flown by the workers of a cluster; how many flights each had, as it becomes complete.
+    """Have chunks flown by the workers of a cluster; each chunk, as it becomes complete.
 
     A chunk with which workers die again and again is given up, and the others are flown all the same.
 
@@ -39,7 +39,8 @@ def flown_by_cluster(
     address
         Of a running scheduler.
     fly
-        Flies a chunk of the campaign in a folder and says how many flights it had; known to the workers by its module.
+        Flies a chunk of the campaign in a folder, known to the workers by its module; what it returns is not looked at,
+        as it may be lost with its worker.
     folder
         Of the campaign; the workers must see it.
     chunks
@@ -48,38 +49,34 @@ def flown_by_cluster(
     Raises
     ------
     StoreError
-        There is no such cluster; its scheduler died or does not answer; it is without workers for two minutes; or a
-        chunk was given up. What is complete stays complete.
+        There is no such cluster, or one without anser; its scheduler died or does not answer; it is without workers
+        for two minutes; or a chunk was given up. What is complete stays complete.
     """
-    with _client(address) as (client, killed_worker):
-        executor = client.get_executor(pure=False)
+    with _client(address) as (client, distributed):
         watch = _Watch(client, address)
-        left, waiting, killed, given_up, in_a_row = deque(chunks), dict[Future[int], int](), Counter[int](), [], 0
+        left, killed, given_up, in_a_row = deque(chunks), Counter[int](), list[int](), 0
+        waiting: dict[Any, int] = {}
         while left or waiting:
             while left and len(waiting) < watch.at_a_time:
                 chunk = left.popleft()
-                waiting[executor.submit(fly, folder, chunk)] = chunk
-            ended = concurrent.futures.wait(waiting, _LOOK_S, concurrent.futures.FIRST_COMPLETED).done
-            if not ended:
-                watch.look()
-            for one in ended:
+                waiting[client.submit(fly, folder, chunk, pure=False)] = chunk
+            for one in watch.ended(waiting):
                 chunk = waiting.pop(one)
-                try:
-                    count = one.result()
-                except CancelledError:
-                    raise watch.lost("a scheduler that broke the connection") from None
-                except killed_worker:
-                    killed[chunk] += 1
-                    if killed[chunk] <= _AGAIN:
-                        left.append(chunk)
-                        continue
-                    given_up.append(chunk)
-                    in_a_row += 1
-                    if in_a_row == _IN_A_ROW:
-                        raise _given_up(address, given_up) from None
+                if one.status == "finished":
+                    in_a_row = 0
+                    yield chunk
                     continue
-                in_a_row = 0
-                yield count
+                error = one.exception()
+                if not isinstance(error, distributed.KilledWorker):
+                    raise _readable(error, address)
+                killed[chunk] += 1
+                if killed[chunk] <= _AGAIN:
+                    left.append(chunk)
+                    continue
+                given_up.append(chunk)
+                in_a_row += 1
+                if in_a_row == _IN_A_ROW:
+                    raise _given_up(address, given_up)
     if given_up:
         raise _given_up(address, given_up)
 
@@ -89,11 +86,11 @@ class _Watch:
 
     def __init__(self, client: Any, address: str) -> None:
         self._client, self._address = client, address
-        self._workers_seen_at = time.monotonic()
+        self._workers_seen_at = self._looked_at = time.monotonic()
         self.at_a_time = 1
-        self.look()
+        self._look()
 
-    def look(self) -> None:
+    def _look(self) -> None:
         """Ask the scheduler for its workers; raises StoreError where it does not answer, or has had none for long."""
         try:
             threads = self._client.sync(self._client.scheduler.ncores, callback_timeout=_ANSWER_S)
@@ -101,16 +98,41 @@ class _Watch:
             raise self.lost(f"a scheduler that does not answer within {_ANSWER_S:.0f} s") from None
         # one more for each thread, so that none waits for what it is given next
         self.at_a_time = 2 * max(sum(threads.values()), 1)
-        now = time.monotonic()
+        now = self._looked_at = time.monotonic()
         if threads:
             self._workers_seen_at = now
         elif now - self._workers_seen_at > _WITHOUT_WORKERS_S:
             raise self.lost(f"a scheduler without workers for {_WITHOUT_WORKERS_S:.0f} s")
 
+    def ended(self, waiting: Collection[Any]) -> list[Any]:
+        """Those that have ended, as soon as there are some, or none for a while; raises as `_look` does."""
+        until, found = time.monotonic() + _LOOK_S, list[Any]()
+        while time.monotonic() < until:
+            if any(one.status == "cancelled" for one in waiting):
+                raise self.lost("a scheduler that broke the connection")
+            # one whose worker died with what it returned is lost, and comes again
+            found = [one for one in waiting if one.status in ("finished", "error")]
+            if found:
+                break
+            time.sleep(_WAIT_S)
+        if time.monotonic() - self._looked_at >= _LOOK_S:
+            self._look()
+        return found
+
     def lost(self, arrived: str) -> StoreError:
         """What is raised where the cluster is no more."""
         words = "expected one that lasts as long as the campaign; resume flies what is missing"
         return StoreError(f"cluster {self._address}: arrived {arrived}; {words}")
+
+
+def _readable(error: BaseException, address: str) -> BaseException:
+    """What a worker raised; one message where it or the scheduler lacks what flies."""
+    # what the scheduler cannot import it says as the cause of another error
+    lacking = error if isinstance(error, ImportError) else error.__cause__
+    if not isinstance(lacking, ImportError):
+        return error
+    words = f"arrived a scheduler or worker without anser ({lacking}); expected it installed there, too"
+    return StoreError(f"cluster {address}: {words}")
 
 
 def _given_up(address: str, chunks: list[int]) -> StoreError:
@@ -121,8 +143,8 @@ def _given_up(address: str, chunks: list[int]) -> StoreError:
 
 
 @contextlib.contextmanager
-def _client(address: str) -> Iterator[tuple[Any, type[Exception]]]:
-    """Client of a cluster, and the exception that says that dask gave a chunk up."""
+def _client(address: str) -> Iterator[tuple[Any, Any]]:
+    """Client of a cluster, and dask's package of it."""
     try:
         distributed = importlib.import_module("distributed")
     except ImportError:
@@ -136,7 +158,7 @@ def _client(address: str) -> Iterator[tuple[Any, type[Exception]]]:
             words = f"expected the address of a running scheduler, such as tcp://127.0.0.1:8786 ({error})"
             raise StoreError(f"cluster: arrived {address}; {words}") from None
         with client:
-            yield client, distributed.KilledWorker
+            yield client, distributed
 
 
 @contextlib.contextmanager

@@ -105,12 +105,13 @@ def fly_campaign(
     folder = store.folder.resolve()
     with contextlib.ExitStack() as stack:
         if cluster is not None:
-            counts = flown_by_cluster(cluster, fly_chunk, folder, missing)
+            flown = flown_by_cluster(cluster, fly_chunk, folder, missing)
         else:
             executor, at_a_time = stack.enter_context(workers(min(processes, len(missing))))
-            counts = _each(executor, folder, missing, at_a_time)
-        for count in stack.enter_context(contextlib.closing(counts)):
-            behind += count
+            flown = _each(executor, folder, missing, at_a_time)
+        for chunk in stack.enter_context(contextlib.closing(flown)):
+            rows = store.rows_of(chunk)
+            behind += rows.stop - rows.start
             say()
             if store.enough is not None:
                 break
@@ -140,8 +141,11 @@ def flight_of(store: CampaignStore, number: int) -> Scenario:
 
 
 def fly_chunk(folder: Path, chunk: int) -> int:
-    """Fly one chunk of a campaign and write it; how many flights it had."""
+    """Fly one chunk of a campaign and write it, unless it is complete; its number."""
     store = CampaignStore.open(folder)
+    store.refuse_other_versions()
+    if store.done[chunk]:  # a cluster may give it out again when the worker that flew it dies
+        return chunk
     seeds, applied = store.applied(store.rows_of(chunk))
     rows: list[FlightRow | None] = [None] * seeds.size
     cases: dict[int, FlightCase] = {}
@@ -156,7 +160,7 @@ def fly_chunk(folder: Path, chunk: int) -> int:
     for k, row in zip(cases, fly_many(list(cases.values()), batch=store.chunk, series=store.kept), strict=True):
         rows[k] = row
     store.write(chunk, [row for row in rows if row is not None])
-    return len(rows)
+    return chunk
 
 
 def scenario_with(base: Scenario, seed: int, applied: dict[str, Any]) -> Scenario:
@@ -221,7 +225,7 @@ def _begin_worker() -> None:
 
 
 def _each(workers: Executor | None, folder: Path, chunks: list[int], at_a_time: int) -> Generator[int, None, None]:
-    """How many flights each chunk had, as it becomes complete; so many are given out in advance, in their order."""
+    """Each chunk as it becomes complete; so many are given out in advance, in their order."""
     if workers is None:
         for chunk in chunks:
             yield fly_chunk(folder, chunk)

@@ -214,22 +214,26 @@ class CampaignStore:
     def refuse_unless_same(self, study: Study, scenario: Scenario, applied: Mapping[str, np.ndarray]) -> None:
         """Refuse to go on with another study, scenario, value or version of what numbers depend on (StoreError)."""
         about = self._group.attrs
-        for what, found, wanted in (
-            ("study", about["study_hash"], study.hash),
-            ("scenario", about["scenario_hash"], scenario.hash),
-            *((key, self.versions.get(key), value) for key, value in version_attributes().items()),
-        ):
-            if found != wanted:
-                words = f"{what.replace('_', ' ')} {found}"
-                raise StoreError(
-                    f"{self.folder}: arrived a campaign with the {words}; expected {wanted}, to go on with it"
-                )
-
+        self._refuse_others(study=(about["study_hash"], study.hash))
+        self._refuse_others(scenario=(about["scenario_hash"], scenario.hash))
+        self.refuse_other_versions()
         kept = self.applied(slice(None))[1]
         same = [path for path, values in applied.items() if path in kept and np.array_equal(kept[path], values)]
         if list(kept) != same:
             words = "arrived a campaign with other values; expected those of the study, to go on with it"
             raise StoreError(f"{self.folder}: {words}")
+
+    def refuse_other_versions(self) -> None:
+        """Refuse to go on with other versions of what numbers depend on (StoreError): here, or on a worker."""
+        self._refuse_others(**{key: (self.versions.get(key), value) for key, value in version_attributes().items()})
+
+    def _refuse_others(self, **pairs: tuple[Any, Any]) -> None:
+        for what, (found, wanted) in pairs.items():
+            if found != wanted:
+                words = f"{what.replace('_', ' ')} {found}"
+                raise StoreError(
+                    f"{self.folder}: arrived a campaign with the {words}; expected {wanted}, to go on with it"
+                )
 
     def dataset(self) -> xr.Dataset:
         """All flights of complete chunks, labelled: dimensions flight and aircraft."""
