@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from anser.campaigns import CampaignStore, cluster, flying
+from anser.campaigns import CampaignStore, StoreError, cluster, flying
 from campaigns.study_cases import STUDIES, made_up, text_of
 
 KEPT = '[keep]\nseries = ["position_error", "airspeed", "phase"]\nseries_every_s = 0.7\n'
@@ -130,6 +130,25 @@ def test_ctrl_c_leaves_answers_and_report_of_what_was_flown(anser, study, tmp_pa
     assert "of 8 flights meet every requirement" in printed
     assert "8 of 20 flights; --resume flies the others" in said
     assert "<b>Partial: 8 of 20 flights.</b>" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_a_cluster_that_is_lost_leaves_what_was_flown_and_one_message(anser, study, tmp_path, monkeypatch):
+    def lost(address, fly, folder, chunks):
+        yield fly(folder, chunks[0])
+        raise StoreError(f"cluster {address}: arrived a scheduler that broke the connection")
+
+    monkeypatch.setattr(flying, "flown_by_cluster", lost)
+    monkeypatch.setattr(flying, "fly_many", made_up)
+    monkeypatch.setattr(flying, "BATCH", 8)
+    code, _, said = anser("campaign", study, "--out", tmp_path / "out", "--cluster", "tcp://10.0.0.1:8786")
+    assert code == 2
+    assert "cluster tcp://10.0.0.1:8786: arrived a scheduler that broke the connection" in said
+    assert "8 of 20 flights; --resume flies the others" in said
+    assert "Traceback" not in said
+    assert "<b>Partial: 8 of 20 flights.</b>" in (tmp_path / "out" / "report.html").read_text()
+    code, _, _ = anser("campaign", study, "--out", tmp_path / "out", "--resume", "--processes", 1)
+    assert code == 1
+    assert CampaignStore.open(tmp_path / "out").flown.size == 20
 
 
 @pytest.mark.parametrize(

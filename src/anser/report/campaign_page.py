@@ -17,7 +17,7 @@ from anser.report.campaign_parts import (
 from anser.report.influence_strip import influence_strip
 from anser.report.opening import number, scroll_table, text
 from anser.report.page_shell import page, write_page
-from anser.report.style import COLORS
+from anser.report.style import COLORS, color_of
 
 _STYLES = ("vendor/uplot.min.css", "page.css", "campaign.css")
 _SCRIPTS = ("vendor/uplot.min.js", "store.js", "campaign.js")
@@ -81,11 +81,15 @@ def _series(shown: CampaignShown) -> str:
         return ""
     first = shown.bands[0]
     fleet = shown.dataset.sizes["aircraft"]
+    legend = " ".join(
+        f'<span class="swatch" style="background:{color_of(k)}"></span>{text(name)}'
+        for k, name in enumerate(first.aircraft)
+    )
     some = f" The first {len(first.aircraft)} of {fleet} aircraft." if len(first.aircraft) < fleet else ""
     return (
         '<section id="series"><h2>Over time</h2><p class="caption">Of each aircraft the median over the flights (line) '
         "and the band from 5 to 95 % of them, at each time by itself; flights that could not begin are not among "
-        f'them.{some}</p><div class="plots" data-plots="series"></div></section>'
+        f'them.{some}</p><p class="caption">{legend}</p><div class="plots" data-plots="series"></div></section>'
     )
 
 
