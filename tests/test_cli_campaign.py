@@ -6,14 +6,15 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
+import numpy as np
 import pytest
 import xarray as xr
 
-from anser.campaigns import CampaignStore, flying
+from anser.campaigns import CampaignStore, StoreError, cluster, flying
 from campaigns.study_cases import STUDIES, made_up, text_of
 
+KEPT = '[keep]\nseries = ["position_error", "airspeed", "phase"]\nseries_every_s = 0.7\n'
 THREE = STUDIES.parent / "scenarios" / "three-aircraft.toml"
 
 
@@ -26,6 +27,17 @@ def begin_with(chunk, study, folder, out, *more):
     )
     command = [sys.executable, program, "campaign", study, "--out", folder / out, *more]
     return subprocess.Popen([*map(str, command)], stdout=subprocess.DEVNULL)
+
+
+def assert_same_to_the_last_bit(folder, other, flights):
+    """Rows and series of two campaigns."""
+    one, two = CampaignStore.open(folder), CampaignStore.open(other)
+    assert one.flown.size == flights
+    xr.testing.assert_identical(one.dataset(), two.dataset())
+    series = one.series().load()
+    assert np.isfinite(series["position_error_m"].values).all()
+    assert series["airspeed_m_s"].values.std() > 0.1
+    xr.testing.assert_identical(series, two.series().load())
 
 
 @pytest.fixture
@@ -104,7 +116,7 @@ def test_a_report_that_shows_flights_stays_where_none_has_come(anser, study, tmp
 def test_ctrl_c_leaves_answers_and_report_of_what_was_flown(anser, study, tmp_path, monkeypatch):
     left = 1
 
-    def once(cases, batch=None):
+    def once(cases, batch=None, series=None):
         nonlocal left
         if left == 0:
             raise KeyboardInterrupt
@@ -118,6 +130,25 @@ def test_ctrl_c_leaves_answers_and_report_of_what_was_flown(anser, study, tmp_pa
     assert "of 8 flights meet every requirement" in printed
     assert "8 of 20 flights; --resume flies the others" in said
     assert "<b>Partial: 8 of 20 flights.</b>" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_a_cluster_that_is_lost_leaves_what_was_flown_and_one_message(anser, study, tmp_path, monkeypatch):
+    def lost(address, fly, folder, chunks):
+        yield fly(folder, chunks[0])
+        raise StoreError(f"cluster {address}: arrived a scheduler that broke the connection")
+
+    monkeypatch.setattr(flying, "flown_by_cluster", lost)
+    monkeypatch.setattr(flying, "fly_many", made_up)
+    monkeypatch.setattr(flying, "BATCH", 8)
+    code, _, said = anser("campaign", study, "--out", tmp_path / "out", "--cluster", "tcp://10.0.0.1:8786")
+    assert code == 2
+    assert "cluster tcp://10.0.0.1:8786: arrived a scheduler that broke the connection" in said
+    assert "8 of 20 flights; --resume flies the others" in said
+    assert "Traceback" not in said
+    assert "<b>Partial: 8 of 20 flights.</b>" in (tmp_path / "out" / "report.html").read_text()
+    code, _, _ = anser("campaign", study, "--out", tmp_path / "out", "--resume", "--processes", 1)
+    assert code == 1
+    assert CampaignStore.open(tmp_path / "out").flown.size == 20
 
 
 @pytest.mark.parametrize(
@@ -142,9 +173,7 @@ def test_a_killed_campaign_goes_on_to_the_last_bit_in_one_process_and_in_two(stu
     def begin(out, *more):
         return begin_with(4, study, tmp_path, out, *more)
 
-    def flown(out):
-        return CampaignStore.open(Path(out)).dataset()
-
+    study.write_text(text_of(flights=20) + KEPT)
     assert begin("whole", "--processes", "1").wait() == 0
     assert begin("two", "--processes", "2").wait() == 0
     killed = begin("killed", "--processes", "1")
@@ -153,12 +182,10 @@ def test_a_killed_campaign_goes_on_to_the_last_bit_in_one_process_and_in_two(stu
         assert killed.poll() is None
     killed.send_signal(signal.SIGKILL)
     killed.wait()
-    assert flown(tmp_path / "killed").sizes["flight"] < 20
+    assert CampaignStore.open(tmp_path / "killed").flown.size < 20
     assert begin("killed", "--processes", "1", "--resume").wait() == 0
-    whole = flown(tmp_path / "whole")
-    assert whole.sizes["flight"] == 20
-    xr.testing.assert_identical(flown(tmp_path / "killed"), whole)
-    xr.testing.assert_identical(flown(tmp_path / "two"), whole)
+    assert_same_to_the_last_bit(tmp_path / "killed", tmp_path / "whole", 20)
+    assert_same_to_the_last_bit(tmp_path / "two", tmp_path / "whole", 20)
 
 
 @pytest.mark.long
@@ -208,7 +235,7 @@ def test_a_saltelli_study_is_flown_kept_and_reported_with_its_worst_drawn(anser,
 
 
 def test_a_cluster_that_is_not_there_is_refused_and_the_store_can_be_gone_on_with(anser, study, tmp_path, monkeypatch):
-    monkeypatch.setattr(flying, "_PATIENCE", "1s")
+    monkeypatch.setattr(cluster, "_CONNECT", "1s")
     code, _, said = anser("campaign", study, "--out", tmp_path / "out", "--cluster", "tcp://127.0.0.1:9")
     assert code == 2
     assert "cluster: arrived tcp://127.0.0.1:9; expected the address of a running scheduler" in said
@@ -219,17 +246,15 @@ def test_a_cluster_flies_the_same_to_the_last_bit_though_a_worker_is_killed(stud
     from distributed import LocalCluster
 
     text = study.read_text()
-    study.write_text(text.replace("flights = 20", "flights = 6"))
+    study.write_text(text.replace("flights = 20", "flights = 6") + KEPT)
     flying_alone = begin_with(4, study, tmp_path, "whole", "--processes", "1")
     assert flying_alone.wait() == 0
-    with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
-        begun = begin_with(4, study, tmp_path, "spread", "--cluster", cluster.scheduler_address)
+    with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as local:
+        begun = begin_with(4, study, tmp_path, "spread", "--cluster", local.scheduler_address)
         while not (tmp_path / "spread" / "flights.zarr" / "chunk_done").exists():
             time.sleep(0.05)
         time.sleep(8.0)
-        worker = next(iter(cluster.workers.values()))
+        worker = next(iter(local.workers.values()))
         os.kill(worker.process.pid, signal.SIGKILL)
         assert begun.wait() == 0
-    whole, spread = (CampaignStore.open(tmp_path / name).dataset() for name in ("whole", "spread"))
-    assert whole.sizes["flight"] == 6
-    xr.testing.assert_identical(whole, spread)
+    assert_same_to_the_last_bit(tmp_path / "spread", tmp_path / "whole", 6)

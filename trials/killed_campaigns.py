@@ -41,13 +41,16 @@ distribution = "normal"
 mean = 0.0
 sigma = 20.0
 how = "add"
+
+[keep]
+series = ["position_error", "airspeed"]
 """
 
 
 def arrays_of(folder: Path) -> dict[str, np.ndarray]:
-    """Every array of a store, the marks among them."""
-    group = zarr.open_group(folder / "flights.zarr", mode="r")
-    return {name: np.asarray(array[...]) for name, array in group.arrays()}
+    """Every array of a store, the marks and the series among them."""
+    members = zarr.open_group(folder / "flights.zarr", mode="r").members(max_depth=None)
+    return {name: np.asarray(one[...]) for name, one in members if isinstance(one, zarr.Array)}
 
 
 def differing(folder: Path, other: Path) -> list[str]:

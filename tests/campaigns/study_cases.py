@@ -3,9 +3,12 @@
 import hashlib
 from pathlib import Path
 
+import numpy as np
+
 import anser
 from anser.campaigns.study import validate_study
 from anser.results.flight_row import FlightRow
+from anser.results.series_values import series_values
 
 STUDIES = Path(__file__).parents[2] / "studies"
 THREE = anser.load(STUDIES.parent / "scenarios" / "three-aircraft.toml")
@@ -24,12 +27,12 @@ def text_of(scenario="three.toml", flights=4):
     )
 
 
-def made_up(cases, batch=None):
+def made_up(cases, batch=None, series=None):
     """Rows that follow from each scenario alone; some fail, one cannot begin."""
-    return [_row(case) for case in cases]
+    return [_row(case, series) for case in cases]
 
 
-def _row(case):
+def _row(case, kept):
     scenario = case.scenario
     seed = scenario.seed if case.seed is None else case.seed
     drawn = int(hashlib.sha256(f"{seed} {scenario.wind.speed_m_s}".encode()).hexdigest(), 16) % 1000 / 100.0
@@ -41,4 +44,8 @@ def _row(case):
     ]
     met = drawn < 8.0
     fleet = {"arrival_spread_s": drawn / 100.0, "separation_min_m": 500.0 - drawn}
-    return FlightRow(aircraft, fleet, [{"name": "miss_max_m", "met": met}], met)
+    series = {}
+    if kept is not None:
+        times, places = kept.times_s(scenario), np.arange(3.0)[:, None]
+        series = {key: series_values(key, 0.1 * drawn + places + 0.01 * times) for key in kept.keys}
+    return FlightRow(aircraft, fleet, [{"name": "miss_max_m", "met": met}], met, series=series)

@@ -54,12 +54,12 @@ def test_an_interrupted_campaign_goes_on_to_the_last_bit(tmp_path, monkeypatch):
     while not store.done.all():
         left = int(rng.integers(0, 3))
 
-        def sometimes(cases, batch=None):
+        def sometimes(cases, batch=None, series=None):
             nonlocal left
             if left == 0:
                 raise KeyboardInterrupt
             left -= 1
-            return made_up(cases)
+            return made_up(cases, series=series)
 
         monkeypatch.setattr(flying, "fly_many", sometimes)
         try:
@@ -128,6 +128,8 @@ def test_another_study_scenario_or_version_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(campaigns.store, "version_attributes", lambda: {"version_anser": "9.9"})
     with pytest.raises(StoreError, match=r"expected 9\.9"):
         store.refuse_unless_same(same, THREE, values)
+    with pytest.raises(StoreError, match=r"expected 9\.9"):
+        flying.fly_chunk(store.folder, 0)  # a worker of another version
     with pytest.raises(StoreError, match="a folder without"):
         CampaignStore.open(tmp_path)
 
@@ -154,3 +156,89 @@ def test_a_flight_flown_again_is_compared_with_its_row(tmp_path):
 def test_a_campaign_leaves_no_processes(tmp_path):
     fly_campaign(begun(tmp_path / "out"))
     assert not multiprocessing.active_children()
+
+
+KEEP = {"series": ["position_error", "speed_limited"], "series_every_s": 0.5}
+
+
+def test_series_of_every_flight_are_kept_to_the_last_bit_of_float32(tmp_path):
+    store = begun(tmp_path / "out", keep=KEEP)
+    fly_campaign(store)
+    data, series = store.dataset(), Campaign(store).series
+    assert dict(series.sizes) == {"flight": FLIGHTS, "aircraft": 3, "time": 301}
+    assert series["time"].values[[0, 1, -1]].tolist() == [0.0, 0.5, 150.0]
+    assert series["aircraft"].values.tolist() == data["aircraft"].values.tolist()
+    assert series["position_error_m"].dtype == np.float32
+    assert series["position_error_m"].attrs["units"] == "m"
+    assert series["speed_limited"].dtype == np.int32
+    assert series["speed_limited"].attrs["flag_meanings"] == "free limited"
+    for k in range(FLIGHTS):
+        (row,) = made_up([flying.FlightCase(flight_of(store, k))], series=store.kept)
+        kept = series["position_error_m"].values[k]
+        if row.reason:
+            assert np.isnan(kept).all()
+            assert (series["speed_limited"].values[k] == -1).all()
+        else:
+            np.testing.assert_array_equal(kept, row.series["position_error"].astype(np.float32))
+    opened = xr.open_zarr(tmp_path / "out" / "flights.zarr", group="series", consolidated=False, chunks=None)
+    assert opened.sizes["flight"] == FLIGHTS
+
+
+def test_series_go_on_with_the_campaign_and_belong_to_its_study(tmp_path):
+    whole, store = begun(tmp_path / "whole", keep=KEEP), begun(tmp_path / "parts", keep=KEEP)
+    fly_campaign(whole)
+    flying.fly_chunk(store.folder, 1)
+    assert store.series()["flight"].values.tolist() == list(range(CHUNK, 2 * CHUNK))
+    store._array("series/position_error_m")[16:24] = -1.0  # half written
+    fly_campaign(CampaignStore.open(store.folder))
+    xr.testing.assert_identical(store.series().load(), whole.series().load())
+    values = store.applied(slice(None))[1]
+    store.refuse_unless_same(study_of(sampling={"flights": FLIGHTS}, keep=KEEP), THREE, values)
+    other = study_of(sampling={"flights": FLIGHTS}, keep={**KEEP, "series_every_s": 1.0})
+    with pytest.raises(StoreError, match="study"):
+        store.refuse_unless_same(other, THREE, values)
+
+
+def test_a_campaign_without_series_says_so(tmp_path):
+    store = begun(tmp_path / "out")
+    with pytest.raises(StoreError, match=r"arrived a campaign without series; expected one of a study that keeps some"):
+        store.series()
+
+
+@pytest.mark.parametrize(
+    ("keep", "vary", "words"),
+    [
+        ({"series": ["airspeed"], "series_every_s": 0.015}, [], "keep.series_every_s: arrived 0.015; expected a whole"),
+        (
+            {"series": ["bank", "gust_u"]},
+            [],
+            r'keep.series\[1\]: arrived "gust_u"; expected a variable that a flight has',
+        ),
+        ({"series": ["goal_nis"]}, [], "takes a goal sensor with errors"),
+        ({"series": ["heard_from"]}, [], "decentralised"),
+        (
+            {"series": ["bank"]},
+            [{"path": "timing.duration_s", "distribution": "choice", "values": [150.0, 160.0]}],
+            "times",
+        ),
+    ],
+)
+def test_series_that_no_flight_has_are_refused_before_any_flies(tmp_path, keep, vary, words):
+    (tmp_path / "out").mkdir()
+    with pytest.raises(ScenarioError, match=words):
+        prepare(tmp_path / "out", study_of(keep=keep, vary=vary), THREE, {})
+    assert not any((tmp_path / "out").iterdir())
+
+
+def test_series_that_some_flights_have_are_kept(tmp_path):
+    (tmp_path / "out").mkdir()
+    air = {"path": "turbulence.intensity", "distribution": "choice", "values": ["none", "light"]}
+    store = prepare(tmp_path / "out", study_of(keep={"series": ["gust_u"]}, vary=[air]), THREE, {})
+    assert store.kept.keys == ("gust_u",)
+
+
+def test_space_for_series_is_asked_for_too(tmp_path, monkeypatch):
+    monkeypatch.setattr(campaigns.store.shutil, "disk_usage", lambda folder: type("Free", (), {"free": 200_000})())
+    begun(tmp_path / "without")
+    with pytest.raises(StoreError, match="MB free; expected"):
+        begun(tmp_path / "with", keep=KEEP)

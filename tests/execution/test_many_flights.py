@@ -9,7 +9,9 @@ import pytest
 
 import anser
 from anser.execution.many_flights import FlightCase, _Group, fly_many
+from anser.execution.series import SeriesKept
 from anser.numerics import Blended, as_array
+from anser.results.series_values import variable_of
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 THREE = anser.load(SCENARIOS / "three-aircraft.toml")
@@ -119,3 +121,22 @@ def test_random_numbers_of_its_own_are_refused_for_what_is_flown_alone():
     alone = THREE.replace("fleet.planner", "decentralised")
     with pytest.raises(ValueError, match="arrived random numbers of its own; expected 0 and none"):
         fly_many([FlightCase(alone, randomness=source)])
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("name", "every_s"), [("three-aircraft", 0.7), ("uncertain-world", 1.0), ("lost-aircraft", 0.5)]
+)
+def test_series_are_those_of_single_flights(name, every_s):
+    """Also where it is flown alone, with periods that do not fill a segment, and a variable that is not there."""
+    scenario = anser.load(SCENARIOS / f"{name}.toml").replace("timing.record_period_s", every_s)
+    kept = SeriesKept.of(scenario, ("north", "east", "course", "phase", "speed_limited", "clock_lag"), every_s)
+    (row,) = fly_many([FlightCase(scenario)], series=kept)
+    flown = anser.run(scenario).dataset
+    np.testing.assert_allclose(kept.times_s(scenario), flown["time"].values, atol=1e-9)
+    for key in kept.keys[:-1]:
+        single = flown[variable_of(key).name].values.T
+        scale = 1e4 if key in ("north", "east") else 100.0
+        np.testing.assert_allclose(row.series[key], single, rtol=0.0, atol=_SCALE * scale)
+    assert row.series["clock_lag"].shape == row.series["north"].shape
+    assert np.isnan(row.series["clock_lag"]).all()

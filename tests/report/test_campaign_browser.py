@@ -1,13 +1,10 @@
 """The report of a campaign in a real browser: nothing complains, nothing leaves the file, every plot is drawn."""
 
-from types import SimpleNamespace
-
 import pytest
 
 from anser.campaigns import fly_campaign, flying, prepare, reporting, write_campaign
 from campaigns.study_cases import THREE, WIND, made_up, study_of
 from support.chromium import NAMES, Chromium, find_chromium
-from support.made_flight import make_flight
 
 if find_chromium() is None:
     pytest.skip(
@@ -16,6 +13,7 @@ if find_chromium() is None:
     )
 
 EVIL = "</script><script>window.harmed = true</script><img src=x onerror='window.harmed = true'>"
+KEEP = {"series": ["position_error", "load_factor", "status"]}
 BEND = {"path": "aircraft[0].bend", "distribution": "choice", "values": ["left", "right"]}
 
 
@@ -24,8 +22,9 @@ def page(tmp_path_factory):
     folder = tmp_path_factory.mktemp("campaign")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(flying, "fly_many", made_up)
-        patch.setattr(reporting, "run", lambda scenario: SimpleNamespace(dataset=make_flight()[0]))
-        store = prepare(folder, study_of(sampling={"flights": 80}, vary=[WIND, BEND], description=EVIL), THREE, {})
+        patch.setattr(reporting, "fly_many", lambda cases, tell, batch, series: made_up(cases, batch, series))
+        study = study_of(sampling={"flights": 80}, vary=[WIND, BEND], description=EVIL, keep=KEEP)
+        store = prepare(folder, study, THREE, {})
         fly_campaign(store)
         return write_campaign(store, worst=2, others=3)[0]
 
@@ -39,17 +38,33 @@ def browser(page, tmp_path_factory):
 
 
 def test_every_plot_is_drawn_and_nothing_complains_or_leaves_the_file(browser, page):
-    for key in ("converging", "distributions", "against"):
+    for key in ("converging", "distributions", "series", "against"):
         for end in ("start", "end"):
             browser.run(f"document.getElementById('{key}').scrollIntoView({{ block: '{end}' }})")
             browser.settle()
-    assert browser.run("anser.charts.length") == 1 + 4 + 4 + 2  # met, four quantities twice, two inputs
+    assert (
+        browser.run("anser.charts.length") == 1 + 4 + 4 + 2 + 2
+    )  # met, four quantities twice, two of three series, two inputs
     assert browser.run("anser.charts.filter((chart) => !chart.plot).length") == 0
     assert browser.run("document.querySelectorAll('.map .worst-track').length") == 2
     assert browser.run("typeof window.harmed") == "undefined"
     assert browser.run("document.querySelector('.lead').textContent") == EVIL
     assert browser.faults == []
     assert [url for url in browser.requests if not url.startswith(("data:", "blob:"))] == [page.as_uri()]
+
+
+def test_bands_have_a_line_and_two_edges_for_each_aircraft(browser):
+    browser.run("document.getElementById('series').scrollIntoView()")
+    browser.settle()
+    drawn = "anser.charts.find((chart) => chart.title.textContent === 'Distance to the planned point (m)').plot"
+    assert browser.run(f"[{drawn}.series.length, {drawn}.bands.length]") == [10, 3]
+    low, high = browser.run(f"[{drawn}.scales.y.min, {drawn}.scales.y.max]")
+    ends = browser.run(f"[{drawn}.data[1][0], {drawn}.data[8][150]]")  # the least and the greatest of what is made up
+    assert low < ends[0] < ends[1] < high
+    browser.run(f"{drawn}.setCursor({{ left: 100, top: 50 }})")
+    told = browser.run("document.querySelector('[data-plots=series] .readout').textContent")
+    assert " s: aircraft-1 " in told
+    assert "aircraft-3 " in told
 
 
 def test_another_quantity_is_drawn_against_the_inputs(browser):

@@ -1,12 +1,15 @@
 """A flight of a campaign flown again, and whether it is the same."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from anser.campaigns.store import CampaignStore
 from anser.results.flight_columns import flight_columns
 from anser.results.flight_row import FlightRow
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 SAME = 1e-9
 """Of a quantity's scale: what rounding changes between a flight alone and one in a batch."""
@@ -29,10 +32,16 @@ def departures(store: CampaignStore, number: int, summary: dict[str, Any], *, me
     -------
     By quantity the greatest difference over its scale, where that is more than `SAME`; of texts what the row says.
     """
-    data = store.dataset().sel(flight=number)
-    row = FlightRow(summary["aircraft"], summary["fleet"], summary["requirements"], met)
+    return row_departures(
+        store.dataset(), number, FlightRow(summary["aircraft"], summary["fleet"], summary["requirements"], met)
+    )
+
+
+def row_departures(data: "xr.Dataset", number: int, row: FlightRow) -> dict[str, float | str]:
+    """As `departures`, of a row that was flown again; the campaign is as `CampaignStore.dataset` gives it."""
+    data = data.sel(flight=number)
     found: dict[str, float | str] = {}
-    for name, (_, values, labels) in flight_columns([row], len(store.scenario.aircraft)).items():
+    for name, (_, values, labels) in flight_columns([row], data.sizes["aircraft"]).items():
         kept, flown = data[name].values, values[0]
         if values.dtype.kind != "f":
             if not np.array_equal(kept, flown):

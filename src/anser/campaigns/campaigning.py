@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from anser.campaigns.answering import Answers, answers
-from anser.campaigns.flying import applied_values, flight_of, fly_campaign, prepare, usual_processes
+from anser.campaigns.flying import applied_values, flight_of, fly_campaign, prepare, room_of
 from anser.campaigns.influencing import Influences, influences
 from anser.campaigns.keeping import keep_worst
 from anser.campaigns.reporting import OTHERS, WORST, write_campaign
@@ -40,6 +40,14 @@ class Campaign:
     def dataset(self) -> "xr.Dataset":
         """Values applied and what came of each flight; dimensions flight and aircraft."""
         return self.store.dataset()
+
+    @property
+    def series(self) -> "xr.Dataset":
+        """What the study's table [keep] has kept over time; dimensions flight, aircraft and time.
+
+        Raises StoreError where that is nothing.
+        """
+        return self.store.series()
 
     def answers(self) -> Answers:
         """Probabilities and quantiles, with intervals."""
@@ -82,7 +90,7 @@ def campaign(
     resume
         Whether to fly what is missing of the campaign in that folder.
     processes
-        How many fly at a time; None: one for each core.
+        How many fly at a time; None: one for each core, or as many as the free memory holds.
     cluster
         Address of a running scheduler of dask.distributed, whose workers fly instead; they must see the folder.
     progress
@@ -98,7 +106,12 @@ def campaign(
         The folder exists and `resume` is not asked for.
     """
     store = store_of(study, Path(out), resume=resume)
-    fly_campaign(store, usual_processes() if processes is None else processes, progress, cluster)
+    if processes is None and cluster is None:
+        room = room_of(store)
+        processes = room.processes
+        if room.words and progress is not None:
+            progress(room.words, None)
+    fly_campaign(store, processes or 1, progress, cluster)
     keep_worst(store, progress)
     return Campaign(store)
 

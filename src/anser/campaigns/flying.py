@@ -2,11 +2,10 @@
 
 import concurrent.futures
 import contextlib
-import importlib
 import multiprocessing
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
@@ -14,6 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from anser.campaigns.cluster import flown_by_cluster
+from anser.campaigns.kept import refuse_series, series_of
+from anser.campaigns.memory import Room, batch_for, room_for
 from anser.campaigns.sampling import flight_seeds, sampled
 from anser.campaigns.store import CampaignStore, StoreError
 from anser.campaigns.study import Study
@@ -26,8 +28,6 @@ from anser.scenario.errors import show
 
 _ALONE = 4
 """Flights of a chunk where each is flown by itself."""
-_PATIENCE = "10s"
-"""How long the scheduler of a cluster may take to answer."""
 TRIED = 64
 """Scenarios that are validated before any flies; where all of them are refused, so is the study."""
 
@@ -65,7 +65,9 @@ def prepare(folder: Path, study: Study, scenario: Scenario, given: dict[str, np.
     applied = applied_values(study, scenario, given)
     count = next(iter(applied.values())).size if applied else study.sampled.flights or 0
     refuse_if_none(study, scenario, applied, count)
-    chunk = min(_ALONE if flown_one_by_one(scenario) else BATCH, count)
+    refuse_series(study.keep, study.name, _valid(scenario, applied, count), applied)
+    most = _ALONE if flown_one_by_one(scenario) else batch_for(BATCH, scenario, series_of(study.keep, scenario))
+    chunk = min(most, count)
     return CampaignStore.create(folder, study, scenario, applied, flight_seeds(study, count), chunk)
 
 
@@ -88,7 +90,7 @@ def fly_campaign(
     Raises
     ------
     StoreError
-        A process was killed, or the cluster cannot be reached.
+        A process was killed, or the cluster cannot be reached or is lost; what is complete stays complete.
     """
     tell, total = progress or silent, store.flights
     missing = [int(chunk) for chunk in np.flatnonzero(~store.done)]
@@ -100,13 +102,26 @@ def fly_campaign(
     say()
     if store.enough is not None:
         return
-    flying = _cluster(cluster) if cluster is not None else workers(min(processes, len(missing)))
-    with flying as (executor, at_a_time):
-        for count in _each(executor, store.folder.resolve(), missing, at_a_time):
-            behind += count
+    folder = store.folder.resolve()
+    with contextlib.ExitStack() as stack:
+        if cluster is not None:
+            flown = flown_by_cluster(cluster, fly_chunk, folder, missing)
+        else:
+            executor, at_a_time = stack.enter_context(workers(min(processes, len(missing))))
+            flown = _each(executor, folder, missing, at_a_time)
+        for chunk in stack.enter_context(contextlib.closing(flown)):
+            rows = store.rows_of(chunk)
+            behind += rows.stop - rows.start
             say()
             if store.enough is not None:
                 break
+
+
+def room_of(store: CampaignStore) -> Room:
+    """How many processes fly a campaign where nobody says, and what is said of it."""
+    # those that are flown one by one take no more than one of a batch
+    batch = 1 if flown_one_by_one(store.scenario) else store.chunk
+    return room_for(store.scenario, batch, store.kept)
 
 
 def flight_of(store: CampaignStore, number: int) -> Scenario:
@@ -126,8 +141,11 @@ def flight_of(store: CampaignStore, number: int) -> Scenario:
 
 
 def fly_chunk(folder: Path, chunk: int) -> int:
-    """Fly one chunk of a campaign and write it; how many flights it had."""
+    """Fly one chunk of a campaign and write it, unless it is complete; its number."""
     store = CampaignStore.open(folder)
+    store.refuse_other_versions()
+    if store.done[chunk]:  # a cluster may give it out again when the worker that flew it dies
+        return chunk
     seeds, applied = store.applied(store.rows_of(chunk))
     rows: list[FlightRow | None] = [None] * seeds.size
     cases: dict[int, FlightCase] = {}
@@ -139,10 +157,10 @@ def fly_chunk(folder: Path, chunk: int) -> int:
             cases[k] = FlightCase(scenario_with(store.scenario, seed, {path: one[k] for path, one in applied.items()}))
         except ScenarioError as error:
             rows[k] = FlightRow.failed("; ".join(map(str, error.problems)))
-    for k, row in zip(cases, fly_many(list(cases.values()), batch=store.chunk), strict=True):
+    for k, row in zip(cases, fly_many(list(cases.values()), batch=store.chunk, series=store.kept), strict=True):
         rows[k] = row
     store.write(chunk, [row for row in rows if row is not None])
-    return len(rows)
+    return chunk
 
 
 def scenario_with(base: Scenario, seed: int, applied: dict[str, Any]) -> Scenario:
@@ -167,30 +185,15 @@ def refuse_if_none(study: Study, scenario: Scenario, applied: dict[str, np.ndarr
         raise ScenarioError(f"{study.name}, every flight", first.problems)
 
 
+def _valid(scenario: Scenario, applied: dict[str, np.ndarray], count: int) -> Iterator[Scenario]:
+    """Those of the first scenarios that are valid."""
+    for k in range(min(count, TRIED) if applied else 1):
+        with contextlib.suppress(ScenarioError):
+            yield scenario_with(scenario, 0, {path: values[k] for path, values in applied.items()})
+
+
 def _no_number(path: str, base: object, how: str) -> Problem:
     return Problem(path, f'{show(base)} in the scenario, with how = "{how}"', 'a number there, or how = "set"')
-
-
-@contextlib.contextmanager
-def _cluster(address: str) -> Iterator[tuple[Executor, int]]:
-    """Workers of a cluster, and how many chunks they are given at a time."""
-    try:
-        distributed = importlib.import_module("distributed")
-    except ImportError:
-        raise StoreError(
-            'cluster: arrived an address, but no dask; expected it installed: the extra "campaign"'
-        ) from None
-    try:
-        client = distributed.Client(address, timeout=_PATIENCE)
-    except (OSError, ValueError) as error:
-        words = f"expected the address of a running scheduler, such as tcp://127.0.0.1:8786 ({error})"
-        raise StoreError(f"cluster: arrived {address}; {words}") from None
-    with client:
-        try:
-            yield client.get_executor(pure=False), 2 * max(len(client.nthreads()), 1)
-        except distributed.KilledWorker:
-            words = "arrived a chunk that killed several workers, perhaps for want of memory; expected none"
-            raise StoreError(f"cluster {address}: {words}; resume flies what is missing") from None
 
 
 @contextlib.contextmanager
@@ -221,8 +224,8 @@ def _begin_worker() -> None:
     enable_compilation_cache()
 
 
-def _each(workers: Executor | None, folder: Path, chunks: list[int], at_a_time: int) -> Iterator[int]:
-    """How many flights each chunk had, as it becomes complete; so many are given out in advance, in their order."""
+def _each(workers: Executor | None, folder: Path, chunks: list[int], at_a_time: int) -> Generator[int, None, None]:
+    """Each chunk as it becomes complete; so many are given out in advance, in their order."""
     if workers is None:
         for chunk in chunks:
             yield fly_chunk(folder, chunk)
@@ -241,8 +244,3 @@ def _each(workers: Executor | None, folder: Path, chunks: list[int], at_a_time: 
         raise StoreError(
             f"{folder}: arrived {words}; expected all to end by themselves; resume flies the rest"
         ) from None
-
-
-def usual_processes() -> int:
-    """As many as there are cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from anser.campaigns.flying import usual_processes, workers
+from anser.campaigns.flying import workers
+from anser.campaigns.memory import room_for
 from anser.campaigns.rare_flights import RareFlights, fly_points
 from anser.campaigns.rare_results import exceedance_dataset, rare_document, worst_points
 from anser.campaigns.rare_store import RareStore
@@ -115,7 +116,7 @@ def rare(
     resume
         Whether to go on with what is in that folder.
     processes
-        How many fly at a time; None: one for each core.
+        How many fly at a time; None: one for each core, or as many as the free memory holds.
     progress
         Called with what is being done and the part of the level that is behind, 0..1.
 
@@ -135,7 +136,12 @@ def rare(
     from anser.report import draw_rare
 
     store = rare_store_of(study, Path(out), resume=resume)
-    with workers(usual_processes() if processes is None else processes) as (executor, _):
+    if processes is None:
+        room = room_for(store.scenario, RareFlights(store.study, store.scenario).batch)
+        processes = room.processes
+        if room.words and progress is not None:
+            progress(room.words, None)
+    with workers(processes) as (executor, _):
         found = RareEvent(store, _repetitions(store, executor, progress or silent))
     path = store.folder / _DOCUMENT
     path.write_text(json.dumps(found.document, indent=1, allow_nan=False) + "\n", encoding="utf-8")

@@ -3,30 +3,34 @@
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 
+from anser.campaigns.again import row_departures
 from anser.campaigns.answering import answers, worst_flights
 from anser.campaigns.flying import flight_of
 from anser.campaigns.influencing import influences
 from anser.campaigns.keeping import kept_flight
 from anser.campaigns.sampling import independent
+from anser.campaigns.series_bands import series_bands
 from anser.campaigns.store import CampaignStore
-from anser.execution import NoPlanError, run
 from anser.execution.batches import Progress, silent
+from anser.execution.many_flights import FlightCase, fly_many
+from anser.execution.series import SeriesKept
 from anser.report import CampaignShown, FlownAgain, draw_campaign, write_campaign_report
 from anser.report.exports import has_parquet, write_campaign_tables
 from anser.results import read_netcdf
-from anser.scenario import ScenarioError
-
-if TYPE_CHECKING:
-    import xarray as xr
+from anser.results.flight_row import FlightRow
+from anser.results.series_values import variable_of
+from anser.results.variable_labels import record_coordinates
+from anser.scenario import Scenario, ScenarioError
 
 REPORT = "report.html"
 WORST, OTHERS = 5, 20
 """How many flights are flown again for the map: of the worst, and of evenly spaced ones that they are drawn over."""
-_TRACKS = ["east_m", "north_m"]
+_KEYS = ("east", "north")
+_TRACKS = [variable_of(key).name for key in _KEYS]
 _RECORDS = 2000
 """Of a flight flown again that are kept at most."""
 _LISTED = 5
@@ -55,12 +59,14 @@ def write_campaign(
     `flights.parquet`, `aircraft.parquet`, `answers.parquet` and `indices.parquet`.
     """
     tell, data, study = progress or silent, store.dataset(), store.study
-    begun = data.isel(flight=np.flatnonzero(data["reason"].values == ""))
+    begun_at, counting = data["reason"].values == "", independent(study, data["flight"].values)
+    begun = data.isel(flight=np.flatnonzero(begun_at))
     listed = worst_flights(begun, max(worst, _LISTED))
     drawn = listed[:worst]
     again = dict.fromkeys(drawn, True)
     if drawn:
-        again |= {number: False for number in _spaced(begun["flight"].values, others) if number not in drawn}
+        rest = np.setdiff1d(begun["flight"].values, drawn)
+        again |= dict.fromkeys(_spaced(rest, others), False)
     found, depends = answers(data, store.flights, study).as_dict(), influences(data, study, store.varied).as_dict()
     levels = {
         vary.path: [str(value) for value in vary.values]
@@ -73,15 +79,17 @@ def write_campaign(
         influences=depends,
         study=study.model_dump(mode="json", exclude_none=True),
         place=str(store.folder),
-        independent=independent(study, data["flight"].values),
+        independent=counting,
         worst=listed,
         enough=store.enough is not None,
         levels=levels,
+        bands=series_bands(store, data["flight"].values[counting & begun_at]),
     )
     page = store.folder / REPORT
     if again and not page.exists():
         write_campaign_report(shown, page)  # readable should the flights be interrupted
-    shown = dataclasses.replace(shown, again=_flown_again(store, again, tell))
+    flown, otherwise = _flown_again(store, data, again, tell)
+    shown = dataclasses.replace(shown, again=flown, otherwise=otherwise)
     tell("writing", None)
     write_campaign_report(shown, page)
     figure = draw_campaign(data.isel(flight=np.flatnonzero(shown.independent)), store.folder)
@@ -96,22 +104,49 @@ def _spaced(numbers: np.ndarray, count: int) -> Sequence[int]:
     return [int(number) for number in np.unique(numbers[places])]
 
 
-def _flown_again(store: CampaignStore, wanted: dict[int, bool], tell: Progress) -> tuple[FlownAgain, ...]:
-    """Flights by their number, and whether each is one of the worst; those kept are read instead."""
-    found = []
-    for k, (number, worst) in enumerate(wanted.items()):
-        tell(f"flying {len(wanted)} flights again", k / len(wanted))
+def _flown_again(
+    store: CampaignStore, data: xr.Dataset, wanted: dict[int, bool], tell: Progress
+) -> tuple[tuple[FlownAgain, ...], list[int]]:
+    """Flights by their number, and whether each is one of the worst; and numbers of those that came out otherwise.
+
+    Those that were kept whole are read; the others fly as one batch.
+    """
+    found: dict[int, xr.Dataset] = {}
+    cases: dict[int, FlightCase] = {}
+    otherwise: list[int] = []
+    for number in wanted:
         kept = kept_flight(store, number)
         if kept is not None:
             flown = read_netcdf(kept)
-        else:
-            try:
-                flown = run(flight_of(store, number)).dataset
-            except (ScenarioError, NoPlanError):  # it began in the campaign: another version, or rounding
-                continue
-        found.append(FlownAgain(number, worst, _tracks(flown)))
-    return tuple(found)
+            found[number] = flown[_TRACKS].isel(time=_sparse(flown.sizes["time"])).load()
+            continue
+        try:
+            cases[number] = FlightCase(flight_of(store, number))
+        except ScenarioError:  # it was valid in the campaign: another version
+            otherwise.append(number)
+    if cases:
+        scenario = next(iter(cases.values())).scenario
+        timing = scenario.timing
+        stride = _sparse(round(timing.duration_s / timing.record_period_s) + 1).step
+        series = SeriesKept.of(scenario, _KEYS, stride * timing.record_period_s)
+        said = f"flying {len(cases)} flights again"
+        rows = fly_many(list(cases.values()), lambda _, part: tell(said, part), len(cases), series=series)
+        for (number, case), row in zip(cases.items(), rows, strict=True):
+            if row_departures(data, number, row):
+                otherwise.append(number)
+            if not row.reason:
+                found[number] = _tracks(row, series, case.scenario)
+    return tuple(
+        FlownAgain(number, worst, found[number]) for number, worst in wanted.items() if number in found
+    ), otherwise
 
 
-def _tracks(flown: "xr.Dataset") -> "xr.Dataset":
-    return flown[_TRACKS].isel(time=slice(None, None, -(-flown.sizes["time"] // _RECORDS))).load()
+def _sparse(records: int) -> slice:
+    return slice(None, None, -(-records // _RECORDS))
+
+
+def _tracks(row: FlightRow, series: SeriesKept, scenario: Scenario) -> xr.Dataset:
+    """Positions of a flight of a batch, as `flight.nc` holds them."""
+    coordinates = record_coordinates(series.times_s(scenario), [one.name for one in scenario.aircraft])
+    values = {variable_of(key).name: (("time", "aircraft"), row.series[key].T) for key in _KEYS}
+    return xr.Dataset(values, coordinates)

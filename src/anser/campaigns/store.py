@@ -3,7 +3,7 @@
 import json
 import os
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,8 @@ import numpy as np
 import xarray as xr
 import zarr
 
+from anser.campaigns.kept import series_of
+from anser.campaigns.series_store import SERIES, create_series, series_bytes, series_dataset, write_series
 from anser.campaigns.stopping import complete_from_first, enough
 from anser.campaigns.study import Study, validate_study
 from anser.results import version_attributes
@@ -45,6 +47,8 @@ class CampaignStore:
         What is flown.
     chunk
         Flights of a chunk.
+    kept
+        Variables that are kept over time; None: none are.
     """
 
     def __init__(self, folder: Path, group: zarr.Group) -> None:
@@ -54,6 +58,7 @@ class CampaignStore:
         self.scenario = validate(json.loads(about["scenario"]), f"{folder}, scenario")
         self.chunk = int(about["chunk"])
         self._not_enough = 0  # chunks that were looked at: each look sorts all flights so far
+        self.kept = series_of(self.study.keep, self.scenario)
         self.versions = {key: value for key, value in about.items() if key.startswith("version_")}
 
     @classmethod
@@ -86,10 +91,12 @@ class CampaignStore:
         StoreError
             There is not enough space.
         """
+        kept = series_of(study.keep, scenario)
         flights, names = seeds.size, [one.name for one in scenario.aircraft]
         columns = flight_columns([FlightRow.failed("")], len(names))
         sized = {name: _typed(name, column) for name, column in columns.items()}
         needed = flights * sum(one[1][0].nbytes for one in sized.values()) + sum(one.nbytes for one in applied.values())
+        needed += 0 if kept is None else flights * series_bytes(kept, scenario)
         free = shutil.disk_usage(folder).free
         if free < _SPARE * needed:
             words = f"arrived a disk with {free / 1e6:.3f} MB free; expected {_SPARE * needed / 1e6:.3f} MB"
@@ -122,6 +129,8 @@ class CampaignStore:
                 fill_value=np.nan if values.dtype.kind == "f" else values.dtype.type(),
                 attributes={**labels, "_ARRAY_DIMENSIONS": ["flight", *dimensions]},
             )
+        if kept is not None:
+            create_series(group, kept, scenario, flights, chunk)
         count = -(-flights // chunk)
         words = {"long_name": "Whether the flights of a chunk are complete", "_ARRAY_DIMENSIONS": ["chunk"]}
         group.create_array(_DONE, shape=(count,), chunks=(1,), dtype="int8", fill_value=0, attributes=words)
@@ -197,28 +206,34 @@ class CampaignStore:
         place = self.rows_of(chunk)
         for name, column in flight_columns(rows, len(self.scenario.aircraft)).items():
             self._array(name)[place] = _typed(name, column)[1]
+        if self.kept is not None:
+            write_series(self._group, self.kept, place, rows)
         os.sync()  # or the mark could outlive a power cut that its chunk does not
         self._array(_DONE)[chunk] = 1
 
     def refuse_unless_same(self, study: Study, scenario: Scenario, applied: Mapping[str, np.ndarray]) -> None:
         """Refuse to go on with another study, scenario, value or version of what numbers depend on (StoreError)."""
         about = self._group.attrs
-        for what, found, wanted in (
-            ("study", about["study_hash"], study.hash),
-            ("scenario", about["scenario_hash"], scenario.hash),
-            *((key, self.versions.get(key), value) for key, value in version_attributes().items()),
-        ):
-            if found != wanted:
-                words = f"{what.replace('_', ' ')} {found}"
-                raise StoreError(
-                    f"{self.folder}: arrived a campaign with the {words}; expected {wanted}, to go on with it"
-                )
-
+        self._refuse_others(study=(about["study_hash"], study.hash))
+        self._refuse_others(scenario=(about["scenario_hash"], scenario.hash))
+        self.refuse_other_versions()
         kept = self.applied(slice(None))[1]
         same = [path for path, values in applied.items() if path in kept and np.array_equal(kept[path], values)]
         if list(kept) != same:
             words = "arrived a campaign with other values; expected those of the study, to go on with it"
             raise StoreError(f"{self.folder}: {words}")
+
+    def refuse_other_versions(self) -> None:
+        """Refuse to go on with other versions of what numbers depend on (StoreError): here, or on a worker."""
+        self._refuse_others(**{key: (self.versions.get(key), value) for key, value in version_attributes().items()})
+
+    def _refuse_others(self, **pairs: tuple[Any, Any]) -> None:
+        for what, (found, wanted) in pairs.items():
+            if found != wanted:
+                words = f"{what.replace('_', ' ')} {found}"
+                raise StoreError(
+                    f"{self.folder}: arrived a campaign with the {words}; expected {wanted}, to go on with it"
+                )
 
     def dataset(self) -> xr.Dataset:
         """All flights of complete chunks, labelled: dimensions flight and aircraft."""
@@ -226,6 +241,30 @@ class CampaignStore:
             found = data.drop_vars(_DONE).isel(flight=self.flown).load()
         attributes = {"confidence": self.study.answers.confidence}
         return found.set_coords(["flight", "aircraft"]).assign_attrs(attributes)
+
+    def series(self) -> xr.Dataset:
+        """What was kept over time of all flights of complete chunks; dimensions flight, aircraft and time.
+
+        Read when it is asked for. Quantities are float32, NaN where there is none; codes and truth values int32, -1
+        where there is none.
+
+        Raises
+        ------
+        StoreError
+            The study keeps none.
+        """
+        if self.kept is None:
+            words = 'a study that keeps some, such as [keep] series = ["position_error", "airspeed"]'
+            raise StoreError(f"{self.folder}: arrived a campaign without series; expected one of {words}")
+        return series_dataset(self.folder / _FOLDER, self.flown)
+
+    def series_of(self, name: str, flights: np.ndarray) -> Iterator[np.ndarray]:
+        """One variable of some flights over time, chunk by chunk: shape (flights of the chunk, aircraft, times)."""
+        array = self._array(f"{SERIES}/{name}")
+        for chunk in np.unique(flights // self.chunk):
+            rows = self.rows_of(int(chunk))
+            some = flights[flights // self.chunk == chunk]
+            yield np.asarray(array[rows])[some - rows.start]
 
     def _array(self, name: str) -> zarr.Array:
         found = self._group[name]

@@ -10,6 +10,7 @@ from pydantic import Field, ValidationError
 
 from anser.campaigns.asked_rare import Rare
 from anser.campaigns.distributions import Vary
+from anser.campaigns.kept import Keep
 from anser.scenario import Problem, Scenario, ScenarioError, load
 from anser.scenario.errors import plain, show
 from anser.scenario.load import parsed, read_text
@@ -149,18 +150,6 @@ class Until(Table):
         if self.share == 1.0:
             return [Problem("share", "1", "a number below 1")]
         return []
-
-
-class Keep(Table):
-    """What is kept of flights beside their rows."""
-
-    worst: int = Field(
-        0,
-        ge=0,
-        le=1000,
-        description="how many of the worst flights are kept whole when the campaign ends, as anser run leaves them",
-        json_schema_extra=expects("a whole number from 0 to 1000"),
-    )
 
 
 class Study(Table):

@@ -42,7 +42,7 @@ def fly(
     ] = False,
     processes: Annotated[
         int | None,
-        typer.Option(min=1, help="How many fly at a time; left out: one for each core.", show_default=False),
+        typer.Option(min=1, help="How many fly at a time; left out: one a core, if memory lasts.", show_default=False),
     ] = None,
     cluster: Annotated[
         str | None,
@@ -55,7 +55,7 @@ def fly(
     """
     from anser.campaigns import Campaign, StoreError, fly_campaign, keep_worst
     from anser.campaigns.campaigning import store_of
-    from anser.campaigns.flying import usual_processes
+    from anser.campaigns.flying import room_of
 
     try:
         store = store_of(study, out, resume=resume)
@@ -64,16 +64,23 @@ def fly(
     except StoreError as error:
         raise RefusedError(str(error)) from None
     flown, before = Campaign(store), store.flown.size
+    if processes is None and cluster is None:
+        room = room_of(store)
+        processes = room.processes
+        if room.words:
+            say(room.words)
     try:
         with progress_bar() as tell:
-            fly_campaign(store, usual_processes() if processes is None else processes, tell, cluster)
+            fly_campaign(store, processes or 1, tell, cluster)
             keep_worst(store, tell)
     except KeyboardInterrupt:
         _print_answers(flown.answers(), store.study.name)
         _write(store, before)
-        say(f"{out}: {store.flown.size} of {store.flights} flights; --resume flies the others")
+        say(_kept(store))
         raise
     except StoreError as error:
+        _write(store, before)
+        say(_kept(store))
         raise RefusedError(str(error)) from None
     found = flown.answers()
     answer(lambda: {"format_version": 1, "study": store.study.name, **found.as_dict()})
@@ -85,6 +92,10 @@ def fly(
             f"{found.flown - found.met} of {found.flown} flights did not meet every requirement, or could not begin"
         )
         raise typer.Exit(1)
+
+
+def _kept(store: "CampaignStore") -> str:
+    return f"{store.folder}: {store.flown.size} of {store.flights} flights; --resume flies the others"
 
 
 def _write(store: "CampaignStore", before: int) -> list[str]:

@@ -34,16 +34,23 @@ def rare(
     resume: Annotated[bool, typer.Option("--resume", help="Fly what is missing of the event in the folder.")] = False,
     processes: Annotated[
         int | None,
-        typer.Option(min=1, help="How many fly at a time; left out: one for each core.", show_default=False),
+        typer.Option(min=1, help="How many fly at a time; left out: one a core, if memory lasts.", show_default=False),
     ] = None,
 ) -> None:
     """Find how probable a rare breach of a study is, by flying towards it level by level."""
     from anser.campaigns import RareStore, StoreError
     from anser.campaigns import rare as flown_event
+    from anser.campaigns.memory import MEMORY
 
     try:
         with progress_bar() as tell:
-            found = flown_event(study, out, resume=resume, processes=processes, progress=tell)
+
+            def told(what: str, part: float | None) -> None:
+                tell(what, part)
+                if what.startswith(MEMORY):
+                    say(what)
+
+            found = flown_event(study, out, resume=resume, processes=processes, progress=told)
     except FileExistsError:
         raise RefusedError(f"--out: arrived {out}, which exists; expected a new folder, or --resume") from None
     except StoreError as error:

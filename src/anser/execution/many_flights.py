@@ -14,6 +14,7 @@ from anser.execution.batches import BATCH, Progress, silent
 from anser.execution.certified import arrival_request, first_renewal
 from anser.execution.execute import run, without_replanning
 from anser.execution.plan_interface import NoPlanError
+from anser.execution.series import SeriesKept
 from anser.execution.untrimmable import refuse_untrimmable
 from anser.numerics import AbstractRandomness, Stacked, as_array, rows_of, seeded, stacked, structure_of
 from anser.planning.certified import AircraftTask
@@ -75,12 +76,18 @@ def _begun(flights: _Flights, fleets: TrimmedFleet, plans: CertifiedPlanState) -
 
 @compiled_by_older_generator(())  # whose loops of a batch are a little faster too
 def _segment(
-    flights: _Flights, states: FlightState, memory: Any, separations: Separation, since: Count, last: Count
+    flights: _Flights,
+    states: FlightState,
+    memory: Any,
+    separations: Separation,
+    since: Count,
+    last: Count,
+    series: SeriesKept | None = None,
 ) -> Any:
     def one(flight: Flight, state: FlightState, kept: Any, separation: Separation) -> Any:
-        recorder = SummaryRecorder(separation=separation, last=last)
-        after, kept, _ = fly(flight, state, since, SEGMENT_STEPS, recorder, kept)
-        return after, kept
+        summary = SummaryRecorder(separation=separation, last=last)
+        recorder = summary if series is None else series.recorder(summary)
+        return fly(flight, state, since, SEGMENT_STEPS, recorder, kept)
 
     return flights.map(one, states, memory, separations)
 
@@ -90,6 +97,7 @@ def fly_many(
     progress: Progress | None = None,
     batch: int = BATCH,
     done: Callable[[list[int], list[FlightRow]], None] = lambda numbers, rows: None,
+    series: SeriesKept | None = None,
 ) -> list[FlightRow]:
     """Fly many scenarios, those of one structure together, and sum each up as `anser.run` does.
 
@@ -104,6 +112,8 @@ def fly_many(
         Flights of one compiled call.
     done
         Called with the places of flights in `cases` and what came of them, as soon as it is known.
+    series
+        Variables that are kept of each flight over time; None: none are.
 
     Returns
     -------
@@ -133,9 +143,9 @@ def fly_many(
     for group, places, flights in _alike([cases[k] for k in together], batch):
         numbers = [together[k] for k in places]
         filled_up = group.stacked(flights, min(batch, len(together)))
-        came(numbers, _flown([cases[k] for k in numbers], filled_up, flights))
+        came(numbers, _flown([cases[k] for k in numbers], filled_up, flights, series))
     for k in alone:
-        came([k], [_flown_alone(cases[k])])
+        came([k], [_flown_alone(cases[k], series)])
     return cast(list[FlightRow], rows)
 
 
@@ -144,19 +154,22 @@ def flown_one_by_one(scenario: Scenario) -> bool:
     return bool(scenario.event) or scenario.fleet.planner == "decentralised"
 
 
-def _flown_alone(case: FlightCase) -> FlightRow:
+def _flown_alone(case: FlightCase, series: SeriesKept | None) -> FlightRow:
     if case.number != 0 or case.randomness is not None:
         arrived = f"the number {case.number}" if case.randomness is None else "random numbers of its own"
         raise ValueError(f"{case.scenario.name}: arrived {arrived}; expected 0 and none, as it is flown alone")
     try:
         scenario = case.scenario if case.seed is None else case.scenario.replace("seed", case.seed)
+        if series is not None:
+            scenario = scenario.replace("timing.record_period_s", series.every * scenario.timing.step_s)
         flown = run(scenario)
     except (NoPlanError, ScenarioError) as error:
         return FlightRow.failed(str(error))
     summary = flown.summary
     # how long it took is no outcome: the same flight would be another row
     fleet = {key: value for key, value in summary["fleet"].items() if key not in ("wall_s", "simulated_s")}
-    return FlightRow(summary["aircraft"], fleet, summary["requirements"], flown.met)
+    kept = {} if series is None else series.values_of(flown.dataset)
+    return FlightRow(summary["aircraft"], fleet, summary["requirements"], flown.met, series=kept)
 
 
 class _Group:
@@ -205,13 +218,16 @@ def _alike(cases: Sequence[FlightCase], batch: int) -> Iterator[tuple[_Group, li
             yield group, group.numbers, group.flights
 
 
-def _flown(cases: Sequence[FlightCase], flights: _Flights, alone: Sequence[Flight]) -> list[FlightRow]:
+def _flown(
+    cases: Sequence[FlightCase], flights: _Flights, alone: Sequence[Flight], series: SeriesKept | None
+) -> list[FlightRow]:
     """Start, plan and fly a batch, which is filled up beyond the cases."""
     if cases[0].scenario.fleet.planner == "published":
         states, fleets = _started(flights)
         refused = _untrimmable(cases, alone, fleets)
         some = [k for k in range(len(cases)) if k not in refused]
-        flown = dict(zip(some, _summed_up([cases[k] for k in some], flights, states, some), strict=True))
+        found = _summed_up([cases[k] for k in some], flights, states, some, series)
+        flown = dict(zip(some, found, strict=True))
         return [flown[k] if k in flown else FlightRow.failed(refused[k]) for k in range(len(cases))]
     fleets, tasks = _asked(flights)
     refused = _untrimmable(cases, alone, fleets)
@@ -237,7 +253,7 @@ def _flown(cases: Sequence[FlightCase], flights: _Flights, alone: Sequence[Fligh
         which = np.array([*some, *rest])
         own = Stacked(_rows(flights.own, which), flights.common)
         states = _begun(own, _rows(fleets, which), rows_of([plans[k] for k in which]))
-        found = _summed_up([cases[k] for k in some], own, states, range(len(some)))
+        found = _summed_up([cases[k] for k in some], own, states, range(len(some)), series)
         flown |= dict(zip(some, found, strict=True))
     return [flown[k] if k in flown else FlightRow.failed(refused[k]) for k in range(len(cases))]
 
@@ -260,7 +276,11 @@ def _first_plan(scenario: Scenario, planner: CertifiedPlanner, tasks: AircraftTa
 
 
 def _summed_up(
-    cases: Sequence[FlightCase], flights: _Flights, states: FlightState, places: Sequence[int]
+    cases: Sequence[FlightCase],
+    flights: _Flights,
+    states: FlightState,
+    places: Sequence[int],
+    series: SeriesKept | None,
 ) -> list[FlightRow]:
     """Fly a batch to its end; rows of the cases, at their places in it."""
     if not cases:
@@ -276,21 +296,30 @@ def _summed_up(
         SummaryRecorder().init(len(cases[0].scenario.aircraft)),
     )
     simpler = Stacked(without_replanning(flights.own), without_replanning(flights.common))
+    parts: list[dict[str, np.ndarray]] = []
     for since in range(0, steps + 1, SEGMENT_STEPS):
         number = as_array(since, np.int32)
-        after, kept = _segment(simpler, states, memory, separations, number, last)
+        flown = _segment(simpler, states, memory, separations, number, last, series)
+        after = flown[0]
         asked = np.flatnonzero(np.asarray(after.planner.asked))
         for some in (asked[k : k + _AGAIN] for k in range(0, asked.size, _AGAIN)):
             # what came of it does not count; filled up to one size with the last of them
             which = np.concatenate([some, np.repeat(some[-1:], _AGAIN - some.size)])
             own = Stacked(_rows(flights.own, which), flights.common)
             chosen = _rows((states, memory, separations), which)
-            full = _segment(own, *chosen, number, last)
-            after, kept = jax.tree.map(lambda held, new, which=which: _put(held, which, new), (after, kept), full)
-        states, memory = after, kept
+            full = _segment(own, *chosen, number, last, series)
+            flown = jax.tree.map(lambda held, new, which=which: _put(held, which, new), flown, full)
+        states, memory, rows = flown
+        if series is not None:
+            parts.append(series.kept_of(rows, since, steps))
     summary = jax.tree.map(np.asarray, memory[0])
     arrivals = np.asarray(_arrivals(flights, states))
-    return [flight_row(_row(summary, at), arrivals[at], case.scenario) for case, at in zip(cases, places, strict=True)]
+    found = []
+    for case, at in zip(cases, places, strict=True):
+        row = flight_row(_row(summary, at), arrivals[at], case.scenario)
+        kept = {} if series is None else series.values(parts, at, case.scenario)
+        found.append(dataclasses.replace(row, series=kept))
+    return found
 
 
 @compiled

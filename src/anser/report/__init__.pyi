@@ -1,6 +1,7 @@
 from .campaign_data import CampaignShown, FlownAgain
 from .campaign_figure import draw_campaign
 from .campaign_page import write_campaign_report
+from .campaign_series import SeriesBands
 from .envelope_figures import draw_envelope
 from .flight_plots import FlightPlots
 from .margin_figures import BODE_SUFFIXES, draw_bode, draw_margin_maps
@@ -16,6 +17,7 @@ __all__ = [
     "CampaignShown",
     "FlightPlots",
     "FlownAgain",
+    "SeriesBands",
     "draw_bode",
     "draw_campaign",
     "draw_envelope",

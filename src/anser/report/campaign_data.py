@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from anser.report.campaign_numbers import plain
+from anser.report.campaign_series import SeriesBands, series_data
 from anser.results import order_statistic_interval, quantile, wilson_interval
 from anser.results.flight_columns import worst_of_fleet
 
@@ -62,6 +64,10 @@ class CampaignShown:
         Of inputs that are texts, all values in their order, by path.
     again
         Flights flown again; none: no map.
+    otherwise
+        Numbers of those that did not come out as in the campaign.
+    bands
+        Of the variables that are kept over time.
     """
 
     dataset: xr.Dataset
@@ -74,6 +80,8 @@ class CampaignShown:
     enough: bool = False
     levels: Mapping[str, Sequence[str]] = field(default_factory=dict)
     again: Sequence[FlownAgain] = ()
+    otherwise: Sequence[int] = ()
+    bands: tuple[SeriesBands, ...] = ()
 
     @property
     def varied(self) -> list[str]:
@@ -98,6 +106,7 @@ def campaign_data(shown: CampaignShown) -> dict[str, Any]:
         "confidence": confidence,
         "met": _met(alone["met"].values, confidence),
         "quantities": list(found.values()),
+        "series": series_data(shown.bands),
         **_flights(shown, list(found.values())),
     }
 
@@ -182,8 +191,3 @@ def _spaced(values: np.ndarray, count: int) -> np.ndarray:
     if values.size <= count:
         return values
     return values[np.linspace(0, values.size - 1, count).round().astype(int)] if count else values[:0]
-
-
-def plain(values: np.ndarray) -> list[float | None]:
-    """Six digits of each number; None where it is not finite."""
-    return [float(f"{value:.6g}") if np.isfinite(value) else None for value in np.asarray(values, dtype=float)]

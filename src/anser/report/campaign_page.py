@@ -17,7 +17,7 @@ from anser.report.campaign_parts import (
 from anser.report.influence_strip import influence_strip
 from anser.report.opening import number, scroll_table, text
 from anser.report.page_shell import page, write_page
-from anser.report.style import COLORS
+from anser.report.style import COLORS, color_of
 
 _STYLES = ("vendor/uplot.min.css", "page.css", "campaign.css")
 _SCRIPTS = ("vendor/uplot.min.js", "store.js", "campaign.js")
@@ -58,6 +58,7 @@ number of flights.{alone}</p><div class="plots" data-plots="converging"></div></
 <section id="distributions"><h2>Distributions</h2><p class="caption">Part of the flights that keeps a bound; bars: the
 intervals of the bounds above at {sure}. What is missing to 100 % has no such number.{alone}</p>
 <div class="plots" data-plots="distributions"></div></section>
+{_series(shown)}
 {_influences(shown)}
 {_against(shown)}
 <section id="worst"><h2>The worst flights</h2>{_map(shown)}{worst_table(shown)}</section>
@@ -71,6 +72,24 @@ intervals of the bounds above at {sure}. What is missing to 100 % has no such nu
         scripts=_SCRIPTS,
         contents=contents,
         data=("campaign", {"colors": COLORS, **campaign_data(shown)}),
+    )
+
+
+def _series(shown: CampaignShown) -> str:
+    """Section of what was kept over time; empty where nothing was, or codes alone."""
+    if not shown.bands:
+        return ""
+    first = shown.bands[0]
+    fleet = shown.dataset.sizes["aircraft"]
+    legend = " ".join(
+        f'<span class="swatch" style="background:{color_of(k)}"></span>{text(name)}'
+        for k, name in enumerate(first.aircraft)
+    )
+    some = f" The first {len(first.aircraft)} of {fleet} aircraft." if len(first.aircraft) < fleet else ""
+    return (
+        '<section id="series"><h2>Over time</h2><p class="caption">Of each aircraft the median over the flights (line) '
+        "and the band from 5 to 95 % of them, at each time by itself; flights that could not begin are not among "
+        f'them.{some}</p><p class="caption">{legend}</p><div class="plots" data-plots="series"></div></section>'
     )
 
 
@@ -132,4 +151,7 @@ def _map(shown: CampaignShown) -> str:
         f"Flights that began, the worst first, in colour over {others} others, evenly spaced; from above, each "
         "aircraft until it has arrived. A dot is where one began, a square where it was at the end."
     )
+    if shown.otherwise:
+        numbers = ", ".join(map(str, shown.otherwise))
+        words += f" Flown again, these did not come out as in the campaign: {numbers}."
     return f'<p class="caption">{words}</p>{drawn}'

@@ -1,6 +1,7 @@
 """What is told of one flight of many: the same numbers as in `summary.json`, from the running summary."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,8 @@ class FlightRow:
         Whether all arrived and every requirement is met.
     reason
         Why it could not begin; empty where it did.
+    series
+        By key of `anser.variables.CATALOGUE` what was kept over time: shape (aircraft, time), in the unit of a dataset.
     """
 
     aircraft: list[dict[str, Any]]
@@ -33,6 +36,7 @@ class FlightRow:
     requirements: list[dict[str, Any]]
     met: bool
     reason: str = ""
+    series: Mapping[str, np.ndarray] = field(default_factory=dict, compare=False)
 
     @classmethod
     def failed(cls, reason: str) -> "FlightRow":

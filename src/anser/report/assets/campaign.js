@@ -103,6 +103,37 @@ class Converging extends Chart {
   }
 }
 
+/** A variable over time: of each aircraft the median over the flights, and the band around it. */
+class Bands extends Chart {
+  constructor(place, one, colors) {
+    super(place, one.unit ? `${one.words} (${one.unit})` : one.words);
+    Object.assign(this, { one, colors });
+  }
+
+  described() {
+    const { time, aircraft } = this.one, edge = { width: 0, points: { show: false } };
+    const color = (k) => this.colors[k % this.colors.length];
+    const range = reach(aircraft.flatMap((each) => [...each.low, ...each.high]));
+    return {
+      options: {
+        scales: { x: { time: false }, y: { range: () => range } },
+        series: [{}, ...aircraft.flatMap((_, k) => [edge, edge, { stroke: color(k), width: 2, points: { show: time.length < 3 } }])],
+        bands: aircraft.map((_, k) => ({ series: [3 * k + 2, 3 * k + 1], fill: `${color(k)}29` })),
+        axes: [{ label: "time (s)" }],
+        hooks: { setCursor: [(u) => this._tell(u)] },
+      },
+      data: [time, ...aircraft.flatMap(({ low, high, middle }) => [low, high, middle])],
+    };
+  }
+
+  _tell(u) {
+    const k = u.cursor.idx, { time, aircraft } = this.one;
+    if (k === null || k === undefined) { this.readout.textContent = ""; return; }
+    const told = aircraft.map(({ name, low, middle, high }) => `${name} ${printed(middle[k] ?? NaN)} (${printed(low[k] ?? NaN)} to ${printed(high[k] ?? NaN)})`);
+    this.readout.textContent = `${printed(time[k])} s: ${told.join(", ")}`;
+  }
+}
+
 /** Part of the flights that keeps each bound, with the intervals of some quantiles. */
 class Distribution extends Chart {
   constructor(place, quantity) {
@@ -257,6 +288,7 @@ function start() {
     if (one.converging.value.some((value) => value !== null)) new Converging(place("converging"), title, one.converging, one.unit);
     new Distribution(place("distributions"), one);
   }
+  for (const one of data.series) new Bands(place("series"), one, data.colors);
   const select = document.getElementById("quantity");
   if (select && data.quantities.length) {
     for (const one of data.quantities) {
