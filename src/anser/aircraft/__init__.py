@@ -11,13 +11,9 @@ from anser.aircraft.actuators import (
 from anser.aircraft.air_data import AirData, air_data
 from anser.aircraft.disturbance import Disturbance, no_disturbance
 from anser.aircraft.engine import AbstractEngine, EnginePower, NoEngine, along_body_x
-from anser.aircraft.f16 import F16, F16Coefficients, f16_from_data
-from anser.aircraft.f16_dispersed import (
-    F16_COEFFICIENTS,
-    F16Dispersion,
-    dispersed_f16,
-    no_dispersion,
-)
+from anser.aircraft.f16 import F16, F16_COEFFICIENTS, engine_from_data, f16_from_data
+from anser.aircraft.f16_dispersed import F16Dispersion, dispersed_f16, no_dispersion
+from anser.aircraft.f16_interface import AbstractF16, F16Coefficients
 from anser.aircraft.interface import AbstractAirframe, AircraftState, Controls, MassProperties
 from anser.aircraft.motion import MotionState, Moving, motion_derivative, moving_state, seen_state
 from anser.aircraft.rigid_body import (
@@ -29,6 +25,8 @@ from anser.aircraft.rigid_body import (
 )
 from anser.aircraft.round_earth import EarthFixedState, earth_fixed_derivative, earth_fixed_state, local_state
 from anser.aircraft.simple_body import SimpleBody, body_from_data
+from anser.aircraft.scheduled_flap import ScheduledFlap, ScheduledFlapActuators
+from anser.aircraft.tp1538 import F16TP1538, tp1538_from_data
 from anser.aircraft.wrench import Wrench
 
 __all__ = [
@@ -38,6 +36,7 @@ __all__ = [
     "AbstractActuators",
     "AbstractAirframe",
     "AbstractEngine",
+    "AbstractF16",
     "AirData",
     "AircraftState",
     "Condition",
@@ -48,12 +47,15 @@ __all__ = [
     "EnginePower",
     "F16Coefficients",
     "F16Dispersion",
+    "F16TP1538",
     "FirstOrderActuators",
     "MassProperties",
     "MotionState",
     "Moving",
     "MovingDeflections",
     "NoEngine",
+    "ScheduledFlap",
+    "ScheduledFlapActuators",
     "SecondOrderActuators",
     "SimpleBody",
     "Wrench",
@@ -65,6 +67,7 @@ __all__ = [
     "dispersed_f16",
     "earth_fixed_derivative",
     "earth_fixed_state",
+    "engine_from_data",
     "f16_from_data",
     "local_state",
     "moment_for_acceleration",
@@ -74,4 +77,5 @@ __all__ = [
     "no_disturbance",
     "seen_state",
     "state_derivative",
+    "tp1538_from_data",
 ]

@@ -80,7 +80,8 @@ RunFolder = Annotated[
 ]
 AircraftName = Annotated[str, typer.Option(help=f"Airframe: {', '.join(AIRFRAMES)}.", autocompletion=complete_aircraft)]
 VariantName = Annotated[
-    str, typer.Option(help="Published set of tables: textbook, s119 or founding.", autocompletion=complete_variant)
+    str,
+    typer.Option(help="Published set of tables: textbook, s119, founding or tp1538.", autocompletion=complete_variant),
 ]
 CentreOfGravity = Annotated[
     float | None,

@@ -2,4 +2,4 @@
 
 AIRFRAMES = ("f16",)
 BODIES = ("dragless-sphere", "sphere", "undamped-brick", "brick")
-VARIANTS = {"f16": ("textbook", "s119", "founding")}
+VARIANTS = {"f16": ("textbook", "s119", "founding", "tp1538")}

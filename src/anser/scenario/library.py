@@ -5,8 +5,8 @@ import json
 from importlib import resources
 from typing import Any
 
-from anser.aircraft import F16, SimpleBody, body_from_data, f16_from_data
-from anser.scenario.airframe_names import AIRFRAMES
+from anser.aircraft import F16, F16TP1538, SimpleBody, body_from_data, engine_from_data, f16_from_data, tp1538_from_data
+from anser.scenario.airframe_names import AIRFRAMES, VARIANTS
 
 
 @functools.cache
@@ -15,7 +15,7 @@ def _data(name: str) -> dict[str, Any]:
 
 
 @functools.cache
-def load_airframe(name: str = "f16", variant: str = "textbook", x_cg_over_c: float | None = None) -> F16:
+def load_airframe(name: str = "f16", variant: str = "textbook", x_cg_over_c: float | None = None) -> F16 | F16TP1538:
     """Build an airframe of the library.
 
     Parameters
@@ -34,6 +34,10 @@ def load_airframe(name: str = "f16", variant: str = "textbook", x_cg_over_c: flo
     """
     if name not in AIRFRAMES:
         raise ValueError(f"aircraft type {name!r}: known are {', '.join(AIRFRAMES)}")
+    if variant not in VARIANTS[name]:
+        raise ValueError(f"F-16 variant {variant!r}: known are {', '.join(VARIANTS[name])}")
+    if variant == "tp1538":
+        return tp1538_from_data(_data(variant), engine_from_data(_data(name)), x_cg_over_c)
     return f16_from_data(_data(name), variant, x_cg_over_c)
 
 

@@ -119,8 +119,8 @@ class Aircraft(Table):
 
     name: str = naming("name of the aircraft, unique")
     type: Literal["f16"] = choice("airframe", ("f16",), "f16")
-    variant: Literal["textbook", "s119", "founding"] = choice(
-        "which published set of its aerodynamic tables", ("textbook", "s119", "founding"), "textbook"
+    variant: Literal["textbook", "s119", "founding", "tp1538"] = choice(
+        "which published set of its aerodynamic tables", ("textbook", "s119", "founding", "tp1538"), "textbook"
     )
     x_cg_over_c: float | None = number("centre of mass; left out: the variant's own", 0.1, 0.5, "of the chord", None)
     goal: str = naming("name of the goal to meet")
