@@ -24,13 +24,14 @@ from anser.aircraft.rigid_body import (
     state_derivative,
 )
 from anser.aircraft.round_earth import EarthFixedState, earth_fixed_derivative, earth_fixed_state, local_state
-from anser.aircraft.simple_body import SimpleBody, body_from_data
 from anser.aircraft.scheduled_flap import ScheduledFlap, ScheduledFlapActuators
+from anser.aircraft.simple_body import SimpleBody, body_from_data
 from anser.aircraft.tp1538 import F16TP1538, tp1538_from_data
 from anser.aircraft.wrench import Wrench
 
 __all__ = [
     "F16",
+    "F16TP1538",
     "F16_COEFFICIENTS",
     "STANDARD_SURFACES",
     "AbstractActuators",
@@ -47,7 +48,6 @@ __all__ = [
     "EnginePower",
     "F16Coefficients",
     "F16Dispersion",
-    "F16TP1538",
     "FirstOrderActuators",
     "MassProperties",
     "MotionState",

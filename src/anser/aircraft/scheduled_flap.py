@@ -29,8 +29,8 @@ class ScheduledFlap(eqx.Module):
 class ScheduledFlapActuators(AbstractActuators):
     """First-order actuators of elevator, aileron, rudder; the leading-edge flap has a schedule and no command.
 
-    In degrees flap = gain (2 s + pole)/(s + pole) alpha - compression qbar/ps + offset, within its stops (TP-1538), with
-    qbar/ps = 0.7 M^2; the flap follows with its lag and rate limit. The lead-lag is 2 alpha - x with
+    Its schedule is gain (2 s + pole)/(s + pole) alpha - compression qbar/ps + offset, within the stops (TP-1538), with
+    qbar/ps = 0.7 M^2; the flap follows with a lag and a rate limit. The lead-lag is 2 alpha - x with
     x' = pole (alpha - x), so that x is the state. Above `alpha_down` the flap goes fully down whatever the filter says:
     there the wind tunnel had it nowhere else.
 

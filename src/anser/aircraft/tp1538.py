@@ -46,8 +46,8 @@ class F16TP1538(AbstractF16):
     surface_reference
         Deflections (aileron, rudder, leading-edge flap; deg) that the increments refer to.
     tables
-        Of angle of attack, sideslip and elevator, degrees, held at their ends: see `TP1538_FUNCTIONS`; the last group is
-        the effectiveness of the elevator. Increments with the flap at 0 were measured up to 45 deg, above which the
+        Of angle of attack, sideslip and elevator, degrees, held at their ends: see `TP1538_FUNCTIONS`; the last group
+        is the effectiveness of the elevator. Increments with the flap at 0 were measured up to 45 deg, above which the
         flap stands fully down and they have no part; there they go to 0 over one interval of the tables.
     """
 
@@ -68,7 +68,7 @@ class F16TP1538(AbstractF16):
         """Force and moment coefficients: the build-up of TP-1538.
 
         `surfaces` are elevator, aileron, rudder and leading-edge flap, rad. Rates are made dimensionless with b/2V and
-        c/2V; below 1 m/s the speed is held at 1 m/s there, so that the coefficients stay finite for an aircraft at rest.
+        c/2V; below 1 m/s the speed is held at 1 m/s there, so that the coefficients stay finite at rest.
         """
         V = jnp.maximum(air_data.V, 1.0)
         beta_deg = air_data.beta * RAD_DEG
