@@ -37,8 +37,8 @@ class Axes(eqx.Module):
         Whether the breakpoints of every axis are evenly spaced, to rounding: then the interval is computed.
     ruler
         Where they are not, but are multiples of a step on each axis: for every step of an axis the interval that it
-        lies in, the breakpoint at which that begins, and one over its length; shape (k steps, 3), one axis after the other. The interval is then
-        read off instead of searched for, in half of the time. Otherwise None.
+        lies in, the breakpoint at which that begins, and one over its length; shape (k steps, 3), one axis after the
+        other. The interval is then read off instead of searched for, in half of the time. Otherwise None.
     step
         Of the ruler, shape (k,); or None.
     """

@@ -4,6 +4,13 @@ from anser.simulation.broken_loop import HELD_BACK, MemoryFields, breakpoints, l
 from anser.simulation.certified_planner import CertifiedPlanner, CertifiedPlanState
 from anser.simulation.closed_loop import fly_alone, trimmed_vehicle
 from anser.simulation.decentralised_planner import DecentralisedPlanner, DecentralisedPlanState
+from anser.simulation.deep_stall import (
+    PitchBranch,
+    SteadyDescent,
+    follow_pitch_trim,
+    pitching_moment,
+    steady_descent,
+)
 from anser.simulation.faults import Faults, no_faults
 from anser.simulation.fleet import Flight, FlightState, Timing, assemble, statuses
 from anser.simulation.fleet_summary import FleetSummary, SummaryRecorder
@@ -66,8 +73,10 @@ __all__ = [
     "NearestTrim",
     "NearestTrims",
     "Network",
+    "PitchBranch",
     "PlannedHolds",
     "Response",
+    "SteadyDescent",
     "SummaryRecorder",
     "Timing",
     "TrimPoint",
@@ -84,6 +93,7 @@ __all__ = [
     "cells_for",
     "fly",
     "fly_alone",
+    "follow_pitch_trim",
     "inversion_poles",
     "largest_pole",
     "linearize",
@@ -94,9 +104,11 @@ __all__ = [
     "moved_with_goals",
     "nearest_trims",
     "no_faults",
+    "pitching_moment",
     "solve_trim",
     "start_flight",
     "statuses",
+    "steady_descent",
     "step_response",
     "survey_flight",
     "trim_target",
