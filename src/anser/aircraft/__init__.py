@@ -14,13 +14,9 @@ from anser.aircraft.derivative_dispersed import DerivativeDispersion, dispersed_
 from anser.aircraft.disturbance import Disturbance, no_disturbance
 from anser.aircraft.electric_propeller import ElectricPropeller
 from anser.aircraft.engine import AbstractEngine, EnginePower, NoEngine, along_body_x
-from anser.aircraft.f16 import F16, F16Coefficients, f16_from_data
-from anser.aircraft.f16_dispersed import (
-    F16_COEFFICIENTS,
-    F16Dispersion,
-    dispersed_f16,
-    no_dispersion,
-)
+from anser.aircraft.f16 import F16, F16_COEFFICIENTS, engine_from_data, f16_from_data
+from anser.aircraft.f16_dispersed import F16Dispersion, dispersed_f16, no_dispersion
+from anser.aircraft.f16_interface import AbstractF16, F16Coefficients
 from anser.aircraft.interface import AbstractAirframe, AircraftState, Controls, MassProperties
 from anser.aircraft.jet_engine import JetEngine
 from anser.aircraft.motion import MotionState, Moving, motion_derivative, moving_state, seen_state
@@ -33,17 +29,21 @@ from anser.aircraft.rigid_body import (
     state_derivative,
 )
 from anser.aircraft.round_earth import EarthFixedState, earth_fixed_derivative, earth_fixed_state, local_state
+from anser.aircraft.scheduled_flap import ScheduledFlap, ScheduledFlapActuators
 from anser.aircraft.simple_body import SimpleBody, body_from_data
+from anser.aircraft.tp1538 import F16TP1538, tp1538_from_data
 from anser.aircraft.wrench import Wrench
 
 __all__ = [
     "F16",
+    "F16TP1538",
     "F16_COEFFICIENTS",
     "NEVER",
     "STANDARD_SURFACES",
     "AbstractActuators",
     "AbstractAirframe",
     "AbstractEngine",
+    "AbstractF16",
     "AirData",
     "AircraftState",
     "Condition",
@@ -65,6 +65,8 @@ __all__ = [
     "MovingDeflections",
     "NoEngine",
     "PistonPropeller",
+    "ScheduledFlap",
+    "ScheduledFlapActuators",
     "SecondOrderActuators",
     "SimpleBody",
     "Validity",
@@ -78,6 +80,7 @@ __all__ = [
     "dispersed_f16",
     "earth_fixed_derivative",
     "earth_fixed_state",
+    "engine_from_data",
     "f16_from_data",
     "local_state",
     "moment_for_acceleration",
@@ -87,4 +90,5 @@ __all__ = [
     "no_disturbance",
     "seen_state",
     "state_derivative",
+    "tp1538_from_data",
 ]

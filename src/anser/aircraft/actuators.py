@@ -45,6 +45,10 @@ class AbstractActuators(eqx.Module):
         """Steady positions (rad) where surfaces that no controller commands stand as the flow has them."""
         return position
 
+    def steady(self, position: Vector, air_data: AirData) -> Any:
+        """State of actuators at rest in a steady flow, scheduled surfaces where the flow has them."""
+        return self.settled(self.scheduled(position, air_data))
+
     @property
     def commanded(self) -> tuple[bool, ...]:
         """Whether a controller commands each surface; the others move by schedules of their own."""

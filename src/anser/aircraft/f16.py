@@ -1,5 +1,6 @@
 """The F-16 of Stevens & Lewis in its three published variants (theory section 4; [SL] appendix A; [S119]; [TH])."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -7,14 +8,15 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from anser.aircraft.actuators import AbstractActuators, FirstOrderActuators
 from anser.aircraft.air_data import AirData
 from anser.aircraft.f16_engine import F16Engine
-from anser.aircraft.interface import AbstractAirframe, MassProperties
-from anser.aircraft.wrench import Wrench
+from anser.aircraft.f16_interface import AbstractF16, F16Coefficients
+from anser.aircraft.interface import MassProperties
 from anser.numerics import Tables, as_array, make_axes, make_tables
-from anser.shapes import Flag, Scalar, Vector, Vector3
+from anser.shapes import Scalar, Vector, Vector3
 from anser.units import DEG_RAD, FOOT_M, LBF_N, RAD_DEG, SLUG_FT2_KG_M2, SLUG_KG
 
 TABLE_COEFFICIENTS = (
@@ -23,21 +25,13 @@ TABLE_COEFFICIENTS = (
     ("Clda", "Cldr", "Cnda", "Cndr", "Cl0", "Cn0"),
 )
 """Coefficients in each group of `F16.tables`, in their order."""
+_GROUPS = (*TABLE_COEFFICIENTS, ("CYb", "CYda", "CYdr"), ("CZde",))
+F16_COEFFICIENTS = tuple(itertools.chain(*_GROUPS))
+"""Coefficients of the build-up (theory section 4): those of `F16.tables`, `side_force`, `normal_force_elevator`."""
 _ODD_IN_SIDESLIP = ("Cl0", "Cn0")
 
 
-class F16Coefficients(eqx.Module):
-    """Dimensionless force and moment coefficients in body axes, moments about the centre of gravity."""
-
-    CX: Scalar
-    CY: Scalar
-    CZ: Scalar
-    Cl: Scalar
-    Cm: Scalar
-    Cn: Scalar
-
-
-class F16(AbstractAirframe):
+class F16(AbstractF16):
     """F-16 airframe with its engine.
 
     Attributes
@@ -61,7 +55,7 @@ class F16(AbstractAirframe):
     actuators: AbstractActuators
     alpha_range: tuple[Scalar, Scalar]
     beta_range: tuple[Scalar, Scalar]
-    engine: F16Engine  # pyright: ignore[reportIncompatibleVariableOverride] - whose tables deviations scale
+    engine: F16Engine
     span: Scalar
     wing_area: Scalar
     mean_chord: Scalar
@@ -103,27 +97,18 @@ class F16(AbstractAirframe):
             Cn=Cn0 + Cnda * a + Cndr * r + Cnr * y + Cnp * p - CY * lever * self.mean_chord / self.span,
         )
 
-    def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
-        """Force qbar S (CX, CY, CZ) and moment qbar S (b Cl, c Cm, b Cn)."""
-        c = self.coefficients(air_data, rates_b, surfaces)
-        scale = air_data.qbar * self.wing_area
-        return Wrench(
-            force_b=scale * jnp.stack([c.CX, c.CY, c.CZ]),
-            moment_b=scale * jnp.stack([self.span * c.Cl, self.mean_chord * c.Cm, self.span * c.Cn]),
-        )
-
-    def outside_tables(self, air_data: AirData) -> Flag:
-        """Outside alpha -10..45 deg, |beta| 30 deg, altitude 0..50,000 ft or Mach 0..1.
-
-        The textbook's elevator table ends at 24 deg while the surface moves to 25 deg: that last degree is part of the
-        published model and not flagged.
-        """
-        return (
-            (air_data.alpha < self.alpha_range[0])
-            | (air_data.alpha > self.alpha_range[1])
-            | (air_data.beta < self.beta_range[0])
-            | (air_data.beta > self.beta_range[1])
-            | self.engine.outside_tables(air_data)
+    def with_coefficients_scaled(self, factors: Float[Array, "22"]) -> "F16":
+        """Each of `F16_COEFFICIENTS` multiplied by its factor, as a whole table: its contribution scales exactly."""
+        ends = np.cumsum([len(names) for names in _GROUPS])[:-1]
+        *tables, side_force, normal_force = jnp.split(factors, ends)
+        return eqx.tree_at(
+            lambda a: (a.tables.cells, a.side_force, a.normal_force_elevator),
+            self,
+            (
+                tuple(cells * part[None, None, :] for cells, part in zip(self.tables.cells, tables, strict=True)),
+                self.side_force * side_force,
+                self.normal_force_elevator * normal_force[0],
+            ),
         )
 
 
@@ -160,21 +145,16 @@ def f16_from_data(data: Mapping[str, Any], variant: str = "textbook", x_cg_over_
     of_alpha, of_elevator, of_sideslip = TABLE_COEFFICIENTS
     validity = data["validity"]
     built = F16(
-        mass_properties=_mass_properties(airframe, mass, spinning=chosen["engine_angular_momentum"]),
+        mass_properties=f16_mass_properties(airframe, mass, spinning=chosen["engine_angular_momentum"]),
         actuators=FirstOrderActuators(
             time_constant=as_array(actuators["time_constant_s"]),
             lower=as_array(-limit),
             upper=as_array(limit),
             rate_limit=as_array(np.asarray(actuators["rate_limit_deg_s"]) * DEG_RAD),
         ),
-        alpha_range=_range_rad(validity["alpha_deg"]),
-        beta_range=_range_rad(validity["beta_deg"]),
-        engine=F16Engine(
-            thrust_tables=make_tables(
-                make_axes([np.asarray(axes["altitude_ft"]) * FOOT_M, axes["mach"]], clamp=clamp),
-                [((0, 1), [tables[name] * LBF_N for name in ("T_idle", "T_mil", "T_max")])],
-            )
-        ),
+        alpha_range=range_rad(validity["alpha_deg"]),
+        beta_range=range_rad(validity["beta_deg"]),
+        engine=_engine(axes, tables, clamp=clamp),
         span=as_array(span),
         wing_area=as_array(airframe["wing_area_ft2"] * FOOT_M**2),
         mean_chord=as_array(airframe["mean_chord_ft"] * FOOT_M),
@@ -223,11 +203,28 @@ def _odd_extension(table: np.ndarray) -> np.ndarray:
     return np.concatenate([-table[:, :0:-1], table], axis=1)
 
 
-def _range_rad(range_deg: Sequence[float]) -> tuple[Scalar, Scalar]:
+def engine_from_data(data: Mapping[str, Any]) -> F16Engine:
+    """Build the engine alone from `aircraft/data/f16.json`: the textbook's thrust tables, which are TP-1538's."""
+    tables = {name: np.asarray(table["values"], dtype=float) for name, table in data["tables"].items()}
+    return _engine(data["axes"], tables, clamp=False)
+
+
+def _engine(axes: Mapping[str, Any], tables: Mapping[str, np.ndarray], *, clamp: bool) -> F16Engine:
+    return F16Engine(
+        thrust_tables=make_tables(
+            make_axes([np.asarray(axes["altitude_ft"]) * FOOT_M, axes["mach"]], clamp=clamp),
+            [((0, 1), [tables[name] * LBF_N for name in ("T_idle", "T_mil", "T_max")])],
+        )
+    )
+
+
+def range_rad(range_deg: Sequence[float]) -> tuple[Scalar, Scalar]:
+    """Least and greatest angle, given in deg, as arrays in rad."""
     return as_array(range_deg[0] * DEG_RAD), as_array(range_deg[1] * DEG_RAD)
 
 
-def _mass_properties(airframe: Mapping[str, Any], mass: float, *, spinning: bool) -> MassProperties:
+def f16_mass_properties(airframe: Mapping[str, Any], mass: float, *, spinning: bool) -> MassProperties:
+    """Mass (kg) with the inertia of a data file's `airframe`, and its engine's angular momentum if that spins."""
     J = {name: value * SLUG_FT2_KG_M2 for name, value in airframe["inertia_slug_ft2"].items()}
     inertia_b = np.array([[J["Jxx"], 0.0, -J["Jxz"]], [0.0, J["Jyy"], 0.0], [-J["Jxz"], 0.0, J["Jzz"]]])
     spin = airframe["engine_angular_momentum_slug_ft2_s"] * SLUG_FT2_KG_M2 if spinning else 0.0

@@ -1,17 +1,16 @@
-"""The F-16 with its data dispersed: every coefficient, thrust, mass, inertia, centre of gravity, actuators."""
+"""An F-16 with its data dispersed: every coefficient, thrust, mass, inertia, centre of gravity, actuators."""
 
-import itertools
+from typing import TypeVar, cast
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from anser.aircraft.f16 import F16, TABLE_COEFFICIENTS
+from anser.aircraft.f16 import F16_COEFFICIENTS
+from anser.aircraft.f16_interface import AbstractF16
 from anser.shapes import Scalar, Vector3
 
-_GROUPS = (*TABLE_COEFFICIENTS, ("CYb", "CYda", "CYdr"), ("CZde",))
-F16_COEFFICIENTS = tuple(itertools.chain(*_GROUPS))
-"""Coefficients of the build-up (theory section 4): those of `F16.tables`, `side_force`, `normal_force_elevator`."""
+AnyF16 = TypeVar("AnyF16", bound=AbstractF16)
 
 
 class F16Dispersion(eqx.Module):
@@ -28,7 +27,7 @@ class F16Dispersion(eqx.Module):
         by the root of both of its factors, which keeps the matrix positive definite. Moments dispersed independently
         need not belong to any distribution of mass (Jxx + Jyy >= Jzz has 3.5 % to spare in this aircraft).
     actuator_bandwidth
-        Factor on the bandwidth (inverse time constant) of all three actuators; positive.
+        Factor on the bandwidth (inverse time constant) of all actuators; positive.
     cg_shift
         Of the centre of gravity, part of the mean chord; positive is aft.
     """
@@ -47,26 +46,18 @@ def no_dispersion() -> F16Dispersion:
     return F16Dispersion(jnp.ones(len(F16_COEFFICIENTS)), one, one, jnp.ones(3), one, jnp.zeros(()))
 
 
-def dispersed_f16(f16: F16, dispersion: F16Dispersion) -> F16:
-    """F-16 of the same structure with dispersed data.
+def dispersed_f16(f16: AnyF16, dispersion: F16Dispersion) -> AnyF16:
+    """F-16 of the same kind and structure with dispersed data.
 
     A factor multiplies the whole of its table or coefficient, so that its contribution to the build-up scales exactly;
     the arguments of the tables stay. Both c.g. terms, in Cm and Cn, follow the shift.
     """
-    ends = [0]
-    for names in _GROUPS:
-        ends.append(ends[-1] + len(names))
-    parts = [dispersion.coefficients[first:last] for first, last in itertools.pairwise(ends)]
-    *tables, side_force, normal_force = parts
     properties = f16.mass_properties
     root = jnp.sqrt(dispersion.inertia)
     # D J D and its inverse: symmetric and positive definite with J
     congruence = root[:, None] * root[None, :]
-    return eqx.tree_at(
+    scaled = eqx.tree_at(
         lambda a: (
-            a.tables.cells,
-            a.side_force,
-            a.normal_force_elevator,
             a.engine.thrust_tables.cells[0],
             a.mass_properties.mass,
             a.mass_properties.inertia_b,
@@ -74,11 +65,8 @@ def dispersed_f16(f16: F16, dispersion: F16Dispersion) -> F16:
             a.actuators.time_constant,
             a.x_cg,
         ),
-        f16,
+        f16.with_coefficients_scaled(dispersion.coefficients),
         (
-            tuple(cells * factors[None, None, :] for cells, factors in zip(f16.tables.cells, tables, strict=True)),
-            f16.side_force * side_force,
-            f16.normal_force_elevator * normal_force[0],
             f16.engine.thrust_tables.cells[0] * dispersion.thrust,
             properties.mass * dispersion.mass,
             properties.inertia_b * congruence,
@@ -87,3 +75,4 @@ def dispersed_f16(f16: F16, dispersion: F16Dispersion) -> F16:
             f16.x_cg + dispersion.cg_shift,
         ),
     )
+    return cast(AnyF16, scaled)

@@ -13,6 +13,7 @@ from anser.cli.campaign_answers import compare
 from anser.cli.campaign_answers import report as report_campaign
 from anser.cli.campaigning import fly
 from anser.cli.console import RefusedError, problem
+from anser.cli.deep_stalling import deep_stall
 from anser.cli.flights import check, convert, new, plan, run
 from anser.cli.grouping import offer_group
 from anser.cli.margins import margins
@@ -51,6 +52,7 @@ for _command in (
     check,
     trim,
     linearize,
+    deep_stall,
     step,
     gallery,
     envelope,

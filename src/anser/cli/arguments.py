@@ -93,7 +93,7 @@ AircraftName = Annotated[
 VariantName = Annotated[
     str,
     typer.Option(
-        help="Published set of tables of the F-16: textbook, s119 or founding.", autocompletion=complete_variant
+        help="Published set of tables of the F-16: textbook, s119, founding or tp1538.", autocompletion=complete_variant
     ),
 ]
 CentreOfGravity = Annotated[

@@ -29,7 +29,8 @@ class SurfaceMoments(eqx.Module):
     moment_b
         With these deflections (3,), N m.
     slope
-        Of the moment with respect to the deflections (3, surfaces), N m/rad: the control effectiveness.
+        Of the moment with respect to the deflections (3, surfaces), N m/rad: the control effectiveness; 0 for surfaces
+        that no controller commands.
     """
 
     surfaces: Vector
@@ -51,12 +52,25 @@ def surface_moments(airframe: AbstractAirframe, now: Condition, rates_b: Vector3
         return airframe.aerodynamics(now.air_data, rates_b, deflection).moment_b
 
     moment_b, slope_of = jax.linearize(moment_of, surfaces)
-    return SurfaceMoments(surfaces, moment_b, jax.vmap(slope_of, out_axes=1)(jnp.eye(surfaces.shape[0])))
+    unit = np.eye(surfaces.shape[0])[_commanded(airframe.actuators)]
+    slope = jax.vmap(slope_of, out_axes=1)(jnp.asarray(unit, dtype=surfaces.dtype))
+    return SurfaceMoments(surfaces, moment_b, _among_all(airframe.actuators, slope.T).T)
 
 
 def one_for_each_axis(actuators: AbstractActuators) -> bool:
-    """Whether there are three surfaces, all commanded, which together turn the aircraft about any axis."""
-    return actuators.commanded == (True,) * _AXES and actuators.controls_yaw
+    """Whether three surfaces are commanded, which together turn the aircraft about any axis."""
+    return sum(actuators.commanded) == _AXES and actuators.controls_yaw
+
+
+def _commanded(actuators: AbstractActuators) -> np.ndarray:
+    return np.flatnonzero(actuators.commanded)
+
+
+def _among_all(actuators: AbstractActuators, rows: Float[Array, "commanded m"]) -> Float[Array, "n m"]:
+    """Rows of the commanded surfaces at their places, 0 for the others."""
+    if all(actuators.commanded):
+        return rows
+    return jnp.zeros((len(actuators.names), rows.shape[1]), rows.dtype).at[_commanded(actuators)].set(rows)
 
 
 def deflection_for_moment(actuators: AbstractActuators, slope: Float[Array, "3 n"]) -> Float[Array, "n 3"]:
@@ -68,7 +82,7 @@ def deflection_for_moment(actuators: AbstractActuators, slope: Float[Array, "3 n
     least squares problems in aircraft control allocation", 2002, with the weights in closed form).
     """
     if one_for_each_axis(actuators):
-        return inverse3(slope)
+        return _among_all(actuators, inverse3(slope[:, _commanded(actuators)]))
     return _least_change(actuators, slope, jnp.asarray(actuators.commanded, dtype=slope.dtype))
 
 
@@ -91,7 +105,8 @@ def allocate(
             at = surface_moments(airframe, now, rates_b, solution)
         missing_b = wanted_b - at.moment_b
         if one_for_each_axis(actuators):
-            solution = at.surfaces + solve3(at.slope, missing_b)
+            change = solve3(at.slope[:, _commanded(actuators)], missing_b)
+            solution = at.surfaces + _among_all(actuators, change[:, None])[:, 0]
         else:
             base = _neutral(actuators, at.surfaces)
             missing_b = missing_b + _product(at.slope, at.surfaces - base)
@@ -131,7 +146,7 @@ def _reallocated(actuators: AbstractActuators, at: SurfaceMoments, wanted_b: Vec
     commanded = jnp.asarray(actuators.commanded)
     held = ~commanded | (solution < lower) | (solution > upper)
     found = jnp.clip(solution, lower, upper)
-    for _ in range(len(actuators.names) - 1):
+    for _ in range(sum(actuators.commanded) - 1):
         base = jnp.where(held, found, _neutral(actuators, at.surfaces))
         missing_b = wanted_b - at.moment_b - _product(at.slope, base - at.surfaces)
         solution = base + _product(_least_change(actuators, at.slope, jnp.where(held, 0.0, 1.0)), missing_b)

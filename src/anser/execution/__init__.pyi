@@ -1,5 +1,6 @@
 from .certified import CertifiedPlanned
 from .conditions import ConditionError, Inversion, airframe_of, name_of
+from .deep_stalling import CENTRES, deep_stall, deep_stall_document, first_stable
 from .dispersion import FlightPoint
 from .envelope import EnvelopeSurvey, survey
 from .envelope_cases import survey_limits
@@ -19,6 +20,7 @@ from .trimming import FoundTrim, trim
 from .warming import warm
 
 __all__ = [
+    "CENTRES",
     "CHANNEL_KEYS",
     "CLIMB_AND_TURN",
     "PUBLISHED_STEPS",
@@ -39,6 +41,9 @@ __all__ = [
     "StepTest",
     "SteppedFlight",
     "airframe_of",
+    "deep_stall",
+    "deep_stall_document",
+    "first_stable",
     "fly_climb_and_turn",
     "fly_steps",
     "linearize",

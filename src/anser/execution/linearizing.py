@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import xarray as xr
 
-from anser.aircraft import F16, AbstractAirframe
+from anser.aircraft import AbstractAirframe, AbstractF16
 from anser.compiling import compiled, enable_compilation_cache
 from anser.control import AutopilotGains, FlightLimits, default_limits, published_gains
 from anser.environment import Environment, standard_environment
@@ -195,7 +195,7 @@ def linearize(
     """
     enable_compilation_cache()
     airframe, of = airframe_of(aircraft, variant, x_cg_over_c)
-    if isinstance(airframe, F16) and airframe is not aircraft:
+    if isinstance(airframe, AbstractF16) and airframe is not aircraft:
         of["x_cg_over_c"] = float(airframe.x_cg)
     environment = standard_environment() if environment is None else environment
     rates = (rate * DEG_RAD for rate in (turn_rate_deg_s, path_rate_deg_s, pitch_rate_deg_s))

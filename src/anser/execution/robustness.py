@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from anser.aircraft import F16, F16Dispersion, dispersed_f16
+from anser.aircraft import AbstractF16, F16Dispersion, dispersed_f16
 from anser.compiling import compiled, enable_compilation_cache
 from anser.control import AutopilotGains, FlightLimits, default_limits
 from anser.environment import Environment, standard_environment
@@ -27,7 +27,7 @@ from anser.execution.dispersion import (
 )
 from anser.execution.envelope_cases import COMMANDS, described, tolerance_of
 from anser.results import judge, robustness_dataset
-from anser.scenario import load_f16
+from anser.scenario import load_airframe
 from anser.scenario.schema_aircraft import Gains
 from anser.sensing import DelayedSensors, DirectEstimator
 from anser.simulation import FlightSummary, MapPoint, TrimPoint, TrimTarget, map_point, survey_flight, trim_target
@@ -97,8 +97,8 @@ def robustness_study(
         cases = dispersed_cases(flights, spread, seed, len(conditions))
         if sweep:
             cases += spread_cases(_FLIGHTS_OF_SWEEP, seed, len(conditions)) + alone_cases(len(conditions))
-    nominal = load_f16(variant)
-    if not isinstance(nominal, F16):
+    nominal = load_airframe("f16", variant)
+    if not isinstance(nominal, AbstractF16):
         raise TypeError(f"expected an F16, not a {type(nominal).__name__}")
     environment, limits = standard_environment(), default_limits()
     points = jax.vmap(trim_target)(
@@ -185,7 +185,7 @@ def _must_be_flown(nominal: MapPoint, limits: FlightLimits, conditions: Sequence
 
 
 @compiled
-def _trim(nominal: F16, environment: Environment, dispersions: F16Dispersion, targets: TrimTarget) -> MapPoint:
+def _trim(nominal: AbstractF16, environment: Environment, dispersions: F16Dispersion, targets: TrimTarget) -> MapPoint:
     def one(dispersion: F16Dispersion, target: TrimTarget) -> MapPoint:
         return map_point(dispersed_f16(nominal, dispersion), environment, target)
 
@@ -194,7 +194,7 @@ def _trim(nominal: F16, environment: Environment, dispersions: F16Dispersion, ta
 
 @compiled
 def _fly(
-    of: tuple[F16, Environment, FlightLimits, jax.Array, jax.Array],
+    of: tuple[AbstractF16, Environment, FlightLimits, jax.Array, jax.Array],
     gains: AutopilotGains,
     dispersions: F16Dispersion,
     delays: jax.Array,

@@ -15,6 +15,12 @@ _EVEN = 1e-14
 """Part of an axis by which its intervals may differ where it counts as evenly spaced."""
 
 
+_ON_STEP = 1e-9
+"""Part of a step by which a breakpoint may lie off it."""
+_PARTS_MAX, _RULER_MAX = 8, 256
+"""How finely the least interval of an axis is divided to find a common step; the most steps of a ruler."""
+
+
 class Axes(eqx.Module):
     """Breakpoints of several table axes, and what happens beyond their ends; arguments are looked up on all at once.
 
@@ -29,6 +35,12 @@ class Axes(eqx.Module):
         Number of breakpoints of each axis, 2 or more.
     even
         Whether the breakpoints of every axis are evenly spaced, to rounding: then the interval is computed.
+    ruler
+        Where they are not, but are multiples of a step on each axis: for every step of an axis the interval that it
+        lies in, the breakpoint at which that begins, and one over its length; shape (k steps, 3), one axis after the
+        other. The interval is then read off instead of searched for, in half of the time. Otherwise None.
+    step
+        Of the ruler, shape (k,); or None.
     """
 
     breakpoints: Float[Array, "k n"]
@@ -36,6 +48,8 @@ class Axes(eqx.Module):
     upper: Float[Array, " k"]
     sizes: tuple[int, ...] = eqx.field(static=True)
     even: bool = eqx.field(static=True)
+    ruler: Float[Array, "all_steps 3"] | None = None
+    step: Float[Array, " k"] | None = None
 
     def locate(self, x: Float[Array, " k"]) -> tuple[Int[Array, " k"], Float[Array, " k"]]:
         """Interval index and the fraction within it (outside 0..1 where tables are extrapolated) on each axis."""
@@ -45,6 +59,12 @@ class Axes(eqx.Module):
             place = (x - first) / (second - first)
             below = jnp.clip(jnp.floor(place), 0.0, np.asarray(self.sizes, place.dtype) - 2)
             return below.astype(jnp.int32), place - below
+        if self.ruler is not None and self.step is not None:
+            steps = self.ruler.shape[0] // len(self.sizes)
+            place = jnp.floor((x - self.breakpoints[:, 0]) / self.step)
+            at = jnp.clip(place, 0.0, steps - 1.0).astype(jnp.int32)
+            here = self.ruler[at + steps * np.arange(len(self.sizes), dtype=np.int32)]
+            return here[:, 0].astype(jnp.int32), (x - here[:, 1]) * here[:, 2]
         above = jnp.sum(x[:, None] >= self.breakpoints[:, 1:], axis=1, dtype=jnp.int32)
         index = jnp.minimum(above, np.asarray(self.sizes, dtype=np.int32) - 2)
         ends = jnp.take_along_axis(self.breakpoints, index[:, None] + np.arange(2, dtype=np.int32)[None], axis=1)
@@ -115,13 +135,41 @@ def make_axes(axes: Sequence[Sequence[float] | np.ndarray], *, clamp: bool | Seq
             raise ValueError(f"table axis: breakpoints must be two or more, strictly increasing; got {one.tolist()}")
     longest = max(one.size for one in points)
     held = np.broadcast_to(clamp, (len(points),))
+    even = all(np.ptp(np.diff(one)) <= _EVEN * np.ptp(one) for one in points)
+    steps = [None if even else _common_step(one) for one in points]
+    known = [step for step in steps if step is not None]
+    ruled = len(known) == len(points)
     return Axes(
         breakpoints=as_array([np.append(one, np.full(longest - one.size, np.inf)) for one in points]),
         lower=as_array(np.where(held, [one[0] for one in points], -np.inf)),
         upper=as_array(np.where(held, [one[-1] for one in points], np.inf)),
         sizes=tuple(one.size for one in points),
-        even=all(np.ptp(np.diff(one)) <= _EVEN * np.ptp(one) for one in points),
+        even=even,
+        ruler=as_array(_ruler(points, known)) if ruled else None,
+        step=as_array(known) if ruled else None,
     )
+
+
+def _common_step(points: np.ndarray) -> float | None:
+    """Greatest step of which all breakpoints are multiples, seen from the first; None where a ruler would be long."""
+    least = float(np.min(np.diff(points)))
+    for parts in range(1, _PARTS_MAX + 1):
+        places = (points - points[0]) / (least / parts)
+        if places[-1] > _RULER_MAX:
+            return None
+        if np.allclose(places, np.round(places), rtol=0.0, atol=_ON_STEP):
+            return least / parts
+    return None
+
+
+def _ruler(points: Sequence[np.ndarray], steps: Sequence[float]) -> np.ndarray:
+    counts = [round(np.ptp(one) / step) for one, step in zip(points, steps, strict=True)]
+    rulers = []
+    for one, step in zip(points, steps, strict=True):
+        middles = one[0] + step * (np.arange(max(counts)) + 0.5)
+        interval = np.clip(np.searchsorted(one, middles, side="right") - 1, 0, one.size - 2)
+        rulers.append(np.stack([interval, one[interval], 1.0 / np.diff(one)[interval]], axis=-1))
+    return np.concatenate(rulers)
 
 
 def make_tables(axes: Axes, groups: Sequence[tuple[Sequence[int], Sequence[Sequence[float] | np.ndarray]]]) -> Tables:

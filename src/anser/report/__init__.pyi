@@ -2,6 +2,7 @@ from .campaign_data import CampaignShown, FlownAgain
 from .campaign_figure import draw_campaign
 from .campaign_page import write_campaign_report
 from .campaign_series import SeriesBands
+from .deep_stall_figure import draw_deep_stall
 from .envelope_figures import draw_envelope
 from .flight_plots import FlightPlots
 from .margin_figures import BODE_SUFFIXES, draw_bode, draw_margin_maps
@@ -20,6 +21,7 @@ __all__ = [
     "SeriesBands",
     "draw_bode",
     "draw_campaign",
+    "draw_deep_stall",
     "draw_envelope",
     "draw_margin_maps",
     "draw_paired",

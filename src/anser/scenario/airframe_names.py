@@ -4,5 +4,5 @@ FILES = ("aerosonde",)
 """Airframes of the library that are aircraft files."""
 AIRFRAMES = ("f16", *FILES)
 BODIES = ("dragless-sphere", "sphere", "undamped-brick", "brick")
-VARIANTS = {"f16": ("textbook", "s119", "founding")}
+VARIANTS = {"f16": ("textbook", "s119", "founding", "tp1538")}
 """Variants of the airframes that have any."""

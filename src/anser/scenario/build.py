@@ -8,7 +8,14 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array
 
-from anser.aircraft import F16, F16_COEFFICIENTS, AbstractAirframe, DerivativeAircraft, F16Dispersion, dispersed_f16
+from anser.aircraft import (
+    F16_COEFFICIENTS,
+    AbstractAirframe,
+    AbstractF16,
+    DerivativeAircraft,
+    F16Dispersion,
+    dispersed_f16,
+)
 from anser.control import (
     AutopilotGains,
     FlightLimits,
@@ -149,7 +156,7 @@ def build_airframe_of(aircraft: Aircraft) -> AbstractAirframe:
 
 
 def _dispersed(known: AbstractAirframe, deviation: Deviation) -> AbstractAirframe:
-    if isinstance(known, F16):
+    if isinstance(known, AbstractF16):
         return dispersed_f16(known, _dispersion(deviation))
     if isinstance(known, DerivativeAircraft):
         return dispersed_airframe(known, deviation)

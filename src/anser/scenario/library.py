@@ -7,10 +7,21 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from anser.aircraft import F16, AbstractAirframe, DerivativeAircraft, SimpleBody, body_from_data, f16_from_data
+from anser.aircraft import (
+    F16,
+    F16TP1538,
+    AbstractAirframe,
+    AbstractF16,
+    DerivativeAircraft,
+    SimpleBody,
+    body_from_data,
+    engine_from_data,
+    f16_from_data,
+    tp1538_from_data,
+)
 from anser.scenario.airframe_file import SUFFIXES, AirframeFile, entry_points, library_file, read_airframe, unknown_type
 from anser.scenario.airframe_file.build import build_airframe
-from anser.scenario.airframe_names import FILES
+from anser.scenario.airframe_names import FILES, VARIANTS
 
 
 @functools.cache
@@ -20,12 +31,12 @@ def _data(name: str) -> dict[str, Any]:
 
 @functools.cache
 def load_f16(variant: str = "textbook", x_cg_over_c: float | None = None) -> F16:
-    """Build the F-16 of the library.
+    """Build the F-16 of the library in one of its reductions.
 
     Parameters
     ----------
     variant
-        One of `anser.scenario.VARIANTS["f16"]`.
+        One of `anser.scenario.VARIANTS["f16"]` but "tp1538", which is another airframe.
     x_cg_over_c
         Centre of gravity as a fraction of the mean chord; the variant's own where None.
 
@@ -35,6 +46,12 @@ def load_f16(variant: str = "textbook", x_cg_over_c: float | None = None) -> F16
         If the variant is unknown; the message lists the known ones.
     """
     return f16_from_data(_data("f16"), variant, x_cg_over_c)
+
+
+@functools.cache
+def load_tp1538(x_cg_over_c: float | None = None) -> F16TP1538:
+    """Build the complete F-16 of NASA TP-1538; its own centre of gravity (part of the mean chord) where None."""
+    return tp1538_from_data(_data("tp1538"), engine_from_data(_data("f16")), x_cg_over_c)
 
 
 def load_airframe(name: str = "f16", variant: str = "textbook", x_cg_over_c: float | None = None) -> AbstractAirframe:
@@ -55,7 +72,9 @@ def load_airframe(name: str = "f16", variant: str = "textbook", x_cg_over_c: flo
         If an aircraft file cannot be read or is none.
     """
     if name == "f16":
-        return load_f16(variant, x_cg_over_c)
+        if variant not in VARIANTS[name]:
+            raise ValueError(f"F-16 variant {variant!r}: known are {', '.join(VARIANTS[name])}")
+        return load_tp1538(x_cg_over_c) if variant == "tp1538" else load_f16(variant, x_cg_over_c)
     if x_cg_over_c is not None:
         raise ValueError(f"x_cg_over_c: arrived {x_cg_over_c} with {name!r}; expected None: the F-16 alone has it")
     if is_path(name):
@@ -90,7 +109,7 @@ def _of_entry_point(name: str) -> AbstractAirframe:
 
 def span_of(airframe: AbstractAirframe) -> Any:
     """Wing span (m) of an airframe, which turbulence asks for; ValueError where it has none."""
-    if isinstance(airframe, F16 | DerivativeAircraft):
+    if isinstance(airframe, AbstractF16 | DerivativeAircraft):
         return airframe.span
     span = getattr(airframe, "span", None)
     if span is None:

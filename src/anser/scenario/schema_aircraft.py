@@ -134,8 +134,8 @@ class Aircraft(Table):
         'the path of an aircraft file, seen from the scenario, such as "my-uav.toml"',
         None,
     )
-    variant: Literal["textbook", "s119", "founding"] = choice(
-        "which published set of its aerodynamic tables", ("textbook", "s119", "founding"), "textbook"
+    variant: Literal["textbook", "s119", "founding", "tp1538"] = choice(
+        "which published set of its aerodynamic tables", ("textbook", "s119", "founding", "tp1538"), "textbook"
     )
     x_cg_over_c: float | None = number("centre of mass; left out: the variant's own", 0.1, 0.5, "of the chord", None)
     goal: str = naming("name of the goal to meet")

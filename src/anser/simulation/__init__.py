@@ -5,6 +5,13 @@ from anser.simulation.capability import Capability, capability_of, capability_po
 from anser.simulation.certified_planner import CertifiedPlanner, CertifiedPlanState
 from anser.simulation.closed_loop import fly_alone, trimmed_vehicle
 from anser.simulation.decentralised_planner import DecentralisedPlanner, DecentralisedPlanState
+from anser.simulation.deep_stall import (
+    PitchBranch,
+    SteadyDescent,
+    follow_pitch_trim,
+    pitching_moment,
+    steady_descent,
+)
 from anser.simulation.faults import Faults, no_faults
 from anser.simulation.fleet import Flight, FlightState, Timing, assemble, statuses
 from anser.simulation.fleet_summary import FleetSummary, SummaryRecorder
@@ -68,8 +75,10 @@ __all__ = [
     "NearestTrim",
     "NearestTrims",
     "Network",
+    "PitchBranch",
     "PlannedHolds",
     "Response",
+    "SteadyDescent",
     "SummaryRecorder",
     "Timing",
     "TrimPoint",
@@ -88,6 +97,7 @@ __all__ = [
     "cells_for",
     "fly",
     "fly_alone",
+    "follow_pitch_trim",
     "inversion_poles",
     "largest_pole",
     "linearize",
@@ -98,9 +108,11 @@ __all__ = [
     "moved_with_goals",
     "nearest_trims",
     "no_faults",
+    "pitching_moment",
     "solve_trim",
     "start_flight",
     "statuses",
+    "steady_descent",
     "step_response",
     "survey_flight",
     "trim_target",

@@ -263,13 +263,13 @@ def solve_trim(
     turning = (target.turn_rate != 0) | (target.path_rate != 0)
     residual = jnp.where((target.pitch_rate != 0) & turning, jnp.inf, tried.residual[best])
     R_bn = _attitude(x, target)
-    surfaces = _surfaces(x, case, air_data(_velocity_air_b(x, target), target.altitude, air))
+    flow = air_data(_velocity_air_b(x, target), target.altitude, air)
     state = AircraftState(
         position_n=position_n,
         velocity_b=_velocity_air_b(x, target) + rotate(R_bn, wind_n),
         quaternion=quaternion_from_rotation(R_bn),
         rates_b=_rates_b(R_bn, target),
-        actuators=airframe.actuators.settled(surfaces),
+        actuators=airframe.actuators.steady(_surfaces(x, case, flow), flow),
         engine=airframe.engine.settled(100 * x[-1]),
     )
     return TrimPoint(

@@ -1,0 +1,236 @@
+"""The F-16 of NASA TP-1538 in full: alpha -20 to 90 deg, leading-edge flap, coefficients that are not symmetric."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from anser.aircraft.air_data import AirData
+from anser.aircraft.f16 import F16_COEFFICIENTS, f16_mass_properties, range_rad
+from anser.aircraft.f16_engine import F16Engine
+from anser.aircraft.f16_interface import AbstractF16, F16Coefficients
+from anser.aircraft.interface import MassProperties
+from anser.aircraft.scheduled_flap import ScheduledFlapActuators
+from anser.numerics import Tables, as_array, make_axes, make_tables
+from anser.shapes import Scalar, Vector, Vector3
+from anser.units import DEG_RAD, FOOT_M, RAD_DEG, SLUG_KG
+
+_DAMPING = ("CXq", "CYr", "CYp", "CZq", "Clr", "Clp", "Cmq", "Cnr", "Cnp")
+_LATERAL = ("CY", "Cl", "Cn")
+TP1538_FUNCTIONS = (
+    (*_DAMPING, *_DAMPING, "Cm0", "Cl0", "Cn0"),
+    ("CZ0", "CYb", *("CX0", "CZ0", "Cm0", "CYb", "Cl0", "Cn0"), "CYdr", "Cldr", "Cndr", *("CYda", "Clda", "Cnda") * 2),
+    ("CX0", "CZde", "Cm0", "Cl0", "Cn0"),
+)
+"""For each function in the groups of `F16TP1538.tables` that of `F16_COEFFICIENTS` which it is part of.
+
+Of alpha alone: damping, its increments with the flap at 0, deltaCm, deltaClbeta, deltaCnbeta. Of alpha and beta: CZ and
+CY without surfaces; increments with the flap at 0; with full rudder; with full aileron, and what the flap at 0 adds to
+these. Of alpha, beta and elevator: CX, CZ less that with the elevator at 0, Cm, Cl, Cn.
+"""
+
+
+class F16TP1538(AbstractF16):
+    """F-16 with the whole set of wind-tunnel tables of NASA TP-1538.
+
+    Attributes
+    ----------
+    span, wing_area, mean_chord
+        Reference lengths (m) and area (m^2).
+    x_cg, x_cg_reference
+        Centre of gravity and moment reference, fractions of the mean chord.
+    surface_reference
+        Deflections (aileron, rudder, leading-edge flap; deg) that the increments refer to.
+    tables
+        Of angle of attack, sideslip and elevator, degrees, held at their ends: see `TP1538_FUNCTIONS`; the last group
+        is the effectiveness of the elevator. Increments with the flap at 0 were measured up to 45 deg, above which the
+        flap stands fully down and they have no part; there they go to 0 over one interval of the tables.
+    """
+
+    mass_properties: MassProperties
+    actuators: ScheduledFlapActuators
+    alpha_range: tuple[Scalar, Scalar]
+    beta_range: tuple[Scalar, Scalar]
+    engine: F16Engine
+    span: Scalar
+    wing_area: Scalar
+    mean_chord: Scalar
+    x_cg: Scalar
+    x_cg_reference: Scalar
+    surface_reference: Vector3
+    tables: Tables
+
+    def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> F16Coefficients:
+        """Force and moment coefficients: the build-up of TP-1538.
+
+        `surfaces` are elevator, aileron, rudder and leading-edge flap, rad. Rates are made dimensionless with b/2V and
+        c/2V; below 1 m/s the speed is held at 1 m/s there, so that the coefficients stay finite at rest.
+        """
+        V = jnp.maximum(air_data.V, 1.0)
+        beta_deg = air_data.beta * RAD_DEG
+        deflection_deg = surfaces * RAD_DEG
+        a, r, down = (deflection_deg[k + 1] / self.surface_reference[k] for k in range(3))
+        f = 1 - down
+        p = rates_b[0] * self.span / (2 * V)
+        q = rates_b[1] * self.mean_chord / (2 * V)
+        y = rates_b[2] * self.span / (2 * V)
+        of_alpha, of_sideslip, of_elevator, (effectiveness,) = self.tables(
+            air_data.alpha * RAD_DEG, beta_deg, deflection_deg[0]
+        )
+        count = len(_DAMPING)
+        CXq, CYr, CYp, CZq, Clr, Clp, Cmq, Cnr, Cnp = of_alpha[:count] + f * of_alpha[count : 2 * count]
+        dCm, dClbeta, dCnbeta = of_alpha[2 * count :]
+        CZ0, CY0 = of_sideslip[:2]
+        dCX, dCZ, dCm_flap, dCY, dCl, dCn = f * of_sideslip[2:8]
+        CYdr, Cldr, Cndr = of_sideslip[8:11]
+        CYda, Clda, Cnda = of_sideslip[11:14] + f * of_sideslip[14:17]
+        CX0, CZde, Cm0, Cl0, Cn0 = of_elevator
+        lever = self.x_cg_reference - self.x_cg
+        CZ = CZ0 + CZde + dCZ + CZq * q
+        CY = CY0 + dCY + CYda * a + CYdr * r + CYr * y + CYp * p
+        return F16Coefficients(
+            CX=CX0 + dCX + CXq * q,
+            CY=CY,
+            CZ=CZ,
+            Cl=Cl0 + dCl + dClbeta * beta_deg + Clda * a + Cldr * r + Clr * y + Clp * p,
+            Cm=effectiveness * Cm0 + dCm_flap + dCm + CZ * lever + Cmq * q,
+            Cn=Cn0
+            + dCn
+            + dCnbeta * beta_deg
+            + Cnda * a
+            + Cndr * r
+            + Cnr * y
+            + Cnp * p
+            - CY * lever * self.mean_chord / self.span,
+        )
+
+    def with_coefficients_scaled(self, factors: Float[Array, "22"]) -> "F16TP1538":
+        """Each of `F16_COEFFICIENTS` multiplied by its factor, with its increments due to the flap.
+
+        CX0 and Cm0 are of angle of attack, sideslip and elevator, CZ0 and CYb of angle of attack and sideslip, CZde is
+        what the elevator adds to CZ.
+        """
+        parts = [factors[np.array([F16_COEFFICIENTS.index(n) for n in names])] for names in TP1538_FUNCTIONS]
+        *cells, effectiveness = self.tables.cells
+        scaled = (*(c * part[None, None, :] for c, part in zip(cells, parts, strict=True)), effectiveness)
+        return eqx.tree_at(lambda a: a.tables.cells, self, scaled)
+
+
+def tp1538_from_data(data: Mapping[str, Any], engine: F16Engine, x_cg_over_c: float | None = None) -> F16TP1538:
+    """Build the F-16 of TP-1538 from its data file.
+
+    Parameters
+    ----------
+    data
+        Content of `aircraft/data/tp1538.json`.
+    engine
+        With the thrust tables of TP-1538, which the textbook took over.
+    x_cg_over_c
+        Centre of gravity as a fraction of the mean chord; the report's own where None.
+
+    Raises
+    ------
+    ValueError
+        Tables do not stand on the axes that the build-up needs.
+    """
+    airframe, actuators, schedule, of = (data[key] for key in ("airframe", "actuators", "flap_schedule", "deflections"))
+    alpha_down = data["validity"]["flap_at_0_alpha_max_deg"] * DEG_RAD
+    built = F16TP1538(
+        mass_properties=f16_mass_properties(airframe, airframe["mass_slug"] * SLUG_KG, spinning=True),
+        actuators=ScheduledFlapActuators(
+            time_constant=as_array(actuators["time_constant_s"]),
+            lower=as_array(np.asarray(actuators["lower_deg"]) * DEG_RAD),
+            upper=as_array(np.asarray(actuators["upper_deg"]) * DEG_RAD),
+            rate_limit=as_array(np.asarray(actuators["rate_limit_deg_s"]) * DEG_RAD),
+            gain=as_array(schedule["gain"]),
+            pole=as_array(schedule["pole_per_s"]),
+            compression=as_array(schedule["compression_deg"] * DEG_RAD),
+            offset=as_array(schedule["offset_deg"] * DEG_RAD),
+            alpha_down=as_array(alpha_down),
+            names=tuple(actuators["order"]),
+        ),
+        alpha_range=range_rad(data["validity"]["alpha_deg"]),
+        beta_range=range_rad(data["validity"]["beta_deg"]),
+        engine=engine,
+        span=as_array(airframe["span_ft"] * FOOT_M),
+        wing_area=as_array(airframe["wing_area_ft2"] * FOOT_M**2),
+        mean_chord=as_array(airframe["mean_chord_ft"] * FOOT_M),
+        x_cg=as_array(float(airframe["x_cg_over_c"] if x_cg_over_c is None else x_cg_over_c)),
+        x_cg_reference=as_array(airframe["x_cg_reference_over_c"]),
+        surface_reference=as_array([float(of[f"{n}_reference_deg"]) for n in ("aileron", "rudder", "flap")]),
+        tables=_tables(data),
+    )
+    # Strongly typed leaves: replacing one by another array does not recompile.
+    return jax.tree.map(lambda leaf: as_array(leaf), built)
+
+
+def _tables(data: Mapping[str, Any]) -> Tables:
+    points = data["breakpoints_deg"]
+    alphas, short, elevators = points["alpha1"], points["alpha2"], points["dh1"]
+    if alphas[: len(short)] != short or 0.0 not in elevators or not set(points["dh2"]) <= set(elevators):
+        raise ValueError("TP-1538: expected alpha2 to begin alpha1, dh1 to hold 0 and all of dh2")
+    rows = {name: np.asarray(table["values"], dtype=float) for name, table in data["tables"].items()}
+    neutral = elevators.index(0.0)
+
+    def at_neutral(name: str) -> np.ndarray:
+        return rows[name] if rows[name].ndim == 2 else rows[name][..., list(_elevators_of(name)).index(0.0)]
+
+    def _elevators_of(name: str) -> Sequence[float]:
+        return points[data["tables"][name]["axes"][2]]
+
+    def faded(increment: np.ndarray) -> np.ndarray:
+        """An increment with the flap at 0, by 0 carried on to all angles of attack."""
+        return np.concatenate([increment, np.zeros((len(alphas) - len(short), *increment.shape[1:]))])
+
+    def on_all_elevators(name: str) -> np.ndarray:
+        """A table on fewer elevator deflections, linear between them: the same function on those of `dh1`."""
+        given = _elevators_of(name)
+        return np.stack([np.stack([np.interp(elevators, given, r) for r in row]) for row in rows[name]])
+
+    def flap(name: str) -> np.ndarray:
+        return faded(rows[f"{name}_lef"] - at_neutral(name)[: len(short)])
+
+    def aileron_flap(name: str) -> np.ndarray:
+        aileron = rows[f"{name}_a20"] - at_neutral(name)
+        return faded(rows[f"{name}_a20_lef"] - rows[f"{name}_lef"] - aileron[: len(short)])
+
+    printed = [name.replace("CX", "Cx").replace("CY", "Cy").replace("CZ", "Cz") for name in _DAMPING]
+    lateral = [name.replace("CY", "Cy") for name in _LATERAL]
+    return make_tables(
+        make_axes([alphas, points["beta1"], elevators], clamp=True),
+        [
+            (
+                (0,),
+                [
+                    *(rows[name] for name in printed),
+                    *(faded(rows[f"delta{name}_lef"]) for name in printed),
+                    *(rows[name] for name in ("deltaCm", "deltaClbeta", "deltaCnbeta")),
+                ],
+            ),
+            (
+                (0, 1),
+                [
+                    at_neutral("Cz"),
+                    rows["Cy"],
+                    *(flap(name) for name in ("Cx", "Cz", "Cm", "Cy", "Cl", "Cn")),
+                    *(rows[f"{name}_r30"] - at_neutral(name) for name in lateral),
+                    *(rows[f"{name}_a20"] - at_neutral(name) for name in lateral),
+                    *(aileron_flap(name) for name in lateral),
+                ],
+            ),
+            (
+                (0, 1, 2),
+                [
+                    rows["Cx"],
+                    rows["Cz"] - rows["Cz"][..., neutral : neutral + 1],
+                    rows["Cm"],
+                    *(on_all_elevators(name) for name in ("Cl", "Cn")),
+                ],
+            ),
+            ((2,), [rows["eta_el"]]),
+        ],
+    )

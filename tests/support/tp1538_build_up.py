@@ -1,0 +1,70 @@
+"""The build-up of NASA TP-1538 written out with SciPy's interpolation, as the report prints it: a second opinion."""
+
+import json
+from importlib import resources
+
+import numpy as np
+from scipy.interpolate import RegularGridInterpolator
+
+DATA = json.loads(resources.files("anser.aircraft").joinpath("data/tp1538.json").read_text(encoding="utf-8"))
+AXES = {name: np.array(points) for name, points in DATA["breakpoints_deg"].items()}
+TABLES = {name: np.array(table["values"]) for name, table in DATA["tables"].items()}
+X_REFERENCE, CHORD_FT, SPAN_FT = 0.35, 11.32, 30.0
+
+_LOOK_UP = {
+    name: RegularGridInterpolator([AXES[axis] for axis in table["axes"]], TABLES[name], bounds_error=True)
+    for name, table in DATA["tables"].items()
+}
+
+
+def look_up(name, *at):
+    return float(_LOOK_UP[name](np.array([at]))[0])
+
+
+def coefficients(alpha, beta, elevator, aileron, rudder, lef, P, Q, R, V_ft_s, x_cg):
+    """CX, CY, CZ, Cl, Cm, Cn; angles in deg, rates in rad/s; with the flap at 25 deg above an alpha of 45 deg."""
+    f, a, r = 1 - lef / 25, aileron / 21.5, rudder / 30
+    p, q, y = P * SPAN_FT / (2 * V_ft_s), Q * CHORD_FT / (2 * V_ft_s), R * SPAN_FT / (2 * V_ft_s)
+    if alpha > 45:
+        assert f == 0
+
+    def short(name, *at):
+        return look_up(name, alpha, *at) if f else 0.0
+
+    def base(name, e):
+        return look_up(name, alpha, beta, e) if name != "Cy" else look_up(name, alpha, beta)
+
+    def flap(name):
+        return short(f"{name}_lef", beta) - base(name, 0.0) if f else 0.0
+
+    def damped(name):
+        return look_up(name, alpha) + f * short(f"delta{name}_lef")
+
+    def lateral(name, first, beside):
+        rudder_part = look_up(f"{name}_r30", alpha, beta) - base(name, 0.0)
+        aileron_part = look_up(f"{name}_a20", alpha, beta) - base(name, 0.0)
+        flap_part = short(f"{name}_a20_lef", beta) - short(f"{name}_lef", beta) - aileron_part if f else 0.0
+        C = "CY" if name == "Cy" else name
+        return (
+            first
+            + f * flap(name)
+            + a * (aileron_part + f * flap_part)
+            + r * rudder_part
+            + y * damped(C.replace("CY", "Cy") + "r")
+            + p * damped(C.replace("CY", "Cy") + "p")
+            + beside
+        )
+
+    CX = base("Cx", elevator) + f * flap("Cx") + q * damped("Cxq")
+    CZ = base("Cz", elevator) + f * flap("Cz") + q * damped("Czq")
+    Cm = (
+        look_up("eta_el", elevator) * base("Cm", elevator)
+        + (X_REFERENCE - x_cg) * CZ
+        + f * flap("Cm")
+        + q * damped("Cmq")
+        + look_up("deltaCm", alpha)
+    )
+    CY = lateral("Cy", base("Cy", 0.0), 0.0)
+    Cl = lateral("Cl", base("Cl", elevator), look_up("deltaClbeta", alpha) * beta)
+    Cn = lateral("Cn", base("Cn", elevator), look_up("deltaCnbeta", alpha) * beta)
+    return np.array([CX, CY, CZ, Cl, Cm, Cn - (X_REFERENCE - x_cg) * CHORD_FT / SPAN_FT * CY])
