@@ -92,7 +92,7 @@ class DerivativeAircraft(AbstractAirframe):
         q = rates_b[1] * self.mean_chord / (2 * V)
         ones = jnp.ones_like(alpha)
         argument = jnp.concatenate([jnp.stack([ones, alpha, beta, p, q, r, alpha**2, beta**2]), surfaces])
-        parts = self.derivatives * argument
+        parts = self.derivatives * argument[None]
         if self.tables is not None and self.table_factors is not None:
             inputs = (alpha, beta, *surfaces)
             values = jnp.concatenate(self.tables(*(inputs[k] for k in self.table_arguments))) * self.table_factors

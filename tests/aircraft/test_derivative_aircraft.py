@@ -1,0 +1,243 @@
+"""An aircraft of derivatives: the Aerosonde's published figures, the Navion written twice, stall, tables, gradients."""
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from anser.aircraft import (
+    AirData,
+    DerivativeAircraft,
+    DerivativeDispersion,
+    air_data,
+    dispersed_derivative_aircraft,
+)
+from anser.derivative_names import ARGUMENTS, COEFFICIENTS, place_of
+from anser.environment import StandardAtmosphere
+from anser.numerics import make_axes, make_tables
+from anser.scenario import load_airframe
+from anser.verification.aerosonde import AEROSONDE_FORCES
+from support.light_aircraft import light_aircraft
+
+AEROSONDE = load_airframe("aerosonde")
+assert isinstance(AEROSONDE, DerivativeAircraft)
+SURFACES = AEROSONDE.actuators.names
+AIR = AirData(*(jnp.asarray(x) for x in (25.0, 0.1, 0.06, 1.1, 343.75, 0.07, 1000.0)))
+RATES, DEFLECTIONS = jnp.array([0.4, -0.2, 0.15]), jnp.array([-0.1, 0.12, -0.2])
+
+
+def at(alpha, beta=0.0, V=25.0):
+    return dataclasses.replace(AIR, alpha=jnp.asarray(alpha), beta=jnp.asarray(beta), V=jnp.asarray(V))
+
+
+def coefficient(aircraft, name, data=AIR, rates=RATES, surfaces=DEFLECTIONS):
+    return float(aircraft.coefficients(data, rates, surfaces)[COEFFICIENTS.index(name)])
+
+
+def test_every_figure_of_the_authors():
+    """42 figures of three states, [BM] appendix E; the errors are rounding: see the check's explanation."""
+    found = AEROSONDE_FORCES.measure()
+    assert len(found) == 42
+    assert max(abs(one.error) for one in found) < 1e-12
+    assert all(one.passes for one in found)
+
+
+def with_values(aircraft, **values):
+    changed = aircraft.derivatives
+    for name, value in values.items():
+        changed = changed.at[place_of(name, SURFACES)].set(value)
+    return eqx.tree_at(lambda a: a.derivatives, aircraft, changed)
+
+
+def navion():
+    """The light aircraft of the tests by its derivatives; its drag CD0 + K (CL^2 - CL0^2) at no rates and deflections."""
+    light = light_aircraft()
+    K = 0.33 / (2 * 0.41 * 4.44)
+    zero = eqx.tree_at(lambda a: a.derivatives, AEROSONDE, jnp.zeros_like(AEROSONDE.derivatives))
+    same = with_values(
+        zero,
+        CL0=0.41, CL_alpha=4.44, CL_q=3.8, CL_elevator=0.355, CD0=0.05 - K * 0.41**2,
+        CY_beta=-0.564, CY_rudder=0.157, Cl_beta=-0.074, Cl_p=-0.41, Cl_r=0.107, Cl_aileron=-0.134, Cl_rudder=0.0107,
+        Cm_alpha=-0.683, Cm_q=-9.96, Cm_elevator=-0.923, Cn_beta=0.071, Cn_p=-0.0575, Cn_r=-0.125, Cn_aileron=-0.0035,
+        Cn_rudder=-0.072,
+    )  # fmt: skip
+    return eqx.tree_at(
+        lambda a: (a.span, a.wing_area, a.mean_chord, a.induced_drag, a.stall_alpha),
+        same,
+        (light.span, light.wing_area, light.mean_chord, jnp.asarray(K), jnp.asarray(100.0)),
+    ), light
+
+
+@given(V=st.floats(20.0, 80.0), alpha=st.floats(-0.15, 0.2), beta=st.floats(-0.3, 0.3), seed=st.integers(0, 10_000))
+@settings(max_examples=40, deadline=None)
+def test_the_same_aircraft_written_by_hand(V, alpha, beta, seed):
+    """Two formulations agree: all but the drag, which by hand takes the lift of rates and elevator too."""
+    mine, light = navion()
+    direction = [np.cos(alpha) * np.cos(beta), np.sin(beta), np.sin(alpha) * np.cos(beta)]
+    data = air_data(V * jnp.asarray(direction), 100.0, StandardAtmosphere().at(100.0))
+    random = np.random.default_rng(seed)
+    rates, surfaces = (
+        jnp.asarray(random.normal(size=3)) * jnp.array([1.0, 0.0, 1.0]),
+        jnp.asarray(random.normal(size=3)),
+    )
+    surfaces = surfaces.at[0].set(0.0)
+    mine, other = (one.aerodynamics(data, rates, surfaces) for one in (mine, light))
+    scale = float(data.qbar) * float(light.wing_area)
+    np.testing.assert_allclose(mine.force_b, other.force_b, atol=1e-12 * scale)
+    np.testing.assert_allclose(mine.moment_b, other.moment_b, atol=1e-12 * scale * 10)
+
+
+@pytest.mark.parametrize("name", [row + column for row in COEFFICIENTS for column in ARGUMENTS])
+def test_each_derivative_is_that(name):
+    """By a change of one: the coefficient changes by its argument, and no other does."""
+    V, b, c = 25.0, float(AEROSONDE.span), float(AEROSONDE.mean_chord)
+    p, q, r = np.asarray(RATES) * [b, c, b] / (2 * V)
+    argument = dict(zip(ARGUMENTS, (1.0, 0.1, 0.06, p, q, r, 0.01, 0.0036), strict=True))[name[2:]]
+    straight = eqx.tree_at(lambda a: (a.stall_alpha, a.induced_drag), AEROSONDE, (jnp.asarray(100.0), jnp.asarray(0.0)))
+    changed = with_values(straight, **{name: 1.0 + float(straight.derivatives[place_of(name, SURFACES)])})
+    difference = changed.coefficients(AIR, RATES, DEFLECTIONS) - straight.coefficients(AIR, RATES, DEFLECTIONS)
+    expected = np.zeros(6)
+    expected[COEFFICIENTS.index(name[:2])] = argument
+    np.testing.assert_allclose(difference, expected, atol=1e-12)
+
+
+def test_far_beyond_the_stall_lift_is_that_of_a_flat_plate():
+    """[BM] equation 4.9: half of it is left at alpha0, where attached and separated flow have equal parts."""
+    still = jnp.zeros(3)
+    for alpha in (0.9, 1.5, -1.2, 3.0):
+        plate = 2.0 * np.sign(np.sin(alpha)) * np.sin(alpha) ** 2 * np.cos(alpha)
+        assert coefficient(AEROSONDE, "CL", at(alpha), still, still) == pytest.approx(plate, abs=1e-6)
+    assert float(AEROSONDE.separated(jnp.asarray(0.47))) == pytest.approx(0.5)
+    assert float(AEROSONDE.separated(jnp.asarray(0.0))) == pytest.approx(2 * np.exp(-23.5), rel=1e-3)
+
+
+def test_the_blending_as_the_source_writes_it():
+    M, a0 = 50.0, 0.47
+    for alpha in np.linspace(-1.0, 1.0, 41):
+        x, y = np.exp(-M * (alpha - a0)), np.exp(M * (alpha + a0))
+        sigma = (1 + x + y) / ((1 + x) * (1 + y))
+        assert float(AEROSONDE.separated(jnp.asarray(alpha))) == pytest.approx(sigma, rel=1e-6, abs=1e-12)
+
+
+def test_moments_move_with_the_centre_of_gravity():
+    """r x F: a centre 0.1 m behind the reference turns lift into a moment that raises the nose."""
+    moved = eqx.tree_at(lambda a: a.cg_offset_b, AEROSONDE, jnp.array([-0.1, 0.0, 0.02]))
+    before, after = (one.aerodynamics(AIR, RATES, DEFLECTIONS) for one in (AEROSONDE, moved))
+    lever = np.array([0.1, 0.0, -0.02])  # the reference point seen from the centre
+    np.testing.assert_allclose(after.moment_b - before.moment_b, np.cross(lever, before.force_b), atol=1e-10)
+    assert float(after.moment_b[1]) > float(before.moment_b[1])
+
+
+def with_table(name, over, points, values):
+    """The Aerosonde with a table of one derivative, its own taken away."""
+    place = place_of(name, SURFACES)
+    bare = eqx.tree_at(lambda a: a.derivatives, AEROSONDE, AEROSONDE.derivatives.at[place].set(0.0))
+    tables = make_tables(make_axes(points, clamp=True), [(tuple(range(len(points))), [values])])
+    inputs = ("alpha", "beta", *SURFACES)
+    return dataclasses.replace(
+        bare,
+        tables=tables,
+        table_factors=jnp.ones(1),
+        table_places=(place,),
+        table_arguments=tuple(inputs.index(one) for one in over),
+    )
+
+
+@given(alpha=st.floats(-0.4, 0.4), elevator=st.floats(-0.5, 0.5))
+@settings(max_examples=25, deadline=None)
+def test_a_table_of_what_is_linear_changes_nothing(alpha, elevator):
+    """Of a derivative, and of a whole coefficient over two angles."""
+    data, surfaces = at(alpha), DEFLECTIONS.at[0].set(elevator)
+    constant = with_table("Cm_q", ("alpha",), [np.array([-0.5, 0.0, 0.5])], np.full(3, -38.21))
+    assert coefficient(constant, "Cm", data, RATES, surfaces) == pytest.approx(
+        coefficient(AEROSONDE, "Cm", data, RATES, surfaces), abs=1e-12
+    )
+    a, e = np.linspace(-0.5, 0.5, 5), np.linspace(-0.6, 0.6, 3)
+    whole = with_table("Cm0", ("alpha", "elevator"), [a, e], 0.0135 - 2.74 * a[:, None] - 0.99 * e[None])
+    bare = with_values(whole, Cm_alpha=0.0, Cm_elevator=0.0)
+    assert coefficient(bare, "Cm", data, RATES, surfaces) == pytest.approx(
+        coefficient(AEROSONDE, "Cm", data, RATES, surfaces), abs=1e-12
+    )
+
+
+def test_a_table_of_lift_stalls_as_derivatives_do():
+    a = np.linspace(-1.0, 1.0, 21)
+    table = with_values(with_table("CL0", ("alpha",), [a], 0.23 + 5.61 * a), CL_alpha=0.0)
+    for alpha in (-0.6, 0.0, 0.3, 0.47, 0.8):
+        assert coefficient(table, "CL", at(alpha)) == pytest.approx(coefficient(AEROSONDE, "CL", at(alpha)), abs=1e-12)
+        assert coefficient(table, "CD", at(alpha)) == pytest.approx(coefficient(AEROSONDE, "CD", at(alpha)), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "outside"),
+    [("alpha", 0.0, False), ("alpha", 0.5, True), ("beta", -0.5, True), ("V", 12.9, True), ("V", 40.1, True)],
+)
+def test_outside_its_ranges(key, value, outside):
+    assert bool(AEROSONDE.outside_tables(dataclasses.replace(AIR, **{key: jnp.asarray(value)}))) is outside
+
+
+@pytest.mark.parametrize(
+    "velocity", [(0.0, 0.0, 0.0), (25.0, 0.0, 0.0), (0.0, 20.0, 0.0), (0.0, 0.0, -5.0), (-9.0, 0.0, 0.0)]
+)
+def test_gradients_are_finite_everywhere(velocity):
+    air = StandardAtmosphere().at(100.0)
+
+    def forces(velocity_b, rates, surfaces):
+        wrench = AEROSONDE.aerodynamics(air_data(velocity_b, 100.0, air), rates, surfaces)
+        return jnp.concatenate([wrench.force_b, wrench.moment_b])
+
+    for jacobian in jax.jacfwd(forces, argnums=(0, 1, 2))(jnp.asarray(velocity), jnp.zeros(3), jnp.zeros(3)):
+        assert np.all(np.isfinite(jacobian))
+    by_data = jax.grad(lambda a: jnp.sum(a.aerodynamics(AIR, RATES, DEFLECTIONS).force_b), allow_int=True)(AEROSONDE)
+    assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(by_data))
+
+
+def test_batched_and_compiled_as_alone():
+    alphas = jnp.linspace(-0.5, 0.8, 6)
+    alone = [AEROSONDE.coefficients(at(alpha, 0.06), RATES, DEFLECTIONS) for alpha in alphas]
+
+    def one(alpha):
+        return AEROSONDE.coefficients(dataclasses.replace(AIR, alpha=alpha), RATES, DEFLECTIONS)
+
+    np.testing.assert_allclose(jax.vmap(one)(alphas), alone, rtol=1e-12)
+    np.testing.assert_allclose(jax.jit(one)(alphas[2]), alone[2], rtol=1e-12)
+
+
+def no_dispersion(aircraft):
+    one = jnp.ones(())
+    return DerivativeDispersion(jnp.ones_like(aircraft.derivatives), None, one, one, jnp.ones(3), one, jnp.zeros(()))
+
+
+def test_a_dispersion_changes_what_it_is_named_for():
+    same = dispersed_derivative_aircraft(AEROSONDE, no_dispersion(AEROSONDE))
+    for a, b in zip(jax.tree.leaves(same), jax.tree.leaves(AEROSONDE), strict=True):
+        np.testing.assert_array_equal(a, b)
+    place = place_of("Cm_alpha", SURFACES)
+    d = no_dispersion(AEROSONDE)
+    d = eqx.tree_at(
+        lambda d: (d.derivatives, d.thrust, d.mass, d.inertia, d.actuator_bandwidth, d.cg_shift),
+        d,
+        (
+            d.derivatives.at[place].set(0.5),
+            jnp.asarray(0.8),
+            jnp.asarray(1.1),
+            jnp.array([1.21, 1.0, 1.44]),
+            jnp.asarray(2.0),
+            jnp.asarray(0.1),
+        ),
+    )
+    other = dispersed_derivative_aircraft(AEROSONDE, d)
+    assert float(other.derivatives[place]) == pytest.approx(-1.37)
+    assert float(other.mass_properties.mass) == pytest.approx(12.1)
+    J, before = np.asarray(other.mass_properties.inertia_b), np.asarray(AEROSONDE.mass_properties.inertia_b)
+    np.testing.assert_allclose(J / np.where(before == 0, 1, before), [[1.21, 0, 1.32], [0, 1, 0], [1.32, 0, 1.44]])
+    np.testing.assert_allclose(J @ np.asarray(other.mass_properties.inertia_inverse_b), np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(other.actuators.time_constant, 0.025)
+    assert float(other.cg_offset_b[0]) == pytest.approx(-0.1 * 0.18994)
+    thrusts = [float(a.engine.propulsion(70.0, AIR).force_b[0]) for a in (AEROSONDE, other)]
+    assert thrusts[1] == pytest.approx(0.8 * thrusts[0])
