@@ -25,6 +25,7 @@ from anser.results import (
     write_trajectories,
 )
 from anser.scenario import Scenario
+from anser.scenario.build import limits_of
 from anser.scenario.schema_goal import Goal
 from anser.simulation import PlannedHolds
 
@@ -184,9 +185,13 @@ def _limits(scenario: Scenario, own: PathLimits | None = None) -> dict[str, floa
 
     The published planner has none of its own, and it alone judges the level-off after the arrival.
     """
-    found = {}
+    found, each = {}, [limits_of(scenario, one) for one in scenario.aircraft]
     for limit in LIMITS if own is None else CERTIFIED_LIMITS:
-        given = getattr(scenario.limits, limit.setting)
-        left_out = math.nan if own is None else np.asarray(getattr(own, limit.field)) / (1.0 - scenario.fleet.reserve)
-        found[limit.key] = left_out if given is None else given / limit.factor
+        given = [getattr(one, limit.setting) for one in each]
+        if None not in given:
+            found[limit.key] = np.asarray(given) / limit.factor
+        elif own is None:
+            found[limit.key] = math.nan
+        else:
+            found[limit.key] = np.asarray(getattr(own, limit.field)) / (1.0 - scenario.fleet.reserve)
     return found
