@@ -10,7 +10,8 @@ from anser.scenario.schema_reach import reach_problems
 def cautions(scenario: Scenario) -> tuple[str, ...]:
     """Say what will probably not work as meant, one sentence each; empty where nothing is to be said."""
     gains = [text for index, one in enumerate(scenario.aircraft) for text in _of_the_gains(index, one)]
-    return (*_of_the_format(scenario), *_of_the_seed(scenario), *_of_the_duration(scenario), *gains)
+    limits = _of_the_limits(scenario)
+    return (*_of_the_format(scenario), *_of_the_seed(scenario), *_of_the_duration(scenario), *limits, *gains)
 
 
 def _of_the_format(scenario: Scenario) -> list[str]:
@@ -41,6 +42,19 @@ def _of_the_duration(scenario: Scenario) -> list[str]:
         for one in reach_problems(scenario, unaided=True)
         if one.path == "timing.duration_s"
     ]
+
+
+_OF_TRIM_MAP = {"speed_min_m_s", "speed_max_m_s", "bank_max_deg", "climb_rate_max_m_s"}
+
+
+def _of_the_limits(scenario: Scenario) -> list[str]:
+    """Limits that are given and lie beyond what an aircraft can do; left out, they follow from its trim map."""
+    is_own = any(one.airframe is not None or one.type != "f16" for one in scenario.aircraft)
+    if not is_own or not _OF_TRIM_MAP & scenario.limits.model_fields_set:
+        return []
+    from anser.scenario.build import asked_beyond  # here: it loads JAX, which most scenarios do without
+
+    return list(asked_beyond(scenario))
 
 
 def _of_the_gains(index: int, aircraft: Aircraft) -> list[str]:
