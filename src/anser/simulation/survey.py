@@ -120,6 +120,8 @@ def survey_flight(
     instant = Instant(environment, jnp.asarray(0, dtype=jnp.int32), step)
     start = condition(airframe, environment, 0.0, trim.state)
     surfaces = len(airframe.actuators.names)
-    recorder = SurveyRecorder(limits, start, size, tolerance, count=count, surfaces=surfaces)
+    recorder = SurveyRecorder(
+        limits=limits, start=start, size=size, tolerance=tolerance, count=count, surfaces=surfaces
+    )
     state, summary, _ = fly_alone(vehicle, environment, trimmed_vehicle(vehicle, instant, trim), step, count, recorder)
     return finished(summary, state.aircraft, step, count)
