@@ -9,6 +9,7 @@ from anser.aircraft.actuators import (
     SecondOrderActuators,
 )
 from anser.aircraft.air_data import AirData, air_data
+from anser.aircraft.dave_ml_aircraft import DaveMlAircraft, DaveMlEngine, dave_ml_airframe
 from anser.aircraft.derivative_aircraft import NEVER, DerivativeAircraft, Validity
 from anser.aircraft.derivative_dispersed import DerivativeDispersion, dispersed_derivative_aircraft
 from anser.aircraft.disturbance import Disturbance, no_disturbance
@@ -48,6 +49,8 @@ __all__ = [
     "AircraftState",
     "Condition",
     "Controls",
+    "DaveMlAircraft",
+    "DaveMlEngine",
     "Deflections",
     "DerivativeAircraft",
     "DerivativeDispersion",
@@ -76,6 +79,7 @@ __all__ = [
     "angular_acceleration",
     "body_from_data",
     "condition",
+    "dave_ml_airframe",
     "dispersed_derivative_aircraft",
     "dispersed_f16",
     "earth_fixed_derivative",

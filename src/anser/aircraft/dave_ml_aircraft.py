@@ -1,5 +1,8 @@
 """An airframe, and an engine, whose numbers come from DAVE-ML files (ANSI/AIAA S-119) with its standard names."""
 
+import math
+from collections.abc import Mapping, Sequence
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -8,12 +11,12 @@ from jaxtyping import Array, Float
 
 from anser.aircraft.actuators import AbstractActuators
 from anser.aircraft.air_data import AirData
-from anser.aircraft.engine import AbstractEngine, EnginePower
+from anser.aircraft.engine import AbstractEngine, EnginePower, NoEngine
 from anser.aircraft.interface import AbstractAirframe, MassProperties
 from anser.aircraft.lagged_power import lagged_rate, steady_throttle, throttle_of_rate
 from anser.aircraft.wrench import Wrench
-from anser.dave_ml import Evaluator
-from anser.numerics import cross
+from anser.dave_ml import Evaluator, Model
+from anser.numerics import as_array, cross
 from anser.shapes import Flag, Scalar, ScalarLike, Vector, Vector3
 
 _FORCES = tuple(f"aeroBodyForceCoefficient_{axis}" for axis in "XYZ")
@@ -33,6 +36,11 @@ ENGINE_POWER = _POWER
 _OF_AIR = ("trueAirspeed", "angleOfAttack", "angleOfSideslip", "mach", "altitudeMSL", "dynamicPressure", "airDensity")
 KNOWN_INPUTS = (*_OF_AIR, *_RATES)
 """Inputs that are known of any aircraft; all others have to be its surfaces, or have a usual value."""
+_INERTIAS = (
+    *(f"bodyMomentOfInertia_{axis}" for axis in ("Roll", "Pitch", "Yaw")),
+    *(f"bodyProductOfInertia_{axes}" for axes in ("XY", "YZ", "ZX")),
+)
+_CENTRE = tuple(f"bodyPositionOfCmWrtMrc_{axis}" for axis in "XYZ")
 _POWERS = np.arange(0.0, 101.0, 10.0)
 
 
@@ -168,3 +176,100 @@ class DaveMlAircraft(AbstractAirframe):
             | (air_data.beta > self.beta_range[1])
             | self.engine.outside_tables(air_data)
         )
+
+
+def dave_ml_airframe(
+    aerodynamics: Model,
+    inertia: Model,
+    propulsion: Model | None,
+    actuators: AbstractActuators,
+    inputs: Sequence[str],
+    *,
+    alpha_range: tuple[float, float],
+    beta_range: tuple[float, float],
+    engine_lag: float = 1.0,
+    altitude_range: tuple[float, float] = (-math.inf, math.inf),
+    mach_range: tuple[float, float] = (0.0, math.inf),
+    given: Mapping[str, float] | None = None,
+) -> DaveMlAircraft:
+    """Build an airframe from models that name their variables as S-119 does.
+
+    Parameters
+    ----------
+    aerodynamics
+        Gives the six coefficients in body axes (`AERO_OUTPUTS`) and the reference area, span and chord.
+    inertia
+        Gives mass, moments and products of inertia, and the centre of mass seen from the moment reference centre.
+    propulsion
+        Gives thrust and its moment (`ENGINE_OUTPUTS`) from the power lever angle in percent; None: no engine.
+    actuators
+        Of the surfaces: a file of aerodynamics has none.
+    inputs
+        The variable of `aerodynamics` that each surface moves.
+    alpha_range, beta_range
+        Where its tables hold, rad.
+    engine_lag
+        Time constant with which the power follows the throttle, s: a file of propulsion has none.
+    altitude_range, mach_range
+        Where the tables of the engine hold, m and Mach number.
+    given
+        Inputs of `inertia`, such as the centre of gravity, in the units of the file.
+
+    Raises
+    ------
+    ValueError
+        A model lacks a variable; the message names it and what there is. Or an input of the aerodynamics is none of the
+        air, the body rates or the surfaces, and has no usual value.
+    """
+    _require("aerodynamics", aerodynamics, (*AERO_OUTPUTS, *AERO_LENGTHS))
+    _require("inertia", inertia, (*_INERTIAS, *_CENTRE, "totalMass"))
+    structure = aerodynamics.evaluator.structure
+    named = {structure.by_id[one].name: one for one in structure.inputs}
+    unknown = [name for name in inputs if name not in named and name not in structure.inputs]
+    if len(inputs) != len(actuators.names) or unknown:
+        raise ValueError(
+            f"inputs of the surfaces: arrived {', '.join(inputs)}; expected one of {', '.join(named)} for each of "
+            f"{', '.join(actuators.names)}"
+        )
+    constants = aerodynamics.evaluator.constants
+    missing = [name for name, one in named.items() if name not in (*KNOWN_INPUTS, *inputs) and one not in constants]
+    if missing:
+        raise ValueError(f"aerodynamics: nothing gives {', '.join(missing)}; expected inputs of {KNOWN_INPUTS}")
+    lengths = aerodynamics.evaluate_si({}, AERO_LENGTHS)
+    values = inertia.evaluate(dict(given or {}), (*_INERTIAS, *_CENTRE, "totalMass"))
+    si = {name: as_array(float(value) * inertia.evaluator.unit(name).factor) for name, value in values.items()}
+    Jx, Jy, Jz, Jxy, Jyz, Jzx = (float(si[name]) for name in _INERTIAS)
+    inertia_b = np.array([[Jx, -Jxy, -Jzx], [-Jxy, Jy, -Jyz], [-Jzx, -Jyz, Jz]])
+    engine: AbstractEngine = NoEngine()
+    if propulsion is not None:
+        _require("propulsion", propulsion, ENGINE_OUTPUTS)
+        ends = [tuple(map(as_array, ends)) for ends in (altitude_range, mach_range)]
+        engine = DaveMlEngine(propulsion.evaluator, as_array(engine_lag), ends[0], ends[1])
+    return DaveMlAircraft(
+        mass_properties=MassProperties(
+            mass=si["totalMass"],
+            inertia_b=as_array(inertia_b),
+            inertia_inverse_b=as_array(np.linalg.inv(inertia_b)),
+            spin_momentum_b=as_array(np.zeros(3)),
+        ),
+        actuators=actuators,
+        engine=engine,
+        alpha_range=(as_array(alpha_range[0]), as_array(alpha_range[1])),
+        beta_range=(as_array(beta_range[0]), as_array(beta_range[1])),
+        evaluator=aerodynamics.evaluator,
+        wing_area=as_array(float(lengths["referenceWingArea"])),
+        span=as_array(float(lengths["referenceWingSpan"])),
+        mean_chord=as_array(float(lengths["referenceWingChord"])),
+        centre_b=as_array([float(si[name]) for name in _CENTRE]),
+        airspeed_least=as_array(1.0),
+        inputs=tuple(inputs),
+    )
+
+
+def _require(what: str, model: Model, names: Sequence[str]) -> None:
+    structure = model.evaluator.structure
+    there = {quantity.name for quantity in structure.quantities} | set(structure.by_id)
+    there |= {quantity.name for quantity in structure.by_id.values()}
+    missing = [name for name in names if name not in there]
+    if missing:
+        raise ValueError(f"{what}: the file has no variable named {', '.join(missing)}")

@@ -119,8 +119,9 @@ def survey_flight(
     step = jnp.asarray(step, dtype=float)
     instant = Instant(environment, jnp.asarray(0, dtype=jnp.int32), step)
     start = condition(airframe, environment, 0.0, trim.state)
+    surfaces = len(airframe.actuators.names)
     recorder = SurveyRecorder(
-        limits=limits, start=start, size=size, tolerance=tolerance, count=count, surfaces=len(airframe.actuators.names)
+        limits=limits, start=start, size=size, tolerance=tolerance, count=count, surfaces=surfaces
     )
     state, summary, _ = fly_alone(vehicle, environment, trimmed_vehicle(vehicle, instant, trim), step, count, recorder)
     return finished(summary, state.aircraft, step, count)

@@ -1,0 +1,114 @@
+"""NASA's F-16 from its DAVE-ML files as an airframe: the built-in s119 variant, trimmed and under the autopilot."""
+
+from importlib import resources
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from anser.aircraft import DaveMlAircraft, air_data, dave_ml_airframe
+from anser.dave_ml import read_dave_ml
+from anser.environment import StandardAtmosphere, standard_environment
+from anser.scenario import load_f16
+from anser.units import DEG_RAD
+from support.states import air_at
+from support.trims import target_deg, trim
+
+NASA = resources.files("anser.dave_ml").joinpath("nasa")
+INPUTS = tuple(f"{surface}Deflection" for surface in ("elevator", "aileron", "rudder"))
+S119 = load_f16("s119", x_cg_over_c=0.25)
+SEA = StandardAtmosphere().at(0.0)
+
+
+def model(name):
+    return read_dave_ml(NASA.joinpath(f"{name}.dml").read_bytes(), f"{name}.dml")
+
+
+def built(**other):
+    parts = {
+        "aerodynamics": model("F16_aero"),
+        "inertia": model("F16_inertia"),
+        "propulsion": model("F16_prop"),
+        "actuators": S119.actuators,
+        "inputs": INPUTS,
+        "alpha_range": (-10 * DEG_RAD, 45 * DEG_RAD),
+        "beta_range": (-30 * DEG_RAD, 30 * DEG_RAD),
+        "given": {"vrsPositionOfCM": 25.0},
+    }
+    return dave_ml_airframe(**{**parts, **other})
+
+
+@pytest.fixture(scope="module")
+def f16():
+    return built()
+
+
+@eqx.filter_jit
+@eqx.filter_vmap(in_axes=(None, 0))
+def wrench_of(airframe, x):
+    flow = x[0] * jnp.stack([jnp.cos(x[1]) * jnp.cos(x[2]), jnp.sin(x[2]), jnp.sin(x[1]) * jnp.cos(x[2])])
+    wrench = airframe.aerodynamics(air_data(flow, 0.0, SEA), x[3:6], x[6:9])
+    return jnp.concatenate([wrench.force_b, wrench.moment_b])
+
+
+def test_it_is_the_built_in_variant(f16):
+    """Forces and moments about the centre of gravity at 10,000 states; mass and inertia."""
+    assert isinstance(f16, DaveMlAircraft)
+    low = [60.0, -9 * DEG_RAD, -29 * DEG_RAD, -1.0, -1.0, -1.0, -24 * DEG_RAD, -21 * DEG_RAD, -30 * DEG_RAD]
+    high = [300.0, 44 * DEG_RAD, 29 * DEG_RAD, 1.0, 1.0, 1.0, 24 * DEG_RAD, 21 * DEG_RAD, 30 * DEG_RAD]
+    x = jnp.asarray(np.random.default_rng(1).uniform(low, high, size=(10_000, 9)))
+    known, found = (np.asarray(wrench_of(airframe, x)) for airframe in (S119, f16))
+    scale = np.max(np.abs(known), axis=0)
+    # the file writes pi with nine figures: 1e-9 of what depends on it
+    np.testing.assert_allclose(found / scale, known / scale, atol=5e-9)
+    for one, other in zip(jax.tree.leaves(f16.mass_properties), jax.tree.leaves(S119.mass_properties), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-9)
+
+
+def test_thrust_and_its_inverse(f16):
+    @jax.jit
+    @jax.vmap
+    def both(power):
+        air = air_at(3000.0, 0.5)
+        thrust = f16.engine.propulsion(power, air).force_b[0]
+        return thrust, S119.engine.propulsion(power, air).force_b[0], f16.engine.power_for_thrust(thrust, air)
+
+    powers = jnp.linspace(0.0, 100.0, 41)
+    thrust, known, back = both(powers)
+    np.testing.assert_allclose(thrust, known, rtol=1e-12)
+    np.testing.assert_allclose(back, powers, atol=1e-9)
+
+
+def test_it_is_trimmed_as_the_built_in_one(f16):
+    environment, target = standard_environment(), target_deg(150.0, 1000.0)
+    one, other = trim(f16, environment, target), trim(S119, environment, target)
+    assert one.converged
+    # the engine's angular momentum is not in the files: a rad of sideslip less
+    np.testing.assert_allclose([one.alpha, one.power], [other.alpha, other.power], rtol=1e-6)
+
+
+def test_slopes_are_finite_at_rest(f16):
+    def total(x):
+        wrench = f16.aerodynamics(air_data(x[:3], 0.0, SEA), x[3:6], x[6:9])
+        return jnp.sum(wrench.force_b) + jnp.sum(wrench.moment_b)
+
+    assert np.all(np.isfinite(jax.grad(total)(jnp.zeros(9))))
+
+
+@pytest.mark.parametrize(
+    ("other", "words"),
+    [
+        (
+            {"aerodynamics": model("F16_prop")},
+            "aerodynamics: the file has no variable named aeroBodyForceCoefficient_X",
+        ),
+        ({"inertia": model("F16_prop")}, "inertia: the file has no variable named bodyMomentOfInertia_Roll"),
+        ({"propulsion": model("F16_aero")}, "propulsion: the file has no variable named thrustBodyForce_X"),
+        ({"inputs": ("elevatorDeflection",)}, "inputs of the surfaces: arrived elevatorDeflection; expected one of"),
+    ],
+)
+def test_files_of_another_kind_are_refused_by_name(other, words):
+    with pytest.raises(ValueError, match=words):
+        built(**other)
