@@ -1,3 +1,5 @@
+from .airframe_survey import survey_airframe
+from .airframes import check_airframe, described_airframe, file_of, list_airframes, trimmed_speeds
 from .certified import CertifiedPlanned
 from .conditions import ConditionError, Inversion, airframe_of, name_of
 from .dispersion import FlightPoint
@@ -39,9 +41,13 @@ __all__ = [
     "StepTest",
     "SteppedFlight",
     "airframe_of",
+    "check_airframe",
+    "described_airframe",
+    "file_of",
     "fly_climb_and_turn",
     "fly_steps",
     "linearize",
+    "list_airframes",
     "margin_document",
     "margins_at",
     "name_of",
@@ -52,11 +58,13 @@ __all__ = [
     "step_document",
     "step_test",
     "survey",
+    "survey_airframe",
     "survey_limits",
     "survey_margins",
     "sweep",
     "swept_scenarios",
     "trim",
+    "trimmed_speeds",
     "warm",
     "write_plan",
 ]

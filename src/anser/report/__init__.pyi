@@ -1,3 +1,4 @@
+from .airframe_figure import draw_airframe
 from .campaign_data import CampaignShown, FlownAgain
 from .campaign_figure import draw_campaign
 from .campaign_page import write_campaign_report
@@ -16,6 +17,7 @@ __all__ = [
     "CampaignShown",
     "FlightPlots",
     "FlownAgain",
+    "draw_airframe",
     "draw_bode",
     "draw_campaign",
     "draw_envelope",
