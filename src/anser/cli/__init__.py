@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 import anser
+from anser.cli import airframes
 from anser.cli.caching import cache
 from anser.cli.campaign_answers import compare
 from anser.cli.campaign_answers import report as report_campaign
@@ -76,6 +77,18 @@ offer_group(
         "anser campaign studies/how-surely.toml --out runs/how-surely",
         "anser campaign report runs/how-surely",
         "anser campaign compare runs/how-surely runs/windier",
+    ),
+)
+offer_group(
+    app,
+    "aircraft",
+    (airframes.show, airframes.list_, airframes.check, airframes.new),
+    "Show an airframe; list those there are; check an aircraft file; write one to start from.",
+    (
+        "anser aircraft list",
+        "anser aircraft show aerosonde --out aerosonde.png",
+        "anser aircraft new my-uav.toml",
+        "anser aircraft check my-uav.toml",
     ),
 )
 

@@ -68,4 +68,4 @@ def offer(app: typer.Typer, command: Callable[..., None]) -> None:
     # What typer reads of a function: its signature and its annotations.
     answering.__signature__ = inspect.Signature(parameters)  # pyright: ignore[reportAttributeAccessIssue]
     answering.__annotations__ = {one.name: one.annotation for one in parameters}
-    app.command(epilog=getattr(command, _EPILOG))(answering)
+    app.command(command.__name__.strip("_").replace("_", "-"), epilog=getattr(command, _EPILOG))(answering)

@@ -1,3 +1,5 @@
+from .airframe_survey import survey_airframe
+from .airframes import check_airframe, described_airframe, file_of, list_airframes, trimmed_speeds
 from .certified import CertifiedPlanned
 from .conditions import ConditionError, Inversion, airframe_of, name_of
 from .deep_stalling import CENTRES, deep_stall, deep_stall_document, first_stable
@@ -41,12 +43,16 @@ __all__ = [
     "StepTest",
     "SteppedFlight",
     "airframe_of",
+    "check_airframe",
     "deep_stall",
     "deep_stall_document",
+    "described_airframe",
+    "file_of",
     "first_stable",
     "fly_climb_and_turn",
     "fly_steps",
     "linearize",
+    "list_airframes",
     "margin_document",
     "margins_at",
     "name_of",
@@ -57,11 +63,13 @@ __all__ = [
     "step_document",
     "step_test",
     "survey",
+    "survey_airframe",
     "survey_limits",
     "survey_margins",
     "sweep",
     "swept_scenarios",
     "trim",
+    "trimmed_speeds",
     "warm",
     "write_plan",
 ]

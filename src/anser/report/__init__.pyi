@@ -1,3 +1,4 @@
+from .airframe_figure import draw_airframe
 from .campaign_data import CampaignShown, FlownAgain
 from .campaign_figure import draw_campaign
 from .campaign_page import write_campaign_report
@@ -19,6 +20,7 @@ __all__ = [
     "FlightPlots",
     "FlownAgain",
     "SeriesBands",
+    "draw_airframe",
     "draw_bode",
     "draw_campaign",
     "draw_deep_stall",

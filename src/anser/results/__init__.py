@@ -1,5 +1,6 @@
 """Results of a flight: a labelled dataset, a file of it, a summary, and the software that computed them."""
 
+from anser.results.airframe_dataset import airframe_dataset
 from anser.results.arrival import closest_approach, least_distance
 from anser.results.dataset import surfaces_of, to_dataset
 from anser.results.envelope_dataset import envelope_dataset
@@ -52,6 +53,7 @@ __all__ = [
     "SobolIndices",
     "Success",
     "TrimMap",
+    "airframe_dataset",
     "closest_approach",
     "envelope_dataset",
     "failure_correlations",

@@ -17,6 +17,7 @@ from anser.scenario.schema import Scenario, scenario_hash, validate
 from anser.scenario.template import starter_scenario, write_starter
 
 if TYPE_CHECKING:
+    from anser.scenario.airframe_file.build import build_airframe
     from anser.scenario.build import build_environment, build_flight, build_path_limits
     from anser.scenario.library import load_airframe, load_body, load_f16
 
@@ -29,6 +30,7 @@ __all__ = [
     "Scenario",
     "ScenarioError",
     "as_scenario",
+    "build_airframe",
     "build_environment",
     "build_flight",
     "build_path_limits",
@@ -48,6 +50,7 @@ __all__ = [
 ]
 
 _WHERE = {
+    "build_airframe": "anser.scenario.airframe_file.build",
     "build_environment": "anser.scenario.build",
     "build_flight": "anser.scenario.build",
     "build_path_limits": "anser.scenario.build",

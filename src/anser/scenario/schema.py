@@ -33,7 +33,7 @@ from anser.scenario.schema_goal import Goal
 from anser.scenario.schema_margin import margin_problems
 from anser.scenario.schema_network import Network, network_problems
 from anser.scenario.schema_problems import problems_from
-from anser.scenario.schema_ranges import limits_for, range_problems
+from anser.scenario.schema_ranges import limits_for, order_problems, range_problems
 from anser.scenario.schema_reach import reach_problems
 from anser.scenario.schema_sensing import Estimator, GoalSensor, Navigation, sensing_problems
 from anser.scenario.schema_settings import Fleet, Guidance, Hold, Limits, Requirements, Timing
@@ -114,6 +114,9 @@ class Scenario(Table):
         unread = planner_problems(self)
         if unread:
             return unread  # what the planner does not know is not judged
+        unordered = order_problems(limits)
+        if unordered:
+            return unordered
         names = name_problems(aircraft, goals)
         found = [
             *names,

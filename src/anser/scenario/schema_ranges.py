@@ -5,6 +5,7 @@ import copy
 from anser.scenario.airframe_range import AirframeRange
 from anser.scenario.errors import Problem, plain
 from anser.scenario.schema_aircraft import Aircraft
+from anser.scenario.schema_base import misordered
 from anser.scenario.schema_settings import Limits
 
 _KEYS = (
@@ -34,6 +35,15 @@ def limits_for(limits: Limits, own: AirframeRange) -> Limits:
             value = ends[1] if name == "airspeed_m_s" else min(ends[1], getattr(limits, high_key))
             object.__setattr__(meant, high_key, value)
     return meant
+
+
+def order_problems(limits: Limits) -> list[Problem]:
+    """Find limits of airspeed and angle of attack without a width."""
+    found = [
+        *misordered(limits, "speed_min_m_s", "speed_max_m_s", "m/s"),
+        *misordered(limits, "alpha_min_deg", "alpha_max_deg", "deg"),
+    ]
+    return [Problem(f"limits.{one.path}", one.arrived, one.expected) for one in found]
 
 
 def range_problems(aircraft: tuple[Aircraft, ...], limits: Limits) -> list[Problem]:

@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from anser.aircraft import AirData, DerivativeAircraft, angular_acceleration
-from anser.scenario.airframe_file import build_airframe, library_file
-from anser.scenario.airframe_file.build import with_derivatives
+from anser.scenario.airframe_file import library_file
+from anser.scenario.airframe_file.build import build_airframe, with_derivatives
 from anser.verification.check import Check, Comparison
 from anser.verification.published import published
 

@@ -79,9 +79,11 @@ class CoefficientTable(Table):
         description='what the values depend on: "alpha", "beta" and names of surfaces',
         json_schema_extra=expects(f'a list of one to {AXES_MAX} of "alpha", "beta" and names of surfaces'),
     )
-    breakpoints_deg: Annotated[tuple[tuple[float, ...], ...], Field(strict=False)] = Field(
-        description="of each in turn, rising",
-        json_schema_extra=expects("a list of lists of rising numbers, one list for each of over, deg"),
+    breakpoints_deg: Annotated[tuple[Annotated[tuple[float, ...], Field(strict=False)], ...], Field(strict=False)] = (
+        Field(
+            description="of each in turn, rising",
+            json_schema_extra=expects("a list of lists of rising numbers, one list for each of over, deg"),
+        )
     )
     values: Annotated[tuple[Any, ...], Field(strict=False)] = Field(
         description="at the breakpoints, in lists within lists",

@@ -1,0 +1,220 @@
+"""What in an aircraft file is probably not meant so: each finding with its place; nothing of it is refused."""
+
+import math
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from anser.aircraft import AirData, DerivativeAircraft, NoEngine
+from anser.derivative_names import COEFFICIENTS
+from anser.environment import StandardAtmosphere
+from anser.scenario.airframe_file.build import build_airframe
+from anser.scenario.airframe_file.linting_tables import table_findings
+from anser.scenario.airframe_file.schema import AirframeFile
+from anser.units import DEG_RAD
+
+_GRAVITY_M_S2 = 9.80665
+_SMALL_ALPHA_DEG = 2.0
+_GYRATION = {"Jxx_kg_m2": ("span_m", 0.04, 0.4), "Jyy_kg_m2": ("span_m", 0.04, 0.6), "Jzz_kg_m2": ("span_m", 0.06, 0.7)}
+"""Radii of gyration of aircraft, parts of the span: Raymer, *Aircraft Design*, table 16.1, has 0.17 to 0.25 of it in
+roll and of length and mean length in the others; these bounds are wide, so that only wrong units lie outside."""
+_CHORD = (0.5, 2.0)
+"""Mean chord over S/b: 1 of a rectangle, 4/3 of a triangle's mean aerodynamic chord."""
+_MANY_WAYS = 5
+"""Ratio by which a slope differs from a wing's before another angle unit is suspected; the units differ by 57."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is probably wrong.
+
+    Attributes
+    ----------
+    place
+        Key in the file.
+    text
+        What stands there, why it looks wrong, and what would not.
+    """
+
+    place: str
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.place}: {self.text}"
+
+
+def lint(file: AirframeFile) -> tuple[Finding, ...]:
+    """Look for what is probably wrong in a valid file: signs, units, proportions, tables, lift and thrust."""
+    airframe = build_airframe(file)
+    slopes = _slopes(airframe, file)
+    tables = [Finding(place, text) for place, text in table_findings(file)]
+    return (*_of_signs(file, slopes), *_of_units(file, slopes), *_of_body(file), *tables, *_of_forces(file, airframe))
+
+
+def _data(V: float, alpha: float, beta: float = 0.0, altitude: float = 0.0) -> AirData:
+    air = StandardAtmosphere().at(altitude)
+    density = float(air.density)
+    numbers = (V, alpha, beta, density, 0.5 * density * V * V, V / float(air.speed_of_sound), altitude)
+    return AirData(*(jnp.asarray(float(number)) for number in numbers))
+
+
+def _slopes(airframe: DerivativeAircraft, file: AirframeFile) -> dict[str, float]:
+    """Derivatives near zero angles, tables included, moments about the centre of gravity; rates made dimensionless."""
+    low, high = file.validity.alpha_deg
+    alpha = min(max(_SMALL_ALPHA_DEG, low), high) * DEG_RAD
+    V = sum(file.validity.airspeed_m_s) / 2.0
+    b, c, S = file.geometry.span_m, file.geometry.mean_chord_m, file.geometry.wing_area_m2
+    base = _data(V, alpha)
+    still, neutral = jnp.zeros(3), jnp.zeros(len(file.surface))
+
+    def coefficients(angles: jax.Array, reduced: jax.Array, surfaces: jax.Array) -> jax.Array:
+        data = AirData(base.V, angles[0], angles[1], base.density, base.qbar, base.mach, base.altitude)
+        rates = reduced * 2.0 * V / jnp.asarray([b, c, b])
+        wrench = airframe.aerodynamics(data, rates, surfaces)
+        moments = wrench.moment_b / (base.qbar * S * jnp.asarray([b, c, b]))
+        forces = wrench.force_b / (base.qbar * S)
+        sa, ca = jnp.sin(angles[0]), jnp.cos(angles[0])
+        lift, drag = forces[0] * sa - forces[2] * ca, -forces[0] * ca - forces[2] * sa
+        return jnp.concatenate([jnp.stack([lift, drag, forces[1]]), moments])
+
+    angles = jnp.asarray([alpha, 0.0])
+    by_angle, by_rate, by_surface = jax.jit(jax.jacfwd(coefficients, argnums=(0, 1, 2)))(angles, still, neutral)
+    found = {}
+    for names, slopes in (
+        (("alpha", "beta"), by_angle),
+        (("p", "q", "r"), by_rate),
+        (file.surfaces, by_surface),
+    ):
+        for k, name in enumerate(names):
+            found |= {f"{row}_{name}": float(slopes[j, k]) for j, row in enumerate(COEFFICIENTS)}
+    return found | {"CD": float(coefficients(angles, still, neutral)[1])}
+
+
+def _of_signs(file: AirframeFile, slopes: dict[str, float]) -> list[Finding]:
+    """Damping that excites, an aircraft that turns away from the flow, drag that drives."""
+    wanted = (
+        ("CL_alpha", 1, "lift that falls with the angle of attack"),
+        ("Cl_p", -1, "a roll that its own rate drives on; damping is negative"),
+        ("Cm_q", -1, "a pitch rate that drives itself on; damping is negative"),
+        ("Cn_r", -1, "a yaw rate that drives itself on; damping is negative"),
+        (
+            "Cm_alpha",
+            -1,
+            "a nose that rises when the angle of attack does: unstable in pitch about the centre of gravity",
+        ),
+        ("Cn_beta", 1, "a nose that turns away from the flow: unstable in yaw"),
+        ("Cl_beta", -1, "a roll into the sideslip: dihedral the wrong way"),
+        ("CY_beta", -1, "a side force toward the side that the air comes from"),
+    )
+    found = []
+    for name, sign, words in wanted:
+        value = slopes[name]
+        if value * sign < 0.0:
+            found.append(Finding(_place(file, name), f"{value:.4g} per rad near zero angles: {words}"))
+        elif value == 0.0:
+            found.append(
+                Finding(_place(file, name), "0, or left out: expected a value of its own, which every aircraft has")
+            )
+    if slopes["CD"] <= 0.0:
+        found.append(Finding("aerodynamics.CD0", f"a drag coefficient of {slopes['CD']:.4g}: expected a positive one"))
+    for axis, row in (("roll", "Cl"), ("pitch", "Cm")):
+        if all(slopes[f"{row}_{name}"] == 0.0 for name in file.surfaces):
+            found.append(Finding("surface", f"no surface that makes a moment of {axis}: the aircraft cannot be flown"))
+    for one in ("CL_beta", "CD_beta", "Cm_beta", "CY_alpha", "Cl_alpha", "Cn_alpha"):
+        if getattr(file.aerodynamics, one) != 0.0:
+            words = "a part that changes sign with its angle, which the mirror image of an aircraft contradicts"
+            found.append(Finding(f"aerodynamics.{one}", f"{getattr(file.aerodynamics, one):.4g}: {words}"))
+    return found
+
+
+def _place(file: AirframeFile, name: str) -> str:
+    """Key that gives a derivative: the table's where one takes its place."""
+    row, _, ending = name.partition("_")
+    for k, one in enumerate(file.table):
+        if one.replaces == name or (one.replaces == row and ending in one.over):
+            return f"table[{k}] ({one.replaces})"
+    return f"aerodynamics.{name}"
+
+
+def _of_units(file: AirframeFile, slopes: dict[str, float]) -> list[Finding]:
+    """Slopes as if per degree where per rad is meant and the other way; angles as if in rad."""
+    found = []
+    aspect = file.geometry.span_m**2 / file.geometry.wing_area_m2
+    wing = 2.0 * math.pi * aspect / (aspect + 2.0)
+    value = slopes["CL_alpha"]
+    given, other = ("rad", "deg") if file.aerodynamics.per == "rad" else ("deg", "rad")
+    if 0.0 < value < wing / _MANY_WAYS or value > wing * _MANY_WAYS:
+        words = f"a wing of aspect ratio {aspect:.1f} has about {wing:.1f}; is it given per {other}, not per {given}?"
+        found.append(Finding(_place(file, "CL_alpha"), f"{value:.4g} per rad: {words}"))
+    for key in ("alpha_deg", "beta_deg"):
+        low, high = getattr(file.validity, key)
+        if max(abs(low), abs(high)) < 1.6:
+            found.append(Finding(f"validity.{key}", f"[{low:g}, {high:g}] deg: narrow; are these rad?"))
+    for k, one in enumerate(file.surface):
+        low, high = one.stops_deg
+        if max(abs(low), abs(high)) < 1.6:
+            found.append(Finding(f"surface[{k}].limit_deg", f"{high:g} deg ({one.name}): small; is it in rad?"))
+        if one.rate_limit_deg_s < 10.0:
+            words = f"{one.rate_limit_deg_s:g} deg/s ({one.name}): slow; is it in rad/s?"
+            found.append(Finding(f"surface[{k}].rate_limit_deg_s", words))
+    return found
+
+
+def _of_body(file: AirframeFile) -> list[Finding]:
+    """Inertias that no distribution of such a mass has, and proportions of no wing."""
+    found, mass, geometry = [], file.mass, file.geometry
+    moments = {key: getattr(mass, key) for key in _GYRATION}
+    for key, value in moments.items():
+        others = sum(moments.values()) - value
+        if value > others:
+            words = f"more than the other two together ({others:.4g}), which no body has"
+            found.append(Finding(f"mass.{key}", f"{value:.4g} kg m^2: {words}"))
+        length_key, low, high = _GYRATION[key]
+        part = math.sqrt(value / mass.mass_kg) / getattr(geometry, length_key)
+        if not low <= part <= high:
+            words = f"a radius of gyration of {part:.3g} of the span, expected {low:g} to {high:g}; is the unit kg m^2?"
+            found.append(Finding(f"mass.{key}", f"{value:.4g} kg m^2: {words}"))
+    mean = geometry.wing_area_m2 / geometry.span_m
+    if not _CHORD[0] <= geometry.mean_chord_m / mean <= _CHORD[1]:
+        words = f"area over span is {mean:.3g} m; do span, area and chord belong to one wing, in m and m^2?"
+        found.append(Finding("geometry.mean_chord_m", f"{geometry.mean_chord_m:g} m: {words}"))
+    return found
+
+
+def _of_forces(file: AirframeFile, airframe: DerivativeAircraft) -> list[Finding]:
+    """Lift that does not carry the weight, thrust that does not balance the drag, where the data are said to hold."""
+    found = []
+    low, high = file.validity.airspeed_m_s
+    weight = file.mass.mass_kg * _GRAVITY_M_S2
+    alphas = np.linspace(*file.validity.alpha_deg, 46) * DEG_RAD
+    speeds = np.linspace(low, high, 28)
+    neutral, still = jnp.zeros(len(file.surface)), jnp.zeros(3)
+    air = _data(1.0, 0.0)
+
+    def forces(V: jax.Array, alpha: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+        qbar = 0.5 * air.density * V * V
+        data = AirData(V, alpha, 0.0 * V, air.density, qbar, V * air.mach, 0.0 * V)
+        force_b = airframe.aerodynamics(data, still, neutral).force_b
+        sa, ca = jnp.sin(alpha), jnp.cos(alpha)
+        full = airframe.engine.propulsion(100.0, data).force_b[0]
+        return force_b[0] * sa - force_b[2] * ca, -force_b[0] * ca - force_b[2] * sa, full
+
+    grid = jax.jit(jax.vmap(jax.vmap(forces, in_axes=(None, 0)), in_axes=(0, None)))
+    lift, drag, full = (np.asarray(one) for one in grid(jnp.asarray(speeds), jnp.asarray(alphas)))
+    carries = lift.max(axis=1) >= weight
+    if not carries.any():
+        text = f"[{low:g}, {high:g}] m/s: at none of these airspeeds does the lift carry the weight of {weight:.4g} N"
+        return [Finding("validity.airspeed_m_s", text)]
+    if not carries[0]:
+        first = speeds[np.argmax(carries)]
+        text = f"{low:g} m/s: the lift carries the weight only from about {first:.3g} m/s on"
+        found.append(Finding("validity.airspeed_m_s[0]", text))
+    if isinstance(airframe.engine, NoEngine):
+        return found
+    least = np.where(lift >= weight, drag, np.inf).min(axis=1)
+    if not (full.max(axis=1) > least).any():
+        text = "at no valid airspeed is the full thrust more than the drag of level flight at sea level"
+        found.append(Finding("engine", text))
+    return found
