@@ -10,6 +10,8 @@ if TYPE_CHECKING:
 else:
     ScalarLike = Float[ArrayLike, ""]
 Vector3 = Float[Array, "3"]
+Vector = Float[Array, " n"]
+"""One number for each of something, of a control surface above all."""
 Quaternion = Float[Array, "4"]
 Matrix33 = Float[Array, "3 3"]
 Flag = Bool[Array, ""]

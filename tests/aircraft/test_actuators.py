@@ -6,15 +6,17 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anser.aircraft import Actuators
+from anser.aircraft import Deflections, FirstOrderActuators
+from support.states import air_at
 
-ACTUATORS = Actuators(
+ACTUATORS = FirstOrderActuators(
     time_constant=jnp.full(3, 0.0495),
     lower=jnp.array([-0.4, -0.3, -0.5]),
     upper=jnp.array([0.4, 0.3, 0.6]),
     rate_limit=jnp.array([1.0, 1.4, 2.1]),
 )
-rate = jax.jit(lambda *x: ACTUATORS.rate(*x))
+AIR = air_at(1000.0, 0.4)
+rate = jax.jit(lambda position, command: ACTUATORS.rate(Deflections(position), command, AIR).position)
 command_for_rate = jax.jit(lambda *x: ACTUATORS.command_for_rate(*x))
 ANGLES = st.lists(st.floats(-0.7, 0.7), min_size=3, max_size=3).map(jnp.array)
 
@@ -59,12 +61,12 @@ def test_command_for_rate_moves_at_that_rate_where_possible(position, wanted):
 
 def test_gradient_is_that_of_the_lag_and_zero_at_the_limit():
     def total(command):
-        return jnp.sum(ACTUATORS.rate(jnp.zeros(3), command))
+        return jnp.sum(rate(jnp.zeros(3), command))
 
     np.testing.assert_allclose(jax.grad(total)(jnp.array([0.01, -0.02, 9.0])), [1 / 0.0495, 1 / 0.0495, 0.0])
 
 
 def test_vmap_over_a_fleet_equals_one_at_a_time():
     positions, commands = jnp.linspace(-0.3, 0.3, 12).reshape(4, 3), jnp.linspace(0.5, -0.5, 12).reshape(4, 3)
-    many = jax.vmap(ACTUATORS.rate)(positions, commands)
+    many = jax.vmap(rate)(positions, commands)
     np.testing.assert_array_equal(many, [rate(p, c) for p, c in zip(positions, commands, strict=True)])

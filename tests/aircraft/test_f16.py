@@ -156,7 +156,7 @@ def test_wrench_is_dynamic_pressure_times_area_times_coefficients(f16):
     scale = float(air.qbar) * 300 * FOOT_M**2
     np.testing.assert_allclose(wrench.force_b, scale * c[:3], rtol=1e-12)
     np.testing.assert_allclose(wrench.moment_b, scale * c[3:] * np.array([30, 11.32, 30]) * FOOT_M, rtol=1e-12)
-    thrust = f16["textbook"].propulsion(50.0, 0.0, 0.0)
+    thrust = f16["textbook"].engine.propulsion(50.0, flow(V=0.0, altitude=0.0, mach=0.0))
     np.testing.assert_allclose(thrust.force_b, [12680 * LBF_N, 0, 0], rtol=1e-12)
     assert not thrust.moment_b.any()
 
@@ -191,9 +191,7 @@ KINKS = [(5.0, 0.0, (0.0, 0.0, 0.0)), (-10.0, -30.0, (-24.0, 20.0, 30.0)), (45.0
 @pytest.mark.parametrize(("alpha_deg", "beta_deg", "surfaces_deg"), KINKS)
 def test_gradients_are_finite_at_kinks(f16, alpha_deg, beta_deg, surfaces_deg):
     def total(airframe, air_data, rates_b, surfaces):
-        wrench = airframe.aerodynamics(air_data, rates_b, surfaces) + airframe.propulsion(
-            50.0, air_data.altitude, air_data.mach
-        )
+        wrench = airframe.aerodynamics(air_data, rates_b, surfaces) + airframe.engine.propulsion(50.0, air_data)
         return jnp.sum(wrench.force_b) + jnp.sum(wrench.moment_b)
 
     arguments = (f16["textbook"], flow(alpha_deg, beta_deg), jnp.zeros(3), jnp.array(surfaces_deg) * DEG_RAD)

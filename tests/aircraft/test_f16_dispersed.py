@@ -20,6 +20,7 @@ from anser.aircraft import (
 )
 from anser.aircraft.f16 import TABLE_COEFFICIENTS
 from anser.scenario import load_airframe
+from support.states import air_at
 
 NOMINAL = load_airframe("f16", "textbook")
 assert isinstance(NOMINAL, F16)
@@ -128,14 +129,15 @@ def test_inertia_stays_positive_definite_with_its_inverse(factors):
 
 
 def test_thrust_mass_actuators():
-    at = (jnp.asarray(70.0), jnp.asarray(3000.0), jnp.asarray(0.5))
-    nominal = NOMINAL.propulsion(*at).force_b
-    np.testing.assert_allclose(changed("thrust", 0.8).propulsion(*at).force_b, 0.8 * nominal, rtol=1e-15)
+    at = (jnp.asarray(70.0), air_at(3000.0, 0.5))
+    nominal = NOMINAL.engine.propulsion(*at).force_b
+    np.testing.assert_allclose(changed("thrust", 0.8).engine.propulsion(*at).force_b, 0.8 * nominal, rtol=1e-15)
     assert float(changed("mass", 1.2).mass_properties.mass) == pytest.approx(1.2 * float(NOMINAL.mass_properties.mass))
     # a first-order lag: half the bandwidth, half the rate for the same error
     slow = changed("actuator_bandwidth", 0.5).actuators
-    zero, command = jnp.zeros(3), jnp.full(3, 0.01)
-    np.testing.assert_allclose(slow.rate(zero, command), 0.5 * NOMINAL.actuators.rate(zero, command), rtol=1e-15)
+    moving = (slow.settled(jnp.zeros(3)), jnp.full(3, 0.01), at[1])
+    half = 0.5 * NOMINAL.actuators.rate(*moving).position
+    np.testing.assert_allclose(slow.rate(*moving).position, half, rtol=1e-15)
     np.testing.assert_array_equal(slow.rate_limit, NOMINAL.actuators.rate_limit)
 
 

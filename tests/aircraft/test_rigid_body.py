@@ -72,7 +72,7 @@ def test_torque_free_rotation_keeps_angular_momentum_and_energy():
 
 def test_free_fall_keeps_energy_and_horizontal_velocity():
     state = make_state(power=0.0)
-    thrust_b = F16.propulsion(0.0, 2500.0, 160.0 / 300.0).force_b
+    thrust_b = F16.engine.propulsion(0.0, condition_of(F16, SPACE, 0.0, state).air_data).force_b
     rate = derivative(F16, SPACE, 0.0, state, CONTROLS)
     R_bn = rotation_from_quaternion(state.quaternion)
     spin = jnp.cross(state.rates_b, state.velocity_b)

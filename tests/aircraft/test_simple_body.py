@@ -11,6 +11,7 @@ from anser.aircraft import Wrench, air_data
 from anser.environment import standard_environment
 from anser.scenario import BODIES, load_body
 from anser.units import FOOT_M, SLUG_KG
+from support.states import air_at
 
 AIR = standard_environment().atmosphere.at(1000.0)
 velocities = st.tuples(*(st.floats(-400.0, 400.0),) * 3).filter(lambda v: np.linalg.norm(v) > 1.0).map(jnp.array)
@@ -59,11 +60,13 @@ def test_at_rest_everything_is_finite_and_zero(name):
 def test_no_engine_and_no_surfaces():
     body = load_body("sphere")
     assert float(body.mass_properties.mass) == pytest.approx(SLUG_KG, rel=1e-15)
-    thrust = body.propulsion(50.0, 1000.0, 0.5)
+    air = air_at(1000.0, 0.5)
+    thrust = body.engine.propulsion(50.0, air)
     assert isinstance(thrust, Wrench)
     np.testing.assert_array_equal(thrust.force_b, np.zeros(3))
-    np.testing.assert_array_equal(body.actuators.rate(jnp.zeros(3), jnp.ones(3)), np.zeros(3))
-    assert float(body.power_rate(0.0, 1.0)) == 0.0
+    still = body.actuators.rate(body.actuators.settled(jnp.zeros(3)), jnp.ones(3), air)
+    np.testing.assert_array_equal(still.position, np.zeros(3))
+    assert float(body.engine.rate(body.engine.settled(0.0), 1.0, air).power) == 0.0
 
 
 def test_unknown_body_is_named_with_the_known_ones():

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from hypothesis import strategies as st
 
-from anser.aircraft import AircraftState, Condition, condition
+from anser.aircraft import AircraftState, Condition, Deflections, EnginePower, condition
 from anser.control import (
     OnboardModel,
     PathMotion,
@@ -72,8 +72,8 @@ def state_of(x) -> AircraftState:
         velocity_b=V * direction_b + rotate(R_bn, x[14:17]),
         quaternion=quaternion_from_rotation(R_bn),
         rates_b=x[6:9],
-        surfaces=x[9:12],
-        power=x[12],
+        actuators=Deflections(x[9:12]),
+        engine=EnginePower(x[12]),
     )
 
 

@@ -10,7 +10,7 @@ import pytest
 from autopilot_cases import ENVIRONMENT, memory_of
 from control_cases import AIRFRAME, DEGREE
 
-from anser.aircraft import AbstractAirframe, Actuators, MassProperties, Wrench
+from anser.aircraft import AbstractAirframe, AbstractEngine, FirstOrderActuators, MassProperties, Wrench
 from anser.control import (
     ModelResidual,
     default_limits,
@@ -53,7 +53,8 @@ class Offset(AbstractAirframe):
     """The F-16 with a constant moment added: a model that is wrong in its moments and right in their slopes."""
 
     mass_properties: MassProperties
-    actuators: Actuators
+    actuators: FirstOrderActuators
+    engine: AbstractEngine
     alpha_range: tuple[Scalar, Scalar]
     beta_range: tuple[Scalar, Scalar]
     moment_b: Vector3
@@ -61,21 +62,6 @@ class Offset(AbstractAirframe):
     def aerodynamics(self, air_data, rates_b, surfaces):
         right = AIRFRAME.aerodynamics(air_data, rates_b, surfaces)
         return Wrench(right.force_b, right.moment_b + self.moment_b)
-
-    def propulsion(self, power, altitude, mach):
-        return AIRFRAME.propulsion(power, altitude, mach)
-
-    def power_rate(self, power, throttle):
-        raise NotImplementedError
-
-    def power_for_thrust(self, thrust, altitude, mach):
-        raise NotImplementedError
-
-    def throttle_for_power(self, power):
-        raise NotImplementedError
-
-    def throttle_for_power_rate(self, power, power_rate):
-        raise NotImplementedError
 
     def outside_tables(self, air_data):
         raise NotImplementedError
@@ -90,7 +76,12 @@ def test_surfaces_rest_on_the_measurement_and_on_the_slopes_of_the_model_alone()
 
     def surfaces(moment_b, *, seen):
         model = Offset(
-            AIRFRAME.mass_properties, AIRFRAME.actuators, AIRFRAME.alpha_range, AIRFRAME.beta_range, moment_b
+            AIRFRAME.mass_properties,
+            AIRFRAME.actuators,
+            AIRFRAME.engine,
+            AIRFRAME.alpha_range,
+            AIRFRAME.beta_range,
+            moment_b,
         )
         residual = no_residual(state.rates_b)
         if seen:

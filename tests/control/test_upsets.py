@@ -7,7 +7,7 @@ import pytest
 from autopilot_cases import ENVIRONMENT
 from control_cases import AIRFRAME, DEGREE
 
-from anser.aircraft import AircraftState, condition
+from anser.aircraft import AircraftState, Deflections, EnginePower, condition
 from anser.control import (
     default_limits,
     initial_autopilot_state,
@@ -49,8 +49,8 @@ def _start(V, alpha, beta, mu, gamma, P, Q, R):
         velocity_b=V * direction_b,
         quaternion=quaternion_from_rotation(R_bn),
         rates_b=jnp.array([P, Q, R], dtype=float),
-        surfaces=jnp.zeros(3),
-        power=jnp.asarray(20.0),
+        actuators=Deflections(jnp.zeros(3)),
+        engine=EnginePower(jnp.asarray(20.0)),
     )
 
 

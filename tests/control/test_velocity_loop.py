@@ -29,11 +29,11 @@ def thrust_case(x, V_dot):
     power = setting.state.power
     demand = thrust_demand(model_of(setting.state, x), ENGINE_BANDWIDTH, V_dot)
     data = setting.now.air_data
-    steady = AIRFRAME.power_for_thrust(demand.thrust, data.altitude, data.mach)
-    short = demand.thrust - AIRFRAME.propulsion(steady, data.altitude, data.mach).force_b[0]
+    steady = AIRFRAME.engine.power_for_thrust(demand.thrust, data)
+    short = demand.thrust - AIRFRAME.engine.propulsion(steady, data).force_b[0]
     later = eqx.tree_at(lambda s: s.power, setting.state, steady)
     flown = motion_of(later, x)[1].path_rates[0]
-    return demand, flown, steady - power, AIRFRAME.power_rate(power, demand.throttle), short
+    return demand, flown, steady - power, AIRFRAME.engine.rate(setting.state.engine, demand.throttle, data).power, short
 
 
 @modest
@@ -58,7 +58,7 @@ def test_throttle_inverts_the_lag_of_the_lit_engine(x, power, change):
     x = x.copy()
     x[12] = power
     data = setting_of_jit(x).now.air_data
-    thrust = AIRFRAME.propulsion(jnp.clip(power + change, 50.5, 100.0), data.altitude, data.mach).force_b[0]
+    thrust = AIRFRAME.engine.propulsion(jnp.clip(power + change, 50.5, 100.0), data).force_b[0]
     V_dot = V_dot_for_thrust(x, thrust)
     demand, _, gap, power_rate, _ = thrust_case(x, V_dot)
     assume(not demand.saturated)

@@ -15,7 +15,8 @@ from anser.control import published_gains
 from anser.execution import ConditionError, margin_document, margins_at, survey_margins
 from anser.report import draw_bode
 from anser.results import CLOSED_LOOP, margin_table, read_netcdf
-from anser.simulation import BREAKPOINTS
+from anser.scenario import load_airframe
+from anser.simulation import breakpoints
 
 pytestmark = pytest.mark.long
 
@@ -93,7 +94,7 @@ def test_the_response_has_the_margins(point):
 
 def test_the_table_counts_points_with_reserve(surveyed):
     rows, everywhere = margin_table(surveyed.dataset), margin_table(surveyed.dataset, with_reserve=False)
-    assert [row["breakpoint"] for row in rows] == list(BREAKPOINTS)
+    assert [row["breakpoint"] for row in rows] == list(breakpoints(load_airframe()))
     assert rows[0]["points"] <= everywhere[0]["points"] == surveyed.counts()["stable"]
     elevator = surveyed.dataset["gain_margin_db"].sel(breakpoint="elevator").values
     assert everywhere[0]["gain_margin_db_min"] == np.nanmin(elevator)
@@ -140,7 +141,7 @@ def test_one_point_on_the_command_line(point, command, monkeypatch, tmp_path):
     picture = tmp_path / "bode.svg"
     code, printed, error = command("--at", "170,1000", "--bode", picture)
     assert code == 0
-    for name in BREAKPOINTS:
+    for name in breakpoints(load_airframe()):
         (line,) = [line.split() for line in printed.splitlines() if line.split()[:1] == [name]]
         assert f"{point['phase_margin_deg'].sel(breakpoint=name).item():.1f}" in line
     assert "written" in error

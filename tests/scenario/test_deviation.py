@@ -10,6 +10,7 @@ from anser.aircraft import F16_COEFFICIENTS
 from anser.aircraft.air_data import AirData
 from anser.scenario import ScenarioError, build_flight, load
 from anser.scenario.schema_deviation import CoefficientFactors
+from support.states import air_at
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 
@@ -32,7 +33,7 @@ def test_what_flies_differs_and_what_is_believed_does_not():
     np.testing.assert_allclose(properties.mass, 1.1 * published.mass, rtol=1e-14)
     np.testing.assert_allclose(properties.inertia_b[1, 1], 1.3 * published.inertia_b[1, 1], rtol=1e-14)
     np.testing.assert_allclose(flown.airframe.x_cg, known.airframe.x_cg + 0.02, rtol=1e-14)
-    thrust, full = (one.airframe.propulsion(90.0, 1000.0, 0.5).force_b[0] for one in (flown, known))
+    thrust, full = (one.airframe.engine.propulsion(90.0, air_at(1000.0, 0.5)).force_b[0] for one in (flown, known))
     np.testing.assert_allclose(thrust, 0.9 * full, rtol=1e-12)
     for believed, one in zip(jax.tree.leaves(flown.estimator.model), jax.tree.leaves(known.airframe), strict=True):
         np.testing.assert_array_equal(believed, one)

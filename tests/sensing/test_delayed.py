@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.aircraft import AircraftState, condition
+from anser.aircraft import AircraftState, Deflections, EnginePower, condition
 from anser.environment import standard_environment
 from anser.scenario import load_airframe
 from anser.sensing import DelayedSensors, GoalState, IdealSensors, Instant, Truth
@@ -24,8 +24,8 @@ def true_at(k):
         velocity_b=jnp.array([150.0, 0.0, 0.0]),
         quaternion=jnp.array([1.0, 0.0, 0.0, 0.0]),
         rates_b=jnp.zeros(3),
-        surfaces=jnp.zeros(3),
-        power=jnp.asarray(20.0),
+        actuators=Deflections(jnp.zeros(3)),
+        engine=EnginePower(jnp.asarray(20.0)),
     )
     instant = Instant(ENVIRONMENT, jnp.asarray(k, dtype=jnp.int32), jnp.asarray(STEP))
     goal = GoalState(jnp.array([3000.0, 500.0, 0.0]), jnp.array([5.0, 0.0, 0.0]))
@@ -51,8 +51,8 @@ def sample_at(k):
             velocity_b=jnp.array([100.0 + x, x, -x]),
             quaternion=quaternion_from_euler(0.0, 0.0, 0.04 * x),
             rates_b=jnp.array([0.1 * x, 0.0, -0.1 * x]),
-            surfaces=jnp.array([x, -x, 3 * x]),
-            power=jnp.asarray(5 * x),
+            actuators=Deflections(jnp.array([x, -x, 3 * x])),
+            engine=EnginePower(jnp.asarray(5 * x)),
         ),
         jnp.array([x, 0.0, -9.8]),
         None,

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.aircraft import AircraftState, condition
+from anser.aircraft import AircraftState, Deflections, EnginePower, condition
 from anser.environment import standard_environment
 from anser.numerics import seeded
 from anser.scenario.build_sensing import goal_sensor, own_sensors
@@ -26,8 +26,8 @@ def truth_at(k, works=True, place=(3000.0, 500.0, 0.0)):
         velocity_b=jnp.array([100.0, 0.0, 0.0]),
         quaternion=jnp.array([1.0, 0.0, 0.0, 0.0]),
         rates_b=jnp.zeros(3),
-        surfaces=jnp.zeros(3),
-        power=jnp.asarray(20.0),
+        actuators=Deflections(jnp.zeros(3)),
+        engine=EnginePower(jnp.asarray(20.0)),
     )
     goal = GoalState(jnp.array(place), jnp.array([5.0, 0.0, 0.0]))
     return Truth(AIRFRAME, state, condition(AIRFRAME, ENVIRONMENT, 0.0, state), goal, jnp.asarray(works))

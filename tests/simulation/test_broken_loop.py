@@ -9,7 +9,7 @@ import control
 from anser.control import default_limits, published_gains
 from anser.environment import standard_environment
 from anser.scenario.library import load_airframe
-from anser.simulation.broken_loop import BREAKPOINTS, broken, excited_loop, loop_memory
+from anser.simulation.broken_loop import breakpoints, broken, excited_loop, loop_memory
 from anser.simulation.margins import NEUTRAL, frequencies, largest_pole, loop_margins, loop_response
 from anser.simulation.response import LoopCase
 from support.excited_flight import excited_flight
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.long
 
 STEP = 0.01
 F16, ENVIRONMENT, LIMITS, GAINS = load_airframe(), standard_environment(), default_limits(), published_gains()
-MEMORY = loop_memory(GAINS)
+MEMORY, BREAKPOINTS = loop_memory(GAINS, F16), breakpoints(F16)
 
 
 @pytest.fixture(scope="module")
@@ -62,9 +62,9 @@ def test_no_command_depends_on_its_own_test_input_in_the_same_sample(loop):
 
 def test_memory_follows_from_the_gains():
     incremental = eqx.tree_at(lambda g: g.sensor_bandwidth, GAINS, jnp.asarray(20.0))
-    assert set(loop_memory(incremental)) - set(MEMORY) == {"residual"}
+    assert set(loop_memory(incremental, F16)) - set(MEMORY) == {"residual"}
     integral = eqx.tree_at(lambda g: g.attitude.integral, GAINS, jnp.full(3, 0.1))
-    assert set(loop_memory(integral)) - set(MEMORY) == {"attitude_integral"}
+    assert set(loop_memory(integral, F16)) - set(MEMORY) == {"attitude_integral"}
 
 
 def test_the_closed_loop_is_stable_but_for_the_altitude_that_nothing_holds(loop):

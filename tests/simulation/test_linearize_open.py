@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.aircraft import AircraftState, Controls
+from anser.aircraft import AircraftState, Controls, Deflections
 from anser.environment import Environment, LayeredWind, StandardAtmosphere, standard_environment, wgs84_earth
 from anser.scenario.library import load_airframe
 from anser.simulation.linearize_chart import coordinates_of, state_at
@@ -150,14 +150,14 @@ def test_surfaces_act_directly_without_actuators():
     assert model.inputs == ("throttle", *SURFACES)
 
     def accelerations(surfaces):
-        moved = dataclasses.replace(state, surfaces=jnp.asarray(surfaces))
+        moved = dataclasses.replace(state, actuators=Deflections(jnp.asarray(surfaces)))
         return np.asarray(derivative(LIGHT, CALM, 0.0, moved, controls).rates_b)
 
     # Moments are linear in the surfaces: nothing but rounding of 1e-14 over 1e-3 rad.
     found = [differenced(accelerations, np.asarray(state.surfaces), k, 1e-3) for k in range(3)]
     np.testing.assert_allclose(model.B[6:9, 1:], np.stack(found, axis=1), rtol=1e-10, atol=1e-10)
     # The deflections are those of the controls, wherever the state's are.
-    elsewhere = dataclasses.replace(state, surfaces=jnp.zeros(3))
+    elsewhere = dataclasses.replace(state, actuators=Deflections(jnp.zeros(3)))
     for one, other in zip(
         jax.tree.leaves(direct(LIGHT, CALM, elsewhere, controls)), jax.tree.leaves(model), strict=True
     ):
@@ -168,7 +168,7 @@ def test_chart_is_its_own_inverse_in_wind():
     environment = standard_environment(wind_n=jnp.array([12.0, -20.0, 1.0]))
     state = make_state(euler=(2.5, -0.7, -3.0), beta=-0.3)
     there = coordinates_of(environment, state)
-    back = state_at(environment, there, state.position_n)
+    back = state_at(environment, there, state)
     for a, b in zip(jax.tree.leaves(back), jax.tree.leaves(state), strict=True):
         # The quaternion's sign follows the angles here and the components there: both are the same attitude.
         sign = np.sign(np.dot(np.ravel(a), np.ravel(b))) if a.shape == (4,) else 1.0
@@ -181,7 +181,7 @@ def test_steady_wind_changes_nothing_and_shear_does_what_it_must():
 
     def in_wind(at_2500_n, per_metre):
         environment = layered(at_2500_n, per_metre)
-        moving = state_at(environment, coordinates_of(STILL, state), state.position_n)
+        moving = state_at(environment, coordinates_of(STILL, state), state)
         return direct(LIGHT, environment, moving, controls)
 
     still = direct(LIGHT, CALM, state, controls)

@@ -119,7 +119,7 @@ def test_derivatives_equal_differences_of_the_step():
 
     @jax.jit
     def step(z, command):
-        state = state_at(ENVIRONMENT, z[:14], point.state.position_n)
+        state = state_at(ENVIRONMENT, z[:14], point.state)
         command = loop_command("velocity", command, turning, point.controls.throttle)
         belief = believed(F16, ENVIRONMENT, state)
         controls, _, memory = InversionAutopilot(GAINS, LIMITS).control(memory_of(list(z[14:])), belief, command, STEP)

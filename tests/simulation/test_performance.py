@@ -42,7 +42,7 @@ def against_path(airframe, speed, altitude, load_factor):
     assert point.converged
     now = condition_of(airframe, STILL, 0.0, point.state)
     data = now.air_data
-    idle = airframe.propulsion(0.0, data.altitude, data.mach).force_b
+    idle = airframe.engine.propulsion(0.0, data).force_b
     force = np.asarray(now.aerodynamic.force_b + idle)
     ahead = [np.cos(data.alpha) * np.cos(data.beta), np.sin(data.beta), np.sin(data.alpha) * np.cos(data.beta)]
     return -float(np.dot(force, ahead)) / float(airframe.mass_properties.mass)

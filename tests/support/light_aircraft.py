@@ -14,15 +14,69 @@ power falling with density, response a plain first-order lag of 0.8 s; throttle 
 
 import jax.numpy as jnp
 
-from anser.aircraft import AbstractAirframe, Actuators, AirData, MassProperties, Wrench
+from anser.aircraft import (
+    AbstractAirframe,
+    AbstractEngine,
+    AirData,
+    EnginePower,
+    FirstOrderActuators,
+    MassProperties,
+    Wrench,
+    along_body_x,
+)
 from anser.environment import StandardAtmosphere
 from anser.numerics import inverse3
-from anser.shapes import Flag, Scalar, ScalarLike, Vector3
+from anser.shapes import Flag, Scalar, ScalarLike, Vector, Vector3
 from anser.units import DEG_RAD, FOOT_M, POUND_KG, SLUG_FT2_KG_M2
 
 _PROPELLER_POWER_W = 0.8 * 285 * 745.7
 _PROPELLER_SPEED_M_S = 20.0
 """Keeps the thrust of an ideal propeller, power over speed, finite at rest."""
+
+
+class LightEngine(AbstractEngine):
+    """Piston engine and propeller: power falls with density, thrust with speed, and the response has one lag.
+
+    Attributes
+    ----------
+    lag
+        Time constant, s.
+    """
+
+    lag: Scalar
+
+    def _thrust_at_full_power(self, air_data: AirData) -> Scalar:
+        sea = StandardAtmosphere().at(0.0)
+        share = air_data.density / sea.density
+        return _PROPELLER_POWER_W * share / jnp.sqrt(air_data.V**2 + _PROPELLER_SPEED_M_S**2)
+
+    def settled(self, power: ScalarLike) -> EnginePower:
+        """Power alone."""
+        return EnginePower(jnp.asarray(power))
+
+    def rate(self, state: EnginePower, throttle: ScalarLike, air_data: AirData) -> EnginePower:
+        """First-order lag toward 100 times the throttle, percent/s."""
+        return EnginePower((100 * jnp.clip(throttle, 0.0, 1.0) - state.power) / self.lag)
+
+    def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
+        """Thrust along body x through the centre of gravity, proportional to power."""
+        return along_body_x(power / 100 * self._thrust_at_full_power(air_data))
+
+    def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
+        """Power, 0..100 percent, whose thrust is nearest to `thrust`."""
+        return jnp.clip(100 * thrust / self._thrust_at_full_power(air_data), 0.0, 100.0)
+
+    def throttle_for_power(self, power: ScalarLike) -> Scalar:
+        """Throttle that holds a power."""
+        return jnp.clip(jnp.asarray(power) / 100, 0.0, 1.0)
+
+    def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
+        """Throttle whose lag gives nearest to the wanted rate."""
+        return jnp.clip((power + self.lag * power_rate) / 100, 0.0, 1.0)
+
+    def outside_tables(self, air_data: AirData) -> Flag:
+        """Never: the formula holds at any speed."""
+        return air_data.V < 0.0
 
 
 class LightAircraft(AbstractAirframe):
@@ -32,20 +86,18 @@ class LightAircraft(AbstractAirframe):
     ----------
     span, wing_area, mean_chord
         Reference lengths (m) and area (m^2).
-    lag
-        Time constant of the engine, s.
     """
 
     mass_properties: MassProperties
-    actuators: Actuators
+    actuators: FirstOrderActuators
+    engine: LightEngine
     alpha_range: tuple[Scalar, Scalar]
     beta_range: tuple[Scalar, Scalar]
     span: Scalar
     wing_area: Scalar
     mean_chord: Scalar
-    lag: Scalar
 
-    def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector3) -> Wrench:
+    def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
         """Lift and drag turned by alpha into body axes, side force, moments; all derivatives per rad."""
         V = jnp.maximum(air_data.V, 1.0)
         alpha, beta = air_data.alpha, air_data.beta
@@ -66,33 +118,6 @@ class LightAircraft(AbstractAirframe):
             force_b=scale * jnp.stack([CL * sa - CD * ca, CY, -CL * ca - CD * sa]),
             moment_b=scale * jnp.stack([self.span * Cl, self.mean_chord * Cm, self.span * Cn]),
         )
-
-    def _thrust_at_full_power(self, altitude: ScalarLike, mach: ScalarLike) -> Scalar:
-        air, sea = StandardAtmosphere().at(altitude), StandardAtmosphere().at(0.0)
-        V = mach * air.speed_of_sound
-        return _PROPELLER_POWER_W * air.density / sea.density / jnp.sqrt(V * V + _PROPELLER_SPEED_M_S**2)
-
-    def propulsion(self, power: ScalarLike, altitude: ScalarLike, mach: ScalarLike) -> Wrench:
-        """Thrust along body x through the centre of gravity, proportional to power."""
-        thrust = power / 100 * self._thrust_at_full_power(altitude, mach)
-        zero = jnp.zeros_like(thrust)
-        return Wrench(force_b=jnp.stack([thrust, zero, zero]), moment_b=jnp.stack([zero, zero, zero]))
-
-    def power_rate(self, power: ScalarLike, throttle: ScalarLike) -> Scalar:
-        """First-order lag toward 100 times the throttle, percent/s."""
-        return (100 * jnp.clip(throttle, 0.0, 1.0) - power) / self.lag
-
-    def power_for_thrust(self, thrust: ScalarLike, altitude: ScalarLike, mach: ScalarLike) -> Scalar:
-        """Power, 0..100 percent, whose thrust is nearest to `thrust`."""
-        return jnp.clip(100 * thrust / self._thrust_at_full_power(altitude, mach), 0.0, 100.0)
-
-    def throttle_for_power(self, power: ScalarLike) -> Scalar:
-        """Throttle that holds a power."""
-        return jnp.clip(jnp.asarray(power) / 100, 0.0, 1.0)
-
-    def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
-        """Throttle whose lag gives nearest to the wanted rate."""
-        return jnp.clip((power + self.lag * power_rate) / 100, 0.0, 1.0)
 
     def outside_tables(self, air_data: AirData) -> Flag:
         """Beyond the stall at 12 deg (CL about 1.35), alpha below -10 deg, or |beta| above 20 deg."""
@@ -115,13 +140,13 @@ def light_aircraft() -> AbstractAirframe:
             inertia_inverse_b=inverse3(inertia_b),
             spin_momentum_b=jnp.zeros(3),
         ),
-        actuators=Actuators(
+        actuators=FirstOrderActuators(
             time_constant=jnp.full(3, 0.1), lower=-limit, upper=limit, rate_limit=jnp.full(3, 60.0 * DEG_RAD)
         ),
+        engine=LightEngine(lag=jnp.asarray(0.8)),
         alpha_range=(jnp.asarray(-10.0 * DEG_RAD), jnp.asarray(12.0 * DEG_RAD)),
         beta_range=(jnp.asarray(-20.0 * DEG_RAD), jnp.asarray(20.0 * DEG_RAD)),
         span=jnp.asarray(33.4 * FOOT_M),
         wing_area=jnp.asarray(184.0 * FOOT_M**2),
         mean_chord=jnp.asarray(5.7 * FOOT_M),
-        lag=jnp.asarray(0.8),
     )

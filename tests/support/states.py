@@ -5,7 +5,17 @@ import jax.numpy as jnp
 import numpy as np
 from hypothesis import strategies as st
 
-from anser.aircraft import AircraftState, Controls, condition, state_derivative
+from anser.aircraft import (
+    AircraftState,
+    AirData,
+    Controls,
+    Deflections,
+    EnginePower,
+    air_data,
+    condition,
+    state_derivative,
+)
+from anser.environment import StandardAtmosphere
 from anser.spatial import quaternion_from_euler
 
 derivative = jax.jit(state_derivative)
@@ -29,9 +39,16 @@ def make_state(
         velocity_b=V * jnp.array(direction),
         quaternion=quaternion_from_euler(*euler),
         rates_b=jnp.array(rates),
-        surfaces=jnp.array(surfaces),
-        power=jnp.asarray(power),
+        actuators=Deflections(jnp.array(surfaces)),
+        engine=EnginePower(jnp.asarray(power)),
     )
+
+
+def air_at(altitude, mach) -> AirData:
+    """Standard air met straight ahead at an altitude (m) and Mach number."""
+    air = StandardAtmosphere().at(altitude)
+    V = mach * air.speed_of_sound
+    return air_data(V * jnp.array([1.0, 0.0, 0.0]), altitude, air)
 
 
 def make_controls(surfaces: tuple[float, float, float] = (0.1, -0.1, 0.1), throttle: float = 0.5) -> Controls:

@@ -8,12 +8,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from anser.aircraft.actuators import Actuators
+from anser.aircraft.actuators import AbstractActuators, FirstOrderActuators
 from anser.aircraft.air_data import AirData
 from anser.aircraft.f16_engine import F16Engine
-from anser.aircraft.interface import AbstractAirframe, MassProperties, Wrench
+from anser.aircraft.interface import AbstractAirframe, MassProperties
+from anser.aircraft.wrench import Wrench
 from anser.numerics import Tables, as_array, make_axes, make_tables
-from anser.shapes import Flag, Scalar, ScalarLike, Vector3
+from anser.shapes import Flag, Scalar, Vector, Vector3
 from anser.units import DEG_RAD, FOOT_M, LBF_N, RAD_DEG, SLUG_FT2_KG_M2, SLUG_KG
 
 TABLE_COEFFICIENTS = (
@@ -57,10 +58,10 @@ class F16(AbstractAirframe):
     """
 
     mass_properties: MassProperties
-    actuators: Actuators
+    actuators: AbstractActuators
     alpha_range: tuple[Scalar, Scalar]
     beta_range: tuple[Scalar, Scalar]
-    engine: F16Engine
+    engine: F16Engine  # pyright: ignore[reportIncompatibleVariableOverride] - whose tables deviations scale
     span: Scalar
     wing_area: Scalar
     mean_chord: Scalar
@@ -71,7 +72,7 @@ class F16(AbstractAirframe):
     normal_force_elevator: Scalar
     tables: Tables
 
-    def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector3) -> F16Coefficients:
+    def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> F16Coefficients:
         """Force and moment coefficients (theory section 4).
 
         Rates are made dimensionless with b/2V and c/2V; below 1 m/s the speed is held at 1 m/s there, so that the
@@ -102,7 +103,7 @@ class F16(AbstractAirframe):
             Cn=Cn0 + Cnda * a + Cndr * r + Cnr * y + Cnp * p - CY * lever * self.mean_chord / self.span,
         )
 
-    def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector3) -> Wrench:
+    def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
         """Force qbar S (CX, CY, CZ) and moment qbar S (b Cl, c Cm, b Cn)."""
         c = self.coefficients(air_data, rates_b, surfaces)
         scale = air_data.qbar * self.wing_area
@@ -110,28 +111,6 @@ class F16(AbstractAirframe):
             force_b=scale * jnp.stack([c.CX, c.CY, c.CZ]),
             moment_b=scale * jnp.stack([self.span * c.Cl, self.mean_chord * c.Cm, self.span * c.Cn]),
         )
-
-    def propulsion(self, power: ScalarLike, altitude: ScalarLike, mach: ScalarLike) -> Wrench:
-        """Thrust along body x through the centre of gravity."""
-        thrust = self.engine.thrust(power, altitude, mach)
-        zero = jnp.zeros_like(thrust)
-        return Wrench(force_b=jnp.stack([thrust, zero, zero]), moment_b=jnp.stack([zero, zero, zero]))
-
-    def power_rate(self, power: ScalarLike, throttle: ScalarLike) -> Scalar:
-        """See `F16Engine.power_rate`."""
-        return self.engine.power_rate(power, self.engine.gearing(throttle))
-
-    def power_for_thrust(self, thrust: ScalarLike, altitude: ScalarLike, mach: ScalarLike) -> Scalar:
-        """See `F16Engine.power_for_thrust`."""
-        return self.engine.power_for_thrust(thrust, altitude, mach)
-
-    def throttle_for_power(self, power: ScalarLike) -> Scalar:
-        """See `F16Engine.throttle_for_power`."""
-        return self.engine.throttle_for_power(power)
-
-    def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
-        """See `F16Engine.power_command_for_rate`."""
-        return self.engine.throttle_for_power(self.engine.power_command_for_rate(power, power_rate))
 
     def outside_tables(self, air_data: AirData) -> Flag:
         """Outside alpha -10..45 deg, |beta| 30 deg, altitude 0..50,000 ft or Mach 0..1.
@@ -144,7 +123,7 @@ class F16(AbstractAirframe):
             | (air_data.alpha > self.alpha_range[1])
             | (air_data.beta < self.beta_range[0])
             | (air_data.beta > self.beta_range[1])
-            | self.engine.outside_tables(air_data.altitude, air_data.mach)
+            | self.engine.outside_tables(air_data)
         )
 
 
@@ -182,7 +161,7 @@ def f16_from_data(data: Mapping[str, Any], variant: str = "textbook", x_cg_over_
     validity = data["validity"]
     built = F16(
         mass_properties=_mass_properties(airframe, mass, spinning=chosen["engine_angular_momentum"]),
-        actuators=Actuators(
+        actuators=FirstOrderActuators(
             time_constant=as_array(actuators["time_constant_s"]),
             lower=as_array(-limit),
             upper=as_array(limit),

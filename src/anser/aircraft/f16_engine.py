@@ -1,13 +1,15 @@
 """Engine of the Stevens & Lewis F-16: throttle gearing, power lag, thrust tables, and the inverses of each."""
 
-import equinox as eqx
 import jax.numpy as jnp
 
+from anser.aircraft.air_data import AirData
+from anser.aircraft.engine import AbstractEngine, EnginePower, along_body_x
+from anser.aircraft.wrench import Wrench
 from anser.numerics import Tables
 from anser.shapes import Flag, Scalar, ScalarLike
 
 
-class F16Engine(eqx.Module):
+class F16Engine(AbstractEngine):
     """Afterburning turbofan of [SL] appendix A.
 
     Attributes
@@ -17,6 +19,18 @@ class F16Engine(eqx.Module):
     """
 
     thrust_tables: Tables
+
+    def settled(self, power: ScalarLike) -> EnginePower:
+        """Power alone."""
+        return EnginePower(jnp.asarray(power))
+
+    def rate(self, state: EnginePower, throttle: ScalarLike, air_data: AirData) -> EnginePower:
+        """See `power_rate`."""
+        return EnginePower(self.power_rate(state.power, self.gearing(throttle)))
+
+    def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
+        """Thrust along body x through the centre of gravity."""
+        return along_body_x(self.thrust(power, air_data.altitude, air_data.mach))
 
     def gearing(self, throttle: ScalarLike) -> Scalar:
         """Commanded power (percent) of a throttle setting, held within 0..1 ([SL] TGEAR)."""
@@ -38,9 +52,9 @@ class F16Engine(eqx.Module):
         high = military + (maximum - military) * (power - 50) / 50
         return jnp.where(power < 50, low, high)
 
-    def power_for_thrust(self, thrust: ScalarLike, altitude: ScalarLike, mach: ScalarLike) -> Scalar:
+    def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
         """Power (percent, 0..100) whose thrust is nearest to `thrust` (N): the inverted thrust tables."""
-        idle, military, maximum = self.thrust_tables(altitude, mach)[0]
+        idle, military, maximum = self.thrust_tables(air_data.altitude, air_data.mach)[0]
         dry = 50 * (thrust - idle) / jnp.maximum(military - idle, 1.0)
         wet = 50 + 50 * (thrust - military) / jnp.maximum(maximum - military, 1.0)
         return jnp.clip(jnp.where(thrust < military, dry, wet), 0.0, 100.0)
@@ -57,6 +71,10 @@ class F16Engine(eqx.Module):
         slow = jnp.clip(1.9 - 0.036 * gap, 0.1, 1.0)
         return jnp.where(wet_now, 5.0, slow) * gap
 
+    def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
+        """See `power_command_for_rate`."""
+        return self.throttle_for_power(self.power_command_for_rate(power, power_rate))
+
     def power_command_for_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
         """Power command (percent, 0..100) whose lag gives the wanted rate (percent/s): the inverted lag.
 
@@ -69,6 +87,6 @@ class F16Engine(eqx.Module):
         dry = power + jnp.minimum(power_rate, 25.0)
         return jnp.clip(jnp.where(power >= 50, wet, dry), 0.0, 100.0)
 
-    def outside_tables(self, altitude: ScalarLike, mach: ScalarLike) -> Flag:
+    def outside_tables(self, air_data: AirData) -> Flag:
         """Whether altitude or Mach number lies outside the thrust tables."""
-        return jnp.any(self.thrust_tables.axes.outside(jnp.stack([altitude, mach])))
+        return jnp.any(self.thrust_tables.axes.outside(jnp.stack([air_data.altitude, air_data.mach])))

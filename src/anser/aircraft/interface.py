@@ -1,12 +1,15 @@
 """What every airframe publishes: all that the autopilot, the trim solver and the simulation know of an aircraft."""
 
 import abc
+from typing import Any
 
 import equinox as eqx
 
-from anser.aircraft.actuators import Actuators
+from anser.aircraft.actuators import AbstractActuators
 from anser.aircraft.air_data import AirData
-from anser.shapes import Flag, Matrix33, Quaternion, Scalar, ScalarLike, Vector3
+from anser.aircraft.engine import AbstractEngine
+from anser.aircraft.wrench import Wrench
+from anser.shapes import Flag, Matrix33, Quaternion, Scalar, Vector, Vector3
 
 
 class AircraftState(eqx.Module):
@@ -24,35 +27,35 @@ class AircraftState(eqx.Module):
         (q0, q1, q2, q3), scalar first, NED to body.
     rates_b
         (P, Q, R) relative to the local NED axes, rad/s; over a flat Earth these are the inertial rates.
-    surfaces
-        Elevator, aileron, rudder deflection, rad.
-    power
-        Engine power, percent of maximum.
+    actuators
+        State of the airframe's actuators, a structure of their own with the attribute `position`.
+    engine
+        State of the airframe's engine, a structure of its own with the attribute `power`.
     """
 
     position_n: Vector3
     velocity_b: Vector3
     quaternion: Quaternion
     rates_b: Vector3
-    surfaces: Vector3
-    power: Scalar
+    actuators: Any
+    engine: Any
+
+    @property
+    def surfaces(self) -> Vector:
+        """Deflections in the order of the airframe's surfaces, rad."""
+        return self.actuators.position
+
+    @property
+    def power(self) -> Scalar:
+        """Engine power, percent of maximum."""
+        return self.engine.power
 
 
 class Controls(eqx.Module):
-    """What a pilot or autopilot sets: commanded surfaces (elevator, aileron, rudder; rad) and throttle (0..1)."""
+    """What a pilot or autopilot sets: commanded surfaces (in the airframe's order, rad) and throttle (0..1)."""
 
-    surfaces: Vector3
+    surfaces: Vector
     throttle: Scalar
-
-
-class Wrench(eqx.Module):
-    """A force (N) and a moment about the centre of gravity (N m), both in body axes."""
-
-    force_b: Vector3
-    moment_b: Vector3
-
-    def __add__(self, other: "Wrench") -> "Wrench":
-        return Wrench(self.force_b + other.force_b, self.moment_b + other.moment_b)
 
 
 class MassProperties(eqx.Module):
@@ -75,47 +78,30 @@ class MassProperties(eqx.Module):
 
 
 class AbstractAirframe(eqx.Module):
-    """Interface of an airframe with its engine; concrete airframes are final.
+    """Interface of an airframe; concrete airframes are final.
 
     Attributes
     ----------
     mass_properties
         See `MassProperties`.
     actuators
-        Dynamics and limits of elevator, aileron and rudder.
+        Dynamics, limits and names of its control surfaces.
+    engine
+        Thrust, lag and their inverses.
     alpha_range, beta_range
         Least and greatest angle of attack and sideslip for which the data are valid, rad.
     """
 
     mass_properties: eqx.AbstractVar[MassProperties]
-    actuators: eqx.AbstractVar[Actuators]
+    actuators: eqx.AbstractVar[AbstractActuators]
+    engine: eqx.AbstractVar[AbstractEngine]
     alpha_range: eqx.AbstractVar[tuple[Scalar, Scalar]]
     beta_range: eqx.AbstractVar[tuple[Scalar, Scalar]]
 
     @abc.abstractmethod
-    def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector3) -> Wrench:
+    def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
         """Aerodynamic force and moment for the given air data, body rates (rad/s) and deflections (rad)."""
 
     @abc.abstractmethod
-    def propulsion(self, power: ScalarLike, altitude: ScalarLike, mach: ScalarLike) -> Wrench:
-        """Thrust force and moment at a power (percent), geometric altitude (m) and Mach number."""
-
-    @abc.abstractmethod
-    def power_rate(self, power: ScalarLike, throttle: ScalarLike) -> Scalar:
-        """Rate of change of engine power, percent per second, at the given power and throttle (0..1)."""
-
-    @abc.abstractmethod
-    def power_for_thrust(self, thrust: ScalarLike, altitude: ScalarLike, mach: ScalarLike) -> Scalar:
-        """Power (percent, within what the engine can give) whose thrust along body x is nearest to `thrust` (N)."""
-
-    @abc.abstractmethod
-    def throttle_for_power(self, power: ScalarLike) -> Scalar:
-        """Throttle (0..1) that holds a power (percent) steadily: the inverse of the gearing."""
-
-    @abc.abstractmethod
-    def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
-        """Throttle (0..1) whose engine lag gives nearest to the wanted rate (percent/s) at the present power."""
-
-    @abc.abstractmethod
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Whether the flight condition lies outside the range of the airframe's data."""
+        """Whether the flight condition lies outside the range of the airframe's data, its engine's among them."""

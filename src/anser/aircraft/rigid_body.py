@@ -4,7 +4,8 @@ import equinox as eqx
 
 from anser.aircraft.air_data import AirData, air_data
 from anser.aircraft.disturbance import Disturbance
-from anser.aircraft.interface import AbstractAirframe, AircraftState, Controls, MassProperties, Wrench
+from anser.aircraft.interface import AbstractAirframe, AircraftState, Controls, MassProperties
+from anser.aircraft.wrench import Wrench
 from anser.environment import Environment, LocalEarth
 from anser.numerics import cross, times3
 from anser.shapes import Matrix33, ScalarLike, Vector3
@@ -67,7 +68,7 @@ def condition(
         velocity_air_b = velocity_air_b - disturbance.gust.velocity_b
         rates_air_b = rates_air_b - disturbance.gust.rates_b
     data = air_data(velocity_air_b, altitude, environment.atmosphere.at(altitude))
-    propulsive = airframe.propulsion(state.power, altitude, data.mach)
+    propulsive = airframe.engine.propulsion(state.power, data)
     if disturbance is not None:
         propulsive = Wrench(disturbance.thrust * propulsive.force_b, disturbance.thrust * propulsive.moment_b)
     return Condition(
@@ -87,7 +88,7 @@ def angular_acceleration(mass_properties: MassProperties, rates_b: Vector3, mome
 
 
 def moment_for_acceleration(mass_properties: MassProperties, rates_b: Vector3, acceleration_b: Vector3) -> Vector3:
-    """AircraftSample that gives an angular acceleration (rad/s^2): the inverse of `angular_acceleration`, N m."""
+    """Moment that gives an angular acceleration (rad/s^2): the inverse of `angular_acceleration`, N m."""
     momentum_b = times3(mass_properties.inertia_b, rates_b) + mass_properties.spin_momentum_b
     return times3(mass_properties.inertia_b, acceleration_b) + cross(rates_b, momentum_b)
 
@@ -113,6 +114,6 @@ def state_derivative(
         - cross(state.rates_b, state.velocity_b),
         quaternion=quaternion_derivative(state.quaternion, state.rates_b),
         rates_b=angular_acceleration(airframe.mass_properties, state.rates_b, wrench.moment_b),
-        surfaces=airframe.actuators.rate(state.surfaces, controls.surfaces),
-        power=airframe.power_rate(state.power, controls.throttle),
+        actuators=airframe.actuators.rate(state.actuators, controls.surfaces, now.air_data),
+        engine=airframe.engine.rate(state.engine, controls.throttle, now.air_data),
     )

@@ -1,5 +1,7 @@
 """Six-degree-of-freedom motion of one aircraft over a rotating, round Earth, in Earth-fixed (ECEF) coordinates."""
 
+from typing import Any
+
 import equinox as eqx
 import jax.numpy as jnp
 
@@ -34,18 +36,16 @@ class EarthFixedState(eqx.Module):
         (q0, q1, q2, q3), scalar first, ECEF to body.
     rates_b
         Inertial angular velocity in body axes, rad/s.
-    surfaces
-        Elevator, aileron, rudder deflection, rad.
-    power
-        Engine power, percent of maximum.
+    actuators, engine
+        As in `AircraftState`.
     """
 
     position_e: Vector3
     velocity_b: Vector3
     quaternion: Quaternion
     rates_b: Vector3
-    surfaces: Vector3
-    power: Scalar
+    actuators: Any
+    engine: Any
 
 
 def earth_fixed_state(earth: RotatingEarth, state: AircraftState) -> EarthFixedState:
@@ -58,8 +58,8 @@ def earth_fixed_state(earth: RotatingEarth, state: AircraftState) -> EarthFixedS
         velocity_b=state.velocity_b,
         quaternion=quaternion_multiply(_quaternion_ned_from_ecef(lat, lon), state.quaternion),
         rates_b=state.rates_b + rotate(R_bn, local.earth_rate_n + local.transport_rate_n),
-        surfaces=state.surfaces,
-        power=state.power,
+        actuators=state.actuators,
+        engine=state.engine,
     )
 
 
@@ -79,8 +79,8 @@ def local_state(earth: RotatingEarth, state: EarthFixedState) -> AircraftState:
         velocity_b=state.velocity_b,
         quaternion=quaternion_multiply(back, state.quaternion),
         rates_b=state.rates_b - rotate(R_bn, local.earth_rate_n + local.transport_rate_n),
-        surfaces=state.surfaces,
-        power=state.power,
+        actuators=state.actuators,
+        engine=state.engine,
     )
 
 
@@ -113,7 +113,8 @@ def earth_fixed_derivative(
     R_be = rotation_from_quaternion(state.quaternion)
     earth_rate_b = earth.rotation_rate * R_be[:, 2]
     rates_air_b = state.rates_b - earth_rate_b
-    wrench = condition(airframe, environment, time, local_state(earth, state), rates_air_b, disturbance).wrench
+    now = condition(airframe, environment, time, local_state(earth, state), rates_air_b, disturbance)
+    wrench = now.wrench
     return EarthFixedState(
         position_e=rotate_back(R_be, state.velocity_b),
         velocity_b=wrench.force_b / airframe.mass_properties.mass
@@ -121,6 +122,6 @@ def earth_fixed_derivative(
         - cross(state.rates_b + earth_rate_b, state.velocity_b),
         quaternion=quaternion_derivative(state.quaternion, rates_air_b),
         rates_b=angular_acceleration(airframe.mass_properties, state.rates_b, wrench.moment_b),
-        surfaces=airframe.actuators.rate(state.surfaces, controls.surfaces),
-        power=airframe.power_rate(state.power, controls.throttle),
+        actuators=airframe.actuators.rate(state.actuators, controls.surfaces, now.air_data),
+        engine=airframe.engine.rate(state.engine, controls.throttle, now.air_data),
     )

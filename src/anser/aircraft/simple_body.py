@@ -7,10 +7,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from anser.aircraft.actuators import Actuators
+from anser.aircraft.actuators import AbstractActuators, FirstOrderActuators
 from anser.aircraft.air_data import AirData
-from anser.aircraft.interface import AbstractAirframe, MassProperties, Wrench
-from anser.shapes import Flag, Scalar, ScalarLike, Vector3
+from anser.aircraft.engine import AbstractEngine, NoEngine
+from anser.aircraft.interface import AbstractAirframe, MassProperties
+from anser.aircraft.wrench import Wrench
+from anser.shapes import Flag, Scalar, Vector, Vector3
 from anser.units import FOOT_M, SLUG_FT2_KG_M2, SLUG_KG
 
 
@@ -30,7 +32,8 @@ class SimpleBody(AbstractAirframe):
     """
 
     mass_properties: MassProperties
-    actuators: Actuators
+    actuators: AbstractActuators
+    engine: AbstractEngine
     alpha_range: tuple[Scalar, Scalar]
     beta_range: tuple[Scalar, Scalar]
     area: Scalar
@@ -40,7 +43,7 @@ class SimpleBody(AbstractAirframe):
     damping: Vector3
     speed_min: Scalar
 
-    def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector3) -> Wrench:
+    def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
         """Drag against the motion and damping moments; `rates_b` relative to the air. Source: [NESC] cases 1 to 10."""
         ca, sa, cb, sb = (f(x) for x in (air_data.alpha, air_data.beta) for f in (jnp.cos, jnp.sin))
         scale = air_data.qbar * self.area
@@ -50,26 +53,6 @@ class SimpleBody(AbstractAirframe):
             force_b=-scale * self.drag_coefficient * jnp.stack([ca * cb, sb, sa * cb]),
             moment_b=scale * lengths * self.damping * reduced,
         )
-
-    def propulsion(self, power: ScalarLike, altitude: ScalarLike, mach: ScalarLike) -> Wrench:
-        """No engine: nothing."""
-        return Wrench(jnp.zeros(3), jnp.zeros(3))
-
-    def power_rate(self, power: ScalarLike, throttle: ScalarLike) -> Scalar:
-        """No engine: 0."""
-        return jnp.zeros(())
-
-    def power_for_thrust(self, thrust: ScalarLike, altitude: ScalarLike, mach: ScalarLike) -> Scalar:
-        """No engine: 0, whatever is wanted."""
-        return jnp.zeros(())
-
-    def throttle_for_power(self, power: ScalarLike) -> Scalar:
-        """No engine: 0."""
-        return jnp.zeros(())
-
-    def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
-        """No engine: 0."""
-        return jnp.zeros(())
 
     def outside_tables(self, air_data: AirData) -> Flag:
         """Constant coefficients hold everywhere by definition: never."""
@@ -96,7 +79,8 @@ def body_from_data(data: Mapping[str, Any], name: str) -> SimpleBody:
             spin_momentum_b=jnp.zeros(3),
         ),
         # Nothing to move: the stops stand at zero.
-        actuators=Actuators(jnp.ones(3), jnp.zeros(3), jnp.zeros(3), jnp.zeros(3)),
+        actuators=FirstOrderActuators(jnp.ones(3), jnp.zeros(3), jnp.zeros(3), jnp.zeros(3)),
+        engine=NoEngine(),
         alpha_range=(jnp.asarray(-jnp.pi), jnp.asarray(jnp.pi)),
         beta_range=(jnp.asarray(-0.5 * jnp.pi), jnp.asarray(0.5 * jnp.pi)),
         area=body["area_ft2"] * FOOT_M**2,

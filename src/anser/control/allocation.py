@@ -3,15 +3,20 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
 
-from anser.aircraft import AbstractAirframe, Condition
-from anser.numerics import solve3
-from anser.shapes import Matrix33, Vector3
+from anser.aircraft import AbstractActuators, AbstractAirframe, Condition
+from anser.numerics import inverse3, solve3, where_any
+from anser.shapes import Vector, Vector3
 
 # Moments are piecewise linear in the elevator: exact within a piece and nearly always across one breakpoint; what is
 # left of a jump over two is taken up at the next sample, long before the surface has moved that far.
 _NEWTON_STEPS = 2
 _SLACK_RAD = 0.2  # how far beyond the stops a Newton iterate may go
+_AXES = 3
+_PRIORITY = np.array([0.1, 0.01, 1.0])  # what is missing in roll, pitch, yaw costs 1 over this: pitch is kept first
+_SHARE = 1e-6  # of the square of the greatest moment: moments that are this small beside it are not asked for
 
 
 class SurfaceMoments(eqx.Module):
@@ -20,50 +25,117 @@ class SurfaceMoments(eqx.Module):
     Attributes
     ----------
     surfaces
-        Elevator, aileron, rudder (3,), rad.
+        Deflections (surfaces,), rad.
     moment_b
         With these deflections (3,), N m.
     slope
-        Of the moment with respect to the deflections, 3x3, N m/rad: the control effectiveness.
+        Of the moment with respect to the deflections (3, surfaces), N m/rad: the control effectiveness.
     """
 
-    surfaces: Vector3
+    surfaces: Vector
     moment_b: Vector3
-    slope: Matrix33
+    slope: Float[Array, "3 n"]
 
 
 class SurfaceDemand(eqx.Module):
-    """Wanted surfaces (elevator, aileron, rudder; rad, not yet limited) and which of them stand at a stop."""
+    """Wanted surfaces (rad) and which of them were wanted beyond a stop."""
 
-    surfaces: Vector3
-    saturated: Vector3
+    surfaces: Vector
+    saturated: Bool[Array, " n"]
 
 
-def surface_moments(airframe: AbstractAirframe, now: Condition, rates_b: Vector3, surfaces: Vector3) -> SurfaceMoments:
+def surface_moments(airframe: AbstractAirframe, now: Condition, rates_b: Vector3, surfaces: Vector) -> SurfaceMoments:
     """Differentiate the airframe's aerodynamic moments with respect to the surfaces."""
 
-    def moment_of(deflection: Vector3) -> Vector3:
+    def moment_of(deflection: Vector) -> Vector3:
         return airframe.aerodynamics(now.air_data, rates_b, deflection).moment_b
 
     moment_b, slope_of = jax.linearize(moment_of, surfaces)
-    return SurfaceMoments(surfaces, moment_b, jax.vmap(slope_of, out_axes=1)(jnp.eye(3)))
+    return SurfaceMoments(surfaces, moment_b, jax.vmap(slope_of, out_axes=1)(jnp.eye(surfaces.shape[0])))
+
+
+def one_for_each_axis(actuators: AbstractActuators) -> bool:
+    """Whether there are three surfaces, all commanded, which together turn the aircraft about any axis."""
+    return actuators.commanded == (True,) * _AXES and actuators.controls_yaw
+
+
+def deflection_for_moment(actuators: AbstractActuators, slope: Float[Array, "3 n"]) -> Float[Array, "n 3"]:
+    """Change of the surfaces per moment, rad/(N m): the least change that gives it, by shares of each surface's range.
+
+    With one surface for each axis the inverse of the slope. With more, the right inverse W S' (S W S')^-1 weighted by
+    the squares of the half ranges W; with fewer, or where surfaces do the same, what cannot be had is left out, yaw
+    first and pitch last (weighted least squares: O. Harkegard, "Efficient active set algorithms for solving constrained
+    least squares problems in aircraft control allocation", 2002, with the weights in closed form).
+    """
+    if one_for_each_axis(actuators):
+        return inverse3(slope)
+    return _least_change(actuators, slope, jnp.asarray(actuators.commanded, dtype=slope.dtype))
 
 
 def allocate(
     airframe: AbstractAirframe, now: Condition, rates_b: Vector3, present: SurfaceMoments, moment_b: Vector3
 ) -> SurfaceDemand:
-    """Surfaces whose moment is `moment_b` (N m), by Newton steps from the present deflections.
+    """Surfaces within their stops whose moment is `moment_b` (N m), by Newton steps from the present deflections.
 
-    The 3x3 control effectiveness is the derivative of the airframe's aerodynamic moments with respect to the surfaces,
-    at each iterate (theory section 5, item 1: Cm0 is not linear in the elevator, so no constant slope is assumed).
+    The control effectiveness is the derivative of the airframe's aerodynamic moments with respect to the surfaces, at
+    each iterate (theory section 5, item 1: Cm0 is not linear in the elevator, so no constant slope is assumed). Where a
+    surface is wanted beyond its stop it is held there, and the others give what is missing as far as they can: pitch
+    before roll before yaw.
     """
     wanted_b = moment_b - now.propulsive.moment_b
-    lower, upper = airframe.actuators.lower, airframe.actuators.upper
-    at = present
+    actuators = airframe.actuators
+    lower, upper = actuators.lower, actuators.upper
+    at, solution = present, present.surfaces
     for k in range(_NEWTON_STEPS):
         if k:
-            at = surface_moments(airframe, now, rates_b, at.surfaces)
-        solution = at.surfaces + solve3(at.slope, wanted_b - at.moment_b)
+            at = surface_moments(airframe, now, rates_b, solution)
+        missing_b = wanted_b - at.moment_b
+        if one_for_each_axis(actuators):
+            solution = at.surfaces + solve3(at.slope, missing_b)
+        else:
+            base = _neutral(actuators, at.surfaces)
+            missing_b = missing_b + _product(at.slope, at.surfaces - base)
+            solution = base + _product(deflection_for_moment(actuators, at.slope), missing_b)
         solution = jnp.clip(solution, lower - _SLACK_RAD, upper + _SLACK_RAD)
-        at = eqx.tree_at(lambda m: m.surfaces, at, solution)
-    return SurfaceDemand(surfaces=at.surfaces, saturated=(at.surfaces < lower) | (at.surfaces > upper))
+    saturated = (solution < lower) | (solution > upper)
+    within = where_any(jnp.any(saturated), lambda: _reallocated(actuators, at, wanted_b, solution), solution)
+    return SurfaceDemand(surfaces=within, saturated=saturated)
+
+
+def _product(matrix: Float[Array, "m k"], vector: Float[Array, " k"]) -> Float[Array, " m"]:
+    return jnp.sum(matrix * vector[None, :], axis=1)
+
+
+def _neutral(actuators: AbstractActuators, surfaces: Vector) -> Vector:
+    """Where commanded surfaces stand when nothing is asked of them; the others stay."""
+    rest = actuators.limited(jnp.zeros_like(surfaces))
+    return jnp.where(jnp.asarray(actuators.commanded), rest, surfaces)
+
+
+def _least_change(
+    actuators: AbstractActuators, slope: Float[Array, "3 n"], free: Float[Array, " n"]
+) -> Float[Array, "n 3"]:
+    """Of the free surfaces (1; 0: held), W S' (S W S' + E)^-1; E weighs what cannot be had."""
+    half = 0.5 * (actuators.upper - actuators.lower)
+    weight = free * half**2
+    weighted = slope * weight[None, :]
+    gram = jnp.sum(weighted[:, None, :] * slope[None, :, :], axis=2)
+    most = jnp.max(jnp.sum((slope * half[None, :]) ** 2, axis=1))
+    inverse = inverse3(gram + jnp.diag(_SHARE * most * _PRIORITY))
+    return jnp.sum(weighted[:, :, None] * inverse[:, None, :], axis=0)
+
+
+def _reallocated(actuators: AbstractActuators, at: SurfaceMoments, wanted_b: Vector3, solution: Vector) -> Vector:
+    """Surfaces beyond their stops held there, one round after another, the others by least squares; all within."""
+    lower, upper = actuators.lower, actuators.upper
+    commanded = jnp.asarray(actuators.commanded)
+    held = ~commanded | (solution < lower) | (solution > upper)
+    found = jnp.clip(solution, lower, upper)
+    for _ in range(len(actuators.names) - 1):
+        base = jnp.where(held, found, _neutral(actuators, at.surfaces))
+        missing_b = wanted_b - at.moment_b - _product(at.slope, base - at.surfaces)
+        solution = base + _product(_least_change(actuators, at.slope, jnp.where(held, 0.0, 1.0)), missing_b)
+        beyond = (solution < lower) | (solution > upper)
+        found = jnp.clip(solution, lower, upper)
+        held = held | beyond
+    return found

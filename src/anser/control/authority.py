@@ -2,11 +2,12 @@
 
 import equinox as eqx
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
-from anser.aircraft import Actuators, MassProperties
-from anser.control.allocation import SurfaceMoments
+from anser.aircraft import AbstractActuators, MassProperties
+from anser.control.allocation import SurfaceMoments, deflection_for_moment
 from anser.numerics import inverse3, product3
-from anser.shapes import Matrix33, Vector3
+from anser.shapes import Matrix33, Vector, Vector3
 
 _SHARE = 0.3
 """Part of the authority that an error or a command may ask for; the rest is left for the other axes and disturbance."""
@@ -20,16 +21,16 @@ class Authority(eqx.Module):
     Attributes
     ----------
     deflection
-        Deflection per angular acceleration, 3x3, rad/(rad/s^2): the inverted control effectiveness.
+        Deflection per angular acceleration (surfaces, 3), rad/(rad/s^2): the inverted control effectiveness.
     margin
-        Deflection left to the nearer stop (3,), rad.
+        Deflection left to the nearer stop (surfaces,), rad.
     rate_limit
-        Of the surfaces (3,), rad/s.
+        Of the surfaces (surfaces,), rad/s.
     """
 
-    deflection: Matrix33
-    margin: Vector3
-    rate_limit: Vector3
+    deflection: Float[Array, "n 3"]
+    margin: Vector
+    rate_limit: Vector
 
     @property
     def rates_jerk(self) -> Vector3:
@@ -45,18 +46,18 @@ class Authority(eqx.Module):
 
 
 def surface_authority(
-    actuators: Actuators, mass_properties: MassProperties, moments: SurfaceMoments, surfaces_slow: Vector3
+    actuators: AbstractActuators, mass_properties: MassProperties, moments: SurfaceMoments, surfaces_slow: Vector
 ) -> Authority:
-    """Authority with the present control effectiveness about slow deflections (3,), rad."""
+    """Authority with the present control effectiveness about slow deflections (surfaces,), rad."""
     half = 0.5 * (actuators.upper - actuators.lower)
     left = jnp.minimum(surfaces_slow - actuators.lower, actuators.upper - surfaces_slow)
     return Authority(
-        deflection=product3(inverse3(moments.slope), mass_properties.inertia_b),
+        deflection=product3(deflection_for_moment(actuators, moments.slope), mass_properties.inertia_b),
         margin=jnp.maximum(left, _MARGIN_MIN * half),
         rate_limit=actuators.rate_limit,
     )
 
 
-def _each_alone(deflection: Matrix33, limit: Vector3) -> Vector3:
+def _each_alone(deflection: Float[Array, "n 3"], limit: Vector) -> Vector3:
     """Greatest amount of each output whose surfaces, deflection @ output, stay within the limit."""
     return 1.0 / jnp.max(jnp.abs(deflection) / limit[:, None], axis=0)

@@ -6,6 +6,7 @@ of both. All are sampled once per step; their commands are held over it.
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from anser.aircraft import Controls, angular_acceleration, moment_for_acceleration
@@ -19,8 +20,9 @@ from anser.control.path_motion import PathMotion
 from anser.control.velocity_loop import AttitudeDemand, ThrustDemand, attitude_demand, thrust_demand
 from anser.numerics import solve3
 from anser.planning import PathCommand
-from anser.shapes import Flag, Scalar, Vector3
+from anser.shapes import Flag, Scalar, Vector, Vector3
 
+_YAW = np.array([0.0, 0.0, 1.0])
 _REACH_MAX = 1.5  # the sampled loop of the surfaces keeps its pole above -0.5
 
 
@@ -49,7 +51,7 @@ class AutopilotSignals(eqx.Module):
     thrust: ThrustDemand
     attitude: AttitudeDemand
     rates_b: Vector3
-    surfaces: Vector3
+    surfaces: Vector
     speed_limited: Flag
     rates_limited: Flag
     surfaces_limited: Flag
@@ -85,10 +87,12 @@ def rate_control(
     error = brakeable(gains.rates, rates_wanted - rates_b, model.authority.rates_jerk)
     measured_dot = angular_acceleration(mass_properties, rates_b, model.now.wrench.moment_b)
     nu = virtual_control(gains.rates, error, memory.rates_integral, rates_wanted_dot, measured_dot)
+    if not model.airframe.actuators.controls_yaw:
+        nu = nu.at[2].set(measured_dot[2])  # the fin has it
     moment_b = moment_for_acceleration(mass_properties, rates_b, nu - model.residual.acceleration_b)
     demand = allocate(model.airframe, model.now, rates_b, model.moments, moment_b)
     actuators, surfaces = model.airframe.actuators, model.state.surfaces
-    wanted = actuators.limited(demand.surfaces)
+    wanted = demand.surfaces
     share = _sampled_share(model, gains)
     command_bandwidth = share * gains.surfaces_command_bandwidth
     wanted_dot = memory.surfaces_filter.rate(wanted, command_bandwidth, model.step)
@@ -113,7 +117,7 @@ def _sampled_share(model: OnboardModel, gains: AutopilotGains) -> Scalar:
     times that rate: the sampled loop's pole is 1 - tau (1 - exp(-step/tau)) (K_D N + (1 + K_D) B), which must not come
     near -1 (a limit cycle at the rate limit).
     """
-    lag = model.airframe.actuators.time_constant
+    lag = model.airframe.actuators.time_constant[np.flatnonzero(model.airframe.actuators.commanded)]
     derivative = jnp.max(jnp.abs(gains.rates.derivative))
     bandwidth = derivative * gains.surfaces_command_bandwidth + (1 + derivative) * gains.actuator_bandwidth
     reach = jnp.max(lag * (1 - jnp.exp(-model.step / lag))) * bandwidth
@@ -138,7 +142,11 @@ def attitude_control(
     error = brakeable(gains.attitude, wrapped(attitude_wanted - measured), acceleration)
     measured_dot = motion.drift + jnp.sum(motion.effectiveness * model.state.rates_b[None, :], axis=1)
     nu = virtual_control(gains.attitude, error, memory.attitude_integral, attitude_wanted_dot, measured_dot)
-    free = solve3(motion.effectiveness, nu - motion.drift)
+    effectiveness, asked = motion.effectiveness, nu - motion.drift
+    if not model.airframe.actuators.controls_yaw:
+        # The fin rules the sideslip: the yaw rate is what it is, and bank and angle of attack make do with it.
+        effectiveness, asked = effectiveness.at[2].set(_YAW), asked.at[2].set(model.state.rates_b[2])
+    free = solve3(effectiveness, asked)
     # Scaled together: a roll rate that is cut while its yaw rate is not would be a sideslip.
     rates_wanted = free / jnp.maximum(jnp.max(jnp.abs(free) / model.limits.rates_max), 1.0)
     integral = advanced_integral(memory.attitude_integral, error, rates_wanted != free, model.step)

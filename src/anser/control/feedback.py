@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from anser.control.gains import LoopGains
-from anser.shapes import Flag, ScalarLike, Vector3
+from anser.shapes import Flag, ScalarLike, Vector, Vector3
 
 
 class Differentiator(eqx.Module):
@@ -13,18 +13,16 @@ class Differentiator(eqx.Module):
     Attributes
     ----------
     memory
-        x, shape (3,).
+        x, one for each channel.
     """
 
-    memory: Vector3
+    memory: Vector
 
-    def rate(self, reference: Vector3, bandwidth: ScalarLike, step: ScalarLike) -> Vector3:
+    def rate(self, reference: Vector, bandwidth: ScalarLike, step: ScalarLike) -> Vector:
         """Rate of the reference: the mean of x_dot over the coming step, so that a ramp's rate has no bias."""
         return -jnp.expm1(-bandwidth * step) / step * (reference - self.memory)
 
-    def limited_rate(
-        self, reference: Vector3, bandwidth: ScalarLike, step: ScalarLike, acceleration: Vector3
-    ) -> Vector3:
+    def limited_rate(self, reference: Vector, bandwidth: ScalarLike, step: ScalarLike, acceleration: Vector) -> Vector:
         """Rate of the reference as far as a loop can follow it: no more than acceleration / bandwidth.
 
         A command that moves at a rate r and may stop within the filter's time asks for accelerations of r N.
@@ -32,7 +30,7 @@ class Differentiator(eqx.Module):
         most = acceleration / bandwidth
         return jnp.clip(self.rate(reference, bandwidth, step), -most, most)
 
-    def advanced(self, reference: Vector3, bandwidth: ScalarLike, step: ScalarLike) -> "Differentiator":
+    def advanced(self, reference: Vector, bandwidth: ScalarLike, step: ScalarLike) -> "Differentiator":
         """State one step later, for a reference held over the step."""
         return Differentiator(self.memory + step * self.rate(reference, bandwidth, step))
 

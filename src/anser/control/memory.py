@@ -5,7 +5,7 @@ import jax.numpy as jnp
 
 from anser.control.feedback import Differentiator
 from anser.control.model_residual import ModelResidual, no_residual
-from anser.shapes import Vector3
+from anser.shapes import Vector, Vector3
 
 
 class AutopilotState(eqx.Module):
@@ -31,11 +31,11 @@ class AutopilotState(eqx.Module):
     attitude_filter: Differentiator
     rates_filter: Differentiator
     surfaces_filter: Differentiator
-    surfaces_slow: Vector3
+    surfaces_slow: Vector
     residual: ModelResidual
 
 
-def initial_autopilot_state(attitude: Vector3, rates_b: Vector3, surfaces: Vector3) -> AutopilotState:
+def initial_autopilot_state(attitude: Vector3, rates_b: Vector3, surfaces: Vector) -> AutopilotState:
     """Memory of an autopilot that has been holding the given (mu, alpha, beta), (P, Q, R) and surfaces."""
     zero = jnp.zeros(3)
     return AutopilotState(

@@ -12,7 +12,7 @@ from anser.control.model_residual import ModelResidual
 from anser.control.path_motion import PathMotion, path_motion
 from anser.numerics import times3
 from anser.sensing import Belief
-from anser.shapes import ScalarLike, Vector3
+from anser.shapes import ScalarLike, Vector
 
 
 class OnboardModel(eqx.Module):
@@ -32,7 +32,7 @@ class OnboardModel(eqx.Module):
     state: AircraftState
     now: Condition
     slow: Condition
-    surfaces_slow: Vector3
+    surfaces_slow: Vector
     moments: SurfaceMoments
     authority: Authority
     residual: ModelResidual

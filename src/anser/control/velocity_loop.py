@@ -6,7 +6,7 @@ import jax.numpy as jnp
 
 from anser.aircraft import AbstractAirframe, Condition
 from anser.control.onboard_model import OnboardModel
-from anser.shapes import Flag, Scalar, ScalarLike, Vector3
+from anser.shapes import Flag, Scalar, ScalarLike, Vector, Vector3
 
 _COS_BANK_MIN = 0.2  # between 78 and 102 deg of bank lift is asked less and less to hold the path
 _COS_READY = 0.5  # cosine of the bank error up to which all of the lift is asked; none at 90 deg and beyond
@@ -54,16 +54,16 @@ def thrust_demand(model: OnboardModel, engine_bandwidth: ScalarLike, V_dot: Scal
     T = [m (V_dot + g sin gamma) - (aerodynamic force along the velocity)] / (cos alpha cos beta).
     """
     airframe, now, motion, power = model.airframe, model.slow, model.motion, model.state.power
+    engine = airframe.engine
     ca, sa = jnp.cos(motion.alpha), jnp.sin(motion.alpha)
     cb, sb = jnp.cos(motion.beta), jnp.sin(motion.beta)
     X, Y, Z = now.aerodynamic.force_b
     along = X * ca * cb + Y * sb + Z * sa * cb
     mass = airframe.mass_properties.mass
     thrust = (mass * (V_dot + model.gravity * jnp.sin(motion.gamma)) - along) / jnp.maximum(ca * cb, 0.2)
-    altitude, mach = now.air_data.altitude, now.air_data.mach
-    wanted = airframe.power_for_thrust(thrust, altitude, mach)
-    throttle = airframe.throttle_for_power_rate(power, engine_bandwidth * (wanted - power))
-    reachable = airframe.propulsion(wanted, altitude, mach).force_b[0]
+    wanted = engine.power_for_thrust(thrust, now.air_data)
+    throttle = engine.throttle_for_power_rate(power, engine_bandwidth * (wanted - power))
+    reachable = engine.propulsion(wanted, now.air_data).force_b[0]
     return ThrustDemand(
         throttle=throttle, thrust=thrust, saturated=jnp.abs(thrust - reachable) > 1.0 + 1e-6 * reachable
     )
@@ -73,7 +73,7 @@ def lift_at(
     airframe: AbstractAirframe,
     now: Condition,
     rates_b: Vector3,
-    surfaces: Vector3,
+    surfaces: Vector,
     beside_b: Vector3,
     alpha: ScalarLike,
 ) -> Scalar:

@@ -25,7 +25,6 @@ from anser.results import (
     plain_attributes,
 )
 from anser.simulation import (
-    BREAKPOINTS,
     HELD_BACK,
     LoopAnalysis,
     LoopCase,
@@ -33,6 +32,7 @@ from anser.simulation import (
     MemoryFields,
     TrimPoint,
     analyse_loops,
+    breakpoints,
     loop_memory,
     nearest_trims,
     trim_target,
@@ -52,8 +52,9 @@ class MarginSurvey(Study):
         states = self.dataset["closed_loop"].values
         return {what: int((states == k).sum()) for k, what in enumerate(CLOSED_LOOP)}
 
-    def shortfalls(self, breakpoints: Sequence[str] = BREAKPOINTS) -> list[str]:
+    def shortfalls(self) -> list[str]:
         """Points where the loop is unstable or, at some breakpoints, a margin falls short; one line each."""
+        names = self.dataset["breakpoint"].values.tolist()
         lines = []
         states = self.dataset["closed_loop"].values
         for c, a, m in np.argwhere(
@@ -64,7 +65,7 @@ class MarginSurvey(Study):
             if states[c, a, m] == CLOSED_LOOP.index("unstable"):
                 lines.append(f"{place}: unstable, pole {_pole(of)}")
                 continue
-            for name in breakpoints:
+            for name in names:
                 at = of.sel(breakpoint=name)
                 if at["short"].item():
                     lines.append(
@@ -138,10 +139,12 @@ def margins_at(
         raise ConditionError(nearest_trims(airframe, environment, target).message())
     # the survey's batch, filled with the one point: compiled once for both
     trims = jax.tree.map(lambda leaf: jnp.repeat(leaf, _BATCH, axis=0), points.trim)
-    analysed = _analyse(airframe, environment, wanted, limits, trims, jnp.asarray(step_s), loop_memory(wanted))
+    analysed = _analyse(
+        airframe, environment, wanted, limits, trims, jnp.asarray(step_s), loop_memory(wanted, airframe)
+    )
     found, response = jax.tree.map(lambda leaf: leaf[0], analysed)
     attributes = {**of, "speed_m_s": speed_m_s, "altitude_m": altitude_m, "inversion": inversion}
-    dataset = margin_dataset(found, response, step_s, attributes)
+    dataset = margin_dataset(found, response, breakpoints(airframe), step_s, attributes)
     state = CLOSED_LOOP[dataset["closed_loop"].item()]
     if state == "held_back":
         which = ", ".join(name for name, at in zip(HELD_BACK, dataset["limited"].values, strict=True) if at)
@@ -186,7 +189,7 @@ def survey_margins(
     airframe, of = airframe_of(aircraft, variant)
     environment, limits = standard_environment(), survey_limits()
     wanted = gains_for(inversion, gains)
-    clock, memory = Clock(), loop_memory(wanted)
+    clock, memory = Clock(), loop_memory(wanted, airframe)
     on_progress("trimming", 0.0)
     trims = trim_map(clock, airframe, environment, altitudes_m, machs, coarse=coarse)
     which = np.flatnonzero(np.asarray(trims.points.trimmable))
@@ -199,14 +202,15 @@ def survey_margins(
     found = in_batches(
         of_batch, total, _BATCH, lambda k: on_progress(f"breaking the loops at {total} points", k / total)
     )
-    dataset = margin_map_dataset(trims, found, step_s, {**of, "inversion": inversion, **described(limits)})
+    attributes = {**of, "inversion": inversion, **described(limits)}
+    dataset = margin_map_dataset(trims, found, breakpoints(airframe), step_s, attributes)
     return MarginSurvey(dataset, clock.compile_s, clock.run_s)
 
 
 def margin_document(dataset: xr.Dataset) -> dict[str, Any]:
     """Margins of one trim point, as `margins_at` finds them, in plain data for JSON; what is infinite is None."""
     rows = []
-    for name in BREAKPOINTS:
+    for name in dataset["breakpoint"].values.tolist():
         of = dataset.sel(breakpoint=name)
         figures = {key: of[key].item() for key, of_key in dataset.data_vars.items() if of_key.dims == ("breakpoint",)}
         rows.append(

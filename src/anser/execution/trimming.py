@@ -2,7 +2,9 @@
 
 from dataclasses import dataclass
 
-from anser.aircraft import AbstractAirframe
+import jax.numpy as jnp
+
+from anser.aircraft import AbstractAirframe, air_data
 from anser.compiling import enable_compilation_cache
 from anser.environment import standard_environment
 from anser.execution.conditions import airframe_of, solve
@@ -94,11 +96,13 @@ def _rows(
     airframe: AbstractAirframe, point: TrimPoint, altitude_m: float, speed_m_s: float
 ) -> tuple[tuple[str, float, str], ...]:
     roll, pitch, _ = euler_from_quaternion(point.state.quaternion)
-    mach = speed_m_s / float(standard_environment().atmosphere.at(altitude_m).speed_of_sound)
-    thrust = float(airframe.propulsion(point.power, altitude_m, mach).force_b[0])
+    air = standard_environment().atmosphere.at(altitude_m)
+    ca, sa, cb, sb = (f(x) for x in (point.alpha, point.beta) for f in (jnp.cos, jnp.sin))
+    data = air_data(speed_m_s * jnp.stack([ca * cb, sb, sa * cb]), altitude_m, air)
+    thrust = float(airframe.engine.propulsion(point.power, data).force_b[0])
     flow = {"angle of attack": point.alpha, "sideslip": point.beta, "roll": roll, "pitch": pitch}
     rates = zip(("roll rate", "pitch rate", "yaw rate"), point.state.rates_b, strict=True)
-    surfaces = zip(("elevator", "aileron", "rudder"), point.state.surfaces, strict=True)
+    surfaces = zip(airframe.actuators.names, point.state.surfaces, strict=True)
     rows = (
         *((name, float(angle) * RAD_DEG, "deg") for name, angle in flow.items()),
         *((name, float(rate) * RAD_DEG, "deg/s") for name, rate in rates),
@@ -106,6 +110,6 @@ def _rows(
         ("throttle", float(point.controls.throttle), "0 to 1"),
         ("engine power", float(point.power), "percent"),
         ("thrust", thrust / 1000, "kN"),
-        ("Mach number", mach, ""),
+        ("Mach number", float(data.mach), ""),
     )
     return tuple((name, 0.0 if abs(value) < _ROUNDING else value, unit) for name, value, unit in rows)

@@ -20,8 +20,8 @@ def times3(matrix: Matrix33, vector: Vector3) -> Vector3:
     return jnp.sum(matrix * vector[None, :], axis=1)
 
 
-def product3(a: Matrix33, b: Matrix33) -> Matrix33:
-    """Product of two 3x3 matrices, as explicit sums."""
+def product3(a: Float[Array, "n 3"], b: Matrix33) -> Float[Array, "n 3"]:
+    """Product of a matrix of rows of three and a 3x3 matrix, as explicit sums."""
     return jnp.sum(a[:, :, None] * b[None, :, :], axis=1)
 
 

@@ -17,13 +17,10 @@ if TYPE_CHECKING:
 
 BODE_SUFFIXES = FIGURE_SUFFIXES
 """Kinds of files that a Bode diagram can be."""
-_GROUPS = {
-    "Actuators and engine": ("elevator", "aileron", "rudder", "throttle"),
-    "Body rates": ("P", "Q", "R"),
-    "Attitude": ("mu", "alpha"),
-}
+_OUTER = {"Body rates": ("P", "Q", "R"), "Attitude": ("mu", "alpha")}
+"""Loops of the autopilot by group; all others run through an actuator or the engine."""
+_ENGINE = "throttle"
 _SYMBOLS = {"P": "$P$", "Q": "$Q$", "R": "$R$", "mu": r"$\mu$", "alpha": r"$\alpha$"}
-_ACTUATORS = ("elevator", "aileron", "rudder")
 _SHOWN_DB, _SHOWN_DEG = (-50.0, 50.0), (-360.0, 0.0)
 _LINE, _CLOSE, _BAD, _HELD_BACK = "#57606a", "#d55e00", "#000000", "#b8b8b8"
 _STYLE = {
@@ -47,8 +44,9 @@ def draw_bode(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
     """
     mpl, figure = new_figure((11.0, 9.0))
     with mpl.rc_context(_STYLE):
-        grid = figure.add_gridspec(3, len(_GROUPS), height_ratios=[1.0, 1.0, 1.5])
-        for k, (title, names) in enumerate(_GROUPS.items()):
+        groups = {"Actuators and engine": (*_of_actuators(dataset), _ENGINE), **_OUTER}
+        grid = figure.add_gridspec(3, len(groups), height_ratios=[1.0, 1.0, 1.5])
+        for k, (title, names) in enumerate(groups.items()):
             gain, phase, nyquist = (figure.add_subplot(grid[row, k]) for row in range(3))
             gain.set_title(title)
             _bode(gain, phase, dataset, names)
@@ -144,15 +142,21 @@ def _nyquist(axes: "Axes", dataset: xr.Dataset, names: Sequence[str]) -> None:
     axes.grid(color=NOTHING, lw=0.5)
 
 
+def _of_actuators(dataset: xr.Dataset) -> list[str]:
+    inner = {_ENGINE, *(name for group in _OUTER.values() for name in group)}
+    return [name for name in dataset["breakpoint"].values.tolist() if name not in inner]
+
+
 def _actuators(dataset: xr.Dataset) -> "Figure":
-    notes = _notes(dataset, "Least of elevator, aileron and rudder, one loop broken at a time.")
+    names = _of_actuators(dataset)
+    notes = _notes(dataset, "Least of " + ", ".join(names) + ", one loop broken at a time.")
     figure, axes, below = map_panels(dataset, 4, 12.0, "Margins at the actuators", notes)
-    of = dataset.sel(breakpoint=list(_ACTUATORS))
+    of = dataset.sel(breakpoint=names)
     columns = (
         ("gain margin (dB)", "gain_margin_db", (0.0, 12.0)),
         ("phase margin (°)", "phase_margin_deg", (0.0, 90.0)),
         ("delay margin (ms)", "delay_margin_ms", (0.0, 40.0)),
-        ("disk margin, all three at once", "actuators_disk_margin", (0.0, 2.0)),
+        ("disk margin, all at once", "actuators_disk_margin", (0.0, 2.0)),
     )
     short = np.any(of["short"].values, axis=-1)
     for k, (label, name, ends) in enumerate(columns):
@@ -165,7 +169,8 @@ def _actuators(dataset: xr.Dataset) -> "Figure":
 
 
 def _loops(dataset: xr.Dataset) -> "Figure":
-    names = [name for name in dataset["breakpoint"].values.tolist() if name not in _ACTUATORS]
+    actuators = _of_actuators(dataset)
+    names = [name for name in dataset["breakpoint"].values.tolist() if name not in actuators]
     notes = _notes(dataset, "Disk margin of each loop: gain and phase change at the same time.")
     figure, axes, below = map_panels(dataset, len(names), 1.2 + 2.2 * len(names), "Loops inside the autopilot", notes)
     for k, name in enumerate(names):

@@ -1,7 +1,7 @@
 """Stability margins, labelled: of one trim point and over a trim map; what they come to, breakpoint by breakpoint."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import jax
@@ -12,7 +12,7 @@ from anser.results.plain import finite_or_none
 from anser.results.provenance import version_attributes
 from anser.results.trim_map import POINT, TrimMap
 from anser.results.variable_labels import attributes_of, flags_of, scattered
-from anser.simulation import BREAKPOINTS, HELD_BACK, NEUTRAL, LoopAnalysis, LoopResponse, largest_pole
+from anser.simulation import HELD_BACK, NEUTRAL, LoopAnalysis, LoopResponse, largest_pole
 from anser.units import RAD_DEG
 
 GAIN_MIN_DB, PHASE_MIN_DEG = 6.0, 40.0
@@ -26,7 +26,11 @@ _Variable = tuple[str, tuple[str, ...], np.ndarray, dict[str, Any]]
 
 
 def margin_dataset(
-    found: LoopAnalysis, response: LoopResponse, step_s: float, attributes: Mapping[str, str | int | float]
+    found: LoopAnalysis,
+    response: LoopResponse,
+    names: Sequence[str],
+    step_s: float,
+    attributes: Mapping[str, str | int | float],
 ) -> xr.Dataset:
     """Label the margins of one trim point, with the response of each loop.
 
@@ -34,6 +38,8 @@ def margin_dataset(
     ----------
     found, response
         What `analyse_loops` found there.
+    names
+        Of the breakpoints.
     step_s
         Sampling period.
     attributes
@@ -59,14 +65,18 @@ def margin_dataset(
         gain = 20 * np.log10(np.abs(loops))
     data["loop_gain_db"] = (over, gain, attributes_of("dB", "Gain of the loop"))
     data["loop_phase_deg"] = (over, phase, attributes_of("degree", "Phase of the loop"))
-    coordinates = _names() | {
+    coordinates = _names(names) | {
         "frequency": ("frequency", np.asarray(response.omega), attributes_of("rad s-1", "Frequency"))
     }
     return xr.Dataset(data, coordinates, _attributes(attributes, step_s))
 
 
 def margin_map_dataset(
-    trims: TrimMap, found: LoopAnalysis, step_s: float, attributes: Mapping[str, str | int | float]
+    trims: TrimMap,
+    found: LoopAnalysis,
+    names: Sequence[str],
+    step_s: float,
+    attributes: Mapping[str, str | int | float],
 ) -> xr.Dataset:
     """Label the margins over a trim map.
 
@@ -76,6 +86,8 @@ def margin_map_dataset(
         The map.
     found
         What `analyse_loops` found of the points that are trimmable, in order.
+    names
+        Of the breakpoints.
     step_s
         Sampling period.
     attributes
@@ -95,7 +107,7 @@ def margin_map_dataset(
     data["with_reserve"] = trims.with_reserve()
     data["alpha_deg"] = trims.variable(alpha * RAD_DEG, "degree", "Angle of attack")
     data["load_factor"] = trims.variable(load_factor, "1", "Normal load factor")
-    return xr.Dataset(data, _names() | trims.coordinates("Steady flight"), _attributes(attributes, step_s))
+    return xr.Dataset(data, _names(names) | trims.coordinates("Steady flight"), _attributes(attributes, step_s))
 
 
 def margin_table(dataset: xr.Dataset, *, with_reserve: bool = True) -> list[dict[str, Any]]:
@@ -115,7 +127,7 @@ def margin_table(dataset: xr.Dataset, *, with_reserve: bool = True) -> list[dict
     if with_reserve:
         among = among & dataset["with_reserve"].values
     rows = []
-    for k, name in enumerate(BREAKPOINTS):
+    for k, name in enumerate(dataset["breakpoint"].values.tolist()):
         row: dict[str, Any] = {"breakpoint": name, "points": int(among.sum())}
         for margin in ("gain_margin_db", "phase_margin_deg", "delay_margin_ms", "disk_margin"):
             values = np.sort(dataset[margin].values[among][:, k])
@@ -168,14 +180,14 @@ def _variables(found: LoopAnalysis, step_s: float, trimmable: np.ndarray) -> lis
     add_stable("short", short, attributes_of("1", "Whether a margin falls short"), "breakpoint")
     for name, (values, unit, words) in numbers.items():
         add_stable(name, values, attributes_of(unit, words), "breakpoint")
-    words = "Radius of the symmetric disk margin of all three actuators at once"
+    words = "Radius of the symmetric disk margin of all actuators at once"
     add_stable("actuators_disk_margin", np.asarray(found.actuators_disk), attributes_of("1", words))
     return variables
 
 
-def _names() -> dict[str, Any]:
+def _names(breakpoints: Sequence[str]) -> dict[str, Any]:
     return {
-        "breakpoint": ("breakpoint", np.array(BREAKPOINTS), {"long_name": "Where the loop is broken"}),
+        "breakpoint": ("breakpoint", np.array(breakpoints), {"long_name": "Where the loop is broken"}),
         "command": (
             "command",
             np.array(HELD_BACK),

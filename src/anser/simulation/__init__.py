@@ -1,6 +1,6 @@
 """Simulation: the closed loop of a fleet, trim, responses, linear models, the recorded history."""
 
-from anser.simulation.broken_loop import BREAKPOINTS, HELD_BACK, MemoryFields, loop_memory
+from anser.simulation.broken_loop import HELD_BACK, MemoryFields, breakpoints, loop_memory
 from anser.simulation.certified_planner import CertifiedPlanner, CertifiedPlanState
 from anser.simulation.closed_loop import fly_alone, trimmed_vehicle
 from anser.simulation.decentralised_planner import DecentralisedPlanner, DecentralisedPlanState
@@ -32,7 +32,6 @@ from anser.simulation.vehicle import Mission, Vehicle, VehicleState
 __all__ = [
     "AUTOPILOT_LIMITS",
     "BETA_BOUND",
-    "BREAKPOINTS",
     "CHANNELS",
     "HELD_BACK",
     "NEUTRAL",
@@ -81,6 +80,7 @@ __all__ = [
     "assemble",
     "assign_holds",
     "begin",
+    "breakpoints",
     "cells_for",
     "fly",
     "fly_alone",

@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from anser.aircraft import AbstractAirframe
 from anser.control import (
     AutopilotGains,
     AutopilotSignals,
@@ -14,22 +15,16 @@ from anser.control import (
 from anser.control.autopilot import velocity_control
 from anser.control.onboard_model import onboard_model
 from anser.planning import PathCommand
-from anser.shapes import Vector3
-from anser.simulation.linearize_chart import BODY_STATES, SURFACE_STATES, coordinates_of, state_at
+from anser.simulation.linearize_chart import all_states, coordinates_of, state_at
 from anser.simulation.linearize_open import expand, require_flat
-from anser.simulation.linearize_sampled import SENSOR_MEMORY, memory_of, sampled_motion
+from anser.simulation.linearize_sampled import SENSOR_MEMORY, memory_of, parts, sampled_motion
 from anser.simulation.response import LoopCase, believed, motion_of, trimmed_memory
 
-BREAKPOINTS = ("elevator", "aileron", "rudder", "throttle", "P", "Q", "R", "mu", "alpha")
-"""Where a loop can be broken: the commands to the actuators and the engine, to the loop of the body rates and to the
-loop of the attitude. The wanted sideslip is 0 whatever happens: no loop runs through it."""
-ACTUATORS = slice(0, 3)
-"""Those of the actuators."""
+INNER_BREAKPOINTS = ("throttle", "P", "Q", "R", "mu", "alpha")
+"""Where a loop can be broken besides the commands to the actuators: the command to the engine, those to the loop of the
+body rates and to the loop of the attitude. The wanted sideslip is 0 whatever happens: no loop runs through it."""
 HELD_BACK = ("thrust", "alpha or load factor", "bank", "body rates", "surfaces")
 """Commands of the autopilot that can stand at a limit, where the loop is open."""
-
-_AIRCRAFT = len(BODY_STATES + SURFACE_STATES)
-_COMMANDS = 4  # surfaces and throttle
 
 MemoryFields = tuple[str, ...]
 
@@ -43,26 +38,31 @@ class ExcitedLoop(eqx.Module):
     Attributes
     ----------
     A, B, C, D
-        Matrices; w and z in the order of `BREAKPOINTS`. No command depends on its own test input in the same sample:
+        Matrices; w and z in the order of `breakpoints`. No command depends on its own test input in the same sample:
         the diagonal of D is 0.
     limited
         Which of `HELD_BACK` stand at a limit in the trim point: the autopilot does not hold it.
     """
 
     A: Float[Array, "state state"]
-    B: Float[Array, "state 9"]
-    C: Float[Array, "9 state"]
-    D: Float[Array, "9 9"]
+    B: Float[Array, "state breakpoint"]
+    C: Float[Array, "breakpoint state"]
+    D: Float[Array, "breakpoint breakpoint"]
     limited: Bool[Array, "5"]
 
 
-def loop_memory(gains: AutopilotGains) -> MemoryFields:
+def breakpoints(airframe: AbstractAirframe) -> tuple[str, ...]:
+    """Where a loop can be broken, the actuators first."""
+    return airframe.actuators.names + INNER_BREAKPOINTS
+
+
+def loop_memory(gains: AutopilotGains, airframe: AbstractAirframe) -> MemoryFields:
     """Fields of the autopilot's memory that take part in the closed loop; the gains must be concrete.
 
     Left out are the sensors' where the inversion is model-based, and the attitude's integrals where they have no gain:
     they would be integrators that act on nothing.
     """
-    fields = [field for field, _ in memory_of("velocity")]
+    fields = [field for field, _ in memory_of("velocity", airframe)]
     if not bool(jnp.any(gains.attitude.integral != 0.0)):
         fields.remove("attitude_integral")
     return (*fields, *((SENSOR_MEMORY[0],) if bool(gains.sensor_bandwidth > 0.0) else ()))
@@ -88,38 +88,40 @@ def excited_loop(case: LoopCase, memory: MemoryFields) -> ExcitedLoop:
     """
     airframe, environment, trim = case.airframe, case.environment, case.trim
     require_flat(environment)
+    own, commands = len(all_states(airframe)), len(airframe.actuators.names) + 1
+    count = len(breakpoints(airframe))
     start, path = trimmed_memory(trim), motion_of(believed(airframe, environment, trim.state))
     wanted = PathCommand(path.V, path.gamma, path.chi, *path.path_rates)
 
-    def elements(of: AutopilotState) -> list[Vector3]:
+    def elements(of: AutopilotState) -> list[Array]:
         return [leaf for field in memory for leaf in jax.tree.leaves(getattr(of, field))]
 
     def sampled(zw: Array) -> Array:
-        state = state_at(environment, zw[:_AIRCRAFT], trim.state.position_n)
-        before = eqx.tree_at(elements, start, list(zw[_AIRCRAFT:-5].reshape(-1, 3)))
+        state = state_at(environment, zw[:own], trim.state)
+        before = eqx.tree_at(elements, start, parts(zw[own:-5], elements(start)))
         added = Excitation(attitude=jnp.append(zw[-2:], 0.0), rates_b=zw[-5:-2])
         belief = believed(airframe, environment, state)
         model = onboard_model(belief, case.limits, case.gains, before, case.step)
         controls, signals, after = velocity_control(model, case.gains, before, wanted, added)
-        commands = [controls.surfaces, controls.throttle[None], signals.rates_b, signals.attitude.angles[:2]]
-        return jnp.concatenate([*commands, *elements(after), _limited(signals).astype(float)])
+        passed = [controls.surfaces, controls.throttle[None], signals.rates_b, signals.attitude.angles[:2]]
+        return jnp.concatenate([*passed, *elements(after), _limited(signals).astype(float)])
 
     x = jnp.concatenate([coordinates_of(environment, trim.state), *elements(start), jnp.zeros(5)])
     law = expand(sampled, x)
-    motion = sampled_motion(case, law.value[:_COMMANDS])
-    by_state, by_command = jnp.split(motion.slope[:_AIRCRAFT], [_AIRCRAFT], axis=1)
-    z, after = jnp.split(law.slope[: -len(HELD_BACK)], [len(BREAKPOINTS)])
-    moved = by_command @ z[:_COMMANDS]
-    moved = moved.at[:, :_AIRCRAFT].add(by_state)
+    motion = sampled_motion(case, law.value[:commands])
+    by_state, by_command = jnp.split(motion.slope[:own], [own], axis=1)
+    z, after = jnp.split(law.slope[: -len(HELD_BACK)], [count])
+    moved = by_command @ z[:commands]
+    moved = moved.at[:, :own].add(by_state)
     A, B = jnp.split(jnp.concatenate([moved, after]), [x.size - 5], axis=1)
     C, D = jnp.split(z, [x.size - 5], axis=1)
     # what is added to the commands of surfaces and throttle passes the autopilot by
-    to_controls = jnp.concatenate([by_command, jnp.zeros((after.shape[0], _COMMANDS))])
+    to_controls = jnp.concatenate([by_command, jnp.zeros((after.shape[0], commands))])
     return ExcitedLoop(
         A=A,
         B=jnp.concatenate([to_controls, B], axis=1),
         C=C,
-        D=jnp.concatenate([jnp.zeros((len(BREAKPOINTS), _COMMANDS)), D], axis=1),
+        D=jnp.concatenate([jnp.zeros((count, commands)), D], axis=1),
         limited=law.value[-len(HELD_BACK) :] > 0.5,
     )
 

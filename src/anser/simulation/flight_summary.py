@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from anser.shapes import Flag, Scalar, ScalarLike, Vector3
+from anser.shapes import Flag, Scalar, ScalarLike, Vector, Vector3
 from anser.units import DEG_RAD
 
 AUTOPILOT_LIMITS = (
@@ -72,8 +72,8 @@ class FlightSummary(eqx.Module):
     alpha_max: Scalar
     load_factor_min: Scalar
     load_factor_max: Scalar
-    surface_share: Vector3
-    surface_rate_share: Vector3
+    surface_share: Vector
+    surface_rate_share: Vector
     body_rate_share: Vector3
     limited_time: Float[Array, "9"]
     limited_late: Float[Array, "9"]
@@ -90,15 +90,15 @@ class Sample(NamedTuple):
     alpha: ScalarLike
     beta: ScalarLike
     load_factor: ScalarLike
-    surface_share: Vector3
-    surface_rate_share: Vector3
+    surface_share: Vector
+    surface_rate_share: Vector
     body_rate_share: Vector3
     limited: Bool[Array, "9"]
     outside: Bool[Array, "4"]
 
 
-def nothing_yet() -> FlightSummary:
-    """Summary of no sample."""
+def nothing_yet(surfaces: int) -> FlightSummary:
+    """Summary of no sample of an aircraft with so many surfaces."""
     none, least, most = jnp.zeros(3), jnp.asarray(jnp.inf), jnp.asarray(-jnp.inf)
     return FlightSummary(
         final_error=none,
@@ -111,8 +111,8 @@ def nothing_yet() -> FlightSummary:
         alpha_max=most,
         load_factor_min=least,
         load_factor_max=most,
-        surface_share=none,
-        surface_rate_share=none,
+        surface_share=jnp.zeros(surfaces),
+        surface_rate_share=jnp.zeros(surfaces),
         body_rate_share=none,
         limited_time=jnp.zeros(len(AUTOPILOT_LIMITS)),
         limited_late=jnp.zeros(len(AUTOPILOT_LIMITS)),

@@ -2,7 +2,9 @@
 
 import math
 
+import jax
 import jax.numpy as jnp
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 from anser.aircraft import AbstractAirframe, AircraftState, condition
@@ -21,17 +23,25 @@ from anser.spatial import (
 )
 from anser.units import DEG_RAD
 
-BODY_STATES = ("V", "alpha", "beta", "phi", "theta", "psi", "P", "Q", "R", "altitude", "power")
-"""Airspeed, flow angles, roll, pitch, yaw, body rates, altitude, engine power: m/s, rad, rad/s, m, percent."""
-SURFACE_STATES = ("elevator", "aileron", "rudder")
-"""Deflections, rad."""
+_FLIGHT_STATES = ("V", "alpha", "beta", "phi", "theta", "psi", "P", "Q", "R", "altitude")
+"""Airspeed, flow angles, roll, pitch, yaw, body rates, altitude: m/s, rad, rad/s, m."""
 AIR_OUTPUTS = ("n_z", "gamma", "chi", "mu")
 """Normal load factor (force along body -z over weight), path angle, course and bank of the motion through the air."""
 
-Coordinates = Float[Array, "14"]
-"""Values of `BODY_STATES` and `SURFACE_STATES`."""
+Coordinates = Float[Array, " state"]
+"""Values of `body_states` and the states of the actuators."""
 
 _MARGIN_COSINE = math.cos(89.0 * DEG_RAD)
+
+
+def body_states(airframe: AbstractAirframe) -> tuple[str, ...]:
+    """Names of the states of flight and engine (power in percent)."""
+    return _FLIGHT_STATES + airframe.engine.state_names
+
+
+def all_states(airframe: AbstractAirframe) -> tuple[str, ...]:
+    """Names of all states, those of the actuators last (deflections in rad)."""
+    return body_states(airframe) + airframe.actuators.state_names
 
 
 def coordinates_of(environment: Environment, state: AircraftState) -> Coordinates:
@@ -39,23 +49,26 @@ def coordinates_of(environment: Environment, state: AircraftState) -> Coordinate
     velocity_air_b, _ = _through_air(environment, state)
     flow = jnp.stack(flow_angles(velocity_air_b))
     euler = euler_from_quaternion(state.quaternion)
-    rest = jnp.stack([-state.position_n[2], state.power])
-    return jnp.concatenate([flow, euler, state.rates_b, rest, state.surfaces])
+    altitude = -state.position_n[2:]
+    own = [jnp.ravel(leaf) for leaf in jax.tree.leaves((state.engine, state.actuators))]
+    return jnp.concatenate([flow, euler, state.rates_b, altitude, *own])
 
 
-def state_at(environment: Environment, coordinates: Coordinates, place_n: Vector3) -> AircraftState:
-    """State of coordinates, north and east as in `place_n`: the inverse of `coordinates_of`."""
+def state_at(environment: Environment, coordinates: Coordinates, like: AircraftState) -> AircraftState:
+    """State of coordinates, north, east and the structure as in `like`: the inverse of `coordinates_of`."""
     V, alpha, beta, phi, theta, psi = coordinates[:6]
-    position_n = jnp.stack([place_n[0], place_n[1], -coordinates[9]])
+    position_n = jnp.stack([like.position_n[0], like.position_n[1], -coordinates[9]])
     velocity_air_b = V * jnp.stack([jnp.cos(alpha) * jnp.cos(beta), jnp.sin(beta), jnp.sin(alpha) * jnp.cos(beta)])
     wind_b = rotate(rotation_from_euler(phi, theta, psi), environment.wind.at(position_n, 0.0))
+    _, own_of = ravel_pytree((like.engine, like.actuators))
+    engine, actuators = own_of(coordinates[len(_FLIGHT_STATES) :])
     return AircraftState(
         position_n=position_n,
         velocity_b=velocity_air_b + wind_b,
         quaternion=quaternion_from_euler(phi, theta, psi),
         rates_b=coordinates[6:9],
-        surfaces=coordinates[11:],
-        power=coordinates[10],
+        actuators=actuators,
+        engine=engine,
     )
 
 

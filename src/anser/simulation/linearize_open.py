@@ -13,15 +13,13 @@ from anser.environment import Environment, FlatEarth
 from anser.shapes import Flag, Scalar
 from anser.simulation.linearize_chart import (
     AIR_OUTPUTS,
-    BODY_STATES,
-    SURFACE_STATES,
     air_outputs,
+    all_states,
+    body_states,
     coordinates_of,
     regular_at,
     state_at,
 )
-
-_COMMANDS = tuple(f"{surface}_command" for surface in SURFACE_STATES)
 
 
 class LinearModel(eqx.Module):
@@ -82,8 +80,8 @@ def linearize(
     state, controls
         The condition, for instance of a `TrimPoint`.
     actuators
-        False: the inputs elevator, aileron, rudder are deflections (those of `controls`). True: they are commands to
-        the actuators, and the deflections (those of `state`) are three more states.
+        False: the inputs elevator, aileron, rudder, or whatever the surfaces are, are deflections (those of
+        `controls`). True: they are commands to the actuators, whose states (those of `state`) are added.
 
     Raises
     ------
@@ -91,13 +89,17 @@ def linearize(
         The Earth is not flat: the classical states belong to a flat one.
     """
     require_flat(environment)
-    names = BODY_STATES + SURFACE_STATES if actuators else BODY_STATES
-    count = len(names)
-    place_n = state.position_n
+    names = all_states(airframe) if actuators else body_states(airframe)
+    count, surfaces = len(names), airframe.actuators.names
 
     def motion(xu: Array) -> Array:
         x, u = xu[:count], xu[count:]
-        now = state_at(environment, x if actuators else jnp.concatenate([x, u[1:]]), place_n)
+        if actuators:
+            now = state_at(environment, x, state)
+        else:
+            rest = coordinates_of(environment, state)[count:]
+            now = state_at(environment, jnp.concatenate([x, rest]), state)
+            now = eqx.tree_at(lambda s: s.actuators, now, airframe.actuators.settled(u[1:]))
         rate = state_derivative(airframe, environment, 0.0, now, Controls(surfaces=u[1:], throttle=u[0]))
         _, x_dot = jax.jvp(lambda s: coordinates_of(environment, s), (now,), (rate,))
         return jnp.concatenate([x_dot[:count], x, air_outputs(airframe, environment, now)])
@@ -112,7 +114,7 @@ def linearize(
         step=jnp.zeros(()),
         regular=regular_at(environment, state),
         states=names,
-        inputs=("throttle", *(_COMMANDS if actuators else SURFACE_STATES)),
+        inputs=("throttle", *(f"{name}_command" if actuators else name for name in surfaces)),
         outputs=names + AIR_OUTPUTS,
     )
 

@@ -1,19 +1,21 @@
 """Linear model of one aircraft under one loop of its autopilot, from sample to sample."""
 
+from collections.abc import Sequence
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
-from anser.aircraft import Controls
+from anser.aircraft import AbstractAirframe, Controls
 from anser.compiling import compiled_quickly
 from anser.control import AutopilotState, InversionAutopilot, Loop, wrapped
 from anser.shapes import Vector3
 from anser.simulation.linearize_chart import (
     AIR_OUTPUTS,
-    BODY_STATES,
-    SURFACE_STATES,
     air_outputs,
+    all_states,
     coordinates_of,
     regular_at,
     state_at,
@@ -37,19 +39,21 @@ def _named(channels: tuple[str, ...], what: str) -> tuple[str, ...]:
 _OWN_MEMORY: dict[Loop, list[tuple[str, tuple[str, ...]]]] = {
     "rates": [
         ("rates_integral", _named(CHANNELS["rates"], "integral")),
-        ("surfaces_filter", _named(SURFACE_STATES, "filter")),
+        ("surfaces_filter", ()),
     ],
     "attitude": [
         ("attitude_integral", _named(CHANNELS["attitude"], "integral")),
         ("rates_filter", _named(CHANNELS["rates"], "filter")),
-        ("surfaces_slow", _named(SURFACE_STATES, "slow")),
+        ("surfaces_slow", ()),
     ],
     "velocity": [
         ("velocity_integral", _named(CHANNELS["velocity"], "integral")),
         ("attitude_filter", _named(CHANNELS["attitude"], "filter")),
     ],
 }
-"""Fields of the autopilot's memory that each loop adds to those of the loops inside it."""
+"""Fields of the autopilot's memory that each loop adds to those of the loops inside it, with names of their elements;
+where there are none, of the surfaces."""
+_OF_SURFACES = {"surfaces_filter": "filter", "surfaces_slow": "slow"}
 SENSOR_MEMORY = (
     "residual",
     (
@@ -60,8 +64,6 @@ SENSOR_MEMORY = (
     ),
 )
 """Memory of the sensors, which takes part in incremental inversion."""
-_STATES = BODY_STATES + SURFACE_STATES
-_AIRCRAFT = len(_STATES)
 _EULER = slice(3, 6)
 
 
@@ -88,31 +90,33 @@ def linearize_loop(case: LoopCase, loop: Loop) -> LinearModel:
     """
     require_flat(case.environment)
     # Compiled in two parts: the motion, by far the larger, is the same for all loops.
-    memory = memory_of(loop) + ([SENSOR_MEMORY] if bool(case.gains.sensor_bandwidth > 0) else [])
+    states = all_states(case.airframe)
+    own, commands = len(states), len(case.airframe.actuators.names) + 1
+    memory = memory_of(loop, case.airframe) + ([SENSOR_MEMORY] if bool(case.gains.sensor_bandwidth > 0) else [])
     z, command, law = _law(case, loop, tuple(field for field, _ in memory))
-    motion = sampled_motion(case, law.value[:4])
-    after = jnp.concatenate([motion.value[:_AIRCRAFT], law.value[4:]])
+    motion = sampled_motion(case, law.value[:commands])
+    after = jnp.concatenate([motion.value[:own], law.value[commands:]])
     # x_after = M (x, controls) and (controls, memory_after) = L (x, memory, command), by the chain rule.
-    moved, seen = jnp.split(motion.slope, [_AIRCRAFT])
-    through = moved[:, _AIRCRAFT:] @ law.slope[:4]
-    through = through.at[:, :_AIRCRAFT].add(moved[:, :_AIRCRAFT])
-    A, B = jnp.split(jnp.concatenate([through, law.slope[4:]]), [z.size], axis=1)
+    moved, seen = jnp.split(motion.slope, [own])
+    through = moved[:, own:] @ law.slope[:commands]
+    through = through.at[:, :own].add(moved[:, :own])
+    A, B = jnp.split(jnp.concatenate([through, law.slope[commands:]]), [z.size], axis=1)
     change = after - z
     change = change.at[_EULER].set(wrapped(change[_EULER]))
     return LinearModel(
         A=A,
         B=B,
-        C=jnp.concatenate([jnp.eye(_AIRCRAFT), seen[:, :_AIRCRAFT]]) @ jnp.eye(_AIRCRAFT, z.size),
-        D=jnp.zeros((_AIRCRAFT + len(AIR_OUTPUTS), 3)),
+        C=jnp.concatenate([jnp.eye(own), seen[:, :own]]) @ jnp.eye(own, z.size),
+        D=jnp.zeros((own + len(AIR_OUTPUTS), 3)),
         x=z,
         u=command,
-        y=jnp.concatenate([z[:_AIRCRAFT], motion.value[_AIRCRAFT:]]),
+        y=jnp.concatenate([z[:own], motion.value[own:]]),
         x_dot=change / case.step,
         step=case.step,
         regular=regular_at(case.environment, case.trim.state),
-        states=_STATES + tuple(name for _, names in memory for name in names),
+        states=states + tuple(name for _, names in memory for name in names),
         inputs=_named(CHANNELS[loop], "command"),
-        outputs=_STATES + AIR_OUTPUTS,
+        outputs=states + AIR_OUTPUTS,
     )
 
 
@@ -125,12 +129,14 @@ def _law(case: LoopCase, loop: Loop, fields: tuple[str, ...]) -> tuple[Array, Ve
     held = measured_by(belief, loop)
     rate = motion_of(belief).path_rates if loop == "velocity" else jnp.zeros(3)
 
-    def elements(memory: AutopilotState) -> list[Vector3]:
+    def elements(memory: AutopilotState) -> list[Array]:
         return [leaf for field in fields for leaf in jax.tree.leaves(getattr(memory, field))]
 
+    own = len(all_states(airframe))
+
     def law(zc: Array) -> Array:
-        state = state_at(environment, zc[:_AIRCRAFT], trim.state.position_n)
-        memory = eqx.tree_at(elements, start, list(zc[_AIRCRAFT:-3].reshape(-1, 3)))
+        state = state_at(environment, zc[:own], trim.state)
+        memory = eqx.tree_at(elements, start, parts(zc[own:-3], elements(start)))
         command = loop_command(loop, zc[-3:], rate, trim.controls.throttle)
         belief = believed(airframe, environment, state)
         controls, _, memory = autopilot.control(memory, belief, command, case.step)
@@ -141,24 +147,31 @@ def _law(case: LoopCase, loop: Loop, fields: tuple[str, ...]) -> tuple[Array, Ve
 
 
 @compiled_quickly
-def sampled_motion(case: LoopCase, controls: Float[Array, "4"]) -> Expansion:
+def sampled_motion(case: LoopCase, controls: Float[Array, " command"]) -> Expansion:
     """State after one step and outputs before it, as they depend on the state before and on the controls."""
     airframe, environment, start = case.airframe, case.environment, case.trim.state
+    own = len(all_states(airframe))
 
     def motion(xu: Array) -> Array:
-        state = state_at(environment, xu[:_AIRCRAFT], start.position_n)
-        surfaces, throttle = xu[_AIRCRAFT:-1], xu[-1]
+        state = state_at(environment, xu[:own], start)
+        surfaces, throttle = xu[own:-1], xu[-1]
         after = advance(airframe, environment, 0.0, state, Controls(surfaces, throttle), case.step)
         return jnp.concatenate([coordinates_of(environment, after), air_outputs(airframe, environment, state)])
 
     return expand(motion, jnp.concatenate([coordinates_of(environment, start), controls]))
 
 
-def memory_of(loop: Loop) -> list[tuple[str, tuple[str, ...]]]:
+def parts(flat: Float[Array, " element"], like: Sequence[Array]) -> list[Array]:
+    """A vector cut into arrays of given shapes."""
+    ends = np.cumsum([leaf.size for leaf in like])[:-1]
+    return [part.reshape(leaf.shape) for part, leaf in zip(jnp.split(flat, ends), like, strict=True)]
+
+
+def memory_of(loop: Loop, airframe: AbstractAirframe) -> list[tuple[str, tuple[str, ...]]]:
     """Fields of the autopilot's memory that take part in a loop, with the names of their elements."""
-    found = []
+    surfaces, found = airframe.actuators.names, []
     for inner in CHANNELS:
-        found += _OWN_MEMORY[inner]
+        found += [(field, names or _named(surfaces, _OF_SURFACES[field])) for field, names in _OWN_MEMORY[inner]]
         if inner == loop:
             break
     return found

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
 from anser.shapes import Scalar, ScalarLike
-from anser.simulation.broken_loop import ACTUATORS, ExcitedLoop, MemoryFields, excited_loop
+from anser.simulation.broken_loop import INNER_BREAKPOINTS, ExcitedLoop, MemoryFields, excited_loop
 from anser.simulation.response import LoopCase
 from anser.units import DEG_RAD
 
@@ -69,9 +69,9 @@ class LoopAnalysis(eqx.Module):
     limited
         Which of `HELD_BACK` stand at a limit.
     margins
-        At each of `BREAKPOINTS`, leaves of shape (9,).
+        At each of `breakpoints`, leaves of shape (breakpoint,).
     actuators_disk
-        Disk margin of the three actuators at once, each with a factor of its own.
+        Disk margin of all actuators at once, each with a factor of its own.
     """
 
     A: Float[Array, "state state"]
@@ -92,12 +92,12 @@ class LoopResponse(eqx.Module):
     difference
         S - T.
     actuators_difference
-        Largest structured gain of S - T with the three actuators broken at once.
+        Largest structured gain of S - T with all actuators broken at once.
     """
 
     omega: Float[Array, " frequency"]
-    open: Complex[Array, "frequency 9"]
-    difference: Complex[Array, "frequency 9"]
+    open: Complex[Array, "frequency breakpoint"]
+    difference: Complex[Array, "frequency breakpoint"]
     actuators_difference: Float[Array, " frequency"]
 
 
@@ -128,17 +128,18 @@ def loop_response(loop: ExcitedLoop, step: ScalarLike, omega: Float[Array, " fre
     """
     unit, B = jnp.eye(loop.A.shape[0]), loop.B.astype(complex)
 
-    def closed(w: Scalar) -> Complex[Array, "9 9"]:
+    def closed(w: Scalar) -> Complex[Array, "breakpoint breakpoint"]:
         return loop.C @ jnp.linalg.solve(jnp.exp(1j * w * step) * unit - loop.A, B) + loop.D
 
     T_zw = jax.vmap(closed)(omega)
     own = jnp.diagonal(T_zw, axis1=1, axis2=2)
-    together = jax.vmap(lambda T: _structured_gain(jnp.eye(3) + 2 * T))(T_zw[:, ACTUATORS, ACTUATORS])
+    of = _actuators(own.shape[1])
+    together = jax.vmap(lambda T: _structured_gain(jnp.eye(of.stop) + 2 * T))(T_zw[:, of, of])
     return LoopResponse(omega, -own / (1 + own), 1 + 2 * own, together)
 
 
 def loop_margins(response: LoopResponse) -> tuple[Margins, Scalar]:
-    """Margins at each breakpoint (leaves of shape (9,)) and the disk margin of the three actuators at once.
+    """Margins at each breakpoint (leaves of shape (breakpoint,)) and the disk margin of all actuators at once.
 
     They mean something only if the closed loop is stable: see `largest_pole`.
     """
@@ -148,7 +149,7 @@ def loop_margins(response: LoopResponse) -> tuple[Margins, Scalar]:
 
     each = jax.vmap(one, in_axes=1)(response.open, response.difference)
     together = 2 / _peak(jnp.log(response.actuators_difference))
-    return each, jnp.minimum(together, jnp.min(each.disk[ACTUATORS]))
+    return each, jnp.minimum(together, jnp.min(each.disk[_actuators(each.disk.size)]))
 
 
 def margins_of(
@@ -214,6 +215,11 @@ def largest_pole(A: np.ndarray) -> np.ndarray:
     return found.real + 1j * np.abs(found.imag)
 
 
+def _actuators(breakpoints: int) -> slice:
+    """Those of the actuators among so many breakpoints."""
+    return slice(0, breakpoints - len(INNER_BREAKPOINTS))
+
+
 def _least(values: Float[Array, " n"], at: Float[Array, " n"], among: Bool[Array, " n"]) -> tuple[Scalar, Scalar]:
     """Least of some values and where it is; inf and nan of none."""
     k = jnp.argmin(jnp.where(among, values, jnp.inf))
@@ -257,18 +263,18 @@ def _peak(logs: Float[Array, " frequency"]) -> Scalar:
     return jnp.exp(jnp.where(inside, here - (after - before) ** 2 / (8 * curvature), here))
 
 
-def _structured_gain(M: Complex[Array, "3 3"]) -> Scalar:
-    """Upper bound of the structured singular value for three independent factors.
+def _structured_gain(M: Complex[Array, "n n"]) -> Scalar:
+    """Upper bound of the structured singular value for independent factors.
 
     It is the largest singular value of D M D^-1; D is diagonal and balances the off-diagonal rows and columns (E. E.
     Osborne, *J. ACM* 7, 1960).
     """
-    sizes = jnp.abs(M) ** 2 * (1 - jnp.eye(3)) + 1e-300
+    sizes = jnp.abs(M) ** 2 * (1 - jnp.eye(M.shape[0])) + 1e-300
 
-    def balanced(_: int, d: Float[Array, "3"]) -> Float[Array, "3"]:
+    def balanced(_: int, d: Float[Array, " n"]) -> Float[Array, " n"]:
         scaled = d[:, None] * sizes / d[None, :]
         return d * jnp.sqrt(jnp.sum(scaled, axis=0) / jnp.sum(scaled, axis=1)) ** 0.5
 
-    d = jnp.sqrt(jax.lax.fori_loop(0, _BALANCINGS, balanced, jnp.ones(3)))
+    d = jnp.sqrt(jax.lax.fori_loop(0, _BALANCINGS, balanced, jnp.ones(M.shape[0])))
     scaled = d[:, None] * M / d[None, :]
     return jnp.minimum(jnp.linalg.norm(scaled, ord=2), jnp.linalg.norm(M, ord=2))

@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from anser.simulation.linearize_chart import SURFACE_STATES
-
 UNNAMED = "unnamed"
 THIRD = "third oscillatory mode"
 
@@ -17,10 +15,10 @@ _FAMILIES = {
 """Oscillations and the states, of wind axes, that make up each."""
 _FALLING_APART = ("short period", "phugoid", "Dutch roll")
 """Those that may fall apart into two real modes."""
-_LONE = {"P_w": "roll", "mu": "spiral", "power": "engine", "altitude": "altitude", "chi": "heading"} | {
-    surface: f"{surface} actuator" for surface in SURFACE_STATES
-}
-"""Real modes that are named for one state."""
+_LONE = {"P_w": "roll", "mu": "spiral", "power": "engine", "altitude": "altitude", "chi": "heading"}
+"""Real modes that are named for one state; a state that is none of flight or engine is an actuator's."""
+_OF_FLIGHT = {"V", "alpha", "beta", "mu", "gamma", "chi", "P_w", "Q", "R_w", "altitude", "power"}
+_OF_SPEED = "_velocity"
 
 _OF_PAIR = 0.75
 _OF_REAL = 0.5
@@ -88,6 +86,9 @@ def _pair_name(mode: Candidate) -> str:
     for family in _FAMILIES:
         if mode.share(family) > _OF_PAIR:
             return family
+    for surface in _surfaces(mode):
+        if mode.shares[surface] + mode.shares.get(f"{surface}{_OF_SPEED}", 0.0) > _OF_PAIR:
+            return f"{surface} actuator"
     return THIRD if mode.share("short period") + mode.share("phugoid") > _OF_MERGED else UNNAMED
 
 
@@ -95,7 +96,14 @@ def _lone_name(mode: Candidate) -> str:
     for state, name in _LONE.items():
         if mode.sound and mode.shares.get(state, 0.0) > _OF_REAL:
             return name
+    for surface in _surfaces(mode):
+        if mode.sound and mode.shares[surface] > _OF_REAL:
+            return f"{surface} actuator"
     return UNNAMED
+
+
+def _surfaces(mode: Candidate) -> list[str]:
+    return [state for state in mode.shares if state not in _OF_FLIGHT and not state.endswith(_OF_SPEED)]
 
 
 def _is_half(mode: Candidate, family: str) -> bool:

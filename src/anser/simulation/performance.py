@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 from anser.aircraft import AbstractAirframe, Condition, air_data
 from anser.environment import Environment
 from anser.planning import IdleDeceleration, Performance
-from anser.shapes import Scalar, ScalarLike, Vector3
+from anser.shapes import Scalar, ScalarLike, Vector
 
 _SPEEDS = np.array([0.55, 0.65, 0.75, 0.85, 1.0, 1.25])  # of that at the start
 _PUSH_OVER = 0.75  # load factor at which the drag due to lift is looked at besides 1
@@ -18,7 +18,7 @@ ABLE_LEAST = 0.1
 
 
 def performance_at(
-    airframe: AbstractAirframe, environment: Environment, now: Condition, surfaces: Vector3
+    airframe: AbstractAirframe, environment: Environment, now: Condition, surfaces: Vector
 ) -> Performance:
     """What an aircraft can do from steady level flight, of which the condition and the surfaces (rad) are given.
 
@@ -42,7 +42,7 @@ def performance_at(
 def _along_path(airframe: AbstractAirframe, now: Condition, power: ScalarLike) -> Scalar:
     """Thrust at a power (percent) less drag, over mass, in the trimmed condition, m/s^2."""
     data = now.air_data
-    pushed = airframe.propulsion(power, data.altitude, data.mach)
+    pushed = airframe.engine.propulsion(power, data)
     direction_b = jnp.stack(
         [jnp.cos(data.alpha) * jnp.cos(data.beta), jnp.sin(data.beta), jnp.sin(data.alpha) * jnp.cos(data.beta)]
     )
@@ -50,7 +50,7 @@ def _along_path(airframe: AbstractAirframe, now: Condition, power: ScalarLike) -
 
 
 def _idle_decelerations(
-    airframe: AbstractAirframe, environment: Environment, now: Condition, surfaces: Vector3, load_factor: float
+    airframe: AbstractAirframe, environment: Environment, now: Condition, surfaces: Vector, load_factor: float
 ) -> Float[Array, " entries"]:
     """Drag less idle thrust at each airspeed and at a load factor, over mass, m/s^2."""
     here = now.air_data
@@ -62,9 +62,7 @@ def _idle_decelerations(
             """Across the path, up, and against it, over mass, m/s^2."""
             data = air_data(speed * jnp.stack([jnp.cos(alpha), 0.0 * alpha, jnp.sin(alpha)]), here.altitude, air)
             force_b = airframe.aerodynamics(data, jnp.zeros(3), surfaces).force_b
-            force_b = (force_b + airframe.propulsion(0.0, data.altitude, data.mach).force_b) / (
-                airframe.mass_properties.mass
-            )
+            force_b = (force_b + airframe.engine.propulsion(0.0, data).force_b) / (airframe.mass_properties.mass)
             across = force_b[0] * jnp.sin(alpha) - force_b[2] * jnp.cos(alpha)
             return across, -force_b[0] * jnp.cos(alpha) - force_b[2] * jnp.sin(alpha)
 

@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from anser.shapes import Scalar, ScalarLike, Vector3
+from anser.shapes import Scalar, ScalarLike, Vector, Vector3
 
 _RISE_FROM, _RISE_TO = 0.1, 0.9
 _END = 0.1
@@ -38,15 +38,15 @@ class StepMetrics(eqx.Module):
     overshoot: Vector3
     final_error: Vector3
     coupling: Vector3
-    surface_use: Vector3
+    surface_use: Vector
 
 
 def step_metrics(
     time: Float[Array, " steps"],
     measured: Float[Array, "steps 3"],
     size: Vector3,
-    surfaces: Float[Array, "steps 3"],
-    surface_limits: tuple[Vector3, Vector3],
+    surfaces: Float[Array, "steps n"],
+    surface_limits: tuple[Vector, Vector],
     band: ScalarLike = 0.05,
 ) -> StepMetrics:
     """Figures of a response to a step at the first sample.

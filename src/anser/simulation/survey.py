@@ -46,6 +46,8 @@ class SurveyRecorder(AbstractRecorder):
         Step of (V, gamma, chi), and the error that counts as settled, m/s and rad.
     count
         Number of samples of the flight.
+    surfaces
+        Number of control surfaces.
     """
 
     limits: FlightLimits
@@ -53,11 +55,12 @@ class SurveyRecorder(AbstractRecorder):
     size: Vector3
     tolerance: Vector3
     count: int = eqx.field(static=True)
+    surfaces: int = eqx.field(static=True)
     every: int = eqx.field(static=True, default=1)
 
     def init(self, aircraft: int) -> FlightSummary:
         """Summary of no sample."""
-        return nothing_yet()
+        return nothing_yet(self.surfaces)
 
     def take(self, memory: FlightSummary, sample: AircraftSample, instant: Instant) -> FlightSummary:
         """Summary with one more sample."""
@@ -116,6 +119,7 @@ def survey_flight(
     step = jnp.asarray(step, dtype=float)
     instant = Instant(environment, jnp.asarray(0, dtype=jnp.int32), step)
     start = condition(airframe, environment, 0.0, trim.state)
-    recorder = SurveyRecorder(limits=limits, start=start, size=size, tolerance=tolerance, count=count)
+    surfaces = len(airframe.actuators.names)
+    recorder = SurveyRecorder(limits, start, size, tolerance, count, surfaces)
     state, summary, _ = fly_alone(vehicle, environment, trimmed_vehicle(vehicle, instant, trim), step, count, recorder)
     return finished(summary, state.aircraft, step, count)

@@ -10,7 +10,7 @@ from anser.control import AutopilotSignals, FlightLimits, wrapped
 from anser.environment import Environment
 from anser.planning import PathCommand
 from anser.sensing import Belief
-from anser.shapes import Flag, Scalar, ScalarLike, Vector3
+from anser.shapes import Flag, Scalar, ScalarLike, Vector, Vector3
 from anser.simulation.flight_summary import FlightSummary, Sample
 from anser.simulation.recorder import AircraftSample
 from anser.simulation.trim import TrimTarget
@@ -74,7 +74,8 @@ def sample_of(
     actuators = truth.actuators
     gamma, chi = path_angles(rotate_back(now.R_bn, state.velocity_b) - now.wind_n)
     error = jnp.stack([command.V - now.air_data.V, command.gamma - gamma, wrapped(command.chi - chi)])
-    rate_share = jnp.abs(actuators.rate(state.surfaces, sample.controls.surfaces)) / actuators.rate_limit
+    moving = actuators.rate(state.actuators, sample.controls.surfaces, now.air_data).position
+    rate_share = jnp.abs(moving) / actuators.rate_limit
     return Sample(
         time=time,
         error=error,
@@ -89,7 +90,7 @@ def sample_of(
     )
 
 
-def surface_share(airframe: AbstractAirframe, surfaces: Vector3) -> Vector3:
+def surface_share(airframe: AbstractAirframe, surfaces: Vector) -> Vector:
     """Part of the way from the middle to the stop at which each surface (rad) stands."""
     lower, upper = airframe.actuators.lower, airframe.actuators.upper
     return jnp.abs(2 * surfaces - lower - upper) / (upper - lower)
@@ -121,7 +122,7 @@ def outside_axes(airframe: AbstractAirframe, now: Condition, inside: Condition) 
 def _limited(belief: Belief, limits: FlightLimits, signals: AutopilotSignals) -> Bool[Array, "8"]:
     """At which of `AUTOPILOT_LIMITS` the autopilot's commands stand, all but the last."""
     data, thrust, attitude = belief.now.air_data, signals.thrust, signals.attitude
-    most = belief.airframe.propulsion(100.0, data.altitude, data.mach).force_b[0]
+    most = belief.airframe.engine.propulsion(100.0, data).force_b[0]
     bank, alpha, _ = attitude.angles
     at_alpha = attitude.alpha_saturated & ((alpha <= limits.alpha_min) | (alpha >= limits.alpha_max))
     unloading = attitude.alpha_saturated & ~at_alpha & (jnp.cos(signals.motion.mu - bank) < _COS_UNLOADING)

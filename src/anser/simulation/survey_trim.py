@@ -6,7 +6,7 @@ from jaxtyping import Array, Bool
 
 from anser.aircraft import AbstractAirframe, condition
 from anser.environment import Environment
-from anser.shapes import Flag, Scalar, Vector3
+from anser.shapes import Flag, Scalar, Vector, Vector3
 from anser.simulation.survey_sample import surface_share
 from anser.simulation.trim import EXCESS_NOISE, TrimPoint, TrimTarget, solve_trim
 
@@ -40,7 +40,7 @@ class MapPoint(eqx.Module):
     load_factor: Scalar
     power_left: Scalar
     power_spare: Scalar
-    surface_left: Vector3
+    surface_left: Vector
 
     @property
     def trimmable(self) -> Bool[Array, "..."]:

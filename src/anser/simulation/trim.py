@@ -5,25 +5,29 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from anser.aircraft import (
     AbstractAirframe,
     AircraftState,
+    AirData,
     Controls,
     air_data,
     angular_acceleration,
 )
+from anser.control.allocation import deflection_for_moment
 from anser.environment import AbstractEarth, Air, Environment
 from anser.numerics import as_array, cross
 from anser.numerics.least_squares import Solution, levenberg_marquardt, with_implicit_derivative
-from anser.shapes import Flag, Matrix33, Scalar, ScalarLike, Vector3
+from anser.shapes import Flag, Matrix33, Scalar, ScalarLike, Vector, Vector3
 from anser.spatial import attitude_from_path, quaternion_from_rotation, rotate, rotate_back
 from anser.units import DEG_RAD
 
-Unknowns = Float[Array, "7"]
-"""Alpha, beta, mu (rad), elevator, aileron, rudder (rad), power (fraction of maximum)."""
+Unknowns = Float[Array, " unknown"]
+"""Alpha, beta, mu (rad), surfaces (rad; of an aircraft with more than three commanded ones what they share in for roll,
+pitch and yaw), power (fraction of maximum)."""
 
 _ALPHA_STARTS_DEG = (2.0, 8.0, 18.0, 30.0, 42.0)  # the lift and moment tables have kinks: one start is not enough
 EXCESS_NOISE = 1e-9
@@ -145,9 +149,10 @@ def _known_other_than_0(rate: ScalarLike) -> bool:
 
 
 class _Case(NamedTuple):
-    """What the trim equations depend on besides their unknowns."""
+    """What the trim equations depend on besides their unknowns; `shares` are those of `_shares`."""
 
     airframe: AbstractAirframe
+    shares: Float[Array, "surface unknown"]
     earth: AbstractEarth
     air: Air
     wind_n: Vector3
@@ -173,30 +178,53 @@ def _velocity_air_b(x: Unknowns, target: TrimTarget) -> Vector3:
 
 def _residual(x: Unknowns, case: _Case) -> Unknowns:
     """Accelerations that must vanish, in g and rad/s^2, and the side force over the weight."""
-    airframe, earth, air, wind_n, position_n, target = case
+    airframe, _, earth, air, wind_n, position_n, target = case
     R_bn, velocity_b = _attitude(x, target), _velocity_air_b(x, target)
     rates_b = _rates_b(R_bn, target)
     local = earth.local(position_n, rotate_back(R_bn, velocity_b) + wind_n)
     rates_air_b = rates_b + rotate(R_bn, local.transport_rate_n)
     inertial_b = rates_air_b + rotate(R_bn, local.earth_rate_n)
     data = air_data(velocity_b, target.altitude, air)
-    propulsive = airframe.propulsion(100 * x[6], target.altitude, data.mach)
-    wrench = airframe.aerodynamics(data, rates_air_b, x[3:6]) + propulsive
+    propulsive = airframe.engine.propulsion(100 * x[-1], data)
+    wrench = airframe.aerodynamics(data, rates_air_b, _surfaces(x, case, data)) + propulsive
     specific_b = wrench.force_b / airframe.mass_properties.mass
     linear = specific_b + rotate(R_bn, local.apparent_gravity_n) - cross(rates_b, velocity_b)
     angular = angular_acceleration(airframe.mass_properties, inertial_b, wrench.moment_b)
-    return jnp.concatenate([linear / local.gravity, angular, specific_b[1:2] / local.gravity])
+    # without command of the yaw, sideslip balances it, and what side force that makes remains
+    coordinated = specific_b[1:2] if airframe.actuators.controls_yaw else jnp.zeros(0)
+    return jnp.concatenate([linear / local.gravity, angular, coordinated / local.gravity])
+
+
+def _surfaces(x: Unknowns, case: _Case, data: AirData) -> Vector:
+    """Deflections of a guess, rad: those commanded, and where schedules put the others."""
+    return case.airframe.actuators.scheduled(jnp.sum(case.shares * x[None, 3:-1], axis=1), data)
+
+
+def _shares(airframe: AbstractAirframe, data: AirData) -> Float[Array, "surface unknown"]:
+    """How each surface takes part in the unknowns: alone up to three commanded ones, else as least it must.
+
+    The others stand at their schedules, or at 0.
+    """
+    actuators = airframe.actuators
+    commanded = np.flatnonzero(actuators.commanded)
+    if commanded.size <= 3:
+        return jnp.asarray(np.eye(len(actuators.names))[:, commanded])
+    rest = actuators.scheduled(jnp.zeros(len(actuators.names)), data)
+    slope = jax.jacfwd(lambda u: airframe.aerodynamics(data, jnp.zeros(3), u).moment_b)(rest)
+    shares = deflection_for_moment(actuators, slope)
+    return shares / jnp.max(jnp.abs(shares), axis=0)
 
 
 def solve_trim(
     airframe: AbstractAirframe, environment: Environment, target: TrimTarget, position_n: Vector3 | None = None
 ) -> TrimPoint:
-    """Solve the seven trim equations for alpha, beta, mu, three surfaces and power.
+    """Solve the trim equations for alpha, beta, mu, the surfaces and power.
 
     Equations: body velocity and body rates constant in a steady (helical) turn or at the instant of a pull-up, and no
     side force (coordination; [SL] section 3.6 imposes the same; in a pull-up by pitch rate it levels the wings). Over
     a round Earth "constant" is meant in the travelling NED axes: Coriolis and centrifugal accelerations are balanced
-    too. Limits are not imposed, so that a diagnosis can tell by how much they are exceeded: see
+    too. An aircraft without command of its yaw has no equation for the side force.
+    Limits are not imposed, so that a diagnosis can tell by how much they are exceeded: see
     `anser.simulation.trim_violations`. Levenberg-Marquardt from several angles of attack; of the solutions, the one
     inside the limits with the least angle of attack is taken. Differentiable by the implicit function theorem, first
     derivatives only.
@@ -214,16 +242,19 @@ def solve_trim(
     position_n = jnp.stack([north, east, -target.altitude])
     wind_n = environment.wind.at(position_n, 0.0)
     air = environment.atmosphere.at(target.altitude)
-    case = _Case(airframe, environment.earth, air, wind_n, position_n, target)
+    low = jnp.asarray(_ALPHA_STARTS_DEG[0] * DEG_RAD)
+    slow_flight = air_data(target.speed * jnp.stack([jnp.cos(low), 0.0 * low, jnp.sin(low)]), target.altitude, air)
+    shares = _shares(airframe, slow_flight)
+    case = _Case(airframe, shares, environment.earth, air, wind_n, position_n, target)
     upward = environment.gravity + jnp.maximum(target.speed * target.path_rate, 0.0)
     bank = jnp.arctan2(target.speed * target.turn_rate * jnp.cos(target.path_angle), upward)
 
     def attempt(alpha_start: Scalar) -> Solution:
-        start = jnp.zeros(7).at[0].set(alpha_start).at[2].set(bank).at[6].set(0.3)
+        start = jnp.zeros(4 + shares.shape[1]).at[0].set(alpha_start).at[2].set(bank).at[-1].set(0.3)
         return levenberg_marquardt(_residual, case, start)
 
     tried = jax.vmap(attempt)(jnp.asarray(_ALPHA_STARTS_DEG) * DEG_RAD)
-    excess = jax.vmap(lambda x: _excess(airframe, x))(tried.x)
+    excess = jax.vmap(lambda x: _excess(case, x))(tried.x)
     solved = tried.residual < _CONVERGED
     # Inside the limits first, then solutions beyond them, then the best of what is none.
     rank = jnp.where(solved, jnp.where(excess > 0, 1e3 + excess, tried.x[:, 0]), 1e6 + tried.residual)
@@ -232,36 +263,39 @@ def solve_trim(
     turning = (target.turn_rate != 0) | (target.path_rate != 0)
     residual = jnp.where((target.pitch_rate != 0) & turning, jnp.inf, tried.residual[best])
     R_bn = _attitude(x, target)
+    surfaces = _surfaces(x, case, air_data(_velocity_air_b(x, target), target.altitude, air))
     state = AircraftState(
         position_n=position_n,
         velocity_b=_velocity_air_b(x, target) + rotate(R_bn, wind_n),
         quaternion=quaternion_from_rotation(R_bn),
         rates_b=_rates_b(R_bn, target),
-        surfaces=x[3:6],
-        power=100 * x[6],
+        actuators=airframe.actuators.settled(surfaces),
+        engine=airframe.engine.settled(100 * x[-1]),
     )
     return TrimPoint(
         state=state,
-        controls=Controls(surfaces=state.surfaces, throttle=airframe.throttle_for_power(state.power)),
+        controls=Controls(surfaces=state.surfaces, throttle=airframe.engine.throttle_for_power(state.power)),
         mu=x[2],
         alpha=x[0],
         beta=x[1],
         power=state.power,
         converged=residual < _CONVERGED,
         residual=residual,
-        excess=_excess(airframe, x),
+        excess=_excess(case, x),
     )
 
 
-def _excess(airframe: AbstractAirframe, x: Unknowns) -> Scalar:
+def _excess(case: _Case, x: Unknowns) -> Scalar:
     """How far a solution lies outside the limits (rad and fractions of power, summed); 0 inside."""
+    airframe, target = case.airframe, case.target
+    surfaces = _surfaces(x, case, air_data(_velocity_air_b(x, target), target.altitude, case.air))
 
-    def beyond(value: Scalar | Vector3, lower: Scalar | Vector3, upper: Scalar | Vector3) -> Scalar:
+    def beyond(value: Scalar | Vector, lower: Scalar | Vector, upper: Scalar | Vector) -> Scalar:
         return jnp.sum(jnp.maximum(value - upper, 0.0) + jnp.maximum(lower - value, 0.0))
 
     return (
         beyond(x[0], *airframe.alpha_range)
         + beyond(x[1], *airframe.beta_range)
-        + beyond(x[3:6], airframe.actuators.lower, airframe.actuators.upper)
-        + beyond(x[6], jnp.zeros(()), jnp.ones(()))
+        + beyond(surfaces, airframe.actuators.lower, airframe.actuators.upper)
+        + beyond(x[-1], jnp.zeros(()), jnp.ones(()))
     )

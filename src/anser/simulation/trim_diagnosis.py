@@ -25,8 +25,6 @@ _TURN_RATE_LIMIT = math.radians(30.0)
 _LIMIT_SLACK = 1e-9
 """Rad and fraction of power by which a limit may be passed: a thousand times the solver's noise."""
 
-_SURFACE_NAMES = ("elevator", "aileron", "rudder")
-
 
 @dataclasses.dataclass(frozen=True)
 class NearestTrim:
@@ -121,7 +119,7 @@ def trim_violations(airframe: AbstractAirframe, environment: Environment, point:
         ("sideslip", point.beta, *airframe.beta_range, RAD_DEG, "deg", "known from"),
         ("engine power", point.power / 100, 0.0, 1.0, 100.0, "percent", "available"),
     ]
-    for k, name in enumerate(_SURFACE_NAMES):
+    for k, name in enumerate(actuators.names):
         deflection = point.state.surfaces[k]
         checks.append((name, deflection, actuators.lower[k], actuators.upper[k], RAD_DEG, "deg", "moves from"))
     found = []

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from anser.aircraft import F16, air_data
+from anser.aircraft import F16, air_data, along_body_x
 from anser.environment import StandardAtmosphere
 from anser.scenario import load_airframe
 from anser.shapes import Vector3
@@ -60,7 +60,7 @@ def _thrust(airframe: F16, shots: Float[Array, "shot 3"]) -> dict[str, Float[Arr
     """Thrust and its moment in each shot, lbf and ft lbf."""
 
     def one(shot: Vector3) -> dict[str, Array]:
-        wrench = airframe.propulsion(shot[0], shot[1], shot[2])
+        wrench = along_body_x(airframe.engine.thrust(shot[0], shot[1], shot[2]))
         force, moment = wrench.force_b / LBF_N, wrench.moment_b / FT_LBF_N_M
         return {
             **{f"thrustBodyForce_{axis}": force[k] for k, axis in enumerate("XYZ")},

@@ -8,7 +8,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from anser.aircraft import AircraftState, Controls, EarthFixedState, SimpleBody, earth_fixed_state
+from anser.aircraft import (
+    AircraftState,
+    Controls,
+    Deflections,
+    EarthFixedState,
+    EnginePower,
+    SimpleBody,
+    earth_fixed_state,
+)
 from anser.aircraft.round_earth import round_earth_of
 from anser.environment import Environment, standard_environment, wgs84_earth
 from anser.numerics import cross
@@ -59,8 +67,8 @@ def _start() -> EarthFixedState:
         velocity_b=jnp.array([180.0, 60.0, 60.0]),
         quaternion=quaternion_from_euler(jnp.asarray(0.3), jnp.asarray(-0.2), jnp.asarray(1.0)),
         rates_b=jnp.array([10.0, 20.0, 30.0]) * DEG_RAD,
-        surfaces=jnp.zeros(3),
-        power=jnp.zeros(()),
+        actuators=Deflections(jnp.zeros(3)),
+        engine=EnginePower(jnp.zeros(())),
     )
     return earth_fixed_state(round_earth_of(_environment()), seen)
 

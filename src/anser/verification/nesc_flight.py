@@ -149,10 +149,10 @@ def _trim_level(
             velocity_b=speed * jnp.stack([jnp.cos(alpha), jnp.zeros(()), jnp.sin(alpha)]),
             quaternion=quaternion_from_euler(jnp.zeros(()), alpha, heading),
             rates_b=jnp.zeros(3),
-            surfaces=surfaces,
-            power=power,
+            actuators=airframe.actuators.settled(surfaces),
+            engine=airframe.engine.settled(power),
         )
-        return earth_fixed_state(earth, seen), Controls(surfaces, airframe.throttle_for_power(power))
+        return earth_fixed_state(earth, seen), Controls(surfaces, airframe.engine.throttle_for_power(power))
 
     def residual(x: Vector3, _: None) -> Vector3:
         state, controls = state_of(x)

@@ -10,11 +10,14 @@ from jaxtyping import Array, Float
 
 from anser.aircraft import (
     F16,
+    AbstractActuators,
     AbstractAirframe,
-    Actuators,
+    AbstractEngine,
     AircraftState,
     AirData,
     Controls,
+    Deflections,
+    EnginePower,
     MassProperties,
     Wrench,
     moment_for_acceleration,
@@ -22,7 +25,7 @@ from anser.aircraft import (
 )
 from anser.environment import AbstractAtmosphere, Air, Environment, FlatEarth, SteadyWind
 from anser.scenario.library import load_airframe
-from anser.shapes import Flag, Scalar, ScalarLike, Vector3
+from anser.shapes import Flag, Scalar, ScalarLike, Vector, Vector3
 from anser.spatial import euler_from_quaternion, flow_angles, quaternion_from_euler
 from anser.units import DEG_RAD, FOOT_M, FT_LBF_N_M, PSF_PA, RAD_DEG, RANKINE_K, SLUG_FT3_KG_M3, SLUG_KG
 
@@ -63,11 +66,12 @@ class TextbookF16(AbstractAirframe):
     f16: F16
     rounded_inertia: bool = eqx.field(static=True)
     mass_properties: MassProperties
-    actuators: Actuators
+    actuators: AbstractActuators
+    engine: AbstractEngine
     alpha_range: tuple[Scalar, Scalar]
     beta_range: tuple[Scalar, Scalar]
 
-    def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector3) -> Wrench:
+    def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
         """Force and moment with the other CZ; Cm follows through the lever of the centre of gravity."""
         f16 = self.f16
         CZ0 = f16.tables(air_data.alpha * RAD_DEG, 0.0, 0.0)[0][0]
@@ -82,26 +86,6 @@ class TextbookF16(AbstractAirframe):
             return wrench
         acceleration = _textbook_acceleration(rates_b, wrench.moment_b)
         return Wrench(wrench.force_b, moment_for_acceleration(self.mass_properties, rates_b, acceleration))
-
-    def propulsion(self, power: ScalarLike, altitude: ScalarLike, mach: ScalarLike) -> Wrench:
-        """As the F-16."""
-        return self.f16.propulsion(power, altitude, mach)
-
-    def power_rate(self, power: ScalarLike, throttle: ScalarLike) -> Scalar:
-        """As the F-16."""
-        return self.f16.power_rate(power, throttle)
-
-    def power_for_thrust(self, thrust: ScalarLike, altitude: ScalarLike, mach: ScalarLike) -> Scalar:
-        """As the F-16."""
-        return self.f16.power_for_thrust(thrust, altitude, mach)
-
-    def throttle_for_power(self, power: ScalarLike) -> Scalar:
-        """As the F-16."""
-        return self.f16.throttle_for_power(power)
-
-    def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
-        """As the F-16."""
-        return self.f16.throttle_for_power_rate(power, power_rate)
 
     def outside_tables(self, air_data: AirData) -> Flag:
         """As the F-16."""
@@ -132,6 +116,7 @@ def textbook_aircraft(x_cg_over_c: float, *, rounded_inertia: bool = True) -> Te
         rounded_inertia=rounded_inertia,
         mass_properties=mass_properties,
         actuators=f16.actuators,
+        engine=f16.engine,
         alpha_range=f16.alpha_range,
         beta_range=f16.beta_range,
     )
@@ -153,8 +138,8 @@ def textbook_state(x: TextbookState, u: TextbookControls) -> AircraftState:
         velocity_b=VT * jnp.stack(direction),
         quaternion=quaternion_from_euler(x[3], x[4], x[5]),
         rates_b=x[6:9],
-        surfaces=u[1:] * DEG_RAD,
-        power=x[12],
+        actuators=Deflections(u[1:] * DEG_RAD),
+        engine=EnginePower(x[12]),
     )
 
 
