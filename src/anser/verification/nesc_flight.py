@@ -49,7 +49,7 @@ from anser.units import (
     RANKINE_K,
     SLUG_FT3_KG_M3,
 )
-from anser.verification.nesc_cases import SPHERE_RADIUS_M, EarthName, FreeFlight, TrimmedFlight
+from anser.verification.nesc_cases import SPHERE_RADIUS_M, EarthName, FreeFlight, LawFlight, TrimmedFlight
 
 LOG_PERIOD_S = 0.1
 _FALL_STEPS = 10
@@ -64,17 +64,32 @@ def fly_free(cases: Sequence[FreeFlight]) -> dict[int, Log]:
     """Fly check-cases without controls, all in one batch; case number -> log, every 0.1 s from time 0."""
     airframes = [load_body(case.body) for case in cases]
     environments = [_environment(case.earth, case.wind_east_ft_s) for case in cases]
-    starts = [_start_free(environment, case) for environment, case in zip(environments, cases, strict=True)]
+    starts = [_start_free(*of) for of in zip(airframes, environments, cases, strict=True)]
     controls = [Controls(surfaces=jnp.zeros(3), throttle=jnp.zeros(()))] * len(cases)
     return _logs(cases, rows_of(airframes), rows_of(environments), rows_of(starts), rows_of(controls), _FALL_STEPS)
 
 
-def fly_trimmed(cases: Sequence[TrimmedFlight]) -> dict[int, Log]:
+def fly_trimmed(cases: Sequence[TrimmedFlight], airframe: AbstractAirframe | None = None) -> dict[int, Log]:
     """Trim and fly check-cases of the F-16 in one batch; case number -> log, every 0.1 s from time 0.
 
-    The published vehicle has neither lags nor engine momentum: the trimmed controls and power are simply held.
+    The published vehicle has neither lags nor engine momentum: the trimmed controls and power are simply held. None:
+    the library's s119 variant.
     """
-    airframe = load_airframe("f16", "s119")
+    airframe = load_airframe("f16", "s119") if airframe is None else airframe
+    environments, starts, controls = trimmed_starts(airframe, cases)
+    return _logs(cases, rows_of([airframe] * len(cases)), environments, starts, controls, _CRUISE_STEPS)
+
+
+def trimmed_starts(
+    airframe: AbstractAirframe, cases: Sequence[TrimmedFlight | LawFlight]
+) -> tuple[Environment, EarthFixedState, Controls]:
+    """Environments, states and controls of check-cases that start in trim, stacked.
+
+    Raises
+    ------
+    RuntimeError
+        The trim of a case was not found.
+    """
     environments = [_environment("wgs84", (0.0, 0.0), case.latitude_deg, case.longitude_deg) for case in cases]
     places = jnp.array([[0.0, 0.0, -case.altitude_ft * FOOT_M] for case in cases])
     velocities_n = jnp.array([case.velocity_ft_s for case in cases]) * FOOT_M
@@ -82,7 +97,7 @@ def fly_trimmed(cases: Sequence[TrimmedFlight]) -> dict[int, Log]:
     starts, controls, residual = _trim_all(airframe, environment, places, velocities_n)
     if not np.all(np.asarray(residual) < 1e-8):
         raise RuntimeError(f"the check-case's trim was not found: accelerations of {np.asarray(residual)} g remain")
-    return _logs(cases, rows_of([airframe] * len(cases)), environment, starts, controls, _CRUISE_STEPS)
+    return environment, starts, controls
 
 
 def _logs(
@@ -114,11 +129,12 @@ def _environment(
     return Environment(StandardAtmosphere(), wind, made)
 
 
-def _start_free(environment: Environment, case: FreeFlight) -> EarthFixedState:
+def _start_free(airframe: AbstractAirframe, environment: Environment, case: FreeFlight) -> EarthFixedState:
     quaternion = quaternion_from_euler(jnp.zeros(()), jnp.zeros(()), jnp.asarray(case.yaw_deg * DEG_RAD))
     position_n = jnp.array([0.0, 0.0, -case.altitude_ft * FOOT_M])
     velocity_b = rotate(rotation_from_quaternion(quaternion), jnp.asarray(case.velocity_ft_s) * FOOT_M)
-    seen = AircraftState(position_n, velocity_b, quaternion, jnp.zeros(3), jnp.zeros(3), jnp.zeros(()))
+    still, off = airframe.actuators.settled(jnp.zeros(3)), airframe.engine.settled(jnp.zeros(()))
+    seen = AircraftState(position_n, velocity_b, quaternion, jnp.zeros(3), still, off)
     start = earth_fixed_state(round_earth_of(environment), seen)
     return eqx.tree_at(lambda state: state.rates_b, start, jnp.asarray(case.rates_deg_s) * DEG_RAD)
 
@@ -179,7 +195,7 @@ def _fly_all(
 
         def one(state: EarthFixedState, index: Array) -> tuple[EarthFixedState, dict[str, Scalar]]:
             time = index * LOG_PERIOD_S
-            row = _row(airframe, environment, time, state)
+            row = log_row(airframe, environment, time, state)
 
             def advanced(k: Array, y: EarthFixedState) -> EarthFixedState:
                 return advance(airframe, environment, time + k * step, y, held, step)
@@ -191,7 +207,7 @@ def _fly_all(
     return jax.vmap(fly)(airframes, environments, starts, controls)
 
 
-def _row(
+def log_row(
     airframe: AbstractAirframe, environment: Environment, time: ScalarLike, state: EarthFixedState
 ) -> dict[str, Scalar]:
     """One row of a participant's log, by the published names of the columns and in their units."""

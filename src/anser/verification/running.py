@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from anser.verification.arc_lengths import ARC_LENGTHS
 from anser.verification.check import Check, Outcome
 from anser.verification.earth_figure import WGS84_FIGURE
+from anser.verification.f16_files import F16_FILES
 from anser.verification.f16_rates import F16_DERIVATIVES, F16_TURN
 from anser.verification.f16_shots import F16_AERO_SHOTS, F16_ENGINE_SHOTS
 from anser.verification.f16_trim import F16_TRIM
@@ -26,6 +27,7 @@ CHECKS: tuple[Check, ...] = (
     F16_TURN,
     F16_AERO_SHOTS,
     F16_ENGINE_SHOTS,
+    F16_FILES,
     ARC_LENGTHS,
     *LINEAR_CHECKS,
     *INTEGRATION_CHECKS,
@@ -41,7 +43,7 @@ Progress = Callable[[str, float], None]
 def select_checks(keys: Iterable[str] | None = None, checks: Sequence[Check] | None = None) -> tuple[Check, ...]:
     """Checks by their keys, each once and in the order of `checks` (`CHECKS` where None); all of them without keys.
 
-    A check-case of the NESC may go by its number, `9`, or `nesc-9`.
+    A check-case of the NESC may go by its number, `9`, `13.1` or `nesc-9`.
 
     Raises
     ------
@@ -62,8 +64,8 @@ def select_checks(keys: Iterable[str] | None = None, checks: Sequence[Check] | N
 
 
 def _whole(key: str) -> str:
-    number = re.fullmatch(r"(?:nesc-)?0*(\d{1,2})", key)
-    return f"nesc-{int(number[1]):02d}" if number else key
+    number = re.fullmatch(r"(?:nesc-)?0*(\d{1,2})(\.\d.*)?", key)
+    return f"nesc-{int(number[1]):02d}{number[2] or ''}" if number else key
 
 
 def verify(
