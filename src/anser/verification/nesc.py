@@ -14,7 +14,7 @@ from anser.verification.nesc_cases import (
     TrimmedFlight,
 )
 from anser.verification.nesc_columns import column_unit
-from anser.verification.nesc_flight import LOG_PERIOD_S, Log, fly_free, fly_trimmed
+from anser.verification.nesc_flight import LOG_PERIOD_S, Log, fly_free, trimmed_logs
 from anser.verification.nesc_laws import fly_laws
 from anser.verification.published import half_of_significant, published
 
@@ -101,7 +101,7 @@ def _logs(kind: type[_Case], law: LawName | None = None) -> dict[int | str, Log]
     """All cases of a kind, or under one law, are flown at once; they compile once, too."""
     if kind is LawFlight:
         return {**fly_laws([case for case in LAW_FLIGHTS if case.law == law])}
-    return {**(fly_trimmed(TRIMMED_FLIGHTS) if kind is TrimmedFlight else fly_free(FREE_FLIGHTS))}
+    return {**(trimmed_logs() if kind is TrimmedFlight else fly_free(FREE_FLIGHTS))}
 
 
 def _measure(case: _Case) -> tuple[Comparison, ...]:

@@ -49,7 +49,14 @@ from anser.units import (
     RANKINE_K,
     SLUG_FT3_KG_M3,
 )
-from anser.verification.nesc_cases import SPHERE_RADIUS_M, EarthName, FreeFlight, LawFlight, TrimmedFlight
+from anser.verification.nesc_cases import (
+    SPHERE_RADIUS_M,
+    TRIMMED_FLIGHTS,
+    EarthName,
+    FreeFlight,
+    LawFlight,
+    TrimmedFlight,
+)
 
 LOG_PERIOD_S = 0.1
 _FALL_STEPS = 10
@@ -78,6 +85,12 @@ def fly_trimmed(cases: Sequence[TrimmedFlight], airframe: AbstractAirframe | Non
     airframe = load_airframe("f16", "s119") if airframe is None else airframe
     environments, starts, controls = trimmed_starts(airframe, cases)
     return _logs(cases, rows_of([airframe] * len(cases)), environments, starts, controls, _CRUISE_STEPS)
+
+
+@functools.cache
+def trimmed_logs() -> dict[int, Log]:
+    """Cases 11 and 12 with the library's s119 variant, flown once per process."""
+    return fly_trimmed(TRIMMED_FLIGHTS)
 
 
 def trimmed_starts(

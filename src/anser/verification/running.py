@@ -43,7 +43,7 @@ Progress = Callable[[str, float], None]
 def select_checks(keys: Iterable[str] | None = None, checks: Sequence[Check] | None = None) -> tuple[Check, ...]:
     """Checks by their keys, each once and in the order of `checks` (`CHECKS` where None); all of them without keys.
 
-    A check-case of the NESC may go by its number, `9`, `13.1` or `nesc-9`.
+    A check-case of the NESC may go by its number, `9`, `13.1` or `nesc-9`; `13` is all parts of case 13.
 
     Raises
     ------
@@ -53,14 +53,20 @@ def select_checks(keys: Iterable[str] | None = None, checks: Sequence[Check] | N
     checks = CHECKS if checks is None else checks
     if keys is None:
         return tuple(checks)
-    wanted = [_whole(key) for key in keys]
     known = [check.key for check in checks]
+    wanted = [part for key in keys for part in _parts(_whole(key), known)]
     for key in wanted:
         if key not in known:
             close = difflib.get_close_matches(key, known, n=1, cutoff=0.0)
             nearest = f"; the closest is {close[0]}" if close else ""
             raise ValueError(f"arrived {key!r}{nearest}; known are {', '.join(known)}")
     return tuple(check for check in checks if check.key in wanted)
+
+
+def _parts(key: str, known: Sequence[str]) -> list[str]:
+    """The key itself, or those of the parts of a check-case that is flown in several."""
+    parts = [one for one in known if key.startswith("nesc-") and one.startswith((f"{key}.", f"{key}-"))]
+    return [key] if key in known or not parts else parts
 
 
 def _whole(key: str) -> str:
