@@ -8,11 +8,11 @@ from xml.parsers import expat
 
 from anser.dave_ml.errors import DaveMlError, shown
 
-FILE_BYTES_MAX: Final = 16 * 2**20
+FILE_BYTES_MAX: Final = 8 * 2**20
 """Size of the largest file that is read."""
 NESTING_MAX: Final = 100
 """Elements within elements, and operations within a formula."""
-ELEMENTS_MAX: Final = 200_000
+ELEMENTS_MAX: Final = 100_000
 """Elements of a file."""
 
 

@@ -2,20 +2,22 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from anser.dave_ml.arithmetic import IN_JAX
+from anser.dave_ml.arithmetic import IN_JAX, IN_NUMPY
 from anser.dave_ml.definition import Breakpoints, Definition, Function, GriddedTable
 from anser.dave_ml.errors import shown
-from anser.dave_ml.lookups import Lookup, make_lookups
-from anser.dave_ml.scattered import ScatteredTable, make_scattered, refuse_doubles
-from anser.dave_ml.structure import Structure, constants_of, structure_of
+from anser.dave_ml.lookups import Lookup, make_lookups, refuse_too_large
+from anser.dave_ml.scattered import ScatteredTable, make_scattered, meshes_of, refuse_doubles
+from anser.dave_ml.structure import Structure, constants_of, limited, structure_of
 from anser.dave_ml.unit_names import Unit, unit_of
-from anser.numerics import as_array
+from anser.numerics import as_array, namespace
 from anser.shapes import Scalar, ScalarLike
 
 
@@ -66,7 +68,7 @@ class Evaluator(eqx.Module):
         values: dict[str, Array] = dict(self.constants)
         for name, value in inputs.items():
             identifier = self._input(name, value)
-            values[identifier] = _limited(jnp.asarray(value, dtype=float), self.structure.by_id[identifier].limits)
+            values[identifier] = _limited(_number(value), self.structure.by_id[identifier].limits)
         needed = self.structure.needed_for(set(wanted.values()), values.keys())
         self._refuse_missing(needed - values.keys())
         stage = 0
@@ -78,7 +80,7 @@ class Evaluator(eqx.Module):
                 stage += 1
             if quantity.formula is not None:
                 found = IN_JAX.value_of(quantity.formula, values)
-                values[quantity.id] = _limited(jnp.asarray(found, dtype=float), quantity.limits)
+                values[quantity.id] = _limited(_number(found), quantity.limits)
         return {name: values[identifier] for name, identifier in wanted.items()}
 
     def evaluate_si(self, inputs: Mapping[str, ScalarLike], outputs: Sequence[str] | None = None) -> dict[str, Scalar]:
@@ -112,22 +114,28 @@ class Evaluator(eqx.Module):
     def with_constants(self, changes: Mapping[str, ScalarLike]) -> "Evaluator":
         """The same model with other constants, in the units of the file; what is calculated from them follows.
 
+        What the file calculates from constants may be changed too, and is then held.
+
         Raises
         ------
         ValueError
             A variable is no constant.
         """
-        values: dict[str, Array] = dict(self.constants)
         changed = {self.structure.find(name): value for name, value in changes.items()}
-        for identifier, value in changed.items():
-            if identifier not in values or self.structure.by_id[identifier].formula is not None:
+        for identifier in changed:
+            if identifier not in self.constants:
                 raise ValueError(f"{shown(identifier)} is no constant of the file")
-            values[identifier] = _limited(as_array(value), self.structure.by_id[identifier].limits)
+        values: dict[str, Any] = {**self.constants, **changed}
+        arithmetic, limit = IN_JAX, _limited
+        if namespace(values) is np:  # nothing to compile
+            values = {name: float(value) for name, value in values.items()}
+            arithmetic, limit = IN_NUMPY, limited
         for quantity in self.structure.quantities:
-            if quantity.formula is not None and quantity.id in values:
-                found = IN_JAX.value_of(quantity.formula, values)
-                values[quantity.id] = _limited(jnp.asarray(found, dtype=float), quantity.limits)
-        return eqx.tree_at(lambda e: e.constants, self, values)
+            if quantity.id in changed:
+                values[quantity.id] = limit(values[quantity.id], quantity.limits)
+            elif quantity.formula is not None and quantity.id in values:
+                values[quantity.id] = limit(arithmetic.value_of(quantity.formula, values), quantity.limits)
+        return eqx.tree_at(lambda e: e.constants, self, {name: as_array(value) for name, value in values.items()})
 
     def _input(self, name: str, value: ScalarLike) -> str:
         identifier = self.structure.find(name)
@@ -154,6 +162,12 @@ class Evaluator(eqx.Module):
         return {name: _limited(value, self.structure.by_id[name].limits) for name, value in found.items()}
 
 
+def _number(value: ScalarLike) -> Array:
+    """A number as an array, in its own precision."""
+    array = jnp.asarray(value)
+    return array if jnp.issubdtype(array.dtype, jnp.floating) else array.astype(float)
+
+
 def _limited(value: Array, limits: tuple[float | None, float | None]) -> Array:
     least, greatest = limits
     value = value if least is None else jnp.maximum(value, least)
@@ -169,17 +183,26 @@ def make_evaluator(definition: Definition) -> Evaluator:
         A variable is not there, has two sources, depends on itself or calculates from constants what is no number; or
         a table cannot be interpolated.
     """
-    definition = _sorted_lines(definition)
+    with jax.ensure_compile_time_eval():  # known numbers, even where a traced function reads a file
+        return _made(_sorted_lines(definition))
+
+
+def _made(definition: Definition) -> Evaluator:
     structure = structure_of(definition)
     stages: dict[int, list[Function]] = {}
     for function in definition.functions:
         stages.setdefault(structure.by_id[function.result].level - 1, []).append(function)
+    refuse_too_large(definition, [f for f in definition.functions if f.table in definition.gridded])
+    used = {f.table for f in definition.functions} - definition.gridded.keys()
+    meshes = meshes_of(definition.ungridded[name] for name in definition.ungridded if name in used)
     tables = []
     for stage in range(max(stages, default=-1) + 1):
         functions = stages.get(stage, [])
         gridded = [function for function in functions if function.table in definition.gridded]
         scattered = [function for function in functions if function.table not in definition.gridded]
-        tables.append((*make_lookups(definition, gridded), *(make_scattered(definition, f) for f in scattered)))
+        tables.append(
+            (*make_lookups(definition, gridded), *(make_scattered(definition, f, meshes[f.table]) for f in scattered))
+        )
     constants = constants_of(definition, structure)
     return Evaluator({name: as_array(value) for name, value in constants.items()}, tuple(tables), structure)
 

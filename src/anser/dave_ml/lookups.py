@@ -1,7 +1,9 @@
 """Gridded tables of a DAVE-ML file, grouped by the arguments and breakpoints that they share."""
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -10,6 +12,9 @@ from jaxtyping import Array
 
 from anser.dave_ml.definition import Argument, Definition, Function, Interpolate
 from anser.numerics import Axes, Tables, as_array, make_axes, make_tables
+
+PACKED_NUMBERS_MAX: Final = 4_000_000
+"""Numbers of all gridded functions together, counted for each corner of each cell: so they are kept."""
 
 
 class Lookup(eqx.Module):
@@ -42,7 +47,7 @@ class Lookup(eqx.Module):
         groups = [k for k, results in enumerate(self.results) if not set(results).isdisjoint(wanted)]
         axes = sorted({axis for k in groups for axis in self.tables.along[k]})
         tables = self.tables if len(groups) == len(self.results) else _part_of(self.tables, groups, axes)
-        x = jnp.stack([jnp.asarray(values[self.arguments[axis]], dtype=float) for axis in axes])
+        x = jnp.stack([values[self.arguments[axis]] for axis in axes])
         index, fraction = tables.axes.locate(x)
         if any(self.between[axis] != "linear" for axis in axes):
             stepped = [_stepped(self.between[axis], fraction[k]) for k, axis in enumerate(axes)]
@@ -73,19 +78,36 @@ def _stepped(between: Interpolate, fraction: Array) -> Array:
 
 def _part_of(tables: Tables, groups: Sequence[int], axes: Sequence[int]) -> Tables:
     """Some groups of tables, on the axes that they need."""
-    rows = np.asarray(axes)
+    all_axes = tables.axes
     part = Axes(
-        breakpoints=tables.axes.breakpoints[rows],
-        lower=tables.axes.lower[rows],
-        upper=tables.axes.upper[rows],
-        sizes=tuple(tables.axes.sizes[axis] for axis in axes),
-        even=tables.axes.even,
+        breakpoints=jnp.stack([all_axes.breakpoints[axis] for axis in axes]),
+        lower=jnp.stack([all_axes.lower[axis] for axis in axes]),
+        upper=jnp.stack([all_axes.upper[axis] for axis in axes]),
+        sizes=tuple(all_axes.sizes[axis] for axis in axes),
+        even=all_axes.even,
     )
     return Tables(
         axes=part,
         cells=tuple(tables.cells[k] for k in groups),
         along=tuple(tuple(axes.index(axis) for axis in tables.along[k]) for k in groups),
     )
+
+
+def refuse_too_large(definition: Definition, functions: Sequence[Function]) -> None:
+    """Refuse gridded functions whose tables, as they are looked up, take too much memory together.
+
+    Raises
+    ------
+    DaveMlError
+        They do.
+    """
+    numbers = 0
+    for function in functions:
+        shape = definition.gridded[function.table].values.shape
+        numbers += 2 ** len(shape) * math.prod(max(n - 1, 1) for n in shape)
+        if numbers > PACKED_NUMBERS_MAX:
+            arrived = f"tables with more than {PACKED_NUMBERS_MAX:,} numbers at the corners of their cells"
+            raise function.place.fault(arrived, "fewer or smaller tables")
 
 
 @dataclass(frozen=True)
@@ -148,12 +170,15 @@ def _lookup(given: Mapping[Function, tuple[list[_Axis], np.ndarray]]) -> Lookup:
         order = sorted(range(len(axes)), key=lambda k, axes=axes: places[axes[k]])
         along = tuple(places[axes[k]] for k in order)
         groups.setdefault(along, []).append((function.result, np.transpose(values, order)))
-    axes = make_axes([axis.points for axis in places], clamp=True)
-    if any(axis.between != "linear" for axis in places):
+    made = make_axes([axis.points for axis in places], clamp=True)
+    axes = Axes(
+        breakpoints=made.breakpoints,
+        lower=as_array([axis.lower for axis in places]),
+        upper=as_array([axis.upper for axis in places]),
+        sizes=made.sizes,
         # A computed place may miss a breakpoint by rounding, which a step does not forgive.
-        axes = eqx.tree_at(lambda a: a.even, axes, False)
-    limits = as_array([axis.lower for axis in places]), as_array([axis.upper for axis in places])
-    axes = eqx.tree_at(lambda a: (a.lower, a.upper), axes, limits)
+        even=made.even and all(axis.between == "linear" for axis in places),
+    )
     return Lookup(
         tables=make_tables(axes, [(along, [values for _, values in group]) for along, group in groups.items()]),
         arguments=tuple(axis.variable for axis in places),

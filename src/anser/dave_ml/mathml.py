@@ -57,10 +57,10 @@ def _formula(element: Element) -> Formula:
 
 
 def _number(element: Element) -> Number:
-    element.permit(("type", "base", "id", "class"))
     kind, base = element.attributes.get("type", "real"), element.attributes.get("base", "10")
     if kind not in _NUMBER_TYPES or base != "10":
         raise element.fault(f"a number of type {shown(kind)}, base {shown(base)}", "a real number of base 10")
+    element.permit(("type", "base", "id", "class"))
     return Number(number_of(element.text, element, "a number"))
 
 

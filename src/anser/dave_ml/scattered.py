@@ -1,6 +1,6 @@
 """Ungridded tables: linear within the simplices of a Delaunay triangulation of their points."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any, Final
 
 import equinox as eqx
@@ -10,10 +10,11 @@ from jaxtyping import Array, Float, Int
 from scipy.spatial import Delaunay, QhullError
 
 from anser.dave_ml.definition import Definition, Function, UngriddedTable
+from anser.dave_ml.errors import shown
 from anser.numerics import as_array
 from anser.shapes import Scalar
 
-POINTS_MAX: Final = {2: 5000, 3: 1000, 4: 300, 5: 100}
+POINTS_MAX: Final = {2: 5000, 3: 200, 4: 100, 5: 50}
 """Points of an ungridded table, by the number of its coordinates: bounds the simplices and the time to find them."""
 _INSIDE: Final = -1e-12
 """Least barycentric coordinate of a point within a simplex: rounding."""
@@ -64,12 +65,12 @@ class ScatteredTable(eqx.Module):
 
     def __call__(self, values: Mapping[str, Array], wanted: Collection[str]) -> dict[str, Array]:
         """The result, by varID, if it is wanted."""
-        x = jnp.stack([jnp.asarray(values[name], dtype=float) for name in self.arguments])
+        x = jnp.stack([values[name] for name in self.arguments])
         return {self.result: self._at(x)} if self.result in wanted else {}
 
     def _at(self, x: Float[Array, " d"]) -> Scalar:
         x = jnp.clip(x, self.lower, self.upper)
-        first = jnp.sum(self.to_barycentric * (x - self.origins)[:, None, :], axis=2)
+        first = jnp.sum(self.to_barycentric * (x[None] - self.origins)[:, None, :], axis=2)
         weights = jnp.concatenate([first, 1.0 - jnp.sum(first, axis=1, keepdims=True)], axis=1)
         least = jnp.min(weights, axis=1)
         best = jnp.argmax(least)
@@ -79,7 +80,7 @@ class ScatteredTable(eqx.Module):
         return jnp.where(least[best] >= _INSIDE, inside, self._held(x))
 
     def _held(self, x: Float[Array, " d"]) -> Scalar:
-        away = x - self.facet_origins
+        away = x[None] - self.facet_origins
         first = jnp.sum(self.facet_inverses * away[:, None, :], axis=2)
         weights = jnp.concatenate([1.0 - jnp.sum(first, axis=1, keepdims=True), first], axis=1)
         weights = jnp.clip(weights, 0.0, None)
@@ -89,18 +90,16 @@ class ScatteredTable(eqx.Module):
         return jnp.sum(weights[nearest] * self.values[self.facet_corners[nearest]])
 
 
-def make_scattered(definition: Definition, function: Function) -> ScatteredTable:
-    """The function of an ungridded table of two or more arguments.
+def make_scattered(definition: Definition, function: Function, mesh: Any) -> ScatteredTable:
+    """The function of an ungridded table of two or more arguments, on the mesh of its points.
 
     Raises
     ------
     DaveMlError
-        The points span no volume, two have the same coordinates, or there are too many; or a way of interpolation or
-        extrapolation is asked for that scattered points do not have.
+        A way of interpolation or extrapolation is asked for that scattered points do not have.
     """
     table = definition.ungridded[function.table]
     extrapolated = _extrapolated(function)
-    mesh = _mesh(table)
     points = mesh.points
     d = points.shape[1]
     at, side = np.nonzero(mesh.neighbors == -1)
@@ -134,15 +133,34 @@ def _extrapolated(function: Function) -> bool:
     return ways == {"both"}
 
 
+def meshes_of(tables: Iterable[UngriddedTable]) -> dict[str, Any]:
+    """Delaunay triangulations of tables with two coordinates or more, by their identifiers.
+
+    Raises
+    ------
+    DaveMlError
+        The points of a table span no volume, two have the same coordinates, or there are too many in all.
+    """
+    meshes = {}
+    effort = 0.0
+    for table in tables:
+        count, d = table.points.shape
+        effort += (count / POINTS_MAX[d]) ** 2 if d in POINTS_MAX else 2.0
+        if effort > 1.0:
+            known = ", ".join(f"{n:,} of {k}" for k, n in POINTS_MAX.items())
+            right = f"at most {known} coordinates; of several tables the squares of the parts count together"
+            raise table.place.fault(f"{count:,} scattered points of {d} coordinates in {shown(table.id)}", right)
+        meshes[table.id] = _mesh(table)
+    return meshes
+
+
 def _mesh(table: UngriddedTable) -> Any:
     """Delaunay triangulation of the points, in the units in which they stand."""
     count, d = table.points.shape
-    most = POINTS_MAX.get(d)
-    if most is None or count > most:
-        known = ", ".join(f"{n:,} of {k}" for k, n in POINTS_MAX.items())
-        raise table.place.fault(f"{count:,} scattered points of {d} coordinates", f"at most {known} coordinates")
     refuse_doubles(table)
-    flat = table.place.fault(f"table {table.id}, whose points span no volume", f"points that span {d} dimensions")
+    flat = table.place.fault(
+        f"table {shown(table.id)}, whose points span no volume", f"points that span {d} dimensions"
+    )
     if count < d + 1 or np.linalg.matrix_rank(table.points - table.points[0]) < d:
         raise flat
     try:
@@ -163,4 +181,4 @@ def refuse_doubles(table: UngriddedTable) -> None:
         There are two.
     """
     if len(np.unique(table.points, axis=0)) < len(table.points):
-        raise table.place.fault(f"table {table.id} with two points at one place", "one value for each place")
+        raise table.place.fault(f"table {shown(table.id)} with two points at one place", "one value for each place")

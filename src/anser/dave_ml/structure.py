@@ -14,6 +14,8 @@ from anser.dave_ml.definition import Definition, Function, Variable
 from anser.dave_ml.errors import shown
 from anser.dave_ml.formulas import Formula, names_in
 
+_CYCLE_SHOWN_MAX: Final = 10
+_NAME_SHOWN_MAX: Final = 40
 _GIVEN: Final = frozenset({"isInput", "isControl", "isDisturbance"})
 
 
@@ -78,20 +80,20 @@ class Structure:
         return found
 
     def find(self, key: str) -> str:
-        """The varID of a variable that is called by its varID or its name.
+        """The varID of a variable that is called by its varID or, where that is none, by its name.
 
         Raises
         ------
         ValueError
             There is none, or more than one.
         """
-        found = set(self._by_name.get(key, ()))
         if key in self.by_id:
-            found.add(key)
+            return key
+        found = self._by_name.get(key, [])
         if len(found) != 1:
-            count = "no variable" if not found else f"{len(found)} variables ({', '.join(sorted(found))})"
+            count = "no variable" if not found else f"{len(found)} variables ({', '.join(found)})"
             raise ValueError(f"{shown(key)} is varID or name of {count}; inputs are {', '.join(self.inputs)}")
-        return found.pop()
+        return found[0]
 
     def needed_for(self, wanted: Collection[str], known: Collection[str]) -> set[str]:
         """The variables that have to be computed, the wanted and the known among them where they are needed."""
@@ -121,9 +123,10 @@ def structure_of(definition: Definition) -> Structure:
     try:
         order = list(TopologicalSorter(sources).static_order())
     except CycleError as error:
-        # each of the cycle is a source of the next
-        cycle: list[str] = error.args[1]
-        ring = " <- ".join([*cycle[:10], "..."] if len(cycle) > 10 else cycle)
+        # each of the cycle is a source of the one before, once it is turned round
+        cycle: list[str] = error.args[1][::-1]
+        shortened = [*cycle[:_CYCLE_SHOWN_MAX], "..."] if len(cycle) > _CYCLE_SHOWN_MAX else cycle
+        ring = " needs ".join(name[:_NAME_SHOWN_MAX] for name in shortened)
         place = definition.variables[cycle[0]].place
         raise place.fault(f"a cycle of calculations: {ring}", "no variable that depends on itself") from None
     quantities: dict[str, Quantity] = {}

@@ -43,7 +43,7 @@ class Axes(eqx.Module):
         if self.even:
             first, second = self.breakpoints[:, 0], self.breakpoints[:, 1]
             place = (x - first) / (second - first)
-            below = jnp.clip(jnp.floor(place), 0.0, np.asarray(self.sizes) - 2.0)
+            below = jnp.clip(jnp.floor(place), 0.0, np.asarray(self.sizes, place.dtype) - 2)
             return below.astype(jnp.int32), place - below
         above = jnp.sum(x[:, None] >= self.breakpoints[:, 1:], axis=1, dtype=jnp.int32)
         index = jnp.minimum(above, np.asarray(self.sizes, dtype=np.int32) - 2)

@@ -1,0 +1,28 @@
+"""The files that the tests read: NASA's package, and one of ours that says everything DAVE-ML 2 can say."""
+
+import functools
+from pathlib import Path
+
+from anser.dave_ml import Model, read_dave_ml
+
+HERE = Path(__file__).parent
+NASA = {path.stem: path.read_bytes() for path in sorted((HERE / "nasa").glob("*.dml"))}
+"""Of the ANSI/AIAA S-119 F-16 package and the check-case bodies (NASA Langley, 2012 to 2013)."""
+FEATURES = (HERE / "features.dml").read_bytes()
+ALL = {**NASA, "features": FEATURES}
+
+HEAD = '<DAVEfunc><fileHeader/><variableDef name="x" varID="x" units="nd"/><variableDef name="y" varID="y" units="nd"/>'
+
+
+@functools.cache
+def model(name: str) -> Model:
+    return read_dave_ml(ALL[name], f"{name}.dml")
+
+
+def formula_model(mathml: str) -> Model:
+    """A model of x and y with one output, z."""
+    return read_dave_ml(
+        f'{HEAD}<variableDef name="z" varID="z" units="nd"><calculation><math>{mathml}</math></calculation><isOutput/>'
+        "</variableDef></DAVEfunc>",
+        "formula",
+    )

@@ -1,0 +1,129 @@
+"""A file is data: whatever is wrong with it, one message, in bounded time and memory."""
+
+import resource
+import time
+
+import jax
+import jax.numpy as jnp
+import pytest
+from files import ALL
+from mutations import mutated
+
+from anser.dave_ml import DaveMlError, read_dave_ml, write_dave_ml
+from anser.dave_ml.elements import FILE_BYTES_MAX
+
+SECONDS_MAX = 5.0
+"""Of the processor, for the slowest file: the worst that is known takes about 2 s on an idle machine of 2026."""
+MEGABYTES_MAX = 1500
+"""That the process may grow by: twenty times what the worst file takes, since the files themselves are made here too."""
+
+
+def resident_max():
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def survive(seeds):
+    """Read mutated files; how many could be."""
+    read = 0
+    before = resident_max()
+    for seed in seeds:
+        ways, text = mutated(seed, list(ALL.values()))
+        start = time.process_time()
+        try:
+            model = read_dave_ml(text, f"mutant {seed}")
+        except DaveMlError as error:
+            message = str(error)
+            assert message.startswith(f"mutant {seed}"), ways
+            assert "\n" not in message, ways
+            assert len(message) < 1500, ways
+        else:
+            read += 1
+            if read % 10 == 1:
+                usable(model)
+        assert time.process_time() - start < SECONDS_MAX, (seed, ways)
+    assert resident_max() - before < MEGABYTES_MAX
+    return read
+
+
+def usable(model):
+    """What reads can be traced and written, too."""
+    wanted = tuple(model.definition.variables)
+    jax.eval_shape(lambda inputs: model.evaluate(inputs, wanted), {name: jnp.zeros(()) for name in model.inputs})
+    again = read_dave_ml(write_dave_ml(model), "again")
+    assert again.definition.variables == model.definition.variables
+
+
+def test_300_mutated_files():
+    assert 30 < survive(range(300)) < 150
+
+
+@pytest.mark.long
+def test_10_000_mutated_files():
+    assert 1000 < survive(range(300, 10_300)) < 5000
+
+
+HEAD = '<DAVEfunc><fileHeader/><variableDef name="a" varID="a" units="nd"/>'
+LINE = "<breakpointDef bpID='b'><bpVals>" + " ".join(map(str, range(1000))) + "</bpVals></breakpointDef>"
+SQUARE = (
+    LINE + '<griddedTableDef gtID="g"><breakpointRefs><bpRef bpID="b"/><bpRef bpID="b"/></breakpointRefs><dataTable>'
+    + "1 " * 1_000_000 + "</dataTable></griddedTableDef>"
+)  # fmt: skip
+
+
+def function(k, table, arguments):
+    of = '<independentVarRef varID="a"/>' * arguments
+    return (
+        f'<variableDef name="r" varID="r{k}" units=""/><function name="f">{of}<dependentVarRef varID="r{k}"/>'
+        f"<functionDefn>{table}</functionDefn></function>"
+    )
+
+
+def on_the_moment_curve(count, dimensions):
+    """Points with as many simplices as any have."""
+    at = [[(k / count) ** power for power in range(1, dimensions + 1)] for k in range(count)]
+    points = "".join(f"<dataPoint>{' '.join(map(repr, point))} 1</dataPoint>" for point in at)
+    table = f'<ungriddedTableDef utID="g">{points}</ungriddedTableDef>'
+    return HEAD + table + function(0, '<ungriddedTableRef utID="g"/>', dimensions) + "</DAVEfunc>"
+
+
+def calculations(count, last):
+    of = "".join(
+        f'<variableDef name="v" varID="v{k}" units=""><calculation><math><ci>v{k + 1}</ci></math></calculation>'
+        "</variableDef>"
+        for k in range(count)
+    )
+    return f'{HEAD}{of}<variableDef name="v" varID="v{count}" units="">{last}</variableDef></DAVEfunc>'
+
+
+HEAVY = {
+    "too large": (lambda: b" " * (FILE_BYTES_MAX + 1), "8,388,609 bytes"),
+    "elements": (lambda: HEAD + "<a/>" * 200_000, "more than 100,000 elements"),
+    "attributes": (lambda: HEAD + "<a " + " ".join(f'a{k}=""' for k in range(600_000)) + "/></DAVEfunc>", "<a> in <DAVEfunc>"),
+    "numbers": (lambda: f"{HEAD}<breakpointDef bpID='b'><bpVals>{'1 ' * 2_000_000}</bpVals></breakpointDef></DAVEfunc>", "1,000,000 numbers"),
+    "one table in a thousand functions": (
+        lambda: HEAD + SQUARE + "".join(function(k, '<griddedTableRef gtID="g"/>', 2) for k in range(1000)) + "</DAVEfunc>",
+        "more than 4,000,000 numbers at the corners",
+    ),
+    "a chain of calculations": (lambda: calculations(16_000, ""), ""),
+    "a cycle of calculations": (
+        lambda: calculations(16_000, "<calculation><math><ci>v0</ci></math></calculation>"),
+        "needs v1 needs v2",
+    ),
+    "scattered points": (lambda: on_the_moment_curve(200, 3), ""),
+    "more scattered points": (lambda: on_the_moment_curve(201, 3), "201 scattered points of 3 coordinates"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", HEAVY)
+def test_what_is_made_to_exhaust_is_bounded(case):
+    make, says = HEAVY[case]
+    content = make()
+    before, start = resident_max(), time.process_time()
+    if says:
+        with pytest.raises(DaveMlError) as caught:
+            read_dave_ml(content, "heavy")
+        assert says in str(caught.value)
+    else:
+        read_dave_ml(content, "heavy")
+    assert time.process_time() - start < SECONDS_MAX
+    assert resident_max() - before < 400
