@@ -7,12 +7,17 @@ import jax.numpy as jnp
 
 from anser.control.interface import AbstractGuidance
 from anser.environment import RotatingEarth
+from anser.numerics import as_array
 from anser.planning import AircraftPlan
 from anser.sensing import Belief, Instant, velocity_over_ground_n
-from anser.shapes import Scalar, Vector3
+from anser.shapes import Scalar, ScalarLike, Vector3
 
 LATERAL_DEVIATION, BASE_COURSE = "lateralDeviationError", "trueBaseCourseCommand"
 _ROUNDING_S = 1e-9
+
+
+def _arrays(values: Mapping[str, ScalarLike]) -> dict[str, Scalar]:
+    return {name: as_array(value) for name, value in values.items()}
 
 
 class NamedCommands(AbstractGuidance):
@@ -33,10 +38,10 @@ class NamedCommands(AbstractGuidance):
         Whether latitude and longitude are given too.
     """
 
-    held: Mapping[str, Scalar]
-    change: Mapping[str, Scalar]
-    change_time: Scalar
-    follows_line: Scalar
+    held: Mapping[str, Scalar] = eqx.field(converter=_arrays)
+    change: Mapping[str, Scalar] = eqx.field(default_factory=dict, converter=_arrays)
+    change_time: Scalar = eqx.field(default_factory=lambda: as_array(0.0), converter=as_array)
+    follows_line: Scalar = eqx.field(default_factory=lambda: as_array(0.0), converter=as_array)
     place: bool = eqx.field(static=True, default=False)
 
     def init(self, belief: Belief, instant: Instant) -> Scalar:

@@ -30,7 +30,7 @@ _EXPLANATION = (
     "given: the inertial position, 2e7 ft, is known to 0.005 ft only."
 )
 _LAW_EXPLANATION = (
-    "Flown in anser's closed loop by the law of {law}.dml, sampled at 400 Hz, from a trim as in case 11, which is the "
+    "Flown in anser's closed loop by the law of {law}.dml, sampled at 800 Hz, from a trim as in case 11, which is the "
     "law's feed-forward too; surfaces and power follow within a sample. "
 )
 _LAW_REFERENCE = (

@@ -14,7 +14,7 @@ from anser.aircraft.round_earth import round_earth_of
 from anser.compiling import compiled_quickly
 from anser.control import DaveMlLaw, NamedCommands, dave_ml_law, named_signals
 from anser.environment import Environment
-from anser.numerics import rows_of
+from anser.numerics import as_array, rows_of
 from anser.sensing import Belief, DirectEstimator, IdealSensors, Instant
 from anser.shapes import Scalar
 from anser.simulation import AbstractRecorder, AircraftSample, TrimPoint, Vehicle, fly_alone, trimmed_vehicle
@@ -24,8 +24,8 @@ from anser.verification.nesc_cases import LawFlight
 from anser.verification.nesc_flight import LOG_PERIOD_S, Log, log_row, trimmed_starts
 from anser.verification.prompt_f16 import prompt_f16
 
-LAW_STEPS = 40
-"""Steps of 0.0025 s in a log period: the laws close loops of about 50 rad/s, and the published ones do not sample."""
+LAW_STEPS = 80
+"""Steps of 0.00125 s in a log period: the laws close loops of about 50 rad/s, and the published ones do not sample."""
 _FULL_STICK_DEG = 25.0
 """Elevator of a full longitudinal stick, up for aft. Source: F16_control.dml, elevatorDeflection."""
 _CHANGED_UNITS = {
@@ -80,10 +80,10 @@ def _commands(case: LawFlight, keas: float, trim: Controls) -> NamedCommands:
     name, amount = case.change
     change[name] = amount * _CHANGED_UNITS[name]
     return NamedCommands(
-        held={key: np.asarray(value) for key, value in held.items()},
-        change={key: np.asarray(value) for key, value in change.items()},
-        change_time=np.asarray(case.change_time_s),
-        follows_line=np.asarray(float(case.follows_line)),
+        held={key: as_array(value) for key, value in held.items()},
+        change={key: as_array(value) for key, value in change.items()},
+        change_time=as_array(case.change_time_s),
+        follows_line=as_array(float(case.follows_line)),
         place=case.law == "F16_gnc",
     )
 
