@@ -39,6 +39,11 @@ _LAW_REFERENCE = (
     "does not."
 )
 _LISTED = "Flown from the published definition; no figures for it come with this package. "
+_SETTLED = (
+    "Of the published flights, only the airspeed at which they settle comes with this package; the tolerance is four "
+    "times the difference of the two and half the last digit. "
+)
+_SETTLED_TOLERANCE_KT = 4.0 * 0.06 + 0.005
 _NOTES: dict[int | str, str] = {
     3: "The damping acts on the rates relative to the rotating air, as with participant 05; 04 takes the inertial "
     "rates, 0.0038 deg/s apart.",
@@ -50,7 +55,8 @@ _NOTES: dict[int | str, str] = {
     12: "As case 11, with the subsonic tables held at their ends: the thrust is that of Mach 1.",
     "13.1": "Altitude command +100 ft at 5 s.",
     "13.2-5kt": "Airspeed command -5 KEAS at 5 s, as participants 04 and 05 flew it.",
-    "13.2-10kt": "Airspeed command -10 KEAS at 5 s, as participant 02 flew it.",
+    "13.2-10kt": "Airspeed command -10 KEAS at 5 s, as participant 02 flew it. Here it settles at 278.00 KEAS, with "
+    "that participant, of whose start no figure comes with this package, at 277.02.",
     "13.3": "Course command +15 deg at 15 s.",
     "13.4": "Course line 2000 ft to the right from 20 s on. The deviation from the line is the integral of the ground "
     "speed across it.",
@@ -70,10 +76,14 @@ def _check(case: _Case) -> Check:
         key=f"nesc-{_key(case)}",
         title=f"NESC case {case.number}: {case.title}",
         source=f"{_SOURCE}, case {str(case.number).partition('-')[0]}",
-        why="no figure given" if given is None else _why(case),
+        why=_why(case) if given is not None or _settled(case) else "no figure given",
         explanation="".join(_sentences(case, given)).strip(),
         measure=functools.partial(_measure, case),
     )
+
+
+def _settled(case: _Case) -> tuple[tuple[str, float], ...]:
+    return case.settled_keas if isinstance(case, LawFlight) else ()
 
 
 def _why(case: _Case) -> str:
@@ -86,7 +96,7 @@ def _sentences(case: _Case, given: dict[str, Any] | None) -> tuple[str, ...]:
         return (_LISTED if given is None else f"{_EXPLANATION} ", note)
     law = _LAW_EXPLANATION.format(law=case.law)
     if given is None:
-        return (_LISTED, law, note)
+        return (_SETTLED if case.settled_keas else _LISTED, law, note)
     times = " and ".join(f"{t:g} s" for t in given["not_judged_s"])
     return (law, _LAW_REFERENCE.format(times=times), " ", note)
 
@@ -108,7 +118,8 @@ def _measure(case: _Case) -> tuple[Comparison, ...]:
     """Every judged checkpoint of every column with a tolerance, against both participants; or all that is logged."""
     log, given = _logs(type(case), getattr(case, "law", None))[case.number], _checkpoints(case)
     if given is None:
-        return tuple(_comparison(name, log, time_s) for name in log for time_s in case.times_s)
+        listed = (_comparison(name, log, time_s) for name in log for time_s in case.times_s)
+        return (*listed, *(_settled_at(log, case.times_s[-1], *one) for one in _settled(case)))
     not_judged = given.get("not_judged_s", ())
     return tuple(
         _comparison(name, log, time_s, simulation, column[simulation][k], column["tolerance"])
@@ -142,6 +153,14 @@ def _comparison(
     )
 
 
+def _settled_at(log: Log, time_s: float, simulation: str, expected: float) -> Comparison:
+    """Equivalent airspeed at the end against a participant's."""
+    obtained = float(log[_KEAS][round(time_s / LOG_PERIOD_S)])
+    where = f"settled, {simulation}"
+    return Comparison(f"{_KEAS}, settled", where, column_unit(_KEAS), expected, obtained, _SETTLED_TOLERANCE_KT)
+
+
+_KEAS = "equivalentAirspeed_nmi_h"
 _TURNING = ("eulerAngle", "longitude")
 """Beginnings of the columns that are known up to whole turns."""
 NESC_CHECKS: tuple[Check, ...] = tuple(_check(case) for case in (*FREE_FLIGHTS, *TRIMMED_FLIGHTS, *LAW_FLIGHTS))

@@ -106,6 +106,9 @@ class LawFlight:
         Whether the law circles the North Pole, or else the date line at the equator; F16_gnc only.
     times_s
         Times at which results are listed where there are no checkpoints.
+    settled_keas
+        Participants and the equivalent airspeed, kt, to two decimals, at which they settle, where that is all that is
+        known of them.
     """
 
     number: str
@@ -120,6 +123,7 @@ class LawFlight:
     follows_line: bool = False
     circles_pole: bool = False
     times_s: tuple[float, ...] = ()
+    settled_keas: tuple[tuple[str, float], ...] = ()
 
 
 FREE_FLIGHTS: tuple[FreeFlight, ...] = (
@@ -169,6 +173,7 @@ LAW_FLIGHTS: tuple[LawFlight, ...] = (
         ("equivalentAirspeedCommand", -5.0),
         5.0,
         times_s=_MINUTE_S,
+        settled_keas=(("sim_04", 282.93), ("sim_05", 282.99)),
     ),
     LawFlight(
         "13.2-10kt",

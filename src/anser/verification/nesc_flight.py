@@ -223,7 +223,7 @@ def _fly_all(
 def log_row(
     airframe: AbstractAirframe, environment: Environment, time: ScalarLike, state: EarthFixedState
 ) -> dict[str, Scalar]:
-    """One row of a participant's log, by the published names of the columns and in their units."""
+    """One row of a participant's log, by the published names of the columns and in their units; KEAS besides."""
     earth = round_earth_of(environment)
     seen = local_state(earth, state)
     now = condition(airframe, environment, time, seen)
@@ -234,7 +234,7 @@ def log_row(
     position_i = eci_from_ecef(state.position_e, time, zero, rate)
     velocity_i = velocity_eci_from_ecef(state.position_e, rotate_back(R_be, state.velocity_b), time, zero, rate)
     roll, pitch, yaw = euler_from_quaternion(seen.quaternion)
-    air = environment.atmosphere.at(-seen.position_n[2])
+    air, sea_level = environment.atmosphere.at(-seen.position_n[2]), environment.atmosphere.at(jnp.zeros(()))
     return {
         **_axes("gePosition_ft", state.position_e / FOOT_M),
         **_axes("eiPosition_ft", position_i / FOOT_M),
@@ -258,6 +258,7 @@ def log_row(
         "mach": now.air_data.mach,
         "dynamicPressure_lbf_ft2": now.air_data.qbar / PSF_PA,
         "trueAirspeed_nmi_h": now.air_data.V / KNOT_M_S,
+        "equivalentAirspeed_nmi_h": jnp.sqrt(2.0 * now.air_data.qbar / sea_level.density) / KNOT_M_S,
     }
 
 
