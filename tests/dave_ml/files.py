@@ -1,12 +1,13 @@
 """The files that the tests read: NASA's package, and one of ours that says everything DAVE-ML 2 can say."""
 
 import functools
+from importlib.resources import files
 from pathlib import Path
 
 from anser.dave_ml import Model, read_dave_ml
 
 HERE = Path(__file__).parent
-NASA = {path.stem: path.read_bytes() for path in sorted((HERE / "nasa").glob("*.dml"))}
+NASA = {path.stem: path.read_bytes() for path in sorted(Path(str(files("anser.dave_ml"))).glob("nasa/*.dml"))}
 """Of the ANSI/AIAA S-119 F-16 package and the check-case bodies (NASA Langley, 2012 to 2013)."""
 FEATURES = (HERE / "features.dml").read_bytes()
 ALL = {**NASA, "features": FEATURES}
@@ -21,8 +22,9 @@ def model(name: str) -> Model:
 
 def formula_model(mathml: str) -> Model:
     """A model of x and y with one output, z."""
+    math = mathml if mathml.startswith("<math ") else f"<math>{mathml}</math>"
     return read_dave_ml(
-        f'{HEAD}<variableDef name="z" varID="z" units="nd"><calculation><math>{mathml}</math></calculation><isOutput/>'
+        f'{HEAD}<variableDef name="z" varID="z" units="nd"><calculation>{math}</calculation><isOutput/>'
         "</variableDef></DAVEfunc>",
         "formula",
     )
