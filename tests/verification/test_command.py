@@ -65,7 +65,7 @@ def test_worst_point_of_each_quantity_is_shown(anser):
         assert part in row
     assert "V 300 ft/s" not in printed
     _row(printed, "altitude_ft (t 30 s)", "15598.9")  # no figure is given: the end of the flight
-    assert "4 of 4 comparisons passed (2 of them have no published figure here)" in printed
+    assert "4 of 4 comparisons passed (2 of them without a figure to compare with)" in printed
     assert err == ""
 
 

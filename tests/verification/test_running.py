@@ -70,8 +70,12 @@ def test_every_check_says_what_it_is():
 def test_a_check_case_goes_by_its_number():
     for key in ("9", "09", "nesc-9", "nesc-09"):
         assert [check.key for check in select_checks([key])] == ["nesc-09"]
-    with pytest.raises(ValueError, match="arrived 'nesc-13'; the closest is nesc-1"):
-        select_checks(["13"])
+    assert [check.key for check in select_checks(["13.1"])] == ["nesc-13.1"]
+    assert [check.key for check in select_checks(["nesc-13.2"])] == ["nesc-13.2-5kt", "nesc-13.2-10kt"]
+    parts = ["13.1", "13.2-5kt", "13.2-10kt", "13.3", "13.4"]
+    assert [check.key for check in select_checks(["13"])] == [f"nesc-{part}" for part in parts]
+    with pytest.raises(ValueError, match="arrived 'nesc-14'; the closest is nesc-1"):
+        select_checks(["14"])
 
 
 def test_long_checks_run_beside_the_others_and_keep_their_place():

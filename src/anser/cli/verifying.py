@@ -59,7 +59,7 @@ def _print_count(outcomes: Sequence["Outcome"], seconds: float) -> None:
     broken = sum(outcome.problem is not None for outcome in outcomes)
     also = f"; {broken} of {len(outcomes)} checks could not be computed" if broken else ""
     listed = sum(comparison.expected is None for comparison in comparisons)
-    without = f" ({listed} of them have no published figure here)" if listed else ""
+    without = f" ({listed} of them without a figure to compare with)" if listed else ""
     line(f"{passed} of {len(comparisons)} comparisons passed{without}{also}, {seconds:.1f} s")
 
 

@@ -4,6 +4,7 @@ from anser.control.allocation import allocate, surface_moments
 from anser.control.authority import surface_authority
 from anser.control.automatic_gains import Bandwidths, automatic_gains, own_bandwidths
 from anser.control.autopilot import AutopilotSignals
+from anser.control.dave_ml_law import DaveMlLaw, dave_ml_law
 from anser.control.excitation import Excitation
 from anser.control.feedback import Differentiator, advanced_integral, brakeable, virtual_control, wrapped
 from anser.control.gain_design import SEPARATION_MIN, designed_gains, loop_bandwidth, separations
@@ -24,6 +25,8 @@ from anser.control.inversion import InversionAutopilot, Loop, LoopCommand
 from anser.control.limits import FlightLimits, default_limits
 from anser.control.memory import AutopilotState, initial_autopilot_state
 from anser.control.model_residual import ModelResidual, no_residual
+from anser.control.named_commands import NamedCommands
+from anser.control.named_signals import named_signals
 from anser.control.onboard_model import OnboardModel
 from anser.control.path_motion import PathMotion, path_motion
 
@@ -35,6 +38,7 @@ __all__ = [
     "AutopilotSignals",
     "AutopilotState",
     "Bandwidths",
+    "DaveMlLaw",
     "Differentiator",
     "Excitation",
     "FlightLimits",
@@ -46,6 +50,7 @@ __all__ = [
     "LoopCommand",
     "LoopGains",
     "ModelResidual",
+    "NamedCommands",
     "OnboardModel",
     "PathMotion",
     "advanced_integral",
@@ -54,6 +59,7 @@ __all__ = [
     "brakeable",
     "chart_velocities",
     "crosses_centre",
+    "dave_ml_law",
     "default_limits",
     "designed_gains",
     "follow",
@@ -63,6 +69,7 @@ __all__ = [
     "initial_autopilot_state",
     "levelled_off",
     "loop_bandwidth",
+    "named_signals",
     "no_residual",
     "over_ground",
     "own_bandwidths",

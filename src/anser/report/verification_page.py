@@ -78,9 +78,12 @@ def _section(check: Mapping[str, Any], plot: str | None) -> str:
     if plot:
         lines += [f"![Errors of {check['title']} over time, in tolerances]({plot})", ""]
     comparisons = check["comparisons"]
-    if comparisons and all(c["expected"] is None for c in comparisons) and comparisons[0]["time_s"] is not None:
-        lines.append(_listed(comparisons))
-    elif comparisons:
+    with_figure = {c["group"] for c in comparisons if c["expected"] is not None}
+    over_time = [c for c in comparisons if c["time_s"] is not None and c["group"] not in with_figure]
+    if over_time:
+        lines.append(_listed(over_time))
+        comparisons = [c for c in comparisons if c["group"] in with_figure]
+    if comparisons:
         shown = comparisons if len(comparisons) <= _ALL_ROWS else list(_worst(comparisons))
         head = "where" if shown is comparisons else "worst where"
         lines.append(

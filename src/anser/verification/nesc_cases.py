@@ -1,4 +1,4 @@
-"""Definitions of the NASA NESC atmospheric check-cases 1 to 12, in the units in which they are published.
+"""Definitions of the NASA NESC atmospheric check-cases 1 to 13, 15 and 16, in the units in which they are published.
 
 Source: [NESC] NASA/TM-2015-218675 and the published check-case data. Altitudes are above the ellipsoid or sphere,
 velocities relative to the rotating Earth in NED.
@@ -81,6 +81,51 @@ class TrimmedFlight:
     times_s: tuple[float, ...] = _CRUISE_S
 
 
+LawName = Literal["F16_control", "F16_gnc"]
+
+
+@dataclass(frozen=True)
+class LawFlight:
+    """A check-case of the F-16 under one of its published control laws, from trimmed flight on.
+
+    Attributes
+    ----------
+    number
+        Of the check-case, 13.1; where it is flown in two ways, with what tells them apart.
+    title
+        Of the check-case.
+    latitude_deg, longitude_deg, altitude_ft, velocity_ft_s
+        As of a `TrimmedFlight`; altitude and airspeed are what the law is commanded first.
+    law
+        File of the control law.
+    change, change_time_s
+        Input of the law, by how much its command changes (kt, ft, deg), and when.
+    follows_line
+        Whether the law is told the deviation from the ground track through the start.
+    circles_pole
+        Whether the law circles the North Pole, or else the date line at the equator; F16_gnc only.
+    times_s
+        Times at which results are listed where there are no checkpoints.
+    settled_keas
+        Participants and the equivalent airspeed, kt, to two decimals, at which they settle, where that is all that is
+        known of them.
+    """
+
+    number: str
+    title: str
+    latitude_deg: float
+    longitude_deg: float
+    altitude_ft: float
+    velocity_ft_s: tuple[float, float, float]
+    law: LawName
+    change: tuple[str, float] = ("altitudeMslCommand", 0.0)
+    change_time_s: float = 0.0
+    follows_line: bool = False
+    circles_pole: bool = False
+    times_s: tuple[float, ...] = ()
+    settled_keas: tuple[tuple[str, float], ...] = ()
+
+
 FREE_FLIGHTS: tuple[FreeFlight, ...] = (
     FreeFlight(1, "dropped dragless sphere", "dragless-sphere"),
     FreeFlight(2, "tumbling brick, no damping, no drag", "undamped-brick", rates_deg_s=_TUMBLING_DEG_S),
@@ -103,4 +148,80 @@ _KITTY_HAWK_DEG = (36.01916667, -75.67444444)
 TRIMMED_FLIGHTS: tuple[TrimmedFlight, ...] = (
     TrimmedFlight(11, "subsonic F-16 trim", *_KITTY_HAWK_DEG, 10_013.0, (400.0, 400.0, 0.0)),
     TrimmedFlight(12, "supersonic F-16 trim", *_KITTY_HAWK_DEG, 30_013.0, (1414.2136, 1414.2136, 0.0)),
+)
+
+_SUBSONIC = (*_KITTY_HAWK_DEG, 10_013.0, (400.0, 400.0, 0.0))
+_MINUTE_S = tuple(5.0 * k for k in range(13))
+_THREE_MINUTES_S = tuple(5.0 * k for k in range(37))
+_CIRCLING_FT_S = 563.643
+
+LAW_FLIGHTS: tuple[LawFlight, ...] = (
+    LawFlight(
+        "13.1",
+        "F-16, altitude change",
+        *_SUBSONIC,
+        "F16_control",
+        ("altitudeMslCommand", 100.0),
+        5.0,
+        times_s=_MINUTE_S,
+    ),
+    LawFlight(
+        "13.2-5kt",
+        "F-16, airspeed change by -5 KEAS",
+        *_SUBSONIC,
+        "F16_control",
+        ("equivalentAirspeedCommand", -5.0),
+        5.0,
+        times_s=_MINUTE_S,
+        settled_keas=(("sim_04", 282.93), ("sim_05", 282.99)),
+    ),
+    LawFlight(
+        "13.2-10kt",
+        "F-16, airspeed change by -10 KEAS",
+        *_SUBSONIC,
+        "F16_control",
+        ("equivalentAirspeedCommand", -10.0),
+        5.0,
+        times_s=_MINUTE_S,
+    ),
+    LawFlight(
+        "13.3",
+        "F-16, heading change",
+        *_SUBSONIC,
+        "F16_control",
+        ("trueBaseCourseCommand", 15.0),
+        15.0,
+        times_s=_MINUTE_S,
+    ),
+    LawFlight(
+        "13.4",
+        "F-16, lateral side-step",
+        *_SUBSONIC,
+        "F16_control",
+        ("lateralDeviationError", -2000.0),
+        20.0,
+        follows_line=True,
+        times_s=_MINUTE_S,
+    ),
+    LawFlight(
+        "15",
+        "F-16 circling the North Pole",
+        89.95,
+        -45.0,
+        10_000.0,
+        (0.0, _CIRCLING_FT_S, 0.0),
+        "F16_gnc",
+        circles_pole=True,
+        times_s=_THREE_MINUTES_S,
+    ),
+    LawFlight(
+        "16",
+        "F-16 circling the date line at the equator",
+        0.0,
+        -179.95,
+        10_000.0,
+        (_CIRCLING_FT_S, 0.0, 0.0),
+        "F16_gnc",
+        times_s=_THREE_MINUTES_S,
+    ),
 )

@@ -49,7 +49,14 @@ from anser.units import (
     RANKINE_K,
     SLUG_FT3_KG_M3,
 )
-from anser.verification.nesc_cases import SPHERE_RADIUS_M, EarthName, FreeFlight, TrimmedFlight
+from anser.verification.nesc_cases import (
+    SPHERE_RADIUS_M,
+    TRIMMED_FLIGHTS,
+    EarthName,
+    FreeFlight,
+    LawFlight,
+    TrimmedFlight,
+)
 
 LOG_PERIOD_S = 0.1
 _FALL_STEPS = 10
@@ -64,17 +71,38 @@ def fly_free(cases: Sequence[FreeFlight]) -> dict[int, Log]:
     """Fly check-cases without controls, all in one batch; case number -> log, every 0.1 s from time 0."""
     airframes = [load_body(case.body) for case in cases]
     environments = [_environment(case.earth, case.wind_east_ft_s) for case in cases]
-    starts = [_start_free(environment, case) for environment, case in zip(environments, cases, strict=True)]
+    starts = [_start_free(*of) for of in zip(airframes, environments, cases, strict=True)]
     controls = [Controls(surfaces=jnp.zeros(3), throttle=jnp.zeros(()))] * len(cases)
     return _logs(cases, rows_of(airframes), rows_of(environments), rows_of(starts), rows_of(controls), _FALL_STEPS)
 
 
-def fly_trimmed(cases: Sequence[TrimmedFlight]) -> dict[int, Log]:
+def fly_trimmed(cases: Sequence[TrimmedFlight], airframe: AbstractAirframe | None = None) -> dict[int, Log]:
     """Trim and fly check-cases of the F-16 in one batch; case number -> log, every 0.1 s from time 0.
 
-    The published vehicle has neither lags nor engine momentum: the trimmed controls and power are simply held.
+    The published vehicle has neither lags nor engine momentum: the trimmed controls and power are simply held. None:
+    the library's s119 variant.
     """
-    airframe = load_f16("s119")
+    airframe = load_f16("s119") if airframe is None else airframe
+    environments, starts, controls = trimmed_starts(airframe, cases)
+    return _logs(cases, rows_of([airframe] * len(cases)), environments, starts, controls, _CRUISE_STEPS)
+
+
+@functools.cache
+def trimmed_logs() -> dict[int, Log]:
+    """Cases 11 and 12 with the library's s119 variant, flown once per process."""
+    return fly_trimmed(TRIMMED_FLIGHTS)
+
+
+def trimmed_starts(
+    airframe: AbstractAirframe, cases: Sequence[TrimmedFlight | LawFlight]
+) -> tuple[Environment, EarthFixedState, Controls]:
+    """Environments, states and controls of check-cases that start in trim, stacked.
+
+    Raises
+    ------
+    RuntimeError
+        The trim of a case was not found.
+    """
     environments = [_environment("wgs84", (0.0, 0.0), case.latitude_deg, case.longitude_deg) for case in cases]
     places = jnp.array([[0.0, 0.0, -case.altitude_ft * FOOT_M] for case in cases])
     velocities_n = jnp.array([case.velocity_ft_s for case in cases]) * FOOT_M
@@ -82,7 +110,7 @@ def fly_trimmed(cases: Sequence[TrimmedFlight]) -> dict[int, Log]:
     starts, controls, residual = _trim_all(airframe, environment, places, velocities_n)
     if not np.all(np.asarray(residual) < 1e-8):
         raise RuntimeError(f"the check-case's trim was not found: accelerations of {np.asarray(residual)} g remain")
-    return _logs(cases, rows_of([airframe] * len(cases)), environment, starts, controls, _CRUISE_STEPS)
+    return environment, starts, controls
 
 
 def _logs(
@@ -114,11 +142,12 @@ def _environment(
     return Environment(StandardAtmosphere(), wind, made)
 
 
-def _start_free(environment: Environment, case: FreeFlight) -> EarthFixedState:
+def _start_free(airframe: AbstractAirframe, environment: Environment, case: FreeFlight) -> EarthFixedState:
     quaternion = quaternion_from_euler(jnp.zeros(()), jnp.zeros(()), jnp.asarray(case.yaw_deg * DEG_RAD))
     position_n = jnp.array([0.0, 0.0, -case.altitude_ft * FOOT_M])
     velocity_b = rotate(rotation_from_quaternion(quaternion), jnp.asarray(case.velocity_ft_s) * FOOT_M)
-    seen = AircraftState(position_n, velocity_b, quaternion, jnp.zeros(3), jnp.zeros(3), jnp.zeros(()))
+    still, off = airframe.actuators.settled(jnp.zeros(3)), airframe.engine.settled(jnp.zeros(()))
+    seen = AircraftState(position_n, velocity_b, quaternion, jnp.zeros(3), still, off)
     start = earth_fixed_state(round_earth_of(environment), seen)
     return eqx.tree_at(lambda state: state.rates_b, start, jnp.asarray(case.rates_deg_s) * DEG_RAD)
 
@@ -179,7 +208,7 @@ def _fly_all(
 
         def one(state: EarthFixedState, index: Array) -> tuple[EarthFixedState, dict[str, Scalar]]:
             time = index * LOG_PERIOD_S
-            row = _row(airframe, environment, time, state)
+            row = log_row(airframe, environment, time, state)
 
             def advanced(k: Array, y: EarthFixedState) -> EarthFixedState:
                 return advance(airframe, environment, time + k * step, y, held, step)
@@ -191,10 +220,10 @@ def _fly_all(
     return jax.vmap(fly)(airframes, environments, starts, controls)
 
 
-def _row(
+def log_row(
     airframe: AbstractAirframe, environment: Environment, time: ScalarLike, state: EarthFixedState
 ) -> dict[str, Scalar]:
-    """One row of a participant's log, by the published names of the columns and in their units."""
+    """One row of a participant's log, by the published names of the columns and in their units; KEAS besides."""
     earth = round_earth_of(environment)
     seen = local_state(earth, state)
     now = condition(airframe, environment, time, seen)
@@ -205,7 +234,7 @@ def _row(
     position_i = eci_from_ecef(state.position_e, time, zero, rate)
     velocity_i = velocity_eci_from_ecef(state.position_e, rotate_back(R_be, state.velocity_b), time, zero, rate)
     roll, pitch, yaw = euler_from_quaternion(seen.quaternion)
-    air = environment.atmosphere.at(-seen.position_n[2])
+    air, sea_level = environment.atmosphere.at(-seen.position_n[2]), environment.atmosphere.at(jnp.zeros(()))
     return {
         **_axes("gePosition_ft", state.position_e / FOOT_M),
         **_axes("eiPosition_ft", position_i / FOOT_M),
@@ -229,6 +258,7 @@ def _row(
         "mach": now.air_data.mach,
         "dynamicPressure_lbf_ft2": now.air_data.qbar / PSF_PA,
         "trueAirspeed_nmi_h": now.air_data.V / KNOT_M_S,
+        "equivalentAirspeed_nmi_h": jnp.sqrt(2.0 * now.air_data.qbar / sea_level.density) / KNOT_M_S,
     }
 
 

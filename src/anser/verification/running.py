@@ -10,6 +10,7 @@ from anser.verification.aerosonde import AEROSONDE_FORCES
 from anser.verification.arc_lengths import ARC_LENGTHS
 from anser.verification.check import Check, Outcome
 from anser.verification.earth_figure import WGS84_FIGURE
+from anser.verification.f16_files import F16_FILES
 from anser.verification.f16_rates import F16_DERIVATIVES, F16_TURN
 from anser.verification.f16_shots import F16_AERO_SHOTS, F16_ENGINE_SHOTS
 from anser.verification.f16_trim import F16_TRIM
@@ -28,6 +29,7 @@ CHECKS: tuple[Check, ...] = (
     F16_AERO_SHOTS,
     F16_ENGINE_SHOTS,
     AEROSONDE_FORCES,
+    F16_FILES,
     ARC_LENGTHS,
     *LINEAR_CHECKS,
     *INTEGRATION_CHECKS,
@@ -43,7 +45,7 @@ Progress = Callable[[str, float], None]
 def select_checks(keys: Iterable[str] | None = None, checks: Sequence[Check] | None = None) -> tuple[Check, ...]:
     """Checks by their keys, each once and in the order of `checks` (`CHECKS` where None); all of them without keys.
 
-    A check-case of the NESC may go by its number, `9`, or `nesc-9`.
+    A check-case of the NESC may go by its number, `9`, `13.1` or `nesc-9`; `13` is all parts of case 13.
 
     Raises
     ------
@@ -53,8 +55,8 @@ def select_checks(keys: Iterable[str] | None = None, checks: Sequence[Check] | N
     checks = CHECKS if checks is None else checks
     if keys is None:
         return tuple(checks)
-    wanted = [_whole(key) for key in keys]
     known = [check.key for check in checks]
+    wanted = [part for key in keys for part in _parts(_whole(key), known)]
     for key in wanted:
         if key not in known:
             close = difflib.get_close_matches(key, known, n=1, cutoff=0.0)
@@ -63,9 +65,15 @@ def select_checks(keys: Iterable[str] | None = None, checks: Sequence[Check] | N
     return tuple(check for check in checks if check.key in wanted)
 
 
+def _parts(key: str, known: Sequence[str]) -> list[str]:
+    """The key itself, or those of the parts of a check-case that is flown in several."""
+    parts = [one for one in known if key.startswith("nesc-") and one.startswith((f"{key}.", f"{key}-"))]
+    return [key] if key in known or not parts else parts
+
+
 def _whole(key: str) -> str:
-    number = re.fullmatch(r"(?:nesc-)?0*(\d{1,2})", key)
-    return f"nesc-{int(number[1]):02d}" if number else key
+    number = re.fullmatch(r"(?:nesc-)?0*(\d{1,2})(\.\d.*)?", key)
+    return f"nesc-{int(number[1]):02d}{number[2] or ''}" if number else key
 
 
 def verify(

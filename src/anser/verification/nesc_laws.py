@@ -1,0 +1,148 @@
+"""Flying the NESC check-cases of the F-16 under its published control laws, in the closed loop that anser has."""
+
+import math
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from anser.aircraft import F16, AircraftState, Controls, EarthFixedState, condition, earth_fixed_state, local_state
+from anser.aircraft.round_earth import round_earth_of
+from anser.compiling import compiled_quickly
+from anser.control import DaveMlLaw, NamedCommands, dave_ml_law, named_signals
+from anser.environment import Environment
+from anser.numerics import as_array, rows_of
+from anser.sensing import Belief, DirectEstimator, IdealSensors, Instant
+from anser.shapes import Scalar
+from anser.simulation import AbstractRecorder, AircraftSample, TrimPoint, Vehicle, fly_alone, trimmed_vehicle
+from anser.units import DEG_RAD, FOOT_M, KNOT_M_S, RAD_DEG
+from anser.verification.dave_ml_files import published_model
+from anser.verification.nesc_cases import LawFlight
+from anser.verification.nesc_flight import LOG_PERIOD_S, Log, log_row, trimmed_starts
+from anser.verification.prompt_f16 import prompt_f16
+
+LAW_STEPS = 80
+"""Steps of 0.00125 s in a log period: the laws close loops of about 50 rad/s, and the published ones do not sample."""
+_FULL_STICK_DEG = 25.0
+"""Elevator of a full longitudinal stick, up for aft. Source: F16_control.dml, elevatorDeflection."""
+_CHANGED_UNITS = {
+    "altitudeMslCommand": FOOT_M,
+    "equivalentAirspeedCommand": KNOT_M_S,
+    "trueBaseCourseCommand": DEG_RAD,
+    "lateralDeviationError": FOOT_M,
+}
+
+
+def fly_laws(cases: Sequence[LawFlight], steps: int = LAW_STEPS) -> dict[str, Log]:
+    """Trim and fly check-cases under one law in one batch; case number -> log, every 0.1 s from time 0.
+
+    Parameters
+    ----------
+    cases
+        All with the same law.
+    steps
+        Steps and samples of the law in a log period.
+    """
+    airframe = prompt_f16(LOG_PERIOD_S / steps)
+    environments, starts, controls = trimmed_starts(airframe, cases)
+    law = dave_ml_law(published_model(cases[0].law))
+    keas = _equivalent_airspeeds(airframe, environments, starts)
+    commands = [_commands(case, float(keas[k]), _row_of(controls, k)) for k, case in enumerate(cases)]
+    periods = round(max(case.times_s[-1] for case in cases) / LOG_PERIOD_S)
+    logs = _fly_all(airframe, law, environments, rows_of(commands), starts, controls, periods, steps)
+    return {case.number: {key: np.asarray(values[k]) for key, values in logs.items()} for k, case in enumerate(cases)}
+
+
+def _row_of(controls: Controls, k: int) -> Controls:
+    return jax.tree.map(lambda leaf: np.asarray(leaf)[k], controls)
+
+
+def _commands(case: LawFlight, keas: float, trim: Controls) -> NamedCommands:
+    """What the law is told: autopilot on, hands off, trim as feed-forward, the change at its time."""
+    north, east, _ = case.velocity_ft_s
+    held: dict[str, float] = {
+        **dict.fromkeys((f"pilotControl_{axis}" for axis in ("throttle", "long", "lat", "yaw")), 0.0),
+        "stabilityAugmentationOn_disc": 1.0,
+        "autopilotOn_disc": 1.0,
+        "equivalentAirspeedCommand": keas,
+        "altitudeMslCommand": case.altitude_ft * FOOT_M,
+        "trimmedPilotControl_throttle": float(trim.throttle),
+        "trimmedPilotControl_long": -float(trim.surfaces[0]) * RAD_DEG / _FULL_STICK_DEG,
+    }
+    if case.law == "F16_gnc":
+        held["selectCircumnavigator_disc"] = float(case.circles_pole)
+    else:
+        held |= {"trueBaseCourseCommand": math.atan2(east, north), "lateralDeviationError": 0.0}
+    change = {name: 0.0 for name in _CHANGED_UNITS if name in held}
+    name, amount = case.change
+    change[name] = amount * _CHANGED_UNITS[name]
+    return NamedCommands(
+        held={key: as_array(value) for key, value in held.items()},
+        change={key: as_array(value) for key, value in change.items()},
+        change_time=as_array(case.change_time_s),
+        follows_line=as_array(float(case.follows_line)),
+        place=case.law == "F16_gnc",
+    )
+
+
+class _Log(AbstractRecorder):
+    """What the participants log."""
+
+    every: int = eqx.field(static=True)
+
+    def init(self, aircraft: int) -> None:
+        """Nothing is kept."""
+
+    def take(self, memory: None, sample: AircraftSample, instant: Instant) -> None:
+        """Nothing is kept."""
+
+    def row(self, sample: AircraftSample, instant: Instant) -> dict[str, Array]:
+        """One row, by the published names."""
+        truth, environment = sample.truth, instant.environment
+        state = earth_fixed_state(round_earth_of(environment), truth.state)
+        return log_row(truth.airframe, environment, instant.time, state)
+
+
+@compiled_quickly
+def _equivalent_airspeeds(airframe: F16, environments: Environment, starts: EarthFixedState) -> Array:
+    """Of each start, m/s."""
+
+    def one(environment: Environment, start: EarthFixedState) -> Scalar:
+        seen = local_state(round_earth_of(environment), start)
+        now = condition(airframe, environment, 0.0, seen)
+        return named_signals(Belief(airframe, seen, now, jnp.zeros(3), None, None))["equivalentAirspeed"]
+
+    return jax.vmap(one)(environments, starts)
+
+
+@compiled_quickly
+def _fly_all(
+    airframe: F16,
+    law: DaveMlLaw,
+    environments: Environment,
+    commands: NamedCommands,
+    starts: EarthFixedState,
+    controls: Controls,
+    periods: int,
+    steps: int,
+) -> dict[str, Array]:
+    """Log of each case, (case, time), every `LOG_PERIOD_S` from time 0."""
+    step = jnp.asarray(LOG_PERIOD_S / steps)
+
+    def fly(environment: Environment, guidance: NamedCommands, start: EarthFixedState, held: Controls) -> dict:
+        vehicle = Vehicle(airframe, IdealSensors(), DirectEstimator(), guidance, law)
+        seen = local_state(round_earth_of(environment), start)
+        instant = Instant(environment, jnp.asarray(0, dtype=jnp.int32), step)
+        begun = trimmed_vehicle(vehicle, instant, _trim_point(airframe, environment, seen, held))
+        return fly_alone(vehicle, environment, begun, step, (periods + 1) * steps, _Log(every=steps))[2]
+
+    return jax.vmap(fly)(environments, commands, starts, controls)
+
+
+def _trim_point(airframe: F16, environment: Environment, seen: AircraftState, held: Controls) -> TrimPoint:
+    data = condition(airframe, environment, 0.0, seen).air_data
+    zero = jnp.zeros(())
+    return TrimPoint(seen, held, zero, data.alpha, data.beta, seen.power, jnp.asarray(True), zero, zero)

@@ -1,0 +1,48 @@
+"""Commands by name: their change, the deviation from a line over ground, the place."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from law_cases import FLAT, belief_of, instant_of
+
+from anser.control import NamedCommands
+
+
+def guidance(follows=1.0, place=False):
+    return NamedCommands(
+        held={"trueBaseCourseCommand": jnp.asarray(0.5), "lateralDeviationError": jnp.asarray(0.0)},
+        change={"lateralDeviationError": jnp.asarray(-600.0)},
+        change_time=jnp.asarray(20.0),
+        follows_line=jnp.asarray(follows),
+        place=place,
+    )
+
+
+def test_commands_change_at_their_time():
+    for time_s, expected in ((19.99, 0.0), (20.0, -600.0), (30.0, -600.0)):
+        given, _, _ = guidance(0.0).command(jnp.zeros(()), belief_of(), None, instant_of(time_s))
+        assert float(given["lateralDeviationError"]) == expected
+        assert float(given["trueBaseCourseCommand"]) == 0.5
+
+
+def test_the_deviation_is_the_distance_flown_across_the_line():
+    """Level flight with heading and course 0.8 rad: sin(0.3) of the way lies to the right of the line of 0.5 rad."""
+    belief, memory = belief_of((0.0, 0.0, 0.8), (170.0, 0.0, 0.0), environment=FLAT), jnp.zeros(())
+    for k in range(100):
+        given, _, memory = guidance().command(memory, belief, None, instant_of(0.01 * k, FLAT))
+    assert float(given["lateralDeviationError"]) == pytest.approx(0.99 * 170.0 * np.sin(0.3), rel=1e-12)
+    _, _, kept = guidance(0.0).command(jnp.asarray(3.0), belief, None, instant_of(0.0, FLAT))
+    assert float(kept) == 3.0
+
+
+def test_the_place_is_given_across_the_date_line():
+    """80 km East of 3.14 rad East."""
+    given, _, _ = guidance(place=True).command(jnp.zeros(()), belief_of(), None, instant_of(0.0))
+    east = 3.14 + 80_000 / (6_385_000 * np.cos(0.6))
+    assert float(given["geLongitude"]) == pytest.approx(east - 2 * np.pi, abs=1e-4)
+    assert float(given["geLatitude"]) == pytest.approx(0.6 + 1000 / 6.36e6, abs=1e-6)
+
+
+def test_over_a_flat_earth_there_is_no_place():
+    with pytest.raises(TypeError, match="RotatingEarth"):
+        guidance(place=True).command(jnp.zeros(()), belief_of(environment=FLAT), None, instant_of(0.0, FLAT))

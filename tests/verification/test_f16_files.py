@@ -1,0 +1,65 @@
+"""The built-in s119 F-16 is that of NASA's DAVE-ML files."""
+
+import equinox as eqx
+import numpy as np
+import pytest
+
+from anser.numerics import as_array
+from anser.scenario import load_airframe
+from anser.verification import f16_files
+from anser.verification.dave_ml_files import published_model
+
+COEFFICIENTS = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
+
+
+@pytest.fixture(scope="module")
+def compared():
+    """[S119] F16_aero, F16_prop at 10,000 random states: of the files with the exact pi, and built in."""
+    aerodynamics, thrust = (published_model(name).evaluator for name in ("F16_aero", "F16_prop"))
+    exact = eqx.tree_at(lambda e: e.constants["rtd"], aerodynamics, as_array(180.0 / np.pi))
+    airframe = load_airframe("f16", "s119", x_cg_over_c=0.35)
+    states = as_array(f16_files.random_states())
+    of_file, own = f16_files.both(airframe, exact, thrust, states)
+    rounded, _ = f16_files.both(airframe, aerodynamics, thrust, states)
+    return of_file, own, rounded
+
+
+@pytest.mark.parametrize("name", COEFFICIENTS)
+def test_coefficients_agree_at_ten_thousand_states(compared, name):
+    of_file, own, _ = compared
+    assert of_file[name].shape == (10_000,)
+    np.testing.assert_allclose(own[name], of_file[name], rtol=0.0, atol=1e-12)
+
+
+def test_thrust_agrees(compared):
+    of_file, own, _ = compared
+    np.testing.assert_allclose(own["thrust"], of_file["thrust"], rtol=0.0, atol=1e-12 * 28_885.0)
+
+
+def test_the_files_pi_is_rounded(compared):
+    """3.14159265 moves CZ by |CZ0| beta^2 2.3e-9, and nothing else."""
+    of_file, own, rounded = compared
+    assert 1e-10 < np.max(np.abs(rounded["CZ"] - own["CZ"])) < 2e-9
+    for name in (*COEFFICIENTS[:2], *COEFFICIENTS[3:]):
+        np.testing.assert_array_equal(rounded[name], of_file[name])
+
+
+def test_the_random_states_leave_the_tables_on_all_sides():
+    alpha, beta = np.rad2deg(f16_files.random_states()[:, 1:3].T)
+    assert alpha.min() < -10.0
+    assert alpha.max() > 45.0
+    assert np.abs(beta).max() > 30.0
+
+
+def test_mass_and_inertia_of_the_files():
+    built_in, of_files = load_airframe("f16", "s119").mass_properties, f16_files.f16_of_files()
+    np.testing.assert_allclose(of_files.mass_properties.mass, built_in.mass, rtol=1e-14)
+    np.testing.assert_allclose(of_files.mass_properties.inertia_b, built_in.inertia_b, rtol=1e-14)
+    assert float(of_files.cg_forward) == pytest.approx(0.1 * 11.32 * 0.3048, rel=1e-12)
+
+
+@pytest.mark.long
+def test_the_check_passes():
+    comparisons = f16_files.F16_FILES.measure()
+    assert not [(c.group, c.where, c.error, c.tolerance) for c in comparisons if not c.passes]
+    assert {*COEFFICIENTS, "thrust", "altitudeMsl_ft"} <= {c.group for c in comparisons}
