@@ -197,10 +197,10 @@ def _guidance(scenario: Scenario, aircraft: Aircraft | None = None) -> GuidanceS
     corrections = [_CORRECTION_PART * scenario.speed_for(one) for one in of if has_own(one)]
     return GuidanceSettings(
         position_gain=_scalar(guidance.position_gain_per_s),
-        correction_max=_scalar(min(_CORRECTION_MAX_M_S, *corrections)),
+        correction_max=_scalar(min([_CORRECTION_MAX_M_S, *corrections])),
         hold_radius=_scalar(hold.radius_m),
         hold_turn=_scalar(1.0 if hold.direction == "right" else -1.0),
-        climb_rate_max=_scalar(min(_HOLD_CLIMB_MAX_M_S, *climb_rates)),
+        climb_rate_max=_scalar(min([_HOLD_CLIMB_MAX_M_S, *climb_rates])),
     )
 
 
