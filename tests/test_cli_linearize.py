@@ -101,7 +101,7 @@ def test_untrimmable_ends_with_1_and_the_diagnosis(anser):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("--aircraft", "f17"), "--aircraft: arrived 'f17'; expected one of f16"),
+        (("--aircraft", "f17"), "--aircraft: arrived 'f17'; expected perhaps \"f16\"; one of f16"),
         (("--variant", "none"), "--variant: arrived 'none'; expected one of textbook, s119, founding"),
         (("--speed-m-s", "nan"), "--speed-m-s: arrived nan; expected a number from 1 to 1000"),
         (("--x-cg", "30"), "--x-cg: arrived 30; expected a number from 0.1 to 0.5"),

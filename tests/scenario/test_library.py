@@ -39,7 +39,7 @@ def test_centre_of_gravity_is_taken():
 
 
 def test_unknown_names_are_refused_with_the_known_ones():
-    with pytest.raises(ValueError, match=r"aircraft type 'f61': known are f16"):
+    with pytest.raises(ValueError, match=r"aircraft type 'f61': perhaps \"f16\"; one of f16, aerosonde"):
         load_airframe("f61")
     with pytest.raises(ValueError, match=r"variant 's191': known are textbook, s119, founding"):
         load_airframe("f16", "s191")

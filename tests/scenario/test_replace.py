@@ -71,7 +71,7 @@ def test_everything_is_checked():
     """A fleet speed of -5 was flown into the ground; a stand-off below the least is refused here as in a file."""
     said = refused("fleet.speed_m_s", -5.0)
     assert "three-aircraft with fleet.speed_m_s replaced: 1 problem" in said
-    assert "fleet.speed_m_s: arrived -5.0; expected a number from 30 to 340 m/s" in said
+    assert "fleet.speed_m_s: arrived -5.0; expected a number from 1 to 340 m/s" in said
     low = refused("aircraft[aircraft-1].rendezvous.stand_off_up_m", 50.0)
     assert 'aircraft[0].rendezvous.stand_off_up_m (aircraft "aircraft-1"): arrived 50; expected at least 150 m' in low
     assert "expected a wind slower than fleet.speed_m_s" in refused("wind.speed_m_s", 92.0, "fleet.speed_m_s", 91.0)

@@ -138,7 +138,7 @@ CASES = {
     "format with a point": ([("format = 1", "format = 1.0")], ("format", "", "1.0", "2 or 1, the formats")),
     "string for a number": (
         [("speed_m_s = 151.0", 'speed_m_s = "fast"')],
-        ("aircraft[1].start.speed_m_s", 'aircraft "bravo"', '"fast"', "a number from 30 to 340 m/s"),
+        ("aircraft[1].start.speed_m_s", 'aircraft "bravo"', '"fast"', "a number from 1 to 340 m/s"),
     ),
     "boolean for a number": ([("seed = 0", "seed = false")], ("seed", "", "false", "a whole number from 0")),
     "fraction for a whole number": ([("seed = 0", "seed = 1.5")], ("seed", "", "1.5", "a whole number")),

@@ -155,11 +155,13 @@ def _print_model(found: "Linearized") -> None:
     from anser.execution import name_of
 
     model, of = found.model, found.condition
-    centre = f", centre of mass {of['x_cg_over_c']:.3g}," if "x_cg_over_c" in of else ""
+    named = name_of(of)
+    if "x_cg_over_c" in of:
+        named = f"{named.removesuffix(')')}, centre of mass {of['x_cg_over_c']:.3g})"
     sampled = float(model.step) > 0
     kind = f"{of['loop']} loop, sampled every {float(model.step):g} s" if sampled else "open loop"
     lines = [
-        f"{name_of(of)}{centre} at {of['speed_m_s']:g} m/s, {of['altitude_m']:g} m: {kind}",
+        f"{named} at {of['speed_m_s']:g} m/s, {of['altitude_m']:g} m: {kind}",
         "SI units and radians; power in percent",
         "",
         *_mode_lines(found.modes),

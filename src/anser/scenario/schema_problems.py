@@ -63,7 +63,7 @@ def _unknown_key(loc: Sequence[str | int], model: type[BaseModel], raw: object) 
     key = str(loc[-1])
     table = _model_at(loc[:-1], model)
     known = list(table.model_fields) if table is not None else []
-    near = difflib.get_close_matches(key.lower(), known, n=1)
+    near = difflib.get_close_matches(key, known, n=1) or difflib.get_close_matches(key.lower(), known, n=1)
     guess = f'perhaps "{near[0]}"; the keys here are' if near else "one of the keys"
     owner = _owner_of(key, model) if len(loc) == 1 else None
     if owner is not None:

@@ -1,0 +1,86 @@
+"""The commands about aircraft, end to end: what they print, write, answer, and how they end."""
+
+import json
+
+import pytest
+
+from anser import cli
+
+
+def run(capsys, monkeypatch, *words):
+    """Exit code, standard output, standard error of a command."""
+    monkeypatch.setattr("sys.argv", ["anser", *map(str, words)])
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    out = capsys.readouterr()
+    return end.value.code or 0, out.out, out.err
+
+
+@pytest.fixture
+def anser(capsys, monkeypatch):
+    return lambda *words: run(capsys, monkeypatch, *words)
+
+
+def test_list(anser):
+    code, out, _ = anser("aircraft", "list", "--json")
+    listed = {one["name"]: one for one in json.loads(out)["aircraft"]}
+    assert code == 0
+    assert {"f16", "aerosonde"} <= set(listed)
+    assert listed["aerosonde"]["mass_kg"] == 11.0
+    assert listed["aerosonde"]["airspeed_m_s"] == [13.0, 40.0]
+
+
+def test_new_check_and_what_is_wrong(anser, tmp_path):
+    path = tmp_path / "my.toml"
+    assert anser("aircraft", "new", path)[0] == 0
+    assert anser("aircraft", "new", path)[0] == 2  # nothing is overwritten
+    code, out, err = anser("aircraft", "check", path)
+    assert (code, err) == (0, "")
+    assert "1 of 1 numbers of its check data agree" in out
+    path.write_text(
+        path.read_text().replace("Cm_q = -14.32", "Cm_q = 14.32").replace("alpha_deg = 0.0", "alpha_deg = 3.0")
+    )
+    code, out, err = anser("aircraft", "check", path)
+    assert code == 1
+    assert "aerodynamics.Cm_q: 14.3" in err
+    assert "check.trim[0].alpha_deg" in err
+    code, out, _ = anser("aircraft", "check", path, "--json")
+    assert code == 1
+    document = json.loads(out)
+    assert [one["place"] for one in document["findings"]] == ["aerodynamics.Cm_q"]
+    assert [one["agrees"] for one in document["checks"]] == [False]
+    path.write_text(path.read_text().replace("Cm_q", "Cm_qq"))
+    code, _, err = anser("aircraft", "check", path)
+    assert code == 2
+    assert 'perhaps "Cm_q"' in err
+    assert anser("aircraft", "check", "f16")[0] == 2
+
+
+def test_show_draws_and_tells_level_flight(anser, tmp_path):
+    picture = tmp_path / "aerosonde.png"
+    code, out, _ = anser("aircraft", "show", "aerosonde", "--out", picture, "--json")
+    assert code == 0
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    slowest, fastest = json.loads(out)["level_flight_m_s"]
+    assert 13.0 <= slowest < 17.0  # at the elevator's stop
+    assert 31.0 < fastest <= 34.0  # at full power
+    assert anser("aircraft", "show", "aerosonde", "--out", picture)[0] == 2
+
+
+def test_trim_and_linearize_by_name_and_by_file(anser, tmp_path):
+    code, out, _ = anser("trim", "--aircraft", "aerosonde", "--speed-m-s", 25, "--altitude-m", 100, "--json")
+    assert code == 0
+    document = json.loads(out)
+    assert (document["aircraft"], "variant" in document, "x_cg_over_c" in document) == ("aerosonde", False, False)
+    found = {one["name"]: one["value"] for one in document["quantities"]}
+    assert found["angle of attack"] == pytest.approx(3.0878, abs=1e-3)
+    assert found["engine power"] == pytest.approx(77.40, abs=0.01)
+    assert found["aileron"] > 0.3  # against the reaction to the propeller's torque
+    path = tmp_path / "my.toml"
+    anser("aircraft", "new", path)
+    code, out, _ = anser("linearize", "--aircraft", path, "--speed-m-s", 50, "--altitude-m", 500)
+    assert code == 0
+    assert all(mode in out for mode in ("short period", "phugoid", "Dutch roll", "spiral"))
+    code, _, err = anser("trim", "--aircraft", "aerosond", "--speed-m-s", 25, "--altitude-m", 100)
+    assert code == 2
+    assert 'perhaps "aerosonde"' in err
