@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from anser.execution import deep_stall
+from support.tp1538_build_up import coefficients
 from support.upsets_tp1538 import UPSETS, flown, held, recovery_s
 
 DEEP = "deep stall: alpha 63, c.g. 0.40"
@@ -51,6 +52,11 @@ def test_no_elevator_pitches_down_out_of_the_deep_stall():
     """With the c.g. at 0.40 the moment of the full elevator is up from 30 to 62.8 deg, and flown so alpha stays there."""
     up = deep_stall(x_cg_over_c=(0.40,))["pitching_moment"].sel(alpha=slice(30.5, 62.5))
     assert (up.values > 0.0).all()
+    any_elevator = [
+        min(coefficients(alpha, 0.0, e, 0.0, 0.0, 25.0, 0.0, 0.0, 0.0, 300.0, 0.40)[4] for e in range(-25, 26, 5))
+        for alpha in range(35, 60, 3)
+    ]
+    assert min(any_elevator) > 0.0
     alpha_deg = held(UPSETS[DEEP])
     assert alpha_deg.min() > 35.0
     assert held((*UPSETS[DEEP][:-1], 0.30)).min() < 15.0

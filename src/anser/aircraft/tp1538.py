@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from anser.aircraft.actuators import AbstractActuators
 from anser.aircraft.air_data import AirData
 from anser.aircraft.f16 import F16_COEFFICIENTS, f16_mass_properties, range_rad
 from anser.aircraft.f16_engine import F16Engine
@@ -52,7 +53,7 @@ class F16TP1538(AbstractF16):
     """
 
     mass_properties: MassProperties
-    actuators: ScheduledFlapActuators
+    actuators: AbstractActuators
     alpha_range: tuple[Scalar, Scalar]
     beta_range: tuple[Scalar, Scalar]
     engine: F16Engine

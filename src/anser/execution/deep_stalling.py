@@ -187,8 +187,8 @@ def _branch(
     """The curve of trims through the last stable one, from its one end to the other; nothing where there is none."""
     stable = [trim for trim in trims if trim[2]]
     if not stable:
-        nothing = np.full(1, np.nan)
-        return PitchBranch(nothing, nothing, nothing, np.zeros(1, bool))
+        nothing = jnp.full(1, jnp.nan)
+        return PitchBranch(nothing, nothing, nothing, jnp.zeros(1, bool))
     x_cg, alpha, _ = stable[-1]
     steps = jnp.asarray([1.0, -1.0]) * _STEP_DEG * DEG_RAD
     both = jax.tree.map(np.asarray, _follow(*case, jnp.asarray(alpha * DEG_RAD), jnp.asarray(x_cg), steps))

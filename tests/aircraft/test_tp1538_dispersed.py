@@ -1,0 +1,92 @@
+"""Deviations of the F-16 of TP-1538: each factor scales its own part of the build-up, and each changes the flight."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from anser.aircraft import (
+    F16_COEFFICIENTS,
+    AircraftState,
+    AirData,
+    Controls,
+    EnginePower,
+    dispersed_f16,
+    no_dispersion,
+    state_derivative,
+)
+from anser.environment import standard_environment
+from anser.scenario import load_airframe
+from anser.spatial import quaternion_from_euler
+
+NOMINAL = load_airframe("f16", "tp1538", 0.35)
+AIR = AirData(*(jnp.asarray(x) for x in (140.0, 0.24, 0.06, 1.1, 1.1e4, 0.42, 1000.0)))
+RATES, SURFACES = jnp.array([0.4, -0.2, 0.15]), jnp.array([-0.1, 0.12, -0.2, 0.2])
+ROWS = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
+
+
+@jax.jit
+def coefficients(airframe):
+    c = airframe.coefficients(AIR, RATES, SURFACES)
+    return jnp.stack([getattr(c, name) for name in ROWS])
+
+
+@jax.jit
+def derivative(airframe):
+    state = AircraftState(
+        position_n=jnp.array([0.0, 0.0, -1000.0]),
+        velocity_b=jnp.array([138.0, 5.0, 30.0]),
+        quaternion=quaternion_from_euler(0.3, 0.2, 0.1),
+        rates_b=RATES,
+        actuators=airframe.actuators.settled(SURFACES),
+        engine=EnginePower(jnp.asarray(40.0)),
+    )
+    controls = Controls(SURFACES + 0.05, jnp.asarray(0.5))
+    return state_derivative(airframe, standard_environment(), 0.0, state, controls)
+
+
+def scaled(name, factor):
+    changed = no_dispersion().coefficients.at[F16_COEFFICIENTS.index(name)].set(factor)
+    return dispersed_f16(NOMINAL, eqx.tree_at(lambda d: d.coefficients, no_dispersion(), changed))
+
+
+@pytest.mark.parametrize("name", F16_COEFFICIENTS)
+def test_a_factor_scales_its_own_part_alone_and_linearly(name):
+    at = {factor: np.asarray(coefficients(scaled(name, factor))) for factor in (0.0, 1.0, 3.0)}
+    change = at[1.0] - at[0.0]
+    assert abs(change[ROWS.index(name[:2])]) > 1e-5
+    assert np.flatnonzero(np.abs(change) > 1e-12).tolist() == [ROWS.index(name[:2])]
+    np.testing.assert_allclose(at[3.0] - at[1.0], 2 * change, atol=1e-13)
+
+
+def test_parts_are_the_whole():
+    """All coefficients at 0: nothing is left of force and moment."""
+    nothing = NOMINAL.with_coefficients_scaled(jnp.zeros(len(F16_COEFFICIENTS)))
+    np.testing.assert_allclose(coefficients(nothing), 0.0, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "moved"),
+    [
+        ("mass", 1.1, "velocity_b"),
+        ("thrust", 0.9, "velocity_b"),
+        ("inertia", (1.2, 1.0, 1.0), "rates_b"),
+        ("inertia", (1.0, 1.2, 1.0), "rates_b"),
+        ("inertia", (1.0, 1.0, 1.2), "rates_b"),
+        ("actuator_bandwidth", 0.8, "actuators"),
+        ("cg_shift", 0.03, "rates_b"),
+    ],
+)
+def test_every_other_deviation_changes_the_flight(field, value, moved):
+    dispersion = eqx.tree_at(lambda d: getattr(d, field), no_dispersion(), jnp.asarray(value))
+    one, other = derivative(NOMINAL), derivative(dispersed_f16(NOMINAL, dispersion))
+    pairs = zip(*(jax.tree.leaves(getattr(d, moved)) for d in (one, other)), strict=True)
+    assert any(float(jnp.abs(a - b).max()) > 1e-3 for a, b in pairs)
+
+
+def test_no_dispersion_leaves_it_as_it_is():
+    for one, other in zip(
+        jax.tree.leaves(NOMINAL), jax.tree.leaves(dispersed_f16(NOMINAL, no_dispersion())), strict=True
+    ):
+        np.testing.assert_array_equal(one, other)
