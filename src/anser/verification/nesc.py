@@ -80,6 +80,7 @@ def _check(case: _Case) -> Check:
         why=_why(case) if given is not None or _settled(case) else "no figure given",
         explanation="".join(_sentences(case, given)).strip(),
         measure=functools.partial(_measure, case),
+        long=isinstance(case, LawFlight),
     )
 
 
