@@ -243,8 +243,9 @@ def dave_ml_airframe(
     engine: AbstractEngine = NoEngine()
     if propulsion is not None:
         _require("propulsion", propulsion, ENGINE_OUTPUTS)
-        ends = [tuple(map(as_array, ends)) for ends in (altitude_range, mach_range)]
-        engine = DaveMlEngine(propulsion.evaluator, as_array(engine_lag), ends[0], ends[1])
+        altitudes = as_array(altitude_range[0]), as_array(altitude_range[1])
+        machs = as_array(mach_range[0]), as_array(mach_range[1])
+        engine = DaveMlEngine(propulsion.evaluator, as_array(engine_lag), altitudes, machs)
     return DaveMlAircraft(
         mass_properties=MassProperties(
             mass=si["totalMass"],

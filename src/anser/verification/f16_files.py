@@ -23,7 +23,7 @@ from anser.compiling import compiled_quickly
 from anser.dave_ml import Evaluator
 from anser.environment import StandardAtmosphere
 from anser.numerics import as_array
-from anser.scenario import load_airframe
+from anser.scenario import load_f16
 from anser.shapes import Flag, Scalar, ScalarLike, Vector, Vector3
 from anser.units import DEG_RAD, LBF_N, RAD_DEG
 from anser.verification.check import Check, Comparison
@@ -147,7 +147,7 @@ class FileF16(AbstractAirframe):
 
 def f16_of_files() -> FileF16:
     """The F-16 of the four files; actuators and ranges are those of the built-in s119 variant."""
-    built_in = load_airframe("f16", "s119")
+    built_in = load_f16("s119")
     inertia = published_model("F16_inertia").evaluate_si({"vrsPositionOfCM": _CG_PCT_MAC / 100.0})
     J = {axes: float(inertia[name]) for name, axes in _INERTIA.items()}
     inertia_b = np.array([[J["xx"], -J["xy"], -J["zx"]], [-J["xy"], J["yy"], -J["yz"]], [-J["zx"], -J["yz"], J["zz"]]])
@@ -210,7 +210,7 @@ def both(airframe: F16, aerodynamics: Evaluator, thrust: Evaluator, states: Arra
 
 def _coefficients() -> tuple[Comparison, ...]:
     """The state in which each differs most; CZ also with the file's own rounded pi."""
-    airframe = load_airframe("f16", "s119", x_cg_over_c=_MOMENT_REFERENCE)
+    airframe = load_f16("s119", x_cg_over_c=_MOMENT_REFERENCE)
     as_filed, thrust = (published_model(name).evaluator for name in ("F16_aero", "F16_prop"))
     exact = eqx.tree_at(lambda e: e.constants["rtd"], as_filed, as_array(RAD_DEG))
     states = random_states()
