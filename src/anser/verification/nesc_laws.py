@@ -25,7 +25,7 @@ from anser.verification.nesc_flight import LOG_PERIOD_S, Log, log_row, trimmed_s
 from anser.verification.prompt_f16 import prompt_f16
 
 LAW_STEPS = 80
-"""Steps of 0.00125 s in a log period: the laws close loops of about 50 rad/s, and the published ones do not sample."""
+"""Steps of 0.00125 s in a log period: the laws close loops of about 50 rad/s, and their files know no sampling."""
 _FULL_STICK_DEG = 25.0
 """Elevator of a full longitudinal stick, up for aft. Source: F16_control.dml, elevatorDeflection."""
 _CHANGED_UNITS = {
