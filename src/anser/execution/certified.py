@@ -96,13 +96,16 @@ class CertifiedPlanned(Planned):
         """Where the plan differs from what the scenario prefers, the mean airspeed, in one sentence; or nothing."""
         if self.outcome.plan is None:
             return ()
-        asked_m_s, plan = self.scenario.fleet.speed_m_s, self.plan
+        asked_m_s = np.array([self.scenario.speed_for(one) for one in self.scenario.aircraft])
+        plan = self.plan
         found_m_s = np.asarray(plan.lengths) / np.asarray(plan.arrival_times)
         others = np.flatnonzero(np.abs(found_m_s / asked_m_s - 1.0) > SPEED_TOLERANCE)
         if not others.size:
             return ()
         names = ", ".join(f"{self.scenario.aircraft[k].name} {found_m_s[k]:.1f} m/s" for k in others)
-        return (f"mean airspeeds other than the preferred fleet.speed_m_s = {asked_m_s:g} m/s: {names}",)
+        if np.ptp(asked_m_s) > 0.0:
+            return (f"mean airspeeds other than preferred: {names}",)
+        return (f"mean airspeeds other than the preferred fleet.speed_m_s = {asked_m_s[0]:g} m/s: {names}",)
 
     def path_words(self) -> tuple[str, ...]:
         """How the path of each aircraft goes, such as "turns 83 deg"."""
@@ -196,8 +199,10 @@ def _programs_ahead(
     """Prepare what will be needed, as far as the shapes of fleet and tasks tell; the last is what comes `ahead`."""
     fleet, tasks = shapes
     longest_s = max(
-        math.dist(one.start.position_m, scenario.goal_of(one).position_m(0.0)) for one in scenario.aircraft
-    ) / min(scenario.fleet.speed_m_s, scenario.limits.speed_max_m_s)
+        math.dist(one.start.position_m, scenario.goal_of(one).position_m(0.0))
+        / min(scenario.speed_for(one), scenario.limits_for(one).speed_max_m_s)
+        for one in scenario.aircraft
+    )
     given_s = [one.arrive_s for one in scenario.aircraft if one.arrive_s is not None] + [scenario.arrival.time_s or 0.0]
     longest_s = max(longest_s, *given_s)
     found = []

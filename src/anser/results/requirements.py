@@ -1,5 +1,6 @@
 """What a scenario asks of a flight, and whether the flight met it."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -57,10 +58,13 @@ class Requirement:
         One of `REQUIREMENT_NAMES`, which ends with the unit.
     limit
         In that unit.
+    own
+        The limit of each aircraft where they differ; that with the least margin is told.
     """
 
     name: str
     limit: float
+    own: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         if self.name not in REQUIREMENT_NAMES:
@@ -69,17 +73,20 @@ class Requirement:
 
 def requirements_of(scenario: Scenario) -> tuple[Requirement, ...]:
     """What a scenario asks of a flight besides the distances from its goals."""
-    wanted, limits = scenario.requirements, scenario.limits
+    wanted, limits = scenario.requirements, [scenario.limits_for(one) for one in scenario.aircraft]
+    slowest, fastest = tuple(one.speed_min_m_s for one in limits), tuple(one.speed_max_m_s for one in limits)
     asked = {
         "miss_max_m": wanted.miss_max_m,
         "arrival_spread_max_s": wanted.arrival_spread_max_s if scenario.arrival.is_common else None,
-        "speed_min_m_s": limits.speed_min_m_s,
-        "speed_max_m_s": limits.speed_max_m_s,
+        "speed_min_m_s": min(slowest),
+        "speed_max_m_s": max(fastest),
         "position_error_max_m": wanted.position_error_max_m,
         "separation_min_m": wanted.separation_min_m,
         "separation_ratio_min": None if scenario.separation.asked_m is None else 1.0,
     }
-    return tuple(Requirement(name, limit) for name, limit in asked.items() if limit is not None)
+    own = {"speed_min_m_s": slowest, "speed_max_m_s": fastest}
+    differ = {name: limits for name, limits in own.items() if len(set(limits)) > 1}
+    return tuple(Requirement(name, limit, differ.get(name)) for name, limit in asked.items() if limit is not None)
 
 
 def judge(
@@ -119,6 +126,16 @@ def judge(
 def _judge_one(requirement: Requirement, aircraft: Sequence[_Row], fleet: _Row) -> dict[str, Any]:
     name, limit = requirement.name, requirement.limit
     at_most = name in _AT_MOST
+    if requirement.own is not None:
+        pairs = [(row[name], own) for row, own in zip(aircraft, requirement.own, strict=True) if "left_s" not in row]
+        if not pairs:
+            return _entry(name, limit, None, True)
+        worst = min(
+            pairs, key=lambda pair: -math.inf if pair[0] is None else (pair[1] - pair[0]) * (1 if at_most else -1)
+        )
+        value, limit = worst
+        met = value is not None and (value <= limit if at_most else value >= limit)
+        return _entry(name, limit, value, met)
     staying = [row for row in aircraft if "left_s" not in row]  # nothing is asked of one that has left the fleet
     values = (_AT_MOST if at_most else _AT_LEAST)[name](staying, fleet)
     if not values:
