@@ -1,0 +1,130 @@
+"""What follows from the aircraft itself: gains, limits, airspeeds; what a scenario gives stands."""
+
+import jax
+import numpy as np
+import pytest
+
+from anser.control import published_gains
+from anser.scenario import ScenarioError, build_flight, cautions, loads
+from anser.scenario.build import build_airframe_of, gains_of, limits_of
+from anser.scenario.build_own import own_of
+
+AIRCRAFT = """
+[[aircraft]]
+name = "{name}"
+type = "{type}"
+goal = "ship"
+start = {{ north_m = {north}, east_m = 0.0, altitude_m = 300.0, speed_m_s = {speed}, course_deg = 0.0 }}
+rendezvous = {{ stand_off_up_m = {up} }}
+{more}
+"""
+TEXT = """
+format = 2
+name = "own"
+timing.duration_s = 300.0
+fleet.speed_m_s = {speed}
+hold.radius_m = 3000.0
+{limits}
+[[goal]]
+name = "ship"
+kind = "surface"
+north_m = 3500.0
+east_m = 0.0
+altitude_m = 0.0
+speed_m_s = 3.0
+course_deg = 90.0
+"""
+
+
+def uav(**other):
+    return AIRCRAFT.format(
+        **{"name": "uav", "type": "aerosonde", "north": 0.0, "speed": 25.0, "up": 200.0, "more": "", **other}
+    )
+
+
+def jet(**other):
+    return AIRCRAFT.format(
+        **{"name": "jet", "type": "f16", "north": -9000.0, "speed": 150.0, "up": 900.0, "more": "", **other}
+    )
+
+
+def scenario(*aircraft, speed=25.0, limits=""):
+    return loads(TEXT.format(speed=speed, limits=limits) + "".join(aircraft))
+
+
+@pytest.fixture(scope="module")
+def alone():
+    return scenario(uav())
+
+
+@pytest.fixture(scope="module")
+def able(alone):
+    return own_of(alone, alone.aircraft[0], build_airframe_of(alone.aircraft[0])).able
+
+
+def test_limits_left_out_are_those_of_the_trim_map(alone, able):
+    found = limits_of(alone, alone.aircraft[0])
+    # its data hold from 13 to 40 m/s; with a tenth of power and elevator left it flies level from 17 to 29
+    assert 15.0 < able.speed_min < 18.0
+    assert 28.0 < able.speed_max < 32.0
+    assert able.speed_min < found.speed_min_m_s < 25.0 < found.speed_max_m_s == able.speed_max
+    assert found.bank_max_deg == 45.0
+    assert found.climb_rate_max_m_s == pytest.approx(min(able.climb_rate_max, able.sink_rate_max))
+    # at the least airspeed the lift of that bank is the lift of level flight at the least trimmable one
+    assert found.speed_min_m_s == pytest.approx(able.speed_min / np.sqrt(np.cos(np.radians(45.0))))
+    planner = build_flight(alone).planner
+    np.testing.assert_allclose(planner.limits.bank_max, 0.9 * np.radians(45.0))
+
+
+def test_limits_that_are_given_stand_and_what_lies_beyond_is_told(able):
+    asked = scenario(uav(), limits="limits = { bank_max_deg = 80.0, climb_rate_max_m_s = 2.0 }")
+    found = limits_of(asked, asked.aircraft[0])
+    assert (found.bank_max_deg, found.climb_rate_max_m_s) == (80.0, 2.0)
+    told = [text for text in cautions(asked) if text.startswith("limits.")]
+    assert len(told) == 1
+    assert f"banks in level turns at most {np.degrees(able.bank_max):.1f} deg" in told[0]
+
+
+def test_gains_follow_from_the_aircraft_and_given_ones_stand(alone):
+    found = gains_of(alone, alone.aircraft[0])
+    # actuators of 0.05 s bear the published bandwidths, its sampling does not bear more
+    np.testing.assert_allclose(found.rates.proportional, published_gains().rates.proportional)
+    given = scenario(uav(more="[aircraft.gains.velocity]\nproportional = [0.5, 0.4, 0.3]"))
+    own = gains_of(given, given.aircraft[0])
+    np.testing.assert_array_equal(own.velocity.proportional, [0.5, 0.4, 0.3])
+    np.testing.assert_array_equal(own.rates.proportional, found.rates.proportional)
+
+
+def test_the_library_f16_keeps_its_gains_and_limits():
+    of = scenario(jet(), speed=150.0)
+    for one, other in zip(
+        jax.tree.leaves(gains_of(of, of.aircraft[0])), jax.tree.leaves(published_gains()), strict=True
+    ):
+        np.testing.assert_array_equal(one, other)
+    assert limits_of(of, of.aircraft[0]) == of.limits
+
+
+def test_a_mixed_fleet_has_limits_and_airspeeds_by_aircraft():
+    mixed = scenario(jet(), uav(more="speed_m_s = 25.0"), speed=150.0)
+    planner = build_flight(mixed).planner
+    np.testing.assert_array_equal(planner.speed, [150.0, 25.0])
+    assert planner.limits.speed_min[0] > 80.0
+    assert planner.limits.speed_max[1] < 30.0
+
+
+@pytest.mark.parametrize(
+    ("make", "place", "words"),
+    [
+        (lambda: scenario(jet(), uav(), speed=150.0), "fleet.speed_m_s", "those of aerosonde; aircraft\\[\\].speed_m_s"),
+        (lambda: scenario(uav(more="speed_m_s = 60.0")), "aircraft\\[0\\].speed_m_s", "a speed between limits.speed_min"),
+        (
+            lambda: loads(TEXT.format(speed=25.0, limits="").replace("= 25.0\n", '= 25.0\nfleet.planner = "published"\n', 1) + uav(more="speed_m_s = 24.0")),
+            "aircraft\\[0\\].speed_m_s",
+            "certified",
+        ),
+        (lambda: scenario(uav(speed=60.0)), "aircraft\\[0\\].start.speed_m_s", "13 to 40 m/s"),
+    ],
+)  # fmt: skip
+def test_airspeeds_that_do_not_suit_an_aircraft_are_refused(make, place, words):
+    with pytest.raises(ScenarioError, match=f"(?s){place}.*{words}"):
+        make()
