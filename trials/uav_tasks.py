@@ -1,0 +1,111 @@
+"""Random tasks of three small electric aircraft over moving boats: planned, flown, held to their limits.
+
+``python -m trials.uav_tasks [count] [first seed]``. No gain and no limit is given: they follow from the aircraft.
+"""
+
+import math
+import sys
+import time
+
+import numpy as np
+
+import anser
+from anser.execution import NoPlanError
+from anser.scenario import Scenario, validate
+
+_AIRSPEED_M_S, _WIND_M_S, _BOAT_MOST_M_S = 25.0, 10.0, 5.0
+_APART_M = 300.0
+
+
+def task(seed: int) -> Scenario:
+    """A task that two numbers of its own make: places, courses and boats at random, up to 3 km away."""
+    rng = np.random.default_rng(seed)
+    aircraft, goals, away = [], [], float(rng.uniform(0.0, 2.0 * math.pi))
+    for k in range(3):
+        boat, start = f"boat-{k + 1}", _apart(rng, [one["start"] for one in aircraft], 1500.0)
+        place = _apart(rng, goals, 1200.0)
+        goals.append(
+            {
+                "name": boat,
+                "kind": "surface",
+                "north_m": place["north_m"] + 3200.0 * math.cos(away),
+                "east_m": place["east_m"] + 3200.0 * math.sin(away),
+                "altitude_m": 0.0,
+                "speed_m_s": float(rng.uniform(0.0, _BOAT_MOST_M_S)),
+                "course_deg": float(rng.uniform(-180.0, 180.0)),
+            }
+        )
+        aircraft.append(
+            {
+                "name": f"uav-{k + 1}",
+                "type": "aerosonde",
+                "goal": boat,
+                "start": {
+                    **start,
+                    "altitude_m": float(rng.uniform(250.0, 500.0)),
+                    "speed_m_s": _AIRSPEED_M_S,
+                    "course_deg": float(rng.uniform(-180.0, 180.0)),
+                },
+                "rendezvous": {"stand_off_up_m": float(rng.uniform(160.0, 300.0))},
+            }
+        )
+    return validate(
+        {
+            "format": 2,
+            "name": f"uav-task-{seed}",
+            "timing": {"duration_s": 420.0},
+            "fleet": {"speed_m_s": _AIRSPEED_M_S},
+            "wind": {"speed_m_s": _WIND_M_S, "from_deg": float(rng.uniform(0.0, 360.0))},
+            "hold": {"radius_m": 300.0},
+            "separation": {"horizontal_m": 100.0},
+            "aircraft": aircraft,
+            "goal": goals,
+        }
+    )
+
+
+def _apart(rng: np.random.Generator, others: list, half_m: float) -> dict[str, float]:
+    while True:
+        north, east = (float(x) for x in rng.uniform(-half_m, half_m, 2))
+        if all(math.hypot(north - one["north_m"], east - one["east_m"]) > _APART_M for one in others):
+            return {"north_m": north, "east_m": east}
+
+
+def _say(line: str) -> None:
+    sys.stdout.write(line + "\n")
+    sys.stdout.flush()
+
+
+def main(count: int, first: int) -> int:
+    """Fly so many tasks; 0 where every one that has a plan keeps what is required of it."""
+    met, refused, short = 0, 0, []
+    began = time.monotonic()
+    for seed in range(first, first + count):
+        wanted = task(seed)
+        try:
+            flown = anser.run(wanted)
+        except NoPlanError as error:
+            refused += 1
+            _say(f"{seed}: no plan: {str(error).splitlines()[0][:120]}")
+            continue
+        requirements = flown.summary["requirements"]
+        failed = [one for one in requirements if not one["met"]]
+        rows, fleet = flown.summary["aircraft"], flown.summary["fleet"]
+        miss = max(one["miss_m"] or math.inf for one in rows)
+        slow, fast = min(one["speed_min_m_s"] for one in rows), max(one["speed_max_m_s"] for one in rows)
+        _say(
+            f"{seed}: {rows[0]['arrival_s']:.1f} s, miss {miss:.2f} m, spread {fleet['arrival_spread_s']:.4f} s, "
+            f"{slow:.1f} to {fast:.1f} m/s{'' if not failed else ', not met: ' + str(failed)}"
+        )
+        met += not failed
+        short += [seed] if failed else []
+    _say(
+        f"{count} tasks in {time.monotonic() - began:.0f} s: {met} planned and flown as required, {refused} without a "
+        f"plan, {len(short)} short: {short}"
+    )
+    return 1 if short else 0
+
+
+if __name__ == "__main__":
+    numbers = [int(word) for word in sys.argv[1:3]]
+    sys.exit(main(*(numbers + [50, 0][len(numbers) :])))
