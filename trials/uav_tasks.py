@@ -20,16 +20,17 @@ _APART_M = 300.0
 def task(seed: int) -> Scenario:
     """A task that two numbers of its own make: places, courses and boats at random, up to 3 km away."""
     rng = np.random.default_rng(seed)
-    aircraft, goals, away = [], [], float(rng.uniform(0.0, 2.0 * math.pi))
+    aircraft, goals, places, away = [], [], [], float(rng.uniform(0.0, 2.0 * math.pi))
     for k in range(3):
-        boat, start = f"boat-{k + 1}", _apart(rng, [one["start"] for one in aircraft], 1500.0)
-        place = _apart(rng, goals, 1200.0)
+        boat, start = f"boat-{k + 1}", _apart(rng, [one["start"] for one in aircraft], 900.0)
+        place = _apart(rng, places, 900.0)
+        places.append(place)
         goals.append(
             {
                 "name": boat,
                 "kind": "surface",
-                "north_m": place["north_m"] + 3200.0 * math.cos(away),
-                "east_m": place["east_m"] + 3200.0 * math.sin(away),
+                "north_m": place["north_m"] + 2200.0 * math.cos(away),
+                "east_m": place["east_m"] + 2200.0 * math.sin(away),
                 "altitude_m": 0.0,
                 "speed_m_s": float(rng.uniform(0.0, _BOAT_MOST_M_S)),
                 "course_deg": float(rng.uniform(-180.0, 180.0)),
@@ -53,7 +54,7 @@ def task(seed: int) -> Scenario:
         {
             "format": 2,
             "name": f"uav-task-{seed}",
-            "timing": {"duration_s": 420.0},
+            "timing": {"duration_s": 480.0},
             "fleet": {"speed_m_s": _AIRSPEED_M_S},
             "wind": {"speed_m_s": _WIND_M_S, "from_deg": float(rng.uniform(0.0, 360.0))},
             "hold": {"radius_m": 300.0},
