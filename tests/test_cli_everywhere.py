@@ -229,7 +229,7 @@ def _completed(words, folder, **environment):
 
 
 def test_the_shell_completes_scenarios_and_options():
-    assert _completed("anser run scenarios/th", ROOT) == ["scenarios/three-aircraft.toml"]
+    assert _completed("anser run scenarios/three-a", ROOT) == ["scenarios/three-aircraft.toml"]
     assert {"--json", "--quiet"} <= set(_completed("anser run --", ROOT))
 
 

@@ -29,7 +29,7 @@ def test_level_trim_is_that_of_the_textbook_but_for_the_tunnels_asymmetry(speed)
     assert 0.1 < abs(whole["rudder"]) < 2.0
     mach, alpha = whole["Mach number"], whole["angle of attack"]
     flap = np.clip(1.38 * alpha - 9.05 * 0.7 * mach**2 + 1.45, 0.0, 25.0)
-    assert whole["leading_edge_flap"] == pytest.approx(flap, abs=1e-6)
+    assert whole["leading edge flap"] == pytest.approx(flap, abs=1e-6)
 
 
 def test_trim_is_at_rest_flap_and_filter_included():

@@ -178,7 +178,7 @@ def _disagrees(one: "Compared") -> str:
     )
 
 
-@about("anser aircraft new my-uav.toml", "anser aircraft check my-uav.toml")
+@about("anser aircraft new my-uav.toml")
 def new(
     path: Annotated[Path, typer.Argument(help="New file to write.", show_default=False)],
 ) -> None:
