@@ -7,12 +7,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from anser.aircraft import AbstractAirframe
+from anser.aircraft import AbstractAirframe, AbstractF16, condition
 from anser.compiling import compiled
-from anser.control import AutopilotGains, published_gains
+from anser.control import AutopilotGains, Bandwidths, automatic_gains, own_bandwidths, published_gains
 from anser.environment import Environment
 from anser.scenario import VARIANTS, load_airframe
 from anser.scenario.schema_aircraft import Gains
+from anser.shapes import Scalar
 from anser.simulation import MapPoint, TrimPoint, TrimTarget, map_point, nearest_trims, solve_trim, trim_violations
 
 Inversion = Literal["model", "incremental"]
@@ -68,6 +69,22 @@ def gains_for(inversion: Inversion, gains: AutopilotGains | None = None) -> Auto
     bandwidth = Gains().sensor_bandwidth_rad_s if inversion == "incremental" else 0.0
     wanted = published_gains() if gains is None else gains
     return eqx.tree_at(lambda g: g.sensor_bandwidth, wanted, jnp.asarray(bandwidth, dtype=float))
+
+
+def own_gains(
+    airframe: AbstractAirframe, environment: Environment, trim: TrimPoint, step_s: float, inversion: Inversion
+) -> AutopilotGains:
+    """Gains where none are given: the published ones of an F-16, those of the aircraft itself of any other."""
+    if isinstance(airframe, AbstractF16):
+        return gains_for(inversion)
+    bandwidths = _bandwidths(airframe, environment, trim, jnp.asarray(step_s, dtype=float))
+    return gains_for(inversion, automatic_gains(bandwidths))
+
+
+@compiled
+def _bandwidths(airframe: AbstractAirframe, environment: Environment, trim: TrimPoint, step: Scalar) -> Bandwidths:
+    now = condition(airframe, environment, 0.0, trim.state)
+    return own_bandwidths(airframe, now, trim.state.surfaces, trim.power, step)
 
 
 def steady_trim(airframe: AbstractAirframe, environment: Environment, target: TrimTarget) -> TrimPoint:

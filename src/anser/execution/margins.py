@@ -4,17 +4,18 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
-from anser.aircraft import AbstractAirframe
+from anser.aircraft import AbstractAirframe, AbstractF16
 from anser.compiling import compiled, enable_compilation_cache
 from anser.control import AutopilotGains, FlightLimits
 from anser.environment import Environment, standard_environment
 from anser.execution.batches import Clock, Progress, Study, in_batches, silent
-from anser.execution.conditions import ConditionError, Inversion, airframe_of, gains_for, map_points
+from anser.execution.conditions import ConditionError, Inversion, airframe_of, gains_for, map_points, own_gains
 from anser.execution.envelope_cases import described, survey_limits, trim_map
 from anser.results import (
     CLOSED_LOOP,
@@ -114,7 +115,7 @@ def margins_at(
     step_s
         Of the autopilot's samples.
     gains
-        Instead of the published ones.
+        Instead of the published ones of the F-16, or of the aircraft's own.
 
     Returns
     -------
@@ -131,12 +132,13 @@ def margins_at(
     """
     enable_compilation_cache()
     airframe, of = airframe_of(aircraft, variant)
-    environment, limits = standard_environment(), survey_limits()
-    wanted = gains_for(inversion, gains)
+    environment, limits = standard_environment(), _limits_around(airframe, speed_m_s)
     target = trim_target(speed_m_s, altitude_m)
     points = map_points(airframe, environment, jax.tree.map(lambda leaf: leaf[None], target))
     if not bool(points.trimmable[0]):
         raise ConditionError(nearest_trims(airframe, environment, target).message())
+    trim = jax.tree.map(lambda leaf: leaf[0], points.trim)
+    wanted = own_gains(airframe, environment, trim, step_s, inversion) if gains is None else gains_for(inversion, gains)
     # the survey's batch, filled with the one point: compiled once for both
     trims = jax.tree.map(lambda leaf: jnp.repeat(leaf, _BATCH, axis=0), points.trim)
     analysed = _analyse(
@@ -154,6 +156,16 @@ def margins_at(
     if state == "unstable":
         raise ConditionError(f"The closed loop is unstable, pole {_pole(dataset)}: there are no margins.")
     return dataset
+
+
+def _limits_around(airframe: AbstractAirframe, speed_m_s: float) -> FlightLimits:
+    """Limits of the survey, which suit an F-16; of another airframe half to twice the airspeed asked about."""
+    limits = survey_limits()
+    if isinstance(airframe, AbstractF16):
+        return limits
+    ends = jnp.asarray(0.5 * speed_m_s, dtype=float), jnp.asarray(2.0 * speed_m_s, dtype=float)
+    limits = eqx.tree_at(lambda own: (own.speed_min, own.speed_max), limits, ends)
+    return eqx.tree_at(lambda own: (own.alpha_min, own.alpha_max), limits, airframe.alpha_range)
 
 
 def survey_margins(
