@@ -120,7 +120,7 @@ def _unit_of(name: str) -> Unit | None:
         return None
     factor, dimension = 1.0, [0] * len(_SYMBOLS)
     for part, sign in zip(parts, (1, -1), strict=False):
-        product = _product(part) if part else []
+        product = _product(part) if part else ()
         if product is None:
             return None
         for unit, power in product:
@@ -129,15 +129,19 @@ def _unit_of(name: str) -> Unit | None:
     return Unit(factor, 0.0, tuple(dimension))
 
 
-def _product(text: str) -> list[tuple[Unit, int]] | None:
-    """The units in a row, each with its power; a longer name goes before a shorter one."""
+@functools.lru_cache(maxsize=4096)
+def _product(text: str) -> tuple[tuple[Unit, int], ...] | None:
+    """The units in a row, each with its power; a longer name goes before a shorter one.
+
+    Remembered for each rest of a text: without, a name can be made for which the ways to part it are too many to try.
+    """
     if not text:
-        return []
+        return ()
     for name in _LONGEST_FIRST:
         matched = re.match(f"{name}([2-9]?)", text)
         if matched is None:
             continue
         rest = _product(text[matched.end() :])
         if rest is not None:
-            return [(_NAMED[name], int(matched[1] or 1)), *rest]
+            return ((_NAMED[name], int(matched[1] or 1)), *rest)
     return None
