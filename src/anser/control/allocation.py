@@ -94,7 +94,7 @@ def allocate(
     The control effectiveness is the derivative of the airframe's aerodynamic moments with respect to the surfaces, at
     each iterate (theory section 5, item 1: Cm0 is not linear in the elevator, so no constant slope is assumed). Where a
     surface is wanted beyond its stop it is held there, and the others give what is missing as far as they can: pitch
-    before roll before yaw.
+    before roll before yaw. With one surface for each axis there is none to take over.
     """
     wanted_b = moment_b - now.propulsive.moment_b
     actuators = airframe.actuators
@@ -113,6 +113,9 @@ def allocate(
             solution = base + _product(deflection_for_moment(actuators, at.slope), missing_b)
         solution = jnp.clip(solution, lower - _SLACK_RAD, upper + _SLACK_RAD)
     saturated = (solution < lower) | (solution > upper)
+    if one_for_each_axis(actuators):
+        # None can take over without disturbing an axis of its own: a rudder that rolls is a sideslip.
+        return SurfaceDemand(surfaces=actuators.limited(solution), saturated=saturated)
     within = where_any(jnp.any(saturated), lambda: _reallocated(actuators, at, wanted_b, solution), solution)
     return SurfaceDemand(surfaces=within, saturated=saturated)
 

@@ -8,6 +8,6 @@ from anser.dave_ml import Model, read_dave_ml
 
 @functools.cache
 def published_model(name: str) -> Model:
-    """A file of NASA's F-16 by its name without ending, `F16_aero`; the README beside the files says where it comes from."""
+    """A file of NASA's F-16 by its name without ending, `F16_aero`; the README beside them says whence."""
     content = resources.files("anser.dave_ml").joinpath(f"nasa/{name}.dml").read_bytes()
     return read_dave_ml(content, f"{name}.dml")
