@@ -50,8 +50,15 @@ if os.environ.get("CI"):
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The longest file first, so that no worker waits for it at the end."""
-    items.sort(key=lambda item: item.path.name != "test_wheel.py")
+    """The longest files first, so that no worker waits for one at the end."""
+    first = (
+        "test_negotiated.py",
+        "test_many_flights.py",
+        "test_execute.py",
+        "test_path_bounds.py",
+        "test_plan_file.py",
+    )
+    items.sort(key=lambda item: first.index(item.path.name) if item.path.name in first else len(first))
 
 
 _PROGRAMS_MAPPED, _PROGRAMS_KIB = 20_000, 4 << 20  # of a process: memory regions, of which Linux gives 65,530; size

@@ -1,4 +1,4 @@
-"""The built wheel, installed unpinned on the newest Python of this machine, plans and flies: what pyproject.toml says."""
+"""The built wheel holds what is tracked, and, installed unpinned on the newest Python of this machine, plans and flies."""
 
 import json
 import os
@@ -6,12 +6,15 @@ import re
 import shutil
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parents[1]
 _ASK = "import sys, venv, ensurepip; print(*sys.version_info[:2])"
+
+_PIP = ("-m", "pip", "--quiet", "--disable-pip-version-check")
 
 
 def _version_of(python):
@@ -40,11 +43,10 @@ def _run(*words, **options):
     return done.stdout
 
 
-@pytest.fixture(scope="module", name="anser")
-def installed(tmp_path_factory):
-    """The command of a fresh environment, and what runs it: nothing of this one's paths and flags."""
+@pytest.fixture(scope="module", name="wheel")
+def built(tmp_path_factory):
+    """The wheel and the environment variables of its commands: nothing of this one's paths and flags."""
     folder = tmp_path_factory.mktemp("wheel")
-    _, python = _newest_python()
     environment = {
         key: value
         for key, value in os.environ.items()
@@ -58,11 +60,19 @@ def installed(tmp_path_factory):
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, sources)
     shutil.copytree(ROOT / "src", sources / "src", ignore=shutil.ignore_patterns("__pycache__"))
-    _run(python, "-m", "venv", folder / "env", env=environment)
-    pip = [folder / "env" / "bin" / "python", "-m", "pip", "--quiet", "--disable-pip-version-check"]
-    _run(*pip, "wheel", "--no-deps", "--wheel-dir", folder, sources, env=environment)
+    _run(sys.executable, *_PIP, "wheel", "--no-deps", "--wheel-dir", folder, sources, env=environment)
     (wheel,) = folder.glob("anser-*.whl")
-    _run(*pip, "install", wheel, env=environment)
+    return wheel, environment
+
+
+@pytest.fixture(scope="module", name="anser")
+def installed(wheel):
+    """The command of a fresh environment."""
+    wheel, environment = wheel
+    folder = wheel.parent
+    _, python = _newest_python()
+    _run(python, "-m", "venv", folder / "env", env=environment)
+    _run(folder / "env" / "bin" / "python", *_PIP, "install", wheel, env=environment)
 
     def call(*words):
         return _run(folder / "env" / "bin" / "anser", *words, env=environment, cwd=folder)
@@ -71,6 +81,17 @@ def installed(tmp_path_factory):
     return call
 
 
+def test_it_holds_every_file_of_the_package(wheel):
+    packed = {name for name in zipfile.ZipFile(wheel[0]).namelist() if name.startswith("anser/")}
+    there = {
+        str(path.relative_to(ROOT / "src"))
+        for path in (ROOT / "src" / "anser").rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
+    }
+    assert packed == there
+
+
+@pytest.mark.long
 def test_the_wheel_plans_and_flies_the_starter_scenario(anser):
     anser("new", "mine.toml")
     planned = json.loads(anser("plan", "mine.toml", "--json"))

@@ -82,6 +82,7 @@ def test_a_descent_broken_off_at_the_last_moment_ends_above_the_floor(three, div
     assert np.all(np.asarray(history["phase"][-1]) == 2)
 
 
+@pytest.mark.long
 def test_a_level_flight_at_the_least_altitude_goes_on(three):
     flight, state = three
     after, _ = segment(flight, placed(state, [(150, 0, 0, 4), (150, 1, 0, 4), (150, 10, 60, 5)], [90.0, 75.0, 75.0]))

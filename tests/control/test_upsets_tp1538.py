@@ -12,6 +12,7 @@ RECOVER = [name for name in UPSETS if name != DEEP]
 FEW = ("alpha 55, sinking", "inverted, alpha 50, rotating")
 
 
+@pytest.mark.long
 def test_a_few_recover():
     """Measured: 15.4 s and 1,031 m at most, each surface cut at its own stop."""
     for name, history in flown({name: UPSETS[name] for name in FEW}, steps=2500).items():

@@ -70,6 +70,7 @@ def test_they_agree_on_one_arrival_and_keep_apart(planned):
     assert any("agreed without a centre after" in note for note in planned.notes())
 
 
+@pytest.mark.long
 def test_they_arrive_together_by_clocks_that_stay_together(flown):
     assert flown.met, flown.summary["requirements"]
     fleet = flown.summary["fleet"]
@@ -79,6 +80,7 @@ def test_they_arrive_together_by_clocks_that_stay_together(flown):
     assert np.abs(lag[:, 0] - lag[:, 1]).max() < 0.5
 
 
+@pytest.mark.long
 def test_what_became_of_the_network_is_told(flown):
     network = flown.summary["network"]
     assert network["condition_met"]

@@ -143,6 +143,7 @@ def test_who_is_alone_with_its_goal_once_another_has_left_is_not_spare(monkeypat
     assert [one.planned for one in done] == [True, False]
 
 
+@pytest.mark.long
 def test_goal_rendezvous_and_what_is_known_of_it_are_handed_over():
     noisy = text(("c", "nearest")) + '[goal_sensor]\npreset = "ais"\n[navigation]\nsensors = "satellite-inertial"\n'
     flight = build_flight(loads(noisy))

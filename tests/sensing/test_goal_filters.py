@@ -238,6 +238,7 @@ def test_one_wild_measurement_is_no_divergence_and_a_goal_that_goes_elsewhere_is
     assert np.any(jumped[9:20] == GOAL_DIVERGED)
 
 
+@pytest.mark.long
 def test_gradients_are_finite_and_batches_are_single_runs():
     tracker = made((STEADY_7, TURN))
     normals = jnp.asarray(np.random.default_rng(2).normal(size=(3, 5, 13)))

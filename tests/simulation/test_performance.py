@@ -75,6 +75,7 @@ def test_the_least_drag_is_not_at_the_least_airspeed():
     assert shares[3] > 1.4
 
 
+@pytest.mark.long
 def test_of_any_airframe_and_with_a_gradient():
     able = performance(light_aircraft(), 50.0, 500.0)
     assert np.all(np.isfinite(np.asarray(able.idle.level)))
