@@ -6,7 +6,9 @@ import pytest
 
 from anser.control import published_gains
 from anser.scenario import ScenarioError, build_flight, cautions, loads
-from anser.scenario.build import build_airframe_of, gains_of, limits_of
+from anser.scenario.build_aircraft import build_airframe_of
+from anser.scenario.build_gains import gains_of
+from anser.scenario.build_limits import limits_of
 from anser.scenario.build_own import own_of
 
 AIRCRAFT = """

@@ -25,7 +25,7 @@ from anser.results import (
     write_trajectories,
 )
 from anser.scenario import Scenario
-from anser.scenario.build import limits_of
+from anser.scenario.build_limits import limits_of
 from anser.scenario.schema_goal import Goal
 from anser.simulation import PlannedHolds
 

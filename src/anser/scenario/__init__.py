@@ -18,7 +18,9 @@ from anser.scenario.template import starter_scenario, write_starter
 
 if TYPE_CHECKING:
     from anser.scenario.airframe_file.build import build_airframe
-    from anser.scenario.build import build_environment, build_flight, build_path_limits
+    from anser.scenario.build import build_flight
+    from anser.scenario.build_air import build_environment
+    from anser.scenario.build_limits import build_path_limits
     from anser.scenario.library import load_airframe, load_body, load_f16
 
 __all__ = [
@@ -51,9 +53,9 @@ __all__ = [
 
 _WHERE = {
     "build_airframe": "anser.scenario.airframe_file.build",
-    "build_environment": "anser.scenario.build",
+    "build_environment": "anser.scenario.build_air",
     "build_flight": "anser.scenario.build",
-    "build_path_limits": "anser.scenario.build",
+    "build_path_limits": "anser.scenario.build_limits",
     "load_airframe": "anser.scenario.library",
     "load_body": "anser.scenario.library",
     "load_f16": "anser.scenario.library",

@@ -1,20 +1,66 @@
-"""From the tables of a scenario on air that is not smooth to the gusts that an aircraft meets."""
+"""From a scenario to its air and Earth: environment and wind, and the gusts that an aircraft meets."""
 
 import functools
 import json
 import math
+from collections.abc import Sequence
 from importlib import resources
 
 import jax
 
-from anser.environment import AbstractGusts, DiscreteGust, ExceedanceTable, NoGusts, SummedGusts, Turbulence
-from anser.numerics import as_array
+from anser.environment import (
+    AbstractGusts,
+    AbstractWind,
+    DiscreteGust,
+    Environment,
+    ExceedanceTable,
+    FlatEarth,
+    LayeredWind,
+    NoGusts,
+    StandardAtmosphere,
+    SteadyWind,
+    SummedGusts,
+    Turbulence,
+    somigliana,
+    wgs84_earth,
+)
+from anser.numerics import as_array, few_sizes, rows_of
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_air import INTENSITIES
 from anser.scenario.schema_aircraft import Aircraft
-from anser.shapes import ScalarLike
+from anser.shapes import ScalarLike, Vector3
+from anser.units import DEG_RAD
 
 _FOOT_M = 0.3048
+_LAYERS = 4  # least size of a shear profile
+_ABOVE_M = 1000.0  # between the altitudes that fill up a shear profile
+
+
+def build_environment(scenario: Scenario) -> Environment:
+    """Standard atmosphere; the flat Earth with normal gravity at the scenario's latitude, or WGS-84; the wind."""
+    latitude, longitude = (as_array(x * DEG_RAD) for x in (scenario.earth.latitude_deg, scenario.earth.longitude_deg))
+    earth = wgs84_earth(latitude, longitude) if scenario.earth.model == "wgs84" else FlatEarth(somigliana(latitude))
+    return Environment(StandardAtmosphere(), build_wind(scenario), earth)
+
+
+def build_wind(scenario: Scenario) -> AbstractWind:
+    """Wind, the same at every altitude or layered."""
+    profile = scenario.wind.profile_m_s
+    if scenario.wind.layers is None:
+        return SteadyWind(ned(profile[0][1]))
+    altitudes, velocities = zip(*profile, strict=True)
+    more = few_sizes(len(altitudes), _LAYERS) - len(altitudes)
+    above = [altitudes[-1] + k * _ABOVE_M for k in range(1, more + 1)]  # where the wind is that of the last layer
+    return LayeredWind(
+        as_array([*altitudes, *above]),
+        rows_of([ned(velocity) for velocity in [*velocities, *[velocities[-1]] * more]]),
+    )
+
+
+def ned(position_up_m: Sequence[float]) -> Vector3:
+    """(north, east, up) as (north, east, down)."""
+    north, east, up = position_up_m
+    return as_array([north, east, -up])
 
 
 def build_gusts(scenario: Scenario, aircraft: Aircraft, span_m: ScalarLike) -> AbstractGusts:

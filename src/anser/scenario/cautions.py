@@ -52,7 +52,7 @@ def _of_the_limits(scenario: Scenario) -> list[str]:
     is_own = any(one.airframe is not None or one.type != "f16" for one in scenario.aircraft)
     if not is_own or not _OF_TRIM_MAP & scenario.limits.model_fields_set:
         return []
-    from anser.scenario.build import asked_beyond  # here: it loads JAX, which most scenarios do without
+    from anser.scenario.build_limits import asked_beyond  # here: it loads JAX, which most scenarios do without
 
     return list(asked_beyond(scenario))
 
@@ -62,7 +62,7 @@ def _of_the_gains(index: int, aircraft: Aircraft) -> list[str]:
     if aircraft.gains == Gains():
         return []
     from anser.control import SEPARATION_MIN, separations  # here: it loads JAX, which most scenarios do without
-    from anser.scenario.build import build_gains
+    from anser.scenario.build_gains import build_gains
 
     found = []
     for pair in separations(build_gains(aircraft)):
