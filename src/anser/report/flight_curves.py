@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 _MARKS = 8  # on a line over time
 _MARGIN, _BEYOND = 0.05, 0.25  # of a panel: empty, and at most for commands beyond what was flown; parts of its height
-_SPAN_MIN = {"m s-1": 2.0, "degree": 2.0, "m": 10.0, "s": 0.2}
+_SPAN_MIN = {"m s-1": 2.0, "degree": 2.0, "m": 10.0, "s": 0.2, "1": 0.2}
 """Least height of a panel: what hardly moves must not look as if it did."""
 
 
@@ -89,7 +89,7 @@ def draw_curve(axes: "Axes", sheet: Sheet, curve: Curve, pens: Sequence[Pen] | N
             x, y = with_gaps(time[until], factor * sheet.flown(curve.wanted, pen), jump)
             axes.plot(x, y, **sheet.wanted_look())
             asked.append(y)
-    shown = _shown(drawn, asked, factor * _SPAN_MIN.get(str(values.attrs["units"]), 0.0))
+    shown = _shown(drawn, asked, factor * _SPAN_MIN[str(values.attrs["units"])])
     room = _MARGIN * (shown[1] - shown[0])
     axes.set_ylim(shown[0] - room, shown[1] + room)
     far = draw_limits(axes, _limits(sheet, curve, pens, factor, unit), shown)

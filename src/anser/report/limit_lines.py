@@ -49,18 +49,20 @@ def limit_line(axes: "Axes", value: float) -> None:
     axes.axhline(value, color=CLOSED, linestyle=DASHED, linewidth=1.0, zorder=2)
 
 
-def told_limit(axes: "Axes", limit: Limit) -> None:
-    """Draw the line of a limit, with its words at the left, on the side where nothing is to be."""
+def told_limit(axes: "Axes", limit: Limit, *, right: bool = False) -> None:
+    """Draw the line of a limit, with its words at the left or the right, on the side where nothing is to be."""
     limit_line(axes, limit.value)
     axes.annotate(
         limit.words,
-        (0.0, limit.value),
+        (1.0 if right else 0.0, limit.value),
         xycoords=("axes fraction", "data"),
-        xytext=(3, 1.5 if limit.is_upper else -1.5),
+        xytext=(-3 if right else 3, 1.5 if limit.is_upper else -1.5),
         textcoords="offset points",
+        ha="right" if right else "left",
         va="bottom" if limit.is_upper else "top",
         color=CLOSED,
         fontsize=SMALL,
+        bbox={"facecolor": "white", "alpha": 0.75, "edgecolor": "none", "pad": 0.3},
         zorder=6,
     )
 
@@ -78,6 +80,7 @@ def draw_limits(axes: "Axes", limits: Sequence[Limit], shown: tuple[float, float
         Least and greatest value of the data that the panel shows.
     """
     far: list[Limit] = []
+    told = {True: 0, False: 0}
     low, high = axes.get_ylim()
     size = shown[1] - shown[0]
     for limit in sorted(limits, key=lambda one: max(shown[0] - one.value, one.value - shown[1])):
@@ -86,7 +89,8 @@ def draw_limits(axes: "Axes", limits: Sequence[Limit], shown: tuple[float, float
             far.append(limit)
             continue
         low, high = reach
-        told_limit(axes, limit)
+        told_limit(axes, limit, right=told[limit.is_upper] % 2 == 1)  # in turn: neighbours may be close
+        told[limit.is_upper] += 1
     room = _ROOM * (high - low)
     near = [limit for limit in limits if limit not in far]
     axes.set_ylim(
