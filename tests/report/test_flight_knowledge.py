@@ -43,6 +43,6 @@ def test_links_and_clocks_are_drawn_where_there_is_no_centre(thin):
     network = {"series": series, "window_s": 10.0, "promised_rate_per_s": 0.1}
     heard = thin.assign(heard_from=(("time", "aircraft"), np.tile([2, 1, 0], (thin.sizes["time"], 1))))
     above, middle, below = _drawn(heard.assign_attrs(network=json.dumps(network)), "network", 88.0).axes
-    assert [text.get_text() for text in above.get_yticklabels()][0] == "anna–bert"
+    assert above.get_yticklabels()[0].get_text() == "anna–bert"
     assert set(middle.lines[0].get_ydata()) == {0.5}
     np.testing.assert_allclose(below.lines[0].get_ydata(), below.lines[1].get_ydata())  # as promised

@@ -40,7 +40,9 @@ def draw_tracks(sheet: Sheet) -> "Figure":
     axes.set_ylabel(axis_label(sheet.dataset["north_m"], in_unit=unit))
     planned = "dashed: planned; " if sheet.are_few else ""
     note = f"marks every {period:g} s; {planned}dotted: goal, from its square; star: rendezvous at the arrival"
-    return sheet.finish(figure, [axes], "tracks over ground up to the arrival", note)
+    sheet.finish(figure, [axes], "tracks over ground up to the arrival", note)
+    figure.draw_without_rendering()  # equal scales change the ticks, of which the next layout has to know
+    return figure
 
 
 _AXES = ("east", "north")
