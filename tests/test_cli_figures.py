@@ -9,6 +9,7 @@ from anser.results import read_netcdf, write_netcdf
 from support.tiny_run import make_run, tiny_dataset
 
 SUFFIXES = (".pdf", ".png", ".svg")
+ALL = dict(flight_figures.FLIGHT_FIGURES)
 
 
 @pytest.fixture(autouse=True)
@@ -75,3 +76,37 @@ def test_a_flight_without_what_is_drawn_is_refused(anser, tmp_path):
     code, _, err = anser("figures", tmp_path / "none", "--out", out)
     assert code == 2
     assert "no folder" in err
+
+
+def test_some_figures_on_a_narrow_paper(anser, tmp_path, monkeypatch):
+    monkeypatch.setattr(flight_figures, "FLIGHT_FIGURES", ALL)
+    run, out = make_run(tmp_path / "run"), tmp_path / "figures"
+    code, _, _ = anser("figures", run, "--out", out, "--only", "bank, load_factor", "--width", "88", "--no-title")
+    assert code == 0
+    assert {path.name for path in out.iterdir()} == {
+        f"flight-{name}{suffix}" for name in ("bank", "load-factor") for suffix in SUFFIXES
+    }
+    svg = (out / "flight-bank.svg").read_text()
+    assert f'width="{88 / 25.4 * 72:.4f}'[:10] in svg
+    assert "bank angles" not in svg
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (("--only", "plan,wheels"), "--only: arrived 'wheels'; expected one of plan"),
+        (("--width", "5"), "--width: arrived 5; expected 60 to 400 mm"),
+    ],
+)
+def test_what_is_no_figure_or_no_width_is_refused(anser, tmp_path, given, told):
+    run, out = make_run(tmp_path / "run"), tmp_path / "figures"
+    code, _, err = anser("figures", run, "--out", out, *given)
+    assert code == 2
+    assert told in err
+    assert not out.exists()
+
+
+def test_the_published_cases_are_drawn_as_they_are(anser, tmp_path):
+    code, _, err = anser("figures", "--out", tmp_path / "figures", "--only", "plan")
+    assert code == 2
+    assert "RUN: arrived nothing" in err

@@ -1,10 +1,19 @@
 """Figures of a flight for print: what they say, what they show, how aircraft are told apart."""
 
+import json
+
+import numpy as np
 import pytest
 
-from anser.report import flight_figures
-from anser.report.flight_figures import FLIGHT_FIGURES, NEEDED_VARIABLES, draw_flight
-from anser.report.labels import axis_label, plain
+from anser.report.flight_figures import (
+    FLIGHT_FIGURES,
+    NEEDED_VARIABLES,
+    chosen_figures,
+    draw_flight,
+    figures_of,
+)
+from anser.report.flight_paper import Paper, Sheet
+from anser.report.labels import axis_label, plain, shown_in
 from anser.report.print_style import line_of, marker_of
 
 ARRIVAL = 80.0  # of the flight in conftest
@@ -16,9 +25,10 @@ def thin(flight):
     return flight[0].isel(time=slice(None, None, 20))
 
 
-def _drawn(dataset, folder, suffixes=(".svg",)):
+def _drawn(dataset, folder, suffixes=(".svg",), only=None, paper=None):
     folder.mkdir()
-    paths = draw_flight(dataset, "x", folder, suffixes)
+    chosen = None if only is None else chosen_figures(dataset, only)
+    paths = draw_flight(dataset, "x", folder, suffixes, chosen=chosen, paper=paper)
     assert sorted(paths) == sorted(folder.iterdir())
     return {path.name: path.read_bytes() for path in paths}
 
@@ -26,40 +36,42 @@ def _drawn(dataset, folder, suffixes=(".svg",)):
 @pytest.mark.long
 def test_every_figure_in_three_kinds_the_same_twice(thin, tmp_path):
     first = _drawn(thin, tmp_path / "a", (".svg", ".png", ".pdf"))
-    assert set(first) == {f"x-{key}{suffix}" for key in FLIGHT_FIGURES for suffix in (".svg", ".png", ".pdf")}
-    assert _drawn(thin, tmp_path / "b").items() <= first.items()
+    assert set(first) == {f"x-{key}{suffix}" for key in figures_of(thin) for suffix in (".svg", ".png", ".pdf")}
+    assert "bank" in figures_of(thin)
+    assert _drawn(thin, tmp_path / "b", only=("tracks", "surfaces", "miss")).items() <= first.items()
     for name, content in first.items():
         assert content.startswith({"svg": b"<?xml", "png": b"\x89PNG", "pdf": b"%PDF"}[name[-3:]])
 
 
 def test_labels_come_from_the_dataset_and_names_are_text(thin, tmp_path):
     odd = thin.assign_coords(aircraft=["$x_1$", "<b>", "c"]).assign_attrs(title="a $ b")
-    drawn = _drawn(odd, tmp_path / "a")
+    drawn = _drawn(odd, tmp_path / "a", only=("altitudes",))
     text = drawn["x-altitudes.svg"].decode()
     for words in ("Altitude", "Time", "$x_1$", "&lt;b&gt;", "a $ b: altitudes"):
         assert words in text
-    assert "North velocity of the" in drawn["x-goal-velocity.svg"].decode()
 
 
 @pytest.mark.long
 def test_what_comes_after_the_arrival_is_not_drawn(thin, tmp_path):
-    shown = [name for name in NEEDED_VARIABLES if name != "phase"]
+    shown = [name for name in NEEDED_VARIABLES if name != "phase" and not name.startswith("goal_velocity")]
     later = thin.copy(deep=True)
     for name in shown:
         later[name][later["time"].values > ARRIVAL] += 1e5
     before = thin.copy(deep=True)
     before["altitude_m"][before["time"].values < 10.0] += 100.0
-    first = _drawn(thin, tmp_path / "a")
-    assert _drawn(later, tmp_path / "b") == first
-    other = _drawn(before, tmp_path / "c")
-    assert [name for name in first if other[name] != first[name]] == ["x-altitudes.svg", "x-profile.svg"]
+    names = ("tracks", "altitudes", "bank", "miss")
+    first = _drawn(thin, tmp_path / "a", only=names)
+    assert _drawn(later, tmp_path / "b", only=names) == first
+    other = _drawn(before, tmp_path / "c", only=names)
+    changed = [name for name in first if other[name] != first[name]]
+    assert sorted(changed) == ["x-altitudes.svg", "x-miss.svg"]
 
 
-def test_a_certified_plan_has_no_shape_parameter(thin, tmp_path, monkeypatch):
-    monkeypatch.setattr(flight_figures, "FLIGHT_FIGURES", {"plan": FLIGHT_FIGURES["plan"]})
+def test_a_certified_plan_has_no_shape_parameter(thin, tmp_path):
     certified = thin.assign_attrs(scenario='{"fleet": {"planner": "certified"}}')
     published, shown = (
-        _drawn(one, tmp_path / key)["x-plan.svg"].decode() for one, key in ((thin, "a"), (certified, "b"))
+        _drawn(one, tmp_path / key, only=("plan",))["x-plan.svg"].decode()
+        for one, key in ((thin, "a"), (certified, "b"))
     )
     assert "shape parameter" in published
     assert "shape parameter" not in shown
@@ -76,4 +88,109 @@ def test_labels(thin):
     assert axis_label(thin["altitude_m"]) == "Altitude $h$ (m)"
     assert axis_label(thin["airspeed_command_m_s"]) == "True airspeed command\n$V_{c}$ (m/s)"
     assert axis_label(thin["mach"], "Mach") == "Mach $M$"
+    assert axis_label(thin["altitude_m"], in_unit="km") == "Altitude $h$ (km)"
     assert plain("a$b") == r"a\$b"
+
+
+def test_kilometres_where_metres_have_five_digits(thin):
+    assert shown_in(thin["altitude_m"], 9999.0) == (1.0, "m")
+    assert shown_in(thin["altitude_m"], 10000.0) == (1e-3, "km")
+    assert shown_in(thin["airspeed_m_s"], 10000.0) == (1.0, "m/s")
+    far = thin.copy(deep=True)
+    far["altitude_m"] += 12000.0
+    axes = FLIGHT_FIGURES["altitudes"].draw(Sheet(far, Paper())).axes[0]
+    assert axes.get_ylabel() == "Altitude $h$ (km)"
+    np.testing.assert_allclose(axes.lines[0].get_ydata()[0], 1e-3 * far["altitude_m"].values[0, 0])
+    tracks = FLIGHT_FIGURES["tracks"].draw(Sheet(far, Paper())).axes[0]
+    assert tracks.get_xlabel().endswith("(km)")
+    assert tracks.get_ylabel().endswith("(km)")
+
+
+def _texts(axes):
+    return [text.get_text() for text in axes.texts]
+
+
+def test_the_limits_of_each_aircraft_are_told(thin):
+    """One has others than the rest, and stops of a surface of its own; far limits are told in words."""
+    own = [{"bank_max_deg": 60.0}, {"bank_max_deg": 60.0}, {"bank_max_deg": 31.25}]
+    for row, least in zip(own, (-20.0, -20.0, -1e4), strict=True):
+        row["surfaces_deg"] = {"elevator": [least, 20.0]}
+    mixed = thin.assign_attrs(limits=json.dumps(own))
+    sheet = Sheet(mixed, Paper())
+    bank = FLIGHT_FIGURES["bank"].draw(sheet).axes[0]
+    assert set(_texts(bank)) == {
+        f"limit {sign}{value}\N{DEGREE SIGN} ({names})"
+        for value, names in (("60", "anna, bert"), ("31.25", "<b>cl\u00e4re</b> & co"))
+        for sign in ("", "\u2212")
+    }
+    low, high = bank.get_ylim()
+    assert low < -60.0 < 60.0 < high
+    surfaces = FLIGHT_FIGURES["surfaces"].draw(sheet)
+    told = " ".join([*_texts(surfaces.axes[0]), surfaces.axes[0].get_title(loc="left").replace("\n", " ")])
+    assert "stop 20\N{DEGREE SIGN}" in told
+    assert "not shown: elevator, stop \u221210,000\N{DEGREE SIGN} (<b>cl\u00e4re</b> & co)" in told
+    assert not _texts(surfaces.axes[1])
+
+
+def test_a_surface_that_an_aircraft_has_not_is_not_drawn(thin):
+    without = thin.copy(deep=True)
+    without["rudder_deg"][:, 1] = np.nan
+    without["aileron_deg"][:] = np.nan
+    figure = FLIGHT_FIGURES["surfaces"].draw(Sheet(without, Paper()))
+    assert [axes.get_ylabel().split(" $")[0] for axes in figure.axes] == ["Elevator", "Rudder"]
+    assert [len(axes.lines) for axes in figure.axes] == [6, 4]  # flown and commanded
+    assert {text.get_text() for text in figure.legends[0].get_texts()} == {"anna", "bert", "<b>cl\u00e4re</b> & co"}
+
+
+def test_many_aircraft_have_names_at_their_lines(thin):
+    fleet = thin.isel(aircraft=[0, 1, 2] * 4).assign_coords(aircraft=[f"aircraft-{k:02d}" for k in range(12)])
+    figure = FLIGHT_FIGURES["bank"].draw(Sheet(fleet, Paper(88.0, title=False)))
+    (axes,) = figure.axes
+    assert figure.legends == []
+    assert figure.get_suptitle() == ""
+    told = [text for text in axes.texts if not text.get_text().startswith("limit")]
+    assert sorted(text.get_text() for text in told) == [f"{k:02d}" for k in range(12)]
+    heights = sorted(text.xyann[1] for text in told)
+    assert (
+        min(np.diff(heights)) * axes.get_position().height * figure.get_figheight() * 72.0 > 5.0
+    )  # letters of 6 points
+    assert 'names without "aircraft-"' in axes.get_title(loc="left").replace("\n", " ")
+
+
+def test_letters_keep_their_size_on_a_narrow_paper_and_rows_follow(thin):
+    wide, narrow = (FLIGHT_FIGURES["miss"].draw(Sheet(thin, Paper(width))) for width in (180.0, 60.0))
+    assert wide.get_figwidth() == pytest.approx(180.0 / 25.4)
+    assert narrow.get_figwidth() == pytest.approx(60.0 / 25.4)
+    sizes = [[text.get_fontsize() for text in one.legends[0].get_texts()] for one in (wide, narrow)]
+    assert sizes[0] == sizes[1]
+    assert wide.axes[0].xaxis.label.get_fontsize() == narrow.axes[0].xaxis.label.get_fontsize()
+    assert narrow.get_suptitle().count("\n") > wide.get_suptitle().count("\n")
+
+
+@pytest.mark.parametrize("width", [0.0, 59.0, 401.0, float("nan"), float("inf")])
+def test_a_silly_width_is_refused(width):
+    with pytest.raises(ValueError, match=r"arrived .*; expected 60 to 400 mm: one column of a paper is about 88"):
+        Paper(width)
+
+
+def test_steady_goals_are_told_and_not_drawn(thin):
+    assert "goal-velocity" not in figures_of(thin)
+    with pytest.raises(ValueError, match="'goal-velocity', which there is not of this flight: every goal stands"):
+        chosen_figures(thin, ["goal-velocity"])
+    turning = thin.copy(deep=True)
+    turning["goal_velocity_north_m_s"][:, 1] = 5.0 * np.sin(turning["time"].values)
+    turning["goal_velocity_east_m_s"][:, 2] = 15.0
+    turning["goal_estimate_velocity_east_m_s"][:, 2] = 15.0
+    turning.attrs["scenario"] = json.dumps({"aircraft": [{"goal": goal} for goal in ("buoy", "ferry", "ship")]})
+    figure = FLIGHT_FIGURES["goal-velocity"].draw(Sheet(turning, Paper()))
+    (axes,) = figure.axes
+    assert axes.get_ylabel().startswith("North velocity of the")
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["bert"]
+    note = axes.get_title(loc="left").replace("\n", " ")
+    assert note.endswith("buoy stands; ship keeps 15 m/s on course 90\N{DEGREE SIGN}")
+
+
+def test_goals_have_their_names_on_the_tracks(thin):
+    named = thin.assign_attrs(scenario=json.dumps({"aircraft": [{"goal": goal} for goal in ("boat", "$1", "boat")]}))
+    assert _texts(FLIGHT_FIGURES["tracks"].draw(Sheet(named, Paper())).axes[0]) == [r"\$1", "boat"]
+    assert _texts(FLIGHT_FIGURES["tracks"].draw(Sheet(thin, Paper())).axes[0]) == []

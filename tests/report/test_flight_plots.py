@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from anser.report import FlightPlots
+from anser.report.flight_figures import FLIGHT_FIGURES
 
 PNG = b"\x89PNG"
 
@@ -43,8 +44,24 @@ def test_the_profile_shows_the_limits_that_are_near(flight):
 def test_one_aircraft_has_no_separation_and_a_name_must_be_known(flight):
     alone = FlightPlots(flight[0].isel(aircraft=slice(0, 1), time=slice(None, None, 20)))
     assert "separation" not in alone.names
-    with pytest.raises(
-        ValueError, match="plot: arrived 'separation'; expected one of tracks, altitudes, profile, ranges"
-    ):
+    with pytest.raises(ValueError, match="plot: arrived 'separation', which there is not of this flight: one aircraft"):
         alone.separation()
+    with pytest.raises(
+        ValueError, match="plot: arrived 'wheels'; expected one of tracks, profile, altitudes, airspeed"
+    ):
+        alone("wheels")
     assert repr(alone).startswith("figures of a flight: tracks")
+
+
+def test_width_and_title(plots):
+    figure = plots.bank(width_mm=88, title=False)
+    assert figure.get_figwidth() == pytest.approx(88 / 25.4)
+    assert figure.get_suptitle() == ""
+    assert plots("load_factor").get_suptitle().endswith(": load factors")
+    with pytest.raises(ValueError, match="width_mm: arrived 5; expected 60 to 400 mm"):
+        plots("bank", width_mm=5)
+
+
+def test_each_name_has_a_method():
+    assert {name.replace("-", "_") for name in FLIGHT_FIGURES} <= set(dir(FlightPlots))
+    assert FlightPlots.load_factor.__doc__.startswith("Normal load factor")

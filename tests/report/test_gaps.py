@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from anser.report.flight_figures import with_gaps
+from anser.report.flight_curves import with_gaps
 
 
 def test_a_wrapped_angle_leaves_a_gap_and_keeps_every_sample():

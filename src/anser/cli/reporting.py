@@ -138,6 +138,7 @@ _AIRCRAFT, _VARIANT, _SPEED_M_S, _ALTITUDE_M = "f16", "textbook", 150.0, 1000.0
 @about(
     "anser figures --out figures",
     "anser figures runs/three-aircraft --out figures",
+    "anser figures runs/three-aircraft --out column --only bank,tracks --width 88 --no-title",
 )
 def figures(
     out: Annotated[Path, typer.Option(help="New folder for the figures.", show_default=False)],
@@ -149,6 +150,17 @@ def figures(
             autocompletion=complete_run,
         ),
     ] = None,
+    only: Annotated[
+        str | None,
+        typer.Option(
+            help="Figures of the flight to draw, with commas: bank,tracks; left out: all.", show_default=False
+        ),
+    ] = None,
+    width: Annotated[
+        float | None,
+        typer.Option(help="Width in mm: 88 for one column, 180 for two; left out: 165.", show_default=False),
+    ] = None,
+    no_title: Annotated[bool, typer.Option("--no-title", help="Leave the title above each figure out.")] = False,
 ) -> None:
     """Draw figures for a paper, each as PDF, SVG and PNG: of a flight, or every one of the published cases.
 
@@ -157,13 +169,27 @@ def figures(
     """
     if run is not None:
         must_be_run(run)
-        from anser.report.flight_figures import NEEDED_VARIABLES, draw_flight
+        from anser.report.flight_figures import NEEDED_VARIABLES, chosen_figures, draw_flight, figures_of
+        from anser.report.flight_paper import Paper
 
+        try:
+            paper = Paper(title=not no_title) if width is None else Paper(width, not no_title)
+        except ValueError as error:
+            raise RefusedError(f"--width: {error}") from None
         dataset, _ = read_flight(run, NEEDED_VARIABLES)
+        try:
+            names = figures_of(dataset) if only is None else [name.strip() for name in only.split(",")]
+            chosen = chosen_figures(dataset, names)
+        except ValueError as error:
+            raise RefusedError(f"--only: {error}") from None
         make_new(out)
         with working("drawing"):
-            written = draw_flight(dataset, "flight", out)
+            written = draw_flight(dataset, "flight", out, chosen=chosen, paper=paper)
     else:
+        if only is not None or width is not None or no_title:
+            raise RefusedError(
+                "RUN: arrived nothing; expected the folder of a run: --only, --width and --no-title are of its figures"
+            )
         make_new(out)
         written = tuple(_published(out))
     kinds = sorted({path.suffix for path in written})

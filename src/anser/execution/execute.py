@@ -16,6 +16,7 @@ import numpy as np
 
 from anser.compiling import Prepared, compiled
 from anser.execution.batches import Progress, silent
+from anser.execution.flown_limits import limits_text
 from anser.execution.happenings import Happenings
 from anser.execution.negotiated import DecentralisedPlanned
 from anser.execution.plan_interface import NoPlanError, Planned
@@ -215,7 +216,7 @@ def run(
     happened = [one.as_dict() for one in happenings.outcomes]
     surfaces = planned.flight.surfaces[: len(scenario.aircraft)]
     summary = summarize(time_s, history, scenario, wall_s, planned.path_words(), happened, happenings.goals, surfaces)
-    attributes = _attributes(scenario) | version_attributes()
+    attributes = _attributes(scenario) | {"limits": limits_text(scenario, planned.flight)} | version_attributes()
     if isinstance(planned, DecentralisedPlanned):
         summary["network"] = summarize_network(time_s, history, scenario, planned.agreed_after_s)
         attributes["network"] = json.dumps(summary["network"])

@@ -40,6 +40,20 @@ def scenario_of(dataset: xr.Dataset) -> dict[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
+def limits_of_each(dataset: xr.Dataset) -> list[dict[str, Any]]:
+    """Limits that each aircraft flew with, by the keys of a scenario's `limits`, and its `surfaces_deg`.
+
+    A record without them, from before they were written, has the scenario's for the library's F-16, and none for other
+    aircraft, whose own are not known.
+    """
+    if "limits" in dataset.attrs:
+        return json.loads(dataset.attrs["limits"])
+    scenario = scenario_of(dataset)
+    limits, rows = scenario.get("limits", {}), scenario.get("aircraft", [{}] * dataset.sizes["aircraft"])
+    is_own = [row.get("type", "f16") != "f16" or row.get("airframe") is not None for row in rows]
+    return [{} if own else limits for own in is_own]
+
+
 def is_certified(scenario: Mapping[str, Any]) -> bool:
     """Whether the paths have certificates; these paths have turns, but no lateral bend."""
     return scenario.get("fleet", {}).get("planner", "published") != "published"

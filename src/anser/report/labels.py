@@ -16,6 +16,7 @@ _PRINTED = {
 }
 _LINE_LENGTH, _SIGN_LENGTH = 26, 8
 """Characters of a label before it goes on in another line; those that a symbol with its unit takes of them."""
+_FIVE_DIGITS = 10_000.0
 
 
 def printed_unit(unit: str) -> str:
@@ -39,14 +40,23 @@ def label_of(values: xr.DataArray) -> dict[str, str]:
     }
 
 
-def axis_label(values: xr.DataArray, words: str | None = None) -> str:
-    """Words, symbol and unit of a variable, long ones in several lines; other words where they are given."""
-    lines = textwrap.wrap(str(values.attrs["long_name"]) if words is None else words, _LINE_LENGTH)
-    printed = unit(values)
+def axis_label(
+    values: xr.DataArray, words: str | None = None, in_unit: str | None = None, length: int = _LINE_LENGTH
+) -> str:
+    """Words, symbol and unit of a variable, long ones in several lines; other words or another unit where given."""
+    lines = textwrap.wrap(str(values.attrs["long_name"]) if words is None else words, length)
+    printed = unit(values) if in_unit is None else in_unit
     sign = symbol(values) + (f" ({printed})" if printed else "")
     # The symbol goes on in the last line where there is room for it.
-    text, between = "\n".join(lines), " " if len(lines[-1]) <= _LINE_LENGTH - _SIGN_LENGTH else "\n"
+    text, between = "\n".join(lines), " " if len(lines[-1]) <= length - _SIGN_LENGTH else "\n"
     return f"{text}{between}{sign}"
+
+
+def shown_in(values: xr.DataArray, greatest: float) -> tuple[float, str]:
+    """Factor and printed unit in which an axis up to `greatest` is drawn: kilometres where metres have five digits."""
+    if str(values.attrs["units"]) == "m" and greatest >= _FIVE_DIGITS:
+        return 1e-3, "km"
+    return 1.0, unit(values)
 
 
 def symbol(values: xr.DataArray) -> str:

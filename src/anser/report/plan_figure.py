@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
+from anser.report.aircraft_pens import Pen, pens_of, shared_prefix
 from anser.report.plan_map import draw_map, mark_step
 from anser.report.plan_panels import draw_altitude, draw_over_time, draw_separation
-from anser.report.plan_pens import PlanPen, plan_pens, shared_prefix
 from anser.report.print_style import LARGE, PRINT_STYLE, new_figure, save_drawings
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def draw_plan(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
 
 
 def _plan(dataset: xr.Dataset) -> "Figure":
-    pens = plan_pens(dataset)
+    pens = pens_of(dataset)
     _, figure = new_figure((13.0, 8.6))
     grid = figure.add_gridspec(4, 2, width_ratios=[1.25, 1.0])
     above = figure.add_subplot(grid[:, 0])
@@ -51,7 +51,7 @@ def _plan(dataset: xr.Dataset) -> "Figure":
     return figure
 
 
-def _heading(dataset: xr.Dataset, pens: list[PlanPen]) -> list[str]:
+def _heading(dataset: xr.Dataset, pens: list[Pen]) -> list[str]:
     of = dataset.attrs
     arrivals = dataset["arrival_time_s"].values
     first, last = float(np.min(arrivals)), float(np.max(arrivals))

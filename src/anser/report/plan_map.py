@@ -5,23 +5,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from anser.report.plan_pens import PlanPen
+from anser.report.aircraft_pens import Pen
+from anser.report.limit_lines import CLOSED
+from anser.report.place_labels import MARK, MOST_NAMES, free_side, tell_place
 from anser.report.print_style import DASHED, INK, QUIET, SMALL
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-CLOSED = "#b3261e"
-"""Colour of keep-outs and of limits."""
 _KM = 1e-3
 _STEPS_S = (5.0, 10.0, 20.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1200.0)
 _MARKS = 8
-_FEW_NAMES, _MOST_NAMES = 8, 40
 _SAME_TIME_S = 5e-3
 _FEW_HANDLES = 5
-_OFFSET, _SLANT, _TINY = 9.0, 0.3, 1e-12  # of labels: points, sines
-_LABEL = (0.1, 0.03)  # width and height of a label, as parts of the map
-_MARK = 0.6  # what a mark takes of a label's room
+_FEW_NAMES = 8  # up to so many have larger letters
+_TINY = 1e-12
 
 
 def mark_step(dataset: xr.Dataset) -> float:
@@ -39,7 +37,7 @@ def named_pair(dataset: xr.Dataset, what: str) -> tuple[str, str] | None:
     return str(names[pair[0]]), str(names[pair[1]])
 
 
-def draw_map(axes: "Axes", dataset: xr.Dataset, pens: list[PlanPen]) -> None:
+def draw_map(axes: "Axes", dataset: xr.Dataset, pens: list[Pen]) -> None:
     """Draw the plan over east and north, in equal scales."""
     for name, set_label in (("east_m", axes.set_xlabel), ("north_m", axes.set_ylabel)):
         set_label(f"{dataset[name].attrs['long_name']} (km)")
@@ -53,7 +51,7 @@ def draw_map(axes: "Axes", dataset: xr.Dataset, pens: list[PlanPen]) -> None:
     _legend(axes, dataset)
 
 
-def _path(axes: "Axes", dataset: xr.Dataset, pen: PlanPen, fleet: int) -> None:
+def _path(axes: "Axes", dataset: xr.Dataset, pen: Pen, fleet: int) -> None:
     times = dataset["time"].values
     east, north = (_KM * dataset[name].values[:, pen.index] for name in ("east_m", "north_m"))
     flown = np.flatnonzero(np.isfinite(east))
@@ -64,17 +62,21 @@ def _path(axes: "Axes", dataset: xr.Dataset, pen: PlanPen, fleet: int) -> None:
     start, end = flown[0], flown[-1]
     axes.plot(east[start], north[start], "o", color=pen.color, markersize=5, zorder=5)
     axes.plot(east[end], north[end], "D", color=pen.color, markersize=5.5, zorder=6, mec="white", mew=0.6)
-    if fleet <= _MOST_NAMES:
+    if fleet <= MOST_NAMES:
         # behind the aircraft, clear of its path
         back = np.array([east[start] - east[flown[1]], north[start] - north[flown[1]]])
         side, up = back / max(float(np.hypot(*back)), _TINY)
         arrivals = dataset["arrival_time_s"].values
         own = fleet <= _FEW_NAMES and np.max(arrivals) - np.min(arrivals) > _SAME_TIME_S
         words = f"{pen.label}, {arrivals[pen.index]:.2f} s" if own else pen.label
-        _tell(axes, words, (float(east[start]), float(north[start])), (side, up), pen.color, fleet)
+        tell_place(axes, words, (float(east[start]), float(north[start])), (side, up), pen.color, _letters(fleet))
 
 
-def _goals(axes: "Axes", dataset: xr.Dataset, pens: list[PlanPen]) -> None:
+def _letters(names: int) -> float:
+    return SMALL + (1.0 if names <= _FEW_NAMES else 0.0)
+
+
+def _goals(axes: "Axes", dataset: xr.Dataset, pens: list[Pen]) -> None:
     """Each goal once: where it is at first, and its way until the last of its aircraft arrives."""
     goals = dataset["goal"].values
     last: dict[str, int] = {}
@@ -86,16 +88,16 @@ def _goals(axes: "Axes", dataset: xr.Dataset, pens: list[PlanPen]) -> None:
     extent = max(_KM * float(np.nanmax(of) - np.nanmin(of)) for of in (dataset["east_m"], dataset["north_m"]))
     ends = [_KM * _end(dataset, ("east_m", "north_m"), pen.index) for pen in pens]
     ends += [_KM * _end(dataset, ("goal_east_m", "goal_north_m"), k) for k in last.values()]
-    taken = [(end, _MARK) for end in ends]
+    taken = [(end, MARK) for end in ends]
     for name, k in last.items():
         east, north = (_KM * dataset[f"goal_{axis}_m"].values[:, k] for axis in ("east", "north"))
         there = np.flatnonzero(np.isfinite(east))
         axes.plot(east[there], north[there], color=INK, linestyle=":", linewidth=1.2, zorder=6)
         axes.plot(east[0], north[0], "s", color=INK, mfc="white", markersize=5.5, mew=1.1, zorder=5)
-        if len(last) <= _MOST_NAMES:
+        if len(last) <= MOST_NAMES:
             end = np.array([east[there[-1]], north[there[-1]]])
-            side = _free(end, _ahead(dataset, k, there), extent, taken)
-            _tell(axes, name, (end[0], end[1]), side, INK, len(last))
+            side = free_side(end, _ahead(dataset, k, there), extent, taken)
+            tell_place(axes, name, (end[0], end[1]), side, INK, _letters(len(last)))
 
 
 def _ahead(dataset: xr.Dataset, k: int, there: np.ndarray) -> tuple[float, float]:
@@ -105,40 +107,6 @@ def _ahead(dataset: xr.Dataset, k: int, there: np.ndarray) -> tuple[float, float
     steps = [np.diff(dataset[f"{of}{axis}_m"].values[there[-2:], k])[-1] for axis in ("east", "north")]
     length = max(float(np.hypot(*steps)), _TINY)
     return float(steps[0]) / length, float(steps[1]) / length
-
-
-def _tell(
-    axes: "Axes", words: str, place: tuple[float, float], towards: tuple[float, float], color: str, of: int
-) -> None:
-    """Words beside a place, on the side that a unit vector points to; smaller where there are many."""
-    side, up = towards
-    axes.annotate(
-        words,
-        place,
-        xytext=(_OFFSET * side, _OFFSET * up),
-        textcoords="offset points",
-        color=color,
-        fontsize=SMALL + (1.0 if of <= _FEW_NAMES else 0.0),
-        ha="left" if side > _SLANT else "right" if side < -_SLANT else "center",
-        va="bottom" if up > _SLANT else "top" if up < -_SLANT else "center",
-        bbox={"facecolor": "white", "alpha": 0.6, "edgecolor": "none", "pad": 0.4},  # a halo would make paths of text
-        zorder=8,
-    )
-
-
-def _free(
-    place: np.ndarray, towards: tuple[float, float], extent: float, taken: list[tuple[np.ndarray, float]]
-) -> tuple[float, float]:
-    """The wanted side, or the one next to it where a label meets nothing: middles, and what they keep off in labels."""
-    wanted = np.arctan2(towards[1], towards[0])
-    turns = np.radians([0, 45, -45, 90, -90, 135, -135, 180])
-    sides = [(float(np.cos(wanted + turn)), float(np.sin(wanted + turn))) for turn in turns]
-    box = extent * np.array(_LABEL)
-    middles = [place + box * np.array([0.75 * side, 0.9 * up]) for side, up in sides]
-    clear = [all(np.any(np.abs(middle - other) > size * box) for other, size in taken) for middle in middles]
-    k = clear.index(True) if True in clear else 0
-    taken.append((middles[k], 1.0))
-    return sides[k]
 
 
 def _end(dataset: xr.Dataset, names: tuple[str, str], k: int) -> np.ndarray:

@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
+from anser.report.aircraft_pens import Pen
 from anser.report.labels import unit
-from anser.report.plan_map import CLOSED, named_pair
-from anser.report.plan_pens import PlanPen
-from anser.report.print_style import DASHED, INK, QUIET, SMALL
+from anser.report.limit_lines import CLOSED, limit_line
+from anser.report.plan_map import named_pair
+from anser.report.print_style import INK, QUIET, SMALL
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,7 +20,7 @@ _FAR = 2.0  # a ceiling that is farther above the paths than so many times their
 
 
 def draw_over_time(
-    axes: "Axes", dataset: xr.Dataset, pens: list[PlanPen], name: str, limits: tuple[str, ...], both: bool
+    axes: "Axes", dataset: xr.Dataset, pens: list[Pen], name: str, limits: tuple[str, ...], both: bool
 ) -> None:
     """Draw one variable of all aircraft, and its limits by their names without `limit_` (`both`: with either sign)."""
     _lines(axes, dataset, pens, name)
@@ -29,7 +30,7 @@ def draw_over_time(
     axes.margins(y=0.08)
 
 
-def draw_altitude(axes: "Axes", dataset: xr.Dataset, pens: list[PlanPen]) -> None:
+def draw_altitude(axes: "Axes", dataset: xr.Dataset, pens: list[Pen]) -> None:
     """Draw the altitudes, floor and ceiling; a ceiling far above is only told."""
     _lines(axes, dataset, pens, "altitude_m")
     floor, ceiling = (float(dataset[f"limit_altitude_{end}_m"].values[0]) for end in ("min", "max"))
@@ -96,7 +97,7 @@ def _decades(axes: "Axes", values: np.ndarray) -> None:
     axes.yaxis.set_minor_formatter(NullFormatter())
 
 
-def _lines(axes: "Axes", dataset: xr.Dataset, pens: list[PlanPen], name: str) -> None:
+def _lines(axes: "Axes", dataset: xr.Dataset, pens: list[Pen], name: str) -> None:
     times, values = dataset["time"].values, dataset[name].values
     for pen in pens:
         axes.plot(times, values[:, pen.index], color=pen.color, linestyle=pen.dashes, linewidth=pen.width, zorder=3)
@@ -114,7 +115,7 @@ def _lines(axes: "Axes", dataset: xr.Dataset, pens: list[PlanPen], name: str) ->
 
 
 def _limit(axes: "Axes", value: float) -> None:
-    axes.axhline(value, color=CLOSED, linestyle=DASHED, linewidth=1.0, zorder=2)
+    limit_line(axes, value)
     axes.annotate(
         f"{value:,.6g}".replace("-", "\u2212"),
         (1.0, value),

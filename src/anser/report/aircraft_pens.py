@@ -1,4 +1,4 @@
-"""How each aircraft of a plan is drawn: colour, dashes, label."""
+"""How each aircraft of a fleet is drawn: colour, dashes, label."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -15,7 +15,7 @@ _PREFIX_MIN = 3
 
 
 @dataclass(frozen=True)
-class PlanPen:
+class Pen:
     """Place in the dataset, label, colour and dashes of an aircraft."""
 
     index: int
@@ -25,12 +25,12 @@ class PlanPen:
     width: float
 
 
-def plan_pens(dataset: xr.Dataset) -> list[PlanPen]:
+def pens_of(dataset: xr.Dataset) -> list[Pen]:
     """One pen for each aircraft whose path is finite at its start."""
     names, prefix = [str(name) for name in dataset["aircraft"].values], shared_prefix(dataset)
     width = 1.5 if len(names) <= _FEW else 1.0 if len(names) <= 3 * _FEW else 0.6
     return [
-        PlanPen(k, name[len(prefix) :], color_of(k), _DASHES[k // _COLORS % len(_DASHES)], width)
+        Pen(k, name[len(prefix) :], color_of(k), _DASHES[k // _COLORS % len(_DASHES)], width)
         for k, name in enumerate(names)
         if np.isfinite(dataset["north_m"].values[0, k])
     ]

@@ -1,0 +1,72 @@
+"""The zero-effort miss, on paths of which it is known."""
+
+import numpy as np
+import xarray as xr
+
+from anser.report.flight_distances import closest_approach_m, draw_miss
+from anser.report.flight_paper import Paper, Sheet
+
+
+def _passing(time, aside):
+    """An aircraft due North at 100 m/s that passes a rendezvous, moving East at 10 m/s, at 20 s."""
+    zero = np.zeros_like(time)
+    columns = {
+        "north_m": 100.0 * (time - 20.0),
+        "east_m": 10.0 * time + zero,
+        "altitude_m": zero + 500.0,
+        "rendezvous_north_m": zero,
+        "rendezvous_east_m": 10.0 * time,
+        "rendezvous_altitude_m": zero + 500.0 + aside,
+        "velocity_north_m_s": zero + 100.0,
+        "velocity_east_m_s": zero + 10.0,
+        "velocity_down_m_s": zero,
+        "goal_velocity_north_m_s": zero,
+        "goal_velocity_east_m_s": zero + 10.0,
+        "goal_velocity_down_m_s": zero,
+    }
+    return xr.Dataset(
+        {name: (("time", "aircraft"), values[:, None]) for name, values in columns.items()}, {"time": time}
+    )
+
+
+def test_on_a_straight_way_it_is_the_distance_aside_until_it_is_past():
+    time = np.array([0.0, 5.0, 19.9, 20.0, 21.0])
+    np.testing.assert_allclose(closest_approach_m(_passing(time, 7.0))[:4, 0], 7.0, rtol=1e-12)
+    np.testing.assert_allclose(closest_approach_m(_passing(time, 7.0))[4, 0], np.hypot(100.0, 7.0), rtol=1e-12)
+
+
+def test_who_stands_still_relative_to_it_stays_as_far():
+    still = _passing(np.array([10.0]), 0.0)
+    still["goal_velocity_north_m_s"] = still["velocity_north_m_s"]
+    np.testing.assert_allclose(closest_approach_m(still), 1000.0, rtol=1e-12)
+
+
+def test_at_the_arrival_it_is_the_miss_of_the_summary(flight):
+    dataset, summary = flight
+    velocities = {
+        f"velocity_{axis}_m_s": (
+            ("time", "aircraft"),
+            sign * np.gradient(dataset[name].values, dataset["time"], axis=0),
+        )
+        for axis, name, sign in (("north", "north_m", 1), ("east", "east_m", 1), ("down", "altitude_m", -1))
+    }
+    goals = {
+        f"goal_velocity_{axis}_m_s": (
+            ("time", "aircraft"),
+            np.gradient(dataset[f"goal_{axis}_m"], dataset["time"], axis=0),
+        )
+        for axis in ("north", "east")
+    }
+    flown = dataset.assign(velocities | goals)
+    arrival = int(np.searchsorted(dataset["time"].values, 80.0)) - 1
+    found = closest_approach_m(flown)[arrival]
+    # two samples before the closest approach: half the acceleration times the square of 0.05 s
+    np.testing.assert_allclose(found, [row["miss_m"] for row in summary["aircraft"]], atol=0.05)
+
+
+def test_the_miss_required_is_a_line(flight):
+    required = flight[0].assign_attrs(scenario='{"requirements": {"miss_max_m": 3.0}}')
+    axes = draw_miss(Sheet(required.isel(time=slice(None, None, 20)), Paper())).axes[0]
+    assert [text.get_text() for text in axes.texts] == ["required: 3 m"]
+    assert [3.0, 3.0] in [list(line.get_ydata()) for line in axes.lines]
+    assert axes.get_yscale() == "log"

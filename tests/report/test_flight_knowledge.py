@@ -1,0 +1,48 @@
+"""What aircraft know, for print: of goals seen with errors, and of one another without a centre."""
+
+import json
+
+import numpy as np
+import pytest
+
+from anser.report.flight_figures import chosen_figures, figures_of
+from anser.report.flight_paper import Paper, Sheet
+
+
+@pytest.fixture(scope="module")
+def thin(flight):
+    return flight[0].isel(time=slice(None, None, 40))
+
+
+def _drawn(dataset, name, width):
+    return chosen_figures(dataset, [name])[name].draw(Sheet(dataset, Paper(width)))
+
+
+@pytest.mark.parametrize(("width", "ellipses"), [(88.0, 2), (180.0, 3)])
+def test_knowledge_is_drawn_of_as_many_as_the_width_allows(thin, width, ellipses):
+    assert "knowledge" not in figures_of(thin)
+    like = thin["altitude_m"]
+    known = {f"goal_sigma_{axis}_m": 0.0 * like + 5.0 for axis in ("north", "east", "altitude")}
+    seen = thin.assign(known | {"goal_correlation": 0.0 * like + 0.5})
+    above, *below = _drawn(seen, "knowledge", width).axes
+    assert len(below) == ellipses
+    assert [len(axes.patches) for axes in below] == [4] * ellipses
+    band = above.lines[1].get_ydata()
+    np.testing.assert_allclose(band, 2.0 * np.sqrt(3.0) * 5.0)
+    assert ("first 2 of 3 aircraft" in above.get_title(loc="left").replace("\n", " ")) == (ellipses == 2)
+
+
+def test_links_and_clocks_are_drawn_where_there_is_no_centre(thin):
+    assert "network" not in figures_of(thin)
+    time = thin["time"].values[::10]
+    series = {
+        "time_s": time.tolist(),
+        "quality_of_service": np.full(time.size, 0.5).tolist(),
+        "coordination_error_s": np.exp(-0.1 * time).tolist(),
+    }
+    network = {"series": series, "window_s": 10.0, "promised_rate_per_s": 0.1}
+    heard = thin.assign(heard_from=(("time", "aircraft"), np.tile([2, 1, 0], (thin.sizes["time"], 1))))
+    above, middle, below = _drawn(heard.assign_attrs(network=json.dumps(network)), "network", 88.0).axes
+    assert above.get_yticklabels()[0].get_text() == "anna–bert"
+    assert set(middle.lines[0].get_ydata()) == {0.5}
+    np.testing.assert_allclose(below.lines[0].get_ydata(), below.lines[1].get_ydata())  # as promised
