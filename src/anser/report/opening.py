@@ -8,9 +8,10 @@ import numpy as np
 import xarray as xr
 
 from anser.report.flight_margins import Margin, least_apart
-from anser.report.style import color_of
+from anser.report.style import page_color_of
 
 _NOTHING = "–"
+_CARDS_IN_ROW = 4
 
 
 def text(value: object) -> str:
@@ -112,8 +113,9 @@ def cards(dataset: xr.Dataset, summary: Mapping[str, Any]) -> str:
 
 def cards_of(found: Sequence[tuple[str, str, str, str]]) -> str:
     """Numbers that stand out: of each the heading, the value, its unit and a note; HTML."""
+    columns = len(found) if len(found) <= _CARDS_IN_ROW else -(-len(found) // 2)  # none alone in a row
     return (
-        '<div class="cards">'
+        f'<div class="cards" style="--columns:{columns}">'
         + "".join(
             f'<div class="card"><p>{name}</p><p class="value">{value}<small>{unit}</small></p>'
             f'<p class="note">{note}</p></div>'
@@ -162,7 +164,7 @@ def _aircraft_row(index: int, row: Mapping[str, Any], has_paths: bool) -> str:
     path = f'<td class="text">{text(row["path"])}</td>' if has_paths else ""
     fine = "good-text" if row["status"] == "arrived" else "bad-text"
     return (
-        f'<tr><td class="text name"><span class="swatch" style="background:{color_of(index)}"></span>'
+        f'<tr><td class="text name"><span class="swatch" style="background:{page_color_of(index)}"></span>'
         f'{text(row["name"])}</td><td class="text">{text(row["goal"])}</td>{numbers}'
         f'{path}<td class="text free {fine}">{text(row["status"])}</td></tr>'
     )
