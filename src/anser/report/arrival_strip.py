@@ -46,8 +46,8 @@ def arrival_strip(summary: Mapping[str, Any]) -> str:
             parts.append(f'<text x="0" y="{y + 4:.1f}" class="who-name">{html.escape(shown)}</text>')
         radius = min(5.0, 0.42 * row_tall)
         parts.append(
-            f'<line x1="{x(0.0):.1f}" x2="{x(offset * factor):.1f}" y1="{y:.1f}" y2="{y:.1f}" stroke="{page_color_of(k)}" '
-            f'stroke-width="1.5"/>'
+            f'<line x1="{x(0.0):.1f}" x2="{x(offset * factor):.1f}" y1="{y:.1f}" y2="{y:.1f}" '
+            f'stroke="{page_color_of(k)}" stroke-width="1.5"/>'
             f'<circle cx="{x(offset * factor):.1f}" cy="{y:.1f}" r="{radius:.1f}" fill="{page_color_of(k)}"/>'
         )
     parts.append(

@@ -91,8 +91,8 @@ SECTIONS: tuple[Section, ...] = (
     Section(
         "responses",
         "Commands and responses",
-        "Solid: response; dashed: command, cut where it lies far beyond. Course as on a compass, 0 to 360°, going on through "
-        "north.",
+        "Solid: response; dashed: command, cut where it lies far beyond. Course as on a compass, 0 to 360°, going on "
+        "through north.",
         (
             Panel("airspeed_m_s", "airspeed_command_m_s"),
             Panel("path_angle_deg", "path_angle_command_deg"),

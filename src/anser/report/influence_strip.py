@@ -54,7 +54,8 @@ def influence_strip(found: Sequence[Mapping[str, Any]], output: str) -> str:
         bars = (
             _bar(x, measures["rank"], y, 9.0, page_color_of(0))
             if ranks
-            else _bar(x, measures["total"], y, 15.0, page_color_of(5)) + _bar(x, measures["first"], y, 6.0, page_color_of(0))
+            else _bar(x, measures["total"], y, 15.0, page_color_of(5))
+            + _bar(x, measures["first"], y, 6.0, page_color_of(0))
         )
         name = f'<text x="0" y="{y + 4:.1f}" class="who-name">{html.escape(shown)}</text>'
         parts.append(f"<g>{title}{name}{bars}</g>")

@@ -181,7 +181,7 @@ def _opening(label: str | None, dataset: xr.Dataset, summary: Mapping[str, Any],
     rest = margins[_TIGHTEST:]
     more = f'<details class="more"><summary>{len(rest)} more</summary>{margins_list(rest)}</details>' if rest else ""
     return (
-        f'<section class="opening"><div>{name}{answer(summary, scenario)}{cards(dataset, summary)}'
+        f'<section class="opening"><div>{name}{answer(summary, scenario, margins)}{cards(dataset, summary)}'
         f"{arrival_strip(summary)}</div>"
         '<div><h2 class="tight">What was tight</h2><p class="caption">Part of the way to each requirement and limit; '
         f"full at the limit.</p>{margins_list(margins[:_TIGHTEST])}{more}</div></section>"

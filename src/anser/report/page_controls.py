@@ -1,6 +1,5 @@
 """The parts of the report page that are the same for every flight: buttons, keys, the bar of time."""
 
-
 from collections.abc import Collection, Sequence
 
 from anser.report.goal_forms import goals_key
@@ -31,18 +30,21 @@ def scene_key(forms: Collection[str], keep_outs: bool) -> str:
         ("width:18px;border-top:3px solid var(--c0)", "flown so far"),
         ("width:18px;border-top:1px dashed var(--ink)", "planned"),
         ("width:18px;border-top:1px solid var(--quiet)", "over ground"),
-        ("width:9px;height:9px;background:var(--c0);transform:rotate(45deg)", "rendezvous point of the aircraft's colour"),
+        (
+            "width:9px;height:9px;background:var(--c0);transform:rotate(45deg)",
+            "rendezvous point of the aircraft's colour",
+        ),
         ("width:9px;height:9px;background:var(--c1);border:2px solid var(--ink)", "planned anew"),
     ]
     if keep_outs:
         entries.append(("width:16px;height:7px;border:1px solid var(--limit);border-radius:50%", "where none may be"))
     return (
-        '<p class="key"><span class="of-screen">drag: turn (from above: shift); wheel: zoom; right drag: shift; click an aircraft: '
-        f"focus</span>{_entries(entries)}{goals_key(forms)}</p>"
+        '<p class="key"><span class="of-screen">drag: turn (from above: shift); wheel: zoom; right drag: shift; '
+        f"click an aircraft: focus</span>{_entries(entries)}{goals_key(forms)}</p>"
     )
 
 
-EVENTS_KEY = f'''<p class="key">{
+EVENTS_KEY = f"""<p class="key">{
     _entries(
         [
             ("width:18px;height:10px;background:var(--approach)", "approach"),
@@ -63,9 +65,9 @@ EVENTS_KEY = f'''<p class="key">{
             ("width:9px;height:9px;background:var(--c0);transform:rotate(45deg)", "arrival"),
         ]
     )
-}</p>'''
-TRANSPORT = """<div class="transport" role="group" aria-label="Time">
-<button type="button" id="play" aria-label="Play">▶</button>
+}</p>"""
+TRANSPORT = """<div class="transport" role="region" aria-label="Time">
+<button type="button" id="play" title="Play"><span aria-hidden="true">▶</span></button>
 <div class="track"><input type="range" id="time" min="0" max="1" value="0" aria-label="Time, s">
 <div id="marks"></div></div>
 <output id="told"></output>

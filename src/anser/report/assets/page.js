@@ -96,8 +96,8 @@ function buildTransport(state, runs) {
   state.on("time", show);
   state.on("focus", () => { focus.value = state.focus; });
   state.on("playing", () => {
-    button.textContent = state.playing ? "❚❚" : "▶";
-    button.setAttribute("aria-label", state.playing ? "Pause" : "Play");
+    button.firstChild.textContent = state.playing ? "❚❚" : "▶";
+    button.title = state.playing ? "Pause" : "Play";
   });
   document.addEventListener("keydown", (event) => {
     if (event.key !== " " || /^(INPUT|SELECT|BUTTON|SUMMARY|A)$/.test(event.target.tagName)) return;
