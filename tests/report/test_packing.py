@@ -46,10 +46,10 @@ def test_numbers_come_back_within_half_a_step(seed, times, count, scale):
 
 
 def test_the_step_is_fine_enough_to_draw():
-    """A ten-thousandth of the range at most: finer than a pixel of any screen."""
+    """A hundred-thousandth of the range at most: finer than a pixel, and fine still where a tenth is zoomed into."""
     for spread in (1e-3, 0.3, 7.0, 4e4):
         values = np.linspace(0.0, spread, 50)[:, None]
-        assert step_of(values, "m") <= 1e-4 * spread
+        assert step_of(values, "m") <= 1e-5 * spread
 
 
 def test_gaps_are_told_by_aircraft_and_records():

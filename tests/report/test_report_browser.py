@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from anser.report import write_comparison, write_report
+from anser.report.style import COLORS, DARK_COLORS
 from support.chromium import NAMES, Chromium, find_chromium
 from support.made_flight import make_flight
 
@@ -21,6 +22,7 @@ if find_chromium() is None:
 
 EVIL = "</script><script>window.harmed = true</script><img src=x onerror='window.harmed = true'>"
 SIZE_MAX, READY_MAX_MS = 8_000_000, 3000.0
+DARK_INK = "#e3e8ee"
 WINDOW = (1010, 600)  # small: these machines draw the scene without a graphics card
 
 
@@ -142,6 +144,168 @@ def test_the_camera_follows(browser, path):
             "[anser.scenes[0].controls.target.toArray(), anser.scenes[0].flyers[1].shownPlace.toArray()]"
         )
         np.testing.assert_allclose(target, place, atol=1e-6)
+    # from behind it looks along the flight, over ground that goes on to the horizon
+    eye, target, heading = browser.run(
+        "(() => { const s = anser.scenes[0]; return [s.camera.position, s.controls.target, s.flyers[1].heading(60)].map("
+        "(v) => v.toArray()); })()"
+    )
+    look = np.subtract(target, eye) / np.linalg.norm(np.subtract(target, eye))
+    assert np.dot(look, heading) > 0.95
+    assert browser.run("[anser.scenes[0].ground.wide.visible, anser.scenes[0].ground.plate.visible]") == [True, False]
+
+
+def test_in_the_dark_everything_is_dark(browser, path):
+    opened(browser, path)
+    light = browser.run("[getComputedStyle(document.body).backgroundColor, anser.runs[0].aircraft[0].color]")
+    assert light == ["rgb(255, 255, 255)", COLORS[0].lower()]
+    try:
+        browser.scheme("dark")
+        browser.settle()
+        scene = picture_of(browser, ".scene")
+        assert np.median(scene) < 0.2
+        colors = browser.run("anser.runs[0].aircraft.map((one) => one.color)")
+        assert colors == [color.lower() for color in DARK_COLORS[:3]]
+        assert all(has_color(scene, color) > 60 for color in colors)
+        plot = picture_of(browser, "#limits .plot")
+        assert np.median(plot) < 0.2
+        assert has_color(plot, colors[0]) > 100
+        assert has_color(picture_of(browser, ".timeline"), DARK_INK) > 20  # the names
+        assert browser.faults == []
+    finally:
+        browser.scheme("light")
+    browser.settle()
+    assert np.median(picture_of(browser, ".scene")) > 0.9
+
+
+def test_printed_every_plot_and_the_scene_are_there_in_light(browser, path):
+    opened(browser, path)
+    # what is on the canvases when the printing begins: the least lightness of a colour, and how many pixels are inked
+    browser.run(
+        "window.inked = (canvas, data) => { let n = 0, c = 0; for (let k = 0; k < data.length; k += 4) if (data[k + 3] > 40) {"
+        " n += 1; if (Math.max(data[k], data[k + 1], data[k + 2]) - Math.min(data[k], data[k + 1], data[k + 2]) > 90) c += 1; }"
+        " return [n, c]; }; addEventListener('beforeprint', () => { window.printed = { dark: getComputedStyle("
+        "document.body).backgroundColor, plots: anser.plots.list.map((plot) => inked(plot.plot.ctx.canvas,"
+        " plot.plot.ctx.getImageData(0, 0, plot.plot.ctx.canvas.width, plot.plot.ctx.canvas.height).data)),"
+        " wide: anser.plots.list.map((plot) => plot.plot.ctx.canvas.width), scene: anser.scenes[0].root.clientWidth }; })"
+    )
+    try:
+        browser.scheme("dark")
+        browser.settle()
+        paper = browser.pdf()
+        printed = browser.run("window.printed")
+    finally:
+        browser.scheme("light")
+    assert printed["dark"] == "rgb(255, 255, 255)"
+    assert len(printed["plots"]) > 25
+    assert min(inked for inked, _ in printed["plots"]) > 500
+    assert min(colored for _, colored in printed["plots"]) > 100
+    assert min(printed["wide"]) > 500  # twice what they are on paper
+    assert 600 < printed["scene"] < 700
+    assert 5 <= paper.count(b"/Type /Page\n") <= 12
+    # afterwards the page is as it was
+    browser.settle()
+    assert browser.run("[Theme.printing, document.documentElement.className]") == [False, ""]
+    assert browser.faults == []
+
+
+def test_from_above_the_ground_track_lies_below_the_path(browser, path):
+    opened(browser, path)
+    browser.run("document.querySelector('[data-view=above]').click()")
+    browser.settle()
+    assert browser.run("anser.scenes[0].camera.isOrthographicCamera") is True
+    off = browser.run(
+        "(() => { const { eye, frame } = anser.scenes[0]; return Math.max(...frame.points.filter((_, k) => k % 2 === 0).map("
+        "([x, y, z]) => { const [a, b] = [y * eye.lift, 0].map((h) => eye.pixelsOf(new THREE.Vector3(x, h, z)));"
+        " return Math.hypot(a.x - b.x, a.y - b.y); })); })()"
+    )
+    assert off < 0.1
+    # a kilometre to the east is as long as the bar says, and north is up
+    words, wide, perKm, north = browser.run(
+        "(() => { const s = anser.scenes[0], at = (x) => s.eye.pixelsOf(new THREE.Vector3(x, 0, 0)).x;"
+        " return [s.bar.textContent, s.bar.getBoundingClientRect().width, at(1) - at(0), s.eye.northward()]; })()"
+    )
+    number, unit = words.split()
+    assert wide == pytest.approx(float(number) * (perKm if unit == "km" else perKm / 1000.0), abs=0.6)
+    assert north == pytest.approx(0.0, abs=1e-6)
+    browser.run("document.querySelector('[data-view=overview]').click()")
+    browser.settle()
+    assert browser.run("[anser.scenes[0].camera.isPerspectiveCamera, anser.scenes[0].bar.hidden]") == [True, True]
+
+
+def test_goals_have_names_and_forms(browser, flight, tmp_path):
+    dataset, summary = flight
+    goals = [
+        {"name": "buoy", "kind": "surface"},
+        {"name": "tower", "kind": "airborne"},
+        {"name": "ship", "kind": "surface"},
+    ]
+    scenario = json.loads(dataset.attrs["scenario"]) | {
+        "goal": goals,
+        "aircraft": [{"name": row["name"], "goal": row["goal"]} for row in summary["aircraft"]],
+    }
+    path = tmp_path / "named.html"
+    write_report(dataset.assign_attrs(scenario=json.dumps(scenario)), summary, path)
+    opened(browser, path)
+    shown = browser.run("[...document.querySelectorAll('.scene .label:not([hidden])')].map((one) => one.textContent)")
+    assert sorted(shown) == sorted([row["name"] for row in summary["aircraft"]] + ["buoy", "tower", "ship"])
+    assert browser.run("anser.runs[0].aircraft.map((one) => one.form)") == ["ship", "drifting", "ship"]
+    assert "storm cell" in browser.run("document.querySelector('#scene .key').textContent")
+    # none lies over another
+    boxes = browser.run(
+        "[...document.querySelectorAll('.scene .label:not([hidden])')].map((one) => { const b = one.getBoundingClientRect();"
+        " return [b.left, b.right, b.top + 2, b.bottom - 2]; })"
+    )
+    over = [
+        (a, b)
+        for k, a in enumerate(boxes)
+        for b in boxes[k + 1 :]
+        if a[0] < b[1] and b[0] < a[1] and a[2] < b[3] and b[2] < a[3]
+    ]
+    assert over == []
+
+
+def test_courses_go_on_through_north_and_are_told_as_on_a_compass(browser, path):
+    opened(browser, path)
+    browser.run("document.getElementById('responses').scrollIntoView()")
+    browser.settle()
+    plot = "anser.plots.list.find((one) => one.panel.response === 'course_deg')"
+    steps = browser.run(
+        f"Math.max(...{plot}.responses.flatMap((row) => Array.from(row.slice(1), (v, k) => Math.abs(v - row[k]))))"
+    )
+    assert steps < 10.0
+    ticks = browser.run(f"{plot}.plot.axes[1]._values.map(Number)")
+    assert ticks == [tick % 360.0 for tick in ticks]
+    read = browser.run(f"{plot}.readout.textContent.split(' / ').map(Number)")
+    assert all(0.0 <= value < 360.0 for value in read)
+
+
+def test_a_command_at_a_limit_says_which(browser, path):
+    opened(browser, path)
+    browser.run("document.getElementById('events').scrollIntoView()")
+    rows = browser.run(
+        "(() => { const found = [], draw = CanvasRenderingContext2D.prototype.fillText; CanvasRenderingContext2D.prototype"
+        ".fillText = function (text, ...at) { found.push(text); draw.call(this, text, ...at); };"
+        " anser.state.setTime(22); CanvasRenderingContext2D.prototype.fillText = draw; return found; })()"
+    )
+    assert rows.count("thrust") == 3
+    assert "time (s)" in rows
+
+
+def test_on_a_narrow_window_the_bar_is_low_and_the_scene_is_full(browser, path):
+    opened(browser, path)
+    try:
+        browser.resize(400, 800)
+        browser.settle()
+        bar, scene, wide = browser.run(
+            "[document.querySelector('.transport').offsetHeight, document.querySelector('.scene').offsetHeight,"
+            " document.documentElement.scrollWidth]"
+        )
+        assert bar < 0.08 * 800
+        assert scene < 0.8 * 400
+        assert wide <= 400
+    finally:
+        browser.resize(*WINDOW)
+    browser.settle()
 
 
 def test_it_plays_and_pauses(browser, path):

@@ -55,6 +55,7 @@ def test_the_contract_has_these_keys_and_no_others():
         "versions",
         "seed",
         "aircraft",
+        "arrival",
         "fleet",
         "requirements",
     ]

@@ -99,6 +99,14 @@ class Chromium:
         """Size of the window, pixels."""
         self._ask("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
 
+    def scheme(self, name):
+        """What the reader prefers: "light" or "dark"."""
+        self._ask("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": name}])
+
+    def pdf(self):
+        """The page as it is printed, as the bytes of a PDF file."""
+        return base64.b64decode(self._ask("Page.printToPDF", printBackground=False)["data"])
+
     def mouse(self, kind, x, y, **more):
         """Move or press the mouse: "mouseMoved", "mousePressed", "mouseReleased"."""
         self._ask("Input.dispatchMouseEvent", type=kind, x=x, y=y, **more)

@@ -198,6 +198,8 @@ def _status_text(row: dict, stopped_s: dict[str, float]) -> str:
 
 
 def _print_flown(summary: dict, stopped_s: dict[str, float]) -> None:
+    from anser.results import fleet_words  # here: a misspelt key must not wait for what reads results
+
     has_paths = any(row["path"] not in (None, "nominal") for row in summary["aircraft"])
     figures = ("planned\ns", "arrival\ns", "miss\nm", "airspeed\nm/s", "clear\nm")
     table = plain_table(
@@ -222,10 +224,7 @@ def _print_flown(summary: dict, stopped_s: dict[str, float]) -> None:
         )
     print_table(table)
     fleet = summary["fleet"]
-    line(
-        f"arrival spread {number(fleet['arrival_spread_s'], 4)} s, least separation "
-        f"{number(fleet['separation_min_m'], 0)} m, {fleet['wall_s']:.1f} s of computing"
-    )
+    line(", ".join([*fleet_words(summary), f"{fleet['wall_s']:.1f} s of computing"]))
     if fleet.get("separation_ratio_min") is not None:
         line(f"at least {fleet['separation_ratio_min']:.2f} times the separation asked for, holds included")
     if "network" in summary:
@@ -294,13 +293,11 @@ def plan(
 
 
 def _print_paths(summary: dict[str, Any]) -> None:
+    from anser.results import planned_arrivals
+
     arrival = summary["arrival"]
     common = arrival["last_s"] - arrival["first_s"] < _SAME_TIME_S
-    when = (
-        f"all arrive at {arrival['last_s']:.2f} s"
-        if common
-        else f"arrivals from {arrival['first_s']:.2f} to {arrival['last_s']:.2f} s"
-    )
+    when = planned_arrivals(len(summary["aircraft"]), arrival["first_s"], arrival["last_s"])
     rows = [_path_row(row, common) for row in summary["aircraft"]]
     table = plain_table(
         f"{summary['scenario']['name']}: {when}",

@@ -105,9 +105,11 @@ class Planned(abc.ABC):
         head = f"{self.scenario.name}, {self.scenario.fleet.planner} planner: "
         if self.refusals:
             return f"{head}no plan"
+        from anser.results import planned_arrivals
+
         arrivals_s = np.asarray(self.plan.arrival_times)
-        first, last = (f"{float(end(arrivals_s)):.2f} s" for end in (np.min, np.max))
-        return head + (f"all arrive at {last}" if first == last else f"arrivals from {first} to {last}")
+        first_s, last_s = (float(end(arrivals_s)) for end in (np.min, np.max))
+        return head + planned_arrivals(len(self.scenario.aircraft), first_s, last_s)
 
     def _told(self) -> list[str]:
         """What is wrong with it, and what is to be noted."""

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from anser.report.style import color_of
+from anser.report.style import page_color_of
 
 _WIDTH, _NAMES, _RIGHT, _FOOT = 560, 128, 16, 34
-_INK, _GRID = "#57606a", "#e6e9ed"
+_INK, _GRID = "var(--quiet)", "var(--grid)"
 _TALL, _ROW_MAX, _ROW_MIN, _ROW_NAMED = 260.0, 24.0, 4.0, 11.0
 
 
@@ -46,9 +46,9 @@ def arrival_strip(summary: Mapping[str, Any]) -> str:
             parts.append(f'<text x="0" y="{y + 4:.1f}" class="who-name">{html.escape(shown)}</text>')
         radius = min(5.0, 0.42 * row_tall)
         parts.append(
-            f'<line x1="{x(0.0):.1f}" x2="{x(offset * factor):.1f}" y1="{y:.1f}" y2="{y:.1f}" stroke="{color_of(k)}" '
-            f'stroke-width="1.5"/>'
-            f'<circle cx="{x(offset * factor):.1f}" cy="{y:.1f}" r="{radius:.1f}" fill="{color_of(k)}"/>'
+            f'<line x1="{x(0.0):.1f}" x2="{x(offset * factor):.1f}" y1="{y:.1f}" y2="{y:.1f}" '
+            f'stroke="{page_color_of(k)}" stroke-width="1.5"/>'
+            f'<circle cx="{x(offset * factor):.1f}" cy="{y:.1f}" r="{radius:.1f}" fill="{page_color_of(k)}"/>'
         )
     parts.append(
         f'<text x="{(_NAMES + _WIDTH - _RIGHT) / 2:.0f}" y="{bottom + 30:.1f}" text-anchor="middle">'

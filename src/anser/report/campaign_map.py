@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from anser.report.campaign_data import CampaignShown, FlownAgain
-from anser.report.style import color_of
+from anser.report.style import page_color_of
 
 _Placing = Callable[[np.ndarray], np.ndarray]
 _POINTS = 240
@@ -37,7 +37,7 @@ def campaign_map(shown: CampaignShown) -> str:
     others = "".join(_paths(placed, lines, f"flight {one.number}") for one, lines in tracks if not one.worst)
     worst = [(one, lines) for one, lines in tracks if one.worst]
     drawn = "".join(
-        f'<g class="worst-track" data-flight="{one.number}" stroke="{color_of(k)}" fill="{color_of(k)}">'
+        f'<g class="worst-track" data-flight="{one.number}" stroke="{page_color_of(k)}" fill="{page_color_of(k)}">'
         f"{_paths(placed, lines, f'flight {one.number}, one of the worst')}{_ends(placed, lines)}</g>"
         for k, (one, lines) in enumerate(worst)
     )
@@ -74,7 +74,7 @@ def _ends(placed: _Placing, lines: Sequence[np.ndarray]) -> str:
     for line in lines:
         (x, y), (u, v) = placed(line[[0, -1]])
         made += f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4" stroke="none"/>'
-        made += f'<rect x="{u - 4.5:.1f}" y="{v - 4.5:.1f}" width="9" height="9" stroke="white"/>'
+        made += f'<rect x="{u - 4.5:.1f}" y="{v - 4.5:.1f}" width="9" height="9" stroke="var(--paper)"/>'
     return made
 
 

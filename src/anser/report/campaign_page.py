@@ -17,10 +17,10 @@ from anser.report.campaign_parts import (
 from anser.report.influence_strip import influence_strip
 from anser.report.opening import number, scroll_table, text
 from anser.report.page_shell import page, write_page
-from anser.report.style import COLORS, color_of
+from anser.report.style import COLORS, page_color_of
 
 _STYLES = ("vendor/uplot.min.css", "page.css", "campaign.css")
-_SCRIPTS = ("vendor/uplot.min.js", "store.js", "campaign.js")
+_SCRIPTS = ("vendor/uplot.min.js", "theme.js", "store.js", "campaign.js")
 
 
 def write_campaign_report(shown: CampaignShown, path: Path) -> None:
@@ -71,7 +71,7 @@ intervals of the bounds above at {sure}. What is missing to 100 % has no such nu
         styles=_STYLES,
         scripts=_SCRIPTS,
         contents=contents,
-        data=("campaign", {"colors": COLORS, **campaign_data(shown)}),
+        data=("campaign", {"colors": len(COLORS), **campaign_data(shown)}),
     )
 
 
@@ -82,7 +82,7 @@ def _series(shown: CampaignShown) -> str:
     first = shown.bands[0]
     fleet = shown.dataset.sizes["aircraft"]
     legend = " ".join(
-        f'<span class="swatch" style="background:{color_of(k)}"></span>{text(name)}'
+        f'<span class="swatch" style="background:{page_color_of(k)}"></span>{text(name)}'
         for k, name in enumerate(first.aircraft)
     )
     some = f" The first {len(first.aircraft)} of {fleet} aircraft." if len(first.aircraft) < fleet else ""

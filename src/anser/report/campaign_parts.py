@@ -8,7 +8,7 @@ import numpy as np
 
 from anser.report.campaign_data import CampaignShown
 from anser.report.opening import cards_of, number, scroll_table, text
-from anser.report.style import color_of
+from anser.report.style import page_color_of
 from anser.results.flight_columns import worst_of_fleet
 
 _CAUSES = 12
@@ -159,7 +159,7 @@ def worst_table(shown: CampaignShown) -> str:
     body = ""
     for k, flight in enumerate(shown.worst):
         swatch = (
-            f'<span class="swatch" style="background:{color_of(drawn.index(flight))}"></span>'
+            f'<span class="swatch" style="background:{page_color_of(drawn.index(flight))}"></span>'
             if flight in drawn
             else ""
         )

@@ -4,12 +4,17 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from anser.report.opening import number, scroll_table, text
+from anser.results import arrival_figure
 
 _FIGURES = (
-    ("arrival_spread_s", "Arrival spread", "s", 4),
     ("separation_min_m", "Least distance of two aircraft", "m", 1),
     ("separation_ratio_min", "Separation kept over asked for", "", 3),
 )
+_ARRIVALS = {
+    "spread": "Arrival spread",
+    "spacing": "Greatest spacing error of the arrivals",
+    "error": "Greatest difference of an arrival from its planned time",
+}
 _WORST = (
     ("miss_m", "Greatest miss", "m", 3, max),
     ("position_error_max_m", "Greatest distance to the planned point", "m", 2, max),
@@ -24,9 +29,16 @@ _MOST = 200  # rows of differing keys
 def difference_table(runs: Sequence[tuple[str, Mapping[str, Any]]], scenarios: Sequence[Mapping[str, Any]]) -> str:
     """Figures of two runs (label, summary) with their difference, then every key in which the scenarios differ."""
     first, second = (summary for _, summary in runs)
+    fits = [arrival_figure(summary) for summary in (first, second)]
     rows = [
+        _row(words, "s", 4, *(one.value_s if one.kind == kind else None for one in fits))
+        for kind, words in _ARRIVALS.items()
+        if any(one.kind == kind for one in fits)
+    ]
+    rows += [
         _row(words, unit, digits, first["fleet"].get(key), second["fleet"].get(key))
         for key, words, unit, digits in _FIGURES
+        if any(summary["fleet"].get(key) is not None for summary in (first, second))
     ]
     for key, words, unit, digits, worst in _WORST:
         values = [[row[key] for row in summary["aircraft"] if row[key] is not None] for summary in (first, second)]

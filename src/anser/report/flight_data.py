@@ -9,6 +9,7 @@ import xarray as xr
 
 from anser.report.flight_events import LIMITED, RENEWALS, events_of
 from anser.report.flight_panels import needed_variables, packed_variables, sections_for
+from anser.report.goal_forms import goal_forms
 from anser.report.labels import label_of
 from anser.report.packing import pack, step_of
 
@@ -89,7 +90,12 @@ def flight_data(
         "times": int(kept.size),
         "every": every,
         "timeStep": columns[0][1],
-        "aircraft": [{key: row[key] for key in _FACT_KEYS} for row in summary["aircraft"]],
+        "aircraft": [
+            {key: row[key] for key in _FACT_KEYS} | {"form": form, "before": before}
+            for row, form, before in zip(
+                summary["aircraft"], goal_forms(dataset, scenario), _goals_before(summary, scenario), strict=True
+            )
+        ],
         "variables": variables,
         "packed": packed,
         "events": events_of(dataset),
@@ -97,6 +103,15 @@ def flight_data(
         "sections": sections_for(dataset, scenario.get("limits", {})),
         "keepOuts": scenario.get("keep_out") or [],
     }
+
+
+def _goals_before(summary: Mapping[str, Any], scenario: Mapping[str, Any]) -> list[list[Any] | None]:
+    """Of each aircraft that took over another's goal: its own goal, and until when, s, it flew to that."""
+    own = {str(one["name"]): str(one["goal"]) for one in scenario.get("aircraft") or [] if "goal" in one}
+    events = [one for one in summary.get("events", ()) if one["kind"] == "goal-taken-over"]
+    until = {str(one["whom"]): float(one["time_s"]) for one in events}
+    names = [str(row["name"]) for row in summary["aircraft"]]
+    return [[own[name], until[name]] if name in own and name in until else None for name in names]
 
 
 def as_script(data: Any) -> str:

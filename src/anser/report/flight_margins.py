@@ -78,6 +78,7 @@ _WORDS: dict[str, tuple[str, str, str | None, bool]] = {
     "clearance_surface_min_m": ("Distance to a goal on the surface", "m", "clearance_min_m", False),
     "clearance_airborne_min_m": ("Distance to an airborne goal", "m", "clearance_min_m", False),
 }
+_OF_SEVERAL = ("arrival_spread_max_s", "separation_ratio_min", "separation_min_m")
 # Variable, key of the limit, sign on it, words, unit.
 _LIMITS = (
     ("bank_deg", "bank_max_deg", 1, "Bank angle to the right", "°"),
@@ -105,7 +106,12 @@ def margins_of(dataset: xr.Dataset, summary: Mapping[str, Any], scenario: Mappin
     summary, scenario
         As the run holds them; the scenario may be empty.
     """
-    found = [_requirement(entry, summary["aircraft"], dataset) for entry in summary["requirements"]]
+    alone = len(summary["aircraft"]) == 1  # nothing to arrive with, nothing to keep away from
+    found = [
+        _requirement(entry, summary["aircraft"], dataset)
+        for entry in summary["requirements"]
+        if not (alone and entry["name"] in _OF_SEVERAL)
+    ]
     limits = scenario.get("limits", {})
     arrivals = {row["name"]: row["arrival_s"] for row in summary["aircraft"]}
     ends = [np.inf if arrivals.get(str(name)) is None else arrivals[str(name)] for name in dataset["aircraft"].values]

@@ -26,12 +26,17 @@ class Panel:
         before it with the opposite sign.
     within
         Whether the axis reaches to the limits, however far from the data they are.
+    compass
+        Whether it is a direction over ground: the line goes on through north without a jump, and the numbers on its
+        axis are those of a compass, 0 to 360 degrees. Wrapped it would jump at each turn through north; unwrapped
+        numbers would grow with every circle of a hold and name no direction.
     """
 
     response: str
     command: str | None = None
     limits: tuple[str | float, ...] = ()
     within: bool = False
+    compass: bool = False
 
 
 def _surface_panel(surface: str) -> Panel:
@@ -57,7 +62,7 @@ SECTIONS: tuple[Section, ...] = (
     Section(
         "plan",
         "Plan against flown",
-        "Dashed: planned, up to the hold. Ticks below: the plan changed there.",
+        "Dashed: planned, up to the hold. Ticks below, a line where they are close together: the plan changed there.",
         (
             Panel("range_to_rendezvous_m"),
             Panel("altitude_m", "reference_altitude_m"),
@@ -86,11 +91,12 @@ SECTIONS: tuple[Section, ...] = (
     Section(
         "responses",
         "Commands and responses",
-        "Solid: response; dashed: command, cut where it lies far beyond.",
+        "Solid: response; dashed: command, cut where it lies far beyond. Course as on a compass, 0 to 360°, going on "
+        "through north.",
         (
             Panel("airspeed_m_s", "airspeed_command_m_s"),
             Panel("path_angle_deg", "path_angle_command_deg"),
-            Panel("course_deg", "course_command_deg"),
+            Panel("course_deg", "course_command_deg", compass=True),
             Panel("bank_deg", "bank_command_deg"),
             Panel("alpha_deg", "alpha_command_deg"),
             Panel("beta_deg", "beta_command_deg"),
@@ -129,8 +135,8 @@ SECTIONS: tuple[Section, ...] = (
     Section(
         "attitude",
         "Attitude",
-        "From north, east, down to the body.",
-        (Panel("roll_deg"), Panel("pitch_deg"), Panel("yaw_deg")),
+        "From north, east, down to the body. Yaw as on a compass, 0 to 360°, going on through north.",
+        (Panel("roll_deg"), Panel("pitch_deg"), Panel("yaw_deg", compass=True)),
     ),
     Section(
         "controls",
@@ -208,6 +214,7 @@ def sections_for(dataset: xr.Dataset, limits: Mapping[str, Any]) -> list[dict[st
                 "command": panel.command if panel.command in dataset else None,
                 "limits": [value for value in (_limit(key, limits) for key in panel.limits) if value is not None],
                 "within": panel.within,
+                "compass": panel.compass,
             }
             for panel in _panels(section, surfaces_of(dataset))
             if panel.response in dataset

@@ -4,10 +4,10 @@ import html
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from anser.report.style import COLORS
+from anser.report.style import page_color_of
 
 _WIDTH, _NAMES, _RIGHT, _HEAD, _FOOT, _ROW = 560, 200, 14, 4, 34, 24.0
-_INK, _GRID = "#57606a", "#e6e9ed"
+_INK, _GRID = "var(--quiet)", "var(--grid)"
 _LONGEST = 30
 _SOBOL = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
 _RANK = (-1.0, -0.5, 0.0, 0.5, 1.0)
@@ -52,9 +52,10 @@ def influence_strip(found: Sequence[Mapping[str, Any]], output: str) -> str:
         )
         title = f"<title>{html.escape(f'{path}: {words}')}</title>"
         bars = (
-            _bar(x, measures["rank"], y, 9.0, COLORS[0])
+            _bar(x, measures["rank"], y, 9.0, page_color_of(0))
             if ranks
-            else _bar(x, measures["total"], y, 15.0, COLORS[5]) + _bar(x, measures["first"], y, 6.0, COLORS[0])
+            else _bar(x, measures["total"], y, 15.0, page_color_of(5))
+            + _bar(x, measures["first"], y, 6.0, page_color_of(0))
         )
         name = f'<text x="0" y="{y + 4:.1f}" class="who-name">{html.escape(shown)}</text>'
         parts.append(f"<g>{title}{name}{bars}</g>")
@@ -72,6 +73,6 @@ def _bar(x: Any, one: Mapping[str, Any], y: float, tall: float, color: str) -> s
     left, right = sorted((x(0.0), x(one["value"])))
     return (
         f'<rect x="{left:.1f}" y="{y - 0.5 * tall:.1f}" width="{max(right - left, 0.8):.1f}" height="{tall:g}" '
-        f'fill="{color}"/><path d="M{x(one["low"]):.1f} {y:.1f}H{x(one["high"]):.1f}" stroke="#1b1f24" '
+        f'fill="{color}"/><path d="M{x(one["low"]):.1f} {y:.1f}H{x(one["high"]):.1f}" stroke="var(--ink)" '
         f'stroke-width="1.2" fill="none"/>'
     )

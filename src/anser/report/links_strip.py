@@ -11,7 +11,7 @@ import xarray as xr
 
 _WIDTH, _NAMES, _RIGHT, _ROW, _BELOW = 900, 190, 10, 16, 70
 _PAIRS_MOST = 45
-_UP, _INK, _GRID, _LINE = "#5b8fc7", "#57606a", "#e6e9ed", "#b04a1f"
+_UP, _INK, _GRID, _LINE = "var(--link)", "var(--quiet)", "var(--grid)", "var(--quality)"
 
 
 def network_of(dataset: xr.Dataset) -> dict[str, Any]:

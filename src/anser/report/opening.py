@@ -8,9 +8,11 @@ import numpy as np
 import xarray as xr
 
 from anser.report.flight_margins import Margin, least_apart
-from anser.report.style import color_of
+from anser.report.style import page_color_of
+from anser.results import arrival_figure
 
 _NOTHING = "–"
+_CARDS_IN_ROW = 4
 
 
 def text(value: object) -> str:
@@ -30,26 +32,29 @@ def scroll_table(heads: str, body: str) -> str:
     return f'<div class="scroll"><table><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table></div>'
 
 
-def answer(summary: Mapping[str, Any], scenario: Mapping[str, Any]) -> str:
-    """Say whether they arrived together and by how much, and name what was not met.
+def answer(summary: Mapping[str, Any], scenario: Mapping[str, Any], margins: Sequence[Margin] = ()) -> str:
+    """Say whether they arrived as was asked and by how much, and name what was not met and what limits were passed.
 
     Parameters
     ----------
     summary, scenario
         As the run holds them; the scenario may be empty.
+    margins
+        What was left to requirements and limits.
     """
-    rows, spread = summary["aircraft"], summary["fleet"]["arrival_spread_s"]
+    rows, spread, fits = summary["aircraft"], summary["fleet"]["arrival_spread_s"], arrival_figure(summary)
     left = [row for row in rows if "left_s" in row]
     stray = [row for row in rows if row["status"] != "arrived" and "left_s" not in row]
     unmet = [entry["name"] for entry in summary["requirements"] if not entry["met"]]
     allowed = next((e["limit"] for e in summary["requirements"] if e["name"] == "arrival_spread_max_s"), None)
     together = (
-        len(rows) > 1
+        fits.kind == "spread"
         and spread is not None
         and (allowed is not None or scenario.get("arrival", {}).get("rule") in ("together", "at"))
     )
     apart = "" if spread is None else _duration(spread)
     good = not stray and not unmet
+    passed = [margin for margin in margins if margin.kind == "limit" and not margin.met]
     if stray or left:
         count = len(rows) - len(stray) - len(left)
         head = f"{count} of {len(rows)} aircraft arrived" if len(rows) > 1 else "The aircraft failed"
@@ -57,6 +62,8 @@ def answer(summary: Mapping[str, Any], scenario: Mapping[str, Any]) -> str:
         head = f"All {len(rows)} aircraft arrived, but {apart} apart"
     elif together:
         head = f"All {len(rows)} aircraft arrived together, within {apart}"
+    elif fits.kind == "spacing" and fits.value_s is not None:
+        head = f"All {len(rows)} aircraft arrived {fits.asked_s:g}&nbsp;s apart, within {_duration(fits.value_s)}"
     else:
         head = f"All {len(rows)} aircraft arrived as planned" if len(rows) > 1 else "The aircraft arrived as planned"
     if not good and not stray and "arrival_spread_max_s" not in unmet:
@@ -76,10 +83,21 @@ def answer(summary: Mapping[str, Any], scenario: Mapping[str, Any]) -> str:
     if unmet:
         parts.append(f"Requirements not met: <b>{text(', '.join(unmet))}</b>.")
     elif good:
-        parts.append("All requirements met.")
+        parts.append("All requirements met." if not passed else "All requirements met, but not all limits kept.")
+    if passed:
+        parts.append(f"Passed: {_passed(passed)}.")
+    look, mark = ("bad", "✗") if not good else ("mixed", "!") if passed else ("good", "✓")
     return (
-        f'<div class="answer {"good" if good else "bad"}"><p class="head"><span aria-hidden="true">'
-        f"{'✓' if good else '✗'}</span> {head}</p><p>{' '.join(parts)}</p></div>"
+        f'<div class="answer {look}"><p class="head"><span aria-hidden="true">'
+        f"{mark}</span> {head}</p><p>{' '.join(parts)}</p></div>"
+    )
+
+
+def _passed(margins: Sequence[Margin]) -> str:
+    """Limits that were passed, and whether before the arrivals or only in the hold after them."""
+    when = {True: ", after the arrival", False: ""}
+    return "; ".join(
+        f"<b>{text(margin.what)}</b> ({_share(margin)} of its limit{when[margin.after_arrival]})" for margin in margins
     )
 
 
@@ -90,9 +108,14 @@ def cards(dataset: xr.Dataset, summary: Mapping[str, Any]) -> str:
     found = []
     if arrivals:
         found.append(("Arrival", f"{number(min(arrivals), 2)}", "s", "" if len(rows) == 1 else "of the first"))
-    if fleet["arrival_spread_s"] is not None and len(rows) > 1:
-        value, unit = _duration(fleet["arrival_spread_s"]).split("&nbsp;")
-        found.append(("Arrival spread", value, unit, "first to last"))
+    fits = arrival_figure(summary)
+    if fits.value_s is not None:
+        name, note = {
+            "spread": ("Arrival spread", "first to last"),
+            "spacing": ("Spacing error", f"greatest, of {fits.asked_s or 0:g} s asked for"),
+            "error": ("Off the planned time", "" if len(rows) == 1 else "greatest"),
+        }[fits.kind]
+        found.append((name, *_duration(fits.value_s).split("&nbsp;"), note))
     misses = [(row["miss_m"], row["name"]) for row in rows if row["miss_m"] is not None]
     if misses:
         worst = max(misses)
@@ -112,8 +135,9 @@ def cards(dataset: xr.Dataset, summary: Mapping[str, Any]) -> str:
 
 def cards_of(found: Sequence[tuple[str, str, str, str]]) -> str:
     """Numbers that stand out: of each the heading, the value, its unit and a note; HTML."""
+    columns = len(found) if len(found) <= _CARDS_IN_ROW else -(-len(found) // 2)  # none alone in a row
     return (
-        '<div class="cards">'
+        f'<div class="cards" style="--columns:{columns}">'
         + "".join(
             f'<div class="card"><p>{name}</p><p class="value">{value}<small>{unit}</small></p>'
             f'<p class="note">{note}</p></div>'
@@ -162,15 +186,14 @@ def _aircraft_row(index: int, row: Mapping[str, Any], has_paths: bool) -> str:
     path = f'<td class="text">{text(row["path"])}</td>' if has_paths else ""
     fine = "good-text" if row["status"] == "arrived" else "bad-text"
     return (
-        f'<tr><td class="text name"><span class="swatch" style="background:{color_of(index)}"></span>'
+        f'<tr><td class="text name"><span class="swatch" style="background:{page_color_of(index)}"></span>'
         f'{text(row["name"])}</td><td class="text">{text(row["goal"])}</td>{numbers}'
         f'{path}<td class="text free {fine}">{text(row["status"])}</td></tr>'
     )
 
 
 def _bar(margin: Margin) -> str:
-    used = margin.used
-    share = _NOTHING if used is None else (">999 %" if used > 9.99 else f"{100 * used:.0f} %")
+    used, share = margin.used, _share(margin)
     width = 0.0 if used is None else min(100.0, 100.0 * used)
     near = margin.after_arrival or (margin.met and used is not None and used > 0.9)
     state = "near" if near else ("kept" if margin.met else "over")
@@ -188,6 +211,11 @@ def _bar(margin: Margin) -> str:
         f'<span class="share">{share}</span><span class="is"><b>{value}</b>'
         f"<small>{f'<em>{remark}</em> ' if remark else ''}{where}</small></span></li>"
     )
+
+
+def _share(margin: Margin) -> str:
+    used = margin.used
+    return _NOTHING if used is None else (">999 %" if used > 9.99 else f"{100 * used:.0f} %")
 
 
 def _significant(value: float | None) -> str:

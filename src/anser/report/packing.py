@@ -24,7 +24,7 @@ def step_of(values: np.ndarray, unit: str) -> float:
         return step
     spread = float(np.ptp(finite))
     if spread > _SMALLEST:
-        step = min(step, 10.0 ** (np.floor(np.log10(spread)) - 4.0))
+        step = min(step, 10.0 ** (np.floor(np.log10(spread)) - 5.0))
     while np.abs(finite).max() / step >= _MOST_STEPS:
         step *= 10.0
     return float(step)

@@ -15,15 +15,17 @@ from anser.report.flight_panels import SECTIONS
 from anser.report.flown_beside_plan import derive, scenario_of
 from anser.report.links_strip import links_strip
 from anser.report.opening import aircraft_table, answer, cards, margins_list, number, text
-from anser.report.page_controls import EVENTS_KEY, KEEP_OUT_KEY, SCENE_KEY, TRANSPORT, toolbar
+from anser.report.page_controls import EVENTS_KEY, TRANSPORT, scene_key, toolbar
 from anser.report.page_shell import page, write_page
 from anser.report.style import COLORS
 
+_LISTED_BELOW = 6  # so many aircraft are listed below the scene, more beside it
 _TIGHTEST = 6  # margins shown before the rest is unfolded
 _STYLES = ("vendor/uplot.min.css", "page.css")
 _SCRIPTS = (
     *("vendor/uplot.min.js", "vendor/three.min.js"),
-    *("store.js", "timeline.js", "plots.js", "scene_parts.js", "scene.js", "page.js"),
+    *("theme.js", "inflate.js", "store.js", "timeline.js", "plots.js"),
+    *("scene_parts.js", "scene_goals.js", "scene_eyes.js", "scene_labels.js", "scene.js", "page.js"),
 )
 
 _Run = tuple[str, xr.Dataset, Mapping[str, Any]]
@@ -85,7 +87,9 @@ def _write(runs: list[_Run], path: Path, overwrite: bool) -> None:
 def _page(runs: list[_Run]) -> str:
     scenarios = [scenario_of(dataset) for _, dataset, _ in runs]
     shown = [(derive(run[1], scenario), run[2], scenario) for run, scenario in zip(runs, scenarios, strict=True)]
-    data = {"colors": COLORS, "runs": [flight_data(*of, run[0]) for of, run in zip(shown, runs, strict=True)]}
+    data = {"colors": len(COLORS), "runs": [flight_data(*of, run[0]) for of, run in zip(shown, runs, strict=True)]}
+    forms = {one["form"] for run in data["runs"] for one in run["aircraft"]}
+    stage = "stage few" if all(len(run["aircraft"]) <= _LISTED_BELOW for run in data["runs"]) else "stage"
     single = len(runs) == 1
     labels = [text(label) for label, _, _ in runs]
     title = labels[0] if single else f"{labels[0]} beside {labels[1]}"
@@ -111,8 +115,8 @@ def _page(runs: list[_Run]) -> str:
 <section id="scene">
 <h2>The flight</h2>
 {toolbar()}
-<div class="runs">{_places(labels, "stage", _stage)}</div>
-{SCENE_KEY.replace("</p>", KEEP_OUT_KEY) if any(s.get("keep_out") for s in scenarios) else SCENE_KEY}
+<div class="runs">{_places(labels, stage, _stage)}</div>
+{scene_key(forms, any(s.get("keep_out") for s in scenarios))}
 </section>
 <section id="aircraft">
 <h2>Aircraft</h2>
@@ -120,7 +124,8 @@ def _page(runs: list[_Run]) -> str:
 </section>
 <section id="events">
 <h2>What happened when</h2>
-<p class="caption">One lane for each aircraft; move over it for the words, click to bring the aircraft into focus.</p>
+<p class="caption">One lane for each aircraft<span class="of-screen">; move over it for the words, click
+to bring the aircraft into focus</span>.</p>
 <div class="runs">{_places(labels, "timeline-place", lambda k: "")}</div>
 {EVENTS_KEY}
 </section>
@@ -176,7 +181,7 @@ def _opening(label: str | None, dataset: xr.Dataset, summary: Mapping[str, Any],
     rest = margins[_TIGHTEST:]
     more = f'<details class="more"><summary>{len(rest)} more</summary>{margins_list(rest)}</details>' if rest else ""
     return (
-        f'<section class="opening"><div>{name}{answer(summary, scenario)}{cards(dataset, summary)}'
+        f'<section class="opening"><div>{name}{answer(summary, scenario, margins)}{cards(dataset, summary)}'
         f"{arrival_strip(summary)}</div>"
         '<div><h2 class="tight">What was tight</h2><p class="caption">Part of the way to each requirement and limit; '
         f"full at the limit.</p>{margins_list(margins[:_TIGHTEST])}{more}</div></section>"

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from anser.report.flight_data import as_script
+from anser.report.style import page_colors
 
 
 def page(
@@ -34,11 +35,12 @@ def page(
 <head>
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="color-scheme" content="light dark">
 <meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src 'unsafe-inline'; \
 script-src {" ".join(map(_hash_of, programs))}; img-src data: blob:; connect-src 'none'">
 <title>{title}</title>
 <link rel="icon" href="data:,">
-<style>{"".join(map(asset, styles))}</style>
+<style>{page_colors()}{"".join(map(asset, styles))}</style>
 </head>
 <body class="{look}">
 {contents}

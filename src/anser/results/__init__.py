@@ -2,6 +2,7 @@
 
 from anser.results.airframe_dataset import airframe_dataset
 from anser.results.arrival import closest_approach, least_distance
+from anser.results.arrival_figure import ArrivalFigure, arrival_figure, planned_arrivals
 from anser.results.dataset import surfaces_of, to_dataset
 from anser.results.envelope_dataset import envelope_dataset
 from anser.results.envelope_reasons import OUTCOMES, REASONS, judge
@@ -32,7 +33,7 @@ from anser.results.robustness_statistics import (
 from anser.results.separated import nearest_other
 from anser.results.sobol_indices import SobolIndices, saltelli_shares, sobol_indices
 from anser.results.summary import CLEARANCE_MIN_M, read_summary, summarize, write_summary
-from anser.results.summary_text import summary_html, summary_text
+from anser.results.summary_text import fleet_words, summary_html, summary_text
 from anser.results.sweep_dataset import sweep_dataset
 from anser.results.trim_map import TrimMap
 from anser.simulation.fleet_summary import ARRIVAL_MARGIN_S
@@ -44,6 +45,7 @@ __all__ = [
     "OUTCOMES",
     "REASONS",
     "TRAJECTORY_COLUMNS",
+    "ArrivalFigure",
     "ClosestApproach",
     "FailureCorrelation",
     "FirstBreak",
@@ -54,11 +56,13 @@ __all__ = [
     "Success",
     "TrimMap",
     "airframe_dataset",
+    "arrival_figure",
     "closest_approach",
     "envelope_dataset",
     "failure_correlations",
     "finite_or_none",
     "first_breaks",
+    "fleet_words",
     "flights_of",
     "judge",
     "least_distance",
@@ -76,6 +80,7 @@ __all__ = [
     "plan_dataset",
     "plan_margins",
     "plan_summary",
+    "planned_arrivals",
     "quantile",
     "rank_correlation",
     "read_netcdf",

@@ -10,6 +10,7 @@ import numpy as np
 from anser.constants import AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M
 from anser.planning.path_words import NOMINAL_BEND_M
 from anser.results.arrival import closest_approach, least_distance
+from anser.results.arrival_figure import arrivals_of
 from anser.results.plain import finite_or_none
 from anser.results.provenance import versions
 from anser.results.requirements import judge, requirements_of
@@ -106,6 +107,7 @@ def summarize(
         "versions": versions(),
         "seed": scenario.seed,
         "aircraft": aircraft,
+        "arrival": arrivals_of(scenario, aircraft),
         "fleet": fleet,
         "requirements": judge(
             requirements_of(scenario), aircraft, fleet, [(kind, CLEARANCE_MIN_M[kind]) for kind in kinds]

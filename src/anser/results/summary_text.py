@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from anser.results.arrival_figure import arrival_figure
 from anser.results.notebook_table import notebook_table
 
 _AIRCRAFT_MOST = 6  # with a line each
@@ -58,13 +59,18 @@ def _rest(rows: Sequence[Mapping[str, Any]], shown: Sequence[Mapping[str, Any]])
 
 
 def _fleet(summary: Mapping[str, Any]) -> list[str]:
-    rows, fleet = summary["aircraft"], summary["fleet"]
-    words = (("arrival_spread_s", "arrival spread {:.4f} s"), ("separation_min_m", "least separation {:.0f} m"))
-    known = [form.format(fleet[key]) for key, form in words if fleet[key] is not None and len(rows) > 1]
-    lines = [", ".join([*known, f"{fleet['simulated_s']:g} s flown"])]
+    fleet = summary["fleet"]
+    lines = [", ".join([*fleet_words(summary), f"{fleet['simulated_s']:g} s flown"])]
     if "network" in summary:
         lines.append(f"without a centre: {summary['network']['message']}")
     return lines
+
+
+def fleet_words(summary: Mapping[str, Any]) -> list[str]:
+    """Say how well the arrivals fit and how near two aircraft came, as far as there is such a number."""
+    apart_m = summary["fleet"]["separation_min_m"]
+    arrivals = arrival_figure(summary).words(len(summary["aircraft"]))
+    return [*([arrivals] if arrivals else []), *([] if apart_m is None else [f"least separation {apart_m:.0f} m"])]
 
 
 def _number(value: float | None) -> str:

@@ -1,8 +1,7 @@
 /* Plots of a campaign: convergence, distributions, every flight against each input. */
 "use strict";
 
-const TALL = 230, INK = "#0072b2", BAD_INK = "#d55e00", BAND = "rgba(0, 114, 178, 0.16)";
-const AXIS = { stroke: "#57606a", grid: { stroke: "#eceff2", width: 1 }, ticks: { stroke: "#c8ced6", width: 1, size: 4 }, font: "11px system-ui, sans-serif" };
+const TALL = 230;
 
 /** Text of a tick: as many digits as there are. */
 const ticked = (value) => (+value.toPrecision(6)).toLocaleString("en-US", { maximumFractionDigits: 9 }).replace("-", "−");
@@ -39,17 +38,9 @@ class Chart {
   draw() {
     if (this.plot) this.plot.destroy();
     const { options, data } = this.described();
-    const sized = (u, ticks) => Math.max(48, 14 + 6.6 * Math.max(0, ...(ticks || []).map((one) => one.length)));
+    const spread = (axis) => ({ values: (u, ticks) => ticks.map(ticked), ...axis });
     this.plot = new uPlot(
-      {
-        width: Math.max(220, this.box.clientWidth), height: TALL, padding: [8, 18, 0, 0], legend: { show: false },
-        cursor: { y: false, drag: { x: false, y: false }, points: { show: false } },
-        ...options,
-        axes: [
-          { ...AXIS, size: 24, gap: 3, labelSize: 16, labelGap: 0, labelFont: AXIS.font, values: (u, ticks) => ticks.map(ticked), ...options.axes?.[0] },
-          { ...AXIS, size: sized, gap: 4, values: (u, ticks) => ticks.map(ticked), ...options.axes?.[1] },
-        ],
-      },
+      plotLook({ width: Math.max(220, this.box.clientWidth), height: TALL, ...options, axes: [0, 1].map((n) => spread(options.axes?.[n])) }),
       data,
       this.box
     );
@@ -79,7 +70,7 @@ class Converging extends Chart {
   }
 
   described() {
-    const { n, value, low, high } = this.lines, thin = { stroke: "rgba(0, 114, 178, 0.4)", width: 1, points: { show: false } };
+    const { n, value, low, high } = this.lines, thin = { stroke: Theme.ink("band"), width: 1, points: { show: false } };
     // a band is drawn between two numbers: where the interval has no end, to the edge
     const known = value.filter((_, k) => k >= n.length / 20), range = reach([...known, ...low.slice(-60), ...high.slice(-60)]);
     const filled = (ends, edge) => ends.map((end, k) => end ?? (value[k] === null ? null : edge)), beyond = range[1] - range[0];
@@ -87,8 +78,8 @@ class Converging extends Chart {
     return {
       options: {
         scales: { x: { time: false }, y: { range: () => range } },
-        series: [{}, thin, thin, { stroke: INK, width: 2, points: { show: n.length < 3 } }],
-        bands: [{ series: [2, 1], fill: BAND }],
+        series: [{}, thin, thin, { stroke: Theme.ink("c0"), width: 2, points: { show: n.length < 3 } }],
+        bands: [{ series: [2, 1], fill: Theme.ink("band") }],
         axes: [{ label: "flights" }],
         hooks: { setCursor: [(u) => this._tell(u)] },
       },
@@ -112,7 +103,7 @@ class Bands extends Chart {
 
   described() {
     const { time, aircraft } = this.one, edge = { width: 0, points: { show: false } };
-    const color = (k) => this.colors[k % this.colors.length];
+    const color = (k) => Theme.ink(`c${k % this.colors}`);
     const range = reach(aircraft.flatMap((each) => [...each.low, ...each.high]));
     return {
       options: {
@@ -148,7 +139,7 @@ class Distribution extends Chart {
     return {
       options: {
         scales: { x: { time: false, range: () => range }, y: { range: () => [0, 103] } },
-        series: [{}, { stroke: INK, width: 2, paths: uPlot.paths.stepped({ align: upper ? 1 : -1 }), points: { show: kept.length < 3 } }],
+        series: [{}, { stroke: Theme.ink("c0"), width: 2, paths: uPlot.paths.stepped({ align: upper ? 1 : -1 }), points: { show: kept.length < 3 } }],
         axes: [{ label: upper ? "at most" : "at least" }, { values: (u, ticks) => ticks.map((one) => `${one} %`) }],
         hooks: { draw: [(u) => this._marks(u)], setCursor: [(u) => this._tell(u)] },
       },
@@ -162,7 +153,7 @@ class Distribution extends Chart {
     ctx.beginPath();
     ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
     ctx.clip();
-    ctx.strokeStyle = ctx.fillStyle = BAD_INK;
+    ctx.strokeStyle = ctx.fillStyle = Theme.ink("c1");
     for (const { share, value, low, high } of this.quantity.quantiles) {
       if (value === null) continue;
       const y = u.valToPos(100 * share, "y", true), x = u.valToPos(value, "x", true);
@@ -225,7 +216,7 @@ class Against extends Chart {
   _dots(u, quantity) {
     const { ctx } = u, ratio = devicePixelRatio || 1, { failed, numbers } = this.campaign, many = numbers.length > 1000;
     ctx.save();
-    ctx.fillStyle = INK;
+    ctx.fillStyle = Theme.ink("c0");
     ctx.globalAlpha = many ? 0.45 : 0.75;
     const size = (many ? 1.6 : 2.4) * ratio;
     numbers.forEach((_, k) => {
@@ -236,7 +227,7 @@ class Against extends Chart {
       ctx.fill();
     });
     ctx.globalAlpha = 0.9;
-    ctx.strokeStyle = BAD_INK;
+    ctx.strokeStyle = Theme.ink("c1");
     ctx.lineWidth = 1.6 * ratio;
     const arm = 3.4 * ratio;
     ctx.beginPath();
@@ -303,6 +294,7 @@ function start() {
     if (drawn < all) document.getElementById("drawn").textContent = `${drawn.toLocaleString("en-US")} of ${all.toLocaleString("en-US")} flights are drawn, failed ones closer together.`;
   }
   linkMap();
+  Theme.on(() => (Theme.printing ? Chart.all.forEach((chart) => chart.draw()) : refresh()));
   let width = innerWidth;
   addEventListener("resize", () => {
     if (innerWidth === width) return;

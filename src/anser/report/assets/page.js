@@ -50,9 +50,7 @@ function buildScenes(runs, state, plots) {
   document.querySelectorAll(".scene-place").forEach((place) => {
     const run = runs[Number(place.dataset.run)];
     try {
-      const scene = new FlightScene(run, state, frame, options);
-      scene.lift = liftOf(frame.box);
-      scene.lifted.scale.y = scene.lift;
+      const scene = new FlightScene(run, state, frame, options, liftOf(frame.box));
       place.append(scene.root);
       scenes.push(scene);
     } catch (error) {
@@ -98,8 +96,8 @@ function buildTransport(state, runs) {
   state.on("time", show);
   state.on("focus", () => { focus.value = state.focus; });
   state.on("playing", () => {
-    button.textContent = state.playing ? "❚❚" : "▶";
-    button.setAttribute("aria-label", state.playing ? "Pause" : "Play");
+    button.firstChild.textContent = state.playing ? "❚❚" : "▶";
+    button.title = state.playing ? "Pause" : "Play";
   });
   document.addEventListener("keydown", (event) => {
     if (event.key !== " " || /^(INPUT|SELECT|BUTTON|SUMMARY|A)$/.test(event.target.tagName)) return;
@@ -136,12 +134,13 @@ function buildList(place, run, state) {
     box.checked = true;
     box.title = "show";
     box.setAttribute("aria-label", `show ${one.name}`);
-    box.style.accentColor = one.color;
     box.addEventListener("change", () => state.toggle(one.name, box.checked));
     button.type = "button";
     button.title = `to ${one.goal}`;
     button.addEventListener("click", () => state.setFocus(one.name));
-    name.append(box, button);
+    const swatch = element("span", "swatch");
+    swatch.style.background = `var(--${one.hue})`;
+    name.append(box, swatch, button);
     row.append(name);
     const numbers = columns.map(() => row.appendChild(element("td")));
     cells.push({ one, row, box, numbers });
@@ -165,10 +164,10 @@ function buildList(place, run, state) {
 /** Which colour is whose: all of a small fleet, the aircraft in focus of a large one. */
 function buildKeys(runs, state) {
   const few = runs.every((run) => run.aircraft.length <= FEW);
-  const color = (name) => runs.flatMap((run) => run.aircraft).find((one) => one.name === name).color;
+  const color = (name) => `var(--${runs.flatMap((run) => run.aircraft).find((one) => one.name === name).hue})`;
   const entry = (name) => {
     const button = element("button", name === state.focus ? "chosen" : ""), swatch = element("span", "swatch");
-    swatch.style.background = color(name);
+    swatch.style.background = color(name); // of the style sheet: it follows light and dark by itself
     button.type = "button";
     button.append(swatch, name);
     button.addEventListener("click", () => state.setFocus(name));
@@ -209,11 +208,11 @@ function buildPlots(runs, state) {
   return plots;
 }
 
-async function start() {
+function start() {
   const data = JSON.parse(document.getElementById("flights").textContent);
   const names = [...new Set(data.runs.flatMap((run) => run.aircraft.map((one) => one.name)))];
-  const colors = new Map(names.map((name, k) => [name, data.colors[k % data.colors.length]]));
-  const runs = await Promise.all(data.runs.map((run) => Run.from(run, colors)));
+  const colors = new Map(names.map((name, k) => [name, `c${k % data.colors}`]));
+  const runs = data.runs.map((run) => new Run(run, colors));
   const state = new State(runs), plots = buildPlots(runs, state), scenes = buildScenes(runs, state, plots);
   document.querySelectorAll(".list-place").forEach((place) => buildList(place, runs[Number(place.dataset.run)], state));
   document.querySelectorAll(".timeline-place").forEach((place) => {
@@ -230,8 +229,10 @@ async function start() {
   document.documentElement.dataset.ready = String(Math.round(performance.now()));
 }
 
-start().catch((error) => {
+try {
+  start();
+} catch (error) {
   console.error(error);
   document.getElementById("fault").hidden = false;
   document.getElementById("fault").textContent = `The interactive part of this page could not start: ${error.message}`;
-});
+}

@@ -2,7 +2,7 @@
 "use strict";
 
 const FEW = 4; // so many aircraft are all drawn in their colours, with their commands
-const QUIET = "#c3cad3", LIMIT_INK = "#b3261e", AXIS_INK = "#57606a", GRID_INK = "#eceff2";
+const PLOT_TALL = 204, PRINTED_TALL = 168, TURN_STEPS = [1, 2, 5, 10, 15, 30, 45, 90, 180, 360, 720, 1080, 1440, 1800, 3600];
 
 /** Values as uPlot takes them: null where there is none. */
 function drawable(values) {
@@ -22,20 +22,24 @@ function unwound(values, response) {
   return found;
 }
 
+/** Angle as a compass has it, from 0 up to 360 degrees. */
+const onCompass = (value) => ((value % 360) + 360) % 360;
+
 class Plot {
   constructor(run, panel, state, group) {
     Object.assign(this, { run, panel, state, group });
     this.root = element("figure", "plot");
     const label = run.variables[panel.response];
     const head = element("figcaption");
-    this.title = element("span", "title", label.words + " ");
-    const symbol = element("span", "symbol");
+    this.title = element("span", "title", label.words);
+    const symbol = element("span", "symbol"), axis = element("span", "axis-title");
     symbol.innerHTML = label.symbol; // escaped where it was made
-    this.title.append(symbol, label.unit ? ` (${label.unit})` : "");
+    axis.append(symbol, label.unit ? ` (${label.unit})` : "");
+    this.swatch = element("span", "swatch");
     this.readout = element("output", "readout");
-    head.append(this.title, this.readout);
+    head.append(this.title, this.swatch, this.readout);
     this.box = element("div", "canvas");
-    this.root.append(head, this.box);
+    this.root.append(head, this.box, axis);
     this.unit = label.unit;
     this.responses = run.values(panel.response);
     this.commands = panel.command ? run.values(panel.command) : null;
@@ -86,11 +90,11 @@ class Plot {
     for (const k of order) {
       const one = run.aircraft[k];
       if (state.hidden.has(one.name)) continue;
-      const stroke = few || k === focus ? one.color : QUIET;
+      const stroke = few || k === focus ? one.color : Theme.ink("others");
       list.push({ stroke, width: k === focus ? 2.2 : few ? 1.4 : 0.9, points: { show: false } });
       data.push(drawable(this.responses[k]));
       if (this.commands && (few || k === focus)) {
-        const ink = k === focus ? "#1b1f24" : one.color;
+        const ink = k === focus ? Theme.ink("ink") : one.color;
         list.push({ stroke: ink, width: 1.1, dash: [5, 4], points: { show: false } });
         data.push(drawable(this.commands[k]));
       }
@@ -99,23 +103,22 @@ class Plot {
   }
 
   draw() {
-    const width = Math.max(220, this.box.clientWidth), height = 190, [list, data] = this._series();
+    const width = Math.max(220, this.box.clientWidth), [list, data] = this._series(), shared = this.group;
     if (this.plot) this.plot.destroy();
-    const axis = { stroke: AXIS_INK, grid: { stroke: GRID_INK, width: 1 }, ticks: { stroke: "#c8ced6", width: 1, size: 4 }, font: "11px system-ui, sans-serif" };
-    const shared = this.group;
+    const ticked = (tick) => (+(this.panel.compass ? onCompass(tick) : tick).toPrecision(6)).toLocaleString("en-US", { maximumFractionDigits: 6 }).replace("-", "−");
     this.plot = new uPlot(
-      {
-        width, height, padding: [6, 18, 0, 0], legend: { show: false },
+      plotLook({
+        width, height: Theme.printing ? PRINTED_TALL : PLOT_TALL,
         scales: {
           x: { time: false, range: () => shared.window },
           y: { range: (u, low, high, key) => shared.rangeOf(this) },
         },
         series: [{}, ...list],
         axes: [
-          { ...axis, size: 28, gap: 3, values: (u, ticks) => ticks.map((t) => t.toLocaleString("en-US")) },
-          { ...axis, size: (u, ticks) => Math.max(48, 14 + 6.6 * Math.max(0, ...(ticks || []).map((t) => t.length))), gap: 4, values: (u, ticks) => ticks.map((t) => +t.toPrecision(6)).map((t) => t.toLocaleString("en-US", { maximumFractionDigits: 6 }).replace("-", "−")) },
+          { label: "time (s)", values: (u, ticks) => ticks.map((t) => t.toLocaleString("en-US")) },
+          { values: (u, ticks) => ticks.map(ticked), ...(this.panel.compass && { incrs: TURN_STEPS }) },
         ],
-        cursor: { y: false, drag: { x: true, y: false }, points: { show: false } },
+        cursor: { drag: { x: true, y: false } },
         select: { show: true },
         hooks: {
           draw: [(u) => this._marks(u)],
@@ -126,7 +129,7 @@ class Plot {
             shared.zoom([from, to]);
           }],
         },
-      },
+      }),
       data,
       this.box
     );
@@ -142,13 +145,13 @@ class Plot {
 
   /** Limits, the arrivals, the renewals of the aircraft in focus. */
   _marks(u) {
-    const { ctx, bbox } = u, k = this.run.indexOf(this.state.focus), ratio = devicePixelRatio || 1;
+    const { ctx, bbox } = u, k = this.run.indexOf(this.state.focus), ratio = (devicePixelRatio || 1) * (Theme.printing ? 2 : 1);
     ctx.save();
     ctx.beginPath();
     ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
     ctx.clip();
     ctx.lineWidth = Math.max(1, Math.round(ratio));
-    ctx.strokeStyle = LIMIT_INK;
+    ctx.strokeStyle = Theme.ink("limit");
     for (const limit of this.panel.limits) {
       const y = Math.round(u.valToPos(limit, "y", true)) + (ctx.lineWidth % 2) / 2; // on whole pixels: sharp
       ctx.beginPath();
@@ -160,7 +163,7 @@ class Plot {
     if (arrival !== null) {
       const x = u.valToPos(arrival, "x", true);
       ctx.lineWidth = ratio;
-      ctx.strokeStyle = "#8c959f";
+      ctx.strokeStyle = Theme.ink("quiet");
       ctx.setLineDash([2 * ratio, 3 * ratio]);
       ctx.beginPath();
       ctx.moveTo(x, bbox.top);
@@ -170,14 +173,15 @@ class Plot {
     }
     if (k >= 0) {
       const bottom = bbox.top + bbox.height;
-      for (const [time, what] of this.run.events[k].renewals) {
-        const x = u.valToPos(time, "x", true);
-        ctx.lineWidth = (what >= 2 ? 2 : 1) * ratio;
-        ctx.strokeStyle = RENEWAL_INKS[what];
-        ctx.beginPath();
-        ctx.moveTo(x, bottom);
-        ctx.lineTo(x, bottom - (what >= 2 ? 12 : 5) * ratio);
-        ctx.stroke();
+      const { renewals } = this.run.events[k], x = (time) => u.valToPos(time, "x", true), inks = renewalInks();
+      for (const [from, to, what] of closeTogether(renewals, x, 4 * ratio)) {
+        ctx.fillStyle = inks[what];
+        if (to > from) ctx.fillRect(from, bottom - 2 * ratio, to - from, 1.5 * ratio);
+        else ctx.fillRect(from - 0.5 * ratio, bottom - 5 * ratio, ratio, 5 * ratio);
+      }
+      for (const [time, what] of renewals.filter(([, what]) => what >= MARKED)) {
+        ctx.fillStyle = inks[what];
+        ctx.fillRect(x(time) - ratio, bottom - 12 * ratio, 2 * ratio, 12 * ratio);
       }
     }
     ctx.restore();
@@ -191,14 +195,17 @@ class Plot {
       const inside = left >= 0 && left <= this.plot.over.clientWidth;
       this.plot.setCursor({ left: inside ? left : -10, top: inside ? 5 : -10 }, false);
     }
+    this.swatch.hidden = k < 0;
     if (k < 0) {
       this.readout.textContent = "";
       return;
     }
-    const now = printed(run.at(this.panel.response, k, state.time));
-    const wanted = this.commands ? printed(run.at(this.panel.command, k, state.time)) : "";
-    this.readout.textContent = wanted ? `${now} / ${wanted}` : now;
-    this.readout.style.color = run.aircraft[k].color;
+    const told = (name) => {
+      const value = run.at(name, k, state.time);
+      return printed(this.panel.compass ? onCompass(value) : value);
+    };
+    this.readout.textContent = this.commands ? `${told(this.panel.response)} / ${told(this.panel.command)}` : told(this.panel.response);
+    this.swatch.style.background = `var(--${run.aircraft[k].hue})`;
   }
 }
 
@@ -212,6 +219,7 @@ class Plots {
     this.watch = new IntersectionObserver((entries) => entries.forEach((entry) => this._seen(entry)), { rootMargin: "120px" });
     state.on("time", () => this.visible.forEach((plot) => plot.point()));
     for (const what of ["focus", "shown"]) state.on(what, () => this.refresh());
+    Theme.on(() => this.refresh());
     let width = innerWidth;
     addEventListener("resize", () => {
       if (innerWidth === width) return;
@@ -240,7 +248,7 @@ class Plots {
 
   refresh() {
     this.list.forEach((plot) => { plot.stale = true; });
-    this.visible.forEach((plot) => plot.draw());
+    (Theme.printing ? this.list : this.visible).forEach((plot) => plot.draw());
   }
 
   _seen(entry) {

@@ -2,7 +2,6 @@
 "use strict";
 
 const TRACK_OFF = 0.0006; // km: a drawn track is nowhere farther from the record
-const SKY = 0xffffff, GRID_COLOR = 0xd5dbe1, FINE_COLOR = 0xebeef1, GROUND_COLOR = 0xf7f9fa, EDGE_COLOR = 0xb9c1ca, GOAL_COLOR = 0x3d444d;
 
 /** Place of an aircraft, or of what belongs to it, as the scene has it (unlifted). */
 function placeAt(run, prefix, k, time, middle, into) {
@@ -81,33 +80,44 @@ function dart(color) {
   geometry.computeVertexNormals();
   const group = new THREE.Group();
   const body = new THREE.Mesh(geometry, new THREE.MeshLambertMaterial({ color, side: THREE.DoubleSide }));
-  const rim = thinLine([nose, right, notch, left, nose].flat(), 0x1b1f24);
+  const rim = thinLine([nose, right, notch, left, nose].flat(), Theme.ink("ink"));
   group.add(body, rim);
   group.matrixAutoUpdate = false;
   return group;
 }
 
-/** Grid on the ground with a spacing in km that people can count in. */
+/** Grid on the ground with a spacing in km that people can count in; `wide` goes on to the horizon, for a view along it. */
 function groundGrid(box) {
   const reach = Math.max(box.max.x - box.min.x, box.max.z - box.min.z, 0.1);
   const spacing = [0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100].find((s) => reach / s <= 14) || 200;
-  const [x0, x1] = [Math.floor(box.min.x / spacing), Math.ceil(box.max.x / spacing)].map((n) => n * spacing);
-  const [z0, z1] = [Math.floor(box.min.z / spacing), Math.ceil(box.max.z / spacing)].map((n) => n * spacing);
-  const grid = new THREE.Group(), lines = (step, color, height) => {
-    const points = [], geometry = new THREE.BufferGeometry();
-    for (let k = 0; k <= Math.round((x1 - x0) / step); k++) points.push(x0 + k * step, height, z0, x0 + k * step, height, z1);
-    for (let k = 0; k <= Math.round((z1 - z0) / step); k++) points.push(x0, height, z0 + k * step, x1, height, z0 + k * step);
+  const ends = (more) => ["x", "z"].map((axis) => [Math.floor(box.min[axis] / spacing) - more, Math.ceil(box.max[axis] / spacing) + more].map((n) => n * spacing));
+  const lines = (into, [[x0, x1], [z0, z1]], step, ink) => {
+    const points = [], geometry = new THREE.BufferGeometry(), marks = (from, to, by) => Array.from({ length: Math.round((to - from) / by) + 1 }, (_, k) => from + k * by);
+    // in pieces: a line that begins far behind the eye is not drawn well where it comes into sight
+    for (const x of marks(x0, x1, step)) for (const z of marks(z0, z1 - spacing, spacing)) points.push(x, 0, z, x, 0, z + spacing);
+    for (const z of marks(z0, z1, step)) for (const x of marks(x0, x1 - spacing, spacing)) points.push(x, 0, z, x + spacing, 0, z);
     geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(points), 3));
-    grid.add(new THREE.LineSegments(geometry, new THREE.LineBasicMaterial({ color })));
+    const made = new THREE.LineSegments(geometry, new THREE.LineBasicMaterial({ color: Theme.ink(ink) }));
+    made.renderOrder = -1;
+    into.add(made);
   };
-  lines(spacing / 5, FINE_COLOR, 0);
-  lines(spacing, GRID_COLOR, 0);
-  const corners = [x0, 0, z0, x0, 0, z1, x1, 0, z1, x0, 0, z0, x1, 0, z1, x1, 0, z0], floor = new THREE.BufferGeometry();
-  floor.setAttribute("position", new THREE.BufferAttribute(new Float32Array(corners), 3));
-  const below = { color: GROUND_COLOR, side: THREE.DoubleSide, polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 4 };
-  grid.add(new THREE.Mesh(floor, new THREE.MeshBasicMaterial(below)));
-  grid.add(thinLine([x0, 0, z0, x1, 0, z0, x1, 0, z1, x0, 0, z1, x0, 0, z0], EDGE_COLOR));
-  return { grid, spacing };
+  const floor = (into, [[x0, x1], [z0, z1]]) => {
+    const corners = [x0, 0, z0, x0, 0, z1, x1, 0, z1, x0, 0, z0, x1, 0, z1, x1, 0, z0], geometry = new THREE.BufferGeometry();
+    geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(corners), 3));
+    const made = new THREE.Mesh(geometry, new THREE.MeshBasicMaterial({ color: Theme.ink("ground"), side: THREE.DoubleSide, depthWrite: false }));
+    made.renderOrder = -2;
+    into.add(made);
+  };
+  const near = ends(0), far = ends(Math.ceil((3 * reach) / spacing)), [[x0, x1], [z0, z1]] = near;
+  const plate = new THREE.Group(), wide = new THREE.Group();
+  floor(plate, near);
+  lines(plate, near, spacing / 5, "ground-fine");
+  lines(plate, near, spacing, "ground-line");
+  plate.add(thinLine([x0, 0, z0, x1, 0, z0, x1, 0, z1, x0, 0, z1, x0, 0, z0], Theme.ink("ground-edge")));
+  floor(wide, ends(Math.ceil((30 * reach) / spacing)));
+  lines(wide, near, spacing / 5, "ground-fine");
+  lines(wide, far, spacing, "ground-line");
+  return { plate, wide, spacing, reach };
 }
 
 /** Upright cylinder where none may be, as its edges. */
@@ -115,7 +125,7 @@ function keepOutEdges(one) {
   const group = new THREE.Group(), radius = one.radius_m / 1000;
   const top = Math.min(one.top_m, one.bottom_m + 3 * one.radius_m) / 1000;
   const circle = (height) => Array.from({ length: 65 }, (_, k) => [radius * Math.cos((k * Math.PI) / 32), height, radius * Math.sin((k * Math.PI) / 32)]).flat();
-  for (let k = 0; k <= 4; k++) group.add(thinLine(circle(one.bottom_m / 1000 + (k / 4) * (top - one.bottom_m / 1000)), 0xb3261e, 0.6));
+  for (let k = 0; k <= 4; k++) group.add(thinLine(circle(one.bottom_m / 1000 + (k / 4) * (top - one.bottom_m / 1000)), Theme.ink("limit"), 0.6));
   return group;
 }
 
@@ -131,21 +141,21 @@ class Flyer {
     this.trail = partOf(this.track, one.color, 2.6);
     this.head = fatLine([0, 0, 0, 0, 0, 0], one.color, 2.6);
     this.head.renderOrder = 2;
-    this.shadow = thinLine(points.map((value, i) => (i % 3 === 1 ? 0 : value)), 0x8c959f, 0.35);
+    this.shadow = thinLine(points.map((value, i) => (i % 3 === 1 ? 0 : value)), Theme.ink("quiet"), 0.35);
     const plan = trackOf(run, "reference_", k, middle, until).points;
     if (plan.length >= 6) {
-      this.plan = fatLine(plan, 0x1b1f24, 1, { dashed: true, dashSize: 0.6 * dash, gapSize: 0.4 * dash, opacity: 0.7, depthWrite: false });
+      this.plan = fatLine(plan, Theme.ink("ink"), 1, { dashed: true, dashSize: 0.6 * dash, gapSize: 0.4 * dash, opacity: 0.7, depthWrite: false });
       this.parts.push(this.plan);
     }
     const goal = trackOf(run, "goal_", k, middle, until).points;
-    if (goal.length >= 6) this.parts.push(thinLine(goal, GOAL_COLOR, 0.5));
+    if (goal.length >= 6) this.parts.push(thinLine(goal, Theme.ink("goal"), 0.5));
     this.parts.push(this.track, this.trail, this.head, this.shadow);
-    this.pole = thinLine([0, 0, 0, 0, 1, 0], GOAL_COLOR, 0.5);
+    this.pole = thinLine([0, 0, 0, 0, 1, 0], Theme.ink("goal"), 0.5);
     this.drop = thinLine([0, 0, 0, 0, 1, 0], one.color, 0.55);
     this.parts.push(this.pole, this.drop);
     lifted.add(...this.parts);
     this.symbol = dart(one.color);
-    this.goal = new THREE.Mesh(new THREE.OctahedronGeometry(1, 0), new THREE.MeshLambertMaterial({ color: GOAL_COLOR }));
+    this.goal = goalMark(one.form, Theme.ink("goal"));
     this.meeting = new THREE.Mesh(new THREE.OctahedronGeometry(1, 0), new THREE.MeshLambertMaterial({ color: one.color }));
     this.renewals = this._renewals();
     lifted.add(this.renewals);
@@ -159,7 +169,7 @@ class Flyer {
   /** Points on the track where the plan changed: large where it was made anew or could not be. */
   _renewals() {
     const found = new THREE.Group(), at = new THREE.Vector3();
-    RENEWAL_INKS.forEach((color, what) => {
+    renewalInks().forEach((color, what) => {
       const points = [], geometry = new THREE.BufferGeometry();
       for (const [time, how] of this.run.events[this.k].renewals) {
         if (how !== what) continue;
@@ -168,7 +178,7 @@ class Flyer {
       }
       geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(points), 3));
       // a dark rim keeps a large one apart from a track of its colour
-      for (const [ink, size] of what >= 2 ? [["#1b1f24", 10], [color, 6]] : [[color, 2]]) {
+      for (const [ink, size] of what >= 2 ? [[Theme.ink("ink"), 10], [color, 6]] : [[color, 2]]) {
         const look = { color: ink, size, sizeAttenuation: false, transparent: true, depthTest: false };
         const dots = new THREE.Points(geometry, new THREE.PointsMaterial(look));
         dots.renderOrder = 3;
@@ -227,6 +237,15 @@ class Flyer {
     line.frustumCulled = false;
   }
 
+  /** Direction of flight over the ground in the scene. */
+  heading(time) {
+    const before = new THREE.Vector3(), after = new THREE.Vector3(), from = Math.max(0, time - 0.5);
+    placeAt(this.run, "", this.k, from, this.middle, before);
+    placeAt(this.run, "", this.k, Math.min(this.run.end, from + 1), this.middle, after);
+    after.sub(before).setY(0);
+    return after.lengthSq() > 0 ? after.normalize() : new THREE.Vector3(0, 0, -1);
+  }
+
   /** Turn and size the symbols: body axes from the quaternion (north, east, down to body). */
   turn(time, sizeAt) {
     const q = [0, 1, 2, 3].map((n) => this.run.at(`quaternion_${n}`, this.k, time));
@@ -241,7 +260,8 @@ class Flyer {
     const size = sizeAt(this.shownPlace, 13);
     this.symbol.matrix.makeBasis(turned(forward, 1, size), turned(down, -1, size), turned(right, 1, size));
     this.symbol.matrix.setPosition(this.shownPlace);
-    this.goal.scale.setScalar(sizeAt(this.goal.position, 4));
+    this.goal.scale.setScalar(sizeAt(this.goal.position, 9));
+    this.goal.rotation.y = courseOf(this.run, this.k, time);
     this.meeting.scale.setScalar(sizeAt(this.meeting.position, 5));
   }
 }

@@ -3,21 +3,17 @@
 
 /** One run: variables unpacked when first asked for, each an array per aircraft. */
 class Run {
-  constructor(data, bytes, colors) {
+  constructor({ packed, ...data }, colors) {
     Object.assign(this, data);
-    this.bytes = bytes;
+    const rows = 1 + Object.keys(data.variables).length * data.aircraft.length; // of the variables, and of time
+    this.bytes = inflate(Uint8Array.from(atob(packed), (c) => c.charCodeAt(0)), 4 * data.times * rows);
     this.cache = new Map();
     this.time = this._unpack(0, 1, data.timeStep, [])[0];
     this.end = this.time[this.times - 1];
-    this.aircraft.forEach((one, k) => Object.assign(one, { index: k, color: colors.get(one.name) }));
-  }
-
-  /** Inflate what `anser.report.packing` packed. */
-  static async from(data, colors) {
-    const packed = Uint8Array.from(atob(data.packed), (c) => c.charCodeAt(0));
-    delete data.packed;
-    const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
-    return new Run(data, new Uint8Array(await new Response(stream).arrayBuffer()), colors);
+    this.aircraft.forEach((one, k) => {
+      Object.assign(one, { index: k, hue: colors.get(one.name) });
+      Object.defineProperty(one, "color", { get: () => Theme.ink(one.hue) });
+    });
   }
 
   /** Values of a variable: one Float64Array for each aircraft, NaN in its gaps; null where the run has none. */
@@ -73,6 +69,12 @@ class Run {
     // across a wrapped angle or into a gap nothing lies between
     if (!Number.isFinite(next) || (this.variables[name].unit === "°" && Math.abs(next - here) > 180)) return here;
     return here + part * (next - here);
+  }
+
+  /** Name of the goal that an aircraft flies to at a time: of one that takes over another's, its own until then. */
+  goalAt(k, time) {
+    const { goal, before } = this.aircraft[k];
+    return before && time < before[1] ? before[0] : goal;
   }
 
   /** Index of an aircraft by its name, or -1. */

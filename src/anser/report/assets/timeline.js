@@ -1,9 +1,24 @@
 /* Lanes of events over time: phase of the flight, renewals of the plan, commands at a limit. */
 "use strict";
 
-const RENEWAL_INKS = ["#57606a", "#0072B2", "#D55E00", "#1b1f24", "#CC79A7", "#56B4E9"];
-const PHASE_INKS = { approach: "#d7e7f3", frozen: "#9cc3de", hold: "#edeff2" };
-const LIMITED_INK = "#E69F00", OUTSIDE_INK = "#b3261e";
+const RENEWALS = ["quiet", "c0", "c1", "ink", "c3", "c5"], PHASES = ["approach", "frozen", "hold"];
+const MARKED = 2; // renewals from this one on are rare and marked each by itself
+const LIMIT_TALL = 12;
+
+/** Inks of the renewals, in the order of `anser.report.flight_events.RENEWALS`. */
+const renewalInks = () => RENEWALS.map((name) => Theme.ink(name));
+
+/** Renewals of the frequent kinds as they can be told apart at a scale: [from, to, what], those too close made one. */
+function closeTogether(renewals, x, gap = 4) {
+  const found = [];
+  for (const [time, what] of renewals) {
+    if (what >= MARKED) continue;
+    const at = x(time), last = found.at(-1);
+    if (last && last[2] === what && at - last[1] < gap) last[1] = at;
+    else found.push([at, at, what]);
+  }
+  return found;
+}
 
 class Timeline {
   constructor(run, state, group) {
@@ -18,11 +33,30 @@ class Timeline {
     this.names = Math.min(150, 24 + 7 * Math.max(...run.aircraft.map((one) => Math.min(18, one.name.length))));
     this.canvas.addEventListener("mousemove", (event) => this._over(event));
     this.canvas.addEventListener("click", (event) => {
-      const one = run.aircraft[Math.floor(event.offsetY / this.lane)];
+      const one = run.aircraft[this._laneAt(event.offsetY)];
       if (one) state.setFocus(one.name);
     });
     for (const what of ["time", "focus", "shown"]) state.on(what, () => this.draw());
     addEventListener("resize", () => this.draw());
+    Theme.on(() => this.draw());
+  }
+
+  /** Commands of an aircraft that were at a limit, each with a row of its own: of many aircraft, in focus only. */
+  _limits(k) {
+    const { run, state } = this;
+    if (run.aircraft.length > 8 && run.aircraft[k].name !== state.focus) return [];
+    return [...new Set(run.events[k].limited.map(([what]) => what))].sort();
+  }
+
+  /** Where the lane of each aircraft begins, and where the last one ends; pixels. */
+  _tops() {
+    const tops = [0];
+    this.run.aircraft.forEach((_, k) => tops.push(tops[k] + this.lane + LIMIT_TALL * this._limits(k).length));
+    return tops;
+  }
+
+  _laneAt(y) {
+    return this._tops().findLastIndex((top) => top <= y);
   }
 
   _x(time) {
@@ -33,7 +67,7 @@ class Timeline {
   _over(event) {
     const time = ((event.offsetX - this.names) / (this.width - this.names - 16)) * this.state.end;
     if (!this.state.playing && time >= 0) this.state.setTime(time);
-    const k = Math.floor(event.offsetY / this.lane), one = this.run.aircraft[k];
+    const k = this._laneAt(event.offsetY), one = this.run.aircraft[k];
     this.told.textContent = one ? this._words(k, Math.max(0, time)) : "";
   }
 
@@ -50,45 +84,53 @@ class Timeline {
   }
 
   draw() {
-    const { run, state, canvas } = this, ratio = devicePixelRatio || 1, lane = this.lane;
+    const { run, state, canvas } = this, ratio = Theme.printing ? 2 : devicePixelRatio || 1, tops = this._tops();
     this.width = this.root.clientWidth;
     if (!this.width) return;
-    const height = lane * run.aircraft.length + 22;
+    const height = tops.at(-1) + 38;
     canvas.width = this.width * ratio;
     canvas.height = height * ratio;
     canvas.style.width = `${this.width}px`;
     canvas.style.height = `${height}px`;
     const ctx = canvas.getContext("2d");
     ctx.scale(ratio, ratio);
-    ctx.font = "12px system-ui, sans-serif";
+    ctx.font = `12px ${FONT}`;
     ctx.textBaseline = "middle";
-    run.aircraft.forEach((one, k) => this._lane(ctx, one, k));
-    ctx.fillStyle = "#57606a";
+    run.aircraft.forEach((one, k) => this._lane(ctx, one, k, tops[k]));
+    ctx.fillStyle = Theme.ink("quiet");
     ctx.textAlign = "center";
     const step = [1, 2, 5, 10, 20, 30, 60, 120, 300, 600, 1800, 3600].find((s) => state.end / s <= this.width / 90) || 7200;
-    for (let t = 0; t <= state.end + 1e-9; t += step) ctx.fillText(`${t.toLocaleString("en-US")}${t === 0 ? " s" : ""}`, this._x(t), height - 9);
-    ctx.strokeStyle = "#1b1f24";
+    for (let t = 0; t <= state.end + 1e-9; t += step) ctx.fillText(t.toLocaleString("en-US"), this._x(t), height - 26);
+    ctx.fillText("time (s)", 0.5 * (this._x(0) + this._x(state.end)), height - 9);
+    if (Theme.printing) return; // no instant is chosen on paper
+    ctx.strokeStyle = Theme.ink("ink");
     ctx.beginPath();
     ctx.moveTo(this._x(state.time), 0);
-    ctx.lineTo(this._x(state.time), height - 18);
+    ctx.lineTo(this._x(state.time), height - 34);
     ctx.stroke();
   }
 
-  _lane(ctx, one, k) {
-    const { run, state, lane } = this, events = run.events[k], top = k * lane, band = lane - 6;
+  _lane(ctx, one, k, top) {
+    const { run, state, lane } = this, events = run.events[k], band = lane - 6;
     ctx.globalAlpha = state.hidden.has(one.name) ? 0.3 : 1;
     const bar = (from, to, ink, y, size) => {
       ctx.fillStyle = ink;
       ctx.fillRect(this._x(from), y, Math.max(1, this._x(to) - this._x(from)), size);
     };
-    for (const [name, from, to] of events.phases) bar(from, to, PHASE_INKS[name] || "#dddddd", top + 3, band);
-    for (const [, from, to] of events.limited) bar(from, to, LIMITED_INK, top + 3 + band - 5, 5);
-    for (const [from, to] of events.outside) bar(from, to, OUTSIDE_INK, top + 3, 4);
-    for (const [code, from, to] of events.failed) if (code) bar(from, to, "#5c1a16", top + 3 + band / 2 - 1, 3);
-    for (const [time, what] of events.renewals) {
-      ctx.fillStyle = RENEWAL_INKS[what];
-      const wide = what >= 2;
-      ctx.fillRect(this._x(time) - (wide ? 1.25 : 0.5), top + 3, wide ? 2.5 : 1, wide ? band : band / 2);
+    for (const [name, from, to] of events.phases) bar(from, to, Theme.ink(PHASES.includes(name) ? name : "line"), top + 3, band);
+    const rows = this._limits(k), edge = top + lane;
+    if (!rows.length) for (const [, from, to] of events.limited) bar(from, to, Theme.ink("near"), top + 3 + band - 5, 5);
+    for (const [what, from, to] of rows.length ? events.limited : []) bar(from, to, Theme.ink("near"), edge + LIMIT_TALL * rows.indexOf(what) + 2, 7);
+    for (const [from, to] of events.outside) bar(from, to, Theme.ink("limit"), top + 3, 4);
+    for (const [code, from, to] of events.failed) if (code) bar(from, to, Theme.ink("failed"), top + 3 + band / 2 - 1, 3);
+    for (const [from, to, what] of closeTogether(events.renewals, (time) => this._x(time))) {
+      ctx.fillStyle = ctx.strokeStyle = Theme.ink(RENEWALS[what]);
+      if (to > from) ctx.strokeRect(from, top + 4.5, to - from, 4);
+      else ctx.fillRect(from - 0.5, top + 3, 1, band / 2);
+    }
+    for (const [time, what] of events.renewals.filter(([, what]) => what >= MARKED)) {
+      ctx.fillStyle = Theme.ink(RENEWALS[what]);
+      ctx.fillRect(this._x(time) - 1.25, top + 3, 2.5, band);
     }
     if (one.arrival_s !== null) {
       const x = this._x(one.arrival_s), y = top + lane / 2;
@@ -102,9 +144,13 @@ class Timeline {
     }
     ctx.fillStyle = one.color;
     ctx.fillRect(0, top + lane / 2 - 5, 10, 10);
-    ctx.fillStyle = "#1b1f24";
+    ctx.fillStyle = Theme.ink("quiet");
+    ctx.textAlign = "right";
+    ctx.font = `11px ${FONT}`;
+    rows.forEach((what, row) => ctx.fillText(run.eventWords.limited[what], this.names - 6, edge + LIMIT_TALL * row + 6));
+    ctx.fillStyle = Theme.ink("ink");
     ctx.textAlign = "left";
-    ctx.font = `${one.name === state.focus ? "600 " : ""}12px system-ui, sans-serif`;
+    ctx.font = `${one.name === state.focus ? "600 " : ""}12px ${FONT}`;
     ctx.fillText(one.name.length > 18 ? `${one.name.slice(0, 17)}…` : one.name, 16, top + lane / 2 + 0.5);
     ctx.globalAlpha = 1;
   }
