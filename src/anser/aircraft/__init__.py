@@ -9,13 +9,23 @@ from anser.aircraft.actuators import (
     SecondOrderActuators,
 )
 from anser.aircraft.air_data import AirData, air_data
-from anser.aircraft.dave_ml_aircraft import DaveMlAircraft, DaveMlEngine, dave_ml_airframe
-from anser.aircraft.derivative_aircraft import NEVER, DerivativeAircraft, Validity
+from anser.aircraft.dave_ml_aircraft import (
+    AERO_LENGTHS,
+    AERO_OUTPUTS,
+    ENGINE_OUTPUTS,
+    ENGINE_POWER,
+    INERTIA_OUTPUTS,
+    KNOWN_INPUTS,
+    DaveMlAircraft,
+    DaveMlEngine,
+    dave_ml_airframe,
+)
+from anser.aircraft.derivative_aircraft import NEVER, DerivativeAircraft
 from anser.aircraft.derivative_dispersed import DerivativeDispersion, dispersed_derivative_aircraft
 from anser.aircraft.disturbance import Disturbance, no_disturbance
 from anser.aircraft.electric_propeller import ElectricPropeller
 from anser.aircraft.engine import AbstractEngine, EnginePower, NoEngine, along_body_x
-from anser.aircraft.f16 import F16, F16_COEFFICIENTS, engine_from_data, f16_from_data
+from anser.aircraft.f16 import F16, F16_COEFFICIENTS, engine_from_data, f16_from_data, tables_of_variant
 from anser.aircraft.f16_dispersed import F16Dispersion, dispersed_f16, no_dispersion
 from anser.aircraft.f16_interface import AbstractF16, F16Coefficients
 from anser.aircraft.interface import AbstractAirframe, AircraftState, Controls, MassProperties
@@ -32,13 +42,21 @@ from anser.aircraft.rigid_body import (
 from anser.aircraft.round_earth import EarthFixedState, earth_fixed_derivative, earth_fixed_state, local_state
 from anser.aircraft.scheduled_flap import ScheduledFlap, ScheduledFlapActuators
 from anser.aircraft.simple_body import SimpleBody, body_from_data
+from anser.aircraft.table_checks import GriddedTable, SuspectPoint, suspect_points
 from anser.aircraft.tp1538 import F16TP1538, tp1538_from_data
+from anser.aircraft.validity import Validity, everywhere
 from anser.aircraft.wrench import Wrench
 
 __all__ = [
+    "AERO_LENGTHS",
+    "AERO_OUTPUTS",
+    "ENGINE_OUTPUTS",
+    "ENGINE_POWER",
     "F16",
     "F16TP1538",
     "F16_COEFFICIENTS",
+    "INERTIA_OUTPUTS",
+    "KNOWN_INPUTS",
     "NEVER",
     "STANDARD_SURFACES",
     "AbstractActuators",
@@ -61,6 +79,7 @@ __all__ = [
     "F16Coefficients",
     "F16Dispersion",
     "FirstOrderActuators",
+    "GriddedTable",
     "JetEngine",
     "MassProperties",
     "MotionState",
@@ -72,6 +91,7 @@ __all__ = [
     "ScheduledFlapActuators",
     "SecondOrderActuators",
     "SimpleBody",
+    "SuspectPoint",
     "Validity",
     "Wrench",
     "air_data",
@@ -85,6 +105,7 @@ __all__ = [
     "earth_fixed_derivative",
     "earth_fixed_state",
     "engine_from_data",
+    "everywhere",
     "f16_from_data",
     "local_state",
     "moment_for_acceleration",
@@ -94,5 +115,7 @@ __all__ = [
     "no_disturbance",
     "seen_state",
     "state_derivative",
+    "suspect_points",
+    "tables_of_variant",
     "tp1538_from_data",
 ]

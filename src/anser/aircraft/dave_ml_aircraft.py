@@ -14,6 +14,7 @@ from anser.aircraft.air_data import AirData
 from anser.aircraft.engine import AbstractEngine, EnginePower, NoEngine
 from anser.aircraft.interface import AbstractAirframe, MassProperties
 from anser.aircraft.lagged_power import lagged_rate, steady_throttle, throttle_of_rate
+from anser.aircraft.validity import Validity, everywhere, outside
 from anser.aircraft.wrench import Wrench
 from anser.dave_ml import Evaluator, Model
 from anser.numerics import as_array, cross
@@ -41,6 +42,8 @@ _INERTIAS = (
     *(f"bodyProductOfInertia_{axes}" for axes in ("XY", "YZ", "ZX")),
 )
 _CENTRE = tuple(f"bodyPositionOfCmWrtMrc_{axis}" for axis in "XYZ")
+INERTIA_OUTPUTS = (*_INERTIAS, *_CENTRE, "totalMass")
+"""What a file of inertia must give."""
 _POWERS = np.arange(0.0, 101.0, 10.0)
 
 
@@ -133,6 +136,8 @@ class DaveMlAircraft(AbstractAirframe):
         The file's input that each surface moves.
     airspeed_least
         Below it the airspeed of the file is held, m/s: p b/2V has no bound at rest.
+    validity
+        Of airspeed, altitude and Mach number.
     """
 
     mass_properties: MassProperties
@@ -146,6 +151,7 @@ class DaveMlAircraft(AbstractAirframe):
     mean_chord: Scalar
     centre_b: Vector3
     airspeed_least: Scalar
+    validity: Validity
     inputs: tuple[str, ...] = eqx.field(static=True)
 
     def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Float[Array, "6"]:
@@ -168,20 +174,19 @@ class DaveMlAircraft(AbstractAirframe):
         return Wrench(force_b, about_reference - cross(self.centre_b, force_b))
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Outside the ranges of alpha and beta, or outside the engine's."""
+        """Outside the ranges of alpha, beta, airspeed, altitude or Mach number, or of the engine's data."""
         return (
-            (air_data.alpha < self.alpha_range[0])
-            | (air_data.alpha > self.alpha_range[1])
-            | (air_data.beta < self.beta_range[0])
-            | (air_data.beta > self.beta_range[1])
+            outside(air_data.alpha, self.alpha_range)
+            | outside(air_data.beta, self.beta_range)
+            | self.validity.excludes(air_data)
             | self.engine.outside_tables(air_data)
         )
 
 
 def dave_ml_airframe(
     aerodynamics: Model,
-    inertia: Model,
-    propulsion: Model | None,
+    inertia: Model | tuple[MassProperties, Vector3],
+    propulsion: Model | AbstractEngine | None,
     actuators: AbstractActuators,
     inputs: Sequence[str],
     *,
@@ -191,6 +196,7 @@ def dave_ml_airframe(
     altitude_range: tuple[float, float] = (-math.inf, math.inf),
     mach_range: tuple[float, float] = (0.0, math.inf),
     given: Mapping[str, float] | None = None,
+    validity: Validity | None = None,
 ) -> DaveMlAircraft:
     """Build an airframe from models that name their variables as S-119 does.
 
@@ -199,9 +205,10 @@ def dave_ml_airframe(
     aerodynamics
         Gives the six coefficients in body axes (`AERO_OUTPUTS`) and the reference area, span and chord.
     inertia
-        Gives mass, moments and products of inertia, and the centre of mass seen from the moment reference centre.
+        Gives mass, moments and products of inertia, and the centre of mass seen from the moment reference centre (body
+        axes, m); or these themselves.
     propulsion
-        Gives thrust and its moment (`ENGINE_OUTPUTS`) from the power lever angle in percent; None: no engine.
+        Gives thrust and its moment (`ENGINE_OUTPUTS`) from the power lever angle in percent; or an engine; None: none.
     actuators
         Of the surfaces: a file of aerodynamics has none.
     inputs
@@ -214,6 +221,8 @@ def dave_ml_airframe(
         Where the tables of the engine hold, m and Mach number.
     given
         Inputs of `inertia`, such as the centre of gravity, in the units of the file.
+    validity
+        For which airspeeds, altitudes and Mach numbers the data hold; None: for any.
 
     Raises
     ------
@@ -222,7 +231,6 @@ def dave_ml_airframe(
         air, the body rates or the surfaces, and has no usual value.
     """
     _require("aerodynamics", aerodynamics, (*AERO_OUTPUTS, *AERO_LENGTHS))
-    _require("inertia", inertia, (*_INERTIAS, *_CENTRE, "totalMass"))
     structure = aerodynamics.evaluator.structure
     named = {structure.by_id[one].name: one for one in structure.inputs}
     unknown = [name for name in inputs if name not in named and name not in structure.inputs]
@@ -236,23 +244,17 @@ def dave_ml_airframe(
     if missing:
         raise ValueError(f"aerodynamics: nothing gives {', '.join(missing)}; expected inputs of {KNOWN_INPUTS}")
     lengths = aerodynamics.evaluate_si({}, AERO_LENGTHS)
-    values = inertia.evaluate(dict(given or {}), (*_INERTIAS, *_CENTRE, "totalMass"))
-    si = {name: as_array(float(value) * inertia.evaluator.unit(name).factor) for name, value in values.items()}
-    Jx, Jy, Jz, Jxy, Jyz, Jzx = (float(si[name]) for name in _INERTIAS)
-    inertia_b = np.array([[Jx, -Jxy, -Jzx], [-Jxy, Jy, -Jyz], [-Jzx, -Jyz, Jz]])
+    mass_properties, centre_b = _mass_of(inertia, given or {}) if isinstance(inertia, Model) else inertia
     engine: AbstractEngine = NoEngine()
-    if propulsion is not None:
+    if isinstance(propulsion, AbstractEngine):
+        engine = propulsion
+    elif propulsion is not None:
         _require("propulsion", propulsion, ENGINE_OUTPUTS)
         altitudes = as_array(altitude_range[0]), as_array(altitude_range[1])
         machs = as_array(mach_range[0]), as_array(mach_range[1])
         engine = DaveMlEngine(propulsion.evaluator, as_array(engine_lag), altitudes, machs)
     return DaveMlAircraft(
-        mass_properties=MassProperties(
-            mass=si["totalMass"],
-            inertia_b=as_array(inertia_b),
-            inertia_inverse_b=as_array(np.linalg.inv(inertia_b)),
-            spin_momentum_b=as_array(np.zeros(3)),
-        ),
+        mass_properties=mass_properties,
         actuators=actuators,
         engine=engine,
         alpha_range=(as_array(alpha_range[0]), as_array(alpha_range[1])),
@@ -261,10 +263,27 @@ def dave_ml_airframe(
         wing_area=as_array(float(lengths["referenceWingArea"])),
         span=as_array(float(lengths["referenceWingSpan"])),
         mean_chord=as_array(float(lengths["referenceWingChord"])),
-        centre_b=as_array([float(si[name]) for name in _CENTRE]),
+        centre_b=centre_b,
         airspeed_least=as_array(1.0),
+        validity=everywhere() if validity is None else validity,
         inputs=tuple(inputs),
     )
+
+
+def _mass_of(inertia: Model, given: Mapping[str, float]) -> tuple[MassProperties, Vector3]:
+    """Mass, inertia and centre of mass by a file."""
+    _require("inertia", inertia, INERTIA_OUTPUTS)
+    values = inertia.evaluate(dict(given), INERTIA_OUTPUTS)
+    si = {name: as_array(float(value) * inertia.evaluator.unit(name).factor) for name, value in values.items()}
+    Jx, Jy, Jz, Jxy, Jyz, Jzx = (float(si[name]) for name in _INERTIAS)
+    inertia_b = np.array([[Jx, -Jxy, -Jzx], [-Jxy, Jy, -Jyz], [-Jzx, -Jyz, Jz]])
+    properties = MassProperties(
+        mass=si["totalMass"],
+        inertia_b=as_array(inertia_b),
+        inertia_inverse_b=as_array(np.linalg.inv(inertia_b)),
+        spin_momentum_b=as_array(np.zeros(3)),
+    )
+    return properties, as_array([float(si[name]) for name in _CENTRE])
 
 
 def _require(what: str, model: Model, names: Sequence[str]) -> None:

@@ -10,6 +10,7 @@ from anser.aircraft.actuators import AbstractActuators
 from anser.aircraft.air_data import AirData
 from anser.aircraft.engine import AbstractEngine
 from anser.aircraft.interface import AbstractAirframe, MassProperties
+from anser.aircraft.validity import Validity, outside
 from anser.aircraft.wrench import Wrench
 from anser.derivative_names import ARGUMENTS
 from anser.numerics import Tables, cross
@@ -18,17 +19,6 @@ from anser.shapes import Flag, Scalar, Vector, Vector3
 NEVER = 100.0
 """Angle of attack of the stall, rad, of an aircraft that has none."""
 _OF_ALPHA = tuple(ARGUMENTS.index(one) for one in ("0", "_alpha", "_alpha2"))
-
-
-class Validity(eqx.Module):
-    """Least and greatest values for which data hold; infinite where nothing bounds them.
-
-    True airspeed (m/s), geometric altitude (m) and Mach number.
-    """
-
-    airspeed: tuple[Scalar, Scalar]
-    altitude: tuple[Scalar, Scalar]
-    mach: tuple[Scalar, Scalar]
 
 
 class DerivativeAircraft(AbstractAirframe):
@@ -124,15 +114,9 @@ class DerivativeAircraft(AbstractAirframe):
 
     def outside_tables(self, air_data: AirData) -> Flag:
         """Outside the ranges of alpha, beta, airspeed, altitude or Mach number, or of the engine's data."""
-
-        def outside(value: Scalar, ends: tuple[Scalar, Scalar]) -> Flag:
-            return (value < ends[0]) | (value > ends[1])
-
         return (
             outside(air_data.alpha, self.alpha_range)
             | outside(air_data.beta, self.beta_range)
-            | outside(air_data.V, self.validity.airspeed)
-            | outside(air_data.altitude, self.validity.altitude)
-            | outside(air_data.mach, self.validity.mach)
+            | self.validity.excludes(air_data)
             | self.engine.outside_tables(air_data)
         )

@@ -132,7 +132,7 @@ def f16_from_data(data: Mapping[str, Any], variant: str = "textbook", x_cg_over_
     if variant not in data["variants"]:
         raise ValueError(f"F-16 variant {variant!r}: known are {', '.join(data['variants'])}")
     chosen = data["variants"][variant]
-    tables = _tables_of_variant(data, variant)
+    tables = tables_of_variant(data, variant)
     clamp = chosen["table_ends"].startswith("clamped")
     axes = data["axes"]
     airframe = data["airframe"]
@@ -179,7 +179,7 @@ def f16_from_data(data: Mapping[str, Any], variant: str = "textbook", x_cg_over_
     return jax.tree.map(lambda leaf: as_array(leaf), built)
 
 
-def _tables_of_variant(data: Mapping[str, Any], variant: str) -> dict[str, np.ndarray]:
+def tables_of_variant(data: Mapping[str, Any], variant: str) -> dict[str, np.ndarray]:
     """Textbook tables with the variant's changed entries; each old value is checked against what the file states."""
     tables = {name: np.asarray(table["values"], dtype=float) for name, table in data["tables"].items()}
     for name, index, old, new in data["variants"][variant]["changes"]:

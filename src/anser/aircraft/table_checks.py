@@ -12,9 +12,10 @@ _MISSING = 0.3  # departure that stands for a test that a point has no neighbour
 _TESTS = 3
 _JOINED = 0.35  # part of a point's score from which a neighbour in the same row belongs to it
 _REACH = 2
-_SUSPECT = 4.2  # finds what readers of NASA TP-1538 found, and about as many again
+_SUSPECT = 4.2  # finds what readers of NASA TP-1538 found, and as many again
 _SHARED, _SHARED_TABLES = 3.0, 5
 _SCORE_MIN = 2.0
+_LINE_POINTS, _LINE_AROUND = 5, 3  # fewest of a table of one axis, and on how many on either side its scatter counts
 
 
 class GriddedTable(NamedTuple):
@@ -73,10 +74,27 @@ def suspect_points(tables: Mapping[str, GriddedTable], threshold: float = _SUSPE
         Least score.
     """
     usable = {n: t for n, t in tables.items() if t.values.ndim in (2, 3) and min(t.values.shape[:2]) >= 3}
+    lines = {n: t for n, t in tables.items() if t.values.ndim == 1 and t.values.size >= _LINE_POINTS}
     shared = _shared(usable)
     places = {point.place for point in shared}
     found = [one for name, table in usable.items() for one in _of_table(name, table, places, threshold)]
+    found += [one for name, table in lines.items() for one in _of_line(name, table, threshold)]
     return tuple(sorted([*shared, *found], key=lambda point: -point.score))
+
+
+def _of_line(name: str, table: GriddedTable, threshold: float) -> list[SuspectPoint]:
+    (points,), values = table.axes, table.values
+    off = np.nan_to_num(_between(points, values, 0))
+    common = _SPREAD_SHARE * float(np.std(values)) + _DIGITS * _last_digit(values) + 1e-12
+    found = []
+    for k in range(1, values.size - 1):
+        straight = values.copy()
+        straight[k] -= off[k]
+        rest = np.nan_to_num(np.abs(_between(points, straight, 0)))[max(0, k - _LINE_AROUND) : k + _LINE_AROUND + 1]
+        score = abs(float(off[k])) / (float(rest.max()) + common)
+        if score >= threshold:
+            found.append(SuspectPoint(name, (float(points[k]),), float(values[k]), score, ()))
+    return found
 
 
 def _of_table(name: str, table: GriddedTable, shared: set[tuple[float, ...]], threshold: float) -> list[SuspectPoint]:

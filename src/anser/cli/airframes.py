@@ -22,6 +22,7 @@ from anser.cli.console import (
     writing,
 )
 from anser.cli.offering import about
+from anser.scenario import VARIANTS
 
 if TYPE_CHECKING:
     from anser.scenario.airframe_file.checking import Compared
@@ -123,23 +124,28 @@ def show(
 @about(
     "anser aircraft check my-uav.toml",
     "anser aircraft check aerosonde --json",
+    "anser aircraft check f16 --variant tp1538",
     unmet="check data disagree, or something is probably not meant so",
 )
-def check(aircraft: _Aircraft) -> None:
-    """Compute an aircraft file's own check data, and look for what is probably wrong in it: signs, units, tables."""
-    must_be_known(aircraft, "textbook")
+def check(aircraft: _Aircraft, variant: VariantName = "textbook") -> None:
+    """Compute an aircraft file's own check data, and look for what is probably wrong in it: signs, units, tables.
+
+    Of an aircraft by DAVE-ML the check data of its files come first; of the F-16 there are tables alone.
+    """
+    must_be_known(aircraft, variant)
     from anser.execution import check_airframe, file_of
 
-    file = file_of(aircraft)
-    if file is None:
-        raise RefusedError(f"AIRCRAFT: arrived {aircraft!r}, which is no file; expected an aircraft file")
+    if file_of(aircraft) is None and aircraft not in VARIANTS:
+        words = "an aircraft file, or the name of one of the library or of the F-16"
+        raise RefusedError(f"AIRCRAFT: arrived {aircraft!r}, an airframe in code; expected {words}")
     with working("computing"):
-        compared, findings = check_airframe(file)
+        compared, findings = check_airframe(aircraft, variant)
+    name = Path(aircraft).stem if aircraft not in VARIANTS else f"{aircraft} ({variant})"
     wrong = [one for one in compared if not one.agrees]
     answer(
         lambda: {
             "format_version": 1,
-            "aircraft": file.name,
+            "aircraft": name,
             "checks": [
                 {
                     "place": one.place,
@@ -155,7 +161,7 @@ def check(aircraft: _Aircraft) -> None:
             "findings": [{"place": one.place, "text": one.text} for one in findings],
         }
     )
-    line(_count(file.name, compared, wrong))
+    line(_count(name, compared, wrong))
     for one in wrong:
         problem(_disagrees(one))
     for one in findings:
@@ -167,7 +173,7 @@ def check(aircraft: _Aircraft) -> None:
 
 def _count(name: str, compared: "tuple[Compared, ...]", wrong: "list[Compared]") -> str:
     if not compared:
-        return f"{name}: the file has no check data"
+        return f"{name}: there are no check data"
     return f"{name}: {len(compared) - len(wrong)} of {len(compared)} numbers of its check data agree"
 
 

@@ -32,7 +32,7 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from anser.scenario import VARIANTS
-from anser.scenario.airframe_file import SUFFIXES, known_types, unknown_type
+from anser.scenario.airframe_file import DAVE_ML_SUFFIX, SUFFIXES, known_types, unknown_type
 
 screen = Console()
 note = Console(stderr=True, highlight=False)
@@ -349,7 +349,7 @@ def _option(parameter: str) -> str:
 
 def must_be_known(aircraft: str, variant: str) -> None:
     """Refuse an airframe that nobody offers, or a variant that it does not have; files are read later."""
-    if Path(aircraft).suffix not in SUFFIXES and aircraft not in known_types():
+    if Path(aircraft).suffix not in (*SUFFIXES, DAVE_ML_SUFFIX) and aircraft not in known_types():
         words = f"{unknown_type(aircraft)}, or the path of an aircraft file (.toml)"
         raise RefusedError(f"--aircraft: arrived {aircraft!r}; expected {words}")
     known = VARIANTS.get(aircraft, ("textbook",))

@@ -1,5 +1,6 @@
 """DAVE-ML 2 (ANSI/AIAA S-119): read, evaluate, check and write models of aircraft."""
 
+from anser.dave_ml.adapting import adapted
 from anser.dave_ml.checking import CheckResult
 from anser.dave_ml.definition import (
     Argument,
@@ -42,6 +43,7 @@ __all__ = [
     "UngriddedTable",
     "Unit",
     "Variable",
+    "adapted",
     "header",
     "model_of",
     "read_dave_ml",

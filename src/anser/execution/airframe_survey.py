@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from anser.aircraft import AbstractAirframe, DerivativeAircraft, air_data
+from anser.aircraft import AbstractAirframe, DaveMlAircraft, DerivativeAircraft, air_data
 from anser.compiling import compiled, enable_compilation_cache
 from anser.environment import Environment, standard_environment
 from anser.execution.conditions import airframe_of, map_points
@@ -97,9 +97,10 @@ def survey_airframe(
 
 def flown_airspeeds(airframe: AbstractAirframe) -> tuple[float, float]:
     """Least and greatest airspeed of an airframe's data, m/s."""
-    if isinstance(airframe, DerivativeAircraft):
+    if isinstance(airframe, DerivativeAircraft | DaveMlAircraft):
         low, high = (float(end) for end in airframe.validity.airspeed)
-        return low, high
+        if low > 0.0 and high < np.inf:
+            return low, high
     return _F16_SPEEDS_M_S
 
 

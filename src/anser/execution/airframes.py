@@ -9,11 +9,12 @@ import numpy as np
 from anser.aircraft import AbstractAirframe
 from anser.compiling import enable_compilation_cache
 from anser.execution.airframe_survey import flown_airspeeds
-from anser.scenario import AIRFRAMES, load_airframe
-from anser.scenario.airframe_file import AirframeFile, entry_points, library_file, read_airframe
+from anser.scenario import AIRFRAMES, VARIANTS, load_airframe
+from anser.scenario.airframe_file import AirframeFile, DaveMlFile, entry_points, library_file, read_airframe
 from anser.scenario.airframe_file.checking import Compared, compare
 from anser.scenario.airframe_file.linting import Finding, lint
 from anser.scenario.airframe_names import FILES
+from anser.scenario.f16_tables import f16_findings
 from anser.scenario.library import is_path
 from anser.units import RAD_DEG
 
@@ -56,7 +57,7 @@ def _listed(name: str, origin: str) -> ListedAirframe:
     )
 
 
-def file_of(name: str) -> AirframeFile | None:
+def file_of(name: str) -> AirframeFile | DaveMlFile | None:
     """Aircraft file of a name of the library or of a path; None for another airframe."""
     if is_path(name):
         return read_airframe(name)
@@ -100,7 +101,20 @@ def trimmed_speeds(dataset: Any) -> tuple[float, float] | None:
     return (float(min(speeds)), float(max(speeds))) if len(speeds) else None
 
 
-def check_airframe(file: AirframeFile) -> tuple[tuple[Compared, ...], tuple[Finding, ...]]:
-    """Check data of an aircraft file compared with what comes out, and what in it looks wrong."""
+def check_airframe(aircraft: str, variant: str = "textbook") -> tuple[tuple[Compared, ...], tuple[Finding, ...]]:
+    """Check data of an aircraft compared with what comes out, and what looks wrong: of the F-16, points of its tables.
+
+    Raises
+    ------
+    ValueError
+        An airframe of an entry point: no file or table of it is known.
+    ScenarioError
+        No valid aircraft file.
+    """
     enable_compilation_cache()
-    return compare(file), lint(file)
+    file = file_of(aircraft)
+    if file is not None:
+        return compare(file), lint(file)
+    if aircraft not in VARIANTS:
+        raise ValueError(f"{aircraft!r} is an airframe in code, without a file or tables that could be checked")
+    return (), f16_findings(variant)

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from anser.scenario.airframe_file import AirframeFile, read_airframe
+from anser.scenario.airframe_file import AirframeFile, DaveMlFile, read_airframe
 from anser.scenario.errors import Problem, ScenarioError, show
 
 _BESIDE = ("type", "variant", "x_cg_over_c")
@@ -27,7 +27,7 @@ def with_airframes(values: dict[str, Any], source: str) -> dict[str, Any]:
     fleet = values.get("aircraft")
     if not isinstance(fleet, list | tuple) or not any(_path_of(one) for one in fleet):
         return values
-    read: dict[Path, AirframeFile] = {}
+    read: dict[Path, AirframeFile | DaveMlFile] = {}
     found, problems = [], []
     for k, one in enumerate(fleet):
         path = _path_of(one)

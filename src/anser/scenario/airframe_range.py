@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from anser.scenario.airframe_file import AirframeFile, library_file
+from anser.scenario.airframe_file import AirframeFile, DaveMlFile, library_file
 from anser.scenario.airframe_names import FILES
 
 ALTITUDE_MAX_M = 15240.0  # the end of the F-16's thrust tables (50,000 ft), [SL] appendix A
@@ -32,7 +32,7 @@ class AirframeRange:
     by_file: bool
 
 
-def airframe_range(kind: str, file: AirframeFile | None) -> AirframeRange:
+def airframe_range(kind: str, file: AirframeFile | DaveMlFile | None) -> AirframeRange:
     """Ranges of an airframe by its type, or by its file where it has one."""
     if file is None and kind in FILES:
         file = library_file(kind)

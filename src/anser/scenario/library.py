@@ -19,13 +19,23 @@ from anser.aircraft import (
     f16_from_data,
     tp1538_from_data,
 )
-from anser.scenario.airframe_file import SUFFIXES, AirframeFile, entry_points, library_file, read_airframe, unknown_type
+from anser.scenario.airframe_file import (
+    DAVE_ML_SUFFIX,
+    SUFFIXES,
+    AirframeFile,
+    DaveMlFile,
+    entry_points,
+    library_file,
+    read_airframe,
+    unknown_type,
+)
 from anser.scenario.airframe_file.build import build_airframe
 from anser.scenario.airframe_names import FILES, VARIANTS
 
 
 @functools.cache
-def _data(name: str) -> dict[str, Any]:
+def library_data(name: str) -> dict[str, Any]:
+    """A data file of the library's airframes, by its name without ending; not to be changed."""
     return json.loads(resources.files("anser.aircraft").joinpath(f"data/{name}.json").read_text(encoding="utf-8"))
 
 
@@ -45,13 +55,13 @@ def load_f16(variant: str = "textbook", x_cg_over_c: float | None = None) -> F16
     ValueError
         If the variant is unknown; the message lists the known ones.
     """
-    return f16_from_data(_data("f16"), variant, x_cg_over_c)
+    return f16_from_data(library_data("f16"), variant, x_cg_over_c)
 
 
 @functools.cache
 def load_tp1538(x_cg_over_c: float | None = None) -> F16TP1538:
     """Build the complete F-16 of NASA TP-1538; its own centre of gravity (part of the mean chord) where None."""
-    return tp1538_from_data(_data("tp1538"), engine_from_data(_data("f16")), x_cg_over_c)
+    return tp1538_from_data(library_data("tp1538"), engine_from_data(library_data("f16")), x_cg_over_c)
 
 
 def load_airframe(name: str = "f16", variant: str = "textbook", x_cg_over_c: float | None = None) -> AbstractAirframe:
@@ -87,12 +97,12 @@ def load_airframe(name: str = "f16", variant: str = "textbook", x_cg_over_c: flo
 
 
 def is_path(name: str | os.PathLike[str]) -> bool:
-    """Whether a name is meant as the path of an aircraft file."""
-    return Path(name).suffix in SUFFIXES
+    """Whether a name is meant as the path of an aircraft file, or of a DAVE-ML file, which reading refuses."""
+    return Path(name).suffix in (*SUFFIXES, DAVE_ML_SUFFIX)
 
 
 def airframe_of_table(
-    kind: str, variant: str, x_cg_over_c: float | None, file: AirframeFile | None
+    kind: str, variant: str, x_cg_over_c: float | None, file: AirframeFile | DaveMlFile | None
 ) -> AbstractAirframe:
     """Airframe of a table [[aircraft]] of a scenario: its file, or its type."""
     return load_airframe(kind, variant, x_cg_over_c) if file is None else build_airframe(file)
@@ -131,4 +141,4 @@ def load_body(name: str) -> SimpleBody:
     ValueError
         If the name is unknown; the message lists the known ones.
     """
-    return body_from_data(_data("bodies"), name)
+    return body_from_data(library_data("bodies"), name)

@@ -1,15 +1,23 @@
 """The aircraft: airframe, start, rendezvous, gains of the autopilot (given, or as wanted bandwidths and damping)."""
 
 import math
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from anser.derivative_names import DERIVATIVES
-from anser.scenario.airframe_file import AirframeFile, known_types, library_file, unknown_type
+from anser.scenario.airframe_file import (
+    AirframeFile,
+    DaveMlFile,
+    is_file,
+    known_types,
+    library_file,
+    unknown_type,
+    validate_airframe,
+)
 from anser.scenario.airframe_names import AIRFRAMES, FILES
 from anser.scenario.airframe_range import AirframeRange, airframe_range
-from anser.scenario.errors import Problem, plain, show
+from anser.scenario.errors import Problem, ScenarioError, plain, show
 from anser.scenario.schema_base import Gain3, Table, choice, designed, expects, gain, naming, number, table
 from anser.scenario.schema_deviation import F16_FACTORS, SPECIAL_SURFACES, Deviation
 from anser.scenario.schema_goal import PLACE_MAX_M
@@ -120,6 +128,19 @@ class Gains(Table):
     velocity: VelocityGains = table("slow loop", "a table [aircraft.gains.velocity]", VelocityGains())
 
 
+def _validated(value: object) -> object:
+    """An aircraft file as it is, or validated from its values: which kind it is, its tables say."""
+    if value is None or is_file(value):
+        return value
+    if isinstance(value, dict):
+        return validate_airframe(value, "")
+    raise ScenarioError("", [Problem("", show(value), _AIRFRAME_PATH)])
+
+
+_AIRFRAME_PATH = 'the path of an aircraft file, seen from the scenario, such as "my-uav.toml"'
+_Airframe = Annotated[AirframeFile | DaveMlFile | None, BeforeValidator(_validated)]
+
+
 class Aircraft(Table):
     """One aircraft of the fleet."""
 
@@ -129,11 +150,7 @@ class Aircraft(Table):
         description="airframe of the library or of an entry point",
         json_schema_extra=expects(f"the name of an airframe: {', '.join(AIRFRAMES)}, or that of an entry point"),
     )
-    airframe: AirframeFile | None = table(
-        "an aircraft file in the place of type",
-        'the path of an aircraft file, seen from the scenario, such as "my-uav.toml"',
-        None,
-    )
+    airframe: _Airframe = table("an aircraft file in the place of type", _AIRFRAME_PATH, None)
     variant: Literal["textbook", "s119", "founding", "tp1538"] = choice(
         "which published set of its aerodynamic tables", ("textbook", "s119", "founding", "tp1538"), "textbook"
     )
@@ -161,7 +178,7 @@ class Aircraft(Table):
         return airframe_range(self.type, self.airframe)
 
     @property
-    def file(self) -> AirframeFile | None:
+    def file(self) -> AirframeFile | DaveMlFile | None:
         """Its aircraft file, in the library or beside the scenario; None where it has none."""
         if self.airframe is not None:
             return self.airframe
@@ -197,10 +214,11 @@ class Aircraft(Table):
     def _deviation_problems(self) -> list[Problem]:
         """Find deviations of what the airframe does not have."""
         file, given = self.file, self.deviation.coefficients
-        if file is None and self.type != "f16":
+        if isinstance(file, DaveMlFile) or (file is None and self.type != "f16"):
             if self.deviation == Deviation():
                 return []
-            words = f"none: of {self.type}, an airframe in code, anser knows no coefficients to vary"
+            what = f"{self.type}, an airframe in code," if file is None else f"{file.name}, an aircraft by DAVE-ML,"
+            words = f"none: of {what} anser knows no coefficients to vary"
             return [Problem("deviation", "a table", words)]
         names = F16_FACTORS if file is None else _derivatives_of(file)
         words = f"a coefficient of {self.range.name}: {', '.join(names)}"

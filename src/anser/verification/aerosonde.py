@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from anser.aircraft import AirData, DerivativeAircraft, angular_acceleration
-from anser.scenario.airframe_file import library_file
+from anser.scenario.airframe_file import AirframeFile, library_file
 from anser.scenario.airframe_file.build import build_airframe, with_derivatives
 from anser.verification.check import Check, Comparison
 from anser.verification.published import published
@@ -61,6 +61,8 @@ def _compare(airframe: DerivativeAircraft, case: Mapping[str, Any], density: flo
 
 def _measure() -> tuple[Comparison, ...]:
     data, file = published("aerosonde_checks"), library_file("aerosonde")
+    if not isinstance(file, AirframeFile):
+        raise TypeError(f"aerosonde: {type(file).__name__}; expected a file of derivatives")
     airframe = with_derivatives(build_airframe(file), file, {"CD0": 0.0})
     density, gravity = data["rho_check_kg_m3"], data["gravity_check_m_s2"]
     return tuple(one for case in data["checks"] for one in _compare(airframe, case, density, gravity))

@@ -6,14 +6,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from anser.aircraft import AirData, DerivativeAircraft, Wrench
+from anser.aircraft import AirData, DaveMlAircraft, DerivativeAircraft, Wrench
 from anser.environment import StandardAtmosphere, standard_environment
 from anser.numerics import as_array
 from anser.scenario.airframe_file.build import build_airframe, with_derivatives
+from anser.scenario.airframe_file.build_dave_ml import file_models
 from anser.scenario.airframe_file.schema import AirframeFile
 from anser.scenario.airframe_file.schema_check import ForceCheck, TrimCheck
+from anser.scenario.airframe_file.schema_dave_ml import DaveMlFile
 from anser.simulation import solve_trim, trim_target
 from anser.units import DEG_RAD, RAD_DEG
+
+_File = AirframeFile | DaveMlFile
+_Airframe = DerivativeAircraft | DaveMlAircraft
 
 
 @dataclass(frozen=True)
@@ -23,7 +28,7 @@ class Compared:
     Attributes
     ----------
     place
-        Key in the file, such as ``check.forces[0].force_N[2]``.
+        Key in the file, such as ``check.forces[0].force_N[2]``; of a check shot the DAVE-ML file and the variable.
     name
         Of the check.
     unit
@@ -45,15 +50,27 @@ class Compared:
         return abs(self.obtained - self.expected) <= self.tolerance
 
 
-def compare(file: AirframeFile) -> tuple[Compared, ...]:
+def compare(file: _File) -> tuple[Compared, ...]:
     """Compute all check data of a file."""
     airframe = build_airframe(file)
+    shots = _of_shots(file) if isinstance(file, DaveMlFile) else []
     found = [one for k, check in enumerate(file.check.forces) for one in _of_forces(file, airframe, k, check)]
-    return (*found, *(one for k, check in enumerate(file.check.trim) for one in _of_trim(airframe, k, check)))
+    return (*shots, *found, *(one for k, check in enumerate(file.check.trim) for one in _of_trim(airframe, k, check)))
 
 
-def _of_forces(file: AirframeFile, airframe: DerivativeAircraft, k: int, check: ForceCheck) -> list[Compared]:
-    changed = with_derivatives(airframe, file, check.instead)
+def _of_shots(file: DaveMlFile) -> list[Compared]:
+    """Check shots of the DAVE-ML files themselves."""
+    return [
+        Compared(f"dave_ml.{part}.{one.id}", one.shot, one.units, one.expected, one.computed, one.tolerance)
+        for part, model in file_models(file).items()
+        for one in model.check()
+    ]
+
+
+def _of_forces(file: _File, airframe: _Airframe, k: int, check: ForceCheck) -> list[Compared]:
+    changed = airframe
+    if isinstance(airframe, DerivativeAircraft) and isinstance(file, AirframeFile):
+        changed = with_derivatives(airframe, file, check.instead)
     deflections = as_array([check.surfaces_rad.get(name, 0.0) for name in file.surfaces])
     aerodynamic, propulsive = _wrenches(
         changed, _air_data(check), as_array(check.rates_rad_s), deflections, as_array(100.0 * check.throttle)
@@ -78,7 +95,11 @@ def _of_forces(file: AirframeFile, airframe: DerivativeAircraft, k: int, check: 
 
 @jax.jit
 def _wrenches(
-    airframe: DerivativeAircraft, data: AirData, rates_b: jax.Array, surfaces: jax.Array, power: jax.Array
+    airframe: _Airframe,
+    data: AirData,
+    rates_b: jax.Array,
+    surfaces: jax.Array,
+    power: jax.Array,
 ) -> tuple[Wrench, Wrench]:
     return airframe.aerodynamics(data, rates_b, surfaces), airframe.engine.propulsion(power, data)
 
@@ -91,7 +112,7 @@ def _air_data(check: ForceCheck) -> AirData:
     return AirData(*map(as_array, (V, check.alpha_rad, check.beta_rad, density, qbar, mach, check.altitude_m)))
 
 
-def _of_trim(airframe: DerivativeAircraft, k: int, check: TrimCheck) -> list[Compared]:
+def _of_trim(airframe: _Airframe, k: int, check: TrimCheck) -> list[Compared]:
     target = trim_target(check.airspeed_m_s, check.altitude_m, check.path_angle_deg * DEG_RAD)
     point = jax.jit(solve_trim)(airframe, standard_environment(), target)
     rows = [("alpha_deg", "deg", check.alpha_deg, float(point.alpha) * RAD_DEG, check.tolerance_deg)]

@@ -7,17 +7,22 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from anser.aircraft import AirData, DerivativeAircraft, NoEngine
+from anser.aircraft import AirData, DaveMlAircraft, DerivativeAircraft, NoEngine
 from anser.derivative_names import COEFFICIENTS
 from anser.environment import StandardAtmosphere
 from anser.scenario.airframe_file.build import build_airframe
+from anser.scenario.airframe_file.linting_models import model_table_findings
 from anser.scenario.airframe_file.linting_tables import table_findings
 from anser.scenario.airframe_file.schema import AirframeFile
+from anser.scenario.airframe_file.schema_dave_ml import DaveMlFile
 from anser.units import DEG_RAD
+
+_File = AirframeFile | DaveMlFile
+_Airframe = DerivativeAircraft | DaveMlAircraft
 
 _GRAVITY_M_S2 = 9.80665
 _SMALL_ALPHA_DEG = 2.0
-_GYRATION = {"Jxx_kg_m2": ("span_m", 0.04, 0.4), "Jyy_kg_m2": ("span_m", 0.04, 0.6), "Jzz_kg_m2": ("span_m", 0.06, 0.7)}
+_GYRATION = {"Jxx_kg_m2": (0.04, 0.4), "Jyy_kg_m2": (0.04, 0.6), "Jzz_kg_m2": (0.06, 0.7)}
 """Radii of gyration of aircraft, parts of the span: Raymer, *Aircraft Design*, table 16.1, has 0.17 to 0.25 of it in
 roll and of length and mean length in the others; these bounds are wide, so that only wrong units lie outside."""
 _CHORD = (0.5, 2.0)
@@ -45,12 +50,22 @@ class Finding:
         return f"{self.place}: {self.text}"
 
 
-def lint(file: AirframeFile) -> tuple[Finding, ...]:
+def lint(file: _File) -> tuple[Finding, ...]:
     """Look for what is probably wrong in a valid file: signs, units, proportions, tables, lift and thrust."""
     airframe = build_airframe(file)
     slopes = _slopes(airframe, file)
-    tables = [Finding(place, text) for place, text in table_findings(file)]
-    return (*_of_signs(file, slopes), *_of_units(file, slopes), *_of_body(file), *tables, *_of_forces(file, airframe))
+    if isinstance(file, DaveMlFile):
+        own, tables = (), model_table_findings(file)
+    else:
+        own, tables = (*_of_mirror(file), *_of_derivatives(file, slopes), *_of_chord(file)), table_findings(file)
+    return (
+        *_of_signs(file, slopes),
+        *own,
+        *_of_units(file),
+        *_of_body(file, airframe),
+        *(Finding(place, text) for place, text in tables),
+        *_of_forces(file, airframe),
+    )
 
 
 def _data(V: float, alpha: float, beta: float = 0.0, altitude: float = 0.0) -> AirData:
@@ -60,20 +75,20 @@ def _data(V: float, alpha: float, beta: float = 0.0, altitude: float = 0.0) -> A
     return AirData(*(jnp.asarray(float(number)) for number in numbers))
 
 
-def _slopes(airframe: DerivativeAircraft, file: AirframeFile) -> dict[str, float]:
+def _slopes(airframe: _Airframe, file: _File) -> dict[str, float]:
     """Derivatives near zero angles, tables included, moments about the centre of gravity; rates made dimensionless."""
     low, high = file.validity.alpha_deg
     alpha = min(max(_SMALL_ALPHA_DEG, low), high) * DEG_RAD
     V = sum(file.validity.airspeed_m_s) / 2.0
-    b, c, S = file.geometry.span_m, file.geometry.mean_chord_m, file.geometry.wing_area_m2
+    b, c, S = airframe.span, airframe.mean_chord, airframe.wing_area
     base = _data(V, alpha)
     still, neutral = jnp.zeros(3), jnp.zeros(len(file.surface))
 
     def coefficients(angles: jax.Array, reduced: jax.Array, surfaces: jax.Array) -> jax.Array:
         data = AirData(base.V, angles[0], angles[1], base.density, base.qbar, base.mach, base.altitude)
-        rates = reduced * 2.0 * V / jnp.asarray([b, c, b])
+        rates = reduced * 2.0 * V / jnp.stack([b, c, b])
         wrench = airframe.aerodynamics(data, rates, surfaces)
-        moments = wrench.moment_b / (base.qbar * S * jnp.asarray([b, c, b]))
+        moments = wrench.moment_b / (base.qbar * S * jnp.stack([b, c, b]))
         forces = wrench.force_b / (base.qbar * S)
         sa, ca = jnp.sin(angles[0]), jnp.cos(angles[0])
         lift, drag = forces[0] * sa - forces[2] * ca, -forces[0] * ca - forces[2] * sa
@@ -92,7 +107,7 @@ def _slopes(airframe: DerivativeAircraft, file: AirframeFile) -> dict[str, float
     return found | {"CD": float(coefficients(angles, still, neutral)[1])}
 
 
-def _of_signs(file: AirframeFile, slopes: dict[str, float]) -> list[Finding]:
+def _of_signs(file: _File, slopes: dict[str, float]) -> list[Finding]:
     """Damping that excites, an aircraft that turns away from the flow, drag that drives."""
     wanted = (
         ("CL_alpha", 1, "lift that falls with the angle of attack"),
@@ -118,10 +133,16 @@ def _of_signs(file: AirframeFile, slopes: dict[str, float]) -> list[Finding]:
                 Finding(_place(file, name), "0, or left out: expected a value of its own, which every aircraft has")
             )
     if slopes["CD"] <= 0.0:
-        found.append(Finding("aerodynamics.CD0", f"a drag coefficient of {slopes['CD']:.4g}: expected a positive one"))
+        found.append(Finding(_place(file, "CD0"), f"a drag coefficient of {slopes['CD']:.4g}: expected a positive one"))
     for axis, row in (("roll", "Cl"), ("pitch", "Cm")):
         if all(slopes[f"{row}_{name}"] == 0.0 for name in file.surfaces):
             found.append(Finding("surface", f"no surface that makes a moment of {axis}: the aircraft cannot be flown"))
+    return found
+
+
+def _of_mirror(file: AirframeFile) -> list[Finding]:
+    """Derivatives that the mirror image of an aircraft contradicts."""
+    found = []
     for one in ("CL_beta", "CD_beta", "Cm_beta", "CY_alpha", "Cl_alpha", "Cn_alpha"):
         if getattr(file.aerodynamics, one) != 0.0:
             words = "a part that changes sign with its angle, which the mirror image of an aircraft contradicts"
@@ -129,8 +150,10 @@ def _of_signs(file: AirframeFile, slopes: dict[str, float]) -> list[Finding]:
     return found
 
 
-def _place(file: AirframeFile, name: str) -> str:
+def _place(file: _File, name: str) -> str:
     """Key that gives a derivative: the table's where one takes its place."""
+    if isinstance(file, DaveMlFile):
+        return f"dave_ml.aerodynamics ({name})"
     row, _, ending = name.partition("_")
     for k, one in enumerate(file.table):
         if one.replaces == name or (one.replaces == row and ending in one.over):
@@ -138,16 +161,21 @@ def _place(file: AirframeFile, name: str) -> str:
     return f"aerodynamics.{name}"
 
 
-def _of_units(file: AirframeFile, slopes: dict[str, float]) -> list[Finding]:
-    """Slopes as if per degree where per rad is meant and the other way; angles as if in rad."""
-    found = []
+def _of_derivatives(file: AirframeFile, slopes: dict[str, float]) -> list[Finding]:
+    """A slope of the lift as if per degree where per rad is meant, and the other way."""
     aspect = file.geometry.span_m**2 / file.geometry.wing_area_m2
     wing = 2.0 * math.pi * aspect / (aspect + 2.0)
     value = slopes["CL_alpha"]
     given, other = ("rad", "deg") if file.aerodynamics.per == "rad" else ("deg", "rad")
     if 0.0 < value < wing / _MANY_WAYS or value > wing * _MANY_WAYS:
         words = f"a wing of aspect ratio {aspect:.1f} has about {wing:.1f}; is it given per {other}, not per {given}?"
-        found.append(Finding(_place(file, "CL_alpha"), f"{value:.4g} per rad: {words}"))
+        return [Finding(_place(file, "CL_alpha"), f"{value:.4g} per rad: {words}")]
+    return []
+
+
+def _of_units(file: _File) -> list[Finding]:
+    """Angles as if in rad."""
+    found = []
     for key in ("alpha_deg", "beta_deg"):
         low, high = getattr(file.validity, key)
         if max(abs(low), abs(high)) < 1.6:
@@ -162,33 +190,40 @@ def _of_units(file: AirframeFile, slopes: dict[str, float]) -> list[Finding]:
     return found
 
 
-def _of_body(file: AirframeFile) -> list[Finding]:
-    """Inertias that no distribution of such a mass has, and proportions of no wing."""
-    found, mass, geometry = [], file.mass, file.geometry
-    moments = {key: getattr(mass, key) for key in _GYRATION}
-    for key, value in moments.items():
-        others = sum(moments.values()) - value
+def _of_body(file: _File, airframe: _Airframe) -> list[Finding]:
+    """Inertias that no distribution of such a mass has."""
+    found, span, mass = [], float(airframe.span), float(airframe.mass_properties.mass)
+    values = np.diag(np.asarray(airframe.mass_properties.inertia_b))
+    for (key, (low, high)), value in zip(_GYRATION.items(), map(float, values), strict=True):
+        place = f"mass.{key}" if file.mass is not None else f"dave_ml.inertia ({key.removesuffix('_kg_m2')})"
+        others = float(values.sum()) - value
         if value > others:
             words = f"more than the other two together ({others:.4g}), which no body has"
-            found.append(Finding(f"mass.{key}", f"{value:.4g} kg m^2: {words}"))
-        length_key, low, high = _GYRATION[key]
-        part = math.sqrt(value / mass.mass_kg) / getattr(geometry, length_key)
+            found.append(Finding(place, f"{value:.4g} kg m^2: {words}"))
+        part = math.sqrt(value / mass) / span
         if not low <= part <= high:
             words = f"a radius of gyration of {part:.3g} of the span, expected {low:g} to {high:g}; is the unit kg m^2?"
-            found.append(Finding(f"mass.{key}", f"{value:.4g} kg m^2: {words}"))
-    mean = geometry.wing_area_m2 / geometry.span_m
-    if not _CHORD[0] <= geometry.mean_chord_m / mean <= _CHORD[1]:
-        words = f"area over span is {mean:.3g} m; do span, area and chord belong to one wing, in m and m^2?"
-        found.append(Finding("geometry.mean_chord_m", f"{geometry.mean_chord_m:g} m: {words}"))
+            found.append(Finding(place, f"{value:.4g} kg m^2: {words}"))
     return found
 
 
-def _of_forces(file: AirframeFile, airframe: DerivativeAircraft) -> list[Finding]:
+def _of_chord(file: AirframeFile) -> list[Finding]:
+    """Proportions of no wing."""
+    geometry = file.geometry
+    mean = geometry.wing_area_m2 / geometry.span_m
+    if _CHORD[0] <= geometry.mean_chord_m / mean <= _CHORD[1]:
+        return []
+    words = f"area over span is {mean:.3g} m; do span, area and chord belong to one wing, in m and m^2?"
+    return [Finding("geometry.mean_chord_m", f"{geometry.mean_chord_m:g} m: {words}")]
+
+
+def _of_forces(file: _File, airframe: _Airframe) -> list[Finding]:
     """Lift that does not carry the weight, thrust that does not balance the drag, where the data are said to hold."""
     found = []
     low, high = file.validity.airspeed_m_s
-    weight = file.mass.mass_kg * _GRAVITY_M_S2
-    alphas = np.linspace(*file.validity.alpha_deg, 46) * DEG_RAD
+    weight = float(airframe.mass_properties.mass) * _GRAVITY_M_S2
+    least_deg, most_deg = file.validity.alpha_deg
+    alphas = np.linspace(least_deg, most_deg, 46) * DEG_RAD
     speeds = np.linspace(low, high, 28)
     neutral, still = jnp.zeros(len(file.surface)), jnp.zeros(3)
     air = _data(1.0, 0.0)

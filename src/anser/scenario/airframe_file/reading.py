@@ -8,22 +8,29 @@ import difflib
 import functools
 import importlib.metadata
 import os
+import re
 from importlib import resources
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
-from anser.scenario.airframe_file.schema import AirframeFile, validate_airframe
+from anser.scenario.airframe_file.schema import AirframeFile
+from anser.scenario.airframe_file.schema_dave_ml import PARTS, DaveMlFile
+from anser.scenario.airframe_file.validating import validate_airframe
 from anser.scenario.airframe_names import AIRFRAMES, FILES
-from anser.scenario.errors import refused, show
+from anser.scenario.errors import reason_of, refused, show
 from anser.scenario.toml_text import read_text, values_of
 
 ENTRY_POINTS = "anser.airframes"
 """Group of entry points that name callables, without arguments, that return an `AbstractAirframe`."""
 SUFFIXES = (".toml",)
 """Of the files that an aircraft is read from."""
+DAVE_ML_SUFFIX = ".dml"
+"""Of those that only an aircraft file names."""
+_ENCODING = re.compile(rb"""\s*<\?xml[^>]*?encoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
 
 
-def read_airframe(path: str | os.PathLike[str]) -> AirframeFile:
+def read_airframe(path: str | os.PathLike[str]) -> AirframeFile | DaveMlFile:
     """Read and validate the file of an aircraft.
 
     Raises
@@ -45,16 +52,49 @@ def airframe_values(path: str | os.PathLike[str]) -> dict[str, Any]:
         If the file cannot be read, or is of a kind that no aircraft is read from.
     """
     source = os.fspath(path)
+    if Path(source).suffix == DAVE_ML_SUFFIX:
+        words = "an aircraft file (.toml) that names it under [dave_ml]: a DAVE-ML file has no actuators"
+        raise refused(source, "a DAVE-ML file", words)
     if Path(source).suffix not in SUFFIXES:
         words = f"the path of an aircraft file, whose name ends with {' or '.join(SUFFIXES)}"
         raise refused(source, f"a name that ends with {show(Path(source).suffix)}", words)
-    return values_of(read_text(path, "aircraft"), source)
+    return _with_texts(values_of(read_text(path, "aircraft"), source), Path(source).parent, source)
+
+
+def _with_texts(values: dict[str, Any], folder: Path | Traversable, source: str) -> dict[str, Any]:
+    """Values of an aircraft file, the texts of DAVE-ML files in the places of their paths."""
+    named = values.get("dave_ml")
+    if not isinstance(named, dict):
+        return values
+    held = dict(named)
+    for part in PARTS:
+        path = named.get(part)
+        if isinstance(path, str):
+            held[part] = {"file": Path(path).name, "text": _text_of(folder.joinpath(path), f"dave_ml.{part}", source)}
+    return {**values, "dave_ml": held}
+
+
+def _text_of(path: Path | Traversable, key: str, source: str) -> str:
+    """Text of a DAVE-ML file in the encoding that it declares."""
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        arrived = f"{show(str(path))}, which cannot be read ({reason_of(error)})"
+        raise refused(source, arrived, "the path of a DAVE-ML file, seen from the aircraft file", key) from None
+    declared = _ENCODING.match(content)
+    encoding = "utf-8-sig" if declared is None else declared[1].decode("ascii")
+    try:
+        return content.decode("utf-8-sig" if encoding.lower() in ("utf-8", "utf8") else encoding)
+    except (LookupError, UnicodeDecodeError):
+        raise refused(source, f"{show(str(path))}, which is not {encoding}", "a text in that encoding", key) from None
 
 
 @functools.cache
 def _values_of_library(name: str) -> dict[str, Any]:
-    text = resources.files("anser.aircraft").joinpath(f"data/{name}.toml").read_text(encoding="utf-8")
-    return values_of(text, f"{name}.toml of anser")
+    package, folder = FILES[name]
+    place = resources.files(package).joinpath(folder)
+    text = place.joinpath(f"{name}.toml").read_text(encoding="utf-8")
+    return _with_texts(values_of(text, f"{name}.toml of anser"), place, f"{name}.toml of anser")
 
 
 def library_values(name: str) -> dict[str, Any]:
@@ -63,7 +103,7 @@ def library_values(name: str) -> dict[str, Any]:
 
 
 @functools.cache
-def library_file(name: str) -> AirframeFile:
+def library_file(name: str) -> AirframeFile | DaveMlFile:
     """Aircraft file of the library, one of `anser.scenario.airframe_names.FILES`."""
     return validate_airframe(library_values(name), f"{name}.toml of anser")
 

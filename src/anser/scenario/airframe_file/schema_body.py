@@ -85,8 +85,8 @@ class Geometry(Table):
     cg_offset_m: Place = place("centre of gravity seen from the point that the moments refer to", "m", (0.0, 0.0, 0.0))
 
 
-class Surface(Table):
-    """A control surface: its stops, how it moves, and what it does, per angle of deflection."""
+class Actuated(Table):
+    """A control surface as its actuator moves it: stops and dynamics."""
 
     name: str = Field(pattern=SURFACE_PATTERN, description="name, unique", json_schema_extra=expects(_SURFACE_NAME))
     limit_deg: float | None = number("stops on both sides", 0, 120, "deg", None, above=True)
@@ -98,12 +98,6 @@ class Surface(Table):
         "natural frequency of one of second order", 0, 1000, "rad/s", None, above=True
     )
     damping: float | None = number("its damping ratio", 0, 5, "", None, above=True)
-    CL: float = number("lift per angle", -1e3, 1e3, "", 0.0)
-    CD: float = number("drag per angle", -1e3, 1e3, "", 0.0)
-    CY: float = number("side force per angle", -1e3, 1e3, "", 0.0)
-    Cl: float = number("roll moment per angle", -1e3, 1e3, "", 0.0)
-    Cm: float = number("pitch moment per angle", -1e3, 1e3, "", 0.0)
-    Cn: float = number("yaw moment per angle", -1e3, 1e3, "", 0.0)
 
     @property
     def stops_deg(self) -> tuple[float, float]:
@@ -131,6 +125,17 @@ class Surface(Table):
             arrived = "nothing" if self.lag_s is None else f"{plain(self.lag_s)} beside frequency_rad_s or damping"
             found.append(Problem("lag_s", arrived, _LAG_WAYS))
         return found
+
+
+class Surface(Actuated):
+    """A control surface, and what it does, per angle of deflection."""
+
+    CL: float = number("lift per angle", -1e3, 1e3, "", 0.0)
+    CD: float = number("drag per angle", -1e3, 1e3, "", 0.0)
+    CY: float = number("side force per angle", -1e3, 1e3, "", 0.0)
+    Cl: float = number("roll moment per angle", -1e3, 1e3, "", 0.0)
+    Cm: float = number("pitch moment per angle", -1e3, 1e3, "", 0.0)
+    Cn: float = number("yaw moment per angle", -1e3, 1e3, "", 0.0)
 
 
 class Validity(Table):

@@ -1,0 +1,191 @@
+"""Aircraft files that name DAVE-ML files: what they make, what the hash knows, what is refused in which words."""
+
+import tomllib
+from importlib import resources
+
+import jax
+import numpy as np
+import pytest
+
+from anser.aircraft import DaveMlAircraft, DaveMlEngine, JetEngine
+from anser.scenario import ScenarioError, load, load_airframe, load_f16, loads, read_airframe, validate
+from anser.scenario.airframe_file import DaveMlFile, library_file, validate_airframe
+from anser.scenario.airframe_file.build import build_airframe
+from anser.scenario.airframe_file.checking import compare
+from anser.scenario.airframe_file.linting import lint
+
+NASA = resources.files("anser.dave_ml").joinpath("nasa")
+FILES = ("F16_aero.dml", "F16_inertia.dml", "F16_prop.dml")
+TEXT = NASA.joinpath("nasa-f16.toml").read_text(encoding="utf-8")
+FLEET = """
+format = 2
+name = "one-f16"
+timing.duration_s = 90
+fleet.speed_m_s = 150.0
+[[goal]]
+name = "ship"
+kind = "surface"
+north_m = 8000
+east_m = 500
+speed_m_s = 8
+course_deg = 60
+[[aircraft]]
+name = "a"
+airframe = "my-f16.toml"
+goal = "ship"
+start = { north_m = 0, east_m = 0, altitude_m = 1000, speed_m_s = 150, course_deg = 10 }
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for name in FILES:
+        (tmp_path / name).write_bytes(NASA.joinpath(name).read_bytes())
+    (tmp_path / "my-f16.toml").write_text(TEXT, encoding="utf-8")
+    (tmp_path / "one.toml").write_text(FLEET, encoding="utf-8")
+    return tmp_path
+
+
+def changed(folder, *pairs):
+    text = TEXT
+    for old, new in pairs:
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / "changed.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_nasa_s_files_are_the_built_in_variant_and_all_their_check_shots_agree():
+    """The one suspect point, Cnr at 40 deg, is printed so in the textbook, too."""
+    file = library_file("nasa-f16")
+    airframe, known = load_airframe("nasa-f16"), load_f16("s119")
+    assert isinstance(airframe, DaveMlAircraft)
+    assert isinstance(airframe.engine, DaveMlEngine)
+    for name in ("span", "wing_area", "mean_chord"):
+        np.testing.assert_allclose(getattr(airframe, name), getattr(known, name), rtol=1e-12)
+    for one, other in zip(
+        jax.tree.leaves(airframe.mass_properties), jax.tree.leaves(known.mass_properties), strict=True
+    ):
+        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-9)
+    compared = compare(file)
+    assert len(compared) > 1000
+    assert all(one.agrees for one in compared)
+    assert ["Cnr_table_def" in one.place for one in lint(file)] == [True]
+
+
+def test_a_scenario_holds_the_texts_and_its_hash_knows_them(folder):
+    scenario = load(folder / "one.toml")
+    file = scenario.aircraft[0].airframe
+    assert isinstance(file, DaveMlFile)
+    again = validate(scenario.model_dump(mode="json"), "again")
+    assert again.hash == scenario.hash
+    assert build_airframe(again.aircraft[0].airframe) is build_airframe(file)
+    inertia = folder / "F16_inertia.dml"
+    inertia.write_text(inertia.read_text(encoding="utf-8").replace("637.1595", "637.2"), encoding="utf-8")
+    heavier = load(folder / "one.toml")
+    assert heavier.hash != scenario.hash
+    mass = [float(build_airframe(one.aircraft[0].airframe).mass_properties.mass) for one in (scenario, heavier)]
+    assert mass[1] > mass[0]
+
+
+def test_what_is_given_and_the_parts_beside_the_files_are_used(folder):
+    forward = read_airframe(changed(folder, ("vrsPositionOfCM = 25.0", "vrsPositionOfCM = 30.0")))
+    shift = load_airframe("nasa-f16").centre_b[0] - build_airframe(forward).centre_b[0]
+    np.testing.assert_allclose(shift, 0.05 * 11.32 * 0.3048, rtol=1e-9)
+    body = """[mass]
+mass_kg = 9000
+Jxx_kg_m2 = 13000
+Jyy_kg_m2 = 75000
+Jzz_kg_m2 = 85000
+[engine.jet]
+full_N = 60000
+lag_s = 2.0
+[[surface]]
+name = "elevator\""""
+    own = read_airframe(
+        changed(
+            folder,
+            ('inertia = "F16_inertia.dml"\n', "cg_offset_m = [1.0, 0.0, 0.0]\n"),
+            ('propulsion = "F16_prop.dml"\npropulsion_lag_s = 1.0\n', ""),
+            ("given = { vrsPositionOfCM = 25.0 }", ""),
+            ('[[surface]]\nname = "elevator"', body),
+        )
+    )
+    airframe = build_airframe(own)
+    assert isinstance(airframe.engine, JetEngine)
+    assert float(airframe.mass_properties.mass) == 9000
+    assert airframe.centre_b.tolist() == [1.0, 0.0, 0.0]
+
+
+def test_names_of_one_s_own_stand_for_the_standard_ones(folder):
+    aero = folder / "F16_aero.dml"
+    text = aero.read_text(encoding="utf-8")
+    aero.write_text(
+        text.replace('name="aeroBodyForceCoefficient_X"', 'name="axial"')
+        .replace('name="elevatorDeflection"', 'name="tail"')
+        .replace(">elevatorDeflection<", ">tail<")
+        .replace(">aeroBodyForceCoefficient_X<", ">axial<"),
+        encoding="utf-8",
+    )
+    with pytest.raises(
+        ScenarioError, match="has no aeroBodyForceCoefficient_X; expected variables of these standard names"
+    ):
+        read_airframe(folder / "my-f16.toml")
+    named = read_airframe(
+        changed(
+            folder,
+            ("[dave_ml]", '[dave_ml]\nnames = { aeroBodyForceCoefficient_X = "axial" }'),
+            ('name = "elevator"', 'name = "elevator"\ninput = "tail"'),
+        )
+    )
+    assert all(one.agrees for one in compare(named))
+    one, other = build_airframe(named), load_airframe("nasa-f16")
+    assert one.inputs[0] == "tail"
+    assert other.inputs[0] == "elevatorDeflection"
+
+
+@pytest.mark.parametrize(
+    ("pair", "words"),
+    [
+        (("F16_prop.dml", "none.dml"), r"dave_ml.propulsion: arrived .*none.dml\", which cannot be read"),
+        (('"F16_aero.dml"', '"F16_prop.dml"'), 'dave_ml.aerodynamics: arrived "F16_prop.dml", which has no aeroBody'),
+        (('name = "elevator"', 'name = "flap"'), r'surface\[0\].input: arrived "flapDeflection"; expected an input of'),
+        (('name = "elevator"', 'name = "elevator"\ninput = "mach"'), r'surface\[0\].input: arrived "mach"'),
+        (("propulsion_lag_s = 1.0", ""), "dave_ml.propulsion_lag_s: arrived nothing; expected a time constant"),
+        (("vrsPositionOfCM", "vrsPos"), 'dave_ml.given.vrsPos: arrived "vrsPos"; expected the varID or the name'),
+        (('inertia = "F16_inertia.dml"', ""), "dave_ml.inertia: arrived nothing; expected either a file of inertia"),
+        (('"F16_inertia.dml"', "3"), "dave_ml.inertia: arrived 3; expected the path of a DAVE-ML file"),
+        (("[dave_ml]", '[dave_ml]\nnames = { mach = "machine" }'), 'dave_ml.names.mach: arrived "machine"'),
+        (("[dave_ml]", "[dave_ml]\ncg_offset_m = [0, 0, 0]"), "dave_ml.cg_offset_m: arrived .* expected nothing"),
+    ],
+)
+def test_what_is_refused_names_its_place(folder, pair, words):
+    with pytest.raises(ScenarioError, match=words):
+        read_airframe(changed(folder, pair))
+
+
+def test_a_file_that_is_no_dave_ml_is_told_with_its_line(folder):
+    (folder / "F16_aero.dml").write_text("<DAVEfunc>\n<variableDef>", encoding="utf-8")
+    with pytest.raises(ScenarioError, match=r"dave_ml.aerodynamics \(F16_aero.dml, line 2, column \d+\): arrived"):
+        read_airframe(folder / "my-f16.toml")
+
+
+def test_a_dave_ml_file_alone_is_refused_with_the_way_out(folder):
+    with pytest.raises(ScenarioError, match=r"expected an aircraft file \(.toml\) that names it under \[dave_ml\]"):
+        load_airframe(str(folder / "F16_aero.dml"))
+    scenario = FLEET.replace("my-f16.toml", "F16_aero.dml")
+    with pytest.raises(ScenarioError, match="a DAVE-ML file has no actuators"):
+        loads(scenario, str(folder / "one.toml"))
+
+
+def test_a_deviation_of_what_is_not_known_is_refused(folder):
+    text = FLEET + "deviation = { mass = 1.1 }\n"
+    with pytest.raises(ScenarioError, match="nasa-f16, an aircraft by DAVE-ML, anser knows no coefficients to vary"):
+        loads(text, str(folder / "one.toml"))
+
+
+def test_values_without_texts_are_refused():
+    values = tomllib.loads(TEXT)
+    with pytest.raises(ScenarioError, match=r"dave_ml.aerodynamics: arrived .* expected the path of a DAVE-ML file"):
+        validate_airframe(values, "test")
