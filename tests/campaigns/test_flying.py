@@ -54,7 +54,7 @@ def test_an_interrupted_campaign_goes_on_to_the_last_bit(tmp_path, monkeypatch):
     while not store.done.all():
         left = int(rng.integers(0, 3))
 
-        def sometimes(cases, batch=None, series=None):
+        def sometimes(cases, batch=None, series=None, precision="float64"):
             nonlocal left
             if left == 0:
                 raise KeyboardInterrupt

@@ -34,11 +34,11 @@ def again(monkeypatch):
         dataset.to_netcdf(folder / "flight.nc")
         return folder
 
-    def run(scenario):
+    def run(scenario, precision):
         numbers.append(scenario)
         return SimpleNamespace(dataset=dataset, summary=summary, save=save)
 
-    def fly_many(cases, progress, batch, series):
+    def fly_many(cases, progress, batch, series, precision):
         numbers.extend(case.scenario for case in cases)
         progress("flying", 0.0)
         return made_up(cases, batch, series)

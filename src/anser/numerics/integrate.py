@@ -26,5 +26,5 @@ def rk4_step(derivative: Callable[[ScalarLike, Y], Y], t: ScalarLike, y: Y, h: S
 
     # One copy of the derivative in the compiled code.
     zero = jax.tree.map(jnp.zeros_like, y)
-    k = jax.lax.scan(stage, zero, jnp.asarray([0.0, 0.5, 0.5, 1.0]))[1]
+    k = jax.lax.scan(stage, zero, jnp.asarray([0.0, 0.5, 0.5, 1.0], jnp.result_type(h)))[1]
     return jax.tree.map(lambda a, k: a + h / 6 * (k[0] + 2 * (k[1] + k[2]) + k[3]), y, k)

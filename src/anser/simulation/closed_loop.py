@@ -107,7 +107,7 @@ def perceive(vehicle: Vehicle, state: VehicleState, instant: Instant) -> Perceiv
 
 def _normals(vehicle: Vehicle, instant: Instant, *, once: bool = False) -> Array:
     count = vehicle.gusts.normals
-    return instant.normals(AIR, count, once=once) if count else jnp.zeros(0)
+    return instant.normals(AIR, count, once=once) if count else jnp.zeros(0, instant.step.dtype)
 
 
 def act(
@@ -219,7 +219,7 @@ def _meet(
     goal = mission.goal_at(time)
     rendezvous_n = goal.position_n + mission.rendezvous.stand_off_n
     to_goal_n, goal_velocity_n = earth.sight(truth.state.position_n, goal.position_n, goal.velocity_n)
-    to_rendezvous_n, _ = earth.sight(truth.state.position_n, rendezvous_n, jnp.zeros(3))
+    to_rendezvous_n, _ = earth.sight(truth.state.position_n, rendezvous_n, jnp.zeros_like(rendezvous_n))
     clearance = mission.hold.clearance(belief)
     near = too_near(
         to_goal_n,

@@ -15,6 +15,7 @@ from anser.sensing import GoalState, Instant, velocity_over_ground_n
 from anser.shapes import Count, Flag, ScalarLike
 from anser.simulation.closed_loop import Perceived, act, perceive
 from anser.simulation.fleet import Flight, FlightState, fleet_rows, of_members
+from anser.simulation.precision import in_precision
 from anser.simulation.recorder import AbstractRecorder, FleetSample, History, scanned
 from anser.simulation.status import PLAN_TOO_NEAR, broken_off
 from anser.simulation.vehicle import Vehicle, VehicleState
@@ -87,7 +88,7 @@ def _renewed(
     flight: Flight, state: FlightState, number: Count, reports: Report
 ) -> tuple[Any, Bool[Array, " aircraft"]]:
     """The planner's state with a plan renewed where that is due, and which new plans are refused."""
-    timing, planner = flight.timing, flight.planner
+    timing, planner = in_precision(flight.timing, float), flight.planner
     time = number * timing.step
     plans = planner.plans(state.planner)
     frozen = time >= plans.arrival_time - timing.freeze
@@ -124,8 +125,9 @@ def step_fleet(
     instant = Instant(flight.environment, number, flight.timing.step, flight.randomness)
     compiled = as_one_kernel if one_kernel else lambda function: function
     seen, reports = fleet_reports(flight, state, instant, one_kernel=one_kernel)
+    reports = in_precision(reports, float)
     planner, refused = _renewed(flight, state, number, reports)
-    plans = flight.planner.plans(planner)
+    plans = in_precision(flight.planner.plans(planner), instant.step.dtype)
     vehicles = refuse(flight, state.vehicles, refused)
 
     def acted(vehicle: Vehicle, before: VehicleState, perceived: Perceived, plan: AircraftPlan) -> Any:
@@ -135,7 +137,8 @@ def step_fleet(
         compiled(kind.vehicles.map)(acted, before, one, of_members(plans, kind, flight.count))
         for kind, before, one in zip(flight.kinds, vehicles, seen, strict=True)
     ]
-    planner = flight.planner.observe(planner, reports, number, flight.timing.step, flight.randomness)
+    step = in_precision(flight.timing.step, float)
+    planner = flight.planner.observe(planner, reports, number, step, flight.randomness)
     after = FlightState(tuple(states for states, _ in moved), planner)
     return after, FleetSample(tuple(samples for _, samples in moved), flight.members), instant
 
