@@ -11,7 +11,7 @@ from anser.results.flight_row import FlightRow
 if TYPE_CHECKING:
     import xarray as xr
 
-SAME = {"float64": 1e-9, "float32": 1e-4}
+SAME = {"float64": 1e-9, "float32": 1e-5}
 """Of a quantity's scale: what rounding changes between a flight alone and one in a batch, by the precision."""
 _SCALES = {"s": 100.0, "m": 1e4, "m s-1": 150.0, "1": 1.0}
 

@@ -21,9 +21,9 @@ from anser.execution.negotiated import DecentralisedPlanned
 from anser.execution.plan_interface import NoPlanError, Planned
 from anser.execution.planned import plan
 from anser.execution.precisions import refuse_precision
-from anser.numerics import as_array
+from anser.numerics import as_array, in_precision
 from anser.scenario import Scenario, as_scenario
-from anser.simulation import SEGMENT_STEPS, Flight, FlightState, Precision, flight_in, fly, in_precision, state_in
+from anser.simulation import SEGMENT_STEPS, Flight, FlightState, Precision, flight_in, fly, state_in
 
 if TYPE_CHECKING:
     import xarray as xr

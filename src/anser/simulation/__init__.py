@@ -27,7 +27,7 @@ from anser.simulation.modes import Mode, modes_of, wind_axis_states
 from anser.simulation.motion import advance
 from anser.simulation.network import Network
 from anser.simulation.planned_hold import PlannedHolds, cells_for, moved_with_goals
-from anser.simulation.precision import PRECISIONS, Precision, flight_in, in_precision, state_in
+from anser.simulation.precision import PRECISIONS, Precision, flight_in, state_in
 from anser.simulation.recorder import AbstractRecorder, AircraftSample, FleetSample, History
 from anser.simulation.response import Loop, LoopCase, Response, step_response
 from anser.simulation.start import TrimmedFleet, begin, start_flight, trimmed_fleet
@@ -102,7 +102,6 @@ __all__ = [
     "fly",
     "fly_alone",
     "follow_pitch_trim",
-    "in_precision",
     "inversion_poles",
     "largest_pole",
     "linearize",

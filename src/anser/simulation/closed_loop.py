@@ -9,7 +9,7 @@ from jaxtyping import Array
 
 from anser.aircraft import AircraftState, Disturbance, condition, moving_state, seen_state
 from anser.environment import AirFlow, Environment, NoGusts
-from anser.numerics import AbstractRandomness, where_any
+from anser.numerics import AbstractRandomness, in_precision, where_any
 from anser.numerics.randomness import AIR
 from anser.planning import AircraftPlan
 from anser.sensing import GOAL_DIVERGED, GOAL_NEVER_SEEN, Belief, Instant, Truth, velocity_over_ground_n
@@ -171,6 +171,8 @@ def act(
     )
     gusts = vehicle.gusts.advance(state.gusts, _normals(vehicle, instant), seen.flow, instant.step)
     memories = seen.sensors, seen.estimator, guidance, controller, gusts
+    # a part that mixes float64 into a flight in float32 makes it slow, and no other flight
+    after, memories = in_precision((after, memories), instant.step.dtype)
     stopped = state.stopped
     if vehicle.mission is not None:
         finite = _all_finite((after, memories))

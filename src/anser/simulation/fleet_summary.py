@@ -7,11 +7,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from anser.numerics import in_precision
 from anser.planning import separation_ratio
 from anser.planning.separation import Separation
 from anser.sensing import Instant
 from anser.shapes import Count, Scalar, ScalarLike
-from anser.simulation.precision import in_precision
 from anser.simulation.recorder import AbstractRecorder, AircraftSample, FleetSample
 from anser.spatial import safe_hypot, safe_norm
 

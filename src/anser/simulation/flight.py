@@ -9,13 +9,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from anser.compiling import as_one_kernel
-from anser.numerics import any_in_batch
+from anser.numerics import any_in_batch, in_precision
 from anser.planning import AircraftPlan, Report
 from anser.sensing import GoalState, Instant, velocity_over_ground_n
 from anser.shapes import Count, Flag, ScalarLike
 from anser.simulation.closed_loop import Perceived, act, perceive
 from anser.simulation.fleet import Flight, FlightState, fleet_rows, of_members
-from anser.simulation.precision import in_precision
 from anser.simulation.recorder import AbstractRecorder, FleetSample, History, scanned
 from anser.simulation.status import PLAN_TOO_NEAR, broken_off
 from anser.simulation.vehicle import Vehicle, VehicleState
