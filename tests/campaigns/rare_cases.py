@@ -17,7 +17,7 @@ def rare_study(**changes):
     return study_of(**{"sampling": None, "rare": ABOVE, **changes})
 
 
-def made_up(cases, batch=None):
+def made_up(cases, batch=None, precision="float64"):
     """Rows whose greatest miss is the wind's speed, and whose least separation is as much more than 500 m."""
     return [_row(case.scenario.wind.speed_m_s) for case in cases]
 

@@ -27,7 +27,7 @@ def text_of(scenario="three.toml", flights=4):
     )
 
 
-def made_up(cases, batch=None, series=None):
+def made_up(cases, batch=None, series=None, precision="float64"):
     """Rows that follow from each scenario alone; some fail, one cannot begin."""
     return [_row(case, series) for case in cases]
 

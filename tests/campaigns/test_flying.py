@@ -54,7 +54,7 @@ def test_an_interrupted_campaign_goes_on_to_the_last_bit(tmp_path, monkeypatch):
     while not store.done.all():
         left = int(rng.integers(0, 3))
 
-        def sometimes(cases, batch=None, series=None):
+        def sometimes(cases, batch=None, series=None, precision="float64"):
             nonlocal left
             if left == 0:
                 raise KeyboardInterrupt
@@ -123,6 +123,8 @@ def test_another_study_scenario_or_version_is_refused(tmp_path, monkeypatch):
         store.refuse_unless_same(same, THREE, {"wind.speed_m_s": values["wind.speed_m_s"] + 1.0})
     with pytest.raises(StoreError, match="study"):
         store.refuse_unless_same(study_of(sampling={"flights": FLIGHTS}, seed=2), THREE, values)
+    with pytest.raises(StoreError, match="the precision float64; expected float32, to go on with it"):
+        store.refuse_unless_same(study_of(sampling={"flights": FLIGHTS}, precision="float32"), THREE, values)
     with pytest.raises(StoreError, match="scenario"):
         store.refuse_unless_same(same, THREE.replace("fleet.speed_m_s", 151.0), values)
     monkeypatch.setattr(campaigns.store, "version_attributes", lambda: {"version_anser": "9.9"})
@@ -151,6 +153,36 @@ def test_a_flight_flown_again_is_compared_with_its_row(tmp_path):
     assert departures(store, number, summary, met=False) == {"miss_m": pytest.approx(1e-4), "met": "True"}
     with pytest.raises(ValueError, match="arrived 50; expected one from 0 to 49"):
         flight_of(store, FLIGHTS)
+
+
+def test_flights_are_flown_in_the_precision_of_the_study(tmp_path, monkeypatch):
+    flown = []
+
+    def noted(cases, batch=None, series=None, precision="float64"):
+        flown.append(precision)
+        return made_up(cases, series=series)
+
+    monkeypatch.setattr(flying, "fly_many", noted)
+    for precision in ("float64", "float32"):
+        flown.clear()
+        store = begun(tmp_path / precision, precision=precision)
+        fly_campaign(store)
+        assert set(flown) == {precision}
+        assert store.dataset().attrs["precision"] == precision
+        assert (
+            xr.open_zarr(store.folder / "flights.zarr", consolidated=False, chunks=None).attrs["precision"] == precision
+        )
+        # what rounding changes between a flight alone and one in a batch is more in float32
+        number = int(np.flatnonzero(store.dataset()["met"].values)[0])
+        (row,) = made_up([flying.FlightCase(flight_of(store, number))])
+        row.aircraft[1]["miss_m"] += 1e-3
+        summary = {"aircraft": row.aircraft, "fleet": row.fleet, "requirements": row.requirements}
+        assert (departures(store, number, summary, met=True) == {}) == (precision == "float32")
+
+
+def test_a_precision_that_does_not_fit_is_refused_before_anything_flies(tmp_path):
+    with pytest.raises(ScenarioError, match='precision: arrived "float32" of a round Earth'):
+        prepare(tmp_path, study_of(precision="float32"), THREE.replace("earth", "wgs84"), {})
 
 
 def test_a_campaign_leaves_no_processes(tmp_path):

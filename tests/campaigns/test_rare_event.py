@@ -71,7 +71,7 @@ def test_an_interrupted_one_goes_on_to_the_last_bit(study, tmp_path, monkeypatch
     whole = rare(study, tmp_path / "whole", processes=1)
     flown = 0
 
-    def sometimes(cases, batch=None):
+    def sometimes(cases, batch=None, precision="float64"):
         nonlocal flown
         flown += 1
         if flown % 7 == 0:

@@ -34,11 +34,11 @@ def again(monkeypatch):
         dataset.to_netcdf(folder / "flight.nc")
         return folder
 
-    def run(scenario):
+    def run(scenario, precision):
         numbers.append(scenario)
         return SimpleNamespace(dataset=dataset, summary=summary, save=save)
 
-    def fly_many(cases, progress, batch, series):
+    def fly_many(cases, progress, batch, series, precision):
         numbers.extend(case.scenario for case in cases)
         progress("flying", 0.0)
         return made_up(cases, batch, series)
@@ -140,7 +140,7 @@ def test_the_worst_are_drawn_over_others(tmp_path, again):
 
 
 def test_flights_that_come_out_otherwise_are_named(tmp_path, monkeypatch):
-    def otherwise(cases, progress, batch, series):
+    def otherwise(cases, progress, batch, series, precision):
         rows = made_up(cases, batch, series)
         rows[1].aircraft[0]["miss_m"] += 1.0
         return rows
@@ -182,7 +182,7 @@ def test_bands_of_angles_do_not_jump_where_the_angle_does():
 
 
 def test_a_report_that_is_interrupted_is_there_without_its_map(tmp_path, monkeypatch):
-    def interrupted(cases, progress, batch, series):
+    def interrupted(cases, progress, batch, series, precision):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(reporting, "fly_many", interrupted)

@@ -77,6 +77,11 @@ def test_what_does_not_go_together_is_refused(changes, said):
     assert said in str(caught.value)
 
 
+def test_a_precision_that_is_none_is_refused():
+    with pytest.raises(ScenarioError, match='precision: arrived "float16"; expected "float64" or "float32"'):
+        study_of(precision="float16")
+
+
 def test_a_missing_scenario_is_named(tmp_path):
     (tmp_path / "study.toml").write_text(text_of(scenario="nowhere.toml"))
     with pytest.raises(ScenarioError, match=r"nowhere.toml: 1 problem\n.*no file of this name"):

@@ -97,7 +97,7 @@ class DaveMlEngine(AbstractEngine):
 
     def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
         """Power (0..100 percent) whose thrust is nearest to `thrust` (N): exact where it is linear between tenths."""
-        powers = jnp.asarray(_POWERS)
+        powers = jnp.asarray(_POWERS, air_data.V.dtype)
         known = jax.vmap(lambda power: self.propulsion(power, air_data).force_b[0])(powers)
         rising = jax.lax.cummax(known)
         at = jnp.clip(jnp.sum(thrust >= rising) - 1, 0, _POWERS.size - 2)

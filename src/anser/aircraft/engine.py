@@ -66,23 +66,24 @@ class NoEngine(AbstractEngine):
 
     def rate(self, state: EnginePower, throttle: ScalarLike, air_data: AirData) -> EnginePower:
         """None."""
-        return EnginePower(jnp.zeros(()))
+        return EnginePower(jnp.zeros_like(state.power))
 
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
         """None."""
-        return Wrench(jnp.zeros(3), jnp.zeros(3))
+        none = jnp.zeros(3, jnp.result_type(air_data.V))
+        return Wrench(none, none)
 
     def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
         """0, whatever is wanted."""
-        return jnp.zeros(())
+        return jnp.zeros((), jnp.result_type(thrust, 0.0))
 
     def throttle_for_power(self, power: ScalarLike) -> Scalar:
         """0, whatever is wanted."""
-        return jnp.zeros(())
+        return jnp.zeros((), jnp.result_type(power, 0.0))
 
     def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
         """0, whatever is wanted."""
-        return jnp.zeros(())
+        return jnp.zeros((), jnp.result_type(power, 0.0))
 
     def outside_tables(self, air_data: AirData) -> Flag:
         """Never."""

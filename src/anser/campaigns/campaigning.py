@@ -11,7 +11,7 @@ from anser.campaigns.influencing import Influences, influences
 from anser.campaigns.keeping import keep_worst
 from anser.campaigns.reporting import OTHERS, WORST, write_campaign
 from anser.campaigns.store import CampaignStore
-from anser.campaigns.study import load_study
+from anser.campaigns.study import load_study, validate_study
 from anser.execution.batches import Progress
 from anser.scenario import Scenario
 
@@ -73,6 +73,7 @@ def campaign(
     resume: bool = False,
     processes: int | None = None,
     cluster: str | None = None,
+    precision: str | None = None,
     progress: Progress | None = None,
 ) -> Campaign:
     """Fly a study: a scenario many times, with numbers of it dispersed.
@@ -93,6 +94,8 @@ def campaign(
         How many fly at a time; None: one for each core, or as many as the free memory holds.
     cluster
         Address of a running scheduler of dask.distributed, whose workers fly instead; they must see the folder.
+    precision
+        In which flights are flown, "float64" or "float32", in place of what the study says; None: as it says.
     progress
         Called with what is being done and the part of the flights that is behind, 0..1.
 
@@ -105,7 +108,7 @@ def campaign(
     FileExistsError
         The folder exists and `resume` is not asked for.
     """
-    store = store_of(study, Path(out), resume=resume)
+    store = store_of(study, Path(out), resume=resume, precision=precision)
     if processes is None and cluster is None:
         room = room_of(store)
         processes = room.processes
@@ -116,9 +119,13 @@ def campaign(
     return Campaign(store)
 
 
-def store_of(study: str | os.PathLike[str], folder: Path, *, resume: bool) -> CampaignStore:
+def store_of(
+    study: str | os.PathLike[str], folder: Path, *, resume: bool, precision: str | None = None
+) -> CampaignStore:
     """The store to fly into: a new one, or one to go on with; raises as `campaign` does."""
     wanted, scenario, given = load_study(study)
+    if precision is not None:
+        wanted = validate_study({**wanted.model_dump(exclude_unset=True), "precision": precision}, os.fspath(study))
     if resume:
         store = CampaignStore.open(folder)
         store.refuse_unless_same(wanted, scenario, applied_values(wanted, scenario, given))

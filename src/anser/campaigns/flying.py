@@ -21,7 +21,8 @@ from anser.campaigns.store import CampaignStore, StoreError
 from anser.campaigns.study import Study
 from anser.compiling import enable_compilation_cache
 from anser.execution.batches import BATCH, Progress, silent
-from anser.execution.many_flights import FlightCase, flown_one_by_one, fly_many
+from anser.execution.many_flights import FlightCase, fly_many
+from anser.execution.precisions import flown_one_by_one, refuse_precision
 from anser.results.flight_row import FlightRow
 from anser.scenario import Problem, Scenario, ScenarioError, value_at
 from anser.scenario.errors import show
@@ -62,6 +63,7 @@ def put(study: Study, scenario: Scenario, sampled: dict[str, np.ndarray]) -> dic
 
 def prepare(folder: Path, study: Study, scenario: Scenario, given: dict[str, np.ndarray]) -> CampaignStore:
     """Make the store of a campaign in a folder that exists, without flying; raises ScenarioError and StoreError."""
+    refuse_precision(scenario, study.precision, study.name)
     applied = applied_values(study, scenario, given)
     count = next(iter(applied.values())).size if applied else study.sampled.flights or 0
     refuse_if_none(study, scenario, applied, count)
@@ -157,7 +159,8 @@ def fly_chunk(folder: Path, chunk: int) -> int:
             cases[k] = FlightCase(scenario_with(store.scenario, seed, {path: one[k] for path, one in applied.items()}))
         except ScenarioError as error:
             rows[k] = FlightRow.failed("; ".join(map(str, error.problems)))
-    for k, row in zip(cases, fly_many(list(cases.values()), batch=store.chunk, series=store.kept), strict=True):
+    flown = fly_many(list(cases.values()), batch=store.chunk, series=store.kept, precision=store.study.precision)
+    for k, row in zip(cases, flown, strict=True):
         rows[k] = row
     store.write(chunk, [row for row in rows if row is not None])
     return chunk

@@ -57,7 +57,7 @@ def kept_flight(store: CampaignStore, number: int) -> Path | None:
 def _keep(store: CampaignStore, number: int, folder: Path) -> bool:
     """Fly a flight into a folder, which is whole or not there; False where it does not begin again."""
     try:
-        flown = run(flight_of(store, number))
+        flown = run(flight_of(store, number), precision=store.study.precision)
     except (ScenarioError, NoPlanError):  # it began in the campaign: another version, or rounding
         return False
     partial = folder.with_name(f".{folder.name}")

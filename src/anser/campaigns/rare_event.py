@@ -89,7 +89,8 @@ class RareEvent:
     def fly_worst(self, place: int = 0) -> Flown:
         """Fly one of the worst flights again by itself, with all that `anser.run` records; raises as that does."""
         case = self.worst(place)
-        return run(case.scenario, planned=plan(case.scenario, randomness=case.randomness))
+        planned = plan(case.scenario, randomness=case.randomness)
+        return run(case.scenario, planned=planned, precision=self.flights.study.precision)
 
 
 def rare(

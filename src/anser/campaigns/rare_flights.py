@@ -18,7 +18,8 @@ from anser.campaigns.sampling import dispersed
 from anser.campaigns.store import StoreError
 from anser.campaigns.study import Study
 from anser.campaigns.subset import SubsetPlan
-from anser.execution.many_flights import FlightCase, flown_one_by_one, fly_many
+from anser.execution.many_flights import FlightCase, fly_many
+from anser.execution.precisions import flown_one_by_one, refuse_precision
 from anser.results.flight_row import FlightRow
 from anser.scenario import Problem, Scenario, ScenarioError
 from anser.simulation.status import AT_GROUND, NO_TRIM, NOT_FINITE, STATUS_MESSAGES
@@ -85,6 +86,7 @@ class RareFlights:
 
     def refuse_early(self) -> None:
         """Refuse before anything flies what no flight can have (ScenarioError)."""
+        refuse_precision(self.scenario, self.study.precision, self.study.name)
         numbers = np.arange(min(TRIED, self.asked.flights))
         refuse_if_none(self.study, self.scenario, self._applied(self.space.fresh(numbers)), numbers.size)
 
@@ -96,7 +98,7 @@ class RareFlights:
             return values
         # of one size, so that one program flies all; those that are refused are few
         filled = list(itertools.islice(itertools.cycle(cases.values()), self.batch))
-        for k, row in zip(cases, fly_many(filled, batch=self.batch), strict=False):
+        for k, row in zip(cases, fly_many(filled, batch=self.batch, precision=self.study.precision), strict=False):
             values[k] = self.value_of(row)
         return values
 

@@ -130,7 +130,13 @@ def _flown_again(
         stride = _sparse(round(timing.duration_s / timing.record_period_s) + 1).step
         series = SeriesKept.of(scenario, _KEYS, stride * timing.record_period_s)
         said = f"flying {len(cases)} flights again"
-        rows = fly_many(list(cases.values()), lambda _, part: tell(said, part), len(cases), series=series)
+        rows = fly_many(
+            list(cases.values()),
+            lambda _, part: tell(said, part),
+            len(cases),
+            series=series,
+            precision=store.study.precision,
+        )
         for (number, case), row in zip(cases.items(), rows, strict=True):
             if row_departures(data, number, row):
                 otherwise.append(number)

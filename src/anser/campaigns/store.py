@@ -108,6 +108,7 @@ class CampaignStore:
                 "title": study.name,
                 "study": study.model_dump_json(exclude_unset=True),
                 "study_hash": study.hash,
+                "precision": study.precision,
                 "scenario": scenario.model_dump_json(exclude_unset=True),
                 "scenario_hash": scenario.hash,
                 "varied": json.dumps(list(applied)),
@@ -214,6 +215,7 @@ class CampaignStore:
     def refuse_unless_same(self, study: Study, scenario: Scenario, applied: Mapping[str, np.ndarray]) -> None:
         """Refuse to go on with another study, scenario, value or version of what numbers depend on (StoreError)."""
         about = self._group.attrs
+        self._refuse_others(precision=(about.get("precision", "float64"), study.precision))
         self._refuse_others(study=(about["study_hash"], study.hash))
         self._refuse_others(scenario=(about["scenario_hash"], scenario.hash))
         self.refuse_other_versions()
@@ -239,7 +241,7 @@ class CampaignStore:
         """All flights of complete chunks, labelled: dimensions flight and aircraft."""
         with xr.open_zarr(self.folder / _FOLDER, chunks=None, consolidated=False, mask_and_scale=False) as data:
             found = data.drop_vars(_DONE).isel(flight=self.flown).load()
-        attributes = {"confidence": self.study.answers.confidence}
+        attributes = {"confidence": self.study.answers.confidence, "precision": self.study.precision}
         return found.set_coords(["flight", "aircraft"]).assign_attrs(attributes)
 
     def series(self) -> xr.Dataset:

@@ -27,6 +27,7 @@ from anser.scenario.schema_base import (
     tables,
 )
 from anser.scenario.schema_problems import problems_from
+from anser.simulation import PRECISIONS, Precision
 
 METHODS = ("monte-carlo", "latin-hypercube", "sobol", "saltelli", "grid", "table")
 FLIGHTS_MAX = 10_000_000
@@ -175,6 +176,7 @@ class Study(Table):
         description="of all that is random: of the sampling and of each flight",
         json_schema_extra=expects(f"a whole number from 0 to {SEED_MAX}"),
     )
+    precision: Precision = choice("in which flights are flown; they are planned in float64", PRECISIONS, "float64")
     sampling: Sampling | None = table("of a campaign: how often and how", "a table [sampling]", None)
     vary: tuple[Vary, ...] = tables("what varies", "tables [[vary]], in double brackets", at_least=0, default=())
     correlated: tuple[Correlated, ...] = tables(

@@ -48,6 +48,12 @@ def fly(
         str | None,
         typer.Option(help="Address of a dask scheduler, whose workers fly instead.", show_default=False),
     ] = None,
+    precision: Annotated[
+        str | None,
+        typer.Option(
+            help="In which flights are flown, float64 or float32; left out: as the study says.", show_default=False
+        ),
+    ] = None,
 ) -> None:
     """Fly a study: a scenario many times, its numbers dispersed, and say how surely it keeps its requirements.
 
@@ -58,7 +64,7 @@ def fly(
     from anser.campaigns.flying import room_of
 
     try:
-        store = store_of(study, out, resume=resume)
+        store = store_of(study, out, resume=resume, precision=precision)
     except FileExistsError:
         raise RefusedError(f"--out: arrived {out}, which exists; expected a new folder, or --resume") from None
     except StoreError as error:

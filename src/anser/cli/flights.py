@@ -99,7 +99,8 @@ def run(
 
     try:
         with kept_unless_empty(target), progress_bar() as tell:
-            flown = fly(wanted, tell, None if plan is None else _finished_plan(plan, wanted))
+            planned = None if plan is None else _finished_plan(plan, wanted)
+            flown = fly(wanted, tell, planned, "float64" if store is None else store.study.precision)
             tell("writing", None)
             flown.write_into(target)
     except NoPlanError as error:

@@ -139,7 +139,7 @@ def _least_change(
     weighted = slope * weight[None, :]
     gram = jnp.sum(weighted[:, None, :] * slope[None, :, :], axis=2)
     most = jnp.max(jnp.sum((slope * half[None, :]) ** 2, axis=1))
-    inverse = inverse3(gram + jnp.diag(_SHARE * most * _PRIORITY))
+    inverse = inverse3(gram + jnp.diag(_SHARE * most * _PRIORITY.astype(most.dtype)))
     return jnp.sum(weighted[:, :, None] * inverse[:, None, :], axis=0)
 
 

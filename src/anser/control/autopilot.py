@@ -145,7 +145,10 @@ def attitude_control(
     effectiveness, asked = motion.effectiveness, nu - motion.drift
     if not model.airframe.actuators.controls_yaw:
         # The fin rules the sideslip: the yaw rate is what it is, and bank and angle of attack make do with it.
-        effectiveness, asked = effectiveness.at[2].set(_YAW), asked.at[2].set(model.state.rates_b[2])
+        effectiveness, asked = (
+            effectiveness.at[2].set(_YAW.astype(asked.dtype)),
+            asked.at[2].set(model.state.rates_b[2]),
+        )
     free = solve3(effectiveness, asked)
     # Scaled together: a roll rate that is cut while its yaw rate is not would be a sideslip.
     rates_wanted = free / jnp.maximum(jnp.max(jnp.abs(free) / model.limits.rates_max), 1.0)
@@ -171,7 +174,8 @@ def velocity_control(
 
     The signals are the commands before `excitation` is added.
     """
-    added = Excitation() if excitation is None else excitation
+    none = jnp.zeros_like(memory.velocity_integral)
+    added = Excitation(none, none) if excitation is None else excitation
     motion, limits = model.motion, model.limits
     V_wanted = jnp.clip(wanted.V, limits.speed_min, limits.speed_max)
     error = jnp.stack([V_wanted - motion.V, wanted.gamma - motion.gamma, wrapped(wanted.chi - motion.chi)])

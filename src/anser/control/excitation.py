@@ -1,7 +1,6 @@
 """Programmed test inputs of an autopilot."""
 
 import equinox as eqx
-import jax.numpy as jnp
 
 from anser.shapes import Vector3
 
@@ -19,5 +18,5 @@ class Excitation(eqx.Module):
         Added to the wanted (P, Q, R), rad/s.
     """
 
-    attitude: Vector3 = eqx.field(default_factory=lambda: jnp.zeros(3))
-    rates_b: Vector3 = eqx.field(default_factory=lambda: jnp.zeros(3))
+    attitude: Vector3
+    rates_b: Vector3

@@ -180,7 +180,7 @@ def _eased(command: PathCommand, velocity_air_n: Vector3) -> PathCommand:
     The path angle loop turns an error e into an acceleration V e / (1 s) normal to the path, at the present airspeed:
     an arrival that is faster than its hold must not be asked for a steeper descent where it is to level off.
     """
-    present = polar(velocity_air_n, jnp.zeros(3))
+    present = polar(velocity_air_n, jnp.zeros_like(velocity_air_n))
     most = _PULL_MAX / jnp.maximum(present.V, 1.0)
     change = command.gamma - present.gamma
     gamma = jnp.where(jnp.abs(change) <= most, command.gamma, present.gamma + jnp.clip(change, -most, most))
@@ -199,7 +199,7 @@ def _turned_one_way(command: PathCommand, velocity_air_n: Vector3, turn: ScalarL
     A course more than 120 deg against the hold's turn is reached by turning with it; what is asked at once is at most
     45 deg, and then without feed-forward, because the field's own rate is not that of such a turn.
     """
-    course = polar(velocity_air_n, jnp.zeros(3)).chi
+    course = polar(velocity_air_n, jnp.zeros_like(velocity_air_n)).chi
     change = wrapped(command.chi - course)
     change = jnp.where(turn * change < -2 * jnp.pi / 3, change + turn * 2 * jnp.pi, change)
     asked = jnp.clip(change, -jnp.pi / 4, jnp.pi / 4)

@@ -18,7 +18,7 @@ def named_signals(belief: Belief) -> dict[str, Scalar]:
     data = now.air_data
     roll, pitch, yaw = euler_from_quaternion(state.quaternion)
     rates_b = state.rates_b + rotate(now.R_bn, now.earth.earth_rate_n + now.earth.transport_rate_n)
-    density_ratio = data.density / StandardAtmosphere().at(jnp.zeros(())).density
+    density_ratio = data.density / StandardAtmosphere().at(jnp.zeros_like(data.density)).density
     return {
         "altitudeMsl": data.altitude,
         "trueAirspeed": data.V,

@@ -51,7 +51,7 @@ def path_motion(
     velocity_air_n = rotate_back(now.R_bn, velocity_b) - now.wind_n
     mu = bank_about_velocity(now.R_bn, alpha, beta)
     force_b = now.wrench.force_b
-    fall_n = jnp.zeros(3).at[2].set(gravity)
+    fall_n = jnp.zeros_like(velocity_air_n).at[2].set(gravity)
     path = polar(velocity_air_n, rotate_back(now.R_bn, force_b) / mass + fall_n)
     gamma, chi = path.gamma, path.chi
     V = jnp.maximum(now.air_data.V, 1.0)

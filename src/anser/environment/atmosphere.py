@@ -62,7 +62,7 @@ class StandardAtmosphere(AbstractAtmosphere):
         (33a), (33b), (42), (50).
         """
         h = geopotential_from_geometric(jnp.maximum(jnp.asarray(altitude), _LOWEST_M))
-        layer = jnp.asarray(_LAYERS)[jnp.sum(h >= _BASES_M[1:])]
+        layer = jnp.asarray(_LAYERS, h.dtype)[jnp.sum(h >= jnp.asarray(_BASES_M[1:], h.dtype))]
         base, temperature_base, lapse, relative_lapse, pressure_base, power, decay = (layer[i] for i in range(7))
         above = h - base
         temperature = temperature_base + lapse * above

@@ -104,9 +104,9 @@ class FlatEarth(AbstractEarth):
         return LocalEarth(
             gravity=self.gravity,
             apparent_gravity_n=jnp.stack([zero, zero, self.gravity]),
-            earth_rate_n=jnp.zeros(3),
-            transport_rate_n=jnp.zeros(3),
-            chart_scale=jnp.ones(3),
+            earth_rate_n=jnp.zeros(3, zero.dtype),
+            transport_rate_n=jnp.zeros(3, zero.dtype),
+            chart_scale=jnp.ones(3, zero.dtype),
         )
 
     def sight(self, position_n: Vector3, other_n: Vector3, other_velocity_n: Vector3) -> tuple[Vector3, Vector3]:
@@ -207,7 +207,7 @@ class RotatingEarth(AbstractEarth):
         """Straight line through space and velocity over ground, both turned into the place's axes."""
         R_ne, other_R_ne = self._axes(position_n), self._axes(other_n)
         line_e = self.ecef_from_chart(other_n) - self.ecef_from_chart(position_n)
-        velocity_n = other_velocity_n / self.local(other_n, jnp.zeros(3)).chart_scale
+        velocity_n = other_velocity_n / self.local(other_n, jnp.zeros_like(other_n)).chart_scale
         return rotate(R_ne, line_e), rotate(R_ne, rotate_back(other_R_ne, velocity_n))
 
     def charted(self, position_n: Vector3, line_n: Vector3, velocity_n: Vector3) -> tuple[Vector3, Vector3]:
@@ -215,7 +215,7 @@ class RotatingEarth(AbstractEarth):
         R_ne = self._axes(position_n)
         other_n = self.chart_from_ecef(self.ecef_from_chart(position_n) + rotate_back(R_ne, line_n))
         other_velocity_n = rotate(self._axes(other_n), rotate_back(R_ne, velocity_n))
-        return other_n, self.local(other_n, jnp.zeros(3)).chart_scale * other_velocity_n
+        return other_n, self.local(other_n, jnp.zeros_like(other_n)).chart_scale * other_velocity_n
 
     def _axes(self, position_n: Vector3) -> Matrix33:
         lat, lon, _ = self.geodetic(position_n)

@@ -5,6 +5,7 @@ hold while airspeed, height and intensity change.
 """
 
 import abc
+import math
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -41,7 +42,8 @@ class AbstractShapingFilter(eqx.Module):
         self, state: Float[Array, " size"], normals: Float[Array, " size"], span: Scalar
     ) -> Float[Array, " size"]:
         """State a span later: exact for any span."""
-        kept, added = self.transition(span)
+        # float64 whatever flies: a root of what a short span adds is all cancellation
+        kept, added = (one.astype(state.dtype) for one in self.transition(span.astype(float)))
         return jnp.sum(kept * state[None, :], axis=1) + jnp.sum(added * normals[None, :], axis=1)
 
 
@@ -97,7 +99,7 @@ class DrydenAcross(AbstractShapingFilter):
 
     def output(self, state: Float[Array, "2"]) -> Scalar:
         """See `AbstractShapingFilter`."""
-        return state[0] + np.sqrt(3.0) * state[1]
+        return state[0] + math.sqrt(3.0) * state[1]
 
 
 class Modes(AbstractShapingFilter):
@@ -131,7 +133,7 @@ class Modes(AbstractShapingFilter):
 
     def output(self, state: Float[Array, " size"]) -> Scalar:
         """See `AbstractShapingFilter`."""
-        return jnp.sum(np.asarray(self.residues) * state)
+        return jnp.sum(np.asarray(self.residues, state.dtype) * state)
 
 
 def _root(matrix: Float[Array, "n n"], count: int) -> Float[Array, "n n"]:

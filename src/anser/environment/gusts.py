@@ -84,7 +84,8 @@ class NoGusts(AbstractGusts):
 
     def at(self, memory: None, flow: AirFlow) -> Gust:
         """No gust."""
-        return Gust(jnp.zeros(3), jnp.zeros(3))
+        none = jnp.zeros_like(flow.wind_n)
+        return Gust(none, none)
 
     def advance(self, memory: None, normals: Float[Array, " count"], flow: AirFlow, step: ScalarLike) -> None:
         """Nothing is kept."""
@@ -123,7 +124,7 @@ class DiscreteGust(AbstractGusts):
         """See `AbstractGusts`; without rotation."""
         part = memory / self.length
         part = jnp.clip(part, 0.0, jnp.where(self.returns, 2.0, 1.0))
-        return Gust(0.5 * self.amplitudes * (1.0 - jnp.cos(jnp.pi * part)), jnp.zeros(3))
+        return Gust(0.5 * self.amplitudes * (1.0 - jnp.cos(jnp.pi * part)), jnp.zeros_like(self.amplitudes))
 
     def advance(self, memory: Scalar, normals: Float[Array, " count"], flow: AirFlow, step: ScalarLike) -> Scalar:
         """The way flown in it, m."""

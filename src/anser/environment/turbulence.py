@@ -172,6 +172,6 @@ class _Axes(eqx.Module):
 
 
 def _axes(flow: AirFlow, high: Scalar) -> _Axes:
-    ahead_n = rotate_back(flow.R_bn, jnp.array([1.0, 0.0, 0.0]))
+    ahead_n = rotate_back(flow.R_bn, jnp.zeros_like(flow.wind_n).at[0].set(1.0))
     level = jnp.maximum(safe_hypot(ahead_n[0], ahead_n[1]), 1e-6)
     return _Axes(flow.R_bn, ahead_n[:2] / level, high)

@@ -81,7 +81,7 @@ def levels(
     low_lengths = jnp.stack([low_ft * smaller**3, low_ft * smaller**3, low_ft])
     sigma_w = 0.1 * jnp.asarray(wind_20ft)
     low_sigmas = sigma_w * jnp.stack([smaller, smaller, jnp.ones_like(shape)])
-    scale = jnp.full(3, _SCALE_FT[family])
+    scale = jnp.full(3, _SCALE_FT[family], height_ft.dtype)
     sigma = table.at(jnp.maximum(height_ft, _HIGH_FT) * FOOT_M, log_probability)
     high = jnp.clip((height_ft - _LOW_FT) / (_HIGH_FT - _LOW_FT), 0.0, 1.0)
     return Levels(

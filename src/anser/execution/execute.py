@@ -21,9 +21,10 @@ from anser.execution.happenings import Happenings
 from anser.execution.negotiated import DecentralisedPlanned
 from anser.execution.plan_interface import NoPlanError, Planned
 from anser.execution.planned import plan
-from anser.numerics import as_array
+from anser.execution.precisions import refuse_precision
+from anser.numerics import as_array, in_precision
 from anser.scenario import Scenario, as_scenario
-from anser.simulation import SEGMENT_STEPS, Flight, FlightState, fly
+from anser.simulation import SEGMENT_STEPS, Flight, FlightState, Precision, flight_in, fly, state_in
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -46,9 +47,12 @@ def prepare_flight(flight: Flight, state: FlightState) -> Prepared:
     return fly_segment.prepare(without_replanning(flight), state, as_array(0, np.int32))
 
 
-def _prepare(flight: Flight, state: FlightState) -> Prepared:
-    """As `prepare_flight`; xarray and pandas, which take as long to import as a program to load, come meanwhile."""
-    prepared = prepare_flight(flight, state)
+def _prepare(precision: Precision, flight: Flight, state: FlightState) -> Prepared:
+    """As `prepare_flight`, in a precision.
+
+    xarray and pandas, which take as long to import as a program to load, come meanwhile.
+    """
+    prepared = prepare_flight(flight_in(flight, precision), state_in(state, precision))
     importlib.import_module("anser.results")
     return prepared
 
@@ -154,7 +158,10 @@ class Flown:
 
 
 def run(
-    scenario: Scenario | str | os.PathLike[str], progress: Progress | None = None, planned: Planned | None = None
+    scenario: Scenario | str | os.PathLike[str],
+    progress: Progress | None = None,
+    planned: Planned | None = None,
+    precision: Precision = "float64",
 ) -> Flown:
     """Fly a scenario.
 
@@ -166,28 +173,31 @@ def run(
         Called now and then with what is being done and how much of the flight is behind; None before and after it.
     planned
         A finished plan of this scenario, from `anser.plan` or `anser.execution.read_plan`; None: one is made.
+    precision
+        In which it is flown; it is planned in float64 in any case.
 
     Raises
     ------
     ValueError
         The plan is one of another scenario.
     ScenarioError
-        If the file cannot be read or is no valid scenario, or an aircraft cannot fly steadily at its start; the message
-        says what stops it.
+        If the file cannot be read or is no valid scenario, or an aircraft cannot fly steadily at its start, or the
+        precision does not fit the scenario; the message says what stops it.
     NoPlanError
         If the certified planner finds no plan; the message says why.
     """
     scenario, on_progress = as_scenario(scenario), progress or silent
+    refuse_precision(scenario, precision)
     began = clock.perf_counter()
     if planned is None:
-        planned = plan(scenario, lambda what: on_progress(what, None), _prepare)
+        planned = plan(scenario, lambda what: on_progress(what, None), functools.partial(_prepare, precision))
     elif planned.scenario != scenario:
         raise ValueError(f"planned: arrived a plan for {planned.scenario.name}; expected one for the scenario itself")
     from anser.results import summarize, summarize_network, to_dataset, version_attributes
 
     if planned.refusals:
         raise NoPlanError(planned.refusals)
-    flight, state = planned.flight, planned.begun()
+    flight, state = flight_in(planned.flight, precision), state_in(planned.begun(), precision)
     simpler = without_replanning(flight)
     timing = scenario.timing
     steps = round(timing.duration_s / timing.step_s)
@@ -207,7 +217,7 @@ def run(
         at += flown if scenario.event else SEGMENT_STEPS
         state = happenings.looked_after(flight, after, at)
         rows = slice(flown if scenario.event else None), slice(len(scenario.aircraft))
-        segments.append({key: np.asarray(values)[rows] for key, values in history.items()})
+        segments.append({key: np.asarray(values)[rows] for key, values in in_precision(history, float).items()})
         on_progress("flying", min(at / (steps + 1), 1.0))
     history = {key: np.concatenate([part[key] for part in segments])[: steps + 1] for key in segments[0]}
     time_s = np.arange(steps + 1) * timing.step_s

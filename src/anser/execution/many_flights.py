@@ -14,6 +14,7 @@ from anser.execution.batches import BATCH, Progress, silent
 from anser.execution.certified import arrival_request, first_renewal
 from anser.execution.execute import run, without_replanning
 from anser.execution.plan_interface import NoPlanError
+from anser.execution.precisions import flown_one_by_one, refuse_precision
 from anser.execution.series import SeriesKept
 from anser.execution.untrimmable import refuse_untrimmable
 from anser.numerics import AbstractRandomness, Stacked, as_array, rows_of, seeded, stacked, structure_of
@@ -28,11 +29,14 @@ from anser.simulation import (
     CertifiedPlanState,
     Flight,
     FlightState,
+    Precision,
     SummaryRecorder,
     TrimmedFleet,
     begin,
+    flight_in,
     fly,
     start_flight,
+    state_in,
     trimmed_fleet,
 )
 
@@ -98,6 +102,7 @@ def fly_many(
     batch: int = BATCH,
     done: Callable[[list[int], list[FlightRow]], None] = lambda numbers, rows: None,
     series: SeriesKept | None = None,
+    precision: Precision = "float64",
 ) -> list[FlightRow]:
     """Fly many scenarios, those of one structure together, and sum each up as `anser.run` does.
 
@@ -114,6 +119,9 @@ def fly_many(
         Called with the places of flights in `cases` and what came of them, as soon as it is known.
     series
         Variables that are kept of each flight over time; None: none are.
+    precision
+        In which they are flown; they are planned in float64 in any case. A scenario that it does not fit is a row with
+        the reason.
 
     Returns
     -------
@@ -127,8 +135,10 @@ def fly_many(
     enable_compilation_cache()
     tell = progress or silent
     rows: list[FlightRow | None] = [None] * len(cases)
-    alone = [k for k, case in enumerate(cases) if flown_one_by_one(case.scenario)]
-    together = [k for k in range(len(cases)) if k not in set(alone)]
+    refused = _refused(cases, precision)
+    rest = [k for k in range(len(cases)) if k not in refused]
+    alone = [k for k in rest if flown_one_by_one(cases[k].scenario)]
+    together = [k for k in rest if k not in set(alone)]
     behind = 0
 
     def came(numbers: list[int], found: list[FlightRow]) -> None:
@@ -140,18 +150,25 @@ def fly_many(
         tell(f"flying {len(cases)} flights", behind / len(cases))
 
     tell(f"flying {len(cases)} flights", 0.0)
+    came(list(refused), [FlightRow.failed(words) for words in refused.values()])
     for group, places, flights in _alike([cases[k] for k in together], batch):
         numbers = [together[k] for k in places]
         filled_up = group.stacked(flights, min(batch, len(together)))
-        came(numbers, _flown([cases[k] for k in numbers], filled_up, flights, series))
+        came(numbers, _flown([cases[k] for k in numbers], filled_up, flights, series, precision))
     for k in alone:
         came([k], [_flown_alone(cases[k], series)])
     return cast(list[FlightRow], rows)
 
 
-def flown_one_by_one(scenario: Scenario) -> bool:
-    """Whether a scenario's flight stops for a search on the host, or has plans of several sizes."""
-    return bool(scenario.event) or scenario.fleet.planner == "decentralised"
+def _refused(cases: Sequence[FlightCase], precision: Precision) -> dict[int, str]:
+    """Places of cases that a precision does not fit, and why."""
+    found: dict[int, str] = {}
+    for k, case in enumerate(cases):
+        try:
+            refuse_precision(case.scenario, precision)
+        except ScenarioError as error:
+            found[k] = "; ".join(map(str, error.problems))
+    return found
 
 
 def _flown_alone(case: FlightCase, series: SeriesKept | None) -> FlightRow:
@@ -219,14 +236,18 @@ def _alike(cases: Sequence[FlightCase], batch: int) -> Iterator[tuple[_Group, li
 
 
 def _flown(
-    cases: Sequence[FlightCase], flights: _Flights, alone: Sequence[Flight], series: SeriesKept | None
+    cases: Sequence[FlightCase],
+    flights: _Flights,
+    alone: Sequence[Flight],
+    series: SeriesKept | None,
+    precision: Precision,
 ) -> list[FlightRow]:
     """Start, plan and fly a batch, which is filled up beyond the cases."""
     if cases[0].scenario.fleet.planner == "published":
         states, fleets = _started(flights)
         refused = _untrimmable(cases, alone, fleets)
         some = [k for k in range(len(cases)) if k not in refused]
-        found = _summed_up([cases[k] for k in some], flights, states, some, series)
+        found = _summed_up([cases[k] for k in some], flights, states, some, series, precision)
         flown = dict(zip(some, found, strict=True))
         return [flown[k] if k in flown else FlightRow.failed(refused[k]) for k in range(len(cases))]
     fleets, tasks = _asked(flights)
@@ -253,7 +274,7 @@ def _flown(
         which = np.array([*some, *rest])
         own = Stacked(_rows(flights.own, which), flights.common)
         states = _begun(own, _rows(fleets, which), rows_of([plans[k] for k in which]))
-        found = _summed_up([cases[k] for k in some], own, states, range(len(some)), series)
+        found = _summed_up([cases[k] for k in some], own, states, range(len(some)), series, precision)
         flown |= dict(zip(some, found, strict=True))
     return [flown[k] if k in flown else FlightRow.failed(refused[k]) for k in range(len(cases))]
 
@@ -281,11 +302,13 @@ def _summed_up(
     states: FlightState,
     places: Sequence[int],
     series: SeriesKept | None,
+    precision: Precision,
 ) -> list[FlightRow]:
     """Fly a batch to its end; rows of the cases, at their places in it."""
     if not cases:
         return []
-    timing = cases[0].scenario.timing
+    flights = Stacked(flight_in(flights.own, precision), flight_in(flights.common, precision))
+    states, timing = state_in(states, precision), cases[0].scenario.timing
     steps = round(timing.duration_s / timing.step_s)
     size, last = _size_of(flights), as_array(steps, np.int32)
     apart = np.zeros((size, 2))

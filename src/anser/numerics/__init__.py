@@ -1,6 +1,16 @@
 """Numerical building blocks: tables, integration, quadrature, roots, small algebra."""
 
-from anser.numerics.arrays import as_array, each_of, few_sizes, filled_up, leading, namespace, rows_at, zeros_as
+from anser.numerics.arrays import (
+    as_array,
+    each_of,
+    few_sizes,
+    filled_up,
+    in_precision,
+    leading,
+    namespace,
+    rows_at,
+    zeros_as,
+)
 from anser.numerics.integrate import rk4_step
 from anser.numerics.linear import cross, inverse3, product3, solve3, times3
 from anser.numerics.randomness import AbstractRandomness, Blended, Given, Seeded, seeded
@@ -21,6 +31,7 @@ __all__ = [
     "each_of",
     "few_sizes",
     "filled_up",
+    "in_precision",
     "inverse3",
     "leading",
     "make_axes",

@@ -75,6 +75,21 @@ def as_array(value: Any, dtype: Any = float) -> Array:
     return jax.device_put(held)
 
 
+def in_precision(value: T, dtype: Any) -> T:
+    """All real numbers of a tree, or shapes of some, in a precision; what has it already stays as it is."""
+    wanted = jnp.dtype(dtype)
+
+    def one(leaf: Any) -> Any:
+        own = getattr(leaf, "dtype", wanted)
+        if not jnp.issubdtype(own, jnp.floating) or own == wanted:
+            return leaf
+        if isinstance(leaf, jax.ShapeDtypeStruct):
+            return jax.ShapeDtypeStruct(leaf.shape, wanted)
+        return as_array(leaf, wanted)
+
+    return jax.tree.map(one, value)
+
+
 @functools.lru_cache(maxsize=8192)
 def _on_device(raw: bytes, dtype: np.dtype, shape: tuple[int, ...]) -> Array:
     """A small array, which flights of a campaign have in common for the most part: putting it there takes longest."""

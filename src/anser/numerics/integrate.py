@@ -5,6 +5,7 @@ from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array
 
 from anser.shapes import ScalarLike
 
@@ -20,11 +21,14 @@ def rk4_step(derivative: Callable[[ScalarLike, Y], Y], t: ScalarLike, y: Y, h: S
     def shifted(scale: ScalarLike, slope: Y) -> Y:
         return jax.tree.map(lambda a, b: a + scale * b, y, slope)
 
+    def of_type(slope: Array, value: Array) -> Array:
+        return slope if slope.dtype == value.dtype else slope.astype(value.dtype)
+
     def stage(slope: Y, part: ScalarLike) -> tuple[Y, Y]:
-        slope = derivative(t + part * h, shifted(part * h, slope))
+        slope = jax.tree.map(of_type, derivative(t + part * h, shifted(part * h, slope)), y)
         return slope, slope
 
     # One copy of the derivative in the compiled code.
     zero = jax.tree.map(jnp.zeros_like, y)
-    k = jax.lax.scan(stage, zero, jnp.asarray([0.0, 0.5, 0.5, 1.0]))[1]
+    k = jax.lax.scan(stage, zero, jnp.asarray([0.0, 0.5, 0.5, 1.0], jnp.result_type(h, *jax.tree.leaves(y))))[1]
     return jax.tree.map(lambda a, k: a + h / 6 * (k[0] + 2 * (k[1] + k[2]) + k[3]), y, k)

@@ -7,6 +7,8 @@ from jaxtyping import Array, Float
 from anser.compiling import in_one_kernel
 from anser.shapes import Count, Matrix33, Vector3
 
+_LEAST_SQUARE = 1e-100
+
 
 def cross(a: Vector3, b: Vector3) -> Vector3:
     """Vector product of two vectors in the same frame, any unit."""
@@ -32,7 +34,8 @@ def inverse3(matrix: Matrix33, floor: float = 1e-12) -> Matrix33:
     that bound, so that the result stays finite; such a matrix has no useful inverse.
     """
     # The smallest length under the root keeps derivatives in range where a column is zero.
-    lengths = jnp.sqrt(jnp.sum(matrix * matrix, axis=0) + 1e-100)
+    least = max(_LEAST_SQUARE, 1e8 * float(jnp.finfo(matrix.dtype).tiny))
+    lengths = jnp.sqrt(jnp.sum(matrix * matrix, axis=0) + least)
     unit = matrix / lengths[None, :]
     a, b, c = unit[:, 0], unit[:, 1], unit[:, 2]
     rows = jnp.stack([cross(b, c), cross(c, a), cross(a, b)])

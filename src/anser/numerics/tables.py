@@ -96,7 +96,8 @@ class Tables(eqx.Module):
 
     def __call__(self, *x: ScalarLike) -> tuple[Float[Array, " functions"], ...]:
         """Values of each group's functions; one argument for each axis."""
-        return self.within(*self.axes.locate(jnp.stack([jnp.asarray(value, dtype=float) for value in x])))
+        dtype = self.axes.breakpoints.dtype
+        return self.within(*self.axes.locate(jnp.stack([jnp.asarray(value, dtype) for value in x])))
 
     def within(self, index: Int[Array, " k"], fraction: Float[Array, " k"]) -> tuple[Float[Array, " functions"], ...]:
         """Values of each group's functions, given an interval of each axis and the fraction within it."""

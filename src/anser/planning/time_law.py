@@ -45,7 +45,7 @@ def path_derivative(coefficients_n: Float[Array, "3 5"], s: ScalarLike, order: i
     factors = np.ones(5 - order)
     for lowered in range(order):
         factors *= np.arange(order, 5) - lowered
-    *lower, total = jnp.unstack(jnp.asarray(factors)[None, :] * coefficients_n[:, order:], axis=1)
+    *lower, total = jnp.unstack(jnp.asarray(factors, coefficients_n.dtype)[None, :] * coefficients_n[:, order:], axis=1)
     for coefficient in reversed(lower):
         total = total * s + coefficient
     return total
@@ -73,7 +73,7 @@ class Cell(eqx.Module):
 
     def time(self, squares: Float[Array, " rule"], width: ScalarLike) -> Scalar:
         """Time to fly it, s, at given squared airspeeds at the nodes."""
-        return width * jnp.sum(jnp.asarray(_RULE.weights) * self.slopes / jnp.sqrt(squares))
+        return width * jnp.sum(jnp.asarray(_RULE.weights, squares.dtype) * self.slopes / jnp.sqrt(squares))
 
 
 def _between(value: ScalarLike, low: ScalarLike, high: ScalarLike) -> Scalar:
@@ -82,14 +82,14 @@ def _between(value: ScalarLike, low: ScalarLike, high: ScalarLike) -> Scalar:
 
 
 def _cell(coefficients_n: Float[Array, "3 5"], s: ScalarLike, width: ScalarLike) -> Cell:
-    points = s + width * jnp.asarray(_RULE.nodes)
+    points = s + width * jnp.asarray(_RULE.nodes, coefficients_n.dtype)
     slopes = jax.vmap(lambda x: norm(path_derivative(coefficients_n, x, 1)))(points)
     down = jax.vmap(lambda x: path_derivative(coefficients_n, x, 0)[2])(points)
     return Cell(
         slopes=slopes,
-        flown=width * jnp.sum(jnp.asarray(_TO_NODES) * slopes[None, :], axis=1),
+        flown=width * jnp.sum(jnp.asarray(_TO_NODES, slopes.dtype) * slopes[None, :], axis=1),
         gained=STANDARD_GRAVITY_M_S2 * (down - path_derivative(coefficients_n, s, 0)[2]),
-        length=width * jnp.sum(jnp.asarray(_RULE.weights) * slopes),
+        length=width * jnp.sum(jnp.asarray(_RULE.weights, slopes.dtype) * slopes),
     )
 
 
@@ -127,7 +127,7 @@ class TimeLaw(eqx.Module):
         held = _between(elapsed, 0.0, self.times[-1])
         k = jnp.sum(held >= self.times[1:-1], dtype=jnp.int32)
         ahead = self._ahead(coefficients_n, k, held - self.times[k])
-        s = k / CELLS + ahead
+        s = k.astype(ahead.dtype) / CELLS + ahead
         slope_n, bend_n = path_derivative(coefficients_n, s, 1), path_derivative(coefficients_n, s, 2)
         slope, speed, held_up, _ = self._motion(coefficients_n, k, ahead)
         s_dot = speed / slope
@@ -150,7 +150,7 @@ class TimeLaw(eqx.Module):
         self, coefficients_n: Float[Array, "3 5"], k: Count, ahead: Scalar
     ) -> tuple[Scalar, Scalar, Flag, Scalar]:
         """|dr/ds|, airspeed, whether it is held at the least, and time (s), at a parameter from the start of cell k."""
-        start = k / CELLS
+        start = k.astype(ahead.dtype) / CELLS
         cell = _cell(coefficients_n, start, ahead)
         slope = jnp.maximum(norm(path_derivative(coefficients_n, start + ahead, 1)), _TINY)
         down = path_derivative(coefficients_n, start + ahead, 0) - path_derivative(coefficients_n, start, 0)

@@ -94,7 +94,7 @@ class TimedPath(AbstractReference):
         safe = jnp.where(span > 0.0, span, 1.0)
         inside = hermite_quintic(begin, end, safe, (held - start) / safe)
         beyond = time - held
-        ahead = jnp.stack([inside[0] + beyond * inside[1], inside[1], jnp.zeros(3)])
+        ahead = jnp.stack([inside[0] + beyond * inside[1], inside[1], jnp.zeros_like(inside[1])])
         return jnp.where(beyond == 0.0, inside, ahead)
 
     def at(self, time: ScalarLike) -> PathPoint:

@@ -52,5 +52,5 @@ def goal_seen(earth: AbstractEarth, sight: LineOfSight, position_n: Vector3, vel
 
     `position_n` is the own place in the chart (3,), m, `velocity_n` the own velocity over ground (3,), NED, m/s.
     """
-    line_n, goal_velocity_n = recover(sight, jnp.zeros(3), velocity_n)
+    line_n, goal_velocity_n = recover(sight, jnp.zeros_like(velocity_n), velocity_n)
     return GoalState(*earth.charted(position_n, line_n, goal_velocity_n))

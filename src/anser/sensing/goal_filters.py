@@ -216,7 +216,7 @@ class GoalFilter(AbstractGoalFilter):
             return track.means, track.covariances, track.shares
         # a chain that leaves each model at the same rate, for any other alike
         kept = jnp.exp(-jnp.asarray(span) / self.sojourn * count / (count - 1))
-        chain = kept * jnp.eye(count) + (1.0 - kept) / count
+        chain = kept * jnp.eye(count, dtype=kept.dtype) + (1.0 - kept) / count
         joint = chain * track.shares[:, None]
         shares = jnp.sum(joint, axis=0)
         weights = joint / shares[None, :]

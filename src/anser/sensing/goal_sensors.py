@@ -177,8 +177,8 @@ class GoalSensor(eqx.Module):
         return jnp.where(_RANGE, of_range, sigmas)
 
     def _nothing(self, instant: Instant) -> GoalReading:
-        none = jnp.zeros(6)
-        return GoalReading(none, jnp.ones(6), jnp.zeros(6, dtype=bool), instant.number, self.kind)
+        none = jnp.zeros_like(self.sigmas)
+        return GoalReading(none, jnp.ones_like(self.sigmas), jnp.zeros(6, dtype=bool), instant.number, self.kind)
 
     def _passed(self, queue: Queue, made: GoalReading, instant: Instant, delay: Scalar) -> tuple[GoalReading, Queue]:
         """Put a measurement on its way, and take the one that is to arrive first, if it is there."""

@@ -36,7 +36,7 @@ def line_of_sight(earth: AbstractEarth, position_n: Vector3, velocity_n: Vector3
     `position_n` is the own place in the chart (3,), m, `velocity_n` the own velocity over ground (3,), NED, m/s.
     """
     line_n, goal_over_ground_n = earth.sight(position_n, goal.position_n, goal.velocity_n)
-    return measure(jnp.zeros(3), velocity_n, line_n, goal_over_ground_n)
+    return measure(jnp.zeros_like(velocity_n), velocity_n, line_n, goal_over_ground_n)
 
 
 def sight_values(sight: LineOfSight) -> Float[Array, "6"]:

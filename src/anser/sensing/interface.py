@@ -59,11 +59,13 @@ class Instant(eqx.Module):
         ValueError
             The flight has no seed.
         """
-        return self._source().normals(part, BEFORE_FIRST if once else self.number, count)
+        drawn = self._source().normals(part, BEFORE_FIRST if once else self.number, count)
+        return drawn.astype(self.step.dtype)
 
     def uniforms(self, part: int, count: int, *, once: bool = False) -> Array:
         """As `normals`, between 0 and 1."""
-        return self._source().uniforms(part, BEFORE_FIRST if once else self.number, count)
+        drawn = self._source().uniforms(part, BEFORE_FIRST if once else self.number, count)
+        return drawn.astype(self.step.dtype)
 
     def _source(self) -> AbstractRandomness:
         if self.randomness is None:

@@ -100,7 +100,7 @@ def unscented_spread(
     points: SigmaPoints,
 ) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
     """Mean and covariance of what a function makes of a state, with noise added."""
-    _, of_mean, of_covariance = points.weights(mean.shape[0])
+    of_mean, of_covariance = (one.astype(mean.dtype) for one in points.weights(mean.shape[0])[1:])
     images = jax.vmap(moved)(points.around(mean, covariance))
     after = jnp.sum(of_mean[:, None] * images, axis=0)
     apart = images - after[None]
@@ -111,14 +111,14 @@ def unscented_update(
     mean: Float[Array, " n"], covariance: Float[Array, "n n"], measurement: Measurement, points: SigmaPoints
 ) -> Updated:
     """Unscented Kalman filter's update by all measurements at once."""
-    _, of_mean, of_covariance = points.weights(mean.shape[0])
+    of_mean, of_covariance = (one.astype(mean.dtype) for one in points.weights(mean.shape[0])[1:])
     around = points.around(mean, covariance)
     offs, on = jax.vmap(measurement.off)(around), measurement.measured
     offs = jnp.where(on[None], offs, 0.0)
     off = jnp.sum(of_mean[:, None] * offs, axis=0)
     expected_apart, apart = off[None] - offs, around - mean[None]
     spread = jnp.sum(of_covariance[:, None, None] * expected_apart[:, :, None] * expected_apart[:, None, :], axis=0)
-    spread = spread + jnp.where(on, measurement.variances, 1.0)[:, None] * np.eye(off.shape[0])
+    spread = spread + jnp.where(on, measurement.variances, 1.0)[:, None] * np.eye(off.shape[0], dtype=off.dtype)
     both = jnp.sum(of_covariance[:, None, None] * apart[:, :, None] * expected_apart[:, None, :], axis=0)
     root = cholesky(spread)
     whitened, across = _forward(root, off[:, None])[:, 0], _forward(root, both.T)

@@ -134,11 +134,11 @@ def _white_acceleration(
     density: Scalar, density_up: Scalar, turn_density: Scalar | None, span: ScalarLike
 ) -> Float[Array, "n n"]:
     densities = jnp.stack([density, density, density_up])
-    axes = densities[:, None] * np.eye(3)
+    axes = densities[:, None] * np.eye(3, dtype=densities.dtype)
     places, both, speeds = (axes * part for part in (span**3 / 3.0, span**2 / 2.0, span))
     noise = jnp.concatenate([jnp.concatenate([places, both], axis=1), jnp.concatenate([both, speeds], axis=1)], axis=0)
     if turn_density is None:
         return noise
-    last = np.zeros((7, 7))
+    last = np.zeros((7, 7), densities.dtype)
     last[6, 6] = 1.0
     return jnp.pad(noise, ((0, 1), (0, 1))) + last * (turn_density * span)

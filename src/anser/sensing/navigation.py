@@ -41,7 +41,7 @@ class Navigation(eqx.Module):
     @property
     def position_covariance(self) -> Matrix33:
         """Of the position, NED, m^2."""
-        return self.covariance[:, 0, 0][:, None] * np.eye(3)
+        return self.covariance[:, 0, 0][:, None] * np.eye(3, dtype=self.covariance.dtype)
 
 
 class NavigationFilter(eqx.Module):
@@ -103,8 +103,8 @@ class NavigationFilter(eqx.Module):
             mean = jnp.stack([state[0], state[1], kept * state[2]])
             covariance = _moved(_moved(covariance, span, kept).T, span, kept) + added
             # position with the slow error, then velocity
-            mean, covariance = _measured(mean, covariance, jnp.array([1.0, 0.0, 1.0]), fixed[0], noise)
-            return _measured(mean, covariance, jnp.array([0.0, 1.0, 0.0]), fixed[1], rate)
+            mean, covariance = _measured(mean, covariance, jnp.array([1.0, 0.0, 1.0], mean.dtype), fixed[0], noise)
+            return _measured(mean, covariance, jnp.array([0.0, 1.0, 0.0], mean.dtype), fixed[1], rate)
 
         fixed = jnp.stack([fix.position_n, fix.velocity_n], axis=1)
         sigmas = jnp.stack([self.slow_sigma, self.noise_sigma, self.velocity_sigma], axis=1)

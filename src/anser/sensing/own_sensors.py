@@ -182,7 +182,7 @@ def tilted(quaternion: Quaternion, angles_b: Vector3) -> Quaternion:
     It is a turn by 2 arctan(|angles| / 2) about their vector, within 1e-6 of it up to 0.2 deg and 1e-4 up to 2 deg.
     """
     half_b = 0.5 * angles_b
-    return quaternion_multiply(quaternion, normalize(jnp.concatenate([jnp.ones(1), half_b])))
+    return quaternion_multiply(quaternion, normalize(jnp.concatenate([jnp.ones_like(half_b[:1]), half_b])))
 
 
 def _through_air_b(V: Scalar, alpha: Scalar, beta: Scalar) -> Vector3:

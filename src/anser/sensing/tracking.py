@@ -109,7 +109,7 @@ class TrackingEstimator(AbstractEstimator):
         state, now, step = reading.state, reading.now, instant.step
         airframe = airframe if self.model is None else self.model
         own, air, goal, uncertainty, seen_goal = memory.own, memory.air, memory.goal, None, None
-        own_covariance = jnp.zeros((3, 3))
+        own_covariance = jnp.zeros((3, 3), step.dtype)
         if self.own is not None and own is not None:
             assert reading.fix is not None
             R_bn = rotation_from_quaternion(state.quaternion)
@@ -129,7 +129,7 @@ class TrackingEstimator(AbstractEstimator):
                 measured_b = rotate(now.R_bn, velocity_over_ground_n(now, reading.state) - now.wind_n)
             air = self.air.step(air, R_bn, velocity_n, measured_b, step)
             environment = eqx.tree_at(lambda e: e.wind, instant.environment, SteadyWind(air.wind_n), is_leaf=_is_wind)
-            disturbance = Disturbance(Gust(air.gust_b, jnp.zeros(3)), jnp.ones_like(step))
+            disturbance = Disturbance(Gust(air.gust_b, jnp.zeros_like(air.gust_b)), jnp.ones_like(step))
             now = condition(airframe, environment, instant.time, state, disturbance=disturbance)
         elif self.own is not None or self.model is not None:
             now = condition(airframe, instant.environment, instant.time, state)

@@ -27,6 +27,7 @@ from anser.simulation.modes import Mode, modes_of, wind_axis_states
 from anser.simulation.motion import advance
 from anser.simulation.network import Network
 from anser.simulation.planned_hold import PlannedHolds, cells_for, moved_with_goals
+from anser.simulation.precision import PRECISIONS, Precision, flight_in, state_in
 from anser.simulation.recorder import AbstractRecorder, AircraftSample, FleetSample, History
 from anser.simulation.response import Loop, LoopCase, Response, step_response
 from anser.simulation.start import TrimmedFleet, begin, start_flight, trimmed_fleet
@@ -43,6 +44,7 @@ __all__ = [
     "CHANNELS",
     "HELD_BACK",
     "NEUTRAL",
+    "PRECISIONS",
     "SEGMENT_STEPS",
     "STATUS_MESSAGES",
     "TABLE_AXES",
@@ -77,6 +79,7 @@ __all__ = [
     "Network",
     "PitchBranch",
     "PlannedHolds",
+    "Precision",
     "Response",
     "SteadyDescent",
     "SummaryRecorder",
@@ -95,6 +98,7 @@ __all__ = [
     "capability_of",
     "capability_points",
     "cells_for",
+    "flight_in",
     "fly",
     "fly_alone",
     "follow_pitch_trim",
@@ -111,6 +115,7 @@ __all__ = [
     "pitching_moment",
     "solve_trim",
     "start_flight",
+    "state_in",
     "statuses",
     "steady_descent",
     "step_response",

@@ -9,7 +9,7 @@ from jaxtyping import Array
 
 from anser.aircraft import AircraftState, Disturbance, condition, moving_state, seen_state
 from anser.environment import AirFlow, Environment, NoGusts
-from anser.numerics import AbstractRandomness, where_any
+from anser.numerics import AbstractRandomness, in_precision, where_any
 from anser.numerics.randomness import AIR
 from anser.planning import AircraftPlan
 from anser.sensing import GOAL_DIVERGED, GOAL_NEVER_SEEN, Belief, Instant, Truth, velocity_over_ground_n
@@ -107,7 +107,7 @@ def perceive(vehicle: Vehicle, state: VehicleState, instant: Instant) -> Perceiv
 
 def _normals(vehicle: Vehicle, instant: Instant, *, once: bool = False) -> Array:
     count = vehicle.gusts.normals
-    return instant.normals(AIR, count, once=once) if count else jnp.zeros(0)
+    return instant.normals(AIR, count, once=once) if count else jnp.zeros(0, instant.step.dtype)
 
 
 def act(
@@ -171,6 +171,8 @@ def act(
     )
     gusts = vehicle.gusts.advance(state.gusts, _normals(vehicle, instant), seen.flow, instant.step)
     memories = seen.sensors, seen.estimator, guidance, controller, gusts
+    # a part that mixes float64 into a flight in float32 makes it slow, and no other flight
+    after, memories = in_precision((after, memories), instant.step.dtype)
     stopped = state.stopped
     if vehicle.mission is not None:
         finite = _all_finite((after, memories))
@@ -219,7 +221,7 @@ def _meet(
     goal = mission.goal_at(time)
     rendezvous_n = goal.position_n + mission.rendezvous.stand_off_n
     to_goal_n, goal_velocity_n = earth.sight(truth.state.position_n, goal.position_n, goal.velocity_n)
-    to_rendezvous_n, _ = earth.sight(truth.state.position_n, rendezvous_n, jnp.zeros(3))
+    to_rendezvous_n, _ = earth.sight(truth.state.position_n, rendezvous_n, jnp.zeros_like(rendezvous_n))
     clearance = mission.hold.clearance(belief)
     near = too_near(
         to_goal_n,

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from anser.numerics import in_precision
 from anser.planning import separation_ratio
 from anser.planning.separation import Separation
 from anser.sensing import Instant
@@ -130,8 +131,9 @@ class SummaryRecorder(AbstractRecorder):
         self, memory: tuple[FleetSummary, _PreviousSample], sample: FleetSample, instant: Instant
     ) -> tuple[FleetSummary, _PreviousSample]:
         before, last = memory
-        now = sample.rows(_of_one)
-        time, step = instant.time, instant.step
+        now = in_precision(sample.rows(_of_one), float)  # also of a flight in float32
+        step = in_precision(instant.step, float)
+        time = instant.number * step
         position_n, offset_n, airspeed = now["position_n"], now["offset_n"], now["airspeed"]
         begun = instant.number > 0
         length_s = jnp.where(begun, step, 0.0)

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from anser.compiling import as_one_kernel
-from anser.numerics import any_in_batch
+from anser.numerics import any_in_batch, in_precision
 from anser.planning import AircraftPlan, Report
 from anser.sensing import GoalState, Instant, velocity_over_ground_n
 from anser.shapes import Count, Flag, ScalarLike
@@ -87,7 +87,7 @@ def _renewed(
     flight: Flight, state: FlightState, number: Count, reports: Report
 ) -> tuple[Any, Bool[Array, " aircraft"]]:
     """The planner's state with a plan renewed where that is due, and which new plans are refused."""
-    timing, planner = flight.timing, flight.planner
+    timing, planner = in_precision(flight.timing, float), flight.planner
     time = number * timing.step
     plans = planner.plans(state.planner)
     frozen = time >= plans.arrival_time - timing.freeze
@@ -124,8 +124,9 @@ def step_fleet(
     instant = Instant(flight.environment, number, flight.timing.step, flight.randomness)
     compiled = as_one_kernel if one_kernel else lambda function: function
     seen, reports = fleet_reports(flight, state, instant, one_kernel=one_kernel)
+    reports = in_precision(reports, float)
     planner, refused = _renewed(flight, state, number, reports)
-    plans = flight.planner.plans(planner)
+    plans = in_precision(flight.planner.plans(planner), instant.step.dtype)
     vehicles = refuse(flight, state.vehicles, refused)
 
     def acted(vehicle: Vehicle, before: VehicleState, perceived: Perceived, plan: AircraftPlan) -> Any:
@@ -135,7 +136,8 @@ def step_fleet(
         compiled(kind.vehicles.map)(acted, before, one, of_members(plans, kind, flight.count))
         for kind, before, one in zip(flight.kinds, vehicles, seen, strict=True)
     ]
-    planner = flight.planner.observe(planner, reports, number, flight.timing.step, flight.randomness)
+    step = in_precision(flight.timing.step, float)
+    planner = flight.planner.observe(planner, reports, number, step, flight.randomness)
     after = FlightState(tuple(states for states, _ in moved), planner)
     return after, FleetSample(tuple(samples for _, samples in moved), flight.members), instant
 

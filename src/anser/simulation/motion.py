@@ -29,5 +29,5 @@ def advance(
         return motion_derivative(airframe, environment, t, y, controls, disturbance)
 
     # jit: traced once for the four stages.
-    after = rk4_step(jax.jit(derivative), jnp.asarray(time, dtype=float), state, step)
+    after = rk4_step(jax.jit(derivative), jnp.asarray(time, state.velocity_b.dtype), state, step)
     return eqx.tree_at(lambda s: s.quaternion, after, normalize(after.quaternion))

@@ -170,7 +170,7 @@ def hold_reference(
         off_n, off_rate_n = share * off_n, jnp.where(share < 1.0, 0.0, 1.0) * off_rate_n
         as_foreseen = jnp.asarray(True)
     flown = as_foreseen & (time <= holds.paths.times[-1])
-    return HoldReference(holds.paths, off_n, off_rate_n, jnp.asarray(time, dtype=float)), flown
+    return HoldReference(holds.paths, off_n, off_rate_n, jnp.asarray(time, off_n.dtype)), flown
 
 
 class _PointMass(eqx.Module):

@@ -49,7 +49,7 @@ def record(sample: "AircraftSample") -> dict[str, Array]:
     inertial_b = state.rates_b + rotate(now.R_bn, now.earth.earth_rate_n + now.earth.transport_rate_n)
     euler = euler_from_quaternion(state.quaternion)
     _, ground_course = path_angles(velocity_n)
-    through_air = polar(velocity_n - now.wind_n, jnp.zeros(3))
+    through_air = polar(velocity_n - now.wind_n, jnp.zeros_like(velocity_n))
     force_b = now.wrench.force_b
     weight = truth.airframe.mass_properties.mass * now.earth.gravity
     controls = sample.controls

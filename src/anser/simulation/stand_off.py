@@ -70,10 +70,10 @@ def _from_goal(
     """Least distance from the goal on each leg of a half turn away after a straight leg, chords of equal angles, m."""
     ahead_n = velocity_n.at[2].set(0.0) / level
     right_n = turn * jnp.stack([-ahead_n[1], ahead_n[0], jnp.zeros_like(level)])
-    radius, start = level / rate, jnp.zeros(1)
-    times = jnp.concatenate([start, _ONSET_S + jnp.asarray(_ANGLES) / rate])
-    forward = jnp.concatenate([start, level * _ONSET_S + radius * jnp.asarray(np.sin(_ANGLES))])
-    aside = jnp.concatenate([start, radius * jnp.asarray(1.0 - np.cos(_ANGLES))])
+    radius, start = level / rate, jnp.zeros(1, rate.dtype)
+    times = jnp.concatenate([start, _ONSET_S + jnp.asarray(_ANGLES, rate.dtype) / rate])
+    forward = jnp.concatenate([start, level * _ONSET_S + radius * jnp.asarray(np.sin(_ANGLES), rate.dtype)])
+    aside = jnp.concatenate([start, radius * jnp.asarray(1.0 - np.cos(_ANGLES), rate.dtype)])
     down = velocity_n[2] * jnp.minimum(times, 2.0 * _ONSET_S)
     own_n = forward[:, None] * ahead_n[None, :] + aside[:, None] * right_n[None, :]
     own_n = own_n.at[:, 2].add(down)

@@ -35,4 +35,4 @@ def _safe_sqrt(squared: Scalar) -> Scalar:
 
 
 def _is_zero(squared: Scalar) -> Flag:
-    return squared < _TINY_SQUARED
+    return squared < max(_TINY_SQUARED, float(jnp.finfo(squared.dtype).tiny))
