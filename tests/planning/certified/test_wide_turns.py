@@ -1,5 +1,6 @@
 """Wider turns: paths that still lead where they should, as long as they should, in less bank."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,16 +8,25 @@ import pytest
 from certified_cases import detours_of, random_ends
 
 from anser.compiling import compiled_quickly
+from anser.planning.certified import plan_at
+from anser.planning.certified.candidate_sets import MINIMAL
 from anser.planning.certified.detours import DETOUR_KINDS, WORDS, direct, solve_detour, solve_racetrack
+from anser.planning.certified.profile import make_profile
 from anser.planning.certified.route import route
+from anser.planning.certified.timed_profile import curvature_limits
 from anser.planning.certified.wide_turns import (
     WIDTHS,
+    greatest_bank_rate,
     greatest_curvature,
     widened,
     widened_detour,
     widened_directs,
     widened_racetrack,
 )
+from anser.planning.limits import PathLimits
+from support.aircraft_tasks import aircraft_task
+from trials.cases import random_case
+from trials.task import planner_task
 
 CASES = 24
 LONGER = 1.1
@@ -101,3 +111,34 @@ def test_racetracks_of_wide_turns_are_as_long_and_bank_less(found):
     lead_to_their_ends(shape, wider)
     np.testing.assert_allclose(shape.marks[:, -1][wider.exists], longer[wider.exists], rtol=1e-6)
     assert np.all(gentle <= sharp * (1.0 + 1e-9))
+
+
+BANK_RATE = np.radians(4.0)
+LIMITED = PathLimits(*(jnp.asarray(x) for x in (100.0, 200.0, 0.5, 40.0, 200.0)), bank_rate_max=jnp.asarray(BANK_RATE))
+
+
+def test_ramps_keep_the_limit_of_the_bank_rate():
+    """The greatest rate is that of wings level: sharpness V^3 / g."""
+    task = aircraft_task((30_000.0, 0.0, 0.0))
+    level = make_profile(200.0, (2000.0, 2000.0), (0.0, 0.0), 0.0, 0.0, (150.0, 150.0, 150.0), 0.0)
+    curvature, free = curvature_limits(task, 9.81, level)
+    same, held = curvature_limits(eqx.tree_at(lambda t: t.limits, task, LIMITED), 9.81, level)
+    assert free * 150.0**3 / 9.81 > 0.5 > BANK_RATE  # the task rolls with 0.5 rad/s on the mean
+    assert same < curvature  # of 0.5 rad of bank instead of 0.9
+    np.testing.assert_allclose(held * 150.0**3 / 9.81, BANK_RATE, rtol=1e-12)
+
+
+@pytest.mark.long
+def test_plans_of_random_tasks_keep_the_limit_of_the_bank_rate():
+    found = 0
+    for seed in (2, 9, 12, 63):
+        tasks, airspace, _ = planner_task(random_case(seed))
+        asked = jnp.full(tasks.active.shape, BANK_RATE)
+        tasks = eqx.tree_at(lambda t: t.limits.bank_rate_max, tasks, asked, is_leaf=lambda leaf: leaf is None)
+        plan = plan_at(0.0, tasks, airspace, jnp.full(tasks.active.shape, 280.0), 256, MINIMAL)
+        rates = jax.vmap(greatest_bank_rate, in_axes=(0, None))(plan.paths, airspace.gravity)
+        good = np.asarray(plan.feasible) & (np.asarray(tasks.active) > 0.0)
+        found += good.sum()
+        # Layered wind turns the lift a little besides, and a quintic is no clothoid.
+        assert np.all(np.asarray(rates)[good] <= 1.05 * BANK_RATE)
+    assert found >= 5
