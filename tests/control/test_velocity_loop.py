@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from anser.control import (
     default_limits,
 )
-from anser.control.velocity_loop import attitude_demand, thrust_demand
+from anser.control.velocity_loop import AttitudeDemand, attitude_demand, rate_limited, thrust_demand
 from anser.units import DEG_RAD
 
 modest = settings(deadline=None, max_examples=40)
@@ -277,3 +277,46 @@ def test_batched_equals_single():
     batch = np.stack([LEVEL, LEVEL * 1.1])
     for x, row in zip(batch, jax.jit(jax.vmap(_all_demands), compiler_options=QUICK)(batch), strict=True):
         np.testing.assert_allclose(row, _demands_jit(x), rtol=1e-12)
+
+
+def _demand(bank):
+    """A demand of a bank angle, rad, and nothing else."""
+    false = jnp.asarray(False)
+    return AttitudeDemand(jnp.array([bank, 0.1, 0.0]), false, false, false, false)
+
+
+SLOW = eqx.tree_at(lambda v: v.bank_rate_max, LIMITS, jnp.asarray(5.0 * DEGREE), is_leaf=lambda leaf: leaf is None)
+STEP = 0.01
+
+
+@modest
+@given(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
+def test_commanded_bank_changes_no_faster_than_its_limit(before, wanted):
+    limited, now = rate_limited(_demand(wanted), jnp.asarray(before), SLOW, STEP)
+    assert limited.angles[0] == now
+    assert abs(now - before) <= 5.0 * DEGREE * STEP * (1 + 1e-12)
+    assert min(before, wanted) - 1e-15 <= now <= max(before, wanted) + 1e-15  # rounding
+    assert limited.bank_saturated == (now != wanted)
+    np.testing.assert_array_equal(limited.angles[1:], _demand(wanted).angles[1:])
+
+
+def test_commanded_bank_gets_there():
+    now = jnp.zeros(())
+    for _ in range(200):
+        limited, now = rate_limited(_demand(0.15), now, SLOW, STEP)
+    assert now == 0.15
+    assert not limited.bank_saturated
+
+
+@pytest.mark.parametrize("before", [3.0, -2.0])
+def test_after_an_upset_the_bank_command_is_within_its_limit_at_once(before):
+    _, now = rate_limited(_demand(0.0), jnp.asarray(before), SLOW, STEP)
+    assert abs(abs(now) - (LIMITS.bank_max - 5.0 * DEGREE * STEP)) < 1e-12
+    assert now * before > 0.0
+
+
+def test_without_a_limit_the_bank_command_is_free():
+    demand = _demand(0.9)
+    limited, now = rate_limited(demand, None, LIMITS, STEP)
+    assert limited is demand
+    assert now is None

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from anser.scenario import build_flight, build_path_limits, load, loads
+from anser.scenario.template import starter_scenario
 from support.fleet_flight import parts_of
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
@@ -75,6 +76,18 @@ def test_path_limits(storm):
     scenario, _ = storm
     limits = build_path_limits(scenario)
     np.testing.assert_allclose(limits.bank_max, np.deg2rad(scenario.limits.bank_max_deg))
+
+
+def test_the_roll_rate_reaches_planner_and_autopilot():
+    """The plan leaves its reserve of it; left out, nothing is limited and plans roll as ever."""
+    text = starter_scenario()
+    gentle = build_flight(loads(text))
+    np.testing.assert_allclose(gentle.planner.limits.bank_rate_max, 0.9 * np.deg2rad(5.0))
+    np.testing.assert_allclose(parts_of(gentle).controller.limits.bank_rate_max, np.deg2rad(5.0))
+    free = build_flight(loads(text.replace("roll_rate_max_deg_s", "# roll_rate_max_deg_s")))
+    assert free.planner.limits.bank_rate_max is None
+    assert parts_of(free).controller.limits.bank_rate_max is None
+    np.testing.assert_allclose(free.planner.roll_rates_max, np.deg2rad(20.0))
 
 
 @pytest.mark.parametrize("seed", [0, 7, 2**31 + 5])

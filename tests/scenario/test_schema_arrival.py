@@ -76,8 +76,8 @@ CASES = {
         ("fleet.reserve", "", "0.6", "a number from 0 to 0.5"),
     ),
     "slow roll": (
-        [("altitude_min_m = 100", "roll_rate_max_deg_s = 4")],
-        ("limits.roll_rate_max_deg_s", "", "4", "a number from 5 to 90 deg/s"),
+        [("altitude_min_m = 100", "roll_rate_max_deg_s = 0.5")],
+        ("limits.roll_rate_max_deg_s", "", "0.5", "a number from 1 to 90 deg/s"),
     ),
     "no deceleration": (
         [("altitude_min_m = 100", "deceleration_max_m_s2 = 0")],
@@ -227,7 +227,7 @@ ALLOWED = {
     "defaults written out for the planner that does not read them": [
         *PUBLISHED,
         ("speed_m_s = 150\n", 'speed_m_s = 150\nplanner = "published"\nreserve = 0.1\n'),
-        ("altitude_min_m = 100", "altitude_max_m = 15240\nroll_rate_max_deg_s = 20"),
+        ("altitude_min_m = 100", "altitude_max_m = 15240"),
         ("[limits]", '[arrival]\nrule = "together"\n[limits]'),
     ],
     "empty tables": [*PUBLISHED, ("[limits]", "[arrival]\n[separation]\n[limits]")],

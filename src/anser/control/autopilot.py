@@ -17,7 +17,7 @@ from anser.control.gains import AutopilotGains
 from anser.control.memory import AutopilotState
 from anser.control.onboard_model import OnboardModel
 from anser.control.path_motion import PathMotion
-from anser.control.velocity_loop import AttitudeDemand, ThrustDemand, attitude_demand, thrust_demand
+from anser.control.velocity_loop import AttitudeDemand, ThrustDemand, attitude_demand, rate_limited, thrust_demand
 from anser.numerics import solve3
 from anser.planning import PathCommand
 from anser.shapes import Flag, Scalar, Vector, Vector3
@@ -182,7 +182,8 @@ def velocity_control(
     wanted_dot = jnp.stack([wanted.V_dot, wanted.gamma_dot, wanted.chi_dot])
     nu = virtual_control(gains.velocity, error, memory.velocity_integral, wanted_dot, motion.path_rates)
     thrust = thrust_demand(model, gains.engine_bandwidth, nu[0])
-    attitude = attitude_demand(model, nu[1], nu[2])
+    free = attitude_demand(model, nu[1], nu[2])
+    attitude, bank_command = rate_limited(free, memory.bank_command, limits, model.step)
     saturated = jnp.stack([thrust.saturated, attitude.alpha_saturated, attitude.bank_saturated])
     integral = advanced_integral(memory.velocity_integral, error, saturated, model.step)
     passed = attitude.angles + added.attitude
@@ -193,6 +194,8 @@ def velocity_control(
     rates_wanted, demand, memory = attitude_control(model, gains, memory, passed, attitude_dot, added.rates_b)
     attitude_filter = memory.attitude_filter.advanced(passed, gains.attitude_command_bandwidth, model.step)
     memory = eqx.tree_at(lambda m: (m.velocity_integral, m.attitude_filter), memory, (integral, attitude_filter))
+    if bank_command is not None:
+        memory = eqx.tree_at(lambda m: m.bank_command, memory, bank_command)
     signals = AutopilotSignals(
         motion=motion,
         thrust=thrust,

@@ -53,7 +53,7 @@ class InversionAutopilot(AbstractController):
 
     def init(self, state: AircraftState, attitude: Vector3) -> AutopilotState:
         """Memory of an autopilot that has been holding steady flight."""
-        return initial_autopilot_state(attitude, state.rates_b, state.surfaces)
+        return initial_autopilot_state(attitude, state.rates_b, state.surfaces, self.limits)
 
     def control(
         self, memory: AutopilotState, belief: Belief, command: Any, step: ScalarLike

@@ -23,6 +23,8 @@ class FlightLimits(eqx.Module):
         Greatest body rates (P, Q, R), rad/s.
     altitude_min
         Least altitude, m; the ground is at 0.
+    bank_rate_max
+        Greatest rate of the bank angle that is commanded, rad/s; None: any.
     """
 
     speed_min: Scalar
@@ -34,6 +36,7 @@ class FlightLimits(eqx.Module):
     load_factor_max: Scalar
     rates_max: Vector3
     altitude_min: Scalar = eqx.field(default_factory=lambda: jnp.asarray(0.0))
+    bank_rate_max: Scalar | None = None
 
 
 def default_limits() -> FlightLimits:

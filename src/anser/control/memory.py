@@ -4,8 +4,9 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from anser.control.feedback import Differentiator
+from anser.control.limits import FlightLimits
 from anser.control.model_residual import ModelResidual, no_residual
-from anser.shapes import Vector, Vector3
+from anser.shapes import Scalar, Vector, Vector3
 
 
 class AutopilotState(eqx.Module):
@@ -23,6 +24,8 @@ class AutopilotState(eqx.Module):
         Deflections through a low-pass filter, rad.
     residual
         Measured less modelled forces and accelerations.
+    bank_command
+        The last bank angle commanded, rad; None where the limits leave its rate free.
     """
 
     velocity_integral: Vector3
@@ -33,10 +36,16 @@ class AutopilotState(eqx.Module):
     surfaces_filter: Differentiator
     surfaces_slow: Vector
     residual: ModelResidual
+    bank_command: Scalar | None = None
 
 
-def initial_autopilot_state(attitude: Vector3, rates_b: Vector3, surfaces: Vector) -> AutopilotState:
-    """Memory of an autopilot that has been holding the given (mu, alpha, beta), (P, Q, R) and surfaces."""
+def initial_autopilot_state(
+    attitude: Vector3, rates_b: Vector3, surfaces: Vector, limits: FlightLimits | None = None
+) -> AutopilotState:
+    """Memory of an autopilot that has been holding the given (mu, alpha, beta), (P, Q, R) and surfaces.
+
+    `limits` are those it flies with; None: any that leave the rate of the bank angle free.
+    """
     zero = jnp.zeros(3)
     return AutopilotState(
         zero,
@@ -47,4 +56,5 @@ def initial_autopilot_state(attitude: Vector3, rates_b: Vector3, surfaces: Vecto
         Differentiator(surfaces),
         surfaces,
         no_residual(rates_b),
+        None if limits is None or limits.bank_rate_max is None else attitude[0],
     )

@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 
 from anser.aircraft import AbstractAirframe, Condition
+from anser.control.limits import FlightLimits
 from anser.control.onboard_model import OnboardModel
 from anser.shapes import Flag, Scalar, ScalarLike, Vector, Vector3
 
@@ -34,7 +35,7 @@ class AttitudeDemand(eqx.Module):
     alpha_saturated
         The path angle is not served: alpha or load factor at a limit, the lift let go, or a push-over held back.
     bank_saturated
-        The course is not served: bank at its limit or faded out, or the lift too small for it.
+        The course is not served: bank or its rate at its limit, bank faded out, or the lift too small for it.
     lift_short
         The bank is held back because the lift at alpha_max is too small.
     load_factor_short
@@ -142,6 +143,33 @@ def attitude_demand(model: OnboardModel, gamma_dot: ScalarLike, chi_dot: ScalarL
         lift_short=(share < 1.0) & (lift_most <= most),
         load_factor_short=(share < 1.0) & (lift_most > most),
     )
+
+
+def rate_limited(
+    demand: AttitudeDemand, before: Scalar | None, limits: FlightLimits, step: ScalarLike
+) -> tuple[AttitudeDemand, Scalar | None]:
+    """The demand with a bank angle that changes no faster than the limits say, and that angle for the next step.
+
+    After an upset, beyond the greatest bank angle, the rate counts from that angle on: the attitude loop rolls back.
+
+    Parameters
+    ----------
+    demand
+        As if the rate were free.
+    before
+        The bank angle commanded a step (s) ago, rad; None where the rate is free.
+    """
+    if before is None or limits.bank_rate_max is None:
+        return demand, before
+    free, most = demand.angles[0], limits.bank_rate_max * step
+    bank = jnp.clip(before, -limits.bank_max, limits.bank_max)
+    bank = bank + jnp.clip(free - bank, -most, most)
+    limited = eqx.tree_at(
+        lambda d: (d.angles, d.bank_saturated),
+        demand,
+        (demand.angles.at[0].set(bank), demand.bank_saturated | (bank != free)),
+    )
+    return limited, bank
 
 
 def _share_within(fall: Scalar, up: Scalar, side: Scalar, most: Scalar) -> Scalar:

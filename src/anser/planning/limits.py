@@ -39,6 +39,8 @@ class PathLimits(eqx.Module):
     """The same with the engine idle, positive, m/s^2; where `idle` is given, level at the airspeed of the start."""
     idle: IdleDeceleration | None = None
     """How the drag changes with airspeed and load factor, as a share of `deceleration_max`; None: not at all."""
+    bank_rate_max: Scalar | None = None
+    """Of the bank angle, either way, rad/s; what a planner makes keeps to it, no certificate bounds it. None: any."""
 
     def along(self, speed: ScalarLike, load_factor: ScalarLike) -> tuple[Scalar, Scalar]:
         """The acceleration and the deceleration that there are at an airspeed (m/s) and a load factor, m/s^2."""

@@ -12,12 +12,14 @@ from anser.scenario.build_own import beyond_own, has_own, own_limits, own_of
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_aircraft import Aircraft
 from anser.scenario.schema_settings import Limits
+from anser.shapes import Scalar
 from anser.units import DEG_RAD
 
 _CORRECTION_MAX_M_S = 20.0  # what position feedback may add to the planned velocity
 _CORRECTION_PART = 0.13  # the same, part of the airspeed that an aircraft prefers, where it is not the library's F-16
 _HOLD_CLIMB_MAX_M_S = 20.0  # vertical speed in the hold, within the scenario's own limit
 _RATES_MAX_DEG_S = (120.0, 60.0, 60.0)  # body rates that the autopilot may ask for
+_ROLL_RATE_DEG_S = 20.0  # of plans, on the mean, where no limit is given
 _BANK_LAG_MOST = math.radians(10.0)  # how far the bank may lag behind a plan that rolls
 
 
@@ -66,6 +68,7 @@ def build_flight_limits(limits: Limits) -> FlightLimits:
         load_factor_max=as_array(limits.load_factor_max),
         rates_max=as_array([math.radians(x) for x in _RATES_MAX_DEG_S]),
         altitude_min=as_array(limits.altitude_min_m),
+        bank_rate_max=_bank_rate(limits),
     )
 
 
@@ -94,7 +97,14 @@ def _path_limits(limits: Limits, speed_min_m_s: float, speed_max_m_s: float, par
         altitude_min=as_array(limits.altitude_min_m),
         altitude_max=as_array(limits.altitude_max_m),
         load_factor_max=as_array(1.0 + part * (limits.load_factor_max - 1.0)),
+        bank_rate_max=_bank_rate(limits, part),
     )
+
+
+def _bank_rate(limits: Limits, part: float = 1.0) -> Scalar | None:
+    """Part of the limit of the bank angle's rate, rad/s; None where none is asked."""
+    asked = limits.roll_rate_max_deg_s
+    return None if asked is None else as_array(part * asked * DEG_RAD)
 
 
 def planned_limits(scenario: Scenario, aircraft: Aircraft) -> PathLimits:
@@ -116,9 +126,9 @@ def planned_limits(scenario: Scenario, aircraft: Aircraft) -> PathLimits:
 
 
 def planned_roll_rate(scenario: Scenario, aircraft: Aircraft) -> float:
-    """Greatest roll rate that a plan asks of one aircraft, rad/s: the scenario's, or as its bank loop can follow."""
-    limit = scenario.limits.roll_rate_max_deg_s * DEG_RAD
-    if not has_own(aircraft) or "roll_rate_max_deg_s" in scenario.limits.model_fields_set:
-        return limit
+    """How fast a plan rolls one aircraft on the mean, rad/s: as usual, or as its bank loop can follow."""
+    usual = _ROLL_RATE_DEG_S * DEG_RAD
+    if not has_own(aircraft) or scenario.limits.roll_rate_max_deg_s is not None:
+        return usual
     bandwidth = float(own_of(scenario, aircraft, build_airframe_of(aircraft)).bandwidths.attitude[0])
-    return min(limit, bandwidth * _BANK_LAG_MOST)
+    return min(usual, bandwidth * _BANK_LAG_MOST)

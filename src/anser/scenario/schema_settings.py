@@ -89,7 +89,14 @@ class Limits(Table):
     load_factor_max: float = number("highest load factor", 1.1, 9, "", 5.0)
     alpha_min_deg: float = number("lowest angle of attack", -10, 45, "deg", -5.0)
     alpha_max_deg: float = number("highest angle of attack", -10, 45, "deg", 25.0)
-    roll_rate_max_deg_s: float = number("greatest roll rate that a plan asks for", 5, 90, "deg/s", 20.0)
+    roll_rate_max_deg_s: float | None = number(
+        "greatest rate of the bank angle, in a plan and in the autopilot's commands; left out: plans roll at 20 deg/s "
+        "on the mean, the autopilot as fast as it can",
+        1,
+        90,
+        "deg/s",
+        None,
+    )
     acceleration_max_m_s2: float | None = number(
         "greatest surplus of thrust over drag, per mass, that a plan asks for; left out: that of its start",
         0,

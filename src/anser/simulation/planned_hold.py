@@ -231,7 +231,7 @@ def hold_path(
     goal_n, goal_velocity_n = goal
     settings = eqx.tree_at(lambda s: (s.hold_radius, s.hold_turn), settings, (circle.radius, circle.turn))
     span = jnp.maximum(until - begin, 1.0) / cells
-    most = gravity * jnp.tan(_BANK_KEPT * task.limits.bank_max)
+    most, rate_most = gravity * jnp.tan(_BANK_KEPT * task.limits.bank_max), task.limits.bank_rate_max
     air_n = velocity_n - wind.at(place_n, begin)
     steep = jnp.minimum(jnp.abs(air_n[2]) / _LEVEL_OFF_S, _PULL_SHARE * (task.limits.load_factor_max - 1.0) * gravity)
     climb_rate = jnp.maximum(_CLIMB_RATE, steep)
@@ -264,13 +264,16 @@ def hold_path(
         rising = jnp.clip(rising, -settings.climb_rate_max, settings.climb_rate_max)
         wanted_climb = rising - goal_velocity_n[2] + blowing_n[2]
         level = safe_hypot(*_air_velocity_n(now)[:2])
+        rolling = (asked - now.turning) / _ROLL_LAG_S
+        if rate_most is not None:
+            rolling = jnp.clip(rolling, -gravity * rate_most, gravity * rate_most)  # more of it beyond wings level
         return _PointMass(
             position_n=ground_n,
             drift_n=blowing_n,
             course=now.turning / jnp.maximum(level, 1.0),
             speed=jnp.clip(_SPEED_GAIN * (task.speed - now.speed), -_SPEED_RATE, _SPEED_RATE),
             climb=jnp.clip((wanted_climb - now.climb) / _CLIMB_LAG_S, -climb_rate, climb_rate),
-            turning=(asked - now.turning) / _ROLL_LAG_S,
+            turning=rolling,
         )
 
     def cell(now: _PointMass, k: Count) -> tuple[_PointMass, tuple[Array, Array]]:

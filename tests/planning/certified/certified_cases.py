@@ -40,7 +40,7 @@ def integrated(place, heading, pieces):
     return np.array(places), np.array(headings)
 
 
-def random_ends(seed, count, near, far, curvature_use=0.9, sharp=4.0, free=False):
+def random_ends(seed, count, near, far, curvature_use=0.9, sharp=4.0, free=False, scale_most=12.0):
     """Stacked ends; distances from `near` to `far` greatest-curvature radii, ramps of a `sharp`-th of a radius.
 
     `curvature_use` is the greatest share of the curvature that a path may begin with.
@@ -58,6 +58,7 @@ def random_ends(seed, count, near, far, curvature_use=0.9, sharp=4.0, free=False
         end_free=jnp.full(count, free),
         curvature_max=jnp.asarray(1.0 / radii),
         sharpness=jnp.asarray(sharp / radii**2),
+        scale_most=jnp.full(count, scale_most),
     )
 
 
@@ -229,6 +230,7 @@ def delivered(wind):
             end_free=jnp.asarray(False),
             curvature_max=curvature,
             sharpness=curvature / (2.0 * fastest),
+            scale_most=jnp.ones(()),
         )
         words = jax.vmap(lambda word: direct(ends, word))(jnp.asarray(WORDS))
         base = jax.tree.map(lambda leaf: leaf[jnp.argmin(words.length)], words)

@@ -33,6 +33,7 @@ def test_close_knots_do_not_make_accelerations(wind):
         jnp.asarray(False),
         number(1 / 3000.0),
         number(1 / 3000.0 / 300.0),
+        number(1.0),
     )
 
     @compiled_quickly

@@ -116,7 +116,7 @@ def test_straight_on_after_its_end():
 def test_four_turns_in_a_row_are_a_route_without_legs():
     def one(ends, angles):
         begun = roll_out(ends)
-        move, length, after = turned_through(ends, begun.heading, angles)
+        move, length, after = turned_through(ends, begun.heading, angles, jnp.ones(TURNS))
         return begun.place + move, begun.length + length, after, flown(ends, angles, jnp.zeros(LEGS))
 
     place, length, after, shape = compiled_quickly(jax.vmap(one))(ENDS, jnp.asarray(ANGLES))

@@ -25,6 +25,8 @@ class CandidateSet(NamedTuple):
         Turn-and-leg paths are looked for per profile from so many starts.
     kept
         Only so many of these candidates of an aircraft are kept, those with the least cost; None: all.
+    widened
+        Whether each detour is offered with wide turns too, see `anser.planning.certified.wide_turns`.
     rounds
         The fleet is placed so often at most: again as long as certificates turn candidates down, without these.
     spline_starts, splines_kept
@@ -40,6 +42,7 @@ class CandidateSet(NamedTuple):
     sides: tuple[int, ...]
     turn_leg_starts: int = 0
     kept: int | None = None
+    widened: bool = False
     rounds: int = 1
     spline_starts: int = 0
     splines_kept: int = 0
@@ -48,7 +51,7 @@ class CandidateSet(NamedTuple):
     @property
     def size(self) -> int:
         """Number of detours and turn-and-leg paths."""
-        return len(self.speeds) * (len(self.words) + self.turn_leg_starts)
+        return len(self.speeds) * (len(self.words) * (1 + self.widened) + self.turn_leg_starts)
 
 
 def make_candidate_set(
@@ -58,6 +61,7 @@ def make_candidate_set(
     detour_kinds: Sequence[int],
     turn_leg_starts: int = 0,
     kept: int | None = None,
+    widened: bool = False,
     rounds: int = 1,
     splines: tuple[int, int] = (0, 0),
 ) -> CandidateSet:
@@ -67,7 +71,7 @@ def make_candidate_set(
     speed_column, altitude_column = zip(*profiles, strict=True)
     word_column, kind_column, side_column = zip(*ways, strict=True)
     columns = (speed_column, altitude_column, word_column, kind_column, side_column)
-    return CandidateSet(*columns, turn_leg_starts, kept, rounds, *splines)
+    return CandidateSet(*columns, turn_leg_starts, kept, widened, rounds, *splines)
 
 
 _EVERY_SPEED = tuple(range(10))
@@ -76,8 +80,10 @@ _TURN_LEG_PATHS = make_candidate_set(
 )
 _SPLINES = make_candidate_set((PREFERRED,), (0.0,), (0,), (0,), splines=(48, 12))
 
-MINIMAL = make_candidate_set((PREFERRED,), (0.0,), (0,), (0, 1, 2, 3, 4))
-STANDARD = make_candidate_set((PREFERRED, MATCHED), (0.0, 300.0, -300.0), (0,), (0, 1, 2, 3, 4, RACETRACK), rounds=4)
+MINIMAL = make_candidate_set((PREFERRED,), (0.0,), (0,), (0, 1, 2, 3, 4), widened=True)
+STANDARD = make_candidate_set(
+    (PREFERRED, MATCHED), (0.0, 300.0, -300.0), (0,), (0, 1, 2, 3, 4, RACETRACK), widened=True, rounds=4
+)
 WITH_TURN_LEG_PATHS = STANDARD._replace(rounds=8, extra=_TURN_LEG_PATHS)
 """And, for aircraft that need them, every speed, altitude and detour, and turn-and-leg paths."""
 WITH_SPLINES = STANDARD._replace(rounds=8, extra=_SPLINES)

@@ -27,12 +27,14 @@ from anser.planning.certified.turn_leg_paths import (
     make_starts,
     solve_turn_leg_paths,
 )
+from anser.planning.certified.wide_turns import greatest_curvature, widened_detour, widened_racetrack
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Flag, Scalar, ScalarLike
 
 DETOUR, TURN_LEG_PATH, SPLINE = range(3)
 _PART_REFINED = 0.4  # of the starts of turn-and-leg paths
 _RACETRACK_COST, _TURN_LEG_COST, _SPLINE_COST = 2.0, 3.0, 6.0  # of unusual paths
+_BANK_COST = 1.0  # of each radian of the greatest bank angle
 _INVALID, _NOT_SEARCHED = 1e6, 1e9
 
 
@@ -114,10 +116,17 @@ class _Routed(NamedTuple):
 
 
 def _routed(
-    generator: int, timed: TimedProfile, solved: TurnsAndLegs, fits: Flag, cost: Scalar, profile: Count
+    generator: int,
+    timed: TimedProfile,
+    gravity: ScalarLike,
+    solved: TurnsAndLegs,
+    fits: Flag,
+    cost: Scalar,
+    profile: Count,
 ) -> _Routed:
     valid = timed.within_limits & solved.exists & fits & jnp.isfinite(timed.table.length)
     turned = jnp.sum(jnp.abs(solved.angles))
+    cost = cost + _BANK_COST * jnp.arctan(greatest_curvature(timed.ends, solved) * timed.speed**2 / gravity)
     routes = Routes(timed.ends, solved, profile)
     return _Routed(jnp.asarray(generator), valid, turned + cost, turned, timed.speed, routes)
 
@@ -129,11 +138,13 @@ def routed_candidates(
     duration = jnp.asarray(duration, dtype=float)
     timed = timed_profiles(task, airspace, duration, intervals, candidate_set)
     numbers = jnp.arange(len(candidate_set.speeds))
-    each_way = jax.vmap(functools.partial(_detour, task, candidate_set), in_axes=(None, None, 0, 0, 0))
+    detours = functools.partial(_detours, task, airspace.gravity, candidate_set)
+    each_way = jax.vmap(detours, in_axes=(None, None, 0, 0, 0))
     tables = candidate_set.words, candidate_set.detour_kinds, candidate_set.sides
     altitude_detours = jnp.asarray(candidate_set.altitude_detours)
     costs = jnp.abs(timed.speed / task.speed - 1.0) * 20.0 + jnp.abs(altitude_detours) / 400.0
     found = jax.vmap(each_way, in_axes=(0, 0, None, None, None))(timed, (costs, numbers), *map(jnp.asarray, tables))
+    found = jax.tree.map(lambda leaf: leaf.reshape(leaf.shape[0], -1, *leaf.shape[3:]), found)
     if candidate_set.turn_leg_starts:
         free = jax.vmap(functools.partial(_turn_leg_paths, task, airspace, candidate_set.turn_leg_starts))(
             timed, (costs, numbers)
@@ -146,8 +157,9 @@ def routed_candidates(
     return flat, timed.table
 
 
-def _detour(
+def _detours(
     task: AircraftTask,
+    gravity: Scalar,
     candidate_set: CandidateSet,
     timed: TimedProfile,
     about: tuple[Scalar, Count],
@@ -155,17 +167,23 @@ def _detour(
     kind: Count,
     side: Count,
 ) -> _Routed:
-    """The direct path of a rank by length, or the detour from it that takes the time."""
-    base = jax.tree.map(lambda leaf: leaf[word], timed.direct)
-    wanted = timed.table.length
-    solved = solve_detour(timed.ends, base, detour(jnp.minimum(kind, DETOUR_KINDS - 1), side), wanted)
+    """The direct path of a rank by length, or the detour from it that takes the time; the tightest, the widest."""
+    ends, wanted = timed.ends, timed.table.length
+    base, wide = jax.tree.map(lambda leaf: leaf[word], (timed.direct, timed.wide))
+    way, around = detour(jnp.minimum(kind, DETOUR_KINDS - 1), side), side.astype(float)
+    solved = [solve_detour(ends, base, way, wanted)]
+    if candidate_set.widened:
+        solved.append(widened_detour(ends, wide, way, wanted, solved[0]))
     if RACETRACK in candidate_set.detour_kinds:
-        held = solve_racetrack(timed.ends, base, side.astype(float), wanted)
+        held = [solve_racetrack(ends, base, around, wanted)]
+        if candidate_set.widened:
+            held.append(widened_racetrack(ends, wide, around, wanted, held[0]))
         solved = jax.tree.map(lambda a, b: jnp.where(kind == RACETRACK, a, b), held, solved)
     fits = (task.side == 0) | (task.side * side > 0)
     cost, profile = about
     cost = cost + jnp.where(kind == RACETRACK, _RACETRACK_COST, 0.0) + 0.01 * kind
-    return _routed(DETOUR, timed, solved, fits, cost, profile)
+    each = [_routed(DETOUR, timed, gravity, one, fits, cost, profile) for one in solved]
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *each)
 
 
 def _turn_leg_paths(
@@ -177,9 +195,8 @@ def _turn_leg_paths(
     problem = TurnLegProblem(timed.ends, schedule, keep_outs, timed.table.length)
     solved = solve_turn_leg_paths(problem, make_starts(starts), int(_PART_REFINED * starts))
     cost, profile = about
-    return jax.vmap(lambda one: _routed(TURN_LEG_PATH, timed, one, task.side == 0, cost + _TURN_LEG_COST, profile))(
-        solved
-    )
+    cost, fits = cost + _TURN_LEG_COST, task.side == 0
+    return jax.vmap(lambda one: _routed(TURN_LEG_PATH, timed, airspace.gravity, one, fits, cost, profile))(solved)
 
 
 def _aircraft_candidates(

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from anser.numerics.secant import bracketed_secant
-from anser.planning.certified.route import PathEnds, TurnsAndLegs, roll_out, turned_through
+from anser.planning.certified.route import PathEnds, TurnsAndLegs, roll_out, tightness, turned_through
 from anser.planning.certified.smooth_turn import cis, smooth_turn
 from anser.shapes import Count, Flag, Scalar, ScalarLike
 
@@ -38,6 +38,7 @@ _HEADINGS_TRIED = 48
 _AHEAD = 1e-3  # rad
 _ANGLES_TRIED = 16
 _STEPS = 10
+_STEPS_AGAIN, _LONGEST_STEP = 6, 0.3  # from a path that is near, and rad
 _SAME_LENGTH = 1e-6
 """Part of itself to which a length is met: the speed takes up the rest."""
 _LONGEST = 1e12
@@ -58,6 +59,8 @@ class Direct(eqx.Module):
         Of its straight part and of the whole, m.
     exists
         Whether there is one.
+    scales
+        Of its turns, see `tightness`.
     """
 
     heading: Scalar
@@ -65,11 +68,12 @@ class Direct(eqx.Module):
     straight: Scalar
     length: Scalar
     exists: Flag
+    scales: Float[Array, "2"]
 
 
-def _full(first: Scalar, last: Scalar) -> Float[Array, "4"]:
-    zero = jnp.zeros_like(first)
-    return jnp.stack([first, zero, zero, last])
+def _full(outer: Float[Array, "2"], inner: float = 0.0) -> Float[Array, "4"]:
+    """Four values of turns from those of the first and the last."""
+    return jnp.concatenate([outer[:1], jnp.full(2, inner), outer[1:]])
 
 
 def _word_angles(ends: PathEnds, begun: ScalarLike, word: Float[Array, "2"], heading: ScalarLike) -> Float[Array, "2"]:
@@ -78,17 +82,17 @@ def _word_angles(ends: PathEnds, begun: ScalarLike, word: Float[Array, "2"], hea
     return jnp.stack([first, jnp.where(ends.end_free, 0.0, last)])
 
 
-def _aim(ends: PathEnds, angles: Float[Array, "2"]) -> tuple[Scalar, Scalar, Scalar]:
+def _aim(ends: PathEnds, angles: Float[Array, "2"], scales: Float[Array, "2"]) -> tuple[Scalar, Scalar, Scalar]:
     """Length of the straight part, what it passes the end by to the right, and the length of the whole."""
     begun = roll_out(ends)
-    turns, turning, after = turned_through(ends, begun.heading, _full(angles[0], angles[1]))
+    turns, turning, after = turned_through(ends, begun.heading, _full(angles), _full(scales, 1.0))
     left = (ends.end - begun.place - turns) * cis(-after[0])
     return jnp.real(left), jnp.imag(left), begun.length + turning + jnp.real(left)
 
 
 def _aim_error(angle: Scalar, data: tuple[PathEnds, Float[Array, "2"], Float[Array, "2"]]) -> Scalar:
     ends, base, lasting = data
-    return _aim(ends, base + angle * lasting)[1]
+    return _aim(ends, base + angle * lasting, jnp.ones(2))[1]
 
 
 def direct(ends: PathEnds, word: Float[Array, "2"]) -> Direct:
@@ -98,20 +102,50 @@ def direct(ends: PathEnds, word: Float[Array, "2"]) -> Direct:
     # A little before the present heading, so that going straight on is inside.
     tried = begun - _AHEAD + width * jnp.arange(_HEADINGS_TRIED)
     angles = jax.vmap(lambda h: _word_angles(ends, begun, word, h))(tried)
-    # As the heading grows, so does the first turn, and the last one shrinks by as much. Where its sense would wrap
-    # round within a step, it goes on the other way instead: no path is lost there.
-    lasting = jnp.where(ends.end_free, jnp.array([1.0, 0.0]), jnp.array([1.0, -1.0]))
+    # Where a turn's sense would wrap round within a step, it goes on the other way instead: no path is lost there.
+    lasting = _lasting(ends)
     both = jnp.stack([angles, angles + width * lasting[None, :]], axis=1)
-    straight, beside, length = jax.vmap(jax.vmap(lambda a: _aim(ends, a)))(both)
+    straight, beside, length = jax.vmap(jax.vmap(lambda a: _aim(ends, a, jnp.ones(2))))(both)
     crossing = (beside[:, 0] * beside[:, 1] <= 0.0) & jnp.any(straight >= 0.0, axis=1)
     k = jnp.argmin(jnp.where(crossing, jnp.min(length, axis=1), jnp.inf))
     data = (ends, angles[k], lasting)
     found = bracketed_secant(_aim_error, data, 0.0, width, beside[k, 0], beside[k, 1], _STEPS)
     solved = angles[k] + found.x * lasting
-    ahead, past, whole = _aim(ends, solved)
-    met = jnp.abs(past) <= _BESIDE * jnp.abs(whole) + 1e-6
-    exists = jnp.any(crossing) & met & (ahead >= 0.0) & (~ends.end_free | (word[1] > 0.0))
-    return Direct(begun + solved[0], solved, jnp.maximum(ahead, 0.0), jnp.where(exists, whole, _LONGEST), exists)
+    return _made(ends, solved, jnp.ones(2), jnp.any(crossing) & (~ends.end_free | (word[1] > 0.0)))
+
+
+def _lasting(ends: PathEnds) -> Float[Array, "2"]:
+    """How the turns change with the heading: as it grows, so does the first, and the last shrinks by as much."""
+    return jnp.where(ends.end_free, jnp.array([1.0, 0.0]), jnp.array([1.0, -1.0]))
+
+
+def _made(ends: PathEnds, angles: Float[Array, "2"], scales: Float[Array, "2"], may_exist: Flag) -> Direct:
+    """A direct path of given turns, if it meets its end."""
+    ahead, past, whole = _aim(ends, angles, scales)
+    exists = may_exist & (jnp.abs(past) <= _BESIDE * jnp.abs(whole) + 1e-6) & (ahead >= 0.0)
+    heading, straight = roll_out(ends).heading + angles[0], jnp.maximum(ahead, 0.0)
+    return Direct(heading, angles, straight, jnp.where(exists, whole, _LONGEST), exists, scales)
+
+
+def aimed_again(ends: PathEnds, base: Direct, scales: Float[Array, "2"]) -> Direct:
+    """A direct path near another one, with other ends or turns of other scales; by the secant method."""
+    lasting = _lasting(ends)
+
+    def passed_by(x: Scalar) -> Scalar:
+        return _aim(ends, base.angles + x * lasting, scales)[1]
+
+    def closer(_: object, carry: tuple[Scalar, Scalar, Scalar, Scalar]) -> tuple[Scalar, Scalar, Scalar, Scalar]:
+        before, x, past_before, past = carry
+        gap = past - past_before
+        step = jnp.where(gap == 0.0, 0.0, past * (x - before) / jnp.where(gap == 0.0, 1.0, gap))
+        found = x - jnp.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
+        return x, found, past, passed_by(found)
+
+    zero = jnp.zeros(())
+    past = passed_by(zero)
+    first = jnp.clip(past / jnp.maximum(base.straight, 1.0 / ends.curvature_max), -_LONGEST_STEP, _LONGEST_STEP)
+    _, x, _, _ = jax.lax.fori_loop(0, _STEPS_AGAIN, closer, (zero, first, past, passed_by(first)))
+    return _made(ends, base.angles + x * lasting, scales, base.exists)
 
 
 class Detour(eqx.Module):
@@ -144,10 +178,13 @@ def _turn_angles(base: Direct, way: Detour, angle: ScalarLike, free: Flag) -> Fl
     return jnp.stack([base.angles[0] + legs[0], legs[1] - legs[0], legs[2] - legs[1], last])
 
 
-def _legs(ends: PathEnds, base: Direct, way: Detour, angle: ScalarLike) -> tuple[Float[Array, "3"], Scalar]:
+def _legs(
+    ends: PathEnds, base: Direct, way: Detour, scales: Float[Array, "4"], angle: ScalarLike
+) -> tuple[Float[Array, "3"], Scalar]:
     """Lengths of the three legs and of the whole path, m; a negative leg does not exist."""
     begun = roll_out(ends)
-    turns, turning, after = turned_through(ends, begun.heading, _turn_angles(base, way, angle, ends.end_free))
+    angles = _turn_angles(base, way, angle, ends.end_free)
+    turns, turning, after = turned_through(ends, begun.heading, angles, scales)
     along = cis(after[:3])
     fixed = base.straight * way.fixed
     left = ends.end - begun.place - turns - jnp.sum(fixed * along)
@@ -160,33 +197,37 @@ def _legs(ends: PathEnds, base: Direct, way: Detour, angle: ScalarLike) -> tuple
     return legs, begun.length + turning + jnp.sum(legs)
 
 
-def _excess(angle: Scalar, data: tuple[PathEnds, Direct, Detour, Scalar]) -> Scalar:
-    ends, base, way, wanted = data
-    return _legs(ends, base, way, angle)[1] - wanted
+def _excess(angle: Scalar, data: tuple[PathEnds, Direct, Detour, Array, Scalar]) -> Scalar:
+    ends, base, way, scales, wanted = data
+    return _legs(ends, base, way, scales, angle)[1] - wanted
 
 
-def solve_detour(ends: PathEnds, base: Direct, way: Detour, wanted: ScalarLike) -> TurnsAndLegs:
-    """The least angle with which a detour from a direct path has a wanted length (m), within a part in a million."""
+def solve_detour(
+    ends: PathEnds, base: Direct, way: Detour, wanted: ScalarLike, scales: Float[Array, "4"] | None = None
+) -> TurnsAndLegs:
+    """The least angle with which a detour from a direct path has a wanted length (m), within a part in a million.
+
+    Its turns have given scales, see `tightness`; None: as tight as may be.
+    """
     wanted = jnp.asarray(wanted, dtype=float)
+    scales = jnp.ones(4) if scales is None else scales
     grid = way.angle_max * jnp.square(jnp.arange(1, _ANGLES_TRIED + 1) / _ANGLES_TRIED)
-    legs, lengths = jax.vmap(lambda a: _legs(ends, base, way, a))(grid)
+    legs, lengths = jax.vmap(lambda a: _legs(ends, base, way, scales, a))(grid)
     flyable = jnp.all(legs >= 0.0, axis=1)
     flyable = jnp.concatenate([base.exists[None], flyable])
     excess = jnp.concatenate([jnp.where(base.exists, base.length - wanted, 0.0)[None], lengths - wanted])
     crossing = flyable[1:] & flyable[:-1] & (excess[1:] * excess[:-1] <= 0.0)
     k = jnp.argmax(crossing)
     angles = jnp.concatenate([jnp.zeros(1), grid])
-    data = (ends, base, way, wanted)
+    data = (ends, base, way, scales, wanted)
     found = bracketed_secant(_excess, data, angles[k], angles[k + 1], excess[k], excess[k + 1], _STEPS).x
-    solved, length = _legs(ends, base, way, found)
+    solved, length = _legs(ends, base, way, scales, found)
     met = jnp.any(crossing) & (jnp.abs(length - wanted) <= _SAME_LENGTH * wanted) & jnp.all(solved >= 0.0)
     straight = flyable[0] & (jnp.abs(excess[0]) <= _SAME_LENGTH * wanted)
     zero = jnp.zeros(())
     return TurnsAndLegs(
-        angles=jnp.where(
-            straight, _full(base.angles[0], base.angles[1]), _turn_angles(base, way, found, ends.end_free)
-        ),
-        scales=jnp.ones(4),
+        angles=jnp.where(straight, _full(base.angles), _turn_angles(base, way, found, ends.end_free)),
+        scales=jnp.where(straight, _full(base.scales, 1.0), scales),
         legs=jnp.where(straight, jnp.stack([base.straight, zero, zero]), jnp.maximum(solved, 0.0)),
         exists=met | straight,
     )
@@ -195,19 +236,24 @@ def solve_detour(ends: PathEnds, base: Direct, way: Detour, wanted: ScalarLike) 
 _LEG_M = 4000.0  # of a racetrack: above it, more laps
 
 
-def solve_racetrack(ends: PathEnds, base: Direct, side: Scalar, wanted: ScalarLike) -> TurnsAndLegs:
+def solve_racetrack(
+    ends: PathEnds, base: Direct, side: Scalar, wanted: ScalarLike, scale: ScalarLike = 1.0
+) -> TurnsAndLegs:
     """A racetrack flown first, to a side (+1 right), then a direct path: any length from one lap more on.
 
-    The laps beyond the first are whole turns, as many as leave its legs short.
+    Its turns have a given scale, see `tightness`. The laps beyond the first are whole turns, as many as leave its legs
+    short.
     """
     wanted = jnp.asarray(wanted, dtype=float)
-    half = smooth_turn(jnp.pi, ends.curvature_max, ends.sharpness).length
+    curvature, sharpness = tightness(ends, scale)
+    half = smooth_turn(jnp.pi, curvature, sharpness).length
     left = 0.5 * (wanted - base.length) - half
-    turn = TURN / ends.curvature_max
+    turn = TURN / curvature
     turns = jnp.floor(jnp.maximum(left - _LEG_M, 0.0) / (0.5 * turn))
     leg = left - 0.5 * turns * turn
     laps = side * (jnp.pi + TURN * turns)
     exists = base.exists & (leg >= 0.0)
     leg = jnp.maximum(leg, 0.0)
     angles = jnp.stack([laps, side * jnp.pi, base.angles[0], base.angles[1]])
-    return TurnsAndLegs(angles, jnp.ones(4), jnp.stack([leg, leg, base.straight]), exists)
+    scales = jnp.concatenate([jnp.full(2, scale), base.scales])
+    return TurnsAndLegs(angles, scales, jnp.stack([leg, leg, base.straight]), exists)

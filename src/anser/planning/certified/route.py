@@ -38,6 +38,8 @@ class PathEnds(eqx.Module):
         1/m.
     sharpness
         Greatest rate of the curvature along the path, 1/m^2.
+    scale_most
+        How many times wider than the tightest a turn is at most made where there is room.
     """
 
     start: Plane
@@ -48,6 +50,7 @@ class PathEnds(eqx.Module):
     end_free: Flag
     curvature_max: Scalar
     sharpness: Scalar
+    scale_most: Scalar
 
 
 class TurnsAndLegs(eqx.Module):
@@ -182,10 +185,11 @@ def route(ends: PathEnds, solved: TurnsAndLegs) -> Route:
 
 
 def turned_through(
-    ends: PathEnds, heading: ScalarLike, angles: Float[Array, " turns"]
+    ends: PathEnds, heading: ScalarLike, angles: Float[Array, " turns"], scales: Float[Array, " turns"]
 ) -> tuple[Plane, Scalar, Float[Array, " turns"]]:
-    """Displacement of four tightest turns (rad) one after the other, their length, and the headings after each."""
-    turns = jax.vmap(smooth_turn, in_axes=(0, None, None))(angles, ends.curvature_max, ends.sharpness)
+    """Displacement of four turns (rad; `tightness`) one after the other, their length, and the headings after each."""
+    curvatures, sharpness = jax.vmap(tightness, in_axes=(None, 0))(ends, scales)
+    turns = jax.vmap(smooth_turn)(angles, curvatures, sharpness)
     after = heading + jnp.cumsum(angles)
-    moves = jax.vmap(displacement, in_axes=(0, None))(turns, ends.sharpness)
+    moves = jax.vmap(displacement)(turns, sharpness)
     return jnp.sum(cis(after - angles) * moves), jnp.sum(turns.length), after

@@ -29,6 +29,7 @@ from anser.planning.certified.spline_equations import (
 )
 from anser.planning.certified.spline_guesses import Guess, guesses, spline_start
 from anser.planning.certified.task import AircraftTask, Airspace
+from anser.planning.certified.wide_turns import greatest_bank_rate
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Scalar, ScalarLike
 
@@ -125,6 +126,8 @@ def find_splines(
         level_square = jnp.maximum(north**2 + east**2, 1.0)
         spans = jnp.diff(path.times)
         good = jnp.all(excess(bounds, task.limits) <= 0.0) & arrives_forward(one.about[0], path.velocity_n(duration))
+        if task.limits.bank_rate_max is not None:
+            good &= greatest_bank_rate(path, airspace.gravity) <= task.limits.bank_rate_max
         return Splines(
             path,
             good & (task.side == 0),

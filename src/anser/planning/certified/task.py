@@ -37,7 +37,7 @@ class AircraftTask(eqx.Module):
     limits
         What its path may ask.
     roll_rate_max
-        How fast its path may change the bank angle in a level turn, rad/s.
+        How fast its path changes the bank angle in a level turn, on the mean, rad/s; `limits` may ask for less.
     active
         0 for one that has stopped, or is there only to fill up a fleet to a size: nobody keeps clear of it, and
         whatever becomes of its path is no reason to refuse a plan.

@@ -21,7 +21,7 @@ from anser.planning.certified.candidate_sets import (
     SLOWEST,
     CandidateSet,
 )
-from anser.planning.certified.detours import WORDS, Direct, direct
+from anser.planning.certified.detours import WORDS, Direct, aimed_again, direct
 from anser.planning.certified.profile import (
     CURVATURE_KEPT,
     Profile,
@@ -35,10 +35,13 @@ from anser.planning.certified.profile import (
 )
 from anser.planning.certified.route import PathEnds
 from anser.planning.certified.task import AircraftTask, Airspace
+from anser.planning.certified.wide_turns import GENTLE_BANK, WIDTHS, widened, widened_directs
 from anser.planning.demand import greatest_side
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 
 _SPEED_ROUNDS = 4
+_EXACT_ROUNDS, _EXACT = 4, 3e-7  # until a profile is as long as its direct path, to a part of the length
+_FASTER, _SLOWER = 1.01, 0.999  # times the preferred airspeed: so much it gives way for a direct path of wide turns
 _GAIN, _LOSS = 0.8, 1.6  # m/s^2
 _RATE_KEPT = 0.6  # part of the acceleration along the path that a change of airspeed may take
 
@@ -57,9 +60,13 @@ def curvature_limits(task: AircraftTask, gravity: ScalarLike, profile: Profile) 
     climb, climb_dot = profile.climb_bounds
     slowest = profile.speed_least
     cosine = jnp.sqrt(1.0 - jnp.minimum(climb / jnp.maximum(slowest, 1.0), 0.9) ** 2)
-    side = greatest_side(cosine * gravity - climb_dot, gravity + climb_dot, limits, gravity)
+    lift_least = cosine * gravity - climb_dot
+    side = greatest_side(lift_least, gravity + climb_dot, limits, gravity)
     curvature = CURVATURE_KEPT * side / speed**2
     ramp_s = jnp.arctan(curvature * speed**2 / gravity) / task.roll_rate_max
+    if limits.bank_rate_max is not None:
+        # The tangent of the bank angle rises steadily: the angle does fastest while the wings are level.
+        ramp_s = jnp.maximum(ramp_s, CURVATURE_KEPT * side / (jnp.maximum(lift_least, 1.0) * limits.bank_rate_max))
     return curvature, curvature / (speed * ramp_s)
 
 
@@ -111,6 +118,7 @@ def _ends(task: AircraftTask, airspace: Airspace, table: TabulatedProfile, arriv
     level = jnp.maximum(jnp.sum(velocity[:2] ** 2), 1.0)
     curvature = (velocity[0] * acceleration[1] - velocity[1] * acceleration[0]) / level**1.5
     curvature_max, sharpness = curvature_limits(task, airspace.gravity, profile)
+    gentle = jnp.tan(GENTLE_BANK) * airspace.gravity / profile.speed_most**2
     return PathEnds(
         start=_plane(task.position_n),
         heading=jnp.arctan2(velocity[1], velocity[0]),
@@ -120,6 +128,7 @@ def _ends(task: AircraftTask, airspace: Airspace, table: TabulatedProfile, arriv
         end_free=arrival.heading_free,
         curvature_max=curvature_max,
         sharpness=sharpness,
+        scale_most=jnp.maximum(curvature_max / gentle, 1.0),
     )
 
 
@@ -137,6 +146,8 @@ class TimedProfile(eqx.Module):
     ends: PathEnds
     direct: Direct
     """Four, the shortest first."""
+    wide: Direct
+    """The same with wider turns: (word, width)."""
     speed: Scalar
     within_limits: Flag
 
@@ -154,7 +165,42 @@ def timed_profile(
     table = tabulate(profile, airspace.wind, intervals)
     ends = _ends(task, airspace, table, arrival)
     excess = profile_excess(table, task.limits, airspace.gravity)
-    return TimedProfile(table, ends, directs(ends), profile.speed_mean, kept(excess) & arrival.attainable)
+    words = directs(ends)
+    wide = jax.vmap(widened_directs, in_axes=(None, 0))(ends, words)
+    return TimedProfile(table, ends, words, wide, profile.speed_mean, kept(excess) & arrival.attainable)
+
+
+def _exactly_matched(
+    task: AircraftTask, airspace: Airspace, timed: TimedProfile, mean: Scalar, widened_too: bool
+) -> tuple[Scalar, Flag]:
+    """The mean airspeed (m/s) at which the shortest direct path takes the time, and whether that is so.
+
+    Of a profile of nearly that speed. The path is the one with the widest turns that is not longer by more than
+    `_FASTER`.
+    """
+    duration, intervals = timed.table.profile.duration, timed.table.lengths.shape[0] - 1
+    words, wide = jax.tree.map(lambda leaf: leaf[0], (timed.direct, timed.wide))
+    fits = wide.exists & (wide.length <= _FASTER * timed.table.length) & widened_too
+    width = jnp.where(jnp.any(fits), jnp.array(WIDTHS)[jnp.argmax(fits)], 0.0)
+
+    def longer_by(mean: Scalar) -> Scalar:
+        """By what part of it the direct path is longer than the profile's."""
+        profile, arrival = _profile(task, airspace, duration, steady_after(task, duration, mean), 0.0)
+        table = tabulate(profile, airspace.wind, intervals)
+        ends = _ends(task, airspace, table, arrival)
+        return widened(ends, aimed_again(ends, words, jnp.ones(2)), width).length / table.length - 1.0
+
+    def closer(_: object, carry: tuple[Scalar, Scalar, Scalar, Scalar]) -> tuple[Scalar, Scalar, Scalar, Scalar]:
+        before, now, off_before, off = carry
+        gap = off - off_before
+        found = jnp.where(gap == 0.0, now, now - off * (now - before) / jnp.where(gap == 0.0, 1.0, gap))
+        found = jnp.clip(found, 0.9 * mean, 1.1 * mean)
+        return now, found, off, longer_by(found)
+
+    off = longer_by(mean)
+    first = jnp.clip(mean * (1.0 + off), 0.9 * mean, 1.1 * mean)
+    _, found, _, left = jax.lax.fori_loop(0, _EXACT_ROUNDS, closer, (mean, first, off, longer_by(first)))
+    return found, jnp.abs(left) <= _EXACT
 
 
 def timed_profiles(
@@ -177,12 +223,20 @@ def timed_profiles(
         # The radii grow with the speed: left to itself a path that is too long would be flown ever faster.
         return jnp.clip(mean * wanted / jnp.maximum(timed.table.length, 1.0), slowest, fastest)
 
+    def exactly(mean: Scalar, otherwise: Scalar) -> Scalar:
+        """A mean airspeed (m/s) at which the direct path takes the time, if it is near one, or else another."""
+        begun = timed_profile(task, airspace, duration, intervals, jnp.zeros(()), steady_after(task, duration, mean))
+        found, met = _exactly_matched(task, airspace, begun, mean, candidate_set.widened)
+        near = (found <= jnp.minimum(_FASTER * mean, high)) & (found >= jnp.maximum(_SLOWER * mean, low))
+        return jnp.where(met & near, found, otherwise)
+
     matched = preferred
     if MATCHED in kinds:
+        nearly = jax.lax.fori_loop(0, _SPEED_ROUNDS, closer, preferred)
         # Slightly faster: a path longer than the direct one by less than this is a detour, a shorter one is none.
-        matched = (1.0 + 2e-4) * jax.lax.fori_loop(0, _SPEED_ROUNDS, closer, preferred)
+        matched = exactly(nearly, (1.0 + 2e-4) * nearly)
     means = {
-        PREFERRED: wished,
+        PREFERRED: exactly(wished, wished),
         MATCHED: matched,
         SLOWER: 0.5 * (wished + slowest),
         FASTER: 0.5 * (wished + fastest),

@@ -1,0 +1,144 @@
+"""Wider turns: paths that still lead where they should, as long as they should, in less bank."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from certified_cases import detours_of, random_ends
+
+from anser.compiling import compiled_quickly
+from anser.planning.certified import plan_at
+from anser.planning.certified.candidate_sets import MINIMAL
+from anser.planning.certified.detours import DETOUR_KINDS, WORDS, direct, solve_detour, solve_racetrack
+from anser.planning.certified.profile import make_profile
+from anser.planning.certified.route import route
+from anser.planning.certified.timed_profile import curvature_limits
+from anser.planning.certified.wide_turns import (
+    WIDTHS,
+    greatest_bank_rate,
+    greatest_curvature,
+    widened,
+    widened_detour,
+    widened_directs,
+    widened_racetrack,
+)
+from anser.planning.limits import PathLimits
+from support.aircraft_tasks import aircraft_task
+from trials.cases import random_case
+from trials.task import planner_task
+
+CASES = 24
+LONGER = 1.1
+ENDS = random_ends(21, CASES, 15.0, 40.0)
+WAYS = detours_of(np.arange(DETOUR_KINDS), np.ones(DETOUR_KINDS))
+
+
+@compiled_quickly
+@jax.vmap
+def _wide(ends):
+    """Direct paths, tight and wide, and of both the detours and a racetrack: solved, their routes and curvatures."""
+    words = jax.vmap(lambda word: direct(ends, word))(jnp.asarray(WORDS))
+    base = jax.tree.map(lambda leaf: leaf[jnp.argmin(words.length)], words)
+    wide = widened_directs(ends, base)
+
+    def both(tight, wider):
+        return [(one, route(ends, one), greatest_curvature(ends, one)) for one in (tight, wider)]
+
+    def detoured(way):
+        tight = solve_detour(ends, base, way, LONGER * base.length)
+        return both(tight, widened_detour(ends, wide, way, LONGER * base.length, tight))
+
+    longer = base.length + 4.0 * np.pi / ends.curvature_max
+    lap = solve_racetrack(ends, base, jnp.ones(()), longer)
+    return (
+        base,
+        wide,
+        widened(ends, base, 0.0),
+        jax.vmap(detoured)(WAYS),
+        (longer, both(lap, widened_racetrack(ends, wide, jnp.ones(()), longer, lap))),
+    )
+
+
+@pytest.fixture(scope="module")
+def found():
+    return jax.tree.map(np.asarray, _wide(ENDS))
+
+
+def lead_to_their_ends(shape, solved, ends=ENDS):
+    """The routes that exist end where they should and in the direction in which they should."""
+    exists = np.asarray(solved.exists)
+    end, heading = np.asarray(ends.end), np.asarray(ends.end_heading)
+    end, heading = (x.reshape(-1, *[1] * (exists.ndim - 1)) for x in (end, heading))
+    off = np.abs(shape.places[..., -1] - end)
+    turned = np.abs(np.exp(1j * (shape.headings[..., -1] - heading)) - 1.0)
+    assert np.all(off[exists] <= 1e-6 * shape.marks[..., -1][exists])
+    assert np.all(turned[exists] < 1e-9)
+
+
+def test_no_width_is_the_path_itself(found):
+    base, _, same, _, _ = found
+    np.testing.assert_allclose(same.length, base.length, rtol=1e-9)
+    np.testing.assert_array_equal(same.scales, 1.0)
+
+
+def test_direct_paths_of_wide_turns_are_longer_the_wider_they_are(found):
+    base, wide, _, _, _ = found
+    assert np.mean(wide.exists) > 0.8
+    lengths = np.where(wide.exists, wide.length, np.nan)
+    assert np.all(np.isnan(lengths) | (lengths >= base.length[:, None] * (1.0 - 1e-9)))
+    wider = wide.scales[:, :-1] > wide.scales[:, 1:]
+    assert np.all(wider.any(axis=2)[wide.exists[:, 0]])
+    assert len(WIDTHS) == wide.length.shape[1]
+    both = wide.exists[:, 0] & wide.exists[:, -1]
+    assert np.all(wide.length[both, 0] >= wide.length[both, -1] * (1.0 - 1e-9))
+
+
+def test_detours_of_wide_turns_are_as_long_and_bank_less(found):
+    base, _, _, ((tight, _, sharp), (wider, shape, gentle)), _ = found
+    assert np.array_equal(wider.exists | tight.exists, wider.exists)
+    lead_to_their_ends(shape, wider)
+    length = np.broadcast_to(LONGER * base.length[:, None], wider.exists.shape)
+    np.testing.assert_allclose(shape.marks[..., -1][wider.exists], length[wider.exists], rtol=2e-6)
+    kept = tight.exists & wider.exists
+    assert np.all(gentle[kept] <= sharp[kept] * (1.0 + 1e-9))
+    assert np.median(gentle[kept] / sharp[kept]) < 0.6  # most have room
+
+
+def test_racetracks_of_wide_turns_are_as_long_and_bank_less(found):
+    _, _, _, _, (longer, ((tight, _, sharp), (wider, shape, gentle))) = found
+    assert np.all(wider.exists == (wider.exists | tight.exists))
+    lead_to_their_ends(shape, wider)
+    np.testing.assert_allclose(shape.marks[:, -1][wider.exists], longer[wider.exists], rtol=1e-6)
+    assert np.all(gentle <= sharp * (1.0 + 1e-9))
+
+
+BANK_RATE = np.radians(4.0)
+LIMITED = PathLimits(*(jnp.asarray(x) for x in (100.0, 200.0, 0.5, 40.0, 200.0)), bank_rate_max=jnp.asarray(BANK_RATE))
+
+
+def test_ramps_keep_the_limit_of_the_bank_rate():
+    """The greatest rate is that of wings level: sharpness V^3 / g."""
+    task = aircraft_task((30_000.0, 0.0, 0.0))
+    level = make_profile(200.0, (2000.0, 2000.0), (0.0, 0.0), 0.0, 0.0, (150.0, 150.0, 150.0), 0.0)
+    curvature, free = curvature_limits(task, 9.81, level)
+    same, held = curvature_limits(eqx.tree_at(lambda t: t.limits, task, LIMITED), 9.81, level)
+    assert free * 150.0**3 / 9.81 > 0.5 > BANK_RATE  # the task rolls with 0.5 rad/s on the mean
+    assert same < curvature  # of 0.5 rad of bank instead of 0.9
+    np.testing.assert_allclose(held * 150.0**3 / 9.81, BANK_RATE, rtol=1e-12)
+
+
+@pytest.mark.long
+def test_plans_of_random_tasks_keep_the_limit_of_the_bank_rate():
+    found = 0
+    for seed in (2, 9, 12, 63):
+        tasks, airspace, _ = planner_task(random_case(seed))
+        asked = jnp.full(tasks.active.shape, BANK_RATE)
+        tasks = eqx.tree_at(lambda t: t.limits.bank_rate_max, tasks, asked, is_leaf=lambda leaf: leaf is None)
+        plan = plan_at(0.0, tasks, airspace, jnp.full(tasks.active.shape, 280.0), 256, MINIMAL)
+        rates = jax.vmap(greatest_bank_rate, in_axes=(0, None))(plan.paths, airspace.gravity)
+        good = np.asarray(plan.feasible) & (np.asarray(tasks.active) > 0.0)
+        found += good.sum()
+        # Layered wind turns the lift a little besides, and a quintic is no clothoid.
+        assert np.all(np.asarray(rates)[good] <= 1.05 * BANK_RATE)
+    assert found >= 5
