@@ -12,16 +12,15 @@ from anser.cli.console import (
     columns,
     line,
     must_be_known,
-    must_be_new_file,
     number,
     plain_table,
     print_table,
     problem,
     say,
     working,
-    writing,
 )
 from anser.cli.offering import about
+from anser.cli.output_folder import Force, must_be_new_file, written_file
 
 if TYPE_CHECKING:
     from anser.scenario.airframe_file.checking import Compared
@@ -79,11 +78,12 @@ def show(
     out: Annotated[
         Path | None, typer.Option(help="New file for a picture: coefficients, thrust, trim map; NAME.png, .svg, .pdf.")
     ] = None,
+    force: Force = False,
 ) -> None:
     """Show an airframe: mass, geometry, surfaces, engine, where its data hold, and where it flies level."""
     must_be_known(aircraft, variant)
     if out is not None:
-        must_be_new_file("--out", out, _PICTURES)
+        must_be_new_file("--out", out, _PICTURES, force)
     from anser.execution import airframe_of, described_airframe, file_of, name_of, survey_airframe, trimmed_speeds
 
     airframe, of = airframe_of(aircraft, variant)
@@ -96,8 +96,8 @@ def show(
     if out is not None:
         from anser.report import draw_airframe
 
-        with writing("--out", out):
-            draw_airframe(dataset, out)
+        with written_file("--out", out, force) as picture:
+            draw_airframe(dataset, picture)
     answer(
         lambda: {
             "format_version": 1,

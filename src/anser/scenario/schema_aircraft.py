@@ -1,9 +1,9 @@
 """The aircraft: airframe, start, rendezvous, gains of the autopilot (given, or as wanted bandwidths and damping)."""
 
 import math
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, WithJsonSchema
 
 from anser.derivative_names import DERIVATIVES
 from anser.scenario.airframe_file import AirframeFile, known_types, library_file, unknown_type
@@ -62,7 +62,7 @@ class Rendezvous(Table):
 class _LoopGains(Table):
     """What the gains of all loops share: the other way to give them."""
 
-    bandwidth_rad_s: Gain3 | None = designed("wanted bandwidth, instead of proportional and integral")
+    bandwidth_rad_s: Gain3 | None = designed("wanted bandwidth, instead of proportional and integral", "rad/s")
     damping: Gain3 | None = designed("wanted damping of the pair of poles; left out: no integral")
 
     def own_problems(self) -> list[Problem]:
@@ -129,7 +129,7 @@ class Aircraft(Table):
         description="airframe of the library or of an entry point",
         json_schema_extra=expects(f"the name of an airframe: {', '.join(AIRFRAMES)}, or that of an entry point"),
     )
-    airframe: AirframeFile | None = table(
+    airframe: Annotated[AirframeFile | None, WithJsonSchema({"type": ["string", "object"]})] = table(
         "an aircraft file in the place of type",
         'the path of an aircraft file, seen from the scenario, such as "my-uav.toml"',
         None,
