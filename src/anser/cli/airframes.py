@@ -21,6 +21,9 @@ from anser.cli.console import (
 )
 from anser.cli.offering import about
 from anser.cli.output_folder import Force, must_be_new_file, written_file
+from anser.cli.scenario_files import start
+from anser.scenario.airframe_file import write_airframe_starter
+from anser.scenario.airframe_file.template import AIRCRAFT_SCHEMA
 
 if TYPE_CHECKING:
     from anser.scenario.airframe_file.checking import Compared
@@ -183,8 +186,4 @@ def new(
     path: Annotated[Path, typer.Argument(help="New file to write.", show_default=False)],
 ) -> None:
     """Write an aircraft file to start from, with comments: a valid one, that of a small aircraft."""
-    from anser.scenario.airframe_file import write_airframe_starter
-
-    written = write_airframe_starter(path)
-    answer(lambda: {"format_version": 1, "file": str(written)})
-    line(f"{written}: written. Next: anser aircraft check {written}")
+    start(path, write_airframe_starter, AIRCRAFT_SCHEMA, "anser aircraft check")

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -101,9 +102,14 @@ def _model_of(kind: str) -> type[Table]:
 @about("anser new mine.toml")
 def new(path: Annotated[Path, typer.Argument(help="File to write; it must not exist.", show_default=False)]) -> None:
     """Write a commented scenario to start from, and beside it the schema with which an editor checks it."""
-    beside = path.with_name(SCENARIO_SCHEMA)
+    start(path, write_starter, SCENARIO_SCHEMA, "anser check")
+
+
+def start(path: Path, write: Callable[[Path], Path], schema_name: str, check_by: str) -> None:
+    """Write a file to start from, with its schema beside it, and say so."""
+    beside = path.with_name(schema_name)
     known = beside.exists()
-    write_starter(path)
+    write(path)
     answer(lambda: {"format_version": 1, "file": str(path), "schema": str(beside)})
-    line(f"{path}: written. Next: anser check {path}")
+    line(f"{path}: written. Next: {check_by} {path}")
     say(f"{beside}: {'there already, left alone' if known else 'written: its schema, for editors'}")
