@@ -1,18 +1,25 @@
 """Configuration of the documentation site: `make docs` builds it into build/docs, offline, executing every example."""
 
 import importlib.resources
+import logging
 import os
 import sys
 from pathlib import Path
 from typing import Any
 
-import jax
+logging.basicConfig(level=logging.WARNING)  # or the theme's palette, when it is imported, has everything log at INFO
+os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # as anser sets it where JAX is not there before it
+
+import jax  # noqa: E402
 
 jax.Array.__name__ = jax.Array.__qualname__ = "Array"  # as signatures are to show it: its own name is jaxlib._jax.Array
 jax.Array.__module__ = "jax"
 
 import anser  # noqa: E402 - its annotations take the name on
+from anser.campaigns.study import Study  # noqa: E402
 from anser.compiling.options import known_options  # noqa: E402
+from anser.scenario import AirframeFile, Scenario  # noqa: E402
+from anser.scenario.file_schema import key_tables  # noqa: E402
 
 _ROOT = Path(__file__).parents[1]
 
@@ -115,6 +122,17 @@ def _prepare_kernels() -> None:
 
 
 _prepare_kernels()
+
+
+def _write_key_tables() -> None:
+    """Write the tables of keys that the pages of scenario, study and aircraft files include."""
+    folder = _ROOT / "docs" / "reference" / "generated"
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, model in (("scenario", Scenario), ("study", Study), ("aircraft", AirframeFile)):
+        (folder / f"{name}-keys.inc").write_text(key_tables(model), encoding="utf-8")
+
+
+_write_key_tables()
 
 
 def _escape_bars(_app: object, _what: str, _name: str, _of: object, _options: object, lines: list[str]) -> None:

@@ -8,7 +8,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from anser.cli.console import RefusedError, make_next
+from anser.cli.console import RefusedError
+from anser.cli.output_folder import make_next
 from anser.simulation import STATUS_MESSAGES
 from anser.simulation.status import AT_GROUND
 from support.made_flight import make_flight

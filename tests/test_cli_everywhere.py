@@ -60,7 +60,7 @@ def test_every_command_has_the_options_examples_and_exit_codes(name):
     shown = _help(name)
     for option in ("--json", "--quiet", "--help"):
         assert option in shown
-    for code in ("0  done", "2  bad input", "3  internal fault"):
+    for code in ("0  done", "2  bad input", "3  internal fault", "130  stopped by Ctrl-C"):
         assert code in shown
 
 
@@ -104,6 +104,7 @@ def test_check_answers_as_json_whether_good_or_not(anser, tmp_path):
     (found,) = json.loads(printed)["problems"]
     assert found["path"] == "fleet.sped_m_s"
     assert 'perhaps "speed_m_s"' in found["expected"]
+    assert path.read_text().splitlines()[found["line"] - 1].startswith("sped_m_s")
     assert f"{found['path']}: arrived {found['arrived']}; expected {found['expected']}" in err
     assert str(path) in err
 

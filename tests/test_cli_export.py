@@ -69,9 +69,36 @@ def test_bad_folders_end_with_2(anser, folder, tmp_path):
     assert "flight.nc: arrived a file that cannot be read" in refused(folder)
 
 
-def test_parquet_without_its_library_is_refused_before_anything_is_read(anser, tmp_path, monkeypatch):
+def test_parquet_alone_without_its_library_is_refused_before_anything_is_read(anser, tmp_path, monkeypatch):
     monkeypatch.setattr("anser.report.exports.has_parquet", lambda: False)
-    code, _, err = anser("export", tmp_path / "none", "--format", "csv,parquet")
+    code, _, err = anser("export", tmp_path / "none", "--format", "parquet")
     assert code == 2
-    assert err.count("pyarrow") == 2  # what is missing, and how to get it
-    assert "pip install pyarrow; or leave parquet out" in err
+    assert 'pyarrow is not installed: pip install "anser[parquet]"' in err
+    assert "all other formats are written without it" in err
+
+
+def test_without_the_library_of_one_format_the_others_are_written(anser, folder, tmp_path, monkeypatch):
+    monkeypatch.setattr("anser.report.exports.has_parquet", lambda: False)
+    out = tmp_path / "tables"
+    code, printed, err = anser("export", folder, "--format", "czml,kml,csv,parquet,mat", "--out", out, "--json")
+    assert code == 1
+    assert {path.name for path in out.iterdir()} == {f"flight.{name}" for name in ("czml", "kml", "csv", "mat")}
+    assert err.count("\n") == 1
+    assert f"{out / 'flight.parquet'}: not written" in err
+    assert 'pip install "anser[parquet]"' in err
+    document = json.loads(printed)
+    assert set(document["files"]) == {"czml", "kml", "csv", "mat"}
+    assert set(document["left_out"]) == {"parquet"}
+
+
+def test_force_replaces_files_of_the_same_names_and_leaves_the_others(anser, folder):
+    before = (folder / "flight.nc").read_bytes()
+    (folder / "flight.csv").write_text("old")
+    (folder / "flight.kml").write_text("mine")
+    assert anser("export", folder, "--format", "csv")[0] == 2
+    assert (folder / "flight.csv").read_text() == "old"
+    assert anser("export", folder, "--format", "csv", "--force")[0] == 0
+    assert (folder / "flight.csv").read_text().startswith("time_s,aircraft")
+    assert (folder / "flight.kml").read_text() == "mine"
+    assert (folder / "flight.nc").read_bytes() == before
+    assert len(list(folder.iterdir())) == 4

@@ -54,7 +54,7 @@ def test_the_textbooks_pull_up_takes_more_than_the_engine_has(anser):
     [
         ((*PULL_UP, "inf"), "--pitch-rate-deg-s: arrived inf; expected a number from -60 to 60"),
         ((*PULL_UP, "90"), "--pitch-rate-deg-s: arrived 90; expected a number from -60 to 60"),
-        ((*PULL_UP, "up"), "Invalid value for '--pitch-rate-deg-s'"),
+        ((*PULL_UP, "up"), "--pitch-rate-deg-s: arrived 'up'; expected a number, in deg/s"),
         ((*PULL_UP, "5", "--cg", "30"), "--cg: arrived 30; expected a number from 0.1 to 0.5"),
         ((*PULL_UP, "5", "--cg", "nan"), "--cg: arrived nan; expected a number from 0.1 to 0.5"),
         (
@@ -66,4 +66,4 @@ def test_the_textbooks_pull_up_takes_more_than_the_engine_has(anser):
 def test_bad_input_ends_with_2(anser, words, message):
     code, printed, err = anser(*words)
     assert (code, printed) == (2, "")
-    assert message in " ".join(err.replace("│", " ").split())
+    assert message in err

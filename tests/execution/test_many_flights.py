@@ -65,7 +65,12 @@ def test_flights_in_float32_come_to_those_in_float64_and_a_single_one_to_its_row
     for key in ("miss_m", "arrival_s", "speed_mean_m_s"):
         assert found.aircraft[0][key] == pytest.approx(rounded[2].aircraft[0][key], abs=0.02), key
         print(key, *(one.aircraft[0][key] for one in (exact[2], rounded[2], found)))
-    print([(a.aircraft[0]["miss_m"] - b.aircraft[0]["miss_m"], a.aircraft[0]["arrival_s"] - b.aircraft[0]["arrival_s"]) for a, b in zip(exact, rounded)])
+    print(
+        [
+            (a.aircraft[0]["miss_m"] - b.aircraft[0]["miss_m"], a.aircraft[0]["arrival_s"] - b.aircraft[0]["arrival_s"])
+            for a, b in zip(exact, rounded)
+        ]
+    )
 
 
 def test_what_float32_does_not_fit_is_a_row_with_the_reason():

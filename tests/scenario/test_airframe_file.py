@@ -294,7 +294,7 @@ def test_the_hash_knows_the_content_of_the_file(folder):
 
 def test_what_is_wrong_in_the_file_is_told_of_the_file(folder):
     (folder / "my-uav.toml").write_text(AEROSONDE.replace("CL_alpha", "CL_alfa"), encoding="utf-8")
-    with pytest.raises(ScenarioError, match=r"my-uav\.toml: 1 problem\n  aerodynamics\.CL_alfa"):
+    with pytest.raises(ScenarioError, match=r"my-uav\.toml: 1 problem\n  line 24, aerodynamics\.CL_alfa"):
         load(folder / "fleet.toml")
     (folder / "my-uav.toml").unlink()
     (folder / "my-uaf.toml").touch()

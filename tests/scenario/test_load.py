@@ -219,3 +219,76 @@ def test_error_survives_another_process() -> None:
     again = pickle.loads(pickle.dumps(caught.value))
     assert str(again) == str(caught.value)
     assert again.problems == caught.value.problems
+
+
+LINES = """\
+format = 2
+name = "lines"
+timing.duration_s = 90.0
+note = '''
+speed_m_s = 1
+[fleet]
+'''
+
+[fleet]
+sped_m_s = 150.0  # misspelt
+
+[[aircraft]]
+name = "north"
+goal = "buoy"
+start = { north_m = 8000, east_m = 500, altitude_m = "1200 ft", speed_m_s = 150, course_deg = 190 }
+
+[[aircraft]]
+name = "south"
+goal = "buoy"
+[aircraft.start]
+north_m = -8000
+east_m = 500
+altitude_m = 1000
+speed_m_s = "150"
+course_deg = 0
+
+[[goal]]
+name = "buoy"
+kind = "surface"
+waypoints = [
+  { time_s = 0, north_m = 0, east_m = 0, altitude_m = 0 },
+  { time_s = 9, north_m = 0, est_m = 0, altitude_m = 0 },
+]
+"""
+
+
+def test_each_problem_names_the_line_of_its_key() -> None:
+    with pytest.raises(ScenarioError) as caught:
+        loads(LINES, "lines.toml")
+    told = {one.path: one.line for one in caught.value.problems}
+    assert told == {
+        "fleet.sped_m_s": 10,
+        "aircraft[0].start.altitude_m": 15,
+        "aircraft[1].start.speed_m_s": 24,
+        "goal[0].waypoints[1].est_m": 30,
+        "note": 4,
+    }
+    text = str(caught.value)
+    assert '\n  line 10, fleet.sped_m_s: arrived the unknown key "sped_m_s"' in text
+    assert 'line 15, aircraft[0].start.altitude_m (aircraft "north"): arrived "1200 ft"' in text
+    assert "1200 ft is 365.76 m: write 365.76" in text
+    assert "from 1 to 340 m/s; write 150, without quotes" in text
+
+
+def test_a_missing_key_names_the_line_of_its_table() -> None:
+    text = LINES.replace("sped_m_s = 150.0  # misspelt", 'planner = "certified"')
+    with pytest.raises(ScenarioError, match=r"line 9, fleet\.speed_m_s: arrived nothing"):
+        loads(text)
+
+
+def test_values_without_a_file_have_no_lines() -> None:
+    with pytest.raises(ScenarioError) as caught:
+        validate(tomllib.loads(LINES))
+    assert {one.line for one in caught.value.problems} == {None}
+
+
+def test_a_unit_behind_a_bare_number_is_told() -> None:
+    text = shipped("three-aircraft").read_text().replace("speed_m_s = 150.0", "speed_m_s = 150 m/s", 1)
+    with pytest.raises(ScenarioError, match="150 alone, in the unit that the key's name ends with"):
+        loads(text)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from anser.campaigns.store import StoreError
+from anser.results.extras import missing
 
 _CONNECT = "10s"
 """How long the scheduler may take to answer at first."""
@@ -148,9 +149,7 @@ def _client(address: str) -> Iterator[tuple[Any, Any]]:
     try:
         distributed = importlib.import_module("distributed")
     except ImportError:
-        raise StoreError(
-            'cluster: arrived an address, but no dask; expected it installed: the extra "campaign"'
-        ) from None
+        raise StoreError(f"cluster: arrived an address; {missing('dask', 'campaign')}") from None
     with _quiet():
         try:
             client = distributed.Client(address, timeout=_CONNECT)

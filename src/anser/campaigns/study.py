@@ -27,6 +27,7 @@ from anser.scenario.schema_base import (
     tables,
 )
 from anser.scenario.schema_problems import problems_from
+from anser.scenario.toml_text import telling_lines
 from anser.simulation import PRECISIONS, Precision
 
 METHODS = ("monte-carlo", "latin-hypercube", "sobol", "saltelli", "grid", "table")
@@ -274,7 +275,9 @@ def load_study(path: str | os.PathLike[str]) -> tuple[Study, Scenario, dict[str,
         A file cannot be read or is no valid study or scenario; the message says where and what would be right.
     """
     source = os.fspath(path)
-    study = validate_study(parsed(read_text(path, "study"), source), source)
+    text = read_text(path, "study")
+    with telling_lines(text, source):
+        study = validate_study(parsed(text, source), source)
     scenario = load(Path(path).parent / study.scenario)
     file = None if study.sampling is None else study.sampling.file
     given = {} if file is None else _columns(Path(path).parent / file)

@@ -15,12 +15,13 @@ from anser.cli.campaign_answers import report as report_campaign
 from anser.cli.campaigning import fly
 from anser.cli.console import RefusedError, problem
 from anser.cli.deep_stalling import deep_stall
-from anser.cli.flights import check, convert, new, plan, run
+from anser.cli.flights import plan, run
 from anser.cli.grouping import offer_group
 from anser.cli.margins import margins
 from anser.cli.offering import offer
 from anser.cli.rare_events import rare
 from anser.cli.reporting import export, figures, report
+from anser.cli.scenario_files import check, convert, new, schema
 from anser.cli.stepping import gallery, step
 from anser.cli.surveying import envelope, robustness
 from anser.cli.sweeping import sweep
@@ -65,6 +66,7 @@ for _command in (
     figures,
     new,
     convert,
+    schema,
     cache,
 ):
     offer(app, _command)

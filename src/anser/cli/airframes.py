@@ -12,17 +12,19 @@ from anser.cli.console import (
     columns,
     line,
     must_be_known,
-    must_be_new_file,
     number,
     plain_table,
     print_table,
     problem,
     say,
     working,
-    writing,
 )
 from anser.cli.offering import about
+from anser.cli.output_folder import Force, must_be_new_file, written_file
+from anser.cli.scenario_files import start
 from anser.scenario import VARIANTS
+from anser.scenario.airframe_file import write_airframe_starter
+from anser.scenario.airframe_file.template import AIRCRAFT_SCHEMA
 
 if TYPE_CHECKING:
     from anser.scenario.airframe_file.checking import Compared
@@ -80,11 +82,12 @@ def show(
     out: Annotated[
         Path | None, typer.Option(help="New file for a picture: coefficients, thrust, trim map; NAME.png, .svg, .pdf.")
     ] = None,
+    force: Force = False,
 ) -> None:
     """Show an airframe: mass, geometry, surfaces, engine, where its data hold, and where it flies level."""
     must_be_known(aircraft, variant)
     if out is not None:
-        must_be_new_file("--out", out, _PICTURES)
+        must_be_new_file("--out", out, _PICTURES, force)
     from anser.execution import airframe_of, described_airframe, file_of, name_of, survey_airframe, trimmed_speeds
 
     airframe, of = airframe_of(aircraft, variant)
@@ -97,8 +100,8 @@ def show(
     if out is not None:
         from anser.report import draw_airframe
 
-        with writing("--out", out):
-            draw_airframe(dataset, out)
+        with written_file("--out", out, force) as picture:
+            draw_airframe(dataset, picture)
     answer(
         lambda: {
             "format_version": 1,
@@ -189,8 +192,4 @@ def new(
     path: Annotated[Path, typer.Argument(help="New file to write.", show_default=False)],
 ) -> None:
     """Write an aircraft file to start from, with comments: a valid one, that of a small aircraft."""
-    from anser.scenario.airframe_file import write_airframe_starter
-
-    written = write_airframe_starter(path)
-    answer(lambda: {"format_version": 1, "file": str(written)})
-    line(f"{written}: written. Next: anser aircraft check {written}")
+    start(path, write_airframe_starter, AIRCRAFT_SCHEMA, "anser aircraft check")

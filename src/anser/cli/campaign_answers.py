@@ -9,9 +9,7 @@ from anser.cli.console import (
     RefusedError,
     answer,
     columns,
-    kept_unless_empty,
     line,
-    make_new,
     number,
     plain_table,
     print_table,
@@ -19,6 +17,7 @@ from anser.cli.console import (
     say,
 )
 from anser.cli.offering import about
+from anser.cli.output_folder import Force, written_into
 
 if TYPE_CHECKING:
     from anser.campaigns import CampaignComparison, CampaignStore
@@ -72,6 +71,7 @@ def compare(
     folder: _CampaignFolder,
     other: Annotated[Path, typer.Argument(help="Folder of a second campaign with the same seeds.", show_default=False)],
     out: Annotated[Path | None, typer.Option(help="New folder for the figure.", show_default=False)] = None,
+    force: Force = False,
 ) -> None:
     """Compare two campaigns with paired seeds, flight by flight: which is better, how often and by how much."""
     opened(folder, "FOLDER")
@@ -84,9 +84,8 @@ def compare(
     except ValueError as error:
         raise RefusedError(f"{folder}, {other}: {error}") from None
     if out is not None:
-        make_new(out)
-        with kept_unless_empty(out):
-            written = draw_paired(found.dataset, out)
+        with written_into(out, force) as into:
+            written = draw_paired(found.dataset, into)
             say(f"{out}: {', '.join(path.name for path in written) or 'nothing'} written")
     answer(lambda: {"format_version": 1, **found.as_dict()})
     _print_compared(found)

@@ -205,45 +205,6 @@ class RefusedError(Exception):
     """Bad input found by the command line itself; the text is the finished message."""
 
 
-def make_new(folder: Path) -> None:
-    """Make the output folder, before anything is flown; refuse one that exists or cannot be made."""
-    with _refusing("--out", folder, "a place where a folder can be made"):
-        try:
-            folder.mkdir(parents=True)
-        except FileExistsError:
-            words = "which exists; expected a new folder (nothing is overwritten)"
-            raise RefusedError(f"--out: arrived {folder}, {words}") from None
-
-
-def make_next(folder: Path) -> Path:
-    """Make the output folder that nobody named: this one, or the first that is free with -2, -3, ... behind it."""
-    place, count = folder, 1
-    try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        while True:
-            with contextlib.suppress(FileExistsError):
-                place.mkdir()
-                return place
-            count += 1
-            place = folder.with_name(f"{folder.name}-{count}")
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise RefusedError(
-            f"--out: arrived nothing, and {folder} cannot be made ({reason}); expected a place where it can"
-        ) from None
-
-
-@contextlib.contextmanager
-def kept_unless_empty(folder: Path | None) -> Iterator[None]:
-    """Take the new folder away at the end where nothing was written into it: what did not end leaves nothing behind."""
-    try:
-        yield
-    finally:
-        with contextlib.suppress(OSError):
-            if folder is not None:
-                folder.rmdir()  # succeeds only while it is empty
-
-
 def must_lie(option: str, value: float, low: float, high: float) -> None:
     """Refuse a number outside a range."""
     if not (math.isfinite(value) and low <= value <= high):
@@ -283,32 +244,6 @@ def flight_point(at: str) -> tuple[float, float]:
     must_lie("--at, speed", speed, *_RANGES["speed_m_s"])
     must_lie("--at, altitude", altitude, *_RANGES["altitude_m"])
     return speed, altitude
-
-
-def must_be_new_file(option: str, path: Path, suffixes: Sequence[str]) -> None:
-    """Refuse a file that cannot be written, before anything is computed."""
-    if path.suffix not in suffixes:
-        words = f"{', '.join(suffixes[:-1])} or {suffixes[-1]}"
-        raise RefusedError(f"{option}: arrived {path}; expected a name that ends with {words}")
-    if path.exists():
-        raise RefusedError(f"{option}: arrived {path}, which exists; expected a new file (nothing is overwritten)")
-    if not path.parent.is_dir():
-        raise RefusedError(f"{option}: arrived {path}; expected a file in a folder that exists")
-
-
-def writing(option: str, path: Path) -> contextlib.AbstractContextManager[None]:
-    """Refuse a file that turns out not to be writable."""
-    return _refusing(option, path, "a place for a file")
-
-
-@contextlib.contextmanager
-def _refusing(option: str, path: Path, expected: str) -> Iterator[None]:
-    """Refuse a path of an option that the system does not take."""
-    try:
-        yield
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise RefusedError(f"{option}: arrived {path}; expected {expected} ({reason})") from None
 
 
 @contextlib.contextmanager

@@ -12,15 +12,14 @@ from anser.cli.console import (
     columns,
     line,
     must_be_known,
-    must_be_new_file,
     must_lie,
     plain_table,
     print_table,
     say,
     working,
-    writing,
 )
 from anser.cli.offering import about
+from anser.cli.output_folder import Force, must_be_new_file, written_file
 
 _AIRCRAFT = "f16"
 
@@ -44,6 +43,7 @@ def deep_stall(
     picture: Annotated[
         Path | None, typer.Option(help="New picture of Cm against alpha and of the trims: NAME.svg, .png or .pdf.")
     ] = None,
+    force: Force = False,
 ) -> None:
     """Angles of attack that the elevator cannot leave: pitch trims beyond the stall, followed as the c.g. moves."""
     must_be_known(_AIRCRAFT, variant)
@@ -54,7 +54,7 @@ def deep_stall(
     if picture is not None:
         from anser.report import BODE_SUFFIXES
 
-        must_be_new_file("--picture", picture, BODE_SUFFIXES)
+        must_be_new_file("--picture", picture, BODE_SUFFIXES, force)
     from anser.execution import CENTRES, deep_stall_document
     from anser.execution import deep_stall as find
 
@@ -72,8 +72,8 @@ def deep_stall(
     if picture is not None:
         from anser.report import draw_deep_stall
 
-        with writing("--picture", picture):
-            draw_deep_stall(found, [picture])
+        with written_file("--picture", picture, force) as file:
+            draw_deep_stall(found, [file])
     document = deep_stall_document(found)
     answer(lambda: document)
     table = plain_table(

@@ -1,6 +1,8 @@
-"""Commands about scenarios: run, plan, check, new."""
+"""Commands that fly or plan a scenario: run, plan."""
 
-import dataclasses
+import contextlib
+import tempfile
+import webbrowser
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,10 +15,7 @@ from anser.cli.console import (
     answer,
     columns,
     end_without,
-    kept_unless_empty,
     line,
-    make_new,
-    make_next,
     number,
     plain_table,
     print_table,
@@ -26,30 +25,22 @@ from anser.cli.console import (
     working,
 )
 from anser.cli.offering import about
+from anser.cli.output_folder import Force, make_next, written_into
 from anser.cli.run_folder import PLAN
-from anser.scenario import Scenario, ScenarioError, cautions, load, write_starter
-from anser.scenario import convert as as_format
-from anser.scenario.load import read_text
-from anser.scenario.schema import DEFAULT_PLANNERS, FORMAT
-from anser.scenario.template import write_new
+from anser.cli.setting import PlannerName, Settings, loaded
+from anser.scenario import Scenario
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from anser.execution import Planned
-
-
-def _loaded(path: Path) -> Scenario:
-    """Load a scenario and say on the way what it had better not do."""
-    scenario = load(path)
-    for caution in cautions(scenario):
-        say(f"caution: {caution}")
-    return scenario
+    from anser.execution.plan_output import RecordedPlan
 
 
 @about(
     "anser run scenarios/three-aircraft.toml",
     "anser run scenarios/storm-sampling.toml --out runs/storm",
+    "anser run scenarios/three-aircraft.toml --set wind.speed_m_s=8 --set wind.from_deg=240 --open",
     "anser run scenarios/three-aircraft.toml --json --quiet > summary.json",
     "anser run scenarios/twenty-aircraft.toml --plan plans/twenty",
     "anser run --campaign runs/how-surely --flight 17",
@@ -64,7 +55,7 @@ def run(
         Path | None,
         typer.Option(
             help="New folder for flight.nc, summary.json, report.html; left out: runs/NAME, or runs/NAME-2, ... "
-            "where that exists.",
+            "where that exists and --force is not given.",
             show_default=False,
         ),
     ] = None,
@@ -77,32 +68,37 @@ def run(
         typer.Option(help="Folder of a campaign: one of its flights is flown again.", show_default=False),
     ] = None,
     flight: Annotated[int | None, typer.Option(help="Which flight of the campaign.", show_default=False)] = None,
+    set_: Settings = None,
+    planner: PlannerName = None,
+    force: Force = False,
+    open_: Annotated[bool, typer.Option("--open", help="Open the report in the browser at the end.")] = False,
 ) -> None:
     """Fly a scenario, write its results into a new folder and print a table."""
     store = None
     if campaign is not None or flight is not None:
         if campaign is None or flight is None or scenario is not None:
             raise RefusedError("run: expected either a scenario file, or both --campaign FOLDER and --flight NUMBER")
+        if set_ or planner is not None:
+            raise RefusedError("run: arrived --set or --planner with --campaign, whose flight is flown as it was")
         store, wanted = flight_of_campaign(campaign, flight)
     elif scenario is None:
         raise RefusedError("run: arrived no scenario; expected a scenario file, or --campaign and --flight")
     else:
-        wanted = _loaded(scenario)
+        wanted = loaded(scenario, set_ or (), planner)
     if plan is not None and not (plan / PLAN).is_file():
         words = f"a folder without {PLAN}" if plan.is_dir() else "no folder"
         raise RefusedError(f"--plan: arrived {plan}, {words}; expected a folder that anser plan --out wrote")
-    if out is not None:
-        make_new(out)
-    target = out if out is not None else make_next(Path("runs") / wanted.name)
+    beside = Path("runs") / wanted.name
+    target = out if out is not None else beside if force else make_next(beside)
     from anser.execution import NoPlanError, PlanFileError
     from anser.execution import run as fly  # here: a misspelt key must not wait for plotting libraries
 
     try:
-        with kept_unless_empty(target), progress_bar() as tell:
+        with written_into(target, force or out is None) as into, progress_bar() as tell:
             planned = None if plan is None else _finished_plan(plan, wanted)
             flown = fly(wanted, tell, planned, "float64" if store is None else store.study.precision)
             tell("writing", None)
-            flown.write_into(target)
+            flown.write_into(into)
     except NoPlanError as error:
         end_without("no plan", error.reasons, "no plan: ")
     except PlanFileError as error:
@@ -113,6 +109,8 @@ def run(
     for note in flown.planned.notes():
         say(f"note: {note}")
     say(f"{target}: flight.nc, summary.json, report.html written")
+    if open_:
+        _show(target / "report.html")
     if store is not None and flight is not None:
         say_whether_same(store, flight, flown)
     if not flown.met:
@@ -121,65 +119,16 @@ def run(
         _fail_unmet(flown.summary, stopped_s)
 
 
+def _show(page: Path) -> None:
+    """Open a file in the browser."""
+    if not webbrowser.open(page.resolve().as_uri()):
+        say(f"no browser could be opened: open {page}")
+
+
 def _finished_plan(folder: Path, wanted: Scenario) -> "Planned":
     from anser.execution import read_plan
 
     return read_plan(folder / PLAN, wanted)
-
-
-@about("anser check scenarios/three-aircraft.toml", "anser check mine.toml --json")
-def check(scenario: ScenarioPath) -> None:
-    """Check a scenario file without planning or flying it.
-
-    Good: it is well-formed and consistent. Whether a plan exists anser plan finds out; the flight may still fail.
-    """
-    try:
-        wanted = _loaded(scenario)
-    except ScenarioError as error:
-        found = [dataclasses.asdict(one) for one in error.problems]
-        answer(lambda: {"format_version": 1, "file": str(scenario), "good": False, "problems": found})
-        raise
-    count = len(wanted.aircraft)
-    fleet = "1 aircraft" if count == 1 else f"{count} aircraft"
-    goals = "1 goal" if len(wanted.goal) == 1 else f"{len(wanted.goal)} goals"
-    answer(
-        lambda: {
-            "format_version": 1,
-            "file": str(scenario),
-            "good": True,
-            "name": wanted.name,
-            "hash": wanted.hash,
-            "aircraft": count,
-            "goals": len(wanted.goal),
-            "duration_s": wanted.timing.duration_s,
-            "cautions": list(cautions(wanted)),
-        }
-    )
-    line(f"{scenario}: good. {wanted.name}: {fleet}, {goals}, {wanted.timing.duration_s:g} s.")
-    line(f"Next: anser plan {scenario}")
-
-
-@about("anser convert old.toml new.toml", "anser convert new.toml old.toml --format 1")
-def convert(
-    scenario: ScenarioPath,
-    path: Annotated[Path, typer.Argument(help="File to write; it must not exist.", show_default=False)],
-    format_: Annotated[int, typer.Option("--format", help="Format to write: 1 or 2.")] = FORMAT,
-) -> None:
-    """Write a scenario file in another format: it flies as it did, and its comments stay."""
-    if format_ not in DEFAULT_PLANNERS:
-        raise RefusedError(f"--format: arrived {format_}; expected {' or '.join(map(str, DEFAULT_PLANNERS))}")
-    text = as_format(read_text(scenario), str(scenario), format_)
-    write_new(path, text)
-    answer(lambda: {"format_version": 1, "file": str(path), "format": format_})
-    line(f"{path}: written in format {format_}. Next: anser check {path}")
-
-
-@about("anser new mine.toml")
-def new(path: Annotated[Path, typer.Argument(help="File to write; it must not exist.", show_default=False)]) -> None:
-    """Write a commented scenario to start from."""
-    write_starter(path)
-    answer(lambda: {"format_version": 1, "file": str(path)})
-    line(f"{path}: written. Next: anser check {path}")
 
 
 def _stopped_s(dataset: "xr.Dataset") -> dict[str, float]:
@@ -251,6 +200,7 @@ _SAME_TIME_S = 5e-3
 @about(
     "anser plan scenarios/three-aircraft.toml",
     "anser plan scenarios/twenty-aircraft.toml --out plans/twenty",
+    "anser plan scenarios/three-aircraft.toml --planner certified --open",
     unmet="no plan, or one beyond a limit",
 )
 def plan(
@@ -261,12 +211,14 @@ def plan(
             help="New folder for plan.json, trajectories.csv, plan.png, plan.svg, plan.npz.", show_default=False
         ),
     ] = None,
+    set_: Settings = None,
+    planner: PlannerName = None,
+    force: Force = False,
+    open_: Annotated[bool, typer.Option("--open", help="Open the picture in the browser at the end.")] = False,
 ) -> None:
     """Plan a scenario without flying it: arrival times, each aircraft's path, what it leaves to the limits."""
-    wanted = _loaded(scenario)
-    if out is not None:
-        make_new(out)
-    with kept_unless_empty(out), working("planning") as tell:
+    wanted = loaded(scenario, set_ or (), planner)
+    with contextlib.nullcontext() if out is None else written_into(out, force) as into, working("planning") as tell:
         from anser.execution import plan as make  # here: a misspelt key must not wait for plotting libraries
         from anser.execution import write_plan
         from anser.execution.plan_output import record
@@ -275,9 +227,9 @@ def plan(
         if planned.refusals:
             end_without("no plan", planned.refusals, "no plan: ")
         recorded = record(planned)
-        if out is not None:
-            recorded.write_into(out)
-            write_plan(planned, out / PLAN)
+        if into is not None:
+            recorded.write_into(into)
+            write_plan(planned, into / PLAN)
     answer(lambda: recorded.summary)
     _print_paths(recorded.summary)
     _print_margins(recorded.summary)
@@ -285,12 +237,23 @@ def plan(
         line(text)
     if out is not None:
         say(f"{out}: plan.json, trajectories.csv, plan.png, plan.svg, plan.npz written")
+    if open_:
+        _show(_drawn(recorded, out) / "plan.svg")
     for note in recorded.summary["notes"]:
         say(f"note: {note}")
     for found in recorded.summary["problems"]:
         problem(f"not flyable: {found}")
     if recorded.summary["problems"]:
         raise typer.Exit(1)
+
+
+def _drawn(recorded: "RecordedPlan", out: Path | None) -> Path:
+    """Folder with the picture of a plan: the output folder, or a temporary one."""
+    if out is not None:
+        return out
+    folder = Path(tempfile.mkdtemp(prefix="anser-"))
+    recorded.write_into(folder)
+    return folder
 
 
 def _print_paths(summary: dict[str, Any]) -> None:

@@ -14,18 +14,16 @@ from anser.cli.console import (
     finding_trim,
     flight_point,
     line,
-    make_new,
     must_be_known,
-    must_be_new_file,
     must_lie,
     number,
     plain_table,
     print_table,
     progress_bar,
     say,
-    writing,
 )
 from anser.cli.offering import about
+from anser.cli.output_folder import Force, must_be_new_file, written_file, written_into
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -63,6 +61,7 @@ def margins(
     ] = False,
     coarse: Annotated[bool, typer.Option("--coarse", help="With --envelope: 3 x 5 instead of 16 x 18 points.")] = False,
     out: Annotated[Path | None, typer.Option(help="With --envelope: new folder for dataset and maps.")] = None,
+    force: Force = False,
 ) -> None:
     """Gain, phase, delay and disk margins at every actuator and loop of the autopilot, broken one at a time."""
     must_be_known(aircraft, variant)
@@ -73,7 +72,7 @@ def margins(
                 raise RefusedError(f"{option}: arrived with --envelope, which is of all points; expected one of them")
         if out is None:
             raise RefusedError("--out: arrived nothing; expected a new folder for what --envelope finds")
-        _survey(aircraft, variant, inversion, step_s, coarse, out)
+        _survey(aircraft, variant, inversion, step_s, coarse, out, force)
         return
     for option, value in (("--out", out), ("--coarse", coarse or None)):
         if value is not None:
@@ -82,7 +81,7 @@ def margins(
     if bode is not None:
         from anser.report import BODE_SUFFIXES
 
-        must_be_new_file("--bode", bode, BODE_SUFFIXES)
+        must_be_new_file("--bode", bode, BODE_SUFFIXES, force)
     from anser.execution import margin_document, margins_at
 
     with finding_trim("trimming and breaking the loops"):
@@ -92,26 +91,27 @@ def margins(
     if bode is not None:
         from anser.report import draw_bode
 
-        with writing("--bode", bode):
-            draw_bode(found, [bode])
+        with written_file("--bode", bode, force) as file:
+            draw_bode(found, [file])
     answer(lambda: margin_document(found))
     _print(found)
     if bode is not None:
         say(f"{bode}: written")
 
 
-def _survey(aircraft: str, variant: str, inversion: Inversion, step_s: float, coarse: bool, out: Path) -> None:
-    make_new(out)
-    from anser.execution import survey_margins
-    from anser.report import draw_margin_maps
-    from anser.results import write_json, write_netcdf
+def _survey(
+    aircraft: str, variant: str, inversion: Inversion, step_s: float, coarse: bool, out: Path, force: bool
+) -> None:
+    with written_into(out, force) as into, progress_bar() as tell:
+        from anser.execution import survey_margins
+        from anser.report import draw_margin_maps
+        from anser.results import write_json, write_netcdf
 
-    with progress_bar() as tell:
         surveyed = survey_margins(aircraft, variant, inversion=inversion, coarse=coarse, step_s=step_s, progress=tell)
         tell("writing", 1.0)
-        write_netcdf(surveyed.dataset, out / "margins.nc")
-        draw_margin_maps(surveyed.dataset, out)
-        write_json(surveyed.document(), out / "margins.json")
+        write_netcdf(surveyed.dataset, into / "margins.nc")
+        draw_margin_maps(surveyed.dataset, into)
+        write_json(surveyed.document(), into / "margins.json")
     answer(surveyed.document)
     _print_survey(surveyed)
     say(f"{out}: margins.nc, margins.json and maps written")

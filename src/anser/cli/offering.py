@@ -9,6 +9,7 @@ import typer
 from rich.markup import escape
 
 from anser.cli.console import output, problem
+from anser.cli.refused_values import PlainCommand
 
 _Function = TypeVar("_Function", bound=Callable[..., None])
 _EPILOG = "anser_epilog"
@@ -32,7 +33,13 @@ def about(*examples: str, unmet: str | None = None) -> Callable[[_Function], _Fu
     unmet
         What exit code 1 means here; None where the command never ends with it.
     """
-    codes = ["0  done", *([f"1  {unmet}"] if unmet else []), "2  bad input", "3  internal fault"]
+    codes = [
+        "0  done",
+        *([f"1  {unmet}"] if unmet else []),
+        "2  bad input",
+        "3  internal fault",
+        f"{INTERRUPTED}  stopped by Ctrl-C",
+    ]
     lines = ["Examples:", *examples, "", "Exit codes:", *codes]
     epilog = escape("\n".join(line if not line or line.endswith(":") else f"  {line}" for line in lines))
 
@@ -68,4 +75,5 @@ def offer(app: typer.Typer, command: Callable[..., None]) -> None:
     # What typer reads of a function: its signature and its annotations.
     answering.__signature__ = inspect.Signature(parameters)  # pyright: ignore[reportAttributeAccessIssue]
     answering.__annotations__ = {one.name: one.annotation for one in parameters}
-    app.command(command.__name__.strip("_").replace("_", "-"), epilog=getattr(command, _EPILOG))(answering)
+    name = command.__name__.strip("_").replace("_", "-")
+    app.command(name, cls=PlainCommand, epilog=getattr(command, _EPILOG))(answering)

@@ -9,8 +9,9 @@ from typing import Annotated
 import typer
 
 from anser.cli.arguments import RunFolder, complete_run
-from anser.cli.console import RefusedError, answer, line, make_new, working, writing
+from anser.cli.console import RefusedError, answer, line, problem, working
 from anser.cli.offering import about
+from anser.cli.output_folder import Force, written_file, written_into
 from anser.cli.run_folder import RUN_FILES, must_be_run, read_flight, read_run
 
 
@@ -29,7 +30,7 @@ def report(
     out: Annotated[
         Path | None, typer.Option(help="File to write; default RUN/report.html. Needed for two runs.")
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace the file where it exists.")] = False,
+    force: Force = False,
 ) -> None:
     """Write the report of a run anew, or of two runs side by side, as one page that works offline."""
     if other is not None and out is None:
@@ -45,11 +46,11 @@ def report(
 
     runs = [(str(folder), *read_run(folder, place)) for place, folder in folders.items()]
     try:
-        with writing("--out", target):
+        with written_file("--out", target, force) as file:
             if other is None:
-                write_report(*runs[0][1:], target, overwrite=force)
+                write_report(*runs[0][1:], file)
             else:
-                write_comparison(runs, target, overwrite=force)
+                write_comparison(runs, file)
     except ValueError as error:
         words = f"{error}; expected what one flight of `anser run` wrote"
         raise RefusedError(f"{' and '.join(map(str, folders.values()))}: {words}") from None
@@ -74,6 +75,7 @@ _START = "2000-01-01T12:00:00Z"
 @about(
     "anser export runs/three-aircraft --format czml,kml",
     "anser export runs/three-aircraft --format csv --period-s 1 --out tables",
+    unmet="a format could not be written for want of a library; the others were",
 )
 def export(
     run: RunFolder,
@@ -90,6 +92,7 @@ def export(
     period_s: Annotated[
         float | None, typer.Option(help="Only the recorded times nearest to every so many seconds; left out: all.")
     ] = None,
+    force: Force = False,
 ) -> None:
     """Write a flight for Cesium (czml), Google Earth (kml), tables (csv, parquet), MATLAB and Octave (mat)."""
     began = _started(start)
@@ -101,25 +104,31 @@ def export(
     for name in wanted:
         if name not in FORMATS:
             raise RefusedError(f"--format: arrived {name!r}; expected one of {', '.join(FORMATS)}")
-    if "parquet" in wanted and not has_parquet():
-        raise RefusedError(f"--format: {PARQUET_MISSING}; or leave parquet out: all others are written without it")
-    dataset, summary = read_flight(run, NEEDED_VARIABLES)
-    if out is not None:
-        make_new(out)
-    files = {name: (out or run) / f"flight.{name}" for name in wanted}
+    lacking = [] if has_parquet() else [name for name in wanted if name == "parquet"]
+    if wanted == lacking:
+        raise RefusedError(f"--format: {PARQUET_MISSING}; all other formats are written without it")
+    folder = run if out is None else out
+    files = {name: folder / f"flight.{name}" for name in wanted if name not in lacking}
     for path in files.values():
-        if path.exists():
+        if out is None and path.exists() and not force:
             raise RefusedError(
-                f"--format: arrived {path.suffix[1:]} for {path}, which exists; expected a new file (nothing is "
-                "overwritten): give another folder with --out"
+                f"--format: arrived {path.suffix[1:]} for {path}, which exists; expected a new file: give another "
+                "folder with --out, or --force (nothing is overwritten without it)"
             )
+    dataset, summary = read_flight(run, NEEDED_VARIABLES)
     shown = dataset if period_s is None else thinned(dataset, period_s)
-    for name, path in files.items():
-        content = FORMATS[name](shown, summary, began)
-        with writing("--out", path), path.open("xb") as file:
-            file.write(content)
-        line(f"{path}: {len(content) / 1e6:.1f} MB")
-    answer(lambda: {"format_version": 1, "files": {name: str(path) for name, path in files.items()}})
+    with written_into(folder, force or out is None) as into:
+        for name, path in files.items():
+            content = FORMATS[name](shown, summary, began)
+            (into / path.name).write_bytes(content)
+            line(f"{path}: {len(content) / 1e6:.1f} MB")
+    left_out = dict.fromkeys(lacking, PARQUET_MISSING)
+    document = {"format_version": 1, "files": {name: str(path) for name, path in files.items()}}
+    answer(lambda: document | ({"left_out": left_out} if left_out else {}))
+    for name, why in left_out.items():
+        problem(f"{folder / f'flight.{name}'}: not written: {why}")
+    if left_out:
+        raise typer.Exit(1)
 
 
 def _started(start: str) -> datetime:
@@ -161,6 +170,7 @@ def figures(
         typer.Option(help="Width in mm: 88 for one column, 180 for two; left out: 165.", show_default=False),
     ] = None,
     no_title: Annotated[bool, typer.Option("--no-title", help="Leave the title above each figure out.")] = False,
+    force: Force = False,
 ) -> None:
     """Draw figures for a paper, each as PDF, SVG and PNG: of a flight, or every one of the published cases.
 
@@ -182,20 +192,19 @@ def figures(
             chosen = chosen_figures(dataset, names)
         except ValueError as error:
             raise RefusedError(f"--only: {error}") from None
-        make_new(out)
-        with working("drawing"):
-            written = draw_flight(dataset, "flight", out, chosen=chosen, paper=paper)
+        with written_into(out, force) as into, working("drawing"):
+            written = [path.name for path in draw_flight(dataset, "flight", into, chosen=chosen, paper=paper)]
     else:
         if only is not None or width is not None or no_title:
             raise RefusedError(
                 "RUN: arrived nothing; expected the folder of a run: --only, --width and --no-title are of its figures"
             )
-        make_new(out)
-        written = tuple(_published(out))
-    kinds = sorted({path.suffix for path in written})
+        with written_into(out, force) as into:
+            written = [path.name for path in _published(into)]
+    kinds = sorted({Path(name).suffix for name in written})
     count = len(written) // len(kinds)
     made = "1 figure" if count == 1 else f"{count} figures, each"
-    answer(lambda: {"format_version": 1, "files": [str(path) for path in written]})
+    answer(lambda: {"format_version": 1, "files": [str(out / name) for name in written]})
     line(f"{out}: {made} as {', '.join(kinds)}")
 
 

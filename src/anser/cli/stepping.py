@@ -16,18 +16,16 @@ from anser.cli.console import (
     finding_trim,
     flight_point,
     line,
-    make_new,
     must_be_known,
-    must_be_new_file,
     number,
     plain_table,
     print_table,
     problem,
     say,
     working,
-    writing,
 )
 from anser.cli.offering import about
+from anser.cli.output_folder import Force, must_be_new_file, written_file, written_into
 
 if TYPE_CHECKING:
     from anser.execution import SteppedFlight, StepTest
@@ -55,6 +53,7 @@ def step(
     inversion: Inversion = "model",
     variant: VariantName = "textbook",
     out: Annotated[Path | None, typer.Option(help="New picture of the response: NAME.svg, .png or .pdf.")] = None,
+    force: Force = False,
 ) -> None:
     """Step one loop's command and measure: rise, settling, overshoot, error at the end, coupling, surface use."""
     must_be_known(_AIRCRAFT, variant)
@@ -62,7 +61,7 @@ def step(
     if out is not None:
         from anser.report.print_style import FIGURE_SUFFIXES
 
-        must_be_new_file("--out", out, FIGURE_SUFFIXES)
+        must_be_new_file("--out", out, FIGURE_SUFFIXES, force)
     if len(channel) != len(size):
         raise RefusedError(f"--size: arrived {len(size)} for {len(channel)} channels; expected one for each --channel")
     if len(set(channel)) != len(channel):
@@ -77,8 +76,8 @@ def step(
     if out is not None:
         from anser.report.step_figures import draw_step
 
-        with writing("--out", out):
-            draw_step(flown[0].dataset, [out])
+        with written_file("--out", out, force) as file:
+            draw_step(flown[0].dataset, [file])
     answer(lambda: step_document(flown))
     print_table(_table(flown, f"{_AIRCRAFT} ({variant}) at {speed_m_s:g} m/s, {altitude_m:g} m: {inversion} inversion"))
     if flown[0].left_tables:
@@ -95,27 +94,32 @@ def gallery(
     out: Annotated[Path, typer.Option(help="New folder for the figures and metrics.json.", show_default=False)],
     inversion: Inversion = "model",
     variant: VariantName = "textbook",
+    force: Force = False,
 ) -> None:
     """Fly every published test of the autopilot: a figure of each, an overview, a table of their figures."""
     must_be_known(_AIRCRAFT, variant)
-    make_new(out)
-    from anser.execution import PUBLISHED_STEPS, fly_climb_and_turn, step_document
-    from anser.report.step_figures import draw_overview, draw_step
-    from anser.report.tracking_figure import draw_tracking
-    from anser.results import write_json
+    with written_into(out, force) as into:
+        from anser.execution import PUBLISHED_STEPS, fly_climb_and_turn, step_document
+        from anser.report.step_figures import draw_overview, draw_step
+        from anser.report.tracking_figure import draw_tracking
+        from anser.results import write_json
 
-    flown = _fly(PUBLISHED_STEPS, variant, 150.0, 1000.0, inversion)
-    with working("flying the climb-and-turn"):
-        tracked = fly_climb_and_turn(variant, inversion)
-    requirements = tracked.summary["requirements"]
-    document = step_document(flown) | {"climb_and_turn": requirements}
-    write_json(document, out / "metrics.json")
-    with working("drawing"):
-        for flight in flown:
-            draw_step(flight.dataset, [out / f"{flight.test.key}{suffix}" for suffix in (".svg", ".png")])
-        draw_overview([flight.dataset for flight in flown], [out / f"overview{suffix}" for suffix in (".svg", ".png")])
-        heading = f"Climb and turn on velocity commands alone: {_AIRCRAFT} ({variant}), {inversion} inversion"
-        draw_tracking(tracked.dataset, heading, [out / f"climb-and-turn{suffix}" for suffix in (".svg", ".png")])
+        flown = _fly(PUBLISHED_STEPS, variant, 150.0, 1000.0, inversion)
+        with working("flying the climb-and-turn"):
+            tracked = fly_climb_and_turn(variant, inversion)
+        requirements = tracked.summary["requirements"]
+        document = step_document(flown) | {"climb_and_turn": requirements}
+        write_json(document, into / "metrics.json")
+
+        def pictures(name: str) -> list[Path]:
+            return [into / f"{name}{suffix}" for suffix in (".svg", ".png")]
+
+        with working("drawing"):
+            for flight in flown:
+                draw_step(flight.dataset, pictures(flight.test.key))
+            draw_overview([flight.dataset for flight in flown], pictures("overview"))
+            heading = f"Climb and turn on velocity commands alone: {_AIRCRAFT} ({variant}), {inversion} inversion"
+            draw_tracking(tracked.dataset, heading, pictures("climb-and-turn"))
     answer(lambda: document)
     print_table(_table(flown, f"{_AIRCRAFT} ({variant}) at 150 m/s, 1000 m: {inversion} inversion"))
     limits = document["limits"]

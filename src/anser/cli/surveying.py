@@ -13,9 +13,7 @@ from anser.cli.console import (
     answer,
     columns,
     flight_point,
-    kept_unless_empty,
     line,
-    make_new,
     must_be_known,
     must_lie,
     number,
@@ -26,6 +24,7 @@ from anser.cli.console import (
     say,
 )
 from anser.cli.offering import about
+from anser.cli.output_folder import Force, written_into
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -45,19 +44,19 @@ def envelope(
     variant: VariantName = "textbook",
     inversion: Inversion = "model",
     coarse: Annotated[bool, typer.Option("--coarse", help="A grid of 3 x 5 instead of 16 x 18 points.")] = False,
+    force: Force = False,
 ) -> None:
     """Survey the envelope: trim map, and standard commands flown from every point of it."""
     must_be_known(aircraft, variant)
-    make_new(out)
-    from anser.execution import survey
-    from anser.report import draw_envelope
-    from anser.results import write_netcdf
+    with written_into(out, force) as into, progress_bar() as tell:
+        from anser.execution import survey
+        from anser.report import draw_envelope
+        from anser.results import write_netcdf
 
-    with progress_bar() as tell:
         surveyed = survey(aircraft, variant, inversion=inversion, coarse=coarse, progress=tell)
         tell("writing", 1.0)
-        write_netcdf(surveyed.dataset, out / "envelope.nc")
-        draw_envelope(surveyed.dataset, out)
+        write_netcdf(surveyed.dataset, into / "envelope.nc")
+        draw_envelope(surveyed.dataset, into)
     answer(lambda: _envelope_document(surveyed))
     _print_envelope(surveyed)
     say(f"{out}: envelope.nc and figures written")
@@ -135,6 +134,7 @@ def robustness(
         str | None, typer.Option(help="SPEED,ALTITUDE of the only steady flight to leave, m/s and m.")
     ] = None,
     variant: VariantName = "textbook",
+    force: Force = False,
 ) -> None:
     """Fly F-16s that differ from what their autopilot believes, with both inversions: who succeeds, what breaks."""
     must_lie("--flights", flights, 1, 1_000_000)
@@ -147,8 +147,7 @@ def robustness(
     from anser.results import write_netcdf
 
     conditions = CONDITIONS if at is None else (FlightPoint(*flight_point(at)),)
-    make_new(out)
-    with kept_unless_empty(out), progress_bar() as tell:
+    with written_into(out, force) as into, progress_bar() as tell:
         try:
             study = robustness_study(
                 variant,
@@ -162,8 +161,8 @@ def robustness(
         except ConditionError as error:
             raise RefusedError(f"--at: arrived {at}; {error}") from None
         tell("writing", 1.0)
-        write_netcdf(study.dataset, out / "robustness.nc")
-        draw_robustness(study.dataset, out)
+        write_netcdf(study.dataset, into / "robustness.nc")
+        draw_robustness(study.dataset, into)
     answer(lambda: _study_document(study))
     _print_study(study)
     say(f"{out}: robustness.nc and figures written")

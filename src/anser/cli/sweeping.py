@@ -13,9 +13,7 @@ from anser.cli.console import (
     RefusedError,
     answer,
     columns,
-    kept_unless_empty,
     line,
-    make_new,
     number,
     plain_table,
     print_table,
@@ -24,6 +22,8 @@ from anser.cli.console import (
     say,
 )
 from anser.cli.offering import about
+from anser.cli.output_folder import Force, written_into
+from anser.cli.setting import halves, value_of
 from anser.scenario import load
 
 if TYPE_CHECKING:
@@ -53,19 +53,19 @@ def sweep(
             show_default=False,
         ),
     ],
+    force: Force = False,
 ) -> None:
     """Fly a scenario with every combination of some of its numbers."""
     wanted, swept = load(scenario), swept_values(set_)
-    make_new(out)
-    from anser.execution import sweep as fly
-    from anser.report import draw_sweep
-    from anser.results import write_netcdf
+    with written_into(out, force) as into, progress_bar() as tell:
+        from anser.execution import sweep as fly
+        from anser.report import draw_sweep
+        from anser.results import write_netcdf
 
-    with kept_unless_empty(out), progress_bar() as tell:
         data = fly(wanted, swept, tell)
         tell("writing", None)
-        write_netcdf(data, out / "sweep.nc")
-        drawn = draw_sweep(data, out)
+        write_netcdf(data, into / "sweep.nc")
+        drawn = draw_sweep(data, into)
     answer(lambda: _document(data, swept))
     _print_swept(data, swept)
     say(f"{out}: sweep.nc{' and figure' if drawn else ''} written")
@@ -79,13 +79,10 @@ def swept_values(texts: list[str]) -> dict[str, list[object]]:
     """By path, the values of options --set."""
     found: dict[str, list[object]] = {}
     for text in texts:
-        path, sign, values = text.partition("=")
-        path = path.strip()
-        if not sign or not path or not values.strip():
-            raise RefusedError(f"--set: arrived {text!r}; expected {_EXPECTED}")
+        path, values = halves(text, _EXPECTED)
         if path in found:
             raise RefusedError(f"--set: arrived {path} twice; expected all of its values in one")
-        found[path] = _range(text, values) if _RANGE.fullmatch(values) else [_value(one) for one in values.split(",")]
+        found[path] = _range(text, values) if _RANGE.fullmatch(values) else [value_of(one) for one in values.split(",")]
     return found
 
 
@@ -101,20 +98,7 @@ def _range(text: str, values: str) -> list[object]:
     if count > _MANY:
         raise RefusedError(f"--set: arrived {text!r}, {count} values; expected {_MANY} at most")
     # in decimals: 0.1 three times is 0.3
-    return [_value(str(first + k * step)) for k in range(count)]
-
-
-def _value(text: str) -> object:
-    """A number or a truth value where it reads as one, else the text itself."""
-    word = text.strip()
-    if word in ("true", "false"):
-        return word == "true"
-    for kind in (int, float):
-        try:
-            return kind(word)
-        except ValueError:
-            continue
-    return word
+    return [value_of(str(first + k * step)) for k in range(count)]
 
 
 def _flights(data: "xr.Dataset", swept: dict[str, list[object]]) -> list[dict[str, Any]]:

@@ -17,16 +17,15 @@ from anser.cli.console import (
     line,
     must_be_flight_condition,
     must_be_known,
-    must_be_new_file,
     must_lie,
     plain_table,
     print_table,
     say,
     screen,
     working,
-    writing,
 )
 from anser.cli.offering import about
+from anser.cli.output_folder import Force, must_be_new_file, written_file
 
 if TYPE_CHECKING:
     from anser.execution import Linearized
@@ -121,6 +120,7 @@ def linearize(
     out: Annotated[
         Path | None, typer.Option(help="New file to write all of it to: NAME.nc (NetCDF) or NAME.json.")
     ] = None,
+    force: Force = False,
 ) -> None:
     """Trim an aircraft and linearize it there: A, B, C, D and the modes with their names, in SI units and radians."""
     must_be_known(aircraft, variant)
@@ -137,14 +137,14 @@ def linearize(
     if actuators and loop != "open":
         raise RefusedError(f"--actuators: arrived with --loop {loop}, which always has them; expected --loop open")
     if out is not None:
-        must_be_new_file("--out", out, _SUFFIXES)
+        must_be_new_file("--out", out, _SUFFIXES, force)
     from anser.execution import linearize as find
 
     with finding_trim("trimming and differentiating"):
         found = find(aircraft, variant, x_cg_over_c=x_cg, loop=loop, actuators=actuators, step_s=step_s, **condition)
     if out is not None:
-        with writing("--out", out):
-            found.write(out)
+        with written_file("--out", out, force) as file:
+            found.write(file)
     answer(found.document)
     _print_model(found)
     if out is not None:

@@ -142,10 +142,10 @@ class Flown:
 
     def _replace_in(self, folder: Path) -> None:
         """Write the three files beside those that stand there, and only when all are complete in their place."""
-        with tempfile.TemporaryDirectory(dir=folder, prefix=".anser-") as beside:
-            self.write_into(Path(beside))
-            for name in _FILES:
-                (Path(beside) / name).replace(folder / name)
+        from anser.results.replacing_files import replaced_within
+
+        with replaced_within(folder) as beside:
+            self.write_into(beside)
 
     def write_into(self, folder: Path) -> None:
         """Write the three files into a folder that exists; refuses to overwrite any (FileExistsError)."""

@@ -13,6 +13,7 @@ from anser.control import AutopilotGains, FlightLimits, default_limits, publishe
 from anser.environment import Environment, standard_environment
 from anser.execution.conditions import ConditionError, airframe_of, steady_trim
 from anser.results import linear_dataset, linear_document, notebook_table, write_json, write_netcdf
+from anser.results.extras import missing
 from anser.simulation import (
     CHANNELS,
     LinearModel,
@@ -107,7 +108,7 @@ class Linearized:
         try:
             import control
         except ImportError:
-            raise ImportError('python-control is not installed: pip install "anser[control]"') from None
+            raise ImportError(missing("python-control", "control")) from None
         model = self.model
         return control.StateSpace(
             *(np.asarray(matrix) for matrix in (model.A, model.B, model.C, model.D)),

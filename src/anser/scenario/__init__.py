@@ -11,6 +11,7 @@ from anser.scenario.airframe_names import AIRFRAMES, BODIES, VARIANTS
 from anser.scenario.cautions import cautions
 from anser.scenario.converting import convert
 from anser.scenario.errors import Problem, ScenarioError
+from anser.scenario.file_schema import json_schema
 from anser.scenario.load import as_scenario, load, loads
 from anser.scenario.replacing import value_at
 from anser.scenario.schema import Scenario, scenario_hash, validate
@@ -38,6 +39,7 @@ __all__ = [
     "build_path_limits",
     "cautions",
     "convert",
+    "json_schema",
     "load",
     "load_airframe",
     "load_body",

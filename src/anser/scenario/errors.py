@@ -1,7 +1,7 @@
 """What a refused scenario says: where, what arrived, and what would be right."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 _TEXT_MAX = 80
 _BITS_MAX = 256
@@ -22,16 +22,20 @@ class Problem:
         What would be right.
     whom
         The aircraft or goal by its name, such as ``aircraft "north"``; empty where it has none.
+    line
+        Line of the file in which the key stands, from 1, or the innermost of its tables that does; None: not known.
     """
 
     path: str
     arrived: str
     expected: str
     whom: str = ""
+    line: int | None = field(default=None, compare=False)
 
     def __str__(self) -> str:
         whom = f" ({self.whom})" if self.whom else ""
-        where = f"{self.path}{whom}: " if self.path else ""
+        line = "" if self.line is None else f"line {self.line}, "
+        where = f"{line}{self.path}{whom}: " if self.path else ""
         return f"{where}arrived {self.arrived}; expected {self.expected}"
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from anser.scenario.schema import Scenario, validate
 from anser.scenario.schema_aircraft import Aircraft
-from anser.scenario.toml_text import read_text, values_of
+from anser.scenario.toml_text import read_text, telling_lines, values_of
 
 _HEADER = re.compile(r"\[{1,2}\s*([A-Za-z0-9_-]+)[^\]]*\]")
 
@@ -59,7 +59,9 @@ def loads(text: str, source: str = "<string>") -> Scenario:
     ScenarioError
         If it is no TOML or no valid scenario.
     """
-    return validate(parsed(text, source), source)
+    values = parsed(text, source)
+    with telling_lines(text, source):
+        return validate(values, source)
 
 
 def parsed(text: str, source: str) -> dict[str, Any]:

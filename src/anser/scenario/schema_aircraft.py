@@ -3,7 +3,7 @@
 import math
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, WithJsonSchema
 
 from anser.derivative_names import DERIVATIVES
 from anser.scenario.airframe_file import (
@@ -70,7 +70,7 @@ class Rendezvous(Table):
 class _LoopGains(Table):
     """What the gains of all loops share: the other way to give them."""
 
-    bandwidth_rad_s: Gain3 | None = designed("wanted bandwidth, instead of proportional and integral")
+    bandwidth_rad_s: Gain3 | None = designed("wanted bandwidth, instead of proportional and integral", "rad/s")
     damping: Gain3 | None = designed("wanted damping of the pair of poles; left out: no integral")
 
     def own_problems(self) -> list[Problem]:
@@ -138,7 +138,9 @@ def _validated(value: object) -> object:
 
 
 _AIRFRAME_PATH = 'the path of an aircraft file, seen from the scenario, such as "my-uav.toml"'
-_Airframe = Annotated[AirframeFile | DaveMlFile | None, BeforeValidator(_validated)]
+_Airframe = Annotated[
+    AirframeFile | DaveMlFile | None, BeforeValidator(_validated), WithJsonSchema({"type": ["string", "object"]})
+]
 
 
 class Aircraft(Table):

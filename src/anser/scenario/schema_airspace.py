@@ -6,7 +6,7 @@ from anser.scenario.errors import Problem, plain
 from anser.scenario.schema_aircraft import Aircraft
 from anser.scenario.schema_arrival import Arrival
 from anser.scenario.schema_base import Table, Vector, misordered, naming, number, velocity_on_course
-from anser.scenario.schema_checks import SAME_PLACE_M, label
+from anser.scenario.schema_checks import SAME_PLACE_M, groups, label, listed
 from anser.scenario.schema_goal import PLACE_MAX_M, Goal
 from anser.scenario.schema_settings import ALTITUDE_MAX_M, SPEED_MAX_M_S
 
@@ -71,18 +71,23 @@ def separation_problems(aircraft: tuple[Aircraft, ...], separation: Separation) 
     words = f"a start {plain(separation.horizontal_m)} m away in the plane{vertical}, as [separation] asks"
     if separation.horizontal_m == 0.0:
         return found
-    for index, one in enumerate(aircraft):
-        here_m = one.start.position_m
-        for other_index, other in enumerate(aircraft[:index]):
-            there_m = other.start.position_m
-            if math.dist(here_m, there_m) < SAME_PLACE_M or separation.is_kept(here_m, there_m):
-                continue
-            # rounded down, so that a distance that is too small by little does not read as the one asked for
-            away_m, up_m = _tenths(math.dist(here_m[:2], there_m[:2])), _tenths(abs(here_m[2] - there_m[2]))
-            arrived = (
-                f'a start {away_m} m in the plane and {up_m} m in altitude from aircraft[{other_index}] "{other.name}"'
-            )
-            found.append(Problem(f"aircraft[{index}].start", arrived, words, label("aircraft", one)))
+    at_m = [one.start.position_m for one in aircraft]
+
+    def too_close(i: int, j: int) -> bool:
+        return math.dist(at_m[i], at_m[j]) >= SAME_PLACE_M and not separation.is_kept(at_m[i], at_m[j])
+
+    for group in groups(len(aircraft), too_close):
+        pairs = [(i, j) for i in group for j in group if j < i and too_close(i, j)]
+        index, other = min(pairs, key=lambda pair: math.dist(at_m[pair[0]], at_m[pair[1]]))
+        here_m, there_m = at_m[index], at_m[other]
+        # rounded down, so that a distance that is too small by little does not read as the one asked for
+        away_m, up_m = _tenths(math.dist(here_m[:2], there_m[:2])), _tenths(abs(here_m[2] - there_m[2]))
+        arrived = (
+            f"a start {away_m} m in the plane and {up_m} m in altitude from {listed('aircraft', aircraft, [other])}"
+        )
+        if len(group) > 2:
+            arrived += f", the closest of {len(pairs)} pairs too close among {listed('aircraft', aircraft, group)}"
+        found.append(Problem(f"aircraft[{index}].start", arrived, words, label("aircraft", aircraft[index])))
     return found
 
 
@@ -121,13 +126,18 @@ def keep_out_problems(
 def same_point_problems(aircraft: tuple[Aircraft, ...], arrival: Arrival) -> list[Problem]:
     """Find two aircraft sent to one point at one time."""
     found = []
-    for index, one in enumerate(aircraft):
-        for other_index, other in enumerate(aircraft[:index]):
-            apart_m = math.dist(one.rendezvous.stand_off_m, other.rendezvous.stand_off_m)
-            if other.goal == one.goal and apart_m < SAME_PLACE_M and arrival.meet(one, other):
-                arrived = f'the rendezvous point of aircraft[{other_index}] "{other.name}" at the same goal'
-                words = f"stand-offs that keep them at least {SAME_PLACE_M:g} m apart: they arrive at the same time"
-                found.append(Problem(f"aircraft[{index}].rendezvous", arrived, words, label("aircraft", one)))
+
+    def meet(i: int, j: int) -> bool:
+        one, other = aircraft[i], aircraft[j]
+        apart_m = math.dist(one.rendezvous.stand_off_m, other.rendezvous.stand_off_m)
+        return other.goal == one.goal and apart_m < SAME_PLACE_M and arrival.meet(one, other)
+
+    for first, *others in groups(len(aircraft), meet):
+        also = f", also that of {listed('aircraft', aircraft, others[1:])}" if len(others) > 1 else ""
+        arrived = f"the rendezvous point of {listed('aircraft', aircraft, [first])} at the same goal{also}"
+        words = f"stand-offs that keep them at least {SAME_PLACE_M:g} m apart: they arrive at the same time"
+        whom = label("aircraft", aircraft[others[0]])
+        found.append(Problem(f"aircraft[{others[0]}].rendezvous", arrived, words, whom))
     return found
 
 

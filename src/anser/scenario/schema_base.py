@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Never, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema, model_validator
 from pydantic_core import PydanticUndefined
 
 from anser.scenario.errors import Problem, ScenarioError, plain
@@ -105,9 +105,9 @@ def between(points: Sequence[tuple[float, Vector]], at: float) -> Vector:
     return north, east, up
 
 
-def expects(words: str) -> dict[str, Any]:
-    """`json_schema_extra` of a field: what it expects, in words that messages put after "expected"."""
-    return {"expected": words}
+def expects(words: str, unit: str | None = None) -> dict[str, Any]:
+    """`json_schema_extra` of a field: what it expects, in words that messages put after "expected", and its unit."""
+    return {"expected": words} if unit is None else {"expected": words, "unit": unit}
 
 
 def number(
@@ -131,7 +131,7 @@ def number(
     span = f"above {low:.10g} and at most {high:.10g}" if above else f"from {low:.10g} to {high:.10g}"
     words = f"a number {span} {unit}".rstrip()
     lower: dict[str, Any] = {"gt": low} if above else {"ge": low}
-    return Field(default, **lower, le=high, description=about, json_schema_extra=expects(words))
+    return Field(default, **lower, le=high, description=about, json_schema_extra=expects(words, unit))
 
 
 def choice(about: str, options: tuple[str, ...], default: object = PydanticUndefined) -> Any:
@@ -172,9 +172,15 @@ def _one_for_all(value: object) -> object:
     return value
 
 
-_GAIN = expects(f"a number from 0 to {GAIN_MAX:g}, or a list of three such numbers")
+_GAIN = expects(f"a number from 0 to {GAIN_MAX:g}, or a list of three such numbers", "")
 _Gain = Annotated[float, Field(ge=0, le=GAIN_MAX)]
-Gain3 = Annotated[tuple[_Gain, _Gain, _Gain], BeforeValidator(_one_for_all), Field(strict=False)]
+_GAIN_SCHEMA = {"type": "number", "minimum": 0, "maximum": GAIN_MAX}
+Gain3 = Annotated[
+    tuple[_Gain, _Gain, _Gain],
+    BeforeValidator(_one_for_all),
+    Field(strict=False),
+    WithJsonSchema({"anyOf": [_GAIN_SCHEMA, {"type": "array", "items": _GAIN_SCHEMA, "minItems": 3, "maxItems": 3}]}),
+]
 
 
 def gain(about: str, default: float) -> Any:
@@ -182,6 +188,6 @@ def gain(about: str, default: float) -> Any:
     return Field((default, default, default), description=about, json_schema_extra=_GAIN)
 
 
-def designed(about: str) -> Any:
+def designed(about: str, unit: str = "") -> Any:
     """Declare what a gain may be derived from: one number, a list of three, or nothing (None)."""
-    return Field(None, description=about, json_schema_extra=_GAIN)
+    return Field(None, description=about, json_schema_extra={**_GAIN, "unit": unit})

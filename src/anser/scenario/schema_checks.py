@@ -4,8 +4,9 @@ Here and in the other modules of the schema, `*_problems` take tables of one sce
 what is wrong between them; the list is empty if all is well.
 """
 
+import itertools
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from anser.constants import AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M
@@ -31,6 +32,22 @@ _CERTIFIED_OWN = ("speed_m_s", "arrive_s", "arrive_from_s", "arrive_to_s")
 def label(kind: str, named: Aircraft | Goal) -> str:
     """Name an aircraft or a goal in a message, such as ``goal "ship"``."""
     return f'{kind} "{named.name}"'
+
+
+def groups(count: int, together: Callable[[int, int], bool]) -> list[list[int]]:
+    """Groups of two or more, of so many, each member together with another of the group; all in rising order."""
+    found: list[list[int]] = []
+    for index in range(count):
+        joined = [group for group in found if any(together(index, other) for other in group)]
+        found = [group for group in found if group not in joined]
+        found.append(sorted([index, *itertools.chain(*joined)]))
+    return sorted(group for group in found if len(group) > 1)
+
+
+def listed(kind: str, items: Sequence[Aircraft] | Sequence[Goal], places: Sequence[int]) -> str:
+    """Name several of a list in a message, such as ``aircraft[0] "north" and aircraft[2] "south"``."""
+    names = [f'{kind}[{place}] "{items[place].name}"' for place in places]
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def name_problems(aircraft: tuple[Aircraft, ...], goals: tuple[Goal, ...]) -> list[Problem]:
@@ -118,11 +135,12 @@ def start_problems(scenario: "Scenario") -> list[Problem]:
             words = f"at most limits.altitude_max_m, which is {plain(limits.altitude_max_m)} m"
             found.append(Problem(f"{path}.altitude_m", plain(start.altitude_m), words, whom))
         found.extend(_too_steep(f"{path}.path_angle_deg", whom, start.path_angle_deg, start.speed_m_s, limits))
-        for other_index, other in enumerate(aircraft[:index]):
-            if math.dist(start.position_m, other.start.position_m) < SAME_PLACE_M:
-                arrived = f'the place of aircraft[{other_index}] "{other.name}"'
-                words = f"a start at least {SAME_PLACE_M:g} m from every other"
-                found.append(Problem(path, arrived, words, whom))
+    at_m = [one.start.position_m for one in aircraft]
+    for first, *others in groups(len(aircraft), lambda i, j: math.dist(at_m[i], at_m[j]) < SAME_PLACE_M):
+        also = f", also that of {listed('aircraft', aircraft, others[1:])}" if len(others) > 1 else ""
+        arrived = f"the place of {listed('aircraft', aircraft, [first])}{also}"
+        words = f"a start at least {SAME_PLACE_M:g} m from every other"
+        found.append(Problem(f"aircraft[{others[0]}].start", arrived, words, label("aircraft", aircraft[others[0]])))
     return found
 
 

@@ -9,6 +9,7 @@ from typing import Any, get_args
 from pydantic import BaseModel, ValidationError
 
 from anser.scenario.errors import Problem, ScenarioError, show
+from anser.scenario.other_units import in_unit
 
 _ABSENT = object()
 _BARE_KEY = re.compile(r"^[A-Za-z0-9_-]+\Z")
@@ -88,7 +89,11 @@ def _bad_value(loc: Sequence[str | int], model: type[BaseModel], raw: object) ->
     loc = _existing(loc, raw)
     value = _value_at(loc, raw)
     arrived = "nothing" if value is _ABSENT else show(value)
-    return Problem(_path(loc), arrived, _expected(loc, model), _whom(loc, raw))
+    extra = _extra(loc, model)
+    words = str(extra.get("expected", "a table of keys and values"))
+    if isinstance(value, str) and "unit" in extra:
+        words += in_unit(value, str(extra["unit"]))
+    return Problem(_path(loc), arrived, words, _whom(loc, raw))
 
 
 def _existing(loc: Sequence[str | int], raw: object) -> Sequence[str | int]:
@@ -113,13 +118,13 @@ def _value_at(loc: Sequence[str | int], raw: object) -> Any:
     return value
 
 
-def _expected(loc: Sequence[str | int], model: type[BaseModel]) -> str:
-    """Read the words of a field that say what it expects."""
+def _extra(loc: Sequence[str | int], model: type[BaseModel]) -> dict[str, Any]:
+    """Read what a field says of what it expects; empty where there is none."""
     last = max((index for index, step in enumerate(loc) if isinstance(step, str)), default=-1)
     table = _model_at(loc[:last], model) if last >= 0 else None
     field = table.model_fields.get(str(loc[last])) if table is not None else None
     extra = field.json_schema_extra if field is not None else None
-    return str(extra["expected"]) if isinstance(extra, dict) else "a table of keys and values"
+    return extra if isinstance(extra, dict) else {}
 
 
 def _model_at(loc: Sequence[str | int], model: type[BaseModel]) -> type[BaseModel] | None:

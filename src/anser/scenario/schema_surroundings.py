@@ -3,7 +3,8 @@
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator
+from pydantic import BeforeValidator, GetJsonSchemaHandler
+from pydantic_core import CoreSchema
 
 from anser.scenario.errors import Problem, ScenarioError, plain, show
 from anser.scenario.schema_base import Table, Vector, between, choice, number, tables, velocity_on_course
@@ -32,7 +33,14 @@ def _from_word(value: Any) -> Any:
     return {"model": value}
 
 
-EarthOrWord = Annotated[Earth, BeforeValidator(_from_word)]
+class _OrWord:
+    """Adds the word to what the JSON Schema says of the table."""
+
+    def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        return {"anyOf": [handler(core), {"enum": list(_EARTHS)}]}
+
+
+EarthOrWord = Annotated[Earth, BeforeValidator(_from_word), _OrWord()]
 
 
 class WindLayer(Table):

@@ -1,10 +1,17 @@
-"""A scenario to start from, with every key, its default and its unit."""
+"""A scenario to start from, with every key, its default and its unit; beside it, the schema for editors."""
 
+import json
 import os
 from importlib.resources import files
 from pathlib import Path
 
 from anser.scenario.errors import reason_of, refused
+from anser.scenario.file_schema import json_schema
+from anser.scenario.schema import Scenario
+from anser.scenario.schema_base import Table
+
+SCENARIO_SCHEMA = "anser-scenario.schema.json"
+"""Name of the JSON Schema beside a scenario, as the first line of the starter has it."""
 
 
 def starter_scenario() -> str:
@@ -13,14 +20,30 @@ def starter_scenario() -> str:
 
 
 def write_starter(path: str | os.PathLike[str]) -> Path:
-    """Write the starter scenario to a new file, and return its path.
+    """Write the starter scenario to a new file, and its schema for editors beside it; return the scenario's path.
+
+    A schema that is there already is left alone.
 
     Raises
     ------
     ScenarioError
         If something of this name is there already (it is left alone), or the file cannot be written.
     """
-    return write_new(path, starter_scenario())
+    target = write_new(path, starter_scenario())
+    write_schema_beside(target, SCENARIO_SCHEMA, Scenario, "anser scenario")
+    return target
+
+
+def write_schema_beside(path: Path, name: str, model: type[Table], title: str) -> None:
+    """Write the JSON Schema of a kind of file into the folder of one, unless it is there; raises as `write_starter`."""
+    target = path.with_name(name)
+    if not target.exists():
+        write_new(target, schema_text(model, title))
+
+
+def schema_text(model: type[Table], title: str) -> str:
+    """The JSON Schema of the files that a model validates, as a file holds it."""
+    return json.dumps(json_schema(model, title), indent=1) + "\n"
 
 
 def write_new(path: str | os.PathLike[str], text: str) -> Path:

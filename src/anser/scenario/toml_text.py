@@ -1,11 +1,14 @@
 """Text of files in TOML, UTF-8: read, parsed, and what is wrong with it told with its line."""
 
 import ast
+import contextlib
+import dataclasses
 import difflib
+import json
 import os
 import re
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +17,11 @@ from anser.scenario.errors import Problem, ScenarioError, reason_of, refused, sh
 _TOML_PLACE = re.compile(r"^(?P<what>.*) \(at (?:line (?P<line>\d+), column (?P<column>\d+)|end of document)\)$")
 _NAMESPACE = re.compile(r"(?<=declare )\(.*\)(?= twice)|(?<=namespace )\(.*\)")
 _DECIMAL_COMMA = re.compile(r"=\s*([+-]?\d+),(\d+)")
+_BARE_UNIT = re.compile(r"=\s*([+-]?[\d.]+)\s*[A-Za-z][A-Za-z/^0-9]*\s*(?:#.*)?$")
+_NAME = r"""(?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*')"""
+_DOTTED = rf"{_NAME}(?:\s*\.\s*{_NAME})*"
+_HEADER = re.compile(rf"\s*(\[\[?)\s*({_DOTTED})\s*\]")
+_ENTRY = re.compile(rf"\s*({_DOTTED})\s*=(.*)", re.DOTALL)
 
 
 def read_text(path: str | os.PathLike[str], what: str = "scenario") -> str:
@@ -52,6 +60,78 @@ def values_of(text: str, source: str, way_out: Callable[[str], str] | None = Non
         raise refused(source, f"text that cannot be read ({reason})", "TOML") from None
 
 
+@contextlib.contextmanager
+def telling_lines(text: str, source: str) -> Iterator[None]:
+    """Give each problem that is found in the values of a text the line of its key."""
+    try:
+        yield
+    except ScenarioError as error:
+        if error.source != source:  # of another file that this one names
+            raise
+        lines = _lines_of(text)
+        problems = [dataclasses.replace(one, line=_line_at(one.path, lines)) for one in error.problems]
+        raise ScenarioError(source, problems) from None
+
+
+def _lines_of(text: str) -> dict[str, int]:
+    """Line, from 1, of each key and table of a valid text, by its path as messages write it.
+
+    What stands within a list or a table on one line has the line where that begins.
+    """
+    lines, found, last = text.splitlines(), {}, {}
+    table, at = "", 0
+    while at < len(lines):
+        header, entry, begin = _HEADER.match(lines[at]), _ENTRY.match(lines[at]), at
+        at += 1
+        if header is not None:
+            *outer, name = _names(header[2])
+            table = ""
+            for one in outer:
+                table = _within(table, one)
+                table += f"[{last[table]}]" if table in last else ""
+            table = _within(table, name)
+            if header[1] == "[[":
+                last[table] = last.get(table, -1) + 1
+                found.setdefault(table, begin + 1)
+                table += f"[{last[table]}]"
+            found[table] = begin + 1
+        elif entry is not None:
+            path = table
+            for name in _names(entry[1]):
+                path = _within(path, name)
+                found.setdefault(path, begin + 1)
+            value = entry[2]
+            while not _is_whole(value) and at < len(lines):
+                value, at = f"{value}\n{lines[at]}", at + 1
+    return found
+
+
+def _names(dotted: str) -> list[str]:
+    """Keys of a dotted one, as messages write them."""
+    bare = [one.strip("\"'") for one in re.findall(_NAME, dotted)]
+    return [one if re.fullmatch("[A-Za-z0-9_-]+", one) else json.dumps(one) for one in bare]
+
+
+def _within(table: str, name: str) -> str:
+    return f"{table}.{name}".removeprefix(".")
+
+
+def _is_whole(value: str) -> bool:
+    """Whether what stands behind an equals sign ends where the text does."""
+    try:
+        tomllib.loads(f"value = {value}")
+    except tomllib.TOMLDecodeError:
+        return False
+    return True
+
+
+def _line_at(path: str, lines: dict[str, int]) -> int | None:
+    """Line of a key, or of the innermost table or list around it that stands in the file."""
+    while path and path not in lines:
+        path = path[: max(path.rfind("."), path.rfind("["), 0)]
+    return lines.get(path)
+
+
 def _near(path: Path) -> str:
     """Name the file beside a missing one that was probably meant; nothing where there is none."""
     try:
@@ -74,8 +154,11 @@ def _syntax_problem(text: str, message: str, way_out: Callable[[str], str] | Non
     lines = text.replace("\r\n", "\n").split("\n")
     arrived = lines[line - 1].strip()
     comma = _DECIMAL_COMMA.search(arrived)
+    number = _BARE_UNIT.search(arrived)
     if comma is not None:
         more = f"; with a decimal point, {comma[1]}.{comma[2]}"
+    elif number is not None:
+        more = f"; {number[1]} alone, in the unit that the key's name ends with"
     else:
         more = way_out(arrived) if way_out is not None else ""
     return Problem(f"line {line}, column {column}", show(arrived), f"valid TOML: {what}{more}")

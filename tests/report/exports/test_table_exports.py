@@ -48,9 +48,9 @@ def test_parquet_gives_every_number_and_unit_back(flown, tmp_path):
 
 def test_parquet_without_its_library_says_what_to_install(flown, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(ImportError, match="pip install pyarrow"):
+    with pytest.raises(ImportError, match=r'pip install "anser\[parquet\]"'):
         to_parquet(flown[0])
-    assert "pip install pyarrow" in PARQUET_MISSING
+    assert 'pip install "anser[parquet]"' in PARQUET_MISSING
 
 
 def test_mat_gives_every_number_and_unit_back(flown, tmp_path):

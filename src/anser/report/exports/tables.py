@@ -9,7 +9,9 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-PARQUET_MISSING = "Parquet needs pyarrow, which is not installed: pip install pyarrow"
+from anser.results.extras import missing
+
+PARQUET_MISSING = f"Parquet needs pyarrow; {missing('pyarrow', 'parquet')}"
 _LABELS = ("units", "long_name", "frame", "symbol", "flag_meanings")
 
 

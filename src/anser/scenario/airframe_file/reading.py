@@ -19,7 +19,7 @@ from anser.scenario.airframe_file.schema_dave_ml import PARTS, DaveMlFile
 from anser.scenario.airframe_file.validating import validate_airframe
 from anser.scenario.airframe_names import AIRFRAMES, FILES
 from anser.scenario.errors import reason_of, refused, show
-from anser.scenario.toml_text import read_text, values_of
+from anser.scenario.toml_text import read_text, telling_lines, values_of
 
 ENTRY_POINTS = "anser.airframes"
 """Group of entry points that name callables, without arguments, that return an `AbstractAirframe`."""
@@ -38,7 +38,10 @@ def read_airframe(path: str | os.PathLike[str]) -> AirframeFile | DaveMlFile:
     ScenarioError
         If the file cannot be read or is no valid aircraft; the message says where and what would be right.
     """
-    return validate_airframe(airframe_values(path), os.fspath(path))
+    source = os.fspath(path)
+    values = airframe_values(path)
+    with telling_lines(read_text(path, "aircraft"), source):
+        return validate_airframe(values, source)
 
 
 def airframe_values(path: str | os.PathLike[str]) -> dict[str, Any]:

@@ -4,7 +4,11 @@ import os
 from importlib.resources import files
 from pathlib import Path
 
-from anser.scenario.template import write_new
+from anser.scenario.airframe_file.schema import AirframeFile
+from anser.scenario.template import write_new, write_schema_beside
+
+AIRCRAFT_SCHEMA = "anser-aircraft.schema.json"
+"""Name of the JSON Schema beside an aircraft file, as the first line of the starter has it."""
 
 
 def airframe_starter() -> str:
@@ -13,5 +17,7 @@ def airframe_starter() -> str:
 
 
 def write_airframe_starter(path: str | os.PathLike[str]) -> Path:
-    """Write the starter to a new file, and return its path; raises ScenarioError where it cannot."""
-    return write_new(path, airframe_starter())
+    """Write the starter to a new file, and its schema beside it; as `anser.scenario.write_starter`."""
+    target = write_new(path, airframe_starter())
+    write_schema_beside(target, AIRCRAFT_SCHEMA, AirframeFile, "anser aircraft")
+    return target

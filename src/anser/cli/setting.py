@@ -1,0 +1,79 @@
+"""Options that change a scenario on the way: --set and --planner; values by path, as the file would hold them."""
+
+import itertools
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from anser.cli.console import RefusedError, say
+from anser.scenario import Scenario, ScenarioError, cautions, load
+
+Settings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        help="PATH=VALUE, such as wind.speed_m_s=8 or aircraft[0].start.altitude_m=1500: in the place of the file's "
+        "value, and checked as that; may be given several times.",
+        show_default=False,
+    ),
+]
+PlannerName = Annotated[
+    Literal["certified", "published", "decentralised"] | None,
+    typer.Option(help="In the place of the file's fleet.planner.", show_default=False),
+]
+
+
+def loaded(path: Path, settings: Sequence[str] = (), planner: str | None = None) -> Scenario:
+    """Load a scenario, put other values in their places, and say on the way what it had better not do."""
+    scenario = load(path)
+    given = settings_of([*settings, *([f"fleet.planner={planner}"] if planner is not None else [])])
+    if given:
+        (first, value), *more = given.items()
+        try:
+            scenario = scenario.replace(first, value, *itertools.chain(*more))
+        except ScenarioError as error:
+            words = ", ".join(f"{one} = {value}" for one, value in given.items())
+            raise ScenarioError(f"{path} with {words}", error.problems) from None
+    for caution in cautions(scenario):
+        say(f"caution: {caution}")
+    return scenario
+
+
+def settings_of(texts: Sequence[str]) -> dict[str, object]:
+    """By path, the values of options --set of the form PATH=VALUE."""
+    found: dict[str, object] = {}
+    for text in texts:
+        path, value = halves(text, "PATH=VALUE, such as wind.speed_m_s=8")
+        if path in found:
+            raise RefusedError(f"--set: arrived {path} twice; expected it once")
+        found[path] = value_of(value)
+    return found
+
+
+def halves(text: str, expected: str) -> tuple[str, str]:
+    """What stands before and behind the equals sign of an option --set."""
+    path, sign, value = (part.strip() for part in text.partition("="))
+    if not sign or not path or not value:
+        raise RefusedError(f"--set: arrived {text!r}; expected {expected}")
+    return path, value
+
+
+def value_of(text: str) -> object:
+    """A number, a truth value, a list or a table of TOML where it reads as one, else the text itself."""
+    word = text.strip()
+    if word in ("true", "false"):
+        return word == "true"
+    for kind in (int, float):
+        try:
+            return kind(word)
+        except ValueError:
+            continue
+    if word.startswith(("[", "{", '"', "'")):
+        try:
+            return tomllib.loads(f"value = {word}")["value"]
+        except tomllib.TOMLDecodeError as error:
+            raise RefusedError(f"--set: arrived {word!r}; expected a value of TOML ({error})") from None
+    return word

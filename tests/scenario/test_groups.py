@@ -1,0 +1,61 @@
+"""Several aircraft that are in each other's way are told of once."""
+
+from pathlib import Path
+
+import pytest
+
+from anser.scenario import ScenarioError, load
+from anser.scenario.schema_checks import groups
+
+THREE = load(Path(__file__).parents[2] / "scenarios" / "three-aircraft.toml")
+
+
+def test_groups_hold_what_is_together_directly_or_through_others():
+    near = {(1, 4), (4, 5), (2, 3)}
+    assert groups(7, lambda i, j: (j, i) in near or (i, j) in near) == [[1, 4, 5], [2, 3]]
+    assert groups(4, lambda i, j: False) == []
+    assert groups(4, lambda i, j: True) == [[0, 1, 2, 3]]
+
+
+def four(**change):
+    """Four aircraft far from each other, each with a goal of its own, but for what is changed in all."""
+    one = THREE.aircraft[0].model_dump(mode="json", exclude_unset=True)
+    goal = {"kind": "surface", "east_m": 0.0}
+    aircraft, goals = [], []
+    for k in range(4):
+        start = {**one["start"], "north_m": 1000.0 + 3000.0 * k}
+        aircraft.append({**one, "name": f"a{k}", "goal": f"g{k}", "start": start} | change)
+        goals.append({**goal, "name": f"g{k}", "north_m": 500.0 * k})
+    return THREE.replace("aircraft", aircraft, "goal", goals)
+
+
+def test_four_aircraft_at_one_rendezvous_are_one_problem_that_names_all():
+    assert len(four().aircraft) == 4
+    with pytest.raises(ScenarioError) as caught:
+        four(goal="g1")
+    (problem,) = caught.value.problems
+    assert problem.path == "aircraft[1].rendezvous"
+    for k in range(4):
+        assert f'"a{k}"' in str(problem)
+
+
+def test_four_aircraft_at_one_start_are_one_problem_that_names_all():
+    with pytest.raises(ScenarioError) as caught:
+        four(start=four().aircraft[0].start.model_dump())
+    (problem,) = caught.value.problems
+    assert problem.path == "aircraft[1].start"
+    for k in range(4):
+        assert f'"a{k}"' in str(problem)
+
+
+def test_starts_closer_than_the_separation_are_one_problem_with_the_closest_pair():
+    certified = four().replace("fleet.planner", "certified")
+    apart = certified.replace("separation.horizontal_m", 2900.0)
+    assert apart.separation.horizontal_m == 2900.0
+    with pytest.raises(ScenarioError) as caught:
+        certified.replace("separation.horizontal_m", 3100.0)
+    (problem,) = caught.value.problems
+    assert "3000.0 m in the plane" in problem.arrived
+    assert "the closest of 3 pairs" in problem.arrived
+    for k in range(4):
+        assert f'"a{k}"' in problem.arrived
