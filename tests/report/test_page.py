@@ -9,6 +9,7 @@ import pytest
 
 from anser.report import write_comparison, write_report
 from anser.report.comparison import scenario_differences
+from anser.report.flight_margins import Margin
 from anser.report.opening import answer
 from anser.report.page import _SCRIPTS
 from anser.report.page_shell import asset
@@ -219,3 +220,43 @@ def test_one_aircraft_alone_is_reported(flight, tmp_path):
     ours = own((tmp_path / "report.html").read_text(encoding="utf-8"))
     assert "The aircraft arrived as planned" in ours
     assert "Least distance of two" not in ours
+
+
+def test_of_one_aircraft_nothing_is_said_that_needs_two(flight, tmp_path):
+    dataset, summary = flight[0].isel(aircraft=[0]), copy.deepcopy(flight[1])
+    summary["aircraft"] = summary["aircraft"][:1]
+    summary["arrival"] |= {"error_max_s": 0.02}
+    summary["fleet"] |= {"separation_min_m": None, "arrival_spread_s": 0.0}
+    write_report(dataset, summary, tmp_path / "report.html")
+    ours = own((tmp_path / "report.html").read_text(encoding="utf-8"))
+    assert "Off the planned time" in ours
+    for words in ("Arrival spread", "Distance between two aircraft", "s apart were allowed"):
+        assert words not in ours
+
+
+def test_of_a_sequence_the_spacing_is_told(flight, tmp_path):
+    summary = copy.deepcopy(flight[1])
+    summary["arrival"] = {"rule": "sequence", "common": False, "error_max_s": 0.01}
+    summary["arrival"] |= {"spacing_s": 60.0, "spacing_error_max_s": 0.004}
+    summary["fleet"]["arrival_spread_s"] = 120.004
+    told = answer(summary, {"arrival": {"rule": "sequence"}})
+    assert "All 3 aircraft arrived 60&nbsp;s apart, within 4&nbsp;ms" in told
+    write_report(flight[0], summary, tmp_path / "report.html")
+    ours = own((tmp_path / "report.html").read_text(encoding="utf-8"))
+    assert "Spacing error" in ours
+    assert "120.00" not in ours
+
+
+def test_the_first_lines_own_up_to_a_limit_that_was_passed(flight):
+    def margin(later):
+        return Margin("Bank angle to the right", "limit", "°", 70.0, 72.1, True, False, after_arrival=later)
+
+    summary = flight[1]
+    kept = answer(summary, {}, [])
+    assert 'class="answer good"' in kept
+    assert "All requirements met." in kept
+    passed = answer(summary, {}, [margin(True)])
+    assert 'class="answer mixed"' in passed
+    assert "All requirements met, but not all limits kept." in passed
+    assert "<b>Bank angle to the right</b> (103 % of its limit, after the arrival)" in passed
+    assert "after the arrival" not in answer(summary, {}, [margin(False)])

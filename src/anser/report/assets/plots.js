@@ -2,7 +2,7 @@
 "use strict";
 
 const FEW = 4; // so many aircraft are all drawn in their colours, with their commands
-const PLOT_TALL = 204, PRINTED_TALL = 168, TURN_STEPS = [1, 2, 5, 10, 15, 30, 45, 90, 180, 360, 720, 1080, 1440, 1800, 3600];
+const PLOT_TALL = 204, PRINTED_TALL = 168, TURN_STEPS = [1, 2, 5, 10, 15, 30, 45, 90, 120, 180, 360, 720, 1080, 1440, 1800, 3600];
 
 /** Values as uPlot takes them: null where there is none. */
 function drawable(values) {
