@@ -5,11 +5,14 @@ import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
+from urllib.parse import urlparse
 
 import pytest
+import xarray as xr
 
 from anser.cli.console import RefusedError
 from anser.cli.output_folder import make_next
+from anser.scenario import load, validate
 from anser.simulation import STATUS_MESSAGES
 from anser.simulation.status import AT_GROUND
 from support.made_flight import make_flight
@@ -61,15 +64,20 @@ def test_a_folder_that_nobody_named_is_the_next_free_one(tmp_path):
             make_next(place)
 
 
-def test_a_run_without_out_leaves_the_earlier_one_alone(anser, tmp_path, monkeypatch):
+def test_a_run_without_out_leaves_the_earlier_one_alone_and_keeps_what_was_flown(anser, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     first = tmp_path / "runs" / "three-aircraft"
     first.mkdir(parents=True)
-    code, _, err = anser("run", SCENARIOS / "three-aircraft.toml")
+    values = ("--set", "wind.speed_m_s=8", "--set", "wind.from_deg=240")
+    code, _, err = anser("run", SCENARIOS / "three-aircraft.toml", *values)
     assert code == 0
     assert "runs/three-aircraft-2: flight.nc, summary.json, report.html written" in err
     assert (tmp_path / "runs" / "three-aircraft-2" / "summary.json").is_file()
     assert not list(first.iterdir())
+    meant = load(SCENARIOS / "three-aircraft.toml").replace("wind.speed_m_s", 8, "wind.from_deg", 240)
+    with xr.open_dataset(tmp_path / "runs" / "three-aircraft-2" / "flight.nc", engine="netcdf4") as flight:
+        assert validate(json.loads(flight.attrs["scenario"])) == meant
+        assert flight.attrs["scenario_hash"] == meant.hash
 
 
 def test_when_an_aircraft_stopped_is_told(anser, tmp_path, monkeypatch):
@@ -98,9 +106,16 @@ def test_unmet_requirement_ends_with_1_and_says_which(anser, tmp_path):
     assert json.loads(printed) == json.loads((tmp_path / "run" / "summary.json").read_text())
 
 
-def test_plan_prints_one_arrival_time(anser):
-    code, printed, _ = anser("plan", SCENARIOS / "three-aircraft.toml")
+def test_plan_prints_one_arrival_time_and_shows_its_picture_without_a_folder(anser, tmp_path, monkeypatch):
+    opened = []
+    monkeypatch.setattr("webbrowser.open", lambda uri: opened.append(Path(urlparse(uri).path)) or True)
+    monkeypatch.chdir(tmp_path)
+    code, printed, _ = anser("plan", SCENARIOS / "three-aircraft.toml", "--open")
     assert code == 0
+    (picture,) = opened
+    assert picture.name == "plan.svg"
+    assert "<svg" in picture.read_text()
+    assert not list(tmp_path.iterdir())
     assert "all arrive at 60.36 s" in printed
     assert printed.count("9054.1") == 4  # one nominal length, three planned ones
 
