@@ -17,9 +17,10 @@ from anser.scenario import AirframeFile, Scenario, ScenarioError, cautions, writ
 from anser.scenario import convert as as_format
 from anser.scenario.file_schema import json_schema
 from anser.scenario.load import read_text
+from anser.scenario.new_files import schema_text, write_new
 from anser.scenario.schema import DEFAULT_PLANNERS, FORMAT
 from anser.scenario.schema_base import Table
-from anser.scenario.template import SCENARIO_SCHEMA, schema_text, write_new
+from anser.scenario.template import SCENARIO_SCHEMA
 
 
 @about("anser check scenarios/three-aircraft.toml", "anser check mine.toml --json")

@@ -1,14 +1,11 @@
 """A scenario to start from, with every key, its default and its unit; beside it, the schema for editors."""
 
-import json
 import os
 from importlib.resources import files
 from pathlib import Path
 
-from anser.scenario.errors import reason_of, refused
-from anser.scenario.file_schema import json_schema
+from anser.scenario.new_files import write_new, write_schema_beside
 from anser.scenario.schema import Scenario
-from anser.scenario.schema_base import Table
 
 SCENARIO_SCHEMA = "anser-scenario.schema.json"
 """Name of the JSON Schema beside a scenario, as the first line of the starter has it."""
@@ -31,32 +28,4 @@ def write_starter(path: str | os.PathLike[str]) -> Path:
     """
     target = write_new(path, starter_scenario())
     write_schema_beside(target, SCENARIO_SCHEMA, Scenario, "anser scenario")
-    return target
-
-
-def write_schema_beside(path: Path, name: str, model: type[Table], title: str) -> None:
-    """Write the JSON Schema of a kind of file into the folder of one, unless it is there; raises as `write_starter`."""
-    target = path.with_name(name)
-    if not target.exists():
-        write_new(target, schema_text(model, title))
-
-
-def schema_text(model: type[Table], title: str) -> str:
-    """The JSON Schema of the files that a model validates, as a file holds it."""
-    return json.dumps(json_schema(model, title), indent=1) + "\n"
-
-
-def write_new(path: str | os.PathLike[str], text: str) -> Path:
-    """Write a scenario's text to a new file; raises as `write_starter` does."""
-    target = Path(path)
-    try:
-        with target.open("x", encoding="utf-8", newline="\n") as stream:
-            stream.write(text)
-    except FileExistsError:
-        raise refused(str(target), "a name that is taken", "the name of a new file; nothing was written") from None
-    except FileNotFoundError:
-        raise refused(str(target), "a folder that does not exist", "the name of a file in a folder that does") from None
-    except (OSError, ValueError) as error:
-        arrived = f"a path that cannot be written ({reason_of(error)})"
-        raise refused(str(target), arrived, "the name of a file that can be written") from None
     return target

@@ -5,7 +5,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from anser.scenario.airframe_file.schema import AirframeFile
-from anser.scenario.template import write_new, write_schema_beside
+from anser.scenario.new_files import write_new, write_schema_beside
 
 AIRCRAFT_SCHEMA = "anser-aircraft.schema.json"
 """Name of the JSON Schema beside an aircraft file, as the first line of the starter has it."""
