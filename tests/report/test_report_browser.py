@@ -183,7 +183,7 @@ def test_printed_every_plot_and_the_scene_are_there_in_light(browser, path):
     browser.run(
         "window.inked = (canvas, data) => { let n = 0, c = 0; for (let k = 0; k < data.length; k += 4) if (data[k + 3] > 40) {"
         " n += 1; if (Math.max(data[k], data[k + 1], data[k + 2]) - Math.min(data[k], data[k + 1], data[k + 2]) > 90) c += 1; }"
-        " return [n, c]; }; addEventListener('beforeprint', () => { window.printed = { dark: getComputedStyle("
+        " return [n, c]; }; addEventListener('beforeprint', () => { window.onPaper = { dark: getComputedStyle("
         "document.body).backgroundColor, plots: anser.plots.list.map((plot) => inked(plot.plot.ctx.canvas,"
         " plot.plot.ctx.getImageData(0, 0, plot.plot.ctx.canvas.width, plot.plot.ctx.canvas.height).data)),"
         " wide: anser.plots.list.map((plot) => plot.plot.ctx.canvas.width), scene: anser.scenes[0].root.clientWidth }; })"
@@ -192,7 +192,7 @@ def test_printed_every_plot_and_the_scene_are_there_in_light(browser, path):
         browser.scheme("dark")
         browser.settle()
         paper = browser.pdf()
-        printed = browser.run("window.printed")
+        printed = browser.run("window.onPaper")
     finally:
         browser.scheme("light")
     assert printed["dark"] == "rgb(255, 255, 255)"

@@ -29,7 +29,8 @@ def number(value: float | None, digits: int) -> str:
 
 def scroll_table(heads: str, body: str) -> str:
     """Table that scrolls where it is wider than the page, from its cells of the head and its rows."""
-    return f'<div class="scroll"><table><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table></div>'
+    table = f"<table><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table>"
+    return f'<div class="scroll" tabindex="0" role="group" aria-label="Table">{table}</div>'
 
 
 def answer(summary: Mapping[str, Any], scenario: Mapping[str, Any], margins: Sequence[Margin] = ()) -> str:

@@ -196,7 +196,7 @@ def _provenance(run: _Run, scenario: Mapping[str, Any], every: int) -> str:
         f"{float(dataset['time'].values[1] - dataset['time'].values[0]):g} s" if dataset.sizes["time"] > 1 else "once"
     )
     drawn = "every record is drawn" if every == 1 else f"one record in {every} is drawn; figures are of the whole run"
-    whole = f"<pre>{text(json.dumps(scenario, indent=2, ensure_ascii=False))}</pre>" if scenario else ""
+    whole = f'<pre tabindex="0">{text(json.dumps(scenario, indent=2, ensure_ascii=False))}</pre>' if scenario else ""
     return (
         f'<div class="facts"><div>Scenario <b>{text(summary["scenario"]["name"])}</b></div>'
         f"<div>Hash <code>{text(summary['scenario']['hash'])}</code></div><div>Seed {seed}</div>"
