@@ -87,7 +87,7 @@ def test_a_file_is_replaced_only_with_force(tmp_path):
 
 
 def test_figures_replace_those_of_the_same_names(anser, tmp_path, monkeypatch):
-    def draw(dataset, name, folder):
+    def draw(dataset, name, folder, **settings):
         paths = [folder / f"{name}-tracks{suffix}" for suffix in (".pdf", ".svg")]
         for path in paths:
             path.write_text("new")
