@@ -15,6 +15,7 @@ from anser.cli.console import (
     flight_point,
     line,
     make_new,
+    must_be_an_f16,
     must_be_known,
     must_be_new_file,
     must_lie,
@@ -68,6 +69,7 @@ def margins(
     must_be_known(aircraft, variant)
     must_lie("--step-s", step_s, 0.001, 0.05)
     if envelope:
+        must_be_an_f16(aircraft)
         for option, value in (("--at", at), ("--bode", bode)):
             if value is not None:
                 raise RefusedError(f"{option}: arrived with --envelope, which is of all points; expected one of them")

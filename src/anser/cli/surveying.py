@@ -16,6 +16,7 @@ from anser.cli.console import (
     kept_unless_empty,
     line,
     make_new,
+    must_be_an_f16,
     must_be_known,
     must_lie,
     number,
@@ -48,6 +49,7 @@ def envelope(
 ) -> None:
     """Survey the envelope: trim map, and standard commands flown from every point of it."""
     must_be_known(aircraft, variant)
+    must_be_an_f16(aircraft)
     make_new(out)
     from anser.execution import survey
     from anser.report import draw_envelope
