@@ -30,7 +30,10 @@ from anser.units import DEG_RAD, RAD_DEG
 _F16_SPEED_M_S, _ALTITUDE_M = 150.0, 1000.0
 _PART = 0.5
 """Part of what an aircraft has left that a step takes at most."""
-_SIDESLIP_SEEN = 1.0 * DEG_RAD
+_PATH_TURN = 0.6
+"""By how much a held step of the angle of attack may bend the path until it is read, rad: about what the published one
+does. A slow aircraft would fly over the top."""
+_SIDESLIP_SEEN = _ALPHA_SEEN = 1.0 * DEG_RAD
 
 
 @dataclasses.dataclass(frozen=True)
@@ -117,14 +120,17 @@ def steps_of(case: StepCase) -> tuple[StepTest, ...]:
         return PUBLISHED_STEPS
     able, speed = case.own.able, float(np.linalg.norm(np.asarray(case.trim.state.velocity_b)))
     alpha_left = float(case.airframe.alpha_range[1]) - float(case.trim.alpha) - ALPHA_LEFT
-    beta_left = float(_sideslip_left(case.airframe, standard_environment(), case.trim))
+    environment = standard_environment()
+    beta_left = float(_sideslip_left(case.airframe, environment, case.trim))
+    curving = _PATH_TURN * speed / (float(environment.gravity) * 6.0 * case.pace.attitude)
+    alpha_curving = curving / max(float(_load_per_alpha(case.airframe, environment, case.trim)), 1e-6)
     faster = min(speed / 15.0, _PART * (float(case.limits.speed_max) - speed))
     climb = math.asin(min(able.climb_rate_max / speed, 1.0))
     return suited_steps(
         case.pace,
         attitude=(
             _short(min(30.0, 0.75 * RAD_DEG * float(case.limits.bank_max))),
-            _short(min(5.0, _PART * RAD_DEG * alpha_left)),
+            _short(min(5.0, _PART * RAD_DEG * alpha_left, RAD_DEG * alpha_curving)),
             _short(min(5.0, _PART * RAD_DEG * beta_left)),
         ),
         velocity=(_short(faster), _short(min(3.0, _PART * RAD_DEG * climb)), 20.0),
@@ -137,6 +143,20 @@ def _short(value: float) -> float:
         return 0.0
     digit = 10.0 ** (math.floor(math.log10(value)) - 1)
     return round(math.floor(value / digit + 1e-9) * digit, 6)
+
+
+@compiled
+def _load_per_alpha(airframe: AbstractAirframe, environment: Environment, trim: TrimPoint) -> Scalar:
+    """Load factor by angle of attack, 1/rad."""
+    now = condition(airframe, environment, 0.0, trim.state)
+    surfaces, still = trim.state.surfaces, jnp.zeros(3)
+
+    def lift(alpha: Scalar) -> Scalar:
+        force_b = airframe.aerodynamics(eqx.tree_at(lambda d: d.alpha, now.air_data, alpha), still, surfaces).force_b
+        return force_b[0] * jnp.sin(alpha) - force_b[2] * jnp.cos(alpha)
+
+    weight = airframe.mass_properties.mass * environment.gravity
+    return (lift(trim.alpha + _ALPHA_SEEN) - lift(trim.alpha)) / (_ALPHA_SEEN * weight)
 
 
 def gallery_steps(
