@@ -240,7 +240,8 @@ def dave_ml_airframe(
             f"{', '.join(actuators.names)}"
         )
     constants = aerodynamics.evaluator.constants
-    missing = [name for name, one in named.items() if name not in (*KNOWN_INPUTS, *inputs) and one not in constants]
+    needed = structure.needed_for({structure.find(name) for name in AERO_OUTPUTS}, constants.keys())
+    missing = [n for n, one in named.items() if one in needed - constants.keys() and n not in (*KNOWN_INPUTS, *inputs)]
     if missing:
         raise ValueError(f"aerodynamics: nothing gives {', '.join(missing)}; expected inputs of {KNOWN_INPUTS}")
     lengths = aerodynamics.evaluate_si({}, AERO_LENGTHS)

@@ -282,6 +282,14 @@ def _option(parameter: str) -> str:
     return f"--{parameter.replace('_', '-')}"
 
 
+def must_be_an_f16(aircraft: str) -> None:
+    """Refuse another airframe than the F-16 and its variants for surveys whose grid, limits and gains are theirs."""
+    if aircraft not in VARIANTS:
+        words = "f16 with any --variant: grid, limits and gains of this survey are the F-16's; of another aircraft "
+        words += "anser aircraft show has the trim map, anser margins --at and anser gallery --aircraft the autopilot"
+        raise RefusedError(f"--aircraft: arrived {aircraft!r}; expected {words}")
+
+
 def must_be_known(aircraft: str, variant: str) -> None:
     """Refuse an airframe that nobody offers, or a variant that it does not have; files are read later."""
     if Path(aircraft).suffix not in (*SUFFIXES, DAVE_ML_SUFFIX) and aircraft not in known_types():

@@ -14,6 +14,7 @@ from anser.cli.console import (
     finding_trim,
     flight_point,
     line,
+    must_be_an_f16,
     must_be_known,
     must_lie,
     number,
@@ -67,6 +68,7 @@ def margins(
     must_be_known(aircraft, variant)
     must_lie("--step-s", step_s, 0.001, 0.05)
     if envelope:
+        must_be_an_f16(aircraft)
         for option, value in (("--at", at), ("--bode", bode)):
             if value is not None:
                 raise RefusedError(f"{option}: arrived with --envelope, which is of all points; expected one of them")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 from rich.table import Table
 
-from anser.cli.arguments import Inversion, VariantName
+from anser.cli.arguments import AircraftName, Inversion, VariantName
 from anser.cli.console import (
     RefusedError,
     answer,
@@ -30,12 +30,11 @@ from anser.cli.output_folder import Force, must_be_new_file, written_file, writt
 if TYPE_CHECKING:
     from anser.execution import SteppedFlight, StepTest
 
-_AIRCRAFT = "f16"
-
 
 @about(
     "anser step --loop velocity --channel chi --size 20 --at 150,1000",
     "anser step --loop rates --channel q --size -5 --at 150,2000 --out pitch.svg",
+    "anser step --aircraft aerosonde --loop attitude --channel mu --size 30 --at 25,300",
     unmet="no steady flight there",
 )
 def step(
@@ -48,15 +47,22 @@ def step(
     at: Annotated[str, typer.Option(help="SPEED,ALTITUDE of the level trim that is left, m/s and m.")],
     duration_s: Annotated[
         float | None,
-        typer.Option(help="How long; left out: 3, 6 or 60 s (rates, attitude, velocity), 1.05 s for a yaw rate."),
+        typer.Option(
+            help="How long; left out: 3, 6 or 60 s (rates, attitude, velocity), 1.05 s for a yaw rate; longer "
+            "where an aircraft has slower loops than the F-16."
+        ),
     ] = None,
     inversion: Inversion = "model",
+    aircraft: AircraftName = "f16",
     variant: VariantName = "textbook",
     out: Annotated[Path | None, typer.Option(help="New picture of the response: NAME.svg, .png or .pdf.")] = None,
     force: Force = False,
 ) -> None:
-    """Step one loop's command and measure: rise, settling, overshoot, error at the end, coupling, surface use."""
-    must_be_known(_AIRCRAFT, variant)
+    """Step one loop's command and measure: rise, settling, overshoot, error at the end, coupling, surface use.
+
+    With the published gains of the F-16, or the gains and limits that follow from another aircraft itself.
+    """
+    must_be_known(aircraft, variant)
     speed_m_s, altitude_m = flight_point(at)
     if out is not None:
         from anser.report.print_style import FIGURE_SUFFIXES
@@ -66,20 +72,24 @@ def step(
         raise RefusedError(f"--size: arrived {len(size)} for {len(channel)} channels; expected one for each --channel")
     if len(set(channel)) != len(channel):
         raise RefusedError(f"--channel: arrived {', '.join(channel)}; expected each at most once")
-    from anser.execution import step_document, step_test
+    from anser.execution import step_document, step_pace, step_test
 
     try:
         test = step_test(loop, dict(zip(channel, size, strict=True)), duration_s)
     except ValueError as error:
         raise RefusedError(f"--{error}") from None
-    flown = _fly([test], variant, speed_m_s, altitude_m, inversion)
+    if duration_s is None:
+        with finding_trim("trimming"):
+            pace = step_pace(aircraft, variant, speed_m_s, altitude_m)
+        test = step_test(loop, dict(zip(channel, size, strict=True)), None, pace)
+    flown = _fly([test], aircraft, variant, speed_m_s, altitude_m, inversion)
     if out is not None:
         from anser.report.step_figures import draw_step
 
         with written_file("--out", out, force) as file:
             draw_step(flown[0].dataset, [file])
     answer(lambda: step_document(flown))
-    print_table(_table(flown, f"{_AIRCRAFT} ({variant}) at {speed_m_s:g} m/s, {altitude_m:g} m: {inversion} inversion"))
+    print_table(_table(flown, _title(flown)))
     if flown[0].left_tables:
         say("caution: it leaves the aerodynamic tables")
     if out is not None:
@@ -88,25 +98,41 @@ def step(
 
 @about(
     "anser gallery --out gallery",
+    "anser gallery --aircraft aerosonde --out gallery",
     unmet="a response falls short of its limits",
 )
 def gallery(
     out: Annotated[Path, typer.Option(help="New folder for the figures and metrics.json.", show_default=False)],
     inversion: Inversion = "model",
+    aircraft: AircraftName = "f16",
     variant: VariantName = "textbook",
     force: Force = False,
+    at: Annotated[
+        str | None,
+        typer.Option(
+            help="SPEED,ALTITUDE of the level trim that the steps leave; left out: 150,1000 of the F-16, of another "
+            "aircraft between its least and greatest airspeed.",
+            show_default=False,
+        ),
+    ] = None,
 ) -> None:
-    """Fly every published test of the autopilot: a figure of each, an overview, a table of their figures."""
-    must_be_known(_AIRCRAFT, variant)
+    """Fly every published test of the autopilot: a figure of each, an overview, a table of their figures.
+
+    Another aircraft than the F-16 flies them with gains and limits of its own, in steps that it has room for.
+    """
+    must_be_known(aircraft, variant)
+    place = None if at is None else flight_point(at)
     with written_into(out, force) as into:
-        from anser.execution import PUBLISHED_STEPS, fly_climb_and_turn, step_document
+        from anser.execution import climb_and_turn, gallery_steps, run, step_document
         from anser.report.step_figures import draw_overview, draw_step
         from anser.report.tracking_figure import draw_tracking
         from anser.results import write_json
 
-        flown = _fly(PUBLISHED_STEPS, variant, 150.0, 1000.0, inversion)
-        with working("flying the climb-and-turn"):
-            tracked = fly_climb_and_turn(variant, inversion)
+        with finding_trim("trimming"):
+            tests, (speed_m_s, altitude_m) = gallery_steps(aircraft, variant, place)
+        flown = _fly(tests, aircraft, variant, speed_m_s, altitude_m, inversion)
+        with finding_trim("flying the climb-and-turn"):
+            tracked = run(climb_and_turn(variant, inversion, aircraft, (speed_m_s, altitude_m)))
         requirements = tracked.summary["requirements"]
         document = step_document(flown) | {"climb_and_turn": requirements}
         write_json(document, into / "metrics.json")
@@ -118,10 +144,10 @@ def gallery(
             for flight in flown:
                 draw_step(flight.dataset, pictures(flight.test.key))
             draw_overview([flight.dataset for flight in flown], pictures("overview"))
-            heading = f"Climb and turn on velocity commands alone: {_AIRCRAFT} ({variant}), {inversion} inversion"
+            heading = f"Climb and turn on velocity commands alone: {_name(flown)}, {inversion} inversion"
             draw_tracking(tracked.dataset, heading, pictures("climb-and-turn"))
     answer(lambda: document)
-    print_table(_table(flown, f"{_AIRCRAFT} ({variant}) at 150 m/s, 1000 m: {inversion} inversion"))
+    print_table(_table(flown, _title(flown)))
     limits = document["limits"]
     short = [(flight.test.key, line) for flight in flown for line in flight.shortfalls]
     line(
@@ -145,20 +171,31 @@ def gallery(
 
 
 def _fly(
-    tests: Sequence["StepTest"], variant: str, speed_m_s: float, altitude_m: float, inversion: Inversion
+    tests: Sequence["StepTest"], aircraft: str, variant: str, speed_m_s: float, altitude_m: float, inversion: Inversion
 ) -> tuple["SteppedFlight", ...]:
     from anser.execution import fly_steps
 
     with finding_trim("flying") as tell:
         return fly_steps(
             tests,
-            aircraft=_AIRCRAFT,
+            aircraft=aircraft,
             variant=variant,
             speed_m_s=speed_m_s,
             altitude_m=altitude_m,
             inversion=inversion,
             progress=lambda loop: tell(f"flying the {loop} loop"),
         )
+
+
+def _name(flights: Sequence["SteppedFlight"]) -> str:
+    from anser.execution import name_of
+
+    return name_of(flights[0].dataset.attrs)
+
+
+def _title(flights: Sequence["SteppedFlight"]) -> str:
+    of = flights[0].dataset.attrs
+    return f"{_name(flights)} at {of['speed_m_s']:g} m/s, {of['altitude_m']:g} m: {of['inversion']} inversion"
 
 
 def _table(flights: Sequence["SteppedFlight"], title: str) -> Table:

@@ -14,6 +14,7 @@ from anser.cli.console import (
     columns,
     flight_point,
     line,
+    must_be_an_f16,
     must_be_known,
     must_lie,
     number,
@@ -48,6 +49,7 @@ def envelope(
 ) -> None:
     """Survey the envelope: trim map, and standard commands flown from every point of it."""
     must_be_known(aircraft, variant)
+    must_be_an_f16(aircraft)
     with written_into(out, force) as into, progress_bar() as tell:
         from anser.execution import survey
         from anser.report import draw_envelope

@@ -1,6 +1,6 @@
 """Control: the three inversion loops, allocation, guidance."""
 
-from anser.control.allocation import allocate, surface_moments
+from anser.control.allocation import allocate, deflection_for_moment, surface_moments
 from anser.control.authority import surface_authority
 from anser.control.automatic_gains import Bandwidths, automatic_gains, own_bandwidths
 from anser.control.autopilot import AutopilotSignals
@@ -61,6 +61,7 @@ __all__ = [
     "crosses_centre",
     "dave_ml_law",
     "default_limits",
+    "deflection_for_moment",
     "designed_gains",
     "follow",
     "ground_clearance",

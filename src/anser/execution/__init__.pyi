@@ -13,11 +13,12 @@ from .plan_file import read_plan, write_plan
 from .plan_interface import NoPlanError, PlanFileError, Planned
 from .planned import PublishedPlanned, plan
 from .robustness import RobustnessStudy, robustness_study
+from .step_cases import gallery_steps, step_pace
 from .step_tests import CHANNEL_KEYS, PUBLISHED_STEPS, StepTest, step_test
 from .stepped_flight import SteppedFlight, step_document
 from .stepping import fly_steps
 from .sweeping import sweep, swept_scenarios
-from .tracking import CLIMB_AND_TURN, fly_climb_and_turn
+from .tracking import CLIMB_AND_TURN, climb_and_turn, fly_climb_and_turn
 from .trimming import FoundTrim, trim
 from .warming import warm
 
@@ -44,6 +45,7 @@ __all__ = [
     "SteppedFlight",
     "airframe_of",
     "check_airframe",
+    "climb_and_turn",
     "deep_stall",
     "deep_stall_document",
     "described_airframe",
@@ -51,6 +53,7 @@ __all__ = [
     "first_stable",
     "fly_climb_and_turn",
     "fly_steps",
+    "gallery_steps",
     "linearize",
     "list_airframes",
     "margin_document",
@@ -61,6 +64,7 @@ __all__ = [
     "robustness_study",
     "run",
     "step_document",
+    "step_pace",
     "step_test",
     "survey",
     "survey_airframe",

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import get_args
+from typing import NamedTuple, get_args
 
 from anser.simulation import Loop
 
@@ -27,6 +27,17 @@ _READ_YAW_AT_S = 1.05
 
 _DURATION_MIN_S, _DURATION_MAX_S = 0.2, 600.0
 _LARGEST = MappingProxyType({"deg/s": 120.0, "deg": 170.0, "m/s": 150.0})
+
+
+class Pace(NamedTuple):
+    """How many times slower the loops of an aircraft are than the published ones of the F-16."""
+
+    rates: float = 1.0
+    attitude: float = 1.0
+    velocity: float = 1.0
+
+
+PUBLISHED_PACE = Pace()
 
 
 @dataclass(frozen=True)
@@ -64,7 +75,9 @@ def unit_of_channel(channel: str) -> str:
     return "m/s" if channel == "v" else "deg/s" if channel in CHANNEL_KEYS["rates"] else "deg"
 
 
-def step_test(loop: str, sizes: Mapping[str, float], duration_s: float | None = None) -> StepTest:
+def step_test(
+    loop: str, sizes: Mapping[str, float], duration_s: float | None = None, pace: Pace = PUBLISHED_PACE
+) -> StepTest:
     """Build a test of one or more channels of a loop.
 
     Parameters
@@ -74,7 +87,10 @@ def step_test(loop: str, sizes: Mapping[str, float], duration_s: float | None = 
     sizes
         Channel -> size of its step, deg/s, deg or m/s.
     duration_s
-        How long it is flown and read; None: as the published tests, a yaw rate up to the reading only.
+        How long it is flown and read; None: as the published tests, longer by `pace`; a yaw rate up to the
+        reading only.
+    pace
+        Of the aircraft.
 
     Raises
     ------
@@ -97,7 +113,7 @@ def step_test(loop: str, sizes: Mapping[str, float], duration_s: float | None = 
                 f"size: arrived {size:g} for {channel}; expected {-largest:g} to {largest:g} {unit}, and not 0"
             )
     if duration_s is None:
-        duration_s = _READ_YAW_AT_S if "r" in sizes else _DURATION_S[known]
+        duration_s = _paced(_READ_YAW_AT_S if "r" in sizes else _DURATION_S[known], known, pace)
     if not _DURATION_MIN_S <= duration_s <= _DURATION_MAX_S:
         raise ValueError(
             f"duration-s: arrived {duration_s:g}; expected a number from {_DURATION_MIN_S:g} to {_DURATION_MAX_S:g}"
@@ -107,20 +123,42 @@ def step_test(loop: str, sizes: Mapping[str, float], duration_s: float | None = 
     return StepTest(f"{loop}-{which}", known, (first, second, third), duration_s, duration_s)
 
 
-def _published(loop: Loop, sizes: tuple[float, float, float]) -> tuple[StepTest, ...]:
-    """Each channel of a loop alone, then all together."""
-    duration = _DURATION_S[loop]
+def _paced(duration_s: float, loop: Loop, pace: Pace) -> float:
+    """A duration in whole samples, by how slow a loop is."""
+    return round(duration_s * getattr(pace, loop) / STEP_S) * STEP_S
+
+
+def _each_and_all(loop: Loop, sizes: tuple[float, float, float], pace: Pace = PUBLISHED_PACE) -> tuple[StepTest, ...]:
+    """Each channel of a loop alone, then all together; channels of size 0 are left out."""
+    duration = _paced(_DURATION_S[loop], loop, pace)
     tests = []
     for k, channel in enumerate((*CHANNEL_KEYS[loop], "together")):
         first, second, third = (size if k in (j, 3) else 0.0 for j, size in enumerate(sizes))
-        read = _READ_YAW_AT_S if loop == "rates" and third else duration
+        if first == second == third == 0.0:
+            continue
+        read = _paced(_READ_YAW_AT_S, loop, pace) if loop == "rates" and third else duration
         tests.append(StepTest(f"{loop}-{channel}", loop, (first, second, third), duration, read))
     return tuple(tests)
 
 
+def suited_steps(
+    pace: Pace, attitude: tuple[float, float, float], velocity: tuple[float, float, float]
+) -> tuple[StepTest, ...]:
+    """The published tests with other sizes of steps, as much longer as the loops are slower.
+
+    Steps of the rates become as much smaller, so that they turn an aircraft by the same angle.
+    """
+    rate = round(10.0 / pace.rates, 2)
+    return (
+        *_each_and_all("rates", (rate, rate, rate), pace),
+        *_each_and_all("attitude", attitude, pace),
+        *_each_and_all("velocity", velocity, pace),
+    )
+
+
 PUBLISHED_STEPS: tuple[StepTest, ...] = (
-    *_published("rates", (10.0, 10.0, 10.0)),
-    *_published("attitude", (30.0, 5.0, 5.0)),
-    *_published("velocity", (10.0, 3.0, 20.0)),
+    *_each_and_all("rates", (10.0, 10.0, 10.0)),
+    *_each_and_all("attitude", (30.0, 5.0, 5.0)),
+    *_each_and_all("velocity", (10.0, 3.0, 20.0)),
 )
 """The published step tests of the three loops (theory section 5), each channel alone and all together."""

@@ -12,13 +12,14 @@ from jaxtyping import Array, Float
 
 from anser.aircraft import AbstractAirframe, AircraftState, air_data
 from anser.compiling import compiled, enable_compilation_cache
-from anser.control import AutopilotGains, FlightLimits, default_limits
+from anser.control import AutopilotGains, FlightLimits
 from anser.environment import Environment, standard_environment
-from anser.execution.conditions import ConditionError, Inversion, airframe_of, gains_for, steady_trim
+from anser.execution.conditions import ConditionError, Inversion, airframe_of
+from anser.execution.step_cases import step_case
 from anser.execution.step_tests import CHANNEL_KEYS, STEP_S, StepTest
 from anser.execution.stepped_flight import SteppedFlight
 from anser.sensing import Instant
-from anser.simulation import Loop, LoopCase, TrimPoint, trim_target
+from anser.simulation import Loop, LoopCase, TrimPoint
 from anser.simulation.recorder import AbstractRecorder, AircraftSample
 from anser.simulation.response import loop_flight
 from anser.simulation.step_metrics import step_metrics
@@ -41,7 +42,9 @@ def fly_steps(
     inversion: Inversion = "model",
     progress: Callable[[str], None] = lambda _: None,
 ) -> tuple[SteppedFlight, ...]:
-    """Fly step tests with the published gains from level trim in the standard atmosphere and still air.
+    """Fly step tests from level trim in the standard atmosphere and still air.
+
+    With the published gains of the F-16; another aircraft has gains and limits of its own.
 
     Tests of one loop and duration are one batch, compiled once.
 
@@ -67,11 +70,9 @@ def fly_steps(
     """
     enable_compilation_cache()
     airframe, of = airframe_of(aircraft, variant)
-    environment, limits = standard_environment(), default_limits()
-    trim = steady_trim(airframe, environment, trim_target(speed_m_s, altitude_m))
+    environment, case = standard_environment(), step_case(airframe, speed_m_s, altitude_m, inversion)
     for test in tests:
-        _must_be_flown(test, speed_m_s, limits)
-    gains = gains_for(inversion)
+        _must_be_flown(test, speed_m_s, case.limits)
     attributes = {**of, "speed_m_s": speed_m_s, "altitude_m": altitude_m, "inversion": inversion}
     found: dict[StepTest, SteppedFlight] = {}
     batches: dict[tuple[Loop, float], list[StepTest]] = {}
@@ -80,7 +81,9 @@ def fly_steps(
     for (loop, duration), batch in batches.items():
         progress(loop)
         sizes = jnp.asarray([_si(test) for test in batch])
-        record = _fly(airframe, environment, gains, limits, trim, sizes, round(duration / STEP_S) + 1, loop)
+        record = _fly(
+            airframe, environment, case.gains, case.limits, case.trim, sizes, round(duration / STEP_S) + 1, loop
+        )
         rows = {key: np.asarray(values) for key, values in record.items()}
         for k, test in enumerate(batch):
             one = {key: values[k] for key, values in rows.items()}

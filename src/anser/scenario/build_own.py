@@ -49,19 +49,38 @@ def has_own(aircraft: Aircraft) -> bool:
 
 def own_of(scenario: Scenario, aircraft: Aircraft, airframe: AbstractAirframe) -> Own:
     """What one aircraft can do near its start at the airspeed that it prefers, in the standard atmosphere."""
-    speed = scenario.speed_for(aircraft)
+    speed, known = scenario.speed_for(aircraft), aircraft.range.airspeed_m_s
     altitude = round(aircraft.start.altitude_m / _ALTITUDES_M) * _ALTITUDES_M
-    known = aircraft.range.airspeed_m_s
     speeds = (_SPEEDS[0] * speed, _SPEEDS[1] * speed) if known is None else known
-    key = (id(airframe), speed, altitude, scenario.timing.step_s, speeds)
+    return look_at(airframe, altitude, speed, speeds, scenario.timing.step_s)
+
+
+def look_at(
+    airframe: AbstractAirframe, altitude_m: float, speed_m_s: float, speeds_m_s: tuple[float, float], step_s: float
+) -> Own:
+    """What an aircraft can do at an altitude, and the bandwidths that it bears there, in the standard atmosphere.
+
+    Parameters
+    ----------
+    airframe
+        Looked at once; the same object again is remembered.
+    speed_m_s
+        Airspeed of turns, climbs and bandwidths.
+    speeds_m_s
+        Between which airspeeds level flight is looked for.
+    step_s
+        Of the autopilot's samples.
+    """
+    key = (id(airframe), speed_m_s, altitude_m, step_s, speeds_m_s)
     if key not in _found:
         if len(_found) >= _CACHED:
             _found.clear()
         environment = standard_environment()
-        step = as_array(scenario.timing.step_s)
-        ends = (as_array(speeds[0]), as_array(speeds[1]))
-        points, bandwidths = _looked_at(airframe, environment, as_array(altitude), as_array(speed), step, ends)
-        able = capability_of(airframe, jax.tree.map(np.asarray, points), speed, speeds)
+        ends = (as_array(speeds_m_s[0]), as_array(speeds_m_s[1]))
+        points, bandwidths = _looked_at(
+            airframe, environment, as_array(altitude_m), as_array(speed_m_s), as_array(step_s), ends
+        )
+        able = capability_of(airframe, jax.tree.map(np.asarray, points), speed_m_s, speeds_m_s)
         # the airframe stands beside it, so that its identity is that of no other
         _found[key] = airframe, Own(able, jax.tree.map(np.asarray, bandwidths))
     return _found[key][1]

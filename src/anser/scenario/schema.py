@@ -5,6 +5,7 @@ from typing import Any, Literal, Self
 
 from pydantic import Field, ValidationError, model_validator
 
+from anser.scenario.airframe_file import origin_of
 from anser.scenario.airframe_paths import with_airframes
 from anser.scenario.errors import Problem, ScenarioError, show
 from anser.scenario.replacing import with_changes
@@ -243,6 +244,9 @@ def validate(values: dict[str, Any], source: str = "<values>") -> Scenario:
 def scenario_hash(scenario: Scenario) -> str:
     """Hash the values of a scenario: comments, order of keys and defaults written out do not change it.
 
-    SHA-256 of its canonical JSON (keys sorted, no blanks, ASCII), 64 hexadecimal digits.
+    SHA-256 of its canonical JSON (keys sorted, no blanks, ASCII), 64 hexadecimal digits. Of airframes of entry points,
+    which are code, it knows the distribution and its version.
     """
-    return content_hash(scenario)
+    offered = {one.type: origin_of(one.type) for one in scenario.aircraft if one.airframe is None}
+    code = {name: origin for name, origin in offered.items() if origin}
+    return content_hash(scenario, {"entry_points": code} if code else None)

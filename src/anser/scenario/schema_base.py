@@ -61,9 +61,14 @@ class Table(BaseModel):
         raise _unchecked(f"{cls.__name__}.model_construct()")
 
 
-def content_hash(table: Table) -> str:
-    """SHA-256 of the canonical JSON of a table (keys sorted, no blanks, ASCII), 64 hexadecimal digits."""
-    text = json.dumps(table.model_dump(mode="json"), sort_keys=True, separators=(",", ":"), allow_nan=False)
+def content_hash(table: Table, beside: Mapping[str, Any] | None = None) -> str:
+    """SHA-256 of the canonical JSON of a table (keys sorted, no blanks, ASCII), 64 hexadecimal digits.
+
+    `beside` are keys of what belongs to the content and stands in no table.
+    """
+    text = json.dumps(
+        {**table.model_dump(mode="json"), **(beside or {})}, sort_keys=True, separators=(",", ":"), allow_nan=False
+    )
     return hashlib.sha256(text.encode()).hexdigest()
 
 

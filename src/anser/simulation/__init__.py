@@ -1,7 +1,7 @@
 """Simulation: the closed loop of a fleet, trim, responses, linear models, the recorded history."""
 
 from anser.simulation.broken_loop import HELD_BACK, MemoryFields, breakpoints, loop_memory
-from anser.simulation.capability import Capability, capability_of, capability_points
+from anser.simulation.capability import ALPHA_LEFT, Capability, capability_of, capability_points
 from anser.simulation.certified_planner import CertifiedPlanner, CertifiedPlanState
 from anser.simulation.closed_loop import fly_alone, trimmed_vehicle
 from anser.simulation.decentralised_planner import DecentralisedPlanner, DecentralisedPlanState
@@ -39,6 +39,7 @@ from anser.simulation.trim_diagnosis import NearestTrim, NearestTrims, nearest_t
 from anser.simulation.vehicle import Mission, Vehicle, VehicleState
 
 __all__ = [
+    "ALPHA_LEFT",
     "AUTOPILOT_LIMITS",
     "BETA_BOUND",
     "CHANNELS",

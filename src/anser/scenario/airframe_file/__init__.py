@@ -8,6 +8,7 @@ from anser.scenario.airframe_file.reading import (
     entry_points,
     known_types,
     library_file,
+    origin_of,
     read_airframe,
     unknown_type,
 )
@@ -28,6 +29,7 @@ __all__ = [
     "is_file",
     "known_types",
     "library_file",
+    "origin_of",
     "read_airframe",
     "unknown_type",
     "validate_airframe",

@@ -119,7 +119,9 @@ def _of_inputs(file: DaveMlFile, models: Mapping[str, Model]) -> list[Problem]:
     for part, model in models.items():
         structure, constants = model.evaluator.structure, model.evaluator.constants
         named = {structure.by_id[one].name: one for one in structure.inputs}
-        known = [*KNOWN_INPUTS, *([ENGINE_POWER] if part == "propulsion" else ())]
+        known = [] if part == "inertia" else [*KNOWN_INPUTS, *([ENGINE_POWER] if part == "propulsion" else ())]
+        wanted = {structure.find(name) for name in _WANTED[part] if _has(model, name)}
+        needed = structure.needed_for(wanted, constants.keys())
         own = {name for one in moved for name in (one, *(n for n, i in named.items() if i == one))}
         if part == "aerodynamics":
             for k, one in enumerate(moved):
@@ -127,7 +129,7 @@ def _of_inputs(file: DaveMlFile, models: Mapping[str, Model]) -> list[Problem]:
                     words = f"an input of {show(file.dave_ml.aerodynamics.file)}: {', '.join(sorted(named))}"
                     found.append(Problem(f"surface[{k}].input", show(one), words))
             known += own
-        lacking = [name for name, one in named.items() if name not in known and one not in constants]
+        lacking = [n for n, one in named.items() if n not in known and one in needed - constants.keys()]
         for name in lacking:
             unit = structure.by_id[named[name]].units
             text = f"nothing for {name} ({unit}), an input of {show(getattr(file.dave_ml, part).file)}"

@@ -118,6 +118,14 @@ def entry_points() -> dict[str, importlib.metadata.EntryPoint]:
     return {one.name: one for one in sorted(found, key=lambda one: one.name) if one.name not in AIRFRAMES}
 
 
+def origin_of(name: str) -> str:
+    """What an entry point names, and the distribution with its version; empty for another name."""
+    point = entry_points().get(name)
+    if point is None:
+        return ""
+    return point.value if point.dist is None else f"{point.value} of {point.dist.name} {point.dist.version}"
+
+
 def known_types() -> tuple[str, ...]:
     """Names of all airframes: the library's, then those of entry points."""
     return (*AIRFRAMES, *entry_points())

@@ -1,0 +1,91 @@
+"""Cost of a step of the closed loop with other airframes than the built-in F-16, in interleaved pairs in one process.
+
+Each airframe holds its trim under the velocity loop of its own autopilot (gains of the aircraft itself; the published
+ones of the F-16), alone and in a batch. A pair is a run of the built-in F-16 and one of the other; the ratio is the
+median of the pairs'.
+
+    python benchmarks/bench_airframes.py [--batch 1024] [--pairs 7] [--seconds 2]
+"""
+
+import argparse
+import statistics
+import time
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+
+from anser.environment import standard_environment
+from anser.execution.conditions import airframe_of
+from anser.execution.step_cases import StepCase, step_case
+from anser.numerics import as_array
+from anser.simulation import LoopCase
+from anser.simulation.response import ResponseRecorder, loop_flight
+
+CASES = (
+    ("f16", "textbook", 150.0, 1000.0),
+    ("aerosonde", "textbook", 25.0, 300.0),
+    ("scenarios/own-aircraft/trainer.toml", "textbook", 50.0, 1000.0),
+    ("nasa-f16", "textbook", 150.0, 1000.0),
+    ("f16", "tp1538", 150.0, 1000.0),
+)
+STEP_S = 0.01
+MOST = 1.3
+"""What an aircraft read from a file may cost, over the built-in F-16."""
+
+
+def flier(case: StepCase, count: int, batch: int | None) -> Callable[[], None]:
+    """A compiled flight of `count` steps at trim, of one aircraft or a batch that differs in its first airspeed."""
+    environment = standard_environment()
+    loop = LoopCase(case.airframe, environment, case.gains, case.limits, case.trim, STEP_S)
+    path = jnp.stack([jnp.linalg.norm(case.trim.state.velocity_b), as_array(0.0), as_array(0.0)])
+
+    def one(value: jax.Array) -> jax.Array:
+        return loop_flight(loop, value, count, "velocity", ResponseRecorder(loop="velocity", every=count)).measured
+
+    fly = jax.jit(one if batch is None else jax.vmap(one))
+    start = path if batch is None else path + jnp.zeros((batch, 3)).at[:, 0].set(jnp.linspace(0.0, 0.5, batch))
+    fly(start).block_until_ready()
+    return lambda: fly(start).block_until_ready()
+
+
+def seconds(run: Callable[[], None]) -> float:
+    """Wall-clock time of a run."""
+    begun = time.perf_counter()
+    run()
+    return time.perf_counter() - begun
+
+
+def main() -> None:
+    """Time the pairs and print a table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--batch", type=int, default=1024)
+    parser.add_argument("--pairs", type=int, default=7)
+    parser.add_argument("--seconds", type=float, default=2.0, help="of flight in a run of one aircraft")
+    parser.add_argument("--only", nargs="*", default=[], help="names of airframes or variants")
+    given = parser.parse_args()
+    chosen = [one for one in CASES[1:] if not given.only or one[0] in given.only or one[1] in given.only]
+    for batch in (None, given.batch):
+        count = round(given.seconds / STEP_S) if batch is None else max(round(0.1 * given.seconds / STEP_S), 2)
+        runs = {}
+        for name, variant, speed, altitude in (CASES[0], *chosen):
+            case = step_case(airframe_of(name, variant)[0], speed, altitude, "model")
+            runs[name, variant] = flier(case, count, batch)
+        built_in = runs[CASES[0][:2]]
+        for key, run in runs.items():
+            if key == CASES[0][:2]:
+                continue
+            pairs = [(seconds(built_in), seconds(run)) for _ in range(given.pairs)]
+            ratio = statistics.median(other / own for own, other in pairs)
+            each = statistics.median(other for _, other in pairs) / count / (batch or 1) * 1e6
+            what = f"{key[0]} {key[1]}" if key[0] == "f16" else key[0]
+            size = "alone" if batch is None else f"batch of {batch}"
+            verdict = "" if ratio <= MOST else f"  above {MOST:g}"
+            print(
+                f"{what:40s} {size:14s} {each:8.2f} us per aircraft and step, {ratio:5.2f} times the built-in{verdict}",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()
