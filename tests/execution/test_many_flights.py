@@ -50,27 +50,19 @@ def test_flights_that_are_all_the_same_fly_too():
 
 @pytest.mark.long
 def test_flights_in_float32_come_to_those_in_float64_and_a_single_one_to_its_row():
-    # Of 256 published flights of three the greatest differences were 2 mm and 0.1 ms; here turbulence, navigation and
-    # the filters add theirs.
+    # Measured here: 0.2 mm and 2 us; of 256 published flights of three 2 mm and 0.1 ms. Alone and in a batch: 0.03 mm.
     cases = [FlightCase(SHORT, seed=seed) for seed in range(4)]
     exact, rounded = (fly_many(cases, precision=precision) for precision in ("float64", "float32"))
     for one, other in zip(exact, rounded, strict=True):
         assert other.aircraft[0]["status"] == one.aircraft[0]["status"]
-        assert other.aircraft[0]["miss_m"] == pytest.approx(one.aircraft[0]["miss_m"], abs=0.02)
-        assert other.aircraft[0]["arrival_s"] == pytest.approx(one.aircraft[0]["arrival_s"], abs=1e-3)
+        assert other.aircraft[0]["miss_m"] == pytest.approx(one.aircraft[0]["miss_m"], abs=5e-3)
+        assert other.aircraft[0]["arrival_s"] == pytest.approx(one.aircraft[0]["arrival_s"], abs=1e-4)
         assert other.aircraft[0]["miss_m"] != one.aircraft[0]["miss_m"]
     alone = anser.run(SHORT.replace("seed", 2), precision="float32")
     assert {values.dtype for name, values in alone.dataset.items() if name.endswith("_m")} == {np.dtype(float)}
     found = FlightRow(alone.summary["aircraft"], alone.summary["fleet"], alone.summary["requirements"], alone.met)
     for key in ("miss_m", "arrival_s", "speed_mean_m_s"):
-        assert found.aircraft[0][key] == pytest.approx(rounded[2].aircraft[0][key], abs=0.02), key
-        print(key, *(one.aircraft[0][key] for one in (exact[2], rounded[2], found)))
-    print(
-        [
-            (a.aircraft[0]["miss_m"] - b.aircraft[0]["miss_m"], a.aircraft[0]["arrival_s"] - b.aircraft[0]["arrival_s"])
-            for a, b in zip(exact, rounded)
-        ]
-    )
+        assert found.aircraft[0][key] == pytest.approx(rounded[2].aircraft[0][key], abs=5e-4), key
 
 
 def test_what_float32_does_not_fit_is_a_row_with_the_reason():

@@ -14,7 +14,7 @@ from anser.execution.batches import BATCH, Progress, silent
 from anser.execution.certified import arrival_request, first_renewal
 from anser.execution.execute import run, without_replanning
 from anser.execution.plan_interface import NoPlanError
-from anser.execution.precisions import flown_one_by_one, refuse_precision
+from anser.execution.precisions import flown_one_by_one, refused_in
 from anser.execution.series import SeriesKept
 from anser.execution.untrimmable import refuse_untrimmable
 from anser.numerics import AbstractRandomness, Stacked, as_array, rows_of, seeded, stacked, structure_of
@@ -135,7 +135,7 @@ def fly_many(
     enable_compilation_cache()
     tell = progress or silent
     rows: list[FlightRow | None] = [None] * len(cases)
-    refused = _refused(cases, precision)
+    refused = refused_in([case.scenario for case in cases], precision)
     rest = [k for k in range(len(cases)) if k not in refused]
     alone = [k for k in rest if flown_one_by_one(cases[k].scenario)]
     together = [k for k in rest if k not in set(alone)]
@@ -150,7 +150,8 @@ def fly_many(
         tell(f"flying {len(cases)} flights", behind / len(cases))
 
     tell(f"flying {len(cases)} flights", 0.0)
-    came(list(refused), [FlightRow.failed(words) for words in refused.values()])
+    if refused:
+        came(list(refused), [FlightRow.failed(words) for words in refused.values()])
     for group, places, flights in _alike([cases[k] for k in together], batch):
         numbers = [together[k] for k in places]
         filled_up = group.stacked(flights, min(batch, len(together)))
@@ -158,17 +159,6 @@ def fly_many(
     for k in alone:
         came([k], [_flown_alone(cases[k], series)])
     return cast(list[FlightRow], rows)
-
-
-def _refused(cases: Sequence[FlightCase], precision: Precision) -> dict[int, str]:
-    """Places of cases that a precision does not fit, and why."""
-    found: dict[int, str] = {}
-    for k, case in enumerate(cases):
-        try:
-            refuse_precision(case.scenario, precision)
-        except ScenarioError as error:
-            found[k] = "; ".join(map(str, error.problems))
-    return found
 
 
 def _flown_alone(case: FlightCase, series: SeriesKept | None) -> FlightRow:

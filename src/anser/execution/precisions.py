@@ -1,5 +1,7 @@
 """Which scenarios can be flown in another precision than float64."""
 
+from collections.abc import Sequence
+
 from anser.scenario import Problem, Scenario, ScenarioError
 from anser.simulation import Precision
 
@@ -25,3 +27,14 @@ def refuse_precision(scenario: Scenario, precision: Precision, source: str | Non
     if arrived is not None:
         words = 'precision = "float64" for it'
         raise ScenarioError(source or scenario.name, [Problem("precision", f'"{precision}" of {arrived}', words)])
+
+
+def refused_in(scenarios: Sequence[Scenario], precision: Precision) -> dict[int, str]:
+    """Places of scenarios that a precision does not fit, and why."""
+    found: dict[int, str] = {}
+    for k, scenario in enumerate(scenarios):
+        try:
+            refuse_precision(scenario, precision)
+        except ScenarioError as error:
+            found[k] = "; ".join(map(str, error.problems))
+    return found

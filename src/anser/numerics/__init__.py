@@ -9,6 +9,7 @@ from anser.numerics.arrays import (
     leading,
     namespace,
     rows_at,
+    typed_as,
     zeros_as,
 )
 from anser.numerics.integrate import rk4_step
@@ -46,6 +47,7 @@ __all__ = [
     "stacked",
     "structure_of",
     "times3",
+    "typed_as",
     "where_any",
     "zeros_as",
 ]

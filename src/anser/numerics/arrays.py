@@ -90,6 +90,16 @@ def in_precision(value: T, dtype: Any) -> T:
     return jax.tree.map(one, value)
 
 
+def typed_as(value: T, like: T) -> T:
+    """Each array of a tree in the type of its counterpart; one that has it stays as it is."""
+
+    def one(own: Any, other: Any) -> Any:
+        wanted = getattr(other, "dtype", None)
+        return own if wanted is None or getattr(own, "dtype", wanted) == wanted else own.astype(wanted)
+
+    return jax.tree.map(one, value, like)
+
+
 @functools.lru_cache(maxsize=8192)
 def _on_device(raw: bytes, dtype: np.dtype, shape: tuple[int, ...]) -> Array:
     """A small array, which flights of a campaign have in common for the most part: putting it there takes longest."""

@@ -5,8 +5,8 @@ from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array
 
+from anser.numerics.arrays import typed_as
 from anser.shapes import ScalarLike
 
 Y = TypeVar("Y")
@@ -21,11 +21,8 @@ def rk4_step(derivative: Callable[[ScalarLike, Y], Y], t: ScalarLike, y: Y, h: S
     def shifted(scale: ScalarLike, slope: Y) -> Y:
         return jax.tree.map(lambda a, b: a + scale * b, y, slope)
 
-    def of_type(slope: Array, value: Array) -> Array:
-        return slope if slope.dtype == value.dtype else slope.astype(value.dtype)
-
     def stage(slope: Y, part: ScalarLike) -> tuple[Y, Y]:
-        slope = jax.tree.map(of_type, derivative(t + part * h, shifted(part * h, slope)), y)
+        slope = typed_as(derivative(t + part * h, shifted(part * h, slope)), y)
         return slope, slope
 
     # One copy of the derivative in the compiled code.

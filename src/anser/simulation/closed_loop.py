@@ -9,7 +9,7 @@ from jaxtyping import Array
 
 from anser.aircraft import AircraftState, Disturbance, condition, moving_state, seen_state
 from anser.environment import AirFlow, Environment, NoGusts
-from anser.numerics import AbstractRandomness, in_precision, where_any
+from anser.numerics import AbstractRandomness, typed_as, where_any
 from anser.numerics.randomness import AIR
 from anser.planning import AircraftPlan
 from anser.sensing import GOAL_DIVERGED, GOAL_NEVER_SEEN, Belief, Instant, Truth, velocity_over_ground_n
@@ -172,7 +172,9 @@ def act(
     gusts = vehicle.gusts.advance(state.gusts, _normals(vehicle, instant), seen.flow, instant.step)
     memories = seen.sensors, seen.estimator, guidance, controller, gusts
     # a part that mixes float64 into a flight in float32 makes it slow, and no other flight
-    after, memories = in_precision((after, memories), instant.step.dtype)
+    held = state.sensors, state.estimator, state.guidance, state.controller, state.gusts
+    before = state.aircraft, held
+    after, memories = typed_as((after, memories), before)
     stopped = state.stopped
     if vehicle.mission is not None:
         finite = _all_finite((after, memories))
@@ -180,8 +182,6 @@ def act(
         event = jnp.where(~finite, NOT_FINITE, jnp.where(grounded, AT_GROUND, status)).astype(status.dtype)
         status = jnp.where(stopped, sample.status, event)
         stopped = stopped | ~finite | grounded
-        held = state.sensors, state.estimator, state.guidance, state.controller, state.gusts
-        before = state.aircraft, held
         after, memories = jax.tree.map(lambda old, new: jnp.where(stopped, old, new), before, (after, memories))
     return VehicleState(after, *memories, status=status, stopped=stopped, index=state.index), sample
 
