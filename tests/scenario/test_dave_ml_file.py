@@ -2,6 +2,7 @@
 
 import tomllib
 from importlib import resources
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -15,6 +16,7 @@ from anser.scenario.airframe_file.checking import compare
 from anser.scenario.airframe_file.linting import lint
 
 NASA = resources.files("anser.dave_ml").joinpath("nasa")
+TRAINER = Path(__file__).parents[2] / "scenarios" / "own-aircraft" / "trainer.toml"
 FILES = ("F16_aero.dml", "F16_inertia.dml", "F16_prop.dml")
 TEXT = NASA.joinpath("nasa-f16.toml").read_text(encoding="utf-8")
 FLEET = """
@@ -189,3 +191,12 @@ def test_values_without_texts_are_refused():
     values = tomllib.loads(TEXT)
     with pytest.raises(ScenarioError, match=r"dave_ml.aerodynamics: arrived .* expected the path of a DAVE-ML file"):
         validate_airframe(values, "test")
+
+
+def test_the_shipped_trainer_agrees_with_its_data_and_looks_right():
+    """Its second steady flight is one to which the search comes back from beyond full power."""
+    file = read_airframe(TRAINER)
+    compared = compare(file)
+    assert {one.place.partition("[")[0] for one in compared} >= {"dave_ml.aerodynamics.CX", "check.trim"}
+    assert all(one.agrees for one in compared)
+    assert lint(file) == ()

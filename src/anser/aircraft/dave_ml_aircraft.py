@@ -45,6 +45,7 @@ _CENTRE = tuple(f"bodyPositionOfCmWrtMrc_{axis}" for axis in "XYZ")
 INERTIA_OUTPUTS = (*_INERTIAS, *_CENTRE, "totalMass")
 """What a file of inertia must give."""
 _POWERS = np.arange(0.0, 101.0, 10.0)
+_GRAVITY_M_S2 = 9.80665
 
 
 def _air_inputs(evaluator: Evaluator, air_data: AirData) -> dict[str, ScalarLike]:
@@ -73,12 +74,16 @@ class DaveMlEngine(AbstractEngine):
         Time constant, s: a file of propulsion has none.
     altitude_range, mach_range
         Where its tables hold: m and Mach number.
+    beyond
+        Thrust by 100 percent of power beyond 0 to 100, N. No flight gets there; a search for a steady one does on its
+        way, and finds no way back where a file holds its thrust at the ends.
     """
 
     evaluator: Evaluator
     lag: Scalar
     altitude_range: tuple[Scalar, Scalar]
     mach_range: tuple[Scalar, Scalar]
+    beyond: Scalar
 
     def settled(self, power: ScalarLike) -> EnginePower:
         """Power alone."""
@@ -91,9 +96,11 @@ class DaveMlEngine(AbstractEngine):
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
         """Thrust and its moment about the centre of gravity."""
         # percent is a fraction in SI units
-        inputs = {**_air_inputs(self.evaluator, air_data), _POWER: jnp.asarray(power) / 100.0}
+        within = jnp.clip(power, 0.0, 100.0)
+        inputs = {**_air_inputs(self.evaluator, air_data), _POWER: within / 100.0}
         found = self.evaluator.evaluate_si(inputs, ENGINE_OUTPUTS)
-        return Wrench(*(jnp.stack([found[name] for name in names]) for names in (_THRUST, _TORQUE)))
+        force_b, moment_b = (jnp.stack([found[name] for name in names]) for names in (_THRUST, _TORQUE))
+        return Wrench(force_b.at[0].add(self.beyond * (power - within) / 100.0), moment_b)
 
     def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
         """Power (0..100 percent) whose thrust is nearest to `thrust` (N): exact where it is linear between tenths."""
@@ -253,7 +260,9 @@ def dave_ml_airframe(
         _require("propulsion", propulsion, ENGINE_OUTPUTS)
         altitudes = as_array(altitude_range[0]), as_array(altitude_range[1])
         machs = as_array(mach_range[0]), as_array(mach_range[1])
-        engine = DaveMlEngine(propulsion.evaluator, as_array(engine_lag), altitudes, machs)
+        engine = DaveMlEngine(
+            propulsion.evaluator, as_array(engine_lag), altitudes, machs, mass_properties.mass * _GRAVITY_M_S2
+        )
     return DaveMlAircraft(
         mass_properties=mass_properties,
         actuators=actuators,
