@@ -114,7 +114,8 @@ def _rebuilt(kind: type, place: str, arrays: dict[str, np.ndarray]) -> Any:
         own = f"{place}{name}"
         modules = [one for one in (hint, *get_args(hint)) if isinstance(one, type) and issubclass(one, eqx.Module)]
         if not modules:
-            fields[name] = as_array(arrays[own], None)
+            left_out = own not in arrays and type(None) in get_args(hint)
+            fields[name] = None if left_out else as_array(arrays[own], None)
         elif any(key.startswith(f"{own}.") for key in arrays):
             fields[name] = _rebuilt(modules[0], f"{own}.", arrays)
         else:
