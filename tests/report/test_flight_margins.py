@@ -1,6 +1,7 @@
 """Margins: their ranking, whose they are and when, what a derived variable says."""
 
 import copy
+import json
 
 import numpy as np
 import pytest
@@ -39,17 +40,16 @@ def whole(flight):
 
 def test_the_tightest_comes_first_and_what_was_not_met_before_all(flight, whole):
     summary = copy.deepcopy(flight[1])
-    scenario = scenario_of(flight[0])
-    used = [margin.used for margin in margins_of(whole, summary, scenario)]
+    used = [margin.used for margin in margins_of(whole, summary)]
     assert used == sorted(used, reverse=True)
     summary["requirements"][0] |= {"value": None, "met": False}
-    first, *rest = margins_of(whole, summary, scenario)
+    first, *rest = margins_of(whole, summary)
     assert (first.what, first.used, first.met) == ("Miss of the rendezvous", None, False)
     assert all(margin.met for margin in rest)
 
 
 def test_a_limit_names_the_aircraft_and_the_instant_of_the_worst(flight, whole):
-    margins = {margin.what: margin for margin in margins_of(whole, flight[1], scenario_of(flight[0]))}
+    margins = {margin.what: margin for margin in margins_of(whole, flight[1])}
     bank = flight[0]["bank_deg"]
     right = margins["Bank angle to the right"]
     assert right.value == float(bank.max())
@@ -60,8 +60,18 @@ def test_a_limit_names_the_aircraft_and_the_instant_of_the_worst(flight, whole):
     assert not margins["Lowest altitude"].most
 
 
+def test_each_aircraft_is_judged_by_its_own_limits(flight, whole):
+    banks = np.abs(whole["bank_deg"].values).max(axis=0)
+    own = [{"bank_max_deg": 4.0 * bank} for bank in banks.tolist()]
+    own[0]["bank_max_deg"] = 1.25 * float(banks[0])
+    changed = whole.assign_attrs(limits=json.dumps(own))
+    margins = [one for one in margins_of(changed, flight[1]) if one.what.startswith("Bank angle") and one.value > 0.0]
+    tightest = max(margins, key=lambda one: one.used)
+    assert (tightest.who, tightest.used) == (str(whole["aircraft"].values[0]), pytest.approx(0.8))
+    assert all(margin.limit in [one["bank_max_deg"] for one in own] for margin in margins)
+
+
 def test_a_limit_passed_only_in_the_hold_is_told_apart(flight, whole):
-    scenario = scenario_of(flight[0])
     arrival = flight[1]["aircraft"][0]["arrival_s"]
 
     def shown(*times):
@@ -70,7 +80,7 @@ def test_a_limit_passed_only_in_the_hold_is_told_apart(flight, whole):
             changed["bank_deg"].loc[{"time": changed["time"].sel(time=time, method="nearest"), "aircraft": "anna"}] = (
                 bank
             )
-        first, *rest = margins_of(changed, flight[1], scenario)
+        first, *rest = margins_of(changed, flight[1])
         assert all(margin.met for margin in rest)
         return first, margins_list([first])
 
@@ -151,6 +161,6 @@ def test_without_a_scenario_there_are_the_requirements_alone(flight):
     dataset = flight[0].assign_attrs(scenario="no JSON")
     assert scenario_of(dataset) == {}
     whole = derive(dataset, {})
-    assert {margin.kind for margin in margins_of(whole, flight[1], {})} == {"requirement"}
+    assert {margin.kind for margin in margins_of(whole, flight[1])} == {"requirement"}
     assert "height_over_floor_m" not in whole
     assert "separation_kept" not in whole

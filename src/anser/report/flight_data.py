@@ -100,7 +100,7 @@ def flight_data(
         "packed": packed,
         "events": events_of(dataset),
         "eventWords": {"renewals": RENEWALS, "limited": LIMITED},
-        "sections": sections_for(dataset, scenario.get("limits", {})),
+        "sections": sections_for(dataset),
         "keepOuts": scenario.get("keep_out") or [],
     }
 

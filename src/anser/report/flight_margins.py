@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from anser.report.flown_beside_plan import limits_of_each
+
 _Row = Mapping[str, Any]
 
 
@@ -94,17 +96,18 @@ _LIMITS = (
 )
 
 
-def margins_of(dataset: xr.Dataset, summary: Mapping[str, Any], scenario: Mapping[str, Any]) -> list[Margin]:
+def margins_of(dataset: xr.Dataset, summary: Mapping[str, Any]) -> list[Margin]:
     """Margins of a flight, the one that used most of its limit first; what was not met in time stands before all.
 
-    Requirements are those of the summary, as it judged them; the limits are the scenario's, over the whole record.
+    Requirements are those of the summary, as it judged them; the limits are those of each aircraft, over the whole
+    record, and of a limit that differs between them the margin that is tightest is told.
 
     Parameters
     ----------
     dataset
         With the derived variables.
-    summary, scenario
-        As the run holds them; the scenario may be empty.
+    summary
+        As the run holds it.
     """
     alone = len(summary["aircraft"]) == 1  # nothing to arrive with, nothing to keep away from
     found = [
@@ -112,16 +115,25 @@ def margins_of(dataset: xr.Dataset, summary: Mapping[str, Any], scenario: Mappin
         for entry in summary["requirements"]
         if not (alone and entry["name"] in _OF_SEVERAL)
     ]
-    limits = scenario.get("limits", {})
+    limits = limits_of_each(dataset)
     arrivals = {row["name"]: row["arrival_s"] for row in summary["aircraft"]}
     ends = [np.inf if arrivals.get(str(name)) is None else arrivals[str(name)] for name in dataset["aircraft"].values]
     flying = dataset["time"].values[:, np.newaxis] <= np.array(ends)
-    found += [
-        _limit(dataset, flying, name, float(limits[key]), sign, words, unit)
-        for name, key, sign, words, unit in _LIMITS
-        if limits.get(key) is not None
-    ]
-    return sorted(found, key=lambda m: (m.met or m.after_arrival, -np.inf if m.used is None else -m.used))
+    for name, key, sign, words, unit in _LIMITS:
+        own = np.array([np.nan if row.get(key) is None else row[key] for row in limits], dtype=float)
+        margins = [
+            _limit(
+                dataset, flying, np.where(own == limit, dataset[name].values, np.nan), float(limit), sign, words, unit
+            )
+            for limit in dict.fromkeys(own[np.isfinite(own)].tolist())
+        ]
+        found += sorted(margins, key=_place)[:1]
+    return sorted(found, key=_place)
+
+
+def _place(margin: Margin) -> tuple[bool, float]:
+    """Order of margins: what was not met in time, then by how much of the limit was used."""
+    return margin.met or margin.after_arrival, -np.inf if margin.used is None else -margin.used
 
 
 def least_apart(dataset: xr.Dataset) -> tuple[float, float, str, str] | None:
@@ -165,13 +177,14 @@ def _extreme(dataset: xr.Dataset, values: np.ndarray, greatest: bool) -> tuple[f
 
 
 def _limit(
-    dataset: xr.Dataset, flying: np.ndarray, name: str, limit: float, sign: int, words: str, unit: str
+    dataset: xr.Dataset, flying: np.ndarray, values: np.ndarray, limit: float, sign: int, words: str, unit: str
 ) -> Margin:
     """Margin to a limit: sign 1 upper, 0 lower, -1 lower at the limit with the opposite sign, told as an upper one.
 
-    `flying` tells, of the shape (time, aircraft), what lies up to the aircraft's arrival.
+    `flying` tells, of the shape (time, aircraft), what lies up to the aircraft's arrival; values that are not judged
+    are NaN.
     """
-    values = -dataset[name].values if sign == -1 else dataset[name].values
+    values = -values if sign == -1 else values
     most = sign != 0
     value, who, when = _extreme(dataset, values, most)
     if value is None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import xarray as xr
 
-from anser.report.flown_beside_plan import DERIVED
+from anser.report.flown_beside_plan import DERIVED, limits_of_each
 from anser.results import surfaces_of
 from anser.variables import CATALOGUE
 
@@ -196,23 +196,22 @@ def packed_variables(dataset: xr.Dataset) -> tuple[str, ...]:
     return tuple(name for name in drawn if name in dataset)
 
 
-def sections_for(dataset: xr.Dataset, limits: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Sections as the page gets them: only panels whose variable is there, limits as numbers.
+def sections_for(dataset: xr.Dataset) -> list[dict[str, Any]]:
+    """Sections as the page gets them: only panels whose variable is there, limits of all aircraft as numbers.
 
     Parameters
     ----------
     dataset
         With the derived variables.
-    limits
-        The scenario's table of that name; empty where there is none.
     """
+    limits = limits_of_each(dataset)
     found = []
     for section in SECTIONS:
         panels = [
             {
                 "response": panel.response,
                 "command": panel.command if panel.command in dataset else None,
-                "limits": [value for value in (_limit(key, limits) for key in panel.limits) if value is not None],
+                "limits": list(dict.fromkeys(value for key in panel.limits for value in _limits(key, limits))),
                 "within": panel.within,
                 "compass": panel.compass,
             }
@@ -225,8 +224,10 @@ def sections_for(dataset: xr.Dataset, limits: Mapping[str, Any]) -> list[dict[st
     return found
 
 
-def _limit(key: str | float, limits: Mapping[str, Any]) -> float | None:
+def _limits(key: str | float, limits: Sequence[Mapping[str, Any]]) -> list[float]:
+    """Values of a limit among all aircraft."""
     if not isinstance(key, str):
-        return key
-    value = limits.get(key.removeprefix("-"))
-    return None if value is None else -float(value) if key.startswith("-") else float(value)
+        return [key]
+    sign = -1.0 if key.startswith("-") else 1.0
+    values = [row.get(key.removeprefix("-")) for row in limits]
+    return [sign * float(value) for value in values if value is not None]

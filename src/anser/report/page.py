@@ -177,7 +177,7 @@ def _stage(k: int) -> str:
 
 def _opening(label: str | None, dataset: xr.Dataset, summary: Mapping[str, Any], scenario: Mapping[str, Any]) -> str:
     name = f'<p class="run-name"><b>{label}</b></p>' if label is not None else ""
-    margins = margins_of(dataset, summary, scenario)
+    margins = margins_of(dataset, summary)
     rest = margins[_TIGHTEST:]
     more = f'<details class="more"><summary>{len(rest)} more</summary>{margins_list(rest)}</details>' if rest else ""
     return (
