@@ -51,13 +51,15 @@ def test_flights_that_are_all_the_same_fly_too():
 @pytest.mark.long
 def test_flights_in_float32_come_to_those_in_float64_and_a_single_one_to_its_row():
     # Measured here: 0.2 mm and 2 us; of 256 published flights of three 2 mm and 0.1 ms. Alone and in a batch: 0.03 mm.
-    cases = [FlightCase(SHORT, seed=seed) for seed in range(4)]
+    # The paths of the three are bent, and renewed: a step in which they ask for no acceleration would cost a decimetre.
+    cases = [*(FlightCase(SHORT, seed=seed) for seed in range(4)), FlightCase(THREE.replace("timing.duration_s", 62.0))]
     exact, rounded = (fly_many(cases, precision=precision) for precision in ("float64", "float32"))
-    for one, other in zip(exact, rounded, strict=True):
-        assert other.aircraft[0]["status"] == one.aircraft[0]["status"]
-        assert other.aircraft[0]["miss_m"] == pytest.approx(one.aircraft[0]["miss_m"], abs=5e-3)
-        assert other.aircraft[0]["arrival_s"] == pytest.approx(one.aircraft[0]["arrival_s"], abs=1e-4)
-        assert other.aircraft[0]["miss_m"] != one.aircraft[0]["miss_m"]
+    pairs = zip(*([one for row in rows for one in row.aircraft] for rows in (exact, rounded)), strict=True)
+    for one, other in pairs:
+        assert other["status"] == one["status"]
+        assert other["miss_m"] == pytest.approx(one["miss_m"], abs=5e-3)
+        assert other["arrival_s"] == pytest.approx(one["arrival_s"], abs=1e-4)
+        assert other["miss_m"] != one["miss_m"]
     alone = anser.run(SHORT.replace("seed", 2), precision="float32")
     assert {values.dtype for name, values in alone.dataset.items() if name.endswith("_m")} == {np.dtype(float)}
     found = FlightRow(alone.summary["aircraft"], alone.summary["fleet"], alone.summary["requirements"], alone.met)

@@ -11,6 +11,7 @@ from planning_cases import flyable, published_path, trajectories, velocity
 from scipy.integrate import quad
 
 from anser.constants import STANDARD_GRAVITY_M_S2 as g
+from anser.numerics import in_precision
 from anser.planning import arc_length, bend_trajectory, fit_trajectory, with_even_speed
 from anser.planning.time_law import BRAKING_RESERVE_M_S2, CELLS
 
@@ -264,6 +265,15 @@ def test_published_law_runs_evenly_in_s():
     # The switch gives just that, with the numbers of the even law left aside.
     switched = jax.jit(lambda p: with_even_speed(p, 170.0, even=False))(path)
     np.testing.assert_array_equal(motion(switched, 11.0)[1], motion(path, 11.0)[1])
+
+
+def test_in_float32_a_time_that_is_rounded_to_before_the_start_is_the_start():
+    path = evenly(published_path(-30.0, 0.005), 1.1, 0.3)
+    rounded, begin = in_precision(path, np.float32), path.clock(0.0).s_ddot
+    assert begin != 0.0
+    assert float(rounded.clock(jnp.asarray(-4e-6, jnp.float32)).s_ddot) == pytest.approx(float(begin), rel=1e-3)
+    assert rounded.clock(jnp.asarray(-0.01, jnp.float32)).s_ddot == 0.0
+    assert path.clock(-4e-6).s_ddot == 0.0
 
 
 def test_beyond_the_ends_the_speed_stays():

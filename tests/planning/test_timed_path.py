@@ -8,6 +8,7 @@ from numpy.polynomial import Polynomial
 from scipy.interpolate import BPoly
 
 from anser.compiling import compiled_quickly
+from anser.numerics import in_precision
 from anser.planning.timed_path import TimedPath, hermite_quintic
 
 TIMES = np.array([10.0, 10.0, 11.5, 12.0, 12.0, 12.0, 15.5, 16.0, 16.0])
@@ -100,6 +101,16 @@ def test_straight_on_before_the_start_and_after_the_arrival():
         np.testing.assert_array_equal(found[:, 2], 0.0)
         np.testing.assert_allclose(derivative, found[:, 1], rtol=1e-12)
         np.testing.assert_allclose(slope, np.tile(path.air_n[knot, 1], (3, 1)), rtol=1e-10)
+
+
+def test_in_float32_a_time_that_is_rounded_to_before_the_start_is_the_start():
+    path = random_path()
+    rounded = in_precision(path, np.float32)
+    first = np.asarray(path.air_n + path.drift_n)[0, 2]
+    before = jnp.asarray(np.nextafter(np.float32(10.0), np.float32(0.0)))
+    np.testing.assert_allclose(rounded.at(before).acceleration_n, first, rtol=1e-3)  # its change in a microsecond
+    np.testing.assert_array_equal(rounded.at(jnp.asarray(9.99, jnp.float32)).acceleration_n, 0.0)
+    np.testing.assert_array_equal(path.at(jnp.asarray(np.nextafter(10.0, 0.0))).acceleration_n, 0.0)
 
 
 def test_at_its_ends_it_is_in_its_first_and_last_state():

@@ -3,8 +3,21 @@
 import abc
 
 import equinox as eqx
+import jax.numpy as jnp
 
 from anser.shapes import ScalarLike, Vector3
+
+_ROUNDINGS = 1e4
+
+
+def time_rounding(time: ScalarLike) -> float:
+    """By how much rounding may part two times of a flight that are the same, s: 0 in float64; 1.2 ms in float32.
+
+    The instant at which a path begins must not count as one before it, where nothing accelerates: float32 rounds a time
+    of ten minutes by 0.03 ms, and of four hours by 0.5 ms.
+    """
+    dtype = jnp.result_type(time)
+    return 0.0 if dtype == jnp.float64 else _ROUNDINGS * float(jnp.finfo(dtype).eps)
 
 
 class PathPoint(eqx.Module):

@@ -16,6 +16,7 @@ from jaxtyping import Array, Float
 from anser.constants import STANDARD_GRAVITY_M_S2
 from anser.numerics.newton import bracketed_newton
 from anser.numerics.quadrature import gauss_legendre
+from anser.planning.reference import time_rounding
 from anser.planning.vectors import norm
 from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
 
@@ -134,7 +135,7 @@ class TimeLaw(eqx.Module):
         gained = self.exchange * STANDARD_GRAVITY_M_S2 * slope_n[2] / slope
         acceleration = jnp.where(held_up, 0.0, gained - self.braking)
         # Beyond the ends s runs on evenly: a fleet that holds has left its path. Rounding is not beyond.
-        inside = jnp.abs(elapsed - held) <= _SAME_INSTANT_S
+        inside = jnp.abs(elapsed - held) <= max(_SAME_INSTANT_S, time_rounding(held))
         s_ddot = jnp.where(inside, (acceleration - jnp.sum(slope_n * bend_n) / slope * s_dot**2) / slope, 0.0)
         return Clock(
             s=jnp.where(self.even, s + s_dot * (elapsed - held), elapsed / duration),

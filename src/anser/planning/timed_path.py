@@ -5,7 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from anser.numerics.quadrature import gauss_legendre
-from anser.planning.reference import AbstractReference, PathPoint
+from anser.planning.reference import AbstractReference, PathPoint, time_rounding
 from anser.planning.vectors import norm
 from anser.shapes import Scalar, ScalarLike, Vector3
 
@@ -95,7 +95,7 @@ class TimedPath(AbstractReference):
         inside = hermite_quintic(begin, end, safe, (held - start) / safe)
         beyond = time - held
         ahead = jnp.stack([inside[0] + beyond * inside[1], inside[1], jnp.zeros_like(inside[1])])
-        return jnp.where(beyond == 0.0, inside, ahead)
+        return jnp.where(jnp.abs(beyond) <= time_rounding(held), inside, ahead)
 
     def at(self, time: ScalarLike) -> PathPoint:
         """Motion over the ground at a time."""
