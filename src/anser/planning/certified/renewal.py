@@ -229,7 +229,9 @@ def renew_certified(
 
     free = active & (plan.arrival_times - now > jnp.maximum(freeze, COMMITTED_S))
     here = jax.vmap(from_plan, in_axes=(0, 0, None))(plan.paths, tasks, now)
-    here = eqx.tree_at(lambda t: t.active, here, jnp.where(free, tasks.active, 0.0))
+    # They go on at the mean airspeed of their plans: to slow down in a descent may be more than the idle engine gives.
+    speeds = jnp.where(plan.speeds > 0.0, plan.speeds, tasks.speed)
+    here = eqx.tree_at(lambda t: (t.active, t.speed), here, (jnp.where(free, tasks.active, 0.0), speeds))
 
     counted = jnp.where(active, plan.arrival_times, -jnp.inf)
     delays, tries = postponements(counted, now, free | ~active, movable, latest)
