@@ -35,7 +35,7 @@ from anser.scenario.schema_margin import margin_problems
 from anser.scenario.schema_network import Network, network_problems
 from anser.scenario.schema_problems import problems_from
 from anser.scenario.schema_ranges import limits_for, order_problems, range_problems
-from anser.scenario.schema_reach import reach_problems
+from anser.scenario.schema_reach import early_problems, reach_problems
 from anser.scenario.schema_sensing import Estimator, GoalSensor, Navigation, sensing_problems
 from anser.scenario.schema_settings import Fleet, Guidance, Hold, Limits, Requirements, Timing
 from anser.scenario.schema_surroundings import Earth, EarthOrWord, Wind
@@ -149,7 +149,7 @@ class Scenario(Table):
             )
             found.extend(arrival_problems(self.arrival, aircraft, self.timing))
             found.extend(keep_out_problems(self.keep_out, aircraft, goals))
-        return found or reach_problems(self)
+        return found or reach_problems(self) or early_problems(self)
 
     @property
     def hash(self) -> str:
