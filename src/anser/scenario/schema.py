@@ -8,6 +8,7 @@ from pydantic import Field, ValidationError, model_validator
 from anser.scenario.airframe_file import origin_of
 from anser.scenario.airframe_paths import with_airframes
 from anser.scenario.errors import Problem, ScenarioError, show
+from anser.scenario.file_kinds import must_be
 from anser.scenario.replacing import with_changes
 from anser.scenario.schema_air import DiscreteGust, Turbulence, gust_problems
 from anser.scenario.schema_aircraft import Aircraft
@@ -230,6 +231,7 @@ def validate(values: dict[str, Any], source: str = "<values>") -> Scenario:
     ScenarioError
         If it is no valid scenario, or an aircraft file that it names is none.
     """
+    must_be("scenario", values, source)
     version = values.get("format")
     if "format" in values and (type(version) is not int or version not in DEFAULT_PLANNERS):
         # in another format all keys may differ, so nothing else is told
