@@ -258,3 +258,10 @@ def test_a_cluster_flies_the_same_to_the_last_bit_though_a_worker_is_killed(stud
         os.kill(worker.process.pid, signal.SIGKILL)
         assert begun.wait() == 0
     assert_same_to_the_last_bit(tmp_path / "spread", tmp_path / "whole", 6)
+
+
+def test_usage_is_what_was_written(anser, tmp_path):
+    for written in (("campaign",), ("campaign", "fly")):
+        code, _, err = anser(*written, tmp_path / "study.toml")
+        assert code == 2
+        assert f" {' '.join(written)} [OPTIONS]" in err

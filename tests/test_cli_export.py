@@ -60,6 +60,7 @@ def test_bad_folders_end_with_2(anser, folder, tmp_path):
 
     assert "no folder" in refused(tmp_path / "none")
     assert "no flight.nc and no summary.json" in refused(tmp_path)
+    assert f"which is no folder; expected its folder, {folder}" in refused(folder / "flight.nc")
     summary = (folder / "summary.json").read_text()
     (folder / "summary.json").write_text(summary.replace("one", "two"))
     assert "summary.json of two" in refused(folder)

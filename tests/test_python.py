@@ -12,7 +12,19 @@ import pytest
 import anser
 from anser.scenario import ScenarioError
 
-ENTRIES = ["campaign", "compare_campaigns", "linearize", "load", "loads", "plan", "rare", "run", "sweep", "trim"]
+ENTRIES = [
+    "campaign",
+    "compare_campaigns",
+    "linearize",
+    "load",
+    "load_flight",
+    "loads",
+    "plan",
+    "rare",
+    "run",
+    "sweep",
+    "trim",
+]
 
 
 def test_dir_names_what_there_is_and_each_is_documented():

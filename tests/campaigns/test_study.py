@@ -68,6 +68,10 @@ def test_a_sampling_that_is_none_is_refused(sampling, said):
             "keep.series_every_s: arrived 0.0; expected a number from",
         ),
         ({"keep": {"worst": -1}}, "keep.worst: arrived -1; expected a whole number from 0 to 1000"),
+        (
+            {"vary": [{"path": "wind.speed_m_s", "distribution": "normal", "mean": 5.0, "std": 1.0}]},
+            'vary[0].std: arrived the unknown key "std"; expected perhaps "sigma"',
+        ),
         ({"flights": 3}, 'flights: arrived the unknown key "flights"'),
     ],
 )

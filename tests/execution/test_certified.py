@@ -222,19 +222,19 @@ def test_run_flies_the_plan_of_python(flown):
 
 
 def test_a_time_that_is_too_early_is_refused_with_the_times_that_work(tmp_path):
-    early = _SCENARIO.replace("[separation]", '[arrival]\nrule = "at"\ntime_s = 20.0\n\n[separation]')
+    early = _SCENARIO.replace("[separation]", '[arrival]\nrule = "at"\ntime_s = 40.0\n\n[separation]')
     result = CliRunner().invoke(app, ["plan", str(_written(tmp_path, early)), "--out", str(tmp_path / "out")])
     assert result.exit_code == 1
-    assert 'aircraft "one" cannot arrive at 20.0 s' in result.stderr
+    assert 'aircraft "one" cannot arrive at 40.0 s' in result.stderr
     assert "by itself it can from" in result.stderr
     assert not (tmp_path / "out").exists()
     planned = anser.plan(loads(early))
-    assert 'aircraft "one" cannot arrive at 20.0 s' in planned.refusals[0]
+    assert 'aircraft "one" cannot arrive at 40.0 s' in planned.refusals[0]
     assert planned.problems() == planned.refusals
     assert str(planned).startswith('two-certified, certified planner: no plan\n  aircraft "one" cannot arrive')
-    with pytest.raises(NoPlanError, match=r"cannot arrive at 20\.0 s"):
+    with pytest.raises(NoPlanError, match=r"cannot arrive at 40\.0 s"):
         _ = planned.plan
-    with pytest.raises(NoPlanError, match=r"cannot arrive at 20\.0 s"):
+    with pytest.raises(NoPlanError, match=r"cannot arrive at 40\.0 s"):
         run(loads(early))
 
 

@@ -60,6 +60,8 @@ def test_width_and_title(plots):
     assert plots("load_factor").get_suptitle().endswith(": load factors")
     with pytest.raises(ValueError, match="width_mm: arrived 5; expected 60 to 400 mm"):
         plots("bank", width_mm=5)
+    with pytest.raises(ValueError, match="width_mm: arrived '88 mm'; expected a number of mm, such as 88"):
+        plots.bank(width_mm="88 mm")
 
 
 def test_each_name_has_a_method():

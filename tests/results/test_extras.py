@@ -11,7 +11,8 @@ from anser.results.extras import missing
 
 
 def test_the_extra_is_named():
-    assert missing("pyarrow", "parquet") == 'pyarrow is not installed: pip install "anser[parquet]"'
+    said = 'pyarrow is not installed: pip install "anser[parquet]" (in a clone: pip install -e ".[parquet]")'
+    assert missing("pyarrow", "parquet") == said
 
 
 def test_a_linear_model_without_python_control_says_so(monkeypatch):

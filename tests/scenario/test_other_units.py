@@ -23,6 +23,9 @@ from anser.scenario.other_units import in_unit
         ("9 furlongs", "m", ""),
         ("fast", "m/s", ""),
         ("1.2.3 m", "m", ""),
+        ("NW", "deg", "; NW is 315 deg clockwise from north: write 315"),
+        ("sse", "deg", "; sse is 157.5 deg clockwise from north: write 157.5"),
+        ("NW", "m/s", ""),
     ],
 )
 def test_what_to_write_is_told_where_it_can_be(text, unit, words):

@@ -363,6 +363,11 @@ CASES = {
         [("radius_m = 4000", "radius_m = 1300")],
         ("hold.radius_m", "", "1300", "at least 1325 m"),
     ),
+    "default hold too tight": (
+        # 150^2/(9.80665 tan 25 deg) = 4920 m
+        [("radius_m = 4000.0\n", ""), ("[hold]", ""), ("[limits]", "[limits]\nbank_max_deg = 25")],
+        ("hold.radius_m", "", "4000, the default", "write [hold] with radius_m = 5000.0, or more"),
+    ),
     "start at the rendezvous": (
         [
             (

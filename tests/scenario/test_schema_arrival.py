@@ -197,6 +197,19 @@ CASES = {
         [(TOGETHER, 'rule = "earliest"'), ("duration_s = 120", "duration_s = 37")],
         ("timing.duration_s", "", "37", 'the shortest flight from "alpha" to goal "ship"'),
     ),
+    "time before the fastest flight of the farthest": (
+        # after 37.01 s the ship is 8852 m south of the start and 256 m east, the rendezvous 700 m lower: 8883 m at 240 m/s
+        [*AT, ("time_s = 90", "time_s = 36")],
+        ("arrival.time_s", WHO_A, "36", 'at least 37.1 s: "alpha" gets to goal "ship" no sooner'),
+    ),
+    "own time before the fastest flight": (
+        [*TIMES, ("arrive_s = 90.5", "arrive_s = 30")],
+        ("aircraft[1].arrive_s", WHO_B, "30", "at limits.speed_max_m_s, which is 240 m/s, in this wind"),
+    ),
+    "window that ends before the fastest flight": (
+        [*WINDOWS, ("arrive_from_s = 80\narrive_to_s = 90", "arrive_from_s = 20\narrive_to_s = 30")],
+        ("aircraft[0].arrive_to_s", WHO_A, "30", '"alpha" gets to goal "ship" no sooner'),
+    ),
 }
 
 
@@ -237,6 +250,32 @@ ALLOWED = {
 @pytest.mark.parametrize("case", ALLOWED)
 def test_allowed_and_loads_again_from_its_record(case: str) -> None:
     check_allowed(ALLOWED[case])
+
+
+LAYERED = "[wind]\nlayers = [{ altitude_m = 0, speed_m_s = 0, from_deg = 0 }, { altitude_m = 3000, speed_m_s = 40, from_deg = 0 }]\n[fleet]"
+STEERED = (
+    "north_m = 0\neast_m = 0\nspeed_m_s = 8\ncourse_deg = 60",
+    "waypoints = [{ time_s = 0, north_m = 0, east_m = 0, altitude_m = 0 },"
+    " { time_s = 50, north_m = 200, east_m = 346.41016, altitude_m = 0 }]",
+)
+
+
+def _earliest_s(changes) -> float:
+    """The time that the message asks for, of an arrival of alpha at 5 s."""
+    with pytest.raises(ScenarioError) as refused:
+        loads(changed([*TIMES, ("arrive_s = 80", "arrive_s = 5"), *changes]))
+    (problem,) = refused.value.problems
+    return float(problem.expected.split()[2])
+
+
+def test_the_earliest_time_is_the_same_along_waypoints_and_less_in_a_tail_wind() -> None:
+    still_s = _earliest_s([])
+    assert _earliest_s([STEERED]) == still_s
+    blown_s = _earliest_s([("[fleet]", "[wind]\nspeed_m_s = 40\nfrom_deg = 0\n[fleet]")])
+    assert blown_s == pytest.approx(still_s * 240.0 / 280.0, abs=2.0)
+    # nobody knows at which altitude it flies: the most wind of any layer counts
+    assert _earliest_s([("[fleet]", LAYERED)]) <= still_s * 240.0 / 266.0
+    check_allowed([*TIMES, ("arrive_s = 80", f"arrive_s = {still_s}")])
 
 
 def test_the_hash_knows_every_way_of_asking() -> None:

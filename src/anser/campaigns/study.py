@@ -13,6 +13,7 @@ from anser.campaigns.distributions import Vary
 from anser.campaigns.kept import Keep
 from anser.scenario import Problem, Scenario, ScenarioError, load
 from anser.scenario.errors import plain, show
+from anser.scenario.file_kinds import must_be
 from anser.scenario.load import parsed, read_text
 from anser.scenario.schema import SEED_MAX
 from anser.scenario.schema_base import (
@@ -286,6 +287,7 @@ def load_study(path: str | os.PathLike[str]) -> tuple[Study, Scenario, dict[str,
 
 def validate_study(values: dict[str, Any], source: str = "<values>") -> Study:
     """Validate a study that is at hand as nested dictionaries and lists; raises `ScenarioError`."""
+    must_be("study", values, source)
     try:
         return Study.model_validate(values)
     except ValidationError as error:

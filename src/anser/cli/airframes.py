@@ -23,7 +23,7 @@ from anser.cli.offering import about
 from anser.cli.output_folder import Force, must_be_new_file, written_file
 from anser.cli.scenario_files import start
 from anser.scenario import VARIANTS
-from anser.scenario.airframe_file import write_airframe_starter
+from anser.scenario.airframe_file import SUFFIXES, write_airframe_starter
 from anser.scenario.airframe_file.template import AIRCRAFT_SCHEMA
 
 if TYPE_CHECKING:
@@ -167,6 +167,8 @@ def check(aircraft: _Aircraft, variant: VariantName = "textbook") -> None:
     line(_count(name, compared, wrong))
     for one in wrong:
         problem(_disagrees(one))
+    if wrong and Path(aircraft).suffix in SUFFIXES:
+        problem("check data belong to the data of the file: change or delete them with these")
     for one in findings:
         problem(str(one))
     if wrong or findings:

@@ -10,6 +10,7 @@ from rich.markup import escape
 from typer.core import TyperGroup
 
 from anser.cli.offering import offer
+from anser.cli.refused_values import IMPLIED
 
 
 class FirstUnlessNamed(TyperGroup):
@@ -24,6 +25,7 @@ class FirstUnlessNamed(TyperGroup):
             close = difflib.get_close_matches(args[0], self.commands)
             if not close or Path(args[0]).exists():
                 args = [next(iter(self.commands)), *args]
+                ctx.meta[IMPLIED] = True
         return super().parse_args(ctx, args)
 
     def shell_complete(self, ctx: Any, incomplete: str) -> list[Any]:

@@ -12,10 +12,17 @@ from anser.scenario.other_units import in_unit
 _KINDS = {"float": "a number", "int": "a whole number", "bool": "true or false"}
 _UNITS = {"_deg_s": "deg/s", "_m_s": "m/s", "_deg": "deg", "_s": "s", "_m": "m"}
 """Units by the ends of the names that parameters have, the longest first."""
+IMPLIED = "anser.implied"
+"""Among what a context knows: the command was not named, but meant."""
 
 
 class PlainCommand(TyperCommand):
     """A command whose options answer a value that they cannot read in the words of anser."""
+
+    def get_usage(self, ctx: Any) -> str:
+        """Usage without the command's name where nobody wrote it."""
+        usage = super().get_usage(ctx)
+        return usage.replace(f" {self.name} ", " ", 1) if ctx.meta.get(IMPLIED) else usage
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Read the options; raises RefusedError with the option, what arrived and what would be right."""

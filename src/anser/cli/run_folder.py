@@ -4,37 +4,31 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from anser.cli.console import RefusedError
+from anser.execution import saved_flight
+from anser.execution.saved_flight import FLIGHT, PLAN, RUN_FILES, SUMMARY, RunFolderError, load_flight
 
 if TYPE_CHECKING:
     import xarray as xr
 
-FLIGHT, SUMMARY = RUN_FILES = ("flight.nc", "summary.json")
-PLAN = "plan.npz"
+__all__ = ["FLIGHT", "PLAN", "RUN_FILES", "SUMMARY", "must_be_run", "read_flight", "read_run"]
 
 
 def must_be_run(folder: Path, place: str = "RUN") -> None:
     """Refuse a folder that holds no run; `place` is the argument that names it."""
-    if not folder.is_dir():
-        raise RefusedError(f"{place}: arrived {folder}, which is no folder; expected one that `anser run` wrote")
-    lacking = [name for name in RUN_FILES if not (folder / name).is_file()]
-    if lacking:
-        words = f"which holds no {' and no '.join(lacking)}; expected a folder that `anser run` wrote"
-        raise RefusedError(f"{place}: arrived {folder}, {words}")
+    try:
+        saved_flight.must_be_run(folder)
+    except RunFolderError as error:
+        raise RefusedError(f"{place}: {error}") from None
 
 
 def read_run(folder: Path, place: str = "RUN") -> tuple["xr.Dataset", dict[str, Any]]:
     """Read a flight and its summary; refuse a folder that does not hold both."""
     must_be_run(folder, place)
-    from anser.results import read_netcdf, read_summary
-
-    read: list[Any] = []
-    for name, reader in ((FLIGHT, read_netcdf), (SUMMARY, read_summary)):
-        try:
-            read.append(reader(folder / name))
-        except (OSError, ValueError, KeyError) as error:
-            words = f"arrived a file that cannot be read ({error}); expected what `anser run` wrote"
-            raise RefusedError(f"{place}, {folder / name}: {words}") from None
-    return read[0], read[1]
+    try:
+        found = load_flight(folder)
+    except RunFolderError as error:
+        raise RefusedError(f"{place}, {error}") from None
+    return found.dataset, found.summary
 
 
 def read_flight(folder: Path, names: tuple[str, ...]) -> tuple["xr.Dataset", dict[str, Any]]:

@@ -13,6 +13,7 @@ from .plan_file import read_plan, write_plan
 from .plan_interface import NoPlanError, PlanFileError, Planned
 from .planned import PublishedPlanned, plan
 from .robustness import RobustnessStudy, robustness_study
+from .saved_flight import SavedFlight, load_flight
 from .step_cases import gallery_steps, step_pace
 from .step_tests import CHANNEL_KEYS, PUBLISHED_STEPS, StepTest, step_test
 from .stepped_flight import SteppedFlight, step_document
@@ -41,6 +42,7 @@ __all__ = [
     "Planned",
     "PublishedPlanned",
     "RobustnessStudy",
+    "SavedFlight",
     "StepTest",
     "SteppedFlight",
     "airframe_of",
@@ -56,6 +58,7 @@ __all__ = [
     "gallery_steps",
     "linearize",
     "list_airframes",
+    "load_flight",
     "margin_document",
     "margins_at",
     "name_of",

@@ -5,12 +5,10 @@ import functools
 import importlib
 import json
 import os
-import tempfile
 import time as clock
-import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -22,16 +20,12 @@ from anser.execution.negotiated import DecentralisedPlanned
 from anser.execution.plan_interface import NoPlanError, Planned
 from anser.execution.planned import plan
 from anser.execution.precisions import refuse_precision
+from anser.execution.saved_flight import FLIGHT, SUMMARY, SavedFlight
 from anser.numerics import as_array, in_precision
 from anser.scenario import Scenario, as_scenario
 from anser.simulation import SEGMENT_STEPS, Flight, FlightState, Precision, flight_in, fly, state_in
 
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from anser.report import FlightPlots
-
-_FILES = ("flight.nc", "summary.json", "report.html")
+_FILES = (FLIGHT, SUMMARY, "report.html")
 
 fly_segment = compiled(functools.partial(fly, one_kernel=True))
 """One segment of a flight by itself, compiled; see `anser.simulation.fly`."""
@@ -58,61 +52,21 @@ def _prepare(precision: Precision, flight: Flight, state: FlightState) -> Prepar
 
 
 @dataclass(frozen=True, repr=False)
-class Flown:
+class Flown(SavedFlight):
     """A flown scenario; printed, it is who arrived when.
 
     Attributes
     ----------
+    dataset, summary
+        As of `SavedFlight`.
     scenario
         What was flown.
-    dataset
-        Recorded at the scenario's record period; dimensions time and aircraft, every variable with unit, frame, name.
-    summary
-        The contract of `summary.json`.
     planned
         The first plan, with what of it the scenario's limits forbid.
     """
 
     scenario: Scenario
-    dataset: "xr.Dataset"
-    summary: dict[str, Any]
     planned: Planned
-
-    @property
-    def met(self) -> bool:
-        """Whether every aircraft arrived that did not leave the fleet, and every requirement is met."""
-        arrived = all(row["status"] == "arrived" or "left_s" in row for row in self.summary["aircraft"])
-        return arrived and all(row["met"] for row in self.summary["requirements"])
-
-    def __repr__(self) -> str:
-        from anser.results import summary_text
-
-        return summary_text(self.summary)
-
-    def _repr_html_(self) -> str:
-        from anser.results import summary_html
-
-        return summary_html(self.summary)
-
-    @property
-    def plot(self) -> "FlightPlots":
-        """Its figures: `flown.plot.tracks()`, `.profile()`, `.separation()` and others."""
-        from anser.report import FlightPlots
-
-        return FlightPlots(self.dataset)
-
-    def show(self) -> Path:
-        """Write the interactive report into a new temporary folder and open it in the browser; returns its path."""
-        page = self.report(Path(tempfile.mkdtemp(prefix="anser-")) / "report.html")
-        webbrowser.open(page.as_uri())
-        return page
-
-    def report(self, path: Path | str) -> Path:
-        """Write the interactive HTML report; refuses to overwrite (FileExistsError)."""
-        from anser.report import write_report
-
-        write_report(self.dataset, self.summary, Path(path))
-        return Path(path)
 
     def save(self, folder: Path | str, *, force: bool = False) -> Path:
         """Write `flight.nc`, `summary.json` and `report.html` into a new folder.
@@ -238,7 +192,7 @@ def run(
         attributes,
         surfaces,
     )
-    return Flown(scenario, dataset, summary, planned)
+    return Flown(dataset, summary, scenario, planned)
 
 
 def _attributes(scenario: Scenario) -> dict[str, Any]:

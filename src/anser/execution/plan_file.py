@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 import zipfile
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
@@ -15,6 +16,7 @@ from anser.execution.certified import CertifiedPlanned, begun, trimmed
 from anser.execution.negotiated import Agreement, DecentralisedPlanned
 from anser.execution.plan_interface import PlanFileError, Planned
 from anser.execution.planned import PublishedPlanned
+from anser.execution.saved_flight import PLAN
 from anser.execution.untrimmable import refuse_untrimmable
 from anser.numerics import as_array
 from anser.planning.certified import Outcome
@@ -50,8 +52,15 @@ def write_plan(planned: Planned, path: Path) -> None:
         np.savez(file, allow_pickle=False, about=np.array(json.dumps(about)), **arrays)
 
 
-def read_plan(path: Path, scenario: Scenario) -> Planned:
+def read_plan(path: str | os.PathLike[str], scenario: Scenario) -> Planned:
     """Read a finished plan of a scenario; its aircraft are trimmed again, its search is not repeated.
+
+    Parameters
+    ----------
+    path
+        Of the file, or of the folder that `anser plan --out` wrote, with its `plan.npz`.
+    scenario
+        Whose plan it is.
 
     Raises
     ------
@@ -60,6 +69,9 @@ def read_plan(path: Path, scenario: Scenario) -> Planned:
     ScenarioError
         An aircraft cannot fly steadily at its start.
     """
+    path = Path(path)
+    if path.is_dir():
+        path = path / PLAN
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}

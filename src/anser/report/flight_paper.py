@@ -52,6 +52,8 @@ class Paper:
 
     def __post_init__(self) -> None:
         low, high = _WIDTHS_MM
+        if not isinstance(self.width_mm, int | float):
+            raise ValueError(f"arrived {self.width_mm!r}; expected a number of mm, such as 88")
         if not low <= self.width_mm <= high:
             raise ValueError(
                 f"arrived {self.width_mm:g}; expected {low:g} to {high:g} mm: one column of a paper is about 88 wide, "

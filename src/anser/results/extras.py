@@ -3,4 +3,4 @@
 
 def missing(library: str, extra: str) -> str:
     """Say that a library is not installed, and how to get it: by which extra of anser."""
-    return f'{library} is not installed: pip install "anser[{extra}]"'
+    return f'{library} is not installed: pip install "anser[{extra}]" (in a clone: pip install -e ".[{extra}]")'

@@ -1,4 +1,4 @@
-"""Numbers that arrive as a text with a unit: what they are in the unit that is asked for."""
+"""Numbers that arrive as a text with a unit, or as a point of the compass: what they are in the unit asked for."""
 
 import re
 
@@ -26,6 +26,9 @@ _UNITS = {
 }
 """Factors to SI by dimension; small letters."""
 
+_POINTS = ("N", "NNE", "NE", "ENE", "E", "ESE", "SE", "SSE", "S", "SSW", "SW", "WSW", "W", "WNW", "NW", "NNW")
+"""Points of the compass, each 22.5 deg clockwise of the one before."""
+
 
 def in_unit(text: str, unit: str) -> str:
     """What to write instead of a text, such as `; 9 kt is 4.63 m/s: write 4.63`; empty where nobody can tell.
@@ -39,7 +42,11 @@ def in_unit(text: str, unit: str) -> str:
     """
     found = _NUMBER_AND_UNIT.fullmatch(text)
     if found is None:
-        return ""
+        point = text.strip()
+        if unit != "deg" or point.upper() not in _POINTS:
+            return ""
+        angle = f"{22.5 * _POINTS.index(point.upper()):g}"
+        return f"; {point} is {angle} deg clockwise from north: write {angle}"
     number, given = found.groups()
     if given is None or given.lower() == unit:
         return f"; write {number}, without quotes"

@@ -8,6 +8,7 @@ from pydantic import Field, ValidationError, model_validator
 from anser.scenario.airframe_file import origin_of
 from anser.scenario.airframe_paths import with_airframes
 from anser.scenario.errors import Problem, ScenarioError, show
+from anser.scenario.file_kinds import must_be
 from anser.scenario.replacing import with_changes
 from anser.scenario.schema_air import DiscreteGust, Turbulence, gust_problems
 from anser.scenario.schema_aircraft import Aircraft
@@ -35,7 +36,7 @@ from anser.scenario.schema_margin import margin_problems
 from anser.scenario.schema_network import Network, network_problems
 from anser.scenario.schema_problems import problems_from
 from anser.scenario.schema_ranges import limits_for, order_problems, range_problems
-from anser.scenario.schema_reach import reach_problems
+from anser.scenario.schema_reach import early_problems, reach_problems
 from anser.scenario.schema_sensing import Estimator, GoalSensor, Navigation, sensing_problems
 from anser.scenario.schema_settings import Fleet, Guidance, Hold, Limits, Requirements, Timing
 from anser.scenario.schema_surroundings import Earth, EarthOrWord, Wind
@@ -149,7 +150,7 @@ class Scenario(Table):
             )
             found.extend(arrival_problems(self.arrival, aircraft, self.timing))
             found.extend(keep_out_problems(self.keep_out, aircraft, goals))
-        return found or reach_problems(self)
+        return found or reach_problems(self) or early_problems(self)
 
     @property
     def hash(self) -> str:
@@ -230,6 +231,7 @@ def validate(values: dict[str, Any], source: str = "<values>") -> Scenario:
     ScenarioError
         If it is no valid scenario, or an aircraft file that it names is none.
     """
+    must_be("scenario", values, source)
     version = values.get("format")
     if "format" in values and (type(version) is not int or version not in DEFAULT_PLANNERS):
         # in another format all keys may differ, so nothing else is told

@@ -100,7 +100,11 @@ def _speed_problems_of(scenario: "Scenario", index: int, one: Aircraft) -> list[
             f"at least {math.ceil(tightest_m)} m, the turn at {ground_speed_m_s:.1f} m/s over the ground "
             f"with limits.bank_max_deg = {plain(limits.bank_max_deg)}"
         )
-        found.append(Problem("hold.radius_m", plain(scenario.hold.radius_m), words))
+        arrived = plain(scenario.hold.radius_m)
+        if "radius_m" not in scenario.hold.model_fields_set:
+            arrived += ", the default"
+            words += f"; write [hold] with radius_m = {math.ceil(tightest_m / 100.0) * 100:.1f}, or more"
+        found.append(Problem("hold.radius_m", arrived, words))
     return found
 
 

@@ -12,6 +12,16 @@ from anser.scenario.errors import Problem, ScenarioError, show
 from anser.scenario.other_units import in_unit
 
 _ABSENT = object()
+_OTHER_NAMES = {
+    "std": "sigma",
+    "stddev": "sigma",
+    "standard_deviation": "sigma",
+    "min": "low",
+    "minimum": "low",
+    "max": "high",
+    "maximum": "high",
+}
+"""What others call a key, where a table has it."""
 _BARE_KEY = re.compile(r"^[A-Za-z0-9_-]+\Z")
 
 
@@ -64,7 +74,9 @@ def _unknown_key(loc: Sequence[str | int], model: type[BaseModel], raw: object) 
     key = str(loc[-1])
     table = _model_at(loc[:-1], model)
     known = list(table.model_fields) if table is not None else []
-    near = difflib.get_close_matches(key, known, n=1) or difflib.get_close_matches(key.lower(), known, n=1)
+    also = _OTHER_NAMES.get(key.lower())
+    near = [also] if also in known else []
+    near = near or difflib.get_close_matches(key, known, n=1) or difflib.get_close_matches(key.lower(), known, n=1)
     guess = f'perhaps "{near[0]}"; the keys here are' if near else "one of the keys"
     owner = _owner_of(key, model) if len(loc) == 1 else None
     if owner is not None:

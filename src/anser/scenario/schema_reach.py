@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from anser.scenario.schema import Scenario
 
 FLIGHT_MIN_S = 1.0
+_HALVINGS = 40  # of the longest flight: to less than a microsecond
 
 
 @dataclass(frozen=True)
@@ -119,6 +120,57 @@ def reach_problems(scenario: "Scenario", *, unaided: bool = False) -> list[Probl
         quickest_m_s = None if unaided else _quickest_m_s(scenario, reference)
         found.extend(_reach_problems_of(f"aircraft[{index}]", one, scenario, reference, quickest_m_s))
     return found
+
+
+def early_problems(scenario: "Scenario") -> list[Problem]:
+    """Find times of arrival before the fastest flight: straight at the greatest airspeed with the most tail wind.
+
+    Of a window counts its end. `reach_problems` found nothing, so that every goal is reached within the flight.
+    """
+    worst: dict[str, tuple[float, Problem]] = {}
+    arrival = scenario.arrival
+    for index, one in enumerate(scenario.aircraft):
+        own, path = f"aircraft[{index}]", "arrival.time_s"
+        if arrival.rule == "at":
+            asked_s = arrival.time_s
+        elif arrival.rule == "times":
+            asked_s, path = one.arrive_s, f"{own}.arrive_s"
+        else:
+            asked_s, path = one.arrive_to_s, f"{own}.arrive_to_s"
+        if asked_s is None:
+            continue
+        earliest_s = _earliest_s(scenario, one)
+        if asked_s < earliest_s and (path not in worst or worst[path][0] < earliest_s):
+            fastest = f"limits.speed_max_m_s, which is {plain(scenario.limits_for(one).speed_max_m_s)} m/s"
+            words = (
+                f'at least {math.ceil(10.0 * earliest_s) / 10.0:.1f} s: "{one.name}" gets to goal "{one.goal}" no '
+                f"sooner, straight at {fastest}, in this wind"
+            )
+            worst[path] = earliest_s, Problem(path, plain(asked_s), words, label("aircraft", one))
+    return [problem for _, problem in worst.values()]
+
+
+def _earliest_s(scenario: "Scenario", one: Aircraft) -> float:
+    """Time before which an aircraft is not at its rendezvous, whatever it flies within its limits."""
+    goal, wind = scenario.goal_of(one), scenario.wind
+    wind_m_s = wind.velocity_m_s(one.start.altitude_m)
+    carried_m_s = max(math.dist(wind_m_s, other_m_s) for _, other_m_s in wind.profile_m_s)
+    fastest_m_s = scenario.limits_for(one).speed_max_m_s + carried_m_s
+
+    def short_of_m(time_s: float) -> float:
+        place_m = _plus(goal.position_m(time_s), one.rendezvous.stand_off_m)
+        return math.dist(place_m, _plus(one.start.position_m, wind_m_s, time_s)) - fastest_m_s * time_s
+
+    if goal.waypoints is None:
+        place_m = _plus(goal.position_m(0.0), one.rendezvous.stand_off_m)
+        relative_m = _plus(place_m, one.start.position_m, -1.0)
+        return time_to_go_s(relative_m, _plus(goal.velocity_m_s(), wind_m_s, -1.0), fastest_m_s) or 0.0
+    # the goal is slower than the aircraft, so that what is short of it only falls
+    low_s, high_s = 0.0, scenario.timing.duration_s
+    for _ in range(_HALVINGS):
+        middle_s = 0.5 * (low_s + high_s)
+        low_s, high_s = (middle_s, high_s) if short_of_m(middle_s) > 0.0 else (low_s, middle_s)
+    return low_s
 
 
 def _quickest_m_s(scenario: "Scenario", reference: ReferenceSpeed) -> float:

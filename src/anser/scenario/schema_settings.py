@@ -90,8 +90,8 @@ class Limits(Table):
     alpha_min_deg: float = number("lowest angle of attack", -10, 45, "deg", -5.0)
     alpha_max_deg: float = number("highest angle of attack", -10, 45, "deg", 25.0)
     roll_rate_max_deg_s: float | None = number(
-        "greatest rate of the bank angle, in a plan and in the autopilot's commands; left out: plans roll at 20 deg/s "
-        "on the mean, the autopilot as fast as it can",
+        "greatest rate of the bank angle, in a plan and in the autopilot's commands, which the aircraft passes by up "
+        "to a third while it catches up; left out: plans roll at 20 deg/s on the mean, the autopilot as fast as it can",
         1,
         90,
         "deg/s",

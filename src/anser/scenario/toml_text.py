@@ -33,7 +33,7 @@ def read_text(path: str | os.PathLike[str], what: str = "scenario") -> str:
     except FileNotFoundError:
         raise refused(source, "no file of this name", f"the path of {a_file}{_near(Path(path))}") from None
     except IsADirectoryError:
-        raise refused(source, "a folder", f"the path of {a_file}") from None
+        raise refused(source, "a folder", f"the path of {a_file}{_saved(Path(path))}") from None
     except (OSError, ValueError) as error:
         arrived = f"a path that cannot be read ({reason_of(error)})"
         raise refused(source, arrived, f"{a_file} that can be read") from None
@@ -132,8 +132,18 @@ def _line_at(path: str, lines: dict[str, int]) -> int | None:
     return lines.get(path)
 
 
+def _saved(folder: Path) -> str:
+    """How a folder is read that holds a run; nothing where it holds none."""
+    if not (folder / "flight.nc").is_file():
+        return ""
+    return f"; a run is read by anser.load_flight({show(str(folder))}), or anser report and anser figures {folder}"
+
+
 def _near(path: Path) -> str:
-    """Name the file beside a missing one that was probably meant; nothing where there is none."""
+    """Name the file that was probably meant instead of a missing one; nothing where there is none."""
+    shipped = Path("scenarios", path.name).with_suffix(".toml")
+    if path.parent == Path() and shipped.is_file():
+        return f", perhaps {show(str(shipped))}"
     try:
         there = [entry.name for entry in path.parent.iterdir() if entry.suffix == ".toml"]
     except OSError:

@@ -9,10 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool
 
-from anser.aircraft import AbstractAirframe, condition
+from anser.aircraft import AbstractAirframe, AirData, Validity, condition
+from anser.aircraft.validity import outside
 from anser.compiling import compiled
 from anser.environment import Environment
-from anser.shapes import Flag, Scalar
+from anser.shapes import Flag
 from anser.simulation.trim import TrimPoint, TrimTarget, solve_trim
 from anser.units import RAD_DEG
 
@@ -127,10 +128,30 @@ def trim_violations(airframe: AbstractAirframe, environment: Environment, point:
         if not lower - _LIMIT_SLACK <= value <= upper + _LIMIT_SLACK:
             low, high = (round(float(limit) * factor, 6) for limit in (lower, upper))
             found.append(f"{name}: {_beyond(float(value) * factor, low, high)} {unit}; {verb} {low:g} to {high:g}")
-    outside, altitude, mach = _elsewhere_outside(airframe, environment, point)
-    if bool(outside):
-        found.append(f"altitude {float(altitude):.0f} m, Mach {float(mach):.2f}: outside the aircraft's data")
+    is_outside, data = _elsewhere_outside(airframe, environment, point)
+    if bool(is_outside):
+        where = _beyond_validity(airframe, data)
+        words = f"altitude {float(data.altitude):.0f} m, Mach {float(data.mach):.2f}: outside the aircraft's data"
+        found.extend(where or [words])
     return tuple(found)
+
+
+def _beyond_validity(airframe: AbstractAirframe, data: AirData) -> list[str]:
+    """Say which of the ranges that an aircraft states do not hold the flight; none where it states none."""
+    validity: Validity | None = getattr(airframe, "validity", None)
+    if validity is None:
+        return []
+    checks = (
+        ("airspeed", data.V, validity.airspeed, " m/s"),
+        ("altitude", data.altitude, validity.altitude, " m"),
+        ("Mach", data.mach, validity.mach, ""),
+    )
+    return [
+        f"{name} {float(value):.4g}{unit}: outside the aircraft's data, which hold from {float(ends[0]):g} to "
+        f"{float(ends[1]):g}{unit}"
+        for name, value, ends, unit in checks
+        if bool(outside(value, ends))
+    ]
 
 
 def nearest_trims(airframe: AbstractAirframe, environment: Environment, target: TrimTarget) -> NearestTrims:
@@ -190,14 +211,12 @@ def _rate_changed(target: TrimTarget) -> str:
 
 
 @compiled
-def _elsewhere_outside(
-    airframe: AbstractAirframe, environment: Environment, point: TrimPoint
-) -> tuple[Flag, Scalar, Scalar]:
-    """Whether the data end for another reason than the flow angles; altitude and Mach number."""
+def _elsewhere_outside(airframe: AbstractAirframe, environment: Environment, point: TrimPoint) -> tuple[Flag, AirData]:
+    """Whether the data end for another reason than the flow angles; the flow."""
     data = condition(airframe, environment, 0.0, point.state).air_data
     alpha, beta = jnp.clip(data.alpha, *airframe.alpha_range), jnp.clip(data.beta, *airframe.beta_range)
     within = dataclasses.replace(data, alpha=alpha, beta=beta)
-    return airframe.outside_tables(within), data.altitude, data.mach
+    return airframe.outside_tables(within), data
 
 
 @compiled

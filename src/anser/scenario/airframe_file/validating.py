@@ -8,6 +8,7 @@ from anser.derivative_names import COEFFICIENTS
 from anser.scenario.airframe_file.schema import AirframeFile
 from anser.scenario.airframe_file.schema_dave_ml import DaveMlFile
 from anser.scenario.errors import Problem, ScenarioError, show
+from anser.scenario.file_kinds import must_be
 from anser.scenario.schema_problems import problems_from
 
 _RATES = {f"{row}_{kind}dot" for row in COEFFICIENTS for kind in ("alpha", "beta")}
@@ -23,6 +24,7 @@ def validate_airframe(values: dict[str, Any], source: str) -> AirframeFile | Dav
     ScenarioError
         If it is no valid one; the message names file, key, what arrived and what would be right.
     """
+    must_be("aircraft", values, source)
     version = values.get("format")
     if "format" in values and version != 1:
         raise ScenarioError(source, [Problem("format", show(version), "1, the format that this anser reads")])
