@@ -64,6 +64,11 @@ COVERED = {
         "test_step_prints_its_figures_and_draws",
     ),
     "anser gallery --out gallery": ("tests/test_cli_step.py", 'anser("gallery", "--out", out)'),
+    # tested with the F-16, its steps and climb-and-turn in tests/execution/test_step_cases.py
+    "anser gallery --aircraft my-aircraft.toml --out gallery": (
+        "tests/test_cli_step.py",
+        'anser("gallery", "--out", out)',
+    ),
     "anser robustness --out robustness": ("tests/execution/test_robustness_study.py", "def test_the_command("),
     "anser envelope --out envelope": (
         "tests/execution/test_envelope_survey.py",
