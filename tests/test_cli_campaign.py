@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from anser.campaigns import CampaignStore, StoreError, cluster, flying
+from anser.campaigns import Answer, CampaignStore, StoreError, cluster, flying
+from anser.cli.campaigning import _bound_cells
 from campaigns.study_cases import STUDIES, made_up, text_of
 
 KEPT = '[keep]\nseries = ["position_error", "airspeed", "phase"]\nseries_every_s = 0.7\n'
@@ -258,3 +259,18 @@ def test_a_cluster_flies_the_same_to_the_last_bit_though_a_worker_is_killed(stud
         os.kill(worker.process.pid, signal.SIGKILL)
         assert begun.wait() == 0
     assert_same_to_the_last_bit(tmp_path / "spread", tmp_path / "whole", 6)
+
+
+@pytest.mark.parametrize(
+    ("unit", "value", "high", "cells"),
+    [
+        ("s", 2.31e-5, None, ["0.023", "0.012", "-", "ms"]),
+        ("s", 0.25, 0.5, ["0.250", "0.125", "0.500", "s"]),
+        ("s", None, None, ["-", "-", "-", "s"]),
+        ("m", 0.004, 0.005, ["0.004", "0.002", "0.005", "m"]),
+        ("1", 2.5, 3.0, ["2.500", "1.250", "3.000", ""]),
+    ],
+)
+def test_short_times_are_in_milliseconds_and_a_ratio_has_no_unit(unit, value, high, cells):
+    low = None if value is None else value / 2.0
+    assert _bound_cells(Answer("any", "words", unit, 0.95, True, value, low, high)) == cells

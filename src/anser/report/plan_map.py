@@ -20,6 +20,8 @@ _SAME_TIME_S = 5e-3
 _FEW_HANDLES = 5
 _FEW_NAMES = 8  # up to so many have larger letters
 _TINY = 1e-12
+_MAP_WIDTH, _NAME_GAP, _LETTER_WIDTH = 430.0, 16.0, 0.6  # points; of a letter, as part of its size
+_ASIDE_MOST = 0.2
 
 
 def mark_step(dataset: xr.Dataset) -> float:
@@ -47,8 +49,15 @@ def draw_map(axes: "Axes", dataset: xr.Dataset, pens: list[Pen]) -> None:
         _path(axes, dataset, pen, len(pens))
     _closest(axes, dataset)
     axes.set_aspect("equal", adjustable="datalim")
-    axes.margins(0.1)
+    axes.margins(x=_room_aside(pens), y=0.1)
     _legend(axes, dataset)
+
+
+def _room_aside(pens: list[Pen]) -> float:
+    """Part of the width of what is drawn to be left free on either side: for the longest name that stands there."""
+    longest = max(len(pen.label) for pen in pens) if len(pens) <= MOST_NAMES else 0
+    part = min((_NAME_GAP + _LETTER_WIDTH * _letters(len(pens)) * longest) / _MAP_WIDTH, _ASIDE_MOST)
+    return max(0.1, part / (1.0 - 2.0 * part))
 
 
 def _path(axes: "Axes", dataset: xr.Dataset, pen: Pen, fleet: int) -> None:
