@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from anser.campaigns import CampaignStore, StoreError, cluster, flying
+from anser.campaigns import Answer, CampaignStore, StoreError, cluster, flying
+from anser.cli.campaigning import _bound_cells
 from campaigns.study_cases import STUDIES, made_up, text_of
 
 KEPT = '[keep]\nseries = ["position_error", "airspeed", "phase"]\nseries_every_s = 0.7\n'
@@ -265,3 +266,18 @@ def test_usage_is_what_was_written(anser, tmp_path):
         code, _, err = anser(*written, tmp_path / "study.toml")
         assert code == 2
         assert f" {' '.join(written)} [OPTIONS]" in err
+
+
+@pytest.mark.parametrize(
+    ("unit", "value", "high", "cells"),
+    [
+        ("s", 2.31e-5, None, ["0.023", "0.012", "-", "ms"]),
+        ("s", 0.25, 0.5, ["0.250", "0.125", "0.500", "s"]),
+        ("s", None, None, ["-", "-", "-", "s"]),
+        ("m", 0.004, 0.005, ["0.004", "0.002", "0.005", "m"]),
+        ("1", 2.5, 3.0, ["2.500", "1.250", "3.000", ""]),
+    ],
+)
+def test_short_times_are_in_milliseconds_and_a_ratio_has_no_unit(unit, value, high, cells):
+    low = None if value is None else value / 2.0
+    assert _bound_cells(Answer("any", "words", unit, 0.95, True, value, low, high)) == cells

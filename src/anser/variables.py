@@ -244,7 +244,7 @@ CATALOGUE: tuple[Variable, ...] = (
             ("speed", "Airspeed command"),
             ("thrust", "Thrust command"),
             ("lift", "Angle of attack or load factor command"),
-            ("bank", "Bank angle command"),
+            ("bank", "Bank angle command or its rate"),
             ("rates", "Body rate command"),
             ("surfaces", "Control surface command"),
         )

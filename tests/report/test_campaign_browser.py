@@ -22,7 +22,7 @@ def page(tmp_path_factory):
     folder = tmp_path_factory.mktemp("campaign")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(flying, "fly_many", made_up)
-        patch.setattr(reporting, "fly_many", lambda cases, tell, batch, series: made_up(cases, batch, series))
+        patch.setattr(reporting, "fly_many", lambda cases, tell, batch, series, **_: made_up(cases, batch, series))
         study = study_of(sampling={"flights": 80}, vary=[WIND, BEND], description=EVIL, keep=KEEP)
         store = prepare(folder, study, THREE, {})
         fly_campaign(store)
@@ -94,3 +94,35 @@ def test_nothing_is_wider_than_the_window(browser):
         browser.resize(width, 800)
         browser.settle()
         assert browser.run("document.documentElement.scrollWidth") <= width
+
+
+def test_on_paper_no_table_runs_out_of_its_box_and_ticks_stand_apart(browser):
+    browser.resize(760, 1000)
+    try:
+        browser.run("Theme.print(true)")
+        browser.settle()
+        wide = "[...document.querySelectorAll('.scroll')].filter((one) => one.scrollWidth > one.clientWidth).length"
+        assert browser.run(wide) == 0
+        text = "document.querySelector('#worst td.command')"
+        assert browser.run(f"{text}.scrollWidth <= {text}.clientWidth")
+        told = "anser.charts.filter((one) => one.plot).map(({ plot: { axes: [x], bbox } }) => [x._values, bbox.width])"
+        for ticks, width in browser.run(told):
+            assert 6.6 * 2 * sum(map(len, ticks)) < width
+    finally:
+        browser.run("Theme.print(false)")
+        browser.resize(1280, 800)
+
+
+def test_numbers_that_are_alike_are_told_and_near_ones_have_ticks_of_their_own(browser):
+    assert browser.run("[alike([300, 300 + 1e-7, null]), alike([300.011, 300.012]), alike([1])]") == [
+        True,
+        False,
+        False,
+    ]
+    assert browser.run("[300.0111, 300.0112].map((one) => ticked(one, 1e-4))") == ["300.0111", "300.0112"]
+    quantity = "{ words: 'miss', unit: 'm', kept: [2.5, 2.5], part: [50, 100], upper: true, quantiles: [] }"
+    told = browser.run(
+        f"(() => {{ const one = new Distribution(document.createElement('div'), {quantity}); one.draw();"
+        " Chart.all.pop(); return one.root.textContent; })()"
+    )
+    assert told == "miss (m)The same in all 2 flights that have it: 2.5 m"

@@ -34,3 +34,14 @@ def test_any_campaign_is_drawn_anew(tmp_path, flights, varied, failed):
 
 def test_of_one_flight_there_is_nothing_to_draw(tmp_path):
     assert draw_campaign(made_up(1), tmp_path) == ()
+
+
+def test_a_short_spread_is_in_milliseconds_and_an_interval_without_an_upper_end_says_so(tmp_path):
+    few = made_up(20)
+    few["arrival_spread_s"] = few["arrival_spread_s"] * 1e-4
+    drawn = draw_campaign(few, tmp_path)[0].read_text()
+    assert "arrival spread (ms)" in drawn
+    assert "too few flights met all for an upper end" in drawn
+    drawn = draw_campaign(made_up(300), tmp_path)[0].read_text()
+    assert "arrival spread (s)" in drawn
+    assert "interval of the 95 % point" in drawn

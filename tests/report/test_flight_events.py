@@ -27,6 +27,6 @@ def test_phases_and_limits_follow_one_another_without_a_hole(flight):
         assert starts == (0.0, *ends[:-1])
         assert ends == (70.0, 80.0, 130.0)
         ((what, start, end),) = one["limited"]
-        assert LIMITED[what] == "thrust"
+        assert list(LIMITED)[what] == "thrust"
         assert (start, end) == (20.025, 25.0)
         assert one["failed"] == one["outside"] == []

@@ -25,6 +25,7 @@ def scenario(kind):
     ("kind", "speed_m_s", "form"),
     [
         ("surface", 0.0, "buoy"),
+        ("surface", 0.4, "buoy"),
         ("surface", 12.0, "ship"),
         ("airborne", 0.0, "drifting"),
         ("airborne", 12.0, "drifting"),

@@ -3,8 +3,12 @@
 import re
 
 import pytest
+from matplotlib import rc_context
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from anser.report import draw_plan
+from anser.report.plan_figure import _plan
+from anser.report.print_style import PRINT_STYLE
 from anser.results import plan_dataset
 from support.plan_case import CELL, plan_case
 
@@ -19,6 +23,19 @@ def _drawn(tmp_path, *case, **more):
 
 def _words(svg):
     return re.findall(r">([^<>]+)</text>", svg)
+
+
+def test_names_stay_within_the_map():
+    dataset = plan_dataset(*plan_case())
+    with rc_context(PRINT_STYLE):
+        figure = _plan(dataset)
+        FigureCanvasAgg(figure).draw()
+        above = figure.axes[0]
+        box = above.get_window_extent()
+        names = [text for text in above.texts if text.get_text().split(",")[0] in dataset["aircraft"].values]
+        ends = [(extent.x0, extent.x1) for extent in (text.get_window_extent() for text in names)]
+    assert len(ends) == dataset.sizes["aircraft"]
+    assert all(box.x0 <= left < right <= box.x1 for left, right in ends), (box, ends)
 
 
 def test_a_small_fleet_with_separation_and_a_moving_keep_out(tmp_path):

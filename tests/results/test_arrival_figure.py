@@ -2,7 +2,7 @@
 
 import pytest
 
-from anser.results import arrival_figure, fleet_words, planned_arrivals
+from anser.results import arrival_figure, duration_words, fleet_words, planned_arrivals
 from anser.results.arrival_figure import arrivals_of
 from support.made_scenario import made_scenario
 
@@ -26,13 +26,20 @@ def told(rule, arrivals, spacing_s=None, late=0.0):
 def test_together_it_is_the_spread():
     summary = told("together", [60.0, 60.25])
     assert arrival_figure(summary).kind == "spread"
-    assert fleet_words(summary) == ["arrival spread 0.2500 s", "least separation 250 m"]
+    assert fleet_words(summary) == ["arrival spread 0.25 s", "least separation 250 m"]
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"), [(0.0, "0 ms"), (2.31e-5, "0.023 ms"), (0.0122, "12 ms"), (0.0994, "99 ms"), (0.25, "0.25 s")]
+)
+def test_short_times_are_told_in_milliseconds(seconds, words):
+    assert duration_words(seconds) == words
 
 
 def test_of_a_sequence_it_is_the_error_of_the_spacing():
     summary = told("sequence", [100.0, 40.0, 69.5], spacing_s=30.0)
     assert summary["arrival"]["spacing_error_max_s"] == pytest.approx(0.5)
-    assert fleet_words(summary)[0] == "arrivals 30 s apart, spacing error 0.5000 s"
+    assert fleet_words(summary)[0] == "arrivals 30 s apart, spacing error 0.50 s"
 
 
 def test_a_sequence_without_spacing_arrives_together():
@@ -41,7 +48,7 @@ def test_a_sequence_without_spacing_arrives_together():
 
 def test_of_one_aircraft_it_is_how_far_it_was_off_and_nothing_of_others():
     summary = told("together", [34.0], late=0.125)
-    assert fleet_words(summary) == ["arrival 0.1250 s off its planned time"]
+    assert fleet_words(summary) == ["arrival 0.12 s off its planned time"]
 
 
 def test_without_an_arrival_there_is_no_number():

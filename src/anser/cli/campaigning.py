@@ -23,10 +23,12 @@ from anser.scenario import Scenario, ScenarioError
 
 if TYPE_CHECKING:
     from anser.campaigns import Answers, CampaignStore
+    from anser.campaigns.answering import Answer
     from anser.execution import Flown
 
 _CAUSES = 8
 """Causes of failure that are printed at most."""
+_MILLISECONDS_BELOW_S = 0.01
 
 
 @about(
@@ -144,6 +146,15 @@ def say_whether_same(store: "CampaignStore", number: int, flown: "Flown") -> Non
         problem(f"flight {number}: {name} {words}: another version, or rounding that led to another decision")
 
 
+def _bound_cells(one: "Answer") -> list[str]:
+    """Bound, ends of its interval and unit; a time in milliseconds where seconds would show nothing but zeros."""
+    values = one.value, one.low, one.high
+    known = [abs(value) for value in values if value is not None]
+    if one.unit == "s" and max(known, default=1.0) < _MILLISECONDS_BELOW_S:
+        return [*(number(None if value is None else 1000.0 * value, 3) for value in values), "ms"]
+    return [*(number(value, 3) for value in values), "" if one.unit == "1" else one.unit]
+
+
 def _print_answers(found: "Answers", name: str) -> None:
     """Probability, quantiles and causes."""
     if not found.flown:
@@ -161,8 +172,7 @@ def _print_answers(found: "Answers", name: str) -> None:
         *columns("unit"),
     )
     for one in found.quantiles:
-        cells = [number(value, 3) for value in (one.value, one.low, one.high)]
-        table.add_row(one.words, f"{100 * one.share:g} %", *cells, one.unit)
+        table.add_row(one.words, f"{100 * one.share:g} %", *_bound_cells(one))
     print_table(table)
     for words, count in list(found.causes.items())[:_CAUSES]:
         line(f"{count} flights: {words}")

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from anser.aircraft import AbstractAirframe
+from anser.aircraft import AbstractAirframe, DaveMlEngine, ElectricPropeller, JetEngine, NoEngine, PistonPropeller
+from anser.aircraft.f16_engine import F16Engine
 from anser.compiling import enable_compilation_cache
 from anser.execution.airframe_survey import flown_airspeeds
 from anser.scenario import AIRFRAMES, VARIANTS, load_airframe
@@ -64,6 +65,17 @@ def file_of(name: str) -> AirframeFile | DaveMlFile | None:
     return library_file(name) if name in FILES else None
 
 
+_ENGINES: dict[type, str] = {
+    DaveMlEngine: "thrust as its DAVE-ML file has it",
+    ElectricPropeller: "electric motor with propeller",
+    F16Engine: "jet engine of the F-16",
+    JetEngine: "jet engine",
+    NoEngine: "none",
+    PistonPropeller: "piston engine with propeller",
+}
+"""In words; another one, from code of a user's own, has the name of its class."""
+
+
 def described_airframe(airframe: AbstractAirframe) -> list[tuple[str, str, str]]:
     """Quantities of an airframe: name, value, unit."""
     properties, actuators = airframe.mass_properties, airframe.actuators
@@ -86,12 +98,13 @@ def described_airframe(airframe: AbstractAirframe) -> list[tuple[str, str, str]]
     for k, name in enumerate(actuators.names):
         speed, lag = float(actuators.rate_limit[k]) * RAD_DEG, float(actuators.time_constant[k])
         rows.append((name, f"{lower[k]:.4g} to {upper[k]:.4g}", f"deg, {speed:.4g} deg/s, lag {lag:.3g} s"))
-    rows.append(("engine", type(airframe.engine).__name__, ""))
-    for words, ends in (("angle of attack", airframe.alpha_range), ("sideslip", airframe.beta_range)):
+    kind = type(airframe.engine)
+    rows.append(("engine", _ENGINES.get(kind, kind.__name__), ""))
+    for words, ends in (("angles of attack", airframe.alpha_range), ("sideslip angles", airframe.beta_range)):
         low, high = (float(end) * RAD_DEG for end in ends)
-        rows.append((f"data hold for {words}", f"{low:.4g} to {high:.4g}", "deg"))
+        rows.append((f"data valid for {words}", f"{low:.4g} to {high:.4g}", "deg"))
     low, high = flown_airspeeds(airframe)
-    rows.append(("data hold for airspeed", f"{low:.4g} to {high:.4g}", "m/s"))
+    rows.append(("data valid for airspeeds", f"{low:.4g} to {high:.4g}", "m/s"))
     return rows
 
 

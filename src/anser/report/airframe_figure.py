@@ -33,8 +33,9 @@ def _drawn(dataset: xr.Dataset) -> "Figure":
     _, figure = new_figure((9.2, 6.4))
     grid = figure.subplots(2, 3)
     title = " ".join(str(dataset.attrs[key]) for key in ("aircraft", "variant") if key in dataset.attrs)
-    words = f"{plain(title)}, {dataset.attrs['altitude_m']:g} m; level flight beyond a limit: dots"
-    figure.suptitle(words, fontsize=SMALL + 2)
+    words = f"{plain(title)} at an altitude of {dataset.attrs['altitude_m']:g} m"
+    below = "Below, level flight at each airspeed. Lines: within all limits of the airframe; dots: beyond one of them."
+    figure.suptitle(f"{words}\n{below}", fontsize=SMALL + 2)
     sized = bool(dataset.attrs["dimensionless"])
     what = "coefficient" if sized else "force (m²), moment (m³) over dynamic pressure"
     _lines(grid[0, 0], dataset["over_alpha"], _LONGITUDINAL, "alpha", what)
@@ -44,7 +45,7 @@ def _drawn(dataset: xr.Dataset) -> "Figure":
     _trim(grid[1, 1], dataset, dataset["trim_power"], "power (%)")
     for k, name in enumerate(dataset["surface"].values):
         _trim(grid[1, 2], dataset, dataset["trim_surface_deg"].sel(surface=name), "deflection (°)", k, str(name))
-    grid[1, 2].legend()
+    _legend(grid[1, 2])
     return figure
 
 
@@ -53,7 +54,13 @@ def _lines(axes: "Axes", values: xr.DataArray, names: tuple[str, ...], across: s
         axes.plot(values[across], values.sel(coefficient=name), label=name, **line_of(k))
     axes.set_xlabel({"alpha": "angle of attack α (°), no sideslip", "beta": "sideslip β (°), α = 2°"}[across])
     axes.set_ylabel(what)
-    axes.legend()
+    _legend(axes)
+
+
+def _legend(axes: "Axes") -> None:
+    """Above the panel, where no curve is; three columns at most."""
+    columns = min(3, len(axes.get_legend_handles_labels()[0]))
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=columns, frameon=False, columnspacing=1.0)
 
 
 def _thrust(axes: "Axes", dataset: xr.Dataset) -> None:
@@ -62,7 +69,7 @@ def _thrust(axes: "Axes", dataset: xr.Dataset) -> None:
         axes.plot(dataset["airspeed"], thrust, label=f"{power:g} % power", **line_of(k))
     axes.set_xlabel("airspeed (m/s)")
     axes.set_ylabel("thrust (N)")
-    axes.legend()
+    _legend(axes)
 
 
 def _trim(

@@ -10,6 +10,7 @@ import xarray as xr
 
 from anser.report.campaign_numbers import plain
 from anser.report.campaign_series import SeriesBands, series_data
+from anser.report.labels import printed_unit
 from anser.results import order_statistic_interval, quantile, wilson_interval
 from anser.results.flight_columns import worst_of_fleet
 
@@ -99,7 +100,7 @@ def campaign_data(shown: CampaignShown) -> dict[str, Any]:
         if name not in found:
             values = worst_of_fleet(alone[name].values, alone["met"].values, upper=upper)
             share = _usual([other for other in shown.answers["quantiles"] if other["name"] == name])
-            about = {key: one[key] for key in ("name", "words", "unit", "upper")}
+            about = {key: one[key] for key in ("name", "words", "upper")} | {"unit": printed_unit(one["unit"])}
             found[name] = about | _distribution(values, upper) | _converging(values, share, upper, confidence)
         found[name].setdefault("quantiles", []).append({key: one[key] for key in ("share", "value", "low", "high")})
     return {

@@ -16,7 +16,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _STYLE = {**PRINT_STYLE, "svg.hashsalt": "anser-campaign"}
-_QUANTITIES = (("miss_m", "greatest miss (m)"), ("arrival_spread_s", "arrival spread (s)"))
+_QUANTITIES = (("miss_m", "greatest miss", "m"), ("arrival_spread_s", "arrival spread", "s"))
+_MILLISECONDS_BELOW_S = 0.01
+_ONE_END = "the 95 % point is at least this;\ntoo few flights met all for an upper end"
 _ACROSS_MAX = 6
 """Inputs that flights are drawn against at most."""
 _POINTS = 200
@@ -50,9 +52,8 @@ def _drawn(dataset: xr.Dataset) -> "Figure":
     _, figure = new_figure((9.6, 2.9 * rows + 0.5))
     axes = figure.subplots(rows, 3, squeeze=False)
     _draw_convergence(axes[0, 0], dataset)
-    for place, (name, label) in zip(axes[0, 1:], _QUANTITIES, strict=True):
-        _draw_distribution(place, dataset, name)
-        place.set_xlabel(label)
+    for place, (name, words, unit) in zip(axes[0, 1:], _QUANTITIES, strict=True):
+        _draw_distribution(place, dataset, name, words, unit)
     places = axes[1:].ravel() if rows > 1 else np.empty(0, dtype=object)
     for place, path in zip(places, across, strict=False):
         _draw_against(place, dataset, path)
@@ -77,24 +78,28 @@ def _draw_convergence(axes: "Axes", dataset: xr.Dataset) -> None:
     axes.set_ylabel(f"meet every requirement (%),\nand the interval at {100 * confidence:g} %")
 
 
-def _draw_distribution(axes: "Axes", dataset: xr.Dataset, name: str) -> None:
+def _draw_distribution(axes: "Axes", dataset: xr.Dataset, name: str, words: str, unit: str) -> None:
     """Share of the flights below each value; the 95 % point with its interval. Failures are never below."""
     values = _worst(dataset, name)
+    if unit == "s" and np.all(values[np.isfinite(values)] < _MILLISECONDS_BELOW_S):
+        values, unit = 1000.0 * values, "ms"
     ordered = np.sort(values)
     shares = 100.0 * np.arange(1, ordered.size + 1) / ordered.size
     known = np.isfinite(ordered)
     axes.step(ordered[known], shares[known], where="post", color=line_of(0)["color"], rasterized=values.size > _MANY)
     low, high = order_statistic_interval(values, 0.95, float(dataset.attrs["confidence"]))
-    label: str | None = "interval of the 95 % point"
-    for end in (low, high):
-        if np.isfinite(end):
-            axes.axvline(end, color=line_of(1)["color"], linewidth=0.9, linestyle="--", label=label)
-            label = None
+    ends = [end for end in (low, high) if np.isfinite(end)]
+    label = "interval of the 95 % point" if len(ends) == 2 else _ONE_END
+    for k, end in enumerate(ends):
+        axes.axvline(end, color=line_of(1)["color"], linewidth=0.9, linestyle="--", label=None if k else label)
     axes.axhline(95.0, color="0.6", linewidth=0.7)
     axes.set_ylim(0.0, 102.0)
+    axes.set_xlabel(f"{words} ({unit})")
     axes.set_ylabel("flights below (%)")
-    if label is None:
-        axes.legend(loc="lower right", fontsize=SMALL)
+    axes.ticklabel_format(axis="x", style="plain")
+    axes.locator_params(axis="x", nbins=5)
+    if ends:
+        axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False, fontsize=SMALL)
 
 
 def _draw_against(axes: "Axes", dataset: xr.Dataset, path: str) -> None:
@@ -108,6 +113,8 @@ def _draw_against(axes: "Axes", dataset: xr.Dataset, path: str) -> None:
         axes.plot(value, 0.98, "x", markersize=5.0, color=line_of(1)["color"], transform=axes.get_xaxis_transform())
     axes.set_xlabel(path)
     axes.set_ylabel("greatest miss (m)")
+    axes.ticklabel_format(style="plain")
+    axes.locator_params(axis="x", nbins=5)
 
 
 def _worst(dataset: xr.Dataset, name: str) -> np.ndarray:

@@ -4,5 +4,5 @@ import numpy as np
 
 
 def plain(values: np.ndarray) -> list[float | None]:
-    """Six digits of each number; None where it is not finite."""
-    return [float(f"{value:.6g}") if np.isfinite(value) else None for value in np.asarray(values, dtype=float)]
+    """Nine digits of each number; None where it is not finite."""
+    return [float(f"{value:.9g}") if np.isfinite(value) else None for value in np.asarray(values, dtype=float)]

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from anser.report.campaign_data import CampaignShown
+from anser.report.labels import printed_unit
 from anser.report.opening import cards_of, number, scroll_table, text
 from anser.report.style import page_color_of
 from anser.results.flight_columns import worst_of_fleet
@@ -31,7 +32,7 @@ def headline(shown: CampaignShown) -> str:
     sentences = [f"{share} of the flights; {interval} at {sure} confidence{_alone(found)}."]
     sentences += [
         f"{100 * one['share']:g} % of the flights {_WORDS[one['name']]} {_value(one['value'])}&nbsp;"
-        f"{text(one['unit'])} ({_ends(one)})."
+        f"{text(printed_unit(one['unit']))} ({_ends(one)})."
         for one in (_main(found, name) for name in _HEADLINES)
         if one is not None
     ]
@@ -80,10 +81,10 @@ def _ends(one: Mapping[str, Any]) -> str:
 
 def _value(value: float | None) -> str:
     """Four significant digits."""
-    if value is None:
+    if value is None or not np.isfinite(value):
         return number(None, 0)
     digits = 3 - int(np.floor(np.log10(max(abs(value), 1e-6))))
-    return number(value, max(0, min(6, digits)))
+    return number(value, max(0, min(9, digits)))
 
 
 def numbers(shown: CampaignShown) -> str:
@@ -99,7 +100,7 @@ def numbers(shown: CampaignShown) -> str:
         one = _main(found, name)
         if one is not None:
             share = f"{100 * one['share']:g} % of flights: {one['words']}"
-            cards.append((text(share), _value(one["value"]), text(one["unit"]), _ends(one)))
+            cards.append((text(share), _value(one["value"]), text(printed_unit(one["unit"])), _ends(one)))
     cards.append(("Failed", f"{found['flown'] - found['met']:,}", "", f"{found['flown'] - begun:,} could not begin"))
     return cards_of(cards)
 
@@ -141,7 +142,7 @@ def bounds(shown: CampaignShown) -> str:
 def _cell(one: Mapping[str, Any]) -> str:
     if one["value"] is None:
         return "<td>none<small>too many flights have no number</small></td>"
-    return f"<td>{_value(one['value'])} {text(one['unit'])}<small>{_ends(one)}</small></td>"
+    return f"<td>{_value(one['value'])} {text(printed_unit(one['unit']))}<small>{_ends(one)}</small></td>"
 
 
 def worst_table(shown: CampaignShown) -> str:
@@ -152,9 +153,7 @@ def worst_table(shown: CampaignShown) -> str:
     drawn = [one.number for one in shown.again if one.worst]
     met = rows["met"].values
     misses, spreads = (worst_of_fleet(rows[name].values, met) for name in _HEADLINES)
-    heads = (
-        '<th>Flight</th><th>Miss<small>m</small></th><th>Spread<small>s</small></th><th class="text">What failed</th>'
-    )
+    heads = '<th>Flight</th><th>Miss<small>m</small></th><th>Spread<small>s</small></th><th class="text">Outcome</th>'
     heads += "".join(f"<th>{text(path)}</th>" for path in shown.varied) + '<th class="text">Fly it again</th>'
     body = ""
     for k, flight in enumerate(shown.worst):
@@ -164,11 +163,11 @@ def worst_table(shown: CampaignShown) -> str:
             else ""
         )
         cells = "".join(f"<td>{_applied(rows[path].values[k])}</td>" for path in shown.varied)
-        failed = "" if met[k] else _failed(rows, k)
+        outcome = "met every requirement" if met[k] else _failed(rows, k)
         command = f"anser run --campaign {shown.place} --flight {flight}"
         body += (
             f'<tr data-flight="{flight}"><td class="name">{swatch}{flight}</td><td>{number(misses[k], 3)}</td>'
-            f'<td>{number(spreads[k], 4)}</td><td class="text free">{text(failed) or "nothing"}</td>{cells}'
+            f'<td>{_value(spreads[k])}</td><td class="text free">{text(outcome)}</td>{cells}'
             f'<td class="text command"><code>{text(command)}</code></td></tr>'
         )
     return scroll_table(heads, body)

@@ -99,7 +99,7 @@ def flight_data(
         "variables": variables,
         "packed": packed,
         "events": events_of(dataset),
-        "eventWords": {"renewals": RENEWALS, "limited": LIMITED},
+        "eventWords": {"renewals": RENEWALS, "limited": list(LIMITED.values())},
         "sections": sections_for(dataset),
         "keepOuts": scenario.get("keep_out") or [],
     }

@@ -15,8 +15,15 @@ RENEWALS = (
 )
 """What a renewal did, in the order of the numbers in `events_of`."""
 
-LIMITED = ("speed", "thrust", "lift", "bank", "rates", "surfaces")
-"""Commands that the autopilot can hold at a limit: `speed_limited` and so on."""
+LIMITED = {
+    "speed": "speed",
+    "thrust": "thrust",
+    "lift": "lift",
+    "bank": "bank or its rate",
+    "rates": "body rates",
+    "surfaces": "surfaces",
+}
+"""Commands that the autopilot can hold at a limit, `speed_limited` and so on, in words."""
 
 _FITTED, _CORRECTED, _ANEW, _KEPT = range(4)
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import xarray as xr
 
+from anser.report.flight_events import LIMITED
 from anser.report.flown_beside_plan import DERIVED, limits_of_each
 from anser.results import surfaces_of
 from anser.variables import CATALOGUE
@@ -91,8 +92,9 @@ SECTIONS: tuple[Section, ...] = (
     Section(
         "responses",
         "Commands and responses",
-        "Solid: response; dashed: command, cut where it lies far beyond. Course as on a compass, 0 to 360°, going on "
-        "through north.",
+        "Solid: response; dashed: command, cut where it lies far beyond. Red at the roll rate: command limit, how fast "
+        "the bank that is commanded may change, where the scenario limits it. Course as on a compass, 0 to 360°, going "
+        "on through north.",
         (
             Panel("airspeed_m_s", "airspeed_command_m_s"),
             Panel("path_angle_deg", "path_angle_command_deg"),
@@ -100,7 +102,7 @@ SECTIONS: tuple[Section, ...] = (
             Panel("bank_deg", "bank_command_deg"),
             Panel("alpha_deg", "alpha_command_deg"),
             Panel("beta_deg", "beta_command_deg"),
-            Panel("roll_rate_deg_s", "roll_rate_command_deg_s"),
+            Panel("roll_rate_deg_s", "roll_rate_command_deg_s", ("-roll_rate_max_deg_s", "roll_rate_max_deg_s")),
             Panel("pitch_rate_deg_s", "pitch_rate_command_deg_s"),
             Panel("yaw_rate_deg_s", "yaw_rate_command_deg_s"),
         ),
@@ -161,7 +163,7 @@ _SCENE = (
 )
 _EVENTS = (
     *("phase", "renewal", "status", "outside_tables", "arrival_time_s", "planned_length_m", "lateral_bend_m"),
-    *(f"{what}_limited" for what in ("speed", "thrust", "lift", "bank", "rates", "surfaces")),
+    *(f"{what}_limited" for what in LIMITED),
     "velocity_down_m_s",
 )
 _OPTIONAL = {variable.name for variable in CATALOGUE if variable.optional}

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-_STILL_M_S = 0.3
+_STILL_M_S = 1.0  # slower than a ship keeps steerage, as fast as a current sets a buoy adrift
 _DRIFTING_M_S = 30.0  # slower than wings carry, as fast as a gale: what drifts with the air
 _PATHS = {
     "ship": "M1 9H15L13 13H4ZM5 8V5H9V8ZM6 4V2H8V4Z",
@@ -18,7 +18,7 @@ _PATHS = {
 }
 WORDS = {
     "ship": "goal under way on the surface (ship, boat)",
-    "buoy": "goal at rest on the surface (buoy)",
+    "buoy": "goal at rest or adrift on the surface (buoy)",
     "drifting": "goal in the air, at rest or drifting (storm cell, balloon)",
     "flying": "goal in the air, faster than a gale (aircraft)",
     "goal": "goal",

@@ -9,7 +9,7 @@ import xarray as xr
 
 from anser.report.flight_margins import Margin, least_apart
 from anser.report.style import page_color_of
-from anser.results import arrival_figure
+from anser.results import arrival_figure, duration_words
 
 _NOTHING = "–"
 _CARDS_IN_ROW = 4
@@ -228,4 +228,4 @@ def _significant(value: float | None) -> str:
 
 
 def _duration(seconds: float) -> str:
-    return f"{1000 * seconds:.2g}&nbsp;ms" if seconds < 0.0995 else f"{seconds:.2f}&nbsp;s"
+    return duration_words(seconds).replace(" ", "&nbsp;")

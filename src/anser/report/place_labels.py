@@ -12,7 +12,7 @@ MOST_NAMES = 40
 MARK = 0.6
 """What a mark takes of a label's room."""
 _OFFSET, _SLANT = 9.0, 0.3  # points, sines
-_LABEL = (0.1, 0.03)  # width and height of a label, as parts of the map
+_LABEL = (0.16, 0.045)  # width and height of a label, as parts of the map
 
 
 def tell_place(

@@ -20,6 +20,9 @@ _SAME_TIME_S = 5e-3
 _FEW_HANDLES = 5
 _FEW_NAMES = 8  # up to so many have larger letters
 _TINY = 1e-12
+_MAP_WIDTH, _NAME_GAP, _LETTER_WIDTH = 430.0, 16.0, 0.6  # points; of a letter, as part of its size
+_ASIDE_MOST = 0.22
+_TIME_LETTERS = 9
 
 
 def mark_step(dataset: xr.Dataset) -> float:
@@ -47,8 +50,20 @@ def draw_map(axes: "Axes", dataset: xr.Dataset, pens: list[Pen]) -> None:
         _path(axes, dataset, pen, len(pens))
     _closest(axes, dataset)
     axes.set_aspect("equal", adjustable="datalim")
-    axes.margins(0.1)
+    _leave_room_aside(axes, dataset, pens)
+    axes.margins(x=0.02, y=0.1)
     _legend(axes, dataset)
+
+
+def _leave_room_aside(axes: "Axes", dataset: xr.Dataset, pens: list[Pen]) -> None:
+    """Have the map reach beyond what is drawn on either side, as far as the longest name that may stand there."""
+    if len(pens) > MOST_NAMES:
+        return
+    longest = max(len(pen.label) for pen in pens) + (_TIME_LETTERS if _tells_times(dataset, len(pens)) else 0)
+    part = min((_NAME_GAP + _LETTER_WIDTH * _letters(len(pens)) * longest) / _MAP_WIDTH, _ASIDE_MOST)
+    (low, high), north = axes.dataLim.intervalx, axes.dataLim.intervaly[0]
+    room = part / (1.0 - 2.0 * part) * (high - low)  # an equal scale may take the margins away
+    axes.update_datalim([(low - room, north), (high + room, north)])
 
 
 def _path(axes: "Axes", dataset: xr.Dataset, pen: Pen, fleet: int) -> None:
@@ -67,9 +82,13 @@ def _path(axes: "Axes", dataset: xr.Dataset, pen: Pen, fleet: int) -> None:
         back = np.array([east[start] - east[flown[1]], north[start] - north[flown[1]]])
         side, up = back / max(float(np.hypot(*back)), _TINY)
         arrivals = dataset["arrival_time_s"].values
-        own = fleet <= _FEW_NAMES and np.max(arrivals) - np.min(arrivals) > _SAME_TIME_S
-        words = f"{pen.label}, {arrivals[pen.index]:.2f} s" if own else pen.label
+        words = f"{pen.label}, {arrivals[pen.index]:.2f} s" if _tells_times(dataset, fleet) else pen.label
         tell_place(axes, words, (float(east[start]), float(north[start])), (side, up), pen.color, _letters(fleet))
+
+
+def _tells_times(dataset: xr.Dataset, fleet: int) -> bool:
+    """Whether each name has its own arrival time beside it."""
+    return fleet <= _FEW_NAMES and float(np.ptp(dataset["arrival_time_s"].values)) > _SAME_TIME_S
 
 
 def _letters(names: int) -> float:

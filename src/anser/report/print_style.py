@@ -20,7 +20,7 @@ INK, QUIET = "#1b1f24", "#6e7781"
 SMALL, LARGE = 7.5, 9.5
 DASHED = (0, (4, 2))
 """What was asked for, beside what was done."""
-_LINES: tuple[Any, ...] = ("solid", (0, (6, 1.2, 1.2, 1.2)), (0, (1.3, 1.0)), (0, (3.2, 1.1)))
+_LINES: tuple[Any, ...] = ("solid", (0, (6, 1.2, 1.2, 1.2)), (0, (1.3, 1.0)), (0, (3.2, 1.1)), (0, (6, 1, 1, 1, 1, 1)))
 _MARKERS, _FILLS = "os^DvPX", ("full", "none", "left")
 PRINT_STYLE: dict[str, Any] = {
     # Text stays text and the identifiers are fixed: the same numbers make the same file.

@@ -2,7 +2,7 @@
 
 from anser.results.airframe_dataset import airframe_dataset
 from anser.results.arrival import closest_approach, least_distance
-from anser.results.arrival_figure import ArrivalFigure, arrival_figure, planned_arrivals
+from anser.results.arrival_figure import ArrivalFigure, arrival_figure, duration_words, planned_arrivals
 from anser.results.dataset import surfaces_of, to_dataset
 from anser.results.envelope_dataset import envelope_dataset
 from anser.results.envelope_reasons import OUTCOMES, REASONS, judge
@@ -58,6 +58,7 @@ __all__ = [
     "airframe_dataset",
     "arrival_figure",
     "closest_approach",
+    "duration_words",
     "envelope_dataset",
     "failure_correlations",
     "finite_or_none",

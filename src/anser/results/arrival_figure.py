@@ -8,6 +8,7 @@ from typing import Any, Literal
 from anser.scenario import Scenario
 
 _Row = Mapping[str, Any]
+_MILLISECONDS_BELOW_S = 0.0995
 
 
 @dataclass(frozen=True)
@@ -34,12 +35,17 @@ class ArrivalFigure:
         """Say it in a few words for so many aircraft; empty where there is no number."""
         if self.value_s is None:
             return ""
-        value = f"{self.value_s:.4f} s"
+        value = duration_words(self.value_s)
         if self.kind == "spread":
             return f"arrival spread {value}"
         if self.kind == "spacing":
             return f"arrivals {self.asked_s:g} s apart, spacing error {value}"
         return f"arrival {value} off its planned time" if aircraft == 1 else f"arrivals {value} off their times at most"
+
+
+def duration_words(seconds: float) -> str:
+    """Say a short time: in milliseconds where that reads better."""
+    return f"{1000 * seconds:.2g} ms" if seconds < _MILLISECONDS_BELOW_S else f"{seconds:.2f} s"
 
 
 def planned_arrivals(aircraft: int, first_s: float, last_s: float) -> str:

@@ -2,9 +2,27 @@
 "use strict";
 
 const TALL = 230;
+const WHOLE = Array.from({ length: 9 }, (_, k) => [1, 2, 5].map((one) => one * 10 ** k)).flat(); // steps of a count
 
-/** Text of a tick: as many digits as there are. */
-const ticked = (value) => (+value.toPrecision(6)).toLocaleString("en-US", { maximumFractionDigits: 9 }).replace("-", "−");
+/** Text of a tick: as many decimals as tell it from the next one, a step away. */
+const ticked = (value, step) =>
+  value.toLocaleString("en-US", { maximumFractionDigits: Math.min(12, Math.max(0, Math.ceil(-Math.log10(step)) + 1)) }).replace("-", "−");
+
+/** Pixels from one tick of an axis to the next: its text and some room. */
+const tickSpace = (u, axis, low, high) =>
+  (Theme.printing ? 2 : 1) * (16 + 6.6 * Math.max(...[low, high].map((end) => ticked(end, (high - low) / 5).length)));
+
+/** Pixels of a canvas to one of the page; on paper a canvas is drawn twice as large. */
+const canvasScale = () => (devicePixelRatio || 1) * (Theme.printing ? 2 : 1);
+
+/** A quantity and its unit, if it has one. */
+const named = (words, unit) => (unit ? `${words} (${unit})` : words);
+
+/** Whether numbers are one and the same but for rounding. */
+function alike(values) {
+  const known = values.filter((value) => value !== null), low = Math.min(...known), high = Math.max(...known);
+  return known.length > 1 && high - low <= 1e-8 * Math.max(Math.abs(low), Math.abs(high));
+}
 
 /** Least and greatest of some numbers, with room; null counts nowhere. */
 function reach(values, room = 0.05) {
@@ -15,7 +33,7 @@ function reach(values, room = 0.05) {
     if (value > high) high = value;
   }
   if (!(low <= high)) return [0, 1];
-  const more = high - low > 1e-12 * Math.max(1, Math.abs(high)) ? room * (high - low) : Math.max(room * Math.abs(high), 1e-6);
+  const more = high - low > 1e-8 * Math.max(Math.abs(low), Math.abs(high)) ? room * (high - low) : Math.max(room * Math.abs(high), 1e-6);
   return [low - more, high + more];
 }
 
@@ -38,9 +56,9 @@ class Chart {
   draw() {
     if (this.plot) this.plot.destroy();
     const { options, data } = this.described();
-    const spread = (axis) => ({ values: (u, ticks) => ticks.map(ticked), ...axis });
+    const spread = (axis) => ({ values: (u, ticks, at, space, step) => ticks.map((tick) => ticked(tick, step)), ...axis });
     this.plot = new uPlot(
-      plotLook({ width: Math.max(220, this.box.clientWidth), height: TALL, ...options, axes: [0, 1].map((n) => spread(options.axes?.[n])) }),
+      plotLook({ width: Math.max(220, this.box.clientWidth), height: TALL, ...options, axes: [0, 1].map((n) => spread({ ...(n ? {} : { space: tickSpace }), ...options.axes?.[n] })) }),
       data,
       this.box
     );
@@ -80,7 +98,7 @@ class Converging extends Chart {
         scales: { x: { time: false }, y: { range: () => range } },
         series: [{}, thin, thin, { stroke: Theme.ink("c0"), width: 2, points: { show: n.length < 3 } }],
         bands: [{ series: [2, 1], fill: Theme.ink("band") }],
-        axes: [{ label: "flights" }],
+        axes: [{ label: "flights", incrs: WHOLE }],
         hooks: { setCursor: [(u) => this._tell(u)] },
       },
       data: [n, lows, highs, value],
@@ -97,7 +115,7 @@ class Converging extends Chart {
 /** A variable over time: of each aircraft the median over the flights, and the band around it. */
 class Bands extends Chart {
   constructor(place, one, colors) {
-    super(place, one.unit ? `${one.words} (${one.unit})` : one.words);
+    super(place, named(one.words, one.unit));
     Object.assign(this, { one, colors });
   }
 
@@ -128,8 +146,17 @@ class Bands extends Chart {
 /** Part of the flights that keeps each bound, with the intervals of some quantiles. */
 class Distribution extends Chart {
   constructor(place, quantity) {
-    super(place, `${quantity.words} (${quantity.unit})`);
+    super(place, named(quantity.words, quantity.unit));
     this.quantity = quantity;
+  }
+
+  draw() {
+    const { kept, unit } = this.quantity;
+    if (!alike(kept)) return super.draw();
+    const words = `The same in all ${kept.length.toLocaleString("en-US")} flights that have it: ${+kept[0].toPrecision(6)} ${unit}`;
+    this.box.replaceChildren(element("p", "alike", words.trim()));
+    this.plot = null;
+    this.stale = false;
   }
 
   described() {
@@ -148,7 +175,7 @@ class Distribution extends Chart {
   }
 
   _marks(u) {
-    const { ctx, bbox } = u, ratio = devicePixelRatio || 1;
+    const { ctx, bbox } = u, ratio = canvasScale();
     ctx.save();
     ctx.beginPath();
     ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
@@ -180,7 +207,7 @@ class Distribution extends Chart {
 /** Every flight against one input: dots met everything, crosses did not. */
 class Against extends Chart {
   constructor(place, data, input, chosen) {
-    super(place, input.path);
+    super(place, "");
     Object.assign(this, { campaign: data, input, chosen });
   }
 
@@ -192,13 +219,14 @@ class Against extends Chart {
 
   described() {
     const { levels, values } = this.input, quantity = this.chosen();
+    this.title.textContent = named(quantity.words, quantity.unit);
     const x = levels ? [-0.6, levels.length - 0.4] : reach(values, 0.03), y = reach(this.campaign.outputs[quantity.name], 0.08);
-    const named = levels && { splits: () => levels.map((_, k) => k), values: (u, ticks) => ticks.map((k) => levels[k]) };
+    const texts = levels && { splits: () => levels.map((_, k) => k), values: (u, ticks) => ticks.map((k) => levels[k]) };
     return {
       options: {
         scales: { x: { time: false, range: () => x }, y: { range: () => y } },
         series: [{}, { paths: () => null, points: { show: false } }],
-        axes: [{ ...(named || {}) }],
+        axes: [{ label: this.input.path, ...(texts || {}) }],
         cursor: { x: false, y: false, drag: { x: false, y: false }, points: { show: false } },
         hooks: { draw: [(u) => this._dots(u, quantity)], setCursor: [(u) => this._tell(u, quantity)] },
       },
@@ -214,7 +242,7 @@ class Against extends Chart {
   }
 
   _dots(u, quantity) {
-    const { ctx } = u, ratio = devicePixelRatio || 1, { failed, numbers } = this.campaign, many = numbers.length > 1000;
+    const { ctx } = u, ratio = canvasScale(), { failed, numbers } = this.campaign, many = numbers.length > 1000;
     ctx.save();
     ctx.fillStyle = Theme.ink("c0");
     ctx.globalAlpha = many ? 0.45 : 0.75;
@@ -275,7 +303,7 @@ function start() {
   const place = (name) => document.querySelector(`[data-plots="${name}"]`);
   if (data.met.n.length) new Converging(place("converging"), "met every requirement (%)", data.met, "%");
   for (const one of data.quantities) {
-    const title = `${one.words} that ${+(100 * one.share).toPrecision(4)} % of the flights keep (${one.unit})`;
+    const title = named(`${one.words} that ${+(100 * one.share).toPrecision(4)} % of the flights keep`, one.unit);
     if (one.converging.value.some((value) => value !== null)) new Converging(place("converging"), title, one.converging, one.unit);
     new Distribution(place("distributions"), one);
   }
@@ -283,7 +311,7 @@ function start() {
   const select = document.getElementById("quantity");
   if (select && data.quantities.length) {
     for (const one of data.quantities) {
-      const option = element("option", "", `${one.words} (${one.unit})`);
+      const option = element("option", "", named(one.words, one.unit));
       option.value = one.name;
       select.append(option);
     }

@@ -55,6 +55,6 @@ function plotLook({ axes, series, ...options }) {
     width: k * options.width, height: k * options.height,
     cursor: { y: false, drag: { x: false, y: false }, points: { show: false }, ...options.cursor },
     series: series.map((one) => ({ ...one, pxAlign: 0, width: k * (one.width ?? 1), dash: one.dash?.map((part) => k * part) })),
-    axes: [{ ...look, size: 24 * k, ...axes[0] }, { ...look, size: wide, ...axes[1] }],
+    axes: [{ ...look, space: 50 * k, size: 24 * k, ...axes[0] }, { ...look, space: 30 * k, size: wide, ...axes[1] }],
   };
 }

@@ -30,7 +30,7 @@ class Timeline {
     this.told = element("output", "told");
     this.root.append(this.canvas, this.told);
     this.lane = run.aircraft.length > 8 ? 20 : 30;
-    this.names = Math.min(150, 24 + 7 * Math.max(...run.aircraft.map((one) => Math.min(18, one.name.length))));
+    this.names = Math.min(150, 24 + 7 * Math.max(...run.aircraft.map((one) => Math.min(18, one.name.length)), ...this._rowNames()));
     this.canvas.addEventListener("mousemove", (event) => this._over(event));
     this.canvas.addEventListener("click", (event) => {
       const one = run.aircraft[this._laneAt(event.offsetY)];
@@ -46,6 +46,12 @@ class Timeline {
     const { run, state } = this;
     if (run.aircraft.length > 8 && run.aircraft[k].name !== state.focus) return [];
     return [...new Set(run.events[k].limited.map(([what]) => what))].sort();
+  }
+
+  /** Letters of the rows that commands at a limit have, which are smaller than names. */
+  _rowNames() {
+    const { events, eventWords } = this.run;
+    return events.flatMap((one) => one.limited.map(([what]) => 0.8 * eventWords.limited[what].length));
   }
 
   /** Where the lane of each aircraft begins, and where the last one ends; pixels. */
