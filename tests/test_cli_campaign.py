@@ -117,7 +117,7 @@ def test_a_report_that_shows_flights_stays_where_none_has_come(anser, study, tmp
 def test_ctrl_c_leaves_answers_and_report_of_what_was_flown(anser, study, tmp_path, monkeypatch):
     left = 1
 
-    def once(cases, batch=None, series=None):
+    def once(cases, batch=None, series=None, precision="float64"):
         nonlocal left
         if left == 0:
             raise KeyboardInterrupt

@@ -113,7 +113,7 @@ def test_untrimmable_ends_with_1_and_the_diagnosis(anser):
         ),
         (("--step-s", "1"), "--step-s: arrived 1; expected a number from 0.001 to 0.05"),
         (("--loop", "rates", "--actuators"), "--actuators: arrived with --loop rates, which always has them"),
-        (("--loop", "inner"), "'inner' is not one of 'open', 'rates', 'attitude', 'velocity'"),
+        (("--loop", "inner"), "--loop: arrived 'inner'; expected one of 'open', 'rates', 'attitude', 'velocity'"),
         (("--out", "model.csv"), "--out: arrived model.csv; expected a name that ends with .nc or .json"),
         (("--out", "no/such/model.nc"), "expected a file in a folder that exists"),
     ],

@@ -26,7 +26,7 @@ def study(tmp_path):
 def test_rare_prints_its_probability_and_goes_on(anser, study, tmp_path, monkeypatch):
     left = 12
 
-    def until_then(cases, batch=None):
+    def until_then(cases, batch=None, precision="float64"):
         nonlocal left
         if left == 0:
             raise KeyboardInterrupt

@@ -429,6 +429,7 @@ def with_rolling(values, **more):
 
 @given(where=st.integers(1, 11), size=st.floats(0.02, 0.2), sign=st.sampled_from([-1, 1]))
 @settings(max_examples=10, deadline=None)
+@pytest.mark.long
 def test_the_linter_finds_a_point_out_of_line(where, size, sign):
     points = np.arange(-30, 31, 5)
     smooth = -0.13 * np.radians(points) + 0.02 * np.radians(points) ** 3
