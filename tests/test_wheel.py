@@ -1,4 +1,4 @@
-"""The built wheel holds what is tracked, and, installed unpinned on the newest Python of this machine, plans and flies."""
+"""The built wheel holds every file of the package, and, installed unpinned on the newest Python here, plans and flies."""
 
 import json
 import os

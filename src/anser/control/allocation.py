@@ -114,7 +114,7 @@ def allocate(
         solution = jnp.clip(solution, lower - _SLACK_RAD, upper + _SLACK_RAD)
     saturated = (solution < lower) | (solution > upper)
     if one_for_each_axis(actuators):
-        # None can take over without disturbing an axis of its own: a rudder that rolls is a sideslip.
+        # Solving for the others again made the rudder swing to its stop in hard rolls: docs/theory/autopilot.md.
         return SurfaceDemand(surfaces=actuators.limited(solution), saturated=saturated)
     within = where_any(jnp.any(saturated), lambda: _reallocated(actuators, at, wanted_b, solution), solution)
     return SurfaceDemand(surfaces=within, saturated=saturated)
