@@ -9,6 +9,7 @@ import pytest
 from anser.aircraft import condition
 from anser.control import SEPARATION_MIN, automatic_gains, own_bandwidths, published_gains, separations
 from anser.environment import standard_environment
+from anser.execution import margins_at
 from anser.scenario import load_airframe
 from support.light_aircraft import light_aircraft
 from support.trims import target_deg, trim
@@ -42,7 +43,7 @@ def test_they_follow_actuators_samples_and_authority(light):
     airframe, point = light
     own = bandwidths_of(airframe, point, 0.01)
     slow = eqx.tree_at(lambda a: a.actuators.time_constant, airframe, 2.0 * airframe.actuators.time_constant)
-    np.testing.assert_allclose(bandwidths_of(slow, point, 0.01).rates, 0.5 * own.rates, rtol=1e-12)
+    np.testing.assert_allclose(bandwidths_of(slow, point, 0.01).rates[0], 0.5 * own.rates[0], rtol=1e-12)
     np.testing.assert_allclose(bandwidths_of(airframe, point, 0.05).actuators, 8.0)
     # ailerons that hardly reach anything: roll waits, and yaw, which they have to balance
     weak = eqx.tree_at(
@@ -54,6 +55,25 @@ def test_they_follow_actuators_samples_and_authority(light):
     assert found.rates[0] < 0.2 * own.rates[0]
     np.testing.assert_allclose(found.rates[1], own.rates[1], rtol=1e-12)
     assert found.velocity[2] < 0.2 * own.velocity[2]
+
+
+def test_pitch_and_yaw_are_as_fast_as_the_stiffness_that_is_cancelled_asks_for():
+    uav = load_airframe("aerosonde")
+    found = bandwidths_of(uav, trim(uav, ENVIRONMENT, target_deg(25.0, 500.0)), 0.01)
+    # by hand: -M_alpha = 0.5 rho V^2 S c 2.74/Jyy; an actuator with 2.5 times its gain, 1.5 of it against its own lag
+    qbar, lag, actuators = 0.5 * 1.1673 * 25.0**2, 0.05, 40.0
+    stiffness = qbar * 0.55 * 0.18994 * 2.74 / 1.135
+    too_much = 1.5 / (2.5 * lag * actuators * 2.0 - 1.5)
+    np.testing.assert_allclose(found.rates[1] * found.attitude[1], too_much * stiffness, rtol=1e-3)
+    np.testing.assert_allclose(found.rates[np.array([0, 2])], 5.0)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("speed_m_s", [20.0, 25.0, 30.0])
+def test_the_small_uav_keeps_six_decibels_and_forty_degrees(speed_m_s):
+    found = margins_at("aerosonde", speed_m_s=speed_m_s, altitude_m=500.0)
+    assert float(found["gain_margin_db"].min()) > 6.0
+    assert float(found["phase_margin_deg"].min()) > 40.0
 
 
 def test_loops_stay_apart(light):

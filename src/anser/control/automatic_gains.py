@@ -9,7 +9,7 @@ from anser.aircraft import AbstractAirframe, Condition
 from anser.control.allocation import deflection_for_moment, surface_moments
 from anser.control.gain_design import designed_gains
 from anser.control.gains import AutopilotGains, published_gains
-from anser.numerics import product3
+from anser.numerics import product3, times3
 from anser.shapes import Scalar, ScalarLike, Vector
 
 _ACTUATORS = 2.0
@@ -18,6 +18,10 @@ _SAMPLES = 0.4
 """Bandwidth that is asked of an actuator, at most, times the sampling period."""
 _RATES, _ATTITUDE, _VELOCITY = 8.0, 2.5, 2.0
 """Bandwidth of each loop: that of the one inside it over this, as in the published gains (40, 5, 2, 1 1/s)."""
+_GAIN_MARGIN, _NEAREST = 2.5, 4.0
+"""Gain margin of an actuator, 8 dB, for which pitch and yaw are as fast as the aircraft's own stiffness asks for; at \
+most they come as near to the bandwidth of the actuators as this."""
+_RATE_DERIVATIVE = 1.0
 _RATE_ERROR = np.radians(20.0)
 """Error of a body rate that the surfaces must be able to work on in full, rad/s."""
 _ENGINE, _ENGINE_MOST = 5.0, 5.0
@@ -71,6 +75,8 @@ def own_bandwidths(
     used = jnp.abs(each) / jnp.maximum(left, 1e-3)[:, None]
     able = 1.0 / jnp.maximum(jnp.max(used[commanded], axis=0), 1e-6)
     rates = jnp.minimum(of_actuators / _RATES, able / _RATE_ERROR)
+    stiff = jnp.sqrt(_ATTITUDE * jnp.maximum(_cancelled(airframe, now, surfaces, of_actuators), 1e-6))
+    rates = jnp.maximum(rates, jnp.minimum(stiff, jnp.minimum(of_actuators / _NEAREST, able / _RATE_ERROR)))
     if not actuators.controls_yaw:
         rates = rates.at[2].set(jnp.min(rates[:2]))
     attitude = rates / _ATTITUDE
@@ -86,13 +92,35 @@ def own_bandwidths(
     return Bandwidths(of_actuators, of_engine, rates, attitude, velocity)
 
 
+def _cancelled(airframe: AbstractAirframe, now: Condition, surfaces: Vector, of_actuators: Scalar) -> Vector:
+    """Stiffness (1/s^2, of P, Q, R) that the inversion cancels too much where an actuator has `_GAIN_MARGIN` its gain.
+
+    Inversion takes the aircraft's own stiffness, -M_alpha or N_beta, out and puts that of its loops in its place, the
+    product of their bandwidths. With k times the gain an actuator with the lag tau moves k tau B (1 + K_D) as fast to
+    the wanted deflection, but from it (k - 1) as fast too: it goes too far by (k - 1)/(k tau B (1 + K_D) - (k - 1)).
+    Loops that are slower than this share of the stiffness are unstable then.
+    """
+
+    def turned(angles: Vector) -> Vector:
+        data = eqx.tree_at(lambda d: (d.alpha, d.beta), now.air_data, (angles[0], angles[1]))
+        moment_b = airframe.aerodynamics(data, jnp.zeros(3), surfaces).moment_b
+        return times3(airframe.mass_properties.inertia_inverse_b, moment_b)
+
+    slope = jax.jacfwd(turned)(jnp.stack([now.air_data.alpha, now.air_data.beta]))
+    own = jnp.stack([jnp.zeros_like(slope[0, 0]), jnp.maximum(-slope[1, 0], 0.0), jnp.maximum(slope[2, 1], 0.0)])
+    lag = jnp.max(airframe.actuators.time_constant[np.flatnonzero(airframe.actuators.commanded)])
+    nearer = _GAIN_MARGIN * lag * of_actuators * (1.0 + _RATE_DERIVATIVE)
+    beyond = _GAIN_MARGIN - 1.0
+    return own * beyond / jnp.maximum(nearer - beyond, 0.1 * nearer)
+
+
 def automatic_gains(bandwidths: Bandwidths) -> AutopilotGains:
     """Gains of all loops from their bandwidths; feed-forward, dampings and filters keep the published proportions."""
     published, b = published_gains(), bandwidths
     damping = jnp.ones(3)
     slowest = {"rates": jnp.min(b.rates), "attitude": jnp.min(b.attitude[:2])}
     return AutopilotGains(
-        rates=designed_gains(b.rates, _INTEGRAL_RATES * damping, 1.0),
+        rates=designed_gains(b.rates, _INTEGRAL_RATES * damping, _RATE_DERIVATIVE),
         attitude=designed_gains(b.attitude, jnp.inf * damping),
         velocity=designed_gains(b.velocity, _INTEGRAL_VELOCITY * damping),
         attitude_command_bandwidth=2.0 * slowest["attitude"],
