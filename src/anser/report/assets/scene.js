@@ -74,8 +74,6 @@ class FlightScene {
     this.eye.follow = null;
     this._fill();
     this._resize();
-    this.update();
-    this.draw();
   }
 
   _signs() {
@@ -94,6 +92,7 @@ class FlightScene {
     this.eye.resize(width, height);
     if (!this.placed || (!this.eye.touched && !this.eye.chasing)) this.look(this.eye.mode);
     else this.update();
+    this.draw(); // now: a canvas of a new size is empty, and the next frame comes after the page is painted
   }
 
   setLift(lift) {
