@@ -26,7 +26,9 @@ def flown(folder, scenario=THREE, **changes):
 
 def test_pairs_are_counted_and_what_differs_is_named(tmp_path):
     one = flown(tmp_path / "one")
-    other = flown(tmp_path / "other", THREE.replace("fleet.speed_m_s", 151.0), vary=[{**WIND, "high": 6.0}])
+    other = flown(
+        tmp_path / "other", THREE.replace("fleet.speed_m_s", 151.0), vary=[{**WIND, "high": 6.0}], precision="float32"
+    )
     found = anser.compare_campaigns(one, tmp_path / "other")
     met = [each.dataset["met"].values for each in (one, other)]
     assert found.flights == FLIGHTS
@@ -45,6 +47,7 @@ def test_pairs_are_counted_and_what_differs_is_named(tmp_path):
     assert median[2] < median[1] < median[3]
     assert found.applied == {"wind.speed_m_s": FLIGHTS}
     assert found.scenario == (("fleet.speed_m_s", 150.0, 151.0),)
+    assert found.precision == ("float64", "float32")
     told = found.as_dict()
     assert told["differences"][0]["quantiles"][0]["share"] == 0.5
     assert told["scenario"] == [{"path": "fleet.speed_m_s", "first": 150.0, "second": 151.0}]

@@ -77,6 +77,8 @@ class CampaignComparison:
         By path, in how many of the pairs other values were applied; a path that one does not vary, in all.
     scenario
         Keys in which the scenarios differ that the flights begin with: path, first, second.
+    precision
+        In which the first and the second were flown, "float64" or "float32".
     dataset
         Pairs: `met`, `miss_m` and `arrival_spread_s`, dimensions campaign and flight.
     """
@@ -93,6 +95,7 @@ class CampaignComparison:
     differences: tuple[Difference, ...]
     applied: dict[str, int]
     scenario: tuple[tuple[str, Any, Any], ...]
+    precision: tuple[str, str]
     dataset: "xr.Dataset"
 
     def as_dict(self) -> dict[str, Any]:
@@ -150,6 +153,7 @@ def compare_campaigns(
         tuple(_difference(name, data[name].values, shares, confidence) for name in _OUTPUTS),
         _applied(one, other, numbers),
         tuple(scenario_differences(one.scenario.model_dump(mode="json"), other.scenario.model_dump(mode="json"))),
+        (one.study.precision, other.study.precision),
         data,
     )
 

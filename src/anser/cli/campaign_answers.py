@@ -114,6 +114,8 @@ def _print_compared(found: "CampaignComparison") -> None:
         for share, *values in one.quantiles:
             table.add_row(one.words, f"{100 * share:g} %", *(number(value, 4) for value in values), one.unit)
     print_table(table)
+    if found.precision[0] != found.precision[1]:
+        line(f"flown in {found.precision[0]} in the first, in {found.precision[1]} in the second")
     for path, count in found.applied.items():
         line(f"applied otherwise in {count} of {found.flights} pairs: {path}")
     for path, one, other in found.scenario[:_KEYS]:
