@@ -8,7 +8,7 @@ import numpy as np
 
 from anser.campaigns.sampling import independent
 from anser.results import finite_or_none, order_statistic_interval, quantile, wilson_interval
-from anser.results.flight_columns import worst_of_fleet
+from anser.results.flight_columns import of_this_fleet, worst_of_fleet
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -117,7 +117,8 @@ def answers(data: "xr.Dataset", flights: int, study: "Study") -> Answers:
     low, high = wilson_interval(met_alone, count, asked.confidence)
     found = []
     for upper, quantities in ((True, _UPPER), (False, _LOWER)):
-        for name, (words, unit) in quantities.items():
+        for name in of_this_fleet(quantities, alone):
+            words, unit = quantities[name]
             values = worst_of_fleet(alone[name].values, alone["met"].values, upper=upper)
             if count and np.isfinite(values).any():
                 found += [

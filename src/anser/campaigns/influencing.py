@@ -1,6 +1,6 @@
 """What the outputs of a campaign depend on: Sobol indices where it was sampled for them, else rank correlations."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from anser.campaigns.study import Study
 from anser.results import rank_correlation, sobol_indices
-from anser.results.flight_columns import worst_of_fleet
+from anser.results.flight_columns import of_this_fleet, worst_of_fleet
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -98,8 +98,12 @@ def influences(data: "xr.Dataset", study: Study, varied: list[str]) -> Influence
 
 def _outputs(data: "xr.Dataset") -> dict[str, np.ndarray]:
     met = data["met"].values
-    worst = {name: worst_of_fleet(data[name].values, met) for name in _OUTPUTS if name != "met"}
+    worst = {name: worst_of_fleet(data[name].values, met) for name in of_this_fleet(_OUTPUTS, data) if name != "met"}
     return {"met": met.astype(float), **worst}
+
+
+def _words(outputs: Iterable[str]) -> dict[str, str]:
+    return {name: _OUTPUTS[name] for name in outputs}
 
 
 def _whole_blocks(numbers: np.ndarray, block: int) -> np.ndarray:
@@ -129,7 +133,7 @@ def _sobol(data: "xr.Dataset", study: Study, varied: list[str]) -> Influences:
                 found.append(Influence(name, path, measure, value, value - half, value + half))
 
     without = _trying(of, outputs)
-    return Influences(SOBOL, confidence, data.sizes["flight"], _OUTPUTS, tuple(found), without)
+    return Influences(SOBOL, confidence, data.sizes["flight"], _words(outputs), tuple(found), without)
 
 
 def _ranks(data: "xr.Dataset", study: Study, varied: list[str]) -> Influences:
@@ -145,13 +149,13 @@ def _ranks(data: "xr.Dataset", study: Study, varied: list[str]) -> Influences:
                 found.append(Influence(name, path, "rank", *rank_correlation(values, outputs[name], confidence)))
 
     without |= _trying(of, outputs)
-    return Influences(RANK, confidence, data.sizes["flight"], _OUTPUTS, tuple(found), without)
+    return Influences(RANK, confidence, data.sizes["flight"], _words(outputs), tuple(found), without)
 
 
 def _trying(of: Callable[[str], None], outputs: Mapping[str, np.ndarray]) -> dict[str, str]:
     """Do it of every output; why it cannot be done of some."""
     without: dict[str, str] = {}
-    for name in _OUTPUTS:
+    for name in outputs:
         if np.unique(outputs[name]).size < 2:
             without[name] = _ALIKE
             continue

@@ -9,14 +9,14 @@ import xarray as xr
 
 from anser.report.print_style import PRINT_STYLE, SMALL, line_of, new_figure, save_drawings
 from anser.results import order_statistic_interval, wilson_interval
-from anser.results.flight_columns import worst_of_fleet
+from anser.results.flight_columns import of_this_fleet, worst_of_fleet
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _STYLE = {**PRINT_STYLE, "svg.hashsalt": "anser-campaign"}
-_QUANTITIES = (("miss_m", "greatest miss", "m"), ("arrival_spread_s", "arrival spread", "s"))
+_QUANTITIES = {"miss_m": ("greatest miss", "m"), "arrival_spread_s": ("arrival spread", "s")}
 _MILLISECONDS_BELOW_S = 0.01
 _ONE_END = "the 95 % point is at least this;\ntoo few flights met all for an upper end"
 _ACROSS_MAX = 6
@@ -52,8 +52,11 @@ def _drawn(dataset: xr.Dataset) -> "Figure":
     _, figure = new_figure((9.6, 2.9 * rows + 0.5))
     axes = figure.subplots(rows, 3, squeeze=False)
     _draw_convergence(axes[0, 0], dataset)
-    for place, (name, words, unit) in zip(axes[0, 1:], _QUANTITIES, strict=True):
-        _draw_distribution(place, dataset, name, words, unit)
+    shown = of_this_fleet(_QUANTITIES, dataset)
+    for place, name in zip(axes[0, 1:], shown, strict=False):
+        _draw_distribution(place, dataset, name, *_QUANTITIES[name])
+    for place in axes[0, 1 + len(shown) :]:
+        place.set_visible(False)
     places = axes[1:].ravel() if rows > 1 else np.empty(0, dtype=object)
     for place, path in zip(places, across, strict=False):
         _draw_against(place, dataset, path)

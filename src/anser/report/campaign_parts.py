@@ -10,13 +10,14 @@ from anser.report.campaign_data import CampaignShown
 from anser.report.labels import printed_unit
 from anser.report.opening import cards_of, number, scroll_table, text
 from anser.report.style import page_color_of
-from anser.results.flight_columns import worst_of_fleet
+from anser.results.flight_columns import of_this_fleet, worst_of_fleet
 
 _CAUSES = 12
 """Causes of failure that are shown at most."""
 _NUMBERS = 12
 """Flights that are named at most where several are alike."""
 _HEADLINES = ("miss_m", "arrival_spread_s")
+_HEADS = {"miss_m": "Miss<small>m</small>", "arrival_spread_s": "Spread<small>s</small>"}
 _WORDS = {"miss_m": "miss by at most", "arrival_spread_s": "arrive within"}
 
 
@@ -83,6 +84,8 @@ def _value(value: float | None) -> str:
     """Four significant digits."""
     if value is None or not np.isfinite(value):
         return number(None, 0)
+    if not value:
+        return "0"
     digits = 3 - int(np.floor(np.log10(max(abs(value), 1e-6))))
     return number(value, max(0, min(9, digits)))
 
@@ -127,7 +130,7 @@ def bounds(shown: CampaignShown) -> str:
     """Table of the quantiles with their intervals: a row for each quantity, a column for each part of the flights."""
     quantiles = shown.answers["quantiles"]
     shares = sorted({one["share"] for one in quantiles})
-    heads = '<th class="text">Quantity</th><th class="text"></th>'
+    heads = '<th class="text">Quantity</th><th class="text">Bound</th>'
     heads += "".join(f"<th>{100 * share:g} % of flights<small>interval</small></th>" for share in shares)
     body = ""
     for name in dict.fromkeys(one["name"] for one in quantiles):
@@ -152,8 +155,10 @@ def worst_table(shown: CampaignShown) -> str:
     rows = shown.dataset.sel(flight=list(shown.worst))
     drawn = [one.number for one in shown.again if one.worst]
     met = rows["met"].values
-    misses, spreads = (worst_of_fleet(rows[name].values, met) for name in _HEADLINES)
-    heads = '<th>Flight</th><th>Miss<small>m</small></th><th>Spread<small>s</small></th><th class="text">Outcome</th>'
+    columns = {name: worst_of_fleet(rows[name].values, met) for name in of_this_fleet(_HEADLINES, rows)}
+    heads = (
+        "<th>Flight</th>" + "".join(f"<th>{_HEADS[name]}</th>" for name in columns) + '<th class="text">Outcome</th>'
+    )
     heads += "".join(f"<th>{text(path)}</th>" for path in shown.varied) + '<th class="text">Fly it again</th>'
     body = ""
     for k, flight in enumerate(shown.worst):
@@ -166,8 +171,9 @@ def worst_table(shown: CampaignShown) -> str:
         outcome = "met every requirement" if met[k] else _failed(rows, k)
         command = f"anser run --campaign {shown.place} --flight {flight}"
         body += (
-            f'<tr data-flight="{flight}"><td class="name">{swatch}{flight}</td><td>{number(misses[k], 3)}</td>'
-            f'<td>{_value(spreads[k])}</td><td class="text free">{text(outcome)}</td>{cells}'
+            f'<tr data-flight="{flight}"><td class="name">{swatch}{flight}</td>'
+            + "".join(f"<td>{_value(values[k])}</td>" for values in columns.values())
+            + f'<td class="text free">{text(outcome)}</td>{cells}'
             f'<td class="text command"><code>{text(command)}</code></td></tr>'
         )
     return scroll_table(heads, body)

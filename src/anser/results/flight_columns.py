@@ -1,12 +1,15 @@
 """From rows of flights to columns: one array for each quantity, with its unit and meaning."""
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from anser.results.flight_row import FlightRow
 from anser.results.variable_labels import attributes_of
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 OF_AIRCRAFT = {
     "planned_arrival_s": ("s", "Arrival as planned at last"),
@@ -60,6 +63,11 @@ def flight_columns(rows: Sequence[FlightRow], aircraft: int) -> dict[str, Column
     reason = attributes_of("", "Why the flight could not begin; empty where it did")
     found["reason"] = ((), np.array([row.reason for row in rows], dtype=np.str_), reason)
     return found
+
+
+def of_this_fleet(names: Iterable[str], dataset: "xr.Dataset") -> tuple[str, ...]:
+    """Those of the quantities that a fleet of this size has: one aircraft has neither spread nor separation."""
+    return tuple(name for name in names if name not in OF_FLEET or dataset.sizes["aircraft"] > 1)
 
 
 def worst_of_fleet(values: np.ndarray, met: np.ndarray, *, upper: bool = True) -> np.ndarray:
