@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 OUT ?= runs/three-aircraft-$(shell date +%Y%m%d-%H%M%S)
 
-.PHONY: demo test test-long docs bench verification plan-trials descent-trials autopilot clean
+.PHONY: demo test types tests test-long docs bench verification plan-trials descent-trials autopilot clean
 
 demo: .venv/.installed
 	$(BIN)/anser run scenarios/three-aircraft.toml --out $(OUT)
@@ -11,8 +11,14 @@ demo: .venv/.installed
 test: .venv/.installed-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/basedpyright
 	$(BIN)/lint-imports
+	$(MAKE) --no-print-directory -j 2 types tests
+
+# Beside the tests: the type checker has work for one core only.
+types: .venv/.installed-test
+	$(BIN)/basedpyright
+
+tests: .venv/.installed-test
 	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not long"
 
 # What `make test` leaves out: missions, studies, trials of the planner, programs of one test only.

@@ -68,13 +68,15 @@ def test_a_run_without_out_leaves_the_earlier_one_alone_and_keeps_what_was_flown
     monkeypatch.chdir(tmp_path)
     first = tmp_path / "runs" / "three-aircraft"
     first.mkdir(parents=True)
-    values = ("--set", "wind.speed_m_s=8", "--set", "wind.from_deg=240")
+    values = ("--set", "wind.speed_m_s=8", "--set", "wind.from_deg=240", "--set", "timing.duration_s=75")
     code, _, err = anser("run", SCENARIOS / "three-aircraft.toml", *values)
     assert code == 0
     assert "runs/three-aircraft-2: flight.nc, summary.json, report.html written" in err
     assert (tmp_path / "runs" / "three-aircraft-2" / "summary.json").is_file()
     assert not list(first.iterdir())
-    meant = load(SCENARIOS / "three-aircraft.toml").replace("wind.speed_m_s", 8, "wind.from_deg", 240)
+    meant = load(SCENARIOS / "three-aircraft.toml").replace(
+        "wind.speed_m_s", 8, "wind.from_deg", 240, "timing.duration_s", 75
+    )
     with xr.open_dataset(tmp_path / "runs" / "three-aircraft-2" / "flight.nc", engine="netcdf4") as flight:
         assert validate(json.loads(flight.attrs["scenario"])) == meant
         assert flight.attrs["scenario_hash"] == meant.hash
@@ -99,7 +101,8 @@ def test_when_an_aircraft_stopped_is_told(anser, tmp_path, monkeypatch):
 
 
 def test_unmet_requirement_ends_with_1_and_says_which(anser, tmp_path):
-    path = _scenario(tmp_path, ("[limits]", "[requirements]\nmiss_max_m = 0.0001\n[limits]"))
+    shorter = ("duration_s = 150.0", "duration_s = 75.0")
+    path = _scenario(tmp_path, ("[limits]", "[requirements]\nmiss_max_m = 0.0001\n[limits]"), shorter)
     code, printed, err = anser("run", path, "--out", tmp_path / "run", "--json")
     assert code == 1
     assert "not met: miss_max_m" in err

@@ -108,6 +108,10 @@ COVERED = {
 """Commands that take too long here, or install: the file that runs the same, or the same on a smaller case, and its words."""
 
 
+LONG_PAGES = {"README.md", "docs/how-to/own-airframe.md"}
+"""Pages whose commands take longer than all others together; the tests of the command line run most of them, smaller."""
+
+
 def commands_of(page: Path) -> list[str]:
     """Commands in the shell blocks of a page, and those in its text that are whole."""
     text = page.read_text(encoding="utf-8")
@@ -142,7 +146,7 @@ def test_the_pages_show_commands():
 @pytest.mark.parametrize(
     "page",
     [
-        pytest.param(name, marks=pytest.mark.long if name == "README.md" else ())
+        pytest.param(name, marks=pytest.mark.long if name in LONG_PAGES else ())
         for name, commands in DOCUMENTED.items()
         if set(commands) - set(COVERED)
     ],

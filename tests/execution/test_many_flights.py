@@ -78,12 +78,14 @@ def test_what_float32_does_not_fit_is_a_row_with_the_reason():
 
 
 def test_rows_are_the_summaries_of_single_flights():
-    windy = THREE.replace("wind.speed_m_s", 9.0, "wind.from_deg", 250.0)
+    still = THREE.replace("timing.duration_s", 75.0)  # the arrival is at 60 s, in wind at 70 s
+    windy = still.replace("wind.speed_m_s", 9.0, "wind.from_deg", 250.0)
     told = []
     rows = fly_many(
-        [FlightCase(THREE), FlightCase(windy)], lambda what, part: told.append(part), done=lambda k, r: told.append(k)
+        [FlightCase(still), FlightCase(windy)], lambda what, part: told.append(part), done=lambda k, r: told.append(k)
     )
-    assert_equals(rows[0], anser.run(THREE))
+    assert rows[0].met
+    assert_equals(rows[0], anser.run(still))
     assert_equals(rows[1], anser.run(windy))
     assert told == [0.0, [0, 1], 1.0]
 

@@ -7,6 +7,8 @@ import pytest
 
 import anser
 from anser.execution import read_plan, write_plan
+from anser.planning.certified import arrival_proposals
+from anser.planning.certified.candidate_sets import MINIMAL
 from anser.scenario import load, loads
 
 TEXT = """
@@ -49,7 +51,15 @@ east_m = 500.0
 
 
 @pytest.fixture(scope="module")
-def planned():
+def few_candidates():
+    """Fewer candidates than a plan has to choose from, in a smaller program; the shipped scenario has all."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(arrival_proposals, "STANDARD", MINIMAL)
+        yield
+
+
+@pytest.fixture(scope="module")
+def planned(few_candidates):
     return anser.plan(loads(TEXT))
 
 
@@ -100,7 +110,7 @@ def test_a_plan_kept_in_a_file_is_the_same(planned, tmp_path):
     assert again.agreed_after_s == planned.agreed_after_s
 
 
-def test_out_of_range_nobody_agrees_and_it_is_said_why():
+def test_out_of_range_nobody_agrees_and_it_is_said_why(few_candidates):
     refused = anser.plan(loads(TEXT.replace("range_m = 40000.0", "range_m = 3000.0\nagree_within_s = 5.0")))
     (why,) = refused.problems()
     assert "does not agree within network.agree_within_s = 5 s" in why

@@ -79,7 +79,7 @@ def test_extremes_against_dense_sampling():
     path = published_path(-30.0, 0.005)
     report = check(path)
     t = np.linspace(0.0, 36.0, 20001)
-    v, a = (np.asarray(jax.vmap(f)(t)) for f in (path.velocity_n, path.acceleration_n))
+    v, a = (np.asarray(jax.jit(jax.vmap(f))(t)) for f in (path.velocity_n, path.acceleration_n))
     speed = np.linalg.norm(v, axis=1)
     turn = np.abs(v[:, 0] * a[:, 1] - v[:, 1] * a[:, 0]) / (v[:, 0] ** 2 + v[:, 1] ** 2)
     # 129 samples miss a smooth extreme by a ten-thousandth part of its range.

@@ -1,10 +1,27 @@
-"""The flight that reports are made of."""
+"""The flight that reports are made of, and the browser that opens them."""
 
 import pytest
 
+from anser.report import write_report
+from support.chromium import Chromium
 from support.made_flight import make_flight
+from support.report_page import WINDOW
 
 
 @pytest.fixture(scope="session")
 def flight():
     return make_flight()
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    with Chromium(tmp_path_factory.mktemp("chromium"), *WINDOW) as opened:
+        yield opened
+
+
+@pytest.fixture(scope="session")
+def path(flight, tmp_path_factory):
+    """The report of that flight."""
+    found = tmp_path_factory.mktemp("page") / "report.html"
+    write_report(*flight, found)
+    return found

@@ -4,13 +4,9 @@ import pytest
 
 from anser.campaigns import fly_campaign, flying, prepare, reporting, write_campaign
 from campaigns.study_cases import THREE, WIND, made_up, study_of
-from support.chromium import NAMES, Chromium, find_chromium
+from support.chromium import Chromium, skip_without_chromium
 
-if find_chromium() is None:
-    pytest.skip(
-        f"no Chromium here (none of {', '.join(NAMES)}): the report was not opened in a browser",
-        allow_module_level=True,
-    )
+skip_without_chromium()
 
 EVIL = "</script><script>window.harmed = true</script><img src=x onerror='window.harmed = true'>"
 KEEP = {"series": ["position_error", "load_factor", "status"]}

@@ -1,5 +1,6 @@
 """Tables of an uncertain world: what is refused, where and why; what they build."""
 
+import equinox as eqx
 import jax
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from anser.scenario.schema_margin import goal_sigma_m
 from anser.scenario.schema_sensing import PRESETS, Estimator, GoalSensor, Navigation, goal_sensor_presets
 from anser.scenario.schema_settings import Fleet, Timing
 from anser.sensing import DirectEstimator, IdealSensors, NoisySensors, TrackingEstimator
-from anser.simulation import trimmed_fleet
+from anser.simulation import solve_trim, trimmed_fleet
 
 TEXT = """
 format = 2
@@ -41,6 +42,8 @@ kind = "surface"
 north_m = -2000.0
 east_m = 500.0
 """
+TRIM_ONCE = eqx.filter_jit(solve_trim)
+"""The trim does not depend on the tables: it is traced once for all."""
 CAMERA = '[goal_sensor]\npreset = "camera"\n'
 
 
@@ -174,11 +177,14 @@ def test_the_margin_is_that_of_the_filter():
         '[turbulence]\nintensity = "light"',
         '[navigation]\nsensors = "satellite-inertial"',
         CAMERA,
-        '[turbulence]\nintensity = "light"\n[navigation]\nsensors = "satellite-inertial"',
-        '[turbulence]\nintensity = "light"\n' + CAMERA,
+        pytest.param(
+            '[turbulence]\nintensity = "light"\n[navigation]\nsensors = "satellite-inertial"', marks=pytest.mark.long
+        ),
+        pytest.param('[turbulence]\nintensity = "light"\n' + CAMERA, marks=pytest.mark.long),
     ],
 )
-def test_any_of_the_tables_alone_makes_a_flight_whose_aircraft_report_a_goal(tables):
+def test_any_of_the_tables_alone_makes_a_flight_whose_aircraft_report_a_goal(tables, monkeypatch):
+    monkeypatch.setattr("anser.simulation.start.solve_trim", TRIM_ONCE)
     flight = build_flight(loads(TEXT + tables))
     fleet = jax.eval_shape(trimmed_fleet, flight)
     assert fleet.reports.goal_position_n.shape == (2, 3)

@@ -19,7 +19,6 @@ from anser.simulation.status import BROKE_OFF, PLAN_TOO_NEAR, TOO_NEAR
 from support.straight_lines import Line, StraightLines
 
 SCENARIO = Path(__file__).parents[2] / "scenarios" / "three-aircraft.toml"
-QUICK = {"xla_backend_optimization_level": 0}
 STEP, SECONDS = 0.01, 58.0
 KEYS = (
     "north",
@@ -89,13 +88,14 @@ def rebuilt(flight, planner=None, **parts):
     )
 
 
-def flown(flight, seconds=SECONDS):
-    @eqx.filter_jit
-    def whole(flight):
-        state, _ = start_flight(flight)
-        return fly(flight, state, jnp.asarray(0, dtype=jnp.int32), round(seconds / STEP), History(keys=KEYS))
+@eqx.filter_jit
+def _whole(flight):
+    state, _ = start_flight(flight)
+    return fly(flight, state, jnp.asarray(0, dtype=jnp.int32), round(SECONDS / STEP), History(keys=KEYS))
 
-    state, _, history = whole(flight)
+
+def flown(flight):
+    state, _, history = _whole(flight)
     return state, {key: np.asarray(values) for key, values in history.items()}
 
 

@@ -10,6 +10,8 @@ import subprocess
 import time
 from pathlib import Path
 
+import pytest
+
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 _FLAGS = (
     *("--headless", "--no-sandbox", "--disable-gpu-sandbox", "--disable-dev-shm-usage", "--no-first-run"),
@@ -21,6 +23,15 @@ _FLAGS = (
 def find_chromium():
     """Path of an installed Chromium, or None."""
     return next((found for found in map(shutil.which, NAMES) if found), None)
+
+
+def skip_without_chromium():
+    """Skip the module that asks where there is no Chromium."""
+    if find_chromium() is None:
+        names = ", ".join(NAMES)
+        pytest.skip(
+            f"no Chromium here (none of {names}): the report was not opened in a browser", allow_module_level=True
+        )
 
 
 class Chromium:

@@ -5,8 +5,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from anser.execution.execute import fly_segment
+from anser.execution.execute import fly_segment, without_replanning
 from anser.execution.planned import _start
+from anser.simulation import SEGMENT_STEPS
 
 
 def started(flight):
@@ -15,8 +16,14 @@ def started(flight):
 
 
 def segment(flight, state, number=0):
-    """State after one segment, and its history; `number` counts segments from the start."""
-    after, _, history = fly_segment(flight, state, jnp.asarray(500 * number, dtype=jnp.int32))
+    """State after one segment, and its history; `number` counts segments from the start.
+
+    As `anser.run` flies it: by the program that plans anew only where a new plan is asked for.
+    """
+    at = jnp.asarray(SEGMENT_STEPS * number, dtype=jnp.int32)
+    after, _, history = fly_segment(without_replanning(flight), state, at)
+    if after.planner.asked:
+        after, _, history = fly_segment(flight, state, at)
     return after, history
 
 

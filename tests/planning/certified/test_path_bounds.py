@@ -27,7 +27,7 @@ bound_one = compiled_quickly(path_bounds)
 passed = compiled_quickly(jax.vmap(excess, in_axes=(0, None)))
 
 
-@pytest.fixture(scope="module", params=["steady", "layered"])
+@pytest.fixture(scope="module", params=[pytest.param("steady", marks=pytest.mark.long), "layered"])
 def flown(request):
     wind = WINDS[request.param]
     ends, table, solved, shape, paths = fly(wind)

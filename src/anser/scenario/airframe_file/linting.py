@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -79,23 +80,9 @@ def _slopes(airframe: _Airframe, file: _File) -> dict[str, float]:
     """Derivatives near zero angles, tables included, moments about the centre of gravity; rates made dimensionless."""
     low, high = file.validity.alpha_deg
     alpha = min(max(_SMALL_ALPHA_DEG, low), high) * DEG_RAD
-    V = sum(file.validity.airspeed_m_s) / 2.0
-    b, c, S = airframe.span, airframe.mean_chord, airframe.wing_area
-    base = _data(V, alpha)
-    still, neutral = jnp.zeros(3), jnp.zeros(len(file.surface))
-
-    def coefficients(angles: jax.Array, reduced: jax.Array, surfaces: jax.Array) -> jax.Array:
-        data = AirData(base.V, angles[0], angles[1], base.density, base.qbar, base.mach, base.altitude)
-        rates = reduced * 2.0 * V / jnp.stack([b, c, b])
-        wrench = airframe.aerodynamics(data, rates, surfaces)
-        moments = wrench.moment_b / (base.qbar * S * jnp.stack([b, c, b]))
-        forces = wrench.force_b / (base.qbar * S)
-        sa, ca = jnp.sin(angles[0]), jnp.cos(angles[0])
-        lift, drag = forces[0] * sa - forces[2] * ca, -forces[0] * ca - forces[2] * sa
-        return jnp.concatenate([jnp.stack([lift, drag, forces[1]]), moments])
-
-    angles = jnp.asarray([alpha, 0.0])
-    by_angle, by_rate, by_surface = jax.jit(jax.jacfwd(coefficients, argnums=(0, 1, 2)))(angles, still, neutral)
+    at = _data(sum(file.validity.airspeed_m_s) / 2.0, alpha)
+    angles, still, neutral = jnp.asarray([alpha, 0.0]), jnp.zeros(3), jnp.zeros(len(file.surface))
+    (by_angle, by_rate, by_surface), values = _derivatives(airframe, at, angles, still, neutral)
     found = {}
     for names, slopes in (
         (("alpha", "beta"), by_angle),
@@ -104,7 +91,28 @@ def _slopes(airframe: _Airframe, file: _File) -> dict[str, float]:
     ):
         for k, name in enumerate(names):
             found |= {f"{row}_{name}": float(slopes[j, k]) for j, row in enumerate(COEFFICIENTS)}
-    return found | {"CD": float(coefficients(angles, still, neutral)[1])}
+    return found | {"CD": float(values[1])}
+
+
+@jax.jit
+def _derivatives(
+    airframe: _Airframe, at: AirData, angles: jax.Array, reduced: jax.Array, surfaces: jax.Array
+) -> tuple[Any, jax.Array]:
+    """Slopes of `COEFFICIENTS` by angles, reduced rates and surfaces, and their values."""
+    b, c, S = airframe.span, airframe.mean_chord, airframe.wing_area
+
+    def coefficients(angles: jax.Array, reduced: jax.Array, surfaces: jax.Array) -> tuple[jax.Array, jax.Array]:
+        data = AirData(at.V, angles[0], angles[1], at.density, at.qbar, at.mach, at.altitude)
+        rates = reduced * 2.0 * at.V / jnp.stack([b, c, b])
+        wrench = airframe.aerodynamics(data, rates, surfaces)
+        moments = wrench.moment_b / (at.qbar * S * jnp.stack([b, c, b]))
+        forces = wrench.force_b / (at.qbar * S)
+        sa, ca = jnp.sin(angles[0]), jnp.cos(angles[0])
+        lift, drag = forces[0] * sa - forces[2] * ca, -forces[0] * ca - forces[2] * sa
+        values = jnp.concatenate([jnp.stack([lift, drag, forces[1]]), moments])
+        return values, values
+
+    return jax.jacfwd(coefficients, argnums=(0, 1, 2), has_aux=True)(angles, reduced, surfaces)
 
 
 def _of_signs(file: _File, slopes: dict[str, float]) -> list[Finding]:
@@ -225,19 +233,8 @@ def _of_forces(file: _File, airframe: _Airframe) -> list[Finding]:
     least_deg, most_deg = file.validity.alpha_deg
     alphas = np.linspace(least_deg, most_deg, 46) * DEG_RAD
     speeds = np.linspace(low, high, 28)
-    neutral, still = jnp.zeros(len(file.surface)), jnp.zeros(3)
-    air = _data(1.0, 0.0)
-
-    def forces(V: jax.Array, alpha: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
-        qbar = 0.5 * air.density * V * V
-        data = AirData(V, alpha, 0.0 * V, air.density, qbar, V * air.mach, 0.0 * V)
-        force_b = airframe.aerodynamics(data, still, neutral).force_b
-        sa, ca = jnp.sin(alpha), jnp.cos(alpha)
-        full = airframe.engine.propulsion(100.0, data).force_b[0]
-        return force_b[0] * sa - force_b[2] * ca, -force_b[0] * ca - force_b[2] * sa, full
-
-    grid = jax.jit(jax.vmap(jax.vmap(forces, in_axes=(None, 0)), in_axes=(0, None)))
-    lift, drag, full = (np.asarray(one) for one in grid(jnp.asarray(speeds), jnp.asarray(alphas)))
+    rows = _lift_drag_thrust(airframe, _data(1.0, 0.0), jnp.asarray(speeds), jnp.asarray(alphas))
+    lift, drag, full = map(np.asarray, rows)
     carries = lift.max(axis=1) >= weight
     if not carries.any():
         text = f"[{low:g}, {high:g}] m/s: at none of these airspeeds does the lift carry the weight of {weight:.4g} N"
@@ -253,3 +250,21 @@ def _of_forces(file: _File, airframe: _Airframe) -> list[Finding]:
         text = "at no valid airspeed is the full thrust more than the drag of level flight at sea level"
         found.append(Finding("engine", text))
     return found
+
+
+@jax.jit
+def _lift_drag_thrust(
+    airframe: _Airframe, at: AirData, speeds: jax.Array, alphas: jax.Array
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Lift, drag and full thrust, N, over airspeed and angle of attack; `at` is the air at 1 m/s."""
+    neutral, still = jnp.zeros(len(airframe.actuators.names)), jnp.zeros(3)
+
+    def forces(V: jax.Array, alpha: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+        qbar = 0.5 * at.density * V * V
+        data = AirData(V, alpha, 0.0 * V, at.density, qbar, V * at.mach, 0.0 * V)
+        force_b = airframe.aerodynamics(data, still, neutral).force_b
+        sa, ca = jnp.sin(alpha), jnp.cos(alpha)
+        full = airframe.engine.propulsion(100.0, data).force_b[0]
+        return force_b[0] * sa - force_b[2] * ca, -force_b[0] * ca - force_b[2] * sa, full
+
+    return jax.vmap(jax.vmap(forces, in_axes=(None, 0)), in_axes=(0, None))(speeds, alphas)
