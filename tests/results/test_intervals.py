@@ -23,11 +23,11 @@ def test_wilson_covers_the_truth_as_often_as_it_says():
 @pytest.mark.parametrize("share", [0.5, 0.95])
 def test_order_statistics_cover_the_quantile_as_often_as_they_say_or_more(share):
     rng = np.random.default_rng(2)
-    ends = [order_statistic_interval(rng.exponential(size=FLIGHTS), share) for _ in range(CAMPAIGNS // 2)]
+    ends = [order_statistic_interval(rng.exponential(size=FLIGHTS), share) for _ in range(CAMPAIGNS)]
     low, high = np.array(ends).T
     truth = stats.expon.ppf(share)
-    # at least 95 %; two standard deviations of 2,000 campaigns are 1 %
-    assert np.mean((low <= truth) & (truth <= high)) >= 0.94
+    # at least 95 %; four standard deviations of 4,000 campaigns are 1.4 %, of the whole 0.7 % below
+    assert np.mean((low <= truth) & (truth <= high)) >= 0.943
 
 
 def test_failures_count_as_the_worst():
