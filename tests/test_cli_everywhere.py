@@ -342,6 +342,23 @@ def test_no_progress_without_a_screen_or_by_quiet(monkeypatch, capsys):
     assert capsys.readouterr() == ("", "")
 
 
+def test_a_log_gets_a_line_each_minute(monkeypatch, capsys):
+    monkeypatch.setattr(console, "_LOG_PERIOD_S", 0.1)
+    with progress_bar() as tell:
+        tell("flying", 0.25)
+        time.sleep(0.25)
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err.splitlines()[0] == "flying, 25 %, 0:00 gone"
+    with working("solving"):
+        time.sleep(0.25)
+    assert capsys.readouterr().err.splitlines()[0] == "solving, 0:00 gone"
+    monkeypatch.setattr(console.note, "quiet", True)
+    with working("solving"):
+        time.sleep(0.25)
+    assert capsys.readouterr() == ("", "")
+
+
 def test_the_bar_counts_what_can_be_counted_and_moves_otherwise(monkeypatch):
     seen = []
     update = console.Progress.update

@@ -10,6 +10,8 @@ import contextlib
 import json
 import math
 import sys
+import threading
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -53,6 +55,8 @@ _RANGES = {
 _BAR_WIDTH = 16  # with the longest text, and the times, within 80 columns
 _SPEED_PERIOD_S = 3600.0
 """The time left follows from the mean speed so far: steps of a campaign are minutes apart."""
+_LOG_PERIOD_S = 60.0
+"""Between two lines of progress where there is no screen."""
 
 
 @dataclass
@@ -158,7 +162,7 @@ def _clock(seconds: float) -> str:
 
 
 def progress_bar() -> contextlib.AbstractContextManager[Callable[[str, float | None], None]]:
-    """Bar with the time gone and left, gone at the end, never there without a screen.
+    """Bar with the time gone and left, gone at the end; without a screen a line each minute.
 
     It is told what is being done and how much of it is done, 0 to 1; None: nobody knows, the bar only moves.
     """
@@ -197,8 +201,31 @@ def _shown(what: str, total: float | None, *columns: ProgressColumn) -> Iterator
             show(compiling=False)
 
         show(compiling=False)
-        with watching(show):
+        with watching(show), _told_to_a_log(bar):
             yield tell
+
+
+@contextlib.contextmanager
+def _told_to_a_log(bar: Progress) -> Iterator[None]:
+    """A line each minute where there is no screen, so that a log shows that the work goes on."""
+    if note.is_terminal or note.quiet:
+        yield
+        return
+    ended, began = threading.Event(), time.monotonic()
+
+    def tell() -> None:
+        while not ended.wait(_LOG_PERIOD_S):
+            task = bar.tasks[0]
+            done = "" if task.total is None else f", {task.percentage:.0f} %"
+            say(f"{task.description}{done}, {_clock(time.monotonic() - began)} gone")
+
+    telling = threading.Thread(target=tell, daemon=True)
+    telling.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        telling.join()
 
 
 class RefusedError(Exception):
