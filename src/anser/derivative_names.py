@@ -2,6 +2,8 @@
 
 COEFFICIENTS = ("CL", "CD", "CY", "Cl", "Cm", "Cn")
 """Lift, drag, side force; moments of roll, pitch and yaw. Lift and drag are turned into body axes by alpha alone."""
+BODY_COEFFICIENTS = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
+"""Forces along the body axes; moments of roll, pitch and yaw: as a DAVE-ML file has them, without derivatives."""
 ARGUMENTS = ("0", "_alpha", "_beta", "_p", "_q", "_r", "_alpha2", "_beta2")
 """What a derivative's name ends with: factors of 1, alpha, beta, p b/2V, q c/2V, r b/2V, alpha^2, beta^2."""
 DERIVATIVES = tuple(row + column for row in COEFFICIENTS for column in ARGUMENTS)

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from anser.aircraft import (
     AirData,
+    BodyDispersion,
     DerivativeAircraft,
     DerivativeDispersion,
     air_data,
@@ -221,7 +222,8 @@ def test_batched_and_compiled_as_alone():
 
 def no_dispersion(aircraft):
     one = jnp.ones(())
-    return DerivativeDispersion(jnp.ones_like(aircraft.derivatives), None, one, one, jnp.ones(3), one, jnp.zeros(()))
+    body = BodyDispersion(one, one, jnp.ones(3), one, jnp.zeros(()))
+    return DerivativeDispersion(jnp.ones_like(aircraft.derivatives), None, body)
 
 
 def test_a_dispersion_changes_what_it_is_named_for():
@@ -231,7 +233,10 @@ def test_a_dispersion_changes_what_it_is_named_for():
     place = place_of("Cm_alpha", SURFACES)
     d = no_dispersion(AEROSONDE)
     d = eqx.tree_at(
-        lambda d: (d.derivatives, d.thrust, d.mass, d.inertia, d.actuator_bandwidth, d.cg_shift),
+        lambda d: (
+            d.derivatives,
+            *(getattr(d.body, n) for n in ("thrust", "mass", "inertia", "actuator_bandwidth", "cg_shift")),
+        ),
         d,
         (
             d.derivatives.at[place].set(0.5),

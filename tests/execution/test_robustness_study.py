@@ -141,6 +141,8 @@ def test_the_tables(study, command, monkeypatch, tmp_path):
         (("--spread", "nan"), "--spread"),
         (("--seed", -1), "--seed"),
         (("--variant", "best"), "textbook"),
+        (("--aircraft", "aerosonde"), "expected f16 with any --variant"),
+        (("--aircraft", "f17"), "perhaps"),
         (("--at", "150"), "SPEED,ALTITUDE"),
         (("--at", "30,1000"), "no steady level flight"),
         (("--at", "235,3000"), "240"),

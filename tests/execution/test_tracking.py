@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from anser.execution import CLIMB_AND_TURN
+from anser.execution import CLIMB_AND_TURN, run
 from anser.execution.tracking import climb_and_turn
 from anser.scenario import ScenarioError, load
 
@@ -25,3 +25,14 @@ def test_variant_and_inversion_are_those_asked_for():
     assert (aircraft.variant, aircraft.gains.inversion) == ("s119", "incremental")
     with pytest.raises(ScenarioError, match="variant"):
         climb_and_turn("nonesuch")
+
+
+@pytest.mark.long
+def test_the_whole_f16_flies_it_within_what_is_allowed():
+    """Its tables are not symmetric: the bank has to carry a side force (tests/control/test_side_force.py)."""
+    flown = run(climb_and_turn("tp1538"))
+    assert flown.met
+    (row,) = flown.summary["aircraft"]
+    # It arrives after its planned time, in the hold, which has no planned point.
+    assert row["arrival_s"] > row["planned_arrival_s"]
+    assert row["position_error_max_m"] < 1.5

@@ -32,7 +32,8 @@ def flight(arrivals=(50.1, 50.3), misses=(3.0, 4.0)):
                 "clearance": np.hypot(SPEED * (TIME - at), 300.0),
                 # A ramp from 90 to 110 m/s over 50 s, then faster than ever before.
                 "airspeed": np.where(TIME <= 60.0, 90.0 + 0.4 * TIME, 200.0),
-                "position_error": np.where(TIME < 52.0, 2.0 + index, 500.0),
+                "position_error": np.where(TIME < 50.0, 2.0 + index, 500.0),
+                "phase": np.where(TIME < 50.0, 0, 2),  # they arrive after their planned time, in the hold
                 "lateral_bend": np.where(TIME < 20.0, 400.0 * index, 50.0),
                 "outside_tables": (TIME >= 10.0) & (TIME < 11.5) & (index == 1),
                 "arrival_time": rest + 50.0,

@@ -1,5 +1,6 @@
 """How scenarios take aircraft files in, and what of it they refuse."""
 
+import types
 from pathlib import Path
 
 import pytest
@@ -140,29 +141,58 @@ class _Point:
 
     name, value = "glider", "my_package:glider"
 
-    def __init__(self, made):
+    def __init__(self, made=None, version=None):
         self.made = made
+        self.dist = None if version is None else types.SimpleNamespace(name="my-package", version=version)
 
     def load(self):
         return lambda: self.made
 
 
-def test_an_airframe_by_entry_point(monkeypatch):
-    mine = built()
-    monkeypatch.setattr(reading.importlib.metadata, "entry_points", lambda group: [_Point(mine)])
-    reading.entry_points.cache_clear()
-    try:
-        assert "glider" in known_types()
-        assert load_airframe("glider") is mine
-        scenario = loads(
-            fleet(
-                'type = "glider"',
-                limits=("limits.climb", "limits.speed_min_m_s = 14\nlimits.speed_max_m_s = 39\nlimits.climb"),
-            )
-        )
-        assert scenario.aircraft[0].type == "glider"
-        with pytest.raises(ScenarioError, match="anser knows no coefficients to vary"):
-            loads(fleet('type = "glider"\ndeviation.mass = 1.1'))
-    finally:
-        monkeypatch.undo()
+@pytest.fixture
+def offering(monkeypatch):
+    """Let the installed packages be those that offer these entry points."""
+
+    def offer(*points):
+        monkeypatch.setattr(reading.importlib.metadata, "entry_points", lambda group: points)
         reading.entry_points.cache_clear()
+
+    yield offer
+    monkeypatch.undo()
+    reading.entry_points.cache_clear()
+
+
+_GLIDER_LIMITS = ("limits.climb", "limits.speed_min_m_s = 14\nlimits.speed_max_m_s = 39\nlimits.climb")
+
+
+def test_an_airframe_by_entry_point(offering):
+    mine = built()
+    offering(_Point(mine))
+    assert "glider" in known_types()
+    assert load_airframe("glider") is mine
+    scenario = loads(fleet('type = "glider"', limits=_GLIDER_LIMITS))
+    assert scenario.aircraft[0].type == "glider"
+    with pytest.raises(ScenarioError, match="anser knows no coefficients to vary"):
+        loads(fleet('type = "glider"\ndeviation.mass = 1.1'))
+
+
+def test_the_hash_knows_which_code_an_entry_point_is(offering):
+    """Of another version of the package, or of another place in it, the same text is another scenario."""
+    text, hashes = fleet('type = "glider"', limits=_GLIDER_LIMITS), []
+    for version, value in (("1.0", "my_package:glider"), ("1.1", "my_package:glider"), ("1.0", "my_package:kite")):
+        point = _Point(version=version)
+        point.value = value
+        offering(point)
+        hashes.append(loads(text).hash)
+        assert loads(text + "\n# a comment\n").hash == hashes[-1]
+    assert len(set(hashes)) == 3
+    offering(_Point(version="1.0"))
+    assert loads(text).hash == hashes[0]
+
+
+def test_the_hash_of_the_library_s_own_does_not_depend_on_what_is_installed(offering):
+    text = fleet('type = "aerosonde"')
+    offering()
+    before = loads(text).hash
+    offering(_Point(version="1.0"))
+    assert loads(text).hash == before

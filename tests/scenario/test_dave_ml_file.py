@@ -5,11 +5,22 @@ from importlib import resources
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.aircraft import DaveMlAircraft, DaveMlEngine, JetEngine
-from anser.scenario import ScenarioError, load, load_airframe, load_f16, loads, read_airframe, validate
+from anser.aircraft import DaveMlAircraft, DaveMlEngine, JetEngine, air_data
+from anser.environment import StandardAtmosphere
+from anser.scenario import (
+    ScenarioError,
+    build_flight,
+    load,
+    load_airframe,
+    load_f16,
+    loads,
+    read_airframe,
+    validate,
+)
 from anser.scenario.airframe_file import DaveMlFile, library_file, validate_airframe
 from anser.scenario.airframe_file.build import build_airframe
 from anser.scenario.airframe_file.checking import compare
@@ -181,9 +192,61 @@ def test_a_dave_ml_file_alone_is_refused_with_the_way_out(folder):
         loads(scenario, str(folder / "one.toml"))
 
 
-def test_a_deviation_of_what_is_not_known_is_refused(folder):
-    text = FLEET + "deviation = { mass = 1.1 }\n"
-    with pytest.raises(ScenarioError, match="nasa-f16, an aircraft by DAVE-ML, anser knows no coefficients to vary"):
+DEVIATION = """[aircraft.deviation]
+mass = 1.1
+thrust = 0.9
+yaw_inertia = 1.21
+cg_shift = 0.05
+coefficients = { CZ = 0.8, Cm = 1.5 }
+"""
+
+
+def test_a_deviation_flies_another_aircraft_than_its_autopilot_knows(folder):
+    vehicle = build_flight(loads(FLEET + DEVIATION, str(folder / "one.toml"))).aircraft(0)[0]
+    known, flown = load_airframe(str(folder / "my-f16.toml")), vehicle.airframe
+    np.testing.assert_allclose(flown.mass_properties.mass, 1.1 * known.mass_properties.mass)
+    factor = np.sqrt([1.0, 1.0, 1.21])
+    np.testing.assert_allclose(
+        flown.mass_properties.inertia_b, known.mass_properties.inertia_b * np.outer(factor, factor)
+    )
+    air = air_data(jnp.array([150.0, 4.0, 12.0]), 1000.0, StandardAtmosphere().at(1000.0))
+    surfaces = jnp.array([-0.03, 0.02, -0.01])
+    before, after = (one.aerodynamics(air, jnp.zeros(3), surfaces) for one in (known, flown))
+    scale = np.array([1.0, 1.0, 0.8])
+    np.testing.assert_allclose(after.force_b, np.asarray(before.force_b) * scale, rtol=1e-12)
+    # Moments about the reference: those of the known one put back from its own centre of mass to it.
+    about = [np.asarray(w.moment_b) + np.cross(a.centre_b, w.force_b) for w, a in ((before, known), (after, flown))]
+    np.testing.assert_allclose(about[1], about[0] * [1.0, 1.5, 1.0], rtol=1e-10)
+    aft = np.asarray(known.centre_b - flown.centre_b)
+    np.testing.assert_allclose(aft, [0.05 * float(known.mean_chord), 0.0, 0.0], rtol=1e-12)
+    thrust, less = (one.engine.propulsion(60.0, air) for one in (known, flown))
+    np.testing.assert_allclose(less.force_b, 0.9 * thrust.force_b, rtol=1e-12)
+    np.testing.assert_allclose(
+        less.moment_b, 0.9 * np.asarray(thrust.moment_b) + np.cross(aft, less.force_b), atol=1e-6
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "place", "words"),
+    [
+        (
+            "coefficients = { Cm_alpha = 0.8 }",
+            "deviation.coefficients.Cm_alpha",
+            "a coefficient of nasa-f16: CX, CY, CZ",
+        ),
+        ("coefficients = { CX0 = 0.8 }", "deviation.coefficients.CX0", "a coefficient of nasa-f16: CX, CY, CZ"),
+    ],
+)
+def test_a_deviation_of_what_a_file_has_not_is_refused(folder, text, place, words):
+    with pytest.raises(ScenarioError, match=words) as refused:
+        loads(f"{FLEET}[aircraft.deviation]\n{text}\n", str(folder / "one.toml"))
+    assert place in str(refused.value)
+
+
+def test_a_deviation_of_the_thrust_asks_for_an_engine(folder):
+    glider = (('propulsion = "F16_prop.dml"\npropulsion_lag_s = 1.0\n', ""),)
+    text = FLEET.replace("my-f16.toml", changed(folder, *glider).name) + "[aircraft.deviation]\nthrust = 0.9\n"
+    with pytest.raises(ScenarioError, match=r"deviation.thrust .* expected 1: nasa-f16 has no engine"):
         loads(text, str(folder / "one.toml"))
 
 

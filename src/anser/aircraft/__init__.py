@@ -9,17 +9,17 @@ from anser.aircraft.actuators import (
     SecondOrderActuators,
 )
 from anser.aircraft.air_data import AirData, air_data
+from anser.aircraft.body_dispersed import BodyDispersion
 from anser.aircraft.dave_ml_aircraft import (
     AERO_LENGTHS,
     AERO_OUTPUTS,
-    ENGINE_OUTPUTS,
-    ENGINE_POWER,
     INERTIA_OUTPUTS,
     KNOWN_INPUTS,
     DaveMlAircraft,
-    DaveMlEngine,
     dave_ml_airframe,
 )
+from anser.aircraft.dave_ml_dispersed import dispersed_dave_ml_aircraft
+from anser.aircraft.dave_ml_engine import ENGINE_OUTPUTS, ENGINE_POWER, DaveMlEngine
 from anser.aircraft.derivative_aircraft import NEVER, DerivativeAircraft
 from anser.aircraft.derivative_dispersed import DerivativeDispersion, dispersed_derivative_aircraft
 from anser.aircraft.disturbance import Disturbance, no_disturbance
@@ -65,6 +65,7 @@ __all__ = [
     "AbstractF16",
     "AirData",
     "AircraftState",
+    "BodyDispersion",
     "Condition",
     "Controls",
     "DaveMlAircraft",
@@ -100,6 +101,7 @@ __all__ = [
     "body_from_data",
     "condition",
     "dave_ml_airframe",
+    "dispersed_dave_ml_aircraft",
     "dispersed_derivative_aircraft",
     "dispersed_f16",
     "earth_fixed_derivative",

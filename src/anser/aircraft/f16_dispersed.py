@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from anser.aircraft.body_dispersed import dispersed_mass
 from anser.aircraft.f16 import F16_COEFFICIENTS
 from anser.aircraft.f16_interface import AbstractF16
 from anser.shapes import Scalar, Vector3
@@ -52,25 +53,17 @@ def dispersed_f16(f16: AnyF16, dispersion: F16Dispersion) -> AnyF16:
     A factor multiplies the whole of its table or coefficient, so that its contribution to the build-up scales exactly;
     the arguments of the tables stay. Both c.g. terms, in Cm and Cn, follow the shift.
     """
-    properties = f16.mass_properties
-    root = jnp.sqrt(dispersion.inertia)
-    # D J D and its inverse: symmetric and positive definite with J
-    congruence = root[:, None] * root[None, :]
     scaled = eqx.tree_at(
         lambda a: (
             a.engine.thrust_tables.cells[0],
-            a.mass_properties.mass,
-            a.mass_properties.inertia_b,
-            a.mass_properties.inertia_inverse_b,
+            a.mass_properties,
             a.actuators.time_constant,
             a.x_cg,
         ),
         f16.with_coefficients_scaled(dispersion.coefficients),
         (
             f16.engine.thrust_tables.cells[0] * dispersion.thrust,
-            properties.mass * dispersion.mass,
-            properties.inertia_b * congruence,
-            properties.inertia_inverse_b / congruence,
+            dispersed_mass(f16.mass_properties, dispersion.mass, dispersion.inertia),
             f16.actuators.time_constant / dispersion.actuator_bandwidth,
             f16.x_cg + dispersion.cg_shift,
         ),

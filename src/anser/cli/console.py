@@ -309,12 +309,17 @@ def _option(parameter: str) -> str:
     return f"--{parameter.replace('_', '-')}"
 
 
-def must_be_an_f16(aircraft: str) -> None:
-    """Refuse another airframe than the F-16 and its variants for surveys whose grid, limits and gains are theirs."""
+SURVEYS_OF_ANOTHER = (
+    "grid, limits and gains of this survey are the F-16's; of another aircraft anser aircraft show has the trim map, "
+    "anser margins --at and anser gallery --aircraft the autopilot"
+)
+"""What to do where a survey is of the F-16 alone."""
+
+
+def must_be_an_f16(aircraft: str, instead: str) -> None:
+    """Refuse another airframe than the F-16 for a survey that is made for it; `instead` says what works."""
     if aircraft not in VARIANTS:
-        words = "f16 with any --variant: grid, limits and gains of this survey are the F-16's; of another aircraft "
-        words += "anser aircraft show has the trim map, anser margins --at and anser gallery --aircraft the autopilot"
-        raise RefusedError(f"--aircraft: arrived {aircraft!r}; expected {words}")
+        raise RefusedError(f"--aircraft: arrived {aircraft!r}; expected f16 with any --variant: {instead}")
 
 
 def must_be_known(aircraft: str, variant: str) -> None:

@@ -8,6 +8,7 @@ import typer
 
 from anser.cli.arguments import AircraftName, Inversion, VariantName
 from anser.cli.console import (
+    SURVEYS_OF_ANOTHER,
     RefusedError,
     answer,
     columns,
@@ -68,7 +69,7 @@ def margins(
     must_be_known(aircraft, variant)
     must_lie("--step-s", step_s, 0.001, 0.05)
     if envelope:
-        must_be_an_f16(aircraft)
+        must_be_an_f16(aircraft, SURVEYS_OF_ANOTHER)
         for option, value in (("--at", at), ("--bode", bode)):
             if value is not None:
                 raise RefusedError(f"{option}: arrived with --envelope, which is of all points; expected one of them")

@@ -9,6 +9,7 @@ import typer
 
 from anser.cli.arguments import AircraftName, Inversion, SurveyFolder, VariantName
 from anser.cli.console import (
+    SURVEYS_OF_ANOTHER,
     RefusedError,
     answer,
     columns,
@@ -49,7 +50,7 @@ def envelope(
 ) -> None:
     """Survey the envelope: trim map, and standard commands flown from every point of it."""
     must_be_known(aircraft, variant)
-    must_be_an_f16(aircraft)
+    must_be_an_f16(aircraft, SURVEYS_OF_ANOTHER)
     with written_into(out, force) as into, progress_bar() as tell:
         from anser.execution import survey
         from anser.report import draw_envelope
@@ -115,9 +116,13 @@ def _print_envelope(surveyed: "EnvelopeSurvey") -> None:
     )
 
 
-_AIRCRAFT = "f16"
 _STRONGEST, _REASONS = 5, 2
 """How many factors and reasons are printed."""
+_ROBUSTNESS_OF_ANOTHER = (
+    "factors and conditions of this study are the F-16's; of another aircraft anser campaign varies "
+    "aircraft[0].deviation of a scenario"
+)
+"""What to do for a study of another aircraft."""
 
 
 @about(
@@ -135,6 +140,7 @@ def robustness(
     at: Annotated[
         str | None, typer.Option(help="SPEED,ALTITUDE of the only steady flight to leave, m/s and m.")
     ] = None,
+    aircraft: AircraftName = "f16",
     variant: VariantName = "textbook",
     force: Force = False,
 ) -> None:
@@ -142,7 +148,8 @@ def robustness(
     must_lie("--flights", flights, 1, 1_000_000)
     must_lie("--spread", spread, 0, 90)
     must_lie("--seed", seed, 0, 2**63 - 1)
-    must_be_known(_AIRCRAFT, variant)
+    must_be_known(aircraft, variant)
+    must_be_an_f16(aircraft, _ROBUSTNESS_OF_ANOTHER)
     from anser.execution import ConditionError, FlightPoint, robustness_study
     from anser.execution.dispersion import CONDITIONS
     from anser.report import draw_robustness

@@ -8,12 +8,14 @@ from anser.aircraft import AbstractAirframe, Condition
 from anser.control.limits import FlightLimits
 from anser.control.onboard_model import OnboardModel
 from anser.shapes import Flag, Scalar, ScalarLike, Vector, Vector3
+from anser.spatial import safe_hypot
 
 _COS_BANK_MIN = 0.2  # between 78 and 102 deg of bank lift is asked less and less to hold the path
 _COS_READY = 0.5  # cosine of the bank error up to which all of the lift is asked; none at 90 deg and beyond
 _UP_MIN_G = 0.2  # acceleration normal to the path, in g, below which lift is not asked to turn
 _UP_TURNING_G = 0.5  # the same in a turn
 LIFT_SHARE = 0.9  # part of the lift at alpha_max that banks and commands may use; the rest holds the path meanwhile
+_SIDE_MAX = 0.1  # of the lift: 6 deg of bank against a side force, beyond which it is no steady flight
 _NEWTON_STEPS = 2  # the lift curve is piecewise linear: the second step lands when the first crossed a breakpoint
 
 
@@ -87,11 +89,24 @@ def lift_at(
     return force_b[0] * jnp.sin(alpha) - force_b[2] * jnp.cos(alpha)
 
 
+def side_force(model: OnboardModel) -> Scalar:
+    """Force to the right in straight flight without sideslip, N: of an aircraft that is not symmetric, 0 of another.
+
+    With the surfaces at rest: what small deflections against its rolling and yawing moments add is left out.
+    """
+    airframe, now = model.airframe, model.slow
+    data = eqx.tree_at(lambda d: d.beta, now.air_data, jnp.zeros_like(now.air_data.beta))
+    at_rest = airframe.actuators.scheduled(jnp.zeros_like(model.surfaces_slow), data)
+    wrench = airframe.aerodynamics(data, jnp.zeros_like(model.state.rates_b), at_rest)
+    return (wrench.force_b + now.propulsive.force_b)[1]
+
+
 def attitude_demand(model: OnboardModel, gamma_dot: ScalarLike, chi_dot: ScalarLike) -> AttitudeDemand:
     """Bank and angle of attack for wanted gamma_dot and chi_dot (rad/s), sideslip zero (coordinated turns).
 
-    mu = atan2(V cos(gamma) chi_dot, V gamma_dot + g cos gamma), the well-conditioned form; alpha from the balance of
-    forces normal to the path at the present bank, m (V gamma_dot + g cos gamma) = L(alpha) cos(mu) with
+    mu = atan2(V cos(gamma) chi_dot, V gamma_dot + g cos gamma) - asin(Y / (m a)), the well-conditioned form, where a is
+    the acceleration of both and Y the side force of an aircraft that is not symmetric; alpha from the balance of forces
+    normal to the path at the present bank, m (V gamma_dot + g cos gamma) = L(alpha) cos(mu) - Y sin(mu) with
     L = F_X sin(alpha) - F_Z cos(alpha), solved by Newton steps on the airframe's own forces and what the sensors say
     beyond them. With the bank more than 60 deg off, an upset, the aircraft is unloaded first.
 
@@ -121,11 +136,15 @@ def attitude_demand(model: OnboardModel, gamma_dot: ScalarLike, chi_dot: ScalarL
     # a lift that points down turns the wrong way: bank fades out with the lift that is wanted
     upright = jnp.clip(up / level_min, 0.0, 1.0)
     mu_free = jnp.arctan2(upright * share * side_free, level)
+    beside = side_force(model)
+    tilt = jnp.arcsin(jnp.clip(beside / (mass * safe_hypot(share * side_free, level)), -_SIDE_MAX, _SIDE_MAX))
+    mu_free = mu_free - upright * tilt
     mu = jnp.clip(mu_free, -limits.bank_max, limits.bank_max)
     c_mu = jnp.cos(motion.mu)
     # far from the wanted bank, on the back above all, the lift would point the wrong way: unload first, roll, then pull
     ready = jnp.clip(jnp.cos(motion.mu - mu) / _COS_READY, 0.0, 1.0)
-    lift_free = ready * mass * up * c_mu / jnp.maximum(c_mu**2, _COS_BANK_MIN**2)
+    carried = mass * up + beside * jnp.sin(motion.mu)
+    lift_free = ready * carried * c_mu / jnp.maximum(c_mu**2, _COS_BANK_MIN**2)
     lift_wanted = jnp.clip(lift_free, limits.load_factor_min * weight, limits.load_factor_max * weight)
     slope_min = 0.02 * now.air_data.qbar  # keeps the step finite past the peak of the lift curve
 

@@ -17,6 +17,7 @@ from anser.results.requirements import judge, requirements_of
 from anser.results.separated import least_ratio
 from anser.scenario import Scenario
 from anser.simulation import STATUS_MESSAGES
+from anser.simulation.closed_loop import HOLD
 from anser.simulation.fleet_summary import ARRIVAL_MARGIN_S
 from anser.simulation.status import LEFT
 from anser.variables import STANDARD_SURFACES
@@ -42,8 +43,9 @@ def summarize(
 ) -> dict[str, Any]:
     """Sum up a flight from its full-resolution history.
 
-    Speeds, those without gusts, and position error count up to the arrival; clearance, separation and the time outside
-    the aerodynamic tables over the whole record. Path and lateral bend are those of the first plan, which describes the
+    Speeds, those without gusts, and position error count up to the arrival, the error while the plan is flown (in the
+    hold there is no planned point); clearance, separation and the time outside the aerodynamic tables over the whole
+    record. Path and lateral bend are those of the first plan, which describes the
     whole path;
     `nominal` says whether it goes without a bend. Only paths of the published planner have such a bend: of others
     `lateral_bend_m` and `nominal` are None. What does not exist is None, never NaN.
@@ -169,6 +171,7 @@ def _aircraft(
     bend = float(bends[0]) if bends.size else None
     tables_left_s = float(np.sum(np.diff(time)[record["outside_tables"][:-1]]))
     search_end = min(time[-1], planned + ARRIVAL_MARGIN_S)
+    counted = arrival if np.isfinite(arrival) else np.inf
     left = np.flatnonzero(record["status"] == LEFT)
     if left.size:
         arrival = miss = planned = np.nan
@@ -186,7 +189,7 @@ def _aircraft(
         "tables_left": bool(np.any(record["outside_tables"])),
         "tables_left_s": tables_left_s,
         "position_error_max_m": _finite_end(
-            np.max, record["position_error"][time <= (arrival if np.isfinite(arrival) else np.inf)]
+            np.max, record["position_error"][(time <= counted) & (record["phase"] != HOLD)]
         ),
         **(_in_gusts(time, record, scenario, surfaces) if "gust_u" in record else {}),
         "path": None,

@@ -4,6 +4,7 @@ from anser.aircraft import (
     F16_COEFFICIENTS,
     AbstractAirframe,
     AbstractF16,
+    DaveMlAircraft,
     DerivativeAircraft,
     F16Dispersion,
     dispersed_f16,
@@ -24,7 +25,7 @@ def dispersed(known: AbstractAirframe, deviation: Deviation) -> AbstractAirframe
     """Airframe that differs from the known one as a scenario says; TypeError where no coefficients are known."""
     if isinstance(known, AbstractF16):
         return dispersed_f16(known, _dispersion(deviation))
-    if isinstance(known, DerivativeAircraft):
+    if isinstance(known, DerivativeAircraft | DaveMlAircraft):
         return dispersed_airframe(known, deviation)
     raise TypeError(f"a deviation of {type(known).__name__}, of which no coefficients are known")
 

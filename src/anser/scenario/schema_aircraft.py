@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, WithJsonSchema
 
-from anser.derivative_names import DERIVATIVES
+from anser.derivative_names import BODY_COEFFICIENTS, DERIVATIVES
 from anser.scenario.airframe_file import (
     AirframeFile,
     DaveMlFile,
@@ -216,23 +216,24 @@ class Aircraft(Table):
     def _deviation_problems(self) -> list[Problem]:
         """Find deviations of what the airframe does not have."""
         file, given = self.file, self.deviation.coefficients
-        if isinstance(file, DaveMlFile) or (file is None and self.type != "f16"):
+        if file is None and self.type != "f16":
             if self.deviation == Deviation():
                 return []
-            what = f"{self.type}, an airframe in code," if file is None else f"{file.name}, an aircraft by DAVE-ML,"
-            words = f"none: of {what} anser knows no coefficients to vary"
+            words = f"none: of {self.type}, an airframe in code, anser knows no coefficients to vary"
             return [Problem("deviation", "a table", words)]
-        names = F16_FACTORS if file is None else _derivatives_of(file)
+        names = F16_FACTORS if file is None else _factors_of(file)
         words = f"a coefficient of {self.range.name}: {', '.join(names)}"
         unknown = [name for name in type(given).model_fields if name not in names and getattr(given, name) != 1.0]
         found = [Problem(f"deviation.coefficients.{n}", plain(getattr(given, n)), words) for n in unknown]
-        if file is not None and file.engine is None and self.deviation.thrust != 1.0:
+        if file is not None and not file.has_engine and self.deviation.thrust != 1.0:
             found.append(Problem("deviation.thrust", plain(self.deviation.thrust), f"1: {file.name} has no engine"))
         return found
 
 
-def _derivatives_of(file: AirframeFile) -> tuple[str, ...]:
-    """Names of the derivatives that a file has, and that a deviation may have factors on."""
+def _factors_of(file: AirframeFile | DaveMlFile) -> tuple[str, ...]:
+    """Names of the derivatives or coefficients that a file has, and that a deviation may have factors on."""
+    if isinstance(file, DaveMlFile):
+        return BODY_COEFFICIENTS
     own = [name for name in DERIVATIVES if getattr(file.aerodynamics, name) != 0.0]
     tables = [f"{one.replaces}0" if len(one.replaces) == 2 else one.replaces for one in file.table]
     surfaces = [

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 from pydantic import create_model
 
-from anser.derivative_names import COEFFICIENTS, DERIVATIVES
+from anser.derivative_names import BODY_COEFFICIENTS, COEFFICIENTS, DERIVATIVES
 from anser.scenario.schema_base import Table, number, table
 
 SPECIAL_SURFACES = ("elevator", "aileron", "rudder")
@@ -57,8 +57,9 @@ else:
         "CoefficientFactors",
         __base__=_F16Factors,
         __module__=__name__,
-        __doc__="Factors on aerodynamic coefficients: those of the F-16, and the derivatives of an aircraft file.",
+        __doc__="Factors on aerodynamic coefficients: of the F-16, of an aircraft file's derivatives or DAVE-ML.",
         **{name: (float, _factor(f"{name} of an aircraft file")) for name in _NEW},
+        **{name: (float, _factor(f"all of {name} of an aircraft by DAVE-ML")) for name in BODY_COEFFICIENTS},
     )
 
 

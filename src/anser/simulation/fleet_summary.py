@@ -12,6 +12,7 @@ from anser.planning import separation_ratio
 from anser.planning.separation import Separation
 from anser.sensing import Instant
 from anser.shapes import Count, Scalar, ScalarLike
+from anser.simulation.closed_loop import HOLD
 from anser.simulation.recorder import AbstractRecorder, AircraftSample, FleetSample
 from anser.spatial import safe_hypot, safe_norm
 
@@ -47,7 +48,7 @@ class FleetSummary(eqx.Module):
     speeds_until_arrival
         Up to then, without gusts; their integral over the arrival time is the mean airspeed.
     position_error_max
-        Up to then, m.
+        Up to then, while the plan is flown, m: in the hold there is no planned point.
     clearance_min
         Least distance from the goal, m.
     tables_left_time
@@ -196,7 +197,7 @@ def _of_one(sample: AircraftSample) -> dict[str, Array]:
         "offset_n": approach.rendezvous_n - state.position_n,
         "airspeed": sample.truth.now.air_data.V if sample.flow is None else sample.flow.airspeed,
         "clearance": safe_norm(approach.to_goal_n),
-        "position_error": safe_norm(sample.reference_n - state.position_n),
+        "position_error": jnp.where(approach.phase == HOLD, 0.0, safe_norm(sample.reference_n - state.position_n)),
         "arrival_time": approach.plan.arrival_time,
         "outside_tables": sample.truth.airframe.outside_tables(sample.truth.now.air_data),
         "status": sample.status,

@@ -9,12 +9,14 @@ import numpy as np
 
 from anser.aircraft import (
     NEVER,
+    BodyDispersion,
     DaveMlAircraft,
     DerivativeAircraft,
     DerivativeDispersion,
+    dispersed_dave_ml_aircraft,
     dispersed_derivative_aircraft,
 )
-from anser.derivative_names import ARGUMENTS, COEFFICIENTS
+from anser.derivative_names import ARGUMENTS, BODY_COEFFICIENTS, COEFFICIENTS, columns_of
 from anser.numerics import Tables, as_array, make_axes, make_tables
 from anser.scenario.airframe_file.build_dave_ml import build_dave_ml
 from anser.scenario.airframe_file.build_parts import (
@@ -150,22 +152,22 @@ def with_derivatives(airframe: DerivativeAircraft, file: AirframeFile, instead: 
     return eqx.tree_at(lambda a: a.derivatives, airframe, as_array(values))
 
 
-def dispersed_airframe(airframe: DerivativeAircraft, deviation: Deviation) -> DerivativeAircraft:
-    """Airframe that differs as a scenario says; factors by name are those on `DerivativeAircraft.derivatives`."""
-    surfaces = airframe.actuators.names
-    names = [
-        [row + column for column in (*ARGUMENTS, *(f"_{surface}" for surface in surfaces))] for row in COEFFICIENTS
-    ]
-    factors = np.asarray([[getattr(deviation.coefficients, name, 1.0) for name in row] for row in names])
-    return dispersed_derivative_aircraft(
-        airframe,
-        DerivativeDispersion(
-            derivatives=as_array(factors),
-            tables=as_array([factors[place] for place in airframe.table_places]) if airframe.table_places else None,
-            thrust=as_array(deviation.thrust),
-            mass=as_array(deviation.mass),
-            inertia=as_array([deviation.roll_inertia, deviation.pitch_inertia, deviation.yaw_inertia]),
-            actuator_bandwidth=as_array(deviation.actuator_bandwidth),
-            cg_shift=as_array(deviation.cg_shift),
-        ),
+def dispersed_airframe(
+    airframe: DerivativeAircraft | DaveMlAircraft, deviation: Deviation
+) -> DerivativeAircraft | DaveMlAircraft:
+    """Airframe that differs as a scenario says; factors are on `DerivativeAircraft.derivatives`, or on CX to Cn."""
+    body = BodyDispersion(
+        thrust=as_array(deviation.thrust),
+        mass=as_array(deviation.mass),
+        inertia=as_array([deviation.roll_inertia, deviation.pitch_inertia, deviation.yaw_inertia]),
+        actuator_bandwidth=as_array(deviation.actuator_bandwidth),
+        cg_shift=as_array(deviation.cg_shift),
     )
+    given = deviation.coefficients
+    if isinstance(airframe, DaveMlAircraft):
+        whole = as_array([getattr(given, name) for name in BODY_COEFFICIENTS])
+        return dispersed_dave_ml_aircraft(airframe, whole, body)
+    columns = columns_of(airframe.actuators.names)
+    factors = np.asarray([[getattr(given, row + column, 1.0) for column in columns] for row in COEFFICIENTS])
+    tables = as_array([factors[place] for place in airframe.table_places]) if airframe.table_places else None
+    return dispersed_derivative_aircraft(airframe, DerivativeDispersion(as_array(factors), tables, body))

@@ -36,6 +36,11 @@ class AnyAirframeFile(Table):
     validity: Validity = part("where the data hold", "a table [validity]")
     check: Check = part("what must come out", "a table [check]", Check())
 
+    @property
+    def has_engine(self) -> bool:
+        """Whether anything drives it."""
+        return self.engine is not None
+
 
 def check_problems(check: Check, surfaces: Sequence[str]) -> list[Problem]:
     """Find deflections, in the check data of a file, of what is no surface of it."""

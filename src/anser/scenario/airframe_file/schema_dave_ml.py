@@ -73,6 +73,11 @@ class DaveMlFile(AnyAirframeFile):
         """Names of the surfaces."""
         return tuple(one.name for one in self.surface)
 
+    @property
+    def has_engine(self) -> bool:
+        """Whether a file of propulsion or a table [engine] drives it."""
+        return self.dave_ml.propulsion is not None or self.engine is not None
+
     def own_problems(self) -> list[Problem]:
         """Find what is given twice or not at all, and what is wrong between tables of the file."""
         found, of = [], self.dave_ml
