@@ -6,6 +6,8 @@ BODY_COEFFICIENTS = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
 """Forces along the body axes; moments of roll, pitch and yaw: as a DAVE-ML file has them, without derivatives."""
 ARGUMENTS = ("0", "_alpha", "_beta", "_p", "_q", "_r", "_alpha2", "_beta2")
 """What a derivative's name ends with: factors of 1, alpha, beta, p b/2V, q c/2V, r b/2V, alpha^2, beta^2."""
+STILL = ("0", "_alpha", "_alpha2")
+"""Those without sideslip and rates."""
 DERIVATIVES = tuple(row + column for row in COEFFICIENTS for column in ARGUMENTS)
 """Of the aircraft itself, such as `CL0` and `Cm_alpha`; those of a surface end with its name, as in `Cm_elevator`."""
 

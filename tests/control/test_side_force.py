@@ -11,7 +11,7 @@ from control_cases import QUICK
 from scipy.optimize import fsolve
 
 import anser
-from anser.aircraft import condition
+from anser.aircraft import AirData, condition
 from anser.control import default_limits, initial_autopilot_state, path_motion, published_gains
 from anser.control.onboard_model import onboard_model
 from anser.control.velocity_loop import attitude_demand, side_force
@@ -84,3 +84,21 @@ def test_a_symmetric_aircraft_has_none(name, speed, altitude):
     force, (mu, _, _) = demanded(load_airframe(name), anser.trim(name, speed, altitude).point.state)
     assert float(force) == 0.0
     assert float(mu) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("name", "variant"), [("f16", "textbook"), ("nasa-f16", None), ("aerosonde", None), ("f16", "tp1538")]
+)
+def test_who_says_that_it_is_symmetric_has_no_side_force(name, variant):
+    airframe = load_airframe(name) if variant is None else load_airframe(name, variant)
+    alphas = np.linspace(*(float(end) for end in airframe.alpha_range), 50)
+    zero = jnp.zeros(())
+
+    @jax.jit
+    @jax.vmap
+    def side(alpha):
+        air_data = AirData(zero + 100.0, alpha, zero, zero + 1.0, zero + 5000.0, zero + 0.3, zero)
+        at_rest = airframe.actuators.scheduled(jnp.zeros(len(airframe.actuators.names)), air_data)
+        return airframe.aerodynamics(air_data, jnp.zeros(3), at_rest).force_b[1]
+
+    assert airframe.symmetric == (float(jnp.max(jnp.abs(side(jnp.asarray(alphas))))) == 0.0)

@@ -1,9 +1,11 @@
 """An airframe whose numbers come from DAVE-ML files (ANSI/AIAA S-119) with its standard names."""
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -36,6 +38,7 @@ _CENTRE = tuple(f"bodyPositionOfCmWrtMrc_{axis}" for axis in "XYZ")
 INERTIA_OUTPUTS = (*_INERTIAS, *_CENTRE, "totalMass")
 """What a file of inertia must give."""
 _GRAVITY_M_S2 = 9.80665
+_ALPHAS, _SPEEDS_M_S = 41, (20.0, 60.0, 200.0)
 
 
 class DaveMlAircraft(AbstractAirframe):
@@ -53,6 +56,8 @@ class DaveMlAircraft(AbstractAirframe):
         On CX, CY, CZ, Cl, Cm, Cn of the file; 1 as they are.
     inputs
         The file's input that each surface moves.
+    still_side_force
+        Whether there may be a side force without sideslip, rates and deflections.
     airspeed_least
         Below it the airspeed of the file is held, m/s: p b/2V has no bound at rest.
     validity
@@ -73,6 +78,12 @@ class DaveMlAircraft(AbstractAirframe):
     airspeed_least: Scalar
     validity: Validity
     inputs: tuple[str, ...] = eqx.field(static=True)
+    still_side_force: bool = eqx.field(static=True, default=True)
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether `still_side_force` says so."""
+        return not self.still_side_force
 
     def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Float[Array, "6"]:
         """CX, CY, CZ, Cl, Cm, Cn of the file times their factors, moments about its reference centre."""
@@ -182,7 +193,7 @@ def dave_ml_airframe(
             point_b=as_array(np.zeros(3)),
             thrust_factor=as_array(1.0),
         )
-    return DaveMlAircraft(
+    made = DaveMlAircraft(
         mass_properties=mass_properties,
         actuators=actuators,
         engine=engine,
@@ -198,6 +209,20 @@ def dave_ml_airframe(
         validity=everywhere() if validity is None else validity,
         inputs=tuple(inputs),
     )
+    return dataclasses.replace(made, still_side_force=_has_still_side_force(made))
+
+
+def _has_still_side_force(aircraft: DaveMlAircraft) -> bool:
+    """Whether the file leaves a side force at any of some angles of attack and airspeeds, all else at rest."""
+    low, high = (float(end) for end in aircraft.alpha_range)
+    zero = jnp.zeros(())
+
+    def side(alpha: Scalar, speed: Scalar) -> Scalar:
+        air_data = AirData(speed, alpha, zero, zero + 1.0, 0.5 * speed**2, speed / 340.0, zero)
+        return aircraft.coefficients(air_data, jnp.zeros(3), jnp.zeros(len(aircraft.inputs)))[1]
+
+    alphas, speeds = np.meshgrid(np.linspace(low, high, _ALPHAS), _SPEEDS_M_S)
+    return bool(np.any(jax.jit(jax.vmap(side))(jnp.asarray(alphas.ravel()), jnp.asarray(speeds.ravel()))))
 
 
 def _mass_of(inertia: Model, given: Mapping[str, float]) -> tuple[MassProperties, Vector3]:

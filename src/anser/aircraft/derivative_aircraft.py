@@ -12,13 +12,13 @@ from anser.aircraft.engine import AbstractEngine
 from anser.aircraft.interface import AbstractAirframe, MassProperties
 from anser.aircraft.validity import Validity, outside
 from anser.aircraft.wrench import Wrench
-from anser.derivative_names import ARGUMENTS
+from anser.derivative_names import ARGUMENTS, STILL
 from anser.numerics import Tables, cross
 from anser.shapes import Flag, Scalar, Vector, Vector3
 
 NEVER = 100.0
 """Angle of attack of the stall, rad, of an aircraft that has none."""
-_OF_ALPHA = tuple(ARGUMENTS.index(one) for one in ("0", "_alpha", "_alpha2"))
+_OF_ALPHA = tuple(ARGUMENTS.index(one) for one in STILL)
 
 
 class DerivativeAircraft(AbstractAirframe):
@@ -48,6 +48,8 @@ class DerivativeAircraft(AbstractAirframe):
         On the values of each function; 1 as published.
     validity
         Of airspeed, altitude and Mach number.
+    still_side_force
+        Whether there may be a side force without sideslip, rates and deflections: CY0 and the like.
     """
 
     mass_properties: MassProperties
@@ -68,6 +70,12 @@ class DerivativeAircraft(AbstractAirframe):
     table_factors: Float[Array, " tables"] | None = None
     table_places: tuple[tuple[int, int], ...] = eqx.field(static=True, default=())
     table_arguments: tuple[int, ...] = eqx.field(static=True, default=())
+    still_side_force: bool = eqx.field(static=True, default=True)
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether `still_side_force` says so."""
+        return not self.still_side_force
 
     def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Float[Array, "6"]:
         """`COEFFICIENTS` about the reference point.

@@ -66,6 +66,11 @@ class F16(AbstractF16):
     normal_force_elevator: Scalar
     tables: Tables
 
+    @property
+    def symmetric(self) -> bool:
+        """Side force by sideslip, aileron, rudder and rates alone."""
+        return True
+
     def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> F16Coefficients:
         """Force and moment coefficients (theory section 4).
 

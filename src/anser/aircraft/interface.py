@@ -98,6 +98,14 @@ class AbstractAirframe(eqx.Module):
     alpha_range: eqx.AbstractVar[tuple[Scalar, Scalar]]
     beta_range: eqx.AbstractVar[tuple[Scalar, Scalar]]
 
+    @property
+    def symmetric(self) -> bool:
+        """Whether the air leaves no side force without sideslip, rates and deflections; False where nobody knows.
+
+        Static: the autopilot then does not look for one.
+        """
+        return False
+
     @abc.abstractmethod
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
         """Aerodynamic force and moment for the given air data, body rates (rad/s) and deflections (rad)."""

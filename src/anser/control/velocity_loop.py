@@ -95,6 +95,8 @@ def side_force(model: OnboardModel) -> Scalar:
     With the surfaces at rest: what small deflections against its rolling and yawing moments add is left out.
     """
     airframe, now = model.airframe, model.slow
+    if airframe.symmetric:
+        return now.propulsive.force_b[1]
     data = eqx.tree_at(lambda d: d.beta, now.air_data, jnp.zeros_like(now.air_data.beta))
     at_rest = airframe.actuators.scheduled(jnp.zeros_like(model.surfaces_slow), data)
     wrench = airframe.aerodynamics(data, jnp.zeros_like(model.state.rates_b), at_rest)

@@ -2,6 +2,7 @@
 
 import functools
 import math
+from collections.abc import Sequence
 from typing import overload
 
 import equinox as eqx
@@ -16,7 +17,7 @@ from anser.aircraft import (
     dispersed_dave_ml_aircraft,
     dispersed_derivative_aircraft,
 )
-from anser.derivative_names import ARGUMENTS, BODY_COEFFICIENTS, COEFFICIENTS, columns_of
+from anser.derivative_names import ARGUMENTS, BODY_COEFFICIENTS, COEFFICIENTS, STILL, columns_of
 from anser.numerics import Tables, as_array, make_axes, make_tables
 from anser.scenario.airframe_file.build_dave_ml import build_dave_ml
 from anser.scenario.airframe_file.build_parts import (
@@ -67,6 +68,7 @@ def _of_derivatives(file: AirframeFile) -> DerivativeAircraft:
     geometry, aero, valid = file.geometry, file.aerodynamics, file.validity
     aspect = geometry.span_m**2 / geometry.wing_area_m2
     tables, places = _tables(file)
+    derivatives = _derivatives(file)
     return DerivativeAircraft(
         mass_properties=build_mass(file.mass),
         actuators=build_actuators(file.surface),
@@ -77,7 +79,7 @@ def _of_derivatives(file: AirframeFile) -> DerivativeAircraft:
         wing_area=as_array(geometry.wing_area_m2),
         mean_chord=as_array(geometry.mean_chord_m),
         cg_offset_b=as_array(geometry.cg_offset_m),
-        derivatives=as_array(_derivatives(file)),
+        derivatives=as_array(derivatives),
         induced_drag=as_array(0.0 if aero.oswald is None else 1.0 / (math.pi * aero.oswald * aspect)),
         stall_sharpness=as_array(aero.stall_sharpness),
         stall_alpha=as_array(NEVER if aero.stall_alpha_deg is None else aero.stall_alpha_deg * DEG_RAD),
@@ -86,6 +88,16 @@ def _of_derivatives(file: AirframeFile) -> DerivativeAircraft:
         table_factors=None if tables is None else as_array(np.ones(len(places))),
         table_places=places,
         table_arguments=_arguments(file),
+        still_side_force=_has_still_side_force(derivatives, places),
+    )
+
+
+def _has_still_side_force(derivatives: np.ndarray, places: Sequence[tuple[int, int]]) -> bool:
+    """Whether the side force has a part that neither sideslip nor a rate or a deflection makes."""
+    row = COEFFICIENTS.index("CY")
+    still = [column for column, name in enumerate(ARGUMENTS) if name in STILL]
+    return bool(np.any(derivatives[row, still])) or any(
+        place in {(row, column) for column in still} for place in places
     )
 
 
