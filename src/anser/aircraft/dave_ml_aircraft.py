@@ -213,13 +213,14 @@ def dave_ml_airframe(
 
 
 def _has_still_side_force(aircraft: DaveMlAircraft) -> bool:
-    """Whether the file leaves a side force at any of some angles of attack and airspeeds, all else at rest."""
+    """Whether the files leave a side force at any of some angles of attack and airspeeds, at full power, at rest."""
     low, high = (float(end) for end in aircraft.alpha_range)
     zero = jnp.zeros(())
 
-    def side(alpha: Scalar, speed: Scalar) -> Scalar:
+    def side(alpha: Scalar, speed: Scalar) -> Vector:
         air_data = AirData(speed, alpha, zero, zero + 1.0, 0.5 * speed**2, speed / 340.0, zero)
-        return aircraft.coefficients(air_data, jnp.zeros(3), jnp.zeros(len(aircraft.inputs)))[1]
+        force_b = aircraft.aerodynamics(air_data, jnp.zeros(3), jnp.zeros(len(aircraft.inputs))).force_b
+        return jnp.stack([force_b[1], aircraft.engine.propulsion(100.0, air_data).force_b[1]])
 
     alphas, speeds = np.meshgrid(np.linspace(low, high, _ALPHAS), _SPEEDS_M_S)
     return bool(np.any(jax.jit(jax.vmap(side))(jnp.asarray(alphas.ravel()), jnp.asarray(speeds.ravel()))))

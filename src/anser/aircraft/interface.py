@@ -100,7 +100,7 @@ class AbstractAirframe(eqx.Module):
 
     @property
     def symmetric(self) -> bool:
-        """Whether the air leaves no side force without sideslip, rates and deflections; False where nobody knows.
+        """Whether there is no side force without sideslip, rates and deflections; False where nobody knows.
 
         Static: the autopilot then does not look for one.
         """

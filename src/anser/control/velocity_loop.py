@@ -90,13 +90,11 @@ def lift_at(
 
 
 def side_force(model: OnboardModel) -> Scalar:
-    """Force to the right in straight flight without sideslip, N: of an aircraft that is not symmetric, 0 of another.
+    """Force to the right in straight flight without sideslip, N: of an aircraft that is not symmetric.
 
     With the surfaces at rest: what small deflections against its rolling and yawing moments add is left out.
     """
     airframe, now = model.airframe, model.slow
-    if airframe.symmetric:
-        return now.propulsive.force_b[1]
     data = eqx.tree_at(lambda d: d.beta, now.air_data, jnp.zeros_like(now.air_data.beta))
     at_rest = airframe.actuators.scheduled(jnp.zeros_like(model.surfaces_slow), data)
     wrench = airframe.aerodynamics(data, jnp.zeros_like(model.state.rates_b), at_rest)
@@ -138,15 +136,17 @@ def attitude_demand(model: OnboardModel, gamma_dot: ScalarLike, chi_dot: ScalarL
     # a lift that points down turns the wrong way: bank fades out with the lift that is wanted
     upright = jnp.clip(up / level_min, 0.0, 1.0)
     mu_free = jnp.arctan2(upright * share * side_free, level)
-    beside = side_force(model)
-    tilt = jnp.arcsin(jnp.clip(beside / (mass * safe_hypot(share * side_free, level)), -_SIDE_MAX, _SIDE_MAX))
-    mu_free = mu_free - upright * tilt
+    beside = None if model.airframe.symmetric else side_force(model)
+    if beside is not None:
+        tilt = jnp.arcsin(jnp.clip(beside / (mass * safe_hypot(share * side_free, level)), -_SIDE_MAX, _SIDE_MAX))
+        mu_free = mu_free - upright * tilt
     mu = jnp.clip(mu_free, -limits.bank_max, limits.bank_max)
     c_mu = jnp.cos(motion.mu)
     # far from the wanted bank, on the back above all, the lift would point the wrong way: unload first, roll, then pull
     ready = jnp.clip(jnp.cos(motion.mu - mu) / _COS_READY, 0.0, 1.0)
-    carried = mass * up + beside * jnp.sin(motion.mu)
-    lift_free = ready * carried * c_mu / jnp.maximum(c_mu**2, _COS_BANK_MIN**2)
+    lift_free = ready * mass * up * c_mu / jnp.maximum(c_mu**2, _COS_BANK_MIN**2)
+    if beside is not None:
+        lift_free = lift_free + ready * beside * jnp.sin(motion.mu) * c_mu / jnp.maximum(c_mu**2, _COS_BANK_MIN**2)
     lift_wanted = jnp.clip(lift_free, limits.load_factor_min * weight, limits.load_factor_max * weight)
     slope_min = 0.02 * now.air_data.qbar  # keeps the step finite past the peak of the lift curve
 
