@@ -1,11 +1,15 @@
-"""Random tasks of three small electric aircraft over moving boats: planned, flown, held to their limits.
+"""Random tasks of three aircraft of one kind over moving boats: planned, flown, held to their limits.
 
-``python -m trials.uav_tasks [count] [first seed]``. No gain and no limit is given: they follow from the aircraft.
+``python -m trials.uav_tasks [count] [first seed]`` flies the small electric aircraft of the library, ``--airframe FILE
+--airspeed 50`` another one: places are farther apart as its airspeed is higher. No gain and no limit is given: they
+follow from the aircraft.
 """
 
+import argparse
 import math
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 
@@ -14,23 +18,25 @@ from anser.execution import NoPlanError
 from anser.scenario import Scenario, validate
 
 _AIRSPEED_M_S, _WIND_M_S, _BOAT_MOST_M_S = 25.0, 10.0, 5.0
+_AEROSONDE = {"type": "aerosonde"}
 _APART_M = 300.0
 
 
-def task(seed: int) -> Scenario:
-    """A task that two numbers of its own make: places, courses and boats at random, up to 3 km away."""
+def task(seed: int, airframe: dict[str, str], airspeed_m_s: float) -> Scenario:
+    """A task that two numbers of its own make: places, courses and boats at random, two minutes away or less."""
+    scale = airspeed_m_s / _AIRSPEED_M_S
     rng = np.random.default_rng(seed)
     aircraft, goals, places, away = [], [], [], float(rng.uniform(0.0, 2.0 * math.pi))
     for k in range(3):
-        boat, start = f"boat-{k + 1}", _apart(rng, [one["start"] for one in aircraft], 900.0)
-        place = _apart(rng, places, 900.0)
+        boat, start = f"boat-{k + 1}", _apart(rng, [one["start"] for one in aircraft], 900.0 * scale)
+        place = _apart(rng, places, 900.0 * scale)
         places.append(place)
         goals.append(
             {
                 "name": boat,
                 "kind": "surface",
-                "north_m": place["north_m"] + 2200.0 * math.cos(away),
-                "east_m": place["east_m"] + 2200.0 * math.sin(away),
+                "north_m": place["north_m"] + 2200.0 * scale * math.cos(away),
+                "east_m": place["east_m"] + 2200.0 * scale * math.sin(away),
                 "altitude_m": 0.0,
                 "speed_m_s": float(rng.uniform(0.0, _BOAT_MOST_M_S)),
                 "course_deg": float(rng.uniform(-180.0, 180.0)),
@@ -39,12 +45,12 @@ def task(seed: int) -> Scenario:
         aircraft.append(
             {
                 "name": f"uav-{k + 1}",
-                "type": "aerosonde",
+                **airframe,
                 "goal": boat,
                 "start": {
                     **start,
                     "altitude_m": float(rng.uniform(250.0, 500.0)),
-                    "speed_m_s": _AIRSPEED_M_S,
+                    "speed_m_s": airspeed_m_s,
                     "course_deg": float(rng.uniform(-180.0, 180.0)),
                 },
                 "rendezvous": {"stand_off_up_m": float(rng.uniform(160.0, 300.0))},
@@ -55,9 +61,9 @@ def task(seed: int) -> Scenario:
             "format": 2,
             "name": f"uav-task-{seed}",
             "timing": {"duration_s": 480.0},
-            "fleet": {"speed_m_s": _AIRSPEED_M_S},
+            "fleet": {"speed_m_s": airspeed_m_s},
             "wind": {"speed_m_s": _WIND_M_S, "from_deg": float(rng.uniform(0.0, 360.0))},
-            "hold": {"radius_m": 300.0},
+            "hold": {"radius_m": 300.0 * scale**2},
             "separation": {"horizontal_m": 100.0},
             "aircraft": aircraft,
             "goal": goals,
@@ -77,12 +83,12 @@ def _say(line: str) -> None:
     sys.stdout.flush()
 
 
-def main(count: int, first: int) -> int:
+def main(count: int, first: int, airframe: dict[str, str], airspeed_m_s: float) -> int:
     """Fly so many tasks; 0 where every one that has a plan keeps what is required of it."""
     met, refused, short = 0, 0, []
     began = time.monotonic()
     for seed in range(first, first + count):
-        wanted = task(seed)
+        wanted = task(seed, airframe, airspeed_m_s)
         try:
             flown = anser.run(wanted)
         except NoPlanError as error:
@@ -108,5 +114,11 @@ def main(count: int, first: int) -> int:
 
 
 if __name__ == "__main__":
-    numbers = [int(word) for word in sys.argv[1:3]]
-    sys.exit(main(*(numbers + [50, 0][len(numbers) :])))
+    asked = argparse.ArgumentParser()
+    asked.add_argument("count", type=int, nargs="?", default=50)
+    asked.add_argument("first", type=int, nargs="?", default=0)
+    asked.add_argument("--airframe", type=Path)
+    asked.add_argument("--airspeed", type=float, default=_AIRSPEED_M_S)
+    given = asked.parse_args()
+    which = _AEROSONDE if given.airframe is None else {"airframe": str(given.airframe.resolve())}
+    sys.exit(main(given.count, given.first, which, given.airspeed))
