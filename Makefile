@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 OUT ?= runs/three-aircraft-$(shell date +%Y%m%d-%H%M%S)
 
-.PHONY: demo test types tests test-long docs bench verification plan-trials descent-trials autopilot clean
+.PHONY: demo test laws tests test-long docs bench verification plan-trials descent-trials autopilot clean
 
 demo: .venv/.installed
 	$(BIN)/anser run scenarios/three-aircraft.toml --out $(OUT)
@@ -11,11 +11,11 @@ demo: .venv/.installed
 test: .venv/.installed-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/lint-imports
-	$(MAKE) --no-print-directory -j 2 types tests
+	$(MAKE) --no-print-directory -j 2 laws tests
 
-# Beside the tests: the type checker has work for one core only.
-types: .venv/.installed-test
+# Beside the tests, because types and imports have work for one core only.
+laws: .venv/.installed-test
+	$(BIN)/lint-imports
 	$(BIN)/basedpyright
 
 tests: .venv/.installed-test

@@ -52,11 +52,11 @@ if os.environ.get("CI"):
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The longest files first, so that no worker waits for one at the end."""
     first = (
-        "test_negotiated.py",
-        "test_many_flights.py",
-        "test_execute.py",
         "test_report_browser.py",
-        "test_own_parts.py",
+        "test_many_flights.py",
+        "test_cli.py",
+        "test_plan_file.py",
+        "test_capability.py",
         "test_goal_filters.py",
     )
     items.sort(key=lambda item: first.index(item.path.name) if item.path.name in first else len(first))

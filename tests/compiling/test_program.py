@@ -193,6 +193,7 @@ while True:
 """
 
 
+@pytest.mark.long
 def test_a_process_killed_while_it_writes_leaves_a_whole_program_or_none(tmp_path):
     """Fifty times; what the store gives is what some process has saved."""
     store, random = FolderStore(tmp_path / "programs"), np.random.default_rng(0)

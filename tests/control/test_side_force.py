@@ -78,14 +78,6 @@ def test_the_f16_of_tp1538_is_banked_until_its_course_stands():
     assert float(mu) == pytest.approx(np.radians(0.73), rel=0.03)
 
 
-@pytest.mark.parametrize(("name", "speed", "altitude"), [("f16", 150.0, 1000.0), ("aerosonde", 25.0, 300.0)])
-def test_a_symmetric_aircraft_has_none(name, speed, altitude):
-    """Then the published law stands as it is, to the last bit."""
-    force, (mu, _, _) = demanded(load_airframe(name), anser.trim(name, speed, altitude).point.state)
-    assert float(force) == 0.0
-    assert float(mu) == 0.0
-
-
 @pytest.mark.parametrize(
     ("name", "variant"), [("f16", "textbook"), ("nasa-f16", None), ("aerosonde", None), ("f16", "tp1538")]
 )

@@ -210,6 +210,7 @@ def test_it_shows_itself_in_a_notebook_and_in_a_browser(three, monkeypatch):
     assert "separation" in three.plot.names
 
 
+@pytest.mark.long
 def test_a_start_without_steady_flight_is_told():
     # 95 m/s at 14 km: even at 45 deg angle of attack the lift and thrust there do not carry the weight.
     text = THREE.replace("altitude_m = 1000.0, speed_m_s = 150.0", "altitude_m = 14000.0, speed_m_s = 95.0")

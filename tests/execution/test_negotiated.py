@@ -68,6 +68,7 @@ def flown(planned):
     return anser.run(loads(TEXT), planned=planned)
 
 
+@pytest.mark.long
 def test_they_agree_on_one_arrival_and_keep_apart(planned):
     assert planned.problems() == ()
     arrivals = np.asarray(planned.plan.arrival_times)
@@ -102,6 +103,7 @@ def test_what_became_of_the_network_is_told(flown):
     assert set(np.unique(heard[:, 1])) == {0, 1}
 
 
+@pytest.mark.long
 def test_a_plan_kept_in_a_file_is_the_same(planned, tmp_path):
     write_plan(planned, tmp_path / "plan.npz")
     again = read_plan(tmp_path / "plan.npz", loads(TEXT))
@@ -110,6 +112,7 @@ def test_a_plan_kept_in_a_file_is_the_same(planned, tmp_path):
     assert again.agreed_after_s == planned.agreed_after_s
 
 
+@pytest.mark.long
 def test_out_of_range_nobody_agrees_and_it_is_said_why(few_candidates):
     refused = anser.plan(loads(TEXT.replace("range_m = 40000.0", "range_m = 3000.0\nagree_within_s = 5.0")))
     (why,) = refused.problems()

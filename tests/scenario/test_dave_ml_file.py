@@ -201,6 +201,7 @@ coefficients = { CZ = 0.8, Cm = 1.5 }
 """
 
 
+@pytest.mark.long
 def test_a_deviation_flies_another_aircraft_than_its_autopilot_knows(folder):
     vehicle = build_flight(loads(FLEET + DEVIATION, str(folder / "one.toml"))).aircraft(0)[0]
     known, flown = load_airframe(str(folder / "my-f16.toml")), vehicle.airframe

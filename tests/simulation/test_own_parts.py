@@ -124,6 +124,7 @@ def test_a_planner_a_controller_and_a_sensor_of_ones_own_fly_a_mission():
     assert np.all((history["altitude"] > 100.0) & (history["altitude"] < 1600.0))
 
 
+@pytest.mark.long
 def test_straight_lines_under_the_autopilot_meet_their_rendezvous(ordinary):
     _, history = ordinary
     np.testing.assert_array_equal(history["status"], 0)
