@@ -25,13 +25,13 @@ V, ALTITUDE_M = 150.0, 1000.0
 
 
 @functools.partial(jax.jit, compiler_options=QUICK)
-def demanded(airframe, state):
-    """Side force (N), and attitude for straight and level flight."""
+def demanded(airframe, state, chi_dot=0.0):
+    """Side force (N), and attitude for level flight, straight or in a turn (rad/s)."""
     memory = initial_autopilot_state(jnp.zeros(3), state.rates_b, state.surfaces)
     model = onboard_model(
         believed(airframe, ENVIRONMENT, state), default_limits(), published_gains(), memory, jnp.asarray(0.01)
     )
-    return side_force(model), attitude_demand(model, jnp.asarray(0.0), jnp.asarray(0.0)).angles
+    return side_force(model), attitude_demand(model, jnp.asarray(0.0), jnp.asarray(chi_dot)).angles
 
 
 def banked(state, mu, alpha, surfaces):
@@ -76,6 +76,24 @@ def test_the_f16_of_tp1538_is_banked_until_its_course_stands():
     assert before == pytest.approx(-0.123 / V, rel=0.01)
     assert abs(chi_dot) < 0.05 * abs(before)
     assert float(mu) == pytest.approx(np.radians(0.73), rel=0.03)
+
+
+@pytest.mark.parametrize("turn", [-0.06, 0.06])
+def test_turns_to_both_sides_are_level_and_as_fast_as_asked(turn):
+    """At 43 deg of bank the side force lifts: unless the lift gives way, one turn rises and the other sinks."""
+    airframe = load_airframe("f16", "tp1538")
+    state = anser.trim("f16", V, ALTITUDE_M, variant="tp1538").point.state
+    still = np.asarray(state.surfaces) * np.array([1.0, 0.0, 0.0, 1.0])
+    mu = alpha = jnp.zeros(())
+    for _ in range(6):  # the lift for a bank is that for the present one
+        state = banked(state, mu, alpha, still)
+        _, (mu, alpha, _) = demanded(airframe, state, turn)
+    now = condition(airframe, ENVIRONMENT, 0.0, state)
+    mass, gravity = airframe.mass_properties.mass, ENVIRONMENT.gravity
+    _, gamma_dot, chi_dot = path_motion(now, now.wrench.force_b, state.velocity_b, mass, gravity).path_rates
+    lost = 0.123 / V
+    assert abs(float(gamma_dot)) < 0.1 * lost
+    assert abs(float(chi_dot) - turn) < 0.1 * lost
 
 
 @pytest.mark.parametrize(

@@ -25,6 +25,7 @@ from anser.scenario.airframe_file import DaveMlFile, library_file, validate_airf
 from anser.scenario.airframe_file.build import build_airframe
 from anser.scenario.airframe_file.checking import compare
 from anser.scenario.airframe_file.linting import lint
+from anser.scenario.build_aircraft import dispersed
 
 NASA = resources.files("anser.dave_ml").joinpath("nasa")
 TRAINER = Path(__file__).parents[2] / "scenarios" / "own-aircraft" / "trainer.toml"
@@ -201,10 +202,30 @@ coefficients = { CZ = 0.8, Cm = 1.5 }
 """
 
 
+def test_a_side_force_at_rest_is_found(folder):
+    """In the whole of the trainer's file, at one angle of attack alone, and in none of it."""
+    text = TRAINER.with_suffix(".dml").read_text(encoding="utf-8")
+    row = "<apply><plus/><apply><times/><cn>-0.393</cn><ci>BR</ci></apply>"
+    assert row in text
+    for put in ("", "<cn>0.001</cn>", "<apply><times/><cn>0.001</cn><ci>AR</ci></apply>"):
+        (folder / "trainer.dml").write_text(
+            text.replace(row, row.replace("<plus/>", "<plus/>" + put)), encoding="utf-8"
+        )
+        (folder / "trainer.toml").write_text(TRAINER.read_text(encoding="utf-8"), encoding="utf-8")
+        assert load_airframe(str(folder / "trainer.toml")).symmetric == (not put)
+
+
 @pytest.mark.long
-def test_a_deviation_flies_another_aircraft_than_its_autopilot_knows(folder):
+def test_a_deviation_reaches_what_flies(folder):
     vehicle = build_flight(loads(FLEET + DEVIATION, str(folder / "one.toml"))).aircraft(0)[0]
-    known, flown = load_airframe(str(folder / "my-f16.toml")), vehicle.airframe
+    known = load_airframe(str(folder / "my-f16.toml"))
+    np.testing.assert_allclose(vehicle.airframe.mass_properties.mass, 1.1 * known.mass_properties.mass)
+
+
+def test_a_deviation_makes_another_aircraft(folder):
+    deviation = loads(FLEET + DEVIATION, str(folder / "one.toml")).aircraft[0].deviation
+    known = load_airframe(str(folder / "my-f16.toml"))
+    flown = dispersed(known, deviation)
     np.testing.assert_allclose(flown.mass_properties.mass, 1.1 * known.mass_properties.mass)
     factor = np.sqrt([1.0, 1.0, 1.21])
     np.testing.assert_allclose(

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from anser.aircraft.actuators import AbstractActuators, FirstOrderActuators, SecondOrderActuators
 from anser.aircraft.dave_ml_engine import DaveMlEngine
 from anser.aircraft.electric_propeller import ElectricPropeller
-from anser.aircraft.engine import AbstractEngine
+from anser.aircraft.engine import AbstractEngine, NoEngine
 from anser.aircraft.interface import AbstractAirframe, MassProperties
 from anser.aircraft.jet_engine import JetEngine
 from anser.aircraft.piston_propeller import PistonPropeller
@@ -94,9 +94,17 @@ def _quickened(actuators: AbstractActuators, factor: Scalar) -> AbstractActuator
 
 
 def _changed_engine(engine: AbstractEngine, thrust: Scalar, shift_b: Vector3) -> AbstractEngine:
-    """Engine with a factor on its thrust, seen from a centre of gravity that lies so far behind (m); else as it is."""
-    if not isinstance(engine, DaveMlEngine | JetEngine | ElectricPropeller | PistonPropeller):
+    """Engine with a factor on its thrust, seen from a centre of gravity that lies so far behind (m).
+
+    Raises
+    ------
+    TypeError
+        An engine of a kind whose thrust is not known here.
+    """
+    if isinstance(engine, NoEngine):
         return engine
+    if not isinstance(engine, DaveMlEngine | JetEngine | ElectricPropeller | PistonPropeller):
+        raise TypeError(f"engine: arrived {type(engine).__name__}; expected a jet, a propeller, one by DAVE-ML")
     return eqx.tree_at(
         lambda e: (e.thrust_factor, e.point_b), engine, (engine.thrust_factor * thrust, engine.point_b + shift_b)
     )

@@ -38,7 +38,8 @@ _CENTRE = tuple(f"bodyPositionOfCmWrtMrc_{axis}" for axis in "XYZ")
 INERTIA_OUTPUTS = (*_INERTIAS, *_CENTRE, "totalMass")
 """What a file of inertia must give."""
 _GRAVITY_M_S2 = 9.80665
-_ALPHAS, _SPEEDS_M_S = 41, (20.0, 60.0, 200.0)
+_ALPHAS, _SPEEDS_M_S, _POWERS = 41, (20.0, 60.0, 200.0, 600.0), (0.0, 50.0, 100.0)
+"""Where a side force is looked for: Mach numbers up to 1.8, at sea level."""
 
 
 class DaveMlAircraft(AbstractAirframe):
@@ -213,17 +214,24 @@ def dave_ml_airframe(
 
 
 def _has_still_side_force(aircraft: DaveMlAircraft) -> bool:
-    """Whether the files leave a side force at any of some angles of attack and airspeeds, at full power, at rest."""
-    low, high = (float(end) for end in aircraft.alpha_range)
+    """Whether files leave a side force at any of some angles of attack, airspeeds and powers, all else at rest."""
+    low, high = aircraft.alpha_range
+    alphas = np.linspace(float(low), float(high), _ALPHAS)
+    return bool(np.any(_side_forces(aircraft, *(as_array(one) for one in (alphas, _SPEEDS_M_S, _POWERS)))))
+
+
+@jax.jit
+def _side_forces(aircraft: DaveMlAircraft, alphas: Vector, speeds: Vector, powers: Vector) -> Array:
+    """Side force of air and engine without sideslip, rates and deflections, N, over angle of attack and airspeed."""
     zero = jnp.zeros(())
 
     def side(alpha: Scalar, speed: Scalar) -> Vector:
         air_data = AirData(speed, alpha, zero, zero + 1.0, 0.5 * speed**2, speed / 340.0, zero)
         force_b = aircraft.aerodynamics(air_data, jnp.zeros(3), jnp.zeros(len(aircraft.inputs))).force_b
-        return jnp.stack([force_b[1], aircraft.engine.propulsion(100.0, air_data).force_b[1]])
+        pushed = jax.vmap(lambda power: aircraft.engine.propulsion(power, air_data).force_b[1])(powers)
+        return jnp.append(pushed, force_b[1])
 
-    alphas, speeds = np.meshgrid(np.linspace(low, high, _ALPHAS), _SPEEDS_M_S)
-    return bool(np.any(jax.jit(jax.vmap(side))(jnp.asarray(alphas.ravel()), jnp.asarray(speeds.ravel()))))
+    return jax.vmap(jax.vmap(side, in_axes=(None, 0)), in_axes=(0, None))(alphas, speeds)
 
 
 def _mass_of(inertia: Model, given: Mapping[str, float]) -> tuple[MassProperties, Vector3]:

@@ -12,7 +12,7 @@ from anser.campaigns.sampling import independent
 from anser.campaigns.store import CampaignStore
 from anser.report.comparison import scenario_differences
 from anser.results import finite_or_none, mcnemar_exact, order_statistic_interval, quantile, wilson_interval
-from anser.results.flight_columns import OF_AIRCRAFT, OF_FLEET, worst_of_fleet
+from anser.results.flight_columns import OF_AIRCRAFT, OF_FLEET, of_this_fleet, worst_of_fleet
 from anser.results.variable_labels import attributes_of
 
 if TYPE_CHECKING:
@@ -150,7 +150,7 @@ def compare_campaigns(
         only[1],
         int((~met).all(axis=0).sum()),
         mcnemar_exact(only[0], only[1]),
-        tuple(_difference(name, data[name].values, shares, confidence) for name in _OUTPUTS),
+        tuple(_difference(name, data[name].values, shares, confidence) for name in _OUTPUTS if name in data),
         _applied(one, other, numbers),
         tuple(scenario_differences(one.scenario.model_dump(mode="json"), other.scenario.model_dump(mode="json"))),
         (one.study.precision, other.study.precision),
@@ -183,7 +183,7 @@ def _pairs(one: CampaignStore, other: CampaignStore, numbers: np.ndarray) -> "xr
     dimensions = ("campaign", "flight")
     labels = {**OF_AIRCRAFT, **OF_FLEET}
     found: dict[str, Any] = {"met": (dimensions, met, attributes_of("1", "Whether every requirement is met"))}
-    for name in _OUTPUTS:
+    for name in of_this_fleet(_OUTPUTS, rows[0]):
         values = np.stack([worst_of_fleet(each[name].values, each["met"].values) for each in rows])
         found[name] = (dimensions, values, attributes_of(labels[name][0], _OUTPUTS[name]))
     return xr.Dataset(found, coords={"campaign": ["first", "second"], "flight": numbers})

@@ -18,10 +18,11 @@ _SAMPLES = 0.4
 """Bandwidth that is asked of an actuator, at most, times the sampling period."""
 _RATES, _ATTITUDE, _VELOCITY = 8.0, 2.5, 2.0
 """Bandwidth of each loop: that of the one inside it over this, as in the published gains (40, 5, 2, 1 1/s)."""
-_GAIN_MARGIN, _NEAREST = 2.5, 4.0
-"""Gain margin of an actuator, 8 dB, for which pitch and yaw are as fast as the aircraft's own stiffness asks for; at \
-most they come as near to the bandwidth of the actuators as this."""
+_GAIN_MARGIN, _NEAREST = 3.0, 4.0
+"""Gain margin of an actuator, 9.5 dB, that pitch and yaw leave by being as fast as the aircraft's own stiffness asks for;
+at most they come as near to the bandwidth of the actuators as this."""
 _RATE_DERIVATIVE = 1.0
+"""K_D of the body rates, as in the published gains."""
 _RATE_ERROR = np.radians(20.0)
 """Error of a body rate that the surfaces must be able to work on in full, rad/s."""
 _ENGINE, _ENGINE_MOST = 5.0, 5.0
@@ -93,12 +94,13 @@ def own_bandwidths(
 
 
 def _cancelled(airframe: AbstractAirframe, now: Condition, surfaces: Vector, of_actuators: Scalar) -> Vector:
-    """Stiffness (1/s^2, of P, Q, R) that the inversion cancels too much where an actuator has `_GAIN_MARGIN` its gain.
+    """Stiffness (1/s^2, of P, Q, R) that the loops must have beside the aircraft's own, -M_alpha or N_beta.
 
-    Inversion takes the aircraft's own stiffness, -M_alpha or N_beta, out and puts that of its loops in its place, the
-    product of their bandwidths. With k times the gain an actuator with the lag tau moves k tau B (1 + K_D) as fast to
-    the wanted deflection, but from it (k - 1) as fast too: it goes too far by (k - 1)/(k tau B (1 + K_D) - (k - 1)).
-    Loops that are slower than this share of the stiffness are unstable then.
+    Inversion takes the own stiffness S out and puts that of the loops in its place, the product of their bandwidths.
+    An actuator with the lag tau and k times its gain goes to the wanted deflection with k tau B (1 + K_D) and beyond it
+    with k - 1: r = k tau B (1 + K_D)/(k tau B (1 + K_D) - (k - 1)) times as far. What is left, S - r S and r times that
+    of the loops, is stable where the loops have more than (1 - 1/r) S = S (k - 1)/(k tau B (1 + K_D)); where that is
+    more than S, with actuators much faster than the samples, no loops make it so, and S is asked for.
     """
 
     def turned(angles: Vector) -> Vector:
@@ -110,12 +112,14 @@ def _cancelled(airframe: AbstractAirframe, now: Condition, surfaces: Vector, of_
     own = jnp.stack([jnp.zeros_like(slope[0, 0]), jnp.maximum(-slope[1, 0], 0.0), jnp.maximum(slope[2, 1], 0.0)])
     lag = jnp.max(airframe.actuators.time_constant[np.flatnonzero(airframe.actuators.commanded)])
     nearer = _GAIN_MARGIN * lag * of_actuators * (1.0 + _RATE_DERIVATIVE)
-    beyond = _GAIN_MARGIN - 1.0
-    return own * beyond / jnp.maximum(nearer - beyond, 0.1 * nearer)
+    return own * jnp.minimum((_GAIN_MARGIN - 1.0) / nearer, 1.0)
 
 
 def automatic_gains(bandwidths: Bandwidths) -> AutopilotGains:
-    """Gains of all loops from their bandwidths; feed-forward, dampings and filters keep the published proportions."""
+    """Gains of all loops from their bandwidths; feed-forward and dampings keep the published proportions.
+
+    So do the filters of commands, to the slowest axis of each loop.
+    """
     published, b = published_gains(), bandwidths
     damping = jnp.ones(3)
     slowest = {"rates": jnp.min(b.rates), "attitude": jnp.min(b.attitude[:2])}

@@ -33,9 +33,10 @@ def draw_paired(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
 
 
 def _drawn(dataset: xr.Dataset) -> "Figure":
-    _, figure = new_figure((7.6, 6.4))
-    axes = figure.subplots(2, 2, squeeze=False)
-    for row, (name, words, unit) in zip(axes, _QUANTITIES, strict=True):
+    shown = [one for one in _QUANTITIES if one[0] in dataset]
+    _, figure = new_figure((7.6, 3.2 * len(shown)))
+    axes = figure.subplots(len(shown), 2, squeeze=False)
+    for row, (name, words, unit) in zip(axes, shown, strict=True):
         first, second = dataset[name].values
         _draw_pairs(row[0], first, second, dataset["met"].values)
         row[0].set_xlabel(f"{words}, first ({unit})")

@@ -19,7 +19,10 @@ OF_AIRCRAFT = {
     "speed_min_m_s": ("m s-1", "Least airspeed up to the arrival"),
     "speed_max_m_s": ("m s-1", "Greatest airspeed up to the arrival"),
     "clearance_min_m": ("m", "Least distance to the goal"),
-    "position_error_max_m": ("m", "Greatest distance from the planned position up to the arrival"),
+    "position_error_max_m": (
+        "m",
+        "Greatest distance from the planned position while the plan is flown",
+    ),
     "tables_left_s": ("s", "Time outside the tables of the airframe"),
 }
 OF_FLEET = {

@@ -48,7 +48,7 @@ class FleetSummary(eqx.Module):
     speeds_until_arrival
         Up to then, without gusts; their integral over the arrival time is the mean airspeed.
     position_error_max
-        Up to then, while the plan is flown, m: in the hold there is no planned point.
+        Up to then, while the plan is flown, m: in the hold there is no planned point. -inf where none was flown.
     clearance_min
         Least distance from the goal, m.
     tables_left_time
@@ -109,7 +109,7 @@ class SummaryRecorder(AbstractRecorder):
             arrival_time=jnp.full(aircraft, jnp.nan),
             miss=none,
             speeds_until_arrival=speeds,
-            position_error_max=zero,
+            position_error_max=-none,
             clearance_min=none,
             tables_left_time=zero,
             first_status=code,
@@ -118,7 +118,7 @@ class SummaryRecorder(AbstractRecorder):
             separation_ratio_min=jnp.asarray(jnp.inf),
             finite=jnp.ones(aircraft, dtype=bool),
         )
-        return summary, _PreviousSample(jnp.zeros((aircraft, 3)), jnp.zeros((aircraft, 3)), zero, speeds, zero)
+        return summary, _PreviousSample(jnp.zeros((aircraft, 3)), jnp.zeros((aircraft, 3)), zero, speeds, -none)
 
     def take(
         self, memory: tuple[FleetSummary, _PreviousSample], sample: FleetSample, instant: Instant
@@ -197,7 +197,7 @@ def _of_one(sample: AircraftSample) -> dict[str, Array]:
         "offset_n": approach.rendezvous_n - state.position_n,
         "airspeed": sample.truth.now.air_data.V if sample.flow is None else sample.flow.airspeed,
         "clearance": safe_norm(approach.to_goal_n),
-        "position_error": jnp.where(approach.phase == HOLD, 0.0, safe_norm(sample.reference_n - state.position_n)),
+        "position_error": jnp.where(approach.phase == HOLD, -jnp.inf, safe_norm(sample.reference_n - state.position_n)),
         "arrival_time": approach.plan.arrival_time,
         "outside_tables": sample.truth.airframe.outside_tables(sample.truth.now.air_data),
         "status": sample.status,

@@ -98,3 +98,13 @@ def test_elevons_are_as_good_as_any_surfaces():
 def test_files_of_one_content_are_one_airframe():
     """So that aircraft of a fleet that share a file are of one kind, compiled once."""
     assert built() is load_airframe("aerosonde")
+
+
+def test_a_side_force_at_rest_is_found():
+    assert built().symmetric
+    assert not built(("CY_beta", "CY0 = 0.001\nCY_beta")).symmetric
+    assert not built(("CY_beta", "CY_alpha = 0.001\nCY_beta")).symmetric
+    assert built(("CY_beta", "CY_p = 0.001\nCY_beta")).symmetric
+    side = TABLE.replace('replaces = "Cm"', 'replaces = "{}"')
+    assert not built(text=AEROSONDE + side.format("CY")).symmetric
+    assert built(text=AEROSONDE + side.format("CY_r")).symmetric

@@ -1,11 +1,11 @@
 """From the file of an aircraft to its airframe: here input units end and arrays begin."""
 
+import dataclasses
 import functools
 import math
 from collections.abc import Sequence
 from typing import overload
 
-import equinox as eqx
 import numpy as np
 
 from anser.aircraft import (
@@ -161,7 +161,8 @@ def with_derivatives(airframe: DerivativeAircraft, file: AirframeFile, instead: 
     for name, value in instead.items():
         column = ARGUMENTS.index(name[2:])
         values[COEFFICIENTS.index(name[:2]), column] = value * scale[column]
-    return eqx.tree_at(lambda a: a.derivatives, airframe, as_array(values))
+    still = _has_still_side_force(values, airframe.table_places)
+    return dataclasses.replace(airframe, derivatives=as_array(values), still_side_force=still)
 
 
 def dispersed_airframe(
