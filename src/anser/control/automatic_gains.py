@@ -19,8 +19,8 @@ _SAMPLES = 0.4
 _RATES, _ATTITUDE, _VELOCITY = 8.0, 2.5, 2.0
 """Bandwidth of each loop: that of the one inside it over this, as in the published gains (40, 5, 2, 1 1/s)."""
 _GAIN_MARGIN, _NEAREST = 3.0, 4.0
-"""Gain margin of an actuator, 9.5 dB, that pitch and yaw leave by being as fast as the aircraft's own stiffness asks for;
-at most they come as near to the bandwidth of the actuators as this."""
+"""Gain margin of an actuator (9.5 dB) that pitch and yaw leave: the stiffer the aircraft, the faster they are; at most
+they come as near to the bandwidth of the actuators as this."""
 _RATE_DERIVATIVE = 1.0
 """K_D of the body rates, as in the published gains."""
 _RATE_ERROR = np.radians(20.0)
