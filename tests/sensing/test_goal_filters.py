@@ -109,7 +109,7 @@ def share_within(values, dimension):
     return np.mean((mean >= low) & (mean <= high))
 
 
-@pytest.mark.parametrize("kind", ["ekf", "ukf"])
+@pytest.mark.parametrize("kind", ["ekf", pytest.param("ukf", marks=pytest.mark.long)])
 @pytest.mark.parametrize("count", [200, pytest.param(1000, marks=pytest.mark.long)], ids=["200 runs", "1000 runs"])
 def test_the_errors_are_as_large_as_the_filter_says(kind, count):
     rows = runs(made((STEADY,), kind), count, samples=200 if count == 1000 else 60)
@@ -133,7 +133,7 @@ def test_interacting_models_are_consistent_in_the_mean(kind):
     np.testing.assert_allclose(nees(rows).mean(), 6.0, rtol=0.1)
 
 
-@pytest.mark.parametrize("kind", ["ekf", "ukf"])
+@pytest.mark.parametrize("kind", ["ekf", pytest.param("ukf", marks=pytest.mark.long)])
 def test_the_error_is_close_to_the_cramer_rao_bound(kind):
     """Of a goal without noise the posterior bound is the information of all measurements at the truth."""
     still = SteadyMotion(jnp.asarray(1e-12), jnp.asarray(1e-12))
