@@ -194,7 +194,13 @@ CORNERS = {
     "</piece><otherwise><ci>x</ci></otherwise></piecewise>",
     "logarithm not taken": "<piecewise><piece><apply><ln/><ci>x</ci></apply><apply><gt/><ci>x</ci><cn>0</cn></apply></piece>"
     "<otherwise><ci>y</ci></otherwise></piecewise>",
-    "end of arcsin": "<apply><arcsin/><apply><plus/><ci>x</ci><cn>1</cn></apply></apply>",
+    **{
+        f"end of {name}": f"<apply><{name}/><apply><plus/><ci>x</ci><cn>1</cn></apply></apply>"
+        for name in ("arcsin", "arcsec", "arccsc", "arcsech")
+    },
+    "arccot of 0": "<apply><arccot/><ci>x</ci></apply>",
+    "arccsch not taken": "<piecewise><piece><apply><arccsch/><ci>x</ci></apply><apply><gt/><ci>x</ci><cn>0</cn></apply>"
+    "</piece><otherwise><ci>x</ci></otherwise></piecewise>",
 }
 
 
@@ -204,6 +210,26 @@ def test_gradients_are_finite_where_a_slope_is_not(corner):
     value, slopes = jax.value_and_grad(lambda s: m.evaluate(s)["z"])({"x": jnp.array(0.0), "y": jnp.array(1.5)})
     assert np.isfinite(value)
     assert all(np.isfinite(slope) for slope in slopes.values())
+
+
+INVERSES = {
+    "arcsec": (-1.4, lambda a: 1.0 / (abs(a) * np.sqrt(a * a - 1.0))),
+    "arccsc": (-1.4, lambda a: -1.0 / (abs(a) * np.sqrt(a * a - 1.0))),
+    "arccot": (0.0, lambda a: -1.0 / (1.0 + a * a)),
+    "arcsech": (0.4, lambda a: -1.0 / (a * np.sqrt(1.0 - a * a))),
+    "arccsch": (-0.4, lambda a: -1.0 / (abs(a) * np.sqrt(1.0 + a * a))),
+    "arccoth": (1.4, lambda a: 1.0 / (1.0 - a * a)),
+}
+"""A value and the slope of each: Abramowitz and Stegun, eqs. 4.4.52 to 4.4.57 and 4.6.37 to 4.6.42."""
+
+
+@pytest.mark.parametrize("name", INVERSES)
+def test_slopes_of_inverse_functions(name):
+    value, slope = INVERSES[name]
+    m = formula_model(f"<apply><{name}/><ci>x</ci></apply>")
+    found = jax.grad(lambda x: m.evaluate({"x": x})["z"])(jnp.array(value))
+    assert float(found) == pytest.approx(slope(value), rel=1e-14)
+    assert m.evaluate({"x": jnp.float32(value)})["z"].dtype == jnp.float32
 
 
 def test_gradient_with_respect_to_a_table():

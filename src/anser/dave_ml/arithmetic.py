@@ -2,7 +2,7 @@
 
 import functools
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 import jax
@@ -42,6 +42,7 @@ _arcsin = _guarded(jnp.arcsin, lambda a, y: 1.0 / jnp.sqrt(1.0 - a * a))
 _arccos = _guarded(jnp.arccos, lambda a, y: -1.0 / jnp.sqrt(1.0 - a * a))
 _arccosh = _guarded(jnp.arccosh, lambda a, y: 1.0 / jnp.sqrt(a * a - 1.0))
 _arctanh = _guarded(jnp.arctanh, lambda a, y: 1.0 / (1.0 - a * a))
+_arccot = _guarded(lambda a: _principal_arccot(jnp, a), lambda a, y: -1.0 / (1.0 + a * a))
 _tan = _guarded(jnp.tan, lambda a, y: 1.0 + y * y)
 _exp = _guarded(jnp.exp, lambda a, y: y)
 
@@ -57,6 +58,32 @@ def _power_of_number(base: Any, exponent: float) -> Any:
         whole = base ** int(abs(exponent))
         return whole if exponent >= 0.0 else _divide(1.0, whole)
     return _power(base, exponent)
+
+
+def _principal_arccot(xp: Any, a: Any) -> Any:
+    """Arc cotangent between -pi/2 and pi/2, pi/2 at 0 (MathML 2.0, appendix C: Abramowitz and Stegun, eq. 4.4.8)."""
+    return xp.arctan2(xp.where(a < 0.0, -1.0, 1.0), xp.abs(a))
+
+
+def _by_reciprocals(divide: Callable[[Any, Any], Any], of: Mapping[str, Callable[..., Any]]) -> dict[str, Any]:
+    """Secants, cosecants, cotangents and their inverses from the functions that they are reciprocals of."""
+
+    def inverse(name: str) -> Callable[[Any], Any]:
+        return lambda a: of[name](divide(1.0, a))
+
+    return {
+        "sec": lambda a: divide(1.0, of["cos"](a)),
+        "csc": lambda a: divide(1.0, of["sin"](a)),
+        "cot": lambda a: divide(of["cos"](a), of["sin"](a)),
+        "arcsec": inverse("arccos"),
+        "arccsc": inverse("arcsin"),
+        "sech": lambda a: divide(1.0, of["cosh"](a)),
+        "csch": lambda a: divide(1.0, of["sinh"](a)),
+        "coth": lambda a: divide(1.0, of["tanh"](a)),
+        "arcsech": inverse("arccosh"),
+        "arccsch": inverse("arcsinh"),
+        "arccoth": inverse("arctanh"),
+    }
 
 
 def _minus(divide_free: Any, *other: Any) -> Any:
@@ -78,6 +105,34 @@ _SHARED: Final[dict[str, Callable[..., Any]]] = {
     "eq": operator.eq,
     "neq": operator.ne,
 }
+_JNP_FUNCTIONS: Final[dict[str, Callable[..., Any]]] = {
+    "sin": jnp.sin,
+    "cos": jnp.cos,
+    "tan": _tan,
+    "arcsin": _arcsin,
+    "arccos": _arccos,
+    "arctan": jnp.arctan,
+    "sinh": jnp.sinh,
+    "cosh": jnp.cosh,
+    "tanh": jnp.tanh,
+    "arcsinh": jnp.arcsinh,
+    "arccosh": _arccosh,
+    "arctanh": _arctanh,
+}
+_NP_FUNCTIONS: Final[dict[str, Callable[..., Any]]] = {
+    "sin": np.sin,
+    "cos": np.cos,
+    "tan": np.tan,
+    "arcsin": np.arcsin,
+    "arccos": np.arccos,
+    "arctan": np.arctan,
+    "sinh": np.sinh,
+    "cosh": np.cosh,
+    "tanh": np.tanh,
+    "arcsinh": np.arcsinh,
+    "arccosh": np.arccosh,
+    "arctanh": np.arctanh,
+}
 
 IN_JAX: Final = Arithmetic(
     {
@@ -94,21 +149,9 @@ IN_JAX: Final = Arithmetic(
         "min": _folded(jnp.minimum),
         "max": _folded(jnp.maximum),
         "atan2": _atan2,
-        "sin": jnp.sin,
-        "cos": jnp.cos,
-        "tan": _tan,
-        "sec": lambda a: _divide(1.0, jnp.cos(a)),
-        "csc": lambda a: _divide(1.0, jnp.sin(a)),
-        "cot": lambda a: _divide(jnp.cos(a), jnp.sin(a)),
-        "arcsin": _arcsin,
-        "arccos": _arccos,
-        "arctan": jnp.arctan,
-        "sinh": jnp.sinh,
-        "cosh": jnp.cosh,
-        "tanh": jnp.tanh,
-        "arcsinh": jnp.arcsinh,
-        "arccosh": _arccosh,
-        "arctanh": _arctanh,
+        **_JNP_FUNCTIONS,
+        **_by_reciprocals(_divide, _JNP_FUNCTIONS),
+        "arccot": _arccot,
         "and": _folded(jnp.logical_and),
         "or": _folded(jnp.logical_or),
         "xor": _folded(jnp.logical_xor),
@@ -134,21 +177,9 @@ IN_NUMPY: Final = Arithmetic(
         "min": _folded(np.minimum),
         "max": _folded(np.maximum),
         "atan2": np.arctan2,
-        "sin": np.sin,
-        "cos": np.cos,
-        "tan": np.tan,
-        "sec": lambda a: np.divide(1.0, np.cos(a)),
-        "csc": lambda a: np.divide(1.0, np.sin(a)),
-        "cot": lambda a: np.divide(np.cos(a), np.sin(a)),
-        "arcsin": np.arcsin,
-        "arccos": np.arccos,
-        "arctan": np.arctan,
-        "sinh": np.sinh,
-        "cosh": np.cosh,
-        "tanh": np.tanh,
-        "arcsinh": np.arcsinh,
-        "arccosh": np.arccosh,
-        "arctanh": np.arctanh,
+        **_NP_FUNCTIONS,
+        **_by_reciprocals(np.divide, _NP_FUNCTIONS),
+        "arccot": functools.partial(_principal_arccot, np),
         "and": _folded(np.logical_and),
         "or": _folded(np.logical_or),
         "xor": _folded(np.logical_xor),

@@ -65,8 +65,9 @@ NUMERIC: Final = {
     "max": (1, MANY),
     "atan2": (2, 2),
     **dict.fromkeys(("sin", "cos", "tan", "sec", "csc", "cot"), (1, 1)),
-    **dict.fromkeys(("arcsin", "arccos", "arctan"), (1, 1)),
-    **dict.fromkeys(("sinh", "cosh", "tanh", "arcsinh", "arccosh", "arctanh"), (1, 1)),
+    **dict.fromkeys(("arcsin", "arccos", "arctan", "arcsec", "arccsc", "arccot"), (1, 1)),
+    **dict.fromkeys(("sinh", "cosh", "tanh", "sech", "csch", "coth"), (1, 1)),
+    **dict.fromkeys(("arcsinh", "arccosh", "arctanh", "arcsech", "arccsch", "arccoth"), (1, 1)),
 }
 """Operations with a number as value, and the least and greatest number of their arguments.
 
