@@ -143,7 +143,14 @@ def test_one_point_on_the_command_line(point, command, monkeypatch, tmp_path):
     assert code == 0
     for name in breakpoints(load_airframe()):
         (line,) = [line.split() for line in printed.splitlines() if line.split()[:1] == [name]]
-        assert f"{point['phase_margin_deg'].sel(breakpoint=name).item():.1f}" in line
+        of = point.sel(breakpoint=name)
+        assert f"{of['phase_margin_deg'].item():.1f}" in line
+        down = of["gain_down_db"].item(), of["gain_down_searched_db"].item()
+        # where no boundary was found, the fall of the gain down to which was searched, or a dash
+        assert np.isfinite(down[0]) or ("none" in line) == np.isfinite(down[1])
+    (bank,) = [line for line in printed.splitlines() if line.split()[:1] == ["mu"]]
+    assert f"none to -{point['gain_down_searched_db'].sel(breakpoint='mu').item():.1f}" in bank
+    assert "from 0.001 to 314.16 rad/s" in " ".join(printed.split())
     assert "written" in error
     assert picture.read_text().startswith("<?xml")
     with pytest.raises(FileExistsError):

@@ -1,6 +1,7 @@
 """Loops of the whole autopilot broken at a trim point: identities, python-control's margins, the nonlinear loop flown."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -109,6 +110,55 @@ def test_margins_are_those_of_python_control(margins, systems, name):
     assert float(found.delay[k]) == pytest.approx((lag / crossovers).min(), rel=1e-3)
     alpha = control.disk_margins(system, np.append(omega, np.pi / STEP), skew=0.0)[0]
     assert float(found.disk[k]) == pytest.approx(alpha, rel=1e-3)
+
+
+def radius_but_for_altitude(loop, k, factor):
+    """Spectral radius with a factor, real or complex, at a breakpoint, without the altitude's pole at 1."""
+    poles = np.linalg.eigvals(loop.A + (factor - 1) * np.outer(loop.B[:, k], loop.C[k]))
+    return np.abs(np.delete(poles, np.abs(poles - 1).argmin())).max()
+
+
+def radius_with_delay(loop, k, samples):
+    """Spectral radius with the command at a breakpoint passed on some samples late, without the altitude's pole."""
+    A, B, C = np.asarray(loop.A), np.asarray(loop.B)[:, k], np.asarray(loop.C)[k]
+    n = len(A)
+    delayed = np.zeros((n + samples, n + samples))
+    delayed[:n, :n] = A - np.outer(B, C)
+    delayed[:n, -1] = B
+    delayed[n, :n] = C
+    delayed[n + 1 :, n:-1] = np.eye(samples - 1)
+    poles = np.linalg.eigvals(delayed)
+    return np.abs(np.delete(poles, np.abs(poles - 1).argmin())).max()
+
+
+@pytest.mark.parametrize("name", BREAKPOINTS)
+def test_at_every_margin_the_spectral_radius_is_1(loop, margins, name):
+    """Inside 1 up to each stated gain, phase, delay and disk, outside beyond it; without one, as far as was searched."""
+    loop, k = jax.tree.map(np.asarray, loop), BREAKPOINTS.index(name)
+    found = {key: float(values[k]) for key, values in vars(margins[0]).items()}
+    for direction, beyond in (("up", 1.01), ("down", 0.99)):
+        gain, searched = found[f"gain_{direction}"], found[f"gain_{direction}_searched"]
+        stated = np.isfinite(gain) and gain > 0
+        # without a limit of the search: as far as the poles can be told from rounding
+        far = gain if stated else np.clip(searched, 1e-4, 1e4)
+        for factor in np.geomspace(1.0, far, 40)[1:-1]:
+            assert radius_but_for_altitude(loop, k, factor) < 1
+        if stated:
+            assert radius_but_for_altitude(loop, k, gain) == pytest.approx(1.0, abs=1e-5)
+            assert radius_but_for_altitude(loop, k, gain * beyond) > 1
+    for share, outside in ((0.99, False), (1.01, True)):
+        turned = [radius_but_for_altitude(loop, k, np.exp(1j * sign * share * found["phase"])) for sign in (1, -1)]
+        assert (max(turned) > 1) == outside
+        # every factor of the disk of this radius (skew 0)
+        alpha = min(share * found["disk"], 1.9999)
+        if outside and alpha == 1.9999:
+            continue
+        edge = alpha * np.exp(1j * np.linspace(0, 2 * np.pi, 721)) / 2
+        radii = [radius_but_for_altitude(loop, k, factor) for factor in (1 + edge) / (1 - edge)]
+        assert (max(radii) > 1) == outside
+    whole = int(found["delay"] / STEP)
+    assert radius_with_delay(loop, k, whole + 1) > 1
+    assert whole == 0 or radius_with_delay(loop, k, whole) < 1
 
 
 def test_all_actuators_at_once_have_no_more_than_each(margins):

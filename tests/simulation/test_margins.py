@@ -69,6 +69,28 @@ def test_gain_that_must_not_fall():
     assert float(found.phase) == pytest.approx(np.arctan(np.sqrt(8)), rel=CUBIC)
 
 
+def test_the_lowest_frequency_of_two_integrators_is_no_boundary():
+    """K (s + a) / s^2: stable at any gain. At the lowest frequency it lies within 1 deg of the negative real axis."""
+    K, a = 1.0, 0.1
+    found = margins(lambda s: K * (s + a) / s**2)
+    assert float(found.gain_down) == 0.0
+    assert np.isnan(float(found.gain_down_at))
+    assert float(found.gain_up) == float(found.gain_up_searched) == np.inf
+    # searched down to the gain that would cross 1 below the lowest frequency
+    assert float(found.gain_down_searched) == pytest.approx(FREQUENCY_MIN**2 / (K * a), rel=1e-3)
+    # a double differentiator from below: rising gain is searched that far only
+    rising = margins(lambda s: -0.01 * s**2 / (s + 1) ** 2 / (s + 2) ** 2)
+    assert float(rising.gain_up_searched) == pytest.approx(400.0 / FREQUENCY_MIN**2, rel=1e-2)
+    assert float(rising.gain_down_searched) == 0.0
+
+
+@pytest.mark.parametrize("K", [3.0, 0.4])
+def test_a_static_response_is_searched_whole(K):
+    found = margins(lambda s: K / (s + 1))
+    assert float(found.gain_up) == float(found.gain_up_searched) == np.inf
+    assert float(found.gain_down) == float(found.gain_down_searched) == 0.0
+
+
 def test_of_several_crossovers_each_margin_takes_its_own():
     """A resonance at 20 rad/s lifts the gain above 1 again: there the delay margin is, and the phase margin."""
 
@@ -93,6 +115,44 @@ def test_no_crossover_means_no_limit():
     assert float(found.phase) == float(found.delay) == float(found.gain_up) == np.inf
     assert float(found.gain_down) == 0.0
     assert np.isnan(float(found.crossover))
+
+
+def closed_loop_radius(system, factor):
+    """Spectral radius of a sampled system with unit negative feedback through a factor, real or complex."""
+    return np.abs(np.linalg.eigvals(system.A - factor * system.B @ system.C)).max()
+
+
+@pytest.mark.parametrize(
+    ("numerator", "denominator"),
+    [
+        ([1.0, 0.3], [1, 2, 0, 0]),  # two integrators with a lead: no boundary below
+        ([2.0], [1, 3, 2, 0]),
+        ([3.0], [1, -1]),  # its static gain must not fall below 1
+        ([8.0, 3.0], [1, 0.5, -1, 0]),  # unstable with an integrator: the gain must not fall
+        ([0.5], [1, 1]),
+        ([4.0, 1.0], [1, 6, -0.1, 0]),
+    ],
+)
+def test_at_every_margin_the_spectral_radius_is_1(numerator, denominator):
+    """Inside 1 up to each stated gain, outside beyond it; where none is stated, inside as far as was searched."""
+    system = control.c2d(control.ss(control.tf(numerator, denominator)), STEP)
+    L = jnp.asarray(system(np.exp(1j * np.asarray(OMEGA) * STEP)))
+    found = find(OMEGA, L, (1 - L) / (1 + L))
+    assert closed_loop_radius(system, 1.0) < 1
+    for gain, searched in (
+        (float(found.gain_up), float(found.gain_up_searched)),
+        (float(found.gain_down), float(found.gain_down_searched)),
+    ):
+        stated = np.isfinite(gain) and gain > 0
+        far = gain if stated else np.clip(searched, 1e-4, 1e4)
+        for factor in np.geomspace(1.0, far, 40)[1:-1]:
+            assert closed_loop_radius(system, factor) < 1
+        if stated:
+            assert closed_loop_radius(system, gain) == pytest.approx(1.0, abs=1e-5)
+            assert closed_loop_radius(system, gain * (1.01 if gain > 1 else 0.99)) > 1
+    if np.isfinite(float(found.phase)):
+        turned = [closed_loop_radius(system, np.exp(1j * sign * float(found.phase))) for sign in (1, -1)]
+        assert max(turned) == pytest.approx(1.0, abs=1e-5)
 
 
 def test_batches_are_what_single_loops_are():

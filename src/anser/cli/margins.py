@@ -141,8 +141,8 @@ def _print(found: "xr.Dataset") -> None:
         gain, phase = _disk(row["disk_margin"])
         table.add_row(
             name,
-            _figure(row["gain_up_db"], 1),
-            _figure(-row["gain_down_db"], 1),
+            _gain(row["gain_up_db"], row["gain_up_searched_db"], 1.0),
+            _gain(row["gain_down_db"], row["gain_down_searched_db"], -1.0),
             _figure(row["phase_margin_deg"], 1),
             _figure(row["crossover_rad_s"], 2),
             _figure(row["delay_margin_ms"], 1),
@@ -155,8 +155,10 @@ def _print(found: "xr.Dataset") -> None:
     together = found["actuators_disk_margin"].item()
     gain, phase = _disk(together)
     line(
-        f"All three actuators at once: disk {together:.2f}, {gain:.1f} dB or {phase:.1f} deg each. "
-        f"Short: less than {of['gain_min_db']:g} dB or {of['phase_min_deg']:g} deg. A dash: nothing destabilizes. "
+        f"All actuators at once: disk {together:.2f}, {gain:.1f} dB or {phase:.1f} deg each. "
+        f"Short: less than {of['gain_min_db']:g} dB or {of['phase_min_deg']:g} deg. Boundaries of stability are "
+        f"searched from {of['frequency_min_rad_s']:g} to {of['frequency_max_rad_s']:.5g} rad/s; a dash: none found. "
+        "None to: none found up to this change of gain; beyond it one could lie below these frequencies. "
         "All loops but the one broken are closed."
     )
 
@@ -190,6 +192,13 @@ def _disk(radius: float) -> tuple[float, float]:
     """Gain (dB) and phase (deg) that a disk margin allows, each by itself."""
     gain = 20 * math.log10((2 + radius) / (2 - radius)) if radius < 2 else math.inf
     return gain, math.degrees(2 * math.atan(radius / 2))
+
+
+def _gain(margin_db: float, searched_db: float, sign: float) -> str:
+    """Gain margin of one direction, or how far there is none."""
+    if math.isfinite(margin_db) or not math.isfinite(searched_db):
+        return _figure(sign * margin_db, 1)
+    return f"none to {sign * searched_db:.1f}"
 
 
 def _figure(value: float, digits: int) -> str:

@@ -12,7 +12,7 @@ from anser.results.plain import finite_or_none
 from anser.results.provenance import version_attributes
 from anser.results.trim_map import POINT, TrimMap
 from anser.results.variable_labels import attributes_of, flags_of, scattered
-from anser.simulation import HELD_BACK, NEUTRAL, LoopAnalysis, LoopResponse, largest_pole
+from anser.simulation import FREQUENCY_MIN, HELD_BACK, NEUTRAL, LoopAnalysis, LoopResponse, largest_pole
 from anser.units import RAD_DEG
 
 GAIN_MIN_DB, PHASE_MIN_DEG = 6.0, 40.0
@@ -48,8 +48,8 @@ def margin_dataset(
     Returns
     -------
     xr.Dataset
-        Over (breakpoint) the margins, infinite where nothing destabilizes, nan unless the closed loop is stable; over
-        (breakpoint, frequency) gain and phase of the loop transfer function.
+        Over (breakpoint) the margins, infinite where no boundary of stability was found, nan unless the closed loop is
+        stable; over (breakpoint, frequency) gain and phase of the loop transfer function.
     """
     of_points = jax.tree.map(lambda leaf: np.asarray(leaf)[None], found)
     data: dict[str, Any] = {
@@ -150,10 +150,13 @@ def _variables(found: LoopAnalysis, step_s: float, trimmable: np.ndarray) -> lis
     m = {name: np.asarray(values) for name, values in vars(found.margins).items()}
     with np.errstate(divide="ignore"):
         up, down = 20 * np.log10(m["gain_up"]), -20 * np.log10(m["gain_down"])
+        up_searched, down_searched = 20 * np.log10(m["gain_up_searched"]), -20 * np.log10(m["gain_down_searched"])
     gain, phase = np.minimum(up, down), m["phase"] * RAD_DEG
     numbers = {
         "gain_up_db": (up, "dB", "Factor by which the gain can rise"),
         "gain_down_db": (down, "dB", "Factor by which the gain can fall"),
+        "gain_up_searched_db": (up_searched, "dB", "Rise of the gain up to which a boundary was searched"),
+        "gain_down_searched_db": (down_searched, "dB", "Fall of the gain down to which a boundary was searched"),
         "gain_margin_db": (gain, "dB", "Gain margin, the lesser of both ways"),
         "phase_margin_deg": (phase, "degree", "Phase margin, either way"),
         "delay_margin_ms": (m["delay"] * 1000.0, "ms", "Delay margin"),
@@ -200,6 +203,8 @@ def _attributes(attributes: Mapping[str, str | int | float], step_s: float) -> d
     return {
         **attributes,
         "step_s": step_s,
+        "frequency_min_rad_s": FREQUENCY_MIN,
+        "frequency_max_rad_s": math.pi / step_s,
         "gain_min_db": GAIN_MIN_DB,
         "phase_min_deg": PHASE_MIN_DEG,
         **version_attributes(),

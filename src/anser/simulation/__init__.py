@@ -22,7 +22,14 @@ from anser.simulation.hold_assignment import assign_holds
 from anser.simulation.linearize_inversion import InversionPole, inversion_poles
 from anser.simulation.linearize_open import LinearModel, linearize
 from anser.simulation.linearize_sampled import CHANNELS, linearize_loop
-from anser.simulation.margins import NEUTRAL, LoopAnalysis, LoopResponse, analyse_loops, largest_pole
+from anser.simulation.margins import (
+    FREQUENCY_MIN,
+    NEUTRAL,
+    LoopAnalysis,
+    LoopResponse,
+    analyse_loops,
+    largest_pole,
+)
 from anser.simulation.modes import Mode, modes_of, wind_axis_states
 from anser.simulation.motion import advance
 from anser.simulation.network import Network
@@ -43,6 +50,7 @@ __all__ = [
     "AUTOPILOT_LIMITS",
     "BETA_BOUND",
     "CHANNELS",
+    "FREQUENCY_MIN",
     "HELD_BACK",
     "NEUTRAL",
     "PRECISIONS",

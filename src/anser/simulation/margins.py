@@ -27,6 +27,9 @@ poles by less than this. A pole there doubles its motion in 2 h."""
 
 _BISECTIONS = 30
 _AT_THE_ENDS = 5.0 * DEG_RAD
+_STATIC_SLOPE = 0.01
+"""Greatest slope of log |L| over log omega of a response that has reached its static value: that of a first-order lag
+five degrees from the real axis. An integrator has -1."""
 _BALANCINGS = 6
 
 
@@ -36,7 +39,11 @@ class Margins(eqx.Module):
     Attributes
     ----------
     gain_up, gain_down
-        Factors by which the gain can rise and fall; inf and 0 where nothing stops it.
+        Factors by which the gain can rise and fall to a boundary of stability, a pole on the unit circle; inf and 0
+        where none was found.
+    gain_up_searched, gain_down_searched
+        Factors up and down to which such a boundary was looked for: beyond them it would lie below the lowest
+        frequency. inf and 0 where the response at that frequency shows that there is none below.
     phase
         Least phase margin over all gain crossovers, either way, rad; inf where there is none.
     delay
@@ -51,6 +58,8 @@ class Margins(eqx.Module):
 
     gain_up: Scalar
     gain_down: Scalar
+    gain_up_searched: Scalar
+    gain_down_searched: Scalar
     phase: Scalar
     delay: Scalar
     disk: Scalar
@@ -158,7 +167,9 @@ def margins_of(
     """Margins of one loop from its response.
 
     Between the frequencies the logarithm of the response is a cubic through four of them. A resonance narrower
-    than their distance is not resolved; with a damping ratio of 0.05 its margins are off by 5 percent.
+    than their distance is not resolved; with a damping ratio of 0.05 its margins are off by 5 percent. An end of the
+    frequencies is a boundary of stability only where the response ends on the negative real axis: that of Nyquist,
+    where it is real, and the lowest one if the response has its static value there.
 
     Parameters
     ----------
@@ -185,9 +196,14 @@ def margins_of(
     delay, _ = _least(lag / frequency, frequency, crosses)
 
     turned, at = _crossings(angles, begin)
-    # at both ends the response is real, or nearly: on the axis it crosses nothing
+    # A static response ends on the real axis, where a real pole passes 1; that of an integrator goes to infinity, even
+    # along the negative axis, without a boundary. At the Nyquist frequency, a pole at -1, every response is real.
+    slope = (size[1] - size[0]) / (jnp.log(omega[1]) - jnp.log(omega[0]))
+    real = jnp.abs(jnp.sin(jnp.angle(open_loop[0]))) < jnp.sin(_AT_THE_ENDS)
+    static = (jnp.abs(slope) < _STATIC_SLOPE) & real
     ends = jnp.array([0, -1])
-    on_axis = jnp.abs(jnp.angle(-open_loop[ends])) < _AT_THE_ENDS
+    on_axis = (jnp.abs(jnp.angle(-open_loop[ends])) < _AT_THE_ENDS) & jnp.stack([static, jnp.asarray(True)])
+    searched = jnp.exp(-size[0])
     gains = jnp.concatenate([_cubic(sizes, at), size[ends]])
     frequency = jnp.concatenate([jnp.exp(_cubic(logs, at)), omega[ends]])
     turned = jnp.concatenate([turned, on_axis])
@@ -199,6 +215,8 @@ def margins_of(
     return Margins(
         gain_up=jnp.exp(up),
         gain_down=jnp.exp(-down),
+        gain_up_searched=jnp.where(static | (size[0] >= 0), jnp.inf, searched),
+        gain_down_searched=jnp.where(static | (size[0] <= 0), 0.0, searched),
         phase=phase,
         delay=delay,
         disk=jnp.minimum(2 / _peak(jnp.log(jnp.abs(difference))), jnp.min(at_crossovers)),
