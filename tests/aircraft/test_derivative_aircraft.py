@@ -226,6 +226,12 @@ def no_dispersion(aircraft):
     return DerivativeDispersion(jnp.ones_like(aircraft.derivatives), None, body)
 
 
+def _second_moments(inertia_b):
+    """Integrals of x^2, y^2, z^2 over the mass."""
+    Jxx, Jyy, Jzz = np.diag(inertia_b)
+    return 0.5 * np.array([Jyy + Jzz - Jxx, Jxx + Jzz - Jyy, Jxx + Jyy - Jzz])
+
+
 def test_a_dispersion_changes_what_it_is_named_for():
     same = dispersed_derivative_aircraft(AEROSONDE, no_dispersion(AEROSONDE))
     for a, b in zip(jax.tree.leaves(same), jax.tree.leaves(AEROSONDE), strict=True):
@@ -235,7 +241,7 @@ def test_a_dispersion_changes_what_it_is_named_for():
     d = eqx.tree_at(
         lambda d: (
             d.derivatives,
-            *(getattr(d.body, n) for n in ("thrust", "mass", "inertia", "actuator_bandwidth", "cg_shift")),
+            *(getattr(d.body, n) for n in ("thrust", "mass", "second_moments", "actuator_bandwidth", "cg_shift")),
         ),
         d,
         (
@@ -251,7 +257,10 @@ def test_a_dispersion_changes_what_it_is_named_for():
     assert float(other.derivatives[place]) == pytest.approx(-1.37)
     assert float(other.mass_properties.mass) == pytest.approx(12.1)
     J, before = np.asarray(other.mass_properties.inertia_b), np.asarray(AEROSONDE.mass_properties.inertia_b)
-    np.testing.assert_allclose(J / np.where(before == 0, 1, before), [[1.21, 0, 1.32], [0, 1, 0], [1.32, 0, 1.44]])
+    of_x, of_y, of_z = 1.21 * _second_moments(before) * [1.0, 1.0 / 1.21, 1.44 / 1.21]
+    expected = np.diag([of_y + of_z, of_x + of_z, of_x + of_y])
+    expected[0, 2] = expected[2, 0] = 1.32 * before[0, 2]
+    np.testing.assert_allclose(J, expected, rtol=1e-14)
     np.testing.assert_allclose(J @ np.asarray(other.mass_properties.inertia_inverse_b), np.eye(3), atol=1e-12)
     np.testing.assert_allclose(other.actuators.time_constant, 0.025)
     assert float(other.cg_offset_b[0]) == pytest.approx(-0.1 * 0.18994)

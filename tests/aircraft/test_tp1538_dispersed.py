@@ -71,9 +71,9 @@ def test_parts_are_the_whole():
     [
         ("mass", 1.1, "velocity_b"),
         ("thrust", 0.9, "velocity_b"),
-        ("inertia", (1.2, 1.0, 1.0), "rates_b"),
-        ("inertia", (1.0, 1.2, 1.0), "rates_b"),
-        ("inertia", (1.0, 1.0, 1.2), "rates_b"),
+        ("second_moments", (1.2, 1.0, 1.0), "rates_b"),
+        ("second_moments", (1.0, 1.2, 1.0), "rates_b"),
+        ("second_moments", (1.0, 1.0, 1.2), "rates_b"),
         ("actuator_bandwidth", 0.8, "actuators"),
         ("cg_shift", 0.03, "rates_b"),
     ],

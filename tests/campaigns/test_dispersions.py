@@ -24,7 +24,7 @@ CHANGED = {
     "goal_sensor.range_m": 20.0,
     "goal_sensor.outage_share": 0.2,
     "aircraft[0].deviation.mass": 1.1,
-    "aircraft[0].deviation.pitch_inertia": 1.2,
+    "aircraft[0].deviation.second_moment_x": 1.2,
     "aircraft[0].deviation.thrust": 0.9,
     "aircraft[0].deviation.cg_shift": 0.02,
     "aircraft[0].deviation.actuator_bandwidth": 0.7,

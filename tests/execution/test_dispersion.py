@@ -42,7 +42,7 @@ def test_values_have_their_own_scales():
     assert np.abs(values[:, SHIFT]).max() <= 0.04
     dispersion, delay = dispersion_of(values)
     np.testing.assert_array_equal(dispersion.coefficients, values[:, : len(F16_COEFFICIENTS)])
-    np.testing.assert_array_equal(dispersion.inertia[:, 1], values[:, NAMES.index("pitch_inertia")])
+    np.testing.assert_array_equal(dispersion.second_moments[:, 1], values[:, NAMES.index("second_moment_y")])
     np.testing.assert_array_equal(dispersion.cg_shift, values[:, SHIFT])
     np.testing.assert_array_equal(delay, values[:, DELAY])
 

@@ -196,7 +196,7 @@ def test_a_dave_ml_file_alone_is_refused_with_the_way_out(folder):
 DEVIATION = """[aircraft.deviation]
 mass = 1.1
 thrust = 0.9
-yaw_inertia = 1.21
+second_moment_z = 1.21
 cg_shift = 0.05
 coefficients = { CZ = 0.8, Cm = 1.5 }
 """
@@ -227,10 +227,11 @@ def test_a_deviation_makes_another_aircraft(folder):
     known = load_airframe(str(folder / "my-f16.toml"))
     flown = dispersed(known, deviation)
     np.testing.assert_allclose(flown.mass_properties.mass, 1.1 * known.mass_properties.mass)
-    factor = np.sqrt([1.0, 1.0, 1.21])
-    np.testing.assert_allclose(
-        flown.mass_properties.inertia_b, known.mass_properties.inertia_b * np.outer(factor, factor)
-    )
+    Jxx, Jyy, Jzz = np.diag(known.mass_properties.inertia_b)
+    higher = 0.21 * 0.5 * (Jxx + Jyy - Jzz)
+    expected = np.array(known.mass_properties.inertia_b) + np.diag([higher, higher, 0.0])
+    expected[0, 2] = expected[2, 0] = 1.1 * expected[0, 2]
+    np.testing.assert_allclose(flown.mass_properties.inertia_b, expected, rtol=1e-12)
     air = air_data(jnp.array([150.0, 4.0, 12.0]), 1000.0, StandardAtmosphere().at(1000.0))
     surfaces = jnp.array([-0.03, 0.02, -0.01])
     before, after = (one.aerodynamics(air, jnp.zeros(3), surfaces) for one in (known, flown))

@@ -8,8 +8,8 @@ import pytest
 
 from anser.aircraft import F16_COEFFICIENTS
 from anser.aircraft.air_data import AirData
-from anser.scenario import ScenarioError, build_flight, load
-from anser.scenario.schema_deviation import F16_FACTORS
+from anser.scenario import ScenarioError, build_flight, load, validate
+from anser.scenario.schema_deviation import F16_FACTORS, Deviation
 from support.states import air_at
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
@@ -27,11 +27,15 @@ def test_every_coefficient_of_the_build_up_has_a_factor():
 def test_what_flies_differs_and_what_is_believed_does_not():
     known = vehicle_with()
     path = "aircraft[0].deviation."
-    flown = vehicle_with(path + "mass", 1.1, path + "pitch_inertia", 1.3, path + "cg_shift", 0.02, path + "thrust", 0.9)
+    flown = vehicle_with(
+        path + "mass", 1.1, path + "second_moment_x", 1.3, path + "cg_shift", 0.02, path + "thrust", 0.9
+    )
     assert known.estimator.model is None
     properties, published = flown.airframe.mass_properties, known.airframe.mass_properties
     np.testing.assert_allclose(properties.mass, 1.1 * published.mass, rtol=1e-14)
-    np.testing.assert_allclose(properties.inertia_b[1, 1], 1.3 * published.inertia_b[1, 1], rtol=1e-14)
+    Jxx, Jyy, Jzz = np.diag(published.inertia_b)
+    longer = 0.3 * 0.5 * (Jyy + Jzz - Jxx)
+    np.testing.assert_allclose(np.diag(properties.inertia_b), [Jxx, Jyy + longer, Jzz + longer], rtol=1e-14)
     np.testing.assert_allclose(flown.airframe.x_cg, known.airframe.x_cg + 0.02, rtol=1e-14)
     thrust, full = (one.airframe.engine.propulsion(90.0, air_at(1000.0, 0.5)).force_b[0] for one in (flown, known))
     np.testing.assert_allclose(thrust, 0.9 * full, rtol=1e-12)
@@ -50,6 +54,17 @@ def test_a_coefficient_is_multiplied(name):
 
     differs = moments(changed) != moments(vehicle_with().airframe)
     np.testing.assert_array_equal(differs, {"Cm0": [0, 1, 0], "Cnp": [0, 0, 1], "CYdr": [0, 0, 1]}[name])
+
+
+def test_factors_on_moments_of_inertia_of_earlier_versions():
+    """One of 1, as every recorded scenario has it, says nothing; another one is refused with what there is now."""
+    path = "aircraft[0].deviation."
+    values = load(SCENARIOS / "three-aircraft.toml").model_dump()
+    values["aircraft"][0]["deviation"] |= {"roll_inertia": 1.0, "pitch_inertia": 1.0, "yaw_inertia": 1.0}
+    assert validate(values, "older").aircraft[0].deviation == Deviation()
+    words = "second_moment_x and second_moment_z, make Jyy"
+    with pytest.raises(ScenarioError, match=rf"deviation.pitch_inertia .*: arrived 1.2; expected nothing: .*{words}"):
+        vehicle_with(path + "pitch_inertia", 1.2)
 
 
 def test_what_is_no_aircraft_is_refused():

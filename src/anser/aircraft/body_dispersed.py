@@ -12,6 +12,7 @@ from anser.aircraft.engine import AbstractEngine, NoEngine
 from anser.aircraft.interface import AbstractAirframe, MassProperties
 from anser.aircraft.jet_engine import JetEngine
 from anser.aircraft.piston_propeller import PistonPropeller
+from anser.numerics import inverse3
 from anser.shapes import Scalar, Vector3
 
 AnyAirframe = TypeVar("AnyAirframe", bound=AbstractAirframe)
@@ -24,9 +25,8 @@ class BodyDispersion(eqx.Module):
     ----------
     thrust, mass
         Factors.
-    inertia
-        Factors on the moments of inertia in roll, pitch and yaw, shape (3,); positive. A product of inertia changes by
-        the root of both of its factors, which keeps the matrix positive definite.
+    second_moments
+        Factors on the second moments of mass along body x, y, z, shape (3,); positive. See `dispersed_mass`.
     actuator_bandwidth
         Factor on the bandwidth of all actuators; positive.
     cg_shift
@@ -35,20 +35,29 @@ class BodyDispersion(eqx.Module):
 
     thrust: Scalar
     mass: Scalar
-    inertia: Vector3
+    second_moments: Vector3
     actuator_bandwidth: Scalar
     cg_shift: Scalar
 
 
-def dispersed_mass(properties: MassProperties, mass: Scalar, inertia: Vector3) -> MassProperties:
-    """Mass properties with a factor on the mass, and on each moment of inertia."""
-    root = jnp.sqrt(inertia)
-    # D J D and its inverse: symmetric and positive definite with J
-    congruence = root[:, None] * root[None, :]
+def dispersed_mass(properties: MassProperties, mass: Scalar, second_moments: Vector3) -> MassProperties:
+    """Mass properties with a factor on the mass, and on each second moment of mass.
+
+    The second moments are the integrals of x^2, y^2 and z^2 over the mass; Jxx is the sum of the latter two, and so on.
+    A product of inertia changes by the root of both of its factors: the body is stretched along its axes, so that its
+    principal moments are positive and within the triangle inequality whatever the factors.
+    """
+    root = jnp.sqrt(second_moments)
+    J_b, eye = properties.inertia_b, jnp.eye(3, dtype=properties.inertia_b.dtype)
+    integrals = 0.5 * jnp.trace(J_b) * eye - J_b  # of r r^T
+    # as a change of J, which is exactly none for factors of 1
+    change = integrals * (root[:, None] * root[None, :] - 1.0)
+    changed_b = J_b + jnp.trace(change) * eye - change
+    inverse_b = jnp.where(jnp.all(second_moments == 1.0), properties.inertia_inverse_b, inverse3(changed_b))
     return eqx.tree_at(
         lambda p: (p.mass, p.inertia_b, p.inertia_inverse_b),
         properties,
-        (properties.mass * mass, properties.inertia_b * congruence, properties.inertia_inverse_b / congruence),
+        (properties.mass * mass, changed_b, inverse_b),
     )
 
 
@@ -70,7 +79,7 @@ def dispersed_body(airframe: AnyAirframe, dispersion: BodyDispersion, shift_b: V
         lambda a: (a.mass_properties, a.actuators, a.engine),
         airframe,
         (
-            dispersed_mass(airframe.mass_properties, dispersion.mass, dispersion.inertia),
+            dispersed_mass(airframe.mass_properties, dispersion.mass, dispersion.second_moments),
             _quickened(airframe.actuators, dispersion.actuator_bandwidth),
             _changed_engine(airframe.engine, dispersion.thrust, shift_b),
         ),

@@ -23,10 +23,8 @@ class F16Dispersion(eqx.Module):
         Factor on each of `F16_COEFFICIENTS`, shape (22,); positive or negative.
     thrust, mass
         Factors.
-    inertia
-        Factors on the moments of inertia in roll, pitch and yaw, shape (3,); positive. The product of inertia changes
-        by the root of both of its factors, which keeps the matrix positive definite. Moments dispersed independently
-        need not belong to any distribution of mass (Jxx + Jyy >= Jzz has 3.5 % to spare in this aircraft).
+    second_moments
+        Factors on the second moments of mass along body x, y, z, shape (3,); positive. See `dispersed_mass`.
     actuator_bandwidth
         Factor on the bandwidth (inverse time constant) of all actuators; positive.
     cg_shift
@@ -36,7 +34,7 @@ class F16Dispersion(eqx.Module):
     coefficients: Float[Array, "22"]
     thrust: Scalar
     mass: Scalar
-    inertia: Vector3
+    second_moments: Vector3
     actuator_bandwidth: Scalar
     cg_shift: Scalar
 
@@ -63,7 +61,7 @@ def dispersed_f16(f16: AnyF16, dispersion: F16Dispersion) -> AnyF16:
         f16.with_coefficients_scaled(dispersion.coefficients),
         (
             f16.engine.thrust_tables.cells[0] * dispersion.thrust,
-            dispersed_mass(f16.mass_properties, dispersion.mass, dispersion.inertia),
+            dispersed_mass(f16.mass_properties, dispersion.mass, dispersion.second_moments),
             f16.actuators.time_constant / dispersion.actuator_bandwidth,
             f16.x_cg + dispersion.cg_shift,
         ),

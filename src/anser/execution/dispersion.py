@@ -44,9 +44,7 @@ FACTORS = (
     *(Factor(name, f"factor on {name}") for name in F16_COEFFICIENTS),
     Factor("thrust", "factor on thrust"),
     Factor("mass", "factor on mass"),
-    Factor("roll_inertia", "factor on Jxx"),
-    Factor("pitch_inertia", "factor on Jyy"),
-    Factor("yaw_inertia", "factor on Jzz"),
+    *(Factor(f"second_moment_{axis}", f"factor on the second moment of mass along body {axis}") for axis in "xyz"),
     Factor("actuator_bandwidth", "factor on the bandwidth of all actuators"),
     # a fifth of the chord for 100 %: at 20 % the c.g. moves by 4 % of the chord either way
     Factor("cg_shift", "shift of the centre of gravity aft, part of the mean chord", nominal=0.0, scale=0.2),
@@ -166,7 +164,7 @@ def dispersion_of(values: np.ndarray) -> tuple[F16Dispersion, jnp.ndarray]:
         coefficients=jnp.stack([one(name) for name in F16_COEFFICIENTS], axis=1),
         thrust=one("thrust"),
         mass=one("mass"),
-        inertia=jnp.stack([one(f"{axis}_inertia") for axis in ("roll", "pitch", "yaw")], axis=1),
+        second_moments=jnp.stack([one(f"second_moment_{axis}") for axis in "xyz"], axis=1),
         actuator_bandwidth=one("actuator_bandwidth"),
         cg_shift=one("cg_shift"),
     )

@@ -36,7 +36,7 @@ def _dispersion(deviation: Deviation) -> F16Dispersion:
         coefficients=as_array([getattr(d.coefficients, name) for name in F16_COEFFICIENTS]),
         thrust=as_array(d.thrust),
         mass=as_array(d.mass),
-        inertia=as_array([d.roll_inertia, d.pitch_inertia, d.yaw_inertia]),
+        second_moments=as_array(d.second_moments),
         actuator_bandwidth=as_array(d.actuator_bandwidth),
         cg_shift=as_array(d.cg_shift),
     )

@@ -2,13 +2,21 @@
 
 from typing import TYPE_CHECKING
 
-from pydantic import create_model
+from pydantic import create_model, model_validator
 
 from anser.derivative_names import BODY_COEFFICIENTS, COEFFICIENTS, DERIVATIVES
+from anser.scenario.errors import Problem, ScenarioError, show
 from anser.scenario.schema_base import Table, number, table
 
 SPECIAL_SURFACES = ("elevator", "aileron", "rudder")
 """Surfaces whose derivatives a deviation may have factors on."""
+
+_MOMENT_FACTORS = {
+    "roll_inertia": ("Jxx", "second_moment_y and second_moment_z"),
+    "pitch_inertia": ("Jyy", "second_moment_x and second_moment_z"),
+    "yaw_inertia": ("Jzz", "second_moment_x and second_moment_y"),
+}
+"""Keys of earlier versions: independent factors on moments of inertia can break the triangle inequality."""
 
 
 def _factor(about: str) -> float:
@@ -67,12 +75,32 @@ class Deviation(Table):
     """What flies differs so from what its autopilot and planner know; factors of 1 and a shift of 0: not at all."""
 
     mass: float = _positive("the mass")
-    roll_inertia: float = _positive("Jxx")
-    pitch_inertia: float = _positive("Jyy")
-    yaw_inertia: float = _positive("Jzz")
+    second_moment_x: float = _positive("the integral of x^2 over the mass, a part of Jyy and Jzz")
+    second_moment_y: float = _positive("the integral of y^2 over the mass, a part of Jxx and Jzz")
+    second_moment_z: float = _positive("the integral of z^2 over the mass, a part of Jxx and Jyy")
     thrust: float = _positive("the thrust")
     actuator_bandwidth: float = _positive("the bandwidth of all actuators")
     cg_shift: float = number("shift of the centre of mass, aft", -0.2, 0.2, "of the chord", 0.0)
     coefficients: CoefficientFactors = table(
         "factors on aerodynamic coefficients", "a table [aircraft.deviation.coefficients]", CoefficientFactors()
     )
+
+    @property
+    def second_moments(self) -> tuple[float, float, float]:
+        """Factors on the second moments of mass along body x, y, z."""
+        return self.second_moment_x, self.second_moment_y, self.second_moment_z
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_moment_factors(cls, values: object) -> object:
+        """Drop factors of 1 on moments of inertia, as earlier versions wrote them; refuse all others."""
+        if not isinstance(values, dict):
+            return values
+        found = [
+            Problem(key, show(values[key]), f"nothing: factors on the second moments of mass, {words}, make {moment}")
+            for key, (moment, words) in _MOMENT_FACTORS.items()
+            if key in values and values[key] != 1.0
+        ]
+        if found:
+            raise ScenarioError("", found)
+        return {key: value for key, value in values.items() if key not in _MOMENT_FACTORS}

@@ -172,7 +172,7 @@ def dispersed_airframe(
     body = BodyDispersion(
         thrust=as_array(deviation.thrust),
         mass=as_array(deviation.mass),
-        inertia=as_array([deviation.roll_inertia, deviation.pitch_inertia, deviation.yaw_inertia]),
+        second_moments=as_array(deviation.second_moments),
         actuator_bandwidth=as_array(deviation.actuator_bandwidth),
         cg_shift=as_array(deviation.cg_shift),
     )
