@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from anser.report import write_comparison, write_report
-from anser.report.comparison import scenario_differences
+from anser.report.comparison import difference_table, scenario_differences
 from anser.report.flight_margins import Margin
-from anser.report.opening import answer
+from anser.report.opening import answer, cards
 from anser.report.page import _SCRIPTS
 from anser.report.page_shell import asset
 from support.made_flight import make_flight
@@ -136,6 +136,19 @@ def test_an_aircraft_that_failed_is_still_reported(flight, tmp_path):
     assert "<td>–</td>" in ours
     assert "NaN" not in ours
     assert "nan" not in re.sub(r"<[^>]*>", "", ours.replace("provenance", ""))
+
+
+def test_an_aircraft_that_never_arrived_has_no_least_or_greatest_figures():
+    dataset, flown = make_flight()
+    summary = copy.deepcopy(flown)
+    summary["aircraft"][1] |= {"arrival_s": None, "miss_m": None, "status": "the aircraft reached the ground"}
+    name = summary["aircraft"][1]["name"]
+    assert f'Greatest miss</p><p class="value">–<small></small></p><p class="note">{name} never arrived' in cards(
+        dataset, summary
+    )
+    table = difference_table([("flown", flown), ("crashed", summary)], [{}, {}])
+    row = next(line for line in table.split("<tr>") if "Greatest miss" in line)
+    assert row.count("<td>–</td>") == 2  # that of the second, and the difference
 
 
 def test_who_fails_after_the_arrival_fails_the_flight():

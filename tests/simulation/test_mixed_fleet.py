@@ -99,10 +99,10 @@ def test_two_kinds_make_a_fleet_of_three(mixed):
 def test_all_meet_their_rendezvous_each_at_its_own_speed(mixed):
     _, _, (_, summary) = mixed
     np.testing.assert_array_equal(summary.last_status, 0)
-    np.testing.assert_allclose(summary.arrival_time, ARRIVAL, atol=1.0)
+    np.testing.assert_allclose(summary.pass_time, ARRIVAL, atol=1.0)
     # The lines ask for a jump of a few m/s and 1 m/s sideways at the start; position feedback works it off in 5 s.
-    assert np.all(np.asarray(summary.miss) < 10.0)
-    means = np.asarray(summary.speeds_until_arrival.integral / summary.arrival_time)
+    assert np.all(np.asarray(summary.pass_distance) < 10.0)
+    means = np.asarray(summary.speeds_until_pass.integral / summary.pass_time)
     np.testing.assert_allclose(means, [150.0, 55.0, 160.0], rtol=0.05)
     assert float(summary.separation_min) < 2100.0
     assert np.all(np.asarray(summary.clearance_min) > 390.0)
@@ -114,8 +114,8 @@ def test_the_order_of_the_fleet_does_not_matter(mixed):
     _, again = flown(fleet(other))
     rows = [other.index(name) for name in order]
     for one, two in zip(
-        (summary.arrival_time, summary.miss, summary.clearance_min, *jax.tree.leaves(summary.speeds_until_arrival)),
-        (again.arrival_time, again.miss, again.clearance_min, *jax.tree.leaves(again.speeds_until_arrival)),
+        (summary.pass_time, summary.pass_distance, summary.clearance_min, *jax.tree.leaves(summary.speeds_until_pass)),
+        (again.pass_time, again.pass_distance, again.clearance_min, *jax.tree.leaves(again.speeds_until_pass)),
         strict=True,
     ):
         np.testing.assert_allclose(one, np.asarray(two)[rows], rtol=1e-9)

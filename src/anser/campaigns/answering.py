@@ -119,7 +119,7 @@ def answers(data: "xr.Dataset", flights: int, study: "Study") -> Answers:
     for upper, quantities in ((True, _UPPER), (False, _LOWER)):
         for name in of_this_fleet(quantities, alone):
             words, unit = quantities[name]
-            values = worst_of_fleet(alone[name].values, alone["met"].values, upper=upper)
+            values = worst_of_fleet(alone, name, upper=upper)
             if count and np.isfinite(values).any():
                 found += [
                     _answer(name, words, unit, values, share, upper, asked.confidence) for share in asked.quantiles
@@ -151,6 +151,6 @@ def _causes(data: "xr.Dataset") -> dict[str, int]:
 
 def worst_flights(data: "xr.Dataset", count: int) -> tuple[int, ...]:
     """Numbers of the flights that failed, and then of those with the greatest miss; so many at most."""
-    misses = worst_of_fleet(data["miss_m"].values, data["met"].values)
+    misses = worst_of_fleet(data, "miss_m")
     order = np.lexsort((-misses, data["met"].values))
     return tuple(int(data["flight"].values[k]) for k in order[:count])

@@ -184,7 +184,7 @@ def _pairs(one: CampaignStore, other: CampaignStore, numbers: np.ndarray) -> "xr
     labels = {**OF_AIRCRAFT, **OF_FLEET}
     found: dict[str, Any] = {"met": (dimensions, met, attributes_of("1", "Whether every requirement is met"))}
     for name in of_this_fleet(_OUTPUTS, rows[0]):
-        values = np.stack([worst_of_fleet(each[name].values, each["met"].values) for each in rows])
+        values = np.stack([worst_of_fleet(each, name) for each in rows])
         found[name] = (dimensions, values, attributes_of(labels[name][0], _OUTPUTS[name]))
     return xr.Dataset(found, coords={"campaign": ["first", "second"], "flight": numbers})
 

@@ -98,7 +98,7 @@ def influences(data: "xr.Dataset", study: Study, varied: list[str]) -> Influence
 
 def _outputs(data: "xr.Dataset") -> dict[str, np.ndarray]:
     met = data["met"].values
-    worst = {name: worst_of_fleet(data[name].values, met) for name in of_this_fleet(_OUTPUTS, data) if name != "met"}
+    worst = {name: worst_of_fleet(data, name) for name in of_this_fleet(_OUTPUTS, data) if name != "met"}
     return {"met": met.astype(float), **worst}
 
 

@@ -170,9 +170,9 @@ class CampaignStore:
         """How many of the first chunks are enough by the study's rule; None where they are not, or it has none."""
         if self.study.until is None:
             return None
-        met, values = (np.asarray(self._array(name)[:]) for name in ("met", self.study.until.statistic))
-        if self.study.until.statistic != "met":
-            values = worst_of_fleet(values, met)
+        statistic = self.study.until.statistic
+        columns = {name: np.asarray(self._array(name)[:]) for name in {"met", "miss_m", statistic}}
+        values = columns["met"] if statistic == "met" else worst_of_fleet(columns, statistic)
         done = self.done
         found = enough(self.study, done, self.chunk, values, self._not_enough)
         if found is None:

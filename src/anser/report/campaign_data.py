@@ -98,7 +98,7 @@ def campaign_data(shown: CampaignShown) -> dict[str, Any]:
     for one in shown.answers["quantiles"]:
         name, upper = one["name"], one["upper"]
         if name not in found:
-            values = worst_of_fleet(alone[name].values, alone["met"].values, upper=upper)
+            values = worst_of_fleet(alone, name, upper=upper)
             share = _usual([other for other in shown.answers["quantiles"] if other["name"] == name])
             about = {key: one[key] for key in ("name", "words", "upper")} | {"unit": printed_unit(one["unit"])}
             found[name] = about | _distribution(values, upper) | _converging(values, share, upper, confidence)
@@ -175,10 +175,7 @@ def _flights(shown: CampaignShown, quantities: Sequence[Mapping[str, Any]]) -> d
             levels = [str(one) for one in shown.levels.get(path, ())] or sorted({str(one) for one in values})
             values = np.array([levels.index(str(one)) for one in values.tolist()], dtype=float)
         inputs.append({"path": path, "levels": levels, "values": plain(values)})
-    outputs = {
-        one["name"]: plain(worst_of_fleet(data[one["name"]].values, met, upper=one["upper"])[rows])
-        for one in quantities
-    }
+    outputs = {one["name"]: plain(worst_of_fleet(data, one["name"], upper=one["upper"])[rows]) for one in quantities}
     return {
         "inputs": inputs,
         "outputs": outputs,

@@ -83,7 +83,7 @@ def _draw_convergence(axes: "Axes", dataset: xr.Dataset) -> None:
 
 def _draw_distribution(axes: "Axes", dataset: xr.Dataset, name: str, words: str, unit: str) -> None:
     """Share of the flights below each value; the 95 % point with its interval. Failures are never below."""
-    values = _worst(dataset, name)
+    values = worst_of_fleet(dataset, name)
     if unit == "s" and np.all(values[np.isfinite(values)] < _MILLISECONDS_BELOW_S):
         values, unit = 1000.0 * values, "ms"
     ordered = np.sort(values)
@@ -107,7 +107,7 @@ def _draw_distribution(axes: "Axes", dataset: xr.Dataset, name: str, words: str,
 
 def _draw_against(axes: "Axes", dataset: xr.Dataset, path: str) -> None:
     """Greatest miss of each flight against an input; those that failed are crosses, at the top without a miss."""
-    x, y, met = dataset[path].values, _worst(dataset, "miss_m"), dataset["met"].values
+    x, y, met = dataset[path].values, worst_of_fleet(dataset, "miss_m"), dataset["met"].values
     known = np.isfinite(y)
     many = x.size > _MANY
     axes.plot(x[met & known], y[met & known], ".", markersize=3.0, color=line_of(0)["color"], rasterized=many)
@@ -118,7 +118,3 @@ def _draw_against(axes: "Axes", dataset: xr.Dataset, path: str) -> None:
     axes.set_ylabel("greatest miss (m)")
     axes.ticklabel_format(style="plain")
     axes.locator_params(axis="x", nbins=5)
-
-
-def _worst(dataset: xr.Dataset, name: str) -> np.ndarray:
-    return worst_of_fleet(dataset[name].values, dataset["met"].values)

@@ -155,7 +155,7 @@ def worst_table(shown: CampaignShown) -> str:
     rows = shown.dataset.sel(flight=list(shown.worst))
     drawn = [one.number for one in shown.again if one.worst]
     met = rows["met"].values
-    columns = {name: worst_of_fleet(rows[name].values, met) for name in of_this_fleet(_HEADLINES, rows)}
+    columns = {name: worst_of_fleet(rows, name) for name in of_this_fleet(_HEADLINES, rows)}
     heads = (
         "<th>Flight</th>" + "".join(f"<th>{_HEADS[name]}</th>" for name in columns) + '<th class="text">Outcome</th>'
     )

@@ -1,6 +1,6 @@
 """What differs between two runs, as an HTML table: their figures and their scenarios."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from anser.report.opening import number, scroll_table, text
@@ -41,11 +41,16 @@ def difference_table(runs: Sequence[tuple[str, Mapping[str, Any]]], scenarios: S
         if any(summary["fleet"].get(key) is not None for summary in (first, second))
     ]
     for key, words, unit, digits, worst in _WORST:
-        values = [[row[key] for row in summary["aircraft"] if row[key] is not None] for summary in (first, second)]
-        rows.append(_row(words, unit, digits, *(worst(v) if v else None for v in values)))
+        rows.append(_row(words, unit, digits, *(_worst_value(summary, key, worst) for summary in (first, second))))
     heads = "".join(f"<th>{text(label)}</th>" for label, _ in runs)
     table = scroll_table(f'<th class="text">Figure</th>{heads}<th>second less first</th>', "".join(rows))
     return f'<section id="differences"><h2>What differs</h2>{table}{_keys(runs, scenarios)}</section>'
+
+
+def _worst_value(summary: Mapping[str, Any], key: str, worst: Callable[[list[float]], float]) -> float | None:
+    """Worst value of a flight's aircraft; None if one of them has none, unless it left the fleet."""
+    values = [row[key] for row in summary["aircraft"] if "left_s" not in row]
+    return None if not values or None in values else worst(values)
 
 
 def scenario_differences(first: Any, second: Any, path: str = "") -> list[tuple[str, Any, Any]]:

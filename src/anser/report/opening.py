@@ -117,8 +117,12 @@ def cards(dataset: xr.Dataset, summary: Mapping[str, Any]) -> str:
             "error": ("Off the planned time", "" if len(rows) == 1 else "greatest"),
         }[fits.kind]
         found.append((name, *_duration(fits.value_s).split("&nbsp;"), note))
-    misses = [(row["miss_m"], row["name"]) for row in rows if row["miss_m"] is not None]
-    if misses:
+    misses = [(row["miss_m"], row["name"]) for row in rows if "left_s" not in row]
+    never_arrived = [name for miss_m, name in misses if miss_m is None]
+    if never_arrived:
+        more = f" and {len(never_arrived) - 1} more" if len(never_arrived) > 1 else ""
+        found.append(("Greatest miss", _NOTHING, "", f"{text(never_arrived[0])}{more} never arrived"))
+    elif misses:
         worst = max(misses)
         found.append(("Greatest miss", number(worst[0], 2), "m", text(worst[1])))
     if fleet.get("separation_ratio_min") is not None:

@@ -1,8 +1,84 @@
-"""When two moving points are nearest to each other, from a sampled record of the offset between them."""
+"""The arrival of an aircraft: the closest pass of its rendezvous, and whether that pass is an arrival."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from anser.planning import nearest_fraction
+from anser.simulation import STATUS_MESSAGES
+from anser.simulation.fleet_summary import ARRIVAL_MARGIN_S
+
+ARRIVED = STATUS_MESSAGES[0]
+_ENDED_BEFORE = "not arrived: the flight ended before the planned arrival"
+_STILL_CLOSING = "not arrived: still closing on the rendezvous when the search for the arrival ended"
+_NO_RECORD = "not arrived: no finite position in the record"
+
+
+@dataclass(frozen=True)
+class Arrival:
+    """Outcome of one aircraft's approach.
+
+    Attributes
+    ----------
+    time_s, miss_m
+        Time of arrival, s, and distance from the rendezvous then, m; both NaN without an arrival.
+    flown_s
+        End of the approach, s: the arrival, else the time at which the aircraft left its plan or the record ended.
+    status
+        "arrived", or what happened instead or afterwards.
+    """
+
+    time_s: float
+    miss_m: float
+    flown_s: float
+    status: str
+
+    @property
+    def is_arrival(self) -> bool:
+        """Whether the aircraft arrived, whatever happened to it afterwards."""
+        return math.isfinite(self.time_s)
+
+
+def arrival_outcome(
+    closest_pass: tuple[float, float], planned_s: float, off_plan_s: float, end_s: float, codes: Sequence[int]
+) -> Arrival:
+    """Decide whether the closest pass of the rendezvous is an arrival.
+
+    It is one if the aircraft flew its plan at least to the planned arrival, and the distance had begun to grow again
+    before the search for the arrival ended: 10 s after the planned arrival, at the end of the record, or where the
+    aircraft left its plan. The pass of an aircraft that crashed, broke off or was still closing is none.
+
+    Parameters
+    ----------
+    closest_pass
+        Time of the closest pass up to the end of the search, s, and distance then, m; NaN if there is no record.
+    planned_s
+        Arrival of the last plan, s.
+    off_plan_s
+        Time of the first sample with a status that takes the aircraft off its plan, s; infinite if there is none.
+    end_s
+        End of the record, s.
+    codes
+        Status over time, or its first and last value other than 0: indices into `STATUS_MESSAGES`.
+    """
+    time_s, miss_m = closest_pass
+    flown_s = min(off_plan_s, end_s)
+    is_arrival = flown_s >= planned_s and time_s < min(flown_s, planned_s + ARRIVAL_MARGIN_S)
+    failures = [int(code) for code in codes if code != 0]
+    if failures:
+        # The first one is the cause of those that follow; the last one is how it ended.
+        status = "; then ".join(STATUS_MESSAGES[code] for code in dict.fromkeys((failures[0], failures[-1])))
+    elif is_arrival:
+        status = ARRIVED
+    elif not math.isfinite(time_s):
+        status = _NO_RECORD
+    else:
+        status = _STILL_CLOSING if flown_s >= planned_s else _ENDED_BEFORE
+    if is_arrival:
+        return Arrival(time_s, miss_m, time_s, status)
+    return Arrival(math.nan, math.nan, flown_s, status)
 
 
 def closest_approach(

@@ -1,6 +1,6 @@
 """From rows of flights to columns: one array for each quantity, with its unit and meaning."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 
 OF_AIRCRAFT = {
     "planned_arrival_s": ("s", "Arrival as planned at last"),
-    "arrival_s": ("s", "Arrival"),
-    "miss_m": ("m", "Least distance to the rendezvous"),
+    "arrival_s": ("s", "Arrival; none of an aircraft that never arrived"),
+    "miss_m": ("m", "Distance from the rendezvous at the arrival"),
     "speed_mean_m_s": ("m s-1", "Mean airspeed up to the arrival"),
     "speed_min_m_s": ("m s-1", "Least airspeed up to the arrival"),
     "speed_max_m_s": ("m s-1", "Greatest airspeed up to the arrival"),
@@ -73,23 +73,28 @@ def of_this_fleet(names: Iterable[str], dataset: "xr.Dataset") -> tuple[str, ...
     return tuple(name for name in names if name not in OF_FLEET or dataset.sizes["aircraft"] > 1)
 
 
-def worst_of_fleet(values: np.ndarray, met: np.ndarray, *, upper: bool = True) -> np.ndarray:
-    """Of each flight the greatest of its aircraft (the least where `upper` is False).
+def worst_of_fleet(columns: "xr.Dataset | Mapping[str, np.ndarray]", name: str, *, upper: bool = True) -> np.ndarray:
+    """Worst value of each flight: the greatest of its aircraft, or the least if `upper` is False.
 
-    One that has none makes its flight infinitely bad, unless the flight met every requirement without it (it had left).
+    A flight with an aircraft that never arrived is infinitely bad in every quantity, also in those that it has: a crash
+    far from the goal must not improve the least distance. An aircraft without a number counts as one that never
+    arrived, unless the flight met every requirement without it (the aircraft had left).
 
     Parameters
     ----------
-    values
-        Shape (flights,) or (flights, aircraft); NaN where there is none.
-    met
-        Whether each flight met every requirement.
+    columns
+        Of flights: a dataset, or arrays by name, with `met`, `miss_m` (NaN of an aircraft that never arrived) and the
+        quantity.
+    name
+        Of the quantity, of dimensions (flight) or (flight, aircraft); NaN where there is none.
     upper
         Whether more is worse.
     """
+    values, met = np.asarray(columns[name]), np.asarray(columns["met"])
+    has_arrived = met | ~np.isnan(np.asarray(columns["miss_m"])).any(axis=-1)
     rows = (values if upper else -values).reshape(values.shape[0], -1)
-    bad = np.where(met, -np.inf, np.inf)[:, None]
-    worst = np.max(np.where(np.isnan(rows), bad, rows), axis=1)
+    missing = np.where(met, -np.inf, np.inf)[:, None]
+    worst = np.where(has_arrived, np.max(np.where(np.isnan(rows), missing, rows), axis=1), np.inf)
     return worst if upper else -worst
 
 

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from anser.results.arrival import ARRIVED, arrival_outcome
 from anser.results.plain import finite_or_none
 from anser.results.requirements import judge, requirements_of
-from anser.results.summary import CLEARANCE_MIN_M, arrival_status
+from anser.results.summary import CLEARANCE_MIN_M
 from anser.scenario import Scenario
 from anser.simulation import FleetSummary
-from anser.simulation.fleet_summary import ARRIVAL_MARGIN_S
 from anser.simulation.status import LEFT
 
 
@@ -56,28 +56,34 @@ def flight_row(summary: FleetSummary, planned_s: np.ndarray, scenario: Scenario)
     scenario
         What was flown.
     """
-    duration_s, aircraft = scenario.timing.duration_s, []
+    aircraft = []
     for k, one in enumerate(scenario.aircraft):
         left = int(summary.first_status[k]) == LEFT
-        planned = np.nan if left else float(planned_s[k])
-        arrival, miss = (np.nan, np.nan) if left else (float(summary.arrival_time[k]), float(summary.miss[k]))
-        speeds = summary.speeds_until_arrival
-        flown_s = arrival if np.isfinite(arrival) and arrival > 0.0 else np.nan
-        codes = np.array([summary.first_status[k], summary.last_status[k]])
+        approach = arrival_outcome(
+            (float(summary.pass_time[k]), float(summary.pass_distance[k])),
+            float(planned_s[k]),
+            float(summary.off_plan_time[k]),
+            scenario.timing.duration_s,
+            (int(summary.first_status[k]), int(summary.last_status[k])),
+        )
+        speeds, error_max = summary.speeds_on_plan, summary.position_error_on_plan
+        if approach.is_arrival:
+            speeds, error_max = summary.speeds_until_pass, summary.position_error_until_pass
+        mean = float(speeds.integral[k]) / approach.flown_s if approach.flown_s > 0.0 else float(speeds.least[k])
         aircraft.append(
             {
                 "name": one.name,
                 "goal": one.goal,
-                "planned_arrival_s": finite_or_none(planned),
-                "arrival_s": finite_or_none(arrival),
-                "miss_m": finite_or_none(miss),
-                "speed_mean_m_s": finite_or_none(float(speeds.integral[k]) / flown_s),
+                "planned_arrival_s": None if left else finite_or_none(float(planned_s[k])),
+                "arrival_s": None if left else finite_or_none(approach.time_s),
+                "miss_m": None if left else finite_or_none(approach.miss_m),
+                "speed_mean_m_s": finite_or_none(mean),
                 "speed_min_m_s": finite_or_none(float(speeds.least[k])),
                 "speed_max_m_s": finite_or_none(float(speeds.greatest[k])),
                 "clearance_min_m": finite_or_none(float(summary.clearance_min[k])),
                 "tables_left_s": finite_or_none(float(summary.tables_left_time[k])),
-                "position_error_max_m": finite_or_none(float(summary.position_error_max[k])),
-                "status": arrival_status(codes, arrival, min(duration_s, planned + ARRIVAL_MARGIN_S)),
+                "position_error_max_m": finite_or_none(float(error_max[k])),
+                "status": approach.status,
             }
         )
     arrivals = [row["arrival_s"] for row in aircraft]
@@ -89,5 +95,5 @@ def flight_row(summary: FleetSummary, planned_s: np.ndarray, scenario: Scenario)
         fleet["separation_ratio_min"] = finite_or_none(float(summary.separation_ratio_min))
     kinds = [scenario.goal_of(one).kind for one in scenario.aircraft]
     requirements = judge(requirements_of(scenario), aircraft, fleet, [(kind, CLEARANCE_MIN_M[kind]) for kind in kinds])
-    met = all(row["status"] == "arrived" for row in aircraft) and all(one["met"] for one in requirements)
+    met = all(row["status"] == ARRIVED for row in aircraft) and all(one["met"] for one in requirements)
     return FlightRow(aircraft, fleet, requirements, met)

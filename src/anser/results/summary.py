@@ -9,26 +9,21 @@ import numpy as np
 
 from anser.constants import AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M
 from anser.planning.path_words import NOMINAL_BEND_M
-from anser.results.arrival import closest_approach, least_distance
+from anser.results.arrival import Arrival, arrival_outcome, closest_approach, least_distance
 from anser.results.arrival_figure import arrivals_of
 from anser.results.plain import finite_or_none
 from anser.results.provenance import versions
 from anser.results.requirements import judge, requirements_of
 from anser.results.separated import least_ratio
 from anser.scenario import Scenario
-from anser.simulation import STATUS_MESSAGES
 from anser.simulation.closed_loop import HOLD
 from anser.simulation.fleet_summary import ARRIVAL_MARGIN_S
-from anser.simulation.status import LEFT
+from anser.simulation.status import LEFT, is_off_plan
 from anser.variables import STANDARD_SURFACES
 
 FORMAT_VERSION = 1
 CLEARANCE_MIN_M = {"surface": SURFACE_STAND_OFF_MIN_M, "airborne": AIRBORNE_STAND_OFF_MIN_M}
 """Least distance from a goal of each kind: the product's scope, whatever a scenario says."""
-
-_ARRIVED = "arrived"
-_STILL_CLOSING = "not arrived: still closing on the rendezvous when the search for the arrival ended"
-_NO_RECORD = "not arrived: no finite position in the record"
 
 
 def summarize(
@@ -43,8 +38,9 @@ def summarize(
 ) -> dict[str, Any]:
     """Sum up a flight from its full-resolution history.
 
-    Speeds, those without gusts, and position error count up to the arrival, the error while the plan is flown (in the
-    hold there is no planned point); clearance, separation and the time outside the aerodynamic tables over the whole
+    Arrivals are those of `arrival_outcome`: no arrival is no time and no miss. Speeds, those without gusts, and
+    position error count up to the arrival, or without one as long as the plan is flown (in the hold there is no planned
+    point); clearance, separation and the time outside the aerodynamic tables over the whole
     record. Path and lateral bend are those of the first plan, which describes the
     whole path;
     `nominal` says whether it goes without a bend. Only paths of the published planner have such a bend: of others
@@ -164,24 +160,20 @@ def _aircraft(
 ) -> dict[str, Any]:
     record = {key: np.asarray(values)[:, column] for key, values in history.items()}
     planned = float(record["arrival_time"][-1])
-    offset = np.stack([record[f"rendezvous_{axis}"] - record[axis] for axis in ("north", "east", "altitude")], axis=-1)
-    arrival, miss = closest_approach(time, offset, planned, ARRIVAL_MARGIN_S)
-    mean, least, greatest = _speed_until(time, record.get("airspeed_mean_wind", record["airspeed"]), arrival)
+    approach = _approach(time, record, planned)
+    mean, least, greatest = _speed_until(time, record.get("airspeed_mean_wind", record["airspeed"]), approach.flown_s)
     bends = record["lateral_bend"][np.isfinite(record["lateral_bend"])]
     bend = float(bends[0]) if bends.size else None
     tables_left_s = float(np.sum(np.diff(time)[record["outside_tables"][:-1]]))
-    search_end = min(time[-1], planned + ARRIVAL_MARGIN_S)
-    counted = arrival if np.isfinite(arrival) else np.inf
     left = np.flatnonzero(record["status"] == LEFT)
-    if left.size:
-        arrival = miss = planned = np.nan
+    has_left = left.size > 0
     return {
-        **({"left_s": float(time[left[0]])} if left.size else {}),
+        **({"left_s": float(time[left[0]])} if has_left else {}),
         "name": scenario.aircraft[column].name,
         "goal": scenario.aircraft[column].goal,
-        "planned_arrival_s": finite_or_none(planned),
-        "arrival_s": finite_or_none(arrival),
-        "miss_m": finite_or_none(miss),
+        "planned_arrival_s": None if has_left else finite_or_none(planned),
+        "arrival_s": None if has_left else finite_or_none(approach.time_s),
+        "miss_m": None if has_left else finite_or_none(approach.miss_m),
         "speed_mean_m_s": mean,
         "speed_min_m_s": least,
         "speed_max_m_s": greatest,
@@ -189,14 +181,25 @@ def _aircraft(
         "tables_left": bool(np.any(record["outside_tables"])),
         "tables_left_s": tables_left_s,
         "position_error_max_m": _finite_end(
-            np.max, record["position_error"][(time <= counted) & (record["phase"] != HOLD)]
+            np.max, record["position_error"][(time <= approach.flown_s) & (record["phase"] != HOLD)]
         ),
         **(_in_gusts(time, record, scenario, surfaces) if "gust_u" in record else {}),
         "path": None,
         "nominal": None if bend is None else abs(bend) <= NOMINAL_BEND_M,
         "lateral_bend_m": bend,
-        "status": arrival_status(record["status"], arrival, search_end),
+        "status": approach.status,
     }
+
+
+def _approach(time: np.ndarray, record: Mapping[str, np.ndarray], planned_s: float) -> Arrival:
+    """Outcome of an aircraft's approach, from its record."""
+    offset = np.stack([record[f"rendezvous_{axis}"] - record[axis] for axis in ("north", "east", "altitude")], axis=-1)
+    off_plan = np.flatnonzero(is_off_plan(record["status"]))
+    last = int(off_plan[0]) if off_plan.size else time.size - 1
+    off_plan_s = float(time[last]) if off_plan.size else np.inf
+    searched = slice(0, max(last, 1) + 1)  # two samples at least
+    closest_pass = closest_approach(time[searched], offset[searched], planned_s, ARRIVAL_MARGIN_S)
+    return arrival_outcome(closest_pass, planned_s, off_plan_s, float(time[-1]), record["status"].tolist())
 
 
 def _in_gusts(
@@ -219,23 +222,8 @@ def _in_gusts(
     }
 
 
-def arrival_status(codes: np.ndarray, arrival: float, search_end: float) -> str:
-    """What became of an aircraft, in words: from its status over time, arrival, s, and until when one counts, s."""
-    failed = codes[codes != 0]
-    if failed.size:
-        # The first one is the cause of those that follow; the last one is how it ended.
-        ends = dict.fromkeys((int(failed[0]), int(failed[-1])))
-        return "; then ".join(STATUS_MESSAGES[code] for code in ends)
-    if not np.isfinite(arrival):
-        return _NO_RECORD
-    return _ARRIVED if arrival < search_end else _STILL_CLOSING
-
-
-def _speed_until(
-    time: np.ndarray, airspeed: np.ndarray, arrival: float
-) -> tuple[float | None, float | None, float | None]:
-    """Mean over time, least and greatest airspeed from the start to the arrival, or to the end without one."""
-    end = arrival if np.isfinite(arrival) else time[-1]
+def _speed_until(time: np.ndarray, airspeed: np.ndarray, end: float) -> tuple[float | None, float | None, float | None]:
+    """Mean over time, least and greatest airspeed from the start to the end of the approach, s."""
     times = np.append(time[time < end], end)
     speeds = np.append(airspeed[time < end], np.interp(end, time, airspeed))
     times, speeds = times[np.isfinite(speeds)], speeds[np.isfinite(speeds)]

@@ -1,6 +1,6 @@
 """The running summary of a fleet's flight: what is kept where nothing else of a flight is."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -14,6 +14,7 @@ from anser.sensing import Instant
 from anser.shapes import Count, Scalar, ScalarLike
 from anser.simulation.closed_loop import HOLD
 from anser.simulation.recorder import AbstractRecorder, AircraftSample, FleetSample
+from anser.simulation.status import is_off_plan
 from anser.spatial import safe_hypot, safe_norm
 
 ARRIVAL_MARGIN_S = 10.0
@@ -42,13 +43,19 @@ class FleetSummary(eqx.Module):
 
     Attributes
     ----------
-    arrival_time, miss
+    pass_time, pass_distance
         Time of the closest pass of the moving rendezvous (s) and distance then (m), up to 10 s after the planned
-        arrival; between samples the offset is linear in time.
-    speeds_until_arrival
-        Up to then, without gusts; their integral over the arrival time is the mean airspeed.
-    position_error_max
-        Up to then, while the plan is flown, m: in the hold there is no planned point. -inf where none was flown.
+        arrival and as long as the plan is flown; between samples the offset is linear in time. Whether this pass is an
+        arrival is decided by `anser.results.arrival_outcome`.
+    speeds_until_pass
+        Up to then, without gusts; their integral over the time of the pass is the mean airspeed.
+    position_error_until_pass
+        Greatest up to then, while the plan is flown, m: in the hold there is no planned point. -inf where none was
+        flown.
+    speeds_on_plan, position_error_on_plan
+        The same up to `off_plan_time`, or so far.
+    off_plan_time
+        Time of the first sample with a status for which `is_off_plan` holds, s; infinite before.
     clearance_min
         Least distance from the goal, m.
     tables_left_time
@@ -62,10 +69,13 @@ class FleetSummary(eqx.Module):
         Whether every recorded number of each was one.
     """
 
-    arrival_time: Float[Array, " aircraft"]
-    miss: Float[Array, " aircraft"]
-    speeds_until_arrival: Speeds
-    position_error_max: Float[Array, " aircraft"]
+    pass_time: Float[Array, " aircraft"]
+    pass_distance: Float[Array, " aircraft"]
+    speeds_until_pass: Speeds
+    position_error_until_pass: Float[Array, " aircraft"]
+    speeds_on_plan: Speeds
+    position_error_on_plan: Float[Array, " aircraft"]
+    off_plan_time: Float[Array, " aircraft"]
     clearance_min: Float[Array, " aircraft"]
     tables_left_time: Float[Array, " aircraft"]
     first_status: Int[Array, " aircraft"]
@@ -76,13 +86,11 @@ class FleetSummary(eqx.Module):
 
 
 class _PreviousSample(NamedTuple):
-    """The sample before, of each aircraft, and what had come up to then."""
+    """The sample before, of each aircraft."""
 
     position_n: Float[Array, "aircraft 3"]
     offset_n: Float[Array, "aircraft 3"]
     airspeed: Float[Array, " aircraft"]
-    speeds: Speeds
-    position_error_max: Float[Array, " aircraft"]
 
 
 class SummaryRecorder(AbstractRecorder):
@@ -106,10 +114,13 @@ class SummaryRecorder(AbstractRecorder):
         code = jnp.zeros(aircraft, dtype=jnp.int32)
         speeds = Speeds(zero, none, -none)
         summary = FleetSummary(
-            arrival_time=jnp.full(aircraft, jnp.nan),
-            miss=none,
-            speeds_until_arrival=speeds,
-            position_error_max=-none,
+            pass_time=jnp.full(aircraft, jnp.nan),
+            pass_distance=none,
+            speeds_until_pass=speeds,
+            position_error_until_pass=-none,
+            speeds_on_plan=speeds,
+            position_error_on_plan=-none,
+            off_plan_time=none,
             clearance_min=none,
             tables_left_time=zero,
             first_status=code,
@@ -118,51 +129,61 @@ class SummaryRecorder(AbstractRecorder):
             separation_ratio_min=jnp.asarray(jnp.inf),
             finite=jnp.ones(aircraft, dtype=bool),
         )
-        return summary, _PreviousSample(jnp.zeros((aircraft, 3)), jnp.zeros((aircraft, 3)), zero, speeds, -none)
+        return summary, _PreviousSample(jnp.zeros((aircraft, 3)), jnp.zeros((aircraft, 3)), zero)
 
     def take(
         self, memory: tuple[FleetSummary, _PreviousSample], sample: FleetSample, instant: Instant
     ) -> tuple[FleetSummary, _PreviousSample]:
         """Summary with one more sample, and with the interval that ends with it."""
-        if self.last is None:
-            return self._taken(memory, sample, instant)
-        return jax.lax.cond(instant.number <= self.last, lambda: self._taken(memory, sample, instant), lambda: memory)
 
-    def _taken(
-        self, memory: tuple[FleetSummary, _PreviousSample], sample: FleetSample, instant: Instant
+        def included() -> tuple[FleetSummary, _PreviousSample]:
+            now = in_precision(sample.rows(_of_one), float)  # also of a flight in float32
+            return self.include(memory, now, instant.number, in_precision(instant.step, float))
+
+        return included() if self.last is None else jax.lax.cond(instant.number <= self.last, included, lambda: memory)
+
+    def include(
+        self, memory: tuple[FleetSummary, _PreviousSample], now: dict[str, Array], number: Count, step: ScalarLike
     ) -> tuple[FleetSummary, _PreviousSample]:
+        """Summary with the values of one more sample, by the keys of `_of_one`; leading axis aircraft."""
         before, last = memory
-        now = in_precision(sample.rows(_of_one), float)  # also of a flight in float32
-        step = in_precision(instant.step, float)
-        time = instant.number * step
+        time = number * step
         position_n, offset_n, airspeed = now["position_n"], now["offset_n"], now["airspeed"]
-        begun = instant.number > 0
+        begun = number > 0
         length_s = jnp.where(begun, step, 0.0)
         # The first sample closes no interval: it is one of no length.
         last = jax.tree.map(
             lambda a, b: jnp.where(begun, a, b),
             last,
-            last._replace(position_n=position_n, offset_n=offset_n, airspeed=airspeed),
+            _PreviousSample(position_n, offset_n, airspeed),
         )
         left_s = now["arrival_time"] + ARRIVAL_MARGIN_S - (time - length_s)
         part, distance = _nearest(last.offset_n, offset_n)
         part = jnp.clip(jnp.minimum(part, left_s / step), 0.0, 1.0)
         distance = jnp.where(left_s >= 0.0, _distance(last.offset_n, offset_n, part), jnp.inf)
-        nearer = distance < before.miss
-        until = last.speeds.until(part, length_s, last.airspeed, airspeed)
-        error_max = jnp.maximum(last.position_error_max, now["position_error"])
-        error_until = jnp.where(part < 1.0, last.position_error_max, error_max)
-        arrived = jax.tree.map(
-            lambda new, old: jnp.where(nearer, new, old),
+        on_plan = jnp.isinf(before.off_plan_time)
+        nearer = on_plan & (distance < before.pass_distance)
+        until = before.speeds_on_plan.until(part, length_s, last.airspeed, airspeed)
+        whole = before.speeds_on_plan.until(jnp.ones_like(airspeed), length_s, last.airspeed, airspeed)
+        error_max = jnp.maximum(before.position_error_on_plan, now["position_error"])
+        error_until = jnp.where(part < 1.0, before.position_error_on_plan, error_max)
+        pass_time, pass_distance, speeds_until_pass, error_until_pass = _select(
+            nearer,
             (time - length_s + part * length_s, distance, until, error_until),
-            (before.arrival_time, before.miss, before.speeds_until_arrival, before.position_error_max),
+            (before.pass_time, before.pass_distance, before.speeds_until_pass, before.position_error_until_pass),
+        )
+        speeds_on_plan, error_on_plan = _select(
+            on_plan, (whole, error_max), (before.speeds_on_plan, before.position_error_on_plan)
         )
         code = now["status"]
         summary = FleetSummary(
-            arrival_time=arrived[0],
-            miss=arrived[1],
-            speeds_until_arrival=arrived[2],
-            position_error_max=arrived[3],
+            pass_time=pass_time,
+            pass_distance=pass_distance,
+            speeds_until_pass=speeds_until_pass,
+            position_error_until_pass=error_until_pass,
+            speeds_on_plan=speeds_on_plan,
+            position_error_on_plan=error_on_plan,
+            off_plan_time=jnp.where(on_plan & is_off_plan(code), time, before.off_plan_time),
             clearance_min=jnp.minimum(before.clearance_min, now["clearance"]),
             tables_left_time=before.tables_left_time + jnp.where(now["outside_tables"], step, 0.0),
             first_status=jnp.where(before.first_status == 0, code, before.first_status),
@@ -171,8 +192,7 @@ class SummaryRecorder(AbstractRecorder):
             separation_ratio_min=jnp.minimum(before.separation_ratio_min, self._ratio(position_n)),
             finite=before.finite & jnp.isfinite(airspeed) & jnp.all(jnp.isfinite(position_n), axis=1),
         )
-        whole = last.speeds.until(jnp.ones_like(airspeed), length_s, last.airspeed, airspeed)
-        return summary, _PreviousSample(position_n, offset_n, airspeed, whole, error_max)
+        return summary, _PreviousSample(position_n, offset_n, airspeed)
 
     def _ratio(self, position_n: Float[Array, "aircraft 3"]) -> Scalar:
         """Least ratio of distance to separation of any two of a fleet at a sample."""
@@ -186,6 +206,11 @@ class SummaryRecorder(AbstractRecorder):
 
     def row(self, sample: FleetSample, instant: Instant) -> None:
         """None."""
+
+
+def _select(condition: Bool[Array, " aircraft"], new: Any, old: Any) -> Any:
+    """The new leaves of the aircraft for which the condition holds, and the old ones of the others."""
+    return jax.tree.map(lambda one, other: jnp.where(condition, one, other), new, old)
 
 
 def _of_one(sample: AircraftSample) -> dict[str, Array]:

@@ -5,6 +5,7 @@ from typing import Any
 import jax.numpy as jnp
 
 from anser.planning import PLAN_MESSAGES
+from anser.planning.coordination import DIRECTION_UNATTAINABLE, NO_BEND
 
 FLYING = 0
 NO_TRIM = len(PLAN_MESSAGES)
@@ -39,6 +40,14 @@ def broken_off(status: Any) -> Any:
     """Whether a status, or which of several, means that an aircraft has left its plan for its hold."""
     away = (status == BROKE_OFF) | (status == TOO_NEAR) | (status == PLAN_TOO_NEAR)
     return away | (status == GOAL_UNSEEN) | (status == GOAL_LOST)
+
+
+def is_off_plan(status: Any) -> Any:
+    """Whether a status, or which of several, means that an aircraft flies no path to its rendezvous (any more).
+
+    A path that is not as long as the fleet's longest, or whose direction of arrival was left free, still leads there.
+    """
+    return (status != FLYING) & (status != NO_BEND) & (status != DIRECTION_UNATTAINABLE)
 
 
 def plan_status(status: Any, planned: Any) -> Any:

@@ -65,8 +65,7 @@ def _worst_labels(dataset: xr.Dataset) -> dict[str, Mapping[str, Any]]:
 
 def _flights(dataset: xr.Dataset) -> dict[str, np.ndarray]:
     found = {str(name): of.values for name, of in dataset.variables.items() if of.dims == ("flight",)}
-    met = dataset["met"].values
-    return found | {f"worst_{name}": worst_of_fleet(dataset[name].values, met) for name in _WORST}
+    return found | {f"worst_{name}": worst_of_fleet(dataset, name) for name in _WORST}
 
 
 def _aircraft(dataset: xr.Dataset) -> dict[str, np.ndarray]:
