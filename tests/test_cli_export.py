@@ -65,7 +65,7 @@ def test_bad_folders_end_with_2(anser, folder, tmp_path):
     (folder / "summary.json").write_text(summary.replace("one", "two"))
     assert "summary.json of two" in refused(folder)
     (folder / "summary.json").write_text("[1]")
-    assert "summary.json: arrived a file that cannot be read" in refused(folder)
+    assert "summary.json: arrived JSON that is a list; expected an object" in refused(folder)
     (folder / "flight.nc").write_text("no flight")
     assert "flight.nc: arrived a file that cannot be read" in refused(folder)
 

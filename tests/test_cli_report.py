@@ -75,8 +75,8 @@ def test_wrong_input_is_told_and_nothing_written(anser, runs, tmp_path, words, s
     [
         ("flight.nc", "junk", "flight.nc: arrived a file that cannot be read"),
         ("summary.json", "[1", "summary.json: arrived a file that cannot be read"),
-        ("summary.json", "{}", "format_version None; this version of anser reads 1"),
-        ("summary.json", '{"format_version": 1}', "the summary lacks scenario, versions"),
+        ("summary.json", "{}", "format_version None; expected 1, which this version of anser reads"),
+        ("summary.json", '{"format_version": 1}', "summary.json: arrived no scenario; expected a summary of a flight"),
     ],
 )
 def test_broken_files_are_told(anser, runs, name, content, said):

@@ -1,5 +1,6 @@
 """A finished plan as a file: what is read is what was written, and what is anything else is refused."""
 
+import io
 import json
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 import anser
-from anser.execution import NoPlanError, PlanFileError, read_plan, write_plan
+from anser.execution import NoPlanError, PlanFileError, plan_file, read_plan, write_plan
 from anser.scenario import loads
 from scenario.certified_scenario import GOOD
 
@@ -78,16 +79,14 @@ def test_a_plan_flies_its_own_scenario_only(planned, written):
         anser.run(other, planned=planned)
 
 
-def changed(path, change):
+def changed(path, change, sealed=True):
     with np.load(path) as archive:
         arrays = dict(archive)
     about = json.loads(str(arrays.pop("about")))
     change(about, arrays)
-    np.savez(path, about=np.array(json.dumps(about)), **arrays)
-
-
-def _moved(about, arrays):
-    arrays["plan.arrival_time"] = arrays["plan.arrival_time"] + 1.0
+    archive = io.BytesIO()
+    np.savez(archive, about=np.array(json.dumps(about)), **arrays)
+    path.write_bytes(plan_file._with_checksum(archive) if sealed else archive.getvalue())
 
 
 def _lacking(about, arrays):
@@ -98,6 +97,10 @@ def _later(about, arrays):
     about["format_version"] = 99
 
 
+def _of_another_version(about, arrays):
+    about["version_anser"] = "9.9"
+
+
 def _without_words(about, arrays):
     about.clear()
 
@@ -105,9 +108,9 @@ def _without_words(about, arrays):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (_moved, "is damaged"),
-        (_lacking, "is damaged"),
-        (_later, "has format_version 99; expected 1"),
+        (_lacking, "cannot be read as a plan"),
+        (_later, "has format_version 99; expected 2"),
+        (_of_another_version, "a plan of anser 9.9; expected one of"),
         (_without_words, "cannot be read as a plan"),
     ],
 )
@@ -117,16 +120,30 @@ def test_a_changed_plan_is_refused(written, change, words):
         read_plan(written, loads(THREE))
 
 
+def test_a_plan_without_its_checksum_is_refused(written):
+    changed(written, lambda about, arrays: None, sealed=False)
+    with pytest.raises(PlanFileError, match="a file without a checksum, cut or of an older version"):
+        read_plan(written, loads(THREE))
+
+
+def test_any_changed_byte_of_a_plan_is_refused(written):
+    content = written.read_bytes()
+    for k in np.random.default_rng(1).integers(0, len(content), 50):
+        written.write_bytes(content[:k] + bytes([content[k] ^ 4]) + content[k + 1 :])
+        with pytest.raises(PlanFileError, match=r"damaged file|without a checksum"):
+            read_plan(written, loads(THREE))
+
+
 @pytest.mark.parametrize("content", [b"", b"not a plan", b"PK\x03\x04 half an archive"])
 def test_another_file_is_refused(tmp_path, content):
     (tmp_path / "plan.npz").write_bytes(content)
-    with pytest.raises(PlanFileError, match="cannot be read as a plan"):
+    with pytest.raises(PlanFileError, match="a file without a checksum"):
         read_plan(tmp_path / "plan.npz", loads(THREE))
 
 
 def test_half_a_plan_is_refused(written):
     written.write_bytes(written.read_bytes()[: written.stat().st_size // 2])
-    with pytest.raises(PlanFileError, match="cannot be read as a plan"):
+    with pytest.raises(PlanFileError, match="a file without a checksum"):
         read_plan(written, loads(THREE))
 
 

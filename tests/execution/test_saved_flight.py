@@ -52,6 +52,26 @@ def test_what_is_no_run_is_refused(folder, tmp_path):
         anser.load_flight(half)
 
 
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda data: data.drop_vars("time"), r"flight\.nc: arrived without time"),
+        (lambda data: data.drop_vars("altitude_m"), "arrived without altitude_m"),
+        (lambda data: data.assign(altitude_m=data["altitude_m"] * float("nan")), "altitude_m with values that are not finite"),
+        (lambda data: data.isel(time=slice(None, None, -1)), "arrived time that does not increase"),
+        (lambda data: data.isel(aircraft=[0, 0, 1]), "expected each name once"),
+        (lambda data: data.assign(north_m=data["north_m"].isel(time=0, drop=True)), "arrived north_m over {'aircraft': 3}"),
+        (lambda data: data.isel(aircraft=[0, 1]), r"arrived flight\.nc of anna, bert with summary\.json of anna, bert, <b>"),
+        (lambda data: data.assign_attrs(scenario_hash="another"), r"arrived flight\.nc of scenario another with summary"),
+    ],
+)  # fmt: skip
+def test_what_is_no_whole_flight_is_refused_by_name(made, folder, tmp_path, change, message):
+    shutil.copy(folder / "summary.json", tmp_path)
+    write_netcdf(change(made[0]), tmp_path / "flight.nc")
+    with pytest.raises(ValueError, match=message):
+        anser.load_flight(tmp_path)
+
+
 def test_a_run_is_no_scenario_and_the_message_says_how_it_is_read(folder):
     with pytest.raises(ScenarioError, match=r"arrived a folder; expected .*; a run is read by anser\.load_flight"):
         anser.load(folder)

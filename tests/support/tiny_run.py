@@ -31,7 +31,7 @@ def make_run(folder: Path) -> Path:
     write_netcdf(tiny_dataset(), folder / "flight.nc")
     row = {"name": "one", "goal": "buoy", "status": "arrived", "planned_arrival_s": 1.0}
     row |= {"arrival_s": None, "miss_m": 0.0}
-    (folder / "summary.json").write_text(
-        json.dumps({"format_version": 1, "scenario": {"name": "still"}, "aircraft": [row]})
-    )
+    fleet = {"separation_min_m": None, "simulated_s": 2.0}
+    summary = {"format_version": 1, "scenario": {"name": "still"}, "aircraft": [row], "fleet": fleet}
+    (folder / "summary.json").write_text(json.dumps(summary | {"requirements": []}))
     return folder

@@ -32,17 +32,11 @@ def read_run(folder: Path, place: str = "RUN") -> tuple["xr.Dataset", dict[str, 
 
 
 def read_flight(folder: Path, names: tuple[str, ...]) -> tuple["xr.Dataset", dict[str, Any]]:
-    """As `read_run`; refuse a flight that lacks variables, and a summary of other aircraft."""
+    """As `read_run`; refuse a flight that lacks variables."""
     dataset, summary = read_run(folder)
-    missing = [name for name in ("aircraft", *names) if name not in dataset.variables]
+    missing = [name for name in names if name not in dataset.variables]
     if missing:
         raise RefusedError(
             f"{folder / FLIGHT}: arrived without {', '.join(missing)}; expected a flight of this version of anser"
-        )
-    flown, summarized = dataset["aircraft"].values.tolist(), [row["name"] for row in summary.get("aircraft", ())]
-    if flown != summarized:
-        raise RefusedError(
-            f"{folder}: arrived {FLIGHT} of {', '.join(flown)} with {SUMMARY} of {', '.join(map(str, summarized))}; "
-            "expected both of the same flight"
         )
     return dataset, summary

@@ -1,6 +1,7 @@
 """A finished plan as a file: all its arrays, so that it can be flown without being made again."""
 
 import hashlib
+import io
 import json
 import os
 import zipfile
@@ -21,16 +22,17 @@ from anser.execution.untrimmable import refuse_untrimmable
 from anser.numerics import as_array
 from anser.planning.certified import Outcome
 from anser.planning.published_planner import PublishedPlanState
-from anser.results import version_attributes
+from anser.results import DamagedFileError, version_attributes
+from anser.results.checksums import TRAILER_BYTES, trailer_of, verify_checksum
 from anser.scenario import Scenario, build_flight
 from anser.simulation import CertifiedPlanner, CertifiedPlanState, DecentralisedPlanner
 
-_FORMAT = 1
+_FORMAT = 2
 _STATES = {"published": PublishedPlanState, "certified": CertifiedPlanState, "decentralised": Agreement}
 
 
 def write_plan(planned: Planned, path: Path) -> None:
-    """Write a finished plan into a new file, a NumPy archive.
+    """Write a finished plan into a new file, a NumPy archive whose comment is its checksum.
 
     Raises
     ------
@@ -45,11 +47,12 @@ def write_plan(planned: Planned, path: Path) -> None:
         "format_version": _FORMAT,
         "planner": planned.scenario.fleet.planner,
         "scenario_hash": planned.scenario.hash,
-        "sha256": _digest(arrays),
         **version_attributes(),
     }
+    archive = io.BytesIO()
+    np.savez(archive, allow_pickle=False, about=np.array(json.dumps(about)), **arrays)
     with path.open("xb") as file:
-        np.savez(file, allow_pickle=False, about=np.array(json.dumps(about)), **arrays)
+        file.write(_with_checksum(archive))
 
 
 def read_plan(path: str | os.PathLike[str], scenario: Scenario) -> Planned:
@@ -73,24 +76,41 @@ def read_plan(path: str | os.PathLike[str], scenario: Scenario) -> Planned:
     if path.is_dir():
         path = path / PLAN
     try:
+        _verify(path)
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
         about = json.loads(str(arrays.pop("about")))
-        if about["format_version"] != _FORMAT:
-            raise PlanFileError(f"{path} has format_version {about['format_version']}; expected {_FORMAT}")
-        if about["sha256"] != _digest(arrays):
-            raise PlanFileError(f"{path} is damaged: its content is not what was written")
-        if (about["planner"], about["scenario_hash"]) != (scenario.fleet.planner, scenario.hash):
-            raise PlanFileError(
-                f"{path} holds the plan of another scenario ({about['planner']}, hash {about['scenario_hash']}); "
-                f"expected that of this one ({scenario.fleet.planner}, {scenario.hash}): other numbers, another plan"
-            )
+        _refuse_other(about, scenario, path)
         state = _rebuilt(_STATES[about["planner"]], "", arrays)
     except (OSError, KeyError, TypeError, ValueError, EOFError, zipfile.BadZipFile) as error:
         if isinstance(error, PlanFileError):
             raise
         raise PlanFileError(f"{path} cannot be read as a plan ({error})") from None
     return _planned(scenario, state, path)
+
+
+def _verify(path: Path) -> None:
+    try:
+        verified = verify_checksum(path)
+    except DamagedFileError as error:
+        raise PlanFileError(str(error)) from None
+    if not verified:
+        words = "a file without a checksum, cut or of an older version"
+        raise PlanFileError(f"{path}: arrived {words}; expected a plan of format {_FORMAT}, as anser plan --out writes")
+
+
+def _refuse_other(about: dict[str, Any], scenario: Scenario, path: Path) -> None:
+    """Refuse a plan of another format, version of anser or scenario."""
+    if about["format_version"] != _FORMAT:
+        raise PlanFileError(f"{path} has format_version {about['format_version']}; expected {_FORMAT}")
+    made_by, version = about["version_anser"], version_attributes()["version_anser"]
+    if made_by != version:
+        raise PlanFileError(f"{path}: arrived a plan of anser {made_by}; expected one of {version}: plan again")
+    if (about["planner"], about["scenario_hash"]) != (scenario.fleet.planner, scenario.hash):
+        raise PlanFileError(
+            f"{path} holds the plan of another scenario ({about['planner']}, hash {about['scenario_hash']}); "
+            f"expected that of this one ({scenario.fleet.planner}, {scenario.hash}): other numbers, another plan"
+        )
 
 
 def _planned(scenario: Scenario, state: Any, path: Path) -> Planned:
@@ -112,11 +132,12 @@ def _planned(scenario: Scenario, state: Any, path: Path) -> Planned:
     return CertifiedPlanned(*made)
 
 
-def _digest(arrays: dict[str, np.ndarray]) -> str:
-    found = hashlib.sha256()
-    for name, array in sorted(arrays.items()):
-        found.update(f"{name} {array.dtype} {array.shape}\n".encode() + array.tobytes())
-    return found.hexdigest()
+def _with_checksum(archive: io.BytesIO) -> bytes:
+    """Bytes of an archive with their checksum as its comment, which stands at the end."""
+    with zipfile.ZipFile(archive, "a") as file:
+        file.comment = bytes(TRAILER_BYTES)
+    content = archive.getvalue()[:-TRAILER_BYTES]
+    return content + trailer_of(hashlib.sha256(content).hexdigest())
 
 
 def _rebuilt(kind: type, place: str, arrays: dict[str, np.ndarray]) -> Any:

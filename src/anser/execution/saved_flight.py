@@ -87,17 +87,32 @@ def load_flight(folder: str | os.PathLike[str]) -> SavedFlight:
     """
     place = Path(folder)
     must_be_run(place)
-    from anser.results import read_netcdf, read_summary
-
-    return SavedFlight(_read(place / FLIGHT, read_netcdf), _read(place / SUMMARY, read_summary))
+    return SavedFlight(*_read(place))
 
 
-def _read(file: Path, reader: Any) -> Any:
+def _read(folder: Path) -> tuple["xr.Dataset", dict[str, Any]]:
+    from anser.results import DamagedFileError, flight_problem, read_netcdf, read_summary
+
     try:
-        return reader(file)
-    except (OSError, ValueError, KeyError) as error:
-        words = f"arrived a file that cannot be read ({error}); expected what `anser run` wrote"
-        raise RunFolderError(f"{file}: {words}") from None
+        dataset = read_netcdf(folder / FLIGHT)
+        problem = flight_problem(dataset)
+        if problem is not None:
+            raise RunFolderError(f"{folder / FLIGHT}: {problem}")
+        summary = read_summary(folder / SUMMARY)
+    except DamagedFileError as error:
+        raise RunFolderError(str(error)) from None
+    except OSError as error:
+        words = f"arrived files that cannot be read ({error}); expected what `anser run` wrote"
+        raise RunFolderError(f"{folder}: {words}") from None
+    flown, summarized = dataset["aircraft"].values.tolist(), [row["name"] for row in summary["aircraft"]]
+    if flown != summarized:
+        words = f"{FLIGHT} of {', '.join(flown)} with {SUMMARY} of {', '.join(summarized)}"
+        raise RunFolderError(f"{folder}: arrived {words}; expected both of the same flight")
+    hashes = dataset.attrs.get("scenario_hash"), summary["scenario"].get("hash")
+    if None not in hashes and hashes[0] != hashes[1]:
+        words = f"{FLIGHT} of scenario {hashes[0]} with {SUMMARY} of scenario {hashes[1]}"
+        raise RunFolderError(f"{folder}: arrived {words}; expected both of the same flight")
+    return dataset, summary
 
 
 def must_be_run(folder: Path) -> None:

@@ -3,9 +3,11 @@
 from anser.results.airframe_dataset import airframe_dataset
 from anser.results.arrival import closest_approach, least_distance
 from anser.results.arrival_figure import ArrivalFigure, arrival_figure, duration_words, planned_arrivals
+from anser.results.checksums import DamagedFileError
 from anser.results.dataset import surfaces_of, to_dataset
 from anser.results.envelope_dataset import envelope_dataset
 from anser.results.envelope_reasons import OUTCOMES, REASONS, judge
+from anser.results.flight_check import flight_problem
 from anser.results.intervals import log_interval, order_statistic_interval, quantile, wilson_interval
 from anser.results.linear_model import linear_dataset, linear_document, unit_of
 from anser.results.margin_dataset import CLOSED_LOOP, margin_dataset, margin_map_dataset, margin_table
@@ -47,6 +49,7 @@ __all__ = [
     "TRAJECTORY_COLUMNS",
     "ArrivalFigure",
     "ClosestApproach",
+    "DamagedFileError",
     "FailureCorrelation",
     "FirstBreak",
     "PlanDetails",
@@ -64,6 +67,7 @@ __all__ = [
     "finite_or_none",
     "first_breaks",
     "fleet_words",
+    "flight_problem",
     "flights_of",
     "judge",
     "least_distance",

@@ -1,13 +1,22 @@
-"""A flight on disk: one compressed NetCDF-4 file."""
+"""A flight on disk: one compressed NetCDF-4 file, with a checksum at its end."""
 
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
+from anser.results.checksums import append_checksum, damaged, verify_checksum
+
+FORMAT_VERSION = 1
+_VERSION = "format_version"
+"""Attribute of every file that has a checksum; older files have neither."""
+_UNREADABLE = OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, RuntimeError, MemoryError
+"""What the libraries raise where a file of an older version, without a checksum, is damaged."""
+_EXPECTED = "a file as anser wrote it"
+
 
 def write_netcdf(dataset: xr.Dataset, path: Path) -> None:
-    """Write a dataset to a NetCDF-4 file, compressed without loss.
+    """Write a dataset to a NetCDF-4 file, compressed without loss, with its checksum.
 
     Truth values are stored as int8 with their flag attributes, names of aircraft as text. The file appears under its
     name only when it is complete.
@@ -26,17 +35,37 @@ def write_netcdf(dataset: xr.Dataset, path: Path) -> None:
     }
     partial = path.with_name(path.name + ".part")
     try:
-        dataset.to_netcdf(partial, mode="w", format="NETCDF4", engine="netcdf4", encoding=encoding)
+        versioned = dataset.assign_attrs({_VERSION: FORMAT_VERSION})
+        versioned.to_netcdf(partial, mode="w", format="NETCDF4", engine="netcdf4", encoding=encoding)
+        append_checksum(partial)
         partial.rename(path)
     finally:
         partial.unlink(missing_ok=True)
 
 
 def read_netcdf(path: Path) -> xr.Dataset:
-    """Read a dataset that `write_netcdf` wrote, whole, equal to the one written."""
-    # Times are plain seconds from the start of the flight, not dates.
-    dataset = xr.load_dataset(path, engine="netcdf4", decode_times=False, decode_timedelta=False)
-    if "aircraft" in dataset.coords:
-        names = dataset["aircraft"]
-        dataset = dataset.assign_coords(aircraft=("aircraft", names.values.astype(np.str_), names.attrs))
+    """Read a dataset that `write_netcdf` wrote, whole, equal to the one written.
+
+    Raises
+    ------
+    DamagedFileError
+        The file cannot be read, is not what was written, or is of another format version.
+    """
+    verified = verify_checksum(path)
+    try:
+        # Times are plain seconds from the start of the flight, not dates.
+        dataset = xr.load_dataset(path, engine="netcdf4", decode_times=False, decode_timedelta=False)
+        names = dataset.coords.get("aircraft")
+        if names is not None:
+            dataset = dataset.assign_coords(aircraft=(names.dims, names.values.astype(np.str_), names.attrs))
+    except _UNREADABLE as error:
+        raise damaged(path, f"a file that cannot be read ({error})", _EXPECTED) from None
+    version = dataset.attrs.pop(_VERSION, None)
+    if version is None and not verified:
+        return dataset
+    if version != FORMAT_VERSION:
+        raise damaged(path, f"{_VERSION} {version}", str(FORMAT_VERSION))
+    if not verified:
+        words = "a file without its checksum, cut or written by another program"
+        raise damaged(path, words, f"{_EXPECTED}, or without the attribute {_VERSION} if the change is intended")
     return dataset

@@ -11,10 +11,12 @@ from anser.constants import AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M
 from anser.planning.path_words import NOMINAL_BEND_M
 from anser.results.arrival import Arrival, arrival_outcome, closest_approach, least_distance
 from anser.results.arrival_figure import arrivals_of
+from anser.results.checksums import damaged, read_document, with_checksum
 from anser.results.plain import finite_or_none
 from anser.results.provenance import versions
 from anser.results.requirements import judge, requirements_of
 from anser.results.separated import least_ratio
+from anser.results.summary_schema import summary_problem
 from anser.scenario import Scenario
 from anser.simulation.closed_loop import HOLD
 from anser.simulation.fleet_summary import ARRIVAL_MARGIN_S
@@ -124,7 +126,7 @@ def _kinds(scenario: Scenario, aircraft: Sequence[Mapping[str, Any]]) -> list[st
 
 
 def write_summary(summary: Mapping[str, Any], path: Path) -> None:
-    """Write a summary as JSON.
+    """Write a summary as JSON, with its checksum.
 
     Raises
     ------
@@ -133,7 +135,7 @@ def write_summary(summary: Mapping[str, Any], path: Path) -> None:
     ValueError
         The summary holds a number that JSON has not (NaN, infinity).
     """
-    text = json.dumps(summary, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+    text = json.dumps(with_checksum(summary), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
     if path.exists():
         raise FileExistsError(f"{path} exists; a summary is not overwritten: choose another folder")
     with path.open("x", encoding="utf-8") as file:
@@ -145,13 +147,16 @@ def read_summary(path: Path) -> dict[str, Any]:
 
     Raises
     ------
-    ValueError
-        The file is not a summary of this format version.
+    DamagedFileError
+        The file is not a whole summary of this format version.
     """
-    summary = json.loads(path.read_text(encoding="utf-8"))
-    found = summary.get("format_version") if isinstance(summary, dict) else None
-    if found != FORMAT_VERSION:
-        raise ValueError(f"{path} has format_version {found!r}; this version of anser reads {FORMAT_VERSION}")
+    summary, _ = read_document(path)
+    version = summary.get("format_version")
+    if version != FORMAT_VERSION:
+        raise damaged(path, f"format_version {version!r}", f"{FORMAT_VERSION}, which this version of anser reads")
+    problem = summary_problem(summary)
+    if problem is not None:
+        raise damaged(path, *problem)
     return summary
 
 
