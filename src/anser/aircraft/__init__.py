@@ -16,6 +16,7 @@ from anser.aircraft.dave_ml_aircraft import (
     INERTIA_OUTPUTS,
     KNOWN_INPUTS,
     DaveMlAircraft,
+    body_faults_of,
     dave_ml_airframe,
 )
 from anser.aircraft.dave_ml_dispersed import dispersed_dave_ml_aircraft
@@ -32,6 +33,7 @@ from anser.aircraft.interface import AbstractAirframe, AircraftState, Controls, 
 from anser.aircraft.jet_engine import JetEngine
 from anser.aircraft.motion import MotionState, Moving, motion_derivative, moving_state, seen_state
 from anser.aircraft.piston_propeller import PistonPropeller
+from anser.aircraft.possible_body import refuse_impossible_body
 from anser.aircraft.rigid_body import (
     Condition,
     angular_acceleration,
@@ -98,6 +100,7 @@ __all__ = [
     "air_data",
     "along_body_x",
     "angular_acceleration",
+    "body_faults_of",
     "body_from_data",
     "condition",
     "dave_ml_airframe",
@@ -115,6 +118,7 @@ __all__ = [
     "moving_state",
     "no_dispersion",
     "no_disturbance",
+    "refuse_impossible_body",
     "seen_state",
     "state_derivative",
     "suspect_points",

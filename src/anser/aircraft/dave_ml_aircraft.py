@@ -15,9 +15,11 @@ from anser.aircraft.air_data import AirData
 from anser.aircraft.dave_ml_engine import AIR_INPUTS, ENGINE_OUTPUTS, DaveMlEngine, air_inputs
 from anser.aircraft.engine import AbstractEngine, NoEngine
 from anser.aircraft.interface import AbstractAirframe, MassProperties
+from anser.aircraft.possible_body import refuse_impossible_body
 from anser.aircraft.validity import Validity, everywhere, outside
 from anser.aircraft.wrench import Wrench
-from anser.dave_ml import Evaluator, Model
+from anser.body_checks import BodyFault, body_faults
+from anser.dave_ml import DaveMlError, Evaluator, Model
 from anser.numerics import as_array, cross
 from anser.shapes import Flag, Scalar, Vector, Vector3
 
@@ -34,6 +36,7 @@ _INERTIAS = (
     *(f"bodyMomentOfInertia_{axis}" for axis in ("Roll", "Pitch", "Yaw")),
     *(f"bodyProductOfInertia_{axes}" for axes in ("XY", "YZ", "ZX")),
 )
+_QUANTITIES = ("Jxx", "Jyy", "Jzz", "Jxy", "Jyz", "Jxz")
 _CENTRE = tuple(f"bodyPositionOfCmWrtMrc_{axis}" for axis in "XYZ")
 INERTIA_OUTPUTS = (*_INERTIAS, *_CENTRE, "totalMass")
 """What a file of inertia must give."""
@@ -160,7 +163,9 @@ def dave_ml_airframe(
     ------
     ValueError
         A model lacks a variable; the message names it and what there is. Or an input of the aerodynamics is none of the
-        air, the body rates or the surfaces, and has no usual value.
+        air, the body rates or the surfaces, and has no usual value. Or mass properties are none that a body has.
+    DaveMlError
+        A reference length, the mass or the inertia is none that a body has.
     """
     _require("aerodynamics", aerodynamics, (*AERO_OUTPUTS, *AERO_LENGTHS))
     structure = aerodynamics.evaluator.structure
@@ -176,7 +181,11 @@ def dave_ml_airframe(
     missing = [n for n, one in named.items() if one in needed - constants.keys() and n not in (*KNOWN_INPUTS, *inputs)]
     if missing:
         raise ValueError(f"aerodynamics: nothing gives {', '.join(missing)}; expected inputs of {KNOWN_INPUTS}")
-    lengths = aerodynamics.evaluate_si({}, AERO_LENGTHS)
+    if isinstance(inertia, Model):
+        _require("inertia", inertia, INERTIA_OUTPUTS)
+    faults = body_faults_of(aerodynamics, inertia if isinstance(inertia, Model) else None, given or {})
+    if faults:
+        raise faults[0][1]
     mass_properties, centre_b = _mass_of(inertia, given or {}) if isinstance(inertia, Model) else inertia
     engine: AbstractEngine = NoEngine()
     if isinstance(propulsion, AbstractEngine):
@@ -194,6 +203,7 @@ def dave_ml_airframe(
             point_b=as_array(np.zeros(3)),
             thrust_factor=as_array(1.0),
         )
+    wing_area, span, mean_chord = (as_array(value) for value in _si(aerodynamics, AERO_LENGTHS, {}).values())
     made = DaveMlAircraft(
         mass_properties=mass_properties,
         actuators=actuators,
@@ -201,15 +211,16 @@ def dave_ml_airframe(
         alpha_range=(as_array(alpha_range[0]), as_array(alpha_range[1])),
         beta_range=(as_array(beta_range[0]), as_array(beta_range[1])),
         evaluator=aerodynamics.evaluator,
-        wing_area=as_array(float(lengths["referenceWingArea"])),
-        span=as_array(float(lengths["referenceWingSpan"])),
-        mean_chord=as_array(float(lengths["referenceWingChord"])),
+        wing_area=wing_area,
+        span=span,
+        mean_chord=mean_chord,
         centre_b=centre_b,
         coefficient_factors=as_array(np.ones(6)),
         airspeed_least=as_array(1.0),
         validity=everywhere() if validity is None else validity,
         inputs=tuple(inputs),
     )
+    refuse_impossible_body(made, "dave_ml_airframe")
     return dataclasses.replace(made, still_side_force=_has_still_side_force(made))
 
 
@@ -234,20 +245,71 @@ def _side_forces(aircraft: DaveMlAircraft, alphas: Vector, speeds: Vector, power
     return jax.vmap(jax.vmap(side, in_axes=(None, 0)), in_axes=(0, None))(alphas, speeds)
 
 
+def body_faults_of(
+    aerodynamics: Model, inertia: Model | None, given: Mapping[str, float]
+) -> list[tuple[str, DaveMlError]]:
+    """Find reference lengths, mass and inertia of files that no body has.
+
+    Parameters
+    ----------
+    aerodynamics, inertia
+        As of `dave_ml_airframe`, with all variables that it asks for; None: no file of inertia.
+    given
+        Inputs of `inertia`, in the units of the file.
+
+    Returns
+    -------
+    Each with the part, "aerodynamics" or "inertia", and its place in the file.
+    """
+    found = [
+        ("aerodynamics", _fault(aerodynamics, fault.quantity, fault))
+        for fault in body_faults(_si(aerodynamics, AERO_LENGTHS, {}), np.eye(3).tolist())
+    ]
+    if inertia is None:
+        return found
+    values = _si(inertia, INERTIA_OUTPUTS, given)
+    found += [
+        ("inertia", _fault(inertia, name, BodyFault(name, values[name], "a finite number")))
+        for name in _CENTRE
+        if not math.isfinite(values[name])
+    ]
+    names = {**dict(zip(_QUANTITIES, _INERTIAS, strict=True)), "totalMass": "totalMass"}
+    faults = body_faults({"totalMass": values["totalMass"]}, _inertia_matrix(values).tolist())
+    return found + [("inertia", _fault(inertia, names[fault.quantity], fault)) for fault in faults]
+
+
+def _fault(model: Model, name: str, fault: BodyFault) -> DaveMlError:
+    variable = model.definition.variables[model.evaluator.structure.find(name)]
+    unit = model.evaluator.unit(name)
+    si = f" {unit.si}" if unit.si else ""
+    arrived = (
+        f"{fault.arrived / unit.factor:.10g} {variable.units}, {fault.arrived:.10g}{si}, of {name} ({variable.id})"
+    )
+    return variable.place.fault(arrived, fault.expected)
+
+
+def _si(model: Model, names: Sequence[str], given: Mapping[str, float]) -> dict[str, float]:
+    """Values of variables, SI units."""
+    values = model.evaluate(given, names)
+    return {name: float(value) * model.evaluator.unit(name).factor for name, value in values.items()}
+
+
+def _inertia_matrix(si: Mapping[str, float]) -> np.ndarray:
+    Jx, Jy, Jz, Jxy, Jyz, Jzx = (si[name] for name in _INERTIAS)
+    return np.array([[Jx, -Jxy, -Jzx], [-Jxy, Jy, -Jyz], [-Jzx, -Jyz, Jz]])
+
+
 def _mass_of(inertia: Model, given: Mapping[str, float]) -> tuple[MassProperties, Vector3]:
     """Mass, inertia and centre of mass by a file."""
-    _require("inertia", inertia, INERTIA_OUTPUTS)
-    values = inertia.evaluate(dict(given), INERTIA_OUTPUTS)
-    si = {name: as_array(float(value) * inertia.evaluator.unit(name).factor) for name, value in values.items()}
-    Jx, Jy, Jz, Jxy, Jyz, Jzx = (float(si[name]) for name in _INERTIAS)
-    inertia_b = np.array([[Jx, -Jxy, -Jzx], [-Jxy, Jy, -Jyz], [-Jzx, -Jyz, Jz]])
+    si = _si(inertia, INERTIA_OUTPUTS, given)
+    inertia_b = _inertia_matrix(si)
     properties = MassProperties(
-        mass=si["totalMass"],
+        mass=as_array(si["totalMass"]),
         inertia_b=as_array(inertia_b),
         inertia_inverse_b=as_array(np.linalg.inv(inertia_b)),
         spin_momentum_b=as_array(np.zeros(3)),
     )
-    return properties, as_array([float(si[name]) for name in _CENTRE])
+    return properties, as_array([si[name] for name in _CENTRE])
 
 
 def _require(what: str, model: Model, names: Sequence[str]) -> None:

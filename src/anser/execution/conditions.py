@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from anser.aircraft import AbstractAirframe, AbstractF16, condition
+from anser.aircraft import AbstractAirframe, AbstractF16, condition, refuse_impossible_body
 from anser.compiling import compiled
 from anser.control import AutopilotGains, Bandwidths, automatic_gains, own_bandwidths, published_gains
 from anser.environment import Environment
@@ -40,7 +40,8 @@ def airframe_of(
     Raises
     ------
     ValueError
-        No such airframe; or a centre of gravity for an airframe that is not the library's F-16.
+        No such airframe; a centre of gravity for an airframe that is not the library's F-16; or an airframe of
+        an impossible body.
     ScenarioError
         No valid aircraft file.
     """
@@ -54,6 +55,7 @@ def airframe_of(
             f"x_cg_over_c: arrived {x_cg_over_c} with an airframe of your own; expected None, "
             "and the airframe built with the centre of gravity that it is to have"
         )
+    refuse_impossible_body(aircraft, type(aircraft).__name__)
     return aircraft, {"aircraft": "custom"}
 
 

@@ -17,6 +17,7 @@ from anser.aircraft import (
     body_from_data,
     engine_from_data,
     f16_from_data,
+    refuse_impossible_body,
     tp1538_from_data,
 )
 from anser.scenario.airframe_file import (
@@ -77,7 +78,8 @@ def load_airframe(name: str = "f16", variant: str = "textbook", x_cg_over_c: flo
     Raises
     ------
     ValueError
-        If the name or variant is unknown; the message lists the known ones. Or if an entry point gives no airframe.
+        If the name or variant is unknown; the message lists the known ones. Or if an entry point gives no airframe, or
+        one of a body that is not possible.
     ScenarioError
         If an aircraft file cannot be read or is none.
     """
@@ -114,6 +116,7 @@ def _of_entry_point(name: str) -> AbstractAirframe:
     made = point.load()()
     if not isinstance(made, AbstractAirframe):
         raise ValueError(f"entry point {name!r} ({point.value}): gave {type(made).__name__}; expected an airframe")
+    refuse_impossible_body(made, f"entry point {name!r} ({point.value})")
     return made
 
 

@@ -14,6 +14,7 @@ from anser.aircraft import (
     KNOWN_INPUTS,
     DaveMlAircraft,
     air_data,
+    body_faults_of,
     dave_ml_airframe,
 )
 from anser.dave_ml import DaveMlError, Model, adapted, read_dave_ml
@@ -77,8 +78,7 @@ def model_problems(file: DaveMlFile) -> list[Problem]:
         raw = file_models(file)
     except DaveMlError as error:
         part = next(part for part in PARTS if (text := getattr(file.dave_ml, part)) and text.file == error.name)
-        where = f"{error.name}" if error.line is None else f"{error.name}, line {error.line}, column {error.column}"
-        return [Problem(f"dave_ml.{part} ({where})", error.arrived, error.expected)]
+        return [_problem_of(part, error)]
     found = []
     for key in ("names", "given"):
         for name, value in getattr(file.dave_ml, key).items():
@@ -95,10 +95,18 @@ def model_problems(file: DaveMlFile) -> list[Problem]:
             *_of_inputs(file, models),
         ]
         if not found:
+            faults = body_faults_of(models["aerodynamics"], models.get("inertia"), {})
+            found = [_problem_of(part, fault) for part, fault in faults]
+        if not found:
             jax.eval_shape(_everything, build_dave_ml(file))
     except ValueError as error:
         return [Problem("dave_ml", str(error), "files that make an aircraft together")]
     return found
+
+
+def _problem_of(part: str, error: DaveMlError) -> Problem:
+    where = error.name if error.line is None else f"{error.name}, line {error.line}, column {error.column}"
+    return Problem(f"dave_ml.{part} ({where})", error.arrived, error.expected)
 
 
 def _missing(file: DaveMlFile, part: str, model: Model) -> list[Problem]:

@@ -5,6 +5,7 @@ from typing import Annotated, Any
 from pydantic import Field
 from pydantic_core import PydanticUndefined
 
+from anser.body_checks import body_faults
 from anser.derivative_names import ARGUMENTS
 from anser.scenario.errors import Problem, plain, show
 from anser.scenario.schema_base import Table, expects, number
@@ -63,17 +64,11 @@ class Mass(Table):
         )
 
     def own_problems(self) -> list[Problem]:
-        """Find products of inertia too large for the moments: the matrix must be positive definite."""
-        (a, d, e), (_, b, f), (_, _, c) = self.inertia
-        pairs = (("Jxy_kg_m2", d, a * b), ("Jxz_kg_m2", e, a * c), ("Jyz_kg_m2", f, b * c))
-        words = "a product less than the root of its two moments, so that the matrix of inertia is positive definite"
-        found = [Problem(key, plain(-value), words) for key, value, limit in pairs if value * value >= limit]
-        determinant = a * (b * c - f * f) - d * (d * c - f * e) + e * (d * f - b * e)
-        if not found and determinant <= 0.0:
-            found.append(
-                Problem("Jxy_kg_m2", plain(self.Jxy_kg_m2), "products for which the matrix of inertia is definite")
-            )
-        return found
+        """Find a matrix of inertia that no body has."""
+        return [
+            Problem(f"{fault.quantity}_kg_m2", plain(fault.arrived), fault.expected)
+            for fault in body_faults({}, self.inertia)
+        ]
 
 
 class Geometry(Table):
