@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from anser.campaigns import Answer, CampaignStore, StoreError, cluster, flying
+from anser.campaigns import Answer, CampaignStore, StoreError, cluster, flying, write_campaign
 from anser.cli.campaigning import _bound_cells
 from campaigns.study_cases import STUDIES, made_up, text_of
 
@@ -131,6 +131,23 @@ def test_ctrl_c_leaves_answers_and_report_of_what_was_flown(anser, study, tmp_pa
     assert "of 8 flights meet every requirement" in printed
     assert "8 of 20 flights; --resume flies the others" in said
     assert "<b>Partial: 8 of 20 flights.</b>" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_ctrl_c_before_the_first_chunk_leaves_a_campaign_to_go_on_with(anser, study, tmp_path, monkeypatch):
+    def stopped(cases, batch=None, series=None, precision="float64"):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(flying, "fly_many", stopped)
+    code, printed, said = anser("campaign", study, "--out", tmp_path / "out", "--processes", 1)
+    assert (code, said.count("stopped")) == (130, 1)
+    assert "no flight so far" in printed
+    assert "0 of 20 flights; --resume flies the others" in said
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["flights.zarr"]
+    with pytest.raises(StoreError, match="no flight"):
+        write_campaign(CampaignStore.open(tmp_path / "out"))
+    monkeypatch.setattr(flying, "fly_many", made_up)
+    assert anser("campaign", study, "--out", tmp_path / "out", "--resume", "--processes", 1)[0] == 1
+    assert CampaignStore.open(tmp_path / "out").flown.size == 20
 
 
 def test_a_cluster_that_is_lost_leaves_what_was_flown_and_one_message(anser, study, tmp_path, monkeypatch):

@@ -19,8 +19,9 @@ import typer
 from typer.main import get_command
 from typer.testing import CliRunner
 
-from anser.cli import app, console
+from anser.cli import console
 from anser.cli.arguments import complete_run, complete_scenario, complete_variant
+from anser.cli.commands import app
 from anser.cli.console import answer, line, problem, progress_bar, say, working
 from anser.cli.offering import about, offer
 from anser.compiling import compiled
@@ -292,7 +293,7 @@ def test_variants_are_those_of_the_aircraft():
 @pytest.mark.parametrize("no_color", ["", "1"])
 def test_colours_respect_no_color(no_color):
     script = (
-        "from anser.cli import app; from anser.cli.console import err, screen\n"
+        "from anser.cli.commands import app; from anser.cli.console import err, screen\n"
         "screen.print('[red]r[/red] 12'); err.print('[red]e[/red]')\n"
         "try: app(['run', '--help'])\nexcept SystemExit: pass"
     )

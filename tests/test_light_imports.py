@@ -16,8 +16,14 @@ def _run(program, folder):
     return done.stdout.splitlines()[-1]
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["check", SCENARIO], ["new", "mine.toml"]], ids=lambda x: x[0])
+@pytest.mark.parametrize(
+    "arguments",
+    [["--help"], ["check", SCENARIO], ["check", "limited.toml"], ["new", "mine.toml"]],
+    ids=lambda x: x[-1][-12:],
+)
 def test_light_commands_do_not_import_jax(arguments, tmp_path):
+    limits = "\n[limits]\nbank_max_deg = 40.0\n"  # beside an aircraft that is no F-16, with a trim map of its own
+    (tmp_path / "limited.toml").write_text((ROOT / "scenarios" / "mixed-fleet.toml").read_text() + limits)
     program = f"""
 import sys
 sys.argv = ["anser", *{arguments!r}]

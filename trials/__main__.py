@@ -20,7 +20,8 @@ from anser.cli.console import (
     problem,
     progress_bar,
 )
-from anser.cli.offering import INTERRUPTED, about, offer
+from anser.cli.interrupts import INTERRUPTED
+from anser.cli.offering import about, offer
 
 if TYPE_CHECKING:
     from trials.runner import Trial

@@ -95,6 +95,11 @@ FAULTS = {
     ),
     "too deep": (HEAD + "<a>" * 200, "nested more than 100 deep"),
     "encoding": (b'<?xml version="1.0" encoding="ebcdic"?><DAVEfunc/>', "expected UTF-8"),
+    "encoding that is no plain text": (
+        b'<?xml version="1.0" encoding="punycode"?><DAVEfunc/>',
+        '"punycode"; expected UTF-8',
+    ),
+    "bytes of another encoding": (b"<DAVEfunc>\xff</DAVEfunc>", "bytes that are not utf-8"),
     "breakpoints": (
         f'{HEAD}<breakpointDef bpID="b"><bpVals>1 2 2</bpVals></breakpointDef></DAVEfunc>',
         "breakpoint 2 after 2",

@@ -9,7 +9,8 @@ import click
 import pytest
 import typer.main
 
-from anser.cli import app, main
+from anser.cli import main
+from anser.cli.commands import app
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("index.md")), *sorted((ROOT / "docs").glob("[th][uo]*/*.md"))]

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 import anser
-from anser.cli import app
+from anser.cli.commands import app
 from anser.execution import NoPlanError, run
 from anser.execution.certified import arrival_request
 from anser.execution.plan_output import record

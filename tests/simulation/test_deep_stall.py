@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from anser.cli import app
+from anser.cli.commands import app
 from anser.execution import deep_stall, deep_stall_document, first_stable
 from anser.report import draw_deep_stall
 from support.tp1538_build_up import coefficients

@@ -13,6 +13,7 @@ from anser.campaigns.reporting import OTHERS, WORST, write_campaign
 from anser.campaigns.store import CampaignStore
 from anser.campaigns.study import load_study, validate_study
 from anser.execution.batches import Progress
+from anser.output_files import new_folder
 from anser.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -132,10 +133,6 @@ def store_of(
         return store
     if folder.exists():
         raise FileExistsError(f"{folder} exists and is not overwritten: choose another folder, or resume")
-    folder.mkdir(parents=True)
-    try:
-        return prepare(folder, wanted, scenario, given)
-    except BaseException:
-        if not any(folder.iterdir()):
-            folder.rmdir()
-        raise
+    with new_folder(folder) as beside:
+        prepare(beside, wanted, scenario, given)
+    return CampaignStore.open(folder)

@@ -1,6 +1,5 @@
 """The worst flights of a campaign, kept whole: each in a folder as `anser run` leaves it."""
 
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +9,7 @@ from anser.campaigns.flying import flight_of
 from anser.campaigns.store import CampaignStore
 from anser.execution import NoPlanError, run
 from anser.execution.batches import Progress, silent
+from anser.output_files import replaced_within
 from anser.scenario import ScenarioError
 
 _FOLDER = "worst"
@@ -60,10 +60,9 @@ def _keep(store: CampaignStore, number: int, folder: Path) -> bool:
         flown = run(flight_of(store, number), precision=store.study.precision)
     except (ScenarioError, NoPlanError):  # it began in the campaign: another version, or rounding
         return False
-    partial = folder.with_name(f".{folder.name}")
-    shutil.rmtree(partial, ignore_errors=True)
-    flown.save(partial)
-    partial.rename(folder)
+    folder.parent.mkdir(exist_ok=True)
+    with replaced_within(folder.parent) as beside:
+        flown.save(beside / folder.name)
     return True
 
 

@@ -1,6 +1,5 @@
 """A rare event for people: fly a study by levels, and read how probable its event is."""
 
-import json
 import os
 from collections.abc import Callable
 from concurrent.futures import Executor
@@ -21,6 +20,7 @@ from anser.execution.batches import Progress, silent
 from anser.execution.execute import Flown, run
 from anser.execution.many_flights import FlightCase
 from anser.execution.planned import plan
+from anser.results import write_json
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -144,8 +144,7 @@ def rare(
             progress(room.words, None)
     with workers(processes) as (executor, _):
         found = RareEvent(store, _repetitions(store, executor, progress or silent))
-    path = store.folder / _DOCUMENT
-    path.write_text(json.dumps(found.document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_json(found.document, store.folder / _DOCUMENT, overwrite=True)
     draw_rare(found.dataset, store.folder)
     return found
 

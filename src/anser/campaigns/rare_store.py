@@ -1,14 +1,14 @@
 """Folder of a rare event: what was asked, and what came of every batch of flights, each in a file written whole."""
 
 import json
-import os
 from pathlib import Path
 
 import numpy as np
 
 from anser.campaigns.store import StoreError
 from anser.campaigns.study import Study, validate_study
-from anser.results import version_attributes
+from anser.output_files import new_file, new_folder
+from anser.results import version_attributes, write_json
 from anser.scenario import Scenario
 from anser.scenario.schema import validate
 
@@ -34,14 +34,14 @@ class RareStore:
     @classmethod
     def create(cls, folder: Path, study: Study, scenario: Scenario) -> "RareStore":
         """Make a new folder; FileExistsError where there is one."""
-        folder.mkdir(parents=True)
-        (folder / _FLOWN).mkdir()
         asked = {
             "study": study.model_dump_json(exclude_unset=True),
             "scenario": scenario.model_dump_json(exclude_unset=True),
             **provenance(study, scenario),
         }
-        _write_whole(folder / _ASKED, (json.dumps(asked, indent=1) + "\n").encode())
+        with new_folder(folder) as beside:
+            (beside / _FLOWN).mkdir()
+            write_json(asked, beside / _ASKED)
         return cls(folder, study, scenario)
 
     @classmethod
@@ -78,13 +78,8 @@ class RareStore:
 
     def write(self, first: int, values: np.ndarray) -> None:
         """Keep what came of a batch."""
-        path = self._path(first)
-        beside = path.with_suffix(".part")
-        with beside.open("wb") as file:
-            np.save(file, values)
-            file.flush()
-            os.fsync(file.fileno())
-        beside.replace(path)
+        with new_file(self._path(first), overwrite=True) as partial:
+            np.save(partial, values)
 
     @property
     def flown(self) -> int:
@@ -104,9 +99,3 @@ def provenance(study: Study, scenario: Scenario) -> dict[str, object]:
         "seed": study.seed,
         **version_attributes(),
     }
-
-
-def _write_whole(path: Path, content: bytes) -> None:
-    beside = path.with_suffix(".part")
-    beside.write_bytes(content)
-    beside.replace(path)

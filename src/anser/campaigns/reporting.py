@@ -14,10 +14,11 @@ from anser.campaigns.influencing import influences
 from anser.campaigns.keeping import kept_flight
 from anser.campaigns.sampling import independent
 from anser.campaigns.series_bands import series_bands
-from anser.campaigns.store import CampaignStore
+from anser.campaigns.store import CampaignStore, StoreError
 from anser.execution.batches import Progress, silent
 from anser.execution.many_flights import FlightCase, fly_many
 from anser.execution.series import SeriesKept
+from anser.output_files import replaced_within
 from anser.report import CampaignShown, FlownAgain, draw_campaign, write_campaign_report
 from anser.report.exports import has_parquet, write_campaign_tables
 from anser.results import read_netcdf
@@ -57,8 +58,15 @@ def write_campaign(
     -------
     What was written: `report.html`, of two flights or more `campaign.svg` and `campaign.png`, and with pyarrow
     `flights.parquet`, `aircraft.parquet`, `answers.parquet` and `indices.parquet`.
+
+    Raises
+    ------
+    StoreError
+        No flight has been flown.
     """
     tell, data, study = progress or silent, store.dataset(), store.study
+    if not data.sizes["flight"]:
+        raise StoreError(f"{store.folder}: arrived a campaign with no flight so far; expected one at least")
     begun_at, counting = data["reason"].values == "", independent(study, data["flight"].values)
     begun = data.isel(flight=np.flatnonzero(begun_at))
     listed = worst_flights(begun, max(worst, _LISTED))
@@ -85,16 +93,16 @@ def write_campaign(
         levels=levels,
         bands=series_bands(store, data["flight"].values[counting & begun_at]),
     )
-    page = store.folder / REPORT
-    if again and not page.exists():
-        write_campaign_report(shown, page)  # readable should the flights be interrupted
+    if again and not (store.folder / REPORT).exists():
+        write_campaign_report(shown, store.folder / REPORT)  # readable should the flights be interrupted
     flown, otherwise = _flown_again(store, data, again, tell)
     shown = dataclasses.replace(shown, again=flown, otherwise=otherwise)
     tell("writing", None)
-    write_campaign_report(shown, page)
-    figure = draw_campaign(data.isel(flight=np.flatnonzero(shown.independent)), store.folder)
-    tables = write_campaign_tables(data, found, depends, store.folder) if has_parquet() else ()
-    return page, *figure, *tables
+    with replaced_within(store.folder) as beside:
+        write_campaign_report(shown, beside / REPORT)
+        figure = draw_campaign(data.isel(flight=np.flatnonzero(shown.independent)), beside)
+        tables = write_campaign_tables(data, found, depends, beside) if has_parquet() else ()
+    return tuple(store.folder / path.name for path in (beside / REPORT, *figure, *tables))
 
 
 def _spaced(numbers: np.ndarray, count: int) -> Sequence[int]:

@@ -11,6 +11,7 @@ from pydantic import Field, ValidationError
 from anser.campaigns.asked_rare import Rare
 from anser.campaigns.distributions import Vary
 from anser.campaigns.kept import Keep
+from anser.input_files import MIB
 from anser.scenario import Problem, Scenario, ScenarioError, load
 from anser.scenario.errors import plain, show
 from anser.scenario.file_kinds import must_be
@@ -34,6 +35,8 @@ from anser.simulation import PRECISIONS, Precision
 METHODS = ("monte-carlo", "latin-hypercube", "sobol", "saltelli", "grid", "table")
 FLIGHTS_MAX = 10_000_000
 _LEAST_EIGENVALUE = 1e-9
+_TABLE_SIZE_MAX = 256 * MIB
+"""Size of the largest table of sampled values."""
 
 
 class Sampling(Table):
@@ -296,7 +299,10 @@ def validate_study(values: dict[str, Any], source: str = "<values>") -> Study:
 
 def _columns(path: Path) -> dict[str, np.ndarray]:
     """Values by the headings of a CSV file: numbers, truth values where all are `true` or `false`, else texts."""
-    rows = list(csv.reader(read_text(path, "table").splitlines()))
+    try:
+        rows = list(csv.reader(read_text(path, "table", _TABLE_SIZE_MAX).splitlines()))
+    except csv.Error as error:
+        raise ScenarioError(os.fspath(path), [Problem("", f"a table that is no CSV ({error})", "a CSV file")]) from None
     rows = [row for row in rows if row]
     if len(rows) < 2:
         arrived = f"{len(rows)} rows"

@@ -1,112 +1,39 @@
-"""The command line. Exit codes: 0 done; 1 flown but a requirement not met; 2 bad input; 3 internal fault."""
+"""The command line.
 
-import gc
+Exit codes: 0 done; 1 flown but a requirement not met; 2 bad input; 3 internal fault; 130 stopped by Ctrl-C.
+"""
+
+import atexit
+import signal
 import sys
-import traceback
-from typing import Annotated
 
-import typer
-
-import anser
-from anser.cli import airframes
-from anser.cli.caching import cache
-from anser.cli.campaign_answers import compare
-from anser.cli.campaign_answers import report as report_campaign
-from anser.cli.campaigning import fly
-from anser.cli.console import RefusedError, problem
-from anser.cli.deep_stalling import deep_stall
-from anser.cli.flights import plan, run
-from anser.cli.grouping import offer_group
-from anser.cli.margins import margins
-from anser.cli.offering import offer
-from anser.cli.rare_events import rare
-from anser.cli.reporting import export, figures, report
-from anser.cli.scenario_files import check, convert, new, schema
-from anser.cli.stepping import gallery, step
-from anser.cli.surveying import envelope, robustness
-from anser.cli.sweeping import sweep
-from anser.cli.trimming import linearize, trim
-from anser.cli.verifying import verify
-from anser.scenario import ScenarioError
-
-app = typer.Typer(
-    no_args_is_help=True,
-    context_settings={"help_option_names": ["--help", "-h"]},
-    pretty_exceptions_enable=False,
-    help="Fleets of fixed-wing aircraft that must be at moving places at the same time. Civil simulation only.",
-    epilog="First steps:\n  anser new mine.toml\n  anser check mine.toml\n  anser run mine.toml\n\n"
-    "anser COMMAND --help shows examples and exit codes; anser --install-completion teaches the shell the commands.",
-)
-
-
-@app.callback(invoke_without_command=True)
-def _top(version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False) -> None:
-    if version:
-        typer.echo(f"anser {anser.__version__}")
-        raise typer.Exit
-
-
-for _command in (
-    run,
-    plan,
-    sweep,
-    rare,
-    check,
-    trim,
-    linearize,
-    deep_stall,
-    step,
-    gallery,
-    envelope,
-    margins,
-    robustness,
-    verify,
-    report,
-    export,
-    figures,
-    new,
-    convert,
-    schema,
-    cache,
-):
-    offer(app, _command)
-offer_group(
-    app,
-    "campaign",
-    (fly, report_campaign, compare),
-    "Fly a study, a scenario many times with its numbers dispersed; report on the flights; compare two campaigns.",
-    (
-        "anser campaign studies/how-surely.toml --out runs/how-surely",
-        "anser campaign report runs/how-surely",
-        "anser campaign compare runs/how-surely runs/windier",
-    ),
-)
-offer_group(
-    app,
-    "aircraft",
-    (airframes.show, airframes.list_, airframes.check, airframes.new),
-    "Show an airframe; list those there are; check an aircraft file; write one to start from.",
-    (
-        "anser aircraft list",
-        "anser aircraft show aerosonde --out aerosonde.png",
-        "anser aircraft new my-uav.toml",
-        "anser aircraft check my-uav.toml",
-    ),
-)
+from anser.cli.interrupts import INTERRUPTED, interrupts
+from anser.cli.streams import guarded_streams
 
 
 def main() -> None:
-    """Run the command line and exit with its code."""
-    gc.set_threshold(200_000)  # tracing makes many small objects that live: collecting them again and again takes 10 %
-    try:
-        app()
-    except (ScenarioError, RefusedError) as error:
-        problem(str(error))
-        sys.exit(2)
-    except Exception:  # noqa: BLE001 - the outermost frame: an internal fault must end with its own exit code
-        traceback.print_exc()
-        problem("internal fault of anser: please report the lines above together with the scenario")
-        sys.exit(3)
+    """Run the command line and exit with its code.
+
+    The commands and the libraries that they need are imported within, so that Ctrl-C is answered meanwhile as well.
+    """
+    with guarded_streams() as unwritten, interrupts.watched():
+        try:
+            from anser.cli.commands import exit_code
+
+            code = exit_code()
+        except BaseException:
+            if not interrupts.arrived:
+                raise
+            code = INTERRUPTED
+        if interrupts.arrived:
+            interrupts.end_process()
+        if (reason := unwritten()) is not None:
+            sys.stderr.write(
+                f"standard output: arrived a stream that cannot be written ({reason}); expected one that can\n"
+            )
+            code = 2
+    atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)  # all is done: an interrupt now would only be a noise
+    sys.exit(code)
 
 
-__all__ = ["RefusedError", "app", "main"]
+__all__ = ["main"]

@@ -90,6 +90,9 @@ def fly(
         _write(store, before)
         say(_kept(store))
         raise RefusedError(str(error)) from None
+    except OSError:
+        say(_kept(store))
+        raise
     found = flown.answers()
     answer(lambda: {"format_version": 1, "study": store.study.name, **found.as_dict()})
     _print_answers(found, store.study.name)

@@ -33,6 +33,7 @@ from rich.progress import (
 from rich.table import Column, Table
 from rich.text import Text
 
+from anser.cli.interrupts import interrupts
 from anser.scenario import VARIANTS
 from anser.scenario.airframe_file import DAVE_ML_SUFFIX, SUFFIXES, known_types, unknown_type
 
@@ -197,6 +198,7 @@ def _shown(what: str, total: float | None, *columns: ProgressColumn) -> Iterator
 
         def tell(doing: str, done: float | None = None) -> None:
             nonlocal now, part
+            interrupts.check()
             now, part = doing, done
             show(compiling=False)
 

@@ -9,11 +9,11 @@ import typer
 from rich.markup import escape
 
 from anser.cli.console import output, problem
+from anser.cli.interrupts import INTERRUPTED, interrupts
 from anser.cli.refused_values import PlainCommand
 
 _Function = TypeVar("_Function", bound=Callable[..., None])
 _EPILOG = "anser_epilog"
-INTERRUPTED = 130
 
 _Json = Annotated[
     bool, typer.Option("--json", help="Print one JSON document instead of tables and lines, nothing else beside it.")
@@ -63,6 +63,8 @@ def offer(app: typer.Typer, command: Callable[..., None]) -> None:
             with output(anser_json, anser_quiet):
                 command(**given)
         except KeyboardInterrupt:
+            if interrupts.arrived:  # told where the process ends
+                raise
             problem("stopped")
             raise typer.Exit(INTERRUPTED) from None
 

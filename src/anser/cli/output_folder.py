@@ -8,6 +8,8 @@ from typing import Annotated
 import typer
 
 from anser.cli.console import RefusedError
+from anser.output_files import new_file, new_folder, remove_while_empty, replaced_within
+from anser.scenario.errors import reason_of
 
 Force = Annotated[
     bool,
@@ -20,35 +22,27 @@ Force = Annotated[
 
 @contextlib.contextmanager
 def written_into(folder: Path, force: bool = False) -> Iterator[Path]:
-    """Make the output folder and give the one to write into, before anything is flown; refuse one that exists.
+    """Make the output folder and give one to write into, before anything is flown; refuse one that exists.
 
-    A new folder into which nothing is written does not stay: what did not end leaves nothing behind. With `force` the
-    folder may exist, and what is written takes the places of files of the same names when all of it is complete.
+    What is written gets its place in the folder when all of it is complete. A new folder into which nothing is written
+    does not stay. With `force` the folder may exist, and files of the same names are replaced.
     """
-    if force and folder.is_dir():
-        from anser.results.replacing_files import replaced_within  # here: help needs no libraries
-
-        with _kept_unless_empty(folder), contextlib.ExitStack() as replacing:
-            with _refusing("--out", folder, "a folder in which files can be replaced"):
-                into = replacing.enter_context(replaced_within(folder))
-            yield into
-            with _refusing("--out", folder, "a folder in which files can be replaced"):
-                replacing.pop_all().close()
-        return
-    _make_new(folder)
-    with _kept_unless_empty(folder):
-        yield folder
-
-
-def _make_new(folder: Path) -> None:
-    with _refusing("--out", folder, "a place where a folder can be made"):
-        try:
-            folder.mkdir(parents=True)
-        except FileExistsError:
-            words = "a new folder, or --force (nothing is overwritten without it)"
-            raise RefusedError(
-                f"--out: arrived {folder}, which exists; expected {words if folder.is_dir() else 'a folder'}"
-            ) from None
+    is_old = force and _is_folder(folder)
+    place = "a folder in which files can be replaced" if is_old else "a place where a folder can be made"
+    with contextlib.ExitStack() as writing:
+        if is_old:
+            writing.callback(remove_while_empty, [folder])
+        with _refusing("--out", folder, place):
+            try:
+                into = writing.enter_context(replaced_within(folder) if is_old else new_folder(folder))
+            except FileExistsError:
+                words = "a new folder, or --force (nothing is overwritten without it)"
+                raise RefusedError(
+                    f"--out: arrived {folder}, which exists; expected {words if folder.is_dir() else 'a folder'}"
+                ) from None
+        yield into
+        with _refusing("--out", folder, place):
+            writing.close()
 
 
 def make_next(folder: Path) -> Path:
@@ -63,20 +57,9 @@ def make_next(folder: Path) -> Path:
             count += 1
             place = folder.with_name(f"{folder.name}-{count}")
     except OSError as error:
-        reason = error.strerror or str(error)
         raise RefusedError(
-            f"--out: arrived nothing, and {folder} cannot be made ({reason}); expected a place where it can"
+            f"--out: arrived nothing, and {folder} cannot be made ({reason_of(error)}); expected a place where it can"
         ) from None
-
-
-@contextlib.contextmanager
-def _kept_unless_empty(folder: Path) -> Iterator[None]:
-    """Take the new folder away at the end where nothing was written into it."""
-    try:
-        yield
-    finally:
-        with contextlib.suppress(OSError):
-            folder.rmdir()  # succeeds only while it is empty
 
 
 def must_be_new_file(option: str, path: Path, suffixes: Sequence[str], force: bool = False) -> None:
@@ -84,24 +67,32 @@ def must_be_new_file(option: str, path: Path, suffixes: Sequence[str], force: bo
     if path.suffix not in suffixes:
         words = " or ".join([*filter(None, [", ".join(suffixes[:-1])]), suffixes[-1]])
         raise RefusedError(f"{option}: arrived {path}; expected a name that ends with {words}")
-    if path.is_dir() or (path.exists() and not force):
-        words = "a new file, or --force (nothing is overwritten without it)"
-        raise RefusedError(f"{option}: arrived {path}, which exists; expected {words}")
-    if not path.parent.is_dir():
-        raise RefusedError(f"{option}: arrived {path}; expected a file in a folder that exists")
+    must_be_writable(option, path, force)
+
+
+def must_be_writable(option: str, path: Path, force: bool) -> None:
+    """Refuse a file that exists, unless `force` may replace it, and one for which there is no place."""
+    with _refusing(option, path, "a place for a file"):
+        if path.is_file() and not force:
+            words = "a new file, or --force (nothing is overwritten without it)"
+            raise RefusedError(f"{option}: arrived {path}, which exists; expected {words}")
+        if path.exists() and not path.is_file():
+            kind = "a folder" if path.is_dir() else "a device"
+            raise RefusedError(f"{option}: arrived {path}, which is {kind}; expected a file")
+        if not path.parent.is_dir():
+            raise RefusedError(f"{option}: arrived {path}; expected a file in a folder that exists")
 
 
 @contextlib.contextmanager
 def written_file(option: str, path: Path, force: bool = False) -> Iterator[Path]:
-    """Give the file to write, which with `force` replaces one that exists; refuse one that cannot be written."""
-    with _refusing(option, path, "a place for a file"):
-        if not force:
-            yield path
-            return
-        from anser.results.replacing_files import replaced_within
+    """Give a path to write to, whose file takes its place when it is complete; refuse one that cannot be written."""
+    with _refusing(option, path, "a place for a file"), new_file(path, overwrite=force) as partial:
+        yield partial
 
-        with replaced_within(path.parent) as beside:
-            yield beside / path.name
+
+def _is_folder(path: Path) -> bool:
+    with _refusing("--out", path, "a place where a folder can be made"):
+        return path.is_dir()
 
 
 @contextlib.contextmanager
@@ -110,5 +101,4 @@ def _refusing(option: str, path: Path, expected: str) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        reason = error.strerror or str(error)
-        raise RefusedError(f"{option}: arrived {path}; expected {expected} ({reason})") from None
+        raise RefusedError(f"{option}: arrived {path}; expected {expected} ({reason_of(error)})") from None

@@ -11,8 +11,9 @@ import typer
 from anser.cli.arguments import RunFolder, complete_run
 from anser.cli.console import RefusedError, answer, line, problem, working
 from anser.cli.offering import about
-from anser.cli.output_folder import Force, written_file, written_into
+from anser.cli.output_folder import Force, must_be_writable, written_file, written_into
 from anser.cli.run_folder import RUN_FILES, must_be_run, read_flight, read_run
+from anser.output_files import write_file
 
 
 @about(
@@ -41,7 +42,9 @@ def report(
         must_be_run(folder, place)
     if out is None and target.exists() and not force:
         raise RefusedError(f"--out: arrived nothing, and {target} exists; give --force to write it anew, or --out FILE")
-    _must_be_writable(target, force)
+    must_be_writable("--out", target, force)
+    if target.name in RUN_FILES:
+        raise RefusedError(f"--out: arrived {target}, which holds a run; expected another file, such as report.html")
     from anser.report import write_comparison, write_report  # here: a misspelt folder must not wait for libraries
 
     runs = [(str(folder), *read_run(folder, place)) for place, folder in folders.items()]
@@ -56,17 +59,6 @@ def report(
         raise RefusedError(f"{' and '.join(map(str, folders.values()))}: {words}") from None
     answer(lambda: {"format_version": 1, "file": str(target)})
     line(f"{target}: written")
-
-
-def _must_be_writable(target: Path, force: bool) -> None:
-    if target.is_dir():
-        raise RefusedError(f"--out: arrived {target}, which is a folder; expected a file")
-    if not target.parent.is_dir():
-        raise RefusedError(f"--out: arrived {target}; expected a file in a folder that exists")
-    if target.exists() and not force:
-        raise RefusedError(f"--out: {target} exists; expected a new file, or --force to replace it")
-    if target.name in RUN_FILES:
-        raise RefusedError(f"--out: arrived {target}, which holds a run; expected another file, such as report.html")
 
 
 _START = "2000-01-01T12:00:00Z"
@@ -120,7 +112,7 @@ def export(
     with written_into(folder, force or out is None) as into:
         for name, path in files.items():
             content = FORMATS[name](shown, summary, began)
-            (into / path.name).write_bytes(content)
+            write_file(into / path.name, content)
             line(f"{path}: {len(content) / 1e6:.1f} MB")
     left_out = dict.fromkeys(lacking, PARQUET_MISSING)
     document = {"format_version": 1, "files": {name: str(path) for name, path in files.items()}}

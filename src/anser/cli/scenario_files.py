@@ -13,6 +13,7 @@ from anser.cli.console import RefusedError, answer, line, say
 from anser.cli.offering import about
 from anser.cli.output_folder import Force, must_be_new_file, written_file
 from anser.cli.setting import loaded
+from anser.output_files import write_file
 from anser.scenario import AirframeFile, Scenario, ScenarioError, cautions, write_starter
 from anser.scenario import convert as as_format
 from anser.scenario.file_schema import json_schema
@@ -30,7 +31,7 @@ def check(scenario: ScenarioPath) -> None:
     Good: it is well-formed and consistent. Whether a plan exists anser plan finds out; the flight may still fail.
     """
     try:
-        wanted = loaded(scenario)
+        wanted = loaded(scenario, built=False)
     except ScenarioError as error:
         found = [dataclasses.asdict(one) for one in error.problems]
         answer(lambda: {"format_version": 1, "file": str(scenario), "good": False, "problems": found})
@@ -48,7 +49,7 @@ def check(scenario: ScenarioPath) -> None:
             "aircraft": count,
             "goals": len(wanted.goal),
             "duration_s": wanted.timing.duration_s,
-            "cautions": list(cautions(wanted)),
+            "cautions": list(cautions(wanted, built=False)),
         }
     )
     line(f"{scenario}: good. {wanted.name}: {fleet}, {goals}, {wanted.timing.duration_s:g} s.")
@@ -87,7 +88,7 @@ def schema(
         line(json.dumps(document, indent=1))
         return
     with written_file("--out", out, force) as file:
-        file.write_text(schema_text(_model_of(kind), f"anser {kind}"), encoding="utf-8")
+        write_file(file, schema_text(_model_of(kind), f"anser {kind}"))
     answer(lambda: {"format_version": 1, "file": str(out)})
     line(f"{out}: written")
 

@@ -1,7 +1,6 @@
 """Options that change a scenario on the way: --set and --planner; values by path, as the file would hold them."""
 
 import itertools
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
@@ -10,6 +9,8 @@ import typer
 
 from anser.cli.console import RefusedError, say
 from anser.scenario import Scenario, ScenarioError, cautions, load
+from anser.scenario.errors import show
+from anser.scenario.toml_text import values_of
 
 Settings = Annotated[
     list[str] | None,
@@ -26,8 +27,8 @@ PlannerName = Annotated[
 ]
 
 
-def loaded(path: Path, settings: Sequence[str] = (), planner: str | None = None) -> Scenario:
-    """Load a scenario, put other values in their places, and say on the way what it had better not do."""
+def loaded(path: Path, settings: Sequence[str] = (), planner: str | None = None, *, built: bool = True) -> Scenario:
+    """Load a scenario, put other values in their places, and print its cautions; `built` as of `cautions`."""
     scenario = load(path)
     given = settings_of([*settings, *([f"fleet.planner={planner}"] if planner is not None else [])])
     if given:
@@ -37,7 +38,7 @@ def loaded(path: Path, settings: Sequence[str] = (), planner: str | None = None)
         except ScenarioError as error:
             words = ", ".join(f"{one} = {value}" for one, value in given.items())
             raise ScenarioError(f"{path} with {words}", error.problems) from None
-    for caution in cautions(scenario):
+    for caution in cautions(scenario, built=built):
         say(f"caution: {caution}")
     return scenario
 
@@ -73,7 +74,8 @@ def value_of(text: str) -> object:
             continue
     if word.startswith(("[", "{", '"', "'")):
         try:
-            return tomllib.loads(f"value = {word}")["value"]
-        except tomllib.TOMLDecodeError as error:
-            raise RefusedError(f"--set: arrived {word!r}; expected a value of TOML ({error})") from None
+            return values_of(f"value = {word}", "--set")["value"]
+        except ScenarioError as error:
+            reason = error.problems[0].expected
+            raise RefusedError(f"--set: arrived {show(word)}; expected a value of TOML ({reason})") from None
     return word

@@ -1,12 +1,12 @@
 """XML as a tree of elements that know their place; nothing is fetched, expanded or executed, and size is bounded."""
 
-import codecs
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any, Final
 from xml.parsers import expat
 
 from anser.dave_ml.errors import DaveMlError, shown
+from anser.input_files import XML_ENCODINGS, xml_text
 
 FILE_BYTES_MAX: Final = 8 * 2**20
 """Size of the largest file that is read."""
@@ -164,26 +164,24 @@ def parse_elements(content: str | bytes, name: str) -> Element:
     """
     if len(content) > FILE_BYTES_MAX:
         raise DaveMlError(name, f"{len(content):,} bytes", f"at most {FILE_BYTES_MAX:,}")
-    if isinstance(content, str):
-        try:
-            data, encoding = content.removeprefix("\ufeff").encode(), "utf-8"
-        except UnicodeEncodeError as error:
-            raise DaveMlError(name, f"character {content[error.start]!r}", "text of Unicode") from None
-    else:
-        data, encoding = content, None
-    parser = expat.ParserCreate(encoding)
+    try:
+        text = content if isinstance(content, str) else xml_text(content)
+        data = text.removeprefix("\ufeff").encode()
+    except UnicodeEncodeError as error:
+        raise DaveMlError(name, f"character {error.object[error.start]!r}", "text of Unicode") from None
+    except UnicodeDecodeError as error:
+        raise DaveMlError(
+            name, f"bytes that are not {error.encoding}", "text in the encoding that it declares"
+        ) from None
+    except LookupError as error:
+        raise DaveMlError(name, error.args[0], ", ".join(XML_ENCODINGS), 1, 1) from None
+    parser = expat.ParserCreate("utf-8")
     builder = _Builder(name, parser)
     try:
         parser.Parse(data, True)
     except expat.ExpatError as error:
         problem = expat.ErrorString(error.code) or "a fault"
         raise DaveMlError(name, f"no XML: {problem}", "well-formed XML", error.lineno, error.offset + 1) from None
-    except DaveMlError:
-        raise
-    except (LookupError, ValueError):
-        known = "UTF-8, UTF-16, ISO-8859-1 or US-ASCII"
-        start = data[:60].removeprefix(codecs.BOM_UTF8).decode("ascii", "replace")
-        raise DaveMlError(name, f"an encoding that is not known, in {shown(start)}", known, 1, 1) from None
     if builder.root is None:
         raise DaveMlError(name, "no element", "<DAVEfunc>")
     return builder.root

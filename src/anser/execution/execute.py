@@ -22,6 +22,7 @@ from anser.execution.planned import plan
 from anser.execution.precisions import refuse_precision
 from anser.execution.saved_flight import FLIGHT, SUMMARY, SavedFlight
 from anser.numerics import as_array, in_precision
+from anser.output_files import new_folder, replaced_within
 from anser.scenario import Scenario, as_scenario
 from anser.simulation import SEGMENT_STEPS, Flight, FlightState, Precision, flight_in, fly, state_in
 
@@ -84,22 +85,12 @@ class Flown(SavedFlight):
             If the folder exists: without `force` nothing is overwritten.
         """
         target = Path(folder)
-        if target.is_dir() and force:
-            self._replace_in(target)
-            return target
-        if target.exists():
+        if target.exists() and not (target.is_dir() and force):
             or_force = ", or give force=True to replace the run in it" if target.is_dir() else ""
             raise FileExistsError(f"{target} exists and is not overwritten: choose another folder{or_force}")
-        target.mkdir(parents=True)
-        self.write_into(target)
-        return target
-
-    def _replace_in(self, folder: Path) -> None:
-        """Write the three files beside those that stand there, and only when all are complete in their place."""
-        from anser.results.replacing_files import replaced_within
-
-        with replaced_within(folder) as beside:
+        with replaced_within(target) if target.exists() else new_folder(target) as beside:
             self.write_into(beside)
+        return target
 
     def write_into(self, folder: Path) -> None:
         """Write the three files into a folder that exists; refuses to overwrite any (FileExistsError)."""

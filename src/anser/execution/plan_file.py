@@ -20,6 +20,7 @@ from anser.execution.planned import PublishedPlanned
 from anser.execution.saved_flight import PLAN
 from anser.execution.untrimmable import refuse_untrimmable
 from anser.numerics import as_array
+from anser.output_files import write_file
 from anser.planning.certified import Outcome
 from anser.planning.published_planner import PublishedPlanState
 from anser.results import DamagedFileError, version_attributes
@@ -51,8 +52,7 @@ def write_plan(planned: Planned, path: Path) -> None:
     }
     archive = io.BytesIO()
     np.savez(archive, allow_pickle=False, about=np.array(json.dumps(about)), **arrays)
-    with path.open("xb") as file:
-        file.write(_with_checksum(archive))
+    write_file(path, _with_checksum(archive))
 
 
 def read_plan(path: str | os.PathLike[str], scenario: Scenario) -> Planned:

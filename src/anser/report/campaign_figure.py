@@ -41,9 +41,7 @@ def draw_campaign(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
     """
     if dataset.sizes["flight"] < _ENOUGH:
         return ()
-    for suffix in (".svg", ".png"):
-        (folder / f"campaign{suffix}").unlink(missing_ok=True)
-    return save_drawings({"campaign": _drawn}, dataset, _STYLE, folder)
+    return save_drawings({"campaign": _drawn}, dataset, _STYLE, folder, overwrite=True)
 
 
 def _drawn(dataset: xr.Dataset) -> "Figure":

@@ -7,6 +7,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from anser.output_files import write_file
 from anser.report.flight_data import as_script
 from anser.report.style import page_colors
 
@@ -59,14 +60,7 @@ def write_page(text: str, path: Path, *, overwrite: bool) -> None:
     FileExistsError
         `path` exists and may not be replaced.
     """
-    if path.exists() and not overwrite:
-        raise FileExistsError(f"{path} exists and is not overwritten")
-    partial = path.with_name(path.name + ".part")
-    try:
-        partial.write_text(text, encoding="utf-8")
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+    write_file(path, text, overwrite=overwrite)
 
 
 def asset(name: str) -> str:

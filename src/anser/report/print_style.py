@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
+from anser.output_files import write_file
 from anser.report.style import color_of
 
 if TYPE_CHECKING:
@@ -107,11 +108,12 @@ def marker_of(index: int) -> dict[str, Any]:
     }
 
 
-def save_figure(figure: "Figure", paths: Sequence[Path]) -> None:
-    """Write a figure to new files, each of one of `FIGURE_SUFFIXES`; FileExistsError where one exists."""
+def save_figure(figure: "Figure", paths: Sequence[Path], *, overwrite: bool = False) -> None:
+    """Write a figure to files, each of one of `FIGURE_SUFFIXES`; FileExistsError if one may not be replaced."""
     for path in paths:
-        with path.open("xb") as file:
-            figure.savefig(file, format=path.suffix.removeprefix("."), dpi=160, metadata=_METADATA[path.suffix])
+        content = io.BytesIO()  # a full disk would leave matplotlib with faults of its own
+        figure.savefig(content, format=path.suffix.removeprefix("."), dpi=160, metadata=_METADATA[path.suffix])
+        write_file(path, content.getvalue(), overwrite=overwrite)
         figure.set_layout_engine("none")  # laid out once is enough
 
 
@@ -121,12 +123,14 @@ def save_drawings(
     style: Mapping[Any, Any],
     folder: Path,
     suffixes: Sequence[str] = (".svg", ".png"),
+    *,
+    overwrite: bool = False,
 ) -> tuple[Path, ...]:
-    """Draw a dataset in a style, each drawing into `NAME` and each suffix in a folder; returns the new paths."""
+    """Draw a dataset in a style, each drawing into `NAME` and each suffix in a folder; returns the paths."""
     written: list[Path] = []
     with _matplotlib().rc_context(style):
         for name, draw in drawings.items():
             paths = [folder / f"{name}{suffix}" for suffix in suffixes]
-            save_figure(draw(dataset), paths)
+            save_figure(draw(dataset), paths, overwrite=overwrite)
             written += paths
     return tuple(written)

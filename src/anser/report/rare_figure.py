@@ -24,9 +24,7 @@ def draw_rare(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
     folder
         To write into; returns the paths of its files.
     """
-    for suffix in (".svg", ".png"):
-        (folder / f"rare{suffix}").unlink(missing_ok=True)
-    return save_drawings({"rare": _drawn}, dataset, _STYLE, folder)
+    return save_drawings({"rare": _drawn}, dataset, _STYLE, folder, overwrite=True)
 
 
 def _drawn(dataset: xr.Dataset) -> "Figure":

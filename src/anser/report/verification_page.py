@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from anser.output_files import replaced_within, write_file
 from anser.report.verification_plots import plot_errors
 
 _ALL_ROWS = 24
@@ -39,17 +40,20 @@ def write_verification_page(document: Mapping[str, Any], folder: Path) -> Path:
     -------
     Path of the page.
     """
-    plots = folder / "verification"
-    plots.mkdir(parents=True, exist_ok=True)
-    for old in plots.glob("*.svg"):
-        old.unlink()
+    folder.mkdir(parents=True, exist_ok=True)
     parts = [_HEAD, _provenance(document), _summary(document["checks"])]
-    for check in document["checks"]:
-        drawn = plot_errors(check, plots / f"{check['key']}.svg")
-        parts.append(_section(check, f"verification/{check['key']}.svg" if drawn else None))
-    page = folder / "verification.md"
-    page.write_text("\n".join(parts), encoding="utf-8")
-    return page
+    with replaced_within(folder) as beside:
+        plots = beside / "verification"
+        plots.mkdir()
+        for check in document["checks"]:
+            drawn = plot_errors(check, plots / f"{check['key']}.svg")
+            parts.append(_section(check, f"verification/{check['key']}.svg" if drawn else None))
+        write_file(beside / "verification.md", "\n".join(parts))
+        names = {path.name for path in plots.iterdir()}
+    for old in (folder / "verification").glob("*.svg"):
+        if old.name not in names:
+            old.unlink()
+    return folder / "verification.md"
 
 
 def _provenance(document: Mapping[str, Any]) -> str:

@@ -1,8 +1,11 @@
 """Plots of the errors of a check over time, in tolerances, as SVG."""
 
+import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+from anser.output_files import write_file
 
 _PANELS = (
     ("Place", ("altitudeMsl", "latitude", "longitude", "eiPosition", "gePosition")),
@@ -64,7 +67,9 @@ def plot_errors(check: Mapping[str, Any], path: Path) -> bool:
         for axes in figure.axes[3:]:
             axes.set_xlabel("time (s)")
         figure.suptitle(f"{check['title']}: obtained less sim_05 (full lines) and sim_04 (broken lines)")
-        figure.savefig(path, format="svg", metadata={"Date": None})
+        content = io.BytesIO()
+        figure.savefig(content, format="svg", metadata={"Date": None})
+        write_file(path, content.getvalue())
     return True
 
 

@@ -1,5 +1,6 @@
 """From rows of flights to columns: one array for each quantity, with its unit and meaning."""
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -92,7 +93,7 @@ def worst_of_fleet(columns: "xr.Dataset | Mapping[str, np.ndarray]", name: str, 
     """
     values, met = np.asarray(columns[name]), np.asarray(columns["met"])
     has_arrived = met | ~np.isnan(np.asarray(columns["miss_m"])).any(axis=-1)
-    rows = (values if upper else -values).reshape(values.shape[0], -1)
+    rows = (values if upper else -values).reshape(values.shape[0], math.prod(values.shape[1:]))
     missing = np.where(met, -np.inf, np.inf)[:, None]
     worst = np.where(has_arrived, np.max(np.where(np.isnan(rows), missing, rows), axis=1), np.inf)
     return worst if upper else -worst

@@ -1,10 +1,12 @@
 """A flight on disk: one compressed NetCDF-4 file, with a checksum at its end."""
 
+import errno
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
+from anser.output_files import new_file
 from anser.results.checksums import append_checksum, damaged, verify_checksum
 
 FORMAT_VERSION = 1
@@ -25,22 +27,21 @@ def write_netcdf(dataset: xr.Dataset, path: Path) -> None:
     ------
     FileExistsError
         `path` exists: a recorded flight is never overwritten.
+    OSError
+        The file cannot be written.
     """
-    if path.exists():
-        raise FileExistsError(f"{path} exists; a recorded flight is not overwritten: choose another folder")
     encoding = {
         name: {"zlib": True, "complevel": 4, "shuffle": True}
         | ({"_FillValue": None} if values.dtype.kind == "f" else {})
         for name, values in dataset.data_vars.items()
     }
-    partial = path.with_name(path.name + ".part")
-    try:
-        versioned = dataset.assign_attrs({_VERSION: FORMAT_VERSION})
-        versioned.to_netcdf(partial, mode="w", format="NETCDF4", engine="netcdf4", encoding=encoding)
+    versioned = dataset.assign_attrs({_VERSION: FORMAT_VERSION})
+    with new_file(path) as partial:
+        try:
+            versioned.to_netcdf(partial, mode="w", format="NETCDF4", engine="netcdf4", encoding=encoding)
+        except RuntimeError as error:  # the library's own error for a full disk, without the system's reason
+            raise OSError(errno.EIO, f"not written by the NetCDF library: {error}", str(path)) from None
         append_checksum(partial)
-        partial.rename(path)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def read_netcdf(path: Path) -> xr.Dataset:

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from anser.output_files import write_file
+
 
 def finite_or_none(value: Any) -> float | None:
     """Number; None where there is none, where it is not finite, or no number at all."""
@@ -17,16 +19,14 @@ def plain_attributes(attributes: Any) -> dict[str, Any]:
     return {name: getattr(value, "item", lambda v=value: v)() for name, value in attributes.items()}
 
 
-def write_json(document: Mapping[str, Any], path: Path) -> None:
-    """Write a new file of JSON.
+def write_json(document: Mapping[str, Any], path: Path, *, overwrite: bool = False) -> None:
+    """Write a file of JSON.
 
     Raises
     ------
     FileExistsError
-        `path` exists: nothing is overwritten.
+        `path` exists and may not be replaced.
     ValueError
         The document holds a number that JSON has not (NaN, infinity).
     """
-    text = json.dumps(document, indent=1, allow_nan=False) + "\n"
-    with path.open("x", encoding="utf-8") as file:
-        file.write(text)
+    write_file(path, json.dumps(document, indent=1, allow_nan=False) + "\n", overwrite=overwrite)

@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
+from anser.output_files import new_file
+
 TRAJECTORY_COLUMNS = (
     "north_m",
     "east_m",
@@ -49,7 +51,7 @@ def write_trajectories(dataset: xr.Dataset, path: Path) -> None:
     """
     times, even = dataset["time"].values, dataset["even"].values
     columns = [dataset[name].values for name in TRAJECTORY_COLUMNS]
-    with path.open("x", encoding="utf-8", newline="") as file:
+    with new_file(path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(("time_s", "aircraft", *TRAJECTORY_COLUMNS))
         for k, name in enumerate(dataset["aircraft"].values):

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from anser.constants import AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M
+from anser.output_files import write_file
 from anser.planning.path_words import NOMINAL_BEND_M
 from anser.results.arrival import Arrival, arrival_outcome, closest_approach, least_distance
 from anser.results.arrival_figure import arrivals_of
@@ -136,10 +137,7 @@ def write_summary(summary: Mapping[str, Any], path: Path) -> None:
         The summary holds a number that JSON has not (NaN, infinity).
     """
     text = json.dumps(with_checksum(summary), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-    if path.exists():
-        raise FileExistsError(f"{path} exists; a summary is not overwritten: choose another folder")
-    with path.open("x", encoding="utf-8") as file:
-        file.write(text)
+    write_file(path, text)
 
 
 def read_summary(path: Path) -> dict[str, Any]:

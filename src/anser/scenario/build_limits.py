@@ -4,6 +4,7 @@ import math
 
 import equinox as eqx
 
+from anser.compiling import enable_compilation_cache
 from anser.control import FlightLimits, GuidanceSettings
 from anser.numerics import as_array
 from anser.planning import PathLimits
@@ -33,6 +34,7 @@ def limits_of(scenario: Scenario, aircraft: Aircraft) -> Limits:
 
 def asked_beyond(scenario: Scenario) -> tuple[str, ...]:
     """What the scenario asks of its aircraft that they cannot do by their trim maps, one sentence each."""
+    enable_compilation_cache()
     found = []
     for index, one in enumerate(scenario.aircraft):
         if has_own(one):

@@ -7,10 +7,18 @@ from anser.scenario.schema_aircraft import Aircraft, Gains
 from anser.scenario.schema_reach import reach_problems
 
 
-def cautions(scenario: Scenario) -> tuple[str, ...]:
-    """Say what will probably not work as meant, one sentence each; empty where nothing is to be said."""
+def cautions(scenario: Scenario, *, built: bool = True) -> tuple[str, ...]:
+    """Say what will probably not work as meant, one sentence each; empty where nothing is to be said.
+
+    Parameters
+    ----------
+    scenario
+        The scenario.
+    built
+        Whether the aircraft are built and their trim maps computed for it, which takes seconds the first time.
+    """
     gains = [text for index, one in enumerate(scenario.aircraft) for text in _of_the_gains(index, one)]
-    limits = _of_the_limits(scenario)
+    limits = _of_the_limits(scenario) if built else []
     return (*_of_the_format(scenario), *_of_the_seed(scenario), *_of_the_duration(scenario), *limits, *gains)
 
 

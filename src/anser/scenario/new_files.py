@@ -4,6 +4,7 @@ import json
 import os
 from pathlib import Path
 
+from anser.output_files import write_file
 from anser.scenario.errors import reason_of, refused
 from anser.scenario.file_schema import json_schema
 from anser.scenario.schema_base import Table
@@ -31,8 +32,7 @@ def write_new(path: str | os.PathLike[str], text: str) -> Path:
     """
     target = Path(path)
     try:
-        with target.open("x", encoding="utf-8", newline="\n") as stream:
-            stream.write(text)
+        write_file(target, text)
     except FileExistsError:
         raise refused(str(target), "a name that is taken", "the name of a new file; nothing was written") from None
     except FileNotFoundError:

@@ -12,24 +12,26 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from anser.input_files import MIB, read_file
 from anser.scenario.errors import Problem, ScenarioError, reason_of, refused, show
+from anser.scenario.toml_tokens import DEPTH_MAX, DOTTED_KEY, end_of_value, excessive_depth, key_parts
 
+SIZE_MAX = 8 * MIB
+"""Size of the largest scenario, study or aircraft file that is read."""
 _TOML_PLACE = re.compile(r"^(?P<what>.*) \(at (?:line (?P<line>\d+), column (?P<column>\d+)|end of document)\)$")
 _NAMESPACE = re.compile(r"(?<=declare )\(.*\)(?= twice)|(?<=namespace )\(.*\)")
 _DECIMAL_COMMA = re.compile(r"=\s*([+-]?\d+),(\d+)")
 _BARE_UNIT = re.compile(r"=\s*([+-]?[\d.]+)\s*[A-Za-z][A-Za-z/^0-9]*\s*(?:#.*)?$")
-_NAME = r"""(?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*')"""
-_DOTTED = rf"{_NAME}(?:\s*\.\s*{_NAME})*"
-_HEADER = re.compile(rf"\s*(\[\[?)\s*({_DOTTED})\s*\]")
-_ENTRY = re.compile(rf"\s*({_DOTTED})\s*=(.*)", re.DOTALL)
+_HEADER = re.compile(rf"[ \t]*(\[\[?)[ \t]*({DOTTED_KEY})[ \t]*\]")
+_ENTRY = re.compile(rf"[ \t]*({DOTTED_KEY})[ \t]*=")
 
 
-def read_text(path: str | os.PathLike[str], what: str = "scenario") -> str:
-    """Text of a file (a scenario, or what else it is); raises ScenarioError if it cannot be read."""
+def read_text(path: str | os.PathLike[str], what: str = "scenario", size_max: int = SIZE_MAX) -> str:
+    """Text of a file (a scenario, or what else it is); raises ScenarioError if it is larger or cannot be read."""
     source = os.fspath(path)
     a_file = f"{'an' if what[0] in 'aeiou' else 'a'} {what} file"
     try:
-        content = Path(path).read_bytes()
+        content = read_file(Path(path), size_max)
     except FileNotFoundError:
         raise refused(source, "no file of this name", f"the path of {a_file}{_near(Path(path))}") from None
     except IsADirectoryError:
@@ -48,8 +50,14 @@ def read_text(path: str | os.PathLike[str], what: str = "scenario") -> str:
 def values_of(text: str, source: str, way_out: Callable[[str], str] | None = None) -> dict[str, Any]:
     """Values of a text in TOML; raises ScenarioError, with the line, if it is none.
 
-    `way_out` says what a line that declares a table wrongly should probably be; nothing where it cannot tell.
+    `way_out` says what a line that declares a table wrongly should probably be; nothing where it cannot tell. What is
+    too large or too deep is refused before it is parsed, which could take gigabytes.
     """
+    if len(text) > SIZE_MAX:
+        raise refused(source, f"{len(text):,} characters", f"a text of at most {SIZE_MAX:,}")
+    if (deep := excessive_depth(text)) is not None:
+        arrived = f"a key, list or table of more than {DEPTH_MAX} levels"
+        raise refused(source, arrived, "fewer", f"line {text.count(chr(10), 0, deep) + 1}")
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -78,11 +86,13 @@ def _lines_of(text: str) -> dict[str, int]:
 
     What stands within a list or a table on one line has the line where that begins.
     """
-    lines, found, last = text.splitlines(), {}, {}
-    table, at = "", 0
-    while at < len(lines):
-        header, entry, begin = _HEADER.match(lines[at]), _ENTRY.match(lines[at]), at
-        at += 1
+    found: dict[str, int] = {}
+    last: dict[str, int] = {}
+    table, at, line = "", 0, 1
+    while at < len(text):
+        header, entry = _HEADER.match(text, at), _ENTRY.match(text, at)
+        end = text.find("\n", at) if entry is None else end_of_value(text, entry.end())
+        end = len(text) if end < 0 else end
         if header is not None:
             *outer, name = _names(header[2])
             table = ""
@@ -92,37 +102,27 @@ def _lines_of(text: str) -> dict[str, int]:
             table = _within(table, name)
             if header[1] == "[[":
                 last[table] = last.get(table, -1) + 1
-                found.setdefault(table, begin + 1)
+                found.setdefault(table, line)
                 table += f"[{last[table]}]"
-            found[table] = begin + 1
+            found[table] = line
         elif entry is not None:
             path = table
             for name in _names(entry[1]):
                 path = _within(path, name)
-                found.setdefault(path, begin + 1)
-            value = entry[2]
-            while not _is_whole(value) and at < len(lines):
-                value, at = f"{value}\n{lines[at]}", at + 1
+                found.setdefault(path, line)
+        line += text.count("\n", at, end + 1)
+        at = end + 1
     return found
 
 
 def _names(dotted: str) -> list[str]:
     """Keys of a dotted one, as messages write them."""
-    bare = [one.strip("\"'") for one in re.findall(_NAME, dotted)]
+    bare = [one.strip("\"'") for one in key_parts(dotted)]
     return [one if re.fullmatch("[A-Za-z0-9_-]+", one) else json.dumps(one) for one in bare]
 
 
 def _within(table: str, name: str) -> str:
     return f"{table}.{name}".removeprefix(".")
-
-
-def _is_whole(value: str) -> bool:
-    """Whether what stands behind an equals sign ends where the text does."""
-    try:
-        tomllib.loads(f"value = {value}")
-    except tomllib.TOMLDecodeError:
-        return False
-    return True
 
 
 def _line_at(path: str, lines: dict[str, int]) -> int | None:

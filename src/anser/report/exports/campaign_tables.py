@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from anser.output_files import write_file
 from anser.report.exports.tables import parquet_of
 from anser.results.flight_columns import worst_of_fleet
 
@@ -46,9 +47,7 @@ def write_campaign_tables(
     }
     paths = {folder / f"{name}.parquet": content for name, content in contents.items()}
     for path, content in paths.items():
-        partial = path.with_name(path.name + ".part")
-        partial.write_bytes(content)
-        partial.replace(path)
+        write_file(path, content, overwrite=True)
     return tuple(paths)
 
 

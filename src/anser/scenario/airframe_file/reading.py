@@ -8,12 +8,12 @@ import difflib
 import functools
 import importlib.metadata
 import os
-import re
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
+from anser.input_files import XML_ENCODINGS, read_file, xml_text
 from anser.scenario.airframe_file.schema import AirframeFile
 from anser.scenario.airframe_file.schema_dave_ml import PARTS, DaveMlFile
 from anser.scenario.airframe_file.validating import validate_airframe
@@ -27,7 +27,6 @@ SUFFIXES = (".toml",)
 """Of the files that an aircraft is read from."""
 DAVE_ML_SUFFIX = ".dml"
 """Of those that only an aircraft file names."""
-_ENCODING = re.compile(rb"""\s*<\?xml[^>]*?encoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
 
 
 def read_airframe(path: str | os.PathLike[str]) -> AirframeFile | DaveMlFile:
@@ -80,22 +79,23 @@ def _with_texts(values: dict[str, Any], folder: Path | Traversable, source: str)
 def _text_of(path: Path | Traversable, key: str, source: str) -> str:
     """Text of a DAVE-ML file in the encoding that it declares."""
     try:
-        content = path.read_bytes()
-    except OSError as error:
+        content = read_file(path)
+    except (OSError, ValueError) as error:
         arrived = f"{show(str(path))}, which cannot be read ({reason_of(error)})"
         raise refused(source, arrived, "the path of a DAVE-ML file, seen from the aircraft file", key) from None
-    declared = _ENCODING.match(content)
-    encoding = "utf-8-sig" if declared is None else declared[1].decode("ascii")
     try:
-        return content.decode("utf-8-sig" if encoding.lower() in ("utf-8", "utf8") else encoding)
-    except (LookupError, UnicodeDecodeError):
-        raise refused(source, f"{show(str(path))}, which is not {encoding}", "a text in that encoding", key) from None
+        return xml_text(content)
+    except LookupError as error:
+        arrived = f"{show(str(path))} in {error.args[0]}"
+        raise refused(source, arrived, f"one of {', '.join(XML_ENCODINGS)}", key) from None
+    except UnicodeDecodeError as error:
+        arrived = f"{show(str(path))}, which is not {error.encoding}"
+        raise refused(source, arrived, "a text in the encoding that it declares", key) from None
 
 
 @functools.cache
 def _values_of_library(name: str) -> dict[str, Any]:
-    package, folder = FILES[name]
-    place = resources.files(package).joinpath(folder)
+    place = resources.files("anser").joinpath(*FILES[name].split("/"))  # its own package would bring JAX
     text = place.joinpath(f"{name}.toml").read_text(encoding="utf-8")
     return _with_texts(values_of(text, f"{name}.toml of anser"), place, f"{name}.toml of anser")
 

@@ -1,0 +1,96 @@
+"""Standard output and standard error that may be closed or full: what cannot be printed stops no command."""
+
+import contextlib
+import os
+import sys
+from collections.abc import Callable, Iterator
+from typing import Any, TextIO
+
+
+class GuardedStream:
+    """A text stream that goes silent at the first text that cannot be written.
+
+    Attributes
+    ----------
+    failure
+        Why it went silent; None as long as it is written.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self.failure: OSError | None = None
+
+    def write(self, text: str) -> int:
+        """Write a text, or nothing if the stream is silent."""
+        self._guard(lambda: self._stream.write(text))
+        return len(text)
+
+    def flush(self) -> None:
+        """Flush the stream, unless it is silent."""
+        self._guard(self._stream.flush)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def _guard(self, write: Callable[[], object]) -> None:
+        if self.failure is not None:
+            return
+        try:
+            write()
+        except OSError as error:
+            self.failure = error
+            _discard(self._stream)
+
+
+@contextlib.contextmanager
+def guarded_streams() -> Iterator[Callable[[], str | None]]:
+    """Guard standard output and standard error in the block.
+
+    A reader that has read enough, as ``head`` does, is no failure, and of standard error nobody could be told.
+
+    Returns
+    -------
+    Function that flushes standard output and returns why it could not be written; None if all of it was, or if its
+    reader closed it.
+    """
+    _open_closed_descriptors()
+    before = sys.stdout, sys.stderr
+    out, err = (GuardedStream(_tolerant(stream)) for stream in before)
+    sys.stdout, sys.stderr = out, err  # pyright: ignore[reportAttributeAccessIssue]
+
+    def unwritten() -> str | None:
+        out.flush()
+        is_closed = out.failure is None or isinstance(out.failure, BrokenPipeError)
+        return None if is_closed else out.failure.strerror or str(out.failure)
+
+    try:
+        yield unwritten
+    finally:
+        sys.stdout, sys.stderr = before
+
+
+def _tolerant(stream: TextIO | None) -> TextIO:
+    """Make a stream write characters that its encoding lacks as escapes; one that is closed gets nothing."""
+    if stream is None:
+        return open(os.devnull, "w", encoding="utf-8")
+    reconfigure = getattr(stream, "reconfigure", None)
+    if reconfigure is not None:
+        reconfigure(errors="backslashreplace")
+    return stream
+
+
+def _open_closed_descriptors() -> None:
+    """Open the null device where a standard stream is closed: the next file would get its number, and its messages."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+
+
+def _discard(stream: TextIO) -> None:
+    """Send what the stream still holds to the null device, or it fails again when the process ends."""
+    with contextlib.suppress(OSError, ValueError):
+        target = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(target, stream.fileno())
+        os.close(target)

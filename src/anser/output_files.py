@@ -1,0 +1,187 @@
+"""Output files and folders: each complete under its name or not there at all, whatever ends the process."""
+
+import contextlib
+import errno
+import os
+import secrets
+import shutil
+import signal
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+_SUFFIX_MAX = 16
+"""Longer suffixes are no kinds of files; a temporary name with one could be too long for the file system."""
+_unfinished: set[Path] = set()
+
+
+@contextlib.contextmanager
+def new_file(path: Path, *, overwrite: bool = False) -> Iterator[Path]:
+    """Give a temporary path beside an output file; at the end what was written there gets the file's name.
+
+    The content is on the disk before it gets the name. Where the block raises, nothing has changed.
+
+    Parameters
+    ----------
+    path
+        The output file, in a folder that exists.
+    overwrite
+        Whether a file of this name may be replaced.
+
+    Raises
+    ------
+    FileExistsError
+        `path` exists and may not be replaced, or is no file.
+    OSError
+        The file cannot be written; `filename` is `path`.
+    """
+    _refuse_taken(path, overwrite)
+    suffix = path.suffix if len(path.suffix) <= _SUFFIX_MAX else ""
+    partial = path.with_name(f".anser-{secrets.token_hex(6)}{suffix}")
+    try:
+        with _temporary(partial):
+            yield partial
+            with interrupts_deferred():
+                _flush(partial)
+                _refuse_taken(path, overwrite)
+                partial.replace(path)
+    except OSError as error:
+        if error.filename is None or os.fspath(error.filename) == str(partial):
+            error.filename = str(path)
+        raise
+
+
+def write_file(path: Path, content: str | bytes, *, overwrite: bool = False) -> None:
+    """Write a whole file; text in UTF-8, its ends of lines as they are. Raises as `new_file` does."""
+    data = content.encode() if isinstance(content, str) else content
+    with new_file(path, overwrite=overwrite) as partial:
+        partial.write_bytes(data)
+
+
+@contextlib.contextmanager
+def replaced_within(folder: Path) -> Iterator[Path]:
+    """Give a new, empty folder to write into; at the end its files go to their places in `folder`.
+
+    Files of the same names are replaced, each by one that is complete; all others in `folder` are left alone. Where the
+    block raises, nothing in `folder` has changed.
+
+    Parameters
+    ----------
+    folder
+        That exists.
+
+    Raises
+    ------
+    FileExistsError
+        Something that is no file stands where a file is to go: then nothing is replaced.
+    """
+    beside = folder / f".anser-{secrets.token_hex(6)}"
+    with _temporary(beside):
+        beside.mkdir()
+        yield beside
+        with interrupts_deferred():
+            _move_into(beside, folder)
+
+
+@contextlib.contextmanager
+def new_folder(folder: Path) -> Iterator[Path]:
+    """Make a folder, and give one to write into, whose files it gets at the end.
+
+    Where the block raises, or writes nothing, the new folder does not stay, nor its new parents.
+
+    Raises
+    ------
+    FileExistsError
+        `folder` exists.
+    """
+    made = [one for one in (folder, *folder.parents) if not one.exists()]
+    try:
+        folder.mkdir(parents=True)
+        with replaced_within(folder) as beside:
+            yield beside
+    finally:
+        remove_while_empty(made)
+
+
+def remove_while_empty(folders: list[Path]) -> None:
+    """Remove folders, the innermost first, up to the first that is not empty."""
+    with interrupts_deferred(), contextlib.suppress(OSError):
+        for one in folders:
+            one.rmdir()
+
+
+def remove_unfinished() -> None:
+    """Remove the temporary files and folders of all outputs under way, before the process ends without finishing."""
+    for one in list(_unfinished):
+        _remove(one)
+
+
+@contextlib.contextmanager
+def interrupts_deferred() -> Iterator[None]:
+    """Let Ctrl-C take effect at the end of the block: for steps that belong together and take no time."""
+    handler = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(handler):
+        yield
+        return
+    arrived: list[int] = []
+    signal.signal(signal.SIGINT, lambda number, _: arrived.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+        if arrived:
+            handler(arrived[0], None)
+
+
+@contextlib.contextmanager
+def _temporary(path: Path) -> Iterator[None]:
+    """Remove a file or folder of this name at the end, if it is there."""
+    _unfinished.add(path)
+    try:
+        yield
+    finally:
+        with interrupts_deferred():
+            _remove(path)
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        with contextlib.suppress(OSError):
+            path.unlink()
+    _unfinished.discard(path)
+
+
+def _refuse_taken(path: Path, overwrite: bool) -> None:
+    """Refuse a name that is taken, and where a file may be replaced, one of a folder or device."""
+    if not overwrite and os.path.lexists(path):
+        raise FileExistsError(f"{path} exists and is not overwritten: choose another name or folder")
+    if path.exists() and not path.is_file():
+        kind = "a folder" if path.is_dir() else "a device"
+        raise FileExistsError(f"{path} is {kind}, which no file replaces")
+
+
+def _flush(path: Path) -> None:
+    """Put a file's content on the disk: some file systems only then say that there was no space for it."""
+    with path.open("rb+") as file:
+        os.fsync(file.fileno())
+
+
+def _move_into(beside: Path, folder: Path) -> None:
+    """Rename everything in a folder into another one; folders that are there already are merged."""
+    moves: list[tuple[Path, Path]] = []
+    waiting = sorted(beside.iterdir(), reverse=True)
+    while waiting:
+        source = waiting.pop()
+        target = folder / source.relative_to(beside)
+        if source.is_dir() and target.is_dir():
+            waiting += sorted(source.iterdir(), reverse=True)
+            continue
+        if source.is_dir() and os.path.lexists(target):
+            raise FileExistsError(errno.EEXIST, "a file, which no folder replaces", str(target))
+        if source.is_file():
+            _refuse_taken(target, overwrite=True)
+        moves.append((source, target))
+    for source, target in moves:
+        source.replace(target)

@@ -1,0 +1,168 @@
+"""Output files and folders: complete or not there, whatever ends the writing."""
+
+import os
+import resource
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from anser.output_files import interrupts_deferred, new_file, new_folder, remove_unfinished, replaced_within, write_file
+from anser.report.print_style import new_figure, save_figure
+from anser.results import write_json, write_netcdf
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "deep").mkdir()
+    for name in ("flight.nc", "notes.txt", "deep/old.svg"):
+        (tmp_path / name).write_text("old")
+    return tmp_path
+
+
+def content(folder):
+    return {path.relative_to(folder).as_posix(): path.read_text() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_files_of_the_same_names_are_replaced_and_all_others_stay(folder):
+    with replaced_within(folder) as into:
+        (into / "flight.nc").write_text("new")
+        (into / "deep").mkdir()
+        (into / "deep" / "new.svg").write_text("new")
+        assert content(folder)["flight.nc"] == "old"
+    expected = {"flight.nc": "new", "notes.txt": "old", "deep/old.svg": "old", "deep/new.svg": "new"}
+    assert content(folder) == expected
+
+
+def test_what_fails_on_the_way_changes_nothing(folder):
+    before = content(folder)
+
+    def stopped():
+        with replaced_within(folder) as into:
+            (into / "flight.nc").write_text("half")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        stopped()
+    assert content(folder) == before
+
+
+def test_a_folder_in_the_place_of_a_file_is_refused_before_anything_is_replaced(folder):
+    before = content(folder)
+
+    def in_the_way():
+        with replaced_within(folder) as into:
+            (into / "flight.nc").write_text("new")
+            (into / "deep").write_text("new")
+
+    with pytest.raises(FileExistsError, match="deep is a folder"):
+        in_the_way()
+    assert content(folder) == before
+
+
+@pytest.fixture
+def full_disk():
+    """No file of more than 512 bytes in the block, as on a disk that has no more space."""
+    limits, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (512, limits[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    signal.signal(signal.SIGXFSZ, handler)
+
+
+def _figure(path):
+    figure = new_figure((2.0, 2.0))[1]
+    figure.subplots().plot(np.sin(np.arange(300.0)))
+    save_figure(figure, [path])
+
+
+WRITERS = {
+    "text.html": lambda path: write_file(path, "x" * 10_000),
+    "document.json": lambda path: write_json({"x": [0.0] * 1000}, path),
+    "data.nc": lambda path: write_netcdf(xr.Dataset({"x": ("time", np.random.default_rng(1).random(9000))}), path),
+    "plan.npy": lambda path: _array(path),
+    "figure.png": _figure,
+    "figure.svg": _figure,
+    "figure.pdf": _figure,
+}
+
+
+def _array(path):
+    with new_file(path) as partial:
+        np.save(partial, np.zeros(1000))
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_full_disk_leaves_no_file_and_names_the_one_that_was_to_be_written(full_disk, tmp_path, name):
+    with pytest.raises(OSError, match=name.replace(".", r"\.")) as refused:
+        WRITERS[name](tmp_path / name)
+    assert refused.value.filename == str(tmp_path / name)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_is_replaced_only_if_it_may_be_and_only_by_a_complete_one(tmp_path):
+    path = tmp_path / "file.json"
+    write_file(path, "old")
+    with pytest.raises(FileExistsError, match="not overwritten"):
+        write_file(path, "new")
+
+    def stopped():
+        with new_file(path, overwrite=True) as partial:
+            partial.write_text("half")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        stopped()
+    assert content(tmp_path) == {"file.json": "old"}
+    write_file(path, "new", overwrite=True)
+    assert content(tmp_path) == {"file.json": "new"}
+
+
+def test_no_device_is_replaced():
+    with pytest.raises(FileExistsError, match="/dev/null is a device"):
+        write_file(Path(os.devnull), "x", overwrite=True)
+
+
+def test_a_new_folder_and_its_parents_stay_only_whole(tmp_path):
+    def failing(error):
+        with new_folder(tmp_path / "deep" / "new") as beside:
+            (beside / "file").write_text("half")
+            raise error
+
+    for error in (OSError("full"), KeyboardInterrupt()):
+        with pytest.raises(type(error)):
+            failing(error)
+        assert list(tmp_path.iterdir()) == []
+    with new_folder(tmp_path / "deep" / "new") as beside:
+        (beside / "inner").mkdir()
+        (beside / "inner" / "file").write_text("whole")
+    assert content(tmp_path) == {"deep/new/inner/file": "whole"}
+    with pytest.raises(FileExistsError), new_folder(tmp_path / "deep"):
+        pass
+
+
+def test_an_interrupt_waits_for_steps_that_belong_together():
+    steps = []
+
+    def interrupted():
+        with interrupts_deferred():
+            os.kill(os.getpid(), signal.SIGINT)
+            steps.append("first")
+            steps.append("second")
+        steps.append("third")
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert steps == ["first", "second"]
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_what_is_unfinished_is_removed_at_an_end_without_unwinding(tmp_path):
+    with new_file(tmp_path / "file") as partial:
+        partial.write_text("half")
+        remove_unfinished()
+        assert list(tmp_path.iterdir()) == []
+        partial.write_text("whole")
+    assert content(tmp_path) == {"file": "whole"}
