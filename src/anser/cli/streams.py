@@ -60,8 +60,9 @@ def guarded_streams() -> Iterator[Callable[[], str | None]]:
 
     def unwritten() -> str | None:
         out.flush()
-        is_closed = out.failure is None or isinstance(out.failure, BrokenPipeError)
-        return None if is_closed else out.failure.strerror or str(out.failure)
+        if out.failure is None or isinstance(out.failure, BrokenPipeError):
+            return None
+        return out.failure.strerror or str(out.failure)
 
     try:
         yield unwritten
