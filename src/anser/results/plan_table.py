@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from anser.output_files import new_file
+from anser.results.spreadsheet_text import spreadsheet_text
 
 TRAJECTORY_COLUMNS = (
     "north_m",
@@ -61,6 +62,6 @@ def write_trajectories(dataset: xr.Dataset, path: Path) -> None:
             # adding 0 makes 0 of -0
             rounded = np.round(rows[chosen], _DIGITS) + 0.0
             writer.writerows(
-                (f"{time:.{_DIGITS}f}", str(name), *(f"{value:.{_DIGITS}f}" for value in row))
+                (f"{time:.{_DIGITS}f}", spreadsheet_text(str(name)), *(f"{value:.{_DIGITS}f}" for value in row))
                 for time, row in zip(times[chosen], rounded, strict=True)
             )

@@ -30,6 +30,16 @@ def test_csv_gives_every_number_back(flown):
         assert [float(text) for text in columns[name]] == list(_long(dataset[name]).astype(float)), name
 
 
+def test_no_text_of_a_csv_is_a_formula_and_numbers_are_left_alone(flown):
+    dataset = flown[0].isel(time=slice(2), aircraft=slice(1)).assign_coords(aircraft=["=1+1"])
+    dataset = dataset.assign({"-formula": (("time", "aircraft"), np.array([["+x"], ["@x"]]))})
+    header, *rows = csv.reader(io.StringIO(to_csv(dataset).decode(), newline=""))
+    assert (header[1], header[-1]) == ("aircraft", "'-formula")
+    assert [(row[1], row[-1]) for row in rows] == [("'=1+1", "'+x"), ("'=1+1", "'@x")]
+    numbers = {float(cell) for row in rows for cell in row[2:-1] if cell}
+    assert min(numbers) < 0.0  # which begin with a minus sign
+
+
 def test_parquet_gives_every_number_and_unit_back(flown, tmp_path):
     dataset, _ = flown
     path = tmp_path / "flight.parquet"

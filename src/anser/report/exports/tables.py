@@ -10,6 +10,7 @@ import pandas as pd
 import xarray as xr
 
 from anser.results.extras import missing
+from anser.results.spreadsheet_text import spreadsheet_text
 
 PARQUET_MISSING = f"Parquet needs pyarrow; {missing('pyarrow', 'parquet')}"
 _LABELS = ("units", "long_name", "frame", "symbol", "flag_meanings")
@@ -21,10 +22,11 @@ def has_parquet() -> bool:
 
 
 def to_csv(dataset: xr.Dataset) -> bytes:
-    """Write a flight as CSV: `time_s`, `aircraft`, then every variable; numbers in full precision, truth as 0 or 1."""
-    columns = {
-        name: values.astype(np.int8) if values.dtype.kind == "b" else values for name, values in _columns(dataset)
-    }
+    """Write a flight as CSV: `time_s`, `aircraft`, then every variable; numbers in full precision, truth as 0 or 1.
+
+    Texts that a spreadsheet would take for formulas get an apostrophe in front.
+    """
+    columns = {spreadsheet_text(name): _csv_column(values) for name, values in _columns(dataset)}
     return pd.DataFrame(columns).to_csv(index=False, lineterminator="\n").encode()
 
 
@@ -78,6 +80,16 @@ def parquet_of(
     buffer = io.BytesIO()
     pq.write_table(pa.Table.from_arrays(list(arrays.values()), schema=schema), buffer, compression="zstd")
     return buffer.getvalue()
+
+
+def _csv_column(values: np.ndarray) -> np.ndarray:
+    match values.dtype.kind:
+        case "b":
+            return values.astype(np.int8)
+        case "O" | "U" | "S":
+            return np.array([spreadsheet_text(str(value)) for value in values.tolist()], dtype=object)
+        case _:
+            return values
 
 
 def _columns(dataset: xr.Dataset) -> list[tuple[str, np.ndarray]]:

@@ -1,0 +1,73 @@
+"""What pages of the documentation state, compared with the package."""
+
+import importlib
+import re
+from pathlib import Path
+
+import numpy as np
+import pymap3d
+import pytest
+import xarray as xr
+
+import anser
+from anser.campaigns.study import Study
+from anser.report.exports.geography import _geodetic_deg
+from anser.report.flight_figures import FLIGHT_FIGURES
+from anser.scenario import AirframeFile, Scenario
+
+DOCS = Path(__file__).parents[2] / "docs"
+PAGES = [path for path in sorted(DOCS.rglob("*.md")) if "generated" not in path.parts]
+TABLES = {*Scenario.model_fields, *Study.model_fields, *AirframeFile.model_fields}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.stem)
+def test_names_of_the_package_and_tables_of_files_exist(page):
+    text = page.read_text(encoding="utf-8")
+    for name in set(re.findall(r"`(anser(?:\.[A-Za-z_]\w*)+)", text)):
+        assert _exists(name), name
+    tables = {found.partition(".")[0] for found in re.findall(r"`\[{1,2}([a-z_]+(?:\.[a-z_]+)*)\]{1,2}`", text)}
+    assert tables <= TABLES | {"start", "network", "dave_ml"}
+
+
+def _exists(name):
+    parts = name.split(".")
+    if len(parts) == 2 and hasattr(anser, parts[1]):
+        return True
+    for count in range(len(parts), 0, -1):
+        try:
+            value = importlib.import_module(".".join(parts[:count]))
+        except ImportError:
+            continue
+        for part in parts[count:]:
+            if not hasattr(value, part):
+                return False
+            value = getattr(value, part)
+        return True
+    return False
+
+
+def test_the_files_of_a_flights_figures_are_those_of_the_page():
+    section = (DOCS / "figures.md").read_text(encoding="utf-8").partition("## A flight\n")[2].partition("\n## ")[0]
+    cells = [line.split("|")[1] for line in section.splitlines() if line.startswith("| `")]
+    listed = [name for cell in cells for name in re.findall("`([^`]+)`", cell)]
+    assert sorted(listed) == sorted(f"flight-{name}" for name in FLIGHT_FIGURES)
+
+
+def test_the_deviation_of_exported_places_from_the_tangent_plane_is_that_of_the_page():
+    stated = re.search(
+        r"10 km North and 10 km East of the origin stands (\d+) m .*?: (\d+) m along the ground and (\d+) m below",
+        (DOCS / "exports.md").read_text(encoding="utf-8"),
+        re.DOTALL,
+    )
+    dataset = xr.Dataset(attrs={"reference_latitude_deg": 45.0, "reference_longitude_deg": 0.0})
+    longitude, latitude = _geodetic_deg(dataset, np.array([1e4]), np.array([1e4]))
+    offset = np.array(pymap3d.geodetic2enu(latitude[0], longitude[0], 0.0, 45.0, 0.0, 0.0)) - [1e4, 1e4, 0.0]
+    distances = np.linalg.norm(offset), np.linalg.norm(offset[:2]), -offset[2]
+    assert [round(one) for one in distances] == [int(one) for one in stated.groups()]
+
+
+def test_the_page_for_newcomers_denies_nothing_that_a_scenario_has():
+    text = (DOCS / "reference" / "coming-from.md").read_text(encoding="utf-8")
+    assert {"`[turbulence]`", "`[[gust]]`", "`[[event]]`", "`[wind]`"} <= set(re.findall(r"`\[+[a-z]+\]+`", text))
+    assert "none yet" not in text
+    assert "with propeller" in text
