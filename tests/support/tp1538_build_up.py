@@ -23,7 +23,7 @@ def look_up(name, *at):
 
 def coefficients(alpha, beta, elevator, aileron, rudder, lef, P, Q, R, V_ft_s, x_cg):
     """CX, CY, CZ, Cl, Cm, Cn; angles in deg, rates in rad/s; with the flap at 25 deg above an alpha of 45 deg."""
-    f, a, r = 1 - lef / 25, aileron / 21.5, rudder / 30
+    f, a, r = 1 - lef / 25, aileron / 20, rudder / 30
     p, q, y = P * SPAN_FT / (2 * V_ft_s), Q * CHORD_FT / (2 * V_ft_s), R * SPAN_FT / (2 * V_ft_s)
     if alpha > 45:
         assert f == 0

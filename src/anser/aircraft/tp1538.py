@@ -30,8 +30,8 @@ TP1538_FUNCTIONS = (
 """For each function in the groups of `F16TP1538.tables` that of `F16_COEFFICIENTS` which it is part of.
 
 Of alpha alone: damping, its increments with the flap at 0, deltaCm, deltaClbeta, deltaCnbeta. Of alpha and beta: CZ and
-CY without surfaces; increments with the flap at 0; with full rudder; with full aileron, and what the flap at 0 adds to
-these. Of alpha, beta and elevator: CX, CZ less that with the elevator at 0, Cm, Cl, Cn.
+CY without surfaces; increments with the flap at 0; with 30 deg of rudder; with 20 deg of aileron, and what the flap at
+0 adds to these. Of alpha, beta and elevator: CX, CZ less that with the elevator at 0, Cm, Cl, Cn.
 """
 
 
