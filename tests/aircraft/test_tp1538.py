@@ -37,12 +37,12 @@ many = jax.jit(jax.vmap(_vector, in_axes=(None, 0, 0, 0, 0, 0)))
 
 
 def table(airframe, alphas, betas, surfaces_deg, rates=None, V=150.0):
-    """Coefficients at rows of conditions; what is one number holds for all."""
+    """Coefficients at rows of conditions; a single number holds for all."""
     alphas, betas = np.broadcast_arrays(np.asarray(alphas, float), np.asarray(betas, float))
     count = alphas.size
     surfaces = np.broadcast_to(np.asarray(surfaces_deg, float), (count, np.shape(surfaces_deg)[-1]))
     rates = np.broadcast_to(np.zeros(3) if rates is None else np.asarray(rates, float), (count, 3))
-    return np.asarray(many(airframe, alphas.ravel(), betas.ravel(), surfaces, rates, np.full(count, V)))
+    return np.asarray(many(airframe, alphas.ravel(), betas.ravel(), surfaces, rates, np.broadcast_to(V, count)))
 
 
 def test_is_the_aircraft_of_the_report():
@@ -53,21 +53,19 @@ def test_is_the_aircraft_of_the_report():
     assert len(DATA["tables"]) == 43
 
 
-def test_build_up_is_that_of_the_report_everywhere():
-    """1000 random conditions against the formulas written out with SciPy's interpolation; rounding only."""
+@pytest.mark.parametrize("x_cg", [0.25, X_CG, 0.40])
+def test_build_up_is_that_of_the_report_everywhere(x_cg):
+    """4000 random states against the formulas written out with SciPy's interpolation; rounding only."""
     random = np.random.default_rng(1538)
-    count = 1000
+    count = 4000
     alphas = np.concatenate([random.uniform(-20, 45, count // 2), random.uniform(45, 90, count // 2)])
     betas = random.uniform(-30, 30, count)
     lef = np.where(alphas > 45, 25.0, random.uniform(0, 25, count))
     surfaces = np.column_stack([random.uniform(-1, 1, (count, 3)) * [25, 21.5, 30], lef])
-    rates = random.uniform(-2, 2, (count, 3))
-    found = table(AIRFRAME, alphas, betas, surfaces, rates, 120.0)
-    expected = [
-        written_out(a, b, *s, *w, 120.0 / FOOT_M, X_CG)
-        for a, b, s, w in zip(alphas, betas, surfaces, rates, strict=True)
-    ]
-    np.testing.assert_allclose(found, np.array(expected), atol=2e-13)
+    rates, V = random.uniform(-2, 2, (count, 3)), random.uniform(40, 300, count)
+    computed = table(load_airframe("f16", "tp1538", x_cg), alphas, betas, surfaces, rates, V)
+    expected = written_out(alphas, betas, *surfaces.T, *rates.T, V / FOOT_M, x_cg)
+    np.testing.assert_allclose(computed, expected, rtol=0, atol=2e-14)
 
 
 @pytest.mark.parametrize(("name", "row"), [("Cx", 0), ("Cz", 2), ("Cl", 3), ("Cn", 5)])

@@ -18,24 +18,27 @@ _LOOK_UP = {
 
 
 def look_up(name, *at):
-    return float(_LOOK_UP[name](np.array([at]))[0])
+    at = np.broadcast_arrays(*at)
+    return _LOOK_UP[name](np.stack(at, axis=-1)).reshape(at[0].shape)
 
 
 def coefficients(alpha, beta, elevator, aileron, rudder, lef, P, Q, R, V_ft_s, x_cg):
-    """CX, CY, CZ, Cl, Cm, Cn; angles in deg, rates in rad/s; with the flap at 25 deg above an alpha of 45 deg."""
+    """CX, CY, CZ, Cl, Cm, Cn along a last axis; angles in deg, rates in rad/s, numbers or arrays of one shape.
+
+    Above an alpha of 45 deg the flap has to be at 25 deg.
+    """
     f, a, r = 1 - lef / 25, aileron / 20, rudder / 30
     p, q, y = P * SPAN_FT / (2 * V_ft_s), Q * CHORD_FT / (2 * V_ft_s), R * SPAN_FT / (2 * V_ft_s)
-    if alpha > 45:
-        assert f == 0
+    assert np.all((np.asarray(alpha) <= 45) | (f == 0))
 
     def short(name, *at):
-        return look_up(name, alpha, *at) if f else 0.0
+        return look_up(name, np.minimum(alpha, 45), *at)
 
     def base(name, e):
         return look_up(name, alpha, beta, e) if name != "Cy" else look_up(name, alpha, beta)
 
     def flap(name):
-        return short(f"{name}_lef", beta) - base(name, 0.0) if f else 0.0
+        return short(f"{name}_lef", beta) - base(name, 0.0)
 
     def damped(name):
         return look_up(name, alpha) + f * short(f"delta{name}_lef")
@@ -43,7 +46,7 @@ def coefficients(alpha, beta, elevator, aileron, rudder, lef, P, Q, R, V_ft_s, x
     def lateral(name, first, beside):
         rudder_part = look_up(f"{name}_r30", alpha, beta) - base(name, 0.0)
         aileron_part = look_up(f"{name}_a20", alpha, beta) - base(name, 0.0)
-        flap_part = short(f"{name}_a20_lef", beta) - short(f"{name}_lef", beta) - aileron_part if f else 0.0
+        flap_part = short(f"{name}_a20_lef", beta) - short(f"{name}_lef", beta) - aileron_part
         C = "CY" if name == "Cy" else name
         return (
             first
@@ -67,4 +70,4 @@ def coefficients(alpha, beta, elevator, aileron, rudder, lef, P, Q, R, V_ft_s, x
     CY = lateral("Cy", base("Cy", 0.0), 0.0)
     Cl = lateral("Cl", base("Cl", elevator), look_up("deltaClbeta", alpha) * beta)
     Cn = lateral("Cn", base("Cn", elevator), look_up("deltaCnbeta", alpha) * beta)
-    return np.array([CX, CY, CZ, Cl, Cm, Cn - (X_REFERENCE - x_cg) * CHORD_FT / SPAN_FT * CY])
+    return np.stack([CX, CY, CZ, Cl, Cm, Cn - (X_REFERENCE - x_cg) * CHORD_FT / SPAN_FT * CY], axis=-1)
