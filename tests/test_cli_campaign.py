@@ -195,7 +195,7 @@ def test_a_killed_campaign_goes_on_to_the_last_bit_in_one_process_and_in_two(stu
     assert begin("whole", "--processes", "1").wait() == 0
     assert begin("two", "--processes", "2").wait() == 0
     killed = begin("killed", "--processes", "1")
-    while not (tmp_path / "killed" / "flights.zarr" / "chunk_done" / "1").exists():
+    while not (tmp_path / "killed" / "checksums" / "1.json").exists():
         time.sleep(0.05)
         assert killed.poll() is None
     killed.send_signal(signal.SIGKILL)
@@ -209,8 +209,8 @@ def test_a_killed_campaign_goes_on_to_the_last_bit_in_one_process_and_in_two(stu
 @pytest.mark.long
 def test_ctrl_c_stops_processes_that_fly_and_leaves_a_report(study, tmp_path):
     begun = begin_with(4, study, tmp_path, "out", "--processes", "2")
-    done = tmp_path / "out" / "flights.zarr" / "chunk_done"
-    while not any((done / str(k)).exists() for k in range(5)):
+    done = tmp_path / "out" / "checksums"
+    while not any((done / f"{k}.json").exists() for k in range(5)):
         time.sleep(0.05)
         assert begun.poll() is None
     begun.send_signal(signal.SIGINT)
@@ -269,7 +269,7 @@ def test_a_cluster_flies_the_same_to_the_last_bit_though_a_worker_is_killed(stud
     assert flying_alone.wait() == 0
     with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as local:
         begun = begin_with(4, study, tmp_path, "spread", "--cluster", local.scheduler_address)
-        while not (tmp_path / "spread" / "flights.zarr" / "chunk_done").exists():
+        while not (tmp_path / "spread" / "checksums" / "store.json").exists():
             time.sleep(0.05)
         time.sleep(8.0)
         worker = next(iter(local.workers.values()))

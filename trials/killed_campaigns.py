@@ -74,7 +74,7 @@ def killed_processes(study: Path, folder: Path, draw: random.Random) -> int:
             os.killpg(running.pid, signal.SIGKILL)
             running.wait()
             killed += 1
-            if not (folder / "flights.zarr" / "chunk_done").exists():
+            if not (folder / "checksums" / "store.json").exists():
                 shutil.rmtree(folder, ignore_errors=True)  # killed before there was a store
             continue
         return killed

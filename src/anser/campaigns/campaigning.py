@@ -6,11 +6,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from anser.campaigns.answering import Answers, answers
-from anser.campaigns.flying import applied_values, flight_of, fly_campaign, prepare, room_of
+from anser.campaigns.flying import applied_values, flight_of, fly_campaign, prepare, room_of, seeds_of
 from anser.campaigns.influencing import Influences, influences
 from anser.campaigns.keeping import keep_worst
 from anser.campaigns.reporting import OTHERS, WORST, write_campaign
 from anser.campaigns.store import CampaignStore
+from anser.campaigns.store_repair import repair_base
 from anser.campaigns.study import load_study, validate_study
 from anser.execution.batches import Progress
 from anser.output_files import new_folder
@@ -90,7 +91,7 @@ def campaign(
     out
         Folder for the store; new, unless `resume`.
     resume
-        Whether to fly what is missing of the campaign in that folder.
+        Whether to fly what is missing or damaged of the campaign in that folder.
     processes
         How many fly at a time; None: one for each core, or as many as the free memory holds.
     cluster
@@ -105,7 +106,8 @@ def campaign(
     ScenarioError
         The study or its scenario is not valid, or no flight of it makes a valid scenario.
     StoreError
-        There is no campaign to go on with, or one of another study or version; or no space for one.
+        There is no campaign to go on with, or one of another study or version, or one that another process flies; or
+        no space for one.
     FileExistsError
         The folder exists and `resume` is not asked for.
     """
@@ -115,8 +117,12 @@ def campaign(
         processes = room.processes
         if room.words and progress is not None:
             progress(room.words, None)
-    fly_campaign(store, processes or 1, progress, cluster)
-    keep_worst(store, progress)
+    with store.locked():
+        if progress is not None:
+            for message in store.damages:
+                progress(message, None)
+        fly_campaign(store, processes or 1, progress, cluster)
+        keep_worst(store, progress)
     return Campaign(store)
 
 
@@ -128,8 +134,10 @@ def store_of(
     if precision is not None:
         wanted = validate_study({**wanted.model_dump(exclude_unset=True), "precision": precision}, os.fspath(study))
     if resume:
-        store = CampaignStore.open(folder)
-        store.refuse_unless_same(wanted, scenario, applied_values(wanted, scenario, given))
+        applied = applied_values(wanted, scenario, given)
+        repair_base(folder, wanted, scenario, applied, seeds_of(wanted, applied))
+        store = CampaignStore.open(folder, verify_chunks=False)
+        store.refuse_unless_same(wanted, scenario, applied)
         return store
     if folder.exists():
         raise FileExistsError(f"{folder} exists and is not overwritten: choose another folder, or resume")

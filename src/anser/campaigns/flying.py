@@ -65,18 +65,24 @@ def prepare(folder: Path, study: Study, scenario: Scenario, given: dict[str, np.
     """Make the store of a campaign in a folder that exists, without flying; raises ScenarioError and StoreError."""
     refuse_precision(scenario, study.precision, study.name)
     applied = applied_values(study, scenario, given)
-    count = next(iter(applied.values())).size if applied else study.sampled.flights or 0
+    seeds = seeds_of(study, applied)
+    count = seeds.size
     refuse_if_none(study, scenario, applied, count)
     refuse_series(study.keep, study.name, _valid(scenario, applied, count), applied)
     most = _ALONE if flown_one_by_one(scenario) else batch_for(BATCH, scenario, series_of(study.keep, scenario))
     chunk = min(most, count)
-    return CampaignStore.create(folder, study, scenario, applied, flight_seeds(study, count), chunk)
+    return CampaignStore.create(folder, study, scenario, applied, seeds, chunk)
+
+
+def seeds_of(study: Study, applied: dict[str, np.ndarray]) -> np.ndarray:
+    """Seed of each flight of a campaign."""
+    return flight_seeds(study, next(iter(applied.values())).size if applied else study.sampled.flights or 0)
 
 
 def fly_campaign(
     store: CampaignStore, processes: int = 1, progress: Progress | None = None, cluster: str | None = None
 ) -> None:
-    """Fly what is missing of a campaign.
+    """Fly what is missing or damaged of a campaign.
 
     Parameters
     ----------
@@ -92,9 +98,15 @@ def fly_campaign(
     Raises
     ------
     StoreError
-        A process was killed, or the cluster cannot be reached or is lost; what is complete stays complete.
+        A process was killed, or the cluster cannot be reached or is lost; what is complete stays complete. Or another
+        process flies the campaign.
     """
-    tell, total = progress or silent, store.flights
+    with store.locked():
+        _fly_missing(store, processes, progress or silent, cluster)
+
+
+def _fly_missing(store: CampaignStore, processes: int, tell: Progress, cluster: str | None) -> None:
+    total = store.flights
     missing = [int(chunk) for chunk in np.flatnonzero(~store.done)]
     behind = store.flown.size
 
@@ -144,7 +156,7 @@ def flight_of(store: CampaignStore, number: int) -> Scenario:
 
 def fly_chunk(folder: Path, chunk: int) -> int:
     """Fly one chunk of a campaign and write it, unless it is complete; its number."""
-    store = CampaignStore.open(folder)
+    store = CampaignStore.open(folder, verify_chunks=False)
     store.refuse_other_versions()
     if store.done[chunk]:  # a cluster may give it out again when the worker that flew it dies
         return chunk

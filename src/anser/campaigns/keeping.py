@@ -10,14 +10,15 @@ from anser.campaigns.store import CampaignStore
 from anser.execution import NoPlanError, run
 from anser.execution.batches import Progress, silent
 from anser.output_files import replaced_within
+from anser.results.checksums import DamagedFileError, read_document, verify_checksum
 from anser.scenario import ScenarioError
 
 _FOLDER = "worst"
-_FLIGHT = "flight.nc"
+_FLIGHT, _SUMMARY = "flight.nc", "summary.json"
 
 
 def keep_worst(store: CampaignStore, progress: Progress | None = None) -> tuple[Path, ...]:
-    """Fly the worst flights again and keep them, as the study's table [keep] asks; a folder that is there stays.
+    """Fly the worst flights again and keep them, as the study's table [keep] asks; a folder that is whole stays.
 
     Flights that could not begin are not among them: there is nothing to keep of them but their reason, which is in the
     store.
@@ -42,7 +43,7 @@ def keep_worst(store: CampaignStore, progress: Progress | None = None) -> tuple[
     for k, number in enumerate(numbers):
         tell(f"keeping the worst {len(numbers)} flights", k / len(numbers))
         folder = _folder(store, number)
-        if not folder.exists() and not _keep(store, number, folder):
+        if not _is_whole(folder) and not _keep(store, number, folder):
             continue
         found.append(folder)
     return tuple(found)
@@ -52,6 +53,14 @@ def kept_flight(store: CampaignStore, number: int) -> Path | None:
     """The file of a flight that was kept whole; None where it was not."""
     path = _folder(store, number) / _FLIGHT
     return path if path.is_file() else None
+
+
+def _is_whole(folder: Path) -> bool:
+    """Whether a folder has a flight and its summary, both as they were written."""
+    try:
+        return verify_checksum(folder / _FLIGHT) and read_document(folder / _SUMMARY)[1]
+    except (DamagedFileError, FileNotFoundError):
+        return False
 
 
 def _keep(store: CampaignStore, number: int, folder: Path) -> bool:

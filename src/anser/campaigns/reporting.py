@@ -21,7 +21,7 @@ from anser.execution.series import SeriesKept
 from anser.output_files import replaced_within
 from anser.report import CampaignShown, FlownAgain, draw_campaign, write_campaign_report
 from anser.report.exports import has_parquet, write_campaign_tables
-from anser.results import read_netcdf
+from anser.results import DamagedFileError, read_netcdf
 from anser.results.flight_row import FlightRow
 from anser.results.series_values import variable_of
 from anser.results.variable_labels import record_coordinates
@@ -125,7 +125,10 @@ def _flown_again(
     for number in wanted:
         kept = kept_flight(store, number)
         if kept is not None:
-            flown = read_netcdf(kept)
+            try:
+                flown = read_netcdf(kept)
+            except DamagedFileError as error:
+                raise StoreError(f"{error}: anser campaign with --resume flies it again") from None
             found[number] = flown[_TRACKS].isel(time=_sparse(flown.sizes["time"])).load()
             continue
         try:

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import zarr
 
+from anser.campaigns.store_arrays import open_arrays
 from anser.execution.series import SeriesKept
 from anser.results.flight_row import FlightRow
-from anser.results.series_values import NO_CODE, is_number, missing_series, variable_of
+from anser.results.series_values import is_number, missing_series, variable_of
 from anser.results.variable_labels import labels_of, record_coordinates
 from anser.scenario import Scenario
 
@@ -34,7 +35,11 @@ def create_series(group: zarr.Group, kept: SeriesKept, scenario: Scenario, fligh
     coordinates |= record_coordinates(times_s, names)
     for name, (dimension, values, labels) in coordinates.items():
         within.create_array(
-            name, data=values, chunks=values.shape, attributes={**labels, "_ARRAY_DIMENSIONS": [dimension]}
+            name,
+            data=values,
+            chunks=values.shape,
+            fill_value=None,
+            attributes={**labels, "_ARRAY_DIMENSIONS": [dimension]},
         )
     piece = max(1, min(times_s.size, _PIECE // (chunk * len(names))))
     for key in kept.keys:
@@ -44,13 +49,14 @@ def create_series(group: zarr.Group, kept: SeriesKept, scenario: Scenario, fligh
             shape=(flights, len(names), times_s.size),
             chunks=(chunk, len(names), piece),
             dtype=_kind(key),
-            fill_value=np.nan if is_number(variable) else NO_CODE,
+            # a code that fills would be read as missing by xarray, and with it every code as a float
+            fill_value=np.nan if is_number(variable) else None,
             attributes={**_plain(labels_of(variable)), "_ARRAY_DIMENSIONS": _DIMENSIONS},
         )
 
 
-def write_series(group: zarr.Group, kept: SeriesKept, place: slice, rows: Sequence[FlightRow]) -> None:
-    """Write the series of the flights of a chunk, at their place in the campaign; float32, or int32 of codes."""
+def write_series(group: zarr.Group, kept: SeriesKept, place: slice, rows: Sequence[FlightRow]) -> list[str]:
+    """Write the series of the flights of a chunk, float32, or int32 of codes; returns the names of their arrays."""
     for key in kept.keys:
         array = group[f"{SERIES}/{variable_of(key).name}"]
         assert isinstance(array, zarr.Array)
@@ -58,14 +64,12 @@ def write_series(group: zarr.Group, kept: SeriesKept, place: slice, rows: Sequen
         # a flight that could not begin has none
         values = [row.series.get(key, missing_series(key, shape)) for row in rows]
         array[place] = np.stack(values).astype(_kind(key))
+    return [variable_of(key).name for key in kept.keys]
 
 
 def series_dataset(store: Path, flown: np.ndarray) -> "xr.Dataset":
     """Series of the flights of a campaign that are complete; dimensions flight, aircraft, time; read when asked for."""
-    import xarray as xr
-
-    data = xr.open_zarr(store, group=SERIES, chunks=None, consolidated=False, mask_and_scale=False)
-    return data.isel(flight=flown)
+    return open_arrays(store, SERIES).isel(flight=flown)
 
 
 def _kind(key: str) -> np.dtype:

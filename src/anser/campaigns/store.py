@@ -1,9 +1,10 @@
-"""The store of a campaign: preallocated, a chunk written whole and then marked; what is marked is complete."""
+"""The store of a campaign: preallocated, a chunk written whole; one whose checksums are recorded is complete."""
 
+import contextlib
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,30 +15,32 @@ import zarr
 from anser.campaigns.kept import series_of
 from anser.campaigns.series_store import SERIES, create_series, series_bytes, series_dataset, write_series
 from anser.campaigns.stopping import complete_from_first, enough
+from anser.campaigns.store_arrays import FLOWN, FORMAT, create_arrays, every_chunk_written, fixed_width, open_arrays
+from anser.campaigns.store_checksums import StoreChecksums, chunk_files
+from anser.campaigns.store_lock import StoreError, exclusive
 from anser.campaigns.study import Study, validate_study
-from anser.results import version_attributes
-from anser.results.flight_columns import Column, flight_columns, worst_of_fleet
+from anser.results import DamagedFileError, version_attributes
+from anser.results.flight_columns import flight_columns, worst_of_fleet
 from anser.results.flight_row import FlightRow
-from anser.scenario import Scenario
+from anser.scenario import Scenario, ScenarioError
 from anser.scenario.schema import validate
 
-FORMAT = 1
-_FOLDER = "flights.zarr"
+_UNCHECKED = 1
+"""Format without checksums, which is read, but not gone on with."""
+STORE_FOLDER = "flights.zarr"
 _DONE = "chunk_done"
-_WIDTHS = {"status": 64, "unmet": 256, "reason": 512}
-"""Characters of texts; what is longer is cut, with dots."""
+"""Marks of complete chunks in the format without checksums."""
+_UNREADABLE = OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, RuntimeError
+"""What Zarr and its codecs raise where a store without checksums is damaged."""
 _SPARE = 2.0
 """How much more space there must be than the store takes uncompressed."""
-
-
-class StoreError(ValueError):
-    """A folder that is no store of this study, or cannot be one; `str()` is the finished message."""
 
 
 class CampaignStore:
     """Values applied and what came of every flight, in a folder; open one with `create` or `open`.
 
-    ``xarray.open_zarr(folder / "flights.zarr")`` reads it as well; `dataset` leaves out what has not been flown.
+    ``xarray.open_zarr(folder / "flights.zarr")`` reads it as well, with every flight and whether it was `flown`;
+    `dataset` holds those that were. A chunk is complete when the checksums of its files are recorded.
 
     Attributes
     ----------
@@ -49,10 +52,16 @@ class CampaignStore:
         Flights of a chunk.
     kept
         Variables that are kept over time; None: none are.
+    damages
+        Messages about damaged chunks, which are to be flown again.
     """
 
     def __init__(self, folder: Path, group: zarr.Group) -> None:
         self.folder, self._group = folder, group
+        self._checksums = StoreChecksums(folder, STORE_FOLDER)
+        self._verified: dict[bool, set[int]] = {False: set(), True: set()}  # chunks, without and with their series
+        self._has_lock = False
+        self.damages: list[str] = []
         about: dict[str, Any] = dict(group.attrs)
         self.study = validate_study(json.loads(about["study"]), f"{folder}, study")
         self.scenario = validate(json.loads(about["scenario"]), f"{folder}, scenario")
@@ -94,66 +103,114 @@ class CampaignStore:
         kept = series_of(study.keep, scenario)
         flights, names = seeds.size, [one.name for one in scenario.aircraft]
         columns = flight_columns([FlightRow.failed("")], len(names))
-        sized = {name: _typed(name, column) for name, column in columns.items()}
+        sized = {name: fixed_width(name, column) for name, column in columns.items()}
         needed = flights * sum(one[1][0].nbytes for one in sized.values()) + sum(one.nbytes for one in applied.values())
         needed += 0 if kept is None else flights * series_bytes(kept, scenario)
         free = shutil.disk_usage(folder).free
         if free < _SPARE * needed:
             words = f"arrived a disk with {free / 1e6:.3f} MB free; expected {_SPARE * needed / 1e6:.3f} MB"
             raise StoreError(f"{folder}: {words}")
-        group = zarr.open_group(folder / _FOLDER, mode="w-", zarr_format=2)
-        group.attrs.update(
-            {
-                "format_version": FORMAT,
-                "title": study.name,
-                "study": study.model_dump_json(exclude_unset=True),
-                "study_hash": study.hash,
-                "precision": study.precision,
-                "scenario": scenario.model_dump_json(exclude_unset=True),
-                "scenario_hash": scenario.hash,
-                "varied": json.dumps(list(applied)),
-                "chunk": chunk,
-                **version_attributes(),
-            }
-        )
-        _put_whole(group, "flight", np.arange(flights), ("flight",), {"long_name": "Number of the flight"})
-        _put_whole(group, "aircraft", np.array(names, dtype=np.str_), ("aircraft",), {"long_name": "Aircraft"})
-        _put_whole(group, "seed", seeds, ("flight",), {"long_name": "Seed of the flight's scenario"})
-        for path, values in applied.items():
-            _put_whole(group, path, values, ("flight",), {"long_name": f"{path} of the scenario, as flown"})
-        for name, (dimensions, values, labels) in sized.items():
-            group.create_array(
-                name,
-                shape=(flights, *values.shape[1:]),
-                chunks=(chunk, *values.shape[1:]),
-                dtype=values.dtype,
-                fill_value=np.nan if values.dtype.kind == "f" else values.dtype.type(),
-                attributes={**labels, "_ARRAY_DIMENSIONS": ["flight", *dimensions]},
-            )
-        if kept is not None:
-            create_series(group, kept, scenario, flights, chunk)
-        count = -(-flights // chunk)
-        words = {"long_name": "Whether the flights of a chunk are complete", "_ARRAY_DIMENSIONS": ["chunk"]}
-        group.create_array(_DONE, shape=(count,), chunks=(1,), dtype="int8", fill_value=0, attributes=words)
+        with every_chunk_written():
+            group = create_arrays(folder / STORE_FOLDER, study, scenario, applied, seeds, chunk, sized)
+            if kept is not None:
+                create_series(group, kept, scenario, flights, chunk)
+        zarr.consolidate_metadata(group.store)
+        StoreChecksums(folder, STORE_FOLDER).record_base({"chunk": chunk})
         return cls(folder, group)
 
     @classmethod
-    def open(cls, folder: Path) -> "CampaignStore":
-        """Open the store of a folder.
+    def open(cls, folder: Path, *, verify_chunks: bool = True) -> "CampaignStore":
+        """Open the store of a folder, and verify its files; those of the series are verified when they are read.
+
+        Parameters
+        ----------
+        folder
+            Of the campaign.
+        verify_chunks
+            Whether to verify the chunks, too, not only what is written once.
 
         Raises
         ------
         StoreError
-            There is none, or one of another format.
+            There is none, or one of another format, or one with a damaged file.
         """
+        if not (folder / STORE_FOLDER).is_dir():
+            raise StoreError(f"{folder}: arrived a folder without {STORE_FOLDER}; expected that of a campaign")
+        checksums = StoreChecksums(folder, STORE_FOLDER)
+        if checksums.exist:
+            with _damage_told():
+                checksums.refuse_damaged_base()
         try:
-            group = zarr.open_group(folder / _FOLDER, mode="r+")
-        except (FileNotFoundError, ValueError):
-            raise StoreError(f"{folder}: arrived a folder without {_FOLDER}; expected that of a campaign") from None
-        if group.attrs.get("format_version") != FORMAT or _DONE not in group:
-            words = "a store that was not finished when it was made, or one of another format"
-            raise StoreError(f"{folder}: arrived {words}; expected a store of format {FORMAT}")
-        return cls(folder, group)
+            group = zarr.open_group(folder / STORE_FOLDER, mode="r+")
+            version = group.attrs.get("format_version")
+            if version != (FORMAT if checksums.exist else _UNCHECKED) or not (checksums.exist or _DONE in group):
+                words = f"a store of format {version}{'' if checksums.exist else ' without checksums'}"
+                raise StoreError(f"{folder}: arrived {words}; expected one of format {FORMAT}, with its checksums")
+            store = cls(folder, group)
+        except (StoreError, ScenarioError):
+            raise
+        except _UNREADABLE as error:
+            raise StoreError(f"{folder}: arrived a store that cannot be read ({error}); expected a whole one") from None
+        if verify_chunks:
+            store.refuse_damaged()
+        return store
+
+    @contextlib.contextmanager
+    def locked(self) -> Iterator[None]:
+        """Let no other process fly this campaign meanwhile; damaged chunks are then no longer complete.
+
+        Raises
+        ------
+        StoreError
+            Another process flies it, or its format has no checksums.
+        """
+        if self._has_lock:
+            yield
+            return
+        if not self._checksums.exist:
+            words = f"a campaign of format {_UNCHECKED}, which can only be read; expected one of format {FORMAT}"
+            raise StoreError(f"{self.folder}: arrived {words}, to go on with it")
+        with exclusive(self.folder):
+            self._has_lock = True
+            try:
+                self._forget_damaged()
+                yield
+            finally:
+                self._has_lock = False
+
+    def refuse_damaged(self, *, series: bool = False) -> None:
+        """Refuse a store with a damaged chunk (StoreError), without its series or with them."""
+        problems = self._chunk_problems(series=series)
+        if problems:
+            (first, problem), more = next(iter(problems.items())), len(problems) - 1
+            others = f", and {more} more chunks are damaged" if more else ""
+            words = "expected a whole store: anser campaign with --resume flies damaged chunks again"
+            raise StoreError(f"{self.folder}: arrived {self._named(first)} of which {problem}{others}; {words}")
+
+    def _forget_damaged(self) -> None:
+        for chunk, problem in self._chunk_problems(series=True).items():
+            self._checksums.forget_chunk(chunk)
+            (self.folder / STORE_FOLDER / FLOWN / str(chunk)).unlink(missing_ok=True)
+            self.damages.append(f"{self.folder}: {self._named(chunk)} is flown again: {problem}")
+
+    def _chunk_problems(self, *, series: bool) -> dict[int, str]:
+        """Chunks that are damaged, with what is wrong; those that were whole before are not looked at again."""
+        if not self._checksums.exist:
+            return {}
+        selected: Callable[[str], bool] = (lambda _: True) if series else (lambda name: not name.startswith(SERIES))
+        recorded, problems = self._checksums.chunks(), dict[int, str]()
+        for chunk in sorted(recorded - self._verified[series]):
+            problem = self._checksums.chunk_problem(chunk, selected)
+            if problem is None:
+                self._verified[series].add(chunk)
+            else:
+                problems[chunk] = problem
+        flown = {int(path.name) for path in (self.folder / STORE_FOLDER / FLOWN).iterdir() if path.name.isdecimal()}
+        return problems | dict.fromkeys(sorted(flown - self._checksums.chunks()), "the record of checksums is missing")
+
+    def _named(self, chunk: int) -> str:
+        rows = self.rows_of(chunk)
+        return f"chunk {chunk} (flights {rows.start} to {rows.stop - 1})"
 
     @property
     def flights(self) -> int:
@@ -163,7 +220,9 @@ class CampaignStore:
     @property
     def done(self) -> np.ndarray:
         """Whether each chunk is complete."""
-        return np.asarray(self._array(_DONE)[:]) == 1
+        if not self._checksums.exist:
+            return np.asarray(self._array(_DONE)[:]) == 1
+        return np.isin(np.arange(-(-self.flights // self.chunk)), list(self._checksums.chunks()))
 
     @property
     def enough(self) -> int | None:
@@ -203,14 +262,18 @@ class CampaignStore:
         }
 
     def write(self, chunk: int, rows: list[FlightRow]) -> None:
-        """Write a chunk, and mark it when all of it is on the disk."""
-        place = self.rows_of(chunk)
-        for name, column in flight_columns(rows, len(self.scenario.aircraft)).items():
-            self._array(name)[place] = _typed(name, column)[1]
-        if self.kept is not None:
-            write_series(self._group, self.kept, place, rows)
-        os.sync()  # or the mark could outlive a power cut that its chunk does not
-        self._array(_DONE)[chunk] = 1
+        """Write a chunk, and record its checksums when all of it is on the disk."""
+        place, columns = self.rows_of(chunk), flight_columns(rows, len(self.scenario.aircraft))
+        names = [*columns, FLOWN]
+        with every_chunk_written():
+            for name, column in columns.items():
+                self._array(name)[place] = fixed_width(name, column)[1]
+            if self.kept is not None:
+                names += [f"{SERIES}/{name}" for name in write_series(self._group, self.kept, place, rows)]
+            os.sync()  # or the record could outlive a power cut that its chunk does not
+            self._array(FLOWN)[place] = True
+        files = (file for name in names for file in chunk_files(name, chunk, self._array(name).cdata_shape))
+        self._checksums.record_chunk(chunk, files)
 
     def refuse_unless_same(self, study: Study, scenario: Scenario, applied: Mapping[str, np.ndarray]) -> None:
         """Refuse to go on with another study, scenario, value or version of what numbers depend on (StoreError)."""
@@ -239,8 +302,13 @@ class CampaignStore:
 
     def dataset(self) -> xr.Dataset:
         """All flights of complete chunks, labelled: dimensions flight and aircraft."""
-        with xr.open_zarr(self.folder / _FOLDER, chunks=None, consolidated=False, mask_and_scale=False) as data:
-            found = data.drop_vars(_DONE).isel(flight=self.flown).load()
+        self.refuse_damaged()
+        try:
+            with open_arrays(self.folder / STORE_FOLDER) as data:
+                found = data.drop_vars([FLOWN, _DONE], errors="ignore").isel(flight=self.flown).load()
+        except _UNREADABLE as error:
+            words = f"arrived a store that cannot be read ({error}); expected a whole one"
+            raise StoreError(f"{self.folder}: {words}") from None
         attributes = {"confidence": self.study.answers.confidence, "precision": self.study.precision}
         return found.set_coords(["flight", "aircraft"]).assign_attrs(attributes)
 
@@ -253,15 +321,17 @@ class CampaignStore:
         Raises
         ------
         StoreError
-            The study keeps none.
+            The study keeps none, or a file of the series is damaged.
         """
         if self.kept is None:
             words = 'a study that keeps some, such as [keep] series = ["position_error", "airspeed"]'
             raise StoreError(f"{self.folder}: arrived a campaign without series; expected one of {words}")
-        return series_dataset(self.folder / _FOLDER, self.flown)
+        self.refuse_damaged(series=True)
+        return series_dataset(self.folder / STORE_FOLDER, self.flown)
 
     def series_of(self, name: str, flights: np.ndarray) -> Iterator[np.ndarray]:
         """One variable of some flights over time, chunk by chunk: shape (flights of the chunk, aircraft, times)."""
+        self.refuse_damaged(series=True)
         array = self._array(f"{SERIES}/{name}")
         for chunk in np.unique(flights // self.chunk):
             rows = self.rows_of(int(chunk))
@@ -274,19 +344,9 @@ class CampaignStore:
         return found
 
 
-def _typed(name: str, column: Column) -> Column:
-    """Texts in the width of the store."""
-    dimensions, values, labels = column
-    width = _WIDTHS.get(name)
-    if width is None:
-        return column
-    cut = [one if len(one) <= width else f"{one[: width - 3]}..." for one in values.ravel().tolist()]
-    return dimensions, np.array(cut, dtype=f"<U{width}").reshape(values.shape), labels
-
-
-def _put_whole(
-    group: zarr.Group, name: str, values: np.ndarray, dimensions: tuple[str, ...], labels: dict[str, Any]
-) -> None:
-    group.create_array(
-        name, data=values, chunks=values.shape, attributes={**labels, "_ARRAY_DIMENSIONS": list(dimensions)}
-    )
+@contextlib.contextmanager
+def _damage_told() -> Iterator[None]:
+    try:
+        yield
+    except DamagedFileError as error:
+        raise StoreError(str(error)) from None

@@ -49,11 +49,14 @@ def report(
     store = opened(folder, "FOLDER")
     if not store.flown.size:
         raise RefusedError(f"FOLDER: arrived {folder}, where no chunk of flights is complete; expected one at least")
-    from anser.campaigns import write_campaign
+    from anser.campaigns import StoreError, write_campaign
     from anser.report.exports import PARQUET_MISSING, has_parquet
 
-    with progress_bar() as tell:
-        written = write_campaign(store, worst, others, tell)
+    try:
+        with progress_bar() as tell:
+            written = write_campaign(store, worst, others, tell)
+    except StoreError as error:
+        raise RefusedError(f"FOLDER: {error}") from None
     answer(lambda: {"format_version": 1, "flown": int(store.flown.size), "files": [str(path) for path in written]})
     for path in written:
         line(f"{path}: written")

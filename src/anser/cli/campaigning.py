@@ -1,5 +1,7 @@
 """Command campaign fly: a scenario flown many times, with numbers of it dispersed."""
 
+import contextlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -40,7 +42,7 @@ def fly(
     study: Annotated[Path, typer.Argument(help="Study file (TOML).", show_default=False)],
     out: Annotated[Path, typer.Option(help="Folder of the campaign; new, unless --resume.", show_default=False)],
     resume: Annotated[
-        bool, typer.Option("--resume", help="Fly what is missing of the campaign in the folder.")
+        bool, typer.Option("--resume", help="Fly what is missing or damaged of the campaign in the folder.")
     ] = False,
     processes: Annotated[
         int | None,
@@ -61,9 +63,8 @@ def fly(
 
     The word fly may be left out: anser campaign STUDY --out FOLDER.
     """
-    from anser.campaigns import Campaign, StoreError, fly_campaign, keep_worst
+    from anser.campaigns import StoreError
     from anser.campaigns.campaigning import store_of
-    from anser.campaigns.flying import room_of
 
     try:
         store = store_of(study, out, resume=resume, precision=precision)
@@ -71,6 +72,30 @@ def fly(
         raise RefusedError(f"--out: arrived {out}, which exists; expected a new folder, or --resume") from None
     except StoreError as error:
         raise RefusedError(str(error)) from None
+    with _alone(store):
+        _fly(store, out, processes, cluster)
+
+
+@contextlib.contextmanager
+def _alone(store: "CampaignStore") -> Iterator[None]:
+    """Let no other process fly a campaign meanwhile; says which chunks are damaged and flown again."""
+    from anser.campaigns import StoreError
+
+    with contextlib.ExitStack() as lock:
+        try:
+            lock.enter_context(store.locked())
+        except StoreError as error:
+            raise RefusedError(str(error)) from None
+        for message in store.damages:
+            say(message)
+        yield
+
+
+def _fly(store: "CampaignStore", out: Path, processes: int | None, cluster: str | None) -> None:
+    """Fly what is missing, answer, and write the report."""
+    from anser.campaigns import Campaign, StoreError, fly_campaign, keep_worst
+    from anser.campaigns.flying import room_of
+
     flown, before = Campaign(store), store.flown.size
     if processes is None and cluster is None:
         room = room_of(store)

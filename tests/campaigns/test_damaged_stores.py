@@ -1,0 +1,176 @@
+"""Stores as xarray reads them by itself, and damaged ones: named when they are read, flown again when resumed."""
+
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from anser.campaigns import CampaignStore, StoreError, campaign, flying
+from anser.campaigns.campaigning import store_of
+from campaigns.old_stores import as_first_format
+from campaigns.study_cases import STUDIES, made_up, text_of
+from trials.damaged_files import MUTATIONS, files_of
+
+FLIGHTS, CHUNK = 12, 4
+KEPT = '[keep]\nseries = ["position_error", "speed_limited", "phase"]\nseries_every_s = 30.0\n'
+
+
+@pytest.fixture(autouse=True)
+def made_up_flights(monkeypatch):
+    monkeypatch.setattr(flying, "fly_many", made_up)
+    monkeypatch.setattr(flying, "BATCH", CHUNK)
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("study")
+    shutil.copy(STUDIES.parent / "scenarios" / "three-aircraft.toml", folder / "three.toml")
+    (folder / "study.toml").write_text(text_of(flights=FLIGHTS) + KEPT)
+    return folder / "study.toml"
+
+
+@pytest.fixture(scope="module")
+def whole(study, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("whole") / "out"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(flying, "fly_many", made_up)
+        patch.setattr(flying, "BATCH", CHUNK)
+        campaign(study, folder, processes=1)
+    return folder
+
+
+@pytest.fixture
+def out(whole, tmp_path):
+    return shutil.copytree(whole, tmp_path / "out")
+
+
+def contents(folder):
+    """Rows, series and every file of the store and its checksums."""
+    store = CampaignStore.open(folder)
+    files = {str(path.relative_to(folder)): path.read_bytes() for path in files_of(folder)}
+    return store.dataset(), store.series().load(), files
+
+
+def assert_same(folder, other):
+    one, two = contents(folder), contents(other)
+    xr.testing.assert_identical(one[0], two[0])
+    xr.testing.assert_identical(one[1], two[1])
+    assert one[2] == two[2]
+
+
+def test_xarray_alone_reads_every_array_as_it_was_written(whole):
+    store, plain = CampaignStore.open(whole), xr.open_zarr(whole / "flights.zarr")
+    data = plain.load()
+    assert data["flown"].values.all()
+    kinds = {values.dtype.kind for values in data.variables.values()}
+    assert kinds == set("bifuU")
+    expected = store.dataset()
+    xr.testing.assert_identical(data.drop_vars("flown").drop_attrs(deep=False), expected.drop_attrs(deep=False))
+    assert data["flight"].values[0] == 0
+    assert not data["met"].values.all()
+    assert float(data["met"].mean()) == expected["met"].values.mean()
+    assert "" in data["reason"].values
+    series = xr.open_zarr(whole / "flights.zarr", group="series").load()
+    assert {values.dtype.kind for values in series.variables.values()} == set("ifU")
+    assert (series["phase"].values == -1).any()
+    assert (series["speed_limited"].values == 0).any()
+    xr.testing.assert_identical(series, store.series().load())
+
+
+def test_flights_that_were_not_flown_are_told_in_xarray_alone(study, tmp_path):
+    store = store_of(study, tmp_path / "out", resume=False)
+    flying.fly_chunk(store.folder, 1)
+    data = xr.open_zarr(tmp_path / "out" / "flights.zarr").load()
+    assert np.flatnonzero(data["flown"].values).tolist() == [4, 5, 6, 7]
+    assert np.isnan(data["miss_m"].values[[0, 11]]).all()
+
+
+def test_a_store_of_the_first_format_is_read_and_not_gone_on_with(study, whole, out):
+    as_first_format(out)
+    store, expected = CampaignStore.open(out), CampaignStore.open(whole)
+    old, new = store.dataset(), expected.dataset()
+    assert old.attrs.pop("format_version") == 1
+    assert new.attrs.pop("format_version") == 2
+    assert old.attrs == new.attrs
+    xr.testing.assert_equal(old, new)
+    xr.testing.assert_equal(store.series().load(), expected.series().load())
+    with pytest.raises(StoreError, match="a campaign of format 1, which can only be read; expected one of format 2"):
+        campaign(study, out, resume=True, processes=1)
+
+
+@pytest.mark.parametrize("seed", range(11))
+def test_a_damaged_store_is_named_and_flown_again_to_the_last_bit(study, whole, out, seed):
+    draw = np.random.default_rng(seed)
+    kinds = sorted(MUTATIONS)
+    damaged = MUTATIONS[kinds[seed % len(kinds)]](files_of(out), draw)
+    with pytest.raises(StoreError, match=r"flights\.zarr|checksums"):
+        contents(out)
+    try:
+        campaign(study, out, resume=True, processes=1)
+    except StoreError as error:
+        # without this record nobody knows what is whole
+        assert "store.json: arrived" in str(error)  # noqa: PT017
+        assert [path.name for path in damaged] == ["store.json"]
+    else:
+        assert_same(out, whole)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("flights.zarr/met/1", r"chunk 1 \(flights 4 to 7\) of which .*met/1 is (damaged|missing); expected a whole store"),
+        ("flights.zarr/flown/2", r"flown/2 is (damaged|missing)"),
+        ("checksums/0.json", "the record of checksums is missing|0.json: arrived a file that cannot be read"),
+        ("flights.zarr/seed/0", r"seed/0: arrived a file that is damaged or missing; expected it as anser wrote it"),
+        ("flights.zarr/.zattrs", "zattrs: arrived a file that is damaged or missing"),
+        ("flights.zarr/wind.speed_m_s/0", "arrived a file that is damaged or missing"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("content", [None, b""])
+def test_each_kind_of_file_of_a_store_is_made_anew(study, whole, out, name, message, content):
+    if content is None:
+        (out / name).unlink()
+    else:
+        (out / name).write_bytes(content)
+    with pytest.raises(StoreError, match=message):
+        CampaignStore.open(out)
+    told = []
+    campaign(study, out, resume=True, processes=1, progress=lambda what, part: told.append(what))
+    assert_same(out, whole)
+    assert ("is flown again" in told[0]) == (name.split("/")[-1] != "0" and "zattrs" not in name)
+
+
+def test_damage_done_after_a_store_was_opened_is_named(out):
+    store = CampaignStore.open(out)
+    (out / "flights.zarr" / "series" / "phase" / "1.0.0").unlink()
+    store.dataset()
+    with pytest.raises(StoreError, match=r"phase/1\.0\.0 is missing"):
+        store.series()
+
+
+def test_metadata_of_another_study_are_not_put_in(study, out, tmp_path):
+    (out / "flights.zarr" / "seed" / "0").unlink()
+    (study.parent / "other.toml").write_text(study.read_text().replace("seed = 1", "seed = 2"))
+    with pytest.raises(
+        StoreError, match=r"seed/0: arrived a damaged file that this study and version do not make anew"
+    ):
+        campaign(study.parent / "other.toml", out, resume=True, processes=1)
+
+
+def test_two_processes_do_not_resume_one_store(study, out):
+    program = (
+        "import pathlib, sys\nfrom anser.campaigns.store_lock import exclusive\n"
+        "with exclusive(pathlib.Path(sys.argv[1])):\n    print('held', flush=True)\n    sys.stdin.read()"
+    )
+    command = [sys.executable, "-c", program, str(out)]
+    holder = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    assert holder.stdout.readline() == b"held\n"
+    with pytest.raises(StoreError, match="a folder into which another process flies; expected one at a time"):
+        campaign(study, out, resume=True, processes=1)
+    CampaignStore.open(out)
+    holder.kill()
+    holder.communicate()
+    campaign(study, out, resume=True, processes=1)
