@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from anser.campaigns import StoreError, SubsetPlan, campaign, load_study, rare, rare_flights, read_rare
+from anser.campaigns import RareStore, StoreError, SubsetPlan, campaign, load_study, rare, rare_flights, read_rare
 from anser.campaigns.rare_event import rare_store_of
 from anser.campaigns.rare_flights import RareFlights
 from anser.results.flight_row import FlightRow
@@ -107,8 +107,7 @@ def test_what_cannot_be_gone_on_with_is_refused(study, tmp_path, monkeypatch):
     monkeypatch.setattr("anser.campaigns.rare_store.version_attributes", lambda: {"version_anser": "9.9"})
     with pytest.raises(StoreError, match=r"version anser .*; expected 9\.9, to go on with it"):
         rare(study, tmp_path / "out", processes=1, resume=True)
-    batch = tmp_path / "out" / "flown" / "000000000.npy"
-    np.save(batch, np.zeros(2))
+    RareStore.open(tmp_path / "out").write(0, np.zeros(2))
     with pytest.raises(StoreError, match="arrived 2 flights; expected 30"):
         read_rare(tmp_path / "out")
 

@@ -10,6 +10,7 @@ import pytest
 
 from anser.campaigns import Campaign, fly_campaign, flying, keep_worst, keeping, prepare, reporting, write_campaign
 from anser.campaigns.series_bands import quantiles_over
+from anser.results import write_netcdf, write_summary
 from campaigns.study_cases import THREE, WIND, made_up, study_of
 from support.made_flight import make_flight
 
@@ -31,7 +32,8 @@ def again(monkeypatch):
 
     def save(folder):
         folder.mkdir(parents=True)
-        dataset.to_netcdf(folder / "flight.nc")
+        write_netcdf(dataset, folder / "flight.nc")
+        write_summary(summary, folder / "summary.json")
         return folder
 
     def run(scenario, precision):

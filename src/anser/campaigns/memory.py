@@ -14,8 +14,6 @@ _AIRCRAFT = 500_000
 _COPIES = 3
 """Of the series of a batch: as recorded, as one array of each flight, and as written."""
 _MB = 1e6
-MEMORY = "memory: "
-"""What a line begins with that says that memory limits something."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +49,7 @@ def room_for(scenario: Scenario, batch: int, series: SeriesKept | None = None) -
         return Room(cores, "")
     needed = _PROCESS + batch * _of_flight(scenario, series)
     processes = max(1, min(cores, free // needed))
-    has = f"{MEMORY}{free / _MB:,.0f} MB are free, and a process that flies {batch} flights at a time takes"
+    has = f"memory: {free / _MB:,.0f} MB are free, and a process that flies {batch} flights at a time takes"
     has += f" {needed / _MB:,.0f} MB"
     if free < needed:
         return Room(1, f"{has}: one flies, and may be killed for want of memory")

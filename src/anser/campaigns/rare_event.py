@@ -14,6 +14,7 @@ from anser.campaigns.memory import room_for
 from anser.campaigns.rare_flights import RareFlights, fly_points
 from anser.campaigns.rare_results import exceedance_dataset, rare_document, worst_points
 from anser.campaigns.rare_store import RareStore
+from anser.campaigns.store_lock import exclusive
 from anser.campaigns.study import load_study
 from anser.campaigns.subset import Repetition, SubsetEstimate, estimate, subset_simulation
 from anser.execution.batches import Progress, silent
@@ -115,7 +116,7 @@ def rare(
     out
         Folder for what comes of it; new, unless `resume`.
     resume
-        Whether to go on with what is in that folder.
+        Whether to go on with what is in that folder; what is damaged is flown again.
     processes
         How many fly at a time; None: one for each core, or as many as the free memory holds.
     progress
@@ -130,7 +131,8 @@ def rare(
     ScenarioError
         The study or its scenario is not valid, has no rare event, or no flight of it makes a valid scenario.
     StoreError
-        There is nothing to go on with, or what is of another study or version; or a process was killed.
+        There is nothing to go on with, or what is of another study or version, or another process flies it; or a
+        process was killed.
     FileExistsError
         The folder exists and `resume` is not asked for.
     """
@@ -142,10 +144,13 @@ def rare(
         processes = room.processes
         if room.words and progress is not None:
             progress(room.words, None)
-    with workers(processes) as (executor, _):
-        found = RareEvent(store, _repetitions(store, executor, progress or silent))
-    write_json(found.document, store.folder / _DOCUMENT, overwrite=True)
-    draw_rare(found.dataset, store.folder)
+    with exclusive(store.folder):
+        for message in store.remove_damaged():
+            (progress or silent)(message, None)
+        with workers(processes) as (executor, _):
+            found = RareEvent(store, _repetitions(store, executor, progress or silent))
+        write_json(found.document, store.folder / _DOCUMENT, overwrite=True)
+        draw_rare(found.dataset, store.folder)
     return found
 
 

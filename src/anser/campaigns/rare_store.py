@@ -2,17 +2,21 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from anser.campaigns.store import StoreError
+from anser.campaigns.store_lock import StoreError
 from anser.campaigns.study import Study, validate_study
 from anser.output_files import new_file, new_folder
 from anser.results import version_attributes, write_json
-from anser.scenario import Scenario
+from anser.results.checksums import DamagedFileError, append_checksum, read_document, verify_checksum, with_checksum
+from anser.scenario import Scenario, ScenarioError
 from anser.scenario.schema import validate
 
-FORMAT = 1
+FORMAT = 2
+_UNCHECKED = 1
+"""Format without checksums, which is read, but not gone on with."""
 _ASKED = "rare-asked.json"
 _FLOWN = "flown"
 
@@ -26,10 +30,12 @@ class RareStore:
         Its folder.
     study, scenario
         What is flown.
+    format
+        Version of the folder's format.
     """
 
-    def __init__(self, folder: Path, study: Study, scenario: Scenario) -> None:
-        self.folder, self.study, self.scenario = folder, study, scenario
+    def __init__(self, folder: Path, study: Study, scenario: Scenario, version: int = FORMAT) -> None:
+        self.folder, self.study, self.scenario, self.format = folder, study, scenario, version
 
     @classmethod
     def create(cls, folder: Path, study: Study, scenario: Scenario) -> "RareStore":
@@ -41,50 +47,96 @@ class RareStore:
         }
         with new_folder(folder) as beside:
             (beside / _FLOWN).mkdir()
-            write_json(asked, beside / _ASKED)
+            write_json(with_checksum(asked), beside / _ASKED)
         return cls(folder, study, scenario)
 
     @classmethod
     def open(cls, folder: Path) -> "RareStore":
-        """Open that of a folder; StoreError where there is none, or one of another format."""
+        """Open that of a folder; StoreError where there is none, or one that is damaged or of another format."""
+        asked, checked = _read_asked(folder)
+        version = asked.get("format_version")
+        if version not in (FORMAT, _UNCHECKED) or (version == FORMAT and not checked):
+            words = f"arrived format {version}{'' if checked else ' without its checksum'}; expected {FORMAT}"
+            raise StoreError(f"{folder / _ASKED}: {words}")
         try:
-            asked = json.loads((folder / _ASKED).read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            words = f"arrived a folder without {_ASKED}; expected that of a rare event"
-            raise StoreError(f"{folder}: {words}") from None
-        if asked.get("format_version") != FORMAT:
-            words = f"arrived format {asked.get('format_version')}; expected {FORMAT}"
-            raise StoreError(f"{folder}: {words}")
-        study = validate_study(json.loads(asked["study"]), f"{folder}, study")
-        return cls(folder, study, validate(json.loads(asked["scenario"]), f"{folder}, scenario"))
+            study = validate_study(json.loads(asked["study"]), f"{folder}, study")
+            return cls(folder, study, validate(json.loads(asked["scenario"]), f"{folder}, scenario"), version)
+        except ScenarioError:
+            raise
+        except (KeyError, TypeError, ValueError) as error:
+            words = f"arrived a file that cannot be read ({error}); expected it as anser wrote it"
+            raise StoreError(f"{folder / _ASKED}: {words}") from None
 
     def refuse_unless_same(self, study: Study, scenario: Scenario) -> None:
         """Refuse to go on with another study, scenario or version of what numbers depend on (StoreError)."""
-        asked = json.loads((self.folder / _ASKED).read_text(encoding="utf-8"))
+        asked, _ = _read_asked(self.folder)
         for key, wanted in provenance(study, scenario).items():
             if asked.get(key) != wanted:
                 words = f"arrived a rare event with the {key.replace('_', ' ')} {asked.get(key)}"
                 raise StoreError(f"{self.folder}: {words}; expected {wanted}, to go on with it")
 
     def values(self, first: int, count: int) -> np.ndarray | None:
-        """What came of the batch whose first flight has a number; None where it was not flown."""
+        """What came of the batch whose first flight has a number; None where it was not flown.
+
+        Raises
+        ------
+        StoreError
+            The file is damaged, or of other flights.
+        """
         path = self._path(first)
         if not path.exists():
             return None
-        found = np.load(path)
+        found = self._read(path)
         if found.shape != (count,):
-            raise StoreError(f"{path}: arrived {found.shape[0]} flights; expected {count}")
+            raise StoreError(f"{path}: arrived {found.size} flights; expected {count}")
         return found
 
     def write(self, first: int, values: np.ndarray) -> None:
-        """Keep what came of a batch."""
+        """Keep what came of a batch: the number of each flight, and its value."""
         with new_file(self._path(first), overwrite=True) as partial:
-            np.save(partial, values)
+            np.save(partial, np.stack([first + np.arange(values.size, dtype=float), values]))
+            append_checksum(partial)
+
+    def remove_damaged(self) -> list[str]:
+        """Remove the batches that are damaged, which are then to be flown again; a message of each."""
+        messages: list[str] = []
+        for path in self._batches():
+            try:
+                self._read(path)
+            except StoreError as error:
+                path.unlink()
+                messages.append(f"{error}: flown again")
+        return messages
 
     @property
     def flown(self) -> int:
         """Flights that were flown so far."""
-        return sum(np.load(path, mmap_mode="r").shape[0] for path in (self.folder / _FLOWN).glob("*.npy"))
+        return sum(self._read(path).size for path in self._batches())
+
+    def _read(self, path: Path) -> np.ndarray:
+        """Values of a batch, verified."""
+        try:
+            verified = verify_checksum(path)
+            if verified != (self.format == FORMAT):
+                raise StoreError(f"{path}: arrived a batch without its checksum; expected it as anser wrote it")
+            content = np.load(path)
+        except DamagedFileError as error:
+            raise StoreError(str(error)) from None
+        except StoreError:
+            raise
+        except (OSError, ValueError, EOFError) as error:
+            raise StoreError(
+                f"{path}: arrived a batch that cannot be read ({error}); expected it as anser wrote it"
+            ) from None
+        if not verified:
+            return content
+        numbers = int(path.stem) + np.arange(content.shape[1])
+        if not np.array_equal(content[0], numbers):
+            raise StoreError(f"{path}: arrived a batch from flight {content[0, 0]:.0f} on; expected {path.stem}")
+        return content[1]
+
+    def _batches(self) -> list[Path]:
+        return sorted(self.folder.joinpath(_FLOWN).glob("*.npy"))
 
     def _path(self, first: int) -> Path:
         return self.folder / _FLOWN / f"{first:09d}.npy"
@@ -99,3 +151,14 @@ def provenance(study: Study, scenario: Scenario) -> dict[str, object]:
         "seed": study.seed,
         **version_attributes(),
     }
+
+
+def _read_asked(folder: Path) -> tuple[dict[str, Any], bool]:
+    """What was asked for, and whether it has a checksum."""
+    path = folder / _ASKED
+    if not path.is_file():
+        raise StoreError(f"{folder}: arrived a folder without {_ASKED}; expected that of a rare event")
+    try:
+        return read_document(path)
+    except DamagedFileError as error:
+        raise StoreError(str(error)) from None

@@ -40,14 +40,13 @@ def rare(
     """Find how probable a rare breach of a study is, by flying towards it level by level."""
     from anser.campaigns import RareStore, StoreError
     from anser.campaigns import rare as flown_event
-    from anser.campaigns.memory import MEMORY
 
     try:
         with progress_bar() as tell:
 
             def told(what: str, part: float | None) -> None:
                 tell(what, part)
-                if what.startswith(MEMORY):
+                if part is None:
                     say(what)
 
             found = flown_event(study, out, resume=resume, processes=processes, progress=told)

@@ -1,0 +1,86 @@
+"""Damaged folders of rare events: named when they are read, flown again when resumed, to the last bit."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from anser.campaigns import StoreError, rare, rare_flights, read_rare
+from anser.campaigns.store_lock import exclusive
+from campaigns.rare_cases import RARE_TEXT, made_up
+from campaigns.study_cases import STUDIES
+from trials.damaged_files import MUTATIONS, OF_ONE_FILE
+
+
+@pytest.fixture(autouse=True)
+def made_up_flights(monkeypatch):
+    monkeypatch.setattr(rare_flights, "fly_many", made_up)
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("study")
+    shutil.copy(STUDIES.parent / "scenarios" / "three-aircraft.toml", folder / "three.toml")
+    (folder / "study.toml").write_text(RARE_TEXT)
+    return folder / "study.toml"
+
+
+@pytest.fixture(scope="module")
+def whole(study, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("whole") / "out"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(rare_flights, "fly_many", made_up)
+        rare(study, folder, processes=1)
+    return folder
+
+
+@pytest.fixture
+def out(whole, tmp_path):
+    return shutil.copytree(whole, tmp_path / "out")
+
+
+def batches(folder):
+    return {path.name: path.read_bytes() for path in (folder / "flown").iterdir()}
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_damaged_batch_is_named_and_flown_again(study, whole, out, seed):
+    kinds = [*OF_ONE_FILE, "swap", "copy over"]
+    files = sorted((out / "flown").iterdir())
+    damaged = MUTATIONS[kinds[seed % len(kinds)]](files, np.random.default_rng(seed))
+    with pytest.raises(StoreError, match=r"flown/\d+\.npy: arrived|arrived no batch from flight"):
+        read_rare(out)
+    told = []
+    found = rare(study, out, processes=1, resume=True, progress=lambda what, part: told.append(what))
+    assert batches(out) == batches(whole)
+    assert found.document == read_rare(whole).document
+    assert sum("flown again" in text for text in told) == sum(path.name in str(told) for path in damaged)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_damaged_record_of_what_was_asked_is_refused(study, out, seed):
+    kind = ("edit JSON", "flip one bit", "cut", "empty")[seed]
+    MUTATIONS[kind]([out / "rare-asked.json"], np.random.default_rng(seed))
+    for read in (lambda: read_rare(out), lambda: rare(study, out, processes=1, resume=True)):
+        with pytest.raises(StoreError, match=r"rare-asked\.json: arrived"):
+            read()
+
+
+def test_a_rare_event_of_the_first_format_is_read_and_not_gone_on_with(study, whole, out):
+    asked = json.loads((out / "rare-asked.json").read_text())
+    del asked["sha256"]
+    (out / "rare-asked.json").write_text(json.dumps(asked | {"format_version": 1}))
+    for path in (out / "flown").iterdir():
+        values = np.load(path)[1]
+        with path.open("wb") as file:
+            np.save(file, values)
+    assert read_rare(out).document == read_rare(whole).document
+    with pytest.raises(StoreError, match="a rare event with the format version 1; expected 2, to go on with it"):
+        rare(study, out, processes=1, resume=True)
+
+
+def test_a_rare_event_is_flown_by_one_process_at_a_time(study, out):
+    with exclusive(out), pytest.raises(StoreError, match="a folder into which another process flies"):
+        rare(study, out, processes=1, resume=True)
+    rare(study, out, processes=1, resume=True)
