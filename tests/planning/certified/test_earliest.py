@@ -5,7 +5,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from anser.planning.certified.earliest import RESOLUTION, earlier_times
+from anser.planning.certified.earliest import RESOLUTION, earlier_times, first_index
 
 ADMISSIBLE = np.arange(40.0, 1200.0, 0.25)
 
@@ -50,3 +50,27 @@ def test_where_nothing_earlier_works_the_known_time_stands():
 @pytest.mark.parametrize("admissible", [np.zeros(0), np.array([90.0]), np.array([77.0])])
 def test_no_time_is_tried_where_none_is_before(admissible):
     assert looked(admissible, 77.0, lambda t: True) == (77.0, [])
+
+
+def first_open(count, one_by_one, works):
+    """The index found, and those tried."""
+    indices, tried, answer = first_index(count, one_by_one), [], None
+    while True:
+        try:
+            tried.append(indices.send(answer))
+        except StopIteration as ended:
+            return ended.value, tried
+        answer = works(tried[-1])
+
+
+@given(first=st.integers(0, 150), count=st.integers(0, 150), one_by_one=st.integers(1, 150))
+def test_the_first_index_is_found_where_all_later_ones_work(first, count, one_by_one):
+    found, tried = first_open(count, one_by_one, lambda index: index >= first)
+    assert found == (first if first < count else None)
+    assert len(set(tried)) == len(tried)
+    assert len(tried) <= min(first, one_by_one) + 18
+
+
+def test_one_by_one_even_the_smallest_island_is_found():
+    assert first_open(60, 40, lambda index: index == 23 or index > 50)[0] == 23
+    assert first_open(60, 1, lambda index: index == 2 or index > 50)[0] == 51

@@ -8,7 +8,12 @@ from certified_cases import LAYERED, STEADY
 
 from anser.planning.certified import arrival_proposals
 from anser.planning.certified.arrival_proposals import FleetTask
-from anser.planning.certified.necessary_conditions import arrival_conflicts, arrival_distances_max, may_arrive
+from anser.planning.certified.necessary_conditions import (
+    arrival_conflicts,
+    arrival_distances_max,
+    climb_times_min,
+    may_arrive,
+)
 from anser.planning.certified.search import search
 from anser.planning.certified.task import ArrivalRequest, KeepOuts, stacked
 from support.aircraft_tasks import CLIMB_MAX, SPEED_MAX, aircraft_task, airspace
@@ -43,7 +48,22 @@ def test_a_way_is_too_long_where_not_even_tail_wind_and_greatest_speed_will_do()
 
 def test_a_way_is_too_steep_where_the_climb_takes_longer():
     steep = earliest((500.0, 0.0, -5700.0), (0.0, 0.0, 0.0), STEADY)
-    assert 4000.0 / (CLIMB_MAX + 1.03 * 11.2) < steep <= 4000.0 / CLIMB_MAX
+    # The wind blows level: it carries nobody upwards.
+    np.testing.assert_allclose(steep, 4000.0 / CLIMB_MAX, atol=0.05)
+
+
+@pytest.mark.parametrize("up_m", [-1500.0, -1e-3, -1e-10, 0.0, 1e-10, 1e-3, 1.0, 600.0])
+@pytest.mark.parametrize("moving", [0.0, 5.0])
+def test_a_small_climb_takes_a_small_time(up_m, moving):
+    """From 2,000 m to a rendezvous that is higher by `up_m`, of a goal that sinks."""
+    one = stacked([aircraft_task((9000.0, 0.0, -1700.0 - up_m), (0.0, 0.0, moving))])
+    closing = CLIMB_MAX + moving if up_m > 0.0 else CLIMB_MAX - moving
+    np.testing.assert_allclose(climb_times_min(one, airspace(STEADY)), abs(up_m) / closing, rtol=1e-9, atol=1e-12)
+
+
+def test_a_goal_that_sinks_too_fast_is_never_reached_from_above():
+    one = [aircraft_task((9000.0, 0.0, down), (0.0, 0.0, CLIMB_MAX)) for down in (-1600.0, -1700.0, -1800.0)]
+    np.testing.assert_allclose(climb_times_min(stacked(one), airspace(STEADY)), [np.inf, 0.0, 100.0 / 80.0])
 
 
 def test_limits_that_do_not_exist_rule_nothing_out():
@@ -89,7 +109,7 @@ def test_the_later_one_may_still_be_away_by_what_it_flies_meanwhile():
     two = stacked([aircraft_task(NEAR), aircraft_task(FAR)])
     level, height = arrival_distances_max(two, airspace(STEADY), np.array([[60.0, 61.0], [63.0, 60.0]]))
     np.testing.assert_allclose(level[:, 0, 1], 400.0 + np.array([1.0, 3.0]) * (SPEED_MAX + WIND))
-    np.testing.assert_allclose(height[:, 0, 1], np.array([1.0, 3.0]) * (CLIMB_MAX + WIND))
+    np.testing.assert_allclose(height[:, 0, 1], np.array([1.0, 3.0]) * CLIMB_MAX)  # the wind blows level
 
 
 @pytest.mark.parametrize(

@@ -16,14 +16,13 @@ from anser.planning.certified.candidate_sets import (
     WITH_TURN_LEG_PATHS,
     CandidateSet,
 )
-from anser.planning.certified.earliest import earlier_times
-from anser.planning.certified.necessary_conditions import arrival_conflicts, may_arrive
-from anser.planning.certified.profile import CLIMB_ACCELERATION
+from anser.planning.certified.earliest import earlier_times, first_index
+from anser.planning.certified.necessary_conditions import arrival_conflicts, climb_times_min, may_arrive
 from anser.planning.certified.task import AircraftTask, Airspace, ArrivalRequest, ArrivalTimes, Intervals
 
 _DELAYS = (1.0, 1.01, 1.03, 1.06, 1.1, 1.15, 1.22, 1.3, 1.4, 1.55, 1.75, 2.0, 2.4, 3.0)  # of the first time
-_LONG_DELAY = 1.3
-_DELAYS_OF_SMALL = (1.0, 1.06, 1.15, 1.3)  # at which turn-and-leg paths are tried before a long delay
+_STEP = 1.008  # ratio of two arrival times that are tried after each other
+_LONG_DELAY, _LONGEST_DELAY = 1.3, 3.0  # of the first time: before a long delay every kind of candidate is tried
 _DIRECT_TIME_FACTOR = 1.0002  # later than the direct path takes: to rounding there may be none of just its length
 _PARTS_OF_SMALL = (0.0, 0.1, 0.25, 0.5, 0.8)  # of the list of open times, for more than the standard candidates
 _GRID_S = 0.25  # between arrival times that are tested for the necessary conditions
@@ -73,23 +72,13 @@ class FleetTask:
 
     @cached_property
     def preferred(self) -> ArrivalTimes:
-        """Time of each by the direct path at its preferred speed, s."""
+        """Time of each by the direct path at its preferred speed, s; more only if the climb certainly takes more."""
         tasks = self.tasks
-        times, found = direct_times(tasks, self.airspace, tasks.speed, _DIRECT_INTERVALS)
+        times, converged = direct_times(tasks, self.airspace, tasks.speed, _DIRECT_INTERVALS)
         line = np.asarray(tasks.rendezvous_n) - np.asarray(tasks.position_n)
         straight = np.linalg.norm(line, axis=1) / np.asarray(tasks.speed)
-        level = np.where(np.asarray(found), np.asarray(times), 1.2 * straight)
-        return np.clip(np.maximum(level, self._time_to_height(level)), 1.0, self.request.latest_s)
-
-    def _time_to_height(self, times: ArrivalTimes) -> ArrivalTimes:
-        """Least time for the change of altitude, within climb rate and acceleration along the path, s."""
-        tasks, limits, gravity = self.tasks, self.tasks.limits, float(self.airspace.gravity)
-        down = (np.asarray(tasks.rendezvous_n) - np.asarray(tasks.position_n))[:, 2]
-        fall = down + times * np.asarray(tasks.goal_velocity_n)[:, 2]
-        force = np.where(fall > 0.0, np.asarray(limits.deceleration_max), np.asarray(limits.acceleration_max))
-        rate = np.minimum(np.asarray(limits.climb_rate_max), force * np.asarray(tasks.speed) / gravity)
-        rate = np.maximum(0.99 * rate, 0.1)
-        return np.abs(fall) / rate + 1.5 * rate / CLIMB_ACCELERATION
+        direct = np.where(np.asarray(converged), np.asarray(times), straight)
+        return np.clip(np.maximum(direct, climb_times_min(tasks, self.airspace)), 1.0, self.request.latest_s)
 
     def admissible(self, times: Float[np.ndarray, "n aircraft"]) -> Bool[np.ndarray, " n"]:
         """Which sets of arrival times (s after the start) meet the necessary conditions."""
@@ -120,8 +109,9 @@ class Proposal:
     message: str | None = None
 
 
-Stage = Generator[Proposal, bool | None, None]
-"""Proposals, each answered by whether a plan was found."""
+Failed = Bool[np.ndarray, " aircraft"]
+Stage = Generator[Proposal, Failed, None]
+"""Proposals, each answered by which aircraft failed; none: a plan was found."""
 
 
 def _trying(times: ArrivalTimes, candidate_set: CandidateSet) -> Proposal:
@@ -140,20 +130,100 @@ def first_stage(fleet: FleetTask, thorough: bool) -> Stage:
 
 
 def later_stage(fleet: FleetTask) -> Stage:
-    """A little later than the first times, and later still, where the rule leaves that open.
+    """The first times, or as soon after them as there is a plan, where the rule leaves that open.
 
-    Before a long delay, turn-and-leg paths are tried: better a loop than to be there at twice the time.
+    The usual candidates in small steps, then every kind of candidate before the time that was found. Before a long
+    delay both are done: better a loop than to be there at twice the time. Of windows, each aircraft is put off by
+    itself. The last plan found is the earliest.
     """
-    first, offsets = _first_times(fleet), fleet.offsets
-    if first is None or fleet.request.rule == "windows":
+    first = _first_times(fleet)
+    if first is None:
         return
-    tried = [(factor, STANDARD) for factor in _DELAYS[1:] if factor <= _LONG_DELAY]
-    tried += [(factor, level) for level in fleet.levels[1:2] for factor in _DELAYS_OF_SMALL]
-    tried += [(factor, STANDARD) for factor in _DELAYS if factor > _LONG_DELAY]
-    for factor, candidate_set in tried:
-        times = factor * (first - offsets) + offsets
-        if np.max(times) <= fleet.request.latest_s and fleet.admissible(times[None])[0]:
-            yield _trying(times, candidate_set)
+    by_itself = fleet.request.rule == "windows"
+    times, late = first.copy(), [fleet.rows[k : k + 1] for k in range(fleet.rows.size)] if by_itself else [fleet.rows]
+    for near, far in ((1.0, _LONG_DELAY), (_LONG_DELAY, _LONGEST_DELAY)):
+        delays = [_delays(fleet, rows, first, near, far) for rows in late]
+        one_by_one = max(len(one.times) for one in delays) if fleet.is_small and near == 1.0 else 1
+        index = yield from _first_open(delays, times, (STANDARD,), one_by_one)
+        if fleet.levels[1:]:
+            before = [one.until(k) for one, k in zip(delays, index, strict=True)]
+            better = yield from _first_open(before, times, fleet.levels[1:], 1)
+            index = [old if new is None else new for old, new in zip(index, better, strict=True)]
+        late = [rows for rows, k in zip(late, index, strict=True) if k is None]
+        if not late:
+            break
+    if by_itself and not late:
+        yield from _attempted(times, fleet.levels)
+
+
+@dataclass(frozen=True)
+class _Delays:
+    """Rising arrival times of aircraft that are put off together: all of a fleet, or one that has a window of its own.
+
+    Attributes
+    ----------
+    rows
+        Indices of the aircraft.
+    times
+        Their arrival times, s.
+    """
+
+    rows: Int[np.ndarray, " rows"]
+    times: Float[np.ndarray, "n rows"]
+
+    def until(self, index: int | None) -> "_Delays":
+        """The times before an index, all of them for None; none before one that is a single step after the first."""
+        near = index is not None and self.times[index, 0] <= _STEP**1.5 * self.times[0, 0]
+        return _Delays(self.rows, self.times[: 0 if near else index])
+
+
+def _delays(fleet: FleetTask, rows: Int[np.ndarray, " rows"], first: ArrivalTimes, near: float, far: float) -> _Delays:
+    """Times from one multiple of the first to another that the rule allows and no necessary condition rules out."""
+    windows, offsets = fleet.request.windows_s, fleet.offsets
+    steps = _STEP ** np.arange(np.ceil(np.log(near) / np.log(_STEP)), np.log(far) / np.log(_STEP))
+    times = steps[:, None] * (first - offsets) + offsets
+    latest = fleet.request.latest_s if windows is None else windows[rows, 1]
+    times = times[np.all(times[:, rows] <= latest, axis=1)]
+    if windows is None:
+        return _Delays(rows, times[fleet.admissible(times)][:, rows])
+    alone = may_arrive(fleet.tasks, fleet.airspace, np.repeat(rows, len(times)), times[:, rows].ravel())
+    return _Delays(rows, times[alone][:, rows])
+
+
+def _first_open(
+    delays: Sequence[_Delays], times: ArrivalTimes, candidate_sets: Sequence[CandidateSet], one_by_one: int
+) -> Generator[Proposal, Failed, list[int | None]]:
+    """Index of the first time that is found to be open, per entry of `delays`; these times are written to `times`.
+
+    All entries are searched at once: each attempt answers for every aircraft.
+    """
+    scans = {k: first_index(len(one.times), one_by_one) for k, one in enumerate(delays)}
+    index: list[int | None] = [None] * len(delays)
+    open_at: dict[int, bool | None] = dict.fromkeys(scans)
+    while True:
+        proposed = times.copy()
+        for k in list(scans):
+            try:
+                proposed[delays[k].rows] = delays[k].times[scans[k].send(open_at[k])]
+            except StopIteration as end:
+                index[k] = end.value
+                del scans[k]
+                if end.value is not None:
+                    times[delays[k].rows] = proposed[delays[k].rows] = delays[k].times[end.value]
+        if not scans:
+            return index
+        failed = yield from _attempted(proposed, candidate_sets)
+        open_at = {k: not failed[delays[k].rows].any() for k in scans}
+
+
+def _attempted(times: ArrivalTimes, candidate_sets: Sequence[CandidateSet]) -> Generator[Proposal, Failed, Failed]:
+    """Which aircraft fail with the last of some candidate sets; the first with which none fails is enough."""
+    failed = np.ones(times.shape, dtype=bool)
+    for candidate_set in candidate_sets:
+        failed = yield _trying(times, candidate_set)
+        if not failed.any():
+            break
+    return failed
 
 
 def open_stage(fleet: FleetTask, arrivals: Sequence[Intervals]) -> Stage:
@@ -167,13 +237,14 @@ def open_stage(fleet: FleetTask, arrivals: Sequence[Intervals]) -> Stage:
 
 def earlier_stage(fleet: FleetTask, known_s: float) -> Stage:
     """Times between the first that nothing rules out and that of a plan (s after its start)."""
-    times, found = fleet.times_asked(), None
+    times, works = fleet.times_asked(), None
     tried = earlier_times(times[fleet.admissible(times), 0], known_s)
     with contextlib.suppress(StopIteration):
         while True:
-            time = tried.send(found)
+            time = tried.send(works)
             message = f"looking for an earlier arrival, at {time:.1f} s"
-            found = yield Proposal(np.full(fleet.active.size, time), WITH_SPLINES, message)
+            failed = yield Proposal(np.full(fleet.active.size, time), WITH_SPLINES, message)
+            works = not failed.any()
 
 
 def open_arrivals(fleet: FleetTask, on_progress: Callable[[str], None]) -> list[Intervals] | None:
@@ -195,7 +266,7 @@ def _first_times(fleet: FleetTask) -> ArrivalTimes | None:
     if request.times_s is not None:
         return request.times_s
     if request.windows_s is not None:
-        return np.clip(preferred, request.windows_s[:, 0], request.windows_s[:, 1])
+        return np.clip(_DIRECT_TIME_FACTOR * preferred, request.windows_s[:, 0], request.windows_s[:, 1])
     if request.rule == "earliest":
         return None
     times = _DIRECT_TIME_FACTOR * float(np.max(preferred - fleet.offsets)) + fleet.offsets

@@ -10,6 +10,34 @@ RESOLUTION = 1.02
 """Ratio of two times between which no other is tried."""
 
 
+def first_index(count: int, one_by_one: int = 1) -> Generator[int, bool | None, int | None]:
+    """Search for the first of `count` rising times that works, each index answered by whether it does.
+
+    Up to index `one_by_one` one after the other, then in doubled steps; then back by halving between the last that does
+    not work and the first that does. What works may have gaps, so near the first time steps are small.
+
+    Returns
+    -------
+    Index of the first time that was found to work; None if none does.
+    """
+    low, index, step = -1, 0, 1
+    while low < count - 1:
+        index = min(low + step, count - 1)
+        if (yield index):
+            break
+        low, step = index, 1 if index < one_by_one else 2 * step
+    else:
+        return None
+    high = index
+    while high - low > 1:
+        middle = (low + high) // 2
+        if (yield middle):
+            high = middle
+        else:
+            low = middle
+    return high
+
+
 def earlier_times(admissible: Float[np.ndarray, " n"], known: float) -> Generator[float, bool | None, float]:
     """Times to try one after the other for an earlier one than is known; each is answered by whether it works.
 

@@ -5,10 +5,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool
 
 from anser.numerics import as_array
 from anser.planning.certified.arrival_proposals import (
+    Failed,
     FleetTask,
     Stage,
     earlier_stage,
@@ -26,7 +26,6 @@ _EXTENSIONS = 2  # times at most that an attempt is repeated with more aircraft 
 
 Progress = Callable[[str], None]
 FailedAfterArrival = Callable[[CertifiedPlan], np.ndarray]
-Failed = Bool[np.ndarray, " aircraft"]
 
 
 @dataclass(frozen=True)
@@ -116,15 +115,18 @@ class _Searcher:
 
     def run(self, state: _State, stage: Stage, to_the_end: bool = False) -> _State:
         """Attempt what a stage proposes, up to the first plan, or to its end: then the last plan found stands."""
-        found = None
         with contextlib.suppress(StopIteration):
-            while to_the_end or not found:
-                proposal = stage.send(found)
+            proposal = next(stage)
+            while True:
                 if proposal.message is not None:
                     self.on_progress(proposal.message)
                 made = self.attempt(state, proposal.times, proposal.candidate_set)
-                found = made.plan is not None
-                state = made if found else replace(made, plan=state.plan)
+                failed = made.failed_at(proposal.times, proposal.candidate_set)
+                state = made if made.plan is not None else replace(made, plan=state.plan)
+                if made.plan is not None and not to_the_end:
+                    break
+                # Without an attempt of its own, the standard candidates were enough.
+                proposal = stage.send(np.zeros_like(self.fleet.active) if failed is None else failed)
         return state
 
     def attempt(self, state: _State, times: ArrivalTimes, candidate_set: CandidateSet) -> _State:
@@ -187,9 +189,9 @@ def search(
 ) -> Outcome:
     """Find a plan whose certificate keeps everything.
 
-    First the times that the rule prefers, with few candidates; then later ones; then, where that fails, the times that
-    are open to each aircraft by itself, with more and more candidates; for the earliest plan, times before the one
-    found.
+    First the times that the rule prefers, with few candidates; then as soon after them as there is a plan; then, where
+    that fails, the times that are open to each aircraft by itself, with more and more candidates; for the earliest
+    plan, times before the one found.
 
     Parameters
     ----------
@@ -218,7 +220,7 @@ def search(
         return state.outcome()
     if fleet.is_small and request.rule != "windows" and not fleet.admissible(fleet.times_asked()).any():
         return state.outcome()
-    state = searcher.run(state, later_stage(fleet))
+    state = searcher.run(state, later_stage(fleet), to_the_end=True)
     if state.plan is not None:
         return state.outcome()
     arrivals = open_arrivals(fleet, on_progress)

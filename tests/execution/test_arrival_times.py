@@ -1,0 +1,80 @@
+"""When plans of whole scenarios arrive: as soon as the farthest can be there at the fleet's speed, whatever the heading."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import anser
+from anser.scenario import load, loads
+
+pytestmark = pytest.mark.long
+
+SCENARIOS = Path(__file__).parents[2] / "scenarios"
+
+_SCENARIO = """\
+format = 2
+name = "straight"
+timing.duration_s = 300.0
+fleet.speed_m_s = 150.0
+fleet.planner = "certified"
+wind = {{ speed_m_s = {wind_m_s!r}, from_deg = {wind_deg!r} }}
+[[aircraft]]
+name = "a"
+goal = "g"
+start = {{ north_m = 0.0, east_m = 0.0, altitude_m = 1000.0, speed_m_s = 150.0, course_deg = {course_deg!r} }}
+rendezvous = {{ stand_off_up_m = {up_m!r} }}
+[[goal]]
+name = "g"
+kind = "surface"
+north_m = {north_m!r}
+east_m = {east_m!r}
+speed_m_s = {goal_m_s!r}
+course_deg = {goal_deg!r}
+"""
+
+
+def _degrees(angle_deg):
+    return (angle_deg + 180.0) % 360.0 - 180.0
+
+
+def _arrival_s(ahead_m, side_m, rise_m, heading_deg=0.0, wind_m_s=0.0, goal_m_s=0.0):
+    """Of a task turned to a heading, its wind and its goal with it."""
+    turn = math.radians(heading_deg)
+    text = _SCENARIO.format(
+        north_m=ahead_m * math.cos(turn) - side_m * math.sin(turn),
+        east_m=ahead_m * math.sin(turn) + side_m * math.cos(turn),
+        up_m=1000.0 + rise_m,
+        course_deg=_degrees(heading_deg),
+        wind_m_s=wind_m_s,
+        wind_deg=(heading_deg + 200.0) % 360.0,
+        goal_m_s=goal_m_s,
+        goal_deg=_degrees(heading_deg + 110.0),
+    )
+    return float(anser.plan(loads(text)).plan.arrival_times[0])
+
+
+@pytest.mark.parametrize("rise_m", [-10.0, -0.001, 0.0, 0.001, 1.0, 10.0, 200.0])
+def test_a_small_climb_costs_no_time(rise_m):
+    """9 km straight ahead at 150 m/s; a climb takes what its slope adds to the way."""
+    straight_s = math.hypot(9000.0, rise_m) / 150.0
+    np.testing.assert_allclose(_arrival_s(9000.0, 0.0, rise_m), straight_s, rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    "task", [(9000.0, 0.0, 0.0, 0.0, 0.0), (7000.0, 2500.0, 0.001, 14.0, 8.0), (8000.0, -900.0, -300.0, 18.0, 12.0)]
+)
+def test_the_heading_does_not_matter(task):
+    """One task turned to 24 headings has one arrival time."""
+    ahead_m, side_m, rise_m, wind_m_s, goal_m_s = task
+    arrivals_s = [
+        _arrival_s(ahead_m, side_m, rise_m, heading_deg, wind_m_s, goal_m_s)
+        for heading_deg in np.arange(0.0, 360.0, 15.0).tolist()
+    ]
+    assert np.ptp(arrivals_s) < 1e-6
+
+
+def test_the_storm_is_sampled_as_soon_as_the_farthest_is_there():
+    planned = anser.plan(load(SCENARIOS / "storm-sampling.toml"))
+    assert float(np.max(planned.plan.arrival_times)) < 81.0

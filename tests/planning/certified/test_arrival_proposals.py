@@ -1,0 +1,145 @@
+"""Arrival times that are proposed: when the farthest can be there, or as soon after it as there is a plan."""
+
+import contextlib
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from certified_cases import STEADY
+
+from anser.environment import SteadyWind
+from anser.planning.certified.arrival_proposals import FleetTask, first_stage, later_stage
+from anser.planning.certified.candidate_sets import MINIMAL, STANDARD
+from anser.planning.certified.task import ArrivalRequest, stacked
+from support.aircraft_tasks import aircraft_task, airspace
+
+NEAR_ENOUGH = 1.0085  # a step of the search, and the part by which the first time is later than the direct path takes
+CALM = SteadyWind(jnp.zeros(3))
+LATEST_S = 300.0
+
+
+SIZE = 6  # aircraft of every fleet, some of them not active, so that all share one program
+
+
+def fleet_of(*tasks, wind=CALM, rule="together", **rule_times):
+    """A fleet of tasks, or of tasks towards goals at rest."""
+    active = [aircraft_task(one) if isinstance(one, tuple) else one for one in tasks]
+    spare = eqx.tree_at(lambda t: t.active, active[-1], jnp.asarray(0.0))
+    filled = {key: np.concatenate([own, own[[-1] * (SIZE - len(own))]]) for key, own in rule_times.items()}
+    fleet = stacked([*active, *[spare] * (SIZE - len(active))])
+    return FleetTask(fleet, airspace(wind), ArrivalRequest(rule, LATEST_S, **filled))
+
+
+def planned(fleet, works):
+    """Arrival times of the plan that stands in the end, and everything tried: (times, candidates).
+
+    `works(times, candidate_set)` tells of each aircraft whether it has a path.
+    """
+    stands, tried, rows = None, [], fleet.rows
+    for stage in (first_stage(fleet, True), later_stage(fleet)):
+        with contextlib.suppress(StopIteration):
+            proposal = next(stage)
+            while True:
+                times = proposal.times[rows]
+                tried.append((times, proposal.candidate_set))
+                failed = np.zeros(SIZE, dtype=bool)
+                failed[rows] = ~works(times, proposal.candidate_set)
+                stands = stands if failed.any() else times
+                proposal = stage.send(failed)
+        if stands is not None:
+            break
+    return stands, tried
+
+
+def test_a_millimetre_of_climb_delays_nobody():
+    heights = [-1700.0 - up for up in (-1e-3, -1e-10, 0.0, 1e-10, 1e-3, 10.0)]
+    for north in (300.0, 500.0, 800.0, 9000.0):
+        fleet = fleet_of(*[(north + 2000.0, 0.0, height) for height in heights])
+        np.testing.assert_allclose(fleet.preferred, fleet.preferred[2], rtol=2e-3)
+        np.testing.assert_allclose(fleet.preferred[:5], fleet.preferred[2], rtol=1e-6)
+
+
+def test_the_first_time_is_that_of_the_straight_way():
+    fleet = fleet_of((9000.0, 0.0, -1700.001), (6000.0, 0.0, -1500.0))
+    first = next(first_stage(fleet, True))
+    np.testing.assert_allclose(first.times[fleet.rows], 60.0, rtol=5e-4)
+    assert first.candidate_set is MINIMAL
+
+
+@pytest.mark.parametrize("after", [1.004, 1.02, 1.3, 1.9])
+@pytest.mark.parametrize("every_kind_before", [1.0, 0.97, 0.8])
+def test_what_follows_is_the_first_time_with_a_plan(after, every_kind_before):
+    """The usual candidates serve from one time on, others from an earlier one on."""
+    fleet = fleet_of((9000.0, 0.0, -1700.0), (6000.0, 0.0, -1500.0))
+    usual_s = 60.0 * after
+    any_s = max(usual_s * every_kind_before, 60.0)
+
+    def works(times, candidate_set):
+        return times >= (usual_s if candidate_set in (MINIMAL, STANDARD) else any_s)
+
+    times, tried = planned(fleet, works)
+    assert any_s <= times[0] <= NEAR_ENOUGH * any_s
+    assert times[0] == times[1]
+    assert len(tried) < 90
+
+
+def test_an_island_that_is_narrow_is_not_jumped_over():
+    fleet = fleet_of((9000.0, 0.0, -1700.0))
+    times, _ = planned(fleet, lambda times, kind: ((times > 66.0) & (times < 66.6)) | (times > 75.0))
+    assert 66.0 < times[0] < 66.6
+
+
+def test_a_sequence_is_put_off_as_a_whole():
+    offsets_s = np.array([0.0, 12.0])
+    fleet = fleet_of((6000.0, 0.0, -1500.0), (9000.0, 0.0, -1700.0), rule="sequence", offsets_s=offsets_s)
+    times, _ = planned(fleet, lambda times, kind: np.full(2, True))
+    np.testing.assert_allclose(times, [48.0, 60.0], rtol=1e-3)
+    times, _ = planned(fleet, lambda times, kind: times > np.array([0.0, 63.0]))
+    np.testing.assert_allclose(times[1] - times[0], 12.0)
+    assert 63.0 < times[1] < NEAR_ENOUGH * 63.0
+
+
+def test_in_its_window_each_aircraft_is_put_off_by_itself():
+    windows_s = np.array([[30.0, 100.0], [50.0, 90.0], [90.0, 120.0]])
+    goals = (9000.0, 0.0, -1700.0), (6000.0, 0.0, -1500.0), (7000.0, 0.0, -1600.0)
+    fleet = fleet_of(*goals, rule="windows", windows_s=windows_s)
+    times, _ = planned(fleet, lambda times, kind: np.full(3, True))
+    np.testing.assert_allclose(times, [60.0, 50.0, 90.0], rtol=1e-3)
+    first_s = np.array([60.0, 57.0, 101.0])
+    times, _ = planned(fleet, lambda times, kind: times >= first_s)
+    assert np.all((times >= first_s) & (times <= NEAR_ENOUGH * first_s))
+    # The second one has no path with the usual candidates, the third none at all.
+    usual_s = np.array([60.0, 1e3, 101.0])
+    times, _ = planned(fleet, lambda times, kind: times >= np.where(kind in (MINIMAL, STANDARD), usual_s, first_s))
+    assert np.all((times >= first_s) & (times <= NEAR_ENOUGH * first_s))
+    assert planned(fleet, lambda times, kind: times >= np.array([60.0, 57.0, 130.0]))[0] is None
+
+
+def test_nothing_is_proposed_after_the_latest_arrival_or_the_window():
+    late = fleet_of((9000.0, 0.0, -1700.0))
+    assert max(times.max() for times, _ in planned(late, lambda times, kind: times > 1e9)[1]) <= LATEST_S
+    window = fleet_of((9000.0, 0.0, -1700.0), rule="windows", windows_s=np.array([[55.0, 70.0]]))
+    assert max(times.max() for times, _ in planned(window, lambda times, kind: times > 1e9)[1]) <= 70.0
+
+
+def test_the_proposals_do_not_depend_on_the_heading():
+    """One task turned to 24 headings, its wind with it."""
+    last_s = 70.0
+
+    def turned(vector, angle):
+        north, east, down = vector
+        cosine, sine = np.cos(angle), np.sin(angle)
+        return np.array([north * cosine - east * sine, north * sine + east * cosine, down])
+
+    tasks = []
+    for angle in np.radians(np.arange(0.0, 360.0, 15.0)):
+        task = aircraft_task(turned((8000.0, 3000.0, -1701.0), angle), turned((-6.0, 8.0, 0.0), angle))
+        tasks.append(eqx.tree_at(lambda t: t.air_velocity_n, task, jnp.asarray(turned((150.0, 0.0, 0.0), angle))))
+    arrivals = []
+    for angle, task in zip(np.radians(np.arange(0.0, 360.0, 15.0)), tasks, strict=True):
+        wind = SteadyWind(jnp.asarray(turned(np.asarray(STEADY.velocity_n), angle)))
+        fleet = fleet_of(task, wind=wind)
+        times, _ = planned(fleet, lambda times, kind: times > last_s)
+        arrivals.append(times[0])
+    assert np.ptp(arrivals) < 1e-6
