@@ -1,4 +1,4 @@
-"""DAVE-ML files of bodies that cannot be are refused with the line, as the keys of an aircraft file are."""
+"""DAVE-ML files of impossible bodies and of wrong units are refused with the line."""
 
 from pathlib import Path
 
@@ -8,6 +8,9 @@ from anser.scenario import ScenarioError, read_airframe
 
 FOLDER = Path(__file__).parents[2] / "scenarios" / "own-aircraft"
 TEXT = (FOLDER / "trainer.dml").read_text(encoding="utf-8")
+
+NO_SHOTS = TEXT[TEXT.index("<checkData>") : TEXT.index("</DAVEfunc>")], ""
+"""Pair that takes the check shots away, which know variables by their names and units."""
 
 
 def trainer_with(folder, *pairs):
@@ -55,3 +58,42 @@ def test_an_impossible_body_is_refused_with_its_place(tmp_path, key, value, part
 def test_a_body_that_can_be_is_read(tmp_path):
     file = read_airframe(trainer_with(tmp_path, variable("IZX", "300.0"), variable("IXX", "1100.0")))
     assert file.name == "trainer"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('varID="MASS" units="slug"', 'varID="MASS" units=""', 'units="" of "totalMass" .* expected a mass'),
+        ('varID="S" units="ft2"', 'varID="S" units="ft"', 'units="ft" of "referenceWingArea" .* expected an area'),
+        ('varID="ALPHA" units="deg"', 'varID="ALPHA" units=""', 'units="" of "angleOfAttack" .* expected an angle'),
+        ('varID="DE" units="deg"', 'varID="DE" units="kt"', 'units="kt" of "elevatorDeflection" .* expected an angle'),
+    ],
+)
+def test_wrong_units_are_refused_with_their_place(tmp_path, old, new, words):
+    line = TEXT[: TEXT.index(old)].count("\n") + 1
+    where = rf"dave_ml.aerodynamics \(trainer.dml, line {line}, column 3\)"
+    with pytest.raises(ScenarioError, match=f"{where}: arrived {words}"):
+        read_airframe(trainer_with(tmp_path, (old, new)))
+
+
+def test_what_a_surface_moves_is_an_angle(tmp_path):
+    path = trainer_with(
+        tmp_path, ('name="elevatorDeflection" varID="DE" units="deg"', 'name="tail" varID="DE" units=""'), NO_SHOTS
+    )
+    text = path.read_text(encoding="utf-8").replace('name = "elevator"', 'name = "elevator"\ninput = "tail"')
+    path.write_text(text, encoding="utf-8")
+    words = r'surface\[0\].input \(trainer.dml, line \d+, column 3\): arrived units="" of "tail" .* expected an angle'
+    with pytest.raises(ScenarioError, match=words):
+        read_airframe(path)
+
+
+def test_a_name_told_beside_the_file_needs_its_units(tmp_path):
+    path = trainer_with(
+        tmp_path, ('name="totalMass" varID="MASS" units="slug"', 'name="m" varID="MASS" units="lbf"'), NO_SHOTS
+    )
+    text = path.read_text(encoding="utf-8").replace("[dave_ml]", '[dave_ml]\nnames = { totalMass = "m" }')
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(
+        ScenarioError, match=r'line 67, column 3\): arrived units="lbf" of "totalMass" .* expected a mass'
+    ):
+        read_airframe(path)

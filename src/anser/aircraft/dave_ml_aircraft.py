@@ -19,7 +19,7 @@ from anser.aircraft.possible_body import refuse_impossible_body
 from anser.aircraft.validity import Validity, everywhere, outside
 from anser.aircraft.wrench import Wrench
 from anser.body_checks import BodyFault, body_faults
-from anser.dave_ml import DaveMlError, Evaluator, Model
+from anser.dave_ml import ANGLE, DaveMlError, Evaluator, Model, refuse_other_units
 from anser.numerics import as_array, cross
 from anser.shapes import Flag, Scalar, Vector, Vector3
 
@@ -165,7 +165,7 @@ def dave_ml_airframe(
         A model lacks a variable; the message names it and what there is. Or an input of the aerodynamics is none of the
         air, the body rates or the surfaces, and has no usual value. Or mass properties are none that a body has.
     DaveMlError
-        A reference length, the mass or the inertia is none that a body has.
+        A reference length, the mass or the inertia is none that a body has, or the input of a surface is no angle.
     """
     _require("aerodynamics", aerodynamics, (*AERO_OUTPUTS, *AERO_LENGTHS))
     structure = aerodynamics.evaluator.structure
@@ -176,6 +176,8 @@ def dave_ml_airframe(
             f"inputs of the surfaces: arrived {', '.join(inputs)}; expected one of {', '.join(named)} for each of "
             f"{', '.join(actuators.names)}"
         )
+    for name in inputs:
+        refuse_other_units(aerodynamics.definition.variables[structure.find(name)], ANGLE)
     constants = aerodynamics.evaluator.constants
     needed = structure.needed_for({structure.find(name) for name in AERO_OUTPUTS}, constants.keys())
     missing = [n for n, one in named.items() if one in needed - constants.keys() and n not in (*KNOWN_INPUTS, *inputs)]

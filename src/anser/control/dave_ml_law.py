@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from anser.aircraft import STANDARD_SURFACES, AircraftState, Controls
 from anser.control.interface import AbstractController
 from anser.control.named_signals import named_signals
-from anser.dave_ml import Evaluator, Model
+from anser.dave_ml import ANGLE, Evaluator, Model, refuse_other_units
 from anser.sensing import Belief
 from anser.shapes import Scalar, ScalarLike, Vector3
 
@@ -85,11 +85,14 @@ def dave_ml_law(model: Model, surfaces: Sequence[str] = STANDARD_SURFACES, power
     Raises
     ------
     ValueError
-        The file does not give one of them, or has states of its own, for which it does not say how they go on.
+        The file does not give one of them, or a surface in units of no angle; or it has states of its own, for which it
+        does not say how they go on.
     """
     outputs = tuple(f"{name}Deflection" for name in surfaces)
     for name in (*outputs, power):
         model.evaluator.structure.find(name)
+    for name in outputs:
+        refuse_other_units(model.definition.variables[model.evaluator.structure.find(name)], ANGLE)
     states = model.having("isState")
     if states:
         raise ValueError(f"the law has states ({', '.join(states)}); expected one that has none")

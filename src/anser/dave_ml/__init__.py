@@ -19,10 +19,13 @@ from anser.dave_ml.errors import DaveMlError
 from anser.dave_ml.evaluator import Evaluator
 from anser.dave_ml.formulas import Applied, Chosen, Formula, Named, Number
 from anser.dave_ml.model import Model, model_of, read_dave_ml
+from anser.dave_ml.standard_names import ANGLE, STANDARD, Measure, refuse_other_units
 from anser.dave_ml.unit_names import Unit, unit_of
 from anser.dave_ml.writing import write_dave_ml
 
 __all__ = [
+    "ANGLE",
+    "STANDARD",
     "Applied",
     "Argument",
     "Breakpoints",
@@ -34,6 +37,7 @@ __all__ = [
     "Formula",
     "Function",
     "GriddedTable",
+    "Measure",
     "Model",
     "Named",
     "Note",
@@ -47,6 +51,7 @@ __all__ = [
     "header",
     "model_of",
     "read_dave_ml",
+    "refuse_other_units",
     "unit_of",
     "write_dave_ml",
 ]

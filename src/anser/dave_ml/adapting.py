@@ -20,7 +20,7 @@ def adapted(model: Model, names: Mapping[str, str], given: Mapping[str, float]) 
     Raises
     ------
     ValueError
-        There is no such variable, or another one has the new name.
+        There is no such variable, or another one has the new name; or (DaveMlError) its units are none of that name.
     """
     if not names and not given:
         return model

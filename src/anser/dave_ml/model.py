@@ -7,6 +7,7 @@ from anser.dave_ml.checking import CheckResult, check_shots, make_shots
 from anser.dave_ml.definition import Definition, Role
 from anser.dave_ml.evaluator import Evaluator, make_evaluator
 from anser.dave_ml.reading import definition_of
+from anser.dave_ml.standard_names import refuse_wrong_units
 from anser.shapes import Scalar, ScalarLike
 
 
@@ -69,8 +70,9 @@ def model_of(definition: Definition) -> Model:
     Raises
     ------
     DaveMlError
-        See `make_evaluator`.
+        See `make_evaluator` and `refuse_wrong_units`.
     """
+    refuse_wrong_units(definition)
     return Model(definition, make_evaluator(definition))
 
 

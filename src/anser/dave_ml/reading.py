@@ -8,6 +8,7 @@ from anser.dave_ml.numbers import optional_number
 from anser.dave_ml.reading_shots import shots_of
 from anser.dave_ml.reading_tables import TableReader
 from anser.dave_ml.reading_text import description_of, notes_of, whole_note
+from anser.dave_ml.standard_names import refuse_nonstandard_units
 
 _VARIABLE_ATTRIBUTES = (
     "name", "varID", "units", "axisSystem", "sign", "alias", "symbol", "initialValue", "minValue", "maxValue",
@@ -42,6 +43,7 @@ def definition_of(content: str | bytes, name: str) -> Definition:
         variable = _variable(element)
         if variable.id in variables:
             raise _twice(element, variable.id, variables[variable.id].place.line)
+        refuse_nonstandard_units(variable)
         variables[variable.id] = variable
     if not variables:
         raise root.fault("no <variableDef>", "at least one")

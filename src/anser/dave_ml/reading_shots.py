@@ -7,6 +7,7 @@ from anser.dave_ml.elements import Element
 from anser.dave_ml.errors import shown
 from anser.dave_ml.numbers import number_of
 from anser.dave_ml.reading_text import description_of, notes_of
+from anser.dave_ml.unit_names import converts
 
 
 def shots_of(checks: Element, variables: Mapping[str, Variable]) -> tuple[Shot, ...]:
@@ -76,9 +77,13 @@ def _signal(element: Element, variables: Mapping[str, Variable], by_name: Mappin
     limit = None if tolerance is None else number_of(tolerance.text, tolerance, "a tolerance")
     if tolerance is not None and limit is not None and limit < 0.0:
         raise tolerance.fault(f"a tolerance of {limit:g}", "0 or more")
+    variable = variables[identifier]
+    if units is not None and not converts(units.text.strip(), variable.units):
+        arrived = f"units {shown(units.text.strip())} of {shown(variable.name)} (varID {shown(identifier)})"
+        raise units.fault(arrived, f"units that convert to those of the variable, {shown(variable.units)}")
     return Signal(
         id=identifier,
         value=number_of(value.text, value, "a value"),
-        units=variables[identifier].units if units is None else units.text.strip(),
+        units=variable.units if units is None else units.text.strip(),
         tolerance=limit,
     )

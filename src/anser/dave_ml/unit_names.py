@@ -88,6 +88,8 @@ _NAMED: Final = {
     "V": _unit(1.0, *_POWER, (_A, -1)),
     "nd": Unit(1.0),
     "ND": Unit(1.0),
+    "non-dimensional": Unit(1.0),
+    "nondimensional": Unit(1.0),
     "frac": Unit(1.0),
     "fract": Unit(1.0),
     "pct": Unit(0.01),
@@ -109,6 +111,16 @@ def unit_of(name: str) -> Unit:
     if found is None:
         raise ValueError(f"unit {shown(name)}; known are {', '.join(_NAMED)}, and products and quotients such as ft_s2")
     return found
+
+
+def converts(name: str, other: str) -> bool:
+    """Whether values of a unit are values of another one times a factor: of one dimension, or the same text."""
+    if name == other:
+        return True
+    try:
+        return unit_of(name).dimension == unit_of(other).dimension
+    except ValueError:
+        return False
 
 
 @functools.lru_cache(maxsize=1024)

@@ -17,7 +17,7 @@ from anser.aircraft import (
     body_faults_of,
     dave_ml_airframe,
 )
-from anser.dave_ml import DaveMlError, Model, adapted, read_dave_ml
+from anser.dave_ml import ANGLE, DaveMlError, Model, adapted, read_dave_ml, refuse_other_units
 from anser.environment import StandardAtmosphere
 from anser.numerics import as_array
 from anser.scenario.airframe_file.build_parts import build_actuators, build_engine, build_mass, build_validity
@@ -78,7 +78,7 @@ def model_problems(file: DaveMlFile) -> list[Problem]:
         raw = file_models(file)
     except DaveMlError as error:
         part = next(part for part in PARTS if (text := getattr(file.dave_ml, part)) and text.file == error.name)
-        return [_problem_of(part, error)]
+        return [_problem_of(f"dave_ml.{part}", error)]
     found = []
     for key in ("names", "given"):
         for name, value in getattr(file.dave_ml, key).items():
@@ -89,14 +89,19 @@ def model_problems(file: DaveMlFile) -> list[Problem]:
     if found:
         return found
     try:
-        models = {part: _adapted(file, model) for part, model in raw.items()}
+        models = {}
+        for part, model in raw.items():
+            try:
+                models[part] = _adapted(file, model)
+            except DaveMlError as error:
+                return [_problem_of(f"dave_ml.{part}", error)]
         found = [
             *(problem for part, model in models.items() for problem in _missing(file, part, model)),
             *_of_inputs(file, models),
         ]
         if not found:
             faults = body_faults_of(models["aerodynamics"], models.get("inertia"), {})
-            found = [_problem_of(part, fault) for part, fault in faults]
+            found = [_problem_of(f"dave_ml.{part}", fault) for part, fault in faults]
         if not found:
             jax.eval_shape(_everything, build_dave_ml(file))
     except ValueError as error:
@@ -104,9 +109,9 @@ def model_problems(file: DaveMlFile) -> list[Problem]:
     return found
 
 
-def _problem_of(part: str, error: DaveMlError) -> Problem:
+def _problem_of(key: str, error: DaveMlError) -> Problem:
     where = error.name if error.line is None else f"{error.name}, line {error.line}, column {error.column}"
-    return Problem(f"dave_ml.{part} ({where})", error.arrived, error.expected)
+    return Problem(f"{key} ({where})", error.arrived, error.expected)
 
 
 def _missing(file: DaveMlFile, part: str, model: Model) -> list[Problem]:
@@ -136,6 +141,11 @@ def _of_inputs(file: DaveMlFile, models: Mapping[str, Model]) -> list[Problem]:
                 if one not in named and one not in structure.inputs:
                     words = f"an input of {show(file.dave_ml.aerodynamics.file)}: {', '.join(sorted(named))}"
                     found.append(Problem(f"surface[{k}].input", show(one), words))
+                    continue
+                try:
+                    refuse_other_units(model.definition.variables[structure.find(one)], ANGLE)
+                except DaveMlError as error:
+                    found.append(_problem_of(f"surface[{k}].input", error))
             known += own
         lacking = [n for n, one in named.items() if n not in known and one in needed - constants.keys()]
         for name in lacking:
