@@ -8,6 +8,7 @@ import signal
 from collections.abc import Generator, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any
 
@@ -221,6 +222,8 @@ def workers(processes: int) -> Iterator[tuple[Executor | None, int]]:
     others, context = set(multiprocessing.active_children()), multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(processes, mp_context=context, initializer=_begin_worker)
     try:
+        with _interrupts_blocked():
+            pool.submit(os.getpid)  # begins all of them
         yield pool, processes
     except BaseException:
         # what they are at is not marked, so that nothing is lost but its time
@@ -229,6 +232,20 @@ def workers(processes: int) -> Iterator[tuple[Executor | None, int]]:
             child.terminate()
         raise
     pool.shutdown()
+
+
+@contextlib.contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Begin processes that Ctrl-C does not reach, not even during their imports: their work is ended by the first one."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    resource_tracker.ensure_running()  # which would unblock them
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _begin_worker() -> None:

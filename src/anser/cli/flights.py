@@ -89,10 +89,10 @@ def run(
         words = f"a folder without {PLAN}" if plan.is_dir() else "no folder"
         raise RefusedError(f"--plan: arrived {plan}, {words}; expected a folder that anser plan --out wrote")
     beside = Path("runs") / wanted.name
-    target = out if out is not None else beside if force else make_next(beside)
     from anser.execution import NoPlanError, PlanFileError
     from anser.execution import run as fly  # here: a misspelt key must not wait for plotting libraries
 
+    target = out if out is not None else beside if force else make_next(beside)
     try:
         with written_into(target, force or out is None) as into, progress_bar() as tell:
             planned = None if plan is None else _finished_plan(plan, wanted)
