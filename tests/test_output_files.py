@@ -1,7 +1,6 @@
 """Output files and folders: complete or not there, whatever ends the writing."""
 
 import os
-import resource
 import signal
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import xarray as xr
 from anser.output_files import interrupts_deferred, new_file, new_folder, remove_unfinished, replaced_within, write_file
 from anser.report.print_style import new_figure, save_figure
 from anser.results import write_json, write_netcdf
+from support.full_disk import full_disk
 
 
 @pytest.fixture
@@ -62,16 +62,6 @@ def test_a_folder_in_the_place_of_a_file_is_refused_before_anything_is_replaced(
     assert content(folder) == before
 
 
-@pytest.fixture
-def full_disk():
-    """No file of more than 512 bytes in the block, as on a disk that has no more space."""
-    limits, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (512, limits[1]))
-    yield
-    resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    signal.signal(signal.SIGXFSZ, handler)
-
-
 def _figure(path):
     figure = new_figure((2.0, 2.0))[1]
     figure.subplots().plot(np.sin(np.arange(300.0)))
@@ -95,8 +85,8 @@ def _array(path):
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_a_full_disk_leaves_no_file_and_names_the_one_that_was_to_be_written(full_disk, tmp_path, name):
-    with pytest.raises(OSError, match=name.replace(".", r"\.")) as refused:
+def test_a_full_disk_leaves_no_file_and_names_the_one_that_was_to_be_written(tmp_path, name):
+    with full_disk(), pytest.raises(OSError, match=name.replace(".", r"\.")) as refused:
         WRITERS[name](tmp_path / name)
     assert refused.value.filename == str(tmp_path / name)
     assert list(tmp_path.iterdir()) == []

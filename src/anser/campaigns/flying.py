@@ -236,7 +236,7 @@ def workers(processes: int) -> Iterator[tuple[Executor | None, int]]:
 
 @contextlib.contextmanager
 def _interrupts_blocked() -> Iterator[None]:
-    """Begin processes that Ctrl-C does not reach, not even during their imports: their work is ended by the first one."""
+    """Begin processes that Ctrl-C does not reach, not even during their imports; the first process ends them."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
