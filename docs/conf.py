@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 logging.basicConfig(level=logging.WARNING)  # or the theme's palette, when it is imported, has everything log at INFO
-os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # as anser sets it where JAX is not there before it
 
 import jax  # noqa: E402
 

@@ -27,6 +27,8 @@ if "XLA_FLAGS" not in os.environ:
     known = subprocess.run(asked, env=asking, capture_output=True, check=False).returncode == 0
     os.environ["XLA_FLAGS"] = asking["XLA_FLAGS"] if known else lowest
 
+os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # JAX reads it when it is imported
+
 import pytest
 from hypothesis import settings
 from jaxtyping import install_import_hook
@@ -37,10 +39,14 @@ with install_import_hook(["anser", "trials"], "beartype.beartype"):
 import jax
 
 from anser import cli
-from anser.compiling import enable_compilation_cache, forget_programs
+from anser.compiling import enable_compilation_cache, keep_within_regions, release_all
 
 gc.set_threshold(200_000)  # as on the command line: tracing makes many small objects that live
 enable_compilation_cache()
+# What tests compile themselves JAX keeps, for the other worker and for after a release; XLA has something to say of that.
+jax.config.update("jax_compilation_cache_dir", os.environ["ANSER_TEST_CACHE"])
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
 # On a CI machine the same examples every time: what is found at random is found by people, and kept as an example.
@@ -62,30 +68,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: first.index(item.path.name) if item.path.name in first else len(first))
 
 
-_PROGRAMS_MAPPED, _PROGRAMS_KIB = 20_000, 4 << 20  # of a process: memory regions, of which Linux gives 65,530; size
-_GROWN_KIB = 1 << 20  # what is freed does not all go back: a process is emptied anew when it has grown by so much
-_emptied_kib = [0]
+_RESIDENT_MAX_KIB = 3 << 20
 
 
 @pytest.fixture(scope="module", autouse=True)
 def programs_let_go():
-    """Give compiled programs up before they fill the process.
-
-    Each keeps some memory regions and megabytes for as long as JAX remembers it. A process that has compiled the half of
-    this suite has no regions left and dies within the compiler. What is needed again is read from the cache on disk.
-    """
+    """Release what tests compile themselves before it fills the process: anser bounds its own programs only."""
     yield
-    here = Path("/proc/self")
-    if not here.exists():
-        return
-    mapped = (here / "maps").read_bytes().count(b"\n")
-    status = (here / "status").read_text()
-    resident_kib = int(status.split("VmRSS:")[1].split()[0])
-    if mapped > _PROGRAMS_MAPPED or resident_kib > max(_PROGRAMS_KIB, _emptied_kib[0] + _GROWN_KIB):
-        forget_programs()
-        jax.clear_caches()
-        gc.collect()
-        _emptied_kib[0] = int((here / "status").read_text().split("VmRSS:")[1].split()[0])
+    keep_within_regions()
+    status = Path("/proc/self/status")
+    if status.exists() and int(status.read_text().split("VmRSS:")[1].split()[0]) > _RESIDENT_MAX_KIB:
+        release_all()
 
 
 @pytest.fixture(name="anser")

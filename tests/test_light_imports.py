@@ -42,9 +42,6 @@ def test_arrays_are_float64_in_either_order_of_import(first, tmp_path):
     assert _run(f"{first}\nimport jax.numpy as jnp\nprint(jnp.zeros(3).dtype)", tmp_path) == "float64"
 
 
-@pytest.mark.parametrize(("given", "told"), [(None, "3"), ("0", "0")])
-def test_xla_is_quiet_unless_it_was_asked_to_talk(given, told, tmp_path, monkeypatch):
+def test_how_much_xla_says_is_left_to_the_user(tmp_path, monkeypatch):
     monkeypatch.delenv("TF_CPP_MIN_LOG_LEVEL", raising=False)
-    if given is not None:
-        monkeypatch.setenv("TF_CPP_MIN_LOG_LEVEL", given)
-    assert _run('import os, anser\nprint(os.environ["TF_CPP_MIN_LOG_LEVEL"])', tmp_path) == told
+    assert _run('import os, anser\nprint("TF_CPP_MIN_LOG_LEVEL" in os.environ)', tmp_path) == "False"

@@ -2,8 +2,7 @@
 
 ``python -m trials.lost_aircraft --seeds 0:500 --out build/lost-aircraft.jsonl``
 
-What is in the file already is not flown again. In pieces of a hundred seeds or so: a process that holds the programs of
-very many sizes runs out of memory maps (`vm.max_map_count`), and ends with "Cannot allocate memory".
+What is in the file already is not flown again.
 
 Each fleet is flown whole. Where the others did not arrive by their rule, the judge of the planner looks for a plan from
 where the aircraft were then, by a method of its own: it may find the refusal proved, find nothing either, or contradict

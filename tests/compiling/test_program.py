@@ -1,6 +1,10 @@
 """Programs kept between processes: the same numbers bit for bit, and nothing that is wrong with the store is noticed."""
 
+import functools
+import logging
 import os
+import pickle
+import platform
 import subprocess
 import sys
 import time
@@ -11,11 +15,22 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import anser.compiling.keys as keys
+import anser.compiling.memory as memory
+import anser.compiling.program as program_module
 import anser.compiling.store as store_module
-from anser.compiling import FolderStore, compiled, compiled_quickly, program_store, use_program_store
+from anser.compiling import (
+    FolderStore,
+    compiled,
+    compiled_quickly,
+    forget_programs,
+    program_store,
+    use_program_store,
+)
 from anser.compiling.keys import NotKeptError, described
+from anser.compiling.memory import regions_used
 from anser.environment import standard_environment
-from anser.numerics import solve3
+from anser.numerics import cross, solve3, times3
 from anser.scenario import load_airframe
 from anser.simulation import solve_trim, trim_target
 
@@ -61,6 +76,17 @@ def test_kept_programs_give_the_bits_of_those_traced_afresh(store):
     use_program_store(None)
     found.append(compiled_quickly(solve_trim)(airframe, environment, target))
     assert len(store.files()) == 1
+    if regions_used():
+        # What is released is unmapped: a loaded trim takes some hundreds of memory regions of 65,530.
+        use_program_store(store)
+        program = compiled_quickly(solve_trim)
+        jax.block_until_ready(program(airframe, environment, target))
+        before = regions_used()
+        program.forget()
+        deadline = time.monotonic() + 60.0
+        while before - regions_used() < 50 / 65_530:  # as soon as the thread that has run it lets go
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
     for other in found[1:]:
         assert eqx.tree_equal(found[0], other)
         assert jax.tree.structure(found[0]) == jax.tree.structure(other)
@@ -92,19 +118,100 @@ def test_a_whole_file_with_something_else_in_it_is_made_anew(store):
     np.testing.assert_array_equal(solved()(MATRIX, VECTOR), expected)
 
 
-def test_a_foreign_class_in_it_is_not_loaded(store, tmp_path):
-    import pickle
-
+@pytest.mark.parametrize("part", ["structure", "code"])
+def test_a_pickle_in_it_is_not_run(store, tmp_path, part):
     class Harm:
         def __reduce__(self):
             return os.system, (f"touch {tmp_path / 'harm'}",)
 
     expected = solved()(MATRIX, VECTOR)
     (path,) = store.files()
-    structure = pickle.dumps(Harm())
-    store.save(path.stem, len(structure).to_bytes(8, "big") + structure)
+    content, harm = store.load(path.stem), pickle.dumps(Harm())
+    end = 8 + int.from_bytes(content[:8], "big")
+    parts = {
+        "structure": len(harm).to_bytes(8, "big") + harm + content[end:],
+        "code": content[:end] + harm,
+    }
+    store.save(path.stem, parts[part])
     np.testing.assert_array_equal(solved()(MATRIX, VECTOR), expected)
     assert not (tmp_path / "harm").exists()
+    assert store.load(path.stem) != parts[part]  # made anew
+
+
+def test_a_program_swapped_with_that_of_another_key_is_made_anew(store):
+    """Of a function with the same arguments and result."""
+    programs = [compiled(solve3), compiled(times3)]
+    expected = [program(MATRIX, VECTOR) for program in programs]
+    first, second = store.files()
+    held = first.read_bytes()
+    first.write_bytes(second.read_bytes())
+    second.write_bytes(held)
+    for function, right in zip((solve3, times3), expected, strict=True):
+        np.testing.assert_array_equal(compiled(function)(MATRIX, VECTOR), right)
+
+
+def test_a_program_of_another_processor_is_not_loaded(store, monkeypatch):
+    expected = solved()(MATRIX, VECTOR)
+    monkeypatch.setattr(keys, "_target", functools.partial(str, "another processor"))
+    keys._surroundings.cache_clear()
+    try:
+        np.testing.assert_array_equal(solved()(MATRIX, VECTOR), expected)
+    finally:
+        keys._surroundings.cache_clear()
+    assert len(store.files()) == 2
+
+
+@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="XLA leaves features away there only")
+def test_the_fingerprint_of_the_processor_names_its_features():
+    environment = os.environ | {"XLA_FLAGS": "--xla_cpu_max_isa=SSE4_2"}
+    command = [sys.executable, "-c", "from anser.compiling.keys import _target\nprint(_target())"]
+    fewer = subprocess.run(command, capture_output=True, text=True, env=environment, check=True).stdout.strip()
+    assert fewer
+    assert fewer != keys._target() != ""
+
+
+def test_the_programs_used_longest_ago_are_released_beyond_a_size(store, monkeypatch):
+    forget_programs()
+    programs = [compiled(solve3), compiled(times3), compiled(cross)]
+    arguments = [(MATRIX, VECTOR), (MATRIX, VECTOR), (VECTOR, VECTOR[::-1])]
+    expected = [program(*given) for program, given in zip(programs, arguments, strict=True)]
+
+    def loaded():
+        return [len(list(program)) for program in programs]
+
+    assert loaded() == [1, 1, 1]
+    total = sum(prepared.size for program in programs for _, prepared in program)
+    forget_programs()
+    monkeypatch.setattr(program_module, "_CODE_MAX", 0.9 * total)  # compiled anew, code differs by a few bytes
+    for use in (0, 1, 0, 2):
+        np.testing.assert_array_equal(programs[use](*arguments[use]), expected[use])
+    assert loaded() == [1, 0, 1]
+    np.testing.assert_array_equal(programs[1](*arguments[1]), expected[1])
+    assert loaded() == [0, 1, 1]
+
+
+@pytest.fixture
+def crowded(tmp_path, monkeypatch):
+    """A process that has used two thirds of its memory regions."""
+    used = regions_used()
+    if not used:
+        pytest.skip("the system sets no limit")
+    limit = tmp_path / "max_map_count"
+    limit.write_text(str(round(1.5 * used * int(memory._REGIONS_MAX.read_text()))))
+    monkeypatch.setattr(memory, "_REGIONS_MAX", limit)
+
+
+def test_a_process_that_nears_the_limit_of_memory_regions_says_so_once_and_goes_on_with_fewer(store, crowded, caplog):
+    program_module._log_crowding.cache_clear()
+    first, second = compiled(solve3), compiled(times3)
+    for _ in range(2):
+        expected = np.asarray(MATRIX) @ VECTOR
+        np.testing.assert_allclose(MATRIX @ first(MATRIX, VECTOR), VECTOR, rtol=1e-12)
+        np.testing.assert_allclose(second(MATRIX, VECTOR), expected, rtol=1e-15)
+        assert [len(list(program)) for program in (first, second)] == [0, 1]
+    messages = [record.getMessage() for record in caplog.records if record.levelno >= logging.WARNING]
+    assert len(messages) == 1
+    assert "memory regions" in messages[0]
 
 
 def test_code_that_only_this_process_knows_is_not_kept(store):

@@ -60,5 +60,8 @@ def cache(
     }
     answer(lambda: document)
     line(f"{len(sizes)} programs, {sum(sizes) / _MIB:.1f} of at most {store.size_max / _MIB:.0f} MiB: {store.folder}")
-    if what == "warm" and not sizes:
+    reason = store.distrusted()
+    if reason is not None:
+        problem(f"{store.folder}: not used: {reason}")
+    elif what == "warm" and not sizes:
         problem(f"{store.folder}: nothing could be written there")

@@ -1,6 +1,5 @@
-"""What was compiled once for a shape of scenario is not compiled again: whole programs, and JAX's own cache."""
+"""What was compiled once for a shape of scenario is not compiled again."""
 
-import contextlib
 import os
 from pathlib import Path
 
@@ -34,20 +33,6 @@ def program_store() -> FolderStore | None:
 
 
 def enable_compilation_cache() -> Path | None:
-    """Turn the cache on, in `cache_folder`, which is returned; or off.
-
-    A folder that takes nothing serves the programs that it has; JAX's own cache, which warns each time, stays off.
-    """
-    folder = cache_folder()
+    """Keep programs in `cache_folder`, which is returned; None: they are kept nowhere."""
     use_program_store(program_store())
-    if folder is not None and _takes_files(folder) and not jax.config.jax_compilation_cache_dir:  # pyright: ignore[reportAttributeAccessIssue]
-        jax.config.update("jax_compilation_cache_dir", str(folder))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
-        jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
-    return folder
-
-
-def _takes_files(folder: Path) -> bool:
-    with contextlib.suppress(OSError):
-        folder.mkdir(parents=True, exist_ok=True)
-    return os.access(folder, os.W_OK)
+    return cache_folder()

@@ -16,8 +16,9 @@ import equinox as eqx
 import jax
 import jaxlib
 import numpy as np
+from jax._src.lib import xla_client  # pyright: ignore[reportPrivateImportUsage]
 
-_FORMAT = 1
+_FORMAT = 2
 _PACKAGE = Path(__file__).parents[1]
 _KNOWN = {"anser", "equinox", "jax", "jaxlib", "jaxtyping", "numpy", "scipy"} | sys.stdlib_module_names
 _KERNELS = {
@@ -33,6 +34,7 @@ _KERNELS = {
     "spatial",
 }
 _SETTINGS = (
+    "jax_default_device",
     "jax_default_matmul_precision",
     "jax_default_prng_impl",
     "jax_enable_x64",
@@ -138,15 +140,21 @@ def _as_loaded() -> str:
     return hashlib.sha256("\n".join(found).encode()).hexdigest()
 
 
+def _target() -> str:
+    """Fingerprint of the machine that XLA compiles for: a CPU with its features; empty where it gives none."""
+    try:
+        return str(xla_client.get_topology_for_devices(jax.devices()).fingerprint())
+    except jax.errors.JaxRuntimeError:
+        return ""
+
+
 @functools.cache
 def _surroundings() -> str:
     """Everything but code and arguments on which a compiled program depends: versions, machine."""
     versions = [f"{module.__name__} {module.__version__}" for module in (jax, jaxlib, np, eqx)]
     device = jax.devices()[0]
     machine = [platform.platform(), platform.machine(), device.platform, device.device_kind, str(len(jax.devices()))]
-    processor = Path("/proc/cpuinfo")
-    if processor.is_file():
-        machine += [line for line in processor.read_text().splitlines() if line.startswith(("flags", "Features"))][:1]
+    machine.append(_target())
     return "\n".join([str(_FORMAT), sys.version, *versions, *machine])
 
 

@@ -2,23 +2,27 @@
 
 import contextlib
 import functools
+import gc
 import inspect
-import io
+import itertools
+import json
+import logging
 import math
-import pickle
 import threading
 import weakref
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, Generic, ParamSpec, Protocol, TypeVar
+from typing import Any, Generic, ParamSpec, Protocol, TypeAlias, TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.core import Tracer
-from jax.experimental import serialize_executable
 
+from anser.compiling.executables import loaded, serialized
 from anser.compiling.keys import NotKeptError, key_of, settings
+from anser.compiling.memory import regions_used, return_freed_memory
+from anser.compiling.structures import decode, encode
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -38,6 +42,8 @@ class ProgramStore(Protocol):
 _in_use: list[ProgramStore] = []
 _watchers: list[Callable[[bool], None]] = []
 _announcing: list[None] = []
+_Made: TypeAlias = tuple[Callable[..., list[Any]], int]
+"""A program of arrays, and the size of its code."""
 _programs: "weakref.WeakSet[Program[..., Any]]" = weakref.WeakSet()
 
 
@@ -77,22 +83,62 @@ def forget_programs() -> None:
         program.forget()
 
 
+def _make_room(size: int) -> None:
+    """Release the programs used longest ago, so that the code of all, with one of a size, stays within a bound."""
+    with _releasing:
+        present = sorted(
+            ((prepared.used, prepared.size, program, key) for program in list(_programs) for key, prepared in program),
+            key=lambda entry: entry[0],
+        )
+        total = size + sum(entry[1] for entry in present)
+        for _, released, program, key in present:
+            if total <= _CODE_MAX:
+                break
+            program.release(key)
+            total -= released
+
+
+def keep_within_regions() -> None:
+    """Release all programs, JAX's own too, if the process has used half of the memory regions that it may have.
+
+    A region more than allowed ends the process. What is released is loaded or compiled anew where it is needed again.
+    """
+    if regions_used() >= _REGIONS_SHARE_MAX:
+        _log_crowding()
+        release_all()
+
+
+def release_all() -> None:
+    """Release all programs, JAX's own too, and give their memory back to the system."""
+    forget_programs()
+    jax.clear_caches()
+    gc.collect()
+    return_freed_memory()
+
+
+@functools.cache
+def _log_crowding() -> None:
+    _LOG.warning(
+        "caution: compiled programs fill half of the memory regions of this process (vm.max_map_count): all are "
+        "released, and loaded or compiled anew where they are needed again"
+    )
+
+
 class _Hole:
     """In the place of an array in the structure of arguments."""
-
-
-class _Structures(pickle.Unpickler):
-    """Reads the structure of a result; of classes it knows only those of which results are made."""
-
-    def find_class(self, module_name: str, global_name: str) -> Any:
-        if module_name.split(".")[0] not in ("anser", "equinox", "jax", "numpy"):
-            raise pickle.UnpicklingError(f"{module_name}.{global_name}")
-        return super().find_class(module_name, global_name)
 
 
 _hits: list[int] = []
 """The thread of each program that came out of JAX's own cache."""
 _beside = ThreadPoolExecutor(2, "anser-compiling")
+_CODE_MAX = 48 << 20
+"""Bytes of code of all programs of the process; loaded they take up to twenty times as much memory."""
+_REGIONS_SHARE_MAX = 0.5
+_LARGE = 4 << 20
+_LOG = logging.getLogger(__name__)
+_uses = itertools.count()
+_releasing = threading.Lock()
+_loading = threading.Lock()
 _changing = threading.Lock()
 _compiling: list[float] = []
 
@@ -136,18 +182,22 @@ def _have_lapack() -> None:
 
 
 def _content(compiled: Any, result: Any) -> bytes:
-    structure = pickle.dumps(result)
-    return len(structure).to_bytes(8, "big") + structure + serialize_executable.serialize(compiled)[0]
+    """Structure of the result and the arguments that are taken, as JSON with its length before it, then the code."""
+    code, taken = serialized(compiled)
+    header = json.dumps({"result": encode(result), "taken": taken}).encode()
+    return len(header).to_bytes(8, "big") + header + code
 
 
-def _of_content(content: bytes, arguments: int) -> tuple[Any, Any]:
+def _of_content(content: bytes, arguments: int) -> tuple[Callable[[], Callable[..., list[Any]]], Any]:
+    """What loads the code, and the result that it gives."""
     end = 8 + int.from_bytes(content[:8], "big")
-    result = _Structures(io.BytesIO(content[8:end])).load()
+    header = json.loads(content[8:end])
+    result, taken = decode(header["result"]), header["taken"]
+    if not set(taken) <= set(range(arguments)):
+        raise NotKeptError(f"arguments {taken} of {arguments}")
     if b"lapack_" in content:
         _have_lapack()
-    arrays = sum(map(_is_shape, jax.tree.leaves(result)))
-    trees = [jax.tree.structure(of) for of in ((([0] * arguments,), {}), [0] * arrays)]
-    return functools.partial(serialize_executable.deserialize_and_load, content[end:], *trees), result
+    return functools.partial(loaded, content[end:], taken, list(filter(_is_shape, jax.tree.leaves(result)))), result
 
 
 def _is_shape(leaf: Any) -> bool:
@@ -183,10 +233,15 @@ class Prepared:
     ----------
     shapes
         What the program gives, with `jax.ShapeDtypeStruct` in the place of arrays.
+    size
+        Bytes of its code; 0 until it is there.
+    used
+        Number of its last use, counted over all programs.
     """
 
-    def __init__(self, shapes: Any, make: Callable[[], Callable[..., list[Any]]], *, compiles: bool) -> None:
+    def __init__(self, shapes: Any, make: Callable[[], _Made], *, compiles: bool) -> None:
         self.shapes, self._made, self._compiles, self._begun = shapes, make, compiles, False
+        self.size, self.used = 0, next(_uses)
         if not compiles:
             self.begin()
 
@@ -202,7 +257,8 @@ class Prepared:
         with _announced() if self._compiles else contextlib.nullcontext():
             made = self._made()
         self._made, self._begun = (lambda: made), True  # the arrays that it was made for go
-        return _returning(made, self.shapes)
+        self.size = made[1]
+        return _returning(made[0], self.shapes)
 
 
 class Program(Generic[_P, _R]):
@@ -267,6 +323,14 @@ class Program(Generic[_P, _R]):
         """Give up what is compiled."""
         self._ready.clear()
 
+    def release(self, key: Any) -> None:
+        """Give up the program of a key of `__iter__`; whoever is calling it still has it."""
+        self._ready.pop(key, None)
+
+    def __iter__(self) -> Iterator[tuple[Any, Prepared]]:
+        """What is compiled, with its key."""
+        return iter(list(self._ready.items()))
+
     def _parted(self, args: Any, kwargs: Any) -> tuple[list[Any], tuple[Any, tuple[Any, ...]]]:
         """Array leaves of the arguments; structure and everything else, hashable."""
         if self._static is None:
@@ -315,12 +379,15 @@ class Program(Generic[_P, _R]):
     def _known(self, arrays: list[Any], static: tuple[Any, Any]) -> Prepared | None:
         """The program for such arguments that this process has, or the store; None: neither."""
         called = self._called(arrays, static)
-        if called not in self._ready:
-            kept = self._kept(arrays, static)
-            if kept is None:
+        known = self._ready.get(called)
+        if known is None:
+            keep_within_regions()
+            known = self._kept(arrays, static)
+            if known is None:
                 return None
-            self._ready[called] = kept
-        return self._ready[called]
+            self._ready[called] = known
+        known.used = next(_uses)
+        return known
 
     def _kept(self, arrays: list[Any], static: tuple[Any, Any]) -> Prepared | None:
         """What is kept of the program; None: nothing. Whatever is wrong with it, it is made anew."""
@@ -331,18 +398,22 @@ class Program(Generic[_P, _R]):
             return None
         with contextlib.suppress(Exception):
             load, shapes = _of_content(content, len(arrays))
+            size = len(content)
 
-            def loaded() -> Callable[..., list[Any]]:
-                with contextlib.suppress(Exception):
-                    return load()
+            def made() -> _Made:
+                # Loading takes twice the memory of what is loaded.
+                with contextlib.suppress(Exception), _loading if size > _LARGE else contextlib.nullcontext():
+                    _make_room(size)
+                    program = load()
+                    if size > _LARGE:
+                        return_freed_memory()
+                    return program, size
                 return self._compiling(arrays, static)[1]()
 
-            return Prepared(shapes, loaded, compiles=False)
+            return Prepared(shapes, made, compiles=False)
         return None
 
-    def _compiling(
-        self, arrays: list[Any], static: tuple[Any, Any]
-    ) -> tuple[Any, Callable[[], Callable[..., list[Any]]]]:
+    def _compiling(self, arrays: list[Any], static: tuple[Any, Any]) -> tuple[Any, Callable[[], _Made]]:
         """What the program gives, traced and lowered; what compiles it and puts it into the store."""
         results: list[Any] = []
         function: Callable[..., Any] = self._function
@@ -356,14 +427,17 @@ class Program(Generic[_P, _R]):
         lowered, options, store = jax.jit(flat).lower(arrays), self._options(), _in_use[0] if _in_use else None
         key = None if store is None else self._key(arrays, static, options)
 
-        def make() -> Callable[..., list[Any]]:
-            if store is None or key is None:
-                return lowered.compile(options or None)
-            compiled, kept = _compiled(lowered, options)
-            if kept:
+        def make() -> _Made:
+            compiled, whole = _compiled(lowered, options)
+            content = b""
+            if whole:
                 # Some cannot be serialized, such as those that call back into Python.
                 with contextlib.suppress(Exception):
-                    store.save(key, _content(compiled, results[0]))
-            return compiled
+                    content = _content(compiled, results[0])
+            if store is not None and key is not None and content:
+                store.save(key, content)
+            _make_room(len(content))
+            return_freed_memory()
+            return compiled, len(content)
 
         return results[0], make

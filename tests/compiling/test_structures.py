@@ -1,0 +1,78 @@
+"""Structures of results as JSON: what they are made of comes back, and nothing else is made."""
+
+import dataclasses
+import json
+from typing import NamedTuple
+
+import jax
+import numpy as np
+import pytest
+
+from anser.aircraft import AircraftState
+from anser.compiling.keys import NotKeptError
+from anser.compiling.structures import decode, encode
+from anser.environment import standard_environment
+from anser.scenario import load_airframe
+from anser.simulation import solve_trim, trim_target
+
+
+def test_results_come_back_with_their_classes_shapes_and_weak_types():
+    shapes = jax.eval_shape(
+        lambda: solve_trim(load_airframe("f16"), standard_environment(), trim_target(150.0, 1000.0))
+    )
+    result = {"trim": shapes, "rest": (1, -2.5, float("inf"), "text", None, True, [jax.ShapeDtypeStruct((), bool)])}
+    result["weak"] = jax.ShapeDtypeStruct((2, 0), np.dtype("int32"), weak_type=True)
+    again = decode(json.loads(json.dumps(encode(result))))
+    assert jax.tree.structure(again) == jax.tree.structure(result)
+    assert jax.tree.leaves(again) == jax.tree.leaves(result)
+    assert again["weak"].weak_type
+
+
+class Outside(NamedTuple):
+    x: int
+
+
+@pytest.mark.parametrize("value", [Outside(1), object(), np.zeros(2), {1: 2}, lambda x: x, int, jax.random.key(0)])
+def test_what_is_not_the_packages_is_not_encoded(value):
+    with pytest.raises(NotKeptError):
+        encode((value,))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"class": ["os:system", {}]}',
+        '{"class": ["anser.compiling.store:os.system", {}]}',
+        '{"class": ["anser.compiling.store:os", {}]}',
+        '{"class": ["anser.compiling.store:Path", {}]}',
+        '{"class": ["anser.__main__:main", {}]}',
+        '{"class": ["anser.nothing:Nothing", {}]}',
+        '{"class": ["anser.compiling.store:FolderStore", {}]}',
+        '{"class": ["anser..aircraft:AircraftState", {}]}',
+        '{"class": [3, {}]}',
+        '{"class": ["anser.aircraft.interface:AircraftState", {"__class__": 1}]}',
+        '{"enum": ["anser.aircraft.interface:AircraftState", "x"]}',
+        '{"array": ["object", [3], false]}',
+        '{"array": ["float64", [-3], false]}',
+        '{"array": ["float64", [3.0], false]}',
+        '{"array": ["float64", [3], 1]}',
+        '{"array": ["nothing", [3], false]}',
+        '{"tuple": 3}',
+        '{"tuple": [], "list": []}',
+        '{"eval": "1"}',
+        "[1]",
+        "{}",
+    ],
+)
+def test_what_was_not_encoded_is_not_decoded(text):
+    with pytest.raises(NotKeptError):
+        decode(json.loads(text))
+
+
+def test_fields_that_are_missing_or_more_are_refused():
+    name = f"{AircraftState.__module__}:{AircraftState.__qualname__}"
+    fields = {field.name: {"array": ["float64", [3], False]} for field in dataclasses.fields(AircraftState)}
+    assert isinstance(decode({"class": [name, fields]}), AircraftState)
+    for changed in ({**fields, "more": 1}, dict(list(fields.items())[1:]), dict(reversed(fields.items()))):
+        with pytest.raises(NotKeptError):
+            decode({"class": [name, changed]})
