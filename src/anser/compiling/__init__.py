@@ -1,4 +1,4 @@
-"""Compiling once per machine, what is kept of it on disk and in memory, options of the compiler, a step as one kernel."""
+"""Compiling once per machine, what is kept of it on disk and in memory, compiler options, a step as one kernel."""
 
 from anser.compiling.cache import cache_folder, enable_compilation_cache, program_store
 from anser.compiling.one_kernel import as_one_kernel, in_one_kernel
