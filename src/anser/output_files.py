@@ -94,6 +94,7 @@ def new_folder(folder: Path) -> Iterator[Path]:
     FileExistsError
         `folder` exists.
     """
+    _refuse_null(folder)
     made = [one for one in (folder, *folder.parents) if not one.exists()]
     try:
         folder.mkdir(parents=True)
@@ -155,11 +156,17 @@ def _remove(path: Path) -> None:
 
 def _refuse_taken(path: Path, overwrite: bool) -> None:
     """Refuse a name that is taken, and where a file may be replaced, one of a folder or device."""
+    _refuse_null(path)
     if not overwrite and os.path.lexists(path):
         raise FileExistsError(f"{path} exists and is not overwritten: choose another name or folder")
     if path.exists() and not path.is_file():
         kind = "a folder" if path.is_dir() else "a device"
         raise FileExistsError(f"{path} is {kind}, which no file replaces")
+
+
+def _refuse_null(path: Path) -> None:
+    if "\0" in str(path):
+        raise OSError(errno.EINVAL, "a name with a null character", str(path))
 
 
 def _flush(path: Path) -> None:
