@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from anser.input_files import MIB, read_file
 from anser.output_files import replaced_within, write_file
 from anser.report.verification_plots import plot_errors
 
@@ -164,8 +165,8 @@ def _main(words: Sequence[str]) -> int:
         return 2
     source, folder = Path(words[0]), Path(words[1])
     try:
-        document = json.loads(source.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+        document = json.loads(read_file(source, 64 * MIB).decode())
+    except (OSError, ValueError, RecursionError) as error:
         sys.stderr.write(f"{source}: expected the document that `anser verify --json` prints ({error})\n")
         return 2
     sys.stdout.write(f"{write_verification_page(document, folder)}: written\n")

@@ -11,11 +11,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from anser.input_files import MIB, read_file
+
 _MARK = b"\nanser-sha256:"
 TRAILER_BYTES = len(_MARK) + 64 + 1
 KEY = "sha256"
 """Of the checksum in a JSON document."""
 _BLOCK_BYTES = 1 << 20
+_DOCUMENT_BYTES_MAX = 32 * MIB
 
 
 class DamagedFileError(ValueError):
@@ -89,10 +92,10 @@ def read_document(path: Path) -> tuple[dict[str, Any], bool]:
     DamagedFileError
         The file is no JSON object, or its content differs from its checksum.
     OSError
-        The file cannot be read.
+        The file cannot be read, or is larger than 32 MiB.
     """
     try:
-        document = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse_constant)
+        document = json.loads(read_file(path, _DOCUMENT_BYTES_MAX).decode(), parse_constant=_refuse_constant)
     except (ValueError, RecursionError) as error:  # text that is no UTF-8 is a ValueError, too
         raise damaged(path, f"a file that cannot be read as JSON ({error})") from None
     if not isinstance(document, dict):
