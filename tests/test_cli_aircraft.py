@@ -21,6 +21,41 @@ def anser(capsys, monkeypatch):
     return lambda *words: run(capsys, monkeypatch, *words)
 
 
+def test_a_dave_ml_file_is_checked_by_itself(anser, tmp_path):
+    path = tmp_path / "mine.dml"
+    text = (
+        '<DAVEfunc><variableDef name="mach" varID="M" units="nd"><isInput/></variableDef>\n'
+        '<variableDef name="gain" varID="g" units="nd"><calculation><math><ci>M</ci></math></calculation><isOutput/>'
+        "</variableDef>{}</DAVEfunc>"
+    )
+    path.write_text(text.format(""))
+    code, out, err = anser("aircraft", "check", path)
+    assert (code, err) == (0, "")
+    assert out.splitlines() == [
+        "mine.dml: there are no check data", "inputs: mach (M, nd)", "outputs: gain (g, nd)",
+        "nothing found that looks wrong",
+    ]  # fmt: skip
+    shot = (
+        '<checkData><staticShot name="one"><checkInputs><signal><varID>M</varID><signalValue>0.5</signalValue></signal>'
+        "</checkInputs><checkOutputs><signal><varID>g</varID><signalValue>0.6</signalValue><tol>0.01</tol></signal>"
+        "</checkOutputs></staticShot></checkData>"
+    )
+    path.write_text(text.format(shot))
+    code, out, err = anser("aircraft", "check", path)
+    assert code == 1
+    assert "0 of 1 numbers of its check data agree" in out
+    assert "g (one): expected 0.6 nd, obtained 0.5, tolerance 0.01" in err
+    code, out, _ = anser("aircraft", "check", path, "--json")
+    document = json.loads(out)
+    assert code == 1
+    assert [one["agrees"] for one in document["checks"]] == [False]
+    assert document["inputs"] == [{"name": "mach", "id": "M", "units": "nd", "usual": None}]
+    path.write_text(text.format("").replace('varID="M" units="nd"', 'varID="M" units="ft_s"'))
+    code, out, err = anser("aircraft", "check", path)
+    assert (code, out) == (2, "")
+    assert 'line 1, column 11: arrived units="ft_s" of "mach"' in err
+
+
 def test_list(anser):
     code, out, _ = anser("aircraft", "list", "--json")
     listed = {one["name"]: one for one in json.loads(out)["aircraft"]}

@@ -248,14 +248,14 @@ def _side_forces(aircraft: DaveMlAircraft, alphas: Vector, speeds: Vector, power
 
 
 def body_faults_of(
-    aerodynamics: Model, inertia: Model | None, given: Mapping[str, float]
+    aerodynamics: Model | None, inertia: Model | None, given: Mapping[str, float]
 ) -> list[tuple[str, DaveMlError]]:
     """Find reference lengths, mass and inertia of files that no body has.
 
     Parameters
     ----------
     aerodynamics, inertia
-        As of `dave_ml_airframe`, with all variables that it asks for; None: no file of inertia.
+        As of `dave_ml_airframe`, with all variables that it asks for; None: no such file.
     given
         Inputs of `inertia`, in the units of the file.
 
@@ -263,10 +263,10 @@ def body_faults_of(
     -------
     Each with the part, "aerodynamics" or "inertia", and its place in the file.
     """
-    found = [
-        ("aerodynamics", _fault(aerodynamics, fault.quantity, fault))
-        for fault in body_faults(_si(aerodynamics, AERO_LENGTHS, {}), np.eye(3).tolist())
-    ]
+    found: list[tuple[str, DaveMlError]] = []
+    if aerodynamics is not None:
+        faults = body_faults(_si(aerodynamics, AERO_LENGTHS, {}), np.eye(3).tolist())
+        found += [("aerodynamics", _fault(aerodynamics, fault.quantity, fault)) for fault in faults]
     if inertia is None:
         return found
     values = _si(inertia, INERTIA_OUTPUTS, given)

@@ -23,11 +23,15 @@ from anser.cli.offering import about
 from anser.cli.output_folder import Force, must_be_new_file, written_file
 from anser.cli.scenario_files import start
 from anser.scenario import VARIANTS
-from anser.scenario.airframe_file import SUFFIXES, write_airframe_starter
+from anser.scenario.airframe_file import DAVE_ML_SUFFIX, SUFFIXES, write_airframe_starter
 from anser.scenario.airframe_file.template import AIRCRAFT_SCHEMA
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from anser.dave_ml import Variable
     from anser.scenario.airframe_file.checking import Compared
+    from anser.scenario.airframe_file.linting import Finding
 
 _Aircraft = Annotated[
     str,
@@ -128,15 +132,24 @@ def show(
     "anser aircraft check my-uav.toml",
     "anser aircraft check aerosonde --json",
     "anser aircraft check f16 --variant tp1538",
+    "anser aircraft check my-aero.dml",
     unmet="check data disagree, or something is probably not meant so",
 )
 def check(aircraft: _Aircraft, variant: VariantName = "textbook") -> None:
     """Compute an aircraft file's own check data, and look for what is probably wrong in it: signs, units, tables.
 
-    Of an aircraft by DAVE-ML the check data of its files come first; of the F-16 there are tables alone.
+    Of an aircraft by DAVE-ML the check data of its files come first; of the F-16 there are tables alone. A DAVE-ML file
+    (.dml) is checked by itself; where it has no check data, its inputs and outputs are listed.
     """
     must_be_known(aircraft, variant)
-    from anser.execution import check_airframe, file_of
+    from anser.execution import check_airframe, check_dave_ml, file_of
+
+    if Path(aircraft).suffix == DAVE_ML_SUFFIX:
+        with working("computing"):
+            model = check_dave_ml(aircraft)
+        signals = {"inputs": model.inputs, "outputs": model.outputs}
+        _report(Path(aircraft).name, aircraft, model.compared, model.findings, signals)
+        return
 
     if file_of(aircraft) is None and aircraft not in VARIANTS:
         words = "an aircraft file, or the name of one of the library or of the F-16"
@@ -144,6 +157,17 @@ def check(aircraft: _Aircraft, variant: VariantName = "textbook") -> None:
     with working("computing"):
         compared, findings = check_airframe(aircraft, variant)
     name = Path(aircraft).stem if aircraft not in VARIANTS else f"{aircraft} ({variant})"
+    _report(name, aircraft, compared, findings, {})
+
+
+def _report(
+    name: str,
+    aircraft: str,
+    compared: "tuple[Compared, ...]",
+    findings: "tuple[Finding, ...]",
+    signals: "Mapping[str, tuple[Variable, ...]]",
+) -> None:
+    """Answer with check data and findings; `signals` are the inputs and outputs of a DAVE-ML file by itself."""
     wrong = [one for one in compared if not one.agrees]
     answer(
         lambda: {
@@ -162,12 +186,20 @@ def check(aircraft: _Aircraft, variant: VariantName = "textbook") -> None:
                 for one in compared
             ],
             "findings": [{"place": one.place, "text": one.text} for one in findings],
+            **{
+                key: [{"name": one.name, "id": one.id, "units": one.units, "usual": one.initial} for one in variables]
+                for key, variables in signals.items()
+            },
         }
     )
     line(_count(name, compared, wrong))
+    if not compared:
+        for key, variables in signals.items():
+            listed = [f"{one.name} ({', '.join(filter(None, (one.id, one.units)))})" for one in variables]
+            line(f"{key}: {', '.join(listed) or 'none'}")
     for one in wrong:
         problem(_disagrees(one))
-    if wrong and Path(aircraft).suffix in SUFFIXES:
+    if wrong and Path(aircraft).suffix in (*SUFFIXES, DAVE_ML_SUFFIX):
         problem("check data belong to the data of the file: change or delete them with these")
     for one in findings:
         problem(str(one))

@@ -1,5 +1,5 @@
 from .airframe_survey import survey_airframe
-from .airframes import check_airframe, described_airframe, file_of, list_airframes, trimmed_speeds
+from .airframes import check_airframe, check_dave_ml, described_airframe, file_of, list_airframes, trimmed_speeds
 from .certified import CertifiedPlanned
 from .conditions import ConditionError, Inversion, airframe_of, name_of
 from .deep_stalling import CENTRES, deep_stall, deep_stall_document, first_stable
@@ -47,6 +47,7 @@ __all__ = [
     "SteppedFlight",
     "airframe_of",
     "check_airframe",
+    "check_dave_ml",
     "climb_and_turn",
     "deep_stall",
     "deep_stall_document",

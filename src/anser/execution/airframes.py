@@ -14,6 +14,7 @@ from anser.scenario import AIRFRAMES, VARIANTS, load_airframe
 from anser.scenario.airframe_file import AirframeFile, DaveMlFile, entry_points, library_file, read_airframe
 from anser.scenario.airframe_file.checking import Compared, compare
 from anser.scenario.airframe_file.linting import Finding, lint
+from anser.scenario.airframe_file.model_check import ModelCheck, check_model
 from anser.scenario.airframe_names import FILES
 from anser.scenario.f16_tables import f16_findings
 from anser.scenario.library import is_path
@@ -112,6 +113,18 @@ def trimmed_speeds(dataset: Any) -> tuple[float, float] | None:
     """Slowest and fastest airspeed of a survey at which level flight is within all limits; None: at none."""
     speeds: Sequence[float] = dataset["airspeed"].values[dataset["trimmable"].values]
     return (float(min(speeds)), float(max(speeds))) if len(speeds) else None
+
+
+def check_dave_ml(path: str) -> ModelCheck:
+    """Check data of a DAVE-ML file compared with what comes out, what looks wrong, inputs and outputs.
+
+    Raises
+    ------
+    ScenarioError
+        No DAVE-ML file.
+    """
+    enable_compilation_cache()
+    return check_model(path)
 
 
 def check_airframe(aircraft: str, variant: str = "textbook") -> tuple[tuple[Compared, ...], tuple[Finding, ...]]:

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from anser.aircraft import AirData, DaveMlAircraft, DerivativeAircraft, Wrench
+from anser.dave_ml import Model
 from anser.environment import StandardAtmosphere, standard_environment
 from anser.numerics import as_array
 from anser.scenario.airframe_file.build import build_airframe, with_derivatives
@@ -14,6 +15,7 @@ from anser.scenario.airframe_file.build_dave_ml import file_models
 from anser.scenario.airframe_file.schema import AirframeFile
 from anser.scenario.airframe_file.schema_check import ForceCheck, TrimCheck
 from anser.scenario.airframe_file.schema_dave_ml import DaveMlFile
+from anser.scenario.errors import refused
 from anser.simulation import solve_trim, trim_target
 from anser.units import DEG_RAD, RAD_DEG
 
@@ -60,10 +62,24 @@ def compare(file: _File) -> tuple[Compared, ...]:
 
 def _of_shots(file: DaveMlFile) -> list[Compared]:
     """Check shots of the DAVE-ML files themselves."""
+    models = file_models(file).items()
+    return [one for part, model in models for one in compare_shots(model, model.definition.file, f"dave_ml.{part}.")]
+
+
+def compare_shots(model: Model, source: str, prefix: str = "") -> list[Compared]:
+    """Compute the check shots of a DAVE-ML file; the place of each value is the varID after a prefix.
+
+    Raises
+    ------
+    ScenarioError
+        If a shot gives a value for what is no input, or leaves an input out.
+    """
+    try:
+        results = model.check()
+    except ValueError as error:
+        raise refused(source, str(error), "check shots that give each input of the file a value", "checkData") from None
     return [
-        Compared(f"dave_ml.{part}.{one.id}", one.shot, one.units, one.expected, one.computed, one.tolerance)
-        for part, model in file_models(file).items()
-        for one in model.check()
+        Compared(f"{prefix}{one.id}", one.shot, one.units, one.expected, one.computed, one.tolerance) for one in results
     ]
 
 

@@ -1,6 +1,6 @@
 """Suspect points of the tables of DAVE-ML files."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -17,28 +17,40 @@ _FIRST = ("angleOfAttack", "angleOfSideslip")
 def model_table_findings(file: DaveMlFile) -> Iterator[tuple[str, str]]:
     """Place and text of what is suspect in the gridded tables of an aircraft's DAVE-ML files."""
     for part, model in file_models(file).items():
-        definition = model.definition
-        axes = {name: _axes(file, model, name) for name in definition.gridded}
-        tables = {name: _in_order(definition, name, [k for _, k in of]) for name, of in axes.items()}
-        for point in suspect_points(tables):
-            place = f"dave_ml.{part}"
-            if point.table in axes:
-                over = [definition.breakpoints[definition.gridded[point.table].axes[k]] for _, k in axes[point.table]]
-                names = [one.name or one.id for one in over]
-                place += f" ({point.table})"
-            else:
-                names = ["first axis", "second axis"]
-            where = ", ".join(f"{name} {value:g}" for name, value in zip(names, point.place, strict=True))
-            yield place, f"{where}: {suspicion(point)}"
+        for table, text in suspect_table_points(model, file.dave_ml.names):
+            yield f"dave_ml.{part} ({table})" if table in model.definition.gridded else f"dave_ml.{part}", text
 
 
-def _axes(file: DaveMlFile, model: Model, table: str) -> list[tuple[int, int]]:
+def suspect_table_points(model: Model, aliases: Mapping[str, str]) -> Iterator[tuple[str, str]]:
+    """Table, and text, of what is suspect in the gridded tables of a file.
+
+    Parameters
+    ----------
+    model
+        The file.
+    aliases
+        Its own names of variables, by their standard ones.
+    """
+    definition = model.definition
+    axes = {name: _axes(aliases, model, name) for name in definition.gridded}
+    tables = {name: _in_order(definition, name, [k for _, k in of]) for name, of in axes.items()}
+    for point in suspect_points(tables):
+        if point.table in axes:
+            over = [definition.breakpoints[definition.gridded[point.table].axes[k]] for _, k in axes[point.table]]
+            names = [one.name or one.id for one in over]
+        else:
+            names = ["first axis", "second axis"]
+        where = ", ".join(f"{name} {value:g}" for name, value in zip(names, point.place, strict=True))
+        yield point.table, f"{where}: {suspicion(point)}"
+
+
+def _axes(aliases: Mapping[str, str], model: Model, table: str) -> list[tuple[int, int]]:
     """Rank and number of each axis of a table: along the angle of attack first, then the sideslip, then the others."""
     function = next((one for one in model.definition.functions if one.table == table), None)
     count = len(model.definition.gridded[table].axes)
     ranks = [len(_FIRST)] * count
     if function is not None:
-        own = [{name, file.dave_ml.names.get(name, name)} for name in _FIRST]
+        own = [{name, aliases.get(name, name)} for name in _FIRST]
         for k, argument in enumerate(function.arguments):
             inputs = _inputs_of(model, argument.id)
             ranks[k] = next((rank for rank, names in enumerate(own) if inputs and inputs <= names), len(_FIRST))
