@@ -150,6 +150,19 @@ def test_ctrl_c_before_the_first_chunk_leaves_a_campaign_to_go_on_with(anser, st
     assert CampaignStore.open(tmp_path / "out").flown.size == 20
 
 
+def test_a_closed_standard_output_loses_no_report(anser, study, tmp_path, monkeypatch):
+    """As `anser campaign ... | head -3` does when it has read enough."""
+    monkeypatch.setattr(flying, "fly_many", made_up)
+    reading, writing = os.pipe()
+    os.close(reading)
+    with os.fdopen(writing, "w") as closed:
+        monkeypatch.setattr(sys, "stdout", closed)
+        code, _, _ = anser("campaign", study, "--out", tmp_path / "out", "--processes", 1)
+    assert code == 1  # some of those made up fail
+    written = {path.name for path in (tmp_path / "out").iterdir()}
+    assert written >= {"flights.zarr", "report.html", "campaign.png", "flights.parquet", "answers.parquet"}
+
+
 def test_a_cluster_that_is_lost_leaves_what_was_flown_and_one_message(anser, study, tmp_path, monkeypatch):
     def lost(address, fly, folder, chunks):
         yield fly(folder, chunks[0])
