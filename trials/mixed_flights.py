@@ -11,7 +11,7 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,11 +27,11 @@ _FOLDER = Path(__file__).parents[1] / "scenarios"
 _STATUS, _REGIONS = Path("/proc/self/status"), Path("/proc/self/maps")
 
 
-def mixed_scenarios(count: int, seed: int) -> Iterator[tuple[str, Scenario]]:
+def mixed_scenarios(count: int, seed: int, names: Sequence[str]) -> Iterator[tuple[str, Scenario]]:
     """Scenarios in random order, each with a seed of its own."""
     random = np.random.default_rng([41, seed])
     for number in range(count):
-        name, period_s = str(random.choice(SCENARIOS)), float(random.choice(RECORD_PERIODS_S))
+        name, period_s = str(random.choice(names)), float(random.choice(RECORD_PERIODS_S))
         scenario = load(_FOLDER / f"{name}.toml")
         yield f"{name} {period_s:g} s", scenario.replace("seed", number, "timing.record_period_s", period_s)
 
@@ -58,11 +58,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--flights", type=int, default=300)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--scenarios", nargs="+", default=SCENARIOS, metavar="NAME")
     parser.add_argument("--most-gib", type=float, default=3.0)
     parser.add_argument("--out", type=Path, required=True, help="a row of each flight is added")
     options = parser.parse_args()
     rows: list[dict[str, Any]] = []
-    for name, scenario in mixed_scenarios(options.flights, options.seed):
+    for name, scenario in mixed_scenarios(options.flights, options.seed, options.scenarios):
         began = time.perf_counter()
         outcome = fly(scenario)
         rows.append({"flight": name, "outcome": outcome, "took_s": round(time.perf_counter() - began, 1)} | memory())
