@@ -131,8 +131,8 @@ class _Hole:
 _hits: list[int] = []
 """The thread of each program that came out of JAX's own cache."""
 _beside = ThreadPoolExecutor(2, "anser-compiling")
-_CODE_MAX = 48 << 20
-"""Bytes of code of all programs of the process; loaded they take up to twenty times as much memory."""
+_CODE_MAX = 72 << 20
+"""Bytes of code of all programs of the process; loaded they take some twenty times as much memory."""
 _REGIONS_SHARE_MAX = 0.5
 _LARGE = 4 << 20
 _LOG = logging.getLogger(__name__)
