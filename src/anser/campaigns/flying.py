@@ -2,6 +2,7 @@
 
 import concurrent.futures
 import contextlib
+import itertools
 import multiprocessing
 import os
 import signal
@@ -22,6 +23,7 @@ from anser.campaigns.store import CampaignStore, StoreError
 from anser.campaigns.study import Study
 from anser.compiling import enable_compilation_cache
 from anser.execution.batches import BATCH, Progress, silent
+from anser.execution.effects import refuse_without_effect
 from anser.execution.many_flights import FlightCase, fly_many
 from anser.execution.precisions import flown_one_by_one, refuse_precision
 from anser.results.flight_row import FlightRow
@@ -30,6 +32,8 @@ from anser.scenario.errors import show
 
 _ALONE = 4
 """Flights of a chunk where each is flown by itself."""
+_BUILT = 8
+"""Flights that are built before any flies: a path without effect in all of them is refused."""
 TRIED = 64
 """Scenarios that are validated before any flies; where all of them are refused, so is the study."""
 
@@ -69,6 +73,7 @@ def prepare(folder: Path, study: Study, scenario: Scenario, given: dict[str, np.
     seeds = seeds_of(study, applied)
     count = seeds.size
     refuse_if_none(study, scenario, applied, count)
+    refuse_idle_paths(study, scenario, applied, count)
     refuse_series(study.keep, study.name, _valid(scenario, applied, count), applied)
     most = _ALONE if flown_one_by_one(scenario) else batch_for(BATCH, scenario, series_of(study.keep, scenario))
     chunk = min(most, count)
@@ -201,11 +206,23 @@ def refuse_if_none(study: Study, scenario: Scenario, applied: dict[str, np.ndarr
         raise ScenarioError(f"{study.name}, every flight", first.problems)
 
 
+def refuse_idle_paths(study: Study, scenario: Scenario, applied: dict[str, np.ndarray], count: int) -> None:
+    """Refuse a study with a path that changes nothing in any of its first flights as built (ScenarioError)."""
+    first = itertools.islice(_cases(scenario, applied, count), _BUILT)
+    refuse_without_effect(f"{study.name}, what varies of {scenario.name}", first)
+
+
 def _valid(scenario: Scenario, applied: dict[str, np.ndarray], count: int) -> Iterator[Scenario]:
     """Those of the first scenarios that are valid."""
+    return (one for one, _ in _cases(scenario, applied, count))
+
+
+def _cases(scenario: Scenario, applied: dict[str, np.ndarray], count: int) -> Iterator[tuple[Scenario, dict[str, Any]]]:
+    """Those of the first scenarios that are valid, with the values that were put into each."""
     for k in range(min(count, TRIED) if applied else 1):
+        values = {path: column[k] for path, column in applied.items()}
         with contextlib.suppress(ScenarioError):
-            yield scenario_with(scenario, 0, {path: values[k] for path, values in applied.items()})
+            yield scenario_with(scenario, 0, values), values
 
 
 def _no_number(path: str, base: object, how: str) -> Problem:

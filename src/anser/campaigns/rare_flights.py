@@ -12,7 +12,7 @@ from scipy import stats
 
 from anser.campaigns.asked_rare import Rare
 from anser.campaigns.blends import Blends
-from anser.campaigns.flying import TRIED, put, refuse_if_none, scenario_with
+from anser.campaigns.flying import TRIED, put, refuse_idle_paths, refuse_if_none, scenario_with
 from anser.campaigns.rare_store import RareStore
 from anser.campaigns.sampling import dispersed
 from anser.campaigns.store import StoreError
@@ -88,7 +88,9 @@ class RareFlights:
         """Refuse before anything flies what no flight can have (ScenarioError)."""
         refuse_precision(self.scenario, self.study.precision, self.study.name)
         numbers = np.arange(min(TRIED, self.asked.flights))
-        refuse_if_none(self.study, self.scenario, self._applied(self.space.fresh(numbers)), numbers.size)
+        applied = self._applied(self.space.fresh(numbers))
+        refuse_if_none(self.study, self.scenario, applied, numbers.size)
+        refuse_idle_paths(self.study, self.scenario, applied, numbers.size)
 
     def fly(self, points: np.ndarray) -> np.ndarray:
         """Values of a batch of points at most; infinite where a flight failed."""

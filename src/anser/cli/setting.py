@@ -1,7 +1,7 @@
 """Options that change a scenario on the way: --set and --planner; values by path, as the file would hold them."""
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -10,6 +10,8 @@ import typer
 from anser.cli.console import RefusedError, say
 from anser.scenario import Scenario, ScenarioError, cautions, load
 from anser.scenario.errors import show
+from anser.scenario.no_effect import no_effect_problems
+from anser.scenario.replacing import numbered_path
 from anser.scenario.toml_text import values_of
 
 Settings = Annotated[
@@ -35,12 +37,21 @@ def loaded(path: Path, settings: Sequence[str] = (), planner: str | None = None,
         (first, value), *more = given.items()
         try:
             scenario = scenario.replace(first, value, *itertools.chain(*more))
+            _refuse_idle(scenario, given)
         except ScenarioError as error:
             words = ", ".join(f"{one} = {value}" for one, value in given.items())
             raise ScenarioError(f"{path} with {words}", error.problems) from None
     for caution in cautions(scenario, built=built):
         say(f"caution: {caution}")
     return scenario
+
+
+def _refuse_idle(scenario: Scenario, paths: Iterable[str]) -> None:
+    """Refuse options --set that change nothing (ScenarioError)."""
+    numbers = {numbered_path(scenario, path) for path in paths}
+    idle = [problem for problem in no_effect_problems(scenario) if problem.path in numbers]
+    if idle:
+        raise ScenarioError("", idle)
 
 
 def settings_of(texts: Sequence[str]) -> dict[str, object]:

@@ -1,11 +1,13 @@
 """A scenario flown with every combination of some of its numbers: one dataset over what was swept."""
 
 import itertools
+import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from anser.execution.batches import Progress
+from anser.execution.effects import refuse_without_effect
 from anser.execution.many_flights import FlightCase, fly_many
 from anser.scenario import Problem, Scenario, ScenarioError, as_scenario
 
@@ -85,7 +87,22 @@ def swept_scenarios(scenario: Scenario, swept: Mapping[str, Sequence[object]]) -
         made.append(one)
     if problems:
         raise _refused(scenario, problems, len(made) + len(problems))
+    refuse_without_effect(f"sweep of {scenario.name}", _first_cases(made, swept))
     return made
+
+
+def _first_cases(
+    scenarios: Sequence[Scenario], swept: Mapping[str, Sequence[object]]
+) -> Iterator[tuple[Scenario, dict[str, object]]]:
+    """Flights in which each path in turn has its first two values, the others their first."""
+    sizes = [len(values) for values in swept.values()]
+    strides = [math.prod(sizes[k + 1 :]) for k in range(len(sizes))]
+    for number in [0, *(stride for stride, size in zip(strides, sizes, strict=True) if size > 1)]:
+        places = [number // stride % size for stride, size in zip(strides, sizes, strict=True)]
+        yield (
+            scenarios[number],
+            {path: values[k] for (path, values), k in zip(swept.items(), places, strict=True)},
+        )
 
 
 def _refused(scenario: Scenario, problems: list, count: int) -> ScenarioError:

@@ -2,6 +2,7 @@
 
 import math
 
+from anser.scenario.no_effect import no_effect_cautions
 from anser.scenario.schema import DEFAULT_PLANNERS, FORMAT, Scenario
 from anser.scenario.schema_aircraft import Aircraft, Gains
 from anser.scenario.schema_reach import reach_problems
@@ -19,7 +20,15 @@ def cautions(scenario: Scenario, *, built: bool = True) -> tuple[str, ...]:
     """
     gains = [text for index, one in enumerate(scenario.aircraft) for text in _of_the_gains(index, one)]
     limits = _of_the_limits(scenario) if built else []
-    return (*_of_the_format(scenario), *_of_the_seed(scenario), *_of_the_duration(scenario), *limits, *gains)
+    return (
+        *_of_the_format(scenario),
+        *_of_the_seed(scenario),
+        *_of_the_duration(scenario),
+        *_of_the_separation(scenario),
+        *no_effect_cautions(scenario),
+        *limits,
+        *gains,
+    )
 
 
 def _of_the_format(scenario: Scenario) -> list[str]:
@@ -49,6 +58,21 @@ def _of_the_duration(scenario: Scenario) -> list[str]:
         f"otherwise expected {one.expected}"
         for one in reach_problems(scenario, unaided=True)
         if one.path == "timing.duration_s"
+    ]
+
+
+def _of_the_separation(scenario: Scenario) -> list[str]:
+    """A fleet whose aircraft may come as near to each other as they like."""
+    if scenario.requires_separation or len(scenario.aircraft) == 1:
+        return []
+    words = "and no flight is judged by it; expected"
+    if scenario.fleet.is_certified:
+        return [
+            f"separation: nothing keeps the {len(scenario.aircraft)} aircraft apart, {words} [separation] horizontal_m"
+        ]
+    return [
+        f"separation: nothing keeps the {len(scenario.aircraft)} aircraft apart, {words} requirements.separation_min_m, "
+        'or fleet.planner = "certified" and [separation] horizontal_m'
     ]
 
 

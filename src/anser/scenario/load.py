@@ -4,6 +4,8 @@ import os
 import re
 from typing import Any
 
+from anser.scenario.errors import ScenarioError
+from anser.scenario.no_effect import no_effect_problems
 from anser.scenario.schema import Scenario, validate
 from anser.scenario.schema_aircraft import Aircraft
 from anser.scenario.toml_text import read_text, telling_lines, values_of
@@ -57,11 +59,15 @@ def loads(text: str, source: str = "<string>") -> Scenario:
     Raises
     ------
     ScenarioError
-        If it is no TOML or no valid scenario.
+        If it is no TOML, no valid scenario, or one with keys that have no effect.
     """
     values = parsed(text, source)
     with telling_lines(text, source):
-        return validate(values, source)
+        scenario = validate(values, source)
+        problems = no_effect_problems(scenario)
+        if problems:
+            raise ScenarioError(source, problems)
+        return scenario
 
 
 def parsed(text: str, source: str) -> dict[str, Any]:

@@ -62,6 +62,20 @@ def value_at(scenario: Table, path: str) -> Any:
     return place
 
 
+def numbered_path(scenario: Table, path: str) -> str:
+    """Write a path with the number of each item instead of its name, as messages do: ``aircraft[0].start``.
+
+    Raises ScenarioError if it leads nowhere.
+    """
+    place: Any = scenario.model_dump(mode="json")
+    numbered = ""
+    for key, item in _STEP.findall(path):
+        where = _where(place, key or _ItemKey(item), numbered)
+        numbered = f"{numbered}[{where}]" if isinstance(where, int) else f"{numbered}.{where}".removeprefix(".")
+        place = place.get(where) if isinstance(place, dict) else place[where]
+    return numbered
+
+
 def as_written(value: object) -> object:
     """Write a value as a file would hold it: tables as dictionaries, numbers of array libraries as plain ones."""
     if isinstance(value, Table):

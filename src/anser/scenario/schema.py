@@ -166,6 +166,11 @@ class Scenario(Table):
         return self.turbulence.intensity != "none" or not known or not heard
 
     @property
+    def requires_separation(self) -> bool:
+        """Whether a flight is judged by how near two aircraft come."""
+        return self.separation.asked_m is not None or self.requirements.separation_min_m is not None
+
+    @property
     def is_gusty(self) -> bool:
         """Whether there is turbulence, which asks for the span of the wing."""
         return self.turbulence.intensity != "none"

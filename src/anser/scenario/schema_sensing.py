@@ -12,7 +12,15 @@ from anser.scenario.schema_base import Table, choice, expects, number
 from anser.scenario.schema_settings import Timing, is_multiple
 
 PRESETS = ("camera", "ais", "ads-b", "weather-radar", "beacon")
-_OF_SIGHT = ("range_m", "angle_mrad", "range_rate_m_s", "angle_rate_mrad_s", "half_angle_deg")
+_OF_SIGHT = (
+    "range_m",
+    "angle_mrad",
+    "range_rate_m_s",
+    "angle_rate_mrad_s",
+    "range_bias_m",
+    "angle_bias_mrad",
+    "half_angle_deg",
+)
 _OF_REPORT = ("position_m", "velocity_m_s")
 _PERIOD_MAX_S = 600.0
 

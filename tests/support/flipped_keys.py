@@ -1,0 +1,91 @@
+"""Every key of a scenario with another value: whether that is refused, changes the flight, or is read elsewhere."""
+
+import math
+import typing
+
+from pydantic import BaseModel
+
+from anser.execution.effects import _beside, _built, _is_same
+from anser.scenario import ScenarioError
+from anser.scenario.no_effect import no_effect_cautions, no_effect_problems
+from anser.scenario.schema import Scenario
+
+REFUSED, NO_EFFECT_REFUSED, NO_EFFECT_CAUTION, BESIDE, BUILT, NONE, FIXED = (
+    "refused",
+    "refused as without effect",
+    "a caution: without effect",
+    "read by planner, loop or verdict",
+    "changes the flight as built",
+    "accepted without effect",
+    "no other value tried",
+)
+
+
+def keys_of(model, table, prefix=""):
+    """Path, field and value of each key of a table and of those in it; of a list of tables, those of the first."""
+    for name, field in model.model_fields.items():
+        value = getattr(table, name)
+        if isinstance(value, BaseModel):
+            yield from keys_of(type(value), value, f"{prefix}{name}.")
+        elif isinstance(value, tuple) and value and isinstance(value[0], BaseModel):
+            yield from keys_of(type(value[0]), value[0], f"{prefix}{name}[0].")
+        else:
+            yield f"{prefix}{name}", field, value
+
+
+def answers(scenario):
+    """By path of each key, what another value of it does."""
+    found, built = {}, _built(scenario)
+    for path, field, value in keys_of(Scenario, scenario):
+        found[path] = _answer(scenario, built, path, _others(field, value))
+    return found
+
+
+def _answer(scenario, built, path, others):
+    """The best answer of several other values: an effect before a refusal."""
+    answer = FIXED
+    for value in others:
+        try:
+            other = scenario.replace(path, value)
+        except ScenarioError:
+            answer = REFUSED if answer == FIXED else answer
+            continue
+        if any(problem.path == path for problem in no_effect_problems(other)):
+            return NO_EFFECT_REFUSED
+        if any(text.startswith(f"{path}: ") for text in no_effect_cautions(other)):
+            return NO_EFFECT_CAUTION
+        if _beside(scenario) != _beside(other):
+            return BESIDE
+        if not _is_same(built, _built(other)):
+            return BUILT
+        answer = NONE
+    return answer
+
+
+def _others(field, value):
+    """Other values that a key may hold."""
+    if isinstance(value, bool):
+        return [not value]
+    choices = [one for part in (field.annotation, *typing.get_args(field.annotation)) for one in _literals(part)]
+    if choices:
+        return [one for one in choices if one != value]
+    if isinstance(value, tuple) and value and isinstance(value[0], float):
+        return [[0.5 * x for x in value], [1.1 * x + 0.01 for x in value]]
+    if "float" not in str(field.annotation) and "int" not in str(field.annotation):
+        return []
+    low = max(
+        (x for x in (getattr(m, k, None) for m in field.metadata for k in ("ge", "gt")) if x is not None), default=-1e4
+    )
+    high = min(
+        (x for x in (getattr(m, k, None) for m in field.metadata for k in ("le", "lt")) if x is not None), default=1e4
+    )
+    if value is None:
+        return [low + 0.3 * (min(high, 1e4) - max(low, -1e4)), 50.0, 60.0, 15.0, 5.0, 1.0, 0.1]
+    if isinstance(value, int):
+        return [value + 1]
+    near = [0.95 * value, 1.05 * value, 0.5 * value, 2.0 * value, value + 0.01, value + 1.0]
+    return [x for x in near if low <= x <= high and x != value and math.isfinite(x)]
+
+
+def _literals(annotation):
+    return typing.get_args(annotation) if typing.get_origin(annotation) is typing.Literal else ()
