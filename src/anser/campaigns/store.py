@@ -22,6 +22,7 @@ from anser.campaigns.study import Study, validate_study
 from anser.results import DamagedFileError, version_attributes
 from anser.results.flight_columns import flight_columns, worst_of_fleet
 from anser.results.flight_row import FlightRow
+from anser.results.separated import separation_attributes
 from anser.scenario import Scenario, ScenarioError
 from anser.scenario.schema import validate
 
@@ -310,6 +311,7 @@ class CampaignStore:
             words = f"arrived a store that cannot be read ({error}); expected a whole one"
             raise StoreError(f"{self.folder}: {words}") from None
         attributes = {"confidence": self.study.answers.confidence, "precision": self.study.precision}
+        attributes |= separation_attributes(self.scenario)
         return found.set_coords(["flight", "aircraft"]).assign_attrs(attributes)
 
     def series(self) -> xr.Dataset:

@@ -21,10 +21,10 @@ from anser.cli.console import (
     say,
 )
 from anser.cli.offering import about
-from anser.scenario import Scenario, ScenarioError
+from anser.scenario import Scenario, ScenarioError, cautions
 
 if TYPE_CHECKING:
-    from anser.campaigns import Answers, CampaignStore
+    from anser.campaigns import Campaign, CampaignStore
     from anser.campaigns.answering import Answer
     from anser.execution import Flown
 
@@ -96,6 +96,8 @@ def _fly(store: "CampaignStore", out: Path, processes: int | None, cluster: str 
     from anser.campaigns import Campaign, StoreError, fly_campaign, keep_worst
     from anser.campaigns.flying import room_of
 
+    for caution in cautions(store.scenario):
+        say(f"caution: {caution}")
     flown, before = Campaign(store), store.flown.size
     if processes is None and cluster is None:
         room = room_of(store)
@@ -107,7 +109,7 @@ def _fly(store: "CampaignStore", out: Path, processes: int | None, cluster: str 
             fly_campaign(store, processes or 1, tell, cluster)
             keep_worst(store, tell)
     except KeyboardInterrupt:
-        _print_answers(flown.answers(), store.study.name)
+        _print_answers(flown)
         _write(store, before)
         say(_kept(store))
         raise
@@ -120,7 +122,7 @@ def _fly(store: "CampaignStore", out: Path, processes: int | None, cluster: str 
         raise
     found = flown.answers()
     answer(lambda: {"format_version": 1, "study": store.study.name, **found.as_dict()})
-    _print_answers(found, store.study.name)
+    _print_answers(flown)
     written = ["flights.zarr", *_write(store, before)]
     say(f"{out}: {', '.join(written)} written; anser campaign report {out} draws the worst flights, too")
     if found.met < found.flown:
@@ -183,8 +185,11 @@ def _bound_cells(one: "Answer") -> list[str]:
     return [*(number(value, 3) for value in values), "" if one.unit == "1" else one.unit]
 
 
-def _print_answers(found: "Answers", name: str) -> None:
+def _print_answers(flown: "Campaign") -> None:
     """Probability, quantiles and causes."""
+    from anser.results.separated import NO_SEPARATION, near_warning
+
+    found, name, data = flown.answers(), flown.store.study.name, flown.dataset
     if not found.flown:
         line(f"{name}: no flight so far")
         return
@@ -192,7 +197,11 @@ def _print_answers(found: "Answers", name: str) -> None:
     interval = f"{100 * found.low:.2f} to {100 * found.high:.2f} % at {sure} confidence"
     if found.independent < found.flown:
         interval += f", from {found.independent} that are independent of each other"
-    line(f"{name}: {found.met} of {found.flown} flights meet every requirement, {share:.2f} % ({interval})")
+    without = f"; {NO_SEPARATION}" if data.attrs.get("separation_required") == 0 else ""
+    line(f"{name}: {found.met} of {found.flown} flights meet every requirement, {share:.2f} % ({interval}){without}")
+    warning = near_warning(data["separation_min_m"].values, data.attrs)
+    if warning:
+        say(f"warning: {warning}")
     table = plain_table(
         f"bounds that part of the flights keep; interval at {sure} confidence",
         *columns("", overflow="fold"),

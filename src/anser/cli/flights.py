@@ -3,6 +3,7 @@
 import contextlib
 import tempfile
 import webbrowser
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -105,7 +106,7 @@ def run(
         raise RefusedError(f"--plan: {error}") from None
     answer(lambda: flown.summary)
     stopped_s = _stopped_s(flown.dataset)
-    _print_flown(flown.summary, stopped_s)
+    _print_flown(flown.summary, stopped_s, flown.dataset.attrs)
     for note in flown.planned.notes():
         say(f"note: {note}")
     say(f"{target}: flight.nc, summary.json, report.html written")
@@ -147,8 +148,10 @@ def _status_text(row: dict, stopped_s: dict[str, float]) -> str:
     return row["status"] if since is None else f"at {since:.1f} s: {row['status']}"
 
 
-def _print_flown(summary: dict, stopped_s: dict[str, float]) -> None:
-    from anser.results import fleet_words  # here: a misspelt key must not wait for what reads results
+def _print_flown(summary: dict, stopped_s: dict[str, float], attributes: Mapping[Any, Any]) -> None:
+    # here: a misspelt key must not wait for what reads results
+    from anser.results import fleet_words
+    from anser.results.separated import NO_SEPARATION, near_warning, requires_separation
 
     has_paths = any(row["path"] not in (None, "nominal") for row in summary["aircraft"])
     figures = ("planned\ns", "arrival\ns", "miss\nm", "airspeed\nm/s", "clear\nm")
@@ -177,6 +180,11 @@ def _print_flown(summary: dict, stopped_s: dict[str, float]) -> None:
     line(", ".join([*fleet_words(summary), f"{fleet['wall_s']:.1f} s of computing"]))
     if fleet.get("separation_ratio_min") is not None:
         line(f"at least {fleet['separation_ratio_min']:.2f} times the separation asked for, holds included")
+    if not requires_separation(summary):
+        line(NO_SEPARATION)
+    warning = near_warning([fleet["separation_min_m"]], attributes)
+    if warning:
+        say(f"warning: {warning}")
     if "network" in summary:
         line(f"without a centre: {summary['network']['message']}")
 

@@ -187,6 +187,8 @@ def run(
 
 
 def _attributes(scenario: Scenario) -> dict[str, Any]:
+    from anser.results.separated import separation_attributes
+
     return {
         "title": scenario.name,
         "description": scenario.description,
@@ -196,4 +198,5 @@ def _attributes(scenario: Scenario) -> dict[str, Any]:
         "earth_model": scenario.earth.model,
         "reference_latitude_deg": scenario.earth.latitude_deg,
         "reference_longitude_deg": scenario.earth.longitude_deg,
+        **separation_attributes(scenario),
     }

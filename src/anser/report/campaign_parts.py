@@ -11,6 +11,7 @@ from anser.report.labels import printed_unit
 from anser.report.opening import cards_of, number, scroll_table, text
 from anser.report.style import page_color_of
 from anser.results.flight_columns import of_this_fleet, worst_of_fleet
+from anser.results.separated import NO_SEPARATION, near_warning
 
 _CAUSES = 12
 """Causes of failure that are shown at most."""
@@ -37,12 +38,23 @@ def headline(shown: CampaignShown) -> str:
         for one in (_main(found, name) for name in _HEADLINES)
         if one is not None
     ]
-    look, mark = ("good", "✓") if met == flown else ("mixed", "")
+    warning = near_warning(_least_separation(shown), shown.dataset.attrs)
+    if shown.dataset.attrs.get("separation_required") == 0:
+        sentences.append(f"{NO_SEPARATION.capitalize()}.")
+    if warning:
+        sentences.append(f"<b>Warning:</b> {text(warning)}.")
+    look, mark = ("good", "✓") if met == flown and not warning else ("mixed", "")
     head = f"{met:,} of {flown:,} flights met every requirement"
     return (
         f'{part}<div class="answer {look}"><p class="head"><span aria-hidden="true">{mark}</span> {head}</p>'
         f"<p>{' '.join(sentences)}</p></div>"
     )
+
+
+def _least_separation(shown: CampaignShown) -> np.ndarray:
+    """Least distance of two aircraft in each flight, m; empty of one aircraft."""
+    name = "separation_min_m"
+    return shown.dataset[name].values if name in shown.dataset else np.empty(0)
 
 
 def _partial(shown: CampaignShown) -> str:

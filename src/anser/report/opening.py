@@ -10,6 +10,7 @@ import xarray as xr
 from anser.report.flight_margins import Margin, least_apart
 from anser.report.style import page_color_of
 from anser.results import arrival_figure, duration_words
+from anser.results.separated import NO_SEPARATION, requires_separation
 
 _NOTHING = "–"
 _CARDS_IN_ROW = 4
@@ -33,7 +34,9 @@ def scroll_table(heads: str, body: str) -> str:
     return f'<div class="scroll" tabindex="0" role="group" aria-label="Table">{table}</div>'
 
 
-def answer(summary: Mapping[str, Any], scenario: Mapping[str, Any], margins: Sequence[Margin] = ()) -> str:
+def answer(
+    summary: Mapping[str, Any], scenario: Mapping[str, Any], margins: Sequence[Margin] = (), warning: str = ""
+) -> str:
     """Say whether they arrived as was asked and by how much, and name what was not met and what limits were passed.
 
     Parameters
@@ -42,6 +45,8 @@ def answer(summary: Mapping[str, Any], scenario: Mapping[str, Any], margins: Seq
         As the run holds them; the scenario may be empty.
     margins
         What was left to requirements and limits.
+    warning
+        Of two aircraft that came near each other; empty: none.
     """
     rows, spread, fits = summary["aircraft"], summary["fleet"]["arrival_spread_s"], arrival_figure(summary)
     left = [row for row in rows if "left_s" in row]
@@ -85,9 +90,13 @@ def answer(summary: Mapping[str, Any], scenario: Mapping[str, Any], margins: Seq
         parts.append(f"Requirements not met: <b>{text(', '.join(unmet))}</b>.")
     elif good:
         parts.append("All requirements met." if not passed else "All requirements met, but not all limits kept.")
+    if not requires_separation(summary):
+        parts.append(f"{NO_SEPARATION.capitalize()}.")
+    if warning:
+        parts.append(f"<b>Warning:</b> {text(warning)}.")
     if passed:
         parts.append(f"Passed: {_passed(passed)}.")
-    look, mark = ("bad", "✗") if not good else ("mixed", "!") if passed else ("good", "✓")
+    look, mark = ("bad", "✗") if not good else ("mixed", "!") if passed or warning else ("good", "✓")
     return (
         f'<div class="answer {look}"><p class="head"><span aria-hidden="true">'
         f"{mark}</span> {head}</p><p>{' '.join(parts)}</p></div>"

@@ -18,6 +18,7 @@ from anser.report.opening import aircraft_table, answer, cards, margins_list, nu
 from anser.report.page_controls import EVENTS_KEY, TRANSPORT, scene_key, toolbar
 from anser.report.page_shell import page, write_page
 from anser.report.style import COLORS
+from anser.results.separated import near_warning
 
 _LISTED_BELOW = 6  # so many aircraft are listed below the scene, more beside it
 _TIGHTEST = 6  # margins shown before the rest is unfolded
@@ -178,10 +179,11 @@ def _stage(k: int) -> str:
 def _opening(label: str | None, dataset: xr.Dataset, summary: Mapping[str, Any], scenario: Mapping[str, Any]) -> str:
     name = f'<p class="run-name"><b>{label}</b></p>' if label is not None else ""
     margins = margins_of(dataset, summary)
+    warning = near_warning([summary["fleet"].get("separation_min_m")], dataset.attrs)
     rest = margins[_TIGHTEST:]
     more = f'<details class="more"><summary>{len(rest)} more</summary>{margins_list(rest)}</details>' if rest else ""
     return (
-        f'<section class="opening"><div>{name}{answer(summary, scenario, margins)}{cards(dataset, summary)}'
+        f'<section class="opening"><div>{name}{answer(summary, scenario, margins, warning)}{cards(dataset, summary)}'
         f"{arrival_strip(summary)}</div>"
         '<div><h2 class="tight">What was tight</h2><p class="caption">Part of the way to each requirement and limit; '
         f"full at the limit.</p>{margins_list(margins[:_TIGHTEST])}{more}</div></section>"

@@ -1,10 +1,63 @@
 """How far the aircraft of a fleet are from each other at the instants of a record."""
 
-from collections.abc import Mapping
+import contextlib
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from anser.planning import separation_ratio
+from anser.scenario import Scenario
+from anser.scenario.build_aircraft import build_airframe_of
+from anser.scenario.library import span_of
+
+NO_SEPARATION = "no separation was required"
+_NEAR_SPANS = 3.0
+
+
+def separation_attributes(scenario: Scenario) -> dict[str, int | float]:
+    """Attributes of a dataset of several aircraft: whether a separation is required, and which distance is near.
+
+    `near_distance_m` is three wing spans of the widest aircraft; it is left out if no airframe tells its span.
+    """
+    if len(scenario.aircraft) == 1:
+        return {}
+    spans = []
+    for aircraft in {(one.type, one.variant, one.airframe): one for one in scenario.aircraft}.values():
+        with contextlib.suppress(ValueError):  # an airframe in code need not tell its span
+            spans.append(float(span_of(build_airframe_of(aircraft))))
+    near = {"near_distance_m": _NEAR_SPANS * max(spans)} if spans else {}
+    return {"separation_required": int(scenario.requires_separation), **near}
+
+
+def requires_separation(summary: Mapping[str, Any]) -> bool:
+    """Whether a flight was judged by how near two aircraft came; one aircraft alone has no other."""
+    names = (entry["name"] for entry in summary["requirements"])
+    return len(summary["aircraft"]) == 1 or any(name.startswith("separation") for name in names)
+
+
+def near_warning(least_m: Sequence[float | None] | np.ndarray, attributes: Mapping[Any, Any]) -> str:
+    """Warn of flights in which two aircraft came nearer than three spans; empty if there is none.
+
+    Parameters
+    ----------
+    least_m
+        Least distance of two aircraft in each flight, m; NaN or None where there is none.
+    attributes
+        Of the dataset, as of `separation_attributes`.
+    """
+    near_m = attributes.get("near_distance_m")
+    if near_m is None:
+        return ""
+    distances = np.asarray(least_m, dtype=float)
+    near = distances[distances < near_m]
+    if not near.size:
+        return ""
+    words = f"two aircraft came within {near.min():.1f} m of each other"
+    limit = f"less than three spans ({near_m:.1f} m)"
+    return (
+        f"{words}, {limit}" if distances.size == 1 else f"{words}; {limit} in {near.size} of {distances.size} flights"
+    )
 
 
 def nearest_other(

@@ -5,6 +5,7 @@ from typing import Any
 
 from anser.results.arrival_figure import arrival_figure
 from anser.results.notebook_table import notebook_table
+from anser.results.separated import NO_SEPARATION, requires_separation
 
 _AIRCRAFT_MOST = 6  # with a line each
 _ROWS_MOST = 40  # of a table
@@ -44,6 +45,8 @@ def _judgement(summary: Mapping[str, Any]) -> str:
     arrived = sum(row["status"] == "arrived" for row in rows)
     unmet = [entry["name"] for entry in summary["requirements"] if not entry["met"]]
     judged = f"not met: {', '.join(unmet)}" if unmet else "all requirements met"
+    if not unmet and not requires_separation(summary):
+        judged += f", {NO_SEPARATION}"
     left = sum("left_s" in row for row in rows)
     if arrived + left < len(rows) and not unmet:
         # one that ends on the ground or breaks off after its arrival has kept every number that is required of it

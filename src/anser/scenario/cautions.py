@@ -65,15 +65,11 @@ def _of_the_separation(scenario: Scenario) -> list[str]:
     """A fleet whose aircraft may come as near to each other as they like."""
     if scenario.requires_separation or len(scenario.aircraft) == 1:
         return []
-    words = "and no flight is judged by it; expected"
-    if scenario.fleet.is_certified:
-        return [
-            f"separation: nothing keeps the {len(scenario.aircraft)} aircraft apart, {words} [separation] horizontal_m"
-        ]
-    return [
-        f"separation: nothing keeps the {len(scenario.aircraft)} aircraft apart, {words} requirements.separation_min_m, "
-        'or fleet.planner = "certified" and [separation] horizontal_m'
-    ]
+    remedy = "[separation] horizontal_m"
+    if not scenario.fleet.is_certified:
+        remedy = f'requirements.separation_min_m, or fleet.planner = "certified" and {remedy}'
+    count = len(scenario.aircraft)
+    return [f"separation: nothing keeps the {count} aircraft apart, and no flight is judged by it; expected {remedy}"]
 
 
 _OF_TRIM_MAP = {"speed_min_m_s", "speed_max_m_s", "bank_max_deg", "climb_rate_max_m_s"}
