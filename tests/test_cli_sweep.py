@@ -3,9 +3,11 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
+import xarray as xr
 
-from anser.cli.sweeping import swept_values
+from anser.cli.sweeping import _print_swept, swept_values
 from anser.results import read_netcdf
 
 THREE = Path(__file__).parents[1] / "scenarios" / "three-aircraft.toml"
@@ -24,6 +26,20 @@ def test_sweep_prints_a_table_writes_and_draws(anser, tmp_path):
     code, _, said = anser("sweep", THREE, "--set", "wind.speed_m_s=0,5", "--out", out)
     assert code == 2
     assert "exists" in said
+
+
+def test_names_in_square_brackets_and_between_colons_stand_in_the_table(capsys):
+    paths = [f"aircraft[aircraft-{k}].start.altitude_m" for k in (1, 2)]
+    swept = {paths[0]: [500.0], paths[1]: [":boat:", "[red]"]}
+    shape, texts = (1, 2), np.array([["", "[bold]of [aircraft-1]"]])
+    data = xr.Dataset(
+        {"met": (paths, np.ones(shape, bool)), "unmet": (paths, texts), "reason": (paths, texts)},
+        attrs={"title": "three [of] :airplane:"},
+    )
+    _print_swept(data, swept)
+    printed = capsys.readouterr().out
+    for text in (*paths, ":boat:", "[red]", "[bold]of [aircraft-1]", "three [of] :airplane:"):
+        assert text in printed
 
 
 @pytest.mark.long

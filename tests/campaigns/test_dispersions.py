@@ -9,7 +9,9 @@ from anser.campaigns.flying import fly_campaign, prepare
 from anser.scenario import value_at
 from campaigns.study_cases import STUDIES, study_of
 
-WORLD = anser.load(STUDIES.parent / "scenarios" / "uncertain-world.toml").replace("fleet.planner", "published")
+WORLD = anser.load(STUDIES.parent / "scenarios" / "uncertain-world.toml").replace(
+    "separation", {}, "fleet.planner", "published"
+)
 CHANGED = {
     "wind.speed_m_s": 3.0,
     "aircraft[0].start.north_m": 1100.0,

@@ -160,9 +160,13 @@ CASES = {
         [WAYPOINT_GOAL, ("duration_s = 120.0", "duration_s = 59.0"), PUBLISHED_SPEED],
         ("timing.duration_s", "", "59", 'a longer flight: "alpha" does not get to goal "ship"'),
     ),
+    "an end between steps": (
+        [("duration_s = 120.0", "duration_s = 120.005")],
+        ("timing.duration_s", "", "120.005", "a whole multiple of step_s, which is 0.01 s, such as 120 or 120.01"),
+    ),
     "records between steps": (
         [("record_period_s = 0.1", "record_period_s = 0.015")],
-        ("timing.record_period_s", "", "0.015", "a whole multiple of step_s, which is 0.01 s"),
+        ("timing.record_period_s", "", "0.015", "a whole multiple of step_s, which is 0.01 s, such as 0.01 or 0.02"),
     ),
     "plans between steps": (
         [("replan_period_s = 1.0", "replan_period_s = 0.005")],

@@ -9,7 +9,7 @@ from anser.execution.series import SeriesKept
 from anser.scenario import Problem, Scenario, ScenarioError
 from anser.scenario.errors import plain, show
 from anser.scenario.schema_base import Table, expects, number
-from anser.scenario.schema_settings import is_multiple
+from anser.scenario.schema_settings import is_multiple, multiple_words
 from anser.variables import CATALOGUE, DERIVED_KEYS, OPTIONAL_KEYS, RECORDED_KEYS
 
 _KEYS = (*RECORDED_KEYS, *(variable.key for variable in CATALOGUE if variable.optional))
@@ -84,7 +84,7 @@ def refuse_series(keep: Keep | None, source: str, scenarios: Iterable[Scenario],
     scenarios = list(scenarios)
     step_s, found = scenarios[0].timing.step_s, []
     if not is_multiple(keep.series_every_s, step_s):
-        words = f"a whole multiple of timing.step_s of the scenario, which is {plain(step_s)} s"
+        words = multiple_words(keep.series_every_s, "timing.step_s of the scenario", step_s)
         found.append(Problem("keep.series_every_s", plain(keep.series_every_s), words))
     words = "none where durations or steps vary: the series of all flights have the same times"
     found += [Problem("keep.series", f"with {show(path)}", words) for path in varied if path.startswith("timing")]

@@ -37,9 +37,15 @@ from anser.cli.interrupts import interrupts
 from anser.scenario import VARIANTS
 from anser.scenario.airframe_file import DAVE_ML_SUFFIX, SUFFIXES, known_types, unknown_type
 
-screen = Console()
-note = Console(stderr=True, highlight=False)
-err = Console(stderr=True, highlight=False)
+
+def _console(**look: Any) -> Console:
+    """Console to which text is text: square brackets are no markup, words between colons no pictures."""
+    return Console(markup=False, emoji=False, **look)
+
+
+screen = _console()
+note = _console(stderr=True, highlight=False)
+err = _console(stderr=True, highlight=False)
 
 _WIDTH_MIN = 120  # columns of a table that nobody looks at on a screen: a pipe has none of its own
 _RANGES = {
@@ -131,18 +137,18 @@ def end_without(what: str, reasons: Sequence[str], prefix: str = "") -> NoReturn
 
 
 def say(text: str) -> None:
-    """Give a message that ``--quiet`` leaves away; square brackets are text."""
-    note.print(text, soft_wrap=True, markup=False)
+    """Give a message that ``--quiet`` leaves away."""
+    note.print(text, soft_wrap=True)
 
 
 def problem(text: str) -> None:
-    """Tell what is wrong; square brackets are text."""
-    err.print(text, soft_wrap=True, markup=False)
+    """Tell what is wrong."""
+    err.print(text, soft_wrap=True)
 
 
 def line(text: str) -> None:
-    """Print a line of the results; square brackets are text."""
-    screen.print(text, soft_wrap=True, highlight=False, markup=False)
+    """Print a line of the results."""
+    screen.print(text, soft_wrap=True, highlight=False)
 
 
 class _Times(ProgressColumn):
@@ -261,7 +267,7 @@ def print_table(table: Table) -> None:
         screen.print(table)
         return
     width = screen.measure(table, options=screen.options.update(max_width=10_000)).maximum
-    Console(file=screen.file, width=max(_WIDTH_MIN, width)).print(table)
+    _console(file=screen.file, width=max(_WIDTH_MIN, width)).print(table)
 
 
 def flight_point(at: str) -> tuple[float, float]:

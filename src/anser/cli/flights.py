@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.text import Text
 
 from anser.cli.arguments import ScenarioPath, complete_scenario
 from anser.cli.campaigning import flight_of_campaign, say_whether_same
@@ -311,11 +312,11 @@ def _print_margins(summary: dict[str, Any]) -> None:
         table.add_column(f"{first}\n{rest}\n{_UNITS[limit.unit][0]}", justify="right", no_wrap=True)
     for row in summary["aircraft"]:
         margins = {one["name"]: one["margin"] for one in row["limits"]}
-        cells = []
+        cells: list[Text | str] = []
         for limit in shown:
             margin = margins.get(limit.name)
             text = number(margin, _UNITS[limit.unit][1])
-            cells.append(f"[bold red]{text}[/bold red]" if margin is not None and margin < 0.0 else text)
+            cells.append(Text(text, "bold red") if margin is not None and margin < 0.0 else text)
         table.add_row(row["name"], *cells)
     print_table(table)
 

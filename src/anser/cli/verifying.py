@@ -67,7 +67,7 @@ def _list(checks: Sequence["Check"]) -> Table:
     fold = columns("title", "source", overflow="fold")
     table = plain_table("checks", *columns("check", overflow="fold", no_wrap=True), *fold)
     for check in checks:
-        table.add_row(check.key, check.title, _plain(check.source))
+        table.add_row(check.key, check.title, check.source)
     return table
 
 
@@ -83,18 +83,18 @@ def _table(outcomes: Sequence["Outcome"]) -> Table:
     for outcome in outcomes:
         check = outcome.check
         if outcome.problem is not None:
-            table.add_row(check.key, _plain(outcome.problem), *"-----", _plain(check.source), style="red")
+            table.add_row(check.key, outcome.problem, *"-----", check.source, style="red")
         for worst in _worst(outcome.comparisons):
             expected, obtained = _figures(worst)
             table.add_row(
                 check.key,
-                _plain(_quantity(worst)),
+                _quantity(worst),
                 expected,
                 obtained,
                 _short(worst.error),
                 _short(worst.tolerance),
-                _plain(worst.why or check.why),
-                _plain(check.source),
+                worst.why or check.why,
+                check.source,
                 style=None if worst.passes else "red",
             )
     return table
@@ -162,8 +162,3 @@ def _number(value: float, form: str) -> str:
 
 def _short(value: float | None) -> str:
     return "-" if value is None or math.isnan(value) else f"{value:.2g}"
-
-
-def _plain(text: str) -> str:
-    """Text in which square brackets are no markup."""
-    return text.replace("[", r"\[")

@@ -8,7 +8,7 @@ from anser.scenario.schema_aircraft import Aircraft
 from anser.scenario.schema_arrival import Arrival
 from anser.scenario.schema_base import Table, number
 from anser.scenario.schema_event import Event
-from anser.scenario.schema_settings import Fleet, Limits, Timing
+from anser.scenario.schema_settings import Fleet, Limits, Timing, multiple_words
 
 AIRCRAFT_MAX = 30
 """Most aircraft of a fleet without a centre."""
@@ -79,11 +79,11 @@ def network_problems(
 def _number_problems(network: Network, fleet: Fleet, limits: Limits, timing: Timing, wind_m_s: float) -> list[Problem]:
     found, multiple = [], network.period_s / timing.step_s
     if abs(multiple - round(multiple)) > 1e-6 or round(multiple) < 1:
-        words = f"a whole multiple of timing.step_s, which is {plain(timing.step_s)} s"
+        words = multiple_words(network.period_s, "timing.step_s", timing.step_s)
         found.append(Problem("network.period_s", plain(network.period_s), words))
     delayed = network.delay_s / network.period_s
     if abs(delayed - round(delayed)) > 1e-6:
-        words = f"a whole multiple of period_s, which is {plain(network.period_s)} s"
+        words = multiple_words(network.delay_s, "period_s", network.period_s)
         found.append(Problem("network.delay_s", plain(network.delay_s), words))
     if timing.replan_period_s <= 0.0:
         words = "a period above 0: what the others say is answered when the plan is renewed"

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from anser.scenario.errors import Problem, plain
 from anser.scenario.schema_base import Table, choice, expects, number
-from anser.scenario.schema_settings import Timing, is_multiple
+from anser.scenario.schema_settings import Timing, is_multiple, multiple_words
 
 PRESETS = ("camera", "ais", "ads-b", "weather-radar", "beacon")
 _OF_SIGHT = (
@@ -157,9 +157,11 @@ class Estimator(Table):
 def sensing_problems(navigation: Navigation, sensor: GoalSensor, timing: Timing) -> list[Problem]:
     """Find periods that are no whole number of steps."""
     found = []
-    words = f"a whole multiple of timing.step_s, which is {plain(timing.step_s)} s"
+    key, step_s = "timing.step_s", timing.step_s
     if navigation.sensors != "exact" and not is_multiple(navigation.period_s, timing.step_s):
-        found.append(Problem("navigation.period_s", plain(navigation.period_s), words))
+        period_s = navigation.period_s
+        found.append(Problem("navigation.period_s", plain(period_s), multiple_words(period_s, key, step_s)))
     if sensor.preset != "exact" and not is_multiple(sensor.number("period_s"), timing.step_s):
-        found.append(Problem("goal_sensor.period_s", plain(sensor.number("period_s")), words))
+        period_s = sensor.number("period_s")
+        found.append(Problem("goal_sensor.period_s", plain(period_s), multiple_words(period_s, key, step_s)))
     return found

@@ -16,6 +16,13 @@ def is_multiple(period_s: float, step_s: float) -> bool:
     return round(steps) >= 1 and math.isclose(steps, round(steps), rel_tol=1e-9)
 
 
+def multiple_words(period_s: float, key: str, step_s: float) -> str:
+    """Say that a time must be a whole number of steps, and which are the nearest that are."""
+    below = math.floor(period_s / step_s)
+    nearest = " or ".join(plain(round(steps * step_s, 9)) for steps in (below, below + 1) if steps >= 1)
+    return f"a whole multiple of {key}, which is {plain(step_s)} s, such as {nearest}"
+
+
 class Timing(Table):
     """How long to fly, and how often to step, to record and to plan."""
 
@@ -31,13 +38,13 @@ class Timing(Table):
         return self.duration_s - 1.0
 
     def own_problems(self) -> list[Problem]:
-        """Find periods that are no whole number of steps, and a plan that stays from the start."""
+        """Find a duration and periods that are no whole number of steps, and a plan that stays from the start."""
         found = []
-        for key, period_s in (("record_period_s", self.record_period_s), ("replan_period_s", self.replan_period_s)):
+        for key in ("duration_s", "record_period_s", "replan_period_s"):
+            period_s = getattr(self, key)
             allowed_zero = key == "replan_period_s" and period_s == 0
             if not allowed_zero and not is_multiple(period_s, self.step_s):
-                words = f"a whole multiple of step_s, which is {plain(self.step_s)} s"
-                found.append(Problem(key, plain(period_s), words))
+                found.append(Problem(key, plain(period_s), multiple_words(period_s, "step_s", self.step_s)))
         return [*found, *misordered(self, "freeze_s", "duration_s", "s")]
 
 
