@@ -102,7 +102,7 @@ def test_when_an_aircraft_stopped_is_told(anser, tmp_path, monkeypatch):
 
 def test_unmet_requirement_ends_with_1_and_says_which(anser, tmp_path):
     shorter = ("duration_s = 150.0", "duration_s = 75.0")
-    path = _scenario(tmp_path, ("[limits]", "[requirements]\nmiss_max_m = 0.0001\n[limits]"), shorter)
+    path = _scenario(tmp_path, ("[requirements]", "[requirements]\nmiss_max_m = 0.0001"), shorter)
     code, printed, err = anser("run", path, "--out", tmp_path / "run", "--json")
     assert code == 1
     assert "not met: miss_max_m" in err

@@ -128,8 +128,9 @@ def test_other_numbers_do_not_compile_again(three, caplog):
         "duration_s = 150.0": "duration_s = 120.0\nstep_s = 0.012\nrecord_period_s = 0.12\nreplan_period_s = 1.2\nfreeze_s = 5.0",
         "[fleet]\nplanner = ": "[earth]\nlatitude_deg = 30.0\nlongitude_deg = 5.0\n[wind]\nspeed_m_s = 3.0\n"
         'from_deg = 20.0\nup_m_s = 0.1\n[hold]\nradius_m = 4500.0\ndirection = "left"\n[guidance]\nposition_gain_per_s = 0.25\n'
-        "[requirements]\nmiss_max_m = 4.0\narrival_spread_max_s = 0.06\nposition_error_max_m = 100.0\n"
         '[fleet]\nspeed_profile = "published"\nplanner = ',
+        "separation_min_m = 150.0": "separation_min_m = 140.0\nmiss_max_m = 4.0\narrival_spread_max_s = 0.06\n"
+        "position_error_max_m = 100.0",
         "\nspeed_m_s = 150.0\n": "\nspeed_m_s = 149.0\n",
         "bank_max_deg = 70.0": "bank_max_deg = 71.0\nspeed_min_m_s = 80.0\nspeed_max_m_s = 250.0\nclimb_rate_max_m_s = 90.0\n"
         "altitude_min_m = 90.0\nload_factor_min = -1.1\nload_factor_max = 5.1\nalpha_min_deg = -6.0\nalpha_max_deg = 24.0",

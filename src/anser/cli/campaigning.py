@@ -24,7 +24,7 @@ from anser.cli.offering import about
 from anser.scenario import Scenario, ScenarioError, cautions
 
 if TYPE_CHECKING:
-    from anser.campaigns import Campaign, CampaignStore
+    from anser.campaigns import Answers, Campaign, CampaignStore
     from anser.campaigns.answering import Answer
     from anser.execution import Flown
 
@@ -109,7 +109,7 @@ def _fly(store: "CampaignStore", out: Path, processes: int | None, cluster: str 
             fly_campaign(store, processes or 1, tell, cluster)
             keep_worst(store, tell)
     except KeyboardInterrupt:
-        _print_answers(flown)
+        _print_answers(flown.answers(), flown)
         _write(store, before)
         say(_kept(store))
         raise
@@ -122,7 +122,7 @@ def _fly(store: "CampaignStore", out: Path, processes: int | None, cluster: str 
         raise
     found = flown.answers()
     answer(lambda: {"format_version": 1, "study": store.study.name, **found.as_dict()})
-    _print_answers(flown)
+    _print_answers(found, flown)
     written = ["flights.zarr", *_write(store, before)]
     say(f"{out}: {', '.join(written)} written; anser campaign report {out} draws the worst flights, too")
     if found.met < found.flown:
@@ -185,11 +185,11 @@ def _bound_cells(one: "Answer") -> list[str]:
     return [*(number(value, 3) for value in values), "" if one.unit == "1" else one.unit]
 
 
-def _print_answers(flown: "Campaign") -> None:
+def _print_answers(found: "Answers", flown: "Campaign") -> None:
     """Probability, quantiles and causes."""
     from anser.results.separated import NO_SEPARATION, near_warning
 
-    found, name, data = flown.answers(), flown.store.study.name, flown.dataset
+    name, data = flown.store.study.name, flown.dataset
     if not found.flown:
         line(f"{name}: no flight so far")
         return
