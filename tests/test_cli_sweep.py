@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 
 from anser.cli.sweeping import _print_swept, swept_values
-from anser.results import read_netcdf
+from support.plain_files import read_alone
 
 THREE = Path(__file__).parents[1] / "scenarios" / "three-aircraft.toml"
 
@@ -19,7 +19,7 @@ def test_sweep_prints_a_table_writes_and_draws(anser, tmp_path):
     assert code == 0
     assert "wind.speed_m_s" in printed
     assert "sweep.nc and figure written" in said
-    data = read_netcdf(out / "sweep.nc")
+    data = read_alone(out / "sweep.nc")
     assert data["wind.speed_m_s"].values.tolist() == [0.0, 8.0]
     assert data["met"].values.all()
     assert {path.name for path in out.iterdir()} == {"sweep.nc", "sweep.svg", "sweep.png"}

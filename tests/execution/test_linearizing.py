@@ -11,9 +11,9 @@ import pytest
 import anser
 from anser.control import published_gains
 from anser.execution import ConditionError
-from anser.results import read_netcdf
 from anser.scenario import load_airframe
 from anser.simulation import modes_of
+from support.plain_files import read_alone
 
 pytestmark = pytest.mark.long
 
@@ -81,7 +81,7 @@ def test_without_python_control_the_message_says_what_to_install(level, monkeypa
 def test_files_are_new_and_hold_it_all(level, tmp_path):
     level.write(tmp_path / "model.nc")
     level.write(tmp_path / "model.json")
-    assert read_netcdf(tmp_path / "model.nc").identical(level.dataset)
+    assert read_alone(tmp_path / "model.nc").identical(level.dataset)
     assert json.loads((tmp_path / "model.json").read_text()) == json.loads(json.dumps(level.document()))
     for name in ("model.nc", "model.json"):
         before = (tmp_path / name).read_bytes()

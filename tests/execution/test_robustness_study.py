@@ -12,7 +12,7 @@ from anser.cli import main
 from anser.execution import ConditionError, FlightPoint, robustness_study
 from anser.execution.batches import in_batches
 from anser.execution.dispersion import CONDITIONS, FACTORS, alone_cases, dispersed_cases
-from anser.results import OUTCOMES, read_netcdf, success
+from anser.results import OUTCOMES, success
 
 pytestmark = pytest.mark.long
 
@@ -112,7 +112,7 @@ def test_the_command(study, command, tmp_path):
     assert {path.name for path in out.iterdir()} == {"robustness.nc"} | {
         f"{name}.{suffix}" for name in ("success", "errors") for suffix in ("svg", "png")
     }
-    data = read_netcdf(out / "robustness.nc")
+    data = read_alone(out / "robustness.nc")
     assert data.sizes["flight"] == 10
     assert np.abs(data["factor_value"].sel(factor="mass").values - 1).max() <= 0.1
     code, _, error = command("--out", out)

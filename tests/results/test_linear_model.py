@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from anser.results import linear_dataset, linear_document, read_netcdf, unit_of, write_netcdf
+from anser.results import linear_dataset, linear_document, unit_of, write_netcdf
 from anser.simulation import LinearModel, modes_of
+from support.plain_files import read_alone
 
 BODY = ("V", "alpha", "beta", "phi", "theta", "psi", "P", "Q", "R", "altitude", "power")
 OUTPUTS = (*BODY, "n_z", "gamma", "chi", "mu")
@@ -76,7 +77,7 @@ def test_a_sampled_model_has_no_rates_but_next_states(labelled):
 def test_netcdf_round_trip(labelled, tmp_path):
     dataset = linear_dataset(*labelled)
     write_netcdf(dataset, tmp_path / "model.nc")
-    xr.testing.assert_identical(read_netcdf(tmp_path / "model.nc"), dataset)
+    xr.testing.assert_identical(read_alone(tmp_path / "model.nc"), dataset)
 
 
 def test_document_is_plain_json_with_the_same_numbers(labelled):
