@@ -13,6 +13,7 @@ from anser.execution import ConditionError, FlightPoint, robustness_study
 from anser.execution.batches import in_batches
 from anser.execution.dispersion import CONDITIONS, FACTORS, alone_cases, dispersed_cases
 from anser.results import OUTCOMES, success
+from support.plain_files import read_alone
 
 pytestmark = pytest.mark.long
 
