@@ -93,7 +93,7 @@ def _with_header(path: Path, header: bytes) -> None:
 def _foreign_structure(path: Path, random: np.random.Generator) -> None:
     name = str(random.choice(["os:system", "anser.compiling.store:os", "builtins:eval", "anser.__main__:main", "x"]))
     kind = str(random.choice(["class", "enum", "call", "tuple"]))
-    _with_header(path, json.dumps({"result": {kind: [name, {"x": 1}]}, "taken": [0, 1]}).encode())
+    _with_header(path, json.dumps({"result": {kind: [name, {"x": 1}]}, "argument_indices": [0, 1]}).encode())
 
 
 def _random_structure(path: Path, random: np.random.Generator) -> None:

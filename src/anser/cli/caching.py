@@ -60,7 +60,7 @@ def cache(
     }
     answer(lambda: document)
     line(f"{len(sizes)} programs, {sum(sizes) / _MIB:.1f} of at most {store.size_max / _MIB:.0f} MiB: {store.folder}")
-    reason = store.distrusted()
+    reason = store.distrust_reason()
     if reason is not None:
         problem(f"{store.folder}: not used: {reason}")
     elif what == "warm" and not sizes:

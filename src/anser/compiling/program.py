@@ -5,7 +5,6 @@ import functools
 import gc
 import inspect
 import itertools
-import json
 import logging
 import math
 import threading
@@ -19,10 +18,9 @@ import jax
 import jax.numpy as jnp
 from jax.core import Tracer
 
-from anser.compiling.executables import loaded, serialized
+from anser.compiling.executables import load_executable, pack_program, unpack_program
 from anser.compiling.keys import NotKeptError, key_of, settings
 from anser.compiling.memory import regions_used, return_freed_memory
-from anser.compiling.structures import decode, encode
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -42,7 +40,7 @@ class ProgramStore(Protocol):
 _in_use: list[ProgramStore] = []
 _watchers: list[Callable[[bool], None]] = []
 _announcing: list[None] = []
-_Made: TypeAlias = tuple[Callable[..., list[Any]], int]
+_LoadedProgram: TypeAlias = tuple[Callable[..., list[Any]], int]
 """A program of arrays, and the size of its code."""
 _programs: "weakref.WeakSet[Program[..., Any]]" = weakref.WeakSet()
 
@@ -119,7 +117,7 @@ def release_all() -> None:
 @functools.cache
 def _log_crowding() -> None:
     _LOG.warning(
-        "caution: compiled programs fill half of the memory regions of this process (vm.max_map_count): all are "
+        "caution: half of the memory regions of this process are in use (vm.max_map_count): all compiled programs are "
         "released, and loaded or compiled anew where they are needed again"
     )
 
@@ -175,31 +173,6 @@ def _compiled(lowered: Any, options: dict[str, bool | str]) -> tuple[Any, bool]:
         return lowered.compile(options or None), _hits.count(own) == before
 
 
-@functools.cache
-def _have_lapack() -> None:
-    """Have JAX look up LAPACK's functions, which it does when it lowers a call of one, not when it loads one."""
-    jax.jit(jnp.linalg.cholesky).lower(jax.ShapeDtypeStruct((1, 1), jnp.float32))
-
-
-def _content(compiled: Any, result: Any) -> bytes:
-    """Structure of the result and the arguments that are taken, as JSON with its length before it, then the code."""
-    code, taken = serialized(compiled)
-    header = json.dumps({"result": encode(result), "taken": taken}).encode()
-    return len(header).to_bytes(8, "big") + header + code
-
-
-def _of_content(content: bytes, arguments: int) -> tuple[Callable[[], Callable[..., list[Any]]], Any]:
-    """What loads the code, and the result that it gives."""
-    end = 8 + int.from_bytes(content[:8], "big")
-    header = json.loads(content[8:end])
-    result, taken = decode(header["result"]), header["taken"]
-    if not set(taken) <= set(range(arguments)):
-        raise NotKeptError(f"arguments {taken} of {arguments}")
-    if b"lapack_" in content:
-        _have_lapack()
-    return functools.partial(loaded, content[end:], taken, list(filter(_is_shape, jax.tree.leaves(result)))), result
-
-
 def _is_shape(leaf: Any) -> bool:
     return isinstance(leaf, jax.ShapeDtypeStruct)
 
@@ -239,7 +212,7 @@ class Prepared:
         Number of its last use, counted over all programs.
     """
 
-    def __init__(self, shapes: Any, make: Callable[[], _Made], *, compiles: bool) -> None:
+    def __init__(self, shapes: Any, make: Callable[[], _LoadedProgram], *, compiles: bool) -> None:
         self.shapes, self._made, self._compiles, self._begun = shapes, make, compiles, False
         self.size, self.used = 0, next(_uses)
         if not compiles:
@@ -397,23 +370,22 @@ class Program(Generic[_P, _R]):
         if content is None:
             return None
         with contextlib.suppress(Exception):
-            load, shapes = _of_content(content, len(arrays))
-            size = len(content)
+            parts, shapes, size = *unpack_program(content, len(arrays)), len(content)
 
-            def made() -> _Made:
-                # Loading takes twice the memory of what is loaded.
+            def load_or_compile() -> _LoadedProgram:
+                # Loading takes as much memory again as the loaded program.
                 with contextlib.suppress(Exception), _loading if size > _LARGE else contextlib.nullcontext():
                     _make_room(size)
-                    program = load()
+                    program = load_executable(parts, filter(_is_shape, jax.tree.leaves(shapes)))
                     if size > _LARGE:
                         return_freed_memory()
                     return program, size
                 return self._compiling(arrays, static)[1]()
 
-            return Prepared(shapes, made, compiles=False)
+            return Prepared(shapes, load_or_compile, compiles=False)
         return None
 
-    def _compiling(self, arrays: list[Any], static: tuple[Any, Any]) -> tuple[Any, Callable[[], _Made]]:
+    def _compiling(self, arrays: list[Any], static: tuple[Any, Any]) -> tuple[Any, Callable[[], _LoadedProgram]]:
         """What the program gives, traced and lowered; what compiles it and puts it into the store."""
         results: list[Any] = []
         function: Callable[..., Any] = self._function
@@ -427,13 +399,13 @@ class Program(Generic[_P, _R]):
         lowered, options, store = jax.jit(flat).lower(arrays), self._options(), _in_use[0] if _in_use else None
         key = None if store is None else self._key(arrays, static, options)
 
-        def make() -> _Made:
+        def make() -> _LoadedProgram:
             compiled, whole = _compiled(lowered, options)
             content = b""
             if whole:
                 # Some cannot be serialized, such as those that call back into Python.
                 with contextlib.suppress(Exception):
-                    content = _content(compiled, results[0])
+                    content = pack_program(compiled, results[0])
             if store is not None and key is not None and content:
                 store.save(key, content)
             _make_room(len(content))

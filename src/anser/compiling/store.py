@@ -20,7 +20,7 @@ class FolderStore:
 
     A folder that cannot be read or written, or a full disk, costs time only. A file that is damaged, or that was saved
     under another key, counts as none. Code is loaded only where no other user could have put it: a folder or file that
-    is not the user's, or that others may write, is not used, which is said once.
+    is not the user's, or that others may write, is not used, which one caution says.
 
     Attributes
     ----------
@@ -78,15 +78,15 @@ class FolderStore:
                 raise
             self._shrink()
 
-    def distrusted(self) -> str | None:
+    def distrust_reason(self) -> str | None:
         """Why the folder is not used; None: it is used, or does not exist yet."""
         try:
-            return _distrusted(self.folder.stat(), folder=True)
+            return _distrust_reason(self.folder.stat(), folder=True)
         except OSError:
             return None
 
     def _trusted_folder(self) -> bool:
-        reason = self.distrusted()
+        reason = self.distrust_reason()
         if reason:
             self._report(self.folder, reason)
         return reason is None
@@ -121,7 +121,7 @@ def _head(key: str, content: bytes) -> bytes:
     return _MARK + hashlib.sha256(key.encode() + b"\0" + content).digest()
 
 
-def _distrusted(status: os.stat_result, *, folder: bool = False) -> str | None:
+def _distrust_reason(status: os.stat_result, *, folder: bool = False) -> str | None:
     """Why a file or folder may be another user's; None: it is the user's alone.
 
     On Windows nothing is distrusted: the cache lies in the user's profile, which is closed to other users.
@@ -144,7 +144,7 @@ def _read_trusted(path: Path) -> tuple[bytes | None, str | None]:
     except OSError:
         return None, "it is a link" if path.is_symlink() else None
     try:
-        reason = _distrusted(os.fstat(handle))
+        reason = _distrust_reason(os.fstat(handle))
         if reason is not None:
             return None, reason
         with open(handle, "rb", closefd=False) as file:

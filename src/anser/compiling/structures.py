@@ -104,7 +104,7 @@ def _fields(of: type[Any]) -> tuple[str, ...]:
 def _instance(of: type[Any], fields: dict[str, Any]) -> Any:
     if issubclass(of, tuple):
         return tuple.__new__(of, fields.values())
-    made = object.__new__(of)
+    instance = object.__new__(of)
     for name, value in fields.items():
-        object.__setattr__(made, name, value)
-    return made
+        object.__setattr__(instance, name, value)
+    return instance
