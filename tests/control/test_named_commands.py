@@ -25,13 +25,15 @@ def test_commands_change_at_their_time():
         assert float(given["trueBaseCourseCommand"]) == 0.5
 
 
-def test_the_deviation_is_the_distance_flown_across_the_line():
+def test_the_deviation_is_the_distance_flown_across_the_line_since_the_change():
     """Level flight with heading and course 0.8 rad: sin(0.3) of the way lies to the right of the line of 0.5 rad."""
     belief, memory = belief_of((0.0, 0.0, 0.8), (170.0, 0.0, 0.0), environment=FLAT), jnp.zeros(())
-    for k in range(100):
+    for k in range(1900, 2100):
         given, _, memory = guidance().command(memory, belief, None, instant_of(0.01 * k, FLAT))
-    assert float(given["lateralDeviationError"]) == pytest.approx(0.99 * 170.0 * np.sin(0.3), rel=1e-12)
-    _, _, kept = guidance(0.0).command(jnp.asarray(3.0), belief, None, instant_of(0.0, FLAT))
+        if k == 2000:
+            assert float(given["lateralDeviationError"]) == -600.0
+    assert float(given["lateralDeviationError"]) == pytest.approx(-600.0 + 0.99 * 170.0 * np.sin(0.3), rel=1e-12)
+    _, _, kept = guidance(0.0).command(jnp.asarray(3.0), belief, None, instant_of(30.0, FLAT))
     assert float(kept) == 3.0
 
 

@@ -19,12 +19,16 @@ def test_attitude_flow_and_speed():
     assert signals["altitudeMsl"] == pytest.approx(3060.0)
 
 
-def test_body_rates_are_inertial():
+def test_body_rates_are_those_relative_to_the_rotating_earth():
+    names = ("Roll", "Pitch", "Yaw")
     flat, still = named_signals(belief_of(environment=FLAT)), (0.02, -0.01, 0.03)
-    np.testing.assert_allclose([flat[f"bodyAngularRate_{n}"] for n in ("Roll", "Pitch", "Yaw")], still, rtol=1e-12)
-    belief = belief_of((0.0, 0.0, 0.0), (170.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    seen = named_signals(belief)
-    # Heading North, level: the Earth's rotation 7.292e-5 rad/s at 0.6 rad latitude, and V/R about -East.
-    assert float(seen["bodyAngularRate_Roll"]) == pytest.approx(7.292115e-5 * np.cos(0.60016), rel=1e-4)
-    assert float(seen["bodyAngularRate_Yaw"]) == pytest.approx(-7.292115e-5 * np.sin(0.60016), rel=1e-4)
+    np.testing.assert_allclose([flat[f"bodyAngularRate_{n}"] for n in names], still, rtol=1e-12)
+    # heading North, level, at rest in the local axes: these turn with the Earth, and by V/R about -East on the way
+    seen = named_signals(belief_of((0.0, 0.0, 0.0), (170.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    assert float(seen["bodyAngularRate_Roll"]) == 0.0
+    assert float(seen["bodyAngularRate_Yaw"]) == 0.0
     assert float(seen["bodyAngularRate_Pitch"]) == pytest.approx(-170.0 / 6.36e6, rel=1e-2)
+    # heading East the local axes turn about North, and about down by V tan(latitude)/R
+    seen = named_signals(belief_of((0.0, 0.0, np.pi / 2), (170.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    assert float(seen["bodyAngularRate_Pitch"]) == pytest.approx(-170.0 / 6.39e6, rel=1e-2)
+    assert float(seen["bodyAngularRate_Yaw"]) == pytest.approx(-170.0 * np.tan(0.60016) / 6.39e6, rel=1e-2)

@@ -32,8 +32,9 @@ class NamedCommands(AbstractGuidance):
     change_time
         s.
     follows_line
-        1: the lateral deviation is that from the ground track along `trueBaseCourseCommand` through the start, the
-        integral of V sin(course - base course) over ground; 0: it is what is commanded alone.
+        1: from `change_time` on, the lateral deviation is that from the ground track along `trueBaseCourseCommand`
+        through the position at that time, the integral of V sin(course - base course) over ground; 0: it is what is
+        commanded alone.
     place
         Whether latitude and longitude are given too.
     """
@@ -61,7 +62,7 @@ class NamedCommands(AbstractGuidance):
             course = given[BASE_COURSE]
             across = velocity_n[1] * jnp.cos(course) - velocity_n[0] * jnp.sin(course)
             given[LATERAL_DEVIATION] = given[LATERAL_DEVIATION] + memory
-            memory = memory + instant.step * self.follows_line * across
+            memory = memory + instant.step * self.follows_line * jnp.where(changed, across, 0.0)
         if self.place:
             earth = instant.environment.earth
             if not isinstance(earth, RotatingEarth):

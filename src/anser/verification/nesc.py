@@ -3,7 +3,7 @@
 import functools
 from typing import Any
 
-from anser.verification.check import Check, Comparison
+from anser.verification.check import NOT_JUDGED, Check, Comparison
 from anser.verification.nesc_cases import (
     FREE_FLIGHTS,
     LAW_FLIGHTS,
@@ -30,18 +30,23 @@ _EXPLANATION = (
     "given: the inertial position, 2e7 ft, is known to 0.005 ft only."
 )
 _LAW_EXPLANATION = (
-    "Flown in anser's closed loop by the law of {law}.dml, sampled at 800 Hz, from a trim as in case 11, which is the "
-    "law's feed-forward too; surfaces and power follow within a sample. "
+    "Flown in anser's closed loop by the law of {law}.dml, sampled at 800 Hz, from a trim as in case 11; surfaces and "
+    "power follow within a sample. The law feeds back body rates relative to the rotating Earth. {feed_forward} "
 )
+_FEED_FORWARD = {
+    "F16_control": "Its feed-forward of stick and throttle is solved so that it holds the start.",
+    "F16_gnc": "Its feed-forward of stick and throttle is the trim.",
+}
 _LAW_REFERENCE = (
     "Each tolerance is four times the greatest difference of participants 04 and 05 at the judged times, plus half a "
-    "unit of the tenth digit. Listed, not judged: {times}, where one participant's law already acts and the other's "
+    "unit of the tenth digit. Flown, not judged: {times}, where one participant's law already acts and the other's "
     "does not."
 )
-_LISTED = "Flown from the published definition; no figures for it come with this package. "
+_LISTED = "Flown from the published definition, not judged: no figures for it come with this package. "
 _SETTLED = (
-    "Of the published flights, only the airspeed at which they settle comes with this package; the tolerance is four "
-    "times the difference of the two and half the last digit. "
+    "Of the published flights, only the airspeed at which they settle comes with this package: these two figures are "
+    "judged, all else is flown, not judged. The tolerance is four times the difference of the two and half the last "
+    "digit. "
 )
 _SETTLED_TOLERANCE_KT = 4.0 * 0.06 + 0.005
 _NOTES: dict[int | str, str] = {
@@ -57,11 +62,11 @@ _NOTES: dict[int | str, str] = {
     "13.2-5kt": "Airspeed command -5 KEAS at 5 s, as participants 04 and 05 flew it.",
     "13.2-10kt": "Airspeed command -10 KEAS at 5 s, as participant 02 flew it. Here it settles at 278.00 KEAS, with "
     "that participant, of whose start no figure comes with this package, at 277.02.",
-    "13.3": "Course command +15 deg at 15 s. Sampled at 400 Hz instead of 1000 Hz the figures move by up to 0.36 of a "
-    "tolerance, at 16 s.",
-    "13.4": "Course line 2000 ft to the right from 20 s on. The deviation from the line is the integral of the ground "
-    "speed across it.",
-    "15": "Anticlockwise around the North Pole at 3 nmi from 89.95 deg North. The law feeds back inertial body rates.",
+    "13.3": "Course command +15 deg at 15 s. Sampled at 400 Hz instead of 800 Hz the judged figures move by less than "
+    "0.35 of a tolerance.",
+    "13.4": "Course line 2000 ft to the right from 20 s on. From then on, as with the participants, the deviation from "
+    "it is the integral of the ground speed across it.",
+    "15": "Anticlockwise around the North Pole at 3 nmi from 89.95 deg North.",
     "16": "Anticlockwise around the equator's crossing with the date line at 3 nmi.",
 }
 
@@ -77,7 +82,7 @@ def _check(case: _Case) -> Check:
         key=f"nesc-{_key(case)}",
         title=f"NESC case {case.number}: {case.title}",
         source=f"{_SOURCE}, case {str(case.number).partition('-')[0]}",
-        why=_why(case) if given is not None or _settled(case) else "no figure given",
+        why=_why(case) if given is not None or _settled(case) else NOT_JUDGED,
         explanation="".join(_sentences(case, given)).strip(),
         measure=functools.partial(_measure, case),
         long=isinstance(case, LawFlight),
@@ -96,7 +101,7 @@ def _sentences(case: _Case, given: dict[str, Any] | None) -> tuple[str, ...]:
     note = _NOTES.get(case.number, "")
     if not isinstance(case, LawFlight):
         return (_LISTED if given is None else f"{_EXPLANATION} ", note)
-    law = _LAW_EXPLANATION.format(law=case.law)
+    law = _LAW_EXPLANATION.format(law=case.law, feed_forward=_FEED_FORWARD[case.law])
     if given is None:
         return (_SETTLED if case.settled_keas else _LISTED, law, note)
     times = " and ".join(f"{t:g} s" for t in given["not_judged_s"])

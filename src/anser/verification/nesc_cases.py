@@ -101,7 +101,7 @@ class LawFlight:
     change, change_time_s
         Input of the law, by how much its command changes (kt, ft, deg), and when.
     follows_line
-        Whether the law is told the deviation from the ground track through the start.
+        Whether the law is told the deviation from the ground track through the position at `change_time_s`.
     circles_pole
         Whether the law circles the North Pole, or else the date line at the equator; F16_gnc only.
     times_s

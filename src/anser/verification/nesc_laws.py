@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from anser.aircraft import F16, AircraftState, Controls, EarthFixedState, condition, earth_fixed_state, local_state
 from anser.aircraft.round_earth import round_earth_of
@@ -15,8 +15,9 @@ from anser.compiling import compiled_quickly
 from anser.control import DaveMlLaw, NamedCommands, dave_ml_law, named_signals
 from anser.environment import Environment
 from anser.numerics import as_array, rows_of
+from anser.numerics.least_squares import Solution, levenberg_marquardt
 from anser.sensing import Belief, DirectEstimator, IdealSensors, Instant
-from anser.shapes import Scalar
+from anser.shapes import Scalar, Vector
 from anser.simulation import AbstractRecorder, AircraftSample, TrimPoint, Vehicle, fly_alone, trimmed_vehicle
 from anser.units import DEG_RAD, FOOT_M, KNOT_M_S, RAD_DEG
 from anser.verification.dave_ml_files import published_model
@@ -26,6 +27,8 @@ from anser.verification.prompt_f16 import prompt_f16
 
 LAW_STEPS = 80
 """Steps of 0.00125 s in a log period: the laws close loops of about 50 rad/s, and their files know no sampling."""
+_LAW_TRIMS = ("trimmedPilotControl_long", "trimmedPilotControl_throttle")
+"""Feed-forward of the laws: stick and throttle."""
 _FULL_STICK_DEG = 25.0
 """Elevator of a full longitudinal stick, up for aft. Source: F16_control.dml, elevatorDeflection."""
 _CHANGED_UNITS = {
@@ -50,9 +53,11 @@ def fly_laws(cases: Sequence[LawFlight], steps: int = LAW_STEPS) -> dict[str, Lo
     environments, starts, controls = trimmed_starts(airframe, cases)
     law = dave_ml_law(published_model(cases[0].law))
     keas = _equivalent_airspeeds(airframe, environments, starts)
-    commands = [_commands(case, float(keas[k]), _row_of(controls, k)) for k, case in enumerate(cases)]
+    commands = rows_of([_commands(case, float(keas[k]), _row_of(controls, k)) for k, case in enumerate(cases)])
+    if cases[0].law == "F16_control":
+        commands = _holding_the_start(airframe, law, environments, starts, controls, commands)
     periods = round(max(case.times_s[-1] for case in cases) / LOG_PERIOD_S)
-    logs = _fly_all(airframe, law, environments, rows_of(commands), starts, controls, periods, steps)
+    logs = _fly_all(airframe, law, environments, commands, starts, controls, periods, steps)
     return {case.number: {key: np.asarray(values[k]) for key, values in logs.items()} for k, case in enumerate(cases)}
 
 
@@ -61,7 +66,7 @@ def _row_of(controls: Controls, k: int) -> Controls:
 
 
 def _commands(case: LawFlight, keas: float, trim: Controls) -> NamedCommands:
-    """What the law is told: autopilot on, hands off, trim as feed-forward, the change at its time."""
+    """Inputs of the law: autopilot on, hands off, trim as feed-forward, the change at its time."""
     north, east, _ = case.velocity_ft_s
     held: dict[str, float] = {
         **dict.fromkeys((f"pilotControl_{axis}" for axis in ("throttle", "long", "lat", "yaw")), 0.0),
@@ -106,16 +111,69 @@ class _Log(AbstractRecorder):
         return log_row(truth.airframe, environment, instant.time, state)
 
 
+def _believed(airframe: F16, environment: Environment, start: EarthFixedState) -> Belief:
+    seen = local_state(round_earth_of(environment), start)
+    return Belief(airframe, seen, condition(airframe, environment, 0.0, seen), jnp.zeros(3), None, None)
+
+
 @compiled_quickly
 def _equivalent_airspeeds(airframe: F16, environments: Environment, starts: EarthFixedState) -> Array:
     """Of each start, m/s."""
 
-    def one(environment: Environment, start: EarthFixedState) -> Scalar:
-        seen = local_state(round_earth_of(environment), start)
-        now = condition(airframe, environment, 0.0, seen)
-        return named_signals(Belief(airframe, seen, now, jnp.zeros(3), None, None))["equivalentAirspeed"]
+    def airspeed(environment: Environment, start: EarthFixedState) -> Scalar:
+        return named_signals(_believed(airframe, environment, start))["equivalentAirspeed"]
 
-    return jax.vmap(one)(environments, starts)
+    return jax.vmap(airspeed)(environments, starts)
+
+
+def _holding_the_start(
+    airframe: F16,
+    law: DaveMlLaw,
+    environments: Environment,
+    starts: EarthFixedState,
+    controls: Controls,
+    commands: NamedCommands,
+) -> NamedCommands:
+    """Commands whose feed-forward of stick and throttle makes the law hold each start, with the pitch of its trim.
+
+    The bare trim does not: the law feeds back pitch and angle of attack from those for which it was designed, 0.015 deg
+    from those of the start, and settles 0.31 ft too high.
+
+    Raises
+    ------
+    RuntimeError
+        No feed-forward makes the law give the controls of the trim.
+    """
+    trims, residual = _solve_law_trims(airframe, law, environments, starts, controls, commands)
+    if not np.all(np.asarray(residual) < 1e-10):
+        raise RuntimeError(f"the law's trim was not found: {np.asarray(residual)} rad or of full power remain")
+    held = {**commands.held, **{name: trims[:, k] for k, name in enumerate(_LAW_TRIMS)}}
+    return eqx.tree_at(lambda guidance: guidance.held, commands, held)
+
+
+@compiled_quickly
+def _solve_law_trims(
+    airframe: F16,
+    law: DaveMlLaw,
+    environments: Environment,
+    starts: EarthFixedState,
+    controls: Controls,
+    commands: NamedCommands,
+) -> tuple[Float[Array, "case 2"], Float[Array, " case"]]:
+    """Values of `_LAW_TRIMS` with which the law gives the controls of the trim, and the residual, rad or full power."""
+
+    def solve(environment: Environment, start: EarthFixedState, trim: Controls, guidance: NamedCommands) -> Solution:
+        belief = _believed(airframe, environment, start)
+
+        def excess(trims: Vector, _: None) -> Vector:
+            command = {**guidance.held, **{name: trims[k] for k, name in enumerate(_LAW_TRIMS)}}
+            given, _, _ = law.control(None, belief, command, 0.0)
+            return jnp.stack([given.surfaces[0] - trim.surfaces[0], given.throttle - trim.throttle])
+
+        return levenberg_marquardt(excess, None, jnp.stack([guidance.held[name] for name in _LAW_TRIMS]))
+
+    solution = jax.vmap(solve)(environments, starts, controls, commands)
+    return solution.x, solution.residual
 
 
 @compiled_quickly
