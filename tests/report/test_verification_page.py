@@ -22,12 +22,14 @@ def _comparison(group, obtained, expected=None, tolerance=None, time_s=None, ref
         "time_s": time_s,
         "reference": reference,
         "why": "",
-        "passed": obtained is not None and (expected is None or abs(error) <= tolerance),
+        "passed": False if obtained is None else None if expected is None else abs(error) <= tolerance,
         "problem": None if obtained is not None else "obtained nan",
     }
 
 
 def _check(key, comparisons, problem=None):
+    verdicts = [c["passed"] for c in comparisons]
+    passed = False if problem or False in verdicts else True if True in verdicts else None
     return {
         "key": key,
         "title": f"Check | {key}",
@@ -35,7 +37,8 @@ def _check(key, comparisons, problem=None):
         "why": "half the last digit",
         "explanation": "What was done.",
         "seconds": 1.0,
-        "passed": problem is None and all(c["passed"] for c in comparisons),
+        "passed": passed,
+        "verdict": {True: "passed", False: "failed", None: "flown, not judged"}[passed],
         "problem": problem,
         "comparisons": comparisons,
     }
@@ -53,6 +56,7 @@ def document():
         _check("timed", timed),
         _check("listed", listed),
         _check("wrong", [_comparison("length", 2.0, 1.0, 0.5), _comparison("width", None, 1.0, 0.5)]),
+        _check("partly", [_comparison("length", 1.0, 1.0, 0.5), _comparison("width", 2.0)]),
         _check("broken", [], "ZeroDivisionError: no"),
     ]
     return {"provenance": {"anser": "1.2.3"}, "passed": False, "seconds": 4.0, "checks": checks}
@@ -61,9 +65,13 @@ def document():
 def test_page_says_what_passed_and_what_did_not(document, tmp_path):
     text = write_verification_page(document, tmp_path).read_text()
     assert "**Not all checks pass**; 4 s of computing, compilation included, with anser 1.2.3." in text
-    assert "| [Check \\| timed](#check--timed) | 6 of 6 | 0.2 | passes | [X] tab. 1 |" in text
-    assert "| [Check \\| listed](#check--listed) | listed |  | passes |" in text
-    assert "| [Check \\| wrong](#check--wrong) | 0 of 2 | inf | **fails** |" in text
+    assert "| [Check \\| timed](#check--timed) | 6 of 6 | 0.2 | passed | [X] tab. 1 |" in text
+    assert "| [Check \\| listed](#check--listed) | none |  | flown, not judged |" in text
+    assert "| [Check \\| wrong](#check--wrong) | 0 of 2 | inf | **failed** |" in text
+    assert "| [Check \\| partly](#check--partly) | 1 of 1, 1 more not judged | 0 | passed |" in text
+    assert "| width |  |  | 2 |  | flown, not judged | m |" in text
+    assert "\nFlown, not judged:\n" in text
+    assert text.count("tolerance: half the last digit") == len(document["checks"]) - 1
     assert "**Could not be computed:** ZeroDivisionError: no" in text
     assert "| length |  | 1 | 2 | 1 | 0.5 | m |" in text
     assert "| width |  | 1 |  |  | 0.5 | m |" in text

@@ -45,9 +45,11 @@ def test_what_is_not_finite_fails_and_is_worst(obtained, published):
     assert broken.severity == math.inf
 
 
-def test_without_a_published_figure_a_finite_one_passes():
+def test_what_has_no_published_figure_neither_passes_nor_fails():
     listed = Comparison("x", "t 30 s", "ft", None, 123.0, None)
-    assert listed.passes
+    assert not listed.judged
+    assert not listed.passes
+    assert not listed.fails
     assert listed.error is None
     assert listed.severity == 0.0
 

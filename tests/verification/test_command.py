@@ -4,10 +4,10 @@ import json
 import sys
 
 import pytest
-from verification_cases import ALL, BROKEN, GOOD, NONSENSE, WRONG
+from verification_cases import ALL, BROKEN, FLOWN, GOOD, NONSENSE, WRONG
 
 from anser.cli import main
-from anser.verification import running
+from anser.verification import Comparison, running
 
 
 @pytest.fixture
@@ -41,11 +41,11 @@ def test_real_checks_pass_with_one_table(anser):
     heading = _row(printed, "check", "quantity")
     for name in ("expected", "obtained", "error", "tolerance", "why that tolerance", "source"):
         assert name in heading
-    row = _row(printed, "arc-lengths", "lateral m (gamma_f -30 deg, b_4 0.01, c_4 0)")
+    row = _row(printed, "arc-lengths", "lateral, six-point estimate m (gamma_f -30 deg, b_4 0.01, c_4 0)")
     for part in ("5993.500", "5993.460", "-0.04", "0.05", "half the last digit", "[TH]"):
         assert part in row
     assert "…" not in printed
-    assert "53 of 53 comparisons passed, " in printed
+    assert "64 of 64 comparisons passed, " in printed
 
 
 def test_every_row_stays_on_one_line_however_narrow_the_caller(anser):
@@ -64,15 +64,17 @@ def test_worst_point_of_each_quantity_is_shown(anser):
     for part in ("4.1600", "4.1571", "-0.0029", "0.005", "[XY] tab. 1"):
         assert part in row
     assert "V 300 ft/s" not in printed
-    _row(printed, "altitude_ft (t 30 s)", "15598.9")  # no figure is given: the end of the flight
-    assert "4 of 4 comparisons passed (2 of them without a figure to compare with)" in printed
+    # no figure is given: the end of the flight
+    assert "half the last digit" not in _row(printed, "altitude_ft (t 30 s)", "15598.9", "flown, not judged")
+    assert "2 of 2 comparisons passed; 2 more flown, not judged" in printed
+    assert "Nothing is judged" not in printed
     assert err == ""
 
 
 def test_a_wrong_figure_ends_with_1_and_is_named(anser):
     code, printed, err = anser(checks=(GOOD, WRONG))
     assert code == 1
-    assert "5 of 7 comparisons passed" in printed
+    assert "3 of 5 comparisons passed; 2 more flown, not judged" in printed
     assert "my own" in _row(printed, "wrong", "alpha deg (V 500 ft/s)")
     assert err.splitlines() == [
         "falls short: wrong: alpha deg (V 500 ft/s): expected 2.180, obtained 2.143, error -0.037, tolerance 0.005 "
@@ -85,7 +87,7 @@ def test_a_check_that_breaks_ends_with_1_and_the_others_are_shown(anser):
     assert code == 1
     assert "ArithmeticError: no such [figure]" in _row(printed, "broken")
     _row(printed, "good", "alpha")
-    assert "4 of 4 comparisons passed" in printed
+    assert "2 of 2 comparisons passed" in printed
     assert "1 of 2 checks could not be computed" in printed
     assert err.splitlines() == ["falls short: broken: could not be computed: ArithmeticError: no such [figure]"]
 
@@ -96,7 +98,25 @@ def test_nonsense_ends_with_1(anser):
     assert "nan" in _row(printed, "nonsense", "x m (here)")
     assert "-inf" in _row(printed, "nonsense", "y m (here)")
     assert len(err.splitlines()) == 2
-    assert "1 of 3 comparisons passed" in printed
+    assert "1 of 2 comparisons passed" in printed
+
+
+def test_a_check_without_published_figures_is_flown_not_judged(anser):
+    code, printed, err = anser(checks=(GOOD, FLOWN))
+    assert (code, err) == (0, "")
+    assert "2 of 2 comparisons passed; 4 more flown, not judged" in printed
+    assert "Nothing is judged in flown: no published figures come with this package." in printed
+    _row(printed, " flown  altitude_ft (t 30 s)", "flown, not judged")
+    code, printed, _ = anser("--json", checks=(FLOWN,))
+    document = json.loads(printed)
+    assert (code, document["passed"]) == (0, None)
+    assert (document["checks"][0]["passed"], document["checks"][0]["verdict"]) == (None, "flown, not judged")
+
+
+def test_a_bound_is_printed_as_exactly_as_its_tolerance(anser):
+    bound = Comparison("error", "all", "%", 0.0, 1.2923, 1.3)
+    _, printed, _ = anser(checks=(GOOD.__class__("b", "t", "s", "printed bound", "e.", lambda: (bound,)),))
+    assert "1.292" in _row(printed, "error % (all)")
 
 
 def test_json_alone_on_standard_output(anser):

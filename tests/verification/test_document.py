@@ -2,7 +2,7 @@
 
 import json
 
-from verification_cases import ALL, GOOD
+from verification_cases import ALL, FLOWN, GOOD, WRONG
 
 from anser.verification import FORMAT_VERSION, to_document, verify
 
@@ -12,7 +12,7 @@ def test_round_trip_keeps_everything():
     again = json.loads(json.dumps(document, allow_nan=False))
     assert again == document
     assert set(again) == {"format_version", "provenance", "passed", "seconds", "checks"}
-    assert again["format_version"] == FORMAT_VERSION == 1
+    assert again["format_version"] == FORMAT_VERSION == 2
     assert {"anser", "jax", "python"} <= set(again["provenance"])
     assert again["passed"] is False
     for check in again["checks"]:
@@ -24,6 +24,7 @@ def test_round_trip_keeps_everything():
             "explanation",
             "seconds",
             "passed",
+            "verdict",
             "problem",
             "comparisons",
         }
@@ -52,7 +53,7 @@ def test_figures_arrive_unrounded():
     assert second["error"] == 4.1571 - 4.16
     assert (second["time_s"], second["reference"], second["passed"]) == (30.0, "sim_05", True)
     listed = check["comparisons"][2]
-    assert (listed["expected"], listed["error"], listed["tolerance"], listed["passed"]) == (None, None, None, True)
+    assert (listed["expected"], listed["error"], listed["tolerance"], listed["passed"]) == (None, None, None, None)
 
 
 def test_reason_of_a_comparison_goes_before_that_of_its_check():
@@ -69,6 +70,19 @@ def test_what_is_not_finite_is_null_and_named():
     assert (z["obtained"], z["passed"], z["problem"]) == (2.0, True, None)
     assert "NaN" not in json.dumps(document)
     assert "Infinity" not in json.dumps(document)
+
+
+def test_what_has_no_published_figure_is_neither_passed_nor_failed():
+    flown, good = to_document(verify(checks=[FLOWN]), 1.0), to_document(verify(checks=[FLOWN, GOOD]), 1.0)
+    assert flown["passed"] is None
+    assert [(check["passed"], check["verdict"]) for check in good["checks"]] == [
+        (None, "flown, not judged"),
+        (True, "passed"),
+    ]
+    assert good["passed"] is True
+    assert [c["passed"] for c in flown["checks"][0]["comparisons"]] == [None, None]
+    (wrong,) = to_document(verify(checks=[WRONG]), 1.0)["checks"]
+    assert (wrong["passed"], wrong["verdict"]) == (False, "failed")
 
 
 def test_a_check_that_broke_says_why_and_nothing_passed():

@@ -1,4 +1,5 @@
-"""Checks made up for the tests: one that agrees, one that does not, one that breaks, one that computes nonsense."""
+"""Checks made up for the tests: one that agrees, one that does not, one that breaks, one that computes
+nonsense, one without published figures."""
 
 import math
 
@@ -40,4 +41,12 @@ NONSENSE = _check(
         Comparison("z", "here", "m", 2.0, 2.0, 0.1),
     ),
 )
+FLOWN = _check(
+    "flown",
+    lambda: (
+        Comparison("altitude_ft", "t 0 s", "ft", None, 30000.0, None, time_s=0.0),
+        Comparison("altitude_ft", "t 30 s", "ft", None, 15598.9, None, time_s=30.0),
+    ),
+)
+"""Nothing to compare with."""
 ALL = (GOOD, WRONG, BROKEN, EMPTY, NONSENSE)

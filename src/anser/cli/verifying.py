@@ -49,18 +49,22 @@ def verify(
     _print_count(outcomes, seconds)
     for text in [text for outcome in outcomes for text in _shortfalls(outcome)]:
         problem(text)
-    if not all(outcome.passes for outcome in outcomes):
+    if any(outcome.fails for outcome in outcomes):
         raise typer.Exit(1)
 
 
 def _print_count(outcomes: Sequence["Outcome"], seconds: float) -> None:
     comparisons = [comparison for outcome in outcomes for comparison in outcome.comparisons]
+    judged = sum(comparison.judged for comparison in comparisons)
     passed = sum(comparison.passes for comparison in comparisons)
     broken = sum(outcome.problem is not None for outcome in outcomes)
     also = f"; {broken} of {len(outcomes)} checks could not be computed" if broken else ""
-    listed = sum(comparison.expected is None for comparison in comparisons)
-    without = f" ({listed} of them without a figure to compare with)" if listed else ""
-    line(f"{passed} of {len(comparisons)} comparisons passed{without}{also}, {seconds:.1f} s")
+    listed = len(comparisons) - judged
+    without = f"; {listed} more flown, not judged" if listed else ""
+    line(f"{passed} of {judged} comparisons passed{without}{also}, {seconds:.1f} s")
+    nothing = [outcome.check.key for outcome in outcomes if not outcome.judged and not outcome.fails]
+    if nothing:
+        line(f"Nothing is judged in {', '.join(nothing)}: no published figures come with this package.")
 
 
 def _list(checks: Sequence["Check"]) -> Table:
@@ -73,6 +77,8 @@ def _list(checks: Sequence["Check"]) -> Table:
 
 def _table(outcomes: Sequence["Outcome"]) -> Table:
     """One row per check and quantity: its worst point."""
+    from anser.verification import NOT_JUDGED
+
     table = plain_table(
         "worst point of each quantity",
         *columns("check", no_wrap=True),
@@ -93,9 +99,9 @@ def _table(outcomes: Sequence["Outcome"]) -> Table:
                 obtained,
                 _short(worst.error),
                 _short(worst.tolerance),
-                worst.why or check.why,
+                (worst.why or check.why) if worst.judged else NOT_JUDGED,
                 check.source,
-                style=None if worst.passes else "red",
+                style="red" if worst.fails else None,
             )
     return table
 
@@ -118,11 +124,11 @@ def _shortfalls(outcome: "Outcome") -> list[str]:
         return [f"falls short: {key}: could not be computed: {outcome.problem}"]
     lines = []
     for worst in _worst(outcome.comparisons):
-        if worst.passes:
+        if not worst.fails:
             continue
         expected, obtained = _figures(worst)
         of_group = [comparison for comparison in outcome.comparisons if comparison.group == worst.group]
-        short = sum(not comparison.passes for comparison in of_group)
+        short = sum(comparison.fails for comparison in of_group)
         lines.append(
             f"falls short: {key}: {_quantity(worst)}: expected {expected}, obtained {obtained}, error "
             f"{_short(worst.error)}, tolerance {_short(worst.tolerance)} ({short} of {len(of_group)} points fall short)"
@@ -145,7 +151,8 @@ def _figures(comparison: "Comparison") -> tuple[str, str]:
         return ("-" if expected is None else f"{expected:.10g}"), str(obtained)
     if expected is None or tolerance is None:
         return "-", f"{obtained:.7g}"
-    resolution = max(abs(obtained - expected), 0.01 * tolerance)
+    # a bound is printed as a tolerance about 0
+    resolution = 0.01 * tolerance if expected == 0.0 and tolerance else max(abs(obtained - expected), 0.01 * tolerance)
     largest = max(abs(expected), abs(obtained))
     if largest == 0.0 or resolution == 0.0:
         return f"{expected:.10g}", f"{obtained:.10g}"

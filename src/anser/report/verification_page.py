@@ -17,13 +17,20 @@ from anser.report.verification_plots import plot_errors
 _ALL_ROWS = 24
 """Checks with at most so many comparisons show all of them, others the worst of each quantity."""
 _LISTED_TIMES = 4
+_NOT_JUDGED = "flown, not judged"
+"""Of a comparison without a published figure, as the document says of a check."""
+_VERDICTS = {
+    True: "All checks with published figures pass",
+    False: "**Not all checks pass**",
+    None: "Nothing was judged",
+}
 
 _HEAD = """# Verification
 
 Every figure below was computed by `anser verify --json`; this page and its plots are made from that document by
 `make verification`. Errors are obtained minus expected. A check passes when every one of its figures lies within its
-tolerance; the reason of each tolerance stands with the check. Where no figure comes with this package, what was
-obtained is listed.
+tolerance; the reason of each tolerance stands with the check. What has no figure in this package is flown, not judged:
+what was obtained is listed.
 """
 
 
@@ -59,7 +66,7 @@ def write_verification_page(document: Mapping[str, Any], folder: Path) -> Path:
 
 def _provenance(document: Mapping[str, Any]) -> str:
     software = ", ".join(f"{name} {version}" for name, version in document["provenance"].items())
-    verdict = "All checks pass" if document["passed"] else "**Not all checks pass**"
+    verdict = _VERDICTS[document["passed"]]
     return f"{verdict}; {document['seconds']:.0f} s of computing, compilation included, with {software}.\n"
 
 
@@ -68,16 +75,20 @@ def _summary(checks: Sequence[Mapping[str, Any]]) -> str:
     for check in checks:
         compared = [c for c in check["comparisons"] if c["expected"] is not None]
         passed = sum(c["passed"] for c in compared)
-        figures = f"{passed} of {len(compared)}" if compared else "listed"
+        without = len(check["comparisons"]) - len(compared)
+        figures = f"{passed} of {len(compared)}" if compared else "none"
+        if compared and without:
+            figures += f", {without} more not judged"
         worst = f"{max(map(_severity, compared)):.2g}" if compared else ""
-        result = "passes" if check["passed"] else "**fails**"
+        result = f"**{check['verdict']}**" if check["passed"] is False else check["verdict"]
         rows.append((f"[{check['title']}](#{_anchor(check['title'])})", figures, worst, result, check["source"]))
     return _table(("check", "figures within tolerance", "worst error, in tolerances", "result", "source"), rows)
 
 
 def _section(check: Mapping[str, Any], plot: str | None) -> str:
     lines = [f"## {check['title']}", "", check["explanation"], ""]
-    lines += [f"Key `{check['key']}`; source: {check['source']}; tolerance: {check['why']}.", ""]
+    tolerance = "" if check["passed"] is None else f"; tolerance: {check['why']}"
+    lines += [f"Key `{check['key']}`; source: {check['source']}{tolerance}.", ""]
     if check["problem"]:
         lines += [f"**Could not be computed:** {check['problem']}", ""]
     if plot:
@@ -86,7 +97,7 @@ def _section(check: Mapping[str, Any], plot: str | None) -> str:
     with_figure = {c["group"] for c in comparisons if c["expected"] is not None}
     over_time = [c for c in comparisons if c["time_s"] is not None and c["group"] not in with_figure]
     if over_time:
-        lines.append(_listed(over_time))
+        lines += [f"{_NOT_JUDGED.capitalize()}:", "", _listed(over_time)]
         comparisons = [c for c in comparisons if c["group"] in with_figure]
     if comparisons:
         shown = comparisons if len(comparisons) <= _ALL_ROWS else list(_worst(comparisons))
@@ -101,7 +112,7 @@ def _section(check: Mapping[str, Any], plot: str | None) -> str:
                         _figure(c["expected"]),
                         _figure(c["obtained"]),
                         _figure(c["error"], 2),
-                        _figure(c["tolerance"], 2) + _own_reason(c, check),
+                        _tolerance(c, check),
                         c["unit"],
                     )
                     for c in shown
@@ -111,10 +122,12 @@ def _section(check: Mapping[str, Any], plot: str | None) -> str:
     return "\n".join(lines)
 
 
-def _own_reason(comparison: Mapping[str, Any], check: Mapping[str, Any]) -> str:
-    """Reason of a tolerance that differs from the check's."""
+def _tolerance(comparison: Mapping[str, Any], check: Mapping[str, Any]) -> str:
+    """Tolerance, with its reason where that differs from the check's."""
+    if comparison["expected"] is None:
+        return _NOT_JUDGED
     why = comparison["why"]
-    return f" ({why})" if why and why != check["why"] else ""
+    return _figure(comparison["tolerance"], 2) + (f" ({why})" if why and why != check["why"] else "")
 
 
 def _worst(comparisons: Sequence[Mapping[str, Any]]) -> Iterable[Mapping[str, Any]]:
@@ -129,7 +142,7 @@ def _severity(comparison: Mapping[str, Any]) -> float:
     if comparison["obtained"] is None:
         return float("inf")
     if not comparison["tolerance"]:
-        return 0.0 if comparison["passed"] else float("inf")
+        return float("inf") if comparison["passed"] is False else 0.0
     return abs(comparison["error"]) / comparison["tolerance"]
 
 

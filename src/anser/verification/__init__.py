@@ -5,13 +5,14 @@
 True
 """
 
-from anser.verification.check import Check, Comparison, Outcome
+from anser.verification.check import NOT_JUDGED, Check, Comparison, Outcome
 from anser.verification.document import FORMAT_VERSION, to_document
 from anser.verification.running import CHECKS, select_checks, verify
 
 __all__ = [
     "CHECKS",
     "FORMAT_VERSION",
+    "NOT_JUDGED",
     "Check",
     "Comparison",
     "Outcome",

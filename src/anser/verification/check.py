@@ -4,6 +4,9 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+NOT_JUDGED = "flown, not judged"
+"""Verdict on what has no published figure."""
+
 
 @dataclass(frozen=True)
 class Comparison:
@@ -58,8 +61,22 @@ class Comparison:
         return None if self.expected is None else self.obtained - self.expected
 
     @property
+    def judged(self) -> bool:
+        """Whether there is a published figure."""
+        return self.expected is not None
+
+    @property
+    def fails(self) -> bool:
+        """Whether the figure is not finite, or differs from the published one by more than the tolerance."""
+        return not self._agrees
+
+    @property
     def passes(self) -> bool:
-        """Whether the figure agrees; without a published figure, whether it is a finite number."""
+        """Whether there is a published figure and it agrees."""
+        return self.judged and self._agrees
+
+    @property
+    def _agrees(self) -> bool:
         if not math.isfinite(self.obtained):
             return False
         return self.expected is None or self.tolerance is None or abs(self.obtained - self.expected) <= self.tolerance
@@ -131,5 +148,20 @@ class Outcome:
 
     @property
     def passes(self) -> bool:
-        """Whether it could be computed and every comparison agrees; a check that compares nothing does not pass."""
-        return self.problem is None and bool(self.comparisons) and all(c.passes for c in self.comparisons)
+        """Whether it could be computed, judges something, and all that it judges agrees."""
+        return self.judged and not self.fails
+
+    @property
+    def fails(self) -> bool:
+        """Whether it could not be computed, has no comparisons, or one of them fails."""
+        return self.problem is not None or not self.comparisons or any(c.fails for c in self.comparisons)
+
+    @property
+    def judged(self) -> bool:
+        """Whether any of its comparisons has a published figure."""
+        return any(comparison.judged for comparison in self.comparisons)
+
+    @property
+    def verdict(self) -> str:
+        """`passed`, `failed` or `NOT_JUDGED`."""
+        return "failed" if self.fails else "passed" if self.judged else NOT_JUDGED

@@ -19,6 +19,7 @@ from anser.verification.linear import LINEAR_CHECKS
 from anser.verification.missions import MISSION_CHECKS
 from anser.verification.nesc import NESC_CHECKS
 from anser.verification.standard_atmosphere import USSA76
+from anser.verification.thesis_tables import THESIS_TABLES
 
 CHECKS: tuple[Check, ...] = (
     USSA76,
@@ -30,6 +31,7 @@ CHECKS: tuple[Check, ...] = (
     F16_ENGINE_SHOTS,
     AEROSONDE_FORCES,
     F16_FILES,
+    THESIS_TABLES,
     ARC_LENGTHS,
     *LINEAR_CHECKS,
     *INTEGRATION_CHECKS,
