@@ -48,12 +48,17 @@ def refuse_without_effect(source: str, cases: Iterable[tuple[Scenario, Mapping[s
 
 
 def _has_effect(scenario: Scenario, path: str, value: object) -> bool:
-    """Whether another value at a path changes a flight; a value that makes no valid scenario does."""
+    """Whether another value at a path changes a flight; a value with which there is none does."""
     number = numbered_path(scenario, path)
     try:
         other = scenario.replace(path, value)
+        return _differs(scenario, other, number)
     except ScenarioError:
         return True
+
+
+def _differs(scenario: Scenario, other: Scenario, number: str) -> bool:
+    """Whether two scenarios that differ at a numbered path make different flights."""
     if any(idle.contains(number) for idle in idle_keys(scenario)) and any(
         idle.contains(number) for idle in idle_keys(other)
     ):
