@@ -68,6 +68,14 @@ def test_the_hash_knows_the_content_of_the_file(folder):
     assert heavier.hash == after.hash
 
 
+def test_a_study_that_makes_an_impossible_body_is_refused(folder):
+    fleet, path = load(folder / "fleet.toml"), "aircraft[0].airframe.mass"
+    with pytest.raises(ScenarioError, match=r"airframe\.mass\.Jzz_kg_m2 .*arrived 2\.5; expected at most Jxx \+ Jyy"):
+        fleet.replace(f"{path}.Jzz_kg_m2", 2.5)
+    with pytest.raises(ScenarioError, match=r"airframe\.mass\.mass_kg .*expected a number above 0"):
+        fleet.replace(f"{path}.mass_kg", -1.0)
+
+
 def test_what_is_wrong_in_the_file_is_told_of_the_file(folder):
     (folder / "my-uav.toml").write_text(AEROSONDE.replace("CL_alpha", "CL_alfa"), encoding="utf-8")
     with pytest.raises(ScenarioError, match=r"my-uav\.toml: 1 problem\n  line 24, aerodynamics\.CL_alfa"):

@@ -1,0 +1,43 @@
+"""A sample of the trial of mutated aircraft files, and that the trial finds what it looks for."""
+
+import tomllib
+
+import pytest
+
+from anser.scenario.airframe_file import airframe_starter
+from trials.airframe_mutations import outcomes, principal_margin, table, try_toml
+
+STARTER = tomllib.loads(airframe_starter())
+
+
+def test_a_sample_is_refused_or_right():
+    found = list(outcomes(bodies=30, seed=3, every_unit=80))
+    assert [one for one in found if not one.good] == []
+    assert {one.answer for one in found} == {"refused", "right"}
+    assert {one.file for one in found} == {"DAVE-ML", "aircraft file"}
+    assert table(found).count("\n") > 10
+
+
+@pytest.mark.long
+def test_every_unit_and_a_thousand_bodies_are_refused_or_right():
+    assert [one for one in outcomes(bodies=1000, seed=41) if not one.good] == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "refusal", "answer"),
+    [
+        ({}, "", "right"),
+        ({}, "mass", "accepted though wrong"),
+        ({"Jzz_kg_m2": 9e3}, "", "refused though right"),
+        ({"Jzz_kg_m2": 9e3}, "Jxx_kg", "refused without its place"),
+        ({"Jzz_kg_m2": 9e3}, "mass.Jzz", "refused"),
+    ],
+)
+def test_what_goes_wrong_is_seen(changes, refusal, answer):
+    values = {**STARTER, "mass": {**STARTER["mass"], **changes}}
+    assert try_toml("mass", "a change", values, refusal).answer == answer
+
+
+def test_the_margin_is_that_of_a_body():
+    assert principal_margin([[2.0, 0, 0], [0, 2.0, 0], [0, 0, 2.0]]) == pytest.approx(1.0)
+    assert principal_margin([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 2.5]]) == pytest.approx(-0.2)
