@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from anser.cli.run_folder import RUN_FILES
+from anser.input_files import read_file
 from anser.scenario import AIRFRAMES, VARIANTS
 
 _LOOKED_AT_MOST = 500
@@ -40,11 +41,11 @@ def complete_variant(context: typer.Context, incomplete: str) -> list[str]:
 
 
 def _is_airframe(path: Path) -> bool:
-    return path.suffix == ".toml" and path.is_file() and b"[[surface]]" in path.read_bytes()
+    return path.suffix == ".toml" and path.is_file() and b"[[surface]]" in read_file(path)
 
 
 def _is_scenario(path: Path) -> bool:
-    return path.suffix == ".toml" and path.is_file() and b"[[aircraft]]" in path.read_bytes()
+    return path.suffix == ".toml" and path.is_file() and b"[[aircraft]]" in read_file(path)
 
 
 def _found(incomplete: str, wanted: Callable[[Path], bool]) -> list[str]:

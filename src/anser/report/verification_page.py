@@ -182,7 +182,12 @@ def _main(words: Sequence[str]) -> int:
     except (OSError, ValueError, RecursionError) as error:
         sys.stderr.write(f"{source}: expected the document that `anser verify --json` prints ({error})\n")
         return 2
-    sys.stdout.write(f"{write_verification_page(document, folder)}: written\n")
+    try:
+        page = write_verification_page(document, folder)
+    except OSError as error:
+        sys.stderr.write(f"{folder}: expected a folder that can be written ({error})\n")
+        return 2
+    sys.stdout.write(f"{page}: written\n")
     return 0
 
 
