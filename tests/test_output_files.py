@@ -81,7 +81,7 @@ WRITERS = {
 
 def _array(path):
     with new_file(path) as partial:
-        np.save(partial, np.zeros(1000))
+        partial.write_bytes(bytes(1000))
 
 
 @pytest.mark.parametrize("name", WRITERS)
@@ -131,6 +131,16 @@ def test_a_new_folder_and_its_parents_stay_only_whole(tmp_path):
     assert content(tmp_path) == {"deep/new/inner/file": "whole"}
     with pytest.raises(FileExistsError), new_folder(tmp_path / "deep"):
         pass
+
+
+def test_an_error_within_a_new_folder_names_the_file_that_was_to_be_written(tmp_path):
+    def written_on_a_full_disk():
+        with full_disk(), new_folder(tmp_path / "new") as beside:
+            write_file(beside / "file.json", "x" * 10_000)
+
+    with pytest.raises(OSError, match=r"new/file\.json") as refused:
+        written_on_a_full_disk()
+    assert refused.value.filename == str(tmp_path / "new" / "file.json")
 
 
 def test_an_interrupt_waits_for_steps_that_belong_together():

@@ -38,17 +38,12 @@ def new_file(path: Path, *, overwrite: bool = False) -> Iterator[Path]:
     _refuse_taken(path, overwrite)
     suffix = path.suffix if len(path.suffix) <= _SUFFIX_MAX else ""
     partial = path.with_name(f".anser-{secrets.token_hex(6)}{suffix}")
-    try:
-        with _temporary(partial):
-            yield partial
-            with interrupts_deferred():
-                _flush(partial)
-                _refuse_taken(path, overwrite)
-                partial.replace(path)
-    except OSError as error:
-        if error.filename is None or os.fspath(error.filename) == str(partial):
-            error.filename = str(path)
-        raise
+    with _temporary(partial, path):
+        yield partial
+        with interrupts_deferred():
+            _flush(partial)
+            _refuse_taken(path, overwrite)
+            partial.replace(path)
 
 
 def write_file(path: Path, content: str | bytes, *, overwrite: bool = False) -> None:
@@ -76,7 +71,7 @@ def replaced_within(folder: Path) -> Iterator[Path]:
         Something that is no file stands where a file is to go: then nothing is replaced.
     """
     beside = folder / f".anser-{secrets.token_hex(6)}"
-    with _temporary(beside):
+    with _temporary(beside, folder):
         beside.mkdir()
         yield beside
         with interrupts_deferred():
@@ -135,11 +130,19 @@ def interrupts_deferred() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _temporary(path: Path) -> Iterator[None]:
-    """Remove a file or folder of this name at the end, if it is there."""
+def _temporary(path: Path, target: Path) -> Iterator[None]:
+    """Remove a file or folder of this name at the end, if it is there; errors name what it stands for."""
     _unfinished.add(path)
     try:
         yield
+    except OSError as error:
+        if error.filename is not None:
+            name = Path(os.fsdecode(error.filename))
+            if name.is_relative_to(path):
+                error.filename = str(target / name.relative_to(path))
+        elif error.errno is not None and not path.is_dir():
+            error.filename = str(target)
+        raise
     finally:
         with interrupts_deferred():
             _remove(path)

@@ -1,5 +1,6 @@
 """Folder of a rare event: what was asked, and what came of every batch of flights, each in a file written whole."""
 
+import io
 import json
 from pathlib import Path
 from typing import Any
@@ -93,8 +94,10 @@ class RareStore:
 
     def write(self, first: int, values: np.ndarray) -> None:
         """Keep what came of a batch: the number of each flight, and its value."""
+        content = io.BytesIO()  # written to a file by NumPy itself, a full disk would be an error without its reason
+        np.save(content, np.stack([first + np.arange(values.size, dtype=float), values]))
         with new_file(self._path(first), overwrite=True) as partial:
-            np.save(partial, np.stack([first + np.arange(values.size, dtype=float), values]))
+            partial.write_bytes(content.getvalue())
             append_checksum(partial)
 
     def remove_damaged(self) -> list[str]:
