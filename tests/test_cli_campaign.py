@@ -12,6 +12,8 @@ import pytest
 import xarray as xr
 
 from anser.campaigns import Answer, CampaignStore, StoreError, cluster, flying, write_campaign
+from anser.campaigns.store_checksums import StoreChecksums
+from anser.campaigns.store_lock import exclusive
 from anser.cli.campaigning import _bound_cells
 from campaigns.study_cases import STUDIES, made_up, text_of
 
@@ -103,6 +105,44 @@ def test_a_campaign_is_reported_and_compared(anser, study, tmp_path, monkeypatch
     code, _, said = anser("campaign", "compare", out, tmp_path / "third")
     assert code == 2
     assert "expected the same seed for the same flight" in said
+
+
+def test_a_damaged_campaign_is_refused_and_resumed_by_one_process_at_a_time(anser, study, tmp_path, monkeypatch):
+    monkeypatch.setattr(flying, "fly_many", made_up)
+    monkeypatch.setattr(flying, "BATCH", 8)
+    out = tmp_path / "out"
+    anser("campaign", study, "--out", out, "--processes", 1)
+    (out / "flights.zarr" / "met" / "1").unlink()
+    for words in (
+        ("campaign", "report", out),
+        ("campaign", "compare", out, out),
+        ("run", "--campaign", out, "--flight", 0),
+    ):
+        code, _, said = anser(*words)
+        assert (code, said.count("\n")) == (2, 1)
+        assert "arrived chunk 1 (flights 8 to 15) of which" in said
+    with exclusive(out):
+        code, _, said = anser("campaign", study, "--out", out, "--resume")
+    assert (code, "a folder into which another process flies" in said) == (2, True)
+    code, printed, said = anser("campaign", study, "--out", out, "--resume", "--processes", 1)
+    assert code == 1
+    assert "chunk 1 (flights 8 to 15) is flown again" in said
+    assert "of 20 flights meet every requirement" in printed
+    assert anser("campaign", "report", out, "--worst", 0)[0] == 0
+
+
+def test_a_chunk_that_is_being_written_at_ctrl_c_is_not_counted(anser, study, tmp_path, monkeypatch):
+    def stopped(self, chunk, files):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(flying, "fly_many", made_up)
+    monkeypatch.setattr(flying, "BATCH", 8)
+    with monkeypatch.context() as patch:
+        patch.setattr(StoreChecksums, "record_chunk", stopped)
+        code, printed, said = anser("campaign", study, "--out", tmp_path / "out", "--processes", 1)
+    assert (code, "no flight so far" in printed, "0 of 20 flights" in said) == (130, True, True)
+    code, _, said = anser("campaign", study, "--out", tmp_path / "out", "--resume", "--processes", 1)
+    assert (code, "is flown again: the record of checksums is missing" in said) == (1, True)
 
 
 def test_a_report_that_shows_flights_stays_where_none_has_come(anser, study, tmp_path, monkeypatch):

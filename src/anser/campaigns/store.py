@@ -172,9 +172,9 @@ class CampaignStore:
             words = f"a campaign of format {_UNCHECKED}, which can only be read; expected one of format {FORMAT}"
             raise StoreError(f"{self.folder}: arrived {words}, to go on with it")
         with exclusive(self.folder):
+            self._forget_damaged()
             self._has_lock = True
             try:
-                self._forget_damaged()
                 yield
             finally:
                 self._has_lock = False
@@ -198,7 +198,9 @@ class CampaignStore:
         """Chunks that are damaged, with what is wrong; those that were whole before are not looked at again."""
         if not self._checksums.exist:
             return {}
-        selected: Callable[[str], bool] = (lambda _: True) if series else (lambda name: not name.startswith(SERIES))
+        selected: Callable[[str], bool] = (
+            (lambda _: True) if series else (lambda name: not name.startswith(f"{SERIES}/"))
+        )
         recorded, problems = self._checksums.chunks(), dict[int, str]()
         for chunk in sorted(recorded - self._verified[series]):
             problem = self._checksums.chunk_problem(chunk, selected)
@@ -206,6 +208,8 @@ class CampaignStore:
                 self._verified[series].add(chunk)
             else:
                 problems[chunk] = problem
+        if self._has_lock:  # one that was being written when the campaign was stopped is not complete, nor damaged
+            return problems
         flown = {int(path.name) for path in (self.folder / STORE_FOLDER / FLOWN).iterdir() if path.name.isdecimal()}
         return problems | dict.fromkeys(sorted(flown - self._checksums.chunks()), "the record of checksums is missing")
 
