@@ -214,10 +214,33 @@ def test_a_process_that_nears_the_limit_of_memory_regions_says_so_once_and_goes_
     assert "memory regions" in messages[0]
 
 
-def test_code_that_only_this_process_knows_is_not_kept(store):
+class _ForeignPair(eqx.Module):
+    first: jax.Array
+    second: jax.Array
+
+
+def test_code_of_the_users_own_is_traced_but_compiled_once(store, monkeypatch):
+    def program(factor):
+        return compiled(lambda x: _ForeignPair(factor * x, MATRIX @ x))
+
     with pytest.raises(NotKeptError):
         described(lambda x: x)
-    assert float(compiled(lambda x: 2.0 * x)(jnp.asarray(3.0))) == 6.0
+    for factor in (2.0, 3.0):
+        np.testing.assert_array_equal(program(factor)(VECTOR).first, factor * VECTOR)
+    assert len(store.files()) == 2
+    monkeypatch.setattr(program_module, "_compiled", None)  # compiling anything fails
+    for factor in (2.0, 3.0):
+        pair = program(factor)(VECTOR)
+        assert isinstance(pair, _ForeignPair)
+        np.testing.assert_array_equal(pair.first, factor * VECTOR)
+        np.testing.assert_array_equal(pair.second, MATRIX @ VECTOR)
+
+
+def test_code_that_calls_back_into_python_is_not_kept(store):
+    def called_back(x):
+        return jax.pure_callback(lambda value: 2.0 * value, jax.ShapeDtypeStruct((), x.dtype), x)
+
+    assert float(compiled(called_back)(jnp.asarray(3.0))) == 6.0
     assert store.files() == []
 
 
@@ -338,10 +361,12 @@ def test_what_a_killed_process_left_is_swept_up(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_function_replaced_in_this_process_is_what_runs_and_is_not_kept(store, monkeypatch):
+def test_a_function_replaced_in_this_process_is_what_runs_and_has_a_key_of_its_own(store, monkeypatch):
     import anser.numerics.linear as linear
 
     solved()(MATRIX, VECTOR)
     monkeypatch.setattr(linear, "times3", lambda matrix, vector: 7.0 * vector)
     np.testing.assert_array_equal(solved()(MATRIX, VECTOR), 7.0 * VECTOR)
-    assert len(store.files()) == 1
+    monkeypatch.undo()
+    np.testing.assert_allclose(MATRIX @ solved()(MATRIX, VECTOR), VECTOR, rtol=1e-12)
+    assert len(store.files()) == 2

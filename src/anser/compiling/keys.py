@@ -9,6 +9,7 @@ import os
 import platform
 import re
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -174,4 +175,18 @@ def key_of(value: Any) -> str:
     """
     description = described(value)
     parts = [_surroundings(), _sources_of(description), settings(), _as_loaded(), description]
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+
+def key_of_operations(text: str, options: Mapping[str, bool | str]) -> str:
+    """Key of a lowered program by its operations: they say all of what code computes that is not the package's own.
+
+    Parameters
+    ----------
+    text
+        StableHLO of the program with all of its constants.
+    options
+        Of the compiler.
+    """
+    parts = ["operations", _surroundings(), settings(), repr(sorted(options.items())), text]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()

@@ -18,8 +18,8 @@ import jax
 import jax.numpy as jnp
 from jax.core import Tracer
 
-from anser.compiling.executables import load_executable, pack_program, unpack_program
-from anser.compiling.keys import NotKeptError, key_of, settings
+from anser.compiling.executables import Executable, load_executable, pack_program, unpack_program
+from anser.compiling.keys import NotKeptError, key_of, key_of_operations, settings
 from anser.compiling.memory import regions_used, return_freed_memory
 
 _P = ParamSpec("_P")
@@ -171,6 +171,17 @@ def _compiled(lowered: Any, options: dict[str, bool | str]) -> tuple[Any, bool]:
     before = _hits.count(own)
     with _kept_by_the_store():
         return lowered.compile(options or None), _hits.count(own) == before
+
+
+def _load(executable: Executable, result: Any, size: int) -> _LoadedProgram:
+    """Load a program of `size` bytes, whose result has `jax.ShapeDtypeStruct` in the place of arrays."""
+    # Loading takes as much memory again as the loaded program.
+    with _loading if size > _LARGE else contextlib.nullcontext():
+        _make_room(size)
+        program = load_executable(executable, filter(_is_shape, jax.tree.leaves(result)))
+        if size > _LARGE:
+            return_freed_memory()
+        return program, size
 
 
 def _is_shape(leaf: Any) -> bool:
@@ -373,13 +384,8 @@ class Program(Generic[_P, _R]):
             parts, shapes, size = *unpack_program(content, len(arrays)), len(content)
 
             def load_or_compile() -> _LoadedProgram:
-                # Loading takes as much memory again as the loaded program.
-                with contextlib.suppress(Exception), _loading if size > _LARGE else contextlib.nullcontext():
-                    _make_room(size)
-                    program = load_executable(parts, filter(_is_shape, jax.tree.leaves(shapes)))
-                    if size > _LARGE:
-                        return_freed_memory()
-                    return program, size
+                with contextlib.suppress(Exception):
+                    return _load(parts, shapes, size)
                 return self._compiling(arrays, static)[1]()
 
             return Prepared(shapes, load_or_compile, compiles=False)
@@ -398,16 +404,27 @@ class Program(Generic[_P, _R]):
 
         lowered, options, store = jax.jit(flat).lower(arrays), self._options(), _in_use[0] if _in_use else None
         key = None if store is None else self._key(arrays, static, options)
+        shapes, argument_count = list(filter(_is_shape, jax.tree.leaves(results[0]))), len(arrays)
 
         def make() -> _LoadedProgram:
+            # Parts of a user's own are traced in each process; what they compile to is kept by its operations.
+            store_key = key
+            if store is not None and key is None:
+                store_key = key_of_operations(lowered.as_text(), options)
+            content = store.load(store_key) if store is not None and store_key is not None and key is None else None
+            if content is not None:
+                with contextlib.suppress(Exception):
+                    executable, stored_shapes = unpack_program(content, argument_count)
+                    if stored_shapes == shapes:
+                        return _load(executable, shapes, len(content))
             compiled, whole = _compiled(lowered, options)
             content = b""
             if whole:
                 # Some cannot be serialized, such as those that call back into Python.
                 with contextlib.suppress(Exception):
-                    content = pack_program(compiled, results[0])
-            if store is not None and key is not None and content:
-                store.save(key, content)
+                    content = pack_program(compiled, shapes if key is None else results[0])
+            if store is not None and store_key is not None and content:
+                store.save(store_key, content)
             _make_room(len(content))
             return_freed_memory()
             return compiled, len(content)
