@@ -126,9 +126,10 @@ class ArrivalRequest:
     Attributes
     ----------
     rule
-        One of `RULES`: "together" (one time, the first at which the farthest can be there at its preferred speed),
-        "earliest" (the first that is found, see `anser.planning.certified.earliest`), "at" (a given one), "sequence"
-        (one after another), "times" (each at its own), "windows" (each within its own).
+        One of `RULES`: "together" (one time: when the farthest can be there at its preferred speed, or as soon after it
+        as a plan is found), "earliest" (the first that is found, see `anser.planning.certified.earliest`), "at" (a
+        given one), "sequence" (one after another, as soon as for "together"), "times" (each at its own), "windows"
+        (each within its own, as soon as it can be there at its preferred speed or a plan is found).
     latest_s
         No arrival is later than this, s.
     times_s
