@@ -1,6 +1,7 @@
 """Arrival times that the search tries, with the candidates at each, stage by stage."""
 
 import contextlib
+import itertools
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,7 +23,8 @@ from anser.planning.certified.task import AircraftTask, Airspace, ArrivalRequest
 
 _DELAYS = (1.0, 1.01, 1.03, 1.06, 1.1, 1.15, 1.22, 1.3, 1.4, 1.55, 1.75, 2.0, 2.4, 3.0)  # of the first time
 _STEP = 1.008  # ratio of two arrival times that are tried after each other
-_LONG_DELAY, _LONGEST_DELAY = 1.3, 3.0  # of the first time: before a long delay every kind of candidate is tried
+_DELAY_BOUNDS = (1.0, 1.03, 1.3, 3.0)  # of the first time: before a longer delay every kind of candidate is tried
+_LONG_DELAY = 1.3  # up to which the usual candidates are tried in single steps
 _DIRECT_TIME_FACTOR = 1.0002  # later than the direct path takes: to rounding there may be none of just its length
 _PARTS_OF_SMALL = (0.0, 0.1, 0.25, 0.5, 0.8)  # of the list of open times, for more than the standard candidates
 _GRID_S = 0.25  # between arrival times that are tested for the necessary conditions
@@ -132,18 +134,18 @@ def first_stage(fleet: FleetTask, thorough: bool) -> Stage:
 def later_stage(fleet: FleetTask) -> Stage:
     """The first times, or as soon after them as there is a plan, where the rule leaves that open.
 
-    The usual candidates in small steps, then every kind of candidate before the time that was found. Before a long
-    delay both are done: better a loop than to be there at twice the time. Of windows, each aircraft is put off by
-    itself. The last plan found is the earliest.
+    The usual candidates in small steps, then every kind of candidate before the time that was found: at once for short
+    delays, then for longer ones. Better a loop than to be there at twice the time. Of windows, each aircraft is put
+    off by itself. The last plan found is the earliest.
     """
     first = _first_times(fleet)
     if first is None:
         return
     by_itself = fleet.request.rule == "windows"
     times, late = first.copy(), [fleet.rows[k : k + 1] for k in range(fleet.rows.size)] if by_itself else [fleet.rows]
-    for near, far in ((1.0, _LONG_DELAY), (_LONG_DELAY, _LONGEST_DELAY)):
+    for near, far in itertools.pairwise(_DELAY_BOUNDS):
         delays = [_delays(fleet, rows, first, near, far) for rows in late]
-        one_by_one = max(len(one.times) for one in delays) if fleet.is_small and near == 1.0 else 1
+        one_by_one = max(len(one.times) for one in delays) if fleet.is_small and far <= _LONG_DELAY else 1
         index = yield from _first_open(delays, times, (STANDARD,), one_by_one)
         if fleet.levels[1:]:
             before = [one.until(k) for one, k in zip(delays, index, strict=True)]
