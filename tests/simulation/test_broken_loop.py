@@ -51,6 +51,16 @@ def test_no_command_depends_on_its_own_test_input_in_the_same_sample(loop):
     assert abs(loop.D[BREAKPOINTS.index("P"), BREAKPOINTS.index("mu")]) > 1.0
 
 
+def test_a_trim_that_the_autopilot_does_not_hold_is_limited():
+    """Level flight of the F-16 of TP-1538 has a sideslip, which the autopilot takes out with its rudder's whole rate."""
+    airframe = load_airframe("f16", "tp1538")
+    point = trim(airframe, ENVIRONMENT, target_deg(150.0, 1000.0))
+    case = LoopCase(airframe, ENVIRONMENT, GAINS, LIMITS, point, STEP)
+    loop = eqx.filter_jit(excited_loop)(case, loop_memory(GAINS, airframe))
+    assert not loop.B[:, 2].any()
+    np.testing.assert_array_equal(loop.limited, [False, False, False, False, True])
+
+
 def test_memory_follows_from_the_gains():
     incremental = eqx.tree_at(lambda g: g.sensor_bandwidth, GAINS, jnp.asarray(20.0))
     assert set(loop_memory(incremental, F16)) - set(MEMORY) == {"residual"}

@@ -24,7 +24,7 @@ INNER_BREAKPOINTS = ("throttle", "P", "Q", "R", "mu", "alpha")
 """Where a loop can be broken besides the commands to the actuators: the command to the engine, those to the loop of the
 body rates and to the loop of the attitude. The wanted sideslip is 0 whatever happens: no loop runs through it."""
 HELD_BACK = ("thrust", "alpha or load factor", "bank", "body rates", "surfaces")
-"""Commands of the autopilot that can stand at a limit, where the loop is open."""
+"""Commands of the autopilot that can stand at a limit, where the loop is open; surfaces also at that of their rates."""
 
 MemoryFields = tuple[str, ...]
 
@@ -115,6 +115,9 @@ def excited_loop(case: LoopCase, memory: MemoryFields) -> ExcitedLoop:
     moved = moved.at[:, :own].add(by_state)
     A, B = jnp.split(jnp.concatenate([moved, after]), [x.size - 5], axis=1)
     C, D = jnp.split(z, [x.size - 5], axis=1)
+    # a surface that the command does not move at once stands at its stop or moves as fast as it can: the trim is none
+    # that the autopilot holds, as with a sideslip in it
+    commanded, unmoved = jnp.asarray(airframe.actuators.commanded), jnp.all(by_command[:, :-1] == 0.0, axis=0)
     # what is added to the commands of surfaces and throttle passes the autopilot by
     to_controls = jnp.concatenate([by_command, jnp.zeros((after.shape[0], commands))])
     return ExcitedLoop(
@@ -122,7 +125,7 @@ def excited_loop(case: LoopCase, memory: MemoryFields) -> ExcitedLoop:
         B=jnp.concatenate([to_controls, B], axis=1),
         C=C,
         D=jnp.concatenate([jnp.zeros((count, commands)), D], axis=1),
-        limited=law.value[-len(HELD_BACK) :] > 0.5,
+        limited=(law.value[-len(HELD_BACK) :] > 0.5).at[-1].max(jnp.any(commanded & unmoved)),
     )
 
 
