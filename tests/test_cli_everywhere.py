@@ -294,7 +294,7 @@ def test_variants_are_those_of_the_aircraft():
 def test_colours_respect_no_color(no_color):
     script = (
         "from anser.cli.commands import app; from anser.cli.console import err, screen\n"
-        "screen.print('[red]r[/red] 12'); err.print('[red]e[/red]')\n"
+        "screen.print('r 12', style='red'); err.print('e', style='red')\n"
         "try: app(['run', '--help'])\nexcept SystemExit: pass"
     )
     environment = os.environ | {"FORCE_COLOR": "1", "TERM": "xterm-256color", "NO_COLOR": no_color}

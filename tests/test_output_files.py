@@ -143,6 +143,15 @@ def test_an_error_within_a_new_folder_names_the_file_that_was_to_be_written(tmp_
     assert refused.value.filename == str(tmp_path / "new" / "file.json")
 
 
+@pytest.fixture
+def interruptible():
+    """SIGINT raises KeyboardInterrupt, also in a process that was started to ignore it, as in the background."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 def test_an_interrupt_waits_for_steps_that_belong_together():
     steps = []
 

@@ -1,5 +1,6 @@
 """Few shapes: another number of aircraft, waypoints, layers of wind or keep-outs is another number, not another program."""
 
+import re
 from pathlib import Path
 
 import equinox as eqx
@@ -58,6 +59,8 @@ def fleet(count):
 def _without(*numbers):
     head, *parts = THREE.split("[[aircraft]]")
     aircraft, goals = parts[:-1], parts[-1].partition("[[goal]]")
+    if len(numbers) == 2:  # one aircraft has no separation
+        head = re.sub(r"separation_min_m = .*\n", "", head)
     kept = [part for part in [*aircraft, goals[0]] if not any(f'"aircraft-{k}"' in part for k in numbers)]
     return "[[aircraft]]".join([head, *kept]) + goals[1] + goals[2]
 
