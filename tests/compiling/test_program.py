@@ -162,6 +162,18 @@ def test_a_program_of_another_processor_is_not_loaded(store, monkeypatch):
     assert len(store.files()) == 2
 
 
+@pytest.mark.skipif(jax.default_backend() != "cpu", reason="a matter of CPUs")
+@pytest.mark.parametrize("function", [solve3, lambda matrix, vector: solve3(matrix, vector)])
+def test_a_processor_without_a_fingerprint_keeps_nothing(store, monkeypatch, function):
+    monkeypatch.setattr(keys, "_target", str)
+    keys._surroundings.cache_clear()
+    try:
+        np.testing.assert_allclose(MATRIX @ compiled(function)(MATRIX, VECTOR), VECTOR, rtol=1e-12)
+    finally:
+        keys._surroundings.cache_clear()
+    assert store.files() == []
+
+
 @pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="XLA leaves features away there only")
 def test_the_fingerprint_of_the_processor_names_its_features():
     environment = os.environ | {"XLA_FLAGS": "--xla_cpu_max_isa=SSE4_2"}

@@ -8,9 +8,6 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax._src import core
-from jax._src.interpreters import pxla
-from jax._src.lib import xla_client  # pyright: ignore[reportPrivateImportUsage]
 from jax.sharding import SingleDeviceSharding
 
 from anser.compiling.keys import NotKeptError
@@ -61,7 +58,17 @@ def unpack_program(content: bytes, argument_count: int) -> tuple[Executable, Any
 def load_executable(
     executable: Executable, results: Iterable[jax.ShapeDtypeStruct]
 ) -> Callable[[list[Any]], list[Any]]:
-    """Load code on the first device; what is returned takes all arguments and gives arrays of the results' shapes."""
+    """Load code on the first device; what is returned takes all arguments and gives arrays of the results' shapes.
+
+    Raises
+    ------
+    ImportError, AttributeError
+        This version of JAX has other internals: then programs are compiled anew.
+    """
+    from jax._src import core
+    from jax._src.interpreters import pxla
+    from jax._src.lib import xla_client  # pyright: ignore[reportPrivateImportUsage]
+
     device = jax.devices()[0]
     program = device.client.deserialize_executable(
         _without_features(executable.code), executable_devices=xla_client.DeviceList((device,))

@@ -17,7 +17,6 @@ import equinox as eqx
 import jax
 import jaxlib
 import numpy as np
-from jax._src.lib import xla_client  # pyright: ignore[reportPrivateImportUsage]
 
 _FORMAT = 2
 _PACKAGE = Path(__file__).parents[1]
@@ -144,8 +143,10 @@ def _as_loaded() -> str:
 def _target() -> str:
     """Fingerprint of the machine that XLA compiles for: a CPU with its features; empty where it gives none."""
     try:
+        from jax._src.lib import xla_client  # pyright: ignore[reportPrivateImportUsage] - another version may lack it
+
         return str(xla_client.get_topology_for_devices(jax.devices()).fingerprint())
-    except jax.errors.JaxRuntimeError:
+    except (ImportError, AttributeError, jax.errors.JaxRuntimeError):
         return ""
 
 
@@ -155,7 +156,10 @@ def _surroundings() -> str:
     versions = [f"{module.__name__} {module.__version__}" for module in (jax, jaxlib, np, eqx)]
     device = jax.devices()[0]
     machine = [platform.platform(), platform.machine(), device.platform, device.device_kind, str(len(jax.devices()))]
-    machine.append(_target())
+    target = _target()
+    if device.platform == "cpu" and not target:
+        raise NotKeptError("code for a processor whose features are not known")
+    machine.append(target)
     return "\n".join([str(_FORMAT), sys.version, *versions, *machine])
 
 

@@ -410,7 +410,8 @@ class Program(Generic[_P, _R]):
             # Parts of a user's own are traced in each process; what they compile to is kept by its operations.
             store_key = key
             if store is not None and key is None:
-                store_key = key_of_operations(lowered.as_text(), options)
+                with contextlib.suppress(NotKeptError):
+                    store_key = key_of_operations(lowered.as_text(), options)
             content = store.load(store_key) if store is not None and store_key is not None and key is None else None
             if content is not None:
                 with contextlib.suppress(Exception):
