@@ -123,6 +123,12 @@ def test_nothing_is_proposed_after_the_latest_arrival_or_the_window():
     assert max(times.max() for times, _ in planned(window, lambda times, kind: times > 1e9)[1]) <= 70.0
 
 
+def test_a_fleet_without_an_active_aircraft_is_put_off_by_nothing():
+    window = fleet_of((9000.0, 0.0, -1700.0), rule="windows", windows_s=np.array([[50.0, 70.0]]))
+    nobody = FleetTask(eqx.tree_at(lambda t: t.active, window.tasks, jnp.zeros(SIZE)), window.airspace, window.request)
+    np.testing.assert_array_equal(next(later_stage(nobody)).times, next(first_stage(window, True)).times)
+
+
 def test_the_proposals_do_not_depend_on_the_heading():
     """One task turned to 24 headings, its wind with it."""
     last_s = 70.0

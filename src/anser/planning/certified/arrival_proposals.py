@@ -145,7 +145,7 @@ def later_stage(fleet: FleetTask) -> Stage:
     times, late = first.copy(), [fleet.rows[k : k + 1] for k in range(fleet.rows.size)] if by_itself else [fleet.rows]
     for near, far in itertools.pairwise(_DELAY_BOUNDS):
         delays = [_delays(fleet, rows, first, near, far) for rows in late]
-        one_by_one = max(len(one.times) for one in delays) if fleet.is_small and far <= _LONG_DELAY else 1
+        one_by_one = max((len(one.times) for one in delays), default=1) if fleet.is_small and far <= _LONG_DELAY else 1
         index = yield from _first_open(delays, times, (STANDARD,), one_by_one)
         if fleet.levels[1:]:
             before = [one.until(k) for one, k in zip(delays, index, strict=True)]
