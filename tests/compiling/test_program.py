@@ -60,6 +60,13 @@ def test_a_second_process_neither_traces_nor_compiles(store, monkeypatch):
     assert store.files() == [kept]
 
 
+def test_a_kept_program_takes_arrays_of_numpy(store):
+    matrix, vector = np.asarray(MATRIX), np.asarray(VECTOR)
+    first = solved()(matrix, vector)
+    np.testing.assert_array_equal(solved()(matrix, vector), first)
+    assert len(store.files()) == 1
+
+
 def test_another_shape_option_or_function_is_another_program(store):
     solved()(MATRIX, VECTOR)
     solved(compiled_quickly)(MATRIX, VECTOR)

@@ -78,7 +78,10 @@ def load_executable(
     indices = executable.argument_indices
 
     def call(arrays: list[Any]) -> list[Any]:
-        return program.execute_sharded([arrays[index] for index in indices]).consume_with_handlers(wrap)
+        # NumPy's arrays are taken, too, as by a program that was compiled here
+        taken = (arrays[index] for index in indices)
+        arguments = [array if isinstance(array, jax.Array) else jax.device_put(array, device) for array in taken]
+        return program.execute_sharded(arguments).consume_with_handlers(wrap)
 
     return call
 
