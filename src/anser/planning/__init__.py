@@ -20,9 +20,9 @@ from anser.planning.published_planner import PublishedPlanner
 from anser.planning.reference import AbstractReference, PathPoint
 from anser.planning.rendezvous import Rendezvous, final_air_velocity, make_rendezvous, time_to_go
 from anser.planning.renewal import renew
-from anser.planning.separation import nearest_fraction, separation_min, separation_ratio
+from anser.planning.separation import nearest_fraction, separation_ratio
 from anser.planning.shape import solve_lateral_bend
-from anser.planning.sides import choose_sides
+from anser.planning.sides import choose_sides, separation_min
 from anser.planning.trajectory import Trajectory, bend_trajectory, fit_trajectory, lateral_direction_n, with_even_speed
 
 __all__ = [

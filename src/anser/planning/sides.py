@@ -7,9 +7,9 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int, Real
 
 from anser.planning.coordination import FleetPlan
-from anser.planning.separation import positions_along
 from anser.planning.shape import solve_lateral_bend
 from anser.planning.trajectory import Trajectory, bend_trajectory, with_even_speed
+from anser.planning.vectors import root
 
 # Least distances that differ by less than this (m) count as equal: often the rendezvous points decide for both sides.
 _SAME_DISTANCE = 1.0
@@ -67,3 +67,39 @@ def choose_sides(plan: FleetPlan, requested: Real[Array, " aircraft"], count: in
 
     start = (jnp.ones(fleet), jnp.zeros((fleet, count, 3)), jnp.zeros(fleet, dtype=bool))
     return lax.fori_loop(0, fleet, place, start)[0]
+
+
+def positions_along(trajectory: Trajectory, count: int) -> Float[Array, "count 3"]:
+    """Positions over the ground at equal intervals from start to rendezvous, NED, m."""
+    times = trajectory.start_time + trajectory.duration * jnp.linspace(0.0, 1.0, count)
+    return jax.vmap(trajectory.position_n)(times)
+
+
+def separation_min(
+    trajectories: Trajectory, count: int = 65, active: Bool[Array, " aircraft"] | None = None
+) -> Float[Array, "aircraft aircraft"]:
+    """Least distance between any two aircraft during their common flight, m; infinite on the diagonal.
+
+    Parameters
+    ----------
+    trajectories
+        Stacked, leading axis aircraft; of those that are active, all with one start time and duration.
+    count
+        Number of instants looked at, ends included. Between them the distance may be less by no more than half
+        the relative speed times the interval.
+    active
+        Which aircraft fly; infinite from and to one that does not. None: all fly.
+    """
+    positions = jnp.swapaxes(jax.vmap(lambda trajectory: positions_along(trajectory, count))(trajectories), 0, 1)
+    fleet = positions.shape[1]
+
+    def closer(least: Float[Array, "aircraft aircraft"], now: Float[Array, "aircraft 3"]) -> tuple[Array, None]:
+        apart = now[:, None, :] - now[None, :, :]
+        return jnp.minimum(least, jnp.sum(apart * apart, axis=2)), None
+
+    # Instant by instant: memory stays quadratic in the fleet.
+    square, _ = lax.scan(closer, jnp.full((fleet, fleet), jnp.inf), positions)
+    unlike = ~jnp.eye(fleet, dtype=bool)
+    if active is not None:
+        unlike = unlike & active[:, None] & active[None, :]
+    return jnp.where(unlike, root(square), jnp.inf)

@@ -10,9 +10,10 @@ from anser.control import AutopilotSignals, FlightLimits, wrapped
 from anser.environment import Environment
 from anser.planning import PathCommand
 from anser.sensing import Belief
-from anser.shapes import Flag, Scalar, ScalarLike, Vector, Vector3
+from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 from anser.simulation.flight_summary import FlightSummary, Sample
 from anser.simulation.recorder import AircraftSample
+from anser.simulation.survey_trim import surface_share
 from anser.simulation.trim import TrimTarget
 from anser.spatial import path_angles, rotate_back
 
@@ -88,12 +89,6 @@ def sample_of(
         limited=jnp.append(_limited(sample.belief, limits, sample.signals), jnp.any(rate_share >= 1.0)),
         outside=outside_axes(truth, now, start),
     )
-
-
-def surface_share(airframe: AbstractAirframe, surfaces: Vector) -> Vector:
-    """Part of the way from the middle to the stop at which each surface (rad) stands."""
-    lower, upper = airframe.actuators.lower, airframe.actuators.upper
-    return jnp.abs(2 * surfaces - lower - upper) / (upper - lower)
 
 
 def outside_axes(airframe: AbstractAirframe, now: Condition, inside: Condition) -> Bool[Array, "4"]:

@@ -7,7 +7,6 @@ from jaxtyping import Array, Bool
 from anser.aircraft import AbstractAirframe, condition
 from anser.environment import Environment
 from anser.shapes import Flag, Scalar, Vector, Vector3
-from anser.simulation.survey_sample import surface_share
 from anser.simulation.trim import EXCESS_NOISE, TrimPoint, TrimTarget, solve_trim
 
 TRIM_STOPS = ("tables", "no_balance", "thrust_max", "thrust_idle", "surfaces", "alpha", "beta")
@@ -83,3 +82,9 @@ def map_point(airframe: AbstractAirframe, environment: Environment, target: Trim
         power_spare=power,
         surface_left=1 - surface_share(airframe, surfaces),
     )
+
+
+def surface_share(airframe: AbstractAirframe, surfaces: Vector) -> Vector:
+    """Part of the way from the middle to the stop at which each surface (rad) stands."""
+    lower, upper = airframe.actuators.lower, airframe.actuators.upper
+    return jnp.abs(2 * surfaces - lower - upper) / (upper - lower)
