@@ -14,18 +14,12 @@ from airliners import main
 from airliners_example import GRAVITY_M_S2, Flown, flown_from_ned, load_example, our_request
 
 from anser.environment import SteadyWind
-from anser.planning import PathLimits, make_rendezvous
-from anser.planning.certified import (
-    AircraftTask,
-    Airspace,
-    CertifiedPlan,
-    Separation,
-    no_keep_outs,
-    plan_at,
-    stacked,
-)
-from anser.planning.certified.arrivals import direct_times
-from anser.planning.certified.candidate_sets import MINIMAL
+from anser.parts import make_rendezvous
+from anser.planning import PathLimits, Separation
+from anser.planning.certified.arrival_times import direct_times
+from anser.planning.certified.certified_plan import CertifiedPlan, plan_at
+from anser.planning.certified.task import AircraftTask, Airspace, no_keep_outs, stack_tasks
+from anser.planning.certified.timed_profiles import MINIMAL
 
 _INTERVALS = 512
 _ROLL_RATE = np.deg2rad(3.0)  # gentle, as airliners roll
@@ -63,7 +57,7 @@ def fleet() -> tuple[AircraftTask, Airspace]:
         Separation(jnp.asarray(asked.separation), jnp.asarray(0.0)),
         no_keep_outs(),
     )
-    return stacked([one(k) for k in range(len(asked.names))]), airspace
+    return stack_tasks([one(k) for k in range(len(asked.names))]), airspace
 
 
 def ours() -> CertifiedPlan:

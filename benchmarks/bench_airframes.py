@@ -15,12 +15,11 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 
+from anser.analysis.step_flights import StepCase, step_case
+from anser.analysis.trim_points import resolve_airframe
 from anser.environment import standard_environment
-from anser.execution.conditions import airframe_of
-from anser.execution.step_cases import StepCase, step_case
-from anser.numerics import as_array
-from anser.simulation import LoopCase
-from anser.simulation.response import ResponseRecorder, loop_flight
+from anser.numerics.arrays import as_array
+from anser.simulation.response import LoopCase, ResponseRecorder, loop_flight
 
 CASES = (
     ("f16", "textbook", 150.0, 1000.0),
@@ -41,7 +40,7 @@ def flier(case: StepCase, count: int, batch: int | None) -> Callable[[], None]:
     path = jnp.stack([jnp.linalg.norm(case.trim.state.velocity_b), as_array(0.0), as_array(0.0)])
 
     def one(value: jax.Array) -> jax.Array:
-        return loop_flight(loop, value, count, "velocity", ResponseRecorder(loop="velocity", every=count)).measured
+        return loop_flight(loop, value, count, "velocity", ResponseRecorder(loop="velocity", stride=count)).measured
 
     fly = jax.jit(one if batch is None else jax.vmap(one))
     start = path if batch is None else path + jnp.zeros((batch, 3)).at[:, 0].set(jnp.linspace(0.0, 0.5, batch))
@@ -69,7 +68,7 @@ def main() -> None:
         count = round(given.seconds / STEP_S) if batch is None else max(round(0.1 * given.seconds / STEP_S), 2)
         runs = {}
         for name, variant, speed, altitude in (CASES[0], *chosen):
-            case = step_case(airframe_of(name, variant)[0], speed, altitude, "model")
+            case = step_case(resolve_airframe(name, variant)[0], speed, altitude, "model")
             runs[name, variant] = flier(case, count, batch)
         built_in = runs[CASES[0][:2]]
         for key, run in runs.items():

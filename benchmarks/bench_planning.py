@@ -18,13 +18,14 @@ import numpy as np
 
 from anser.compiling import enable_compilation_cache
 from anser.environment import SteadyWind
-from anser.planning import PathLimits, make_rendezvous
-from anser.planning.certified import AircraftTask, Airspace, Separation, intervals_for, no_keep_outs, plan_at, stacked
-from anser.planning.certified.broad_phase import BoundingCylinders, bounding_cylinders, fleet_clearance_ratio
-from anser.planning.certified.candidate_sets import MINIMAL, STANDARD
+from anser.parts import make_rendezvous
+from anser.planning import PathLimits, Separation
 from anser.planning.certified.candidates import fleet_candidates
-from anser.planning.certified.clearance import Track
-from anser.report.print_style import new_figure, save_figure
+from anser.planning.certified.certified_plan import choose_interval_count, plan_at
+from anser.planning.certified.clearance import BoundingCylinders, Track, bounding_cylinders, fleet_clearance_ratio
+from anser.planning.certified.task import AircraftTask, Airspace, no_keep_outs, stack_tasks
+from anser.planning.certified.timed_profiles import MINIMAL, STANDARD
+from anser.report.style import new_figure, save_figure
 
 _FLEETS = (3, 10, 30, 100, 300, 1000)
 _SPEED = 150.0
@@ -60,7 +61,7 @@ def fleet(count: int, seed: int = 0) -> tuple[AircraftTask, float]:
             active=jnp.asarray(1.0),
         )
 
-    return stacked([one(k) for k in range(count)]), 1.3 * farthest / _SPEED
+    return stack_tasks([one(k) for k in range(count)]), 1.3 * farthest / _SPEED
 
 
 def in_conflict(tasks: AircraftTask, airspace: Airspace, duration: float, intervals: int) -> int:
@@ -96,7 +97,7 @@ def in_conflict(tasks: AircraftTask, airspace: Airspace, duration: float, interv
 def measure(count: int, airspace: Airspace) -> float:
     """Plan a fleet, print a line about it and return the warm time, s."""
     tasks, duration = fleet(count)
-    intervals, durations = intervals_for(duration), jnp.full(count, duration)
+    intervals, durations = choose_interval_count(duration), jnp.full(count, duration)
     for name, candidate_set in (("few", MINIMAL), ("many", STANDARD)):
 
         def plan(candidate_set=candidate_set):

@@ -13,10 +13,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from anser.execution.execute import without_replanning
-from anser.numerics import rows_of, seeded
+from anser.missions.runs import without_replanning
+from anser.numerics import flight_randomness
+from anser.numerics.arrays import stack_rows
 from anser.scenario import build_flight, loads
-from anser.simulation import SummaryRecorder, begin, fly, trimmed_fleet
+from anser.simulation import SummaryRecorder, fly
+from anser.simulation.start import initialize_flight, trimmed_fleet
 
 TEXT = (Path(__file__).parents[1] / "scenarios" / "uncertain-world.toml").read_text(encoding="utf-8")
 AIR, REST = TEXT.index("[turbulence]"), TEXT.index("[[aircraft]]")
@@ -54,10 +56,10 @@ def batch_of(text):
     first = flight.planner.first(0.0, fleet.reports, fleet.performance)
     flight = without_replanning(flight)
     flight = eqx.tree_at(lambda f: f.timing.replan_steps, flight, replace_fn=jnp.zeros_like)
-    keys = rows_of([seeded(scenario.seed, number) for number in range(FLEETS)])
+    keys = stack_rows([flight_randomness(scenario.seed, number) for number in range(FLEETS)])
 
     def started(key):
-        return begin(dataclasses.replace(flight, randomness=key), fleet, first)
+        return initialize_flight(dataclasses.replace(flight, randomness=key), fleet, first)
 
     return flight, keys, jax.jit(jax.vmap(started))(keys)
 

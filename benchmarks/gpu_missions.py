@@ -21,20 +21,10 @@ import numpy as np
 from jaxtyping import Array
 
 import anser
-from anser.planning import PublishedPlanner
+from anser.planning.published.planner import PublishedPlanner
 from anser.scenario import build_flight
-from anser.simulation import (
-    PRECISIONS,
-    SEGMENT_STEPS,
-    Flight,
-    FlightState,
-    Precision,
-    SummaryRecorder,
-    flight_in,
-    fly,
-    start_flight,
-    state_in,
-)
+from anser.simulation import SEGMENT_STEPS, Flight, FlightState, SummaryRecorder, fly, start_flight
+from anser.simulation.precision import PRECISIONS, Precision, cast_flight, cast_state
 
 SCENARIO = Path(__file__).parents[1] / "scenarios" / "three-aircraft.toml"
 SPREAD_M = 50.0
@@ -52,12 +42,12 @@ class Batch(NamedTuple):
 
 def moved(flight: Flight, offset_n: Array) -> Flight:
     """The flight with other starts; `offset_n` (aircraft, 3), m, for aircraft of one kind."""
-    (kind,) = flight.kinds
+    (kind,) = flight.groups
     kind = dataclasses.replace(kind, start_positions_n=kind.start_positions_n + offset_n)
     assert isinstance(flight.planner, PublishedPlanner)
     starts_n = flight.planner.start_positions_n + offset_n
     return dataclasses.replace(
-        flight, kinds=(kind,), planner=eqx.tree_at(lambda p: p.start_positions_n, flight.planner, starts_n)
+        flight, groups=(kind,), planner=eqx.tree_at(lambda p: p.start_positions_n, flight.planner, starts_n)
     )
 
 
@@ -65,21 +55,21 @@ def fly_all(offsets_n: np.ndarray, batch: int, device: Any, duration_s: float, p
     """Fly fleets with these offsets (fleet, aircraft, 3) in batches; the first is flown twice, once to compile."""
     flight = build_flight(anser.load(SCENARIO))
     steps = round(duration_s / float(flight.timing.step))
-    recorder = SummaryRecorder(last=jnp.asarray(steps, dtype=jnp.int32))
+    recorder = SummaryRecorder(last_sample=jnp.asarray(steps, dtype=jnp.int32))
 
     @jax.jit
     def started(offset_n: Array) -> FlightState:
-        return jax.vmap(lambda one: state_in(start_flight(moved(flight, one))[0], precision))(offset_n)
+        return jax.vmap(lambda one: cast_state(start_flight(moved(flight, one))[0], precision))(offset_n)
 
     @eqx.filter_jit
     def segment(offset_n: Array, state: FlightState, memory: tuple, since: Array) -> tuple:
         def one(offset_n: Array, state: FlightState, memory: tuple) -> tuple:
-            own = flight_in(moved(flight, offset_n), precision)
+            own = cast_flight(moved(flight, offset_n), precision)
             return fly(own, state, since, SEGMENT_STEPS, recorder, memory)[:2]
 
         return jax.vmap(one)(offset_n, state, memory)
 
-    def flown(offset_n: np.ndarray, last: int) -> np.ndarray:
+    def flown(offset_n: np.ndarray, last_sample: int) -> np.ndarray:
         rows = np.concatenate([offset_n, np.repeat(offset_n[-1:], batch - len(offset_n), axis=0)])
         placed = jax.device_put(rows, device)
         state = started(placed)
@@ -87,7 +77,7 @@ def fly_all(offsets_n: np.ndarray, batch: int, device: Any, duration_s: float, p
             lambda leaf: jnp.broadcast_to(jnp.asarray(leaf, dtype=leaf.dtype), (batch, *leaf.shape)),
             recorder.init(flight.count),
         )
-        for since in range(0, last + 1, SEGMENT_STEPS):
+        for since in range(0, last_sample + 1, SEGMENT_STEPS):
             state, memory = segment(placed, state, memory, jnp.asarray(since, dtype=jnp.int32))
         return np.asarray(memory[0].miss)[: len(offset_n)]
 

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from anser.campaigns.flying import applied_values, scenario_with
+from anser.campaigns import load_study
+from anser.campaigns.flights import applied_values, dispersed_scenario
 from anser.campaigns.sampling import flight_seeds
-from anser.campaigns.study import load_study
-from anser.execution.many_flights import FlightCase, fly_many
-from anser.results.flight_row import FlightRow
-from anser.simulation import PRECISIONS, Precision
+from anser.missions import FlightCase, fly_many
+from anser.results.flight_rows import FlightRow
+from anser.simulation.precision import PRECISIONS, Precision
 
 SHARES = (0.5, 0.95, 0.99, 1.0)
 
@@ -28,7 +28,7 @@ def cases_of(study: Path, flights: int) -> list[FlightCase]:
     applied = applied_values(wanted, scenario, given)
     seeds = flight_seeds(wanted, next(iter(applied.values())).size)[:flights].tolist()
     rows = [{path: values[k] for path, values in applied.items()} for k in range(len(seeds))]
-    return [FlightCase(scenario_with(scenario, seed, row)) for seed, row in zip(seeds, rows, strict=True)]
+    return [FlightCase(dispersed_scenario(scenario, seed, row)) for seed, row in zip(seeds, rows, strict=True)]
 
 
 def flown(cases: list[FlightCase], precision: Precision) -> tuple[list[FlightRow], np.ndarray]:

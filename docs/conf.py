@@ -16,9 +16,9 @@ jax.Array.__module__ = "jax"
 
 import anser  # noqa: E402 - its annotations take the name on
 from anser.campaigns.study import Study  # noqa: E402
-from anser.compiling.options import known_options  # noqa: E402
+from anser.compiling.options import supported_options  # noqa: E402
+from anser.config.file_schema import key_tables  # noqa: E402
 from anser.scenario import AirframeFile, Scenario  # noqa: E402
-from anser.scenario.file_schema import key_tables  # noqa: E402
 
 _ROOT = Path(__file__).parents[1]
 
@@ -109,7 +109,7 @@ get_ipython().run_line_magic("config", "InlineBackend.figure_formats = ['svg']")
 def _prepare_kernels() -> None:
     """Let the kernels of the examples find the command `anser`, and the scenarios where the pages say they are."""
     os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
-    if known_options({"xla_cpu_use_fusion_emitters": False}):  # compiles in half the time, where the version has it
+    if supported_options({"xla_cpu_use_fusion_emitters": False}):  # compiles in half the time, where the version has it
         os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false")
     os.environ["COLUMNS"] = "110"
     profile = _ROOT / "build" / "ipython"

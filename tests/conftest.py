@@ -39,7 +39,8 @@ with install_import_hook(["anser", "trials"], "beartype.beartype"):
 import jax
 
 from anser import cli
-from anser.compiling import enable_compilation_cache, keep_within_regions, release_all
+from anser.compiling import enable_compilation_cache
+from anser.compiling.program import limit_memory_regions, release_all_programs
 
 gc.set_threshold(200_000)  # as on the command line: tracing makes many small objects that live
 enable_compilation_cache()
@@ -75,10 +76,10 @@ _RESIDENT_MAX_KIB = 3 << 20
 def programs_let_go():
     """Release what tests compile themselves before it fills the process: anser bounds its own programs only."""
     yield
-    keep_within_regions()
+    limit_memory_regions()
     status = Path("/proc/self/status")
     if status.exists() and int(status.read_text().split("VmRSS:")[1].split()[0]) > _RESIDENT_MAX_KIB:
-        release_all()
+        release_all_programs()
 
 
 @pytest.fixture(name="anser")

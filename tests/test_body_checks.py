@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anser.body_checks import body_faults
+from anser.airframe_data import body_faults
 
 MASS = {"mass": 1.0}
 

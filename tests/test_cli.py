@@ -11,10 +11,10 @@ import pytest
 import xarray as xr
 
 from anser.cli.console import RefusedError
-from anser.cli.output_folder import make_next
+from anser.cli.folders import make_next_folder
 from anser.scenario import load, validate
 from anser.simulation import STATUS_MESSAGES
-from anser.simulation.status import AT_GROUND
+from anser.simulation.closed_loop import AT_GROUND
 from support.made_flight import make_flight
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
@@ -56,12 +56,12 @@ def test_run_writes_the_files_and_a_table(anser, tmp_path):
 def test_a_folder_that_nobody_named_is_the_next_free_one(tmp_path):
     taken = tmp_path / "runs" / "patrol"
     for expected in ("patrol", "patrol-2", "patrol-3"):
-        assert make_next(taken) == tmp_path / "runs" / expected
+        assert make_next_folder(taken) == tmp_path / "runs" / expected
         assert (tmp_path / "runs" / expected).is_dir()
     (tmp_path / "file").write_text("")
     for place in (tmp_path / "file" / "patrol", tmp_path / "file" / "deep" / "patrol"):
         with pytest.raises(RefusedError, match=r"--out: arrived nothing, and .* cannot be made"):
-            make_next(place)
+            make_next_folder(place)
 
 
 def test_a_run_without_out_leaves_the_earlier_one_alone_and_keeps_what_was_flown(anser, tmp_path, monkeypatch):
@@ -90,7 +90,7 @@ def test_when_an_aircraft_stopped_is_told(anser, tmp_path, monkeypatch):
     flown = SimpleNamespace(
         dataset=dataset, summary=summary, met=False, planned=planned, write_into=lambda folder: (folder / "x").touch()
     )
-    monkeypatch.setattr("anser.execution.run", lambda *asked: flown)
+    monkeypatch.setattr("anser.cli.flights.run", lambda *asked: flown)
     code, printed, err = anser("run", SCENARIOS / "three-aircraft.toml", "--out", tmp_path / "run")
     assert code == 1
     assert "at 75.2 s: the aircraft reached the ground" in printed

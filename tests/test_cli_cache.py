@@ -4,8 +4,9 @@ import json
 
 import pytest
 
-from anser.compiling import FolderStore, forget_programs, use_program_store
-from anser.compiling import program_store as store_of_the_suite
+from anser.compiling import FolderStore, forget_programs
+from anser.compiling.options import program_store as store_of_the_suite
+from anser.compiling.program import use_program_store
 
 IN_USE = store_of_the_suite()
 

@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from anser.campaigns import Answer, CampaignStore, StoreError, cluster, flying, write_campaign
-from anser.campaigns.store_checksums import StoreChecksums
-from anser.campaigns.store_lock import exclusive
-from anser.cli.campaigning import _bound_cells
+from anser.campaigns import CampaignStore, StoreError, cluster
+from anser.campaigns import flights as flying
+from anser.campaigns.campaign_report import write_campaign
+from anser.campaigns.estimates import QuantileEstimate
+from anser.campaigns.store_integrity import StoreChecksums, folder_lock
+from anser.cli.campaigns import _bound_cells
 from campaigns.study_cases import STUDIES, made_up, text_of
 
 KEPT = '[keep]\nseries = ["position_error", "airspeed", "phase"]\nseries_every_s = 0.7\n'
@@ -121,7 +123,7 @@ def test_a_damaged_campaign_is_refused_and_resumed_by_one_process_at_a_time(anse
         code, _, said = anser(*words)
         assert (code, said.count("\n")) == (2, 1)
         assert "arrived chunk 1 (flights 8 to 15) of which" in said
-    with exclusive(out):
+    with folder_lock(out):
         code, _, said = anser("campaign", study, "--out", out, "--resume")
     assert (code, "a folder into which another process flies" in said) == (2, True)
     code, printed, said = anser("campaign", study, "--out", out, "--resume", "--processes", 1)
@@ -208,7 +210,7 @@ def test_a_cluster_that_is_lost_leaves_what_was_flown_and_one_message(anser, stu
         yield fly(folder, chunks[0])
         raise StoreError(f"cluster {address}: arrived a scheduler that broke the connection")
 
-    monkeypatch.setattr(flying, "flown_by_cluster", lost)
+    monkeypatch.setattr(flying, "fly_on_cluster", lost)
     monkeypatch.setattr(flying, "fly_many", made_up)
     monkeypatch.setattr(flying, "BATCH", 8)
     code, _, said = anser("campaign", study, "--out", tmp_path / "out", "--cluster", "tcp://10.0.0.1:8786")
@@ -350,4 +352,4 @@ def test_usage_is_what_was_written(anser, tmp_path):
 )
 def test_short_times_are_in_milliseconds_and_a_ratio_has_no_unit(unit, value, high, cells):
     low = None if value is None else value / 2.0
-    assert _bound_cells(Answer("any", "words", unit, 0.95, True, value, low, high)) == cells
+    assert _bound_cells(QuantileEstimate("any", "words", unit, 0.95, True, value, low, high)) == cells

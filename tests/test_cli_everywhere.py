@@ -20,11 +20,11 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 from anser.cli import console
+from anser.cli.app import help_epilog, register_command
 from anser.cli.arguments import complete_run, complete_scenario, complete_variant
 from anser.cli.commands import app
-from anser.cli.console import answer, line, problem, progress_bar, say, working
-from anser.cli.offering import about, offer
-from anser.compiling import compiled
+from anser.cli.console import activity, print_document, print_line, print_note, print_problem, progress_bar
+from anser.compiling.options import compiled
 from support.made_flight import make_flight
 
 ROOT = Path(__file__).parents[1]
@@ -151,28 +151,28 @@ def test_lists_and_reports_answer_as_json(anser, tmp_path):
 def made():
     """An application with one made-up command for each way to behave."""
 
-    @about("anser good", unmet="never")
+    @help_epilog("anser good", unmet="never")
     def good() -> None:
         """Answers as a command should."""
-        say("a message [1]")
-        answer(lambda: {"figure": 1})
-        line("figure [m]: 1")
-        problem("falls short [2]")
+        print_note("a message [1]")
+        print_document(lambda: {"figure": 1})
+        print_line("figure [m]: 1")
+        print_problem("falls short [2]")
         raise typer.Exit(1)
 
-    @about("anser mute")
+    @help_epilog("anser mute")
     def mute() -> None:
         """Forgets its document."""
-        line("figure: 1")
+        print_line("figure: 1")
 
-    @about("anser endless")
+    @help_epilog("anser endless")
     def endless() -> None:
         """Is interrupted."""
         raise KeyboardInterrupt
 
     offered = typer.Typer()
     for command in (good, mute, endless):
-        offer(offered, command)
+        register_command(offered, command)
     return lambda *words: CliRunner().invoke(offered, words)
 
 
@@ -358,11 +358,11 @@ def test_a_log_gets_a_line_each_minute(monkeypatch, capsys):
     with progress_bar() as tell:
         tell("flying", 0.25)
         assert re.fullmatch(r"flying, 25 %, 0:\d\d gone", first_line())
-    with working("solving"):
+    with activity("solving"):
         assert re.fullmatch(r"solving, 0:\d\d gone", first_line())
     capsys.readouterr()
     monkeypatch.setattr(console.note, "quiet", True)
-    with working("solving"):
+    with activity("solving"):
         time.sleep(0.25)
     assert capsys.readouterr() == ("", "")
 
@@ -402,7 +402,7 @@ def test_the_progress_says_when_anser_compiles_and_only_then(monkeypatch):
         tell("flying", 0.5)
         fresh(jnp.ones(3))
         fresh(jnp.ones(3))
-    with working("solving"):
+    with activity("solving"):
         fresh(jnp.ones(3))
         fresh(jnp.ones(4))
     assert said == ["starting", "flying", "flying: compiling", "flying", "solving", "solving: compiling", "solving"]

@@ -7,7 +7,7 @@ import re
 import pytest
 
 from anser.cli.console import RefusedError
-from anser.cli.output_folder import must_be_new_file, written_file, written_into
+from anser.cli.folders import must_be_new_file, open_output_file, open_output_folder
 from support.made_flight import make_flight
 from support.tiny_run import make_run
 from test_cli_everywhere import COMMANDS, THREE
@@ -32,22 +32,25 @@ def _failing(writing, error):
 
 
 def test_a_new_folder_stays_only_with_something_in_it(tmp_path):
-    with written_into(tmp_path / "deep" / "new") as into:
+    with open_output_folder(tmp_path / "deep" / "new") as into:
         (into / "file").touch()
     assert (tmp_path / "deep" / "new" / "file").exists()
-    with pytest.raises(ValueError, match="failed"), written_into(tmp_path / "none"):
+    with pytest.raises(ValueError, match="failed"), open_output_folder(tmp_path / "none"):
         raise ValueError("failed")
     assert not (tmp_path / "none").exists()
 
 
 def test_a_folder_that_exists_is_refused_without_force(tmp_path):
-    with pytest.raises(RefusedError, match="which exists; expected a new folder, or --force"), written_into(tmp_path):
+    with (
+        pytest.raises(RefusedError, match="which exists; expected a new folder, or --force"),
+        open_output_folder(tmp_path),
+    ):
         pass
     (tmp_path / "file").touch()
     for force in (False, True):
         with (
             pytest.raises(RefusedError, match="which exists; expected a folder"),
-            written_into(tmp_path / "file", force),
+            open_output_folder(tmp_path / "file", force),
         ):
             pass
 
@@ -55,18 +58,21 @@ def test_a_folder_that_exists_is_refused_without_force(tmp_path):
 def test_with_force_a_failure_leaves_what_was_there_and_a_fault_of_its_own_is_no_bad_input(tmp_path):
     (tmp_path / "flight.nc").write_text("old")
     with pytest.raises(OSError, match="elsewhere"):
-        _failing(written_into(tmp_path, True), OSError("elsewhere"))
+        _failing(open_output_folder(tmp_path, True), OSError("elsewhere"))
     assert [path.name for path in tmp_path.iterdir()] == ["flight.nc"]
     assert (tmp_path / "flight.nc").read_text() == "old"
     (tmp_path / "sweep.nc").mkdir()
-    with pytest.raises(RefusedError, match=r"sweep\.nc is a folder"), written_into(tmp_path, True) as into:
+    with pytest.raises(RefusedError, match=r"sweep\.nc is a folder"), open_output_folder(tmp_path, True) as into:
         (into / "sweep.nc").touch()
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
 def test_a_folder_that_cannot_be_written_is_bad_input(tmp_path):
     tmp_path.chmod(0o500)
-    with pytest.raises(RefusedError, match="a folder in which files can be replaced"), written_into(tmp_path, True):
+    with (
+        pytest.raises(RefusedError, match="a folder in which files can be replaced"),
+        open_output_folder(tmp_path, True),
+    ):
         pass
 
 
@@ -77,9 +83,9 @@ def test_a_file_is_replaced_only_with_force(tmp_path):
         must_be_new_file("--bode", picture, (".svg",))
     must_be_new_file("--bode", picture, (".svg",), True)
     with pytest.raises(RuntimeError):
-        _failing(written_file("--bode", picture, True), RuntimeError())
+        _failing(open_output_file("--bode", picture, True), RuntimeError())
     assert picture.read_text() == "old"
-    with written_file("--bode", picture, True) as file:
+    with open_output_file("--bode", picture, True) as file:
         file.write_text("new")
     assert picture.read_text() == "new"
     with pytest.raises(RefusedError, match=r"ends with \.svg$"):
@@ -126,7 +132,7 @@ def fake(monkeypatch):
         asked.append(scenario)
         return Flown()
 
-    monkeypatch.setattr("anser.execution.run", fly)
+    monkeypatch.setattr("anser.cli.flights.run", fly)
     return asked
 
 

@@ -4,7 +4,7 @@ import contextlib
 
 import pytest
 
-from anser.campaigns import CampaignStore, flying
+from anser.campaigns import CampaignStore, flights
 from anser.results import write_netcdf, write_summary
 from campaigns.study_cases import STUDIES, made_up, text_of
 from support.full_disk import full_disk
@@ -93,7 +93,7 @@ high = 1.0
 def test_a_folder_that_cannot_be_made_is_refused_before_anything_flies(anser, tmp_path, monkeypatch, command, place):
     monkeypatch.chdir(tmp_path)
     study = _study(tmp_path, text_of(flights=20) if command == "campaign" else RARE)
-    monkeypatch.setattr(flying, "fly_many", lambda *_, **__: pytest.fail("flown"))
+    monkeypatch.setattr(flights, "fly_many", lambda *_, **__: pytest.fail("flown"))
     before = files(tmp_path)
     code, _, said = anser(command, study, "--out", place.format(study=study), "--processes", 1)
     assert code == 2, said
@@ -109,13 +109,13 @@ def test_a_campaign_on_a_full_disk_can_be_resumed(anser, tmp_path, monkeypatch):
             disk.enter_context(full_disk(16))
             return made_up(cases)
 
-        monkeypatch.setattr(flying, "fly_many", flown_until_the_disk_is_full)
+        monkeypatch.setattr(flights, "fly_many", flown_until_the_disk_is_full)
         code, _, said = anser("campaign", study, "--out", out, "--processes", 1)
     assert code == 2, said
     assert "File too large" in said
     assert "0 of 20 flights; --resume flies the others" in said
     assert "Traceback" not in said
-    monkeypatch.setattr(flying, "fly_many", made_up)
+    monkeypatch.setattr(flights, "fly_many", made_up)
     assert anser("campaign", study, "--out", out, "--processes", 1, "--resume")[0] == 1
     assert CampaignStore.open(out).flown.size == 20
 

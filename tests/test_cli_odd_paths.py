@@ -4,10 +4,12 @@ import os
 
 import pytest
 
-from anser import campaign, load, load_flight
-from anser.campaigns import CampaignStore, RareStore
-from anser.output_files import new_folder, write_file
-from anser.scenario import ScenarioError
+from anser import campaign, load_flight
+from anser.campaigns import CampaignStore
+from anser.campaigns.rare_store import RareStore
+from anser.config import ScenarioError
+from anser.files import new_folder, write_file
+from anser.scenario import files
 from support.tiny_run import make_run
 
 ODD = {
@@ -61,7 +63,7 @@ def test_odd_paths_are_one_message(anser, tmp_path, kind, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "use", [load, load_flight, lambda path: CampaignStore.open(path), lambda path: RareStore.open(path)]
+    "use", [files, load_flight, lambda path: CampaignStore.open(path), lambda path: RareStore.open(path)]
 )
 def test_a_null_character_in_a_path_is_refused_on_reading(use, tmp_path):
     with pytest.raises(ValueError, match="arrived"):
@@ -81,7 +83,7 @@ def test_a_null_character_in_a_path_within_a_file_is_refused(anser, tmp_path):
     named = text.replace("[[aircraft]]\n", '[[aircraft]]\nairframe = "a\\u0000b.toml"\n', 1)
     (tmp_path / "named.toml").write_text(named)
     with pytest.raises(ScenarioError, match="airframe"):
-        load(tmp_path / "named.toml")
+        files(tmp_path / "named.toml")
     (tmp_path / "study.toml").write_text(
         'format = 1\nname = "odd"\ndescription = "x"\nscenario = "a\\u0000b.toml"\nseed = 1\n'
         '[sampling]\nmethod = "monte-carlo"\nflights = 2\n'

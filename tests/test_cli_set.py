@@ -5,7 +5,7 @@ from urllib.parse import unquote, urlparse
 
 import pytest
 
-from anser.cli.setting import value_of
+from anser.cli.overrides import parse_value
 from anser.scenario import load, loads
 from test_cli_everywhere import THREE
 from test_cli_force import fake  # noqa: F401 - a fixture
@@ -69,7 +69,7 @@ def test_a_flight_of_a_campaign_is_flown_as_it_was(anser, tmp_path):
     ],
 )
 def test_values_are_read_as_a_file_holds_them(text, value):
-    found = value_of(text)
+    found = parse_value(text)
     assert found == value
     assert type(found) is type(value)
 

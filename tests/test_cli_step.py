@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from anser.execution import PUBLISHED_STEPS
+from anser.analysis import PUBLISHED_STEPS
 
 PITCH = ("step", "--loop", "rates", "--channel", "q", "--size", "-5", "--at", "150,2000")
 
@@ -69,7 +69,7 @@ def test_bad_input_ends_with_2_and_says_what_is_right(anser, words, said):
 def test_gallery_draws_every_test_and_ends_by_its_limits(anser, tmp_path, monkeypatch):
     """The velocity loop's tests stand for all: a second for each figure, and theirs are the longest."""
     tests = tuple(test for test in PUBLISHED_STEPS if test.loop == "velocity")
-    monkeypatch.setattr("anser.execution.gallery_steps", lambda *of: (tests, (150.0, 1000.0)))
+    monkeypatch.setattr("anser.analysis.step_flights.gallery_steps", lambda *of: (tests, (150.0, 1000.0)))
     out = tmp_path / "gallery"
     code, printed, said = anser("gallery", "--out", out)
     keys = [*(test.key for test in tests), "overview", "climb-and-turn"]

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from anser.cli.streams import GuardedStream, guarded_streams
+from anser.cli.process import GuardedStream, guarded_streams
 
 FULL = "/dev/full"
 needs_full = pytest.mark.skipif(not os.path.exists(FULL), reason="no device that is always full")

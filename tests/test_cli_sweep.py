@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from anser.cli.sweeping import _print_swept, swept_values
+from anser.cli.sweeps import _print_sweep, parse_sweep_values
 from support.plain_files import read_alone
 
 THREE = Path(__file__).parents[1] / "scenarios" / "three-aircraft.toml"
@@ -36,7 +36,7 @@ def test_names_in_square_brackets_and_between_colons_stand_in_the_table(capsys):
         {"met": (paths, np.ones(shape, bool)), "unmet": (paths, texts), "reason": (paths, texts)},
         attrs={"title": "three [of] :airplane:"},
     )
-    _print_swept(data, swept)
+    _print_sweep(data, swept)
     printed = capsys.readouterr().out
     for text in (*paths, ":boat:", "[red]", "[bold]of [aircraft-1]", "three [of] :airplane:"):
         assert text in printed
@@ -84,5 +84,5 @@ def test_a_path_twice_ends_with_2(anser, tmp_path):
 
 
 def test_values_are_what_a_file_would_hold():
-    found = swept_values(["a=0:0.3:0.1", "b=1,2.5,left,true", "c=2:-2:-2"])
+    found = parse_sweep_values(["a=0:0.3:0.1", "b=1,2.5,left,true", "c=2:-2:-2"])
     assert found == {"a": [0, 0.1, 0.2, 0.3], "b": [1, 2.5, "left", True], "c": [2, 0, -2]}

@@ -5,11 +5,11 @@ import resource
 
 import pytest
 
-from anser.input_files import XML_ENCODINGS, read_file, xml_text
+from anser.aircraft_files import read_airframe
+from anser.config import ScenarioError
+from anser.files import XML_ENCODINGS, decode_xml, read_file
 from anser.report.verification_page import _main
 from anser.results.checksums import read_document
-from anser.scenario import ScenarioError
-from anser.scenario.airframe_file import read_airframe
 
 
 def _sparse(path, size=1 << 40):
@@ -48,15 +48,15 @@ TEXT = "<a>caf\u00e9</a>"
 @pytest.mark.parametrize("encoding", [name for name in XML_ENCODINGS if name not in ("US-ASCII", "UTF-16")])
 def test_xml_is_read_in_the_encoding_that_it_declares(encoding):
     text = f'<?xml version="1.0" encoding="{encoding}"?>{TEXT}'
-    assert xml_text(text.encode(encoding)) == text
+    assert decode_xml(text.encode(encoding)) == text
 
 
 def test_xml_without_a_declaration_is_utf_8_or_marked_utf_16():
     for content in (TEXT.encode(), codecs.BOM_UTF8 + TEXT.encode(), TEXT.encode("utf-16")):
-        assert xml_text(content) == TEXT
+        assert decode_xml(content) == TEXT
 
 
 @pytest.mark.parametrize("name", ["punycode", "idna", "undefined", "hex", "rot13", "unicode_escape", "utf-7", "none"])
 def test_other_encodings_are_refused_by_name(name):
     with pytest.raises(LookupError, match=f'encoding "{name}"'):
-        xml_text(f"<?xml version='1.0' encoding='{name}'?><a/>".encode())
+        decode_xml(f"<?xml version='1.0' encoding='{name}'?><a/>".encode())

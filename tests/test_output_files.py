@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from anser.output_files import interrupts_deferred, new_file, new_folder, remove_unfinished, replaced_within, write_file
-from anser.report.print_style import new_figure, save_figure
-from anser.results import write_json, write_netcdf
+from anser.files import defer_interrupts, new_file, new_folder, remove_temporary_outputs, staged_folder, write_file
+from anser.report.style import new_figure, save_figure
+from anser.results import write_netcdf
+from anser.results.documents import write_json
 from support.full_disk import full_disk
 
 
@@ -27,7 +28,7 @@ def content(folder):
 
 
 def test_files_of_the_same_names_are_replaced_and_all_others_stay(folder):
-    with replaced_within(folder) as into:
+    with staged_folder(folder) as into:
         (into / "flight.nc").write_text("new")
         (into / "deep").mkdir()
         (into / "deep" / "new.svg").write_text("new")
@@ -40,7 +41,7 @@ def test_what_fails_on_the_way_changes_nothing(folder):
     before = content(folder)
 
     def stopped():
-        with replaced_within(folder) as into:
+        with staged_folder(folder) as into:
             (into / "flight.nc").write_text("half")
             raise KeyboardInterrupt
 
@@ -53,7 +54,7 @@ def test_a_folder_in_the_place_of_a_file_is_refused_before_anything_is_replaced(
     before = content(folder)
 
     def in_the_way():
-        with replaced_within(folder) as into:
+        with staged_folder(folder) as into:
             (into / "flight.nc").write_text("new")
             (into / "deep").write_text("new")
 
@@ -156,7 +157,7 @@ def test_an_interrupt_waits_for_steps_that_belong_together():
     steps = []
 
     def interrupted():
-        with interrupts_deferred():
+        with defer_interrupts():
             os.kill(os.getpid(), signal.SIGINT)
             steps.append("first")
             steps.append("second")
@@ -171,7 +172,7 @@ def test_an_interrupt_waits_for_steps_that_belong_together():
 def test_what_is_unfinished_is_removed_at_an_end_without_unwinding(tmp_path):
     with new_file(tmp_path / "file") as partial:
         partial.write_text("half")
-        remove_unfinished()
+        remove_temporary_outputs()
         assert list(tmp_path.iterdir()) == []
         partial.write_text("whole")
     assert content(tmp_path) == {"file": "whole"}

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import anser
-from anser.scenario import ScenarioError
+from anser.config import ScenarioError
 
 ENTRIES = [
     "campaign",

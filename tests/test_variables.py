@@ -13,7 +13,7 @@ from anser.variables import (
     RECORDED_KEYS,
     STANDARD_SURFACES,
     Variable,
-    all_surfaces,
+    all_surface_names,
     catalogue,
     recorded_keys,
     surface_variables,
@@ -142,7 +142,7 @@ def test_the_catalogue_of_other_surfaces_has_all_else_as_it_was():
 
 
 def test_surfaces_of_a_fleet_come_in_the_order_in_which_they_occur():
-    assert all_surfaces([("b", "a"), ("a", "c"), ("b",)]) == ("b", "a", "c")
+    assert all_surface_names([("b", "a"), ("a", "c"), ("b",)]) == ("b", "a", "c")
 
 
 @pytest.mark.parametrize("name", ["bank", "roll_rate", "flap_command"])

@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
+from anser.cli.app import help_epilog, register_command
 from anser.cli.console import (
     RefusedError,
-    answer,
-    line,
-    must_lie,
+    must_be_in_range,
     plain_table,
+    print_document,
+    print_line,
+    print_problem,
     print_table,
-    problem,
     progress_bar,
 )
-from anser.cli.interrupts import INTERRUPTED
-from anser.cli.offering import about, offer
+from anser.cli.process import INTERRUPTED
 
 if TYPE_CHECKING:
     from trials.runner import Trial
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 _SEEDS_MOST = 1_000_000
 
 
-@about(
+@help_epilog(
     "python -m trials --seeds 0:100 --out trials.jsonl",
     "python -m trials --seeds 0:100 --out trials.jsonl --resume --jobs 4",
     unmet="a plan fails, or too many refusals are contradicted",
@@ -52,8 +52,8 @@ def plan_trials(
     planner's, in code of its own. It finds local solutions: a refusal that it does not contradict is not proved right.
     """
     wanted = _seeds(seeds)
-    must_lie("--search-iterations", search_iterations, 1, 10_000_000)
-    must_lie("--jobs", jobs, 1, 1024)
+    must_be_in_range("--search-iterations", search_iterations, 1, 10_000_000)
+    must_be_in_range("--jobs", jobs, 1, 1024)
     from trials.runner import run_trials
     from trials.tally import tally
     from trials.trial_file import append_trial
@@ -73,7 +73,7 @@ def plan_trials(
         except KeyboardInterrupt:
             stopped = True
     shown = tally([one for one in trials if wanted.start <= one.seed < wanted.stop])
-    answer(
+    print_document(
         lambda: {
             "format_version": 1,
             "seeds": [wanted.start, wanted.stop],
@@ -85,10 +85,10 @@ def plan_trials(
     )
     print_table(_table(shown))
     for disagreement in shown.disagreements:
-        problem(disagreement)
-    line(f"{out}: {shown.count()} of {asked} seeds")
+        print_problem(disagreement)
+    print_line(f"{out}: {shown.count()} of {asked} seeds")
     if stopped:
-        problem("stopped; --resume goes on from here")
+        print_problem("stopped; --resume goes on from here")
         raise typer.Exit(INTERRUPTED)
     if not shown.passes:
         raise typer.Exit(1)
@@ -100,15 +100,15 @@ def main() -> None:
     app = typer.Typer(
         add_completion=False, context_settings={"help_option_names": ["--help", "-h"]}, pretty_exceptions_enable=False
     )
-    offer(app, plan_trials)
+    register_command(app, plan_trials)
     try:
         app(prog_name="python -m trials")
     except RefusedError as error:
-        problem(str(error))
+        print_problem(str(error))
         sys.exit(2)
     except Exception:  # noqa: BLE001 - the outermost frame: an internal fault must end with its own exit code
         traceback.print_exc()
-        problem("internal fault of the trials: please report the lines above together with the seeds")
+        print_problem("internal fault of the trials: please report the lines above together with the seeds")
         sys.exit(3)
 
 

@@ -24,11 +24,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from anser.aircraft import AERO_OUTPUTS, ENGINE_OUTPUTS, AirData, DaveMlAircraft, DaveMlEngine
+from anser.aircraft import AirData, DaveMlAircraft
+from anser.aircraft.dave_ml_aircraft import AERO_OUTPUTS, ENGINE_OUTPUTS, DaveMlEngine
+from anser.aircraft_files import build_airframe, read_airframe
+from anser.aircraft_files.sources import airframe_starter, validate_airframe
+from anser.config import ScenarioError
 from anser.dave_ml import Model, read_dave_ml
-from anser.scenario import ScenarioError, read_airframe
-from anser.scenario.airframe_file import airframe_starter, validate_airframe
-from anser.scenario.airframe_file.build import build_airframe
 
 _FOLDER = Path(__file__).parents[1] / "scenarios" / "own-aircraft"
 _FT, _SLUG, _LBM, _DEG, _KT = 0.3048, 14.593902937206364, 0.45359237, np.pi / 180.0, 1852.0 / 3600.0

@@ -21,9 +21,9 @@ import numpy as np
 from jaxtyping import Float
 
 from anser.compiling import enable_compilation_cache
-from anser.execution.certified import CertifiedPlanned, arrival_request, plan_certified
-from anser.numerics import as_array
-from anser.planning.certified import AircraftTask, ArrivalRequest
+from anser.missions.first_plan import CertifiedFirstPlan, arrival_request, plan_certified
+from anser.numerics.arrays import as_array
+from anser.planning.certified.task import AircraftTask, ArrivalRequest
 from anser.scenario import Scenario, loads
 
 TOLERANCE = 0.01
@@ -138,13 +138,13 @@ def straight_times(scenario: Scenario, tasks: AircraftTask) -> Float[np.ndarray,
 class _Scan:
     """Arrival times tried one after the other for a planned scenario."""
 
-    planned: CertifiedPlanned
+    planned: CertifiedFirstPlan
 
     def plans(self, tasks: AircraftTask, times_s: Float[np.ndarray, " aircraft"]) -> bool:
         """Whether the planner plans for given arrival times, s."""
         scenario, planner = self.planned.scenario, self.planned.flight.planner
         request = ArrivalRequest("times", scenario.timing.latest_arrival_s, times_s)
-        outcome, _ = planner.searched(0.0, tasks, request, scenario.timing.duration_s)  # pyright: ignore
+        outcome, _ = planner.search_plan(0.0, tasks, request, scenario.timing.duration_s)  # pyright: ignore
         return outcome.plan is not None
 
     def first(self, tasks: AircraftTask, begin_s: float, end_s: float, offsets_s: Float[np.ndarray, " fleet"]) -> float:
@@ -161,9 +161,9 @@ class _Scan:
         return high
 
 
-def _reference(planned: CertifiedPlanned, straight_s: np.ndarray, planned_s: np.ndarray) -> np.ndarray:
+def _reference(planned: CertifiedFirstPlan, straight_s: np.ndarray, planned_s: np.ndarray) -> np.ndarray:
     """Promised arrival time of each aircraft, s; scans only where the plan is later than the straight way allows."""
-    scenario, n, tasks = planned.scenario, straight_s.size, planned.all_tasks
+    scenario, n, tasks = planned.scenario, straight_s.size, planned.padded_tasks
     count = np.asarray(tasks.active).size
     request, scan = arrival_request(scenario, count), _Scan(planned)
     if request.times_s is not None:
@@ -187,7 +187,7 @@ def arrival_trial(seed: int) -> ArrivalTrial:
     started = time.perf_counter()
     planned = plan_certified(scenario)
     plan_s, n = time.perf_counter() - started, len(scenario.aircraft)
-    tasks = planned.all_tasks
+    tasks = planned.padded_tasks
     straight = straight_times(scenario, tasks)
     rise = np.abs((np.asarray(tasks.rendezvous_n) - np.asarray(tasks.position_n))[:n, 2])
     rate = np.asarray(tasks.limits.climb_rate_max)[:n]

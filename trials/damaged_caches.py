@@ -25,8 +25,10 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from anser.compiling import FolderStore, compiled, program_store, use_program_store
-from anser.numerics import cross, solve3, times3
+from anser.compiling import FolderStore
+from anser.compiling.options import compiled, program_store
+from anser.compiling.program import use_program_store
+from anser.numerics.linear import cross, solve3, times3
 
 Damage = Callable[[Path, np.random.Generator], None]
 _MATRIX = jnp.array([[2.0, 1.0, 0.0], [0.5, 3.0, 0.2], [0.0, 0.1, 1.5]])

@@ -27,11 +27,10 @@ import xarray as xr
 
 import anser
 from anser import cli
-from anser.campaigns import CampaignStore, StoreError, campaign, flying, rare, rare_flights, read_rare
-from anser.execution import PlanFileError, read_plan, write_plan
-from anser.execution.many_flights import FlightCase
-from anser.results.flight_row import FlightRow
-from anser.results.series_values import series_values
+from anser.campaigns import CampaignStore, StoreError, campaign, flights, rare, rare_flights, read_rare
+from anser.missions import FlightCase, PlanFileError, read_plan, write_plan
+from anser.results.flight_rows import FlightRow
+from anser.results.variable_labels import convert_series
 from trials.damaged_files import MUTATIONS, OF_ONE_FILE, files_of
 
 _ROOT = Path(__file__).parents[1]
@@ -189,8 +188,8 @@ class StoreTrial(Trial):
 
     def prepare(self) -> None:
         """Make the whole files."""
-        flying.BATCH = _CHUNK
-        flying.fly_many = _made_up
+        flights.BATCH = _CHUNK
+        flights.fly_many = _made_up
         self.study = self.place / "study.toml"
         self.study.write_text(_STUDY + _CAMPAIGN, encoding="utf-8")
         self.whole, self.out = self.place / "whole", self.place / "out"
@@ -319,13 +318,13 @@ def _made_up(
     for case in cases:
         north = case.scenario.aircraft[0].start.north_m
         if abs(north) < 2.5:
-            rows.append(FlightRow.failed("made up: could not begin"))
+            rows.append(FlightRow.failed_start("made up: could not begin"))
             continue
         aircraft = [{"name": "aircraft-1", "arrival_s": 60.0, "miss_m": abs(north) / 5.0, "status": "arrived"}]
         kept = {}
         if series is not None:
             times = series.times_s(case.scenario)
-            kept = {key: series_values(key, north + 0.01 * times[None, :]) for key in series.keys}
+            kept = {key: convert_series(key, north + 0.01 * times[None, :]) for key in series.keys}
         met = abs(north) < 30.0
         rows.append(FlightRow(aircraft, {}, [{"name": "miss_max_m", "met": met}], met, series=kept))
     return rows
@@ -339,7 +338,7 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=0, help="number of the first")
     asked = parser.parse_args()
     failed = 0
-    for kind in asked.kinds:
+    for kind in asked.groups:
         with tempfile.TemporaryDirectory() as place:
             began = time.perf_counter()
             counts, failures = tried(TRIALS[kind](Path(place)), range(asked.first, asked.first + asked.count))

@@ -19,8 +19,9 @@ from typing import Any
 import numpy as np
 import zarr
 
-from anser.campaigns import CampaignStore, StoreError, fly_campaign
-from anser.campaigns.campaigning import store_of
+from anser.campaigns import CampaignStore, StoreError
+from anser.campaigns.campaign_folder import open_campaign_store
+from anser.campaigns.flights import fly_campaign
 
 FLIGHTS, KILLS = 2000, 20
 _WORKERS = 2
@@ -84,10 +85,10 @@ def killed_workers(study: Path, folder: Path, draw: random.Random) -> int:
     """Fly on a cluster of two workers of which one after the other is killed; how often before the campaign's end."""
     from distributed import LocalCluster
 
-    killed, store = 0, store_of(study, folder, resume=False)
+    killed, store = 0, open_campaign_store(study, folder, resume=False)
     both: Any = LocalCluster(n_workers=_WORKERS, threads_per_worker=1, dashboard_address=":0")
     with both as cluster:
-        while not CampaignStore.open(folder).done.all():
+        while not CampaignStore.open(folder).chunk_is_complete.all():
 
             def fly() -> None:
                 with contextlib.suppress(StoreError):  # a chunk whose workers were killed thrice: resumed
@@ -123,7 +124,7 @@ def main() -> int:
         study = here / "study.toml"
         study.write_text(_STUDY.format(flights=FLIGHTS), encoding="utf-8")
         began = time.perf_counter()
-        fly_campaign(store_of(study, here / "undisturbed", resume=False), 2)
+        fly_campaign(open_campaign_store(study, here / "undisturbed", resume=False), 2)
         _say(f"undisturbed: {FLIGHTS} flights in {time.perf_counter() - began:.0f} s")
         kinds = {"processes": killed_processes, "workers": killed_workers}
         for name, fly in [(name, kinds[name]) for name in sys.argv[1:] or kinds]:

@@ -21,10 +21,11 @@ import jax
 import numpy as np
 
 from anser.compiling import enable_compilation_cache
-from anser.execution import Flown, NoPlanError, plan, run
-from anser.execution.certified import CertifiedPlanned
-from anser.planning.timed_path import TimedPath
-from anser.scenario import Scenario, ScenarioError, loads
+from anser.config import ScenarioError
+from anser.missions import FlightResult, NoPlanError, plan, run
+from anser.missions.first_plan import CertifiedFirstPlan
+from anser.planning import TimedPath
+from anser.scenario import Scenario, loads
 from anser.scenario.schema_event import Event
 from trials.data import ArrivalRule, FleetLimits, Goals, KeepOutCylinders, PlanCase, Starts, WindProfile
 from trials.search import second_search
@@ -91,7 +92,7 @@ def _places(rng: np.random.Generator, count: int, size_m: float, apart_m: float)
     return np.array(found)
 
 
-def random_event(rng: np.random.Generator, planned: CertifiedPlanned) -> str | None:
+def random_event(rng: np.random.Generator, planned: CertifiedFirstPlan) -> str | None:
     """An event at a random time while all are on their way; None where what was drawn cannot be planned around."""
     names = [one.name for one in planned.scenario.aircraft]
     arrivals = np.asarray(planned.plan.arrival_times)
@@ -123,7 +124,7 @@ def random_event(rng: np.random.Generator, planned: CertifiedPlanned) -> str | N
     return text
 
 
-def _ahead(planned: CertifiedPlanned, who: int, at_s: float, radius_m: float) -> np.ndarray | None:
+def _ahead(planned: CertifiedFirstPlan, who: int, at_s: float, radius_m: float) -> np.ndarray | None:
     """Half way from a time to the arrival of one: a place on its way, unless somebody is already close to it."""
     paths, arrivals = planned.plan.paths, np.asarray(planned.plan.arrival_times)
     each = jax.vmap(TimedPath.position_n, in_axes=(0, None))
@@ -133,14 +134,14 @@ def _ahead(planned: CertifiedPlanned, who: int, at_s: float, radius_m: float) ->
     return None if near.any() else spot
 
 
-def judged(scenario: Scenario, event: Event, flown: Flown) -> str:
+def judged(scenario: Scenario, event: Event, flown: FlightResult) -> str:
     """What the judge's search says to a refusal: "proved", "not found" or "found".
 
     It plans those that could be planned anew, from where they were, with the limits that the planner had. Of all others
     it knows only the one that has left, as a cylinder that moves as it does at last: so it may find what is none.
     """
     planned, now_s = flown.planned, event.time_s
-    assert isinstance(planned, CertifiedPlanned)
+    assert isinstance(planned, CertifiedFirstPlan)
     data = flown.dataset
     names = [one.name for one in scenario.aircraft]
     arrivals = np.asarray(planned.plan.arrival_times)
@@ -240,7 +241,7 @@ def run_seed(seed: int) -> dict[str, Any]:
         redrawn += 1
         if redrawn > _REDRAWN:
             raise RuntimeError(f"seed {seed}: no fleet of {_REDRAWN} has a plan, the last: {why}")
-    assert isinstance(planned, CertifiedPlanned)
+    assert isinstance(planned, CertifiedFirstPlan)
     drawn_s = time.perf_counter() - began
     for _ in range(_REDRAWN):
         text_of_event = random_event(rng, planned)

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 import anser
-from anser.execution import NoPlanError
+from anser.missions import NoPlanError
 from anser.scenario import Scenario, load
 
 SCENARIOS = ("single-aircraft", "three-aircraft", "three-uavs", "turning-ships", "uncertain-world", "lost-aircraft")

@@ -19,30 +19,25 @@ import numpy as np
 from scipy import stats
 
 from anser.compiling import enable_compilation_cache
-from anser.execution.certified import arrival_request
-from anser.execution.execute import without_replanning
-from anser.execution.negotiated import agreed_plan
-from anser.numerics import as_array, rows_of, seeded
-from anser.planning.certified import FIRST, AircraftTask, intervals_for, search
+from anser.missions.consensus import negotiate_plan
+from anser.missions.first_plan import arrival_request
+from anser.missions.runs import without_replanning
+from anser.numerics import flight_randomness
+from anser.numerics.arrays import as_array, stack_rows
+from anser.parts import Instant
+from anser.planning.certified.certified_plan import choose_interval_count
+from anser.planning.certified.planner import CertifiedPlanner, CertifiedPlanState
+from anser.planning.certified.replanning import FIRST_PLAN
+from anser.planning.certified.search import search
+from anser.planning.certified.task import AircraftTask
+from anser.planning.decentralised.planner import DecentralisedPlanner
+from anser.planning.holds.assignment import assign_holds
+from anser.planning.holds.hold_paths import choose_cell_count
 from anser.scenario import Scenario, build_flight, load
-from anser.sensing import Instant
-from anser.simulation import (
-    SEGMENT_STEPS,
-    AbstractRecorder,
-    CertifiedPlanner,
-    CertifiedPlanState,
-    DecentralisedPlanner,
-    Flight,
-    FlightState,
-    SummaryRecorder,
-    assign_holds,
-    begin,
-    cells_for,
-    fly,
-    trimmed_fleet,
-)
-from anser.simulation.recorder import FleetSample
-from anser.spatial import rotate_back
+from anser.simulation import SEGMENT_STEPS, AbstractRecorder, Flight, FlightState, SummaryRecorder, fly
+from anser.simulation.recorders import FleetSample
+from anser.simulation.start import initialize_flight, trimmed_fleet
+from anser.spatial.rotations import rotate_back
 
 BATCH = 125
 _AGAIN = 8  # flights of a segment that are flown again at once, at most
@@ -52,7 +47,7 @@ class AtFreeze(NamedTuple):
     """What an aircraft knew when its plan came to stand still; leading axis aircraft."""
 
     goal_covariance: jax.Array
-    own_covariance: jax.Array
+    position_covariance: jax.Array
     time: jax.Array
 
 
@@ -66,21 +61,21 @@ class Greatest(NamedTuple):
 class Recorder(AbstractRecorder):
     """The running summary, and what was known at the freeze."""
 
-    every: int = eqx.field(static=True, default=1)
+    stride: int = eqx.field(static=True, default=1)
 
     def init(self, aircraft: int) -> Any:
         """Nothing known yet."""
         known = AtFreeze(jnp.zeros((aircraft, 6, 6)), jnp.zeros((aircraft, 3, 3)), jnp.full(aircraft, jnp.inf))
         return SummaryRecorder().init(aircraft), known, Greatest(jnp.zeros(aircraft), jnp.zeros(aircraft))
 
-    def take(self, memory: Any, sample: FleetSample, instant: Instant) -> Any:
+    def update(self, recorder_state: Any, sample: FleetSample, instant: Instant) -> Any:
         """With one more sample."""
-        summary, known, greatest = memory
+        summary, known, greatest = recorder_state
         now = sample.rows(_known)
         first = (now["phase"] >= 1) & jnp.isinf(known.time)
         kept = AtFreeze(
             jnp.where(first[:, None, None], now["goal"], known.goal_covariance),
-            jnp.where(first[:, None, None], now["own"], known.own_covariance),
+            jnp.where(first[:, None, None], now["own"], known.position_covariance),
             jnp.where(first, instant.time, known.time),
         )
         on_way = now["phase"] < 2
@@ -88,16 +83,16 @@ class Recorder(AbstractRecorder):
             jnp.where(on_way, jnp.maximum(greatest.bank, now["bank"]), greatest.bank),
             jnp.where(on_way, jnp.maximum(greatest.climb_rate, now["climb_rate"]), greatest.climb_rate),
         )
-        return SummaryRecorder().take(summary, sample, instant), kept, more
+        return SummaryRecorder().update(summary, sample, instant), kept, more
 
-    def row(self, sample: FleetSample, instant: Instant) -> None:
+    def output(self, sample: FleetSample, instant: Instant) -> None:
         """None."""
 
 
 def _known(sample: Any) -> dict[str, jax.Array]:
     known = sample.belief.uncertainty
     phase = sample.approach.phase
-    R_bn = sample.truth.now.R_bn
+    R_bn = sample.truth.condition.R_bn
     shared = {
         "phase": phase,
         "bank": jnp.abs(jnp.arctan2(R_bn[1, 2], R_bn[2, 2])),
@@ -105,7 +100,7 @@ def _known(sample: Any) -> dict[str, jax.Array]:
     }
     if known is None:
         return shared | {"goal": jnp.zeros((6, 6)), "own": jnp.zeros((3, 3))}
-    return shared | {"goal": known.goal_covariance, "own": known.own_covariance}
+    return shared | {"goal": known.goal_covariance, "own": known.position_covariance}
 
 
 @jax.jit
@@ -113,7 +108,7 @@ def _trimmed(flight: Flight, keys: Any) -> Any:
     def one(randomness: Any) -> Any:
         fleet = trimmed_fleet(dataclasses.replace(flight, randomness=randomness))
         planner = _each(flight)
-        return fleet, planner.aircraft_tasks(fleet.reports, planner.limits_with(fleet.performance))
+        return fleet, planner.aircraft_tasks(fleet.reports, planner.resolve_limits(fleet.performance))
 
     return jax.vmap(one)(keys)
 
@@ -122,15 +117,15 @@ def _trimmed(flight: Flight, keys: Any) -> Any:
 def _begun(flight: Flight, keys: Any, fleets: Any, plans: CertifiedPlanState) -> FlightState:
     def one(randomness: Any, fleet: Any, plan: CertifiedPlanState) -> FlightState:
         planner = flight.planner
-        memory = planner.begun(plan, randomness) if isinstance(planner, DecentralisedPlanner) else plan
-        return begin(dataclasses.replace(flight, randomness=randomness), fleet, memory)
+        recorder_state = planner.initial_state(plan, randomness) if isinstance(planner, DecentralisedPlanner) else plan
+        return initialize_flight(dataclasses.replace(flight, randomness=randomness), fleet, recorder_state)
 
     return jax.vmap(one)(keys, fleets, plans)
 
 
 def _each(flight: Flight) -> CertifiedPlanner:
     """The certified planner of a flight, or that of each aircraft without a centre."""
-    planner = flight.planner.each if isinstance(flight.planner, DecentralisedPlanner) else flight.planner
+    planner = flight.planner.aircraft_planner if isinstance(flight.planner, DecentralisedPlanner) else flight.planner
     assert isinstance(planner, CertifiedPlanner)
     return planner
 
@@ -138,11 +133,11 @@ def _each(flight: Flight) -> CertifiedPlanner:
 def _planned(scenario: Scenario, flight: Flight, tasks: AircraftTask) -> tuple[Any, Any]:
     """A first plan and its holds; None where there is none."""
     if isinstance(flight.planner, DecentralisedPlanner):
-        return agreed_plan(scenario, flight, tasks)[:2]
+        return negotiate_plan(scenario, flight, tasks)[:2]
     planner, duration_s, tried = _each(flight), scenario.timing.duration_s, []
 
     def after(plan: Any) -> np.ndarray:
-        cells = cells_for(duration_s)
+        cells = choose_cell_count(duration_s)
         holds = _holds(
             plan.paths, tasks, planner.airspace, planner.guidance, as_array(0.0), as_array(duration_s), cells
         )
@@ -155,7 +150,7 @@ def _planned(scenario: Scenario, flight: Flight, tasks: AircraftTask) -> tuple[A
         planner.airspace,
         arrival_request(scenario),
         failed_after_arrival=after,
-        intervals=intervals_for(duration_s),
+        intervals=choose_interval_count(duration_s),
     )
     return (None, None) if outcome.plan is None else (outcome.plan, tried[-1])
 
@@ -164,13 +159,13 @@ _holds = jax.jit(assign_holds, static_argnames=("cells",))
 
 
 @functools.partial(jax.jit, static_argnames=("count",))
-def _segment(flight: Flight, keys: Any, states: FlightState, since: Any, memory: Any, count: int) -> Any:
+def _segment(flight: Flight, keys: Any, states: FlightState, since: Any, recorder_state: Any, count: int) -> Any:
     def one(randomness: Any, state: FlightState, kept: Any) -> Any:
         own = dataclasses.replace(flight, randomness=randomness)
         after, kept, _ = fly(own, state, since, count, Recorder(), kept)
         return after, kept
 
-    return jax.vmap(one)(keys, states, memory)
+    return jax.vmap(one)(keys, states, recorder_state)
 
 
 def fly_many(path: str, flights: int, first: int = 0, batch: int = BATCH) -> dict[str, np.ndarray]:
@@ -184,7 +179,7 @@ def fly_many(path: str, flights: int, first: int = 0, batch: int = BATCH) -> dic
     for begin_at in range(first, first + flights, batch):
         began = time.perf_counter()
         numbers = list(range(begin_at, begin_at + batch))
-        keys = rows_of([seeded(scenario.seed, number) for number in numbers])
+        keys = stack_rows([flight_randomness(scenario.seed, number) for number in numbers])
         fleets, tasks = _trimmed(flight, keys)
         plans, planned = [], []
         jax.block_until_ready(tasks)
@@ -192,25 +187,27 @@ def fly_many(path: str, flights: int, first: int = 0, batch: int = BATCH) -> dic
             own, key = jax.tree.map(lambda leaf, k=k: leaf[k], (tasks, keys))
             plan, holds = _planned(scenario, dataclasses.replace(flight, randomness=key), own)
             planned.append(plan is not None)
-            made = CertifiedPlanState(plan, as_array(FIRST, np.int64), holds, own.limits)
+            made = CertifiedPlanState(plan, as_array(FIRST_PLAN, np.int64), holds, own.limits)
             plans.append(plans[-1] if plan is None else made)
         planned_at = time.perf_counter()
-        states = _begun(flight, keys, fleets, rows_of(plans))
-        memory = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (batch, *leaf.shape)), Recorder().init(flight.count))
+        states = _begun(flight, keys, fleets, stack_rows(plans))
+        recorder_state = jax.tree.map(
+            lambda leaf: jnp.broadcast_to(leaf, (batch, *leaf.shape)), Recorder().init(flight.count)
+        )
         flown_again = 0
         for since in range(0, steps, SEGMENT_STEPS):
             number = as_array(since, np.int32)
-            after, kept = _segment(without_replanning(flight), keys, states, number, memory, SEGMENT_STEPS)
-            asked = np.flatnonzero(np.asarray(after.planner.asked))
+            after, kept = _segment(without_replanning(flight), keys, states, number, recorder_state, SEGMENT_STEPS)
+            asked = np.flatnonzero(np.asarray(after.planner.replan_needed))
             flown_again += asked.size
             for some in (asked[k : k + at_once] for k in range(0, asked.size, at_once)):
                 # filled up to one shape with the last of them
                 rows = np.concatenate([some, np.repeat(some[-1:], at_once - some.size)])
-                before = jax.tree.map(lambda leaf, rows=rows: leaf[rows], (keys, states, memory))
+                before = jax.tree.map(lambda leaf, rows=rows: leaf[rows], (keys, states, recorder_state))
                 full = _segment(flight, before[0], before[1], number, before[2], SEGMENT_STEPS)
                 after, kept = jax.tree.map(lambda held, new, rows=rows: held.at[rows].set(new), (after, kept), full)
-            states, memory = after, kept
-        (summary, _), known, greatest = jax.tree.map(np.asarray, memory)
+            states, recorder_state = after, kept
+        (summary, _), known, greatest = jax.tree.map(np.asarray, recorder_state)
         arrivals = np.asarray(states.planner.plan.arrival_times)
         found.append(
             {
@@ -227,7 +224,7 @@ def fly_many(path: str, flights: int, first: int = 0, batch: int = BATCH) -> dic
                 "clearance_m": summary.clearance_min,
                 "status": summary.first_status,
                 "goal_covariance": known.goal_covariance,
-                "own_covariance": known.own_covariance,
+                "own_covariance": known.position_covariance,
                 "frozen_s": known.time,
             }
         )

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from anser.compiling import enable_compilation_cache
-from anser.planning.certified import search
+from anser.planning.certified.search import search
 from trials.cases import random_case
 from trials.check import dense_check
 from trials.data import Paths, PlanCase

@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from anser.environment import LayeredWind
-from anser.planning.certified import AircraftTask, Airspace, ArrivalRequest, KeepOuts, Separation
-from anser.planning.limits import PathLimits
-from anser.planning.rendezvous import Rendezvous
+from anser.parts import Rendezvous
+from anser.planning import PathLimits, Separation
+from anser.planning.certified.task import AircraftTask, Airspace, ArrivalRequest, KeepOuts
 from trials.data import KeepOutCylinders, PlanCase, WindProfile
 
 __all__ = ["LATEST_S", "PlanTask", "planner_task"]

@@ -6,7 +6,8 @@ hour or so; every task is printed with its verdict, and at the end what the plan
 
 from collections import Counter
 
-from anser.planning import LIMIT_MESSAGES, PLAN_MESSAGES
+from anser.planning.limits import LIMIT_MESSAGES
+from anser.planning.published.coordination import PLAN_MESSAGES
 from support.descents import flown_descent
 
 SEEDS = range(150)

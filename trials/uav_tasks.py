@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 import anser
-from anser.execution import NoPlanError
+from anser.missions import NoPlanError
 from anser.scenario import Scenario, validate
 
 _AIRSPEED_M_S, _WIND_M_S, _BOAT_MOST_M_S = 25.0, 10.0, 5.0

@@ -1,5 +1,6 @@
+from .analysis import linearize, trim
 from .campaigns import campaign, compare_campaigns, rare
-from .execution import linearize, load_flight, plan, run, sweep, trim
+from .missions import load_flight, plan, run, sweep
 from .scenario import load, loads
 
 __version__: str

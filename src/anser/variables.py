@@ -24,11 +24,11 @@ __all__ = [
     "STANDARD_SURFACES",
     "UNITS",
     "Variable",
-    "all_surfaces",
+    "all_surface_names",
     "catalogue",
     "recorded_keys",
+    "surface_label",
     "surface_variables",
-    "surface_words",
 ]
 
 
@@ -122,14 +122,14 @@ _SUBSCRIPTS: Mapping[str, str] = dict(zip(STANDARD_SURFACES, "ear", strict=True)
 _SURFACE_NAME = re.compile("[a-z][a-z0-9]*(_[a-z0-9]+)*")
 
 
-def surface_words(name: str) -> str:
+def surface_label(name: str) -> str:
     """A surface as words: left elevon."""
     return name.replace("_", " ")
 
 
 def _surfaces(subscripts: Mapping[str, str]) -> tuple[Variable, ...]:
     """Positions of surfaces, then their commands; from their names and the subscripts of their symbols."""
-    told = [(name, f"δ_{subscript}", surface_words(name).capitalize()) for name, subscript in subscripts.items()]
+    told = [(name, f"δ_{subscript}", surface_label(name).capitalize()) for name, subscript in subscripts.items()]
     positions = (_variable(name, "deg", _BODY, symbol, words) for name, symbol, words in told)
     commands = (
         _variable(f"{name}_command", "deg", _BODY, f"{symbol},c", f"{words} command") for name, symbol, words in told
@@ -348,9 +348,9 @@ def _initials(name: str) -> str:
 _STANDARD_KEYS = frozenset(variable.key for variable in _surfaces(_SUBSCRIPTS))
 
 
-def all_surfaces(of_aircraft: Iterable[Sequence[str]]) -> tuple[str, ...]:
+def all_surface_names(names_by_aircraft: Iterable[Sequence[str]]) -> tuple[str, ...]:
     """Names of the surfaces of some aircraft, each once, in the order in which they first occur."""
-    return tuple(dict.fromkeys(name for names in of_aircraft for name in names))
+    return tuple(dict.fromkeys(name for names in names_by_aircraft for name in names))
 
 
 def catalogue(surfaces: Sequence[str] = STANDARD_SURFACES) -> tuple[Variable, ...]:

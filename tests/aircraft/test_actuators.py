@@ -6,7 +6,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anser.aircraft import Deflections, FirstOrderActuators
+from anser.aircraft import FirstOrderActuators
+from anser.aircraft.actuators import Deflections
 from support.states import air_at
 
 ACTUATORS = FirstOrderActuators(
@@ -28,7 +29,7 @@ def test_small_commands_decay_with_the_time_constant():
 
 
 def test_commands_stop_at_the_position_limits():
-    np.testing.assert_array_equal(ACTUATORS.limited(jnp.array([0.5, -0.7, 0.55])), [0.4, -0.3, 0.55])
+    np.testing.assert_array_equal(ACTUATORS.limit_command(jnp.array([0.5, -0.7, 0.55])), [0.4, -0.3, 0.55])
     # At its limit a surface does not move, however far beyond the command lies.
     np.testing.assert_array_equal(rate(ACTUATORS.upper, jnp.full(3, 9.0)), np.zeros(3))
 
@@ -40,7 +41,7 @@ def test_large_commands_move_at_the_rate_limit():
 @settings(deadline=None, max_examples=50)
 @given(position=ANGLES, command=ANGLES)
 def test_surfaces_never_pass_their_limits(position, command):
-    position = ACTUATORS.limited(position)
+    position = ACTUATORS.limit_command(position)
     speed = rate(position, command)
     assert (jnp.abs(speed) <= ACTUATORS.rate_limit).all()
     # Over any step up to the time constant the motion cannot overshoot the limited command.
@@ -52,7 +53,7 @@ def test_surfaces_never_pass_their_limits(position, command):
 @settings(deadline=None, max_examples=50)
 @given(position=ANGLES, wanted=ANGLES)
 def test_command_for_rate_moves_at_that_rate_where_possible(position, wanted):
-    position = 0.5 * ACTUATORS.limited(position)  # room for the command: 0.15 rad to the nearest limit
+    position = 0.5 * ACTUATORS.limit_command(position)  # room for the command: 0.15 rad to the nearest limit
     given_rate = rate(position, command_for_rate(position, 2 * wanted))
     np.testing.assert_allclose(
         given_rate, jnp.clip(2 * wanted, -ACTUATORS.rate_limit, ACTUATORS.rate_limit), atol=1e-12

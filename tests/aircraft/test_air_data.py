@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from anser.aircraft import air_data
+from anser.aircraft.air_data import air_data
 from anser.environment import StandardAtmosphere
 
 

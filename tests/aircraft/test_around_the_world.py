@@ -9,11 +9,14 @@ import numpy as np
 import pymap3d
 import pytest
 
-from anser.aircraft import condition, earth_fixed_derivative, earth_fixed_state, local_state
+from anser.aircraft import flight_condition
+from anser.aircraft.motion import earth_fixed_derivative, earth_fixed_state, local_state
+from anser.aircraft_files import load_airframe
 from anser.environment import standard_environment, wgs84_earth
-from anser.scenario import load_airframe
-from anser.simulation import advance, solve_trim, trim_target
-from anser.spatial import euler_from_quaternion, rotate_back, rotation_from_quaternion
+from anser.simulation.vehicle import advance
+from anser.spatial import euler_from_quaternion, rotation_from_quaternion
+from anser.spatial.rotations import rotate_back
+from anser.steady import solve_trim, trim_target
 from anser.units import DEG_RAD, RAD_DEG
 
 F16 = load_airframe("f16", "s119")  # stable in pitch: flies with its controls held
@@ -42,7 +45,7 @@ def _trimmed(latitude_deg, longitude_deg, course_deg, wind_n):
 def _second(environment, state, controls):
     """What is seen of a state, and the state a second later."""
     seen = local_state(environment.earth, state)
-    now = condition(F16, environment, 0.0, seen)
+    now = flight_condition(F16, environment, 0.0, seen)
     lat, lon, h = environment.earth.geodetic(seen.position_n)
     R_be = rotation_from_quaternion(state.quaternion)
     logged = {

@@ -8,10 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.aircraft import DaveMlAircraft, air_data, dave_ml_airframe
+from anser.aircraft import DaveMlAircraft, dave_ml_airframe
+from anser.aircraft.air_data import air_data
+from anser.aircraft_files import load_f16
 from anser.dave_ml import read_dave_ml
 from anser.environment import StandardAtmosphere, standard_environment
-from anser.scenario import load_f16
 from anser.units import DEG_RAD
 from support.states import air_at
 from support.trims import target_deg, trim

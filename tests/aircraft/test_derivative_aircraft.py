@@ -11,18 +11,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anser.aircraft import (
-    AirData,
-    BodyDispersion,
-    DerivativeAircraft,
-    DerivativeDispersion,
-    air_data,
-    dispersed_derivative_aircraft,
-)
-from anser.derivative_names import ARGUMENTS, COEFFICIENTS, place_of
+from anser.aircraft import AirData, DerivativeAircraft
+from anser.aircraft.air_data import air_data
+from anser.aircraft.dispersions import BodyDispersion, DerivativeDispersion, dispersed_derivative_aircraft
+from anser.aircraft_files import load_airframe
+from anser.airframe_data import COEFFICIENTS, DERIVATIVE_ARGUMENTS, derivative_index
 from anser.environment import StandardAtmosphere
 from anser.numerics import make_axes, make_tables
-from anser.scenario import load_airframe
 from anser.verification.aerosonde import AEROSONDE_FORCES
 from support.light_aircraft import light_aircraft
 
@@ -52,7 +47,7 @@ def test_every_figure_of_the_authors():
 def with_values(aircraft, **values):
     changed = aircraft.derivatives
     for name, value in values.items():
-        changed = changed.at[place_of(name, SURFACES)].set(value)
+        changed = changed.at[derivative_index(name, SURFACES)].set(value)
     return eqx.tree_at(lambda a: a.derivatives, aircraft, changed)
 
 
@@ -94,14 +89,14 @@ def test_the_same_aircraft_written_by_hand(V, alpha, beta, seed):
     np.testing.assert_allclose(mine.moment_b, other.moment_b, atol=1e-12 * scale * 10)
 
 
-@pytest.mark.parametrize("name", [row + column for row in COEFFICIENTS for column in ARGUMENTS])
+@pytest.mark.parametrize("name", [row + column for row in COEFFICIENTS for column in DERIVATIVE_ARGUMENTS])
 def test_each_derivative_is_that(name):
     """By a change of one: the coefficient changes by its argument, and no other does."""
     V, b, c = 25.0, float(AEROSONDE.span), float(AEROSONDE.mean_chord)
     p, q, r = np.asarray(RATES) * [b, c, b] / (2 * V)
-    argument = dict(zip(ARGUMENTS, (1.0, 0.1, 0.06, p, q, r, 0.01, 0.0036), strict=True))[name[2:]]
+    argument = dict(zip(DERIVATIVE_ARGUMENTS, (1.0, 0.1, 0.06, p, q, r, 0.01, 0.0036), strict=True))[name[2:]]
     straight = eqx.tree_at(lambda a: (a.stall_alpha, a.induced_drag), AEROSONDE, (jnp.asarray(100.0), jnp.asarray(0.0)))
-    changed = with_values(straight, **{name: 1.0 + float(straight.derivatives[place_of(name, SURFACES)])})
+    changed = with_values(straight, **{name: 1.0 + float(straight.derivatives[derivative_index(name, SURFACES)])})
     difference = changed.coefficients(AIR, RATES, DEFLECTIONS) - straight.coefficients(AIR, RATES, DEFLECTIONS)
     expected = np.zeros(6)
     expected[COEFFICIENTS.index(name[:2])] = argument
@@ -114,8 +109,8 @@ def test_far_beyond_the_stall_lift_is_that_of_a_flat_plate():
     for alpha in (0.9, 1.5, -1.2, 3.0):
         plate = 2.0 * np.sign(np.sin(alpha)) * np.sin(alpha) ** 2 * np.cos(alpha)
         assert coefficient(AEROSONDE, "CL", at(alpha), still, still) == pytest.approx(plate, abs=1e-6)
-    assert float(AEROSONDE.separated(jnp.asarray(0.47))) == pytest.approx(0.5)
-    assert float(AEROSONDE.separated(jnp.asarray(0.0))) == pytest.approx(2 * np.exp(-23.5), rel=1e-3)
+    assert float(AEROSONDE.flow_separation(jnp.asarray(0.47))) == pytest.approx(0.5)
+    assert float(AEROSONDE.flow_separation(jnp.asarray(0.0))) == pytest.approx(2 * np.exp(-23.5), rel=1e-3)
 
 
 def test_the_blending_as_the_source_writes_it():
@@ -123,7 +118,7 @@ def test_the_blending_as_the_source_writes_it():
     for alpha in np.linspace(-1.0, 1.0, 41):
         x, y = np.exp(-M * (alpha - a0)), np.exp(M * (alpha + a0))
         sigma = (1 + x + y) / ((1 + x) * (1 + y))
-        assert float(AEROSONDE.separated(jnp.asarray(alpha))) == pytest.approx(sigma, rel=1e-6, abs=1e-12)
+        assert float(AEROSONDE.flow_separation(jnp.asarray(alpha))) == pytest.approx(sigma, rel=1e-6, abs=1e-12)
 
 
 def test_moments_move_with_the_centre_of_gravity():
@@ -137,7 +132,7 @@ def test_moments_move_with_the_centre_of_gravity():
 
 def with_table(name, over, points, values):
     """The Aerosonde with a table of one derivative, its own taken away."""
-    place = place_of(name, SURFACES)
+    place = derivative_index(name, SURFACES)
     bare = eqx.tree_at(lambda a: a.derivatives, AEROSONDE, AEROSONDE.derivatives.at[place].set(0.0))
     tables = make_tables(make_axes(points, clamp=True), [(tuple(range(len(points))), [values])])
     inputs = ("alpha", "beta", *SURFACES)
@@ -145,7 +140,7 @@ def with_table(name, over, points, values):
         bare,
         tables=tables,
         table_factors=jnp.ones(1),
-        table_places=(place,),
+        table_derivatives=(place,),
         table_arguments=tuple(inputs.index(one) for one in over),
     )
 
@@ -236,7 +231,7 @@ def test_a_dispersion_changes_what_it_is_named_for():
     same = dispersed_derivative_aircraft(AEROSONDE, no_dispersion(AEROSONDE))
     for a, b in zip(jax.tree.leaves(same), jax.tree.leaves(AEROSONDE), strict=True):
         np.testing.assert_array_equal(a, b)
-    place = place_of("Cm_alpha", SURFACES)
+    place = derivative_index("Cm_alpha", SURFACES)
     d = no_dispersion(AEROSONDE)
     d = eqx.tree_at(
         lambda d: (

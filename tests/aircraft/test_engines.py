@@ -11,9 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anser.aircraft import AirData, ElectricPropeller, EnginePower, JetEngine, PistonPropeller
+from anser.aircraft import AirData, ElectricPropeller, JetEngine, PistonPropeller
+from anser.aircraft.engines import EnginePower
+from anser.aircraft_files import load_airframe
 from anser.numerics import make_axes, make_tables
-from anser.scenario import load_airframe
 
 AEROSONDE = load_airframe("aerosonde").engine
 assert isinstance(AEROSONDE, ElectricPropeller)

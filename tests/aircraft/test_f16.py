@@ -12,7 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anser.aircraft import AirData, f16_from_data
+from anser.aircraft import AirData
+from anser.aircraft.f16 import f16_from_data
 from anser.units import DEG_RAD, FOOT_M, LBF_N, RAD_DEG, SLUG_KG
 
 DATA = json.loads(resources.files("anser.aircraft").joinpath("data/f16.json").read_text(encoding="utf-8"))

@@ -10,16 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anser.aircraft import (
-    F16,
-    F16_COEFFICIENTS,
-    AirData,
-    F16Coefficients,
-    dispersed_f16,
-    no_dispersion,
-)
-from anser.aircraft.f16 import TABLE_COEFFICIENTS
-from anser.scenario import load_airframe
+from anser.aircraft import F16, AirData
+from anser.aircraft.dispersions import dispersed_f16, no_dispersion
+from anser.aircraft.f16 import F16_COEFFICIENTS, TABLE_COEFFICIENTS, F16Coefficients
+from anser.aircraft_files import load_airframe
 from support.states import air_at
 
 NOMINAL = load_airframe("f16", "textbook")
@@ -139,7 +133,7 @@ def test_thrust_mass_actuators():
     assert float(changed("mass", 1.2).mass_properties.mass) == pytest.approx(1.2 * float(NOMINAL.mass_properties.mass))
     # a first-order lag: half the bandwidth, half the rate for the same error
     slow = changed("actuator_bandwidth", 0.5).actuators
-    moving = (slow.settled(jnp.zeros(3)), jnp.full(3, 0.01), at[1])
+    moving = (slow.steady_state(jnp.zeros(3)), jnp.full(3, 0.01), at[1])
     half = 0.5 * NOMINAL.actuators.rate(*moving).position
     np.testing.assert_allclose(slow.rate(*moving).position, half, rtol=1e-15)
     np.testing.assert_array_equal(slow.rate_limit, NOMINAL.actuators.rate_limit)

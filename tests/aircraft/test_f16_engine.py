@@ -11,7 +11,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from anser.aircraft import f16_from_data
+from anser.aircraft.f16 import f16_from_data
 from anser.units import FOOT_M, LBF_N
 from support.states import air_at
 

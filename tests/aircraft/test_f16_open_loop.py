@@ -14,11 +14,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.aircraft import AircraftState, Controls, Deflections, EnginePower
+from anser.aircraft import AircraftState, Controls
+from anser.aircraft.actuators import Deflections
+from anser.aircraft.engines import EnginePower
 from anser.aircraft.f16 import F16_COEFFICIENTS
+from anser.aircraft_files import load_f16
 from anser.environment import standard_environment
-from anser.scenario.library import load_f16
-from anser.simulation.motion import advance
+from anser.simulation.vehicle import advance
 from anser.spatial import euler_from_quaternion, flow_angles, quaternion_from_euler
 from support import stevens_lewis as textbook
 from support.textbook import textbook_aircraft, textbook_environment

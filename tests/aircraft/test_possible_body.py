@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import anser
-from anser.aircraft import refuse_impossible_body
-from anser.scenario import AIRFRAMES, VARIANTS, library, load_airframe
+from anser.aircraft.airframe import refuse_impossible_body
+from anser.aircraft_files import AIRFRAMES, VARIANTS, library, load_airframe
 from support.light_aircraft import light_aircraft
 
 GOOD = light_aircraft()
@@ -48,7 +48,7 @@ def test_an_entry_point_is_refused(monkeypatch):
 
     monkeypatch.setattr(library, "entry_points", lambda: {"mine": Point()})
     with pytest.raises(ValueError, match=r"entry point 'mine' \(mine:aircraft\): arrived -1 as Jxx"):
-        library._of_entry_point.__wrapped__("mine")
+        library._load_entry_point.__wrapped__("mine")
 
 
 @pytest.mark.parametrize(

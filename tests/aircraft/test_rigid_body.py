@@ -8,19 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anser.aircraft import angular_acceleration, moment_for_acceleration, state_derivative
+from anser.aircraft.motion import angular_acceleration, moment_for_acceleration, state_derivative
+from anser.aircraft_files import load_airframe
 from anser.environment import AbstractAtmosphere, Air, Environment, FlatEarth, SteadyWind, standard_environment
 from anser.numerics import rk4_step
-from anser.scenario.library import load_airframe
 from anser.shapes import ScalarLike
-from anser.spatial import (
-    bank_about_velocity,
-    flow_angles,
-    path_angles,
-    rotate,
-    rotate_back,
-    rotation_from_quaternion,
-)
+from anser.spatial import flow_angles, path_angles, rotation_from_quaternion
+from anser.spatial.rotations import rotate, rotate_back
+from anser.spatial.wind_axes import bank_about_velocity
 from support.light_aircraft import light_aircraft
 from support.states import condition_of, derivative, make_controls, make_state, states
 

@@ -7,28 +7,22 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from anser.aircraft import (
-    condition,
+from anser.aircraft import flight_condition, motion_derivative
+from anser.aircraft.motion import (
     earth_fixed_derivative,
     earth_fixed_state,
     local_state,
-    motion_derivative,
-    moving_state,
-    seen_state,
     state_derivative,
+    to_local_state,
+    to_motion_state,
 )
+from anser.aircraft_files import load_airframe, load_body
 from anser.environment import FlatEarth, spherical_earth, standard_environment, wgs84_earth
-from anser.numerics import cross, rk4_step
-from anser.scenario import load_airframe, load_body
-from anser.spatial import (
-    eci_from_ecef,
-    quaternion_derivative,
-    rotate,
-    rotate_back,
-    rotation_ecef_from_eci,
-    rotation_from_quaternion,
-    velocity_eci_from_ecef,
-)
+from anser.numerics import rk4_step
+from anser.numerics.linear import cross
+from anser.spatial import rotation_from_quaternion
+from anser.spatial.frames import eci_from_ecef, rotation_ecef_from_eci, velocity_eci_from_ecef
+from anser.spatial.rotations import quaternion_derivative, rotate, rotate_back
 from support.states import make_controls, make_state, states
 
 generic = settings(deadline=None, max_examples=20)
@@ -56,7 +50,7 @@ def test_local_and_earth_fixed_states_are_one(state):
 @jax.jit
 def _in_travelling_axes(state):
     """The same motion written in local NED axes: [SL] eq. 1.7-18 with the axes that travel with the aircraft."""
-    now = condition(F16, ROUND, 0.0, state)
+    now = flight_condition(F16, ROUND, 0.0, state)
     force = now.wrench.force_b / F16.mass_properties.mass
     return (
         now.earth.chart_scale * rotate_back(now.R_bn, state.velocity_b),
@@ -143,9 +137,9 @@ def test_a_huge_sphere_at_rest_is_flat():
 
 def test_dispatch_by_the_kind_of_earth():
     state = make_state()
-    assert moving_state(standard_environment(), state) is state
-    assert seen_state(standard_environment(), state) is state
-    moving = moving_state(ROUND, state)
+    assert to_motion_state(standard_environment(), state) is state
+    assert to_local_state(standard_environment(), state) is state
+    moving = to_motion_state(ROUND, state)
     rate = motion_derivative(F16, ROUND, 0.0, moving, CONTROLS)
     np.testing.assert_allclose(rate.velocity_b, _derivative(F16, ROUND, 0.0, moving, CONTROLS).velocity_b, rtol=1e-13)
     with pytest.raises(TypeError, match="RotatingEarth, not a FlatEarth"):

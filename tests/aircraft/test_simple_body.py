@@ -7,9 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anser.aircraft import Wrench, air_data
+from anser.aircraft import Wrench
+from anser.aircraft.air_data import air_data
+from anser.aircraft_files import load_body
+from anser.aircraft_files.sources import BODIES
 from anser.environment import standard_environment
-from anser.scenario import BODIES, load_body
 from anser.units import FOOT_M, SLUG_KG
 from support.states import air_at
 
@@ -64,9 +66,9 @@ def test_no_engine_and_no_surfaces():
     thrust = body.engine.propulsion(50.0, air)
     assert isinstance(thrust, Wrench)
     np.testing.assert_array_equal(thrust.force_b, np.zeros(3))
-    still = body.actuators.rate(body.actuators.settled(jnp.zeros(3)), jnp.ones(3), air)
+    still = body.actuators.rate(body.actuators.steady_state(jnp.zeros(3)), jnp.ones(3), air)
     np.testing.assert_array_equal(still.position, np.zeros(3))
-    assert float(body.engine.rate(body.engine.settled(0.0), 1.0, air).power) == 0.0
+    assert float(body.engine.rate(body.engine.steady_state(0.0), 1.0, air).power) == 0.0
 
 
 def test_unknown_body_is_named_with_the_known_ones():

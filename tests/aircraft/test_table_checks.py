@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anser.aircraft.table_checks import GriddedTable, suspect_points
+from anser.aircraft import suspect_points
+from anser.aircraft.table_checks import GriddedTable
 from support.tp1538_build_up import AXES, DATA, TABLES
 
 TP1538 = {
@@ -23,7 +24,7 @@ def found():
 @pytest.mark.parametrize("point", LISTED, ids=str)
 def test_finds_every_point_that_readers_found(found, point):
     name, *place = point
-    assert any(one.table == name and tuple(place) in (one.place, *one.joined) for one in found)
+    assert any(one.table == name and tuple(place) in (one.location, *one.neighbours) for one in found)
 
 
 def test_finds_at_most_as_many_again(found):
@@ -49,7 +50,7 @@ def test_finds_a_planted_outlier_and_not_its_neighbours(row, column, size):
     values[row, column] += size
     axes = (AXES["alpha1"], AXES["beta1"])
     worst = suspect_points({"C": GriddedTable(axes, values)})[0]
-    assert worst.place == (axes[0][row], axes[1][column])
+    assert worst.location == (axes[0][row], axes[1][column])
 
 
 def test_smooth_tables_and_short_ones_have_none():
@@ -71,4 +72,4 @@ def test_a_place_that_is_off_in_most_tables_is_told_once():
         values[10, 4] += 0.5
         tables[f"C{k}"] = GriddedTable(axes, values)
     together = [one for one in suspect_points(tables) if one.table == "all"]
-    assert [one.place for one in together] == [(axes[0][10], axes[1][4])]
+    assert [one.location for one in together] == [(axes[0][10], axes[1][4])]

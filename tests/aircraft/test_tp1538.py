@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from anser.aircraft import F16TP1538, AirData
-from anser.scenario import load_airframe
+from anser.aircraft_files import load_airframe
 from anser.units import DEG_RAD, FOOT_M, SLUG_KG
 from support.tp1538_build_up import AXES, DATA, TABLES
 from support.tp1538_build_up import coefficients as written_out
@@ -49,7 +49,7 @@ def test_is_the_aircraft_of_the_report():
     assert isinstance(AIRFRAME, F16TP1538)
     np.testing.assert_allclose(AIRFRAME.mass_properties.mass, 636.94 * SLUG_KG, rtol=1e-14)
     assert AIRFRAME.actuators.names == ("elevator", "aileron", "rudder", "leading_edge_flap")
-    assert AIRFRAME.actuators.commanded == (True, True, True, False)
+    assert AIRFRAME.actuators.is_commanded == (True, True, True, False)
     assert len(DATA["tables"]) == 43
 
 
@@ -225,7 +225,7 @@ def test_gradients_are_finite_everywhere_at_breakpoints_and_at_rest():
     def sizes(x):
         air = AirData(x[0], x[1], x[2], x[0] * 0 + 1.0, 0.5 * x[0] ** 2, x[0] / 330.0, x[0] * 0 + 1000.0)
         wrench = AIRFRAME.aerodynamics(air, x[3:6], x[6:10])
-        state = AIRFRAME.actuators.steady(x[6:10], air)
+        state = AIRFRAME.actuators.steady_state_in_flow(x[6:10], air)
         rate = AIRFRAME.actuators.rate(state, x[6:10], air)
         return jnp.concatenate([wrench.force_b, wrench.moment_b, rate.position, rate.alpha_lag[None]])
 

@@ -6,18 +6,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.aircraft import (
-    F16_COEFFICIENTS,
-    AircraftState,
-    AirData,
-    Controls,
-    EnginePower,
-    dispersed_f16,
-    no_dispersion,
-    state_derivative,
-)
+from anser.aircraft import AircraftState, AirData, Controls
+from anser.aircraft.dispersions import dispersed_f16, no_dispersion
+from anser.aircraft.engines import EnginePower
+from anser.aircraft.f16 import F16_COEFFICIENTS
+from anser.aircraft.motion import state_derivative
+from anser.aircraft_files import load_airframe
 from anser.environment import standard_environment
-from anser.scenario import load_airframe
 from anser.spatial import quaternion_from_euler
 
 NOMINAL = load_airframe("f16", "tp1538", 0.35)
@@ -39,7 +34,7 @@ def derivative(airframe):
         velocity_b=jnp.array([138.0, 5.0, 30.0]),
         quaternion=quaternion_from_euler(0.3, 0.2, 0.1),
         rates_b=RATES,
-        actuators=airframe.actuators.settled(SURFACES),
+        actuators=airframe.actuators.steady_state(SURFACES),
         engine=EnginePower(jnp.asarray(40.0)),
     )
     controls = Controls(SURFACES + 0.05, jnp.asarray(0.5))

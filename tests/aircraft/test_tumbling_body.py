@@ -13,10 +13,11 @@ import pytest
 from scipy import integrate, special
 from scipy.spatial.transform import Rotation
 
-from anser.aircraft import AircraftState, Controls, earth_fixed_state, local_state
+from anser.aircraft import AircraftState, Controls
+from anser.aircraft.motion import earth_fixed_state, local_state
+from anser.aircraft_files import load_body
 from anser.environment import standard_environment, wgs84_earth
-from anser.scenario import load_body
-from anser.simulation.motion import advance
+from anser.simulation.vehicle import advance
 from anser.spatial import quaternion_from_euler, rotation_from_quaternion
 
 DURATION, STEP, SECONDS = 60.0, 0.01, np.arange(1, 61)
@@ -155,8 +156,8 @@ def test_minute_of_tumbling(name):
         velocity_b=jnp.asarray(body_axes(EULER) @ VELOCITY_N),
         quaternion=quaternion_from_euler(*EULER),
         rates_b=jnp.asarray(rates),
-        actuators=body.actuators.settled(jnp.zeros(3)),
-        engine=body.engine.settled(0.0),
+        actuators=body.actuators.steady_state(jnp.zeros(3)),
+        engine=body.engine.steady_state(0.0),
     )
     position, velocity, R_be, rates, R_bn = (np.asarray(x) for x in anser_flight(body, environment, start))
     e_position, e_velocity, e_R_be, e_rates = reference_flight(STARTS[name])

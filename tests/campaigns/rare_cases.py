@@ -1,6 +1,6 @@
 """Studies with a rare event, and flights that are made up from the wind: their probabilities are known."""
 
-from anser.results.flight_row import FlightRow
+from anser.results.flight_rows import FlightRow
 from campaigns.study_cases import THREE, study_of
 
 FEW = {"flights": 300, "repetitions": 3}

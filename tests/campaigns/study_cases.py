@@ -7,8 +7,8 @@ import numpy as np
 
 import anser
 from anser.campaigns.study import validate_study
-from anser.results.flight_row import FlightRow
-from anser.results.series_values import series_values
+from anser.results.flight_rows import FlightRow
+from anser.results.variable_labels import convert_series
 
 STUDIES = Path(__file__).parents[2] / "studies"
 THREE = anser.load(STUDIES.parent / "scenarios" / "three-aircraft.toml")
@@ -37,7 +37,7 @@ def _row(case, kept):
     seed = scenario.seed if case.seed is None else case.seed
     drawn = int(hashlib.sha256(f"{seed} {scenario.wind.speed_m_s}".encode()).hexdigest(), 16) % 1000 / 100.0
     if drawn < 1.0:
-        return FlightRow.failed("made up: could not begin")
+        return FlightRow.failed_start("made up: could not begin")
     aircraft = [
         {"name": one.name, "arrival_s": 60.0 + drawn, "miss_m": drawn + k, "status": "arrived"}
         for k, one in enumerate(scenario.aircraft)
@@ -47,5 +47,5 @@ def _row(case, kept):
     series = {}
     if kept is not None:
         times, places = kept.times_s(scenario), np.arange(3.0)[:, None]
-        series = {key: series_values(key, 0.1 * drawn + places + 0.01 * times) for key in kept.keys}
+        series = {key: convert_series(key, 0.1 * drawn + places + 0.01 * times) for key in kept.keys}
     return FlightRow(aircraft, fleet, [{"name": "miss_max_m", "met": met}], met, series=series)

@@ -4,44 +4,47 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import stats
 
-from anser.campaigns.blends import Blends
-from anser.campaigns.subset import SubsetPlan, estimate, subset_simulation
-from anser.numerics import seeded
+from anser.campaigns import SubsetPlan, estimate, subset_simulation
+from anser.campaigns.rare_flights import GaussianSpace
+from anser.numerics import flight_randomness
 from anser.numerics.randomness import AIR, DISPERSIONS
 
-SPACE = Blends(5, 20)
+SPACE = GaussianSpace(5, 20)
 
 
 def mixed_often(count, moves, keep):
-    points = SPACE.fresh(np.arange(count))
+    points = SPACE.sample(np.arange(count))
     for move in range(moves):
-        points = SPACE.mixed(points, np.full(count, keep), count * (move + 1) + np.arange(count))
+        points = SPACE.propose(points, np.full(count, keep), count * (move + 1) + np.arange(count))
     return points
 
 
 def test_a_fresh_one_is_the_flight_of_its_number():
-    (point,) = SPACE.fresh(np.array([7]))
-    ours, theirs = SPACE.source(point).of_aircraft(jnp.asarray(1)), seeded(5, 7).of_aircraft(jnp.asarray(1))
+    (point,) = SPACE.sample(np.array([7]))
+    ours, theirs = (
+        SPACE.randomness_at(point).for_aircraft(jnp.asarray(1)),
+        flight_randomness(5, 7).for_aircraft(jnp.asarray(1)),
+    )
     # compiled in a loop, which may round otherwise
     np.testing.assert_allclose(ours.normals(AIR, 3, 6), theirs.normals(AIR, 3, 6), rtol=1e-14)
     np.testing.assert_allclose(ours.uniforms(AIR, 3, 6), theirs.uniforms(AIR, 3, 6), rtol=1e-12)
 
 
 def test_a_mixed_one_is_the_weighted_sum():
-    points = SPACE.mixed(SPACE.fresh(np.array([7])), np.array([0.8]), np.array([9]))
+    points = SPACE.propose(SPACE.sample(np.array([7])), np.array([0.8]), np.array([9]))
     np.testing.assert_allclose(
-        SPACE.source(points[0]).normals(AIR, 3, 6),
-        0.8 * seeded(5, 7).normals(AIR, 3, 6) + 0.6 * seeded(5, 9).normals(AIR, 3, 6),
+        SPACE.randomness_at(points[0]).normals(AIR, 3, 6),
+        0.8 * flight_randomness(5, 7).normals(AIR, 3, 6) + 0.6 * flight_randomness(5, 9).normals(AIR, 3, 6),
         rtol=1e-12,
     )
     # on the host the same numbers, for what the study disperses
     np.testing.assert_allclose(
-        SPACE.dispersions(points, 4)[0], SPACE.source(points[0]).normals(DISPERSIONS, 0, 4), rtol=1e-9
+        SPACE.dispersions(points, 4)[0], SPACE.randomness_at(points[0]).normals(DISPERSIONS, 0, 4), rtol=1e-9
     )
 
 
 def test_of_what_is_not_kept_nothing_is_left():
-    points = SPACE.mixed(SPACE.fresh(np.arange(2)), np.array([0.0, 0.6]), np.array([8, 9]))
+    points = SPACE.propose(SPACE.sample(np.arange(2)), np.array([0.0, 0.6]), np.array([8, 9]))
     assert points["count"].tolist() == [1, 2]
     assert points["flights"][0, 0] == 8
     assert points["weights"][0, 0] == 1.0
@@ -64,7 +67,7 @@ def test_a_point_is_found_again_from_its_flights_and_weights():
 
 
 def test_a_known_probability_is_found_among_them():
-    space, threshold = Blends(3, 28), float(stats.norm.isf(1e-3))
+    space, threshold = GaussianSpace(3, 28), float(stats.norm.isf(1e-3))
 
     def linear(points, numbers):
         return space.dispersions(points, 4).sum(axis=1) / 2.0

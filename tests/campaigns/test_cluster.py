@@ -6,7 +6,7 @@ import time
 import pytest
 
 from anser.campaigns import StoreError, cluster
-from anser.campaigns.cluster import flown_by_cluster
+from anser.campaigns.cluster import fly_on_cluster
 from campaigns.cluster_cases import begun_cluster, deadly, marked, slow
 
 
@@ -21,7 +21,7 @@ def files(folder):
 
 def test_a_scheduler_that_dies_ends_the_campaign_and_keeps_what_is_complete(tmp_path, capfd):
     with begun_cluster() as (address, scheduler, _):
-        chunks = flown_by_cluster(address, slow, tmp_path, [0, 1, 2])
+        chunks = fly_on_cluster(address, slow, tmp_path, [0, 1, 2])
         assert next(chunks) == 0
         scheduler.kill()
         began = time.monotonic()
@@ -39,13 +39,13 @@ def test_a_cluster_that_cannot_import_what_flies_is_refused(tmp_path):
             r"arrived a scheduler or worker without anser \(No module named 'campaigns'\); expected it installed there"
         )
         with pytest.raises(StoreError, match=words):
-            list(flown_by_cluster(address, marked, tmp_path, [0]))
+            list(fly_on_cluster(address, marked, tmp_path, [0]))
 
 
 @pytest.mark.long
 def test_a_scheduler_that_does_not_answer_ends_it(tmp_path, monkeypatch):
     with begun_cluster() as (address, scheduler, _):
-        chunks = flown_by_cluster(address, slow, tmp_path, [0, 1])
+        chunks = fly_on_cluster(address, slow, tmp_path, [0, 1])
         assert next(chunks) == 0
         monkeypatch.setattr(cluster, "_ANSWER_S", 2.0)
         scheduler.send_signal(signal.SIGSTOP)
@@ -56,7 +56,7 @@ def test_a_scheduler_that_does_not_answer_ends_it(tmp_path, monkeypatch):
 @pytest.mark.long
 def test_a_cluster_without_workers_ends_it_after_a_while(tmp_path, monkeypatch):
     with begun_cluster() as (address, _, worker):
-        chunks = flown_by_cluster(address, slow, tmp_path, [0, 1])
+        chunks = fly_on_cluster(address, slow, tmp_path, [0, 1])
         assert next(chunks) == 0
         monkeypatch.setattr(cluster, "_WITHOUT_WORKERS_S", 1.0)
         worker.kill()
@@ -69,9 +69,9 @@ def test_a_chunk_that_kills_its_workers_is_given_up_and_the_others_are_flown(tmp
     monkeypatch.setattr(cluster, "_AGAIN", 1)
     with begun_cluster(again=True) as (address, _, _):
         with pytest.raises(StoreError, match="arrived chunk 1, whose workers died 8 times"):
-            list(flown_by_cluster(address, deadly, tmp_path, list(range(8))))
+            list(fly_on_cluster(address, deadly, tmp_path, list(range(8))))
         assert files(tmp_path) == ["0", "2", "3", "4", "5", "6", "7", "deaths"]
         assert (tmp_path / "deaths").read_text() == 8 * "x"
         (tmp_path / "deaths").unlink()
-        assert list(flown_by_cluster(address, marked, tmp_path, [1])) == [1]
+        assert list(fly_on_cluster(address, marked, tmp_path, [1])) == [1]
     assert files(tmp_path) == list("01234567")

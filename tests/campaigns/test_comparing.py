@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import anser
-from anser.campaigns import Campaign, StoreError, fly_campaign, flying, prepare
+from anser.campaigns import Campaign, StoreError, flights
+from anser.campaigns.flights import create_store, fly_campaign
 from anser.report import draw_paired
 from campaigns.study_cases import THREE, WIND, made_up, study_of
 
@@ -13,13 +14,13 @@ FLIGHTS = 60
 
 @pytest.fixture(autouse=True)
 def made_up_flights(monkeypatch):
-    monkeypatch.setattr(flying, "fly_many", made_up)
-    monkeypatch.setattr(flying, "BATCH", 20)
+    monkeypatch.setattr(flights, "fly_many", made_up)
+    monkeypatch.setattr(flights, "BATCH", 20)
 
 
 def flown(folder, scenario=THREE, **changes):
     folder.mkdir()
-    store = prepare(folder, study_of(**{"sampling": {"flights": FLIGHTS}, **changes}), scenario, {})
+    store = create_store(folder, study_of(**{"sampling": {"flights": FLIGHTS}, **changes}), scenario, {})
     fly_campaign(store)
     return Campaign(store)
 
@@ -71,7 +72,7 @@ def test_what_is_no_pair_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"60 of 60 flights have other seeds .*of the seeds 1 and 2"):
         anser.compare_campaigns(one, flown(tmp_path / "seed", seed=2))
     (tmp_path / "begun").mkdir()
-    prepare(tmp_path / "begun", study_of(sampling={"flights": FLIGHTS}), THREE, {})
+    create_store(tmp_path / "begun", study_of(sampling={"flights": FLIGHTS}), THREE, {})
     with pytest.raises(ValueError, match="without a flight that was flown in both"):
         anser.compare_campaigns(one, tmp_path / "begun")
     with pytest.raises(StoreError, match="a folder without"):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from anser.campaigns import StoreError, rare, rare_flights, read_rare
-from anser.campaigns.store_lock import exclusive
+from anser.campaigns.store_integrity import folder_lock
 from campaigns.rare_cases import RARE_TEXT, made_up
 from campaigns.study_cases import STUDIES
 from trials.damaged_files import MUTATIONS, OF_ONE_FILE
@@ -81,6 +81,6 @@ def test_a_rare_event_of_the_first_format_is_read_and_not_gone_on_with(study, wh
 
 
 def test_a_rare_event_is_flown_by_one_process_at_a_time(study, out):
-    with exclusive(out), pytest.raises(StoreError, match="a folder into which another process flies"):
+    with folder_lock(out), pytest.raises(StoreError, match="a folder into which another process flies"):
         rare(study, out, processes=1, resume=True)
     rare(study, out, processes=1, resume=True)

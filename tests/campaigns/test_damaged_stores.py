@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from anser.campaigns import CampaignStore, StoreError, campaign, flying
-from anser.campaigns.campaigning import store_of
+from anser.campaigns import CampaignStore, StoreError, campaign, flights
+from anser.campaigns.campaign_folder import open_campaign_store
 from campaigns.old_stores import as_first_format
 from campaigns.study_cases import STUDIES, made_up, text_of
 from trials.damaged_files import MUTATIONS, files_of
@@ -20,8 +20,8 @@ KEPT = '[keep]\nseries = ["position_error", "speed_limited", "phase"]\nseries_ev
 
 @pytest.fixture(autouse=True)
 def made_up_flights(monkeypatch):
-    monkeypatch.setattr(flying, "fly_many", made_up)
-    monkeypatch.setattr(flying, "BATCH", CHUNK)
+    monkeypatch.setattr(flights, "fly_many", made_up)
+    monkeypatch.setattr(flights, "BATCH", CHUNK)
 
 
 @pytest.fixture(scope="module")
@@ -36,8 +36,8 @@ def study(tmp_path_factory):
 def whole(study, tmp_path_factory):
     folder = tmp_path_factory.mktemp("whole") / "out"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(flying, "fly_many", made_up)
-        patch.setattr(flying, "BATCH", CHUNK)
+        patch.setattr(flights, "fly_many", made_up)
+        patch.setattr(flights, "BATCH", CHUNK)
         campaign(study, folder, processes=1)
     return folder
 
@@ -81,8 +81,8 @@ def test_xarray_alone_reads_every_array_as_it_was_written(whole):
 
 
 def test_flights_that_were_not_flown_are_told_in_xarray_alone(study, tmp_path):
-    store = store_of(study, tmp_path / "out", resume=False)
-    flying.fly_chunk(store.folder, 1)
+    store = open_campaign_store(study, tmp_path / "out", resume=False)
+    flights.fly_chunk(store.folder, 1)
     data = xr.open_zarr(tmp_path / "out" / "flights.zarr").load()
     assert np.flatnonzero(data["flown"].values).tolist() == [4, 5, 6, 7]
     assert np.isnan(data["miss_m"].values[[0, 11]]).all()

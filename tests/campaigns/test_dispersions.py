@@ -5,8 +5,8 @@ import pytest
 
 import anser
 from anser.campaigns import CampaignStore
-from anser.campaigns.flying import fly_campaign, prepare
-from anser.scenario import value_at
+from anser.campaigns.flights import create_store, fly_campaign
+from anser.config.key_paths import value_at
 from campaigns.study_cases import STUDIES, study_of
 
 WORLD = anser.load(STUDIES.parent / "scenarios" / "uncertain-world.toml").replace(
@@ -46,7 +46,7 @@ def test_each_number_alone_makes_another_flight(tmp_path):
         column[k + 2] = value  # two flights are as they are
         columns[path] = np.array(column)
     study = study_of(vary=[], sampling={"method": "table", "file": "values.csv"})
-    store = prepare(tmp_path, study, WORLD, columns)
+    store = create_store(tmp_path, study, WORLD, columns)
     store._array("seed")[:] = 7  # all alike but for what is changed
     store._checksums.record_base({"chunk": store.chunk})
     fly_campaign(store)

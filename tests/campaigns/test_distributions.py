@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from anser.campaigns.distributions import Vary
+from anser.campaigns.distributions import Dispersion
 from anser.campaigns.study import validate_study
-from anser.scenario import ScenarioError
+from anser.config import ScenarioError
 
 NORMAL = {"distribution": "normal", "mean": 3.0, "sigma": 2.0}
 TRUNCATED = {"distribution": "truncated", "mean": 3.0, "sigma": 2.0, "low": 2.0, "high": 8.0}
@@ -25,26 +25,26 @@ KNOWN = [
 
 
 def vary(**keys):
-    return Vary.model_validate({"path": "wind.speed_m_s", **keys})
+    return Dispersion.model_validate({"path": "wind.speed_m_s", **keys})
 
 
 @pytest.mark.parametrize(("keys", "known"), KNOWN)
 @given(share=st.floats(1e-12, 1.0 - 1e-12))
 def test_the_share_below_a_value_is_the_one_asked_for(keys, known, share):
-    value = vary(**keys).at(np.array([share]))
+    value = vary(**keys).quantile(np.array([share]))
     assert known.cdf(value[0]) == pytest.approx(share, rel=1e-6, abs=1e-12)
 
 
 @given(share=st.floats(2.0**-53, 1.0 - 2.0**-53))
 def test_a_truncated_value_lies_within_its_bounds(share):
-    assert 2.0 <= vary(**TRUNCATED).at(np.array([share]))[0] <= 8.0
+    assert 2.0 <= vary(**TRUNCATED).quantile(np.array([share]))[0] <= 8.0
 
 
 def test_choices_come_as_often_as_weighted():
     chosen = vary(distribution="choice", values=["a", "b", "c"], weights=[6.0, 3.0, 1.0])
-    found = chosen.at((np.arange(1000) + 0.5) / 1000)
+    found = chosen.quantile((np.arange(1000) + 0.5) / 1000)
     assert [int(np.sum(found == one)) for one in "abc"] == [600, 300, 100]
-    assert vary(distribution="choice", values=[True, False]).at(np.array([0.2, 0.7])).tolist() == [True, False]
+    assert vary(distribution="choice", values=[True, False]).quantile(np.array([0.2, 0.7])).tolist() == [True, False]
 
 
 def refused(**keys):

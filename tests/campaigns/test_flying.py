@@ -7,8 +7,10 @@ import pytest
 import xarray as xr
 
 from anser import campaigns
-from anser.campaigns import Campaign, CampaignStore, StoreError, departures, flight_of, fly_campaign, flying, prepare
-from anser.scenario import ScenarioError
+from anser.campaigns import Campaign, CampaignStore, StoreError, flights
+from anser.campaigns.flights import create_store, flight_scenario, fly_campaign
+from anser.campaigns.replay import replay_differences
+from anser.config import ScenarioError
 from campaigns.study_cases import THREE, made_up, study_of
 
 FLIGHTS, CHUNK = 50, 8
@@ -16,14 +18,14 @@ FLIGHTS, CHUNK = 50, 8
 
 @pytest.fixture(autouse=True)
 def made_up_flights(monkeypatch):
-    monkeypatch.setattr(flying, "fly_many", made_up)
-    monkeypatch.setattr(flying, "BATCH", CHUNK)
+    monkeypatch.setattr(flights, "fly_many", made_up)
+    monkeypatch.setattr(flights, "BATCH", CHUNK)
 
 
 def begun(folder, **changes):
     folder.mkdir()
     study = study_of(**{"sampling": {"flights": FLIGHTS}, **changes})
-    return prepare(folder, study, THREE, {})
+    return create_store(folder, study, THREE, {})
 
 
 def test_every_flight_has_a_row_and_what_was_applied(tmp_path):
@@ -35,10 +37,10 @@ def test_every_flight_has_a_row_and_what_was_applied(tmp_path):
     assert told[0] == ("0 of 50 flights", 0.0)
     assert told[-1] == ("50 of 50 flights", 1.0)
     for k in range(FLIGHTS):
-        scenario = flight_of(store, k)
+        scenario = flight_scenario(store, k)
         assert scenario.wind.speed_m_s == data["wind.speed_m_s"].values[k]
         assert scenario.seed == data["seed"].values[k]
-        (row,) = made_up([flying.FlightCase(scenario)])
+        (row,) = made_up([flights.FlightCase(scenario)])
         assert data["reason"].values[k] == row.reason
         if not row.reason:
             assert data["miss_m"].values[k, 1] == row.aircraft[1]["miss_m"]
@@ -50,7 +52,7 @@ def test_an_interrupted_campaign_goes_on_to_the_last_bit(tmp_path, monkeypatch):
     rng = np.random.default_rng(3)
     store = begun(tmp_path / "parts")
     interrupted = 0
-    while not store.done.all():
+    while not store.chunk_is_complete.all():
         left = int(rng.integers(0, 3))
 
         def sometimes(cases, batch=None, series=None, precision="float64"):
@@ -60,13 +62,13 @@ def test_an_interrupted_campaign_goes_on_to_the_last_bit(tmp_path, monkeypatch):
             left -= 1
             return made_up(cases, series=series)
 
-        monkeypatch.setattr(flying, "fly_many", sometimes)
+        monkeypatch.setattr(flights, "fly_many", sometimes)
         try:
             fly_campaign(store)
         except KeyboardInterrupt:
             interrupted += 1
             partial = Campaign(store)
-            assert partial.answers().flown == store.flown.size == partial.dataset.sizes["flight"]
+            assert partial.estimates().flown == store.flown.size == partial.dataset.sizes["flight"]
     assert interrupted > 2
     xr.testing.assert_identical(store.dataset(), whole.dataset())
 
@@ -87,7 +89,7 @@ def test_a_flight_that_is_no_scenario_is_a_failure_with_its_reason(tmp_path):
     wide = {"path": "wind.speed_m_s", "distribution": "uniform", "low": -20.0, "high": 20.0}
     store = begun(tmp_path / "out", vary=[wide])
     fly_campaign(store)
-    data, found = store.dataset(), Campaign(store).answers()
+    data, found = store.dataset(), Campaign(store).estimates()
     bad = data["wind.speed_m_s"].values < 0.0
     assert 0 < bad.sum() < FLIGHTS
     assert all("wind.speed_m_s: arrived -" in str(one) for one in data["reason"].values[bad])
@@ -96,13 +98,13 @@ def test_a_flight_that_is_no_scenario_is_a_failure_with_its_reason(tmp_path):
     assert found.met == int(data["met"].sum())
     assert found.high < 1.0 - bad.mean() + 0.2
     with pytest.raises(ScenarioError):
-        flight_of(store, int(np.flatnonzero(bad)[0]))
+        flight_scenario(store, int(np.flatnonzero(bad)[0]))
 
 
 def test_answers_count_failures_as_the_worst(tmp_path):
     store = begun(tmp_path / "out")
     fly_campaign(store)
-    data, found = store.dataset(), Campaign(store).answers()
+    data, found = store.dataset(), Campaign(store).estimates()
     began = data["reason"].values == ""
     assert (~began).sum() > 0
     (miss,) = [one for one in found.quantiles if one.name == "miss_m" and one.share == 0.5]
@@ -117,7 +119,7 @@ def test_answers_count_failures_as_the_worst(tmp_path):
 def test_another_study_scenario_or_version_is_refused(tmp_path, monkeypatch):
     store = begun(tmp_path / "out")
     same = study_of(sampling={"flights": FLIGHTS})
-    values = flying.applied_values(same, THREE, {})
+    values = flights.applied_values(same, THREE, {})
     store.refuse_unless_same(same, THREE, values)
     with pytest.raises(StoreError, match="other values"):
         store.refuse_unless_same(same, THREE, {"wind.speed_m_s": values["wind.speed_m_s"] + 1.0})
@@ -131,7 +133,7 @@ def test_another_study_scenario_or_version_is_refused(tmp_path, monkeypatch):
     with pytest.raises(StoreError, match=r"expected 9\.9"):
         store.refuse_unless_same(same, THREE, values)
     with pytest.raises(StoreError, match=r"expected 9\.9"):
-        flying.fly_chunk(store.folder, 0)  # a worker of another version
+        flights.fly_chunk(store.folder, 0)  # a worker of another version
     with pytest.raises(StoreError, match="a folder without"):
         CampaignStore.open(tmp_path)
 
@@ -146,13 +148,13 @@ def test_a_flight_flown_again_is_compared_with_its_row(tmp_path):
     store = begun(tmp_path / "out")
     fly_campaign(store)
     number = int(np.flatnonzero(store.dataset()["met"].values)[0])
-    (row,) = made_up([flying.FlightCase(flight_of(store, number))])
+    (row,) = made_up([flights.FlightCase(flight_scenario(store, number))])
     summary = {"aircraft": row.aircraft, "fleet": row.fleet, "requirements": row.requirements}
-    assert departures(store, number, summary, met=True) == {}
+    assert replay_differences(store, number, summary, met=True) == {}
     row.aircraft[1]["miss_m"] += 1.0
-    assert departures(store, number, summary, met=False) == {"miss_m": pytest.approx(1e-4), "met": "True"}
+    assert replay_differences(store, number, summary, met=False) == {"miss_m": pytest.approx(1e-4), "met": "True"}
     with pytest.raises(ValueError, match="arrived 50; expected one from 0 to 49"):
-        flight_of(store, FLIGHTS)
+        flight_scenario(store, FLIGHTS)
 
 
 def test_flights_are_flown_in_the_precision_of_the_study(tmp_path, monkeypatch):
@@ -162,7 +164,7 @@ def test_flights_are_flown_in_the_precision_of_the_study(tmp_path, monkeypatch):
         flown.append(precision)
         return made_up(cases, series=series)
 
-    monkeypatch.setattr(flying, "fly_many", noted)
+    monkeypatch.setattr(flights, "fly_many", noted)
     for precision in ("float64", "float32"):
         flown.clear()
         store = begun(tmp_path / precision, precision=precision)
@@ -174,15 +176,15 @@ def test_flights_are_flown_in_the_precision_of_the_study(tmp_path, monkeypatch):
         )
         # what rounding changes between a flight alone and one in a batch is more in float32
         number = int(np.flatnonzero(store.dataset()["met"].values)[0])
-        (row,) = made_up([flying.FlightCase(flight_of(store, number))])
+        (row,) = made_up([flights.FlightCase(flight_scenario(store, number))])
         row.aircraft[1]["miss_m"] += 1e-3
         summary = {"aircraft": row.aircraft, "fleet": row.fleet, "requirements": row.requirements}
-        assert (departures(store, number, summary, met=True) == {}) == (precision == "float32")
+        assert (replay_differences(store, number, summary, met=True) == {}) == (precision == "float32")
 
 
 def test_a_precision_that_does_not_fit_is_refused_before_anything_flies(tmp_path):
     with pytest.raises(ScenarioError, match='precision: arrived "float32" of a round Earth'):
-        prepare(tmp_path, study_of(precision="float32"), THREE.replace("earth", "wgs84"), {})
+        create_store(tmp_path, study_of(precision="float32"), THREE.replace("earth", "wgs84"), {})
 
 
 def test_a_campaign_leaves_no_processes(tmp_path):
@@ -205,7 +207,7 @@ def test_series_of_every_flight_are_kept_to_the_last_bit_of_float32(tmp_path):
     assert series["speed_limited"].dtype == np.int32
     assert series["speed_limited"].attrs["flag_meanings"] == "free limited"
     for k in range(FLIGHTS):
-        (row,) = made_up([flying.FlightCase(flight_of(store, k))], series=store.kept)
+        (row,) = made_up([flights.FlightCase(flight_scenario(store, k))], series=store.series_selection)
         kept = series["position_error_m"].values[k]
         if row.reason:
             assert np.isnan(kept).all()
@@ -217,7 +219,7 @@ def test_series_of_every_flight_are_kept_to_the_last_bit_of_float32(tmp_path):
 def test_series_go_on_with_the_campaign_and_belong_to_its_study(tmp_path):
     whole, store = begun(tmp_path / "whole", keep=KEEP), begun(tmp_path / "parts", keep=KEEP)
     fly_campaign(whole)
-    flying.fly_chunk(store.folder, 1)
+    flights.fly_chunk(store.folder, 1)
     assert store.series()["flight"].values.tolist() == list(range(CHUNK, 2 * CHUNK))
     store._array("series/position_error_m")[16:24] = -1.0  # half written
     fly_campaign(CampaignStore.open(store.folder))
@@ -256,15 +258,15 @@ def test_a_campaign_without_series_says_so(tmp_path):
 def test_series_that_no_flight_has_are_refused_before_any_flies(tmp_path, keep, vary, words):
     (tmp_path / "out").mkdir()
     with pytest.raises(ScenarioError, match=words):
-        prepare(tmp_path / "out", study_of(keep=keep, vary=vary), THREE, {})
+        create_store(tmp_path / "out", study_of(keep=keep, vary=vary), THREE, {})
     assert not any((tmp_path / "out").iterdir())
 
 
 def test_series_that_some_flights_have_are_kept(tmp_path):
     (tmp_path / "out").mkdir()
     air = {"path": "turbulence.intensity", "distribution": "choice", "values": ["none", "light"]}
-    store = prepare(tmp_path / "out", study_of(keep={"series": ["gust_u"]}, vary=[air]), THREE, {})
-    assert store.kept.keys == ("gust_u",)
+    store = create_store(tmp_path / "out", study_of(keep={"series": ["gust_u"]}, vary=[air]), THREE, {})
+    assert store.series_selection.keys == ("gust_u",)
 
 
 def test_space_for_series_is_asked_for_too(tmp_path, monkeypatch):

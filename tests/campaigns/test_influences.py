@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from anser.campaigns import influences
-from anser.campaigns.influencing import RANK, SOBOL, ordered_values
-from anser.campaigns.sampling import flight_seeds, sampled
+from anser.campaigns.sampling import flight_seeds, sample_study
+from anser.campaigns.sensitivity import RANK, SOBOL, influences, ordered_values
 from campaigns.study_cases import WIND, study_of
 
 COURSE = {"path": "wind.from_deg", "distribution": "uniform", "low": 0.0, "high": 9.0}
@@ -16,7 +15,7 @@ PATHS = ["wind.speed_m_s", "wind.from_deg"]
 
 def flown(study, failed=()):
     """The miss is twice the wind's speed and once its direction; the spread is always the same."""
-    applied = sampled(study, {})
+    applied = sample_study(study, {})
     speed, course = applied["wind.speed_m_s"], applied["wind.from_deg"]
     miss = np.stack([2.0 * speed + course, np.zeros_like(speed)], axis=1)
     miss[list(failed)] = np.nan
@@ -33,8 +32,8 @@ def saltelli(**changes):
     return study_of(sampling={"method": "saltelli", "flights": 256}, vary=[WIND, COURSE], **changes)
 
 
-def values_of(found, output, measure):
-    return [one.value for one in found.found if (one.output, one.measure) == (output, measure)]
+def values_of(entries, output, measure):
+    return [one.value for one in entries.entries if (one.output, one.measure) == (output, measure)]
 
 
 def test_sobol_indices_share_the_variance_out():
@@ -47,8 +46,8 @@ def test_sobol_indices_share_the_variance_out():
         assert values_of(found, "miss_m", measure) == pytest.approx([0.8, 0.2], abs=0.03)
     # met is a step in the speed alone
     assert values_of(found, "met", "total") == pytest.approx([1.0, 0.0], abs=0.03)
-    assert found.without == {"arrival_spread_s": "it is the same in every flight"}
-    assert all(one.low <= one.value <= one.high for one in found.found)
+    assert found.not_computed == {"arrival_spread_s": "it is the same in every flight"}
+    assert all(one.low <= one.value <= one.high for one in found.entries)
 
 
 def test_what_is_random_in_a_flight_is_put_down_to_no_input():
@@ -71,8 +70,8 @@ def test_what_is_random_in_a_flight_is_put_down_to_no_input():
 def test_a_flight_without_a_number_leaves_met_alone():
     study = saltelli()
     found = influences(flown(study, failed=(5, 9)), study, PATHS)
-    assert {one.output for one in found.found} == {"met"}
-    assert found.without["miss_m"].startswith("2 of 1024 flights have no such number")
+    assert {one.output for one in found.entries} == {"met"}
+    assert found.not_computed["miss_m"].startswith("2 of 1024 flights have no such number")
 
 
 def test_of_a_part_whole_blocks_count_in_their_order():
@@ -83,7 +82,7 @@ def test_of_a_part_whole_blocks_count_in_their_order():
     found = influences(part, study, PATHS)
     assert found.flights == 1020
     kept = data.isel(flight=[k for k in range(1024) if k // 4 != 2])
-    assert found.found == influences(kept, study, PATHS).found
+    assert found.entries == influences(kept, study, PATHS).entries
 
 
 def test_rank_correlations_count_a_failure_as_the_worst():
@@ -97,7 +96,7 @@ def test_rank_correlations_count_a_failure_as_the_worst():
     greatest = [int(k) for k in np.argsort(data["miss_m"].values[:, 0])[-3:]]
     failed = influences(flown(study, failed=greatest), study, PATHS)
     assert values_of(failed, "miss_m", "rank")[0] == pytest.approx(speed, abs=1e-3)
-    assert found.without == {"arrival_spread_s": "it is the same in every flight"}
+    assert found.not_computed == {"arrival_spread_s": "it is the same in every flight"}
 
 
 def test_texts_rank_as_the_study_lists_them_and_those_of_a_table_not_at_all():
@@ -109,7 +108,7 @@ def test_texts_rank_as_the_study_lists_them_and_those_of_a_table_not_at_all():
 
 
 def test_saltelli_sampling_is_refused_where_it_cannot_be():
-    from anser.scenario import ScenarioError
+    from anser.config import ScenarioError
 
     for changes, said in (
         ({"correlated": [{"paths": PATHS, "coefficients": [[1.0, 0.5], [0.5, 1.0]]}]}, "none with the method saltelli"),

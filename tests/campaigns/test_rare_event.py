@@ -5,11 +5,12 @@ import json
 import numpy as np
 import pytest
 
-from anser.campaigns import RareStore, StoreError, SubsetPlan, campaign, load_study, rare, rare_flights, read_rare
-from anser.campaigns.rare_event import rare_store_of
+from anser.campaigns import StoreError, SubsetPlan, campaign, load_study, rare, rare_flights, read_rare
+from anser.campaigns.rare_events import open_rare_store
 from anser.campaigns.rare_flights import RareFlights
-from anser.results.flight_row import FlightRow
-from anser.scenario import ScenarioError
+from anser.campaigns.rare_store import RareStore
+from anser.config import ScenarioError
+from anser.results.flight_rows import FlightRow
 from campaigns.rare_cases import ABOVE, BELOW, RARE_TEXT, made_up, rare_study
 from campaigns.study_cases import STUDIES, THREE
 
@@ -95,7 +96,7 @@ def test_an_interrupted_one_goes_on_to_the_last_bit(study, tmp_path, monkeypatch
 
 
 def test_what_cannot_be_gone_on_with_is_refused(study, tmp_path, monkeypatch):
-    rare_store_of(study, tmp_path / "out", resume=False)
+    open_rare_store(study, tmp_path / "out", resume=False)
     with pytest.raises(FileExistsError):
         rare(study, tmp_path / "out", processes=1)
     with pytest.raises(StoreError, match=r"a folder without rare-asked\.json"):
@@ -138,18 +139,18 @@ def test_flights_that_fail_are_the_event():
     flights = RareFlights(
         rare_study(vary=[{"path": "wind.speed_m_s", "distribution": "normal", "mean": 0.0, "sigma": 3.0}]), THREE
     )
-    points = flights.space.fresh(np.arange(20))
+    points = flights.space.sample(np.arange(20))
     values, winds = flights.fly(points), 3.0 * flights.space.dispersions(points, 1)[:, 0]
     assert 3 < np.sum(winds < 0.0) < 17
     np.testing.assert_array_equal(np.isinf(values), winds < 0.0)
     np.testing.assert_allclose(values[winds >= 0.0], winds[winds >= 0.0], rtol=1e-9)
-    assert flights.value_of(FlightRow.failed("no plan")) == np.inf
+    assert flights.limit_state_value(FlightRow.failed_start("no plan")) == np.inf
     (row,) = made_up([flights.case(points[int(np.argmax(winds))])])
-    assert np.isfinite(flights.value_of(row))
+    assert np.isfinite(flights.limit_state_value(row))
     row.aircraft[1]["status"] = "the aircraft reached the ground; what is recorded after that stands still"
-    assert flights.value_of(row) == np.inf
+    assert flights.limit_state_value(row) == np.inf
     row.aircraft[1].update(status="arrived", miss_m=None)
-    assert flights.value_of(row) == np.inf
+    assert flights.limit_state_value(row) == np.inf
 
 
 def test_correlated_numbers_stay_so():
@@ -157,7 +158,7 @@ def test_correlated_numbers_stay_so():
     speed = {"path": "wind.speed_m_s", "distribution": "normal", "mean": 50.0, "sigma": 1.0}
     group = {"paths": ["wind.speed_m_s", "wind.from_deg"], "coefficients": [[1.0, 0.8], [0.8, 1.0]]}
     flights = RareFlights(rare_study(vary=[speed, course], correlated=[group]), THREE)
-    applied = flights._applied(flights.space.fresh(np.arange(4000)))
+    applied = flights._applied(flights.space.sample(np.arange(4000)))
     assert np.corrcoef(*applied.values())[0, 1] == pytest.approx(0.8, abs=0.03)
 
 
@@ -181,9 +182,9 @@ def test_an_event_that_is_none_is_refused(rare_table, said):
 def test_what_a_scenario_cannot_have_is_refused_before_anything_flies(study, tmp_path):
     one = THREE.replace("aircraft", [THREE.aircraft[0].model_dump(exclude_unset=True)])
     with pytest.raises(ScenarioError, match="a statistic of one aircraft, such as miss_m"):
-        _ = RareFlights(rare_study(rare=BELOW), one).asked
+        _ = RareFlights(rare_study(rare=BELOW), one).config
     with pytest.raises(ScenarioError, match="one whose flights can fly together"):
-        _ = RareFlights(rare_study(), THREE.replace("fleet.planner", "decentralised")).asked
+        _ = RareFlights(rare_study(), THREE.replace("fleet.planner", "decentralised")).config
     study.write_text(RARE_TEXT.replace("low = 0.0", "low = -9.0").replace("high = 9.0", "high = -5.0"))
     with pytest.raises(ScenarioError, match="test, every flight"):
         rare(study, tmp_path / "out")

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import anser
+from anser.campaigns import estimate, subset_simulation
 from anser.campaigns.rare_flights import RareFlights
-from anser.campaigns.subset import estimate, subset_simulation
-from anser.execution.many_flights import FlightCase, fly_many
-from anser.results import wilson_interval
+from anser.missions import FlightCase, fly_many
+from anser.results.sampling_statistics import wilson_interval
 from campaigns.study_cases import STUDIES, study_of
 
 SHORT = anser.load(STUDIES / "short-approach.toml")
@@ -37,7 +37,7 @@ def flights_of(seed, threshold_m=THRESHOLD_M, times=TIMES):
 def brute_force(flights, count=BRUTE):
     """Values of flights that are independent of each other and of every walk."""
     starts = range(0, count, flights.batch)
-    return np.concatenate([flights.fly(flights.space.fresh(FAR + k + np.arange(flights.batch))) for k in starts])
+    return np.concatenate([flights.fly(flights.space.sample(FAR + k + np.arange(flights.batch))) for k in starts])
 
 
 def repeated(seed=1, threshold_m=THRESHOLD_M, brute=BRUTE, say=lambda *words: None):
@@ -77,7 +77,7 @@ def test_a_fresh_point_flies_as_the_flight_of_its_number():
     rows = fly_many([FlightCase(SHORT, k, seed=1) for k in range(4)])
     misses = [row.aircraft[0]["miss_m"] for row in rows]
     flights = flights_of(1, times=1)
-    np.testing.assert_allclose(flights.fly(flights.space.fresh(np.arange(4))), misses, rtol=1e-7)
+    np.testing.assert_allclose(flights.fly(flights.space.sample(np.arange(4))), misses, rtol=1e-7)
 
 
 @pytest.mark.long

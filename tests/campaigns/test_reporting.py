@@ -8,8 +8,11 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from anser.campaigns import Campaign, fly_campaign, flying, keep_worst, keeping, prepare, reporting, write_campaign
-from anser.campaigns.series_bands import quantiles_over
+from anser.campaigns import Campaign, campaign_report, replay
+from anser.campaigns import flights as flying
+from anser.campaigns.campaign_report import quantiles_over, write_campaign
+from anser.campaigns.flights import create_store, fly_campaign
+from anser.campaigns.replay import archive_worst
 from anser.results import write_netcdf, write_summary
 from campaigns.study_cases import THREE, WIND, made_up, study_of
 from support.made_flight import make_flight
@@ -45,15 +48,15 @@ def again(monkeypatch):
         progress("flying", 0.0)
         return made_up(cases, batch, series)
 
-    monkeypatch.setattr(reporting, "fly_many", fly_many)
-    monkeypatch.setattr(keeping, "run", run)
+    monkeypatch.setattr(campaign_report, "fly_many", fly_many)
+    monkeypatch.setattr(replay, "run", run)
     return numbers
 
 
 def begun(folder, **changes):
     folder.mkdir()
     changes = {"sampling": {"flights": FLIGHTS}, "vary": [WIND, AIR], **changes}
-    return prepare(folder, study_of(**changes), THREE, {})
+    return create_store(folder, study_of(**changes), THREE, {})
 
 
 def flown(folder, **changes):
@@ -86,7 +89,7 @@ def test_the_page_says_what_the_answers_say(tmp_path):
     ]
     assert [path.name for path in written] == names
     assert told == ["writing"]
-    page, found = page_of(store), Campaign(store).answers()
+    page, found = page_of(store), Campaign(store).estimates()
     assert f"{found.met} of 60 flights met every requirement" in page
     assert f"{100 * found.low:.2f} to {100 * found.high:.2f} % at 95 % confidence" in page
     assert "could not begin: made up: could not begin" in page
@@ -147,7 +150,7 @@ def test_flights_that_come_out_otherwise_are_named(tmp_path, monkeypatch):
         rows[1].aircraft[0]["miss_m"] += 1.0
         return rows
 
-    monkeypatch.setattr(reporting, "fly_many", otherwise)
+    monkeypatch.setattr(campaign_report, "fly_many", otherwise)
     store = flown(tmp_path / "out")
     write_campaign(store, worst=2, others=1)
     second = re.findall(r'class="worst-track" data-flight="(\d+)"', page_of(store))[1]
@@ -187,7 +190,7 @@ def test_a_report_that_is_interrupted_is_there_without_its_map(tmp_path, monkeyp
     def interrupted(cases, progress, batch, series, precision):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(reporting, "fly_many", interrupted)
+    monkeypatch.setattr(campaign_report, "fly_many", interrupted)
     store = flown(tmp_path / "out")
     with pytest.raises(KeyboardInterrupt):
         write_campaign(store, worst=2)
@@ -197,7 +200,7 @@ def test_a_report_that_is_interrupted_is_there_without_its_map(tmp_path, monkeyp
 def test_the_tables_hold_every_flight_and_answer(tmp_path):
     store = flown(tmp_path / "out")
     write_campaign(store, worst=0)
-    data, found = store.dataset(), Campaign(store).answers()
+    data, found = store.dataset(), Campaign(store).estimates()
     flights = pq.read_table(store.folder / "flights.parquet")
     assert flights.num_rows == FLIGHTS
     np.testing.assert_array_equal(flights["wind.speed_m_s"], data["wind.speed_m_s"].values)
@@ -218,14 +221,14 @@ def test_the_tables_hold_every_flight_and_answer(tmp_path):
 
 
 def test_without_pyarrow_there_is_the_page_alone(tmp_path, monkeypatch):
-    monkeypatch.setattr(reporting, "has_parquet", lambda: False)
+    monkeypatch.setattr(campaign_report, "has_parquet", lambda: False)
     store = flown(tmp_path / "out", vary=[])
     assert [path.name for path in write_campaign(store, worst=0)] == ["report.html", "campaign.svg", "campaign.png"]
 
 
 def test_a_saltelli_campaign_tells_of_the_flights_that_are_independent(tmp_path):
     store = flown(tmp_path / "out", sampling={"method": "saltelli", "flights": 16})
-    found = Campaign(store).answers()
+    found = Campaign(store).estimates()
     assert (found.flown, found.independent) == (64, 32)
     alone = store.dataset()["met"].values.reshape(16, 4)[:, [0, 3]]
     assert found.probability == alone.mean()
@@ -238,14 +241,14 @@ def test_a_saltelli_campaign_tells_of_the_flights_that_are_independent(tmp_path)
 
 def test_the_worst_are_kept_whole_once(tmp_path, again):
     store = flown(tmp_path / "out", keep={"worst": 3})
-    folders = keep_worst(store)
+    folders = archive_worst(store)
     data = store.dataset()
     misses = np.where(data["reason"].values == "", data["miss_m"].max("aircraft").values, -np.inf)
     assert [folder.name for folder in folders] == [f"flight-{k:06d}" for k in np.argsort(-misses)[:3]]
     assert len(again) == 3
-    assert keep_worst(store) == folders
+    assert archive_worst(store) == folders
     assert len(again) == 3
     write_campaign(store, worst=3, others=0)  # those kept are read, none is flown again
     assert len(again) == 3
     assert page_of(store).count('class="worst-track"') == 3
-    assert keep_worst(flown(tmp_path / "none")) == ()
+    assert archive_worst(flown(tmp_path / "none")) == ()

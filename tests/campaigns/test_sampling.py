@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from anser.campaigns.sampling import flight_seeds, independent, sampled
+from anser.campaigns.sampling import flight_seeds, is_independent, sample_study
 from campaigns.study_cases import WIND, study_of
 
 COURSE = {"path": "wind.from_deg", "distribution": "normal", "mean": 10.0, "sigma": 5.0}
 
 
 def values_of(method, flights, **more):
-    return sampled(study_of(sampling={"method": method, "flights": flights}, vary=[WIND, COURSE], **more), {})
+    return sample_study(study_of(sampling={"method": method, "flights": flights}, vary=[WIND, COURSE], **more), {})
 
 
 def test_more_flights_leave_the_first_as_they_are():
@@ -48,7 +48,7 @@ def test_groups_are_correlated_as_asked():
 def test_a_grid_has_every_combination():
     choice = {"path": "fleet.planner", "distribution": "choice", "values": ["published", "certified"]}
     study = study_of(sampling={"method": "grid", "levels": 3}, vary=[WIND, choice])
-    found = sampled(study, {})
+    found = sample_study(study, {})
     np.testing.assert_allclose(found["wind.speed_m_s"], [1.5, 1.5, 4.5, 4.5, 7.5, 7.5])
     assert found["fleet.planner"].tolist() == ["published", "certified"] * 3
 
@@ -63,7 +63,7 @@ def test_every_flight_has_a_seed_of_its_own_and_studies_do_not_share_them():
 def test_a_saltelli_block_is_a_point_another_and_the_first_with_each_of_its_numbers_from_the_other():
     study = study_of(sampling={"method": "saltelli", "flights": 16}, vary=[WIND, COURSE])
     assert study.block == 4
-    values = np.stack(list(sampled(study, {}).values()), axis=1).reshape(16, 4, 2)
+    values = np.stack(list(sample_study(study, {}).values()), axis=1).reshape(16, 4, 2)
     a, swapped, b = values[:, 0], values[:, 1:3], values[:, 3]
     for k in range(2):
         np.testing.assert_array_equal(swapped[:, k, k], b[:, k])
@@ -72,5 +72,5 @@ def test_a_saltelli_block_is_a_point_another_and_the_first_with_each_of_its_numb
     seeds = flight_seeds(study, 64).reshape(16, 4)
     assert (seeds[:, :3] == seeds[:, :1]).all()
     assert np.unique(seeds[:, [0, 3]]).size == 32
-    np.testing.assert_array_equal(independent(study, np.arange(8)), [True, False, False, True] * 2)
-    assert independent(study_of(), np.arange(8)).all()
+    np.testing.assert_array_equal(is_independent(study, np.arange(8)), [True, False, False, True] * 2)
+    assert is_independent(study_of(), np.arange(8)).all()

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from anser.campaigns import load_study
-from anser.campaigns.flying import applied_values, prepare
-from anser.scenario import ScenarioError
+from anser.campaigns.flights import applied_values, create_store
+from anser.config import ScenarioError
 from campaigns.study_cases import STUDIES, THREE, study_of, text_of
 
 
@@ -19,7 +19,7 @@ def test_the_shipped_study_is_good():
 def test_the_shipped_study_for_indices_is_good(tmp_path):
     study, scenario, given = load_study(STUDIES / "what-matters.toml")
     assert study.block == 5
-    assert prepare(tmp_path, study, scenario, given).flights == 320
+    assert create_store(tmp_path, study, scenario, given).flights == 320
 
 
 def test_the_hash_is_that_of_the_values():
@@ -95,14 +95,14 @@ def test_a_missing_scenario_is_named(tmp_path):
 def test_a_path_that_leads_nowhere_is_refused_before_anything_flies(tmp_path):
     study = study_of(vary=[{"path": "wind.sped_m_s", "distribution": "uniform", "low": 0.0, "high": 5.0}])
     with pytest.raises(ScenarioError, match=r"test, what varies of three-aircraft: 1 problem\n.*the unknown key"):
-        prepare(tmp_path, study, THREE, {})
+        create_store(tmp_path, study, THREE, {})
     assert not any(tmp_path.iterdir())
 
 
 def test_values_that_no_flight_can_have_are_refused_before_anything_flies(tmp_path):
     study = study_of(vary=[{"path": "wind.speed_m_s", "distribution": "uniform", "low": -9.0, "high": -5.0}])
     with pytest.raises(ScenarioError, match="every flight") as caught:
-        prepare(tmp_path, study, THREE, {})
+        create_store(tmp_path, study, THREE, {})
     assert "wind.speed_m_s: arrived -" in str(caught.value)
     assert not any(tmp_path.iterdir())
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from anser.campaigns.subset import Normals, SubsetPlan, estimate, exceedance, subset_simulation
-from anser.results import log_interval, wilson_interval
+from anser.campaigns import Normals, SubsetPlan, estimate, subset_simulation
+from anser.campaigns.subset import exceedance
+from anser.results.sampling_statistics import log_interval, wilson_interval
 
 DIMENSION = 100
 PLAN = SubsetPlan(points=200, share=0.1, levels_max=10, repetitions=8)

@@ -8,7 +8,8 @@ import jax
 import platformdirs
 import pytest
 
-from anser.compiling import FolderStore, cache_folder, program_store
+from anser.compiling import FolderStore, cache_folder
+from anser.compiling.options import program_store
 
 _KEPT = """
 import jax.numpy as jnp

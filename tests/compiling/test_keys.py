@@ -3,11 +3,11 @@
 import pytest
 
 import anser.compiling.keys as keys
-from anser.execution.execute import fly_segment
-from anser.execution.linearizing import _open_model
-from anser.execution.planned import _start
-from anser.results.dataset import to_dataset
-from anser.simulation.trim import solve_trim
+from anser.analysis.linear_models import _open_model
+from anser.missions.plans import _start_flight
+from anser.missions.runs import fly_segment
+from anser.results import to_dataset
+from anser.steady import solve_trim
 
 
 @pytest.fixture
@@ -43,7 +43,7 @@ def test_a_file_of_another_name_is_another_source(package):
 
 
 def test_programs_of_kernels_depend_on_kernels_only():
-    for program in (fly_segment, _open_model, _start):
+    for program in (fly_segment, _open_model, _start_flight):
         assert keys._sources_of(keys.described(program._function)) == keys._KERNEL_SOURCES
     for function in (to_dataset, (solve_trim, to_dataset)):
         assert keys._sources_of(keys.described(function)) == keys._ALL_SOURCES

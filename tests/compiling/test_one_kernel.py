@@ -5,8 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.compiling import as_one_kernel
-from anser.compiling.one_kernel import COMPUTED_MAX, MOVED_MAX
+from anser.compiling.single_kernel import COMPUTED_MAX, MOVED_MAX, as_single_kernel
 
 MARK = 'xla_cpu_small_call = "true"'
 POINTS = jnp.linspace(0.1, 2.0, 12)
@@ -21,7 +20,7 @@ def waves(x, label="points"):
 
 @jax.jit
 def marked(x):
-    found = as_one_kernel(waves)(x, "kept")
+    found = as_single_kernel(waves)(x, "kept")
     assert found.pop("label") == "kept"
     return found
 
@@ -40,7 +39,9 @@ def test_it_is_one_kernel_for_the_machine():
     def several(x):
         return jnp.cos(x / jnp.max(jnp.sin(x)))
 
-    programs = [jax.jit(function).lower(POINTS).compile().as_text() for function in (as_one_kernel(several), several)]
+    programs = [
+        jax.jit(function).lower(POINTS).compile().as_text() for function in (as_single_kernel(several), several)
+    ]
     assert [" call(" in program for program in programs] == [True, False]
 
 
@@ -52,7 +53,7 @@ def test_what_a_library_would_compute_is_left_to_it():
         lambda a: jax.pure_callback(np.cos, jax.ShapeDtypeStruct(a.shape, a.dtype), a),
         lambda a: jax.lax.cond(a[0, 0] > 1.0, jnp.sin, lambda b: b @ b, a),
     ):
-        compiled = jax.jit(as_one_kernel(function))
+        compiled = jax.jit(as_single_kernel(function))
         assert MARK not in compiled.lower(square).as_text()
         np.testing.assert_allclose(compiled(square), function(square), rtol=1e-12, atol=1e-14)
 
@@ -73,11 +74,11 @@ def costly(x):
 def test_what_is_divided_among_cores_is_left_alone(function, size, small):
     """As large as it may be, XLA still compiles it as one kernel."""
     x = jnp.linspace(0.0, 1.0, size)
-    lowered = jax.jit(as_one_kernel(function)).lower(x)
+    lowered = jax.jit(as_single_kernel(function)).lower(x)
     assert (MARK in lowered.as_text()) == small
     np.testing.assert_allclose(lowered.compile()(x), function(x), rtol=1e-13)
 
 
 def test_on_a_gpu_nothing_is_marked(monkeypatch):
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
-    assert MARK not in jax.jit(as_one_kernel(jnp.sin)).lower(POINTS).as_text()
+    assert MARK not in jax.jit(as_single_kernel(jnp.sin)).lower(POINTS).as_text()

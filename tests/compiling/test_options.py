@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.compiling import compiled_quickly
+from anser.compiling.options import compiled_quickly
 
 
 @pytest.fixture

@@ -16,24 +16,17 @@ import numpy as np
 import pytest
 
 import anser.compiling.keys as keys
-import anser.compiling.memory as memory
+import anser.compiling.program as memory
 import anser.compiling.program as program_module
 import anser.compiling.store as store_module
-from anser.compiling import (
-    FolderStore,
-    compiled,
-    compiled_quickly,
-    forget_programs,
-    program_store,
-    release_all,
-    use_program_store,
-)
-from anser.compiling.keys import NotKeptError, described
-from anser.compiling.memory import regions_used
+from anser.aircraft_files import load_airframe
+from anser.compiling import FolderStore, forget_programs
+from anser.compiling.keys import NotCacheableError, describe_value
+from anser.compiling.options import compiled, compiled_quickly, program_store
+from anser.compiling.program import regions_used, release_all_programs, use_program_store
 from anser.environment import standard_environment
-from anser.numerics import cross, solve3, times3
-from anser.scenario import load_airframe
-from anser.simulation import solve_trim, trim_target
+from anser.numerics.linear import cross, solve3, times3
+from anser.steady import solve_trim, trim_target
 
 MATRIX, VECTOR = jnp.array([[2.0, 1.0, 0.0], [0.5, 3.0, 0.2], [0.0, 0.1, 1.5]]), jnp.array([1.0, 2.0, 3.0])
 
@@ -213,7 +206,7 @@ def test_the_programs_used_longest_ago_are_released_beyond_a_size(store, monkeyp
 @pytest.fixture
 def crowded(tmp_path, monkeypatch):
     """A process that has used two thirds of its memory regions, by other things than programs."""
-    release_all()
+    release_all_programs()
     used = regions_used()
     if not used:
         pytest.skip("the system sets no limit")
@@ -244,8 +237,8 @@ def test_code_of_the_users_own_is_traced_but_compiled_once(store, monkeypatch):
     def program(factor):
         return compiled(lambda x: _ForeignPair(factor * x, MATRIX @ x))
 
-    with pytest.raises(NotKeptError):
-        described(lambda x: x)
+    with pytest.raises(NotCacheableError):
+        describe_value(lambda x: x)
     for factor in (2.0, 3.0):
         np.testing.assert_array_equal(program(factor)(VECTOR).first, factor * VECTOR)
     assert len(store.files()) == 2
@@ -308,7 +301,7 @@ def test_what_is_prepared_is_made_beside_and_only_once(store):
     prepared = function.prepare(*shapes)
     assert prepared.shapes == shapes[1]
     assert store.files() == []  # traced; compiled from `begin` on
-    prepared.begin().begin()
+    prepared.start().start()
     expected = function(MATRIX, VECTOR)
     np.testing.assert_allclose(MATRIX @ expected, VECTOR, rtol=1e-12)
     assert len(store.files()) == 1

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from anser.aircraft import AircraftState
-from anser.compiling.keys import NotKeptError
-from anser.compiling.structures import decode, encode
+from anser.aircraft_files import load_airframe
+from anser.compiling.executables import decode_structure, encode_structure
+from anser.compiling.keys import NotCacheableError
 from anser.environment import standard_environment
-from anser.scenario import load_airframe
-from anser.simulation import solve_trim, trim_target
+from anser.steady import solve_trim, trim_target
 
 
 def test_results_come_back_with_their_classes_shapes_and_weak_types():
@@ -22,7 +22,7 @@ def test_results_come_back_with_their_classes_shapes_and_weak_types():
     )
     result = {"trim": shapes, "rest": (1, -2.5, float("inf"), "text", None, True, [jax.ShapeDtypeStruct((), bool)])}
     result["weak"] = jax.ShapeDtypeStruct((2, 0), np.dtype("int32"), weak_type=True)
-    again = decode(json.loads(json.dumps(encode(result))))
+    again = decode_structure(json.loads(json.dumps(encode_structure(result))))
     assert jax.tree.structure(again) == jax.tree.structure(result)
     assert jax.tree.leaves(again) == jax.tree.leaves(result)
     assert again["weak"].weak_type
@@ -34,8 +34,8 @@ class Outside(NamedTuple):
 
 @pytest.mark.parametrize("value", [Outside(1), object(), np.zeros(2), {1: 2}, lambda x: x, int, jax.random.key(0)])
 def test_what_is_not_the_packages_is_not_encoded(value):
-    with pytest.raises(NotKeptError):
-        encode((value,))
+    with pytest.raises(NotCacheableError):
+        encode_structure((value,))
 
 
 @pytest.mark.parametrize(
@@ -65,14 +65,14 @@ def test_what_is_not_the_packages_is_not_encoded(value):
     ],
 )
 def test_what_was_not_encoded_is_not_decoded(text):
-    with pytest.raises(NotKeptError):
-        decode(json.loads(text))
+    with pytest.raises(NotCacheableError):
+        decode_structure(json.loads(text))
 
 
 def test_fields_that_are_missing_or_more_are_refused():
     name = f"{AircraftState.__module__}:{AircraftState.__qualname__}"
     fields = {field.name: {"array": ["float64", [3], False]} for field in dataclasses.fields(AircraftState)}
-    assert isinstance(decode({"class": [name, fields]}), AircraftState)
+    assert isinstance(decode_structure({"class": [name, fields]}), AircraftState)
     for changed in ({**fields, "more": 1}, dict(list(fields.items())[1:]), dict(reversed(fields.items()))):
-        with pytest.raises(NotKeptError):
-            decode({"class": [name, changed]})
+        with pytest.raises(NotCacheableError):
+            decode_structure({"class": [name, changed]})

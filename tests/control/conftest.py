@@ -3,10 +3,10 @@
 import equinox as eqx
 import jax
 import pytest
-from autopilot_cases import ALTITUDE, ENVIRONMENT, turned_after_100_steps
-from control_cases import AIRFRAME, DEGREE
 
-from anser.simulation.trim import TrimPoint, solve_trim, trim_target
+from anser.steady import TrimPoint, solve_trim, trim_target
+from support.autopilot_cases import ALTITUDE, ENVIRONMENT, turned_after_100_steps
+from support.control_cases import AIRFRAME, DEGREE
 
 
 @pytest.fixture(scope="session")

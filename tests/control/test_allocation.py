@@ -5,10 +5,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from control_cases import AIRFRAME, DEGREE, QUICK, setting_of, vectors
 from hypothesis import given, settings
 
-from anser.control import allocate, surface_moments
+from anser.control.allocation import allocate, surface_moments
+from support.control_cases import AIRFRAME, DEGREE, QUICK, setting_of, vectors
 
 modest = settings(deadline=None, max_examples=60)
 LOWER, UPPER = np.asarray(AIRFRAME.actuators.lower), np.asarray(AIRFRAME.actuators.upper)
@@ -29,17 +29,17 @@ inside = vectors((-23.9 * DEGREE, 23.9 * DEGREE), (-21 * DEGREE, 21 * DEGREE), (
 
 
 def _moment(setting, surfaces):
-    forces = AIRFRAME.aerodynamics(setting.now.air_data, setting.state.rates_b, surfaces)
-    return forces.moment_b + setting.now.propulsive.moment_b
+    forces = AIRFRAME.aerodynamics(setting.condition.air_data, setting.state.rates_b, surfaces)
+    return forces.moment_b + setting.condition.propulsive.moment_b
 
 
 def _scale(setting):
     size = jnp.stack([AIRFRAME.span, AIRFRAME.mean_chord, AIRFRAME.span])
-    return setting.now.air_data.qbar * AIRFRAME.wing_area * size
+    return setting.condition.air_data.qbar * AIRFRAME.wing_area * size
 
 
-def _allocate(now, rates_b, surfaces, moment_b):
-    return allocate(AIRFRAME, now, rates_b, surface_moments(AIRFRAME, now, rates_b, surfaces), moment_b)
+def _allocate(condition, rates_b, surfaces, moment_b):
+    return allocate(AIRFRAME, condition, rates_b, surface_moments(AIRFRAME, condition, rates_b, surfaces), moment_b)
 
 
 @jax.jit
@@ -48,8 +48,8 @@ def allocated(x, target):
     setting = setting_of(x)
     rates_b = setting.state.rates_b
     wanted_b = _moment(setting, target)
-    first = _allocate(setting.now, rates_b, setting.state.surfaces, wanted_b)
-    second = _allocate(setting.now, rates_b, first.surfaces, wanted_b)
+    first = _allocate(setting.condition, rates_b, setting.state.surfaces, wanted_b)
+    second = _allocate(setting.condition, rates_b, first.surfaces, wanted_b)
     errors = [(_moment(setting, demand.surfaces) - wanted_b) / _scale(setting) for demand in (first, second)]
     return first, second, errors
 
@@ -83,7 +83,7 @@ MOMENT_B = np.array([500.0, -1000.0, 200.0])
 
 def _demand(x, moment_b, push_b):
     setting = setting_of(x)
-    now = eqx.tree_at(lambda now: now.propulsive.moment_b, setting.now, push_b)
+    now = eqx.tree_at(lambda condition: condition.propulsive.moment_b, setting.condition, push_b)
     return _allocate(now, setting.state.rates_b, setting.state.surfaces, moment_b)
 
 

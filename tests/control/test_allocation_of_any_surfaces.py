@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.aircraft import Deflections, MovingDeflections
-from anser.control import allocate, surface_moments
+from anser.aircraft.actuators import Deflections, MovingDeflections
+from anser.control.allocation import allocate, surface_moments
 from anser.environment import standard_environment
 from anser.units import DEG_RAD
 from support.light_aircraft import light_aircraft

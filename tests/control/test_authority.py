@@ -4,11 +4,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from control_cases import AIRFRAME, QUICK, setting_of
 
-from anser.aircraft import angular_acceleration
-from anser.control import surface_authority, surface_moments
+from anser.aircraft.motion import angular_acceleration
+from anser.control.allocation import surface_authority, surface_moments
 from anser.units import DEG_RAD
+from support.control_cases import AIRFRAME, QUICK, setting_of
 
 LEVEL = np.array([150, 0.05, 0, 0, 0, 0, 0, 0, 0, -0.04, 0.0, 0.0, 20, 1000, 0, 0, 0])
 SLOW = np.array([-5.0, 2.0, -3.0]) * DEG_RAD
@@ -18,7 +18,7 @@ SHARE = 0.3
 
 def _authority(x, surfaces_slow):
     setting = setting_of(x)
-    moments = surface_moments(AIRFRAME, setting.now, setting.state.rates_b, setting.state.surfaces)
+    moments = surface_moments(AIRFRAME, setting.condition, setting.state.rates_b, setting.state.surfaces)
     return surface_authority(AIRFRAME.actuators, AIRFRAME.mass_properties, moments, surfaces_slow)
 
 
@@ -28,7 +28,7 @@ authority_of = jax.jit(_authority)
 @jax.jit
 def acceleration_of(x, surfaces):
     setting = setting_of(x)
-    moment_b = AIRFRAME.aerodynamics(setting.now.air_data, setting.state.rates_b, surfaces).moment_b
+    moment_b = AIRFRAME.aerodynamics(setting.condition.air_data, setting.state.rates_b, surfaces).moment_b
     return angular_acceleration(AIRFRAME.mass_properties, setting.state.rates_b, moment_b)
 
 

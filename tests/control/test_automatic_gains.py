@@ -6,11 +6,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.aircraft import condition
-from anser.control import SEPARATION_MIN, automatic_gains, own_bandwidths, published_gains, separations
+from anser.aircraft import flight_condition
+from anser.aircraft_files import load_airframe
+from anser.analysis import margins_at
+from anser.control import automatic_gains, published_gains
+from anser.control.gains import LOOP_SEPARATION_MIN, derived_bandwidths, loop_separations
 from anser.environment import standard_environment
-from anser.execution import margins_at
-from anser.scenario import load_airframe
 from support.light_aircraft import light_aircraft
 from support.trims import target_deg, trim
 
@@ -19,8 +20,8 @@ ENVIRONMENT = standard_environment()
 
 @eqx.filter_jit
 def bandwidths_of(airframe, point, step):
-    now = condition(airframe, ENVIRONMENT, 0.0, point.state)
-    return own_bandwidths(airframe, now, point.state.surfaces, point.power, step)
+    now = flight_condition(airframe, ENVIRONMENT, 0.0, point.state)
+    return derived_bandwidths(airframe, now, point.state.surfaces, point.power, step)
 
 
 @pytest.fixture(scope="module")
@@ -79,8 +80,8 @@ def test_the_small_uav_keeps_six_decibels_and_forty_degrees(speed_m_s):
 
 def test_loops_stay_apart(light):
     airframe, point = light
-    for pair in separations(automatic_gains(bandwidths_of(airframe, point, 0.01))):
-        assert pair.ratio >= SEPARATION_MIN - 1e-9, pair
+    for pair in loop_separations(automatic_gains(bandwidths_of(airframe, point, 0.01))):
+        assert pair.ratio >= LOOP_SEPARATION_MIN - 1e-9, pair
 
 
 def test_derivatives_are_finite(light):

@@ -7,15 +7,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from autopilot_cases import Case, arrays, control, memory_of, model_of, turned_after_100_steps
-from control_cases import QUICK
 
-from anser.control import (
-    default_limits,
-    published_gains,
-)
+from anser.control import default_limits, published_gains
 from anser.control.autopilot import attitude_control, rate_control
-from anser.simulation.trim import TrimPoint
+from anser.steady import TrimPoint
+from support.autopilot_cases import Case, arrays, control, memory_of, model_of, turned_after_100_steps
+from support.control_cases import QUICK
 
 
 @pytest.fixture(scope="module")

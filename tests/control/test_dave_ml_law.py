@@ -3,12 +3,13 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from law_cases import FLAT, belief_of, lqr_by_hand
 
-from anser.control import dave_ml_law, named_signals
+from anser.control import dave_ml_law
+from anser.control.dave_ml_law import named_signals
 from anser.dave_ml import read_dave_ml
 from anser.units import DEG_RAD, KNOT_M_S, RAD_DEG
-from anser.verification.dave_ml_files import published_model
+from anser.verification.nasa_f16 import published_model
+from support.law_cases import FLAT, belief_of, lqr_by_hand
 
 TRIM = {"trimmedPilotControl_throttle": 0.139, "trimmedPilotControl_long": 0.13}
 HANDS_OFF = dict.fromkeys((f"pilotControl_{axis}" for axis in ("throttle", "long", "lat", "yaw")), 0.0)

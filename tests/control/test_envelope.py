@@ -5,12 +5,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from autopilot_cases import ALTITUDE, Case, arrays, fly, memory_of
-from control_cases import AIRFRAME, DEGREE
 
 from anser.aircraft import AircraftState
-from anser.control import AutopilotState, default_limits, initial_autopilot_state, published_gains
-from anser.spatial import attitude_from_path, quaternion_from_rotation
+from anser.control import default_limits, published_gains
+from anser.control.autopilot_state import AutopilotState, initial_autopilot_state
+from anser.spatial.rotations import quaternion_from_rotation
+from anser.spatial.wind_axes import attitude_from_path
+from support.autopilot_cases import ALTITUDE, Case, arrays, fly, memory_of
+from support.control_cases import AIRFRAME, DEGREE
 
 pytestmark = pytest.mark.long
 

@@ -4,11 +4,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from control_cases import vectors
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anser.control import Differentiator, LoopGains, advanced_integral, brakeable, virtual_control, wrapped
+from anser.control.feedback import Differentiator, advance_integral, limit_to_braking, virtual_control, wrap_angle
+from anser.control.gains import LoopGains
+from support.control_cases import vectors
 
 triples = vectors(*((-5.0, 5.0),) * 3)
 modest = settings(deadline=None, max_examples=30)
@@ -18,7 +19,7 @@ modest = settings(deadline=None, max_examples=30)
 def ramp_rates(slope, offset, bandwidth, step, times):
     def one(state, t):
         reference = offset + slope * t
-        return state.advanced(reference, bandwidth, step), state.rate(reference, bandwidth, step)
+        return state.advance(reference, bandwidth, step), state.rate(reference, bandwidth, step)
 
     return jax.lax.scan(one, Differentiator(offset), times)[1]
 
@@ -36,13 +37,13 @@ def test_rate_of_a_ramp_is_exact_once_the_filter_has_settled(slope, offset, band
 @given(triples, triples, st.floats(2.0, 40.0))
 def test_filter_is_exact_for_a_held_reference_at_any_step(start, reference, bandwidth):
     """x(t) = r + (x_0 - r) exp(-N t), however the time is cut into steps."""
-    once = Differentiator(jnp.asarray(start)).advanced(jnp.asarray(reference), bandwidth, 0.06)
+    once = Differentiator(jnp.asarray(start)).advance(jnp.asarray(reference), bandwidth, 0.06)
     thrice = Differentiator(jnp.asarray(start))
     for _ in range(3):
-        thrice = thrice.advanced(jnp.asarray(reference), bandwidth, 0.02)
+        thrice = thrice.advance(jnp.asarray(reference), bandwidth, 0.02)
     exact = reference + (start - reference) * np.exp(-bandwidth * 0.06)
-    np.testing.assert_allclose(once.memory, exact, rtol=0, atol=1e-13)
-    np.testing.assert_allclose(thrice.memory, exact, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(once.state, exact, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(thrice.state, exact, rtol=0, atol=1e-13)
 
 
 def test_rate_tends_to_the_filter_equation_for_short_steps():
@@ -68,7 +69,7 @@ def test_virtual_control_closes_an_integrator_onto_a_ramp():
         y, integral = carry
         error = slope * t + 1.0 - y
         nu = virtual_control(gains, error, integral, slope, jnp.zeros(3))
-        return (y + step * nu, advanced_integral(integral, error, jnp.asarray(False), step)), error
+        return (y + step * nu, advance_integral(integral, error, jnp.asarray(False), step)), error
 
     _, errors = jax.lax.scan(one, (jnp.zeros(3), jnp.zeros(3)), step * jnp.arange(4000.0))
     # slowest pole 1 - sqrt(0.5) = 0.29 1/s: exp(-0.29 * 40) = 9e-6
@@ -79,7 +80,7 @@ def test_virtual_control_closes_an_integrator_onto_a_ramp():
 @modest
 @given(vectors(*((-50.0, 50.0),) * 3))
 def test_wrapped_is_the_same_angle_within_half_a_turn(angle):
-    result = np.asarray(wrapped(jnp.asarray(angle)))
+    result = np.asarray(wrap_angle(jnp.asarray(angle)))
     assert np.all(np.abs(result) <= np.pi)
     turns = (angle - result) / (2 * np.pi)
     np.testing.assert_allclose(turns, np.round(turns), atol=1e-13)
@@ -87,13 +88,13 @@ def test_wrapped_is_the_same_angle_within_half_a_turn(angle):
 
 @pytest.mark.parametrize("angle", [0.0, 1.0, -2.5, 6.5, 3.0 - 2 * np.pi])
 def test_wrapped_has_unit_slope(angle):
-    assert jax.grad(wrapped)(angle) == pytest.approx(1.0, abs=1e-14)
+    assert jax.grad(wrap_angle)(angle) == pytest.approx(1.0, abs=1e-14)
 
 
 @modest
 @given(triples, triples, st.tuples(*[st.booleans()] * 3))
 def test_saturated_channels_stand_still_and_the_others_go_on(integral, error, saturated):
-    after = advanced_integral(jnp.asarray(integral), jnp.asarray(error), jnp.array(saturated), 0.01)
+    after = advance_integral(jnp.asarray(integral), jnp.asarray(error), jnp.array(saturated), 0.01)
     # Exact, but for products below the least normal number: XLA makes them zero.
     tiny = np.finfo(float).tiny
     np.testing.assert_allclose(after, np.where(saturated, integral, integral + 0.01 * error), rtol=0.0, atol=tiny)
@@ -101,7 +102,7 @@ def test_saturated_channels_stand_still_and_the_others_go_on(integral, error, sa
 
 def test_one_flag_stops_all_channels():
     integral = jnp.array([0.1, 0.2, 0.3])
-    np.testing.assert_array_equal(advanced_integral(integral, jnp.ones(3), jnp.asarray(True), 0.01), integral)
+    np.testing.assert_array_equal(advance_integral(integral, jnp.ones(3), jnp.asarray(True), 0.01), integral)
 
 
 def test_batched_equals_single():
@@ -121,7 +122,7 @@ LIMIT = jnp.array([3.0, 0.5, 1.0])
 @modest
 @given(triples)
 def test_brakeable_error_is_the_error_near_zero_and_the_law_of_a_stop_beyond(error):
-    seen = np.asarray(brakeable(GAINS, jnp.asarray(error), LIMIT))
+    seen = np.asarray(limit_to_braking(GAINS, jnp.asarray(error), LIMIT))
     edge = np.asarray(LIMIT) / BANDWIDTH**2
     near = np.abs(error) <= edge
     np.testing.assert_array_equal(seen[near], error[near])
@@ -137,7 +138,7 @@ def test_following_the_brakeable_error_never_asks_for_more_acceleration():
     step = 1e-3
 
     def one(error, _):
-        rate = -BANDWIDTH * brakeable(GAINS, error, LIMIT)
+        rate = -BANDWIDTH * limit_to_braking(GAINS, error, LIMIT)
         return error + step * rate, (error, rate)
 
     _, (errors, rates) = jax.lax.scan(one, jnp.array([4.0, -5.0, 3.0]), None, length=20_000)
@@ -148,13 +149,13 @@ def test_following_the_brakeable_error_never_asks_for_more_acceleration():
 
 
 def test_brakeable_has_a_continuous_finite_slope():
-    slope = jax.vmap(jax.grad(lambda e: brakeable(GAINS, jnp.full(3, e), LIMIT)[0]))
+    slope = jax.vmap(jax.grad(lambda e: limit_to_braking(GAINS, jnp.full(3, e), LIMIT)[0]))
     edge = 3.0 / 25
     values = slope(jnp.array([-2.0, 0.0, edge - 1e-9, edge + 1e-9, 5.0]))
     assert np.isfinite(values).all()
     np.testing.assert_allclose(values[1:4], 1.0, atol=1e-6)
     none = LoopGains(jnp.zeros(3), jnp.zeros(3), jnp.zeros(3), jnp.zeros(3))
-    assert np.isfinite(jax.jacfwd(lambda e: brakeable(none, e, LIMIT))(jnp.ones(3))).all()
+    assert np.isfinite(jax.jacfwd(lambda e: limit_to_braking(none, e, LIMIT))(jnp.ones(3))).all()
 
 
 def test_feed_forward_is_held_to_what_the_filter_can_follow():

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anser.control import SEPARATION_MIN, designed_gains, loop_bandwidth, published_gains, separations
+from anser.control import published_gains
+from anser.control.gains import LOOP_SEPARATION_MIN, design_gains, loop_bandwidth, loop_separations
 
 three = jnp.ones(3)
 
@@ -17,7 +18,7 @@ three = jnp.ones(3)
     [("rates", 5.0, np.sqrt(50.0), 1.0), ("attitude", 2.0, np.inf, 0.0), ("velocity", 1.0, np.sqrt(10.0), 0.0)],
 )
 def test_published_gains_are_designs(loop, bandwidth, damping, derivative):
-    found, published = designed_gains(bandwidth * three, damping * three, derivative), getattr(published_gains(), loop)
+    found, published = design_gains(bandwidth * three, damping * three, derivative), getattr(published_gains(), loop)
     for name in ("proportional", "integral", "derivative", "feed_forward"):
         np.testing.assert_allclose(getattr(found, name), getattr(published, name), rtol=1e-14, err_msg=name)
     np.testing.assert_allclose(loop_bandwidth(published), bandwidth)
@@ -26,7 +27,7 @@ def test_published_gains_are_designs(loop, bandwidth, damping, derivative):
 @settings(deadline=None, max_examples=30)
 @given(st.floats(0.1, 50.0), st.floats(0.2, 10.0), st.floats(0.0, 3.0))
 def test_poles_have_the_wanted_sum_and_damping(bandwidth, damping, derivative):
-    gains = designed_gains(bandwidth * three, damping * three, derivative)
+    gains = design_gains(bandwidth * three, damping * three, derivative)
     poles = np.roots([1.0 + derivative, float(gains.proportional[0]), float(gains.integral[0])])
     assert -np.sum(poles).real == pytest.approx(bandwidth, rel=1e-9)
     frequency = np.sqrt(np.prod(poles).real)
@@ -34,7 +35,7 @@ def test_poles_have_the_wanted_sum_and_damping(bandwidth, damping, derivative):
 
 
 def test_separation_of_the_published_loops():
-    ratios = {(pair.outer, pair.inner): float(pair.ratio) for pair in separations(published_gains())}
+    ratios = {(pair.outer, pair.inner): float(pair.ratio) for pair in loop_separations(published_gains())}
     expected = {
         ("V", "engine"): 5.0,
         ("gamma", "alpha"): 2.0,
@@ -44,6 +45,6 @@ def test_separation_of_the_published_loops():
     }
     for pair, ratio in expected.items():
         assert ratios[pair] == pytest.approx(ratio), pair
-    assert min(ratios.values()) == SEPARATION_MIN
+    assert min(ratios.values()) == LOOP_SEPARATION_MIN
     open_loop = eqx.tree_at(lambda g: g.velocity.proportional, published_gains(), jnp.zeros(3))
-    assert float(separations(open_loop)[1].ratio) == np.inf
+    assert float(loop_separations(open_loop)[1].ratio) == np.inf

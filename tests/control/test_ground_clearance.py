@@ -7,13 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.control.ground_clearance import ERROR_ALLOWED_M
+from anser.control.ground_clearance import ALTITUDE_ERROR_ALLOWED_M
 from anser.scenario import build_flight, load
-from anser.simulation.status import AT_GROUND, BROKE_OFF, FLYING
+from anser.simulation.closed_loop import AT_GROUND, BREAKAWAY, FLYING
 from support.fleet_flight import own, segment, started, with_own
 
 SCENARIO = Path(__file__).parents[2] / "scenarios" / "three-aircraft.toml"
-FLOOR = 100.0 - ERROR_ALLOWED_M
+FLOOR = 100.0 - ALTITUDE_ERROR_ALLOWED_M
 # airspeed m/s, path angle, bank, angle of attack deg; from steep to inverted, at low speed, and unloaded
 DIVES = [
     [(120, -10, 0, 3), (150, -25, 60, 5), (240, -65, 120, 2)],
@@ -60,7 +60,7 @@ def first_trigger(three, dives):
     while np.max(high - low) > 2.0:
         middle = 0.5 * (low + high)
         _, history = segment(flight, placed(state, dives, middle))
-        lost = history["status"][1] == BROKE_OFF
+        lost = history["status"][1] == BREAKAWAY
         low, high = np.where(lost, middle, low), np.where(lost, high, middle)
     return low
 
@@ -74,7 +74,7 @@ def test_a_descent_broken_off_at_the_last_moment_ends_above_the_floor(three, div
     for number in range(6):
         after, history = segment(flight, after, number)
         lowest = np.minimum(lowest, np.asarray(history["altitude"]).min(axis=0))
-    np.testing.assert_array_equal(own(after).status, BROKE_OFF)
+    np.testing.assert_array_equal(own(after).status, BREAKAWAY)
     # Measured: of the height reckoned with 0.29 to 0.94 is used.
     assert np.all(lowest > FLOOR), (heights, lowest)
     # and it goes to its hold 300 m above its goal

@@ -4,12 +4,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from control_cases import QUICK, vectors
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from anser.control import GuidanceSettings, follow, hold, hold_point
-from anser.planning import fit_trajectory
+from anser.control import GuidanceSettings
+from anser.control.guidance import follow, hold, hold_point
+from anser.planning.published.trajectory import fit_trajectory
+from support.control_cases import QUICK, vectors
 
 modest = settings(deadline=None, max_examples=30)
 SPEED, RADIUS, HEIGHT = 150.0, 4000.0, 300.0

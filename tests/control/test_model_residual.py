@@ -7,24 +7,20 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from autopilot_cases import ENVIRONMENT, memory_of
-from control_cases import AIRFRAME, DEGREE
 
 from anser.aircraft import AbstractAirframe, AbstractEngine, FirstOrderActuators, MassProperties, Wrench
-from anser.control import (
-    ModelResidual,
-    default_limits,
-    no_residual,
-    published_gains,
-)
+from anser.control import default_limits, published_gains
 from anser.control.autopilot import rate_control, velocity_control
+from anser.control.autopilot_state import ModelResidual, no_residual
 from anser.control.onboard_model import onboard_model
-from anser.planning import PathCommand
+from anser.parts import PathCommand
 from anser.scenario import build_flight, loads
 from anser.shapes import Scalar, Vector3
-from anser.simulation import trim_target
-from anser.simulation.motion import advance
-from anser.simulation.response import believed
+from anser.simulation.response import exact_belief
+from anser.simulation.vehicle import advance
+from anser.steady import trim_target
+from support.autopilot_cases import ENVIRONMENT, memory_of
+from support.control_cases import AIRFRAME, DEGREE
 from support.states import make_state
 from support.trims import trim
 
@@ -43,7 +39,7 @@ def test_filter_takes_in_the_mean_over_the_sample():
         memory = dataclasses.replace(no_residual(jnp.zeros(3)), model_acceleration_b=model)
         for k in range(1, 51):
             rates = (model + error) * k * STEP
-            memory = memory.advanced(force, rates, model, bandwidth, STEP)
+            memory = memory.advance(force, rates, model, bandwidth, STEP)
         assert isinstance(memory, ModelResidual)
         np.testing.assert_allclose(memory.acceleration_b, reached * error, atol=1e-12)
         np.testing.assert_allclose(memory.force_b, reached * force, atol=1e-12)
@@ -87,7 +83,7 @@ def test_surfaces_rest_on_the_measurement_and_on_the_slopes_of_the_model_alone()
         if seen:
             residual = dataclasses.replace(residual, acceleration_b=-(J_inverse @ moment_b))
         memory = eqx.tree_at(lambda m: m.residual, memory_0, residual)
-        model = onboard_model(believed(model, ENVIRONMENT, state), LIMITS, gains(0.0), memory, STEP)
+        model = onboard_model(exact_belief(model, ENVIRONMENT, state), LIMITS, gains(0.0), memory, STEP)
         demand, _ = rate_control(model, gains(0.0), memory, state.rates_b, jnp.array([0.2, 0.1, 0.0]))
         return np.asarray(demand.surfaces)
 
@@ -115,8 +111,8 @@ def _climb_and_turn(truth, bandwidth, start, memory):
 
     def one(carry, k):
         state, memory = carry
-        felt_b = believed(truth, ENVIRONMENT, state).specific_force_b
-        belief = eqx.tree_at(lambda b: b.specific_force_b, believed(AIRFRAME, ENVIRONMENT, state), felt_b)
+        felt_b = exact_belief(truth, ENVIRONMENT, state).specific_force_b
+        belief = eqx.tree_at(lambda b: b.specific_force_b, exact_belief(AIRFRAME, ENVIRONMENT, state), felt_b)
         setting = gains(bandwidth)
         model = onboard_model(belief, LIMITS, setting, memory, STEP)
         zero = jnp.zeros(())
@@ -168,6 +164,8 @@ def test_a_scenario_chooses_the_inversion():
     from pathlib import Path
 
     text = (Path(__file__).parents[2] / "scenarios" / "single-aircraft.toml").read_text()
-    assert float(build_flight(loads(text)).kinds[0].vehicles.own.controller.gains.sensor_bandwidth[0]) == 0.0
+    assert float(build_flight(loads(text)).groups[0].vehicles.batched.controller.gains.sensor_bandwidth[0]) == 0.0
     chosen = text.replace("[[goal]]", '[aircraft.gains]\ninversion = "incremental"\n\n[[goal]]', 1)
-    assert float(build_flight(loads(chosen)).kinds[0].vehicles.own.controller.gains.sensor_bandwidth[0]) == BANDWIDTH
+    assert (
+        float(build_flight(loads(chosen)).groups[0].vehicles.batched.controller.gains.sensor_bandwidth[0]) == BANDWIDTH
+    )

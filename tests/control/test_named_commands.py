@@ -3,18 +3,18 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from law_cases import FLAT, belief_of, instant_of
 
 from anser.control import NamedCommands
+from support.law_cases import FLAT, belief_of, instant_of
 
 
-def guidance(follows=1.0, place=False):
+def guidance(follows=1.0, with_position=False):
     return NamedCommands(
-        held={"trueBaseCourseCommand": jnp.asarray(0.5), "lateralDeviationError": jnp.asarray(0.0)},
+        initial_commands={"trueBaseCourseCommand": jnp.asarray(0.5), "lateralDeviationError": jnp.asarray(0.0)},
         change={"lateralDeviationError": jnp.asarray(-600.0)},
         change_time=jnp.asarray(20.0),
         follows_line=jnp.asarray(follows),
-        place=place,
+        with_position=with_position,
     )
 
 
@@ -39,7 +39,7 @@ def test_the_deviation_is_the_distance_flown_across_the_line_since_the_change():
 
 def test_the_place_is_given_across_the_date_line():
     """80 km East of 3.14 rad East."""
-    given, _, _ = guidance(place=True).command(jnp.zeros(()), belief_of(), None, instant_of(0.0))
+    given, _, _ = guidance(with_position=True).command(jnp.zeros(()), belief_of(), None, instant_of(0.0))
     east = 3.14 + 80_000 / (6_385_000 * np.cos(0.6))
     assert float(given["geLongitude"]) == pytest.approx(east - 2 * np.pi, abs=1e-4)
     assert float(given["geLatitude"]) == pytest.approx(0.6 + 1000 / 6.36e6, abs=1e-6)
@@ -47,4 +47,4 @@ def test_the_place_is_given_across_the_date_line():
 
 def test_over_a_flat_earth_there_is_no_place():
     with pytest.raises(TypeError, match="RotatingEarth"):
-        guidance(place=True).command(jnp.zeros(()), belief_of(environment=FLAT), None, instant_of(0.0, FLAT))
+        guidance(with_position=True).command(jnp.zeros(()), belief_of(environment=FLAT), None, instant_of(0.0, FLAT))

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from law_cases import FLAT, belief_of
 
-from anser.control import named_signals
+from anser.control.dave_ml_law import named_signals
+from support.law_cases import FLAT, belief_of
 
 
 def test_attitude_flow_and_speed():

@@ -4,11 +4,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from control_cases import AIRFRAME, DEGREE, QUICK, environment_of, flights, motion_of, setting_of, state_of
 from hypothesis import given, settings
 
-from anser.aircraft import Controls, state_derivative
-from anser.numerics import solve3
+from anser.aircraft import Controls
+from anser.aircraft.motion import state_derivative
+from anser.numerics.linear import solve3
+from support.control_cases import AIRFRAME, DEGREE, QUICK, environment_of, flights, motion_of, setting_of, state_of
 
 modest = settings(deadline=None, max_examples=40)
 

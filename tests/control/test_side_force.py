@@ -7,18 +7,20 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from control_cases import QUICK
 from scipy.optimize import fsolve
 
 import anser
-from anser.aircraft import AirData, condition
-from anser.control import default_limits, initial_autopilot_state, path_motion, published_gains
-from anser.control.onboard_model import onboard_model
+from anser.aircraft import AirData, flight_condition
+from anser.aircraft_files import load_airframe
+from anser.control import default_limits, published_gains
+from anser.control.autopilot_state import initial_autopilot_state
+from anser.control.onboard_model import onboard_model, path_motion
 from anser.control.velocity_loop import attitude_demand, side_force
 from anser.environment import standard_environment
-from anser.scenario import load_airframe
-from anser.simulation.response import believed
-from anser.spatial import attitude_from_path, quaternion_from_rotation
+from anser.simulation.response import exact_belief
+from anser.spatial.rotations import quaternion_from_rotation
+from anser.spatial.wind_axes import attitude_from_path
+from support.control_cases import QUICK
 
 ENVIRONMENT = standard_environment()
 V, ALTITUDE_M = 150.0, 1000.0
@@ -29,7 +31,7 @@ def demanded(airframe, state, chi_dot=0.0):
     """Side force (N), and attitude for level flight, straight or in a turn (rad/s)."""
     memory = initial_autopilot_state(jnp.zeros(3), state.rates_b, state.surfaces)
     model = onboard_model(
-        believed(airframe, ENVIRONMENT, state), default_limits(), published_gains(), memory, jnp.asarray(0.01)
+        exact_belief(airframe, ENVIRONMENT, state), default_limits(), published_gains(), memory, jnp.asarray(0.01)
     )
     return side_force(model), attitude_demand(model, jnp.asarray(0.0), jnp.asarray(chi_dot)).angles
 
@@ -60,18 +62,18 @@ def test_the_f16_of_tp1538_is_banked_until_its_course_stands():
 
     def turning(lateral):
         surfaces = np.array([steady[0], *lateral, steady[3]])
-        now = condition(airframe, ENVIRONMENT, 0.0, banked(trim.state, mu, alpha, surfaces))
+        now = flight_condition(airframe, ENVIRONMENT, 0.0, banked(trim.state, mu, alpha, surfaces))
         return np.asarray(now.wrench.moment_b)[[0, 2]]
 
     surfaces = np.array([steady[0], *fsolve(turning, steady[1:3]), steady[3]])
     state = banked(trim.state, mu, alpha, surfaces)
-    now = condition(airframe, ENVIRONMENT, 0.0, state)
+    now = flight_condition(airframe, ENVIRONMENT, 0.0, state)
     # Aileron and rudder against its moments change it by 1 % here, by 17 % at 220 m/s.
     assert float(force) == pytest.approx(float(now.wrench.force_b[1]), rel=0.03)
     mass = airframe.mass_properties.mass
     chi_dot = float(path_motion(now, now.wrench.force_b, state.velocity_b, mass, ENVIRONMENT.gravity).path_rates[2])
     level = banked(trim.state, 0.0 * mu, alpha, surfaces)
-    now = condition(airframe, ENVIRONMENT, 0.0, level)
+    now = flight_condition(airframe, ENVIRONMENT, 0.0, level)
     before = float(path_motion(now, now.wrench.force_b, level.velocity_b, mass, ENVIRONMENT.gravity).path_rates[2])
     assert before == pytest.approx(-0.123 / V, rel=0.01)
     assert abs(chi_dot) < 0.05 * abs(before)
@@ -88,7 +90,7 @@ def test_turns_to_both_sides_are_level_and_as_fast_as_asked(turn):
     for _ in range(6):  # the lift for a bank is that for the present one
         state = banked(state, mu, alpha, still)
         _, (mu, alpha, _) = demanded(airframe, state, turn)
-    now = condition(airframe, ENVIRONMENT, 0.0, state)
+    now = flight_condition(airframe, ENVIRONMENT, 0.0, state)
     mass, gravity = airframe.mass_properties.mass, ENVIRONMENT.gravity
     _, gamma_dot, chi_dot = path_motion(now, now.wrench.force_b, state.velocity_b, mass, gravity).path_rates
     lost = 0.123 / V
@@ -108,7 +110,7 @@ def test_who_says_that_it_is_symmetric_has_no_side_force(name, variant):
     @jax.vmap
     def side(alpha):
         air_data = AirData(zero + 100.0, alpha, zero, zero + 1.0, zero + 5000.0, zero + 0.3, zero)
-        at_rest = airframe.actuators.scheduled(jnp.zeros(len(airframe.actuators.names)), air_data)
+        at_rest = airframe.actuators.scheduled_position(jnp.zeros(len(airframe.actuators.names)), air_data)
         return airframe.aerodynamics(air_data, jnp.zeros(3), at_rest).force_b[1]
 
     assert airframe.symmetric == (float(jnp.max(jnp.abs(side(jnp.asarray(alphas))))) == 0.0)

@@ -4,22 +4,21 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from autopilot_cases import ENVIRONMENT
-from control_cases import AIRFRAME, DEGREE
 
-from anser.aircraft import AircraftState, Deflections, EnginePower, condition
-from anser.control import (
-    default_limits,
-    initial_autopilot_state,
-    path_motion,
-    published_gains,
-)
+from anser.aircraft import AircraftState, flight_condition
+from anser.aircraft.actuators import Deflections
+from anser.aircraft.engines import EnginePower
+from anser.control import default_limits, published_gains
 from anser.control.autopilot import velocity_control
-from anser.control.onboard_model import onboard_model
-from anser.planning import PathCommand
-from anser.simulation.motion import advance
-from anser.simulation.response import believed
-from anser.spatial import attitude_from_path, quaternion_from_rotation
+from anser.control.autopilot_state import initial_autopilot_state
+from anser.control.onboard_model import onboard_model, path_motion
+from anser.parts import PathCommand
+from anser.simulation.response import exact_belief
+from anser.simulation.vehicle import advance
+from anser.spatial.rotations import quaternion_from_rotation
+from anser.spatial.wind_axes import attitude_from_path
+from support.autopilot_cases import ENVIRONMENT
+from support.control_cases import AIRFRAME, DEGREE
 
 ALTITUDE_M, SPEED_M_S, STEP_S, STEPS = 3000.0, 160.0, 0.01, 2500
 
@@ -60,15 +59,15 @@ def _recover(start):
     """Fly with level flight to the north commanded; what is seen at each step."""
     gravity = ENVIRONMENT.gravity
     limits, gains, zero = default_limits(), published_gains(), jnp.zeros(())
-    now = condition(AIRFRAME, ENVIRONMENT, 0.0, start)
+    now = flight_condition(AIRFRAME, ENVIRONMENT, 0.0, start)
     motion = path_motion(now, now.wrench.force_b, start.velocity_b, AIRFRAME.mass_properties.mass, gravity)
     attitude = jnp.stack([motion.mu, motion.alpha, motion.beta])
     command = PathCommand(jnp.asarray(SPEED_M_S), zero, zero, zero, zero, zero)
 
     def one(carry, _):
         state, memory = carry
-        now = condition(AIRFRAME, ENVIRONMENT, 0.0, state)
-        model = onboard_model(believed(AIRFRAME, ENVIRONMENT, state), limits, gains, memory, STEP_S)
+        now = flight_condition(AIRFRAME, ENVIRONMENT, 0.0, state)
+        model = onboard_model(exact_belief(AIRFRAME, ENVIRONMENT, state), limits, gains, memory, STEP_S)
         controls, signals, memory = velocity_control(model, gains, memory, command)
         motion = model.motion
         row = {

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from anser.execution import deep_stall
+from anser.analysis import deep_stall
 from support.tp1538_build_up import coefficients
 from support.upsets_tp1538 import UPSETS, flown, held, recovery_s
 

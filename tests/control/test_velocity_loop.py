@@ -5,15 +5,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from control_cases import AIRFRAME, DEGREE, QUICK, flights, model_of, motion_of, setting_of, state_of, vectors
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from anser.control import (
-    default_limits,
-)
-from anser.control.velocity_loop import AttitudeDemand, attitude_demand, rate_limited, thrust_demand
+from anser.control import default_limits
+from anser.control.velocity_loop import AttitudeDemand, attitude_demand, limit_bank_rate, thrust_demand
 from anser.units import DEG_RAD
+from support.control_cases import AIRFRAME, DEGREE, QUICK, flights, model_of, motion_of, setting_of, state_of, vectors
 
 modest = settings(deadline=None, max_examples=40)
 ENGINE_BANDWIDTH = 5.0
@@ -28,7 +26,7 @@ def thrust_case(x, V_dot):
     setting = setting_of(x)
     power = setting.state.power
     demand = thrust_demand(model_of(setting.state, x), ENGINE_BANDWIDTH, V_dot)
-    data = setting.now.air_data
+    data = setting.condition.air_data
     steady = AIRFRAME.engine.power_for_thrust(demand.thrust, data)
     short = demand.thrust - AIRFRAME.engine.propulsion(steady, data).force_b[0]
     later = eqx.tree_at(lambda s: s.power, setting.state, steady)
@@ -57,7 +55,7 @@ def test_throttle_inverts_the_lag_of_the_lit_engine(x, power, change):
     """Above 50 percent the lag is 5 1/s ([SL] RTAU), the bandwidth asked for: the rate is 5 (P_wanted - P)."""
     x = x.copy()
     x[12] = power
-    data = setting_of_jit(x).now.air_data
+    data = setting_of_jit(x).condition.air_data
     thrust = AIRFRAME.engine.propulsion(jnp.clip(power + change, 50.5, 100.0), data).force_b[0]
     V_dot = V_dot_for_thrust(x, thrust)
     demand, _, gap, power_rate, _ = thrust_case(x, V_dot)
@@ -76,7 +74,7 @@ def V_dot_for_thrust(x, thrust):
     """Acceleration along the path that a thrust along body x gives; the equation of motion is linear in it."""
     setting = setting_of(x)
     ahead = jnp.cos(setting.motion.alpha) * jnp.cos(setting.motion.beta)
-    return setting.motion.path_rates[0] + (thrust - setting.now.propulsive.force_b[0]) * ahead / MASS
+    return setting.motion.path_rates[0] + (thrust - setting.condition.propulsive.force_b[0]) * ahead / MASS
 
 
 @pytest.mark.parametrize(("V_dot", "throttle"), [(20.0, 1.0), (-20.0, 0.0)])
@@ -247,9 +245,9 @@ def test_no_more_bank_is_asked_for_than_the_lift_can_hold(V, chi_dot, gamma_dot,
 def _greatest_lift(x):
     """Lift at the limit on alpha, the rest of the condition as it is; thrust has its part in it."""
     setting = setting_of_jit(x)
-    data = eqx.tree_at(lambda d: d.alpha, setting.now.air_data, LIMITS.alpha_max)
+    data = eqx.tree_at(lambda d: d.alpha, setting.condition.air_data, LIMITS.alpha_max)
     force_b = AIRFRAME.aerodynamics(data, setting.state.rates_b, setting.state.surfaces).force_b
-    force_b = force_b + setting.now.propulsive.force_b
+    force_b = force_b + setting.condition.propulsive.force_b
     return float(force_b[0] * np.sin(LIMITS.alpha_max) - force_b[2] * np.cos(LIMITS.alpha_max))
 
 
@@ -292,7 +290,7 @@ STEP = 0.01
 @modest
 @given(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
 def test_commanded_bank_changes_no_faster_than_its_limit(before, wanted):
-    limited, now = rate_limited(_demand(wanted), jnp.asarray(before), SLOW, STEP)
+    limited, now = limit_bank_rate(_demand(wanted), jnp.asarray(before), SLOW, STEP)
     assert limited.angles[0] == now
     assert abs(now - before) <= 5.0 * DEGREE * STEP * (1 + 1e-12)
     assert min(before, wanted) - 1e-15 <= now <= max(before, wanted) + 1e-15  # rounding
@@ -303,20 +301,20 @@ def test_commanded_bank_changes_no_faster_than_its_limit(before, wanted):
 def test_commanded_bank_gets_there():
     now = jnp.zeros(())
     for _ in range(200):
-        limited, now = rate_limited(_demand(0.15), now, SLOW, STEP)
+        limited, now = limit_bank_rate(_demand(0.15), now, SLOW, STEP)
     assert now == 0.15
     assert not limited.bank_saturated
 
 
 @pytest.mark.parametrize("before", [3.0, -2.0])
 def test_after_an_upset_the_bank_command_is_within_its_limit_at_once(before):
-    _, now = rate_limited(_demand(0.0), jnp.asarray(before), SLOW, STEP)
+    _, now = limit_bank_rate(_demand(0.0), jnp.asarray(before), SLOW, STEP)
     assert abs(abs(now) - (LIMITS.bank_max - 5.0 * DEGREE * STEP)) < 1e-12
     assert now * before > 0.0
 
 
 def test_without_a_limit_the_bank_command_is_free():
     demand = _demand(0.9)
-    limited, now = rate_limited(demand, None, LIMITS, STEP)
+    limited, now = limit_bank_rate(demand, None, LIMITS, STEP)
     assert limited is demand
     assert now is None

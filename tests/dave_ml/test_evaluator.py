@@ -87,12 +87,12 @@ def test_states_and_derivatives_are_exposed():
         '</calculation><isStateDeriv/></variableDef><variableDef name="flap"', 1
     )  # fmt: skip
     m = read_dave_ml(text, "f")
-    assert (m.having("isState"), m.having("isStateDeriv")) == (("s",), ("ds",))
+    assert (m.variables_with_role("isState"), m.variables_with_role("isStateDeriv")) == (("s",), ("ds",))
     assert "s" in m.inputs
     assert float(m.evaluate({"s": 3.0}, ("ds",))["ds"]) == -3.0
     # NASA's two control laws have none: they are gains, limits and switches
     for name in ("F16_control", "F16_gnc"):
-        assert model(name).having("isState") == model(name).having("isStateDeriv") == ()
+        assert model(name).variables_with_role("isState") == model(name).variables_with_role("isStateDeriv") == ()
 
 
 @pytest.mark.parametrize("name", [name for name in ALL if model(name).inputs])

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from files import FEATURES, HEAD, NASA, formula_model, model
 
-from anser.dave_ml import Applied, Chosen, DaveMlError, Named, Number, read_dave_ml
+from anser.dave_ml import DaveMlError, read_dave_ml
+from anser.dave_ml.formulas import Number, Operation, Piecewise, VariableReference
 
 
 def test_the_aerodynamics_of_nasa():
@@ -13,13 +14,13 @@ def test_the_aerodynamics_of_nasa():
     beta = file.variables["beta"]
     assert (beta.name, beta.units, beta.sign, beta.symbol) == ("angleOfSideslip", "deg", "wind in right ear", "β")
     assert beta.roles == {"isInput", "isStdAIAA"}
-    assert file.variables["vt"].least == 0.1
+    assert file.variables["vt"].minimum == 0.1
     lift = file.gridded["CX_table_def"]
     assert lift.axes == ("DE1", "ALPHA1")
     assert lift.values.shape == (5, 12)
     assert (lift.values[0, 0], lift.values[4, 11]) == (-0.099, 0.040)
     function = next(f for f in file.functions if f.result == "cxt")
-    assert [(a.id, a.least, a.greatest, a.extrapolate, a.interpolate) for a in function.arguments] == [
+    assert [(a.id, a.minimum, a.maximum, a.extrapolate, a.interpolate) for a in function.arguments] == [
         ("el", -24.0, 24.0, "neither", "linear"),
         ("alpha", -10.0, 45.0, "neither", "linear"),
     ]
@@ -38,12 +39,14 @@ def test_where_it_comes_from():
 
 def test_calculations_become_formulas():
     variables = model("F16_aero").definition.variables
-    assert variables["del"].formula == Applied("divide", (Named("el"), Number(25.0)))
-    negative = Applied("minus", (Named("absCl0"),))
-    below = Applied("lt", (Named("beta"), Number(0.0)))
-    assert variables["clt"].formula == Chosen(((negative, below),), Named("absCl0"))
+    assert variables["del"].formula == Operation("divide", (VariableReference("el"), Number(25.0)))
+    negative = Operation("minus", (VariableReference("absCl0"),))
+    below = Operation("lt", (VariableReference("beta"), Number(0.0)))
+    assert variables["clt"].formula == Piecewise(((negative, below),), VariableReference("absCl0"))
     gnc = model("F16_gnc").definition.variables["baseChiCmdEquatorIDL"].formula
-    assert gnc.arguments[0].arguments[0] == Applied("atan2", (Named("ownshipN_ft"), Named("ownshipE_ft")))
+    assert gnc.arguments[0].arguments[0] == Operation(
+        "atan2", (VariableReference("ownshipN_ft"), VariableReference("ownshipE_ft"))
+    )
 
 
 def test_text_and_bytes_in_any_of_the_encodings_read_the_same():

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from files import FEATURES, NASA, model
 
-from anser.dave_ml import model_of, read_dave_ml
+from anser.dave_ml import read_dave_ml
+from anser.dave_ml.model import make_model
 
 SHOTS = {"F16_aero": (16, 800, 144), "F16_prop": (9, 39, 54)}
 """Shots, internal values and outputs of each file, counted in the files."""
@@ -103,4 +104,4 @@ def test_shots_of_ones_own():
     changed = replace(own.definition, gridded={**own.definition.gridded})
     table = changed.gridded["CX_table_def"]
     changed.gridded["CX_table_def"] = replace(table, values=table.values + 1e-6)
-    assert {r.id for r in model_of(changed).check() if not r.passed} == {"cxt", "cx"}
+    assert {r.id for r in make_model(changed).check() if not r.passed} == {"cxt", "cx"}

@@ -3,7 +3,8 @@
 import pytest
 from files import FEATURES, NASA
 
-from anser.dave_ml import STANDARD, DaveMlError, adapted, read_dave_ml, unit_of
+from anser.dave_ml import DaveMlError, adapt_model, read_dave_ml
+from anser.dave_ml.standard_units import STANDARD_MEASURES, parse_unit
 
 RIGHT = {
     "totalMass": ("kg", "slug", "lbm", "lbfs2_ft"),
@@ -52,7 +53,7 @@ def one_variable(name, units):
 def test_units_of_the_dimension_are_read_and_convert(name):
     for units in RIGHT[name]:
         value = one_variable(name, units).evaluate_si({}, ("v",))["v"]
-        assert float(value) == pytest.approx(unit_of(units).factor, rel=1e-15)
+        assert float(value) == pytest.approx(parse_unit(units).factor, rel=1e-15)
 
 
 @pytest.mark.parametrize("name", WRONG)
@@ -65,7 +66,7 @@ def test_other_units_are_refused_with_line_variable_and_what_is_right(name):
 
 
 def test_every_measure_accepts_its_own_units():
-    for name, measure in STANDARD.items():
+    for name, measure in STANDARD_MEASURES.items():
         for units in measure.units:
             assert measure.accepts(units), name
 
@@ -73,7 +74,7 @@ def test_every_measure_accepts_its_own_units():
 def test_a_name_of_another_s_variable_needs_its_units():
     text = '<DAVEfunc>\n<variableDef name="m" varID="v" units="lbf" initialValue="1"/></DAVEfunc>'
     with pytest.raises(DaveMlError, match=r'line 2, .*units="lbf" of "totalMass" \(varID "v"\); expected a mass'):
-        adapted(read_dave_ml(text, "one.dml"), {"totalMass": "m"}, {})
+        adapt_model(read_dave_ml(text, "one.dml"), {"totalMass": "m"}, {})
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 import pytest
 from files import NASA, model
 
-from anser.dave_ml import unit_of
+from anser.dave_ml.standard_units import parse_unit
 
 KNOWN = {
     "ft": (0.3048, "m"),
@@ -42,16 +42,16 @@ KNOWN = {
 @pytest.mark.parametrize("name", KNOWN)
 def test_known_units(name):
     factor, si = KNOWN[name]
-    assert unit_of(name).factor == pytest.approx(factor, rel=1e-14)
-    assert unit_of(name).offset == 0.0
-    assert set(unit_of(name).si.split()) == set(si.split())
+    assert parse_unit(name).factor == pytest.approx(factor, rel=1e-14)
+    assert parse_unit(name).offset == 0.0
+    assert set(parse_unit(name).si.split()) == set(si.split())
 
 
 @pytest.mark.parametrize(
     ("name", "value", "kelvin"), [("degC", 15.0, 288.15), ("degF", 59.0, 288.15), ("degR", 518.67, 288.15)]
 )
 def test_temperatures(name, value, kelvin):
-    unit = unit_of(name)
+    unit = parse_unit(name)
     assert unit.factor * value + unit.offset == pytest.approx(kelvin, rel=1e-14)
 
 
@@ -60,7 +60,7 @@ def test_temperatures(name, value, kelvin):
 )
 def test_other_names_are_refused(name):
     with pytest.raises(ValueError, match="known are m, km"):
-        unit_of(name)
+        parse_unit(name)
 
 
 def test_nasas_units_that_do_not_convert():

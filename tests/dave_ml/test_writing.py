@@ -11,25 +11,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lxml import etree
 
-from anser.dave_ml import (
-    Applied,
-    Argument,
-    Breakpoints,
-    Chosen,
-    Definition,
-    Function,
-    GriddedTable,
-    Named,
-    Note,
+from anser.dave_ml import Definition, read_dave_ml, write_dave_ml
+from anser.dave_ml.definition import Argument, Breakpoints, Function, GriddedTable, Note, Variable, header
+from anser.dave_ml.formulas import (
+    ARGUMENTS_MAX,
+    COMPARISONS,
+    LOGICAL,
+    NUMERIC,
     Number,
-    Variable,
-    header,
-    model_of,
-    read_dave_ml,
-    write_dave_ml,
+    Operation,
+    Piecewise,
+    VariableReference,
+    format_mathml,
 )
-from anser.dave_ml.formulas import COMPARING, LOGICAL, MANY, NUMERIC
-from anser.dave_ml.mathml import mathml_of
+from anser.dave_ml.model import make_model
 
 ORDER = ["fileHeader", "variableDef", "breakpointDef", "griddedTableDef", "ungriddedTableDef", "function", "checkData"]
 """Of the elements in <DAVEfunc>, by the document type."""
@@ -65,26 +60,26 @@ def test_it_is_well_formed_and_in_the_order_of_the_document_type(name):
 
 
 def formulas(depth):
-    numbers = st.floats(-1e6, 1e6).map(Number) | st.sampled_from([Named("x"), Named("y")])
+    numbers = st.floats(-1e6, 1e6).map(Number) | st.sampled_from([VariableReference("x"), VariableReference("y")])
     if depth == 0:
         return numbers
     inner = formulas(depth - 1)
 
     def applied(operation):
-        least, most = {**NUMERIC, **COMPARING, **LOGICAL}[operation]
-        arguments = st.lists(inner, min_size=least, max_size=3 if most == MANY else most)
-        return arguments.map(lambda found: Applied(operation, tuple(found)))
+        least, most = {**NUMERIC, **COMPARISONS, **LOGICAL}[operation]
+        arguments = st.lists(inner, min_size=least, max_size=3 if most == ARGUMENTS_MAX else most)
+        return arguments.map(lambda found: Operation(operation, tuple(found)))
 
     chosen = st.builds(
-        lambda v, c, o: Chosen(((v, c),), o), inner, st.sampled_from(sorted(COMPARING)).flatmap(applied), inner
+        lambda v, c, o: Piecewise(((v, c),), o), inner, st.sampled_from(sorted(COMPARISONS)).flatmap(applied), inner
     )
-    return numbers | st.sampled_from(sorted({**NUMERIC, **COMPARING, **LOGICAL})).flatmap(applied) | chosen
+    return numbers | st.sampled_from(sorted({**NUMERIC, **COMPARISONS, **LOGICAL})).flatmap(applied) | chosen
 
 
 @settings(deadline=None, max_examples=60)
-@given(formula=formulas(2).filter(lambda formula: str(Named("x")) in str(formula)))
+@given(formula=formulas(2).filter(lambda formula: str(VariableReference("x")) in str(formula)))
 def test_formulas_are_read_as_they_were_written(formula):
-    assert formula_model(mathml_of(formula)).definition.variables["z"].formula == formula
+    assert formula_model(format_mathml(formula)).definition.variables["z"].formula == formula
 
 
 VALUES = {
@@ -137,12 +132,14 @@ VALUES = {
 @pytest.mark.parametrize("operation", VALUES)
 def test_operations_are_those_of_mathml(operation):
     function, arguments = VALUES[operation]
-    assert set(VALUES) == {*NUMERIC, *COMPARING, *LOGICAL}
+    assert set(VALUES) == {*NUMERIC, *COMPARISONS, *LOGICAL}
     # from inputs in JAX, and from constants at reading
-    of_inputs = mathml_of(
-        Applied(operation, (Applied("plus", (Number(arguments[0]), Named("x"))), *map(Number, arguments[1:])))
+    of_inputs = format_mathml(
+        Operation(
+            operation, (Operation("plus", (Number(arguments[0]), VariableReference("x"))), *map(Number, arguments[1:]))
+        )
     )
-    of_constants = mathml_of(Applied(operation, tuple(map(Number, arguments))))
+    of_constants = format_mathml(Operation(operation, tuple(map(Number, arguments))))
     expected = function(*arguments)
     assert float(formula_model(of_inputs).evaluate({"x": 0.0})["z"]) == pytest.approx(expected, rel=1e-14)
     assert float(formula_model(of_constants).evaluate({})["z"]) == pytest.approx(expected, rel=1e-14)
@@ -155,12 +152,12 @@ def test_a_model_of_ones_own():
         variables={
             v.id: v
             for v in (
-                Variable("alpha", "angleOfAttack", "deg", roles=frozenset({"isInput", "isStdAIAA"}), least=-5.0),
+                Variable("alpha", "angleOfAttack", "deg", roles=frozenset({"isInput", "isStdAIAA"}), minimum=-5.0),
                 Variable("CL", "liftCoefficient", "nd", roles=frozenset({"isOutput"})),
                 Variable("k", "induced drag factor", "nd", initial=0.05, notes=(Note("provenanceRef", (("provID", "P"),)),)),
                 Variable(
                     "CD", "dragCoefficient", "nd", roles=frozenset({"isOutput"}),
-                    formula=Applied("plus", (Number(0.02), Applied("times", (Named("k"), Named("CL"), Named("CL"))))),
+                    formula=Operation("plus", (Number(0.02), Operation("times", (VariableReference("k"), VariableReference("CL"), VariableReference("CL"))))),
                 ),
             )
         },
@@ -168,7 +165,7 @@ def test_a_model_of_ones_own():
         gridded={"T": GriddedTable("T", ("A",), np.array([-0.4, 0.1, 1.0]))},
         functions=(Function("lift", "CL", (Argument("alpha", extrapolate="max"),), "T"),),
     )  # fmt: skip
-    own = model_of(definition).with_shots({"cruise": {"alpha": 2.0}, "stall": {"alpha": 12.0}}, tolerance=1e-6)
+    own = make_model(definition).with_shots({"cruise": {"alpha": 2.0}, "stall": {"alpha": 12.0}}, tolerance=1e-6)
     again = read_dave_ml(write_dave_ml(own), "own.dml")
     assert again.definition.header.get("name") == "Wing <of> ours"
     assert again.definition.variables == own.definition.variables

@@ -27,7 +27,7 @@ COVERED = {
     "make demo": ("tests/test_cli.py", 'anser("run", SCENARIOS / "three-aircraft.toml"'),
     "make test": ("Makefile", '-m "not long"'),  # this test is part of it
     "anser run scenarios/single-aircraft.toml --out first-flight": (
-        "tests/execution/test_shipped_scenarios.py",
+        "tests/missions/test_shipped_scenarios.py",
         '"single-aircraft"',
     ),
     f"anser run scenarios/single-aircraft.toml --out first-flight{REFUSED}": (
@@ -35,25 +35,25 @@ COVERED = {
         'assert "exists" in err',
     ),
     "anser run scenarios/storm-sampling.toml --out storm": (
-        "tests/execution/test_shipped_scenarios.py",
+        "tests/missions/test_shipped_scenarios.py",
         '"storm-sampling"',
     ),
     "python -m json.tool storm/summary.json": ("tests/test_cli.py", "json.loads((out /"),
     # tested with another scenario of three aircraft
     "anser run three-buoys.toml --out three-buoys": ("tests/test_cli.py", 'anser("run"'),
-    "anser plan task.toml --out planned": ("tests/execution/test_certified.py", "return run(load("),
+    "anser plan task.toml --out planned": ("tests/missions/test_certified.py", "return run(load("),
     "anser plan early.toml": (
-        "tests/execution/test_certified.py",
+        "tests/missions/test_certified.py",
         "test_a_time_that_is_too_early_is_refused_with_the_times_that_work",
     ),
     "anser run scenarios/twenty-aircraft.toml": (
-        "tests/execution/test_certified.py",
+        "tests/missions/test_certified.py",
         "return run(load(",
     ),  # two aircraft
     "anser plan scenarios/single-aircraft.toml": ("tests/test_cli_plan.py", 'anser("plan", THREE'),
     "anser report RUN_A RUN_B --out beside.html": ("tests/test_cli_report.py", 'anser("report", *runs, "--out", out)'),
     "anser linearize --speed-m-s 150 --altitude-m 1000 --loop velocity": (
-        "tests/simulation/test_linearize_sampled.py",
+        "tests/analysis/test_linearize_sampled.py",
         '"velocity"',
     ),
     "anser step --loop velocity --channel chi --size 20 --at 150,1000 --out course.png": (
@@ -65,14 +65,14 @@ COVERED = {
         "test_step_prints_its_figures_and_draws",
     ),
     "anser gallery --out gallery": ("tests/test_cli_step.py", 'anser("gallery", "--out", out)'),
-    # tested with the F-16, its steps and climb-and-turn in tests/execution/test_step_cases.py
+    # tested with the F-16, its steps and climb-and-turn in tests/analysis/test_step_cases.py
     "anser gallery --aircraft my-aircraft.toml --out gallery": (
         "tests/test_cli_step.py",
         'anser("gallery", "--out", out)',
     ),
-    "anser robustness --out robustness": ("tests/execution/test_robustness_study.py", "def test_the_command("),
+    "anser robustness --out robustness": ("tests/analysis/test_robustness_study.py", "def test_the_command("),
     "anser envelope --out envelope": (
-        "tests/execution/test_envelope_survey.py",
+        "tests/analysis/test_envelope_survey.py",
         "def test_the_command_writes_the_files",
     ),
     "anser sweep scenarios/three-aircraft.toml --set wind.speed_m_s=0:20:5 --out sweep": (

@@ -10,10 +10,11 @@ import pytest
 import xarray as xr
 
 import anser
-from anser.campaigns.study import Study
+from anser.aircraft_files import AirframeFile
+from anser.campaigns import Study
 from anser.report.exports.geography import _geodetic_deg
 from anser.report.flight_figures import FLIGHT_FIGURES
-from anser.scenario import AirframeFile, Scenario
+from anser.scenario import Scenario
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGES = [path for path in sorted(DOCS.rglob("*.md")) if "generated" not in path.parts]

@@ -9,12 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from anser.constants import AIR_HEAT_RATIO, AIR_MOLAR_MASS_KG_MOL, GAS_CONSTANT_J_MOL_K, STANDARD_GRAVITY_M_S2
-from anser.environment import (
-    StandardAtmosphere,
-    geometric_from_geopotential,
-    geopotential_from_geometric,
-    is_within,
-)
+from anser.environment import StandardAtmosphere
+from anser.environment.atmosphere import geometric_from_geopotential, geopotential_from_geometric, is_within_atmosphere
 from anser.units import FOOT_M, PSF_PA, RANKINE_K, SLUG_FT3_KG_M3
 
 air_at = jax.jit(StandardAtmosphere().at)
@@ -143,7 +139,7 @@ def test_outside_the_standard():
     ("altitude", "within"), [(-5000.1, False), (-5000.0, True), (0.0, True), (85.9e3, True), (86.1e3, False)]
 )
 def test_is_within(altitude, within):
-    assert is_within(altitude) == within
+    assert is_within_atmosphere(altitude) == within
 
 
 @settings(deadline=None, max_examples=30)

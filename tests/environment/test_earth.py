@@ -10,8 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from anser.constants import EARTH_GM_M3_S2, EARTH_J2, EARTH_ROTATION_RAD_S, WGS84_A_M
-from anser.environment import FlatEarth, gravitation_j2, somigliana, spherical_earth, wgs84_earth
-from anser.spatial import ecef_from_geodetic, rotate_back, rotation_ned_from_ecef
+from anser.environment import FlatEarth, spherical_earth, wgs84_earth
+from anser.environment.earth import gravitation_j2, somigliana
+from anser.spatial import ecef_from_geodetic
+from anser.spatial.frames import rotation_ned_from_ecef
+from anser.spatial.rotations import rotate_back
 from anser.units import DEG_RAD, FOOT_M, RAD_DEG
 
 generic = settings(deadline=None, max_examples=30)
@@ -21,7 +24,7 @@ FLAT = FlatEarth(jnp.asarray(9.81))
 places = st.tuples(*(st.floats(-50e3, 50e3),) * 2, st.floats(-15e3, -10.0)).map(jnp.array)
 velocities = st.tuples(*(st.floats(-300.0, 300.0),) * 3).map(jnp.array)
 
-_sight, _local = eqx.filter_jit(EARTH.sight), eqx.filter_jit(EARTH.local)
+_sight, _local = eqx.filter_jit(EARTH.sight), eqx.filter_jit(EARTH.local_earth)
 
 
 def _geodetic_deg(place):
@@ -59,7 +62,7 @@ def test_gravitation_is_the_gradient_of_its_potential(direction, radius):
 def test_gravity_on_the_ellipsoid_is_normal_gravity(latitude_deg):
     """The J2 field leaves out the ellipsoid's own J4 of 2.37e-6 and higher: up to 5 J4 g = 1.17e-4 m/s^2, at the pole."""
     earth = wgs84_earth(latitude_deg * DEG_RAD, 0.3)
-    local = earth.local(jnp.zeros(3), jnp.zeros(3))
+    local = earth.local_earth(jnp.zeros(3), jnp.zeros(3))
     assert float(local.gravity) == pytest.approx(float(somigliana(latitude_deg * DEG_RAD)), abs=1.3e-4)
     assert abs(float(local.apparent_gravity_n[0])) < 1.3e-4
     assert float(local.apparent_gravity_n[1]) == pytest.approx(0.0, abs=1e-15)
@@ -83,7 +86,7 @@ anywhere = st.tuples(st.floats(-89.99, 89.99), st.floats(-180.0, 180.0))
 def _through_the_chart(earth, lat, lon, h):
     """Chart position of a place, the place again, and how far the chart's Jacobian times its scale is from the axes."""
     place = earth.chart_from_ecef(ecef_from_geodetic(lat, lon, h))
-    jacobian = jax.jacfwd(earth.ecef_from_chart)(place) * earth.local(place, jnp.zeros(3)).chart_scale[None, :]
+    jacobian = jax.jacfwd(earth.ecef_from_chart)(place) * earth.local_earth(place, jnp.zeros(3)).chart_scale[None, :]
     return place, earth.geodetic(place), jacobian - rotation_ned_from_ecef(lat, lon).T
 
 
@@ -109,7 +112,7 @@ def test_gradients_are_finite_where_the_chart_changes():
     """At the origin, an eighth of a turn away where the tangent ends, on the opposite meridian, at a pole."""
     earth = wgs84_earth(0.5, 1.0)
     inverse = jax.jit(jax.jacrev(earth.chart_from_ecef))
-    forward = jax.jit(jax.jacrev(lambda place: (earth.geodetic(place), earth.local(place, jnp.ones(3)))))
+    forward = jax.jit(jax.jacrev(lambda place: (earth.geodetic(place), earth.local_earth(place, jnp.ones(3)))))
     edge = 0.25 * np.pi
     for lat, lon in (
         (0.5, 1.0),
@@ -166,13 +169,13 @@ def test_sight_line_equals_pymap3d(place, other):
 @given(places, places, velocities)
 @pytest.mark.parametrize("earth", [EARTH, FLAT], ids=["round", "flat"])
 def test_charted_undoes_sight(earth, place, other, rate):
-    found, found_rate = earth.charted(place, *earth.sight(place, other, rate))
+    found, found_rate = earth.motion_on_chart(place, *earth.sight(place, other, rate))
     np.testing.assert_allclose(found, other, atol=1e-7)
     np.testing.assert_allclose(found_rate, rate, atol=1e-10)
 
 
 def test_flat_earth_is_gravity_and_nothing_else():
-    local = FLAT.local(jnp.array([1e4, -2e4, -3e3]), jnp.array([150.0, 20.0, 3.0]))
+    local = FLAT.local_earth(jnp.array([1e4, -2e4, -3e3]), jnp.array([150.0, 20.0, 3.0]))
     np.testing.assert_array_equal(local.apparent_gravity_n, [0.0, 0.0, 9.81])
     for zero in (local.earth_rate_n, local.transport_rate_n):
         np.testing.assert_array_equal(zero, np.zeros(3))
@@ -186,13 +189,13 @@ def test_differentiable_and_batched():
     place, velocity_n = jnp.array([3e3, -4e3, -1e3]), jnp.array([100.0, -50.0, 5.0])
 
     def total(p, v):
-        local = EARTH.local(p, v)
+        local = EARTH.local_earth(p, v)
         line, rate = EARTH.sight(p, 2.0 * p, v)
         return sum(jnp.sum(leaf) for leaf in jax.tree.leaves((local, line, rate)))
 
     for gradient in jax.grad(total, (0, 1))(place, velocity_n):
         assert np.all(np.isfinite(gradient))
-    batch = jax.vmap(EARTH.local)(jnp.stack([place, place + 10.0]), jnp.stack([velocity_n] * 2))
+    batch = jax.vmap(EARTH.local_earth)(jnp.stack([place, place + 10.0]), jnp.stack([velocity_n] * 2))
     np.testing.assert_allclose(
-        batch.apparent_gravity_n[0], EARTH.local(place, velocity_n).apparent_gravity_n, rtol=1e-14
+        batch.apparent_gravity_n[0], EARTH.local_earth(place, velocity_n).apparent_gravity_n, rtol=1e-14
     )

@@ -5,7 +5,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from anser.environment import Environment, FlatEarth, StandardAtmosphere, SteadyWind, somigliana, standard_environment
+from anser.environment import Environment, FlatEarth, StandardAtmosphere, SteadyWind, standard_environment
+from anser.environment.earth import somigliana
 
 
 def test_defaults():

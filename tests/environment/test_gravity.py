@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anser.environment import somigliana
+from anser.environment.earth import somigliana
 from anser.units import DEG_RAD
 
 # Moritz, "Geodetic Reference System 1980", J. Geodesy 74 (2000), printed to ten figures. The first WGS 84 took its

@@ -7,19 +7,19 @@ import pytest
 from scipy import linalg, stats
 
 from anser.environment.gust_filters import (
-    DRYDEN_ACROSS,
-    DRYDEN_ALONG,
-    VON_KARMAN_ACROSS,
-    VON_KARMAN_ALONG,
-    modes_of,
+    DRYDEN_LONGITUDINAL,
+    DRYDEN_TRANSVERSE,
+    VON_KARMAN_LONGITUDINAL,
+    VON_KARMAN_TRANSVERSE,
+    modal_filter,
     sampled_spectrum,
 )
 
 FILTERS = {
-    "dryden along": DRYDEN_ALONG,
-    "dryden across": DRYDEN_ACROSS,
-    "von karman along": VON_KARMAN_ALONG,
-    "von karman across": VON_KARMAN_ACROSS,
+    "dryden along": DRYDEN_LONGITUDINAL,
+    "dryden across": DRYDEN_TRANSVERSE,
+    "von karman along": VON_KARMAN_LONGITUDINAL,
+    "von karman across": VON_KARMAN_TRANSVERSE,
 }
 
 
@@ -51,7 +51,7 @@ def test_both_documents_have_the_same_spectra(family, w):
 def matrices(shaping, span):
     kept, root = (np.asarray(m) for m in shaping.transition(jnp.asarray(span)))
     rows = np.stack([np.asarray(shaping.output(jnp.asarray(row))) for row in np.eye(shaping.size)])
-    first = np.stack([np.asarray(shaping.stationary(jnp.asarray(row))) for row in np.eye(shaping.size)], axis=1)
+    first = np.stack([np.asarray(shaping.stationary_state(jnp.asarray(row))) for row in np.eye(shaping.size)], axis=1)
     return kept, root @ root.T, rows, first @ first.T
 
 
@@ -68,7 +68,7 @@ def test_the_step_of_the_dryden_filter_is_exact(span):
     A = np.array([[0.0, 1.0], [-1.0, -2.0]])
     noise = np.diag([0.0, 1.0])
     whole = linalg.expm(np.block([[-A, noise], [np.zeros((2, 2)), A.T]]) * span)
-    kept, added, _, _ = matrices(DRYDEN_ACROSS, span)
+    kept, added, _, _ = matrices(DRYDEN_TRANSVERSE, span)
     np.testing.assert_allclose(kept, whole[2:, 2:].T, rtol=1e-12, atol=1e-15)
     np.testing.assert_allclose(added, whole[2:, 2:].T @ whole[:2, 2:], rtol=2e-9, atol=1e-15)
 
@@ -102,10 +102,10 @@ def realised(shaping, span, count, samples, seed=3):
     normals = np.random.default_rng(seed).normal(size=(samples + 1, shaping.size, count))
 
     def step(state, drawn):
-        after = jax.vmap(shaping.advanced, in_axes=(1, 1, None), out_axes=1)(state, drawn, jnp.asarray(span))
+        after = jax.vmap(shaping.advance, in_axes=(1, 1, None), out_axes=1)(state, drawn, jnp.asarray(span))
         return after, jax.vmap(shaping.output, in_axes=1)(after)
 
-    first = jax.vmap(shaping.stationary, in_axes=1, out_axes=1)(jnp.asarray(normals[0]))
+    first = jax.vmap(shaping.stationary_state, in_axes=1, out_axes=1)(jnp.asarray(normals[0]))
     return np.asarray(jax.jit(lambda s, n: jax.lax.scan(step, s, n))(first, jnp.asarray(normals[1:]))[1]).T
 
 
@@ -143,11 +143,11 @@ def test_realisations_have_the_spectrum_of_the_filter(name, count, samples):
 
 
 def test_gradients_vmap_and_complex_poles():
-    slope = jax.grad(lambda t: jnp.sum(VON_KARMAN_ACROSS.advanced(jnp.ones(3), jnp.ones(3), t)))(jnp.asarray(0.01))
+    slope = jax.grad(lambda t: jnp.sum(VON_KARMAN_TRANSVERSE.advance(jnp.ones(3), jnp.ones(3), t)))(jnp.asarray(0.01))
     assert np.isfinite(slope)
     spans = jnp.array([1e-4, 0.01, 1.0])
-    many = jax.jit(jax.vmap(lambda t: DRYDEN_ACROSS.transition(t)[1]))(spans)
+    many = jax.jit(jax.vmap(lambda t: DRYDEN_TRANSVERSE.transition(t)[1]))(spans)
     for span, root in zip(spans, many, strict=True):
-        np.testing.assert_allclose(root, DRYDEN_ACROSS.transition(span)[1], rtol=1e-12)
+        np.testing.assert_allclose(root, DRYDEN_TRANSVERSE.transition(span)[1], rtol=1e-12)
     with pytest.raises(ValueError, match="expected real ones"):
-        modes_of(1.0, (1.0,), (1.0, 0.1, 1.0))
+        modal_filter(1.0, (1.0,), (1.0, 0.1, 1.0))

@@ -7,8 +7,9 @@ import pytest
 from jax.flatten_util import ravel_pytree
 from scipy import integrate, linalg
 
-from anser.environment import AirFlow, Turbulence
-from anser.scenario.build_air import exceedance_table
+from anser.environment import Turbulence
+from anser.environment.gusts import AirFlow
+from anser.scenario.build_environment import exceedance_table
 
 FOOT, KNOT = 0.3048, 1852.0 / 3600.0
 CASES = {

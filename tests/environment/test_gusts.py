@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anser.environment import AbstractGusts, AirFlow, DiscreteGust, NoGusts, SummedGusts
+from anser.environment import AbstractGusts, DiscreteGust
+from anser.environment.gusts import AirFlow, NoGusts, SummedGusts
 
 NONE_DRAWN = jnp.zeros(0)
 

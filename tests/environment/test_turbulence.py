@@ -6,10 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.environment import AirFlow, DiscreteGust, NoGusts, SummedGusts, Turbulence
-from anser.environment.turbulence import roll_sigma
-from anser.environment.turbulence_levels import levels
-from anser.scenario.build_air import exceedance_table
+from anser.environment import DiscreteGust, Turbulence
+from anser.environment.gusts import AirFlow, NoGusts, SummedGusts
+from anser.environment.turbulence import roll_sigma, turbulence_levels
+from anser.scenario.build_environment import exceedance_table
 
 FOOT, KNOT = 0.3048, 1852.0 / 3600.0
 SPAN = 9.144
@@ -29,7 +29,7 @@ def flow(height=3000.0, airspeed=150.0, time=0.0, heading=0.0):
 
 def level(height_ft, probability=1e-3, wind=30.0, family="dryden"):
     of = exceedance_table()
-    return levels(
+    return turbulence_levels(
         jnp.asarray(height_ft * FOOT), jnp.asarray(wind * KNOT), jnp.asarray(np.log10(probability)), of, family
     )
 
@@ -53,7 +53,7 @@ def test_low_down_it_goes_by_the_height():
     np.testing.assert_allclose(found.lengths, np.array([200.0 / shape**1.2] * 2 + [200.0]) * FOOT)
     sigma = 0.1 * 30.0 * KNOT
     np.testing.assert_allclose(found.sigmas, [sigma / shape**0.4] * 2 + [sigma])
-    assert found.high == 0.0
+    assert found.altitude_blend == 0.0
     np.testing.assert_allclose(level(2.0).sigmas, level(10.0).sigmas)
 
 
@@ -61,7 +61,7 @@ def test_between_it_is_linear():
     low, middle, high = level(1000.0), level(1500.0), level(2000.0)
     np.testing.assert_allclose(middle.lengths, 0.5 * (low.lengths + high.lengths))
     np.testing.assert_allclose(middle.sigmas, 0.5 * (low.sigmas + high.sigmas))
-    assert float(middle.high) == pytest.approx(0.5)
+    assert float(middle.altitude_blend) == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("family", ["dryden", "von-karman"])

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anser.environment.turbulence_levels import ExceedanceTable, levels
-from anser.scenario.build_air import exceedance_table
+from anser.environment.turbulence import ExceedanceTable, turbulence_levels
+from anser.scenario.build_environment import exceedance_table
 
 FOOT, KNOT = 0.3048, 1852.0 / 3600.0
 PROBABILITIES = [2e-1, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6]
@@ -34,7 +34,7 @@ FIGURE_7 = np.array(
 TABLE = exceedance_table()
 _AT = eqx.filter_jit(TABLE.at)
 _LEVELS = {
-    family: jax.jit(lambda h, wind, logp, family=family: levels(h, wind, logp, TABLE, family))
+    family: jax.jit(lambda h, wind, logp, family=family: turbulence_levels(h, wind, logp, TABLE, family))
     for family in ("dryden", "von-karman")
 }
 
@@ -66,7 +66,7 @@ def test_nothing_jumps_at_a_joint(family, height_ft):
     below, above = (_LEVELS[family]((height_ft + off) * FOOT, 15.0, -3.0) for off in (-1e-6, 1e-6))
     np.testing.assert_allclose(below.lengths, above.lengths, rtol=1e-6)
     np.testing.assert_allclose(below.sigmas, above.sigmas, rtol=1e-6)
-    np.testing.assert_allclose(below.high, above.high, atol=1e-6)
+    np.testing.assert_allclose(below.altitude_blend, above.altitude_blend, atol=1e-6)
 
 
 @pytest.mark.parametrize("family", ["dryden", "von-karman"])
@@ -84,7 +84,7 @@ def test_levels_are_finite_and_below_a_thousand_feet_as_the_wind(height, wind, l
     assert np.all(np.asarray(found.lengths) >= 10.0 * FOOT * (1.0 - 1e-12))
     assert np.all(np.isfinite(found.sigmas))
     assert np.all(np.asarray(found.sigmas) >= -1e-12)
-    assert 0.0 <= float(found.high) <= 1.0
+    assert 0.0 <= float(found.altitude_blend) <= 1.0
     if height <= 1000.0 * FOOT:
         np.testing.assert_allclose(twice.sigmas, 2.0 * np.asarray(found.sigmas), rtol=1e-12)
     if height >= 2000.0 * FOOT:
@@ -94,13 +94,13 @@ def test_levels_are_finite_and_below_a_thousand_feet_as_the_wind(height, wind, l
 def test_gradients_are_the_slopes_of_the_table_and_levels_batch():
     """Between 7,500 and 15,000 ft at 1e-3: 8.0 - 10.1 ft/s over 7,500 ft."""
     height = 10_000.0 * FOOT
-    slope = jax.jit(jax.grad(lambda h: levels(h, 15.0, -3.0, TABLE, "dryden").sigmas[0]))(height)
+    slope = jax.jit(jax.grad(lambda h: turbulence_levels(h, 15.0, -3.0, TABLE, "dryden").sigmas[0]))(height)
     np.testing.assert_allclose(slope, (8.0 - 10.1) / 7500.0, rtol=1e-9)
-    decade = jax.jit(jax.grad(lambda p: levels(height, 15.0, p, TABLE, "dryden").sigmas[0]))(-3.5)
+    decade = jax.jit(jax.grad(lambda p: turbulence_levels(height, 15.0, p, TABLE, "dryden").sigmas[0]))(-3.5)
     at = [np.interp(10_000.0, FIGURE_7[:, 0], FIGURE_7[:, k]) * FOOT for k in (4, 5)]
     np.testing.assert_allclose(decade, at[0] - at[1], rtol=1e-9)
     heights = jnp.array([5.0, 500.0, 1500.0, 30_000.0]) * FOOT
-    many = jax.jit(jax.vmap(lambda h: levels(h, 15.0, -3.0, TABLE, "von-karman")))(heights)
+    many = jax.jit(jax.vmap(lambda h: turbulence_levels(h, 15.0, -3.0, TABLE, "von-karman")))(heights)
     for k, h in enumerate(heights):
         np.testing.assert_allclose(many.sigmas[k], _LEVELS["von-karman"](h, 15.0, -3.0).sigmas, rtol=1e-12)
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anser.environment import AbstractWind, LayeredWind, SteadyWind, steady_wind_from
-from anser.environment.wind import VaryingWind
+from anser.environment import AbstractWind, LayeredWind, SteadyWind, VaryingWind
+from anser.environment.environment import steady_wind_from_report
 
 
 @pytest.mark.parametrize(
@@ -17,18 +17,18 @@ from anser.environment.wind import VaryingWind
 )
 def test_named_directions(from_deg, velocity_n):
     """A north wind moves the air south, a west wind east."""
-    wind = steady_wind_from(10.0, from_deg)
+    wind = steady_wind_from_report(10.0, from_deg)
     np.testing.assert_allclose(wind.velocity_n, velocity_n, atol=3e-15)  # the sine of pi rounded
 
 
 def test_updraught_is_up():
-    np.testing.assert_array_equal(steady_wind_from(0.0, 0.0, 3.0).velocity_n[2], -3.0)
+    np.testing.assert_array_equal(steady_wind_from_report(0.0, 0.0, 3.0).velocity_n[2], -3.0)
 
 
 @settings(deadline=None, max_examples=30)
 @given(st.floats(0.1, 80.0), st.floats(-360.0, 360.0), st.floats(-10.0, 10.0))
 def test_speed_and_direction_come_back(speed, from_deg, up):
-    v_N, v_E, v_D = np.asarray(steady_wind_from(speed, from_deg, up).velocity_n)
+    v_N, v_E, v_D = np.asarray(steady_wind_from_report(speed, from_deg, up).velocity_n)
     assert np.hypot(v_N, v_E) == pytest.approx(speed, rel=1e-15)
     assert -v_D == up
     turned = np.degrees(np.arctan2(-v_E, -v_N)) - from_deg
@@ -45,13 +45,13 @@ def test_same_everywhere_and_always():
 
 
 def test_gradient_and_batch_of_winds():
-    slopes = jax.jacrev(lambda speed, from_deg: steady_wind_from(speed, from_deg).velocity_n, argnums=(0, 1))(
+    slopes = jax.jacrev(lambda speed, from_deg: steady_wind_from_report(speed, from_deg).velocity_n, argnums=(0, 1))(
         10.0, 270.0
     )
     np.testing.assert_allclose(slopes[0], [0.0, 1.0, 0.0], atol=1e-15)
     # Veering from west by one degree turns the flow to the right: southwards.
     np.testing.assert_allclose(slopes[1], [-10.0 * np.pi / 180.0, 0.0, 0.0], atol=1e-15)
-    winds = jax.vmap(steady_wind_from)(jnp.array([5.0, 7.0]), jnp.array([0.0, 180.0]))
+    winds = jax.vmap(steady_wind_from_report)(jnp.array([5.0, 7.0]), jnp.array([0.0, 180.0]))
     np.testing.assert_allclose(winds.velocity_n, [[-5.0, 0.0, 0.0], [7.0, 0.0, 0.0]], atol=1e-15)
 
 

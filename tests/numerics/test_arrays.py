@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from anser.numerics import as_array
+from anser.numerics.arrays import as_array
 
 
 def test_equal_small_numbers_are_one_array():

@@ -10,9 +10,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
-from anser.compiling import compiled_quickly
-from anser.numerics.gauss_newton import Damping, Linearized, begin_search, closest_of, least_move, search_steps
-from anser.numerics.tridiagonal import BlockTridiagonal, solve
+from anser.compiling.options import compiled_quickly
+from anser.numerics.least_squares import (
+    Damping,
+    Linearized,
+    best_searches,
+    minimum_norm_step,
+    search_steps,
+    start_search,
+)
+from anser.numerics.linear import BlockTridiagonal, solve_tridiagonal
 
 GROUPS, SIZE = 4, 3
 
@@ -47,10 +54,10 @@ def fitted(steps, wanted=99, enough=0.0):
     unknown = Normal(jnp.asarray(jnp.inf), none, EVEN)
 
     def move(_, at, damping):
-        return solve(jax.tree.map(lambda of, size: of + damping * size, at.form, EVEN), at.gradient)
+        return solve_tridiagonal(jax.tree.map(lambda of, size: of + damping * size, at.form, EVEN), at.gradient)
 
     def run():
-        begun = jax.vmap(lambda about: begin_search(about, none, unknown))(jnp.asarray(TARGETS))
+        begun = jax.vmap(lambda about: start_search(about, none, unknown))(jnp.asarray(TARGETS))
         return search_steps(normal_at, move, Damping(lambda cost: 1e-2 * cost, 0.2, 5.0), steps, begun, wanted, enough)
 
     return compiled_quickly(run)()
@@ -78,7 +85,7 @@ def test_never_leaves_a_better_place_and_tells_the_closest(costs):
     for more, fewer in ((3, 1), (9, 3), (40, 9)):
         assert np.all(costs[more] <= costs[fewer])
     assert np.all(costs[9] < costs[1])
-    np.testing.assert_array_equal(closest_of(fitted(9), 3).at.cost, np.sort(costs[9])[:3])
+    np.testing.assert_array_equal(best_searches(fitted(9), 3).at.cost, np.sort(costs[9])[:3])
 
 
 def test_stops_once_enough_of_them_cost_little_enough(costs):
@@ -93,9 +100,9 @@ def _solved(missed_at, starts, equations, steps=40, longest=100.0):
         return Linearized(*missed_at(x))
 
     unknown = Linearized(jnp.full(equations, 1e6), jnp.zeros((equations, starts.shape[1])))
-    begun = jax.vmap(lambda x: begin_search((), x, unknown))(starts)
+    begun = jax.vmap(lambda x: start_search((), x, unknown))(starts)
     damping = Damping(lambda _: jnp.asarray(1e-4), 0.1, 20.0, 1e-14, 1e6)
-    return jax.jit(lambda all_: search_steps(linearized, least_move(longest), damping, steps, all_))(begun)
+    return jax.jit(lambda all_: search_steps(linearized, minimum_norm_step(longest), damping, steps, all_))(begun)
 
 
 @settings(max_examples=10, deadline=None)
@@ -120,7 +127,7 @@ def test_of_others_it_is_a_solution_near_to_it_and_the_nearest_are_told():
     # Each on its own side.
     np.testing.assert_allclose(np.arctan2(found.best[:, 1], found.best[:, 0]) % (2 * np.pi), angles, atol=1e-6)
     few = _solved(_on_circle, starts, 1, steps=2)
-    kept = closest_of(few, 3)
+    kept = best_searches(few, 3)
     assert np.max(np.abs(kept.at.residual)) <= np.sort(np.abs(np.asarray(few.at.residual)[:, 0]))[2]
 
 

@@ -8,7 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from anser.numerics import inverse3, solve3, times3
+from anser.numerics.linear import inverse3, solve3, times3
 
 entries = st.floats(-10.0, 10.0).map(lambda x: x if abs(x) > 1e-3 else 0.0)
 matrices, vectors = arrays(float, (3, 3), elements=entries), arrays(float, 3, elements=entries)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from anser.numerics.quadrature import GAUSS_LEGENDRE_16, NEWTON_COTES_6, integrate
+from anser.numerics.integration import GAUSS_LEGENDRE_16, NEWTON_COTES_6, integrate
 
 
 @pytest.mark.parametrize(("rule", "degree"), [(NEWTON_COTES_6, 5), (GAUSS_LEGENDRE_16, 31)])

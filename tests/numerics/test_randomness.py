@@ -14,8 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from anser.numerics import Given, seeded
-from anser.numerics.randomness import AIR, BEFORE_FIRST, GOAL_SENSOR, folded, threefry
+from anser.numerics import PrescribedRandomness, flight_randomness
+from anser.numerics.randomness import AIR, GOAL_SENSOR, INITIAL_SAMPLE, fold_key, threefry
 
 words = st.integers(0, 2**32 - 1)
 
@@ -33,11 +33,11 @@ def test_the_bits_are_those_of_jax(a, b, c, d):
 @settings(deadline=None, max_examples=20)
 def test_folding_is_that_of_jax(seed, value):
     expected = jax.random.key_data(jax.random.fold_in(jax.random.key(seed), value))
-    np.testing.assert_array_equal(folded(np.array([0, seed], dtype=np.uint32), np.asarray(value)), expected)
+    np.testing.assert_array_equal(fold_key(np.array([0, seed], dtype=np.uint32), np.asarray(value)), expected)
 
 
 def drawn(flight, aircraft, number):
-    source = seeded(5, 3).of_aircraft(aircraft)
+    source = flight_randomness(5, 3).for_aircraft(aircraft)
     return source.normals(AIR, number, 7) + 0.0 * flight
 
 
@@ -62,15 +62,15 @@ def check_the_same_numbers():
 
 
 def test_seed_flight_aircraft_part_and_sample_each_give_others():
-    one = seeded(5, 3).of_aircraft(jnp.asarray(1))
+    one = flight_randomness(5, 3).for_aircraft(jnp.asarray(1))
     base = np.asarray(one.normals(AIR, 10, 4))
     others = [
-        seeded(6, 3).of_aircraft(jnp.asarray(1)).normals(AIR, 10, 4),
-        seeded(5, 4).of_aircraft(jnp.asarray(1)).normals(AIR, 10, 4),
-        seeded(5, 3).of_aircraft(jnp.asarray(2)).normals(AIR, 10, 4),
+        flight_randomness(6, 3).for_aircraft(jnp.asarray(1)).normals(AIR, 10, 4),
+        flight_randomness(5, 4).for_aircraft(jnp.asarray(1)).normals(AIR, 10, 4),
+        flight_randomness(5, 3).for_aircraft(jnp.asarray(2)).normals(AIR, 10, 4),
         one.normals(GOAL_SENSOR, 10, 4),
         one.normals(AIR, 11, 4),
-        one.normals(AIR, BEFORE_FIRST, 4),
+        one.normals(AIR, INITIAL_SAMPLE, 4),
     ]
     for other in others:
         assert not np.any(np.asarray(other) == base)
@@ -78,12 +78,12 @@ def test_seed_flight_aircraft_part_and_sample_each_give_others():
 
 
 def test_normals_are_normal_and_independent():
-    numbers = np.asarray(jax.jit(jax.vmap(lambda k: seeded(1).normals(AIR, k, 5)))(jnp.arange(40_000)))
+    numbers = np.asarray(jax.jit(jax.vmap(lambda k: flight_randomness(1).normals(AIR, k, 5)))(jnp.arange(40_000)))
     for column in numbers.T:
         assert stats.kstest(column, "norm").pvalue > 1e-3
     correlation = np.corrcoef(np.concatenate([numbers[1:], numbers[:-1]], axis=1).T) - np.eye(10)
     assert np.max(np.abs(correlation)) < 5.0 / np.sqrt(40_000)
-    even = np.asarray(jax.jit(jax.vmap(lambda k: seeded(1).uniforms(AIR, k, 1)))(jnp.arange(40_000)))
+    even = np.asarray(jax.jit(jax.vmap(lambda k: flight_randomness(1).uniforms(AIR, k, 1)))(jnp.arange(40_000)))
     assert even.min() > 0.0
     assert even.max() < 1.0
     np.testing.assert_allclose(stats.norm.ppf(even[:, 0]), numbers[:, 0], atol=1e-9)
@@ -91,8 +91,8 @@ def test_normals_are_normal_and_independent():
 
 def test_given_numbers_are_replayed():
     table = np.random.default_rng(0).normal(size=(2, 6, 3))
-    given_ = Given({AIR: jnp.asarray(table)}).of_aircraft(jnp.asarray(1))
-    np.testing.assert_array_equal(given_.normals(AIR, BEFORE_FIRST, 3), table[1, 0])
+    given_ = PrescribedRandomness({AIR: jnp.asarray(table)}).for_aircraft(jnp.asarray(1))
+    np.testing.assert_array_equal(given_.normals(AIR, INITIAL_SAMPLE, 3), table[1, 0])
     np.testing.assert_array_equal(given_.normals(AIR, jnp.asarray(4), 2), table[1, 5, :2])
     np.testing.assert_allclose(given_.uniforms(AIR, 0, 3), stats.norm.cdf(table[1, 1]), rtol=1e-12)
     with pytest.raises(ValueError, match="part 2 draws 1 random numbers a sample; none given"):

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anser.numerics.newton import bracketed_newton
-from anser.numerics.secant import bracketed_secant
+from anser.numerics.roots import bracketed_newton, bracketed_secant
 
 
 def cubic(x, p):

@@ -6,10 +6,10 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anser.numerics.tridiagonal import BlockTridiagonal, solve
+from anser.numerics.linear import BlockTridiagonal, solve_tridiagonal
 
 GROUPS, SIZE = 4, 3
-solved = jax.jit(solve)
+solved = jax.jit(solve_tridiagonal)
 
 
 def dense(form):

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anser.planning import PathLimits, polar
-from anser.planning.demand import coordinated, demand, greatest_side, turn_radius
+from anser.parts.paths import polar
+from anser.planning import PathLimits
+from anser.planning.demand import coordinated_demand, demand, side_force_max, turn_radius
 
 GRAVITY = 9.81
 
@@ -38,7 +39,7 @@ def test_forces_are_those_of_the_polar_rates(seed):
 
 def test_a_level_turn_banks_as_the_textbook_says():
     speed, radius = 150.0, float(turn_radius(150.0, 0.6, GRAVITY))
-    turning = coordinated(*(jnp.asarray(x) for x in (speed, 0.0, -(speed**2) / radius, 0.0, GRAVITY)))
+    turning = coordinated_demand(*(jnp.asarray(x) for x in (speed, 0.0, -(speed**2) / radius, 0.0, GRAVITY)))
     np.testing.assert_allclose(turning.bank, -0.6, rtol=1e-12)
     np.testing.assert_allclose(turning.normal, GRAVITY / np.cos(0.6), rtol=1e-12)
     over = turning.excess(np.tan(0.6), GRAVITY / np.cos(0.6), 1.0, 1.0)
@@ -49,7 +50,7 @@ def test_a_level_turn_banks_as_the_textbook_says():
 def test_the_greatest_side_force_just_keeps_bank_and_load_factor(load):
     values = 50.0, 250.0, 1.0, 80.0, 0.0, 1e4, load, 2.0, 2.0
     limits = PathLimits(*(jnp.asarray(x) for x in values))
-    side = greatest_side(jnp.asarray(9.0), jnp.asarray(10.0), limits, GRAVITY)
+    side = side_force_max(jnp.asarray(9.0), jnp.asarray(10.0), limits, GRAVITY)
     by_bank, by_load = 9.0 * np.tan(1.0), np.sqrt(max((min(load, 1e3) * GRAVITY) ** 2 - 100.0, 0.01))
     np.testing.assert_allclose(side, min(by_bank, by_load), rtol=1e-12)
 

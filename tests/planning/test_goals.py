@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anser.planning import pad_waypoints, straight_goal, waypoint_goal
+from anser.planning import straight_goal, waypoint_goal
+from anser.planning.goals import pad_waypoints
 
 TIMES = [10.0, 25.0, 70.0]
 POINTS = jnp.array([[0.0, 0.0, 0.0], [150.0, -75.0, 0.0], [150.0, 825.0, -9.0]])

@@ -5,12 +5,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from planning_cases import published_path, velocity
 
-from anser.planning import LIMIT_MESSAGES, LIMITS, PathLimits, check_limits, fit_trajectory
-from anser.planning.limits import CERTIFIED_LIMITS, LOOSENED_TOGETHER
+from anser.planning import PathLimits
+from anser.planning.limits import CERTIFIED_LIMITS, LIMIT_MESSAGES, LIMITS, RELAXED_TOGETHER
+from anser.planning.published.planner import check_limits
+from anser.planning.published.trajectory import fit_trajectory
 from anser.scenario.schema_settings import Limits
 from anser.variables import CATALOGUE, PLAN_VARIABLES
+from support.planning_cases import published_path, velocity
 
 GRAVITY = 9.80665
 WIDE = {"speed_min": 80.0, "speed_max": 250.0, "bank_max": 1.2, "climb_rate_max": 120.0, "altitude_min": -1e3}
@@ -27,7 +29,7 @@ def check(path, **changes):
     return compare(path, limits(**changes), GRAVITY)
 
 
-CHECKED = [limit for limit in LIMITS if limit.broken]
+CHECKED = [limit for limit in LIMITS if limit.violation]
 
 
 @pytest.mark.parametrize(
@@ -46,7 +48,7 @@ CHECKED = [limit for limit in LIMITS if limit.broken]
 def test_each_limit_is_seen(changes, key, words):
     report = check(published_path(-30.0, 0.005), **changes)
     assert words in LIMIT_MESSAGES[int(report.status)]
-    broken = {limit.key for limit, kept in zip(CHECKED, report.kept, strict=True) if not kept}
+    broken = {limit.key for limit, kept in zip(CHECKED, report.is_satisfied, strict=True) if not kept}
     # a path that is too low ends too low
     assert broken == ({key} - {None}) | ({"level_off_min"} if key == "altitude_min" else set())
 
@@ -54,14 +56,14 @@ def test_each_limit_is_seen(changes, key, words):
 def test_every_limit_names_a_setting_of_a_scenario_and_a_variable():
     variables = {variable.key for variable in (*CATALOGUE, *PLAN_VARIABLES)}
     for limit in LIMITS:
-        assert limit.setting in Limits.model_fields
+        assert limit.scenario_key in Limits.model_fields
         assert limit.variable in variables
     # the rate of the bank angle shapes the turns, and is looked at in splines; no certificate holds it
     assert {limit.field for limit in CERTIFIED_LIMITS} == set(PathLimits.__dataclass_fields__) - {
         "idle",
         "bank_rate_max",
     }
-    loosened = {one.field for group in LOOSENED_TOGETHER.values() for one in group}
+    loosened = {one.field for group in RELAXED_TOGETHER.values() for one in group}
     assert loosened == {limit.field for limit in CERTIFIED_LIMITS}
 
 
@@ -85,7 +87,7 @@ def test_extremes_against_dense_sampling():
     # 129 samples miss a smooth extreme by a ten-thousandth part of its range.
     np.testing.assert_allclose([report.speed_min, report.speed_max], [speed.min(), speed.max()], rtol=1e-3)
     np.testing.assert_allclose(report.turn_rate_max, turn.max(), rtol=1e-3)
-    np.testing.assert_allclose(report.turn_use_max, (turn * speed).max() / (GRAVITY * np.tan(1.2)), rtol=1e-3)
+    np.testing.assert_allclose(report.turn_utilization_max, (turn * speed).max() / (GRAVITY * np.tan(1.2)), rtol=1e-3)
     np.testing.assert_allclose(report.climb_rate_max, np.abs(v[:, 2]).max(), rtol=1e-3)
     np.testing.assert_allclose(report.altitude_min, -np.asarray(jax.vmap(path.position_n)(t))[:, 2].max(), atol=0.1)
 
@@ -111,14 +113,16 @@ def test_gradient_jit_and_vmap_also_at_rest():
     path = published_path(-30.0, 0.005)
 
     def use(coefficients):
-        return check(eqx.tree_at(lambda p: p.coefficients_n, path, coefficients)).turn_use_max
+        return check(eqx.tree_at(lambda p: p.coefficients_n, path, coefficients)).turn_utilization_max
 
     slopes = jax.jit(jax.grad(use))
     for coefficients in (path.coefficients_n, jnp.zeros((3, 5))):
         assert jnp.all(jnp.isfinite(slopes(coefficients)))
     bends = jnp.array([0.0, 0.0025, 0.01])
-    many = jax.vmap(lambda b_4: check(published_path(-30.0, b_4)).turn_use_max)(bends)
-    np.testing.assert_allclose(many, [check(published_path(-30.0, b_4)).turn_use_max for b_4 in bends], rtol=1e-12)
+    many = jax.vmap(lambda b_4: check(published_path(-30.0, b_4)).turn_utilization_max)(bends)
+    np.testing.assert_allclose(
+        many, [check(published_path(-30.0, b_4)).turn_utilization_max for b_4 in bends], rtol=1e-12
+    )
 
 
 def _descending(gamma_deg, height):
@@ -136,9 +140,9 @@ def test_the_end_state_is_what_a_hold_can_catch():
     # the arc, V^2 (1 - cos) / g, with the 7 percent that V^2 gains on the way
     lost = sink + (150.0**2 * (1 - np.cos(np.radians(16.66))) / 9.80665)
     np.testing.assert_allclose(276.0 - high.level_off_altitude, lost, rtol=0.05)
-    assert bool(high.kept[-1])
+    assert bool(high.is_satisfied[-1])
     assert int(high.status) == 0
-    assert not bool(low.kept[-1])
+    assert not bool(low.is_satisfied[-1])
     assert "hold cannot level off" in LIMIT_MESSAGES[int(low.status)]
     # a load factor of 1.5 leaves 0.375 g
     assert float(check(_descending(16.66, 276.0), load_factor_max=1.5).level_off_altitude) < 50.0

@@ -5,9 +5,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from planning_cases import fleet, plan_at, published_fleet, random_fleet, velocity
 
-from anser.planning import choose_sides, fit_trajectory, separation_min, separation_ratio
+from anser.planning.published.planner import choose_sides, separation_min
+from anser.planning.published.trajectory import fit_trajectory
+from anser.planning.separation import separation_ratio
+from support.planning_cases import fleet, plan_at, published_fleet, random_fleet, velocity
 
 choose = jax.jit(choose_sides)
 fit = jax.jit(fit_trajectory)

@@ -7,9 +7,10 @@ import pytest
 from numpy.polynomial import Polynomial
 from scipy.interpolate import BPoly
 
-from anser.compiling import compiled_quickly
-from anser.numerics import in_precision
-from anser.planning.timed_path import TimedPath, hermite_quintic
+from anser.compiling.options import compiled_quickly
+from anser.numerics.arrays import cast_to_precision
+from anser.planning import TimedPath
+from anser.planning.timed_path import hermite_quintic
 
 TIMES = np.array([10.0, 10.0, 11.5, 12.0, 12.0, 12.0, 15.5, 16.0, 16.0])
 """With empty cells at the beginning, in between and at the end."""
@@ -105,7 +106,7 @@ def test_straight_on_before_the_start_and_after_the_arrival():
 
 def test_in_float32_a_time_that_is_rounded_to_before_the_start_is_the_start():
     path = random_path()
-    rounded = in_precision(path, np.float32)
+    rounded = cast_to_precision(path, np.float32)
     first = np.asarray(path.air_n + path.drift_n)[0, 2]
     before = jnp.asarray(np.nextafter(np.float32(10.0), np.float32(0.0)))
     np.testing.assert_allclose(rounded.at(before).acceleration_n, first, rtol=1e-3)  # its change in a microsecond

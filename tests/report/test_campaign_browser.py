@@ -2,7 +2,9 @@
 
 import pytest
 
-from anser.campaigns import fly_campaign, flying, prepare, reporting, write_campaign
+from anser.campaigns import campaign_report, flights
+from anser.campaigns.campaign_report import write_campaign
+from anser.campaigns.flights import create_store, fly_campaign
 from campaigns.study_cases import THREE, WIND, made_up, study_of
 from support.chromium import Chromium, skip_without_chromium
 
@@ -17,10 +19,12 @@ BEND = {"path": "aircraft[0].bend", "distribution": "choice", "values": ["left",
 def page(tmp_path_factory):
     folder = tmp_path_factory.mktemp("campaign")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(flying, "fly_many", made_up)
-        patch.setattr(reporting, "fly_many", lambda cases, tell, batch, series, **_: made_up(cases, batch, series))
+        patch.setattr(flights, "fly_many", made_up)
+        patch.setattr(
+            campaign_report, "fly_many", lambda cases, tell, batch, series, **_: made_up(cases, batch, series)
+        )
         study = study_of(sampling={"flights": 80}, vary=[WIND, BEND], description=EVIL, keep=KEEP)
-        store = prepare(folder, study, THREE, {})
+        store = create_store(folder, study, THREE, {})
         fly_campaign(store)
         return write_campaign(store, worst=2, others=3)[0]
 

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from anser.report import CampaignShown, campaign_data
+from anser.report import campaign_data
+from anser.report.campaign_data import CampaignReport
 from anser.report.campaign_data import campaign_data as collected
-from anser.report.influence_strip import influence_strip
-from anser.results import order_statistic_interval, quantile, wilson_interval
+from anser.report.svg_charts import influence_strip
+from anser.results.sampling_statistics import order_statistic_interval, quantile, wilson_interval
 
 FLIGHTS = 300
 ANSWERS = {
@@ -46,7 +47,7 @@ def shown(failed=()):
     }
     data = xr.Dataset(data, coords={"flight": np.arange(FLIGHTS)}, attrs={"varied": json.dumps(["a", "b"])})
     everyone = np.ones(FLIGHTS, dtype=bool)
-    return CampaignShown(data, ANSWERS, {}, {}, "out", everyone, (), levels={"b": ["y", "x"]})
+    return CampaignReport(data, ANSWERS, {}, {}, "out", everyone, (), levels={"b": ["y", "x"]})
 
 
 def test_what_is_drawn_is_what_was_flown():

@@ -3,8 +3,8 @@
 import numpy as np
 import xarray as xr
 
-from anser.report.flight_distances import closest_approach_m, draw_miss
-from anser.report.flight_paper import Paper, Sheet
+from anser.report.flight_histories import draw_miss, zero_effort_miss_m
+from anser.report.flight_sheet import FigureFormat, FlightSheet
 
 
 def _passing(time, aside):
@@ -31,14 +31,14 @@ def _passing(time, aside):
 
 def test_on_a_straight_way_it_is_the_distance_aside_until_it_is_past():
     time = np.array([0.0, 5.0, 19.9, 20.0, 21.0])
-    np.testing.assert_allclose(closest_approach_m(_passing(time, 7.0))[:4, 0], 7.0, rtol=1e-12)
-    np.testing.assert_allclose(closest_approach_m(_passing(time, 7.0))[4, 0], np.hypot(100.0, 7.0), rtol=1e-12)
+    np.testing.assert_allclose(zero_effort_miss_m(_passing(time, 7.0))[:4, 0], 7.0, rtol=1e-12)
+    np.testing.assert_allclose(zero_effort_miss_m(_passing(time, 7.0))[4, 0], np.hypot(100.0, 7.0), rtol=1e-12)
 
 
 def test_who_stands_still_relative_to_it_stays_as_far():
     still = _passing(np.array([10.0]), 0.0)
     still["goal_velocity_north_m_s"] = still["velocity_north_m_s"]
-    np.testing.assert_allclose(closest_approach_m(still), 1000.0, rtol=1e-12)
+    np.testing.assert_allclose(zero_effort_miss_m(still), 1000.0, rtol=1e-12)
 
 
 def test_at_the_arrival_it_is_the_miss_of_the_summary(flight):
@@ -59,14 +59,14 @@ def test_at_the_arrival_it_is_the_miss_of_the_summary(flight):
     }
     flown = dataset.assign(velocities | goals)
     arrival = int(np.searchsorted(dataset["time"].values, 80.0)) - 1
-    found = closest_approach_m(flown)[arrival]
+    found = zero_effort_miss_m(flown)[arrival]
     # two samples before the closest approach: half the acceleration times the square of 0.05 s
     np.testing.assert_allclose(found, [row["miss_m"] for row in summary["aircraft"]], atol=0.05)
 
 
 def test_the_miss_required_is_a_line(flight):
     required = flight[0].assign_attrs(scenario='{"requirements": {"miss_max_m": 3.0}}')
-    axes = draw_miss(Sheet(required.isel(time=slice(None, None, 20)), Paper())).axes[0]
+    axes = draw_miss(FlightSheet(required.isel(time=slice(None, None, 20)), FigureFormat())).axes[0]
     assert [text.get_text() for text in axes.texts] == ["required: 3 m"]
     assert [3.0, 3.0] in [list(line.get_ydata()) for line in axes.lines]
     assert axes.get_yscale() == "log"

@@ -5,16 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from anser.report.flight_figures import (
-    FLIGHT_FIGURES,
-    NEEDED_VARIABLES,
-    chosen_figures,
-    draw_flight,
-    figures_of,
-)
-from anser.report.flight_paper import Paper, Sheet
-from anser.report.labels import axis_label, plain, shown_in
-from anser.report.print_style import line_of, marker_of
+from anser.report import draw_flight
+from anser.report.flight_figures import FLIGHT_FIGURES, NEEDED_VARIABLES, available_figures, select_figures
+from anser.report.flight_sheet import FigureFormat, FlightSheet
+from anser.report.labels import axis_label, axis_scale, escape_mathtext
+from anser.report.style import marker_style, series_style
 
 ARRIVAL = 80.0  # of the flight in conftest
 
@@ -25,10 +20,10 @@ def thin(flight):
     return flight[0].isel(time=slice(None, None, 20))
 
 
-def _drawn(dataset, folder, suffixes=(".svg",), only=None, paper=None):
+def _drawn(dataset, folder, suffixes=(".svg",), only=None, figure_format=None):
     folder.mkdir()
-    chosen = None if only is None else chosen_figures(dataset, only)
-    paths = draw_flight(dataset, "x", folder, suffixes, chosen=chosen, paper=paper)
+    chosen = None if only is None else select_figures(dataset, only)
+    paths = draw_flight(dataset, "x", folder, suffixes, selection=chosen, figure_format=figure_format)
     assert sorted(paths) == sorted(folder.iterdir())
     return {path.name: path.read_bytes() for path in paths}
 
@@ -36,8 +31,8 @@ def _drawn(dataset, folder, suffixes=(".svg",), only=None, paper=None):
 @pytest.mark.long
 def test_every_figure_in_three_kinds_the_same_twice(thin, tmp_path):
     first = _drawn(thin, tmp_path / "a", (".svg", ".png", ".pdf"))
-    assert set(first) == {f"x-{key}{suffix}" for key in figures_of(thin) for suffix in (".svg", ".png", ".pdf")}
-    assert "bank" in figures_of(thin)
+    assert set(first) == {f"x-{key}{suffix}" for key in available_figures(thin) for suffix in (".svg", ".png", ".pdf")}
+    assert "bank" in available_figures(thin)
     assert _drawn(thin, tmp_path / "b", only=("tracks", "surfaces", "miss")).items() <= first.items()
     for name, content in first.items():
         assert content.startswith({"svg": b"<?xml", "png": b"\x89PNG", "pdf": b"%PDF"}[name[-3:]])
@@ -81,9 +76,9 @@ def test_a_certified_plan_has_no_shape_parameter(thin, tmp_path):
 
 
 def test_aircraft_and_lines_are_told_apart_without_colour():
-    looks = {(marker_of(k)["marker"], marker_of(k)["fillstyle"]) for k in range(21)}
+    looks = {(marker_style(k)["marker"], marker_style(k)["fillstyle"]) for k in range(21)}
     assert len(looks) == 21
-    assert len({str(line_of(k)["linestyle"]) for k in range(4)}) == 4
+    assert len({str(series_style(k)["linestyle"]) for k in range(4)}) == 4
 
 
 def test_labels(thin):
@@ -91,19 +86,19 @@ def test_labels(thin):
     assert axis_label(thin["airspeed_command_m_s"]) == "True airspeed command\n$V_{c}$ (m/s)"
     assert axis_label(thin["mach"], "Mach") == "Mach $M$"
     assert axis_label(thin["altitude_m"], in_unit="km") == "Altitude $h$ (km)"
-    assert plain("a$b") == r"a\$b"
+    assert escape_mathtext("a$b") == r"a\$b"
 
 
 def test_kilometres_where_metres_have_five_digits(thin):
-    assert shown_in(thin["altitude_m"], 9999.0) == (1.0, "m")
-    assert shown_in(thin["altitude_m"], 10000.0) == (1e-3, "km")
-    assert shown_in(thin["airspeed_m_s"], 10000.0) == (1.0, "m/s")
+    assert axis_scale(thin["altitude_m"], 9999.0) == (1.0, "m")
+    assert axis_scale(thin["altitude_m"], 10000.0) == (1e-3, "km")
+    assert axis_scale(thin["airspeed_m_s"], 10000.0) == (1.0, "m/s")
     far = thin.copy(deep=True)
     far["altitude_m"] += 12000.0
-    axes = FLIGHT_FIGURES["altitudes"].draw(Sheet(far, Paper())).axes[0]
+    axes = FLIGHT_FIGURES["altitudes"].draw(FlightSheet(far, FigureFormat())).axes[0]
     assert axes.get_ylabel() == "Altitude $h$ (km)"
     np.testing.assert_allclose(axes.lines[0].get_ydata()[0], 1e-3 * far["altitude_m"].values[0, 0])
-    tracks = FLIGHT_FIGURES["tracks"].draw(Sheet(far, Paper())).axes[0]
+    tracks = FLIGHT_FIGURES["tracks"].draw(FlightSheet(far, FigureFormat())).axes[0]
     assert tracks.get_xlabel().endswith("(km)")
     assert tracks.get_ylabel().endswith("(km)")
 
@@ -118,7 +113,7 @@ def test_the_limits_of_each_aircraft_are_told(thin):
     for row, least in zip(own, (-20.0, -20.0, -1e4), strict=True):
         row["surfaces_deg"] = {"elevator": [least, 20.0]}
     mixed = thin.assign_attrs(limits=json.dumps(own))
-    sheet = Sheet(mixed, Paper())
+    sheet = FlightSheet(mixed, FigureFormat())
     bank = FLIGHT_FIGURES["bank"].draw(sheet).axes[0]
     assert set(_texts(bank)) == {
         f"limit {sign}{value}\N{DEGREE SIGN} ({names})"
@@ -138,7 +133,7 @@ def test_a_surface_that_an_aircraft_has_not_is_not_drawn(thin):
     without = thin.copy(deep=True)
     without["rudder_deg"][:, 1] = np.nan
     without["aileron_deg"][:] = np.nan
-    figure = FLIGHT_FIGURES["surfaces"].draw(Sheet(without, Paper()))
+    figure = FLIGHT_FIGURES["surfaces"].draw(FlightSheet(without, FigureFormat()))
     assert [axes.get_ylabel().split(" $")[0] for axes in figure.axes] == ["Elevator", "Rudder"]
     assert [len(axes.lines) for axes in figure.axes] == [6, 4]  # flown and commanded
     assert {text.get_text() for text in figure.legends[0].get_texts()} == {"anna", "bert", "<b>cl\u00e4re</b> & co"}
@@ -146,7 +141,7 @@ def test_a_surface_that_an_aircraft_has_not_is_not_drawn(thin):
 
 def test_many_aircraft_have_names_at_their_lines(thin):
     fleet = thin.isel(aircraft=[0, 1, 2] * 4).assign_coords(aircraft=[f"aircraft-{k:02d}" for k in range(12)])
-    figure = FLIGHT_FIGURES["bank"].draw(Sheet(fleet, Paper(88.0, title=False)))
+    figure = FLIGHT_FIGURES["bank"].draw(FlightSheet(fleet, FigureFormat(88.0, title=False)))
     (axes,) = figure.axes
     assert figure.legends == []
     assert figure.get_suptitle() == ""
@@ -160,7 +155,7 @@ def test_many_aircraft_have_names_at_their_lines(thin):
 
 
 def test_letters_keep_their_size_on_a_narrow_paper_and_rows_follow(thin):
-    wide, narrow = (FLIGHT_FIGURES["miss"].draw(Sheet(thin, Paper(width))) for width in (180.0, 60.0))
+    wide, narrow = (FLIGHT_FIGURES["miss"].draw(FlightSheet(thin, FigureFormat(width))) for width in (180.0, 60.0))
     assert wide.get_figwidth() == pytest.approx(180.0 / 25.4)
     assert narrow.get_figwidth() == pytest.approx(60.0 / 25.4)
     sizes = [[text.get_fontsize() for text in one.legends[0].get_texts()] for one in (wide, narrow)]
@@ -172,19 +167,19 @@ def test_letters_keep_their_size_on_a_narrow_paper_and_rows_follow(thin):
 @pytest.mark.parametrize("width", [0.0, 59.0, 401.0, float("nan"), float("inf")])
 def test_a_silly_width_is_refused(width):
     with pytest.raises(ValueError, match=r"arrived .*; expected 60 to 400 mm: one column of a paper is about 88"):
-        Paper(width)
+        FigureFormat(width)
 
 
 def test_steady_goals_are_told_and_not_drawn(thin):
-    assert "goal-velocity" not in figures_of(thin)
+    assert "goal-velocity" not in available_figures(thin)
     with pytest.raises(ValueError, match="'goal-velocity', which there is not of this flight: every goal stands"):
-        chosen_figures(thin, ["goal-velocity"])
+        select_figures(thin, ["goal-velocity"])
     turning = thin.copy(deep=True)
     turning["goal_velocity_north_m_s"][:, 1] = 5.0 * np.sin(turning["time"].values)
     turning["goal_velocity_east_m_s"][:, 2] = 15.0
     turning["goal_estimate_velocity_east_m_s"][:, 2] = 15.0
     turning.attrs["scenario"] = json.dumps({"aircraft": [{"goal": goal} for goal in ("buoy", "ferry", "ship")]})
-    figure = FLIGHT_FIGURES["goal-velocity"].draw(Sheet(turning, Paper()))
+    figure = FLIGHT_FIGURES["goal-velocity"].draw(FlightSheet(turning, FigureFormat()))
     (axes,) = figure.axes
     assert axes.get_ylabel().startswith("North velocity of the")
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["bert"]
@@ -194,5 +189,5 @@ def test_steady_goals_are_told_and_not_drawn(thin):
 
 def test_goals_have_their_names_on_the_tracks(thin):
     named = thin.assign_attrs(scenario=json.dumps({"aircraft": [{"goal": goal} for goal in ("boat", "$1", "boat")]}))
-    assert _texts(FLIGHT_FIGURES["tracks"].draw(Sheet(named, Paper())).axes[0]) == [r"\$1", "boat"]
-    assert _texts(FLIGHT_FIGURES["tracks"].draw(Sheet(thin, Paper())).axes[0]) == []
+    assert _texts(FLIGHT_FIGURES["tracks"].draw(FlightSheet(named, FigureFormat())).axes[0]) == [r"\$1", "boat"]
+    assert _texts(FLIGHT_FIGURES["tracks"].draw(FlightSheet(thin, FigureFormat())).axes[0]) == []

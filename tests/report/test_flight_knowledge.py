@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from anser.report.flight_figures import chosen_figures, figures_of
-from anser.report.flight_paper import Paper, Sheet
+from anser.report.flight_figures import available_figures, select_figures
+from anser.report.flight_sheet import FigureFormat, FlightSheet
 
 
 @pytest.fixture(scope="module")
@@ -15,12 +15,12 @@ def thin(flight):
 
 
 def _drawn(dataset, name, width):
-    return chosen_figures(dataset, [name])[name].draw(Sheet(dataset, Paper(width)))
+    return select_figures(dataset, [name])[name].draw(FlightSheet(dataset, FigureFormat(width)))
 
 
 @pytest.mark.parametrize(("width", "ellipses"), [(88.0, 2), (180.0, 3)])
 def test_knowledge_is_drawn_of_as_many_as_the_width_allows(thin, width, ellipses):
-    assert "knowledge" not in figures_of(thin)
+    assert "knowledge" not in available_figures(thin)
     like = thin["altitude_m"]
     known = {f"goal_sigma_{axis}_m": 0.0 * like + 5.0 for axis in ("north", "east", "altitude")}
     seen = thin.assign(known | {"goal_correlation": 0.0 * like + 0.5})
@@ -33,7 +33,7 @@ def test_knowledge_is_drawn_of_as_many_as_the_width_allows(thin, width, ellipses
 
 
 def test_links_and_clocks_are_drawn_where_there_is_no_centre(thin):
-    assert "network" not in figures_of(thin)
+    assert "network" not in available_figures(thin)
     time = thin["time"].values[::10]
     series = {
         "time_s": time.tolist(),

@@ -6,14 +6,14 @@ import json
 import numpy as np
 import pytest
 
-from anser.report.flight_margins import Margin, least_apart, margins_of
-from anser.report.flown_beside_plan import HOLD, derive, scenario_of
-from anser.report.opening import aircraft_table, margins_list
-from anser.results import nearest_other
+from anser.report.derived_variables import HOLD, add_derived_variables, recorded_scenario
+from anser.report.flight_margins import Margin, closest_pair, find_flight_margins
+from anser.report.flight_overview import aircraft_table, margins_list
+from anser.results.separation import nearest_aircraft_distance
 
 
 @pytest.mark.parametrize(
-    ("limit", "value", "most", "used"),
+    ("limit", "value", "is_upper", "utilization"),
     [
         (70.0, 63.0, True, 0.9),
         (90.0, 180.0, False, 0.5),
@@ -27,37 +27,39 @@ from anser.results import nearest_other
         (1.0, None, True, None),
     ],
 )
-def test_the_part_used_is_1_at_the_limit(limit, value, most, used):
-    met = value is not None and (value <= limit if most else value >= limit)
-    assert Margin("", "limit", "", limit, value, most, met).used == (None if used is None else pytest.approx(used))
-    assert Margin("", "limit", "", limit, limit, most, True).used == (pytest.approx(1.0) if limit else 0.0)
+def test_the_part_used_is_1_at_the_limit(limit, value, is_upper, utilization):
+    met = value is not None and (value <= limit if is_upper else value >= limit)
+    assert Margin("", "limit", "", limit, value, is_upper, met).utilization == (
+        None if utilization is None else pytest.approx(utilization)
+    )
+    assert Margin("", "limit", "", limit, limit, is_upper, True).utilization == (pytest.approx(1.0) if limit else 0.0)
 
 
 @pytest.fixture(scope="module")
 def whole(flight):
-    return derive(flight[0], scenario_of(flight[0]))
+    return add_derived_variables(flight[0], recorded_scenario(flight[0]))
 
 
 def test_the_tightest_comes_first_and_what_was_not_met_before_all(flight, whole):
     summary = copy.deepcopy(flight[1])
-    used = [margin.used for margin in margins_of(whole, summary)]
+    used = [margin.utilization for margin in find_flight_margins(whole, summary)]
     assert used == sorted(used, reverse=True)
     summary["requirements"][0] |= {"value": None, "met": False}
-    first, *rest = margins_of(whole, summary)
-    assert (first.what, first.used, first.met) == ("Miss of the rendezvous", None, False)
-    assert all(margin.met for margin in rest)
+    first, *rest = find_flight_margins(whole, summary)
+    assert (first.description, first.utilization, first.is_met) == ("Miss of the rendezvous", None, False)
+    assert all(margin.is_met for margin in rest)
 
 
 def test_a_limit_names_the_aircraft_and_the_instant_of_the_worst(flight, whole):
-    margins = {margin.what: margin for margin in margins_of(whole, flight[1])}
+    margins = {margin.description: margin for margin in find_flight_margins(whole, flight[1])}
     bank = flight[0]["bank_deg"]
     right = margins["Bank angle to the right"]
     assert right.value == float(bank.max())
-    assert float(bank.sel(time=right.when_s, aircraft=right.who)) == right.value
+    assert float(bank.sel(time=right.time_s, aircraft=right.aircraft)) == right.value
     left = margins["Bank angle to the left"]
     assert left.value == -float(bank.min())
     assert margins["Lowest altitude"].value == float(flight[0]["altitude_m"].min())
-    assert not margins["Lowest altitude"].most
+    assert not margins["Lowest altitude"].is_upper
 
 
 def test_each_aircraft_is_judged_by_its_own_limits(flight, whole):
@@ -65,9 +67,13 @@ def test_each_aircraft_is_judged_by_its_own_limits(flight, whole):
     own = [{"bank_max_deg": 4.0 * bank} for bank in banks.tolist()]
     own[0]["bank_max_deg"] = 1.25 * float(banks[0])
     changed = whole.assign_attrs(limits=json.dumps(own))
-    margins = [one for one in margins_of(changed, flight[1]) if one.what.startswith("Bank angle") and one.value > 0.0]
-    tightest = max(margins, key=lambda one: one.used)
-    assert (tightest.who, tightest.used) == (str(whole["aircraft"].values[0]), pytest.approx(0.8))
+    margins = [
+        one
+        for one in find_flight_margins(changed, flight[1])
+        if one.description.startswith("Bank angle") and one.value > 0.0
+    ]
+    tightest = max(margins, key=lambda one: one.utilization)
+    assert (tightest.aircraft, tightest.utilization) == (str(whole["aircraft"].values[0]), pytest.approx(0.8))
     assert all(margin.limit in [one["bank_max_deg"] for one in own] for margin in margins)
 
 
@@ -80,12 +86,17 @@ def test_a_limit_passed_only_in_the_hold_is_told_apart(flight, whole):
             changed["bank_deg"].loc[{"time": changed["time"].sel(time=time, method="nearest"), "aircraft": "anna"}] = (
                 bank
             )
-        first, *rest = margins_of(changed, flight[1])
-        assert all(margin.met for margin in rest)
+        first, *rest = find_flight_margins(changed, flight[1])
+        assert all(margin.is_met for margin in rest)
         return first, margins_list([first])
 
     later, html = shown((arrival + 5.0, 71.0))
-    assert (later.what, later.who, later.met, later.after_arrival) == ("Bank angle to the right", "anna", False, True)
+    assert (later.description, later.aircraft, later.is_met, later.after_arrival) == (
+        "Bank angle to the right",
+        "anna",
+        False,
+        True,
+    )
     assert '<li class="near">' in html
     assert "passed after the arrival" in html
     assert "not met" not in html
@@ -110,16 +121,16 @@ def test_how_a_path_goes_stands_in_the_table_where_the_summary_says_it(flight):
 def test_the_nearest_other_aircraft_is_found_for_each(flight):
     dataset = flight[0].isel(time=slice(None, None, 400))
     places = np.stack([dataset[name].values for name in ("north_m", "east_m", "altitude_m")], axis=-1)
-    nearest = nearest_other(places)
+    nearest = nearest_aircraft_distance(places)
     for row in range(nearest.shape[0]):
         for k in range(3):
             others = [np.linalg.norm(places[row, k] - places[row, j]) for j in range(3) if j != k]
             assert nearest[row, k] == pytest.approx(min(others), rel=1e-12)
-    assert np.isnan(nearest_other(places[:, [0]])).all()
+    assert np.isnan(nearest_aircraft_distance(places[:, [0]])).all()
 
 
 def test_the_least_distance_names_the_two(flight, whole):
-    least, when, one, other = least_apart(whole)
+    least, when, one, other = closest_pair(whole)
     assert least == pytest.approx(flight[1]["fleet"]["separation_min_m"], rel=1e-3)
     then = whole.sel(time=when)
     away = [
@@ -132,7 +143,9 @@ def test_the_least_distance_names_the_two(flight, whole):
 def test_separation_counts_until_the_first_of_two_arrives(flight):
     dataset = flight[0].copy(deep=True)
     dataset["phase"].values[1000:, 1] = HOLD
-    kept = derive(dataset, {"separation": {"horizontal_m": 500.0, "vertical_m": 150.0}})["separation_kept"].values
+    kept = add_derived_variables(dataset, {"separation": {"horizontal_m": 500.0, "vertical_m": 150.0}})[
+        "separation_kept"
+    ].values
     assert np.isnan(kept[1000:, 1]).all()
     row = dataset.isel(time=1500, aircraft=[0, 2])
     flat = np.hypot(np.ptp(row["north_m"].values), np.ptp(row["east_m"].values)) / 500.0
@@ -153,14 +166,14 @@ def test_errors_are_along_and_across_the_plan(flight, whole):
     shifted = flight[0].copy(deep=True)
     shifted["north_m"] = shifted["reference_north_m"] + 5.0
     shifted["east_m"] = shifted["reference_east_m"]
-    anna = derive(shifted, {}).isel(aircraft=0, time=400)
+    anna = add_derived_variables(shifted, {}).isel(aircraft=0, time=400)
     assert float(anna["across_error_m"]) == pytest.approx(5.0, rel=0.05)
 
 
 def test_without_a_scenario_there_are_the_requirements_alone(flight):
     dataset = flight[0].assign_attrs(scenario="no JSON")
-    assert scenario_of(dataset) == {}
-    whole = derive(dataset, {})
-    assert {margin.kind for margin in margins_of(whole, flight[1])} == {"requirement"}
+    assert recorded_scenario(dataset) == {}
+    whole = add_derived_variables(dataset, {})
+    assert {margin.kind for margin in find_flight_margins(whole, flight[1])} == {"requirement"}
     assert "height_over_floor_m" not in whole
     assert "separation_kept" not in whole

@@ -2,11 +2,11 @@
 
 import json
 
-from anser.report.flight_panels import sections_for
+from anser.report.flight_data import page_sections
 
 
 def _roll_rate(dataset):
-    panels = [panel for section in sections_for(dataset) for panel in section["panels"]]
+    panels = [panel for section in page_sections(dataset) for panel in section["panels"]]
     (found,) = [panel for panel in panels if panel["response"] == "roll_rate_deg_s"]
     return found["limits"]
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from anser.report.goal_forms import WORDS, goal_forms, goals_key
+from anser.report.flight_data import GOAL_FORM_TEXTS, goal_form_legend, goal_forms
 
 TIME = np.arange(0.0, 10.0, 0.5)
 
@@ -48,7 +48,7 @@ def test_a_goal_that_is_lost_goes_by_what_is_known():
 
 
 def test_the_key_names_what_is_drawn_and_nothing_else():
-    key = goals_key({"ship", "buoy"})
-    assert WORDS["ship"] in key
-    assert WORDS["buoy"] in key
-    assert WORDS["flying"] not in key
+    key = goal_form_legend({"ship", "buoy"})
+    assert GOAL_FORM_TEXTS["ship"] in key
+    assert GOAL_FORM_TEXTS["buoy"] in key
+    assert GOAL_FORM_TEXTS["flying"] not in key

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from anser.report.links_strip import links_strip, network_of, pair_links
+from anser.report.svg_charts import links_strip, pair_links, recorded_network
 
 NAMES = ("anna", "b<e>rt", "cläre with a long name")
 
@@ -52,5 +52,5 @@ def test_nothing_is_drawn_of_a_fleet_with_a_centre(dataset):
 @pytest.mark.parametrize("text", ["", "[]", "{", "3"])
 def test_what_cannot_be_read_is_left_out(dataset, text):
     dataset.attrs["network"] = text
-    assert network_of(dataset) == {}
+    assert recorded_network(dataset) == {}
     assert "quality of service<" not in links_strip(dataset)

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from anser.report import write_report
-from anser.report.exports import FORMATS, has_parquet
-from anser.results import read_netcdf, surfaces_of, write_netcdf
+from anser.report.exports.formats import FORMATS
+from anser.report.exports.tables import has_parquet
+from anser.results import read_netcdf, write_netcdf
+from anser.results.dataset import surface_names
 from anser.variables import OPTIONAL_KEYS, STANDARD_SURFACES, recorded_keys
 from support.chromium import NAMES, Chromium, find_chromium
 from support.mixed_flight import fly_mixed
@@ -60,7 +62,7 @@ def test_the_dataset_labels_them_and_says_where_there_are_none(mixed, tmp_path):
     *_, history, dataset, _ = mixed
     write_netcdf(dataset, tmp_path / "flight.nc")
     read = read_netcdf(tmp_path / "flight.nc")
-    assert surfaces_of(read) == SURFACES
+    assert surface_names(read) == SURFACES
     labels = read["left_elevon_command_deg"].attrs
     assert (labels["long_name"], labels["units"]) == ("Left elevon command", "degree")
     assert all("no such surface" in read[f"{name}_deg"].attrs["comment"] for name in SURFACES)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anser.report.packing import pack, step_of
+from anser.report.packing import pack, quantization_step
 
 
 def unpacked(text, shapes_and_steps):
@@ -35,7 +35,7 @@ def unpacked(text, shapes_and_steps):
 def test_numbers_come_back_within_half_a_step(seed, times, count, scale):
     random = np.random.default_rng(seed)
     first, second = scale * random.normal(size=(times, count)), random.normal(size=(times, 1))
-    steps = [step_of(first, "m"), step_of(second, "1")]
+    steps = [quantization_step(first, "m"), quantization_step(second, "1")]
     text, gaps = pack([(first, steps[0]), (second, steps[1])])
     assert gaps == [[], []]
     for values, step, back in zip(
@@ -49,7 +49,7 @@ def test_the_step_is_fine_enough_to_draw():
     """A hundred-thousandth of the range at most: finer than a pixel, and fine still where a tenth is zoomed into."""
     for spread in (1e-3, 0.3, 7.0, 4e4):
         values = np.linspace(0.0, spread, 50)[:, None]
-        assert step_of(values, "m") <= 1e-5 * spread
+        assert quantization_step(values, "m") <= 1e-5 * spread
 
 
 def test_gaps_are_told_by_aircraft_and_records():
@@ -66,5 +66,5 @@ def test_gaps_are_told_by_aircraft_and_records():
 
 @pytest.mark.parametrize("unit", ["m", "degree", "N"])
 def test_what_has_no_number_has_a_step(unit):
-    assert step_of(np.full((4, 2), np.nan), unit) > 0.0
-    assert step_of(np.zeros((4, 2)), unit) > 0.0
+    assert quantization_step(np.full((4, 2), np.nan), unit) > 0.0
+    assert quantization_step(np.zeros((4, 2)), unit) > 0.0

@@ -10,9 +10,9 @@ import pytest
 from anser.report import write_comparison, write_report
 from anser.report.comparison import difference_table, scenario_differences
 from anser.report.flight_margins import Margin
-from anser.report.opening import answer, cards
-from anser.report.page import _SCRIPTS
-from anser.report.page_shell import asset
+from anser.report.flight_overview import summary_cards, verdict_html
+from anser.report.flight_page import _SCRIPTS
+from anser.report.page_frame import read_asset
 from support.made_flight import make_flight
 
 EVIL = "</script><script>alert(1)</script>"
@@ -28,8 +28,8 @@ def page(flight, tmp_path_factory):
 def own(page):
     """The page without its scripts, which hold markup of all kinds, and without packed numbers."""
     for name in _SCRIPTS:
-        assert page.count(asset(name)) == 1
-        page = page.replace(asset(name), "")
+        assert page.count(read_asset(name)) == 1
+        page = page.replace(read_asset(name), "")
     return re.sub(r'"packed":"[^"]*"', "", page)
 
 
@@ -143,8 +143,9 @@ def test_an_aircraft_that_never_arrived_has_no_least_or_greatest_figures():
     summary = copy.deepcopy(flown)
     summary["aircraft"][1] |= {"arrival_s": None, "miss_m": None, "status": "the aircraft reached the ground"}
     name = summary["aircraft"][1]["name"]
-    assert f'Greatest miss</p><p class="value">–<small></small></p><p class="note">{name} never arrived' in cards(
-        dataset, summary
+    assert (
+        f'Greatest miss</p><p class="value">–<small></small></p><p class="note">{name} never arrived'
+        in summary_cards(dataset, summary)
     )
     table = difference_table([("flown", flown), ("crashed", summary)], [{}, {}])
     row = next(line for line in table.split("<tr>") if "Greatest miss" in line)
@@ -155,7 +156,7 @@ def test_who_fails_after_the_arrival_fails_the_flight():
     summary = copy.deepcopy(make_flight()[1])
     summary["aircraft"][1]["status"] = "the aircraft reached the ground"
     assert all(entry["met"] for entry in summary["requirements"])
-    told = answer(summary, {})
+    told = verdict_html(summary, {})
     assert "2 of 3 aircraft arrived" in told
     assert "<b>bert</b>: the aircraft reached the ground." in told
     assert "All requirements met" not in told
@@ -252,7 +253,7 @@ def test_of_a_sequence_the_spacing_is_told(flight, tmp_path):
     summary["arrival"] = {"rule": "sequence", "common": False, "error_max_s": 0.01}
     summary["arrival"] |= {"spacing_s": 60.0, "spacing_error_max_s": 0.004}
     summary["fleet"]["arrival_spread_s"] = 120.004
-    told = answer(summary, {"arrival": {"rule": "sequence"}})
+    told = verdict_html(summary, {"arrival": {"rule": "sequence"}})
     assert "All 3 aircraft arrived 60&nbsp;s apart, within 4&nbsp;ms" in told
     write_report(flight[0], summary, tmp_path / "report.html")
     ours = own((tmp_path / "report.html").read_text(encoding="utf-8"))
@@ -265,11 +266,11 @@ def test_the_first_lines_own_up_to_a_limit_that_was_passed(flight):
         return Margin("Bank angle to the right", "limit", "°", 70.0, 72.1, True, False, after_arrival=later)
 
     summary = flight[1]
-    kept = answer(summary, {}, [])
+    kept = verdict_html(summary, {}, [])
     assert 'class="answer good"' in kept
     assert "All requirements met." in kept
-    passed = answer(summary, {}, [margin(True)])
+    passed = verdict_html(summary, {}, [margin(True)])
     assert 'class="answer mixed"' in passed
     assert "All requirements met, but not all limits kept." in passed
     assert "<b>Bank angle to the right</b> (103 % of its limit, after the arrival)" in passed
-    assert "after the arrival" not in answer(summary, {}, [margin(False)])
+    assert "after the arrival" not in verdict_html(summary, {}, [margin(False)])

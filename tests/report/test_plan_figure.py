@@ -7,8 +7,8 @@ from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from anser.report import draw_plan
-from anser.report.plan_figure import _plan
-from anser.report.print_style import PRINT_STYLE
+from anser.report.plan_figures import _plan
+from anser.report.style import PRINT_STYLE
 from anser.results import plan_dataset
 from support.plan_case import CELL, plan_case
 

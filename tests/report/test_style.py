@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from anser.report.page_shell import asset
+from anser.report.page_frame import read_asset
 from anser.report.style import COLORS, DARK_COLORS
 
 GROUNDS = ("paper", "panel", "chosen", "pressed")
@@ -18,7 +18,7 @@ TEXTS = [
 
 def inks():
     """Variables of the style sheet, in light and in dark."""
-    found = re.findall(r"--([\w-]+): light-dark\((#\w{6}), (#\w{6})\)", asset("page.css"))
+    found = re.findall(r"--([\w-]+): light-dark\((#\w{6}), (#\w{6})\)", read_asset("page.css"))
     return {name: pair for name, *pair in found}
 
 

@@ -2,15 +2,15 @@
 
 import numpy as np
 
+from anser.missions.sweeps import sweep_dataset
 from anser.report import draw_sweep
-from anser.results import sweep_dataset
-from anser.results.flight_row import FlightRow
+from anser.results.flight_rows import FlightRow
 
 
 def flight(arrival_s, miss_m):
     """One aircraft that arrives; none where it could not begin."""
     if arrival_s is None:
-        return FlightRow.failed("no plan")
+        return FlightRow.failed_start("no plan")
     aircraft = [{"arrival_s": arrival_s, "miss_m": miss_m, "status": "arrived"}]
     unmet = [{"name": "miss_max_m", "met": miss_m < 1.0}]
     return FlightRow(aircraft, {}, unmet, met=miss_m < 1.0)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anser.results import closest_approach, least_distance
+from anser.results.arrival import closest_approach, least_distance
 
 TIME = np.arange(0.0, 60.25, 0.5)
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from anser.results import arrival_figure, duration_words, fleet_words, planned_arrivals
-from anser.results.arrival_figure import arrivals_of
+from anser.results.arrival import arrival_accuracy, format_duration, format_planned_arrivals, summarize_arrivals
+from anser.results.summary_format import format_fleet
 from support.made_scenario import made_scenario
 
 
@@ -20,52 +20,52 @@ def told(rule, arrivals, spacing_s=None, late=0.0):
     ]
     spread = None if None in arrivals else max(arrivals) - min(arrivals)
     fleet = {"arrival_spread_s": spread, "separation_min_m": None if count == 1 else 250.0}
-    return {"aircraft": rows, "arrival": arrivals_of(scenario, rows), "fleet": fleet}
+    return {"aircraft": rows, "arrival": summarize_arrivals(scenario, rows), "fleet": fleet}
 
 
 def test_together_it_is_the_spread():
     summary = told("together", [60.0, 60.25])
-    assert arrival_figure(summary).kind == "spread"
-    assert fleet_words(summary) == ["arrival spread 0.25 s", "least separation 250 m"]
+    assert arrival_accuracy(summary).kind == "spread"
+    assert format_fleet(summary) == ["arrival spread 0.25 s", "least separation 250 m"]
 
 
 @pytest.mark.parametrize(
-    ("seconds", "words"), [(0.0, "0 ms"), (2.31e-5, "0.023 ms"), (0.0122, "12 ms"), (0.0994, "99 ms"), (0.25, "0.25 s")]
+    ("seconds", "text"), [(0.0, "0 ms"), (2.31e-5, "0.023 ms"), (0.0122, "12 ms"), (0.0994, "99 ms"), (0.25, "0.25 s")]
 )
-def test_short_times_are_told_in_milliseconds(seconds, words):
-    assert duration_words(seconds) == words
+def test_short_times_are_told_in_milliseconds(seconds, text):
+    assert format_duration(seconds) == text
 
 
 def test_of_a_sequence_it_is_the_error_of_the_spacing():
     summary = told("sequence", [100.0, 40.0, 69.5], spacing_s=30.0)
     assert summary["arrival"]["spacing_error_max_s"] == pytest.approx(0.5)
-    assert fleet_words(summary)[0] == "arrivals 30 s apart, spacing error 0.50 s"
+    assert format_fleet(summary)[0] == "arrivals 30 s apart, spacing error 0.50 s"
 
 
 def test_a_sequence_without_spacing_arrives_together():
-    assert arrival_figure(told("sequence", [60.0, 60.25], spacing_s=0.0)).kind == "spread"
+    assert arrival_accuracy(told("sequence", [60.0, 60.25], spacing_s=0.0)).kind == "spread"
 
 
 def test_of_one_aircraft_it_is_how_far_it_was_off_and_nothing_of_others():
     summary = told("together", [34.0], late=0.125)
-    assert fleet_words(summary) == ["arrival 0.12 s off its planned time"]
+    assert format_fleet(summary) == ["arrival 0.12 s off its planned time"]
 
 
 def test_without_an_arrival_there_is_no_number():
     rows = told("together", [34.0])
     rows["aircraft"][0]["arrival_s"] = None
-    assert arrival_figure(rows | {"arrival": {"common": True, "error_max_s": None}}).words(1) == ""
+    assert arrival_accuracy(rows | {"arrival": {"common": True, "error_max_s": None}}).describe(1) == ""
 
 
 def test_a_summary_that_does_not_say_what_was_asked_is_of_arrivals_together():
     summary = told("together", [60.0, 60.25])
     del summary["arrival"]
-    assert arrival_figure(summary).kind == "spread"
+    assert arrival_accuracy(summary).kind == "spread"
 
 
 @pytest.mark.parametrize(
-    ("count", "last_s", "words"),
+    ("count", "last_s", "text"),
     [(1, 60.0, "arrives at 60.00 s"), (3, 60.0, "all arrive at 60.00 s"), (3, 61.0, "arrivals from 60.00 to 61.00 s")],
 )
-def test_planned_arrivals_go_by_their_number(count, last_s, words):
-    assert planned_arrivals(count, 60.0, last_s) == words
+def test_planned_arrivals_go_by_their_number(count, last_s, text):
+    assert format_planned_arrivals(count, 60.0, last_s) == text

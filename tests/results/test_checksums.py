@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from anser.results import DamagedFileError, read_netcdf, read_summary, to_dataset, write_netcdf
-from anser.results.checksums import TRAILER_BYTES, read_document, verify_checksum, with_checksum
+from anser.results.checksums import TRAILER_BYTES, add_checksum, read_document, verify_checksum
 
 
 @pytest.fixture
@@ -53,11 +53,11 @@ def test_a_flight_of_another_program_or_format_is_refused_and_an_older_one_is_re
 
 def test_a_changed_value_of_a_document_is_refused_and_another_spacing_is_not(tmp_path):
     path, document = tmp_path / "some.json", {"b": [1.5, None], "a": {"text": "ü"}}
-    path.write_text(json.dumps(with_checksum(document)))
+    path.write_text(json.dumps(add_checksum(document)))
     assert read_document(path) == (document, True)
-    path.write_text(json.dumps(with_checksum(document), indent=3, sort_keys=True))
+    path.write_text(json.dumps(add_checksum(document), indent=3, sort_keys=True))
     assert read_document(path) == (document, True)
-    path.write_text(json.dumps(with_checksum(document) | {"b": [1.25, None]}))
+    path.write_text(json.dumps(add_checksum(document) | {"b": [1.25, None]}))
     with pytest.raises(DamagedFileError, match=r"some\.json: arrived a damaged file"):
         read_document(path)
     path.write_text(json.dumps(document))

@@ -4,7 +4,8 @@ import numpy as np
 import pymap3d
 import pytest
 
-from anser.results import surfaces_of, to_dataset
+from anser.results import to_dataset
+from anser.results.dataset import surface_names
 from anser.variables import CATALOGUE, DERIVED_KEYS, STANDARD_SURFACES
 
 
@@ -140,7 +141,7 @@ def elevons_only(history):
 
 def test_a_fleet_may_have_other_surfaces(time_s, history, names, attributes):
     dataset = to_dataset(time_s, elevons_only(history), names, attributes, [ELEVONS] * 3)
-    assert surfaces_of(dataset) == ELEVONS
+    assert surface_names(dataset) == ELEVONS
     assert "rudder_deg" not in dataset
     np.testing.assert_array_equal(dataset["left_elevon_deg"], np.degrees(history["elevator"]))
     assert dataset["right_elevon_command_deg"].attrs["long_name"] == "Right elevon command"
@@ -161,7 +162,7 @@ def test_its_surfaces_must_be_recorded_and_no_others(time_s, history, names, att
 def test_of_aircraft_with_different_surfaces_it_says_which_may_be_missing(time_s, history, names, attributes):
     mixed = history | elevons_only(history)
     dataset = to_dataset(time_s, mixed, names, attributes, [("elevator", *ELEVONS), STANDARD_SURFACES, ("elevator",)])
-    assert surfaces_of(dataset) == ("elevator", *ELEVONS, "aileron", "rudder")
+    assert surface_names(dataset) == ("elevator", *ELEVONS, "aileron", "rudder")
     assert "comment" not in dataset["elevator_deg"].attrs
     for name in (*ELEVONS, "aileron", "rudder"):
         assert dataset[f"{name}_command_deg"].attrs["comment"] == "NaN of an aircraft that has no such surface"
@@ -175,4 +176,4 @@ def test_surfaces_are_told_of_each_aircraft(time_s, history, names, attributes):
 def test_a_dataset_from_before_has_the_standard_surfaces(time_s, history, names, attributes):
     dataset = to_dataset(time_s, history, names, attributes)
     del dataset.attrs["surfaces"]
-    assert surfaces_of(dataset) == STANDARD_SURFACES
+    assert surface_names(dataset) == STANDARD_SURFACES

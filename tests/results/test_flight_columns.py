@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from anser.results import order_statistic_interval, quantile
-from anser.results.flight_columns import worst_of_fleet
+from anser.results.flight_rows import worst_of_fleet
+from anser.results.sampling_statistics import order_statistic_interval, quantile
 
 NONE = np.nan
 FLIGHTS = {

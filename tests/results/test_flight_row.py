@@ -7,10 +7,9 @@ import pytest
 
 from anser.results import summarize
 from anser.results.arrival import arrival_outcome
-from anser.results.flight_row import flight_row
-from anser.simulation import STATUS_MESSAGES
-from anser.simulation.fleet_summary import SummaryRecorder
-from anser.simulation.status import AT_GROUND, BROKE_OFF, LEFT
+from anser.results.flight_rows import build_flight_row
+from anser.simulation import STATUS_MESSAGES, SummaryRecorder
+from anser.simulation.closed_loop import AT_GROUND, BREAKAWAY, LEFT_FLEET
 from results.test_summary import SPEED, TIME, flight, scenario
 
 STEP = 0.25
@@ -47,14 +46,14 @@ def running(history):
     samples = jnp.arange(TIME.size), {key: jnp.asarray(values) for key, values in rows.items()}
     (summary, _), _ = jax.lax.scan(step, recorder.init(2), samples)
     two = scenario(timing={"duration_s": float(TIME[-1])})
-    return flight_row(summary, history["arrival_time"][-1], two), summarize(TIME, history, two, 0.0)
+    return build_flight_row(summary, history["arrival_time"][-1], two), summarize(TIME, history, two, 0.0)
 
 
 CASES = {
     "arrived": (failing(90.0, 0), True, "arrived"),
     "closing at the crash": (failing(30.0, AT_GROUND), False, STATUS_MESSAGES[AT_GROUND]),
     "flying away at the crash": (failing(30.0, AT_GROUND, detour_s=5.0), False, STATUS_MESSAGES[AT_GROUND]),
-    "broke off, and passed in its hold": (failing(30.0, BROKE_OFF), False, STATUS_MESSAGES[BROKE_OFF]),
+    "broke off, and passed in its hold": (failing(30.0, BREAKAWAY), False, STATUS_MESSAGES[BREAKAWAY]),
     "crash between plan and pass": (
         failing(50.0, AT_GROUND, arrivals=(50.1, 50.18)),
         False,
@@ -62,7 +61,7 @@ CASES = {
     ),
     "crash in the hold": (failing(60.0, AT_GROUND), True, STATUS_MESSAGES[AT_GROUND]),
     "never trimmed": (failing(0.0, AT_GROUND), False, STATUS_MESSAGES[AT_GROUND]),
-    "left": (failing(20.0, LEFT), False, STATUS_MESSAGES[LEFT]),
+    "left": (failing(20.0, LEFT_FLEET), False, STATUS_MESSAGES[LEFT_FLEET]),
     "still closing": (failing(90.0, 0, arrivals=(50.1, 65.0)), False, "not arrived: still closing"),
 }
 
@@ -94,7 +93,7 @@ def test_a_flight_that_ends_before_the_planned_arrival_has_none():
     outcome = arrival_outcome((0.0, 5000.0), 60.0, np.inf, 59.0, [0, 0])
     assert not outcome.is_arrival
     assert outcome.status == "not arrived: the flight ended before the planned arrival"
-    assert outcome.flown_s == 59.0
+    assert outcome.approach_end_s == 59.0
 
 
 def test_no_record_is_no_arrival():

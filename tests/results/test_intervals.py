@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import stats
 
-from anser.results import order_statistic_interval, quantile, wilson_interval
+from anser.results.sampling_statistics import order_statistic_interval, quantile, wilson_interval
 
 CAMPAIGNS, FLIGHTS = 4000, 300
 

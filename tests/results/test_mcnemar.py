@@ -2,7 +2,7 @@
 
 import pytest
 
-from anser.results import mcnemar_exact
+from anser.results.sampling_statistics import mcnemar_exact
 
 
 @pytest.mark.parametrize(

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from anser.planning.time_coordination import guaranteed_rate
-from anser.results.network_summary import links_of, summarize_network
+from anser.planning.decentralised.time_coordination import guaranteed_rate
+from anser.results.network_summary import decode_links, summarize_network
 from anser.scenario import loads
 from scenario.test_schema_network import ALONE
 
@@ -27,7 +27,7 @@ def told(heard_from, lag=None):
 def test_links_are_bits():
     heard = np.array([[0b110, 0b001, 0b000]])
     expected = [[[False, True, True], [True, False, False], [False, False, False]]]
-    assert links_of(heard, 3).tolist() == expected
+    assert decode_links(heard, 3).tolist() == expected
 
 
 def test_a_whole_network():

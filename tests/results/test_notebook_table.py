@@ -2,7 +2,7 @@
 
 import xml.etree.ElementTree as ElementTree
 
-from anser.results import notebook_table
+from anser.results.documents import notebook_table
 
 
 def test_it_is_a_table_with_a_title_and_notes_and_text_stays_text():

@@ -8,15 +8,9 @@ import json
 import numpy as np
 import pytest
 
-from anser.planning import LIMITS
-from anser.results import (
-    TRAJECTORY_COLUMNS,
-    plan_dataset,
-    plan_margins,
-    plan_summary,
-    write_summary,
-    write_trajectories,
-)
+from anser.planning.limits import LIMITS
+from anser.results import plan_dataset, plan_summary, write_summary
+from anser.results.plan_outputs import TRAJECTORY_COLUMNS, plan_margins, write_trajectories
 from anser.variables import CATALOGUE, PLAN_VARIABLES
 from support.plan_case import CELL, SPEED, plan_case
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from anser.results import rank_correlation
+from anser.results.sampling_statistics import rank_correlation
 
 
 def test_it_is_spearmans_and_infinite_is_the_greatest():

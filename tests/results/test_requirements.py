@@ -2,7 +2,7 @@
 
 import pytest
 
-from anser.results.requirements import REQUIREMENT_NAMES, Requirement, judge
+from anser.results.requirements import REQUIREMENT_NAMES, Requirement, evaluate_requirements
 
 ROW = {
     "arrival_s": 50.0,
@@ -50,15 +50,15 @@ def test_worst_value_against_the_limit(name, off):
     # What must stay below is one of these names; the rest must stay above.
     below = name not in {"separation_min_m", "separation_ratio_min", "clearance_min_m", "speed_min_m_s"}
     met = off >= 0.0 if below else off <= 0.0
-    (entry,) = judge([Requirement(name, limit)], [ROW, WORSE], FLEET, [])
+    (entry,) = evaluate_requirements([Requirement(name, limit)], [ROW, WORSE], FLEET, [])
     assert entry == {"name": name, "limit": limit, "value": WORST[name], "met": met}
 
 
 def test_each_kind_of_goal_has_its_clearance_by_the_least_margin():
     # ROW keeps 290 of 280 m, a margin of 10; WORSE keeps 160 of 100 m, a margin of 60.
-    both = judge([], [ROW, WORSE], FLEET, [("surface", 280.0), ("surface", 100.0)])
+    both = evaluate_requirements([], [ROW, WORSE], FLEET, [("surface", 280.0), ("surface", 100.0)])
     assert both == [{"name": "clearance_surface_min_m", "limit": 280.0, "value": 290.0, "met": True}]
-    each = judge([], [ROW, WORSE], FLEET, [("surface", 150.0), ("airborne", 161.0)])
+    each = evaluate_requirements([], [ROW, WORSE], FLEET, [("surface", 150.0), ("airborne", 161.0)])
     assert [(entry["name"], entry["met"]) for entry in each] == [
         ("clearance_surface_min_m", True),
         ("clearance_airborne_min_m", False),
@@ -66,9 +66,11 @@ def test_each_kind_of_goal_has_its_clearance_by_the_least_margin():
 
 
 def test_a_missing_number_is_not_met():
-    (entry,) = judge([Requirement("clearance_min_m", 1.0)], [ROW, WORSE | {"clearance_min_m": None}], FLEET, [])
+    (entry,) = evaluate_requirements(
+        [Requirement("clearance_min_m", 1.0)], [ROW, WORSE | {"clearance_min_m": None}], FLEET, []
+    )
     assert (entry["value"], entry["met"]) == (None, False)
-    (entry,) = judge([], [ROW | {"clearance_min_m": None}], FLEET, [("surface", 1.0)])
+    (entry,) = evaluate_requirements([], [ROW | {"clearance_min_m": None}], FLEET, [("surface", 1.0)])
     assert (entry["value"], entry["met"]) == (None, False)
 
 

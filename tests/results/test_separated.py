@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from anser.report.opening import answer
-from anser.results import summary_text
-from anser.results.separated import near_warning, requires_separation, separation_attributes
-from anser.scenario import cautions
+from anser.report.flight_overview import verdict_html
+from anser.results.separation import is_judged_by_separation, proximity_warning, separation_attributes
+from anser.results.summary_format import format_summary
+from anser.scenario.cautions import find_cautions
 from support.made_flight import make_flight
 from support.made_scenario import made_scenario
 
@@ -28,30 +28,33 @@ def test_a_dataset_says_whether_a_separation_was_required_and_what_is_near(table
         "separation_required": required,
         "near_distance_m": pytest.approx(3.0 * SPAN_M),
     }
-    found = [caution for caution in cautions(two(**tables)) if caution.startswith("separation: ")]
+    found = [caution for caution in find_cautions(two(**tables)) if caution.startswith("separation: ")]
     assert len(found) == 1 - required
 
 
 def test_one_aircraft_has_none_to_keep_away_from():
     one = made_scenario(["anna"], ["buoy"])
     assert separation_attributes(one) == {}
-    assert not any(caution.startswith("separation: ") for caution in cautions(one))
+    assert not any(caution.startswith("separation: ") for caution in find_cautions(one))
 
 
 def test_near_flights_are_counted_and_the_nearest_is_told():
-    assert near_warning([11.7], NEAR) == "two aircraft came within 11.7 m of each other, less than three spans (27.4 m)"
-    several = near_warning(np.array([11.7, 400.0, np.nan, 27.0]), NEAR)
+    assert (
+        proximity_warning([11.7], NEAR)
+        == "two aircraft came within 11.7 m of each other, less than three spans (27.4 m)"
+    )
+    several = proximity_warning(np.array([11.7, 400.0, np.nan, 27.0]), NEAR)
     assert several == "two aircraft came within 11.7 m of each other; less than three spans (27.4 m) in 2 of 4 flights"
-    assert near_warning([27.5], NEAR) == near_warning([None], NEAR) == near_warning([1.0], {}) == ""
+    assert proximity_warning([27.5], NEAR) == proximity_warning([None], NEAR) == proximity_warning([1.0], {}) == ""
 
 
 def test_a_verdict_without_a_separation_says_so_and_warns():
     _, summary = make_flight()
-    assert requires_separation(summary)
-    assert "separation was required" not in summary_text(summary) + answer(summary, {})
+    assert is_judged_by_separation(summary)
+    assert "separation was required" not in format_summary(summary) + verdict_html(summary, {})
     summary["requirements"] = [e for e in summary["requirements"] if not e["name"].startswith("separation")]
-    assert "all requirements met, no separation was required" in summary_text(summary)
-    told = answer(summary, {}, warning=near_warning([11.7], NEAR))
+    assert "all requirements met, no separation was required" in format_summary(summary)
+    told = verdict_html(summary, {}, warning=proximity_warning([11.7], NEAR))
     assert "No separation was required." in told
     assert "<b>Warning:</b> two aircraft came within 11.7 m" in told
     assert 'class="answer mixed"' in told

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from anser.campaigns.sampling import sampled
-from anser.results import sobol_indices
+from anser.campaigns.sampling import sample_study
+from anser.results.sampling_statistics import sobol_indices
 from campaigns.study_cases import study_of
 
 A, B = 7.0, 0.1
@@ -28,14 +28,14 @@ def ishigami_study(seed):
 
 @pytest.mark.parametrize("seed", [1, 2, 6])
 def test_indices_of_the_ishigami_function_are_within_two_hundredths(seed):
-    x1, x2, x3 = sampled(ishigami_study(seed), {}).values()
+    x1, x2, x3 = sample_study(ishigami_study(seed), {}).values()
     assert x1.size == BLOCKS * 5
     found = sobol_indices(np.sin(x1) + A * np.sin(x2) ** 2 + B * x3**4 * np.sin(x1), 3)
     np.testing.assert_allclose(found.first, FIRST, atol=0.02)
     np.testing.assert_allclose(found.total, TOTAL, atol=0.02)
     # an interval of 95 % is not far from its truth
-    assert np.all(np.abs(found.first - FIRST) <= 2.0 * found.first_half + 1e-3)
-    assert np.all(np.abs(found.total - TOTAL) <= 2.0 * found.total_half + 1e-3)
+    assert np.all(np.abs(found.first - FIRST) <= 2.0 * found.first_half_width + 1e-3)
+    assert np.all(np.abs(found.total - TOTAL) <= 2.0 * found.total_half_width + 1e-3)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from anser.results import read_summary, summarize, versions, write_summary
+from anser.results import read_summary, summarize, write_summary
+from anser.results.documents import software_versions
 from anser.simulation import STATUS_MESSAGES
 from support.made_scenario import made_scenario
 
@@ -62,8 +63,8 @@ def test_the_contract_has_these_keys_and_no_others():
     ]
     assert summary["format_version"] == 1
     assert summary["scenario"] == {"name": "two", "hash": scenario().hash}
-    assert summary["versions"] == versions()
-    assert set(versions()) == {"anser", "jax", "equinox", "numpy", "python"}
+    assert summary["versions"] == software_versions()
+    assert set(software_versions()) == {"anser", "jax", "equinox", "numpy", "python"}
     assert set(summary["fleet"]) == {"arrival_spread_s", "separation_min_m", "wall_s", "simulated_s"}
     for row in summary["aircraft"]:
         assert set(row) == {

@@ -2,14 +2,14 @@
 
 import copy
 
-from anser.results import summary_html, summary_text
+from anser.results.summary_format import format_summary, format_summary_html
 from support.made_flight import make_flight
 
 
 def test_it_says_who_arrived_when_and_what_was_not_met():
     _, summary = make_flight()
     summary["scenario"]["name"] = "three"
-    lines = summary_text(summary).splitlines()
+    lines = format_summary(summary).splitlines()
     assert len(lines) == 5
     assert lines[0] == "three: 3 of 3 aircraft arrived, all requirements met"
     assert lines[1].startswith("  anna: arrived at 80.")
@@ -19,11 +19,11 @@ def test_it_says_who_arrived_when_and_what_was_not_met():
     summary["aircraft"][1] |= {"status": "no plan", "arrival_s": None, "planned_arrival_s": None, "miss_m": None}
     summary["requirements"][0]["met"] = False
     summary["fleet"]["arrival_spread_s"] = None
-    lines = summary_text(summary).splitlines()
+    lines = format_summary(summary).splitlines()
     assert lines[0] == f"three: 2 of 3 aircraft arrived, not met: {summary['requirements'][0]['name']}"
     assert lines[2] == "  bert: no plan"
     assert "arrival spread" not in lines[-1]
-    table = summary_html(summary)
+    table = format_summary_html(summary)
     assert table.count("<tr>") == 4
     assert "<td>bert</td><td>no plan</td><td>–</td><td>–</td><td>–</td>" in table
     assert f"<b>{lines[0]}</b>" in table
@@ -34,7 +34,7 @@ def test_a_flight_that_failed_after_its_arrival_does_not_meet_all():
     _, summary = make_flight()
     summary["aircraft"][1]["status"] = "the aircraft reached the ground"
     assert all(entry["met"] for entry in summary["requirements"])
-    lines = summary_text(summary).splitlines()
+    lines = format_summary(summary).splitlines()
     assert lines[0] == f"{summary['scenario']['name']}: 2 of 3 aircraft arrived, the flight failed"
     assert lines[2] == "  bert: the aircraft reached the ground"
 
@@ -43,7 +43,7 @@ def test_of_a_large_fleet_the_first_are_told():
     _, summary = make_flight()
     summary["aircraft"] = [copy.deepcopy(summary["aircraft"][0]) for _ in range(20)]
     summary["aircraft"][9]["status"] = "no plan"
-    lines = summary_text(summary).splitlines()
+    lines = format_summary(summary).splitlines()
     assert len(lines) == 8
     assert lines[0].startswith(f"{summary['scenario']['name']}: 19 of 20 aircraft arrived")
     assert lines[-2] == "  and 15 more, of which 1 failed"

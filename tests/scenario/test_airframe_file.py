@@ -6,11 +6,12 @@ from pathlib import Path
 import pytest
 
 from anser.aircraft import DerivativeAircraft
-from anser.derivative_names import place_of
-from anser.scenario import ScenarioError, load, load_airframe, loads, read_airframe, validate
-from anser.scenario.airframe_file import known_types, reading
-from anser.scenario.build import build_flight
-from scenario.airframe_file.aerosonde_file import AEROSONDE, built
+from anser.aircraft_files import load_airframe, read_airframe, sources
+from anser.aircraft_files.sources import aircraft_types
+from anser.airframe_data import derivative_index
+from anser.config import ScenarioError
+from anser.scenario import build_flight, load, loads, validate
+from support.aerosonde_file import AEROSONDE, built
 
 FLEET = """
 format = 2
@@ -53,7 +54,7 @@ def test_a_scenario_names_a_file_seen_from_itself(folder, monkeypatch):
     monkeypatch.chdir("/")
     scenario = load(folder / "fleet.toml")
     assert scenario.aircraft[0].airframe == read_airframe(folder / "my-uav.toml")
-    kind = build_flight(scenario).kinds[0]
+    kind = build_flight(scenario).groups[0]
     assert isinstance(kind.vehicles.at(0).airframe, DerivativeAircraft)
 
 
@@ -137,10 +138,10 @@ def test_limits_that_are_left_out_are_the_aircraft_s():
 
 def test_a_deviation_flies_another_aircraft_than_its_autopilot_knows():
     more = 'type = "aerosonde"\ndeviation = {mass = 1.1, thrust = 0.9, cg_shift = 0.05, coefficients = {Cm_alpha = 0.8, Cm_elevator = 0.7}}'
-    airframe = build_flight(loads(fleet(more))).kinds[0].vehicles.at(0).airframe
+    airframe = build_flight(loads(fleet(more))).groups[0].vehicles.at(0).airframe
     assert float(airframe.mass_properties.mass) == pytest.approx(12.1)
     assert float(airframe.engine.thrust_factor) == pytest.approx(0.9)
-    places = [place_of(name, airframe.actuators.names) for name in ("Cm_alpha", "Cm_elevator", "Cm_q")]
+    places = [derivative_index(name, airframe.actuators.names) for name in ("Cm_alpha", "Cm_elevator", "Cm_q")]
     assert [float(airframe.derivatives[place]) for place in places] == pytest.approx([-2.74 * 0.8, -0.99 * 0.7, -38.21])
 
 
@@ -162,12 +163,12 @@ def offering(monkeypatch):
     """Let the installed packages be those that offer these entry points."""
 
     def offer(*points):
-        monkeypatch.setattr(reading.importlib.metadata, "entry_points", lambda group: points)
-        reading.entry_points.cache_clear()
+        monkeypatch.setattr(sources.importlib.metadata, "entry_points", lambda group: points)
+        sources.entry_points.cache_clear()
 
     yield offer
     monkeypatch.undo()
-    reading.entry_points.cache_clear()
+    sources.entry_points.cache_clear()
 
 
 _GLIDER_LIMITS = ("limits.climb", "limits.speed_min_m_s = 14\nlimits.speed_max_m_s = 39\nlimits.climb")
@@ -176,7 +177,7 @@ _GLIDER_LIMITS = ("limits.climb", "limits.speed_min_m_s = 14\nlimits.speed_max_m
 def test_an_airframe_by_entry_point(offering):
     mine = built()
     offering(_Point(mine))
-    assert "glider" in known_types()
+    assert "glider" in aircraft_types()
     assert load_airframe("glider") is mine
     scenario = loads(fleet('type = "glider"', limits=_GLIDER_LIMITS))
     assert scenario.aircraft[0].type == "glider"

@@ -6,8 +6,9 @@ import jax
 import numpy as np
 import pytest
 
-from anser.scenario import build_flight, build_path_limits, load, loads
-from anser.scenario.template import starter_scenario
+from anser.scenario import build_flight, load, loads
+from anser.scenario.build_aircraft import build_path_limits
+from anser.scenario.files import starter_scenario
 from support.fleet_flight import parts_of
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
@@ -21,7 +22,7 @@ def storm():
 
 def test_units_and_signs(storm):
     scenario, flight = storm
-    parts, kind = parts_of(flight), flight.kinds[0]
+    parts, kind = parts_of(flight), flight.groups[0]
     first = scenario.aircraft[0]
     np.testing.assert_allclose(
         kind.start_positions_n[0], [first.start.north_m, first.start.east_m, -first.start.altitude_m]

@@ -4,12 +4,11 @@ import jax
 import numpy as np
 import pytest
 
+from anser.config import ScenarioError
 from anser.control import published_gains
-from anser.scenario import ScenarioError, build_flight, cautions, loads
-from anser.scenario.build_aircraft import build_airframe_of
-from anser.scenario.build_gains import gains_of
-from anser.scenario.build_limits import limits_of
-from anser.scenario.build_own import own_of
+from anser.scenario import build_flight, loads
+from anser.scenario.build_aircraft import build_airframe_of, derive_defaults, resolve_gains, resolve_limits
+from anser.scenario.cautions import find_cautions
 
 AIRCRAFT = """
 [[aircraft]]
@@ -61,40 +60,40 @@ def alone():
 
 @pytest.fixture(scope="module")
 def able(alone):
-    return own_of(alone, alone.aircraft[0], build_airframe_of(alone.aircraft[0])).able
+    return derive_defaults(alone, alone.aircraft[0], build_airframe_of(alone.aircraft[0])).capability
 
 
-def test_limits_left_out_are_those_of_the_trim_map(alone, able):
-    found = limits_of(alone, alone.aircraft[0])
+def test_limits_left_out_are_those_of_the_trim_map(alone, capability):
+    found = resolve_limits(alone, alone.aircraft[0])
     # its data hold from 13 to 40 m/s; with a tenth of power and elevator left it flies level from 17 to 29
-    assert 15.0 < able.speed_min < 18.0
-    assert 28.0 < able.speed_max < 32.0
-    assert able.speed_min < found.speed_min_m_s < 25.0 < found.speed_max_m_s == able.speed_max
+    assert 15.0 < capability.speed_min < 18.0
+    assert 28.0 < capability.speed_max < 32.0
+    assert capability.speed_min < found.speed_min_m_s < 25.0 < found.speed_max_m_s == capability.speed_max
     assert found.bank_max_deg == 45.0
-    assert found.climb_rate_max_m_s == pytest.approx(min(able.climb_rate_max, able.sink_rate_max))
+    assert found.climb_rate_max_m_s == pytest.approx(min(capability.climb_rate_max, capability.sink_rate_max))
     # at the least airspeed the lift of that bank is the lift of level flight at the least trimmable one
-    assert found.speed_min_m_s == pytest.approx(able.speed_min / np.sqrt(np.cos(np.radians(45.0))))
+    assert found.speed_min_m_s == pytest.approx(capability.speed_min / np.sqrt(np.cos(np.radians(45.0))))
     planner = build_flight(alone).planner
     np.testing.assert_allclose(planner.limits.bank_max, 0.9 * np.radians(45.0))
 
 
-def test_limits_that_are_given_stand_and_what_lies_beyond_is_told(able):
+def test_limits_that_are_given_stand_and_what_lies_beyond_is_told(capability):
     asked = scenario(uav(), limits="limits = { bank_max_deg = 80.0, climb_rate_max_m_s = 2.0 }")
-    found = limits_of(asked, asked.aircraft[0])
+    found = resolve_limits(asked, asked.aircraft[0])
     assert (found.bank_max_deg, found.climb_rate_max_m_s) == (80.0, 2.0)
-    told = [text for text in cautions(asked) if text.startswith("limits.")]
+    told = [text for text in find_cautions(asked) if text.startswith("limits.")]
     assert len(told) == 1
-    assert f"banks in level turns at most {np.degrees(able.bank_max):.1f} deg" in told[0]
+    assert f"banks in level turns at most {np.degrees(capability.bank_max):.1f} deg" in told[0]
 
 
 def test_gains_follow_from_the_aircraft_and_given_ones_stand(alone):
-    found = gains_of(alone, alone.aircraft[0])
+    found = resolve_gains(alone, alone.aircraft[0])
     # actuators of 0.05 s bear the published bandwidths, its sampling does not bear more; its stiffness asks for pitch
     published = published_gains().rates.proportional
     np.testing.assert_allclose(found.rates.proportional[np.array([0, 2])], published[np.array([0, 2])])
     assert published[1] < found.rates.proportional[1] < 1.5 * published[1]
     given = scenario(uav(more="[aircraft.gains.velocity]\nproportional = [0.5, 0.4, 0.3]"))
-    own = gains_of(given, given.aircraft[0])
+    own = resolve_gains(given, given.aircraft[0])
     np.testing.assert_array_equal(own.velocity.proportional, [0.5, 0.4, 0.3])
     np.testing.assert_array_equal(own.rates.proportional, found.rates.proportional)
 
@@ -102,10 +101,10 @@ def test_gains_follow_from_the_aircraft_and_given_ones_stand(alone):
 def test_the_library_f16_keeps_its_gains_and_limits():
     of = scenario(jet(), speed=150.0)
     for one, other in zip(
-        jax.tree.leaves(gains_of(of, of.aircraft[0])), jax.tree.leaves(published_gains()), strict=True
+        jax.tree.leaves(resolve_gains(of, of.aircraft[0])), jax.tree.leaves(published_gains()), strict=True
     ):
         np.testing.assert_array_equal(one, other)
-    assert limits_of(of, of.aircraft[0]) == of.limits
+    assert resolve_limits(of, of.aircraft[0]) == of.limits
 
 
 def test_a_mixed_fleet_has_limits_and_airspeeds_by_aircraft():

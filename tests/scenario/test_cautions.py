@@ -5,7 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from anser.scenario import ScenarioError, build_flight, cautions, loads
+from anser.config import ScenarioError
+from anser.scenario import build_flight, loads
+from anser.scenario.cautions import find_cautions
 
 TEXT = (Path(__file__).parents[2] / "scenarios" / "single-aircraft.toml").read_text()
 
@@ -16,13 +18,13 @@ def _with(gains):
 
 def test_bandwidth_and_damping_become_gains():
     design = _with("[aircraft.gains.attitude]\nbandwidth_rad_s = [2.0, 2.5, 3.0]\ndamping = 2.5\nderivative = 0.5")
-    attitude = build_flight(loads(design)).kinds[0].vehicles.own.controller.gains.attitude
+    attitude = build_flight(loads(design)).groups[0].vehicles.batched.controller.gains.attitude
     np.testing.assert_allclose(attitude.proportional[0], [3.0, 3.75, 4.5])
     np.testing.assert_allclose(attitude.integral[0], 1.5 * (np.array([2.0, 2.5, 3.0]) / 5.0) ** 2)
     without = (
         build_flight(loads(_with("[aircraft.gains.velocity]\nbandwidth_rad_s = 1")))
-        .kinds[0]
-        .vehicles.own.controller.gains.velocity
+        .groups[0]
+        .vehicles.batched.controller.gains.velocity
     )
     np.testing.assert_array_equal(without.integral[0], np.zeros(3))
 
@@ -57,8 +59,8 @@ def test_what_is_refused_says_what_would_be_right(gains, message):
 
 
 def test_loops_too_close_in_time_are_named_and_the_defaults_are_not():
-    assert cautions(loads(TEXT)) == ()
-    (said,) = cautions(loads(_with("[aircraft.gains.velocity]\nproportional = [1.0, 1.6, 1.0]")))
+    assert find_cautions(loads(TEXT)) == ()
+    (said,) = find_cautions(loads(_with("[aircraft.gains.velocity]\nproportional = [1.0, 1.6, 1.0]")))
     assert said == (
         'aircraft[0].gains (aircraft "aircraft-1"): the loop of gamma has a bandwidth of 1.6 1/s and rests on alpha with '
         "2 1/s, a ratio of 1.25; below 2 the two swing against each other (damping 0.56)"
@@ -66,12 +68,12 @@ def test_loops_too_close_in_time_are_named_and_the_defaults_are_not():
 
 
 def test_a_seed_that_changes_nothing_says_so():
-    assert cautions(loads(TEXT)) == ()
-    said = cautions(loads(TEXT.replace("format = 2", "format = 2\nseed = 7", 1)))
+    assert find_cautions(loads(TEXT)) == ()
+    said = find_cautions(loads(TEXT.replace("format = 2", "format = 2\nseed = 7", 1)))
     assert len(said) == 1
     assert said[0].startswith("seed: 7 is recorded and changes nothing: nothing in this flight is random")
     rough = TEXT.replace("format = 2", "format = 2\nseed = 7", 1) + '\n[turbulence]\nintensity = "light"\n'
-    assert cautions(loads(rough)) == ()
+    assert find_cautions(loads(rough)) == ()
 
 
 SHEARED = """
@@ -107,11 +109,11 @@ east_m = 0.0
 
 def test_a_duration_that_suffices_is_accepted_with_a_caution():
     scenario = loads(SHEARED)
-    (said,) = cautions(scenario)
+    (said,) = find_cautions(scenario)
     # against 9.19 m/s at the start, 14 km to go and 2700 m down: 101.1 s at 150 m/s
     assert "timing.duration_s: 95 s suffices only if a descent makes the plan faster or another wind carries" in said
     assert "otherwise expected more than 101.1 s" in said
-    assert cautions(scenario.replace("timing.duration_s", 110.0)) == ()
+    assert find_cautions(scenario.replace("timing.duration_s", 110.0)) == ()
 
 
 def test_a_duration_that_nothing_makes_suffice_is_refused():

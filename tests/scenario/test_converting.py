@@ -5,7 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from anser.scenario import ScenarioError, cautions, convert, load, loads, starter_scenario
+from anser.config import ScenarioError
+from anser.scenario import convert, load, loads
+from anser.scenario.cautions import find_cautions
+from anser.scenario.files import starter_scenario
 
 SCENARIOS = sorted((Path(__file__).resolve().parents[2] / "scenarios").glob("*.toml"))
 TWENTY = next(path for path in SCENARIOS if path.stem == "twenty-aircraft")
@@ -35,12 +38,12 @@ east_m = 0.0
 def test_a_file_of_before_flies_as_it_did_and_is_told_of_the_new_default():
     old, new = loads(BARE), loads(BARE.replace("format = 1", "format = 2"))
     assert (old.fleet.planner, new.fleet.planner) == ("published", "certified")
-    (said,) = cautions(old)
+    (said,) = find_cautions(old)
     assert 'means "published"' in said
     assert 'the default of format 2 is "certified"' in said
     assert "anser convert" in said
-    assert cautions(new) == ()
-    assert cautions(loads(BARE.replace("150.0\n\n[[air", '150.0\nplanner = "published"\n\n[[air'))) == ()
+    assert find_cautions(new) == ()
+    assert find_cautions(loads(BARE.replace("150.0\n\n[[air", '150.0\nplanner = "published"\n\n[[air'))) == ()
 
 
 def test_the_hash_of_a_file_of_before_is_what_it_was():
@@ -56,14 +59,14 @@ def test_converted_it_is_the_same_and_keeps_its_comments():
     values = tomllib.loads(text)
     assert (values["format"], values["fleet"]["planner"]) == (2, "published")
     assert convert(text) == text
-    back = convert(text, to=1)
+    back = convert(text, target_format=1)
     assert loads(back).hash == loads(BARE).hash
 
 
 @pytest.mark.parametrize("path", SCENARIOS, ids=lambda path: path.stem)
 def test_every_scenario_there_and_back(path):
     text, scenario = path.read_text(), load(path)
-    there = convert(text, to=1)
+    there = convert(text, target_format=1)
     assert loads(there).model_dump(exclude={"format"}) == scenario.model_dump(exclude={"format"})
     assert loads(convert(there)).hash == scenario.hash
 

@@ -6,10 +6,11 @@ import jax
 import numpy as np
 import pytest
 
-from anser.aircraft import F16_COEFFICIENTS
-from anser.aircraft.air_data import AirData
-from anser.scenario import ScenarioError, build_flight, load, validate
-from anser.scenario.schema_deviation import F16_FACTORS, Deviation
+from anser.aircraft import AirData
+from anser.aircraft.f16 import F16_COEFFICIENTS
+from anser.aircraft_files.deviations import F16_FACTORS, Deviation
+from anser.config import ScenarioError
+from anser.scenario import build_flight, load, validate
 from support.states import air_at
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from anser.scenario import build_flight, loads
-from scenario.certified_scenario import GOOD
+from support.certified_scenario import GOOD
 
 THREE = (Path(__file__).parents[2] / "scenarios" / "three-aircraft.toml").read_text()
 FOURTH = """
@@ -29,7 +29,7 @@ POINT = "{{ time_s = {0}, north_m = 0, east_m = {0}, altitude_m = 0 }}"
 
 def shape(text):
     """What a program depends on: all that is no array, and of arrays what they are like."""
-    arrays, rest = eqx.partition(build_flight(loads(text), filled_up=True), eqx.is_array)
+    arrays, rest = eqx.partition(build_flight(loads(text), pad_fleet=True), eqx.is_array)
     return jax.tree.structure(arrays), jax.tree.map(lambda a: (a.shape, a.dtype, a.weak_type), arrays), rest
 
 
@@ -87,9 +87,9 @@ def test_other_numbers_of_other_things(made, one, same, more):
 
 
 def test_what_fills_up_changes_nothing():
-    exact, filled = build_flight(loads(THREE)), build_flight(loads(THREE), filled_up=True)
+    exact, filled = build_flight(loads(THREE)), build_flight(loads(THREE), pad_fleet=True)
     assert (exact.count, filled.count) == (3, 4)
-    for one, other in zip(jax.tree.leaves(exact.kinds), jax.tree.leaves(filled.kinds), strict=True):
+    for one, other in zip(jax.tree.leaves(exact.groups), jax.tree.leaves(filled.groups), strict=True):
         if np.ndim(one):
             np.testing.assert_array_equal(one, np.asarray(other)[: np.shape(one)[0]])
 
@@ -97,7 +97,7 @@ def test_what_fills_up_changes_nothing():
 def test_wind_is_that_of_the_layers_given():
     for height in (0.0, 250.0, 1000.0, 5000.0):
         found = [
-            build_flight(loads(layers(count)), filled_up=True).environment.wind.at(jnp.array([0.0, 0.0, -height]), 0.0)
+            build_flight(loads(layers(count)), pad_fleet=True).environment.wind.at(jnp.array([0.0, 0.0, -height]), 0.0)
             for count in (3, 4)
         ]
         if height <= 1000.0:

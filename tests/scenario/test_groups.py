@@ -4,17 +4,18 @@ from pathlib import Path
 
 import pytest
 
-from anser.scenario import ScenarioError, load
-from anser.scenario.schema_checks import groups
+from anser.config import ScenarioError
+from anser.scenario import load
+from anser.scenario.schema_checks import connected_groups
 
 THREE = load(Path(__file__).parents[2] / "scenarios" / "three-aircraft.toml")
 
 
 def test_groups_hold_what_is_together_directly_or_through_others():
     near = {(1, 4), (4, 5), (2, 3)}
-    assert groups(7, lambda i, j: (j, i) in near or (i, j) in near) == [[1, 4, 5], [2, 3]]
-    assert groups(4, lambda i, j: False) == []
-    assert groups(4, lambda i, j: True) == [[0, 1, 2, 3]]
+    assert connected_groups(7, lambda i, j: (j, i) in near or (i, j) in near) == [[1, 4, 5], [2, 3]]
+    assert connected_groups(4, lambda i, j: False) == []
+    assert connected_groups(4, lambda i, j: True) == [[0, 1, 2, 3]]
 
 
 def four(**change):

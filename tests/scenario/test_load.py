@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from anser.scenario.errors import ScenarioError
-from anser.scenario.load import load, loads, validate
+from anser.config import ScenarioError
+from anser.scenario import load, loads, validate
 from anser.scenario.schema_reach import time_to_go_s
 
 SHIPPED = sorted((Path(__file__).parents[2] / "scenarios").glob("*.toml"))

@@ -6,7 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from anser.scenario import ScenarioError, load, loads, starter_scenario
+from anser.config import ScenarioError
+from anser.scenario import load, loads
+from anser.scenario.files import starter_scenario
 
 FOLDER = Path(__file__).parents[2] / "scenarios"
 SHIPPED = sorted(FOLDER.glob("*.toml"))

@@ -8,11 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from anser.scenario.errors import ScenarioError
-from anser.scenario.load import loads, validate
-from anser.scenario.schema import scenario_hash
-from anser.scenario.template import starter_scenario
-from scenario.two_aircraft import GOOD, WAYPOINT_GOAL, assert_told, changed, refusal
+from anser.config import ScenarioError
+from anser.scenario import loads, scenario_hash, validate
+from anser.scenario.files import starter_scenario
+from support.two_aircraft import GOOD, WAYPOINT_GOAL, assert_told, changed, refusal
 
 # one change of the good scenario, then: path, whom, what arrived (a part), what would be right (a part)
 CASES = {

@@ -3,7 +3,11 @@
 import itertools
 
 import pytest
-from certified_scenario import (
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from anser.scenario.schema_airspace import KeepOut, Separation
+from support.certified_scenario import (
     CELL,
     WHO_A,
     WHO_B,
@@ -11,10 +15,6 @@ from certified_scenario import (
     check_allowed,
     check_refusal,
 )
-from hypothesis import given, settings
-from hypothesis import strategies as st
-
-from anser.scenario.schema_airspace import KeepOut, Separation
 
 # changes of the good scenario, then: path, whom, what arrived (a part), what would be right (a part)
 CASES = {
@@ -126,8 +126,8 @@ place = st.tuples(st.floats(-3e3, 3e3), st.floats(-3e3, 3e3), st.floats(0.0, 3e3
 def test_separation_is_that_of_a_cylinder(one, other, horizontal_m: float, vertical_m: float) -> None:
     """Apart is symmetric, and means outside an upright cylinder around the other, of endless height without vertical_m."""
     separation = Separation(horizontal_m=horizontal_m, vertical_m=vertical_m)
-    kept = separation.is_kept(one, other)
-    assert separation.is_kept(other, one) is kept
+    kept = separation.is_satisfied(one, other)
+    assert separation.is_satisfied(other, one) is kept
     in_plane = (one[0] - other[0]) ** 2 + (one[1] - other[1]) ** 2 < horizontal_m**2
     in_height = vertical_m == 0.0 or abs(one[2] - other[2]) < vertical_m
     assert kept is not (in_plane and in_height)
@@ -136,6 +136,6 @@ def test_separation_is_that_of_a_cylinder(one, other, horizontal_m: float, verti
 def test_a_keep_out_holds_its_inside_and_not_its_surface() -> None:
     cell = KeepOut(name="cell", north_m=100.0, east_m=-50.0, radius_m=500.0, bottom_m=1000.0, top_m=2000.0)
     inside = [(100.0 + n, -50.0 + e, up) for n, e, up in itertools.product((0, 299), (0, -399), (1000.1, 1999.9))]
-    assert all(cell.holds(at) for at in inside)
+    assert all(cell.contains(at) for at in inside)
     outside = [(400.0, -450.0, 1500.0), (100.0, -50.0, 1000.0), (100.0, -50.0, 2000.0), (601.0, -50.0, 1500.0)]
-    assert not any(cell.holds(at) for at in outside)
+    assert not any(cell.contains(at) for at in outside)

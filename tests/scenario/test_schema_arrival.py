@@ -1,7 +1,10 @@
 """The certified planner's keys without it, its limits and the rules of arrival: each refusal, and what may stand."""
 
 import pytest
-from certified_scenario import (
+
+from anser.config import ScenarioError
+from anser.scenario import loads
+from support.certified_scenario import (
     ALONE,
     ALPHA,
     AT,
@@ -20,9 +23,6 @@ from certified_scenario import (
     check_allowed,
     check_refusal,
 )
-
-from anser.scenario.errors import ScenarioError
-from anser.scenario.load import loads
 
 # changes of the good scenario, then: path, whom, what arrived (a part), what would be right (a part)
 CASES = {
@@ -328,4 +328,4 @@ def test_who_meets(rule: str, together: bool) -> None:
     changes = WINDOWS if rule == "windows" else [(TOGETHER, f'rule = "{rule}"')]
     scenario = loads(changed(changes))
     assert scenario.arrival.is_common is together
-    assert scenario.arrival.meet(*scenario.aircraft) is together
+    assert scenario.arrival.arrive_together(*scenario.aircraft) is together

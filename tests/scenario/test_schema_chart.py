@@ -9,8 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from anser.config import ScenarioError
 from anser.environment import wgs84_earth
-from anser.scenario import ScenarioError, loads
+from anser.scenario import loads
 from anser.scenario.schema_chart import scale_error
 from anser.units import DEG_RAD
 
@@ -95,7 +96,7 @@ def test_beyond_the_range_is_the_range():
 def test_the_error_reckoned_with_is_that_of_the_chart(latitude_deg):
     """On the sphere of least curvature 1 % of it more; heights up to 5 km, which do not enter, are 0.1 %."""
     earth = wgs84_earth(latitude_deg * DEG_RAD, 0.3)
-    local = jax.jit(lambda place: earth.local(place, jnp.zeros(3)).chart_scale)
+    local = jax.jit(lambda place: earth.local_earth(place, jnp.zeros(3)).chart_scale)
     for reach_m in (5e3, 5e4, 2e5):
         for angle in np.linspace(0.0, 2.0 * np.pi, 9):
             north_m, east_m = reach_m * np.cos(angle), reach_m * np.sin(angle)

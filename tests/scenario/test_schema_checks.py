@@ -2,8 +2,8 @@
 
 import pytest
 
-from anser.scenario.load import loads
-from scenario.two_aircraft import PUBLISHED_SPEED, WAYPOINT_GOAL, assert_told, changed
+from anser.scenario import loads
+from support.two_aircraft import PUBLISHED_SPEED, WAYPOINT_GOAL, assert_told, changed
 
 JET_GOAL = """\
 [[goal]]

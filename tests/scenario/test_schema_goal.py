@@ -2,8 +2,8 @@
 
 import pytest
 
-from anser.scenario.schema_goal import Goal, Waypoint
-from scenario.two_aircraft import WAYPOINT_GOAL, assert_told
+from anser.scenario.schema_aircraft import Goal, Waypoint
+from support.two_aircraft import WAYPOINT_GOAL, assert_told
 
 # one change of the good scenario, then: path, whom, what arrived (a part), what would be right (a part)
 CASES = {

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from anser.scenario import ScenarioError, build_flight, loads
+from anser.config import ScenarioError
+from anser.planning.decentralised.planner import DecentralisedPlanner
+from anser.scenario import build_flight, loads
 from anser.scenario.schema_network import AIRCRAFT_MAX, greatest_rate_range
-from anser.simulation import DecentralisedPlanner
 from scenario.test_schema_uncertain import TEXT
 
 ALONE = TEXT.replace("[fleet]", '[fleet]\nplanner = "decentralised"')
@@ -82,9 +83,11 @@ def test_what_it_builds():
     assert isinstance(planner, DecentralisedPlanner)
     assert int(planner.network.delay) == 5
     assert planner.network.slots > 5
-    assert int(planner.network.every) == 10
+    assert int(planner.network.period_samples) == 10
     assert float(planner.tube) == 40.0
     # twice the tube, and how far one flies while two clocks differ by the greatest skew
-    fastest = float(np.max(planner.each.limits.speed_max))
-    assert float(planner.each.airspace.separation.horizontal) == pytest.approx(300.0 + 10.0 + 80.0 + 0.5 * fastest)
-    assert float(planner.each.airspace.separation.vertical) == 0.0
+    fastest = float(np.max(planner.aircraft_planner.limits.speed_max))
+    assert float(planner.aircraft_planner.airspace.separation.horizontal) == pytest.approx(
+        300.0 + 10.0 + 80.0 + 0.5 * fastest
+    )
+    assert float(planner.aircraft_planner.airspace.separation.vertical) == 0.0

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from anser.scenario.load import loads
-from scenario.two_aircraft import changed
+from anser.scenario import loads
+from support.two_aircraft import changed
 
 
 def test_wind_blows_from_where_it_comes() -> None:

@@ -5,13 +5,15 @@ import jax
 import numpy as np
 import pytest
 
-from anser.environment import DiscreteGust, NoGusts, SummedGusts, Turbulence
-from anser.scenario import ScenarioError, build_flight, loads
-from anser.scenario.schema_margin import goal_sigma_m
-from anser.scenario.schema_sensing import PRESETS, Estimator, GoalSensor, Navigation, goal_sensor_presets
+from anser.config import ScenarioError
+from anser.environment import DiscreteGust, Turbulence
+from anser.environment.gusts import NoGusts, SummedGusts
+from anser.scenario import build_flight, loads
+from anser.scenario.schema_sensing import PRESETS, Estimator, GoalSensor, Navigation, goal_sensor_presets, goal_sigma_m
 from anser.scenario.schema_settings import Fleet, Timing
 from anser.sensing import DirectEstimator, IdealSensors, NoisySensors, TrackingEstimator
-from anser.simulation import solve_trim, trimmed_fleet
+from anser.simulation.start import trimmed_fleet
+from anser.steady import solve_trim
 
 TEXT = """
 format = 2
@@ -105,7 +107,7 @@ def test_events_need_the_certified_planner():
 
 def parts(text):
     flight = build_flight(loads(text))
-    return flight.kinds[0].vehicles.at(0)
+    return flight.groups[0].vehicles.at(0)
 
 
 def test_a_perfect_world_is_the_default():
@@ -113,7 +115,7 @@ def test_a_perfect_world_is_the_default():
     assert isinstance(vehicle.sensors, IdealSensors)
     assert isinstance(vehicle.estimator, DirectEstimator)
     assert isinstance(vehicle.gusts, NoGusts)
-    assert np.isinf(vehicle.faults.leaving_time)
+    assert np.isinf(vehicle.faults.departure_time)
 
 
 def test_each_table_builds_its_part():

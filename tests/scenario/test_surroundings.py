@@ -8,8 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from anser.config import ScenarioError
 from anser.environment import FlatEarth, LayeredWind, RotatingEarth, SteadyWind
-from anser.scenario import ScenarioError, build_environment, loads
+from anser.scenario import loads
+from anser.scenario.build_environment import build_environment
 from anser.units import DEG_RAD
 
 TEXT = (Path(__file__).parents[2] / "scenarios" / "three-aircraft.toml").read_text()

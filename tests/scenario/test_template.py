@@ -8,12 +8,11 @@ from typing import get_args
 import pytest
 from pydantic import BaseModel
 
-from anser.scenario.airframe_file import AirframeFile, DaveMlFile
-from anser.scenario.errors import ScenarioError
-from anser.scenario.load import load, loads
-from anser.scenario.schema import Scenario
-from anser.scenario.schema_deviation import F16_FACTORS, CoefficientFactors
-from anser.scenario.template import starter_scenario, write_starter
+from anser.aircraft_files import AirframeFile, DaveMlFile
+from anser.aircraft_files.deviations import F16_FACTORS, CoefficientFactors
+from anser.config import ScenarioError
+from anser.scenario import Scenario, load, loads, write_starter
+from anser.scenario.files import starter_scenario
 
 
 def models_in(annotation: object) -> list[type[BaseModel]]:

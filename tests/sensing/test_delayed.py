@@ -5,11 +5,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.aircraft import AircraftState, Deflections, EnginePower, condition
+from anser.aircraft import AircraftState, flight_condition
+from anser.aircraft.actuators import Deflections
+from anser.aircraft.engines import EnginePower
+from anser.aircraft_files import load_airframe
 from anser.environment import standard_environment
-from anser.scenario import load_airframe
-from anser.sensing import DelayedSensors, GoalState, IdealSensors, Instant, Truth
-from anser.sensing.delayed import Sample, Samples
+from anser.parts import GoalState, Instant, Truth
+from anser.sensing import DelayedSensors, IdealSensors
+from anser.sensing.ideal_sensors import SampleRing, SensorSample
 from anser.spatial import quaternion_from_euler
 
 AIRFRAME, ENVIRONMENT = load_airframe(), standard_environment()
@@ -29,7 +32,7 @@ def true_at(k):
     )
     instant = Instant(ENVIRONMENT, jnp.asarray(k, dtype=jnp.int32), jnp.asarray(STEP))
     goal = GoalState(jnp.array([3000.0, 500.0, 0.0]), jnp.array([5.0, 0.0, 0.0]))
-    return Truth(AIRFRAME, state, condition(AIRFRAME, ENVIRONMENT, 0.0, state), goal), instant
+    return Truth(AIRFRAME, state, flight_condition(AIRFRAME, ENVIRONMENT, 0.0, state), goal), instant
 
 
 def steady(delay_max):
@@ -39,13 +42,13 @@ def steady(delay_max):
 
 def ring():
     """Memory for the longest delay, full of sample 0."""
-    return Samples(jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (12, *jnp.shape(leaf))), sample_at(0)))
+    return SampleRing(jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (12, *jnp.shape(leaf))), sample_at(0)))
 
 
 def sample_at(k):
     """A reading that changes in every number, as a line in time but for the attitude."""
     x = 1.0 * k
-    return Sample(
+    return SensorSample(
         AircraftState(
             position_n=jnp.array([x, 2 * x, -1000.0]),
             velocity_b=jnp.array([100.0 + x, x, -x]),
@@ -67,7 +70,7 @@ def late():
     @jax.jit
     def all_of(periods):
         def one(readings, k):
-            readings = readings.with_next(k, jax.tree.map(lambda leaf: leaf[k], samples))
+            readings = readings.with_sample(k, jax.tree.map(lambda leaf: leaf[k], samples))
             return readings, readings.late(k, periods)
 
         return jax.lax.scan(one, ring(), jnp.arange(30))[1]
@@ -115,7 +118,7 @@ def test_readings_are_the_truth_of_before(periods):
     before = 11 - periods
     np.testing.assert_allclose(reading.state.position_n[0], 150.0 * STEP * before, atol=1e-9)
     np.testing.assert_allclose(float(jnp.linalg.norm(reading.state.quaternion)), 1.0, atol=1e-15)
-    np.testing.assert_allclose(reading.now.air_data.V, 150.0, rtol=1e-12)
+    np.testing.assert_allclose(reading.condition.air_data.V, 150.0, rtol=1e-12)
     # the line of sight is never between samples: that of the even number next to it
     seen, _ = IdealSensors().read(None, *true_at(round(before)) if periods != 2.5 else true_at(9))
     for ours, ideal in zip(jax.tree.leaves(reading.sight), jax.tree.leaves(seen.sight), strict=True):

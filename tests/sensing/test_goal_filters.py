@@ -11,9 +11,12 @@ import pytest
 from scipy import stats
 
 from anser.environment import standard_environment
-from anser.sensing import GOAL_DIVERGED, CoordinatedTurn, GoalFilter, GoalReading, Instant, SteadyMotion
-from anser.sensing.goal_filters import OwnMotion, expected
+from anser.parts import GoalReading, Instant
+from anser.parts.perception import GOAL_DIVERGED
+from anser.sensing import GoalFilter
+from anser.sensing.goal_filters import VehicleMotion, predicted_measurement
 from anser.sensing.kalman import SigmaPoints, cholesky
+from anser.sensing.motion_models import CoordinatedTurn, SteadyMotion
 
 STEP = 1.0
 ENVIRONMENT = standard_environment()
@@ -43,7 +46,7 @@ def own_at(number):
     angle = 0.02 * t
     place = jnp.stack([3000.0 * jnp.sin(angle), -2000.0 + 3000.0 * jnp.cos(angle), jnp.asarray(-800.0)])
     velocity = jnp.stack([60.0 * jnp.cos(angle), -60.0 * jnp.sin(angle), jnp.asarray(0.0)])
-    return OwnMotion(place, velocity)
+    return VehicleMotion(place, velocity)
 
 
 def instant_at(number):
@@ -72,12 +75,12 @@ def simulate(tracker, normals, uniforms, seen=None):
         state, mode, track = carry
         number = k + 1
         mode = jnp.where(uniforms[k, 0] < stay, mode, 1 - mode) if len(models) > 1 else mode
-        moved = jnp.stack([model.moved(state, STEP) for model in models])
+        moved = jnp.stack([model.predict_state(state, STEP) for model in models])
         roots = jnp.stack([cholesky(model.noise(jnp.asarray(STEP))) for model in models])
         state = moved[mode] + jnp.sum(roots[mode] * normals[k, None, :n], axis=1)
         own, instant = own_at(number), instant_at(number)
         empty = GoalReading(jnp.zeros(6), SIGMAS, MEASURED, number, "sight")
-        values = expected(empty, state[:6], own, instant) + SIGMAS * normals[k, 7:13]
+        values = predicted_measurement(empty, state[:6], own, instant) + SIGMAS * normals[k, 7:13]
         measured = MEASURED if seen is None else MEASURED & seen[k]
         reading = GoalReading(values, SIGMAS, measured, number, "sight")
         track, found = tracker.step(track, reading, own, instant)
@@ -146,7 +149,7 @@ def test_the_error_is_close_to_the_cramer_rao_bound(kind):
 
     def slopes(state, number):
         empty = GoalReading(jnp.zeros(6), SIGMAS, MEASURED, number, "sight")
-        return jax.jacfwd(lambda s: expected(empty, s, own_at(number), instant_at(number)))(state)[:3]
+        return jax.jacfwd(lambda s: predicted_measurement(empty, s, own_at(number), instant_at(number)))(state)[:3]
 
     all_slopes = jax.jit(jax.vmap(jax.vmap(slopes, in_axes=(0, 0)), in_axes=(0, None)))(
         rows.truth, jnp.arange(1, truth.shape[1] + 1)
@@ -177,7 +180,7 @@ def test_late_and_disordered_measurements_are_as_good_as_those_in_order():
         state = jnp.asarray(np.concatenate([truth[:3] + k * STEP * truth[3:], truth[3:]]))
         number = jnp.asarray(k, dtype=jnp.int32)
         empty = GoalReading(jnp.zeros(6), SIGMAS, MEASURED, number, "sight")
-        values = expected(empty, state, own_at(number), instant_at(number)) + SIGMAS * rng.normal(size=6)
+        values = predicted_measurement(empty, state, own_at(number), instant_at(number)) + SIGMAS * rng.normal(size=6)
         readings.append(GoalReading(values, SIGMAS, MEASURED, number, "sight"))
 
     def fly(filter_, arrivals):
@@ -210,7 +213,9 @@ def test_dropouts_leave_what_is_predicted():
     np.testing.assert_array_equal(after.means, track.means)
     np.testing.assert_allclose(found.mean[:3], START[:3] + 5 * STEP * START[3:], rtol=1e-12)
     np.testing.assert_allclose(
-        found.covariance, STEADY.spread(START, jnp.diag(START_SIGMAS**2), jnp.asarray(5.0 * STEP)), rtol=1e-12
+        found.covariance,
+        STEADY.predict_covariance(START, jnp.diag(START_SIGMAS**2), jnp.asarray(5.0 * STEP)),
+        rtol=1e-12,
     )
 
 
@@ -225,7 +230,7 @@ def test_one_wild_measurement_is_no_divergence_and_a_goal_that_goes_elsewhere_is
             own, instant = own_at(k), instant_at(k)
             truth = START.at[:3].add(k * STEP * START[3:])
             empty = GoalReading(jnp.zeros(6), SIGMAS, MEASURED, k, "sight")
-            values = expected(empty, truth, own, instant) + jnp.where(wild[k], off * SIGMAS, 0.0)
+            values = predicted_measurement(empty, truth, own, instant) + jnp.where(wild[k], off * SIGMAS, 0.0)
             track, found = tracker.step(track, GoalReading(values, SIGMAS, MEASURED, k, "sight"), own, instant)
             return track, found.status
 
@@ -257,13 +262,13 @@ def test_gradients_are_finite_and_batches_are_single_runs():
 @pytest.mark.parametrize("rate", [0.0, 1e-9, 2e-3, 0.3, -0.3])
 def test_turns_are_circles(rate):
     state = jnp.array([10.0, -20.0, 5.0, 12.0, 5.0, -1.0, rate])
-    whole = TURN.moved(state, jnp.asarray(7.0))
-    halves = TURN.moved(TURN.moved(state, jnp.asarray(3.5)), jnp.asarray(3.5))
+    whole = TURN.predict_state(state, jnp.asarray(7.0))
+    halves = TURN.predict_state(TURN.predict_state(state, jnp.asarray(3.5)), jnp.asarray(3.5))
     np.testing.assert_allclose(whole, halves, rtol=1e-10, atol=1e-9)
     np.testing.assert_allclose(jnp.sum(whole[3:5] ** 2), 169.0, rtol=1e-12)
     course = jnp.arctan2(whole[4], whole[3]) - jnp.arctan2(state[4], state[3])
     np.testing.assert_allclose(course, 7.0 * rate, atol=1e-9)
-    assert np.all(np.isfinite(jax.jacfwd(lambda s: TURN.moved(s, jnp.asarray(7.0)))(state)))
+    assert np.all(np.isfinite(jax.jacfwd(lambda s: TURN.predict_state(s, jnp.asarray(7.0)))(state)))
 
 
 class TestStoneSoup:

@@ -9,8 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from anser.environment import FlatEarth, wgs84_earth
+from anser.parts import GoalState
 from anser.planning import straight_goal
-from anser.sensing import GoalState, goal_seen, line_of_sight
+from anser.sensing.estimators import goal_from_sight
+from anser.sensing.ideal_sensors import line_of_sight
 from anser.units import DEG_RAD, RAD_DEG
 
 EARTHS = {"flat": FlatEarth(jnp.asarray(9.81)), "round": wgs84_earth(45 * DEG_RAD, 10 * DEG_RAD)}
@@ -21,7 +23,7 @@ vectors = st.tuples(*(st.floats(-1.0, 1.0),) * 3)
 def seen(earth, goal, time, own_n, velocity_n):
     """The goal as it is recovered from what an ideal sensor reads."""
     sight = line_of_sight(earth, own_n, velocity_n, GoalState(goal.position_n(time), goal.velocity_n(time)))
-    return goal_seen(earth, sight, own_n, velocity_n)
+    return goal_from_sight(earth, sight, own_n, velocity_n)
 
 
 @pytest.mark.parametrize("name", EARTHS)

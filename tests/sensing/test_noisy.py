@@ -5,14 +5,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.aircraft import AircraftState, Deflections, EnginePower, condition
+from anser.aircraft import AircraftState, flight_condition
+from anser.aircraft.actuators import Deflections
+from anser.aircraft.engines import EnginePower
 from anser.environment import standard_environment
-from anser.numerics import seeded
-from anser.scenario.build_sensing import goal_sensor, own_sensors
+from anser.numerics import flight_randomness
+from anser.parts import Fix, GoalState, Instant, Truth
+from anser.scenario.build_sensing import build_goal_sensor, build_vehicle_sensors
 from anser.scenario.schema_sensing import GoalSensor, Navigation
-from anser.sensing import AirFilter, Dropouts, GoalState, Instant, NavigationFilter, Truth
-from anser.sensing.dropouts import gauss_markov
-from anser.sensing.interface import Fix
+from anser.sensing.navigation import AirFilter, NavigationFilter
+from anser.sensing.vehicle_sensors import Dropouts, gauss_markov
 from support.light_aircraft import light_aircraft
 
 ENVIRONMENT = standard_environment()
@@ -30,11 +32,11 @@ def truth_at(k, works=True, place=(3000.0, 500.0, 0.0)):
         engine=EnginePower(jnp.asarray(20.0)),
     )
     goal = GoalState(jnp.array(place), jnp.array([5.0, 0.0, 0.0]))
-    return Truth(AIRFRAME, state, condition(AIRFRAME, ENVIRONMENT, 0.0, state), goal, jnp.asarray(works))
+    return Truth(AIRFRAME, state, flight_condition(AIRFRAME, ENVIRONMENT, 0.0, state), goal, jnp.asarray(works))
 
 
 def instant_at(k, aircraft=0):
-    source = seeded(3).of_aircraft(jnp.asarray(aircraft))
+    source = flight_randomness(3).for_aircraft(jnp.asarray(aircraft))
     return Instant(ENVIRONMENT, jnp.asarray(k, dtype=jnp.int32), jnp.asarray(STEP), source)
 
 
@@ -68,8 +70,8 @@ def test_outages_come_in_bursts_of_the_mean_duration():
     numbers = jnp.asarray(np.random.default_rng(1).random((40_000, 50, 2)))
 
     def step(outage, u):
-        after = jax.vmap(drop.after, in_axes=(0, None, 0))(outage, 0.1, u[:, 0])
-        return after, (after, jax.vmap(drop.lost)(after, u[:, 1]))
+        after = jax.vmap(drop.next_outage, in_axes=(0, None, 0))(outage, 0.1, u[:, 0])
+        return after, (after, jax.vmap(drop.is_lost)(after, u[:, 1]))
 
     outage, lost = (np.asarray(x) for x in jax.lax.scan(step, jax.vmap(drop.first)(numbers[0, :, 0]), numbers)[1])
     np.testing.assert_allclose(outage.mean(), 0.05, rtol=0.1)
@@ -79,9 +81,11 @@ def test_outages_come_in_bursts_of_the_mean_duration():
 
 
 def test_a_camera_measures_range_and_angles_with_its_errors():
-    found = readings(goal_sensor(GoalSensor(preset="camera", range_bias_m=0.0)), 3000, place=(50_000.0, 9000.0, 0.0))
+    found = readings(
+        build_goal_sensor(GoalSensor(preset="camera", range_bias_m=0.0)), 3000, place=(50_000.0, 9000.0, 0.0)
+    )
     assert not np.any(found.measured)  # out of range
-    found = readings(goal_sensor(GoalSensor(preset="camera", range_max_m=1e5)), 400)
+    found = readings(build_goal_sensor(GoalSensor(preset="camera", range_max_m=1e5)), 400)
     assert np.all(np.asarray(found.measured)[:, :3])
     assert not np.any(np.asarray(found.measured)[:, 3:])
     north = 3000.0 - 10.0 * np.arange(400)
@@ -96,7 +100,7 @@ def test_a_camera_measures_range_and_angles_with_its_errors():
 
 
 def test_field_of_view_failure_and_period():
-    ahead = goal_sensor(GoalSensor(preset="camera", half_angle_deg=30.0, range_max_m=1e5, period_s=0.5))
+    ahead = build_goal_sensor(GoalSensor(preset="camera", half_angle_deg=30.0, range_max_m=1e5, period_s=0.5))
     found = np.asarray(readings(ahead, 400).measured).any(axis=1)
     assert np.all(np.flatnonzero(found) % 5 == 0)
     north = 3000.0 - 10.0 * np.arange(400)
@@ -106,7 +110,7 @@ def test_field_of_view_failure_and_period():
 
 
 def test_late_measurements_arrive_when_they_are_due_and_say_when_they_were_made():
-    late = goal_sensor(GoalSensor(preset="ads-b", latency_s=(0.5, 2.0), period_s=0.5))
+    late = build_goal_sensor(GoalSensor(preset="ads-b", latency_s=(0.5, 2.0), period_s=0.5))
     found = readings(late, 600)
     here = np.asarray(found.measured).any(axis=1)
     delay = (np.arange(600) - np.asarray(found.number))[here] * STEP
@@ -119,11 +123,13 @@ def test_late_measurements_arrive_when_they_are_due_and_say_when_they_were_made(
 
 
 def test_satellite_navigation_and_inertial_sensors():
-    sensors = own_sensors(Navigation(sensors="satellite-inertial", noise_m=0.5, period_s=1.0, correlation_s=20.0))
+    sensors = build_vehicle_sensors(
+        Navigation(sensors="satellite-inertial", noise_m=0.5, period_s=1.0, correlation_s=20.0)
+    )
     read = jax.jit(lambda k: readings(sensors, 300, aircraft=k))
     rows = [read(k) for k in range(40)]
     true = 10.0 * np.arange(300)
-    new = np.asarray(rows[0].fix.new)
+    new = np.asarray(rows[0].fix.is_new)
     assert np.all(np.flatnonzero(new) % 10 == 0)
     off = np.stack([np.asarray(r.fix.position_n[:, 0])[new] - true[new] for r in rows])
     np.testing.assert_allclose(off.std(), np.hypot(2.0, 0.5), rtol=0.12)

@@ -9,9 +9,11 @@ import pytest
 from filterpy.kalman import ExtendedKalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
 
 from anser.environment import standard_environment
-from anser.sensing import CoordinatedTurn, GoalFilter, GoalReading, Instant
-from anser.sensing.goal_filters import OwnMotion
+from anser.parts import GoalReading, Instant
+from anser.sensing import GoalFilter
+from anser.sensing.goal_filters import VehicleMotion
 from anser.sensing.kalman import SigmaPoints
+from anser.sensing.motion_models import CoordinatedTurn
 
 STEP, SAMPLES = 1.0, 60
 SIGMAS = np.array([10.0, 3e-3, 3e-3])
@@ -161,7 +163,7 @@ def anser_estimates(kind, values, seen):
             "sight",
         )
         instant = Instant(environment, number, jnp.asarray(STEP))
-        track, estimate = tracker.step(track, reading, OwnMotion(own, jnp.asarray(OWN_VELOCITY)), instant)
+        track, estimate = tracker.step(track, reading, VehicleMotion(own, jnp.asarray(OWN_VELOCITY)), instant)
         return track, (estimate.mean, estimate.covariance)
 
     numbers = np.arange(1, SAMPLES + 1, dtype=np.int32)

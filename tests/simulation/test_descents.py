@@ -6,15 +6,15 @@ The hundred tasks of which these are some: trials/test_descents.py.
 import pytest
 
 import anser
-from anser.execution.plan_output import record_published
+from anser.missions.plan_output import record_published
 from anser.simulation import STATUS_MESSAGES
-from anser.simulation.status import BROKE_OFF
+from anser.simulation.closed_loop import BREAKAWAY
 from support.descents import descending_task, flown_descent
 
 pytestmark = pytest.mark.long
 
 
-BROKE = STATUS_MESSAGES[BROKE_OFF]
+BROKE = STATUS_MESSAGES[BREAKAWAY]
 
 
 @pytest.fixture(scope="module")

@@ -9,11 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-import anser.planning.published_planner as planner_module
+import anser.planning.published.planner as planner_module
 from anser import simulation
 from anser.scenario import build_flight, load
 from anser.simulation import SEGMENT_STEPS, STATUS_MESSAGES
-from anser.simulation.status import NOT_FINITE
+from anser.simulation.closed_loop import NOT_FINITE
 from anser.variables import RECORDED_KEYS
 from support.fleet_flight import own, segment, started, with_own
 
@@ -43,7 +43,7 @@ def with_the_plan_standing(three):
     """
     segment(*three)  # compiled before the patch, which the name under which a program is kept does not tell
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(planner_module, "renew", lambda plan, *others: (plan, jnp.asarray(False)))
+        patch.setattr(planner_module, "replan", lambda plan, *others: (plan, jnp.asarray(False)))
         compiled = eqx.filter_jit(lambda flight, state: fly(flight, state), compiler_options=PLAIN)
         compiled(*three)
         yield compiled
@@ -71,9 +71,9 @@ def test_history_holds_exactly_the_catalogue(begun):
 def test_first_row_is_the_scenario_start(filled_up, begun):
     flight, _ = filled_up
     _, history = begun
-    np.testing.assert_allclose(history["north"][0], flight.kinds[0].start_positions_n[:, 0], atol=1e-9)
-    np.testing.assert_allclose(history["airspeed"][0], flight.kinds[0].starts.speed, rtol=1e-12)
-    np.testing.assert_allclose(history["course"][0], flight.kinds[0].starts.course, atol=1e-12)
+    np.testing.assert_allclose(history["north"][0], flight.groups[0].start_positions_n[:, 0], atol=1e-9)
+    np.testing.assert_allclose(history["airspeed"][0], flight.groups[0].starts.speed, rtol=1e-12)
+    np.testing.assert_allclose(history["course"][0], flight.groups[0].starts.course, atol=1e-12)
     np.testing.assert_allclose(history["path_angle"][0], 0.0, atol=1e-12)
 
 
@@ -103,11 +103,11 @@ def test_a_number_that_is_none_stops_its_aircraft_alone(filled_up, begun):
 
 @pytest.mark.long
 def test_a_step_compiled_as_one_kernel_is_the_same_step(three, with_the_plan_standing):
-    _, in_one_kernel = segment(*three)
+    _, is_tracing_single_kernel = segment(*three)
     _, plain = with_the_plan_standing(*three)
     for key, values in plain.items():
         scale = 1.0 + float(np.max(np.abs(np.asarray(values, dtype=float))))
-        found = np.asarray(in_one_kernel[key][:STEPS], dtype=float)
+        found = np.asarray(is_tracing_single_kernel[key][:STEPS], dtype=float)
         np.testing.assert_allclose(found, values, atol=1e-9 * scale, rtol=0.0, err_msg=key)
 
 

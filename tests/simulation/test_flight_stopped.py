@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from anser.scenario import build_flight, load, loads
-from anser.simulation.status import AT_GROUND, NO_TRIM
+from anser.simulation.closed_loop import AT_GROUND, NO_TRIM
 from support.fleet_flight import own, segments, started, with_own
 
 pytestmark = pytest.mark.long

@@ -8,10 +8,11 @@ from jaxtyping import Array
 
 from anser.control import NamedCommands, dave_ml_law
 from anser.environment import standard_environment
-from anser.sensing import DirectEstimator, IdealSensors, Instant
-from anser.simulation import AbstractRecorder, Vehicle, fly_alone, solve_trim, trim_target, trimmed_vehicle
-from anser.verification.dave_ml_files import published_model
-from anser.verification.prompt_f16 import prompt_f16
+from anser.parts import Instant
+from anser.sensing import DirectEstimator, IdealSensors
+from anser.simulation import AbstractRecorder, Vehicle, fly_alone, trimmed_vehicle
+from anser.steady import solve_trim, trim_target
+from anser.verification.nasa_f16 import prompt_f16, published_model
 
 STEP_S = 0.0025
 
@@ -19,7 +20,7 @@ STEP_S = 0.0025
 def level(trim, airspeed, altitude):
     """What the law is told: autopilot on, hands off the stick, the trim as feed-forward, 100 ft up after a second."""
     return NamedCommands(
-        held={
+        initial_commands={
             **dict.fromkeys((f"pilotControl_{axis}" for axis in ("throttle", "long", "lat", "yaw")), 0.0),
             "stabilityAugmentationOn_disc": 1.0,
             "autopilotOn_disc": 1.0,
@@ -50,14 +51,14 @@ def flown(law, airframe, altitude):
 class Altitude(AbstractRecorder):
     """Altitude, m."""
 
-    every: int = 40
+    stride: int = 40
 
     def init(self, aircraft: int) -> None: ...
 
-    def take(self, memory, sample, instant) -> None: ...
+    def update(self, memory, sample, instant) -> None: ...
 
-    def row(self, sample, instant) -> Array:
-        return sample.truth.now.air_data.altitude
+    def output(self, sample, instant) -> Array:
+        return sample.truth.condition.air_data.altitude
 
 
 @pytest.mark.long

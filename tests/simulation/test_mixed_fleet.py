@@ -6,22 +6,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from anser.aircraft_files import load_airframe
 from anser.control import FollowPlan, GuidanceSettings, InversionAutopilot, default_limits, published_gains
 from anser.environment import standard_environment
-from anser.numerics import structure_of
-from anser.planning import make_rendezvous, straight_goal
-from anser.scenario import load_airframe
+from anser.numerics.arrays import tree_signature
+from anser.parts import make_rendezvous
+from anser.planning import straight_goal
+from anser.planning.holds.hold_around_goal import HoldAroundGoal
 from anser.sensing import DirectEstimator, IdealSensors
-from anser.simulation import (
-    HoldAroundGoal,
-    Mission,
-    SummaryRecorder,
-    Vehicle,
-    assemble,
-    fly,
-    start_flight,
-    trim_target,
-)
+from anser.simulation import Mission, SummaryRecorder, Vehicle, assemble, fly, start_flight
+from anser.steady import trim_target
 from support.light_aircraft import light_aircraft
 from support.straight_lines import StraightLines
 
@@ -91,7 +85,7 @@ def test_two_kinds_make_a_fleet_of_three(mixed):
     assert flight.members == ((0, 2), (1,))
     assert flight.count == 3
     first, other = (flight.aircraft(k)[0] for k in (0, 1))
-    assert structure_of(first) != structure_of(other)
+    assert tree_signature(first) != tree_signature(other)
     masses = [float(flight.aircraft(k)[0].airframe.mass_properties.mass) for k in range(3)]
     np.testing.assert_allclose(masses, [9295.44, 1247.4, 9298.6], rtol=2e-3)
 

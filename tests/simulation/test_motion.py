@@ -7,11 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.aircraft import Controls, state_derivative
+from anser.aircraft import Controls
+from anser.aircraft.motion import state_derivative
+from anser.aircraft_files import load_airframe
 from anser.environment import standard_environment
-from anser.scenario.library import load_airframe
-from anser.simulation.motion import advance
-from anser.spatial import rotate, rotation_from_quaternion
+from anser.simulation.vehicle import advance
+from anser.spatial import rotation_from_quaternion
+from anser.spatial.rotations import rotate
 from support.light_aircraft import light_aircraft
 from support.states import make_controls, make_state
 from support.trims import SAMPLES, fly, target_deg, trim
@@ -127,7 +129,9 @@ def test_steady_wind_shifts_the_flight_exactly(f16_case):
 def test_surfaces_stop_at_their_limits_in_flight(f16_case):
     point, _ = f16_case
     path = fly(F16, STILL, point.state, make_controls((1.0, -1.0, 1.0)), 0.01, 10)
-    np.testing.assert_allclose(_last(path).surfaces, F16.actuators.limited(jnp.array([1.0, -1.0, 1.0])), atol=1e-4)
+    np.testing.assert_allclose(
+        _last(path).surfaces, F16.actuators.limit_command(jnp.array([1.0, -1.0, 1.0])), atol=1e-4
+    )
     assert (np.abs(path.surfaces) <= np.asarray(F16.actuators.upper) + 1e-15).all()
 
 

@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 
 from anser.aircraft import Controls
-from anser.control import AbstractController
-from anser.numerics import Stacked
-from anser.planning import AbstractPlanner, AbstractReference
+from anser.numerics.arrays import Stacked
+from anser.parts import AbstractController, AbstractPlanner, AbstractReference, AbstractSensors
 from anser.scenario import build_flight, load
-from anser.sensing import AbstractSensors, IdealSensors
+from anser.sensing import IdealSensors
 from anser.shapes import Scalar, Vector3
 from anser.simulation import STATUS_MESSAGES, History, assemble, fly, start_flight
-from anser.simulation.status import BROKE_OFF, PLAN_TOO_NEAR, TOO_NEAR
+from anser.simulation.closed_loop import BREAKAWAY, PLAN_TOO_NEAR, TOO_NEAR
 from support.straight_lines import Line, StraightLines
 
 SCENARIO = Path(__file__).parents[2] / "scenarios" / "three-aircraft.toml"
@@ -42,13 +41,13 @@ class Proportional(AbstractController):
         return {"surfaces": state.surfaces, "throttle": jnp.asarray(0.2), "alpha": attitude[1]}
 
     def control(self, memory, belief, command, step):
-        now, rates_b = belief.now, belief.state.rates_b
+        now, rates_b = belief.condition, belief.state.rates_b
         velocity_n = now.R_bn.T @ belief.state.velocity_b - now.wind_n
         gamma = jnp.arctan2(-velocity_n[2], jnp.hypot(velocity_n[0], velocity_n[1]))
         chi = jnp.arctan2(velocity_n[1], velocity_n[0])
         turn = jnp.arctan2(jnp.sin(command.chi - chi), jnp.cos(command.chi - chi))
         roll = jnp.arctan2(now.R_bn[1, 2], now.R_bn[2, 2])
-        bank = jnp.clip(2.0 * turn + belief.now.air_data.V * command.chi_dot / 9.81, -0.9, 0.9)
+        bank = jnp.clip(2.0 * turn + belief.condition.air_data.V * command.chi_dot / 9.81, -0.9, 0.9)
         pitch = 0.35 * (command.gamma - gamma) - 0.4 * rates_b[1] + 0.03 * (jnp.cos(roll) ** -1 - 1.0)
         surfaces = memory["surfaces"] + jnp.stack([-pitch, -0.4 * (bank - roll) + 0.2 * rates_b[0], 0.4 * rates_b[2]])
         throttle = jnp.clip(memory["throttle"] + 0.05 * (command.V - now.air_data.V), 0.0, 1.0)
@@ -74,7 +73,7 @@ def three():
 
 def rebuilt(flight, planner=None, **parts):
     """The flight with other parts in every aircraft."""
-    (kind,) = flight.kinds
+    (kind,) = flight.groups
     aircraft = []
     for k in range(flight.count):
         vehicle, start, place = flight.aircraft(k)
@@ -161,12 +160,12 @@ class Feints(AbstractPlanner):
 
     duration: Scalar
 
-    def first(self, time, reports, performance):
+    def first_plan(self, time, reports, performance):
         to_goal = StraightLines(self.duration, -reports.rendezvous.stand_off_n[0])
-        plan = to_goal.first(time, reports, performance)
+        plan = to_goal.first_plan(time, reports, performance)
         return eqx.tree_at(lambda p: p.trajectory, plan, Feint(plan.trajectory, plan.arrival_time))
 
-    def renew(self, memory, time, reports):
+    def replan(self, memory, time, reports):
         return memory
 
     def observe(self, memory, reports, number, step, randomness):
@@ -197,7 +196,7 @@ def test_who_is_led_to_its_goal_breaks_off_into_its_hold_before_it_is_too_near(o
     flight = rebuilt(three(), Feints(jnp.asarray(50.0)))
     _, history = flown(flight if on_surface else airborne(flight, 900.0))
     status, clearance = history["status"], history["clearance"]
-    broke = {BROKE_OFF, TOO_NEAR} if on_surface else {TOO_NEAR}
+    broke = {BREAKAWAY, TOO_NEAR} if on_surface else {TOO_NEAR}
     for k in range(3):
         (left,) = np.nonzero(status[:, k] != 0)
         assert set(status[left, k]) <= broke

@@ -9,14 +9,14 @@ import pytest
 from jax._src import source_info_util
 
 import anser
-from anser.numerics import in_precision
-from anser.planning import AircraftPlan
-from anser.planning.timed_path import TimedPath
+from anser.numerics.arrays import cast_to_precision
+from anser.parts import AircraftPlan, Instant
+from anser.planning import TimedPath
+from anser.planning.holds.hold_paths import HoldCircle, PlannedHolds
 from anser.scenario import build_flight
-from anser.sensing import Instant
-from anser.simulation import PlannedHolds, flight_in, trimmed_fleet
 from anser.simulation.closed_loop import act, perceive
-from anser.simulation.planned_hold import HoldCircle
+from anser.simulation.precision import cast_flight
+from anser.simulation.start import trimmed_fleet
 
 PLACES = Path(__file__).parents[2]
 THREE = "scenarios/three-aircraft.toml"
@@ -72,15 +72,15 @@ def float64_of_a_step(path):
     flight = build_flight(scenario)
     fleet = jax.eval_shape(trimmed_fleet, flight)
     plan = published_plan(flight, fleet) if scenario.fleet.planner == "published" else certified_plan()
-    flown, found = flight_in(flight, "float32"), set()
-    for kind, states in zip(flown.kinds, in_precision(fleet.vehicles, np.float32), strict=True):
+    flown, found = cast_flight(flight, "float32"), set()
+    for kind, states in zip(flown.groups, cast_to_precision(fleet.vehicles, np.float32), strict=True):
 
         def step(vehicle, state, number, plan):
             instant = Instant(flown.environment, number, flown.timing.step, flown.randomness)
             return act(vehicle, state, perceive(vehicle, state, instant), instant, plan, flown.timing.freeze)
 
         number = jnp.asarray(0, dtype=jnp.int32)
-        vehicle, state, plan = kind.vehicles.at(0), of_one(states), in_precision(plan, np.float32)
+        vehicle, state, plan = kind.vehicles.at(0), of_one(states), cast_to_precision(plan, np.float32)
         found |= float64_in(jax.make_jaxpr(step)(vehicle, state, number, plan).jaxpr)
     return found
 

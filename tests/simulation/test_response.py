@@ -1,7 +1,7 @@
 """Step responses of another airframe: the same autopilot, gains and code fly a light propeller aircraft.
 
 Each channel alone and all three of a loop together overshoot by less than 10 percent and end within 1 percent, as the
-published ones of the F-16 do (tests/execution/test_stepping.py).
+published ones of the F-16 do (tests/analysis/test_stepping.py).
 """
 
 from typing import NamedTuple
@@ -14,8 +14,9 @@ import pytest
 
 from anser.control import default_limits, published_gains
 from anser.environment import standard_environment
-from anser.simulation.response import LoopCase, step_response
-from anser.simulation.trim import solve_trim, trim_target
+from anser.simulation import step_response
+from anser.simulation.response import LoopCase
+from anser.steady import solve_trim, trim_target
 from support.light_aircraft import light_aircraft
 
 pytestmark = pytest.mark.long

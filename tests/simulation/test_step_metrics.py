@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anser.simulation.step_metrics import step_metrics
+from anser.simulation.response import step_metrics
 
 TIME = jnp.arange(4000) * 0.005
 STOPS = (jnp.full(3, -0.4), jnp.full(3, 0.4))
@@ -55,7 +55,7 @@ def test_what_is_not_reached_is_infinite_and_named_nowhere_else():
 def test_surface_use_counts_the_way_to_the_stop_on_each_side():
     surfaces = STILL.at[:, 0].set(0.1).at[5, 0].set(0.25).at[7, 1].set(-0.4).at[9, 2].set(0.2)
     found = step_metrics(TIME, _channels(TIME), jnp.array([1.0, 0.0, 0.0]), surfaces, STOPS)
-    np.testing.assert_allclose(found.surface_use, [0.5, 1.0, 0.5], rtol=1e-12)
+    np.testing.assert_allclose(found.surface_utilization, [0.5, 1.0, 0.5], rtol=1e-12)
 
 
 def test_batched():

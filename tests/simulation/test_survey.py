@@ -6,28 +6,18 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.aircraft import condition
-from anser.control import (
-    default_limits,
-    published_gains,
-)
+from anser.aircraft import flight_condition
+from anser.aircraft_files import load_airframe
+from anser.control import default_limits, published_gains
 from anser.control.autopilot import velocity_control
 from anser.control.onboard_model import onboard_model
 from anser.environment import standard_environment
-from anser.planning import PathCommand
-from anser.scenario.library import load_airframe
-from anser.simulation import (
-    AUTOPILOT_LIMITS,
-    BETA_BOUND,
-    TABLE_AXES,
-    TRIM_STOPS,
-    TrimTarget,
-    advance,
-    map_point,
-    survey_flight,
-)
-from anser.simulation.response import believed, trimmed_memory
-from anser.simulation.step_metrics import step_metrics
+from anser.parts import PathCommand
+from anser.simulation.response import exact_belief, step_metrics, trimmed_autopilot_state
+from anser.simulation.survey_flight import AUTOPILOT_LIMITS, BETA_BOUND, TABLE_AXES, survey_flight
+from anser.simulation.vehicle import advance
+from anser.steady import TrimTarget
+from anser.steady.trim import TRIM_OBSTACLES, trim_map_point
 
 pytestmark = pytest.mark.long
 
@@ -60,7 +50,7 @@ def points():
     h, V, gamma, turn = (jnp.asarray(column) for column in np.array(list(POINTS.values())).T)
     zero = jnp.zeros_like(h)
     targets = TrimTarget(V, h, gamma, zero, turn, zero)
-    found = eqx.filter_jit(jax.vmap(lambda target: map_point(AIRFRAME, ENVIRONMENT, target)))(targets)
+    found = eqx.filter_jit(jax.vmap(lambda target: trim_map_point(AIRFRAME, ENVIRONMENT, target)))(targets)
     return {name: jax.tree.map(lambda leaf, k=k: leaf[k], (found, targets)) for k, name in enumerate(POINTS)}
 
 
@@ -70,8 +60,8 @@ def _history(trim, target, size):
     def one(carry, k):
         state, memory = carry
         time = k * STEP
-        now = condition(AIRFRAME, ENVIRONMENT, time, state)
-        model = onboard_model(believed(AIRFRAME, ENVIRONMENT, state), LIMITS, GAINS, memory, STEP)
+        now = flight_condition(AIRFRAME, ENVIRONMENT, time, state)
+        model = onboard_model(exact_belief(AIRFRAME, ENVIRONMENT, state), LIMITS, GAINS, memory, STEP)
         course = target.course + target.turn_rate * time
         zero = jnp.zeros(())
         command = PathCommand(
@@ -82,7 +72,7 @@ def _history(trim, target, size):
         row = (time, state, now, controls, signals, course, AIRFRAME.outside_tables(now.air_data))
         return (after, memory), row
 
-    return jax.lax.scan(one, (trim.state, trimmed_memory(trim)), jnp.arange(COUNT))
+    return jax.lax.scan(one, (trim.state, trimmed_autopilot_state(trim)), jnp.arange(COUNT))
 
 
 @pytest.fixture(scope="module")
@@ -194,7 +184,7 @@ def test_the_flights_meet_limits(flights):
 )
 def test_what_stops_a_point_is_named(points, name, stops):
     point, _ = points[name]
-    found = {stop for stop, stands in zip(TRIM_STOPS, np.asarray(point.stopped_by), strict=True) if stands}
+    found = {stop for stop, stands in zip(TRIM_OBSTACLES, np.asarray(point.obstacles), strict=True) if stands}
     assert bool(point.trimmable) == (not stops)
     assert found <= stops
     assert bool(found) == bool(stops)
@@ -203,9 +193,9 @@ def test_what_stops_a_point_is_named(points, name, stops):
 def test_reserves(points):
     """A level turn banked 60 deg is flown at 2 g along the lift: nearly that along body z at small alpha."""
     level, turn = points["level"][0], points["turn"][0]
-    assert float(level.power_left) == pytest.approx(1 - float(level.trim.power) / 100, abs=1e-12)
-    assert float(level.power_left + level.power_spare) == pytest.approx(1.0, abs=1e-12)
+    assert float(level.power_margin) == pytest.approx(1 - float(level.trim.power) / 100, abs=1e-12)
+    assert float(level.power_margin + level.power_above_idle) == pytest.approx(1.0, abs=1e-12)
     elevator = float(level.trim.state.surfaces[0]) / DEGREE
-    assert float(level.surface_left[0]) == pytest.approx(1 - abs(elevator) / 25.0, abs=1e-9)
+    assert float(level.surface_margin[0]) == pytest.approx(1 - abs(elevator) / 25.0, abs=1e-9)
     assert float(turn.load_factor) == pytest.approx(2.0 * np.cos(float(turn.trim.alpha)), rel=0.03)
     assert len(TABLE_AXES) == 4

@@ -6,12 +6,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.aircraft import dispersed_f16, no_dispersion
+from anser.aircraft.dispersions import dispersed_f16, no_dispersion
+from anser.aircraft_files import load_airframe
 from anser.control import default_limits, published_gains
 from anser.environment import standard_environment
-from anser.scenario import load_airframe
 from anser.sensing import DelayedSensors, DirectEstimator
-from anser.simulation import solve_trim, survey_flight, trim_target
+from anser.simulation.survey_flight import survey_flight
+from anser.steady import solve_trim, trim_target
 
 pytestmark = pytest.mark.long
 

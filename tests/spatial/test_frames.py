@@ -12,20 +12,18 @@ from hypothesis import strategies as st
 from jax.test_util import check_grads
 
 from anser.constants import EARTH_ROTATION_RAD_S
-from anser.spatial import (
+from anser.spatial import ecef_from_geodetic, geodetic_from_ecef
+from anser.spatial.frames import (
     ecef_from_eci,
-    ecef_from_geodetic,
     ecef_from_ned_point,
     eci_from_ecef,
-    geodetic_from_ecef,
     ned_from_ecef_point,
-    rotate,
-    rotate_back,
     rotation_ecef_from_eci,
     rotation_ned_from_ecef,
     velocity_ecef_from_eci,
     velocity_eci_from_ecef,
 )
+from anser.spatial.rotations import rotate, rotate_back
 from anser.units import DEG_RAD, FOOT_M
 
 latitudes = st.floats(-math.pi / 2, math.pi / 2)

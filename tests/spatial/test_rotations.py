@@ -11,20 +11,18 @@ from hypothesis import strategies as st
 from jax.test_util import check_grads
 from scipy.spatial.transform import Rotation
 
-from anser.numerics import cross
-from anser.spatial import (
+from anser.numerics.linear import cross
+from anser.spatial import euler_from_quaternion, quaternion_from_euler, rotation_from_quaternion
+from anser.spatial.rotations import (
     compose,
-    euler_from_quaternion,
     euler_from_rotation,
     normalize,
     quaternion_derivative,
-    quaternion_from_euler,
     quaternion_from_rotation,
     quaternion_multiply,
     rotate,
     rotate_back,
     rotation_from_euler,
-    rotation_from_quaternion,
 )
 
 # All quantities here are of order 1 and take at most some ten roundings of 1.1e-16 each.

@@ -17,12 +17,11 @@ from anser.spatial import (
     Ellipsoid,
     ecef_from_geodetic,
     flat_from_geodetic,
-    flat_stretch,
     geodetic_from_ecef,
     geodetic_from_flat,
-    ned_from_ecef_point,
-    radii_of_curvature,
 )
+from anser.spatial.frames import ned_from_ecef_point
+from anser.spatial.wgs84 import flat_map_scale, radii_of_curvature
 
 WGS84_B_M = float(WGS84.b)
 
@@ -171,7 +170,7 @@ def test_flat_earth_goes_on_along_its_tangent():
         assert float(place[0]) == pytest.approx(-R_M * (1.0 + 2.0 * (1.0 - 0.25 * math.pi)), rel=1e-15)
         slope = jax.grad(lambda lon: flat_from_geodetic(-0.4, lon, 0.0, 0.6, 3.0, 0.0)[1])(3.0 + turned)
         assert abs(turned) == 0.25 * math.pi or slope / across == pytest.approx(
-            float(flat_stretch(place[1], across)), rel=1e-12
+            float(flat_map_scale(place[1], across)), rel=1e-12
         )
         assert float(geodetic_from_flat(place, 0.6, 3.0, 0.0)[1]) == pytest.approx(3.0 + turned, abs=1e-15)
 

@@ -10,16 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from jax.test_util import check_grads
 
-from anser.spatial import (
-    attitude_from_path,
-    bank_about_velocity,
-    flow_angles,
-    path_angles,
-    rotate,
-    rotate_back,
-    rotation_from_euler,
-    rotation_wind_from_body,
-)
+from anser.spatial import flow_angles, path_angles
+from anser.spatial.rotations import rotate, rotate_back, rotation_from_euler
+from anser.spatial.wind_axes import attitude_from_path, bank_about_velocity, rotation_wind_from_body
 
 ROUNDING = 2e-15  # quantities of order 1, some ten roundings
 angles = st.floats(-3.1, 3.1)

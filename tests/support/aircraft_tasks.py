@@ -2,9 +2,9 @@
 
 import jax.numpy as jnp
 
-from anser.planning.certified import AircraftTask, Airspace, Separation, no_keep_outs
-from anser.planning.limits import PathLimits
-from anser.planning.rendezvous import make_rendezvous
+from anser.parts import make_rendezvous
+from anser.planning import PathLimits, Separation
+from anser.planning.certified.task import AircraftTask, Airspace, no_keep_outs
 
 SPEED_MAX, CLIMB_MAX = 200.0, 40.0
 

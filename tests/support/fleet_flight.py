@@ -5,14 +5,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from anser.execution.execute import fly_segment, without_replanning
-from anser.execution.planned import _start
+from anser.missions.plans import _start_flight
+from anser.missions.runs import fly_segment, without_replanning
 from anser.simulation import SEGMENT_STEPS
 
 
 def started(flight):
     """State of a flight at time 0 with the published planner's first plan."""
-    return _start(flight)[0]
+    return _start_flight(flight)[0]
 
 
 def segment(flight, state, number=0):
@@ -22,7 +22,7 @@ def segment(flight, state, number=0):
     """
     at = jnp.asarray(SEGMENT_STEPS * number, dtype=jnp.int32)
     after, _, history = fly_segment(without_replanning(flight), state, at)
-    if after.planner.asked:
+    if after.planner.replan_needed:
         after, _, history = fly_segment(flight, state, at)
     return after, history
 
@@ -49,5 +49,5 @@ def with_own(where, state, values):
 
 def parts_of(flight):
     """Parts of the aircraft of a fleet of one kind; common leaves have no leading axis."""
-    (kind,) = flight.kinds
-    return eqx.combine(kind.vehicles.own, kind.vehicles.common)
+    (kind,) = flight.groups
+    return eqx.combine(kind.vehicles.batched, kind.vehicles.shared)

@@ -5,10 +5,10 @@ import typing
 
 from pydantic import BaseModel
 
-from anser.execution.effects import _beside, _built, _is_same
-from anser.scenario import ScenarioError
-from anser.scenario.no_effect import no_effect_cautions, no_effect_problems
-from anser.scenario.schema import Scenario
+from anser.config import ScenarioError
+from anser.scenario import Scenario
+from anser.scenario.flight_checks import _direct_values, _flight_arrays, _is_same
+from anser.scenario.unused_keys import unused_key_cautions, unused_key_problems
 
 REFUSED, NO_EFFECT_REFUSED, NO_EFFECT_CAUTION, BESIDE, BUILT, NONE, FIXED = (
     "refused",
@@ -35,7 +35,7 @@ def keys_of(model, table, prefix=""):
 
 def answers(scenario):
     """By path of each key, what another value of it does."""
-    found, built = {}, _built(scenario)
+    found, built = {}, _flight_arrays(scenario)
     for path, field, value in keys_of(Scenario, scenario):
         found[path] = _answer(scenario, built, path, _others(field, value))
     return found
@@ -50,13 +50,13 @@ def _answer(scenario, built, path, others):
         except ScenarioError:
             answer = REFUSED if answer == FIXED else answer
             continue
-        if any(problem.path == path for problem in no_effect_problems(other)):
+        if any(problem.path == path for problem in unused_key_problems(other)):
             return NO_EFFECT_REFUSED
-        if any(text.startswith(f"{path}: ") for text in no_effect_cautions(other)):
+        if any(text.startswith(f"{path}: ") for text in unused_key_cautions(other)):
             return NO_EFFECT_CAUTION
-        if _beside(scenario) != _beside(other):
+        if _direct_values(scenario) != _direct_values(other):
             return BESIDE
-        if not _is_same(built, _built(other)):
+        if not _is_same(built, _flight_arrays(other)):
             return BUILT
         answer = NONE
     return answer

@@ -14,18 +14,10 @@ power falling with density, response a plain first-order lag of 0.8 s; throttle 
 
 import jax.numpy as jnp
 
-from anser.aircraft import (
-    AbstractAirframe,
-    AbstractEngine,
-    AirData,
-    EnginePower,
-    FirstOrderActuators,
-    MassProperties,
-    Wrench,
-    along_body_x,
-)
+from anser.aircraft import AbstractAirframe, AbstractEngine, AirData, FirstOrderActuators, MassProperties, Wrench
+from anser.aircraft.engines import EnginePower, thrust_along_body_x
 from anser.environment import StandardAtmosphere
-from anser.numerics import inverse3
+from anser.numerics.linear import inverse3
 from anser.shapes import Flag, Scalar, ScalarLike, Vector, Vector3
 from anser.units import DEG_RAD, FOOT_M, POUND_KG, SLUG_FT2_KG_M2
 
@@ -50,7 +42,7 @@ class LightEngine(AbstractEngine):
         share = air_data.density / sea.density
         return _PROPELLER_POWER_W * share / jnp.sqrt(air_data.V**2 + _PROPELLER_SPEED_M_S**2)
 
-    def settled(self, power: ScalarLike) -> EnginePower:
+    def steady_state(self, power: ScalarLike) -> EnginePower:
         """Power alone."""
         return EnginePower(jnp.asarray(power))
 
@@ -60,7 +52,7 @@ class LightEngine(AbstractEngine):
 
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
         """Thrust along body x through the centre of gravity, proportional to power."""
-        return along_body_x(power / 100 * self._thrust_at_full_power(air_data))
+        return thrust_along_body_x(power / 100 * self._thrust_at_full_power(air_data))
 
     def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
         """Power, 0..100 percent, whose thrust is nearest to `thrust`."""

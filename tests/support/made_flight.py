@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 
-from anser.planning import bend_words
+from anser.planning.limits import describe_bend
 from anser.results import summarize, to_dataset
 from anser.variables import CATALOGUE, RECORDED_KEYS
 from support.made_scenario import made_scenario
@@ -134,7 +134,7 @@ def make_flight(scenario_name="Three <aircraft>", repeat=1):
     required = {"miss_max_m": 15.0, "arrival_spread_max_s": 1.0, "separation_min_m": 600.0}
     tables = {"requirements": required, "limits": {"speed_min_m_s": 30.0, "speed_max_m_s": 340.0}}
     flown = made_scenario(names, ("buoy", "tower", "ship") * repeat, name=scenario_name, seed=7, **tables)
-    paths = [bend_words(float(bend)) for bend in history["lateral_bend"][0]]
+    paths = [describe_bend(float(bend)) for bend in history["lateral_bend"][0]]
     summary = summarize(time, history, flown, 4.2, paths)
     attributes = {"reference_latitude_deg": 47.0, "reference_longitude_deg": 8.0, "scenario": json.dumps(SCENARIO)}
     return to_dataset(time, history, names, attributes), summary

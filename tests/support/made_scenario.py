@@ -2,7 +2,7 @@
 
 from pydantic import BaseModel
 
-from anser.scenario.schema import validate
+from anser.scenario import validate
 
 
 def made_scenario(names, goals, kinds=None, name="made-up", **tables):

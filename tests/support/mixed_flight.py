@@ -4,13 +4,16 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from anser.aircraft_files import load_airframe
 from anser.control import FollowPlan, GuidanceSettings, InversionAutopilot, default_limits, published_gains
 from anser.environment import standard_environment
-from anser.planning import make_rendezvous, straight_goal
+from anser.parts import make_rendezvous
+from anser.planning import straight_goal
+from anser.planning.holds.hold_around_goal import HoldAroundGoal
 from anser.results import summarize, to_dataset
-from anser.scenario import load_airframe
 from anser.sensing import DirectEstimator, IdealSensors
-from anser.simulation import HoldAroundGoal, Mission, Vehicle, assemble, fly, start_flight, trim_target
+from anser.simulation import Mission, Vehicle, assemble, fly, start_flight
+from anser.steady import trim_target
 from support.made_scenario import made_scenario
 from support.other_surfaces import elevon_aircraft
 from support.straight_lines import StraightLines

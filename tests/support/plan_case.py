@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from anser.results import ClosestApproach, PlanDetails, PlanExtremes, PlanSamples
+from anser.results.plan_record import ClosestApproach, PlanDetails, PlanExtremes, PlanSamples
 from support.made_scenario import made_scenario
 
 SPEED, STEP, GRAVITY = 150.0, 0.5, 9.81
@@ -72,15 +72,15 @@ def plan_case(
     room = np.full((len(names), len(keep_outs)), 250.0) + 10.0 * np.arange(len(names))[:, None]
     samples = PlanSamples(
         time_s=time,
-        even=np.isclose(np.mod(time, STEP), 0.0),
+        is_regular=np.isclose(np.mod(time, STEP), 0.0),
         arrival_times_s=arrival,
         history=history,
-        goals_n=goals,
+        goal_positions_n=goals,
         extremes=extremes,
-        nearest=closest,
-        separated=None if separation_m is None else closest,
-        keep_out_room_m=room,
-        keep_out_at_s=np.full(room.shape, 12.0),
+        closest_by_distance=closest,
+        closest_by_separation=None if separation_m is None else closest,
+        keep_out_margin_m=room,
+        keep_out_margin_time_s=np.full(room.shape, 12.0),
     )
     tables = {"fleet": {"speed_m_s": SPEED, "planner": "certified"}, "keep_out": list(keep_outs)}
     if separation_m is not None:

@@ -1,5 +1,5 @@
 """Published check figures: those that `anser verify` uses."""
 
-from anser.verification.published import published as reference
+from anser.verification.checks import load_published as reference
 
 __all__ = ["reference"]

@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 
-from anser.planning import AbstractPlanner, AbstractReference, AircraftPlan, PathPoint
+from anser.parts import AbstractPlanner, AbstractReference, AircraftPlan, PathPoint
 from anser.shapes import Scalar, Vector3
 
 
@@ -24,7 +24,7 @@ class StraightLines(AbstractPlanner):
     duration: Scalar
     error_n: Vector3
 
-    def first(self, time, reports, performance):
+    def first_plan(self, time, reports, performance):
         def one(report):
             end_n = report.goal_position_n + self.duration * report.goal_velocity_n + report.rendezvous.stand_off_n
             velocity_n = (end_n + self.error_n - report.position_n) / self.duration
@@ -34,7 +34,7 @@ class StraightLines(AbstractPlanner):
 
         return jax.vmap(one)(reports)
 
-    def renew(self, memory, time, reports):
+    def replan(self, memory, time, reports):
         return memory
 
     def observe(self, memory, reports, number, step, randomness):

@@ -7,9 +7,11 @@ import numpy as np
 
 from anser.aircraft import F16, AbstractAirframe, AircraftState, Controls
 from anser.environment import Environment
-from anser.simulation.motion import advance
-from anser.simulation.trim import TrimTarget, solve_trim, trim_target
-from anser.spatial import bank_about_velocity, flow_angles, path_angles, rotate, rotate_back, rotation_from_quaternion
+from anser.simulation.vehicle import advance
+from anser.spatial import flow_angles, path_angles, rotation_from_quaternion
+from anser.spatial.rotations import rotate, rotate_back
+from anser.spatial.wind_axes import bank_about_velocity
+from anser.steady import TrimTarget, solve_trim, trim_target
 
 SAMPLES = 10
 

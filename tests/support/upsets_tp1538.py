@@ -5,16 +5,20 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from anser.aircraft import AircraftState, Controls, EnginePower, air_data, condition
-from anser.control import default_limits, initial_autopilot_state, path_motion, published_gains
+from anser.aircraft import AircraftState, Controls, flight_condition
+from anser.aircraft.air_data import air_data
+from anser.aircraft.engines import EnginePower
+from anser.aircraft_files import load_airframe
+from anser.control import default_limits, published_gains
 from anser.control.autopilot import velocity_control
-from anser.control.onboard_model import onboard_model
+from anser.control.autopilot_state import initial_autopilot_state
+from anser.control.onboard_model import onboard_model, path_motion
 from anser.environment import standard_environment
-from anser.planning import PathCommand
-from anser.scenario import load_airframe
-from anser.simulation.motion import advance
-from anser.simulation.response import believed
-from anser.spatial import attitude_from_path, quaternion_from_rotation
+from anser.parts import PathCommand
+from anser.simulation.response import exact_belief
+from anser.simulation.vehicle import advance
+from anser.spatial.rotations import quaternion_from_rotation
+from anser.spatial.wind_axes import attitude_from_path
 from anser.units import DEG_RAD
 
 ENVIRONMENT = standard_environment()
@@ -51,7 +55,7 @@ def start_of(V, alpha, beta, mu, gamma, P, Q, R, altitude, x_cg, airframe=AIRFRA
         velocity_b=velocity_b,
         quaternion=quaternion_from_rotation(attitude_from_path(mu, gamma, 0.0, alpha, beta)),
         rates_b=jnp.array([P, Q, R], dtype=float),
-        actuators=airframe.actuators.steady(jnp.zeros(len(airframe.actuators.names)), data),
+        actuators=airframe.actuators.steady_state_in_flow(jnp.zeros(len(airframe.actuators.names)), data),
         engine=EnginePower(jnp.asarray(20.0)),
     )
     return airframe, state
@@ -61,20 +65,20 @@ def recover(airframe, start, steps=STEPS):
     """Fly with level flight to the north commanded; what is seen at every tenth step."""
     gravity = ENVIRONMENT.gravity
     limits, gains, zero = default_limits(), published_gains(), jnp.zeros(())
-    now = condition(airframe, ENVIRONMENT, 0.0, start)
+    now = flight_condition(airframe, ENVIRONMENT, 0.0, start)
     motion = path_motion(now, now.wrench.force_b, start.velocity_b, airframe.mass_properties.mass, gravity)
     attitude = jnp.stack([motion.mu, motion.alpha, motion.beta])
     command = PathCommand(jnp.asarray(SPEED_M_S), zero, zero, zero, zero, zero)
 
     def one(carry, _):
         state, memory = carry
-        model = onboard_model(believed(airframe, ENVIRONMENT, state), limits, gains, memory, STEP_S)
+        model = onboard_model(exact_belief(airframe, ENVIRONMENT, state), limits, gains, memory, STEP_S)
         controls, _, memory = velocity_control(model, gains, memory, command)
         return (advance(airframe, ENVIRONMENT, 0.0, state, controls, STEP_S), memory), None
 
     def seen(carry, _):
         state = carry[0]
-        now = condition(airframe, ENVIRONMENT, 0.0, state)
+        now = flight_condition(airframe, ENVIRONMENT, 0.0, state)
         motion = path_motion(now, now.wrench.force_b, state.velocity_b, airframe.mass_properties.mass, gravity)
         row = {
             "altitude": -state.position_n[2],

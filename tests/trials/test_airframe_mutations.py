@@ -4,7 +4,7 @@ import tomllib
 
 import pytest
 
-from anser.scenario.airframe_file import airframe_starter
+from anser.aircraft_files.sources import airframe_starter
 from trials.airframe_mutations import outcomes, principal_margin, table, try_toml
 
 STARTER = tomllib.loads(airframe_starter())

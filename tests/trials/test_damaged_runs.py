@@ -2,7 +2,7 @@
 
 import pytest
 
-from anser.campaigns import flying, rare_flights
+from anser.campaigns import flights, rare_flights
 from trials.damaged_runs import TRIALS, tried
 
 
@@ -10,9 +10,9 @@ from trials.damaged_runs import TRIALS, tried
 @pytest.mark.parametrize("kind", TRIALS)
 def test_no_damage_passes_silently(kind, tmp_path, monkeypatch):
     # the trial puts made-up flights in their places
-    for module in (flying, rare_flights):
+    for module in (flights, rare_flights):
         monkeypatch.setattr(module, "fly_many", module.fly_many)
-    monkeypatch.setattr(flying, "BATCH", flying.BATCH)
+    monkeypatch.setattr(flights, "BATCH", flights.BATCH)
     counts, failures = tried(TRIALS[kind](tmp_path), range(1000, 1022))
     assert failures == []
     assert sum(counts.values()) == 22

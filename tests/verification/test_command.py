@@ -4,10 +4,10 @@ import json
 import sys
 
 import pytest
-from verification_cases import ALL, BROKEN, FLOWN, GOOD, NONSENSE, WRONG
 
 from anser.cli import main
-from anser.verification import Comparison, running
+from anser.verification import Comparison, suite
+from support.verification_cases import ALL, BROKEN, FLOWN, GOOD, NONSENSE, WRONG
 
 
 @pytest.fixture
@@ -16,7 +16,7 @@ def anser(monkeypatch, capsys):
 
     def call(*words, checks=None):
         if checks is not None:
-            monkeypatch.setattr(running, "CHECKS", checks)
+            monkeypatch.setattr(suite, "CHECKS", checks)
         monkeypatch.setattr(sys, "argv", ["anser", "verify", *words])
         monkeypatch.setenv("COLUMNS", "60")
         with pytest.raises(SystemExit) as ended:
@@ -54,7 +54,7 @@ def test_every_row_stays_on_one_line_however_narrow_the_caller(anser):
     row = _row(printed, "alpha deg (V 400 ft/s)")
     assert long.key in row
     assert long.source in row
-    assert long.why in row
+    assert long.tolerance_reason in row
 
 
 def test_worst_point_of_each_quantity_is_shown(anser):

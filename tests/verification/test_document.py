@@ -2,9 +2,9 @@
 
 import json
 
-from verification_cases import ALL, FLOWN, GOOD, WRONG
-
-from anser.verification import FORMAT_VERSION, to_document, verify
+from anser.verification import to_document, verify
+from anser.verification.checks import FORMAT_VERSION
+from support.verification_cases import ALL, FLOWN, GOOD, WRONG
 
 
 def test_round_trip_keeps_everything():

@@ -4,10 +4,10 @@ import equinox as eqx
 import numpy as np
 import pytest
 
-from anser.numerics import as_array
-from anser.scenario import load_airframe
+from anser.aircraft_files import load_airframe
+from anser.numerics.arrays import as_array
 from anser.verification import f16_files
-from anser.verification.dave_ml_files import published_model
+from anser.verification.nasa_f16 import published_model
 
 COEFFICIENTS = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
 
@@ -19,8 +19,8 @@ def compared():
     exact = eqx.tree_at(lambda e: e.constants["rtd"], aerodynamics, as_array(180.0 / np.pi))
     airframe = load_airframe("f16", "s119", x_cg_over_c=0.35)
     states = as_array(f16_files.random_states())
-    of_file, own = f16_files.both(airframe, exact, thrust, states)
-    rounded, _ = f16_files.both(airframe, aerodynamics, thrust, states)
+    of_file, own = f16_files.compare_models(airframe, exact, thrust, states)
+    rounded, _ = f16_files.compare_models(airframe, aerodynamics, thrust, states)
     return of_file, own, rounded
 
 
@@ -61,5 +61,5 @@ def test_mass_and_inertia_of_the_files():
 @pytest.mark.long
 def test_the_check_passes():
     comparisons = f16_files.F16_FILES.measure()
-    assert not [(c.group, c.where, c.error, c.tolerance) for c in comparisons if not c.passes]
+    assert not [(c.group, c.point, c.error, c.tolerance) for c in comparisons if not c.passes]
     assert {*COEFFICIENTS, "thrust", "altitudeMsl_ft"} <= {c.group for c in comparisons}

@@ -4,8 +4,8 @@ import equinox as eqx
 import jax
 import pytest
 
-from anser.verification import integration
-from anser.verification.integration import INTEGRATION_CHECKS
+from anser.verification import integrator
+from anser.verification.integrator import INTEGRATION_CHECKS
 from support.checks import assert_passes
 
 
@@ -27,9 +27,9 @@ def test_a_method_of_second_order_is_noticed(monkeypatch):
         half = jax.tree.map(lambda y, k: y + 0.5 * step * k, state, rate(state))
         return jax.tree.map(lambda y, k: y + step * k, state, rate(half))
 
-    as_written = integration._fly.__wrapped__
-    monkeypatch.setattr(integration, "advance", midpoint)
-    monkeypatch.setattr(integration, "_fly", eqx.filter_jit(lambda *of: as_written(*of)))
-    found = integration.order()
+    to_file_value = integrator._fly.__wrapped__
+    monkeypatch.setattr(integrator, "advance", midpoint)
+    monkeypatch.setattr(integrator, "_fly", eqx.filter_jit(lambda *of: to_file_value(*of)))
+    found = integrator.order()
     assert all(c.obtained == pytest.approx(2.0, abs=0.2) for c in found)
     assert not any(c.passes for c in found)

@@ -5,15 +5,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.simulation import trim_target
+from anser.steady import trim_target
 from anser.units import FOOT_M
-from anser.verification.linear import LINEAR_CHECKS, linear_flight, printed_block, printed_tolerances
-from anser.verification.published import published
+from anser.verification.checks import load_published
+from anser.verification.linear_models import LINEAR_CHECKS, linear_flight, printed_block, printed_tolerances
 from anser.verification.textbook import textbook_aircraft, textbook_environment
 from support.checks import assert_passes
 
 PULL_UP, MODES, _ = LINEAR_CHECKS  # the third stands with the tests of the sampled loops, which compile the same
-PRINTED = published("textbook_checks")["pull_up_linearization"]
+PRINTED = load_published("textbook_checks")["pull_up_linearization"]
 
 
 @pytest.mark.long

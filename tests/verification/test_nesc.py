@@ -7,7 +7,7 @@ from importlib import resources
 import numpy as np
 import pytest
 
-from anser.verification.check import NOT_JUDGED
+from anser.verification.checks import NOT_JUDGED
 from anser.verification.nesc import NESC_CHECKS, _comparison
 from anser.verification.nesc_cases import FREE_FLIGHTS, LAW_FLIGHTS
 from anser.verification.nesc_flight import fly_free
@@ -24,14 +24,14 @@ LONG = ("nesc-11", "nesc-12", *(f"nesc-{case.number}" for case in LAW_FLIGHTS)) 
 )
 def test_case_passes(check):
     comparisons = check.measure()
-    short = [(c.group, c.where, c.error, c.tolerance) for c in comparisons if c.fails]
+    short = [(c.group, c.point, c.error, c.tolerance) for c in comparisons if c.fails]
     assert not short
     given = CHECKPOINTS["cases"].get(check.key.removeprefix("nesc-").replace(".", "p"))
     listed = [c for c in comparisons if c.expected is None]
     assert all(np.isfinite(c.obtained) for c in listed)
     if given is None:
         settled = 2 if check.key == "nesc-13.2-5kt" else 0
-        assert (check.why == NOT_JUDGED) == (settled == 0)
+        assert (check.tolerance_reason == NOT_JUDGED) == (settled == 0)
         assert len(listed) == len(comparisons) - settled
         return
     # Every checkpoint with a tolerance, against both participants; those that are not judged once.

@@ -5,11 +5,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.aircraft import Deflections, EnginePower, air_data
+from anser.aircraft.actuators import Deflections
+from anser.aircraft.air_data import air_data
+from anser.aircraft.engines import EnginePower
+from anser.aircraft_files import load_airframe
 from anser.environment import StandardAtmosphere
-from anser.numerics.integrate import rk4_step
-from anser.scenario import load_airframe
-from anser.verification.prompt_f16 import prompt_f16
+from anser.numerics import rk4_step
+from anser.verification.nasa_f16 import prompt_f16
 
 STEP_S = 0.0025
 

@@ -6,8 +6,8 @@ from importlib import resources
 
 import pytest
 
-from anser.verification import published as module
-from anser.verification.published import half_of_last_digit, half_of_significant, published
+from anser.verification import checks
+from anser.verification.checks import half_of_last_digit, half_of_significant, load_published
 
 
 @pytest.mark.parametrize(
@@ -43,7 +43,7 @@ def test_every_file_says_where_its_figures_come_from():
     wanted = {"arc_lengths", "daveml_aero_checks", "daveml_engine_checks", "nesc_checkpoints", "textbook_checks"}
     assert wanted | {"ussa76", "wgs84"} <= set(names)
     for name in names:
-        assert len(published(name)["about"]) > 50, name
+        assert len(load_published(name)["about"]) > 50, name
 
 
 def test_figures_are_read_from_wherever_the_package_is(monkeypatch, tmp_path):
@@ -56,11 +56,11 @@ def test_figures_are_read_from_wherever_the_package_is(monkeypatch, tmp_path):
         asked.append(package)
         return zipfile.Path(tmp_path / "package.zip")
 
-    monkeypatch.setattr(module.resources, "files", files)
-    assert published("made_up") == {"about": "zipped"}
+    monkeypatch.setattr(checks.resources, "files", files)
+    assert load_published("made_up") == {"about": "zipped"}
     assert asked == ["anser.verification"]
 
 
 def test_a_missing_file_is_an_error():
     with pytest.raises(FileNotFoundError):
-        published("no_such_figures")
+        load_published("no_such_figures")

@@ -3,9 +3,9 @@
 import threading
 
 import pytest
-from verification_cases import ALL, BROKEN, EMPTY, GOOD, WRONG
 
 from anser.verification import CHECKS, select_checks, verify
+from support.verification_cases import ALL, BROKEN, EMPTY, GOOD, WRONG
 
 
 def test_each_check_has_its_outcome_whatever_happens_to_others():
@@ -63,7 +63,7 @@ def test_every_check_says_what_it_is():
         assert check.key == check.key.lower().replace(" ", "-")
         assert check.title
         assert 0 < len(check.source) <= 40, check.source
-        assert 0 < len(check.why) <= 40, check.why
+        assert 0 < len(check.tolerance_reason) <= 40, check.tolerance_reason
         assert check.explanation.endswith("."), check.key
 
 

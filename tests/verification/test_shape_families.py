@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from anser.report.shape_figures import draw_shapes
-from anser.verification.missions import SINGLE
-from anser.verification.shape_families import shape_families
+from anser.verification.missions import SINGLE_AIRCRAFT
+from anser.verification.polynomial_paths import shape_families
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 
@@ -56,5 +56,5 @@ def test_the_figure_names_every_path(families, family, tmp_path):
 
 
 def test_the_copy_of_the_single_case_is_the_shipped_scenario():
-    copy = resources.files("anser.verification").joinpath(f"data/{SINGLE}").read_text(encoding="utf-8")
-    assert copy == (SCENARIOS / SINGLE).read_text(encoding="utf-8")
+    copy = resources.files("anser.verification").joinpath(f"data/{SINGLE_AIRCRAFT}").read_text(encoding="utf-8")
+    assert copy == (SCENARIOS / SINGLE_AIRCRAFT).read_text(encoding="utf-8")

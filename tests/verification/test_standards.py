@@ -5,21 +5,20 @@ import pymap3d
 import pytest
 from ambiance import Atmosphere
 
-from anser.verification.earth_figure import WGS84_FIGURE
-from anser.verification.published import half_of_last_digit, published
-from anser.verification.standard_atmosphere import USSA76
+from anser.verification.checks import half_of_last_digit, load_published
+from anser.verification.standards import USSA76, WGS84_FIGURE
 from support.checks import assert_passes
 
 
 def test_atmosphere_equals_its_tables():
     comparisons = assert_passes(USSA76, 4 * 15 - 2 + 8)
-    wider = [c for c in comparisons if c.why]
-    assert [(c.group, c.where) for c in wider] == [("pressure", f"{z} km") for z in (10, 11, 15, 60, 80)]
+    wider = [c for c in comparisons if c.tolerance_reason]
+    assert [(c.group, c.point) for c in wider] == [("pressure", f"{z} km") for z in (10, 11, 15, 60, 80)]
 
 
 def test_printed_atmosphere_agrees_with_another_implementation():
     """Against slips in the figures themselves; ambiance has ICAO's molar mass, up to 1.2e-5 in pressure and density."""
-    figures = published("ussa76")
+    figures = load_published("ussa76")
     low = figures["last_digit_one_low"]["pressure_Pa"]
     for z, *row in figures["geometric"]:
         other = Atmosphere(float(z))
@@ -43,7 +42,7 @@ def test_ellipsoid_equals_its_figures():
 
 
 def test_place_of_the_check_case_agrees_with_another_implementation():
-    columns = published("nesc_checkpoints")["cases"]["11"]["columns"]
+    columns = load_published("nesc_checkpoints")["cases"]["11"]["columns"]
     place = [columns[name]["sim_05"][0] for name in ("latitude_deg", "longitude_deg", "altitudeMsl_ft")]
     point = [columns[f"gePosition_ft_{axis}"]["sim_05"][0] * 0.3048 for axis in "XYZ"]
     # Half a unit of the tenth digit of angles and feet: 0.6, 0.5 and 1.5 mm.
@@ -53,7 +52,7 @@ def test_place_of_the_check_case_agrees_with_another_implementation():
 @pytest.mark.parametrize("name", ["ussa76", "wgs84"])
 def test_figures_are_kept_as_printed(name):
     """As text, with the zeros that they end with: a number would lose them, and with them its tolerance."""
-    data = published(name)
+    data = load_published(name)
     rows = [*data.get("geometric", []), *data.get("bases", []), *data.get("gravity", [])]
     printed = [cell for row in rows for cell in row[1:] if cell is not None]
     printed += [cell for cell, _ in data.get("derived", {}).values()]

@@ -3,21 +3,21 @@
 import equinox as eqx
 import pytest
 
-from anser.verification import thesis_tables
-from anser.verification.thesis_tables import THESIS_TABLES
+from anser.verification import f16_tables
+from anser.verification.f16_tables import THESIS_TABLES
 from support.checks import assert_passes
 
 
 def test_all_852_entries_agree():
     comparisons = assert_passes(THESIS_TABLES, 852)
-    assert len({(c.group, c.where) for c in comparisons}) == 852
+    assert len({(c.group, c.point) for c in comparisons}) == 852
 
 
 @pytest.mark.parametrize("variant", ["textbook", "s119"])
 def test_the_other_variants_differ(monkeypatch, variant):
     """Their elevator axis and aileron reference are others; s119 has other entries of its own besides."""
-    load = thesis_tables.load_f16
-    monkeypatch.setattr(thesis_tables, "load_f16", lambda _, **others: load(variant, **others))
+    load = f16_tables.load_f16
+    monkeypatch.setattr(f16_tables, "load_f16", lambda _, **others: load(variant, **others))
     short = {c.group.partition(",")[0] for c in THESIS_TABLES.measure() if c.fails}
     assert {"CX0", "Cm0", "Clda", "Cnda", "CXq"} <= short
     assert ("T_max" in short) == (variant == "s119")
@@ -25,12 +25,12 @@ def test_the_other_variants_differ(monkeypatch, variant):
 
 @pytest.mark.parametrize("group", [0, 1, 2])
 def test_a_table_that_is_off_by_a_thousandth_fails(monkeypatch, group):
-    load = thesis_tables.load_f16
+    load = f16_tables.load_f16
 
     def load_changed(name, **others):
         return eqx.tree_at(
             lambda airframe: airframe.tables.cells[group], load(name, **others), replace_fn=lambda x: x + 1e-3
         )
 
-    monkeypatch.setattr(thesis_tables, "load_f16", load_changed)
+    monkeypatch.setattr(f16_tables, "load_f16", load_changed)
     assert any(c.fails for c in THESIS_TABLES.measure())

@@ -34,43 +34,43 @@ class AbstractActuators(eqx.Module):
     names: eqx.AbstractVar[tuple[str, ...]]
 
     @abc.abstractmethod
-    def settled(self, position: Vector) -> Any:
+    def steady_state(self, position: Vector) -> Any:
         """State of actuators at rest at a position (rad); has an attribute `position`."""
 
     @abc.abstractmethod
     def rate(self, state: Any, command: Vector, air_data: AirData) -> Any:
         """Time derivative of the state under a command (rad), as a state of derivatives."""
 
-    def scheduled(self, position: Vector, air_data: AirData) -> Vector:
+    def scheduled_position(self, position: Vector, air_data: AirData) -> Vector:
         """Steady positions (rad) where surfaces that no controller commands stand as the flow has them."""
         return position
 
-    def steady(self, position: Vector, air_data: AirData) -> Any:
+    def steady_state_in_flow(self, position: Vector, air_data: AirData) -> Any:
         """State of actuators at rest in a steady flow, scheduled surfaces where the flow has them."""
-        return self.settled(self.scheduled(position, air_data))
+        return self.steady_state(self.scheduled_position(position, air_data))
 
     @property
-    def commanded(self) -> tuple[bool, ...]:
+    def is_commanded(self) -> tuple[bool, ...]:
         """Whether a controller commands each surface; the others move by schedules of their own."""
         return (True,) * len(self.names)
 
     @property
     def controls_yaw(self) -> bool:
         """Whether the commanded surfaces turn the aircraft about three axes, yaw among them."""
-        return sum(self.commanded) >= len(STANDARD_SURFACES)
+        return sum(self.is_commanded) >= len(STANDARD_SURFACES)
 
     @property
     def state_names(self) -> tuple[str, ...]:
         """Names of the elements of the state, in the order of its leaves."""
         return self.names
 
-    def limited(self, command: Vector) -> Vector:
+    def limit_command(self, command: Vector) -> Vector:
         """Command within the position limits, rad."""
         return jnp.clip(command, self.lower, self.upper)
 
     def command_for_rate(self, position: Vector, rate: Vector) -> Vector:
         """Command (rad, within the position limits) whose lag moves the surfaces at a wanted rate (rad/s)."""
-        return self.limited(position + self.time_constant * rate)
+        return self.limit_command(position + self.time_constant * rate)
 
 
 class Deflections(eqx.Module):
@@ -88,13 +88,13 @@ class FirstOrderActuators(AbstractActuators):
     rate_limit: Vector
     names: tuple[str, ...] = eqx.field(static=True, default=STANDARD_SURFACES)
 
-    def settled(self, position: Vector) -> Deflections:
+    def steady_state(self, position: Vector) -> Deflections:
         """At rest: the position alone."""
         return Deflections(jnp.asarray(position))
 
     def rate(self, state: Deflections, command: Vector, air_data: AirData) -> Deflections:
         """(limited command - position) / time constant, within the rate limits."""
-        wanted = (self.limited(command) - state.position) / self.time_constant
+        wanted = (self.limit_command(command) - state.position) / self.time_constant
         return Deflections(jnp.clip(wanted, -self.rate_limit, self.rate_limit))
 
 
@@ -133,7 +133,7 @@ class SecondOrderActuators(AbstractActuators):
         """Positions, then velocities."""
         return (*self.names, *(f"{name}_velocity" for name in self.names))
 
-    def settled(self, position: Vector) -> MovingDeflections:
+    def steady_state(self, position: Vector) -> MovingDeflections:
         """At rest: no velocity."""
         position = jnp.asarray(position)
         return MovingDeflections(position, jnp.zeros_like(position))
@@ -141,7 +141,7 @@ class SecondOrderActuators(AbstractActuators):
     def rate(self, state: MovingDeflections, command: Vector, air_data: AirData) -> MovingDeflections:
         """X'' = w^2 (limited command - x) - 2 z w x', with x' held within the rate limit."""
         w = self.frequency
-        pulled = w * w * (self.limited(command) - state.position) - 2.0 * self.damping * w * state.velocity
+        pulled = w * w * (self.limit_command(command) - state.position) - 2.0 * self.damping * w * state.velocity
         moving = jnp.clip(state.velocity, -self.rate_limit, self.rate_limit)
         # at the limit nothing accelerates further, and what lies beyond by a step of the integrator comes back
         back = (moving - state.velocity) * w

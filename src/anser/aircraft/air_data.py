@@ -1,10 +1,27 @@
-"""What the air does to the aircraft: speed, flow angles, dynamic pressure, Mach number."""
+"""Quantities that the parts of an aircraft exchange.
+
+Air data, force and moment, gust and thrust loss, and the range of air data in which a model is valid.
+"""
+
+import math
 
 import equinox as eqx
 
-from anser.environment import Air
-from anser.shapes import Scalar, ScalarLike, Vector3
-from anser.spatial import flow_angles
+from anser.environment.atmosphere import Air
+from anser.environment.gusts import Gust
+from anser.numerics.arrays import as_array
+from anser.shapes import Flag, Scalar, ScalarLike, Vector3
+from anser.spatial.wind_axes import flow_angles
+
+
+class Wrench(eqx.Module):
+    """A force (N) and a moment about the centre of gravity (N m), both in body axes."""
+
+    force_b: Vector3
+    moment_b: Vector3
+
+    def __add__(self, other: "Wrench") -> "Wrench":
+        return Wrench(self.force_b + other.force_b, self.moment_b + other.moment_b)
 
 
 class AirData(eqx.Module):
@@ -35,3 +52,53 @@ def air_data(velocity_air_b: Vector3, altitude: ScalarLike, air: Air) -> AirData
         mach=V / air.speed_of_sound,
         altitude=altitude + 0.0 * V,
     )
+
+
+class Validity(eqx.Module):
+    """Least and greatest values for which data hold; infinite where nothing bounds them.
+
+    True airspeed (m/s), geometric altitude (m) and Mach number.
+    """
+
+    airspeed: tuple[Scalar, Scalar]
+    altitude: tuple[Scalar, Scalar]
+    mach: tuple[Scalar, Scalar]
+
+    def excludes(self, air_data: AirData) -> Flag:
+        """Whether one of the three lies outside."""
+        return (
+            is_outside(air_data.V, self.airspeed)
+            | is_outside(air_data.altitude, self.altitude)
+            | is_outside(air_data.mach, self.mach)
+        )
+
+
+def unlimited_validity() -> Validity:
+    """Validity that nothing bounds."""
+    ends = as_array(-math.inf), as_array(math.inf)
+    return Validity(ends, ends, ends)
+
+
+def is_outside(value: Scalar, limits: tuple[Scalar, Scalar]) -> Flag:
+    """Whether a value lies outside its least and greatest one."""
+    return (value < limits[0]) | (value > limits[1])
+
+
+class Disturbance(eqx.Module):
+    """Gust and thrust of one aircraft, held over a sampling period.
+
+    Attributes
+    ----------
+    gust
+        What is added to the mean wind.
+    thrust
+        Part of the engine's thrust that is left, 0..1.
+    """
+
+    gust: Gust
+    thrust: Scalar
+
+
+def no_disturbance() -> Disturbance:
+    """Smooth air and a sound engine."""
+    return Disturbance(Gust(as_array([0.0] * 3), as_array([0.0] * 3)), as_array(1.0))

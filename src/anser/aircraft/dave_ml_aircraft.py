@@ -1,4 +1,7 @@
-"""An airframe whose numbers come from DAVE-ML files (ANSI/AIAA S-119) with its standard names."""
+"""An airframe and an engine whose numbers come from DAVE-ML files (ANSI/AIAA S-119) with the standard's.
+
+Variable names.
+"""
 
 import dataclasses
 import math
@@ -11,17 +14,130 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from anser.aircraft.actuators import AbstractActuators
-from anser.aircraft.air_data import AirData
-from anser.aircraft.dave_ml_engine import AIR_INPUTS, ENGINE_OUTPUTS, DaveMlEngine, air_inputs
-from anser.aircraft.engine import AbstractEngine, NoEngine
-from anser.aircraft.interface import AbstractAirframe, MassProperties
-from anser.aircraft.possible_body import refuse_impossible_body
-from anser.aircraft.validity import Validity, everywhere, outside
-from anser.aircraft.wrench import Wrench
-from anser.body_checks import BodyFault, body_faults
-from anser.dave_ml import ANGLE, DaveMlError, Evaluator, Model, refuse_other_units
-from anser.numerics import as_array, cross
-from anser.shapes import Flag, Scalar, Vector, Vector3
+from anser.aircraft.air_data import AirData, Validity, Wrench, is_outside, unlimited_validity
+from anser.aircraft.airframe import AbstractAirframe, MassProperties, refuse_impossible_body
+from anser.aircraft.engines import (
+    AbstractEngine,
+    EnginePower,
+    NoEngine,
+    lagged_power_rate,
+    steady_throttle,
+    throttle_for_rate,
+)
+from anser.airframe_data import BodyFault, body_faults
+from anser.dave_ml.elements import DaveMlError
+from anser.dave_ml.evaluator import Evaluator
+from anser.dave_ml.model import Model
+from anser.dave_ml.standard_units import ANGLE, refuse_other_units
+from anser.numerics.arrays import as_array
+from anser.numerics.linear import cross
+from anser.shapes import Flag, Scalar, ScalarLike, Vector, Vector3
+
+_THRUST = tuple(f"thrustBodyForce_{axis}" for axis in "XYZ")
+_TORQUE = tuple(f"thrustBodyMoment_{axis}" for axis in ("Roll", "Pitch", "Yaw"))
+ENGINE_OUTPUTS = (*_THRUST, *_TORQUE)
+"""What a file of propulsion must give."""
+ENGINE_POWER = "powerLeverAngle"
+"""The input of a file of propulsion by which it is set, percent."""
+AIR_INPUTS = (
+    "trueAirspeed",
+    "angleOfAttack",
+    "angleOfSideslip",
+    "mach",
+    "altitudeMSL",
+    "dynamicPressure",
+    "airDensity",
+)
+"""Inputs that say in what air a file is asked."""
+_POWER_GRID = np.arange(0.0, 101.0, 10.0)
+
+
+def air_inputs(evaluator: Evaluator, air_data: AirData) -> dict[str, ScalarLike]:
+    """Those of `AIR_INPUTS` that a file has as inputs, SI units and rad."""
+    given = (
+        air_data.V,
+        air_data.alpha,
+        air_data.beta,
+        air_data.mach,
+        air_data.altitude,
+        air_data.qbar,
+        air_data.density,
+    )
+    asked = {evaluator.structure.by_id[one].name for one in evaluator.structure.inputs}
+    return {name: value for name, value in zip(AIR_INPUTS, given, strict=True) if name in asked}
+
+
+class DaveMlEngine(AbstractEngine):
+    """Thrust by a file, set by its power lever in percent; the power follows the throttle with one lag.
+
+    Attributes
+    ----------
+    evaluator
+        Of the file.
+    lag
+        Time constant, s: a file of propulsion has none.
+    altitude_range, mach_range
+        Where its tables hold: m and Mach number.
+    beyond
+        Thrust by 100 percent of power beyond 0 to 100, N. No flight gets there; a search for a steady one does on its
+        way, and finds no way back where a file holds its thrust at the ends.
+    point_b
+        What the moment of the file is about, seen from the centre of gravity, m.
+    thrust_factor
+        On all thrust and its moment; 1 as the file has it.
+    """
+
+    evaluator: Evaluator
+    lag: Scalar
+    altitude_range: tuple[Scalar, Scalar]
+    mach_range: tuple[Scalar, Scalar]
+    extrapolation_thrust: Scalar
+    point_b: Vector3
+    thrust_factor: Scalar
+
+    def steady_state(self, power: ScalarLike) -> EnginePower:
+        """Power alone."""
+        return EnginePower(jnp.asarray(power))
+
+    def rate(self, state: EnginePower, throttle: ScalarLike, air_data: AirData) -> EnginePower:
+        """First-order lag toward 100 times the throttle, percent/s."""
+        return lagged_power_rate(state.power, throttle, self.lag)
+
+    def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
+        """Thrust and its moment about the centre of gravity."""
+        # percent is a fraction in SI units
+        within = jnp.clip(power, 0.0, 100.0)
+        inputs = {**air_inputs(self.evaluator, air_data), ENGINE_POWER: within / 100.0}
+        found = self.evaluator.evaluate_si(inputs, ENGINE_OUTPUTS)
+        force_b, moment_b = (jnp.stack([found[name] for name in names]) for names in (_THRUST, _TORQUE))
+        force_b = self.thrust_factor * force_b.at[0].add(self.extrapolation_thrust * (power - within) / 100.0)
+        return Wrench(force_b, self.thrust_factor * moment_b + cross(self.point_b, force_b))
+
+    def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
+        """Power (0..100 percent) whose thrust is nearest to `thrust` (N): exact where it is linear between tenths."""
+        powers = jnp.asarray(_POWER_GRID, air_data.V.dtype)
+        known = jax.vmap(lambda power: self.propulsion(power, air_data).force_b[0])(powers)
+        rising = jax.lax.cummax(known)
+        at = jnp.clip(jnp.sum(thrust >= rising) - 1, 0, _POWER_GRID.size - 2)
+        span = rising[at + 1] - rising[at]
+        share = (thrust - rising[at]) / jnp.where(span > 0.0, span, 1.0)
+        return jnp.clip(powers[at] + 10.0 * jnp.clip(share, 0.0, 1.0), 0.0, 100.0)
+
+    def throttle_for_power(self, power: ScalarLike) -> Scalar:
+        """Throttle that holds a power."""
+        return steady_throttle(power)
+
+    def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
+        """Throttle whose lag gives nearest to the wanted rate."""
+        return throttle_for_rate(power, power_rate, self.lag)
+
+    def outside_tables(self, air_data: AirData) -> Flag:
+        """Whether altitude or Mach number lies outside what is told of the tables."""
+        low, high = self.altitude_range
+        slow, fast = self.mach_range
+        out = (air_data.altitude < low) | (air_data.altitude > high)
+        return out | (air_data.mach < slow) | (air_data.mach > fast)
+
 
 _FORCES = tuple(f"aeroBodyForceCoefficient_{axis}" for axis in "XYZ")
 _MOMENTS = tuple(f"aeroBodyMomentCoefficient_{axis}" for axis in ("Roll", "Pitch", "Yaw"))
@@ -30,7 +146,7 @@ _LENGTHS = ("referenceWingArea", "referenceWingSpan", "referenceWingChord")
 AERO_OUTPUTS = (*_FORCES, *_MOMENTS)
 """What a file of aerodynamics must give, besides `AERO_LENGTHS`."""
 AERO_LENGTHS = _LENGTHS
-KNOWN_INPUTS = (*AIR_INPUTS, *_RATES)
+STANDARD_INPUTS = (*AIR_INPUTS, *_RATES)
 """Inputs that are known of any aircraft; all others have to be its surfaces, or have a usual value."""
 _INERTIAS = (
     *(f"bodyMomentOfInertia_{axis}" for axis in ("Roll", "Pitch", "Yaw")),
@@ -82,12 +198,12 @@ class DaveMlAircraft(AbstractAirframe):
     airspeed_least: Scalar
     validity: Validity
     inputs: tuple[str, ...] = eqx.field(static=True)
-    still_side_force: bool = eqx.field(static=True, default=True)
+    has_static_side_force: bool = eqx.field(static=True, default=True)
 
     @property
     def symmetric(self) -> bool:
-        """Whether `still_side_force` says so."""
-        return not self.still_side_force
+        """Whether `has_static_side_force` says so."""
+        return not self.has_static_side_force
 
     def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Float[Array, "6"]:
         """CX, CY, CZ, Cl, Cm, Cn of the file times their factors, moments about its reference centre."""
@@ -111,8 +227,8 @@ class DaveMlAircraft(AbstractAirframe):
     def outside_tables(self, air_data: AirData) -> Flag:
         """Outside the ranges of alpha, beta, airspeed, altitude or Mach number, or of the engine's data."""
         return (
-            outside(air_data.alpha, self.alpha_range)
-            | outside(air_data.beta, self.beta_range)
+            is_outside(air_data.alpha, self.alpha_range)
+            | is_outside(air_data.beta, self.beta_range)
             | self.validity.excludes(air_data)
             | self.engine.outside_tables(air_data)
         )
@@ -179,13 +295,15 @@ def dave_ml_airframe(
     for name in inputs:
         refuse_other_units(aerodynamics.definition.variables[structure.find(name)], ANGLE)
     constants = aerodynamics.evaluator.constants
-    needed = structure.needed_for({structure.find(name) for name in AERO_OUTPUTS}, constants.keys())
-    missing = [n for n, one in named.items() if one in needed - constants.keys() and n not in (*KNOWN_INPUTS, *inputs)]
+    needed = structure.required_variables({structure.find(name) for name in AERO_OUTPUTS}, constants.keys())
+    missing = [
+        n for n, one in named.items() if one in needed - constants.keys() and n not in (*STANDARD_INPUTS, *inputs)
+    ]
     if missing:
-        raise ValueError(f"aerodynamics: nothing gives {', '.join(missing)}; expected inputs of {KNOWN_INPUTS}")
+        raise ValueError(f"aerodynamics: nothing gives {', '.join(missing)}; expected inputs of {STANDARD_INPUTS}")
     if isinstance(inertia, Model):
         _require("inertia", inertia, INERTIA_OUTPUTS)
-    faults = body_faults_of(aerodynamics, inertia if isinstance(inertia, Model) else None, given or {})
+    faults = dave_ml_body_faults(aerodynamics, inertia if isinstance(inertia, Model) else None, given or {})
     if faults:
         raise faults[0][1]
     mass_properties, centre_b = _mass_of(inertia, given or {}) if isinstance(inertia, Model) else inertia
@@ -219,11 +337,11 @@ def dave_ml_airframe(
         centre_b=centre_b,
         coefficient_factors=as_array(np.ones(6)),
         airspeed_least=as_array(1.0),
-        validity=everywhere() if validity is None else validity,
+        validity=unlimited_validity() if validity is None else validity,
         inputs=tuple(inputs),
     )
     refuse_impossible_body(made, "dave_ml_airframe")
-    return dataclasses.replace(made, still_side_force=_has_still_side_force(made))
+    return dataclasses.replace(made, has_static_side_force=_has_still_side_force(made))
 
 
 def _has_still_side_force(aircraft: DaveMlAircraft) -> bool:
@@ -247,7 +365,7 @@ def _side_forces(aircraft: DaveMlAircraft, alphas: Vector, speeds: Vector, power
     return jax.vmap(jax.vmap(side, in_axes=(None, 0)), in_axes=(0, None))(alphas, speeds)
 
 
-def body_faults_of(
+def dave_ml_body_faults(
     aerodynamics: Model | None, inertia: Model | None, given: Mapping[str, float]
 ) -> list[tuple[str, DaveMlError]]:
     """Find reference lengths, mass and inertia of files that no body has.
@@ -287,7 +405,7 @@ def _fault(model: Model, name: str, fault: BodyFault) -> DaveMlError:
     arrived = (
         f"{fault.arrived / unit.factor:.10g} {variable.units}, {fault.arrived:.10g}{si}, of {name} ({variable.id})"
     )
-    return variable.place.fault(arrived, fault.expected)
+    return variable.location.fault(arrived, fault.expected)
 
 
 def _si(model: Model, names: Sequence[str], given: Mapping[str, float]) -> dict[str, float]:

@@ -7,18 +7,17 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from anser.aircraft.actuators import AbstractActuators
-from anser.aircraft.air_data import AirData
-from anser.aircraft.engine import AbstractEngine
-from anser.aircraft.interface import AbstractAirframe, MassProperties
-from anser.aircraft.validity import Validity, outside
-from anser.aircraft.wrench import Wrench
-from anser.derivative_names import ARGUMENTS, STILL
-from anser.numerics import Tables, cross
+from anser.aircraft.air_data import AirData, Validity, Wrench, is_outside
+from anser.aircraft.airframe import AbstractAirframe, MassProperties
+from anser.aircraft.engines import AbstractEngine
+from anser.airframe_data import DERIVATIVE_ARGUMENTS, STATIC_ARGUMENTS
+from anser.numerics.linear import cross
+from anser.numerics.tables import Tables
 from anser.shapes import Flag, Scalar, Vector, Vector3
 
-NEVER = 100.0
+NO_STALL = 100.0
 """Angle of attack of the stall, rad, of an aircraft that has none."""
-_OF_ALPHA = tuple(ARGUMENTS.index(one) for one in STILL)
+_OF_ALPHA = tuple(DERIVATIVE_ARGUMENTS.index(one) for one in STATIC_ARGUMENTS)
 
 
 class DerivativeAircraft(AbstractAirframe):
@@ -31,7 +30,7 @@ class DerivativeAircraft(AbstractAirframe):
     cg_offset_b
         Centre of gravity seen from the point that the moment coefficients refer to, body axes, m.
     derivatives
-        Row: of `anser.derivative_names.COEFFICIENTS`; column: of `ARGUMENTS` there, then the surfaces in the actuators'
+        Row: of `anser.airframe_data.COEFFICIENTS`; column: of `ARGUMENTS` there, then the surfaces in the actuators'
         order; per rad.
     induced_drag
         1 / (pi e AR): factor of the square of the lift that the angle of attack makes.
@@ -68,14 +67,14 @@ class DerivativeAircraft(AbstractAirframe):
     validity: Validity
     tables: Tables | None = None
     table_factors: Float[Array, " tables"] | None = None
-    table_places: tuple[tuple[int, int], ...] = eqx.field(static=True, default=())
+    table_derivatives: tuple[tuple[int, int], ...] = eqx.field(static=True, default=())
     table_arguments: tuple[int, ...] = eqx.field(static=True, default=())
-    still_side_force: bool = eqx.field(static=True, default=True)
+    has_static_side_force: bool = eqx.field(static=True, default=True)
 
     @property
     def symmetric(self) -> bool:
-        """Whether `still_side_force` says so."""
-        return not self.still_side_force
+        """Whether `has_static_side_force` says so."""
+        return not self.has_static_side_force
 
     def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Float[Array, "6"]:
         """`COEFFICIENTS` about the reference point.
@@ -94,18 +93,18 @@ class DerivativeAircraft(AbstractAirframe):
         if self.tables is not None and self.table_factors is not None:
             inputs = (alpha, beta, *surfaces)
             values = jnp.concatenate(self.tables(*(inputs[k] for k in self.table_arguments))) * self.table_factors
-            rows, columns = np.asarray(self.table_places).T
+            rows, columns = np.asarray(self.table_derivatives).T
             parts = parts.at[rows, columns].add(values * argument[columns])
         total = jnp.sum(parts, axis=1)
         attached = jnp.sum(parts[0, np.asarray(_OF_ALPHA)])
         sine, cosine = jnp.sin(alpha), jnp.cos(alpha)
         plate = 2.0 * jnp.abs(sine) * sine * cosine
-        stalled = self.separated(alpha)
+        stalled = self.flow_separation(alpha)
         lift = total[0] + stalled * (plate - attached)
         drag = total[1] + self.induced_drag * attached**2
         return jnp.concatenate([jnp.stack([lift, drag]), total[2:]])
 
-    def separated(self, alpha: Scalar) -> Scalar:
+    def flow_separation(self, alpha: Scalar) -> Scalar:
         """How far the flow is separated, 0..1: sigma of [BM] equation 4.10, in a form that never overflows."""
         M, alpha0 = self.stall_sharpness, self.stall_alpha
         above, below = jax.nn.sigmoid(M * (alpha - alpha0)), jax.nn.sigmoid(-M * (alpha + alpha0))
@@ -123,8 +122,8 @@ class DerivativeAircraft(AbstractAirframe):
     def outside_tables(self, air_data: AirData) -> Flag:
         """Outside the ranges of alpha, beta, airspeed, altitude or Mach number, or of the engine's data."""
         return (
-            outside(air_data.alpha, self.alpha_range)
-            | outside(air_data.beta, self.beta_range)
+            is_outside(air_data.alpha, self.alpha_range)
+            | is_outside(air_data.beta, self.beta_range)
             | self.validity.excludes(air_data)
             | self.engine.outside_tables(air_data)
         )

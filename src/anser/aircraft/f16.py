@@ -1,5 +1,10 @@
-"""The F-16 of Stevens & Lewis in its three published variants (theory section 4; [SL] appendix A; [S119]; [TH])."""
+"""The F-16 of Stevens & Lewis.
 
+Its engine, the interface common to all F-16 table sets, and the three published variants (theory section 4; [SL]
+appendix A; [S119]; [TH]).
+"""
+
+import abc
 import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -11,13 +16,158 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from anser.aircraft.actuators import AbstractActuators, FirstOrderActuators
-from anser.aircraft.air_data import AirData
-from anser.aircraft.f16_engine import F16Engine
-from anser.aircraft.f16_interface import AbstractF16, F16Coefficients
-from anser.aircraft.interface import MassProperties
-from anser.numerics import Tables, as_array, make_axes, make_tables
-from anser.shapes import Scalar, Vector, Vector3
+from anser.aircraft.air_data import AirData, Wrench
+from anser.aircraft.airframe import AbstractAirframe, MassProperties
+from anser.aircraft.engines import AbstractEngine, EnginePower, thrust_along_body_x
+from anser.numerics.arrays import as_array
+from anser.numerics.tables import Tables, make_axes, make_tables
+from anser.shapes import Flag, Scalar, ScalarLike, Vector, Vector3
 from anser.units import DEG_RAD, FOOT_M, LBF_N, RAD_DEG, SLUG_FT2_KG_M2, SLUG_KG
+
+
+class F16Engine(AbstractEngine):
+    """Afterburning turbofan of [SL] appendix A.
+
+    Attributes
+    ----------
+    thrust_tables
+        Idle, military and maximum thrust (N) over altitude (m) and Mach number.
+    """
+
+    thrust_tables: Tables
+
+    def steady_state(self, power: ScalarLike) -> EnginePower:
+        """Power alone."""
+        return EnginePower(jnp.asarray(power))
+
+    def rate(self, state: EnginePower, throttle: ScalarLike, air_data: AirData) -> EnginePower:
+        """See `power_rate`."""
+        return EnginePower(self.power_rate(state.power, self.gearing(throttle)))
+
+    def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
+        """Thrust along body x through the centre of gravity."""
+        return thrust_along_body_x(self.thrust(power, air_data.altitude, air_data.mach))
+
+    def gearing(self, throttle: ScalarLike) -> Scalar:
+        """Commanded power (percent) of a throttle setting, held within 0..1 ([SL] TGEAR)."""
+        t = jnp.clip(throttle, 0.0, 1.0)
+        return jnp.where(t <= 0.77, 64.94 * t, 217.38 * t - 117.38)
+
+    def throttle_for_power(self, power: ScalarLike) -> Scalar:
+        """Throttle of a commanded power (percent): inverse of the gearing.
+
+        The published gearing falls by 0.0012 percent at throttle 0.77; powers in that gap belong to its upper side.
+        """
+        power = jnp.clip(power, 0.0, 100.0)
+        return jnp.where(power <= 64.94 * 0.77, power / 64.94, (power + 117.38) / 217.38)
+
+    def thrust(self, power: ScalarLike, altitude: ScalarLike, mach: ScalarLike) -> Scalar:
+        """Thrust (N) at a power (percent), altitude (m) and Mach number ([SL] THRUST)."""
+        idle, military, maximum = self.thrust_tables(altitude, mach)[0]
+        low = idle + (military - idle) * power / 50
+        high = military + (maximum - military) * (power - 50) / 50
+        return jnp.where(power < 50, low, high)
+
+    def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
+        """Power (percent, 0..100) whose thrust is nearest to `thrust` (N): the inverted thrust tables."""
+        idle, military, maximum = self.thrust_tables(air_data.altitude, air_data.mach)[0]
+        dry = 50 * (thrust - idle) / jnp.maximum(military - idle, 1.0)
+        wet = 50 + 50 * (thrust - military) / jnp.maximum(maximum - military, 1.0)
+        return jnp.clip(jnp.where(thrust < military, dry, wet), 0.0, 100.0)
+
+    def power_rate(self, power: ScalarLike, power_command: ScalarLike) -> Scalar:
+        """Engine lag, percent per second ([SL] PDOT and RTAU)."""
+        wet_now, wet_wanted = power >= 50, power_command >= 50
+        target = jnp.where(
+            wet_wanted,
+            jnp.where(wet_now, power_command, 60.0),
+            jnp.where(wet_now, 40.0, power_command),
+        )
+        gap = target - power
+        slow = jnp.clip(1.9 - 0.036 * gap, 0.1, 1.0)
+        return jnp.where(wet_now, 5.0, slow) * gap
+
+    def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
+        """See `power_command_for_rate`."""
+        return self.throttle_for_power(self.power_command_for_rate(power, power_rate))
+
+    def power_command_for_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
+        """Power command (percent, 0..100) whose lag gives the wanted rate (percent/s): the inverted lag.
+
+        With the afterburner lit the lag is 5 1/s, otherwise 1 1/s for commands up to 25 percent above the power; a
+        larger step makes this engine spool up more slowly, so none is asked for. Across 50 percent the published lag
+        leaves out some rates; a wanted rate there gets the command that crosses, which is faster, so that a closed loop
+        cannot stick at 50 percent.
+        """
+        wet = power + power_rate / 5.0
+        dry = power + jnp.minimum(power_rate, 25.0)
+        return jnp.clip(jnp.where(power >= 50, wet, dry), 0.0, 100.0)
+
+    def outside_tables(self, air_data: AirData) -> Flag:
+        """Whether altitude or Mach number lies outside the thrust tables."""
+        return jnp.any(self.thrust_tables.axes.outside(jnp.stack([air_data.altitude, air_data.mach])))
+
+
+class F16Coefficients(eqx.Module):
+    """Dimensionless force and moment coefficients in body axes, moments about the centre of gravity."""
+
+    CX: Scalar
+    CY: Scalar
+    CZ: Scalar
+    Cl: Scalar
+    Cm: Scalar
+    Cn: Scalar
+
+
+class AbstractF16(AbstractAirframe):
+    """An F-16 with its engine; its coefficients are its own.
+
+    Attributes
+    ----------
+    span, wing_area, mean_chord
+        Reference lengths (m) and area (m^2).
+    x_cg, x_cg_reference
+        Centre of gravity and moment reference, fractions of the mean chord.
+    """
+
+    engine: eqx.AbstractVar[F16Engine]  # pyright: ignore[reportIncompatibleVariableOverride] - deviations scale it
+    span: eqx.AbstractVar[Scalar]
+    wing_area: eqx.AbstractVar[Scalar]
+    mean_chord: eqx.AbstractVar[Scalar]
+    x_cg: eqx.AbstractVar[Scalar]
+    x_cg_reference: eqx.AbstractVar[Scalar]
+
+    @abc.abstractmethod
+    def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> F16Coefficients:
+        """Force and moment coefficients for the given air data, body rates (rad/s) and deflections (rad)."""
+
+    @abc.abstractmethod
+    def with_coefficients_scaled(self, factors: Float[Array, " coefficients"]) -> "AbstractF16":
+        """The same aircraft with each of `anser.aircraft.F16_COEFFICIENTS` multiplied by its factor."""
+
+    def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
+        """Force qbar S (CX, CY, CZ) and moment qbar S (b Cl, c Cm, b Cn)."""
+        c = self.coefficients(air_data, rates_b, surfaces)
+        scale = air_data.qbar * self.wing_area
+        return Wrench(
+            force_b=scale * jnp.stack([c.CX, c.CY, c.CZ]),
+            moment_b=scale * jnp.stack([self.span * c.Cl, self.mean_chord * c.Cm, self.span * c.Cn]),
+        )
+
+    def outside_tables(self, air_data: AirData) -> Flag:
+        """Outside the ranges of alpha and beta, altitude 0..50,000 ft or Mach 0..1.
+
+        The textbook's elevator table ends at 24 deg while the surface moves to 25 deg: that last degree is part of the
+        published model and not flagged.
+        """
+        return (
+            (air_data.alpha < self.alpha_range[0])
+            | (air_data.alpha > self.alpha_range[1])
+            | (air_data.beta < self.beta_range[0])
+            | (air_data.beta > self.beta_range[1])
+            | self.engine.outside_tables(air_data)
+        )
+
 
 TABLE_COEFFICIENTS = (
     ("CZ0", "CXq", "CYr", "CYp", "CZq", "Clr", "Clp", "Cmq", "Cnr", "Cnp"),
@@ -137,7 +287,7 @@ def f16_from_data(data: Mapping[str, Any], variant: str = "textbook", x_cg_over_
     if variant not in data["variants"]:
         raise ValueError(f"F-16 variant {variant!r}: known are {', '.join(data['variants'])}")
     chosen = data["variants"][variant]
-    tables = tables_of_variant(data, variant)
+    tables = variant_tables(data, variant)
     clamp = chosen["table_ends"].startswith("clamped")
     axes = data["axes"]
     airframe = data["airframe"]
@@ -157,8 +307,8 @@ def f16_from_data(data: Mapping[str, Any], variant: str = "textbook", x_cg_over_
             upper=as_array(limit),
             rate_limit=as_array(np.asarray(actuators["rate_limit_deg_s"]) * DEG_RAD),
         ),
-        alpha_range=range_rad(validity["alpha_deg"]),
-        beta_range=range_rad(validity["beta_deg"]),
+        alpha_range=range_from_deg(validity["alpha_deg"]),
+        beta_range=range_from_deg(validity["beta_deg"]),
         engine=_engine(axes, tables, clamp=clamp),
         span=as_array(span),
         wing_area=as_array(airframe["wing_area_ft2"] * FOOT_M**2),
@@ -184,7 +334,7 @@ def f16_from_data(data: Mapping[str, Any], variant: str = "textbook", x_cg_over_
     return jax.tree.map(lambda leaf: as_array(leaf), built)
 
 
-def tables_of_variant(data: Mapping[str, Any], variant: str) -> dict[str, np.ndarray]:
+def variant_tables(data: Mapping[str, Any], variant: str) -> dict[str, np.ndarray]:
     """Textbook tables with the variant's changed entries; each old value is checked against what the file states."""
     tables = {name: np.asarray(table["values"], dtype=float) for name, table in data["tables"].items()}
     for name, index, old, new in data["variants"][variant]["changes"]:
@@ -208,7 +358,7 @@ def _odd_extension(table: np.ndarray) -> np.ndarray:
     return np.concatenate([-table[:, :0:-1], table], axis=1)
 
 
-def engine_from_data(data: Mapping[str, Any]) -> F16Engine:
+def f16_engine_from_data(data: Mapping[str, Any]) -> F16Engine:
     """Build the engine alone from `aircraft/data/f16.json`: the textbook's thrust tables, which are TP-1538's."""
     tables = {name: np.asarray(table["values"], dtype=float) for name, table in data["tables"].items()}
     return _engine(data["axes"], tables, clamp=False)
@@ -223,7 +373,7 @@ def _engine(axes: Mapping[str, Any], tables: Mapping[str, np.ndarray], *, clamp:
     )
 
 
-def range_rad(range_deg: Sequence[float]) -> tuple[Scalar, Scalar]:
+def range_from_deg(range_deg: Sequence[float]) -> tuple[Scalar, Scalar]:
     """Least and greatest angle, given in deg, as arrays in rad."""
     return as_array(range_deg[0] * DEG_RAD), as_array(range_deg[1] * DEG_RAD)
 

@@ -1,48 +1,271 @@
-"""The motion of an aircraft over whichever Earth its environment has: what is integrated, and what is seen of it."""
+"""Six-degree-of-freedom motion of one aircraft.
 
-from typing import TypeVar, cast
+Flight condition and forces, the equations over a flat Earth in local axes and over a rotating round Earth in Earth-
+fixed coordinates, and the choice between them.
+"""
 
-from anser.aircraft.disturbance import Disturbance
-from anser.aircraft.interface import AbstractAirframe, AircraftState, Controls
-from anser.aircraft.rigid_body import state_derivative
-from anser.aircraft.round_earth import (
-    EarthFixedState,
-    earth_fixed_derivative,
-    earth_fixed_state,
-    local_state,
-    round_earth_of,
+from typing import Any, TypeVar, cast
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from anser.aircraft.air_data import AirData, Disturbance, Wrench, air_data
+from anser.aircraft.airframe import AbstractAirframe, AircraftState, Controls, MassProperties
+from anser.environment.earth import LocalEarth, RotatingEarth
+from anser.environment.environment import Environment
+from anser.numerics.linear import cross, times3
+from anser.shapes import Matrix33, Quaternion, Scalar, ScalarLike, Vector3
+from anser.spatial.frames import rotation_ned_from_ecef
+from anser.spatial.rotations import (
+    compose,
+    quaternion_derivative,
+    quaternion_from_euler,
+    quaternion_multiply,
+    rotate,
+    rotate_back,
+    rotation_from_quaternion,
 )
-from anser.environment import Environment, RotatingEarth
-from anser.shapes import ScalarLike
+
+
+class FlightCondition(eqx.Module):
+    """Everything that follows from one state at one instant, computed once and passed on.
+
+    Attributes
+    ----------
+    R_bn
+        Rotation NED to body.
+    wind_n
+        Mean velocity of the air over ground, without gusts, m/s.
+    air_data
+        See `AirData`; gusts are in it.
+    earth
+        What the Earth means here at this velocity.
+    aerodynamic, propulsive
+        Forces and moments on the aircraft.
+    """
+
+    R_bn: Matrix33
+    wind_n: Vector3
+    air_data: AirData
+    earth: LocalEarth
+    aerodynamic: Wrench
+    propulsive: Wrench
+
+    @property
+    def wrench(self) -> Wrench:
+        """Total force and moment without gravity."""
+        return self.aerodynamic + self.propulsive
+
+
+def flight_condition(
+    airframe: AbstractAirframe,
+    environment: Environment,
+    time: ScalarLike,
+    state: AircraftState,
+    rates_air_b: Vector3 | None = None,
+    disturbance: Disturbance | None = None,
+) -> FlightCondition:
+    """Air data, forces and moments of a state at a time (s).
+
+    The air turns with the Earth: what damps are the body rates relative to it, not those relative to the travelling NED
+    axes, nor the inertial ones. Where they are known otherwise, `rates_air_b` gives them, rad/s: at a pole, where the
+    travelling axes turn without bound, they do not follow from the state. `disturbance` is what is met besides the mean
+    wind, None: nothing.
+    """
+    R_bn = rotation_from_quaternion(state.quaternion)
+    wind_n = environment.wind.at(state.position_n, time)
+    altitude = -state.position_n[2]
+    earth = environment.earth.local_earth(state.position_n, rotate_back(R_bn, state.velocity_b))
+    if rates_air_b is None:
+        rates_air_b = state.rates_b + rotate(R_bn, earth.transport_rate_n)
+    velocity_air_b = state.velocity_b - rotate(R_bn, wind_n)
+    if disturbance is not None:
+        velocity_air_b = velocity_air_b - disturbance.gust.velocity_b
+        rates_air_b = rates_air_b - disturbance.gust.rates_b
+    data = air_data(velocity_air_b, altitude, environment.atmosphere.at(altitude))
+    propulsive = airframe.engine.propulsion(state.power, data)
+    if disturbance is not None:
+        propulsive = Wrench(disturbance.thrust * propulsive.force_b, disturbance.thrust * propulsive.moment_b)
+    return FlightCondition(
+        R_bn=R_bn,
+        wind_n=wind_n,
+        air_data=data,
+        earth=earth,
+        aerodynamic=airframe.aerodynamics(data, rates_air_b, state.surfaces),
+        propulsive=propulsive,
+    )
+
+
+def angular_acceleration(mass_properties: MassProperties, rates_b: Vector3, moment_b: Vector3) -> Vector3:
+    """J^-1 [M - w x (J w + h)], rad/s^2 (theory section 2; [SL] eq. 1.7-5 with the spinning engine)."""
+    momentum_b = times3(mass_properties.inertia_b, rates_b) + mass_properties.spin_momentum_b
+    return times3(mass_properties.inertia_inverse_b, moment_b - cross(rates_b, momentum_b))
+
+
+def moment_for_acceleration(mass_properties: MassProperties, rates_b: Vector3, acceleration_b: Vector3) -> Vector3:
+    """Moment that gives an angular acceleration (rad/s^2): the inverse of `angular_acceleration`, N m."""
+    momentum_b = times3(mass_properties.inertia_b, rates_b) + mass_properties.spin_momentum_b
+    return times3(mass_properties.inertia_b, acceleration_b) + cross(rates_b, momentum_b)
+
+
+def state_derivative(
+    airframe: AbstractAirframe,
+    environment: Environment,
+    time: ScalarLike,
+    state: AircraftState,
+    controls: Controls,
+    disturbance: Disturbance | None = None,
+) -> AircraftState:
+    """Time derivative of the state over a flat Earth, as a state of derivatives; see `round_earth` for the other.
+
+    Wind enters through the air-relative velocity only, which is exact for a steady wind.
+    """
+    now = flight_condition(airframe, environment, time, state, disturbance=disturbance)
+    wrench = now.wrench
+    return AircraftState(
+        position_n=rotate_back(now.R_bn, state.velocity_b),
+        velocity_b=wrench.force_b / airframe.mass_properties.mass
+        + rotate(now.R_bn, now.earth.apparent_gravity_n)
+        - cross(state.rates_b, state.velocity_b),
+        quaternion=quaternion_derivative(state.quaternion, state.rates_b),
+        rates_b=angular_acceleration(airframe.mass_properties, state.rates_b, wrench.moment_b),
+        actuators=airframe.actuators.rate(state.actuators, controls.surfaces, now.air_data),
+        engine=airframe.engine.rate(state.engine, controls.throttle, now.air_data),
+    )
+
+
+class EarthFixedState(eqx.Module):
+    """State of one aircraft over a round Earth: regular everywhere, poles and date line included.
+
+    Attributes
+    ----------
+    position_e
+        Of the centre of gravity, ECEF, m.
+    velocity_b
+        (U, V, W) relative to the rotating Earth in body axes, m/s.
+    quaternion
+        (q0, q1, q2, q3), scalar first, ECEF to body.
+    rates_b
+        Inertial angular velocity in body axes, rad/s.
+    actuators, engine
+        As in `AircraftState`.
+    """
+
+    position_e: Vector3
+    velocity_b: Vector3
+    quaternion: Quaternion
+    rates_b: Vector3
+    actuators: Any
+    engine: Any
+
+
+def earth_fixed_state(earth: RotatingEarth, state: AircraftState) -> EarthFixedState:
+    """State over a round Earth from what is seen in local axes: the inverse of `local_state`."""
+    lat, lon, _ = earth.geodetic(state.position_n)
+    R_bn = rotation_from_quaternion(state.quaternion)
+    local = earth.local_earth(state.position_n, rotate_back(R_bn, state.velocity_b))
+    return EarthFixedState(
+        position_e=earth.ecef_from_chart(state.position_n),
+        velocity_b=state.velocity_b,
+        quaternion=quaternion_multiply(_quaternion_ned_from_ecef(lat, lon), state.quaternion),
+        rates_b=state.rates_b + rotate(R_bn, local.earth_rate_n + local.transport_rate_n),
+        actuators=state.actuators,
+        engine=state.engine,
+    )
+
+
+def local_state(earth: RotatingEarth, state: EarthFixedState) -> AircraftState:
+    """What is seen of a state in local axes: place in the chart, attitude and rates relative to local NED.
+
+    At a pole, where no north exists, the attitude is that for longitude 0 and the rate of the axes has no bound.
+    """
+    position_n = earth.chart_from_ecef(state.position_e)
+    lat, lon, _ = earth.geodetic(position_n)
+    R_ne = rotation_ned_from_ecef(lat, lon)
+    R_bn = compose(rotation_from_quaternion(state.quaternion), R_ne.T)
+    local = earth.local_earth(position_n, rotate_back(R_bn, state.velocity_b))
+    back = _quaternion_ned_from_ecef(lat, lon) * jnp.array([1.0, -1.0, -1.0, -1.0])
+    return AircraftState(
+        position_n=position_n,
+        velocity_b=state.velocity_b,
+        quaternion=quaternion_multiply(back, state.quaternion),
+        rates_b=state.rates_b - rotate(R_bn, local.earth_rate_n + local.transport_rate_n),
+        actuators=state.actuators,
+        engine=state.engine,
+    )
+
+
+def _quaternion_ned_from_ecef(lat: Scalar, lon: Scalar) -> Quaternion:
+    """Quaternion of `rotation_ned_from_ecef`: a turn by the longitude, then down from the pole by the latitude."""
+    return quaternion_from_euler(jnp.zeros_like(lat), -lat - 0.5 * jnp.pi, lon)
+
+
+def require_round_earth(environment: Environment) -> RotatingEarth:
+    """Give the environment's Earth where it is round; TypeError otherwise."""
+    if not isinstance(environment.earth, RotatingEarth):
+        raise TypeError(f"an Earth-fixed state needs a RotatingEarth, not a {type(environment.earth).__name__}")
+    return environment.earth
+
+
+def earth_fixed_derivative(
+    airframe: AbstractAirframe,
+    environment: Environment,
+    time: ScalarLike,
+    state: EarthFixedState,
+    controls: Controls,
+    disturbance: Disturbance | None = None,
+) -> EarthFixedState:
+    """Time derivative of the state over the environment's round Earth, as a state of derivatives.
+
+    p_e' = R_eb v_b; v_b' = F/m + R_be g(p_e) - (w_bi + R_be w_E) x v_b with g = gravitation - w_E x (w_E x p_e);
+    q' from w_bi - R_be w_E; w_bi' = J^-1 [M - w_bi x (J w_bi + h)]. Source: [SL] eq. 1.7-18.
+    """
+    earth = require_round_earth(environment)
+    R_be = rotation_from_quaternion(state.quaternion)
+    earth_rate_b = earth.rotation_rate * R_be[:, 2]
+    rates_air_b = state.rates_b - earth_rate_b
+    now = flight_condition(airframe, environment, time, local_state(earth, state), rates_air_b, disturbance)
+    wrench = now.wrench
+    return EarthFixedState(
+        position_e=rotate_back(R_be, state.velocity_b),
+        velocity_b=wrench.force_b / airframe.mass_properties.mass
+        + rotate(R_be, earth.effective_gravity_e(state.position_e))
+        - cross(state.rates_b + earth_rate_b, state.velocity_b),
+        quaternion=quaternion_derivative(state.quaternion, rates_air_b),
+        rates_b=angular_acceleration(airframe.mass_properties, state.rates_b, wrench.moment_b),
+        actuators=airframe.actuators.rate(state.actuators, controls.surfaces, now.air_data),
+        engine=airframe.engine.rate(state.engine, controls.throttle, now.air_data),
+    )
+
 
 MotionState = AircraftState | EarthFixedState
 """What is integrated: the local state over a flat Earth, the Earth-fixed one over a round Earth."""
 
-Moving = TypeVar("Moving", bound=MotionState)
+AnyMotionState = TypeVar("AnyMotionState", bound=MotionState)
 
 
-def moving_state(environment: Environment, state: AircraftState) -> MotionState:
+def to_motion_state(environment: Environment, state: AircraftState) -> MotionState:
     """State to integrate, from what is seen in local axes."""
     earth = environment.earth
     return earth_fixed_state(earth, state) if isinstance(earth, RotatingEarth) else state
 
 
-def seen_state(environment: Environment, state: MotionState) -> AircraftState:
+def to_local_state(environment: Environment, state: MotionState) -> AircraftState:
     """What is seen in local axes of a state that is integrated."""
     if isinstance(state, AircraftState):
         return state
-    return local_state(round_earth_of(environment), state)
+    return local_state(require_round_earth(environment), state)
 
 
 def motion_derivative(
     airframe: AbstractAirframe,
     environment: Environment,
     time: ScalarLike,
-    state: Moving,
+    state: AnyMotionState,
     controls: Controls,
     disturbance: Disturbance | None = None,
-) -> Moving:
+) -> AnyMotionState:
     """Time derivative of a state that is integrated, of the same kind."""
     if isinstance(state, AircraftState):
-        return cast(Moving, state_derivative(airframe, environment, time, state, controls, disturbance))
-    return cast(Moving, earth_fixed_derivative(airframe, environment, time, state, controls, disturbance))
+        return cast(AnyMotionState, state_derivative(airframe, environment, time, state, controls, disturbance))
+    return cast(AnyMotionState, earth_fixed_derivative(airframe, environment, time, state, controls, disturbance))

@@ -8,10 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from anser.aircraft.actuators import AbstractActuators, FirstOrderActuators
-from anser.aircraft.air_data import AirData
-from anser.aircraft.engine import AbstractEngine, NoEngine
-from anser.aircraft.interface import AbstractAirframe, MassProperties
-from anser.aircraft.wrench import Wrench
+from anser.aircraft.air_data import AirData, Wrench
+from anser.aircraft.airframe import AbstractAirframe, MassProperties
+from anser.aircraft.engines import AbstractEngine, NoEngine
 from anser.shapes import Flag, Scalar, Vector, Vector3
 from anser.units import FOOT_M, SLUG_FT2_KG_M2, SLUG_KG
 

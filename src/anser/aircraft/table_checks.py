@@ -43,10 +43,10 @@ class SuspectPoint(NamedTuple):
     """
 
     table: str
-    place: tuple[float, ...]
+    location: tuple[float, ...]
     value: float
     score: float
-    joined: tuple[tuple[float, ...], ...]
+    neighbours: tuple[tuple[float, ...], ...]
 
 
 def suspect_points(tables: Mapping[str, GriddedTable], threshold: float = _SUSPECT) -> tuple[SuspectPoint, ...]:
@@ -76,7 +76,7 @@ def suspect_points(tables: Mapping[str, GriddedTable], threshold: float = _SUSPE
     usable = {n: t for n, t in tables.items() if t.values.ndim in (2, 3) and min(t.values.shape[:2]) >= 3}
     lines = {n: t for n, t in tables.items() if t.values.ndim == 1 and t.values.size >= _LINE_POINTS}
     shared = _shared(usable)
-    places = {point.place for point in shared}
+    places = {point.location for point in shared}
     found = [one for name, table in usable.items() for one in _of_table(name, table, places, threshold)]
     found += [one for name, table in lines.items() for one in _of_line(name, table, threshold)]
     return tuple(sorted([*shared, *found], key=lambda point: -point.score))
@@ -145,7 +145,7 @@ def _shared(tables: Mapping[str, GriddedTable]) -> list[SuspectPoint]:
     found: list[SuspectPoint] = []
     for place in sorted(scores, key=lambda p: -scores[p]):
         # a neighbour in the row departs because this one does
-        if scores[place] > _SHARED and not any(one.place[0] == place[0] for one in found):
+        if scores[place] > _SHARED and not any(one.location[0] == place[0] for one in found):
             found.append(SuspectPoint("all", place, float("nan"), scores[place], ()))
     return found
 

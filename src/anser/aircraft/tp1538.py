@@ -1,4 +1,7 @@
-"""The F-16 of NASA TP-1538 in full: alpha -20 to 90 deg, leading-edge flap, coefficients that are not symmetric."""
+"""The F-16 of NASA TP-1538 in full.
+
+Scheduled leading-edge flap, alpha -20 to 90 deg, coefficients that are not symmetric.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -11,14 +14,111 @@ from jaxtyping import Array, Float
 
 from anser.aircraft.actuators import AbstractActuators
 from anser.aircraft.air_data import AirData
-from anser.aircraft.f16 import F16_COEFFICIENTS, f16_mass_properties, range_rad
-from anser.aircraft.f16_engine import F16Engine
-from anser.aircraft.f16_interface import AbstractF16, F16Coefficients
-from anser.aircraft.interface import MassProperties
-from anser.aircraft.scheduled_flap import ScheduledFlapActuators
-from anser.numerics import Tables, as_array, make_axes, make_tables
-from anser.shapes import Scalar, Vector, Vector3
+from anser.aircraft.airframe import MassProperties
+from anser.aircraft.f16 import (
+    F16_COEFFICIENTS,
+    AbstractF16,
+    F16Coefficients,
+    F16Engine,
+    f16_mass_properties,
+    range_from_deg,
+)
+from anser.numerics.arrays import as_array
+from anser.numerics.tables import Tables, make_axes, make_tables
+from anser.shapes import Scalar, ScalarLike, Vector, Vector3
 from anser.units import DEG_RAD, FOOT_M, RAD_DEG, SLUG_KG
+
+_STATIC_PRESSURE_SHARE = 0.7  # qbar / ps = (gamma / 2) M^2 with gamma = 1.4
+_FLAP = 3
+
+
+class ScheduledFlap(eqx.Module):
+    """State of `ScheduledFlapActuators`.
+
+    Attributes
+    ----------
+    position
+        Elevator, aileron, rudder, leading-edge flap, rad, shape (4,).
+    alpha_lag
+        Angle of attack through the schedule's low-pass filter, rad.
+    """
+
+    position: Vector
+    alpha_lag: Scalar
+
+
+class ScheduledFlapActuators(AbstractActuators):
+    """First-order actuators of elevator, aileron, rudder; the leading-edge flap has a schedule and no command.
+
+    Its schedule is gain (2 s + pole)/(s + pole) alpha - compression qbar/ps + offset, within the stops (TP-1538), with
+    qbar/ps = 0.7 M^2; the flap follows with a lag and a rate limit. The lead-lag is 2 alpha - x with
+    x' = pole (alpha - x), so that x is the state. Above `alpha_down` the flap goes fully down whatever the filter says:
+    there the wind tunnel had it nowhere else.
+
+    Attributes
+    ----------
+    time_constant, lower, upper, rate_limit
+        As in `AbstractActuators`, shape (4,).
+    gain
+        Flap per angle of attack.
+    pole
+        1/s.
+    compression, offset
+        Rad.
+    alpha_down
+        Angle of attack, rad, from which the flap stands fully down.
+    """
+
+    time_constant: Vector
+    lower: Vector
+    upper: Vector
+    rate_limit: Vector
+    gain: Scalar
+    pole: Scalar
+    compression: Scalar
+    offset: Scalar
+    alpha_down: Scalar
+    names: tuple[str, ...] = eqx.field(static=True, default=("elevator", "aileron", "rudder", "leading_edge_flap"))
+
+    @property
+    def is_commanded(self) -> tuple[bool, ...]:
+        """All but the flap."""
+        return (True, True, True, False)
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Positions, then the filtered angle of attack."""
+        return (*self.names, "alpha_lag")
+
+    def steady_state(self, position: Vector) -> ScheduledFlap:
+        """At rest, with the filter at the angle of attack for which the schedule has the flap there at low speed."""
+        position = jnp.asarray(position)
+        return ScheduledFlap(position, (position[_FLAP] - self.offset) / self.gain)
+
+    def steady_state_in_flow(self, position: Vector, air_data: AirData) -> ScheduledFlap:
+        """At rest in a steady flow: the flap at its schedule, the filter at the angle of attack."""
+        return ScheduledFlap(self.scheduled_position(position, air_data), jnp.asarray(air_data.alpha))
+
+    def rate(self, state: ScheduledFlap, command: Vector, air_data: AirData) -> ScheduledFlap:
+        """Lags within the rate limits; the command of the flap is not looked at."""
+        flap = self._flap(2.0 * air_data.alpha - state.alpha_lag, air_data)
+        wanted = self.limit_command(jnp.concatenate([command[:_FLAP], flap[None]]))
+        moving = (wanted - state.position) / self.time_constant
+        return ScheduledFlap(
+            jnp.clip(moving, -self.rate_limit, self.rate_limit), self.pole * (air_data.alpha - state.alpha_lag)
+        )
+
+    def scheduled_position(self, position: Vector, air_data: AirData) -> Vector:
+        """The flap at its schedule's steady value, rad; the others as they are."""
+        flap = jnp.clip(self._flap(air_data.alpha, air_data), self.lower[_FLAP], self.upper[_FLAP])
+        return jnp.concatenate([position[:_FLAP], flap[None]])
+
+    def _flap(self, led_alpha: ScalarLike, air_data: AirData) -> Scalar:
+        """Flap that the schedule wants, rad, not yet within its stops."""
+        pressure_ratio = _STATIC_PRESSURE_SHARE * air_data.mach**2
+        wanted = self.gain * led_alpha - self.compression * pressure_ratio + self.offset
+        return jnp.where(air_data.alpha > self.alpha_down, self.upper[_FLAP], wanted)
+
 
 _DAMPING = ("CXq", "CYr", "CYp", "CZq", "Clr", "Clp", "Cmq", "Cnr", "Cnp")
 _LATERAL = ("CY", "Cl", "Cn")
@@ -154,8 +254,8 @@ def tp1538_from_data(data: Mapping[str, Any], engine: F16Engine, x_cg_over_c: fl
             alpha_down=as_array(alpha_down),
             names=tuple(actuators["order"]),
         ),
-        alpha_range=range_rad(data["validity"]["alpha_deg"]),
-        beta_range=range_rad(data["validity"]["beta_deg"]),
+        alpha_range=range_from_deg(data["validity"]["alpha_deg"]),
+        beta_range=range_from_deg(data["validity"]["beta_deg"]),
         engine=engine,
         span=as_array(airframe["span_ft"] * FOOT_M),
         wing_area=as_array(airframe["wing_area_ft2"] * FOOT_M**2),

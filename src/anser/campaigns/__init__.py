@@ -1,4 +1,4 @@
-"""Campaigns: a scenario flown many times with numbers of it dispersed, kept in a store, and what follows from it."""
+"""Monte Carlo campaigns and rare events: study files, stores, estimates and reports."""
 
 import lazy_loader
 

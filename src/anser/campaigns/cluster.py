@@ -9,8 +9,8 @@ from collections.abc import Callable, Collection, Generator, Iterator
 from pathlib import Path
 from typing import Any
 
-from anser.campaigns.store import StoreError
-from anser.results.extras import missing
+from anser.campaigns.store_integrity import StoreError
+from anser.results.documents import install_hint
 
 _CONNECT = "10s"
 """How long the scheduler may take to answer at first."""
@@ -22,13 +22,13 @@ _ANSWER_S = 30.0
 """How long the scheduler may take to answer while flights are in the air: it may be busy."""
 _WITHOUT_WORKERS_S = 120.0
 """How long a cluster may be without workers: those that were killed are started again."""
-_AGAIN = 2
+_RETRIES = 2
 """How often a chunk is given out again after dask gave it up, which it does when four workers died with it."""
-_IN_A_ROW = 3
+_CONSECUTIVE_FAILURES = 3
 """Chunks given up without one complete between them after which no other is tried."""
 
 
-def flown_by_cluster(
+def fly_on_cluster(
     address: str, fly: Callable[[Path, int], object], folder: Path, chunks: list[int]
 ) -> Generator[int, None, None]:
     """Have chunks flown by the workers of a cluster; each chunk, as it becomes complete.
@@ -71,12 +71,12 @@ def flown_by_cluster(
                 if not isinstance(error, distributed.KilledWorker):
                     raise _readable(error, address)
                 killed[chunk] += 1
-                if killed[chunk] <= _AGAIN:
+                if killed[chunk] <= _RETRIES:
                     left.append(chunk)
                     continue
                 given_up.append(chunk)
                 in_a_row += 1
-                if in_a_row == _IN_A_ROW:
+                if in_a_row == _CONSECUTIVE_FAILURES:
                     raise _given_up(address, given_up)
     if given_up:
         raise _given_up(address, given_up)
@@ -89,9 +89,9 @@ class _Watch:
         self._client, self._address = client, address
         self._workers_seen_at = self._looked_at = time.monotonic()
         self.at_a_time = 1
-        self._look()
+        self._poll_workers()
 
-    def _look(self) -> None:
+    def _poll_workers(self) -> None:
         """Ask the scheduler for its workers; raises StoreError where it does not answer, or has had none for long."""
         try:
             threads = self._client.sync(self._client.scheduler.ncores, callback_timeout=_ANSWER_S)
@@ -117,7 +117,7 @@ class _Watch:
                 break
             time.sleep(_WAIT_S)
         if time.monotonic() - self._looked_at >= _LOOK_S:
-            self._look()
+            self._poll_workers()
         return found
 
     def lost(self, arrived: str) -> StoreError:
@@ -138,7 +138,7 @@ def _readable(error: BaseException, address: str) -> BaseException:
 
 def _given_up(address: str, chunks: list[int]) -> StoreError:
     which = ", ".join(map(str, sorted(chunks)))
-    deaths = f"whose workers died {4 * (_AGAIN + 1)} times, perhaps for want of memory"
+    deaths = f"whose workers died {4 * (_RETRIES + 1)} times, perhaps for want of memory"
     words = f"arrived {'chunk' if len(chunks) == 1 else 'chunks'} {which}, {deaths}; expected workers that last"
     return StoreError(f"cluster {address}: {words}; resume tries again")
 
@@ -149,7 +149,7 @@ def _client(address: str) -> Iterator[tuple[Any, Any]]:
     try:
         distributed = importlib.import_module("distributed")
     except ImportError:
-        raise StoreError(f"cluster: arrived an address; {missing('dask', 'campaign')}") from None
+        raise StoreError(f"cluster: arrived an address; {install_hint('dask', 'campaign')}") from None
     with _quiet():
         try:
             client = distributed.Client(address, timeout=_CONNECT)

@@ -7,8 +7,8 @@ import numpy as np
 from pydantic import Field
 from scipy import stats
 
-from anser.scenario.errors import Problem, plain, show
-from anser.scenario.schema_base import Table, choice, expects, misordered, number
+from anser.config.errors import Problem, describe_value, format_number
+from anser.config.tables import Table, choice, expects, number, ordering_problems
 
 _LARGEST = 1e9
 _FARTHEST_SIGMA = 8.0
@@ -23,7 +23,7 @@ _KEYS = {
 }
 """By distribution, the keys that it needs; weights may be left out."""
 
-Kind = Literal["normal", "truncated", "uniform", "log-normal", "triangular", "choice"]
+DistributionName = Literal["normal", "truncated", "uniform", "log-normal", "triangular", "choice"]
 Value = float | int | str | bool
 
 
@@ -31,18 +31,18 @@ def _bound(about: str) -> float | None:
     return number(about, -_LARGEST, _LARGEST, "", None)
 
 
-class Vary(Table):
+class Dispersion(Table):
     """One number of the scenario that is dispersed."""
 
     path: str = Field(min_length=1, description="where in the scenario", json_schema_extra=expects(_PATH))
-    distribution: Kind = choice("of its values", tuple(_KEYS))
+    distribution: DistributionName = choice("of its values", tuple(_KEYS))
     how: Literal["set", "add", "multiply"] = choice(
         "whether a value takes the place of the scenario's, is added to it or multiplies it",
         ("set", "add", "multiply"),
         "set",
     )
     mean: float | None = _bound("mean; of a truncated one before it is truncated")
-    median: float | None = number("median", 0, _LARGEST, "", None, above=True)
+    median: float | None = number("median", 0, _LARGEST, "", None, exclusive_minimum=True)
     sigma: float | None = number(
         "standard deviation: of a log-normal one that of the natural logarithm, of a truncated one before it is "
         "truncated",
@@ -50,7 +50,7 @@ class Vary(Table):
         _LARGEST,
         "",
         None,
-        above=True,
+        exclusive_minimum=True,
     )
     low: float | None = _bound("least value")
     mode: float | None = _bound("most frequent value")
@@ -69,7 +69,7 @@ class Vary(Table):
         json_schema_extra=expects("a list of numbers above 0, as many as there are values"),
     )
 
-    def own_problems(self) -> list[Problem]:
+    def consistency_problems(self) -> list[Problem]:
         """Find keys that the distribution lacks or does not have, and values that do not go together."""
         needed = _KEYS[self.distribution]
         known = {*needed, "weights"} if self.distribution == "choice" else {*needed}
@@ -80,7 +80,9 @@ class Vary(Table):
             if getattr(self, key) is None
         ]
         found += [
-            Problem(key, show(getattr(self, key)), f"no such key: {self.distribution} has {', '.join(needed)}")
+            Problem(
+                key, describe_value(getattr(self, key)), f"no such key: {self.distribution} has {', '.join(needed)}"
+            )
             for key in sorted(others - known)
             if getattr(self, key) is not None
         ]
@@ -89,9 +91,9 @@ class Vary(Table):
         if self.distribution == "choice":
             return self._choice_problems()
         if self.low is not None:
-            found = misordered(self, "low", "high", "")
+            found = ordering_problems(self, "low", "high", "")
         if not found and self.mode is not None and not self.low <= self.mode <= self.high:  # pyright: ignore
-            found = [Problem("mode", plain(self.mode), f"from low to high: {self.low:g} to {self.high:g}")]
+            found = [Problem("mode", format_number(self.mode), f"from low to high: {self.low:g} to {self.high:g}")]
         if not found and self.distribution == "truncated":
             low, high = self._scaled_bounds()
             if max(low, -high) > _FARTHEST_SIGMA:
@@ -112,7 +114,7 @@ class Vary(Table):
             found.append(Problem("weights", f"a list of {len(self.weights)}", f"{len(values)}, one for each value"))
         return found
 
-    def at(self, shares: np.ndarray) -> np.ndarray:
+    def quantile(self, shares: np.ndarray) -> np.ndarray:
         """Values that these shares (0..1, both excluded) of all values stay below; of a choice in their order."""
         return _INVERSE[self.distribution](self, shares)
 
@@ -133,20 +135,20 @@ class Vary(Table):
         low, mode, high = (getattr(self, key) for key in ("low", "mode", "high"))
         return stats.triang.ppf(shares, (mode - low) / (high - low), low, high - low)
 
-    def _chosen(self, shares: np.ndarray) -> np.ndarray:
+    def _choose(self, shares: np.ndarray) -> np.ndarray:
         values = self.values or ()
         ends = np.cumsum(np.ones(len(values)) if self.weights is None else self.weights)
         which = np.searchsorted(ends / ends[-1], shares, side="right")
         return np.array(values)[np.minimum(which, len(values) - 1)]
 
 
-_INVERSE: dict[str, Callable[[Vary, np.ndarray], np.ndarray]] = {
+_INVERSE: dict[str, Callable[[Dispersion, np.ndarray], np.ndarray]] = {
     "normal": lambda vary, shares: stats.norm.ppf(shares, vary.mean, vary.sigma),
-    "truncated": Vary._truncated,
+    "truncated": Dispersion._truncated,
     "uniform": lambda vary, shares: stats.uniform.ppf(shares, vary.low, vary.high - vary.low),  # pyright: ignore
     "log-normal": lambda vary, shares: stats.lognorm.ppf(shares, vary.sigma, scale=vary.median),
-    "triangular": Vary._triangular,
-    "choice": Vary._chosen,
+    "triangular": Dispersion._triangular,
+    "choice": Dispersion._choose,
 }
 
 

@@ -7,18 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from anser.campaigns.store_lock import StoreError
+from anser.campaigns.store_integrity import StoreError
 from anser.campaigns.study import Study, validate_study
-from anser.output_files import new_file, new_folder
-from anser.results import version_attributes, write_json
-from anser.results.checksums import DamagedFileError, append_checksum, read_document, verify_checksum, with_checksum
-from anser.scenario import Scenario, ScenarioError
-from anser.scenario.schema import validate
+from anser.config.errors import ScenarioError
+from anser.files import new_file, new_folder
+from anser.results.checksums import DamagedFileError, add_checksum, append_checksum, read_document, verify_checksum
+from anser.results.documents import version_attributes, write_json
+from anser.scenario.schema import Scenario, validate
 
 FORMAT = 2
 _UNCHECKED = 1
 """Format without checksums, which is read, but not gone on with."""
-_ASKED = "rare-asked.json"
+_CONFIG_FILE = "rare-asked.json"
 _FLOWN = "flown"
 
 
@@ -48,17 +48,17 @@ class RareStore:
         }
         with new_folder(folder) as beside:
             (beside / _FLOWN).mkdir()
-            write_json(with_checksum(asked), beside / _ASKED)
+            write_json(add_checksum(asked), beside / _CONFIG_FILE)
         return cls(folder, study, scenario)
 
     @classmethod
     def open(cls, folder: Path) -> "RareStore":
         """Open that of a folder; StoreError where there is none, or one that is damaged or of another format."""
-        asked, checked = _read_asked(folder)
+        asked, checked = _read_config(folder)
         version = asked.get("format_version")
         if version not in (FORMAT, _UNCHECKED) or (version == FORMAT and not checked):
             words = f"arrived format {version}{'' if checked else ' without its checksum'}; expected {FORMAT}"
-            raise StoreError(f"{folder / _ASKED}: {words}")
+            raise StoreError(f"{folder / _CONFIG_FILE}: {words}")
         try:
             study = validate_study(json.loads(asked["study"]), f"{folder}, study")
             return cls(folder, study, validate(json.loads(asked["scenario"]), f"{folder}, scenario"), version)
@@ -66,11 +66,11 @@ class RareStore:
             raise
         except (KeyError, TypeError, ValueError) as error:
             words = f"arrived a file that cannot be read ({error}); expected it as anser wrote it"
-            raise StoreError(f"{folder / _ASKED}: {words}") from None
+            raise StoreError(f"{folder / _CONFIG_FILE}: {words}") from None
 
     def refuse_unless_same(self, study: Study, scenario: Scenario) -> None:
         """Refuse to go on with another study, scenario or version of what numbers depend on (StoreError)."""
-        asked, _ = _read_asked(self.folder)
+        asked, _ = _read_config(self.folder)
         for key, wanted in provenance(study, scenario).items():
             if asked.get(key) != wanted:
                 words = f"arrived a rare event with the {key.replace('_', ' ')} {asked.get(key)}"
@@ -156,11 +156,11 @@ def provenance(study: Study, scenario: Scenario) -> dict[str, object]:
     }
 
 
-def _read_asked(folder: Path) -> tuple[dict[str, Any], bool]:
+def _read_config(folder: Path) -> tuple[dict[str, Any], bool]:
     """What was asked for, and whether it has a checksum."""
-    path = folder / _ASKED
+    path = folder / _CONFIG_FILE
     if not path.is_file():
-        raise StoreError(f"{folder}: arrived a folder without {_ASKED}; expected that of a rare event")
+        raise StoreError(f"{folder}: arrived a folder without {_CONFIG_FILE}; expected that of a rare event")
     try:
         return read_document(path)
     except DamagedFileError as error:

@@ -8,13 +8,13 @@ from scipy import stats
 from scipy.stats import qmc
 
 from anser.campaigns.study import Study
-from anser.numerics.randomness import DISPERSIONS, seeded, uniforms_of
-from anser.results import saltelli_shares
+from anser.numerics.randomness import DISPERSIONS, draw_uniforms, flight_randomness
+from anser.results.sampling_statistics import saltelli_points
 
 _LEAST = 2.0**-53
 
 
-def sampled(study: Study, given: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+def sample_study(study: Study, given: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Values of the distributions by path, one for each flight; nothing has been added or multiplied yet.
 
     Plain Monte Carlo gives flight k the same values however many there are. A Latin hypercube does not.
@@ -30,13 +30,13 @@ def sampled(study: Study, given: Mapping[str, np.ndarray]) -> dict[str, np.ndarr
         return dict(given)
     if study.sampled.method == "grid":
         return _grid(study)
-    return dispersed(study, _shares(study))
+    return apply_distributions(study, _shares(study))
 
 
-def dispersed(study: Study, shares: np.ndarray) -> dict[str, np.ndarray]:
+def apply_distributions(study: Study, shares: np.ndarray) -> dict[str, np.ndarray]:
     """Values by path, from numbers between 0 and 1 of shape (flights, varied) that are independent and even."""
-    together = _together(study, np.clip(shares, _LEAST, 1.0 - _LEAST))
-    return {vary.path: vary.at(together[:, k]) for k, vary in enumerate(study.vary)}
+    together = _correlate(study, np.clip(shares, _LEAST, 1.0 - _LEAST))
+    return {vary.path: vary.quantile(together[:, k]) for k, vary in enumerate(study.vary)}
 
 
 def flight_seeds(study: Study, count: int) -> np.ndarray:
@@ -53,7 +53,7 @@ def flight_seeds(study: Study, count: int) -> np.ndarray:
     return (np.uint64(first) + numbers) % np.uint64(2**32)
 
 
-def independent(study: Study, numbers: np.ndarray) -> np.ndarray:
+def is_independent(study: Study, numbers: np.ndarray) -> np.ndarray:
     """Which of these flights are independent of each other: all, but of a Saltelli block its first and last alone."""
     place = numbers % study.block
     return (place == 0) | (place == study.block - 1)
@@ -65,15 +65,15 @@ def _shares(study: Study) -> np.ndarray:
     if study.sampled.method == "monte-carlo":
         lanes = np.tile(np.arange(count), flights)
         numbers = np.repeat(np.arange(flights), count)
-        key = np.asarray(seeded(study.seed).key)
-        return uniforms_of(key, DISPERSIONS, numbers, lanes).reshape(flights, count)
+        key = np.asarray(flight_randomness(study.seed).key)
+        return draw_uniforms(key, DISPERSIONS, numbers, lanes).reshape(flights, count)
     if study.sampled.method == "saltelli":
-        return np.clip(saltelli_shares(count, flights, study.seed), _LEAST, 1.0 - _LEAST)
+        return np.clip(saltelli_points(count, flights, study.seed), _LEAST, 1.0 - _LEAST)
     kind = {"latin-hypercube": qmc.LatinHypercube, "sobol": qmc.Sobol}[study.sampled.method]
     return np.clip(kind(count, rng=np.random.default_rng(study.seed)).random(flights), _LEAST, 1.0 - _LEAST)
 
 
-def _together(study: Study, shares: np.ndarray) -> np.ndarray:
+def _correlate(study: Study, shares: np.ndarray) -> np.ndarray:
     """Correlate the groups: by the normal numbers behind the shares."""
     shares, paths = shares.copy(), [vary.path for vary in study.vary]
     for group in study.correlated:
@@ -87,6 +87,6 @@ def _grid(study: Study) -> dict[str, np.ndarray]:
     """Every combination, the last path's values fastest: all values of a choice, the middles of equal parts else."""
     levels = study.sampled.levels or 1
     middles = (np.arange(levels) + 0.5) / levels
-    axes = [np.array(vary.values) if vary.values is not None else vary.at(middles) for vary in study.vary]
+    axes = [np.array(vary.values) if vary.values is not None else vary.quantile(middles) for vary in study.vary]
     columns = zip(*itertools.product(*axes), strict=True)
     return {vary.path: np.array(column) for vary, column in zip(study.vary, columns, strict=True)}

@@ -1,9 +1,14 @@
-"""The store of a campaign: preallocated, a chunk written whole; one whose checksums are recorded is complete."""
+"""The store of a campaign.
+
+Preallocated, written in whole chunks; a chunk is complete when its checksums are recorded. With the stopping rule of
+the study (number of chunks after which the estimate is converged) and the repair of damaged base files.
+"""
 
 import contextlib
 import json
 import os
 import shutil
+import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -12,19 +17,77 @@ import numpy as np
 import xarray as xr
 import zarr
 
-from anser.campaigns.kept import series_of
-from anser.campaigns.series_store import SERIES, create_series, series_bytes, series_dataset, write_series
-from anser.campaigns.stopping import complete_from_first, enough
-from anser.campaigns.store_arrays import FLOWN, FORMAT, create_arrays, every_chunk_written, fixed_width, open_arrays
-from anser.campaigns.store_checksums import StoreChecksums, chunk_files
-from anser.campaigns.store_lock import StoreError, exclusive
-from anser.campaigns.study import Study, validate_study
-from anser.results import DamagedFileError, version_attributes
-from anser.results.flight_columns import flight_columns, worst_of_fleet
-from anser.results.flight_row import FlightRow
-from anser.results.separated import separation_attributes
-from anser.scenario import Scenario, ScenarioError
-from anser.scenario.schema import validate
+from anser.campaigns.store_arrays import (
+    FLOWN,
+    FORMAT,
+    SERIES,
+    create_arrays,
+    create_series,
+    open_arrays,
+    series_bytes,
+    series_dataset,
+    to_fixed_width,
+    write_every_chunk,
+    write_series,
+)
+from anser.campaigns.store_integrity import StoreChecksums, StoreError, chunk_files, folder_lock
+from anser.campaigns.study import Study, select_series, validate_study
+from anser.config.errors import ScenarioError
+from anser.results.checksums import DamagedFileError, file_digest
+from anser.results.documents import version_attributes
+from anser.results.flight_rows import FlightRow, tabulate_flights, worst_of_fleet
+from anser.results.sampling_statistics import order_statistic_interval, wilson_interval
+from anser.results.separation import separation_attributes
+from anser.scenario.schema import Scenario, validate
+
+
+def count_converged_chunks(
+    study: Study, done: np.ndarray, chunk: int, values: np.ndarray, since: int = 0
+) -> int | None:
+    """How many of the first chunks are enough; None where the study does not say, or they are not yet.
+
+    Looked at after each chunk in their order, whichever was complete first: so it does not depend on how many fly at a
+    time. An interval that is looked at again and again covers somewhat less often than its confidence says.
+
+    Parameters
+    ----------
+    study
+        With its rule.
+    done
+        Whether each chunk is complete.
+    chunk
+        Flights of a chunk.
+    values
+        Of the rule's statistic, one for each flight; infinite where it is infinitely bad.
+    since
+        Chunks of which it is known that they are not enough.
+    """
+    until = study.until
+    if until is None:
+        return None
+    for count in range(since + 1, complete_prefix(done) + 1):
+        flights = min(count * chunk, values.size)
+        if flights < until.at_least:
+            continue
+        low, high = _interval(study, values[:flights])
+        if high - low <= until.width:
+            return count
+    return None
+
+
+def complete_prefix(done: np.ndarray) -> int:
+    """How many chunks are complete without one missing before them."""
+    return done.size if done.all() else int(np.argmin(done))
+
+
+def _interval(study: Study, values: np.ndarray) -> tuple[float, float]:
+    assert study.until is not None
+    if study.until.statistic == "met":
+        return wilson_interval(int(np.sum(values)), values.size, study.answers.confidence)
+    low, high = order_statistic_interval(values, study.until.share, study.answers.confidence)
+    # both infinite: all that is known is that it is the worst
+    return (low, high) if np.isfinite(low) else (-np.inf, np.inf)
+
 
 _UNCHECKED = 1
 """Format without checksums, which is read, but not gone on with."""
@@ -67,8 +130,8 @@ class CampaignStore:
         self.study = validate_study(json.loads(about["study"]), f"{folder}, study")
         self.scenario = validate(json.loads(about["scenario"]), f"{folder}, scenario")
         self.chunk = int(about["chunk"])
-        self._not_enough = 0  # chunks that were looked at: each look sorts all flights so far
-        self.kept = series_of(self.study.keep, self.scenario)
+        self._unconverged_chunks = 0  # chunks that were looked at: each look sorts all flights so far
+        self.series_selection = select_series(self.study.keep, self.scenario)
         self.versions = {key: value for key, value in about.items() if key.startswith("version_")}
 
     @classmethod
@@ -101,17 +164,17 @@ class CampaignStore:
         StoreError
             There is not enough space.
         """
-        kept = series_of(study.keep, scenario)
+        kept = select_series(study.keep, scenario)
         flights, names = seeds.size, [one.name for one in scenario.aircraft]
-        columns = flight_columns([FlightRow.failed("")], len(names))
-        sized = {name: fixed_width(name, column) for name, column in columns.items()}
+        columns = tabulate_flights([FlightRow.failed_start("")], len(names))
+        sized = {name: to_fixed_width(name, column) for name, column in columns.items()}
         needed = flights * sum(one[1][0].nbytes for one in sized.values()) + sum(one.nbytes for one in applied.values())
         needed += 0 if kept is None else flights * series_bytes(kept, scenario)
         free = shutil.disk_usage(folder).free
         if free < _SPARE * needed:
             words = f"arrived a disk with {free / 1e6:.3f} MB free; expected {_SPARE * needed / 1e6:.3f} MB"
             raise StoreError(f"{folder}: {words}")
-        with every_chunk_written():
+        with write_every_chunk():
             group = create_arrays(folder / STORE_FOLDER, study, scenario, applied, seeds, chunk, sized)
             if kept is not None:
                 create_series(group, kept, scenario, flights, chunk)
@@ -138,14 +201,16 @@ class CampaignStore:
         if not (folder / STORE_FOLDER).is_dir():
             raise StoreError(f"{folder}: arrived a folder without {STORE_FOLDER}; expected that of a campaign")
         checksums = StoreChecksums(folder, STORE_FOLDER)
-        if checksums.exist:
-            with _damage_told():
+        if checksums.has_records:
+            with _damage_as_store_error():
                 checksums.refuse_damaged_base()
         try:
             group = zarr.open_group(folder / STORE_FOLDER, mode="r+")
             version = group.attrs.get("format_version")
-            if version != (FORMAT if checksums.exist else _UNCHECKED) or not (checksums.exist or _DONE in group):
-                words = f"a store of format {version}{'' if checksums.exist else ' without checksums'}"
+            if version != (FORMAT if checksums.has_records else _UNCHECKED) or not (
+                checksums.has_records or _DONE in group
+            ):
+                words = f"a store of format {version}{'' if checksums.has_records else ' without checksums'}"
                 raise StoreError(f"{folder}: arrived {words}; expected one of format {FORMAT}, with its checksums")
             store = cls(folder, group)
         except (StoreError, ScenarioError):
@@ -168,10 +233,10 @@ class CampaignStore:
         if self._has_lock:
             yield
             return
-        if not self._checksums.exist:
+        if not self._checksums.has_records:
             words = f"a campaign of format {_UNCHECKED}, which can only be read; expected one of format {FORMAT}"
             raise StoreError(f"{self.folder}: arrived {words}, to go on with it")
-        with exclusive(self.folder):
+        with folder_lock(self.folder):
             self._forget_damaged()
             self._has_lock = True
             try:
@@ -186,17 +251,17 @@ class CampaignStore:
             (first, problem), more = next(iter(problems.items())), len(problems) - 1
             others = f", and {more} more chunks are damaged" if more else ""
             words = "expected a whole store: anser campaign with --resume flies damaged chunks again"
-            raise StoreError(f"{self.folder}: arrived {self._named(first)} of which {problem}{others}; {words}")
+            raise StoreError(f"{self.folder}: arrived {self._chunk_label(first)} of which {problem}{others}; {words}")
 
     def _forget_damaged(self) -> None:
         for chunk, problem in self._chunk_problems(series=True).items():
             self._checksums.forget_chunk(chunk)
             (self.folder / STORE_FOLDER / FLOWN / str(chunk)).unlink(missing_ok=True)
-            self.damages.append(f"{self.folder}: {self._named(chunk)} is flown again: {problem}")
+            self.damages.append(f"{self.folder}: {self._chunk_label(chunk)} is flown again: {problem}")
 
     def _chunk_problems(self, *, series: bool) -> dict[int, str]:
         """Chunks that are damaged, with what is wrong; those that were whole before are not looked at again."""
-        if not self._checksums.exist:
+        if not self._checksums.has_records:
             return {}
         selected: Callable[[str], bool] = (
             (lambda _: True) if series else (lambda name: not name.startswith(f"{SERIES}/"))
@@ -213,8 +278,8 @@ class CampaignStore:
         flown = {int(path.name) for path in (self.folder / STORE_FOLDER / FLOWN).iterdir() if path.name.isdecimal()}
         return problems | dict.fromkeys(sorted(flown - self._checksums.chunks()), "the record of checksums is missing")
 
-    def _named(self, chunk: int) -> str:
-        rows = self.rows_of(chunk)
+    def _chunk_label(self, chunk: int) -> str:
+        rows = self.chunk_slice(chunk)
         return f"chunk {chunk} (flights {rows.start} to {rows.stop - 1})"
 
     @property
@@ -223,30 +288,30 @@ class CampaignStore:
         return self._array("flight").shape[0]
 
     @property
-    def done(self) -> np.ndarray:
+    def chunk_is_complete(self) -> np.ndarray:
         """Whether each chunk is complete."""
-        if not self._checksums.exist:
+        if not self._checksums.has_records:
             return np.asarray(self._array(_DONE)[:]) == 1
         return np.isin(np.arange(-(-self.flights // self.chunk)), list(self._checksums.chunks()))
 
     @property
-    def enough(self) -> int | None:
+    def converged_chunks(self) -> int | None:
         """How many of the first chunks are enough by the study's rule; None where they are not, or it has none."""
         if self.study.until is None:
             return None
         statistic = self.study.until.statistic
         columns = {name: np.asarray(self._array(name)[:]) for name in {"met", "miss_m", statistic}}
         values = columns["met"] if statistic == "met" else worst_of_fleet(columns, statistic)
-        done = self.done
-        found = enough(self.study, done, self.chunk, values, self._not_enough)
+        done = self.chunk_is_complete
+        found = count_converged_chunks(self.study, done, self.chunk, values, self._unconverged_chunks)
         if found is None:
-            self._not_enough = complete_from_first(done)
+            self._unconverged_chunks = complete_prefix(done)
         return found
 
     @property
     def flown(self) -> np.ndarray:
         """Numbers of the flights that count: those of complete chunks, as far as the study's rule asks for them."""
-        counts, stop = self.done, self.enough
+        counts, stop = self.chunk_is_complete, self.converged_chunks
         if stop is not None:
             counts = counts & (np.arange(counts.size) < stop)
         return np.flatnonzero(np.repeat(counts, self.chunk)[: self.flights])
@@ -256,7 +321,7 @@ class CampaignStore:
         """Paths of what varies."""
         return json.loads(str(self._group.attrs["varied"]))
 
-    def rows_of(self, chunk: int) -> slice:
+    def chunk_slice(self, chunk: int) -> slice:
         """Flights of a chunk."""
         return slice(chunk * self.chunk, min((chunk + 1) * self.chunk, self.flights))
 
@@ -268,13 +333,13 @@ class CampaignStore:
 
     def write(self, chunk: int, rows: list[FlightRow]) -> None:
         """Write a chunk, and record its checksums when all of it is on the disk."""
-        place, columns = self.rows_of(chunk), flight_columns(rows, len(self.scenario.aircraft))
+        place, columns = self.chunk_slice(chunk), tabulate_flights(rows, len(self.scenario.aircraft))
         names = [*columns, FLOWN]
-        with every_chunk_written():
+        with write_every_chunk():
             for name, column in columns.items():
-                self._array(name)[place] = fixed_width(name, column)[1]
-            if self.kept is not None:
-                names += [f"{SERIES}/{name}" for name in write_series(self._group, self.kept, place, rows)]
+                self._array(name)[place] = to_fixed_width(name, column)[1]
+            if self.series_selection is not None:
+                names += [f"{SERIES}/{name}" for name in write_series(self._group, self.series_selection, place, rows)]
             os.sync()  # or the record could outlive a power cut that its chunk does not
             self._array(FLOWN)[place] = True
         files = (file for name in names for file in chunk_files(name, chunk, self._array(name).cdata_shape))
@@ -329,18 +394,18 @@ class CampaignStore:
         StoreError
             The study keeps none, or a file of the series is damaged.
         """
-        if self.kept is None:
+        if self.series_selection is None:
             words = 'a study that keeps some, such as [keep] series = ["position_error", "airspeed"]'
             raise StoreError(f"{self.folder}: arrived a campaign without series; expected one of {words}")
         self.refuse_damaged(series=True)
         return series_dataset(self.folder / STORE_FOLDER, self.flown)
 
-    def series_of(self, name: str, flights: np.ndarray) -> Iterator[np.ndarray]:
+    def read_series_chunks(self, name: str, flights: np.ndarray) -> Iterator[np.ndarray]:
         """One variable of some flights over time, chunk by chunk: shape (flights of the chunk, aircraft, times)."""
         self.refuse_damaged(series=True)
         array = self._array(f"{SERIES}/{name}")
         for chunk in np.unique(flights // self.chunk):
-            rows = self.rows_of(int(chunk))
+            rows = self.chunk_slice(int(chunk))
             some = flights[flights // self.chunk == chunk]
             yield np.asarray(array[rows])[some - rows.start]
 
@@ -351,8 +416,52 @@ class CampaignStore:
 
 
 @contextlib.contextmanager
-def _damage_told() -> Iterator[None]:
+def _damage_as_store_error() -> Iterator[None]:
     try:
         yield
     except DamagedFileError as error:
         raise StoreError(str(error)) from None
+
+
+def repair_base(
+    folder: Path, study: Study, scenario: Scenario, applied: Mapping[str, np.ndarray], seeds: np.ndarray
+) -> tuple[str, ...]:
+    """Make damaged metadata, coordinates, seeds and sampled values of a store anew, where they come out as recorded.
+
+    Parameters
+    ----------
+    folder
+        Of the campaign.
+    study, scenario, applied, seeds
+        As `CampaignStore.create` takes them.
+
+    Returns
+    -------
+    Paths of the files that were made anew.
+
+    Raises
+    ------
+    StoreError
+        The record of checksums is damaged, or a file comes out otherwise: of another study or version.
+    """
+    checksums = StoreChecksums(folder, STORE_FOLDER)
+    if not checksums.has_records:
+        return ()
+    try:
+        problems, chunk = checksums.base_problems(), checksums.base_number("chunk")
+    except DamagedFileError as error:
+        raise StoreError(str(error)) from None
+    if not problems:
+        return ()
+    with tempfile.TemporaryDirectory(dir=folder, prefix=".anser-") as place:
+        CampaignStore.create(Path(place), study, scenario, applied, seeds, chunk)
+        anew = Path(place) / STORE_FOLDER
+        for name, digest in problems.items():
+            if not (anew / name).is_file() or file_digest(anew / name) != digest:
+                words = "a damaged file that this study and version do not make anew; expected those of the campaign"
+                raise StoreError(f"{folder / STORE_FOLDER / name}: arrived {words}, to go on with it")
+        for name in problems:
+            target = folder / STORE_FOLDER / name
+            target.parent.mkdir(parents=True, exist_ok=True)
+            (anew / name).replace(target)
+    return tuple(str(folder / STORE_FOLDER / name) for name in problems)

@@ -13,7 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
-from anser.results import log_interval, wilson_interval
+from anser.results.sampling_statistics import log_interval, wilson_interval
 
 ACCEPTANCE = 0.44
 """Share of the moves that are to be accepted; Papaioannou et al. 2015."""
@@ -23,14 +23,14 @@ LimitState = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """From points and their numbers to values, more is worse; infinite where it is as bad as can be."""
 
 
-class Space(Protocol):
+class SampleSpace(Protocol):
     """Where the walks go: points that stand for independent standard normal numbers, as rows of an array."""
 
-    def fresh(self, numbers: np.ndarray) -> np.ndarray:
+    def sample(self, numbers: np.ndarray) -> np.ndarray:
         """Independent points, each from its number."""
         ...
 
-    def mixed(self, points: np.ndarray, keep: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+    def propose(self, points: np.ndarray, keep: np.ndarray, numbers: np.ndarray) -> np.ndarray:
         """Points ``keep * point + sqrt(1 - keep**2) * fresh``, standard normal again; `keep` is one for each."""
         ...
 
@@ -49,15 +49,15 @@ class Normals:
     def __init__(self, dimension: int, seed: int) -> None:
         self.dimension, self.seed = dimension, seed
 
-    def fresh(self, numbers: np.ndarray) -> np.ndarray:
+    def sample(self, numbers: np.ndarray) -> np.ndarray:
         """See `Space`; of numbers that follow each other."""
         generator = np.random.default_rng([self.seed, int(numbers[0])])
         return generator.standard_normal((numbers.size, self.dimension))
 
-    def mixed(self, points: np.ndarray, keep: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+    def propose(self, points: np.ndarray, keep: np.ndarray, numbers: np.ndarray) -> np.ndarray:
         """See `Space`."""
         part = keep[:, None]
-        return part * points + np.sqrt(1.0 - part**2) * self.fresh(numbers)
+        return part * points + np.sqrt(1.0 - part**2) * self.sample(numbers)
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ def estimate(repetitions: Sequence[Repetition], value: float, confidence: float)
 
 
 def subset_simulation(
-    space: Space,
+    space: SampleSpace,
     limit_state: LimitState,
     threshold: float,
     plan: SubsetPlan,
@@ -206,7 +206,7 @@ def subset_simulation(
         number += numbers.size
         held = [one for one, _ in asked.values() if one is not None]
         keep = np.concatenate([one for _, one in asked.values()])
-        points = space.mixed(np.concatenate(held), keep, numbers) if held else space.fresh(numbers)
+        points = space.propose(np.concatenate(held), keep, numbers) if held else space.sample(numbers)
         values = np.asarray(limit_state(points, numbers), dtype=float)
         if np.isnan(values).any():
             raise ValueError("arrived NaN from the limit state; expected a number, or infinity for the worst")
@@ -221,13 +221,15 @@ def subset_simulation(
     return tuple(found[k] for k in range(plan.repetitions))
 
 
-_Asked = tuple[np.ndarray | None, np.ndarray]
+_Proposal = tuple[np.ndarray | None, np.ndarray]
 """Points to move from and the part of each that is kept; None and as many zeros: fresh ones."""
-_Got = tuple[np.ndarray, np.ndarray, np.ndarray]
+_Evaluated = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Points, values, numbers."""
 
 
-def _walk(threshold: float, plan: SubsetPlan, generator: np.random.Generator) -> Generator[_Asked, _Got, Repetition]:
+def _walk(
+    threshold: float, plan: SubsetPlan, generator: np.random.Generator
+) -> Generator[_Proposal, _Evaluated, Repetition]:
     points, values, numbers = yield None, np.zeros(plan.points)
     levels: list[SubsetLevel] = []
     bound, acceptance, size = -np.inf, np.nan, _FIRST_SIZE

@@ -7,8 +7,7 @@ import atexit
 import signal
 import sys
 
-from anser.cli.interrupts import INTERRUPTED, interrupts
-from anser.cli.streams import guarded_streams
+from anser.cli.process import INTERRUPTED, guarded_streams, interrupts
 
 
 def main() -> None:

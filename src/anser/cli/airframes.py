@@ -5,33 +5,32 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from anser.aircraft_files.sources import AIRCRAFT_SCHEMA, DAVE_ML_SUFFIX, SUFFIXES, VARIANTS, write_airframe_starter
+from anser.cli.app import help_epilog
 from anser.cli.arguments import VariantName, complete_aircraft
 from anser.cli.console import (
     RefusedError,
-    answer,
+    activity,
     columns,
-    line,
-    must_be_known,
+    must_be_known_aircraft,
     number,
     plain_table,
+    print_document,
+    print_line,
+    print_note,
+    print_problem,
     print_table,
-    problem,
-    say,
-    working,
 )
-from anser.cli.offering import about
-from anser.cli.output_folder import Force, must_be_new_file, written_file
-from anser.cli.scenario_files import start
-from anser.scenario import VARIANTS
-from anser.scenario.airframe_file import DAVE_ML_SUFFIX, SUFFIXES, write_airframe_starter
-from anser.scenario.airframe_file.template import AIRCRAFT_SCHEMA
+from anser.cli.folders import Force, must_be_new_file, open_output_file
+from anser.cli.scenario_files import write_starter_file
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from anser.dave_ml import Variable
-    from anser.scenario.airframe_file.checking import Compared
-    from anser.scenario.airframe_file.linting import Finding
+    from anser.aircraft_files.check_data import CheckedValue
+    from anser.aircraft_files.findings import Finding
+    from anser.dave_ml.definition import Variable
+
 
 _Aircraft = Annotated[
     str,
@@ -42,13 +41,13 @@ _Aircraft = Annotated[
 _PICTURES = (".png", ".svg", ".pdf")
 
 
-@about("anser aircraft list", "anser aircraft list --json")
+@help_epilog("anser aircraft list", "anser aircraft list --json")
 def list_() -> None:
     """List the airframes of the library and of entry points: mass, span, airspeeds of their data, surfaces."""
-    from anser.execution import list_airframes
+    from anser.analysis.airframes import list_airframes
 
     found = list_airframes()
-    answer(
+    print_document(
         lambda: {
             "format_version": 1,
             "aircraft": [
@@ -78,7 +77,7 @@ def list_() -> None:
     print_table(table)
 
 
-@about("anser aircraft show aerosonde", "anser aircraft show my-uav.toml --out my-uav.png")
+@help_epilog("anser aircraft show aerosonde", "anser aircraft show my-uav.toml --out my-uav.png")
 def show(
     aircraft: _Aircraft,
     variant: VariantName = "textbook",
@@ -89,24 +88,25 @@ def show(
     force: Force = False,
 ) -> None:
     """Show an airframe: mass, geometry, surfaces, engine, where its data hold, and where it flies level."""
-    must_be_known(aircraft, variant)
+    must_be_known_aircraft(aircraft, variant)
     if out is not None:
         must_be_new_file("--out", out, _PICTURES, force)
-    from anser.execution import airframe_of, described_airframe, file_of, name_of, survey_airframe, trimmed_speeds
+    from anser.analysis.airframes import describe_airframe, find_aircraft_file, survey_airframe, trim_speed_range
+    from anser.analysis.trim_points import airframe_label, resolve_airframe
 
-    airframe, of = airframe_of(aircraft, variant)
-    rows, file = described_airframe(airframe), file_of(aircraft)
-    with working("trimming"):
+    airframe, of = resolve_airframe(aircraft, variant)
+    rows, file = describe_airframe(airframe), find_aircraft_file(aircraft)
+    with activity("trimming"):
         dataset = survey_airframe(aircraft, variant, altitude_m=altitude_m)
-    speeds = trimmed_speeds(dataset)
+    speeds = trim_speed_range(dataset)
     flown = "at no airspeed looked at" if speeds is None else f"{speeds[0]:.3g} to {speeds[1]:.3g}"
     rows.append((f"level flight at {altitude_m:g} m", flown, "" if speeds is None else "m/s, within all limits"))
     if out is not None:
-        from anser.report import draw_airframe
+        from anser.report.airframe_figures import draw_airframe
 
-        with written_file("--out", out, force) as picture:
+        with open_output_file("--out", out, force) as picture:
             draw_airframe(dataset, picture)
-    answer(
+    print_document(
         lambda: {
             "format_version": 1,
             **of,
@@ -116,19 +116,19 @@ def show(
             "level_flight_m_s": None if speeds is None else list(speeds),
         }
     )
-    table = plain_table(name_of(of), "quantity", *columns("value", justify="right"), "unit")
+    table = plain_table(airframe_label(of), "quantity", *columns("value", justify="right"), "unit")
     for row in rows:
         table.add_row(*row)
     print_table(table)
     if file is not None:
-        line(f"source: {file.source}")
+        print_line(f"source: {file.source}")
         if file.assumed:
-            line(f"assumed: {file.assumed}")
+            print_line(f"assumed: {file.assumed}")
     if out is not None:
-        say(f"{out}: written")
+        print_note(f"{out}: written")
 
 
-@about(
+@help_epilog(
     "anser aircraft check my-uav.toml",
     "anser aircraft check aerosonde --json",
     "anser aircraft check f16 --variant tp1538",
@@ -141,20 +141,20 @@ def check(aircraft: _Aircraft, variant: VariantName = "textbook") -> None:
     Of an aircraft by DAVE-ML the check data of its files come first; of the F-16 there are tables alone. A DAVE-ML file
     (.dml) is checked by itself; where it has no check data, its inputs and outputs are listed.
     """
-    must_be_known(aircraft, variant)
-    from anser.execution import check_airframe, check_dave_ml, file_of
+    must_be_known_aircraft(aircraft, variant)
+    from anser.analysis.airframes import check_airframe, check_dave_ml, find_aircraft_file
 
     if Path(aircraft).suffix == DAVE_ML_SUFFIX:
-        with working("computing"):
+        with activity("computing"):
             model = check_dave_ml(aircraft)
         signals = {"inputs": model.inputs, "outputs": model.outputs}
-        _report(Path(aircraft).name, aircraft, model.compared, model.findings, signals)
+        _report(Path(aircraft).name, aircraft, model.checked_values, model.findings, signals)
         return
 
-    if file_of(aircraft) is None and aircraft not in VARIANTS:
+    if find_aircraft_file(aircraft) is None and aircraft not in VARIANTS:
         words = "an aircraft file, or the name of one of the library or of the F-16"
         raise RefusedError(f"AIRCRAFT: arrived {aircraft!r}, an airframe in code; expected {words}")
-    with working("computing"):
+    with activity("computing"):
         compared, findings = check_airframe(aircraft, variant)
     name = Path(aircraft).stem if aircraft not in VARIANTS else f"{aircraft} ({variant})"
     _report(name, aircraft, compared, findings, {})
@@ -163,67 +163,67 @@ def check(aircraft: _Aircraft, variant: VariantName = "textbook") -> None:
 def _report(
     name: str,
     aircraft: str,
-    compared: "tuple[Compared, ...]",
+    checked_values: "tuple[CheckedValue, ...]",
     findings: "tuple[Finding, ...]",
     signals: "Mapping[str, tuple[Variable, ...]]",
 ) -> None:
     """Answer with check data and findings; `signals` are the inputs and outputs of a DAVE-ML file by itself."""
-    wrong = [one for one in compared if not one.agrees]
-    answer(
+    wrong = [one for one in checked_values if not one.passed]
+    print_document(
         lambda: {
             "format_version": 1,
             "aircraft": name,
             "checks": [
                 {
-                    "place": one.place,
+                    "place": one.location,
                     "name": one.name,
                     "unit": one.unit,
                     "expected": one.expected,
                     "obtained": one.obtained,
                     "tolerance": one.tolerance,
-                    "agrees": one.agrees,
+                    "agrees": one.passed,
                 }
-                for one in compared
+                for one in checked_values
             ],
-            "findings": [{"place": one.place, "text": one.text} for one in findings],
+            "findings": [{"place": one.location, "text": one.text} for one in findings],
             **{
                 key: [{"name": one.name, "id": one.id, "units": one.units, "usual": one.initial} for one in variables]
                 for key, variables in signals.items()
             },
         }
     )
-    line(_count(name, compared, wrong))
-    if not compared:
+    print_line(_count(name, checked_values, wrong))
+    if not checked_values:
         for key, variables in signals.items():
             listed = [f"{one.name} ({', '.join(filter(None, (one.id, one.units)))})" for one in variables]
-            line(f"{key}: {', '.join(listed) or 'none'}")
+            print_line(f"{key}: {', '.join(listed) or 'none'}")
     for one in wrong:
-        problem(_disagrees(one))
+        print_problem(_disagreement_text(one))
     if wrong and Path(aircraft).suffix in (*SUFFIXES, DAVE_ML_SUFFIX):
-        problem("check data belong to the data of the file: change or delete them with these")
+        print_problem("check data belong to the data of the file: change or delete them with these")
     for one in findings:
-        problem(str(one))
+        print_problem(str(one))
     if wrong or findings:
         raise typer.Exit(1)
-    line("nothing found that looks wrong")
+    print_line("nothing found that looks wrong")
 
 
-def _count(name: str, compared: "tuple[Compared, ...]", wrong: "list[Compared]") -> str:
-    if not compared:
+def _count(name: str, checked_values: "tuple[CheckedValue, ...]", wrong: "list[CheckedValue]") -> str:
+    if not checked_values:
         return f"{name}: there are no check data"
-    return f"{name}: {len(compared) - len(wrong)} of {len(compared)} numbers of its check data agree"
+    return f"{name}: {len(checked_values) - len(wrong)} of {len(checked_values)} numbers of its check data agree"
 
 
-def _disagrees(one: "Compared") -> str:
+def _disagreement_text(one: "CheckedValue") -> str:
     return (
-        f"{one.place} ({one.name}): expected {one.expected:.10g} {one.unit}, obtained {one.obtained:.10g}, "
+        f"{one.location} ({one.name}): expected {one.expected:.10g} {one.unit}, obtained {one.obtained:.10g}, "
         f"tolerance {one.tolerance:.2g}"
     )
 
 
-@about("anser aircraft new my-uav.toml")
+@help_epilog("anser aircraft new my-uav.toml")
 def new(
     path: Annotated[Path, typer.Argument(help="New file to write.", show_default=False)],
 ) -> None:
     """Write an aircraft file to start from, with comments: a valid one, that of a small aircraft."""
-    start(path, write_airframe_starter, AIRCRAFT_SCHEMA, "anser aircraft check")
+    write_starter_file(path, write_airframe_starter, AIRCRAFT_SCHEMA, "anser aircraft check")

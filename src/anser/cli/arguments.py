@@ -7,30 +7,30 @@ from typing import Annotated, Literal
 
 import typer
 
-from anser.cli.run_folder import RUN_FILES
-from anser.input_files import read_file
-from anser.scenario import AIRFRAMES, VARIANTS
+from anser.aircraft_files.sources import AIRFRAMES, VARIANTS
+from anser.files import read_file
+from anser.missions.saved_flights import RUN_FILES
 
-_LOOKED_AT_MOST = 500
+_ENTRIES_MAX = 500
 """Entries that a completion looks at: it must not take long in a large folder."""
-_DEEP = 2
+_DEPTH = 2
 """Folders below the one named so far that a completion looks into."""
 
 
 def complete_scenario(incomplete: str) -> list[str]:
     """Scenario files that begin so, in this folder and two below; nothing where there is none: the shell's own turn."""
-    return _found(incomplete, _is_scenario)
+    return _matching_paths(incomplete, _is_scenario)
 
 
 def complete_run(incomplete: str) -> list[str]:
     """Folders of runs that begin so, in this folder and two below."""
-    return _found(incomplete, lambda path: all((path / name).is_file() for name in RUN_FILES))
+    return _matching_paths(incomplete, lambda path: all((path / name).is_file() for name in RUN_FILES))
 
 
 def complete_aircraft(incomplete: str) -> list[str]:
     """Airframes that begin so, and aircraft files in this folder and two below."""
     names = [name for name in AIRFRAMES if name.startswith(incomplete)]
-    return names + _found(incomplete, _is_airframe)
+    return names + _matching_paths(incomplete, _is_airframe)
 
 
 def complete_variant(context: typer.Context, incomplete: str) -> list[str]:
@@ -48,13 +48,13 @@ def _is_scenario(path: Path) -> bool:
     return path.suffix == ".toml" and path.is_file() and b"[[aircraft]]" in read_file(path)
 
 
-def _found(incomplete: str, wanted: Callable[[Path], bool]) -> list[str]:
+def _matching_paths(incomplete: str, wanted: Callable[[Path], bool]) -> list[str]:
     """Paths that begin with what was typed, written as it was typed."""
     typed_folder, _, name = incomplete.rpartition("/")
     folder = Path("/" if incomplete.startswith("/") and not typed_folder else typed_folder or ".")
     begun = incomplete[: len(incomplete) - len(name)]
     found = []
-    for path in itertools.islice(_below(folder, name, _DEEP), _LOOKED_AT_MOST):
+    for path in itertools.islice(_below(folder, name, _DEPTH), _ENTRIES_MAX):
         try:
             if wanted(path):
                 found.append(begun + path.relative_to(folder).as_posix())

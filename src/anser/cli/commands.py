@@ -1,34 +1,86 @@
-"""All commands, and the exit code of the one that was called."""
+"""All commands and command groups of `anser`, and the exit code of the command that was called.
 
+In a group the first command is implied where none is named: `anser campaign STUDY`.
+"""
+
+import difflib
 import gc
 import os
 import traceback
-from typing import Annotated
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
+from rich.markup import escape
+from typer.core import TyperGroup
 
 import anser
 from anser.cli import airframes
-from anser.cli.caching import cache
-from anser.cli.campaign_answers import compare
-from anser.cli.campaign_answers import report as report_campaign
-from anser.cli.campaigning import fly
-from anser.cli.console import RefusedError, problem
-from anser.cli.deep_stalling import deep_stall
+from anser.cli.app import COMMAND_IMPLIED, register_command
+from anser.cli.cache import cache
+from anser.cli.campaigns import compare, fly, rare
+from anser.cli.campaigns import report as report_campaign
+from anser.cli.console import RefusedError, print_problem
 from anser.cli.flights import plan, run
-from anser.cli.grouping import offer_group
-from anser.cli.interrupts import interrupts
 from anser.cli.margins import margins
-from anser.cli.offering import offer
-from anser.cli.rare_events import rare
-from anser.cli.reporting import export, figures, report
+from anser.cli.process import interrupts
+from anser.cli.reports import export, figures, report
 from anser.cli.scenario_files import check, convert, new, schema
-from anser.cli.stepping import gallery, step
-from anser.cli.surveying import envelope, robustness
-from anser.cli.sweeping import sweep
-from anser.cli.trimming import linearize, trim
-from anser.cli.verifying import verify
-from anser.scenario import ScenarioError
+from anser.cli.steady_flight import deep_stall, linearize, trim
+from anser.cli.step_tests import gallery, step
+from anser.cli.surveys import envelope, robustness
+from anser.cli.sweeps import sweep
+from anser.cli.verification import verify
+from anser.config.errors import ScenarioError
+
+
+class DefaultCommandGroup(TyperGroup):
+    """Commands of which the first is meant where the first word names none.
+
+    A word that names no file either and is nearly a command's stays as it is, and is answered by what was meant.
+    """
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Put the first command's name before words that name none."""
+        if args and args[0] not in self.commands and args[0] not in ctx.help_option_names:
+            close = difflib.get_close_matches(args[0], self.commands)
+            if not close or Path(args[0]).exists():
+                args = [next(iter(self.commands)), *args]
+                ctx.meta[COMMAND_IMPLIED] = True
+        return super().parse_args(ctx, args)
+
+    def shell_complete(self, ctx: Any, incomplete: str) -> list[Any]:
+        """Commands, and what the first one takes."""
+        first = next(iter(self.commands.values()))
+        found = super().shell_complete(ctx, incomplete)
+        place = next((one for one in first.params if one.param_type_name == "argument"), None)
+        return found if place is None or incomplete.startswith("-") else found + place.shell_complete(ctx, incomplete)
+
+
+def register_group(
+    app: typer.Typer, name: str, commands: Sequence[Callable[..., None]], words: str, examples: Sequence[str]
+) -> None:
+    """Register commands marked by `about` under one name; the first is meant where none is named.
+
+    Parameters
+    ----------
+    app
+        To register them in.
+    name
+        What they have in common.
+    commands
+        The first one first.
+    words, examples
+        Help of all of them.
+    """
+    more = f"anser {name} COMMAND --help shows the options and exit codes of one."
+    lines = "\n".join(["Examples:", *(f"  {one}" for one in examples), "", more])
+    group = typer.Typer(cls=DefaultCommandGroup, no_args_is_help=True, help=words, epilog=escape(lines))
+    for command in commands:
+        register_command(group, command)
+    app.add_typer(group, name=name)
+
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -70,8 +122,8 @@ for _command in (
     schema,
     cache,
 ):
-    offer(app, _command)
-offer_group(
+    register_command(app, _command)
+register_group(
     app,
     "campaign",
     (fly, report_campaign, compare),
@@ -82,7 +134,7 @@ offer_group(
         "anser campaign compare runs/how-surely runs/windier",
     ),
 )
-offer_group(
+register_group(
     app,
     "aircraft",
     (airframes.show, airframes.list_, airframes.check, airframes.new),
@@ -110,13 +162,13 @@ def exit_code() -> int:
         if interrupts.arrived:  # what a library made of Ctrl-C
             raise
         if isinstance(error, ScenarioError | RefusedError):
-            problem(str(error))
+            print_problem(str(error))
             return 2
         if isinstance(error, OSError):
-            problem(_system_refusal(error))
+            print_problem(_system_refusal(error))
             return 2
         traceback.print_exc()
-        problem("internal fault of anser: please report the lines above together with the scenario")
+        print_problem("internal fault of anser: please report the lines above together with the scenario")
         return 3
     return 0
 

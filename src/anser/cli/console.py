@@ -33,9 +33,8 @@ from rich.progress import (
 from rich.table import Column, Table
 from rich.text import Text
 
-from anser.cli.interrupts import interrupts
-from anser.scenario import VARIANTS
-from anser.scenario.airframe_file import DAVE_ML_SUFFIX, SUFFIXES, known_types, unknown_type
+from anser.aircraft_files.sources import DAVE_ML_SUFFIX, SUFFIXES, VARIANTS, aircraft_types, unknown_type_hint
+from anser.cli.process import interrupts
 
 
 def _console(**look: Any) -> Console:
@@ -105,7 +104,7 @@ def _must_have_answered() -> None:
         raise RuntimeError("the command has no JSON document")
 
 
-def answer(document: Callable[[], Mapping[str, Any]]) -> None:
+def print_document(document: Callable[[], Mapping[str, Any]]) -> None:
     """With ``--json``, print the document, all that stands on standard output; without, do nothing.
 
     Parameters
@@ -118,7 +117,7 @@ def answer(document: Callable[[], Mapping[str, Any]]) -> None:
         _request.answered = True
 
 
-def end_without(what: str, reasons: Sequence[str], prefix: str = "") -> NoReturn:
+def end_without_result(what: str, reasons: Sequence[str], prefix: str = "") -> NoReturn:
     """Say why there is no result, and end with exit code 1; the JSON document then holds the reasons.
 
     Parameters
@@ -130,23 +129,23 @@ def end_without(what: str, reasons: Sequence[str], prefix: str = "") -> NoReturn
     prefix
         Stands before each reason on standard error.
     """
-    answer(lambda: {"format_version": 1, "status": what, "reasons": list(reasons)})
+    print_document(lambda: {"format_version": 1, "status": what, "reasons": list(reasons)})
     for reason in reasons:
-        problem(prefix + reason)
+        print_problem(prefix + reason)
     raise typer.Exit(1)
 
 
-def say(text: str) -> None:
+def print_note(text: str) -> None:
     """Give a message that ``--quiet`` leaves away."""
     note.print(text, soft_wrap=True)
 
 
-def problem(text: str) -> None:
+def print_problem(text: str) -> None:
     """Tell what is wrong."""
     err.print(text, soft_wrap=True)
 
 
-def line(text: str) -> None:
+def print_line(text: str) -> None:
     """Print a line of the results."""
     screen.print(text, soft_wrap=True, highlight=False)
 
@@ -173,22 +172,24 @@ def progress_bar() -> contextlib.AbstractContextManager[Callable[[str, float | N
 
     It is told what is being done and how much of it is done, 0 to 1; None: nobody knows, the bar only moves.
     """
-    return _shown("starting", 1.0, _doing(), BarColumn(_BAR_WIDTH), TaskProgressColumn(), _Times())
+    return _progress_display(
+        "starting", 1.0, _description_column(), BarColumn(_BAR_WIDTH), TaskProgressColumn(), _Times()
+    )
 
 
-def working(what: str) -> contextlib.AbstractContextManager[Callable[[str], None]]:
+def activity(what: str) -> contextlib.AbstractContextManager[Callable[[str], None]]:
     """Sign of life with the time gone, where nobody knows how long it takes; told what is being done."""
-    return _shown(what, None, SpinnerColumn(), _doing(), TimeElapsedColumn())
+    return _progress_display(what, None, SpinnerColumn(), _description_column(), TimeElapsedColumn())
 
 
-def _doing() -> TextColumn:
+def _description_column() -> TextColumn:
     return TextColumn("{task.description}", markup=False)
 
 
 @contextlib.contextmanager
-def _shown(what: str, total: float | None, *columns: ProgressColumn) -> Iterator[Callable[..., None]]:
+def _progress_display(what: str, total: float | None, *columns: ProgressColumn) -> Iterator[Callable[..., None]]:
     """Line on the screen, told what is being done and how much of it is; it says so while anser compiles."""
-    from anser.compiling import watching  # here: help needs no JAX
+    from anser.compiling.program import watch_compilation  # here: help needs no JAX
 
     disable = not note.is_terminal or note.quiet
     with Progress(
@@ -209,12 +210,12 @@ def _shown(what: str, total: float | None, *columns: ProgressColumn) -> Iterator
             show(compiling=False)
 
         show(compiling=False)
-        with watching(show), _told_to_a_log(bar):
+        with watch_compilation(show), _log_progress(bar):
             yield tell
 
 
 @contextlib.contextmanager
-def _told_to_a_log(bar: Progress) -> Iterator[None]:
+def _log_progress(bar: Progress) -> Iterator[None]:
     """A line each minute where there is no screen, so that a log shows that the work goes on."""
     if note.is_terminal or note.quiet:
         yield
@@ -225,7 +226,7 @@ def _told_to_a_log(bar: Progress) -> Iterator[None]:
         while not ended.wait(_LOG_PERIOD_S):
             task = bar.tasks[0]
             done = "" if task.total is None else f", {task.percentage:.0f} %"
-            say(f"{task.description}{done}, {_clock(time.monotonic() - began)} gone")
+            print_note(f"{task.description}{done}, {_clock(time.monotonic() - began)} gone")
 
     telling = threading.Thread(target=tell, daemon=True)
     telling.start()
@@ -240,7 +241,7 @@ class RefusedError(Exception):
     """Bad input found by the command line itself; the text is the finished message."""
 
 
-def must_lie(option: str, value: float, low: float, high: float) -> None:
+def must_be_in_range(option: str, value: float, low: float, high: float) -> None:
     """Refuse a number outside a range."""
     if not (math.isfinite(value) and low <= value <= high):
         raise RefusedError(f"{option}: arrived {value:g}; expected a number from {low:g} to {high:g}")
@@ -276,21 +277,21 @@ def flight_point(at: str) -> tuple[float, float]:
         speed, altitude = (float(part) for part in at.split(","))
     except ValueError:
         raise RefusedError(f"--at: arrived {at!r}; expected SPEED,ALTITUDE in m/s and m, such as 150,2000") from None
-    must_lie("--at, speed", speed, *_RANGES["speed_m_s"])
-    must_lie("--at, altitude", altitude, *_RANGES["altitude_m"])
+    must_be_in_range("--at, speed", speed, *_RANGES["speed_m_s"])
+    must_be_in_range("--at, altitude", altitude, *_RANGES["altitude_m"])
     return speed, altitude
 
 
 @contextlib.contextmanager
-def finding_trim(what: str) -> Iterator[Callable[[str], None]]:
+def trim_progress(what: str) -> Iterator[Callable[[str], None]]:
     """As `working`; ends the command with exit code 1 where there is no steady flight at the condition."""
-    from anser.execution import ConditionError
+    from anser.analysis.trim_points import ConditionError
 
     try:
-        with working(what) as tell:
+        with activity(what) as tell:
             yield tell
     except ConditionError as error:
-        end_without("no steady flight", [str(error)])
+        end_without_result("no steady flight", [str(error)])
 
 
 def must_be_flight_condition(condition: Mapping[str, float | None]) -> None:
@@ -304,7 +305,7 @@ def must_be_flight_condition(condition: Mapping[str, float | None]) -> None:
     for name, (low, high) in _RANGES.items():
         value = condition.get(name)
         if value is not None:
-            must_lie(_option(name), value, low, high)
+            must_be_in_range(_option(name), value, low, high)
     pitch_rate = condition.get("pitch_rate_deg_s")
     for name in ("turn_rate_deg_s", "path_rate_deg_s"):
         rate = condition.get(name)
@@ -317,23 +318,23 @@ def _option(parameter: str) -> str:
     return f"--{parameter.replace('_', '-')}"
 
 
-SURVEYS_OF_ANOTHER = (
+F16_SURVEYS_ONLY = (
     "grid, limits and gains of this survey are the F-16's; of another aircraft anser aircraft show has the trim map, "
     "anser margins --at and anser gallery --aircraft the autopilot"
 )
 """What to do where a survey is of the F-16 alone."""
 
 
-def must_be_an_f16(aircraft: str, instead: str) -> None:
+def must_be_f16(aircraft: str, instead: str) -> None:
     """Refuse another airframe than the F-16 for a survey that is made for it; `instead` says what works."""
     if aircraft not in VARIANTS:
         raise RefusedError(f"--aircraft: arrived {aircraft!r}; expected f16 with any --variant: {instead}")
 
 
-def must_be_known(aircraft: str, variant: str) -> None:
+def must_be_known_aircraft(aircraft: str, variant: str) -> None:
     """Refuse an airframe that nobody offers, or a variant that it does not have; files are read later."""
-    if Path(aircraft).suffix not in (*SUFFIXES, DAVE_ML_SUFFIX) and aircraft not in known_types():
-        words = f"{unknown_type(aircraft)}, or the path of an aircraft file (.toml)"
+    if Path(aircraft).suffix not in (*SUFFIXES, DAVE_ML_SUFFIX) and aircraft not in aircraft_types():
+        words = f"{unknown_type_hint(aircraft)}, or the path of an aircraft file (.toml)"
         raise RefusedError(f"--aircraft: arrived {aircraft!r}; expected {words}")
     known = VARIANTS.get(aircraft, ("textbook",))
     if variant not in known:

@@ -10,36 +10,36 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.text import Text
 
+from anser.cli.app import help_epilog
 from anser.cli.arguments import ScenarioPath, complete_scenario
-from anser.cli.campaigning import flight_of_campaign, say_whether_same
+from anser.cli.campaigns import campaign_flight, report_replay
 from anser.cli.console import (
     RefusedError,
-    answer,
+    activity,
     columns,
-    end_without,
-    line,
+    end_without_result,
     number,
     plain_table,
+    print_document,
+    print_line,
+    print_note,
+    print_problem,
     print_table,
-    problem,
     progress_bar,
-    say,
-    working,
 )
-from anser.cli.offering import about
-from anser.cli.output_folder import Force, make_next, written_into
-from anser.cli.run_folder import PLAN
-from anser.cli.setting import PlannerName, Settings, loaded
-from anser.scenario import Scenario
+from anser.cli.folders import Force, make_next_folder, open_output_folder
+from anser.cli.overrides import Overrides, PlannerName, load_with_overrides
+from anser.missions.saved_flights import PLAN
+from anser.scenario.schema import Scenario
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from anser.execution import Planned
-    from anser.execution.plan_output import RecordedPlan
+    from anser.missions.first_plan import FirstPlan
+    from anser.missions.plan_output import RecordedPlan
 
 
-@about(
+@help_epilog(
     "anser run scenarios/three-aircraft.toml",
     "anser run scenarios/storm-sampling.toml --out runs/storm",
     "anser run scenarios/three-aircraft.toml --set wind.speed_m_s=8 --set wind.from_deg=240 --open",
@@ -70,7 +70,7 @@ def run(
         typer.Option(help="Folder of a campaign: one of its flights is flown again.", show_default=False),
     ] = None,
     flight: Annotated[int | None, typer.Option(help="Which flight of the campaign.", show_default=False)] = None,
-    set_: Settings = None,
+    set_: Overrides = None,
     planner: PlannerName = None,
     force: Force = False,
     open_: Annotated[bool, typer.Option("--open", help="Open the report in the browser at the end.")] = False,
@@ -82,53 +82,53 @@ def run(
             raise RefusedError("run: expected either a scenario file, or both --campaign FOLDER and --flight NUMBER")
         if set_ or planner is not None:
             raise RefusedError("run: arrived --set or --planner with --campaign, whose flight is flown as it was")
-        store, wanted = flight_of_campaign(campaign, flight)
+        store, wanted = campaign_flight(campaign, flight)
     elif scenario is None:
         raise RefusedError("run: arrived no scenario; expected a scenario file, or --campaign and --flight")
     else:
-        wanted = loaded(scenario, set_ or (), planner)
+        wanted = load_with_overrides(scenario, set_ or (), planner)
     if plan is not None and not (plan / PLAN).is_file():
         words = f"a folder without {PLAN}" if plan.is_dir() else "no folder"
         raise RefusedError(f"--plan: arrived {plan}, {words}; expected a folder that anser plan --out wrote")
     beside = Path("runs") / wanted.name
-    from anser.execution import NoPlanError, PlanFileError
-    from anser.execution import run as fly  # here: a misspelt key must not wait for plotting libraries
+    from anser.missions.first_plan import NoPlanError, PlanFileError
+    from anser.missions.runs import run as fly  # here: a misspelt key must not wait for plotting libraries
 
-    target = out if out is not None else beside if force else make_next(beside)
+    target = out if out is not None else beside if force else make_next_folder(beside)
     try:
-        with written_into(target, force or out is None) as into, progress_bar() as tell:
+        with open_output_folder(target, force or out is None) as into, progress_bar() as tell:
             planned = None if plan is None else _finished_plan(plan, wanted)
             flown = fly(wanted, tell, planned, "float64" if store is None else store.study.precision)
             tell("writing", None)
             flown.write_into(into)
     except NoPlanError as error:
-        end_without("no plan", error.reasons, "no plan: ")
+        end_without_result("no plan", error.reasons, "no plan: ")
     except PlanFileError as error:
         raise RefusedError(f"--plan: {error}") from None
-    answer(lambda: flown.summary)
+    print_document(lambda: flown.summary)
     stopped_s = _stopped_s(flown.dataset)
-    _print_flown(flown.summary, stopped_s, flown.dataset.attrs)
+    _print_flight(flown.summary, stopped_s, flown.dataset.attrs)
     for note in flown.planned.notes():
-        say(f"note: {note}")
-    say(f"{target}: flight.nc, summary.json, report.html written")
+        print_note(f"note: {note}")
+    print_note(f"{target}: flight.nc, summary.json, report.html written")
     if open_:
-        _show(target / "report.html")
+        _open_in_browser(target / "report.html")
     if store is not None and flight is not None:
-        say_whether_same(store, flight, flown)
+        report_replay(store, flight, flown)
     if not flown.met:
         for beyond in flown.planned.problems():
-            problem(f"planned beyond the limits: {beyond}")
+            print_problem(f"planned beyond the limits: {beyond}")
         _fail_unmet(flown.summary, stopped_s)
 
 
-def _show(page: Path) -> None:
+def _open_in_browser(page: Path) -> None:
     """Open a file in the browser."""
     if not webbrowser.open(page.resolve().as_uri()):
-        say(f"no browser could be opened: open {page}")
+        print_note(f"no browser could be opened: open {page}")
 
 
-def _finished_plan(folder: Path, wanted: Scenario) -> "Planned":
-    from anser.execution import read_plan
+def _finished_plan(folder: Path, wanted: Scenario) -> "FirstPlan":
+    from anser.missions.plans import read_plan
 
     return read_plan(folder / PLAN, wanted)
 
@@ -149,10 +149,10 @@ def _status_text(row: dict, stopped_s: dict[str, float]) -> str:
     return row["status"] if since is None else f"at {since:.1f} s: {row['status']}"
 
 
-def _print_flown(summary: dict, stopped_s: dict[str, float], attributes: Mapping[Any, Any]) -> None:
+def _print_flight(summary: dict, stopped_s: dict[str, float], attributes: Mapping[Any, Any]) -> None:
     # here: a misspelt key must not wait for what reads results
-    from anser.results import fleet_words
-    from anser.results.separated import NO_SEPARATION, near_warning, requires_separation
+    from anser.results.separation import NO_SEPARATION, is_judged_by_separation, proximity_warning
+    from anser.results.summary_format import format_fleet
 
     has_paths = any(row["path"] not in (None, "nominal") for row in summary["aircraft"])
     figures = ("planned\ns", "arrival\ns", "miss\nm", "airspeed\nm/s", "clear\nm")
@@ -178,26 +178,26 @@ def _print_flown(summary: dict, stopped_s: dict[str, float], attributes: Mapping
         )
     print_table(table)
     fleet = summary["fleet"]
-    line(", ".join([*fleet_words(summary), f"{fleet['wall_s']:.1f} s of computing"]))
+    print_line(", ".join([*format_fleet(summary), f"{fleet['wall_s']:.1f} s of computing"]))
     if fleet.get("separation_ratio_min") is not None:
-        line(f"at least {fleet['separation_ratio_min']:.2f} times the separation asked for, holds included")
-    if not requires_separation(summary):
-        line(NO_SEPARATION)
-    warning = near_warning([fleet["separation_min_m"]], attributes)
+        print_line(f"at least {fleet['separation_ratio_min']:.2f} times the separation asked for, holds included")
+    if not is_judged_by_separation(summary):
+        print_line(NO_SEPARATION)
+    warning = proximity_warning([fleet["separation_min_m"]], attributes)
     if warning:
-        say(f"warning: {warning}")
+        print_note(f"warning: {warning}")
     if "network" in summary:
-        line(f"without a centre: {summary['network']['message']}")
+        print_line(f"without a centre: {summary['network']['message']}")
 
 
 def _fail_unmet(summary: dict, stopped_s: dict[str, float]) -> None:
     """Say which requirements were not met, and stop with exit code 1."""
     for row in summary["requirements"]:
         if not row["met"]:
-            problem(f"not met: {row['name']}: limit {row['limit']:g}, flown {number(row['value'], 4)}")
+            print_problem(f"not met: {row['name']}: limit {row['limit']:g}, flown {number(row['value'], 4)}")
     for row in summary["aircraft"]:
         if row["status"] != "arrived":
-            problem(f'aircraft "{row["name"]}": {_status_text(row, stopped_s)}')
+            print_problem(f'aircraft "{row["name"]}": {_status_text(row, stopped_s)}')
     raise typer.Exit(1)
 
 
@@ -206,7 +206,7 @@ _UNITS = {"m": ("m", 0), "m s-1": ("m/s", 1), "m s-2": ("m/s^2", 2), "degree": (
 _SAME_TIME_S = 5e-3
 
 
-@about(
+@help_epilog(
     "anser plan scenarios/three-aircraft.toml",
     "anser plan scenarios/twenty-aircraft.toml --out plans/twenty",
     "anser plan scenarios/three-aircraft.toml --planner certified --open",
@@ -220,43 +220,46 @@ def plan(
             help="New folder for plan.json, trajectories.csv, plan.png, plan.svg, plan.npz.", show_default=False
         ),
     ] = None,
-    set_: Settings = None,
+    set_: Overrides = None,
     planner: PlannerName = None,
     force: Force = False,
     open_: Annotated[bool, typer.Option("--open", help="Open the picture in the browser at the end.")] = False,
 ) -> None:
     """Plan a scenario without flying it: arrival times, each aircraft's path, what it leaves to the limits."""
-    wanted = loaded(scenario, set_ or (), planner)
-    with contextlib.nullcontext() if out is None else written_into(out, force) as into, working("planning") as tell:
-        from anser.execution import plan as make  # here: a misspelt key must not wait for plotting libraries
-        from anser.execution import write_plan
-        from anser.execution.plan_output import record
+    wanted = load_with_overrides(scenario, set_ or (), planner)
+    with (
+        contextlib.nullcontext() if out is None else open_output_folder(out, force) as into,
+        activity("planning") as tell,
+    ):
+        from anser.missions.plan_output import record_plan
+        from anser.missions.plans import plan as make  # here: a misspelt key must not wait for plotting libraries
+        from anser.missions.plans import write_plan
 
         planned = make(wanted, tell)
         if planned.refusals:
-            end_without("no plan", planned.refusals, "no plan: ")
-        recorded = record(planned)
+            end_without_result("no plan", planned.refusals, "no plan: ")
+        recorded = record_plan(planned)
         if into is not None:
             recorded.write_into(into)
             write_plan(planned, into / PLAN)
-    answer(lambda: recorded.summary)
+    print_document(lambda: recorded.summary)
     _print_paths(recorded.summary)
     _print_margins(recorded.summary)
-    for text in _apart(recorded.summary):
-        line(text)
+    for text in _separation_lines(recorded.summary):
+        print_line(text)
     if out is not None:
-        say(f"{out}: plan.json, trajectories.csv, plan.png, plan.svg, plan.npz written")
+        print_note(f"{out}: plan.json, trajectories.csv, plan.png, plan.svg, plan.npz written")
     if open_:
-        _show(_drawn(recorded, out) / "plan.svg")
+        _open_in_browser(_picture_folder(recorded, out) / "plan.svg")
     for note in recorded.summary["notes"]:
-        say(f"note: {note}")
+        print_note(f"note: {note}")
     for found in recorded.summary["problems"]:
-        problem(f"not flyable: {found}")
+        print_problem(f"not flyable: {found}")
     if recorded.summary["problems"]:
         raise typer.Exit(1)
 
 
-def _drawn(recorded: "RecordedPlan", out: Path | None) -> Path:
+def _picture_folder(recorded: "RecordedPlan", out: Path | None) -> Path:
     """Folder with the picture of a plan: the output folder, or a temporary one."""
     if out is not None:
         return out
@@ -266,11 +269,11 @@ def _drawn(recorded: "RecordedPlan", out: Path | None) -> Path:
 
 
 def _print_paths(summary: dict[str, Any]) -> None:
-    from anser.results import planned_arrivals
+    from anser.results.arrival import format_planned_arrivals
 
     arrival = summary["arrival"]
     common = arrival["last_s"] - arrival["first_s"] < _SAME_TIME_S
-    when = planned_arrivals(len(summary["aircraft"]), arrival["first_s"], arrival["last_s"])
+    when = format_planned_arrivals(len(summary["aircraft"]), arrival["first_s"], arrival["last_s"])
     rows = [_path_row(row, common) for row in summary["aircraft"]]
     table = plain_table(
         f"{summary['scenario']['name']}: {when}",
@@ -301,14 +304,14 @@ def _path_row(row: dict[str, Any], arrive_together: bool) -> dict[str, str]:
 
 def _print_margins(summary: dict[str, Any]) -> None:
     """What each path leaves to each limit; what is left of none is marked."""
-    from anser.planning import LIMITS
+    from anser.planning.limits import LIMITS
 
     how = "proven at every instant" if summary["bounds"] == "proven" else "at samples"
     table = plain_table(f"left to the limits, {how} (negative: passed)", *columns("aircraft", no_wrap=True))
     given = {one["name"] for row in summary["aircraft"] for one in row["limits"]}
     shown = [limit for limit in LIMITS if limit.name in given]
     for limit in shown:
-        first, _, rest = (limit.heading or limit.words).partition(" ")
+        first, _, rest = (limit.heading or limit.description).partition(" ")
         table.add_column(f"{first}\n{rest}\n{_UNITS[limit.unit][0]}", justify="right", no_wrap=True)
     for row in summary["aircraft"]:
         margins = {one["name"]: one["margin"] for one in row["limits"]}
@@ -321,7 +324,7 @@ def _print_margins(summary: dict[str, Any]) -> None:
     print_table(table)
 
 
-def _apart(summary: dict[str, Any]) -> list[str]:
+def _separation_lines(summary: dict[str, Any]) -> list[str]:
     """Lines about the closest pairs and the keep-outs."""
     lines = []
     asked, least = summary["separation"], summary["least_distance"]

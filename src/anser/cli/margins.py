@@ -6,31 +6,32 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from anser.cli.app import help_epilog
 from anser.cli.arguments import AircraftName, Inversion, VariantName
 from anser.cli.console import (
-    SURVEYS_OF_ANOTHER,
+    F16_SURVEYS_ONLY,
     RefusedError,
-    answer,
     columns,
-    finding_trim,
     flight_point,
-    line,
-    must_be_an_f16,
-    must_be_known,
-    must_lie,
+    must_be_f16,
+    must_be_in_range,
+    must_be_known_aircraft,
     number,
     plain_table,
+    print_document,
+    print_line,
+    print_note,
     print_table,
     progress_bar,
-    say,
+    trim_progress,
 )
-from anser.cli.offering import about
-from anser.cli.output_folder import Force, must_be_new_file, written_file, written_into
+from anser.cli.folders import Force, must_be_new_file, open_output_file, open_output_folder
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from anser.execution import MarginSurvey
+    from anser.analysis.margins import MarginSurvey
+
 
 _AT = "150,1000"
 _FIGURES = (
@@ -41,7 +42,7 @@ _FIGURES = (
 )
 
 
-@about(
+@help_epilog(
     "anser margins --at 150,1000 --bode margins.svg",
     "anser margins --envelope --coarse --out margins",
     unmet="no steady flight there",
@@ -66,10 +67,10 @@ def margins(
     force: Force = False,
 ) -> None:
     """Gain, phase, delay and disk margins at every actuator and loop of the autopilot, broken one at a time."""
-    must_be_known(aircraft, variant)
-    must_lie("--step-s", step_s, 0.001, 0.05)
+    must_be_known_aircraft(aircraft, variant)
+    must_be_in_range("--step-s", step_s, 0.001, 0.05)
     if envelope:
-        must_be_an_f16(aircraft, SURVEYS_OF_ANOTHER)
+        must_be_f16(aircraft, F16_SURVEYS_ONLY)
         for option, value in (("--at", at), ("--bode", bode)):
             if value is not None:
                 raise RefusedError(f"{option}: arrived with --envelope, which is of all points; expected one of them")
@@ -82,48 +83,49 @@ def margins(
             raise RefusedError(f"{option}: arrived without --envelope; expected both or neither")
     speed_m_s, altitude_m = flight_point(_AT if at is None else at)
     if bode is not None:
-        from anser.report import BODE_SUFFIXES
+        from anser.report.margin_figures import BODE_SUFFIXES
 
         must_be_new_file("--bode", bode, BODE_SUFFIXES, force)
-    from anser.execution import margin_document, margins_at
+    from anser.analysis.margins import margin_document, margins_at
 
-    with finding_trim("trimming and breaking the loops"):
+    with trim_progress("trimming and breaking the loops"):
         found = margins_at(
             aircraft, variant, speed_m_s=speed_m_s, altitude_m=altitude_m, inversion=inversion, step_s=step_s
         )
     if bode is not None:
-        from anser.report import draw_bode
+        from anser.report.margin_figures import draw_bode
 
-        with written_file("--bode", bode, force) as file:
+        with open_output_file("--bode", bode, force) as file:
             draw_bode(found, [file])
-    answer(lambda: margin_document(found))
+    print_document(lambda: margin_document(found))
     _print(found)
     if bode is not None:
-        say(f"{bode}: written")
+        print_note(f"{bode}: written")
 
 
 def _survey(
     aircraft: str, variant: str, inversion: Inversion, step_s: float, coarse: bool, out: Path, force: bool
 ) -> None:
-    with written_into(out, force) as into, progress_bar() as tell:
-        from anser.execution import survey_margins
-        from anser.report import draw_margin_maps
-        from anser.results import write_json, write_netcdf
+    with open_output_folder(out, force) as into, progress_bar() as tell:
+        from anser.analysis.margins import survey_margins
+        from anser.report.margin_figures import draw_margin_maps
+        from anser.results.documents import write_json
+        from anser.results.netcdf import write_netcdf
 
         surveyed = survey_margins(aircraft, variant, inversion=inversion, coarse=coarse, step_s=step_s, progress=tell)
         tell("writing", 1.0)
         write_netcdf(surveyed.dataset, into / "margins.nc")
         draw_margin_maps(surveyed.dataset, into)
         write_json(surveyed.document(), into / "margins.json")
-    answer(surveyed.document)
+    print_document(surveyed.document)
     _print_survey(surveyed)
-    say(f"{out}: margins.nc, margins.json and maps written")
+    print_note(f"{out}: margins.nc, margins.json and maps written")
 
 
 def _name(of: dict[str, Any]) -> str:
-    from anser.execution import name_of
+    from anser.analysis.trim_points import airframe_label
 
-    return name_of(of)
+    return airframe_label(of)
 
 
 def _print(found: "xr.Dataset") -> None:
@@ -154,7 +156,7 @@ def _print(found: "xr.Dataset") -> None:
     print_table(table)
     together = found["actuators_disk_margin"].item()
     gain, phase = _disk(together)
-    line(
+    print_line(
         f"All actuators at once: disk {together:.2f}, {gain:.1f} dB or {phase:.1f} deg each. "
         f"Short: less than {of['gain_min_db']:g} dB or {of['phase_min_deg']:g} deg. Boundaries of stability are "
         f"searched from {of['frequency_min_rad_s']:g} to {of['frequency_max_rad_s']:.5g} rad/s; a dash: none found. "
@@ -181,7 +183,7 @@ def _print_survey(surveyed: "MarginSurvey") -> None:
         table.add_row(row["breakpoint"], *cells, str(row["short"]), str(row["points"]), str(of_all["short"]))
     print_table(table)
     points = document["points"]
-    line(
+    print_line(
         f"{points['stable']} points are stable, {points['unstable']} unstable; {points['held_back']} stand at a limit "
         f"of the autopilot, {points['no_trim']} cannot be flown. Short: less than {of['gain_min_db']:g} dB or "
         f"{of['phase_min_deg']:g} deg. {surveyed.run_s:.1f} s (and {surveyed.compile_s:.1f} s compiling)"

@@ -1,6 +1,12 @@
-"""Compiled programs as bytes, machine code and JSON, no part of which Python runs (as it runs a pickle); their call."""
+"""Compiled programs as bytes: machine code and a JSON header with the structure of the result.
 
+Python never executes any part of the file, as it would a pickle.
+"""
+
+import dataclasses
+import enum
 import functools
+import importlib
 import json
 import re
 from collections.abc import Callable, Iterable
@@ -8,10 +14,110 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.sharding import SingleDeviceSharding
 
-from anser.compiling.keys import NotKeptError
-from anser.compiling.structures import decode, encode
+from anser.compiling.keys import NotCacheableError
+
+_PACKAGE = "anser"
+
+
+def encode_structure(value: Any) -> Any:
+    """Value for `json.dumps`: a result with `jax.ShapeDtypeStruct` in the place of arrays.
+
+    Raises
+    ------
+    NotKeptError
+        A part is of a class that `decode` would not make.
+    """
+    if value is None or type(value) in (bool, int, float, str):
+        return value
+    if isinstance(value, jax.ShapeDtypeStruct):
+        return {"array": [_dtype(str(value.dtype)).name, list(value.shape), bool(value.weak_type)]}
+    if type(value) in (tuple, list):
+        return {type(value).__name__: [encode_structure(item) for item in value]}
+    if type(value) is dict and all(type(key) is str for key in value):
+        return {"dict": {key: encode_structure(item) for key, item in value.items()}}
+    name = f"{type(value).__module__}:{type(value).__qualname__}"
+    if _class(name) is not type(value):
+        raise NotCacheableError(name)
+    if isinstance(value, enum.Enum):
+        return {"enum": [name, value.name]}
+    return {"class": [name, {field: encode_structure(getattr(value, field)) for field in _fields(type(value))}]}
+
+
+def decode_structure(value: Any) -> Any:
+    """Value that was encoded; no code of the classes runs.
+
+    Raises
+    ------
+    NotKeptError
+        It is no value that `encode` makes.
+    """
+    if value is None or type(value) in (bool, int, float, str):
+        return value
+    if type(value) is not dict or len(value) != 1:
+        raise NotCacheableError(repr(value)[:80])
+    ((kind, content),) = value.items()
+    match kind, content:
+        case "array", [str(dtype), list(shape), bool(weak)] if all(type(size) is int and size >= 0 for size in shape):
+            return jax.ShapeDtypeStruct(tuple(shape), _dtype(dtype), weak_type=weak)
+        case "tuple", list():
+            return tuple(map(decode_structure, content))
+        case "list", list():
+            return list(map(decode_structure, content))
+        case "dict", dict():
+            return {key: decode_structure(item) for key, item in content.items()}
+        case "enum", [str(name), str(member)] if member in getattr(_class(name), "__members__", ()):
+            return getattr(_class(name), member)
+        case "class", [str(name), dict(fields)] if list(fields) == list(_fields(_class(name))):
+            return _instance(_class(name), {field: decode_structure(item) for field, item in fields.items()})
+        case _:
+            raise NotCacheableError(repr(value)[:80])
+
+
+def _dtype(name: str) -> np.dtype[Any]:
+    """Type of numbers; NotKeptError: types that are not NumPy's own, such as keys of random numbers, are not kept."""
+    try:
+        dtype = np.dtype(name)
+    except TypeError as error:
+        raise NotCacheableError(name) from error
+    if dtype.kind not in "biufc" or dtype.name != name:
+        raise NotCacheableError(name)
+    return dtype
+
+
+def _class(name: str) -> type[Any]:
+    """Class at the top of a module of the package, by its name MODULE:CLASS; NotKeptError: anything else."""
+    module_name, _, class_name = name.partition(":")
+    parts = [*module_name.split("."), class_name]
+    if parts[0] != _PACKAGE or not all(part.isidentifier() and not part.startswith("__") for part in parts):
+        raise NotCacheableError(name)
+    try:
+        value = getattr(importlib.import_module(module_name), class_name, None)
+    except ImportError as error:
+        raise NotCacheableError(name) from error
+    if not isinstance(value, type) or (value.__module__, value.__qualname__) != (module_name, class_name):
+        raise NotCacheableError(name)
+    return value
+
+
+def _fields(of: type[Any]) -> tuple[str, ...]:
+    if dataclasses.is_dataclass(of):
+        return tuple(field.name for field in dataclasses.fields(of))
+    if issubclass(of, tuple) and hasattr(of, "_fields"):
+        return tuple(getattr(of, "_fields"))  # noqa: B009 - a named tuple
+    raise NotCacheableError(of.__qualname__)
+
+
+def _instance(of: type[Any], fields: dict[str, Any]) -> Any:
+    if issubclass(of, tuple):
+        return tuple.__new__(of, fields.values())
+    instance = object.__new__(of)
+    for name, value in fields.items():
+        object.__setattr__(instance, name, value)
+    return instance
+
 
 _FEATURES = re.compile(rb"\+[a-z0-9._\-]+(?:,[+\-][a-z0-9._\-]+){8,}")
 """Processor features that code for a CPU declares as required: `+64bit,+avx,-sgx, ...`."""
@@ -33,7 +139,7 @@ def pack_program(compiled: jax.stages.Compiled, result: Any) -> bytes:
         The program calls back into Python, has effects or is for other devices, or its result has a foreign class.
     """
     executable = _serialize(compiled)
-    header = json.dumps({"result": encode(result), "argument_indices": executable.argument_indices}).encode()
+    header = json.dumps({"result": encode_structure(result), "argument_indices": executable.argument_indices}).encode()
     return len(header).to_bytes(8, "big") + header + executable.code
 
 
@@ -49,10 +155,10 @@ def unpack_program(content: bytes, argument_count: int) -> tuple[Executable, Any
     header = json.loads(content[8:end])
     executable = Executable(content[end:], header["argument_indices"])
     if not set(executable.argument_indices) <= set(range(argument_count)):
-        raise NotKeptError(f"arguments {executable.argument_indices} of {argument_count}")
+        raise NotCacheableError(f"arguments {executable.argument_indices} of {argument_count}")
     if b"lapack_" in executable.code:
         _register_lapack()
-    return executable, decode(header["result"])
+    return executable, decode_structure(header["result"])
 
 
 def load_executable(
@@ -97,7 +203,7 @@ def _serialize(compiled: Any) -> Executable:
         or whole.mut is not None
         or compiled._params.const_args
     ):
-        raise NotKeptError("an executable that is more than its code")
+        raise NotCacheableError("an executable that is more than its code")
     return Executable(compiled.runtime_executable().serialize(), sorted(whole.kept_var_idx))
 
 

@@ -28,10 +28,12 @@ _KERNELS = {
     "dave_ml",
     "environment",
     "numerics",
+    "parts",
     "planning",
     "sensing",
     "simulation",
     "spatial",
+    "steady",
 }
 _SETTINGS = (
     "jax_default_device",
@@ -43,11 +45,11 @@ _SETTINGS = (
 )
 
 
-class NotKeptError(Exception):
+class NotCacheableError(Exception):
     """A function or argument that nothing but this process knows."""
 
 
-def described(value: Any) -> str:
+def describe_value(value: Any) -> str:
     """All of a value that a compiled function depends on: structure, static parts, shapes and types of arrays.
 
     Raises
@@ -62,28 +64,28 @@ def described(value: Any) -> str:
     if isinstance(value, enum.Enum):
         return f"{_name(type(value))}.{value.name}"
     if isinstance(value, dict):
-        return "{" + ",".join(f"{described(k)}:{described(v)}" for k, v in value.items()) + "}"
+        return "{" + ",".join(f"{describe_value(k)}:{describe_value(v)}" for k, v in value.items()) + "}"
     if isinstance(value, frozenset | set):
-        return "set{" + ",".join(sorted(map(described, value))) + "}"
+        return "set{" + ",".join(sorted(map(describe_value, value))) + "}"
     if isinstance(value, tuple | list):
-        return f"{_name(type(value))}({','.join(map(described, value))})"
+        return f"{_name(type(value))}({','.join(map(describe_value, value))})"
     if isinstance(value, functools.partial):
-        return f"partial({described(value.func)},{described(value.args)},{described(value.keywords)})"
+        return f"partial({describe_value(value.func)},{describe_value(value.args)},{describe_value(value.keywords)})"
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = (f"{f.name}={described(getattr(value, f.name, None))}" for f in dataclasses.fields(value))
+        fields = (f"{f.name}={describe_value(getattr(value, f.name, None))}" for f in dataclasses.fields(value))
         return f"{_name(type(value))}({','.join(fields)})"
     if isinstance(value, np.dtype):
         return str(value)
     if isinstance(value, type) or callable(value):
         return _name(value)
-    raise NotKeptError(type(value).__name__)
+    raise NotCacheableError(type(value).__name__)
 
 
 def _name(code: Any) -> str:
     """Name of a class or function of a package that is known by its version."""
     module, name = getattr(code, "__module__", None), getattr(code, "__qualname__", "<")
     if module is None or module.split(".")[0] not in _KNOWN or "<" in name:
-        raise NotKeptError(f"{module}.{name}")
+        raise NotCacheableError(f"{module}.{name}")
     return f"{module}.{name}"
 
 
@@ -123,7 +125,7 @@ def _as_loaded() -> str:
     def add(place: str, value: Any) -> None:
         if inspect.isfunction(value) or inspect.isclass(value):
             if value.__module__.split(".")[0] not in _KNOWN:
-                raise NotKeptError(f"{value.__module__}.{value.__qualname__}")
+                raise NotCacheableError(f"{value.__module__}.{value.__qualname__}")
             found.append(f"{place}:{value.__module__}.{value.__qualname__}")
         elif isinstance(value, bool | int | float | str):
             found.append(f"{place}={value!r}")
@@ -158,18 +160,18 @@ def _surroundings() -> str:
     machine = [platform.platform(), platform.machine(), device.platform, device.device_kind, str(len(jax.devices()))]
     target = _target()
     if device.platform == "cpu" and not target:
-        raise NotKeptError("code for a processor whose features are not known")
+        raise NotCacheableError("code for a processor whose features are not known")
     machine.append(target)
     return "\n".join([str(_FORMAT), sys.version, *versions, *machine])
 
 
-def settings() -> str:
+def jax_settings() -> str:
     """What the user can change from one call to the next."""
     values = [f"{name}={getattr(jax.config, name)}" for name in _SETTINGS]
     return "\n".join([*values, os.environ.get("XLA_FLAGS", "")])
 
 
-def key_of(value: Any) -> str:
+def program_key(value: Any) -> str:
     """Name of a program that depends on a value, and on the package, its surroundings and the settings.
 
     Raises
@@ -177,12 +179,12 @@ def key_of(value: Any) -> str:
     NotKeptError
         Part of it is code that another process could not be sure of.
     """
-    description = described(value)
-    parts = [_surroundings(), _sources_of(description), settings(), _as_loaded(), description]
+    description = describe_value(value)
+    parts = [_surroundings(), _sources_of(description), jax_settings(), _as_loaded(), description]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 
-def key_of_operations(text: str, options: Mapping[str, bool | str]) -> str:
+def operations_key(text: str, options: Mapping[str, bool | str]) -> str:
     """Key of a lowered program by its operations: they say all of what code computes that is not the package's own.
 
     Parameters
@@ -192,5 +194,5 @@ def key_of_operations(text: str, options: Mapping[str, bool | str]) -> str:
     options
         Of the compiler.
     """
-    parts = ["operations", _surroundings(), settings(), repr(sorted(options.items())), text]
+    parts = ["operations", _surroundings(), jax_settings(), repr(sorted(options.items())), text]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()

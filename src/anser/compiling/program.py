@@ -1,16 +1,22 @@
-"""Functions that are compiled once per machine: a store keeps the programs, if one is in use."""
+"""Functions that are compiled once per machine.
+
+Programs in this process, the store that keeps them between processes, and the memory that loaded programs take.
+"""
 
 import contextlib
+import ctypes
 import functools
 import gc
 import inspect
 import itertools
 import logging
 import math
+import sys
 import threading
 import weakref
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any, Generic, ParamSpec, Protocol, TypeAlias, TypeVar
 
 import equinox as eqx
@@ -19,8 +25,34 @@ import jax.numpy as jnp
 from jax.core import Tracer
 
 from anser.compiling.executables import Executable, load_executable, pack_program, unpack_program
-from anser.compiling.keys import NotKeptError, key_of, key_of_operations, settings
-from anser.compiling.memory import regions_used, return_freed_memory
+from anser.compiling.keys import NotCacheableError, jax_settings, operations_key, program_key
+
+_REGIONS = Path("/proc/self/maps")
+_REGIONS_MAX = Path("/proc/sys/vm/max_map_count")
+
+
+def regions_used() -> float:
+    """Share of the memory regions that the system gives a process, 0 to 1; 0 where there is no such limit.
+
+    A loaded program takes up to some thousands; a process that has none left is ended within the compiler.
+    """
+    try:
+        return _REGIONS.read_bytes().count(b"\n") / int(_REGIONS_MAX.read_text())
+    except (OSError, ValueError):  # no Linux
+        return 0.0
+
+
+@functools.cache
+def _trim() -> Callable[[int], int] | None:
+    return getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
+
+
+def return_freed_memory() -> None:
+    """Give freed memory back to the system: glibc keeps what loading took beside the program, as much as it again."""
+    trim = _trim()
+    if trim is not None:
+        trim(0)
+
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -51,7 +83,7 @@ def use_program_store(store: ProgramStore | None) -> None:
 
 
 @contextlib.contextmanager
-def watching(on_compiling: Callable[[bool], None]) -> Iterator[None]:
+def watch_compilation(on_compiling: Callable[[bool], None]) -> Iterator[None]:
     """Have a function called with True whenever compiling begins and with False when it has ended."""
     _watchers.append(on_compiling)
     try:
@@ -85,7 +117,11 @@ def _make_room(size: int) -> None:
     """Release the programs used longest ago, so that the code of all, with one of a size, stays within a bound."""
     with _releasing:
         present = sorted(
-            ((prepared.used, prepared.size, program, key) for program in list(_programs) for key, prepared in program),
+            (
+                (prepared.last_use, prepared.size, program, key)
+                for program in list(_programs)
+                for key, prepared in program
+            ),
             key=lambda entry: entry[0],
         )
         total = size + sum(entry[1] for entry in present)
@@ -96,17 +132,17 @@ def _make_room(size: int) -> None:
             total -= released
 
 
-def keep_within_regions() -> None:
+def limit_memory_regions() -> None:
     """Release all programs, JAX's own too, if the process has used half of the memory regions that it may have.
 
     A region more than allowed ends the process. What is released is loaded or compiled anew where it is needed again.
     """
     if regions_used() >= _REGIONS_SHARE_MAX:
         _log_crowding()
-        release_all()
+        release_all_programs()
 
 
-def release_all() -> None:
+def release_all_programs() -> None:
     """Release all programs, JAX's own too, and give their memory back to the system."""
     forget_programs()
     jax.clear_caches()
@@ -210,7 +246,7 @@ def _returning(compiled: Callable[..., list[Any]], result: Any) -> Callable[[lis
     return call
 
 
-class Prepared:
+class PreparedProgram:
     """A program that is loaded or compiled beside other work: what is kept at once, what is not from `begin` on.
 
     Attributes
@@ -225,11 +261,11 @@ class Prepared:
 
     def __init__(self, shapes: Any, make: Callable[[], _LoadedProgram], *, compiles: bool) -> None:
         self.shapes, self._made, self._compiles, self._begun = shapes, make, compiles, False
-        self.size, self.used = 0, next(_uses)
+        self.size, self.last_use = 0, next(_uses)
         if not compiles:
-            self.begin()
+            self.start()
 
-    def begin(self) -> "Prepared":
+    def start(self) -> "PreparedProgram":
         """Have it made, in a thread of its own."""
         if not self._begun:
             self._made, self._begun = _beside.submit(self._made).result, True
@@ -269,7 +305,7 @@ class Program(Generic[_P, _R]):
     ) -> None:
         functools.update_wrapper(self, function)
         self._function, self._options, self._static = function, options, static_argnames
-        self._ready: dict[Any, Prepared] = {}
+        self._ready: dict[Any, PreparedProgram] = {}
         _programs.add(self)
 
     @functools.cached_property
@@ -299,7 +335,7 @@ class Program(Generic[_P, _R]):
                 return functools.partial(self._prepared(arrays, static).function, arrays)
         return functools.partial(prepared.function, arrays)
 
-    def prepare(self, *args: Any, **kwargs: Any) -> Prepared:
+    def prepare(self, *args: Any, **kwargs: Any) -> PreparedProgram:
         """Begin with the program for arguments of such shapes: `jax.ShapeDtypeStruct` may stand for arrays."""
         return self._prepared(*self._parted(args, kwargs))
 
@@ -311,7 +347,7 @@ class Program(Generic[_P, _R]):
         """Give up the program of a key of `__iter__`; whoever is calling it still has it."""
         self._ready.pop(key, None)
 
-    def __iter__(self) -> Iterator[tuple[Any, Prepared]]:
+    def __iter__(self) -> Iterator[tuple[Any, PreparedProgram]]:
         """What is compiled, with its key."""
         return iter(list(self._ready.items()))
 
@@ -343,37 +379,37 @@ class Program(Generic[_P, _R]):
     def _key(self, arrays: list[Any], static: tuple[Any, Any], options: dict[str, bool | str]) -> str | None:
         """Name of the program for such arguments in a store; None: it cannot be kept."""
         try:
-            return key_of((self._function, self._arguments(list(map(_shape_of, arrays)), static), options))
-        except NotKeptError:
+            return program_key((self._function, self._arguments(list(map(_shape_of, arrays)), static), options))
+        except NotCacheableError:
             return None
 
-    def _prepared(self, arrays: list[Any], static: tuple[Any, Any]) -> Prepared:
+    def _prepared(self, arrays: list[Any], static: tuple[Any, Any]) -> PreparedProgram:
         """The program for such arguments: known, or traced to be compiled and put into the store."""
         prepared = self._known(arrays, static)
         if prepared is None:
             with _announced():
-                prepared = Prepared(*self._compiling(arrays, static), compiles=True)
+                prepared = PreparedProgram(*self._compiling(arrays, static), compiles=True)
             self._ready[self._called(arrays, static)] = prepared
         return prepared
 
     def _called(self, arrays: list[Any], static: tuple[Any, Any]) -> Any:
         shapes = tuple((one.shape, one.dtype, getattr(one, "weak_type", False)) for one in arrays)
-        return static, shapes, settings()
+        return static, shapes, jax_settings()
 
-    def _known(self, arrays: list[Any], static: tuple[Any, Any]) -> Prepared | None:
+    def _known(self, arrays: list[Any], static: tuple[Any, Any]) -> PreparedProgram | None:
         """The program for such arguments that this process has, or the store; None: neither."""
         called = self._called(arrays, static)
         known = self._ready.get(called)
         if known is None:
-            keep_within_regions()
+            limit_memory_regions()
             known = self._kept(arrays, static)
             if known is None:
                 return None
             self._ready[called] = known
-        known.used = next(_uses)
+        known.last_use = next(_uses)
         return known
 
-    def _kept(self, arrays: list[Any], static: tuple[Any, Any]) -> Prepared | None:
+    def _kept(self, arrays: list[Any], static: tuple[Any, Any]) -> PreparedProgram | None:
         """What is kept of the program; None: nothing. Whatever is wrong with it, it is made anew."""
         store = _in_use[0] if _in_use else None
         key = None if store is None else self._key(arrays, static, self._options())
@@ -388,7 +424,7 @@ class Program(Generic[_P, _R]):
                     return _load(parts, shapes, size)
                 return self._compiling(arrays, static)[1]()
 
-            return Prepared(shapes, load_or_compile, compiles=False)
+            return PreparedProgram(shapes, load_or_compile, compiles=False)
         return None
 
     def _compiling(self, arrays: list[Any], static: tuple[Any, Any]) -> tuple[Any, Callable[[], _LoadedProgram]]:
@@ -410,8 +446,8 @@ class Program(Generic[_P, _R]):
             # Parts of a user's own are traced in each process; what they compile to is kept by its operations.
             store_key = key
             if store is not None and key is None:
-                with contextlib.suppress(NotKeptError):
-                    store_key = key_of_operations(lowered.as_text(), options)
+                with contextlib.suppress(NotCacheableError):
+                    store_key = operations_key(lowered.as_text(), options)
             content = store.load(store_key) if store is not None and store_key is not None and key is None else None
             if content is not None:
                 with contextlib.suppress(Exception):

@@ -1,16 +1,116 @@
-"""A controller whose law comes in a DAVE-ML file."""
+"""Control laws of DAVE-ML files.
+
+The flight condition by standard names (ANSI/AIAA S-119), commands by name, and the controller that evaluates the
+law.
+"""
 
 from collections.abc import Mapping, Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
 
-from anser.aircraft import STANDARD_SURFACES, AircraftState, Controls
-from anser.control.interface import AbstractController
-from anser.control.named_signals import named_signals
-from anser.dave_ml import ANGLE, Evaluator, Model, refuse_other_units
-from anser.sensing import Belief
+from anser.aircraft.airframe import AircraftState, Controls
+from anser.dave_ml.evaluator import Evaluator
+from anser.dave_ml.model import Model
+from anser.dave_ml.standard_units import ANGLE, refuse_other_units
+from anser.environment.atmosphere import StandardAtmosphere
+from anser.environment.earth import RotatingEarth
+from anser.numerics.arrays import as_array
+from anser.parts.controllers import AbstractController, AbstractGuidance
+from anser.parts.perception import Belief, Instant, velocity_over_ground_n
+from anser.parts.planners import AircraftPlan
 from anser.shapes import Scalar, ScalarLike, Vector3
+from anser.spatial.rotations import euler_from_quaternion, rotate
+from anser.variables import STANDARD_SURFACES
+
+
+def named_signals(belief: Belief) -> dict[str, Scalar]:
+    """Flight condition by standard names, SI units and radians.
+
+    Body rates are those relative to the rotating Earth, in body axes: the inertial ones less the rotation of the Earth.
+    The participants of the NESC check-cases feed them to the control laws. The equivalent airspeed refers to the
+    density of the standard atmosphere at sea level. Source: ANSI/AIAA S-119-2011, annex A.
+    """
+    state, now = belief.state, belief.condition
+    data = now.air_data
+    roll, pitch, yaw = euler_from_quaternion(state.quaternion)
+    rates_b = state.rates_b + rotate(now.R_bn, now.earth.transport_rate_n)
+    density_ratio = data.density / StandardAtmosphere().at(jnp.zeros_like(data.density)).density
+    return {
+        "altitudeMsl": data.altitude,
+        "trueAirspeed": data.V,
+        "equivalentAirspeed": data.V * jnp.sqrt(density_ratio),
+        "mach": data.mach,
+        "dynamicPressure": data.qbar,
+        "angleOfAttack": data.alpha,
+        "angleOfSideslip": data.beta,
+        "eulerAngle_Roll": roll,
+        "eulerAngle_Pitch": pitch,
+        "eulerAngle_Yaw": yaw,
+        "bodyAngularRate_Roll": rates_b[0],
+        "bodyAngularRate_Pitch": rates_b[1],
+        "bodyAngularRate_Yaw": rates_b[2],
+    }
+
+
+LATERAL_DEVIATION, BASE_COURSE = "lateralDeviationError", "trueBaseCourseCommand"
+_ROUNDING_S = 1e-9
+
+
+def _arrays(values: Mapping[str, ScalarLike]) -> dict[str, Scalar]:
+    return {name: as_array(value) for name, value in values.items()}
+
+
+class NamedCommands(AbstractGuidance):
+    """Commands by the names of a law's inputs, some of which change once.
+
+    Attributes
+    ----------
+    held
+        Commands from the start, SI units and radians.
+    change
+        What is added to some of them, from `change_time` on.
+    change_time
+        s.
+    follows_line
+        1: from `change_time` on, the lateral deviation is that from the ground track along `trueBaseCourseCommand`
+        through the position at that time, the integral of V sin(course - base course) over ground; 0: it is what is
+        commanded alone.
+    place
+        Whether latitude and longitude are given too.
+    """
+
+    initial_commands: Mapping[str, Scalar] = eqx.field(converter=_arrays)
+    change: Mapping[str, Scalar] = eqx.field(default_factory=dict, converter=_arrays)
+    change_time: Scalar = eqx.field(default_factory=lambda: as_array(0.0), converter=as_array)
+    follows_line: Scalar = eqx.field(default_factory=lambda: as_array(0.0), converter=as_array)
+    with_position: bool = eqx.field(static=True, default=False)
+
+    def init(self, belief: Belief, instant: Instant) -> Scalar:
+        """Lateral deviation at the start, m."""
+        return jnp.zeros(())
+
+    def command(
+        self, guidance_state: Scalar, belief: Belief, plan: AircraftPlan | None, instant: Instant
+    ) -> tuple[dict[str, Scalar], Vector3, Scalar]:
+        """The commands now; no place is asked for."""
+        changed = instant.time >= self.change_time - _ROUNDING_S
+        given = dict(self.initial_commands)
+        for name, value in self.change.items():
+            given[name] = given[name] + jnp.where(changed, value, 0.0)
+        if LATERAL_DEVIATION in given and BASE_COURSE in given:
+            velocity_n = velocity_over_ground_n(belief.condition, belief.state)
+            course = given[BASE_COURSE]
+            across = velocity_n[1] * jnp.cos(course) - velocity_n[0] * jnp.sin(course)
+            given[LATERAL_DEVIATION] = given[LATERAL_DEVIATION] + guidance_state
+            guidance_state = guidance_state + instant.step * self.follows_line * jnp.where(changed, across, 0.0)
+        if self.with_position:
+            earth = instant.environment.earth
+            if not isinstance(earth, RotatingEarth):
+                raise TypeError(f"latitude and longitude need a RotatingEarth, not a {type(earth).__name__}")
+            lat, lon, _ = earth.geodetic(belief.state.position_n)
+            given |= {"geLatitude": lat, "geLongitude": jnp.arctan2(jnp.sin(lon), jnp.cos(lon))}
+        return given, belief.state.position_n, guidance_state
 
 
 class DaveMlLaw(AbstractController):
@@ -38,13 +138,13 @@ class DaveMlLaw(AbstractController):
         """Nothing is kept."""
 
     def control(
-        self, memory: None, belief: Belief, command: Mapping[str, Scalar], step: ScalarLike
+        self, controller_state: None, belief: Belief, command: Mapping[str, Scalar], step: ScalarLike
     ) -> tuple[Controls, None, None]:
         """Surfaces and throttle.
 
         Parameters
         ----------
-        memory
+        controller_state
             None.
         belief
             What the aircraft believes.
@@ -93,7 +193,7 @@ def dave_ml_law(model: Model, surfaces: Sequence[str] = STANDARD_SURFACES, power
         model.evaluator.structure.find(name)
     for name in outputs:
         refuse_other_units(model.definition.variables[model.evaluator.structure.find(name)], ANGLE)
-    states = model.having("isState")
+    states = model.variables_with_role("isState")
     if states:
         raise ValueError(f"the law has states ({', '.join(states)}); expected one that has none")
     return DaveMlLaw(model.evaluator, outputs, power)

@@ -16,11 +16,11 @@ class Differentiator(eqx.Module):
         x, one for each channel.
     """
 
-    memory: Vector
+    state: Vector
 
     def rate(self, reference: Vector, bandwidth: ScalarLike, step: ScalarLike) -> Vector:
         """Rate of the reference: the mean of x_dot over the coming step, so that a ramp's rate has no bias."""
-        return -jnp.expm1(-bandwidth * step) / step * (reference - self.memory)
+        return -jnp.expm1(-bandwidth * step) / step * (reference - self.state)
 
     def limited_rate(self, reference: Vector, bandwidth: ScalarLike, step: ScalarLike, acceleration: Vector) -> Vector:
         """Rate of the reference as far as a loop can follow it: no more than acceleration / bandwidth.
@@ -30,12 +30,12 @@ class Differentiator(eqx.Module):
         most = acceleration / bandwidth
         return jnp.clip(self.rate(reference, bandwidth, step), -most, most)
 
-    def advanced(self, reference: Vector, bandwidth: ScalarLike, step: ScalarLike) -> "Differentiator":
+    def advance(self, reference: Vector, bandwidth: ScalarLike, step: ScalarLike) -> "Differentiator":
         """State one step later, for a reference held over the step."""
-        return Differentiator(self.memory + step * self.rate(reference, bandwidth, step))
+        return Differentiator(self.state + step * self.rate(reference, bandwidth, step))
 
 
-def wrapped(angle: Vector3 | ScalarLike) -> Vector3:
+def wrap_angle(angle: Vector3 | ScalarLike) -> Vector3:
     """Angle difference wrapped to -pi..pi, rad; smooth but at the cut itself."""
     return angle - 2 * jnp.pi * jnp.round(angle / (2 * jnp.pi))
 
@@ -64,7 +64,7 @@ def virtual_control(
     )
 
 
-def brakeable(gains: LoopGains, error: Vector3, acceleration: Vector3) -> Vector3:
+def limit_to_braking(gains: LoopGains, error: Vector3, acceleration: Vector3) -> Vector3:
     """Error as far as a loop may work on it whose output can be accelerated by no more than `acceleration`.
 
     By itself the loop e_dot = -K e, K = K_P / (1 + K_D), comes to rest with e_ddot = K^2 e. Beyond |e| = L / K^2 that
@@ -88,6 +88,6 @@ def brakeable(gains: LoopGains, error: Vector3, acceleration: Vector3) -> Vector
     return jnp.where(amount <= edge, error, jnp.sign(error) * jnp.sqrt(edge * (2 * far - edge)))
 
 
-def advanced_integral(integral: Vector3, error: Vector3, saturated: Flag | Vector3, step: ScalarLike) -> Vector3:
+def advance_integral(integral: Vector3, error: Vector3, saturated: Flag | Vector3, step: ScalarLike) -> Vector3:
     """Integral one step later; a channel whose actuator or command is saturated stands still (anti-windup)."""
     return jnp.where(saturated, integral, integral + step * error)

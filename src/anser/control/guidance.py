@@ -4,13 +4,15 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from anser.control.feedback import wrapped
-from anser.control.interface import AbstractGuidance
-from anser.environment import Environment, FlatEarth
-from anser.planning import AircraftPlan, PathCommand, PathPoint, polar, rescaled
-from anser.sensing import Belief, Instant, velocity_over_ground_n
+from anser.control.feedback import wrap_angle
+from anser.environment.earth import FlatEarth
+from anser.environment.environment import Environment
+from anser.parts.controllers import AbstractGuidance
+from anser.parts.paths import PathCommand, PathPoint, polar, rescale_command
+from anser.parts.perception import Belief, Instant, velocity_over_ground_n
+from anser.parts.planners import AircraftPlan
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
-from anser.spatial import safe_hypot
+from anser.spatial.rotations import safe_hypot
 
 _CLIMB_GAIN = 0.2  # 1/s: altitude errors in the hold fade within about 15 s
 _PULL_MAX = 6.0  # m/s^2: levelling off after a steep arrival asks for an additional half g at most
@@ -51,7 +53,7 @@ class FollowPlan(AbstractGuidance):
         """Nothing is kept."""
 
     def command(
-        self, memory: None, belief: Belief, plan: AircraftPlan | None, instant: Instant
+        self, guidance_state: None, belief: Belief, plan: AircraftPlan | None, instant: Instant
     ) -> tuple[PathCommand, Vector3, None]:
         """Command along the plan's trajectory.
 
@@ -65,20 +67,20 @@ class FollowPlan(AbstractGuidance):
         velocity_n, wind_n = chart_velocities(belief)
         planned = plan.trajectory.at(instant.time)
         command = follow(planned, belief.state.position_n, velocity_n, wind_n, self.settings)
-        return over_ground(command, belief, instant.environment), planned.position_n, None
+        return command_from_chart(command, belief, instant.environment), planned.position_n, None
 
 
 def chart_velocities(belief: Belief) -> tuple[Vector3, Vector3]:
     """Own velocity over the ground and the wind as rates of the Earth's chart, in which plans live, NED, m/s."""
-    scale = belief.now.earth.chart_scale
-    return scale * velocity_over_ground_n(belief.now, belief.state), scale * belief.now.wind_n
+    scale = belief.condition.earth.chart_scale
+    return scale * velocity_over_ground_n(belief.condition, belief.state), scale * belief.condition.wind_n
 
 
-def over_ground(command: PathCommand, belief: Belief, environment: Environment) -> PathCommand:
+def command_from_chart(command: PathCommand, belief: Belief, environment: Environment) -> PathCommand:
     """Command in velocities through the air, from one in rates of the Earth's chart."""
     if isinstance(environment.earth, FlatEarth):  # there both are the same
         return command
-    return rescaled(command, 1.0 / belief.now.earth.chart_scale)
+    return rescale_command(command, 1.0 / belief.condition.earth.chart_scale)
 
 
 def follow(
@@ -200,7 +202,7 @@ def _turned_one_way(command: PathCommand, velocity_air_n: Vector3, turn: ScalarL
     45 deg, and then without feed-forward, because the field's own rate is not that of such a turn.
     """
     course = polar(velocity_air_n, jnp.zeros_like(velocity_air_n)).chi
-    change = wrapped(command.chi - course)
+    change = wrap_angle(command.chi - course)
     change = jnp.where(turn * change < -2 * jnp.pi / 3, change + turn * 2 * jnp.pi, change)
     asked = jnp.clip(change, -jnp.pi / 4, jnp.pi / 4)
     large = jnp.abs(change) > jnp.pi / 4

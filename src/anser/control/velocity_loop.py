@@ -4,11 +4,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from anser.aircraft import AbstractAirframe, Condition
+from anser.aircraft.airframe import AbstractAirframe
+from anser.aircraft.motion import FlightCondition
 from anser.control.limits import FlightLimits
 from anser.control.onboard_model import OnboardModel
 from anser.shapes import Flag, Scalar, ScalarLike, Vector, Vector3
-from anser.spatial import safe_hypot
+from anser.spatial.rotations import safe_hypot
 
 _COS_BANK_MIN = 0.2  # between 78 and 102 deg of bank lift is asked less and less to hold the path
 _COS_READY = 0.5  # cosine of the bank error up to which all of the lift is asked; none at 90 deg and beyond
@@ -56,7 +57,7 @@ def thrust_demand(model: OnboardModel, engine_bandwidth: ScalarLike, V_dot: Scal
 
     T = [m (V_dot + g sin gamma) - (aerodynamic force along the velocity)] / (cos alpha cos beta).
     """
-    airframe, now, motion, power = model.airframe, model.slow, model.motion, model.state.power
+    airframe, now, motion, power = model.airframe, model.slow_condition, model.motion, model.state.power
     engine = airframe.engine
     ca, sa = jnp.cos(motion.alpha), jnp.sin(motion.alpha)
     cb, sb = jnp.cos(motion.beta), jnp.sin(motion.beta)
@@ -72,20 +73,20 @@ def thrust_demand(model: OnboardModel, engine_bandwidth: ScalarLike, V_dot: Scal
     )
 
 
-def lift_at(
+def lift_at_alpha(
     airframe: AbstractAirframe,
-    now: Condition,
+    now: FlightCondition,
     rates_b: Vector3,
     surfaces: Vector,
-    beside_b: Vector3,
+    other_force_b: Vector3,
     alpha: ScalarLike,
 ) -> Scalar:
     """Force normal to the path that an angle of attack (rad) gives, up in the aircraft's plane of symmetry, N.
 
-    L = F_X sin(alpha) - F_Z cos(alpha); `beside_b` is what acts besides the aerodynamics, thrust above all, N.
+    L = F_X sin(alpha) - F_Z cos(alpha); `other_force_b` is what acts besides the aerodynamics, thrust above all, N.
     """
     data = eqx.tree_at(lambda d: d.alpha, now.air_data, jnp.asarray(alpha))
-    force_b = airframe.aerodynamics(data, rates_b, surfaces).force_b + beside_b
+    force_b = airframe.aerodynamics(data, rates_b, surfaces).force_b + other_force_b
     return force_b[0] * jnp.sin(alpha) - force_b[2] * jnp.cos(alpha)
 
 
@@ -94,9 +95,9 @@ def side_force(model: OnboardModel) -> Scalar:
 
     With the surfaces at rest: what small deflections against its rolling and yawing moments add is left out.
     """
-    airframe, now = model.airframe, model.slow
+    airframe, now = model.airframe, model.slow_condition
     data = eqx.tree_at(lambda d: d.beta, now.air_data, jnp.zeros_like(now.air_data.beta))
-    at_rest = airframe.actuators.scheduled(jnp.zeros_like(model.surfaces_slow), data)
+    at_rest = airframe.actuators.scheduled_position(jnp.zeros_like(model.surfaces_slow), data)
     wrench = airframe.aerodynamics(data, jnp.zeros_like(model.state.rates_b), at_rest)
     return (wrench.force_b + now.propulsive.force_b)[1]
 
@@ -113,7 +114,7 @@ def attitude_demand(model: OnboardModel, gamma_dot: ScalarLike, chi_dot: ScalarL
     What the lift at alpha_max or the load factor cannot give is left out of both turns alike, of the path's and of the
     course's: gravity is carried first.
     """
-    limits, now, motion, gravity = model.limits, model.slow, model.motion, model.gravity
+    limits, now, motion, gravity = model.limits, model.slow_condition, model.motion, model.gravity
     mass = model.airframe.mass_properties.mass
     weight = mass * gravity
     fall = gravity * jnp.cos(motion.gamma)
@@ -122,10 +123,10 @@ def attitude_demand(model: OnboardModel, gamma_dot: ScalarLike, chi_dot: ScalarL
     # in a turn the path is pushed down no faster than leaves lift to turn with
     turning = jnp.clip(jnp.abs(side_free) / (_UP_TURNING_G * gravity), 0.0, 1.0)
     up = up_free + turning * jnp.maximum(_UP_TURNING_G * gravity - up_free, 0.0)
-    beside_b = now.propulsive.force_b + model.residual.force_b
+    other_force_b = now.propulsive.force_b + model.residual.force_b
 
     def lift(alpha: Scalar) -> Scalar:
-        return lift_at(model.airframe, now, model.state.rates_b, model.surfaces_slow, beside_b, alpha)
+        return lift_at_alpha(model.airframe, now, model.state.rates_b, model.surfaces_slow, other_force_b, alpha)
 
     # more bank than the lift can hold would be a sinking spiral up to alpha_max and beyond
     lift_most = jnp.maximum(LIFT_SHARE * lift(limits.alpha_max), 0.0)
@@ -166,7 +167,7 @@ def attitude_demand(model: OnboardModel, gamma_dot: ScalarLike, chi_dot: ScalarL
     )
 
 
-def rate_limited(
+def limit_bank_rate(
     demand: AttitudeDemand, before: Scalar | None, limits: FlightLimits, step: ScalarLike
 ) -> tuple[AttitudeDemand, Scalar | None]:
     """The demand with a bank angle that changes no faster than the limits say, and that angle for the next step.

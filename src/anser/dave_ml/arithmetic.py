@@ -65,21 +65,21 @@ def _principal_arccot(xp: Any, a: Any) -> Any:
     return xp.arctan2(xp.where(a < 0.0, -1.0, 1.0), xp.abs(a))
 
 
-def _by_reciprocals(divide: Callable[[Any, Any], Any], of: Mapping[str, Callable[..., Any]]) -> dict[str, Any]:
+def _by_reciprocals(divide: Callable[[Any, Any], Any], functions: Mapping[str, Callable[..., Any]]) -> dict[str, Any]:
     """Secants, cosecants, cotangents and their inverses from the functions that they are reciprocals of."""
 
     def inverse(name: str) -> Callable[[Any], Any]:
-        return lambda a: of[name](divide(1.0, a))
+        return lambda a: functions[name](divide(1.0, a))
 
     return {
-        "sec": lambda a: divide(1.0, of["cos"](a)),
-        "csc": lambda a: divide(1.0, of["sin"](a)),
-        "cot": lambda a: divide(of["cos"](a), of["sin"](a)),
+        "sec": lambda a: divide(1.0, functions["cos"](a)),
+        "csc": lambda a: divide(1.0, functions["sin"](a)),
+        "cot": lambda a: divide(functions["cos"](a), functions["sin"](a)),
         "arcsec": inverse("arccos"),
         "arccsc": inverse("arcsin"),
-        "sech": lambda a: divide(1.0, of["cosh"](a)),
-        "csch": lambda a: divide(1.0, of["sinh"](a)),
-        "coth": lambda a: divide(1.0, of["tanh"](a)),
+        "sech": lambda a: divide(1.0, functions["cosh"](a)),
+        "csch": lambda a: divide(1.0, functions["sinh"](a)),
+        "coth": lambda a: divide(1.0, functions["tanh"](a)),
         "arcsech": inverse("arccosh"),
         "arccsch": inverse("arcsinh"),
         "arccoth": inverse("arctanh"),

@@ -6,8 +6,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from anser.dave_ml.elements import Element
-from anser.dave_ml.errors import DaveMlError
+from anser.dave_ml.elements import DaveMlError, Element
 from anser.dave_ml.formulas import Formula
 
 Extrapolate = Literal["neither", "min", "max", "both"]
@@ -47,7 +46,7 @@ class Note:
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class SourceLocation:
     """Where something stands in a file; line and column from 1, None where it came from no file."""
 
     file: str = ""
@@ -59,9 +58,9 @@ class Place:
         return DaveMlError(self.file, arrived, expected, self.line, self.column)
 
 
-def place_of(element: Element) -> Place:
+def source_location_of(element: Element) -> SourceLocation:
     """Where an element begins."""
-    return Place(element.file, element.line, element.column)
+    return SourceLocation(element.file, element.line, element.column)
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,12 +92,12 @@ class Variable:
     alias: str = ""
     symbol: str = ""
     initial: float | None = None
-    least: float | None = None
-    greatest: float | None = None
+    minimum: float | None = None
+    maximum: float | None = None
     formula: Formula | None = None
     roles: frozenset[Role] = frozenset()
     notes: tuple[Note, ...] = ()
-    place: Place = field(default=Place(), compare=False)
+    location: SourceLocation = field(default=SourceLocation(), compare=False)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,7 +109,7 @@ class Breakpoints:
     name: str = ""
     units: str = ""
     description: str = ""
-    place: Place = Place()
+    location: SourceLocation = SourceLocation()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -134,7 +133,7 @@ class GriddedTable:
     units: str = ""
     description: str = ""
     notes: tuple[Note, ...] = ()
-    place: Place = Place()
+    location: SourceLocation = SourceLocation()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,7 +157,7 @@ class UngriddedTable:
     units: str = ""
     description: str = ""
     notes: tuple[Note, ...] = ()
-    place: Place = Place()
+    location: SourceLocation = SourceLocation()
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,8 +175,8 @@ class Argument:
     """
 
     id: str
-    least: float | None = None
-    greatest: float | None = None
+    minimum: float | None = None
+    maximum: float | None = None
     extrapolate: Extrapolate = "neither"
     interpolate: Interpolate = "linear"
 
@@ -202,7 +201,7 @@ class Function:
     table: str
     description: str = ""
     notes: tuple[Note, ...] = ()
-    place: Place = field(default=Place(), compare=False)
+    location: SourceLocation = field(default=SourceLocation(), compare=False)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,12 +1,55 @@
-"""XML as a tree of elements that know their place; nothing is fetched, expanded or executed, and size is bounded."""
+"""XML elements of a DAVE-ML file with their line and column.
 
+The numbers in them, and the error that a file can cause. Nothing is fetched, expanded or executed, and sizes are
+bounded.
+"""
+
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any, Final
 from xml.parsers import expat
 
-from anser.dave_ml.errors import DaveMlError, shown
-from anser.input_files import XML_ENCODINGS, xml_text
+import numpy as np
+
+from anser.files import XML_ENCODINGS, decode_xml
+
+_SHOWN_MAX: Final = 80
+
+
+class DaveMlError(ValueError):
+    """A DAVE-ML file that cannot be read, or a model that cannot be built from it; ``str()`` is one line.
+
+    Parameters
+    ----------
+    name
+        The file, or another name of the place that the text came from.
+    arrived
+        What stands there.
+    expected
+        What would be right.
+    line, column
+        Place in the file, counted from 1; None for the file as a whole.
+    """
+
+    def __init__(self, name: str, arrived: str, expected: str, line: int | None = None, column: int | None = None):
+        self.name = name
+        self.arrived = arrived
+        self.expected = expected
+        self.line = line
+        self.column = column
+        super().__init__(name, arrived, expected, line, column)
+
+    def __str__(self) -> str:
+        place = "" if self.line is None else f", line {self.line}, column {self.column}"
+        return f"{self.name or 'DAVE-ML'}{place}: arrived {self.arrived}; expected {self.expected}"
+
+
+def quote(text: str) -> str:
+    """A text that arrived, in quotes, on one line and not too long."""
+    quoted = f'"{text}"' if text.isprintable() else repr(text)
+    return quoted if len(quoted) <= _SHOWN_MAX + 2 else f'{quoted[:_SHOWN_MAX]}..." ({len(text)} characters)'
+
 
 FILE_BYTES_MAX: Final = 8 * 2**20
 """Size of the largest file that is read."""
@@ -57,12 +100,12 @@ class Element:
         known = set(attributes)
         for name in self.attributes:
             if name not in known and not name.startswith("xml") and ":" not in name:
-                raise self.fault(f"attribute {shown(name)} of <{self.tag}>", _one_of("attributes", known))
+                raise self.fault(f"attribute {quote(name)} of <{self.tag}>", _format_choices("attributes", known))
         single, several = set(once), set(many)
         seen: set[str] = set()
         for child in self.children:
             if child.tag not in single | several:
-                raise child.fault(f"<{child.tag}> in <{self.tag}>", _one_of("elements", single | several))
+                raise child.fault(f"<{child.tag}> in <{self.tag}>", _format_choices("elements", single | several))
             if child.tag in single and child.tag in seen:
                 raise child.fault(f"a second <{child.tag}> in <{self.tag}>", "one")
             seen.add(child.tag)
@@ -90,7 +133,7 @@ class Element:
         return value
 
 
-def _one_of(kind: str, known: set[str]) -> str:
+def _format_choices(kind: str, known: set[str]) -> str:
     return f"{kind} {', '.join(sorted(known))}" if known else f"no {kind}"
 
 
@@ -122,7 +165,7 @@ class _Builder:
 
     def entity(self, name: str, *_more: object) -> int:
         raise self.fault(
-            f"entity {shown(str(name))}", "characters, or the entities of XML: &lt; &gt; &amp; &quot; &apos;"
+            f"entity {quote(str(name))}", "characters, or the entities of XML: &lt; &gt; &amp; &quot; &apos;"
         )
 
     def start(self, tag: str, attributes: dict[str, str]) -> None:
@@ -165,7 +208,7 @@ def parse_elements(content: str | bytes, name: str) -> Element:
     if len(content) > FILE_BYTES_MAX:
         raise DaveMlError(name, f"{len(content):,} bytes", f"at most {FILE_BYTES_MAX:,}")
     try:
-        text = content if isinstance(content, str) else xml_text(content)
+        text = content if isinstance(content, str) else decode_xml(content)
         data = text.removeprefix("\ufeff").encode()
     except UnicodeEncodeError as error:
         raise DaveMlError(name, f"character {error.object[error.start]!r}", "text of Unicode") from None
@@ -185,3 +228,63 @@ def parse_elements(content: str | bytes, name: str) -> Element:
     if builder.root is None:
         raise DaveMlError(name, "no element", "<DAVEfunc>")
     return builder.root
+
+
+TABLE_NUMBERS_MAX: Final = 1_000_000
+"""Numbers of one table or list."""
+_ALLOWED: Final = frozenset("0123456789+-.eE, \t\r\n")
+
+
+def parse_number(text: str, element: Element, what: str) -> float:
+    """One finite number.
+
+    Raises
+    ------
+    DaveMlError
+        The text is none.
+    """
+    stripped = text.strip()
+    if not set(stripped) <= _ALLOWED - {","}:
+        raise element.fault(f"{quote(stripped)} as {what}", "a number such as -1.5e3")
+    try:
+        value = float(stripped)
+    except ValueError:
+        raise element.fault(f"{quote(stripped)} as {what}", "a number such as -1.5e3") from None
+    if not math.isfinite(value):
+        raise element.fault(f"{quote(stripped)} as {what}", "a number that 64 bits can hold")
+    return value
+
+
+def optional_number(element: Element, attribute: str) -> float | None:
+    """The number of an attribute; None where it is missing."""
+    if attribute not in element.attributes:
+        return None
+    return parse_number(element.attributes[attribute], element, attribute)
+
+
+def parse_numbers(element: Element, what: str) -> np.ndarray:
+    """The numbers in an element, separated by commas or white space; shape (n,), at least one.
+
+    Raises
+    ------
+    DaveMlError
+        One is no finite number, there is none, or there are too many.
+    """
+    strange = set(element.text) - _ALLOWED
+    if strange:
+        token = next(word for word in element.text.replace(",", " ").split() if strange & set(word))
+        raise element.fault(f"{quote(token)} in {what}", "numbers such as -1.5e3, with commas or blanks between")
+    words = element.text.replace(",", " ").split(None, TABLE_NUMBERS_MAX)
+    if len(words) > TABLE_NUMBERS_MAX:
+        raise element.fault(f"more than {TABLE_NUMBERS_MAX:,} numbers in {what}", "fewer")
+    if not words:
+        raise element.fault(f"no numbers in {what}", "at least one")
+    try:
+        values = np.array([float(word) for word in words])
+    except ValueError as error:
+        token = str(error).partition(": ")[2].strip("'")
+        raise element.fault(f"{quote(token)} in {what}", "numbers such as -1.5e3") from None
+    if not np.all(np.isfinite(values)):
+        token = words[int(np.flatnonzero(~np.isfinite(values))[0])]
+        raise element.fault(f"{quote(token)} in {what}", "numbers that 64 bits can hold")
+    return values

@@ -12,12 +12,19 @@ from jaxtyping import Array
 
 from anser.dave_ml.arithmetic import IN_JAX, IN_NUMPY
 from anser.dave_ml.definition import Breakpoints, Definition, Function, GriddedTable
-from anser.dave_ml.errors import shown
-from anser.dave_ml.lookups import Lookup, make_lookups, refuse_too_large
-from anser.dave_ml.scattered import ScatteredTable, make_scattered, meshes_of, refuse_doubles
-from anser.dave_ml.structure import Structure, constants_of, limited, structure_of
-from anser.dave_ml.unit_names import Unit, unit_of
-from anser.numerics import as_array, namespace
+from anser.dave_ml.elements import quote
+from anser.dave_ml.standard_units import Unit, parse_unit
+from anser.dave_ml.structure import Structure, clip_to_limits, compute_constants, make_structure
+from anser.dave_ml.tables import (
+    Lookup,
+    ScatteredTable,
+    make_lookups,
+    make_meshes,
+    make_scattered,
+    refuse_duplicate_points,
+    refuse_too_large,
+)
+from anser.numerics.arrays import as_array, namespace
 from anser.shapes import Scalar, ScalarLike
 
 
@@ -68,8 +75,8 @@ class Evaluator(eqx.Module):
         values: dict[str, Array] = dict(self.constants)
         for name, value in inputs.items():
             identifier = self._input(name, value)
-            values[identifier] = _limited(_number(value), self.structure.by_id[identifier].limits)
-        needed = self.structure.needed_for(set(wanted.values()), values.keys())
+            values[identifier] = _clip(_number(value), self.structure.by_id[identifier].limits)
+        needed = self.structure.required_variables(set(wanted.values()), values.keys())
         self._refuse_missing(needed - values.keys())
         stage = 0
         for quantity in self.structure.quantities:
@@ -80,7 +87,7 @@ class Evaluator(eqx.Module):
                 stage += 1
             if quantity.formula is not None:
                 found = IN_JAX.value_of(quantity.formula, values)
-                values[quantity.id] = _limited(_number(found), quantity.limits)
+                values[quantity.id] = _clip(_number(found), quantity.limits)
         return {name: values[identifier] for name, identifier in wanted.items()}
 
     def evaluate_si(self, inputs: Mapping[str, ScalarLike], outputs: Sequence[str] | None = None) -> dict[str, Scalar]:
@@ -107,7 +114,7 @@ class Evaluator(eqx.Module):
         """
         quantity = self.structure.by_id[self.structure.find(name)]
         try:
-            return unit_of(quantity.units)
+            return parse_unit(quantity.units)
         except ValueError as error:
             raise ValueError(f"variable {quantity.id} ({quantity.name}): {error}") from None
 
@@ -124,12 +131,12 @@ class Evaluator(eqx.Module):
         changed = {self.structure.find(name): value for name, value in changes.items()}
         for identifier in changed:
             if identifier not in self.constants:
-                raise ValueError(f"{shown(identifier)} is no constant of the file")
+                raise ValueError(f"{quote(identifier)} is no constant of the file")
         values: dict[str, Any] = {**self.constants, **changed}
-        arithmetic, limit = IN_JAX, _limited
+        arithmetic, limit = IN_JAX, _clip
         if namespace(values) is np:  # nothing to compile
             values = {name: float(value) for name, value in values.items()}
-            arithmetic, limit = IN_NUMPY, limited
+            arithmetic, limit = IN_NUMPY, clip_to_limits
         for quantity in self.structure.quantities:
             if quantity.id in changed:
                 values[quantity.id] = limit(values[quantity.id], quantity.limits)
@@ -140,9 +147,9 @@ class Evaluator(eqx.Module):
     def _input(self, name: str, value: ScalarLike) -> str:
         identifier = self.structure.find(name)
         if identifier not in self.structure.inputs:
-            raise ValueError(f"{shown(name)} is no input; inputs are {', '.join(self.structure.inputs)}")
+            raise ValueError(f"{quote(name)} is no input; inputs are {', '.join(self.structure.inputs)}")
         if np.ndim(value) != 0:
-            raise ValueError(f"{shown(name)} of shape {np.shape(value)}: give one instant's, and vmap over many")
+            raise ValueError(f"{quote(name)} of shape {np.shape(value)}: give one instant's, and vmap over many")
         return identifier
 
     def _refuse_missing(self, unknown: set[str]) -> None:
@@ -156,10 +163,10 @@ class Evaluator(eqx.Module):
     def _looked_up(self, stage: int, values: Mapping[str, Array], needed: set[str]) -> dict[str, Array]:
         found: dict[str, Array] = {}
         for table in self.tables[stage]:
-            wanted = needed.intersection(table.gives) - values.keys()
+            wanted = needed.intersection(table.result_names) - values.keys()
             if wanted:
                 found |= table(values, wanted)
-        return {name: _limited(value, self.structure.by_id[name].limits) for name, value in found.items()}
+        return {name: _clip(value, self.structure.by_id[name].limits) for name, value in found.items()}
 
 
 def _number(value: ScalarLike) -> Array:
@@ -168,7 +175,7 @@ def _number(value: ScalarLike) -> Array:
     return array if jnp.issubdtype(array.dtype, jnp.floating) else array.astype(float)
 
 
-def _limited(value: Array, limits: tuple[float | None, float | None]) -> Array:
+def _clip(value: Array, limits: tuple[float | None, float | None]) -> Array:
     least, greatest = limits
     value = value if least is None else jnp.maximum(value, least)
     return value if greatest is None else jnp.minimum(value, greatest)
@@ -184,17 +191,17 @@ def make_evaluator(definition: Definition) -> Evaluator:
         a table cannot be interpolated.
     """
     with jax.ensure_compile_time_eval():  # known numbers, even where a traced function reads a file
-        return _made(_sorted_lines(definition))
+        return _compile_definition(_sorted_lines(definition))
 
 
-def _made(definition: Definition) -> Evaluator:
-    structure = structure_of(definition)
+def _compile_definition(definition: Definition) -> Evaluator:
+    structure = make_structure(definition)
     stages: dict[int, list[Function]] = {}
     for function in definition.functions:
         stages.setdefault(structure.by_id[function.result].level - 1, []).append(function)
     refuse_too_large(definition, [f for f in definition.functions if f.table in definition.gridded])
     used = {f.table for f in definition.functions} - definition.gridded.keys()
-    meshes = meshes_of(definition.ungridded[name] for name in definition.ungridded if name in used)
+    meshes = make_meshes(definition.ungridded[name] for name in definition.ungridded if name in used)
     tables = []
     for stage in range(max(stages, default=-1) + 1):
         functions = stages.get(stage, [])
@@ -203,7 +210,7 @@ def _made(definition: Definition) -> Evaluator:
         tables.append(
             (*make_lookups(definition, gridded), *(make_scattered(definition, f, meshes[f.table]) for f in scattered))
         )
-    constants = constants_of(definition, structure)
+    constants = compute_constants(definition, structure)
     return Evaluator({name: as_array(value) for name, value in constants.items()}, tuple(tables), structure)
 
 
@@ -212,7 +219,7 @@ def _sorted_lines(definition: Definition) -> Definition:
     breakpoints, gridded = dict(definition.breakpoints), dict(definition.gridded)
     for table in definition.ungridded.values():
         if table.points.shape[1] == 1:
-            refuse_doubles(table)
+            refuse_duplicate_points(table)
             order = np.argsort(table.points[:, 0])
             axis = f"{table.id} along its points"  # no identifier of XML has blanks
             breakpoints[axis] = Breakpoints(axis, table.points[order, 0])

@@ -1,9 +1,16 @@
-"""Formulas of numbers and variables, as plain data."""
+"""Formulas of numbers and variables as plain data.
 
+And their content MathML 2 form (DAVE-ML 2.0.2 reference, section 6.2.2; MathML 2.0, section 4.4).
+"""
+
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Final, TypeAlias
+from xml.sax.saxutils import escape
+
+from anser.dave_ml.elements import Element, parse_number, quote
 
 
 @dataclass(frozen=True, slots=True)
@@ -14,14 +21,14 @@ class Number:
 
 
 @dataclass(frozen=True, slots=True)
-class Named:
+class VariableReference:
     """The value of a variable, by its varID."""
 
     id: str
 
 
 @dataclass(frozen=True, slots=True)
-class Applied:
+class Operation:
     """An operation of `OPERATIONS` on arguments."""
 
     operation: str
@@ -29,7 +36,7 @@ class Applied:
 
 
 @dataclass(frozen=True, slots=True)
-class Chosen:
+class Piecewise:
     """The value of the first piece whose condition holds, else the last.
 
     Attributes
@@ -44,14 +51,14 @@ class Chosen:
     otherwise: "Formula"
 
 
-Formula: TypeAlias = Number | Named | Applied | Chosen
+Formula: TypeAlias = Number | VariableReference | Operation | Piecewise
 
-MANY: Final = 1000
+ARGUMENTS_MAX: Final = 1000
 """Arguments that an operation of any number of them may have."""
 NUMERIC: Final = {
-    "plus": (1, MANY),
+    "plus": (1, ARGUMENTS_MAX),
     "minus": (1, 2),
-    "times": (1, MANY),
+    "times": (1, ARGUMENTS_MAX),
     "divide": (2, 2),
     "power": (2, 2),
     "root": (1, 2),
@@ -61,8 +68,8 @@ NUMERIC: Final = {
     "abs": (1, 1),
     "floor": (1, 1),
     "ceiling": (1, 1),
-    "min": (1, MANY),
-    "max": (1, MANY),
+    "min": (1, ARGUMENTS_MAX),
+    "max": (1, ARGUMENTS_MAX),
     "atan2": (2, 2),
     **dict.fromkeys(("sin", "cos", "tan", "sec", "csc", "cot"), (1, 1)),
     **dict.fromkeys(("arcsin", "arccos", "arctan", "arcsec", "arccsc", "arccot"), (1, 1)),
@@ -73,32 +80,32 @@ NUMERIC: Final = {
 
 The second argument of ``root`` is its degree, of ``log`` its base.
 """
-COMPARING: Final = {
-    **dict.fromkeys(("lt", "leq", "gt", "geq", "eq"), (2, MANY)),
+COMPARISONS: Final = {
+    **dict.fromkeys(("lt", "leq", "gt", "geq", "eq"), (2, ARGUMENTS_MAX)),
     "neq": (2, 2),
 }
 """Comparisons; of more than two arguments each with the next."""
-LOGICAL: Final = {"and": (1, MANY), "or": (1, MANY), "xor": (1, MANY), "not": (1, 1)}
-OPERATIONS: Final = {**NUMERIC, **COMPARING, **LOGICAL}
+LOGICAL: Final = {"and": (1, ARGUMENTS_MAX), "or": (1, ARGUMENTS_MAX), "xor": (1, ARGUMENTS_MAX), "not": (1, 1)}
+OPERATIONS: Final = {**NUMERIC, **COMPARISONS, **LOGICAL}
 
 
-def names_in(formula: Formula) -> Iterator[str]:
+def variables_in(formula: Formula) -> Iterator[str]:
     """The variables of a formula."""
-    if isinstance(formula, Named):
+    if isinstance(formula, VariableReference):
         yield formula.id
-    elif isinstance(formula, Applied):
+    elif isinstance(formula, Operation):
         for argument in formula.arguments:
-            yield from names_in(argument)
-    elif isinstance(formula, Chosen):
+            yield from variables_in(argument)
+    elif isinstance(formula, Piecewise):
         for value, condition in formula.pieces:
-            yield from names_in(value)
-            yield from names_in(condition)
-        yield from names_in(formula.otherwise)
+            yield from variables_in(value)
+            yield from variables_in(condition)
+        yield from variables_in(formula.otherwise)
 
 
 def is_logical(formula: Formula) -> bool:
     """Whether the value of a formula is a truth."""
-    return isinstance(formula, Applied) and formula.operation not in NUMERIC
+    return isinstance(formula, Operation) and formula.operation not in NUMERIC
 
 
 class Arithmetic:
@@ -128,9 +135,9 @@ class Arithmetic:
         """The number that a formula gives; a truth counts as 1 or 0."""
         if isinstance(formula, Number):
             return formula.value
-        if isinstance(formula, Named):
+        if isinstance(formula, VariableReference):
             return values[formula.id]
-        if isinstance(formula, Chosen):
+        if isinstance(formula, Piecewise):
             chosen = self.value_of(formula.otherwise, values)
             for value, condition in reversed(formula.pieces):
                 chosen = self._where(self._truth_of(condition, values), self.value_of(value, values), chosen)
@@ -145,7 +152,7 @@ class Arithmetic:
 
     def _truth_of(self, formula: Formula, values: Mapping[str, Any]) -> Any:
         """The truth that a formula gives; a number counts as true unless it is zero."""
-        if not (isinstance(formula, Applied) and is_logical(formula)):
+        if not (isinstance(formula, Operation) and is_logical(formula)):
             return self._operations["neq"](self.value_of(formula, values), 0.0)
         if formula.operation in LOGICAL:
             truths = [self._truth_of(argument, values) for argument in formula.arguments]
@@ -154,3 +161,129 @@ class Arithmetic:
         compare = self._operations[formula.operation]
         pairs = [compare(left, right) for left, right in pairwise(numbers)]
         return self._operations["and"](*pairs)
+
+
+_NAMESPACE: Final = "http://www.w3.org/1998/Math/MathML"
+_ATAN2: Final = "http://daveml.org/function_spaces.html#atan2"
+_CONSTANTS: Final = {"pi": math.pi, "exponentiale": math.e, "true": 1.0, "false": 0.0}
+_NUMBER_TYPES: Final = {"real", "integer", "double", "constant"}
+_QUALIFIERS: Final = {"root": "degree", "log": "logbase"}
+_ALTERNATIVES: Final = {
+    "quotient": "<divide/> or <floor/>: MathML's quotient is a whole number, NASA's example of it is not",
+    "rem": "<floor/> and <minus/>: the sign of a remainder is not agreed upon",
+}
+
+
+def parse_formula(math_element: Element) -> Formula:
+    """The formula of a ``<math>`` element.
+
+    Raises
+    ------
+    DaveMlError
+        It holds not one formula, or an operation that is not known or has too few or many arguments.
+    """
+    return _formula(_single(math_element))
+
+
+def _single(parent: Element) -> Element:
+    if len(parent.children) != 1:
+        raise parent.fault(f"{len(parent.children)} elements in <{parent.tag}>", "one")
+    return parent.children[0]
+
+
+def _formula(element: Element) -> Formula:
+    if element.tag == "cn":
+        return _number(element)
+    if element.tag == "ci":
+        element.permit(("type", "id", "class"))
+        name = element.text.strip()
+        if not name:
+            raise element.fault("an empty <ci>", "the varID of a variable")
+        return VariableReference(name)
+    if element.tag in _CONSTANTS:
+        element.permit()
+        return Number(_CONSTANTS[element.tag])
+    if element.tag == "piecewise":
+        return _piecewise(element)
+    if element.tag == "apply":
+        return _apply(element)
+    raise element.fault(f"<{element.tag}> as a formula", "<apply>, <piecewise>, <cn>, <ci>, <pi/> or <exponentiale/>")
+
+
+def _number(element: Element) -> Number:
+    kind, base = element.attributes.get("type", "real"), element.attributes.get("base", "10")
+    if kind not in _NUMBER_TYPES or base != "10":
+        raise element.fault(f"a number of type {quote(kind)}, base {quote(base)}", "a real number of base 10")
+    element.permit(("type", "base", "id", "class"))
+    return Number(parse_number(element.text, element, "a number"))
+
+
+def _piecewise(element: Element) -> Piecewise:
+    element.permit(once=("otherwise",), many=("piece",))
+    pieces = []
+    for piece in element.all("piece"):
+        if len(piece.children) != 2:
+            raise piece.fault(f"{len(piece.children)} elements in <piece>", "a value and its condition")
+        pieces.append((_formula(piece.children[0]), _formula(piece.children[1])))
+    otherwise = element.first("otherwise")
+    if otherwise is None:
+        raise element.fault("<piecewise> without <otherwise>", "a value where no condition holds")
+    return Piecewise(tuple(pieces), _formula(_single(otherwise)))
+
+
+def _apply(element: Element) -> Formula:
+    if not element.children:
+        raise element.fault("an empty <apply>", "an operation and its arguments")
+    head, *arguments = element.children
+    if head.tag == "piecewise" and not arguments:
+        return _piecewise(head)  # as NASA's files write it
+    operation = _operation(head)
+    given = [_formula(argument) for argument in arguments if argument.tag != _QUALIFIERS.get(operation)]
+    qualifiers = [argument for argument in arguments if argument.tag == _QUALIFIERS.get(operation)]
+    if qualifiers and len(given) != 1:
+        raise element.fault(f"<{operation}/> of {len(given)} arguments", "one")
+    given += [_formula(_single(qualifier)) for qualifier in qualifiers]
+    least, most = OPERATIONS[operation]
+    if not least <= len(given) <= most or (operation in _QUALIFIERS and len(given) == 2 and not qualifiers):
+        right = f"{least}" if least == most else f"{least} or more" if most == ARGUMENTS_MAX else f"{least} or {most}"
+        if operation in _QUALIFIERS:
+            right = f"1, and <{_QUALIFIERS[operation]}> where it is another than usual"
+        raise element.fault(f"<{operation}/> of {len(given)} arguments", right)
+    return Operation(operation, tuple(given))
+
+
+def _operation(head: Element) -> str:
+    if head.tag == "csymbol":
+        if head.text.strip() == "atan2":
+            return "atan2"
+        raise head.fault(f"function {quote(head.text.strip())}", "atan2, the one that DAVE-ML adds to those of MathML")
+    if head.tag in OPERATIONS and head.tag != "atan2":
+        head.permit()
+        return head.tag
+    known = ", ".join(sorted(set(OPERATIONS) - {"atan2"}))
+    raise head.fault(
+        f"<{head.tag}> as an operation", _ALTERNATIVES.get(head.tag, f"one of {known}, or atan2 as a <csymbol>")
+    )
+
+
+def format_mathml(formula: Formula) -> str:
+    """A ``<math>`` element of a formula."""
+    return f'<math xmlns="{_NAMESPACE}">{_format_formula(formula)}</math>'
+
+
+def _format_formula(formula: Formula) -> str:
+    if isinstance(formula, Number):
+        return f"<cn>{formula.value!r}</cn>"
+    if isinstance(formula, VariableReference):
+        return f"<ci>{escape(formula.id)}</ci>"
+    if isinstance(formula, Piecewise):
+        pieces = "".join(f"<piece>{_format_formula(v)}{_format_formula(c)}</piece>" for v, c in formula.pieces)
+        return f"<piecewise>{pieces}<otherwise>{_format_formula(formula.otherwise)}</otherwise></piecewise>"
+    head = f"<{formula.operation}/>"
+    arguments = [_format_formula(argument) for argument in formula.arguments]
+    if formula.operation == "atan2":
+        head = f'<csymbol definitionURL="{_ATAN2}" encoding="text">atan2</csymbol>'
+    if formula.operation in _QUALIFIERS and len(arguments) == 2:
+        qualifier = _QUALIFIERS[formula.operation]
+        arguments = [f"<{qualifier}>{arguments[1]}</{qualifier}>", arguments[0]]
+    return f"<apply>{head}{''.join(arguments)}</apply>"

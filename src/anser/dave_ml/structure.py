@@ -11,12 +11,12 @@ import numpy as np
 
 from anser.dave_ml.arithmetic import IN_NUMPY
 from anser.dave_ml.definition import Definition, Function, Variable
-from anser.dave_ml.errors import shown
-from anser.dave_ml.formulas import Formula, names_in
+from anser.dave_ml.elements import quote
+from anser.dave_ml.formulas import Formula, variables_in
 
 _CYCLE_SHOWN_MAX: Final = 10
 _NAME_SHOWN_MAX: Final = 40
-_GIVEN: Final = frozenset({"isInput", "isControl", "isDisturbance"})
+_INPUT_ROLES: Final = frozenset({"isInput", "isControl", "isDisturbance"})
 
 
 @dataclass(frozen=True)
@@ -92,10 +92,10 @@ class Structure:
         found = self._by_name.get(key, [])
         if len(found) != 1:
             count = "no variable" if not found else f"{len(found)} variables ({', '.join(found)})"
-            raise ValueError(f"{shown(key)} is varID or name of {count}; inputs are {', '.join(self.inputs)}")
+            raise ValueError(f"{quote(key)} is varID or name of {count}; inputs are {', '.join(self.inputs)}")
         return found[0]
 
-    def needed_for(self, wanted: Collection[str], known: Collection[str]) -> set[str]:
+    def required_variables(self, wanted: Collection[str], known: Collection[str]) -> set[str]:
         """The variables that have to be computed, the wanted and the known among them where they are needed."""
         needed: set[str] = set()
         left = list(wanted)
@@ -108,7 +108,7 @@ class Structure:
         return needed
 
 
-def structure_of(definition: Definition) -> Structure:
+def make_structure(definition: Definition) -> Structure:
     """The order in which a file's variables are computed.
 
     Raises
@@ -127,7 +127,7 @@ def structure_of(definition: Definition) -> Structure:
         cycle: list[str] = error.args[1][::-1]
         shortened = [*cycle[:_CYCLE_SHOWN_MAX], "..."] if len(cycle) > _CYCLE_SHOWN_MAX else cycle
         ring = " needs ".join(name[:_NAME_SHOWN_MAX] for name in shortened)
-        place = definition.variables[cycle[0]].place
+        place = definition.variables[cycle[0]].location
         raise place.fault(f"a cycle of calculations: {ring}", "no variable that depends on itself") from None
     quantities: dict[str, Quantity] = {}
     for identifier in order:
@@ -140,12 +140,12 @@ def structure_of(definition: Definition) -> Structure:
             formula=variable.formula,
             sources=sources[identifier],
             level=level + (identifier in functions),
-            limits=(variable.least, variable.greatest),
+            limits=(variable.minimum, variable.maximum),
         )
     variables = definition.variables.values()
     return Structure(
         quantities=tuple(sorted(quantities.values(), key=lambda quantity: quantity.level)),
-        inputs=tuple(v.id for v in variables if _is_given(v, v.id in functions)),
+        inputs=tuple(v.id for v in variables if _is_input(v, v.id in functions)),
         outputs=tuple(v.id for v in variables if "isOutput" in v.roles),
     )
 
@@ -154,49 +154,49 @@ def _by_result(definition: Definition) -> dict[str, Function]:
     functions: dict[str, Function] = {}
     for function in definition.functions:
         if function.result not in definition.variables:
-            raise function.place.fault(f"a function of variable {shown(function.result)}", "the varID of a variable")
+            raise function.location.fault(f"a function of variable {quote(function.result)}", "the varID of a variable")
         if function.result in functions:
-            raise function.place.fault(f"a second function of variable {shown(function.result)}", "one")
+            raise function.location.fault(f"a second function of variable {quote(function.result)}", "one")
         functions[function.result] = function
     return functions
 
 
-def _is_given(variable: Variable, has_function: bool) -> bool:
+def _is_input(variable: Variable, has_function: bool) -> bool:
     """Whether a variable comes from outside: it is marked so, is a state, or has no source and no value."""
     if has_function or variable.formula is not None:
         return False
-    return bool(_GIVEN & variable.roles) or "isState" in variable.roles or variable.initial is None
+    return bool(_INPUT_ROLES & variable.roles) or "isState" in variable.roles or variable.initial is None
 
 
 def _sources(variable: Variable, function: Function | None, definition: Definition) -> tuple[str, ...]:
     if function is None and variable.formula is None:
         return ()
-    if _GIVEN & variable.roles:
-        source = "a calculation" if function is None else f"function {shown(function.name)}"
-        raise variable.place.fault(f"input {shown(variable.id)} with {source}", "one source: input, or calculation")
+    if _INPUT_ROLES & variable.roles:
+        source = "a calculation" if function is None else f"function {quote(function.name)}"
+        raise variable.location.fault(f"input {quote(variable.id)} with {source}", "one source: input, or calculation")
     if function is not None and variable.formula is not None:
-        arrived = f"variable {shown(variable.id)} with a calculation and function {shown(function.name)}"
-        raise variable.place.fault(arrived, "one source")
+        arrived = f"variable {quote(variable.id)} with a calculation and function {quote(function.name)}"
+        raise variable.location.fault(arrived, "one source")
     if function is not None:
         found = [argument.id for argument in function.arguments]
-        place = function.place
+        place = function.location
     else:
-        found = list(names_in(variable.formula)) if variable.formula is not None else []
-        place = variable.place
+        found = list(variables_in(variable.formula)) if variable.formula is not None else []
+        place = variable.location
     for name in found:
         if name not in definition.variables:
-            raise place.fault(f"variable {shown(name)} as a source of {shown(variable.id)}", "the varID of a variable")
+            raise place.fault(f"variable {quote(name)} as a source of {quote(variable.id)}", "the varID of a variable")
     return tuple(dict.fromkeys(found))
 
 
-def limited(value: float, limits: tuple[float | None, float | None]) -> float:
+def clip_to_limits(value: float, limits: tuple[float | None, float | None]) -> float:
     """A number within its limits."""
     least, greatest = limits
     value = value if least is None else max(value, least)
     return value if greatest is None else min(value, greatest)
 
 
-def constants_of(definition: Definition, structure: Structure) -> dict[str, float]:
+def compute_constants(definition: Definition, structure: Structure) -> dict[str, float]:
     """Values that depend on no input: constants, what is calculated from them, and the usual values of inputs.
 
     Raises
@@ -214,11 +214,11 @@ def constants_of(definition: Definition, structure: Structure) -> dict[str, floa
                     continue
                 value = float(IN_NUMPY.value_of(quantity.formula, known))
                 if not math.isfinite(value):
-                    arrived = f"{value:g} as the value of {shown(variable.id)}, calculated from constants"
-                    raise variable.place.fault(arrived, "a finite number")
+                    arrived = f"{value:g} as the value of {quote(variable.id)}, calculated from constants"
+                    raise variable.location.fault(arrived, "a finite number")
             elif variable.initial is not None and not quantity.sources:
                 value = variable.initial
             else:
                 continue
-            known[quantity.id] = limited(value, quantity.limits)
+            known[quantity.id] = clip_to_limits(value, quantity.limits)
     return known

@@ -41,8 +41,9 @@ class AbstractAtmosphere(eqx.Module):
 class StandardAtmosphere(AbstractAtmosphere):
     """U.S. Standard Atmosphere 1976, geometric altitudes from -5 km to 86 km.
 
-    Outside that range, which `is_within` reports, the air stays defined and harmless: below -5 km it is that of -5
-    km, above 86 km (84.852 km geopotential) it goes on at the last temperature with exponentially falling pressure.
+    Outside that range, which `is_within_atmosphere` reports, the air stays defined and harmless: below -5 km it is that
+    of -5 km, above 86 km (84.852 km geopotential) it goes on at the last temperature with exponentially falling
+    pressure.
     The temperature is the molecular-scale one; the standard's kinetic temperature parts from it above 80 km only, by
     up to 0.04 %.
     """
@@ -88,7 +89,7 @@ def geometric_from_geopotential(altitude: ScalarLike) -> Scalar:
     return GEOPOTENTIAL_RADIUS_M * h / (GEOPOTENTIAL_RADIUS_M - h)
 
 
-def is_within(altitude: ScalarLike) -> Flag:
+def is_within_atmosphere(altitude: ScalarLike) -> Flag:
     """Whether the standard atmosphere is defined at a geometric altitude in m: from -5 km to 84.852 km geopotential."""
     z = jnp.asarray(altitude)
     return (z >= _LOWEST_M) & (geopotential_from_geometric(z) <= _BASES_M[-1])

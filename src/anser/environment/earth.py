@@ -1,26 +1,73 @@
-"""The Earth under a flight: flat, or rotating and round; what each means for motion seen in local axes."""
+"""The Earth under a flight, flat or rotating and round.
+
+Gravity and gravitation, the local map, and the terms of the equations of motion in local axes.
+"""
 
 import abc
 
 import equinox as eqx
 import jax.numpy as jnp
 
-from anser.constants import EARTH_GM_M3_S2, EARTH_J2, EARTH_ROTATION_RAD_S, WGS84_A_M, WGS84_F
-from anser.environment.gravity import gravitation_j2
-from anser.numerics import as_array, cross
+from anser.constants import (
+    EARTH_GM_M3_S2,
+    EARTH_J2,
+    EARTH_ROTATION_RAD_S,
+    SOMIGLIANA_EQUATOR_M_S2,
+    SOMIGLIANA_K,
+    WGS84_A_M,
+    WGS84_F,
+)
+from anser.numerics.arrays import as_array, namespace
+from anser.numerics.linear import cross
 from anser.shapes import Matrix33, Scalar, ScalarLike, Vector3
-from anser.spatial import (
+from anser.spatial.frames import rotation_ned_from_ecef
+from anser.spatial.rotations import rotate, rotate_back
+from anser.spatial.wgs84 import (
+    WGS84,
     Ellipsoid,
     ecef_from_geodetic,
     flat_from_geodetic,
-    flat_stretch,
+    flat_map_scale,
     geodetic_from_ecef,
     geodetic_from_flat,
     radii_of_curvature,
-    rotate,
-    rotate_back,
-    rotation_ned_from_ecef,
 )
+
+
+def somigliana(latitude: ScalarLike) -> Scalar:
+    """Gravity on the WGS-84 ellipsoid, m/s^2, at a geodetic latitude in rad.
+
+    Normal gravity: gravitation and centrifugal acceleration together, down. Source: theory section 1, [WGS84].
+    """
+    xp = namespace(latitude)
+    s2 = xp.sin(latitude) ** 2
+    return as_array(SOMIGLIANA_EQUATOR_M_S2 * (1.0 + SOMIGLIANA_K * s2) / xp.sqrt(1.0 - WGS84.e2 * s2))
+
+
+def gravitation_j2(
+    position_e: Vector3, gravitational_parameter: ScalarLike, oblateness_j2: ScalarLike, equatorial_radius: ScalarLike
+) -> Vector3:
+    """Gravitation of an oblate Earth, without the centrifugal acceleration of its rotation.
+
+    Parameters
+    ----------
+    position_e
+        Position (3,), ECEF, m; not the centre.
+    gravitational_parameter
+        GM, m^3/s^2.
+    oblateness_j2, equatorial_radius
+        J2 and the radius in m that it refers to; with J2 = 0 the Earth attracts as a point does.
+
+    Returns
+    -------
+    (3,), ECEF axes, m/s^2. Source: [SL] eq. 1.6-14; [NESC].
+    """
+    r2 = jnp.sum(position_e * position_e)
+    strength = gravitational_parameter / (r2 * jnp.sqrt(r2))
+    bulge = 1.5 * oblateness_j2 * equatorial_radius * equatorial_radius / r2
+    z2 = position_e[2] * position_e[2] / r2
+    across, along = 1.0 + bulge * (1.0 - 5.0 * z2), 1.0 + bulge * (3.0 - 5.0 * z2)
+    return -strength * position_e * jnp.stack([across, across, along])
 
 
 class LocalEarth(eqx.Module):
@@ -57,7 +104,7 @@ class AbstractEarth(eqx.Module):
         """Effective gravity at the chart's origin, m/s^2."""
 
     @abc.abstractmethod
-    def local(self, position_n: Vector3, velocity_n: Vector3) -> LocalEarth:
+    def local_earth(self, position_n: Vector3, velocity_n: Vector3) -> LocalEarth:
         """What the Earth means at a place of the chart (3,), m, for a velocity over ground (3,), NED, m/s."""
 
     @abc.abstractmethod
@@ -78,7 +125,7 @@ class AbstractEarth(eqx.Module):
         """
 
     @abc.abstractmethod
-    def charted(self, position_n: Vector3, line_n: Vector3, velocity_n: Vector3) -> tuple[Vector3, Vector3]:
+    def motion_on_chart(self, position_n: Vector3, line_n: Vector3, velocity_n: Vector3) -> tuple[Vector3, Vector3]:
         """Place and rate in the chart of a point seen from a place: the inverse of `sight`."""
 
 
@@ -98,7 +145,7 @@ class FlatEarth(AbstractEarth):
         """Gravity, m/s^2."""
         return self.gravity
 
-    def local(self, position_n: Vector3, velocity_n: Vector3) -> LocalEarth:
+    def local_earth(self, position_n: Vector3, velocity_n: Vector3) -> LocalEarth:
         """Gravity down and nothing else; the chart is the plane itself."""
         zero = jnp.zeros_like(self.gravity)
         return LocalEarth(
@@ -113,7 +160,7 @@ class FlatEarth(AbstractEarth):
         """Difference of the places; velocity as it is."""
         return other_n - position_n, other_velocity_n
 
-    def charted(self, position_n: Vector3, line_n: Vector3, velocity_n: Vector3) -> tuple[Vector3, Vector3]:
+    def motion_on_chart(self, position_n: Vector3, line_n: Vector3, velocity_n: Vector3) -> tuple[Vector3, Vector3]:
         """Sum of place and line; velocity as it is."""
         return position_n + line_n, velocity_n
 
@@ -150,7 +197,7 @@ class RotatingEarth(AbstractEarth):
     def gravity_at_origin(self) -> Scalar:
         """Effective gravity at the chart's origin, along down, m/s^2."""
         zero = jnp.zeros(3)
-        return self.local(zero, zero).gravity
+        return self.local_earth(zero, zero).gravity
 
     def geodetic(self, position_n: Vector3) -> tuple[Scalar, Scalar, Scalar]:
         """Latitude and longitude, rad, and height, m, of a place of the chart."""
@@ -174,7 +221,7 @@ class RotatingEarth(AbstractEarth):
         """Gravitation alone (3,), ECEF axes, m/s^2, at an Earth-fixed position, m."""
         return gravitation_j2(position_e, self.gravitational_parameter, self.oblateness_j2, self.ellipsoid.a)
 
-    def local(self, position_n: Vector3, velocity_n: Vector3) -> LocalEarth:
+    def local_earth(self, position_n: Vector3, velocity_n: Vector3) -> LocalEarth:
         """Effective gravity, Coriolis acceleration, the turning of the axes and the chart's scale.
 
         Source: [SL] eq. 1.7-18 to 1.7-20 in NED axes.
@@ -196,8 +243,8 @@ class RotatingEarth(AbstractEarth):
             transport_rate_n=transport_rate_n,
             chart_scale=jnp.stack(
                 [
-                    reference_M * flat_stretch(position_n[0], reference_M) / (R_M + h),
-                    reference_east * flat_stretch(position_n[1], reference_east) / ((R_N + h) * c_lat),
+                    reference_M * flat_map_scale(position_n[0], reference_M) / (R_M + h),
+                    reference_east * flat_map_scale(position_n[1], reference_east) / ((R_N + h) * c_lat),
                     jnp.ones_like(lat),
                 ]
             ),
@@ -207,15 +254,15 @@ class RotatingEarth(AbstractEarth):
         """Straight line through space and velocity over ground, both turned into the place's axes."""
         R_ne, other_R_ne = self._axes(position_n), self._axes(other_n)
         line_e = self.ecef_from_chart(other_n) - self.ecef_from_chart(position_n)
-        velocity_n = other_velocity_n / self.local(other_n, jnp.zeros_like(other_n)).chart_scale
+        velocity_n = other_velocity_n / self.local_earth(other_n, jnp.zeros_like(other_n)).chart_scale
         return rotate(R_ne, line_e), rotate(R_ne, rotate_back(other_R_ne, velocity_n))
 
-    def charted(self, position_n: Vector3, line_n: Vector3, velocity_n: Vector3) -> tuple[Vector3, Vector3]:
+    def motion_on_chart(self, position_n: Vector3, line_n: Vector3, velocity_n: Vector3) -> tuple[Vector3, Vector3]:
         """Place and rate in the chart of what stands at the end of a straight line."""
         R_ne = self._axes(position_n)
         other_n = self.chart_from_ecef(self.ecef_from_chart(position_n) + rotate_back(R_ne, line_n))
         other_velocity_n = rotate(self._axes(other_n), rotate_back(R_ne, velocity_n))
-        return other_n, self.local(other_n, jnp.zeros_like(other_n)).chart_scale * other_velocity_n
+        return other_n, self.local_earth(other_n, jnp.zeros_like(other_n)).chart_scale * other_velocity_n
 
     def _axes(self, position_n: Vector3) -> Matrix33:
         lat, lon, _ = self.geodetic(position_n)

@@ -27,7 +27,7 @@ class AbstractShapingFilter(eqx.Module):
         """Number of states, and of standard normals for each step."""
 
     @abc.abstractmethod
-    def stationary(self, normals: Float[Array, " size"]) -> Float[Array, " size"]:
+    def stationary_state(self, normals: Float[Array, " size"]) -> Float[Array, " size"]:
         """State of noise that has been blowing for ever."""
 
     @abc.abstractmethod
@@ -38,7 +38,7 @@ class AbstractShapingFilter(eqx.Module):
     def output(self, state: Float[Array, " size"]) -> Scalar:
         """The gust, in units of its intensity."""
 
-    def advanced(
+    def advance(
         self, state: Float[Array, " size"], normals: Float[Array, " size"], span: Scalar
     ) -> Float[Array, " size"]:
         """State a span later: exact for any span."""
@@ -47,7 +47,7 @@ class AbstractShapingFilter(eqx.Module):
         return jnp.sum(kept * state[None, :], axis=1) + jnp.sum(added * normals[None, :], axis=1)
 
 
-class FirstOrder(AbstractShapingFilter):
+class FirstOrderFilter(AbstractShapingFilter):
     """H(s) = sqrt(2) / (1 + s): the spectrum (2/pi) / (1 + w^2). Dryden's longitudinal gust, and all roll rates."""
 
     @property
@@ -55,7 +55,7 @@ class FirstOrder(AbstractShapingFilter):
         """One."""
         return 1
 
-    def stationary(self, normals: Float[Array, "1"]) -> Float[Array, "1"]:
+    def stationary_state(self, normals: Float[Array, "1"]) -> Float[Array, "1"]:
         """See `AbstractShapingFilter`."""
         return normals
 
@@ -69,7 +69,7 @@ class FirstOrder(AbstractShapingFilter):
         return state[0]
 
 
-class DrydenAcross(AbstractShapingFilter):
+class DrydenTransverse(AbstractShapingFilter):
     """H(s) = (1 + sqrt(3) s) / (1 + s)^2: the spectrum (1/pi) (1 + 3 w^2) / (1 + w^2)^2."""
 
     @property
@@ -77,7 +77,7 @@ class DrydenAcross(AbstractShapingFilter):
         """Two."""
         return 2
 
-    def stationary(self, normals: Float[Array, "2"]) -> Float[Array, "2"]:
+    def stationary_state(self, normals: Float[Array, "2"]) -> Float[Array, "2"]:
         """See `AbstractShapingFilter`: both states are independent, of variance 1/4."""
         return 0.5 * normals
 
@@ -102,7 +102,7 @@ class DrydenAcross(AbstractShapingFilter):
         return state[0] + math.sqrt(3.0) * state[1]
 
 
-class Modes(AbstractShapingFilter):
+class ModalFilter(AbstractShapingFilter):
     """H(s) = sum of r_i / (s + p_i) with real poles.
 
     Attributes
@@ -119,7 +119,7 @@ class Modes(AbstractShapingFilter):
         """Number of poles."""
         return len(self.poles)
 
-    def stationary(self, normals: Float[Array, " size"]) -> Float[Array, " size"]:
+    def stationary_state(self, normals: Float[Array, " size"]) -> Float[Array, " size"]:
         """See `AbstractShapingFilter`."""
         sums = np.add.outer(self.poles, self.poles)
         return jnp.sum(np.linalg.cholesky(1.0 / sums) * normals[None, :], axis=1)
@@ -152,7 +152,7 @@ def _root(matrix: Float[Array, "n n"], count: int) -> Float[Array, "n n"]:
     return jnp.stack([jnp.stack([*row, *[zero] * (count - len(row))]) for row in rows])
 
 
-def modes_of(gain: float, numerator: tuple[float, ...], denominator: tuple[float, ...]) -> Modes:
+def modal_filter(gain: float, numerator: tuple[float, ...], denominator: tuple[float, ...]) -> ModalFilter:
     """Filter of a gain times a rational function with simple real poles, coefficients from s^0 up.
 
     Raises
@@ -167,18 +167,18 @@ def modes_of(gain: float, numerator: tuple[float, ...], denominator: tuple[float
     roots = np.sort(roots.real)[::-1]
     residues = np.polynomial.Polynomial(numerator)(roots) / bottom.deriv()(roots)
     poles = -roots
-    return Modes(tuple(map(float, poles)), tuple(map(float, gain * residues)))
+    return ModalFilter(tuple(map(float, poles)), tuple(map(float, gain * residues)))
 
 
-VON_KARMAN_ALONG = modes_of(np.sqrt(2.0), (1.0, 0.25), (1.0, 1.357, 0.1987))
+VON_KARMAN_LONGITUDINAL = modal_filter(np.sqrt(2.0), (1.0, 0.25), (1.0, 1.357, 0.1987))
 """Von Karman's longitudinal gust.
 
 Rational approximations: J. Yeager, *Implementation and Testing of Turbulence Models for the F18-HARV Simulation*,
 NASA/CR-1998-206937, equations 16 and 17.
 """
-VON_KARMAN_ACROSS = modes_of(1.0, (1.0, 2.7478, 0.3398), (1.0, 2.9958, 1.9754, 0.1539))
-"""Von Karman's gusts across the flight; see `VON_KARMAN_ALONG`."""
-DRYDEN_ALONG, DRYDEN_ACROSS = FirstOrder(), DrydenAcross()
+VON_KARMAN_TRANSVERSE = modal_filter(1.0, (1.0, 2.7478, 0.3398), (1.0, 2.9958, 1.9754, 0.1539))
+"""Von Karman's gusts across the flight; see `VON_KARMAN_LONGITUDINAL`."""
+DRYDEN_LONGITUDINAL, DRYDEN_TRANSVERSE = FirstOrderFilter(), DrydenTransverse()
 
 
 def sampled_spectrum(shaping: AbstractShapingFilter, span: float, frequencies: Float[np.ndarray, " n"]) -> np.ndarray:

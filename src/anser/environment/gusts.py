@@ -63,11 +63,11 @@ class AbstractGusts(eqx.Module):
         """State before the first sample, of gusts that have been blowing for long."""
 
     @abc.abstractmethod
-    def at(self, memory: Any, flow: AirFlow) -> Gust:
+    def at(self, state: Any, flow: AirFlow) -> Gust:
         """The gust of a sample, which acts until the next."""
 
     @abc.abstractmethod
-    def advance(self, memory: Any, normals: Float[Array, " count"], flow: AirFlow, step: ScalarLike) -> Any:
+    def advance(self, state: Any, normals: Float[Array, " count"], flow: AirFlow, step: ScalarLike) -> Any:
         """State a sampling period (s) later."""
 
 
@@ -82,12 +82,12 @@ class NoGusts(AbstractGusts):
     def init(self, normals: Float[Array, " count"], flow: AirFlow) -> None:
         """Nothing is kept."""
 
-    def at(self, memory: None, flow: AirFlow) -> Gust:
+    def at(self, state: None, flow: AirFlow) -> Gust:
         """No gust."""
         none = jnp.zeros_like(flow.wind_n)
         return Gust(none, none)
 
-    def advance(self, memory: None, normals: Float[Array, " count"], flow: AirFlow, step: ScalarLike) -> None:
+    def advance(self, state: None, normals: Float[Array, " count"], flow: AirFlow, step: ScalarLike) -> None:
         """Nothing is kept."""
 
 
@@ -120,15 +120,15 @@ class DiscreteGust(AbstractGusts):
         """The way flown in it, m: none."""
         return jnp.zeros_like(self.length)
 
-    def at(self, memory: Scalar, flow: AirFlow) -> Gust:
+    def at(self, state: Scalar, flow: AirFlow) -> Gust:
         """See `AbstractGusts`; without rotation."""
-        part = memory / self.length
+        part = state / self.length
         part = jnp.clip(part, 0.0, jnp.where(self.returns, 2.0, 1.0))
         return Gust(0.5 * self.amplitudes * (1.0 - jnp.cos(jnp.pi * part)), jnp.zeros_like(self.amplitudes))
 
-    def advance(self, memory: Scalar, normals: Float[Array, " count"], flow: AirFlow, step: ScalarLike) -> Scalar:
+    def advance(self, state: Scalar, normals: Float[Array, " count"], flow: AirFlow, step: ScalarLike) -> Scalar:
         """The way flown in it, m."""
-        return memory + jnp.where(flow.time >= self.start, step * flow.airspeed, 0.0)
+        return state + jnp.where(flow.time >= self.start, step * flow.airspeed, 0.0)
 
 
 class SummedGusts(AbstractGusts):
@@ -149,17 +149,17 @@ class SummedGusts(AbstractGusts):
         """Of each part."""
         return tuple(part.init(own, flow) for part, own in zip(self.parts, self._shared(normals), strict=True))
 
-    def at(self, memory: tuple[Any, ...], flow: AirFlow) -> Gust:
+    def at(self, state: tuple[Any, ...], flow: AirFlow) -> Gust:
         """The sum."""
-        gusts = [part.at(own, flow) for part, own in zip(self.parts, memory, strict=True)]
+        gusts = [part.at(own, flow) for part, own in zip(self.parts, state, strict=True)]
         velocities, rates = (
             jnp.stack(rows) for rows in zip(*((one.velocity_b, one.rates_b) for one in gusts), strict=True)
         )
         return Gust(jnp.sum(velocities, axis=0), jnp.sum(rates, axis=0))
 
     def advance(
-        self, memory: tuple[Any, ...], normals: Float[Array, " count"], flow: AirFlow, step: ScalarLike
+        self, state: tuple[Any, ...], normals: Float[Array, " count"], flow: AirFlow, step: ScalarLike
     ) -> tuple[Any, ...]:
         """Of each part."""
-        rows = zip(self.parts, memory, self._shared(normals), strict=True)
+        rows = zip(self.parts, state, self._shared(normals), strict=True)
         return tuple(part.advance(own, drawn, flow, step) for part, own, drawn in rows)

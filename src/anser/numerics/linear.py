@@ -1,10 +1,12 @@
-"""Small dense algebra without library calls: cheaper inside a scan than a batched solver."""
+"""Small dense algebra without library calls, and block tridiagonal systems."""
+
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from anser.compiling import in_one_kernel
+from anser.compiling.single_kernel import is_tracing_single_kernel
 from anser.shapes import Count, Matrix33, Vector3
 
 _LEAST_SQUARE = 1e-100
@@ -17,7 +19,7 @@ def cross(a: Vector3, b: Vector3) -> Vector3:
 
 def times3(matrix: Matrix33, vector: Vector3) -> Vector3:
     """Product of a 3x3 matrix and a vector, as explicit sums."""
-    if not in_one_kernel():
+    if not is_tracing_single_kernel():
         vector = jax.lax.optimization_barrier(vector)  # or each row would compute it anew
     return jnp.sum(matrix * vector[None, :], axis=1)
 
@@ -58,3 +60,50 @@ def solve_positive(matrix: Float[Array, "n n"], vector: Float[Array, " n"]) -> F
         return (rows - rows[:, k, None] * pivot[None, :]).at[k].set(pivot)
 
     return jax.lax.fori_loop(0, count, eliminate, jnp.concatenate([matrix, vector[:, None]], axis=1))[:, count]
+
+
+Groups = Float[Array, "groups n"]
+
+
+class BlockTridiagonal(NamedTuple):
+    """A symmetric block tridiagonal matrix.
+
+    Attributes
+    ----------
+    diagonal
+        Block of each group.
+    subdiagonal
+        Block of each group with the one before, (group, of this one, of the one before); the first is not used.
+    """
+
+    diagonal: Float[Array, "groups n n"]
+    subdiagonal: Float[Array, "groups n n"]
+
+
+def solve_tridiagonal(form: BlockTridiagonal, right: Groups) -> Groups:
+    """What a positive definite form maps to the right side: block elimination, then back."""
+    lower = jax.scipy.linalg.solve_triangular
+
+    def eliminate(carry: tuple[Array, Array], group: tuple[Array, Array, Array]) -> tuple[Any, Any]:
+        factor, found = carry
+        diagonal, subdiagonal, wanted = group
+        across = lower(factor, subdiagonal.T, lower=True).T
+        factor = jnp.linalg.cholesky(diagonal - across @ across.T)
+        found = lower(factor, wanted - across @ found, lower=True)
+        return (factor, found), (factor, across, found)
+
+    size = right.shape[1]
+    none = form.subdiagonal.at[0].set(0.0)
+    begin = (jnp.eye(size), jnp.zeros(size))
+    _, (factors, acrosses, founds) = jax.lax.scan(eliminate, begin, (form.diagonal, none, right))
+
+    def back(later: tuple[Array, Array], group: tuple[Array, Array, Array]) -> tuple[tuple[Array, Array], Array]:
+        across_later, solved_later = later
+        factor, across, found = group
+        solved = lower(factor, found - across_later.T @ solved_later, lower=True, trans="T")
+        return (across, solved), solved
+
+    _, solved = jax.lax.scan(
+        back, (jnp.zeros((size, size)), jnp.zeros(size)), (factors, acrosses, founds), reverse=True
+    )
+    return solved

@@ -13,9 +13,9 @@ from jaxtyping import Array, Float, UInt32
 from anser.numerics.arrays import as_array, namespace
 from anser.shapes import Count
 
-AIR, OWN_SENSORS, GOAL_SENSOR, BRIEFING, NETWORK, SATELLITES, DISPERSIONS = range(7)
+AIR, VEHICLE_SENSORS, GOAL_SENSOR, BRIEFING, NETWORK, SATELLITES, DISPERSIONS = range(7)
 """Parts of the closed loop that draw random numbers; a user's own are numbered from 100 on."""
-BEFORE_FIRST = -1
+INITIAL_SAMPLE = -1
 """Sample number of what is drawn once, before the first sample."""
 
 _ROTATIONS = ((13, 15, 26, 6), (17, 29, 16, 24))
@@ -27,7 +27,7 @@ class AbstractRandomness(eqx.Module):
     """Source of the random numbers of a flight; concrete ones are final."""
 
     @abc.abstractmethod
-    def of_aircraft(self, index: Count) -> "AbstractRandomness":
+    def for_aircraft(self, index: Count) -> "AbstractRandomness":
         """The source of one aircraft, from that of the flight."""
 
     @abc.abstractmethod
@@ -39,7 +39,7 @@ class AbstractRandomness(eqx.Module):
         """Independent numbers between 0 and 1, both excluded, that a part draws at a sample: Phi of the normals."""
 
 
-class Seeded(AbstractRandomness):
+class SeededRandomness(AbstractRandomness):
     """Counter-based generator: Threefry-2x32 of (part and place, sample) under a key of (seed, flight, aircraft).
 
     The bits, and with them the numbers, are the same for one aircraft alone and in any batch.
@@ -52,9 +52,9 @@ class Seeded(AbstractRandomness):
 
     key: UInt32[Array, "2"]
 
-    def of_aircraft(self, index: Count) -> "Seeded":
+    def for_aircraft(self, index: Count) -> "SeededRandomness":
         """The key with the aircraft's place in the fleet folded in."""
-        return Seeded(folded(self.key, index))
+        return SeededRandomness(fold_key(self.key, index))
 
     def normals(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
         """See `AbstractRandomness`: the inverse of the normal distribution at the uniform numbers."""
@@ -65,24 +65,24 @@ class Seeded(AbstractRandomness):
         if count > _LANES:
             raise ValueError(f"{count} random numbers at one sample; a part may draw {_LANES}")
         samples = jnp.broadcast_to(jnp.asarray(number, dtype=jnp.int32).astype(jnp.uint32), (count,))
-        return uniforms_of(self.key, part, samples, np.arange(count))
+        return draw_uniforms(self.key, part, samples, np.arange(count))
 
 
-class Given(AbstractRandomness):
+class PrescribedRandomness(AbstractRandomness):
     """Numbers that were designed or recorded, to be flown or replayed.
 
     Attributes
     ----------
     drawn
         By part: standard normals of (aircraft, samples, count), or of one aircraft; the first sample is the one before
-        the start (`BEFORE_FIRST`).
+        the start (`INITIAL_SAMPLE`).
     """
 
-    drawn: Mapping[int, Float[Array, "..."]]
+    standard_normals: Mapping[int, Float[Array, "..."]]
 
-    def of_aircraft(self, index: Count) -> "Given":
+    def for_aircraft(self, index: Count) -> "PrescribedRandomness":
         """The rows of one aircraft."""
-        return Given({part: rows[index] for part, rows in self.drawn.items()})
+        return PrescribedRandomness({part: rows[index] for part, rows in self.standard_normals.items()})
 
     def normals(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
         """See `AbstractRandomness`.
@@ -92,7 +92,7 @@ class Given(AbstractRandomness):
         ValueError
             None, or too few, are given for the part.
         """
-        rows = self.drawn.get(part)
+        rows = self.standard_normals.get(part)
         if rows is None or rows.shape[-1] < count:
             given = "none" if rows is None else f"{rows.shape[-1]} a sample"
             raise ValueError(f"part {part} draws {count} random numbers a sample; {given} given for it")
@@ -103,7 +103,7 @@ class Given(AbstractRandomness):
         return jax.scipy.special.ndtr(self.normals(part, number, count))
 
 
-class Blended(AbstractRandomness):
+class BlendedRandomness(AbstractRandomness):
     """Weighted sums of the normals of several seeded sources, standard normal again: what a walk has come to.
 
     A walk that mixes the standard normals of a flight with fresh ones, as Markov chains do, is the list of the sources
@@ -126,17 +126,17 @@ class Blended(AbstractRandomness):
     count: Count
     aircraft: Count | None = None
 
-    def of_aircraft(self, index: Count) -> "Blended":
+    def for_aircraft(self, index: Count) -> "BlendedRandomness":
         """The sources of one aircraft."""
-        return Blended(self.keys, self.weights, self.count, index)
+        return BlendedRandomness(self.keys, self.weights, self.count, index)
 
     def normals(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
         """See `AbstractRandomness`."""
 
         def more(k: Count, total: Array) -> Array:
-            source = Seeded(self.keys[k])
+            source = SeededRandomness(self.keys[k])
             if self.aircraft is not None:
-                source = source.of_aircraft(self.aircraft)
+                source = source.for_aircraft(self.aircraft)
             return total + self.weights[k] * source.normals(part, number, count)
 
         return jax.lax.fori_loop(0, self.count, more, jnp.zeros(count, self.weights.dtype))
@@ -146,10 +146,10 @@ class Blended(AbstractRandomness):
         return jax.scipy.special.ndtr(self.normals(part, number, count))
 
 
-def seeded(seed: int, flight: int = 0) -> Seeded:
+def flight_randomness(seed: int, flight: int = 0) -> SeededRandomness:
     """Source of the random numbers of one flight of a seed (both up to 2^32 - 1); compiles nothing."""
     key = np.array([0, seed], dtype=np.uint32)
-    return Seeded(as_array(folded(key, np.asarray(flight)), np.uint32))
+    return SeededRandomness(as_array(fold_key(key, np.asarray(flight)), np.uint32))
 
 
 def flight_keys(seed: int, flights: np.ndarray) -> np.ndarray:
@@ -158,7 +158,7 @@ def flight_keys(seed: int, flights: np.ndarray) -> np.ndarray:
     return np.stack(threefry(np.array([0, seed], dtype=np.uint32), zeros, flights.astype(np.uint32)), axis=-1)
 
 
-def uniforms_of(key: Any, part: int, samples: Any, lanes: np.ndarray) -> Any:
+def draw_uniforms(key: Any, part: int, samples: Any, lanes: np.ndarray) -> Any:
     """Numbers between 0 and 1, both excluded, of a part, of samples and of places: centres of 2^52 equal intervals."""
     xp = namespace(key, samples)
     first = lanes.astype(np.uint32) + np.uint32(part * _LANES)
@@ -167,7 +167,7 @@ def uniforms_of(key: Any, part: int, samples: Any, lanes: np.ndarray) -> Any:
     return (high.astype(dtype) * 2.0**20 + xp.right_shift(low, np.uint32(12)).astype(dtype) + 0.5) * 2.0**-52
 
 
-def folded(key: Any, value: Any) -> UInt32[Array, "2"]:
+def fold_key(key: Any, value: Any) -> UInt32[Array, "2"]:
     """Another key, for a value that a key is to hold for; as `jax.random.fold_in` makes it."""
     xp = namespace(key, value)
     zero = xp.zeros((1,), dtype=np.uint32)

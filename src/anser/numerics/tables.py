@@ -48,7 +48,7 @@ class Axes(eqx.Module):
     upper: Float[Array, " k"]
     sizes: tuple[int, ...] = eqx.field(static=True)
     even: bool = eqx.field(static=True)
-    ruler: Float[Array, "all_steps 3"] | None = None
+    step_lookup: Float[Array, "all_steps 3"] | None = None
     step: Float[Array, " k"] | None = None
 
     def locate(self, x: Float[Array, " k"]) -> tuple[Int[Array, " k"], Float[Array, " k"]]:
@@ -59,11 +59,11 @@ class Axes(eqx.Module):
             place = (x - first) / (second - first)
             below = jnp.clip(jnp.floor(place), 0.0, np.asarray(self.sizes, place.dtype) - 2)
             return below.astype(jnp.int32), place - below
-        if self.ruler is not None and self.step is not None:
-            steps = self.ruler.shape[0] // len(self.sizes)
+        if self.step_lookup is not None and self.step is not None:
+            steps = self.step_lookup.shape[0] // len(self.sizes)
             place = jnp.floor((x - self.breakpoints[:, 0]) / self.step)
             at = jnp.clip(place, 0.0, steps - 1.0).astype(jnp.int32)
-            here = self.ruler[at + steps * np.arange(len(self.sizes), dtype=np.int32)]
+            here = self.step_lookup[at + steps * np.arange(len(self.sizes), dtype=np.int32)]
             return here[:, 0].astype(jnp.int32), (x - here[:, 1]) * here[:, 2]
         above = jnp.sum(x[:, None] >= self.breakpoints[:, 1:], axis=1, dtype=jnp.int32)
         index = jnp.minimum(above, np.asarray(self.sizes, dtype=np.int32) - 2)
@@ -92,32 +92,34 @@ class Tables(eqx.Module):
 
     axes: Axes
     cells: tuple[Float[Array, "cells corners functions"], ...]
-    along: tuple[tuple[int, ...], ...] = eqx.field(static=True)
+    axis_indices: tuple[tuple[int, ...], ...] = eqx.field(static=True)
 
     def __call__(self, *x: ScalarLike) -> tuple[Float[Array, " functions"], ...]:
         """Values of each group's functions; one argument for each axis."""
         dtype = self.axes.breakpoints.dtype
-        return self.within(*self.axes.locate(jnp.stack([jnp.asarray(value, dtype) for value in x])))
+        return self.interpolate_cell(*self.axes.locate(jnp.stack([jnp.asarray(value, dtype) for value in x])))
 
-    def within(self, index: Int[Array, " k"], fraction: Float[Array, " k"]) -> tuple[Float[Array, " functions"], ...]:
+    def interpolate_cell(
+        self, index: Int[Array, " k"], fraction: Float[Array, " k"]
+    ) -> tuple[Float[Array, " functions"], ...]:
         """Values of each group's functions, given an interval of each axis and the fraction within it."""
         return tuple(
             self._interpolated(cells, along, index, fraction)
-            for cells, along in zip(self.cells, self.along, strict=True)
+            for cells, along in zip(self.cells, self.axis_indices, strict=True)
         )
 
     def _interpolated(
         self,
         cells: Float[Array, "cells corners functions"],
-        along: tuple[int, ...],
+        axis_indices: tuple[int, ...],
         index: Int[Array, " k"],
         fraction: Float[Array, " k"],
     ) -> Float[Array, " functions"]:
-        place = index[along[0]]
-        for axis in along[1:]:
+        place = index[axis_indices[0]]
+        for axis in axis_indices[1:]:
             place = place * (self.axes.sizes[axis] - 1) + index[axis]
         value = cells[place]
-        for axis in along:
+        for axis in axis_indices:
             value = value[0::2] + fraction[axis] * value[1::2]
         return value[0]
 
@@ -146,7 +148,7 @@ def make_axes(axes: Sequence[Sequence[float] | np.ndarray], *, clamp: bool | Seq
         upper=as_array(np.where(held, [one[-1] for one in points], np.inf)),
         sizes=tuple(one.size for one in points),
         even=even,
-        ruler=as_array(_ruler(points, known)) if ruled else None,
+        step_lookup=as_array(_ruler(points, known)) if ruled else None,
         step=as_array(known) if ruled else None,
     )
 
@@ -192,4 +194,4 @@ def make_tables(axes: Axes, groups: Sequence[tuple[Sequence[int], Sequence[Seque
             left, right = (np.take(corners, np.arange(k, shape[axis - 1] - 1 + k), axis=axis) for k in (0, 1))
             corners = np.concatenate([left, right - left])
         packed.append(as_array(np.moveaxis(corners, 0, -2).reshape(-1, 2 ** len(shape), table.shape[-1])))
-    return Tables(axes=axes, cells=tuple(packed), along=tuple(tuple(along) for along, _ in groups))
+    return Tables(axes=axes, cells=tuple(packed), axis_indices=tuple(tuple(along) for along, _ in groups))

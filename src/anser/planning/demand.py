@@ -61,7 +61,7 @@ class Demand(eqx.Module):
         )
 
 
-def coordinated(level: Scalar, climb: Scalar, side: Scalar, forward: Scalar, up: Scalar) -> Demand:
+def coordinated_demand(level: Scalar, climb: Scalar, side: Scalar, forward: Scalar, up: Scalar) -> Demand:
     """Demand of a motion given along its course.
 
     Parameters
@@ -88,18 +88,18 @@ def demand(
     level = jnp.sqrt(north**2 + east**2 + level_least**2)
     side = (north * acceleration_n[1] - east * acceleration_n[0]) / level
     forward = (north * acceleration_n[0] + east * acceleration_n[1]) / level
-    return coordinated(level, -down, side, forward, gravity - acceleration_n[2])
+    return coordinated_demand(level, -down, side, forward, gravity - acceleration_n[2])
 
 
-def greatest_normal(limits: PathLimits, gravity: ScalarLike) -> Scalar:
+def normal_force_max(limits: PathLimits, gravity: ScalarLike) -> Scalar:
     """Greatest force across the velocity that the load factor allows, per mass, m/s^2."""
     return jnp.minimum(limits.load_factor_max, _ANY_LOAD) * gravity
 
 
-def greatest_side(lift_least: ScalarLike, lift_most: ScalarLike, limits: PathLimits, gravity: ScalarLike) -> Scalar:
+def side_force_max(lift_least: ScalarLike, lift_most: ScalarLike, limits: PathLimits, gravity: ScalarLike) -> Scalar:
     """Greatest `Demand.side` that bank angle and load factor allow where the lift is between two values, m/s^2."""
     by_bank = jnp.maximum(lift_least, _FORCE_LEAST) * jnp.tan(limits.bank_max)
-    left = greatest_normal(limits, gravity) ** 2 - lift_most**2
+    left = normal_force_max(limits, gravity) ** 2 - lift_most**2
     return jnp.minimum(by_bank, jnp.sqrt(jnp.maximum(left, _FORCE_LEAST**2)))
 
 

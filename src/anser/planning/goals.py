@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from anser.numerics import as_array, namespace
+from anser.numerics.arrays import as_array, namespace
 from anser.shapes import ScalarLike, Vector3
 
 

@@ -1,4 +1,7 @@
-"""The catalogue of limits of a path: the one source of checks, refusals, tables and labels; and their values."""
+"""The catalogue of limits of a path, the one source of checks, refusals, tables and labels.
+
+Their values; and the short description of a planned path.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,8 +10,8 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from anser.numerics import as_array
-from anser.planning.idle_deceleration import IdleDeceleration
+from anser.numerics.arrays import as_array
+from anser.parts.planners import IdleDeceleration
 from anser.shapes import Scalar, ScalarLike
 from anser.variables import UNITS
 
@@ -50,7 +53,7 @@ class PathLimits(eqx.Module):
         return self.acceleration_max - self.deceleration_max * rise, self.deceleration_max * share
 
 
-def accelerations_of(limits: PathLimits) -> tuple[Scalar, Scalar]:
+def acceleration_limits(limits: PathLimits) -> tuple[Scalar, Scalar]:
     """Both accelerations along the path, of which `eqx.tree_at` makes others."""
     return limits.acceleration_max, limits.deceleration_max
 
@@ -94,10 +97,10 @@ class Limit:
     suffix: str
     variable: str
     extreme: Callable[[np.ndarray, int], np.ndarray]
-    words: str
+    description: str
     heading: str = ""
-    broken: str = ""
-    proven: bool = True
+    violation: str = ""
+    is_certified: bool = True
 
     @property
     def name(self) -> str:
@@ -105,7 +108,7 @@ class Limit:
         return f"{self.key}_{self.suffix}" if self.suffix else self.key
 
     @property
-    def setting(self) -> str:
+    def scenario_key(self) -> str:
         """Key of its value in the table `limits` of a scenario."""
         return f"{self.field}_{self.suffix}" if self.suffix else self.field
 
@@ -120,7 +123,7 @@ class Limit:
         return UNITS[self.suffix][1]
 
     @property
-    def least(self) -> bool:
+    def is_lower_bound(self) -> bool:
         """Whether it bounds from below."""
         return self.extreme is np.min
 
@@ -136,52 +139,52 @@ class Limit:
         """
         if self.suffix == "deg":
             value, limit = jnp.tan(jnp.minimum(value, _TILTED)), jnp.tan(limit)
-        if self.least:
+        if self.is_lower_bound:
             value, limit = -value, -limit
         none = limit == jnp.inf  # one that is not a number is no such limit, and is not kept
         finite = jnp.where(none, 0.0, limit)
         return jnp.where(none, -1.0, (value - finite) / jnp.maximum(jnp.abs(finite), 1.0))
 
-    def loosened(self, limit: Scalar, factor: ScalarLike) -> Scalar:
+    def relaxed(self, limit: Scalar, factor: ScalarLike) -> Scalar:
         """Its value loosened by a factor; 1 is as it is."""
         if self.suffix == "m":
             more = _LOOSENED_M * (factor - 1.0)
-            return limit - more if self.least else limit + more
+            return limit - more if self.is_lower_bound else limit + more
         if self.suffix == "deg":
             return jnp.arctan(jnp.tan(limit) * factor)
-        return limit / factor if self.least else limit * factor
+        return limit / factor if self.is_lower_bound else limit * factor
 
 
 LIMITS = (
     Limit(
         *("airspeed_min", "speed_min", "m_s", "airspeed", np.min, "least airspeed"),
-        broken="asks for less than the least airspeed",
+        violation="asks for less than the least airspeed",
     ),
     Limit(
         *("airspeed_max", "speed_max", "m_s", "airspeed", np.max, "greatest airspeed"),
-        broken="asks for more than the greatest airspeed",
+        violation="asks for more than the greatest airspeed",
     ),
     Limit(
         *("bank_max", "bank_max", "deg", "bank", _size, "bank angle"),
-        broken="turns faster than the greatest bank angle allows at its airspeed",
+        violation="turns faster than the greatest bank angle allows at its airspeed",
     ),
     Limit("load_factor_max", "load_factor_max", "", "load_factor", np.max, "load factor"),
     Limit(
         *("climb_rate_max", "climb_rate_max", "m_s", "climb_rate", _size, "rate of climb or descent"),
         heading="climb rate",
-        broken="climbs or descends faster than the limit",
+        violation="climbs or descends faster than the limit",
     ),
     Limit(
         *("altitude_min", "altitude_min", "m", "altitude", np.min, "least altitude"),
-        broken="goes below the least altitude",
+        violation="goes below the least altitude",
     ),
     Limit("altitude_max", "altitude_max", "m", "altitude", np.max, "greatest altitude"),
     Limit(
         *("level_off_min", "altitude_min", "m", "altitude", np.min),
         "least altitude of the level-off after the arrival",
         heading="level-off altitude",
-        broken="arrives in a descent that the hold cannot level off above the least altitude",
-        proven=False,
+        violation="arrives in a descent that the hold cannot level off above the least altitude",
+        is_certified=False,
     ),
     Limit(
         *("thrust_surplus_max", "acceleration_max", "m_s2", "thrust_surplus", np.max, "acceleration"),
@@ -194,16 +197,16 @@ LIMITS = (
 )
 """Every limit, in the order in which it is shown."""
 
-CERTIFIED_LIMITS = tuple(limit for limit in LIMITS if limit.proven)
+CERTIFIED_LIMITS = tuple(limit for limit in LIMITS if limit.is_certified)
 """Those that the certified planner proves, in the order of `anser.planning.certified.path_bounds.excess`."""
 
 LIMIT_MESSAGES = (
     "within all limits",
-    *(f"the trajectory {limit.broken} (limits.{limit.setting})" for limit in LIMITS if limit.broken),
+    *(f"the trajectory {limit.violation} (limits.{limit.scenario_key})" for limit in LIMITS if limit.violation),
 )
 """What `check_limits` finds of a trajectory of the published planner."""
 
-LOOSENED_TOGETHER = {
+RELAXED_TOGETHER = {
     words: tuple(limit for limit in CERTIFIED_LIMITS if limit.field in fields)
     for words, fields in (
         ("speed window", ("speed_min", "speed_max")),
@@ -214,3 +217,23 @@ LOOSENED_TOGETHER = {
     )
 }
 """What can stand in the way of a plan, in words, and the limits that are loosened to find out."""
+
+
+NOMINAL_BEND_M = 1.0
+"""Up to this lateral bend, m, a path of the published planner is nominal.
+
+A bend of 1 m lengthens a path of 1 km by a few millimetres; solving for a length of 10 km to 1e-6 m leaves a bend of
+that size even where none is needed.
+"""
+
+
+def describe_bend(bend_m: float) -> str:
+    """A path of the published planner by its lateral bend, m, positive to the right."""
+    if abs(bend_m) <= NOMINAL_BEND_M:
+        return "nominal"
+    return "bent right" if bend_m > 0.0 else "bent left"
+
+
+def describe_turns(turned_deg: float) -> str:
+    """A path of the certified planner, which has no such bend, by the sum of the sizes of its turns, deg."""
+    return f"turns {turned_deg:.0f} deg"

@@ -26,7 +26,7 @@ def separation_ratio(level: Any, height: Any, horizontal: Any, vertical: Any) ->
     return xp.maximum(flat, tall)
 
 
-def nearest_fraction(begin: Any, along: Any, least_square: float = 1e-200) -> Any:
+def closest_fraction(begin: Any, along: Any, least_square: float = 1e-200) -> Any:
     """Part, 0 to 1, of the way from one offset to another at which it is shortest; 0 where the offset stays.
 
     Parameters

@@ -4,10 +4,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from anser.numerics.quadrature import gauss_legendre
-from anser.planning.reference import AbstractReference, PathPoint, time_rounding
-from anser.planning.vectors import norm
+from anser.numerics.integration import gauss_legendre
+from anser.parts.paths import AbstractReference, PathPoint, time_rounding
 from anser.shapes import Scalar, ScalarLike, Vector3
+from anser.spatial.vectors import norm
 
 Knots = Float[Array, "knots 3 3"]
 # In each cell, where the airspeed hardly changes.

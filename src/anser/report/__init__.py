@@ -1,8 +1,4 @@
-"""Reports, drawn from datasets alone: a flight or a campaign as one self-contained page, figures of much else.
-
-Functions that draw into files never overwrite one: they raise FileExistsError, and ImportError without matplotlib. The
-folder that they draw into must exist.
-"""
+"""Reports and figures of datasets."""
 
 import lazy_loader
 

@@ -1,4 +1,7 @@
-"""What the page of a campaign draws: convergence, distributions, every flight against every input; as plain data."""
+"""Data of a campaign for its page.
+
+Convergence, distributions, quantile bands over time, and every flight against every input, as plain data.
+"""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -8,11 +11,59 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from anser.report.campaign_numbers import plain
-from anser.report.campaign_series import SeriesBands, series_data
 from anser.report.labels import printed_unit
-from anser.results import order_statistic_interval, quantile, wilson_interval
-from anser.results.flight_columns import worst_of_fleet
+from anser.results.flight_rows import worst_of_fleet
+from anser.results.sampling_statistics import order_statistic_interval, quantile, wilson_interval
+
+
+def json_numbers(values: np.ndarray) -> list[float | None]:
+    """Nine digits of each number; None where it is not finite."""
+    return [float(f"{value:.9g}") if np.isfinite(value) else None for value in np.asarray(values, dtype=float)]
+
+
+@dataclass(frozen=True)
+class SeriesBands:
+    """One variable over time: of each aircraft the quantiles over the flights.
+
+    Attributes
+    ----------
+    name, words, unit
+        Of the variable.
+    times_s
+        Shape (times,).
+    aircraft
+        Names of those that are drawn.
+    quantiles
+        At 5, 50 and 95 % of the flights; shape (3, aircraft, times); NaN where no flight has a number.
+    """
+
+    name: str
+    long_name: str
+    unit: str
+    times_s: np.ndarray
+    aircraft: tuple[str, ...]
+    quantiles: np.ndarray
+
+
+def series_data(bands: "tuple[SeriesBands, ...]") -> list[dict[str, Any]]:
+    """For JSON."""
+    return [
+        {
+            "name": one.name,
+            "words": one.long_name,
+            "unit": one.unit,
+            "time": json_numbers(one.times_s),
+            "aircraft": [
+                {
+                    "name": name,
+                    **{end: json_numbers(one.quantiles[q, k]) for q, end in enumerate(("low", "middle", "high"))},
+                }
+                for k, name in enumerate(one.aircraft)
+            ],
+        }
+        for one in bands
+    ]
+
 
 _COUNTS = 100
 """Numbers of flights at which convergence is drawn."""
@@ -23,7 +74,7 @@ _POINTS = 4000
 
 
 @dataclass(frozen=True)
-class FlownAgain:
+class ReplayedFlight:
     """A flight of a campaign that was flown again for its report.
 
     Attributes
@@ -42,7 +93,7 @@ class FlownAgain:
 
 
 @dataclass(frozen=True)
-class CampaignShown:
+class CampaignReport:
     """What the page of a campaign shows.
 
     Attributes
@@ -72,34 +123,34 @@ class CampaignShown:
     """
 
     dataset: xr.Dataset
-    answers: Mapping[str, Any]
+    estimates: Mapping[str, Any]
     influences: Mapping[str, Any]
     study: Mapping[str, Any]
-    place: str
+    folder: str
     independent: np.ndarray
     worst: Sequence[int]
-    enough: bool = False
+    is_converged: bool = False
     levels: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    again: Sequence[FlownAgain] = ()
-    otherwise: Sequence[int] = ()
+    replays: Sequence[ReplayedFlight] = ()
+    replay_differences: Sequence[int] = ()
     bands: tuple[SeriesBands, ...] = ()
 
     @property
-    def varied(self) -> list[str]:
+    def varied_paths(self) -> list[str]:
         """Paths of what varies."""
         return json.loads(self.dataset.attrs["varied"])
 
 
-def campaign_data(shown: CampaignShown) -> dict[str, Any]:
+def campaign_data(shown: CampaignReport) -> dict[str, Any]:
     """Collect what the page draws, for JSON."""
     alone = shown.dataset.isel(flight=np.flatnonzero(shown.independent))
-    confidence = float(shown.answers["confidence"])
+    confidence = float(shown.estimates["confidence"])
     found: dict[str, dict[str, Any]] = {}
-    for one in shown.answers["quantiles"]:
+    for one in shown.estimates["quantiles"]:
         name, upper = one["name"], one["upper"]
         if name not in found:
             values = worst_of_fleet(alone, name, upper=upper)
-            share = _usual([other for other in shown.answers["quantiles"] if other["name"] == name])
+            share = _usual([other for other in shown.estimates["quantiles"] if other["name"] == name])
             about = {key: one[key] for key in ("name", "words", "upper")} | {"unit": printed_unit(one["unit"])}
             found[name] = about | _distribution(values, upper) | _converging(values, share, upper, confidence)
         found[name].setdefault("quantiles", []).append({key: one[key] for key in ("share", "value", "low", "high")})
@@ -130,9 +181,9 @@ def _met(met: np.ndarray, confidence: float) -> dict[str, Any]:
     middle = 100.0 * successes / np.maximum(counts, 1)
     return {
         "n": counts.tolist(),
-        "value": plain(middle),
-        "low": plain(100 * ends[:, 0]),
-        "high": plain(100 * ends[:, 1]),
+        "value": json_numbers(middle),
+        "low": json_numbers(100 * ends[:, 0]),
+        "high": json_numbers(100 * ends[:, 1]),
     }
 
 
@@ -147,7 +198,12 @@ def _converging(values: np.ndarray, share: float, upper: bool, confidence: float
     value, low, high = np.array(rows).reshape(-1, 3).T
     return {
         "share": share,
-        "converging": {"n": counts.tolist(), "value": plain(value), "low": plain(low), "high": plain(high)},
+        "converging": {
+            "n": counts.tolist(),
+            "value": json_numbers(value),
+            "low": json_numbers(low),
+            "high": json_numbers(high),
+        },
     }
 
 
@@ -159,23 +215,25 @@ def _distribution(values: np.ndarray, upper: bool) -> dict[str, Any]:
     if known.size > _STEPS:
         known = known[np.unique(np.linspace(0, known.size - 1, _STEPS).round().astype(int))]
     kept, share = ordered[known], shares[known]
-    return {"kept": plain(kept if upper else kept[::-1]), "part": plain(share if upper else share[::-1])}
+    return {"kept": json_numbers(kept if upper else kept[::-1]), "part": json_numbers(share if upper else share[::-1])}
 
 
-def _flights(shown: CampaignShown, quantities: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def _flights(shown: CampaignReport, quantities: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Flights against the inputs; evenly spaced ones where there are too many, half of them such that failed."""
     data, met = shown.dataset, shown.dataset["met"].values
     failed = _spaced(np.flatnonzero(~met), max(_POINTS // 2, _POINTS - int(met.sum())))
     rows = np.sort(np.concatenate([failed, _spaced(np.flatnonzero(met), _POINTS - failed.size)]))
     inputs = []
-    for path in shown.varied:
+    for path in shown.varied_paths:
         values = data[path].values[rows]
         levels = None
         if values.dtype.kind not in "fiu":
             levels = [str(one) for one in shown.levels.get(path, ())] or sorted({str(one) for one in values})
             values = np.array([levels.index(str(one)) for one in values.tolist()], dtype=float)
-        inputs.append({"path": path, "levels": levels, "values": plain(values)})
-    outputs = {one["name"]: plain(worst_of_fleet(data, one["name"], upper=one["upper"])[rows]) for one in quantities}
+        inputs.append({"path": path, "levels": levels, "values": json_numbers(values)})
+    outputs = {
+        one["name"]: json_numbers(worst_of_fleet(data, one["name"], upper=one["upper"])[rows]) for one in quantities
+    }
     return {
         "inputs": inputs,
         "outputs": outputs,

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from anser.report.campaign_data import CampaignShown, FlownAgain
+from anser.report.campaign_data import CampaignReport, ReplayedFlight
 from anser.report.style import page_color_of
 
 _Placing = Callable[[np.ndarray], np.ndarray]
@@ -18,13 +18,13 @@ _AFTER_S = 2.0
 """How long after its arrival an aircraft is drawn."""
 
 
-def campaign_map(shown: CampaignShown) -> str:
+def campaign_map(shown: CampaignReport) -> str:
     """Draw the flights flown again; empty where there are none."""
-    if not shown.again:
+    if not shown.replays:
         return ""
-    rows = shown.dataset.sel(flight=[one.number for one in shown.again])
+    rows = shown.dataset.sel(flight=[one.number for one in shown.replays])
     arrivals = dict(zip(rows["flight"].values.tolist(), rows["arrival_s"].values, strict=True))
-    tracks = [(one, _tracks(one, arrivals[one.number])) for one in shown.again]
+    tracks = [(one, _tracks(one, arrivals[one.number])) for one in shown.replays]
     points = np.concatenate([line for _, lines in tracks for line in lines])
     low, high = points.min(axis=0), points.max(axis=0)
     wide, tall = np.maximum(high - low, 1.0) * (1.0 + 2.0 * _ROOM)
@@ -48,7 +48,7 @@ def campaign_map(shown: CampaignShown) -> str:
     )
 
 
-def _tracks(flown: FlownAgain, arrivals: np.ndarray) -> list[np.ndarray]:
+def _tracks(flown: ReplayedFlight, arrivals: np.ndarray) -> list[np.ndarray]:
     """East and north (m) of each aircraft until it has arrived, some of the records."""
     data, found = flown.tracks, []
     time = data["time"].values

@@ -3,8 +3,8 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from anser.report.opening import number, scroll_table, text
-from anser.results import arrival_figure
+from anser.report.flight_overview import escape_html, format_number, scroll_table
+from anser.results.arrival import arrival_accuracy
 
 _FIGURES = (
     ("separation_min_m", "Least distance of two aircraft", "m", 1),
@@ -29,7 +29,7 @@ _MOST = 200  # rows of differing keys
 def difference_table(runs: Sequence[tuple[str, Mapping[str, Any]]], scenarios: Sequence[Mapping[str, Any]]) -> str:
     """Figures of two runs (label, summary) with their difference, then every key in which the scenarios differ."""
     first, second = (summary for _, summary in runs)
-    fits = [arrival_figure(summary) for summary in (first, second)]
+    fits = [arrival_accuracy(summary) for summary in (first, second)]
     rows = [
         _row(words, "s", 4, *(one.value_s if one.kind == kind else None for one in fits))
         for kind, words in _ARRIVALS.items()
@@ -42,7 +42,7 @@ def difference_table(runs: Sequence[tuple[str, Mapping[str, Any]]], scenarios: S
     ]
     for key, words, unit, digits, worst in _WORST:
         rows.append(_row(words, unit, digits, *(_worst_value(summary, key, worst) for summary in (first, second))))
-    heads = "".join(f"<th>{text(label)}</th>" for label, _ in runs)
+    heads = "".join(f"<th>{escape_html(label)}</th>" for label, _ in runs)
     table = scroll_table(f'<th class="text">Figure</th>{heads}<th>second less first</th>', "".join(rows))
     return f'<section id="differences"><h2>What differs</h2>{table}{_keys(runs, scenarios)}</section>'
 
@@ -84,9 +84,9 @@ def _keys(runs: Sequence[tuple[str, Mapping[str, Any]]], scenarios: Sequence[Map
     found = scenario_differences(scenarios[0], scenarios[1])
     if not found:
         return '<p class="caption">The scenarios are the same.</p>'
-    heads = "".join(f'<th class="text">{text(label)}</th>' for label, _ in runs)
+    heads = "".join(f'<th class="text">{escape_html(label)}</th>' for label, _ in runs)
     body = "".join(
-        f'<tr><td class="text"><code>{text(path)}</code></td>{_value(one)}{_value(other)}</tr>'
+        f'<tr><td class="text"><code>{escape_html(path)}</code></td>{_value(one)}{_value(other)}</tr>'
         for path, one, other in found[:_MOST]
     )
     rest = f'<p class="caption">and {len(found) - _MOST} more</p>' if len(found) > _MOST else ""
@@ -95,11 +95,11 @@ def _keys(runs: Sequence[tuple[str, Mapping[str, Any]]], scenarios: Sequence[Map
 
 def _value(value: Any) -> str:
     shown = _NOTHING if value is None else str(value)
-    return f'<td class="text free">{text(shown if len(shown) <= 160 else shown[:159] + "…")}</td>'
+    return f'<td class="text free">{escape_html(shown if len(shown) <= 160 else shown[:159] + "…")}</td>'
 
 
 def _row(words: str, unit: str, digits: int, one: float | None, other: float | None) -> str:
-    change = _NOTHING if one is None or other is None else number(other - one, digits)
+    change = _NOTHING if one is None or other is None else format_number(other - one, digits)
     label = f"{words} ({unit})" if unit else words
-    cells = "".join(f"<td>{cell}</td>" for cell in (number(one, digits), number(other, digits), change))
+    cells = "".join(f"<td>{cell}</td>" for cell in (format_number(one, digits), format_number(other, digits), change))
     return f'<tr><td class="text">{label}</td>{cells}</tr>'

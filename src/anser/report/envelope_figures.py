@@ -7,10 +7,11 @@ import numpy as np
 import xarray as xr
 
 from anser.report.map_panels import draw_cells, draw_column, draw_marks, map_panels
-from anser.report.print_style import MAP_STYLE, save_drawings
+from anser.report.style import MAP_STYLE, save_drawings
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
 
 _STYLE = {**MAP_STYLE, "svg.hashsalt": "anser-envelope"}
 _DOTS: dict[str, Any] = {"marker": ".", "color": "white", "s": 6.0, "linewidths": 0.0}
@@ -48,7 +49,7 @@ def draw_envelope(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
     Parameters
     ----------
     dataset
-        As `anser.results.envelope_dataset` makes it.
+        As `anser.analysis.envelope` makes it.
     folder
         To write into; returns the paths of its new files.
     """

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from anser.report.flown_beside_plan import limits_of_each
+from anser.report.derived_variables import aircraft_limits
 
 _Row = Mapping[str, Any]
 
@@ -38,19 +38,19 @@ class Margin:
         Whether the limit was kept up to the arrivals and passed only in the hold after them.
     """
 
-    what: str
+    description: str
     kind: str
     unit: str
     limit: float
     value: float | None
-    most: bool
-    met: bool
-    who: str = ""
-    when_s: float | None = None
+    is_upper: bool
+    is_met: bool
+    aircraft: str = ""
+    time_s: float | None = None
     after_arrival: bool = False
 
     @property
-    def used(self) -> float | None:
+    def utilization(self) -> float | None:
         """Part of the way to the limit, 1 at the limit: value over limit, or limit over value for a lower one.
 
         None where there is no value. A value on the other side of 0 than its limit has used nothing.
@@ -58,11 +58,11 @@ class Margin:
         if self.value is None:
             return None
         if self.limit == 0.0:
-            return 0.0 if self.met else np.inf
+            return 0.0 if self.is_met else np.inf
         if self.value * self.limit <= 0.0:
-            return 0.0 if self.met else np.inf
+            return 0.0 if self.is_met else np.inf
         # a lower limit below 0 is met from above like an upper one above 0: the value grows towards it
-        return self.value / self.limit if self.most == (self.limit > 0.0) else self.limit / self.value
+        return self.value / self.limit if self.is_upper == (self.limit > 0.0) else self.limit / self.value
 
 
 # Requirement: words, unit, key of the row of an aircraft whose worst value it is, whether the limit is an upper one.
@@ -96,7 +96,7 @@ _LIMITS = (
 )
 
 
-def margins_of(dataset: xr.Dataset, summary: Mapping[str, Any]) -> list[Margin]:
+def find_flight_margins(dataset: xr.Dataset, summary: Mapping[str, Any]) -> list[Margin]:
     """Margins of a flight, the one that used most of its limit first; what was not met in time stands before all.
 
     Requirements are those of the summary, as it judged them; the limits are those of each aircraft, over the whole
@@ -115,7 +115,7 @@ def margins_of(dataset: xr.Dataset, summary: Mapping[str, Any]) -> list[Margin]:
         for entry in summary["requirements"]
         if not (alone and entry["name"] in _OF_SEVERAL)
     ]
-    limits = limits_of_each(dataset)
+    limits = aircraft_limits(dataset)
     arrivals = {row["name"]: row["arrival_s"] for row in summary["aircraft"]}
     ends = [np.inf if arrivals.get(str(name)) is None else arrivals[str(name)] for name in dataset["aircraft"].values]
     flying = dataset["time"].values[:, np.newaxis] <= np.array(ends)
@@ -133,10 +133,10 @@ def margins_of(dataset: xr.Dataset, summary: Mapping[str, Any]) -> list[Margin]:
 
 def _place(margin: Margin) -> tuple[bool, float]:
     """Order of margins: what was not met in time, then by how much of the limit was used."""
-    return margin.met or margin.after_arrival, -np.inf if margin.used is None else -margin.used
+    return margin.is_met or margin.after_arrival, -np.inf if margin.utilization is None else -margin.utilization
 
 
-def least_apart(dataset: xr.Dataset) -> tuple[float, float, str, str] | None:
+def closest_pair(dataset: xr.Dataset) -> tuple[float, float, str, str] | None:
     """Least distance between two aircraft at an instant of the record, m; when, s; and which two. None without two."""
     if "distance_min_m" not in dataset or not np.isfinite(dataset["distance_min_m"].values).any():
         return None
@@ -163,7 +163,7 @@ def _requirement(entry: _Row, rows: Sequence[_Row], dataset: xr.Dataset) -> Marg
         who = str(max(off)[1]) if off else ""
     elif name == "separation_ratio_min" and "separation_kept" in dataset:
         _, who, when = _extreme(dataset, dataset["separation_kept"].values, False)
-    elif name == "separation_min_m" and (apart := least_apart(dataset)) is not None:
+    elif name == "separation_min_m" and (apart := closest_pair(dataset)) is not None:
         who, when = f"{apart[2]} and {apart[3]}", apart[1]
     return Margin(words, "requirement", unit, entry["limit"], entry["value"], most, bool(entry["met"]), who, when)
 

@@ -10,7 +10,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-NOTHING = "#e6e6e6"
+
+EMPTY_COLOR = "#e6e6e6"
 """Colour of what is not there."""
 
 
@@ -43,7 +44,7 @@ def map_panels(
     axes = np.empty((rows, columns), dtype=object)
     for c, k in np.ndindex(rows, columns):
         axes[c, k] = one = figure.add_subplot(grid[c, k])
-        one.set_facecolor(NOTHING)
+        one.set_facecolor(EMPTY_COLOR)
         one.tick_params(labelbottom=c == rows - 1, labelleft=k == 0)
         if k == 0:
             one.set_ylabel(f"{conditions[c]}\naltitude (km)")
@@ -81,9 +82,9 @@ def draw_cells(axes: "Axes", dataset: xr.Dataset, values: np.ndarray, **style: A
     axes.set_ylim(altitude[0], altitude[-1])
 
 
-def draw_marks(axes: "Axes", dataset: xr.Dataset, where: np.ndarray, **style: Any) -> None:
+def draw_marks(axes: "Axes", dataset: xr.Dataset, mask: np.ndarray, **style: Any) -> None:
     """A mark at each point of the grid that is chosen."""
-    altitude, mach = np.nonzero(where)
+    altitude, mach = np.nonzero(mask)
     axes.scatter(dataset["mach"].values[mach], dataset["altitude"].values[altitude] / 1000.0, **style)
 
 

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from anser.report.map_panels import NOTHING, draw_cells, draw_column, draw_marks, map_panels
-from anser.report.print_style import FIGURE_SUFFIXES, MAP_STYLE, new_figure, save_drawings, save_figure
-from anser.report.style import color_of
-from anser.variables import surface_words
+from anser.report.map_panels import EMPTY_COLOR, draw_cells, draw_column, draw_marks, map_panels
+from anser.report.style import FIGURE_SUFFIXES, MAP_STYLE, color_of, new_figure, save_drawings, save_figure
+from anser.variables import surface_label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
 
 BODE_SUFFIXES = FIGURE_SUFFIXES
 """Kinds of files that a Bode diagram can be."""
@@ -39,7 +39,7 @@ def draw_bode(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
     Parameters
     ----------
     dataset
-        As `anser.results.margin_dataset` makes it, of a stable closed loop.
+        As `anser.analysis.margins` makes it, of a stable closed loop.
     paths
         New files, with one of `BODE_SUFFIXES`.
     """
@@ -119,7 +119,7 @@ def _bode(gain: "Axes", phase: "Axes", dataset: xr.Dataset, names: Sequence[str]
     gain.legend(loc="lower left")
     for axes in (gain, phase):
         axes.set_xlim(omega[0], omega[-1])
-        axes.grid(color=NOTHING, lw=0.5)
+        axes.grid(color=EMPTY_COLOR, lw=0.5)
 
 
 def _nyquist(axes: "Axes", dataset: xr.Dataset, names: Sequence[str]) -> None:
@@ -140,11 +140,11 @@ def _nyquist(axes: "Axes", dataset: xr.Dataset, names: Sequence[str]) -> None:
     axes.set_ylim(-2.5, 1.5)
     axes.set_aspect("equal")
     axes.set_xlabel("real part")
-    axes.grid(color=NOTHING, lw=0.5)
+    axes.grid(color=EMPTY_COLOR, lw=0.5)
 
 
 def _said(breakpoint: str) -> str:
-    return _SYMBOLS.get(breakpoint, surface_words(breakpoint))
+    return _SYMBOLS.get(breakpoint, surface_label(breakpoint))
 
 
 def _of_actuators(dataset: xr.Dataset) -> list[str]:

@@ -16,7 +16,7 @@ _SMALLEST = 1e-6  # a range below this is rounding
 _MOST_STEPS = 2**29  # second differences are four times as large and must fit 32 bits with their sign
 
 
-def step_of(values: np.ndarray, unit: str) -> float:
+def quantization_step(values: np.ndarray, unit: str) -> float:
     """Smallest difference that is kept: of the unit, or of the range where that is small; coarser for huge values."""
     finite = values[np.isfinite(values)]
     step = _STEPS.get(unit, _OTHER_STEP)

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from anser.report.print_style import MAP_STYLE, save_drawings
-from anser.results import FirstBreak, first_breaks, flights_of, success
+from anser.report.style import MAP_STYLE, save_drawings
+from anser.results.robustness_statistics import FirstBreak, first_breaks, flights_in_part, success
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
 
 _STYLE = {
     **MAP_STYLE,
@@ -38,7 +39,7 @@ def draw_robustness(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
     Parameters
     ----------
     dataset
-        As `anser.results.robustness_dataset` makes it; what a part of the study shows is drawn where it was flown.
+        As `anser.analysis.robustness` makes it; what a part of the study shows is drawn where it was flown.
     folder
         To write into; returns the paths of its new files.
     """
@@ -48,7 +49,7 @@ def draw_robustness(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
         "spread": ("spread", _against_spread),
         "alone": ("alone", _alone),
     }
-    flown = {name: draw for name, (part, draw) in drawings.items() if flights_of(dataset, part).any()}
+    flown = {name: draw for name, (part, draw) in drawings.items() if flights_in_part(dataset, part).any()}
     return save_drawings(flown, dataset, _STYLE, folder)
 
 
@@ -85,7 +86,7 @@ def _rates(axes: "Axes", dataset: xr.Dataset, at: np.ndarray, groups: list[np.nd
 
 
 def _by_condition(dataset: xr.Dataset) -> "Figure":
-    main = flights_of(dataset, "dispersed")
+    main = flights_in_part(dataset, "dispersed")
     places = dataset["condition_meaning"].values.tolist()
     figure = _figure(dataset, f"Everything dispersed by {dataset.attrs['spread_percent']:g} %", (7.0, 3.6))
     axes = figure.subplots()
@@ -99,7 +100,7 @@ def _by_condition(dataset: xr.Dataset) -> "Figure":
 
 
 def _against_spread(dataset: xr.Dataset) -> "Figure":
-    part, spread = flights_of(dataset, "spread"), dataset["spread_percent"].values
+    part, spread = flights_in_part(dataset, "spread"), dataset["spread_percent"].values
     levels = np.unique(spread[part])
     figure = _figure(dataset, "Success against the spread of everything", (6.0, 3.6))
     axes = figure.subplots()
@@ -110,7 +111,7 @@ def _against_spread(dataset: xr.Dataset) -> "Figure":
 
 
 def _errors(dataset: xr.Dataset) -> "Figure":
-    main = flights_of(dataset, "dispersed")
+    main = flights_in_part(dataset, "dispersed")
     figure = _figure(dataset, "Largest error in the last tenth of the flight", (9.0, 3.2))
     panels = figure.subplots(1, len(_CHANNELS), sharey=True)
     for axes, (name, words, limit) in zip(panels, _CHANNELS, strict=True):

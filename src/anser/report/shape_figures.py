@@ -5,21 +5,22 @@ from typing import TYPE_CHECKING
 
 import xarray as xr
 
-from anser.report.labels import axis_label, symbol, unit
-from anser.report.print_style import (
+from anser.report.labels import axis_label, display_unit, math_symbol
+from anser.report.style import (
     DASHED,
     FIGURE_SUFFIXES,
     INK,
     LARGE,
+    MUTED,
     PRINT_STYLE,
-    QUIET,
-    marker_of,
+    marker_style,
     new_figure,
     save_drawings,
 )
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
 
 _FAMILIES = {
     # parameter, its axis, what it changes most besides
@@ -34,7 +35,7 @@ def draw_shapes(dataset: xr.Dataset, family: str, folder: Path) -> tuple[Path, .
     Parameters
     ----------
     dataset
-        As `anser.verification.shape_families` makes it.
+        As `anser.verification.polynomial_paths` makes it.
     family
         `b4` or `c4`.
     folder
@@ -48,8 +49,8 @@ def draw_shapes(dataset: xr.Dataset, family: str, folder: Path) -> tuple[Path, .
         time = dataset["time"].values
         for k in range(dataset.sizes["path"]):
             one = dataset.isel(path=k)
-            look = {"markevery": (4 * k, 24), **marker_of(k)}
-            label = f"{symbol(one[parameter])} = {_signed(one[parameter])} {unit(one[parameter])}"
+            look = {"markevery": (4 * k, 24), **marker_style(k)}
+            label = f"{math_symbol(one[parameter])} = {_signed(one[parameter])} {display_unit(one[parameter])}"
             grid[0, 0].plot(one["north_m"].values, one[across].values, label=label, **look)
             for axes, name in ((grid[0, 1], "airspeed_command_m_s"), (grid[1, 0], angle)):
                 axes.plot(time, one[name].values, **look)
@@ -61,7 +62,7 @@ def draw_shapes(dataset: xr.Dataset, family: str, folder: Path) -> tuple[Path, .
         lengths, values = grid[1, 1], dataset[parameter].values
         for name, look in (
             ("length_m", {"color": INK, "linestyle": "solid"}),
-            ("length_estimate_m", {"color": QUIET, "linestyle": DASHED}),
+            ("length_estimate_m", {"color": MUTED, "linestyle": DASHED}),
         ):
             members = (dataset[f"member_{of}"].values for of in (parameter, name))
             lengths.plot(*members, label=dataset[name].attrs["long_name"], **look)
@@ -73,7 +74,7 @@ def draw_shapes(dataset: xr.Dataset, family: str, folder: Path) -> tuple[Path, .
         lengths.legend(loc="best")
         figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
         end = dataset["final_path_angle_deg"]
-        figure.suptitle(f"{words}: {time[-1]:g} s, {symbol(end)} = {_signed(end[0])}°", fontsize=LARGE)
+        figure.suptitle(f"{words}: {time[-1]:g} s, {math_symbol(end)} = {_signed(end[0])}°", fontsize=LARGE)
         return figure
 
     return save_drawings({f"shape-{family}": draw}, dataset, PRINT_STYLE, folder, FIGURE_SUFFIXES)

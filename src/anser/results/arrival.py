@@ -1,13 +1,19 @@
-"""The arrival of an aircraft: the closest pass of its rendezvous, and whether that pass is an arrival."""
+"""Arrivals: the closest pass of the rendezvous.
 
+Whether it counts as an arrival, and how well the arrivals of a fleet fit what the scenario requires.
+"""
+
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 
-from anser.planning import nearest_fraction
-from anser.simulation import STATUS_MESSAGES
+from anser.planning.separation import closest_fraction
+from anser.scenario.schema import Scenario
+from anser.simulation.closed_loop import STATUS_MESSAGES
 from anser.simulation.fleet_summary import ARRIVAL_MARGIN_S
 
 ARRIVED = STATUS_MESSAGES[0]
@@ -32,7 +38,7 @@ class Arrival:
 
     time_s: float
     miss_m: float
-    flown_s: float
+    approach_end_s: float
     status: str
 
     @property
@@ -64,8 +70,8 @@ def arrival_outcome(
         Status over time, or its first and last value other than 0: indices into `STATUS_MESSAGES`.
     """
     time_s, miss_m = closest_pass
-    flown_s = min(off_plan_s, end_s)
-    is_arrival = flown_s >= planned_s and time_s < min(flown_s, planned_s + ARRIVAL_MARGIN_S)
+    approach_end_s = min(off_plan_s, end_s)
+    is_arrival = approach_end_s >= planned_s and time_s < min(approach_end_s, planned_s + ARRIVAL_MARGIN_S)
     failures = [int(code) for code in codes if code != 0]
     if failures:
         # The first one is the cause of those that follow; the last one is how it ended.
@@ -75,10 +81,10 @@ def arrival_outcome(
     elif not math.isfinite(time_s):
         status = _NO_RECORD
     else:
-        status = _STILL_CLOSING if flown_s >= planned_s else _ENDED_BEFORE
+        status = _STILL_CLOSING if approach_end_s >= planned_s else _ENDED_BEFORE
     if is_arrival:
         return Arrival(time_s, miss_m, time_s, status)
-    return Arrival(math.nan, math.nan, flown_s, status)
+    return Arrival(math.nan, math.nan, approach_end_s, status)
 
 
 def closest_approach(
@@ -149,5 +155,83 @@ def _segment_minima(points: np.ndarray, allowed: np.ndarray) -> tuple[np.ndarray
     # A record may hold values that are not finite; a segment with one has a distance that is not finite either.
     points = np.where(np.isfinite(points), points, np.nan)
     start, along = points[:-1], np.diff(points, axis=0)
-    fraction = np.minimum(nearest_fraction(start, along), allowed)
+    fraction = np.minimum(closest_fraction(start, along), allowed)
     return fraction, np.linalg.norm(start + fraction[..., None] * along, axis=-1)
+
+
+_Row = Mapping[str, Any]
+_MILLISECONDS_BELOW_S = 0.0995
+
+
+@dataclass(frozen=True)
+class ArrivalAccuracy:
+    """How well arrivals fit.
+
+    Attributes
+    ----------
+    kind
+        "spread": of those that arrive at one time, from the first to the last; "spacing": of a sequence, the greatest
+        difference of the time between two arrivals from that asked for; "error": of one aircraft alone, or of times
+        and windows of their own, the greatest difference of an arrival from its planned time.
+    value_s
+        The number, s; None where an arrival is lacking.
+    asked_s
+        Time between two arrivals of a sequence, s; else None.
+    """
+
+    kind: Literal["spread", "spacing", "error"]
+    value_s: float | None
+    required_spacing_s: float | None = None
+
+    def describe(self, aircraft: int) -> str:
+        """Say it in a few words for so many aircraft; empty where there is no number."""
+        if self.value_s is None:
+            return ""
+        value = format_duration(self.value_s)
+        if self.kind == "spread":
+            return f"arrival spread {value}"
+        if self.kind == "spacing":
+            return f"arrivals {self.required_spacing_s:g} s apart, spacing error {value}"
+        return f"arrival {value} off its planned time" if aircraft == 1 else f"arrivals {value} off their times at most"
+
+
+def format_duration(seconds: float) -> str:
+    """Say a short time: in milliseconds where that reads better."""
+    return f"{1000 * seconds:.2g} ms" if seconds < _MILLISECONDS_BELOW_S else f"{seconds:.2f} s"
+
+
+def format_planned_arrivals(aircraft: int, first_s: float, last_s: float) -> str:
+    """Say when so many aircraft are planned to arrive, in the words of a heading."""
+    first, last = f"{first_s:.2f}", f"{last_s:.2f}"
+    if first != last:
+        return f"arrivals from {first} to {last} s"
+    return f"arrives at {last} s" if aircraft == 1 else f"all arrive at {last} s"
+
+
+def summarize_arrivals(scenario: Scenario, aircraft: Sequence[_Row]) -> dict[str, Any]:
+    """What a summary says of the arrivals as a whole, from its rows of the aircraft; who left the fleet counts not."""
+    staying = [row for row in aircraft if "left_s" not in row]
+    arrivals = [row["arrival_s"] for row in staying]
+    rule, spacing_s = scenario.arrival.rule, scenario.arrival.spacing_s
+    known = bool(staying) and None not in (*arrivals, *(row["planned_arrival_s"] for row in staying))
+    found: dict[str, Any] = {
+        "rule": rule,
+        "common": scenario.arrival.is_common,
+        "error_max_s": max(abs(row["arrival_s"] - row["planned_arrival_s"]) for row in staying) if known else None,
+    }
+    if rule == "sequence" and spacing_s is not None:
+        ordered = sorted(arrivals) if known else []
+        gaps = [later - earlier for earlier, later in itertools.pairwise(ordered)]
+        worst = max((abs(gap - spacing_s) for gap in gaps), default=None)
+        found |= {"spacing_s": spacing_s, "spacing_error_max_s": worst}
+    return found
+
+
+def arrival_accuracy(summary: Mapping[str, Any]) -> ArrivalAccuracy:
+    """Find the number in a summary; in one that does not say what was asked, all arrive at one time."""
+    asked = summary.get("arrival") or {"common": True, "error_max_s": None}
+    if len(summary["aircraft"]) > 1 and asked["common"]:
+        return ArrivalAccuracy("spread", summary["fleet"]["arrival_spread_s"])
+    if len(summary["aircraft"]) > 1 and "spacing_s" in asked:
+        return ArrivalAccuracy("spacing", asked["spacing_error_max_s"], asked["spacing_s"])
+    return ArrivalAccuracy("error", asked["error_max_s"])

@@ -11,11 +11,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from anser.input_files import MIB, read_file
+from anser.files import MIB, read_file
 
 _MARK = b"\nanser-sha256:"
 TRAILER_BYTES = len(_MARK) + 64 + 1
-KEY = "sha256"
+CHECKSUM_KEY = "sha256"
 """Of the checksum in a JSON document."""
 _BLOCK_BYTES = 1 << 20
 _DOCUMENT_BYTES_MAX = 32 * MIB
@@ -25,19 +25,19 @@ class DamagedFileError(ValueError):
     """A file whose content is not what was written; `str()` is the finished message."""
 
 
-def damaged(path: Path, arrived: str, expected: str = "the file as anser wrote it") -> DamagedFileError:
+def damaged_file_error(path: Path, arrived: str, expected: str = "the file as anser wrote it") -> DamagedFileError:
     """Error that names a file, what arrived in it and what would be right."""
     return DamagedFileError(f"{path}: arrived {arrived}; expected {expected}")
 
 
 def append_checksum(path: Path) -> None:
     """Append the checksum of a complete binary file to it."""
-    trailer = trailer_of(file_digest(path))
+    trailer = checksum_trailer(file_digest(path))
     with path.open("ab") as file:
         file.write(trailer)
 
 
-def trailer_of(digest: str) -> bytes:
+def checksum_trailer(digest: str) -> bytes:
     """Last bytes of a file whose other bytes have this SHA-256 (hexadecimal)."""
     return _MARK + digest.encode() + b"\n"
 
@@ -62,8 +62,8 @@ def verify_checksum(path: Path) -> bool:
         trailer = file.read()
     if not trailer.startswith(_MARK):
         return False
-    if trailer != trailer_of(file_digest(path, size)):
-        raise damaged(path, "a damaged file, whose content does not match its checksum")
+    if trailer != checksum_trailer(file_digest(path, size)):
+        raise damaged_file_error(path, "a damaged file, whose content does not match its checksum")
     return True
 
 
@@ -78,10 +78,10 @@ def file_digest(path: Path, size: int | None = None) -> str:
     return digest.hexdigest()
 
 
-def with_checksum(document: Mapping[str, Any]) -> dict[str, Any]:
+def add_checksum(document: Mapping[str, Any]) -> dict[str, Any]:
     """A JSON document with the checksum of its content as its last key."""
-    content = {key: value for key, value in document.items() if key != KEY}
-    return {**content, KEY: _content_digest(content)}
+    content = {key: value for key, value in document.items() if key != CHECKSUM_KEY}
+    return {**content, CHECKSUM_KEY: _content_digest(content)}
 
 
 def read_document(path: Path) -> tuple[dict[str, Any], bool]:
@@ -97,12 +97,12 @@ def read_document(path: Path) -> tuple[dict[str, Any], bool]:
     try:
         document = json.loads(read_file(path, _DOCUMENT_BYTES_MAX).decode(), parse_constant=_refuse_constant)
     except (ValueError, RecursionError) as error:  # text that is no UTF-8 is a ValueError, too
-        raise damaged(path, f"a file that cannot be read as JSON ({error})") from None
+        raise damaged_file_error(path, f"a file that cannot be read as JSON ({error})") from None
     if not isinstance(document, dict):
-        raise damaged(path, f"JSON that is a {type(document).__name__}", "an object")
-    checksum = document.pop(KEY, None)
+        raise damaged_file_error(path, f"JSON that is a {type(document).__name__}", "an object")
+    checksum = document.pop(CHECKSUM_KEY, None)
     if checksum is not None and checksum != _content_digest(document):
-        raise damaged(path, "a damaged file, whose content does not match its checksum")
+        raise damaged_file_error(path, "a damaged file, whose content does not match its checksum")
     return document, checksum is not None
 
 

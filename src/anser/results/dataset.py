@@ -7,16 +7,16 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float
 
-from anser.compiling import compiled
-from anser.numerics import as_array, few_sizes, filled_up
-from anser.results.variable_labels import converted, labels_of, record_coordinates
+from anser.compiling.options import compiled
+from anser.numerics.arrays import as_array, bucket_size, pad_to_multiple
+from anser.results.variable_labels import catalogue_attributes, record_coordinates, to_dataset_units
 from anser.shapes import Scalar
-from anser.spatial import geodetic_from_flat
+from anser.spatial.wgs84 import geodetic_from_flat
 from anser.variables import (
     OPTIONAL_KEYS,
     STANDARD_SURFACES,
     Variable,
-    all_surfaces,
+    all_surface_names,
     catalogue,
     recorded_keys,
     surface_variables,
@@ -55,7 +55,7 @@ def to_dataset(
     xr.Dataset
         With the attributes `units`, `frame`, `long_name` and `symbol` on each variable. Angles lie in (-180, 180] deg.
         Latitude and longitude are those of the flat Earth of theory section 1. The attribute `surfaces` holds the names
-        of all control surfaces (see `surfaces_of`); a `comment` stands with those that some aircraft have not.
+        of all control surfaces (see `surface_names`); a `comment` stands with those that some aircraft have not.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def to_dataset(
         raise ValueError(f"aircraft_names must be given, each once, not {names}")
     if surfaces and len(surfaces) != len(names):
         raise ValueError(f"surfaces are those of {len(surfaces)} aircraft; there are {len(names)}")
-    named = all_surfaces(surfaces) or STANDARD_SURFACES
+    named = all_surface_names(surfaces) or STANDARD_SURFACES
     _check_keys(history, named)
     _check_attributes(attributes)
 
@@ -81,13 +81,13 @@ def to_dataset(
     arrays = {v.key: _checked(v, history[v.key], shape) for v in variables if v.key in history}
     arrays["latitude"], arrays["longitude"] = _geodetic(arrays, *(np.radians(attributes[key]) for key in _REFERENCE))
     held = [v for v in variables if v.key in arrays]
-    data = {v.name: (("time", "aircraft"), converted(v, arrays[v.key]), labels_of(v)) for v in held}
+    data = {v.name: (("time", "aircraft"), to_dataset_units(v, arrays[v.key]), catalogue_attributes(v)) for v in held}
     for v in surface_variables(name for name in named if any(name not in own for own in surfaces)):
         data[v.name][2]["comment"] = "NaN of an aircraft that has no such surface"
     return xr.Dataset(data, record_coordinates(time, names), {**attributes, "surfaces": " ".join(named)})
 
 
-def surfaces_of(dataset: xr.Dataset) -> tuple[str, ...]:
+def surface_names(dataset: xr.Dataset) -> tuple[str, ...]:
     """Names of the control surfaces in a record: its attribute `surfaces`, in one text as CF lists names.
 
     A record without that attribute, from before it was written, has the standard ones.
@@ -128,14 +128,14 @@ def _checked(variable: Variable, values: np.ndarray, shape: tuple[int, int]) -> 
 def _geodetic(arrays: Mapping[str, np.ndarray], latitude: float, longitude: float) -> tuple[np.ndarray, np.ndarray]:
     positions = np.stack([arrays["north"], arrays["east"], -np.asarray(arrays["altitude"])], axis=-1)
     rows = positions.reshape(-1, 3)
-    filled = filled_up(rows, few_sizes(len(rows), _ROWS)) if len(rows) else rows
-    places = _places(as_array(filled), as_array(latitude), as_array(longitude))[:2]
+    filled = pad_to_multiple(rows, bucket_size(len(rows), _ROWS)) if len(rows) else rows
+    places = _geodetic_positions(as_array(filled), as_array(latitude), as_array(longitude))[:2]
     found = [np.asarray(one)[: len(rows)].reshape(positions.shape[:2]) for one in places]
     return found[0], found[1]
 
 
 @compiled
-def _places(
+def _geodetic_positions(
     positions_n: Float[Array, "rows 3"], latitude: Scalar, longitude: Scalar
 ) -> tuple[Float[Array, " rows"], Float[Array, " rows"], Float[Array, " rows"]]:
     return jax.vmap(lambda position: geodetic_from_flat(position, latitude, longitude, 0.0))(positions_n)

@@ -1,4 +1,8 @@
-"""A flight on disk: one compressed NetCDF-4 file, with a checksum at its end."""
+"""A recorded flight on disk.
+
+One compressed NetCDF-4 file with a checksum at its end, and the check of the variables that every recorded flight
+has.
+"""
 
 import errno
 from pathlib import Path
@@ -6,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from anser.output_files import new_file
-from anser.results.checksums import append_checksum, damaged, verify_checksum
+from anser.files import new_file
+from anser.results.checksums import append_checksum, damaged_file_error, verify_checksum
 
 FORMAT_VERSION = 1
 _VERSION = "format_version"
@@ -60,13 +64,42 @@ def read_netcdf(path: Path) -> xr.Dataset:
         if names is not None:
             dataset = dataset.assign_coords(aircraft=(names.dims, names.values.astype(np.str_), names.attrs))
     except _UNREADABLE as error:
-        raise damaged(path, f"a file that cannot be read ({error})", _EXPECTED) from None
+        raise damaged_file_error(path, f"a file that cannot be read ({error})", _EXPECTED) from None
     version = dataset.attrs.pop(_VERSION, None)
     if version is None and not verified:
         return dataset
     if version != FORMAT_VERSION:
-        raise damaged(path, f"{_VERSION} {version}", str(FORMAT_VERSION))
+        raise damaged_file_error(path, f"{_VERSION} {version}", str(FORMAT_VERSION))
     if not verified:
         words = "a file without its checksum, cut or written by another program"
-        raise damaged(path, words, f"{_EXPECTED}, or without the attribute {_VERSION} if the change is intended")
+        raise damaged_file_error(
+            path, words, f"{_EXPECTED}, or without the attribute {_VERSION} if the change is intended"
+        )
     return dataset
+
+
+_POSITION = "north_m", "east_m", "altitude_m"
+
+
+def flight_problem(dataset: xr.Dataset) -> str | None:
+    """What arrived instead of the times, names and positions of a flight, and what was expected; None if all are there.
+
+    Positions are finite at all times: the state of an aircraft that crashes, or diverges, stays at its last one.
+    """
+    for name in ("time", "aircraft", *_POSITION):
+        if name not in dataset.variables:
+            return f"arrived without {name}; expected a flight, which has it"
+        dimensions = ("time", "aircraft") if name in _POSITION else (name,)
+        values = dataset[name]
+        if values.dims != dimensions or 0 in values.shape:
+            return f"arrived {name} over {dict(values.sizes)}; expected it over {' and '.join(dimensions)}"
+        if name != "aircraft" and values.dtype.kind != "f":
+            return f"arrived {name} as {values.dtype}; expected floating-point numbers"
+        if name != "aircraft" and not np.isfinite(values.values).all():
+            return f"arrived {name} with values that are not finite; expected finite ones at all times"
+    if np.any(np.diff(dataset["time"].values) <= 0.0):
+        return "arrived time that does not increase; expected increasing times"
+    names = dataset["aircraft"].values.tolist()
+    if len(set(names)) != len(names):
+        return f"arrived aircraft {', '.join(map(str, names))}; expected each name once"
+    return None

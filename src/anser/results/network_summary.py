@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from anser.planning.time_coordination import coordination_error, guaranteed_rate, quality_of_service
-from anser.scenario import Scenario
+from anser.planning.decentralised.time_coordination import coordination_error, guaranteed_rate, quality_of_service
+from anser.scenario.schema import Scenario
 from anser.scenario.schema_network import Network
 
 _EVERY_S = 1.0  # between two entries of the series
@@ -40,7 +40,7 @@ def summarize_network(
     until_s = float(np.min(history["arrival_time"][-1])) - scenario.timing.freeze_s
     rows = np.arange(0, time_s.size, stride)
     rows = rows[time_s[rows] <= max(until_s, numbers.window_s)]
-    links = links_of(np.asarray(history["heard_from"])[rows], len(names))
+    links = decode_links(np.asarray(history["heard_from"])[rows], len(names))
     clocks = time_s[rows, None] - np.asarray(history["clock_lag"])[rows]
     quality = quality_of_service(links, numbers.period_s, numbers.window_s)
     apart = coordination_error(clocks)
@@ -70,7 +70,7 @@ def summarize_network(
     }
 
 
-def links_of(heard_from: np.ndarray, count: int) -> np.ndarray:
+def decode_links(heard_from: np.ndarray, count: int) -> np.ndarray:
     """Who heard whom, (time, receiver, sender), from numbers in which bit k stands for aircraft k; (time, receiver)."""
     return (heard_from[:, :, None] >> np.arange(count)) & 1 == 1
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from anser.scenario import Scenario
+from anser.scenario.schema import Scenario
 
 _Row = Mapping[str, Any]
 
@@ -64,14 +64,14 @@ class Requirement:
 
     name: str
     limit: float
-    own: tuple[float, ...] | None = None
+    aircraft_limits: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         if self.name not in REQUIREMENT_NAMES:
             raise ValueError(f"requirement {self.name!r} is unknown; known are {', '.join(REQUIREMENT_NAMES)}")
 
 
-def requirements_of(scenario: Scenario) -> tuple[Requirement, ...]:
+def scenario_requirements(scenario: Scenario) -> tuple[Requirement, ...]:
     """What a scenario asks of a flight besides the distances from its goals."""
     wanted, limits = scenario.requirements, [scenario.limits_for(one) for one in scenario.aircraft]
     slowest, fastest = tuple(one.speed_min_m_s for one in limits), tuple(one.speed_max_m_s for one in limits)
@@ -82,14 +82,14 @@ def requirements_of(scenario: Scenario) -> tuple[Requirement, ...]:
         "speed_max_m_s": max(fastest),
         "position_error_max_m": wanted.position_error_max_m,
         "separation_min_m": wanted.separation_min_m,
-        "separation_ratio_min": None if scenario.separation.asked_m is None else 1.0,
+        "separation_ratio_min": None if scenario.separation.required_m is None else 1.0,
     }
     own = {"speed_min_m_s": slowest, "speed_max_m_s": fastest}
     differ = {name: limits for name, limits in own.items() if len(set(limits)) > 1}
     return tuple(Requirement(name, limit, differ.get(name)) for name, limit in asked.items() if limit is not None)
 
 
-def judge(
+def evaluate_requirements(
     requirements: Sequence[Requirement],
     aircraft: Sequence[_Row],
     fleet: _Row,
@@ -112,7 +112,7 @@ def judge(
         `value` is the worst of the fleet. It is None, and the requirement not met, where an aircraft lacks the number;
         separation is met by an aircraft that flies alone.
     """
-    judged = [_judge_one(requirement, aircraft, fleet) for requirement in requirements]
+    judged = [_evaluate_requirement(requirement, aircraft, fleet) for requirement in requirements]
     for kind in dict.fromkeys(kind for kind, _ in clearances):
         values = [
             (row["clearance_min_m"], limit) for row, (of, limit) in zip(aircraft, clearances, strict=True) if of == kind
@@ -123,11 +123,15 @@ def judge(
     return judged
 
 
-def _judge_one(requirement: Requirement, aircraft: Sequence[_Row], fleet: _Row) -> dict[str, Any]:
+def _evaluate_requirement(requirement: Requirement, aircraft: Sequence[_Row], fleet: _Row) -> dict[str, Any]:
     name, limit = requirement.name, requirement.limit
     at_most = name in _AT_MOST
-    if requirement.own is not None:
-        pairs = [(row[name], own) for row, own in zip(aircraft, requirement.own, strict=True) if "left_s" not in row]
+    if requirement.aircraft_limits is not None:
+        pairs = [
+            (row[name], own)
+            for row, own in zip(aircraft, requirement.aircraft_limits, strict=True)
+            if "left_s" not in row
+        ]
         if not pairs:
             return _entry(name, limit, None, True)
         worst = min(

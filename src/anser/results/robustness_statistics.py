@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from anser.results.intervals import wilson_interval
+from anser.results.sampling_statistics import wilson_interval
 
 _CHANNELS = (("airspeed", "m_s"), ("path_angle", "deg"), ("course", "deg"))
 _NO_STEADY_FLIGHT = "no_steady_flight"
 
 
 @dataclass(frozen=True)
-class Success:
+class SuccessRate:
     """How many of some flights reached their command.
 
     Attributes
@@ -37,19 +37,19 @@ class Success:
     reasons: dict[str, int]
 
 
-def flights_of(dataset: xr.Dataset, part: str) -> np.ndarray:
+def flights_in_part(dataset: xr.Dataset, part: str) -> np.ndarray:
     """Mask of the flights of one part of a study, shape (flights,)."""
     return _words(dataset["part"]) == part
 
 
-def success(dataset: xr.Dataset, inversion: str, chosen: np.ndarray) -> Success:
+def success(dataset: xr.Dataset, inversion: str, chosen: np.ndarray) -> SuccessRate:
     """Success of one inversion on the chosen flights (mask, shape (flights,)) of a study."""
     of = dataset.sel(inversion=inversion)
     outcome = _words(of["outcome"])
     flown, well = chosen & (outcome != "not_flown"), chosen & (outcome == "reached")
     number, reached = int(flown.sum()), int(well.sum())
     named = Counter(f"{outcome[k]}: {_reason(of, int(k))}" for k in np.flatnonzero(flown & ~well))
-    return Success(
+    return SuccessRate(
         drawn=int(chosen.sum()),
         no_steady_flight=int(chosen.sum()) - number,
         flown=number,

@@ -1,4 +1,7 @@
-"""The machine-readable summary of a flight, format version 1."""
+"""The machine-readable summary of a flight, format version 1.
+
+Its computation, its files, and the check of the keys that every version has.
+"""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -6,23 +9,68 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from anser.constants import AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M
-from anser.output_files import write_file
-from anser.planning.path_words import NOMINAL_BEND_M
-from anser.results.arrival import Arrival, arrival_outcome, closest_approach, least_distance
-from anser.results.arrival_figure import arrivals_of
-from anser.results.checksums import damaged, read_document, with_checksum
-from anser.results.plain import finite_or_none
-from anser.results.provenance import versions
-from anser.results.requirements import judge, requirements_of
-from anser.results.separated import least_ratio
-from anser.results.summary_schema import summary_problem
-from anser.scenario import Scenario
-from anser.simulation.closed_loop import HOLD
+from anser.files import write_file
+from anser.planning.limits import NOMINAL_BEND_M
+from anser.results.arrival import Arrival, arrival_outcome, closest_approach, least_distance, summarize_arrivals
+from anser.results.checksums import add_checksum, damaged_file_error, read_document
+from anser.results.documents import finite_or_none, software_versions
+from anser.results.requirements import evaluate_requirements, scenario_requirements
+from anser.results.separation import minimum_separation_ratio
+from anser.scenario.schema import Scenario
+from anser.simulation.closed_loop import HOLD, LEFT_FLEET, is_off_plan
 from anser.simulation.fleet_summary import ARRIVAL_MARGIN_S
-from anser.simulation.status import LEFT, is_off_plan
 from anser.variables import STANDARD_SURFACES
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(strict=True)
+
+
+class _ScenarioKeys(_Part):
+    name: str
+
+
+class _AircraftKeys(_Part):
+    name: str
+    goal: str
+    status: str
+    planned_arrival_s: FiniteFloat | None
+    arrival_s: FiniteFloat | None
+    miss_m: FiniteFloat | None
+
+
+class _FleetKeys(_Part):
+    separation_min_m: FiniteFloat | None
+    simulated_s: FiniteFloat
+
+
+class _RequirementKeys(_Part):
+    name: str
+    met: bool
+
+
+class _SummaryKeys(_Part):
+    scenario: _ScenarioKeys
+    aircraft: list[_AircraftKeys] = Field(min_length=1)
+    fleet: _FleetKeys
+    requirements: list[_RequirementKeys]
+
+
+def summary_problem(summary: dict[str, Any]) -> tuple[str, str] | None:
+    """What arrived at the first key that is not as in a summary, and what was expected; None if all are."""
+    try:
+        _SummaryKeys.model_validate(summary)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        key = ".".join(map(str, first["loc"]))
+        if first["type"] == "missing":
+            return f"no {key}", "a summary of a flight, which has one"
+        return f"{first['input']!r:.60} in {key}", first["msg"].removeprefix("Input should be ")
+    return None
+
 
 FORMAT_VERSION = 1
 CLEARANCE_MIN_M = {"surface": SURFACE_STAND_OFF_MIN_M, "airborne": AIRBORNE_STAND_OFF_MIN_M}
@@ -99,19 +147,19 @@ def summarize(
         "wall_s": finite_or_none(wall_s),
         "simulated_s": finite_or_none(time[-1] - time[0]),
     }
-    if scenario.separation.asked_m is not None:
-        fleet["separation_ratio_min"] = least_ratio(history, scenario.separation.asked_m)
+    if scenario.separation.required_m is not None:
+        fleet["separation_ratio_min"] = minimum_separation_ratio(history, scenario.separation.required_m)
     kinds = _kinds(scenario, aircraft)
     return {
         "format_version": FORMAT_VERSION,
         "scenario": {"name": scenario.name, "hash": scenario.hash},
-        "versions": versions(),
+        "versions": software_versions(),
         "seed": scenario.seed,
         "aircraft": aircraft,
-        "arrival": arrivals_of(scenario, aircraft),
+        "arrival": summarize_arrivals(scenario, aircraft),
         "fleet": fleet,
-        "requirements": judge(
-            requirements_of(scenario), aircraft, fleet, [(kind, CLEARANCE_MIN_M[kind]) for kind in kinds]
+        "requirements": evaluate_requirements(
+            scenario_requirements(scenario), aircraft, fleet, [(kind, CLEARANCE_MIN_M[kind]) for kind in kinds]
         ),
         **({"events": [dict(event) for event in events]} if events else {}),
     }
@@ -136,7 +184,7 @@ def write_summary(summary: Mapping[str, Any], path: Path) -> None:
     ValueError
         The summary holds a number that JSON has not (NaN, infinity).
     """
-    text = json.dumps(with_checksum(summary), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+    text = json.dumps(add_checksum(summary), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
     write_file(path, text)
 
 
@@ -151,10 +199,12 @@ def read_summary(path: Path) -> dict[str, Any]:
     summary, _ = read_document(path)
     version = summary.get("format_version")
     if version != FORMAT_VERSION:
-        raise damaged(path, f"format_version {version!r}", f"{FORMAT_VERSION}, which this version of anser reads")
+        raise damaged_file_error(
+            path, f"format_version {version!r}", f"{FORMAT_VERSION}, which this version of anser reads"
+        )
     problem = summary_problem(summary)
     if problem is not None:
-        raise damaged(path, *problem)
+        raise damaged_file_error(path, *problem)
     return summary
 
 
@@ -164,11 +214,13 @@ def _aircraft(
     record = {key: np.asarray(values)[:, column] for key, values in history.items()}
     planned = float(record["arrival_time"][-1])
     approach = _approach(time, record, planned)
-    mean, least, greatest = _speed_until(time, record.get("airspeed_mean_wind", record["airspeed"]), approach.flown_s)
+    mean, least, greatest = _speed_until(
+        time, record.get("airspeed_mean_wind", record["airspeed"]), approach.approach_end_s
+    )
     bends = record["lateral_bend"][np.isfinite(record["lateral_bend"])]
     bend = float(bends[0]) if bends.size else None
     tables_left_s = float(np.sum(np.diff(time)[record["outside_tables"][:-1]]))
-    left = np.flatnonzero(record["status"] == LEFT)
+    left = np.flatnonzero(record["status"] == LEFT_FLEET)
     has_left = left.size > 0
     return {
         **({"left_s": float(time[left[0]])} if has_left else {}),
@@ -184,7 +236,7 @@ def _aircraft(
         "tables_left": bool(np.any(record["outside_tables"])),
         "tables_left_s": tables_left_s,
         "position_error_max_m": _finite_end(
-            np.max, record["position_error"][(time <= approach.flown_s) & (record["phase"] != HOLD)]
+            np.max, record["position_error"][(time <= approach.approach_end_s) & (record["phase"] != HOLD)]
         ),
         **(_in_gusts(time, record, scenario, surfaces) if "gust_u" in record else {}),
         "path": None,

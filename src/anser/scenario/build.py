@@ -1,31 +1,89 @@
-"""From a scenario to a flight: here input units end and arrays begin."""
+"""From a scenario to a flight, including faults and changed goal motion by events.
 
+Input units end and arrays begin.
+"""
+
+import math
 from collections.abc import Sequence
 
-from anser.control import FollowPlan, InversionAutopilot
-from anser.numerics import as_array, few_sizes, rows_of, seeded
-from anser.planning import GoalMotion, Rendezvous, make_rendezvous, pad_waypoints, straight_goal, waypoint_goal
-from anser.scenario.build_air import build_environment, build_gusts, ned
-from anser.scenario.build_aircraft import build_airframe_of, dispersed
-from anser.scenario.build_events import changed_motion, faults_of
-from anser.scenario.build_gains import gains_of
-from anser.scenario.build_limits import build_flight_limits, build_guidance, limits_of
+import numpy as np
+
+from anser.aircraft_files.deviations import Deviation
+from anser.aircraft_files.library import span_of
+from anser.config.tables import Vector, velocity_on_course
+from anser.control.guidance import FollowPlan
+from anser.control.inversion_autopilot import InversionAutopilot
+from anser.numerics.arrays import as_array, bucket_size, stack_rows
+from anser.numerics.randomness import flight_randomness
+from anser.parts.planners import Rendezvous, make_rendezvous
+from anser.planning.goals import GoalMotion, pad_waypoints, straight_goal, waypoint_goal
+from anser.planning.holds.hold_around_goal import HoldAroundGoal
+from anser.scenario.build_aircraft import (
+    build_airframe_of,
+    build_flight_limits,
+    build_guidance,
+    disperse_airframe,
+    resolve_gains,
+    resolve_limits,
+)
+from anser.scenario.build_environment import build_environment, build_gusts, ned
 from anser.scenario.build_planner import build_planner
 from anser.scenario.build_sensing import build_estimator, build_sensors
-from anser.scenario.library import span_of
 from anser.scenario.schema import Scenario
-from anser.scenario.schema_aircraft import Aircraft
-from anser.scenario.schema_deviation import Deviation
+from anser.scenario.schema_aircraft import Aircraft, Goal
 from anser.scenario.schema_event import Event
-from anser.scenario.schema_goal import Goal
-from anser.simulation import Flight, HoldAroundGoal, Mission, TrimTarget, Vehicle, assemble, trim_target
+from anser.simulation.flight import Flight, assemble
+from anser.simulation.vehicle import Faults, Mission, Vehicle
+from anser.steady.trim import TrimTarget, trim_target
 from anser.units import DEG_RAD
+
+
+def build_faults(aircraft: Aircraft, events: Sequence[Event]) -> Faults:
+    """When an aircraft loses what, and when it leaves."""
+
+    def first(kind: str) -> Event | None:
+        own = [event for event in events if event.kind == kind and event.aircraft == aircraft.name]
+        return min(own, key=lambda event: event.time_s) if own else None
+
+    thrust, sensor, leaves = (first(kind) for kind in ("thrust-lost", "goal-sensor-lost", "aircraft-leaves"))
+    times = (math.inf if one is None else one.time_s for one in (thrust, sensor, leaves))
+    thrust_s, sensor_s, leaves_s = map(as_array, times)
+    left = 1.0 if thrust is None or thrust.thrust_left is None else thrust.thrust_left
+    return Faults(thrust_s, as_array(left), sensor_s, leaves_s)
+
+
+def motion_after_events(goal: Goal, motion: GoalMotion, events: Sequence[Event]) -> GoalMotion:
+    """A goal's motion with what events make of it: it stops, or goes on otherwise."""
+    own = sorted((e for e in events if e.goal == goal.name), key=lambda event: event.time_s)
+    for event in own:
+        motion = _motion_after_event(motion, event)
+    return motion
+
+
+def _motion_after_event(motion: GoalMotion, event: Event) -> GoalMotion:
+    here, velocity = np.asarray(motion.position_n(event.time_s)), np.asarray(motion.velocity_n(event.time_s))
+    before = np.asarray(motion.times) < event.time_s
+    times = np.append(np.asarray(motion.times)[before], event.time_s)
+    places = np.concatenate([np.asarray(motion.positions_n)[before], here[None]])
+    if times.size == 1 or times[0] > 0.0:
+        raise ValueError(f"a goal's motion begins at {times[0]:g} s, not at 0")
+    return waypoint_goal(times, as_array(places), as_array(_velocity(event, velocity)))
+
+
+def _velocity(event: Event, velocity_n: np.ndarray) -> Vector:
+    if event.kind == "goal-stops":
+        return 0.0, 0.0, 0.0
+    speed_m_s = float(np.hypot(*velocity_n[:2])) if event.speed_m_s is None else event.speed_m_s
+    assert event.course_deg is not None
+    north, east, _ = velocity_on_course(speed_m_s, event.course_deg)
+    return north, east, float(velocity_n[2])
+
 
 _FLEET = 4  # a fleet is filled up to a multiple of so many aircraft
 _WAYPOINTS = 4  # least size of a route
 
 
-def build_flight(scenario: Scenario, *, filled_up: bool = False, flight: int = 0) -> Flight:
+def build_flight(scenario: Scenario, *, pad_fleet: bool = False, flight: int = 0) -> Flight:
     """Build the arrays that a flight is computed from.
 
     Every number of the scenario becomes an array, so that another value of the same shape does not compile again. Shape
@@ -43,7 +101,7 @@ def build_flight(scenario: Scenario, *, filled_up: bool = False, flight: int = 0
         Number of the flight, which with the scenario's seed rules all that is random.
     """
     timing = scenario.timing
-    fleet = [*scenario.aircraft, *[scenario.aircraft[-1]] * (-len(scenario.aircraft) % _FLEET if filled_up else 0)]
+    fleet = [*scenario.aircraft, *[scenario.aircraft[-1]] * (-len(scenario.aircraft) % _FLEET if pad_fleet else 0)]
     goals = _goals([scenario.goal_of(a) for a in fleet], scenario.event)
     guidance = build_guidance(scenario)
     return assemble(
@@ -56,17 +114,17 @@ def build_flight(scenario: Scenario, *, filled_up: bool = False, flight: int = 0
         timing.step_s,
         round(timing.replan_period_s / timing.step_s),
         timing.freeze_s,
-        seeded(scenario.seed, flight),
+        flight_randomness(scenario.seed, flight),
         len(scenario.aircraft),
     )
 
 
 def _vehicle(scenario: Scenario, aircraft: Aircraft, goal: GoalMotion) -> Vehicle:
     known, speed_m_s = build_airframe_of(aircraft), scenario.speed_for(aircraft)
-    guidance, limits = build_guidance(scenario, aircraft), build_flight_limits(limits_of(scenario, aircraft))
-    gains = gains_of(scenario, aircraft)
+    guidance, limits = build_guidance(scenario, aircraft), build_flight_limits(resolve_limits(scenario, aircraft))
+    gains = resolve_gains(scenario, aircraft)
     differs = aircraft.deviation != Deviation()
-    airframe = dispersed(known, aircraft.deviation) if differs else known
+    airframe = disperse_airframe(known, aircraft.deviation) if differs else known
     return Vehicle(
         airframe=airframe,
         gusts=build_gusts(scenario, aircraft, span_of(airframe) if scenario.is_gusty else 0.0),
@@ -80,7 +138,7 @@ def _vehicle(scenario: Scenario, aircraft: Aircraft, goal: GoalMotion) -> Vehicl
             rendezvous=_rendezvous(aircraft),
             hold=HoldAroundGoal(guidance, limits, gains.velocity, as_array(speed_m_s)),
         ),
-        faults=faults_of(aircraft, scenario.event),
+        faults=build_faults(aircraft, scenario.event),
     )
 
 
@@ -90,17 +148,17 @@ def _start(aircraft: Aircraft) -> TrimTarget:
 
 
 def _goals(goals: Sequence[Goal], events: Sequence[Event]) -> list[GoalMotion]:
-    motions = [changed_motion(goal, _motion(goal), events) for goal in goals]
+    motions = [motion_after_events(goal, _motion(goal), events) for goal in goals]
     count = max(motion.times.shape[0] for motion in motions)
     if count > 1:
-        count = few_sizes(count, _WAYPOINTS)
+        count = bucket_size(count, _WAYPOINTS)
     return [pad_waypoints(motion, count) for motion in motions]
 
 
 def _motion(goal: Goal) -> GoalMotion:
     if goal.waypoints is None:
         return straight_goal(ned(goal.position_m(0.0)), ned(goal.velocity_m_s()))
-    places = rows_of([ned((p.north_m, p.east_m, p.altitude_m)) for p in goal.waypoints])
+    places = stack_rows([ned((p.north_m, p.east_m, p.altitude_m)) for p in goal.waypoints])
     return waypoint_goal([p.time_s for p in goal.waypoints], places)
 
 

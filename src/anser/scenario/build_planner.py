@@ -6,18 +6,22 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array
 
-from anser.control import GuidanceSettings
-from anser.numerics import as_array, few_sizes, rows_of
-from anser.planning import AbstractPlanner, PublishedPlanner
-from anser.planning.certified import Airspace, KeepOuts, Separation
-from anser.planning.time_coordination import CoordinationGains
-from anser.scenario.build_air import build_environment, build_wind, ned
-from anser.scenario.build_limits import planned_limits, planned_roll_rate
+from anser.control.guidance import GuidanceSettings
+from anser.numerics.arrays import as_array, bucket_size, stack_rows
+from anser.parts.planners import AbstractPlanner
+from anser.planning.certified.planner import CertifiedPlanner
+from anser.planning.certified.task import Airspace, KeepOuts
+from anser.planning.decentralised.network import Network
+from anser.planning.decentralised.planner import DecentralisedPlanner
+from anser.planning.decentralised.time_coordination import CoordinationGains
+from anser.planning.published.planner import PublishedPlanner
+from anser.planning.separation import Separation
+from anser.scenario.build_aircraft import planned_limits, planned_roll_rate
+from anser.scenario.build_environment import build_environment, build_wind, ned
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_aircraft import Aircraft
 from anser.scenario.schema_network import Network as NetworkTable
-from anser.sensing import Dropouts
-from anser.simulation import CertifiedPlanner, DecentralisedPlanner, Network
+from anser.sensing.vehicle_sensors import Dropouts
 
 _KEEP_OUTS = 2  # least size of lists of keep-outs
 _BEYOND_M = 1e6  # altitude of the empty cylinders that fill up a list of keep-outs
@@ -32,7 +36,7 @@ def build_planner(scenario: Scenario, fleet: Sequence[Aircraft], guidance: Guida
 
 def _published(scenario: Scenario, fleet: Sequence[Aircraft], guidance: GuidanceSettings) -> PublishedPlanner:
     return PublishedPlanner(
-        start_positions_n=rows_of([ned(a.start.position_m) for a in fleet]),
+        start_positions_n=stack_rows([ned(a.start.position_m) for a in fleet]),
         sides=_sides(fleet),
         speed=as_array(scenario.fleet.speed_m_s),
         even_speed=as_array(scenario.fleet.speed_profile == "even", bool),
@@ -50,7 +54,7 @@ def _certified(scenario: Scenario, fleet: Sequence[Aircraft], guidance: Guidance
     return CertifiedPlanner(
         sides=_sides(fleet),
         speed=as_array([scenario.speed_for(one) for one in fleet]),
-        limits=rows_of([planned_limits(scenario, a) for a in fleet]),
+        limits=stack_rows([planned_limits(scenario, a) for a in fleet]),
         roll_rates_max=as_array([planned_roll_rate(scenario, one) for one in fleet]),
         airspace=Airspace(
             wind=build_wind(scenario),
@@ -61,11 +65,11 @@ def _certified(scenario: Scenario, fleet: Sequence[Aircraft], guidance: Guidance
             ),
             keep_outs=_keep_outs(scenario),
         ),
-        movable=as_array(scenario.arrival.rule in ("together", "earliest", "sequence"), bool),
-        latest=as_array(scenario.timing.latest_arrival_s),
+        arrival_is_free=as_array(scenario.arrival.rule in ("together", "earliest", "sequence"), bool),
+        latest_arrival=as_array(scenario.timing.latest_arrival_s),
         freeze=as_array(scenario.timing.freeze_s),
         guidance=guidance,
-        spared=as_array(scenario.fleet.reserve),
+        acceleration_reserve=as_array(scenario.fleet.reserve),
     )
 
 
@@ -73,7 +77,7 @@ def _decentralised(scenario: Scenario, fleet: Sequence[Aircraft], guidance: Guid
     """Each for itself; the separation is widened by what the others may do without being heard of."""
     each, network = _certified(scenario, fleet, guidance), build_network(scenario)
     numbers = scenario.network or NetworkTable()
-    apart, fastest = each.airspace.separation, float(np.max(each.limits.speed_max)) + scenario.wind.greatest_m_s
+    apart, fastest = each.airspace.separation, float(np.max(each.limits.speed_max)) + scenario.wind.speed_max_m_s
     more = 2.0 * numbers.tube_m + numbers.skew_max_s * fastest
     climbed = 2.0 * numbers.tube_m + numbers.skew_max_s * float(np.max(each.limits.climb_rate_max))
     widened = Separation(
@@ -99,9 +103,9 @@ def build_network(scenario: Scenario) -> Network:
         range=as_array(numbers.range_m),
         dropouts=Dropouts(as_array(numbers.loss), as_array(numbers.outage_share), as_array(numbers.outage_mean_s)),
         period=as_array(numbers.period_s),
-        every=as_array(round(numbers.period_s / scenario.timing.step_s), np.int32),
+        period_samples=as_array(round(numbers.period_s / scenario.timing.step_s), np.int32),
         delay=as_array(delay, np.int32),
-        slots=few_sizes(delay + 1, 2),
+        slots=bucket_size(delay + 1, 2),
     )
 
 
@@ -109,7 +113,7 @@ def _keep_outs(scenario: Scenario) -> KeepOuts:
     rows = [(v.north_m, v.east_m, *v.velocity_m_s()[:2], v.radius_m, v.bottom_m, v.top_m) for v in scenario.keep_out]
     rows += [_NO_KEEP_OUT for event in scenario.event if event.kind == "keep-out-appears"]
     if rows:
-        rows += [_NO_KEEP_OUT] * (few_sizes(len(rows), _KEEP_OUTS) - len(rows))
+        rows += [_NO_KEEP_OUT] * (bucket_size(len(rows), _KEEP_OUTS) - len(rows))
     table = np.reshape(rows, (-1, 7))
     return KeepOuts(*map(as_array, (table[:, :2], table[:, 2:4], table[:, 4], table[:, 5], table[:, 6])))
 

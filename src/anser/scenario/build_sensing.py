@@ -4,35 +4,20 @@ import math
 
 import numpy as np
 
-from anser.aircraft import AbstractAirframe
-from anser.numerics import as_array
-from anser.planning import GoalMotion
+from anser.aircraft.airframe import AbstractAirframe
+from anser.numerics.arrays import as_array
+from anser.parts.perception import AbstractEstimator, AbstractSensors
+from anser.planning.goals import GoalMotion
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_sensing import Estimator, Navigation
 from anser.scenario.schema_sensing import GoalSensor as GoalSensorTable
-from anser.sensing import (
-    AbstractEstimator,
-    AbstractMotion,
-    AbstractSensors,
-    AirDataSensors,
-    AirFilter,
-    Briefing,
-    CoordinatedTurn,
-    DirectEstimator,
-    Dropouts,
-    FieldOfView,
-    GoalFilter,
-    GoalSensor,
-    IdealSensors,
-    InertialSensors,
-    NavigationFilter,
-    NoisySensors,
-    OwnSensors,
-    SatelliteNavigation,
-    SteadyMotion,
-    TrackingEstimator,
-    slots_for,
-)
+from anser.sensing.estimators import Briefing, DirectEstimator, TrackingEstimator
+from anser.sensing.goal_filters import GoalFilter
+from anser.sensing.goal_sensors import FieldOfView, GoalSensor, NoisySensors, queue_slots
+from anser.sensing.ideal_sensors import IdealSensors
+from anser.sensing.motion_models import AbstractMotionModel, CoordinatedTurn, SteadyMotion
+from anser.sensing.navigation import AirFilter, NavigationFilter
+from anser.sensing.vehicle_sensors import AirDataSensors, Dropouts, InertialSensors, SatelliteNavigation, VehicleSensors
 from anser.shapes import Vector3
 from anser.units import DEG_RAD
 
@@ -46,7 +31,7 @@ _GRAVITY_M_S2 = 9.81
 
 def build_sensors(scenario: Scenario) -> AbstractSensors:
     """Sensors of an aircraft: ideal ones where the scenario says nothing else."""
-    own, goal = own_sensors(scenario.navigation), goal_sensor(scenario.goal_sensor)
+    own, goal = build_vehicle_sensors(scenario.navigation), build_goal_sensor(scenario.goal_sensor)
     return IdealSensors() if own is None and goal is None else NoisySensors(own, goal)
 
 
@@ -80,7 +65,7 @@ def build_estimator(scenario: Scenario, goal: GoalMotion, model: AbstractAirfram
     return TrackingEstimator(own, air, tracking, briefing, model)
 
 
-def _motions(table: Estimator) -> tuple[AbstractMotion, ...]:
+def _motions(table: Estimator) -> tuple[AbstractMotionModel, ...]:
     density = as_array(table.acceleration_m_s2**2)
     density_up = as_array((_VERTICAL_SHARE * table.acceleration_m_s2) ** 2)
     turn_density = as_array((DEG_RAD * table.turn_rate_deg_s) ** 2)
@@ -92,11 +77,11 @@ def _motions(table: Estimator) -> tuple[AbstractMotion, ...]:
     return (SteadyMotion(density, density_up),)
 
 
-def own_sensors(table: Navigation) -> OwnSensors | None:
+def build_vehicle_sensors(table: Navigation) -> VehicleSensors | None:
     """Satellite navigation, inertial sensors and air data with the errors of a table; None: exact."""
     if table.sensors == "exact":
         return None
-    return OwnSensors(
+    return VehicleSensors(
         satellite=SatelliteNavigation(
             position_sigma=_axes(table.position_m),
             correlation_time=as_array(table.correlation_s),
@@ -134,7 +119,7 @@ def _navigation_filter(table: Navigation) -> NavigationFilter:
     )
 
 
-def goal_sensor(table: GoalSensorTable) -> GoalSensor | None:
+def build_goal_sensor(table: GoalSensorTable) -> GoalSensor | None:
     """Sensor of a goal with the numbers of a table and its preset; None: exact."""
     if table.preset == "exact":
         return None
@@ -171,7 +156,7 @@ def goal_sensor(table: GoalSensorTable) -> GoalSensor | None:
             as_array(table.dropout_probability), as_array(table.outage_share), as_array(table.outage_mean_s)
         ),
         kind="report" if report else "sight",
-        slots=slots_for(latency[1], number("period_s")),
+        slots=queue_slots(latency[1], number("period_s")),
     )
 
 

@@ -1,45 +1,96 @@
-"""The scenario: everything that one flight of a fleet needs, validated, in the units of its file."""
+"""The scenario: all tables that one flight of a fleet needs.
+
+Validated, in the units of its file, with the contents of the aircraft files that it names.
+"""
 
 import copy
+from pathlib import Path
 from typing import Any, Literal, Self
 
 from pydantic import Field, ValidationError, model_validator
 
-from anser.scenario.airframe_file import origin_of
-from anser.scenario.airframe_paths import with_airframes
-from anser.scenario.errors import Problem, ScenarioError, show
-from anser.scenario.file_kinds import must_be
-from anser.scenario.replacing import with_changes
-from anser.scenario.schema_air import DiscreteGust, Turbulence, gust_problems
-from anser.scenario.schema_aircraft import Aircraft
+from anser.aircraft_files.schema import AirframeFile, DaveMlFile
+from anser.aircraft_files.sources import entry_point_origin, read_airframe
+from anser.config.errors import Problem, ScenarioError, check_file_kind, describe_value
+from anser.config.key_paths import replace_values
+from anser.config.tables import SLUG_EXPECTED, SLUG_PATTERN, Table, content_hash, expects, table, tables
+from anser.config.validation_messages import validation_problems
+from anser.scenario.schema_aircraft import Aircraft, Goal
 from anser.scenario.schema_airspace import (
+    Arrival,
     KeepOut,
     Separation,
+    arrival_problems,
     keep_out_problems,
     same_point_problems,
     separation_problems,
 )
-from anser.scenario.schema_arrival import Arrival, arrival_problems
-from anser.scenario.schema_base import SLUG_EXPECTED, SLUG_PATTERN, Table, content_hash, expects, table, tables
 from anser.scenario.schema_chart import chart_problems
 from anser.scenario.schema_checks import (
     goal_problems,
+    limits_for,
     name_problems,
+    order_problems,
     planner_problems,
+    range_problems,
     rendezvous_problems,
     speed_problems,
     start_problems,
 )
+from anser.scenario.schema_environment import DiscreteGust, Earth, EarthField, Turbulence, Wind, gust_problems
 from anser.scenario.schema_event import Event, event_problems
-from anser.scenario.schema_goal import Goal
-from anser.scenario.schema_margin import margin_problems
 from anser.scenario.schema_network import Network, network_problems
-from anser.scenario.schema_problems import problems_from
-from anser.scenario.schema_ranges import limits_for, order_problems, range_problems
-from anser.scenario.schema_reach import early_problems, reach_problems
-from anser.scenario.schema_sensing import Estimator, GoalSensor, Navigation, sensing_problems
+from anser.scenario.schema_reach import arrival_time_problems, reach_problems
+from anser.scenario.schema_sensing import Estimator, GoalSensor, Navigation, margin_problems, sensing_problems
 from anser.scenario.schema_settings import Fleet, Guidance, Hold, Limits, Requirements, Timing
-from anser.scenario.schema_surroundings import Earth, EarthOrWord, Wind
+
+_EXCLUSIVE_KEYS = ("type", "variant", "x_cg_over_c")
+
+
+def insert_aircraft_files(values: dict[str, Any], source: str) -> dict[str, Any]:
+    """Values of a scenario, aircraft files in the places of their paths.
+
+    Parameters
+    ----------
+    values
+        As the TOML file would hold them; not validated.
+    source
+        Path of the scenario's file, from whose folder paths are seen, or what it is called.
+
+    Raises
+    ------
+    ScenarioError
+        If an aircraft file cannot be read or is no valid aircraft, or stands beside a key of the library's airframes.
+    """
+    fleet = values.get("aircraft")
+    if not isinstance(fleet, list | tuple) or not any(_path_of(one) for one in fleet):
+        return values
+    read: dict[Path, AirframeFile | DaveMlFile] = {}
+    found, problems = [], []
+    for k, one in enumerate(fleet):
+        path = _path_of(one)
+        if path is None:
+            found.append(one)
+            continue
+        beside = [key for key in _EXCLUSIVE_KEYS if one.get(key) is not None]
+        if beside:
+            words = "either airframe, the path of a file, or type with its variant; not both"
+            arrived = f"{describe_value(path)} beside {beside[0]} = {describe_value(one[beside[0]])}"
+            problems.append(Problem(f"aircraft[{k}].airframe", arrived, words))
+            continue
+        place = Path(source).parent / path
+        if place not in read:
+            read[place] = read_airframe(place)
+        found.append({**one, "airframe": read[place]})
+    if problems:
+        raise ScenarioError(source, problems)
+    return {**values, "aircraft": found}
+
+
+def _path_of(one: object) -> str | None:
+    path = one.get("airframe") if isinstance(one, dict) else None
+    return path if isinstance(path, str) else None
+
 
 FORMAT = 2
 """The newest format of scenario files; those before it are read too."""
@@ -50,7 +101,7 @@ SEED_MAX = 2**32 - 1
 
 
 class Scenario(Table):
-    """A scenario file; build one with :func:`anser.scenario.load`, whose messages are plain."""
+    """A scenario file; build one with :func:`anser.scenario.files`, whose messages are plain."""
 
     format: Literal[1, 2] = Field(description="version of the file format", json_schema_extra=expects(_FORMATS))
     name: str = Field(
@@ -68,7 +119,7 @@ class Scenario(Table):
         json_schema_extra=expects(f"a whole number from 0 to {SEED_MAX}"),
     )
     timing: Timing = table("time", "a table [timing]")
-    earth: EarthOrWord = table("the Earth and its origin", 'a table [earth], or the word "flat" or "wgs84"', Earth())
+    earth: EarthField = table("the Earth and its origin", 'a table [earth], or the word "flat" or "wgs84"', Earth())
     wind: Wind = table("wind", "a table [wind]", Wind())
     fleet: Fleet = table("common to all", "a table [fleet]")
     limits: Limits = table("envelope", "a table [limits]", Limits())
@@ -105,12 +156,12 @@ class Scenario(Table):
             object.__setattr__(self, "fleet", meant)
         if len({one.range for one in self.aircraft}) == 1:
             object.__setattr__(self, "limits", limits_for(self.limits, self.aircraft[0].range))
-        found = self.own_problems()
+        found = self.consistency_problems()
         if found:
             raise ScenarioError("", found)
         return self
 
-    def own_problems(self) -> list[Problem]:
+    def consistency_problems(self) -> list[Problem]:
         """Find what is wrong between tables, from the simple to what rests on it."""
         aircraft, goals, fleet, limits = self.aircraft, self.goal, self.fleet, self.limits
         unread = planner_problems(self)
@@ -139,7 +190,7 @@ class Scenario(Table):
                 self.arrival,
                 aircraft,
                 self.event,
-                self.wind.greatest_m_s,
+                self.wind.speed_max_m_s,
             ),
         ]
         if not names:
@@ -150,7 +201,7 @@ class Scenario(Table):
             )
             found.extend(arrival_problems(self.arrival, aircraft, self.timing))
             found.extend(keep_out_problems(self.keep_out, aircraft, goals))
-        return found or reach_problems(self) or early_problems(self)
+        return found or reach_problems(self) or arrival_time_problems(self)
 
     @property
     def hash(self) -> str:
@@ -168,7 +219,7 @@ class Scenario(Table):
     @property
     def requires_separation(self) -> bool:
         """Whether a flight is judged by how near two aircraft come."""
-        return self.separation.asked_m is not None or self.requirements.separation_min_m is not None
+        return self.separation.required_m is not None or self.requirements.separation_min_m is not None
 
     @property
     def is_gusty(self) -> bool:
@@ -216,7 +267,7 @@ class Scenario(Table):
         changes = tuple(zip(given[::2], given[1::2], strict=True))
         source = f"{self.name} with {', '.join(str(one) for one in given[::2])} replaced"
         try:
-            return validate(with_changes(self, changes), source)
+            return validate(replace_values(self, changes), source)
         except ScenarioError as error:
             raise ScenarioError(source, error.problems) from None
 
@@ -236,16 +287,16 @@ def validate(values: dict[str, Any], source: str = "<values>") -> Scenario:
     ScenarioError
         If it is no valid scenario, or an aircraft file that it names is none.
     """
-    must_be("scenario", values, source)
+    check_file_kind("scenario", values, source)
     version = values.get("format")
     if "format" in values and (type(version) is not int or version not in DEFAULT_PLANNERS):
         # in another format all keys may differ, so nothing else is told
-        raise ScenarioError(source, [Problem("format", show(version), _FORMATS)])
-    values = with_airframes(values, source)
+        raise ScenarioError(source, [Problem("format", describe_value(version), _FORMATS)])
+    values = insert_aircraft_files(values, source)
     try:
         return Scenario.model_validate(values)
     except ValidationError as error:
-        raise ScenarioError(source, problems_from(error, Scenario, values)) from None
+        raise ScenarioError(source, validation_problems(error, Scenario, values)) from None
 
 
 def scenario_hash(scenario: Scenario) -> str:
@@ -254,6 +305,6 @@ def scenario_hash(scenario: Scenario) -> str:
     SHA-256 of its canonical JSON (keys sorted, no blanks, ASCII), 64 hexadecimal digits. Of airframes of entry points,
     which are code, it knows the distribution and its version.
     """
-    offered = {one.type: origin_of(one.type) for one in scenario.aircraft if one.airframe is None}
+    offered = {one.type: entry_point_origin(one.type) for one in scenario.aircraft if one.airframe is None}
     code = {name: origin for name, origin in offered.items() if origin}
     return content_hash(scenario, {"entry_points": code} if code else None)

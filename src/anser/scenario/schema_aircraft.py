@@ -1,27 +1,115 @@
-"""The aircraft: airframe, start, rendezvous, gains of the autopilot (given, or as wanted bandwidths and damping)."""
+"""Tables of a scenario for its goals and its aircraft: airframe, start, rendezvous, and gains of the autopilot."""
 
 import math
 from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, WithJsonSchema
 
-from anser.derivative_names import BODY_COEFFICIENTS, DERIVATIVES
-from anser.scenario.airframe_file import (
-    AirframeFile,
-    DaveMlFile,
-    is_file,
-    known_types,
+from anser.aircraft_files.deviations import F16_FACTORS, PRIMARY_SURFACES, Deviation
+from anser.aircraft_files.schema import AirframeFile, DaveMlFile
+from anser.aircraft_files.sources import (
+    AIRFRAMES,
+    ALTITUDE_MAX_M,
+    LIBRARY_FILES,
+    SPEED_MAX_M_S,
+    AirframeRange,
+    aircraft_types,
+    airframe_range,
+    is_aircraft_file,
     library_file,
-    unknown_type,
+    unknown_type_hint,
     validate_airframe,
 )
-from anser.scenario.airframe_names import AIRFRAMES, FILES
-from anser.scenario.airframe_range import AirframeRange, airframe_range
-from anser.scenario.errors import Problem, ScenarioError, plain, show
-from anser.scenario.schema_base import Gain3, Table, choice, designed, expects, gain, naming, number, table
-from anser.scenario.schema_deviation import F16_FACTORS, SPECIAL_SURFACES, Deviation
-from anser.scenario.schema_goal import PLACE_MAX_M
-from anser.scenario.schema_settings import ALTITUDE_MAX_M, DURATION_MAX_S, SPEED_MAX_M_S
+from anser.airframe_data import BODY_COEFFICIENTS, DERIVATIVES
+from anser.config.errors import Problem, ScenarioError, describe_value, format_number
+from anser.config.tables import (
+    Gain3,
+    Table,
+    Vector,
+    choice,
+    expects,
+    gain,
+    identifier,
+    interpolate,
+    number,
+    optional_gain,
+    table,
+    tables,
+    velocity_on_course,
+)
+from anser.scenario.schema_settings import DURATION_MAX_S
+
+POSITION_MAX_M = 500_000.0
+GROUND_MIN_M = -500.0  # the deepest dry land lies at -430 m
+
+_WAYS = "either north_m and east_m (with speed_m_s and course_deg if it moves), or waypoints; not both"
+_STEADY_KEYS = ("north_m", "east_m", "altitude_m", "speed_m_s", "course_deg", "climb_rate_m_s")
+
+
+class Waypoint(Table):
+    """A place that a goal passes at a given time."""
+
+    time_s: float = number("time since the start of the flight", 0, 1e6, "s")
+    north_m: float = number("north of the origin", -POSITION_MAX_M, POSITION_MAX_M, "m")
+    east_m: float = number("east of the origin", -POSITION_MAX_M, POSITION_MAX_M, "m")
+    altitude_m: float = number("height above sea level", GROUND_MIN_M, ALTITUDE_MAX_M, "m")
+
+
+class Goal(Table):
+    """A place to meet: a ship, a buoy, a point of a storm, a balloon, a waypoint."""
+
+    name: str = identifier("name of the goal, unique")
+    kind: Literal["surface", "airborne"] = choice("where it is", ("surface", "airborne"))
+    north_m: float | None = number("north of the origin at time 0", -POSITION_MAX_M, POSITION_MAX_M, "m", None)
+    east_m: float | None = number("east of the origin at time 0", -POSITION_MAX_M, POSITION_MAX_M, "m", None)
+    altitude_m: float = number("height above sea level at time 0", GROUND_MIN_M, ALTITUDE_MAX_M, "m", 0.0)
+    speed_m_s: float = number("horizontal speed over the ground", 0, SPEED_MAX_M_S, "m/s", 0.0)
+    course_deg: float = number("direction of its motion over the ground", -360, 360, "deg", 0.0)
+    climb_rate_m_s: float = number("rate of climb", -100, 100, "m/s", 0.0)
+    waypoints: tuple[Waypoint, ...] | None = tables(
+        "its motion, instead of position and speed", "a list of waypoints, at least one", at_least=1, default=None
+    )
+
+    def consistency_problems(self) -> list[Problem]:
+        """Find a motion given in no way or in both, and waypoints out of order."""
+        found: list[Problem] = []
+        if self.waypoints is None:
+            place = {"north_m": self.north_m, "east_m": self.east_m}
+            missing = [key for key, value in place.items() if value is None]
+            found.extend(Problem(key, "nothing", f"a number (m): {_WAYS}") for key in missing)
+        else:
+            both = [key for key in _STEADY_KEYS if key in self.model_fields_set]
+            found.extend(Problem(key, f"{format_number(getattr(self, key))} beside waypoints", _WAYS) for key in both)
+            found.extend(_disordered(self.waypoints))
+        return found
+
+    def velocity_m_s(self) -> Vector:
+        """Velocity over the ground (north, east, up) at time 0 of a goal without waypoints, m/s."""
+        return velocity_on_course(self.speed_m_s, self.course_deg, self.climb_rate_m_s)
+
+    def position_m(self, time_s: float) -> Vector:
+        """Position (north, east, up; m) at a time since the start, s; after its last waypoint the goal stays there."""
+        if self.waypoints is None:
+            north, east, up = self.velocity_m_s()
+            start_north_m, start_east_m = self.north_m or 0.0, self.east_m or 0.0
+            return start_north_m + north * time_s, start_east_m + east * time_s, self.altitude_m + up * time_s
+        return interpolate([(p.time_s, (p.north_m, p.east_m, p.altitude_m)) for p in self.waypoints], time_s)
+
+
+def _disordered(points: tuple[Waypoint, ...]) -> list[Problem]:
+    """Find waypoints whose times do not begin at 0 and grow."""
+    found = []
+    if points[0].time_s != 0:
+        found.append(
+            Problem("waypoints[0].time_s", format_number(points[0].time_s), "0: the first waypoint is where it starts")
+        )
+    for index in range(1, len(points)):
+        before_s, time_s = points[index - 1].time_s, points[index].time_s
+        if time_s <= before_s:
+            words = f"more than the {format_number(before_s)} s of the waypoint before"
+            found.append(Problem(f"waypoints[{index}].time_s", format_number(time_s), words))
+    return found
+
 
 STAND_OFF_MAX_M = 20_000.0
 PATH_ANGLE_MAX_DEG = 60.0
@@ -32,8 +120,8 @@ _GAIN_WAYS = "either proportional and integral, or bandwidth_rad_s and damping; 
 class Start(Table):
     """Where and how an aircraft begins; the speed and its direction are those through the air."""
 
-    north_m: float = number("north of the origin", -PLACE_MAX_M, PLACE_MAX_M, "m")
-    east_m: float = number("east of the origin", -PLACE_MAX_M, PLACE_MAX_M, "m")
+    north_m: float = number("north of the origin", -POSITION_MAX_M, POSITION_MAX_M, "m")
+    east_m: float = number("east of the origin", -POSITION_MAX_M, POSITION_MAX_M, "m")
     altitude_m: float = number("height above sea level", 0, ALTITUDE_MAX_M, "m")
     speed_m_s: float = number("airspeed", 1, SPEED_MAX_M_S, "m/s")
     course_deg: float = number("direction of flight, clockwise from north", -360, 360, "deg")
@@ -70,19 +158,22 @@ class Rendezvous(Table):
 class _LoopGains(Table):
     """What the gains of all loops share: the other way to give them."""
 
-    bandwidth_rad_s: Gain3 | None = designed("wanted bandwidth, instead of proportional and integral", "rad/s")
-    damping: Gain3 | None = designed("wanted damping of the pair of poles; left out: no integral")
+    bandwidth_rad_s: Gain3 | None = optional_gain("wanted bandwidth, instead of proportional and integral", "rad/s")
+    damping: Gain3 | None = optional_gain("wanted damping of the pair of poles; left out: no integral")
 
-    def own_problems(self) -> list[Problem]:
+    def consistency_problems(self) -> list[Problem]:
         """Find gains given in both ways, and a damping without a bandwidth or too small."""
         found = []
         if self.bandwidth_rad_s is not None:
             both = [key for key in ("proportional", "integral") if key in self.model_fields_set]
-            found = [Problem(key, f"{plain(getattr(self, key)[0])} beside bandwidth_rad_s", _GAIN_WAYS) for key in both]
+            found = [
+                Problem(key, f"{format_number(getattr(self, key)[0])} beside bandwidth_rad_s", _GAIN_WAYS)
+                for key in both
+            ]
         elif self.damping is not None:
-            found = [Problem("damping", f"{plain(self.damping[0])} without bandwidth_rad_s", _GAIN_WAYS)]
+            found = [Problem("damping", f"{format_number(self.damping[0])} without bandwidth_rad_s", _GAIN_WAYS)]
         if self.damping is not None and min(self.damping) < DAMPING_MIN:
-            found.append(Problem("damping", plain(min(self.damping)), f"a number from {DAMPING_MIN:g}"))
+            found.append(Problem("damping", format_number(min(self.damping)), f"a number from {DAMPING_MIN:g}"))
         return found
 
 
@@ -130,11 +221,11 @@ class Gains(Table):
 
 def _validated(value: object) -> object:
     """An aircraft file as it is, or validated from its values: which kind it is, its tables say."""
-    if value is None or is_file(value):
+    if value is None or is_aircraft_file(value):
         return value
     if isinstance(value, dict):
         return validate_airframe(value, "")
-    raise ScenarioError("", [Problem("", show(value), _AIRFRAME_PATH)])
+    raise ScenarioError("", [Problem("", describe_value(value), _AIRFRAME_PATH)])
 
 
 _AIRFRAME_PATH = 'the path of an aircraft file, seen from the scenario, such as "my-uav.toml"'
@@ -146,7 +237,7 @@ _Airframe = Annotated[
 class Aircraft(Table):
     """One aircraft of the fleet."""
 
-    name: str = naming("name of the aircraft, unique")
+    name: str = identifier("name of the aircraft, unique")
     type: str = Field(
         "f16",
         description="airframe of the library or of an entry point",
@@ -157,7 +248,7 @@ class Aircraft(Table):
         "which published set of its aerodynamic tables", ("textbook", "s119", "founding", "tp1538"), "textbook"
     )
     x_cg_over_c: float | None = number("centre of mass; left out: the variant's own", 0.1, 0.5, "of the chord", None)
-    goal: str = naming("name of the goal to meet")
+    goal: str = identifier("name of the goal to meet")
     bend: Literal["auto", "left", "right"] = choice(
         "side of a detour, seen along the flight", ("auto", "left", "right"), "auto"
     )
@@ -184,21 +275,21 @@ class Aircraft(Table):
         """Its aircraft file, in the library or beside the scenario; None where it has none."""
         if self.airframe is not None:
             return self.airframe
-        return library_file(self.type) if self.type in FILES else None
+        return library_file(self.type) if self.type in LIBRARY_FILES else None
 
-    def own_problems(self) -> list[Problem]:
+    def consistency_problems(self) -> list[Problem]:
         """Find an airframe that is unknown or given twice, what it has not, and a start where its data do not hold."""
-        if self.type not in AIRFRAMES and self.type not in known_types():
-            return [Problem("type", show(self.type), unknown_type(self.type))]
+        if self.type not in AIRFRAMES and self.type not in aircraft_types():
+            return [Problem("type", describe_value(self.type), unknown_type_hint(self.type))]
         found = []
         own = "the library's F-16 alone has this key"
         is_f16 = self.airframe is None and self.type == "f16"
         if self.airframe is not None and self.type != "f16":
             found.append(Problem("airframe", f'a file beside type = "{self.type}"', "one of the two, not both"))
         if not is_f16 and self.variant != "textbook":
-            found.append(Problem("variant", show(self.variant), f"nothing: {own}"))
+            found.append(Problem("variant", describe_value(self.variant), f"nothing: {own}"))
         if not is_f16 and self.x_cg_over_c is not None:
-            found.append(Problem("x_cg_over_c", plain(self.x_cg_over_c), f"nothing: {own}"))
+            found.append(Problem("x_cg_over_c", format_number(self.x_cg_over_c), f"nothing: {own}"))
         return [*found, *self._start_problems(), *self._deviation_problems()]
 
     def _start_problems(self) -> list[Problem]:
@@ -209,8 +300,11 @@ class Aircraft(Table):
         ):
             value = getattr(self.start, key)
             if ends is not None and not ends[0] <= value <= ends[1]:
-                words = f"from {plain(ends[0])} to {plain(ends[1])} {unit}, where the data of {where.name} hold"
-                found.append(Problem(f"start.{key}", plain(value), words))
+                words = (
+                    f"from {format_number(ends[0])} to {format_number(ends[1])} {unit}, where the data of "
+                    f"{where.name} hold"
+                )
+                found.append(Problem(f"start.{key}", format_number(value), words))
         return found
 
     def _deviation_problems(self) -> list[Problem]:
@@ -224,9 +318,11 @@ class Aircraft(Table):
         names = F16_FACTORS if file is None else _factors_of(file)
         words = f"a coefficient of {self.range.name}: {', '.join(names)}"
         unknown = [name for name in type(given).model_fields if name not in names and getattr(given, name) != 1.0]
-        found = [Problem(f"deviation.coefficients.{n}", plain(getattr(given, n)), words) for n in unknown]
+        found = [Problem(f"deviation.coefficients.{n}", format_number(getattr(given, n)), words) for n in unknown]
         if file is not None and not file.has_engine and self.deviation.thrust != 1.0:
-            found.append(Problem("deviation.thrust", plain(self.deviation.thrust), f"1: {file.name} has no engine"))
+            found.append(
+                Problem("deviation.thrust", format_number(self.deviation.thrust), f"1: {file.name} has no engine")
+            )
         return found
 
 
@@ -239,7 +335,7 @@ def _factors_of(file: AirframeFile | DaveMlFile) -> tuple[str, ...]:
     surfaces = [
         f"{row}_{one.name}"
         for one in file.surface
-        if one.name in SPECIAL_SURFACES
+        if one.name in PRIMARY_SURFACES
         for row in ("CL", "CD", "CY", "Cl", "Cm", "Cn")
         if getattr(one, row) != 0.0
     ]

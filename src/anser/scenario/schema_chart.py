@@ -3,12 +3,13 @@
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
+from anser.config.errors import Problem, format_number
 from anser.constants import WGS84_A_M, WGS84_F
-from anser.scenario.errors import Problem, plain
 from anser.scenario.schema_checks import label
 
 if TYPE_CHECKING:
     from anser.scenario.schema import Scenario
+
 
 SCALE_ERROR_MAX = 0.05
 """By how much lengths of the chart may be wrong over the round Earth: half of the default `fleet.reserve`, so that a
@@ -23,7 +24,7 @@ the aircraft with the longest way changes late, and they are 0.065 s apart."""
 _RADIUS_M = WGS84_A_M * (1.0 - WGS84_F) ** 2
 
 
-class _Place(NamedTuple):
+class _Position(NamedTuple):
     path: str
     whom: str
     north_m: float
@@ -36,19 +37,23 @@ def chart_problems(scenario: "Scenario") -> list[Problem]:
     At most one problem, with an origin that would do. Over a flat Earth the chart is true by definition, but its places
     still need a longitude and a latitude.
     """
-    places = _places(scenario)
-    wrong = _wrong(scenario, places, scenario.earth.latitude_deg)
+    places = _positions(scenario)
+    wrong = _map_problem(scenario, places, scenario.earth.latitude_deg)
     if wrong is None:
         return []
     arrived, otherwise = wrong
     sign = math.copysign(1.0, scenario.earth.latitude_deg)
     nearer = (sign * tenth / 10.0 for tenth in range(int(10.0 * abs(scenario.earth.latitude_deg)), -1, -1))
-    found = next((latitude for latitude in nearer if _wrong(scenario, places, latitude) is None), None)
-    words = otherwise if found is None else f"{plain(found)} or nearer to the equator for this fleet, or {otherwise}"
-    return [Problem("earth.latitude_deg", f"{plain(scenario.earth.latitude_deg)}, {arrived}", words)]
+    found = next((latitude for latitude in nearer if _map_problem(scenario, places, latitude) is None), None)
+    words = (
+        otherwise
+        if found is None
+        else f"{format_number(found)} or nearer to the equator for this fleet, or {otherwise}"
+    )
+    return [Problem("earth.latitude_deg", f"{format_number(scenario.earth.latitude_deg)}, {arrived}", words)]
 
 
-def _wrong(scenario: "Scenario", places: list[_Place], latitude_deg: float) -> tuple[str, str] | None:
+def _map_problem(scenario: "Scenario", places: list[_Position], latitude_deg: float) -> tuple[str, str] | None:
     """Say what is wrong with an origin at a latitude, and what but another origin would help; None if nothing."""
     speed_m_s, duration_s = scenario.fleet.speed_m_s, scenario.timing.duration_s
     if scenario.earth.model == "wgs84":
@@ -64,35 +69,38 @@ def _wrong(scenario: "Scenario", places: list[_Place], latitude_deg: float) -> t
             return f"whose chart has {worst.path} ({worst.whom}) {so}", wanted
         turn_deg_s = math.degrees(speed_m_s * math.tan(math.radians(abs(latitude_deg))) / _RADIUS_M)
         if turn_deg_s > TURN_MAX_DEG_S:
-            arrived = f"where north turns by {turn_deg_s:.3f} deg/s under a flight east at {plain(speed_m_s)} m/s"
+            arrived = (
+                f"where north turns by {turn_deg_s:.3f} deg/s under a flight east at {format_number(speed_m_s)} m/s"
+            )
             return arrived, f"a slower fleet (fleet.speed_m_s): plans bear {TURN_MAX_DEG_S:g} deg/s"
     # who flies out of the places and arrives has to come back
-    reach_m = 0.5 * (scenario.limits.speed_max_m_s + scenario.wind.greatest_m_s) * duration_s
-    if _inside(latitude_deg, places, reach_m):
+    reach_m = 0.5 * (scenario.limits.speed_max_m_s + scenario.wind.speed_max_m_s) * duration_s
+    if _is_inside_map(latitude_deg, places, reach_m):
         return None
     arrived = (
-        f"where a flight of {plain(duration_s)} s (timing.duration_s) that turns back after {reach_m / 1000.0:.0f} km "
+        f"where a flight of {format_number(duration_s)} s (timing.duration_s) that turns back after "
+        f"{reach_m / 1000.0:.0f} km "
         "can cross the pole or the meridian opposite to the origin, and a plan cannot"
     )
     return arrived, "a shorter flight, or nearer places"
 
 
-def _places(scenario: "Scenario") -> list[_Place]:
+def _positions(scenario: "Scenario") -> list[_Position]:
     """List where aircraft start, and the corners around what they fly to and circle there."""
     duration_s, radius_m = scenario.timing.duration_s, scenario.hold.radius_m
     found = []
     for index, one in enumerate(scenario.aircraft):
         north_m, east_m, _ = one.start.position_m
-        found.append(_Place(f"aircraft[{index}].start", label("aircraft", one), north_m, east_m))
+        found.append(_Position(f"aircraft[{index}].start", label("aircraft", one), north_m, east_m))
     for index, goal in enumerate(scenario.goal):
         offsets = [one.rendezvous.stand_off_m[:2] for one in scenario.aircraft if one.goal == goal.name]
         margin_m = radius_m + max((math.hypot(*offset) for offset in offsets), default=0.0)
         times_s = {0.0, duration_s, *(p.time_s for p in goal.waypoints or () if p.time_s < duration_s)}
         for time_s in sorted(times_s):
             north_m, east_m, _ = goal.position_m(time_s)
-            where = (f"goal[{index}] with its hold after {plain(time_s)} s", label("goal", goal))
+            where = (f"goal[{index}] with its hold after {format_number(time_s)} s", label("goal", goal))
             found.extend(
-                _Place(*where, north_m + north * margin_m, east_m + east * margin_m)
+                _Position(*where, north_m + north * margin_m, east_m + east * margin_m)
                 for north in (-1.0, 1.0)
                 for east in (-1.0, 1.0)
             )
@@ -110,7 +118,7 @@ def scale_error(latitude_deg: float, north_m: float, east_m: float) -> float:
     return max(max(scale, 1.0 / scale) for scale in scales) - 1.0
 
 
-def _inside(latitude_deg: float, places: list[_Place], reach_m: float) -> bool:
+def _is_inside_map(latitude_deg: float, places: list[_Position], reach_m: float) -> bool:
     """Whether what lies within `reach_m` of the places has a latitude and a longitude of its own in the chart."""
     origin = math.radians(latitude_deg)
     across_m = _RADIUS_M * math.cos(origin)

@@ -5,12 +5,12 @@ from typing import Literal
 
 from pydantic import Field
 
-from anser.scenario.errors import Problem, plain, show
-from anser.scenario.schema_aircraft import Aircraft
+from anser.aircraft_files.sources import SPEED_MAX_M_S
+from anser.config.errors import Problem, describe_value, format_number
+from anser.config.tables import NAME_PATTERN, Table, choice, expects, number, table
+from anser.scenario.schema_aircraft import Aircraft, Goal
 from anser.scenario.schema_airspace import KeepOut
-from anser.scenario.schema_base import NAME_PATTERN, Table, choice, expects, number, table
-from anser.scenario.schema_goal import Goal
-from anser.scenario.schema_settings import DURATION_MAX_S, SPEED_MAX_M_S, Timing
+from anser.scenario.schema_settings import DURATION_MAX_S, Timing
 
 KINDS = (
     "aircraft-leaves",
@@ -23,7 +23,7 @@ KINDS = (
 )
 GOAL_EVENTS = ("goal-sensor-lost", "goal-stops", "goal-turns")
 """Those that leave fleet and airspace as they are: the plan is renewed towards where the goal is taken to be."""
-_NEEDS: dict[str, tuple[str, ...]] = {
+_REQUIRED_KEYS: dict[str, tuple[str, ...]] = {
     "aircraft-leaves": ("aircraft",),
     "goal-sensor-lost": ("aircraft",),
     "thrust-lost": ("aircraft", "thrust_left"),
@@ -32,7 +32,7 @@ _NEEDS: dict[str, tuple[str, ...]] = {
     "keep-out-appears": ("keep_out",),
     "arrival-put-off": ("later_s",),
 }
-_MAY: dict[str, tuple[str, ...]] = {
+_OPTIONAL_KEYS: dict[str, tuple[str, ...]] = {
     "aircraft-leaves": ("course_deg", "gaps", "goal_taken_over_by"),
     "goal-turns": ("speed_m_s",),
 }
@@ -41,7 +41,7 @@ _MAY: dict[str, tuple[str, ...]] = {
 class Event(Table):
     """One event; which keys it needs goes by its kind."""
 
-    time_s: float = number("when it happens", 0, DURATION_MAX_S, "s", above=True)
+    time_s: float = number("when it happens", 0, DURATION_MAX_S, "s", exclusive_minimum=True)
     kind: Literal[
         "aircraft-leaves",
         "goal-sensor-lost",
@@ -70,7 +70,9 @@ class Event(Table):
         None,
     )
     speed_m_s: float | None = number("new speed of a goal; left out: as before", 0, SPEED_MAX_M_S, "m/s", None)
-    later_s: float | None = number("by how much all arrivals are put off", 0, DURATION_MAX_S, "s", None, above=True)
+    later_s: float | None = number(
+        "by how much all arrivals are put off", 0, DURATION_MAX_S, "s", None, exclusive_minimum=True
+    )
     keep_out: KeepOut | None = table("what appears", "a table as of [[keep_out]]", None)
     gaps: Literal["close-up", "keep"] | None = choice(
         'what those behind an aircraft that leaves a sequence do: move up by one place ("close-up"; left out), or keep '
@@ -85,17 +87,20 @@ class Event(Table):
         None,
     )
 
-    def own_problems(self) -> list[Problem]:
+    def consistency_problems(self) -> list[Problem]:
         """Find keys that the kind needs or does not know."""
         found = []
-        needed, allowed = _NEEDS[self.kind], (*_NEEDS[self.kind], *_MAY.get(self.kind, ()))
+        needed, allowed = _REQUIRED_KEYS[self.kind], (*_REQUIRED_KEYS[self.kind], *_OPTIONAL_KEYS.get(self.kind, ()))
         for key in needed:
             if getattr(self, key) is None:
                 found.append(Problem(key, "nothing", f'what kind "{self.kind}" needs: {", ".join(needed)}'))
         for key in sorted(self.model_fields_set - {"time_s", "kind", *allowed}):
             value = getattr(self, key)
             if value is not None:
-                arrived = f'{plain(value) if isinstance(value, float) else show(value)} with kind "{self.kind}"'
+                arrived = (
+                    f"{format_number(value) if isinstance(value, float) else describe_value(value)} with "
+                    f'kind "{self.kind}"'
+                )
                 found.append(Problem(key, arrived, f"no {key}; that kind knows {', '.join(allowed)}"))
         return found
 
@@ -118,8 +123,8 @@ def event_problems(
                 words = f"the name of {'an aircraft' if key == 'aircraft' else 'a goal'} of this scenario ({known})"
                 found.append(Problem(f"{path}.{key}", f'"{name}"', words))
         if event.time_s >= timing.duration_s:
-            words = f"a time before the end of the flight, timing.duration_s = {plain(timing.duration_s)} s"
-            found.append(Problem(f"{path}.time_s", plain(event.time_s), words))
+            words = f"a time before the end of the flight, timing.duration_s = {format_number(timing.duration_s)} s"
+            found.append(Problem(f"{path}.time_s", format_number(event.time_s), words))
         if event.kind == "aircraft-leaves" and event.aircraft is not None:
             if event.aircraft in gone:
                 arrived = f'"{event.aircraft}", which leaves by event[{gone[event.aircraft]}] already'

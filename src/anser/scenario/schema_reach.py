@@ -4,14 +4,14 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from anser.scenario.errors import Problem, plain
-from anser.scenario.schema_aircraft import Aircraft
-from anser.scenario.schema_base import Vector
+from anser.config.errors import Problem, format_number
+from anser.config.tables import Vector
+from anser.scenario.schema_aircraft import Aircraft, Goal
 from anser.scenario.schema_checks import GRAVITY_M_S2, label
-from anser.scenario.schema_goal import Goal
 
 if TYPE_CHECKING:
     from anser.scenario.schema import Scenario
+
 
 FLIGHT_MIN_S = 1.0
 _HALVINGS = 40  # of the longest flight: to less than a microsecond
@@ -39,21 +39,23 @@ class ReferenceSpeed:
     key: str
     is_mean: bool
     may_rise: bool = False
-    knows_layers: bool = False
+    uses_wind_layers: bool = False
 
     def __str__(self) -> str:
-        return f"{self.key} = {plain(self.speed_m_s)} m/s"
+        return f"{self.key} = {format_number(self.speed_m_s)} m/s"
 
 
-def reference_speed(scenario: "Scenario", one: Aircraft) -> ReferenceSpeed:
+def reference_speed(scenario: "Scenario", aircraft: Aircraft) -> ReferenceSpeed:
     """Say which speed decides whether a goal is within an aircraft's reach."""
-    fleet, limits, arrival = scenario.fleet, scenario.limits_for(one), scenario.arrival
+    fleet, limits, arrival = scenario.fleet, scenario.limits_for(aircraft), scenario.arrival
     certified = fleet.is_certified
     if not certified or arrival.rule == "together":
         rises = not certified and fleet.speed_profile == "even"
-        key = "fleet.speed_m_s" if one.speed_m_s is None else f'the speed_m_s of "{one.name}"'
-        return ReferenceSpeed(scenario.speed_for(one), key, is_mean=True, may_rise=rises, knows_layers=certified)
-    return ReferenceSpeed(limits.speed_max_m_s, "limits.speed_max_m_s", is_mean=False, knows_layers=True)
+        key = "fleet.speed_m_s" if aircraft.speed_m_s is None else f'the speed_m_s of "{aircraft.name}"'
+        return ReferenceSpeed(
+            scenario.speed_for(aircraft), key, is_mean=True, may_rise=rises, uses_wind_layers=certified
+        )
+    return ReferenceSpeed(limits.speed_max_m_s, "limits.speed_max_m_s", is_mean=False, uses_wind_layers=True)
 
 
 def time_to_go_s(relative_m: Vector, velocity_m_s: Vector, speed_m_s: float) -> float | None:
@@ -110,7 +112,7 @@ def reach_problems(scenario: "Scenario", *, unaided: bool = False) -> list[Probl
         if not coming:
             continue
         starts_m = [one.start.altitude_m for one in coming]
-        reference = min((reference_speed(scenario, one) for one in coming), key=lambda one: one.speed_m_s)
+        reference = min((reference_speed(scenario, one) for one in coming), key=lambda aircraft: aircraft.speed_m_s)
         winds_m_s = dict.fromkeys(scenario.wind.velocity_m_s(altitude_m) for altitude_m in starts_m)
         found.extend(_fast_legs(f"goal[{index}]", goal, reference, tuple(winds_m_s)))
     if found:
@@ -122,7 +124,7 @@ def reach_problems(scenario: "Scenario", *, unaided: bool = False) -> list[Probl
     return found
 
 
-def early_problems(scenario: "Scenario") -> list[Problem]:
+def arrival_time_problems(scenario: "Scenario") -> list[Problem]:
     """Find times of arrival before the fastest flight: straight at the greatest airspeed with the most tail wind.
 
     Of a window counts its end. `reach_problems` found nothing, so that every goal is reached within the flight.
@@ -141,29 +143,29 @@ def early_problems(scenario: "Scenario") -> list[Problem]:
             continue
         earliest_s = _earliest_s(scenario, one)
         if asked_s < earliest_s and (path not in worst or worst[path][0] < earliest_s):
-            fastest = f"limits.speed_max_m_s, which is {plain(scenario.limits_for(one).speed_max_m_s)} m/s"
+            fastest = f"limits.speed_max_m_s, which is {format_number(scenario.limits_for(one).speed_max_m_s)} m/s"
             words = (
                 f'at least {math.ceil(10.0 * earliest_s) / 10.0:.1f} s: "{one.name}" gets to goal "{one.goal}" no '
                 f"sooner, straight at {fastest}, in this wind"
             )
-            worst[path] = earliest_s, Problem(path, plain(asked_s), words, label("aircraft", one))
+            worst[path] = earliest_s, Problem(path, format_number(asked_s), words, label("aircraft", one))
     return [problem for _, problem in worst.values()]
 
 
-def _earliest_s(scenario: "Scenario", one: Aircraft) -> float:
+def _earliest_s(scenario: "Scenario", aircraft: Aircraft) -> float:
     """Time before which an aircraft is not at its rendezvous, whatever it flies within its limits."""
-    goal, wind = scenario.goal_of(one), scenario.wind
-    wind_m_s = wind.velocity_m_s(one.start.altitude_m)
+    goal, wind = scenario.goal_of(aircraft), scenario.wind
+    wind_m_s = wind.velocity_m_s(aircraft.start.altitude_m)
     carried_m_s = max(math.dist(wind_m_s, other_m_s) for _, other_m_s in wind.profile_m_s)
-    fastest_m_s = scenario.limits_for(one).speed_max_m_s + carried_m_s
+    fastest_m_s = scenario.limits_for(aircraft).speed_max_m_s + carried_m_s
 
     def short_of_m(time_s: float) -> float:
-        place_m = _plus(goal.position_m(time_s), one.rendezvous.stand_off_m)
-        return math.dist(place_m, _plus(one.start.position_m, wind_m_s, time_s)) - fastest_m_s * time_s
+        place_m = _plus(goal.position_m(time_s), aircraft.rendezvous.stand_off_m)
+        return math.dist(place_m, _plus(aircraft.start.position_m, wind_m_s, time_s)) - fastest_m_s * time_s
 
     if goal.waypoints is None:
-        place_m = _plus(goal.position_m(0.0), one.rendezvous.stand_off_m)
-        relative_m = _plus(place_m, one.start.position_m, -1.0)
+        place_m = _plus(goal.position_m(0.0), aircraft.rendezvous.stand_off_m)
+        relative_m = _plus(place_m, aircraft.start.position_m, -1.0)
         return time_to_go_s(relative_m, _plus(goal.velocity_m_s(), wind_m_s, -1.0), fastest_m_s) or 0.0
     # the goal is slower than the aircraft, so that what is short of it only falls
     low_s, high_s = 0.0, scenario.timing.duration_s
@@ -212,29 +214,35 @@ def _fast_legs(path: str, goal: Goal, reference: ReferenceSpeed, winds_m_s: tupl
         if speed_m_s >= reference.speed_m_s:
             arrived = f"a leg flown at {speed_m_s:.1f} m/s through the air"
             words = (
-                f"less than {reference.key}, which is {plain(reference.speed_m_s)} m/s: the goal outruns its aircraft"
+                f"less than {reference.key}, which is {format_number(reference.speed_m_s)} m/s: the goal "
+                "outruns its aircraft"
             )
             found.append(Problem(f"{path}.waypoints[{index}]", arrived, words, label("goal", goal)))
     return found
 
 
 def _reach_problems_of(
-    path: str, one: Aircraft, scenario: "Scenario", reference: ReferenceSpeed, quickest_m_s: float | None
+    path: str, aircraft: Aircraft, scenario: "Scenario", reference: ReferenceSpeed, quickest_m_s: float | None
 ) -> list[Problem]:
     """Find why an aircraft does not reach its goal, if it does not."""
-    goal, limits, wind, timing = scenario.goal_of(one), scenario.limits_for(one), scenario.wind, scenario.timing
-    whom = label("aircraft", one)
-    place_m = _plus(goal.position_m(0.0), one.rendezvous.stand_off_m)
-    relative_m = _plus(place_m, one.start.position_m, -1.0)
+    goal, limits, wind, timing = (
+        scenario.goal_of(aircraft),
+        scenario.limits_for(aircraft),
+        scenario.wind,
+        scenario.timing,
+    )
+    whom = label("aircraft", aircraft)
+    place_m = _plus(goal.position_m(0.0), aircraft.rendezvous.stand_off_m)
+    relative_m = _plus(place_m, aircraft.start.position_m, -1.0)
     heights_m = [place_m[2]]
-    wind_m_s = wind.velocity_m_s(one.start.altitude_m)
+    wind_m_s = wind.velocity_m_s(aircraft.start.altitude_m)
     # the mean wind of the way may differ from that at the start by so much, and carry the aircraft on
     carried_m_s = max(math.dist(wind_m_s, other_m_s) for _, other_m_s in wind.profile_m_s)
     most_m_s = reference.speed_m_s if quickest_m_s is None else quickest_m_s + carried_m_s
     if goal.waypoints is None:
         velocity_m_s = _plus(goal.velocity_m_s(), wind_m_s, -1.0)
         time_s = time_to_go_s(
-            relative_m, velocity_m_s, reference.speed_m_s + (carried_m_s if reference.knows_layers else 0.0)
+            relative_m, velocity_m_s, reference.speed_m_s + (carried_m_s if reference.uses_wind_layers else 0.0)
         )
         if time_s is None:
             arrived = f'"{goal.name}", which moves at {math.hypot(*velocity_m_s):.1f} m/s through the air and gets away'
@@ -244,21 +252,21 @@ def _reach_problems_of(
         heights_m = [place_m[2] + goal.climb_rate_m_s * time_s] if reference.is_mean or not goal.climb_rate_m_s else []
         shortest_s = time_to_go_s(relative_m, velocity_m_s, most_m_s) or 0.0
         if shortest_s >= timing.duration_s:
-            way = f'from "{one.name}" to goal "{goal.name}" at {reference}'
+            way = f'from "{aircraft.name}" to goal "{goal.name}" at {reference}'
             words = f"more than {shortest_s:.1f} s, the shortest flight {way}"
             if most_m_s > reference.speed_m_s:
                 words += f", of which descent, speed at the start and layers of wind may make {most_m_s:.1f} m/s"
-            return [Problem("timing.duration_s", plain(timing.duration_s), words)]
+            return [Problem("timing.duration_s", format_number(timing.duration_s), words)]
         near = time_s < FLIGHT_MIN_S
     else:
-        heights_m = [point.altitude_m + one.rendezvous.stand_off_up_m for point in goal.waypoints]
+        heights_m = [point.altitude_m + aircraft.rendezvous.stand_off_up_m for point in goal.waypoints]
         # the goal is slower than the aircraft, so once within reach it stays within reach
-        last_m = _plus(goal.position_m(timing.duration_s), one.rendezvous.stand_off_m)
-        drifted_m = _plus(one.start.position_m, wind_m_s, timing.duration_s)
+        last_m = _plus(goal.position_m(timing.duration_s), aircraft.rendezvous.stand_off_m)
+        drifted_m = _plus(aircraft.start.position_m, wind_m_s, timing.duration_s)
         distance_m = math.dist(last_m, drifted_m)
         if distance_m >= most_m_s * timing.duration_s:
-            words = f'a longer flight: "{one.name}" does not get to goal "{goal.name}" in this time'
-            return [Problem("timing.duration_s", plain(timing.duration_s), words)]
+            words = f'a longer flight: "{aircraft.name}" does not get to goal "{goal.name}" in this time'
+            return [Problem("timing.duration_s", format_number(timing.duration_s), words)]
         near = math.hypot(*relative_m) < reference.speed_m_s * FLIGHT_MIN_S
     found = []
     if near:
@@ -266,7 +274,7 @@ def _reach_problems_of(
         found.append(Problem(f"{path}.start", "the rendezvous point itself, or nearly so", words, whom))
     outside = [height for height in heights_m if not limits.altitude_min_m <= height <= limits.altitude_max_m]
     if outside:
-        lowest, highest = plain(limits.altitude_min_m), plain(limits.altitude_max_m)
+        lowest, highest = format_number(limits.altitude_min_m), format_number(limits.altitude_max_m)
         words = f"from limits.altitude_min_m ({lowest} m) to limits.altitude_max_m ({highest} m)"
         arrived = f'a rendezvous point at {outside[0]:.1f} m altitude above goal "{goal.name}"'
         found.append(Problem(f"{path}.rendezvous.stand_off_up_m", arrived, words, whom))

@@ -3,9 +3,9 @@
 import math
 from typing import Literal
 
-from anser.scenario.airframe_range import ALTITUDE_MAX_M, SPEED_MAX_M_S
-from anser.scenario.errors import Problem, plain
-from anser.scenario.schema_base import Table, choice, misordered, number
+from anser.aircraft_files.sources import ALTITUDE_MAX_M, SPEED_MAX_M_S
+from anser.config.errors import Problem, format_number
+from anser.config.tables import Table, choice, number, ordering_problems
 
 DURATION_MAX_S = 7200.0
 
@@ -16,11 +16,11 @@ def is_multiple(period_s: float, step_s: float) -> bool:
     return round(steps) >= 1 and math.isclose(steps, round(steps), rel_tol=1e-9)
 
 
-def multiple_words(period_s: float, key: str, step_s: float) -> str:
+def multiple_message(period_s: float, key: str, step_s: float) -> str:
     """Say that a time must be a whole number of steps, and which are the nearest that are."""
     below = math.floor(period_s / step_s)
-    nearest = " or ".join(plain(round(steps * step_s, 9)) for steps in (below, below + 1) if steps >= 1)
-    return f"a whole multiple of {key}, which is {plain(step_s)} s, such as {nearest}"
+    nearest = " or ".join(format_number(round(steps * step_s, 9)) for steps in (below, below + 1) if steps >= 1)
+    return f"a whole multiple of {key}, which is {format_number(step_s)} s, such as {nearest}"
 
 
 class Timing(Table):
@@ -37,15 +37,15 @@ class Timing(Table):
         """Latest arrival that a certified plan may have: the flight goes on for a second after it."""
         return self.duration_s - 1.0
 
-    def own_problems(self) -> list[Problem]:
+    def consistency_problems(self) -> list[Problem]:
         """Find a duration and periods that are no whole number of steps, and a plan that stays from the start."""
         found = []
         for key in ("duration_s", "record_period_s", "replan_period_s"):
             period_s = getattr(self, key)
             allowed_zero = key == "replan_period_s" and period_s == 0
             if not allowed_zero and not is_multiple(period_s, self.step_s):
-                found.append(Problem(key, plain(period_s), multiple_words(period_s, "step_s", self.step_s)))
-        return [*found, *misordered(self, "freeze_s", "duration_s", "s")]
+                found.append(Problem(key, format_number(period_s), multiple_message(period_s, "step_s", self.step_s)))
+        return [*found, *ordering_problems(self, "freeze_s", "duration_s", "s")]
 
 
 class Fleet(Table):
@@ -110,7 +110,7 @@ class Limits(Table):
         50,
         "m/s^2",
         None,
-        above=True,
+        exclusive_minimum=True,
     )
     deceleration_max_m_s2: float | None = number(
         "greatest surplus of drag over thrust, per mass, that a plan asks for; left out: its own at each airspeed",
@@ -118,15 +118,15 @@ class Limits(Table):
         50,
         "m/s^2",
         None,
-        above=True,
+        exclusive_minimum=True,
     )
 
-    def own_problems(self) -> list[Problem]:
+    def consistency_problems(self) -> list[Problem]:
         """Find altitudes without a width; those of the load factors do not meet, so they need no such check.
 
         Speeds and angles of attack that are left out are those of the aircraft: see `schema_ranges`.
         """
-        return misordered(self, "altitude_min_m", "altitude_max_m", "m")
+        return ordering_problems(self, "altitude_min_m", "altitude_max_m", "m")
 
 
 class Guidance(Table):
@@ -147,13 +147,20 @@ class Hold(Table):
 class Requirements(Table):
     """What the flight has to achieve to count as met."""
 
-    miss_max_m: float = number("largest distance from the rendezvous point at arrival", 0, 10_000, "m", 3.0, above=True)
+    miss_max_m: float = number(
+        "largest distance from the rendezvous point at arrival", 0, 10_000, "m", 3.0, exclusive_minimum=True
+    )
     arrival_spread_max_s: float = number(
-        "largest time between the first arrival and the last", 0, 3600, "s", 0.05, above=True
+        "largest time between the first arrival and the last", 0, 3600, "s", 0.05, exclusive_minimum=True
     )
     position_error_max_m: float | None = number(
-        "largest distance from the planned point up to the arrival; left out: any", 0, 10_000, "m", None, above=True
+        "largest distance from the planned point up to the arrival; left out: any",
+        0,
+        10_000,
+        "m",
+        None,
+        exclusive_minimum=True,
     )
     separation_min_m: float | None = number(
-        "least distance between two aircraft; left out: any", 0, 10_000, "m", None, above=True
+        "least distance between two aircraft; left out: any", 0, 10_000, "m", None, exclusive_minimum=True
     )

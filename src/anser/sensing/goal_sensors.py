@@ -1,10 +1,11 @@
-"""Sensors of a goal: errors, period, latency, field of view, range and dropouts of what is measured of it.
+"""Sensors of a goal with errors.
 
-Error models of civil sensors: nothing is decoded or received.
+Latency, field of view and dropouts, and the complete set of an aircraft's sensors with errors. Error models of civil
+sensors: nothing is decoded or received.
 """
 
 import math
-from typing import Literal
+from typing import Any, Literal
 
 import equinox as eqx
 import jax
@@ -12,16 +13,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from anser.environment import AbstractEarth
-from anser.numerics import where_any
+from anser.environment.earth import AbstractEarth
+from anser.numerics.arrays import select_if_any
 from anser.numerics.randomness import GOAL_SENSOR
-from anser.planning import LineOfSight
-from anser.sensing.dropouts import Dropouts
-from anser.sensing.ideal import sight_values, true_sight
-from anser.sensing.interface import GoalReading, Instant, Truth
-from anser.sensing.own_sensors import is_due
+from anser.parts.perception import AbstractSensors, GoalReading, Instant, LineOfSight, Reading, Truth
+from anser.sensing.ideal_sensors import line_of_sight_values, true_line_of_sight
+from anser.sensing.vehicle_sensors import Dropouts, VehicleSensors, is_due
 from anser.shapes import Flag, Scalar, Vector3
-from anser.spatial import rotate, safe_norm
+from anser.spatial.rotations import rotate, safe_norm
 
 _NORMALS, _UNIFORMS = 6, 3  # errors; outage, loss, latency
 _RANGE, _AZIMUTHS = np.eye(6, dtype=bool)[0], np.array([False, True, False, False, True, False])
@@ -52,7 +51,7 @@ class FieldOfView(eqx.Module):
         return (distance <= self.range_max) & (along >= jnp.cos(jnp.minimum(self.half_angle, jnp.pi)) - 1e-12)
 
 
-class Queue(eqx.Module):
+class MeasurementQueue(eqx.Module):
     """Measurements that are on their way; leading axis slots.
 
     Attributes
@@ -75,7 +74,7 @@ class GoalSensorState(eqx.Module):
 
     biases: Float[Array, "6"]
     outage: Flag
-    queue: Queue | None
+    queue: MeasurementQueue | None
 
 
 class GoalSensor(eqx.Module):
@@ -122,46 +121,50 @@ class GoalSensor(eqx.Module):
         """Its state before the first sample."""
         biases = self.bias_sigmas * instant.normals(GOAL_SENSOR, _NORMALS, once=True)
         drawn = instant.uniforms(GOAL_SENSOR, _NORMALS + _UNIFORMS, once=True)
-        outage = self.dropouts.first(drawn[_NORMALS])
+        outage = self.dropouts.initial_outage(drawn[_NORMALS])
         queue = None
         if self.slots:
             empty = self._nothing(instant)
             rows = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (self.slots, *leaf.shape)), empty)
-            queue = Queue(rows, jnp.zeros(self.slots, dtype=jnp.int32), jnp.zeros(self.slots, dtype=bool))
+            queue = MeasurementQueue(rows, jnp.zeros(self.slots, dtype=jnp.int32), jnp.zeros(self.slots, dtype=bool))
         return GoalSensorState(biases, outage, queue)
 
-    def read(self, memory: GoalSensorState, truth: Truth, instant: Instant) -> tuple[GoalReading, GoalSensorState]:
+    def read(
+        self, sensor_state: GoalSensorState, truth: Truth, instant: Instant
+    ) -> tuple[GoalReading, GoalSensorState]:
         """What arrives at a sample, and its state after it."""
         due = is_due(instant, self.period)
-        outage, made, delay = where_any(
-            due, lambda: self._tried(memory, truth, instant), (memory.outage, self._nothing(instant), self.latency[0])
+        outage, made, delay = select_if_any(
+            due,
+            lambda: self._tried(sensor_state, truth, instant),
+            (sensor_state.outage, self._nothing(instant), self.latency[0]),
         )
-        if memory.queue is None:
-            return made, GoalSensorState(memory.biases, outage, None)
-        reading, queue = self._passed(memory.queue, made, instant, delay)
-        return reading, GoalSensorState(memory.biases, outage, queue)
+        if sensor_state.queue is None:
+            return made, GoalSensorState(sensor_state.biases, outage, None)
+        reading, queue = self._passed(sensor_state.queue, made, instant, delay)
+        return reading, GoalSensorState(sensor_state.biases, outage, queue)
 
-    def _tried(self, memory: GoalSensorState, truth: Truth, instant: Instant) -> tuple[Flag, GoalReading, Scalar]:
+    def _tried(self, sensor_state: GoalSensorState, truth: Truth, instant: Instant) -> tuple[Flag, GoalReading, Scalar]:
         """Whether it fails when a measurement is due, what it measures, and how long that takes to arrive, s."""
         uniforms = instant.uniforms(GOAL_SENSOR, _NORMALS + _UNIFORMS)[_NORMALS:]  # lanes beyond those of the normals
-        after = self.dropouts.after(memory.outage, self.period, uniforms[0])
-        outage = jnp.where(instant.number > 0, after, memory.outage)
-        made = self._measured(memory, truth, instant, ~self.dropouts.lost(outage, uniforms[1]))
+        after = self.dropouts.next_outage(sensor_state.outage, self.period, uniforms[0])
+        outage = jnp.where(instant.number > 0, after, sensor_state.outage)
+        made = self._measured(sensor_state, truth, instant, ~self.dropouts.is_lost(outage, uniforms[1]))
         return outage, made, self.latency[0] + uniforms[2] * (self.latency[1] - self.latency[0])
 
-    def _measured(self, memory: GoalSensorState, truth: Truth, instant: Instant, works: Flag) -> GoalReading:
+    def _measured(self, sensor_state: GoalSensorState, truth: Truth, instant: Instant, works: Flag) -> GoalReading:
         goal = truth.goal
         if goal is None:
             raise ValueError("a sensor of a goal on an aircraft without one")
-        sight = true_sight(truth, instant.environment.earth)
+        sight = true_line_of_sight(truth, instant.environment.earth)
         assert sight is not None
         line_n = _line(truth, instant.environment.earth)
-        seen = works & truth.goal_sensor_works & self.view.sees(truth.now.R_bn, line_n)
+        seen = works & truth.goal_sensor_works & self.view.sees(truth.condition.R_bn, line_n)
         if self.kind == "sight":
-            values, sigmas = sight_values(sight), self._sight_sigmas(sight)
+            values, sigmas = line_of_sight_values(sight), self._sight_sigmas(sight)
         else:
             values, sigmas = jnp.concatenate([goal.position_n, goal.velocity_n]), self.sigmas
-        errors = memory.biases + sigmas * instant.normals(GOAL_SENSOR, _NORMALS)
+        errors = sensor_state.biases + sigmas * instant.normals(GOAL_SENSOR, _NORMALS)
         return GoalReading(
             values=jnp.where(self.measures, values + errors, 0.0),
             sigmas=sigmas,
@@ -180,7 +183,9 @@ class GoalSensor(eqx.Module):
         none = jnp.zeros_like(self.sigmas)
         return GoalReading(none, jnp.ones_like(self.sigmas), jnp.zeros(6, dtype=bool), instant.number, self.kind)
 
-    def _passed(self, queue: Queue, made: GoalReading, instant: Instant, delay: Scalar) -> tuple[GoalReading, Queue]:
+    def _passed(
+        self, queue: MeasurementQueue, made: GoalReading, instant: Instant, delay: Scalar
+    ) -> tuple[GoalReading, MeasurementQueue]:
         """Put a measurement on its way, and take the one that is to arrive first, if it is there."""
         here, never = jnp.any(made.measured), jnp.iinfo(jnp.int32).max
         free = jnp.argmin(queue.waiting)
@@ -198,10 +203,10 @@ class GoalSensor(eqx.Module):
         there = waiting[first] & (arrives[first] <= instant.number)
         taken = jax.tree.map(lambda rows: rows[first], readings)
         taken = eqx.tree_at(lambda r: r.measured, taken, taken.measured & there)
-        return taken, Queue(readings, arrives, waiting & ~((jnp.arange(self.slots) == first) & there))
+        return taken, MeasurementQueue(readings, arrives, waiting & ~((jnp.arange(self.slots) == first) & there))
 
 
-def slots_for(latency_max_s: float, period_s: float) -> int:
+def queue_slots(latency_max_s: float, period_s: float) -> int:
     """How many measurements can be on their way at once: 0, or a power of two from 2 on."""
     if latency_max_s <= 0.0:
         return 0
@@ -211,3 +216,47 @@ def slots_for(latency_max_s: float, period_s: float) -> int:
 def _line(truth: Truth, earth: AbstractEarth) -> Vector3:
     assert truth.goal is not None
     return earth.sight(truth.state.position_n, truth.goal.position_n, truth.goal.velocity_n)[0]
+
+
+class NoisySensors(AbstractSensors):
+    """Satellite navigation, inertial sensors and air data, and the sensor of the goal.
+
+    Attributes
+    ----------
+    own
+        Of the aircraft itself; None: its state is known exactly, and so is the air about it.
+    goal
+        Of its goal; None: its line of sight is known exactly.
+    """
+
+    vehicle: VehicleSensors | None = None
+    goal: GoalSensor | None = None
+
+    def init(self, truth: Truth, instant: Instant) -> tuple[Any, Any]:
+        """State of both."""
+        vehicle = None if self.vehicle is None else self.vehicle.init(truth, instant)
+        return vehicle, None if self.goal is None else self.goal.init(truth, instant)
+
+    def read(self, sensor_state: tuple[Any, Any], truth: Truth, instant: Instant) -> tuple[Reading, tuple[Any, Any]]:
+        """What both give."""
+        vehicle, goal = sensor_state
+        force_b = truth.condition.wrench.force_b / truth.airframe.mass_properties.mass
+        sight = true_line_of_sight(truth, instant.environment.earth) if self.goal is None else None
+        reading = Reading(truth.state, truth.condition, force_b, sight, goal_sensor_works=truth.goal_sensor_works)
+        if self.goal is not None:
+            seen, goal = self.goal.read(goal, truth, instant)
+            reading = eqx.tree_at(lambda r: r.goal, reading, seen, is_leaf=lambda leaf: leaf is None)
+        if self.vehicle is not None:
+            found, vehicle = self.vehicle.read(vehicle, truth, instant)
+            state = eqx.tree_at(
+                lambda s: (s.position_n, s.quaternion, s.rates_b),
+                truth.state,
+                (found.fix.position_n, found.quaternion, found.rates_b),
+            )
+            reading = eqx.tree_at(
+                lambda r: (r.state, r.specific_force_b, r.fix, r.velocity_air_b),
+                reading,
+                (state, found.specific_force_b, found.fix, found.velocity_air_b),
+                is_leaf=lambda leaf: leaf is None,
+            )
+        return reading, (vehicle, goal)

@@ -27,12 +27,12 @@ class Measurement(NamedTuple):
         Which there are.
     """
 
-    off: Callable[[Float[Array, " n"]], Float[Array, " m"]]
+    innovation: Callable[[Float[Array, " n"]], Float[Array, " m"]]
     variances: Float[Array, " m"]
     measured: Bool[Array, " m"]
 
 
-class Updated(NamedTuple):
+class KalmanUpdate(NamedTuple):
     """Mean and covariance after measurements, the normalised innovation squared, the logarithm of the likelihood."""
 
     mean: Float[Array, " n"]
@@ -41,12 +41,14 @@ class Updated(NamedTuple):
     log_likelihood: Scalar
 
 
-def extended_update(mean: Float[Array, " n"], covariance: Float[Array, "n n"], measurement: Measurement) -> Updated:
+def extended_update(
+    mean: Float[Array, " n"], covariance: Float[Array, "n n"], measurement: Measurement
+) -> KalmanUpdate:
     """Extended Kalman filter's update: one independent measurement after the other, the same as all at once.
 
     The derivatives are those at the predicted mean for all. The covariance is in the form of Joseph, multiplied out.
     """
-    off, slopes = measurement.off(mean), -jax.jacfwd(measurement.off)(mean)
+    off, slopes = measurement.innovation(mean), -jax.jacfwd(measurement.innovation)(mean)
     begin, zero = mean, jnp.zeros_like(off[0])
     nis, log_likelihood = zero, zero
     for k in range(off.shape[0]):
@@ -66,7 +68,7 @@ def extended_update(mean: Float[Array, " n"], covariance: Float[Array, "n n"], m
         )
         nis = nis + jnp.where(on, left**2 / safe, 0.0)
         log_likelihood = log_likelihood - 0.5 * jnp.where(on, left**2 / safe + jnp.log(safe) + _LOG_2PI, 0.0)
-    return Updated(mean, covariance, nis, log_likelihood)
+    return KalmanUpdate(mean, covariance, nis, log_likelihood)
 
 
 class SigmaPoints(NamedTuple):
@@ -85,14 +87,14 @@ class SigmaPoints(NamedTuple):
         covariance[0] += 1.0 - self.alpha**2 + self.beta
         return scale, mean, covariance
 
-    def around(self, mean: Float[Array, " n"], covariance: Float[Array, "n n"]) -> Float[Array, "points n"]:
+    def generate(self, mean: Float[Array, " n"], covariance: Float[Array, "n n"]) -> Float[Array, "points n"]:
         """The points: the mean, then along each column of the covariance's root, then against them."""
         count = mean.shape[0]
         root = cholesky(self.weights(count)[0] * covariance)
         return jnp.concatenate([mean[None], mean[None] + root.T, mean[None] - root.T])
 
 
-def unscented_spread(
+def unscented_prediction(
     moved: Callable[[Float[Array, " n"]], Float[Array, " n"]],
     mean: Float[Array, " n"],
     covariance: Float[Array, "n n"],
@@ -101,7 +103,7 @@ def unscented_spread(
 ) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
     """Mean and covariance of what a function makes of a state, with noise added."""
     of_mean, of_covariance = (one.astype(mean.dtype) for one in points.weights(mean.shape[0])[1:])
-    images = jax.vmap(moved)(points.around(mean, covariance))
+    images = jax.vmap(moved)(points.generate(mean, covariance))
     after = jnp.sum(of_mean[:, None] * images, axis=0)
     apart = images - after[None]
     return after, jnp.sum(of_covariance[:, None, None] * apart[:, :, None] * apart[:, None, :], axis=0) + noise
@@ -109,11 +111,11 @@ def unscented_spread(
 
 def unscented_update(
     mean: Float[Array, " n"], covariance: Float[Array, "n n"], measurement: Measurement, points: SigmaPoints
-) -> Updated:
+) -> KalmanUpdate:
     """Unscented Kalman filter's update by all measurements at once."""
     of_mean, of_covariance = (one.astype(mean.dtype) for one in points.weights(mean.shape[0])[1:])
-    around = points.around(mean, covariance)
-    offs, on = jax.vmap(measurement.off)(around), measurement.measured
+    around = points.generate(mean, covariance)
+    offs, on = jax.vmap(measurement.innovation)(around), measurement.measured
     offs = jnp.where(on[None], offs, 0.0)
     off = jnp.sum(of_mean[:, None] * offs, axis=0)
     expected_apart, apart = off[None] - offs, around - mean[None]
@@ -128,7 +130,7 @@ def unscented_update(
     nis = jnp.sum(whitened**2)
     pivots = jnp.stack([root[k, k] for k in range(off.shape[0])])
     logs = jnp.where(on, 2.0 * jnp.log(pivots) + _LOG_2PI, 0.0)
-    return Updated(mean, covariance, nis, -0.5 * (nis + jnp.sum(logs)))
+    return KalmanUpdate(mean, covariance, nis, -0.5 * (nis + jnp.sum(logs)))
 
 
 def cholesky(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:

@@ -13,7 +13,7 @@ from anser.shapes import Scalar, ScalarLike
 _SMALL = 1e-3  # rad turned, below which sine and cosine integrals are taken as series
 
 
-class AbstractMotion(eqx.Module):
+class AbstractMotionModel(eqx.Module):
     """A motion model; concrete ones are final. States: position, velocity (NED, m and m/s), turn rate (rad/s)."""
 
     @property
@@ -22,21 +22,21 @@ class AbstractMotion(eqx.Module):
         """Number of states: 6, or 7 with the turn rate."""
 
     @abc.abstractmethod
-    def moved(self, state: Float[Array, " n"], span: ScalarLike) -> Float[Array, " n"]:
+    def predict_state(self, state: Float[Array, " n"], span: ScalarLike) -> Float[Array, " n"]:
         """State a time (s) later or, with a negative one, before; without noise."""
 
     @abc.abstractmethod
-    def noise(self, span: ScalarLike) -> Float[Array, "n n"]:
+    def process_noise(self, span: ScalarLike) -> Float[Array, "n n"]:
         """Covariance of what the noise adds in a time, s."""
 
     @abc.abstractmethod
-    def spread(
+    def predict_covariance(
         self, mean: Float[Array, " n"], covariance: Float[Array, "n n"], span: ScalarLike
     ) -> Float[Array, "n n"]:
         """Covariance a time (s) later, F P F^T + Q with the derivative of `moved` at the mean."""
 
 
-class SteadyMotion(AbstractMotion):
+class SteadyMotion(AbstractMotionModel):
     """Nearly constant velocity: white noise of acceleration.
 
     Source: Y. Bar-Shalom, X. R. Li, T. Kirubarajan, *Estimation with Applications to Tracking and Navigation*, 2001,
@@ -56,26 +56,26 @@ class SteadyMotion(AbstractMotion):
 
     @property
     def size(self) -> int:
-        """See `AbstractMotion`."""
+        """See `AbstractMotionModel`."""
         return 6 if self.turn_density is None else 7
 
-    def moved(self, state: Float[Array, " n"], span: ScalarLike) -> Float[Array, " n"]:
-        """See `AbstractMotion`."""
+    def predict_state(self, state: Float[Array, " n"], span: ScalarLike) -> Float[Array, " n"]:
+        """See `AbstractMotionModel`."""
         return jnp.concatenate([state[:3] + span * state[3:6], state[3:]])
 
-    def noise(self, span: ScalarLike) -> Float[Array, "n n"]:
-        """See `AbstractMotion`."""
+    def process_noise(self, span: ScalarLike) -> Float[Array, "n n"]:
+        """See `AbstractMotionModel`."""
         return _white_acceleration(self.density, self.density_up, self.turn_density, span)
 
-    def spread(
+    def predict_covariance(
         self, mean: Float[Array, " n"], covariance: Float[Array, "n n"], span: ScalarLike
     ) -> Float[Array, "n n"]:
-        """See `AbstractMotion`: the rows of the velocity added to those of the position, then the columns."""
+        """See `AbstractMotionModel`: the rows of the velocity added to those of the position, then the columns."""
         rows = jnp.concatenate([covariance[:3] + span * covariance[3:6], covariance[3:]], axis=0)
-        return jnp.concatenate([rows[:, :3] + span * rows[:, 3:6], rows[:, 3:]], axis=1) + self.noise(span)
+        return jnp.concatenate([rows[:, :3] + span * rows[:, 3:6], rows[:, 3:]], axis=1) + self.process_noise(span)
 
 
-class CoordinatedTurn(AbstractMotion):
+class CoordinatedTurn(AbstractMotionModel):
     """Coordinated turn in the plane at a turn rate that is not known, with white noise of acceleration and turn rate.
 
     Source: as `SteadyMotion`, 11.7.1 and 11.7.2; positive turn rates are clockwise seen from above.
@@ -94,11 +94,11 @@ class CoordinatedTurn(AbstractMotion):
 
     @property
     def size(self) -> int:
-        """See `AbstractMotion`."""
+        """See `AbstractMotionModel`."""
         return 7
 
-    def moved(self, state: Float[Array, "7"], span: ScalarLike) -> Float[Array, "7"]:
-        """See `AbstractMotion`: exact for a steady turn."""
+    def predict_state(self, state: Float[Array, "7"], span: ScalarLike) -> Float[Array, "7"]:
+        """See `AbstractMotionModel`: exact for a steady turn."""
         north, east, down, v_n, v_e, v_d, rate = state
         angle = rate * span
         small = jnp.abs(angle) < _SMALL
@@ -119,15 +119,17 @@ class CoordinatedTurn(AbstractMotion):
             ]
         )
 
-    def noise(self, span: ScalarLike) -> Float[Array, "7 7"]:
-        """See `AbstractMotion`."""
+    def process_noise(self, span: ScalarLike) -> Float[Array, "7 7"]:
+        """See `AbstractMotionModel`."""
         return _white_acceleration(self.density, self.density_up, self.turn_density, span)
 
-    def spread(self, mean: Float[Array, "7"], covariance: Float[Array, "7 7"], span: ScalarLike) -> Float[Array, "7 7"]:
-        """See `AbstractMotion`."""
-        slopes = jax.jacfwd(lambda state: self.moved(state, span))(mean)
+    def predict_covariance(
+        self, mean: Float[Array, "7"], covariance: Float[Array, "7 7"], span: ScalarLike
+    ) -> Float[Array, "7 7"]:
+        """See `AbstractMotionModel`."""
+        slopes = jax.jacfwd(lambda state: self.predict_state(state, span))(mean)
         rows = jnp.sum(slopes[:, :, None] * covariance[None, :, :], axis=1)
-        return jnp.sum(rows[:, None, :] * slopes[None, :, :], axis=2) + self.noise(span)
+        return jnp.sum(rows[:, None, :] * slopes[None, :, :], axis=2) + self.process_noise(span)
 
 
 def _white_acceleration(

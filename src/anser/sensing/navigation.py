@@ -8,16 +8,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from anser.environment import LocalEarth
-from anser.numerics import times3, where_any
-from anser.sensing.interface import Fix
+from anser.environment.earth import LocalEarth
+from anser.numerics.arrays import select_if_any
+from anser.numerics.linear import times3
+from anser.parts.perception import Fix
 from anser.shapes import Matrix33, Scalar, ScalarLike, Vector3
-from anser.spatial import rotate, rotate_back
+from anser.spatial.rotations import rotate, rotate_back
 
 _FIRST_SPEED_SIGMA = 1.0  # m/s, per axis, before the first fix
 
 
-class Navigation(eqx.Module):
+class NavigationState(eqx.Module):
     """What the navigation filter carries along.
 
     Attributes
@@ -71,26 +72,26 @@ class NavigationFilter(eqx.Module):
     acceleration_density: Scalar
     period: Scalar
 
-    def init(self, fix: Fix, acceleration_n: Vector3) -> Navigation:
+    def init(self, fix: Fix, acceleration_n: Vector3) -> NavigationState:
         """After the first fix."""
         slow, noise = self.slow_sigma**2, self.noise_sigma**2
         speed, zero = self.velocity_sigma**2, jnp.zeros(3)
         rows = [[slow + noise, zero, -slow], [zero, speed, zero], [-slow, zero, slow]]
         covariance = jnp.stack([jnp.stack(row, axis=-1) for row in rows], axis=-2)
-        return Navigation(fix.position_n, fix.velocity_n, zero, acceleration_n, covariance)
+        return NavigationState(fix.position_n, fix.velocity_n, zero, acceleration_n, covariance)
 
     def step(
-        self, memory: Navigation, fix: Fix, acceleration_n: Vector3, chart_scale: Vector3, step: ScalarLike
-    ) -> Navigation:
+        self, filter_state: NavigationState, fix: Fix, acceleration_n: Vector3, chart_scale: Vector3, step: ScalarLike
+    ) -> NavigationState:
         """One sampling period (s) further, with the acceleration (NED, m/s^2) and the fix at its end."""
-        gained_n = 0.5 * step * (memory.acceleration_n + acceleration_n)
-        velocity_n = memory.velocity_n + gained_n
-        position_n = memory.position_n + chart_scale * step * (memory.velocity_n + 0.5 * gained_n)
-        ahead = Navigation(position_n, velocity_n, memory.error_n, acceleration_n, memory.covariance)
+        gained_n = 0.5 * step * (filter_state.acceleration_n + acceleration_n)
+        velocity_n = filter_state.velocity_n + gained_n
+        position_n = filter_state.position_n + chart_scale * step * (filter_state.velocity_n + 0.5 * gained_n)
+        ahead = NavigationState(position_n, velocity_n, filter_state.error_n, acceleration_n, filter_state.covariance)
 
-        return where_any(fix.new, lambda: self._corrected(ahead, fix), ahead)
+        return select_if_any(fix.is_new, lambda: self._corrected(ahead, fix), ahead)
 
-    def _corrected(self, memory: Navigation, fix: Fix) -> Navigation:
+    def _corrected(self, filter_state: NavigationState, fix: Fix) -> NavigationState:
         def axis(state: Vector3, covariance: Matrix33, fixed: Float[Array, "2"], own: Vector3) -> Any:
             """One axis: `fixed` is the fix's position and velocity, `own` the three standard deviations."""
             kept, span = jnp.exp(-self.period / self.slow_time), self.period
@@ -108,9 +109,9 @@ class NavigationFilter(eqx.Module):
 
         fixed = jnp.stack([fix.position_n, fix.velocity_n], axis=1)
         sigmas = jnp.stack([self.slow_sigma, self.noise_sigma, self.velocity_sigma], axis=1)
-        states = jnp.stack([memory.position_n, memory.velocity_n, memory.error_n], axis=1)
-        mean, covariance = jax.vmap(axis)(states, memory.covariance, fixed, sigmas)
-        return Navigation(mean[:, 0], mean[:, 1], mean[:, 2], memory.acceleration_n, covariance)
+        states = jnp.stack([filter_state.position_n, filter_state.velocity_n, filter_state.error_n], axis=1)
+        mean, covariance = jax.vmap(axis)(states, filter_state.covariance, fixed, sigmas)
+        return NavigationState(mean[:, 0], mean[:, 1], mean[:, 2], filter_state.acceleration_n, covariance)
 
 
 def _measured(
@@ -169,7 +170,7 @@ class AirFilter(eqx.Module):
 
     def step(
         self,
-        memory: AirMotion,
+        filter_state: AirMotion,
         R_bn: Matrix33,
         velocity_n: Vector3,
         velocity_air_b: Vector3,
@@ -179,7 +180,7 @@ class AirFilter(eqx.Module):
 
         Parameters
         ----------
-        memory
+        filter_state
             Before it.
         R_bn
             Rotation NED to body.
@@ -190,9 +191,9 @@ class AirFilter(eqx.Module):
         step
             s.
         """
-        off_b = rotate(R_bn, velocity_n - memory.wind_n) - velocity_air_b
-        wind_n = memory.wind_n - jnp.expm1(-step / self.wind_time) * rotate_back(R_bn, off_b)
+        off_b = rotate(R_bn, velocity_n - filter_state.wind_n) - velocity_air_b
+        wind_n = filter_state.wind_n - jnp.expm1(-step / self.wind_time) * rotate_back(R_bn, off_b)
         square = jnp.maximum(jnp.sum(velocity_air_b**2), 1.0)
         across_b = off_b - (jnp.sum(off_b * velocity_air_b) / square) * velocity_air_b
-        gust_b = memory.gust_b - jnp.expm1(-step / self.gust_time) * (across_b - memory.gust_b)
+        gust_b = filter_state.gust_b - jnp.expm1(-step / self.gust_time) * (across_b - filter_state.gust_b)
         return AirMotion(wind_n, gust_b)

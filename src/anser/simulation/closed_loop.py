@@ -1,4 +1,7 @@
-"""The closed loop of one aircraft over one step: sense, believe, command, control, move. There is no other."""
+"""The closed loop of one aircraft over one step.
+
+Sense, estimate, command, control, move; and the status codes of an aircraft. There is no other closed loop.
+"""
 
 from typing import Any
 
@@ -7,36 +10,75 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from anser.aircraft import AircraftState, Disturbance, condition, moving_state, seen_state
-from anser.environment import AirFlow, Environment, NoGusts
-from anser.numerics import AbstractRandomness, typed_as, where_any
-from anser.numerics.randomness import AIR
-from anser.planning import AircraftPlan
-from anser.sensing import GOAL_DIVERGED, GOAL_NEVER_SEEN, Belief, Instant, Truth, velocity_over_ground_n
+from anser.aircraft.air_data import Disturbance
+from anser.aircraft.airframe import AircraftState
+from anser.aircraft.motion import flight_condition, to_local_state, to_motion_state
+from anser.environment.environment import Environment
+from anser.environment.gusts import AirFlow, NoGusts
+from anser.numerics.arrays import cast_like, select_if_any
+from anser.numerics.randomness import AIR, AbstractRandomness
+from anser.parts.perception import GOAL_DIVERGED, GOAL_NEVER_SEEN, Belief, Instant, Truth, velocity_over_ground_n
+from anser.parts.planners import AircraftPlan
+from anser.planning.published.coordination import DIRECTION_UNATTAINABLE, NO_BEND, PLAN_MESSAGES
 from anser.shapes import Count, Flag, ScalarLike
-from anser.simulation.motion import advance
-from anser.simulation.recorder import AbstractRecorder, AircraftSample, GoalApproach, scanned
-from anser.simulation.stand_off import too_near
-from anser.simulation.status import (
-    AT_GROUND,
-    BROKE_OFF,
-    FLYING,
-    GOAL_LOST,
-    GOAL_UNSEEN,
-    LEFT,
-    NOT_FINITE,
-    TOO_NEAR,
-    broken_off,
-    plan_status,
+from anser.simulation.recorders import AbstractRecorder, AircraftSample, GoalApproach, scan_steps
+from anser.simulation.stand_off import must_break_away
+from anser.simulation.vehicle import Mission, Vehicle, VehicleState, advance
+from anser.spatial.rotations import rotate, rotation_from_quaternion, safe_norm
+from anser.steady.trim import TrimPoint
+
+FLYING = 0
+NO_TRIM = len(PLAN_MESSAGES)
+NOT_FINITE = NO_TRIM + 1
+BREAKAWAY = NO_TRIM + 2
+AT_GROUND = NO_TRIM + 3
+TOO_NEAR = NO_TRIM + 4
+PLAN_TOO_NEAR = NO_TRIM + 5
+LEFT_FLEET = NO_TRIM + 6
+GOAL_UNSEEN = NO_TRIM + 7
+GOAL_LOST = NO_TRIM + 8
+
+STATUS_MESSAGES: tuple[str, ...] = (
+    "arrived",
+    *PLAN_MESSAGES[1:],
+    "no steady flight exists at the start state: the aircraft was not flown",
+    "the state stopped being a number: the motion diverged; what is recorded after that stands still",
+    "broke off to stay above the least altitude: it pulled up, did not fly its path on and went to its hold",
+    "the aircraft reached the ground; what is recorded after that stands still",
+    "came nearer to its goal than a rendezvous may be (150 m to a surface goal, 100 m to an airborne one), or "
+    "was about to: broke off and went to its hold",
+    "the plan ended nearer to the goal than a rendezvous may be (150 m to a surface goal, 100 m to an airborne one): "
+    "it was refused, and the aircraft went to its hold",
+    "left the fleet and flew straight on",
+    "its goal was never seen: it held where the goal was said to be",
+    "the filter that follows its goal diverged: it held where the goal was last taken to be",
 )
-from anser.simulation.trim import TrimPoint
-from anser.simulation.vehicle import Mission, Vehicle, VehicleState
-from anser.spatial import rotate, rotation_from_quaternion, safe_norm
+"""Message of each status; the first ones are the planner's own."""
+
+
+def is_breakaway(status: Any) -> Any:
+    """Whether a status, or which of several, means that an aircraft has left its plan for its hold."""
+    away = (status == BREAKAWAY) | (status == TOO_NEAR) | (status == PLAN_TOO_NEAR)
+    return away | (status == GOAL_UNSEEN) | (status == GOAL_LOST)
+
+
+def is_off_plan(status: Any) -> Any:
+    """Whether a status, or which of several, means that an aircraft flies no path to its rendezvous (any more).
+
+    A path that is not as long as the fleet's longest, or whose direction of arrival was left free, still leads there.
+    """
+    return (status != FLYING) & (status != NO_BEND) & (status != DIRECTION_UNATTAINABLE)
+
+
+def plan_status(status: Any, planned: Any) -> Any:
+    """Status with what a plan says of an aircraft (index into `PLAN_MESSAGES`), where nothing else has happened."""
+    return jnp.where(status == FLYING, planned.astype(status.dtype), status)
+
 
 APPROACH, FROZEN, HOLD = range(3)
 
 
-class Perceived(eqx.Module):
+class Perception(eqx.Module):
     """One aircraft at one sample before it acts: the truth, what it believes, and the memories after both."""
 
     truth: Truth
@@ -50,7 +92,7 @@ def truth_of(vehicle: Vehicle, state: AircraftState, instant: Instant, gusts: An
     """What is true of an aircraft at an instant, from its state and that of the gusts that it meets."""
     time = instant.time
     disturbance = Disturbance(vehicle.gusts.at(gusts, flow), vehicle.faults.thrust(time))
-    now = condition(vehicle.airframe, instant.environment, time, state, disturbance=disturbance)
+    now = flight_condition(vehicle.airframe, instant.environment, time, state, disturbance=disturbance)
     goal = None if vehicle.mission is None else vehicle.mission.goal_at(time)
     return Truth(vehicle.airframe, state, now, goal, vehicle.faults.goal_sensor_works(time), disturbance)
 
@@ -67,7 +109,7 @@ def of_aircraft(instant: Instant, index: Count) -> Instant:
     """The instant with the random numbers of one aircraft."""
     if instant.randomness is None:
         return instant
-    return eqx.tree_at(lambda i: i.randomness, instant, instant.randomness.of_aircraft(index))
+    return eqx.tree_at(lambda i: i.randomness, instant, instant.randomness.for_aircraft(index))
 
 
 def trimmed_vehicle(vehicle: Vehicle, instant: Instant, trim: TrimPoint, index: ScalarLike = 0) -> VehicleState:
@@ -82,7 +124,7 @@ def trimmed_vehicle(vehicle: Vehicle, instant: Instant, trim: TrimPoint, index: 
     estimator = vehicle.estimator.init(reading, vehicle.airframe, instant)
     belief, _ = vehicle.estimator.estimate(estimator, reading, vehicle.airframe, instant)
     return VehicleState(
-        aircraft=moving_state(instant.environment, trim.state),
+        aircraft=to_motion_state(instant.environment, trim.state),
         sensors=sensors,
         estimator=estimator,
         guidance=vehicle.guidance.init(belief, instant),
@@ -94,15 +136,15 @@ def trimmed_vehicle(vehicle: Vehicle, instant: Instant, trim: TrimPoint, index: 
     )
 
 
-def perceive(vehicle: Vehicle, state: VehicleState, instant: Instant) -> Perceived:
+def perceive(vehicle: Vehicle, state: VehicleState, instant: Instant) -> Perception:
     """Sense and estimate."""
     instant = of_aircraft(instant, state.index)
-    seen = seen_state(instant.environment, state.aircraft)
+    seen = to_local_state(instant.environment, state.aircraft)
     flow = air_flow(seen, instant)
     truth = truth_of(vehicle, seen, instant, state.gusts, flow)
     reading, sensors = vehicle.sensors.read(state.sensors, truth, instant)
     belief, estimator = vehicle.estimator.estimate(state.estimator, reading, vehicle.airframe, instant)
-    return Perceived(truth, belief, flow, sensors, estimator)
+    return Perception(truth, belief, flow, sensors, estimator)
 
 
 def _normals(vehicle: Vehicle, instant: Instant, *, once: bool = False) -> Array:
@@ -113,7 +155,7 @@ def _normals(vehicle: Vehicle, instant: Instant, *, once: bool = False) -> Array
 def act(
     vehicle: Vehicle,
     state: VehicleState,
-    seen: Perceived,
+    seen: Perception,
     instant: Instant,
     plan: AircraftPlan | None = None,
     freeze: ScalarLike = 0.0,
@@ -140,8 +182,8 @@ def act(
             raise ValueError("an aircraft with a goal is flown with a plan: simulation.fly, with a planner")
         status = _own_status(vehicle, plan_status(status, plan.status), belief, plan, instant, freeze)
         approach, status = _meet(vehicle.mission, truth, belief, plan, status, instant, freeze)
-        mission, clearance, away = vehicle.mission, approach.clearance, broken_off(status)
-        command, reference_n = where_any(
+        mission, clearance, away = vehicle.mission, approach.clearance, is_breakaway(status)
+        command, reference_n = select_if_any(
             approach.phase == HOLD,
             lambda: mission.hold.command(
                 belief, clearance, mission.rendezvous, mission.distance_min, plan, away, instant
@@ -174,11 +216,11 @@ def act(
     # a part that mixes float64 into a flight in float32 makes it slow, and no other flight
     held = state.sensors, state.estimator, state.guidance, state.controller, state.gusts
     before = state.aircraft, held
-    after, memories = typed_as((after, memories), before)
+    after, memories = cast_like((after, memories), before)
     stopped = state.stopped
     if vehicle.mission is not None:
         finite = _all_finite((after, memories))
-        grounded = seen_state(instant.environment, after).position_n[2] >= 0.0
+        grounded = to_local_state(instant.environment, after).position_n[2] >= 0.0
         event = jnp.where(~finite, NOT_FINITE, jnp.where(grounded, AT_GROUND, status)).astype(status.dtype)
         status = jnp.where(stopped, sample.status, event)
         stopped = stopped | ~finite | grounded
@@ -191,8 +233,8 @@ def _own_status(
 ) -> Count:
     """Status with what an aircraft knows by itself: that it has left its fleet, or has no goal to go by."""
     time = instant.time
-    left = (status == FLYING) & vehicle.faults.left(time)
-    status = jnp.where(left, LEFT, status).astype(status.dtype)
+    left = (status == FLYING) & vehicle.faults.has_departed(time)
+    status = jnp.where(left, LEFT_FLEET, status).astype(status.dtype)
     if belief.uncertainty is None:
         return status
     unseen = belief.uncertainty.goal_status == GOAL_NEVER_SEEN
@@ -223,19 +265,19 @@ def _meet(
     to_goal_n, goal_velocity_n = earth.sight(truth.state.position_n, goal.position_n, goal.velocity_n)
     to_rendezvous_n, _ = earth.sight(truth.state.position_n, rendezvous_n, jnp.zeros_like(rendezvous_n))
     clearance = mission.hold.clearance(belief)
-    near = too_near(
+    near = must_break_away(
         to_goal_n,
-        velocity_over_ground_n(truth.now, truth.state),
+        velocity_over_ground_n(truth.condition, truth.state),
         goal_velocity_n,
         mission.distance_min,
-        mission.hold.turning_acceleration(clearance, truth.now.earth.gravity),
+        mission.hold.lateral_acceleration_max(clearance, truth.condition.earth.gravity),
         mission.hold.settings.hold_turn,
     )
-    left = broken_off(status)
-    event = jnp.where(clearance.lost, BROKE_OFF, TOO_NEAR)
-    status = jnp.where((clearance.lost | near) & ~left, event, status).astype(status.dtype)
+    left = is_breakaway(status)
+    event = jnp.where(clearance.is_lost, BREAKAWAY, TOO_NEAR)
+    status = jnp.where((clearance.is_lost | near) & ~left, event, status).astype(status.dtype)
     approach = jnp.where(time >= plan.arrival_time - freeze, FROZEN, APPROACH)
-    phase = jnp.where((time >= plan.arrival_time) | broken_off(status), HOLD, approach)
+    phase = jnp.where((time >= plan.arrival_time) | is_breakaway(status), HOLD, approach)
     return GoalApproach(
         goal=goal,
         rendezvous_n=rendezvous_n,
@@ -289,4 +331,4 @@ def fly_alone(
         after, sample = act(vehicle, state, perceive(vehicle, state, instant), instant)
         return after, sample, instant
 
-    return scanned(one, state, jnp.asarray(0, dtype=jnp.int32), count, recorder, recorder.init(1))
+    return scan_steps(one, state, jnp.asarray(0, dtype=jnp.int32), count, recorder, recorder.init(1))

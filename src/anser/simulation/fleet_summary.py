@@ -7,34 +7,32 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from anser.numerics import in_precision
-from anser.planning import separation_ratio
-from anser.planning.separation import Separation
-from anser.sensing import Instant
+from anser.numerics.arrays import cast_to_precision
+from anser.parts.perception import Instant
+from anser.planning.separation import Separation, separation_ratio
 from anser.shapes import Count, Scalar, ScalarLike
-from anser.simulation.closed_loop import HOLD
-from anser.simulation.recorder import AbstractRecorder, AircraftSample, FleetSample
-from anser.simulation.status import is_off_plan
-from anser.spatial import safe_hypot, safe_norm
+from anser.simulation.closed_loop import HOLD, is_off_plan
+from anser.simulation.recorders import AbstractRecorder, AircraftSample, FleetSample
+from anser.spatial.rotations import safe_hypot, safe_norm
 
 ARRIVAL_MARGIN_S = 10.0
 """How long after its planned arrival an aircraft may still arrive."""
 
 
-class Speeds(eqx.Module):
+class AirspeedStatistics(eqx.Module):
     """Airspeed of each aircraft so far: its integral over time (m), least and greatest (m/s)."""
 
     integral: Float[Array, " aircraft"]
-    least: Float[Array, " aircraft"]
-    greatest: Float[Array, " aircraft"]
+    minimum: Float[Array, " aircraft"]
+    maximum: Float[Array, " aircraft"]
 
-    def until(self, part: Array, length_s: ScalarLike, before: Array, now: Array) -> "Speeds":
+    def over_interval(self, part: Array, length_s: ScalarLike, before: Array, condition: Array) -> "AirspeedStatistics":
         """With a part (0..1) of one more interval, over which the airspeed changes evenly from `before`."""
-        end = before + part * (now - before)
-        return Speeds(
+        end = before + part * (condition - before)
+        return AirspeedStatistics(
             self.integral + 0.5 * part * length_s * (before + end),
-            jnp.minimum(self.least, end),
-            jnp.maximum(self.greatest, end),
+            jnp.minimum(self.minimum, end),
+            jnp.maximum(self.maximum, end),
         )
 
 
@@ -71,9 +69,9 @@ class FleetSummary(eqx.Module):
 
     pass_time: Float[Array, " aircraft"]
     pass_distance: Float[Array, " aircraft"]
-    speeds_until_pass: Speeds
+    speeds_until_pass: AirspeedStatistics
     position_error_until_pass: Float[Array, " aircraft"]
-    speeds_on_plan: Speeds
+    speeds_on_plan: AirspeedStatistics
     position_error_on_plan: Float[Array, " aircraft"]
     off_plan_time: Float[Array, " aircraft"]
     clearance_min: Float[Array, " aircraft"]
@@ -105,14 +103,14 @@ class SummaryRecorder(AbstractRecorder):
     """
 
     separation: Separation | None = None
-    last: Count | None = None
-    every: int = eqx.field(static=True, default=1)
+    last_sample: Count | None = None
+    stride: int = eqx.field(static=True, default=1)
 
     def init(self, aircraft: int) -> tuple[FleetSummary, _PreviousSample]:
         """Summary of no sample."""
         zero, none = jnp.zeros(aircraft), jnp.full(aircraft, jnp.inf)
         code = jnp.zeros(aircraft, dtype=jnp.int32)
-        speeds = Speeds(zero, none, -none)
+        speeds = AirspeedStatistics(zero, none, -none)
         summary = FleetSummary(
             pass_time=jnp.full(aircraft, jnp.nan),
             pass_distance=none,
@@ -131,24 +129,32 @@ class SummaryRecorder(AbstractRecorder):
         )
         return summary, _PreviousSample(jnp.zeros((aircraft, 3)), jnp.zeros((aircraft, 3)), zero)
 
-    def take(
-        self, memory: tuple[FleetSummary, _PreviousSample], sample: FleetSample, instant: Instant
+    def update(
+        self, recorder_state: tuple[FleetSummary, _PreviousSample], sample: FleetSample, instant: Instant
     ) -> tuple[FleetSummary, _PreviousSample]:
         """Summary with one more sample, and with the interval that ends with it."""
 
         def included() -> tuple[FleetSummary, _PreviousSample]:
-            now = in_precision(sample.rows(_of_one), float)  # also of a flight in float32
-            return self.include(memory, now, instant.number, in_precision(instant.step, float))
+            now = cast_to_precision(sample.rows(_of_one), float)  # also of a flight in float32
+            return self.include(recorder_state, now, instant.number, cast_to_precision(instant.step, float))
 
-        return included() if self.last is None else jax.lax.cond(instant.number <= self.last, included, lambda: memory)
+        return (
+            included()
+            if self.last_sample is None
+            else jax.lax.cond(instant.number <= self.last_sample, included, lambda: recorder_state)
+        )
 
     def include(
-        self, memory: tuple[FleetSummary, _PreviousSample], now: dict[str, Array], number: Count, step: ScalarLike
+        self,
+        recorder_state: tuple[FleetSummary, _PreviousSample],
+        condition: dict[str, Array],
+        number: Count,
+        step: ScalarLike,
     ) -> tuple[FleetSummary, _PreviousSample]:
         """Summary with the values of one more sample, by the keys of `_of_one`; leading axis aircraft."""
-        before, last = memory
+        before, last = recorder_state
         time = number * step
-        position_n, offset_n, airspeed = now["position_n"], now["offset_n"], now["airspeed"]
+        position_n, offset_n, airspeed = condition["position_n"], condition["offset_n"], condition["airspeed"]
         begun = number > 0
         length_s = jnp.where(begun, step, 0.0)
         # The first sample closes no interval: it is one of no length.
@@ -157,15 +163,15 @@ class SummaryRecorder(AbstractRecorder):
             last,
             _PreviousSample(position_n, offset_n, airspeed),
         )
-        left_s = now["arrival_time"] + ARRIVAL_MARGIN_S - (time - length_s)
+        left_s = condition["arrival_time"] + ARRIVAL_MARGIN_S - (time - length_s)
         part, distance = _nearest(last.offset_n, offset_n)
         part = jnp.clip(jnp.minimum(part, left_s / step), 0.0, 1.0)
         distance = jnp.where(left_s >= 0.0, _distance(last.offset_n, offset_n, part), jnp.inf)
         on_plan = jnp.isinf(before.off_plan_time)
         nearer = on_plan & (distance < before.pass_distance)
-        until = before.speeds_on_plan.until(part, length_s, last.airspeed, airspeed)
-        whole = before.speeds_on_plan.until(jnp.ones_like(airspeed), length_s, last.airspeed, airspeed)
-        error_max = jnp.maximum(before.position_error_on_plan, now["position_error"])
+        until = before.speeds_on_plan.over_interval(part, length_s, last.airspeed, airspeed)
+        whole = before.speeds_on_plan.over_interval(jnp.ones_like(airspeed), length_s, last.airspeed, airspeed)
+        error_max = jnp.maximum(before.position_error_on_plan, condition["position_error"])
         error_until = jnp.where(part < 1.0, before.position_error_on_plan, error_max)
         pass_time, pass_distance, speeds_until_pass, error_until_pass = _select(
             nearer,
@@ -175,7 +181,7 @@ class SummaryRecorder(AbstractRecorder):
         speeds_on_plan, error_on_plan = _select(
             on_plan, (whole, error_max), (before.speeds_on_plan, before.position_error_on_plan)
         )
-        code = now["status"]
+        code = condition["status"]
         summary = FleetSummary(
             pass_time=pass_time,
             pass_distance=pass_distance,
@@ -184,8 +190,8 @@ class SummaryRecorder(AbstractRecorder):
             speeds_on_plan=speeds_on_plan,
             position_error_on_plan=error_on_plan,
             off_plan_time=jnp.where(on_plan & is_off_plan(code), time, before.off_plan_time),
-            clearance_min=jnp.minimum(before.clearance_min, now["clearance"]),
-            tables_left_time=before.tables_left_time + jnp.where(now["outside_tables"], step, 0.0),
+            clearance_min=jnp.minimum(before.clearance_min, condition["clearance"]),
+            tables_left_time=before.tables_left_time + jnp.where(condition["outside_tables"], step, 0.0),
             first_status=jnp.where(before.first_status == 0, code, before.first_status),
             last_status=code,
             separation_min=jnp.minimum(before.separation_min, _least_separation(last.position_n, position_n)),
@@ -204,7 +210,7 @@ class SummaryRecorder(AbstractRecorder):
         level, height = safe_hypot(apart_n[:, 0], apart_n[:, 1]), jnp.abs(apart_n[:, 2])
         return jnp.min(separation_ratio(level, height, self.separation.horizontal, self.separation.vertical))
 
-    def row(self, sample: FleetSample, instant: Instant) -> None:
+    def output(self, sample: FleetSample, instant: Instant) -> None:
         """None."""
 
 
@@ -220,11 +226,11 @@ def _of_one(sample: AircraftSample) -> dict[str, Array]:
     return {
         "position_n": state.position_n,
         "offset_n": approach.rendezvous_n - state.position_n,
-        "airspeed": sample.truth.now.air_data.V if sample.flow is None else sample.flow.airspeed,
+        "airspeed": sample.truth.condition.air_data.V if sample.flow is None else sample.flow.airspeed,
         "clearance": safe_norm(approach.to_goal_n),
         "position_error": jnp.where(approach.phase == HOLD, -jnp.inf, safe_norm(sample.reference_n - state.position_n)),
         "arrival_time": approach.plan.arrival_time,
-        "outside_tables": sample.truth.airframe.outside_tables(sample.truth.now.air_data),
+        "outside_tables": sample.truth.airframe.outside_tables(sample.truth.condition.air_data),
         "status": sample.status,
     }
 

@@ -1,32 +1,33 @@
-"""Response of one aircraft to commands given to one loop of its autopilot: the step tests of theory section 5."""
+"""Response of one aircraft to commands given to one loop of its autopilot.
+
+And the figures of a step response (theory section 5).
+"""
 
 from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
-from anser.aircraft import AbstractAirframe, AircraftState, condition
-from anser.control import (
-    AbstractGuidance,
-    AutopilotGains,
-    AutopilotState,
-    FlightLimits,
-    InversionAutopilot,
-    Loop,
-    LoopCommand,
-    PathMotion,
-    initial_autopilot_state,
-    path_motion,
-)
-from anser.environment import Environment
-from anser.planning import AircraftPlan, PathCommand
-from anser.sensing import Belief, DirectEstimator, IdealSensors, Instant
-from anser.shapes import Scalar, ScalarLike, Vector3
+from anser.aircraft.airframe import AbstractAirframe, AircraftState
+from anser.aircraft.motion import flight_condition
+from anser.control.autopilot_state import AutopilotState, initial_autopilot_state
+from anser.control.gains import AutopilotGains
+from anser.control.inversion_autopilot import InversionAutopilot, Loop, LoopCommand
+from anser.control.limits import FlightLimits
+from anser.control.onboard_model import PathMotion, path_motion
+from anser.environment.environment import Environment
+from anser.parts.controllers import AbstractGuidance
+from anser.parts.paths import PathCommand
+from anser.parts.perception import Belief, Instant
+from anser.parts.planners import AircraftPlan
+from anser.sensing.estimators import DirectEstimator
+from anser.sensing.ideal_sensors import IdealSensors
+from anser.shapes import Scalar, ScalarLike, Vector, Vector3
 from anser.simulation.closed_loop import fly_alone, trimmed_vehicle
-from anser.simulation.recorder import AbstractRecorder, AircraftSample
-from anser.simulation.trim import TrimPoint
+from anser.simulation.recorders import AbstractRecorder, AircraftSample
 from anser.simulation.vehicle import Vehicle
+from anser.steady.trim import TrimPoint
 
 
 class LoopCase(eqx.Module):
@@ -50,19 +51,19 @@ class LoopCase(eqx.Module):
     step: Scalar = eqx.field(converter=lambda step: jnp.asarray(step, dtype=float))
 
 
-class HeldCommand(AbstractGuidance):
+class ConstantCommand(AbstractGuidance):
     """One command throughout."""
 
-    held: Any
+    value: Any
 
     def init(self, belief: Belief, instant: Instant) -> None:
         """Nothing is kept."""
 
     def command(
-        self, memory: None, belief: Belief, plan: AircraftPlan | None, instant: Instant
+        self, guidance_state: None, belief: Belief, plan: AircraftPlan | None, instant: Instant
     ) -> tuple[Any, Vector3, None]:
         """The command; no place is asked for."""
-        return self.held, belief.state.position_n, None
+        return self.value, belief.state.position_n, None
 
 
 class Response(eqx.Module):
@@ -101,7 +102,7 @@ def step_response(case: LoopCase, size: Vector3, count: int, loop: Loop) -> Resp
     loop
         Which loop is commanded.
     """
-    held = measured_by(believed(case.airframe, case.environment, case.trim.state), loop)
+    held = loop_outputs(exact_belief(case.airframe, case.environment, case.trim.state), loop)
     return loop_flight(case, held + size, count, loop, ResponseRecorder(loop=loop))
 
 
@@ -109,7 +110,7 @@ def loop_flight(case: LoopCase, value: Vector3, count: int, loop: Loop, recorder
     """Rows of a flight from trim with one loop commanded to a value throughout; see `step_response`."""
     command = loop_command(loop, value, jnp.zeros(3), case.trim.controls.throttle)
     autopilot = InversionAutopilot(case.gains, case.limits, loop=loop)
-    vehicle = Vehicle(case.airframe, IdealSensors(), DirectEstimator(), HeldCommand(command), autopilot)
+    vehicle = Vehicle(case.airframe, IdealSensors(), DirectEstimator(), ConstantCommand(command), autopilot)
     instant = Instant(case.environment, jnp.asarray(0, dtype=jnp.int32), case.step)
     start = trimmed_vehicle(vehicle, instant, case.trim)
     return fly_alone(vehicle, case.environment, start, case.step, count, recorder)[2]
@@ -119,18 +120,18 @@ class ResponseRecorder(AbstractRecorder):
     """What one loop does and takes, at each sample."""
 
     loop: Loop = eqx.field(static=True)
-    every: int = eqx.field(static=True, default=1)
+    stride: int = eqx.field(static=True, default=1)
 
     def init(self, aircraft: int) -> None:
         """Nothing is kept."""
 
-    def take(self, memory: None, sample: AircraftSample, instant: Instant) -> None:
+    def update(self, recorder_state: None, sample: AircraftSample, instant: Instant) -> None:
         """Nothing is kept."""
 
-    def row(self, sample: AircraftSample, instant: Instant) -> Response:
+    def output(self, sample: AircraftSample, instant: Instant) -> Response:
         """One row."""
         state = sample.truth.state
-        measured = measured_by(sample.belief, self.loop)
+        measured = loop_outputs(sample.belief, self.loop)
         return Response(instant.time, measured, state.surfaces, sample.controls.throttle, state.power)
 
 
@@ -142,14 +143,14 @@ def loop_command(loop: Loop, value: Vector3, rate: Vector3, throttle: ScalarLike
     return PathCommand(*value, *rate) if loop == "velocity" else LoopCommand(value, rate, throttle)
 
 
-def believed(airframe: AbstractAirframe, environment: Environment, state: AircraftState) -> Belief:
+def exact_belief(airframe: AbstractAirframe, environment: Environment, state: AircraftState) -> Belief:
     """What an aircraft without a goal believes that knows itself and its state, at time 0."""
-    now = condition(airframe, environment, 0.0, state)
+    now = flight_condition(airframe, environment, 0.0, state)
     specific_force_b = now.wrench.force_b / airframe.mass_properties.mass
     return Belief(airframe, state, now, specific_force_b, sight=None, goal=None)
 
 
-def trimmed_memory(trim: TrimPoint) -> AutopilotState:
+def trimmed_autopilot_state(trim: TrimPoint) -> AutopilotState:
     """Memory of an autopilot that has been holding a trim point."""
     attitude = jnp.stack([trim.mu, trim.alpha, trim.beta])
     return initial_autopilot_state(attitude, trim.state.rates_b, trim.state.surfaces)
@@ -157,11 +158,11 @@ def trimmed_memory(trim: TrimPoint) -> AutopilotState:
 
 def motion_of(belief: Belief) -> PathMotion:
     """Path and attitude angles that an aircraft believes."""
-    now, mass = belief.now, belief.airframe.mass_properties.mass
+    now, mass = belief.condition, belief.airframe.mass_properties.mass
     return path_motion(now, now.wrench.force_b, belief.state.velocity_b, mass, now.earth.gravity)
 
 
-def measured_by(belief: Belief, loop: Loop) -> Vector3:
+def loop_outputs(belief: Belief, loop: Loop) -> Vector3:
     """Outputs of a loop: (P, Q, R), (mu, alpha, beta) or (V, gamma, chi)."""
     if loop == "rates":
         return belief.state.rates_b
@@ -169,3 +170,102 @@ def measured_by(belief: Belief, loop: Loop) -> Vector3:
     if loop == "velocity":
         return jnp.stack([motion.V, motion.gamma, motion.chi])
     return jnp.stack([motion.mu, motion.alpha, motion.beta])
+
+
+_RISE_FROM, _RISE_TO = 0.1, 0.9
+_END = 0.1
+"""Last part of the record over which the error at the end is averaged."""
+
+
+class StepMetrics(eqx.Module):
+    """Figures of one response of a loop's three channels.
+
+    Attributes
+    ----------
+    stepped
+        Which channels were commanded; the next four are figures of theirs, 0 for the others.
+    rise_time
+        From 10 to 90 percent of the step, s; infinite where 90 percent is not reached.
+    settling_time
+        From the step until the error stays within the band, s; infinite where it does not before the record ends.
+    overshoot
+        Beyond the command, part of the step; 0 without overshoot.
+    final_error
+        Command minus output, mean of the last tenth of the record, part of the step.
+    coupling
+        Largest departure of the channels that were not commanded, in their own units; 0 for the commanded ones.
+    surface_use
+        Largest part of the way from trim to the stop that each surface went.
+    """
+
+    stepped: Bool[Array, "3"]
+    rise_time: Vector3
+    settling_time: Vector3
+    overshoot: Vector3
+    final_error: Vector3
+    coupling: Vector3
+    surface_utilization: Vector
+
+
+def step_metrics(
+    time: Float[Array, " steps"],
+    measured: Float[Array, "steps 3"],
+    size: Vector3,
+    surfaces: Float[Array, "steps n"],
+    surface_limits: tuple[Vector, Vector],
+    band: ScalarLike = 0.05,
+) -> StepMetrics:
+    """Figures of a response to a step at the first sample.
+
+    Parameters
+    ----------
+    time
+        s.
+    measured
+        Outputs of the loop's channels; angles without jumps of 2 pi.
+    size
+        Step of each channel, 0 for those that are to stay.
+    surfaces
+        Deflections, rad.
+    surface_limits
+        Lower and upper stops, rad.
+    band
+        Of the settling time, part of the step.
+    """
+    stepped = size != 0.0
+    departure = measured - measured[:1]
+    progress = departure / jnp.where(stepped, size, 1.0)[None, :]
+    tail = jnp.arange(time.shape[0]) >= round((1.0 - _END) * time.shape[0])
+    outside = jnp.abs(progress - 1.0) > band
+    settled = jnp.max(jnp.where(outside, time[:, None], -jnp.inf), axis=0)
+    lower, upper = surface_limits
+    moved = surfaces - surfaces[:1]
+    room = jnp.where(moved > 0.0, upper - surfaces[0], surfaces[0] - lower)
+
+    def of_stepped(values: Vector3) -> Vector3:
+        return jnp.where(stepped, values, 0.0)
+
+    return StepMetrics(
+        stepped=stepped,
+        rise_time=of_stepped(_first(time, progress, _RISE_TO) - _first(time, progress, _RISE_FROM)),
+        settling_time=of_stepped(jnp.where(outside[-1], jnp.inf, jnp.maximum(settled - time[0], 0.0))),
+        overshoot=of_stepped(jnp.maximum(jnp.max(progress, axis=0) - 1.0, 0.0)),
+        final_error=of_stepped(1.0 - jnp.sum(jnp.where(tail[:, None], progress, 0.0), axis=0) / jnp.sum(tail)),
+        coupling=jnp.where(stepped, 0.0, jnp.max(jnp.abs(departure), axis=0)),
+        surface_utilization=jnp.max(jnp.abs(moved) / jnp.maximum(room, 1e-9), axis=0),
+    )
+
+
+def _first(time: Float[Array, " steps"], progress: Float[Array, "steps 3"], level: float) -> Vector3:
+    """First time at which each channel has come so far, linear between samples; infinite if it never has."""
+
+    def one(channel: Float[Array, " steps"]) -> Scalar:
+        there = channel >= level
+        k = jnp.argmax(there)
+        before = jnp.maximum(k - 1, 0)
+        rise = channel[k] - channel[before]
+        part = jnp.where(rise > 0.0, (level - channel[before]) / jnp.where(rise > 0.0, rise, 1.0), 1.0)
+        crossing = time[before] + jnp.clip(part, 0.0, 1.0) * (time[k] - time[before])
+        return jnp.where(jnp.any(there), crossing, jnp.inf)
+
+    return jnp.stack([one(progress[:, k]) for k in range(3)])

@@ -4,11 +4,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from anser.numerics import where_any
+from anser.numerics.arrays import select_if_any
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
-from anser.spatial import safe_hypot, safe_norm
+from anser.spatial.rotations import safe_hypot, safe_norm
 
-ERROR_ALLOWED_M = 10.0
+DISTANCE_ERROR_ALLOWED_M = 10.0
 """By how much less than the least distance a straight flight on may pass the goal, for errors of tracking."""
 _RESERVE_M = 25.0  # by which the last turn away passes outside the least distance
 _ONSET_S = 2.5  # straight on until the turn away is flown
@@ -16,7 +16,7 @@ _SHARE = 0.6  # of the turn that the aircraft can fly
 _ANGLES = np.linspace(0.0, np.pi, 24)  # of the turn away, rad
 
 
-def too_near(
+def must_break_away(
     to_goal_n: Vector3,
     velocity_n: Vector3,
     goal_velocity_n: Vector3,
@@ -50,13 +50,13 @@ def too_near(
     passes = safe_norm(to_goal_n - ahead * closing_n)
     level = jnp.maximum(safe_hypot(velocity_n[0], velocity_n[1]), 1.0)
     rate = _SHARE * jnp.maximum(acceleration, 0.5) / level
-    leads_inside = passes < distance_min - ERROR_ALLOWED_M
+    leads_inside = passes < distance_min - DISTANCE_ERROR_ALLOWED_M
 
     def late() -> Flag:
         least = jnp.min(_from_goal(rate, to_goal_n, velocity_n, goal_velocity_n, level, turn))
         return least < distance_min + _RESERVE_M
 
-    return inside | where_any(leads_inside, late, jnp.zeros_like(leads_inside))
+    return inside | select_if_any(leads_inside, late, jnp.zeros_like(leads_inside))
 
 
 def _from_goal(

@@ -6,17 +6,23 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from anser.aircraft import condition
-from anser.planning import Performance, Report
-from anser.sensing import Instant
+from anser.aircraft.motion import flight_condition
+from anser.parts.perception import Instant
+from anser.parts.planners import AircraftReport, Performance
 from anser.shapes import Flag, Vector3
-from anser.simulation.closed_loop import perceive, trimmed_vehicle
-from anser.simulation.fleet import Flight, FlightState, fleet_rows, of_members
-from anser.simulation.flight import plans_too_near, refuse, report
-from anser.simulation.performance import performance_at
-from anser.simulation.status import NO_TRIM, plan_status
-from anser.simulation.trim import EXCESS_NOISE, TrimPoint, TrimTarget, solve_trim
+from anser.simulation.closed_loop import NO_TRIM, perceive, plan_status, trimmed_vehicle
+from anser.simulation.flight import (
+    Flight,
+    FlightState,
+    merge_groups,
+    plans_too_near,
+    report,
+    select_group_rows,
+    send_to_hold,
+)
 from anser.simulation.vehicle import Vehicle, VehicleState
+from anser.steady.performance import performance_at
+from anser.steady.trim import EXCESS_NOISE, TrimPoint, TrimTarget, solve_trim
 
 
 class TrimmedFleet(eqx.Module):
@@ -37,9 +43,9 @@ class TrimmedFleet(eqx.Module):
     """
 
     trims: tuple[TrimPoint, ...]
-    steady: Bool[Array, " aircraft"]
+    is_trimmed: Bool[Array, " aircraft"]
     vehicles: tuple[VehicleState, ...]
-    reports: Report
+    reports: AircraftReport
     performance: Performance
 
 
@@ -48,27 +54,27 @@ def trimmed_fleet(flight: Flight) -> TrimmedFleet:
     environment, timing = flight.environment, flight.timing
     instant = Instant(environment, jnp.asarray(0, dtype=jnp.int32), timing.step, flight.randomness)
 
-    def one(vehicle: Vehicle, target: TrimTarget, place_n: Vector3, flies: Flag, index: Array) -> Any:
+    def one(vehicle: Vehicle, target: TrimTarget, place_n: Vector3, is_real: Flag, index: Array) -> Any:
         trim = solve_trim(vehicle.airframe, environment, target, place_n)
         state = trimmed_vehicle(vehicle, instant, trim, index)
         untrimmed = ~trim.converged | (trim.excess > EXCESS_NOISE)
         status = jnp.where(untrimmed, NO_TRIM, state.status).astype(jnp.int32)
-        state = eqx.tree_at(lambda s: (s.status, s.stopped), state, (status, untrimmed | ~flies))
+        state = eqx.tree_at(lambda s: (s.status, s.stopped), state, (status, untrimmed | ~is_real))
         seen = perceive(vehicle, state, instant)
-        known, now = seen.belief.airframe, seen.truth.now
+        known, now = seen.belief.airframe, seen.truth.condition
         if known is not vehicle.airframe:  # what the planner knows is what the aircraft takes itself to be
-            now = condition(known, environment, instant.time, trim.state)
+            now = flight_condition(known, environment, instant.time, trim.state)
         performance = performance_at(known, environment, now, trim.state.surfaces)
         return (trim, state), (~untrimmed, report(vehicle, seen, ~state.stopped), performance)
 
     found = [
         kind.vehicles.map(
-            one, kind.starts, kind.start_positions_n, kind.flies, jnp.asarray(kind.members, dtype=jnp.int32)
+            one, kind.starts, kind.start_positions_n, kind.is_real, jnp.asarray(kind.members, dtype=jnp.int32)
         )
-        for kind in flight.kinds
+        for kind in flight.groups
     ]
     trims, states = zip(*(own for own, _ in found), strict=True)
-    steady, reports, performance = fleet_rows(flight, [of_all for _, of_all in found])
+    steady, reports, performance = merge_groups(flight, [of_all for _, of_all in found])
     return TrimmedFleet(trims, steady, states, reports, performance)
 
 
@@ -78,18 +84,22 @@ def start_flight(flight: Flight) -> tuple[FlightState, TrimmedFleet]:
     Of a planner whose first plan is one program: that of the certified planner is a search, see `begin`.
     """
     fleet = trimmed_fleet(flight)
-    return begin(flight, fleet, flight.planner.first(jnp.zeros(()), fleet.reports, fleet.performance)), fleet
+    return initialize_flight(
+        flight, fleet, flight.planner.first_plan(jnp.zeros(()), fleet.reports, fleet.performance)
+    ), fleet
 
 
-def begin(flight: Flight, fleet: TrimmedFleet, planner: Any) -> FlightState:
+def initialize_flight(flight: Flight, fleet: TrimmedFleet, planner: Any) -> FlightState:
     """State of a flight at time 0 with its planner's state, the first plan among it.
 
     An aircraft whose plan ends nearer to its goal than a rendezvous may be does not fly it, see `PLAN_TOO_NEAR`.
     """
     plans = flight.planner.plans(planner)
-    vehicles = refuse(flight, fleet.vehicles, plans_too_near(flight, plans, fleet.reports, 0.0))
+    vehicles = send_to_hold(flight, fleet.vehicles, plans_too_near(flight, plans, fleet.reports, 0.0))
     vehicles = tuple(
-        eqx.tree_at(lambda s: s.status, state, plan_status(state.status, of_members(plans.status, kind, flight.count)))
-        for kind, state in zip(flight.kinds, vehicles, strict=True)
+        eqx.tree_at(
+            lambda s: s.status, state, plan_status(state.status, select_group_rows(plans.status, kind, flight.count))
+        )
+        for kind, state in zip(flight.groups, vehicles, strict=True)
     )
     return FlightState(vehicles, planner)

@@ -1,19 +1,90 @@
-"""One aircraft as a set of interchangeable parts, and what of it goes on from step to step."""
+"""One aircraft of the closed loop.
+
+Its interchangeable parts, its mission, its faults, its state between two steps, and its motion over one step with
+controls held.
+"""
 
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 
-from anser.aircraft import AbstractAirframe, MotionState
+from anser.aircraft.air_data import Disturbance
+from anser.aircraft.airframe import AbstractAirframe, Controls
+from anser.aircraft.motion import AnyMotionState, MotionState, motion_derivative
 from anser.constants import AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M
-from anser.control import AbstractController, AbstractGuidance
-from anser.environment import AbstractGusts, NoGusts
-from anser.planning import GoalMotion, Rendezvous
-from anser.sensing import AbstractEstimator, AbstractSensors, GoalState
+from anser.environment.environment import Environment
+from anser.environment.gusts import AbstractGusts, NoGusts
+from anser.numerics.arrays import as_array
+from anser.numerics.integration import rk4_step
+from anser.parts.controllers import AbstractController, AbstractGuidance
+from anser.parts.perception import AbstractEstimator, AbstractSensors, GoalState
+from anser.parts.planners import Rendezvous
+from anser.planning.goals import GoalMotion
+from anser.planning.holds.hold_around_goal import HoldAroundGoal
 from anser.shapes import Count, Flag, Scalar, ScalarLike
-from anser.simulation.faults import Faults, no_faults
-from anser.simulation.hold import HoldAroundGoal
+from anser.spatial.rotations import normalize
+
+
+class Faults(eqx.Module):
+    """Losses of one aircraft, each from a time on (s); infinite: never.
+
+    Attributes
+    ----------
+    thrust_time, thrust_left
+        From when on its engine gives only a part (0..1) of its thrust.
+    sensor_time
+        From when on the sensor of its goal fails.
+    leaving_time
+        From when on it is no longer one of its fleet: it flies the plan that is made for it then, straight on, and
+        nobody waits for it.
+    """
+
+    thrust_time: Scalar
+    thrust_ratio: Scalar
+    sensor_time: Scalar
+    departure_time: Scalar
+
+    def thrust(self, time: ScalarLike) -> Scalar:
+        """Part of the thrust that is left."""
+        return jnp.where(time >= self.thrust_time, self.thrust_ratio, 1.0)
+
+    def goal_sensor_works(self, time: ScalarLike) -> Flag:
+        """Whether the goal can be sensed."""
+        return jnp.asarray(time < self.sensor_time)
+
+    def has_departed(self, time: ScalarLike) -> Flag:
+        """Whether it has left its fleet."""
+        return jnp.asarray(time >= self.departure_time)
+
+
+def no_faults() -> Faults:
+    """None."""
+    never = as_array(jnp.inf)
+    return Faults(never, as_array(1.0), never, never)
+
+
+def advance(
+    airframe: AbstractAirframe,
+    environment: Environment,
+    time: ScalarLike,
+    state: AnyMotionState,
+    controls: Controls,
+    step: ScalarLike,
+    disturbance: Disturbance | None = None,
+) -> AnyMotionState:
+    """State one step (s) later, by the classical Runge-Kutta method; the quaternion is normalized after the step.
+
+    Controls and disturbance (None: none) are held over the step.
+    """
+
+    def derivative(t: ScalarLike, y: AnyMotionState) -> AnyMotionState:
+        return motion_derivative(airframe, environment, t, y, controls, disturbance)
+
+    # jit: traced once for the four stages.
+    after = rk4_step(jax.jit(derivative), jnp.asarray(time, state.velocity_b.dtype), state, step)
+    return eqx.tree_at(lambda s: s.quaternion, after, normalize(after.quaternion))
 
 
 class Mission(eqx.Module):

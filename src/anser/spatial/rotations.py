@@ -1,14 +1,41 @@
-"""Attitude as quaternion, rotation matrix and Euler angles, and the passage between them.
+"""Rotation matrices, quaternions and Euler angles.
 
-Convention: the quaternion is (q0, q1, q2, q3), scalar first, and like ``R_bn`` it takes vectors from NED to body.
-Euler angles are roll, pitch, yaw of the 3-2-1 sequence (yaw first). Products are written as explicit sums, which fuse
-with their neighbours under `vmap` inside a `scan`. Source: theory sections 1 and 2; [SL] chapter 1.
+And the lengths and angles that they need, whose gradients stay finite at zero.
 """
 
 import jax.numpy as jnp
 
-from anser.shapes import Matrix33, Quaternion, ScalarLike, Vector3
-from anser.spatial.safe import safe_atan2, safe_hypot
+from anser.shapes import Flag, Matrix33, Quaternion, Scalar, ScalarLike, Vector3
+
+_TINY_SQUARED = 1e-290
+
+
+def safe_norm(v: Vector3) -> Scalar:
+    """Length of a vector (3,), any unit; 0 with zero gradient at the zero vector."""
+    return _safe_sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+
+
+def safe_hypot(x: ScalarLike, y: ScalarLike) -> Scalar:
+    """Length of (x, y), any unit; 0 with zero gradient at the origin."""
+    x, y = jnp.asarray(x), jnp.asarray(y)
+    return _safe_sqrt(x * x + y * y)
+
+
+def safe_atan2(y: ScalarLike, x: ScalarLike) -> Scalar:
+    """Angle of the point (x, y), rad in [-pi, pi]; 0 with zero gradient at the origin."""
+    x, y = jnp.asarray(x), jnp.asarray(y)
+    undefined = _is_zero(x * x + y * y)
+    return jnp.arctan2(jnp.where(undefined, 0.0, y), jnp.where(undefined, 1.0, x))
+
+
+def _safe_sqrt(squared: Scalar) -> Scalar:
+    zero = _is_zero(squared)
+    return jnp.where(zero, 0.0, jnp.sqrt(jnp.where(zero, 1.0, squared)))
+
+
+def _is_zero(squared: Scalar) -> Flag:
+    return squared < max(_TINY_SQUARED, float(jnp.finfo(squared.dtype).tiny))
+
 
 # Below this cosine of the pitch angle roll and yaw are rounding noise one by one and only their difference or sum has
 # meaning. The noise is about 1e-16 / cosine and the error of ignoring the cosine is the cosine, so 1e-8 balances the

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from anser.constants import WGS84_A_M, WGS84_F
 from anser.shapes import Scalar, ScalarLike, Vector3
-from anser.spatial.safe import safe_atan2, safe_hypot
+from anser.spatial.rotations import safe_atan2, safe_hypot
 
 
 class Ellipsoid(eqx.Module):
@@ -146,7 +146,7 @@ def geodetic_from_flat(
     )
 
 
-places_from_flat = jax.jit(geodetic_from_flat)
+recorded_geodetic_from_flat = jax.jit(geodetic_from_flat)
 """`geodetic_from_flat`, compiled, for places recorded of a flight: the first axis is NED, others may follow."""
 
 
@@ -183,7 +183,7 @@ def flat_from_geodetic(
     return jnp.stack([north, east, jnp.asarray(reference_height) - h])
 
 
-def flat_stretch(length: ScalarLike, radius: ScalarLike) -> Scalar:
+def flat_map_scale(length: ScalarLike, radius: ScalarLike) -> Scalar:
     """Derivative of a flat-Earth length, m, by the arc of the angle that it stands for, at a radius, m: 1 to 2."""
     tangent = jnp.clip(length / radius, -1.0, 1.0)
     return 1.0 + tangent * tangent

@@ -3,8 +3,7 @@
 import jax.numpy as jnp
 
 from anser.shapes import Matrix33, Scalar, ScalarLike, Vector3
-from anser.spatial.rotations import compose, rotation_from_euler
-from anser.spatial.safe import safe_atan2, safe_hypot, safe_norm
+from anser.spatial.rotations import compose, rotation_from_euler, safe_atan2, safe_hypot, safe_norm
 
 
 def rotation_wind_from_body(alpha: ScalarLike, beta: ScalarLike) -> Matrix33:

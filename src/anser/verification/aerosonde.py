@@ -6,11 +6,13 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from anser.aircraft import AirData, DerivativeAircraft, angular_acceleration
-from anser.scenario.airframe_file import AirframeFile, library_file
-from anser.scenario.airframe_file.build import build_airframe, with_derivatives
-from anser.verification.check import Check, Comparison
-from anser.verification.published import published
+from anser.aircraft.air_data import AirData
+from anser.aircraft.derivative_aircraft import DerivativeAircraft
+from anser.aircraft.motion import angular_acceleration
+from anser.aircraft_files.build import build_airframe, with_derivatives
+from anser.aircraft_files.schema import AirframeFile
+from anser.aircraft_files.sources import library_file
+from anser.verification.checks import Check, Comparison, load_published
 
 _TOLERANCE = 1e-10
 _SPEED_OF_SOUND_M_S = 340.0
@@ -60,7 +62,7 @@ def _compare(airframe: DerivativeAircraft, case: Mapping[str, Any], density: flo
 
 
 def _measure() -> tuple[Comparison, ...]:
-    data, file = published("aerosonde_checks"), library_file("aerosonde")
+    data, file = load_published("aerosonde_checks"), library_file("aerosonde")
     if not isinstance(file, AirframeFile):
         raise TypeError(f"aerosonde: {type(file).__name__}; expected a file of derivatives")
     airframe = with_derivatives(build_airframe(file), file, {"CD0": 0.0})
@@ -72,7 +74,7 @@ AEROSONDE_FORCES = Check(
     key="aerosonde-forces",
     title="Aerosonde: forces, moments and accelerations",
     source="[BM] app. E, authors' simulator",
-    why="rounding",
+    tolerance_reason="rounding",
     explanation=(
         "Three states of the small electric aircraft, with the arithmetic of the authors' simulator: no parasite drag "
         "(CD_p = 0), gravity turned by R(q) / det R(q) because the quaternion is of unit length to 1e-8 only, airspeed "

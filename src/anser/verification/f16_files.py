@@ -8,30 +8,22 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from anser.aircraft import (
-    F16,
-    AbstractActuators,
-    AbstractAirframe,
-    AbstractEngine,
-    AirData,
-    MassProperties,
-    Wrench,
-    air_data,
-    along_body_x,
-)
-from anser.compiling import compiled_quickly
-from anser.dave_ml import Evaluator
-from anser.environment import StandardAtmosphere
-from anser.numerics import as_array
-from anser.scenario import load_f16
+from anser.aircraft.actuators import AbstractActuators
+from anser.aircraft.air_data import AirData, Wrench, air_data
+from anser.aircraft.airframe import AbstractAirframe, MassProperties
+from anser.aircraft.engines import AbstractEngine, thrust_along_body_x
+from anser.aircraft.f16 import F16
+from anser.aircraft_files.library import load_f16
+from anser.compiling.options import compiled_quickly
+from anser.dave_ml.evaluator import Evaluator
+from anser.environment.atmosphere import StandardAtmosphere
+from anser.numerics.arrays import as_array
 from anser.shapes import Flag, Scalar, ScalarLike, Vector, Vector3
 from anser.units import DEG_RAD, LBF_N, RAD_DEG
-from anser.verification.check import Check, Comparison
-from anser.verification.dave_ml_files import published_model
-from anser.verification.nesc_cases import TRIMMED_FLIGHTS
-from anser.verification.nesc_columns import column_unit
+from anser.verification.checks import Check, Comparison, load_published
+from anser.verification.nasa_f16 import published_model
+from anser.verification.nesc_cases import TRIMMED_FLIGHTS, column_unit
 from anser.verification.nesc_flight import LOG_PERIOD_S, fly_trimmed, trimmed_logs
-from anser.verification.published import published
 
 STATES = 10_000
 _TOLERANCE = 1e-12
@@ -75,9 +67,9 @@ class FileEngine(AbstractEngine):
     thrust: Evaluator
     built_in: AbstractEngine
 
-    def settled(self, power: ScalarLike) -> Any:
+    def steady_state(self, power: ScalarLike) -> Any:
         """As built in."""
-        return self.built_in.settled(power)
+        return self.built_in.steady_state(power)
 
     def rate(self, state: Any, throttle: ScalarLike, air_data: AirData) -> Any:
         """As built in."""
@@ -86,7 +78,7 @@ class FileEngine(AbstractEngine):
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
         """Thrust along body x; the file's other components are 0."""
         given = {"powerLeverAngle": 0.01 * power, "altitudeMSL": air_data.altitude, "mach": air_data.mach}
-        return along_body_x(self.thrust.evaluate_si(given, ("thrustBodyForce_X",))["thrustBodyForce_X"])
+        return thrust_along_body_x(self.thrust.evaluate_si(given, ("thrustBodyForce_X",))["thrustBodyForce_X"])
 
     def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
         """As built in."""
@@ -188,7 +180,7 @@ def random_states(count: int = STATES, seed: int = 24) -> Float[np.ndarray, "sta
 
 
 @compiled_quickly
-def both(airframe: F16, aerodynamics: Evaluator, thrust: Evaluator, states: Array) -> tuple[dict, dict]:
+def compare_models(airframe: F16, aerodynamics: Evaluator, thrust: Evaluator, states: Array) -> tuple[dict, dict]:
     """Coefficients about the moment reference and thrust (lbf) of each state: of the files, and built in."""
     file_engine = FileEngine(thrust, airframe.engine)
 
@@ -214,7 +206,7 @@ def _coefficients() -> tuple[Comparison, ...]:
     as_filed, thrust = (published_model(name).evaluator for name in ("F16_aero", "F16_prop"))
     exact = eqx.tree_at(lambda e: e.constants["rtd"], as_filed, as_array(RAD_DEG))
     states = random_states()
-    of_file, own = both(airframe, exact, thrust, as_array(states))
+    of_file, own = compare_models(airframe, exact, thrust, as_array(states))
     found = []
     for name, values in of_file.items():
         expected = np.asarray(values)
@@ -223,22 +215,24 @@ def _coefficients() -> tuple[Comparison, ...]:
             found.append(_worst(name, expected, own[name], tolerance, "lbf", "1e-12 of the greatest"))
         else:
             found.append(_worst(name, expected, own[name], _TOLERANCE))
-    rounded, _ = both(airframe, as_filed, thrust, as_array(states))
+    rounded, _ = compare_models(airframe, as_filed, thrust, as_array(states))
     # CZ0 (1 - beta^2), beta in degrees over the file's degrees per radian; |CZ0| <= 2.248.
     share = 2.0 * abs(float(as_filed.constants["rtd"]) / RAD_DEG - 1.0)
     tolerance = 2.248 * share * float(np.max(states[:, 2] ** 2)) + _TOLERANCE
     why = "the file's pi of nine digits"
-    found.append(_worst("CZ, as filed", np.asarray(rounded["CZ"]), own["CZ"], tolerance, why=why))
+    found.append(_worst("CZ, as filed", np.asarray(rounded["CZ"]), own["CZ"], tolerance, tolerance_reason=why))
     return tuple(found)
 
 
 def _worst(
-    name: str, expected: np.ndarray, computed: Array, tolerance: float, unit: str = "", why: str = ""
+    name: str, expected: np.ndarray, computed: Array, tolerance: float, unit: str = "", tolerance_reason: str = ""
 ) -> Comparison:
     obtained = np.asarray(computed)
     worst = int(np.argmax(np.abs(obtained - expected)))
     where = f"worst of {STATES:,} random states"
-    return Comparison(name, where, unit, float(expected[worst]), float(obtained[worst]), tolerance, why=why)
+    return Comparison(
+        name, where, unit, float(expected[worst]), float(obtained[worst]), tolerance, tolerance_reason=tolerance_reason
+    )
 
 
 def _flight() -> tuple[Comparison, ...]:
@@ -248,14 +242,16 @@ def _flight() -> tuple[Comparison, ...]:
     of_files = fly_trimmed([case], f16_of_files())[case.number]
     rows = [round(time_s / LOG_PERIOD_S) for time_s in case.times_s]
     found = []
-    for name, column in published("nesc_checkpoints")["cases"][f"{case.number}"]["columns"].items():
+    for name, column in load_published("nesc_checkpoints")["cases"][f"{case.number}"]["columns"].items():
         if "tolerance" not in column:
             continue
         expected, obtained = of_files[name][rows], built_in[name][rows]
         k = int(np.argmax(np.abs(obtained - expected)))
         where, tolerance = f"NESC case 11, t {case.times_s[k]:g} s", _FLIGHT_SHARE * column["tolerance"]
         figures = float(expected[k]), float(obtained[k])
-        found.append(Comparison(name, where, column_unit(name), *figures, tolerance, why="1e-6 of NESC case 11's"))
+        found.append(
+            Comparison(name, where, column_unit(name), *figures, tolerance, tolerance_reason="1e-6 of NESC case 11's")
+        )
     return tuple(found)
 
 
@@ -263,7 +259,7 @@ F16_FILES = Check(
     key="f16-files",
     title="F-16: the built-in s119 variant against its DAVE-ML files",
     source="[S119] F16_aero, F16_prop, F16_inertia",
-    why="1e-12 of a coefficient",
+    tolerance_reason="1e-12 of a coefficient",
     explanation=(
         "Expected is what the published files give, read and evaluated by anser's DAVE-ML reader; obtained is the "
         "built-in model. Coefficients about the moment reference at 10,000 random states, some beyond the ends of the "

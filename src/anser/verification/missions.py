@@ -5,18 +5,20 @@ from importlib import resources
 
 import numpy as np
 
+from anser.analysis.tracking_case import fly_climb_and_turn
 from anser.constants import EARTH_ROTATION_RAD_S, STANDARD_GRAVITY_M_S2
-from anser.execution import Flown, fly_climb_and_turn, run
-from anser.results import ARRIVAL_MARGIN_S
-from anser.scenario import Scenario, loads
-from anser.spatial import radii_of_curvature
+from anser.missions.runs import FlightResult, run
+from anser.scenario.files import loads
+from anser.scenario.schema import Scenario
+from anser.simulation.fleet_summary import ARRIVAL_MARGIN_S
+from anser.spatial.wgs84 import radii_of_curvature
 from anser.units import DEG_RAD, RAD_DEG
-from anser.verification.check import Check, Comparison
+from anser.verification.checks import Check, Comparison
 
 MISSION = "three-aircraft.toml"
 """The standard mission: a copy of the shipped scenario, which a test holds equal to it."""
 
-SINGLE = "single-aircraft.toml"
+SINGLE_AIRCRAFT = "single-aircraft.toml"
 """The single case of the founding work: a copy of the shipped scenario, which a test holds equal to it."""
 
 STEPS_S = (0.02, 0.01, 0.005, 0.0025)
@@ -30,7 +32,7 @@ _MEAN_RADIUS_M = float(sum(map(float, radii_of_curvature(np.pi / 4)))) / 2
 
 
 @functools.cache
-def mission(earth: str = "flat", step_s: float = 0.01) -> Flown:
+def mission(earth: str = "flat", step_s: float = 0.01) -> FlightResult:
     """Fly the standard mission past its arrival, over an Earth, with a step of integration and autopilots, s.
 
     Raises
@@ -50,9 +52,9 @@ def mission_scenario(earth: str, step_s: float) -> Scenario:
     return _scenario(MISSION).replace("timing.duration_s", _DURATION_S, "timing.step_s", step_s, "earth", earth)
 
 
-def published_flights() -> dict[str, Flown]:
+def published_flights() -> dict[str, FlightResult]:
     """Fly the single and three-aircraft cases of the founding work, the second cut short after its arrival."""
-    return {"single": run(_scenario(SINGLE)), "three": mission()}
+    return {"single": run(_scenario(SINGLE_AIRCRAFT)), "three": mission()}
 
 
 def _scenario(name: str) -> Scenario:
@@ -65,7 +67,7 @@ def flat_and_round() -> tuple[Comparison, ...]:
     flat, curved = mission("flat"), mission("wgs84")
     lowest, highest = _STRAIGHT_S
     straight = [flown.dataset.isel(aircraft=0).sel(time=slice(lowest, highest)) for flown in (flat, curved)]
-    down, across = _apparent(straight[1])
+    down, across = _apparent_accelerations(straight[1])
     lift = STANDARD_GRAVITY_M_S2 * (straight[1].load_factor - straight[0].load_factor).values
     bank = (straight[1].bank_deg - straight[0].bank_deg).values
     tilt = -across / STANDARD_GRAVITY_M_S2 * RAD_DEG
@@ -79,7 +81,7 @@ def flat_and_round() -> tuple[Comparison, ...]:
         name = before["name"]
         limit = flat.scenario.requirements.miss_max_m
         found.append(Comparison("miss", name, "m", before["miss_m"], after["miss_m"], 0.01 * limit))
-        apart = _apart(flat, curved, k)
+        apart = _greatest_distance(flat, curved, k)
         found.append(Comparison("path, greatest difference", name, "m", 0.0, apart, _drift_m(flat, k)))
         one, other = (flown.dataset.airspeed_m_s.isel(aircraft=k).values for flown in (flat, curved))
         arrived = flat.dataset.time.values <= before["arrival_s"]
@@ -89,7 +91,7 @@ def flat_and_round() -> tuple[Comparison, ...]:
             )
         )
     spread = flat.scenario.requirements.arrival_spread_max_s
-    found.append(_of_fleet("arrival spread", flat, curved, 0.01 * spread))
+    found.append(_compare_spread("arrival spread", flat, curved, 0.01 * spread))
     return tuple(found)
 
 
@@ -103,7 +105,7 @@ def steps() -> tuple[Comparison, ...]:
     for before, after in zip(halved.summary["aircraft"], default.summary["aircraft"], strict=True):
         where = f"{before['name']}, 100 Hz against 200 Hz"
         found.append(Comparison("miss", where, "m", before["miss_m"], after["miss_m"], miss_limit))
-    found.append(_of_fleet("arrival spread", halved, default, spread_limit, "100 Hz against 200 Hz"))
+    found.append(_compare_spread("arrival spread", halved, default, spread_limit, "100 Hz against 200 Hz"))
     for step_s in STEPS_S[:-1]:
         flown, rate = mission(step_s=step_s), f"{1 / step_s:.0f} Hz against {1 / STEPS_S[-1]:.0f} Hz"
         misses = [
@@ -113,7 +115,7 @@ def steps() -> tuple[Comparison, ...]:
         found.append(Comparison("miss, greatest change", rate, "m", None, max(misses), None))
         change = abs(_spread_s(flown) - _spread_s(finest))
         found.append(Comparison("arrival spread, change", rate, "s", None, change, None))
-        path = max(_apart(flown, finest, k) for k in range(len(misses)))
+        path = max(_greatest_distance(flown, finest, k) for k in range(len(misses)))
         found.append(Comparison("path, greatest difference", rate, "m", None, path, None))
     return tuple(found)
 
@@ -125,7 +127,7 @@ def climb_and_turn_error() -> tuple[Comparison, ...]:
     return (Comparison("position error, greatest", "whole flight", "m", 0.0, error, _TRACKING_BOUND_M),)
 
 
-def _apparent(flown) -> tuple[np.ndarray, np.ndarray]:
+def _apparent_accelerations(flown) -> tuple[np.ndarray, np.ndarray]:
     """Accelerations down and to the right that the turning Earth and its curvature add, m/s^2 ([SL] eq. 1.7-18)."""
     speed, course = flown.ground_speed_m_s.values, flown.ground_course_deg.values * DEG_RAD
     latitude = flown.latitude_deg.values * DEG_RAD
@@ -135,7 +137,7 @@ def _apparent(flown) -> tuple[np.ndarray, np.ndarray]:
     return down, turning * speed
 
 
-def _apart(one: Flown, other: Flown, k: int) -> float:
+def _greatest_distance(one: FlightResult, other: FlightResult, k: int) -> float:
     """Greatest distance between two flights of an aircraft at the same time, up to the arrival, m."""
     arrived = one.dataset.time.values <= one.summary["aircraft"][k]["arrival_s"]
     offsets = [
@@ -145,7 +147,7 @@ def _apart(one: Flown, other: Flown, k: int) -> float:
     return float(np.max(np.sqrt(sum(offset**2 for offset in offsets))))
 
 
-def _drift_m(flown: Flown, k: int) -> float:
+def _drift_m(flown: FlightResult, k: int) -> float:
     """How far the unmodelled acceleration can carry an aircraft off: velocity error a / K_P, over the whole approach.
 
     The plan is renewed from where the aircraft is, so that the drift is not pulled back before the last seconds.
@@ -157,11 +159,13 @@ def _drift_m(flown: Flown, k: int) -> float:
     return unmodelled / gain * row["arrival_s"]
 
 
-def _spread_s(flown: Flown) -> float:
+def _spread_s(flown: FlightResult) -> float:
     return float(flown.summary["fleet"]["arrival_spread_s"])
 
 
-def _of_fleet(group: str, before: Flown, after: Flown, tolerance: float, where: str = "fleet") -> Comparison:
+def _compare_spread(
+    group: str, before: FlightResult, after: FlightResult, tolerance: float, where: str = "fleet"
+) -> Comparison:
     return Comparison(group, where, "s", _spread_s(before), _spread_s(after), tolerance)
 
 
@@ -170,7 +174,7 @@ MISSION_CHECKS: tuple[Check, ...] = (
         key="climb-and-turn",
         title="Climb and turn on velocity commands alone",
         source="[TH] section 4.5.5",
-        why="printed bound",
+        tolerance_reason="printed bound",
         explanation=(
             "A climb of 1000 m with a turn of 60 deg at 150 m/s, flown on velocity commands without correction of the "
             "position, with the variant founding. Printed: the position error stays below 1.5 m."
@@ -182,7 +186,7 @@ MISSION_CHECKS: tuple[Check, ...] = (
         key="flat-round",
         title="Flat and round Earth over the three-aircraft mission",
         source="[SL] eq. 1.7-18",
-        why="linear theory; 1 % of the limits",
+        tolerance_reason="linear theory; 1 % of the limits",
         explanation=(
             "The same mission over the flat Earth (expected) and over the rotating WGS-84 ellipsoid (obtained). In "
             "straight flight the round Earth takes 2 w V cos(lat) sin(course) + V^2/R off the lift per mass and asks "
@@ -198,7 +202,7 @@ MISSION_CHECKS: tuple[Check, ...] = (
         key="step-size",
         title="Step size over the three-aircraft mission",
         source="own, halved steps",
-        why="1 % of the requirement",
+        tolerance_reason="1 % of the requirement",
         explanation=(
             "Arrival figures with the default step of 0.01 s against those with half of it, each within 1 % of its "
             "requirement (3 m, 0.05 s). The step is the sampling period of the autopilots too: what changes is the "

@@ -3,7 +3,7 @@
 import functools
 from typing import Any
 
-from anser.verification.check import NOT_JUDGED, Check, Comparison
+from anser.verification.checks import NOT_JUDGED, Check, Comparison, half_of_significant, load_published
 from anser.verification.nesc_cases import (
     FREE_FLIGHTS,
     LAW_FLIGHTS,
@@ -12,11 +12,10 @@ from anser.verification.nesc_cases import (
     LawFlight,
     LawName,
     TrimmedFlight,
+    column_unit,
 )
-from anser.verification.nesc_columns import column_unit
 from anser.verification.nesc_flight import LOG_PERIOD_S, Log, fly_free, trimmed_logs
 from anser.verification.nesc_laws import fly_laws
-from anser.verification.published import half_of_significant, published
 
 _Case = FreeFlight | TrimmedFlight | LawFlight
 
@@ -82,7 +81,7 @@ def _check(case: _Case) -> Check:
         key=f"nesc-{_key(case)}",
         title=f"NESC case {case.number}: {case.title}",
         source=f"{_SOURCE}, case {str(case.number).partition('-')[0]}",
-        why=_why(case) if given is not None or _settled(case) else NOT_JUDGED,
+        tolerance_reason=_tolerance_reason(case) if given is not None or _settled(case) else NOT_JUDGED,
         explanation="".join(_sentences(case, given)).strip(),
         measure=functools.partial(_measure, case),
         long=isinstance(case, LawFlight),
@@ -93,7 +92,7 @@ def _settled(case: _Case) -> tuple[tuple[str, float], ...]:
     return case.settled_keas if isinstance(case, LawFlight) else ()
 
 
-def _why(case: _Case) -> str:
+def _tolerance_reason(case: _Case) -> str:
     return "4 times the scatter of sims 04, 05" if isinstance(case, LawFlight) else "scatter of sims 04, 05"
 
 
@@ -110,7 +109,7 @@ def _sentences(case: _Case, given: dict[str, Any] | None) -> tuple[str, ...]:
 
 def _checkpoints(case: _Case) -> dict[str, Any] | None:
     """Published figures of a case; None where there are none."""
-    return published("nesc_checkpoints")["cases"].get(_key(case).replace(".", "p"))
+    return load_published("nesc_checkpoints")["cases"].get(_key(case).replace(".", "p"))
 
 
 @functools.cache
@@ -150,7 +149,7 @@ def _comparison(
     half_digit = half_of_significant(expected, _DIGITS) if expected else 0.0
     return Comparison(
         group=name,
-        where=f"t {time_s:g} s, {simulation}" if simulation else f"t {time_s:g} s",
+        point=f"t {time_s:g} s, {simulation}" if simulation else f"t {time_s:g} s",
         unit=column_unit(name),
         expected=expected,
         obtained=obtained,

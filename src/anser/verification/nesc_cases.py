@@ -1,11 +1,33 @@
-"""Definitions of the NASA NESC atmospheric check-cases 1 to 13, 15 and 16, in the units in which they are published.
+"""Definitions of the NASA NESC atmospheric check-cases 1 to 13.
 
-Source: [NESC] NASA/TM-2015-218675 and the published check-case data. Altitudes are above the ellipsoid or sphere,
-velocities relative to the rotating Earth in NED.
+15 and 16, in the units in which they are published. Source: [NESC] NASA/TM-2015-218675 and the published check-case
+data. Altitudes are above the ellipsoid or sphere, velocities relative to the rotating Earth in NED.
 """
 
 from dataclasses import dataclass
 from typing import Literal
+
+_UNITS = (
+    ("_ft_s2", "ft/s^2"),
+    ("_ft_s", "ft/s"),
+    ("_ft_min", "ft/min"),
+    ("_ftlbf", "ft lbf"),
+    ("_lbf_ft2", "lbf/ft^2"),
+    ("_lbf", "lbf"),
+    ("_slug_ft3", "slug/ft^3"),
+    ("_deg_s", "deg/s"),
+    ("_dgR", "deg R"),
+    ("_nmi_h", "nmi/h"),
+    ("_deg", "deg"),
+    ("_ft", "ft"),
+)
+"""Units that the names of the published columns carry."""
+
+
+def column_unit(name: str) -> str:
+    """Unit of a published column; 1 for a pure number."""
+    return next((unit for suffix, unit in _UNITS if suffix in name), "1")
+
 
 EarthName = Literal["wgs84", "sphere", "rotating-sphere"]
 

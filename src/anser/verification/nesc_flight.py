@@ -9,33 +9,32 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from anser.aircraft import (
-    AbstractAirframe,
-    AircraftState,
-    Controls,
+from anser.aircraft.airframe import AbstractAirframe, AircraftState, Controls
+from anser.aircraft.motion import (
     EarthFixedState,
-    condition,
     earth_fixed_derivative,
     earth_fixed_state,
+    flight_condition,
     local_state,
+    require_round_earth,
 )
-from anser.aircraft.round_earth import round_earth_of
-from anser.compiling import compiled_quickly
-from anser.environment import Environment, LayeredWind, StandardAtmosphere, spherical_earth, wgs84_earth
-from anser.numerics import rows_of
+from anser.aircraft_files.library import load_body, load_f16
+from anser.compiling.options import compiled_quickly
+from anser.environment.atmosphere import StandardAtmosphere
+from anser.environment.earth import spherical_earth, wgs84_earth
+from anser.environment.environment import Environment, LayeredWind
+from anser.numerics.arrays import stack_rows
 from anser.numerics.least_squares import levenberg_marquardt
-from anser.scenario import load_body, load_f16
 from anser.shapes import Scalar, ScalarLike, Vector3
-from anser.simulation import advance
-from anser.spatial import (
-    eci_from_ecef,
+from anser.simulation.vehicle import advance
+from anser.spatial.frames import eci_from_ecef, velocity_eci_from_ecef
+from anser.spatial.rotations import (
     euler_from_quaternion,
     quaternion_from_euler,
     rotate,
     rotate_back,
     rotation_from_quaternion,
     safe_norm,
-    velocity_eci_from_ecef,
 )
 from anser.units import (
     DEG_RAD,
@@ -73,7 +72,9 @@ def fly_free(cases: Sequence[FreeFlight]) -> dict[int, Log]:
     environments = [_environment(case.earth, case.wind_east_ft_s) for case in cases]
     starts = [_start_free(*of) for of in zip(airframes, environments, cases, strict=True)]
     controls = [Controls(surfaces=jnp.zeros(3), throttle=jnp.zeros(()))] * len(cases)
-    return _logs(cases, rows_of(airframes), rows_of(environments), rows_of(starts), rows_of(controls), _FALL_STEPS)
+    return _logs(
+        cases, stack_rows(airframes), stack_rows(environments), stack_rows(starts), stack_rows(controls), _FALL_STEPS
+    )
 
 
 def fly_trimmed(cases: Sequence[TrimmedFlight], airframe: AbstractAirframe | None = None) -> dict[int, Log]:
@@ -84,7 +85,7 @@ def fly_trimmed(cases: Sequence[TrimmedFlight], airframe: AbstractAirframe | Non
     """
     airframe = load_f16("s119") if airframe is None else airframe
     environments, starts, controls = trimmed_starts(airframe, cases)
-    return _logs(cases, rows_of([airframe] * len(cases)), environments, starts, controls, _CRUISE_STEPS)
+    return _logs(cases, stack_rows([airframe] * len(cases)), environments, starts, controls, _CRUISE_STEPS)
 
 
 @functools.cache
@@ -106,7 +107,7 @@ def trimmed_starts(
     environments = [_environment("wgs84", (0.0, 0.0), case.latitude_deg, case.longitude_deg) for case in cases]
     places = jnp.array([[0.0, 0.0, -case.altitude_ft * FOOT_M] for case in cases])
     velocities_n = jnp.array([case.velocity_ft_s for case in cases]) * FOOT_M
-    environment = rows_of(environments)
+    environment = stack_rows(environments)
     starts, controls, residual = _trim_all(airframe, environment, places, velocities_n)
     if not np.all(np.asarray(residual) < 1e-8):
         raise RuntimeError(f"the check-case's trim was not found: accelerations of {np.asarray(residual)} g remain")
@@ -146,9 +147,9 @@ def _start_free(airframe: AbstractAirframe, environment: Environment, case: Free
     quaternion = quaternion_from_euler(jnp.zeros(()), jnp.zeros(()), jnp.asarray(case.yaw_deg * DEG_RAD))
     position_n = jnp.array([0.0, 0.0, -case.altitude_ft * FOOT_M])
     velocity_b = rotate(rotation_from_quaternion(quaternion), jnp.asarray(case.velocity_ft_s) * FOOT_M)
-    still, off = airframe.actuators.settled(jnp.zeros(3)), airframe.engine.settled(jnp.zeros(()))
+    still, off = airframe.actuators.steady_state(jnp.zeros(3)), airframe.engine.steady_state(jnp.zeros(()))
     seen = AircraftState(position_n, velocity_b, quaternion, jnp.zeros(3), still, off)
-    start = earth_fixed_state(round_earth_of(environment), seen)
+    start = earth_fixed_state(require_round_earth(environment), seen)
     return eqx.tree_at(lambda state: state.rates_b, start, jnp.asarray(case.rates_deg_s) * DEG_RAD)
 
 
@@ -167,7 +168,7 @@ def _trim_all(
 def _trim_level(
     airframe: AbstractAirframe, environment: Environment, place_n: Vector3, velocity_n: Vector3
 ) -> tuple[EarthFixedState, Controls, Scalar]:
-    earth = round_earth_of(environment)
+    earth = require_round_earth(environment)
     heading, speed = jnp.arctan2(velocity_n[1], velocity_n[0]), safe_norm(velocity_n)
 
     def state_of(x: Vector3) -> tuple[EarthFixedState, Controls]:
@@ -178,8 +179,8 @@ def _trim_level(
             velocity_b=speed * jnp.stack([jnp.cos(alpha), jnp.zeros(()), jnp.sin(alpha)]),
             quaternion=quaternion_from_euler(jnp.zeros(()), alpha, heading),
             rates_b=jnp.zeros(3),
-            actuators=airframe.actuators.settled(surfaces),
-            engine=airframe.engine.settled(power),
+            actuators=airframe.actuators.steady_state(surfaces),
+            engine=airframe.engine.steady_state(power),
         )
         return earth_fixed_state(earth, seen), Controls(surfaces, airframe.engine.throttle_for_power(power))
 
@@ -224,9 +225,9 @@ def log_row(
     airframe: AbstractAirframe, environment: Environment, time: ScalarLike, state: EarthFixedState
 ) -> dict[str, Scalar]:
     """One row of a participant's log, by the published names of the columns and in their units; KEAS besides."""
-    earth = round_earth_of(environment)
+    earth = require_round_earth(environment)
     seen = local_state(earth, state)
-    now = condition(airframe, environment, time, seen)
+    now = flight_condition(airframe, environment, time, seen)
     lat, lon, _ = earth.geodetic(seen.position_n)
     R_be = rotation_from_quaternion(state.quaternion)
     velocity_n = rotate_back(now.R_bn, seen.velocity_b)

@@ -9,21 +9,26 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from anser.aircraft import F16, AircraftState, Controls, EarthFixedState, condition, earth_fixed_state, local_state
-from anser.aircraft.round_earth import round_earth_of
-from anser.compiling import compiled_quickly
-from anser.control import DaveMlLaw, NamedCommands, dave_ml_law, named_signals
-from anser.environment import Environment
-from anser.numerics import as_array, rows_of
+from anser.aircraft.airframe import AircraftState, Controls
+from anser.aircraft.f16 import F16
+from anser.aircraft.motion import EarthFixedState, earth_fixed_state, flight_condition, local_state, require_round_earth
+from anser.compiling.options import compiled_quickly
+from anser.control.dave_ml_law import DaveMlLaw, NamedCommands, dave_ml_law, named_signals
+from anser.environment.environment import Environment
+from anser.numerics.arrays import as_array, stack_rows
 from anser.numerics.least_squares import Solution, levenberg_marquardt
-from anser.sensing import Belief, DirectEstimator, IdealSensors, Instant
+from anser.parts.perception import Belief, Instant
+from anser.sensing.estimators import DirectEstimator
+from anser.sensing.ideal_sensors import IdealSensors
 from anser.shapes import Scalar, Vector
-from anser.simulation import AbstractRecorder, AircraftSample, TrimPoint, Vehicle, fly_alone, trimmed_vehicle
+from anser.simulation.closed_loop import fly_alone, trimmed_vehicle
+from anser.simulation.recorders import AbstractRecorder, AircraftSample
+from anser.simulation.vehicle import Vehicle
+from anser.steady.trim import TrimPoint
 from anser.units import DEG_RAD, FOOT_M, KNOT_M_S, RAD_DEG
-from anser.verification.dave_ml_files import published_model
+from anser.verification.nasa_f16 import prompt_f16, published_model
 from anser.verification.nesc_cases import LawFlight
 from anser.verification.nesc_flight import LOG_PERIOD_S, Log, log_row, trimmed_starts
-from anser.verification.prompt_f16 import prompt_f16
 
 LAW_STEPS = 80
 """Steps of 0.00125 s in a log period: the laws close loops of about 50 rad/s, and their files know no sampling."""
@@ -53,9 +58,9 @@ def fly_laws(cases: Sequence[LawFlight], steps: int = LAW_STEPS) -> dict[str, Lo
     environments, starts, controls = trimmed_starts(airframe, cases)
     law = dave_ml_law(published_model(cases[0].law))
     keas = _equivalent_airspeeds(airframe, environments, starts)
-    commands = rows_of([_commands(case, float(keas[k]), _row_of(controls, k)) for k, case in enumerate(cases)])
+    commands = stack_rows([_commands(case, float(keas[k]), _row_of(controls, k)) for k, case in enumerate(cases)])
     if cases[0].law == "F16_control":
-        commands = _holding_the_start(airframe, law, environments, starts, controls, commands)
+        commands = _with_trim_feed_forward(airframe, law, environments, starts, controls, commands)
     periods = round(max(case.times_s[-1] for case in cases) / LOG_PERIOD_S)
     logs = _fly_all(airframe, law, environments, commands, starts, controls, periods, steps)
     return {case.number: {key: np.asarray(values[k]) for key, values in logs.items()} for k, case in enumerate(cases)}
@@ -85,35 +90,35 @@ def _commands(case: LawFlight, keas: float, trim: Controls) -> NamedCommands:
     name, amount = case.change
     change[name] = amount * _CHANGED_UNITS[name]
     return NamedCommands(
-        held={key: as_array(value) for key, value in held.items()},
+        initial_commands={key: as_array(value) for key, value in held.items()},
         change={key: as_array(value) for key, value in change.items()},
         change_time=as_array(case.change_time_s),
         follows_line=as_array(float(case.follows_line)),
-        place=case.law == "F16_gnc",
+        with_position=case.law == "F16_gnc",
     )
 
 
 class _Log(AbstractRecorder):
     """What the participants log."""
 
-    every: int = eqx.field(static=True)
+    stride: int = eqx.field(static=True)
 
     def init(self, aircraft: int) -> None:
         """Nothing is kept."""
 
-    def take(self, memory: None, sample: AircraftSample, instant: Instant) -> None:
+    def update(self, recorder_state: None, sample: AircraftSample, instant: Instant) -> None:
         """Nothing is kept."""
 
-    def row(self, sample: AircraftSample, instant: Instant) -> dict[str, Array]:
+    def output(self, sample: AircraftSample, instant: Instant) -> dict[str, Array]:
         """One row, by the published names."""
         truth, environment = sample.truth, instant.environment
-        state = earth_fixed_state(round_earth_of(environment), truth.state)
+        state = earth_fixed_state(require_round_earth(environment), truth.state)
         return log_row(truth.airframe, environment, instant.time, state)
 
 
 def _believed(airframe: F16, environment: Environment, start: EarthFixedState) -> Belief:
-    seen = local_state(round_earth_of(environment), start)
-    return Belief(airframe, seen, condition(airframe, environment, 0.0, seen), jnp.zeros(3), None, None)
+    seen = local_state(require_round_earth(environment), start)
+    return Belief(airframe, seen, flight_condition(airframe, environment, 0.0, seen), jnp.zeros(3), None, None)
 
 
 @compiled_quickly
@@ -126,7 +131,7 @@ def _equivalent_airspeeds(airframe: F16, environments: Environment, starts: Eart
     return jax.vmap(airspeed)(environments, starts)
 
 
-def _holding_the_start(
+def _with_trim_feed_forward(
     airframe: F16,
     law: DaveMlLaw,
     environments: Environment,
@@ -147,8 +152,8 @@ def _holding_the_start(
     trims, residual = _solve_law_trims(airframe, law, environments, starts, controls, commands)
     if not np.all(np.asarray(residual) < 1e-10):
         raise RuntimeError(f"the law's trim was not found: {np.asarray(residual)} rad or of full power remain")
-    held = {**commands.held, **{name: trims[:, k] for k, name in enumerate(_LAW_TRIMS)}}
-    return eqx.tree_at(lambda guidance: guidance.held, commands, held)
+    held = {**commands.initial_commands, **{name: trims[:, k] for k, name in enumerate(_LAW_TRIMS)}}
+    return eqx.tree_at(lambda guidance: guidance.initial_commands, commands, held)
 
 
 @compiled_quickly
@@ -166,11 +171,11 @@ def _solve_law_trims(
         belief = _believed(airframe, environment, start)
 
         def excess(trims: Vector, _: None) -> Vector:
-            command = {**guidance.held, **{name: trims[k] for k, name in enumerate(_LAW_TRIMS)}}
+            command = {**guidance.initial_commands, **{name: trims[k] for k, name in enumerate(_LAW_TRIMS)}}
             given, _, _ = law.control(None, belief, command, 0.0)
             return jnp.stack([given.surfaces[0] - trim.surfaces[0], given.throttle - trim.throttle])
 
-        return levenberg_marquardt(excess, None, jnp.stack([guidance.held[name] for name in _LAW_TRIMS]))
+        return levenberg_marquardt(excess, None, jnp.stack([guidance.initial_commands[name] for name in _LAW_TRIMS]))
 
     solution = jax.vmap(solve)(environments, starts, controls, commands)
     return solution.x, solution.residual
@@ -190,17 +195,19 @@ def _fly_all(
     """Log of each case, (case, time), every `LOG_PERIOD_S` from time 0."""
     step = jnp.asarray(LOG_PERIOD_S / steps)
 
-    def fly(environment: Environment, guidance: NamedCommands, start: EarthFixedState, held: Controls) -> dict:
+    def fly(
+        environment: Environment, guidance: NamedCommands, start: EarthFixedState, initial_commands: Controls
+    ) -> dict:
         vehicle = Vehicle(airframe, IdealSensors(), DirectEstimator(), guidance, law)
-        seen = local_state(round_earth_of(environment), start)
+        seen = local_state(require_round_earth(environment), start)
         instant = Instant(environment, jnp.asarray(0, dtype=jnp.int32), step)
-        begun = trimmed_vehicle(vehicle, instant, _trim_point(airframe, environment, seen, held))
-        return fly_alone(vehicle, environment, begun, step, (periods + 1) * steps, _Log(every=steps))[2]
+        begun = trimmed_vehicle(vehicle, instant, _trim_point(airframe, environment, seen, initial_commands))
+        return fly_alone(vehicle, environment, begun, step, (periods + 1) * steps, _Log(stride=steps))[2]
 
     return jax.vmap(fly)(environments, commands, starts, controls)
 
 
-def _trim_point(airframe: F16, environment: Environment, seen: AircraftState, held: Controls) -> TrimPoint:
-    data = condition(airframe, environment, 0.0, seen).air_data
+def _trim_point(airframe: F16, environment: Environment, seen: AircraftState, initial_commands: Controls) -> TrimPoint:
+    data = flight_condition(airframe, environment, 0.0, seen).air_data
     zero = jnp.zeros(())
-    return TrimPoint(seen, held, zero, data.alpha, data.beta, seen.power, jnp.asarray(True), zero, zero)
+    return TrimPoint(seen, initial_commands, zero, data.alpha, data.beta, seen.power, jnp.asarray(True), zero, zero)

@@ -8,25 +8,19 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from anser.aircraft import (
-    F16,
-    AbstractActuators,
-    AbstractAirframe,
-    AbstractEngine,
-    AircraftState,
-    AirData,
-    Controls,
-    Deflections,
-    EnginePower,
-    MassProperties,
-    Wrench,
-    moment_for_acceleration,
-    state_derivative,
-)
-from anser.environment import AbstractAtmosphere, Air, Environment, FlatEarth, SteadyWind
-from anser.scenario.library import load_f16
+from anser.aircraft.actuators import AbstractActuators, Deflections
+from anser.aircraft.air_data import AirData, Wrench
+from anser.aircraft.airframe import AbstractAirframe, AircraftState, Controls, MassProperties
+from anser.aircraft.engines import AbstractEngine, EnginePower
+from anser.aircraft.f16 import F16
+from anser.aircraft.motion import moment_for_acceleration, state_derivative
+from anser.aircraft_files.library import load_f16
+from anser.environment.atmosphere import AbstractAtmosphere, Air
+from anser.environment.earth import FlatEarth
+from anser.environment.environment import Environment, SteadyWind
 from anser.shapes import Flag, Scalar, ScalarLike, Vector, Vector3
-from anser.spatial import euler_from_quaternion, flow_angles, quaternion_from_euler
+from anser.spatial.rotations import euler_from_quaternion, quaternion_from_euler
+from anser.spatial.wind_axes import flow_angles
 from anser.units import DEG_RAD, FOOT_M, FT_LBF_N_M, PSF_PA, RAD_DEG, RANKINE_K, SLUG_FT3_KG_M3, SLUG_KG
 
 TextbookState = Float[Array, "13"]

@@ -5,18 +5,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from certified_cases import GRAVITY, LAYERED, detours_of, number, picked
 
-from anser.compiling import compiled_quickly
+from anser.compiling.options import compiled_quickly
 from anser.environment import SteadyWind
-from anser.planning.certified import AircraftTask, Airspace, Separation, no_keep_outs
-from anser.planning.certified.arrival_motion import arrival_motion
-from anser.planning.certified.delivery import deliver
+from anser.parts import Rendezvous
+from anser.planning import PathLimits, Separation
+from anser.planning.certified.candidates import deliver
 from anser.planning.certified.detours import solve_detour
-from anser.planning.certified.route import route
-from anser.planning.certified.timed_profile import steady_after, timed_profile
-from anser.planning.limits import PathLimits
-from anser.planning.rendezvous import Rendezvous
+from anser.planning.certified.routes import route
+from anser.planning.certified.task import AircraftTask, Airspace, no_keep_outs
+from anser.planning.certified.timed_profiles import arrival_motion, speeds_for_mean, timed_profile
+from support.certified_cases import GRAVITY, LAYERED, detours_of, number, picked
 
 CASES, INTERVALS, SPEED = 24, 64, 140.0
 NO_LIMITS = PathLimits(number(40.0), number(400.0), number(1.2), number(1e3), number(-1e5))
@@ -66,10 +65,10 @@ def flown(tasks, wind):
     def one(task, way):
         airspace = in_wind(wind)
         duration = number(1.35 * 12_000.0 / SPEED)
-        speeds = steady_after(task, duration, SPEED)
+        speeds = speeds_for_mean(task, duration, SPEED)
         timed = timed_profile(task, airspace, duration, INTERVALS, jnp.zeros(()), speeds)
-        solved = solve_detour(timed.ends, picked(timed.direct, 0), way, timed.table.length)
-        path = deliver(0.0, timed.table, route(timed.ends, solved))
+        solved = solve_detour(timed.endpoints, picked(timed.direct, 0), way, timed.table.length)
+        path = deliver(0.0, timed.table, route(timed.endpoints, solved))
         return timed.within_limits & solved.exists, path.states_n(0.0), path.states_n(duration)
 
     return jax.vmap(one)(tasks, detours_of(np.zeros(CASES, dtype=int), np.ones(CASES)))

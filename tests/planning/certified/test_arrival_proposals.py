@@ -6,13 +6,13 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from certified_cases import STEADY
 
 from anser.environment import SteadyWind
-from anser.planning.certified.arrival_proposals import FleetTask, first_stage, later_stage
-from anser.planning.certified.candidate_sets import MINIMAL, STANDARD
-from anser.planning.certified.task import ArrivalRequest, stacked
+from anser.planning.certified.search import FleetTask, first_stage, later_stage
+from anser.planning.certified.task import ArrivalRequest, stack_tasks
+from anser.planning.certified.timed_profiles import MINIMAL, STANDARD
 from support.aircraft_tasks import aircraft_task, airspace
+from support.certified_cases import STEADY
 
 NEAR_ENOUGH = 1.0085  # a step of the search, and the part by which the first time is later than the direct path takes
 CALM = SteadyWind(jnp.zeros(3))
@@ -27,7 +27,7 @@ def fleet_of(*tasks, wind=CALM, rule="together", **rule_times):
     active = [aircraft_task(one) if isinstance(one, tuple) else one for one in tasks]
     spare = eqx.tree_at(lambda t: t.active, active[-1], jnp.asarray(0.0))
     filled = {key: np.concatenate([own, own[[-1] * (SIZE - len(own))]]) for key, own in rule_times.items()}
-    fleet = stacked([*active, *[spare] * (SIZE - len(active))])
+    fleet = stack_tasks([*active, *[spare] * (SIZE - len(active))])
     return FleetTask(fleet, airspace(wind), ArrivalRequest(rule, LATEST_S, **filled))
 
 
@@ -36,7 +36,7 @@ def planned(fleet, works):
 
     `works(times, candidate_set)` tells of each aircraft whether it has a path.
     """
-    stands, tried, rows = None, [], fleet.rows
+    stands, tried, rows = None, [], fleet.indices
     for stage in (first_stage(fleet, True), later_stage(fleet)):
         with contextlib.suppress(StopIteration):
             proposal = next(stage)
@@ -56,14 +56,14 @@ def test_a_millimetre_of_climb_delays_nobody():
     heights = [-1700.0 - up for up in (-1e-3, -1e-10, 0.0, 1e-10, 1e-3, 10.0)]
     for north in (300.0, 500.0, 800.0, 9000.0):
         fleet = fleet_of(*[(north + 2000.0, 0.0, height) for height in heights])
-        np.testing.assert_allclose(fleet.preferred, fleet.preferred[2], rtol=2e-3)
-        np.testing.assert_allclose(fleet.preferred[:5], fleet.preferred[2], rtol=1e-6)
+        np.testing.assert_allclose(fleet.preferred_times, fleet.preferred_times[2], rtol=2e-3)
+        np.testing.assert_allclose(fleet.preferred_times[:5], fleet.preferred_times[2], rtol=1e-6)
 
 
 def test_the_first_time_is_that_of_the_straight_way():
     fleet = fleet_of((9000.0, 0.0, -1700.001), (6000.0, 0.0, -1500.0))
     first = next(first_stage(fleet, True))
-    np.testing.assert_allclose(first.times[fleet.rows], 60.0, rtol=5e-4)
+    np.testing.assert_allclose(first.times[fleet.indices], 60.0, rtol=5e-4)
     assert first.candidate_set is MINIMAL
 
 

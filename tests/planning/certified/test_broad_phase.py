@@ -4,18 +4,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from certified_cases import number, picked
 
-from anser.compiling import compiled_quickly
-from anser.planning.certified.broad_phase import (
+from anser.compiling.options import compiled_quickly
+from anser.planning import Separation
+from anser.planning.certified.clearance import (
     EXACT_PAIRS,
     INTERVALS_PER_CYLINDER,
+    Track,
     bounding_cylinders,
     cylinder_clearance_ratio,
     fleet_clearance_ratio,
+    pair_clearance_ratio,
 )
-from anser.planning.certified.clearance import Track, pair_clearance_ratio
-from anser.planning.separation import Separation
+from support.certified_cases import number, picked
 
 FLEET, INTERVALS = 60, 64
 APART = Separation(number(500.0), number(150.0))
@@ -86,7 +87,7 @@ def test_gradients_are_finite_where_two_are_in_one_place():
 
     def least(place):
         first, second = (picked(fleet, 0) for _ in range(2))
-        shifted = Track(first.positions_n + place[None, :], first.error_bound, first.counted)
+        shifted = Track(first.positions_n + place[None, :], first.error_bound, first.included)
         return cylinder_clearance_ratio(bounding_cylinders(shifted), bounding_cylinders(second), APART)
 
     assert np.all(np.isfinite(compiled_quickly(jax.grad(least))(jnp.zeros(3))))
@@ -94,7 +95,7 @@ def test_gradients_are_finite_where_two_are_in_one_place():
 
 def test_a_number_of_intervals_that_makes_no_blocks_is_refused():
     fleet = tracks(5, 8e3)
-    short = Track(fleet.positions_n[:, :-1], fleet.error_bound[:, :-1], fleet.counted[:, :-1])
+    short = Track(fleet.positions_n[:, :-1], fleet.error_bound[:, :-1], fleet.included[:, :-1])
     with pytest.raises(
         ValueError, match=f"arrived {INTERVALS - 1} intervals; expected a multiple of {INTERVALS_PER_CYLINDER}"
     ):

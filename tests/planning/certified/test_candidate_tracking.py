@@ -5,12 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.compiling import compiled_quickly
-from anser.planning.certified.candidate_sets import LATE_FAST, PREFERRED, SLOW_FAST, make_candidate_set
-from anser.planning.certified.candidates import fleet_candidates, routed_candidates
-from anser.planning.certified.delivery import deliver
+from anser.compiling.options import compiled_quickly
+from anser.planning.certified.candidates import deliver, fleet_candidates, routed_candidates
 from anser.planning.certified.path_bounds import excess, path_bounds
-from anser.planning.certified.route import route
+from anser.planning.certified.routes import route
+from anser.planning.certified.timed_profiles import LATE_FAST, PREFERRED, SLOW_FAST, make_candidate_set
 from trials.cases import random_case
 from trials.task import planner_task
 
@@ -31,7 +30,7 @@ def _judged(tasks, airspace, durations):
 
         def passed(shape):
             profile = jax.tree.map(lambda leaf: leaf[shape.profile], profiles)
-            path = deliver(0.0, profile, route(shape.ends, shape.turns_and_legs))
+            path = deliver(0.0, profile, route(shape.endpoints, shape.turns_and_legs))
             return jnp.max(excess(path_bounds(path, airspace.wind, airspace.gravity), task.limits))
 
         return first.valid, jax.lax.map(passed, shapes)

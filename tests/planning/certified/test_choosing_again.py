@@ -6,15 +6,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.compiling import compiled_quickly
-from anser.planning.certified.certified_plan import _best_placed
+from anser.compiling.options import compiled_quickly
+from anser.planning.certified.certified_plan import _choose_best_placement
 
 
 class Seen(NamedTuple):
-    kept_alone: object
+    satisfied_individually: object
 
 
-class Planned(NamedTuple):
+class FirstPlan(NamedTuple):
     """As much of a plan as the choice looks at."""
 
     chosen: object
@@ -35,7 +35,7 @@ def placing(good, apart=True):
         chosen = jnp.argmax(valid, axis=1)
         any_left = jnp.any(valid, axis=1)
         alone = good[fleet, chosen]
-        return Planned(chosen, any_left, any_left & alone & apart, Seen(alone)), Chosen(chosen)
+        return FirstPlan(chosen, any_left, any_left & alone & apart, Seen(alone)), Chosen(chosen)
 
     return placed_of
 
@@ -45,7 +45,7 @@ def choose(good, rounds, valid=None, active=None, apart=True, given_up=None):
     given_up = jnp.zeros_like(good) if given_up is None else jnp.asarray(given_up)
     valid = jnp.ones_like(good) if valid is None else jnp.asarray(valid)
     active = jnp.ones(good.shape[0], dtype=bool) if active is None else jnp.asarray(active)
-    return compiled_quickly(lambda: _best_placed(placing(good, apart), valid, given_up, active, rounds))()
+    return compiled_quickly(lambda: _choose_best_placement(placing(good, apart), valid, given_up, active, rounds))()
 
 
 GOOD = np.array([[False, False, True, True], [True, True, True, True], [False, True, True, True]])

@@ -4,12 +4,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from certified_cases import number, picked
 
-from anser.compiling import compiled_quickly
+from anser.compiling.options import compiled_quickly
+from anser.planning import Separation
 from anser.planning.certified.clearance import Track, chord_error_bound, clearance_from_keep_outs, pair_clearance_ratio
 from anser.planning.certified.task import KeepOuts, no_keep_outs
-from anser.planning.separation import Separation
+from support.certified_cases import number, picked
 
 CASES = 40
 STEP_S, INTERVALS, FINE = 1.0, 60, 200
@@ -41,9 +41,9 @@ class Weaving:
         return float(np.linalg.norm(self.size * self.rate**2))
 
 
-def track_of(weave, counted=None):
+def track_of(weave, included=None):
     error_bound = chord_error_bound(jnp.full(INTERVALS, weave.acceleration()), number(STEP_S))
-    counts = np.ones(INTERVALS) if counted is None else counted
+    counts = np.ones(INTERVALS) if included is None else included
     return Track(jnp.asarray(weave.at(TIMES)), error_bound, jnp.asarray(counts))
 
 
@@ -115,7 +115,7 @@ def test_a_collision_between_two_instants_is_seen():
 def test_only_the_common_flight_counts_and_nothing_where_nothing_is_asked():
     none = Separation(number(0.0), number(0.0))
     assert np.all(np.isinf(USE(FIRST, SECOND, none)))
-    away = jax.tree.map(jnp.zeros_like, SECOND.counted)
+    away = jax.tree.map(jnp.zeros_like, SECOND.included)
     assert np.all(np.isinf(USE(FIRST, Track(SECOND.positions_n, SECOND.error_bound, away), APART)))
     # One arrives after 20 s: the crossing in the middle is no longer its.
     early = np.where(TIMES[:-1] < 20.0, 1.0, 0.0)
@@ -200,11 +200,11 @@ def test_gradients_are_finite_in_a_collision_and_at_rest():
     track = Track(positions, jnp.zeros(INTERVALS), jnp.ones(INTERVALS))
 
     def use(moved):
-        return pair_clearance_ratio(Track(moved, track.error_bound, track.counted), track, APART)
+        return pair_clearance_ratio(Track(moved, track.error_bound, track.included), track, APART)
 
     def room(moved):
         closed = KeepOuts(jnp.zeros((1, 2)), jnp.zeros((1, 2)), jnp.ones(1), jnp.zeros(1), jnp.ones(1))
-        return clearance_from_keep_outs(Track(moved, track.error_bound, track.counted), jnp.asarray(TIMES), closed)[0]
+        return clearance_from_keep_outs(Track(moved, track.error_bound, track.included), jnp.asarray(TIMES), closed)[0]
 
     assert np.all(np.isfinite(compiled_quickly(jax.grad(use))(positions)))
     assert np.all(np.isfinite(compiled_quickly(jax.grad(room))(positions)))

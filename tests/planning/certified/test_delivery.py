@@ -4,14 +4,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from certified_cases import GRAVITY, LAYERED, STEADY, detours_of, number
 
-from anser.compiling import compiled_quickly
-from anser.planning.certified.delivery import deliver
+from anser.compiling.options import compiled_quickly
+from anser.planning.certified.candidates import deliver
 from anser.planning.certified.detours import WORDS, direct, solve_detour
 from anser.planning.certified.path_bounds import path_bounds
 from anser.planning.certified.profile import make_profile, tabulate
-from anser.planning.certified.route import PathEnds, route
+from anser.planning.certified.routes import PathEndpoints, route
+from support.certified_cases import GRAVITY, LAYERED, STEADY, detours_of, number
 
 
 @pytest.mark.long
@@ -24,7 +24,7 @@ def test_close_knots_do_not_make_accelerations(wind):
     assert 0.02 < 2 * duration / intervals - 3.0 < 0.05
     table = tabulate(profile, wind, intervals)
     far = 0.9 * table.length
-    ends = PathEnds(
+    ends = PathEndpoints(
         0j + number(0.0),
         number(0.0),
         number(0.0),

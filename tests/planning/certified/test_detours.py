@@ -5,17 +5,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from certified_cases import detours_of, dubins_of, number, picked, random_ends
 
-from anser.compiling import compiled_quickly
-from anser.planning.certified.detours import (
-    DETOUR_KINDS,
-    WORDS,
-    direct,
-    solve_detour,
-    solve_racetrack,
-)
-from anser.planning.certified.route import TurnsAndLegs, route
+from anser.compiling.options import compiled_quickly
+from anser.planning.certified.detours import DETOUR_KINDS, WORDS, direct, solve_detour, solve_racetrack
+from anser.planning.certified.routes import TurnsAndLegs, route
+from support.certified_cases import detours_of, dubins_of, number, picked, random_ends
 
 CASES = 48
 SHAPE, SIDE = (x.ravel() for x in np.meshgrid(np.arange(DETOUR_KINDS), [1.0, -1.0], indexing="ij"))
@@ -62,7 +56,7 @@ def shortest(found):
 def lead_to(shapes, ends, exists, headings=True):
     """Whether those that exist end where they should; the leading axis is that of the ends."""
     exists = np.asarray(exists)
-    line = np.asarray(shapes.places)[..., -1] - np.asarray(ends.end)[:, None]
+    line = np.asarray(shapes.positions)[..., -1] - np.asarray(ends.end)[:, None]
     room = SAME * np.asarray(shapes.length) + 1e-6
     assert np.all(np.abs(line)[exists] <= room[exists])
     if headings:

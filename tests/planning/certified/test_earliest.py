@@ -5,7 +5,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from anser.planning.certified.earliest import RESOLUTION, earlier_times, first_index
+from anser.planning.certified.arrival_times import RESOLUTION, earlier_times, first_index
 
 ADMISSIBLE = np.arange(40.0, 1200.0, 0.25)
 

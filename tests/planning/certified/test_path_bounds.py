@@ -5,19 +5,30 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from certified_cases import FLOWN, GRAVITY, INTERVALS, LAYERED, START_S, STEADY, Dense, delivered, number, picked
 from jaxtyping import TypeCheckError
 
-from anser.compiling import compiled_quickly
+from anser.compiling.options import compiled_quickly
 from anser.environment import AbstractWind, LayeredWind
-from anser.planning.certified import AircraftTask, Airspace, KeepOuts, Separation, no_keep_outs
+from anser.parts import make_rendezvous
+from anser.parts.planners import IdleDeceleration
+from anser.planning import PathLimits, Separation, TimedPath
 from anser.planning.certified.certified_plan import certify
 from anser.planning.certified.path_bounds import excess, path_bounds
-from anser.planning.certified.smooth_turn import cis
-from anser.planning.idle_deceleration import IdleDeceleration
-from anser.planning.limits import CERTIFIED_LIMITS, PathLimits
-from anser.planning.rendezvous import make_rendezvous
-from anser.planning.timed_path import TimedPath
+from anser.planning.certified.routes import cis
+from anser.planning.certified.task import AircraftTask, Airspace, KeepOuts, no_keep_outs
+from anser.planning.limits import CERTIFIED_LIMITS
+from support.certified_cases import (
+    FLOWN,
+    GRAVITY,
+    INTERVALS,
+    LAYERED,
+    START_S,
+    STEADY,
+    Dense,
+    delivered,
+    number,
+    picked,
+)
 
 WINDS = {"steady": STEADY, "layered": LAYERED}
 COUNT = len(FLOWN["duration"])
@@ -321,7 +332,7 @@ def test_a_path_that_is_none_hides_no_other(flown):
     )
     assert np.all(np.isfinite(found.keep_out_clearance[others]))
     assert np.any(found.keep_out_clearance[others] < 0.0)
-    assert not bool(found.kept_alone[3])
+    assert not bool(found.satisfied_individually[3])
 
 
 def test_a_cell_that_ends_at_the_edge_of_a_layer_is_on_one_side_of_it():

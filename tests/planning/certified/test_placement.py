@@ -5,11 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.compiling import compiled_quickly
-from anser.planning.certified.candidate_sets import MATCHED, PREFERRED, SLOWEST, make_candidate_set
+from anser.compiling.options import compiled_quickly
+from anser.planning import TimedPath
 from anser.planning.certified.candidates import fleet_candidates
-from anser.planning.certified.placement import fewest_first, place
-from anser.planning.timed_path import TimedPath
+from anser.planning.certified.certified_plan import choice_order, place_candidates
+from anser.planning.certified.timed_profiles import MATCHED, PREFERRED, SLOWEST, make_candidate_set
 from trials.cases import random_case
 from trials.task import planner_task
 
@@ -27,7 +27,7 @@ NEEDY = np.array([True, False, True, True, False, False, True, False])
 def _all_options(tasks, airspace, durations):
     further = fleet_candidates(tasks, airspace, durations, INTERVALS, INTERVALS, FURTHER)
     both = fleet_candidates(tasks, airspace, durations, INTERVALS, INTERVALS, BOTH, jnp.asarray(NEEDY))
-    placed = place(both, airspace.separation, fewest_first(both))
+    placed = place_candidates(both, airspace.separation, choice_order(both))
     fleet = jnp.arange(8)
     chosen = both.routes.profile[fleet, placed.chosen], both.speed[fleet, placed.chosen]
     return further, both, placed, chosen, both.paths(0.0, placed.chosen)
@@ -57,7 +57,7 @@ def test_what_was_not_looked_for_is_not_chosen_even_where_nothing_is_valid():
     @compiled_quickly
     def placed(durations):
         both = fleet_candidates(tasks, airspace, durations, INTERVALS, INTERVALS, BOTH, jnp.asarray(NEEDY))
-        return both, place(both, airspace.separation, fewest_first(both))
+        return both, place_candidates(both, airspace.separation, choice_order(both))
 
     both, found = placed(jnp.full(8, 12.0))
     assert not np.any(both.valid)

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.planning.certified.renewal import postponements
+from anser.planning.certified.replanning import arrival_delays
 
 FREE = jnp.array([True, True, True])
 YES, NO = jnp.asarray(True), jnp.asarray(False)
@@ -13,34 +13,36 @@ IN_SEQUENCE = jnp.array([200.0, 210.0, 220.0])
 
 
 def test_those_who_arrive_together_are_put_off_by_a_part_of_their_time_to_go():
-    delays, tries = postponements(jnp.full(3, 200.0), 100.0, FREE, YES, jnp.inf)
+    delays, tries = arrival_delays(jnp.full(3, 200.0), 100.0, FREE, YES, jnp.inf)
     assert tries == 4
     assert np.allclose(delays, [0.0, 3.0, 8.0, 15.0], rtol=0, atol=1e-12)
 
 
 def test_the_spacing_of_a_sequence_stays():
-    delays, tries = postponements(IN_SEQUENCE, 100.0, FREE, YES, jnp.inf)
+    delays, tries = arrival_delays(IN_SEQUENCE, 100.0, FREE, YES, jnp.inf)
     assert tries == 4
     put_off = np.asarray(IN_SEQUENCE)[None] + np.asarray(delays)[:, None]
     assert np.allclose(np.diff(put_off, axis=1), 10.0, rtol=0, atol=1e-12)
     assert np.all(np.diff(put_off[:, 0]) > 0.0)
 
 
-@pytest.mark.parametrize(("free", "movable"), [(FREE.at[0].set(False), YES), (FREE, NO)], ids=["committed", "fixed"])
-def test_none_is_put_off_where_one_is_committed_or_the_time_is_given(free, movable):
-    delays, tries = postponements(IN_SEQUENCE, 190.0, free, movable, jnp.inf)
+@pytest.mark.parametrize(
+    ("free", "arrival_is_free"), [(FREE.at[0].set(False), YES), (FREE, NO)], ids=["committed", "fixed"]
+)
+def test_none_is_put_off_where_one_is_committed_or_the_time_is_given(free, arrival_is_free):
+    delays, tries = arrival_delays(IN_SEQUENCE, 190.0, free, arrival_is_free, jnp.inf)
     assert (tries, float(delays[0])) == (1, 0.0)
 
 
 @pytest.mark.parametrize(("latest", "tries"), [(219.0, 1), (220.0, 1), (224.0, 2), (230.0, 3), (238.0, 4)])
 def test_no_arrival_is_put_off_beyond_the_end(latest, tries):
-    assert postponements(IN_SEQUENCE, 100.0, FREE, YES, latest)[1] == tries
+    assert arrival_delays(IN_SEQUENCE, 100.0, FREE, YES, latest)[1] == tries
 
 
 def test_a_batch_is_its_members():
     times = jnp.stack([IN_SEQUENCE, jnp.full(3, 180.0)])
-    both = jax.vmap(lambda t: postponements(t, 100.0, FREE, YES, 215.0))(times)
+    both = jax.vmap(lambda t: arrival_delays(t, 100.0, FREE, YES, 215.0))(times)
     for k in range(2):
-        delays, tries = postponements(times[k], 100.0, FREE, YES, 215.0)
+        delays, tries = arrival_delays(times[k], 100.0, FREE, YES, 215.0)
         assert np.array_equal(both[0][k], delays)
         assert both[1][k] == tries

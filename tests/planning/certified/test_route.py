@@ -3,10 +3,10 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-from certified_cases import integrated, number, picked, random_ends
 
-from anser.compiling import compiled_quickly
-from anser.planning.certified.route import LEGS, TURNS, PathEnds, TurnsAndLegs, roll_out, route, turned_through
+from anser.compiling.options import compiled_quickly
+from anser.planning.certified.routes import LEGS, TURNS, PathEndpoints, TurnsAndLegs, chain_turns, roll_out, route
+from support.certified_cases import integrated, number, picked, random_ends
 
 
 def flown(ends, angles, legs):
@@ -59,7 +59,7 @@ def test_leads_where_its_curvature_does():
         places, headings = integrated(ENDS.start[k], ENDS.heading[k], pieces)
         np.testing.assert_allclose(shape.marks, marks, rtol=1e-12)  # rounding
         np.testing.assert_allclose(shape.headings, headings, atol=1e-11)
-        np.testing.assert_allclose(shape.places, places, atol=1e-7)  # rounding of 1e5 m, a dozen times
+        np.testing.assert_allclose(shape.positions, places, atol=1e-7)  # rounding of 1e5 m, a dozen times
         np.testing.assert_allclose(shape.length, marks[-1], rtol=1e-12)
 
 
@@ -70,7 +70,7 @@ def test_its_end_is_what_was_asked():
     for k in range(CASES):
         shape = picked(ROUTES, k)
         (found, _) = along(shape, jnp.stack([number(0.0), shape.length]))
-        ends = [complex(ENDS.start[k]), complex(shape.places[-1])]
+        ends = [complex(ENDS.start[k]), complex(shape.positions[-1])]
         np.testing.assert_allclose(found[:, 0] + 1j * found[:, 1], ends, atol=1e-8)
         np.testing.assert_allclose(found[:, 2], [float(ENDS.heading[k]), float(shape.headings[-1])], atol=1e-12)
         np.testing.assert_allclose(found[:, 3], [float(ENDS.curvature[k]), 0.0], atol=1e-12)
@@ -106,7 +106,7 @@ def test_straight_on_after_its_end():
     beyond = np.array([1e-3, 10.0, 4000.0])
     found, slope = (np.asarray(x) for x in along(shape, shape.length + jnp.asarray(beyond)))
     heading = float(shape.headings[-1])
-    expected = complex(shape.places[-1]) + beyond * np.exp(1j * heading)
+    expected = complex(shape.positions[-1]) + beyond * np.exp(1j * heading)
     np.testing.assert_allclose(found[:, 0] + 1j * found[:, 1], expected, atol=1e-8)  # rounding of 1e5 m
     np.testing.assert_allclose(found[:, 2], heading, rtol=1e-14)
     np.testing.assert_array_equal(found[:, 3], 0.0)
@@ -116,29 +116,29 @@ def test_straight_on_after_its_end():
 def test_four_turns_in_a_row_are_a_route_without_legs():
     def one(ends, angles):
         begun = roll_out(ends)
-        move, length, after = turned_through(ends, begun.heading, angles, jnp.ones(TURNS))
-        return begun.place + move, begun.length + length, after, flown(ends, angles, jnp.zeros(LEGS))
+        move, length, after = chain_turns(ends, begun.heading, angles, jnp.ones(TURNS))
+        return begun.position + move, begun.length + length, after, flown(ends, angles, jnp.zeros(LEGS))
 
     place, length, after, shape = compiled_quickly(jax.vmap(one))(ENDS, jnp.asarray(ANGLES))
-    np.testing.assert_allclose(place, shape.places[:, -1], atol=1e-8)  # rounding of 1e4 m
+    np.testing.assert_allclose(place, shape.positions[:, -1], atol=1e-8)  # rounding of 1e4 m
     np.testing.assert_allclose(length, shape.length, rtol=1e-13)
     # Headings after each turn: where a leg would begin, and at the end.
     np.testing.assert_allclose(after, shape.headings[:, [4, 8, 12, 16]], atol=1e-12)
 
 
 def test_rolling_out_of_a_straight_start_is_nothing():
-    straight = PathEnds(*jax.tree.leaves(picked(ENDS, 0)))
-    begun = roll_out(PathEnds(**{**vars(straight), "curvature": number(0.0)}))
+    straight = PathEndpoints(*jax.tree.leaves(picked(ENDS, 0)))
+    begun = roll_out(PathEndpoints(**{**vars(straight), "curvature": number(0.0)}))
     assert begun.length == 0.0
-    assert begun.place == straight.start
+    assert begun.position == straight.start
     assert begun.heading == straight.heading
 
 
 def test_gradients_are_finite_with_a_turn_of_no_angle():
     def end(angles, legs, curvature):
-        shape = flown(PathEnds(**{**vars(picked(ENDS, 0)), "curvature": curvature}), angles, legs)
+        shape = flown(PathEndpoints(**{**vars(picked(ENDS, 0)), "curvature": curvature}), angles, legs)
         place, heading, _ = shape.at(0.4 * shape.length)
-        return jnp.real(shape.places[-1]) + jnp.imag(shape.places[-1]) + jnp.real(place) + heading
+        return jnp.real(shape.positions[-1]) + jnp.imag(shape.positions[-1]) + jnp.real(place) + heading
 
     slopes = compiled_quickly(jax.grad(end, argnums=(0, 1, 2)))(jnp.asarray(ANGLES[0]), jnp.zeros(LEGS), number(0.0))
     assert all(np.all(np.isfinite(leaf)) for leaf in slopes)

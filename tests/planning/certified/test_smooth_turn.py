@@ -4,12 +4,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from certified_cases import integrated
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from anser.compiling import compiled_quickly
-from anser.planning.certified.smooth_turn import along_arc, along_ramp, cis, displacement, smooth_turn
+from anser.compiling.options import compiled_quickly
+from anser.planning.certified.routes import along_arc, along_ramp, cis, displacement, smooth_turn
+from support.certified_cases import integrated
 
 
 def turn_and_move(angle, curvature, sharpness):

@@ -4,22 +4,22 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from certified_cases import GRAVITY, LAYERED, STEADY, blowing, number
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.interpolate import BSpline
 
-from anser.compiling import compiled_quickly
+from anser.compiling.options import compiled_quickly
 from anser.planning.certified.path_bounds import path_bounds
-from anser.planning.certified.spline import (
+from anser.planning.certified.splines import (
     Spline,
-    end_slopes,
+    knot_coefficients,
     mean_squares,
     spline_path,
-    states,
+    spline_states,
     states_at,
 )
+from support.certified_cases import GRAVITY, LAYERED, STEADY, blowing, number
 
 pytestmark = pytest.mark.long
 
@@ -54,7 +54,7 @@ def test_the_same_places_by_interval_and_by_time():
     spline, places = random_spline(2), np.array([0.0, 0.3, 1.0])
     times = DURATION / CELLS * (np.arange(CELLS)[:, None] + places[None, :])
     by_time = states_at(spline, jnp.asarray(times.ravel())).reshape(CELLS, 3, 3, 3)
-    np.testing.assert_allclose(states(spline, places), by_time, rtol=1e-9, atol=1e-8)
+    np.testing.assert_allclose(spline_states(spline, places), by_time, rtol=1e-9, atol=1e-8)
 
 
 @settings(max_examples=20, deadline=None)
@@ -62,7 +62,7 @@ def test_the_same_places_by_interval_and_by_time():
 def test_begins_and_ends_as_told(seed, cell):
     rng = np.random.default_rng(seed)
     ends = rng.normal(0.0, 1.0, (2, 3, 3)) * np.array([1e4, 150.0, 5.0])[None, :, None]
-    first, last = (end_slopes(cell) @ jnp.asarray(end) for end in ends)
+    first, last = (knot_coefficients(cell) @ jnp.asarray(end) for end in ends)
     spline = Spline(number(8 * cell), jnp.concatenate([first, jnp.zeros((5, 3)), last]))
     scale = np.array([1e4, 1e4 / cell, 1e4 / cell**2])[:, None]
     for time, end in zip((0.0, 8 * cell), ends, strict=True):
@@ -127,7 +127,7 @@ def test_how_far_a_change_moves_an_aircraft():
     spline = random_spline(8)
     squares = np.asarray(mean_squares())
     # In the mean over an interval, of place, velocity and acceleration.
-    fine = np.asarray(states(spline, (np.arange(2000) + 0.5) / 2000))[4]
+    fine = np.asarray(spline_states(spline, (np.arange(2000) + 0.5) / 2000))[4]
     held = np.asarray(spline.coefficients)[4:8]
     for order in range(3):
         found = np.einsum("kl,ka,la->", squares[order], held, held) / (DURATION / CELLS) ** (2 * order)

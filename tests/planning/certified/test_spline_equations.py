@@ -6,24 +6,26 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from certified_cases import number, picked
 
-from anser.planning.certified.spline import Spline, states, states_at
-from anser.planning.certified.spline_equations import (
+from anser.planning.certified.spline_search import make_guesses, spline_start
+from anser.planning.certified.splines import (
     _SAMPLE_POINTS,
+    Spline,
     SplineProblem,
     _limit_violations,
     _violations,
     arrives_forward,
-    first_state,
     initial_limits,
+    initial_state_n,
     normal_equations,
+    spline_states,
+    states_at,
     step_metric,
-    tightened,
-    updated,
+    tighten_limits,
+    update_coefficients,
 )
-from anser.planning.certified.spline_guesses import guesses, spline_start
 from anser.planning.limits import CERTIFIED_LIMITS
+from support.certified_cases import number, picked
 from trials.cases import random_case
 from trials.motion import path_demands
 from trials.task import planner_task
@@ -38,7 +40,7 @@ def problem_of(seed, who, duration=230.0):
 
 
 def begun(problem, k=0):
-    return spline_start(problem, CELLS, picked(guesses(6), k))
+    return spline_start(problem, CELLS, picked(make_guesses(6), k))
 
 
 def changes(seed, size=300.0):
@@ -65,10 +67,10 @@ def test_normal_equations_are_those_of_automatic_derivatives(seed, who):
     begin = begun(problem, 2)
 
     def rows(x):
-        spline = Spline(problem.duration, updated(begin, problem.duration / CELLS, x))
+        spline = Spline(problem.duration, update_coefficients(begin, problem.duration / CELLS, x))
         times = spline.cell * (jnp.arange(CELLS)[:, None] + jnp.asarray(_SAMPLE_POINTS)[None, :])
         one = functools.partial(_violations, problem, begin.allowed)
-        return jax.vmap(jax.vmap(one))(times, states(spline, _SAMPLE_POINTS)).ravel()
+        return jax.vmap(jax.vmap(one))(times, spline_states(spline, _SAMPLE_POINTS)).ravel()
 
     x = changes(seed)
     found = jax.jit(functools.partial(normal_equations, problem))(begin, x)
@@ -92,13 +94,13 @@ def test_the_size_of_a_step_is_what_it_moves(seed, who):
     # Of the last group, what changes nothing counts by itself.
     form = dense(step_metric(problem, begin))
     idle = np.flatnonzero(
-        np.all(np.asarray(jax.jacfwd(lambda y: updated(begin, cell, y))(x)) == 0.0, axis=(0, 1)).ravel()
+        np.all(np.asarray(jax.jacfwd(lambda y: update_coefficients(begin, cell, y))(x)) == 0.0, axis=(0, 1)).ravel()
     )
     assert idle.size in (3, 4, 5)
     flat = np.array(x).ravel()
     flat[idle] = 0.0
-    step = updated(begin, cell, jnp.asarray(flat).reshape(GROUPS, 12)) - begin.coefficients
-    fine = np.asarray(states(Spline(problem.duration, step), (np.arange(400) + 0.5) / 400))
+    step = update_coefficients(begin, cell, jnp.asarray(flat).reshape(GROUPS, 12)) - begin.coefficients
+    fine = np.asarray(spline_states(Spline(problem.duration, step), (np.arange(400) + 0.5) / 400))
     sizes = np.mean(np.sum(fine**2, axis=3), axis=(0, 1)) / np.array([3000.0, 30.0, 3.0]) ** 2
     np.testing.assert_allclose(flat @ form @ flat, np.sum(sizes), rtol=1e-4)
     assert np.min(np.linalg.eigvalsh(form)) > 0.0
@@ -110,9 +112,9 @@ def test_begins_and_arrives_as_asked_whatever_the_change(seed, who):
     rendezvous = problem.task.rendezvous
     for k in range(6):
         begin = begun(problem, k)
-        coefficients = updated(begin, problem.duration / CELLS, changes(k, 50.0))
+        coefficients = update_coefficients(begin, problem.duration / CELLS, changes(k, 50.0))
         first, last = states_at(Spline(problem.duration, coefficients), jnp.stack([number(0.0), problem.duration]))
-        np.testing.assert_allclose(first, first_state(problem), rtol=1e-9, atol=1e-8)
+        np.testing.assert_allclose(first, initial_state_n(problem), rtol=1e-9, atol=1e-8)
         np.testing.assert_allclose(last[0], problem.task.meeting_n(problem.duration), rtol=1e-9)
         north, east, down = np.asarray(last[1])
         if rendezvous.course_prescribed:
@@ -163,17 +165,17 @@ def test_narrower_by_what_is_passed_and_never_empty():
     problem = problem_of(90, 3)
     limits = problem.task.limits
     allowed = initial_limits(problem, number(0.99))
-    same = tightened(problem, allowed, jnp.full(9, -0.1))
+    same = tighten_limits(problem, allowed, jnp.full(9, -0.1))
     for kept, before in zip(same, allowed, strict=True):
         np.testing.assert_allclose(kept, before, rtol=1e-15)
     over = np.zeros(9)
     fields = [limit.field for limit in CERTIFIED_LIMITS]
     over[fields.index("bank_max")] = 0.02
     over[fields.index("speed_min")] = 0.001
-    less = tightened(problem, allowed, jnp.asarray(over))
+    less = tighten_limits(problem, allowed, jnp.asarray(over))
     assert float(less.bank) == pytest.approx(float(allowed.bank) * (1.0 - 0.026))
     assert float(less.speed_min) == pytest.approx(float(allowed.speed_min + 0.0013 * limits.speed_min))
     assert float(less.load_factor) == float(allowed.load_factor)
-    none = tightened(problem, allowed, jnp.full(9, 50.0))
+    none = tighten_limits(problem, allowed, jnp.full(9, 50.0))
     assert float(none.speed_min) <= float(none.speed_max)
     assert float(none.bank) > 0.0

@@ -4,12 +4,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from certified_cases import number, picked
 
-from anser.compiling import compiled_quickly
-from anser.planning.certified.spline import Spline, states_at
-from anser.planning.certified.spline_equations import SplineProblem
-from anser.planning.certified.spline_guesses import guesses, spline_start
+from anser.compiling.options import compiled_quickly
+from anser.planning.certified.spline_search import make_guesses, spline_start
+from anser.planning.certified.splines import Spline, SplineProblem, states_at
+from support.certified_cases import number, picked
 from trials.cases import random_case
 from trials.task import planner_task
 
@@ -19,7 +18,7 @@ CELLS, STARTS = 64, 40
 @compiled_quickly
 def _begun(task, airspace, duration):
     problem = SplineProblem(task, airspace, duration)
-    begin = jax.vmap(lambda guess: spline_start(problem, CELLS, guess))(guesses(STARTS))
+    begin = jax.vmap(lambda guess: spline_start(problem, CELLS, guess))(make_guesses(STARTS))
     times = duration * jnp.linspace(0.0, 1.0, 801)
     return begin, jax.vmap(lambda c: states_at(Spline(duration, c), times))(begin.coefficients)
 
@@ -62,8 +61,8 @@ def test_they_are_of_many_kinds(begun):
 
 def test_the_same_every_time_and_finite(begun):
     assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(begun[2].coefficients))
-    for one, other in zip(guesses(7), guesses(7), strict=True):
+    for one, other in zip(make_guesses(7), make_guesses(7), strict=True):
         np.testing.assert_array_equal(one, other)
     # Fewer are the first of more.
-    np.testing.assert_array_equal(guesses(3).aside, guesses(7).aside[:3])
-    assert not np.array_equal(guesses(3, seed=1).aside, guesses(3).aside)
+    np.testing.assert_array_equal(make_guesses(3).across_detour, make_guesses(7).across_detour[:3])
+    assert not np.array_equal(make_guesses(3, seed=1).across_detour, make_guesses(3).across_detour)

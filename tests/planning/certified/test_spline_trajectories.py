@@ -5,12 +5,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from certified_cases import number, picked
 
-from anser.compiling import compiled_quickly
-from anser.planning.certified.arrivals import reachable
-from anser.planning.certified.candidate_sets import ALONE_SPLINES, ALONE_STANDARD, ALONE_TURN_LEG_PATHS
-from anser.planning.certified.spline_trajectories import find_splines
+from anser.compiling.options import compiled_quickly
+from anser.planning.certified.arrival_times import reachable
+from anser.planning.certified.spline_search import find_splines
+from anser.planning.certified.timed_profiles import ALONE_SPLINES, ALONE_STANDARD, ALONE_TURN_LEG_PATHS
+from support.certified_cases import number, picked
 from trials.cases import random_case
 from trials.check import dense_check
 from trials.data import Paths

@@ -7,13 +7,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from certified_cases import GRAVITY, STEADY, detours_of, dubins, integrated, number, picked, random_ends
 
-from anser.compiling import compiled_quickly
+from anser.compiling.options import compiled_quickly
+from anser.planning import PathLimits
 from anser.planning.certified import turn_leg_paths
 from anser.planning.certified.detours import DETOUR_KINDS, WORDS, direct, solve_detour
 from anser.planning.certified.profile import make_profile, tabulate
-from anser.planning.certified.route import route
+from anser.planning.certified.routes import route
 from anser.planning.certified.task import KeepOuts
 from anser.planning.certified.turn_leg_paths import (
     KeepOutsAlongPath,
@@ -24,7 +24,7 @@ from anser.planning.certified.turn_leg_paths import (
     make_starts,
     solve_turn_leg_paths,
 )
-from anser.planning.limits import PathLimits
+from support.certified_cases import GRAVITY, STEADY, detours_of, dubins, integrated, number, picked, random_ends
 
 CASES = 16
 _SCHEDULE_ERROR = 0.02  # what the reserve of the curvature takes up
@@ -190,7 +190,9 @@ def test_derivatives_are_those_of_what_is_missed(ends):
             problem = TurnLegProblem(one, SLOWING, keep_outs, number(1.4 * where[k] / 0.4))
             senses, first, _ = (jnp.asarray(leaf[n]) for leaf in BEGUN)
             for circles in (jnp.zeros(4), jnp.array([0.0, 4.0 * jnp.pi, 0.0, 0.0])):
-                missed = functools.partial(turn_leg_paths._shape, problem=problem, senses=senses, circles=circles)
+                missed = functools.partial(
+                    turn_leg_paths._path_and_residuals, problem=problem, senses=senses, circles=circles
+                )
                 by_hand, automatic = missed(first)[2], jax.jacfwd(lambda x, of=missed: of(x)[1])(first)
                 np.testing.assert_allclose(by_hand, automatic, rtol=1e-9, atol=1e-12)
 
@@ -252,7 +254,7 @@ def test_long_waits_are_circles_wherever_there_is_room():
     assert np.sum(circling) >= 5
     assert len({int(k) for k in np.argmax(turned[circling], axis=1)}) == 4
     np.testing.assert_allclose(np.asarray(routes.length)[found], float(wanted), rtol=1e-9)
-    np.testing.assert_allclose(np.asarray(routes.places)[found, -1], np.asarray(one.end), atol=1e-5 * float(wanted))
+    np.testing.assert_allclose(np.asarray(routes.positions)[found, -1], np.asarray(one.end), atol=1e-5 * float(wanted))
 
 
 def test_pace_is_that_of_a_level_turn_and_of_what_climb_and_push_leave():
@@ -265,9 +267,9 @@ def test_pace_is_that_of_a_level_turn_and_of_what_climb_and_push_leave():
         radius = speed**2 / (GRAVITY * np.tan(np.radians(60.0))) / 0.98
         np.testing.assert_allclose(float(schedule.scales[place]) * 2000.0, radius, rtol=1e-3)  # V_dot is not quite zero
     # The greatest within the turn counts.
-    np.testing.assert_allclose(schedule.least(0.0, 1e4), schedule.scales[0], rtol=1e-12)
+    np.testing.assert_allclose(schedule.least_radius(0.0, 1e4), schedule.scales[0], rtol=1e-12)
     last = float(level.length)
-    np.testing.assert_allclose(schedule.least(last - 100.0, 100.0), schedule.scales[-1], rtol=1e-12)
+    np.testing.assert_allclose(schedule.least_radius(last - 100.0, 100.0), schedule.scales[-1], rtol=1e-12)
     # Climbing at a tenth of the speed leaves less lift, pulling up more of it.
     climbing = tabulate(
         make_profile(200.0, (900.0, 3500.0), (0.0, 0.0), 0.0, 0.0, (150.0, 150.0, 150.0), 0.0), STEADY, 128

@@ -5,26 +5,29 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from certified_cases import detours_of, random_ends
 
-from anser.compiling import compiled_quickly
-from anser.planning.certified import plan_at
-from anser.planning.certified.candidate_sets import MINIMAL
-from anser.planning.certified.detours import DETOUR_KINDS, WORDS, direct, solve_detour, solve_racetrack
-from anser.planning.certified.profile import make_profile
-from anser.planning.certified.route import route
-from anser.planning.certified.timed_profile import curvature_limits
-from anser.planning.certified.wide_turns import (
+from anser.compiling.options import compiled_quickly
+from anser.planning import PathLimits
+from anser.planning.certified.certified_plan import plan_at
+from anser.planning.certified.detours import (
+    DETOUR_KINDS,
     WIDTHS,
+    WORDS,
+    direct,
     greatest_bank_rate,
     greatest_curvature,
-    widened,
-    widened_detour,
-    widened_directs,
-    widened_racetrack,
+    solve_detour,
+    solve_racetrack,
+    widen_detour,
+    widen_direct,
+    widen_directs,
+    widen_racetrack,
 )
-from anser.planning.limits import PathLimits
+from anser.planning.certified.profile import make_profile
+from anser.planning.certified.routes import route
+from anser.planning.certified.timed_profiles import MINIMAL, curvature_limits
 from support.aircraft_tasks import aircraft_task
+from support.certified_cases import detours_of, random_ends
 from trials.cases import random_case
 from trials.task import planner_task
 
@@ -40,23 +43,23 @@ def _wide(ends):
     """Direct paths, tight and wide, and of both the detours and a racetrack: solved, their routes and curvatures."""
     words = jax.vmap(lambda word: direct(ends, word))(jnp.asarray(WORDS))
     base = jax.tree.map(lambda leaf: leaf[jnp.argmin(words.length)], words)
-    wide = widened_directs(ends, base)
+    wide = widen_directs(ends, base)
 
     def both(tight, wider):
         return [(one, route(ends, one), greatest_curvature(ends, one)) for one in (tight, wider)]
 
     def detoured(way):
         tight = solve_detour(ends, base, way, LONGER * base.length)
-        return both(tight, widened_detour(ends, wide, way, LONGER * base.length, tight))
+        return both(tight, widen_detour(ends, wide, way, LONGER * base.length, tight))
 
     longer = base.length + 4.0 * np.pi / ends.curvature_max
     lap = solve_racetrack(ends, base, jnp.ones(()), longer)
     return (
         base,
         wide,
-        widened(ends, base, 0.0),
+        widen_direct(ends, base, 0.0),
         jax.vmap(detoured)(WAYS),
-        (longer, both(lap, widened_racetrack(ends, wide, jnp.ones(()), longer, lap))),
+        (longer, both(lap, widen_racetrack(ends, wide, jnp.ones(()), longer, lap))),
     )
 
 
@@ -70,7 +73,7 @@ def lead_to_their_ends(shape, solved, ends=ENDS):
     exists = np.asarray(solved.exists)
     end, heading = np.asarray(ends.end), np.asarray(ends.end_heading)
     end, heading = (x.reshape(-1, *[1] * (exists.ndim - 1)) for x in (end, heading))
-    off = np.abs(shape.places[..., -1] - end)
+    off = np.abs(shape.positions[..., -1] - end)
     turned = np.abs(np.exp(1j * (shape.headings[..., -1] - heading)) - 1.0)
     assert np.all(off[exists] <= 1e-6 * shape.marks[..., -1][exists])
     assert np.all(turned[exists] < 1e-9)

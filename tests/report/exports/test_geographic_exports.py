@@ -13,7 +13,9 @@ from fastkml import validator
 from fastkml.features import Placemark
 from fastkml.utils import find_all
 
-from anser.report.exports import thinned, to_czml, to_kml
+from anser.report.exports.czml import to_czml
+from anser.report.exports.formats import thin_record
+from anser.report.exports.kml import to_kml
 
 START = datetime(2024, 5, 1, 10, 0, tzinfo=UTC)
 # Written to 1e-9 deg, 1e-4 m.
@@ -143,8 +145,8 @@ def test_what_is_not_finite_is_left_out(flown):
 
 def test_thinning_keeps_recorded_times_and_both_ends(flown):
     dataset, _ = flown
-    assert list(thinned(dataset, 2.0)["time"].values.round(6)) == [0.0, 2.0, 4.0, 5.9]
-    assert list(thinned(dataset, 1.04)["time"].values.round(6)) == [0.0, 1.0, 2.1, 3.1, 4.2, 5.2, 5.9]
-    assert thinned(dataset, 0.001).sizes["time"] == dataset.sizes["time"]
-    assert list(thinned(dataset, 100.0)["time"].values.round(6)) == [0.0, 5.9]
-    assert thinned(dataset.isel(time=[0]), 0.5).sizes["time"] == 1
+    assert list(thin_record(dataset, 2.0)["time"].values.round(6)) == [0.0, 2.0, 4.0, 5.9]
+    assert list(thin_record(dataset, 1.04)["time"].values.round(6)) == [0.0, 1.0, 2.1, 3.1, 4.2, 5.2, 5.9]
+    assert thin_record(dataset, 0.001).sizes["time"] == dataset.sizes["time"]
+    assert list(thin_record(dataset, 100.0)["time"].values.round(6)) == [0.0, 5.9]
+    assert thin_record(dataset.isel(time=[0]), 0.5).sizes["time"] == 1

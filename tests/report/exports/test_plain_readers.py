@@ -11,19 +11,15 @@ import pytest
 import scipy.io
 import xarray as xr
 
-from anser.report.exports import to_csv, to_czml, to_kml, to_mat, to_parquet, write_campaign_tables
-from anser.results import (
-    plan_dataset,
-    plan_summary,
-    read_summary,
-    sweep_dataset,
-    write_json,
-    write_netcdf,
-    write_summary,
-    write_trajectories,
-)
-from anser.results.checksums import with_checksum
-from anser.results.flight_row import FlightRow
+from anser.missions.sweeps import sweep_dataset
+from anser.report.exports.czml import to_czml
+from anser.report.exports.kml import to_kml
+from anser.report.exports.tables import to_csv, to_mat, to_parquet, write_campaign_tables
+from anser.results import plan_dataset, plan_summary, read_summary, write_netcdf, write_summary
+from anser.results.checksums import add_checksum
+from anser.results.documents import write_json
+from anser.results.flight_rows import FlightRow
+from anser.results.plan_outputs import write_trajectories
 from support.plain_files import parsed, read_alone
 from support.plan_case import plan_case
 from support.robustness_cases import made_up_study
@@ -58,7 +54,7 @@ def test_netcdf_by_xarray(gaps, tmp_path):
         sweep_dataset(
             {"a": [False, True], "b": ["", "right"]},
             ["one"],
-            [FlightRow.failed("no plan")] * 3
+            [FlightRow.failed_start("no plan")] * 3
             + [FlightRow([{"arrival_s": 0.0, "miss_m": 0.0, "status": "arrived"}], {}, [], met=True)],
             {"title": "test"},
         ),
@@ -127,11 +123,11 @@ def test_summary_and_plan_by_a_json_parser(tmp_path):
     fleet = {"separation_min_m": None, "simulated_s": 0.0}
     summary = {"format_version": 1, "scenario": {"name": ""}, "aircraft": [row], "fleet": fleet, "requirements": []}
     write_summary(summary, tmp_path / "summary.json")
-    assert parsed(tmp_path / "summary.json") == with_checksum(summary)
+    assert parsed(tmp_path / "summary.json") == add_checksum(summary)
     assert read_summary(tmp_path / "summary.json") == summary
     plan = plan_dataset(*plan_case(separation_m=(500.0, 150.0)))
     write_summary(plan_summary(plan), tmp_path / "plan.json")
-    assert parsed(tmp_path / "plan.json") == with_checksum(plan_summary(plan))
+    assert parsed(tmp_path / "plan.json") == add_checksum(plan_summary(plan))
     write_json(plan_summary(plan), tmp_path / "document.json")
     assert parsed(tmp_path / "document.json") == plan_summary(plan)
 

@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pymatio
 import pytest
 
-from anser.report.exports import PARQUET_MISSING, to_csv, to_mat, to_parquet
+from anser.report.exports.tables import PARQUET_MISSING, to_csv, to_mat, to_parquet
 from anser.variables import CATALOGUE
 
 

@@ -1,7 +1,7 @@
 """The certified planner: paths that keep limits, distances and keep-outs, with bounds that prove it.
 
 Where a plan comes from, roughly top-down; what is indented is part of the line above it. Its callers are
-`anser.simulation.certified_planner`, which flies plans, and `anser.execution.refusal`, which says why there is none.
+`anser.planning.certified.planner`, which flies plans, and `anser.missions.refusal`, which says why there is none.
 
 ============================  =========================================================================================
 ``search``                    `search`: attempts, stage by stage, until a certificate keeps everything
@@ -30,37 +30,6 @@ Two stand apart: ``task``, what is asked (aircraft, airspace, keep-outs, arrival
 ``renewal``, a plan bent or made anew on the way, by `plan_fleet_at` of ``certified_plan``.
 """
 
-from anser.planning.certified.arrival_proposals import FleetTask, common_times
-from anser.planning.certified.arrivals import arrival_sets
-from anser.planning.certified.certified_plan import CertifiedPlan, Standing, intervals_for, plan_at
-from anser.planning.certified.necessary_conditions import arrival_conflicts, arrival_distances_max
-from anser.planning.certified.path_bounds import path_bounds
-from anser.planning.certified.renewal import FIRST, REPLANNED, renew_certified
-from anser.planning.certified.search import Outcome, search
-from anser.planning.certified.task import AircraftTask, Airspace, ArrivalRequest, KeepOuts, no_keep_outs, stacked
-from anser.planning.separation import Separation
+import lazy_loader
 
-__all__ = [
-    "FIRST",
-    "REPLANNED",
-    "AircraftTask",
-    "Airspace",
-    "ArrivalRequest",
-    "CertifiedPlan",
-    "FleetTask",
-    "KeepOuts",
-    "Outcome",
-    "Separation",
-    "Standing",
-    "arrival_conflicts",
-    "arrival_distances_max",
-    "arrival_sets",
-    "common_times",
-    "intervals_for",
-    "no_keep_outs",
-    "path_bounds",
-    "plan_at",
-    "renew_certified",
-    "search",
-    "stacked",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,4 +1,7 @@
-"""All the ways in which an aircraft can be at its rendezvous at a given time, from three generators."""
+"""Candidates: all paths by which an aircraft can be at its rendezvous at a given time.
+
+From three generators, and their delivery as timed paths.
+"""
 
 import functools
 from collections.abc import Callable
@@ -9,17 +12,22 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from anser.numerics.stacking import rows_where
-from anser.planning.certified.candidate_sets import RACETRACK, CandidateSet
-from anser.planning.certified.clearance import Track, clearance_from_keep_outs
-from anser.planning.certified.delivery import deliver
-from anser.planning.certified.detours import DETOUR_KINDS, detour, solve_detour, solve_racetrack
-from anser.planning.certified.profile import TabulatedProfile
-from anser.planning.certified.route import PathEnds, TurnsAndLegs, route
-from anser.planning.certified.spline_trajectories import find_splines
+from anser.numerics.arrays import select_rows
+from anser.planning.certified.clearance import Track, clearance_from_keep_outs, path_track, route_track, sample_profile
+from anser.planning.certified.detours import (
+    DETOUR_KINDS,
+    detour,
+    greatest_curvature,
+    solve_detour,
+    solve_racetrack,
+    widen_detour,
+    widen_racetrack,
+)
+from anser.planning.certified.profile import TabulatedProfile, flown_between
+from anser.planning.certified.routes import PathEndpoints, Route, TurnsAndLegs, cis, route
+from anser.planning.certified.spline_search import find_splines
 from anser.planning.certified.task import AircraftTask, Airspace
-from anser.planning.certified.timed_profile import TimedProfile, timed_profiles
-from anser.planning.certified.tracking import path_track, route_track, sample_profile
+from anser.planning.certified.timed_profiles import RACETRACK, CandidateSet, TimedProfile, timed_profiles
 from anser.planning.certified.turn_leg_paths import (
     TurnLegProblem,
     keep_outs_along_path,
@@ -27,9 +35,59 @@ from anser.planning.certified.turn_leg_paths import (
     make_starts,
     solve_turn_leg_paths,
 )
-from anser.planning.certified.wide_turns import greatest_curvature, widened_detour, widened_racetrack
 from anser.planning.timed_path import TimedPath
-from anser.shapes import Count, Flag, Scalar, ScalarLike
+from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
+
+_CLOSE_S = 0.02  # knots closer than this become one: differences of positions keep their digits in the accelerations
+
+
+def _knots(marks: Float[Array, " marks"], duration: Scalar, intervals: int) -> Float[Array, " knots"]:
+    """Equal intervals and the given times (s), in order, none closer than `_CLOSE_S` unless equal."""
+    even = duration * jnp.linspace(0.0, 1.0, intervals + 1)
+    times = jnp.sort(jnp.concatenate([even, jnp.clip(marks, 0.0, duration)]))
+    times = jnp.where(duration - times < _CLOSE_S, duration, times)
+
+    def merge(last: Scalar, time: Scalar) -> tuple[Scalar, Scalar]:
+        now = jnp.where(time - last < _CLOSE_S, last, time)
+        return now, now
+
+    return jax.lax.scan(merge, jnp.zeros(()), times)[1]
+
+
+def deliver(start_time: ScalarLike, table: TabulatedProfile, horizontal: Route) -> TimedPath:
+    """Path from a time (s) on, with knots at equal intervals and wherever curvature, climb or speed has a kink.
+
+    The table's length is the route's to a part in a million, which the airspeed takes up.
+    """
+    duration = table.profile.duration
+    marks = jax.vmap(table.time_at)(horizontal.marks[1:-1] * (table.length / jnp.maximum(horizontal.length, 1.0)))
+    times = _knots(jnp.concatenate([marks, table.profile.kinks]), duration, table.lengths.shape[0] - 1)
+    # From knot to knot, where nothing kinks: the table's lengths are a little off where a kink lies within an interval,
+    # and in a cell of some hundredths of a second a tenth of a millimetre is an acceleration of 1 m/s^2.
+    flown, drifted = jax.vmap(lambda begin, span: flown_between(table.profile, table.wind, begin, span))(
+        times[:-1], times[1:] - times[:-1]
+    )
+    lengths = jnp.concatenate([jnp.zeros(1), jnp.cumsum(flown)])
+    drifts = jnp.concatenate([jnp.zeros((1, 3)), jnp.cumsum(drifted, axis=0)])
+    # It ends where it was to end: the table's drift has led there.
+    astray = (table.drift_n - drifts[-1]) / duration
+    scale = horizontal.length / jnp.maximum(lengths[-1], 1.0)
+
+    def one(t: Scalar, length: Scalar, drift: Vector3) -> tuple[Float[Array, "3 3"], Float[Array, "3 3"]]:
+        (speed, wind), (speed_dot, wind_dot) = jax.jvp(table.rates, (t,), (jnp.ones_like(t),))
+        place, heading, curvature = horizontal.at(scale * length)
+        drift, wind = drift + t * astray, wind + astray
+        now = table.profile.at(t)
+        ahead = cis(heading)
+        rate, bend = scale * speed * ahead, (scale * speed_dot + 1j * curvature * (scale * speed) ** 2) * ahead
+        level = [jnp.stack([jnp.real(x), jnp.imag(x)]) for x in (place, rate, bend)]
+        down = (-now.altitude - drift[2], -now.climb - wind[2], -now.climb_dot - wind_dot[2])
+        air = jnp.stack([jnp.append(x, z) for x, z in zip(level, down, strict=True)])
+        return air, jnp.stack([drift, wind, wind_dot])
+
+    air_n, drift_n = jax.vmap(one)(times, lengths, drifts)
+    return TimedPath(start_time + times, air_n, drift_n)
+
 
 DETOUR, TURN_LEG_PATH, SPLINE = range(3)
 _PART_REFINED = 0.4  # of the starts of turn-and-leg paths
@@ -49,7 +107,7 @@ class Routes(NamedTuple):
         Index of its profile.
     """
 
-    ends: PathEnds
+    endpoints: PathEndpoints
     turns_and_legs: TurnsAndLegs
     profile: Count
 
@@ -82,7 +140,7 @@ class Candidates(eqx.Module):
     generator: Int[Array, "*aircraft candidates"]
     valid: Bool[Array, "*aircraft candidates"]
     cost: Float[Array, "*aircraft candidates"]
-    turned: Float[Array, "*aircraft candidates"]
+    total_turn: Float[Array, "*aircraft candidates"]
     speed: Float[Array, "*aircraft candidates"]
     tracks: Track
     penetration: Float[Array, "*aircraft candidates"]
@@ -95,13 +153,13 @@ class Candidates(eqx.Module):
         fleet, routed = jnp.arange(chosen.shape[0]), self.routes.profile.shape[1]
         own = jax.tree.map(lambda leaf: leaf[fleet, jnp.minimum(chosen, routed - 1)], self.routes)
         profiles = jax.tree.map(lambda leaf: leaf[fleet, own.profile], self.profiles)
-        routes = jax.vmap(route)(own.ends, own.turns_and_legs)
+        routes = jax.vmap(route)(own.endpoints, own.turns_and_legs)
         paths = jax.vmap(deliver, in_axes=(None, 0, 0))(start_time, profiles, routes)
         if self.splines is None:
             return paths
         splines = jax.tree.map(lambda leaf: leaf[fleet, jnp.maximum(chosen - routed, 0)], self.splines)
         splines = eqx.tree_at(lambda p: p.times, splines, start_time + splines.times)
-        return rows_where(chosen >= routed, splines, paths)
+        return select_rows(chosen >= routed, splines, paths)
 
 
 class _Routed(NamedTuple):
@@ -110,12 +168,12 @@ class _Routed(NamedTuple):
     generator: Count
     valid: Flag
     cost: Scalar
-    turned: Scalar
+    total_turn: Scalar
     speed: Scalar
     routes: Routes
 
 
-def _routed(
+def _routed_candidate(
     generator: int,
     timed: TimedProfile,
     gravity: ScalarLike,
@@ -126,8 +184,8 @@ def _routed(
 ) -> _Routed:
     valid = timed.within_limits & solved.exists & fits & jnp.isfinite(timed.table.length)
     turned = jnp.sum(jnp.abs(solved.angles))
-    cost = cost + _BANK_COST * jnp.arctan(greatest_curvature(timed.ends, solved) * timed.speed**2 / gravity)
-    routes = Routes(timed.ends, solved, profile)
+    cost = cost + _BANK_COST * jnp.arctan(greatest_curvature(timed.endpoints, solved) * timed.speed**2 / gravity)
+    routes = Routes(timed.endpoints, solved, profile)
     return _Routed(jnp.asarray(generator), valid, turned + cost, turned, timed.speed, routes)
 
 
@@ -140,7 +198,7 @@ def routed_candidates(
     numbers = jnp.arange(len(candidate_set.speeds))
     detours = functools.partial(_detours, task, airspace.gravity, candidate_set)
     each_way = jax.vmap(detours, in_axes=(None, None, 0, 0, 0))
-    tables = candidate_set.words, candidate_set.detour_kinds, candidate_set.sides
+    tables = candidate_set.direct_ranks, candidate_set.detour_kinds, candidate_set.sides
     altitude_detours = jnp.asarray(candidate_set.altitude_detours)
     costs = jnp.abs(timed.speed / task.speed - 1.0) * 20.0 + jnp.abs(altitude_detours) / 400.0
     found = jax.vmap(each_way, in_axes=(0, 0, None, None, None))(timed, (costs, numbers), *map(jnp.asarray, tables))
@@ -151,8 +209,8 @@ def routed_candidates(
         )
         found = jax.tree.map(lambda a, b: jnp.concatenate([a, b], axis=1), found, free)
     flat = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), found)
-    if candidate_set.kept is not None and candidate_set.kept < candidate_set.size:
-        best = jnp.argsort(jnp.where(flat.valid, flat.cost, jnp.inf))[: candidate_set.kept]
+    if candidate_set.max_candidates is not None and candidate_set.max_candidates < candidate_set.size:
+        best = jnp.argsort(jnp.where(flat.valid, flat.cost, jnp.inf))[: candidate_set.max_candidates]
         flat = jax.tree.map(lambda leaf: leaf[best], flat)
     return flat, timed.table
 
@@ -168,21 +226,21 @@ def _detours(
     side: Count,
 ) -> _Routed:
     """The direct path of a rank by length, or the detour from it that takes the time; the tightest, the widest."""
-    ends, wanted = timed.ends, timed.table.length
-    base, wide = jax.tree.map(lambda leaf: leaf[word], (timed.direct, timed.wide))
+    ends, wanted = timed.endpoints, timed.table.length
+    base, wide = jax.tree.map(lambda leaf: leaf[word], (timed.direct, timed.wide_directs))
     way, around = detour(jnp.minimum(kind, DETOUR_KINDS - 1), side), side.astype(float)
     solved = [solve_detour(ends, base, way, wanted)]
-    if candidate_set.widened:
-        solved.append(widened_detour(ends, wide, way, wanted, solved[0]))
+    if candidate_set.with_wide_turns:
+        solved.append(widen_detour(ends, wide, way, wanted, solved[0]))
     if RACETRACK in candidate_set.detour_kinds:
         held = [solve_racetrack(ends, base, around, wanted)]
-        if candidate_set.widened:
-            held.append(widened_racetrack(ends, wide, around, wanted, held[0]))
+        if candidate_set.with_wide_turns:
+            held.append(widen_racetrack(ends, wide, around, wanted, held[0]))
         solved = jax.tree.map(lambda a, b: jnp.where(kind == RACETRACK, a, b), held, solved)
     fits = (task.side == 0) | (task.side * side > 0)
     cost, profile = about
     cost = cost + jnp.where(kind == RACETRACK, _RACETRACK_COST, 0.0) + 0.01 * kind
-    each = [_routed(DETOUR, timed, gravity, one, fits, cost, profile) for one in solved]
+    each = [_routed_candidate(DETOUR, timed, gravity, one, fits, cost, profile) for one in solved]
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *each)
 
 
@@ -190,13 +248,15 @@ def _turn_leg_paths(
     task: AircraftTask, airspace: Airspace, starts: int, timed: TimedProfile, about: tuple[Scalar, Count]
 ) -> _Routed:
     """Turn-and-leg paths that take the time; they bend to any side, so only where either will do."""
-    schedule = make_radius_schedule(timed.table, timed.ends, task.limits, airspace.gravity)
+    schedule = make_radius_schedule(timed.table, timed.endpoints, task.limits, airspace.gravity)
     keep_outs = keep_outs_along_path(timed.table, airspace.keep_outs)
-    problem = TurnLegProblem(timed.ends, schedule, keep_outs, timed.table.length)
+    problem = TurnLegProblem(timed.endpoints, schedule, keep_outs, timed.table.length)
     solved = solve_turn_leg_paths(problem, make_starts(starts), int(_PART_REFINED * starts))
     cost, profile = about
     cost, fits = cost + _TURN_LEG_COST, task.side == 0
-    return jax.vmap(lambda one: _routed(TURN_LEG_PATH, timed, airspace.gravity, one, fits, cost, profile))(solved)
+    return jax.vmap(lambda one: _routed_candidate(TURN_LEG_PATH, timed, airspace.gravity, one, fits, cost, profile))(
+        solved
+    )
 
 
 def _aircraft_candidates(
@@ -214,19 +274,19 @@ def _aircraft_candidates(
     def tracked(one: Routes, speed: Scalar) -> tuple[Track, Flag]:
         profile, sampled = jax.tree.map(lambda leaf: leaf[one.profile], (profiles, samples))
         about = task.limits, airspace.gravity, task.active
-        return route_track(one.ends, one.turns_and_legs, speed, profile, sampled, times, *about)
+        return route_track(one.endpoints, one.turns_and_legs, speed, profile, sampled, times, *about)
 
     tracks, within_limits = jax.vmap(tracked)(found.routes, found.speed)
-    common = (found.generator, found.valid & within_limits, found.cost, found.turned, found.speed, tracks)
+    common = (found.generator, found.valid & within_limits, found.cost, found.total_turn, found.speed, tracks)
     paths = None
     if candidate_set.spline_starts:
-        starts, kept = candidate_set.spline_starts, candidate_set.splines_kept
+        starts, kept = candidate_set.spline_starts, candidate_set.max_splines
         splines = find_splines(task, airspace, duration, intervals, starts, kept)
         paths = splines.paths
         # A path that ends before the last one has shorter intervals than the grid.
         own = jax.vmap(lambda path, a: path_track(path, a, task.active, times))(paths, splines.accelerations)
-        cost = jnp.where(splines.valid, _SPLINE_COST + splines.turned, _INVALID)
-        more = (jnp.full(kept, SPLINE), splines.valid, cost, splines.turned, splines.speeds, own)
+        cost = jnp.where(splines.valid, _SPLINE_COST + splines.total_turn, _INVALID)
+        more = (jnp.full(kept, SPLINE), splines.valid, cost, splines.total_turn, splines.speeds, own)
         common = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), common, more)
     generator, valid, cost, turned, speed, tracks = common
     clearance = jax.vmap(lambda one: clearance_from_keep_outs(one, times, airspace.keep_outs))(tracks)
@@ -263,10 +323,12 @@ def fleet_candidates(
     if candidate_set.extra is None:
         return found
     wanted = tasks.active > 0.0 if extra_for is None else extra_for
-    return _joined(found, _for_some(jax.jit(one_of(candidate_set.extra)), tasks, durations, wanted))
+    return _concatenate_candidates(
+        found, _candidates_for_selected(jax.jit(one_of(candidate_set.extra)), tasks, durations, wanted)
+    )
 
 
-def _for_some(
+def _candidates_for_selected(
     one: Callable[[AircraftTask, Scalar], Candidates],
     tasks: AircraftTask,
     durations: Float[Array, " aircraft"],
@@ -287,7 +349,7 @@ def _for_some(
     return jax.lax.fori_loop(0, jnp.sum(wanted), add, empty)
 
 
-def _joined(first: Candidates, extra: Candidates) -> Candidates:
+def _concatenate_candidates(first: Candidates, extra: Candidates) -> Candidates:
     """Two sets of candidates of each aircraft as one; there are splines in the second only."""
     later = eqx.tree_at(lambda c: c.routes.profile, extra, extra.routes.profile + first.profiles.length.shape[1])
     routed = eqx.tree_at(lambda c: c.splines, later, None)

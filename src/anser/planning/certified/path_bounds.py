@@ -12,12 +12,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from anser.environment import AbstractWind, LayeredWind, SteadyWind
-from anser.numerics import bernstein, namespace
+from anser.environment.environment import AbstractWind, LayeredWind, SteadyWind
+from anser.numerics import bernstein
+from anser.numerics.arrays import namespace
 from anser.planning.limits import CERTIFIED_LIMITS, Limit, PathLimits
 from anser.planning.timed_path import TimedPath
-from anser.planning.vectors import root
 from anser.shapes import Scalar, ScalarLike
+from anser.spatial.vectors import safe_sqrt
 
 Cells = Float[Array, "cells n"]
 _TINY = 1e-9
@@ -77,7 +78,7 @@ class PathBounds(eqx.Module):
         return xp.max(gained), xp.max(self.cell_along[:, 1] / idle.least_share(slow, fast, least))
 
 
-def _controls(
+def _bernstein_coefficients(
     knots: Float[Array, "knots 3 3"], spans: Float[Array, " cells"]
 ) -> tuple[Float[Array, "cells 3 6"], Float[Array, "cells 3 5"], Float[Array, "cells 3 4"]]:
     """Bernstein coefficients of position, velocity and acceleration, (cell, axis, coefficient)."""
@@ -114,7 +115,7 @@ def _wind_error(
     """Bound of |slope of the drift - wind| per cell."""
     if isinstance(wind, SteadyWind):
         off = jnp.max(jnp.abs(slope - wind.velocity_n[None, :, None]), axis=2)
-        return jnp.where(drifting, root(jnp.sum(off**2, axis=1)), 0.0)
+        return jnp.where(drifting, safe_sqrt(jnp.sum(off**2, axis=1)), 0.0)
     if not isinstance(wind, LayeredWind):
         raise TypeError(f"no certificate for wind of type {type(wind).__name__}; expected a steady or a layered wind")
     low, high = bernstein.bounds(-down)
@@ -134,8 +135,8 @@ def _wind_error(
         # A cell that ends at the layer's edge, to rounding, is in the next one: what that leaves out is added.
         under = (high < bottom + _EDGE_M) & (low < bottom - _EDGE_M)
         over = (low > top - _EDGE_M) & (high > top + _EDGE_M)
-        left_out = _EDGE_M * root(jnp.sum(rate**2))
-        return jnp.where(under | over, left_out * ((low <= top) & (high >= bottom)), root(jnp.sum(off**2, axis=1)))
+        left_out = _EDGE_M * safe_sqrt(jnp.sum(rate**2))
+        return jnp.where(under | over, left_out * ((low <= top) & (high >= bottom)), safe_sqrt(jnp.sum(off**2, axis=1)))
 
     return jnp.where(drifting, jnp.max(jax.vmap(layer)(bottoms, tops, first, last), axis=0), 0.0)
 
@@ -177,7 +178,7 @@ def _bank_and_load(
 
     level_low, level_high = _root_bounds(level_square, error)
     speed_low, speed_high = _root_bounds(square, error)
-    a_max = root(bernstein.bounds(_square(acceleration))[1])
+    a_max = safe_sqrt(bernstein.bounds(_square(acceleration))[1])
     lift_low = bernstein.bounds(lifting)[0]
     # What an error of the velocity adds: to A, and to D.
     more_across = error * a_max
@@ -187,9 +188,9 @@ def _bank_and_load(
     least = lift_low - more_lifting
     banked = (least > 0.0) & (speed_low > 0.0) & (level_low > 0.0)
     safe, slow, narrow = (jnp.where(banked, x, 1.0) for x in (least, speed_low, level_low))
-    tangent = root(_most_ratio(side_square, lift_square, banked)) + more_across * speed_high / safe
+    tangent = safe_sqrt(_ratio_max(side_square, lift_square, banked)) + more_across * speed_high / safe
     tangent = tangent * (1.0 + error / slow) * (safe + more_lifting) / safe
-    load = root(_most_ratio(side_square + lift_square, both, banked)) + more_across / narrow
+    load = safe_sqrt(_ratio_max(side_square + lift_square, both, banked)) + more_across / narrow
     load = (load + more_lifting / (slow * narrow)) * (1.0 + error / slow) * (1.0 + error / narrow)
     # Upside down or too slow to tell: the acceleration and gravity together bound the load even so.
     return (
@@ -199,7 +200,7 @@ def _bank_and_load(
     )
 
 
-def _most_ratio(upper: Cells, lower: Cells, sound: Bool[Array, " cells"]) -> Float[Array, " cells"]:
+def _ratio_max(upper: Cells, lower: Cells, sound: Bool[Array, " cells"]) -> Float[Array, " cells"]:
     """Bound of a ratio of polynomials; where not sound, 1."""
     safe = jnp.where(sound[:, None] & (lower > 0.0), lower, 1.0)
     return jnp.where(sound, jnp.max(upper / safe, axis=1), 1.0)
@@ -217,8 +218,8 @@ def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> Pat
     safe = jnp.where(real, spans, 1.0)
     # What comes of an empty cell means nothing: it is finite, and never counted.
     air = path.air_n
-    ground, velocity_g, acceleration = _controls(air + path.drift_n, safe)
-    _, drift_slope, _ = _controls(path.drift_n, safe)
+    ground, velocity_g, acceleration = _bernstein_coefficients(air + path.drift_n, safe)
+    _, drift_slope, _ = _bernstein_coefficients(path.drift_n, safe)
     velocity = velocity_g - drift_slope
     error = _wind_error(wind, ground[:, 2], drift_slope, real)
 
@@ -230,7 +231,7 @@ def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> Pat
 
     square, level_square = _square(velocity), _square(velocity[:, :2])
     speed_low, speed_high = _root_bounds(square, error)
-    a_max = root(bernstein.bounds(_square(acceleration))[1])
+    a_max = safe_sqrt(bernstein.bounds(_square(acceleration))[1])
     slow, fast = jnp.maximum(speed_low, _TINY), jnp.maximum(speed_high, _TINY)
 
     up_rate_low, up_rate_high = bernstein.bounds(-velocity[:, 2])
@@ -243,8 +244,8 @@ def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> Pat
     margin = error * (a_max + gravity)
     # The speed with which it is compared may be off by the error.
     off = 1.0 + error / slow
-    forward = off * _most_over_root(work, square, slow, fast) + margin / slow
-    backward = off * _most_over_root(-work, square, slow, fast) + margin / slow
+    forward = off * _ratio_to_root_max(work, square, slow, fast) + margin / slow
+    backward = off * _ratio_to_root_max(-work, square, slow, fast) + margin / slow
     down_low, down_high = bernstein.bounds(ground[:, 2])
     return PathBounds(
         speed_min=least(speed_low),
@@ -264,7 +265,7 @@ def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> Pat
     )
 
 
-def _most_over_root(
+def _ratio_to_root_max(
     upper: Cells, square: Cells, slow: Float[Array, " cells"], fast: Float[Array, " cells"]
 ) -> Float[Array, " cells"]:
     """Bound of a polynomial over the root of another, a root from `slow` to `fast`; 0 where it is negative all over.
@@ -275,24 +276,24 @@ def _most_over_root(
     scaled = square / (middle**2)[:, None]
     raised = bernstein.product(upper, 1.0 + scaled)
     sound = jnp.min(scaled, axis=1) > 0.0
-    ratio = _most_ratio(raised, bernstein.elevate(2.0 * scaled, raised.shape[-1] - 1), sound) / middle
+    ratio = _ratio_max(raised, bernstein.elevate(2.0 * scaled, raised.shape[-1] - 1), sound) / middle
     return jnp.maximum(jnp.where(sound, ratio, jnp.max(upper, axis=1) / slow), 0.0)
 
 
 def _root_bounds(square: Cells, error: Float[Array, " cells"]) -> tuple[Array, Array]:
     """Bounds of a length from its square's coefficients, widened by an error."""
     low, high = bernstein.bounds(square)
-    return jnp.maximum(root(low) - error, 0.0), root(high) + error
+    return jnp.maximum(safe_sqrt(low) - error, 0.0), safe_sqrt(high) + error
 
 
 def excess(
-    found: PathBounds, limits: PathLimits, which: tuple[Limit, ...] = CERTIFIED_LIMITS
+    bounds: PathBounds, limits: PathLimits, limits_checked: tuple[Limit, ...] = CERTIFIED_LIMITS
 ) -> Float[Array, " limits"]:
     """By how much a path's bounds pass each limit, as a part of it; not positive where it is kept."""
     along: dict[str, Any] = dict(
-        zip(("acceleration_max", "deceleration_max"), found.along_at_start(limits), strict=True)
+        zip(("acceleration_max", "deceleration_max"), bounds.along_at_start(limits), strict=True)
     )
-    values = [along.get(limit.field, getattr(found, limit.field)) for limit in which]
+    values = [along.get(limit.field, getattr(bounds, limit.field)) for limit in limits_checked]
     return jnp.stack(
-        [limit.excess(value, getattr(limits, limit.field)) for limit, value in zip(which, values, strict=True)]
+        [limit.excess(value, getattr(limits, limit.field)) for limit, value in zip(limits_checked, values, strict=True)]
     )

@@ -10,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from anser.environment import AbstractWind
-from anser.numerics.quadrature import gauss_legendre
+from anser.environment.environment import AbstractWind
+from anser.numerics.integration import gauss_legendre
 from anser.planning.limits import PathLimits
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 
@@ -87,12 +87,12 @@ class Profile(eqx.Module):
         return jnp.concatenate([jnp.stack([self.climb_ramp, self.speed_ramp, fade]), late])
 
     @property
-    def speed_most(self) -> Scalar:
+    def speed_max(self) -> Scalar:
         """Greatest airspeed, but for what the first acceleration adds, m/s."""
         return jnp.maximum(self.speed_0, jnp.maximum(self.speed_1, self.speed_2))
 
     @property
-    def speed_least(self) -> Scalar:
+    def speed_min(self) -> Scalar:
         """Least airspeed, but for what the first acceleration adds, m/s."""
         return jnp.minimum(self.speed_0, jnp.minimum(self.speed_1, self.speed_2))
 
@@ -101,7 +101,7 @@ class Profile(eqx.Module):
         """Mean airspeed, m/s."""
         early = 0.5 * self.speed_ramp * (self.speed_0 - self.speed_1)
         late = 0.5 * self.speed_ramp_2 * (self.speed_2 - self.speed_1)
-        return self.speed_1 + (early + late + self.speed_dot_0 * _faded(self.duration)) / self.duration
+        return self.speed_1 + (early + late + self.speed_dot_0 * _fading_integral(self.duration)) / self.duration
 
     @property
     def climb_bounds(self) -> tuple[Scalar, Scalar]:
@@ -119,8 +119,8 @@ class Profile(eqx.Module):
     def at(self, t: ScalarLike) -> ProfileState:
         """State `t` seconds after the start."""
         ramp, total = self.climb_ramp, self.duration
-        rise, rise_dot, risen = _step(t / ramp)
-        fall, fall_dot, fallen = _step((t - total + ramp) / ramp)
+        rise, rise_dot, risen = _smoothstep(t / ramp)
+        fall, fall_dot, fallen = _smoothstep((t - total + ramp) / ramp)
         to, back = self.plateau - self.climb_0, self.climb_1 - self.plateau
         fade = jnp.minimum(_FADE_S, 0.5 * total)
         e0, e1, e2 = _fading(t, fade)
@@ -128,8 +128,8 @@ class Profile(eqx.Module):
         b0 = 64 * (s * (1 - s)) ** 3
         b1 = 192 * (s * (1 - s)) ** 2 * (1 - 2 * s) / total
         b2 = 384 * s * (1 - s) * (1 - 5 * s + 5 * s * s) / total**2
-        early, early_dot, _ = _step(t / self.speed_ramp)
-        late, late_dot, _ = _step((t - total + self.speed_ramp_2) / self.speed_ramp_2)
+        early, early_dot, _ = _smoothstep(t / self.speed_ramp)
+        late, late_dot, _ = _smoothstep((t - total + self.speed_ramp_2) / self.speed_ramp_2)
         up, up_late = self.speed_1 - self.speed_0, self.speed_2 - self.speed_1
         f0, f1 = _fading_speed(t, fade)
         return ProfileState(
@@ -145,7 +145,7 @@ class Profile(eqx.Module):
         )
 
 
-def _step(u: ScalarLike) -> tuple[Scalar, Scalar, Scalar]:
+def _smoothstep(u: ScalarLike) -> tuple[Scalar, Scalar, Scalar]:
     """Smoothstep from 0 to 1, its slope, its integral."""
     v = jnp.clip(u, 0.0, 1.0)
     return v * v * (3 - 2 * v), 6 * v * (1 - v), v**3 * (1 - 0.5 * v) + jnp.maximum(u - 1.0, 0.0)
@@ -168,7 +168,7 @@ def _fading_speed(t: ScalarLike, fade: ScalarLike) -> tuple[Scalar, Scalar]:
     return t * q**3, q**3 - 3 * t / fade * q**2
 
 
-def _faded(duration: ScalarLike) -> Scalar:
+def _fading_integral(duration: ScalarLike) -> Scalar:
     """Integral of the first acceleration's unit share of the airspeed, s^2."""
     return jnp.square(jnp.minimum(_FADE_S, 0.5 * duration)) / 20.0
 
@@ -199,10 +199,10 @@ def mean_to_last_speed(
 
 
 def last_to_mean_speed(
-    last: ScalarLike, speed_0: ScalarLike, duration: ScalarLike, rates: Rates = _SPEED_RATES
+    final_speed: ScalarLike, speed_0: ScalarLike, duration: ScalarLike, rates: Rates = _SPEED_RATES
 ) -> Scalar:
     """Mean airspeed of a profile that ends at an airspeed (m/s)."""
-    return last + 0.5 * speed_ramp(speed_0, last, duration, rates) / duration * (speed_0 - last)
+    return final_speed + 0.5 * speed_ramp(speed_0, final_speed, duration, rates) / duration * (speed_0 - final_speed)
 
 
 def make_profile(
@@ -369,6 +369,6 @@ def profile_excess(table: TabulatedProfile, limits: PathLimits, gravity: ScalarL
     return jnp.max(jax.vmap(one)(times), axis=0)
 
 
-def kept(excess: Float[Array, "6"]) -> Flag:
+def within_profile_limits(excess: Float[Array, "6"]) -> Flag:
     """Whether all limits are kept, to rounding."""
     return jnp.all(excess <= 1e-9)

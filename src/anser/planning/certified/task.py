@@ -9,10 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from anser.environment import AbstractWind
-from anser.numerics import namespace
+from anser.environment.environment import AbstractWind
+from anser.numerics.arrays import namespace
+from anser.parts.planners import Rendezvous
 from anser.planning.limits import PathLimits
-from anser.planning.rendezvous import Rendezvous
 from anser.planning.separation import Separation
 from anser.shapes import Scalar, ScalarLike, Vector3
 
@@ -61,12 +61,12 @@ class AircraftTask(eqx.Module):
         xp = namespace(self)
         return xp.asarray(self.goal_position_n) + xp.asarray(self.rendezvous.stand_off_n)
 
-    def meeting_n(self, after: ScalarLike) -> Vector3:
+    def meeting_n(self, elapsed: ScalarLike) -> Vector3:
         """Its rendezvous after a time (s), NED, m."""
-        return self.goal_position_n + self.goal_velocity_n * after + self.rendezvous.stand_off_n
+        return self.goal_position_n + self.goal_velocity_n * elapsed + self.rendezvous.stand_off_n
 
 
-def stacked(tasks: Sequence[AircraftTask]) -> AircraftTask:
+def stack_tasks(tasks: Sequence[AircraftTask]) -> AircraftTask:
     """A fleet of single tasks."""
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *tasks)
 
@@ -113,7 +113,7 @@ class Airspace(eqx.Module):
     keep_outs: KeepOuts
 
 
-RULES = ("together", "earliest", "at", "sequence", "times", "windows")
+ARRIVAL_RULES = ("together", "earliest", "at", "sequence", "times", "windows")
 ArrivalTimes = Float[np.ndarray, " aircraft"]
 Intervals = list[tuple[float, float]]
 """Of times, s."""
@@ -127,7 +127,7 @@ class ArrivalRequest:
     ----------
     rule
         One of `RULES`: "together" (one time: when the farthest can be there at its preferred speed, or as soon after it
-        as a plan is found), "earliest" (the first that is found, see `anser.planning.certified.earliest`), "at" (a
+        as a plan is found), "earliest" (the first that is found, see `anser.planning.certified.arrival_times`), "at" (a
         given one), "sequence" (one after another, as soon as for "together"), "times" (each at its own), "windows"
         (each within its own, as soon as it can be there at its preferred speed or a plan is found).
     latest_s

@@ -14,20 +14,28 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from anser.numerics import gauss_newton
-from anser.planning.certified.detours import TURN
+from anser.numerics import least_squares
+from anser.planning.certified.detours import FULL_TURN
 from anser.planning.certified.profile import CURVATURE_KEPT, TabulatedProfile
-from anser.planning.certified.route import LEGS, TURNS, PathEnds, TurnsAndLegs, roll_out, tightness
-from anser.planning.certified.smooth_turn import displacement, smooth_turn
+from anser.planning.certified.routes import (
+    LEGS,
+    TURNS,
+    PathEndpoints,
+    TurnsAndLegs,
+    displacement,
+    roll_out,
+    smooth_turn,
+    tightness,
+)
 from anser.planning.certified.task import KeepOuts
-from anser.planning.demand import greatest_side
+from anser.planning.demand import side_force_max
 from anser.planning.limits import PathLimits
 from anser.shapes import Count, Scalar, ScalarLike
 
 _FIRST_STEPS, _STEPS = 10, 24
-_DAMPING = gauss_newton.Damping(lambda _: jnp.asarray(1e-4), 0.1, 20.0, 1e-14, 1e6)
+_DAMPING = least_squares.Damping(lambda _: jnp.asarray(1e-4), 0.1, 20.0, 1e-14, 1e6)
 _LONGEST_STEP = 0.7  # of all unknowns together, in their own units: square roots of radians and of leg / length
-_SOLVED = 1e-10  # part of the path's length by which it may miss its end, radians for its heading
+_RESIDUAL_TOLERANCE = 1e-10  # part of the path's length by which it may miss its end, radians for its heading
 _TURN_MOST = 7.5  # rad, beside whole circles
 _UNKNOWNS = 2 * TURNS + LEGS
 _RESERVE_M, _RESERVE_UP_M = 30.0, 5.0  # from keep-outs
@@ -39,7 +47,7 @@ Spot = Float[Array, "3"]
 """A place on a path: north and east, m, and the length flown to it, m."""
 
 
-def _between(length: Scalar, step: Scalar, count: int) -> tuple[Count, Scalar]:
+def _grid_index(length: Scalar, step: Scalar, count: int) -> tuple[Count, Scalar]:
     """Where a length lies among `count` values at equal steps from zero: the one before it, and how far beyond."""
     at = jnp.clip(length / step, 0.0, count - 1.0)
     k = jnp.minimum(at.astype(jnp.int32), count - 2)
@@ -60,11 +68,11 @@ class RadiusSchedule(eqx.Module):
     step: Scalar
     scales: Float[Array, " intervals"]
 
-    def least(self, length: ScalarLike, span: ScalarLike) -> Scalar:
+    def least_radius(self, length: ScalarLike, span: ScalarLike) -> Scalar:
         """Least radius of a turn that begins after a length (m) and takes another, in the same units."""
 
-        def one(place: Scalar) -> Scalar:
-            k, part = _between(place, self.step, self.scales.shape[0])
+        def one(position: Scalar) -> Scalar:
+            k, part = _grid_index(position, self.step, self.scales.shape[0])
             return (1.0 - part) * self.scales[k] + part * self.scales[k + 1]
 
         return jnp.max(jax.vmap(one)(length + span * jnp.array([0.0, 0.5, 1.0])))
@@ -93,7 +101,7 @@ class KeepOutsAlongPath(eqx.Module):
 
     def penetration(self, spot: Spot) -> tuple[Float[Array, " volumes"], Float[Array, "volumes 3"]]:
         """How deep a path is inside each volume at a spot, in units of its radius, and how that changes there."""
-        k, part = _between(spot[2], self.step, self.in_altitude_band.shape[1])
+        k, part = _grid_index(spot[2], self.step, self.in_altitude_band.shape[1])
         here, there = (jnp.stack([self.norths[:, j], self.easts[:, j]], axis=1) for j in (k, k + 1))
         apart = spot[None, :2] - (1.0 - part) * here - part * there
         distance = jnp.sqrt(jnp.sum(apart**2, axis=1) + 1.0)
@@ -129,7 +137,7 @@ def keep_outs_along_path(table: TabulatedProfile, volumes: KeepOuts) -> KeepOuts
 
 
 def make_radius_schedule(
-    table: TabulatedProfile, ends: PathEnds, limits: PathLimits, gravity: ScalarLike
+    table: TabulatedProfile, endpoints: PathEndpoints, limits: PathLimits, gravity: ScalarLike
 ) -> RadiusSchedule:
     """Least radii within bank and load factor, by the airspeed, the climb and their rates at each time."""
     step, times = _even_times(table)
@@ -139,9 +147,9 @@ def make_radius_schedule(
         sine = jnp.minimum(jnp.abs(now.climb) / jnp.maximum(now.speed, 1.0), 0.9)
         level = jnp.sqrt(1.0 - sine**2) * (gravity + now.climb_dot)
         share = sine * jnp.abs(now.speed_dot)  # of the longitudinal acceleration, up or down
-        return now.speed**2 / (CURVATURE_KEPT * greatest_side(level - share, level + share, limits, gravity))
+        return now.speed**2 / (CURVATURE_KEPT * side_force_max(level - share, level + share, limits, gravity))
 
-    return RadiusSchedule(step, jax.vmap(one)(times) * ends.curvature_max)
+    return RadiusSchedule(step, jax.vmap(one)(times) * endpoints.curvature_max)
 
 
 class Starts(NamedTuple):
@@ -160,7 +168,7 @@ class Starts(NamedTuple):
 
     senses: Float[ArrayLike, "*starts 4"]
     unknowns: Float[ArrayLike, "*starts 11"]
-    waiting: Float[ArrayLike, "*starts 4"]
+    circling_fraction: Float[ArrayLike, "*starts 4"]
 
 
 def make_starts(count: int, seed: int = 0) -> Starts:
@@ -179,17 +187,17 @@ def make_starts(count: int, seed: int = 0) -> Starts:
 class TurnLegProblem(eqx.Module):
     """What a turn-and-leg path has to keep."""
 
-    ends: PathEnds
+    endpoints: PathEndpoints
     schedule: RadiusSchedule
     keep_outs: KeepOutsAlongPath
-    wanted: Scalar
+    target_length: Scalar
     """Length of the whole path, m."""
 
 
 class _Flown(eqx.Module):
     """What has been flown of a path, and how it changes with the unknowns (last axis)."""
 
-    place: Float[Array, "2"]
+    position: Float[Array, "2"]
     """North and east, m."""
     heading: Scalar
     length: Scalar
@@ -201,17 +209,17 @@ class _Flown(eqx.Module):
     penetration_by: Float[Array, "volumes 11"]
 
 
-def _turned(heading: Scalar, vector: Float[Array, "2 ..."]) -> Float[Array, "2 ..."]:
+def _rotate(heading: Scalar, vector: Float[Array, "2 ..."]) -> Float[Array, "2 ..."]:
     cosine, sine = jnp.cos(heading), jnp.sin(heading)
     return jnp.stack([cosine * vector[0] - sine * vector[1], sine * vector[0] + cosine * vector[1]])
 
 
-def _across(vector: Float[Array, "2"]) -> Float[Array, "2"]:
+def _perpendicular(vector: Float[Array, "2"]) -> Float[Array, "2"]:
     """How a vector changes as it turns."""
     return jnp.stack([-vector[1], vector[0]])
 
 
-def _shape(
+def _path_and_residuals(
     x: Unknowns, problem: TurnLegProblem, senses: Float[Array, "4"], circles: Float[Array, "4"]
 ) -> tuple[TurnsAndLegs, Float[Array, " equations"], Float[Array, "equations 11"]]:
     """The path that unknowns stand for, and by how much it misses what is wanted, with the derivatives of that.
@@ -219,7 +227,7 @@ def _shape(
     Parts of the path's length, of half a turn, and for each keep-out how deep the path is inside. The derivatives
     are composed by hand: what is within a turn depends on three numbers only, not on all eleven.
     """
-    ends, wanted = problem.ends, problem.wanted
+    ends, wanted = problem.endpoints, problem.target_length
     squares, slopes = x * x, 2.0 * x
     rows = jnp.eye(_UNKNOWNS) * slopes[:, None]
     whole = senses * circles
@@ -233,10 +241,10 @@ def _shape(
         """By its angle, how much wider it is than need be and where it begins: ends, middle, length; scale."""
         angle, wider, length = own
         # A turn that begins before the aircraft is faster ends later than one that does not: its radius is the end's.
-        scale = problem.schedule.least(length, 0.0)
+        scale = problem.schedule.least_radius(length, 0.0)
         for _ in range(_RADIUS_ROUNDS):
             about = smooth_turn(angle, *tightness(ends, scale))
-            scale = problem.schedule.least(length, about.length)
+            scale = problem.schedule.least_radius(length, about.length)
         scale = scale * (1.0 + wider)
         curvature, sharpness = tightness(ends, scale)
         made = smooth_turn(angle, curvature, sharpness)
@@ -253,18 +261,18 @@ def _shape(
         local, found = jax.lax.optimization_barrier((local, found))
         found_by = jnp.outer(local[:, 0], angle_by) + jnp.outer(local[:, 1], wider_by)
         found_by = found_by + jnp.outer(local[:, 2], flown.length_by)
-        move, middle = _turned(flown.heading, found[:2]), _turned(flown.heading, found[2:4])
-        move_by = _turned(flown.heading, found_by[:2]) + jnp.outer(_across(move), flown.heading_by)
-        middle_by = _turned(flown.heading, found_by[2:4]) + jnp.outer(_across(middle), flown.heading_by)
+        move, middle = _rotate(flown.heading, found[:2]), _rotate(flown.heading, found[2:4])
+        move_by = _rotate(flown.heading, found_by[:2]) + jnp.outer(_perpendicular(move), flown.heading_by)
+        middle_by = _rotate(flown.heading, found_by[2:4]) + jnp.outer(_perpendicular(middle), flown.heading_by)
         heading, heading_by = flown.heading + angle, flown.heading_by + angle_by
         ahead = jnp.stack([jnp.cos(heading), jnp.sin(heading)])
-        on, on_by = leg * ahead, jnp.outer(ahead, leg_by) + leg * jnp.outer(_across(ahead), heading_by)
-        begun = jnp.append(flown.place + move, flown.length + found[4])
+        on, on_by = leg * ahead, jnp.outer(ahead, leg_by) + leg * jnp.outer(_perpendicular(ahead), heading_by)
+        begun = jnp.append(flown.position + move, flown.length + found[4])
         begun_by = jnp.concatenate([flown.place_by + move_by, (flown.length_by + found_by[4])[None]])
         along, along_by = jnp.append(on, leg), jnp.concatenate([on_by, leg_by[None]])
         penetration, penetration_by = flown.penetration, flown.penetration_by
         if penetration.shape[0]:
-            halfway = jnp.append(flown.place + middle, flown.length + 0.5 * found[4])
+            halfway = jnp.append(flown.position + middle, flown.length + 0.5 * found[4])
             halfway_by = jnp.concatenate([flown.place_by + middle_by, (flown.length_by + 0.5 * found_by[4])[None]])
             parts = jnp.array(_ON_LEGS)
             spots = jnp.concatenate([halfway[None], begun[None] + jnp.outer(parts, along)])
@@ -281,7 +289,7 @@ def _shape(
 
     begun, volumes = roll_out(ends), problem.keep_outs.radii.shape[0]
     first = _Flown(
-        jnp.stack([jnp.real(begun.place), jnp.imag(begun.place)]),
+        jnp.stack([jnp.real(begun.position), jnp.imag(begun.position)]),
         begun.heading,
         begun.length,
         jnp.zeros(volumes),
@@ -291,7 +299,7 @@ def _shape(
         jnp.zeros((volumes, _UNKNOWNS)),
     )
     flown, scales = jax.lax.scan(fly, first, each)
-    off = jnp.stack([jnp.real(ends.end), jnp.imag(ends.end)]) - flown.place
+    off = jnp.stack([jnp.real(ends.end), jnp.imag(ends.end)]) - flown.position
     turned = jnp.mod(flown.heading - ends.end_heading + jnp.pi, 2 * jnp.pi) - jnp.pi
     asked = jnp.where(ends.end_free, 0.0, 1.0 / jnp.pi)
     length_off, heading_off = (flown.length / wanted - 1.0)[None], (asked * turned)[None]
@@ -306,7 +314,7 @@ def _shape(
     return solved, jnp.concatenate(residuals), jnp.concatenate(residuals_by)
 
 
-def solve_turn_leg_paths(problem: TurnLegProblem, starts: Starts, kept: int | None = None) -> TurnsAndLegs:
+def solve_turn_leg_paths(problem: TurnLegProblem, starts: Starts, max_paths: int | None = None) -> TurnsAndLegs:
     """Paths of a wanted length, each near a start; see `make_starts`.
 
     Keep-outs are looked for where turns begin, are half over and end, and at four places of each leg: what comes
@@ -325,33 +333,35 @@ def solve_turn_leg_paths(problem: TurnLegProblem, starts: Starts, kept: int | No
     -------
     One for each that went on to the last step, in no particular order.
     """
-    problem = eqx.tree_at(lambda t: t.wanted, jax.lax.stop_gradient(problem), jnp.maximum(problem.wanted, 1.0))
+    problem = eqx.tree_at(
+        lambda t: t.target_length, jax.lax.stop_gradient(problem), jnp.maximum(problem.target_length, 1.0)
+    )
     count = 4 + problem.keep_outs.radii.shape[0]
 
-    ends = problem.ends
-    spare = jnp.maximum(problem.wanted - jnp.abs(ends.end - ends.start), 0.0)
+    ends = problem.endpoints
+    spare = jnp.maximum(problem.target_length - jnp.abs(ends.end - ends.start), 0.0)
 
-    def begin(senses: Array, unknowns: Unknowns, waiting: Array) -> gauss_newton.Search:
-        circles = TURN * jnp.floor(waiting * spare * ends.curvature_max / TURN)
+    def begin(senses: Array, unknowns: Unknowns, circling_fraction: Array) -> least_squares.SearchState:
+        circles = FULL_TURN * jnp.floor(circling_fraction * spare * ends.curvature_max / FULL_TURN)
         # The legs are parts of what is left beside the circles.
-        left = 1.0 - jnp.sum(circles) / (ends.curvature_max * problem.wanted)
+        left = 1.0 - jnp.sum(circles) / (ends.curvature_max * problem.target_length)
         parts = unknowns.at[TURNS : TURNS + LEGS].multiply(jnp.sqrt(left))
-        return gauss_newton.begin_search((senses, circles), parts, unknown)
+        return least_squares.start_search((senses, circles), parts, unknown)
 
-    def missed_at(about: tuple[Array, Array], x: Unknowns) -> gauss_newton.Linearized:
-        return gauss_newton.Linearized(*_shape(x, problem, *about)[1:])
+    def missed_at(about: tuple[Array, Array], x: Unknowns) -> least_squares.Linearized:
+        return least_squares.Linearized(*_path_and_residuals(x, problem, *about)[1:])
 
     unknown, move = (
-        gauss_newton.Linearized(jnp.full(count, 1e6), jnp.zeros((count, _UNKNOWNS))),
-        gauss_newton.least_move(_LONGEST_STEP),
+        least_squares.Linearized(jnp.full(count, 1e6), jnp.zeros((count, _UNKNOWNS))),
+        least_squares.minimum_norm_step(_LONGEST_STEP),
     )
     searches = jax.vmap(begin)(*(jnp.asarray(x) for x in starts))
-    searches = gauss_newton.search_steps(missed_at, move, _DAMPING, _FIRST_STEPS, searches)
-    if kept is not None and kept < searches.best.shape[0]:
-        searches = gauss_newton.closest_of(searches, kept)
-    searches = gauss_newton.search_steps(missed_at, move, _DAMPING, _STEPS - _FIRST_STEPS, searches)
-    senses, circles = searches.about
-    solved, missed, _ = jax.vmap(_shape, (0, None, 0, 0))(searches.best, problem, senses, circles)
-    met = jnp.max(jnp.abs(missed[:, :4]), axis=1) <= _SOLVED
+    searches = least_squares.search_steps(missed_at, move, _DAMPING, _FIRST_STEPS, searches)
+    if max_paths is not None and max_paths < searches.best.shape[0]:
+        searches = least_squares.best_searches(searches, max_paths)
+    searches = least_squares.search_steps(missed_at, move, _DAMPING, _STEPS - _FIRST_STEPS, searches)
+    senses, circles = searches.context
+    solved, missed, _ = jax.vmap(_path_and_residuals, (0, None, 0, 0))(searches.best, problem, senses, circles)
+    met = jnp.max(jnp.abs(missed[:, :4]), axis=1) <= _RESIDUAL_TOLERANCE
     turned = jnp.all(jnp.abs(solved.angles) - circles <= _TURN_MOST, axis=1)
     return eqx.tree_at(lambda s: s.exists, solved, met & turned)

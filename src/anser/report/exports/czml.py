@@ -12,10 +12,10 @@ import xarray as xr
 from anser.report.exports.geography import (
     Track,
     aircraft_track,
-    attitude_fixed,
+    earth_fixed_attitude,
     goal_tracks,
+    iso_timestamp,
     rendezvous_track,
-    stamp,
 )
 from anser.report.style import color_of
 
@@ -52,7 +52,7 @@ def _packets(dataset: xr.Dataset, summary: Mapping[str, Any], start: datetime) -
         "version": "1.0",
         "clock": {
             "interval": _interval(start, first, last),
-            "currentTime": stamp(start, first),
+            "currentTime": iso_timestamp(start, first),
             "multiplier": _RATE,
             "range": "LOOP_STOP",
             "step": "SYSTEM_CLOCK_MULTIPLIER",
@@ -60,12 +60,12 @@ def _packets(dataset: xr.Dataset, summary: Mapping[str, Any], start: datetime) -
     }
     goals = {track.name: f"goal-{k}" for k, track in enumerate(goal_tracks(dataset, summary))}
     for track in goal_tracks(dataset, summary):
-        if track.kept.size:
+        if track.sample_index.size:
             yield _point(track, goals[track.name], start, _INK, _PAPER) | {"label": _label(track.name, _INK)}
     for index, row in enumerate(summary["aircraft"]):
         yield from _aircraft(dataset, row, index, start)
         met = rendezvous_track(dataset, summary, index)
-        if met.kept.size:
+        if met.sample_index.size:
             yield _point(met, f"rendezvous-{index}", start, _PAPER, _rgba(index)) | {
                 "polyline": {
                     "positions": {
@@ -80,13 +80,13 @@ def _packets(dataset: xr.Dataset, summary: Mapping[str, Any], start: datetime) -
 
 def _aircraft(dataset: xr.Dataset, row: Mapping[str, Any], index: int, start: datetime) -> Iterator[dict[str, Any]]:
     track, color = aircraft_track(dataset, index), _rgba(index)
-    if not track.kept.size:
+    if not track.sample_index.size:
         return
-    quaternions = attitude_fixed(dataset, index, track).round(_QUATERNION)
+    quaternions = earth_fixed_attitude(dataset, index, track).round(_QUATERNION)
     yield _point(track, f"aircraft-{index}", start, color, _PAPER) | {
         "description": _description(row),
         "orientation": {
-            "epoch": stamp(start, 0.0),
+            "epoch": iso_timestamp(start, 0.0),
             "unitQuaternion": _flat(track.time_s.round(_SECONDS), *quaternions.T),
             "interpolationAlgorithm": "LINEAR",
             "interpolationDegree": 1,
@@ -109,7 +109,7 @@ def _point(track: Track, key: str, start: datetime, color: tuple[int, ...], edge
         "name": track.name,
         "availability": _interval(start, track.time_s[0], track.time_s[-1]),
         "position": {
-            "epoch": stamp(start, 0.0),
+            "epoch": iso_timestamp(start, 0.0),
             "cartographicDegrees": _flat(
                 track.time_s.round(_SECONDS),
                 track.longitude_deg.round(_DEGREES),
@@ -164,7 +164,7 @@ def _rgba(index: int) -> tuple[int, ...]:
 
 
 def _interval(start: datetime, first_s: float, last_s: float) -> str:
-    return f"{stamp(start, first_s)}/{stamp(start, last_s)}"
+    return f"{iso_timestamp(start, first_s)}/{iso_timestamp(start, last_s)}"
 
 
 def _flat(*columns: np.ndarray) -> list[float]:

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from scipy.spatial.transform import Rotation
 
-from anser.spatial import places_from_flat
+from anser.spatial.wgs84 import recorded_geodetic_from_flat
 
 _PLACES = tuple(f"{place}{axis}_m" for place in ("goal_", "rendezvous_") for axis in ("north", "east", "altitude"))
 _QUATERNION = tuple(f"quaternion_{k}" for k in range(4))
@@ -39,7 +39,7 @@ class Track:
     """
 
     name: str
-    kept: np.ndarray
+    sample_index: np.ndarray
     time_s: np.ndarray
     longitude_deg: np.ndarray
     latitude_deg: np.ndarray
@@ -69,7 +69,7 @@ def rendezvous_track(dataset: xr.Dataset, summary: Mapping[str, Any], index: int
     return _charted_track(dataset, f"{row['name']}: rendezvous", "rendezvous_", index, next(known, np.inf))
 
 
-def attitude_fixed(dataset: xr.Dataset, index: int, track: Track) -> np.ndarray:
+def earth_fixed_attitude(dataset: xr.Dataset, index: int, track: Track) -> np.ndarray:
     """Attitude of an aircraft in the Earth-fixed frame (ECEF).
 
     Returns
@@ -77,7 +77,7 @@ def attitude_fixed(dataset: xr.Dataset, index: int, track: Track) -> np.ndarray:
     Unit quaternions (kept, 4), scalar last, that turn vectors from body axes forward, left, up (those of a model in
     Cesium) into ECEF; neighbours on the same half of the sphere, so that they can be interpolated.
     """
-    scalar, *vector = (dataset[name].values[track.kept, index] for name in _QUATERNION)
+    scalar, *vector = (dataset[name].values[track.sample_index, index] for name in _QUATERNION)
     # theory section 1: this quaternion's rotation matrix takes NED vectors to body axes, so that the rotation it stands
     # for, as scipy counts, takes body vectors to NED.
     ned_from_body = Rotation.from_quat(np.stack([*vector, scalar], axis=-1))
@@ -88,7 +88,7 @@ def attitude_fixed(dataset: xr.Dataset, index: int, track: Track) -> np.ndarray:
     return found * np.cumprod(np.concatenate([[1.0], np.where(turned, -1.0, 1.0)]))[:, None]
 
 
-def stamp(start: datetime, time_s: float) -> str:
+def iso_timestamp(start: datetime, time_s: float) -> str:
     """Print a time of the flight, s from `start`, as ISO 8601 in UTC to the microsecond."""
     return (start.astimezone(UTC) + timedelta(seconds=float(time_s))).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
 
@@ -108,5 +108,5 @@ def _track(dataset: xr.Dataset, name: str, columns: list[np.ndarray], wanted: np
 def _geodetic_deg(dataset: xr.Dataset, north: np.ndarray, east: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Longitude and latitude (deg) of places on the chart of the flight, as its own aircraft have them."""
     reference = [np.radians(float(dataset.attrs[f"reference_{name}_deg"])) for name in ("latitude", "longitude")]
-    latitude, longitude, _ = places_from_flat(np.stack([north, east, np.zeros_like(north)]), *reference, 0.0)
+    latitude, longitude, _ = recorded_geodetic_from_flat(np.stack([north, east, np.zeros_like(north)]), *reference, 0.0)
     return 180.0 - np.mod(180.0 - np.degrees(longitude), 360.0), np.degrees(latitude)

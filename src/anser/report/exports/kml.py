@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from anser.report.exports.geography import Track, aircraft_track, goal_tracks, rendezvous_track, stamp
+from anser.report.exports.geography import Track, aircraft_track, goal_tracks, iso_timestamp, rendezvous_track
 from anser.report.labels import printed_unit
 from anser.report.style import color_of
 
@@ -51,7 +51,7 @@ def to_kml(dataset: xr.Dataset, summary: Mapping[str, Any], start: datetime) -> 
         place = _placemark(folder, track, f"aircraft-{index}", start, f"goal {row['goal']}; {row['status']}")
         if place is not None:
             yaw, pitch, roll = (
-                dataset[name].values[track.kept, index] for name in ("yaw_deg", "pitch_deg", "roll_deg")
+                dataset[name].values[track.sample_index, index] for name in ("yaw_deg", "pitch_deg", "roll_deg")
             )
             for heading, tilt, turn in zip(np.mod(yaw, 360.0), -pitch, -roll, strict=True):
                 _child(place, "gx:angles", f"{heading:.5f} {tilt:.5f} {turn:.5f}")
@@ -68,7 +68,7 @@ def to_kml(dataset: xr.Dataset, summary: Mapping[str, Any], start: datetime) -> 
 
 def _placemark(parent: ET.Element, track: Track, style: str, start: datetime, words: str) -> ET.Element | None:
     """Add a placemark with a track of times and places; returns the track's element, None where nothing is finite."""
-    if not track.kept.size:
+    if not track.sample_index.size:
         return None
     mark = _child(parent, "Placemark")
     _child(mark, "name", track.name)
@@ -78,7 +78,7 @@ def _placemark(parent: ET.Element, track: Track, style: str, start: datetime, wo
     element = _child(mark, "gx:Track")
     _child(element, "altitudeMode", "absolute")
     for time in track.time_s:
-        _child(element, "when", stamp(start, time))
+        _child(element, "when", iso_timestamp(start, time))
     for longitude, latitude, height in zip(track.longitude_deg, track.latitude_deg, track.height_m, strict=True):
         _child(element, "gx:coord", f"{longitude:.9f} {latitude:.9f} {height:.4f}")
     return element
@@ -88,7 +88,7 @@ def _arrays(element: ET.Element, dataset: xr.Dataset, index: int, track: Track) 
     data = _child(_child(element, "ExtendedData"), "SchemaData", schemaUrl=f"#{_SCHEMA}")
     for name in _ARRAYS:
         array = _child(data, "gx:SimpleArrayData", name=name)
-        for value in dataset[name].values[track.kept, index]:
+        for value in dataset[name].values[track.sample_index, index]:
             _child(array, "gx:value", f"{value:.5f}")
 
 

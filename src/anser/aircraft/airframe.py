@@ -1,0 +1,149 @@
+"""The interface of an airframe.
+
+All that autopilot, trim and simulation know of an aircraft, its state and controls, and the check that its mass
+properties are those of a possible body.
+"""
+
+import abc
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from anser.aircraft.actuators import AbstractActuators
+from anser.aircraft.air_data import AirData, Wrench
+from anser.aircraft.engines import AbstractEngine
+from anser.airframe_data import body_faults
+from anser.shapes import Flag, Matrix33, Quaternion, Scalar, Vector, Vector3
+
+
+class AircraftState(eqx.Module):
+    """State of one aircraft as seen in the local NED axes, over any Earth.
+
+    Over a flat Earth it is what is integrated; over a round one it is derived (`anser.aircraft.motion`).
+
+    Attributes
+    ----------
+    position_n
+        North, East, Down in the Earth's chart, m; altitude is minus the third component.
+    velocity_b
+        (U, V, W) over ground in body axes, m/s.
+    quaternion
+        (q0, q1, q2, q3), scalar first, NED to body.
+    rates_b
+        (P, Q, R) relative to the local NED axes, rad/s; over a flat Earth these are the inertial rates.
+    actuators
+        State of the airframe's actuators, a structure of their own with the attribute `position`.
+    engine
+        State of the airframe's engine, a structure of its own with the attribute `power`.
+    """
+
+    position_n: Vector3
+    velocity_b: Vector3
+    quaternion: Quaternion
+    rates_b: Vector3
+    actuators: Any
+    engine: Any
+
+    @property
+    def surfaces(self) -> Vector:
+        """Deflections in the order of the airframe's surfaces, rad."""
+        return self.actuators.position
+
+    @property
+    def power(self) -> Scalar:
+        """Engine power, percent of maximum."""
+        return self.engine.power
+
+
+class Controls(eqx.Module):
+    """What a pilot or autopilot sets: commanded surfaces (in the airframe's order, rad) and throttle (0..1)."""
+
+    surfaces: Vector
+    throttle: Scalar
+
+
+class MassProperties(eqx.Module):
+    """Mass and inertia.
+
+    Attributes
+    ----------
+    mass
+        kg.
+    inertia_b, inertia_inverse_b
+        Inertia matrix about the centre of gravity in body axes, kg m^2, and its inverse.
+    spin_momentum_b
+        Angular momentum of spinning parts (engine), kg m^2/s.
+    """
+
+    mass: Scalar
+    inertia_b: Matrix33
+    inertia_inverse_b: Matrix33
+    spin_momentum_b: Vector3
+
+
+class AbstractAirframe(eqx.Module):
+    """Interface of an airframe; concrete airframes are final.
+
+    Attributes
+    ----------
+    mass_properties
+        See `MassProperties`.
+    actuators
+        Dynamics, limits and names of its control surfaces.
+    engine
+        Thrust, lag and their inverses.
+    alpha_range, beta_range
+        Least and greatest angle of attack and sideslip for which the data are valid, rad.
+    """
+
+    mass_properties: eqx.AbstractVar[MassProperties]
+    actuators: eqx.AbstractVar[AbstractActuators]
+    engine: eqx.AbstractVar[AbstractEngine]
+    alpha_range: eqx.AbstractVar[tuple[Scalar, Scalar]]
+    beta_range: eqx.AbstractVar[tuple[Scalar, Scalar]]
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether there is no side force without sideslip, rates and deflections; False where nobody knows.
+
+        Static: the autopilot then does not look for one.
+        """
+        return False
+
+    @abc.abstractmethod
+    def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
+        """Aerodynamic force and moment for the given air data, body rates (rad/s) and deflections (rad)."""
+
+    @abc.abstractmethod
+    def outside_tables(self, air_data: AirData) -> Flag:
+        """Whether the flight condition lies outside the range of the airframe's data, its engine's among them."""
+
+
+_LENGTHS = ("span", "wing_area", "mean_chord")
+"""Attributes that airframes have where their aerodynamics need them."""
+
+
+def refuse_impossible_body(airframe: AbstractAirframe, name: str) -> None:
+    """Raise ValueError if an airframe has a mass, inertia, area or length that no body has.
+
+    Parameters
+    ----------
+    airframe
+        Of a user's own code; its numbers are known, not traced.
+    name
+        What the message calls it.
+    """
+    properties = airframe.mass_properties
+    J_b = np.asarray(properties.inertia_b, dtype=float)
+    if J_b.shape != (3, 3) or not np.allclose(J_b, J_b.T, rtol=0.0, atol=1e-9 * np.abs(J_b).max()):
+        what = f"of shape {J_b.shape}" if J_b.shape != (3, 3) else "that is not symmetric"
+        raise ValueError(f"{name}: arrived mass_properties.inertia_b {what}; expected a symmetric matrix, 3 by 3")
+    positive = {"mass_properties.mass": float(properties.mass)}
+    positive |= {key: float(value) for key in _LENGTHS if (value := getattr(airframe, key, None)) is not None}
+    for fault in body_faults(positive, J_b.tolist()):
+        where = fault.quantity if fault.quantity in positive else f"{fault.quantity} in mass_properties.inertia_b"
+        raise ValueError(f"{name}: arrived {fault.arrived:.10g} as {where}; expected {fault.expected}")
+    if not np.allclose(J_b @ np.asarray(properties.inertia_inverse_b, dtype=float), np.eye(3), atol=1e-6):
+        words = "the inverse of mass_properties.inertia_b"
+        raise ValueError(f"{name}: arrived another matrix as mass_properties.inertia_inverse_b; expected {words}")

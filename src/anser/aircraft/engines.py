@@ -1,0 +1,181 @@
+"""Engines: the interface with the inverses of thrust and lag.
+
+The first-order power lag that most engines share, no engine, and a jet engine by thrust tables.
+"""
+
+import abc
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from anser.aircraft.air_data import AirData, Wrench
+from anser.numerics.linear import cross
+from anser.numerics.tables import Tables
+from anser.shapes import Flag, Scalar, ScalarLike, Vector3
+
+
+class EnginePower(eqx.Module):
+    """State of an engine with a single lag: `power`, percent of maximum."""
+
+    power: Scalar
+
+
+class AbstractEngine(eqx.Module):
+    """An engine with whatever it drives; what it carries along is its own, but for its `power`, percent of maximum.
+
+    Thrust follows from the power and the air; a controller reaches it through the inverses.
+    """
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of the elements of the state, in the order of its leaves."""
+        return ("power",)
+
+    @abc.abstractmethod
+    def steady_state(self, power: ScalarLike) -> Any:
+        """State of an engine that runs steadily at a power (percent); has an attribute `power`."""
+
+    @abc.abstractmethod
+    def rate(self, state: Any, throttle: ScalarLike, air_data: AirData) -> Any:
+        """Time derivative of the state at a throttle (0..1), as a state of derivatives."""
+
+    @abc.abstractmethod
+    def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
+        """Thrust force and moment at a power (percent)."""
+
+    @abc.abstractmethod
+    def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
+        """Power (percent, within what the engine can give) whose thrust along body x is nearest to `thrust` (N)."""
+
+    @abc.abstractmethod
+    def throttle_for_power(self, power: ScalarLike) -> Scalar:
+        """Throttle (0..1) that holds a power (percent) steadily."""
+
+    @abc.abstractmethod
+    def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
+        """Throttle (0..1) whose lag gives nearest to the wanted rate (percent/s) at the present power."""
+
+    @abc.abstractmethod
+    def outside_tables(self, air_data: AirData) -> Flag:
+        """Whether the flight condition lies outside the range of the engine's data."""
+
+
+class NoEngine(AbstractEngine):
+    """No engine: no thrust, no power, whatever is wanted."""
+
+    def steady_state(self, power: ScalarLike) -> EnginePower:
+        """Power is kept as it is told: nothing follows from it."""
+        return EnginePower(jnp.asarray(power))
+
+    def rate(self, state: EnginePower, throttle: ScalarLike, air_data: AirData) -> EnginePower:
+        """None."""
+        return EnginePower(jnp.zeros_like(state.power))
+
+    def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
+        """None."""
+        none = jnp.zeros(3, jnp.result_type(air_data.V))
+        return Wrench(none, none)
+
+    def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
+        """0, whatever is wanted."""
+        return jnp.zeros((), jnp.result_type(thrust, 0.0))
+
+    def throttle_for_power(self, power: ScalarLike) -> Scalar:
+        """0, whatever is wanted."""
+        return jnp.zeros((), jnp.result_type(power, 0.0))
+
+    def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
+        """0, whatever is wanted."""
+        return jnp.zeros((), jnp.result_type(power, 0.0))
+
+    def outside_tables(self, air_data: AirData) -> Flag:
+        """Never."""
+        return air_data.V < 0.0
+
+
+def thrust_along_body_x(thrust: Scalar) -> Wrench:
+    """Thrust (N) along body x through the centre of gravity."""
+    zero = jnp.zeros_like(thrust)
+    return Wrench(force_b=jnp.stack([thrust, zero, zero]), moment_b=jnp.stack([zero, zero, zero]))
+
+
+def lagged_power_rate(power: Scalar, throttle: ScalarLike, lag: Scalar) -> EnginePower:
+    """Rate of a power (percent) toward 100 times the throttle, held within 0..1: (100 throttle - power) / lag."""
+    return EnginePower((100.0 * jnp.clip(throttle, 0.0, 1.0) - power) / lag)
+
+
+def steady_throttle(power: ScalarLike) -> Scalar:
+    """Throttle (0..1) that holds a power (percent)."""
+    return jnp.clip(jnp.asarray(power) / 100.0, 0.0, 1.0)
+
+
+def throttle_for_rate(power: ScalarLike, power_rate: ScalarLike, lag: Scalar) -> Scalar:
+    """Throttle (0..1) whose lag (s) gives nearest to a rate (percent/s) at a power (percent)."""
+    return jnp.clip((power + lag * power_rate) / 100.0, 0.0, 1.0)
+
+
+def thrust_at_point(thrust: Scalar, torque: Scalar, point_b: Vector3) -> Wrench:
+    """Thrust (N) along body x at a point seen from the centre of gravity (m), and a torque about body x (N m)."""
+    zero = jnp.zeros_like(thrust)
+    force_b = jnp.stack([thrust, zero, zero])
+    return Wrench(force_b=force_b, moment_b=cross(point_b, force_b) + jnp.stack([torque, zero, zero]))
+
+
+class JetEngine(AbstractEngine):
+    """Thrust between idle and full in proportion to a power that follows the throttle with one lag.
+
+    Attributes
+    ----------
+    thrust_tables
+        Idle and full thrust (N) over altitude (m) and Mach number.
+    lag
+        Time constant, s.
+    point_b
+        Where the thrust acts, seen from the centre of gravity, m.
+    thrust_factor
+        On all thrust; 1 as published.
+    """
+
+    thrust_tables: Tables
+    lag: Scalar
+    point_b: Vector3
+    thrust_factor: Scalar
+
+    def idle_and_full_thrust(self, air_data: AirData) -> tuple[Scalar, Scalar]:
+        """Thrust (N) at 0 and at 100 percent of power."""
+        idle, full = self.thrust_tables(air_data.altitude, air_data.mach)[0]
+        return self.thrust_factor * idle, self.thrust_factor * full
+
+    def steady_state(self, power: ScalarLike) -> EnginePower:
+        """Power alone."""
+        return EnginePower(jnp.asarray(power))
+
+    def rate(self, state: EnginePower, throttle: ScalarLike, air_data: AirData) -> EnginePower:
+        """First-order lag toward 100 times the throttle, percent/s."""
+        return lagged_power_rate(state.power, throttle, self.lag)
+
+    def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
+        """Thrust along body x: idle + (full - idle) power / 100."""
+        idle, full = self.idle_and_full_thrust(air_data)
+        return thrust_at_point(idle + (full - idle) * power / 100.0, jnp.zeros_like(idle), self.point_b)
+
+    def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
+        """Power (0..100 percent) whose thrust is nearest to `thrust` (N)."""
+        idle, full = self.idle_and_full_thrust(air_data)
+        span = full - idle
+        gives_any = span > 0.0
+        share = (thrust - idle) / jnp.where(gives_any, span, 1.0)
+        return jnp.clip(100.0 * jnp.where(gives_any, share, 0.0), 0.0, 100.0)
+
+    def throttle_for_power(self, power: ScalarLike) -> Scalar:
+        """Throttle that holds a power."""
+        return steady_throttle(power)
+
+    def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
+        """Throttle whose lag gives nearest to the wanted rate."""
+        return throttle_for_rate(power, power_rate, self.lag)
+
+    def outside_tables(self, air_data: AirData) -> Flag:
+        """Whether altitude or Mach number lies outside the tables of thrust."""
+        return jnp.any(self.thrust_tables.axes.outside(jnp.stack([air_data.altitude, air_data.mach])))

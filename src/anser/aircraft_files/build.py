@@ -1,0 +1,450 @@
+"""Airframe built from an aircraft file: input units become SI arrays.
+
+Files by derivatives and by DAVE-ML, and their dispersed versions.
+"""
+
+import dataclasses
+import functools
+import math
+from collections.abc import Mapping, Sequence
+from typing import overload
+
+import jax
+import numpy as np
+
+from anser.aircraft.actuators import AbstractActuators, FirstOrderActuators, SecondOrderActuators
+from anser.aircraft.air_data import Validity, air_data
+from anser.aircraft.airframe import MassProperties
+from anser.aircraft.dave_ml_aircraft import (
+    AERO_LENGTHS,
+    AERO_OUTPUTS,
+    ENGINE_OUTPUTS,
+    ENGINE_POWER,
+    INERTIA_OUTPUTS,
+    STANDARD_INPUTS,
+    DaveMlAircraft,
+    dave_ml_airframe,
+    dave_ml_body_faults,
+)
+from anser.aircraft.derivative_aircraft import NO_STALL, DerivativeAircraft
+from anser.aircraft.dispersions import (
+    BodyDispersion,
+    DerivativeDispersion,
+    dispersed_dave_ml_aircraft,
+    dispersed_derivative_aircraft,
+)
+from anser.aircraft.engines import AbstractEngine, JetEngine, NoEngine
+from anser.aircraft.propellers import ElectricPropeller, PistonPropeller
+from anser.aircraft_files import schema_aerodynamics, schema_body
+from anser.aircraft_files.deviations import Deviation
+from anser.aircraft_files.schema import DAVE_ML_PARTS, AirframeFile, DaveMlFile, coefficient_index
+from anser.airframe_data import (
+    BODY_COEFFICIENTS,
+    COEFFICIENTS,
+    DERIVATIVE_ARGUMENTS,
+    STATIC_ARGUMENTS,
+    derivative_columns,
+)
+from anser.config.errors import Problem, describe_value
+from anser.config.tables import content_hash
+from anser.dave_ml.elements import DaveMlError
+from anser.dave_ml.model import Model, adapt_model, read_dave_ml
+from anser.dave_ml.standard_units import ANGLE, refuse_other_units
+from anser.environment.atmosphere import StandardAtmosphere
+from anser.numerics.arrays import as_array
+from anser.numerics.tables import Tables, make_axes, make_tables
+from anser.shapes import Scalar, Vector3
+from anser.units import DEG_RAD, RAD_DEG
+
+_RPM_RAD_S = 2.0 * math.pi / 60.0
+_ANYWHERE_M, _ANY_MACH = (-1e5, 1e5), (-1.0, 1e2)
+"""Axes of thrust that depends on nothing: no flight leaves them."""
+
+
+def build_range(ends: tuple[float, float] | None, factor: float = 1.0) -> tuple[Scalar, Scalar]:
+    """Least and greatest value; infinite where there are none."""
+    low, high = (-math.inf, math.inf) if ends is None else ends
+    return as_array(low * factor), as_array(high * factor)
+
+
+def build_validity(valid: schema_body.Validity) -> Validity:
+    """Where the data hold."""
+    return Validity(build_range(valid.airspeed_m_s), build_range(valid.altitude_m), build_range(valid.mach))
+
+
+def build_mass(mass: schema_body.Mass) -> MassProperties:
+    """Mass and inertia."""
+    inertia_b = np.asarray(mass.inertia)
+    return MassProperties(
+        mass=as_array(mass.mass_kg),
+        inertia_b=as_array(inertia_b),
+        inertia_inverse_b=as_array(np.linalg.inv(inertia_b)),
+        spin_momentum_b=as_array([mass.spin_momentum_kg_m2_s, 0.0, 0.0]),
+    )
+
+
+def build_actuators(surface: Sequence[schema_body.ActuatedSurface]) -> AbstractActuators:
+    """Actuators of surfaces, all of one order."""
+    names = tuple(one.name for one in surface)
+    lower, upper = zip(*(one.stops_deg for one in surface), strict=True)
+    lower, upper = (as_array(np.asarray(stops) * DEG_RAD) for stops in (lower, upper))
+    rates = as_array(np.asarray([one.rate_limit_deg_s for one in surface]) * DEG_RAD)
+    lags = [one.lag_s for one in surface if one.lag_s is not None]
+    if lags:
+        return FirstOrderActuators(as_array(lags), lower, upper, rates, names)
+    pairs = [(one.frequency_rad_s, one.damping) for one in surface]
+    frequency, damping = np.asarray(pairs, dtype=float).T
+    return SecondOrderActuators(  # pyright: ignore[reportCallIssue] - its time constant is a property
+        as_array(frequency), as_array(damping), lower, upper, rates, names
+    )
+
+
+def build_engine(engine: schema_aerodynamics.Engine | None) -> AbstractEngine:
+    """Engine of one of the kinds, or none."""
+    if engine is None:
+        return NoEngine()
+    if engine.jet is not None:
+        return _jet(engine.jet)
+    if engine.electric_propeller is not None:
+        return _electric(engine.electric_propeller)
+    if engine.piston_propeller is not None:
+        return _piston(engine.piston_propeller)
+    raise ValueError("an engine of no kind")  # the schema refuses it
+
+
+def _engine_common(lag_s: float, point_m: tuple[float, float, float]) -> tuple[Scalar, Vector3, Scalar]:
+    return as_array(lag_s), as_array(point_m), as_array(1.0)
+
+
+def _jet(jet: schema_aerodynamics.Jet) -> JetEngine:
+    altitudes, machs = (jet.altitude_m, jet.mach) if jet.mach else (_ANYWHERE_M, _ANY_MACH)
+    shape = len(altitudes), len(machs)
+    thrusts = [np.broadcast_to(np.asarray(one, dtype=float), shape) for one in (jet.idle_N, jet.full_N)]
+    tables = make_tables(make_axes([altitudes, machs], clamp=True), [((0, 1), thrusts)])
+    return JetEngine(tables, *_engine_common(jet.lag_s, jet.point_m))
+
+
+def _electric(propeller: schema_aerodynamics.ElectricPropeller) -> ElectricPropeller:
+    return ElectricPropeller(
+        diameter=as_array(propeller.diameter_m),
+        thrust_polynomial=as_array(propeller.thrust_coefficients),
+        torque_polynomial=as_array(propeller.torque_coefficients),
+        motor_constant=as_array(1.0 / (propeller.speed_constant_rpm_V * _RPM_RAD_S)),
+        resistance=as_array(propeller.resistance_ohm),
+        no_load_current=as_array(propeller.no_load_current_A),
+        voltage_max=as_array(propeller.voltage_V),
+        direction=as_array(1.0 if propeller.direction == "right" else -1.0),
+        lag=as_array(propeller.lag_s),
+        point_b=as_array(propeller.point_m),
+        thrust_factor=as_array(1.0),
+    )
+
+
+def _piston(piston: schema_aerodynamics.PistonPropeller) -> PistonPropeller:
+    reaction = 0.0 if piston.speed_rpm is None else 1.0 / (piston.speed_rpm * _RPM_RAD_S)
+    lag, point_b, factor = _engine_common(piston.lag_s, piston.point_m)
+    return PistonPropeller(
+        shaft_power=as_array(piston.shaft_power_W),
+        efficiency=as_array(piston.efficiency),
+        static_thrust=as_array(piston.static_thrust_N),
+        torque_per_power=as_array(-reaction if piston.direction == "right" else reaction),
+        lag=lag,
+        point_b=point_b,
+        thrust_factor=factor,
+    )
+
+
+_REQUIRED_OUTPUTS: Mapping[str, Sequence[str]] = {
+    "aerodynamics": (*AERO_OUTPUTS, *AERO_LENGTHS),
+    "inertia": INERTIA_OUTPUTS,
+    "propulsion": ENGINE_OUTPUTS,
+}
+
+
+def file_models(file: DaveMlFile) -> dict[str, Model]:
+    """The DAVE-ML files of an aircraft as they are, by what they are of."""
+    return {
+        part: _read_cached(text.text, text.file)
+        for part in DAVE_ML_PARTS
+        if (text := getattr(file.dave_ml, part)) is not None
+    }
+
+
+@functools.lru_cache(maxsize=32)
+def _read_cached(text: str, name: str) -> Model:
+    return read_dave_ml(text, name)
+
+
+def build_dave_ml(file: DaveMlFile) -> DaveMlAircraft:
+    """Build the airframe of a file that was validated."""
+    models = {part: _adapt(file, model) for part, model in file_models(file).items()}
+    offset = file.dave_ml.cg_offset_m or (0.0, 0.0, 0.0)
+    low, high = file.validity.alpha_deg
+    left, right = file.validity.beta_deg
+    return dave_ml_airframe(
+        models["aerodynamics"],
+        models["inertia"] if file.mass is None else (build_mass(file.mass), as_array(offset)),
+        models.get("propulsion") or build_engine(file.engine),
+        build_actuators(file.surface),
+        [one.input_name for one in file.surface],
+        alpha_range=(low * DEG_RAD, high * DEG_RAD),
+        beta_range=(left * DEG_RAD, right * DEG_RAD),
+        engine_lag=file.dave_ml.propulsion_lag_s or 0.0,
+        validity=build_validity(file.validity),
+    )
+
+
+def _has_variable(model: Model, name: str) -> bool:
+    structure = model.evaluator.structure
+    return name in structure.by_id or any(one.name == name for one in structure.quantities)
+
+
+def _adapt(file: DaveMlFile, model: Model) -> Model:
+    """A model by its standard names, with what is given."""
+    names = {name: own for name, own in file.dave_ml.names.items() if _has_variable(model, own)}
+    return adapt_model(
+        model, names, {name: value for name, value in file.dave_ml.given.items() if _has_variable(model, name)}
+    )
+
+
+def model_problems(file: DaveMlFile) -> list[Problem]:
+    """What of the DAVE-ML files of a valid aircraft file cannot be read, is not there, or does not fit together."""
+    try:
+        raw = file_models(file)
+    except DaveMlError as error:
+        part = next(part for part in DAVE_ML_PARTS if (text := getattr(file.dave_ml, part)) and text.file == error.name)
+        return [_problem_of(f"dave_ml.{part}", error)]
+    found = []
+    for key in ("names", "given"):
+        for name, value in getattr(file.dave_ml, key).items():
+            own = value if key == "names" else name
+            if not any(_has_variable(model, own) for model in raw.values()):
+                words = "the varID or the name of a variable of one of the files"
+                found.append(Problem(f"dave_ml.{key}.{name}", describe_value(own), words))
+    if found:
+        return found
+    try:
+        models = {}
+        for part, model in raw.items():
+            try:
+                models[part] = _adapt(file, model)
+            except DaveMlError as error:
+                return [_problem_of(f"dave_ml.{part}", error)]
+        found = [
+            *(problem for part, model in models.items() for problem in _output_problems(file, part, model)),
+            *_input_problems(file, models),
+        ]
+        if not found:
+            faults = dave_ml_body_faults(models["aerodynamics"], models.get("inertia"), {})
+            found = [_problem_of(f"dave_ml.{part}", fault) for part, fault in faults]
+        if not found:
+            jax.eval_shape(_evaluate_airframe, build_dave_ml(file))
+    except ValueError as error:
+        return [Problem("dave_ml", str(error), "files that make an aircraft together")]
+    return found
+
+
+def _problem_of(key: str, error: DaveMlError) -> Problem:
+    where = error.name if error.line is None else f"{error.name}, line {error.line}, column {error.column}"
+    return Problem(f"{key} ({where})", error.arrived, error.expected)
+
+
+def _output_problems(file: DaveMlFile, part: str, model: Model) -> list[Problem]:
+    missing = [name for name in _REQUIRED_OUTPUTS[part] if not _has_variable(model, name)]
+    if part == "propulsion" and not _has_variable(model, ENGINE_POWER):
+        missing.append(ENGINE_POWER)
+    if not missing:
+        return []
+    words = "variables of these standard names, or what stands for them in [dave_ml.names]"
+    arrived = f"{describe_value(getattr(file.dave_ml, part).file)}, which has no {', '.join(missing)}"
+    return [Problem(f"dave_ml.{part}", arrived, words)]
+
+
+def _input_problems(file: DaveMlFile, models: Mapping[str, Model]) -> list[Problem]:
+    """Surfaces that move no input, and inputs that nothing gives."""
+    found = []
+    moved = [one.input_name for one in file.surface]
+    for part, model in models.items():
+        structure, constants = model.evaluator.structure, model.evaluator.constants
+        named = {structure.by_id[one].name: one for one in structure.inputs}
+        known = [] if part == "inertia" else [*STANDARD_INPUTS, *([ENGINE_POWER] if part == "propulsion" else ())]
+        wanted = {structure.find(name) for name in _REQUIRED_OUTPUTS[part] if _has_variable(model, name)}
+        needed = structure.required_variables(wanted, constants.keys())
+        own = {name for one in moved for name in (one, *(n for n, i in named.items() if i == one))}
+        if part == "aerodynamics":
+            for k, one in enumerate(moved):
+                if one not in named and one not in structure.inputs:
+                    words = f"an input of {describe_value(file.dave_ml.aerodynamics.file)}: {', '.join(sorted(named))}"
+                    found.append(Problem(f"surface[{k}].input", describe_value(one), words))
+                    continue
+                try:
+                    refuse_other_units(model.definition.variables[structure.find(one)], ANGLE)
+                except DaveMlError as error:
+                    found.append(_problem_of(f"surface[{k}].input", error))
+            known += own
+        lacking = [n for n, one in named.items() if n not in known and one in needed - constants.keys()]
+        for name in lacking:
+            unit = structure.by_id[named[name]].units
+            text = f"nothing for {name} ({unit}), an input of {describe_value(getattr(file.dave_ml, part).file)}"
+            words = "a value, a surface that moves it, or the standard name that it stands for in [dave_ml.names]"
+            found.append(Problem("dave_ml.given", text, words))
+    return found
+
+
+def _evaluate_airframe(airframe: DaveMlAircraft) -> object:
+    """What is asked of an airframe in flight: a unit that is not known shows here."""
+    data = air_data(as_array([50.0, 0.0, 1.0]), as_array(0.0), StandardAtmosphere().at(as_array(0.0)))
+    neutral = as_array([0.0] * len(airframe.inputs))
+    return airframe.aerodynamics(data, as_array([0.0] * 3), neutral), airframe.engine.propulsion(as_array(50.0), data)
+
+
+@overload
+def build_airframe(file: AirframeFile) -> DerivativeAircraft: ...
+@overload
+def build_airframe(file: DaveMlFile) -> DaveMlAircraft: ...
+@overload
+def build_airframe(file: AirframeFile | DaveMlFile) -> DerivativeAircraft | DaveMlAircraft: ...
+def build_airframe(file: AirframeFile | DaveMlFile) -> DerivativeAircraft | DaveMlAircraft:
+    """Build the airframe of a file; files of the same content give the same object."""
+    return _build_cached(content_hash(file), _UnhashedFile(file))
+
+
+class _UnhashedFile:
+    """A file as an argument that a cache does not look at: its content's hash stands beside it."""
+
+    def __init__(self, file: AirframeFile | DaveMlFile) -> None:
+        self.file = file
+
+    def __hash__(self) -> int:
+        return 0
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _UnhashedFile)
+
+
+@functools.lru_cache(maxsize=64)
+def _build_cached(_: str, held: _UnhashedFile) -> DerivativeAircraft | DaveMlAircraft:
+    file = held.file
+    return build_dave_ml(file) if isinstance(file, DaveMlFile) else _build_derivative_aircraft(file)
+
+
+def _build_derivative_aircraft(file: AirframeFile) -> DerivativeAircraft:
+    geometry, aero, valid = file.geometry, file.aerodynamics, file.validity
+    aspect = geometry.span_m**2 / geometry.wing_area_m2
+    tables, places = _tables(file)
+    derivatives = _derivatives(file)
+    return DerivativeAircraft(
+        mass_properties=build_mass(file.mass),
+        actuators=build_actuators(file.surface),
+        engine=build_engine(file.engine),
+        alpha_range=build_range(valid.alpha_deg, DEG_RAD),
+        beta_range=build_range(valid.beta_deg, DEG_RAD),
+        span=as_array(geometry.span_m),
+        wing_area=as_array(geometry.wing_area_m2),
+        mean_chord=as_array(geometry.mean_chord_m),
+        cg_offset_b=as_array(geometry.cg_offset_m),
+        derivatives=as_array(derivatives),
+        induced_drag=as_array(0.0 if aero.oswald is None else 1.0 / (math.pi * aero.oswald * aspect)),
+        stall_sharpness=as_array(aero.stall_sharpness),
+        stall_alpha=as_array(NO_STALL if aero.stall_alpha_deg is None else aero.stall_alpha_deg * DEG_RAD),
+        validity=build_validity(valid),
+        tables=tables,
+        table_factors=None if tables is None else as_array(np.ones(len(places))),
+        table_derivatives=places,
+        table_arguments=_arguments(file),
+        has_static_side_force=_has_still_side_force(derivatives, places),
+    )
+
+
+def _has_still_side_force(derivatives: np.ndarray, places: Sequence[tuple[int, int]]) -> bool:
+    """Whether the side force has a part that neither sideslip nor a rate or a deflection makes."""
+    row = COEFFICIENTS.index("CY")
+    still = [column for column, name in enumerate(DERIVATIVE_ARGUMENTS) if name in STATIC_ARGUMENTS]
+    return bool(np.any(derivatives[row, still])) or any(
+        place in {(row, column) for column in still} for place in places
+    )
+
+
+def angle_factors(file: AirframeFile) -> np.ndarray:
+    """Factors, by column, from derivatives as the file gives them to those per rad."""
+    turn = RAD_DEG if file.aerodynamics.per == "deg" else 1.0
+    own = {"_alpha": turn, "_beta": turn, "_alpha2": turn**2, "_beta2": turn**2}
+    return np.asarray([*(own.get(column, 1.0) for column in DERIVATIVE_ARGUMENTS), *[turn] * len(file.surface)])
+
+
+def _derivatives(file: AirframeFile) -> np.ndarray:
+    rows = [
+        [
+            *(getattr(file.aerodynamics, row + column) for column in DERIVATIVE_ARGUMENTS),
+            *(getattr(surface, row) for surface in file.surface),
+        ]
+        for row in COEFFICIENTS
+    ]
+    return np.asarray(rows) * angle_factors(file)
+
+
+def _axes(file: AirframeFile) -> dict[tuple[str, tuple[float, ...], bool], int]:
+    """The different axes of all tables: what along, breakpoints, whether the ends are held; each with its number."""
+    found: dict[tuple[str, tuple[float, ...], bool], int] = {}
+    for one in file.table:
+        for name, points in zip(one.over, one.breakpoints_deg, strict=True):
+            found.setdefault((name, points, one.beyond == "hold"), len(found))
+    return found
+
+
+def _arguments(file: AirframeFile) -> tuple[int, ...]:
+    """Place of what each axis is along in alpha, beta, surfaces."""
+    inputs = ("alpha", "beta", *file.surfaces)
+    return tuple(inputs.index(name) for name, _, _ in _axes(file))
+
+
+def _tables(file: AirframeFile) -> tuple[Tables | None, tuple[tuple[int, int], ...]]:
+    if not file.table:
+        return None, ()
+    axes, scale = _axes(file), angle_factors(file)
+    groups: dict[tuple[int, ...], list[tuple[np.ndarray, tuple[int, int]]]] = {}
+    for one in file.table:
+        along = tuple(
+            axes[name, points, one.beyond == "hold"] for name, points in zip(one.over, one.breakpoints_deg, strict=True)
+        )
+        place = coefficient_index(one.replaces, file.surfaces)
+        if place is None:
+            raise ValueError(f"table of {one.replaces!r}: no such coefficient")  # the schema refuses it
+        values = np.asarray(one.values, dtype=float) * (scale[place[1]] if one.replaces not in COEFFICIENTS else 1.0)
+        groups.setdefault(along, []).append((values, place))
+    tables = make_tables(
+        make_axes([np.asarray(points) * DEG_RAD for _, points, _ in axes], clamp=[held for _, _, held in axes]),
+        [(along, [values for values, _ in functions]) for along, functions in groups.items()],
+    )
+    return tables, tuple(place for functions in groups.values() for _, place in functions)
+
+
+def with_derivatives(airframe: DerivativeAircraft, file: AirframeFile, instead: dict[str, float]) -> DerivativeAircraft:
+    """Airframe with other values of some derivatives, in the file's units."""
+    values, scale = np.array(airframe.derivatives), angle_factors(file)
+    for name, value in instead.items():
+        column = DERIVATIVE_ARGUMENTS.index(name[2:])
+        values[COEFFICIENTS.index(name[:2]), column] = value * scale[column]
+    still = _has_still_side_force(values, airframe.table_derivatives)
+    return dataclasses.replace(airframe, derivatives=as_array(values), has_static_side_force=still)
+
+
+def disperse_file_airframe(
+    airframe: DerivativeAircraft | DaveMlAircraft, deviation: Deviation
+) -> DerivativeAircraft | DaveMlAircraft:
+    """Airframe that differs as a scenario says; factors are on `DerivativeAircraft.derivatives`, or on CX to Cn."""
+    body = BodyDispersion(
+        thrust=as_array(deviation.thrust),
+        mass=as_array(deviation.mass),
+        second_moments=as_array(deviation.second_moments),
+        actuator_bandwidth=as_array(deviation.actuator_bandwidth),
+        cg_shift=as_array(deviation.cg_shift),
+    )
+    given = deviation.coefficients
+    if isinstance(airframe, DaveMlAircraft):
+        whole = as_array([getattr(given, name) for name in BODY_COEFFICIENTS])
+        return dispersed_dave_ml_aircraft(airframe, whole, body)
+    columns = derivative_columns(airframe.actuators.names)
+    factors = np.asarray([[getattr(given, row + column, 1.0) for column in columns] for row in COEFFICIENTS])
+    tables = as_array([factors[place] for place in airframe.table_derivatives]) if airframe.table_derivatives else None
+    return dispersed_derivative_aircraft(airframe, DerivativeDispersion(as_array(factors), tables, body))

@@ -1,0 +1,322 @@
+"""Check data of aircraft files and DAVE-ML files, computed and compared.
+
+Forces, moments, steady flights and check shots.
+"""
+
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from anser.aircraft.air_data import AirData, Wrench
+from anser.aircraft.dave_ml_aircraft import (
+    AERO_LENGTHS,
+    AERO_OUTPUTS,
+    INERTIA_OUTPUTS,
+    DaveMlAircraft,
+    dave_ml_body_faults,
+)
+from anser.aircraft.derivative_aircraft import DerivativeAircraft
+from anser.aircraft_files.build import build_airframe, file_models, with_derivatives
+from anser.aircraft_files.findings import Finding, suspect_table_points
+from anser.aircraft_files.schema import AirframeFile, DaveMlFile
+from anser.aircraft_files.schema_body import ForceCheck, TrimCheck
+from anser.config.errors import os_error_reason, problem_error
+from anser.dave_ml.definition import Variable
+from anser.dave_ml.elements import DaveMlError
+from anser.dave_ml.model import Model, read_dave_ml
+from anser.dave_ml.standard_units import parse_unit
+from anser.environment.atmosphere import StandardAtmosphere
+from anser.environment.environment import standard_environment
+from anser.files import read_file
+from anser.numerics.arrays import as_array
+from anser.steady.trim import solve_trim, trim_target
+from anser.units import DEG_RAD, RAD_DEG
+
+_File = AirframeFile | DaveMlFile
+_Airframe = DerivativeAircraft | DaveMlAircraft
+
+
+@dataclass(frozen=True)
+class CheckedValue:
+    """One number of a file's check data.
+
+    Attributes
+    ----------
+    place
+        Key in the file, such as ``check.forces[0].force_N[2]``; of a check shot the DAVE-ML file and the variable.
+    name
+        Of the check.
+    unit
+        Of the numbers.
+    expected, obtained, tolerance
+        What the file says, what comes out, and by how much they may differ.
+    """
+
+    location: str
+    name: str
+    unit: str
+    expected: float
+    obtained: float
+    tolerance: float
+
+    @property
+    def passed(self) -> bool:
+        """Whether the difference is within the tolerance."""
+        return abs(self.obtained - self.expected) <= self.tolerance
+
+
+def compare_check_data(file: _File) -> tuple[CheckedValue, ...]:
+    """Compute all check data of a file."""
+    airframe = build_airframe(file)
+    shots = _shot_values(file) if isinstance(file, DaveMlFile) else []
+    found = [one for k, check in enumerate(file.check.forces) for one in _force_values(file, airframe, k, check)]
+    return (
+        *shots,
+        *found,
+        *(one for k, check in enumerate(file.check.trim) for one in _trim_values(airframe, k, check)),
+    )
+
+
+def _shot_values(file: DaveMlFile) -> list[CheckedValue]:
+    """Check shots of the DAVE-ML files themselves."""
+    models = file_models(file).items()
+    return [one for part, model in models for one in compare_shots(model, model.definition.file, f"dave_ml.{part}.")]
+
+
+def compare_shots(model: Model, source: str, prefix: str = "") -> list[CheckedValue]:
+    """Compute the check shots of a DAVE-ML file; the place of each value is the varID after a prefix.
+
+    Raises
+    ------
+    ScenarioError
+        If a shot gives a value for what is no input, or leaves an input out.
+    """
+    try:
+        results = model.check()
+    except ValueError as error:
+        raise problem_error(
+            source, str(error), "check shots that give each input of the file a value", "checkData"
+        ) from None
+    return [
+        CheckedValue(f"{prefix}{one.id}", one.shot, one.units, one.expected, one.computed, one.tolerance)
+        for one in results
+    ]
+
+
+def _force_values(file: _File, airframe: _Airframe, k: int, check: ForceCheck) -> list[CheckedValue]:
+    changed = airframe
+    if isinstance(airframe, DerivativeAircraft) and isinstance(file, AirframeFile):
+        changed = with_derivatives(airframe, file, check.instead)
+    deflections = as_array([check.surfaces_rad.get(name, 0.0) for name in file.surfaces])
+    aerodynamic, propulsive = _wrenches(
+        changed, _air_data(check), as_array(check.rates_rad_s), deflections, as_array(100.0 * check.throttle)
+    )
+    gravity = np.zeros(3) if check.gravity_m_s2 is None else np.asarray(check.gravity_m_s2)
+    weight = float(airframe.mass_properties.mass) * gravity
+    rows: list[tuple[str, str, float | None, float]] = []
+    total = aerodynamic + propulsive
+    for key, unit, wanted, value in (
+        ("force_N", "N", check.force_N, np.asarray(total.force_b) + weight),
+        ("moment_Nm", "N m", check.moment_Nm, np.asarray(total.moment_b)),
+    ):
+        rows += [] if wanted is None else [(f"{key}[{j}]", unit, wanted[j], float(value[j])) for j in range(3)]
+    rows.append(("thrust_N", "N", check.thrust_N, float(propulsive.force_b[0])))
+    rows.append(("torque_Nm", "N m", check.torque_Nm, float(propulsive.moment_b[0])))
+    return [
+        CheckedValue(f"check.forces[{k}].{key}", check.name, unit, expected, obtained, check.tolerance)
+        for key, unit, expected, obtained in rows
+        if expected is not None
+    ]
+
+
+@jax.jit
+def _wrenches(
+    airframe: _Airframe,
+    data: AirData,
+    rates_b: jax.Array,
+    surfaces: jax.Array,
+    power: jax.Array,
+) -> tuple[Wrench, Wrench]:
+    return airframe.aerodynamics(data, rates_b, surfaces), airframe.engine.propulsion(power, data)
+
+
+def _air_data(check: ForceCheck) -> AirData:
+    air = StandardAtmosphere().at(check.altitude_m)
+    density = float(air.density) if check.density_kg_m3 is None else check.density_kg_m3
+    V = check.airspeed_m_s
+    mach, qbar = V / float(air.speed_of_sound), 0.5 * density * V * V
+    return AirData(*map(as_array, (V, check.alpha_rad, check.beta_rad, density, qbar, mach, check.altitude_m)))
+
+
+def _trim_values(airframe: _Airframe, k: int, check: TrimCheck) -> list[CheckedValue]:
+    target = trim_target(check.airspeed_m_s, check.altitude_m, check.path_angle_deg * DEG_RAD)
+    point = jax.jit(solve_trim)(airframe, standard_environment(), target)
+    rows = [("alpha_deg", "deg", check.alpha_deg, float(point.alpha) * RAD_DEG, check.tolerance_deg)]
+    deflections = dict(zip(airframe.actuators.names, np.asarray(jnp.rad2deg(point.state.surfaces)), strict=True))
+    rows += [
+        (f"surfaces_deg.{name}", "deg", wanted, float(deflections[name]), check.tolerance_deg)
+        for name, wanted in check.surfaces_deg.items()
+    ]
+    rows.append(("throttle", "", check.throttle, float(point.controls.throttle), check.tolerance_throttle))
+    return [
+        CheckedValue(f"check.trim[{k}].{key}", check.name, unit, expected, obtained, tolerance)
+        for key, unit, expected, obtained, tolerance in rows
+        if expected is not None
+    ]
+
+
+_NEAR_LEVEL = {
+    "trueAirspeed": 100.0, "mach": 0.3, "altitudeMSL": 0.0, "airDensity": 1.225, "dynamicPressure": 6125.0,
+    "angleOfAttack": 0.035, "angleOfSideslip": 0.0,
+    "bodyAngularRate_Roll": 0.0, "bodyAngularRate_Pitch": 0.0, "bodyAngularRate_Yaw": 0.0,
+}  # fmt: skip
+"""Where slopes are taken, SI units and rad; all other inputs have their usual value, or 0."""
+_SLOPES = (
+    ("aeroBodyForceCoefficient_Z", "angleOfAttack", "the lift falls with the angle of attack"),
+    ("aeroBodyForceCoefficient_Y", "angleOfSideslip", "the side force points to where the air comes from"),
+    ("aeroBodyMomentCoefficient_Roll", "bodyAngularRate_Roll", "the roll rate drives itself on; damping is negative"),
+    ("aeroBodyMomentCoefficient_Pitch", "bodyAngularRate_Pitch", "the pitch rate drives itself on"),
+    ("aeroBodyMomentCoefficient_Yaw", "bodyAngularRate_Yaw", "the yaw rate drives itself on; damping is negative"),
+)
+"""Coefficient and input of slopes that are negative in every usual aircraft, and what a positive one means."""
+
+
+@dataclass(frozen=True)
+class ModelCheck:
+    """What a DAVE-ML file says of itself.
+
+    Attributes
+    ----------
+    compared
+        Values of its check shots.
+    findings
+        What looks wrong, each with its line.
+    inputs, outputs
+        Variables that it is computed from, and those that it marks as output.
+    """
+
+    checked_values: tuple[CheckedValue, ...]
+    findings: tuple[Finding, ...]
+    inputs: tuple[Variable, ...]
+    outputs: tuple[Variable, ...]
+
+
+def check_model(path: str | os.PathLike[str]) -> ModelCheck:
+    """Read a DAVE-ML file, compute its check data and look for what is probably wrong in it.
+
+    Raises
+    ------
+    ScenarioError
+        If the file cannot be read or is no DAVE-ML file; the message says where and what would be right.
+    """
+    source = os.fspath(path)
+    try:
+        model = read_dave_ml(read_file(Path(path)), Path(path).name)
+    except DaveMlError as error:
+        where = "" if error.line is None else f"line {error.line}, column {error.column}"
+        raise problem_error(source, error.arrived, error.expected, where) from None
+    except (OSError, ValueError) as error:
+        arrived = f"a path that cannot be read ({os_error_reason(error)})"
+        raise problem_error(source, arrived, "a DAVE-ML file that can be read") from None
+    variables = model.definition.variables
+    return ModelCheck(
+        checked_values=tuple(compare_shots(model, source)),
+        findings=(
+            *_unit_findings(model),
+            *_unused_findings(model),
+            *_body_findings(model),
+            *_slope_findings(model),
+            *(Finding(f"table {name}", text) for name, text in suspect_table_points(model, {})),
+        ),
+        inputs=tuple(variables[name] for name in model.inputs),
+        outputs=tuple(variables[name] for name in model.outputs),
+    )
+
+
+def _unit_findings(model: Model) -> Iterator[Finding]:
+    """Find unknown units, each once with all its variables."""
+    unknown: dict[str, list[Variable]] = {}
+    for variable in model.definition.variables.values():
+        try:
+            parse_unit(variable.units)
+        except ValueError:
+            unknown.setdefault(variable.units, []).append(variable)
+    for units, variables in unknown.items():
+        names = ", ".join(variable.id for variable in variables)
+        text = f'units "{units}" of {names}: no unit of ANSI/AIAA S-119, nor one that converts to SI'
+        yield Finding(_line(variables[0]), text)
+
+
+def _unused_findings(model: Model) -> Iterator[Finding]:
+    """Find tables that no function uses, inputs that no output depends on, and a file without outputs."""
+    definition, structure = model.definition, model.evaluator.structure
+    used = {function.table for function in definition.functions}
+    for name, table in {**definition.gridded, **definition.ungridded}.items():
+        if name not in used:
+            yield Finding(f"line {table.location.line}", f"table {name}: no function uses it")
+    if not structure.outputs:
+        yield Finding("variableDef", "no variable is marked <isOutput/>: a check without outputs compares nothing")
+        return
+    needed = structure.required_variables(structure.outputs, ())
+    for name in structure.inputs:
+        if name not in needed:
+            variable = definition.variables[name]
+            yield Finding(_line(variable), f"input {name} ({variable.name}): no output depends on it")
+
+
+def _body_findings(model: Model) -> Iterator[Finding]:
+    """Find mass, inertia and reference lengths that no body has, as far as they depend on no unknown input."""
+    given = _first_inputs(model)
+    lengths = model if _has_values(model, AERO_LENGTHS, {}) else None
+    inertia = model if _has_values(model, INERTIA_OUTPUTS, given) else None
+    for _, fault in dave_ml_body_faults(lengths, inertia, given):
+        yield Finding(f"line {fault.line}", f"{fault.arrived}: expected {fault.expected}")
+
+
+def _first_inputs(model: Model) -> dict[str, float]:
+    """Inputs of the first check shot, as far as it gives them in the units of the file."""
+    shots, variables = model.definition.shots, model.definition.variables
+    signals = shots[0].inputs if shots else ()
+    return {one.id: one.value for one in signals if one.id in model.inputs and one.units == variables[one.id].units}
+
+
+def _has_values(model: Model, names: tuple[str, ...], given: Mapping[str, float]) -> bool:
+    structure, constants = model.evaluator.structure, model.evaluator.constants
+    own = [quantity.name for quantity in structure.quantities]
+    if any(own.count(name) != 1 and name not in structure.by_id for name in names):
+        return False
+    known = constants.keys() | given.keys()
+    return not structure.required_variables({structure.find(name) for name in names}, known) & (
+        set(structure.inputs) - known
+    )
+
+
+def _slope_findings(model: Model) -> Iterator[Finding]:
+    """Find a lift that falls with the angle of attack, and damping that excites."""
+    structure = model.evaluator.structure
+    named = {structure.by_id[one].name: one for one in structure.inputs}
+    if not _has_values(model, AERO_OUTPUTS, dict.fromkeys(structure.inputs, 0.0)):
+        return
+    given = {name: value for name, value in _NEAR_LEVEL.items() if name in named}
+    rest = [one for name, one in named.items() if name not in given and one not in model.evaluator.constants]
+
+    def coefficients(inputs: dict[str, jax.Array]) -> dict[str, jax.Array]:
+        units = {name: model.evaluator.unit(name) for name in inputs}
+        own = {name: (value - units[name].offset) / units[name].factor for name, value in inputs.items()}
+        return model.evaluate({**own, **dict.fromkeys(rest, 0.0)}, AERO_OUTPUTS)
+
+    slopes = jax.jit(jax.jacfwd(coefficients))({name: jnp.asarray(value) for name, value in given.items()})
+    for output, name, words in _SLOPES:
+        if name in given and float(slopes[output][name]) > 0.0:
+            variable = model.definition.variables[structure.find(output)]
+            text = f"{output} by {name}: {float(slopes[output][name]):.4g} per rad or rad/s near level flight: {words}"
+            yield Finding(_line(variable), text)
+
+
+def _line(variable: Variable) -> str:
+    return f"line {variable.location.line}"

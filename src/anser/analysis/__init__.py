@@ -1,0 +1,5 @@
+"""Studies of one aircraft with its autopilot: linear models, margins, steps, envelope, robustness."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,286 @@
+"""Airframes listed, described, checked and surveyed.
+
+Coefficients over the flow angles, thrust, and steady flight over airspeed.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from anser.aircraft.air_data import air_data
+from anser.aircraft.airframe import AbstractAirframe
+from anser.aircraft.dave_ml_aircraft import DaveMlAircraft, DaveMlEngine
+from anser.aircraft.derivative_aircraft import DerivativeAircraft
+from anser.aircraft.engines import JetEngine, NoEngine
+from anser.aircraft.f16 import F16Engine
+from anser.aircraft.propellers import ElectricPropeller, PistonPropeller
+from anser.aircraft_files.check_data import CheckedValue, ModelCheck, check_model, compare_check_data
+from anser.aircraft_files.findings import Finding, collect_findings, f16_findings
+from anser.aircraft_files.library import is_aircraft_path, load_airframe
+from anser.aircraft_files.schema import AirframeFile, DaveMlFile
+from anser.aircraft_files.sources import AIRFRAMES, LIBRARY_FILES, VARIANTS, entry_points, library_file, read_airframe
+from anser.analysis.trim_points import map_points, resolve_airframe
+from anser.compiling.options import compiled, enable_compilation_cache
+from anser.environment.environment import Environment, standard_environment
+from anser.numerics.arrays import as_array
+from anser.shapes import Scalar
+from anser.steady.trim import trim_target
+from anser.units import DEG_RAD, RAD_DEG
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+_ANGLES, _SPEEDS = 61, 28
+_ALPHA = 2.0 * DEG_RAD
+"""Angle of attack at which the coefficients are drawn against the sideslip."""
+_F16_SPEEDS_M_S = (60.0, 320.0)
+POWERS = (0.0, 25.0, 50.0, 75.0, 100.0)
+"""Percent, at which thrust is drawn."""
+
+
+def survey_airframe(
+    aircraft: str | AbstractAirframe,
+    variant: str = "textbook",
+    *,
+    altitude_m: float = 0.0,
+    airspeeds_m_s: tuple[float, float] | None = None,
+) -> "xr.Dataset":
+    """Compute what a picture of an airframe shows.
+
+    Parameters
+    ----------
+    aircraft, variant
+        See `resolve_airframe`.
+    altitude_m
+        Of the thrust and the steady flights.
+    airspeeds_m_s
+        Least and greatest; None: those of its data, of an airframe that tells none 60 to 320 m/s.
+
+    Returns
+    -------
+    xr.Dataset
+        Coefficients over `alpha` and over `beta`, thrust over `airspeed` and `power`, and over `airspeed` steady level
+        flights: angle of attack, power, deflections, and whether they are within the limits.
+
+    Raises
+    ------
+    ValueError
+        No such airframe.
+    ScenarioError
+        No valid aircraft file.
+    """
+    enable_compilation_cache()
+    airframe, of = resolve_airframe(aircraft, variant)
+    environment = standard_environment()
+    speeds = np.linspace(*(airspeeds_m_s or valid_airspeed_range(airframe)), _SPEEDS)
+    middle = as_array(float(np.mean(speeds)))
+    alphas, betas = (
+        np.linspace(float(low), float(high), _ANGLES) for low, high in (airframe.alpha_range, airframe.beta_range)
+    )
+    still = np.zeros(_ANGLES)
+    over_alpha = _coefficients(airframe, environment, middle, as_array(alphas), as_array(still))
+    over_beta = _coefficients(airframe, environment, middle, as_array(still + _ALPHA), as_array(betas))
+    targets = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(trim_target(V, altitude_m) for V in speeds))
+    points = map_points(airframe, environment, targets)
+    from anser.analysis.airframe_dataset import airframe_dataset
+
+    trimmed = np.asarray(points.trim.converged)[:, None]
+    return airframe_dataset(
+        alphas * RAD_DEG,
+        betas * RAD_DEG,
+        speeds,
+        np.asarray(POWERS),
+        airframe.actuators.names,
+        {
+            "over_alpha": np.asarray(over_alpha),
+            "over_beta": np.asarray(over_beta),
+            "thrust": np.asarray(
+                _thrusts(airframe, environment, as_array(speeds), as_array(POWERS), as_array(altitude_m))
+            ),
+            "trimmable": np.asarray(points.trimmable),
+            "alpha": np.where(trimmed[:, 0], np.asarray(points.trim.alpha) * RAD_DEG, np.nan),
+            "power": np.where(trimmed[:, 0], np.asarray(points.trim.power), np.nan),
+            "surfaces": np.where(trimmed, np.asarray(points.trim.state.surfaces) * RAD_DEG, np.nan),
+        },
+        {**of, "altitude_m": altitude_m, "dimensionless": int(_sizes(airframe) is not None)},
+    )
+
+
+def valid_airspeed_range(airframe: AbstractAirframe) -> tuple[float, float]:
+    """Least and greatest airspeed of an airframe's data, m/s."""
+    if isinstance(airframe, DerivativeAircraft | DaveMlAircraft):
+        low, high = (float(end) for end in airframe.validity.airspeed)
+        if low > 0.0 and high < np.inf:
+            return low, high
+    return _F16_SPEEDS_M_S
+
+
+def _sizes(airframe: AbstractAirframe) -> tuple[Scalar, Scalar, Scalar] | None:
+    """Wing area, span and mean chord of an airframe that has them."""
+    sizes = tuple(getattr(airframe, name, None) for name in ("wing_area", "span", "mean_chord"))
+    return None if None in sizes else sizes  # pyright: ignore[reportReturnType]
+
+
+@compiled
+def _coefficients(
+    airframe: AbstractAirframe, environment: Environment, V: Scalar, alphas: Array, betas: Array
+) -> Float[Array, "angle 6"]:
+    """Lift, drag, side force; moments of roll, pitch and yaw: over qbar, and over the sizes of an airframe with any."""
+    sizes = _sizes(airframe)
+    S, b, c = (jnp.ones(()),) * 3 if sizes is None else sizes
+    air = environment.atmosphere.at(0.0)
+
+    def one(alpha: Scalar, beta: Scalar) -> Float[Array, "6"]:
+        ca, sa, cb, sb = jnp.cos(alpha), jnp.sin(alpha), jnp.cos(beta), jnp.sin(beta)
+        data = air_data(V * jnp.stack([ca * cb, sb, sa * cb]), 0.0, air)
+        neutral = airframe.actuators.scheduled_position(jnp.zeros(len(airframe.actuators.names)), data)
+        wrench = airframe.aerodynamics(data, jnp.zeros(3), neutral)
+        X, Y, Z = wrench.force_b / (data.qbar * S)
+        moments = wrench.moment_b / (data.qbar * S * jnp.stack([b, c, b]))
+        return jnp.concatenate([jnp.stack([X * sa - Z * ca, -X * ca - Z * sa, Y]), moments])
+
+    return jax.vmap(one)(alphas, betas)
+
+
+@compiled
+def _thrusts(
+    airframe: AbstractAirframe, environment: Environment, speeds: Array, powers: Array, altitude: Scalar
+) -> Float[Array, "speed power"]:
+    air = environment.atmosphere.at(altitude)
+
+    def one(V: Scalar, power: Scalar) -> Scalar:
+        data = air_data(jnp.stack([V, 0.0 * V, 0.0 * V]), altitude, air)
+        return airframe.engine.propulsion(power, data).force_b[0]
+
+    return jax.vmap(jax.vmap(one, in_axes=(None, 0)), in_axes=(0, None))(speeds, powers)
+
+
+@dataclass(frozen=True)
+class AirframeEntry:
+    """One airframe of a list; without numbers where an entry point could not be loaded, whose `problem` says why."""
+
+    name: str
+    origin: str
+    mass_kg: float | None = None
+    span_m: float | None = None
+    airspeed_m_s: tuple[float, float] | None = None
+    surfaces: tuple[str, ...] = ()
+    problem: str | None = None
+
+
+def list_airframes() -> list[AirframeEntry]:
+    """Airframes of the library, then those of entry points."""
+    found = [_listed(name, "library, file" if name in LIBRARY_FILES else "library") for name in AIRFRAMES]
+    for name, point in entry_points().items():
+        origin = f"entry point {point.value}"
+        try:
+            found.append(_listed(name, origin))
+        except (ImportError, AttributeError, TypeError, ValueError) as error:
+            found.append(AirframeEntry(name, origin, problem=f"{type(error).__name__}: {error}"))
+    return found
+
+
+def _listed(name: str, origin: str) -> AirframeEntry:
+    airframe = load_airframe(name)
+    span = getattr(airframe, "span", None)
+    return AirframeEntry(
+        name,
+        origin,
+        float(airframe.mass_properties.mass),
+        None if span is None else float(span),
+        valid_airspeed_range(airframe),
+        airframe.actuators.names,
+    )
+
+
+def find_aircraft_file(name: str) -> AirframeFile | DaveMlFile | None:
+    """Aircraft file of a name of the library or of a path; None for another airframe."""
+    if is_aircraft_path(name):
+        return read_airframe(name)
+    return library_file(name) if name in LIBRARY_FILES else None
+
+
+_ENGINES: dict[type, str] = {
+    DaveMlEngine: "thrust as its DAVE-ML file has it",
+    ElectricPropeller: "electric motor with propeller",
+    F16Engine: "jet engine of the F-16",
+    JetEngine: "jet engine",
+    NoEngine: "none",
+    PistonPropeller: "piston engine with propeller",
+}
+"""In words; another one, from code of a user's own, has the name of its class."""
+
+
+def describe_airframe(airframe: AbstractAirframe) -> list[tuple[str, str, str]]:
+    """Quantities of an airframe: name, value, unit."""
+    properties, actuators = airframe.mass_properties, airframe.actuators
+    J = np.asarray(properties.inertia_b)
+    rows = [("mass", f"{float(properties.mass):.6g}", "kg")]
+    rows += [(f"J{axis}", f"{J[k, k]:.6g}", "kg m^2") for k, axis in enumerate(("xx", "yy", "zz"))]
+    rows += [
+        (f"J{name}", f"{-J[at]:.6g}", "kg m^2")
+        for name, at in (("xy", (0, 1)), ("xz", (0, 2)), ("yz", (1, 2)))
+        if J[at] != 0.0
+    ]
+    for words, name, unit in (
+        ("span", "span", "m"),
+        ("wing area", "wing_area", "m^2"),
+        ("mean chord", "mean_chord", "m"),
+    ):
+        value = getattr(airframe, name, None)
+        rows += [] if value is None else [(words, f"{float(value):.6g}", unit)]
+    lower, upper = (np.asarray(end) * RAD_DEG for end in (actuators.lower, actuators.upper))
+    for k, name in enumerate(actuators.names):
+        speed, lag = float(actuators.rate_limit[k]) * RAD_DEG, float(actuators.time_constant[k])
+        rows.append((name, f"{lower[k]:.4g} to {upper[k]:.4g}", f"deg, {speed:.4g} deg/s, lag {lag:.3g} s"))
+    kind = type(airframe.engine)
+    rows.append(("engine", _ENGINES.get(kind, kind.__name__), ""))
+    for words, ends in (("angles of attack", airframe.alpha_range), ("sideslip angles", airframe.beta_range)):
+        low, high = (float(end) * RAD_DEG for end in ends)
+        rows.append((f"data valid for {words}", f"{low:.4g} to {high:.4g}", "deg"))
+    low, high = valid_airspeed_range(airframe)
+    rows.append(("data valid for airspeeds", f"{low:.4g} to {high:.4g}", "m/s"))
+    return rows
+
+
+def trim_speed_range(dataset: Any) -> tuple[float, float] | None:
+    """Slowest and fastest airspeed of a survey at which level flight is within all limits; None: at none."""
+    speeds: Sequence[float] = dataset["airspeed"].values[dataset["trimmable"].values]
+    return (float(min(speeds)), float(max(speeds))) if len(speeds) else None
+
+
+def check_dave_ml(path: str) -> ModelCheck:
+    """Check data of a DAVE-ML file compared with what comes out, what looks wrong, inputs and outputs.
+
+    Raises
+    ------
+    ScenarioError
+        No DAVE-ML file.
+    """
+    enable_compilation_cache()
+    return check_model(path)
+
+
+def check_airframe(aircraft: str, variant: str = "textbook") -> tuple[tuple[CheckedValue, ...], tuple[Finding, ...]]:
+    """Check data of an aircraft compared with what comes out, and what looks wrong: of the F-16, points of its tables.
+
+    Raises
+    ------
+    ValueError
+        An airframe of an entry point: no file or table of it is known.
+    ScenarioError
+        No valid aircraft file.
+    """
+    enable_compilation_cache()
+    file = find_aircraft_file(aircraft)
+    if file is not None:
+        return compare_check_data(file), collect_findings(file)
+    if aircraft not in VARIANTS:
+        raise ValueError(f"{aircraft!r} is an airframe in code, without a file or tables that could be checked")
+    return (), f16_findings(variant)

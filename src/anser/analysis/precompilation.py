@@ -1,0 +1,48 @@
+"""Compiling beforehand what the commands need first."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from anser.analysis.linear_models import linearize
+from anser.analysis.step_flights import fly_steps
+from anser.analysis.step_tests import PUBLISHED_STEPS
+from anser.analysis.trim_points import trim
+from anser.missions.batches import Progress, no_progress
+from anser.missions.plans import plan
+from anser.missions.runs import fly_segment, prepare_flight, without_replanning
+from anser.numerics.arrays import as_array
+from anser.scenario.schema import Scenario
+
+
+def warm_cache(scenarios: Sequence[Scenario], progress: Progress | None = None) -> None:
+    """Compile, or load, the programs that `plan`, `run`, `trim`, `linearize` and `step` need.
+
+    Parameters
+    ----------
+    scenarios
+        To be planned and flown for a segment. Their numbers do not matter: planner, earth, aircraft and how many they
+        are, keep-outs and layers of wind do.
+    progress
+        Called with what is being done and the part that is done, 0..1.
+    """
+    on_progress = progress or no_progress
+
+    def fly(scenario: Scenario) -> None:
+        planned = plan(scenario, prepare_next=prepare_flight)
+        if not planned.refusals:
+            for flight in (without_replanning(planned.flight), planned.flight):
+                fly_segment.ready(flight, planned.initial_state(), as_array(0, np.int32))
+
+    condition: dict[str, Any] = {"speed_m_s": 150.0, "altitude_m": 1000.0}
+    tasks: list[tuple[str, Callable[[], Any]]] = [
+        *((f"{one.name}: plan and flight", lambda one=one: fly(one)) for one in scenarios),
+        ("trim", lambda: trim("f16", **condition)),
+        ("linear model", lambda: linearize("f16", **condition)),
+        ("step", lambda: fly_steps(PUBLISHED_STEPS[:1], **condition)),
+    ]
+    for k, (what, do) in enumerate(tasks):
+        on_progress(what, k / len(tasks))
+        do()
+    on_progress("ready", 1.0)

@@ -1,0 +1,480 @@
+"""Robustness study: dispersed factors and cases.
+
+Flights of aircraft that differ from their autopilot's model, and the dataset.
+"""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+
+from anser.aircraft.dispersions import F16Dispersion, dispersed_f16
+from anser.aircraft.f16 import F16_COEFFICIENTS, AbstractF16
+from anser.aircraft_files.library import load_airframe
+from anser.analysis.survey_outcomes import FlightOutcomes, classify_flights, flight_coordinates, flight_variables
+from anser.analysis.trim_maps import COMMANDS, limit_attributes, tolerance_of
+from anser.analysis.trim_points import ConditionError, Inversion, gains_for
+from anser.compiling.options import compiled, enable_compilation_cache
+from anser.control.gains import AutopilotGains
+from anser.control.limits import FlightLimits, default_limits
+from anser.environment.environment import Environment, standard_environment
+from anser.missions.batches import BATCH, Progress, Stopwatch, SurveyResult, no_progress, run_in_batches
+from anser.results.documents import version_attributes
+from anser.results.variable_labels import flag_attributes, scatter_rows, unit_attributes
+from anser.scenario.schema_aircraft import Gains
+from anser.sensing.estimators import DirectEstimator
+from anser.sensing.ideal_sensors import DelayedSensors
+from anser.simulation.survey_flight import SurveySummary, survey_flight
+from anser.steady.trim import TRIM_OBSTACLES, TrimMapPoint, TrimPoint, TrimTarget, trim_map_point, trim_target
+from anser.units import DEG_RAD
+
+
+def robustness_dataset(
+    inversions: Sequence[str],
+    conditions: Sequence[str],
+    factors: Mapping[str, tuple[str, str, float, float]],
+    parts: Sequence[str],
+    cases: Mapping[str, np.ndarray],
+    trims: TrimMapPoint,
+    summaries: Sequence[SurveySummary],
+    verdicts: Sequence[FlightOutcomes],
+    surfaces: Sequence[str],
+    attributes: Mapping[str, str | int | float],
+) -> xr.Dataset:
+    """Label a study.
+
+    Parameters
+    ----------
+    inversions
+        Names, in the order of `summaries` and `verdicts`.
+    conditions
+        What the flights left.
+    factors
+        Meaning, unit, nominal value, and what a change of 1 adds, by name of what is dispersed.
+    parts
+        Names of the parts of a study.
+    cases
+        Of each flight its `part`, `condition` and `alone` (indices; -1 for none), its `spread`, and the `values` of all
+        factors, shape (flights, factors).
+    trims
+        Steady flight of each truth.
+    summaries, verdicts
+        Of the flights from those truths that have one, in order.
+    surfaces
+        Names of the airframe's control surfaces.
+    attributes
+        Of the whole dataset.
+
+    Returns
+    -------
+    xr.Dataset
+        Over (flight,) what was dispersed, over (inversion, flight) what came of it; NaN and outcome 0 where the truth
+        has no steady flight.
+    """
+    steady = np.asarray(trims.trimmable)
+    stop = np.where(steady, 0, 1 + np.asarray(trims.obstacles).argmax(axis=1)).astype(np.int32)
+    spread = unit_attributes("percent", "Greatest change, or the only one")
+    alone = unit_attributes("1", "Index of the only factor that is changed; -1: all are")
+    values = unit_attributes("1", "Value of what is dispersed (factor_unit)")
+    data: dict[str, Any] = {
+        "part": ("flight", cases["part"].astype(np.int32), flag_attributes("Part of the study", parts)),
+        "condition": (
+            "flight",
+            cases["condition"].astype(np.int32),
+            flag_attributes("Steady flight that is left", conditions),
+        ),
+        "spread_percent": ("flight", 100.0 * cases["spread"], spread),
+        "alone": ("flight", cases["alone"].astype(np.int32), alone),
+        "factor_value": (("flight", "factor"), cases["values"], values),
+        "trim_stop": ("flight", stop, flag_attributes("What stops the steady flight", ("none", *TRIM_OBSTACLES))),
+    }
+    columns = [flight_variables(*of) for of in zip(summaries, verdicts, strict=True)]
+    for name, (_, labels, over) in columns[0].items():
+        both = np.stack([scatter_rows(found[name][0], steady) for found in columns])
+        data[name] = (("inversion", "flight", *over), both, labels)
+    meaning, unit, nominal, scale = (np.array(column) for column in zip(*factors.values(), strict=True))
+    coordinates: dict[str, Any] = {
+        "inversion": ("inversion", np.array(inversions), unit_attributes("", "What the autopilot inverts")),
+        "factor": ("factor", np.array(list(factors)), unit_attributes("", "What is dispersed")),
+        "factor_meaning": ("factor", meaning),
+        "factor_unit": ("factor", unit),
+        "factor_nominal": ("factor", nominal, unit_attributes("1", "Value without a change (factor_unit)")),
+        "factor_scale": ("factor", scale, unit_attributes("1", "What a change of 100 % adds (factor_unit)")),
+        "condition_meaning": ("place", np.array(conditions)),
+        **flight_coordinates(surfaces),
+    }
+    return xr.Dataset(data, coordinates, {**attributes, **version_attributes()})
+
+
+DELAY_MAX_S = 0.2
+"""Longest delay of the sensors that is flown."""
+
+_BOTH_WAYS = tuple(sign * part for part in (0.1, 0.2, 0.3, 0.4, 0.6, 0.9) for sign in (-1.0, 1.0))
+
+
+@dataclasses.dataclass(frozen=True)
+class Factor:
+    """One number that is dispersed: `nominal` + `scale` * change.
+
+    A change is relative: at a spread of 20 % it is uniform in -0.2 to 0.2, or in 0 to 0.2 where it goes one way only.
+
+    Attributes
+    ----------
+    name, meaning, unit
+        Of the number.
+    nominal, scale
+        Value without a change, and what a change of 1 adds.
+    one_way
+        Whether only positive changes have a meaning.
+    alone
+        Changes that are flown with every other number nominal.
+    """
+
+    name: str
+    meaning: str
+    unit: str = "1"
+    nominal: float = 1.0
+    scale: float = 1.0
+    one_way: bool = False
+    alone: tuple[float, ...] = _BOTH_WAYS
+
+
+FACTORS = (
+    *(Factor(name, f"factor on {name}") for name in F16_COEFFICIENTS),
+    Factor("thrust", "factor on thrust"),
+    Factor("mass", "factor on mass"),
+    *(Factor(f"second_moment_{axis}", f"factor on the second moment of mass along body {axis}") for axis in "xyz"),
+    Factor("actuator_bandwidth", "factor on the bandwidth of all actuators"),
+    # a fifth of the chord for 100 %: at 20 % the c.g. moves by 4 % of the chord either way
+    Factor("cg_shift", "shift of the centre of gravity aft, part of the mean chord", nominal=0.0, scale=0.2),
+    # a tenth of a second for 100 %: at 20 % up to 20 ms, two periods of the autopilot
+    Factor(
+        "sensor_delay",
+        "delay of all that is sensed",
+        "s",
+        nominal=0.0,
+        scale=0.1,
+        one_way=True,
+        alone=(0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 1.0, 2.0),
+    ),
+)
+"""All numbers that are dispersed, each on its own."""
+
+_INDEX = {factor.name: k for k, factor in enumerate(FACTORS)}
+
+SPREADS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
+"""Spreads of the sweep."""
+
+PARTS = ("dispersed", "spread", "alone")
+"""Parts of a study: all numbers dispersed at one spread; the same at several; one number changed, the others not."""
+
+
+@dataclasses.dataclass(frozen=True)
+class FlightPoint:
+    """Steady level flight that the commands leave: true airspeed (m/s) and geometric altitude (m)."""
+
+    speed_m_s: float
+    altitude_m: float
+
+
+CONDITIONS = (
+    FlightPoint(150.0, 1000.0),
+    FlightPoint(120.0, 1000.0),
+    FlightPoint(220.0, 3000.0),
+    FlightPoint(200.0, 6000.0),
+    FlightPoint(230.0, 9000.0),
+)
+"""Points spread over the speeds that the autopilot flies, each with a tenth of thrust and surfaces left: from
+equivalent airspeeds of 114 m/s (alpha 10 deg) to 190 m/s (alpha 3 deg)."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Cases:
+    """Flights of a study, one row each.
+
+    Attributes
+    ----------
+    part
+        Index into `PARTS`, shape (n,).
+    condition
+        Index of the point that is left, shape (n,).
+    spread
+        Greatest change, shape (n,); for the part "alone", the change that is flown.
+    alone
+        Index into `FACTORS` of the only number that is changed, -1 where all are, shape (n,).
+    changes
+        Of each of `FACTORS`, shape (n, factors).
+    """
+
+    part: np.ndarray
+    condition: np.ndarray
+    spread: np.ndarray
+    alone: np.ndarray
+    changes: np.ndarray
+
+    @property
+    def values(self) -> np.ndarray:
+        """Values of all numbers, shape (n, factors)."""
+        nominal, scale = (np.array([getattr(f, name) for f in FACTORS]) for name in ("nominal", "scale"))
+        return nominal + scale * self.changes
+
+    def __add__(self, other: "Cases") -> "Cases":
+        fields = [f.name for f in dataclasses.fields(self)]
+        return Cases(*(np.concatenate([getattr(self, name), getattr(other, name)]) for name in fields))
+
+
+def dispersed_cases(flights: int, spread: float, seed: int, conditions: int = len(CONDITIONS)) -> Cases:
+    """All numbers at random, uniform and independent, spread evenly over the conditions."""
+    return _at_random(0, flights, spread, seed, conditions)
+
+
+def spread_cases(flights: int, seed: int, conditions: int = len(CONDITIONS), spreads: tuple = SPREADS) -> Cases:
+    """As many flights at each of several spreads: the same draws, scaled, so that only the spread makes a difference.
+
+    The draws are others than those of `dispersed_cases` with that seed.
+    """
+    all_spreads = [_at_random(1, flights, spread, seed, conditions) for spread in spreads]
+    return sum(all_spreads[1:], all_spreads[0])
+
+
+def single_factor_cases(conditions: int = len(CONDITIONS), factors: tuple[str, ...] | None = None) -> Cases:
+    """Each number changed with all others nominal, by each of its changes, at each condition."""
+    chosen = [f.name for f in FACTORS] if factors is None else factors
+    rows = [
+        (_INDEX[name], change, condition)
+        for name in chosen
+        for change in FACTORS[_INDEX[name]].alone
+        for condition in range(conditions)
+    ]
+    factor, change, condition = (np.array(column) for column in zip(*rows, strict=True))
+    changes = np.zeros((len(rows), len(FACTORS)))
+    changes[np.arange(len(rows)), factor] = change
+    return Cases(np.full(len(rows), 2), condition, change, factor, changes)
+
+
+def dispersion_of(values: np.ndarray) -> tuple[F16Dispersion, jnp.ndarray]:
+    """Dispersions of the airframe, and delays of its sensors (s), from rows of values of `FACTORS`."""
+    of = jnp.asarray(values, dtype=float)
+
+    def one(name: str) -> jnp.ndarray:
+        return of[:, _INDEX[name]]
+
+    dispersion = F16Dispersion(
+        coefficients=jnp.stack([one(name) for name in F16_COEFFICIENTS], axis=1),
+        thrust=one("thrust"),
+        mass=one("mass"),
+        second_moments=jnp.stack([one(f"second_moment_{axis}") for axis in "xyz"], axis=1),
+        actuator_bandwidth=one("actuator_bandwidth"),
+        cg_shift=one("cg_shift"),
+    )
+    return dispersion, one("sensor_delay")
+
+
+def _at_random(part: int, flights: int, spread: float, seed: int, conditions: int) -> Cases:
+    draws = np.random.default_rng((seed, part)).uniform(-1.0, 1.0, (flights, len(FACTORS)))
+    one_way = np.array([factor.one_way for factor in FACTORS])
+    draws = np.where(one_way, np.abs(draws), draws)
+    return Cases(
+        part=np.full(flights, part),
+        condition=np.arange(flights) % conditions,
+        spread=np.full(flights, spread),
+        alone=np.full(flights, -1),
+        changes=spread * draws,
+    )
+
+
+_INVERSIONS: tuple[Inversion, ...] = ("model", "incremental")
+_COMMAND = next(command for command in COMMANDS if command.name == "all")
+_FLIGHTS_OF_SWEEP = 200
+
+
+@dataclasses.dataclass(frozen=True)
+class RobustnessStudy(SurveyResult):
+    """A study; its dataset: see `anser.analysis.robustness`."""
+
+
+def robustness_study(
+    variant: str = "textbook",
+    *,
+    flights: int = 1000,
+    spread: float = 0.2,
+    seed: int = 0,
+    sweep: bool = False,
+    conditions: Sequence[FlightPoint] = CONDITIONS,
+    duration_s: float = 40.0,
+    step_s: float = 0.01,
+    cases: Cases | None = None,
+    progress: Progress | None = None,
+) -> RobustnessStudy:
+    """Fly dispersed F-16s with the autopilot of the nominal one, in the standard atmosphere and still air.
+
+    Each truth is trimmed in steady level flight and leaves it with the combined command of the envelope survey, under
+    the published gains and the default limits: those that a scenario flies with. The autopilot is engaged at that
+    instant and knows nothing yet of how the aircraft differs. Both inversions fly the same truths.
+
+    Parameters
+    ----------
+    variant
+        Of the F-16's data.
+    flights, spread, seed
+        Of the part "dispersed": flights of each inversion, greatest change (0..0.9), and what the draws follow from.
+    sweep
+        Whether the parts "spread" and "alone" are flown too.
+    conditions
+        Steady flights that are left.
+    duration_s, step_s
+        Of each flight, and of the autopilot's samples.
+    cases
+        What is flown, instead of what `flights`, `spread` and `sweep` say.
+    progress
+        Called with what is being done and the part that is done, 0..1.
+
+    Raises
+    ------
+    ConditionError
+        The nominal aircraft has no steady flight at a condition, or the command there is beyond the autopilot's speeds.
+    ValueError
+        No such variant; a number out of range.
+    """
+    enable_compilation_cache()
+    on_progress = progress or no_progress
+    count = round(duration_s / step_s)
+    if flights < 1 or not 0.0 <= spread <= 0.9 or count < 100:
+        raise ValueError(
+            f"arrived flights {flights}, spread {spread:g}, {count} samples; expected 1 or more, 0 to 0.9, 100 or more"
+        )
+    if cases is None:
+        cases = dispersed_cases(flights, spread, seed, len(conditions))
+        if sweep:
+            cases += spread_cases(_FLIGHTS_OF_SWEEP, seed, len(conditions)) + single_factor_cases(len(conditions))
+    nominal = load_airframe("f16", variant)
+    if not isinstance(nominal, AbstractF16):
+        raise TypeError(f"expected an F16, not a {type(nominal).__name__}")
+    environment, limits = standard_environment(), default_limits()
+    points = jax.vmap(trim_target)(
+        jnp.asarray([point.speed_m_s for point in conditions]), jnp.asarray([point.altitude_m for point in conditions])
+    )
+    clock = Stopwatch()
+
+    def trimmed(of: Cases, share: float) -> TrimMapPoint:
+        rows = (dispersion_of(of.values)[0], jax.tree.map(lambda leaf: leaf[of.condition], points))
+        total = len(of.condition)
+
+        def batch(of_batch: np.ndarray) -> TrimMapPoint:
+            return clock.run(_trim, nominal, environment, *jax.tree.map(lambda leaf: leaf[of_batch], rows))
+
+        return run_in_batches(
+            batch, total, BATCH, lambda done: on_progress(f"trimming {total} aircraft", share * done / total)
+        )
+
+    _must_be_flown(trimmed(dispersed_cases(len(conditions), 0.0, seed, len(conditions)), 0.0), limits, conditions)
+    trims = trimmed(cases, 0.1)
+    dispersions, delays = dispersion_of(cases.values)
+    targets = jax.tree.map(lambda leaf: leaf[cases.condition], points)
+    flown = np.flatnonzero(trims.trimmable)
+    alpha = trims.trim.alpha
+    beyond = np.asarray((alpha < limits.alpha_min) | (alpha > limits.alpha_max))
+    size = np.array(_COMMAND.size)
+    tolerance = tolerance_of(size)
+    fixed = (nominal, environment, limits, jnp.asarray(size), jnp.asarray(tolerance))
+    summaries, verdicts = [], []
+    for k, inversion in enumerate(_INVERSIONS):
+        gains = gains_for(inversion)
+
+        def fly(of_batch: np.ndarray, gains: AutopilotGains = gains) -> SurveySummary:
+            rows = jax.tree.map(lambda leaf: leaf[flown[of_batch]], (dispersions, delays, trims.trim, targets))
+            return clock.run(_fly, fixed, gains, *rows, step_s, count)
+
+        def tell(done: int, inversion: str = inversion, k: int = k) -> None:
+            on_progress(f"flying {len(flown)} flights, {inversion} inversion", 0.1 + 0.45 * (k + done / len(flown)))
+
+        summaries.append(run_in_batches(fly, len(flown), BATCH, tell))
+        tolerances = np.broadcast_to(tolerance, (len(flown), 3))
+        verdicts.append(classify_flights(summaries[-1], tolerances, count * step_s, beyond[flown]))
+    dataset = robustness_dataset(
+        _INVERSIONS,
+        [f"{point.speed_m_s:g} m/s, {point.altitude_m:g} m" for point in conditions],
+        {f.name: (f.meaning, f.unit, f.nominal, f.scale) for f in FACTORS},
+        PARTS,
+        {name: getattr(cases, name) for name in ("part", "condition", "spread", "alone", "values")},
+        trims,
+        summaries,
+        verdicts,
+        nominal.actuators.names,
+        {
+            "aircraft": "f16",
+            "variant": variant,
+            "command": _COMMAND.meaning,
+            "seed": seed,
+            "spread_percent": 100 * spread,
+            "duration_s": count * step_s,
+            "step_s": step_s,
+            "sensor_bandwidth_rad_s": Gains().sensor_bandwidth_rad_s,
+            "tolerance_airspeed_m_s": float(tolerance[0]),
+            "tolerance_path_angle_deg": float(tolerance[1] / DEG_RAD),
+            "tolerance_course_deg": float(tolerance[2] / DEG_RAD),
+            **limit_attributes(limits),
+        },
+    )
+    return RobustnessStudy(dataset, clock.compile_s, clock.run_s)
+
+
+def _must_be_flown(nominal: TrimMapPoint, limits: FlightLimits, conditions: Sequence[FlightPoint]) -> None:
+    low, high = float(limits.speed_min), float(limits.speed_max)
+    for point, steady in zip(conditions, np.asarray(nominal.trimmable), strict=True):
+        if not steady:
+            raise ConditionError(
+                f"The nominal aircraft has no steady level flight at {point.speed_m_s:g} m/s and {point.altitude_m:g} m"
+                " (anser trim says why)."
+            )
+        if not low <= point.speed_m_s + _COMMAND.speed_m_s <= high or point.speed_m_s < low:
+            raise ConditionError(
+                f"The autopilot flies {low:g} to {high:g} m/s; {point.speed_m_s:g} m/s and the commanded "
+                f"{_COMMAND.speed_m_s:+g} m/s are not within."
+            )
+
+
+@compiled
+def _trim(
+    nominal: AbstractF16, environment: Environment, dispersions: F16Dispersion, targets: TrimTarget
+) -> TrimMapPoint:
+    def one(dispersion: F16Dispersion, target: TrimTarget) -> TrimMapPoint:
+        return trim_map_point(dispersed_f16(nominal, dispersion), environment, target)
+
+    return jax.vmap(one)(dispersions, targets)
+
+
+@compiled
+def _fly(
+    of: tuple[AbstractF16, Environment, FlightLimits, jax.Array, jax.Array],
+    gains: AutopilotGains,
+    dispersions: F16Dispersion,
+    delays: jax.Array,
+    trims: TrimPoint,
+    targets: TrimTarget,
+    step: float,
+    count: int,
+) -> SurveySummary:
+    nominal, environment, limits, size, tolerance = of
+
+    def one(dispersion: F16Dispersion, delay: jax.Array, trim: TrimPoint, target: TrimTarget) -> SurveySummary:
+        return survey_flight(
+            dispersed_f16(nominal, dispersion),
+            environment,
+            gains,
+            limits,
+            trim,
+            target,
+            size,
+            tolerance,
+            step,
+            count,
+            DelayedSensors(delay, DELAY_MAX_S, step),
+            DirectEstimator(nominal),
+        )
+
+    return jax.vmap(one)(dispersions, delays, trims, targets)

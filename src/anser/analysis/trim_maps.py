@@ -1,0 +1,213 @@
+"""Trim maps: steady flights over altitude and Mach number.
+
+And the step commands and autopilot limits that surveys fly from them.
+"""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from anser.aircraft.airframe import AbstractAirframe
+from anser.analysis.trim_points import map_points
+from anser.control.limits import FlightLimits
+from anser.environment.environment import Environment
+from anser.missions.batches import Stopwatch
+from anser.results.variable_labels import unit_attributes
+from anser.steady.trim import TrimMapPoint, TrimTarget
+from anser.units import DEG_RAD
+
+RESERVE_MIN = 0.1
+"""Part of the power, up and down, and of each surface's way that a point with reserve has left."""
+
+GRID_DIMENSIONS = ("condition", "altitude", "mach")
+"""Dimensions of the grid."""
+
+
+class TrimMap(NamedTuple):
+    """Steady flights over a grid.
+
+    Attributes
+    ----------
+    conditions
+        Names of the steady flights and what they mean.
+    altitudes, machs
+        Axes of the grid, m and 1.
+    airspeeds
+        True airspeed, m/s, shape (altitude, mach).
+    targets, points
+        What is flown, and its trim; leaves of shape (conditions x altitudes x machs, ...), the last running fastest.
+    surfaces
+        Names of the airframe's control surfaces.
+    """
+
+    conditions: Mapping[str, str]
+    altitudes: np.ndarray
+    machs: np.ndarray
+    airspeeds: np.ndarray
+    targets: TrimTarget
+    points: TrimMapPoint
+    surfaces: tuple[str, ...]
+
+    def gridded(self, values: Any) -> np.ndarray:
+        """Values of the points, shape (points, ...), over the grid."""
+        array = np.asarray(values)
+        return array.reshape(len(self.conditions), *self.airspeeds.shape, *array.shape[1:])
+
+    def variable(self, values: Any, unit: str, words: str, *over: str) -> Any:
+        """Variable of a dataset: values of the points over the grid and dimensions beyond it."""
+        return (*GRID_DIMENSIONS, *over), self.gridded(values), unit_attributes(unit, words)
+
+    def with_reserve(self) -> Any:
+        """Variable that says which points have at least `RESERVE_MIN` left."""
+        points = self.points
+        left = np.minimum(np.asarray(points.power_margin), np.asarray(points.power_above_idle))
+        least = np.minimum(left, np.asarray(points.surface_margin).min(axis=1))
+        words = "Whether a tenth of power and surfaces is left"
+        return self.variable(np.asarray(points.trimmable) & (least >= RESERVE_MIN), "1", words)
+
+    def coordinates(self, condition: str) -> dict[str, Any]:
+        """Coordinates of the grid; what a condition is, in words."""
+        return {
+            "condition": ("condition", np.array(list(self.conditions)), unit_attributes("", condition)),
+            "condition_meaning": ("condition", np.array(list(self.conditions.values()))),
+            "altitude": (
+                "altitude",
+                np.asarray(self.altitudes, dtype=float),
+                unit_attributes("m", "Geometric altitude"),
+            ),
+            "mach": ("mach", np.asarray(self.machs, dtype=float), unit_attributes("1", "Mach number")),
+            "airspeed_m_s": (("altitude", "mach"), self.airspeeds, unit_attributes("m s-1", "True airspeed")),
+        }
+
+
+@dataclasses.dataclass(frozen=True)
+class SteadyFlight:
+    """A kind of steady flight: climb angle (deg) and load factor of a coordinated level turn to the right."""
+
+    name: str
+    meaning: str
+    path_angle_deg: float = 0.0
+    turn_load_factor: float = 1.0
+
+
+@dataclasses.dataclass(frozen=True)
+class StepCommand:
+    """A step of the path command: m/s, deg, deg."""
+
+    name: str
+    meaning: str
+    speed_m_s: float = 0.0
+    path_angle_deg: float = 0.0
+    course_deg: float = 0.0
+
+    @property
+    def size(self) -> tuple[float, float, float]:
+        """Step of airspeed (m/s), path angle and course (rad)."""
+        return self.speed_m_s, self.path_angle_deg * DEG_RAD, self.course_deg * DEG_RAD
+
+
+CONDITIONS = (
+    SteadyFlight("level", "level"),
+    SteadyFlight("climb", "climb at 5 deg", path_angle_deg=5.0),
+    SteadyFlight("descent", "descent at 5 deg", path_angle_deg=-5.0),
+    SteadyFlight("turn_2g", "level turn, 2 g", turn_load_factor=2.0),
+    SteadyFlight("turn_4g", "level turn, 4 g", turn_load_factor=4.0),
+)
+COMMANDS = (
+    StepCommand("faster", "speed +10 m/s", speed_m_s=10.0),
+    StepCommand("slower", "speed -10 m/s", speed_m_s=-10.0),
+    StepCommand("up", "path angle +3 deg", path_angle_deg=3.0),
+    StepCommand("down", "path angle -3 deg", path_angle_deg=-3.0),
+    StepCommand("right", "course +20 deg", course_deg=20.0),
+    StepCommand("all", "+10 m/s, +3 deg, +20 deg", speed_m_s=10.0, path_angle_deg=3.0, course_deg=20.0),
+)
+ALTITUDES_M = np.array([250.0, *np.arange(1000.0, 15001.0, 1000.0)])
+"""The lowest is not 0, where the data end: any command would leave them."""
+MACHS = np.linspace(0.15, 0.95, 18)
+TOLERANCE_SHARE, TOLERANCE = 0.05, (0.5, 0.3 * DEG_RAD, 0.3 * DEG_RAD)
+"""Error that counts as none: part of the step, or m/s and rad, whichever is more."""
+
+
+def trim_map(
+    clock: Stopwatch,
+    airframe: AbstractAirframe,
+    environment: Environment,
+    altitudes_m: Sequence[float] | None,
+    machs: Sequence[float] | None,
+    *,
+    coarse: bool,
+) -> TrimMap:
+    """Trim `CONDITIONS` over a grid: its axes as given, or else the usual ones, every few of them where coarse.
+
+    Raises
+    ------
+    ValueError
+        An axis is not of increasing numbers, or no point can be flown.
+    """
+    altitudes = grid_axis("altitudes_m", altitudes_m, ALTITUDES_M[5::5] if coarse else ALTITUDES_M)
+    mach = grid_axis("machs", machs, MACHS[[0, 4, 8, 13, 17]] if coarse else MACHS)
+    sound = np.asarray(jax.vmap(lambda h: environment.atmosphere.at(h).speed_of_sound)(jnp.asarray(altitudes)))
+    airspeeds = sound[:, None] * mach[None, :]
+    targets = steady_targets(altitudes, airspeeds, float(environment.gravity))
+    points = clock.run(map_points, airframe, environment, targets)
+    if not np.any(points.trimmable):
+        raise ValueError("no point of the grid can be flown steadily: there is nothing to survey")
+    conditions = {c.name: c.meaning for c in CONDITIONS}
+    return TrimMap(conditions, altitudes, mach, airspeeds, targets, points, airframe.actuators.names)
+
+
+def tolerance_of(size: np.ndarray) -> np.ndarray:
+    """Errors of airspeed (m/s), path angle and course (rad) that count as none, by the size of the step, (..., 3)."""
+    return np.maximum(TOLERANCE_SHARE * np.abs(size), TOLERANCE)
+
+
+def survey_limits() -> FlightLimits:
+    """Limits wide enough for the aircraft's own to show: 40 to 340 m/s, 78 deg of bank, alpha -5 to 25 deg, -2 to 7 g.
+
+    A level turn at 4 g is banked 75.5 deg; beyond 78.5 deg the autopilot asks for less lift than holds the path.
+    """
+    return FlightLimits(
+        speed_min=jnp.asarray(40.0),
+        speed_max=jnp.asarray(340.0),
+        bank_max=jnp.asarray(78 * DEG_RAD),
+        alpha_min=jnp.asarray(-5 * DEG_RAD),
+        alpha_max=jnp.asarray(25 * DEG_RAD),
+        load_factor_min=jnp.asarray(-2.0),
+        load_factor_max=jnp.asarray(7.0),
+        rates_max=jnp.asarray([120.0, 60.0, 60.0]) * DEG_RAD,
+    )
+
+
+def steady_targets(altitudes: np.ndarray, airspeeds: np.ndarray, gravity: float) -> TrimTarget:
+    """Targets over (condition, altitude, mach), flattened."""
+    shape = (len(CONDITIONS), *airspeeds.shape)
+    V, h = np.broadcast_to(airspeeds, shape), np.broadcast_to(altitudes[:, None], shape)
+    gamma = np.array([c.path_angle_deg * DEG_RAD for c in CONDITIONS])[:, None, None]
+    tangent = np.sqrt([c.turn_load_factor**2 - 1 for c in CONDITIONS])[:, None, None]  # of the bank
+    fields = (V, h, np.broadcast_to(gamma, shape), np.zeros(shape), gravity * tangent / V, np.zeros(shape))
+    return TrimTarget(*(jnp.asarray(field.ravel(), dtype=float) for field in fields))
+
+
+def limit_attributes(limits: FlightLimits) -> dict[str, float]:
+    """Limits of the autopilot as attributes."""
+    speeds = {name: float(getattr(limits, name)) for name in ("speed_min", "speed_max")}
+    angles = {name: float(getattr(limits, name)) / DEG_RAD for name in ("bank_max", "alpha_min", "alpha_max")}
+    factors = {name: float(getattr(limits, name)) for name in ("load_factor_min", "load_factor_max")}
+    return {
+        **{f"limit_{name}_m_s": value for name, value in speeds.items()},
+        **{f"limit_{name}_deg": round(value, 9) for name, value in angles.items()},
+        **{f"limit_{name}": value for name, value in factors.items()},
+    }
+
+
+def grid_axis(name: str, wanted: Sequence[float] | None, usual: np.ndarray) -> np.ndarray:
+    """Axis of a grid, the usual one where none is wanted; ValueError if it is not of increasing numbers."""
+    axis = usual if wanted is None else np.asarray(wanted, dtype=float)
+    least = 0.0 if name == "machs" else -np.inf
+    if axis.ndim != 1 or not axis.size or not np.isfinite(axis).all() or (np.diff(axis) <= 0).any() or axis[0] < least:
+        raise ValueError(f"{name}: arrived {wanted}; expected finite numbers in increasing order")
+    return axis

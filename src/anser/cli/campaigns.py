@@ -1,0 +1,415 @@
+"""Commands about studies: campaign fly, campaign report, campaign compare, rare."""
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from anser.cli.app import help_epilog
+from anser.cli.console import (
+    RefusedError,
+    columns,
+    number,
+    plain_table,
+    print_document,
+    print_line,
+    print_note,
+    print_problem,
+    print_table,
+    progress_bar,
+)
+from anser.cli.folders import Force, open_output_folder
+from anser.config.errors import ScenarioError
+from anser.scenario.cautions import find_cautions
+from anser.scenario.schema import Scenario
+
+if TYPE_CHECKING:
+    from anser.campaigns.campaign_folder import Campaign
+    from anser.campaigns.comparison import CampaignComparison
+    from anser.campaigns.estimates import CampaignEstimates, QuantileEstimate
+    from anser.campaigns.rare_events import RareEvent
+    from anser.campaigns.store import CampaignStore
+    from anser.missions.runs import FlightResult
+
+
+_KEYS = 12
+"""Keys of the scenario that are printed at most."""
+_CampaignFolder = Annotated[
+    Path, typer.Argument(help="Folder of a campaign: flights.zarr.", show_default=False, metavar="FOLDER")
+]
+
+
+@help_epilog(
+    "anser campaign report runs/how-surely",
+    "anser campaign report runs/how-surely --worst 0",
+)
+def report(
+    folder: _CampaignFolder,
+    worst: Annotated[
+        int, typer.Option(min=0, max=1000, help="How many of the worst flights are flown again and drawn; 0: no map.")
+    ] = 5,
+    others: Annotated[
+        int, typer.Option(min=0, max=1000, help="How many evenly spaced flights the worst are drawn over.")
+    ] = 20,
+) -> None:
+    """Write the report of a campaign, whole or partial: answers, what they depend on, the worst flights; and tables.
+
+    The page report.html works offline. The tables, as Parquet, take pyarrow.
+    """
+    store = read_campaign_store(folder, "FOLDER")
+    if not store.flown.size:
+        raise RefusedError(f"FOLDER: arrived {folder}, where no chunk of flights is complete; expected one at least")
+    from anser.campaigns.campaign_report import write_campaign
+    from anser.campaigns.store_integrity import StoreError
+    from anser.report.exports.tables import PARQUET_MISSING, has_parquet
+
+    try:
+        with progress_bar() as tell:
+            written = write_campaign(store, worst, others, tell)
+    except StoreError as error:
+        raise RefusedError(f"FOLDER: {error}") from None
+    print_document(
+        lambda: {"format_version": 1, "flown": int(store.flown.size), "files": [str(path) for path in written]}
+    )
+    for path in written:
+        print_line(f"{path}: written")
+    if store.flown.size < store.flights and store.converged_chunks is None:
+        print_note(f"partial: {store.flown.size} of {store.flights} flights")
+    if not has_parquet():
+        print_note(f"no tables: {PARQUET_MISSING}")
+
+
+@help_epilog(
+    "anser campaign compare runs/how-surely runs/windier",
+    "anser campaign compare runs/how-surely runs/windier --out compared",
+)
+def compare(
+    folder: _CampaignFolder,
+    other: Annotated[Path, typer.Argument(help="Folder of a second campaign with the same seeds.", show_default=False)],
+    out: Annotated[Path | None, typer.Option(help="New folder for the figure.", show_default=False)] = None,
+    force: Force = False,
+) -> None:
+    """Compare two campaigns with paired seeds, flight by flight: which is better, how often and by how much."""
+    read_campaign_store(folder, "FOLDER")
+    read_campaign_store(other, "OTHER")
+    from anser.campaigns.comparison import compare_campaigns
+    from anser.report.campaign_figures import draw_paired
+
+    try:
+        found = compare_campaigns(folder, other)
+    except ValueError as error:
+        raise RefusedError(f"{folder}, {other}: {error}") from None
+    if out is not None:
+        with open_output_folder(out, force) as into:
+            written = draw_paired(found.dataset, into)
+            print_note(f"{out}: {', '.join(path.name for path in written) or 'nothing'} written")
+    print_document(lambda: {"format_version": 1, **found.as_dict()})
+    _print_comparison(found)
+
+
+def _print_comparison(found: "CampaignComparison") -> None:
+    sure = f"{100 * found.confidence:g} %"
+    print_line(f"{found.flights} pairs; first: {found.first}; second: {found.second}")
+    print_line(
+        f"every requirement met in both {found.both}, in the first alone {found.first_only}, in the second alone "
+        f"{found.second_only}, in neither {found.neither}; McNemar, exact: p = {found.p_value:.3g}"
+    )
+    for one in found.differences:
+        print_line(
+            f"{one.words}: less in the second in {one.second_better} flights, alike in {one.alike}, less in the first "
+            f"in {one.first_better}; {100 * one.share:.2f} % ({100 * one.low:.2f} to {100 * one.high:.2f} % at {sure} "
+            "confidence) better in the second"
+        )
+    table = plain_table(
+        f"second less first, bounds that part of the pairs stay below; interval at {sure} confidence",
+        *columns("", overflow="fold"),
+        *columns("of pairs", "below", "from", "to", justify="right"),
+        *columns("unit"),
+    )
+    for one in found.differences:
+        for share, *values in one.quantiles:
+            table.add_row(one.words, f"{100 * share:g} %", *(number(value, 4) for value in values), one.unit)
+    print_table(table)
+    if found.precision[0] != found.precision[1]:
+        print_line(f"flown in {found.precision[0]} in the first, in {found.precision[1]} in the second")
+    for path, count in found.applied.items():
+        print_line(f"applied otherwise in {count} of {found.flights} pairs: {path}")
+    for path, one, other in found.scenario[:_KEYS]:
+        print_line(f"scenario, {path}: {one} in the first, {other} in the second")
+    if len(found.scenario) > _KEYS:
+        print_line(f"and {len(found.scenario) - _KEYS} more keys of the scenario")
+
+
+def read_campaign_store(folder: Path, place: str) -> "CampaignStore":
+    """The store of a folder; refuses one that has none."""
+    from anser.campaigns.store import CampaignStore
+    from anser.campaigns.store_integrity import StoreError
+
+    try:
+        return CampaignStore.open(folder)
+    except StoreError as error:
+        raise RefusedError(f"{place}: {error}") from None
+
+
+_CAUSES = 8
+"""Causes of failure that are printed at most."""
+_MILLISECONDS_BELOW_S = 0.01
+
+
+@help_epilog(
+    "anser campaign studies/how-surely.toml --out runs/how-surely",
+    "anser campaign studies/how-surely.toml --out runs/how-surely --resume",
+    unmet="a flight did not meet every requirement, or could not begin",
+)
+def fly(
+    study: Annotated[Path, typer.Argument(help="Study file (TOML).", show_default=False)],
+    out: Annotated[Path, typer.Option(help="Folder of the campaign; new, unless --resume.", show_default=False)],
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Fly what is missing or damaged of the campaign in the folder.")
+    ] = False,
+    processes: Annotated[
+        int | None,
+        typer.Option(min=1, help="How many fly at a time; left out: one a core, if memory lasts.", show_default=False),
+    ] = None,
+    cluster: Annotated[
+        str | None,
+        typer.Option(help="Address of a dask scheduler, whose workers fly instead.", show_default=False),
+    ] = None,
+    precision: Annotated[
+        str | None,
+        typer.Option(
+            help="In which flights are flown, float64 or float32; left out: as the study says.", show_default=False
+        ),
+    ] = None,
+) -> None:
+    """Fly a study: a scenario many times, its numbers dispersed, and say how surely it keeps its requirements.
+
+    The word fly may be left out: anser campaign STUDY --out FOLDER.
+    """
+    from anser.campaigns.campaign_folder import open_campaign_store
+    from anser.campaigns.store_integrity import StoreError
+
+    try:
+        store = open_campaign_store(study, out, resume=resume, precision=precision)
+    except FileExistsError:
+        raise RefusedError(f"--out: arrived {out}, which exists; expected a new folder, or --resume") from None
+    except StoreError as error:
+        raise RefusedError(str(error)) from None
+    with _locked(store):
+        _fly(store, out, processes, cluster)
+
+
+@contextlib.contextmanager
+def _locked(store: "CampaignStore") -> Iterator[None]:
+    """Let no other process fly a campaign meanwhile; says which chunks are damaged and flown again."""
+    from anser.campaigns.store_integrity import StoreError
+
+    with contextlib.ExitStack() as lock:
+        try:
+            lock.enter_context(store.locked())
+        except StoreError as error:
+            raise RefusedError(str(error)) from None
+        for message in store.damages:
+            print_note(message)
+        yield
+
+
+def _fly(store: "CampaignStore", out: Path, processes: int | None, cluster: str | None) -> None:
+    """Fly what is missing, answer, and write the report."""
+    from anser.campaigns.campaign_folder import Campaign
+    from anser.campaigns.flights import campaign_process_limit, fly_campaign
+    from anser.campaigns.replay import archive_worst
+    from anser.campaigns.store_integrity import StoreError
+
+    for caution in find_cautions(store.scenario):
+        print_note(f"caution: {caution}")
+    flown, before = Campaign(store), store.flown.size
+    if processes is None and cluster is None:
+        room = campaign_process_limit(store)
+        processes = room.processes
+        if room.message:
+            print_note(room.message)
+    try:
+        with progress_bar() as tell:
+            fly_campaign(store, processes or 1, tell, cluster)
+            archive_worst(store, tell)
+    except KeyboardInterrupt:
+        _print_estimates(flown.estimates(), flown)
+        _write(store, before)
+        print_note(_resume_note(store))
+        raise
+    except StoreError as error:
+        _write(store, before)
+        print_note(_resume_note(store))
+        raise RefusedError(str(error)) from None
+    except OSError:
+        print_note(_resume_note(store))
+        raise
+    found = flown.estimates()
+    print_document(lambda: {"format_version": 1, "study": store.study.name, **found.as_dict()})
+    _print_estimates(found, flown)
+    written = ["flights.zarr", *_write(store, before)]
+    print_note(f"{out}: {', '.join(written)} written; anser campaign report {out} draws the worst flights, too")
+    if found.met < found.flown:
+        print_problem(
+            f"{found.flown - found.met} of {found.flown} flights did not meet every requirement, or could not begin"
+        )
+        raise typer.Exit(1)
+
+
+def _resume_note(store: "CampaignStore") -> str:
+    return f"{store.folder}: {store.flown.size} of {store.flights} flights; --resume flies the others"
+
+
+def _write(store: "CampaignStore", before: int) -> list[str]:
+    """Report of what was flown, without flying any again; what was written.
+
+    A report that is there stays where no flight has come to those before: it may show flights that were flown again.
+    """
+    from anser.campaigns.campaign_report import REPORT, write_campaign
+
+    if not store.flown.size or (store.flown.size == before and (store.folder / REPORT).exists()):
+        return []
+    return [path.name for path in write_campaign(store, worst=0)]
+
+
+def campaign_flight(folder: Path, number: int) -> "tuple[CampaignStore, Scenario]":
+    """The store of a folder and the scenario of one of its flights; refuses what is neither."""
+    from anser.campaigns.flights import flight_scenario
+
+    store = read_campaign_store(folder, "--campaign")
+    try:
+        return store, flight_scenario(store, number)
+    except ScenarioError:
+        raise
+    except ValueError as error:
+        raise RefusedError(f"--{error}") from None
+
+
+def report_replay(store: "CampaignStore", number: int, flown: "FlightResult") -> None:
+    """Whether a flight of a campaign came out as its row says."""
+    from anser.campaigns.replay import replay_differences
+
+    if number not in store.flown:
+        print_note(f"flight {number} has not been flown in the campaign yet")
+        return
+    found = replay_differences(store, number, flown.summary, met=flown.met)
+    if not found:
+        print_note(f"flight {number}: as in the campaign")
+    for name, off in found.items():
+        words = f"differs by {off:.2g} of its scale" if isinstance(off, float) else f"is {off} in the campaign"
+        print_problem(f"flight {number}: {name} {words}: another version, or rounding that led to another decision")
+
+
+def _bound_cells(one: "QuantileEstimate") -> list[str]:
+    """Bound, ends of its interval and unit; a time in milliseconds where seconds would show nothing but zeros."""
+    values = one.value, one.low, one.high
+    known = [abs(value) for value in values if value is not None]
+    if one.unit == "s" and max(known, default=1.0) < _MILLISECONDS_BELOW_S:
+        return [*(number(None if value is None else 1000.0 * value, 3) for value in values), "ms"]
+    return [*(number(value, 3) for value in values), "" if one.unit == "1" else one.unit]
+
+
+def _print_estimates(found: "CampaignEstimates", flown: "Campaign") -> None:
+    """Probability, quantiles and causes."""
+    from anser.results.separation import NO_SEPARATION, proximity_warning
+
+    name, data = flown.store.study.name, flown.dataset
+    if not found.flown:
+        print_line(f"{name}: no flight so far")
+        return
+    sure, share = f"{100 * found.confidence:g} %", 100 * (found.probability or 0.0)
+    interval = f"{100 * found.low:.2f} to {100 * found.high:.2f} % at {sure} confidence"
+    if found.independent < found.flown:
+        interval += f", from {found.independent} that are independent of each other"
+    without = f"; {NO_SEPARATION}" if data.attrs.get("separation_required") == 0 else ""
+    print_line(
+        f"{name}: {found.met} of {found.flown} flights meet every requirement, {share:.2f} % ({interval}){without}"
+    )
+    warning = proximity_warning(data["separation_min_m"].values, data.attrs)
+    if warning:
+        print_note(f"warning: {warning}")
+    table = plain_table(
+        f"bounds that part of the flights keep; interval at {sure} confidence",
+        *columns("", overflow="fold"),
+        *columns("of flights", "bound", "from", "to", justify="right"),
+        *columns("unit"),
+    )
+    for one in found.quantiles:
+        table.add_row(one.words, f"{100 * one.share:g} %", *_bound_cells(one))
+    print_table(table)
+    for words, count in list(found.causes.items())[:_CAUSES]:
+        print_line(f"{count} flights: {words}")
+    print_line(f"worst flights: {', '.join(map(str, found.worst))}")
+
+
+@help_epilog(
+    "anser rare studies/how-rarely.toml --out runs/how-rarely",
+    "anser rare studies/how-rarely.toml --out runs/how-rarely --resume",
+    unmet="the levels end short of the threshold: the event is rarer than could be found",
+)
+def rare(
+    study: Annotated[Path, typer.Argument(help="Study file (TOML) with a table [rare].", show_default=False)],
+    out: Annotated[Path, typer.Option(help="Folder of the event; new, unless --resume.", show_default=False)],
+    resume: Annotated[bool, typer.Option("--resume", help="Fly what is missing of the event in the folder.")] = False,
+    processes: Annotated[
+        int | None,
+        typer.Option(min=1, help="How many fly at a time; left out: one a core, if memory lasts.", show_default=False),
+    ] = None,
+) -> None:
+    """Find how probable a rare breach of a study is, by flying towards it level by level."""
+    from anser.campaigns.rare_events import rare as flown_event
+    from anser.campaigns.rare_store import RareStore
+    from anser.campaigns.store_integrity import StoreError
+
+    try:
+        with progress_bar() as tell:
+
+            def told(what: str, part: float | None) -> None:
+                tell(what, part)
+                if part is None:
+                    print_note(what)
+
+            found = flown_event(study, out, resume=resume, processes=processes, progress=told)
+    except FileExistsError:
+        raise RefusedError(f"--out: arrived {out}, which exists; expected a new folder, or --resume") from None
+    except StoreError as error:
+        raise RefusedError(str(error)) from None
+    except KeyboardInterrupt:
+        if out.exists():
+            print_note(f"{out}: {RareStore.open(out).flown} flights; --resume goes on")
+        raise
+    print_document(lambda: found.document)
+    _print_rare_event(found)
+    print_note(f"{out}: rare.json and figure written")
+    if found.estimate.probability is None:
+        words = f"more levels than {found.flights.config.levels_max}, or a threshold that is nearer"
+        print_problem(f"the levels end short of the threshold; expected {words}")
+        raise typer.Exit(1)
+
+
+def _print_rare_event(found: "RareEvent") -> None:
+    """Probability and levels."""
+    document, estimate = found.document, found.estimate
+    sure = f"at {100 * document['confidence']:g} % confidence"
+    event = f"{document['statistic']} {document['breached']} {document['threshold']:g}"
+    if estimate.probability is None:
+        print_line(f"{document['study']}: {event}: probability below {estimate.high:.2g} {sure}")
+    else:
+        interval = f"{estimate.low:.2g} to {estimate.high:.2g} {sure}"
+        print_line(f"{document['study']}: {event}: probability {estimate.probability:.2g} ({interval})")
+    table = plain_table(
+        f"levels of {document['repetitions']} repetitions, {document['flights']} flights; medians",
+        *columns("level", "flights", f"from {document['statistic']}", "leading on", "accepted", justify="right"),
+    )
+    for k, level in enumerate(document["levels"]):
+        medians = [_median(level[key]) for key in ("bounds", "shares", "acceptances")]
+        table.add_row(str(k + 1), str(level["flights"]), *[number(value, 3) for value in medians])
+    print_table(table)
+
+
+def _median(values: list[float | None]) -> float | None:
+    known = sorted(value for value in values if value is not None)
+    return known[len(known) // 2] if known else None

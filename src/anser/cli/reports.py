@@ -1,0 +1,258 @@
+"""Commands about finished runs: report, export, figures."""
+
+import math
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from anser.cli.app import help_epilog
+from anser.cli.arguments import RunFolder, complete_run
+from anser.cli.console import RefusedError, activity, print_document, print_line, print_problem
+from anser.cli.folders import (
+    Force,
+    check_run_folder,
+    must_be_writable,
+    open_output_file,
+    open_output_folder,
+    read_flight,
+    read_run,
+)
+from anser.files import write_file
+from anser.missions.saved_flights import RUN_FILES
+
+
+@help_epilog(
+    "anser report runs/three-aircraft --force",
+    "anser report runs/a runs/b --out beside.html",
+)
+def report(
+    run: RunFolder,
+    other: Annotated[
+        Path | None,
+        typer.Argument(
+            help="Folder of a second run, to stand beside the first.", show_default=False, autocompletion=complete_run
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="File to write; default RUN/report.html. Needed for two runs.")
+    ] = None,
+    force: Force = False,
+) -> None:
+    """Write the report of a run anew, or of two runs side by side, as one page that works offline."""
+    if other is not None and out is None:
+        raise RefusedError("--out: arrived nothing; expected a file for the report of two runs, such as beside.html")
+    target = out if out is not None else run / "report.html"
+    folders = {place: folder for place, folder in (("RUN", run), ("OTHER", other)) if folder is not None}
+    for place, folder in folders.items():
+        check_run_folder(folder, place)
+    if out is None and target.exists() and not force:
+        raise RefusedError(f"--out: arrived nothing, and {target} exists; give --force to write it anew, or --out FILE")
+    must_be_writable("--out", target, force)
+    if target.name in RUN_FILES:
+        raise RefusedError(f"--out: arrived {target}, which holds a run; expected another file, such as report.html")
+    from anser.report.flight_page import (  # here: a misspelt folder must not wait for libraries
+        write_comparison,
+        write_report,
+    )
+
+    runs = [(str(folder), *read_run(folder, place)) for place, folder in folders.items()]
+    try:
+        with open_output_file("--out", target, force) as file:
+            if other is None:
+                write_report(*runs[0][1:], file)
+            else:
+                write_comparison(runs, file)
+    except ValueError as error:
+        words = f"{error}; expected what one flight of `anser run` wrote"
+        raise RefusedError(f"{' and '.join(map(str, folders.values()))}: {words}") from None
+    print_document(lambda: {"format_version": 1, "file": str(target)})
+    print_line(f"{target}: written")
+
+
+_START = "2000-01-01T12:00:00Z"
+
+
+@help_epilog(
+    "anser export runs/three-aircraft --format czml,kml",
+    "anser export runs/three-aircraft --format csv --period-s 1 --out tables",
+    unmet="a format could not be written for want of a library; the others were (no other asked for: 2)",
+)
+def export(
+    run: RunFolder,
+    formats: Annotated[
+        list[str],
+        typer.Option("--format", help="czml, kml, csv, parquet or mat; several with commas, or given several times."),
+    ],
+    out: Annotated[
+        Path | None, typer.Option(help="New folder for the files; left out: beside flight.nc.", show_default=False)
+    ] = None,
+    start: Annotated[
+        str, typer.Option(help="Date and time (UTC) of the flight's time 0 in CZML and KML, which need one.")
+    ] = _START,
+    period_s: Annotated[
+        float | None, typer.Option(help="Only the recorded times nearest to every so many seconds; left out: all.")
+    ] = None,
+    force: Force = False,
+) -> None:
+    """Write a flight for Cesium (czml), Google Earth (kml), tables (csv, parquet), MATLAB and Octave (mat)."""
+    began = _started(start)
+    if period_s is not None and not (math.isfinite(period_s) and period_s > 0):
+        raise RefusedError(f"--period-s: arrived {period_s:g}; expected a number above 0")
+    from anser.report.exports.formats import FORMATS, thin_record
+    from anser.report.exports.geography import NEEDED_VARIABLES
+    from anser.report.exports.tables import PARQUET_MISSING, has_parquet
+
+    wanted = list(dict.fromkeys(part.strip() for entry in formats for part in entry.split(",")))
+    for name in wanted:
+        if name not in FORMATS:
+            raise RefusedError(f"--format: arrived {name!r}; expected one of {', '.join(FORMATS)}")
+    lacking = [] if has_parquet() else [name for name in wanted if name == "parquet"]
+    if wanted == lacking:
+        raise RefusedError(f"--format: {PARQUET_MISSING}; all other formats are written without it")
+    folder = run if out is None else out
+    files = {name: folder / f"flight.{name}" for name in wanted if name not in lacking}
+    for path in files.values():
+        if out is None and path.exists() and not force:
+            raise RefusedError(
+                f"--format: arrived {path.suffix[1:]} for {path}, which exists; expected a new file: give another "
+                "folder with --out, or --force (nothing is overwritten without it)"
+            )
+    dataset, summary = read_flight(run, NEEDED_VARIABLES)
+    shown = dataset if period_s is None else thin_record(dataset, period_s)
+    with open_output_folder(folder, force or out is None) as into:
+        for name, path in files.items():
+            content = FORMATS[name](shown, summary, began)
+            write_file(into / path.name, content)
+            print_line(f"{path}: {len(content) / 1e6:.1f} MB")
+    left_out = dict.fromkeys(lacking, PARQUET_MISSING)
+    document = {"format_version": 1, "files": {name: str(path) for name, path in files.items()}}
+    print_document(lambda: document | ({"left_out": left_out} if left_out else {}))
+    for name, why in left_out.items():
+        print_problem(f"{folder / f'flight.{name}'}: not written: {why}")
+    if left_out:
+        raise typer.Exit(1)
+
+
+def _started(start: str) -> datetime:
+    try:
+        began = datetime.fromisoformat(start)
+    except ValueError:
+        raise RefusedError(f"--start: arrived {start!r}; expected a date and time such as {_START}") from None
+    if not 1900 <= began.year <= 2200:
+        raise RefusedError(f"--start: arrived {start!r}; expected a year from 1900 to 2200")
+    return began if began.tzinfo is not None else began.replace(tzinfo=UTC)
+
+
+_AIRCRAFT, _VARIANT, _SPEED_M_S, _ALTITUDE_M = "f16", "textbook", 150.0, 1000.0
+
+
+@help_epilog(
+    "anser figures --out figures",
+    "anser figures runs/three-aircraft --out figures",
+    "anser figures runs/three-aircraft --out column --only bank,tracks --width 88 --no-title",
+)
+def figures(
+    out: Annotated[Path, typer.Option(help="New folder for the figures.", show_default=False)],
+    run: Annotated[
+        Path | None,
+        typer.Argument(
+            help="Folder that anser run wrote; left out: the published cases.",
+            show_default=False,
+            autocompletion=complete_run,
+        ),
+    ] = None,
+    only: Annotated[
+        str | None,
+        typer.Option(
+            help="Figures of the flight to draw, with commas: bank,tracks; left out: all.", show_default=False
+        ),
+    ] = None,
+    width: Annotated[
+        float | None,
+        typer.Option(help="Width in mm: 88 for one column, 180 for two; left out: 165.", show_default=False),
+    ] = None,
+    no_title: Annotated[bool, typer.Option("--no-title", help="Leave the title above each figure out.")] = False,
+    force: Force = False,
+) -> None:
+    """Draw figures for a paper, each as PDF, SVG and PNG: of a flight, or every one of the published cases.
+
+    The published cases are the step responses, the climb-and-turn, the paths bent by b4 and c4, the flights of one and
+    of three aircraft; they are computed on the way, in a few minutes the first time.
+    """
+    if run is not None:
+        check_run_folder(run)
+        from anser.report.flight_figures import NEEDED_VARIABLES, available_figures, draw_flight, select_figures
+        from anser.report.flight_sheet import FigureFormat
+
+        try:
+            paper = FigureFormat(title=not no_title) if width is None else FigureFormat(width, not no_title)
+        except ValueError as error:
+            raise RefusedError(f"--width: {error}") from None
+        dataset, _ = read_flight(run, NEEDED_VARIABLES)
+        try:
+            names = available_figures(dataset) if only is None else [name.strip() for name in only.split(",")]
+            chosen = select_figures(dataset, names)
+        except ValueError as error:
+            raise RefusedError(f"--only: {error}") from None
+        with open_output_folder(out, force) as into, activity("drawing"):
+            written = [
+                path.name for path in draw_flight(dataset, "flight", into, selection=chosen, figure_format=paper)
+            ]
+    else:
+        if only is not None or width is not None or no_title:
+            raise RefusedError(
+                "RUN: arrived nothing; expected the folder of a run: --only, --width and --no-title are of its figures"
+            )
+        with open_output_folder(out, force) as into:
+            written = [path.name for path in _published(into)]
+    kinds = sorted({Path(name).suffix for name in written})
+    count = len(written) // len(kinds)
+    made = "1 figure" if count == 1 else f"{count} figures, each"
+    print_document(lambda: {"format_version": 1, "files": [str(out / name) for name in written]})
+    print_line(f"{out}: {made} as {', '.join(kinds)}")
+
+
+def _published(out: Path) -> Iterator[Path]:
+    """Compute and draw the published cases, one after the other."""
+    from anser.analysis.step_flights import fly_steps
+    from anser.analysis.step_tests import PUBLISHED_STEPS
+    from anser.analysis.tracking_case import fly_climb_and_turn
+    from anser.report.flight_figures import draw_flight
+    from anser.report.response_figures import draw_overview, draw_step, draw_tracking
+    from anser.report.shape_figures import draw_shapes
+    from anser.report.style import FIGURE_SUFFIXES
+    from anser.verification.missions import published_flights
+    from anser.verification.polynomial_paths import shape_families
+
+    def paths(name: str) -> list[Path]:
+        return [out / f"{name}{suffix}" for suffix in FIGURE_SUFFIXES]
+
+    with activity("computing the paths bent by b4 and c4") as tell:
+        for family, dataset in shape_families().items():
+            yield from draw_shapes(dataset, family, out)
+        tell("flying the step responses")
+        flown = fly_steps(
+            PUBLISHED_STEPS,
+            aircraft=_AIRCRAFT,
+            variant=_VARIANT,
+            speed_m_s=_SPEED_M_S,
+            altitude_m=_ALTITUDE_M,
+            inversion="model",
+        )
+        tell("drawing the step responses")
+        for flight in flown:
+            draw_step(flight.dataset, files := paths(f"step-{flight.test.key}"))
+            yield from files
+        draw_overview([flight.dataset for flight in flown], files := paths("step-overview"))
+        yield from files
+        tell("flying the climb-and-turn")
+        tracked = fly_climb_and_turn(_VARIANT)
+        draw_tracking(tracked.dataset, "Climb and turn on velocity commands alone", files := paths("climb-and-turn"))
+        yield from files
+        tell("flying one and three aircraft")
+        for name, flight in published_flights().items():
+            tell(f"drawing the flight: {name}")
+            yield from draw_flight(flight.dataset, name, out)

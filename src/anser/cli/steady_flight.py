@@ -1,0 +1,306 @@
+"""Commands about steady flight: trim, linearize, deep-stall."""
+
+import math
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from anser.cli.app import help_epilog
+from anser.cli.arguments import AircraftName, Altitude, CentreOfGravity, PathAngle, TrueAirspeed, TurnRate, VariantName
+from anser.cli.console import (
+    RefusedError,
+    activity,
+    columns,
+    end_without_result,
+    must_be_flight_condition,
+    must_be_in_range,
+    must_be_known_aircraft,
+    plain_table,
+    print_document,
+    print_line,
+    print_note,
+    print_table,
+    screen,
+    trim_progress,
+)
+from anser.cli.folders import Force, must_be_new_file, open_output_file
+
+if TYPE_CHECKING:
+    from anser.analysis.linear_models import LinearizationResult
+    from anser.analysis.modes import Mode
+
+
+@help_epilog(
+    "anser trim --speed-m-s 150 --altitude-m 1000",
+    "anser trim --speed-m-s 150 --altitude-m 1000 --turn-rate-deg-s 5 --json",
+    "anser trim --speed-m-s 153 --altitude-m 0 --cg 0.35 --pitch-rate-deg-s 10",
+    unmet="no steady flight there",
+)
+def trim(
+    speed_m_s: TrueAirspeed,
+    altitude_m: Altitude,
+    aircraft: AircraftName = "f16",
+    variant: VariantName = "textbook",
+    cg: CentreOfGravity = None,
+    path_angle_deg: PathAngle = 0.0,
+    turn_rate_deg_s: TurnRate = 0.0,
+    pitch_rate_deg_s: Annotated[
+        float, typer.Option(help="Pitch rate of a pull-up: wings level, no roll and yaw rate; not in a turn.")
+    ] = 0.0,
+) -> None:
+    """Find the steady flight at a condition, or say what stops it and where the nearest one is."""
+    must_be_known_aircraft(aircraft, variant)
+    condition: dict[str, Any] = {
+        "speed_m_s": speed_m_s,
+        "altitude_m": altitude_m,
+        "path_angle_deg": path_angle_deg,
+        "turn_rate_deg_s": turn_rate_deg_s,
+        "pitch_rate_deg_s": pitch_rate_deg_s,
+    }
+    must_be_flight_condition(condition | {"cg": cg})
+    from anser.aircraft.f16 import F16
+    from anser.analysis.trim_points import airframe_label, resolve_airframe
+    from anser.analysis.trim_points import trim as find
+
+    airframe, of = resolve_airframe(aircraft, variant, cg)
+    centre = {"x_cg_over_c": float(airframe.x_cg)} if isinstance(airframe, F16) else {}
+    with activity("solving"):
+        found = find(airframe, **condition)
+    if found.diagnosis is not None:
+        end_without_result("no steady flight", [found.diagnosis])
+    print_document(
+        lambda: {
+            "format_version": 1,
+            **of,
+            **centre,
+            **condition,
+            "quantities": [
+                {"name": name, "value": value, "unit": unit or "1"} for name, value, unit in found.quantities
+            ],
+        }
+    )
+    title = f"{airframe_label(of)} at {speed_m_s:g} m/s, {altitude_m:g} m"
+    table = plain_table(title, "quantity", *columns("value", justify="right"), "unit")
+    placed = [("centre of gravity", value, "of chord") for value in centre.values()]
+    for name, value, unit in (*placed, *found.quantities):
+        table.add_row(name, f"{value:.4f}", unit)
+    print_table(table)
+
+
+_SUFFIXES = (".nc", ".json")
+_ROUNDING = 1e-12
+"""Entries of the tables below this are rounding noise of terms that cancel, and shown as 0."""
+
+
+@help_epilog(
+    "anser linearize --speed-m-s 150 --altitude-m 1000",
+    "anser linearize --speed-m-s 150 --altitude-m 1000 --loop attitude --out model.nc",
+    unmet="no steady flight there",
+)
+def linearize(
+    speed_m_s: TrueAirspeed,
+    altitude_m: Altitude,
+    aircraft: AircraftName = "f16",
+    variant: VariantName = "textbook",
+    x_cg: CentreOfGravity = None,
+    path_angle_deg: PathAngle = 0.0,
+    turn_rate_deg_s: TurnRate = 0.0,
+    path_rate_deg_s: Annotated[float, typer.Option(help="Rate of the climb angle: a path bent upwards.")] = 0.0,
+    pitch_rate_deg_s: Annotated[
+        float, typer.Option(help="Pitch rate of a pull-up: wings level, no roll and yaw rate; no other rate.")
+    ] = 0.0,
+    loop: Annotated[
+        Literal["open", "rates", "attitude", "velocity"],
+        typer.Option(help="The aircraft by itself, or the loop of its autopilot that is commanded."),
+    ] = "open",
+    actuators: Annotated[
+        bool, typer.Option("--actuators", help="Inputs are commands to the actuators, not deflections (open loop).")
+    ] = False,
+    step_s: Annotated[float, typer.Option(help="Sampling period of the autopilot.")] = 0.01,
+    out: Annotated[
+        Path | None, typer.Option(help="New file to write all of it to: NAME.nc (NetCDF) or NAME.json.")
+    ] = None,
+    force: Force = False,
+) -> None:
+    """Trim an aircraft and linearize it there: A, B, C, D and the modes with their names, in SI units and radians."""
+    must_be_known_aircraft(aircraft, variant)
+    condition: dict[str, Any] = {
+        "speed_m_s": speed_m_s,
+        "altitude_m": altitude_m,
+        "path_angle_deg": path_angle_deg,
+        "turn_rate_deg_s": turn_rate_deg_s,
+        "path_rate_deg_s": path_rate_deg_s,
+        "pitch_rate_deg_s": pitch_rate_deg_s,
+    }
+    must_be_flight_condition(condition | {"x_cg": x_cg})
+    must_be_in_range("--step-s", step_s, 0.001, 0.05)
+    if actuators and loop != "open":
+        raise RefusedError(f"--actuators: arrived with --loop {loop}, which always has them; expected --loop open")
+    if out is not None:
+        must_be_new_file("--out", out, _SUFFIXES, force)
+    from anser.analysis.linear_models import linearize as find
+
+    with trim_progress("trimming and differentiating"):
+        found = find(aircraft, variant, x_cg_over_c=x_cg, loop=loop, actuators=actuators, step_s=step_s, **condition)
+    if out is not None:
+        with open_output_file("--out", out, force) as file:
+            found.write(file)
+    print_document(found.document)
+    _print_model(found)
+    if out is not None:
+        print_note(f"{out}: written")
+
+
+def _print_model(found: "LinearizationResult") -> None:
+    from anser.analysis.trim_points import airframe_label
+
+    model, of = found.model, found.condition
+    named = airframe_label(of)
+    if "x_cg_over_c" in of:
+        named = f"{named.removesuffix(')')}, centre of mass {of['x_cg_over_c']:.3g})"
+    sampled = float(model.step) > 0
+    kind = f"{of['loop']} loop, sampled every {float(model.step):g} s" if sampled else "open loop"
+    lines = [
+        f"{named} at {of['speed_m_s']:g} m/s, {of['altitude_m']:g} m: {kind}",
+        "SI units and radians; power in percent",
+        "",
+        *_mode_lines(found.modes),
+        "",
+        *_block("condition", ("value",), model.states + model.inputs, [[v] for v in [*model.x, *model.u]]),
+        "",
+        *_block("A", model.states, model.states, model.A),
+        "",
+        *_block("B", model.inputs, model.states, model.B),
+    ]
+    for text in lines:
+        print_line(text)
+
+
+def _mode_lines(modes: tuple["Mode", ...]) -> list[str]:
+    width = max(len(mode.name) for mode in modes)
+    head = f"{'mode':<{width}}  {'eigenvalue, 1/s':>22}  {'rad/s':>9}  {'damping':>8}  {'period, s':>9}  {'half, s':>9}"
+    rows = [
+        f"{mode.name:<{width}}  {_eigenvalue(mode):>22}  {mode.natural_frequency:>9.4g}  {mode.damping_ratio:>8.4f}  "
+        f"{_time(mode.period):>9}  {_time(mode.time_to_half):>9}"
+        for mode in modes
+    ]
+    return [head, *rows, "half: time to half the amplitude; negative: minus the time to double"]
+
+
+def _eigenvalue(mode: "Mode") -> str:
+    value = mode.eigenvalue
+    return f"{value.real:.5g} +- {value.imag:.5g}i" if mode.order == 2 else f"{value.real:.5g}"
+
+
+def _time(seconds: float) -> str:
+    return f"{seconds:.4g}" if math.isfinite(seconds) else "-"
+
+
+def _entry(value: float) -> str:
+    return "0" if abs(value) < _ROUNDING else f"{value:.5g}"
+
+
+def _block(
+    name: str, columns: tuple[str, ...], quantities: tuple[str, ...], values: Iterable[Iterable[float]]
+) -> list[str]:
+    """Fixed-width text, in as many pieces as the screen is wide."""
+    cells = [[_entry(float(value)) for value in row] for row in values]
+    first = max(len(name), *(len(row) for row in quantities))
+    widths = [max(len(column), *(len(row[k]) for row in cells)) for k, column in enumerate(columns)]
+    lines, begin = [], 0
+    while begin < len(columns):
+        end, taken = begin, first
+        while end < len(columns) and (end == begin or taken + 2 + widths[end] <= screen.width):
+            taken += 2 + widths[end]
+            end += 1
+        lines += [""] if begin else []
+        for label, row in [(name, list(columns)), *zip(quantities, cells, strict=True)]:
+            lines.append(f"{label:<{first}}" + "".join(f"  {row[k]:>{widths[k]}}" for k in range(begin, end)))
+        begin = end
+    return lines
+
+
+_AIRCRAFT = "f16"
+
+
+@help_epilog(
+    "anser deep-stall",
+    "anser deep-stall --cg 0.36 --cg 0.365 --cg 0.37 --picture deep-stall.svg",
+    "anser deep-stall --elevator-deg 20 --json",
+)
+def deep_stall(
+    variant: VariantName = "tp1538",
+    cg: Annotated[
+        list[float] | None,
+        typer.Option("--cg", "--x-cg", help="Centre of gravity, fraction of the chord; may be given several times."),
+    ] = None,
+    elevator_deg: Annotated[
+        float | None, typer.Option(help="Elevator that is held; left out: fully nose-down.", show_default=False)
+    ] = None,
+    alpha_from_deg: Annotated[float, typer.Option(help="Least angle of attack that is looked at.")] = 20.0,
+    altitude_m: Annotated[float, typer.Option(help="Of the steady descents in the trims.")] = 5000.0,
+    picture: Annotated[
+        Path | None, typer.Option(help="New picture of Cm against alpha and of the trims: NAME.svg, .png or .pdf.")
+    ] = None,
+    force: Force = False,
+) -> None:
+    """Angles of attack that the elevator cannot leave: pitch trims beyond the stall, followed as the c.g. moves."""
+    must_be_known_aircraft(_AIRCRAFT, variant)
+    for x_cg in cg or ():
+        must_be_in_range("--cg", x_cg, 0.1, 0.5)
+    must_be_in_range("--alpha-from-deg", alpha_from_deg, -20.0, 89.0)
+    must_be_in_range("--altitude-m", altitude_m, 0.0, 15000.0)
+    if picture is not None:
+        from anser.report.margin_figures import BODE_SUFFIXES
+
+        must_be_new_file("--picture", picture, BODE_SUFFIXES, force)
+    from anser.analysis.deep_stalls import CENTRES_OF_GRAVITY, deep_stall_document
+    from anser.analysis.deep_stalls import deep_stall as find
+
+    with activity("following the trims"):
+        try:
+            found = find(
+                variant,
+                x_cg_over_c=cg or CENTRES_OF_GRAVITY,
+                elevator_deg=elevator_deg,
+                alpha_from_deg=alpha_from_deg,
+                altitude_m=altitude_m,
+            )
+        except ValueError as error:
+            raise RefusedError(f"--{str(error).replace('_', '-')}") from None
+    if picture is not None:
+        from anser.report.airframe_figures import draw_deep_stall
+
+        with open_output_file("--picture", picture, force) as file:
+            draw_deep_stall(found, [file])
+    document = deep_stall_document(found)
+    print_document(lambda: document)
+    table = plain_table(
+        f"{_AIRCRAFT} ({variant}), elevator {found.attrs['elevator_deg']:g} deg: pitch trims beyond "
+        f"{alpha_from_deg:g} deg; descents at {altitude_m:g} m, idle",
+        *columns("c.g., of chord", "alpha, deg", justify="right"),
+        "in pitch",
+        *columns("airspeed, m/s", "path angle, deg", "pitch angle, deg", justify="right"),
+    )
+    for one in document["trims"]:
+        table.add_row(
+            f"{one['x_cg_over_c']:.4g}",
+            f"{one['alpha_deg']:.2f}",
+            "stable" if one["stable"] else "unstable",
+            f"{one['speed_m_s']:.1f}",
+            f"{one['path_angle_deg']:.1f}",
+            f"{one['pitch_deg']:.1f}",
+        )
+    print_table(table)
+    for one in document["greatest_pitching_moment"]:
+        print_line(
+            f"c.g. at {one['x_cg_over_c']:.4g}: Cm is {one['pitching_moment']:+.4f} at most, "
+            f"at alpha {one['alpha_deg']:.4g} deg"
+        )
+    if document["appears"] is not None:
+        at = document["appears"]
+        print_line(f"A trim appears with the c.g. at {at['x_cg_over_c']:.4f}, at alpha {at['alpha_deg']:.1f} deg.")
+    if picture is not None:
+        print_note(f"{picture}: written")

@@ -1,0 +1,238 @@
+"""The commands step and gallery."""
+
+import textwrap
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+from rich.table import Table
+
+from anser.cli.app import help_epilog
+from anser.cli.arguments import AircraftName, Inversion, VariantName
+from anser.cli.console import (
+    RefusedError,
+    activity,
+    columns,
+    flight_point,
+    must_be_known_aircraft,
+    number,
+    plain_table,
+    print_document,
+    print_line,
+    print_note,
+    print_problem,
+    print_table,
+    trim_progress,
+)
+from anser.cli.folders import Force, must_be_new_file, open_output_file, open_output_folder
+
+if TYPE_CHECKING:
+    from anser.analysis.step_tests import StepTest, StepTestResult
+
+
+@help_epilog(
+    "anser step --loop velocity --channel chi --size 20 --at 150,1000",
+    "anser step --loop rates --channel q --size -5 --at 150,2000 --out pitch.svg",
+    "anser step --aircraft aerosonde --loop attitude --channel mu --size 30 --at 25,300",
+    unmet="no steady flight there",
+)
+def step(
+    loop: Annotated[Literal["rates", "attitude", "velocity"], typer.Option(help="Which loop is commanded.")],
+    channel: Annotated[
+        list[str],
+        typer.Option(help="Of that loop: p, q, r; mu, alpha, beta; v, gamma, chi. May be given several times."),
+    ],
+    size: Annotated[list[float], typer.Option(help="Of the step, deg/s, deg or m/s; one for each channel.")],
+    at: Annotated[str, typer.Option(help="SPEED,ALTITUDE of the level trim that is left, m/s and m.")],
+    duration_s: Annotated[
+        float | None,
+        typer.Option(
+            help="How long; left out: 3, 6 or 60 s (rates, attitude, velocity), 1.05 s for a yaw rate; longer "
+            "where an aircraft has slower loops than the F-16."
+        ),
+    ] = None,
+    inversion: Inversion = "model",
+    aircraft: AircraftName = "f16",
+    variant: VariantName = "textbook",
+    out: Annotated[Path | None, typer.Option(help="New picture of the response: NAME.svg, .png or .pdf.")] = None,
+    force: Force = False,
+) -> None:
+    """Step one loop's command and measure: rise, settling, overshoot, error at the end, coupling, surface use.
+
+    With the published gains of the F-16, or the gains and limits that follow from another aircraft itself.
+    """
+    must_be_known_aircraft(aircraft, variant)
+    speed_m_s, altitude_m = flight_point(at)
+    if out is not None:
+        from anser.report.style import FIGURE_SUFFIXES
+
+        must_be_new_file("--out", out, FIGURE_SUFFIXES, force)
+    if len(channel) != len(size):
+        raise RefusedError(f"--size: arrived {len(size)} for {len(channel)} channels; expected one for each --channel")
+    if len(set(channel)) != len(channel):
+        raise RefusedError(f"--channel: arrived {', '.join(channel)}; expected each at most once")
+    from anser.analysis.step_flights import step_time_scale
+    from anser.analysis.step_tests import step_document, step_test
+
+    try:
+        test = step_test(loop, dict(zip(channel, size, strict=True)), duration_s)
+    except ValueError as error:
+        raise RefusedError(f"--{error}") from None
+    if duration_s is None:
+        with trim_progress("trimming"):
+            pace = step_time_scale(aircraft, variant, speed_m_s, altitude_m)
+        test = step_test(loop, dict(zip(channel, size, strict=True)), None, pace)
+    flown = _fly([test], aircraft, variant, speed_m_s, altitude_m, inversion)
+    if out is not None:
+        from anser.report.response_figures import draw_step
+
+        with open_output_file("--out", out, force) as file:
+            draw_step(flown[0].dataset, [file])
+    print_document(lambda: step_document(flown))
+    print_table(_table(flown, _title(flown)))
+    if flown[0].left_tables:
+        print_note("caution: it leaves the aerodynamic tables")
+    if out is not None:
+        print_note(f"{out}: written")
+
+
+@help_epilog(
+    "anser gallery --out gallery",
+    "anser gallery --aircraft aerosonde --out gallery",
+    unmet="a response falls short of its limits",
+)
+def gallery(
+    out: Annotated[Path, typer.Option(help="New folder for the figures and metrics.json.", show_default=False)],
+    inversion: Inversion = "model",
+    aircraft: AircraftName = "f16",
+    variant: VariantName = "textbook",
+    force: Force = False,
+    at: Annotated[
+        str | None,
+        typer.Option(
+            help="SPEED,ALTITUDE of the level trim that the steps leave; left out: 150,1000 of the F-16, of another "
+            "aircraft between its least and greatest airspeed.",
+            show_default=False,
+        ),
+    ] = None,
+) -> None:
+    """Fly every published test of the autopilot: a figure of each, an overview, a table of their figures.
+
+    Another aircraft than the F-16 flies them with gains and limits of its own, in steps that it has room for.
+    """
+    must_be_known_aircraft(aircraft, variant)
+    place = None if at is None else flight_point(at)
+    with open_output_folder(out, force) as into:
+        from anser.analysis.step_flights import gallery_steps
+        from anser.analysis.step_tests import step_document
+        from anser.analysis.tracking_case import climb_and_turn
+        from anser.missions.runs import run
+        from anser.report.response_figures import draw_overview, draw_step, draw_tracking
+        from anser.results.documents import write_json
+
+        with trim_progress("trimming"):
+            tests, (speed_m_s, altitude_m) = gallery_steps(aircraft, variant, place)
+        flown = _fly(tests, aircraft, variant, speed_m_s, altitude_m, inversion)
+        with trim_progress("flying the climb-and-turn"):
+            tracked = run(climb_and_turn(variant, inversion, aircraft, (speed_m_s, altitude_m)))
+        requirements = tracked.summary["requirements"]
+        document = step_document(flown) | {"climb_and_turn": requirements}
+        write_json(document, into / "metrics.json")
+
+        def pictures(name: str) -> list[Path]:
+            return [into / f"{name}{suffix}" for suffix in (".svg", ".png")]
+
+        with activity("drawing"):
+            for flight in flown:
+                draw_step(flight.dataset, pictures(flight.test.key))
+            draw_overview([flight.dataset for flight in flown], pictures("overview"))
+            heading = f"Climb and turn on velocity commands alone: {_name(flown)}, {inversion} inversion"
+            draw_tracking(tracked.dataset, heading, pictures("climb-and-turn"))
+    print_document(lambda: document)
+    print_table(_table(flown, _title(flown)))
+    limits = document["limits"]
+    short = [(flight.test.key, line) for flight in flown for line in flight.shortfalls]
+    print_line(
+        f"{len(flown) - len({key for key, _ in short})} of {len(flown)} within overshoot "
+        f"{limits['overshoot_percent']:g} %, final error {limits['final_error_percent']:g} %, sideslip "
+        f"{limits['sideslip_in_velocity_steps_deg']:g} deg in velocity steps; figures in {out}"
+    )
+    of = {requirement["name"]: requirement for requirement in requirements}
+    error, miss = of["position_error_max_m"], of["miss_max_m"]
+    print_line(
+        f"climb and turn: position error {number(error['value'], 2)} m at most, {number(miss['value'], 2)} m at the "
+        f"end; {error['limit']:g} m are allowed"
+    )
+    short += [
+        ("climb-and-turn", f"{r['name']} is {r['value']:g}, not {r['limit']:g}") for r in requirements if not r["met"]
+    ]
+    for key, why in short:
+        print_problem(f"falls short: {key}: {why}")
+    if short:
+        raise typer.Exit(1)
+
+
+def _fly(
+    tests: Sequence["StepTest"], aircraft: str, variant: str, speed_m_s: float, altitude_m: float, inversion: Inversion
+) -> tuple["StepTestResult", ...]:
+    from anser.analysis.step_flights import fly_steps
+
+    with trim_progress("flying") as tell:
+        return fly_steps(
+            tests,
+            aircraft=aircraft,
+            variant=variant,
+            speed_m_s=speed_m_s,
+            altitude_m=altitude_m,
+            inversion=inversion,
+            progress=lambda loop: tell(f"flying the {loop} loop"),
+        )
+
+
+def _name(flights: Sequence["StepTestResult"]) -> str:
+    from anser.analysis.trim_points import airframe_label
+
+    return airframe_label(flights[0].dataset.attrs)
+
+
+def _title(flights: Sequence["StepTestResult"]) -> str:
+    of = flights[0].dataset.attrs
+    return f"{_name(flights)} at {of['speed_m_s']:g} m/s, {of['altitude_m']:g} m: {of['inversion']} inversion"
+
+
+def _table(flights: Sequence["StepTestResult"], title: str) -> Table:
+    """One row per commanded channel."""
+    table = plain_table(
+        title,
+        *columns("step\n", "channel\n", no_wrap=True),
+        *columns("size\n", "rise\ns", "settling\ns", "overshoot\n%", "final error\n%", justify="right"),
+        "others move\nat most",
+        *columns("sideslip\ndeg", _surfaces_used(flights[0]), justify="right"),
+    )
+    for flight in flights:
+        document = flight.document()
+        others = ", ".join(
+            f"{channel} {_short(of['greatest'])} {of['unit']}" for channel, of in document["coupling"].items()
+        )
+        surfaces = ", ".join(number(value, 0) for value in document["surface_use_percent"].values())
+        # What holds for the whole response stands in the first of its rows.
+        once = [document["key"], others, number(document["sideslip_max_deg"], 2), surfaces]
+        for channel, of in document["channels"].items():
+            key, *rest = once
+            names = ("rise_time_s", "settling_time_s", "overshoot_percent", "final_error_percent")
+            cells = (f"{of['size']:+g} {of['unit']}", *(number(of[name], 2) for name in names))
+            table.add_row(key, channel, *cells, *rest, style="red" if document["shortfalls"] else None)
+            once = [""] * 4
+    return table
+
+
+def _surfaces_used(flight: "StepTestResult") -> str:
+    """Heading of the column of all control surfaces, in narrow lines."""
+    names = [name.replace("_", " ") for name in flight.document()["surface_use_percent"]]
+    return textwrap.fill(f"{', '.join(names)} used, %", 20)
+
+
+def _short(value: float | None) -> str:
+    """Two decimals; a dash for none."""
+    return "<0.01" if value is not None and value < 0.01 else number(value, 2)

@@ -1,0 +1,282 @@
+"""Commands about many flights: envelope, robustness."""
+
+import dataclasses
+import math
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+
+from anser.cli.app import help_epilog
+from anser.cli.arguments import AircraftName, Inversion, SurveyFolder, VariantName
+from anser.cli.console import (
+    F16_SURVEYS_ONLY,
+    RefusedError,
+    columns,
+    flight_point,
+    must_be_f16,
+    must_be_in_range,
+    must_be_known_aircraft,
+    number,
+    plain_table,
+    print_document,
+    print_line,
+    print_note,
+    print_problem,
+    print_table,
+    progress_bar,
+)
+from anser.cli.folders import Force, open_output_folder
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from anser.analysis.envelope import EnvelopeSurvey
+    from anser.analysis.robustness import RobustnessStudy
+    from anser.results.robustness_statistics import FailureCorrelation, SuccessRate
+
+
+@help_epilog(
+    "anser envelope --out envelope",
+    "anser envelope --coarse --inversion incremental --out coarse",
+    unmet="a flight falls short",
+)
+def envelope(
+    out: SurveyFolder,
+    aircraft: AircraftName = "f16",
+    variant: VariantName = "textbook",
+    inversion: Inversion = "model",
+    coarse: Annotated[bool, typer.Option("--coarse", help="A grid of 3 x 5 instead of 16 x 18 points.")] = False,
+    force: Force = False,
+) -> None:
+    """Survey the envelope: trim map, and standard commands flown from every point of it."""
+    must_be_known_aircraft(aircraft, variant)
+    must_be_f16(aircraft, F16_SURVEYS_ONLY)
+    with open_output_folder(out, force) as into, progress_bar() as tell:
+        from anser.analysis.envelope import survey_envelope
+        from anser.report.envelope_figures import draw_envelope
+        from anser.results.netcdf import write_netcdf
+
+        surveyed = survey_envelope(aircraft, variant, inversion=inversion, coarse=coarse, progress=tell)
+        tell("writing", 1.0)
+        write_netcdf(surveyed.dataset, into / "envelope.nc")
+        draw_envelope(surveyed.dataset, into)
+    print_document(lambda: _envelope_document(surveyed))
+    _print_envelope(surveyed)
+    print_note(f"{out}: envelope.nc and figures written")
+    for text in surveyed.shortfalls():
+        print_problem(f"falls short: {text}")
+    if surveyed.shortfalls():
+        raise typer.Exit(1)
+
+
+def _totals(surveyed: "EnvelopeSurvey") -> dict[str, int]:
+    data = surveyed.dataset
+    return {
+        "points": int(data["trimmable"].size),
+        "trimmable": int(data["trimmable"].sum()),
+        "with_reserve": int(data["with_reserve"].sum()),
+        "flights": int((data["outcome"] > 0).sum()),
+    }
+
+
+def _envelope_document(surveyed: "EnvelopeSurvey") -> dict[str, Any]:
+    from anser.results.documents import plain_attributes
+
+    return {
+        "format_version": 1,
+        "survey": plain_attributes(surveyed.dataset.attrs),
+        **_totals(surveyed),
+        "compile_s": round(surveyed.compile_s, 3),
+        "run_s": round(surveyed.run_s, 3),
+        "counts": surveyed.counts(),
+        "counts_with_reserve": surveyed.counts(with_reserve=True),
+        "shortfalls": surveyed.shortfalls(),
+    }
+
+
+def _print_envelope(surveyed: "EnvelopeSurvey") -> None:
+    names, words = (surveyed.dataset[key].values.tolist() for key in ("condition", "condition_meaning"))
+    table = plain_table(
+        "what became of the flights",
+        *columns("outcome", no_wrap=True),
+        *columns(*words, "all", "with reserve", justify="right"),
+    )
+    with_reserve = surveyed.counts(with_reserve=True)
+    for what, numbers in surveyed.counts().items():
+        reserve = sum(with_reserve.get(what, {}).values())
+        table.add_row(
+            what.replace("_", " "), *(str(numbers[name]) for name in names), str(sum(numbers.values())), str(reserve)
+        )
+    print_table(table)
+    of = _totals(surveyed)
+    print_line(
+        f"{of['trimmable']} of {of['points']} points can be flown steadily, {of['with_reserve']} of them with a tenth "
+        f"of power and surfaces left; {of['flights']} flights, {surveyed.run_s:.1f} s "
+        f"(and {surveyed.compile_s:.1f} s compiling)"
+    )
+
+
+_STRONGEST, _REASONS = 5, 2
+"""How many factors and reasons are printed."""
+_F16_STUDY_ONLY = (
+    "factors and conditions of this study are the F-16's; of another aircraft anser campaign varies "
+    "aircraft[0].deviation of a scenario"
+)
+"""What to do for a study of another aircraft."""
+
+
+@help_epilog(
+    "anser robustness --out robustness",
+    "anser robustness --flights 200 --spread 30 --at 150,2000 --out thirty-percent",
+)
+def robustness(
+    out: SurveyFolder,
+    flights: Annotated[int, typer.Option(help="Flights of each inversion, spread over the conditions.")] = 1000,
+    spread: Annotated[float, typer.Option(help="Greatest change of every factor, percent.")] = 20.0,
+    seed: Annotated[int, typer.Option(help="What the random draws follow from.")] = 0,
+    sweep: Annotated[
+        bool, typer.Option("--sweep", help="Fly spreads of 10 to 60 percent and each factor alone, too.")
+    ] = False,
+    at: Annotated[
+        str | None, typer.Option(help="SPEED,ALTITUDE of the only steady flight to leave, m/s and m.")
+    ] = None,
+    aircraft: AircraftName = "f16",
+    variant: VariantName = "textbook",
+    force: Force = False,
+) -> None:
+    """Fly F-16s that differ from what their autopilot believes, with both inversions: who succeeds, what breaks."""
+    must_be_in_range("--flights", flights, 1, 1_000_000)
+    must_be_in_range("--spread", spread, 0, 90)
+    must_be_in_range("--seed", seed, 0, 2**63 - 1)
+    must_be_known_aircraft(aircraft, variant)
+    must_be_f16(aircraft, _F16_STUDY_ONLY)
+    from anser.analysis.robustness import CONDITIONS, FlightPoint, robustness_study
+    from anser.analysis.trim_points import ConditionError
+    from anser.report.robustness_figures import draw_robustness
+    from anser.results.netcdf import write_netcdf
+
+    conditions = CONDITIONS if at is None else (FlightPoint(*flight_point(at)),)
+    with open_output_folder(out, force) as into, progress_bar() as tell:
+        try:
+            study = robustness_study(
+                variant,
+                flights=flights,
+                spread=spread / 100,
+                seed=seed,
+                sweep=sweep,
+                conditions=conditions,
+                progress=tell,
+            )
+        except ConditionError as error:
+            raise RefusedError(f"--at: arrived {at}; {error}") from None
+        tell("writing", 1.0)
+        write_netcdf(study.dataset, into / "robustness.nc")
+        draw_robustness(study.dataset, into)
+    print_document(lambda: _study_document(study))
+    _print_study(study)
+    print_note(f"{out}: robustness.nc and figures written")
+
+
+def _rates(data: "xr.Dataset") -> dict[str, dict[str, "SuccessRate"]]:
+    """SuccessRate by what was flown and by inversion."""
+    from anser.results.robustness_statistics import flights_in_part, success
+
+    spread, condition = (data[name].values for name in ("spread_percent", "condition"))
+    main, swept = flights_in_part(data, "dispersed"), flights_in_part(data, "spread")
+    chosen = {"all": main}
+    chosen |= {str(place): main & (condition == k) for k, place in enumerate(data["condition_meaning"].values)}
+    chosen |= {f"spread {level:.0f} %": swept & (spread == level) for level in np.unique(spread[swept])}
+    inversions = [str(name) for name in data["inversion"].values]
+    return {name: {of: success(data, of, mask) for of in inversions} for name, mask in chosen.items() if mask.any()}
+
+
+def _failure_factors(data: "xr.Dataset") -> dict[str, list["FailureCorrelation"]]:
+    """Factors that failures go with most, by inversion."""
+    from anser.results.robustness_statistics import failure_correlations, flights_in_part
+
+    main = flights_in_part(data, "dispersed")
+    return {str(of): failure_correlations(data, str(of), main)[:_STRONGEST] for of in data["inversion"].values}
+
+
+def _study_document(study: "RobustnessStudy") -> dict[str, Any]:
+    from anser.results.documents import plain_attributes
+    from anser.results.robustness_statistics import first_breaks
+
+    data = study.dataset
+    rates = {
+        name: {inversion: _plain(dataclasses.asdict(rate)) for inversion, rate in by_inversion.items()}
+        for name, by_inversion in _rates(data).items()
+    }
+    return {
+        "format_version": 1,
+        "study": plain_attributes(data.attrs),
+        "success": rates,
+        "correlation_with_failure": {
+            inversion: [dataclasses.asdict(one) for one in strongest]
+            for inversion, strongest in _failure_factors(data).items()
+        },
+        "first_breaks": [dataclasses.asdict(one) for one in first_breaks(data)],
+        "compile_s": round(study.compile_s, 3),
+        "run_s": round(study.run_s, 3),
+    }
+
+
+def _plain(values: dict[str, Any]) -> dict[str, Any]:
+    """The same with None for a number that is none."""
+    return {name: None if isinstance(v, float) and math.isnan(v) else v for name, v in values.items()}
+
+
+def _print_study(study: "RobustnessStudy") -> None:
+    data = study.dataset
+    table = plain_table(
+        f"success, everything dispersed by {data.attrs['spread_percent']:g} %",
+        *columns("flown", "inversion", no_wrap=True),
+        *columns("success", "percent", "interval of 95 %", "no steady flight", justify="right", no_wrap=True),
+        *columns("the others", no_wrap=True),
+    )
+    for name, by_inversion in _rates(data).items():
+        for inversion, rate in by_inversion.items():
+            table.add_row(
+                name,
+                inversion,
+                f"{rate.reached}/{rate.flown}",
+                number(100 * rate.share if rate.flown else None, 1),
+                f"{100 * rate.low:.1f} to {100 * rate.high:.1f}",
+                str(rate.no_steady_flight),
+                _shortened(rate.reasons),
+            )
+    print_table(table)
+    for inversion, strongest in _failure_factors(data).items():
+        if strongest:
+            words = ", ".join(f"{one.of} of {one.factor} {one.correlation:+.2f}" for one in strongest)
+            print_line(f"failures, {inversion}, correlate with: {words}")
+    _print_breaks(data)
+    flown = int((data["outcome"].values > 0).sum())
+    print_line(f"{flown} flights, {study.run_s:.1f} s (and {study.compile_s:.1f} s compiling)")
+
+
+def _shortened(reasons: dict[str, int]) -> str:
+    """The most frequent reasons with their numbers, and how many flights have another."""
+    named = [f"{why.replace('_', ' ')} {count}" for why, count in list(reasons.items())[:_REASONS]]
+    rest = sum(list(reasons.values())[_REASONS:])
+    return ", ".join([*named, f"others {rest}"] if rest else named)
+
+
+def _print_breaks(data: "xr.Dataset") -> None:
+    """What breaks first of the factors alone: the smallest change, in the order of size."""
+    from anser.results.robustness_statistics import first_breaks
+
+    found = sorted((b for b in first_breaks(data) if b.reason), key=lambda b: abs(b.change))
+    if not found:
+        return
+    table = plain_table(
+        "one factor alone: smallest change flown that breaks a flight",
+        *columns("factor", "inversion", no_wrap=True),
+        *columns("change", "value", justify="right", no_wrap=True),
+        *columns("why", "where", no_wrap=True),
+    )
+    for b in found:
+        why, where = (b.reason or "").replace("_", " "), b.condition or ""
+        table.add_row(b.factor.replace("_", " "), b.inversion, f"{100 * b.change:+.0f} %", f"{b.value:.3g}", why, where)
+    print_table(table)

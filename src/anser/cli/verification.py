@@ -1,0 +1,181 @@
+"""The command verify."""
+
+import math
+import time
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.table import Table
+
+from anser.cli.app import help_epilog
+from anser.cli.console import (
+    RefusedError,
+    columns,
+    plain_table,
+    print_document,
+    print_line,
+    print_problem,
+    print_table,
+    progress_bar,
+)
+
+if TYPE_CHECKING:
+    from anser.verification.checks import Check, Comparison, Outcome
+
+
+@help_epilog(
+    "anser verify",
+    "anser verify --case nesc-11 --case f16-trim --json",
+    "anser verify --list",
+    unmet="a comparison fails",
+)
+def verify(
+    case: Annotated[list[str] | None, typer.Option(help="Run this check only; may be given several times.")] = None,
+    only_list: Annotated[bool, typer.Option("--list", help="Print the checks there are and stop.")] = False,
+) -> None:
+    """Compute every published figure that anser knows, and compare: NASA's check-cases, the textbook, the standards."""
+    from anser.compiling.options import enable_compilation_cache
+    from anser.verification.checks import to_document
+    from anser.verification.suite import select_checks
+    from anser.verification.suite import verify as run
+
+    try:
+        chosen = select_checks(case or None)
+    except ValueError as error:
+        raise RefusedError(f"--case: {error}") from None
+    if only_list:
+        listed = [{"key": check.key, "title": check.title, "source": check.source} for check in chosen]
+        print_document(lambda: {"format_version": 1, "checks": listed})
+        print_table(_list(chosen))
+        return
+    enable_compilation_cache()
+    began = time.perf_counter()
+    with progress_bar() as tell:
+        outcomes = run(case or None, tell)
+    seconds = time.perf_counter() - began
+    print_document(lambda: to_document(outcomes, seconds))
+    print_table(_table(outcomes))
+    _print_count(outcomes, seconds)
+    for text in [text for outcome in outcomes for text in _shortfalls(outcome)]:
+        print_problem(text)
+    if any(outcome.fails for outcome in outcomes):
+        raise typer.Exit(1)
+
+
+def _print_count(outcomes: Sequence["Outcome"], seconds: float) -> None:
+    comparisons = [comparison for outcome in outcomes for comparison in outcome.comparisons]
+    judged = sum(comparison.judged for comparison in comparisons)
+    passed = sum(comparison.passes for comparison in comparisons)
+    broken = sum(outcome.problem is not None for outcome in outcomes)
+    also = f"; {broken} of {len(outcomes)} checks could not be computed" if broken else ""
+    listed = len(comparisons) - judged
+    without = f"; {listed} more flown, not judged" if listed else ""
+    print_line(f"{passed} of {judged} comparisons passed{without}{also}, {seconds:.1f} s")
+    nothing = [outcome.check.key for outcome in outcomes if not outcome.judged and not outcome.fails]
+    if nothing:
+        print_line(f"Nothing is judged in {', '.join(nothing)}: no published figures come with this package.")
+
+
+def _list(checks: Sequence["Check"]) -> Table:
+    fold = columns("title", "source", overflow="fold")
+    table = plain_table("checks", *columns("check", overflow="fold", no_wrap=True), *fold)
+    for check in checks:
+        table.add_row(check.key, check.title, check.source)
+    return table
+
+
+def _table(outcomes: Sequence["Outcome"]) -> Table:
+    """One row per check and quantity: its worst point."""
+    from anser.verification.checks import NOT_JUDGED
+
+    table = plain_table(
+        "worst point of each quantity",
+        *columns("check", no_wrap=True),
+        *columns("quantity", overflow="fold"),
+        *columns("expected", "obtained", "error", "tolerance", justify="right", overflow="fold"),
+        *columns("why that tolerance", "source", overflow="fold"),
+    )
+    for outcome in outcomes:
+        check = outcome.check
+        if outcome.problem is not None:
+            table.add_row(check.key, outcome.problem, *"-----", check.source, style="red")
+        for worst in _worst(outcome.comparisons):
+            expected, obtained = _figures(worst)
+            table.add_row(
+                check.key,
+                _quantity(worst),
+                expected,
+                obtained,
+                _short(worst.error),
+                _short(worst.tolerance),
+                (worst.tolerance_reason or check.tolerance_reason) if worst.judged else NOT_JUDGED,
+                check.source,
+                style="red" if worst.fails else None,
+            )
+    return table
+
+
+def _worst(comparisons: Sequence["Comparison"]) -> list["Comparison"]:
+    """Worst comparison of each group, in the order of the groups; the last of those without a published figure."""
+    worst: dict[str, Comparison] = {}
+    for comparison in comparisons:
+        before = worst.get(comparison.group)
+        tie = comparison.expected is None
+        if before is None or comparison.severity > before.severity or (tie and comparison.severity == before.severity):
+            worst[comparison.group] = comparison
+    return list(worst.values())
+
+
+def _shortfalls(outcome: "Outcome") -> list[str]:
+    """What to say about a check that does not pass: a line per quantity."""
+    key = outcome.check.key
+    if outcome.problem is not None:
+        return [f"falls short: {key}: could not be computed: {outcome.problem}"]
+    lines = []
+    for worst in _worst(outcome.comparisons):
+        if not worst.fails:
+            continue
+        expected, obtained = _figures(worst)
+        of_group = [comparison for comparison in outcome.comparisons if comparison.group == worst.group]
+        short = sum(comparison.fails for comparison in of_group)
+        lines.append(
+            f"falls short: {key}: {_quantity(worst)}: expected {expected}, obtained {obtained}, error "
+            f"{_short(worst.error)}, tolerance {_short(worst.tolerance)} ({short} of {len(of_group)} points fall short)"
+        )
+    return lines
+
+
+def _quantity(comparison: "Comparison") -> str:
+    """Name, unit unless the name ends with it or carries it as published columns do, and place."""
+    unit = comparison.unit
+    in_name = "_" + unit.translate(str.maketrans({"/": "_", "^": None, " ": None}))
+    shown = "" if unit in ("", "1") or f"{in_name}_" in f"{comparison.group}_" else f" {unit}"
+    return f"{comparison.group}{shown} ({comparison.point})"
+
+
+def _figures(comparison: "Comparison") -> tuple[str, str]:
+    """Expected and obtained with as many digits as it takes to see their difference beside the tolerance."""
+    expected, obtained, tolerance = comparison.expected, comparison.obtained, comparison.tolerance
+    if not math.isfinite(obtained):
+        return ("-" if expected is None else f"{expected:.10g}"), str(obtained)
+    if expected is None or tolerance is None:
+        return "-", f"{obtained:.7g}"
+    # a bound is printed as a tolerance about 0
+    resolution = 0.01 * tolerance if expected == 0.0 and tolerance else max(abs(obtained - expected), 0.01 * tolerance)
+    largest = max(abs(expected), abs(obtained))
+    if largest == 0.0 or resolution == 0.0:
+        return f"{expected:.10g}", f"{obtained:.10g}"
+    decimals = 1 - math.floor(math.log10(resolution))
+    magnitude = math.floor(math.log10(largest))
+    digits = min(max(magnitude + decimals, 1), 15)  # after the first, of which a float has sixteen
+    form = f".{max(digits - magnitude, 0)}f" if -4 <= magnitude <= 9 else f".{digits}e"
+    return _number(expected, form), _number(obtained, form)
+
+
+def _number(value: float, form: str) -> str:
+    return "0" if value == 0.0 else format(value, form)
+
+
+def _short(value: float | None) -> str:
+    return "-" if value is None or math.isnan(value) else f"{value:.2g}"

@@ -1,0 +1,5 @@
+"""Strict TOML tables with units, their messages and their JSON Schema."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

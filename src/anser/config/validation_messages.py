@@ -1,0 +1,232 @@
+"""Validation errors of pydantic as plain messages (key path.
+
+What arrived, what would be right), with conversion hints for values written with another unit or as a compass point.
+"""
+
+import difflib
+import json
+import re
+from collections.abc import Sequence
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from anser.config.errors import Problem, ScenarioError, describe_value
+from anser.constants import STANDARD_GRAVITY_M_S2
+from anser.units import DEG_RAD, FOOT_M, FOOT_PER_MINUTE_M_S, KNOT_M_S, NAUTICAL_MILE_M, POUND_KG, SLUG_KG
+
+_NUMBER_AND_UNIT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(\D.*?)?\s*")
+_MILE_M = 5280.0 * FOOT_M
+_UNITS = {
+    "length": {"m": 1.0, "km": 1e3, "ft": FOOT_M, "nmi": NAUTICAL_MILE_M, "nm": NAUTICAL_MILE_M, "mi": _MILE_M},
+    "speed": {
+        "m/s": 1.0,
+        "km/h": 1.0 / 3.6,
+        "kph": 1.0 / 3.6,
+        "mph": _MILE_M / 3600.0,
+        "ft/s": FOOT_M,
+        **dict.fromkeys(("kt", "kts", "kn", "knot", "knots"), KNOT_M_S),
+        **dict.fromkeys(("fpm", "ft/min"), FOOT_PER_MINUTE_M_S),
+    },
+    "time": {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0},
+    "angle": {"deg": DEG_RAD, "\N{DEGREE SIGN}": DEG_RAD, "rad": 1.0, "mrad": 1e-3},
+    "rate": {"deg/s": DEG_RAD, "rad/s": 1.0},
+    "acceleration": {"m/s^2": 1.0, "m/s2": 1.0, "ft/s^2": FOOT_M, "g": STANDARD_GRAVITY_M_S2},
+    "mass": {"kg": 1.0, "lb": POUND_KG, "slug": SLUG_KG},
+}
+"""Factors to SI by dimension; small letters."""
+
+_POINTS = ("N", "NNE", "NE", "ENE", "E", "ESE", "SE", "SSE", "S", "SSW", "SW", "WSW", "W", "WNW", "NW", "NNW")
+"""Points of the compass, each 22.5 deg clockwise of the one before."""
+
+
+def conversion_hint(text: str, unit: str) -> str:
+    """What to write instead of a text, such as `; 9 kt is 4.63 m/s: write 4.63`; empty where nobody can tell.
+
+    Parameters
+    ----------
+    text
+        What arrived where a number is expected.
+    unit
+        Of that number, as messages write it; empty for a pure number.
+    """
+    found = _NUMBER_AND_UNIT.fullmatch(text)
+    if found is None:
+        point = text.strip()
+        if unit != "deg" or point.upper() not in _POINTS:
+            return ""
+        angle = f"{22.5 * _POINTS.index(point.upper()):g}"
+        return f"; {point} is {angle} deg clockwise from north: write {angle}"
+    number, given = found.groups()
+    if given is None or given.lower() == unit:
+        return f"; write {number}, without quotes"
+    for factors in _UNITS.values():
+        if given.lower() in factors and unit in factors:
+            converted = f"{float(number) * factors[given.lower()] / factors[unit]:.6g}"
+            return f"; {number} {given} is {converted} {unit}: write {converted}"
+    return ""
+
+
+_ABSENT = object()
+_OTHER_NAMES = {
+    "std": "sigma",
+    "stddev": "sigma",
+    "standard_deviation": "sigma",
+    "min": "low",
+    "minimum": "low",
+    "max": "high",
+    "maximum": "high",
+}
+"""What others call a key, where a table has it."""
+_BARE_KEY = re.compile(r"^[A-Za-z0-9_-]+\Z")
+
+
+def validation_problems(error: ValidationError, model: type[BaseModel], raw: object) -> list[Problem]:
+    """Say what a failed validation found.
+
+    Parameters
+    ----------
+    error
+        What validating `raw` as `model` raised.
+    model
+        The model of the whole file.
+    raw
+        The values as they arrived.
+
+    Returns
+    -------
+    At least one, in the order of the schema; a missing key whose misspelling is there is told once.
+    """
+    found: list[Problem] = []
+    mistaken: set[str] = set()
+    details = error.errors(include_url=False)
+    for detail in details:
+        loc, kind = detail["loc"], detail["type"]
+        if kind == "too_short" and any(other["loc"][: len(loc)] == loc != other["loc"] for other in details):
+            continue  # pydantic counts only the valid items: the list is long enough, its items are wrong
+        cause = detail.get("ctx", {}).get("error")
+        if isinstance(cause, ScenarioError):
+            found.extend(_with_table_path(loc, problem, raw) for problem in cause.problems)
+        elif kind == "extra_forbidden":
+            problem, meant = _unknown_key(loc, model, raw)
+            found.append(problem)
+            mistaken.add(meant)
+        else:
+            found.append(_bad_value(loc, model, raw))
+    reported = [problem for problem in found if not (problem.path in mistaken and problem.arrived == "nothing")]
+    return list(dict.fromkeys(reported))
+
+
+def _with_table_path(loc: Sequence[str | int], problem: Problem, raw: object) -> Problem:
+    """Give a problem found inside one table its place in the file."""
+    if not loc:
+        return problem
+    path = f"{_path(loc)}.{problem.path}" if problem.path else _path(loc)
+    return Problem(path, problem.arrived, problem.expected, problem.whom or _whom(loc, raw))
+
+
+def _unknown_key(loc: Sequence[str | int], model: type[BaseModel], raw: object) -> tuple[Problem, str]:
+    """Say which key is unknown, and the path of the key that was probably meant."""
+    key = str(loc[-1])
+    table = _model_at(loc[:-1], model)
+    known = list(table.model_fields) if table is not None else []
+    also = _OTHER_NAMES.get(key.lower())
+    near = [also] if also in known else []
+    near = near or difflib.get_close_matches(key, known, n=1) or difflib.get_close_matches(key.lower(), known, n=1)
+    guess = f'perhaps "{near[0]}"; the keys here are' if near else "one of the keys"
+    owner = _owner_of(key, model) if len(loc) == 1 else None
+    if owner is not None:
+        near, guess = [], f"perhaps the table [{owner}.{key}]; the keys here are"
+    words = f"{guess} {', '.join(known)}"
+    meant = _path([*loc[:-1], near[0]]) if near else ""
+    return Problem(_path(loc), f"the unknown key {describe_value(key)}", words, _whom(loc, raw)), meant
+
+
+def _owner_of(key: str, model: type[BaseModel]) -> str | None:
+    """Find the table of the file that has an inner table of this name, such as the one of `start`: `aircraft`."""
+    for name, field in model.model_fields.items():
+        table = _model_in(field.annotation)
+        inner = table.model_fields.get(key) if table is not None else None
+        if inner is not None and _model_in(inner.annotation) is not None:
+            return name
+    return None
+
+
+def _bad_value(loc: Sequence[str | int], model: type[BaseModel], raw: object) -> Problem:
+    """Say what a key holds and what it should hold."""
+    loc = _existing(loc, raw)
+    value = _value_at(loc, raw)
+    arrived = "nothing" if value is _ABSENT else describe_value(value)
+    extra = _extra(loc, model)
+    words = str(extra.get("expected", "a table of keys and values"))
+    if isinstance(value, str) and "unit" in extra:
+        words += conversion_hint(value, str(extra["unit"]))
+    return Problem(_path(loc), arrived, words, _whom(loc, raw))
+
+
+def _existing(loc: Sequence[str | int], raw: object) -> Sequence[str | int]:
+    """Cut a location behind a single number that stands for a list, and at an item that a short list lacks."""
+    for end in range(1, len(loc)):
+        value = _value_at(loc[:end], raw)
+        is_list = isinstance(value, list | tuple)
+        step = loc[end]
+        if isinstance(step, int) and (not is_list or step >= len(value)):
+            return loc[:end]
+    return loc
+
+
+def _value_at(loc: Sequence[str | int], raw: object) -> Any:
+    """Look up what arrived at a location."""
+    value: Any = raw
+    for step in loc:
+        try:
+            value = value[step]
+        except (KeyError, IndexError, TypeError):
+            return _ABSENT
+    return value
+
+
+def _extra(loc: Sequence[str | int], model: type[BaseModel]) -> dict[str, Any]:
+    """Read what a field says of what it expects; empty where there is none."""
+    last = max((index for index, step in enumerate(loc) if isinstance(step, str)), default=-1)
+    table = _model_at(loc[:last], model) if last >= 0 else None
+    field = table.model_fields.get(str(loc[last])) if table is not None else None
+    extra = field.json_schema_extra if field is not None else None
+    return extra if isinstance(extra, dict) else {}
+
+
+def _model_at(loc: Sequence[str | int], model: type[BaseModel]) -> type[BaseModel] | None:
+    """Follow a location through the models to the table that it names."""
+    table: type[BaseModel] | None = model
+    for step in loc:
+        if isinstance(step, int):
+            continue
+        field = table.model_fields.get(step) if table is not None else None
+        table = _model_in(field.annotation) if field is not None else None
+    return table
+
+
+def _model_in(annotation: object) -> type[BaseModel] | None:
+    """Find the model inside an annotation such as ``tuple[Aircraft, ...]``."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next((found for part in get_args(annotation) if (found := _model_in(part)) is not None), None)
+
+
+def _path(loc: Sequence[str | int]) -> str:
+    """Write a location as a key path, such as ``aircraft[1].start.speed_m_s``."""
+    text = ""
+    for step in loc:
+        if isinstance(step, int):
+            text += f"[{step}]"
+        else:
+            text += f".{step}" if _BARE_KEY.match(step) else f".{json.dumps(step)}"
+    return text.removeprefix(".")
+
+
+def _whom(loc: Sequence[str | int], raw: object) -> str:
+    """Name the aircraft, goal or keep-out that a location lies in, if it has a name."""
+    if len(loc) < 2 or loc[0] not in ("aircraft", "goal", "keep_out"):
+        return ""
+    name = _value_at([*loc[:2], "name"], raw)
+    return f"{loc[0]} {describe_value(name)}" if isinstance(name, str) and name else ""

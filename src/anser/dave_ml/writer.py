@@ -1,0 +1,183 @@
+"""A model as DAVE-ML 2 text (DAVEfunc document type 2.0)."""
+
+from collections.abc import Iterable, Mapping
+from typing import Final
+from xml.sax.saxutils import escape, quoteattr
+
+import numpy as np
+
+from anser.dave_ml.definition import ROLES, Argument, Definition, Function, Note, Shot, Signal, Variable
+from anser.dave_ml.formulas import format_mathml
+from anser.dave_ml.model import Model
+
+_HEAD: Final = """<?xml version="1.0" encoding="UTF-8" standalone="no"?>
+<!DOCTYPE DAVEfunc PUBLIC "-//AIAA//DTD for Flight Dynamic Models - Functions 2.0//EN"
+  "http://www.daveml.org/DTDs/2p0/DAVEfunc.dtd">
+"""
+_NUMBERS_IN_LINE: Final = 12
+
+
+def write_dave_ml(model: Model) -> str:
+    """The text of a DAVE-ML 2 file, which reads as the same model.
+
+    Numbers are written so that they read as the same ones. Points that a function gave itself become breakpoints and a
+    table of their own.
+    """
+    definition = model.definition
+    parts = [
+        *_note(definition.header),
+        *(line for v in definition.variables.values() for line in _variable(v)),
+        *_tables(definition),
+        *(line for function in definition.functions for line in _function(function, definition)),
+    ]
+    if definition.shots:
+        parts += _element("checkData", {}, [line for s in definition.shots for line in _shot(s, definition)])
+    lines = _element("DAVEfunc", {"xmlns": "http://daveml.org/2010/DAVEML"}, parts)
+    return _HEAD + "\n".join(lines) + "\n"
+
+
+def _tag(name: str, attributes: Mapping[str, str]) -> str:
+    return " ".join([name, *(f"{key}={quoteattr(value)}" for key, value in attributes.items())])
+
+
+def _element(name: str, attributes: Mapping[str, str], inside: Iterable[str] = ()) -> list[str]:
+    lines = list(inside)
+    if not lines:
+        return [f"<{_tag(name, attributes)}/>"]
+    return [f"<{_tag(name, attributes)}>", *(f"  {line}" for line in lines), f"</{name}>"]
+
+
+def _text(name: str, text: str, attributes: Mapping[str, str] | None = None) -> list[str]:
+    return [f"<{_tag(name, attributes or {})}>{escape(text)}</{name}>"]
+
+
+def _nonempty_attributes(**attributes: str | float | None) -> dict[str, str]:
+    """Attributes that have a value."""
+    return {
+        key: value if isinstance(value, str) else repr(float(value))
+        for key, value in attributes.items()
+        if value is not None and value != ""
+    }
+
+
+def _description(text: str) -> list[str]:
+    return _text("description", text) if text else []
+
+
+def _note(note: Note) -> list[str]:
+    inside = [*([escape(note.text)] if note.text else []), *(line for child in note.children for line in _note(child))]
+    if note.text and not note.children:
+        return _text(note.tag, note.text, dict(note.attributes))
+    return _element(note.tag, dict(note.attributes), inside)
+
+
+def _notes(notes: Iterable[Note], *tags: str) -> list[str]:
+    return [line for note in notes if note.tag in tags for line in _note(note)]
+
+
+def _numbers(values: np.ndarray) -> list[str]:
+    """Numbers with commas, in lines."""
+    words = [repr(float(value)) for value in values.ravel()]
+    rows = [words[k : k + _NUMBERS_IN_LINE] for k in range(0, len(words), _NUMBERS_IN_LINE)]
+    return [f"{', '.join(row)}{',' if k < len(rows) - 1 else ''}" for k, row in enumerate(rows)]
+
+
+def _variable(variable: Variable) -> list[str]:
+    attributes = {"name": variable.name, "varID": variable.id, "units": variable.units} | _nonempty_attributes(
+        axisSystem=variable.axis_system,
+        sign=variable.sign,
+        alias=variable.alias,
+        symbol=variable.symbol,
+        initialValue=variable.initial,
+        minValue=variable.minimum,
+        maxValue=variable.maximum,
+    )
+    calculation = [] if variable.formula is None else _element("calculation", {}, [format_mathml(variable.formula)])
+    inside = [
+        *_description(variable.description),
+        *_notes(variable.notes, "provenance", "provenanceRef"),
+        *calculation,
+        *(f"<{role}/>" for role in ROLES if role in variable.roles),
+        *_notes(variable.notes, "uncertainty"),
+    ]
+    return _element("variableDef", attributes, inside)
+
+
+def _tables(definition: Definition) -> list[str]:
+    lines: list[str] = []
+    for one in definition.breakpoints.values():
+        inside = [*_description(one.description), *_element("bpVals", {}, _numbers(one.points))]
+        lines += _element("breakpointDef", _nonempty_attributes(name=one.name, bpID=one.id, units=one.units), inside)
+    for table in definition.gridded.values():
+        axes = [line for axis in table.axes for line in _element("bpRef", {"bpID": axis})]
+        inside = [
+            *_description(table.description),
+            *_notes(table.notes, "provenance", "provenanceRef"),
+            *_element("breakpointRefs", {}, axes),
+            *_notes(table.notes, "uncertainty"),
+            *_element("dataTable", {}, _numbers(table.values)),
+        ]
+        lines += _element(
+            "griddedTableDef", _nonempty_attributes(name=table.name, gtID=table.id, units=table.units), inside
+        )
+    for table in definition.ungridded.values():
+        rows = np.column_stack([table.points, table.values])
+        points = [line for row in rows for line in _text("dataPoint", ", ".join(repr(float(x)) for x in row))]
+        inside = [
+            *_description(table.description),
+            *_notes(table.notes, "provenance", "provenanceRef", "uncertainty"),
+            *points,
+        ]
+        lines += _element(
+            "ungriddedTableDef", _nonempty_attributes(name=table.name, utID=table.id, units=table.units), inside
+        )
+    return lines
+
+
+def _function(function: Function, definition: Definition) -> list[str]:
+    gridded = function.table in definition.gridded
+    kind, attribute = ("griddedTableRef", "gtID") if gridded else ("ungriddedTableRef", "utID")
+    inside = [
+        *_description(function.description),
+        *_notes(function.notes, "provenance", "provenanceRef"),
+        *(line for argument in function.arguments for line in _argument(argument)),
+        *_element("dependentVarRef", {"varID": function.result}),
+        *_element("functionDefn", {}, _element(kind, {attribute: function.table})),
+    ]
+    return _element("function", {"name": function.name}, inside)
+
+
+def _argument(argument: Argument) -> list[str]:
+    attributes = {"varID": argument.id} | _nonempty_attributes(min=argument.minimum, max=argument.maximum)
+    attributes["extrapolate"] = argument.extrapolate
+    if argument.interpolate != "linear":
+        attributes["interpolate"] = argument.interpolate
+    return _element("independentVarRef", attributes)
+
+
+def _shot(shot: Shot, definition: Definition) -> list[str]:
+    names = [variable.name for variable in definition.variables.values()]
+    single = {name for name in names if names.count(name) == 1}
+
+    def signals(tag: str, of: tuple[Signal, ...], named: bool) -> list[str]:
+        lines = [line for signal in of for line in _signal(signal, definition, named, single)]
+        return _element(tag, {}, lines) if lines else []
+
+    inside = [
+        *_description(shot.description),
+        *_notes(shot.notes, "provenance", "provenanceRef"),
+        *signals("checkInputs", shot.inputs, True),
+        *signals("internalValues", shot.internal, False),
+        *signals("checkOutputs", shot.outputs, True),
+    ]
+    return _element("staticShot", {"name": shot.name} | _nonempty_attributes(refID=shot.reference), inside)
+
+
+def _signal(signal: Signal, definition: Definition, named: bool, single: set[str]) -> list[str]:
+    variable = definition.variables[signal.id]
+    if (named and variable.name in single) or signal.units != variable.units:
+        head = [*_text("signalName", variable.name), *_text("signalUnits", signal.units)]
+    else:
+        head = _text("varID", signal.id)
+    tolerance = [] if signal.tolerance is None else _text("tol", repr(float(signal.tolerance)))
+    return _element("signal", {}, [*head, *_text("signalValue", repr(float(signal.value))), *tolerance])

@@ -1,0 +1,25 @@
+from .atmosphere import AbstractAtmosphere, Air, StandardAtmosphere
+from .earth import AbstractEarth, FlatEarth, RotatingEarth, spherical_earth, wgs84_earth
+from .environment import AbstractWind, Environment, LayeredWind, SteadyWind, VaryingWind, standard_environment
+from .gusts import AbstractGusts, DiscreteGust
+from .turbulence import Turbulence
+
+__all__ = [
+    "AbstractAtmosphere",
+    "AbstractEarth",
+    "AbstractGusts",
+    "AbstractWind",
+    "Air",
+    "DiscreteGust",
+    "Environment",
+    "FlatEarth",
+    "LayeredWind",
+    "RotatingEarth",
+    "StandardAtmosphere",
+    "SteadyWind",
+    "Turbulence",
+    "VaryingWind",
+    "spherical_earth",
+    "standard_environment",
+    "wgs84_earth",
+]

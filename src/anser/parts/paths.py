@@ -1,0 +1,131 @@
+"""Motion along a path: the reference that guidance follows.
+
+And the command (airspeed, path angle, course and their rates) that the controller flies.
+"""
+
+import abc
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from anser.shapes import Scalar, ScalarLike, Vector3
+from anser.spatial.vectors import norm
+
+_ROUNDINGS = 1e4
+
+
+def time_rounding(time: ScalarLike) -> float:
+    """By how much rounding may part two times of a flight that are the same, s: 0 in float64; 1.2 ms in float32.
+
+    The instant at which a path begins must not count as one before it, where nothing accelerates: float32 rounds a time
+    of ten minutes by 0.03 ms, and of four hours by 0.5 ms.
+    """
+    dtype = jnp.result_type(time)
+    return 0.0 if dtype == jnp.float64 else _ROUNDINGS * float(jnp.finfo(dtype).eps)
+
+
+class PathPoint(eqx.Module):
+    """Motion along a path at one instant, over the ground in the Earth's chart, NED.
+
+    Attributes
+    ----------
+    position_n
+        m.
+    velocity_n
+        m/s.
+    acceleration_n
+        m/s^2.
+    """
+
+    position_n: Vector3
+    velocity_n: Vector3
+    acceleration_n: Vector3
+
+
+class AbstractReference(eqx.Module):
+    """A motion that can be followed."""
+
+    @abc.abstractmethod
+    def at(self, time: ScalarLike) -> PathPoint:
+        """Where to be at a time (s), how fast, and how that changes."""
+
+    def position_n(self, time: ScalarLike) -> Vector3:
+        """Position over the ground at a time, NED, m."""
+        return self.at(time).position_n
+
+    def velocity_n(self, time: ScalarLike) -> Vector3:
+        """Velocity over the ground at a time, NED, m/s."""
+        return self.at(time).velocity_n
+
+    def acceleration_n(self, time: ScalarLike) -> Vector3:
+        """Acceleration over the ground at a time, NED, m/s^2."""
+        return self.at(time).acceleration_n
+
+
+class PathCommand(eqx.Module):
+    """Velocity in polar form and its rates: what the trajectory asks of the autopilot."""
+
+    V: Scalar
+    """Speed, m/s."""
+    gamma: Scalar
+    """Path angle, up positive, rad."""
+    chi: Scalar
+    """Course, clockwise from North, rad, in (-pi, pi]."""
+    V_dot: Scalar
+    """m/s^2."""
+    gamma_dot: Scalar
+    """rad/s."""
+    chi_dot: Scalar
+    """rad/s."""
+
+
+def polar(velocity_n: Vector3, acceleration_n: Vector3) -> PathCommand:
+    """Polar form of a velocity and of its rate of change.
+
+    Parameters
+    ----------
+    velocity_n
+        Velocity over the ground or relative to the air, NED, m/s. In vertical flight the course is reported as 0 and
+        its rate as 0, at rest all angles and rates.
+    acceleration_n
+        Its time derivative, NED, m/s^2.
+
+    Notes
+    -----
+    Theory section 6, "Commands along a trajectory"; the path angle by atan2 instead of asin, which loses digits and
+    its derivative near the vertical.
+    """
+    north, east, up = velocity_n[0], velocity_n[1], -velocity_n[2]
+    north_dot, east_dot, up_dot = acceleration_n[0], acceleration_n[1], -acceleration_n[2]
+    speed, level = norm(velocity_n), norm(velocity_n[:2])
+    moving, turning = speed > 0.0, level > 0.0
+    safe_speed, safe_level = jnp.where(moving, speed, 1.0), jnp.where(turning, level, 1.0)
+    # At rest atan2 is asked about (0, 1): its derivative at (0, 0) is not a number.
+    gamma = jnp.arctan2(up, jnp.where(moving, level, 1.0))
+    chi = jnp.arctan2(jnp.where(turning, east, 0.0), jnp.where(turning, north, 1.0))
+    level_dot = (north * north_dot + east * east_dot) / safe_level
+    return PathCommand(
+        V=speed,
+        gamma=gamma,
+        chi=chi,
+        V_dot=(north * north_dot + east * east_dot + up * up_dot) / safe_speed,
+        gamma_dot=(level * up_dot - up * level_dot) / safe_speed**2,
+        chi_dot=(north * east_dot - east * north_dot) / safe_level**2,
+    )
+
+
+def rescale_command(command: PathCommand, scale: Vector3) -> PathCommand:
+    """Command for the velocity whose components are those of another one times `scale` (3,), taken as constant.
+
+    Takes a command from the coordinates of a chart to velocities over ground and back.
+    """
+
+    def cartesian(V: Scalar, gamma: Scalar, chi: Scalar) -> Vector3:
+        level = V * jnp.cos(gamma)
+        return jnp.stack([level * jnp.cos(chi), level * jnp.sin(chi), -V * jnp.sin(gamma)])
+
+    velocity_n, acceleration_n = jax.jvp(
+        cartesian, (command.V, command.gamma, command.chi), (command.V_dot, command.gamma_dot, command.chi_dot)
+    )
+    return polar(scale * velocity_n, scale * acceleration_n)

@@ -1,0 +1,349 @@
+"""Arrival times that are open to each aircraft.
+
+Necessary conditions, the times that limits and keep-outs allow, and the search for the earliest.
+"""
+
+from collections.abc import Generator, Sequence
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from anser.compiling.options import compiled_by_older_generator, compiled_quickly
+from anser.environment.environment import AbstractWind
+from anser.numerics.arrays import as_array, take_rows
+from anser.planning.certified.candidates import fleet_candidates
+from anser.planning.certified.task import AircraftTask, Airspace
+from anser.planning.certified.timed_profiles import (
+    ALONE_SPLINES,
+    ALONE_STANDARD,
+    ALONE_TURN_LEG_PATHS,
+    CandidateSet,
+    speeds_for_mean,
+    timed_profile,
+)
+from anser.planning.separation import separation_ratio
+from anser.shapes import Count, Scalar
+
+_STEP_UP, _FIRST_STEP = 1.12, 1.06  # from one time to the next, and from the first that nothing rules out to the first
+RESOLUTION = 1.02
+"""Ratio of two times between which no other is tried."""
+
+
+def first_index(count: int, one_by_one: int = 1) -> Generator[int, bool | None, int | None]:
+    """Search for the first of `count` rising times that works, each index answered by whether it does.
+
+    Up to index `one_by_one` one after the other, then in doubled steps; then back by halving between the last that does
+    not work and the first that does. What works may have gaps, so near the first time steps are small.
+
+    Returns
+    -------
+    Index of the first time that was found to work; None if none does.
+    """
+    low, index, step = -1, 0, 1
+    while low < count - 1:
+        index = min(low + step, count - 1)
+        if (yield index):
+            break
+        low, step = index, 1 if index < one_by_one else 2 * step
+    else:
+        return None
+    high = index
+    while high - low > 1:
+        middle = (low + high) // 2
+        if (yield middle):
+            high = middle
+        else:
+            low = middle
+    return high
+
+
+def earlier_times(admissible: Float[np.ndarray, " n"], latest_time: float) -> Generator[float, bool | None, float]:
+    """Times to try one after the other for an earlier one than is known; each is answered by whether it works.
+
+    Upwards in steps of an eighth, since what is closed for a while may be open before; then by bisection between the
+    last that does not work and the first that does, to a fiftieth.
+
+    Parameters
+    ----------
+    admissible
+        Times that nothing rules out, rising, s.
+    known
+        A time that works, s.
+
+    Returns
+    -------
+    The earliest that was found to work, s.
+    """
+    if admissible.size == 0 or latest_time <= admissible[0]:
+        return latest_time
+    low, high, near = float(admissible[0]), latest_time, float(np.sqrt(RESOLUTION))
+    count = int(np.ceil(np.log(high / low) / np.log(_STEP_UP)))
+    steps = np.searchsorted(admissible, low * _FIRST_STEP * _STEP_UP ** np.arange(count))
+    ahead = np.unique(admissible[np.minimum(steps, admissible.size - 1)])
+    for time in ahead[ahead < high / near]:
+        if (yield float(time)):
+            high = float(time)
+            break
+        low = float(time)
+    while high > RESOLUTION * low:
+        between = admissible[(admissible > low * near) & (admissible < high / near)]
+        if between.size == 0:
+            break
+        middle = float(between[np.argmin(np.abs(np.log(between**2 / (low * high))))])
+        if (yield middle):
+            high = middle
+        else:
+            low = middle
+    return high
+
+
+_ALTITUDES = 65  # at which the wind is asked for its greatest speed
+_WIND_FACTOR = 1.02
+_EDGE_M = 1.0  # so far inside a keep-out, or a separation, the judgement is left to the certificate
+_ALTITUDE_MARGIN_M = 1000.0  # above and below all ends: where detours in altitude lead
+
+
+def _strongest_wind(tasks: AircraftTask, airspace: Airspace) -> tuple[float, float]:
+    """Greatest speed of the wind, and of its vertical component, between all ends and somewhat beyond, m/s."""
+    both = -np.append(np.asarray(tasks.rendezvous_n)[:, 2], np.asarray(tasks.position_n)[:, 2])
+    heights = np.linspace(np.min(both) - _ALTITUDE_MARGIN_M, np.max(both) + _ALTITUDE_MARGIN_M, _ALTITUDES)
+    whole, vertical = _greatest_wind(airspace.wind, as_array(heights))
+    return _WIND_FACTOR * float(whole), _WIND_FACTOR * float(vertical)
+
+
+@compiled_quickly
+def _greatest_wind(wind: AbstractWind, heights: Float[Array, " n"]) -> tuple[Scalar, Scalar]:
+    winds = jax.vmap(lambda h: wind.at(jnp.stack([0.0 * h, 0.0 * h, -h]), 0.0))(heights)
+    return jnp.max(jnp.linalg.norm(winds, axis=1)), jnp.max(jnp.abs(winds[:, 2]))
+
+
+def climb_times_min(tasks: AircraftTask, airspace: Airspace) -> Float[np.ndarray, " aircraft"]:
+    """Least time for each change of altitude at the greatest rate of climb or descent, s; infinite if there is none.
+
+    A lower bound whatever the path: rates build up, but a small change needs a small rate only, so nothing is added
+    for that, and the bound is zero for a level rendezvous and continuous there.
+    """
+    rate = np.asarray(tasks.limits.climb_rate_max) + _strongest_wind(tasks, airspace)[1]
+    fall = (np.asarray(tasks.rendezvous_n) - np.asarray(tasks.position_n))[:, 2]
+    closing = rate - np.sign(fall) * np.asarray(tasks.goal_velocity_n)[:, 2]
+    return np.where(closing > 0.0, np.abs(fall) / np.maximum(closing, 1e-9), np.where(fall == 0.0, 0.0, np.inf))
+
+
+def may_arrive(
+    tasks: AircraftTask, airspace: Airspace, who: Int[np.ndarray, " pairs"], durations: Float[np.ndarray, " pairs"]
+) -> Bool[np.ndarray, " pairs"]:
+    """Whether a duration (s) meets the necessary conditions: distance, height, a rendezvous outside keep-outs."""
+    limits, t = tasks.limits, durations[:, None]
+    line = (np.asarray(tasks.rendezvous_n) - np.asarray(tasks.position_n))[who] + t * np.asarray(tasks.goal_velocity_n)[
+        who
+    ]
+    wind, vertical_wind = _strongest_wind(tasks, airspace)
+    fast = np.linalg.norm(line[:, :2], axis=1) <= (np.asarray(limits.speed_max)[who] + wind) * durations
+    gentle = np.abs(line[:, 2]) <= (np.asarray(limits.climb_rate_max)[who] + vertical_wind) * durations
+    place, volumes = np.asarray(tasks.position_n)[who] + line, airspace.keep_outs
+    moved = np.asarray(volumes.position_n)[None] + t[:, :, None] * np.asarray(volumes.velocity_n)[None]
+    beside = np.linalg.norm(place[:, None, :2] - moved, axis=2) >= np.asarray(volumes.radius) - _EDGE_M
+    height = -place[:, 2:]
+    over = height >= np.asarray(volumes.top) - _EDGE_M
+    under = height <= np.asarray(volumes.bottom) + _EDGE_M
+    return fast & gentle & np.all(beside | over | under, axis=1)
+
+
+def arrival_distances_max(
+    tasks: AircraftTask, airspace: Airspace, durations: Float[np.ndarray, "n aircraft"]
+) -> tuple[Float[np.ndarray, "n aircraft aircraft"], Float[np.ndarray, "n aircraft aircraft"]]:
+    """How far apart two aircraft can be at most when the first of them arrives, whatever their shapes.
+
+    The one that arrives later (durations in s) may until then have been away from its rendezvous by what it flies in
+    between.
+
+    Returns
+    -------
+    Horizontal and vertical distance, m; infinite to itself and to one that is not active.
+    """
+    limits, (wind, vertical_wind) = tasks.limits, _strongest_wind(tasks, airspace)
+    end = np.asarray(tasks.rendezvous_n)
+    place = end + durations[:, :, None] * np.asarray(tasks.goal_velocity_n)
+    apart = place[:, :, None] - place[:, None, :]
+    between = durations[:, :, None] - durations[:, None, :]
+
+    def covered(rate: Float[np.ndarray, " aircraft"], wind: float) -> Float[np.ndarray, "n aircraft aircraft"]:
+        # A product with no time in between is nothing, even where a limit does not exist.
+        fast = np.minimum(rate, 1e9) + wind
+        return np.where(between > 0.0, fast[:, None], fast[None, :]) * np.abs(between)
+
+    active = np.asarray(tasks.active) > 0.0
+    nothing = np.eye(active.size, dtype=bool) | ~active[:, None] | ~active[None, :]
+    level = np.linalg.norm(apart[..., :2], axis=-1) + covered(np.asarray(limits.speed_max), wind)
+    height = np.abs(apart[..., 2]) + covered(np.asarray(limits.climb_rate_max), vertical_wind)
+    return np.where(nothing, np.inf, level), np.where(nothing, np.inf, height)
+
+
+def arrival_conflicts(
+    tasks: AircraftTask, airspace: Airspace, durations: Float[np.ndarray, "n aircraft"]
+) -> Bool[np.ndarray, "n aircraft aircraft"]:
+    """Which two aircraft cannot be apart when the first of them arrives, if each takes its duration (s)."""
+    horizontal, vertical = float(airspace.separation.horizontal), float(airspace.separation.vertical)
+    level, height = arrival_distances_max(tasks, airspace, durations)
+    return separation_ratio(level + _EDGE_M, height + _EDGE_M, horizontal, vertical) < 1.0
+
+
+ROUNDS = 8
+_STRETCH = 3.0  # of the time, at most, in one round of the fixed point
+_BATCH_SIZE = 32  # aircraft and times looked at in one call, at most
+_WINDOW_SAMPLES = 12  # times looked at in a window
+_GRID_NEIGHBOURS = 3  # steps of the grid from a time that is open, within which all is tried
+_GROUND_SPEED_FACTOR = (
+    1.4  # wind behind and a goal that comes nearer: no aircraft is faster than so many times its airspeed
+)
+COARSE_INTERVALS = 128
+"""Intervals of the paths that tell which times are open: they only say where to look."""
+
+
+@compiled_by_older_generator(static_argnames=("intervals",))
+def direct_times(
+    tasks: AircraftTask, airspace: Airspace, speeds: Float[Array, " aircraft"], intervals: int
+) -> tuple[Float[Array, " aircraft"], Bool[Array, " aircraft"]]:
+    """Time of the shortest direct path at a mean airspeed (m/s), s, and whether it was found.
+
+    A fixed point: the goal moves on, and the air drifts, while the aircraft is on its way.
+    """
+
+    def one(task: AircraftTask, speed: Scalar) -> tuple[Scalar, Array]:
+        line = task.rendezvous_n - task.position_n
+        first = jnp.maximum(jnp.sqrt(jnp.sum(line**2)) / speed, 5.0)
+
+        def once(_: object, carry: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
+            duration, _ = carry
+            speeds = speeds_for_mean(task, duration, speed)
+            timed = timed_profile(task, airspace, duration, intervals, jnp.zeros(()), speeds)
+            wanted = jnp.where(timed.direct.exists[0], timed.direct.length[0], timed.table.length)
+            found = duration * wanted / jnp.maximum(timed.table.length, 1.0)
+            return jnp.clip(found, duration / _STRETCH, duration * _STRETCH), jnp.abs(found / duration - 1.0)
+
+        duration, change = jax.lax.fori_loop(0, ROUNDS, once, (first, jnp.asarray(jnp.inf)))
+        return duration, change < 1e-6
+
+    return jax.vmap(one)(tasks, speeds)
+
+
+@compiled_by_older_generator(static_argnames=("intervals", "candidate_set"))
+def _reachable_at(
+    tasks: AircraftTask,
+    airspace: Airspace,
+    durations: Float[Array, " n"],
+    count: Count,
+    intervals: int,
+    candidate_set: CandidateSet,
+) -> Bool[Array, " n"]:
+    """Whether each of the aircraft of the first `count` tasks, alone, can take its duration (s); no for the others."""
+
+    def look(k: Count, found: Bool[Array, " n"]) -> Bool[Array, " n"]:
+        # One after the other: batched they take as long, and batches that are not full take longer.
+        one = jax.tree.map(lambda leaf: leaf[k][None], tasks)
+        options = fleet_candidates(one, airspace, durations[k][None], intervals, intervals, candidate_set)
+        return found.at[k].set(jnp.any(options.valid & (options.penetration <= 0.0)))
+
+    return jax.lax.fori_loop(0, count, look, jnp.zeros(durations.shape, dtype=bool))
+
+
+def reachable(
+    tasks: AircraftTask,
+    airspace: Airspace,
+    aircraft: Int[np.ndarray, " pairs"],
+    durations: Float[np.ndarray, " pairs"],
+    intervals: int = COARSE_INTERVALS,
+    levels: Sequence[CandidateSet] = (ALONE_STANDARD, ALONE_TURN_LEG_PATHS),
+) -> Bool[np.ndarray, " pairs"]:
+    """Whether aircraft `who`, alone in its airspace, can arrive after a duration (s); any number of such questions."""
+    found = np.zeros(aircraft.size, dtype=bool)
+    admissible = may_arrive(tasks, airspace, aircraft, durations)
+    for candidate_set in levels:
+        left = np.flatnonzero(admissible & ~found)
+        for begin in range(0, left.size, _BATCH_SIZE):
+            # Filled up to one size: one compiled program for all.
+            some, filled = left[begin : begin + _BATCH_SIZE], np.resize(left[begin : begin + _BATCH_SIZE], _BATCH_SIZE)
+            asked = take_rows(tasks, aircraft[filled])
+            count, times = as_array(some.size, np.int32), as_array(durations[filled])
+            found[some] = np.asarray(_reachable_at(asked, airspace, times, count, intervals, candidate_set))[
+                : some.size
+            ]
+    return found
+
+
+def _open_times(
+    tasks: AircraftTask,
+    airspace: Airspace,
+    fleet: Int[np.ndarray, " active"],
+    grid: Float[np.ndarray, "active n"],
+    splines_for: Literal["none", "unreached", "all"],
+) -> Bool[np.ndarray, "active n"]:
+    """Which times of a grid are open: standard candidates everywhere, others near the times found so far, ever farther.
+
+    Splines are looked for too for "all" aircraft, or for the "unreached" only, which have no time yet.
+    """
+    who = np.repeat(fleet, grid.shape[1]).reshape(grid.shape)
+    inside = reachable(tasks, airspace, who.ravel(), grid.ravel(), levels=(ALONE_STANDARD,)).reshape(grid.shape)
+    ruled_out = ~may_arrive(tasks, airspace, who.ravel(), grid.ravel()).reshape(grid.shape)
+    for candidate_set in (ALONE_TURN_LEG_PATHS,) if splines_for == "none" else (ALONE_TURN_LEG_PATHS, ALONE_SPLINES):
+        tried = np.zeros(grid.shape, dtype=bool)
+        while True:
+            # On the far side of times that are ruled out there may be others.
+            known = inside | ruled_out
+            near = np.stack([np.convolve(row, np.ones(2 * _GRID_NEIGHBOURS + 1), "same") > 0.5 for row in known])
+            near |= ~inside.any(axis=1, keepdims=True)
+            if candidate_set is ALONE_SPLINES and splines_for == "unreached":
+                near &= ~inside.any(axis=1, keepdims=True)
+            asked = near & ~inside & ~tried
+            if not asked.any():
+                break
+            tried |= asked
+            inside[asked] = reachable(tasks, airspace, who[asked], grid[asked], levels=(candidate_set,))
+    return inside
+
+
+def arrival_sets(
+    tasks: AircraftTask,
+    airspace: Airspace,
+    latest_s: float,
+    windows_s: Float[np.ndarray, "aircraft 2"] | None = None,
+    with_splines: bool = False,
+    count: int = 40,
+    rounds: int = 6,
+) -> list[list[tuple[float, float]]]:
+    """For each aircraft the arrival times (s after the start) up to a latest that are open to it, as intervals.
+
+    A grid, geometric from the earliest conceivable time on or even within each one's window; each edge is then refined
+    by bisection to a `2**rounds`-th of the grid's spacing. Gaps and islands narrower than the grid can be missed.
+    With splines, these are tried too where nothing else will do; in windows they are anyway, for an aircraft that
+    has no time at all.
+    """
+    if windows_s is not None:
+        low = windows_s[:, 0]
+        grid = low[:, None] + (windows_s[:, 1] - low)[:, None] * np.linspace(0.0, 1.0, _WINDOW_SAMPLES)[None, :]
+    else:
+        distance = np.linalg.norm(np.asarray(tasks.rendezvous_n) - np.asarray(tasks.position_n), axis=1)
+        low = np.clip(distance / (_GROUND_SPEED_FACTOR * np.asarray(tasks.limits.speed_max)), 2.0, 0.9 * latest_s)
+        grid = low[:, None] * (latest_s / low)[:, None] ** np.linspace(0.0, 1.0, count)[None, :]
+    fleet = np.flatnonzero(np.asarray(tasks.active) > 0.0)
+    inside = np.zeros(grid.shape, dtype=bool)
+    splines_for = "all" if with_splines else "none" if windows_s is None else "unreached"
+    inside[fleet] = _open_times(tasks, airspace, fleet, grid[fleet], splines_for)
+    row, edge = np.nonzero(inside[:, 1:] != inside[:, :-1])
+    low, high, opening = grid[row, edge], grid[row, edge + 1], inside[row, edge + 1]
+    levels = (ALONE_STANDARD, ALONE_TURN_LEG_PATHS, *([ALONE_SPLINES] if with_splines else []))
+    for _ in range(rounds if row.size else 0):
+        middle = 0.5 * (low + high)
+        lower = reachable(tasks, airspace, row, middle, levels=levels) != opening
+        low, high = np.where(lower, middle, low), np.where(lower, high, middle)
+    at = np.where(opening, high, low)  # the end of each edge that lies inside
+    refined: list[list[tuple[float, float]]] = []
+    for k in range(grid.shape[0]):
+        end = float("inf") if windows_s is None else float(grid[k, -1])
+        own = [float(x) for x in at[row == k]]
+        bounds = ([float(grid[k, 0])] if inside[k, 0] else []) + own + ([end] if inside[k, -1] else [])
+        refined.append(list(zip(bounds[::2], bounds[1::2], strict=True)))
+    return refined

@@ -1,0 +1,5 @@
+"""The decentralised planner: each aircraft plans for itself and agrees with the others by messages."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,31 @@
+"""Formats of other programs by name, and the selection of recorded times for them."""
+
+from collections.abc import Callable, Mapping
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from anser.report.exports.czml import to_czml
+from anser.report.exports.kml import to_kml
+from anser.report.exports.tables import to_csv, to_mat, to_parquet
+
+FORMATS: dict[str, Callable[[xr.Dataset, Mapping[str, Any], datetime], bytes]] = {
+    "czml": to_czml,
+    "kml": to_kml,
+    "csv": lambda dataset, summary, start: to_csv(dataset),
+    "parquet": lambda dataset, summary, start: to_parquet(dataset),
+    "mat": lambda dataset, summary, start: to_mat(dataset),
+}
+"""Writer of each format, by name, which is also the suffix of its files.
+
+A writer takes a flight's dataset, its summary and its start (date and time), and returns the content of the file."""
+
+
+def thin_record(dataset: xr.Dataset, period_s: float) -> xr.Dataset:
+    """Select the recorded times nearest to multiples of `period_s` after the first, and the last; no interpolation."""
+    time = dataset["time"].values
+    grid = time[0] + period_s * np.arange(int((time[-1] - time[0]) / period_s) + 1)
+    nearest = dataset.indexes["time"].get_indexer(grid, method="nearest")
+    return dataset.isel(time=sorted({*map(int, nearest), time.size - 1}))

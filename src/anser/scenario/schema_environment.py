@@ -1,0 +1,165 @@
+"""Tables of a scenario for its environment: Earth, wind, turbulence and discrete gusts."""
+
+import math
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, GetJsonSchemaHandler
+from pydantic_core import CoreSchema
+
+from anser.config.errors import Problem, ScenarioError, describe_value, format_number
+from anser.config.tables import (
+    NAME_PATTERN,
+    Table,
+    Vector,
+    choice,
+    expects,
+    interpolate,
+    number,
+    tables,
+    velocity_on_course,
+)
+from anser.scenario.schema_aircraft import Aircraft
+from anser.scenario.schema_settings import DURATION_MAX_S
+
+_EARTHS = ("flat", "wgs84")
+_WAYS = "either speed_m_s, from_deg and up_m_s, the same at all altitudes, or layers; not both"
+
+
+class Earth(Table):
+    """The Earth: flat, or rotating and round, and the place on it with north = east = 0."""
+
+    model: Literal["flat", "wgs84"] = choice(
+        "flat and at rest with one gravity, or the rotating WGS-84 ellipsoid with J2 gravitation", _EARTHS, "flat"
+    )
+    latitude_deg: float = number("geodetic latitude of the origin", -89.99, 89.99, "deg", 45.0)
+    longitude_deg: float = number("longitude of the origin", -180, 180, "deg", 0.0)
+
+
+def _from_word(value: Any) -> Any:
+    """Read ``earth = "wgs84"`` as a table with that model."""
+    if not isinstance(value, str):
+        return value
+    if value not in _EARTHS:
+        words = " or ".join(f'"{word}"' for word in _EARTHS)
+        raise ScenarioError("", [Problem("", describe_value(value), f"{words}, or a table [earth]")])
+    return {"model": value}
+
+
+class _OrWord:
+    """Adds the word to what the JSON Schema says of the table."""
+
+    def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        return {"anyOf": [handler(core), {"enum": list(_EARTHS)}]}
+
+
+EarthField = Annotated[Earth, BeforeValidator(_from_word), _OrWord()]
+
+
+class WindLayer(Table):
+    """The wind at one altitude."""
+
+    altitude_m: float = number("height above sea level", -500, 30_000, "m")
+    speed_m_s: float = number("horizontal wind speed", 0, 150, "m/s")
+    from_deg: float = number("direction that the wind comes from, clockwise from north", -360, 360, "deg", 0.0)
+    up_m_s: float = number("vertical wind, positive upwards", -20, 20, "m/s", 0.0)
+
+
+class Wind(Table):
+    """The wind: steady and the same everywhere, or a shear profile."""
+
+    speed_m_s: float = number("horizontal wind speed", 0, 100, "m/s", 0.0)
+    from_deg: float = number("direction that the wind comes from, clockwise from north", -360, 360, "deg", 0.0)
+    up_m_s: float = number("vertical wind, positive upwards", -20, 20, "m/s", 0.0)
+    layers: tuple[WindLayer, ...] | None = tables(
+        "the wind at rising altitudes, linear in between and as at the ends beyond",
+        "a list of layers, at least one",
+        at_least=1,
+        default=None,
+    )
+
+    def consistency_problems(self) -> list[Problem]:
+        """Find a wind given in both ways, and layers that do not rise."""
+        if self.layers is None:
+            return []
+        steady = [key for key in ("speed_m_s", "from_deg", "up_m_s") if key in self.model_fields_set]
+        found = [Problem(key, f"{format_number(getattr(self, key))} beside layers", _WAYS) for key in steady]
+        for index in range(1, len(self.layers)):
+            below, here = self.layers[index - 1].altitude_m, self.layers[index].altitude_m
+            if here <= below:
+                words = f"more than the layer before it, {format_number(below)} m"
+                found.append(Problem(f"layers[{index}].altitude_m", format_number(here), words))
+        return found
+
+    @property
+    def profile_m_s(self) -> tuple[tuple[float, Vector], ...]:
+        """Altitude (m) and velocity of the air over the ground (north, east, up; m/s) of each layer."""
+        if self.layers is None:
+            return ((0.0, _wind_velocity(self)),)
+        return tuple((layer.altitude_m, _wind_velocity(layer)) for layer in self.layers)
+
+    @property
+    def speed_max_m_s(self) -> float:
+        """Greatest speed of the air over the ground at any altitude, m/s."""
+        return max(math.hypot(*velocity) for _, velocity in self.profile_m_s)
+
+    def velocity_m_s(self, altitude_m: float) -> Vector:
+        """Velocity of the air over the ground (north, east, up), m/s, at an altitude, m."""
+        return interpolate(self.profile_m_s, altitude_m)
+
+
+def _wind_velocity(wind: Wind | WindLayer) -> Vector:
+    return velocity_on_course(-wind.speed_m_s, wind.from_deg, wind.up_m_s)
+
+
+INTENSITIES = {"light": (7.71667, 1e-2), "moderate": (15.43333, 1e-3), "severe": (23.15, 1e-5)}
+"""Wind at 20 ft (m/s; 15, 30 and 45 kt) and probability of being exceeded, by MIL-F-8785C."""
+
+
+class Turbulence(Table):
+    """Continuous gusts by MIL-F-8785C and MIL-HDBK-1797 (the same numbers), drawn for each aircraft by itself."""
+
+    intensity: Literal["none", "light", "moderate", "severe"] = choice(
+        "how strong: the wind at 20 ft below 1,000 ft, the probability of being exceeded above 2,000 ft",
+        ("none", "light", "moderate", "severe"),
+        "none",
+    )
+    spectrum: Literal["dryden", "von-karman"] = choice("form of the spectra", ("dryden", "von-karman"), "dryden")
+
+
+class DiscreteGust(Table):
+    """A gust of the form 1 - cos, met by one aircraft or by all."""
+
+    time_s: float = number("when the aircraft meets it", 0, DURATION_MAX_S, "s")
+    aircraft: str | None = Field(
+        None,
+        pattern=NAME_PATTERN,
+        description="who meets it; left out: all",
+        json_schema_extra=expects("the name of an aircraft"),
+    )
+    along_m_s: float = number("greatest velocity of the air along body x, forwards", -30, 30, "m/s", 0.0)
+    right_m_s: float = number("the same along body y, to the right", -30, 30, "m/s", 0.0)
+    up_m_s: float = number("the same along body z, upwards", -30, 30, "m/s", 0.0)
+    length_m: float = number("way flown through the air until it is greatest", 1, 10_000, "m", 120.0)
+    returns: bool = Field(
+        True,
+        description="whether it dies down again as it grew; else it stays",
+        json_schema_extra=expects("true or false"),
+    )
+
+    def consistency_problems(self) -> list[Problem]:
+        """Find a gust without strength."""
+        if self.along_m_s or self.right_m_s or self.up_m_s:
+            return []
+        return [Problem("up_m_s", "no strength in any direction", "along_m_s, right_m_s or up_m_s other than 0")]
+
+
+def gust_problems(gusts: Sequence[DiscreteGust], aircraft: Sequence[Aircraft]) -> list[Problem]:
+    """Find gusts for aircraft that do not exist."""
+    names = [one.name for one in aircraft]
+    known = ", ".join(f'"{name}"' for name in names)
+    return [
+        Problem(f"gust[{k}].aircraft", f'"{gust.aircraft}"', f"the name of an aircraft of this scenario ({known})")
+        for k, gust in enumerate(gusts)
+        if gust.aircraft is not None and gust.aircraft not in names
+    ]

@@ -1,0 +1,196 @@
+"""Keys without effect: what a scenario says about something that it does not have, and what would give it an effect."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from anser.config.errors import Problem, describe_value, format_number
+from anser.config.tables import Table
+from anser.scenario.schema import Scenario
+from anser.scenario.schema_aircraft import Gains
+from anser.scenario.schema_sensing import PRESETS, Navigation
+
+_GUST_KEYS = ("wind_time_s", "gust_time_s")
+"""Keys of [navigation] that an aircraft with exact sensors needs in gusts, too."""
+_OTHER_PRESETS = ", ".join(f'"{preset}"' for preset in PRESETS)
+
+
+@dataclass(frozen=True)
+class UnusedKeys:
+    """Keys of one table that have no effect.
+
+    Attributes
+    ----------
+    path
+        Of the table, such as ``aircraft[0].gains``.
+    table
+        Its values.
+    keys
+        Those without effect.
+    cause
+        What follows the value in a message, such as ``with intensity "none"``.
+    remedy
+        What would give them an effect.
+    is_whole
+        Whether the table as a whole has none: then its first key is named, once.
+    is_refused
+        Whether a file that writes the keys is refused. The direction of what does not move, and a goal to which nobody
+        flies, are a caution: speed and aircraft may come from elsewhere. A study may vary none of them.
+    """
+
+    path: str
+    table: Table
+    keys: tuple[str, ...]
+    cause: str
+    remedy: str
+    is_whole: bool = False
+    is_refused: bool = True
+
+    def contains(self, path: str) -> bool:
+        """Whether a path with numbered items leads to one of the keys, or into it."""
+        keys = (f"{self.path}.{key}" for key in self.keys)
+        return any(path == key or path.startswith((f"{key}.", f"{key}[")) for key in keys)
+
+    def problems(self) -> Iterator[Problem]:
+        """Yield the keys that are written with another value than their default, which asks for nothing."""
+        for key in self.keys[:1] if self.is_whole else self.keys:
+            value = getattr(self.table, key)
+            if key in self.table.model_fields_set and value != type(self.table).model_fields[key].default:
+                shown = format_number(value) if isinstance(value, float) else describe_value(value)
+                instead = "" if self.is_whole else f", or no {key}"
+                yield Problem(f"{self.path}.{key}", f"{shown} {self.cause}", self.remedy + instead)
+
+
+def unused_key_problems(scenario: Scenario) -> list[Problem]:
+    """Find keys that are written, have no effect on flight, plan or verdict, and are refused."""
+    return [problem for idle in find_unused_keys(scenario) if idle.is_refused for problem in idle.problems()]
+
+
+def unused_key_cautions(scenario: Scenario) -> list[str]:
+    """Name keys that are written and have no effect, and are not refused, one sentence each."""
+    problems = [problem for idle in find_unused_keys(scenario) if not idle.is_refused for problem in idle.problems()]
+    return [f"{one.path}: {one.arrived} changes nothing; expected {one.expected}" for one in problems]
+
+
+def find_unused_keys(scenario: Scenario) -> list[UnusedKeys]:
+    """All keys of a scenario without effect, written or not, as far as its tables alone show it."""
+    return [
+        *_unused_sensing_keys(scenario),
+        *_unused_air_keys(scenario),
+        *_unused_directions(scenario),
+        *_unused_fleet_keys(scenario),
+        *_unused_goals(scenario),
+        *_unused_event_keys(scenario),
+    ]
+
+
+def _unused_sensing_keys(scenario: Scenario) -> Iterator[UnusedKeys]:
+    navigation, sensor, estimator = scenario.navigation, scenario.goal_sensor, scenario.estimator
+    if navigation.sensors == "exact":
+        is_smooth = scenario.turbulence.intensity == "none" and not scenario.gust
+        cause, remedy = 'with sensors "exact"', 'sensors = "satellite-inertial" beside it, which alone has this number'
+        errors = _keys_except(Navigation, ("sensors", *_GUST_KEYS))
+        yield UnusedKeys("navigation", navigation, errors, cause, remedy)
+        if is_smooth:
+            yield UnusedKeys("navigation", navigation, _GUST_KEYS, f"{cause} in smooth air", f"{remedy} in smooth air")
+    if sensor.preset == "exact":
+        remedy = f'goal_sensor.preset other than "exact", whose measurements the filter needs: {_OTHER_PRESETS}'
+        keys = tuple(type(estimator).model_fields)
+        yield UnusedKeys("estimator", estimator, keys, 'with goal_sensor.preset "exact"', remedy)
+    elif estimator.motion != "changing":
+        cause, remedy = f'with motion "{estimator.motion}"', 'motion = "changing" beside it'
+        yield UnusedKeys("estimator", estimator, ("sojourn_s",), cause, remedy)
+        if estimator.motion == "steady":
+            remedy = 'motion = "turning" or "changing" beside it'
+            yield UnusedKeys("estimator", estimator, ("turn_rate_deg_s",), cause, remedy)
+    outages = (("goal_sensor", sensor), ("network", scenario.network))
+    for path, table in outages:
+        if table is not None and table.outage_share == 0.0:
+            yield UnusedKeys(
+                path, table, ("outage_mean_s",), "with outage_share 0", "an outage_share above 0 beside it"
+            )
+
+
+def _unused_air_keys(scenario: Scenario) -> Iterator[UnusedKeys]:
+    if scenario.turbulence.intensity == "none":
+        remedy = 'intensity = "light", "moderate" or "severe" beside it'
+        yield UnusedKeys("turbulence", scenario.turbulence, ("spectrum",), 'with intensity "none"', remedy)
+    end_s = scenario.timing.duration_s
+    for index, gust in enumerate(scenario.gust):
+        if gust.time_s >= end_s:
+            remedy = f"a time before the end of the flight, timing.duration_s = {format_number(end_s)} s"
+            yield UnusedKeys(
+                f"gust[{index}]", gust, _keys_with_first("time_s", gust), "for a gust", remedy, is_whole=True
+            )
+
+
+def _unused_directions(scenario: Scenario) -> Iterator[UnusedKeys]:
+    """Directions of what does not move."""
+    remedy = "speed_m_s above 0 beside it"
+    wind = scenario.wind
+    layers = [] if wind.layers is None else [(f"wind.layers[{k}]", layer) for k, layer in enumerate(wind.layers)]
+    winds = layers if wind.layers is not None else [("wind", wind)]
+    moving = [
+        *((path, table, "from_deg") for path, table in winds),
+        *((f"goal[{k}]", goal, "course_deg") for k, goal in enumerate(scenario.goal) if goal.waypoints is None),
+        *((f"keep_out[{k}]", volume, "course_deg") for k, volume in enumerate(scenario.keep_out)),
+    ]
+    for path, table, key in moving:
+        if table.speed_m_s == 0.0:
+            yield UnusedKeys(path, table, (key,), "with speed_m_s 0", remedy, is_refused=False)
+
+
+def _unused_fleet_keys(scenario: Scenario) -> Iterator[UnusedKeys]:
+    timing, separation, requirements = scenario.timing, scenario.separation, scenario.requirements
+    if timing.replan_period_s == 0.0:
+        remedy = "replan_period_s above 0 beside it: a plan that is made once stays as it is"
+        yield UnusedKeys("timing", timing, ("freeze_s",), "with replan_period_s 0", remedy)
+    is_alone = len(scenario.aircraft) == 1
+    if is_alone:
+        cause, remedy = "with one aircraft", "a second [[aircraft]]"
+        yield UnusedKeys("separation", separation, tuple(type(separation).model_fields), cause, remedy)
+        yield UnusedKeys("requirements", requirements, ("separation_min_m",), cause, remedy)
+    elif separation.horizontal_m == 0.0:
+        remedy = "horizontal_m above 0 beside it"
+        yield UnusedKeys("separation", separation, ("reserve_m",), "without horizontal_m", remedy)
+    if not scenario.arrival.is_common:
+        cause, remedy = f'with arrival.rule "{scenario.arrival.rule}"', "a rule by which all arrive at one time"
+        yield UnusedKeys("requirements", requirements, ("arrival_spread_max_s",), cause, remedy)
+    elif is_alone:
+        yield UnusedKeys(
+            "requirements", requirements, ("arrival_spread_max_s",), "with one aircraft", "a second [[aircraft]]"
+        )
+    for index, aircraft in enumerate(scenario.aircraft):
+        gains: Gains = aircraft.gains
+        if gains.inversion == "model":
+            remedy = 'inversion = "incremental" beside it'
+            path, cause = f"aircraft[{index}].gains", 'with inversion "model"'
+            yield UnusedKeys(path, gains, ("sensor_bandwidth_rad_s",), cause, remedy)
+
+
+def _unused_goals(scenario: Scenario) -> Iterator[UnusedKeys]:
+    flown_to = {aircraft.goal for aircraft in scenario.aircraft}
+    for index, goal in enumerate(scenario.goal):
+        if goal.name not in flown_to:
+            remedy = f'an aircraft with goal = "{goal.name}"'
+            yield UnusedKeys(
+                f"goal[{index}]", goal, _keys_with_first("name", goal), "for a goal of no aircraft", remedy, True, False
+            )
+
+
+def _unused_event_keys(scenario: Scenario) -> Iterator[UnusedKeys]:
+    for index, event in enumerate(scenario.event):
+        path = f"event[{index}]"
+        if event.kind == "thrust-lost" and event.thrust_left == 1.0:
+            yield UnusedKeys(path, event, ("thrust_left",), "for a loss of thrust", "less than 1")
+        if event.kind == "aircraft-leaves" and scenario.arrival.rule != "sequence":
+            cause = f'with arrival.rule "{scenario.arrival.rule}"'
+            yield UnusedKeys(path, event, ("gaps",), cause, 'arrival.rule = "sequence"')
+
+
+def _keys_except(model: type[Table], others: Iterable[str]) -> tuple[str, ...]:
+    return tuple(key for key in model.model_fields if key not in others)
+
+
+def _keys_with_first(key: str, table: Table) -> tuple[str, ...]:
+    """All keys of a table, one of them first."""
+    return (key, *_keys_except(type(table), (key,)))

@@ -1,0 +1,17 @@
+from .estimators import DirectEstimator, TrackingEstimator
+from .goal_filters import GoalFilter
+from .goal_sensors import FieldOfView, GoalSensor, NoisySensors
+from .ideal_sensors import DelayedSensors, IdealSensors
+from .vehicle_sensors import VehicleSensors
+
+__all__ = [
+    "DelayedSensors",
+    "DirectEstimator",
+    "FieldOfView",
+    "GoalFilter",
+    "GoalSensor",
+    "IdealSensors",
+    "NoisySensors",
+    "TrackingEstimator",
+    "VehicleSensors",
+]

@@ -1,0 +1,5 @@
+"""Steady flight: trim, its diagnosis, performance and capability."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,384 @@
+"""Trim of any airframe for straight, climbing, turning and pulling-up flight, and one point of a trim map.
+
+What prevents steady flight, and the margins to its limits.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Bool, Float
+
+from anser.aircraft.air_data import AirData, air_data
+from anser.aircraft.airframe import AbstractAirframe, AircraftState, Controls
+from anser.aircraft.motion import angular_acceleration, flight_condition
+from anser.control.allocation import deflection_for_moment
+from anser.environment.atmosphere import Air
+from anser.environment.earth import AbstractEarth
+from anser.environment.environment import Environment
+from anser.numerics.arrays import as_array
+from anser.numerics.least_squares import Solution, levenberg_marquardt, with_implicit_derivative
+from anser.numerics.linear import cross
+from anser.shapes import Flag, Matrix33, Scalar, ScalarLike, Vector, Vector3
+from anser.spatial.rotations import quaternion_from_rotation, rotate, rotate_back
+from anser.spatial.wind_axes import attitude_from_path
+from anser.units import DEG_RAD
+
+Unknowns = Float[Array, " unknown"]
+"""Alpha, beta, mu (rad), surfaces (rad; of an aircraft with more than three commanded ones what they share in for roll,
+pitch and yaw), power (fraction of maximum)."""
+
+_ALPHA_STARTS_DEG = (2.0, 8.0, 18.0, 30.0, 42.0)  # the lift and moment tables have kinks: one start is not enough
+EXCESS_NOISE = 1e-9
+"""Rad and fraction of power by which a limit may be passed: a thousand times the solver's noise."""
+_CONVERGED = 1e-8  # residual in g and rad/s^2; solver noise is 1e-12, a missed root 1e-2
+
+
+class TrimTarget(eqx.Module):
+    """The steady flight wanted.
+
+    Attributes
+    ----------
+    speed
+        True airspeed, m/s.
+    altitude
+        Geometric altitude, m.
+    path_angle, course
+        Of the velocity through the air, rad.
+    turn_rate
+        Rate of the course, rad/s; positive turns right.
+    path_rate
+        Rate of the path angle, rad/s; positive bends the path up: the velocity turns about the level line to the right
+        of the course, in a turn as well. Other than 0, the condition lasts for an instant only.
+    pitch_rate
+        Body rate Q of a pull-up as [SL] section 3.6 has it, rad/s: P = R = 0, and without side force the wings are
+        level. Other than 0, the turn and path rates must be 0, and the condition lasts for an instant. Left out: 0.
+
+    Notes
+    -----
+    With sideslip (of the F-16, what its engine's angular momentum asks for) the two pull-ups differ: the line about
+    which `path_rate` turns the velocity then lies beside the body's y axis, so that P and R are not 0 and the course
+    stands still; with `pitch_rate` the heading does.
+    """
+
+    speed: Scalar
+    altitude: Scalar
+    path_angle: Scalar
+    course: Scalar
+    turn_rate: Scalar
+    path_rate: Scalar
+    pitch_rate: Scalar
+
+    def __init__(
+        self,
+        speed: Array,
+        altitude: Array,
+        path_angle: Array,
+        course: Array,
+        turn_rate: Array,
+        path_rate: Array,
+        pitch_rate: Array | None = None,
+    ) -> None:
+        self.speed, self.altitude = speed, altitude
+        self.path_angle, self.course = path_angle, course
+        self.turn_rate, self.path_rate = turn_rate, path_rate
+        self.pitch_rate = jnp.zeros_like(path_rate) if pitch_rate is None else pitch_rate
+
+
+class TrimPoint(eqx.Module):
+    """A solution of the trim equations, inside the aircraft's limits or not.
+
+    Attributes
+    ----------
+    state
+        At the place and altitude wanted, velocity over ground for the environment's wind there.
+    controls
+        Held surfaces and throttle (0..1; at its stop where the power wanted lies beyond).
+    mu, alpha, beta
+        Bank about the velocity vector, angle of attack, sideslip, rad.
+    power
+        Power that balances the drag, percent; outside 0..100 where the engine cannot.
+    converged
+        Whether the equations are solved (residual below 1e-8 g and rad/s^2).
+    residual
+        Largest remaining acceleration, g and rad/s^2; infinite where the target's rates define no flight: a pitch rate
+        together with a turn or path rate.
+    excess
+        How far alpha, beta, surfaces (rad) and power (fraction) lie outside their limits, summed; 0 inside all.
+    """
+
+    state: AircraftState
+    controls: Controls
+    mu: Scalar
+    alpha: Scalar
+    beta: Scalar
+    power: Scalar
+    converged: Flag
+    residual: Scalar
+    excess: Scalar
+
+
+def trim_target(
+    speed: ScalarLike,
+    altitude: ScalarLike,
+    path_angle: ScalarLike = 0.0,
+    course: ScalarLike = 0.0,
+    turn_rate: ScalarLike = 0.0,
+    path_rate: ScalarLike = 0.0,
+    pitch_rate: ScalarLike = 0.0,
+) -> TrimTarget:
+    """Build a target from numbers: m/s, m, rad, rad, rad/s, rad/s, rad/s.
+
+    Raises
+    ------
+    ValueError
+        A pitch rate together with a turn or path rate. (Where they are traced, the trim says so: see `TrimPoint`.)
+    """
+    if _known_other_than_0(pitch_rate) and (_known_other_than_0(turn_rate) or _known_other_than_0(path_rate)):
+        raise ValueError(
+            f"pitch_rate: arrived {pitch_rate} rad/s with turn_rate {turn_rate} and path_rate {path_rate} rad/s; "
+            "expected a pitch rate alone (a pull-up with P = R = 0), or turn and path rates, which set all body rates"
+        )
+    numbers = (speed, altitude, path_angle, course, turn_rate, path_rate, pitch_rate)
+    return TrimTarget(*map(as_array, numbers))
+
+
+def _known_other_than_0(rate: ScalarLike) -> bool:
+    return not isinstance(rate, Tracer) and float(rate) != 0.0
+
+
+class _Case(NamedTuple):
+    """What the trim equations depend on besides their unknowns; `shares` are those of `_shares`."""
+
+    airframe: AbstractAirframe
+    shares: Float[Array, "surface unknown"]
+    earth: AbstractEarth
+    air: Air
+    wind_n: Vector3
+    position_n: Vector3
+    target: TrimTarget
+
+
+def _attitude(x: Unknowns, target: TrimTarget) -> Matrix33:
+    return attitude_from_path(x[2], target.path_angle, target.course, x[0], x[1])
+
+
+def _rates_b(R_bn: Matrix33, target: TrimTarget) -> Vector3:
+    """Body rates as wanted: about the vertical, about the level line to the right of the course, or Q alone."""
+    right_b = R_bn[:, 1] * jnp.cos(target.course) - R_bn[:, 0] * jnp.sin(target.course)
+    turning_b = target.turn_rate * R_bn[:, 2] + target.path_rate * right_b
+    return turning_b.at[1].add(target.pitch_rate)
+
+
+def _velocity_air_b(x: Unknowns, target: TrimTarget) -> Vector3:
+    alpha, beta = x[0], x[1]
+    return target.speed * jnp.stack([jnp.cos(alpha) * jnp.cos(beta), jnp.sin(beta), jnp.sin(alpha) * jnp.cos(beta)])
+
+
+def _residual(x: Unknowns, case: _Case) -> Unknowns:
+    """Accelerations that must vanish, in g and rad/s^2, and the side force over the weight."""
+    airframe, _, earth, air, wind_n, position_n, target = case
+    R_bn, velocity_b = _attitude(x, target), _velocity_air_b(x, target)
+    rates_b = _rates_b(R_bn, target)
+    local = earth.local_earth(position_n, rotate_back(R_bn, velocity_b) + wind_n)
+    rates_air_b = rates_b + rotate(R_bn, local.transport_rate_n)
+    inertial_b = rates_air_b + rotate(R_bn, local.earth_rate_n)
+    data = air_data(velocity_b, target.altitude, air)
+    propulsive = airframe.engine.propulsion(100 * x[-1], data)
+    wrench = airframe.aerodynamics(data, rates_air_b, _surfaces(x, case, data)) + propulsive
+    specific_b = wrench.force_b / airframe.mass_properties.mass
+    linear = specific_b + rotate(R_bn, local.apparent_gravity_n) - cross(rates_b, velocity_b)
+    angular = angular_acceleration(airframe.mass_properties, inertial_b, wrench.moment_b)
+    # without command of the yaw, sideslip balances it, and what side force that makes remains
+    coordinated = specific_b[1:2] if airframe.actuators.controls_yaw else jnp.zeros(0)
+    return jnp.concatenate([linear / local.gravity, angular, coordinated / local.gravity])
+
+
+def _surfaces(x: Unknowns, case: _Case, data: AirData) -> Vector:
+    """Deflections of a guess, rad: those commanded, and where schedules put the others."""
+    return case.airframe.actuators.scheduled_position(jnp.sum(case.shares * x[None, 3:-1], axis=1), data)
+
+
+def _shares(airframe: AbstractAirframe, data: AirData) -> Float[Array, "surface unknown"]:
+    """How each surface takes part in the unknowns: alone up to three commanded ones, else as least it must.
+
+    The others stand at their schedules, or at 0.
+    """
+    actuators = airframe.actuators
+    commanded = np.flatnonzero(actuators.is_commanded)
+    if commanded.size <= 3:
+        return jnp.asarray(np.eye(len(actuators.names))[:, commanded])
+    rest = actuators.scheduled_position(jnp.zeros(len(actuators.names)), data)
+    slope = jax.jacfwd(lambda u: airframe.aerodynamics(data, jnp.zeros(3), u).moment_b)(rest)
+    shares = deflection_for_moment(actuators, slope)
+    return shares / jnp.max(jnp.abs(shares), axis=0, keepdims=True)
+
+
+def solve_trim(
+    airframe: AbstractAirframe, environment: Environment, target: TrimTarget, position_n: Vector3 | None = None
+) -> TrimPoint:
+    """Solve the trim equations for alpha, beta, mu, the surfaces and power.
+
+    Equations: body velocity and body rates constant in a steady (helical) turn or at the instant of a pull-up, and no
+    side force (coordination; [SL] section 3.6 imposes the same; in a pull-up by pitch rate it levels the wings). Over
+    a round Earth "constant" is meant in the travelling NED axes: Coriolis and centrifugal accelerations are balanced
+    too. An aircraft without command of its yaw has no equation for the side force.
+    Limits are not imposed, so that a diagnosis can tell by how much they are exceeded: see
+    `anser.simulation.trim_violations`. Levenberg-Marquardt from several angles of attack; of the solutions, the one
+    inside the limits with the least angle of attack is taken. Differentiable by the implicit function theorem, first
+    derivatives only.
+
+    Parameters
+    ----------
+    airframe, environment
+        Any airframe; over a flat Earth the wind sets the ground velocity of the result only.
+    target
+        Steady flight wanted.
+    position_n
+        Where, in the Earth's chart (3,), m; its altitude is the target's. The chart's origin where None.
+    """
+    north, east = (jnp.zeros(()), jnp.zeros(())) if position_n is None else (position_n[0], position_n[1])
+    position_n = jnp.stack([north, east, -target.altitude])
+    wind_n = environment.wind.at(position_n, 0.0)
+    air = environment.atmosphere.at(target.altitude)
+    low = jnp.asarray(_ALPHA_STARTS_DEG[0] * DEG_RAD)
+    slow_flight = air_data(target.speed * jnp.stack([jnp.cos(low), 0.0 * low, jnp.sin(low)]), target.altitude, air)
+    shares = _shares(airframe, slow_flight)
+    case = _Case(airframe, shares, environment.earth, air, wind_n, position_n, target)
+    upward = environment.gravity + jnp.maximum(target.speed * target.path_rate, 0.0)
+    bank = jnp.arctan2(target.speed * target.turn_rate * jnp.cos(target.path_angle), upward)
+
+    def attempt(alpha_start: Scalar) -> Solution:
+        start = jnp.zeros(4 + shares.shape[1]).at[0].set(alpha_start).at[2].set(bank).at[-1].set(0.3)
+        return levenberg_marquardt(_residual, case, start)
+
+    tried = jax.vmap(attempt)(jnp.asarray(_ALPHA_STARTS_DEG) * DEG_RAD)
+    excess = jax.vmap(lambda x: _excess(case, x))(tried.x)
+    solved = tried.residual < _CONVERGED
+    # Inside the limits first, then solutions beyond them, then the best of what is none.
+    rank = jnp.where(solved, jnp.where(excess > 0, 1e3 + excess, tried.x[:, 0]), 1e6 + tried.residual)
+    best = jnp.argmin(jax.lax.stop_gradient(rank))
+    x = with_implicit_derivative(_residual, case, tried.x[best])
+    turning = (target.turn_rate != 0) | (target.path_rate != 0)
+    residual = jnp.where((target.pitch_rate != 0) & turning, jnp.inf, tried.residual[best])
+    R_bn = _attitude(x, target)
+    flow = air_data(_velocity_air_b(x, target), target.altitude, air)
+    state = AircraftState(
+        position_n=position_n,
+        velocity_b=_velocity_air_b(x, target) + rotate(R_bn, wind_n),
+        quaternion=quaternion_from_rotation(R_bn),
+        rates_b=_rates_b(R_bn, target),
+        actuators=airframe.actuators.steady_state_in_flow(_surfaces(x, case, flow), flow),
+        engine=airframe.engine.steady_state(100 * x[-1]),
+    )
+    return TrimPoint(
+        state=state,
+        controls=Controls(surfaces=state.surfaces, throttle=airframe.engine.throttle_for_power(state.power)),
+        mu=x[2],
+        alpha=x[0],
+        beta=x[1],
+        power=state.power,
+        converged=residual < _CONVERGED,
+        residual=residual,
+        excess=_excess(case, x),
+    )
+
+
+def _excess(case: _Case, x: Unknowns) -> Scalar:
+    """How far a solution lies outside the limits (rad and fractions of power, summed); 0 inside."""
+    airframe, target = case.airframe, case.target
+    surfaces = _surfaces(x, case, air_data(_velocity_air_b(x, target), target.altitude, case.air))
+
+    def beyond(value: Scalar | Vector, lower: Scalar | Vector, upper: Scalar | Vector) -> Scalar:
+        return jnp.sum(jnp.maximum(value - upper, 0.0) + jnp.maximum(lower - value, 0.0))
+
+    return (
+        beyond(x[0], *airframe.alpha_range)
+        + beyond(x[1], *airframe.beta_range)
+        + beyond(surfaces, airframe.actuators.lower, airframe.actuators.upper)
+        + beyond(x[-1], jnp.zeros(()), jnp.ones(()))
+    )
+
+
+TRIM_OBSTACLES = ("tables", "no_balance", "thrust_max", "thrust_idle", "surfaces", "alpha", "beta")
+"""What can stop steady flight: altitude or Mach number beyond the data; forces and moments that do not balance; power
+above 100 or below 0 percent; a surface beyond its stop; alpha or beta beyond the data."""
+
+
+class TrimMapPoint(eqx.Module):
+    """A point of a trim map.
+
+    Attributes
+    ----------
+    trim
+        The solution, flyable or not.
+    stopped_by
+        Which of `TRIM_OBSTACLES` stand in the way; none where the point can be flown.
+    mach
+        Mach number.
+    load_factor
+        Minus body z force over weight.
+    power_left, power_spare
+        Up to 100 and down to 0 percent of power, as fractions.
+    surface_left
+        Part of the way from its stop to the middle at which each surface stands.
+    """
+
+    trim: TrimPoint
+    obstacles: Bool[Array, "7"]
+    mach: Scalar
+    load_factor: Scalar
+    power_margin: Scalar
+    power_above_idle: Scalar
+    surface_margin: Vector
+
+    @property
+    def trimmable(self) -> Bool[Array, "..."]:
+        """Whether nothing stands in the way; for a batch, of each point."""
+        return ~jnp.any(self.obstacles, axis=-1)
+
+
+def trim_map_point(airframe: AbstractAirframe, environment: Environment, target: TrimTarget) -> TrimMapPoint:
+    """Trim an aircraft and say what is left to its limits; see `solve_trim`."""
+    point = solve_trim(airframe, environment, target)
+    now = flight_condition(airframe, environment, 0.0, point.state)
+    data = now.air_data
+    # the flow angles have their own entries
+    inside = eqx.tree_at(
+        lambda d: (d.alpha, d.beta),
+        data,
+        (jnp.clip(data.alpha, *airframe.alpha_range), jnp.clip(data.beta, *airframe.beta_range)),
+    )
+    power, surfaces = point.power / 100, point.state.surfaces
+    actuators = airframe.actuators
+
+    def beyond(value: Scalar | Vector3, lower: Scalar | Vector3, upper: Scalar | Vector3) -> Flag:
+        return jnp.any((value < lower - EXCESS_NOISE) | (value > upper + EXCESS_NOISE))
+
+    stops = [
+        power > 1 + EXCESS_NOISE,
+        power < -EXCESS_NOISE,
+        beyond(surfaces, actuators.lower, actuators.upper),
+        beyond(point.alpha, *airframe.alpha_range),
+        beyond(point.beta, *airframe.beta_range),
+    ]
+    # what is no solution says nothing of power, surfaces and angles
+    stops = [airframe.outside_tables(inside), ~point.converged, *(stop & point.converged for stop in stops)]
+    return TrimMapPoint(
+        trim=point,
+        obstacles=jnp.stack(stops),
+        mach=data.mach,
+        load_factor=-now.wrench.force_b[2] / (airframe.mass_properties.mass * environment.gravity),
+        power_margin=1 - power,
+        power_above_idle=power,
+        surface_margin=1 - surface_share(airframe, surfaces),
+    )
+
+
+def surface_share(airframe: AbstractAirframe, surfaces: Vector) -> Vector:
+    """Part of the way from the middle to the stop at which each surface (rad) stands."""
+    lower, upper = airframe.actuators.lower, airframe.actuators.upper
+    return jnp.abs(2 * surfaces - lower - upper) / (upper - lower)

@@ -1,0 +1,185 @@
+"""Linear models as checks: the textbook's pull-up and modes, and the poles that dynamic inversion leaves."""
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from anser.aircraft.airframe import AbstractAirframe
+from anser.aircraft_files.library import load_f16
+from anser.analysis.linearization import CHANNELS, LinearModel, linearize
+from anser.analysis.modes import inversion_poles, modes_of
+from anser.compiling.options import compiled_quickly
+from anser.control.gains import published_gains
+from anser.control.limits import default_limits
+from anser.environment.environment import Environment, standard_environment
+from anser.simulation.response import LoopCase
+from anser.steady.trim import TrimPoint, TrimTarget, solve_trim, trim_target
+from anser.units import DEG_RAD, FOOT_M
+from anser.verification.checks import Check, Comparison, compare_as_printed, half_of_last_digit, load_published
+from anser.verification.textbook import textbook_aircraft, textbook_environment
+
+_SPEED_M_S = 502.0 * FOOT_M
+_X_CG = 0.30
+_NAMES = {"VT": "V", "pow": "power"}
+_PER_UNIT = {"VT": FOOT_M, "elevator_deg": DEG_RAD, "aileron_deg": DEG_RAD, "rudder_deg": DEG_RAD}
+"""SI per printed unit; 1 for all others."""
+_PRINTED_MODES = (
+    ("short period", "-1.2039", "1.4922"),
+    ("phugoid", "-0.0087", "0.0739"),
+    ("Dutch roll", "-0.4399", "3.220"),
+    ("roll", "-3.601", "0"),
+    ("spiral", "-0.0128", "0"),
+)
+"""Example 3.8-1: name, real and imaginary part as printed."""
+_CUT = "last digit cut, not rounded"
+
+
+@compiled_quickly
+def linear_flight(
+    airframe: AbstractAirframe, environment: Environment, target: TrimTarget
+) -> tuple[TrimPoint, LinearModel]:
+    """Trim and its linear model; beyond full throttle, where the textbook's gearing has no stop, that below it."""
+    point = solve_trim(airframe, environment, target)
+    controls = eqx.tree_at(lambda c: c.throttle, point.controls, jnp.minimum(point.controls.throttle, 0.99))
+    return point, linearize(airframe, environment, point.state, controls)
+
+
+def _textbook_model(pitch_rate: float) -> LinearModel:
+    target = trim_target(_SPEED_M_S, 0.0, pitch_rate=pitch_rate)
+    return linear_flight(textbook_aircraft(_X_CG), textbook_environment(), target)[1]
+
+
+def printed_block(model: LinearModel, matrix: str, rows: list[str], columns: list[str]) -> Float[np.ndarray, "r c"]:
+    """Part of a matrix, "A", "B", "C" or "D", in the textbook's units, by its names of states and inputs."""
+    row_names = model.outputs if matrix in "CD" else model.states
+    column_names = model.inputs if matrix in "BD" else model.states
+    values = np.asarray(getattr(model, matrix))
+
+    def at(name: str, names: tuple[str, ...]) -> int:
+        return names.index(_NAMES.get(name, name.removesuffix("_deg")))
+
+    def entry(row: str, column: str) -> float:
+        value = values[at(row, row_names), at(column, column_names)]
+        return float(value) * _PER_UNIT.get(column, 1.0) / _PER_UNIT.get(row, 1.0)
+
+    return np.array([[entry(row, column) for column in columns] for row in rows])
+
+
+def printed_tolerances(printed: Float[np.ndarray, "r c"]) -> Float[np.ndarray, "r c"]:
+    """Half a unit of the last printed digit.
+
+    Three digits are printed (four of 1087), one of numbers below 0.001. A printed 0 may be as much as half the smallest
+    unit in its row.
+    """
+    size = np.abs(printed)
+    digits = np.where(size < 1e-3, 1, np.where(size >= 1000, 4, 3))
+    unit = 10.0 ** (np.floor(np.log10(np.where(size > 0, size, 1.0))) - digits + 1)
+    smallest = np.min(np.where(size > 0, unit, np.inf), axis=1, keepdims=True)
+    return 0.5 * np.where(size > 0, unit, np.where(np.isfinite(smallest), smallest, 1e-12))
+
+
+def _pull_up() -> tuple[Comparison, ...]:
+    given: dict[str, Any] = load_published("textbook_checks")["pull_up_linearization"]
+    model = _textbook_model(0.3)
+    longitudinal, lateral = given["state_order"][:5], given["state_order"][5:]
+    blocks = (
+        ("A", longitudinal, longitudinal, "A_lon"),
+        ("A", lateral, lateral, "A_lat"),
+        ("B", longitudinal + lateral, given["input_order"], "B"),
+    )
+    found = []
+    for matrix, rows, columns, key in blocks:
+        printed = np.array(given[key], dtype=float)
+        obtained, tolerance = printed_block(model, matrix, rows, columns), printed_tolerances(printed)
+        for i, row in enumerate(rows):
+            for j, column in enumerate(columns):
+                where = f"d({row}_dot)/d({column})"
+                figures = float(printed[i, j]), float(obtained[i, j]), float(tolerance[i, j])
+                found.append(Comparison(key, where, "ft, rad, s, %", *figures))
+    return tuple(found)
+
+
+def _modes() -> tuple[Comparison, ...]:
+    model = _textbook_model(0.0)
+    order = load_published("textbook_checks")["pull_up_linearization"]["state_order"]
+    named = {mode.name for mode in modes_of(model)}
+    found = []
+    for name, real, imaginary in _PRINTED_MODES:
+        states = order[:5] if name in ("short period", "phugoid") else order[5:]
+        values = np.linalg.eigvals(printed_block(model, "A", states, states))
+        wanted = complex(float(real), float(imaginary))
+        nearest = values[np.argmin(np.abs(values - wanted))]
+        found.append(compare_as_printed(name, "real part", "1/s", real, nearest.real))
+        cut = name == "phugoid"
+        size = half_of_last_digit(imaginary) * (2 if cut else 1) if wanted.imag else 1e-12
+        obtained = float(abs(nearest.imag) if wanted.imag else nearest.imag)
+        why = _CUT if cut else ""
+        found.append(Comparison(name, "imaginary part", "rad/s", wanted.imag, obtained, size, tolerance_reason=why))
+        found.append(
+            Comparison("found by name", name, "", 1.0, float(name in named), 0.0, tolerance_reason="a name or none")
+        )
+    return tuple(found)
+
+
+def _poles() -> tuple[Comparison, ...]:
+    airframe, environment = load_f16(), standard_environment()
+    point = compiled_quickly(solve_trim)(airframe, environment, trim_target(150.0, 2000.0))
+    gains, limits = published_gains(), default_limits()
+    found = []
+    for loop, channels in CHANNELS.items():
+        poles = inversion_poles(LoopCase(airframe, environment, gains, limits, point, 0.01), loop)
+        per_channel = len(poles) // len(channels)
+        for k, pole in enumerate(poles):
+            where = f"{channels[k // per_channel]}, {pole.ideal.real:.4g} 1/s"
+            limit, tolerance = pole.limit_pole, pole.tolerance
+            found += [
+                Comparison(f"{loop} loop", where, "1/s", pole.ideal.real, limit.real, tolerance),
+                Comparison(f"{loop} loop, imaginary", where, "1/s", 0.0, limit.imag, tolerance),
+                Comparison(f"{loop} loop, as flown", where, "1/s", None, pole.sampled_pole.real, None),
+            ]
+    return tuple(found)
+
+
+LINEAR_CHECKS: tuple[Check, ...] = (
+    Check(
+        key="f16-pull-up",
+        title="F-16: linear model of a pull-up of 0.3 rad/s at 502 ft/s",
+        source="[SL] sec. 3.7",
+        tolerance_reason="half the last digit",
+        explanation=(
+            "A and B by automatic differentiation about the trimmed pull-up (P = R = 0, as in the textbook), in the "
+            "printed units, with the constants of the textbook's program. Three digits are printed, one of numbers "
+            "below 0.001; a printed 0 may be as much as half the smallest unit in its row. The trim needs throttle "
+            "1.023, where the textbook's gearing goes on and ours stops: the throttle's entry is taken below."
+        ),
+        measure=_pull_up,
+    ),
+    Check(
+        key="f16-modes",
+        title="F-16: modes of level flight at 502 ft/s",
+        source="[SL] ex. 3.8-1",
+        tolerance_reason="half the last digit",
+        explanation=(
+            "Eigenvalues of the longitudinal and lateral blocks without altitude and heading, as in the textbook, "
+            "centre of mass at 0.30 c; and the names that the full model's eigenvectors earn. The printed 0.0739 of "
+            "the phugoid is 0.07397 cut off."
+        ),
+        measure=_modes,
+    ),
+    Check(
+        key="inversion-poles",
+        title="Autopilot: closed-loop poles where dynamic inversion puts them",
+        source="theory sec. 5",
+        tolerance_reason="s^2 times the lags left",
+        explanation=(
+            "Poles of the linearized, sampled loops with a sampling period of 0.5 ms and with filters, actuator and "
+            "engine inversion 10 to 67 times as fast as flown, against the roots of (1 + K_D) s^2 + K_P s + K_I: the "
+            "lags that are left, T in sum, move a pole s by about s^2 T. Listed besides: the nearest poles as flown, "
+            "at 100 Hz with the default bandwidths."
+        ),
+        measure=_poles,
+    ),
+)

@@ -1,0 +1,180 @@
+"""Polynomial trajectories against published arc lengths, and the published families of paths as datasets.
+
+Bent sideways by b_4, vertically by c_4.
+"""
+
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+
+from anser.compiling.options import compiled_quickly
+from anser.parts.paths import PathCommand, polar
+from anser.planning.published.trajectory import Trajectory, arc_length, arc_length_estimate, fit_trajectory
+from anser.results.variable_labels import catalogue_attributes, to_dataset_units
+from anser.shapes import Scalar, ScalarLike, Vector3
+from anser.spatial.rotations import safe_norm
+from anser.units import DEG_RAD
+from anser.variables import CATALOGUE, SHAPE_VARIABLES
+from anser.verification.checks import Check, Comparison, compare_as_printed, load_published
+
+_SPEED_M_S = 150.0
+DURATION_S = 36.0
+"""Of every path of the published families."""
+_SAMPLES = 3601
+_ERROR_BOUND_PERCENT = 1.3
+_BOUND = "printed bound"
+
+
+def published_path(final_path_angle_deg: ScalarLike, b_4: ScalarLike = 0.0, c_4: ScalarLike = 0.0) -> Trajectory:
+    """Trajectory of the published lengths (theory section 6).
+
+    Parameters
+    ----------
+    final_path_angle_deg
+        Climb angle at the end, deg.
+    b_4, c_4
+        Lateral and vertical shape parameters, m/s^4.
+
+    Returns
+    -------
+    t in [0, 36] s from N 0, E 0, 2000 m to N 5000 m, E 0, 0 m, 150 m/s and due North at both ends, level at the start.
+    """
+    final = jnp.asarray(final_path_angle_deg) * DEG_RAD
+    return fit_trajectory(
+        0.0,
+        DURATION_S,
+        jnp.array([0.0, 0.0, -2000.0]),
+        jnp.array([_SPEED_M_S, 0.0, 0.0]),
+        jnp.array([5000.0, 0.0, 0.0]),
+        _SPEED_M_S * jnp.stack([jnp.cos(final), jnp.zeros(()), -jnp.sin(final)]),
+        b_4 * DURATION_S**4,
+        c_4 * DURATION_S**4,
+    )
+
+
+@jax.jit
+@jax.vmap
+def _lengths(final_path_angle_deg: Scalar, b_4: Scalar, c_4: Scalar) -> tuple[Scalar, Scalar, Scalar]:
+    """Six-point estimate, sum of the speeds at `_SAMPLES` times, and length by the trapezoidal rule over these, m."""
+    path = published_path(final_path_angle_deg, b_4, c_4)
+    times = jnp.linspace(0.0, DURATION_S, _SAMPLES)
+    speeds = jax.vmap(lambda time: safe_norm(path.at(time).velocity_n))(times)
+    step = DURATION_S / (_SAMPLES - 1)
+    summed = step * jnp.sum(speeds)
+    return arc_length_estimate(path), summed, summed - step * (speeds[0] + speeds[-1]) / 2
+
+
+def _measure() -> tuple[Comparison, ...]:
+    rows = load_published("arc_lengths")["rows"]
+    estimates, sums, lengths = (np.asarray(x) for x in _lengths(*jnp.array([row[:3] for row in rows]).T))
+    found = []
+    for (angle, b_4, c_4, estimate, length), *computed in zip(rows, estimates, sums, strict=True):
+        family = "lateral" if math.isclose(angle, -30.0) else "vertical"
+        where = f"gamma_f {angle:g} deg, b_4 {b_4:g}, c_4 {c_4:g}"
+        found.append(compare_as_printed(f"{family}, six-point estimate", where, "m", estimate, computed[0]))
+        found.append(compare_as_printed(f"{family}, sum of 3,601 speeds", where, "m", length, computed[1]))
+    errors = 100.0 * np.abs(estimates / lengths - 1.0)
+    worst = float(errors.max())
+    where = "greatest of the ten"
+    found.append(
+        Comparison("error of the estimate", where, "%", 0.0, worst, _ERROR_BOUND_PERCENT, tolerance_reason=_BOUND)
+    )
+    return tuple(found)
+
+
+ARC_LENGTHS = Check(
+    key="arc-lengths",
+    title="Arc lengths of the polynomial trajectories",
+    source="[TH] tables 5-2, 5-3, section 5.6.2",
+    tolerance_reason="half the last digit",
+    explanation=(
+        "Five paths bent sideways by b_4 and five bent vertically by c_4, of 36 s each: the published six-point "
+        "estimate, and the published length, which is a sum of 3,601 speeds times 0.01 s, one sample (1.5 m) more than "
+        "the exact length. Printed besides: the estimate is wrong by less than 1.3 percent. anser plans with a "
+        "Gauss-Legendre rule instead. Corrected misprints: the rule's factor (t_f - t_0), the term 4 c_4 t^3 of the "
+        "vertical speed, and the final path angle of the lateral lengths, which is -30 deg and not the -21.8 deg of "
+        "the table of boundary conditions."
+    ),
+    measure=_measure,
+)
+
+
+_TIMES = 181  # every fifth of a second
+_MEMBERS = 81
+_SHAPES = ("lateral_shape", "vertical_shape")
+_VARIABLES = {variable.key: variable for variable in (*CATALOGUE, *SHAPE_VARIABLES)}
+
+
+def shape_families() -> dict[str, xr.Dataset]:
+    """Paths of the published tables of lengths (theory section 6).
+
+    Returns
+    -------
+    `b4` and `c4`: over `path` and `time`, where each path leads and what it asks of an aircraft that flies it at the
+    published speeds; over `path`, its shape parameters, its length, that of the six-point rule and the printed one;
+    the two computed lengths also over `member`, many more members of the family. All in the order of the parameter.
+    """
+    rows = load_published("arc_lengths")["rows"]
+    lateral = {row[0] for row in rows if row[1]}  # the lateral family ends at another path angle
+    families = {"b4": [row for row in rows if row[0] in lateral], "c4": [row for row in rows if row[0] not in lateral]}
+    return {name: _dataset(sorted(family, key=lambda row: row[1:3])) for name, family in families.items()}
+
+
+def _dataset(rows: list[list]) -> xr.Dataset:
+    angle, lateral, vertical = (np.array(column) for column in list(zip(*rows, strict=True))[:3])
+    time = np.linspace(0.0, DURATION_S, _TIMES)
+    place, command, length, estimate = _paths(*map(jnp.asarray, (angle, lateral, vertical, time)))
+    history = {
+        "north": place[..., 0],
+        "east": place[..., 1],
+        "altitude": -place[..., 2],
+        "airspeed_command": command.V,
+        "path_angle_command": command.gamma,
+        "course_command": command.chi,
+        "lateral_shape": lateral,
+        "vertical_shape": vertical,
+        "final_path_angle": np.radians(angle),
+        "length": length,
+        "length_estimate": estimate,
+        "length_published": np.array([float(row[3]) for row in rows]),
+    }
+    data = {
+        _VARIABLES[key].name: (
+            ("path", "time")[: np.ndim(values)],
+            to_dataset_units(_VARIABLES[key], np.asarray(values)),
+            catalogue_attributes(_VARIABLES[key]),
+        )
+        for key, values in history.items()
+    }
+    parameters = {key: np.linspace(history[key][0], history[key][-1], _MEMBERS) for key in _SHAPES}
+    _, _, length, estimate = _paths(
+        jnp.full(_MEMBERS, angle[0]),
+        jnp.asarray(parameters["lateral_shape"]),
+        jnp.asarray(parameters["vertical_shape"]),
+        jnp.asarray(time[:1]),
+    )
+    for key, values in (*parameters.items(), ("length", length), ("length_estimate", estimate)):
+        data[f"member_{_VARIABLES[key].name}"] = (
+            ("member",),
+            np.asarray(values),
+            catalogue_attributes(_VARIABLES[key]),
+        )
+    return xr.Dataset(data, {"time": ("time", time, {"units": "s", "long_name": "Time", "symbol": "t"})})
+
+
+@compiled_quickly
+def _paths(
+    angles_deg: jax.Array, lateral: jax.Array, vertical: jax.Array, times: jax.Array
+) -> tuple[jax.Array, PathCommand, jax.Array, jax.Array]:
+    def one(angle_deg: Scalar, b_4: Scalar, c_4: Scalar) -> tuple[jax.Array, PathCommand, Scalar, Scalar]:
+        path = published_path(angle_deg, b_4, c_4)
+
+        def at(time: Scalar) -> tuple[Vector3, PathCommand]:
+            return path.position_n(time), polar(path.velocity_n(time), path.acceleration_n(time))
+
+        return *jax.vmap(at)(times), arc_length(path), arc_length_estimate(path)
+
+    return jax.vmap(one)(angles_deg, lateral, vertical)

@@ -1,0 +1,195 @@
+"""Standards: the U.S.
+
+Standard Atmosphere 1976, and the WGS-84 ellipsoid, geodetic positions and normal gravity, against published figures.
+"""
+
+import math
+from collections.abc import Iterator
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from anser.environment.atmosphere import Air, StandardAtmosphere, geometric_from_geopotential
+from anser.environment.earth import somigliana
+from anser.shapes import Vector3
+from anser.spatial.wgs84 import WGS84, ecef_from_geodetic, geodetic_from_ecef, radii_of_curvature
+from anser.units import DEG_RAD, FOOT_M, RAD_DEG
+from anser.verification.checks import (
+    Check,
+    Comparison,
+    compare_as_printed,
+    half_of_last_digit,
+    half_of_significant,
+    load_published,
+)
+
+_AIR_UNITS = {"temperature": "K", "pressure": "Pa", "density": "kg/m^3", "speed_of_sound": "m/s"}
+_air_at = jax.jit(jax.vmap(StandardAtmosphere().at))
+
+
+def _measure_atmosphere() -> tuple[Comparison, ...]:
+    figures = load_published("ussa76")
+    rows, bases = figures["geometric"], figures["bases"]
+    heights = jnp.array([float(row[0]) for row in rows])
+    base_heights = jnp.array([float(base) for base, _ in bases])
+    air = _air_at(jnp.concatenate([heights, jax.vmap(geometric_from_geopotential)(base_heights)]))
+    return (*_table(rows, figures["last_digit_one_low"]["pressure_Pa"], air), *_bases(bases, air.pressure[len(rows) :]))
+
+
+def _table(rows: list, pressure_low_m: list[int], air: Air) -> Iterator[Comparison]:
+    for column, (name, unit) in enumerate(_AIR_UNITS.items(), start=1):
+        values = getattr(air, name)
+        for k, row in enumerate(rows):
+            if row[column] is None:
+                continue
+            half = half_of_last_digit(row[column])
+            low = name == "pressure" and row[0] in pressure_low_m
+            yield Comparison(
+                group=name,
+                point=f"{row[0] / 1000:g} km",
+                unit=unit,
+                expected=float(row[column]),
+                obtained=float(values[k]),
+                tolerance=2.0 * half if low else half,
+                tolerance_reason="last digit cut, not rounded" if low else "",
+            )
+
+
+def _bases(bases: list, pressures: jax.Array) -> Iterator[Comparison]:
+    for (base, printed), obtained in zip(bases, pressures, strict=True):
+        yield compare_as_printed("base_pressure", f"{base / 1000:g} km geopotential", "Pa", printed, obtained)
+
+
+USSA76 = Check(
+    key="ussa76",
+    title="U.S. Standard Atmosphere 1976, sea level to 80 km",
+    source="[USSA76] tab. I, III, 4",
+    tolerance_reason="half the last digit",
+    explanation=(
+        "Temperature, pressure, density and speed of sound at geometric altitudes, and the pressures at the bases of "
+        "the layers. The layers' pressures are chained here from sea level with the standard's own gas constant, "
+        "8.31432 J/(mol K); with the newer 8.31447 none of the printed base pressures would come out. Table I cuts "
+        "the last digit of the pressures at 10, 11, 15, 60 and 80 km instead of rounding it (its equations give "
+        "26499.9, 22700.0, 12111.8, 21.9587 and 1.05247 Pa where it prints 26499, 22699, 12111, 21.958 and 1.0524): "
+        "there the tolerance is one unit of the last digit."
+    ),
+    measure=_measure_atmosphere,
+)
+
+
+_ROUNDING_M = 1e-8
+"""Some ten units in the last place of 6.4e6 m."""
+_GRAVITY_M_S2 = 1e-9
+"""Half a unit of the ninth decimal, with which gravity at 45 deg is printed, and 1e-10 by which the formulas differ."""
+_NESC_WHY = "half the last digit of each"
+_DIGITS = 10
+"""Significant digits of the check-case data."""
+
+
+@jax.jit
+def _convert_both_ways(
+    places: Float[Array, "place 3"], points_e: Float[Array, "place 3"]
+) -> tuple[Float[Array, "place 3"], Float[Array, "place 3"]]:
+    """Earth-fixed points of geodetic places, and geodetic places of Earth-fixed points."""
+    return jax.vmap(ecef_from_geodetic)(*places.T), jnp.stack(jax.vmap(geodetic_from_ecef)(points_e), axis=1)
+
+
+def _measure_earth() -> tuple[Comparison, ...]:
+    return (*_ellipsoid(), *_positions(), *_gravity())
+
+
+def _ellipsoid() -> Iterator[Comparison]:
+    a, b, e2 = float(WGS84.a), float(WGS84.b), float(WGS84.e2)
+    pole_M, pole_N = (float(R) for R in radii_of_curvature(math.pi / 2))
+    found = {
+        "semi-minor axis": [b],
+        "first eccentricity": [math.sqrt(e2)],
+        "first eccentricity squared": [e2],
+        "second eccentricity squared": [float(WGS84.ep2)],
+        "axis ratio": [b / a],
+        "polar radius of curvature": [pole_M, pole_N],
+    }
+    for name, (printed, unit) in load_published("wgs84")["derived"].items():
+        for obtained in found[name]:
+            yield compare_as_printed(name, "ellipsoid", unit, printed, obtained)
+    equator_M, equator_N = (float(R) for R in radii_of_curvature(0.0))
+    yield _closed("radius of curvature", "meridian at the equator, b^2/a", "m", b * b / a, equator_M)
+    yield _closed("radius of curvature", "prime vertical at the equator, a", "m", a, equator_N)
+
+
+def _closed(group: str, where: str, unit: str, expected: float, obtained: float) -> Comparison:
+    """Compare with a closed form: nothing but rounding may differ."""
+    tolerance = _ROUNDING_M / float(WGS84.a) if unit == "rad" else _ROUNDING_M
+    return Comparison(group, where, unit, expected, obtained, tolerance, tolerance_reason="closed form; rounding")
+
+
+def _positions() -> Iterator[Comparison]:
+    """Equator and pole in closed form, both ways, and a place of the NESC check-cases."""
+    a, b = float(WGS84.a), float(WGS84.b)
+    quarter = math.pi / 2
+    closed = [
+        ("equator, 0 deg", (0.0, 0.0, 1000.0), (a + 1000.0, 0.0, 0.0)),
+        ("equator, 90 deg W", (0.0, -quarter, 10.0), (0.0, -a - 10.0, 0.0)),
+        ("North Pole", (quarter, 0.0, 1000.0), (0.0, 0.0, b + 1000.0)),
+        ("South Pole", (-quarter, 0.0, -10.0), (0.0, 0.0, 10.0 - b)),
+    ]
+    columns = load_published("nesc_checkpoints")["cases"]["11"]["columns"]
+    case = {name: column["sim_05"][0] for name, column in columns.items()}
+    degrees = (case["latitude_deg"], case["longitude_deg"])
+    feet = tuple(case[f"gePosition_ft_{axis}"] for axis in "XYZ")
+    given = (degrees[0] * DEG_RAD, degrees[1] * DEG_RAD, case["altitudeMsl_ft"] * FOOT_M)
+    places = jnp.array([place for _, place, _ in closed] + [given])
+    points_e = jnp.array([point for _, _, point in closed] + [[x * FOOT_M for x in feet]])
+    forward, back = _convert_both_ways(places, points_e)
+    for k, (where, place, point_e) in enumerate(closed):
+        for axis in range(3):
+            yield _closed(f"ECEF {'xyz'[axis]}", where, "m", point_e[axis], float(forward[k, axis]))
+        for axis, (name, unit) in enumerate((("latitude", "rad"), ("longitude", "rad"), ("height", "m"))):
+            yield _closed(name, where, unit, place[axis], float(back[k, axis]))
+    yield from _nesc_position(degrees, case["altitudeMsl_ft"], feet, forward[-1], back[-1])
+
+
+def _nesc_position(
+    degrees: tuple[float, float], height_ft: float, feet: tuple[float, ...], forward: Vector3, back: Vector3
+) -> Iterator[Comparison]:
+    """The same place in both coordinates: each is known as exactly as the other is printed."""
+    where = "NESC case 11, start"
+    angles_ft = sum(half_of_significant(angle, _DIGITS) for angle in degrees) * DEG_RAD * float(WGS84.a) / FOOT_M
+    for axis, expected in zip("xyz", feet, strict=True):
+        obtained = float(forward["xyz".index(axis)]) / FOOT_M
+        tolerance = half_of_significant(expected, _DIGITS) + angles_ft
+        yield Comparison(f"NESC ECEF {axis}", where, "ft", expected, obtained, tolerance, tolerance_reason=_NESC_WHY)
+    point_m = sum(half_of_significant(x, _DIGITS) for x in feet) * FOOT_M
+    radius = float(WGS84.b) * math.cos(degrees[0] * DEG_RAD)
+    for name, expected, angle in zip(("latitude", "longitude"), degrees, back[:2], strict=True):
+        tolerance = half_of_significant(expected, _DIGITS) + point_m / radius * RAD_DEG
+        yield Comparison(
+            f"NESC {name}", where, "deg", expected, float(angle) * RAD_DEG, tolerance, tolerance_reason=_NESC_WHY
+        )
+    yield Comparison(
+        "NESC height", where, "ft", height_ft, float(back[2]) / FOOT_M, point_m / FOOT_M, tolerance_reason=_NESC_WHY
+    )
+
+
+def _gravity() -> Iterator[Comparison]:
+    for latitude_deg, printed in load_published("wgs84")["gravity"]:
+        obtained = float(somigliana(latitude_deg * DEG_RAD))
+        where, why = f"{latitude_deg} deg", "half the 9th decimal, GRS 80"
+        yield Comparison("gravity", where, "m/s^2", float(printed), obtained, _GRAVITY_M_S2, tolerance_reason=why)
+
+
+WGS84_FIGURE = Check(
+    key="wgs84",
+    title="WGS-84: ellipsoid, geodetic and Earth-fixed coordinates, gravity",
+    source="[WGS84] tab. 3.3; Moritz 2000",
+    tolerance_reason="half the last digit",
+    explanation=(
+        "The derived constants as printed in TR8350.2. Equator and poles in closed form, both ways, to 1e-8 m, some "
+        "ten units in the last place of the Earth's radius; the start of NESC case 11 as participant 05 logs it, to "
+        "the digits of its angles and feet. Normal gravity by Somigliana's formula with the coefficients of the first "
+        "WGS 84; the figures are those of GRS 80, from which it was taken: 1e-10 m/s^2 apart at the equator, and "
+        "printed to nine decimals at 45 deg, hence 1e-9 m/s^2. The later WGS 84 has 1.4e-6 m/s^2 less everywhere."
+    ),
+    measure=_measure_earth,
+)

@@ -1,0 +1,45 @@
+"""The airframes that come with anser."""
+
+import jax
+import numpy as np
+import pytest
+
+from anser.aircraft import AbstractAirframe
+from anser.aircraft_files import AIRFRAMES, VARIANTS, load_airframe
+
+
+@pytest.mark.parametrize(
+    ("name", "variant"), [(name, variant) for name in AIRFRAMES for variant in VARIANTS.get(name, ("textbook",))]
+)
+def test_every_listed_variant_loads_twice_alike(name, variant):
+    one, other = load_airframe(name, variant), load_airframe(name, variant)
+    assert isinstance(one, AbstractAirframe)
+    assert jax.tree.structure(one) == jax.tree.structure(other)
+    for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_every_number_of_an_airframe_is_a_float64_array():
+    # A Python float would be static and recompile for each value.
+    for leaf in jax.tree.leaves(load_airframe()):
+        assert isinstance(leaf, jax.Array)
+        assert leaf.dtype == np.float64
+        assert not leaf.weak_type
+
+
+def test_variants_differ():
+    leaves = [np.concatenate([np.ravel(x) for x in jax.tree.leaves(load_airframe("f16", v))]) for v in VARIANTS["f16"]]
+    for k, one in enumerate(leaves):
+        for other in leaves[k + 1 :]:
+            assert not np.array_equal(one, other)
+
+
+def test_centre_of_gravity_is_taken():
+    assert float(load_airframe("f16", "textbook", 0.38).x_cg) == 0.38
+
+
+def test_unknown_names_are_refused_with_the_known_ones():
+    with pytest.raises(ValueError, match=r"aircraft type 'f61': perhaps \"f16\"; one of f16, aerosonde"):
+        load_airframe("f61")
+    with pytest.raises(ValueError, match=r"variant 's191': known are textbook, s119, founding"):
+        load_airframe("f16", "s191")

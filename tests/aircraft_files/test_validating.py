@@ -1,0 +1,91 @@
+"""What is refused of an aircraft file, in which words; every key is shown somewhere."""
+
+import re
+from typing import get_args
+
+import pytest
+from pydantic import BaseModel
+
+from anser.aircraft_files import AirframeFile
+from anser.aircraft_files.sources import airframe_starter, validate_airframe
+from anser.airframe_data import DERIVATIVES
+from anser.config import ScenarioError
+from support.aerosonde_file import AEROSONDE, TABLE, built, changed
+
+
+def test_every_key_is_shown_in_the_starter_or_the_aerosonde():
+    """Both stand in the reference; derivatives are named by a rule."""
+
+    def keys_of(model):
+        inner = (keys_of(child) for field in model.model_fields.values() for child in models_in(field.annotation))
+        return set(model.model_fields).union(*inner)
+
+    text = airframe_starter() + AEROSONDE
+    missing = [key for key in keys_of(AirframeFile) - set(DERIVATIVES) if not re.search(rf"\b{key}\b", text)]
+    assert missing == []
+
+
+def models_in(annotation):
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for part in get_args(annotation) for model in models_in(part)]
+
+
+@pytest.mark.parametrize(
+    ("pair", "path", "arrived", "expected"),
+    [
+        (("CL_alpha = 5.61", "CL_alpa = 5.61"), "aerodynamics.CL_alpa", "the unknown key", 'perhaps "CL_alpha"'),
+        (("CL_q = 7.95", "Cm_alphadot = 7.95"), "aerodynamics.Cm_alphadot", "the unknown key", "added to Cm_q"),
+        (("mass_kg = 11.0", 'mass_kg = "11"'), "mass.mass_kg", '"11"', "a number above 0"),
+        (("mass_kg = 11.0", "mass_kg = nan"), "mass.mass_kg", "nan", "a number above 0"),
+        (("Jxz_kg_m2 = 0.1204", "Jxz_kg_m2 = 1.5"), "mass.Jxz_kg_m2", "1.5", "positive definite"),
+        (("Jzz_kg_m2 = 1.759", "Jzz_kg_m2 = 2.759"), "mass.Jzz_kg_m2", "2.759", "at most Jxx + Jyy, 1.9594 kg m^2"),
+        (("Jxz_kg_m2 = 0.1204", "Jxz_kg_m2 = 0.7"), "mass.Jxz_kg_m2", "0.7", "exceeds the sum of the other two"),
+        (("mass_kg = 11.0", "mass_kg = 0.0"), "mass.mass_kg", "0.0", "a number above 0"),
+        (("span_m = 2.8956", "span_m = -2.8956"), "geometry.span_m", "-2.8956", "a number above 0"),
+        (("limit_deg = 30.0\n", ""), "surface[0].limit_deg", "nothing", "either limit_deg, or lower_deg and upper_deg"),
+        (("lag_s = 0.05\n", ""), "surface[0].lag_s", "nothing", "either lag_s, or frequency_rad_s and damping"),
+        (('name = "aileron"', 'name = "elevator"'), "surface[1].name", "already the name of surface[0]", "its own"),
+        (('name = "aileron"', 'name = "alpha"'), "surface[1].name", '"alpha"', "another name than"),
+        (("alpha_deg = [-15.0, 25.0]", "alpha_deg = [25.0, -15.0]"), "validity.alpha_deg", "[25, -15]", "lesser"),
+        (("airspeed_m_s = [13.0, 40.0]", "airspeed_m_s = 13.0"), "validity.airspeed_m_s", "13.0", "a list of two"),
+        (("[engine.electric_propeller]", "[engine.electric_propellor]"), "engine.electric_propellor", "unknown", "elec"),
+        (("= [0.09357,", "= [0.0,"), "engine.electric_propeller.thrust_coefficients", "0", "at rest"),
+        (("{ CD0 = 0.0 }", "{ CDO = 0.0 }"), "check.forces[0].instead.CDO", "the unknown key", "a derivative"),
+        (("{ elevator =", "{ elevater ="), "check.forces[0].surfaces_rad", '"elevater"', "elevator, aileron, rudder"),
+        (("format = 1", "format = 7"), "format", "7", "1, the format"),
+        (("source = ", "sauce = "), "sauce", "the unknown key", 'perhaps "source"'),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_told_with_its_place(pair, path, arrived, expected):
+    with pytest.raises(ScenarioError) as caught:
+        validate_airframe(changed(pair), "uav.toml")
+    first = next(one for one in caught.value.problems if one.path == path)
+    assert arrived in first.arrived
+    assert expected in first.expected
+    assert str(caught.value).startswith("uav.toml: ")
+
+
+def test_a_derivative_beside_the_table_that_replaces_it_is_refused():
+    with pytest.raises(ScenarioError) as caught:
+        built(text=AEROSONDE + TABLE)
+    assert {one.path for one in caught.value.problems} == {
+        "aerodynamics.Cm0", "aerodynamics.Cm_alpha", "surface[0].Cm"
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("pair", "path"),
+    [
+        (('"Cm"', '"Cx"'), "table[0].replaces"),
+        (('"elevator"]', '"flap"]'), "table[0].over[1]"),
+        (("[0, -0.5, -1]", "[0, -0.5]"), "table[0].values[2]"),
+        (("[0, -0.5, -1]", '[0, -0.5, "x"]'), "table[0].values[2][2]"),
+        (("[-10, 0, 10, 30]", "[-10, 10, 0, 30]"), "table[0].breakpoints_deg[0][2]"),
+    ],
+)
+def test_what_is_wrong_with_a_table(pair, path):
+    bare = changed(("Cm0 = 0.0135\nCm_alpha = -2.74\n", ""), ("Cm = -0.99\n", ""), pair, text=AEROSONDE + TABLE)
+    with pytest.raises(ScenarioError) as caught:
+        validate_airframe(bare, "test")
+    assert path in [one.path for one in caught.value.problems]

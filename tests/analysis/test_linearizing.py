@@ -1,0 +1,150 @@
+"""`anser.linearize`: a trim point, a linear model about it, and its forms; conditions that have none."""
+
+import builtins
+import json
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import anser
+from anser.aircraft_files import load_airframe
+from anser.analysis import ConditionError, modes_of
+from anser.control import published_gains
+from support.plain_files import read_alone
+
+pytestmark = pytest.mark.long
+
+
+@pytest.fixture(scope="module")
+def level():
+    return anser.linearize(speed_m_s=153.0, altitude_m=0.0, x_cg_over_c=0.3)
+
+
+@pytest.fixture(scope="module")
+def rates_loop():
+    return anser.linearize(speed_m_s=153.0, altitude_m=0.0, x_cg_over_c=0.3, loop="rates", step_s=0.02)
+
+
+def test_printed_it_is_its_modes(level):
+    lines = repr(level).splitlines()
+    assert lines[0].startswith("f16 at 153 m/s and 0 m, open loop: 11 states, 4 inputs")
+    assert [line.strip().split("  ")[0] for line in lines[2:]] == [mode.name for mode in level.modes]
+    assert len(repr(level)) < 1200
+    assert level._repr_html_().count("<tr>") == 1 + len(level.modes)
+
+
+def test_it_is_the_trimmed_aircraft(level):
+    assert level.condition["x_cg_over_c"] == pytest.approx(0.3)
+    named = dict(zip(level.model.states, np.asarray(level.model.x), strict=True))
+    assert named["V"] == pytest.approx(153.0)
+    assert named["alpha"] == pytest.approx(float(level.trim.alpha))
+    assert {"short period", "phugoid", "Dutch roll", "roll", "spiral"} <= {mode.name for mode in level.modes}
+    np.testing.assert_array_equal(level.dataset.A, level.model.A)
+    assert level.dataset.attrs["loop"] == "open"
+    # an airframe by itself is as good as a name
+    own = anser.linearize(load_airframe("f16", "textbook", 0.3), speed_m_s=153.0, altitude_m=0.0)
+    assert own.condition["aircraft"] == "custom"
+    np.testing.assert_array_equal(own.model.A, level.model.A)
+
+
+def test_state_space_has_the_matrices_and_names(level, rates_loop):
+    system = level.state_space()
+    for name in "ABCD":
+        np.testing.assert_array_equal(getattr(system, name), getattr(level.model, name))
+    assert system.state_labels == list(level.model.states)
+    assert system.input_labels == ["throttle", "elevator", "aileron", "rudder"]
+    assert system.dt == 0
+    sampled = rates_loop.state_space()
+    assert sampled.dt == 0.02
+    assert sampled.input_labels == ["P_command", "Q_command", "R_command"]
+    poles = np.sort_complex([value for mode in level.modes for value in mode.eigenvalues])
+    # Three poles at 0 and near it: what rounding makes of them is 1e-9.
+    np.testing.assert_allclose(np.sort_complex(system.poles()), poles, atol=1e-8)
+
+
+def test_without_python_control_the_message_says_what_to_install(level, monkeypatch):
+    real = builtins.__import__
+
+    def without(name, *rest, **named):
+        if name == "control":
+            raise ImportError(name)
+        return real(name, *rest, **named)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(ImportError, match=r'pip install "anser\[control\]"'):
+        level.state_space()
+
+
+def test_files_are_new_and_hold_it_all(level, tmp_path):
+    level.write(tmp_path / "model.nc")
+    level.write(tmp_path / "model.json")
+    assert read_alone(tmp_path / "model.nc").identical(level.dataset)
+    assert json.loads((tmp_path / "model.json").read_text()) == json.loads(json.dumps(level.document()))
+    for name in ("model.nc", "model.json"):
+        before = (tmp_path / name).read_bytes()
+        with pytest.raises(FileExistsError):
+            level.write(tmp_path / name)
+        assert (tmp_path / name).read_bytes() == before
+    with pytest.raises(ValueError, match=r"ends with .nc or .json"):
+        level.write(tmp_path / "model.csv")
+
+
+def test_a_sampled_loop(rates_loop):
+    assert rates_loop.condition["loop"] == "rates"
+    assert rates_loop.condition["actuators"] == 1
+    assert float(rates_loop.model.step) == 0.02
+    rates_loop.dataset, rates_loop.document()
+    # (1 + K_D) s^2 + K_P s + K_I: the integral's pole hardly feels the sampling
+    integrals = [mode for mode in rates_loop.modes if mode.name in ("P_integral", "Q_integral", "R_integral")]
+    assert len(integrals) == 3
+    for mode in integrals:
+        assert mode.eigenvalue == pytest.approx(np.roots([2.0, 10.0, 0.25]).max(), rel=0.01)
+
+
+def test_incremental_inversion_brings_the_memory_of_the_sensors():
+    gains = eqx.tree_at(lambda g: g.sensor_bandwidth, published_gains(), jnp.asarray(20.0))
+    found = anser.linearize(speed_m_s=153.0, altitude_m=0.0, loop="rates", gains=gains)
+    assert found.model.states[-12:] == (
+        *("X_residual", "Y_residual", "Z_residual", "P_dot_residual", "Q_dot_residual", "R_dot_residual"),
+        *("P_last", "Q_last", "R_last", "P_dot_last", "Q_dot_last", "R_dot_last"),
+    )
+    # What was measured last is known for one step: P_last(k+1) = P(k), and P(k) is P of the state before the step.
+    row = found.model.states.index("P_last")
+    np.testing.assert_allclose(found.model.A[row], np.eye(len(found.model.states))[6], atol=1e-12)
+    # Forces beyond the model fade with the filter, exp(-20 * 0.01), and reach nothing in this loop.
+    force = found.model.states.index("X_residual")
+    assert float(found.model.A[force, force]) == pytest.approx(np.exp(-0.2))
+    # On a perfect model the poles of the loop stay: -4.975 in theory.
+    near = sorted(abs(value - complex(-4.9)) for mode in found.modes for value in mode.eigenvalues)[:3]
+    assert max(near) < 0.06
+
+
+def test_conditions_without_a_model():
+    with pytest.raises(ConditionError, match=r"path angle rate 17.2 deg/s[^@]*engine power: 105"):
+        anser.linearize(speed_m_s=153.0, altitude_m=0.0, x_cg_over_c=0.3, path_rate_deg_s=17.19)
+    # 200 m/s at 5.7 deg/s takes 64 deg of bank, which the autopilot does not fly; nor more than 240 m/s
+    with pytest.raises(
+        ConditionError, match=r"velocity loop does not hold this flight: the mu that it asks for is -3.8"
+    ):
+        anser.linearize(speed_m_s=200.0, altitude_m=1000.0, turn_rate_deg_s=5.73, loop="velocity")
+    with pytest.raises(ConditionError, match=r"280.0 m/s; the autopilot flies 90 to 240 m/s"):
+        anser.linearize(speed_m_s=280.0, altitude_m=1000.0, loop="velocity")
+    with pytest.raises(ValueError, match=r"x_cg_over_c: arrived 0.3 with an airframe of your own"):
+        anser.linearize(load_airframe(), speed_m_s=153.0, altitude_m=0.0, x_cg_over_c=0.3)
+    with pytest.raises(ConditionError, match=r"pitch rate 17.2 deg/s[^@]*engine power: 105.1[^@]*fastest pull-up"):
+        anser.linearize(speed_m_s=153.0, altitude_m=0.0, x_cg_over_c=0.3, pitch_rate_deg_s=17.19)
+    with pytest.raises(ValueError, match="variant"):
+        anser.linearize(variant="none", speed_m_s=153.0, altitude_m=0.0)
+
+
+def test_near_the_vertical():
+    """A rocket of an aircraft climbs with its nose at 90 deg."""
+    f16 = load_airframe()
+    strong = eqx.tree_at(lambda a: a.engine.thrust_tables.cells[0], f16, 4 * f16.engine.thrust_tables.cells[0])
+    level = anser.linearize(strong, speed_m_s=200.0, altitude_m=1000.0, path_angle_deg=70.0)
+    nose = 70.0 + float(jnp.rad2deg(level.trim.alpha))
+    assert modes_of(level.model)
+    with pytest.raises(ConditionError, match="within 1 deg of the vertical"):
+        anser.linearize(strong, speed_m_s=200.0, altitude_m=1000.0, path_angle_deg=70.0 + 90.0 - nose)

@@ -1,0 +1,40 @@
+"""The climb-and-turn of the gallery: the shipped scenario, with what the gallery was asked for."""
+
+from importlib import resources
+from pathlib import Path
+
+import pytest
+
+from anser.analysis import climb_and_turn
+from anser.analysis.tracking_case import CLIMB_AND_TURN
+from anser.config import ScenarioError
+from anser.missions import run
+from anser.scenario import load
+
+SHIPPED = Path(__file__).parents[2] / "scenarios" / CLIMB_AND_TURN
+
+
+def test_the_copy_is_the_shipped_scenario():
+    copy = resources.files("anser.analysis").joinpath(f"data/{CLIMB_AND_TURN}").read_text(encoding="utf-8")
+    assert copy == SHIPPED.read_text(encoding="utf-8")
+    usual, shipped = climb_and_turn(), load(SHIPPED)
+    assert usual.aircraft == shipped.aircraft
+    assert usual.requirements == shipped.requirements
+
+
+def test_variant_and_inversion_are_those_asked_for():
+    (aircraft,) = climb_and_turn("s119", "incremental").aircraft
+    assert (aircraft.variant, aircraft.gains.inversion) == ("s119", "incremental")
+    with pytest.raises(ScenarioError, match="variant"):
+        climb_and_turn("nonesuch")
+
+
+@pytest.mark.long
+def test_the_whole_f16_flies_it_within_what_is_allowed():
+    """Its tables are not symmetric: the bank has to carry a side force (tests/control/test_side_force.py)."""
+    flown = run(climb_and_turn("tp1538"))
+    assert flown.met
+    (row,) = flown.summary["aircraft"]
+    # It arrives after its planned time, in the hold, which has no planned point.
+    assert row["arrival_s"] > row["planned_arrival_s"]
+    assert row["position_error_max_m"] < 1.5

@@ -1,0 +1,128 @@
+"""The JSON Schema of the files: it takes what is shipped, refuses what is misspelt; the tables of the pages."""
+
+import copy
+import tomllib
+from pathlib import Path
+
+import jsonschema
+import pytest
+
+from anser.aircraft_files import AirframeFile
+from anser.aircraft_files.sources import airframe_starter
+from anser.campaigns import Study
+from anser.config import json_schema
+from anser.config.file_schema import key_tables
+from anser.scenario import Scenario
+from anser.scenario.files import starter_scenario
+
+ROOT = Path(__file__).parents[2]
+SCHEMAS = {model: json_schema(model, "test") for model in (Scenario, Study, AirframeFile)}
+VALIDATORS = {model: jsonschema.Draft7Validator(schema) for model, schema in SCHEMAS.items()}
+FILES = [
+    *((Scenario, path) for path in sorted((ROOT / "scenarios").glob("*.toml"))),
+    *((Study, ROOT / "studies" / f"{name}.toml") for name in ("how-surely", "how-rarely", "what-matters")),
+    *((AirframeFile, path) for path in sorted((ROOT / "src/anser/aircraft/data").glob("*.toml"))),
+]
+THREE = tomllib.loads((ROOT / "scenarios/three-aircraft.toml").read_text())
+
+
+def found(model, values):
+    return [error.message for error in VALIDATORS[model].iter_errors(values)]
+
+
+@pytest.mark.parametrize("model", SCHEMAS, ids=lambda model: model.__name__)
+def test_each_is_a_schema_of_draft_7_without_references(model):
+    jsonschema.Draft7Validator.check_schema(SCHEMAS[model])
+    text = str(SCHEMAS[model])
+    for word in ("$ref", "$defs", "prefixItems", "'null'", ":func:"):
+        assert word not in text
+
+
+@pytest.mark.parametrize(("model", "path"), FILES, ids=lambda of: getattr(of, "stem", ""))
+def test_what_is_shipped_is_valid(model, path):
+    assert found(model, tomllib.loads(path.read_text())) == []
+
+
+def test_the_starters_are_valid_and_name_the_schema_in_their_first_line():
+    for model, text, name in (
+        (Scenario, starter_scenario(), "scenario"),
+        (AirframeFile, airframe_starter(), "aircraft"),
+    ):
+        assert text.startswith(f"#:schema ./anser-{name}.schema.json\n")
+        assert found(model, tomllib.loads(text)) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda of: of["fleet"].update(sped_m_s=150.0), "'sped_m_s' was unexpected"),
+        (lambda of: of["aircraft"][1]["start"].update(hight_m=1.0), "'hight_m' was unexpected"),
+        (lambda of: of["fleet"].update(speed_m_s="fast"), "'fast' is not of type 'number'"),
+        (lambda of: of["fleet"].update(planner="certifed"), "'certifed' is not one of"),
+        (lambda of: of["limits"].update(bank_max_deg=99), "99 is greater than the maximum of 85"),
+        (lambda of: of.pop("timing"), "'timing' is a required property"),
+        (lambda of: of["aircraft"][0].update(gains={"rates": {"proportional": [1.0, 2.0]}}), "[1.0, 2.0] is not valid"),
+        (lambda of: of.update(earth="round"), "'round' is not valid under any"),
+    ],
+)
+def test_what_is_wrong_with_a_key_is_found(change, words):
+    values = copy.deepcopy(THREE)
+    change(values)
+    (message,) = found(Scenario, values)
+    assert words in message
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda of: of["aircraft"][0].update(gains={"rates": {"proportional": 8.0, "integral": [0.1, 0.2, 0.3]}}),
+        lambda of: of.update(earth="wgs84"),
+        lambda of: of["aircraft"][0].update(airframe="my-uav.toml"),
+    ],
+)
+def test_what_a_file_may_hold_instead_is_valid(change):
+    values = copy.deepcopy(THREE)
+    change(values)
+    assert found(Scenario, values) == []
+
+
+def test_an_editor_shows_what_a_key_is_and_what_it_expects():
+    bank = SCHEMAS[Scenario]["properties"]["limits"]["properties"]["bank_max_deg"]
+    assert bank == {
+        "default": 60.0,
+        "description": "largest bank angle: a number from 5 to 85 deg",
+        "maximum": 85,
+        "minimum": 5,
+        "type": "number",
+    }
+
+
+@pytest.mark.parametrize("model", SCHEMAS, ids=lambda model: model.__name__)
+def test_the_tables_hold_every_key_of_the_schema(model):
+    lines = key_tables(model).splitlines()
+    rows = {line.split("`")[1] for line in lines if line.startswith("| `")}
+    heads = {line.strip("#` []") for line in lines if line.startswith("## ")}
+
+    def walk(node, path):
+        for key, value in node["properties"].items():
+            inner = next(
+                (one for one in (value, value.get("items"), *value.get("anyOf", ())) if one and "properties" in one),
+                None,
+            )
+            if inner is None:
+                assert key in rows, (path, key)
+            else:
+                within = f"{path}.{key}".removeprefix(".")
+                assert within in heads
+                walk(inner, within)
+
+    walk(SCHEMAS[model], "")
+
+
+def test_a_row_has_unit_default_meaning_and_range():
+    text = key_tables(Scenario)
+    assert "| `step_s` | s | `0.01` | step of the integration | from 0.001 to 0.05 |" in text
+    assert "| `duration_s` | s | required | time that the flight lasts | from 1 to 7200 |" in text
+    assert '| `direction` |  | `"right"` | sense of the turn | "right" or "left" |' in text
+    assert "## `[[aircraft]]`\n" in text
+    assert "## `[aircraft.start]`\n" in text

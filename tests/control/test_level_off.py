@@ -1,0 +1,81 @@
+"""Height that the end of a descent takes: against the integrated motion, and its edges."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from anser.constants import STANDARD_GRAVITY_M_S2 as GRAVITY
+from anser.control.ground_clearance import REACTION_S, level_off_height, required_pull
+
+height = jax.jit(level_off_height)
+
+
+def integrated(speed, gamma, pull, step=1e-4):
+    """Reaction at a steady sink without thrust or drag, then V gamma_dot = pull; the height lost until level."""
+    fallen = speed * np.sin(gamma) * REACTION_S
+    V, angle, lost = np.sqrt(speed**2 + 2 * GRAVITY * fallen), 0.0, fallen
+    angle = np.arcsin(speed * np.sin(gamma) / V)
+    while angle > 0.0:
+        middle = angle - 0.5 * step * pull / V
+        lost += step * V * np.sin(middle)
+        V += step * GRAVITY * np.sin(middle)
+        angle -= step * pull / V
+    return lost
+
+
+@pytest.mark.parametrize("speed", [95.0, 150.0, 240.0])
+@pytest.mark.parametrize("gamma_deg", [5.0, 20.0, 45.0, 70.0])
+@pytest.mark.parametrize("pull", [6.0, 20.0])
+def test_the_height_is_that_of_the_integrated_motion(speed, gamma_deg, pull):
+    gamma = np.radians(gamma_deg)
+    # Euler steps of 0.1 ms: 1e-4 of the height
+    assert height(speed, speed * np.sin(gamma), 0.0, 0.0, pull) == pytest.approx(
+        integrated(speed, gamma, pull), rel=1e-3
+    )
+
+
+def test_a_short_arc_is_a_circle():
+    speed, gamma, pull = 150.0, np.radians(3.0), 10.0
+    sink = speed * np.sin(gamma)
+    # what is left out is the speed gained on the way: 2 g of 15 m over V^2, and half of that of the arc
+    assert height(speed, sink, 0.0, 0.0, pull) == pytest.approx(
+        sink * REACTION_S + speed**2 * (1 - np.cos(gamma)) / pull, rel=5e-3
+    )
+
+
+def test_what_does_not_sink_needs_nothing():
+    for sink, bank in ((0.0, 0.0), (-20.0, 0.0), (0.0, 1.0), (-30.0, 2.0)):
+        assert height(150.0, sink, 0.0, bank, 5.0) == 0.0
+
+
+def test_bank_push_and_weak_pull_cost_height():
+    least = height(150.0, 30.0, 0.0, 0.0, 20.0)
+    assert height(150.0, 30.0, 0.0, 1.0, 20.0) > least + 29.9  # a second more of sinking
+    assert height(150.0, 30.0, 5.0, 0.0, 20.0) > least + 2.5
+    assert height(150.0, 30.0, 0.0, 0.0, 10.0) > least
+    # on its back: 4 s, of which all without lift
+    assert height(150.0, 30.0, 0.0, np.pi, 20.0) > 30.0 * 4.1 + 0.5 * GRAVITY * 4.1**2
+
+
+@pytest.mark.parametrize("bank", [0.0, 0.8])
+def test_the_pull_that_is_asked_for_ends_the_descent_in_its_room(bank):
+    speed, sink, room = 150.0, 40.0, 250.0
+    pull = required_pull(speed, sink, bank, room)
+    # without the speed that is gained on the way, which the pull of the next instant makes up for
+    assert height(speed, sink, 0.0, bank, pull) == pytest.approx(room, rel=0.1)
+    assert required_pull(speed, 0.0, bank, room) == 0.0
+    assert required_pull(speed, -10.0, bank, -5.0) == 0.0
+    assert np.isfinite(required_pull(speed, sink, bank, -100.0))
+
+
+@pytest.mark.parametrize("sink", [0.0, -10.0, 40.0, 150.0, 200.0])
+def test_values_and_gradients_are_finite(sink):
+    numbers = [jnp.asarray(x) for x in (150.0, sink, 0.0, 0.0, 0.0)]
+    for function, count in ((level_off_height, 5), (required_pull, 4)):
+        assert np.isfinite(function(*numbers[:count]))
+        assert np.isfinite(jax.jit(jax.grad(lambda x, f=function: f(*x)))(numbers[:count])).all()
+    many = jax.vmap(level_off_height, in_axes=(None, 0, None, None, None))(
+        150.0, jnp.array([10.0, sink]), 1.0, 0.2, 9.0
+    )
+    np.testing.assert_allclose(many[1], height(150.0, sink, 1.0, 0.2, 9.0), rtol=1e-12)

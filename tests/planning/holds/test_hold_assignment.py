@@ -1,0 +1,275 @@
+"""Holds of a fleet: begun without a jump, apart from each other and from all that is still on its way, with bounds."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from anser.compiling.options import compiled_quickly
+from anser.control import GuidanceSettings
+from anser.environment import LayeredWind, SteadyWind
+from anser.parts import make_rendezvous
+from anser.planning import PathLimits, Separation, TimedPath
+from anser.planning.certified.task import AircraftTask, Airspace, KeepOuts
+from anser.planning.holds.assignment import _circles, assign_holds
+from anser.planning.holds.hold_paths import (
+    GOAL_VELOCITY_TOLERANCE,
+    broadcast_holds,
+    choose_cell_count,
+    hold_path,
+    hold_reference,
+    move_with_goals,
+)
+
+pytestmark = pytest.mark.long
+
+
+SPEED, GRAVITY, END = 150.0, 9.81, 240.0
+CELLS = choose_cell_count(END)
+SETTINGS = GuidanceSettings(*(jnp.asarray(x) for x in (0.3, 20.0, 3000.0, 1.0, 20.0)))
+WIND = LayeredWind(jnp.array([0.0, 2000.0]), jnp.array([[4.0, 0.0, 0.0], [8.0, 6.0, 0.0]]))
+LIMITS = PathLimits(*(jnp.asarray(x) for x in (90.0, 240.0, np.deg2rad(55.0), 70.0, 100.0)))
+assign = compiled_quickly(lambda paths, own, space: assign_holds(paths, own, space, SETTINGS, 0.0, END, CELLS))
+
+
+def number(x):
+    return jnp.asarray(x, dtype=float)
+
+
+def straight(end, course_deg, arrival, wind_n):
+    """A level approach of 60 s at `SPEED` through air that moves steadily."""
+    course = np.deg2rad(course_deg)
+    air = SPEED * np.array([np.cos(course), np.sin(course), 0.0])
+    times = arrival - 60.0 + 20.0 * np.arange(4)
+    since = (times - times[0])[:, None]
+    begin = np.asarray(end) - 60.0 * (air + wind_n)
+    knots = np.zeros((4, 3, 3))
+    drift = np.zeros((4, 3, 3))
+    knots[:, 0], knots[:, 1] = begin + since * air, air
+    drift[:, 0], drift[:, 1] = since * wind_n, wind_n
+    return TimedPath(number(times), number(knots), number(drift))
+
+
+def stacked(parts):
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *parts)
+
+
+def fleet(goals_n, velocities_n, heights, courses_deg, arrivals):
+    """Approaches that end over the goals, and what the planner knows of their aircraft."""
+    paths, tasks = [], []
+    for goal, velocity, height, course, arrival in zip(
+        goals_n, velocities_n, heights, courses_deg, arrivals, strict=True
+    ):
+        goal_n, velocity_n = np.append(goal, 0.0), np.append(velocity, 0.0)
+        end = goal_n + arrival * velocity_n - np.array([0.0, 0.0, height])
+        path = straight(end, course, arrival, np.asarray(WIND.at(number(end), 0.0)))
+        paths.append(path)
+        tasks.append(
+            AircraftTask(
+                position_n=path.position_n(0.0),
+                air_velocity_n=path.air_velocity_n(0.0),
+                air_acceleration_n=jnp.zeros(3),
+                goal_position_n=number(goal_n),
+                goal_velocity_n=number(velocity_n),
+                rendezvous=make_rendezvous(number([0.0, 0.0, -height])),
+                speed=number(SPEED),
+                side=jnp.asarray(0, dtype=jnp.int32),
+                limits=LIMITS,
+                roll_rate_max=number(0.35),
+                active=number(1.0),
+            )
+        )
+    return stacked(paths), stacked(tasks)
+
+
+def airspace(horizontal, vertical, keep_out=(9e5, 9e5, 100.0)):
+    north, east, radius = keep_out
+    volumes = KeepOuts(number([[north, east]]), jnp.zeros((1, 2)), number([radius]), number([0.0]), number([5000.0]))
+    return Airspace(WIND, number(GRAVITY), Separation(number(horizontal), number(vertical)), volumes)
+
+
+GOALS = [(0.0, 0.0), (1500.0, 900.0), (-300.0, 800.0)]
+DRIFTS = [(5.0, 0.0), (0.0, -4.0), (0.0, 0.0)]
+MEETING = fleet(GOALS, DRIFTS, [300.0, 320.0, 300.0], [20.0, 330.0, 190.0], [90.0, 90.0, 120.0])
+
+
+def ratios(approaches, holds, horizontal, vertical, step=0.05):
+    """Least ratio of distance to separation of each pair from the first arrival on, from dense samples."""
+    times = np.arange(0.0, END, step)
+    places = []
+    for k in range(approaches.times.shape[0]):
+        path, hold = (jax.tree.map(lambda leaf, k=k: leaf[k], p) for p in (approaches, holds))
+        before, after = (np.asarray(jax.vmap(p.position_n)(number(times))) for p in (path, hold))
+        places.append(np.where((times > float(path.times[-1]))[:, None], after, before))
+    arrivals = np.asarray(approaches.times[:, -1])
+    found = np.full((len(places), len(places)), np.inf)
+    for i in range(len(places)):
+        for j in range(i):
+            apart = places[i] - places[j]
+            flat = np.hypot(apart[:, 0], apart[:, 1]) / horizontal
+            tall = np.abs(apart[:, 2]) / vertical if vertical else np.zeros_like(flat)
+            since = times > min(arrivals[i], arrivals[j])
+            found[i, j] = found[j, i] = np.min(np.maximum(flat, tall)[since])
+    return found
+
+
+def own_circles(paths, tasks, space):
+    """What everybody would fly with the circle that the scenario names: the holds before they were planned."""
+
+    def one(path, task):
+        arrival = path.times[-1]
+        circle = jax.tree.map(lambda leaf: leaf[0], _circles(task, space, SETTINGS))
+        goal = task.goal_position_n + arrival * task.goal_velocity_n, task.goal_velocity_n
+        begin = path.position_n(arrival), path.velocity_n(arrival), arrival
+        return hold_path(task, begin, goal, circle, space.wind, END, SETTINGS, GRAVITY, CELLS)
+
+    return jax.vmap(one)(paths, tasks)
+
+
+@pytest.fixture(scope="module", params=[(500.0, 150.0), (450.0, 0.0)], ids=["or in altitude", "in the plane"])
+def assigned(request):
+    space = airspace(*request.param)
+    return request.param, space, assign(*MEETING, space)
+
+
+def test_holds_keep_what_the_scenarios_own_circles_lose(assigned):
+    separation, space, holds = assigned
+    lost = ratios(MEETING[0], compiled_quickly(own_circles)(*MEETING, space), *separation)
+    assert np.min(lost) < 0.8
+    assert np.all(holds.clear)
+    assert np.min(ratios(MEETING[0], holds.paths, *separation)) >= 1.0
+
+
+def test_bounds_hold_between_the_samples_and_are_close(assigned):
+    separation, _, holds = assigned
+    seen, proven = ratios(MEETING[0], holds.paths, *separation), np.asarray(holds.clearance_ratio)
+    off = ~np.eye(3, dtype=bool)
+    assert np.all(np.isinf(proven[~off]))
+    assert np.all(proven[off] <= seen[off] + 1e-9)
+    # Slack of both, a h^2 / 8 with a up to 20 m/s^2 and h = 0.24 s, and the samples' own error: 0.3 m and 15 m/s x 0.05 s.
+    assert np.all(proven[off] >= seen[off] - 0.01)
+
+
+def test_begun_without_a_jump_and_flown_within_limits(assigned):
+    _, space, holds = assigned
+    for k in range(3):
+        path, hold = (jax.tree.map(lambda leaf, k=k: leaf[k], p) for p in (MEETING[0], holds.paths))
+        arrival = path.times[-1]
+        np.testing.assert_allclose(hold.position_n(arrival), path.position_n(arrival), atol=1e-6)
+        np.testing.assert_allclose(hold.velocity_n(arrival), path.velocity_n(arrival), atol=1e-9)
+        times = jnp.linspace(arrival, END, 4001)
+        places, air, rates = (jax.vmap(f)(times) for f in (hold.position_n, hold.air_velocity_n, hold.acceleration_n))
+        ground = jax.vmap(hold.velocity_n)(times)
+        blowing = jax.vmap(lambda p: space.wind.at(p, 0.0))(places)
+        np.testing.assert_allclose(ground - blowing, air, atol=0.05)  # the drift is a quintic between knots 2 s apart
+        assert np.all(np.abs(np.linalg.norm(air, axis=1) - SPEED) < 1.0)
+        (u, v, _), (u_dot, v_dot, _) = np.asarray(air).T, np.asarray(rates).T
+        side = np.abs(u * v_dot - v * u_dot) / SPEED
+        assert np.max(side) <= GRAVITY * np.tan(float(LIMITS.bank_max))
+        assert np.min(-np.asarray(places)[:, 2]) >= 299.0
+        goal = np.asarray(holds.goal_positions_n[k] + times[-1] * holds.goal_velocities_n[k])
+        away = np.linalg.norm(np.asarray(places)[-1, :2] - goal[:2])
+        assert away == pytest.approx(float(holds.circles.radius[k]), rel=0.05)
+
+
+def steep_hold(climb, load_factor_max):
+    """Heights (m) and vertical accelerations (m/s^2) of a hold that begins with a climb rate at a height of 500 m."""
+    _, tasks = fleet(GOALS[:1], [(0.0, 0.0)], [500.0], [20.0], [90.0])
+    task = jax.tree.map(lambda leaf: leaf[0], tasks)
+    task = eqx.tree_at(lambda t: t.limits.load_factor_max, task, number(load_factor_max))
+    still = SteadyWind(jnp.zeros(3))
+    begin = number([0.0, 0.0, -500.0]), number([170.0, 0.0, -climb]), number(90.0)
+    circle = jax.tree.map(lambda leaf: leaf[0], _circles(task, airspace(500.0, 150.0), SETTINGS))
+    made = hold_path(task, begin, (jnp.zeros(3), jnp.zeros(3)), circle, still, END, SETTINGS, GRAVITY, CELLS)
+    times = jnp.linspace(90.0, END, 2001)
+    return -np.asarray(jax.vmap(made.position_n)(times))[:, 2], np.asarray(jax.vmap(made.acceleration_n)(times))[:, 2]
+
+
+def test_steep_arrival_is_levelled_off_as_hard_as_it_must():
+    """From 72 m/s of descent within 8 s: 9 m/s^2, a loss of 72^2 / 18 = 288 m (the climb wanted by then hides the lag)."""
+    heights, pulls = steep_hold(-72.0, np.inf)
+    assert 500.0 - np.min(heights) == pytest.approx(72.0**2 / 18.0, rel=0.02)
+    assert np.max(-pulls) == pytest.approx(9.0, abs=0.4)
+    # With little load factor to spare, no harder than that allows; as gently as ever where it is not steep.
+    assert np.max(-steep_hold(-72.0, 1.8)[1]) == pytest.approx(0.75 * 0.8 * GRAVITY, abs=0.4)
+    assert np.max(-steep_hold(-25.0, np.inf)[1]) == pytest.approx(4.0, abs=0.3)
+
+
+def test_stays_out_of_closed_volumes():
+    alone = jax.tree.map(lambda leaf: leaf[:1], MEETING)
+    free = assign(*alone, airspace(500.0, 150.0))
+    where = np.asarray(
+        jax.vmap(jax.tree.map(lambda leaf: leaf[0], free.paths).position_n)(jnp.linspace(100.0, 239.0, 400))
+    )
+    keep_out = (*where[300, :2], 400.0)
+    holds = assign(*alone, airspace(500.0, 150.0, keep_out))
+    assert bool(holds.clear[0])
+    assert float(holds.keep_out_clearance[0, 0]) >= 0.0
+    assert (float(free.circles.radius[0]), float(free.circles.turn[0])) != (
+        float(holds.circles.radius[0]),
+        float(holds.circles.turn[0]),
+    )
+
+
+def test_says_who_cannot_hold():
+    """Two who meet head-on at the arrival, apart only by what one separation is in the plane: nothing helps."""
+    facing = fleet([(0.0, 0.0), (560.0, 0.0), (9e3, 0.0)], [(0.0, 0.0)] * 3, [300.0] * 3, [0.0, 180.0, 0.0], [90.0] * 3)
+    holds = assign(*facing, airspace(500.0, 0.0))
+    assert np.asarray(holds.clear).tolist() == [False, False, True]
+    assert float(holds.clearance_ratio[0, 1]) < 0.9
+    inactive = eqx.tree_at(lambda t: t.active, facing[1], number([1.0, 0.0, 1.0]))
+    assert np.all(assign(facing[0], inactive, airspace(500.0, 0.0)).clear)
+
+
+def test_who_holds_already_goes_on(assigned):
+    _, space, holds = assigned
+    _, tasks = MEETING
+    now = 95.0
+    faster = tasks.goal_velocity_n + jnp.array([[1.0, -2.0, 0.0]])
+    elsewhere = tasks.goal_position_n + now * tasks.goal_velocity_n + 3.0
+    seen = eqx.tree_at(lambda t: (t.goal_position_n, t.goal_velocity_n), tasks, (elsewhere, faster))
+    again = compiled_quickly(
+        lambda former: assign_holds(
+            MEETING[0], seen, space, SETTINGS, now, END, CELLS, move_with_goals(former, seen, now)
+        )
+    )(holds)
+    expected = move_with_goals(holds, seen, now)
+    for k, arrived in enumerate([True, True, False]):
+        same = np.allclose(again.paths.air_n[k], expected.paths.air_n[k], atol=1e-9)
+        assert same == arrived
+    # Seen from its goal the hold is where it was.
+    path = jax.tree.map(lambda leaf: leaf[0], expected.paths)
+    before = jax.tree.map(lambda leaf: leaf[0], holds.paths)
+    np.testing.assert_allclose(path.position_n(now) - before.position_n(now), [3.0, 3.0, 3.0], atol=1e-9)
+    np.testing.assert_allclose(path.velocity_n(now) - before.velocity_n(now), [1.0, -2.0, 0.0], atol=1e-9)
+
+
+def test_reference_goes_with_the_goal_and_ends_where_it_moves_otherwise(assigned):
+    _, _, holds = assigned
+    one = jax.tree.map(lambda leaf: leaf[0], broadcast_holds(holds))
+    time = 120.0
+    foreseen_n = holds.goal_positions_n[0] + time * holds.goal_velocities_n[0]
+    off, rate = jnp.array([4.0, -3.0, 0.0]), jnp.array([0.5, 0.0, 0.0])
+    reference, flown = hold_reference(one, time, foreseen_n + off, holds.goal_velocities_n[0] + rate, SPEED)
+    assert bool(flown)
+    path = jax.tree.map(lambda leaf: leaf[0], holds.paths)
+    np.testing.assert_allclose(reference.position_n(time) - path.position_n(time), off, atol=1e-9)
+    np.testing.assert_allclose(reference.velocity_n(time) - path.velocity_n(time), rate, atol=1e-12)
+    away = holds.goal_velocities_n[0] + jnp.array([1.01 * GOAL_VELOCITY_TOLERANCE * SPEED, 0.0, 0.0])
+    assert not bool(hold_reference(one, time, foreseen_n, away, SPEED)[1])
+    assert not bool(hold_reference(one, END + 1.0, foreseen_n, holds.goal_velocities_n[0], SPEED)[1])
+
+
+def test_derivatives_are_finite():
+    own = jax.tree.map(lambda leaf: leaf[0], MEETING[1])
+    space = airspace(500.0, 150.0)
+    circle = jax.tree.map(lambda leaf: leaf[0], _circles(own, space, SETTINGS))
+
+    def end(goal_velocity_n):
+        goal = jnp.zeros(3), goal_velocity_n
+        begin = jnp.array([0.0, 0.0, -300.0]), jnp.array([150.0, 0.0, 0.0]), 10.0
+        steady = SteadyWind(jnp.array([3.0, 0.0, 0.0]))
+        return jnp.sum(hold_path(own, begin, goal, circle, steady, 60.0, SETTINGS, GRAVITY, 16).position_n(59.0))
+
+    assert np.all(np.isfinite(jax.jit(jax.jacfwd(end))(jnp.array([5.0, 0.0, 0.0]))))

@@ -1,0 +1,116 @@
+"""The lateral bend that gives a wanted length."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from anser.planning.published.trajectory import arc_length, bend_trajectory, fit_trajectory, solve_lateral_bend
+from support.planning_cases import published_path, trajectories, velocity
+
+measure = jax.jit(arc_length)
+solve = jax.jit(solve_lateral_bend)
+bent_length = jax.jit(lambda path, kappa: arc_length(bend_trajectory(path, kappa)))
+kappa_and_slope = jax.jit(jax.value_and_grad(lambda path, x, side: solve_lateral_bend(path, x, side).kappa, argnums=1))
+bent_length_slope = jax.jit(jax.grad(lambda kappa, path: arc_length(bend_trajectory(path, kappa))))
+
+
+@jax.jit
+@jax.grad
+def solved_length_slope(coefficients, path, wanted, side):
+    other = eqx.tree_at(lambda p: p.coefficients_n, path, coefficients)
+    return arc_length(bend_trajectory(other, solve_lateral_bend(other, wanted, side).kappa))
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    path=trajectories(),
+    excess=st.one_of(st.floats(1e-9, 1e-3), st.floats(1e-3, 1.0)),
+    side=st.sampled_from([-1.0, 1.0]),
+    guess=st.floats(0.0, 1.0),
+)
+def test_converges_from_either_side_up_to_twice_the_nominal(path, excess, side, guess):
+    nominal = measure(path)
+    wanted = (1.0 + excess) * nominal
+    found = solve(path, wanted, side)
+    # From zero (left of the root), from far right (the bracket ends near 8 (L_ref + L)), and anywhere between.
+    others = [solve(path, wanted, side, start) for start in (0.0, 1e9, 24.0 * guess * nominal, found.kappa / 2)]
+    for bend in (found, *others):
+        assert bend.converged
+        assert np.sign(bend.kappa) == side
+        # The solver promises 1e-10 of the length.
+        np.testing.assert_allclose(bent_length(path, bend.kappa), wanted, rtol=2e-10)
+
+
+def test_published_lengths_are_met_and_give_the_published_bends_back():
+    for b_4 in (0.0025, 0.005, 0.0075, 0.01):
+        for side in (1.0, -1.0):
+            wanted = arc_length(published_path(-30.0, side * b_4))
+            bend = solve(published_path(-30.0), wanted, side)
+            # L is met to 1e-10; b_4 follows with the sensitivity (L/b_4)/(dL/db_4), below 100 here.
+            np.testing.assert_allclose(bend.kappa / 36.0**4, side * b_4, rtol=1e-8)
+
+
+def test_nominal_length_gives_exactly_zero_and_shorter_is_refused():
+    path = published_path(-30.0)
+    nominal = measure(path)
+    at_rest = solve(path, nominal, 1.0)
+    assert at_rest.kappa == 0.0
+    assert at_rest.converged
+    shorter = solve(path, 0.99 * nominal, -1.0)
+    assert shorter.kappa == 0.0
+    assert not shorter.converged
+
+
+def test_a_path_due_east_can_be_lengthened():
+    path = fit_trajectory(
+        0.0, 40.0, jnp.zeros(3), velocity(150.0, np.pi / 2), jnp.array([0.0, 6e3, 0.0]), velocity(150.0, np.pi / 2)
+    )
+    bend = solve(path, 6500.0, -1.0)
+    assert bend.converged
+    # Left of a path due East is North.
+    assert bend_trajectory(path, bend.kappa).position_n(20.0)[0] > 100.0
+
+
+@settings(deadline=None, max_examples=15)
+@given(path=trajectories(), ratio=st.floats(1.02, 1.9), side=st.sampled_from([-1.0, 1.0]))
+def test_gradient_is_the_implicit_one(path, ratio, side):
+    wanted = ratio * measure(path)
+    kappa, slope = kappa_and_slope(path, wanted, side)
+    inverse = bent_length_slope(kappa, path)
+    # One is the reciprocal of the other, by two routes.
+    np.testing.assert_allclose(slope * inverse, 1.0, rtol=1e-9)
+
+    # However the path changes, the solved length stays what was wanted: rounding of terms that cancel.
+    np.testing.assert_allclose(solved_length_slope(path.coefficients_n, path, wanted, side), 0.0, atol=1e-8)
+
+
+@pytest.mark.parametrize("extra", [-10.0, 0.0, 1e-12, 1e-6, 1e-3])
+def test_gradient_is_finite_near_the_nominal_length(extra):
+    path = published_path(-30.0)
+    nominal = measure(path)
+
+    def kappa(coefficients, length):
+        return solve_lateral_bend(eqx.tree_at(lambda p: p.coefficients_n, path, coefficients), length, 1.0).kappa
+
+    gradients = jax.jit(jax.grad(kappa, argnums=(0, 1)))(path.coefficients_n, nominal + extra)
+    assert all(jnp.all(jnp.isfinite(g)) for g in gradients)
+
+
+def test_still_path_is_finite():
+    path = eqx.tree_at(lambda p: p.coefficients_n, published_path(-30.0), jnp.zeros((3, 5)))
+    for length in (0.0, 100.0):
+        value, gradient = kappa_and_slope(path, length, 1.0)
+        assert jnp.isfinite(value)
+        assert jnp.isfinite(gradient)
+
+
+def test_vmap_agrees_with_one_at_a_time():
+    path, sides = published_path(-30.0), jnp.array([1.0, -1.0, 1.0])
+    lengths = jnp.array([5600.0, 5800.0, 9000.0])
+    many = jax.jit(jax.vmap(lambda length, side: solve_lateral_bend(path, length, side).kappa))(lengths, sides)
+    alone = [solve(path, length, side).kappa for length, side in zip(lengths, sides, strict=True)]
+    np.testing.assert_allclose(many, alone, rtol=1e-9)
