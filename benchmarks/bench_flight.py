@@ -18,7 +18,8 @@ import pytest
 import anser
 from anser.numerics import make_axes, make_tables
 from anser.scenario import build_flight
-from anser.simulation import SEGMENT_STEPS, SummaryRecorder, fly, start_flight
+from anser.simulation import SummaryRecorder, fly, start_flight
+from anser.simulation.flight import SEGMENT_STEPS
 
 ZERO = jnp.asarray(0, dtype=jnp.int32)
 THREE = Path(__file__).parents[1] / "scenarios" / "three-aircraft.toml"

@@ -23,7 +23,8 @@ from jaxtyping import Array
 import anser
 from anser.planning.published.planner import PublishedPlanner
 from anser.scenario import build_flight
-from anser.simulation import SEGMENT_STEPS, Flight, FlightState, SummaryRecorder, fly, start_flight
+from anser.simulation import Flight, FlightState, SummaryRecorder, fly, start_flight
+from anser.simulation.flight import SEGMENT_STEPS
 from anser.simulation.precision import PRECISIONS, Precision, cast_flight, cast_state
 
 SCENARIO = Path(__file__).parents[1] / "scenarios" / "three-aircraft.toml"

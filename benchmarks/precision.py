@@ -15,7 +15,8 @@ import numpy as np
 from anser.campaigns import load_study
 from anser.campaigns.flights import applied_values, dispersed_scenario
 from anser.campaigns.sampling import flight_seeds
-from anser.missions import FlightCase, fly_many
+from anser.missions import fly_many
+from anser.missions.flight_batches import FlightCase
 from anser.results.flight_rows import FlightRow
 from anser.simulation.precision import PRECISIONS, Precision
 

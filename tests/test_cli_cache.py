@@ -4,9 +4,9 @@ import json
 
 import pytest
 
-from anser.compiling import FolderStore, forget_programs
 from anser.compiling.options import program_store as store_of_the_suite
-from anser.compiling.program import use_program_store
+from anser.compiling.program import forget_programs, use_program_store
+from anser.compiling.store import FolderStore
 
 IN_USE = store_of_the_suite()
 

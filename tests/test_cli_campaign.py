@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from anser.campaigns import CampaignStore, StoreError, cluster
+from anser.campaigns import StoreError, cluster
 from anser.campaigns import flights as flying
 from anser.campaigns.campaign_report import write_campaign
 from anser.campaigns.estimates import QuantileEstimate
+from anser.campaigns.store import CampaignStore
 from anser.campaigns.store_integrity import StoreChecksums, folder_lock
 from anser.cli.campaigns import _bound_cells
 from campaigns.study_cases import STUDIES, made_up, text_of

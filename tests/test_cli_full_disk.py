@@ -4,7 +4,8 @@ import contextlib
 
 import pytest
 
-from anser.campaigns import CampaignStore, flights
+from anser.campaigns import flights
+from anser.campaigns.store import CampaignStore
 from anser.results import write_netcdf, write_summary
 from campaigns.study_cases import STUDIES, made_up, text_of
 from support.full_disk import full_disk

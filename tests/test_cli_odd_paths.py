@@ -5,8 +5,8 @@ import os
 import pytest
 
 from anser import campaign, load_flight
-from anser.campaigns import CampaignStore
 from anser.campaigns.rare_store import RareStore
+from anser.campaigns.store import CampaignStore
 from anser.config import ScenarioError
 from anser.files import new_folder, write_file
 from anser.scenario import files

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from anser.analysis import PUBLISHED_STEPS
+from anser.analysis.step_tests import PUBLISHED_STEPS
 
 PITCH = ("step", "--loop", "rates", "--channel", "q", "--size", "-5", "--at", "150,2000")
 

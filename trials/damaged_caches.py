@@ -25,9 +25,9 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from anser.compiling import FolderStore
 from anser.compiling.options import compiled, program_store
 from anser.compiling.program import use_program_store
+from anser.compiling.store import FolderStore
 from anser.numerics.linear import cross, solve3, times3
 
 Damage = Callable[[Path, np.random.Generator], None]

@@ -27,8 +27,11 @@ import xarray as xr
 
 import anser
 from anser import cli
-from anser.campaigns import CampaignStore, StoreError, campaign, flights, rare, rare_flights, read_rare
-from anser.missions import FlightCase, PlanFileError, read_plan, write_plan
+from anser.campaigns import StoreError, campaign, flights, rare, rare_flights, read_rare
+from anser.campaigns.store import CampaignStore
+from anser.missions import read_plan, write_plan
+from anser.missions.first_plan import PlanFileError
+from anser.missions.flight_batches import FlightCase
 from anser.results.flight_rows import FlightRow
 from anser.results.variable_labels import convert_series
 from trials.damaged_files import MUTATIONS, OF_ONE_FILE, files_of

@@ -19,9 +19,10 @@ from typing import Any
 import numpy as np
 import zarr
 
-from anser.campaigns import CampaignStore, StoreError
+from anser.campaigns import StoreError
 from anser.campaigns.campaign_folder import open_campaign_store
 from anser.campaigns.flights import fly_campaign
+from anser.campaigns.store import CampaignStore
 
 FLIGHTS, KILLS = 2000, 20
 _WORKERS = 2

@@ -34,7 +34,8 @@ from anser.planning.decentralised.planner import DecentralisedPlanner
 from anser.planning.holds.assignment import assign_holds
 from anser.planning.holds.hold_paths import choose_cell_count
 from anser.scenario import Scenario, build_flight, load
-from anser.simulation import SEGMENT_STEPS, AbstractRecorder, Flight, FlightState, SummaryRecorder, fly
+from anser.simulation import AbstractRecorder, Flight, FlightState, SummaryRecorder, fly
+from anser.simulation.flight import SEGMENT_STEPS
 from anser.simulation.recorders import FleetSample
 from anser.simulation.start import initialize_flight, trimmed_fleet
 from anser.spatial.rotations import rotate_back

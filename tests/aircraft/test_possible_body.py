@@ -7,7 +7,8 @@ import pytest
 
 import anser
 from anser.aircraft.airframe import refuse_impossible_body
-from anser.aircraft_files import AIRFRAMES, VARIANTS, library, load_airframe
+from anser.aircraft_files import AIRFRAMES, library, load_airframe
+from anser.aircraft_files.sources import VARIANTS
 from support.light_aircraft import light_aircraft
 
 GOOD = light_aircraft()

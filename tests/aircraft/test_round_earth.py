@@ -17,7 +17,8 @@ from anser.aircraft.motion import (
     to_motion_state,
 )
 from anser.aircraft_files import load_airframe, load_body
-from anser.environment import FlatEarth, spherical_earth, standard_environment, wgs84_earth
+from anser.environment import FlatEarth, standard_environment, wgs84_earth
+from anser.environment.earth import spherical_earth
 from anser.numerics import rk4_step
 from anser.numerics.linear import cross
 from anser.spatial import rotation_from_quaternion

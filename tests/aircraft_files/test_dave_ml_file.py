@@ -12,9 +12,10 @@ import pytest
 from anser.aircraft import DaveMlAircraft, JetEngine
 from anser.aircraft.air_data import air_data
 from anser.aircraft.dave_ml_aircraft import DaveMlEngine
-from anser.aircraft_files import DaveMlFile, build_airframe, load_airframe, load_f16, read_airframe
+from anser.aircraft_files import build_airframe, load_airframe, load_f16, read_airframe
 from anser.aircraft_files.check_data import compare_check_data
 from anser.aircraft_files.findings import collect_findings
+from anser.aircraft_files.schema import DaveMlFile
 from anser.aircraft_files.sources import library_file, validate_airframe
 from anser.config import ScenarioError
 from anser.environment import StandardAtmosphere

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from anser.aircraft import AbstractAirframe
-from anser.aircraft_files import AIRFRAMES, VARIANTS, load_airframe
+from anser.aircraft_files import AIRFRAMES, load_airframe
+from anser.aircraft_files.sources import VARIANTS
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,8 @@ import pytest
 
 import anser
 from anser.aircraft_files import load_airframe
-from anser.analysis import ConditionError, modes_of
+from anser.analysis import modes_of
+from anser.analysis.trim_points import ConditionError
 from anser.control import published_gains
 from support.plain_files import read_alone
 

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from anser.aircraft_files import load_airframe
-from anser.analysis import ConditionError, margins_at, survey_margins
+from anser.analysis import margins_at, survey_margins
 from anser.analysis.loop_margins import breakpoints
 from anser.analysis.margins import CLOSED_LOOP_STATES, margin_document, margin_table
+from anser.analysis.trim_points import ConditionError
 from anser.cli import main
 from anser.control import published_gains
 from anser.report import draw_bode

@@ -7,12 +7,13 @@ import sys
 import numpy as np
 import pytest
 
-from anser.analysis import ConditionError, robustness_study
+from anser.analysis import robustness_study
 from anser.analysis.robustness import CONDITIONS, FACTORS, FlightPoint, dispersed_cases, single_factor_cases
 from anser.analysis.survey_outcomes import OUTCOMES
+from anser.analysis.trim_points import ConditionError
 from anser.cli import main
 from anser.missions.batches import run_in_batches
-from anser.results import success
+from anser.results.robustness_statistics import success
 from support.plain_files import read_alone
 
 pytestmark = pytest.mark.long

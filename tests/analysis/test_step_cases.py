@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from anser.analysis import PUBLISHED_STEPS, climb_and_turn, fly_steps, step_test
+from anser.analysis import climb_and_turn, fly_steps, step_test
 from anser.analysis.step_flights import default_flight_point, gallery_steps, step_case
-from anser.analysis.step_tests import STEP_S, LoopTimeScale, scaled_step_tests
+from anser.analysis.step_tests import PUBLISHED_STEPS, STEP_S, LoopTimeScale, scaled_step_tests
 from anser.analysis.trim_points import resolve_airframe
 
 

@@ -5,8 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from anser.analysis import PUBLISHED_STEPS, ConditionError, fly_steps, step_test
-from anser.analysis.step_tests import CHANNEL_KEYS, STEP_S, step_document
+from anser.analysis import fly_steps, step_test
+from anser.analysis.step_tests import CHANNEL_KEYS, PUBLISHED_STEPS, STEP_S, step_document
+from anser.analysis.trim_points import ConditionError
 from anser.variables import CATALOGUE
 
 pytestmark = pytest.mark.long

@@ -4,8 +4,9 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import stats
 
-from anser.campaigns import SubsetPlan, estimate, subset_simulation
+from anser.campaigns import subset_simulation
 from anser.campaigns.rare_flights import GaussianSpace
+from anser.campaigns.subset import SubsetPlan, estimate
 from anser.numerics import flight_randomness
 from anser.numerics.randomness import AIR, DISPERSIONS
 

@@ -6,7 +6,7 @@ import pytest
 import anser
 from anser.campaigns import Campaign, StoreError, flights
 from anser.campaigns.flights import create_store, fly_campaign
-from anser.report import draw_paired
+from anser.report.campaign_figures import draw_paired
 from campaigns.study_cases import THREE, WIND, made_up, study_of
 
 FLIGHTS = 60

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from anser.campaigns import CampaignStore, StoreError, campaign, flights
+from anser.campaigns import StoreError, campaign, flights
 from anser.campaigns.campaign_folder import open_campaign_store
+from anser.campaigns.store import CampaignStore
 from campaigns.old_stores import as_first_format
 from campaigns.study_cases import STUDIES, made_up, text_of
 from trials.damaged_files import MUTATIONS, files_of

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import anser
-from anser.campaigns import CampaignStore
 from anser.campaigns.flights import create_store, fly_campaign
+from anser.campaigns.store import CampaignStore
 from anser.config.key_paths import value_at
 from campaigns.study_cases import STUDIES, study_of
 

@@ -7,9 +7,10 @@ import pytest
 import xarray as xr
 
 from anser import campaigns
-from anser.campaigns import Campaign, CampaignStore, StoreError, flights
+from anser.campaigns import Campaign, StoreError, flights
 from anser.campaigns.flights import create_store, flight_scenario, fly_campaign
 from anser.campaigns.replay import replay_differences
+from anser.campaigns.store import CampaignStore
 from anser.config import ScenarioError
 from campaigns.study_cases import THREE, made_up, study_of
 

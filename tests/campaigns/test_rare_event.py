@@ -5,10 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from anser.campaigns import StoreError, SubsetPlan, campaign, load_study, rare, rare_flights, read_rare
+from anser.campaigns import StoreError, campaign, load_study, rare, rare_flights, read_rare
 from anser.campaigns.rare_events import open_rare_store
 from anser.campaigns.rare_flights import RareFlights
 from anser.campaigns.rare_store import RareStore
+from anser.campaigns.subset import SubsetPlan
 from anser.config import ScenarioError
 from anser.results.flight_rows import FlightRow
 from campaigns.rare_cases import ABOVE, BELOW, RARE_TEXT, made_up, rare_study

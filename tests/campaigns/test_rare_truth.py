@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 import anser
-from anser.campaigns import estimate, subset_simulation
+from anser.campaigns import subset_simulation
 from anser.campaigns.rare_flights import RareFlights
-from anser.missions import FlightCase, fly_many
+from anser.campaigns.subset import estimate
+from anser.missions import fly_many
+from anser.missions.flight_batches import FlightCase
 from anser.results.sampling_statistics import wilson_interval
 from campaigns.study_cases import STUDIES, study_of
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from anser.campaigns import Normals, SubsetPlan, estimate, subset_simulation
-from anser.campaigns.subset import exceedance
+from anser.campaigns import subset_simulation
+from anser.campaigns.subset import Normals, SubsetPlan, estimate, exceedance
 from anser.results.sampling_statistics import log_interval, wilson_interval
 
 DIMENSION = 100

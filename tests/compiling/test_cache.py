@@ -8,8 +8,9 @@ import jax
 import platformdirs
 import pytest
 
-from anser.compiling import FolderStore, cache_folder
+from anser.compiling import cache_folder
 from anser.compiling.options import program_store
+from anser.compiling.store import FolderStore
 
 _KEPT = """
 import jax.numpy as jnp

@@ -20,10 +20,10 @@ import anser.compiling.program as memory
 import anser.compiling.program as program_module
 import anser.compiling.store as store_module
 from anser.aircraft_files import load_airframe
-from anser.compiling import FolderStore, forget_programs
 from anser.compiling.keys import NotCacheableError, describe_value
 from anser.compiling.options import compiled, compiled_quickly, program_store
-from anser.compiling.program import regions_used, release_all_programs, use_program_store
+from anser.compiling.program import forget_programs, regions_used, release_all_programs, use_program_store
+from anser.compiling.store import FolderStore
 from anser.environment import standard_environment
 from anser.numerics.linear import cross, solve3, times3
 from anser.steady import solve_trim, trim_target

@@ -6,7 +6,7 @@ import stat
 
 import pytest
 
-from anser.compiling import FolderStore
+from anser.compiling.store import FolderStore
 
 posix = pytest.mark.skipif(os.name != "posix", reason="owners and modes of files are those of POSIX")
 

@@ -3,7 +3,8 @@
 import pytest
 from files import FEATURES, NASA
 
-from anser.dave_ml import DaveMlError, adapt_model, read_dave_ml
+from anser.dave_ml import DaveMlError, read_dave_ml
+from anser.dave_ml.model import adapt_model
 from anser.dave_ml.standard_units import STANDARD_MEASURES, parse_unit
 
 RIGHT = {

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lxml import etree
 
-from anser.dave_ml import Definition, read_dave_ml, write_dave_ml
-from anser.dave_ml.definition import Argument, Breakpoints, Function, GriddedTable, Note, Variable, header
+from anser.dave_ml import read_dave_ml, write_dave_ml
+from anser.dave_ml.definition import Argument, Breakpoints, Definition, Function, GriddedTable, Note, Variable, header
 from anser.dave_ml.formulas import (
     ARGUMENTS_MAX,
     COMPARISONS,

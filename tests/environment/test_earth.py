@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from anser.constants import EARTH_GM_M3_S2, EARTH_J2, EARTH_ROTATION_RAD_S, WGS84_A_M
-from anser.environment import FlatEarth, spherical_earth, wgs84_earth
-from anser.environment.earth import gravitation_j2, somigliana
+from anser.environment import FlatEarth, wgs84_earth
+from anser.environment.earth import gravitation_j2, somigliana, spherical_earth
 from anser.spatial import ecef_from_geodetic
 from anser.spatial.frames import rotation_ned_from_ecef
 from anser.spatial.rotations import rotate_back

@@ -10,8 +10,9 @@ from typer.testing import CliRunner
 
 import anser
 from anser.cli.commands import app
-from anser.missions import NoPlanError, record_plan, run
+from anser.missions import NoPlanError, run
 from anser.missions.first_plan import arrival_request
+from anser.missions.plan_output import record_plan
 from anser.planning.certified.replanning import CORRECTED, REPLANNED, UNCHANGED
 from anser.scenario import load, loads
 from anser.simulation.closed_loop import AT_GROUND

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import anser
-from anser.missions import FlightCase, fly_many
-from anser.missions.flight_batches import _Group
+from anser.missions import fly_many
+from anser.missions.flight_batches import FlightCase, _Group
 from anser.missions.series import SeriesSelection
 from anser.numerics.arrays import as_array
 from anser.numerics.randomness import BlendedRandomness

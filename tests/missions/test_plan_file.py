@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import anser
-from anser.missions import NoPlanError, PlanFileError, plans, read_plan, write_plan
+from anser.missions import NoPlanError, plans, read_plan, write_plan
+from anser.missions.first_plan import PlanFileError
 from anser.scenario import loads
 from support.certified_scenario import GOOD
 

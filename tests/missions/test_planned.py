@@ -3,7 +3,7 @@
 import pytest
 
 import anser
-from anser.missions import record_plan
+from anser.missions.plan_output import record_plan
 from anser.scenario import loads
 from scenario.test_cautions import SHEARED
 

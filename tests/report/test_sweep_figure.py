@@ -3,7 +3,7 @@
 import numpy as np
 
 from anser.missions.sweeps import sweep_dataset
-from anser.report import draw_sweep
+from anser.report.campaign_figures import draw_sweep
 from anser.results.flight_rows import FlightRow
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from anser.results import DamagedFileError, read_netcdf, read_summary, to_dataset, write_netcdf
-from anser.results.checksums import TRAILER_BYTES, add_checksum, read_document, verify_checksum
+from anser.results import read_netcdf, read_summary, to_dataset, write_netcdf
+from anser.results.checksums import TRAILER_BYTES, DamagedFileError, add_checksum, read_document, verify_checksum
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from anser.analysis import LinearizationResult
+from anser.analysis.linear_models import LinearizationResult
 from anser.campaigns import StoreError
 from anser.campaigns.cluster import _client
 from anser.results.documents import install_hint

@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 from scipy.stats import binomtest, pearsonr
 
-from anser.results import failure_correlations, first_breaks, success
+from anser.results.robustness_statistics import failure_correlations, first_breaks, success
 from anser.results.sampling_statistics import wilson_interval
 from support.robustness_cases import REACHED, made_up_study
 

@@ -8,8 +8,9 @@ from typing import get_args
 import pytest
 from pydantic import BaseModel
 
-from anser.aircraft_files import AirframeFile, DaveMlFile
+from anser.aircraft_files import AirframeFile
 from anser.aircraft_files.deviations import F16_FACTORS, CoefficientFactors
+from anser.aircraft_files.schema import DaveMlFile
 from anser.config import ScenarioError
 from anser.scenario import Scenario, load, loads, write_starter
 from anser.scenario.files import starter_scenario

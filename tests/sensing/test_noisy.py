@@ -10,7 +10,8 @@ from anser.aircraft.actuators import Deflections
 from anser.aircraft.engines import EnginePower
 from anser.environment import standard_environment
 from anser.numerics import flight_randomness
-from anser.parts import Fix, GoalState, Instant, Truth
+from anser.parts import GoalState, Instant, Truth
+from anser.parts.perception import Fix
 from anser.scenario.build_sensing import build_goal_sensor, build_vehicle_sensors
 from anser.scenario.schema_sensing import GoalSensor, Navigation
 from anser.sensing.navigation import AirFilter, NavigationFilter

@@ -12,8 +12,9 @@ import pytest
 import anser.planning.published.planner as planner_module
 from anser import simulation
 from anser.scenario import build_flight, load
-from anser.simulation import SEGMENT_STEPS, STATUS_MESSAGES
+from anser.simulation import STATUS_MESSAGES
 from anser.simulation.closed_loop import NOT_FINITE
+from anser.simulation.flight import SEGMENT_STEPS
 from anser.variables import RECORDED_KEYS
 from support.fleet_flight import own, segment, started, with_own
 

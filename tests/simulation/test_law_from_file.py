@@ -10,7 +10,8 @@ from anser.control import NamedCommands, dave_ml_law
 from anser.environment import standard_environment
 from anser.parts import Instant
 from anser.sensing import DirectEstimator, IdealSensors
-from anser.simulation import AbstractRecorder, Vehicle, fly_alone, trimmed_vehicle
+from anser.simulation import AbstractRecorder, Vehicle
+from anser.simulation.closed_loop import fly_alone, trimmed_vehicle
 from anser.steady import solve_trim, trim_target
 from anser.verification.nasa_f16 import prompt_f16, published_model
 

@@ -1,6 +1,7 @@
 """Running a check of `anser verify` as a test."""
 
-from anser.verification import Check, Comparison, verify
+from anser.verification import Check, verify
+from anser.verification.checks import Comparison
 
 
 def assert_passes(check: Check, count: int) -> tuple[Comparison, ...]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from anser.missions.plans import _start_flight
 from anser.missions.runs import fly_segment, without_replanning
-from anser.simulation import SEGMENT_STEPS
+from anser.simulation.flight import SEGMENT_STEPS
 
 
 def started(flight):

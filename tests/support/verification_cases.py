@@ -3,7 +3,8 @@ nonsense, one without published figures."""
 
 import math
 
-from anser.verification import Check, Comparison
+from anser.verification import Check
+from anser.verification.checks import Comparison
 
 
 def _check(key: str, measure) -> Check:

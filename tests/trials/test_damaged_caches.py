@@ -5,7 +5,7 @@ from collections import Counter
 import pytest
 
 import trials.damaged_caches as damaged_caches
-from anser.compiling import FolderStore
+from anser.compiling.store import FolderStore
 from trials.damaged_caches import DAMAGES, run_trial
 
 

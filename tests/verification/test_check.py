@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from anser.verification import Check, Comparison, Outcome
+from anser.verification import Check
+from anser.verification.checks import Comparison, Outcome
 
 GOOD = Comparison("alpha", "V 300 ft/s", "deg", 8.49, 8.4926, 0.005)
 CHECK = Check("key", "title", "[SL]", "half the last digit", "Nothing to add.", lambda: (GOOD,))

@@ -6,7 +6,8 @@ import sys
 import pytest
 
 from anser.cli import main
-from anser.verification import Comparison, suite
+from anser.verification import suite
+from anser.verification.checks import Comparison
 from support.verification_cases import ALL, BROKEN, FLOWN, GOOD, NONSENSE, WRONG
 
 

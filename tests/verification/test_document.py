@@ -2,8 +2,8 @@
 
 import json
 
-from anser.verification import to_document, verify
-from anser.verification.checks import FORMAT_VERSION
+from anser.verification import verify
+from anser.verification.checks import FORMAT_VERSION, to_document
 from support.verification_cases import ALL, FLOWN, GOOD, WRONG
 
 

@@ -4,7 +4,8 @@ import threading
 
 import pytest
 
-from anser.verification import CHECKS, select_checks, verify
+from anser.verification import CHECKS, verify
+from anser.verification.suite import select_checks
 from support.verification_cases import ALL, BROKEN, EMPTY, GOOD, WRONG
 
 

@@ -1,13 +1,11 @@
 from .build import build_airframe
 from .library import load_airframe, load_body, load_f16
-from .schema import AirframeFile, DaveMlFile
-from .sources import AIRFRAMES, VARIANTS, read_airframe
+from .schema import AirframeFile
+from .sources import AIRFRAMES, read_airframe
 
 __all__ = [
     "AIRFRAMES",
-    "VARIANTS",
     "AirframeFile",
-    "DaveMlFile",
     "build_airframe",
     "load_airframe",
     "load_body",

@@ -1,5 +1,5 @@
 from .atmosphere import AbstractAtmosphere, Air, StandardAtmosphere
-from .earth import AbstractEarth, FlatEarth, RotatingEarth, spherical_earth, wgs84_earth
+from .earth import AbstractEarth, FlatEarth, RotatingEarth, wgs84_earth
 from .environment import AbstractWind, Environment, LayeredWind, SteadyWind, VaryingWind, standard_environment
 from .gusts import AbstractGusts, DiscreteGust
 from .turbulence import Turbulence
@@ -19,7 +19,6 @@ __all__ = [
     "SteadyWind",
     "Turbulence",
     "VaryingWind",
-    "spherical_earth",
     "standard_environment",
     "wgs84_earth",
 ]

@@ -4,15 +4,12 @@ from .perception import (
     AbstractEstimator,
     AbstractSensors,
     Belief,
-    Fix,
     GoalReading,
     GoalState,
     Instant,
     LineOfSight,
     Reading,
     Truth,
-    Uncertainty,
-    velocity_over_ground_n,
 )
 from .planners import AbstractPlanner, AircraftPlan, AircraftReport, Performance, Rendezvous, make_rendezvous
 
@@ -26,7 +23,6 @@ __all__ = [
     "AircraftPlan",
     "AircraftReport",
     "Belief",
-    "Fix",
     "GoalReading",
     "GoalState",
     "Instant",
@@ -37,7 +33,5 @@ __all__ = [
     "Reading",
     "Rendezvous",
     "Truth",
-    "Uncertainty",
     "make_rendezvous",
-    "velocity_over_ground_n",
 ]

@@ -1,20 +1,14 @@
-from .checksums import DamagedFileError
 from .dataset import to_dataset
 from .netcdf import read_netcdf, write_netcdf
 from .plan_outputs import plan_summary
 from .plan_record import plan_dataset
-from .robustness_statistics import failure_correlations, first_breaks, success
 from .summary import read_summary, summarize, write_summary
 
 __all__ = [
-    "DamagedFileError",
-    "failure_correlations",
-    "first_breaks",
     "plan_dataset",
     "plan_summary",
     "read_netcdf",
     "read_summary",
-    "success",
     "summarize",
     "to_dataset",
     "write_netcdf",

@@ -1,12 +1,8 @@
-from .checks import Check, Comparison, Outcome, to_document
-from .suite import CHECKS, select_checks, verify
+from .checks import Check
+from .suite import CHECKS, verify
 
 __all__ = [
     "CHECKS",
     "Check",
-    "Comparison",
-    "Outcome",
-    "select_checks",
-    "to_document",
     "verify",
 ]
