@@ -1,4 +1,4 @@
-"""State of the autopilot between samples: integrals, filters and the estimate of what the onboard model leaves out."""
+"""State of the autopilot between samples: integrals, filters and the residual of the onboard model."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -9,18 +9,18 @@ from anser.shapes import Scalar, ScalarLike, Vector, Vector3
 
 
 class ModelResidual(eqx.Module):
-    """Residual of the model against the sensors, low-passed, and the last sample.
+    """Difference of measured and modelled forces and accelerations, low-pass filtered, and the previous sample.
 
     Attributes
     ----------
     force_b
-        Specific force times mass that the model lacks, N.
+        Force missing in the model, specific force times mass, N.
     acceleration_b
-        Angular acceleration that the model lacks, rad/s^2.
+        Angular acceleration missing in the model, rad/s^2.
     rates_b
-        Gyro's reading at the last sample, rad/s.
+        Gyro reading at the previous sample, rad/s.
     model_acceleration_b
-        Angular acceleration of the model then, rad/s^2.
+        Modelled angular acceleration at the previous sample, rad/s^2.
     """
 
     force_b: Vector3
@@ -36,27 +36,27 @@ class ModelResidual(eqx.Module):
         bandwidth: ScalarLike,
         step: ScalarLike,
     ) -> "ModelResidual":
-        """Take in a new sample.
+        """Update the filter with a new sample.
 
-        Angular acceleration is what the gyros gained since the last sample; it is compared with the mean of what the
-        model said at both ends, so that on a perfect model nothing is left.
+        The measured angular acceleration is the change of the gyro reading since the previous sample over the period.
+        The modelled acceleration is the mean of both samples, so that the residual of a perfect model is zero.
 
         Parameters
         ----------
         force_residual_b
-            Measured minus modelled force at this sample (3,), N.
+            Measured minus modelled force at the new sample (3,), N.
         rates_b
-            Gyro's reading (3,), rad/s.
+            Gyro reading (3,), rad/s.
         model_acceleration_b
-            Angular acceleration of the model at this sample (3,), rad/s^2.
+            Modelled angular acceleration at the new sample (3,), rad/s^2.
         bandwidth
-            Of the low-pass filter, rad/s; 0 takes nothing in: model-based inversion.
+            Bandwidth of the low-pass filter, rad/s; 0 keeps the residual (model-based inversion).
         step
             Sampling period, s.
         """
         fade = -jnp.expm1(-bandwidth * step)
-        gained = (rates_b - self.rates_b) / step
-        residual = gained - 0.5 * (self.model_acceleration_b + model_acceleration_b)
+        measured_acceleration = (rates_b - self.rates_b) / step
+        residual = measured_acceleration - 0.5 * (self.model_acceleration_b + model_acceleration_b)
         return ModelResidual(
             force_b=self.force_b + fade * (force_residual_b - self.force_b),
             acceleration_b=self.acceleration_b + fade * (residual - self.acceleration_b),
@@ -66,28 +66,28 @@ class ModelResidual(eqx.Module):
 
 
 def no_residual(rates_b: Vector3) -> ModelResidual:
-    """Residual of a perfect model after steady rates."""
+    """Zero residual, with steady body rates as the previous sample."""
     zero = jnp.zeros(3)
     return ModelResidual(zero, zero, rates_b, zero)
 
 
 class AutopilotState(eqx.Module):
-    """Memory of one autopilot: the loops' integrals and the filters that differentiate inner commands.
+    """State of one autopilot: integrals of the loops and filters that differentiate the commands between loops.
 
     Attributes
     ----------
     velocity_integral, attitude_integral, rates_integral
         Time integrals of the errors in (V, gamma, chi), (mu, alpha, beta) and (P, Q, R).
     attitude_filter, rates_filter
-        Filters on the commands that the outer loops pass inwards.
+        Filters on the commands from the velocity loop to the attitude loop, and on to the rate loop.
     surfaces_filter
-        Filter on the deflections that the fast loop wants.
+        Filter on the deflections demanded by the rate loop.
     surfaces_slow
-        Deflections through a low-pass filter, rad.
+        Low-pass filtered deflections, rad.
     residual
-        Measured less modelled forces and accelerations.
+        Measured minus modelled forces and accelerations.
     bank_command
-        The last bank angle commanded, rad; None where the limits leave its rate free.
+        Previous commanded bank angle, rad; None if the limits do not bound the bank rate.
     """
 
     velocity_integral: Vector3
@@ -104,9 +104,9 @@ class AutopilotState(eqx.Module):
 def initial_autopilot_state(
     attitude: Vector3, rates_b: Vector3, surfaces: Vector, limits: FlightLimits | None = None
 ) -> AutopilotState:
-    """Memory of an autopilot that has been holding the given (mu, alpha, beta), (P, Q, R) and surfaces.
+    """State of an autopilot in steady flight at (mu, alpha, beta), (P, Q, R) and surface deflections.
 
-    `limits` are those it flies with; None: any that leave the rate of the bank angle free.
+    `limits` are the autopilot's limits; None leaves the rate of the bank angle unbounded.
     """
     zero = jnp.zeros(3)
     return AutopilotState(

@@ -1,8 +1,4 @@
-"""Control laws of DAVE-ML files.
-
-The flight condition by standard names (ANSI/AIAA S-119), commands by name, and the controller that evaluates the
-law.
-"""
+"""Control laws in DAVE-ML files: standard signal names (ANSI/AIAA S-119), commands by name, and the controller."""
 
 from collections.abc import Mapping, Sequence
 
@@ -27,14 +23,14 @@ from anser.variables import STANDARD_SURFACES
 def named_signals(belief: Belief) -> dict[str, Scalar]:
     """Flight condition by standard names, SI units and radians.
 
-    Body rates are those relative to the rotating Earth, in body axes: the inertial ones less the rotation of the Earth.
-    The participants of the NESC check-cases feed them to the control laws. The equivalent airspeed refers to the
-    density of the standard atmosphere at sea level. Source: ANSI/AIAA S-119-2011, annex A.
+    Body rates are relative to the rotating Earth, in body axes: inertial rates minus the Earth's rotation, as the
+    participants of the NESC check-cases feed them to the control laws. The equivalent airspeed refers to the density
+    of the standard atmosphere at sea level. Source: ANSI/AIAA S-119-2011, annex A.
     """
-    state, now = belief.state, belief.condition
-    data = now.air_data
+    state, condition = belief.state, belief.condition
+    data = condition.air_data
     roll, pitch, yaw = euler_from_quaternion(state.quaternion)
-    rates_b = state.rates_b + rotate(now.R_bn, now.earth.transport_rate_n)
+    rates_b = state.rates_b + rotate(condition.R_bn, condition.earth.transport_rate_n)
     density_ratio = data.density / StandardAtmosphere().at(jnp.zeros_like(data.density)).density
     return {
         "altitudeMsl": data.altitude,
@@ -57,31 +53,31 @@ LATERAL_DEVIATION, BASE_COURSE = "lateralDeviationError", "trueBaseCourseCommand
 _ROUNDING_S = 1e-9
 
 
-def _arrays(values: Mapping[str, ScalarLike]) -> dict[str, Scalar]:
+def _to_arrays(values: Mapping[str, ScalarLike]) -> dict[str, Scalar]:
     return {name: as_array(value) for name, value in values.items()}
 
 
 class NamedCommands(AbstractGuidance):
-    """Commands by the names of a law's inputs, some of which change once.
+    """Commands by the names of a law's inputs, with one change at a given time.
 
     Attributes
     ----------
-    held
+    initial_commands
         Commands from the start, SI units and radians.
     change
-        What is added to some of them, from `change_time` on.
+        Additions to commands from `change_time` on, by name.
     change_time
-        s.
+        Time of the change, s.
     follows_line
-        1: from `change_time` on, the lateral deviation is that from the ground track along `trueBaseCourseCommand`
-        through the position at that time, the integral of V sin(course - base course) over ground; 0: it is what is
-        commanded alone.
-    place
-        Whether latitude and longitude are given too.
+        1: from `change_time` on, the distance to the ground track along `trueBaseCourseCommand` through the position at
+        that time, the integral of V sin(course - base course) over ground, is added to the commanded lateral deviation.
+        0: the lateral deviation is as commanded.
+    with_position
+        Whether latitude and longitude are added to the commands.
     """
 
-    initial_commands: Mapping[str, Scalar] = eqx.field(converter=_arrays)
-    change: Mapping[str, Scalar] = eqx.field(default_factory=dict, converter=_arrays)
+    initial_commands: Mapping[str, Scalar] = eqx.field(converter=_to_arrays)
+    change: Mapping[str, Scalar] = eqx.field(default_factory=dict, converter=_to_arrays)
     change_time: Scalar = eqx.field(default_factory=lambda: as_array(0.0), converter=as_array)
     follows_line: Scalar = eqx.field(default_factory=lambda: as_array(0.0), converter=as_array)
     with_position: bool = eqx.field(static=True, default=False)
@@ -93,41 +89,43 @@ class NamedCommands(AbstractGuidance):
     def command(
         self, guidance_state: Scalar, belief: Belief, plan: AircraftPlan | None, instant: Instant
     ) -> tuple[dict[str, Scalar], Vector3, Scalar]:
-        """The commands now; no place is asked for."""
+        """Commands at an instant; the reference position is the aircraft's own."""
         changed = instant.time >= self.change_time - _ROUNDING_S
-        given = dict(self.initial_commands)
+        commands = dict(self.initial_commands)
         for name, value in self.change.items():
-            given[name] = given[name] + jnp.where(changed, value, 0.0)
-        if LATERAL_DEVIATION in given and BASE_COURSE in given:
+            commands[name] = commands[name] + jnp.where(changed, value, 0.0)
+        if LATERAL_DEVIATION in commands and BASE_COURSE in commands:
             velocity_n = velocity_over_ground_n(belief.condition, belief.state)
-            course = given[BASE_COURSE]
-            across = velocity_n[1] * jnp.cos(course) - velocity_n[0] * jnp.sin(course)
-            given[LATERAL_DEVIATION] = given[LATERAL_DEVIATION] + guidance_state
-            guidance_state = guidance_state + instant.step * self.follows_line * jnp.where(changed, across, 0.0)
+            course = commands[BASE_COURSE]
+            cross_track_speed = velocity_n[1] * jnp.cos(course) - velocity_n[0] * jnp.sin(course)
+            commands[LATERAL_DEVIATION] = commands[LATERAL_DEVIATION] + guidance_state
+            guidance_state = guidance_state + instant.step * self.follows_line * jnp.where(
+                changed, cross_track_speed, 0.0
+            )
         if self.with_position:
             earth = instant.environment.earth
             if not isinstance(earth, RotatingEarth):
                 raise TypeError(f"latitude and longitude need a RotatingEarth, not a {type(earth).__name__}")
             lat, lon, _ = earth.geodetic(belief.state.position_n)
-            given |= {"geLatitude": lat, "geLongitude": jnp.arctan2(jnp.sin(lon), jnp.cos(lon))}
-        return given, belief.state.position_n, guidance_state
+            commands |= {"geLatitude": lat, "geLongitude": jnp.arctan2(jnp.sin(lon), jnp.cos(lon))}
+        return commands, belief.state.position_n, guidance_state
 
 
 class DaveMlLaw(AbstractController):
-    """A control law of a file, evaluated once per sampling period in the units of the file.
+    """Control law from a file, evaluated once per sampling period in the units of the file.
 
-    Its inputs, by name, are taken from the command and, what that does not give, from the flight condition
-    (`named_signals`); what neither gives keeps the file's own value. Filters and integrals have no place in such a file
-    and are the guidance's, which gives their values as commands.
+    The inputs, by name, come from the command, then from the flight condition (`named_signals`); an input in neither
+    keeps the file's value. The law has no filters or integrals: the guidance computes them and passes the values as
+    commands.
 
     Attributes
     ----------
     law
-        The evaluator of the file.
+        Evaluator of the file.
     surfaces
-        Names of the outputs for the airframe's surfaces, in their order.
+        Names of the outputs for the airframe's surfaces, in the airframe's order.
     power
-        Name of the output that is the power wanted of the engine.
+        Name of the output with the commanded engine power.
     """
 
     law: Evaluator
@@ -135,7 +133,7 @@ class DaveMlLaw(AbstractController):
     power: str = eqx.field(static=True)
 
     def init(self, state: AircraftState, attitude: Vector3) -> None:
-        """Nothing is kept."""
+        """The law has no state."""
 
     def control(
         self, controller_state: None, belief: Belief, command: Mapping[str, Scalar], step: ScalarLike
@@ -147,7 +145,7 @@ class DaveMlLaw(AbstractController):
         controller_state
             None.
         belief
-            What the aircraft believes.
+            The aircraft's own estimate of its state.
         command
             Inputs of the law by name, SI units and radians.
         step
@@ -156,37 +154,37 @@ class DaveMlLaw(AbstractController):
         Raises
         ------
         ValueError
-            The law has no input of a commanded name, or misses one.
+            If the law lacks an input with a commanded name, or an input has no value.
         """
-        given = {**_known_to(self.law, named_signals(belief)), **command}
-        found = self.law.evaluate_si(given, (*self.surfaces, self.power))
-        surfaces = jnp.stack([found[name] for name in self.surfaces])
-        return Controls(surfaces, belief.airframe.engine.throttle_for_power(100.0 * found[self.power])), None, None
+        inputs = {**_select_inputs(self.law, named_signals(belief)), **command}
+        outputs = self.law.evaluate_si(inputs, (*self.surfaces, self.power))
+        surfaces = jnp.stack([outputs[name] for name in self.surfaces])
+        return Controls(surfaces, belief.airframe.engine.throttle_for_power(100.0 * outputs[self.power])), None, None
 
 
-def _known_to(law: Evaluator, signals: Mapping[str, Scalar]) -> dict[str, Scalar]:
-    """Those of some signals that are inputs of a law."""
+def _select_inputs(law: Evaluator, signals: Mapping[str, Scalar]) -> dict[str, Scalar]:
+    """Select the signals that are inputs of a law."""
     names = {law.structure.by_id[identifier].name for identifier in law.structure.inputs}
     return {name: value for name, value in signals.items() if name in names}
 
 
 def dave_ml_law(model: Model, surfaces: Sequence[str] = STANDARD_SURFACES, power: str = "powerLeverAngle") -> DaveMlLaw:
-    """The controller of a file.
+    """Control law from a DAVE-ML file.
 
     Parameters
     ----------
     model
-        The file, as read.
+        The file's content.
     surfaces
-        The airframe's surfaces; the output for `elevator` is `elevatorDeflection`.
+        Names of the airframe's surfaces; the output for `elevator` is `elevatorDeflection`.
     power
-        Output that is the power wanted of the engine.
+        Name of the output with the commanded engine power.
 
     Raises
     ------
     ValueError
-        The file does not give one of them, or a surface in units of no angle; or it has states of its own, for which it
-        does not say how they go on.
+        If the file lacks an output, an output for a surface is not an angle, or the law has states, because the file
+        does not define how they evolve.
     """
     outputs = tuple(f"{name}Deflection" for name in surfaces)
     for name in (*outputs, power):

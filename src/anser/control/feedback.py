@@ -1,4 +1,4 @@
-"""The linear part of each loop: virtual control from the error, its integral and derivative, and a feed-forward."""
+"""Linear part of the loops: virtual control from the error, its integral and derivative, and a feed-forward."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -8,35 +8,35 @@ from anser.shapes import Flag, ScalarLike, Vector, Vector3
 
 
 class Differentiator(eqx.Module):
-    """State of a filter that yields the rate of a command: x_dot = N (r - x), exact for an r held over each step.
+    """Filter that estimates the rate of a command: x_dot = N (r - x), exact for constant r over the step.
 
     Attributes
     ----------
-    memory
-        x, one for each channel.
+    state
+        x, one value per channel.
     """
 
     state: Vector
 
     def rate(self, reference: Vector, bandwidth: ScalarLike, step: ScalarLike) -> Vector:
-        """Rate of the reference: the mean of x_dot over the coming step, so that a ramp's rate has no bias."""
+        """Rate of the reference: the mean of x_dot over the coming step, which is unbiased for a ramp."""
         return -jnp.expm1(-bandwidth * step) / step * (reference - self.state)
 
     def limited_rate(self, reference: Vector, bandwidth: ScalarLike, step: ScalarLike, acceleration: Vector) -> Vector:
-        """Rate of the reference as far as a loop can follow it: no more than acceleration / bandwidth.
+        """Rate of the reference, limited to the rate that a loop can follow, acceleration / bandwidth.
 
-        A command that moves at a rate r and may stop within the filter's time asks for accelerations of r N.
+        A command with rate r that may stop within the filter's time constant 1/N requires accelerations of r N.
         """
-        most = acceleration / bandwidth
-        return jnp.clip(self.rate(reference, bandwidth, step), -most, most)
+        rate_max = acceleration / bandwidth
+        return jnp.clip(self.rate(reference, bandwidth, step), -rate_max, rate_max)
 
     def advance(self, reference: Vector, bandwidth: ScalarLike, step: ScalarLike) -> "Differentiator":
-        """State one step later, for a reference held over the step."""
+        """Filter state after one step with constant reference."""
         return Differentiator(self.state + step * self.rate(reference, bandwidth, step))
 
 
 def wrap_angle(angle: Vector3 | ScalarLike) -> Vector3:
-    """Angle difference wrapped to -pi..pi, rad; smooth but at the cut itself."""
+    """Angle difference wrapped to -pi..pi, rad; smooth except at the cut."""
     return angle - 2 * jnp.pi * jnp.round(angle / (2 * jnp.pi))
 
 
@@ -48,13 +48,13 @@ def virtual_control(
     Parameters
     ----------
     gains
-        Of this loop.
+        Gains of the loop.
     error
-        r - y, shape (3,), angles already wrapped.
+        r - y, shape (3,), angles wrapped.
     integral
         Time integral of the error.
     reference_rate, measured_rate
-        Rates of the reference and of the output; the latter is used by the derivative term alone.
+        Rates of the reference and of the output; only the derivative term uses the output's rate.
     """
     return (
         gains.feed_forward * reference_rate
@@ -65,29 +65,34 @@ def virtual_control(
 
 
 def limit_to_braking(gains: LoopGains, error: Vector3, acceleration: Vector3) -> Vector3:
-    """Error as far as a loop may work on it whose output can be accelerated by no more than `acceleration`.
+    """Error limited to the value from which the loop can stop with accelerations up to `acceleration`.
 
-    By itself the loop e_dot = -K e, K = K_P / (1 + K_D), comes to rest with e_ddot = K^2 e. Beyond |e| = L / K^2 that
-    is more than the acceleration L: there e_dot is held to what L can brake, sqrt(2 L (|e| - L / 2K^2)), which joins
-    K e smoothly: the stop under bounded acceleration of time-optimal control (A. E. Bryson, Y.-C. Ho, *Applied Optimal
-    Control*, 1975). Without it large commands drive the surfaces into a limit cycle between their stops.
+    The linear loop e_dot = -K e, K = K_P / (1 + K_D), converges with e_ddot = K^2 e, which exceeds the acceleration L
+    for |e| > L / K^2. Beyond that error, e_dot is limited to the rate that L can brake, sqrt(2 L (|e| - L / 2K^2)),
+    which joins K e smoothly: the stop under bounded acceleration of time-optimal control (A. E. Bryson, Y.-C. Ho,
+    *Applied Optimal Control*, 1975). Without the limit, large commands drive the surfaces into a limit cycle between
+    the stops.
 
     Parameters
     ----------
     gains
-        Of this loop.
+        Gains of the loop.
     error
         r - y, shape (3,).
     acceleration
         L, shape (3,), units of the error per s^2, above 0.
     """
     bandwidth = jnp.maximum(gains.proportional / (1 + gains.derivative), 1e-6)
-    edge = acceleration / bandwidth**2
-    amount = jnp.abs(error)
-    far = jnp.maximum(amount, edge)  # keeps the root away from the branch that is not taken
-    return jnp.where(amount <= edge, error, jnp.sign(error) * jnp.sqrt(edge * (2 * far - edge)))
+    linear_error_max = acceleration / bandwidth**2
+    magnitude = jnp.abs(error)
+    outer_magnitude = jnp.maximum(magnitude, linear_error_max)  # keeps the root real in the unused branch
+    return jnp.where(
+        magnitude <= linear_error_max,
+        error,
+        jnp.sign(error) * jnp.sqrt(linear_error_max * (2 * outer_magnitude - linear_error_max)),
+    )
 
 
 def advance_integral(integral: Vector3, error: Vector3, saturated: Flag | Vector3, step: ScalarLike) -> Vector3:
-    """Integral one step later; a channel whose actuator or command is saturated stands still (anti-windup)."""
+    """Integral of the error one step later; a channel with a saturated actuator or command is frozen (anti-windup)."""
     return jnp.where(saturated, integral, integral + step * error)

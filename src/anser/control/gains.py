@@ -1,8 +1,4 @@
-"""Gains of the three loops.
-
-The published ones ([TH], theory section 5), gains designed for given bandwidths, and gains derived from the
-aircraft.
-"""
+"""Gains of the three loops: published ([TH], theory section 5), by bandwidths, or derived from the aircraft."""
 
 from typing import NamedTuple
 
@@ -20,10 +16,10 @@ from anser.shapes import Scalar, ScalarLike, Vector, Vector3
 
 
 class LoopGains(eqx.Module):
-    """Gains of one loop, one value per channel, shape (3,) each.
+    """Gains of one loop, one value per channel, shape (3,).
 
     nu = feed_forward r_dot + proportional e + integral (time integral of e) + derivative e_dot, e = r - y.
-    Units: proportional 1/s, integral 1/s^2, derivative and feed-forward none.
+    Units: proportional 1/s, integral 1/s^2; derivative and feed-forward are dimensionless.
     """
 
     proportional: Vector3
@@ -38,22 +34,22 @@ class AutopilotGains(eqx.Module):
     Attributes
     ----------
     rates
-        Channels P, Q, R.
+        Gains of channels P, Q, R.
     attitude
-        Channels mu, alpha, beta.
+        Gains of channels mu, alpha, beta.
     velocity
-        Channels V, gamma, chi.
+        Gains of channels V, gamma, chi.
     attitude_command_bandwidth, rates_command_bandwidth, surfaces_command_bandwidth
-        Bandwidths of the filters that differentiate the commands passed inwards, for the feed-forward, rad/s.
+        Bandwidths of the filters that differentiate the commands between loops, for the feed-forward, rad/s.
     actuator_bandwidth
-        Bandwidth that the allocation asks of the actuators by inverting their lag, 1/s.
+        Bandwidth of the actuators with inverted lag, 1/s.
     surface_bandwidth
-        Bandwidth of the low-pass filter on the deflections that the outer loops see, rad/s.
+        Bandwidth of the low-pass filter on the deflections used by the outer loops, rad/s.
     engine_bandwidth
-        Bandwidth that the throttle asks of the engine by inverting its lag, 1/s.
+        Bandwidth of the engine with inverted lag, 1/s.
     sensor_bandwidth
-        Bandwidth of the filter on what the sensors say beyond the model, rad/s: above 0 the inversion is incremental, 0
-        is model-based.
+        Bandwidth of the filter on the measured model residual, rad/s; above 0 the inversion is incremental, 0 is
+        model-based.
     """
 
     rates: LoopGains
@@ -71,7 +67,7 @@ class AutopilotGains(eqx.Module):
 def loop_gains(
     proportional: float, integral: float = 0.0, derivative: float = 0.0, feed_forward: float = 1.0
 ) -> LoopGains:
-    """Build the same gains for all three channels of a loop."""
+    """Build equal gains for the three channels of a loop."""
     return LoopGains(*(as_array([g] * 3) for g in (proportional, integral, derivative, feed_forward)))
 
 
@@ -94,12 +90,11 @@ def published_gains() -> AutopilotGains:
 LOOP_SEPARATION_MIN = 2.0
 """Least ratio of the bandwidths of an inner and an outer loop: the least among the published gains.
 
-Two nested first-order loops make a pair with damping sqrt(ratio)/2, 0.71 at 2; below, they swing against each other.
-"""
+Two nested first-order loops form a pair with damping sqrt(ratio)/2, 0.71 at a ratio of 2; below, they oscillate."""
 
 
 class LoopSeparation(NamedTuple):
-    """One loop inside another: names of the channels, bandwidths (1/s) and their ratio."""
+    """A loop inside another loop: names of the channels, bandwidths (1/s) and the ratio of the bandwidths."""
 
     outer: str
     inner: str
@@ -108,26 +103,26 @@ class LoopSeparation(NamedTuple):
 
     @property
     def ratio(self) -> Scalar:
-        """Inner over outer bandwidth; infinite for an outer loop that is open."""
-        closed = self.outer_bandwidth > 0.0
-        return jnp.where(closed, self.inner_bandwidth / jnp.where(closed, self.outer_bandwidth, 1.0), jnp.inf)
+        """Inner bandwidth over outer bandwidth; infinite if the outer loop is open."""
+        is_closed = self.outer_bandwidth > 0.0
+        return jnp.where(is_closed, self.inner_bandwidth / jnp.where(is_closed, self.outer_bandwidth, 1.0), jnp.inf)
 
 
 def design_gains(
     bandwidth: Vector3, damping: Vector3, derivative: Vector3 | float = 0.0, feed_forward: Vector3 | float = 1.0
 ) -> LoopGains:
-    """Gains of a loop whose error obeys (1 + K_D) s^2 + K_P s + K_I = 0 with a wanted bandwidth and damping.
+    """Gains of a loop with error dynamics (1 + K_D) s^2 + K_P s + K_I = 0 for a bandwidth and a damping.
 
-    Bandwidth is K_P/(1 + K_D), the sum of both poles and nearly the faster one where damping is large; damping is that
-    of the quadratic, so that K_I = (1 + K_D) (bandwidth/(2 damping))^2. The published gains are bandwidths of 5, 2 and
-    1 1/s with dampings of sqrt(50), infinity and sqrt(10).
+    The bandwidth is K_P/(1 + K_D), the sum of both poles and nearly the faster pole for large damping. The damping is
+    that of the quadratic, so that K_I = (1 + K_D) (bandwidth/(2 damping))^2. The published gains are bandwidths of 5, 2
+    and 1 1/s with dampings of sqrt(50), infinity and sqrt(10).
 
     Parameters
     ----------
     bandwidth
-        Per channel (3,), 1/s.
+        Bandwidth per channel (3,), 1/s.
     damping
-        Per channel (3,); infinite for a loop without integral.
+        Damping per channel (3,); infinite for a loop without integral.
     derivative, feed_forward
         K_D and K_FF.
     """
@@ -142,12 +137,12 @@ def design_gains(
 
 
 def loop_bandwidth(gains: LoopGains) -> Vector3:
-    """Bandwidth K_P/(1 + K_D) of each channel, 1/s."""
+    """Bandwidth K_P/(1 + K_D) per channel, 1/s."""
     return gains.proportional / (1.0 + gains.derivative)
 
 
 def loop_separations(gains: AutopilotGains) -> tuple[LoopSeparation, ...]:
-    """Every loop with the one that it rests on: path angle on alpha, course on bank, speed on the engine, and so on."""
+    """Pairs of an outer loop and the inner loop below: path angle on alpha, course on bank, speed on the engine, ..."""
     rates, attitude, velocity = (loop_bandwidth(loop) for loop in (gains.rates, gains.attitude, gains.velocity))
     return (
         LoopSeparation("V", "engine", velocity[0], gains.engine_bandwidth),
@@ -160,23 +155,23 @@ def loop_separations(gains: AutopilotGains) -> tuple[LoopSeparation, ...]:
     )
 
 
-_ACTUATORS = 2.0
-"""Bandwidth that is asked of an actuator, over that of its own lag: 40 1/s of the F-16's 20.2 1/s."""
-_SAMPLES = 0.4
-"""Bandwidth that is asked of an actuator, at most, times the sampling period."""
-_RATES, _ATTITUDE, _VELOCITY = 8.0, 2.5, 2.0
-"""Bandwidth of each loop: that of the one inside it over this, as in the published gains (40, 5, 2, 1 1/s)."""
-_GAIN_MARGIN, _NEAREST = 3.0, 4.0
-"""Gain margin of an actuator (9.5 dB) that pitch and yaw leave: the stiffer the aircraft, the faster they are; at most
-they come as near to the bandwidth of the actuators as this."""
+_ACTUATOR_SPEEDUP = 2.0
+"""Bandwidth of an actuator with inverted lag over the bandwidth of the lag: 40 1/s over 20.2 1/s for the F-16."""
+_ACTUATOR_BANDWIDTH_STEP_MAX = 0.4
+"""Greatest bandwidth of an actuator with inverted lag, times the sampling period."""
+_RATES_RATIO, _ATTITUDE_RATIO, _VELOCITY_RATIO = 8.0, 2.5, 2.0
+"""Bandwidth of the next inner loop over the loop's own, as in the published gains (40, 5, 2, 1 1/s)."""
+_GAIN_MARGIN, _RATES_RATIO_MIN = 3.0, 4.0
+"""Gain margin of an actuator (9.5 dB) in pitch and yaw, for which stiffer aircraft get faster loops; and least ratio of
+the actuators' bandwidth to that of the body rates."""
 _RATE_DERIVATIVE = 1.0
 """K_D of the body rates, as in the published gains."""
 _RATE_ERROR = np.radians(20.0)
-"""Error of a body rate that the surfaces must be able to work on in full, rad/s."""
-_ENGINE, _ENGINE_MOST = 5.0, 5.0
-"""Bandwidth that is asked of the engine, over that of its own lag and in 1/s, at most."""
-_INTEGRAL_RATES, _INTEGRAL_VELOCITY = np.sqrt(50.0), np.sqrt(10.0)
-"""Damping of the pairs that the integrals make, as in the published gains."""
+"""Largest body-rate error within the linear range of the surfaces, rad/s."""
+_ENGINE_SPEEDUP, _ENGINE_BANDWIDTH_MAX = 5.0, 5.0
+"""Bandwidth of the engine with inverted lag: multiple of the lag's bandwidth, and greatest value, 1/s."""
+_RATES_DAMPING, _VELOCITY_DAMPING = np.sqrt(50.0), np.sqrt(10.0)
+"""Damping of the pole pairs with integral, as in the published gains."""
 
 
 class Bandwidths(eqx.Module):
@@ -185,9 +180,9 @@ class Bandwidths(eqx.Module):
     Attributes
     ----------
     actuators, engine
-        That are asked of them by inverting their lags.
+        Bandwidths with inverted lag.
     rates, attitude, velocity
-        Of (P, Q, R), (mu, alpha, beta), (V, gamma, chi).
+        Bandwidths of (P, Q, R), (mu, alpha, beta), (V, gamma, chi).
     """
 
     actuators: Scalar
@@ -198,88 +193,104 @@ class Bandwidths(eqx.Module):
 
 
 def derived_bandwidths(
-    airframe: AbstractAirframe, now: FlightCondition, surfaces: Vector, power: ScalarLike, step: ScalarLike
+    airframe: AbstractAirframe, condition: FlightCondition, surfaces: Vector, power: ScalarLike, step: ScalarLike
 ) -> Bandwidths:
-    """Bandwidths that an aircraft bears in a steady condition.
+    """Loop bandwidths that an aircraft supports in a steady condition.
 
-    The ratios are those of the published gains of the F-16 ([TH]; theory section 5), which come out for it but for the
-    rounding of its actuators' lag.
+    The ratios are those of the published gains of the F-16 ([TH]; theory section 5), which the function reproduces
+    except for the rounding of the actuators' lag.
 
     Parameters
     ----------
-    airframe, now
-        In steady flight.
+    airframe, condition
+        Airframe and condition in steady flight.
     surfaces, power
-        There, rad and percent.
+        Trimmed deflections, rad, and engine power, percent.
     step
         Sampling period, s.
     """
     actuators = airframe.actuators
     commanded = np.flatnonzero(actuators.is_commanded)
-    fastest = _ACTUATORS / jnp.max(actuators.time_constant[commanded])
-    of_actuators = jnp.minimum(fastest, _SAMPLES / step)
-    moments = surface_moments(airframe, now, jnp.zeros(3), surfaces)
-    each = product3(deflection_for_moment(actuators, moments.slope), airframe.mass_properties.inertia_b)
-    left = jnp.minimum(surfaces - actuators.lower, actuators.upper - surfaces)
-    used = jnp.abs(each) / jnp.maximum(left, 1e-3)[:, None]
-    able = 1.0 / jnp.maximum(jnp.max(used[commanded], axis=0), 1e-6)
-    rates = jnp.minimum(of_actuators / _RATES, able / _RATE_ERROR)
-    stiff = jnp.sqrt(_ATTITUDE * jnp.maximum(_cancelled(airframe, now, surfaces, of_actuators), 1e-6))
-    rates = jnp.maximum(rates, jnp.minimum(stiff, jnp.minimum(of_actuators / _NEAREST, able / _RATE_ERROR)))
+    lag_limit = _ACTUATOR_SPEEDUP / jnp.max(actuators.time_constant[commanded])
+    actuator_bandwidth = jnp.minimum(lag_limit, _ACTUATOR_BANDWIDTH_STEP_MAX / step)
+    moments = surface_moments(airframe, condition, jnp.zeros(3), surfaces)
+    deflection_per_acceleration = product3(
+        deflection_for_moment(actuators, moments.slope), airframe.mass_properties.inertia_b
+    )
+    margin = jnp.minimum(surfaces - actuators.lower, actuators.upper - surfaces)
+    margin_share = jnp.abs(deflection_per_acceleration) / jnp.maximum(margin, 1e-3)[:, None]
+    acceleration_max = 1.0 / jnp.maximum(jnp.max(margin_share[commanded], axis=0), 1e-6)
+    rates = jnp.minimum(actuator_bandwidth / _RATES_RATIO, acceleration_max / _RATE_ERROR)
+    stiffness_limit = jnp.sqrt(
+        _ATTITUDE_RATIO * jnp.maximum(_required_stiffness(airframe, condition, surfaces, actuator_bandwidth), 1e-6)
+    )
+    rates = jnp.maximum(
+        rates,
+        jnp.minimum(
+            stiffness_limit, jnp.minimum(actuator_bandwidth / _RATES_RATIO_MIN, acceleration_max / _RATE_ERROR)
+        ),
+    )
     if not actuators.controls_yaw:
         rates = rates.at[2].set(jnp.min(rates[:2]))
-    attitude = rates / _ATTITUDE
+    attitude = rates / _ATTITUDE_RATIO
 
-    def power_rate(of: Scalar) -> Scalar:
+    def power_rate(engine_power: Scalar) -> Scalar:
         engine = airframe.engine
-        return engine.rate(engine.steady_state(of), engine.throttle_for_power(power), now.air_data).power
+        return engine.rate(
+            engine.steady_state(engine_power), engine.throttle_for_power(power), condition.air_data
+        ).power
 
-    own = -jax.grad(power_rate)(jnp.asarray(power, dtype=float))
-    of_engine = jnp.clip(_ENGINE * own, 1e-2, _ENGINE_MOST)
-    # path angle rests on angle of attack, course on bank, airspeed on the engine
-    velocity = jnp.stack([jnp.minimum(of_engine, attitude[1]), attitude[1], attitude[0]]) / _VELOCITY
-    return Bandwidths(of_actuators, of_engine, rates, attitude, velocity)
+    lag_bandwidth = -jax.grad(power_rate)(jnp.asarray(power, dtype=float))
+    engine_bandwidth = jnp.clip(_ENGINE_SPEEDUP * lag_bandwidth, 1e-2, _ENGINE_BANDWIDTH_MAX)
+    # inner loops: angle of attack for the path angle, bank for the course, engine for the airspeed
+    velocity = jnp.stack([jnp.minimum(engine_bandwidth, attitude[1]), attitude[1], attitude[0]]) / _VELOCITY_RATIO
+    return Bandwidths(actuator_bandwidth, engine_bandwidth, rates, attitude, velocity)
 
 
-def _cancelled(airframe: AbstractAirframe, now: FlightCondition, surfaces: Vector, of_actuators: Scalar) -> Vector:
-    """Stiffness (1/s^2, of P, Q, R) that the loops must have beside the aircraft's own, -M_alpha or N_beta.
+def _required_stiffness(
+    airframe: AbstractAirframe, condition: FlightCondition, surfaces: Vector, actuator_bandwidth: Scalar
+) -> Vector:
+    """Loop stiffness (1/s^2, of P, Q, R) required beside the aircraft's natural stiffness, -M_alpha or N_beta.
 
-    Inversion takes the own stiffness S out and puts that of the loops in its place, the product of their bandwidths.
-    An actuator with the lag tau and k times its gain goes to the wanted deflection with k tau B (1 + K_D) and beyond it
-    with k - 1: r = k tau B (1 + K_D)/(k tau B (1 + K_D) - (k - 1)) times as far. What is left, S - r S and r times that
-    of the loops, is stable where the loops have more than (1 - 1/r) S = S (k - 1)/(k tau B (1 + K_D)); where that is
-    more than S, with actuators much faster than the samples, no loops make it so, and S is asked for.
+    Inversion cancels the natural stiffness S and replaces it with the stiffness of the loops, the product of the loops'
+    bandwidths. An actuator with lag tau and k times the nominal gain approaches the commanded deflection with
+    k tau B (1 + K_D) and overshoots with k - 1, by r = k tau B (1 + K_D)/(k tau B (1 + K_D) - (k - 1)). The remaining
+    stiffness, S - r S plus r times that of the loops, is stable if the loops have more than (1 - 1/r) S =
+    S (k - 1)/(k tau B (1 + K_D)). If that exceeds S, with actuators much faster than the sampling, no loops are
+    stable, and S is required.
     """
 
-    def turned(angles: Vector) -> Vector:
-        data = eqx.tree_at(lambda d: (d.alpha, d.beta), now.air_data, (angles[0], angles[1]))
+    def angular_acceleration(angles: Vector) -> Vector:
+        data = eqx.tree_at(lambda d: (d.alpha, d.beta), condition.air_data, (angles[0], angles[1]))
         moment_b = airframe.aerodynamics(data, jnp.zeros(3), surfaces).moment_b
         return times3(airframe.mass_properties.inertia_inverse_b, moment_b)
 
-    slope = jax.jacfwd(turned)(jnp.stack([now.air_data.alpha, now.air_data.beta]))
-    own = jnp.stack([jnp.zeros_like(slope[0, 0]), jnp.maximum(-slope[1, 0], 0.0), jnp.maximum(slope[2, 1], 0.0)])
+    slope = jax.jacfwd(angular_acceleration)(jnp.stack([condition.air_data.alpha, condition.air_data.beta]))
+    natural_stiffness = jnp.stack(
+        [jnp.zeros_like(slope[0, 0]), jnp.maximum(-slope[1, 0], 0.0), jnp.maximum(slope[2, 1], 0.0)]
+    )
     lag = jnp.max(airframe.actuators.time_constant[np.flatnonzero(airframe.actuators.is_commanded)])
-    nearer = _GAIN_MARGIN * lag * of_actuators * (1.0 + _RATE_DERIVATIVE)
-    return own * jnp.minimum((_GAIN_MARGIN - 1.0) / nearer, 1.0)
+    stiffness_ratio = _GAIN_MARGIN * lag * actuator_bandwidth * (1.0 + _RATE_DERIVATIVE)
+    return natural_stiffness * jnp.minimum((_GAIN_MARGIN - 1.0) / stiffness_ratio, 1.0)
 
 
 def automatic_gains(bandwidths: Bandwidths) -> AutopilotGains:
-    """Gains of all loops from their bandwidths; feed-forward and dampings keep the published proportions.
+    """Gains of the whole autopilot from loop bandwidths; feed-forward, damping and filter ratios as published.
 
-    So do the filters of commands, to the slowest axis of each loop.
+    The filters of the commands are scaled with the slowest axis of the loop.
     """
-    published, b = published_gains(), bandwidths
+    published = published_gains()
     damping = jnp.ones(3)
-    slowest = {"rates": jnp.min(b.rates), "attitude": jnp.min(b.attitude[:2])}
+    slowest = {"rates": jnp.min(bandwidths.rates), "attitude": jnp.min(bandwidths.attitude[:2])}
     return AutopilotGains(
-        rates=design_gains(b.rates, _INTEGRAL_RATES * damping, _RATE_DERIVATIVE),
-        attitude=design_gains(b.attitude, jnp.inf * damping),
-        velocity=design_gains(b.velocity, _INTEGRAL_VELOCITY * damping),
+        rates=design_gains(bandwidths.rates, _RATES_DAMPING * damping, _RATE_DERIVATIVE),
+        attitude=design_gains(bandwidths.attitude, jnp.inf * damping),
+        velocity=design_gains(bandwidths.velocity, _VELOCITY_DAMPING * damping),
         attitude_command_bandwidth=2.0 * slowest["attitude"],
         rates_command_bandwidth=0.6 * slowest["rates"],
-        surfaces_command_bandwidth=0.5 * b.actuators,
-        actuator_bandwidth=b.actuators,
+        surfaces_command_bandwidth=0.5 * bandwidths.actuators,
+        actuator_bandwidth=bandwidths.actuators,
         surface_bandwidth=published.surface_bandwidth * slowest["attitude"] / 2.0,
-        engine_bandwidth=b.engine,
+        engine_bandwidth=bandwidths.engine,
         sensor_bandwidth=published.sensor_bandwidth,
     )

@@ -1,7 +1,4 @@
-"""Ground clearance: the height needed to level off from a descent.
-
-Whether that height is left above the floor, and the pull that ends the descent.
-"""
+"""Ground clearance: the height needed to level off from a descent, and the pull-up that ends the descent."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -17,20 +14,20 @@ from anser.parts.perception import Belief, velocity_over_ground_n
 from anser.shapes import Flag, Scalar, ScalarLike
 
 REACTION_S = 1.0
-"""Time until the pull that is asked for acts: the attitude loop's 0.5 s and as much for the lift to build up."""
+"""Time until a commanded pull-up acts, s: 0.5 s of the attitude loop and 0.5 s for the lift to build up."""
 ROLL_RATE_RAD_S = 1.0
-"""Mean rate at which a bank is rolled out; the attitude loop begins with 2 rad/s per rad and ends exponentially."""
+"""Mean roll rate of a roll-out, rad/s; the attitude loop starts with 2 rad/s per rad and ends exponentially."""
 BANK_WITH_FULL_LIFT = jnp.pi / 3
-"""Bank up to which the autopilot keeps its lift while it rolls; from 30 deg more on it has let go of it."""
-_BANK_LET_GO = jnp.pi / 6
+"""Bank up to which the autopilot keeps full lift while rolling out, rad; 30 deg further the lift has faded to zero."""
+_LIFT_FADE_RANGE = jnp.pi / 6
 _SPEED_MIN = 1.0  # m/s
-_PULL_MIN = 0.1  # of gravity: what is reckoned with where lift hardly carries the weight
+_PULL_MIN = 0.1  # of gravity: least assumed pull if the lift hardly carries the weight
 
 
 def level_off_height(
     speed: ScalarLike, sink: ScalarLike, fall: ScalarLike, bank: ScalarLike, pull: ScalarLike
 ) -> Scalar:
-    """Height lost from now until the flight is level, m; 0 for one that does not sink.
+    """Height lost until the flight is level, m; 0 for an aircraft that does not sink.
 
     Parameters
     ----------
@@ -39,78 +36,78 @@ def level_off_height(
     sink
         Vertical speed, down positive, m/s.
     fall
-        Downward acceleration now, m/s^2: a path that is being pushed over steepens until the pull acts.
+        Present downward acceleration, m/s^2: a path in a push-over steepens until the pull acts.
     bank
-        Bank about the velocity, rad; it is rolled out first, beyond 60 deg without lift.
+        Bank about the velocity, rad; the aircraft rolls out first, without lift beyond 60 deg.
     pull
-        Acceleration normal to the path, upward, beyond that which carries the weight, m/s^2.
+        Upward acceleration normal to the path, in addition to carrying the weight, m/s^2.
 
     Notes
     -----
     In the time t = 1 s + |bank| / (1 rad/s) the aircraft falls sink t + fall t^2 / 2. The pull then turns the path from
     -gamma to level with normal acceleration a = `pull`: V d(gamma)/dt = a and dV/dt = g sin(gamma), without drag and
-    thrust, give d(V^2)/d(cos gamma) = (2 g / a) V^2, and with energy kept the height is
-    V^2/2g (exp(2 g (1 - cos gamma)/a) - 1): the circular arc V^2 (1 - cos gamma)/a where that is short. `pull` is
-    reckoned from carrying the whole weight, though only cos(gamma) of it is to be carried, and drag brakes: both lie on
-    the safe side.
+    thrust, give d(V^2)/d(cos gamma) = (2 g / a) V^2, and with conserved energy the height is
+    V^2/2g (exp(2 g (1 - cos gamma)/a) - 1), for short arcs the circular arc V^2 (1 - cos gamma)/a. `pull` assumes that
+    the lift carries the whole weight, although only cos(gamma) of the weight acts normal to the path, and drag brakes:
+    both assumptions are conservative.
     """
     gravity = STANDARD_GRAVITY_M_S2
-    amount = jnp.abs(bank)
-    time = REACTION_S + amount / ROLL_RATE_RAD_S
-    unloaded = gravity * jnp.clip((amount - BANK_WITH_FULL_LIFT) / _BANK_LET_GO, 0.0, 1.0)
-    down = jnp.maximum(jnp.clip(fall, 0.0, 2 * gravity), unloaded)
-    fallen = jnp.maximum(sink * time + 0.5 * down * time**2, 0.0)
-    sink_then = jnp.maximum(sink + down * time, 0.0)
-    square = jnp.maximum(speed, _SPEED_MIN) ** 2 + 2 * gravity * fallen
-    return fallen + _arc(square, sink_then, jnp.maximum(pull, _PULL_MIN * gravity))
+    bank_magnitude = jnp.abs(bank)
+    delay = REACTION_S + bank_magnitude / ROLL_RATE_RAD_S
+    unloaded_fall_rate = gravity * jnp.clip((bank_magnitude - BANK_WITH_FULL_LIFT) / _LIFT_FADE_RANGE, 0.0, 1.0)
+    fall_rate = jnp.maximum(jnp.clip(fall, 0.0, 2 * gravity), unloaded_fall_rate)
+    height_before_pull = jnp.maximum(sink * delay + 0.5 * fall_rate * delay**2, 0.0)
+    sink_at_pull = jnp.maximum(sink + fall_rate * delay, 0.0)
+    speed_squared = jnp.maximum(speed, _SPEED_MIN) ** 2 + 2 * gravity * height_before_pull
+    return height_before_pull + _arc_height(speed_squared, sink_at_pull, jnp.maximum(pull, _PULL_MIN * gravity))
 
 
 def required_pull(speed: ScalarLike, sink: ScalarLike, bank: ScalarLike, height_available: ScalarLike) -> Scalar:
     """Acceleration normal to the path, beyond carrying the weight, that ends a descent within a height (m), m/s^2.
 
-    Speed, sink and bank as for `level_off_height`. Where no height is available the pull is that of an arc as short as
-    what is fallen in a third of a second, and 1 m.
+    Speed, sink and bank as for `level_off_height`. Without available height, the arc has the height of a fall of a
+    third of a second plus 1 m.
     """
-    down = jnp.maximum(sink, 0.0)
-    time = REACTION_S + jnp.abs(bank) / ROLL_RATE_RAD_S
-    left = jnp.maximum(height_available - down * time, down / 3 + 1.0)
-    square = jnp.maximum(speed, _SPEED_MIN) ** 2
-    return square * _one_minus_cosine(down**2 / square) / left
+    sink_speed = jnp.maximum(sink, 0.0)
+    delay = REACTION_S + jnp.abs(bank) / ROLL_RATE_RAD_S
+    arc_height = jnp.maximum(height_available - sink_speed * delay, sink_speed / 3 + 1.0)
+    speed_squared = jnp.maximum(speed, _SPEED_MIN) ** 2
+    return speed_squared * _one_minus_cosine(sink_speed**2 / speed_squared) / arc_height
 
 
-def _arc(speed_squared: Scalar, sink: Scalar, pull: Scalar) -> Scalar:
+def _arc_height(speed_squared: Scalar, sink: Scalar, pull: Scalar) -> Scalar:
     gravity = STANDARD_GRAVITY_M_S2
-    turned = _one_minus_cosine(sink**2 / speed_squared)
-    return speed_squared / (2 * gravity) * jnp.expm1(2 * gravity * turned / pull)
+    one_minus_cosine = _one_minus_cosine(sink**2 / speed_squared)
+    return speed_squared / (2 * gravity) * jnp.expm1(2 * gravity * one_minus_cosine / pull)
 
 
 def _one_minus_cosine(sine_squared: Scalar) -> Scalar:
-    """1 - cos of an angle from the square of its sine, without cancellation; 1 from the vertical on."""
-    square = jnp.minimum(sine_squared, 1.0 - 1e-9)
-    return square / (1 + jnp.sqrt(1 - square))
+    """1 - cos of an angle from the square of the sine, without cancellation; 1 for vertical and steeper paths."""
+    limited_square = jnp.minimum(sine_squared, 1.0 - 1e-9)
+    return limited_square / (1 + jnp.sqrt(1 - limited_square))
 
 
 ALTITUDE_ERROR_ALLOWED_M = 30.0
-"""How far below the least altitude the errors of flight may take an aircraft before it breaks off."""
-_PULL_SHARE = 0.75  # part of the pull that the guard reckons with: drag costs speed, and so lift, on the way
-_PULL_FIRST = 3.0  # m/s^2: from this pull on its lift is served before any turn
-_ONSET = 0.5  # 1/s, with which a channel without gain of its own is taken to follow
+"""Altitude error below the least altitude, m, up to which an aircraft does not break off."""
+_PULL_SHARE = 0.75  # share of the available pull: drag reduces speed and lift during the pull-up
+_FULL_PRIORITY_PULL = 3.0  # m/s^2: pull from which the level-off takes the lift before any turn
+_GAIN_MIN = 0.5  # 1/s: least gain of a channel, also for loops without gain
 
 
 class GroundClearance(eqx.Module):
-    """What stands between an aircraft and the ground.
+    """Ground clearance of an aircraft.
 
     Attributes
     ----------
-    lost
-        Whether the height left above the floor no longer suffices to end the descent: to be broken off at once.
+    is_lost
+        Whether the height above the floor no longer suffices to end the descent: the aircraft must break off at once.
     pull
-        Acceleration normal to the path, beyond carrying the weight, that keeps the aircraft above its least altitude,
-        within what it can give, m/s^2; 0 for an aircraft that does not sink.
-    normal_most
-        Greatest acceleration normal to the path that lift and load factor give, m/s^2.
+        Acceleration normal to the path, in addition to carrying the weight, that keeps the aircraft above the least
+        altitude, limited to the aircraft's capability, m/s^2; 0 for an aircraft that does not sink.
+    normal_acceleration_max
+        Greatest acceleration normal to the path, limited by lift and load factor, m/s^2.
     motion
-        What the aircraft does now.
+        Present motion of the aircraft.
     """
 
     is_lost: Flag
@@ -120,42 +117,42 @@ class GroundClearance(eqx.Module):
 
 
 def ground_clearance(belief: Belief, limits: FlightLimits) -> GroundClearance:
-    """Look from the present motion down to the ground, which is at altitude 0.
+    """Ground clearance of the present motion; the ground is at altitude 0.
 
     Parameters
     ----------
     belief
-        What the aircraft believes of itself.
+        The aircraft's own estimate of its state.
     limits
-        Its least altitude, angle of attack and load factor.
+        Least altitude, angle of attack and load factor.
 
     Notes
     -----
-    The floor is the least altitude less 30 m, at least the ground: paths may run along the least altitude, and neither
-    their tracking (metres) nor the end of a level-off may count as lost. The height needed is that of
-    `level_off_height` with three quarters of the pull that 0.9 of the lift at alpha_max, or the greatest load factor,
-    leaves beyond the weight.
+    The floor is 30 m below the least altitude, but not below the ground: paths may follow the least altitude, and
+    neither tracking errors of metres nor the end of a level-off count as lost clearance. The height needed is that of
+    `level_off_height` with three quarters of the available pull: 0.9 of the lift at alpha_max, or the greatest load
+    factor, minus the weight.
     """
-    state, now, mass = belief.state, belief.condition, belief.airframe.mass_properties.mass
-    gravity, altitude = now.earth.gravity, -state.position_n[2]
-    sink = velocity_over_ground_n(now, state)[2]
-    motion = path_motion(now, now.wrench.force_b, state.velocity_b, mass, gravity)
-    other_force_b = now.propulsive.force_b
+    state, condition, mass = belief.state, belief.condition, belief.airframe.mass_properties.mass
+    gravity, altitude = condition.earth.gravity, -state.position_n[2]
+    sink = velocity_over_ground_n(condition, state)[2]
+    motion = path_motion(condition, condition.wrench.force_b, state.velocity_b, mass, gravity)
+    other_force_b = condition.propulsive.force_b
     lift = LIFT_SHARE * lift_at_alpha(
-        belief.airframe, now, state.rates_b, state.surfaces, other_force_b, limits.alpha_max
+        belief.airframe, condition, state.rates_b, state.surfaces, other_force_b, limits.alpha_max
     )
-    most = jnp.clip(lift / mass, 0.0, limits.load_factor_max * gravity)
-    spare = jnp.maximum(most - gravity, 0.0)
+    normal_acceleration_max = jnp.clip(lift / mass, 0.0, limits.load_factor_max * gravity)
+    pull_max = jnp.maximum(normal_acceleration_max - gravity, 0.0)
     V_dot, gamma_dot, _ = motion.path_rates
     fall = -(V_dot * jnp.sin(motion.gamma) + motion.V * jnp.cos(motion.gamma) * gamma_dot)
-    needed = level_off_height(motion.V, sink, fall, motion.mu, _PULL_SHARE * spare)
+    height_needed = level_off_height(motion.V, sink, fall, motion.mu, _PULL_SHARE * pull_max)
     floor = jnp.maximum(limits.altitude_min - ALTITUDE_ERROR_ALLOWED_M, 0.0)
     height_available = altitude - limits.altitude_min
-    wanted = required_pull(motion.V, sink, motion.mu, height_available)
+    pull = required_pull(motion.V, sink, motion.mu, height_available)
     return GroundClearance(
-        is_lost=needed > altitude - floor,
-        pull=jnp.minimum(wanted, spare),
-        normal_acceleration_max=most,
+        is_lost=height_needed > altitude - floor,
+        pull=jnp.minimum(pull, pull_max),
+        normal_acceleration_max=normal_acceleration_max,
         motion=motion,
     )
 
@@ -163,36 +160,38 @@ def ground_clearance(belief: Belief, limits: FlightLimits) -> GroundClearance:
 def level_off_command(
     command: PathCommand, clearance: GroundClearance, gains: LoopGains, gravity: Scalar
 ) -> PathCommand:
-    """Command with at least the pull that the ground demands; it turns only as far as lift is left for that.
+    """Command with at least the pull-up that ground clearance requires; the turn is reduced to the remaining lift.
 
-    Where the command asks for that pull by itself and its turn leaves the lift for it, it is returned as it is.
+    A command that already contains the required pull, with a turn within the remaining lift, is returned unchanged.
 
     Parameters
     ----------
     command
-        What the guidance asks for, through the air.
+        Command of the guidance, through the air.
     clearance
-        As of now.
+        Present ground clearance.
     gains
-        With which the controller follows (V, gamma, chi).
+        Gains of the controller's velocity loop (V, gamma, chi).
     gravity
-        m/s^2.
+        Acceleration of gravity, m/s^2.
     """
     motion = clearance.motion
-    V = jnp.maximum(motion.V, 1.0)
-    _, gamma_gain, chi_gain = jnp.maximum(gains.proportional, _ONSET)
+    speed = jnp.maximum(motion.V, 1.0)
+    _, gamma_gain, chi_gain = jnp.maximum(gains.proportional, _GAIN_MIN)
     _, gamma_feed, chi_feed = gains.feed_forward
-    asked = V * (gamma_gain * (command.gamma - motion.gamma) + gamma_feed * command.gamma_dot)
-    lacking = jnp.where(clearance.pull > 0.0, jnp.maximum(clearance.pull - asked, 0.0), 0.0)
-    gamma = command.gamma + lacking / (V * gamma_gain)
+    commanded_pull = speed * (gamma_gain * (command.gamma - motion.gamma) + gamma_feed * command.gamma_dot)
+    missing_pull = jnp.where(clearance.pull > 0.0, jnp.maximum(clearance.pull - commanded_pull, 0.0), 0.0)
+    gamma = command.gamma + missing_pull / (speed * gamma_gain)
 
-    up = gravity * jnp.cos(motion.gamma) + jnp.maximum(clearance.pull, 0.0)
-    left = jnp.maximum(clearance.normal_acceleration_max**2 - up**2, 1e-6)
+    upward_acceleration = gravity * jnp.cos(motion.gamma) + jnp.maximum(clearance.pull, 0.0)
+    turn_acceleration_square = jnp.maximum(clearance.normal_acceleration_max**2 - upward_acceleration**2, 1e-6)
     change = wrap_angle(command.chi - motion.chi)
-    side = jnp.abs(V * jnp.cos(motion.gamma) * (chi_gain * change + chi_feed * command.chi_dot))
-    # only as far as the ground demands a pull: the share of a turn in level flight is the velocity loop's affair
-    needed = jnp.clip(clearance.pull / _PULL_FIRST, 0.0, 1.0)
-    share = 1 - needed * (1 - jnp.minimum(1.0, jnp.sqrt(left) / jnp.maximum(side, 1e-3)))
+    turn_acceleration = jnp.abs(speed * jnp.cos(motion.gamma) * (chi_gain * change + chi_feed * command.chi_dot))
+    # reduced only for a required pull: in level flight the velocity loop limits the turn
+    priority = jnp.clip(clearance.pull / _FULL_PRIORITY_PULL, 0.0, 1.0)
+    share = 1 - priority * (
+        1 - jnp.minimum(1.0, jnp.sqrt(turn_acceleration_square) / jnp.maximum(turn_acceleration, 1e-3))
+    )
     return eqx.tree_at(
         lambda c: (c.gamma, c.chi, c.chi_dot),
         command,

@@ -1,4 +1,4 @@
-"""Guidance: from the planned path, or from a hold around the goal, to the velocity that the autopilot flies."""
+"""Guidance: velocity commands for the autopilot, from the planned path or from a hold around the goal."""
 
 import equinox as eqx
 import jax
@@ -15,24 +15,24 @@ from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 from anser.spatial.rotations import safe_hypot
 
 _CLIMB_GAIN = 0.2  # 1/s: altitude errors in the hold fade within about 15 s
-_PULL_MAX = 6.0  # m/s^2: levelling off after a steep arrival asks for an additional half g at most
-_COSINE_MIN = 0.2  # of the path angle: a steeper hold is not asked for a higher airspeed
-_STRAIGHT_ON = 0.1  # fraction of the hold radius flown straight on after the arrival
+_PULL_MAX_M_S2 = 6.0  # m/s^2: limits the additional pull of a level-off to about half a g
+_COSINE_MIN = 0.2  # of the path angle: bounds the airspeed command of a steep hold
+_STRAIGHT_FRACTION = 0.1  # fraction of the hold radius flown straight on after the arrival
 
 
 class GuidanceSettings(eqx.Module):
-    """Numbers of the guidance.
+    """Settings of the guidance.
 
     Attributes
     ----------
     position_gain
-        Speed per metre of position error that is added to the planned velocity, 1/s; 0 flies velocity commands alone.
+        Correction speed per metre of position error, 1/s; 0 flies the planned velocity only.
     correction_max
-        Greatest such added speed, m/s.
+        Greatest correction speed, m/s.
     hold_radius
         Radius of the hold around the goal, m.
     hold_turn
-        +1: clockwise seen from above (right turns); -1: the other way.
+        +1: clockwise seen from above (right turns); -1: anticlockwise.
     climb_rate_max
         Greatest vertical speed in the hold, m/s.
     """
@@ -45,12 +45,12 @@ class GuidanceSettings(eqx.Module):
 
 
 class FollowPlan(AbstractGuidance):
-    """Follow the aircraft's own plan, see `follow`."""
+    """Follow the aircraft's plan, see `follow`."""
 
     settings: GuidanceSettings
 
     def init(self, belief: Belief, instant: Instant) -> None:
-        """Nothing is kept."""
+        """The guidance has no state."""
 
     def command(
         self, guidance_state: None, belief: Belief, plan: AircraftPlan | None, instant: Instant
@@ -60,7 +60,7 @@ class FollowPlan(AbstractGuidance):
         Raises
         ------
         ValueError
-            Nobody plans for this aircraft.
+            If the aircraft has no plan.
         """
         if plan is None:
             raise ValueError("FollowPlan follows a plan: fly it in a flight with a planner")
@@ -71,14 +71,14 @@ class FollowPlan(AbstractGuidance):
 
 
 def chart_velocities(belief: Belief) -> tuple[Vector3, Vector3]:
-    """Own velocity over the ground and the wind as rates of the Earth's chart, in which plans live, NED, m/s."""
+    """Ground velocity and wind as rates in the Earth's chart (the local map of the plans), NED, m/s."""
     scale = belief.condition.earth.chart_scale
     return scale * velocity_over_ground_n(belief.condition, belief.state), scale * belief.condition.wind_n
 
 
 def command_from_chart(command: PathCommand, belief: Belief, environment: Environment) -> PathCommand:
-    """Command in velocities through the air, from one in rates of the Earth's chart."""
-    if isinstance(environment.earth, FlatEarth):  # there both are the same
+    """Convert a command in rates of the Earth's chart to a command in velocities through the air."""
+    if isinstance(environment.earth, FlatEarth):  # chart rates are velocities
         return command
     return rescale_command(command, 1.0 / belief.condition.earth.chart_scale)
 
@@ -92,23 +92,23 @@ def follow(
 ) -> PathCommand:
     """Command (through the air) that flies a trajectory: velocity feed-forward plus position feedback.
 
-    v = v_planned + k (p_planned - p), its rate a_planned + k (v_planned - v); the added speed is limited smoothly.
+    v = v_planned + k (p_planned - p), with rate a_planned + k (v_planned - v); the correction is limited smoothly.
 
     Parameters
     ----------
     planned
-        Motion along the plan, now.
+        Present motion along the plan.
     position_n, velocity_n
-        Own position (m) and velocity over ground (m/s).
+        Position of the aircraft (m) and velocity over ground (m/s), NED.
     wind_n
-        Wind as the aircraft measures it (ground velocity minus air velocity), m/s.
+        Wind measured by the aircraft (ground velocity minus air velocity), NED, m/s.
     settings
         See `GuidanceSettings`.
     """
 
     def correction(offset_n: Vector3) -> Vector3:
-        wanted_n = settings.position_gain * offset_n
-        return wanted_n / jnp.sqrt(1 + jnp.sum(wanted_n**2) / settings.correction_max**2)
+        correction_n = settings.position_gain * offset_n
+        return correction_n / jnp.sqrt(1 + jnp.sum(correction_n**2) / settings.correction_max**2)
 
     offset_n, slip_n = planned.position_n - position_n, planned.velocity_n - velocity_n
     added_n, added_dot_n = jax.jvp(correction, (offset_n,), (slip_n,))
@@ -127,37 +127,39 @@ def hold(
 ) -> PathCommand:
     """Command (through the air) that flies on after the arrival and joins a circle around the moving goal.
 
-    A vector field: seen from the goal, the velocity is turned from the outward radial by theta = pi/2 at the radius,
-    less inside (pi/2 times x^2 (2.5 - 1.5 x), x = distance/radius), more outside. Inside, the path's curvature stays
-    below 3 / radius and starts from 0, so that the arrival itself is flown straight through.
+    A vector field around the goal: the velocity is turned from the outward radial by the angle theta, pi/2 on the
+    circle, less inside (pi/2 x^2 (2.5 - 1.5 x), x = distance/radius) and more outside. Inside, the curvature of the
+    path starts from 0 and stays below 3 / radius, so that the aircraft flies straight through the arrival.
 
     Parameters
     ----------
     relative_n
-        Own position relative to the goal, NED, m.
+        Position of the aircraft relative to the goal, NED, m.
     velocity_n, goal_velocity_n
-        Over ground, m/s.
+        Velocities over ground, NED, m/s.
     wind_n
-        As measured, m/s.
+        Measured wind, NED, m/s.
     arrival_direction_n
-        Direction of the arrival; flown on to a tenth of the radius, where the radial is not yet well defined, and of no
-        account elsewhere (`crosses_centre`).
+        Direction of the arrival. Used only within a tenth of the radius, near the singularity of the radial
+        (`crosses_centre`).
     height
-        Wanted height above the goal, m.
+        Commanded height above the goal, m.
     speed
         Airspeed, m/s.
     settings
         See `GuidanceSettings`.
     """
     drift_n = (goal_velocity_n - wind_n).at[2].set(0.0)
-    ahead = arrival_direction_n[:2] / jnp.maximum(safe_hypot(arrival_direction_n[0], arrival_direction_n[1]), 1e-6)
+    arrival_axis = arrival_direction_n[:2] / jnp.maximum(
+        safe_hypot(arrival_direction_n[0], arrival_direction_n[1]), 1e-6
+    )
 
     def air_velocity(relative: Vector3) -> Vector3:
         distance = safe_hypot(relative[0], relative[1])
         x = distance / settings.hold_radius
         radial = relative[:2] / jnp.maximum(distance, 1.0)
-        trust = _smoothstep(x / _STRAIGHT_ON)
-        outward = trust * radial + (1 - trust) * ahead
+        radial_weight = _smoothstep(x / _STRAIGHT_FRACTION)
+        outward = radial_weight * radial + (1 - radial_weight) * arrival_axis
         outward = outward / jnp.maximum(safe_hypot(outward[0], outward[1]), 1e-3)
         y = jnp.minimum(x, 1.0)
         inside = 0.5 * jnp.pi * y * y * (2.5 - 1.5 * y)
@@ -165,28 +167,30 @@ def hold(
         theta = jnp.where(x < 1.0, inside, outside)
         across = settings.hold_turn * jnp.stack([-outward[1], outward[0]])
         direction = jnp.cos(theta) * outward + jnp.sin(theta) * across
-        along = jnp.sum(direction * drift_n[:2])
-        spare = jnp.maximum(speed**2 - jnp.sum(drift_n[:2] ** 2) + along**2, (0.1 * speed) ** 2)
-        level = (jnp.sqrt(spare) - along) * direction + drift_n[:2]
+        drift_along = jnp.sum(direction * drift_n[:2])
+        speed_square = jnp.maximum(speed**2 - jnp.sum(drift_n[:2] ** 2) + drift_along**2, (0.1 * speed) ** 2)
+        level_velocity = (jnp.sqrt(speed_square) - drift_along) * direction + drift_n[:2]
         climb = jnp.clip(_CLIMB_GAIN * (height + relative[2]), -settings.climb_rate_max, settings.climb_rate_max)
-        return jnp.concatenate([level, (goal_velocity_n[2] - climb - wind_n[2])[None]])
+        return jnp.concatenate([level_velocity, (goal_velocity_n[2] - climb - wind_n[2])[None]])
 
     velocity, acceleration = jax.jvp(air_velocity, (relative_n,), (velocity_n - goal_velocity_n,))
-    own_air_n = velocity_n - wind_n
-    return _turned_one_way(_eased(polar(velocity, acceleration), own_air_n), own_air_n, settings.hold_turn)
+    air_velocity_n = velocity_n - wind_n
+    return _limit_turn(_limit_pull(polar(velocity, acceleration), air_velocity_n), air_velocity_n, settings.hold_turn)
 
 
-def _eased(command: PathCommand, velocity_air_n: Vector3) -> PathCommand:
-    """Command whose path angle asks for no more than half a g of pull or push at once; its level speed stays.
+def _limit_pull(command: PathCommand, velocity_air_n: Vector3) -> PathCommand:
+    """Limit the path angle to a pull or push of about half a g; the level speed of the command is kept.
 
-    The path angle loop turns an error e into an acceleration V e / (1 s) normal to the path, at the present airspeed:
-    an arrival that is faster than its hold must not be asked for a steeper descent where it is to level off.
+    The path-angle loop turns an error e into an acceleration V e / (1 s) normal to the path, at the present airspeed.
+    An arrival faster than the hold must therefore not command a steeper descent during the level-off.
     """
     present = polar(velocity_air_n, jnp.zeros_like(velocity_air_n))
-    most = _PULL_MAX / jnp.maximum(present.V, 1.0)
+    change_max = _PULL_MAX_M_S2 / jnp.maximum(present.V, 1.0)
     change = command.gamma - present.gamma
-    gamma = jnp.where(jnp.abs(change) <= most, command.gamma, present.gamma + jnp.clip(change, -most, most))
-    gamma_dot = jnp.where(jnp.abs(change) <= most, command.gamma_dot, 0.0)
+    gamma = jnp.where(
+        jnp.abs(change) <= change_max, command.gamma, present.gamma + jnp.clip(change, -change_max, change_max)
+    )
+    gamma_dot = jnp.where(jnp.abs(change) <= change_max, command.gamma_dot, 0.0)
     level = command.V * jnp.cos(command.gamma)
     level_dot = command.V_dot * jnp.cos(command.gamma) - command.V * jnp.sin(command.gamma) * command.gamma_dot
     cosine = jnp.maximum(jnp.cos(gamma), _COSINE_MIN)
@@ -195,31 +199,31 @@ def _eased(command: PathCommand, velocity_air_n: Vector3) -> PathCommand:
     return eqx.tree_at(lambda c: (c.V, c.gamma, c.V_dot, c.gamma_dot), command, (V, gamma, V_dot, gamma_dot))
 
 
-def _turned_one_way(command: PathCommand, velocity_air_n: Vector3, turn: ScalarLike) -> PathCommand:
-    """Keep a large change of course on one side: an arrival that heads for the goal must not waver about the far side.
+def _limit_turn(command: PathCommand, velocity_air_n: Vector3, turn: ScalarLike) -> PathCommand:
+    """Turn to a distant course in one direction, so that an arrival towards the goal does not waver between both.
 
-    A course more than 120 deg against the hold's turn is reached by turning with it; what is asked at once is at most
-    45 deg, and then without feed-forward, because the field's own rate is not that of such a turn.
+    A course change of more than 120 deg against the hold's turn is flown in the direction of the hold. Changes are
+    limited to 45 deg, without feed-forward, because the rate of the vector field is not the rate of the limited turn.
     """
     course = polar(velocity_air_n, jnp.zeros_like(velocity_air_n)).chi
     change = wrap_angle(command.chi - course)
     change = jnp.where(turn * change < -2 * jnp.pi / 3, change + turn * 2 * jnp.pi, change)
-    asked = jnp.clip(change, -jnp.pi / 4, jnp.pi / 4)
-    large = jnp.abs(change) > jnp.pi / 4
-    chi = jnp.where(large, course + asked, command.chi)
-    chi_dot = jnp.where(large, 0.0, command.chi_dot)
+    limited_change = jnp.clip(change, -jnp.pi / 4, jnp.pi / 4)
+    is_large = jnp.abs(change) > jnp.pi / 4
+    chi = jnp.where(is_large, course + limited_change, command.chi)
+    chi_dot = jnp.where(is_large, 0.0, command.chi_dot)
     return eqx.tree_at(lambda c: (c.chi, c.chi_dot), command, (chi, chi_dot))
 
 
 def crosses_centre(relative_n: Vector3, settings: GuidanceSettings) -> Flag:
-    """Whether an aircraft (seen from the goal, NED, m) is where its hold flies on along the arrival's direction."""
-    return safe_hypot(relative_n[0], relative_n[1]) < _STRAIGHT_ON * settings.hold_radius
+    """Whether the hold still flies on along the arrival direction; `relative_n` is relative to the goal, NED, m."""
+    return safe_hypot(relative_n[0], relative_n[1]) < _STRAIGHT_FRACTION * settings.hold_radius
 
 
 def hold_point(
     relative_n: Vector3, goal_position_n: Vector3, height: ScalarLike, settings: GuidanceSettings
 ) -> Vector3:
-    """Point of the hold's circle nearest to an aircraft, NED, m; `relative_n` is its position seen from the goal."""
+    """Point of the hold's circle nearest to an aircraft, NED, m; `relative_n` is the position relative to the goal."""
     radial = relative_n[:2] / jnp.maximum(safe_hypot(relative_n[0], relative_n[1]), 1.0)
     return goal_position_n + jnp.concatenate([settings.hold_radius * radial, -jnp.asarray(height)[None]])
 

@@ -1,4 +1,4 @@
-"""Autopilot by nonlinear dynamic inversion as a part of the closed loop: commands to any of its three loops."""
+"""Controller of the closed loop by nonlinear dynamic inversion; any of the three loops can be commanded."""
 
 from typing import Any, Literal
 
@@ -19,16 +19,16 @@ Loop = Literal["rates", "attitude", "velocity"]
 
 
 class LoopCommand(eqx.Module):
-    """What an inner loop is asked for.
+    """Command to an inner loop.
 
     Attributes
     ----------
     value
         (P, Q, R) rad/s or (mu, alpha, beta) rad.
     rate
-        Its rate of change, for the feed-forward.
+        Time derivative of `value`, for the feed-forward.
     throttle
-        That is held, 0..1.
+        Constant throttle, 0..1.
     """
 
     value: Vector3
@@ -37,14 +37,15 @@ class LoopCommand(eqx.Module):
 
 
 class InversionAutopilot(AbstractController):
-    """Nonlinear dynamic inversion in three loops (theory section 5), of the model or incremental by its gains.
+    """Nonlinear dynamic inversion in three loops (theory section 5), model-based or incremental as the gains select.
 
     Attributes
     ----------
     gains, limits
-        Of the loops.
+        Gains and limits of the loops.
     loop
-        Which is commanded: "velocity" by a `PathCommand`, an inner one by a `LoopCommand`. Those inside it are closed.
+        The commanded loop: "velocity" takes a `PathCommand`, "attitude" and "rates" a `LoopCommand`. Loops inside the
+        commanded loop are closed.
     """
 
     gains: AutopilotGains
@@ -52,13 +53,13 @@ class InversionAutopilot(AbstractController):
     loop: Loop = eqx.field(static=True, default="velocity")
 
     def init(self, state: AircraftState, attitude: Vector3) -> AutopilotState:
-        """Memory of an autopilot that has been holding steady flight."""
+        """State of an autopilot in steady flight."""
         return initial_autopilot_state(attitude, state.rates_b, state.surfaces, self.limits)
 
     def control(
         self, controller_state: AutopilotState, belief: Belief, command: Any, step: ScalarLike
     ) -> tuple[Controls, AutopilotSignals | None, AutopilotState]:
-        """See `velocity_control`, `attitude_control`, `rate_control`; signals are those of the velocity loop."""
+        """See `velocity_control`, `attitude_control` and `rate_control`; only the velocity loop has signals."""
         model = onboard_model(belief, self.limits, self.gains, controller_state, step)
         if self.loop == "velocity":
             return velocity_control(model, self.gains, controller_state, command)

@@ -1,4 +1,4 @@
-"""Envelope limits that the autopilot keeps its commands within."""
+"""Envelope limits on the commands of the autopilot."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -24,7 +24,7 @@ class FlightLimits(eqx.Module):
     altitude_min
         Least altitude, m; the ground is at 0.
     bank_rate_max
-        Greatest rate of the bank angle that is commanded, rad/s; None: any.
+        Greatest rate of the commanded bank angle, rad/s; None: no limit.
     """
 
     speed_min: Scalar
@@ -40,7 +40,7 @@ class FlightLimits(eqx.Module):
 
 
 def default_limits() -> FlightLimits:
-    """Limits that suit the F-16 at low speed: 90 to 240 m/s, 60 deg bank, alpha -5 to 25 deg, load factor -1 to 5."""
+    """Limits for the F-16 at low speed: 90 to 240 m/s, 60 deg bank, alpha -5 to 25 deg, load factor -1 to 5."""
     degree = jnp.pi / 180
     return FlightLimits(
         speed_min=jnp.asarray(90.0, dtype=float),

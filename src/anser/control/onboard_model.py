@@ -1,7 +1,4 @@
-"""The on-board model that dynamic inversion inverts.
-
-Path motion, the residual of the model against the sensors (the incremental form), and the autopilot's state.
-"""
+"""Onboard model for dynamic inversion: path motion, forces, control authority, and the residual of the model."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -22,7 +19,7 @@ from anser.spatial.wind_axes import bank_about_velocity
 
 
 class PathMotion(eqx.Module):
-    """Wind-axis angles of one aircraft and the parts of their rates that carry no body rate.
+    """Wind-axis angles of one aircraft, and the parts of the angles' rates that do not depend on the body rates.
 
     Attributes
     ----------
@@ -50,23 +47,24 @@ class PathMotion(eqx.Module):
 
 
 def path_motion(
-    now: FlightCondition, slow_force_b: Vector3, velocity_b: Vector3, mass: ScalarLike, gravity: ScalarLike
+    condition: FlightCondition, slow_force_b: Vector3, velocity_b: Vector3, mass: ScalarLike, gravity: ScalarLike
 ) -> PathMotion:
-    """Evaluate theory section 2's wind-axis equations (g > 0).
+    """Evaluate the wind-axis equations of theory section 2 (g > 0).
 
-    `slow_force_b` is the force without gravity that `drift` is built from (see `OnboardModel`); the path rates are
-    built from the force that acts now.
+    `slow_force_b` is the non-gravitational force for `drift` (see `OnboardModel`); the path rates use the present
+    force.
 
-    Vertical flight (cos gamma = 0) and beta of 90 deg are outside their domain; the denominators are held away from 0.
+    Vertical flight (cos gamma = 0) and a sideslip of 90 deg are outside the domain; denominators are bounded away from
+    0.
     """
-    alpha, beta = now.air_data.alpha, now.air_data.beta
-    velocity_air_n = rotate_back(now.R_bn, velocity_b) - now.wind_n
-    mu = bank_about_velocity(now.R_bn, alpha, beta)
-    force_b = now.wrench.force_b
+    alpha, beta = condition.air_data.alpha, condition.air_data.beta
+    velocity_air_n = rotate_back(condition.R_bn, velocity_b) - condition.wind_n
+    mu = bank_about_velocity(condition.R_bn, alpha, beta)
+    force_b = condition.wrench.force_b
     fall_n = jnp.zeros_like(velocity_air_n).at[2].set(gravity)
-    path = polar(velocity_air_n, rotate_back(now.R_bn, force_b) / mass + fall_n)
+    path = polar(velocity_air_n, rotate_back(condition.R_bn, force_b) / mass + fall_n)
     gamma, chi = path.gamma, path.chi
-    V = jnp.maximum(now.air_data.V, 1.0)
+    V = jnp.maximum(condition.air_data.V, 1.0)
     sa, ca, sb, cb = jnp.sin(alpha), jnp.cos(alpha), jnp.sin(beta), jnp.maximum(jnp.cos(beta), 0.05)
     s_mu, c_mu = jnp.sin(mu), jnp.cos(mu)
     cos_gamma = jnp.maximum(jnp.cos(gamma), 0.05)
@@ -84,11 +82,11 @@ def path_motion(
     )
     alpha_drift = (Z * ca - X * sa) / (mV * cb) + gravity * cos_gamma * c_mu / (V * cb)
     beta_drift = (-X * ca * sb + Y * cb - Z * sa * sb) / mV + gravity * cos_gamma * s_mu / V
-    zero, one = jnp.zeros_like(sa), jnp.ones_like(sa)
+    zero, unity = jnp.zeros_like(sa), jnp.ones_like(sa)
     effectiveness = jnp.stack(
         [
             jnp.stack([ca / cb, zero, sa / cb]),
-            jnp.stack([-ca * tb, one, -sa * tb]),
+            jnp.stack([-ca * tb, unity, -sa * tb]),
             jnp.stack([sa, zero, -ca]),
         ]
     )
@@ -106,15 +104,15 @@ def path_motion(
 
 
 class OnboardModel(eqx.Module):
-    """On-board model at one instant, which the loops invert.
+    """Onboard model at one instant, for inversion by the loops.
 
-    The forces in `now` and `slow` are those of the model of `airframe`, plus the residual that the sensors measure
-    where the inversion is incremental.
+    The forces in `condition` and `slow_condition` are those of the airframe's model, plus the measured residual if the
+    inversion is incremental.
 
-    The two outer loops see the forces as they are with `surfaces_slow`, low-passed deflections: the lift of the moving
-    elevator, differentiated twice on its way through the feed-forward, would come back to the elevator with a loop gain
-    above one (a limit cycle at the rate limit). Neglecting fast surface forces in the slow loops is the two-time-scale
-    assumption of dynamic inversion.
+    The attitude and velocity loops use the forces at `surfaces_slow`, low-pass filtered deflections. Otherwise the lift
+    of the moving elevator, differentiated twice on the way through the feed-forward, would return to the elevator with
+    a loop gain above one (a limit cycle at the rate limit). Neglecting fast surface forces in the slow loops is the
+    two-time-scale assumption of dynamic inversion.
     """
 
     airframe: AbstractAirframe
@@ -134,24 +132,40 @@ class OnboardModel(eqx.Module):
 def onboard_model(
     belief: Belief, limits: FlightLimits, gains: AutopilotGains, controller_state: AutopilotState, step: ScalarLike
 ) -> OnboardModel:
-    """Evaluate the on-board model of what an aircraft believes; `step` is the sampling period, s."""
-    airframe, state, now, gravity = belief.airframe, belief.state, belief.condition, belief.condition.earth.gravity
+    """Evaluate the onboard model at an aircraft's own estimate of its state; `step` is the sampling period, s."""
+    airframe, state, condition, gravity = (
+        belief.airframe,
+        belief.state,
+        belief.condition,
+        belief.condition.earth.gravity,
+    )
     mass_properties = airframe.mass_properties
     residual = controller_state.residual.advance(
-        mass_properties.mass * belief.specific_force_b - now.wrench.force_b,
+        mass_properties.mass * belief.specific_force_b - condition.wrench.force_b,
         state.rates_b,
-        angular_acceleration(mass_properties, state.rates_b, now.wrench.moment_b),
+        angular_acceleration(mass_properties, state.rates_b, condition.wrench.moment_b),
         gains.sensor_bandwidth,
         step,
     )
     residual_wrench = Wrench(residual.force_b, times3(mass_properties.inertia_b, residual.acceleration_b))
-    now = eqx.tree_at(lambda c: c.aerodynamic, now, now.aerodynamic + residual_wrench)
+    condition = eqx.tree_at(lambda c: c.aerodynamic, condition, condition.aerodynamic + residual_wrench)
     surfaces_slow = controller_state.surfaces_slow
-    slow_wrench = airframe.aerodynamics(now.air_data, state.rates_b, surfaces_slow) + residual_wrench
-    slow = eqx.tree_at(lambda c: c.aerodynamic, now, slow_wrench)
-    motion = path_motion(now, slow.wrench.force_b, state.velocity_b, mass_properties.mass, gravity)
-    moments = surface_moments(airframe, now, state.rates_b, state.surfaces)
+    slow_wrench = airframe.aerodynamics(condition.air_data, state.rates_b, surfaces_slow) + residual_wrench
+    slow_condition = eqx.tree_at(lambda c: c.aerodynamic, condition, slow_wrench)
+    motion = path_motion(condition, slow_condition.wrench.force_b, state.velocity_b, mass_properties.mass, gravity)
+    moments = surface_moments(airframe, condition, state.rates_b, state.surfaces)
     authority = surface_authority(airframe.actuators, mass_properties, moments, surfaces_slow)
     return OnboardModel(
-        airframe, limits, state, now, slow, surfaces_slow, moments, authority, residual, motion, gravity, step
+        airframe,
+        limits,
+        state,
+        condition,
+        slow_condition,
+        surfaces_slow,
+        moments,
+        authority,
+        residual,
+        motion,
+        gravity,
+        step,
     )

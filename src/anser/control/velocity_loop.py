@@ -1,4 +1,4 @@
-"""Slowest loop: airspeed, path angle and course to thrust, angle of attack and bank (theory section 5, item 3)."""
+"""Velocity loop: airspeed, path angle and course to thrust, angle of attack and bank (theory section 5, item 3)."""
 
 import equinox as eqx
 import jax
@@ -11,17 +11,17 @@ from anser.control.onboard_model import OnboardModel
 from anser.shapes import Flag, Scalar, ScalarLike, Vector, Vector3
 from anser.spatial.rotations import safe_hypot
 
-_COS_BANK_MIN = 0.2  # between 78 and 102 deg of bank lift is asked less and less to hold the path
-_COS_READY = 0.5  # cosine of the bank error up to which all of the lift is asked; none at 90 deg and beyond
-_UP_MIN_G = 0.2  # acceleration normal to the path, in g, below which lift is not asked to turn
-_UP_TURNING_G = 0.5  # the same in a turn
-LIFT_SHARE = 0.9  # part of the lift at alpha_max that banks and commands may use; the rest holds the path meanwhile
-_SIDE_MAX = 0.1  # of the lift: 6 deg of bank against a side force, beyond which it is no steady flight
-_NEWTON_STEPS = 2  # the lift curve is piecewise linear: the second step lands when the first crossed a breakpoint
+_COS_BANK_MIN = 0.2  # between 78 and 102 deg of bank the lift demand fades out
+_COS_FULL_LIFT = 0.5  # cosine of the bank error up to which the full lift is demanded; none from 90 deg on
+_NORMAL_MIN_G = 0.2  # acceleration normal to the path, in g, below which no turn is demanded
+_NORMAL_TURNING_G = 0.5  # the same in a turn
+LIFT_SHARE = 0.9  # share of the lift at alpha_max for bank and commands; the remainder holds the path
+_SIDE_SHARE_MAX = 0.1  # of the lift: at most 6 deg of bank against a side force
+_NEWTON_STEPS = 2  # the lift curve is piecewise linear: a second step is exact after one breakpoint
 
 
 class ThrustDemand(eqx.Module):
-    """Throttle with the thrust (N) it is meant to give and whether the engine can give it."""
+    """Throttle (0..1), demanded thrust (N), and whether the demand exceeds the engine's range."""
 
     throttle: Scalar
     thrust: Scalar
@@ -29,20 +29,20 @@ class ThrustDemand(eqx.Module):
 
 
 class AttitudeDemand(eqx.Module):
-    """Wanted (mu, alpha, beta), and what stands in the way of the path that was asked for.
+    """Commanded (mu, alpha, beta) and the limits that keep them from the commanded path.
 
     Attributes
     ----------
     angles
         (mu, alpha, beta), rad.
     alpha_saturated
-        The path angle is not served: alpha or load factor at a limit, the lift let go, or a push-over held back.
+        The path angle is not followed: alpha or load factor at a limit, lift unloaded, or a push-over limited.
     bank_saturated
-        The course is not served: bank or its rate at its limit, bank faded out, or the lift too small for it.
+        The course is not followed: bank or bank rate at a limit, bank faded out, or too little lift.
     lift_short
-        The bank is held back because the lift at alpha_max is too small.
+        The bank is limited by the lift at alpha_max.
     load_factor_short
-        The bank is held back because the greatest load factor is too small.
+        The bank is limited by the greatest load factor.
     """
 
     angles: Vector3
@@ -53,149 +53,162 @@ class AttitudeDemand(eqx.Module):
 
 
 def thrust_demand(model: OnboardModel, engine_bandwidth: ScalarLike, V_dot: ScalarLike) -> ThrustDemand:
-    """Thrust for a wanted V_dot (m/s^2), through the inverted thrust tables, engine lag and gearing.
+    """Thrust for a commanded V_dot (m/s^2), through the inverted thrust tables, engine lag and gearing.
 
     T = [m (V_dot + g sin gamma) - (aerodynamic force along the velocity)] / (cos alpha cos beta).
     """
-    airframe, now, motion, power = model.airframe, model.slow_condition, model.motion, model.state.power
+    airframe, condition, motion, power = model.airframe, model.slow_condition, model.motion, model.state.power
     engine = airframe.engine
     ca, sa = jnp.cos(motion.alpha), jnp.sin(motion.alpha)
     cb, sb = jnp.cos(motion.beta), jnp.sin(motion.beta)
-    X, Y, Z = now.aerodynamic.force_b
-    along = X * ca * cb + Y * sb + Z * sa * cb
+    X, Y, Z = condition.aerodynamic.force_b
+    force_along = X * ca * cb + Y * sb + Z * sa * cb
     mass = airframe.mass_properties.mass
-    thrust = (mass * (V_dot + model.gravity * jnp.sin(motion.gamma)) - along) / jnp.maximum(ca * cb, 0.2)
-    wanted = engine.power_for_thrust(thrust, now.air_data)
-    throttle = engine.throttle_for_power_rate(power, engine_bandwidth * (wanted - power))
-    reachable = engine.propulsion(wanted, now.air_data).force_b[0]
+    thrust = (mass * (V_dot + model.gravity * jnp.sin(motion.gamma)) - force_along) / jnp.maximum(ca * cb, 0.2)
+    power_demand = engine.power_for_thrust(thrust, condition.air_data)
+    throttle = engine.throttle_for_power_rate(power, engine_bandwidth * (power_demand - power))
+    thrust_available = engine.propulsion(power_demand, condition.air_data).force_b[0]
     return ThrustDemand(
-        throttle=throttle, thrust=thrust, saturated=jnp.abs(thrust - reachable) > 1.0 + 1e-6 * reachable
+        throttle=throttle, thrust=thrust, saturated=jnp.abs(thrust - thrust_available) > 1.0 + 1e-6 * thrust_available
     )
 
 
 def lift_at_alpha(
     airframe: AbstractAirframe,
-    now: FlightCondition,
+    condition: FlightCondition,
     rates_b: Vector3,
     surfaces: Vector,
     other_force_b: Vector3,
     alpha: ScalarLike,
 ) -> Scalar:
-    """Force normal to the path that an angle of attack (rad) gives, up in the aircraft's plane of symmetry, N.
+    """Force normal to the path at an angle of attack (rad), up in the aircraft's plane of symmetry, N.
 
-    L = F_X sin(alpha) - F_Z cos(alpha); `other_force_b` is what acts besides the aerodynamics, thrust above all, N.
+    L = F_X sin(alpha) - F_Z cos(alpha); `other_force_b` is the non-aerodynamic force, mainly thrust, N.
     """
-    data = eqx.tree_at(lambda d: d.alpha, now.air_data, jnp.asarray(alpha))
+    data = eqx.tree_at(lambda d: d.alpha, condition.air_data, jnp.asarray(alpha))
     force_b = airframe.aerodynamics(data, rates_b, surfaces).force_b + other_force_b
     return force_b[0] * jnp.sin(alpha) - force_b[2] * jnp.cos(alpha)
 
 
 def side_force(model: OnboardModel) -> Scalar:
-    """Force to the right in straight flight without sideslip, N: of an aircraft that is not symmetric.
+    """Side force of an asymmetric aircraft in straight flight without sideslip, right positive, N.
 
-    With the surfaces at rest: what small deflections against its rolling and yawing moments add is left out.
+    The surfaces are at rest: small deflections against the rolling and yawing moments are neglected.
     """
-    airframe, now = model.airframe, model.slow_condition
-    data = eqx.tree_at(lambda d: d.beta, now.air_data, jnp.zeros_like(now.air_data.beta))
+    airframe, condition = model.airframe, model.slow_condition
+    data = eqx.tree_at(lambda d: d.beta, condition.air_data, jnp.zeros_like(condition.air_data.beta))
     at_rest = airframe.actuators.scheduled_position(jnp.zeros_like(model.surfaces_slow), data)
     wrench = airframe.aerodynamics(data, jnp.zeros_like(model.state.rates_b), at_rest)
-    return (wrench.force_b + now.propulsive.force_b)[1]
+    return (wrench.force_b + condition.propulsive.force_b)[1]
 
 
 def attitude_demand(model: OnboardModel, gamma_dot: ScalarLike, chi_dot: ScalarLike) -> AttitudeDemand:
-    """Bank and angle of attack for wanted gamma_dot and chi_dot (rad/s), sideslip zero (coordinated turns).
+    """Bank and angle of attack for commanded gamma_dot and chi_dot (rad/s) with zero sideslip (coordinated turns).
 
-    mu = atan2(V cos(gamma) chi_dot, V gamma_dot + g cos gamma) - asin(Y / (m a)), the well-conditioned form, where a is
-    the acceleration of both and Y the side force of an aircraft that is not symmetric; alpha from the balance of forces
+    mu = atan2(V cos(gamma) chi_dot, V gamma_dot + g cos gamma) - asin(Y / (m a)), the well-conditioned form, with the
+    resultant acceleration a and the side force Y of an asymmetric aircraft. Alpha follows from the balance of forces
     normal to the path at the present bank, m (V gamma_dot + g cos gamma) = L(alpha) cos(mu) - Y sin(mu) with
-    L = F_X sin(alpha) - F_Z cos(alpha), solved by Newton steps on the airframe's own forces and what the sensors say
-    beyond them. With the bank more than 60 deg off, an upset, the aircraft is unloaded first.
+    L = F_X sin(alpha) - F_Z cos(alpha), solved by Newton steps on the airframe's forces plus the measured residual. If the bank
+    error exceeds 60 deg (an upset), the aircraft unloads first.
 
-    What the lift at alpha_max or the load factor cannot give is left out of both turns alike, of the path's and of the
-    course's: gravity is carried first.
+    A demand beyond the lift at alpha_max or the load factor reduces the turn of the path and the turn of the course by
+    the same share: gravity is carried first.
     """
-    limits, now, motion, gravity = model.limits, model.slow_condition, model.motion, model.gravity
+    limits, condition, motion, gravity = model.limits, model.slow_condition, model.motion, model.gravity
     mass = model.airframe.mass_properties.mass
     weight = mass * gravity
-    fall = gravity * jnp.cos(motion.gamma)
-    side_free = motion.V * jnp.cos(motion.gamma) * chi_dot
-    up_free = motion.V * gamma_dot + fall
-    # in a turn the path is pushed down no faster than leaves lift to turn with
-    turning = jnp.clip(jnp.abs(side_free) / (_UP_TURNING_G * gravity), 0.0, 1.0)
-    up = up_free + turning * jnp.maximum(_UP_TURNING_G * gravity - up_free, 0.0)
-    other_force_b = now.propulsive.force_b + model.residual.force_b
+    gravity_normal = gravity * jnp.cos(motion.gamma)
+    side_command = motion.V * jnp.cos(motion.gamma) * chi_dot
+    normal_command = motion.V * gamma_dot + gravity_normal
+    # a push-over in a turn is limited so that enough lift remains for the turn
+    turning = jnp.clip(jnp.abs(side_command) / (_NORMAL_TURNING_G * gravity), 0.0, 1.0)
+    normal = normal_command + turning * jnp.maximum(_NORMAL_TURNING_G * gravity - normal_command, 0.0)
+    other_force_b = condition.propulsive.force_b + model.residual.force_b
 
     def lift(alpha: Scalar) -> Scalar:
-        return lift_at_alpha(model.airframe, now, model.state.rates_b, model.surfaces_slow, other_force_b, alpha)
+        return lift_at_alpha(model.airframe, condition, model.state.rates_b, model.surfaces_slow, other_force_b, alpha)
 
-    # more bank than the lift can hold would be a sinking spiral up to alpha_max and beyond
-    lift_most = jnp.maximum(LIFT_SHARE * lift(limits.alpha_max), 0.0)
-    most = jnp.minimum(lift_most, limits.load_factor_max * weight)
-    share = _share_within(fall, up - fall, side_free, most / mass)
-    level_min = _UP_MIN_G * gravity
-    level = jnp.maximum(fall + share * (up - fall), level_min)
-    # a lift that points down turns the wrong way: bank fades out with the lift that is wanted
-    upright = jnp.clip(up / level_min, 0.0, 1.0)
-    mu_free = jnp.arctan2(upright * share * side_free, level)
-    beside = None if model.airframe.symmetric else side_force(model)
-    if beside is not None:
-        tilt = jnp.arcsin(jnp.clip(beside / (mass * safe_hypot(share * side_free, level)), -_SIDE_MAX, _SIDE_MAX))
-        mu_free = mu_free - upright * tilt
-    mu = jnp.clip(mu_free, -limits.bank_max, limits.bank_max)
+    # bank beyond the available lift would lead into a descending spiral at alpha_max
+    lift_max = jnp.maximum(LIFT_SHARE * lift(limits.alpha_max), 0.0)
+    force_max = jnp.minimum(lift_max, limits.load_factor_max * weight)
+    share = _feasible_share(gravity_normal, normal - gravity_normal, side_command, force_max / mass)
+    level_min = _NORMAL_MIN_G * gravity
+    level = jnp.maximum(gravity_normal + share * (normal - gravity_normal), level_min)
+    # downward lift turns the wrong way: the bank fades out with the demanded lift
+    upright = jnp.clip(normal / level_min, 0.0, 1.0)
+    mu_unlimited = jnp.arctan2(upright * share * side_command, level)
+    lateral_force = None if model.airframe.symmetric else side_force(model)
+    if lateral_force is not None:
+        tilt = jnp.arcsin(
+            jnp.clip(
+                lateral_force / (mass * safe_hypot(share * side_command, level)),
+                -_SIDE_SHARE_MAX,
+                _SIDE_SHARE_MAX,
+            )
+        )
+        mu_unlimited = mu_unlimited - upright * tilt
+    mu = jnp.clip(mu_unlimited, -limits.bank_max, limits.bank_max)
     c_mu = jnp.cos(motion.mu)
-    # far from the wanted bank, on the back above all, the lift would point the wrong way: unload first, roll, then pull
-    ready = jnp.clip(jnp.cos(motion.mu - mu) / _COS_READY, 0.0, 1.0)
-    lift_free = ready * mass * up * c_mu / jnp.maximum(c_mu**2, _COS_BANK_MIN**2)
-    if beside is not None:
-        lift_free = lift_free + ready * beside * jnp.sin(motion.mu) * c_mu / jnp.maximum(c_mu**2, _COS_BANK_MIN**2)
-    lift_wanted = jnp.clip(lift_free, limits.load_factor_min * weight, limits.load_factor_max * weight)
-    slope_min = 0.02 * now.air_data.qbar  # keeps the step finite past the peak of the lift curve
+    # with a large bank error, above all inverted, the lift points the wrong way: unload, roll, then pull
+    lift_fraction = jnp.clip(jnp.cos(motion.mu - mu) / _COS_FULL_LIFT, 0.0, 1.0)
+    lift_unlimited = lift_fraction * mass * normal * c_mu / jnp.maximum(c_mu**2, _COS_BANK_MIN**2)
+    if lateral_force is not None:
+        lift_unlimited = lift_unlimited + lift_fraction * lateral_force * jnp.sin(motion.mu) * c_mu / jnp.maximum(
+            c_mu**2, _COS_BANK_MIN**2
+        )
+    lift_demand = jnp.clip(lift_unlimited, limits.load_factor_min * weight, limits.load_factor_max * weight)
+    slope_min = 0.02 * condition.air_data.qbar  # keeps the step finite past the peak of the lift curve
 
-    def closer(_: object, alpha: Scalar) -> Scalar:
+    def newton_step(_: object, alpha: Scalar) -> Scalar:
         value, slope = jax.jvp(lift, (alpha,), (jnp.ones_like(alpha),))
-        step = (lift_wanted - value) / jnp.maximum(slope, slope_min)
+        step = (lift_demand - value) / jnp.maximum(slope, slope_min)
         return jnp.clip(alpha + step, limits.alpha_min - 0.1, limits.alpha_max + 0.1)
 
-    alpha_free = jax.lax.fori_loop(0, _NEWTON_STEPS, closer, motion.alpha)
-    alpha = jnp.clip(alpha_free, limits.alpha_min, limits.alpha_max)
+    alpha_unlimited = jax.lax.fori_loop(0, _NEWTON_STEPS, newton_step, motion.alpha)
+    alpha = jnp.clip(alpha_unlimited, limits.alpha_min, limits.alpha_max)
     return AttitudeDemand(
         angles=jnp.stack([mu, alpha, jnp.zeros_like(alpha)]),
-        alpha_saturated=(alpha != alpha_free) | (lift_wanted != lift_free) | (ready < 1.0) | (up != up_free),
-        bank_saturated=(mu != mu_free) | (share < 1.0) | ((upright < 1.0) & (side_free != 0.0)),
-        lift_short=(share < 1.0) & (lift_most <= most),
-        load_factor_short=(share < 1.0) & (lift_most > most),
+        alpha_saturated=(alpha != alpha_unlimited)
+        | (lift_demand != lift_unlimited)
+        | (lift_fraction < 1.0)
+        | (normal != normal_command),
+        bank_saturated=(mu != mu_unlimited) | (share < 1.0) | ((upright < 1.0) & (side_command != 0.0)),
+        lift_short=(share < 1.0) & (lift_max <= force_max),
+        load_factor_short=(share < 1.0) & (lift_max > force_max),
     )
 
 
 def limit_bank_rate(
-    demand: AttitudeDemand, before: Scalar | None, limits: FlightLimits, step: ScalarLike
+    demand: AttitudeDemand, previous_bank: Scalar | None, limits: FlightLimits, step: ScalarLike
 ) -> tuple[AttitudeDemand, Scalar | None]:
-    """The demand with a bank angle that changes no faster than the limits say, and that angle for the next step.
+    """Limit the rate of the bank angle; returns the limited demand and the bank angle for the next step.
 
-    After an upset, beyond the greatest bank angle, the rate counts from that angle on: the attitude loop rolls back.
+    After an upset, beyond the greatest bank angle, the rate counts from the limit: the attitude loop rolls back.
 
     Parameters
     ----------
     demand
-        As if the rate were free.
-    before
-        The bank angle commanded a step (s) ago, rad; None where the rate is free.
+        Demand without rate limit.
+    previous_bank
+        Bank angle commanded one step (s) earlier, rad; None without rate limit.
     """
-    if before is None or limits.bank_rate_max is None:
-        return demand, before
-    free, most = demand.angles[0], limits.bank_rate_max * step
-    bank = jnp.clip(before, -limits.bank_max, limits.bank_max)
-    bank = bank + jnp.clip(free - bank, -most, most)
+    if previous_bank is None or limits.bank_rate_max is None:
+        return demand, previous_bank
+    unlimited_bank, change_max = demand.angles[0], limits.bank_rate_max * step
+    bank = jnp.clip(previous_bank, -limits.bank_max, limits.bank_max)
+    bank = bank + jnp.clip(unlimited_bank - bank, -change_max, change_max)
     limited = eqx.tree_at(
         lambda d: (d.angles, d.bank_saturated),
         demand,
-        (demand.angles.at[0].set(bank), demand.bank_saturated | (bank != free)),
+        (demand.angles.at[0].set(bank), demand.bank_saturated | (bank != unlimited_bank)),
     )
     return limited, bank
 
 
-def _share_within(fall: Scalar, up: Scalar, side: Scalar, most: Scalar) -> Scalar:
-    """Share s, 0..1, of an acceleration (up, side) with |(fall + s up, s side)| <= most: gravity is carried first."""
-    square = up**2 + side**2 + 1e-12
-    root = jnp.sqrt(jnp.maximum((fall * up) ** 2 + square * (most**2 - fall**2), 1e-12))
-    return jnp.clip((root - fall * up) / square, 0.0, 1.0)
+def _feasible_share(gravity_normal: Scalar, normal: Scalar, lateral: Scalar, magnitude_max: Scalar) -> Scalar:
+    """Largest share s, 0..1, of an acceleration with |(gravity_normal + s normal, s lateral)| <= magnitude_max."""
+    square = normal**2 + lateral**2 + 1e-12
+    root = jnp.sqrt(
+        jnp.maximum((gravity_normal * normal) ** 2 + square * (magnitude_max**2 - gravity_normal**2), 1e-12)
+    )
+    return jnp.clip((root - gravity_normal * normal) / square, 0.0, 1.0)
