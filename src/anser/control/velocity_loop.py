@@ -108,8 +108,8 @@ def attitude_demand(model: OnboardModel, gamma_dot: ScalarLike, chi_dot: ScalarL
     mu = atan2(V cos(gamma) chi_dot, V gamma_dot + g cos gamma) - asin(Y / (m a)), the well-conditioned form, with the
     resultant acceleration a and the side force Y of an asymmetric aircraft. Alpha follows from the balance of forces
     normal to the path at the present bank, m (V gamma_dot + g cos gamma) = L(alpha) cos(mu) - Y sin(mu) with
-    L = F_X sin(alpha) - F_Z cos(alpha), solved by Newton steps on the airframe's forces plus the measured residual. If the bank
-    error exceeds 60 deg (an upset), the aircraft unloads first.
+    L = F_X sin(alpha) - F_Z cos(alpha), solved by Newton steps on the airframe's forces plus the measured residual. If
+    the bank error exceeds 60 deg (an upset), the aircraft unloads first.
 
     A demand beyond the lift at alpha_max or the load factor reduces the turn of the path and the turn of the course by
     the same share: gravity is carried first.
