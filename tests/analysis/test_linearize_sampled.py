@@ -16,10 +16,10 @@ from anser.control import InversionAutopilot, default_limits, published_gains
 from anser.environment import standard_environment
 from anser.simulation.response import (
     LoopCase,
+    believed_motion,
     exact_belief,
     loop_command,
     loop_outputs,
-    motion_of,
     trimmed_autopilot_state,
 )
 from anser.simulation.vehicle import advance
@@ -99,7 +99,7 @@ def test_derivatives_equal_differences_of_the_step():
     @jax.jit
     def at_trim():
         belief = exact_belief(F16, ENVIRONMENT, point.state)
-        return loop_outputs(belief, "velocity"), motion_of(belief).path_rates
+        return loop_outputs(belief, "velocity"), believed_motion(belief).path_rates
 
     held, turning = at_trim()
 

@@ -9,7 +9,16 @@ from hypothesis import given, settings
 from anser.aircraft import Controls
 from anser.aircraft.motion import state_derivative
 from anser.numerics.linear import solve3
-from support.control_cases import AIRFRAME, DEGREE, QUICK, environment_of, flights, motion_of, setting_of, state_of
+from support.control_cases import (
+    AIRFRAME,
+    DEGREE,
+    QUICK,
+    believed_motion,
+    environment_of,
+    flights,
+    setting_of,
+    state_of,
+)
 
 modest = settings(deadline=None, max_examples=40)
 
@@ -22,11 +31,11 @@ def rates_two_ways(x):
     moving = state_derivative(AIRFRAME, environment_of(x), 0.0, state, controls)
 
     def angles(s):
-        motion = motion_of(s, x)[1]
+        motion = believed_motion(s, x)[1]
         return jnp.stack([motion.mu, motion.alpha, motion.beta, motion.V, motion.gamma, motion.chi])
 
     angles_now, true_rates = jax.jvp(angles, (state,), (moving,))
-    motion = motion_of(state, x)[1]
+    motion = believed_motion(state, x)[1]
     attitude_rates = motion.drift + jnp.sum(motion.effectiveness * state.rates_b[None, :], axis=1)
     return angles_now, true_rates, jnp.concatenate([attitude_rates, motion.path_rates])
 

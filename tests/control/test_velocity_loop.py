@@ -11,7 +11,17 @@ from hypothesis import strategies as st
 from anser.control import default_limits
 from anser.control.velocity_loop import AttitudeDemand, attitude_demand, limit_bank_rate, thrust_demand
 from anser.units import DEG_RAD
-from support.control_cases import AIRFRAME, DEGREE, QUICK, flights, model_of, motion_of, setting_of, state_of, vectors
+from support.control_cases import (
+    AIRFRAME,
+    DEGREE,
+    QUICK,
+    believed_motion,
+    flights,
+    model_of,
+    setting_of,
+    state_of,
+    vectors,
+)
 
 modest = settings(deadline=None, max_examples=40)
 ENGINE_BANDWIDTH = 5.0
@@ -30,7 +40,7 @@ def thrust_case(x, V_dot):
     steady = AIRFRAME.engine.power_for_thrust(demand.thrust, data)
     short = demand.thrust - AIRFRAME.engine.propulsion(steady, data).force_b[0]
     later = eqx.tree_at(lambda s: s.power, setting.state, steady)
-    flown = motion_of(later, x)[1].path_rates[0]
+    flown = believed_motion(later, x)[1].path_rates[0]
     return demand, flown, steady - power, AIRFRAME.engine.rate(setting.state.engine, demand.throttle, data).power, short
 
 
@@ -115,8 +125,8 @@ def attitude_case(x, gamma_dot, chi_dot):
     demand = _attitude(state_of(x), x, gamma_dot, chi_dot)
     banked = x.at[3].set(demand.angles[0])
     at_bank = _attitude(state_of(banked), x, gamma_dot, chi_dot)
-    flown = motion_of(state_of(banked.at[1].set(at_bank.angles[1])), x)[1].path_rates
-    at_present_bank = motion_of(state_of(x.at[1].set(demand.angles[1])), x)[1].path_rates
+    flown = believed_motion(state_of(banked.at[1].set(at_bank.angles[1])), x)[1].path_rates
+    at_present_bank = believed_motion(state_of(x.at[1].set(demand.angles[1])), x)[1].path_rates
     return demand, at_bank, at_present_bank, flown
 
 

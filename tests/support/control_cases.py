@@ -78,7 +78,7 @@ def environment_of(x):
     return standard_environment(wind_n=x[14:17])
 
 
-def motion_of(state, x) -> tuple[FlightCondition, PathMotion]:
+def believed_motion(state, x) -> tuple[FlightCondition, PathMotion]:
     environment = environment_of(x)
     now = flight_condition(AIRFRAME, environment, 0.0, state)
     mass = AIRFRAME.mass_properties.mass
@@ -87,7 +87,7 @@ def motion_of(state, x) -> tuple[FlightCondition, PathMotion]:
 
 def model_of(state, x) -> OnboardModel:
     """What the loops know of a state after steady flight in it."""
-    _, motion = motion_of(state, x)
+    _, motion = believed_motion(state, x)
     attitude = jnp.stack([motion.mu, motion.alpha, motion.beta])
     memory = initial_autopilot_state(attitude, state.rates_b, state.surfaces)
     belief = exact_belief(AIRFRAME, environment_of(x), state)
@@ -96,4 +96,4 @@ def model_of(state, x) -> OnboardModel:
 
 def setting_of(x) -> Setting:
     state = state_of(x)
-    return Setting(state, *motion_of(state, x))
+    return Setting(state, *believed_motion(state, x))

@@ -26,10 +26,10 @@ from anser.environment.environment import Environment
 from anser.shapes import Flag, Scalar, Vector3
 from anser.simulation.response import (
     LoopCase,
+    believed_motion,
     exact_belief,
     loop_command,
     loop_outputs,
-    motion_of,
     trimmed_autopilot_state,
 )
 from anser.simulation.vehicle import advance
@@ -358,7 +358,7 @@ def _law(case: LoopCase, loop: Loop, fields: tuple[str, ...]) -> tuple[Array, Ve
     autopilot = InversionAutopilot(case.gains, case.limits, loop=loop)
     start, belief = trimmed_autopilot_state(trim), exact_belief(airframe, environment, trim.state)
     held = loop_outputs(belief, loop)
-    rate = motion_of(belief).path_rates if loop == "velocity" else jnp.zeros(3)
+    rate = believed_motion(belief).path_rates if loop == "velocity" else jnp.zeros(3)
 
     def elements(memory: AutopilotState) -> list[Array]:
         return [leaf for field in fields for leaf in jax.tree.leaves(getattr(memory, field))]

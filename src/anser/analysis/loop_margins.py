@@ -32,7 +32,7 @@ from anser.control.gains import AutopilotGains
 from anser.control.onboard_model import onboard_model
 from anser.parts.paths import PathCommand
 from anser.shapes import Scalar, ScalarLike
-from anser.simulation.response import LoopCase, exact_belief, motion_of, trimmed_autopilot_state
+from anser.simulation.response import LoopCase, believed_motion, exact_belief, trimmed_autopilot_state
 from anser.units import DEG_RAD
 
 INNER_BREAKPOINTS = ("throttle", "P", "Q", "R", "mu", "alpha")
@@ -105,7 +105,7 @@ def excited_loop(case: LoopCase, memory: StateFields) -> ExcitedLoop:
     require_flat_earth(environment)
     own, commands = len(all_states(airframe)), len(airframe.actuators.names) + 1
     count = len(breakpoints(airframe))
-    start, path = trimmed_autopilot_state(trim), motion_of(exact_belief(airframe, environment, trim.state))
+    start, path = trimmed_autopilot_state(trim), believed_motion(exact_belief(airframe, environment, trim.state))
     wanted = PathCommand(path.V, path.gamma, path.chi, *path.path_rates)
 
     def elements(of: AutopilotState) -> list[Array]:

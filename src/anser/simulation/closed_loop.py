@@ -1,6 +1,6 @@
-"""The closed loop of one aircraft over one step.
+"""Closed loop of one aircraft over one step: sense, estimate, command, control, move; and the status codes.
 
-Sense, estimate, command, control, move; and the status codes of an aircraft. There is no other closed loop.
+Single aircraft and fleets are flown by the same functions `perceive` and `act`.
 """
 
 from typing import Any
@@ -53,25 +53,25 @@ STATUS_MESSAGES: tuple[str, ...] = (
     "its goal was never seen: it held where the goal was said to be",
     "the filter that follows its goal diverged: it held where the goal was last taken to be",
 )
-"""Message of each status; the first ones are the planner's own."""
+"""Message of each status code; the first messages are the planner's."""
 
 
 def is_breakaway(status: Any) -> Any:
-    """Whether a status, or which of several, means that an aircraft has left its plan for its hold."""
-    away = (status == BREAKAWAY) | (status == TOO_NEAR) | (status == PLAN_TOO_NEAR)
-    return away | (status == GOAL_UNSEEN) | (status == GOAL_LOST)
+    """Whether a status (or array of statuses) means that the aircraft has left the plan for the hold."""
+    has_left_plan = (status == BREAKAWAY) | (status == TOO_NEAR) | (status == PLAN_TOO_NEAR)
+    return has_left_plan | (status == GOAL_UNSEEN) | (status == GOAL_LOST)
 
 
 def is_off_plan(status: Any) -> Any:
-    """Whether a status, or which of several, means that an aircraft flies no path to its rendezvous (any more).
+    """Whether a status (or array of statuses) means that the aircraft does not fly a path to the rendezvous.
 
-    A path that is not as long as the fleet's longest, or whose direction of arrival was left free, still leads there.
+    A path that is shorter than the fleet's longest, or with a free arrival direction, still leads to the rendezvous.
     """
     return (status != FLYING) & (status != NO_BEND) & (status != DIRECTION_UNATTAINABLE)
 
 
 def plan_status(status: Any, planned: Any) -> Any:
-    """Status with what a plan says of an aircraft (index into `PLAN_MESSAGES`), where nothing else has happened."""
+    """Status code, replaced by the plan's status (index into `PLAN_MESSAGES`) while no other event has occurred."""
     return jnp.where(status == FLYING, planned.astype(status.dtype), status)
 
 
@@ -79,7 +79,7 @@ APPROACH, FROZEN, HOLD = range(3)
 
 
 class Perception(eqx.Module):
-    """One aircraft at one sample before it acts: the truth, what it believes, and the memories after both."""
+    """One aircraft at one sample, before the commands: truth, belief, and updated states of sensors and estimator."""
 
     truth: Truth
     belief: Belief
@@ -88,37 +88,37 @@ class Perception(eqx.Module):
     estimator: Any
 
 
-def truth_of(vehicle: Vehicle, state: AircraftState, instant: Instant, gusts: Any, flow: AirFlow) -> Truth:
-    """What is true of an aircraft at an instant, from its state and that of the gusts that it meets."""
+def true_situation(vehicle: Vehicle, state: AircraftState, instant: Instant, gusts: Any, flow: AirFlow) -> Truth:
+    """True situation of an aircraft at an instant, from the states of the aircraft and of the gusts."""
     time = instant.time
     disturbance = Disturbance(vehicle.gusts.at(gusts, flow), vehicle.faults.thrust(time))
-    now = flight_condition(vehicle.airframe, instant.environment, time, state, disturbance=disturbance)
+    condition = flight_condition(vehicle.airframe, instant.environment, time, state, disturbance=disturbance)
     goal = None if vehicle.mission is None else vehicle.mission.goal_at(time)
-    return Truth(vehicle.airframe, state, now, goal, vehicle.faults.goal_sensor_works(time), disturbance)
+    return Truth(vehicle.airframe, state, condition, goal, vehicle.faults.goal_sensor_works(time), disturbance)
 
 
 def air_flow(state: AircraftState, instant: Instant) -> AirFlow:
-    """What the gusts at an aircraft depend on; the ground is at altitude 0."""
+    """Quantities that determine the gusts at an aircraft; the ground is at altitude 0."""
     wind_n = instant.environment.wind.at(state.position_n, instant.time)
     R_bn = rotation_from_quaternion(state.quaternion)
     airspeed = safe_norm(state.velocity_b - rotate(R_bn, wind_n))
     return AirFlow(airspeed, -state.position_n[2], R_bn, wind_n, instant.time)
 
 
-def of_aircraft(instant: Instant, index: Count) -> Instant:
-    """The instant with the random numbers of one aircraft."""
+def for_aircraft(instant: Instant, index: Count) -> Instant:
+    """Instant with the random numbers of one aircraft."""
     if instant.randomness is None:
         return instant
     return eqx.tree_at(lambda i: i.randomness, instant, instant.randomness.for_aircraft(index))
 
 
 def trimmed_vehicle(vehicle: Vehicle, instant: Instant, trim: TrimPoint, index: ScalarLike = 0) -> VehicleState:
-    """State of an aircraft that has been holding steady flight up to an instant."""
+    """State of an aircraft that has been in steady flight until the instant."""
     index = jnp.asarray(index, dtype=jnp.int32)
-    instant = of_aircraft(instant, index)
+    instant = for_aircraft(instant, index)
     flow = air_flow(trim.state, instant)
-    gusts = vehicle.gusts.init(_normals(vehicle, instant, once=True), flow)
-    truth = truth_of(vehicle, trim.state, instant, gusts, flow)
+    gusts = vehicle.gusts.init(_gust_normals(vehicle, instant, once=True), flow)
+    truth = true_situation(vehicle, trim.state, instant, gusts, flow)
     sensors = vehicle.sensors.init(truth, instant)
     reading, _ = vehicle.sensors.read(sensors, truth, instant)
     estimator = vehicle.estimator.init(reading, vehicle.airframe, instant)
@@ -138,16 +138,16 @@ def trimmed_vehicle(vehicle: Vehicle, instant: Instant, trim: TrimPoint, index: 
 
 def perceive(vehicle: Vehicle, state: VehicleState, instant: Instant) -> Perception:
     """Sense and estimate."""
-    instant = of_aircraft(instant, state.index)
-    seen = to_local_state(instant.environment, state.aircraft)
-    flow = air_flow(seen, instant)
-    truth = truth_of(vehicle, seen, instant, state.gusts, flow)
+    instant = for_aircraft(instant, state.index)
+    local_state = to_local_state(instant.environment, state.aircraft)
+    flow = air_flow(local_state, instant)
+    truth = true_situation(vehicle, local_state, instant, state.gusts, flow)
     reading, sensors = vehicle.sensors.read(state.sensors, truth, instant)
     belief, estimator = vehicle.estimator.estimate(state.estimator, reading, vehicle.airframe, instant)
     return Perception(truth, belief, flow, sensors, estimator)
 
 
-def _normals(vehicle: Vehicle, instant: Instant, *, once: bool = False) -> Array:
+def _gust_normals(vehicle: Vehicle, instant: Instant, *, once: bool = False) -> Array:
     count = vehicle.gusts.normals
     return instant.normals(AIR, count, once=once) if count else jnp.zeros(0, instant.step.dtype)
 
@@ -155,38 +155,38 @@ def _normals(vehicle: Vehicle, instant: Instant, *, once: bool = False) -> Array
 def act(
     vehicle: Vehicle,
     state: VehicleState,
-    seen: Perception,
+    perception: Perception,
     instant: Instant,
     plan: AircraftPlan | None = None,
     freeze: ScalarLike = 0.0,
 ) -> tuple[VehicleState, AircraftSample]:
-    """Command, control and move over one step; the next state, and everything known at the step's start.
+    """Command, control and move over one step; returns the next state, and the sample at the step's start.
 
     Parameters
     ----------
-    vehicle, state, seen
-        The aircraft, between two steps and as `perceive` gives it.
+    vehicle, state, perception
+        The aircraft, its state between two steps, and the result of `perceive`.
     instant
-        Now.
+        Present instant.
     plan
-        Its own; None where nobody plans for it. It must be there for an aircraft with a mission.
+        The aircraft's plan; None without a planner. Required for an aircraft with a mission.
     freeze
-        How long before its arrival the plan stands still, s: for the record.
+        Time before the arrival during which the plan is frozen, s: for the record.
     """
-    instant = of_aircraft(instant, state.index)
-    truth, belief = seen.truth, seen.belief
+    instant = for_aircraft(instant, state.index)
+    truth, belief = perception.truth, perception.belief
     command, reference_n, guidance = vehicle.guidance.command(state.guidance, belief, plan, instant)
     status, approach = state.status, None
     if vehicle.mission is not None:
         if plan is None:
             raise ValueError("an aircraft with a goal is flown with a plan: simulation.fly, with a planner")
-        status = _own_status(vehicle, plan_status(status, plan.status), belief, plan, instant, freeze)
-        approach, status = _meet(vehicle.mission, truth, belief, plan, status, instant, freeze)
-        mission, clearance, away = vehicle.mission, approach.clearance, is_breakaway(status)
+        status = _vehicle_status(vehicle, plan_status(status, plan.status), belief, plan, instant, freeze)
+        approach, status = _approach_goal(vehicle.mission, truth, belief, plan, status, instant, freeze)
+        mission, clearance, has_left_plan = vehicle.mission, approach.clearance, is_breakaway(status)
         command, reference_n = select_if_any(
             approach.phase == HOLD,
             lambda: mission.hold.command(
-                belief, clearance, mission.rendezvous, mission.distance_min, plan, away, instant
+                belief, clearance, mission.rendezvous, mission.distance_min, plan, has_left_plan, instant
             ),
             (command, reference_n),
         )
@@ -200,9 +200,9 @@ def act(
         reference_n=reference_n,
         approach=approach,
         status=state.status if plan is None else plan_status(state.status, plan.status),
-        flow=None if isinstance(vehicle.gusts, NoGusts) else seen.flow,
+        flow=None if isinstance(vehicle.gusts, NoGusts) else perception.flow,
     )
-    after = advance(
+    aircraft = advance(
         vehicle.airframe,
         instant.environment,
         instant.time,
@@ -211,41 +211,43 @@ def act(
         instant.step,
         truth.disturbance,
     )
-    gusts = vehicle.gusts.advance(state.gusts, _normals(vehicle, instant), seen.flow, instant.step)
-    memories = seen.sensors, seen.estimator, guidance, controller, gusts
-    # a part that mixes float64 into a flight in float32 makes it slow, and no other flight
-    held = state.sensors, state.estimator, state.guidance, state.controller, state.gusts
-    before = state.aircraft, held
-    after, memories = cast_like((after, memories), before)
+    gusts = vehicle.gusts.advance(state.gusts, _gust_normals(vehicle, instant), perception.flow, instant.step)
+    part_states = perception.sensors, perception.estimator, guidance, controller, gusts
+    # a part that computes in float64 must not change the precision of a float32 flight
+    previous_parts = state.sensors, state.estimator, state.guidance, state.controller, state.gusts
+    previous = state.aircraft, previous_parts
+    aircraft, part_states = cast_like((aircraft, part_states), previous)
     stopped = state.stopped
     if vehicle.mission is not None:
-        finite = _all_finite((after, memories))
-        grounded = to_local_state(instant.environment, after).position_n[2] >= 0.0
+        finite = _all_finite((aircraft, part_states))
+        grounded = to_local_state(instant.environment, aircraft).position_n[2] >= 0.0
         event = jnp.where(~finite, NOT_FINITE, jnp.where(grounded, AT_GROUND, status)).astype(status.dtype)
         status = jnp.where(stopped, sample.status, event)
         stopped = stopped | ~finite | grounded
-        after, memories = jax.tree.map(lambda old, new: jnp.where(stopped, old, new), before, (after, memories))
-    return VehicleState(after, *memories, status=status, stopped=stopped, index=state.index), sample
+        aircraft, part_states = jax.tree.map(
+            lambda old, new: jnp.where(stopped, old, new), previous, (aircraft, part_states)
+        )
+    return VehicleState(aircraft, *part_states, status=status, stopped=stopped, index=state.index), sample
 
 
-def _own_status(
+def _vehicle_status(
     vehicle: Vehicle, status: Count, belief: Belief, plan: AircraftPlan, instant: Instant, freeze: ScalarLike
 ) -> Count:
-    """Status with what an aircraft knows by itself: that it has left its fleet, or has no goal to go by."""
+    """Status with the events inside the aircraft: departure from the fleet, or a goal without usable estimate."""
     time = instant.time
-    left = (status == FLYING) & vehicle.faults.has_departed(time)
-    status = jnp.where(left, LEFT_FLEET, status).astype(status.dtype)
+    has_departed = (status == FLYING) & vehicle.faults.has_departed(time)
+    status = jnp.where(has_departed, LEFT_FLEET, status).astype(status.dtype)
     if belief.uncertainty is None:
         return status
     unseen = belief.uncertainty.goal_status == GOAL_NEVER_SEEN
     lost = belief.uncertainty.goal_status == GOAL_DIVERGED
-    # Before the plan stands still there is time to see it yet.
+    # Until the plan is frozen, the goal may still be seen.
     unseen = unseen & (time >= plan.arrival_time - freeze)
     event = jnp.where(lost, GOAL_LOST, jnp.where(unseen, GOAL_UNSEEN, status))
     return jnp.where(status == FLYING, event, status).astype(status.dtype)
 
 
-def _meet(
+def _approach_goal(
     mission: Mission,
     truth: Truth,
     belief: Belief,
@@ -254,10 +256,10 @@ def _meet(
     instant: Instant,
     freeze: ScalarLike,
 ) -> tuple[GoalApproach, Count]:
-    """How the aircraft stands to its goal, and its status with what makes it break off.
+    """Position relative to the goal, and the status with break-off events.
 
-    Both guards stand above every plan and guidance: the height that ends its descent, and the least distance to its
-    goal, which is the true one.
+    Both guards overrule plan and guidance: the height needed to end the descent, and the least distance to the true
+    goal.
     """
     earth, time = instant.environment.earth, instant.time
     goal = mission.goal_at(time)
@@ -265,7 +267,7 @@ def _meet(
     to_goal_n, goal_velocity_n = earth.sight(truth.state.position_n, goal.position_n, goal.velocity_n)
     to_rendezvous_n, _ = earth.sight(truth.state.position_n, rendezvous_n, jnp.zeros_like(rendezvous_n))
     clearance = mission.hold.clearance(belief)
-    near = must_break_away(
+    is_too_near = must_break_away(
         to_goal_n,
         velocity_over_ground_n(truth.condition, truth.state),
         goal_velocity_n,
@@ -273,9 +275,9 @@ def _meet(
         mission.hold.lateral_acceleration_max(clearance, truth.condition.earth.gravity),
         mission.hold.settings.hold_turn,
     )
-    left = is_breakaway(status)
+    has_left_plan = is_breakaway(status)
     event = jnp.where(clearance.is_lost, BREAKAWAY, TOO_NEAR)
-    status = jnp.where((clearance.is_lost | near) & ~left, event, status).astype(status.dtype)
+    status = jnp.where((clearance.is_lost | is_too_near) & ~has_left_plan, event, status).astype(status.dtype)
     approach = jnp.where(time >= plan.arrival_time - freeze, FROZEN, APPROACH)
     phase = jnp.where((time >= plan.arrival_time) | is_breakaway(status), HOLD, approach)
     return GoalApproach(
@@ -303,32 +305,32 @@ def fly_alone(
     recorder: AbstractRecorder,
     randomness: AbstractRandomness | None = None,
 ) -> tuple[VehicleState, Any, Any]:
-    """Fly one aircraft for which nobody plans, from time 0 on.
+    """Fly one aircraft without a planner, from time 0.
 
     Parameters
     ----------
     vehicle, state
-        Without a mission.
+        An aircraft without a mission, and its state at time 0.
     environment
-        Where.
+        Environment of the flight.
     step
         Sampling period, s.
     count
         Number of periods.
     recorder
-        What is to be kept.
+        Selects the recorded data.
     randomness
         Source of the random numbers of the flight.
 
     Returns
     -------
-    State at the end, the recorder's memory then, and its rows, stacked.
+    Final state, final state of the recorder, and the recorder's rows, stacked.
     """
     step = jnp.asarray(step, dtype=float)
 
-    def one(state: VehicleState, number: Count) -> tuple[VehicleState, AircraftSample, Instant]:
+    def advance_step(state: VehicleState, number: Count) -> tuple[VehicleState, AircraftSample, Instant]:
         instant = Instant(environment, number, step, randomness)
-        after, sample = act(vehicle, state, perceive(vehicle, state, instant), instant)
-        return after, sample, instant
+        next_state, sample = act(vehicle, state, perceive(vehicle, state, instant), instant)
+        return next_state, sample, instant
 
-    return scan_steps(one, state, jnp.asarray(0, dtype=jnp.int32), count, recorder, recorder.init(1))
+    return scan_steps(advance_step, state, jnp.asarray(0, dtype=jnp.int32), count, recorder, recorder.init(1))

@@ -1,4 +1,4 @@
-"""The running summary of a fleet's flight: what is kept where nothing else of a flight is."""
+"""Running summary of a fleet's flight, for flights without recorded histories."""
 
 from typing import Any, NamedTuple
 
@@ -16,55 +16,57 @@ from anser.simulation.recorders import AbstractRecorder, AircraftSample, FleetSa
 from anser.spatial.rotations import safe_hypot, safe_norm
 
 ARRIVAL_MARGIN_S = 10.0
-"""How long after its planned arrival an aircraft may still arrive."""
+"""Time after the planned arrival during which a pass still counts as an arrival, s."""
 
 
 class AirspeedStatistics(eqx.Module):
-    """Airspeed of each aircraft so far: its integral over time (m), least and greatest (m/s)."""
+    """Airspeed statistics of the aircraft up to now: integral over time (m), minimum and maximum (m/s)."""
 
     integral: Float[Array, " aircraft"]
     minimum: Float[Array, " aircraft"]
     maximum: Float[Array, " aircraft"]
 
-    def over_interval(self, part: Array, length_s: ScalarLike, before: Array, condition: Array) -> "AirspeedStatistics":
-        """With a part (0..1) of one more interval, over which the airspeed changes evenly from `before`."""
-        end = before + part * (condition - before)
+    def over_interval(
+        self, part: Array, length_s: ScalarLike, start_speed: Array, end_speed: Array
+    ) -> "AirspeedStatistics":
+        """Add a part (0..1) of one interval, with the airspeed linear from `start_speed` to `end_speed`."""
+        end = start_speed + part * (end_speed - start_speed)
         return AirspeedStatistics(
-            self.integral + 0.5 * part * length_s * (before + end),
+            self.integral + 0.5 * part * length_s * (start_speed + end),
             jnp.minimum(self.minimum, end),
             jnp.maximum(self.maximum, end),
         )
 
 
 class FleetSummary(eqx.Module):
-    """What a flight came to, sample by sample; leading axis aircraft but for `separation_min`.
+    """Results of a flight, accumulated sample by sample; leading axis aircraft except for the separations.
 
     Attributes
     ----------
     pass_time, pass_distance
-        Time of the closest pass of the moving rendezvous (s) and distance then (m), up to 10 s after the planned
-        arrival and as long as the plan is flown; between samples the offset is linear in time. Whether this pass is an
-        arrival is decided by `anser.results.arrival_outcome`.
+        Time (s) and distance (m) of the closest pass of the moving rendezvous, until 10 s after the planned arrival and
+        while the plan is flown; the offset is linear between samples. `anser.results.arrival_outcome` decides whether
+        the pass is an arrival.
     speeds_until_pass
-        Up to then, without gusts; their integral over the time of the pass is the mean airspeed.
+        Airspeed statistics up to the pass, without gusts; the integral over the pass time is the mean airspeed.
     position_error_until_pass
-        Greatest up to then, while the plan is flown, m: in the hold there is no planned point. -inf where none was
-        flown.
+        Greatest position error up to the pass, while the plan is flown, m (the hold has no planned position); -inf if
+        the plan was never flown.
     speeds_on_plan, position_error_on_plan
-        The same up to `off_plan_time`, or so far.
+        The same quantities up to `off_plan_time`, or up to now.
     off_plan_time
-        Time of the first sample with a status for which `is_off_plan` holds, s; infinite before.
+        Time of the first sample with an `is_off_plan` status, s; infinite before.
     clearance_min
         Least distance from the goal, m.
     tables_left_time
-        How long the airframe was outside its data, s.
+        Time outside the airframe's data, s.
     first_status, last_status
-        The first that was not 0, and the last; index into `STATUS_MESSAGES`.
+        First non-zero status and last status; index into `STATUS_MESSAGES`.
     separation_min, separation_ratio_min
-        Least distance of any two aircraft, m, and at the samples least ratio of distance to separation; infinite for
-        one, and where no separation is given.
+        Least distance of any two aircraft, m, and least ratio of distance to required separation at the samples;
+        infinite for a single aircraft or without a required separation.
     finite
-        Whether every recorded number of each was one.
+        Whether all recorded numbers of the aircraft were finite.
     """
 
     pass_time: Float[Array, " aircraft"]
@@ -84,7 +86,7 @@ class FleetSummary(eqx.Module):
 
 
 class _PreviousSample(NamedTuple):
-    """The sample before, of each aircraft."""
+    """Previous sample of the aircraft."""
 
     position_n: Float[Array, "aircraft 3"]
     offset_n: Float[Array, "aircraft 3"]
@@ -92,14 +94,14 @@ class _PreviousSample(NamedTuple):
 
 
 class SummaryRecorder(AbstractRecorder):
-    """The running summary; no rows. Memory is the summary so far and the sample before.
+    """Recorder of the running summary, without rows. The recorder's state is the summary and the previous sample.
 
     Attributes
     ----------
     separation
-        That is asked of the fleet; None: none.
-    last
-        Number of the last sample that counts; None: all do.
+        Separation required of the fleet; None: no requirement.
+    last_sample
+        Number of the last sample in the summary; None: no limit.
     """
 
     separation: Separation | None = None
@@ -107,19 +109,19 @@ class SummaryRecorder(AbstractRecorder):
     stride: int = eqx.field(static=True, default=1)
 
     def init(self, aircraft: int) -> tuple[FleetSummary, _PreviousSample]:
-        """Summary of no sample."""
-        zero, none = jnp.zeros(aircraft), jnp.full(aircraft, jnp.inf)
+        """Summary before the first sample."""
+        zero, infinite = jnp.zeros(aircraft), jnp.full(aircraft, jnp.inf)
         code = jnp.zeros(aircraft, dtype=jnp.int32)
-        speeds = AirspeedStatistics(zero, none, -none)
+        speeds = AirspeedStatistics(zero, infinite, -infinite)
         summary = FleetSummary(
             pass_time=jnp.full(aircraft, jnp.nan),
-            pass_distance=none,
+            pass_distance=infinite,
             speeds_until_pass=speeds,
-            position_error_until_pass=-none,
+            position_error_until_pass=-infinite,
             speeds_on_plan=speeds,
-            position_error_on_plan=-none,
-            off_plan_time=none,
-            clearance_min=none,
+            position_error_on_plan=-infinite,
+            off_plan_time=infinite,
+            clearance_min=infinite,
             tables_left_time=zero,
             first_status=code,
             last_status=code,
@@ -132,56 +134,63 @@ class SummaryRecorder(AbstractRecorder):
     def update(
         self, recorder_state: tuple[FleetSummary, _PreviousSample], sample: FleetSample, instant: Instant
     ) -> tuple[FleetSummary, _PreviousSample]:
-        """Summary with one more sample, and with the interval that ends with it."""
+        """Add a sample, and the interval that ends with the sample, to the summary."""
 
-        def included() -> tuple[FleetSummary, _PreviousSample]:
-            now = cast_to_precision(sample.rows(_of_one), float)  # also of a flight in float32
-            return self.include(recorder_state, now, instant.number, cast_to_precision(instant.step, float))
+        def extended() -> tuple[FleetSummary, _PreviousSample]:
+            inputs = cast_to_precision(sample.rows(_summary_inputs), float)  # also for flights in float32
+            return self.include(recorder_state, inputs, instant.number, cast_to_precision(instant.step, float))
 
         return (
-            included()
+            extended()
             if self.last_sample is None
-            else jax.lax.cond(instant.number <= self.last_sample, included, lambda: recorder_state)
+            else jax.lax.cond(instant.number <= self.last_sample, extended, lambda: recorder_state)
         )
 
     def include(
         self,
         recorder_state: tuple[FleetSummary, _PreviousSample],
-        condition: dict[str, Array],
+        inputs: dict[str, Array],
         number: Count,
         step: ScalarLike,
     ) -> tuple[FleetSummary, _PreviousSample]:
-        """Summary with the values of one more sample, by the keys of `_of_one`; leading axis aircraft."""
-        before, last = recorder_state
+        """Add the inputs of one more sample (keys of `_summary_inputs`, leading axis aircraft) to the summary."""
+        summary_before, previous = recorder_state
         time = number * step
-        position_n, offset_n, airspeed = condition["position_n"], condition["offset_n"], condition["airspeed"]
-        begun = number > 0
-        length_s = jnp.where(begun, step, 0.0)
-        # The first sample closes no interval: it is one of no length.
-        last = jax.tree.map(
-            lambda a, b: jnp.where(begun, a, b),
-            last,
+        position_n, offset_n, airspeed = inputs["position_n"], inputs["offset_n"], inputs["airspeed"]
+        has_interval = number > 0
+        length_s = jnp.where(has_interval, step, 0.0)
+        # The first sample has no previous sample: the interval has length 0.
+        previous = jax.tree.map(
+            lambda a, b: jnp.where(has_interval, a, b),
+            previous,
             _PreviousSample(position_n, offset_n, airspeed),
         )
-        left_s = condition["arrival_time"] + ARRIVAL_MARGIN_S - (time - length_s)
-        part, distance = _nearest(last.offset_n, offset_n)
-        part = jnp.clip(jnp.minimum(part, left_s / step), 0.0, 1.0)
-        distance = jnp.where(left_s >= 0.0, _distance(last.offset_n, offset_n, part), jnp.inf)
-        on_plan = jnp.isinf(before.off_plan_time)
-        nearer = on_plan & (distance < before.pass_distance)
-        until = before.speeds_on_plan.over_interval(part, length_s, last.airspeed, airspeed)
-        whole = before.speeds_on_plan.over_interval(jnp.ones_like(airspeed), length_s, last.airspeed, airspeed)
-        error_max = jnp.maximum(before.position_error_on_plan, condition["position_error"])
-        error_until = jnp.where(part < 1.0, before.position_error_on_plan, error_max)
+        time_left_s = inputs["arrival_time"] + ARRIVAL_MARGIN_S - (time - length_s)
+        part, distance = _closest_part(previous.offset_n, offset_n)
+        part = jnp.clip(jnp.minimum(part, time_left_s / step), 0.0, 1.0)
+        distance = jnp.where(time_left_s >= 0.0, _offset_length(previous.offset_n, offset_n, part), jnp.inf)
+        on_plan = jnp.isinf(summary_before.off_plan_time)
+        is_closer = on_plan & (distance < summary_before.pass_distance)
+        speeds_to_part = summary_before.speeds_on_plan.over_interval(part, length_s, previous.airspeed, airspeed)
+        speeds_to_end = summary_before.speeds_on_plan.over_interval(
+            jnp.ones_like(airspeed), length_s, previous.airspeed, airspeed
+        )
+        error_max = jnp.maximum(summary_before.position_error_on_plan, inputs["position_error"])
+        error_to_part = jnp.where(part < 1.0, summary_before.position_error_on_plan, error_max)
         pass_time, pass_distance, speeds_until_pass, error_until_pass = _select(
-            nearer,
-            (time - length_s + part * length_s, distance, until, error_until),
-            (before.pass_time, before.pass_distance, before.speeds_until_pass, before.position_error_until_pass),
+            is_closer,
+            (time - length_s + part * length_s, distance, speeds_to_part, error_to_part),
+            (
+                summary_before.pass_time,
+                summary_before.pass_distance,
+                summary_before.speeds_until_pass,
+                summary_before.position_error_until_pass,
+            ),
         )
         speeds_on_plan, error_on_plan = _select(
-            on_plan, (whole, error_max), (before.speeds_on_plan, before.position_error_on_plan)
+            on_plan, (speeds_to_end, error_max), (summary_before.speeds_on_plan, summary_before.position_error_on_plan)
         )
-        code = condition["status"]
+        code = inputs["status"]
         summary = FleetSummary(
             pass_time=pass_time,
             pass_distance=pass_distance,
@@ -189,37 +198,39 @@ class SummaryRecorder(AbstractRecorder):
             position_error_until_pass=error_until_pass,
             speeds_on_plan=speeds_on_plan,
             position_error_on_plan=error_on_plan,
-            off_plan_time=jnp.where(on_plan & is_off_plan(code), time, before.off_plan_time),
-            clearance_min=jnp.minimum(before.clearance_min, condition["clearance"]),
-            tables_left_time=before.tables_left_time + jnp.where(condition["outside_tables"], step, 0.0),
-            first_status=jnp.where(before.first_status == 0, code, before.first_status),
+            off_plan_time=jnp.where(on_plan & is_off_plan(code), time, summary_before.off_plan_time),
+            clearance_min=jnp.minimum(summary_before.clearance_min, inputs["clearance"]),
+            tables_left_time=summary_before.tables_left_time + jnp.where(inputs["outside_tables"], step, 0.0),
+            first_status=jnp.where(summary_before.first_status == 0, code, summary_before.first_status),
             last_status=code,
-            separation_min=jnp.minimum(before.separation_min, _least_separation(last.position_n, position_n)),
-            separation_ratio_min=jnp.minimum(before.separation_ratio_min, self._ratio(position_n)),
-            finite=before.finite & jnp.isfinite(airspeed) & jnp.all(jnp.isfinite(position_n), axis=1),
+            separation_min=jnp.minimum(
+                summary_before.separation_min, _interval_separation(previous.position_n, position_n)
+            ),
+            separation_ratio_min=jnp.minimum(summary_before.separation_ratio_min, self._ratio(position_n)),
+            finite=summary_before.finite & jnp.isfinite(airspeed) & jnp.all(jnp.isfinite(position_n), axis=1),
         )
         return summary, _PreviousSample(position_n, offset_n, airspeed)
 
     def _ratio(self, position_n: Float[Array, "aircraft 3"]) -> Scalar:
-        """Least ratio of distance to separation of any two of a fleet at a sample."""
+        """Least ratio of distance to required separation of any two aircraft at a sample."""
         count = position_n.shape[0]
         if self.separation is None or count < 2:
             return jnp.asarray(jnp.inf)
-        first, second = jnp.triu_indices(count, 1)
-        apart_n = position_n[second] - position_n[first]
-        level, height = safe_hypot(apart_n[:, 0], apart_n[:, 1]), jnp.abs(apart_n[:, 2])
-        return jnp.min(separation_ratio(level, height, self.separation.horizontal, self.separation.vertical))
+        i, j = jnp.triu_indices(count, 1)
+        offset_n = position_n[j] - position_n[i]
+        horizontal, vertical = safe_hypot(offset_n[:, 0], offset_n[:, 1]), jnp.abs(offset_n[:, 2])
+        return jnp.min(separation_ratio(horizontal, vertical, self.separation.horizontal, self.separation.vertical))
 
     def output(self, sample: FleetSample, instant: Instant) -> None:
-        """None."""
+        """No rows."""
 
 
 def _select(condition: Bool[Array, " aircraft"], new: Any, old: Any) -> Any:
-    """The new leaves of the aircraft for which the condition holds, and the old ones of the others."""
-    return jax.tree.map(lambda one, other: jnp.where(condition, one, other), new, old)
+    """New leaves for the aircraft with a true condition, old leaves otherwise."""
+    return jax.tree.map(lambda new_leaf, old_leaf: jnp.where(condition, new_leaf, old_leaf), new, old)
 
 
-def _of_one(sample: AircraftSample) -> dict[str, Array]:
+def _summary_inputs(sample: AircraftSample) -> dict[str, Array]:
     approach, state = sample.approach, sample.truth.state
     assert approach is not None
     assert sample.reference_n is not None
@@ -235,23 +246,23 @@ def _of_one(sample: AircraftSample) -> dict[str, Array]:
     }
 
 
-def _nearest(start_n: Array, end_n: Array) -> tuple[Array, Array]:
-    """Part of the way from one offset to another at which it is shortest, and its length there, m; rows of (n, 3)."""
-    along_n = end_n - start_n
-    square = jnp.sum(along_n**2, axis=-1)
-    part = jnp.clip(-jnp.sum(start_n * along_n, axis=-1) / jnp.where(square > 0.0, square, 1.0), 0.0, 1.0)
-    return part, _distance(start_n, end_n, part)
+def _closest_part(start_n: Array, end_n: Array) -> tuple[Array, Array]:
+    """Part of the way between two offsets with the shortest offset, and the shortest length, m; rows (n, 3)."""
+    change_n = end_n - start_n
+    square = jnp.sum(change_n**2, axis=-1)
+    part = jnp.clip(-jnp.sum(start_n * change_n, axis=-1) / jnp.where(square > 0.0, square, 1.0), 0.0, 1.0)
+    return part, _offset_length(start_n, end_n, part)
 
 
-def _distance(start_n: Array, end_n: Array, part: Array) -> Array:
-    """Length of an offset a part of the way from one to another, m; rows of (n, 3)."""
+def _offset_length(start_n: Array, end_n: Array, part: Array) -> Array:
+    """Length of the offset after a part of the way between two offsets, m; rows (n, 3)."""
     return jax.vmap(safe_norm)(start_n + part[:, None] * (end_n - start_n))
 
 
-def _least_separation(before_n: Array, now_n: Array) -> Scalar:
-    """Least distance of any two of a fleet over one interval, m."""
-    count = now_n.shape[0]
+def _interval_separation(start_n: Array, end_n: Array) -> Scalar:
+    """Least distance of any two aircraft over one interval, m."""
+    count = end_n.shape[0]
     if count < 2:
         return jnp.asarray(jnp.inf)
-    first, second = jnp.triu_indices(count, 1)
-    return jnp.min(_nearest(before_n[second] - before_n[first], now_n[second] - now_n[first])[1])
+    i, j = jnp.triu_indices(count, 1)
+    return jnp.min(_closest_part(start_n[j] - start_n[i], end_n[j] - end_n[i])[1])

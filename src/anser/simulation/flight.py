@@ -1,7 +1,4 @@
-"""A fleet's flight: its constant data.
-
-Its state between two steps, and the closed loop of all aircraft with planning and replanning.
-"""
+"""Flight of a fleet: constant data, state between two steps, and the closed loop of the aircraft with replanning."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -49,9 +46,9 @@ class Timing(eqx.Module):
     step
         Sampling period of the aircraft's parts and step of the integrator.
     replan_steps
-        Number of steps between plans; 0 plans once, at the start.
+        Number of steps between plans; 0: only the first plan.
     freeze
-        The plan stands still for this long before the arrival.
+        Time before the arrival during which the plan is frozen.
     """
 
     step: Scalar
@@ -60,20 +57,20 @@ class Timing(eqx.Module):
 
 
 class AircraftGroup(eqx.Module):
-    """Aircraft of one structure, which fly as one batch.
+    """Aircraft group: aircraft of the same structure, flown as one batch.
 
     Attributes
     ----------
     vehicles
-        Their parts.
+        Parts of the aircraft.
     starts
-        Steady flight from which each starts; leading axis members.
+        Steady flight at the start; leading axis members.
     start_positions_n
-        Where, m.
-    flies
-        Whether each is one of the fleet's aircraft; the others fill it up to a size and never fly.
+        Positions at the start, NED, m.
+    is_real
+        True for aircraft of the fleet; false for padding aircraft, which never fly.
     members
-        Place of each in the fleet.
+        Fleet indices of the group's aircraft.
     """
 
     vehicles: Stacked[Vehicle]
@@ -84,20 +81,20 @@ class AircraftGroup(eqx.Module):
 
 
 class Flight(eqx.Module):
-    """Everything that determines a flight.
+    """Complete definition of a flight.
 
     Attributes
     ----------
     environment
-        Where.
-    kinds
-        The fleet, by kinds of aircraft; whatever has a leading axis aircraft goes by `Kind.members`.
+        Environment of the flight.
+    groups
+        The fleet by aircraft groups. `AircraftGroup.members` maps a group's rows to the fleet's aircraft axis.
     planner
-        Of all.
+        Planner of the fleet.
     timing
         Periods.
     randomness
-        Source of random numbers, of the seed and the flight; None: nothing may draw any.
+        Source of random numbers, from seed and flight number; None: no random numbers may be drawn.
     """
 
     environment: Environment
@@ -108,41 +105,47 @@ class Flight(eqx.Module):
 
     @property
     def members(self) -> tuple[tuple[int, ...], ...]:
-        """Places in the fleet of the members of each kind."""
-        return tuple(kind.members for kind in self.groups)
+        """Fleet indices of the aircraft, by group."""
+        return tuple(group.members for group in self.groups)
 
     @property
     def count(self) -> int:
         """Number of aircraft."""
-        return sum(len(kind.members) for kind in self.groups)
+        return sum(len(group.members) for group in self.groups)
 
     @property
     def surfaces(self) -> tuple[tuple[str, ...], ...]:
-        """Names of the control surfaces of each aircraft, in the fleet's order."""
-        named = {
-            place: kind.vehicles.batched.airframe.actuators.names for kind in self.groups for place in kind.members
+        """Names of the control surfaces, by aircraft in fleet order."""
+        names_by_index = {
+            index: group.vehicles.batched.airframe.actuators.names for group in self.groups for index in group.members
         }
-        return tuple(named[place] for place in range(self.count))
+        return tuple(names_by_index[index] for index in range(self.count))
 
-    def aircraft(self, place: int) -> tuple[Vehicle, TrimTarget, Vector3]:
-        """The aircraft at a place in the fleet, the steady flight that it starts from, and where, m."""
-        for kind in self.groups:
-            if place in kind.members:
-                k = kind.members.index(place)
-                start = jax.tree.map(lambda leaf, k=k: leaf[k], (kind.starts, kind.start_positions_n))
-                return kind.vehicles.at(k), *start
-        raise IndexError(f"a fleet of {self.count} aircraft has none at place {place}")
+    def aircraft(self, index: int) -> tuple[Vehicle, TrimTarget, Vector3]:
+        """Return the aircraft with a fleet index, the steady flight at its start, and its start position, NED, m.
+
+        Raises
+        ------
+        IndexError
+            If the index is out of range.
+        """
+        for group in self.groups:
+            if index in group.members:
+                k = group.members.index(index)
+                start = jax.tree.map(lambda leaf, k=k: leaf[k], (group.starts, group.start_positions_n))
+                return group.vehicles.at(k), *start
+        raise IndexError(f"a fleet of {self.count} aircraft has none at place {index}")
 
 
 class FlightState(eqx.Module):
-    """A flight between two steps.
+    """State of a flight between two steps.
 
     Attributes
     ----------
     vehicles
-        By kind; leading axis members.
+        States of the aircraft by group; leading axis members.
     planner
-        What the planner carries along, the plan in force among it.
+        State of the planner, with the current plan.
     """
 
     vehicles: tuple[VehicleState, ...]
@@ -157,47 +160,50 @@ def assemble(
     replan_steps: int,
     freeze: ScalarLike = 0.0,
     randomness: AbstractRandomness | None = None,
-    flying: int | None = None,
+    real_count: int | None = None,
 ) -> Flight:
-    """Put a flight together; aircraft of one structure become one kind.
+    """Build a flight; aircraft of the same structure form one group.
 
     Parameters
     ----------
     environment
-        Where.
+        Environment of the flight.
     aircraft
-        Of each: its parts, the steady flight that it starts from, and where (NED, m).
+        Parts, steady flight at the start, and start position (NED, m) of every aircraft.
     planner
-        Of all.
+        Planner of the fleet.
     step
         Sampling period, s.
     replan_steps
-        Number of steps between plans; 0 plans once.
+        Number of steps between plans; 0: only the first plan.
     freeze
-        How long the plan stands still before the arrival, s.
+        Time before the arrival during which the plan is frozen, s.
     randomness
         Source of random numbers.
-    flying
-        How many of the aircraft, from the first on, fly: the others fill the fleet up to a size for which a program is
-        compiled already. None: all.
+    real_count
+        Number of real aircraft, first in order; the others pad the fleet to a size with a compiled program and never
+        fly. None: no padding.
 
     Raises
     ------
     ValueError
-        No aircraft, or one without a mission.
+        If there are no aircraft, or an aircraft has no mission.
     """
     if not aircraft:
         raise ValueError("a flight needs at least one aircraft")
-    without = [str(k) for k, (vehicle, _, _) in enumerate(aircraft) if vehicle.mission is None]
-    if without:
-        raise ValueError(f"aircraft without a goal cannot be planned for: place {', '.join(without)} of the fleet")
-    kinds: dict[Any, list[int]] = {}
+    without_mission = [str(k) for k, (vehicle, _, _) in enumerate(aircraft) if vehicle.mission is None]
+    if without_mission:
+        raise ValueError(
+            f"aircraft without a goal cannot be planned for: place {', '.join(without_mission)} of the fleet"
+        )
+    indices_by_structure: dict[Any, list[int]] = {}
     for k, (vehicle, _, _) in enumerate(aircraft):
-        kinds.setdefault(tree_signature(vehicle), []).append(k)
+        indices_by_structure.setdefault(tree_signature(vehicle), []).append(k)
     return Flight(
         environment=environment,
         groups=tuple(
-            _kind(aircraft, members, len(aircraft) if flying is None else flying) for members in kinds.values()
+            _stack_group(aircraft, members, len(aircraft) if real_count is None else real_count)
+            for members in indices_by_structure.values()
         ),
         planner=planner,
         timing=Timing(
@@ -209,52 +215,52 @@ def assemble(
     )
 
 
-def _kind(
-    aircraft: Sequence[tuple[Vehicle, TrimTarget, Vector3]], members: Sequence[int], flying: int
+def _stack_group(
+    aircraft: Sequence[tuple[Vehicle, TrimTarget, Vector3]], members: Sequence[int], real_count: int
 ) -> AircraftGroup:
-    vehicles, starts, places = zip(*(aircraft[k] for k in members), strict=True)
+    vehicles, starts, positions_n = zip(*(aircraft[k] for k in members), strict=True)
     return AircraftGroup(
         vehicles=stack_objects(vehicles, batched=lambda vehicle: vehicle.mission),
         starts=stack_rows(starts),
-        start_positions_n=stack_rows(places),
-        is_real=as_array([k < flying for k in members], bool),
+        start_positions_n=stack_rows(positions_n),
+        is_real=as_array([k < real_count for k in members], bool),
         members=tuple(members),
     )
 
 
-def merge_groups(flight: Flight, of_kinds: Sequence[Any]) -> Any:
-    """Stacked rows of each kind's members as those of the fleet, in its order."""
-    return to_fleet_order(list(of_kinds), flight.members)
+def merge_groups(flight: Flight, group_rows: Sequence[Any]) -> Any:
+    """Concatenate the groups' stacked rows in fleet order."""
+    return to_fleet_order(list(group_rows), flight.members)
 
 
-def select_group_rows(rows: Any, kind: AircraftGroup, count: int) -> Any:
-    """Rows of a kind's members, of those of a fleet of so many aircraft."""
-    return to_group_order(rows, kind.members, count)
+def select_group_rows(fleet_rows: Any, group: AircraftGroup, count: int) -> Any:
+    """Select one aircraft group's rows from arrays in fleet order."""
+    return to_group_order(fleet_rows, group.members, count)
 
 
 def statuses(flight: Flight, state: FlightState) -> tuple[Array, Bool[Array, " aircraft"]]:
-    """Status of each aircraft, and whether it stands still."""
-    return merge_groups(flight, [(one.status, one.stopped) for one in state.vehicles])
+    """Status of each aircraft, and whether the aircraft is stopped."""
+    return merge_groups(flight, [(group_state.status, group_state.stopped) for group_state in state.vehicles])
 
 
 SEGMENT_STEPS = 500
-"""Steps compiled as one: a flight of any duration is a number of these, so the duration does not recompile."""
-_ROUNDING_M = 1e-3  # by which a plan that ends at the least distance itself may be nearer
+"""Number of steps in one compiled program; flights of any duration repeat the program without recompiling."""
+_ROUNDING_M = 1e-3  # rounding tolerance of plans that end exactly at the least distance
 
 
-def report(vehicle: Vehicle, seen: Perception, active: Flag) -> AircraftReport:
-    """What an aircraft with a mission reports to the planner."""
-    belief, mission = seen.belief, vehicle.mission
+def aircraft_report(vehicle: Vehicle, perception: Perception, active: Flag) -> AircraftReport:
+    """Report of an aircraft with a mission to the planner."""
+    belief, mission = perception.belief, vehicle.mission
     if belief.goal is None or mission is None:
         raise ValueError("only an aircraft with a goal reports to a planner")
-    now = belief.condition
-    scale = now.earth.chart_scale
-    wind_n = scale * now.wind_n
+    condition = belief.condition
+    scale = condition.earth.chart_scale
+    wind_n = scale * condition.wind_n
     return AircraftReport(
         position_n=belief.state.position_n,
-        air_velocity_n=scale * velocity_over_ground_n(now, belief.state) - wind_n,
+        air_velocity_n=scale * velocity_over_ground_n(condition, belief.state) - wind_n,
         wind_n=wind_n,
-        airspeed=now.air_data.V,
+        airspeed=condition.air_data.V,
         goal_position_n=belief.goal.position_n,
         goal_velocity_n=belief.goal.velocity_n,
         rendezvous=mission.rendezvous,
@@ -266,145 +272,155 @@ def report(vehicle: Vehicle, seen: Perception, active: Flag) -> AircraftReport:
 def fleet_reports(
     flight: Flight, state: FlightState, instant: Instant, *, one_kernel: bool = False
 ) -> tuple[list[Perception], AircraftReport]:
-    """What each aircraft perceives, by kinds, and what all of them report to the planner; leading axis aircraft."""
-    compiled = as_single_kernel if one_kernel else lambda function: function
+    """Perceptions of the aircraft, by group, and the reports to the planner; leading axis aircraft."""
+    kernel = as_single_kernel if one_kernel else lambda function: function
 
-    def perceived(vehicle: Vehicle, before: VehicleState) -> Perception:
-        return perceive(vehicle, before, instant)
+    def perceive_one(vehicle: Vehicle, vehicle_state: VehicleState) -> Perception:
+        return perceive(vehicle, vehicle_state, instant)
 
-    def reported(vehicle: Vehicle, seen: Perception, before: VehicleState) -> AircraftReport:
-        away = before.stopped | is_breakaway(before.status) | vehicle.faults.has_departed(instant.time)
-        return report(vehicle, seen, ~away)
+    def report_one(vehicle: Vehicle, perception: Perception, vehicle_state: VehicleState) -> AircraftReport:
+        is_inactive = (
+            vehicle_state.stopped | is_breakaway(vehicle_state.status) | vehicle.faults.has_departed(instant.time)
+        )
+        return aircraft_report(vehicle, perception, ~is_inactive)
 
     pairs = list(zip(flight.groups, state.vehicles, strict=True))
-    seen = [compiled(kind.vehicles.map)(perceived, states) for kind, states in pairs]
-    told = [kind.vehicles.map(reported, one, states) for (kind, states), one in zip(pairs, seen, strict=True)]
-    return seen, merge_groups(flight, told)
+    perceptions = [kernel(group.vehicles.map)(perceive_one, states) for group, states in pairs]
+    reports = [
+        group.vehicles.map(report_one, perception, states)
+        for (group, states), perception in zip(pairs, perceptions, strict=True)
+    ]
+    return perceptions, merge_groups(flight, reports)
 
 
 def plans_too_near(
     flight: Flight, plans: AircraftPlan, reports: AircraftReport, time: ScalarLike
 ) -> Bool[Array, " aircraft"]:
-    """Which plans end nearer to the goal, as it is foreseen at steady velocity, than a rendezvous may be."""
+    """Flag plans that end closer to the goal, extrapolated at constant velocity, than the least rendezvous distance."""
     earth = flight.environment.earth
 
-    def one(vehicle: Vehicle, plan: AircraftPlan, report: AircraftReport) -> Flag:
+    def ends_too_near(vehicle: Vehicle, plan: AircraftPlan, report: AircraftReport) -> Flag:
         assert vehicle.mission is not None
-        ahead = jnp.maximum(plan.arrival_time - time, 0.0)
-        goal = GoalState(report.goal_position_n + ahead * report.goal_velocity_n, report.goal_velocity_n)
+        time_left = jnp.maximum(plan.arrival_time - time, 0.0)
+        goal = GoalState(report.goal_position_n + time_left * report.goal_velocity_n, report.goal_velocity_n)
         end_n = plan.trajectory.position_n(plan.arrival_time)
         to_goal_n, _ = earth.sight(end_n, goal.position_n, goal.velocity_n)
-        # not a number: there is no such plan
+        # negated comparison: true for NaN, an invalid plan
         return ~(safe_norm(to_goal_n) >= vehicle.mission.distance_min - _ROUNDING_M)
 
-    found = [kind.vehicles.map(one, *select_group_rows((plans, reports), kind, flight.count)) for kind in flight.groups]
-    # What has arrived is flown no more, and what does not fly has no plan of now.
-    return merge_groups(flight, found) & reports.active & (plans.arrival_time > time)
+    too_near = [
+        group.vehicles.map(ends_too_near, *select_group_rows((plans, reports), group, flight.count))
+        for group in flight.groups
+    ]
+    # An arrived aircraft no longer flies its plan; an inactive aircraft has no new plan.
+    return merge_groups(flight, too_near) & reports.active & (plans.arrival_time > time)
 
 
-def _renewed(
+def _replan_if_due(
     flight: Flight, state: FlightState, number: Count, reports: AircraftReport
 ) -> tuple[Any, Bool[Array, " aircraft"]]:
-    """The planner's state with a plan renewed where that is due, and which new plans are refused."""
+    """Planner state, replanned if due, and flags of the refused new plans."""
     timing, planner = cast_to_precision(flight.timing, float), flight.planner
     time = number * timing.step
     plans = planner.plans(state.planner)
-    frozen = time >= plans.arrival_time - timing.freeze
-    needed = ~jnp.all(frozen | ~reports.active)
-    # Free of what a batch of flights has different: planning is costly, and would run at every step otherwise.
-    due = (timing.replan_steps > 0) & (number % jnp.maximum(timing.replan_steps, 1) == 0) & any_in_batch(needed)
+    is_frozen = time >= plans.arrival_time - timing.freeze
+    is_needed = ~jnp.all(is_frozen | ~reports.active)
+    # The same for all flights of a batch: with a batched condition, the costly planning would run at every step.
+    is_due = (timing.replan_steps > 0) & (number % jnp.maximum(timing.replan_steps, 1) == 0) & any_in_batch(is_needed)
 
-    def anew() -> tuple[Any, Bool[Array, " aircraft"]]:
-        made = planner.replan(state.planner, time, reports)
-        made = jax.tree.map(lambda new, old: jnp.where(needed, new, old), made, state.planner)
-        return made, needed & plans_too_near(flight, planner.plans(made), reports, time)
+    def replan() -> tuple[Any, Bool[Array, " aircraft"]]:
+        replanned = planner.replan(state.planner, time, reports)
+        replanned = jax.tree.map(lambda new, old: jnp.where(is_needed, new, old), replanned, state.planner)
+        return replanned, is_needed & plans_too_near(flight, planner.plans(replanned), reports, time)
 
-    return jax.lax.cond(due, anew, lambda: (state.planner, jnp.zeros(flight.count, dtype=bool)))
+    return jax.lax.cond(is_due, replan, lambda: (state.planner, jnp.zeros(flight.count, dtype=bool)))
 
 
 def send_to_hold(
     flight: Flight, vehicles: Sequence[VehicleState], refused: Bool[Array, " aircraft"]
 ) -> tuple[VehicleState, ...]:
-    """The aircraft, those with a refused plan on their way into their holds."""
+    """Set the status of aircraft with a refused plan, so that they fly to the hold."""
 
-    def one(state: VehicleState, no_plan: Array) -> VehicleState:
-        away = no_plan & ~state.stopped & ~is_breakaway(state.status)
-        return eqx.tree_at(lambda s: s.status, state, jnp.where(away, PLAN_TOO_NEAR, state.status))
+    def updated_state(state: VehicleState, no_plan: Array) -> VehicleState:
+        is_sent = no_plan & ~state.stopped & ~is_breakaway(state.status)
+        return eqx.tree_at(lambda s: s.status, state, jnp.where(is_sent, PLAN_TOO_NEAR, state.status))
 
     return tuple(
-        one(state, select_group_rows(refused, kind, flight.count))
-        for kind, state in zip(flight.groups, vehicles, strict=True)
+        updated_state(state, select_group_rows(refused, group, flight.count))
+        for group, state in zip(flight.groups, vehicles, strict=True)
     )
 
 
 def step_fleet(
     flight: Flight, state: FlightState, number: Count, *, one_kernel: bool = False
 ) -> tuple[FlightState, FleetSample, Instant]:
-    """Fly the fleet over one step; the next state, and everything known at the step's start (see `fly`)."""
+    """Fly the fleet over one step; returns the next state, and the sample at the step's start (see `fly`)."""
     instant = Instant(flight.environment, number, flight.timing.step, flight.randomness)
-    compiled = as_single_kernel if one_kernel else lambda function: function
-    seen, reports = fleet_reports(flight, state, instant, one_kernel=one_kernel)
+    kernel = as_single_kernel if one_kernel else lambda function: function
+    perceptions, reports = fleet_reports(flight, state, instant, one_kernel=one_kernel)
     reports = cast_to_precision(reports, float)
-    planner, refused = _renewed(flight, state, number, reports)
+    planner, refused = _replan_if_due(flight, state, number, reports)
     plans = cast_to_precision(flight.planner.plans(planner), instant.step.dtype)
     vehicles = send_to_hold(flight, state.vehicles, refused)
 
-    def acted(vehicle: Vehicle, before: VehicleState, perceived: Perception, plan: AircraftPlan) -> Any:
-        return act(vehicle, before, perceived, instant, plan, flight.timing.freeze)
+    def act_one(vehicle: Vehicle, group_state: VehicleState, perceived: Perception, plan: AircraftPlan) -> Any:
+        return act(vehicle, group_state, perceived, instant, plan, flight.timing.freeze)
 
-    moved = [
-        compiled(kind.vehicles.map)(acted, before, one, select_group_rows(plans, kind, flight.count))
-        for kind, before, one in zip(flight.groups, vehicles, seen, strict=True)
+    results = [
+        kernel(group.vehicles.map)(act_one, group_state, perception, select_group_rows(plans, group, flight.count))
+        for group, group_state, perception in zip(flight.groups, vehicles, perceptions, strict=True)
     ]
     step = cast_to_precision(flight.timing.step, float)
     planner = flight.planner.observe(planner, reports, number, step, flight.randomness)
-    after = FlightState(tuple(states for states, _ in moved), planner)
-    return after, FleetSample(tuple(samples for _, samples in moved), flight.members), instant
+    next_state = FlightState(tuple(states for states, _ in results), planner)
+    return next_state, FleetSample(tuple(samples for _, samples in results), flight.members), instant
 
 
 def fly(
     flight: Flight,
     state: FlightState,
-    since: Count,
+    first_step: Count,
     count: int = SEGMENT_STEPS,
     recorder: AbstractRecorder | None = None,
-    memory: Any = None,
+    recorder_state: Any = None,
     *,
     one_kernel: bool = False,
-    flown: Count | None = None,
+    active_steps: Count | None = None,
 ) -> tuple[FlightState, Any, Any]:
     """Fly a number of steps.
 
-    Pure: to be compiled, batched by `vmap` over flights and states (`since` must not be batched, nor should `timing`
-    be: planning would run at every step), differentiated, or moved to a GPU.
+    Pure: can be compiled, batched over flights and states with `vmap`, differentiated, or run on a GPU. Do not batch
+    `first_step` or `timing`, because planning would then run at every step.
 
     Parameters
     ----------
     flight
-        What flies.
+        Definition of the flight.
     state
-        Before the first step, from `start_flight` or from here.
-    since
+        State before the first step, from `start_flight` or an earlier call.
+    first_step
         Number of the first step: 0 at the start.
     count
         Number of steps.
-    recorder, memory
-        What is to be kept, and what has been so far (None: nothing yet); every variable at every step where no recorder
-        is given.
+    recorder, recorder_state
+        Recorder and its present state (None: initial state). Without a recorder, every variable is recorded at every
+        step.
     one_kernel
-        Whether what each aircraft does in a step is compiled as one kernel where the machine is a CPU. It makes a
-        flight by itself two to three times as fast; one that is to be batched must not be compiled so.
-    flown
-        How many of the steps are flown; the rows of the others mean nothing. None: all.
+        Whether to compile the step of each aircraft as one kernel on a CPU. A single flight is two to three times as
+        fast; do not use it for batched flights.
+    active_steps
+        Number of steps to fly; rows of later steps are meaningless. None: `count`.
 
     Returns
     -------
-    The state after the last step, the recorder's memory, and its rows: leading axis time, then aircraft.
+    State after the last step, state of the recorder, and the recorder's rows: leading axis time, then aircraft.
     """
     recorder = History() if recorder is None else recorder
-    memory = recorder.init(flight.count) if memory is None else memory
+    recorder_state = recorder.init(flight.count) if recorder_state is None else recorder_state
 
-    def one(before: FlightState, number: Count) -> tuple[FlightState, FleetSample, Instant]:
-        return step_fleet(flight, before, number, one_kernel=one_kernel)
+    def advance_step(flight_state: FlightState, number: Count) -> tuple[FlightState, FleetSample, Instant]:
+        return step_fleet(flight, flight_state, number, one_kernel=one_kernel)
 
-    return scan_steps(one, state, jnp.asarray(since, dtype=jnp.int32), count, recorder, memory, flown)
+    return scan_steps(
+        advance_step, state, jnp.asarray(first_step, dtype=jnp.int32), count, recorder, recorder_state, active_steps
+    )

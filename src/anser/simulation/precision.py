@@ -1,4 +1,4 @@
-"""Precision of a flight: planned in float64, and flown in that of its numbers, which is float64 but where asked."""
+"""Precision of a flight: plans are computed in float64, the steps in float64 (default) or float32."""
 
 import dataclasses
 from typing import Literal
@@ -11,16 +11,16 @@ PRECISIONS: tuple[Precision, ...] = ("float64", "float32")
 
 
 def cast_flight(flight: Flight, precision: Precision) -> Flight:
-    """The flight with aircraft, environment and periods in a precision.
+    """Convert aircraft, environment and periods of a flight to a precision.
 
-    `fly` takes the precision of its steps from them; the planner stays as it is and plans in float64, from reports and
-    for plans that are converted on the way.
+    `fly` takes the precision of the steps from the flight. The planner is unchanged and works in float64; reports and
+    plans are converted in each step.
     """
     parts = cast_to_precision((flight.environment, flight.groups, flight.timing), precision)
-    environment, kinds, timing = parts
-    return dataclasses.replace(flight, environment=environment, groups=kinds, timing=timing)
+    environment, groups, timing = parts
+    return dataclasses.replace(flight, environment=environment, groups=groups, timing=timing)
 
 
 def cast_state(state: FlightState, precision: Precision) -> FlightState:
-    """The state of a flight with that of every aircraft in a precision; its planner's stays as it is."""
+    """Convert the states of the aircraft to a precision; the planner's state is unchanged."""
     return dataclasses.replace(state, vehicles=cast_to_precision(state.vehicles, precision))

@@ -1,7 +1,4 @@
-"""Recorders: the signals of one aircraft and of a fleet at one sample.
-
-The variables recorded from them, and how often; rows by aircraft group and in fleet order.
-"""
+"""Recorders: signals of one aircraft or a fleet at one sample, the recorded variables, and the time between rows."""
 
 import abc
 from collections.abc import Callable, Sequence
@@ -28,31 +25,31 @@ from anser.spatial.wind_axes import bank_about_velocity, path_angles
 from anser.variables import all_surface_names, surface_variables
 
 Members = tuple[int, ...]
-"""Places in the fleet of the members of a kind."""
+"""Fleet indices of the aircraft of one group."""
 
 
-def to_fleet_order(kinds: Sequence[Any], members: tuple[Members, ...]) -> Any:
-    """Stacked rows of each kind's members as those of the fleet, in its order."""
-    if len(members) == 1 and _is_whole(members[0]):
-        return kinds[0]
-    places = [place for of_kind in members for place in of_kind]
-    order = jnp.asarray([places.index(k) for k in range(len(places))])
-    return jax.tree.map(lambda *rows: jnp.concatenate(rows)[order], *kinds)
+def to_fleet_order(group_rows: Sequence[Any], members: tuple[Members, ...]) -> Any:
+    """Concatenate the groups' stacked rows in fleet order."""
+    if len(members) == 1 and _is_identity(members[0]):
+        return group_rows[0]
+    indices = [index for group_members in members for index in group_members]
+    order = jnp.asarray([indices.index(k) for k in range(len(indices))])
+    return jax.tree.map(lambda *leaves: jnp.concatenate(leaves)[order], *group_rows)
 
 
-def to_group_order(rows: Any, members: Members, count: int) -> Any:
-    """Rows of some members, of those of a fleet of so many aircraft."""
-    if len(members) == count and _is_whole(members):
-        return rows
-    places = jnp.asarray(members)
-    return jax.tree.map(lambda leaf: leaf[places], rows)
+def to_group_order(fleet_rows: Any, members: Members, count: int) -> Any:
+    """Select the members' rows from arrays in fleet order; `count` is the size of the fleet."""
+    if len(members) == count and _is_identity(members):
+        return fleet_rows
+    indices = jnp.asarray(members)
+    return jax.tree.map(lambda leaf: leaf[indices], fleet_rows)
 
 
-def _is_whole(members: Members) -> bool:
+def _is_identity(members: Members) -> bool:
     return members == tuple(range(len(members)))
 
 
-_TOLD_BY_CONTROLLER = (
+_CONTROLLER_COMMANDS = (
     "thrust_command",
     "bank_command",
     "alpha_command",
@@ -61,7 +58,7 @@ _TOLD_BY_CONTROLLER = (
     "pitch_rate_command",
     "yaw_rate_command",
 )
-_FLAGGED_BY_CONTROLLER = (
+_CONTROLLER_FLAGS = (
     "thrust_limited",
     "lift_limited",
     "bank_limited",
@@ -74,20 +71,25 @@ _FLAGGED_BY_CONTROLLER = (
 def record(sample: "AircraftSample") -> dict[str, Array]:
     """One row of the history of one aircraft, SI units and radians, keyed as in `anser.variables.catalogue`.
 
-    The control surfaces are the airframe's own.
-    What its controller does not tell is NaN, and no limit of it is flagged.
+    The control surfaces are those of the airframe. Commands missing in the controller's signals are NaN; missing limit
+    flags are false.
     """
-    truth, state, now, data = sample.truth, sample.truth.state, sample.truth.condition, sample.truth.condition.air_data
-    velocity_n = rotate_back(now.R_bn, state.velocity_b)
-    inertial_b = state.rates_b + rotate(now.R_bn, now.earth.earth_rate_n + now.earth.transport_rate_n)
+    truth, state, condition, data = (
+        sample.truth,
+        sample.truth.state,
+        sample.truth.condition,
+        sample.truth.condition.air_data,
+    )
+    velocity_n = rotate_back(condition.R_bn, state.velocity_b)
+    inertial_b = state.rates_b + rotate(condition.R_bn, condition.earth.earth_rate_n + condition.earth.transport_rate_n)
     euler = euler_from_quaternion(state.quaternion)
     _, ground_course = path_angles(velocity_n)
-    through_air = polar(velocity_n - now.wind_n, jnp.zeros_like(velocity_n))
-    force_b = now.wrench.force_b
-    weight = truth.airframe.mass_properties.mass * now.earth.gravity
+    air_path = polar(velocity_n - condition.wind_n, jnp.zeros_like(velocity_n))
+    force_b = condition.wrench.force_b
+    weight = truth.airframe.mass_properties.mass * condition.earth.gravity
     controls = sample.controls
     return {
-        **_point("", state.position_n),
+        **_position("", state.position_n),
         **_vector("velocity", ("north", "east", "down"), velocity_n),
         **_vector("velocity", ("u", "v", "w"), state.velocity_b),
         "ground_speed": safe_norm(velocity_n),
@@ -103,39 +105,41 @@ def record(sample: "AircraftSample") -> dict[str, Array]:
         "yaw": euler[2],
         **_rates("", state.rates_b),
         **{f"inertial_{key}": value for key, value in _rates("", inertial_b).items()},
-        "bank": bank_about_velocity(now.R_bn, data.alpha, data.beta),
-        "path_angle": through_air.gamma,
-        "course": through_air.chi,
+        "bank": bank_about_velocity(condition.R_bn, data.alpha, data.beta),
+        "path_angle": air_path.gamma,
+        "course": air_path.chi,
         "load_factor": -force_b[2] / weight,
         **dict(zip(_surface_keys(truth.airframe), (*state.surfaces, *controls.surfaces), strict=True)),
         "throttle": controls.throttle,
         "power": state.power,
-        "thrust": now.propulsive.force_b[0],
+        "thrust": condition.propulsive.force_b[0],
         "airspeed_command": sample.command.V,
         "path_angle_command": sample.command.gamma,
         "course_command": sample.command.chi,
-        **{key: jnp.full_like(data.V, jnp.nan) for key in _TOLD_BY_CONTROLLER},
-        **{key: jnp.asarray(False) for key in _FLAGGED_BY_CONTROLLER},
+        **{key: jnp.full_like(data.V, jnp.nan) for key in _CONTROLLER_COMMANDS},
+        **{key: jnp.asarray(False) for key in _CONTROLLER_FLAGS},
         **signal_variables(sample.signals),
         "outside_tables": truth.airframe.outside_tables(data),
         "status": sample.status,
-        **({} if sample.approach is None else _of_approach(sample, sample.approach)),
-        **({} if sample.flow is None else _of_gusts(truth.disturbance.gust, sample.flow)),
-        **({} if sample.belief.uncertainty is None else _of_knowledge(sample.belief, sample.belief.uncertainty)),
+        **({} if sample.approach is None else _approach_variables(sample, sample.approach)),
+        **({} if sample.flow is None else _gust_variables(truth.disturbance.gust, sample.flow)),
+        **(
+            {} if sample.belief.uncertainty is None else _estimation_variables(sample.belief, sample.belief.uncertainty)
+        ),
         **(
             {}
             if sample.approach is None or sample.approach.plan.network is None
-            else _of_network(sample.approach.plan.network)
+            else _network_variables(sample.approach.plan.network)
         ),
     }
 
 
-def _of_gusts(gust: Gust, flow: AirFlow) -> dict[str, Array]:
-    turning = {f"gust_{key}": value for key, value in _rates("", gust.rates_b).items()}
-    return {"airspeed_mean_wind": flow.airspeed, **_vector("gust", ("u", "v", "w"), gust.velocity_b), **turning}
+def _gust_variables(gust: Gust, flow: AirFlow) -> dict[str, Array]:
+    gust_rates = {f"gust_{key}": value for key, value in _rates("", gust.rates_b).items()}
+    return {"airspeed_mean_wind": flow.airspeed, **_vector("gust", ("u", "v", "w"), gust.velocity_b), **gust_rates}
 
 
-def _of_network(view: NetworkView) -> dict[str, Array]:
+def _network_variables(view: NetworkView) -> dict[str, Array]:
     weights = 2 ** np.arange(view.hears.shape[0])
     return {
         "clock_lag": view.lag,
@@ -145,38 +149,43 @@ def _of_network(view: NetworkView) -> dict[str, Array]:
     }
 
 
-def _of_knowledge(belief: Belief, known: Uncertainty) -> dict[str, Array]:
-    own, goal = (
+def _estimation_variables(belief: Belief, uncertainty: Uncertainty) -> dict[str, Array]:
+    position_sigma, goal_sigma = (
         safe_sqrt(jnp.stack([matrix[k, k] for k in range(3)]))
-        for matrix in (known.position_covariance, known.goal_covariance)
+        for matrix in (uncertainty.position_covariance, uncertainty.goal_covariance)
     )
-    axes, level = ("north", "east", "altitude"), goal[0] * goal[1]
+    axes, variance = ("north", "east", "altitude"), goal_sigma[0] * goal_sigma[1]
     return {
-        **_point("own_estimate_", belief.state.position_n),
-        **{f"own_sigma_{axis}": own[k] for k, axis in enumerate(axes)},
-        **{f"goal_sigma_{axis}": goal[k] for k, axis in enumerate(axes)},
-        "goal_correlation": known.goal_covariance[0, 1] / jnp.where(level > 0.0, level, 1.0),
-        "goal_sigma_speed": safe_sqrt(known.goal_covariance[3, 3] + known.goal_covariance[4, 4]),
-        "goal_nis": known.nis,
-        "goal_seen": known.goal_is_measured,
-        "goal_known": known.goal_status,
+        **_position("own_estimate_", belief.state.position_n),
+        **{f"own_sigma_{axis}": position_sigma[k] for k, axis in enumerate(axes)},
+        **{f"goal_sigma_{axis}": goal_sigma[k] for k, axis in enumerate(axes)},
+        "goal_correlation": uncertainty.goal_covariance[0, 1] / jnp.where(variance > 0.0, variance, 1.0),
+        "goal_sigma_speed": safe_sqrt(uncertainty.goal_covariance[3, 3] + uncertainty.goal_covariance[4, 4]),
+        "goal_nis": uncertainty.nis,
+        "goal_seen": uncertainty.goal_is_measured,
+        "goal_known": uncertainty.goal_status,
     }
 
 
-def _of_approach(sample: "AircraftSample", approach: "GoalApproach") -> dict[str, Array]:
-    goal, seen, sight, reference_n = approach.goal, sample.belief.goal, sample.belief.sight, sample.reference_n
-    assert seen is not None
+def _approach_variables(sample: "AircraftSample", approach: "GoalApproach") -> dict[str, Array]:
+    goal, estimated_goal, sight, reference_n = (
+        approach.goal,
+        sample.belief.goal,
+        sample.belief.sight,
+        sample.reference_n,
+    )
+    assert estimated_goal is not None
     assert sight is not None
     assert reference_n is not None
     plan, axes = approach.plan, ("north", "east", "down")
     return {
-        **_point("reference_", reference_n),
+        **_position("reference_", reference_n),
         "position_error": safe_norm(reference_n - sample.truth.state.position_n),
-        **_point("goal_", goal.position_n),
-        **_point("goal_estimate_", seen.position_n),
+        **_position("goal_", goal.position_n),
+        **_position("goal_estimate_", estimated_goal.position_n),
         **_vector("goal_velocity", axes, goal.velocity_n),
-        **_vector("goal_estimate_velocity", axes, seen.velocity_n),
-        **_point("rendezvous_", approach.rendezvous_n),
+        **_vector("goal_estimate_velocity", axes, estimated_goal.velocity_n),
+        **_position("rendezvous_", approach.rendezvous_n),
         "range_to_rendezvous": safe_norm(approach.to_rendezvous_n),
         "clearance": safe_norm(approach.to_goal_n),
         "sight_range": sight.range,
@@ -193,7 +202,7 @@ def _of_approach(sample: "AircraftSample", approach: "GoalApproach") -> dict[str
     }
 
 
-def _point(prefix: str, position_n: Vector3) -> dict[str, Array]:
+def _position(prefix: str, position_n: Vector3) -> dict[str, Array]:
     return {
         f"{prefix}north": position_n[0],
         f"{prefix}east": position_n[1],
@@ -210,27 +219,27 @@ def _rates(suffix: str, rates_b: Vector3) -> dict[str, Array]:
 
 
 def _surface_keys(airframe: AbstractAirframe) -> list[str]:
-    """Keys of positions, then of commands."""
+    """Keys of the positions, then of the commands."""
     return [variable.key for variable in surface_variables(airframe.actuators.names)]
 
 
 class GoalApproach(eqx.Module):
-    """Where one aircraft is on its way to its goal at one instant.
+    """Approach of one aircraft to its goal at one instant.
 
     Attributes
     ----------
     goal
-        The truth.
+        True state of the goal.
     rendezvous_n
-        Where it is to be, NED, m.
+        Rendezvous position, NED, m.
     to_goal_n, to_rendezvous_n
-        Straight lines through space from the aircraft, m.
+        Straight lines through space from the aircraft, NED, m.
     clearance
-        Between it and the ground.
+        Ground clearance.
     plan
-        Its own.
+        Plan of the aircraft.
     phase
-        One of `APPROACH`, `FROZEN`, `HOLD`.
+        `APPROACH`, `FROZEN` or `HOLD`.
     """
 
     goal: GoalState
@@ -243,20 +252,22 @@ class GoalApproach(eqx.Module):
 
 
 class AircraftSample(eqx.Module):
-    """All signals of one aircraft at one sampling instant.
+    """Signals of one aircraft at one sampling instant.
 
     Attributes
     ----------
     truth, belief
         True and estimated state.
     controls, signals
-        Outputs and signals of its controller.
+        Outputs and signals of the controller.
     command, reference_n
-        What it was commanded, and where it is to be (NED, m).
+        Command of the guidance, and reference position (NED, m).
     approach
-        None for an aircraft without a mission.
+        Approach to the goal; None for an aircraft without a mission.
     status
         Index into `STATUS_MESSAGES`.
+    flow
+        Air flow at the aircraft, without gusts; None in air without gusts.
     """
 
     truth: Truth
@@ -271,38 +282,41 @@ class AircraftSample(eqx.Module):
 
 
 class FleetSample(eqx.Module):
-    """Samples of a fleet by kinds of aircraft, with a leading axis over members; and their places in the fleet."""
+    """Samples of a fleet by aircraft groups, with a leading axis over members; and the members' fleet indices."""
 
     groups: tuple[AircraftSample, ...]
     members: tuple[tuple[int, ...], ...] = eqx.field(static=True)
 
-    def rows(self, of_one: Callable[[AircraftSample], dict[str, Array]]) -> dict[str, Array]:
-        """What a function gives of each aircraft, in the fleet's order.
+    def rows(self, aircraft_variables: Callable[[AircraftSample], dict[str, Array]]) -> dict[str, Array]:
+        """Variables of the aircraft, computed by a function of one sample, in fleet order.
 
-        Of several kinds of aircraft it is what all of them give, and the control surfaces of any: NaN of an aircraft
-        that has no such surface.
+        For several groups, the result has the variables common to the groups, plus the control surfaces of any group,
+        with NaN for aircraft without the surface.
         """
-        found = [jax.vmap(of_one)(samples) for samples in self.groups]
+        group_rows = [jax.vmap(aircraft_variables)(samples) for samples in self.groups]
         surfaces = all_surface_names(samples.truth.airframe.actuators.names for samples in self.groups)
-        of_some = {variable.key for variable in surface_variables(surfaces)}
-        keys = dict.fromkeys(key for one in found for key in one)
-        kept = [key for key in keys if key in of_some or all(key in one for one in found)]
-        like = {key: one[key] for one in found for key in one}
-        rows = [
-            {key: one[key] if key in one else jnp.full(len(places), jnp.nan, like[key].dtype) for key in kept}
-            for one, places in zip(found, self.members, strict=True)
+        surface_keys = {variable.key for variable in surface_variables(surfaces)}
+        keys = dict.fromkeys(key for row_set in group_rows for key in row_set)
+        common_keys = [key for key in keys if key in surface_keys or all(key in row_set for row_set in group_rows)]
+        examples = {key: row_set[key] for row_set in group_rows for key in row_set}
+        padded_rows = [
+            {
+                key: row_set[key] if key in row_set else jnp.full(len(indices), jnp.nan, examples[key].dtype)
+                for key in common_keys
+            }
+            for row_set, indices in zip(group_rows, self.members, strict=True)
         ]
-        return to_fleet_order(rows, self.members)
+        return to_fleet_order(padded_rows, self.members)
 
 
 class AbstractRecorder(eqx.Module):
-    """What is kept of a flight; concrete ones are final.
+    """Selects and stores the data of a flight; concrete recorders are final.
 
-    What it sees is the `AircraftSample` of one aircraft flown alone, or the `FleetSample` of a fleet.
+    A sample is the `AircraftSample` of an aircraft flown alone, or the `FleetSample` of a fleet.
 
     Attributes
     ----------
-    every
+    stride
         Number of samples between two rows.
     """
 
@@ -310,15 +324,15 @@ class AbstractRecorder(eqx.Module):
 
     @abc.abstractmethod
     def init(self, aircraft: int) -> Any:
-        """Memory before the first sample, of so many aircraft."""
+        """Recorder state before the first sample."""
 
     @abc.abstractmethod
     def update(self, recorder_state: Any, sample: Any, instant: Instant) -> Any:
-        """Memory with one more sample."""
+        """Recorder state after one more sample."""
 
     @abc.abstractmethod
     def output(self, sample: Any, instant: Instant) -> Any:
-        """What is kept of one sample, as arrays; None: nothing."""
+        """Row of one sample, as arrays; None: no rows."""
 
 
 class History(AbstractRecorder):
@@ -326,114 +340,121 @@ class History(AbstractRecorder):
 
     Attributes
     ----------
-    every
+    stride
         Number of samples between two rows.
     keys
-        Of `anser.variables.catalogue`; None: all that are recorded.
+        Keys of `anser.variables.catalogue`; None: every recorded variable.
     """
 
     stride: int = eqx.field(static=True, default=1)
     keys: tuple[str, ...] | None = eqx.field(static=True, default=None)
 
     def init(self, aircraft: int) -> None:
-        """Nothing is kept."""
+        """The recorder has no state."""
 
     def update(self, recorder_state: None, sample: Any, instant: Instant) -> None:
-        """Nothing is kept."""
+        """The recorder has no state."""
 
     def output(self, sample: FleetSample, instant: Instant) -> dict[str, Array]:
-        """Each variable of each aircraft, SI units and radians.
+        """Variables by aircraft, SI units and radians.
 
         Raises
         ------
         ValueError
-            No such variable is recorded.
+            If a selected variable is not recorded.
         """
-        found = sample.rows(record)
+        variables = sample.rows(record)
         if self.keys is None:
-            return found
-        unknown = [key for key in self.keys if key not in found]
+            return variables
+        unknown = [key for key in self.keys if key not in variables]
         if unknown:
-            raise ValueError(f"not recorded: {', '.join(unknown)}; what is: {', '.join(found)}")
-        return {key: found[key] for key in self.keys}
+            raise ValueError(f"not recorded: {', '.join(unknown)}; what is: {', '.join(variables)}")
+        return {key: variables[key] for key in self.keys}
 
 
 def scan_steps(
-    one: Callable[[Any, Count], tuple[Any, Any, Instant]],
+    advance_step: Callable[[Any, Count], tuple[Any, Any, Instant]],
     state: Any,
-    since: Count,
+    first_sample: Count,
     count: int,
     recorder: AbstractRecorder,
     recorder_state: Any,
-    flown: Count | None = None,
+    active_steps: Count | None = None,
 ) -> tuple[Any, Any, Any]:
-    """Run steps and keep what the recorder wants.
+    """Run steps and record rows.
 
     Parameters
     ----------
-    one
-        One step: from state and number of the sample to the state after it, what is known at it, and the instant.
+    advance_step
+        One step: maps state and sample number to the next state, the sample, and the instant.
     state
-        Before the first step.
-    since
+        State before the first step.
+    first_sample
         Number of the first sample, not batched.
     count
-        Number of steps; a multiple of what lies between two rows.
+        Number of steps, a multiple of the recorder's stride.
     recorder, recorder_state
-        What is kept, and what has been so far.
-    flown
-        How many of the steps are run, where that is known only when it runs and each has a row; None: all.
+        Recorder and its present state.
+    active_steps
+        Number of steps to run, known only at run time; requires a stride of 1. None: `count`.
 
     Returns
     -------
-    State after the last step, the recorder's memory, and its rows, stacked: of samples `since`, `since + every`, ...
+    State after the last step, state of the recorder, and the stacked rows of samples `first_sample`,
+    `first_sample + stride`, ...
 
     Raises
     ------
     ValueError
-        Rows do not fill the steps.
+        If the steps are not a multiple of the stride.
     """
-    every = recorder.stride
-    if every < 1 or count % every:
-        raise ValueError(f"a row every {every} samples does not fit a flight of {count} samples")
+    stride = recorder.stride
+    if stride < 1 or count % stride:
+        raise ValueError(f"a row every {stride} samples does not fit a flight of {count} samples")
 
     def step(carry: tuple[Any, Any], number: Count) -> tuple[tuple[Any, Any], Any]:
         state, recorder_state = carry
-        after, sample, instant = one(state, number)
-        return (after, recorder.update(recorder_state, sample, instant)), recorder.output(sample, instant)
+        next_state, sample, instant = advance_step(state, number)
+        return (next_state, recorder.update(recorder_state, sample, instant)), recorder.output(sample, instant)
 
-    if flown is not None:
-        if every != 1:
-            raise ValueError(f"a row every {every} samples does not fit a number of steps that is not known")
-        empty = zeros_like_result(lambda c, n: step(c, n)[1], (state, recorder_state), since)
+    if active_steps is not None:
+        if stride != 1:
+            raise ValueError(f"a row every {stride} samples does not fit a number of steps that is not known")
+        empty_row = zeros_like_result(lambda c, n: step(c, n)[1], (state, recorder_state), first_sample)
 
-        def some(carry: tuple[Any, Any], k: Count) -> tuple[tuple[Any, Any], Any]:
-            return jax.lax.cond(k < flown, lambda: step(carry, since + k), lambda: (carry, empty))
+        def step_if_active(carry: tuple[Any, Any], step_index: Count) -> tuple[tuple[Any, Any], Any]:
+            return jax.lax.cond(
+                step_index < active_steps, lambda: step(carry, first_sample + step_index), lambda: (carry, empty_row)
+            )
 
-        (state, recorder_state), rows = jax.lax.scan(
-            some, (state, recorder_state), jnp.arange(count, dtype=since.dtype)
+        (state, recorder_state), recorded_rows = jax.lax.scan(
+            step_if_active, (state, recorder_state), jnp.arange(count, dtype=first_sample.dtype)
         )
-        return state, recorder_state, rows
+        return state, recorder_state, recorded_rows
 
-    if every == 1:
-        (state, recorder_state), rows = jax.lax.scan(
-            step, (state, recorder_state), since + jnp.arange(count, dtype=since.dtype)
+    if stride == 1:
+        (state, recorder_state), recorded_rows = jax.lax.scan(
+            step, (state, recorder_state), first_sample + jnp.arange(count, dtype=first_sample.dtype)
         )
-        return state, recorder_state, rows
+        return state, recorder_state, recorded_rows
 
-    def sparse(carry: tuple[Any, Any, Any], k: Count) -> tuple[tuple[Any, Any, Any], None]:
+    def step_without_row(carry: tuple[Any, Any, Any], k: Count) -> tuple[tuple[Any, Any, Any], None]:
         state, recorder_state, number = carry[0], carry[1], carry[2][0]
-        after, sample, instant = one(state, number)
-        row = jax.lax.cond(k == 0, lambda: recorder.output(sample, instant), lambda: carry[2][1])
-        return (after, recorder.update(recorder_state, sample, instant), (number + 1, row)), None
+        next_state, sample, instant = advance_step(state, number)
+        first_row = jax.lax.cond(k == 0, lambda: recorder.output(sample, instant), lambda: carry[2][1])
+        return (next_state, recorder.update(recorder_state, sample, instant), (number + 1, first_row)), None
 
-    empty = zeros_like_result(lambda c, n: step(c, n)[1], (state, recorder_state), since)
+    empty_row = zeros_like_result(lambda c, n: step(c, n)[1], (state, recorder_state), first_sample)
 
     def block(carry: tuple[Any, Any, Count], _: None) -> tuple[tuple[Any, Any, Count], Any]:
         state, recorder_state, number = carry
-        begun = (state, recorder_state, (number, empty))
-        (state, recorder_state, (number, row)), _ = jax.lax.scan(sparse, begun, jnp.arange(every))
-        return (state, recorder_state, number), row
+        block_start = (state, recorder_state, (number, empty_row))
+        (state, recorder_state, (number, recorded_row)), _ = jax.lax.scan(
+            step_without_row, block_start, jnp.arange(stride)
+        )
+        return (state, recorder_state, number), recorded_row
 
-    (state, recorder_state, _), rows = jax.lax.scan(block, (state, recorder_state, since), length=count // every)
-    return state, recorder_state, rows
+    (state, recorder_state, _), recorded_rows = jax.lax.scan(
+        block, (state, recorder_state, first_sample), length=count // stride
+    )
+    return state, recorder_state, recorded_rows

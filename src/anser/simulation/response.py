@@ -1,7 +1,4 @@
-"""Response of one aircraft to commands given to one loop of its autopilot.
-
-And the figures of a step response (theory section 5).
-"""
+"""Response of one aircraft to commands to one loop of its autopilot, and step-response metrics (theory section 5)."""
 
 from typing import Any
 
@@ -31,14 +28,14 @@ from anser.steady.trim import TrimPoint
 
 
 class LoopCase(eqx.Module):
-    """What flies a trim point, and how.
+    """Aircraft, autopilot and trim point of a response.
 
     Attributes
     ----------
     airframe, environment, gains, limits
-        What flies, where and how.
+        Airframe, environment, and gains and limits of the autopilot.
     trim
-        Steady flight that is departed from.
+        Steady flight at the start.
     step
         Sampling period, s.
     """
@@ -52,17 +49,17 @@ class LoopCase(eqx.Module):
 
 
 class ConstantCommand(AbstractGuidance):
-    """One command throughout."""
+    """Guidance with a constant command."""
 
     value: Any
 
     def init(self, belief: Belief, instant: Instant) -> None:
-        """Nothing is kept."""
+        """The guidance has no state."""
 
     def command(
         self, guidance_state: None, belief: Belief, plan: AircraftPlan | None, instant: Instant
     ) -> tuple[Any, Vector3, None]:
-        """The command; no place is asked for."""
+        """The constant command; the reference position is the aircraft's own."""
         return self.value, belief.state.position_n, None
 
 
@@ -72,11 +69,11 @@ class Response(eqx.Module):
     Attributes
     ----------
     time
-        s.
+        Time, s.
     measured
-        The loop's own outputs: (P, Q, R), (mu, alpha, beta) or (V, gamma, chi).
+        Outputs of the commanded loop: (P, Q, R), (mu, alpha, beta) or (V, gamma, chi).
     surfaces, throttle, power
-        What they took: rad, 0..1, percent.
+        Deflections (rad), throttle (0..1) and engine power (percent).
     """
 
     time: Float[Array, " steps"]
@@ -92,22 +89,22 @@ def step_response(case: LoopCase, size: Vector3, count: int, loop: Loop) -> Resp
     Parameters
     ----------
     case
-        What flies, and the steady flight that the step leaves.
+        Aircraft and steady flight at the start.
     size
         Step of the loop's three channels: (P, Q, R) rad/s, (mu, alpha, beta) rad or (V, gamma, chi) m/s and rad. The
-        command jumps at time 0 and carries no rate (no feed-forward). The throttle stays at trim unless the velocity
-        loop is commanded.
+        command jumps at time 0 and has no rate (no feed-forward). The throttle stays at trim unless the velocity loop
+        is commanded.
     count
         Number of periods.
     loop
-        Which loop is commanded.
+        The commanded loop.
     """
-    held = loop_outputs(exact_belief(case.airframe, case.environment, case.trim.state), loop)
-    return loop_flight(case, held + size, count, loop, ResponseRecorder(loop=loop))
+    trimmed = loop_outputs(exact_belief(case.airframe, case.environment, case.trim.state), loop)
+    return loop_flight(case, trimmed + size, count, loop, ResponseRecorder(loop=loop))
 
 
 def loop_flight(case: LoopCase, value: Vector3, count: int, loop: Loop, recorder: AbstractRecorder) -> Any:
-    """Rows of a flight from trim with one loop commanded to a value throughout; see `step_response`."""
+    """Fly from trim with a constant command to one loop; returns the recorder's rows (see `step_response`)."""
     command = loop_command(loop, value, jnp.zeros(3), case.trim.controls.throttle)
     autopilot = InversionAutopilot(case.gains, case.limits, loop=loop)
     vehicle = Vehicle(case.airframe, IdealSensors(), DirectEstimator(), ConstantCommand(command), autopilot)
@@ -117,56 +114,56 @@ def loop_flight(case: LoopCase, value: Vector3, count: int, loop: Loop, recorder
 
 
 class ResponseRecorder(AbstractRecorder):
-    """What one loop does and takes, at each sample."""
+    """Records the outputs and controls of one loop at every sample."""
 
     loop: Loop = eqx.field(static=True)
     stride: int = eqx.field(static=True, default=1)
 
     def init(self, aircraft: int) -> None:
-        """Nothing is kept."""
+        """The recorder has no state."""
 
     def update(self, recorder_state: None, sample: AircraftSample, instant: Instant) -> None:
-        """Nothing is kept."""
+        """The recorder has no state."""
 
     def output(self, sample: AircraftSample, instant: Instant) -> Response:
-        """One row."""
+        """Row of one sample."""
         state = sample.truth.state
         measured = loop_outputs(sample.belief, self.loop)
         return Response(instant.time, measured, state.surfaces, sample.controls.throttle, state.power)
 
 
 def loop_command(loop: Loop, value: Vector3, rate: Vector3, throttle: ScalarLike) -> PathCommand | LoopCommand:
-    """Command for a loop: values of its channels and their rates.
+    """Command to a loop: values of the channels and their rates.
 
-    The throttle (0..1) is held unless the velocity loop is commanded.
+    The throttle (0..1) is constant unless the velocity loop is commanded.
     """
     return PathCommand(*value, *rate) if loop == "velocity" else LoopCommand(value, rate, throttle)
 
 
 def exact_belief(airframe: AbstractAirframe, environment: Environment, state: AircraftState) -> Belief:
-    """What an aircraft without a goal believes that knows itself and its state, at time 0."""
-    now = flight_condition(airframe, environment, 0.0, state)
-    specific_force_b = now.wrench.force_b / airframe.mass_properties.mass
-    return Belief(airframe, state, now, specific_force_b, sight=None, goal=None)
+    """Exact belief of an aircraft without a goal, at time 0: airframe and state are known."""
+    condition = flight_condition(airframe, environment, 0.0, state)
+    specific_force_b = condition.wrench.force_b / airframe.mass_properties.mass
+    return Belief(airframe, state, condition, specific_force_b, sight=None, goal=None)
 
 
 def trimmed_autopilot_state(trim: TrimPoint) -> AutopilotState:
-    """Memory of an autopilot that has been holding a trim point."""
+    """State of an autopilot in steady flight at a trim point."""
     attitude = jnp.stack([trim.mu, trim.alpha, trim.beta])
     return initial_autopilot_state(attitude, trim.state.rates_b, trim.state.surfaces)
 
 
-def motion_of(belief: Belief) -> PathMotion:
-    """Path and attitude angles that an aircraft believes."""
-    now, mass = belief.condition, belief.airframe.mass_properties.mass
-    return path_motion(now, now.wrench.force_b, belief.state.velocity_b, mass, now.earth.gravity)
+def believed_motion(belief: Belief) -> PathMotion:
+    """Path and attitude angles in an aircraft's belief."""
+    condition, mass = belief.condition, belief.airframe.mass_properties.mass
+    return path_motion(condition, condition.wrench.force_b, belief.state.velocity_b, mass, condition.earth.gravity)
 
 
 def loop_outputs(belief: Belief, loop: Loop) -> Vector3:
     """Outputs of a loop: (P, Q, R), (mu, alpha, beta) or (V, gamma, chi)."""
     if loop == "rates":
         return belief.state.rates_b
-    motion = motion_of(belief)
+    motion = believed_motion(belief)
     if loop == "velocity":
         return jnp.stack([motion.V, motion.gamma, motion.chi])
     return jnp.stack([motion.mu, motion.alpha, motion.beta])
@@ -174,28 +171,28 @@ def loop_outputs(belief: Belief, loop: Loop) -> Vector3:
 
 _RISE_FROM, _RISE_TO = 0.1, 0.9
 _END = 0.1
-"""Last part of the record over which the error at the end is averaged."""
+"""Last part of the record, over which the final error is averaged."""
 
 
 class StepMetrics(eqx.Module):
-    """Figures of one response of a loop's three channels.
+    """Metrics of a step response of a loop's three channels.
 
     Attributes
     ----------
     stepped
-        Which channels were commanded; the next four are figures of theirs, 0 for the others.
+        Channels with a step. The next four metrics apply to these channels and are 0 otherwise.
     rise_time
-        From 10 to 90 percent of the step, s; infinite where 90 percent is not reached.
+        Time from 10 to 90 percent of the step, s; infinite if 90 percent is not reached.
     settling_time
-        From the step until the error stays within the band, s; infinite where it does not before the record ends.
+        Time from the step until the error stays within the band, s; infinite if the record ends before.
     overshoot
-        Beyond the command, part of the step; 0 without overshoot.
+        Overshoot over the command, fraction of the step; 0 without overshoot.
     final_error
-        Command minus output, mean of the last tenth of the record, part of the step.
+        Command minus output, mean of the last tenth of the record, fraction of the step.
     coupling
-        Largest departure of the channels that were not commanded, in their own units; 0 for the commanded ones.
-    surface_use
-        Largest part of the way from trim to the stop that each surface went.
+        Largest deviation of the channels without a step, in the channels' units; 0 for the stepped channels.
+    surface_utilization
+        Largest deflection of each surface, as a fraction of the travel from trim to the stop.
     """
 
     stepped: Bool[Array, "3"]
@@ -215,22 +212,22 @@ def step_metrics(
     surface_limits: tuple[Vector, Vector],
     band: ScalarLike = 0.05,
 ) -> StepMetrics:
-    """Figures of a response to a step at the first sample.
+    """Metrics of the response to a step at the first sample.
 
     Parameters
     ----------
     time
-        s.
+        Times of the samples, s.
     measured
         Outputs of the loop's channels; angles without jumps of 2 pi.
     size
-        Step of each channel, 0 for those that are to stay.
+        Step of each channel, 0 for channels without a step.
     surfaces
         Deflections, rad.
     surface_limits
         Lower and upper stops, rad.
     band
-        Of the settling time, part of the step.
+        Half width of the settling band, fraction of the step.
     """
     stepped = size != 0.0
     departure = measured - measured[:1]
@@ -239,33 +236,33 @@ def step_metrics(
     outside = jnp.abs(progress - 1.0) > band
     settled = jnp.max(jnp.where(outside, time[:, None], -jnp.inf), axis=0)
     lower, upper = surface_limits
-    moved = surfaces - surfaces[:1]
-    room = jnp.where(moved > 0.0, upper - surfaces[0], surfaces[0] - lower)
+    deflection = surfaces - surfaces[:1]
+    travel = jnp.where(deflection > 0.0, upper - surfaces[0], surfaces[0] - lower)
 
-    def of_stepped(values: Vector3) -> Vector3:
-        return jnp.where(stepped, values, 0.0)
+    def only_stepped(metric: Vector3) -> Vector3:
+        return jnp.where(stepped, metric, 0.0)
 
     return StepMetrics(
         stepped=stepped,
-        rise_time=of_stepped(_first(time, progress, _RISE_TO) - _first(time, progress, _RISE_FROM)),
-        settling_time=of_stepped(jnp.where(outside[-1], jnp.inf, jnp.maximum(settled - time[0], 0.0))),
-        overshoot=of_stepped(jnp.maximum(jnp.max(progress, axis=0) - 1.0, 0.0)),
-        final_error=of_stepped(1.0 - jnp.sum(jnp.where(tail[:, None], progress, 0.0), axis=0) / jnp.sum(tail)),
+        rise_time=only_stepped(_crossing_time(time, progress, _RISE_TO) - _crossing_time(time, progress, _RISE_FROM)),
+        settling_time=only_stepped(jnp.where(outside[-1], jnp.inf, jnp.maximum(settled - time[0], 0.0))),
+        overshoot=only_stepped(jnp.maximum(jnp.max(progress, axis=0) - 1.0, 0.0)),
+        final_error=only_stepped(1.0 - jnp.sum(jnp.where(tail[:, None], progress, 0.0), axis=0) / jnp.sum(tail)),
         coupling=jnp.where(stepped, 0.0, jnp.max(jnp.abs(departure), axis=0)),
-        surface_utilization=jnp.max(jnp.abs(moved) / jnp.maximum(room, 1e-9), axis=0),
+        surface_utilization=jnp.max(jnp.abs(deflection) / jnp.maximum(travel, 1e-9), axis=0),
     )
 
 
-def _first(time: Float[Array, " steps"], progress: Float[Array, "steps 3"], level: float) -> Vector3:
-    """First time at which each channel has come so far, linear between samples; infinite if it never has."""
+def _crossing_time(time: Float[Array, " steps"], progress: Float[Array, "steps 3"], level: float) -> Vector3:
+    """First time at which each channel reaches a level, linear between samples; infinite if never."""
 
-    def one(channel: Float[Array, " steps"]) -> Scalar:
-        there = channel >= level
-        k = jnp.argmax(there)
-        before = jnp.maximum(k - 1, 0)
-        rise = channel[k] - channel[before]
-        part = jnp.where(rise > 0.0, (level - channel[before]) / jnp.where(rise > 0.0, rise, 1.0), 1.0)
-        crossing = time[before] + jnp.clip(part, 0.0, 1.0) * (time[k] - time[before])
-        return jnp.where(jnp.any(there), crossing, jnp.inf)
+    def channel_crossing(channel: Float[Array, " steps"]) -> Scalar:
+        is_reached = channel >= level
+        k = jnp.argmax(is_reached)
+        previous = jnp.maximum(k - 1, 0)
+        rise = channel[k] - channel[previous]
+        fraction = jnp.where(rise > 0.0, (level - channel[previous]) / jnp.where(rise > 0.0, rise, 1.0), 1.0)
+        crossing = time[previous] + jnp.clip(fraction, 0.0, 1.0) * (time[k] - time[previous])
+        return jnp.where(jnp.any(is_reached), crossing, jnp.inf)
 
-    return jnp.stack([one(progress[:, k]) for k in range(3)])
+    return jnp.stack([channel_crossing(progress[:, k]) for k in range(3)])

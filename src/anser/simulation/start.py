@@ -1,4 +1,4 @@
-"""The start of a flight: a fleet trimmed, what it reports to the planner, the state at time 0."""
+"""Start of a flight: the trimmed fleet, its reports to the planner, and the state at time 0."""
 
 from typing import Any
 
@@ -14,9 +14,9 @@ from anser.simulation.closed_loop import NO_TRIM, perceive, plan_status, trimmed
 from anser.simulation.flight import (
     Flight,
     FlightState,
+    aircraft_report,
     merge_groups,
     plans_too_near,
-    report,
     select_group_rows,
     send_to_hold,
 )
@@ -26,20 +26,20 @@ from anser.steady.trim import EXCESS_NOISE, TrimPoint, TrimTarget, solve_trim
 
 
 class TrimmedFleet(eqx.Module):
-    """A fleet trimmed at its start, which has no plan yet.
+    """A fleet trimmed at its start, before the first plan.
 
     Attributes
     ----------
     trims
-        Steady flight of each, by kind; leading axis members.
-    steady
-        Whether each has one, within its limits; leading axis aircraft.
+        Trim points by aircraft group; leading axis members.
+    is_trimmed
+        Whether a steady flight within the limits exists; leading axis aircraft.
     vehicles
-        The state of each there, by kind.
+        Initial states by aircraft group.
     reports
-        What each reports to the planner; leading axis aircraft.
+        Reports to the planner; leading axis aircraft.
     performance
-        What each can do along its path; leading axis aircraft.
+        Performance along the path; leading axis aircraft.
     """
 
     trims: tuple[TrimPoint, ...]
@@ -50,38 +50,38 @@ class TrimmedFleet(eqx.Module):
 
 
 def trimmed_fleet(flight: Flight) -> TrimmedFleet:
-    """Trim every aircraft at its start and look at its goal, at time 0."""
+    """Trim every aircraft at its start and sense its goal, at time 0."""
     environment, timing = flight.environment, flight.timing
     instant = Instant(environment, jnp.asarray(0, dtype=jnp.int32), timing.step, flight.randomness)
 
-    def one(vehicle: Vehicle, target: TrimTarget, place_n: Vector3, is_real: Flag, index: Array) -> Any:
-        trim = solve_trim(vehicle.airframe, environment, target, place_n)
+    def trim_one(vehicle: Vehicle, target: TrimTarget, position_n: Vector3, is_real: Flag, index: Array) -> Any:
+        trim = solve_trim(vehicle.airframe, environment, target, position_n)
         state = trimmed_vehicle(vehicle, instant, trim, index)
-        untrimmed = ~trim.converged | (trim.excess > EXCESS_NOISE)
-        status = jnp.where(untrimmed, NO_TRIM, state.status).astype(jnp.int32)
-        state = eqx.tree_at(lambda s: (s.status, s.stopped), state, (status, untrimmed | ~is_real))
-        seen = perceive(vehicle, state, instant)
-        known, now = seen.belief.airframe, seen.truth.condition
-        if known is not vehicle.airframe:  # what the planner knows is what the aircraft takes itself to be
-            now = flight_condition(known, environment, instant.time, trim.state)
-        performance = performance_at(known, environment, now, trim.state.surfaces)
-        return (trim, state), (~untrimmed, report(vehicle, seen, ~state.stopped), performance)
+        is_untrimmed = ~trim.converged | (trim.excess > EXCESS_NOISE)
+        status = jnp.where(is_untrimmed, NO_TRIM, state.status).astype(jnp.int32)
+        state = eqx.tree_at(lambda s: (s.status, s.stopped), state, (status, is_untrimmed | ~is_real))
+        perception = perceive(vehicle, state, instant)
+        airframe, condition = perception.belief.airframe, perception.truth.condition
+        if airframe is not vehicle.airframe:  # the planner uses the aircraft's own model
+            condition = flight_condition(airframe, environment, instant.time, trim.state)
+        performance = performance_at(airframe, environment, condition, trim.state.surfaces)
+        return (trim, state), (~is_untrimmed, aircraft_report(vehicle, perception, ~state.stopped), performance)
 
-    found = [
-        kind.vehicles.map(
-            one, kind.starts, kind.start_positions_n, kind.is_real, jnp.asarray(kind.members, dtype=jnp.int32)
+    results = [
+        group.vehicles.map(
+            trim_one, group.starts, group.start_positions_n, group.is_real, jnp.asarray(group.members, dtype=jnp.int32)
         )
-        for kind in flight.groups
+        for group in flight.groups
     ]
-    trims, states = zip(*(own for own, _ in found), strict=True)
-    steady, reports, performance = merge_groups(flight, [of_all for _, of_all in found])
-    return TrimmedFleet(trims, steady, states, reports, performance)
+    trims, states = zip(*(group_result for group_result, _ in results), strict=True)
+    is_trimmed, reports, performance = merge_groups(flight, [fleet_result for _, fleet_result in results])
+    return TrimmedFleet(trims, is_trimmed, states, reports, performance)
 
 
 def start_flight(flight: Flight) -> tuple[FlightState, TrimmedFleet]:
-    """Trim every aircraft at its start and make the first plan, at time 0.
+    """Trim every aircraft at its start and compute the first plan, at time 0.
 
-    Of a planner whose first plan is one program: that of the certified planner is a search, see `begin`.
+    For planners with a first plan in one compiled program. The certified planner searches: see `anser.missions`.
     """
     fleet = trimmed_fleet(flight)
     return initialize_flight(
@@ -90,16 +90,16 @@ def start_flight(flight: Flight) -> tuple[FlightState, TrimmedFleet]:
 
 
 def initialize_flight(flight: Flight, fleet: TrimmedFleet, planner: Any) -> FlightState:
-    """State of a flight at time 0 with its planner's state, the first plan among it.
+    """State of a flight at time 0 with the planner's state, including the first plan.
 
-    An aircraft whose plan ends nearer to its goal than a rendezvous may be does not fly it, see `PLAN_TOO_NEAR`.
+    An aircraft with a plan that ends too near to its goal goes to its hold instead, see `PLAN_TOO_NEAR`.
     """
     plans = flight.planner.plans(planner)
     vehicles = send_to_hold(flight, fleet.vehicles, plans_too_near(flight, plans, fleet.reports, 0.0))
     vehicles = tuple(
         eqx.tree_at(
-            lambda s: s.status, state, plan_status(state.status, select_group_rows(plans.status, kind, flight.count))
+            lambda s: s.status, state, plan_status(state.status, select_group_rows(plans.status, group, flight.count))
         )
-        for kind, state in zip(flight.groups, vehicles, strict=True)
+        for group, state in zip(flight.groups, vehicles, strict=True)
     )
     return FlightState(vehicles, planner)

@@ -1,7 +1,4 @@
-"""Surveyed flights of one aircraft.
-
-The closed loop flown from a trim to commanded values, with running extremes instead of a record.
-"""
+"""Survey flights of one aircraft: from trim to commanded values, with running extremes instead of a record."""
 
 from typing import NamedTuple
 
@@ -44,46 +41,46 @@ AUTOPILOT_LIMITS = (
     "surfaces",
     "surface_rates",
 )
-"""Limits at which a command of the autopilot may stand; `unloading` is the lift withheld while the bank is 60 deg off,
-`surfaces` and `surface_rates` are the stops and the rate limits of the actuators."""
+"""Limits of an autopilot command; `unloading` is the lift withheld while the bank error exceeds 60 deg, `surfaces` and
+`surface_rates` are the stops and the rate limits of the actuators."""
 TABLE_AXES = ("alpha", "beta", "altitude", "mach")
 """Arguments of the airframe's data."""
 
 BETA_BOUND = 2.0 * DEG_RAD
-"""Sideslip (rad) that a flight should not pass."""
+"""Acceptable sideslip, rad."""
 
 
 class SurveySummary(eqx.Module):
-    """What is kept of one flight. Channels are (V, gamma, chi), m/s and rad; surfaces are the airframe's.
+    """Summary of one flight. Channels are (V, gamma, chi), m/s and rad; surfaces are the airframe's.
 
     Attributes
     ----------
     final_error, final_error_max
-        Command minus output over the last tenth of the flight: mean, and largest amount.
+        Command minus output over the last tenth of the flight: mean, and largest magnitude.
     settling_time
-        From the step until the error stays within the tolerance, s; infinite where it does not before the end.
+        Time from the step until the error stays within the tolerance, s; infinite if the flight ends before.
     overshoot
-        Beyond the command, part of the step; 0 for channels without a step.
+        Overshoot over the command, fraction of the step; 0 for channels without a step.
     coupling
-        Largest error of the channels without a step; 0 for the others.
+        Largest error of the channels without a step; 0 for the stepped channels.
     beta_max
-        Largest amount of sideslip, rad.
+        Largest magnitude of the sideslip, rad.
     alpha_min, alpha_max
-        rad.
+        Angle of attack, rad.
     load_factor_min, load_factor_max
         Minus body z force over weight.
     surface_share
-        Largest part of the way from the middle to the stop that each surface went.
+        Largest deflection of each surface, as a fraction of the travel from the middle to the stop.
     surface_rate_share, body_rate_share
-        Largest rate of each surface over the actuator's limit; largest (P, Q, R) over the autopilot's.
+        Largest rate of each surface over the actuator's limit; largest (P, Q, R) over the autopilot's limit.
     limited_time, limited_late
-        Time at each of `AUTOPILOT_LIMITS`, s: in the whole flight, and in its last tenth.
+        Time at the limits `AUTOPILOT_LIMITS`, s: in the whole flight, and in the last tenth.
     limited_before_slip
-        The same until sideslip first passes `BETA_BOUND`.
+        Time at the limits before the sideslip first exceeds `BETA_BOUND`, s.
     left_time
-        First time outside the airframe's data along each of `TABLE_AXES`, s; infinite if never.
+        First time outside the airframe's data, by axis of `TABLE_AXES`, s; infinite if never.
     finite
-        Whether the state at the end is a number throughout.
+        Whether the final state is finite.
     """
 
     final_error: Vector3
@@ -107,7 +104,7 @@ class SurveySummary(eqx.Module):
 
 
 class SurveySample(NamedTuple):
-    """What the summary takes of one instant."""
+    """Inputs of the summary at one instant."""
 
     time: ScalarLike
     error: Vector3
@@ -121,23 +118,23 @@ class SurveySample(NamedTuple):
     outside: Bool[Array, "4"]
 
 
-def empty_summary(surfaces: int) -> SurveySummary:
-    """Summary of no sample of an aircraft with so many surfaces."""
-    none, least, most = jnp.zeros(3), jnp.asarray(jnp.inf), jnp.asarray(-jnp.inf)
+def empty_summary(surface_count: int) -> SurveySummary:
+    """Summary before the first sample."""
+    zero, minimum, maximum = jnp.zeros(3), jnp.asarray(jnp.inf), jnp.asarray(-jnp.inf)
     return SurveySummary(
-        final_error=none,
-        final_error_max=none,
-        settling_time=none,
-        overshoot=none,
-        coupling=none,
+        final_error=zero,
+        final_error_max=zero,
+        settling_time=zero,
+        overshoot=zero,
+        coupling=zero,
         beta_max=jnp.zeros(()),
-        alpha_min=least,
-        alpha_max=most,
-        load_factor_min=least,
-        load_factor_max=most,
-        surface_share=jnp.zeros(surfaces),
-        surface_rate_share=jnp.zeros(surfaces),
-        body_rate_share=none,
+        alpha_min=minimum,
+        alpha_max=maximum,
+        load_factor_min=minimum,
+        load_factor_max=maximum,
+        surface_share=jnp.zeros(surface_count),
+        surface_rate_share=jnp.zeros(surface_count),
+        body_rate_share=zero,
         limited_time=jnp.zeros(len(AUTOPILOT_LIMITS)),
         limited_late=jnp.zeros(len(AUTOPILOT_LIMITS)),
         limited_before_slip=jnp.zeros(len(AUTOPILOT_LIMITS)),
@@ -147,43 +144,43 @@ def empty_summary(surfaces: int) -> SurveySummary:
 
 
 def add_sample(
-    before: SurveySummary, now: SurveySample, size: Vector3, tolerance: Vector3, step: ScalarLike, late: Flag
+    summary: SurveySummary, sample: SurveySample, size: Vector3, tolerance: Vector3, step: ScalarLike, late: Flag
 ) -> SurveySummary:
-    """Summary with one more sample; until the end `final_error` is a sum and `settling_time` the last time outside."""
+    """Add a sample; until the end `final_error` is a sum and `settling_time` the last time outside the tolerance."""
     stepped = size != 0.0
-    amount = jnp.abs(now.error)
-    beyond = jnp.where(stepped, -now.error / jnp.where(stepped, size, 1.0), 0.0)
-    left = jnp.where(now.outside, now.time, jnp.inf)
+    magnitude = jnp.abs(sample.error)
+    overshoot = jnp.where(stepped, -sample.error / jnp.where(stepped, size, 1.0), 0.0)
+    left_time = jnp.where(sample.outside, sample.time, jnp.inf)
     return SurveySummary(
-        final_error=before.final_error + jnp.where(late, now.error, 0.0),
-        final_error_max=jnp.where(late, jnp.maximum(before.final_error_max, amount), before.final_error_max),
-        settling_time=jnp.where(amount > tolerance, now.time, before.settling_time),
-        overshoot=jnp.maximum(before.overshoot, beyond),
-        coupling=jnp.maximum(before.coupling, jnp.where(stepped, 0.0, amount)),
-        beta_max=jnp.maximum(before.beta_max, jnp.abs(now.beta)),
-        alpha_min=jnp.minimum(before.alpha_min, now.alpha),
-        alpha_max=jnp.maximum(before.alpha_max, now.alpha),
-        load_factor_min=jnp.minimum(before.load_factor_min, now.load_factor),
-        load_factor_max=jnp.maximum(before.load_factor_max, now.load_factor),
-        surface_share=jnp.maximum(before.surface_share, now.surface_share),
-        surface_rate_share=jnp.maximum(before.surface_rate_share, now.surface_rate_share),
-        body_rate_share=jnp.maximum(before.body_rate_share, now.body_rate_share),
-        limited_time=before.limited_time + jnp.where(now.limited, step, 0.0),
-        limited_late=before.limited_late + jnp.where(now.limited & late, step, 0.0),
-        limited_before_slip=before.limited_before_slip
-        + jnp.where(now.limited & (before.beta_max <= BETA_BOUND), step, 0.0),
-        left_time=jnp.minimum(before.left_time, left),
-        finite=before.finite,
+        final_error=summary.final_error + jnp.where(late, sample.error, 0.0),
+        final_error_max=jnp.where(late, jnp.maximum(summary.final_error_max, magnitude), summary.final_error_max),
+        settling_time=jnp.where(magnitude > tolerance, sample.time, summary.settling_time),
+        overshoot=jnp.maximum(summary.overshoot, overshoot),
+        coupling=jnp.maximum(summary.coupling, jnp.where(stepped, 0.0, magnitude)),
+        beta_max=jnp.maximum(summary.beta_max, jnp.abs(sample.beta)),
+        alpha_min=jnp.minimum(summary.alpha_min, sample.alpha),
+        alpha_max=jnp.maximum(summary.alpha_max, sample.alpha),
+        load_factor_min=jnp.minimum(summary.load_factor_min, sample.load_factor),
+        load_factor_max=jnp.maximum(summary.load_factor_max, sample.load_factor),
+        surface_share=jnp.maximum(summary.surface_share, sample.surface_share),
+        surface_rate_share=jnp.maximum(summary.surface_rate_share, sample.surface_rate_share),
+        body_rate_share=jnp.maximum(summary.body_rate_share, sample.body_rate_share),
+        limited_time=summary.limited_time + jnp.where(sample.limited, step, 0.0),
+        limited_late=summary.limited_late + jnp.where(sample.limited & late, step, 0.0),
+        limited_before_slip=summary.limited_before_slip
+        + jnp.where(sample.limited & (summary.beta_max <= BETA_BOUND), step, 0.0),
+        left_time=jnp.minimum(summary.left_time, left_time),
+        finite=summary.finite,
     )
 
 
-_END = 0.1
-"""Last part of the flight over which the error at the end is taken."""
+_FINAL_FRACTION = 0.1
+"""Last part of the flight, over which the final error is averaged."""
 _COS_UNLOADING = 0.5
 
 
 def step_command(target: TrimTarget, size: Vector3, time: ScalarLike) -> PathCommand:
-    """Steady flight, its turn included, plus a step of (V, gamma, chi), m/s and rad."""
+    """Command of the steady flight, with its turn, plus a step of (V, gamma, chi), m/s and rad."""
     zero = jnp.zeros(())
     return PathCommand(
         target.speed + size[0],
@@ -196,20 +193,20 @@ def step_command(target: TrimTarget, size: Vector3, time: ScalarLike) -> PathCom
 
 
 def final_part_start(count: int) -> int:
-    """First of the `count` samples that belong to the end of a flight."""
-    return round((1.0 - _END) * count)
+    """First of the `count` samples in the final part of a flight."""
+    return round((1.0 - _FINAL_FRACTION) * count)
 
 
 def finish_summary(summary: SurveySummary, state: MotionState, step: ScalarLike, count: int) -> SurveySummary:
-    """Summary of a whole flight, made of the running one: sum of the late errors, last time outside the tolerance."""
+    """Final summary of a flight, from the running summary: mean of the late errors, and settling time."""
     finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(state)]))
-    last = (count - 1) * step
+    end_time = (count - 1) * step
     return eqx.tree_at(
         lambda s: (s.final_error, s.settling_time, s.finite),
         summary,
         (
             summary.final_error / (count - final_part_start(count)),
-            jnp.where(summary.settling_time >= last, jnp.inf, summary.settling_time),
+            jnp.where(summary.settling_time >= end_time, jnp.inf, summary.settling_time),
             finite,
         ),
     )
@@ -218,73 +215,78 @@ def finish_summary(summary: SurveySummary, state: MotionState, step: ScalarLike,
 def take_sample(
     sample: AircraftSample, environment: Environment, time: ScalarLike, limits: FlightLimits, start: FlightCondition
 ) -> SurveySample:
-    """What an aircraft does, and at which limits its autopilot believes to stand.
+    """Sample of an aircraft's motion and of the active limits of its autopilot.
 
     Parameters
     ----------
     sample
-        The aircraft, under `InversionAutopilot` with its velocity loop commanded.
+        Sample of an aircraft under `InversionAutopilot` with a commanded velocity loop.
     environment, time
-        Where and when it flies, s.
+        Environment and time (s) of the sample.
     limits
-        Of its autopilot.
+        Limits of the autopilot.
     start
         Condition at the start, inside the airframe's data.
     """
-    truth, state, now, command = sample.truth.airframe, sample.truth.state, sample.truth.condition, sample.command
-    actuators = truth.actuators
-    gamma, chi = path_angles(rotate_back(now.R_bn, state.velocity_b) - now.wind_n)
-    error = jnp.stack([command.V - now.air_data.V, command.gamma - gamma, wrap_angle(command.chi - chi)])
-    moving = actuators.rate(state.actuators, sample.controls.surfaces, now.air_data).position
-    rate_share = jnp.abs(moving) / actuators.rate_limit
+    airframe, state, condition, command = (
+        sample.truth.airframe,
+        sample.truth.state,
+        sample.truth.condition,
+        sample.command,
+    )
+    actuators = airframe.actuators
+    gamma, chi = path_angles(rotate_back(condition.R_bn, state.velocity_b) - condition.wind_n)
+    error = jnp.stack([command.V - condition.air_data.V, command.gamma - gamma, wrap_angle(command.chi - chi)])
+    surface_rates = actuators.rate(state.actuators, sample.controls.surfaces, condition.air_data).position
+    rate_share = jnp.abs(surface_rates) / actuators.rate_limit
     return SurveySample(
         time=time,
         error=error,
-        alpha=now.air_data.alpha,
-        beta=now.air_data.beta,
-        load_factor=-now.wrench.force_b[2] / (truth.mass_properties.mass * environment.gravity),
-        surface_share=surface_share(truth, state.surfaces),
+        alpha=condition.air_data.alpha,
+        beta=condition.air_data.beta,
+        load_factor=-condition.wrench.force_b[2] / (airframe.mass_properties.mass * environment.gravity),
+        surface_share=surface_share(airframe, state.surfaces),
         surface_rate_share=rate_share,
         body_rate_share=jnp.abs(state.rates_b) / limits.rates_max,
-        limited=jnp.append(_limited(sample.belief, limits, sample.signals), jnp.any(rate_share >= 1.0)),
-        outside=outside_axes(truth, now, start),
+        limited=jnp.append(_active_limits(sample.belief, limits, sample.signals), jnp.any(rate_share >= 1.0)),
+        outside=outside_axes(airframe, condition, start),
     )
 
 
 def outside_axes(airframe: AbstractAirframe, condition: FlightCondition, inside: FlightCondition) -> Bool[Array, "4"]:
-    """Along which of `TABLE_AXES` a condition lies outside the airframe's data; `inside` is one that lies within.
+    """Flag the `TABLE_AXES` along which a condition is outside the airframe's data; the condition `inside` is within.
 
-    The airframe says only whether it is outside: altitude and Mach number are told apart by putting one of them back
-    inside.
+    The airframe reports only "outside". Altitude and Mach number are distinguished by setting one of them to the value
+    of `inside`.
     """
-    data, known = condition.air_data, inside.air_data
+    data, inside_data = condition.air_data, inside.air_data
 
-    def beyond(value: Scalar, ends: tuple[Scalar, Scalar]) -> Flag:
-        return (value < ends[0]) | (value > ends[1])
+    def is_outside(value: Scalar, bounds: tuple[Scalar, Scalar]) -> Flag:
+        return (value < bounds[0]) | (value > bounds[1])
 
-    of_altitude = eqx.tree_at(lambda d: d.altitude, known, data.altitude)
-    of_mach = eqx.tree_at(lambda d: d.mach, known, data.mach)
+    altitude_data = eqx.tree_at(lambda d: d.altitude, inside_data, data.altitude)
+    mach_data = eqx.tree_at(lambda d: d.mach, inside_data, data.mach)
     return jnp.stack(
         [
-            beyond(data.alpha, airframe.alpha_range),
-            beyond(data.beta, airframe.beta_range),
-            airframe.outside_tables(of_altitude),
-            airframe.outside_tables(of_mach),
+            is_outside(data.alpha, airframe.alpha_range),
+            is_outside(data.beta, airframe.beta_range),
+            airframe.outside_tables(altitude_data),
+            airframe.outside_tables(mach_data),
         ]
     )
 
 
-def _limited(belief: Belief, limits: FlightLimits, signals: AutopilotSignals) -> Bool[Array, "8"]:
-    """At which of `AUTOPILOT_LIMITS` the autopilot's commands stand, all but the last."""
+def _active_limits(belief: Belief, limits: FlightLimits, signals: AutopilotSignals) -> Bool[Array, "8"]:
+    """Flags of the active `AUTOPILOT_LIMITS`, except the last."""
     data, thrust, attitude = belief.condition.air_data, signals.thrust, signals.attitude
-    most = belief.airframe.engine.propulsion(100.0, data).force_b[0]
+    thrust_max = belief.airframe.engine.propulsion(100.0, data).force_b[0]
     bank, alpha, _ = attitude.angles
     at_alpha = attitude.alpha_saturated & ((alpha <= limits.alpha_min) | (alpha >= limits.alpha_max))
     unloading = attitude.alpha_saturated & ~at_alpha & (jnp.cos(signals.motion.mu - bank) < _COS_UNLOADING)
     return jnp.stack(
         [
-            thrust.saturated & (thrust.thrust > most),
-            thrust.saturated & (thrust.thrust <= most),
+            thrust.saturated & (thrust.thrust > thrust_max),
+            thrust.saturated & (thrust.thrust <= thrust_max),
             at_alpha | attitude.lift_short,
             (attitude.alpha_saturated & ~at_alpha & ~unloading) | attitude.load_factor_short,
             unloading,
@@ -296,32 +298,32 @@ def _limited(belief: Belief, limits: FlightLimits, signals: AutopilotSignals) ->
 
 
 class SteppedPath(AbstractGuidance):
-    """Steady flight, its turn included, plus a step of (V, gamma, chi), m/s and rad, from time 0 on."""
+    """Guidance of a steady flight, with its turn, plus a step of (V, gamma, chi), m/s and rad, from time 0."""
 
     target: TrimTarget
     size: Vector3
 
     def init(self, belief: Belief, instant: Instant) -> None:
-        """Nothing is kept."""
+        """The guidance has no state."""
 
     def command(
         self, guidance_state: None, belief: Belief, plan: AircraftPlan | None, instant: Instant
     ) -> tuple[PathCommand, Vector3, None]:
-        """The course goes on turning as before the step; no place is asked for."""
+        """Command with the course turning as before the step; the reference position is the aircraft's own."""
         return step_command(self.target, self.size, instant.time), belief.state.position_n, None
 
 
 class SurveyRecorder(AbstractRecorder):
-    """The running summary of one flight; no rows.
+    """Recorder of the running summary of one flight, without rows.
 
     Attributes
     ----------
     limits
-        Of the autopilot.
+        Limits of the autopilot.
     start
         Condition at the start, inside the airframe's data.
     size, tolerance
-        Step of (V, gamma, chi), and the error that counts as settled, m/s and rad.
+        Step of (V, gamma, chi), and tolerance of the settled error, m/s and rad.
     count
         Number of samples of the flight.
     surfaces
@@ -337,17 +339,17 @@ class SurveyRecorder(AbstractRecorder):
     stride: int = eqx.field(static=True, default=1)
 
     def init(self, aircraft: int) -> SurveySummary:
-        """Summary of no sample."""
+        """Summary before the first sample."""
         return empty_summary(self.surfaces)
 
     def update(self, recorder_state: SurveySummary, sample: AircraftSample, instant: Instant) -> SurveySummary:
         """Summary with one more sample."""
-        extremes = take_sample(sample, instant.environment, instant.time, self.limits, self.start)
-        late = instant.number >= final_part_start(self.count)
-        return add_sample(recorder_state, extremes, self.size, self.tolerance, instant.step, late)
+        survey_sample = take_sample(sample, instant.environment, instant.time, self.limits, self.start)
+        is_final = instant.number >= final_part_start(self.count)
+        return add_sample(recorder_state, survey_sample, self.size, self.tolerance, instant.step, is_final)
 
     def output(self, sample: AircraftSample, instant: Instant) -> None:
-        """None."""
+        """No rows."""
 
 
 def survey_flight(
@@ -364,28 +366,28 @@ def survey_flight(
     sensors: AbstractSensors | None = None,
     estimator: AbstractEstimator | None = None,
 ) -> SurveySummary:
-    """Fly a step of the path command away from steady flight under the velocity loop, and sum it up.
+    """Fly a step of the path command from steady flight with the velocity loop, and summarize the flight.
 
-    The command is the steady flight itself, its turn included, plus the step: (V, gamma, chi) jump at time 0 and the
-    course goes on turning as before. The memory needed does not grow with the length of the flight.
+    The command is the steady flight, with its turn, plus the step: (V, gamma, chi) jump at time 0 and the course
+    continues to turn. The memory needed does not depend on the duration.
 
     Parameters
     ----------
     airframe, environment, gains, limits
-        What flies, where and how.
+        Airframe, environment, and gains and limits of the autopilot.
     trim, target
-        Steady flight that the step leaves, and what it is a solution of.
+        Steady flight at the start, and the trim target of that flight.
     size
         Step of (V, gamma, chi), m/s and rad.
     tolerance
-        Error that counts as settled, m/s and rad.
+        Tolerance of the settled error, m/s and rad.
     step
         Sampling period, s.
     count
         Number of periods.
     sensors, estimator
-        Ideal ones where None. An estimator with a model of its own makes the autopilot believe another airframe than
-        the one that flies; the summary is of what that does.
+        None: ideal. With an estimator with a different model, the autopilot inverts another airframe than the one that
+        flies; the summary describes the true motion.
     """
     vehicle = Vehicle(
         airframe=airframe,

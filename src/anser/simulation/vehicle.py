@@ -1,8 +1,4 @@
-"""One aircraft of the closed loop.
-
-Its interchangeable parts, its mission, its faults, its state between two steps, and its motion over one step with
-controls held.
-"""
+"""One aircraft of the closed loop: interchangeable parts, mission, faults, state, and motion over one step."""
 
 from typing import Any
 
@@ -28,17 +24,16 @@ from anser.spatial.rotations import normalize
 
 
 class Faults(eqx.Module):
-    """Losses of one aircraft, each from a time on (s); infinite: never.
+    """Faults of one aircraft by start time, s; infinite: never.
 
     Attributes
     ----------
-    thrust_time, thrust_left
-        From when on its engine gives only a part (0..1) of its thrust.
+    thrust_time, thrust_ratio
+        Time of a thrust loss, and the remaining fraction of the thrust (0..1).
     sensor_time
-        From when on the sensor of its goal fails.
-    leaving_time
-        From when on it is no longer one of its fleet: it flies the plan that is made for it then, straight on, and
-        nobody waits for it.
+        Time of a failure of the goal sensor.
+    departure_time
+        Time at which the aircraft leaves the fleet: it continues straight on, and the fleet no longer waits for it.
     """
 
     thrust_time: Scalar
@@ -47,20 +42,20 @@ class Faults(eqx.Module):
     departure_time: Scalar
 
     def thrust(self, time: ScalarLike) -> Scalar:
-        """Part of the thrust that is left."""
+        """Remaining fraction of the thrust."""
         return jnp.where(time >= self.thrust_time, self.thrust_ratio, 1.0)
 
     def goal_sensor_works(self, time: ScalarLike) -> Flag:
-        """Whether the goal can be sensed."""
+        """Whether the goal sensor works."""
         return jnp.asarray(time < self.sensor_time)
 
     def has_departed(self, time: ScalarLike) -> Flag:
-        """Whether it has left its fleet."""
+        """Whether the aircraft has left the fleet."""
         return jnp.asarray(time >= self.departure_time)
 
 
 def no_faults() -> Faults:
-    """None."""
+    """Faults that never occur."""
     never = as_array(jnp.inf)
     return Faults(never, as_array(1.0), never, never)
 
@@ -74,32 +69,32 @@ def advance(
     step: ScalarLike,
     disturbance: Disturbance | None = None,
 ) -> AnyMotionState:
-    """State one step (s) later, by the classical Runge-Kutta method; the quaternion is normalized after the step.
+    """State after one step (s), by the classical Runge-Kutta method; the quaternion is normalized after the step.
 
-    Controls and disturbance (None: none) are held over the step.
+    Controls and disturbance (None: no disturbance) are constant over the step.
     """
 
     def derivative(t: ScalarLike, y: AnyMotionState) -> AnyMotionState:
         return motion_derivative(airframe, environment, t, y, controls, disturbance)
 
-    # jit: traced once for the four stages.
-    after = rk4_step(jax.jit(derivative), jnp.asarray(time, state.velocity_b.dtype), state, step)
-    return eqx.tree_at(lambda s: s.quaternion, after, normalize(after.quaternion))
+    # jit: one trace for the four stages.
+    next_state = rk4_step(jax.jit(derivative), jnp.asarray(time, state.velocity_b.dtype), state, step)
+    return eqx.tree_at(lambda s: s.quaternion, next_state, normalize(next_state.quaternion))
 
 
 class Mission(eqx.Module):
-    """What an aircraft flies for: the truth about its goal, where it is to meet it, and what it flies afterwards.
+    """Mission of an aircraft: the true goal, the rendezvous, and the hold afterwards.
 
     Attributes
     ----------
     goal
-        Read by the sensors, never by the planner.
+        True motion of the goal, for the sensors only, never for the planner.
     airborne
-        Whether the goal is in the air; otherwise it is on the surface.
+        Whether the goal is in the air; otherwise on the surface.
     rendezvous
-        How the goal is met.
+        Rendezvous with the goal.
     hold
-        After the arrival, or after a break-off, whatever planner and guidance fly.
+        Hold after the arrival or a break-off, for any planner and guidance.
     """
 
     goal: GoalMotion
@@ -109,33 +104,33 @@ class Mission(eqx.Module):
 
     @property
     def distance_min(self) -> Scalar:
-        """Least distance to the goal, m: the product's scope, which nothing in a flight can lower."""
+        """Least distance to the goal, m: a limit of the product's scope that no setting can lower."""
         return jnp.where(self.airborne, AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M)
 
     def goal_at(self, time: ScalarLike) -> GoalState:
-        """The goal's true place and velocity at a time (s)."""
+        """True position and velocity of the goal at a time (s)."""
         return GoalState(self.goal.position_n(time), self.goal.velocity_n(time))
 
 
 class Vehicle(eqx.Module):
-    """One aircraft: every part can be replaced by another of its kind, a user's own too.
+    """One aircraft, made of interchangeable parts; user-defined parts are possible.
 
     Attributes
     ----------
     airframe
-        What flies.
+        The true airframe.
     sensors, estimator
-        From the truth to what it believes.
+        From the truth to the aircraft's belief.
     guidance
-        Source of its commands, up to the arrival where it has a mission.
+        Source of the commands; with a mission, until the arrival.
     controller
         From commands to controls.
     mission
-        None: it has no goal, nothing stops it and nobody plans for it.
+        None: no goal, no break-off, no planner.
     gusts
-        That it meets beside the mean wind.
+        Gusts in addition to the mean wind.
     faults
-        That befall it.
+        Faults of the aircraft.
     """
 
     airframe: AbstractAirframe
@@ -149,20 +144,20 @@ class Vehicle(eqx.Module):
 
 
 class VehicleState(eqx.Module):
-    """One aircraft between two steps.
+    """State of one aircraft between two steps.
 
     Attributes
     ----------
     aircraft
-        As it is integrated over the environment's Earth.
+        Motion state over the environment's Earth.
     sensors, estimator, guidance, controller, gusts
-        What each part carries along; the closed loop knows none of their insides.
+        States of the parts; opaque to the closed loop.
     status
-        Index into `STATUS_MESSAGES`; 0 while all is well.
+        Index into `STATUS_MESSAGES`; 0 without an event.
     stopped
-        Whether it stands still: it is at the ground, was not trimmed, or its state is no number.
+        Whether the aircraft no longer moves: on the ground, not trimmed, or with a non-finite state.
     index
-        Its place in the fleet, of which its random numbers are.
+        Fleet index, which selects the aircraft's random numbers.
     """
 
     aircraft: MotionState
