@@ -122,7 +122,7 @@ def test_the_tables_hold_every_key_of_the_schema(model):
 def test_a_row_has_unit_default_meaning_and_range():
     text = key_tables(Scenario)
     assert "| `step_s` | s | `0.01` | step of the integration | from 0.001 to 0.05 |" in text
-    assert "| `duration_s` | s | required | time that the flight lasts | from 1 to 7200 |" in text
+    assert "| `duration_s` | s | required | duration of the flight | from 1 to 7200 |" in text
     assert '| `direction` |  | `"right"` | sense of the turn | "right" or "left" |' in text
     assert "## `[[aircraft]]`\n" in text
     assert "## `[aircraft.start]`\n" in text

@@ -1,4 +1,4 @@
-"""Scenario files: tables, checks and the flight that is built from them."""
+"""Scenario files: tables, checks, and the construction of a flight from a scenario."""
 
 import lazy_loader
 

@@ -1,6 +1,6 @@
-"""From a scenario to a flight, including faults and changed goal motion by events.
+"""Construction of a flight from a scenario, with faults and goal motions changed by events.
 
-Input units end and arrays begin.
+Input units (degrees, altitude upwards) are converted to SI units and to arrays in this module and its neighbours.
 """
 
 import math
@@ -39,35 +39,37 @@ from anser.units import DEG_RAD
 
 
 def build_faults(aircraft: Aircraft, events: Sequence[Event]) -> Faults:
-    """When an aircraft loses what, and when it leaves."""
+    """Faults of one aircraft from the scenario's events: times of thrust loss, goal sensor loss and departure."""
 
     def first(kind: str) -> Event | None:
-        own = [event for event in events if event.kind == kind and event.aircraft == aircraft.name]
-        return min(own, key=lambda event: event.time_s) if own else None
+        matching_events = [event for event in events if event.kind == kind and event.aircraft == aircraft.name]
+        return min(matching_events, key=lambda event: event.time_s) if matching_events else None
 
-    thrust, sensor, leaves = (first(kind) for kind in ("thrust-lost", "goal-sensor-lost", "aircraft-leaves"))
-    times = (math.inf if one is None else one.time_s for one in (thrust, sensor, leaves))
+    thrust_event, sensor_event, leave_event = (
+        first(kind) for kind in ("thrust-lost", "goal-sensor-lost", "aircraft-leaves")
+    )
+    times = (math.inf if event is None else event.time_s for event in (thrust_event, sensor_event, leave_event))
     thrust_s, sensor_s, leaves_s = map(as_array, times)
-    left = 1.0 if thrust is None or thrust.thrust_left is None else thrust.thrust_left
-    return Faults(thrust_s, as_array(left), sensor_s, leaves_s)
+    thrust_left = 1.0 if thrust_event is None or thrust_event.thrust_left is None else thrust_event.thrust_left
+    return Faults(thrust_s, as_array(thrust_left), sensor_s, leaves_s)
 
 
 def motion_after_events(goal: Goal, motion: GoalMotion, events: Sequence[Event]) -> GoalMotion:
-    """A goal's motion with what events make of it: it stops, or goes on otherwise."""
-    own = sorted((e for e in events if e.goal == goal.name), key=lambda event: event.time_s)
-    for event in own:
+    """Motion of a goal after the events that stop it or turn it."""
+    goal_events = sorted((event for event in events if event.goal == goal.name), key=lambda event: event.time_s)
+    for event in goal_events:
         motion = _motion_after_event(motion, event)
     return motion
 
 
 def _motion_after_event(motion: GoalMotion, event: Event) -> GoalMotion:
-    here, velocity = np.asarray(motion.position_n(event.time_s)), np.asarray(motion.velocity_n(event.time_s))
-    before = np.asarray(motion.times) < event.time_s
-    times = np.append(np.asarray(motion.times)[before], event.time_s)
-    places = np.concatenate([np.asarray(motion.positions_n)[before], here[None]])
+    position_n, velocity = np.asarray(motion.position_n(event.time_s)), np.asarray(motion.velocity_n(event.time_s))
+    is_earlier = np.asarray(motion.times) < event.time_s
+    times = np.append(np.asarray(motion.times)[is_earlier], event.time_s)
+    positions_n = np.concatenate([np.asarray(motion.positions_n)[is_earlier], position_n[None]])
     if times.size == 1 or times[0] > 0.0:
         raise ValueError(f"a goal's motion begins at {times[0]:g} s, not at 0")
-    return waypoint_goal(times, as_array(places), as_array(_velocity(event, velocity)))
+    return waypoint_goal(times, as_array(positions_n), as_array(_velocity(event, velocity)))
 
 
 def _velocity(event: Event, velocity_n: np.ndarray) -> Vector:
@@ -79,26 +81,24 @@ def _velocity(event: Event, velocity_n: np.ndarray) -> Vector:
     return north, east, float(velocity_n[2])
 
 
-_FLEET = 4  # a fleet is filled up to a multiple of so many aircraft
-_WAYPOINTS = 4  # least size of a route
+_FLEET = 4  # padded fleets are multiples of this number of aircraft
+_WAYPOINTS = 4  # smallest bucket size of a route with waypoints
 
 
 def build_flight(scenario: Scenario, *, pad_fleet: bool = False, flight: int = 0) -> Flight:
-    """Build the arrays that a flight is computed from.
+    """Build the arrays from which a flight is computed.
 
-    Every number of the scenario becomes an array, so that another value of the same shape does not compile again. Shape
-    are the numbers of aircraft, of waypoints, of wind layers and of keep-outs, and which Earth it is; numbers of
-    waypoints, layers and keep-outs are brought to few sizes.
+    Every number of the scenario becomes an array, so another value of the same shape does not compile again. The shape
+    is set by the Earth model and by the numbers of aircraft, waypoints, wind layers and keep-outs; the last three
+    numbers are rounded up to a few bucket sizes.
 
     Parameters
     ----------
-    scenario
-        Validated.
-    filled_up
-        Whether the fleet is filled up to a multiple of four aircraft, with copies of the last that never fly: then
-        another number of aircraft seldom compiles anew.
+    pad_fleet
+        Whether to pad the fleet to a multiple of four with copies of the last aircraft that never fly; another number
+        of aircraft then seldom compiles again.
     flight
-        Number of the flight, which with the scenario's seed rules all that is random.
+        Number of the flight; together with the scenario's seed it determines all random numbers.
     """
     timing = scenario.timing
     fleet = [*scenario.aircraft, *[scenario.aircraft[-1]] * (-len(scenario.aircraft) % _FLEET if pad_fleet else 0)]
@@ -120,16 +120,16 @@ def build_flight(scenario: Scenario, *, pad_fleet: bool = False, flight: int = 0
 
 
 def _vehicle(scenario: Scenario, aircraft: Aircraft, goal: GoalMotion) -> Vehicle:
-    known, speed_m_s = build_airframe_of(aircraft), scenario.speed_for(aircraft)
+    nominal_airframe, speed_m_s = build_airframe_of(aircraft), scenario.speed_for(aircraft)
     guidance, limits = build_guidance(scenario, aircraft), build_flight_limits(resolve_limits(scenario, aircraft))
     gains = resolve_gains(scenario, aircraft)
-    differs = aircraft.deviation != Deviation()
-    airframe = disperse_airframe(known, aircraft.deviation) if differs else known
+    is_dispersed = aircraft.deviation != Deviation()
+    airframe = disperse_airframe(nominal_airframe, aircraft.deviation) if is_dispersed else nominal_airframe
     return Vehicle(
         airframe=airframe,
         gusts=build_gusts(scenario, aircraft, span_of(airframe) if scenario.is_gusty else 0.0),
         sensors=build_sensors(scenario),
-        estimator=build_estimator(scenario, goal, known if differs else None),
+        estimator=build_estimator(scenario, goal, nominal_airframe if is_dispersed else None),
         guidance=FollowPlan(guidance),
         controller=InversionAutopilot(gains, limits),
         mission=Mission(
@@ -158,14 +158,16 @@ def _goals(goals: Sequence[Goal], events: Sequence[Event]) -> list[GoalMotion]:
 def _motion(goal: Goal) -> GoalMotion:
     if goal.waypoints is None:
         return straight_goal(ned(goal.position_m(0.0)), ned(goal.velocity_m_s()))
-    places = stack_rows([ned((p.north_m, p.east_m, p.altitude_m)) for p in goal.waypoints])
-    return waypoint_goal([p.time_s for p in goal.waypoints], places)
+    positions_n = stack_rows(
+        [ned((waypoint.north_m, waypoint.east_m, waypoint.altitude_m)) for waypoint in goal.waypoints]
+    )
+    return waypoint_goal([waypoint.time_s for waypoint in goal.waypoints], positions_n)
 
 
 def _rendezvous(aircraft: Aircraft) -> Rendezvous:
-    wanted = aircraft.rendezvous
+    rendezvous = aircraft.rendezvous
     return make_rendezvous(
-        ned(wanted.stand_off_m),
-        course=None if wanted.course_deg is None else wanted.course_deg * DEG_RAD,
-        path_angle=None if wanted.path_angle_deg is None else wanted.path_angle_deg * DEG_RAD,
+        ned(rendezvous.stand_off_m),
+        course=None if rendezvous.course_deg is None else rendezvous.course_deg * DEG_RAD,
+        path_angle=None if rendezvous.path_angle_deg is None else rendezvous.path_angle_deg * DEG_RAD,
     )

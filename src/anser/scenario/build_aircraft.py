@@ -1,6 +1,6 @@
-"""From a table [[aircraft]] to its airframe, autopilot gains, flight limits and guidance.
+"""Airframe, autopilot gains, flight limits and guidance of an aircraft, built from a table [[aircraft]].
 
-Defaults that follow from the aircraft's trim map.
+Defaults left out of the scenario are derived from the aircraft's trim map.
 """
 
 import copy
@@ -49,17 +49,17 @@ from anser.units import DEG_RAD
 
 
 def build_airframe_of(aircraft: Aircraft) -> AbstractAirframe:
-    """Airframe of one aircraft as its autopilot and planner know it."""
+    """Nominal airframe of one aircraft, as assumed by autopilot and planner."""
     return airframe_of_table(aircraft.type, aircraft.variant, aircraft.x_cg_over_c, aircraft.airframe)
 
 
-def disperse_airframe(known: AbstractAirframe, deviation: Deviation) -> AbstractAirframe:
-    """Airframe that differs from the known one as a scenario says; TypeError where no coefficients are known."""
-    if isinstance(known, AbstractF16):
-        return dispersed_f16(known, _f16_dispersion(deviation))
-    if isinstance(known, DerivativeAircraft | DaveMlAircraft):
-        return disperse_file_airframe(known, deviation)
-    raise TypeError(f"a deviation of {type(known).__name__}, of which no coefficients are known")
+def disperse_airframe(nominal: AbstractAirframe, deviation: Deviation) -> AbstractAirframe:
+    """Airframe with the scenario's deviations; raises TypeError if the airframe has no known coefficients."""
+    if isinstance(nominal, AbstractF16):
+        return dispersed_f16(nominal, _f16_dispersion(deviation))
+    if isinstance(nominal, DerivativeAircraft | DaveMlAircraft):
+        return disperse_file_airframe(nominal, deviation)
+    raise TypeError(f"a deviation of {type(nominal).__name__}, of which no coefficients are known")
 
 
 def _f16_dispersion(deviation: Deviation) -> F16Dispersion:
@@ -75,16 +75,16 @@ def _f16_dispersion(deviation: Deviation) -> F16Dispersion:
 
 
 _ALTITUDE_STEP_M = 500.0
-"""Steps of the altitude at which an aircraft is looked at: those that start near each other have one trim map."""
+"""Altitudes are rounded to this step for the trim map, so aircraft with similar starts share one."""
 _SPEED_SEARCH_RANGE = (0.3, 3.0)
-"""Range of airspeeds that is looked through where nothing is known, of the one preferred."""
+"""Airspeeds searched for level flight, as factors of the preferred airspeed, if the data range is unknown."""
 _BANK_MAX_DEG = 45.0
-"""Greatest bank that is planned with where a scenario gives none."""
+"""Default limit of the planned bank angle, deg."""
 _CACHE_SIZE = 64
 
 
 class DerivedDefaults(NamedTuple):
-    """What an aircraft can do, and the bandwidths that it bears."""
+    """Performance limits of an aircraft, and the loop bandwidths that its actuators and sampling allow."""
 
     capability: Capability
     bandwidths: Bandwidths
@@ -96,46 +96,44 @@ _defaults_cache: dict[
 
 
 def has_derived_defaults(aircraft: Aircraft) -> bool:
-    """Whether gains and limits of an aircraft follow from itself: of all but the library's F-16."""
+    """Whether gains and limits are derived from the aircraft: true for every aircraft except the library's F-16."""
     return aircraft.airframe is not None or aircraft.type != "f16"
 
 
 def derive_defaults(scenario: Scenario, aircraft: Aircraft, airframe: AbstractAirframe) -> DerivedDefaults:
-    """What one aircraft can do near its start at the airspeed that it prefers, in the standard atmosphere."""
-    speed, known = scenario.speed_for(aircraft), aircraft.range.airspeed_m_s
+    """Derived defaults at the rounded start altitude and the preferred airspeed, in the standard atmosphere."""
+    speed, data_range = scenario.speed_for(aircraft), aircraft.range.airspeed_m_s
     altitude = round(aircraft.start.altitude_m / _ALTITUDE_STEP_M) * _ALTITUDE_STEP_M
-    speeds = (_SPEED_SEARCH_RANGE[0] * speed, _SPEED_SEARCH_RANGE[1] * speed) if known is None else known
+    speeds = (_SPEED_SEARCH_RANGE[0] * speed, _SPEED_SEARCH_RANGE[1] * speed) if data_range is None else data_range
     return compute_defaults(airframe, altitude, speed, speeds, scenario.timing.step_s)
 
 
 def compute_defaults(
     airframe: AbstractAirframe, altitude_m: float, speed_m_s: float, speeds_m_s: tuple[float, float], step_s: float
 ) -> DerivedDefaults:
-    """What an aircraft can do at an altitude, and the bandwidths that it bears there, in the standard atmosphere.
+    """Performance limits and loop bandwidths of an airframe at one altitude, in the standard atmosphere.
 
     Parameters
     ----------
-    airframe
-        Looked at once; the same object again is remembered.
     speed_m_s
-        Airspeed of turns, climbs and bandwidths.
+        Airspeed of the turns, climbs and bandwidths.
     speeds_m_s
-        Between which airspeeds level flight is looked for.
+        Airspeeds between which level flight is searched for.
     step_s
-        Of the autopilot's samples.
+        Sample time of the autopilot.
     """
     key = (id(airframe), speed_m_s, altitude_m, step_s, speeds_m_s)
     if key not in _defaults_cache:
         if len(_defaults_cache) >= _CACHE_SIZE:
             _defaults_cache.clear()
         environment = standard_environment()
-        ends = (as_array(speeds_m_s[0]), as_array(speeds_m_s[1]))
+        speed_bounds = (as_array(speeds_m_s[0]), as_array(speeds_m_s[1]))
         points, bandwidths = _capability_and_bandwidths(
-            airframe, environment, as_array(altitude_m), as_array(speed_m_s), as_array(step_s), ends
+            airframe, environment, as_array(altitude_m), as_array(speed_m_s), as_array(step_s), speed_bounds
         )
-        able = capability_from_points(airframe, jax.tree.map(np.asarray, points), speed_m_s, speeds_m_s)
+        capability = capability_from_points(airframe, jax.tree.map(np.asarray, points), speed_m_s, speeds_m_s)
         # the airframe stands beside it, so that its identity is that of no other
-        _defaults_cache[key] = airframe, DerivedDefaults(able, jax.tree.map(np.asarray, bandwidths))
+        _defaults_cache[key] = airframe, DerivedDefaults(capability, jax.tree.map(np.asarray, bandwidths))
     return _defaults_cache[key][1]
 
 
@@ -149,42 +147,42 @@ def _capability_and_bandwidths(
     speeds: tuple[Scalar, Scalar],
 ) -> tuple[TrimMapPoint, Bandwidths]:
     trim = solve_trim(airframe, environment, trim_target(speed, altitude))
-    now = flight_condition(airframe, environment, 0.0, trim.state)
+    condition = flight_condition(airframe, environment, 0.0, trim.state)
     power = jnp.clip(trim.power, 0.0, 100.0)
     return (
         capability_points(airframe, environment, altitude, speed, speeds),
-        derived_bandwidths(airframe, now, airframe.actuators.limit_command(trim.state.surfaces), power, step),
+        derived_bandwidths(airframe, condition, airframe.actuators.limit_command(trim.state.surfaces), power, step),
     )
 
 
-def with_derived_gains(given: AutopilotGains, aircraft: Aircraft, defaults: DerivedDefaults) -> AutopilotGains:
-    """Gains of the aircraft itself, but for the loops whose gains the scenario gives."""
-    found = automatic_gains(defaults.bandwidths)
+def with_derived_gains(scenario_gains: AutopilotGains, aircraft: Aircraft, defaults: DerivedDefaults) -> AutopilotGains:
+    """Automatic gains, except in the loops for which the scenario gives gains."""
+    gains = automatic_gains(defaults.bandwidths)
     for loop in ("rates", "attitude", "velocity"):
         if loop in aircraft.gains.model_fields_set:
-            found = eqx.tree_at(lambda g, loop=loop: getattr(g, loop), found, getattr(given, loop))
-    return eqx.tree_at(lambda g: g.sensor_bandwidth, found, given.sensor_bandwidth)
+            gains = eqx.tree_at(lambda g, loop=loop: getattr(g, loop), gains, getattr(scenario_gains, loop))
+    return eqx.tree_at(lambda g: g.sensor_bandwidth, gains, scenario_gains.sensor_bandwidth)
 
 
 def derived_limits(limits: Limits, capability: Capability) -> Limits:
-    """Limits as the scenario gives them, or as the aircraft's trim map has them where it does not.
+    """Limits of the scenario; keys left out follow from the aircraft's trim map.
 
-    The least airspeed is one at which the aircraft still banks as far as it may: of level flight, times the root of the
-    load factor of that turn.
+    The minimum airspeed is the minimum of level flight times the square root of the load factor at the greatest bank,
+    so that the aircraft can still turn with that bank.
     """
-    given = limits.model_fields_set
+    scenario_keys = limits.model_fields_set
     if math.isnan(capability.speed_min):
         return limits  # it does not fly level anywhere: what stands in its way is told by its trim
-    meant = copy.copy(limits)
+    resolved = copy.copy(limits)
 
-    def instead(key: str, value: float) -> None:
-        if key not in given:
-            object.__setattr__(meant, key, value)
+    def instead(key: str, derived_value: float) -> None:
+        if key not in scenario_keys:
+            object.__setattr__(resolved, key, derived_value)
 
     bank_deg = min(limits.bank_max_deg, math.degrees(capability.bank_max), _BANK_MAX_DEG)
     if bank_deg > 0.0:
         instead("bank_max_deg", bank_deg)
-    bank_deg = min(meant.bank_max_deg, math.degrees(capability.bank_max))
+    bank_deg = min(resolved.bank_max_deg, math.degrees(capability.bank_max))
     slowest = capability.speed_min / math.sqrt(math.cos(math.radians(bank_deg)))
     fastest = min(capability.speed_max, limits.speed_max_m_s)
     if slowest < fastest:
@@ -193,17 +191,17 @@ def derived_limits(limits: Limits, capability: Capability) -> Limits:
     climb = min(capability.climb_rate_max, capability.sink_rate_max)
     if climb > 0.0:
         instead("climb_rate_max_m_s", min(limits.climb_rate_max_m_s, climb))
-    return meant
+    return resolved
 
 
 def exceeds_capability(scenario: Scenario, limits: Limits, index: int, capability: Capability) -> tuple[str, ...]:
-    """What the scenario asks of an aircraft that it cannot do, one sentence each."""
-    one = scenario.aircraft[index]
-    whom, speed = f'aircraft[{index}] "{one.name}"', scenario.speed_for(one)
+    """Limits of the scenario beyond the aircraft's capability, one sentence each."""
+    aircraft = scenario.aircraft[index]
+    subject, speed = f'aircraft[{index}] "{aircraft.name}"', scenario.speed_for(aircraft)
     if math.isnan(capability.speed_min):
-        return (f"{whom}: no airspeed of level flight was found at {one.start.altitude_m:g} m",)
-    found = []
-    for key, asked, most, what, unit in (
+        return (f"{subject}: no airspeed of level flight was found at {aircraft.start.altitude_m:g} m",)
+    messages = []
+    for key, required, greatest, phrase, unit in (
         ("bank_max_deg", limits.bank_max_deg, math.degrees(capability.bank_max), "banks in level turns at most", "deg"),
         ("speed_max_m_s", limits.speed_max_m_s, capability.speed_max, "flies level at most at", "m/s"),
         (
@@ -214,26 +212,28 @@ def exceeds_capability(scenario: Scenario, limits: Limits, index: int, capabilit
             "m/s",
         ),
     ):
-        if key in scenario.limits.model_fields_set and asked > most * 1.02:
-            found.append(f"limits.{key} = {asked:g}: {whom} {what} {most:.1f} {unit} (at {speed:g} m/s)")
+        if key in scenario.limits.model_fields_set and required > greatest * 1.02:
+            messages.append(f"limits.{key} = {required:g}: {subject} {phrase} {greatest:.1f} {unit} (at {speed:g} m/s)")
     if "speed_min_m_s" in scenario.limits.model_fields_set and limits.speed_min_m_s < capability.speed_min / 1.02:
-        found.append(
-            f"limits.speed_min_m_s = {limits.speed_min_m_s:g}: {whom} flies level from "
+        messages.append(
+            f"limits.speed_min_m_s = {limits.speed_min_m_s:g}: {subject} flies level from "
             f"{capability.speed_min:.1f} m/s on"
         )
-    return tuple(found)
+    return tuple(messages)
 
 
 def resolve_gains(scenario: Scenario, aircraft: Aircraft) -> AutopilotGains:
-    """Gains of one aircraft's autopilot: given, published (of the F-16), or the aircraft's own."""
-    given = build_gains(aircraft)
+    """Gains of one aircraft's autopilot: from the scenario, published (F-16), or derived from the aircraft."""
+    scenario_gains = build_gains(aircraft)
     if not has_derived_defaults(aircraft):
-        return given
-    return with_derived_gains(given, aircraft, derive_defaults(scenario, aircraft, build_airframe_of(aircraft)))
+        return scenario_gains
+    return with_derived_gains(
+        scenario_gains, aircraft, derive_defaults(scenario, aircraft, build_airframe_of(aircraft))
+    )
 
 
 def build_gains(aircraft: Aircraft) -> AutopilotGains:
-    """Gains of one aircraft's autopilot."""
+    """Gains of one aircraft's autopilot as the scenario gives them, completed by the published gains."""
     return _built_gains(aircraft.gains)  # pyright: ignore[reportArgumentType] - frozen, so it has a hash
 
 
@@ -251,11 +251,11 @@ def _loop(gains: RateGains | AttitudeGains | VelocityGains) -> LoopGains:
     def channels(values: Sequence[float]) -> Array:
         return as_array(values)
 
-    others = channels(gains.derivative), channels(gains.feed_forward)
+    remaining_gains = channels(gains.derivative), channels(gains.feed_forward)
     if gains.bandwidth_rad_s is not None:
         damping = (math.inf,) * 3 if gains.damping is None else gains.damping
-        return design_gains(channels(gains.bandwidth_rad_s), channels(damping), *others)
-    return LoopGains(channels(gains.proportional), channels(gains.integral), *others)
+        return design_gains(channels(gains.bandwidth_rad_s), channels(damping), *remaining_gains)
+    return LoopGains(channels(gains.proportional), channels(gains.integral), *remaining_gains)
 
 
 _CORRECTION_MAX_M_S = 20.0  # what position feedback may add to the planned velocity
@@ -267,7 +267,7 @@ _BANK_LAG_MAX = math.radians(10.0)  # how far the bank may lag behind a plan tha
 
 
 def resolve_limits(scenario: Scenario, aircraft: Aircraft) -> Limits:
-    """Limits of one aircraft: what the scenario leaves out follows from its file and its trim map."""
+    """Limits of one aircraft; keys left out of the scenario follow from the aircraft file and the trim map."""
     limits = scenario.limits_for(aircraft)
     if not has_derived_defaults(aircraft):
         return limits
@@ -275,22 +275,24 @@ def resolve_limits(scenario: Scenario, aircraft: Aircraft) -> Limits:
 
 
 def capability_cautions(scenario: Scenario) -> tuple[str, ...]:
-    """What the scenario asks of its aircraft that they cannot do by their trim maps, one sentence each."""
+    """Limits of the scenario beyond the capability of its aircraft by their trim maps, one sentence each."""
     enable_compilation_cache()
-    found = []
-    for index, one in enumerate(scenario.aircraft):
-        if has_derived_defaults(one):
-            able = derive_defaults(scenario, one, build_airframe_of(one)).capability
-            found += exceeds_capability(scenario, scenario.limits_for(one), index, able)
-    return tuple(found)
+    messages = []
+    for index, aircraft in enumerate(scenario.aircraft):
+        if has_derived_defaults(aircraft):
+            capability = derive_defaults(scenario, aircraft, build_airframe_of(aircraft)).capability
+            messages += exceeds_capability(scenario, scenario.limits_for(aircraft), index, capability)
+    return tuple(messages)
 
 
 def build_guidance(scenario: Scenario, aircraft: Aircraft | None = None) -> GuidanceSettings:
-    """How one aircraft follows its plan; of the whole fleet, for its holds, where None."""
+    """Path-following settings of one aircraft, or of the whole fleet (the smallest limits) if `aircraft` is None."""
     guidance, hold = scenario.guidance, scenario.hold
-    of = scenario.aircraft if aircraft is None else (aircraft,)
-    climb_rates = [resolve_limits(scenario, one).climb_rate_max_m_s for one in of]
-    corrections = [_CORRECTION_SHARE * scenario.speed_for(one) for one in of if has_derived_defaults(one)]
+    followers = scenario.aircraft if aircraft is None else (aircraft,)
+    climb_rates = [resolve_limits(scenario, follower).climb_rate_max_m_s for follower in followers]
+    corrections = [
+        _CORRECTION_SHARE * scenario.speed_for(follower) for follower in followers if has_derived_defaults(follower)
+    ]
     return GuidanceSettings(
         position_gain=as_array(guidance.position_gain_per_s),
         correction_max=as_array(min([_CORRECTION_MAX_M_S, *corrections])),
@@ -301,7 +303,7 @@ def build_guidance(scenario: Scenario, aircraft: Aircraft | None = None) -> Guid
 
 
 def build_flight_limits(limits: Limits) -> FlightLimits:
-    """Limits that the autopilot keeps."""
+    """Limits enforced by the autopilot."""
     return FlightLimits(
         speed_min=as_array(limits.speed_min_m_s),
         speed_max=as_array(limits.speed_max_m_s),
@@ -317,48 +319,47 @@ def build_flight_limits(limits: Limits) -> FlightLimits:
 
 
 def build_path_limits(scenario: Scenario) -> PathLimits:
-    """What a trajectory may ask of every aircraft of this scenario."""
-    each = [resolve_limits(scenario, one) for one in scenario.aircraft]
-    slowest, fastest = max(one.speed_min_m_s for one in each), min(one.speed_max_m_s for one in each)
-    least = [_path_limits(one, slowest, fastest, 1.0) for one in each]
-    return eqx.tree_at(
-        lambda own: (own.bank_max, own.climb_rate_max, own.load_factor_max),
-        least[0],
-        tuple(
-            min(values)
-            for values in zip(*((o.bank_max, o.climb_rate_max, o.load_factor_max) for o in least), strict=True)
-        ),
-    )
+    """Path limits that hold for every aircraft of the scenario."""
+    fleet_limits = [resolve_limits(scenario, aircraft) for aircraft in scenario.aircraft]
+    slowest = max(limits.speed_min_m_s for limits in fleet_limits)
+    fastest = min(limits.speed_max_m_s for limits in fleet_limits)
+    path_limits = [_path_limits(limits, slowest, fastest, 1.0) for limits in fleet_limits]
+
+    def turn_and_climb(limits: PathLimits) -> tuple[Scalar, Scalar, Scalar]:
+        return limits.bank_max, limits.climb_rate_max, limits.load_factor_max
+
+    smallest = tuple(min(values) for values in zip(*map(turn_and_climb, path_limits), strict=True))
+    return eqx.tree_at(turn_and_climb, path_limits[0], smallest)
 
 
-def _path_limits(limits: Limits, speed_min_m_s: float, speed_max_m_s: float, part: float) -> PathLimits:
-    """Part of the limits of bank, climb rate and load factor beyond 1; all of the altitudes."""
+def _path_limits(limits: Limits, speed_min_m_s: float, speed_max_m_s: float, fraction: float) -> PathLimits:
+    """Path limits with a fraction of the bank, climb rate and load factor in excess of 1; altitudes stay unchanged."""
     return PathLimits(
         speed_min=as_array(speed_min_m_s),
         speed_max=as_array(speed_max_m_s),
-        bank_max=as_array(part * limits.bank_max_deg * DEG_RAD),
-        climb_rate_max=as_array(part * limits.climb_rate_max_m_s),
+        bank_max=as_array(fraction * limits.bank_max_deg * DEG_RAD),
+        climb_rate_max=as_array(fraction * limits.climb_rate_max_m_s),
         altitude_min=as_array(limits.altitude_min_m),
         altitude_max=as_array(limits.altitude_max_m),
-        load_factor_max=as_array(1.0 + part * (limits.load_factor_max - 1.0)),
-        bank_rate_max=_bank_rate(limits, part),
+        load_factor_max=as_array(1.0 + fraction * (limits.load_factor_max - 1.0)),
+        bank_rate_max=_bank_rate(limits, fraction),
     )
 
 
-def _bank_rate(limits: Limits, part: float = 1.0) -> Scalar | None:
-    """Part of the limit of the bank angle's rate, rad/s; None where none is asked."""
-    asked = limits.roll_rate_max_deg_s
-    return None if asked is None else as_array(part * asked * DEG_RAD)
+def _bank_rate(limits: Limits, fraction: float = 1.0) -> Scalar | None:
+    """Fraction of the bank rate limit, rad/s; None if the scenario sets no limit."""
+    limit_deg_s = limits.roll_rate_max_deg_s
+    return None if limit_deg_s is None else as_array(fraction * limit_deg_s * DEG_RAD)
 
 
 def planned_limits(scenario: Scenario, aircraft: Aircraft) -> PathLimits:
-    """The scenario's limits less the reserve; the speed window contains the aircraft's first airspeed all the same."""
+    """Path limits less the planning reserve; the airspeed window is widened to contain the start airspeed."""
     limits, speed, reserve = resolve_limits(scenario, aircraft), scenario.speed_for(aircraft), scenario.fleet.reserve
     slowest = limits.speed_min_m_s + reserve * (speed - limits.speed_min_m_s)
     fastest = limits.speed_max_m_s - reserve * (limits.speed_max_m_s - speed)
-    own = aircraft.start.speed_m_s
-    slowest = max(min(slowest, own - 1.0), limits.speed_min_m_s)
-    fastest = min(max(fastest, own + 1.0), limits.speed_max_m_s)
+    start_speed = aircraft.start.speed_m_s
+    slowest = max(min(slowest, start_speed - 1.0), limits.speed_min_m_s)
+    fastest = min(max(fastest, start_speed + 1.0), limits.speed_max_m_s)
     return eqx.tree_at(
         lambda planned: (planned.acceleration_max, planned.deceleration_max),
         _path_limits(limits, slowest, fastest, 1.0 - reserve),
@@ -370,9 +371,9 @@ def planned_limits(scenario: Scenario, aircraft: Aircraft) -> PathLimits:
 
 
 def planned_roll_rate(scenario: Scenario, aircraft: Aircraft) -> float:
-    """How fast a plan rolls one aircraft on the mean, rad/s: as usual, or as its bank loop can follow."""
-    usual = _ROLL_RATE_DEG_S * DEG_RAD
+    """Mean roll rate of one aircraft's plan, rad/s: the default, or less if the bank loop is too slow for it."""
+    default_rate = _ROLL_RATE_DEG_S * DEG_RAD
     if not has_derived_defaults(aircraft) or scenario.limits.roll_rate_max_deg_s is not None:
-        return usual
+        return default_rate
     bandwidth = float(derive_defaults(scenario, aircraft, build_airframe_of(aircraft)).bandwidths.attitude[0])
-    return min(usual, bandwidth * _BANK_LAG_MAX)
+    return min(default_rate, bandwidth * _BANK_LAG_MAX)

@@ -1,4 +1,4 @@
-"""From a scenario to its air and Earth: environment and wind, and the gusts that an aircraft meets."""
+"""Construction of the environment (atmosphere, wind, Earth) and of each aircraft's gusts from a scenario."""
 
 import functools
 import json
@@ -21,41 +21,41 @@ from anser.shapes import ScalarLike, Vector3
 from anser.units import DEG_RAD
 
 _FOOT_M = 0.3048
-_LAYERS = 4  # least size of a shear profile
-_PADDING_SPACING_M = 1000.0  # between the altitudes that fill up a shear profile
+_LAYERS = 4  # smallest bucket size of a shear profile
+_PADDING_SPACING_M = 1000.0  # between the altitudes of padding layers
 
 
 def build_environment(scenario: Scenario) -> Environment:
-    """Standard atmosphere; the flat Earth with normal gravity at the scenario's latitude, or WGS-84; the wind."""
+    """Environment of a scenario: standard atmosphere, wind, and a flat Earth (gravity at the latitude) or WGS-84."""
     latitude, longitude = (as_array(x * DEG_RAD) for x in (scenario.earth.latitude_deg, scenario.earth.longitude_deg))
     earth = wgs84_earth(latitude, longitude) if scenario.earth.model == "wgs84" else FlatEarth(somigliana(latitude))
     return Environment(StandardAtmosphere(), build_wind(scenario), earth)
 
 
 def build_wind(scenario: Scenario) -> AbstractWind:
-    """Wind, the same at every altitude or layered."""
+    """Wind of a scenario: a steady wind, or layers padded to a bucket size above the highest layer."""
     profile = scenario.wind.profile_m_s
     if scenario.wind.layers is None:
         return SteadyWind(ned(profile[0][1]))
     altitudes, velocities = zip(*profile, strict=True)
-    more = bucket_size(len(altitudes), _LAYERS) - len(altitudes)
-    above = [
-        altitudes[-1] + k * _PADDING_SPACING_M for k in range(1, more + 1)
+    padding_count = bucket_size(len(altitudes), _LAYERS) - len(altitudes)
+    padding_altitudes = [
+        altitudes[-1] + k * _PADDING_SPACING_M for k in range(1, padding_count + 1)
     ]  # where the wind is that of the last layer
     return LayeredWind(
-        as_array([*altitudes, *above]),
-        stack_rows([ned(velocity) for velocity in [*velocities, *[velocities[-1]] * more]]),
+        as_array([*altitudes, *padding_altitudes]),
+        stack_rows([ned(velocity) for velocity in [*velocities, *[velocities[-1]] * padding_count]]),
     )
 
 
 def ned(position_up_m: Sequence[float]) -> Vector3:
-    """(north, east, up) as (north, east, down)."""
+    """Vector (north, east, up) converted to (north, east, down)."""
     north, east, up = position_up_m
     return as_array([north, east, -up])
 
 
 def build_gusts(scenario: Scenario, aircraft: Aircraft, span_m: ScalarLike) -> AbstractGusts:
-    """Turbulence and single gusts that an aircraft of a wing span meets."""
+    """Gusts of one aircraft: turbulence, scaled with the wing span, and discrete gusts that meet this aircraft."""
     parts: list[AbstractGusts] = []
     turbulence = scenario.turbulence
     if turbulence.intensity != "none":
@@ -70,10 +70,12 @@ def build_gusts(scenario: Scenario, aircraft: Aircraft, span_m: ScalarLike) -> A
             )
         )
     for gust in scenario.gust:
-        met = gust.aircraft in (None, aircraft.name)
+        is_affected = gust.aircraft in (None, aircraft.name)
         parts.append(
             DiscreteGust(
-                amplitudes=as_array([met * gust.along_m_s, met * gust.right_m_s, -met * gust.up_m_s]),
+                amplitudes=as_array(
+                    [is_affected * gust.along_m_s, is_affected * gust.right_m_s, -is_affected * gust.up_m_s]
+                ),
                 length=as_array(gust.length_m),
                 start=as_array(gust.time_s),
                 returns=as_array(gust.returns, bool),
@@ -86,12 +88,14 @@ def build_gusts(scenario: Scenario, aircraft: Aircraft, span_m: ScalarLike) -> A
 
 @functools.cache
 def exceedance_table() -> ExceedanceTable:
-    """Intensity of turbulence by height and probability, from its data file."""
+    """Turbulence intensity by height and probability of exceedance, read from the data file."""
     path = resources.files("anser.environment").joinpath("data/turbulence.json")
     data = json.loads(path.read_text(encoding="utf-8"))
-    with jax.ensure_compile_time_eval():  # kept, so never of the trace in which it may first be asked for
+    with jax.ensure_compile_time_eval():  # cached, so it must not belong to the trace of the first caller
         return ExceedanceTable(
             heights=as_array([_FOOT_M * height for height in data["heights_ft"]]),
             log_probabilities=as_array([math.log10(p) for p in data["probabilities"]]),
-            sigmas=as_array([[_FOOT_M * sigma for sigma in row] for row in data["sigma_ft_s"]]),
+            sigmas=as_array(
+                [[_FOOT_M * sigma for sigma in sigmas_of_height] for sigmas_of_height in data["sigma_ft_s"]]
+            ),
         )

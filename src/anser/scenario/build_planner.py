@@ -1,4 +1,4 @@
-"""From a scenario to the planner of its fleet."""
+"""Construction of the fleet's planner from a scenario."""
 
 from collections.abc import Sequence
 
@@ -23,20 +23,20 @@ from anser.scenario.schema_aircraft import Aircraft
 from anser.scenario.schema_network import Network as NetworkTable
 from anser.sensing.vehicle_sensors import Dropouts
 
-_KEEP_OUTS = 2  # least size of lists of keep-outs
-_BEYOND_M = 1e6  # altitude of the empty cylinders that fill up a list of keep-outs
+_KEEP_OUTS = 2  # smallest bucket size of the list of keep-outs
+_BEYOND_M = 1e6  # altitude of the empty cylinders that pad the list of keep-outs
 _NO_KEEP_OUT = (0.0, 0.0, 0.0, 0.0, 0.0, _BEYOND_M, _BEYOND_M)
 _SIDES = {"auto": 0, "right": 1, "left": -1}
 
 
 def build_planner(scenario: Scenario, fleet: Sequence[Aircraft], guidance: GuidanceSettings) -> AbstractPlanner:
-    """Planner of a fleet, which may hold more aircraft than the scenario."""
+    """Planner of a fleet; the fleet may be longer than the scenario's list by its padding."""
     return _PLANNERS[scenario.fleet.planner](scenario, fleet, guidance)
 
 
 def _published(scenario: Scenario, fleet: Sequence[Aircraft], guidance: GuidanceSettings) -> PublishedPlanner:
     return PublishedPlanner(
-        start_positions_n=stack_rows([ned(a.start.position_m) for a in fleet]),
+        start_positions_n=stack_rows([ned(aircraft.start.position_m) for aircraft in fleet]),
         sides=_sides(fleet),
         speed=as_array(scenario.fleet.speed_m_s),
         even_speed=as_array(scenario.fleet.speed_profile == "even", bool),
@@ -44,24 +44,28 @@ def _published(scenario: Scenario, fleet: Sequence[Aircraft], guidance: Guidance
 
 
 def _sides(fleet: Sequence[Aircraft]) -> Array:
-    return as_array([_SIDES[a.bend] for a in fleet], np.int32)
+    return as_array([_SIDES[aircraft.bend] for aircraft in fleet], np.int32)
 
 
 def _certified(scenario: Scenario, fleet: Sequence[Aircraft], guidance: GuidanceSettings) -> CertifiedPlanner:
-    """The certified planner; accelerations that the scenario leaves to the aircraft stay infinite."""
-    apart = scenario.separation
-    asked = apart.horizontal_m > 0.0
+    """The certified planner; acceleration limits left out of the scenario are infinite."""
+    separation = scenario.separation
+    is_separated = separation.horizontal_m > 0.0
     return CertifiedPlanner(
         sides=_sides(fleet),
-        speed=as_array([scenario.speed_for(one) for one in fleet]),
-        limits=stack_rows([planned_limits(scenario, a) for a in fleet]),
-        roll_rates_max=as_array([planned_roll_rate(scenario, one) for one in fleet]),
+        speed=as_array([scenario.speed_for(aircraft) for aircraft in fleet]),
+        limits=stack_rows([planned_limits(scenario, aircraft) for aircraft in fleet]),
+        roll_rates_max=as_array([planned_roll_rate(scenario, aircraft) for aircraft in fleet]),
         airspace=Airspace(
             wind=build_wind(scenario),
             gravity=build_environment(scenario).gravity,
             separation=Separation(
-                as_array(apart.horizontal_m + apart.reserve_m if asked else 0.0),
-                as_array(apart.vertical_m + apart.reserve_m if asked and apart.vertical_m > 0.0 else 0.0),
+                as_array(separation.horizontal_m + separation.reserve_m if is_separated else 0.0),
+                as_array(
+                    separation.vertical_m + separation.reserve_m
+                    if is_separated and separation.vertical_m > 0.0
+                    else 0.0
+                ),
             ),
             keep_outs=_keep_outs(scenario),
         ),
@@ -74,47 +78,60 @@ def _certified(scenario: Scenario, fleet: Sequence[Aircraft], guidance: Guidance
 
 
 def _decentralised(scenario: Scenario, fleet: Sequence[Aircraft], guidance: GuidanceSettings) -> DecentralisedPlanner:
-    """Each for itself; the separation is widened by what the others may do without being heard of."""
-    each, network = _certified(scenario, fleet, guidance), build_network(scenario)
-    numbers = scenario.network or NetworkTable()
-    apart, fastest = each.airspace.separation, float(np.max(each.limits.speed_max)) + scenario.wind.speed_max_m_s
-    more = 2.0 * numbers.tube_m + numbers.skew_max_s * fastest
-    climbed = 2.0 * numbers.tube_m + numbers.skew_max_s * float(np.max(each.limits.climb_rate_max))
+    """Decentralised planner; the separation is widened by path deviations and clock differences between messages."""
+    planner, network = _certified(scenario, fleet, guidance), build_network(scenario)
+    settings = scenario.network or NetworkTable()
+    separation, fastest = (
+        planner.airspace.separation,
+        float(np.max(planner.limits.speed_max)) + scenario.wind.speed_max_m_s,
+    )
+    horizontal_margin = 2.0 * settings.tube_m + settings.skew_max_s * fastest
+    vertical_margin = 2.0 * settings.tube_m + settings.skew_max_s * float(np.max(planner.limits.climb_rate_max))
     widened = Separation(
-        as_array(float(apart.horizontal) + (more if float(apart.horizontal) > 0.0 else 0.0)),
-        as_array(float(apart.vertical) + (climbed if float(apart.vertical) > 0.0 else 0.0)),
+        as_array(float(separation.horizontal) + (horizontal_margin if float(separation.horizontal) > 0.0 else 0.0)),
+        as_array(float(separation.vertical) + (vertical_margin if float(separation.vertical) > 0.0 else 0.0)),
     )
-    each = eqx.tree_at(lambda p: p.airspace.separation, each, widened)
+    planner = eqx.tree_at(lambda p: p.airspace.separation, planner, widened)
     gains = CoordinationGains(
-        coupling=as_array(numbers.coupling_per_s),
-        damping=as_array(numbers.damping_per_s),
-        waiting=as_array(numbers.waiting_per_s2),
-        rate_range=as_array(numbers.rate_range),
-        skew_max=as_array(numbers.skew_max_s),
+        coupling=as_array(settings.coupling_per_s),
+        damping=as_array(settings.damping_per_s),
+        waiting=as_array(settings.waiting_per_s2),
+        rate_range=as_array(settings.rate_range),
+        skew_max=as_array(settings.skew_max_s),
     )
-    return DecentralisedPlanner(each, network, gains, as_array(numbers.tube_m))
+    return DecentralisedPlanner(planner, network, gains, as_array(settings.tube_m))
 
 
 def build_network(scenario: Scenario) -> Network:
-    """Who hears whom in a fleet without a centre."""
-    numbers = scenario.network or NetworkTable()
-    delay = round(numbers.delay_s / numbers.period_s)
+    """Communication network of a fleet without a centre."""
+    settings = scenario.network or NetworkTable()
+    delay = round(settings.delay_s / settings.period_s)
     return Network(
-        range=as_array(numbers.range_m),
-        dropouts=Dropouts(as_array(numbers.loss), as_array(numbers.outage_share), as_array(numbers.outage_mean_s)),
-        period=as_array(numbers.period_s),
-        period_samples=as_array(round(numbers.period_s / scenario.timing.step_s), np.int32),
+        range=as_array(settings.range_m),
+        dropouts=Dropouts(as_array(settings.loss), as_array(settings.outage_share), as_array(settings.outage_mean_s)),
+        period=as_array(settings.period_s),
+        period_samples=as_array(round(settings.period_s / scenario.timing.step_s), np.int32),
         delay=as_array(delay, np.int32),
         slots=bucket_size(delay + 1, 2),
     )
 
 
 def _keep_outs(scenario: Scenario) -> KeepOuts:
-    rows = [(v.north_m, v.east_m, *v.velocity_m_s()[:2], v.radius_m, v.bottom_m, v.top_m) for v in scenario.keep_out]
-    rows += [_NO_KEEP_OUT for event in scenario.event if event.kind == "keep-out-appears"]
-    if rows:
-        rows += [_NO_KEEP_OUT] * (bucket_size(len(rows), _KEEP_OUTS) - len(rows))
-    table = np.reshape(rows, (-1, 7))
+    volumes = [
+        (
+            keep_out.north_m,
+            keep_out.east_m,
+            *keep_out.velocity_m_s()[:2],
+            keep_out.radius_m,
+            keep_out.bottom_m,
+            keep_out.top_m,
+        )
+        for keep_out in scenario.keep_out
+    ]
+    volumes += [_NO_KEEP_OUT for event in scenario.event if event.kind == "keep-out-appears"]
+    if volumes:
+        volumes += [_NO_KEEP_OUT] * (bucket_size(len(volumes), _KEEP_OUTS) - len(volumes))
+    table = np.reshape(volumes, (-1, 7))
     return KeepOuts(*map(as_array, (table[:, :2], table[:, 2:4], table[:, 4], table[:, 5], table[:, 6])))
 
 

@@ -1,4 +1,4 @@
-"""From the tables of a scenario on what aircraft know to sensors and estimators."""
+"""Construction of sensors and estimators from the scenario's sensing tables."""
 
 import math
 
@@ -21,33 +21,44 @@ from anser.sensing.vehicle_sensors import AirDataSensors, Dropouts, InertialSens
 from anser.shapes import Vector3
 from anser.units import DEG_RAD
 
-_VERTICAL_SHARE = 0.1  # of a goal's acceleration
-_NIS_MAX = 10.0  # mean normalised innovation from which a filter has diverged: 1 is right
+_VERTICAL_SHARE = 0.1  # vertical part of a goal's acceleration
+_NIS_MAX = 10.0  # mean normalised innovation squared above which a filter has diverged; 1 is consistent
 _SIGMA_MAX_M = 5000.0
-_UNMEASURED = 1.0  # standard deviation of what is not measured, which never counts
-_ACCELERATION_DENSITY = 1e-3  # m^2/s^3, of what attitude errors make of gravity, beside the accelerometers' noise
+_UNMEASURED = 1.0  # placeholder standard deviation of components that are not measured
+_ACCELERATION_DENSITY = 1e-3  # m^2/s^3: gravity resolved with attitude errors, in addition to the accelerometers' noise
 _GRAVITY_M_S2 = 9.81
 
 
 def build_sensors(scenario: Scenario) -> AbstractSensors:
-    """Sensors of an aircraft: ideal ones where the scenario says nothing else."""
-    own, goal = build_vehicle_sensors(scenario.navigation), build_goal_sensor(scenario.goal_sensor)
-    return IdealSensors() if own is None and goal is None else NoisySensors(own, goal)
+    """Sensors of an aircraft; ideal sensors if both sensor tables are "exact"."""
+    vehicle_sensors, goal_sensor = build_vehicle_sensors(scenario.navigation), build_goal_sensor(scenario.goal_sensor)
+    return (
+        IdealSensors()
+        if vehicle_sensors is None and goal_sensor is None
+        else NoisySensors(vehicle_sensors, goal_sensor)
+    )
 
 
 def build_estimator(scenario: Scenario, goal: GoalMotion, model: AbstractAirframe | None = None) -> AbstractEstimator:
-    """What stands behind them: nothing where all is exact and the air is smooth.
+    """Estimator behind the sensors; measurements pass unfiltered if all sensors are exact and the air is smooth.
 
-    `model` is the airframe that the aircraft takes itself to be; None: that which flies.
+    `model` is the airframe assumed by the estimator; None: the airframe that flies.
     """
     navigation, sensor, estimator = scenario.navigation, scenario.goal_sensor, scenario.estimator
-    exact, smooth = navigation.sensors == "exact", scenario.turbulence.intensity == "none" and not scenario.gust
-    if exact and smooth and sensor.preset == "exact":
+    has_exact_navigation, is_smooth = (
+        navigation.sensors == "exact",
+        scenario.turbulence.intensity == "none" and not scenario.gust,
+    )
+    if has_exact_navigation and is_smooth and sensor.preset == "exact":
         return DirectEstimator(model)
-    own = None if exact else _navigation_filter(navigation)
-    air = None if exact and smooth else AirFilter(as_array(navigation.wind_time_s), as_array(navigation.gust_time_s))
+    navigation_filter = None if has_exact_navigation else _navigation_filter(navigation)
+    air = (
+        None
+        if has_exact_navigation and is_smooth
+        else AirFilter(as_array(navigation.wind_time_s), as_array(navigation.gust_time_s))
+    )
     if sensor.preset == "exact":
-        return TrackingEstimator(own, air, model=model)
+        return TrackingEstimator(navigation_filter, air, model=model)
     tracking = GoalFilter(
         models=_motions(estimator),
         sojourn=as_array(estimator.sojourn_s),
@@ -62,7 +73,7 @@ def build_estimator(scenario: Scenario, goal: GoalMotion, model: AbstractAirfram
         position_sigma=as_array(estimator.briefed_position_m),
         velocity_sigma=as_array(estimator.briefed_velocity_m_s),
     )
-    return TrackingEstimator(own, air, tracking, briefing, model)
+    return TrackingEstimator(navigation_filter, air, tracking, briefing, model)
 
 
 def _motions(table: Estimator) -> tuple[AbstractMotionModel, ...]:
@@ -78,7 +89,7 @@ def _motions(table: Estimator) -> tuple[AbstractMotionModel, ...]:
 
 
 def build_vehicle_sensors(table: Navigation) -> VehicleSensors | None:
-    """Satellite navigation, inertial sensors and air data with the errors of a table; None: exact."""
+    """Satellite navigation, inertial sensors and air data with the table's errors; None if the sensors are exact."""
     if table.sensors == "exact":
         return None
     return VehicleSensors(
@@ -120,7 +131,7 @@ def _navigation_filter(table: Navigation) -> NavigationFilter:
 
 
 def build_goal_sensor(table: GoalSensorTable) -> GoalSensor | None:
-    """Sensor of a goal with the numbers of a table and its preset; None: exact."""
+    """Goal sensor with the table's numbers, completed by the preset; None if the sensor is exact."""
     if table.preset == "exact":
         return None
     number = table.number
@@ -130,9 +141,16 @@ def build_goal_sensor(table: GoalSensorTable) -> GoalSensor | None:
         measured, biases = [True] * 6, [0.0] * 6
     else:
         angle, rate = 1e-3 * number("angle_mrad"), number("angle_rate_mrad_s")
-        given = (number("range_m"), angle, angle, number("range_rate_m_s"), rate and 1e-3 * rate, rate and 1e-3 * rate)
-        measured = [one is not None for one in given]
-        sigmas = [_UNMEASURED if one is None else one for one in given]
+        standard_deviations = (
+            number("range_m"),
+            angle,
+            angle,
+            number("range_rate_m_s"),
+            rate and 1e-3 * rate,
+            rate and 1e-3 * rate,
+        )
+        measured = [deviation is not None for deviation in standard_deviations]
+        sigmas = [_UNMEASURED if deviation is None else deviation for deviation in standard_deviations]
         bias = 1e-3 * table.angle_bias_mrad
         biases = [table.range_bias_m, bias, bias, 0.0, 0.0, 0.0]
     azimuth, elevation = (DEG_RAD * a for a in number("axis_deg", (0.0, 0.0)))
@@ -161,7 +179,7 @@ def build_goal_sensor(table: GoalSensorTable) -> GoalSensor | None:
 
 
 def _history(table: GoalSensorTable, step_s: float) -> int:
-    """Samples of its own motion that an aircraft keeps for measurements that come late: a power of two."""
+    """Number of past samples of the vehicle's motion stored for delayed measurements; a power of two."""
     latest_s = table.number("latency_s")[1]
     return 0 if latest_s <= 0.0 else 2 ** math.ceil(math.log2(latest_s / step_s + 2.0))
 

@@ -1,4 +1,4 @@
-"""What a valid scenario had better not do: said, not refused."""
+"""Cautions: settings of a valid scenario that probably do not work as intended; they are reported, not refused."""
 
 import math
 
@@ -9,16 +9,14 @@ from anser.scenario.unused_keys import unused_key_cautions
 
 
 def find_cautions(scenario: Scenario, *, with_trim_maps: bool = True) -> tuple[str, ...]:
-    """Say what will probably not work as meant, one sentence each; empty where nothing is to be said.
+    """Cautions of a scenario, one sentence each; empty if there are none.
 
     Parameters
     ----------
-    scenario
-        The scenario.
-    built
-        Whether the aircraft are built and their trim maps computed for it, which takes seconds the first time.
+    with_trim_maps
+        Whether to build the aircraft and compute the trim maps, which takes seconds the first time.
     """
-    gains = [text for index, one in enumerate(scenario.aircraft) for text in _gain_cautions(index, one)]
+    gains = [text for index, aircraft in enumerate(scenario.aircraft) for text in _gain_cautions(index, aircraft)]
     limits = _limit_cautions(scenario) if with_trim_maps else []
     return (
         *_format_cautions(scenario),
@@ -32,37 +30,40 @@ def find_cautions(scenario: Scenario, *, with_trim_maps: bool = True) -> tuple[s
 
 
 def _format_cautions(scenario: Scenario) -> list[str]:
-    """A file of before that leaves the planner to the default, which is another one now."""
+    """Caution for a file of an older format that leaves out the planner, because the default has changed since."""
     if scenario.format == FORMAT or "planner" in scenario.fleet.model_fields_set:
         return []
-    meant, now = DEFAULT_PLANNERS[scenario.format], DEFAULT_PLANNERS[FORMAT]
+    format_default, current_default = DEFAULT_PLANNERS[scenario.format], DEFAULT_PLANNERS[FORMAT]
     return [
-        f'fleet.planner: left out in a file of format {scenario.format}, which means "{meant}"; the default of format '
-        f'{FORMAT} is "{now}", whose plans keep limits and separation: anser convert writes the file in format '
+        f'fleet.planner: left out in a file of format {scenario.format}, which means "{format_default}"; the default '
+        f"of format "
+        f'{FORMAT} is "{current_default}", whose plans keep limits and separation: anser convert writes the file in '
+        f"format "
         f"{FORMAT}, and the planner into it"
     ]
 
 
 def _seed_cautions(scenario: Scenario) -> list[str]:
-    """A seed that was chosen in the belief that it changes something."""
+    """Caution for a seed without effect."""
     if scenario.seed == type(scenario).model_fields["seed"].default or scenario.is_random:
         return []
-    words = "[turbulence], [navigation] and [goal_sensor] are what is"
-    return [f"seed: {scenario.seed} is recorded and changes nothing: nothing in this flight is random; {words}"]
+    random_tables = "[turbulence], [navigation] and [goal_sensor] are what is"
+    return [f"seed: {scenario.seed} is recorded and changes nothing: nothing in this flight is random; {random_tables}"]
 
 
 def _duration_cautions(scenario: Scenario) -> list[str]:
-    """A flight that lasts long enough only if something helps, which only planning and flying tell."""
+    """Caution for a duration that suffices only with a descent or a favourable wind aloft."""
     return [
-        f"{one.path}: {one.arrived} s suffices only if a descent makes the plan faster or another wind carries it on; "
-        f"otherwise expected {one.expected}"
-        for one in reach_problems(scenario, unaided=True)
-        if one.path == "timing.duration_s"
+        f"{problem.path}: {problem.arrived} s suffices only if a descent makes the plan faster or another wind "
+        f"carries it on; "
+        f"otherwise expected {problem.expected}"
+        for problem in reach_problems(scenario, unaided=True)
+        if problem.path == "timing.duration_s"
     ]
 
 
 def _separation_cautions(scenario: Scenario) -> list[str]:
-    """A fleet whose aircraft may come as near to each other as they like."""
+    """Caution for a fleet without any separation requirement."""
     if scenario.requires_separation or len(scenario.aircraft) == 1:
         return []
     remedy = "[separation] horizontal_m"
@@ -76,9 +77,9 @@ _TRIM_MAP_KEYS = {"speed_min_m_s", "speed_max_m_s", "bank_max_deg", "climb_rate_
 
 
 def _limit_cautions(scenario: Scenario) -> list[str]:
-    """Limits that are given and lie beyond what an aircraft can do; left out, they follow from its trim map."""
-    is_own = any(one.airframe is not None or one.type != "f16" for one in scenario.aircraft)
-    if not is_own or not _TRIM_MAP_KEYS & scenario.limits.model_fields_set:
+    """Cautions for limits beyond an aircraft's capability; limits left out follow from the trim map."""
+    has_derived_limits = any(aircraft.airframe is not None or aircraft.type != "f16" for aircraft in scenario.aircraft)
+    if not has_derived_limits or not _TRIM_MAP_KEYS & scenario.limits.model_fields_set:
         return []
     from anser.scenario.build_aircraft import capability_cautions  # here: it loads JAX, which most scenarios do without
 
@@ -86,7 +87,7 @@ def _limit_cautions(scenario: Scenario) -> list[str]:
 
 
 def _gain_cautions(index: int, aircraft: Aircraft) -> list[str]:
-    """Loops too close to those that they rest on; the published gains are far enough apart."""
+    """Cautions for cascaded loops with too little bandwidth ratio; the published gains have enough."""
     if aircraft.gains == Gains():
         return []
     from anser.control.gains import (  # here: it loads JAX, which most scenarios do without
@@ -95,14 +96,14 @@ def _gain_cautions(index: int, aircraft: Aircraft) -> list[str]:
     )
     from anser.scenario.build_aircraft import build_gains
 
-    found = []
+    cautions = []
     for pair in loop_separations(build_gains(aircraft)):
         ratio = float(pair.ratio)
         if ratio < LOOP_SEPARATION_MIN:
-            found.append(
+            cautions.append(
                 f'aircraft[{index}].gains (aircraft "{aircraft.name}"): the loop of {pair.outer} has a bandwidth '
                 f"of {float(pair.outer_bandwidth):.3g} 1/s and rests on {pair.inner} with "
                 f"{float(pair.inner_bandwidth):.3g} 1/s, a ratio of {ratio:.2f}; below {LOOP_SEPARATION_MIN:g} the two "
                 f"swing against each other (damping {0.5 * math.sqrt(ratio):.2f})"
             )
-    return found
+    return cautions

@@ -23,31 +23,31 @@ def load(path: str | os.PathLike[str]) -> Scenario:
     Parameters
     ----------
     path
-        A TOML file, UTF-8.
+        TOML file, UTF-8.
 
     Raises
     ------
     ScenarioError
-        If the file cannot be read or is no valid scenario; the message says where and what would be right.
+        If the file cannot be read or is not a valid scenario; the message gives the key and the expected value.
     """
     return loads(read_text(path), os.fspath(path))
 
 
-def as_scenario(given: Scenario | str | os.PathLike[str]) -> Scenario:
-    """A scenario as it is, or read from its file.
+def as_scenario(scenario: Scenario | str | os.PathLike[str]) -> Scenario:
+    """Return a scenario unchanged, or load the scenario from a path.
 
     Raises
     ------
     ScenarioError
-        As of `load`.
+        If `load` refuses the file.
     TypeError
-        It is neither a scenario nor a path.
+        If the argument is neither a scenario nor a path.
     """
-    if isinstance(given, Scenario):
-        return given
-    if isinstance(given, str | os.PathLike):
-        return load(given)
-    raise TypeError(f"scenario: arrived {type(given).__name__}; expected a scenario, or the path of its file")
+    if isinstance(scenario, Scenario):
+        return scenario
+    if isinstance(scenario, str | os.PathLike):
+        return load(scenario)
+    raise TypeError(f"scenario: arrived {type(scenario).__name__}; expected a scenario, or the path of its file")
 
 
 def loads(text: str, source: str = "<string>") -> Scenario:
@@ -58,12 +58,12 @@ def loads(text: str, source: str = "<string>") -> Scenario:
     text
         TOML.
     source
-        What to call it in messages; a path of the scenario's file: paths in it are seen from there.
+        Name of the text in messages; a file path makes relative paths of aircraft files relative to the file's folder.
 
     Raises
     ------
     ScenarioError
-        If it is no TOML, no valid scenario, or one with keys that have no effect.
+        If the text is not TOML, is not a valid scenario, or has keys without effect.
     """
     values = parse_scenario(text, source)
     with attach_line_numbers(text, source):
@@ -75,19 +75,19 @@ def loads(text: str, source: str = "<string>") -> Scenario:
 
 
 def parse_scenario(text: str, source: str) -> dict[str, Any]:
-    """Values of a text in TOML; raises ScenarioError, with the line, if it is none."""
+    """Parse TOML into nested dictionaries; raises ScenarioError with the line number if the text is not TOML."""
     return parse_toml(text, source, _duplicate_table_hint)
 
 
 def _duplicate_table_hint(line: str) -> str:
-    """What a line that declares a table again should probably be; nothing where nobody can tell."""
+    """Hint for a table that is declared twice: the header that was probably intended, or an empty text."""
     header = _HEADER.match(line)
     table = header[1] if header is not None else ""
-    for model, before in ((Scenario, "; a scenario has "), (Aircraft, "; an aircraft has ")):
+    for model, introduction in ((Scenario, "; a scenario has "), (Aircraft, "; an aircraft has ")):
         if table in model.model_fields:
             extra = model.model_fields[table].json_schema_extra
-            words = str(extra["expected"]) if isinstance(extra, dict) else ""
-            return before + words if "[[" in words or "[aircraft." in words else ""
+            expected = str(extra["expected"]) if isinstance(extra, dict) else ""
+            return introduction + expected if "[[" in expected or "[aircraft." in expected else ""
     return ""
 
 
@@ -96,21 +96,21 @@ _FLEET = re.compile(r"^[ \t]*\[[ \t]*fleet[ \t]*\][^\n]*(?:\n|$)", re.MULTILINE)
 
 
 def convert(text: str, source: str = "<string>", target_format: int = FORMAT) -> str:
-    """The text of a scenario in another format; its comments stay, and it flies as it did.
+    """Convert a scenario's text to another format; comments stay, and the flight is the same.
 
     Parameters
     ----------
     text
         TOML of a valid scenario.
     source
-        What to call it in messages.
-    to
-        The format wanted.
+        Name of the text in messages.
+    target_format
+        Version number of the new format.
 
     Raises
     ------
     ScenarioError
-        It is no valid scenario, or so written that its format or its table of the fleet is not found.
+        If the text is not a valid scenario, or if the format line or the [fleet] table cannot be edited in place.
     """
     scenario = loads(text, source)
     if scenario.format == target_format:
@@ -122,13 +122,13 @@ def convert(text: str, source: str = "<string>", target_format: int = FORMAT) ->
             f"format {target_format}: "
         )
         line += f'"{DEFAULT_PLANNERS[target_format]}"\n'
-        converted = _FLEET.sub(lambda found: found[0].rstrip("\n") + "\n" + line, converted, count=1)
-    wanted = scenario.model_dump(exclude={"format"})
+        converted = _FLEET.sub(lambda match: match[0].rstrip("\n") + "\n" + line, converted, count=1)
+    values = scenario.model_dump(exclude={"format"})
     try:
-        same = loads(converted, source).model_dump(exclude={"format"}) == wanted
+        is_equivalent = loads(converted, source).model_dump(exclude={"format"}) == values
     except (ScenarioError, tomllib.TOMLDecodeError):
-        same = False
-    if not same:
+        is_equivalent = False
+    if not is_equivalent:
         expected = f'a line "format = {scenario.format}" and a table [fleet], both written out, which can be changed'
         raise ScenarioError(
             source, [Problem("", f"a file of format {format_number(float(scenario.format))}", expected)]
@@ -137,23 +137,23 @@ def convert(text: str, source: str = "<string>", target_format: int = FORMAT) ->
 
 
 SCENARIO_SCHEMA = "anser-scenario.schema.json"
-"""Name of the JSON Schema beside a scenario, as the first line of the starter has it."""
+"""File name of the JSON Schema next to a scenario, as in the starter's first line."""
 
 
 def starter_scenario() -> str:
-    """Text (TOML) of the starter scenario: two aircraft, two drifting buoys, every key commented; a valid one."""
+    """Text (TOML) of the starter scenario: two aircraft, two drifting buoys, every key with a comment."""
     return files("anser.scenario").joinpath("starter.toml").read_text(encoding="utf-8")
 
 
 def write_starter(path: str | os.PathLike[str]) -> Path:
-    """Write the starter scenario to a new file, and its schema for editors beside it; return the scenario's path.
+    """Write the starter scenario to a new file with its JSON Schema for editors next to it; return the scenario's path.
 
-    A schema that is there already is left alone.
+    An existing schema is not overwritten.
 
     Raises
     ------
     ScenarioError
-        If something of this name is there already (it is left alone), or the file cannot be written.
+        If the file exists already (it is not overwritten) or cannot be written.
     """
     target = write_new_file(path, starter_scenario())
     write_schema(target, SCENARIO_SCHEMA, Scenario, "anser scenario")

@@ -1,4 +1,4 @@
-"""Checks of a scenario that need its built flight: starts without steady flight, and varied keys without effect."""
+"""Checks of a scenario that need the built flight: starts without steady flight, and varied keys without effect."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -16,26 +16,28 @@ from anser.steady.trim_diagnosis import nearest_trims
 
 
 def check_trimmable(scenario: Scenario, flight: Flight, steady: Any) -> None:
-    """Refuse starts without steady flight: say which limit stops it and where the nearest trim points are.
+    """Refuse starts without steady flight; the message names the violated limits and the nearest trim points.
 
     Parameters
     ----------
     scenario, flight
-        What is to be flown.
+        Scenario and the flight built from it.
     steady
-        Whether each aircraft of the flight has one, as `TrimmedFleet` says; those that only fill the fleet up too.
+        Flag for each aircraft of the flight, padding included: whether a steady flight at the start exists.
     """
     problems = []
     for k in np.flatnonzero(~np.asarray(steady)[: len(scenario.aircraft)]):
         vehicle, target, _ = flight.aircraft(int(k))
-        found = nearest_trims(vehicle.airframe, flight.environment, target)
+        diagnosis = nearest_trims(vehicle.airframe, flight.environment, target)
         aircraft, start = scenario.aircraft[k], scenario.aircraft[k].start
-        asked = f"{start.speed_m_s:g} m/s at {start.altitude_m:g} m, path angle {start.path_angle_deg:g} deg"
-        nearest = "; ".join(near.message() for near in found.nearest) or "none by speed, path angle or turn rate alone"
+        start_condition = f"{start.speed_m_s:g} m/s at {start.altitude_m:g} m, path angle {start.path_angle_deg:g} deg"
+        nearest = (
+            "; ".join(trim.message() for trim in diagnosis.nearest) or "none by speed, path angle or turn rate alone"
+        )
         problems.append(
             Problem(
                 f"aircraft[{k}].start",
-                f"{asked}, where no steady flight exists ({'; '.join(found.violations)})",
+                f"{start_condition}, where no steady flight exists ({'; '.join(diagnosis.violations)})",
                 f"a start with steady flight (all else unchanged: {nearest})",
                 f'aircraft "{aircraft.name}"',
             )
@@ -45,88 +47,90 @@ def check_trimmable(scenario: Scenario, flight: Flight, steady: Any) -> None:
 
 
 _DIRECT_TABLES = ("timing", "limits", "arrival", "separation", "requirements", "network", "event")
-"""Tables that planner, closed loop and verdict read from the scenario itself."""
+"""Tables that planner, closed loop and verdict read from the scenario directly."""
 _DIRECT_AIRCRAFT_KEYS = ("arrive_s", "arrive_from_s", "arrive_to_s")
 
 
 def refuse_unused_keys(source: str, cases: Iterable[tuple[Scenario, Mapping[str, Any]]]) -> None:
-    """Refuse paths that are varied and change nothing.
+    """Refuse varied key paths that change nothing.
 
     Parameters
     ----------
     source
-        What varies them, in messages.
+        Name of the study in messages.
     cases
-        A few flights with the values that were put into each, by path.
+        A few flights, each with the values of the varied key paths.
 
     Raises
     ------
     ScenarioError
-        A path has no effect in any of them.
+        If a key path has no effect in any of the flights.
     """
-    tried = list(cases)
+    case_list = list(cases)
     problems = []
-    for path in dict.fromkeys(path for _, values in tried for path in values):
-        values = [_plain(values[path]) for _, values in tried]
-        others = [next((other for other in values if other != value), None) for value in values]
+    for path in dict.fromkeys(path for _, values in case_list for path in values):
+        values = [_plain(values[path]) for _, values in case_list]
+        alternatives = [next((alternative for alternative in values if alternative != value), None) for value in values]
         pairs = [
-            (scenario, value, other)
-            for (scenario, _), value, other in zip(tried, values, others, strict=True)
-            if other is not None
+            (scenario, value, alternative)
+            for (scenario, _), value, alternative in zip(case_list, values, alternatives, strict=True)
+            if alternative is not None
         ]
-        if pairs and not any(_has_effect(scenario, path, other) for scenario, _, other in pairs):
+        if pairs and not any(_has_effect(scenario, path, alternative) for scenario, _, alternative in pairs):
             problems.append(_problem(path, *pairs[0]))
     if problems:
         raise ScenarioError(source, problems)
 
 
 def _has_effect(scenario: Scenario, path: str, value: object) -> bool:
-    """Whether another value at a path changes a flight; a value with which there is none does."""
-    number = indexed_path(scenario, path)
+    """Whether another value at a key path changes the flight; an invalid value counts as a change."""
+    numbered_path = indexed_path(scenario, path)
     try:
-        other = scenario.replace(path, value)
-        return _differs(scenario, other, number)
+        changed_scenario = scenario.replace(path, value)
+        return _differs(scenario, changed_scenario, numbered_path)
     except ScenarioError:
         return True
 
 
-def _differs(scenario: Scenario, other: Scenario, number: str) -> bool:
-    """Whether two scenarios that differ at a numbered path make different flights."""
-    if any(idle.contains(number) for idle in find_unused_keys(scenario)) and any(
-        idle.contains(number) for idle in find_unused_keys(other)
+def _differs(scenario: Scenario, changed_scenario: Scenario, numbered_path: str) -> bool:
+    """Whether two scenarios that differ at a numbered key path give different flights."""
+    if any(unused_keys.contains(numbered_path) for unused_keys in find_unused_keys(scenario)) and any(
+        unused_keys.contains(numbered_path) for unused_keys in find_unused_keys(changed_scenario)
     ):
         return False
-    return _direct_values(scenario) != _direct_values(other) or not _is_same(
-        _flight_arrays(scenario), _flight_arrays(other)
+    return _direct_values(scenario) != _direct_values(changed_scenario) or not _is_same(
+        _flight_arrays(scenario), _flight_arrays(changed_scenario)
     )
 
 
 def _direct_values(scenario: Scenario) -> list[Any]:
-    """What is read from the scenario itself."""
-    aircraft = [[getattr(one, key) for key in _DIRECT_AIRCRAFT_KEYS] for one in scenario.aircraft]
+    """Values that planner, closed loop and verdict read from the scenario directly."""
+    aircraft = [[getattr(aircraft_table, key) for key in _DIRECT_AIRCRAFT_KEYS] for aircraft_table in scenario.aircraft]
     return [*(getattr(scenario, name) for name in _DIRECT_TABLES), aircraft]
 
 
 def _flight_arrays(scenario: Scenario) -> tuple[Any, list[np.ndarray]]:
-    """Structure and numbers of the flight as built."""
+    """Tree structure and arrays of the built flight."""
     leaves, structure = jax.tree.flatten(build_flight(scenario))
     return structure, [np.asarray(leaf) for leaf in leaves]
 
 
-def _is_same(one: tuple[Any, list[np.ndarray]], other: tuple[Any, list[np.ndarray]]) -> bool:
-    return one[0] == other[0] and all(
+def _is_same(flight_a: tuple[Any, list[np.ndarray]], flight_b: tuple[Any, list[np.ndarray]]) -> bool:
+    return flight_a[0] == flight_b[0] and all(
         a.shape == b.shape and np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
-        for a, b in zip(one[1], other[1], strict=True)
+        for a, b in zip(flight_a[1], flight_b[1], strict=True)
     )
 
 
-def _problem(path: str, scenario: Scenario, value: object, other: object) -> Problem:
-    number = indexed_path(scenario, path)
-    idle = next((idle for idle in find_unused_keys(scenario) if idle.contains(number)), None)
-    words = "a path that changes something in the flight as built" if idle is None else idle.remedy
-    cause = "" if idle is None else f" {idle.cause}"
-    arrived = f"values such as {_shown(value)} and {_shown(other)}, which change nothing in the flight{cause}"
-    return Problem(path, arrived, words)
+def _problem(path: str, scenario: Scenario, value: object, alternative: object) -> Problem:
+    numbered_path = indexed_path(scenario, path)
+    unused_keys = next(
+        (unused_keys for unused_keys in find_unused_keys(scenario) if unused_keys.contains(numbered_path)), None
+    )
+    expected = "a path that changes something in the flight as built" if unused_keys is None else unused_keys.remedy
+    cause = "" if unused_keys is None else f" {unused_keys.cause}"
+    arrived = f"values such as {_shown(value)} and {_shown(alternative)}, which change nothing in the flight{cause}"
+    return Problem(path, arrived, expected)
 
 
 def _shown(value: object) -> str:

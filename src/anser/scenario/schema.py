@@ -1,6 +1,6 @@
-"""The scenario: all tables that one flight of a fleet needs.
+"""The scenario: all tables that describe one flight of a fleet.
 
-Validated, in the units of its file, with the contents of the aircraft files that it names.
+Values are validated, have the units of the scenario file, and include the contents of the aircraft files named there.
 """
 
 import copy
@@ -48,60 +48,62 @@ _EXCLUSIVE_KEYS = ("type", "variant", "x_cg_over_c")
 
 
 def insert_aircraft_files(values: dict[str, Any], source: str) -> dict[str, Any]:
-    """Values of a scenario, aircraft files in the places of their paths.
+    """Replace the paths of aircraft files by the contents of the files.
 
     Parameters
     ----------
     values
-        As the TOML file would hold them; not validated.
+        Nested values of the scenario file; not validated.
     source
-        Path of the scenario's file, from whose folder paths are seen, or what it is called.
+        Path of the scenario file (relative paths start from its folder), or a name for messages.
 
     Raises
     ------
     ScenarioError
-        If an aircraft file cannot be read or is no valid aircraft, or stands beside a key of the library's airframes.
+        If an aircraft file is missing or invalid, or if a table also has a key of the library's airframes.
     """
     fleet = values.get("aircraft")
-    if not isinstance(fleet, list | tuple) or not any(_path_of(one) for one in fleet):
+    if not isinstance(fleet, list | tuple) or not any(_path_of(aircraft) for aircraft in fleet):
         return values
-    read: dict[Path, AirframeFile | DaveMlFile] = {}
-    found, problems = [], []
-    for k, one in enumerate(fleet):
-        path = _path_of(one)
+    files: dict[Path, AirframeFile | DaveMlFile] = {}
+    tables_with_files, problems = [], []
+    for k, aircraft in enumerate(fleet):
+        path = _path_of(aircraft)
         if path is None:
-            found.append(one)
+            tables_with_files.append(aircraft)
             continue
-        beside = [key for key in _EXCLUSIVE_KEYS if one.get(key) is not None]
-        if beside:
-            words = "either airframe, the path of a file, or type with its variant; not both"
-            arrived = f"{describe_value(path)} beside {beside[0]} = {describe_value(one[beside[0]])}"
-            problems.append(Problem(f"aircraft[{k}].airframe", arrived, words))
+        conflicting_keys = [key for key in _EXCLUSIVE_KEYS if aircraft.get(key) is not None]
+        if conflicting_keys:
+            expected = "either airframe, the path of a file, or type with its variant; not both"
+            arrived = (
+                f"{describe_value(path)} beside {conflicting_keys[0]} = {describe_value(aircraft[conflicting_keys[0]])}"
+            )
+            problems.append(Problem(f"aircraft[{k}].airframe", arrived, expected))
             continue
-        place = Path(source).parent / path
-        if place not in read:
-            read[place] = read_airframe(place)
-        found.append({**one, "airframe": read[place]})
+        file_path = Path(source).parent / path
+        if file_path not in files:
+            files[file_path] = read_airframe(file_path)
+        tables_with_files.append({**aircraft, "airframe": files[file_path]})
     if problems:
         raise ScenarioError(source, problems)
-    return {**values, "aircraft": found}
+    return {**values, "aircraft": tables_with_files}
 
 
-def _path_of(one: object) -> str | None:
-    path = one.get("airframe") if isinstance(one, dict) else None
+def _path_of(aircraft: object) -> str | None:
+    path = aircraft.get("airframe") if isinstance(aircraft, dict) else None
     return path if isinstance(path, str) else None
 
 
 FORMAT = 2
-"""The newest format of scenario files; those before it are read too."""
+"""Newest format of scenario files; older formats are read too."""
 DEFAULT_PLANNERS = {1: "published", 2: "certified"}
-"""The planner that is meant where a file of a format names none."""
+"""Planner of a file without `fleet.planner`, by format."""
 _FORMATS = f"{FORMAT} or 1, the formats that this anser reads"
 SEED_MAX = 2**32 - 1
 
 
 class Scenario(Table):
-    """A scenario file; build one with :func:`anser.scenario.files`, whose messages are plain."""
+    """A validated scenario file; :func:`anser.load` reads one and reports errors in plain sentences."""
 
     format: Literal[1, 2] = Field(description="version of the file format", json_schema_extra=expects(_FORMATS))
     name: str = Field(
@@ -110,41 +112,43 @@ class Scenario(Table):
         description="name of the scenario, also of its output",
         json_schema_extra=expects(SLUG_EXPECTED),
     )
-    description: str = Field("", description="what it is for", json_schema_extra=expects("a text in quotes"))
+    description: str = Field("", description="purpose of the scenario", json_schema_extra=expects("a text in quotes"))
     seed: int = Field(
         0,
         ge=0,
         le=SEED_MAX,
-        description="of everything that is random",
+        description="seed of all random numbers",
         json_schema_extra=expects(f"a whole number from 0 to {SEED_MAX}"),
     )
     timing: Timing = table("time", "a table [timing]")
     earth: EarthField = table("the Earth and its origin", 'a table [earth], or the word "flat" or "wgs84"', Earth())
     wind: Wind = table("wind", "a table [wind]", Wind())
-    fleet: Fleet = table("common to all", "a table [fleet]")
-    limits: Limits = table("envelope", "a table [limits]", Limits())
-    arrival: Arrival = table("when to arrive", "a table [arrival]", Arrival())
-    separation: Separation = table("how far apart to stay", "a table [separation]", Separation())
-    guidance: Guidance = table("how the plan is followed", "a table [guidance]", Guidance())
-    hold: Hold = table("after the arrival", "a table [hold]", Hold())
-    requirements: Requirements = table("what to achieve", "a table [requirements]", Requirements())
+    fleet: Fleet = table("settings of the whole fleet", "a table [fleet]")
+    limits: Limits = table("flight envelope", "a table [limits]", Limits())
+    arrival: Arrival = table("arrival times", "a table [arrival]", Arrival())
+    separation: Separation = table("minimum separation", "a table [separation]", Separation())
+    guidance: Guidance = table("path following", "a table [guidance]", Guidance())
+    hold: Hold = table("circle after the arrival", "a table [hold]", Hold())
+    requirements: Requirements = table("requirements for a pass", "a table [requirements]", Requirements())
     aircraft: tuple[Aircraft, ...] = tables(
         "the fleet", "one table [[aircraft]] or more, in double brackets", at_least=1
     )
-    goal: tuple[Goal, ...] = tables("places to meet", "one table [[goal]] or more, in double brackets", at_least=1)
+    goal: tuple[Goal, ...] = tables(
+        "goals of the aircraft", "one table [[goal]] or more, in double brackets", at_least=1
+    )
     turbulence: Turbulence = table("gusts of the air", "a table [turbulence]", Turbulence())
     gust: tuple[DiscreteGust, ...] = tables(
         "single gusts", "tables [[gust]], in double brackets", at_least=0, default=()
     )
-    navigation: Navigation = table("what an aircraft knows of itself", "a table [navigation]", Navigation())
-    goal_sensor: GoalSensor = table("what it sees of its goal", "a table [goal_sensor]", GoalSensor())
-    estimator: Estimator = table("the filter behind it", "a table [estimator]", Estimator())
-    network: Network | None = table("who hears whom in a fleet without a centre", "a table [network]", None)
+    navigation: Navigation = table("navigation of the aircraft", "a table [navigation]", Navigation())
+    goal_sensor: GoalSensor = table("sensor of the goal", "a table [goal_sensor]", GoalSensor())
+    estimator: Estimator = table("filter that tracks the goal", "a table [estimator]", Estimator())
+    network: Network | None = table("communication in a fleet without a centre", "a table [network]", None)
     event: tuple[Event, ...] = tables(
-        "what happens on the way", "tables [[event]], in double brackets", at_least=0, default=()
+        "events during the flight", "tables [[event]], in double brackets", at_least=0, default=()
     )
     keep_out: tuple[KeepOut, ...] = tables(
-        "where no aircraft may be", "tables [[keep_out]], in double brackets", at_least=0, default=()
+        "volumes closed to all aircraft", "tables [[keep_out]], in double brackets", at_least=0, default=()
     )
 
     @model_validator(mode="after")
@@ -154,24 +158,24 @@ class Scenario(Table):
             meant = copy.copy(self.fleet)
             object.__setattr__(meant, "planner", DEFAULT_PLANNERS[self.format])
             object.__setattr__(self, "fleet", meant)
-        if len({one.range for one in self.aircraft}) == 1:
+        if len({aircraft.range for aircraft in self.aircraft}) == 1:
             object.__setattr__(self, "limits", limits_for(self.limits, self.aircraft[0].range))
-        found = self.consistency_problems()
-        if found:
-            raise ScenarioError("", found)
+        problems = self.consistency_problems()
+        if problems:
+            raise ScenarioError("", problems)
         return self
 
     def consistency_problems(self) -> list[Problem]:
-        """Find what is wrong between tables, from the simple to what rests on it."""
+        """List the contradictions between tables; checks that depend on failed checks are skipped."""
         aircraft, goals, fleet, limits = self.aircraft, self.goal, self.fleet, self.limits
-        unread = planner_problems(self)
-        if unread:
-            return unread  # what the planner does not know is not judged
-        unordered = order_problems(limits)
-        if unordered:
-            return unordered
+        planner_keys = planner_problems(self)
+        if planner_keys:
+            return planner_keys  # what the planner does not know is not judged
+        order = order_problems(limits)
+        if order:
+            return order
         names = name_problems(aircraft, goals)
-        found = [
+        problems = [
             *names,
             *range_problems(aircraft, limits),
             *speed_problems(self),
@@ -194,14 +198,14 @@ class Scenario(Table):
             ),
         ]
         if not names:
-            found.extend(rendezvous_problems(self))
-            found.extend(same_point_problems(aircraft, self.arrival))
-            found.extend(
+            problems.extend(rendezvous_problems(self))
+            problems.extend(same_point_problems(aircraft, self.arrival))
+            problems.extend(
                 margin_problems(aircraft, goals, self.goal_sensor, self.estimator, self.navigation, self.timing, fleet)
             )
-            found.extend(arrival_problems(self.arrival, aircraft, self.timing))
-            found.extend(keep_out_problems(self.keep_out, aircraft, goals))
-        return found or reach_problems(self) or arrival_time_problems(self)
+            problems.extend(arrival_problems(self.arrival, aircraft, self.timing))
+            problems.extend(keep_out_problems(self.keep_out, aircraft, goals))
+        return problems or reach_problems(self) or arrival_time_problems(self)
 
     @property
     def hash(self) -> str:
@@ -210,62 +214,61 @@ class Scenario(Table):
 
     @property
     def is_random(self) -> bool:
-        """Whether the seed changes anything."""
-        known = self.navigation.sensors == "exact" and self.goal_sensor.preset == "exact"
+        """Whether the flight depends on the seed."""
+        has_exact_sensors = self.navigation.sensors == "exact" and self.goal_sensor.preset == "exact"
         network = self.network
-        heard = network is None or not (network.loss or network.outage_share)
-        return self.turbulence.intensity != "none" or not known or not heard
+        has_perfect_network = network is None or not (network.loss or network.outage_share)
+        return self.turbulence.intensity != "none" or not has_exact_sensors or not has_perfect_network
 
     @property
     def requires_separation(self) -> bool:
-        """Whether a flight is judged by how near two aircraft come."""
+        """Whether the verdict on a flight includes the separation of its aircraft."""
         return self.separation.required_m is not None or self.requirements.separation_min_m is not None
 
     @property
     def is_gusty(self) -> bool:
-        """Whether there is turbulence, which asks for the span of the wing."""
+        """Whether the air is turbulent."""
         return self.turbulence.intensity != "none"
 
     def limits_for(self, aircraft: Aircraft) -> Limits:
-        """Limits of one aircraft: what the scenario leaves out is its airframe's own."""
+        """Limits of one aircraft; keys left out of the scenario follow from the range of the aircraft's data."""
         return limits_for(self.limits, aircraft.range)
 
     def speed_for(self, aircraft: Aircraft) -> float:
-        """Airspeed that one aircraft prefers, m/s: its own where it has one, or that of the fleet."""
+        """Preferred airspeed of one aircraft, m/s: from its table, or else from the fleet."""
         return self.fleet.speed_m_s if aircraft.speed_m_s is None else aircraft.speed_m_s
 
     def goal_of(self, aircraft: Aircraft) -> Goal:
-        """Look up the goal of an aircraft of this scenario."""
+        """Goal of an aircraft of this scenario."""
         return next(goal for goal in self.goal if goal.name == aircraft.goal)
 
-    def replace(self, path: str, value: object, /, *more: object) -> "Scenario":
-        """Make another scenario with other values, as validated as one from a file; this one stays as it is.
+    def replace(self, path: str, value: object, /, *further_changes: object) -> "Scenario":
+        """Return a scenario with changed values, validated like one from a file; this scenario is unchanged.
 
         Parameters
         ----------
         path
-            Where, as messages write it: keys with dots between them; an item of a list in brackets, by its number from
-            0 or by its name, in quotes where the name is a number: "wind.speed_m_s", "aircraft[1].start.speed_m_s",
-            "goal[boat-north].course_deg", "keep_out".
+            Key path as in messages: keys joined by dots, list items in brackets by number from 0 or by name (a name
+            that is a number in quotes): "wind.speed_m_s", "aircraft[1].start.speed_m_s", "goal[boat-north].course_deg",
+            "keep_out".
         value
-            What the file would hold there: a number, a text, a list, a dictionary (or a table of a scenario) for a
-            whole table, which takes the place of all of it. None: left out, where a key may be.
-        *more
-            Further paths and values in turn. All are put in their places one after the other, and only what comes of
-            all is validated.
+            New value as a file would give it: a number, text, list, or a dictionary (or table of a scenario), which
+            replaces the whole table. None leaves out an optional key.
+        *further_changes
+            Further paths and values, alternately. All changes are made in order; only the result is validated.
 
         Raises
         ------
         ScenarioError
-            If a path leads nowhere, or what comes of it is no valid scenario; the message names the place.
+            If a path does not exist or the result is not a valid scenario; the message names the key path.
         TypeError
-            If paths and values do not come in pairs.
+            If a path has no value.
         """
-        given = (path, value, *more)
-        if len(given) % 2:
-            raise TypeError(f"replace takes paths and values in turn; the path {given[-1]!r} has no value")
-        changes = tuple(zip(given[::2], given[1::2], strict=True))
-        source = f"{self.name} with {', '.join(str(one) for one in given[::2])} replaced"
+        arguments = (path, value, *further_changes)
+        if len(arguments) % 2:
+            raise TypeError(f"replace takes paths and values in turn; the path {arguments[-1]!r} has no value")
+        changes = tuple(zip(arguments[::2], arguments[1::2], strict=True))
+        source = f"{self.name} with {', '.join(str(key_path) for key_path in arguments[::2])} replaced"
         try:
             return validate(replace_values(self, changes), source)
         except ScenarioError as error:
@@ -273,19 +276,20 @@ class Scenario(Table):
 
 
 def validate(values: dict[str, Any], source: str = "<values>") -> Scenario:
-    """Validate a scenario that is at hand as nested dictionaries and lists.
+    """Validate a scenario given as nested dictionaries and lists.
 
     Parameters
     ----------
     values
-        As the TOML file would hold them.
+        Nested values as in a scenario file.
     source
-        What to call it in messages; a path of the scenario's file: paths in it are seen from there.
+        Name of the scenario in messages; a file path makes relative paths of aircraft files relative to the file's
+        folder.
 
     Raises
     ------
     ScenarioError
-        If it is no valid scenario, or an aircraft file that it names is none.
+        If the scenario or an aircraft file named in the scenario is invalid.
     """
     check_file_kind("scenario", values, source)
     version = values.get("format")
@@ -300,11 +304,13 @@ def validate(values: dict[str, Any], source: str = "<values>") -> Scenario:
 
 
 def scenario_hash(scenario: Scenario) -> str:
-    """Hash the values of a scenario: comments, order of keys and defaults written out do not change it.
+    """Hash of a scenario's values; comments, the order of keys and written-out defaults do not change the hash.
 
-    SHA-256 of its canonical JSON (keys sorted, no blanks, ASCII), 64 hexadecimal digits. Of airframes of entry points,
-    which are code, it knows the distribution and its version.
+    SHA-256 of the canonical JSON (keys sorted, no blanks, ASCII), 64 hexadecimal digits. Airframes from entry points,
+    which are code, enter with the name and version of their distribution.
     """
-    offered = {one.type: entry_point_origin(one.type) for one in scenario.aircraft if one.airframe is None}
+    offered = {
+        aircraft.type: entry_point_origin(aircraft.type) for aircraft in scenario.aircraft if aircraft.airframe is None
+    }
     code = {name: origin for name, origin in offered.items() if origin}
     return content_hash(scenario, {"entry_points": code} if code else None)

@@ -1,4 +1,4 @@
-"""Tables of a scenario for its goals and its aircraft: airframe, start, rendezvous, and gains of the autopilot."""
+"""Scenario tables for goals and aircraft: airframe, start, rendezvous, and autopilot gains."""
 
 import math
 from typing import Annotated, Literal
@@ -47,7 +47,7 @@ _STEADY_KEYS = ("north_m", "east_m", "altitude_m", "speed_m_s", "course_deg", "c
 
 
 class Waypoint(Table):
-    """A place that a goal passes at a given time."""
+    """A point on a goal's path with the time of passage."""
 
     time_s: float = number("time since the start of the flight", 0, 1e6, "s")
     north_m: float = number("north of the origin", -POSITION_MAX_M, POSITION_MAX_M, "m")
@@ -56,10 +56,10 @@ class Waypoint(Table):
 
 
 class Goal(Table):
-    """A place to meet: a ship, a buoy, a point of a storm, a balloon, a waypoint."""
+    """A position to meet: a ship, a buoy, a point of a storm, a balloon, a waypoint."""
 
     name: str = identifier("name of the goal, unique")
-    kind: Literal["surface", "airborne"] = choice("where it is", ("surface", "airborne"))
+    kind: Literal["surface", "airborne"] = choice("on the surface or in the air", ("surface", "airborne"))
     north_m: float | None = number("north of the origin at time 0", -POSITION_MAX_M, POSITION_MAX_M, "m", None)
     east_m: float | None = number("east of the origin at time 0", -POSITION_MAX_M, POSITION_MAX_M, "m", None)
     altitude_m: float = number("height above sea level at time 0", GROUND_MIN_M, ALTITUDE_MAX_M, "m", 0.0)
@@ -67,48 +67,59 @@ class Goal(Table):
     course_deg: float = number("direction of its motion over the ground", -360, 360, "deg", 0.0)
     climb_rate_m_s: float = number("rate of climb", -100, 100, "m/s", 0.0)
     waypoints: tuple[Waypoint, ...] | None = tables(
-        "its motion, instead of position and speed", "a list of waypoints, at least one", at_least=1, default=None
+        "motion of the goal, instead of position and speed",
+        "a list of waypoints, at least one",
+        at_least=1,
+        default=None,
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """Find a motion given in no way or in both, and waypoints out of order."""
-        found: list[Problem] = []
+        """List a missing or doubly defined motion, and waypoints out of order."""
+        problems: list[Problem] = []
         if self.waypoints is None:
-            place = {"north_m": self.north_m, "east_m": self.east_m}
-            missing = [key for key, value in place.items() if value is None]
-            found.extend(Problem(key, "nothing", f"a number (m): {_WAYS}") for key in missing)
+            coordinates = {"north_m": self.north_m, "east_m": self.east_m}
+            missing = [key for key, value in coordinates.items() if value is None]
+            problems.extend(Problem(key, "nothing", f"a number (m): {_WAYS}") for key in missing)
         else:
-            both = [key for key in _STEADY_KEYS if key in self.model_fields_set]
-            found.extend(Problem(key, f"{format_number(getattr(self, key))} beside waypoints", _WAYS) for key in both)
-            found.extend(_disordered(self.waypoints))
-        return found
+            conflicting_keys = [key for key in _STEADY_KEYS if key in self.model_fields_set]
+            problems.extend(
+                Problem(key, f"{format_number(getattr(self, key))} beside waypoints", _WAYS) for key in conflicting_keys
+            )
+            problems.extend(_disordered(self.waypoints))
+        return problems
 
     def velocity_m_s(self) -> Vector:
         """Velocity over the ground (north, east, up) at time 0 of a goal without waypoints, m/s."""
         return velocity_on_course(self.speed_m_s, self.course_deg, self.climb_rate_m_s)
 
     def position_m(self, time_s: float) -> Vector:
-        """Position (north, east, up; m) at a time since the start, s; after its last waypoint the goal stays there."""
+        """Position (north, east, up), m, at a time since the start, s; a goal stops at its last waypoint."""
         if self.waypoints is None:
             north, east, up = self.velocity_m_s()
             start_north_m, start_east_m = self.north_m or 0.0, self.east_m or 0.0
             return start_north_m + north * time_s, start_east_m + east * time_s, self.altitude_m + up * time_s
-        return interpolate([(p.time_s, (p.north_m, p.east_m, p.altitude_m)) for p in self.waypoints], time_s)
+        return interpolate(
+            [
+                (waypoint.time_s, (waypoint.north_m, waypoint.east_m, waypoint.altitude_m))
+                for waypoint in self.waypoints
+            ],
+            time_s,
+        )
 
 
 def _disordered(points: tuple[Waypoint, ...]) -> list[Problem]:
-    """Find waypoints whose times do not begin at 0 and grow."""
-    found = []
+    """List waypoints whose times do not start at 0 or do not increase."""
+    problems = []
     if points[0].time_s != 0:
-        found.append(
+        problems.append(
             Problem("waypoints[0].time_s", format_number(points[0].time_s), "0: the first waypoint is where it starts")
         )
     for index in range(1, len(points)):
-        before_s, time_s = points[index - 1].time_s, points[index].time_s
-        if time_s <= before_s:
-            words = f"more than the {format_number(before_s)} s of the waypoint before"
-            found.append(Problem(f"waypoints[{index}].time_s", format_number(time_s), words))
-    return found
+        previous_s, time_s = points[index - 1].time_s, points[index].time_s
+        if time_s <= previous_s:
+            expected = f"more than the {format_number(previous_s)} s of the waypoint before"
+            problems.append(Problem(f"waypoints[{index}].time_s", format_number(time_s), expected))
+    return problems
 
 
 STAND_OFF_MAX_M = 20_000.0
@@ -118,7 +129,7 @@ _GAIN_WAYS = "either proportional and integral, or bandwidth_rad_s and damping; 
 
 
 class Start(Table):
-    """Where and how an aircraft begins; the speed and its direction are those through the air."""
+    """Initial condition of an aircraft; speed and course are relative to the air."""
 
     north_m: float = number("north of the origin", -POSITION_MAX_M, POSITION_MAX_M, "m")
     east_m: float = number("east of the origin", -POSITION_MAX_M, POSITION_MAX_M, "m")
@@ -134,7 +145,7 @@ class Start(Table):
 
 
 class Rendezvous(Table):
-    """The point to be at, seen from the goal, and the direction to arrive in."""
+    """The rendezvous point relative to the goal, and the direction of arrival."""
 
     stand_off_up_m: float = number("height above the goal", -STAND_OFF_MAX_M, STAND_OFF_MAX_M, "m", 300.0)
     stand_off_north_m: float = number("distance north of the goal", -STAND_OFF_MAX_M, STAND_OFF_MAX_M, "m", 0.0)
@@ -156,25 +167,25 @@ class Rendezvous(Table):
 
 
 class _LoopGains(Table):
-    """What the gains of all loops share: the other way to give them."""
+    """Alternative definition of a loop's gains by bandwidth and damping, common to all loops."""
 
-    bandwidth_rad_s: Gain3 | None = optional_gain("wanted bandwidth, instead of proportional and integral", "rad/s")
-    damping: Gain3 | None = optional_gain("wanted damping of the pair of poles; left out: no integral")
+    bandwidth_rad_s: Gain3 | None = optional_gain("required bandwidth, instead of proportional and integral", "rad/s")
+    damping: Gain3 | None = optional_gain("required damping of the pair of poles; left out: no integral")
 
     def consistency_problems(self) -> list[Problem]:
-        """Find gains given in both ways, and a damping without a bandwidth or too small."""
-        found = []
+        """List gains defined twice, a damping without a bandwidth, and a damping that is too small."""
+        problems = []
         if self.bandwidth_rad_s is not None:
-            both = [key for key in ("proportional", "integral") if key in self.model_fields_set]
-            found = [
+            conflicting_keys = [key for key in ("proportional", "integral") if key in self.model_fields_set]
+            problems = [
                 Problem(key, f"{format_number(getattr(self, key)[0])} beside bandwidth_rad_s", _GAIN_WAYS)
-                for key in both
+                for key in conflicting_keys
             ]
         elif self.damping is not None:
-            found = [Problem("damping", f"{format_number(self.damping[0])} without bandwidth_rad_s", _GAIN_WAYS)]
+            problems = [Problem("damping", f"{format_number(self.damping[0])} without bandwidth_rad_s", _GAIN_WAYS)]
         if self.damping is not None and min(self.damping) < DAMPING_MIN:
-            found.append(Problem("damping", format_number(min(self.damping)), f"a number from {DAMPING_MIN:g}"))
-        return found
+            problems.append(Problem("damping", format_number(min(self.damping)), f"a number from {DAMPING_MIN:g}"))
+        return problems
 
 
 class RateGains(_LoopGains):
@@ -205,13 +216,13 @@ class VelocityGains(_LoopGains):
 
 
 class Gains(Table):
-    """Gains of the autopilot's three loops (theory section 5), and which inversion they drive."""
+    """Gains of the autopilot's three loops (theory section 5), and the type of dynamic inversion."""
 
     inversion: Literal["model", "incremental"] = choice(
-        "what is inverted: the model, or the change from what the sensors measure", ("model", "incremental"), "model"
+        "inversion of the model, or of increments from measured accelerations", ("model", "incremental"), "model"
     )
     sensor_bandwidth_rad_s: float = number(
-        "of the filter on the sensors of the incremental inversion", 1, 100, "rad/s", 20.0
+        "bandwidth of the sensor filter of the incremental inversion", 1, 100, "rad/s", 20.0
     )
 
     rates: RateGains = table("fast loop", "a table [aircraft.gains.rates]", RateGains())
@@ -220,7 +231,7 @@ class Gains(Table):
 
 
 def _validated(value: object) -> object:
-    """An aircraft file as it is, or validated from its values: which kind it is, its tables say."""
+    """Aircraft file as a validated table; a dictionary is validated as the file type that its tables indicate."""
     if value is None or is_aircraft_file(value):
         return value
     if isinstance(value, dict):
@@ -245,7 +256,7 @@ class Aircraft(Table):
     )
     airframe: _Airframe = table("an aircraft file in the place of type", _AIRFRAME_PATH, None)
     variant: Literal["textbook", "s119", "founding", "tp1538"] = choice(
-        "which published set of its aerodynamic tables", ("textbook", "s119", "founding", "tp1538"), "textbook"
+        "published set of the F-16's aerodynamic tables", ("textbook", "s119", "founding", "tp1538"), "textbook"
     )
     x_cg_over_c: float | None = number("centre of mass; left out: the variant's own", 0.1, 0.5, "of the chord", None)
     goal: str = identifier("name of the goal to meet")
@@ -253,90 +264,96 @@ class Aircraft(Table):
         "side of a detour, seen along the flight", ("auto", "left", "right"), "auto"
     )
     speed_m_s: float | None = number(
-        "airspeed that it prefers, instead of fleet.speed_m_s (certified)", 1, SPEED_MAX_M_S, "m/s", None
+        "preferred airspeed, instead of fleet.speed_m_s (certified)", 1, SPEED_MAX_M_S, "m/s", None
     )
     arrive_s: float | None = number('time of arrival, with arrival.rule "times"', 1, DURATION_MAX_S, "s", None)
     arrive_from_s: float | None = number('earliest arrival, with arrival.rule "windows"', 0, DURATION_MAX_S, "s", None)
     arrive_to_s: float | None = number('latest arrival, with arrival.rule "windows"', 1, DURATION_MAX_S, "s", None)
-    start: Start = table("beginning", "a table [aircraft.start]")
-    rendezvous: Rendezvous = table("where to be", "a table [aircraft.rendezvous]", Rendezvous())
+    start: Start = table("initial condition", "a table [aircraft.start]")
+    rendezvous: Rendezvous = table("rendezvous point", "a table [aircraft.rendezvous]", Rendezvous())
     gains: Gains = table("gains of the autopilot", "tables [aircraft.gains.rates] and so on", Gains())
     deviation: Deviation = table(
-        "how it differs from what its autopilot and planner know", "a table [aircraft.deviation]", Deviation()
+        "deviation of the flown aircraft from the nominal one of autopilot and planner",
+        "a table [aircraft.deviation]",
+        Deviation(),
     )
 
     @property
     def range(self) -> AirframeRange:
-        """Where its data hold."""
+        """Range of airspeeds, altitudes and angles of attack covered by the aircraft's data."""
         return airframe_range(self.type, self.airframe)
 
     @property
     def file(self) -> AirframeFile | DaveMlFile | None:
-        """Its aircraft file, in the library or beside the scenario; None where it has none."""
+        """Aircraft file, from the library or the `airframe` path; None for the F-16 and entry points."""
         if self.airframe is not None:
             return self.airframe
         return library_file(self.type) if self.type in LIBRARY_FILES else None
 
     def consistency_problems(self) -> list[Problem]:
-        """Find an airframe that is unknown or given twice, what it has not, and a start where its data do not hold."""
+        """List an unknown or doubly defined airframe, keys of other airframes, and a start outside the data range."""
         if self.type not in AIRFRAMES and self.type not in aircraft_types():
             return [Problem("type", describe_value(self.type), unknown_type_hint(self.type))]
-        found = []
-        own = "the library's F-16 alone has this key"
+        problems = []
+        expected_reason = "the library's F-16 alone has this key"
         is_f16 = self.airframe is None and self.type == "f16"
         if self.airframe is not None and self.type != "f16":
-            found.append(Problem("airframe", f'a file beside type = "{self.type}"', "one of the two, not both"))
+            problems.append(Problem("airframe", f'a file beside type = "{self.type}"', "one of the two, not both"))
         if not is_f16 and self.variant != "textbook":
-            found.append(Problem("variant", describe_value(self.variant), f"nothing: {own}"))
+            problems.append(Problem("variant", describe_value(self.variant), f"nothing: {expected_reason}"))
         if not is_f16 and self.x_cg_over_c is not None:
-            found.append(Problem("x_cg_over_c", format_number(self.x_cg_over_c), f"nothing: {own}"))
-        return [*found, *self._start_problems(), *self._deviation_problems()]
+            problems.append(Problem("x_cg_over_c", format_number(self.x_cg_over_c), f"nothing: {expected_reason}"))
+        return [*problems, *self._start_problems(), *self._deviation_problems()]
 
     def _start_problems(self) -> list[Problem]:
-        found, where = [], self.range
-        for key, ends, unit in (
-            ("speed_m_s", where.airspeed_m_s, "m/s"),
-            ("altitude_m", where.altitude_m, "m"),
+        problems, data_range = [], self.range
+        for key, bounds, unit in (
+            ("speed_m_s", data_range.airspeed_m_s, "m/s"),
+            ("altitude_m", data_range.altitude_m, "m"),
         ):
             value = getattr(self.start, key)
-            if ends is not None and not ends[0] <= value <= ends[1]:
-                words = (
-                    f"from {format_number(ends[0])} to {format_number(ends[1])} {unit}, where the data of "
-                    f"{where.name} hold"
+            if bounds is not None and not bounds[0] <= value <= bounds[1]:
+                expected = (
+                    f"from {format_number(bounds[0])} to {format_number(bounds[1])} {unit}, where the data of "
+                    f"{data_range.name} hold"
                 )
-                found.append(Problem(f"start.{key}", format_number(value), words))
-        return found
+                problems.append(Problem(f"start.{key}", format_number(value), expected))
+        return problems
 
     def _deviation_problems(self) -> list[Problem]:
-        """Find deviations of what the airframe does not have."""
-        file, given = self.file, self.deviation.coefficients
+        """List deviations of coefficients that the airframe does not have."""
+        file, factors = self.file, self.deviation.coefficients
         if file is None and self.type != "f16":
             if self.deviation == Deviation():
                 return []
-            words = f"none: of {self.type}, an airframe in code, anser knows no coefficients to vary"
-            return [Problem("deviation", "a table", words)]
+            expected = f"none: of {self.type}, an airframe in code, anser knows no coefficients to vary"
+            return [Problem("deviation", "a table", expected)]
         names = F16_FACTORS if file is None else _factors_of(file)
-        words = f"a coefficient of {self.range.name}: {', '.join(names)}"
-        unknown = [name for name in type(given).model_fields if name not in names and getattr(given, name) != 1.0]
-        found = [Problem(f"deviation.coefficients.{n}", format_number(getattr(given, n)), words) for n in unknown]
+        expected = f"a coefficient of {self.range.name}: {', '.join(names)}"
+        unknown = [name for name in type(factors).model_fields if name not in names and getattr(factors, name) != 1.0]
+        problems = [
+            Problem(f"deviation.coefficients.{key}", format_number(getattr(factors, key)), expected) for key in unknown
+        ]
         if file is not None and not file.has_engine and self.deviation.thrust != 1.0:
-            found.append(
+            problems.append(
                 Problem("deviation.thrust", format_number(self.deviation.thrust), f"1: {file.name} has no engine")
             )
-        return found
+        return problems
 
 
 def _factors_of(file: AirframeFile | DaveMlFile) -> tuple[str, ...]:
-    """Names of the derivatives or coefficients that a file has, and that a deviation may have factors on."""
+    """Names of the derivatives or coefficients of a file for which a deviation can set a factor."""
     if isinstance(file, DaveMlFile):
         return BODY_COEFFICIENTS
-    own = [name for name in DERIVATIVES if getattr(file.aerodynamics, name) != 0.0]
-    tables = [f"{one.replaces}0" if len(one.replaces) == 2 else one.replaces for one in file.table]
-    surfaces = [
-        f"{row}_{one.name}"
-        for one in file.surface
-        if one.name in PRIMARY_SURFACES
-        for row in ("CL", "CD", "CY", "Cl", "Cm", "Cn")
-        if getattr(one, row) != 0.0
+    derivatives = [name for name in DERIVATIVES if getattr(file.aerodynamics, name) != 0.0]
+    tables = [
+        f"{table_row.replaces}0" if len(table_row.replaces) == 2 else table_row.replaces for table_row in file.table
     ]
-    return tuple(dict.fromkeys([*own, *tables, *surfaces]))
+    surfaces = [
+        f"{coefficient}_{surface.name}"
+        for surface in file.surface
+        if surface.name in PRIMARY_SURFACES
+        for coefficient in ("CL", "CD", "CY", "Cl", "Cm", "Cn")
+        if getattr(surface, coefficient) != 0.0
+    ]
+    return tuple(dict.fromkeys([*derivatives, *tables, *surfaces]))

@@ -1,4 +1,4 @@
-"""Whether a fleet can be planned in the Earth's chart: how true it is where the fleet flies, and where it ends."""
+"""Checks that the Earth's chart (local map) is accurate enough for a fleet's flight and large enough to contain it."""
 
 import math
 from typing import TYPE_CHECKING, NamedTuple
@@ -12,13 +12,14 @@ if TYPE_CHECKING:
 
 
 SCALE_ERROR_MAX = 0.05
-"""By how much lengths of the chart may be wrong over the round Earth: half of the default `fleet.reserve`, so that a
-plan that keeps its limits in the chart with this reserve keeps them over the ground with half of it."""
+"""Greatest relative error of lengths in the chart of the round Earth: half of the default `fleet.reserve`.
+
+A plan with this reserve in the chart then keeps half of the reserve over the ground."""
 
 TURN_MAX_DEG_S = 0.02
-"""How fast north may turn under an aircraft that flies east: plans take the chart's axes as steady. Measured with the
-three-aircraft mission: up to 0.019 deg/s the arrivals are those of 20 deg of latitude (0.001 s apart), at 0.026 deg/s
-the aircraft with the longest way changes late, and they are 0.065 s apart."""
+"""Greatest rate at which north turns below an aircraft that flies east, deg/s; plans take the chart's axes as steady.
+Measured with the three-aircraft mission: up to 0.019 deg/s the arrivals differ by 0.001 s, as at 20 deg of latitude; at
+0.026 deg/s the aircraft with the longest path corrects late, and the arrivals differ by 0.065 s."""
 
 # Of the meridian at the equator, the smallest radius of curvature of the ellipsoid: every angle errs upwards, by 1 %.
 _RADIUS_M = WGS84_A_M * (1.0 - WGS84_F) ** 2
@@ -32,41 +33,43 @@ class _Position(NamedTuple):
 
 
 def chart_problems(scenario: "Scenario") -> list[Problem]:
-    """Find an origin from which the chart is too wrong for the fleet's places, or which is too near to a pole.
+    """List an origin whose chart is too inaccurate for the fleet's positions, or too close to a pole.
 
-    At most one problem, with an origin that would do. Over a flat Earth the chart is true by definition, but its places
-    still need a longitude and a latitude.
+    The result has at most one problem, which suggests a suitable latitude. The chart of a flat Earth has no scale
+    error, but its positions still need a longitude and a latitude.
     """
-    places = _positions(scenario)
-    wrong = _map_problem(scenario, places, scenario.earth.latitude_deg)
-    if wrong is None:
+    positions = _positions(scenario)
+    defect = _map_problem(scenario, positions, scenario.earth.latitude_deg)
+    if defect is None:
         return []
-    arrived, otherwise = wrong
+    arrived, remedy = defect
     sign = math.copysign(1.0, scenario.earth.latitude_deg)
-    nearer = (sign * tenth / 10.0 for tenth in range(int(10.0 * abs(scenario.earth.latitude_deg)), -1, -1))
-    found = next((latitude for latitude in nearer if _map_problem(scenario, places, latitude) is None), None)
-    words = (
-        otherwise
-        if found is None
-        else f"{format_number(found)} or nearer to the equator for this fleet, or {otherwise}"
+    candidate_latitudes = (sign * tenth / 10.0 for tenth in range(int(10.0 * abs(scenario.earth.latitude_deg)), -1, -1))
+    better_latitude = next(
+        (latitude for latitude in candidate_latitudes if _map_problem(scenario, positions, latitude) is None), None
     )
-    return [Problem("earth.latitude_deg", f"{format_number(scenario.earth.latitude_deg)}, {arrived}", words)]
+    expected = (
+        remedy
+        if better_latitude is None
+        else f"{format_number(better_latitude)} or nearer to the equator for this fleet, or {remedy}"
+    )
+    return [Problem("earth.latitude_deg", f"{format_number(scenario.earth.latitude_deg)}, {arrived}", expected)]
 
 
-def _map_problem(scenario: "Scenario", places: list[_Position], latitude_deg: float) -> tuple[str, str] | None:
-    """Say what is wrong with an origin at a latitude, and what but another origin would help; None if nothing."""
+def _map_problem(scenario: "Scenario", positions: list[_Position], latitude_deg: float) -> tuple[str, str] | None:
+    """Defect of the chart at an origin's latitude, and a remedy besides another origin; None if it suffices."""
     speed_m_s, duration_s = scenario.fleet.speed_m_s, scenario.timing.duration_s
     if scenario.earth.model == "wgs84":
-        worst = max(places, key=lambda place: scale_error(latitude_deg, place.north_m, place.east_m))
+        worst = max(positions, key=lambda position: scale_error(latitude_deg, position.north_m, position.east_m))
         error = scale_error(latitude_deg, worst.north_m, worst.east_m)
         if error > SCALE_ERROR_MAX:
-            so = (
+            description = (
                 "at or beyond the pole"
                 if math.isinf(error)
                 else f"where its lengths are wrong by {100.0 * error:.0f} %"
             )
-            wanted = f"places nearer to the origin: plans need a chart that is true to {100.0 * SCALE_ERROR_MAX:g} %"
-            return f"whose chart has {worst.path} ({worst.whom}) {so}", wanted
+            remedy = f"places nearer to the origin: plans need a chart that is true to {100.0 * SCALE_ERROR_MAX:g} %"
+            return f"whose chart has {worst.path} ({worst.whom}) {description}", remedy
         turn_deg_s = math.degrees(speed_m_s * math.tan(math.radians(abs(latitude_deg))) / _RADIUS_M)
         if turn_deg_s > TURN_MAX_DEG_S:
             arrived = (
@@ -75,7 +78,7 @@ def _map_problem(scenario: "Scenario", places: list[_Position], latitude_deg: fl
             return arrived, f"a slower fleet (fleet.speed_m_s): plans bear {TURN_MAX_DEG_S:g} deg/s"
     # who flies out of the places and arrives has to come back
     reach_m = 0.5 * (scenario.limits.speed_max_m_s + scenario.wind.speed_max_m_s) * duration_s
-    if _is_inside_map(latitude_deg, places, reach_m):
+    if _is_inside_map(latitude_deg, positions, reach_m):
         return None
     arrived = (
         f"where a flight of {format_number(duration_s)} s (timing.duration_s) that turns back after "
@@ -86,29 +89,33 @@ def _map_problem(scenario: "Scenario", places: list[_Position], latitude_deg: fl
 
 
 def _positions(scenario: "Scenario") -> list[_Position]:
-    """List where aircraft start, and the corners around what they fly to and circle there."""
+    """Start positions of the aircraft, and the corners of the squares around goals and their holds."""
     duration_s, radius_m = scenario.timing.duration_s, scenario.hold.radius_m
-    found = []
-    for index, one in enumerate(scenario.aircraft):
-        north_m, east_m, _ = one.start.position_m
-        found.append(_Position(f"aircraft[{index}].start", label("aircraft", one), north_m, east_m))
+    positions = []
+    for index, aircraft in enumerate(scenario.aircraft):
+        north_m, east_m, _ = aircraft.start.position_m
+        positions.append(_Position(f"aircraft[{index}].start", label("aircraft", aircraft), north_m, east_m))
     for index, goal in enumerate(scenario.goal):
-        offsets = [one.rendezvous.stand_off_m[:2] for one in scenario.aircraft if one.goal == goal.name]
+        offsets = [aircraft.rendezvous.stand_off_m[:2] for aircraft in scenario.aircraft if aircraft.goal == goal.name]
         margin_m = radius_m + max((math.hypot(*offset) for offset in offsets), default=0.0)
-        times_s = {0.0, duration_s, *(p.time_s for p in goal.waypoints or () if p.time_s < duration_s)}
+        times_s = {
+            0.0,
+            duration_s,
+            *(waypoint.time_s for waypoint in goal.waypoints or () if waypoint.time_s < duration_s),
+        }
         for time_s in sorted(times_s):
             north_m, east_m, _ = goal.position_m(time_s)
-            where = (f"goal[{index}] with its hold after {format_number(time_s)} s", label("goal", goal))
-            found.extend(
-                _Position(*where, north_m + north * margin_m, east_m + east * margin_m)
+            identity = (f"goal[{index}] with its hold after {format_number(time_s)} s", label("goal", goal))
+            positions.extend(
+                _Position(*identity, north_m + north * margin_m, east_m + east * margin_m)
                 for north in (-1.0, 1.0)
                 for east in (-1.0, 1.0)
             )
-    return found
+    return positions
 
 
 def scale_error(latitude_deg: float, north_m: float, east_m: float) -> float:
-    """By which part lengths of the chart of an origin are too long or too short at a place; infinite over a pole."""
+    """Relative error of lengths at a position in the chart of an origin; infinite beyond a pole."""
     origin = math.radians(latitude_deg)
     north, east = north_m / _RADIUS_M, east_m / (_RADIUS_M * math.cos(origin))
     latitude = origin + math.atan(north)
@@ -118,13 +125,13 @@ def scale_error(latitude_deg: float, north_m: float, east_m: float) -> float:
     return max(max(scale, 1.0 / scale) for scale in scales) - 1.0
 
 
-def _is_inside_map(latitude_deg: float, places: list[_Position], reach_m: float) -> bool:
-    """Whether what lies within `reach_m` of the places has a latitude and a longitude of its own in the chart."""
+def _is_inside_map(latitude_deg: float, positions: list[_Position], reach_m: float) -> bool:
+    """Whether every point within `reach_m` of the positions has a unique latitude and longitude in the chart."""
     origin = math.radians(latitude_deg)
     across_m = _RADIUS_M * math.cos(origin)
-    north = max(math.atan(place.north_m / _RADIUS_M) for place in places) + reach_m / _RADIUS_M
-    south = min(math.atan(place.north_m / _RADIUS_M) for place in places) - reach_m / _RADIUS_M
+    north = max(math.atan(position.north_m / _RADIUS_M) for position in positions) + reach_m / _RADIUS_M
+    south = min(math.atan(position.north_m / _RADIUS_M) for position in positions) - reach_m / _RADIUS_M
     # beyond an eighth of a turn the chart stretches no further: half its lengths are the angle
-    east = max(abs(place.east_m) for place in places) / across_m + reach_m / across_m
-    turned = math.atan(east) if east < 1.0 else 0.25 * math.pi + 0.5 * (east - 1.0)
-    return origin + north < 0.5 * math.pi and origin + south > -0.5 * math.pi and turned < math.pi
+    east = max(abs(position.east_m) for position in positions) / across_m + reach_m / across_m
+    longitude_change = math.atan(east) if east < 1.0 else 0.25 * math.pi + 0.5 * (east - 1.0)
+    return origin + north < 0.5 * math.pi and origin + south > -0.5 * math.pi and longitude_change < math.pi

@@ -1,4 +1,4 @@
-"""Tables of a scenario for its environment: Earth, wind, turbulence and discrete gusts."""
+"""Scenario tables for the environment: Earth, wind, turbulence and discrete gusts."""
 
 import math
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ _WAYS = "either speed_m_s, from_deg and up_m_s, the same at all altitudes, or la
 
 
 class Earth(Table):
-    """The Earth: flat, or rotating and round, and the place on it with north = east = 0."""
+    """The Earth, flat or as the rotating ellipsoid, and the position of the origin (north = east = 0)."""
 
     model: Literal["flat", "wgs84"] = choice(
         "flat and at rest with one gravity, or the rotating WGS-84 ellipsoid with J2 gravitation", _EARTHS, "flat"
@@ -37,17 +37,17 @@ class Earth(Table):
 
 
 def _from_word(value: Any) -> Any:
-    """Read ``earth = "wgs84"`` as a table with that model."""
+    """Read ``earth = "wgs84"`` as a table with the model of this name."""
     if not isinstance(value, str):
         return value
     if value not in _EARTHS:
-        words = " or ".join(f'"{word}"' for word in _EARTHS)
-        raise ScenarioError("", [Problem("", describe_value(value), f"{words}, or a table [earth]")])
+        names = " or ".join(f'"{word}"' for word in _EARTHS)
+        raise ScenarioError("", [Problem("", describe_value(value), f"{names}, or a table [earth]")])
     return {"model": value}
 
 
 class _OrWord:
-    """Adds the word to what the JSON Schema says of the table."""
+    """JSON Schema annotation: the table, or the name of the Earth model alone."""
 
     def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
         return {"anyOf": [handler(core), {"enum": list(_EARTHS)}]}
@@ -57,7 +57,7 @@ EarthField = Annotated[Earth, BeforeValidator(_from_word), _OrWord()]
 
 
 class WindLayer(Table):
-    """The wind at one altitude."""
+    """Wind at one altitude."""
 
     altitude_m: float = number("height above sea level", -500, 30_000, "m")
     speed_m_s: float = number("horizontal wind speed", 0, 150, "m/s")
@@ -66,7 +66,7 @@ class WindLayer(Table):
 
 
 class Wind(Table):
-    """The wind: steady and the same everywhere, or a shear profile."""
+    """Wind: uniform and steady, or a shear profile."""
 
     speed_m_s: float = number("horizontal wind speed", 0, 100, "m/s", 0.0)
     from_deg: float = number("direction that the wind comes from, clockwise from north", -360, 360, "deg", 0.0)
@@ -79,21 +79,21 @@ class Wind(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """Find a wind given in both ways, and layers that do not rise."""
+        """List a wind defined twice, and layers whose altitudes do not rise."""
         if self.layers is None:
             return []
-        steady = [key for key in ("speed_m_s", "from_deg", "up_m_s") if key in self.model_fields_set]
-        found = [Problem(key, f"{format_number(getattr(self, key))} beside layers", _WAYS) for key in steady]
+        uniform_keys = [key for key in ("speed_m_s", "from_deg", "up_m_s") if key in self.model_fields_set]
+        problems = [Problem(key, f"{format_number(getattr(self, key))} beside layers", _WAYS) for key in uniform_keys]
         for index in range(1, len(self.layers)):
-            below, here = self.layers[index - 1].altitude_m, self.layers[index].altitude_m
-            if here <= below:
-                words = f"more than the layer before it, {format_number(below)} m"
-                found.append(Problem(f"layers[{index}].altitude_m", format_number(here), words))
-        return found
+            lower_altitude, altitude = self.layers[index - 1].altitude_m, self.layers[index].altitude_m
+            if altitude <= lower_altitude:
+                expected = f"more than the layer before it, {format_number(lower_altitude)} m"
+                problems.append(Problem(f"layers[{index}].altitude_m", format_number(altitude), expected))
+        return problems
 
     @property
     def profile_m_s(self) -> tuple[tuple[float, Vector], ...]:
-        """Altitude (m) and velocity of the air over the ground (north, east, up; m/s) of each layer."""
+        """Altitude (m) and velocity of the air over the ground (north, east, up; m/s) of the layers."""
         if self.layers is None:
             return ((0.0, _wind_velocity(self)),)
         return tuple((layer.altitude_m, _wind_velocity(layer)) for layer in self.layers)
@@ -117,7 +117,7 @@ INTENSITIES = {"light": (7.71667, 1e-2), "moderate": (15.43333, 1e-3), "severe":
 
 
 class Turbulence(Table):
-    """Continuous gusts by MIL-F-8785C and MIL-HDBK-1797 (the same numbers), drawn for each aircraft by itself."""
+    """Continuous gusts by MIL-F-8785C and MIL-HDBK-1797 (equal numbers), independent for every aircraft."""
 
     intensity: Literal["none", "light", "moderate", "severe"] = choice(
         "how strong: the wind at 20 ft below 1,000 ft, the probability of being exceeded above 2,000 ft",
@@ -128,38 +128,38 @@ class Turbulence(Table):
 
 
 class DiscreteGust(Table):
-    """A gust of the form 1 - cos, met by one aircraft or by all."""
+    """A gust of the form 1 - cos that meets one aircraft or all aircraft."""
 
-    time_s: float = number("when the aircraft meets it", 0, DURATION_MAX_S, "s")
+    time_s: float = number("time at which the aircraft meets the gust", 0, DURATION_MAX_S, "s")
     aircraft: str | None = Field(
         None,
         pattern=NAME_PATTERN,
-        description="who meets it; left out: all",
+        description="aircraft that meets the gust; left out: all",
         json_schema_extra=expects("the name of an aircraft"),
     )
     along_m_s: float = number("greatest velocity of the air along body x, forwards", -30, 30, "m/s", 0.0)
     right_m_s: float = number("the same along body y, to the right", -30, 30, "m/s", 0.0)
     up_m_s: float = number("the same along body z, upwards", -30, 30, "m/s", 0.0)
-    length_m: float = number("way flown through the air until it is greatest", 1, 10_000, "m", 120.0)
+    length_m: float = number("distance flown through the air until the gust is greatest", 1, 10_000, "m", 120.0)
     returns: bool = Field(
         True,
-        description="whether it dies down again as it grew; else it stays",
+        description="whether the gust decays as it grew; else it persists",
         json_schema_extra=expects("true or false"),
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """Find a gust without strength."""
+        """List a gust without any velocity."""
         if self.along_m_s or self.right_m_s or self.up_m_s:
             return []
         return [Problem("up_m_s", "no strength in any direction", "along_m_s, right_m_s or up_m_s other than 0")]
 
 
-def gust_problems(gusts: Sequence[DiscreteGust], aircraft: Sequence[Aircraft]) -> list[Problem]:
-    """Find gusts for aircraft that do not exist."""
-    names = [one.name for one in aircraft]
-    known = ", ".join(f'"{name}"' for name in names)
+def gust_problems(gusts: Sequence[DiscreteGust], aircraft_tables: Sequence[Aircraft]) -> list[Problem]:
+    """List gusts for unknown aircraft."""
+    names = [aircraft.name for aircraft in aircraft_tables]
+    name_list = ", ".join(f'"{name}"' for name in names)
     return [
-        Problem(f"gust[{k}].aircraft", f'"{gust.aircraft}"', f"the name of an aircraft of this scenario ({known})")
+        Problem(f"gust[{k}].aircraft", f'"{gust.aircraft}"', f"the name of an aircraft of this scenario ({name_list})")
         for k, gust in enumerate(gusts)
         if gust.aircraft is not None and gust.aircraft not in names
     ]

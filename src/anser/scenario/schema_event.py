@@ -1,4 +1,4 @@
-"""What happens on the way: an aircraft leaves or loses something, a goal changes its motion, a keep-out appears."""
+"""Scenario table for events: departures, losses of thrust or sensor, changed goal motions, and new keep-outs."""
 
 from collections.abc import Sequence
 from typing import Literal
@@ -22,7 +22,7 @@ KINDS = (
     "arrival-put-off",
 )
 GOAL_EVENTS = ("goal-sensor-lost", "goal-stops", "goal-turns")
-"""Those that leave fleet and airspace as they are: the plan is renewed towards where the goal is taken to be."""
+"""Events that change neither fleet nor airspace; the fleet replans towards the estimated goal positions."""
 _REQUIRED_KEYS: dict[str, tuple[str, ...]] = {
     "aircraft-leaves": ("aircraft",),
     "goal-sensor-lost": ("aircraft",),
@@ -39,9 +39,9 @@ _OPTIONAL_KEYS: dict[str, tuple[str, ...]] = {
 
 
 class Event(Table):
-    """One event; which keys it needs goes by its kind."""
+    """One event during the flight; the required keys depend on the kind of event."""
 
-    time_s: float = number("when it happens", 0, DURATION_MAX_S, "s", exclusive_minimum=True)
+    time_s: float = number("time of the event", 0, DURATION_MAX_S, "s", exclusive_minimum=True)
     kind: Literal[
         "aircraft-leaves",
         "goal-sensor-lost",
@@ -50,17 +50,17 @@ class Event(Table):
         "goal-turns",
         "keep-out-appears",
         "arrival-put-off",
-    ] = choice("what happens", KINDS)
+    ] = choice("kind of event", KINDS)
     aircraft: str | None = Field(
         None,
         pattern=NAME_PATTERN,
-        description="to which aircraft",
+        description="aircraft concerned",
         json_schema_extra=expects("the name of an aircraft"),
     )
     goal: str | None = Field(
-        None, pattern=NAME_PATTERN, description="to which goal", json_schema_extra=expects("the name of a goal")
+        None, pattern=NAME_PATTERN, description="goal concerned", json_schema_extra=expects("the name of a goal")
     )
-    thrust_left: float | None = number("part of its thrust that is left", 0, 1, "", None)
+    thrust_left: float | None = number("fraction of the thrust that is left", 0, 1, "", None)
     course_deg: float | None = number(
         "new course: of a goal over the ground; of an aircraft that leaves, through the air (left out: the least turn "
         "that keeps clear of the others)",
@@ -70,10 +70,8 @@ class Event(Table):
         None,
     )
     speed_m_s: float | None = number("new speed of a goal; left out: as before", 0, SPEED_MAX_M_S, "m/s", None)
-    later_s: float | None = number(
-        "by how much all arrivals are put off", 0, DURATION_MAX_S, "s", None, exclusive_minimum=True
-    )
-    keep_out: KeepOut | None = table("what appears", "a table as of [[keep_out]]", None)
+    later_s: float | None = number("delay of all arrivals", 0, DURATION_MAX_S, "s", None, exclusive_minimum=True)
+    keep_out: KeepOut | None = table("new keep-out volume", "a table as of [[keep_out]]", None)
     gaps: Literal["close-up", "keep"] | None = choice(
         'what those behind an aircraft that leaves a sequence do: move up by one place ("close-up"; left out), or keep '
         "their times",
@@ -88,12 +86,12 @@ class Event(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """Find keys that the kind needs or does not know."""
-        found = []
-        needed, allowed = _REQUIRED_KEYS[self.kind], (*_REQUIRED_KEYS[self.kind], *_OPTIONAL_KEYS.get(self.kind, ()))
-        for key in needed:
+        """List keys that the kind of event requires or does not allow."""
+        problems = []
+        required, allowed = _REQUIRED_KEYS[self.kind], (*_REQUIRED_KEYS[self.kind], *_OPTIONAL_KEYS.get(self.kind, ()))
+        for key in required:
             if getattr(self, key) is None:
-                found.append(Problem(key, "nothing", f'what kind "{self.kind}" needs: {", ".join(needed)}'))
+                problems.append(Problem(key, "nothing", f'what kind "{self.kind}" needs: {", ".join(required)}'))
         for key in sorted(self.model_fields_set - {"time_s", "kind", *allowed}):
             value = getattr(self, key)
             if value is not None:
@@ -101,33 +99,38 @@ class Event(Table):
                     f"{format_number(value) if isinstance(value, float) else describe_value(value)} with "
                     f'kind "{self.kind}"'
                 )
-                found.append(Problem(key, arrived, f"no {key}; that kind knows {', '.join(allowed)}"))
-        return found
+                problems.append(Problem(key, arrived, f"no {key}; that kind knows {', '.join(allowed)}"))
+        return problems
 
 
 def event_problems(
-    events: Sequence[Event], aircraft: Sequence[Aircraft], goals: Sequence[Goal], timing: Timing, planner: str
+    events: Sequence[Event], aircraft_tables: Sequence[Aircraft], goals: Sequence[Goal], timing: Timing, planner: str
 ) -> list[Problem]:
-    """Find events for what does not exist, after the end, or that the planner does not know."""
-    found = []
+    """List events with unknown names, after the end of the flight, or without support by the planner."""
+    problems = []
     if events and planner == "published":
-        words = 'no events, or fleet.planner = "certified": only that planner plans on after them'
-        return [Problem("event", f'{len(events)} with fleet.planner = "published"', words)]
-    gone: dict[str, int] = {}
+        expected = 'no events, or fleet.planner = "certified": only that planner plans on after them'
+        return [Problem("event", f'{len(events)} with fleet.planner = "published"', expected)]
+    departures: dict[str, int] = {}
     for index, event in enumerate(events):
         path = f"event[{index}]"
-        for key, named in (("aircraft", [one.name for one in aircraft]), ("goal", [one.name for one in goals])):
+        for key, names in (
+            ("aircraft", [aircraft.name for aircraft in aircraft_tables]),
+            ("goal", [goal.name for goal in goals]),
+        ):
             name = getattr(event, key)
-            if name is not None and name not in named:
-                known = ", ".join(f'"{one}"' for one in named)
-                words = f"the name of {'an aircraft' if key == 'aircraft' else 'a goal'} of this scenario ({known})"
-                found.append(Problem(f"{path}.{key}", f'"{name}"', words))
+            if name is not None and name not in names:
+                name_list = ", ".join(f'"{known_name}"' for known_name in names)
+                expected = (
+                    f"the name of {'an aircraft' if key == 'aircraft' else 'a goal'} of this scenario ({name_list})"
+                )
+                problems.append(Problem(f"{path}.{key}", f'"{name}"', expected))
         if event.time_s >= timing.duration_s:
-            words = f"a time before the end of the flight, timing.duration_s = {format_number(timing.duration_s)} s"
-            found.append(Problem(f"{path}.time_s", format_number(event.time_s), words))
+            expected = f"a time before the end of the flight, timing.duration_s = {format_number(timing.duration_s)} s"
+            problems.append(Problem(f"{path}.time_s", format_number(event.time_s), expected))
         if event.kind == "aircraft-leaves" and event.aircraft is not None:
-            if event.aircraft in gone:
-                arrived = f'"{event.aircraft}", which leaves by event[{gone[event.aircraft]}] already'
-                found.append(Problem(f"{path}.aircraft", arrived, "an aircraft that has not left"))
-            gone[event.aircraft] = index
-    return found
+            if event.aircraft in departures:
+                arrived = f'"{event.aircraft}", which leaves by event[{departures[event.aircraft]}] already'
+                problems.append(Problem(f"{path}.aircraft", arrived, "an aircraft that has not left"))
+            departures[event.aircraft] = index
+    return problems

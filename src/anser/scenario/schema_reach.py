@@ -1,4 +1,4 @@
-"""Whether each aircraft can reach its goal: in the air mass, where the wind is at rest (theory section 7)."""
+"""Checks that every aircraft can reach its goal, made in the frame of the moving air (theory section 7)."""
 
 import math
 from dataclasses import dataclass
@@ -19,20 +19,21 @@ _HALVINGS = 40  # of the longest flight: to less than a microsecond
 
 @dataclass(frozen=True)
 class ReferenceSpeed:
-    """The speed that a way to a goal is judged by.
+    """The airspeed used to check whether a goal can be reached.
 
     Parameters
     ----------
     speed_m_s
         Airspeed, m/s.
     key
-        Where the scenario has it.
+        Key of the scenario that sets the airspeed.
     is_mean
-        The plan flies the mean of it; otherwise it flies no faster.
+        Whether the airspeed is the mean of the plan; otherwise it is the maximum.
     may_rise
-        The published planner raises that mean where its farthest aircraft cannot slow down or come down so slowly.
-    knows_layers
-        The plan reckons with the wind of every altitude; otherwise with that where each aircraft starts.
+        Whether the published planner may raise the mean because the farthest aircraft cannot slow down or descend
+        slowly enough.
+    uses_wind_layers
+        Whether the plan uses the wind of all altitudes; otherwise only the wind at the start of the aircraft.
     """
 
     speed_m_s: float
@@ -46,7 +47,7 @@ class ReferenceSpeed:
 
 
 def reference_speed(scenario: "Scenario", aircraft: Aircraft) -> ReferenceSpeed:
-    """Say which speed decides whether a goal is within an aircraft's reach."""
+    """Airspeed that decides whether an aircraft can reach its goal."""
     fleet, limits, arrival = scenario.fleet, scenario.limits_for(aircraft), scenario.arrival
     certified = fleet.is_certified
     if not certified or arrival.rule == "together":
@@ -59,25 +60,25 @@ def reference_speed(scenario: "Scenario", aircraft: Aircraft) -> ReferenceSpeed:
 
 
 def time_to_go_s(relative_m: Vector, velocity_m_s: Vector, speed_m_s: float) -> float | None:
-    """Find the time to a point that moves steadily, on a straight line at constant speed.
+    """Time to intercept a point in steady motion, on a straight line at constant airspeed.
 
     Parameters
     ----------
     relative_m
-        Point seen from the aircraft (north, east, up), m.
+        Position of the point relative to the aircraft (north, east, up), m.
     velocity_m_s
-        Velocity of the point in the same frame as the speed, m/s; in wind, goal velocity minus wind.
+        Velocity of the point relative to the air (goal velocity minus wind), m/s.
     speed_m_s
         Airspeed of the aircraft, m/s.
 
     Returns
     -------
-    The smallest time of meeting, s; None if the point outruns the aircraft.
+    The smallest time of interception, s; None if the point outruns the aircraft.
 
     Notes
     -----
-    Smallest positive root of ``(|W|^2 - V^2) t^2 + 2 (R.W) t + |R|^2 = 0``, theory section 7, in the form that
-    loses no digits when the speeds are equal or nearly so.
+    Smallest positive root of ``(|W|^2 - V^2) t^2 + 2 (R.W) t + |R|^2 = 0``, theory section 7, in a form without
+    cancellation when the speeds are nearly equal.
     """
     squared = _dot(velocity_m_s, velocity_m_s) - speed_m_s**2
     half_linear = _dot(relative_m, velocity_m_s)
@@ -95,77 +96,79 @@ def time_to_go_s(relative_m: Vector, velocity_m_s: Vector, speed_m_s: float) -> 
 
 
 def reach_problems(scenario: "Scenario", *, unaided: bool = False) -> list[Problem]:
-    """Find goals that outrun their aircraft, flights too short, and rendezvous points outside the envelope.
+    """List goals that outrun their aircraft, flights that are too short, and rendezvous points outside the envelope.
 
     Parameters
     ----------
     scenario
-        Whose aircraft all have a goal; the wind is slower than the fleet.
+        Scenario in which every aircraft has a goal and the wind is slower than the fleet.
     unaided
-        Whether to call a flight too short that is so only without a descent that raises the plan's speed and without
-        the wind of other altitudes than that of the start.
+        Whether to exclude a faster plan by descent and a tail wind at altitudes other than the start's.
     """
-    found = []
+    problems = []
     for index, goal in enumerate(scenario.goal):
         # the first plan reckons with the wind where the aircraft starts
-        coming = [one for one in scenario.aircraft if one.goal == goal.name]
-        if not coming:
+        visitors = [aircraft for aircraft in scenario.aircraft if aircraft.goal == goal.name]
+        if not visitors:
             continue
-        starts_m = [one.start.altitude_m for one in coming]
-        reference = min((reference_speed(scenario, one) for one in coming), key=lambda aircraft: aircraft.speed_m_s)
+        starts_m = [aircraft.start.altitude_m for aircraft in visitors]
+        reference = min(
+            (reference_speed(scenario, aircraft) for aircraft in visitors), key=lambda speed: speed.speed_m_s
+        )
         winds_m_s = dict.fromkeys(scenario.wind.velocity_m_s(altitude_m) for altitude_m in starts_m)
-        found.extend(_fast_legs(f"goal[{index}]", goal, reference, tuple(winds_m_s)))
-    if found:
-        return found  # without a speed that suffices the times below mean nothing
-    for index, one in enumerate(scenario.aircraft):
-        reference = reference_speed(scenario, one)
-        quickest_m_s = None if unaided else _quickest_m_s(scenario, reference)
-        found.extend(_reach_problems_of(f"aircraft[{index}]", one, scenario, reference, quickest_m_s))
-    return found
+        problems.extend(_fast_legs(f"goal[{index}]", goal, reference, tuple(winds_m_s)))
+    if problems:
+        return problems  # without a speed that suffices the times below mean nothing
+    for index, aircraft in enumerate(scenario.aircraft):
+        reference = reference_speed(scenario, aircraft)
+        fastest_m_s = None if unaided else _quickest_m_s(scenario, reference)
+        problems.extend(_reach_problems_of(f"aircraft[{index}]", aircraft, scenario, reference, fastest_m_s))
+    return problems
 
 
 def arrival_time_problems(scenario: "Scenario") -> list[Problem]:
-    """Find times of arrival before the fastest flight: straight at the greatest airspeed with the most tail wind.
+    """List arrival times before the fastest flight: straight, at the greatest airspeed, with the strongest tail wind.
 
-    Of a window counts its end. `reach_problems` found nothing, so that every goal is reached within the flight.
+    For a window the end counts. `reach_problems` has found no problem, so every goal is reached within the flight.
     """
     worst: dict[str, tuple[float, Problem]] = {}
     arrival = scenario.arrival
-    for index, one in enumerate(scenario.aircraft):
-        own, path = f"aircraft[{index}]", "arrival.time_s"
+    for index, aircraft in enumerate(scenario.aircraft):
+        aircraft_path, path = f"aircraft[{index}]", "arrival.time_s"
         if arrival.rule == "at":
-            asked_s = arrival.time_s
+            required_s = arrival.time_s
         elif arrival.rule == "times":
-            asked_s, path = one.arrive_s, f"{own}.arrive_s"
+            required_s, path = aircraft.arrive_s, f"{aircraft_path}.arrive_s"
         else:
-            asked_s, path = one.arrive_to_s, f"{own}.arrive_to_s"
-        if asked_s is None:
+            required_s, path = aircraft.arrive_to_s, f"{aircraft_path}.arrive_to_s"
+        if required_s is None:
             continue
-        earliest_s = _earliest_s(scenario, one)
-        if asked_s < earliest_s and (path not in worst or worst[path][0] < earliest_s):
-            fastest = f"limits.speed_max_m_s, which is {format_number(scenario.limits_for(one).speed_max_m_s)} m/s"
-            words = (
-                f'at least {math.ceil(10.0 * earliest_s) / 10.0:.1f} s: "{one.name}" gets to goal "{one.goal}" no '
+        earliest_s = _earliest_s(scenario, aircraft)
+        if required_s < earliest_s and (path not in worst or worst[path][0] < earliest_s):
+            fastest = f"limits.speed_max_m_s, which is {format_number(scenario.limits_for(aircraft).speed_max_m_s)} m/s"
+            expected = (
+                f'at least {math.ceil(10.0 * earliest_s) / 10.0:.1f} s: "{aircraft.name}" gets to goal '
+                f'"{aircraft.goal}" no '
                 f"sooner, straight at {fastest}, in this wind"
             )
-            worst[path] = earliest_s, Problem(path, format_number(asked_s), words, label("aircraft", one))
+            worst[path] = earliest_s, Problem(path, format_number(required_s), expected, label("aircraft", aircraft))
     return [problem for _, problem in worst.values()]
 
 
 def _earliest_s(scenario: "Scenario", aircraft: Aircraft) -> float:
-    """Time before which an aircraft is not at its rendezvous, whatever it flies within its limits."""
+    """Lower bound of an aircraft's arrival time, s, for any flight within the limits."""
     goal, wind = scenario.goal_of(aircraft), scenario.wind
     wind_m_s = wind.velocity_m_s(aircraft.start.altitude_m)
-    carried_m_s = max(math.dist(wind_m_s, other_m_s) for _, other_m_s in wind.profile_m_s)
-    fastest_m_s = scenario.limits_for(aircraft).speed_max_m_s + carried_m_s
+    tail_wind_m_s = max(math.dist(wind_m_s, layer_wind_m_s) for _, layer_wind_m_s in wind.profile_m_s)
+    fastest_m_s = scenario.limits_for(aircraft).speed_max_m_s + tail_wind_m_s
 
     def short_of_m(time_s: float) -> float:
-        place_m = _plus(goal.position_m(time_s), aircraft.rendezvous.stand_off_m)
-        return math.dist(place_m, _plus(aircraft.start.position_m, wind_m_s, time_s)) - fastest_m_s * time_s
+        rendezvous_m = _plus(goal.position_m(time_s), aircraft.rendezvous.stand_off_m)
+        return math.dist(rendezvous_m, _plus(aircraft.start.position_m, wind_m_s, time_s)) - fastest_m_s * time_s
 
     if goal.waypoints is None:
-        place_m = _plus(goal.position_m(0.0), aircraft.rendezvous.stand_off_m)
-        relative_m = _plus(place_m, aircraft.start.position_m, -1.0)
+        rendezvous_m = _plus(goal.position_m(0.0), aircraft.rendezvous.stand_off_m)
+        relative_m = _plus(rendezvous_m, aircraft.start.position_m, -1.0)
         return time_to_go_s(relative_m, _plus(goal.velocity_m_s(), wind_m_s, -1.0), fastest_m_s) or 0.0
     # the goal is slower than the aircraft, so that what is short of it only falls
     low_s, high_s = 0.0, scenario.timing.duration_s
@@ -176,21 +179,21 @@ def _earliest_s(scenario: "Scenario", aircraft: Aircraft) -> float:
 
 
 def _quickest_m_s(scenario: "Scenario", reference: ReferenceSpeed) -> float:
-    """Greatest mean airspeed to which the plan may raise that of the fleet, m/s.
+    """Upper bound of the mean airspeed to which the planner may raise the fleet's airspeed, m/s.
 
-    Nobody gets faster on the way down than without any drag: speed and height together have so much energy. Which of
-    the aircraft is the farthest, whose speed counts, is not asked.
+    In a descent without drag, kinetic plus potential energy is constant, which bounds the airspeed. The bound is the
+    greatest over the fleet.
     """
-    found = [reference.speed_m_s]
-    for one in scenario.aircraft if reference.may_rise else ():
-        goal = scenario.goal_of(one)
+    speeds_m_s = [reference.speed_m_s]
+    for aircraft in scenario.aircraft if reference.may_rise else ():
+        goal = scenario.goal_of(aircraft)
         if goal.waypoints is None:
             lowest_m = min(goal.altitude_m, goal.position_m(scenario.timing.duration_s)[2])
         else:
             lowest_m = min(point.altitude_m for point in goal.waypoints)
-        fall_m = max(0.0, one.start.altitude_m - lowest_m - one.rendezvous.stand_off_up_m)
-        found.append(math.sqrt(one.start.speed_m_s**2 + 2.0 * GRAVITY_M_S2 * fall_m))
-    return max(found)
+        descent_m = max(0.0, aircraft.start.altitude_m - lowest_m - aircraft.rendezvous.stand_off_up_m)
+        speeds_m_s.append(math.sqrt(aircraft.start.speed_m_s**2 + 2.0 * GRAVITY_M_S2 * descent_m))
+    return max(speeds_m_s)
 
 
 def _dot(a: Vector, b: Vector) -> float:
@@ -202,80 +205,86 @@ def _plus(a: Vector, b: Vector, factor: float = 1.0) -> Vector:
 
 
 def _fast_legs(path: str, goal: Goal, reference: ReferenceSpeed, winds_m_s: tuple[Vector, ...]) -> list[Problem]:
-    """Find legs of a goal that are faster through the air than the fleet, in any of the winds."""
-    found = []
+    """List legs of a goal whose speed through the air exceeds the fleet's airspeed, in any of the winds."""
+    problems = []
     points = goal.waypoints or ()
     for index in range(1, len(points)):
-        begin, end = points[index - 1], points[index]
-        lasting_s = end.time_s - begin.time_s
-        leg_m = (end.north_m - begin.north_m, end.east_m - begin.east_m, end.altitude_m - begin.altitude_m)
-        through_air = _plus((0.0, 0.0, 0.0), leg_m, 1.0 / lasting_s)
-        speed_m_s = max((math.hypot(*_plus(through_air, air_m_s, -1.0)) for air_m_s in winds_m_s), default=0.0)
+        leg_start, leg_end = points[index - 1], points[index]
+        leg_duration_s = leg_end.time_s - leg_start.time_s
+        leg_m = (
+            leg_end.north_m - leg_start.north_m,
+            leg_end.east_m - leg_start.east_m,
+            leg_end.altitude_m - leg_start.altitude_m,
+        )
+        through_air = _plus((0.0, 0.0, 0.0), leg_m, 1.0 / leg_duration_s)
+        speed_m_s = max((math.hypot(*_plus(through_air, wind_m_s, -1.0)) for wind_m_s in winds_m_s), default=0.0)
         if speed_m_s >= reference.speed_m_s:
             arrived = f"a leg flown at {speed_m_s:.1f} m/s through the air"
-            words = (
+            expected = (
                 f"less than {reference.key}, which is {format_number(reference.speed_m_s)} m/s: the goal "
                 "outruns its aircraft"
             )
-            found.append(Problem(f"{path}.waypoints[{index}]", arrived, words, label("goal", goal)))
-    return found
+            problems.append(Problem(f"{path}.waypoints[{index}]", arrived, expected, label("goal", goal)))
+    return problems
 
 
 def _reach_problems_of(
-    path: str, aircraft: Aircraft, scenario: "Scenario", reference: ReferenceSpeed, quickest_m_s: float | None
+    path: str, aircraft: Aircraft, scenario: "Scenario", reference: ReferenceSpeed, fastest_m_s: float | None
 ) -> list[Problem]:
-    """Find why an aircraft does not reach its goal, if it does not."""
+    """List the problems of one aircraft on the way to the goal."""
     goal, limits, wind, timing = (
         scenario.goal_of(aircraft),
         scenario.limits_for(aircraft),
         scenario.wind,
         scenario.timing,
     )
-    whom = label("aircraft", aircraft)
-    place_m = _plus(goal.position_m(0.0), aircraft.rendezvous.stand_off_m)
-    relative_m = _plus(place_m, aircraft.start.position_m, -1.0)
-    heights_m = [place_m[2]]
+    subject = label("aircraft", aircraft)
+    rendezvous_m = _plus(goal.position_m(0.0), aircraft.rendezvous.stand_off_m)
+    relative_m = _plus(rendezvous_m, aircraft.start.position_m, -1.0)
+    heights_m = [rendezvous_m[2]]
     wind_m_s = wind.velocity_m_s(aircraft.start.altitude_m)
     # the mean wind of the way may differ from that at the start by so much, and carry the aircraft on
-    carried_m_s = max(math.dist(wind_m_s, other_m_s) for _, other_m_s in wind.profile_m_s)
-    most_m_s = reference.speed_m_s if quickest_m_s is None else quickest_m_s + carried_m_s
+    tail_wind_m_s = max(math.dist(wind_m_s, layer_wind_m_s) for _, layer_wind_m_s in wind.profile_m_s)
+    greatest_m_s = reference.speed_m_s if fastest_m_s is None else fastest_m_s + tail_wind_m_s
     if goal.waypoints is None:
         velocity_m_s = _plus(goal.velocity_m_s(), wind_m_s, -1.0)
         time_s = time_to_go_s(
-            relative_m, velocity_m_s, reference.speed_m_s + (carried_m_s if reference.uses_wind_layers else 0.0)
+            relative_m, velocity_m_s, reference.speed_m_s + (tail_wind_m_s if reference.uses_wind_layers else 0.0)
         )
         if time_s is None:
             arrived = f'"{goal.name}", which moves at {math.hypot(*velocity_m_s):.1f} m/s through the air and gets away'
-            words = f"a goal that an aircraft at {reference} can reach"
-            return [Problem(f"{path}.goal", arrived, words, whom)]
+            expected = f"a goal that an aircraft at {reference} can reach"
+            return [Problem(f"{path}.goal", arrived, expected, subject)]
         # when the plan arrives is known only at a mean speed
-        heights_m = [place_m[2] + goal.climb_rate_m_s * time_s] if reference.is_mean or not goal.climb_rate_m_s else []
-        shortest_s = time_to_go_s(relative_m, velocity_m_s, most_m_s) or 0.0
+        heights_m = (
+            [rendezvous_m[2] + goal.climb_rate_m_s * time_s] if reference.is_mean or not goal.climb_rate_m_s else []
+        )
+        shortest_s = time_to_go_s(relative_m, velocity_m_s, greatest_m_s) or 0.0
         if shortest_s >= timing.duration_s:
-            way = f'from "{aircraft.name}" to goal "{goal.name}" at {reference}'
-            words = f"more than {shortest_s:.1f} s, the shortest flight {way}"
-            if most_m_s > reference.speed_m_s:
-                words += f", of which descent, speed at the start and layers of wind may make {most_m_s:.1f} m/s"
-            return [Problem("timing.duration_s", format_number(timing.duration_s), words)]
-        near = time_s < FLIGHT_MIN_S
+            route = f'from "{aircraft.name}" to goal "{goal.name}" at {reference}'
+            expected = f"more than {shortest_s:.1f} s, the shortest flight {route}"
+            if greatest_m_s > reference.speed_m_s:
+                expected += f", of which descent, speed at the start and layers of wind may make {greatest_m_s:.1f} m/s"
+            return [Problem("timing.duration_s", format_number(timing.duration_s), expected)]
+        is_at_goal = time_s < FLIGHT_MIN_S
     else:
         heights_m = [point.altitude_m + aircraft.rendezvous.stand_off_up_m for point in goal.waypoints]
         # the goal is slower than the aircraft, so once within reach it stays within reach
         last_m = _plus(goal.position_m(timing.duration_s), aircraft.rendezvous.stand_off_m)
         drifted_m = _plus(aircraft.start.position_m, wind_m_s, timing.duration_s)
         distance_m = math.dist(last_m, drifted_m)
-        if distance_m >= most_m_s * timing.duration_s:
-            words = f'a longer flight: "{aircraft.name}" does not get to goal "{goal.name}" in this time'
-            return [Problem("timing.duration_s", format_number(timing.duration_s), words)]
-        near = math.hypot(*relative_m) < reference.speed_m_s * FLIGHT_MIN_S
-    found = []
-    if near:
-        words = f"a start at least {FLIGHT_MIN_S:g} s of flight away from it"
-        found.append(Problem(f"{path}.start", "the rendezvous point itself, or nearly so", words, whom))
-    outside = [height for height in heights_m if not limits.altitude_min_m <= height <= limits.altitude_max_m]
-    if outside:
+        if distance_m >= greatest_m_s * timing.duration_s:
+            expected = f'a longer flight: "{aircraft.name}" does not get to goal "{goal.name}" in this time'
+            return [Problem("timing.duration_s", format_number(timing.duration_s), expected)]
+        is_at_goal = math.hypot(*relative_m) < reference.speed_m_s * FLIGHT_MIN_S
+    problems = []
+    if is_at_goal:
+        expected = f"a start at least {FLIGHT_MIN_S:g} s of flight away from it"
+        problems.append(Problem(f"{path}.start", "the rendezvous point itself, or nearly so", expected, subject))
+    heights_outside = [height for height in heights_m if not limits.altitude_min_m <= height <= limits.altitude_max_m]
+    if heights_outside:
         lowest, highest = format_number(limits.altitude_min_m), format_number(limits.altitude_max_m)
-        words = f"from limits.altitude_min_m ({lowest} m) to limits.altitude_max_m ({highest} m)"
-        arrived = f'a rendezvous point at {outside[0]:.1f} m altitude above goal "{goal.name}"'
-        found.append(Problem(f"{path}.rendezvous.stand_off_up_m", arrived, words, whom))
-    return found
+        expected = f"from limits.altitude_min_m ({lowest} m) to limits.altitude_max_m ({highest} m)"
+        arrived = f'a rendezvous point at {heights_outside[0]:.1f} m altitude above goal "{goal.name}"'
+        problems.append(Problem(f"{path}.rendezvous.stand_off_up_m", arrived, expected, subject))
+    return problems

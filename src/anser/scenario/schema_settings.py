@@ -1,4 +1,4 @@
-"""The tables of a scenario that hold for the whole flight: time, fleet, limits, guidance, hold."""
+"""Scenario tables for the whole flight: time, fleet, limits, guidance, hold, requirements."""
 
 import math
 from typing import Literal
@@ -11,66 +11,70 @@ DURATION_MAX_S = 7200.0
 
 
 def is_multiple(period_s: float, step_s: float) -> bool:
-    """Say whether a period is a whole number of steps, to the rounding of decimal input."""
+    """Whether a period is a whole number of steps, within the rounding of decimal input."""
     steps = period_s / step_s
     return round(steps) >= 1 and math.isclose(steps, round(steps), rel_tol=1e-9)
 
 
 def multiple_message(period_s: float, key: str, step_s: float) -> str:
-    """Say that a time must be a whole number of steps, and which are the nearest that are."""
+    """Message that a time must be a whole number of steps, with the nearest valid values."""
     below = math.floor(period_s / step_s)
     nearest = " or ".join(format_number(round(steps * step_s, 9)) for steps in (below, below + 1) if steps >= 1)
     return f"a whole multiple of {key}, which is {format_number(step_s)} s, such as {nearest}"
 
 
 class Timing(Table):
-    """How long to fly, and how often to step, to record and to plan."""
+    """Duration of the flight, and the periods of integration, recording and planning."""
 
-    duration_s: float = number("time that the flight lasts", 1, DURATION_MAX_S, "s")
+    duration_s: float = number("duration of the flight", 1, DURATION_MAX_S, "s")
     step_s: float = number("step of the integration", 0.001, 0.05, "s", 0.01)
     record_period_s: float = number("time between two recorded states", 0.001, 60, "s", 0.1)
     replan_period_s: float = number("time between two plans; 0 plans once, at the start", 0, 600, "s", 1.0)
-    freeze_s: float = number("how long before arrival the plan stays as it is", 0, 600, "s", 4.0)
+    freeze_s: float = number("time before arrival during which the plan is frozen", 0, 600, "s", 4.0)
 
     @property
     def latest_arrival_s(self) -> float:
-        """Latest arrival that a certified plan may have: the flight goes on for a second after it."""
+        """Latest arrival time of a certified plan, s: one second before the end of the flight."""
         return self.duration_s - 1.0
 
     def consistency_problems(self) -> list[Problem]:
-        """Find a duration and periods that are no whole number of steps, and a plan that stays from the start."""
-        found = []
+        """List a duration and periods that are not whole numbers of steps, and a freeze time as long as the flight."""
+        problems = []
         for key in ("duration_s", "record_period_s", "replan_period_s"):
             period_s = getattr(self, key)
             allowed_zero = key == "replan_period_s" and period_s == 0
             if not allowed_zero and not is_multiple(period_s, self.step_s):
-                found.append(Problem(key, format_number(period_s), multiple_message(period_s, "step_s", self.step_s)))
-        return [*found, *ordering_problems(self, "freeze_s", "duration_s", "s")]
+                problems.append(
+                    Problem(key, format_number(period_s), multiple_message(period_s, "step_s", self.step_s))
+                )
+        return [*problems, *ordering_problems(self, "freeze_s", "duration_s", "s")]
 
 
 class Fleet(Table):
-    """What the whole fleet has in common."""
+    """Settings common to the whole fleet."""
 
     speed_m_s: float = number(
-        "mean airspeed of the plan, the same for all; more where the farthest cannot come down so slowly (certified: "
-        "the one preferred)",
+        "mean airspeed of the plan, equal for all aircraft; higher if the farthest cannot descend so slowly "
+        "(certified: "
+        "preferred airspeed)",
         1,
         SPEED_MAX_M_S,
         "m/s",
     )
     speed_profile: Literal["even", "published"] = choice(
-        "how the airspeed runs along a path: evenly, or as the published polynomials in time have it",
+        "airspeed along a path: even, or by the published polynomials in time",
         ("even", "published"),
         "even",
     )
     planner: Literal["published", "certified", "decentralised"] = choice(
-        "how the paths are found: as published, so that limits and separation are proven to be kept, or so by each "
-        "aircraft for itself, without a centre",
+        "planner: the published method, paths with proven limits and separation, or such paths planned by each "
+        "aircraft "
+        "without a centre",
         ("published", "certified", "decentralised"),
         "certified",
     )
     reserve: float = number(
-        "part of each limit that the plan leaves to the autopilot; of the speed window, of each side of speed_m_s",
+        "fraction of each limit reserved for the autopilot; of the airspeed window on each side of speed_m_s",
         0,
         0.5,
         "",
@@ -79,15 +83,15 @@ class Fleet(Table):
 
     @property
     def is_certified(self) -> bool:
-        """Whether its paths have certificates."""
+        """Whether the planner certifies its paths."""
         return self.planner != "published"
 
 
 class Limits(Table):
-    """The envelope that plans and autopilot keep to."""
+    """Flight envelope for plans and autopilot."""
 
-    speed_min_m_s: float = number("lowest airspeed", 1, SPEED_MAX_M_S, "m/s", 90.0)
-    speed_max_m_s: float = number("highest airspeed", 1, SPEED_MAX_M_S, "m/s", 240.0)
+    speed_min_m_s: float = number("minimum airspeed", 1, SPEED_MAX_M_S, "m/s", 90.0)
+    speed_max_m_s: float = number("maximum airspeed", 1, SPEED_MAX_M_S, "m/s", 240.0)
     bank_max_deg: float = number("largest bank angle", 5, 85, "deg", 60.0)
     climb_rate_max_m_s: float = number("largest rate of climb or descent", 1, 300, "m/s", 80.0)
     altitude_min_m: float = number("lowest altitude", 0, ALTITUDE_MAX_M, "m", 100.0)
@@ -122,15 +126,16 @@ class Limits(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """Find altitudes without a width; those of the load factors do not meet, so they need no such check.
+        """List altitudes without a width; the ranges of the two load factors do not overlap and need no check.
 
-        Speeds and angles of attack that are left out are those of the aircraft: see `schema_ranges`.
+        Airspeeds and angles of attack left out of the scenario follow from the aircraft: see
+        `schema_checks.limits_for`.
         """
         return ordering_problems(self, "altitude_min_m", "altitude_max_m", "m")
 
 
 class Guidance(Table):
-    """How the plan is followed."""
+    """Path-following settings."""
 
     position_gain_per_s: float = number(
         "correction of the commanded velocity per metre of error; 0 = velocity commands alone", 0, 5, "1/s", 0.3
@@ -138,14 +143,14 @@ class Guidance(Table):
 
 
 class Hold(Table):
-    """The circle that every aircraft flies after its arrival."""
+    """The circle flown by every aircraft after the arrival."""
 
     radius_m: float = number("radius of the circle", 20, 100_000, "m", 4000.0)
     direction: Literal["right", "left"] = choice("sense of the turn", ("right", "left"), "right")
 
 
 class Requirements(Table):
-    """What the flight has to achieve to count as met."""
+    """Requirements that a flight must meet to pass."""
 
     miss_max_m: float = number(
         "largest distance from the rendezvous point at arrival", 0, 10_000, "m", 3.0, exclusive_minimum=True

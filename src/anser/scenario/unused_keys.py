@@ -1,4 +1,4 @@
-"""Keys without effect: what a scenario says about something that it does not have, and what would give it an effect."""
+"""Keys without effect: settings for something that the scenario does not contain, with a remedy for each."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from anser.scenario.schema_aircraft import Gains
 from anser.scenario.schema_sensing import PRESETS, Navigation
 
 _GUST_KEYS = ("wind_time_s", "gust_time_s")
-"""Keys of [navigation] that an aircraft with exact sensors needs in gusts, too."""
+"""Keys of [navigation] that an aircraft with exact sensors uses in gusts too."""
 _OTHER_PRESETS = ", ".join(f'"{preset}"' for preset in PRESETS)
 
 
@@ -21,20 +21,20 @@ class UnusedKeys:
     Attributes
     ----------
     path
-        Of the table, such as ``aircraft[0].gains``.
+        Key path of the table, such as ``aircraft[0].gains``.
     table
-        Its values.
+        Values of the table.
     keys
-        Those without effect.
+        Keys without effect.
     cause
-        What follows the value in a message, such as ``with intensity "none"``.
+        Continuation of the value in a message, such as ``with intensity "none"``.
     remedy
-        What would give them an effect.
+        Change that would give the keys an effect.
     is_whole
-        Whether the table as a whole has none: then its first key is named, once.
+        Whether the whole table has no effect; then only the first key is named.
     is_refused
-        Whether a file that writes the keys is refused. The direction of what does not move, and a goal to which nobody
-        flies, are a caution: speed and aircraft may come from elsewhere. A study may vary none of them.
+        Whether a file with these keys is refused. The direction of something at rest and a goal without aircraft are
+        only cautions, because speed and aircraft may be set elsewhere. A study may vary none of these keys.
     """
 
     path: str
@@ -46,33 +46,43 @@ class UnusedKeys:
     is_refused: bool = True
 
     def contains(self, path: str) -> bool:
-        """Whether a path with numbered items leads to one of the keys, or into it."""
+        """Whether a numbered key path leads to one of the keys or below it."""
         keys = (f"{self.path}.{key}" for key in self.keys)
         return any(path == key or path.startswith((f"{key}.", f"{key}[")) for key in keys)
 
     def problems(self) -> Iterator[Problem]:
-        """Yield the keys that are written with another value than their default, which asks for nothing."""
+        """Problems for keys in the file whose values differ from the defaults."""
         for key in self.keys[:1] if self.is_whole else self.keys:
             value = getattr(self.table, key)
             if key in self.table.model_fields_set and value != type(self.table).model_fields[key].default:
-                shown = format_number(value) if isinstance(value, float) else describe_value(value)
-                instead = "" if self.is_whole else f", or no {key}"
-                yield Problem(f"{self.path}.{key}", f"{shown} {self.cause}", self.remedy + instead)
+                value_text = format_number(value) if isinstance(value, float) else describe_value(value)
+                alternative = "" if self.is_whole else f", or no {key}"
+                yield Problem(f"{self.path}.{key}", f"{value_text} {self.cause}", self.remedy + alternative)
 
 
 def unused_key_problems(scenario: Scenario) -> list[Problem]:
-    """Find keys that are written, have no effect on flight, plan or verdict, and are refused."""
-    return [problem for idle in find_unused_keys(scenario) if idle.is_refused for problem in idle.problems()]
+    """Problems for keys in the file without effect on flight, plan or verdict that are refused."""
+    return [
+        problem
+        for unused_keys in find_unused_keys(scenario)
+        if unused_keys.is_refused
+        for problem in unused_keys.problems()
+    ]
 
 
 def unused_key_cautions(scenario: Scenario) -> list[str]:
-    """Name keys that are written and have no effect, and are not refused, one sentence each."""
-    problems = [problem for idle in find_unused_keys(scenario) if not idle.is_refused for problem in idle.problems()]
-    return [f"{one.path}: {one.arrived} changes nothing; expected {one.expected}" for one in problems]
+    """Cautions for keys in the file without effect that are not refused, one sentence each."""
+    problems = [
+        problem
+        for unused_keys in find_unused_keys(scenario)
+        if not unused_keys.is_refused
+        for problem in unused_keys.problems()
+    ]
+    return [f"{problem.path}: {problem.arrived} changes nothing; expected {problem.expected}" for problem in problems]
 
 
 def find_unused_keys(scenario: Scenario) -> list[UnusedKeys]:
-    """All keys of a scenario without effect, written or not, as far as its tables alone show it."""
+    """All keys of a scenario without effect, in the file or not, as far as the tables alone determine this."""
     return [
         *_unused_sensing_keys(scenario),
         *_unused_air_keys(scenario),
@@ -124,7 +134,7 @@ def _unused_air_keys(scenario: Scenario) -> Iterator[UnusedKeys]:
 
 
 def _unused_directions(scenario: Scenario) -> Iterator[UnusedKeys]:
-    """Directions of what does not move."""
+    """Directions of winds, goals and keep-outs at rest."""
     remedy = "speed_m_s above 0 beside it"
     wind = scenario.wind
     layers = [] if wind.layers is None else [(f"wind.layers[{k}]", layer) for k, layer in enumerate(wind.layers)]
@@ -187,10 +197,9 @@ def _unused_event_keys(scenario: Scenario) -> Iterator[UnusedKeys]:
             yield UnusedKeys(path, event, ("gaps",), cause, 'arrival.rule = "sequence"')
 
 
-def _keys_except(model: type[Table], others: Iterable[str]) -> tuple[str, ...]:
-    return tuple(key for key in model.model_fields if key not in others)
+def _keys_except(model: type[Table], excluded: Iterable[str]) -> tuple[str, ...]:
+    return tuple(key for key in model.model_fields if key not in excluded)
 
 
 def _keys_with_first(key: str, table: Table) -> tuple[str, ...]:
-    """All keys of a table, one of them first."""
     return (key, *_keys_except(type(table), (key,)))
