@@ -1,4 +1,4 @@
-"""The operations of formulas in JAX, whose slopes are finite everywhere, and in NumPy for what is known at reading."""
+"""Formula operations in JAX, with finite derivatives everywhere, and in NumPy for constants."""
 
 import functools
 import operator
@@ -13,10 +13,10 @@ from anser.dave_ml.formulas import Arithmetic
 
 
 def _guarded(function: Callable[..., Any], *slopes: Callable[..., Any]) -> Callable[..., Any]:
-    """A function with partial derivatives, each a function of the arguments and the value.
+    """Attach partial derivatives, functions of the arguments and the value, to a function.
 
-    Where one is not finite it counts as zero, so that a branch that is not chosen, or a point such as the root of zero,
-    makes no gradient a NaN.
+    Non-finite partial derivatives are replaced by zero. Otherwise an unselected branch or a singular point (root of
+    zero) would turn the whole gradient into NaN.
     """
 
     @jax.custom_jvp
@@ -47,11 +47,11 @@ _tan = _guarded(jnp.tan, lambda a, y: 1.0 + y * y)
 _exp = _guarded(jnp.exp, lambda a, y: y)
 
 _POWER_MAX: Final = 16
-"""Greatest whole exponent that is computed by multiplying."""
+"""Greatest integer exponent computed by repeated multiplication."""
 
 
 def _power_of_number(base: Any, exponent: float) -> Any:
-    """A power whose exponent is known."""
+    """Power with a constant exponent."""
     if exponent == 0.5:
         return _sqrt(base)
     if exponent.is_integer() and abs(exponent) <= _POWER_MAX:
@@ -65,33 +65,35 @@ def _principal_arccot(xp: Any, a: Any) -> Any:
     return xp.arctan2(xp.where(a < 0.0, -1.0, 1.0), xp.abs(a))
 
 
-def _by_reciprocals(divide: Callable[[Any, Any], Any], functions: Mapping[str, Callable[..., Any]]) -> dict[str, Any]:
-    """Secants, cosecants, cotangents and their inverses from the functions that they are reciprocals of."""
+def _by_reciprocals(
+    divide: Callable[[Any, Any], Any], basic_functions: Mapping[str, Callable[..., Any]]
+) -> dict[str, Any]:
+    """Secant, cosecant, cotangent and similar functions, from the basic functions and their inverses."""
 
     def inverse(name: str) -> Callable[[Any], Any]:
-        return lambda a: functions[name](divide(1.0, a))
+        return lambda a: basic_functions[name](divide(1.0, a))
 
     return {
-        "sec": lambda a: divide(1.0, functions["cos"](a)),
-        "csc": lambda a: divide(1.0, functions["sin"](a)),
-        "cot": lambda a: divide(functions["cos"](a), functions["sin"](a)),
+        "sec": lambda a: divide(1.0, basic_functions["cos"](a)),
+        "csc": lambda a: divide(1.0, basic_functions["sin"](a)),
+        "cot": lambda a: divide(basic_functions["cos"](a), basic_functions["sin"](a)),
         "arcsec": inverse("arccos"),
         "arccsc": inverse("arcsin"),
-        "sech": lambda a: divide(1.0, functions["cosh"](a)),
-        "csch": lambda a: divide(1.0, functions["sinh"](a)),
-        "coth": lambda a: divide(1.0, functions["tanh"](a)),
+        "sech": lambda a: divide(1.0, basic_functions["cosh"](a)),
+        "csch": lambda a: divide(1.0, basic_functions["sinh"](a)),
+        "coth": lambda a: divide(1.0, basic_functions["tanh"](a)),
         "arcsech": inverse("arccosh"),
         "arccsch": inverse("arcsinh"),
         "arccoth": inverse("arctanh"),
     }
 
 
-def _minus(divide_free: Any, *other: Any) -> Any:
-    return divide_free - other[0] if other else -divide_free
+def _minus(minuend: Any, *subtrahend: Any) -> Any:
+    return minuend - subtrahend[0] if subtrahend else -minuend
 
 
-def _folded(two: Callable[[Any, Any], Any]) -> Callable[..., Any]:
-    return lambda *arguments: functools.reduce(two, arguments)
+def _folded(binary_operation: Callable[[Any, Any], Any]) -> Callable[..., Any]:
+    return lambda *arguments: functools.reduce(binary_operation, arguments)
 
 
 _SHARED: Final[dict[str, Callable[..., Any]]] = {
@@ -160,7 +162,7 @@ IN_JAX: Final = Arithmetic(
     _power_of_number,
     jnp.where,
 )
-"""For traced values: scalars, or arrays of one shape."""
+"""Operations on traced values: scalars, or arrays of equal shape."""
 
 IN_NUMPY: Final = Arithmetic(
     {
@@ -188,4 +190,4 @@ IN_NUMPY: Final = Arithmetic(
     np.power,
     np.where,
 )
-"""For numbers that are known."""
+"""Operations on constants."""

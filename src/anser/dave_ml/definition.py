@@ -1,4 +1,4 @@
-"""What a DAVE-ML file says, as plain data (DAVEfunc document type 2.0)."""
+"""Content of a DAVE-ML file as plain data (DAVEfunc document type 2.0)."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -19,16 +19,16 @@ ROLES: Final[tuple[Role, ...]] = (
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """An element that says something about the model and computes nothing: header, provenance, uncertainty.
+    """Documentation element, without effect on the computation: header, provenance or uncertainty.
 
     Attributes
     ----------
     tag, text
-        Its name, and its character data without blanks around.
+        Name of the element, and character data without surrounding blanks.
     attributes
         Pairs of name and value.
     children
-        In their order.
+        Child elements in file order.
     """
 
     tag: str
@@ -37,48 +37,48 @@ class Note:
     children: tuple["Note", ...] = ()
 
     def get(self, attribute: str, otherwise: str = "") -> str:
-        """The value of an attribute."""
+        """Value of an attribute."""
         return dict(self.attributes).get(attribute, otherwise)
 
     def all(self, tag: str) -> tuple["Note", ...]:
-        """The children of a name."""
+        """Children with a tag."""
         return tuple(child for child in self.children if child.tag == tag)
 
 
 @dataclass(frozen=True, slots=True)
 class SourceLocation:
-    """Where something stands in a file; line and column from 1, None where it came from no file."""
+    """Position in a file: line and column from 1, or None for a definition made in Python."""
 
     file: str = ""
     line: int | None = None
     column: int | None = None
 
     def fault(self, arrived: str, expected: str) -> DaveMlError:
-        """The error at this place."""
+        """Error at this position of the file."""
         return DaveMlError(self.file, arrived, expected, self.line, self.column)
 
 
 def source_location_of(element: Element) -> SourceLocation:
-    """Where an element begins."""
+    """Position of an element's start tag."""
     return SourceLocation(element.file, element.line, element.column)
 
 
 @dataclass(frozen=True, slots=True)
 class Variable:
-    """A signal, constant or parameter.
+    """Signal, constant or parameter.
 
     Attributes
     ----------
     id, name, units
-        Its varID, its name (for standard ones that of ANSI/AIAA S-119), its units as written.
+        varID, name (ANSI/AIAA S-119 name for standard variables), and units as written.
     initial
-        Initial, constant or usual value.
-    least, greatest
-        What its value is limited to, however it arises.
+        Constant, initial value of a state, or default of an input.
+    minimum, maximum
+        Limits that clip every value of the variable.
     formula
-        How it is calculated.
+        Calculation of the value from other variables.
     roles
-        Those of `ROLES` that it has.
+        Elements of `ROLES` in the definition.
     notes
         Provenance and uncertainty.
     """
@@ -102,7 +102,7 @@ class Variable:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Breakpoints:
-    """Points of one axis of gridded tables; shape (n,), strictly increasing."""
+    """Breakpoints of one axis of gridded tables; shape (n,), strictly increasing."""
 
     id: str
     points: np.ndarray
@@ -119,11 +119,11 @@ class GriddedTable:
     Attributes
     ----------
     id
-        Its gtID.
+        gtID.
     axes
-        Identifiers of the breakpoints of each axis.
+        Breakpoint identifier (bpID) of each axis.
     values
-        One axis for each of `axes`.
+        Array with one dimension per entry of `axes`.
     """
 
     id: str
@@ -143,7 +143,7 @@ class UngriddedTable:
     Attributes
     ----------
     id
-        Its utID.
+        utID.
     points
         Coordinates; shape (n, arguments).
     values
@@ -162,16 +162,16 @@ class UngriddedTable:
 
 @dataclass(frozen=True, slots=True)
 class Argument:
-    """A variable that a function depends on.
+    """Independent variable of a function.
 
     Attributes
     ----------
     id
-        Its varID.
-    least, greatest
-        What it is limited to before the table is looked up.
+        varID.
+    minimum, maximum
+        Limits that clip the argument before the lookup.
     extrapolate, interpolate
-        Beyond the ends of the table and between its points.
+        Extrapolation beyond the table's ends, and interpolation between breakpoints.
     """
 
     id: str
@@ -183,14 +183,14 @@ class Argument:
 
 @dataclass(frozen=True, slots=True)
 class Function:
-    """A table as the source of a variable.
+    """Table that defines a variable.
 
     Attributes
     ----------
     result
-        The varID of the variable that it gives.
+        varID of the dependent variable.
     arguments
-        One for each axis of the table, in their order.
+        Independent variables in the order of the table's axes.
     table
         Identifier of a gridded or ungridded table.
     """
@@ -206,16 +206,16 @@ class Function:
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """A value of a check shot.
+    """Value of a variable in a check shot.
 
     Attributes
     ----------
     id
-        The varID of the variable.
+        varID of the variable.
     units
-        In which value and tolerance stand; those of the variable where they are not given.
+        Units of value and tolerance; the variable's units if the file omits them.
     tolerance
-        Greatest difference to what is computed; None where the file gives none.
+        Greatest permitted difference from the computed value; None if the file omits it.
     """
 
     id: str
@@ -226,7 +226,7 @@ class Signal:
 
 @dataclass(frozen=True, slots=True)
 class Shot:
-    """A static check: inputs, what comes out, and what stands in between."""
+    """Static check: input values with the expected outputs and internal values."""
 
     name: str
     inputs: tuple[Signal, ...]
@@ -239,18 +239,18 @@ class Shot:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Definition:
-    """The content of a DAVE-ML file.
+    """Content of a DAVE-ML file.
 
     Attributes
     ----------
     file
-        What errors call it.
+        Name of the file in error messages.
     header
-        Who made it, when, from what, with what changes.
+        Author, dates, references and modification records.
     variables, breakpoints, gridded, ungridded
-        By their identifiers, in the file's order.
+        Definitions by identifier, in file order.
     functions, shots
-        In the file's order.
+        In file order.
     """
 
     file: str
@@ -264,7 +264,7 @@ class Definition:
 
 
 def header(name: str, author: str, organization: str, date: str, description: str = "", version: str = "") -> Note:
-    """The header of a file of one's own; the date as in 2026-11-25."""
+    """Make the header of a new file; `date` as in 2026-11-25."""
     children = [
         Note("author", (("name", author), ("org", organization))),
         Note("creationDate", (("date", date),)),

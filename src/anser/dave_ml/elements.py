@@ -1,7 +1,6 @@
-"""XML elements of a DAVE-ML file with their line and column.
+"""XML elements with their position in the file, number parsing, and the error for invalid files.
 
-The numbers in them, and the error that a file can cause. Nothing is fetched, expanded or executed, and sizes are
-bounded.
+The parser expands no entities, fetches nothing, and bounds size and nesting.
 """
 
 import math
@@ -18,18 +17,18 @@ _SHOWN_MAX: Final = 80
 
 
 class DaveMlError(ValueError):
-    """A DAVE-ML file that cannot be read, or a model that cannot be built from it; ``str()`` is one line.
+    """A DAVE-ML file is invalid, or a model cannot be built from it; ``str()`` is one line.
 
     Parameters
     ----------
     name
-        The file, or another name of the place that the text came from.
+        Name of the file.
     arrived
-        What stands there.
+        Content at this position.
     expected
-        What would be right.
+        Description of valid content.
     line, column
-        Place in the file, counted from 1; None for the file as a whole.
+        Position in the file, from 1; None for the whole file.
     """
 
     def __init__(self, name: str, arrived: str, expected: str, line: int | None = None, column: int | None = None):
@@ -41,40 +40,40 @@ class DaveMlError(ValueError):
         super().__init__(name, arrived, expected, line, column)
 
     def __str__(self) -> str:
-        place = "" if self.line is None else f", line {self.line}, column {self.column}"
-        return f"{self.name or 'DAVE-ML'}{place}: arrived {self.arrived}; expected {self.expected}"
+        position = "" if self.line is None else f", line {self.line}, column {self.column}"
+        return f"{self.name or 'DAVE-ML'}{position}: arrived {self.arrived}; expected {self.expected}"
 
 
 def quote(text: str) -> str:
-    """A text that arrived, in quotes, on one line and not too long."""
+    """Quote text from a file on one line, shortened."""
     quoted = f'"{text}"' if text.isprintable() else repr(text)
     return quoted if len(quoted) <= _SHOWN_MAX + 2 else f'{quoted[:_SHOWN_MAX]}..." ({len(text)} characters)'
 
 
 FILE_BYTES_MAX: Final = 8 * 2**20
-"""Size of the largest file that is read."""
+"""Greatest size of a file, bytes."""
 NESTING_MAX: Final = 100
-"""Elements within elements, and operations within a formula."""
+"""Greatest depth of nested elements, hence of nested operations in a formula."""
 ELEMENTS_MAX: Final = 100_000
-"""Elements of a file."""
+"""Greatest number of elements in a file."""
 
 
 @dataclass(slots=True, eq=False)
 class Element:
-    """An XML element.
+    """XML element.
 
     Attributes
     ----------
     tag
-        Name without its namespace's prefix.
+        Name without the namespace prefix.
     attributes
-        With their prefixes.
+        Names with prefixes.
     text
-        Its own character data, without those of its children.
+        Character data directly inside the element.
     children
-        In their order.
+        In file order.
     file, line, column
-        Where it begins, counted from 1.
+        Position of the start tag, from 1.
     """
 
     tag: str
@@ -86,59 +85,67 @@ class Element:
     children: list["Element"] = field(default_factory=list)
 
     def fault(self, arrived: str, expected: str) -> DaveMlError:
-        """The error at this place."""
+        """Error at this element."""
         return DaveMlError(self.file, arrived, expected, self.line, self.column)
 
-    def permit(self, attributes: Iterable[str] = (), once: Iterable[str] = (), many: Iterable[str] = ()) -> None:
-        """Refuse other attributes and children than these, and a second child of those that may stand once.
+    def permit(self, attributes: Iterable[str] = (), once: Iterable[str] = (), repeatable: Iterable[str] = ()) -> None:
+        """Raise DaveMlError for unknown attributes or children.
 
-        Raises
-        ------
-        DaveMlError
-            There is one.
+        Parameters
+        ----------
+        attributes
+            Permitted attributes.
+        once
+            Tags of children permitted once.
+        repeatable
+            Tags of children permitted repeatedly.
         """
-        known = set(attributes)
+        attribute_names = set(attributes)
         for name in self.attributes:
-            if name not in known and not name.startswith("xml") and ":" not in name:
-                raise self.fault(f"attribute {quote(name)} of <{self.tag}>", _format_choices("attributes", known))
-        single, several = set(once), set(many)
-        seen: set[str] = set()
+            if name not in attribute_names and not name.startswith("xml") and ":" not in name:
+                raise self.fault(
+                    f"attribute {quote(name)} of <{self.tag}>", _format_choices("attributes", attribute_names)
+                )
+        single_tags, repeatable_tags = set(once), set(repeatable)
+        present_tags: set[str] = set()
         for child in self.children:
-            if child.tag not in single | several:
-                raise child.fault(f"<{child.tag}> in <{self.tag}>", _format_choices("elements", single | several))
-            if child.tag in single and child.tag in seen:
+            if child.tag not in single_tags | repeatable_tags:
+                raise child.fault(
+                    f"<{child.tag}> in <{self.tag}>", _format_choices("elements", single_tags | repeatable_tags)
+                )
+            if child.tag in single_tags and child.tag in present_tags:
                 raise child.fault(f"a second <{child.tag}> in <{self.tag}>", "one")
-            seen.add(child.tag)
+            present_tags.add(child.tag)
 
     def all(self, *tags: str) -> list["Element"]:
-        """The children of these names."""
+        """Children with any of these tags."""
         return [child for child in self.children if child.tag in tags]
 
     def first(self, *tags: str) -> "Element | None":
-        """The first child of one of these names."""
+        """First child with any of these tags; None if absent."""
         return next(iter(self.all(*tags)), None)
 
     def require(self, *tags: str) -> "Element":
-        """The first child of one of these names, which has to be there."""
-        found = self.first(*tags)
-        if found is None:
+        """First child with any of these tags; raises DaveMlError if absent."""
+        child = self.first(*tags)
+        if child is None:
             raise self.fault(f"<{self.tag}> without <{tags[0]}>", f"<{'> or <'.join(tags)}> in it")
-        return found
+        return child
 
     def attribute(self, name: str) -> str:
-        """An attribute that has to be there, without blanks around it."""
+        """Value of a required attribute, stripped; raises DaveMlError if absent."""
         value = self.attributes.get(name, "").strip()
         if name not in self.attributes or not (value or name == "units"):
             raise self.fault(f"<{self.tag}> without attribute {name}", f'{name}="..."')
         return value
 
 
-def _format_choices(kind: str, known: set[str]) -> str:
-    return f"{kind} {', '.join(sorted(known))}" if known else f"no {kind}"
+def _format_choices(kind: str, permitted: set[str]) -> str:
+    return f"{kind} {', '.join(sorted(permitted))}" if permitted else f"no {kind}"
 
 
 class _Builder:
-    """Handlers of the parser."""
+    """Expat handlers that build the element tree."""
 
     def __init__(self, name: str, parser: Any) -> None:
         self.name = name
@@ -191,19 +198,19 @@ class _Builder:
 
 
 def parse_elements(content: str | bytes, name: str) -> Element:
-    """The root element of an XML document.
+    """Parse an XML document and return its root element.
 
     Parameters
     ----------
     content
-        The document; bytes in the encoding that it declares.
+        Document; bytes in the declared encoding.
     name
-        What errors call it.
+        Name of the file in error messages.
 
     Raises
     ------
     DaveMlError
-        It is no well-formed XML, declares or uses an entity of its own, or is too large.
+        If the document is not well-formed XML, declares or uses entities, or is too large.
     """
     if len(content) > FILE_BYTES_MAX:
         raise DaveMlError(name, f"{len(content):,} bytes", f"at most {FILE_BYTES_MAX:,}")
@@ -231,60 +238,54 @@ def parse_elements(content: str | bytes, name: str) -> Element:
 
 
 TABLE_NUMBERS_MAX: Final = 1_000_000
-"""Numbers of one table or list."""
+"""Greatest number of values in a table or list."""
 _ALLOWED: Final = frozenset("0123456789+-.eE, \t\r\n")
 
 
-def parse_number(text: str, element: Element, what: str) -> float:
-    """One finite number.
-
-    Raises
-    ------
-    DaveMlError
-        The text is none.
-    """
+def parse_number(text: str, element: Element, description: str) -> float:
+    """Parse one finite number; raises DaveMlError if the text is not one."""
     stripped = text.strip()
     if not set(stripped) <= _ALLOWED - {","}:
-        raise element.fault(f"{quote(stripped)} as {what}", "a number such as -1.5e3")
+        raise element.fault(f"{quote(stripped)} as {description}", "a number such as -1.5e3")
     try:
         value = float(stripped)
     except ValueError:
-        raise element.fault(f"{quote(stripped)} as {what}", "a number such as -1.5e3") from None
+        raise element.fault(f"{quote(stripped)} as {description}", "a number such as -1.5e3") from None
     if not math.isfinite(value):
-        raise element.fault(f"{quote(stripped)} as {what}", "a number that 64 bits can hold")
+        raise element.fault(f"{quote(stripped)} as {description}", "a number that 64 bits can hold")
     return value
 
 
 def optional_number(element: Element, attribute: str) -> float | None:
-    """The number of an attribute; None where it is missing."""
+    """Number in an attribute; None if the attribute is absent."""
     if attribute not in element.attributes:
         return None
     return parse_number(element.attributes[attribute], element, attribute)
 
 
-def parse_numbers(element: Element, what: str) -> np.ndarray:
-    """The numbers in an element, separated by commas or white space; shape (n,), at least one.
+def parse_numbers(element: Element, description: str) -> np.ndarray:
+    """Parse the numbers in an element, separated by commas or white space; shape (n,).
 
     Raises
     ------
     DaveMlError
-        One is no finite number, there is none, or there are too many.
+        If the element is empty, has more than `TABLE_NUMBERS_MAX` numbers, or a token is not a finite number.
     """
-    strange = set(element.text) - _ALLOWED
-    if strange:
-        token = next(word for word in element.text.replace(",", " ").split() if strange & set(word))
-        raise element.fault(f"{quote(token)} in {what}", "numbers such as -1.5e3, with commas or blanks between")
-    words = element.text.replace(",", " ").split(None, TABLE_NUMBERS_MAX)
-    if len(words) > TABLE_NUMBERS_MAX:
-        raise element.fault(f"more than {TABLE_NUMBERS_MAX:,} numbers in {what}", "fewer")
-    if not words:
-        raise element.fault(f"no numbers in {what}", "at least one")
+    invalid_characters = set(element.text) - _ALLOWED
+    if invalid_characters:
+        token = next(t for t in element.text.replace(",", " ").split() if invalid_characters & set(t))
+        raise element.fault(f"{quote(token)} in {description}", "numbers such as -1.5e3, with commas or blanks between")
+    tokens = element.text.replace(",", " ").split(None, TABLE_NUMBERS_MAX)
+    if len(tokens) > TABLE_NUMBERS_MAX:
+        raise element.fault(f"more than {TABLE_NUMBERS_MAX:,} numbers in {description}", "fewer")
+    if not tokens:
+        raise element.fault(f"no numbers in {description}", "at least one")
     try:
-        values = np.array([float(word) for word in words])
+        values = np.array([float(token) for token in tokens])
     except ValueError as error:
         token = str(error).partition(": ")[2].strip("'")
-        raise element.fault(f"{quote(token)} in {what}", "numbers such as -1.5e3") from None
+        raise element.fault(f"{quote(token)} in {description}", "numbers such as -1.5e3") from None
     if not np.all(np.isfinite(values)):
-        token = words[int(np.flatnonzero(~np.isfinite(values))[0])]
-        raise element.fault(f"{quote(token)} in {what}", "numbers that 64 bits can hold")
+        token = tokens[int(np.flatnonzero(~np.isfinite(values))[0])]
+        raise element.fault(f"{quote(token)} in {description}", "numbers that 64 bits can hold")
     return values

@@ -1,4 +1,4 @@
-"""A DAVE-ML model compiled to JAX: one instant of one aircraft, to be mapped over many."""
+"""DAVE-ML model compiled to JAX: one time and one aircraft, for use with vmap."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -29,20 +29,19 @@ from anser.shapes import Scalar, ScalarLike
 
 
 class Evaluator(eqx.Module):
-    """What a DAVE-ML file computes.
+    """Computation of a DAVE-ML file.
 
-    Numbers that one may vary without compiling anew are leaves: constants and the values of tables. What formulas hold
-    as numbers, and the limits of variables, are part of the structure.
+    Constants and table values are leaves of the pytree, so changing them does not recompile. Numbers in formulas and
+    the limits of variables belong to the static structure.
 
     Attributes
     ----------
     constants
-        By varID: constants, what is calculated from them (`with_constants` keeps these in step), and usual values of
-        inputs.
+        By varID: constants, values calculated from constants (updated by `with_constants`) and defaults of inputs.
     tables
-        Of each stage; a stage's tables need no result of a later one.
+        Tables by stage; the arguments of a stage's tables come from earlier stages.
     structure
-        What is computed from what.
+        Order of computation.
     """
 
     constants: dict[str, Scalar]
@@ -50,67 +49,68 @@ class Evaluator(eqx.Module):
     structure: Structure = eqx.field(static=True)
 
     def evaluate(self, inputs: Mapping[str, ScalarLike], outputs: Sequence[str] | None = None) -> dict[str, Scalar]:
-        """Values of variables in one instant, in the units of the file.
+        """Compute variables at one time, in the file's units.
 
         Parameters
         ----------
         inputs
-            Scalars by varID or name; those that have a usual value may be left out, as may those that no wanted
-            variable depends on.
+            Scalars by varID or name. An input may be omitted if the file gives a default or no requested variable
+            depends on the input.
         outputs
-            Wanted variables, any of the file, by varID or name; what the file marks as output where None. Nothing
-            else is computed.
+            Variables to compute, by varID or name; default: the variables marked as output. Unrelated variables are not
+            computed.
 
         Returns
         -------
-        By the names under which they were asked for.
+        Values by the names in `outputs`.
 
         Raises
         ------
         ValueError
-            A variable is not known or is no input, an input is missing, or one is no scalar.
+            If a variable does not exist, a variable in `inputs` is not an input, an input is missing or is not a
+            scalar.
         """
-        asked = self.structure.outputs if outputs is None else tuple(outputs)
-        wanted = {name: self.structure.find(name) for name in asked}
+        output_names = self.structure.outputs if outputs is None else tuple(outputs)
+        output_ids = {name: self.structure.find(name) for name in output_names}
         values: dict[str, Array] = dict(self.constants)
         for name, value in inputs.items():
             identifier = self._input(name, value)
             values[identifier] = _clip(_number(value), self.structure.by_id[identifier].limits)
-        needed = self.structure.required_variables(set(wanted.values()), values.keys())
-        self._refuse_missing(needed - values.keys())
+        required = self.structure.required_variables(set(output_ids.values()), values.keys())
+        self._refuse_missing(required - values.keys())
         stage = 0
         for quantity in self.structure.quantities:
-            if quantity.id not in needed or quantity.id in values:
+            if quantity.id not in required or quantity.id in values:
                 continue
             while stage < quantity.level:
-                values |= self._looked_up(stage, values, needed)
+                values |= self._looked_up(stage, values, required)
                 stage += 1
             if quantity.formula is not None:
-                found = IN_JAX.value_of(quantity.formula, values)
-                values[quantity.id] = _clip(_number(found), quantity.limits)
-        return {name: values[identifier] for name, identifier in wanted.items()}
+                formula_value = IN_JAX.value_of(quantity.formula, values)
+                values[quantity.id] = _clip(_number(formula_value), quantity.limits)
+        return {name: values[identifier] for name, identifier in output_ids.items()}
 
     def evaluate_si(self, inputs: Mapping[str, ScalarLike], outputs: Sequence[str] | None = None) -> dict[str, Scalar]:
-        """As `evaluate`, inputs and values in SI units and radians; percent as fractions.
+        """As `evaluate`, with inputs and outputs in SI units and radians; percent as fractions.
 
         Raises
         ------
         ValueError
-            Also where a unit is not known; the message names the variable and the unit.
+            As `evaluate`, and if a unit is unknown.
         """
-        asked = self.structure.outputs if outputs is None else tuple(outputs)
-        units = {name: self.unit(name) for name in (*inputs, *asked)}
-        given = {name: (value - units[name].offset) / units[name].factor for name, value in inputs.items()}
-        found = self.evaluate(given, asked)
-        return {name: value * units[name].factor + units[name].offset for name, value in found.items()}
+        output_names = self.structure.outputs if outputs is None else tuple(outputs)
+        units = {name: self.unit(name) for name in (*inputs, *output_names)}
+        file_inputs = {name: (value - units[name].offset) / units[name].factor for name, value in inputs.items()}
+        file_outputs = self.evaluate(file_inputs, output_names)
+        return {name: value * units[name].factor + units[name].offset for name, value in file_outputs.items()}
 
     def unit(self, name: str) -> Unit:
-        """The unit of a variable, by its varID or name.
+        """Unit of a variable, by varID or name.
 
         Raises
         ------
         ValueError
-            The variable or its unit is not known.
+            If the variable does not exist or the unit is unknown.
         """
         quantity = self.structure.by_id[self.structure.find(name)]
         try:
@@ -119,14 +119,14 @@ class Evaluator(eqx.Module):
             raise ValueError(f"variable {quantity.id} ({quantity.name}): {error}") from None
 
     def with_constants(self, changes: Mapping[str, ScalarLike]) -> "Evaluator":
-        """The same model with other constants, in the units of the file; what is calculated from them follows.
+        """Copy with other constants, in the file's units; values calculated from the constants are updated.
 
-        What the file calculates from constants may be changed too, and is then held.
+        A value that the file calculates from constants may be set too, and then replaces the calculation.
 
         Raises
         ------
         ValueError
-            A variable is no constant.
+            If a variable is not a constant.
         """
         changed = {self.structure.find(name): value for name, value in changes.items()}
         for identifier in changed:
@@ -155,42 +155,42 @@ class Evaluator(eqx.Module):
     def _refuse_missing(self, unknown: set[str]) -> None:
         missing = [name for name in self.structure.inputs if name in unknown]
         if missing:
-            named = (
+            descriptions = (
                 f"{name} ({self.structure.by_id[name].name}, {self.structure.by_id[name].units})" for name in missing
             )
-            raise ValueError(f"inputs are missing: {', '.join(named)}")
+            raise ValueError(f"inputs are missing: {', '.join(descriptions)}")
 
-    def _looked_up(self, stage: int, values: Mapping[str, Array], needed: set[str]) -> dict[str, Array]:
-        found: dict[str, Array] = {}
+    def _looked_up(self, stage: int, values: Mapping[str, Array], required: set[str]) -> dict[str, Array]:
+        results: dict[str, Array] = {}
         for table in self.tables[stage]:
-            wanted = needed.intersection(table.result_names) - values.keys()
-            if wanted:
-                found |= table(values, wanted)
-        return {name: _clip(value, self.structure.by_id[name].limits) for name, value in found.items()}
+            table_results = required.intersection(table.result_names) - values.keys()
+            if table_results:
+                results |= table(values, table_results)
+        return {name: _clip(value, self.structure.by_id[name].limits) for name, value in results.items()}
 
 
 def _number(value: ScalarLike) -> Array:
-    """A number as an array, in its own precision."""
+    """Convert to a floating-point array; floating-point precision is preserved."""
     array = jnp.asarray(value)
     return array if jnp.issubdtype(array.dtype, jnp.floating) else array.astype(float)
 
 
 def _clip(value: Array, limits: tuple[float | None, float | None]) -> Array:
-    least, greatest = limits
-    value = value if least is None else jnp.maximum(value, least)
-    return value if greatest is None else jnp.minimum(value, greatest)
+    minimum, maximum = limits
+    value = value if minimum is None else jnp.maximum(value, minimum)
+    return value if maximum is None else jnp.minimum(value, maximum)
 
 
 def make_evaluator(definition: Definition) -> Evaluator:
-    """Compile what a file says.
+    """Compile a definition.
 
     Raises
     ------
     DaveMlError
-        A variable is not there, has two sources, depends on itself or calculates from constants what is no number; or
-        a table cannot be interpolated.
+        If a source of a variable does not exist, a variable has two sources or depends on itself, a formula of
+        constants gives NaN or infinity, or a table cannot be interpolated.
     """
-    with jax.ensure_compile_time_eval():  # known numbers, even where a traced function reads a file
+    with jax.ensure_compile_time_eval():  # concrete numbers, even if a traced function reads a file
         return _compile_definition(_sorted_lines(definition))
 
 
@@ -215,13 +215,13 @@ def _compile_definition(definition: Definition) -> Evaluator:
 
 
 def _sorted_lines(definition: Definition) -> Definition:
-    """The same definition with scattered points along a line as gridded tables."""
+    """Copy of a definition with ungridded tables of one coordinate as gridded tables."""
     breakpoints, gridded = dict(definition.breakpoints), dict(definition.gridded)
     for table in definition.ungridded.values():
         if table.points.shape[1] == 1:
             refuse_duplicate_points(table)
             order = np.argsort(table.points[:, 0])
-            axis = f"{table.id} along its points"  # no identifier of XML has blanks
+            axis = f"{table.id} along its points"  # unique: XML identifiers contain no blanks
             breakpoints[axis] = Breakpoints(axis, table.points[order, 0])
             gridded[table.id] = GriddedTable(table.id, (axis,), table.values[order])
     return replace(definition, breakpoints=breakpoints, gridded=gridded)

@@ -1,7 +1,4 @@
-"""Formulas of numbers and variables as plain data.
-
-And their content MathML 2 form (DAVE-ML 2.0.2 reference, section 6.2.2; MathML 2.0, section 4.4).
-"""
+"""Formulas as plain data, and as content MathML 2 (DAVE-ML 2.0.2 reference, section 6.2.2; MathML 2.0, section 4.4)."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping
@@ -15,21 +12,21 @@ from anser.dave_ml.elements import Element, parse_number, quote
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """A number that stands in the formula."""
+    """Constant in a formula."""
 
     value: float
 
 
 @dataclass(frozen=True, slots=True)
 class VariableReference:
-    """The value of a variable, by its varID."""
+    """Reference to a variable by varID."""
 
     id: str
 
 
 @dataclass(frozen=True, slots=True)
 class Operation:
-    """An operation of `OPERATIONS` on arguments."""
+    """Operation of `OPERATIONS` with its arguments."""
 
     operation: str
     arguments: tuple["Formula", ...]
@@ -37,14 +34,14 @@ class Operation:
 
 @dataclass(frozen=True, slots=True)
 class Piecewise:
-    """The value of the first piece whose condition holds, else the last.
+    """Value of the first piece with a true condition.
 
     Attributes
     ----------
     pieces
-        Each a value and its condition.
+        Pairs of value and condition.
     otherwise
-        Where none holds.
+        Value if no condition is true.
     """
 
     pieces: tuple[tuple["Formula", "Formula"], ...]
@@ -54,7 +51,7 @@ class Piecewise:
 Formula: TypeAlias = Number | VariableReference | Operation | Piecewise
 
 ARGUMENTS_MAX: Final = 1000
-"""Arguments that an operation of any number of them may have."""
+"""Argument limit of operations with an arbitrary number of arguments."""
 NUMERIC: Final = {
     "plus": (1, ARGUMENTS_MAX),
     "minus": (1, 2),
@@ -76,21 +73,20 @@ NUMERIC: Final = {
     **dict.fromkeys(("sinh", "cosh", "tanh", "sech", "csch", "coth"), (1, 1)),
     **dict.fromkeys(("arcsinh", "arccosh", "arctanh", "arcsech", "arccsch", "arccoth"), (1, 1)),
 }
-"""Operations with a number as value, and the least and greatest number of their arguments.
+"""Operations with a numeric result, and their least and greatest number of arguments.
 
-The second argument of ``root`` is its degree, of ``log`` its base.
-"""
+The second argument of ``root`` is the degree, of ``log`` the base."""
 COMPARISONS: Final = {
     **dict.fromkeys(("lt", "leq", "gt", "geq", "eq"), (2, ARGUMENTS_MAX)),
     "neq": (2, 2),
 }
-"""Comparisons; of more than two arguments each with the next."""
+"""Comparisons; more than two arguments are compared pairwise in sequence."""
 LOGICAL: Final = {"and": (1, ARGUMENTS_MAX), "or": (1, ARGUMENTS_MAX), "xor": (1, ARGUMENTS_MAX), "not": (1, 1)}
 OPERATIONS: Final = {**NUMERIC, **COMPARISONS, **LOGICAL}
 
 
 def variables_in(formula: Formula) -> Iterator[str]:
-    """The variables of a formula."""
+    """VarIDs in a formula."""
     if isinstance(formula, VariableReference):
         yield formula.id
     elif isinstance(formula, Operation):
@@ -104,20 +100,20 @@ def variables_in(formula: Formula) -> Iterator[str]:
 
 
 def is_logical(formula: Formula) -> bool:
-    """Whether the value of a formula is a truth."""
+    """Whether the result of a formula is a truth value."""
     return isinstance(formula, Operation) and formula.operation not in NUMERIC
 
 
 class Arithmetic:
-    """How operations are computed, in one library of arrays.
+    """Evaluation of formulas with one array library.
 
     Parameters
     ----------
     operations
-        Of each name, a function of the arguments.
+        Function of each operation, by name.
     power
-        Function of a base and an exponent that stands in the formula.
-    where
+        Power with a constant exponent: function of base and exponent.
+    select
         Function of a condition and two values.
     """
 
@@ -125,14 +121,14 @@ class Arithmetic:
         self,
         operations: Mapping[str, Callable[..., Any]],
         power: Callable[[Any, float], Any],
-        where: Callable[[Any, Any, Any], Any],
+        select: Callable[[Any, Any, Any], Any],
     ) -> None:
         self._operations = operations
         self._power = power
-        self._where = where
+        self._select = select
 
     def value_of(self, formula: Formula, values: Mapping[str, Any]) -> Any:
-        """The number that a formula gives; a truth counts as 1 or 0."""
+        """Numeric value of a formula; a truth value gives 1 or 0."""
         if isinstance(formula, Number):
             return formula.value
         if isinstance(formula, VariableReference):
@@ -140,10 +136,10 @@ class Arithmetic:
         if isinstance(formula, Piecewise):
             chosen = self.value_of(formula.otherwise, values)
             for value, condition in reversed(formula.pieces):
-                chosen = self._where(self._truth_of(condition, values), self.value_of(value, values), chosen)
+                chosen = self._select(self._truth_of(condition, values), self.value_of(value, values), chosen)
             return chosen
         if is_logical(formula):
-            return self._where(self._truth_of(formula, values), 1.0, 0.0)
+            return self._select(self._truth_of(formula, values), 1.0, 0.0)
         arguments = [self.value_of(argument, values) for argument in formula.arguments]
         exponent = formula.arguments[-1]
         if formula.operation == "power" and isinstance(exponent, Number):
@@ -151,7 +147,7 @@ class Arithmetic:
         return self._operations[formula.operation](*arguments)
 
     def _truth_of(self, formula: Formula, values: Mapping[str, Any]) -> Any:
-        """The truth that a formula gives; a number counts as true unless it is zero."""
+        """Truth value of a formula; a non-zero number is true."""
         if not (isinstance(formula, Operation) and is_logical(formula)):
             return self._operations["neq"](self.value_of(formula, values), 0.0)
         if formula.operation in LOGICAL:
@@ -159,7 +155,7 @@ class Arithmetic:
             return self._operations[formula.operation](*truths)
         numbers = [self.value_of(argument, values) for argument in formula.arguments]
         compare = self._operations[formula.operation]
-        pairs = [compare(left, right) for left, right in pairwise(numbers)]
+        pairs = [compare(a, b) for a, b in pairwise(numbers)]
         return self._operations["and"](*pairs)
 
 
@@ -175,12 +171,13 @@ _ALTERNATIVES: Final = {
 
 
 def parse_formula(math_element: Element) -> Formula:
-    """The formula of a ``<math>`` element.
+    """Read the formula of a ``<math>`` element.
 
     Raises
     ------
     DaveMlError
-        It holds not one formula, or an operation that is not known or has too few or many arguments.
+        If the element does not contain exactly one formula, an operation is unknown, or its number of arguments is
+        wrong.
     """
     return _formula(_single(math_element))
 
@@ -219,7 +216,7 @@ def _number(element: Element) -> Number:
 
 
 def _piecewise(element: Element) -> Piecewise:
-    element.permit(once=("otherwise",), many=("piece",))
+    element.permit(once=("otherwise",), repeatable=("piece",))
     pieces = []
     for piece in element.all("piece"):
         if len(piece.children) != 2:
@@ -236,20 +233,25 @@ def _apply(element: Element) -> Formula:
         raise element.fault("an empty <apply>", "an operation and its arguments")
     head, *arguments = element.children
     if head.tag == "piecewise" and not arguments:
-        return _piecewise(head)  # as NASA's files write it
+        return _piecewise(head)  # form used in NASA files
     operation = _operation(head)
-    given = [_formula(argument) for argument in arguments if argument.tag != _QUALIFIERS.get(operation)]
+    operands = [_formula(argument) for argument in arguments if argument.tag != _QUALIFIERS.get(operation)]
     qualifiers = [argument for argument in arguments if argument.tag == _QUALIFIERS.get(operation)]
-    if qualifiers and len(given) != 1:
-        raise element.fault(f"<{operation}/> of {len(given)} arguments", "one")
-    given += [_formula(_single(qualifier)) for qualifier in qualifiers]
-    least, most = OPERATIONS[operation]
-    if not least <= len(given) <= most or (operation in _QUALIFIERS and len(given) == 2 and not qualifiers):
-        right = f"{least}" if least == most else f"{least} or more" if most == ARGUMENTS_MAX else f"{least} or {most}"
+    if qualifiers and len(operands) != 1:
+        raise element.fault(f"<{operation}/> of {len(operands)} arguments", "one")
+    operands += [_formula(_single(qualifier)) for qualifier in qualifiers]
+    count_min, count_max = OPERATIONS[operation]
+    if not count_min <= len(operands) <= count_max or (
+        operation in _QUALIFIERS and len(operands) == 2 and not qualifiers
+    ):
         if operation in _QUALIFIERS:
-            right = f"1, and <{_QUALIFIERS[operation]}> where it is another than usual"
-        raise element.fault(f"<{operation}/> of {len(given)} arguments", right)
-    return Operation(operation, tuple(given))
+            expected = f"1, and <{_QUALIFIERS[operation]}> where it is another than usual"
+        elif count_max == ARGUMENTS_MAX:
+            expected = f"{count_min} or more"
+        else:
+            expected = " or ".join(dict.fromkeys((str(count_min), str(count_max))))
+        raise element.fault(f"<{operation}/> of {len(operands)} arguments", expected)
+    return Operation(operation, tuple(operands))
 
 
 def _operation(head: Element) -> str:
@@ -260,14 +262,14 @@ def _operation(head: Element) -> str:
     if head.tag in OPERATIONS and head.tag != "atan2":
         head.permit()
         return head.tag
-    known = ", ".join(sorted(set(OPERATIONS) - {"atan2"}))
+    operations = ", ".join(sorted(set(OPERATIONS) - {"atan2"}))
     raise head.fault(
-        f"<{head.tag}> as an operation", _ALTERNATIVES.get(head.tag, f"one of {known}, or atan2 as a <csymbol>")
+        f"<{head.tag}> as an operation", _ALTERNATIVES.get(head.tag, f"one of {operations}, or atan2 as a <csymbol>")
     )
 
 
 def format_mathml(formula: Formula) -> str:
-    """A ``<math>`` element of a formula."""
+    """Format a formula as a ``<math>`` element."""
     return f'<math xmlns="{_NAMESPACE}">{_format_formula(formula)}</math>'
 
 

@@ -1,7 +1,4 @@
-"""A DAVE-ML model: its definition with its evaluator.
-
-Comparison with the check shots of the file, and renamed or preset inputs.
-"""
+"""DAVE-ML model: its definition and its evaluator, the comparison with its check shots, and changes of its inputs."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -22,23 +19,23 @@ from anser.shapes import Scalar, ScalarLike
 
 Kind = Literal["output", "internal"]
 INTERNAL_TOLERANCE: Final = 1e-9
-"""Tolerance of an internal value that comes with none, as files leave it: of its size, at least 1."""
+"""Tolerance of internal values without `<tol>`, relative to max(1, |value|)."""
 
 
 @dataclass(frozen=True, slots=True)
 class CheckResult:
-    """A signal of a check shot, as the file gives it and as it is computed.
+    """Expected and computed value of one signal of a check shot.
 
     Attributes
     ----------
     shot
         Name of the shot.
     id, name, units
-        The variable, and the units of the numbers.
+        varID, name and units of the variable.
     kind
-        Whether the file gives it as an output or as an internal value.
+        Element of the file that lists the signal: check output or internal value.
     expected, computed, tolerance
-        In these units.
+        Numbers in `units`.
     """
 
     shot: str
@@ -52,46 +49,58 @@ class CheckResult:
 
     @property
     def difference(self) -> float:
-        """Computed less expected."""
+        """Computed minus expected value."""
         return self.computed - self.expected
 
     @property
     def passed(self) -> bool:
-        """Whether it is within the tolerance; not, where it is no number."""
+        """Whether the difference is within the tolerance; False for NaN."""
         return abs(self.difference) <= self.tolerance
 
 
 def check_shots(definition: Definition, evaluator: Evaluator) -> list[CheckResult]:
-    """Every internal value and output of every check shot, in the file's order.
+    """Compare every internal value and output of every check shot, in the file's order.
 
     Raises
     ------
     ValueError
-        A shot gives a value for what is no input, leaves out an input that has no usual value, or states a value in
-        units that do not convert to the variable's.
+        If a shot sets a variable that is not an input, omits an input without a default, or states a value in units
+        that do not convert to the variable's units.
     """
-    alike: dict[tuple[str, ...], list[int]] = {}
+    shots_by_inputs: dict[tuple[str, ...], list[int]] = {}
     for k, shot in enumerate(definition.shots):
-        alike.setdefault(tuple(signal.id for signal in shot.inputs), []).append(k)
+        shots_by_inputs.setdefault(tuple(signal.id for signal in shot.inputs), []).append(k)
     computed: dict[int, dict[str, float]] = {}
-    for given, places in alike.items():
-        shots = [definition.shots[k] for k in places]
-        wanted = tuple(dict.fromkeys(s.id for shot in shots for s in (*shot.internal, *shot.outputs)))
-        rows = np.array([[_to_variable_units(definition, s)[0] for s in shot.inputs] for shot in shots], dtype=float)
-        found = _evaluate_rows(evaluator, as_array(rows.reshape(len(shots), len(given))), given, wanted)
-        columns = {name: np.asarray(column) for name, column in found.items()}
-        computed |= {k: {name: float(column[row]) for name, column in columns.items()} for row, k in enumerate(places)}
-    return [r for k, shot in enumerate(definition.shots) for r in _compare_shot(definition, shot, computed[k])]
+    for input_ids, shot_indices in shots_by_inputs.items():
+        shots = [definition.shots[k] for k in shot_indices]
+        output_ids = tuple(dict.fromkeys(s.id for shot in shots for s in (*shot.internal, *shot.outputs)))
+        input_values = np.array(
+            [[_to_variable_units(definition, s)[0] for s in shot.inputs] for shot in shots], dtype=float
+        )
+        output_values = _evaluate_rows(
+            evaluator, as_array(input_values.reshape(len(shots), len(input_ids))), input_ids, output_ids
+        )
+        columns = {name: np.asarray(column) for name, column in output_values.items()}
+        computed |= {
+            k: {name: float(column[shot_in_group]) for name, column in columns.items()}
+            for shot_in_group, k in enumerate(shot_indices)
+        }
+    return [
+        result for k, shot in enumerate(definition.shots) for result in _compare_shot(definition, shot, computed[k])
+    ]
 
 
 @eqx.filter_jit
 def _evaluate_rows(
-    evaluator: Evaluator, rows: Float[Array, "shot input"], given: tuple[str, ...], wanted: tuple[str, ...]
+    evaluator: Evaluator,
+    input_values: Float[Array, "shot input"],
+    input_ids: tuple[str, ...],
+    output_ids: tuple[str, ...],
 ) -> dict[str, Float[Array, " shot"]]:
-    def one(row: Float[Array, " input"]) -> dict[str, Array]:
-        return evaluator.evaluate({name: row[k] for k, name in enumerate(given)}, wanted)
+    def evaluate_shot(shot_inputs: Float[Array, " input"]) -> dict[str, Array]:
+        return evaluator.evaluate({name: shot_inputs[k] for k, name in enumerate(input_ids)}, output_ids)
 
-    return jax.vmap(one)(rows)
+    return jax.vmap(evaluate_shot)(input_values)
 
 
 def _compare_shot(definition: Definition, shot: Shot, computed: Mapping[str, float]) -> list[CheckResult]:
@@ -101,8 +110,8 @@ def _compare_shot(definition: Definition, shot: Shot, computed: Mapping[str, flo
         for signal in signals:
             variable = definition.variables[signal.id]
             expected, factor = _to_variable_units(definition, signal)
-            usual = INTERNAL_TOLERANCE * max(1.0, abs(expected))
-            tolerance = usual if signal.tolerance is None else signal.tolerance * factor
+            default = INTERNAL_TOLERANCE * max(1.0, abs(expected))
+            tolerance = default if signal.tolerance is None else signal.tolerance * factor
             results.append(
                 CheckResult(
                     shot=shot.name,
@@ -119,18 +128,18 @@ def _compare_shot(definition: Definition, shot: Shot, computed: Mapping[str, flo
 
 
 def _to_variable_units(definition: Definition, signal: Signal) -> tuple[float, float]:
-    """A signal's value in the units of its variable, and the factor from its own units to these."""
+    """Convert a signal's value to the units of its variable; also return the conversion factor."""
     variable = definition.variables[signal.id]
     if signal.units == variable.units:
         return signal.value, 1.0
     try:
-        own, other = parse_unit(variable.units), parse_unit(signal.units)
+        variable_unit, signal_unit = parse_unit(variable.units), parse_unit(signal.units)
     except ValueError as error:
         raise ValueError(f"check shot, variable {signal.id}: {error}") from None
-    if own.dimension != other.dimension:
+    if variable_unit.dimension != signal_unit.dimension:
         raise ValueError(f"check shot, variable {signal.id}: {signal.units} does not convert to {variable.units}")
-    factor = other.factor / own.factor
-    return signal.value * factor + (other.offset - own.offset) / own.factor, factor
+    factor = signal_unit.factor / variable_unit.factor
+    return signal.value * factor + (signal_unit.offset - variable_unit.offset) / variable_unit.factor, factor
 
 
 def make_shots(
@@ -141,40 +150,50 @@ def make_shots(
     *,
     internal: bool = True,
 ) -> tuple[Shot, ...]:
-    """Check shots of a model of one's own, computed from it.
+    """Compute check shots for a model.
 
     Parameters
     ----------
     inputs
-        By the name of each shot: values of inputs by varID or name, in the units of the file; the same inputs in all.
+        For each shot, by name: input values by varID or name, in the file's units. Every shot sets the same inputs.
     tolerance
-        Of every output, relative to its size, at least 1.
+        Tolerance of the outputs, relative to max(1, |value|).
     internal
-        Whether to give the values of all other variables too.
+        Whether the shots also list the values of the variables between inputs and outputs.
     """
     structure = evaluator.structure
-    given = tuple(dict.fromkeys(structure.find(name) for values in inputs.values() for name in values))
-    rows = np.array(
-        [[{structure.find(k): v for k, v in one.items()}[name] for name in given] for one in inputs.values()]
+    input_ids = tuple(dict.fromkeys(structure.find(name) for values in inputs.values() for name in values))
+    input_values = np.array(
+        [
+            [{structure.find(k): v for k, v in shot_inputs.items()}[name] for name in input_ids]
+            for shot_inputs in inputs.values()
+        ]
     )
-    others = [v for v in definition.variables if v not in structure.outputs and v not in structure.inputs]
-    wanted = (*structure.outputs, *(others if internal else ()))
-    found = {
-        name: np.asarray(column) for name, column in _evaluate_rows(evaluator, as_array(rows), given, wanted).items()
+    internal_ids = [v for v in definition.variables if v not in structure.outputs and v not in structure.inputs]
+    computed_ids = (*structure.outputs, *(internal_ids if internal else ()))
+    computed = {
+        name: np.asarray(column)
+        for name, column in _evaluate_rows(evaluator, as_array(input_values), input_ids, computed_ids).items()
     }
     units = {name: variable.units for name, variable in definition.variables.items()}
 
-    def signals(names: Iterable[str], k: int, limit: float | None) -> tuple[Signal, ...]:
-        values = {name: float(found[name][k]) for name in names}
-        limits = {name: None if limit is None else limit * max(1.0, abs(value)) for name, value in values.items()}
-        return tuple(Signal(name, value, units[name], limits[name]) for name, value in values.items())
+    def signals(names: Iterable[str], k: int, relative_tolerance: float | None) -> tuple[Signal, ...]:
+        values = {name: float(computed[name][k]) for name in names}
+        tolerances = {
+            name: None if relative_tolerance is None else relative_tolerance * max(1.0, abs(value))
+            for name, value in values.items()
+        }
+        return tuple(Signal(name, value, units[name], tolerances[name]) for name, value in values.items())
 
     return tuple(
         Shot(
             name=name,
-            inputs=tuple(Signal(one, float(rows[k, j]), units[one]) for j, one in enumerate(given)),
+            inputs=tuple(
+                Signal(identifier, float(input_values[k, j]), units[identifier])
+                for j, identifier in enumerate(input_ids)
+            ),
             outputs=signals(structure.outputs, k, tolerance),
-            internal=signals(others, k, None) if internal else (),
+            internal=signals(internal_ids, k, None) if internal else (),
         )
         for k, name in enumerate(inputs)
     )
@@ -182,14 +201,14 @@ def make_shots(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Model:
-    """A DAVE-ML model.
+    """DAVE-ML model.
 
     Attributes
     ----------
     definition
-        What the file says, as plain data.
+        Content of the file, as plain data.
     evaluator
-        The part that is compiled: a pytree to put into modules, jit, vmap and differentiate.
+        The model compiled to JAX: a pytree for modules, jit, vmap and differentiation.
     """
 
     definition: Definition
@@ -197,16 +216,16 @@ class Model:
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """The varIDs of what is given from outside, states among them."""
+        """VarIDs of the inputs, states included."""
         return self.evaluator.structure.inputs
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        """The varIDs of what the file marks as output."""
+        """VarIDs of the variables marked as output."""
         return self.evaluator.structure.outputs
 
     def variables_with_role(self, role: Role) -> tuple[str, ...]:
-        """The varIDs of the variables that the file marks with a role, such as ``isState`` or ``isStateDeriv``."""
+        """VarIDs of the variables marked with a role, such as ``isState`` or ``isStateDeriv``."""
         return tuple(v.id for v in self.definition.variables.values() if role in v.roles)
 
     def evaluate(self, inputs: Mapping[str, ScalarLike], outputs: Sequence[str] | None = None) -> dict[str, Scalar]:
@@ -218,23 +237,17 @@ class Model:
         return self.evaluator.evaluate_si(inputs, outputs)
 
     def check(self) -> list[CheckResult]:
-        """Every internal value and output of every check shot of the file.
-
-        Raises
-        ------
-        ValueError
-            See `check_shots`.
-        """
+        """Compare the model with the check shots of its file; raises ValueError as `check_shots`."""
         return check_shots(self.definition, self.evaluator)
 
     def with_shots(self, inputs: Mapping[str, Mapping[str, float]], tolerance: float = 1e-9) -> "Model":
-        """The same model with check shots at the given inputs, computed from it; see `make_shots`."""
+        """Copy of the model with check shots computed at the given inputs; see `make_shots`."""
         shots = make_shots(self.definition, self.evaluator, inputs, tolerance)
         return replace(self, definition=replace(self.definition, shots=shots))
 
 
 def make_model(definition: Definition) -> Model:
-    """The model of a definition.
+    """Compile the model of a definition.
 
     Raises
     ------
@@ -248,51 +261,58 @@ def make_model(definition: Definition) -> Model:
 def read_dave_ml(content: str | bytes, name: str) -> Model:
     """Read a DAVE-ML 2 file.
 
-    Nothing in it is executed, fetched or expanded; size, depth and numbers are bounded.
+    The file's size, nesting and numbers are bounded; entities are not expanded, and external references are not
+    fetched.
 
     Parameters
     ----------
     content
-        The file's text, or its bytes in the encoding that it declares.
+        Text of the file, or its bytes in the declared encoding.
     name
-        What errors call it.
+        Name of the file in error messages.
 
     Raises
     ------
     DaveMlError
-        The one error that a file can cause: where, what arrived, and what would be right.
+        If the file is not a valid model; the message gives line and column, the text found and the text expected.
     """
     return make_model(parse_definition(content, name))
 
 
-def adapt_model(model: Model, names: Mapping[str, str], given: Mapping[str, float]) -> Model:
-    """The same model with other names of some variables and usual values of some inputs.
+def adapt_model(model: Model, names: Mapping[str, str], defaults: Mapping[str, float]) -> Model:
+    """Copy of a model with other names for variables and default values for inputs.
 
     Parameters
     ----------
     names
         New name -> varID or name in the file.
-    given
-        Usual values by varID or name in the file, in its units.
+    defaults
+        Default values of inputs by varID or name in the file, in the file's units.
 
     Raises
     ------
     ValueError
-        There is no such variable, or another one has the new name; or (DaveMlError) its units are none of that name.
+        If a variable does not exist or a new name belongs to another variable. DaveMlError (a ValueError) if a new name
+        is a standard name and the variable's units do not fit.
     """
-    if not names and not given:
+    if not names and not defaults:
         return model
     structure, variables = model.evaluator.structure, dict(model.definition.variables)
-    for own, value in given.items():
-        identifier = structure.find(own)
-        known = identifier in structure.inputs or identifier in model.evaluator.constants
-        if not known or variables[identifier].formula is not None:
-            raise ValueError(f"{quote(own)} is computed by the file; inputs are {', '.join(structure.inputs)}")
+    for variable_name, value in defaults.items():
+        identifier = structure.find(variable_name)
+        is_source = identifier in structure.inputs or identifier in model.evaluator.constants
+        if not is_source or variables[identifier].formula is not None:
+            raise ValueError(
+                f"{quote(variable_name)} is computed by the file; inputs are {', '.join(structure.inputs)}"
+            )
         variables[identifier] = replace(variables[identifier], initial=float(value))
-    for name, own in names.items():
-        identifier = structure.find(own)
-        other = next((one.id for one in variables.values() if one.name == name and one.id != identifier), None)
-        if other is not None:
-            raise ValueError(f"{quote(name)} is the name of another variable of the file, {quote(other)}")
+    for name, variable_name in names.items():
+        identifier = structure.find(variable_name)
+        namesake = next(
+            (variable.id for variable in variables.values() if variable.name == name and variable.id != identifier),
+            None,
+        )
+        if namesake is not None:
+            raise ValueError(f"{quote(name)} is the name of another variable of the file, {quote(namesake)}")
         variables[identifier] = replace(variables[identifier], name=name)
     return make_model(replace(model.definition, variables=variables))

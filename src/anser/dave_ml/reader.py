@@ -1,7 +1,4 @@
-"""Reader of DAVE-ML text.
-
-Variables, breakpoints, tables, functions and check shots to plain data (reference, sections 6.2.2 to 6.2.7).
-"""
+"""Reader of DAVE-ML text: variables, tables, functions and check shots (reference, sections 6.2.2 to 6.2.7)."""
 
 from collections.abc import Mapping
 from typing import Final, cast
@@ -38,11 +35,11 @@ from anser.dave_ml.formulas import parse_formula
 from anser.dave_ml.standard_units import is_convertible, refuse_nonstandard_units
 
 NOTES: Final = ("provenance", "provenanceRef", "uncertainty", "confidenceBound")
-"""Elements that are kept as notes of what they stand in."""
+"""Documentation elements, stored as notes of their parent."""
 
 
 def parse_note(element: Element) -> Note:
-    """An element with all that stands in it."""
+    """Convert an element with its children to a note."""
     return Note(
         element.tag,
         tuple(element.attributes.items()),
@@ -52,18 +49,18 @@ def parse_note(element: Element) -> Note:
 
 
 def parse_notes(element: Element) -> tuple[Note, ...]:
-    """The notes that stand in an element."""
+    """Notes of an element."""
     return tuple(parse_note(child) for child in element.all(*NOTES))
 
 
 def parse_description(element: Element) -> str:
-    """The description in an element, its blanks and line breaks as one blank each."""
-    found = element.first("description")
-    return "" if found is None else " ".join(found.text.split())
+    """Description of an element, with white space collapsed."""
+    description = element.first("description")
+    return "" if description is None else " ".join(description.text.split())
 
 
 AXES_MAX: Final = 8
-"""Axes of one table."""
+"""Greatest number of axes of a table."""
 _EXTRAPOLATE: Final = ("neither", "min", "max", "both")
 _INTERPOLATE: Final = ("linear", "discrete", "floor", "ceiling")
 _SPLINES: Final = ("quadraticSpline", "cubicSpline")
@@ -73,12 +70,12 @@ _TABLES: Final = (
 
 
 class TableReader:
-    """Reads tables, and keeps what it has read by identifier.
+    """Reader of breakpoints and tables; stores them by identifier.
 
     Parameters
     ----------
-    taken
-        Identifiers that tables and breakpoints may not have.
+    used_identifiers
+        varIDs, which breakpoints and tables must not repeat.
     """
 
     def __init__(self, used_identifiers: set[str]) -> None:
@@ -94,11 +91,11 @@ class TableReader:
         self._used_identifiers.add(identifier)
         return identifier
 
-    def _new_identifier(self, wanted: str) -> str:
-        identifier, count = wanted, 1
+    def _new_identifier(self, base: str) -> str:
+        identifier, count = base, 1
         while identifier in self._used_identifiers:
             count += 1
-            identifier = f"{wanted}_{count}"
+            identifier = f"{base}_{count}"
         self._used_identifiers.add(identifier)
         return identifier
 
@@ -117,11 +114,11 @@ class TableReader:
         )
 
     def read_gridded_table(self, element: Element, fallback: str = "table") -> str:
-        """Read a ``<griddedTableDef>``; its identifier, made from a given one where it has none of its own."""
+        """Read a ``<griddedTableDef>`` and return its identifier, made from `fallback` in the absence of a gtID."""
         element.permit(("name", "gtID", "units"), once=("description", "breakpointRefs", "dataTable", *NOTES))
         axes = []
         references = element.require("breakpointRefs")
-        references.permit(many=("bpRef",))
+        references.permit(repeatable=("bpRef",))
         for reference in references.all("bpRef"):
             reference.permit(("bpID",))
             axis = reference.attribute("bpID")
@@ -148,36 +145,38 @@ class TableReader:
             else self._new_identifier(fallback)
         )
 
-    def _read_values(self, data: Element, axes_element: Element, axes: list[str], what: str) -> np.ndarray:
-        """Values of a table in the shape of its axes; the last changes fastest."""
+    def _read_values(self, data: Element, axes_element: Element, axes: list[str], table_name: str) -> np.ndarray:
+        """Values of a table in the shape of the axes, last axis fastest."""
         if not 1 <= len(axes) <= AXES_MAX:
-            raise axes_element.fault(f"{len(axes)} axes of table {what}", f"1 to {AXES_MAX}")
+            raise axes_element.fault(f"{len(axes)} axes of table {table_name}", f"1 to {AXES_MAX}")
         shape = tuple(self.breakpoints[axis].points.size for axis in axes)
-        values = parse_numbers(data, f"table {what}")
+        values = parse_numbers(data, f"table {table_name}")
         size = int(np.prod([float(n) for n in shape]))
         if values.size != size:
-            by = " x ".join(str(n) for n in shape)
-            raise data.fault(f"{values.size} numbers in table {what}", f"{by} = {size}, by its breakpoints")
+            dimensions = " x ".join(str(n) for n in shape)
+            raise data.fault(
+                f"{values.size} numbers in table {table_name}", f"{dimensions} = {size}, by its breakpoints"
+            )
         return values.reshape(shape)
 
     def read_ungridded_table(self, element: Element, fallback: str = "table") -> str:
-        """Read an ``<ungriddedTableDef>``; its identifier, made from a given one where it has none of its own."""
-        element.permit(("name", "utID", "units"), once=("description", *NOTES), many=("dataPoint",))
-        rows: list[np.ndarray] = []
+        """Read an ``<ungriddedTableDef>`` and return its identifier, made from `fallback` in the absence of a utID."""
+        element.permit(("name", "utID", "units"), once=("description", *NOTES), repeatable=("dataPoint",))
+        points: list[np.ndarray] = []
         for point in element.all("dataPoint"):
             point.permit(("modID",))
-            row = parse_numbers(point, "a point of a table")
-            if row.size < 2 or (rows and row.size != rows[0].size):
-                right = f"{rows[0].size}, as before" if rows else "coordinates and a value: 2 or more"
-                raise point.fault(f"{row.size} numbers of a point", right)
-            rows.append(row)
-        if not rows:
+            coordinates = parse_numbers(point, "a point of a table")
+            if coordinates.size < 2 or (points and coordinates.size != points[0].size):
+                expected = f"{points[0].size}, as before" if points else "coordinates and a value: 2 or more"
+                raise point.fault(f"{coordinates.size} numbers of a point", expected)
+            points.append(coordinates)
+        if not points:
             raise element.fault("an <ungriddedTableDef> without <dataPoint>", "points")
-        if rows[0].size - 1 > AXES_MAX or len(rows) * rows[0].size > TABLE_NUMBERS_MAX:
-            right = f"at most {AXES_MAX} coordinates and {TABLE_NUMBERS_MAX:,} numbers in all"
-            raise element.fault(f"{len(rows)} points of {rows[0].size} numbers", right)
+        if points[0].size - 1 > AXES_MAX or len(points) * points[0].size > TABLE_NUMBERS_MAX:
+            expected = f"at most {AXES_MAX} coordinates and {TABLE_NUMBERS_MAX:,} numbers in all"
+            raise element.fault(f"{len(points)} points of {points[0].size} numbers", expected)
         identifier = self._identifier_of(element, "utID", fallback)
-        table = np.stack(rows)
+        table = np.stack(points)
         self.ungridded[identifier] = UngriddedTable(
             id=identifier,
             points=table[:, :-1],
@@ -191,11 +190,11 @@ class TableReader:
         return identifier
 
     def read_function(self, element: Element) -> Function:
-        """Read a ``<function>``; its table is kept under an identifier."""
+        """Read a ``<function>`` and its table."""
         element.permit(
             ("name",),
             once=("description", "provenance", "provenanceRef", "dependentVarPts", "dependentVarRef", "functionDefn"),
-            many=("independentVarPts", "independentVarRef"),
+            repeatable=("independentVarPts", "independentVarRef"),
         )
         arguments = [_argument(child) for child in element.all("independentVarPts", "independentVarRef")]
         dependent = element.require("dependentVarRef", "dependentVarPts")
@@ -203,8 +202,10 @@ class TableReader:
         simple = dependent.tag == "dependentVarPts"
         wrong = element.first("independentVarRef" if simple else "independentVarPts")
         if wrong is not None or not arguments:
-            right = "independentVarPts" if simple else "independentVarRef"
-            raise element.fault(f"<{dependent.tag}> without <{right}> for each argument", f"<{right}> and no other")
+            expected = "independentVarPts" if simple else "independentVarRef"
+            raise element.fault(
+                f"<{dependent.tag}> without <{expected}> for each argument", f"<{expected}> and no other"
+            )
         table = (
             self._read_inline_table(element, dependent, result)
             if simple
@@ -225,7 +226,7 @@ class TableReader:
         )
 
     def _read_inline_table(self, element: Element, dependent: Element, result: str) -> str:
-        """The table of a function that gives its points itself."""
+        """Read the table of a function with points given inline (``<dependentVarPts>``)."""
         dependent.permit(("varID", "name", "units", "sign"))
         axes = []
         for count, points in enumerate(element.all("independentVarPts"), start=1):
@@ -245,7 +246,7 @@ class TableReader:
         return identifier
 
     def _read_function_table(self, element: Element, result: str) -> str:
-        """The table that a ``<functionDefn>`` refers to or holds."""
+        """Read the table referenced or contained in a ``<functionDefn>``."""
         definition = element.require("functionDefn")
         definition.permit(("name",), once=_TABLES)
         if len(definition.children) != 1:
@@ -255,16 +256,16 @@ class TableReader:
             return self.read_gridded_table(table, f"table_of_{result}")
         if table.tag in ("ungriddedTableDef", "ungriddedTable"):
             return self.read_ungridded_table(table, f"table_of_{result}")
-        attribute, known, kind = (
+        attribute, tables_of_kind, kind = (
             ("gtID", self.gridded, "griddedTableDef")
             if table.tag == "griddedTableRef"
             else ("utID", self.ungridded, "ungriddedTableDef")
         )
         table.permit((attribute,))
         identifier = table.attribute(attribute)
-        if identifier not in known:
-            other = self.ungridded if known is self.gridded else self.gridded
-            hint = ": this is the other kind of table" if identifier in other else ""
+        if identifier not in tables_of_kind:
+            tables_of_other_kind = self.ungridded if tables_of_kind is self.gridded else self.gridded
+            hint = ": this is the other kind of table" if identifier in tables_of_other_kind else ""
             raise table.fault(f"{attribute} {quote(identifier)}", f"the {attribute} of a <{kind}>{hint}")
         return identifier
 
@@ -277,19 +278,19 @@ def _argument(element: Element) -> Argument:
     if extrapolate not in _EXTRAPOLATE:
         raise element.fault(f"extrapolate={quote(extrapolate)}", " or ".join(_EXTRAPOLATE))
     if interpolate in _SPLINES:
-        right = f"{' or '.join(_INTERPOLATE)}: DAVE-ML leaves open which spline it is"
-        raise element.fault(f"interpolate={quote(interpolate)}", right)
+        expected = f"{' or '.join(_INTERPOLATE)}: DAVE-ML leaves open which spline it is"
+        raise element.fault(f"interpolate={quote(interpolate)}", expected)
     if interpolate not in _INTERPOLATE:
         raise element.fault(f"interpolate={quote(interpolate)}", " or ".join(_INTERPOLATE))
-    least, greatest = optional_number(element, "min"), optional_number(element, "max")
-    if least is not None and greatest is not None and least > greatest:
-        raise element.fault(f"min {least:g} above max {greatest:g}", "min of at most max")
+    minimum, maximum = optional_number(element, "min"), optional_number(element, "max")
+    if minimum is not None and maximum is not None and minimum > maximum:
+        raise element.fault(f"min {minimum:g} above max {maximum:g}", "min of at most max")
     identifier = element.attribute("varID")
-    return Argument(identifier, least, greatest, cast(Extrapolate, extrapolate), cast(Interpolate, interpolate))
+    return Argument(identifier, minimum, maximum, cast(Extrapolate, extrapolate), cast(Interpolate, interpolate))
 
 
 def _increasing(element: Element, points: np.ndarray) -> np.ndarray:
-    """Breakpoints that strictly increase."""
+    """Check that breakpoints strictly increase."""
     steps = np.diff(points)
     if not np.all(steps > 0.0):
         k = int(np.flatnonzero(~(steps > 0.0))[0])
@@ -298,14 +299,14 @@ def _increasing(element: Element, points: np.ndarray) -> np.ndarray:
 
 
 def parse_shots(checks: Element, variables: Mapping[str, Variable]) -> tuple[Shot, ...]:
-    """The shots of ``<checkData>``, their signals by varID.
+    """Read the check shots of ``<checkData>``.
 
     Raises
     ------
     DaveMlError
-        A signal is no variable of the file, or its value no number.
+        If a signal does not identify a variable of the file, or a value is not a number.
     """
-    checks.permit(once=("provenance", "provenanceRef"), many=("staticShot",))
+    checks.permit(once=("provenance", "provenanceRef"), repeatable=("staticShot",))
     by_name: dict[str, list[str]] = {}
     for variable in variables.values():
         by_name.setdefault(variable.name, []).append(variable.id)
@@ -321,7 +322,7 @@ def _shot(element: Element, variables: Mapping[str, Variable], by_name: Mapping[
     for tag in ("checkInputs", "internalValues", "checkOutputs"):
         part = element.first(tag)
         if part is not None:
-            part.permit(many=("signal",))
+            part.permit(repeatable=("signal",))
             parts[tag] = tuple(_signal(signal, variables, by_name) for signal in part.all("signal"))
             _refuse_repeated_signals(part, parts[tag])
     element.require("checkOutputs")
@@ -337,11 +338,11 @@ def _shot(element: Element, variables: Mapping[str, Variable], by_name: Mapping[
 
 
 def _refuse_repeated_signals(part: Element, signals: tuple[Signal, ...]) -> None:
-    seen: set[str] = set()
+    signal_ids: set[str] = set()
     for element, signal in zip(part.all("signal"), signals, strict=True):
-        if signal.id in seen:
+        if signal.id in signal_ids:
             raise element.fault(f"a second <signal> of {quote(signal.id)} in <{part.tag}>", "one")
-        seen.add(signal.id)
+        signal_ids.add(signal.id)
 
 
 def _signal(element: Element, variables: Mapping[str, Variable], by_name: Mapping[str, list[str]]) -> Signal:
@@ -352,12 +353,14 @@ def _signal(element: Element, variables: Mapping[str, Variable], by_name: Mappin
         if identifier not in variables:
             raise identified.fault(f"varID {quote(identifier)}", "the varID of a variable of this file")
     else:
-        named = element.require("signalName", "varID")
-        name = named.text.strip()
-        found = by_name.get(name, [])
-        if len(found) != 1:
-            raise named.fault(f"signal {quote(name)}, a name of {len(found)} variables", "the name of one variable")
-        identifier = found[0]
+        name_element = element.require("signalName", "varID")
+        name = name_element.text.strip()
+        matches = by_name.get(name, [])
+        if len(matches) != 1:
+            raise name_element.fault(
+                f"signal {quote(name)}, a name of {len(matches)} variables", "the name of one variable"
+            )
+        identifier = matches[0]
     units = element.first("signalUnits")
     tolerance = element.first("tol")
     value = element.require("signalValue")
@@ -382,19 +385,19 @@ _VARIABLE_ATTRIBUTES = (
 
 
 def parse_definition(content: str | bytes, name: str) -> Definition:
-    """What a DAVE-ML file says.
+    """Read the definition of a DAVE-ML file.
 
     Parameters
     ----------
     content
-        The file's text, or its bytes in the encoding that it declares.
+        Text of the file, or its bytes in the declared encoding.
     name
-        What errors call it.
+        Name of the file in error messages.
 
     Raises
     ------
     DaveMlError
-        It is no DAVE-ML file, or says something that is not known or contradicts itself.
+        If the text is not DAVE-ML, contains an unknown element, or contradicts itself.
     """
     root = parse_elements(content, name)
     if root.tag != "DAVEfunc":
@@ -402,7 +405,7 @@ def parse_definition(content: str | bytes, name: str) -> Definition:
     root.permit(
         (),
         once=("fileHeader", "checkData"),
-        many=("variableDef", "breakpointDef", "griddedTableDef", "ungriddedTableDef", "function"),
+        repeatable=("variableDef", "breakpointDef", "griddedTableDef", "ungriddedTableDef", "function"),
     )
     variables: dict[str, Variable] = {}
     for element in root.all("variableDef"):
@@ -449,22 +452,22 @@ def _variable(element: Element) -> Variable:
     if calculation is not None:
         calculation.permit(once=("math",))
         formula = parse_formula(calculation.require("math"))
-    given = element.attributes
-    least, greatest = optional_number(element, "minValue"), optional_number(element, "maxValue")
-    if least is not None and greatest is not None and least > greatest:
-        raise element.fault(f"minValue {least:g} above maxValue {greatest:g}", "minValue of at most maxValue")
+    attributes = element.attributes
+    minimum, maximum = optional_number(element, "minValue"), optional_number(element, "maxValue")
+    if minimum is not None and maximum is not None and minimum > maximum:
+        raise element.fault(f"minValue {minimum:g} above maxValue {maximum:g}", "minValue of at most maxValue")
     return Variable(
         id=element.attribute("varID"),
         name=element.attribute("name"),
         units=element.attribute("units"),
         description=parse_description(element),
-        axis_system=given.get("axisSystem", ""),
-        sign=given.get("sign", ""),
-        alias=given.get("alias", ""),
-        symbol=given.get("symbol", ""),
+        axis_system=attributes.get("axisSystem", ""),
+        sign=attributes.get("sign", ""),
+        alias=attributes.get("alias", ""),
+        symbol=attributes.get("symbol", ""),
         initial=optional_number(element, "initialValue"),
-        minimum=least,
-        maximum=greatest,
+        minimum=minimum,
+        maximum=maximum,
         formula=formula,
         roles=frozenset(role for role in ROLES if element.first(role) is not None),
         notes=parse_notes(element),

@@ -1,7 +1,4 @@
-"""Units by their ANSI/AIAA S-119 names.
-
-And the quantities and units of the standard variable names (ANSI/AIAA S-119-2011, annex A).
-"""
+"""Units by their ANSI/AIAA S-119 names, and units of the standard variable names (ANSI/AIAA S-119-2011, annex A)."""
 
 import functools
 import re
@@ -20,12 +17,12 @@ _SYMBOLS: Final = ("m", "kg", "s", "rad", "K", "A")
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """A unit and the way to SI: ``value_si = factor * value + offset``.
+    """Unit and conversion to SI: ``value_si = factor * value + offset``.
 
     Attributes
     ----------
     factor, offset
-        To metre, kilogram, second, radian, kelvin, ampere and what is made of them; percent to a fraction.
+        Conversion to metre, kilogram, second, radian, kelvin, ampere and derived units; percent to a fraction.
     dimension
         Exponents of m, kg, s, rad, K and A.
     """
@@ -36,7 +33,7 @@ class Unit:
 
     @property
     def si(self) -> str:
-        """The SI unit, such as ``m s^-2``; empty for a plain number."""
+        """SI unit, such as ``m s^-2``; empty for a dimensionless number."""
         powers = zip(_SYMBOLS, self.dimension, strict=True)
         return " ".join(name if power == 1 else f"{name}^{power}" for name, power in powers if power)
 
@@ -99,33 +96,33 @@ _NAMED_UNITS: Final = {
     "fract": Unit(1.0),
     "pct": Unit(0.01),
 }
-"""Units that have a name of their own."""
+"""Units with a name."""
 _LONGEST_FIRST: Final = sorted(_NAMED_UNITS, key=len, reverse=True)
 _NAME_MAX: Final = 40
 
 
 def parse_unit(name: str) -> Unit:
-    """The unit of a name; a plain number where it is empty.
+    """Parse a unit's name; an empty name is dimensionless.
 
     Raises
     ------
     ValueError
-        The name is not known.
+        If the name is unknown.
     """
-    found = _parse_unit(name.strip()) if len(name) <= _NAME_MAX else None
-    if found is None:
+    unit = _parse_unit(name.strip()) if len(name) <= _NAME_MAX else None
+    if unit is None:
         raise ValueError(
             f"unit {quote(name)}; known are {', '.join(_NAMED_UNITS)}, and products and quotients such as ft_s2"
         )
-    return found
+    return unit
 
 
-def is_convertible(name: str, other: str) -> bool:
-    """Whether values of a unit are values of another one times a factor: of one dimension, or the same text."""
-    if name == other:
+def is_convertible(name: str, other_name: str) -> bool:
+    """Whether two units have the same dimension or the same, possibly unknown, name."""
+    if name == other_name:
         return True
     try:
-        return parse_unit(name).dimension == parse_unit(other).dimension
+        return parse_unit(name).dimension == parse_unit(other_name).dimension
     except ValueError:
         return False
 
@@ -144,15 +141,18 @@ def _parse_unit(name: str) -> Unit | None:
             return None
         for unit, power in product:
             factor *= unit.factor ** (sign * power)
-            dimension = [have + sign * power * one for have, one in zip(dimension, unit.dimension, strict=True)]
+            dimension = [
+                exponent + sign * power * unit_exponent
+                for exponent, unit_exponent in zip(dimension, unit.dimension, strict=True)
+            ]
     return Unit(factor, 0.0, tuple(dimension))
 
 
 @functools.lru_cache(maxsize=4096)
 def _product(text: str) -> tuple[tuple[Unit, int], ...] | None:
-    """The units in a row, each with its power; a longer name goes before a shorter one.
+    """Parse adjacent units, each with a power; longer names match first.
 
-    Remembered for each rest of a text: without, a name can be made for which the ways to part it are too many to try.
+    Cached for every tail of a text: without the cache, the parse time of some names grows exponentially.
     """
     if not text:
         return ()
@@ -160,24 +160,24 @@ def _product(text: str) -> tuple[tuple[Unit, int], ...] | None:
         matched = re.match(f"{name}([2-9]?)", text)
         if matched is None:
             continue
-        rest = _product(text[matched.end() :])
-        if rest is not None:
-            return ((_NAMED_UNITS[name], int(matched[1] or 1)), *rest)
+        remaining_units = _product(text[matched.end() :])
+        if remaining_units is not None:
+            return ((_NAMED_UNITS[name], int(matched[1] or 1)), *remaining_units)
     return None
 
 
 @dataclass(frozen=True, slots=True)
 class Measure:
-    """A physical quantity as files give it.
+    """Physical quantity with its permitted units.
 
     Attributes
     ----------
     name
-        In words.
+        Quantity with an article, as in messages.
     units
-        Units that it may have.
-    has_others
-        Whether all other units of the same dimension will do, too.
+        Permitted units.
+    accepts_other_units
+        Whether other units of the same dimension are permitted.
     """
 
     name: str
@@ -185,7 +185,7 @@ class Measure:
     accepts_other_units: bool = True
 
     def accepts(self, units: str) -> bool:
-        """Whether units, as a file writes them, are those of this quantity."""
+        """Whether a unit, as written in a file, is permitted."""
         if units in self.units or not self.accepts_other_units:
             return units in self.units
         unit = _unit_or_none(units)
@@ -253,14 +253,14 @@ STANDARD_MEASURES: Final[dict[str, Measure]] = {
     **_along(DIMENSIONLESS, _TURNS, "aeroBodyMomentCoefficient"),
     **_each(_PERCENT, "powerLeverAngle"),
 }
-"""Measures by name. `powerLeverAngle` is a share of the full one: its angle would say nothing of the thrust."""
+"""Measures by variable name. `powerLeverAngle` is a fraction of full power: an angle would not define the thrust."""
 
 
 def refuse_wrong_units(definition: Definition) -> None:
-    """Raise DaveMlError if a variable of a standard name has units of something else, or a table those of another axis.
+    """Raise DaveMlError if a standard variable or a table has wrong units.
 
-    A unit of another dimension, an unknown one, or none where the quantity has a dimension is refused. The breakpoints
-    and values of tables are in the units of their variables; units of their own may only repeat them.
+    A standard variable needs a known unit of the right dimension. Breakpoints and table values are in the units of
+    their variables; units on the table itself may only repeat them.
     """
     for variable in definition.variables.values():
         refuse_nonstandard_units(variable)
@@ -273,28 +273,32 @@ def refuse_wrong_units(definition: Definition) -> None:
 
 
 def refuse_nonstandard_units(variable: Variable) -> None:
-    """Raise DaveMlError if a variable of a standard name has units of something else."""
+    """Raise DaveMlError if a standard variable has units of another quantity."""
     measure = STANDARD_MEASURES.get(variable.name)
     if measure is not None:
         refuse_other_units(variable, measure)
 
 
 def refuse_other_units(variable: Variable, measure: Measure) -> None:
-    """Raise DaveMlError if the units of a variable are none of a quantity."""
+    """Raise DaveMlError if the units of a variable are not units of the measure."""
     if not measure.accepts(variable.units):
-        units = " or ".join(quote(one) for one in measure.units)
-        others = ", or another unit of it" if measure.accepts_other_units else ""
+        units = " or ".join(quote(unit) for unit in measure.units)
+        other_units = ", or another unit of it" if measure.accepts_other_units else ""
         arrived = f"units={quote(variable.units)} of {quote(variable.name)} (varID {quote(variable.id)})"
-        raise variable.location.fault(arrived, f"{measure.name}: {units}{others}")
+        raise variable.location.fault(arrived, f"{measure.name}: {units}{other_units}")
 
 
 def _refuse_contradiction(part: Breakpoints | GriddedTable | UngriddedTable, variable: Variable | None) -> None:
-    if variable is None or part.units in ("", variable.units):  # a variable that is not there is told elsewhere
+    if variable is None or part.units in ("", variable.units):  # missing variables are reported elsewhere
         return
-    own, of_variable = _unit_or_none(part.units), _unit_or_none(variable.units)
-    if own is None or of_variable is None:
+    part_unit, variable_unit = _unit_or_none(part.units), _unit_or_none(variable.units)
+    if part_unit is None or variable_unit is None:
         return
-    if (own.dimension, own.factor, own.offset) != (of_variable.dimension, of_variable.factor, of_variable.offset):
+    if (part_unit.dimension, part_unit.factor, part_unit.offset) != (
+        variable_unit.dimension,
+        variable_unit.factor,
+        variable_unit.offset,
+    ):
         kind = "breakpoints" if isinstance(part, Breakpoints) else "table"
         arrived = f"units={quote(part.units)} of {kind} {quote(part.id)}"
         raise part.location.fault(arrived, f"those of its variable {quote(variable.id)}, {quote(variable.units)}")

@@ -1,4 +1,4 @@
-"""In which order the variables of a DAVE-ML file are computed, and from what."""
+"""Order of computation of a DAVE-ML file's variables, and their sources."""
 
 import math
 from collections.abc import Collection
@@ -21,18 +21,18 @@ _INPUT_ROLES: Final = frozenset({"isInput", "isControl", "isDisturbance"})
 
 @dataclass(frozen=True)
 class Quantity:
-    """A variable, as far as it is computed.
+    """Variable, as the evaluator needs it.
 
     Attributes
     ----------
     formula
-        None where it is given, constant, or the result of a table.
+        Calculation; None for inputs, constants and table results.
     sources
-        The variables that it is computed from.
+        varIDs of the variables in the formula or the table's arguments.
     level
-        How many tables one after the other lie between it and what is given.
+        Number of successive table lookups between the inputs and this variable.
     limits
-        What its value is limited to; None where it is not.
+        Minimum and maximum of the value; None without a limit.
     """
 
     id: str
@@ -46,14 +46,14 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Structure:
-    """What evaluation does, without the numbers of tables and constants.
+    """Computation graph without the numbers of tables and constants: the static part of an evaluator.
 
     Attributes
     ----------
     quantities
-        By level; within one, in an order in which each comes after its sources.
+        Sorted by level; within a level, sources precede the variables computed from them.
     inputs, outputs
-        What is given from outside and what the file marks as output.
+        varIDs of the inputs (states included) and of the variables marked as output.
     """
 
     quantities: tuple[Quantity, ...]
@@ -69,52 +69,52 @@ class Structure:
 
     @cached_property
     def by_id(self) -> dict[str, Quantity]:
-        """The quantities by varID."""
+        """Quantities by varID."""
         return {quantity.id: quantity for quantity in self.quantities}
 
     @cached_property
     def _by_name(self) -> dict[str, list[str]]:
-        found: dict[str, list[str]] = {}
+        ids_by_name: dict[str, list[str]] = {}
         for quantity in self.quantities:
-            found.setdefault(quantity.name, []).append(quantity.id)
-        return found
+            ids_by_name.setdefault(quantity.name, []).append(quantity.id)
+        return ids_by_name
 
     def find(self, key: str) -> str:
-        """The varID of a variable that is called by its varID or, where that is none, by its name.
+        """Return the varID for a varID or a unique name.
 
         Raises
         ------
         ValueError
-            There is none, or more than one.
+            If no variable matches, or several variables have the name.
         """
         if key in self.by_id:
             return key
-        found = self._by_name.get(key, [])
-        if len(found) != 1:
-            count = "no variable" if not found else f"{len(found)} variables ({', '.join(found)})"
+        matches = self._by_name.get(key, [])
+        if len(matches) != 1:
+            count = "no variable" if not matches else f"{len(matches)} variables ({', '.join(matches)})"
             raise ValueError(f"{quote(key)} is varID or name of {count}; inputs are {', '.join(self.inputs)}")
-        return found[0]
+        return matches[0]
 
-    def required_variables(self, wanted: Collection[str], known: Collection[str]) -> set[str]:
-        """The variables that have to be computed, the wanted and the known among them where they are needed."""
-        needed: set[str] = set()
-        left = list(wanted)
-        while left:
-            identifier = left.pop()
-            if identifier not in needed:
-                needed.add(identifier)
-                if identifier not in known:
-                    left += self.by_id[identifier].sources
-        return needed
+    def required_variables(self, targets: Collection[str], available: Collection[str]) -> set[str]:
+        """VarIDs of the targets and of the variables they are computed from, back to the available ones."""
+        required: set[str] = set()
+        pending = list(targets)
+        while pending:
+            identifier = pending.pop()
+            if identifier not in required:
+                required.add(identifier)
+                if identifier not in available:
+                    pending += self.by_id[identifier].sources
+        return required
 
 
 def make_structure(definition: Definition) -> Structure:
-    """The order in which a file's variables are computed.
+    """Sort the variables of a file into an order of computation.
 
     Raises
     ------
     DaveMlError
-        A variable is not there, has two sources, or depends on itself.
+        If a source of a variable does not exist, a variable has two sources, or a variable depends on itself.
     """
     functions = _by_result(definition)
     sources: dict[str, tuple[str, ...]] = {}
@@ -123,12 +123,12 @@ def make_structure(definition: Definition) -> Structure:
     try:
         order = list(TopologicalSorter(sources).static_order())
     except CycleError as error:
-        # each of the cycle is a source of the one before, once it is turned round
+        # reversed, so that each element is a source of the preceding element
         cycle: list[str] = error.args[1][::-1]
         shortened = [*cycle[:_CYCLE_SHOWN_MAX], "..."] if len(cycle) > _CYCLE_SHOWN_MAX else cycle
         ring = " needs ".join(name[:_NAME_SHOWN_MAX] for name in shortened)
-        place = definition.variables[cycle[0]].location
-        raise place.fault(f"a cycle of calculations: {ring}", "no variable that depends on itself") from None
+        location = definition.variables[cycle[0]].location
+        raise location.fault(f"a cycle of calculations: {ring}", "no variable that depends on itself") from None
     quantities: dict[str, Quantity] = {}
     for identifier in order:
         variable = definition.variables[identifier]
@@ -162,7 +162,7 @@ def _by_result(definition: Definition) -> dict[str, Function]:
 
 
 def _is_input(variable: Variable, has_function: bool) -> bool:
-    """Whether a variable comes from outside: it is marked so, is a state, or has no source and no value."""
+    """Whether a variable is an input: marked as input or state, or without formula, table and initial value."""
     if has_function or variable.formula is not None:
         return False
     return bool(_INPUT_ROLES & variable.roles) or "isState" in variable.roles or variable.initial is None
@@ -178,41 +178,43 @@ def _sources(variable: Variable, function: Function | None, definition: Definiti
         arrived = f"variable {quote(variable.id)} with a calculation and function {quote(function.name)}"
         raise variable.location.fault(arrived, "one source")
     if function is not None:
-        found = [argument.id for argument in function.arguments]
-        place = function.location
+        source_ids = [argument.id for argument in function.arguments]
+        location = function.location
     else:
-        found = list(variables_in(variable.formula)) if variable.formula is not None else []
-        place = variable.location
-    for name in found:
+        source_ids = list(variables_in(variable.formula)) if variable.formula is not None else []
+        location = variable.location
+    for name in source_ids:
         if name not in definition.variables:
-            raise place.fault(f"variable {quote(name)} as a source of {quote(variable.id)}", "the varID of a variable")
-    return tuple(dict.fromkeys(found))
+            raise location.fault(
+                f"variable {quote(name)} as a source of {quote(variable.id)}", "the varID of a variable"
+            )
+    return tuple(dict.fromkeys(source_ids))
 
 
 def clip_to_limits(value: float, limits: tuple[float | None, float | None]) -> float:
-    """A number within its limits."""
-    least, greatest = limits
-    value = value if least is None else max(value, least)
-    return value if greatest is None else min(value, greatest)
+    """Clip a number to its limits."""
+    minimum, maximum = limits
+    value = value if minimum is None else max(value, minimum)
+    return value if maximum is None else min(value, maximum)
 
 
 def compute_constants(definition: Definition, structure: Structure) -> dict[str, float]:
-    """Values that depend on no input: constants, what is calculated from them, and the usual values of inputs.
+    """Values that are independent of the inputs: constants, formulas of constants, and defaults of inputs.
 
     Raises
     ------
     DaveMlError
-        A calculation of constants gives no finite number.
+        If a formula of constants gives NaN or infinity.
     """
-    known: dict[str, float] = {}
-    given = set(structure.inputs)
+    constants: dict[str, float] = {}
+    inputs = set(structure.inputs)
     with np.errstate(all="ignore"):
         for quantity in structure.quantities:
             variable = definition.variables[quantity.id]
             if quantity.formula is not None:
-                if not set(quantity.sources) <= known.keys() - given:
+                if not set(quantity.sources) <= constants.keys() - inputs:
                     continue
-                value = float(IN_NUMPY.value_of(quantity.formula, known))
+                value = float(IN_NUMPY.value_of(quantity.formula, constants))
                 if not math.isfinite(value):
                     arrived = f"{value:g} as the value of {quote(variable.id)}, calculated from constants"
                     raise variable.location.fault(arrived, "a finite number")
@@ -220,5 +222,5 @@ def compute_constants(definition: Definition, structure: Structure) -> dict[str,
                 value = variable.initial
             else:
                 continue
-            known[quantity.id] = clip_to_limits(value, quantity.limits)
-    return known
+            constants[quantity.id] = clip_to_limits(value, quantity.limits)
+    return constants

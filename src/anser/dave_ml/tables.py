@@ -21,22 +21,22 @@ from anser.numerics.tables import Axes, Tables, make_axes, make_tables
 from anser.shapes import Scalar
 
 PACKED_NUMBERS_MAX: Final = 4_000_000
-"""Numbers of all gridded functions together, counted for each corner of each cell: so they are kept."""
+"""Limit on the numbers stored for all gridded functions: one for each corner of each cell."""
 
 
 class Lookup(eqx.Module):
-    """Functions that are looked up at once.
+    """Group of gridded functions with a common table lookup.
 
     Attributes
     ----------
     tables
-        All their tables.
+        Tables of all functions.
     arguments
-        The variable on each axis.
+        varID of the variable on each axis.
     results
-        The variables that each group of `tables` gives.
-    between
-        How each axis is interpolated.
+        varIDs of the dependent variables, for each group of `tables`.
+    interpolation
+        Interpolation on each axis.
     """
 
     tables: Tables
@@ -46,12 +46,12 @@ class Lookup(eqx.Module):
 
     @property
     def result_names(self) -> tuple[str, ...]:
-        """All its results."""
+        """VarIDs of the dependent variables."""
         return tuple(result for group in self.results for result in group)
 
-    def __call__(self, values: Mapping[str, Array], wanted: Collection[str]) -> dict[str, Array]:
-        """The wanted of its results, by varID; only arguments on which they depend need be known."""
-        groups = [k for k, results in enumerate(self.results) if not set(results).isdisjoint(wanted)]
+    def __call__(self, values: Mapping[str, Array], requested: Collection[str]) -> dict[str, Array]:
+        """Look up the requested results, by varID; only the arguments of the requested tables are needed."""
+        groups = [k for k, results in enumerate(self.results) if not set(results).isdisjoint(requested)]
         axes = sorted({axis for k in groups for axis in self.tables.axis_indices[k]})
         tables = self.tables if len(groups) == len(self.results) else _select_tables(self.tables, groups, axes)
         x = jnp.stack([values[self.arguments[axis]] for axis in axes])
@@ -59,20 +59,20 @@ class Lookup(eqx.Module):
         if any(self.interpolation[axis] != "linear" for axis in axes):
             stepped = [_step_fraction(self.interpolation[axis], fraction[k]) for k, axis in enumerate(axes)]
             fraction = jnp.stack(stepped)
-        found = tables.interpolate_cell(index, fraction)
+        interpolated = tables.interpolate_cell(index, fraction)
         return {
-            result: found[k][column]
+            result: interpolated[k][column]
             for k, group in enumerate(groups)
             for column, result in enumerate(self.results[group])
-            if result in wanted
+            if result in requested
         }
 
 
 def _step_fraction(interpolation: Interpolate, fraction: Array) -> Array:
-    """The fraction at which an axis that is not interpolated linearly takes its value.
+    """Replace the linear cell fraction by 0 or 1 on a stepped axis.
 
-    DAVE-ML 2.0.2 reference, section 6.3: the next breakpoint's value from the middle on (discrete), as soon as the last
-    is passed (ceiling), when it is reached (floor).
+    DAVE-ML 2.0.2 reference, section 6.3. The next breakpoint's value applies from the middle of the interval
+    (discrete), above the lower breakpoint (ceiling), or from the upper breakpoint (floor).
     """
     if interpolation == "discrete":
         return jnp.where(fraction >= 0.5, 1.0, 0.0)
@@ -84,7 +84,7 @@ def _step_fraction(interpolation: Interpolate, fraction: Array) -> Array:
 
 
 def _select_tables(tables: Tables, groups: Sequence[int], axes: Sequence[int]) -> Tables:
-    """Some groups of tables, on the axes that they need."""
+    """Select groups of tables and their axes."""
     all_axes = tables.axes
     part = Axes(
         breakpoints=jnp.stack([all_axes.breakpoints[axis] for axis in axes]),
@@ -101,13 +101,7 @@ def _select_tables(tables: Tables, groups: Sequence[int], axes: Sequence[int]) -
 
 
 def refuse_too_large(definition: Definition, functions: Sequence[Function]) -> None:
-    """Refuse gridded functions whose tables, as they are looked up, take too much memory together.
-
-    Raises
-    ------
-    DaveMlError
-        They do.
-    """
+    """Raise DaveMlError if the stored tables of gridded functions exceed `PACKED_NUMBERS_MAX` numbers in total."""
     numbers = 0
     for function in functions:
         shape = definition.gridded[function.table].values.shape
@@ -119,7 +113,7 @@ def refuse_too_large(definition: Definition, functions: Sequence[Function]) -> N
 
 @dataclass(frozen=True)
 class _Axis:
-    """An argument on breakpoints, with what happens beyond and between them; equal ones are looked up once."""
+    """Argument on breakpoints, with limits and interpolation. Equal axes share one search."""
 
     variable: str
     points: tuple[float, ...]
@@ -130,7 +124,7 @@ class _Axis:
 
 
 def _axis_of(argument: Argument, points: np.ndarray) -> _Axis:
-    """The axis of an argument: clipped to its own limits, and to the table's ends where it is not extrapolated."""
+    """Axis of an argument, clipped to the argument's limits and, without extrapolation, to the table's ends."""
     stepped = argument.interpolate != "linear"
     below = argument.extrapolate in ("min", "both") and not stepped and points.size > 1
     above = argument.extrapolate in ("max", "both") and not stepped and points.size > 1
@@ -140,17 +134,17 @@ def _axis_of(argument: Argument, points: np.ndarray) -> _Axis:
         lower = min(max(lower, argument.minimum), upper)
     if argument.maximum is not None:
         upper = max(min(upper, argument.maximum), lower)
-    held = np.append(points, points[0] + 1.0) if points.size == 1 else points
-    even = not stepped and make_axes([held], clamp=True).even
-    return _Axis(argument.id, tuple(held.tolist()), float(lower), float(upper), argument.interpolate, even)
+    axis_points = np.append(points, points[0] + 1.0) if points.size == 1 else points
+    even = not stepped and make_axes([axis_points], clamp=True).even
+    return _Axis(argument.id, tuple(axis_points.tolist()), float(lower), float(upper), argument.interpolate, even)
 
 
 def make_lookups(definition: Definition, functions: Sequence[Function]) -> tuple[Lookup, ...]:
-    """Look-ups of gridded functions whose arguments are known at the same time.
+    """Group gridded functions of one stage into lookups.
 
-    Those on evenly spaced axes alone are kept apart, since their place is computed and not searched for.
+    Functions on evenly spaced axes get a separate lookup: their cell index is computed, without a search.
     """
-    given: dict[Function, tuple[list[_Axis], np.ndarray]] = {}
+    gridded: dict[Function, tuple[list[_Axis], np.ndarray]] = {}
     for function in functions:
         table = definition.gridded[function.table]
         axes = []
@@ -160,68 +154,72 @@ def make_lookups(definition: Definition, functions: Sequence[Function]) -> tuple
             if values.shape[k] == 1:
                 values = np.repeat(values, 2, axis=k)
             axes.append(axis)
-        given[function] = (axes, values)
-    even = {f: v for f, v in given.items() if all(axis.even for axis in v[0])}
-    rest = {f: v for f, v in given.items() if f not in even}
-    return tuple(_lookup(part) for part in (even, rest) if part)
+        gridded[function] = (axes, values)
+    even = {f: v for f, v in gridded.items() if all(axis.even for axis in v[0])}
+    uneven = {f: v for f, v in gridded.items() if f not in even}
+    return tuple(_lookup(part) for part in (even, uneven) if part)
 
 
-def _lookup(given: Mapping[Function, tuple[list[_Axis], np.ndarray]]) -> Lookup:
-    places: dict[_Axis, int] = {}
-    for axes, _ in given.values():
+def _lookup(gridded: Mapping[Function, tuple[list[_Axis], np.ndarray]]) -> Lookup:
+    axis_index: dict[_Axis, int] = {}
+    for axes, _ in gridded.values():
         for axis in axes:
-            places.setdefault(axis, len(places))
+            axis_index.setdefault(axis, len(axis_index))
     groups: dict[tuple[int, ...], list[tuple[str, np.ndarray]]] = {}
-    for function, (axes, values) in given.items():
-        # One order of the axes for all, so that functions of the same arguments fall into one group.
-        order = sorted(range(len(axes)), key=lambda k, axes=axes: places[axes[k]])
-        along = tuple(places[axes[k]] for k in order)
-        groups.setdefault(along, []).append((function.result, np.transpose(values, order)))
-    made = make_axes([axis.points for axis in places], clamp=True)
+    for function, (axes, values) in gridded.items():
+        # common axis order, so that functions of the same arguments share a group
+        order = sorted(range(len(axes)), key=lambda k, axes=axes: axis_index[axes[k]])
+        axis_indices = tuple(axis_index[axes[k]] for k in order)
+        groups.setdefault(axis_indices, []).append((function.result, np.transpose(values, order)))
+    search_axes = make_axes([axis.points for axis in axis_index], clamp=True)
     axes = Axes(
-        breakpoints=made.breakpoints,
-        lower=as_array([axis.lower for axis in places]),
-        upper=as_array([axis.upper for axis in places]),
-        sizes=made.sizes,
-        # A computed place may miss a breakpoint by rounding, which a step does not forgive.
-        even=made.even and all(axis.interpolation == "linear" for axis in places),
+        breakpoints=search_axes.breakpoints,
+        lower=as_array([axis.lower for axis in axis_index]),
+        upper=as_array([axis.upper for axis in axis_index]),
+        sizes=search_axes.sizes,
+        # a computed cell index may be off by one at a breakpoint: harmless for linear axes, wrong for stepped axes
+        even=search_axes.even and all(axis.interpolation == "linear" for axis in axis_index),
     )
     return Lookup(
-        tables=make_tables(axes, [(along, [values for _, values in group]) for along, group in groups.items()]),
-        arguments=tuple(axis.variable for axis in places),
+        tables=make_tables(
+            axes, [(axis_indices, [values for _, values in group]) for axis_indices, group in groups.items()]
+        ),
+        arguments=tuple(axis.variable for axis in axis_index),
         results=tuple(tuple(result for result, _ in group) for group in groups.values()),
-        interpolation=tuple(axis.interpolation for axis in places),
+        interpolation=tuple(axis.interpolation for axis in axis_index),
     )
 
 
 POINTS_MAX: Final = {2: 5000, 3: 200, 4: 100, 5: 50}
-"""Points of an ungridded table, by the number of its coordinates: bounds the simplices and the time to find them."""
+"""Greatest number of points of an ungridded table, by number of coordinates; bounds memory and search time."""
 _INSIDE: Final = -1e-12
-"""Least barycentric coordinate of a point within a simplex: rounding."""
+"""Least barycentric coordinate of a point inside a simplex; negative for rounding."""
 
 
 class ScatteredTable(eqx.Module):
-    """A function of scattered points.
+    """Function of scattered points.
 
-    Within the convex hull of the points it is linear on each simplex. Beyond, it is held at the nearest place of the
-    hull's facets (of two arguments exactly the nearest; of more, barycentric coordinates are clipped to the nearest
-    facet) or, where `extrapolated`, goes on as in the simplex that the point misses least.
+    Inside the convex hull of the points, interpolation is linear on each simplex. Outside, the value of the nearest
+    point on the hull's facets is used: exact for two arguments, approximate for more (barycentric coordinates clipped
+    on the nearest facet). If `extrapolated`, the value outside continues the linear function of the nearest simplex, in
+    barycentric coordinates.
 
     Attributes
     ----------
     to_barycentric, origins
-        Of each simplex, the matrix from coordinates relative to its origin to its first barycentric coordinates;
+        For each simplex, the matrix from coordinates relative to the origin to the leading barycentric coordinates;
         shapes (s, d, d) and (s, d).
     corners
-        Points of each simplex; shape (s, d + 1).
+        Point indices of each simplex; shape (s, d + 1).
     facet_origins, facet_inverses, facet_edges, facet_corners
-        The same of the hull's facets; shapes (f, d), (f, d - 1, d), (f, d, d - 1) and (f, d).
+        Hull facets: origin, pseudo-inverse of the edges, edges, point indices; shapes (f, d), (f, d - 1, d),
+        (f, d, d - 1) and (f, d).
     values
-        At each point; shape (n,).
+        Value at each point; shape (n,).
     lower, upper
         Limits of the arguments; shape (d,).
     arguments, result
-        Variables.
+        varIDs.
     """
 
     to_barycentric: Float[Array, "s d d"]
@@ -240,50 +238,50 @@ class ScatteredTable(eqx.Module):
 
     @property
     def result_names(self) -> tuple[str, ...]:
-        """Its result."""
+        """VarID of the dependent variable, as a tuple."""
         return (self.result,)
 
-    def __call__(self, values: Mapping[str, Array], wanted: Collection[str]) -> dict[str, Array]:
-        """The result, by varID, if it is wanted."""
+    def __call__(self, values: Mapping[str, Array], requested: Collection[str]) -> dict[str, Array]:
+        """Interpolate the result, by varID, if requested."""
         x = jnp.stack([values[name] for name in self.arguments])
-        return {self.result: self._interpolate(x)} if self.result in wanted else {}
+        return {self.result: self._interpolate(x)} if self.result in requested else {}
 
     def _interpolate(self, x: Float[Array, " d"]) -> Scalar:
         x = jnp.clip(x, self.lower, self.upper)
-        first = jnp.sum(self.to_barycentric * (x[None] - self.origins)[:, None, :], axis=2)
-        weights = jnp.concatenate([first, 1.0 - jnp.sum(first, axis=1, keepdims=True)], axis=1)
-        least = jnp.min(weights, axis=1)
-        best = jnp.argmax(least)
-        inside = jnp.sum(weights[best] * self.values[self.corners[best]])
+        leading = jnp.sum(self.to_barycentric * (x[None] - self.origins)[:, None, :], axis=2)
+        weights = jnp.concatenate([leading, 1.0 - jnp.sum(leading, axis=1, keepdims=True)], axis=1)
+        smallest_weight = jnp.min(weights, axis=1)
+        simplex = jnp.argmax(smallest_weight)
+        inside = jnp.sum(weights[simplex] * self.values[self.corners[simplex]])
         if self.extrapolated:
             return inside
-        return jnp.where(least[best] >= _INSIDE, inside, self._nearest_facet_value(x))
+        return jnp.where(smallest_weight[simplex] >= _INSIDE, inside, self._nearest_facet_value(x))
 
     def _nearest_facet_value(self, x: Float[Array, " d"]) -> Scalar:
-        away = x[None] - self.facet_origins
-        first = jnp.sum(self.facet_inverses * away[:, None, :], axis=2)
-        weights = jnp.concatenate([1.0 - jnp.sum(first, axis=1, keepdims=True), first], axis=1)
+        offset = x[None] - self.facet_origins
+        trailing = jnp.sum(self.facet_inverses * offset[:, None, :], axis=2)
+        weights = jnp.concatenate([1.0 - jnp.sum(trailing, axis=1, keepdims=True), trailing], axis=1)
         weights = jnp.clip(weights, 0.0, None)
         weights = weights / jnp.sum(weights, axis=1, keepdims=True)
-        on_facet = jnp.sum(self.facet_edges * weights[:, None, 1:], axis=2)
-        nearest = jnp.argmin(jnp.sum((away - on_facet) ** 2, axis=1))
+        facet_offset = jnp.sum(self.facet_edges * weights[:, None, 1:], axis=2)
+        nearest = jnp.argmin(jnp.sum((offset - facet_offset) ** 2, axis=1))
         return jnp.sum(weights[nearest] * self.values[self.facet_corners[nearest]])
 
 
 def make_scattered(definition: Definition, function: Function, mesh: Any) -> ScatteredTable:
-    """The function of an ungridded table of two or more arguments, on the mesh of its points.
+    """Make the function of an ungridded table with two or more arguments, on the Delaunay mesh of its points.
 
     Raises
     ------
     DaveMlError
-        A way of interpolation or extrapolation is asked for that scattered points do not have.
+        If the file requests an interpolation or extrapolation that scattered points do not support.
     """
     table = definition.ungridded[function.table]
     extrapolated = _extrapolated(function)
     points = mesh.points
     d = points.shape[1]
-    at, side = np.nonzero(mesh.neighbors == -1)
-    facets = np.array([np.delete(mesh.simplices[s], k) for s, k in zip(at, side, strict=True)])
+    hull_simplices, opposite_corners = np.nonzero(mesh.neighbors == -1)
+    facets = np.array([np.delete(mesh.simplices[s], k) for s, k in zip(hull_simplices, opposite_corners, strict=True)])
     edges = np.swapaxes(points[facets[:, 1:]] - points[facets[:, :1]], 1, 2)
     limits = [(argument.minimum, argument.maximum) for argument in function.arguments]
     return ScatteredTable(
@@ -295,8 +293,8 @@ def make_scattered(definition: Definition, function: Function, mesh: Any) -> Sca
         facet_edges=as_array(edges),
         facet_corners=as_array(facets, np.int32),
         values=as_array(table.values),
-        lower=as_array([-np.inf if least is None else least for least, _ in limits]),
-        upper=as_array([np.inf if greatest is None else greatest for _, greatest in limits]),
+        lower=as_array([-np.inf if minimum is None else minimum for minimum, _ in limits]),
+        upper=as_array([np.inf if maximum is None else maximum for _, maximum in limits]),
         arguments=tuple(argument.id for argument in function.arguments),
         result=function.result,
         extrapolated=extrapolated,
@@ -306,20 +304,20 @@ def make_scattered(definition: Definition, function: Function, mesh: Any) -> Sca
 def _extrapolated(function: Function) -> bool:
     if any(argument.interpolate != "linear" for argument in function.arguments):
         raise function.location.fault("interpolation other than linear between scattered points", "linear")
-    ways = {argument.extrapolate for argument in function.arguments}
-    if ways not in ({"neither"}, {"both"}):
-        arrived = f"extrapolate={' and '.join(sorted(ways))} of scattered points"
+    extrapolations = {argument.extrapolate for argument in function.arguments}
+    if extrapolations not in ({"neither"}, {"both"}):
+        arrived = f"extrapolate={' and '.join(sorted(extrapolations))} of scattered points"
         raise function.location.fault(arrived, "neither or both, the same for all arguments")
-    return ways == {"both"}
+    return extrapolations == {"both"}
 
 
 def make_meshes(tables: Iterable[UngriddedTable]) -> dict[str, Any]:
-    """Delaunay triangulations of tables with two coordinates or more, by their identifiers.
+    """Delaunay triangulations of the tables with two or more coordinates, by utID.
 
     Raises
     ------
     DaveMlError
-        The points of a table span no volume, two have the same coordinates, or there are too many in all.
+        If a table's points span no volume or coincide, or if there are too many points.
     """
     meshes = {}
     effort = 0.0
@@ -327,15 +325,15 @@ def make_meshes(tables: Iterable[UngriddedTable]) -> dict[str, Any]:
         count, d = table.points.shape
         effort += (count / POINTS_MAX[d]) ** 2 if d in POINTS_MAX else 2.0
         if effort > 1.0:
-            known = ", ".join(f"{n:,} of {k}" for k, n in POINTS_MAX.items())
-            right = f"at most {known} coordinates; of several tables the squares of the parts count together"
+            limits = ", ".join(f"{n:,} of {k}" for k, n in POINTS_MAX.items())
+            right = f"at most {limits} coordinates; of several tables the squares of the parts count together"
             raise table.location.fault(f"{count:,} scattered points of {d} coordinates in {quote(table.id)}", right)
         meshes[table.id] = _mesh(table)
     return meshes
 
 
 def _mesh(table: UngriddedTable) -> Any:
-    """Delaunay triangulation of the points, in the units in which they stand."""
+    """Delaunay triangulation of the points, in the units of the file."""
     count, d = table.points.shape
     refuse_duplicate_points(table)
     flat = table.location.fault(
@@ -353,12 +351,6 @@ def _mesh(table: UngriddedTable) -> Any:
 
 
 def refuse_duplicate_points(table: UngriddedTable) -> None:
-    """Refuse two points with the same coordinates.
-
-    Raises
-    ------
-    DaveMlError
-        There are two.
-    """
+    """Raise DaveMlError if two points have the same coordinates."""
     if len(np.unique(table.points, axis=0)) < len(table.points):
         raise table.location.fault(f"table {quote(table.id)} with two points at one place", "one value for each place")

@@ -1,4 +1,4 @@
-"""A model as DAVE-ML 2 text (DAVEfunc document type 2.0)."""
+"""Writer of DAVE-ML 2 text (DAVEfunc document type 2.0)."""
 
 from collections.abc import Iterable, Mapping
 from typing import Final
@@ -18,10 +18,9 @@ _NUMBERS_IN_LINE: Final = 12
 
 
 def write_dave_ml(model: Model) -> str:
-    """The text of a DAVE-ML 2 file, which reads as the same model.
+    """Write a model as the text of a DAVE-ML 2 file; reading the text gives the same model.
 
-    Numbers are written so that they read as the same ones. Points that a function gave itself become breakpoints and a
-    table of their own.
+    Numbers keep full precision. Points given inline in a function become separate breakpoints and tables.
     """
     definition = model.definition
     parts = [
@@ -52,7 +51,7 @@ def _text(name: str, text: str, attributes: Mapping[str, str] | None = None) -> 
 
 
 def _nonempty_attributes(**attributes: str | float | None) -> dict[str, str]:
-    """Attributes that have a value."""
+    """Format attributes and drop empty ones."""
     return {
         key: value if isinstance(value, str) else repr(float(value))
         for key, value in attributes.items()
@@ -76,10 +75,10 @@ def _notes(notes: Iterable[Note], *tags: str) -> list[str]:
 
 
 def _numbers(values: np.ndarray) -> list[str]:
-    """Numbers with commas, in lines."""
-    words = [repr(float(value)) for value in values.ravel()]
-    rows = [words[k : k + _NUMBERS_IN_LINE] for k in range(0, len(words), _NUMBERS_IN_LINE)]
-    return [f"{', '.join(row)}{',' if k < len(rows) - 1 else ''}" for k, row in enumerate(rows)]
+    """Comma-separated numbers in lines."""
+    tokens = [repr(float(value)) for value in values.ravel()]
+    lines = [", ".join(tokens[k : k + _NUMBERS_IN_LINE]) for k in range(0, len(tokens), _NUMBERS_IN_LINE)]
+    return [*(f"{line}," for line in lines[:-1]), *lines[-1:]]
 
 
 def _variable(variable: Variable) -> list[str]:
@@ -105,9 +104,13 @@ def _variable(variable: Variable) -> list[str]:
 
 def _tables(definition: Definition) -> list[str]:
     lines: list[str] = []
-    for one in definition.breakpoints.values():
-        inside = [*_description(one.description), *_element("bpVals", {}, _numbers(one.points))]
-        lines += _element("breakpointDef", _nonempty_attributes(name=one.name, bpID=one.id, units=one.units), inside)
+    for breakpoints in definition.breakpoints.values():
+        inside = [*_description(breakpoints.description), *_element("bpVals", {}, _numbers(breakpoints.points))]
+        lines += _element(
+            "breakpointDef",
+            _nonempty_attributes(name=breakpoints.name, bpID=breakpoints.id, units=breakpoints.units),
+            inside,
+        )
     for table in definition.gridded.values():
         axes = [line for axis in table.axes for line in _element("bpRef", {"bpID": axis})]
         inside = [
@@ -121,8 +124,10 @@ def _tables(definition: Definition) -> list[str]:
             "griddedTableDef", _nonempty_attributes(name=table.name, gtID=table.id, units=table.units), inside
         )
     for table in definition.ungridded.values():
-        rows = np.column_stack([table.points, table.values])
-        points = [line for row in rows for line in _text("dataPoint", ", ".join(repr(float(x)) for x in row))]
+        point_values = np.column_stack([table.points, table.values])
+        points = [
+            line for point in point_values for line in _text("dataPoint", ", ".join(repr(float(x)) for x in point))
+        ]
         inside = [
             *_description(table.description),
             *_notes(table.notes, "provenance", "provenanceRef", "uncertainty"),
@@ -159,8 +164,8 @@ def _shot(shot: Shot, definition: Definition) -> list[str]:
     names = [variable.name for variable in definition.variables.values()]
     single = {name for name in names if names.count(name) == 1}
 
-    def signals(tag: str, of: tuple[Signal, ...], named: bool) -> list[str]:
-        lines = [line for signal in of for line in _signal(signal, definition, named, single)]
+    def signals(tag: str, shot_signals: tuple[Signal, ...], by_name: bool) -> list[str]:
+        lines = [line for signal in shot_signals for line in _signal(signal, definition, by_name, single)]
         return _element(tag, {}, lines) if lines else []
 
     inside = [
@@ -173,9 +178,9 @@ def _shot(shot: Shot, definition: Definition) -> list[str]:
     return _element("staticShot", {"name": shot.name} | _nonempty_attributes(refID=shot.reference), inside)
 
 
-def _signal(signal: Signal, definition: Definition, named: bool, single: set[str]) -> list[str]:
+def _signal(signal: Signal, definition: Definition, by_name: bool, single: set[str]) -> list[str]:
     variable = definition.variables[signal.id]
-    if (named and variable.name in single) or signal.units != variable.units:
+    if (by_name and variable.name in single) or signal.units != variable.units:
         head = [*_text("signalName", variable.name), *_text("signalUnits", signal.units)]
     else:
         head = _text("varID", signal.id)
