@@ -71,6 +71,6 @@ def test_correlations_are_pearsons_strongest_first():
     failed = study["outcome"].values[0] != REACHED
     values = study["factor_value"].values[:, 0]
     by_kind = {"value": pearsonr(values, failed), "amount": pearsonr(np.abs(values - 1.0), failed)}
-    assert (found.factor, found.of) == ("CZ0", max(by_kind, key=lambda kind: abs(by_kind[kind].statistic)))
-    assert found.correlation == pytest.approx(by_kind[found.of].statistic, abs=1e-12)
+    assert (found.factor, found.measure) == ("CZ0", max(by_kind, key=lambda kind: abs(by_kind[kind].statistic)))
+    assert found.correlation == pytest.approx(by_kind[found.measure].statistic, abs=1e-12)
     assert failure_correlations(study, "incremental", every) == []

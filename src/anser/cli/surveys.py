@@ -249,7 +249,7 @@ def _print_study(study: "RobustnessStudy") -> None:
     print_table(table)
     for inversion, strongest in _failure_factors(data).items():
         if strongest:
-            words = ", ".join(f"{one.of} of {one.factor} {one.correlation:+.2f}" for one in strongest)
+            words = ", ".join(f"{one.measure} of {one.factor} {one.correlation:+.2f}" for one in strongest)
             print_line(f"failures, {inversion}, correlate with: {words}")
     _print_breaks(data)
     flown = int((data["outcome"].values > 0).sum())

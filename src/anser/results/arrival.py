@@ -1,7 +1,4 @@
-"""Arrivals: the closest pass of the rendezvous.
-
-Whether it counts as an arrival, and how well the arrivals of a fleet fit what the scenario requires.
-"""
+"""Arrivals: closest pass of the rendezvous, decision on the arrival, and accuracy of a fleet's arrivals."""
 
 import itertools
 import math
@@ -29,11 +26,11 @@ class Arrival:
     Attributes
     ----------
     time_s, miss_m
-        Time of arrival, s, and distance from the rendezvous then, m; both NaN without an arrival.
-    flown_s
-        End of the approach, s: the arrival, else the time at which the aircraft left its plan or the record ended.
+        Time of the arrival, s, and distance from the rendezvous at the arrival, m; both NaN without an arrival.
+    approach_end_s
+        End of the approach, s: the arrival, or else the time at which the aircraft left its plan or the record ended.
     status
-        "arrived", or what happened instead or afterwards.
+        "arrived", or the events instead of or after the arrival.
     """
 
     time_s: float
@@ -43,7 +40,7 @@ class Arrival:
 
     @property
     def is_arrival(self) -> bool:
-        """Whether the aircraft arrived, whatever happened to it afterwards."""
+        """Whether the aircraft arrived, regardless of later events."""
         return math.isfinite(self.time_s)
 
 
@@ -52,29 +49,29 @@ def arrival_outcome(
 ) -> Arrival:
     """Decide whether the closest pass of the rendezvous is an arrival.
 
-    It is one if the aircraft flew its plan at least to the planned arrival, and the distance had begun to grow again
-    before the search for the arrival ended: 10 s after the planned arrival, at the end of the record, or where the
-    aircraft left its plan. The pass of an aircraft that crashed, broke off or was still closing is none.
+    The pass is an arrival if the aircraft flew its plan at least until the planned arrival, and the distance increased
+    again before the end of the search: 10 s after the planned arrival, the end of the record, or the time at which the
+    aircraft left its plan. An aircraft that crashed, broke off or was still closing has not arrived.
 
     Parameters
     ----------
     closest_pass
-        Time of the closest pass up to the end of the search, s, and distance then, m; NaN if there is no record.
+        Time of the closest pass up to the end of the search, s, and distance, m; NaN without a record.
     planned_s
-        Arrival of the last plan, s.
+        Planned arrival time of the last plan, s.
     off_plan_s
-        Time of the first sample with a status that takes the aircraft off its plan, s; infinite if there is none.
+        Time of the first sample with an off-plan status, s; infinite without one.
     end_s
         End of the record, s.
     codes
-        Status over time, or its first and last value other than 0: indices into `STATUS_MESSAGES`.
+        Status over time, or the first and last non-zero status: indices into `STATUS_MESSAGES`.
     """
     time_s, miss_m = closest_pass
     approach_end_s = min(off_plan_s, end_s)
     is_arrival = approach_end_s >= planned_s and time_s < min(approach_end_s, planned_s + ARRIVAL_MARGIN_S)
     failures = [int(code) for code in codes if code != 0]
     if failures:
-        # The first one is the cause of those that follow; the last one is how it ended.
+        # The first failure causes the later ones; the last is the final state.
         status = "; then ".join(STATUS_MESSAGES[code] for code in dict.fromkeys((failures[0], failures[-1])))
     elif is_arrival:
         status = ARRIVED
@@ -92,44 +89,45 @@ def closest_approach(
 ) -> tuple[float, float]:
     """Time and distance of the first pass of a moving rendezvous.
 
-    Between samples the offset is taken as linear in time, and its distance is minimised exactly. Only the record up to
-    `planned_arrival_s + margin_s` counts, so that a later, nearer pass of the hold around the goal does not.
+    The offset is linear in time between samples, and its length is minimised exactly. Only the record up to
+    `planned_arrival_s + margin_s` counts, which excludes later, closer passes in the hold around the goal.
 
     Parameters
     ----------
     time_s
         Times of the record, s, increasing; shape (time,).
     offset
-        Rendezvous less aircraft, m, in axes that do not turn; shape (time, 3). Samples that are not finite are
-        left out.
+        Rendezvous minus aircraft position, m, in non-rotating axes; shape (time, 3). Non-finite samples are ignored.
     planned_arrival_s
         Planned arrival time, s; None searches the whole record.
     margin_s
-        How long after the planned arrival the pass may still be, s.
+        Allowed delay of the pass after the planned arrival, s.
 
     Returns
     -------
     tuple[float, float]
-        Time of closest approach, s, and distance then, m; both NaN when no finite sample lies in the window.
+        Time of closest approach, s, and distance, m; both NaN without a finite sample in the window.
 
     Raises
     ------
     ValueError
-        The shapes do not fit together, or the record has fewer than two samples.
+        If the shapes do not match, or the record has fewer than two samples.
     """
     time, points = np.asarray(time_s, dtype=np.float64), np.asarray(offset, dtype=np.float64)
     if time.ndim != 1 or time.size < 2 or points.shape != (time.size, 3):
         raise ValueError(f"need time (T,) with T >= 2 and offset (T, 3), not {time.shape} and {points.shape}")
     step = np.diff(time)
     end = np.inf if planned_arrival_s is None else planned_arrival_s + margin_s
-    allowed = np.clip((end - time[:-1]) / step, 0.0, 1.0)
-    fraction, distance = _segment_minima(points, allowed)
-    # A segment that begins after the window has no part in it.
+    fraction_max = np.clip((end - time[:-1]) / step, 0.0, 1.0)
+    fraction, distance = _segment_minima(points, fraction_max)
+    # Segments after the window do not count.
     distance = np.where((time[:-1] <= end) & np.isfinite(distance), distance, np.inf)
-    nearest = int(np.argmin(distance))
-    if not np.isfinite(distance[nearest]):
+    nearest_segment = int(np.argmin(distance))
+    if not np.isfinite(distance[nearest_segment]):
         return float("nan"), float("nan")
-    return float(time[nearest] + fraction[nearest] * step[nearest]), float(distance[nearest])
+    return float(time[nearest_segment] + fraction[nearest_segment] * step[nearest_segment]), float(
+        distance[nearest_segment]
+    )
 
 
 def least_distance(offset: np.ndarray) -> np.ndarray:
@@ -143,40 +141,40 @@ def least_distance(offset: np.ndarray) -> np.ndarray:
     Returns
     -------
     np.ndarray
-        Least distance of each pair, m, shape (pair,); NaN for a pair without two neighbouring finite samples.
+        Least distance by pair, m, shape (pair,); NaN for a pair without two consecutive finite samples.
     """
     _, distance = _segment_minima(offset, np.ones((offset.shape[0] - 1, 1)))
-    least = np.min(np.where(np.isfinite(distance), distance, np.inf), axis=0)
-    return np.where(np.isfinite(least), least, np.nan)
+    minimum = np.min(np.where(np.isfinite(distance), distance, np.inf), axis=0)
+    return np.where(np.isfinite(minimum), minimum, np.nan)
 
 
-def _segment_minima(points: np.ndarray, allowed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Fraction of each segment, at most `allowed`, where it is nearest to the origin, and the distance there."""
-    # A record may hold values that are not finite; a segment with one has a distance that is not finite either.
+def _segment_minima(points: np.ndarray, fraction_max: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Fraction of each segment, up to `fraction_max`, at the least distance from the origin, and the least distance."""
+    # A segment with a non-finite value has a non-finite distance.
     points = np.where(np.isfinite(points), points, np.nan)
-    start, along = points[:-1], np.diff(points, axis=0)
-    fraction = np.minimum(closest_fraction(start, along), allowed)
-    return fraction, np.linalg.norm(start + fraction[..., None] * along, axis=-1)
+    start, change = points[:-1], np.diff(points, axis=0)
+    fraction = np.minimum(closest_fraction(start, change), fraction_max)
+    return fraction, np.linalg.norm(start + fraction[..., None] * change, axis=-1)
 
 
-_Row = Mapping[str, Any]
+_Entry = Mapping[str, Any]
 _MILLISECONDS_BELOW_S = 0.0995
 
 
 @dataclass(frozen=True)
 class ArrivalAccuracy:
-    """How well arrivals fit.
+    """Accuracy of a fleet's arrivals.
 
     Attributes
     ----------
     kind
-        "spread": of those that arrive at one time, from the first to the last; "spacing": of a sequence, the greatest
-        difference of the time between two arrivals from that asked for; "error": of one aircraft alone, or of times
-        and windows of their own, the greatest difference of an arrival from its planned time.
+        "spread": time between the first and the last of simultaneous arrivals. "spacing": in a sequence, the largest
+        deviation of an interval between two arrivals from the required interval. "error": for a single aircraft, or for
+        individual times and windows, the largest deviation of an arrival from its planned time.
     value_s
-        The number, s; None where an arrival is lacking.
-    asked_s
-        Time between two arrivals of a sequence, s; else None.
+        The value, s; None if an arrival is missing.
+    required_spacing_s
+        Required interval between two arrivals of a sequence, s; otherwise None.
     """
 
     kind: Literal["spread", "spacing", "error"]
@@ -184,7 +182,7 @@ class ArrivalAccuracy:
     required_spacing_s: float | None = None
 
     def describe(self, aircraft: int) -> str:
-        """Say it in a few words for so many aircraft; empty where there is no number."""
+        """Describe the accuracy for a number of aircraft; empty without a value."""
         if self.value_s is None:
             return ""
         value = format_duration(self.value_s)
@@ -196,42 +194,44 @@ class ArrivalAccuracy:
 
 
 def format_duration(seconds: float) -> str:
-    """Say a short time: in milliseconds where that reads better."""
+    """Format a short duration in s, or in ms if short."""
     return f"{1000 * seconds:.2g} ms" if seconds < _MILLISECONDS_BELOW_S else f"{seconds:.2f} s"
 
 
 def format_planned_arrivals(aircraft: int, first_s: float, last_s: float) -> str:
-    """Say when so many aircraft are planned to arrive, in the words of a heading."""
-    first, last = f"{first_s:.2f}", f"{last_s:.2f}"
-    if first != last:
-        return f"arrivals from {first} to {last} s"
-    return f"arrives at {last} s" if aircraft == 1 else f"all arrive at {last} s"
+    """Format the planned arrival times of a number of aircraft, for a heading."""
+    first_text, last_text = f"{first_s:.2f}", f"{last_s:.2f}"
+    if first_text != last_text:
+        return f"arrivals from {first_text} to {last_text} s"
+    return f"arrives at {last_text} s" if aircraft == 1 else f"all arrive at {last_text} s"
 
 
-def summarize_arrivals(scenario: Scenario, aircraft: Sequence[_Row]) -> dict[str, Any]:
-    """What a summary says of the arrivals as a whole, from its rows of the aircraft; who left the fleet counts not."""
-    staying = [row for row in aircraft if "left_s" not in row]
-    arrivals = [row["arrival_s"] for row in staying]
+def summarize_arrivals(scenario: Scenario, aircraft: Sequence[_Entry]) -> dict[str, Any]:
+    """Arrival entry of a summary, from the aircraft entries; aircraft that left the fleet are excluded."""
+    staying = [entry for entry in aircraft if "left_s" not in entry]
+    arrivals = [entry["arrival_s"] for entry in staying]
     rule, spacing_s = scenario.arrival.rule, scenario.arrival.spacing_s
-    known = bool(staying) and None not in (*arrivals, *(row["planned_arrival_s"] for row in staying))
-    found: dict[str, Any] = {
+    has_times = bool(staying) and None not in (*arrivals, *(entry["planned_arrival_s"] for entry in staying))
+    arrival_summary: dict[str, Any] = {
         "rule": rule,
         "common": scenario.arrival.is_common,
-        "error_max_s": max(abs(row["arrival_s"] - row["planned_arrival_s"]) for row in staying) if known else None,
+        "error_max_s": max(abs(entry["arrival_s"] - entry["planned_arrival_s"]) for entry in staying)
+        if has_times
+        else None,
     }
     if rule == "sequence" and spacing_s is not None:
-        ordered = sorted(arrivals) if known else []
+        ordered = sorted(arrivals) if has_times else []
         gaps = [later - earlier for earlier, later in itertools.pairwise(ordered)]
         worst = max((abs(gap - spacing_s) for gap in gaps), default=None)
-        found |= {"spacing_s": spacing_s, "spacing_error_max_s": worst}
-    return found
+        arrival_summary |= {"spacing_s": spacing_s, "spacing_error_max_s": worst}
+    return arrival_summary
 
 
 def arrival_accuracy(summary: Mapping[str, Any]) -> ArrivalAccuracy:
-    """Find the number in a summary; in one that does not say what was asked, all arrive at one time."""
-    asked = summary.get("arrival") or {"common": True, "error_max_s": None}
-    if len(summary["aircraft"]) > 1 and asked["common"]:
+    """Arrival accuracy from a summary; a summary without an arrival entry means simultaneous arrivals."""
+    requirement = summary.get("arrival") or {"common": True, "error_max_s": None}
+    if len(summary["aircraft"]) > 1 and requirement["common"]:
         return ArrivalAccuracy("spread", summary["fleet"]["arrival_spread_s"])
-    if len(summary["aircraft"]) > 1 and "spacing_s" in asked:
-        return ArrivalAccuracy("spacing", asked["spacing_error_max_s"], asked["spacing_s"])
-    return ArrivalAccuracy("error", asked["error_max_s"])
+    if len(summary["aircraft"]) > 1 and "spacing_s" in requirement:
+        return ArrivalAccuracy("spacing", requirement["spacing_error_max_s"], requirement["spacing_s"])
+    return ArrivalAccuracy("error", requirement["error_max_s"])

@@ -1,4 +1,4 @@
-"""From the history of a flight, in SI units and radians, to a labelled dataset in the units of the catalogue."""
+"""Labelled dataset in catalogue units, from the history of a flight in SI units and radians."""
 
 from collections.abc import Mapping, Sequence
 
@@ -22,8 +22,8 @@ from anser.variables import (
     surface_variables,
 )
 
-_ROWS = 4096  # positions are converted in so many rows, or twice, four times, ...: few sizes compile seldom
-_REFERENCE = ("reference_latitude_deg", "reference_longitude_deg")
+_BUCKET_ROWS = 4096  # rows are padded to 1, 2, 4, ... times this number, so that few sizes are compiled
+_REFERENCE_KEYS = ("reference_latitude_deg", "reference_longitude_deg")
 
 
 def to_dataset(
@@ -33,37 +33,37 @@ def to_dataset(
     attributes: Mapping[str, str | int | float],
     surfaces: Sequence[Sequence[str]] = (),
 ) -> xr.Dataset:
-    """Label a history: dimensions (time, aircraft), one variable for each entry of the catalogue.
+    """Label a history: dimensions (time, aircraft), one variable per catalogue entry.
 
     Parameters
     ----------
     time_s
         Times of the record, s, increasing; shape (time,).
     history
-        One array of shape (time, aircraft) for each of `anser.variables.recorded_keys`, SI units and radians; NaN of a
-        surface that an aircraft has not.
+        One array (time, aircraft) per key of `anser.variables.recorded_keys`, SI units and radians; NaN for surfaces
+        that an aircraft does not have.
     aircraft_names
-        Names of the aircraft, each once, in the order of the history's columns.
+        Unique names of the aircraft, in the order of the history's columns.
     attributes
-        Attributes of the whole dataset, text or numbers. `reference_latitude_deg` and `reference_longitude_deg`
-        must be among them: the geodetic place, at altitude 0, of the origin of the NED axes.
+        Attributes of the dataset, text or numbers, including `reference_latitude_deg` and `reference_longitude_deg`,
+        the geodetic position, at altitude 0, of the origin of the NED axes.
     surfaces
-        Names of the control surfaces of each aircraft; empty: all have `anser.variables.STANDARD_SURFACES`.
+        Names of the control surfaces by aircraft; empty: `anser.variables.STANDARD_SURFACES` for every aircraft.
 
     Returns
     -------
     xr.Dataset
-        With the attributes `units`, `frame`, `long_name` and `symbol` on each variable. Angles lie in (-180, 180] deg.
-        Latitude and longitude are those of the flat Earth of theory section 1. The attribute `surfaces` holds the names
-        of all control surfaces (see `surface_names`); a `comment` stands with those that some aircraft have not.
+        Variables with the attributes `units`, `frame`, `long_name` and `symbol`. Angles are in (-180, 180] deg;
+        latitude and longitude are those of the flat Earth of theory section 1. The attribute `surfaces` lists the names
+        of the control surfaces (see `surface_names`); a `comment` marks surfaces that some aircraft do not have.
 
     Raises
     ------
     ValueError
-        A key is unknown or missing, a shape is wrong, time does not increase, a name occurs twice, the geodetic
-        reference is missing, surfaces are not told of each aircraft.
+        If a key is unknown or missing, a shape is wrong, time does not increase, a name is repeated, the geodetic
+        reference is missing, or the surfaces do not match the aircraft.
     TypeError
-        A kind of number is not that of the catalogue, or an attribute is neither text nor number.
+        If a number type differs from the catalogue, or an attribute is neither text nor number.
     """
     time = np.asarray(time_s, dtype=np.float64)
     if time.ndim != 1 or time.size == 0 or not np.all(np.isfinite(time)) or np.any(np.diff(time) <= 0):
@@ -73,32 +73,38 @@ def to_dataset(
         raise ValueError(f"aircraft_names must be given, each once, not {names}")
     if surfaces and len(surfaces) != len(names):
         raise ValueError(f"surfaces are those of {len(surfaces)} aircraft; there are {len(names)}")
-    named = all_surface_names(surfaces) or STANDARD_SURFACES
-    _check_keys(history, named)
+    all_surfaces = all_surface_names(surfaces) or STANDARD_SURFACES
+    _check_keys(history, all_surfaces)
     _check_attributes(attributes)
 
-    variables, shape = catalogue(named), (time.size, len(names))
-    arrays = {v.key: _checked(v, history[v.key], shape) for v in variables if v.key in history}
-    arrays["latitude"], arrays["longitude"] = _geodetic(arrays, *(np.radians(attributes[key]) for key in _REFERENCE))
-    held = [v for v in variables if v.key in arrays]
-    data = {v.name: (("time", "aircraft"), to_dataset_units(v, arrays[v.key]), catalogue_attributes(v)) for v in held}
-    for v in surface_variables(name for name in named if any(name not in own for own in surfaces)):
+    variables, shape = catalogue(all_surfaces), (time.size, len(names))
+    arrays = {v.key: _check_values(v, history[v.key], shape) for v in variables if v.key in history}
+    arrays["latitude"], arrays["longitude"] = _latitudes_longitudes(
+        arrays, *(np.radians(attributes[key]) for key in _REFERENCE_KEYS)
+    )
+    recorded = [v for v in variables if v.key in arrays]
+    data = {
+        v.name: (("time", "aircraft"), to_dataset_units(v, arrays[v.key]), catalogue_attributes(v)) for v in recorded
+    }
+    for v in surface_variables(
+        name for name in all_surfaces if any(name not in aircraft_surfaces for aircraft_surfaces in surfaces)
+    ):
         data[v.name][2]["comment"] = "NaN of an aircraft that has no such surface"
-    return xr.Dataset(data, record_coordinates(time, names), {**attributes, "surfaces": " ".join(named)})
+    return xr.Dataset(data, record_coordinates(time, names), {**attributes, "surfaces": " ".join(all_surfaces)})
 
 
 def surface_names(dataset: xr.Dataset) -> tuple[str, ...]:
-    """Names of the control surfaces in a record: its attribute `surfaces`, in one text as CF lists names.
+    """Names of the control surfaces in a record, from the attribute `surfaces` (one text, as CF lists names).
 
-    A record without that attribute, from before it was written, has the standard ones.
+    Records of older versions without the attribute have the standard surfaces.
     """
     return tuple(str(dataset.attrs.get("surfaces", " ".join(STANDARD_SURFACES))).split())
 
 
 def _check_keys(history: Mapping[str, np.ndarray], surfaces: Sequence[str]) -> None:
-    needed = set(recorded_keys(surfaces))
-    unknown = sorted(set(history) - needed - OPTIONAL_KEYS)
-    missing = sorted(needed - set(history))
+    required = set(recorded_keys(surfaces))
+    unknown = sorted(set(history) - required - OPTIONAL_KEYS)
+    missing = sorted(required - set(history))
     if unknown or missing:
         raise ValueError(
             f"the history does not match the catalogue in anser.variables: unknown keys {unknown}, "
@@ -111,12 +117,12 @@ def _check_attributes(attributes: Mapping[str, str | int | float]) -> None:
     for key, value in attributes.items():
         if isinstance(value, bool) or not isinstance(value, str | int | float | np.integer | np.floating):
             raise TypeError(f"attribute {key} must be text or a number, not {value!r}")
-    missing = [key for key in _REFERENCE if key not in attributes]
+    missing = [key for key in _REFERENCE_KEYS if key not in attributes]
     if missing:
         raise ValueError(f"attributes must hold {' and '.join(missing)}, the geodetic place of the NED origin, in deg")
 
 
-def _checked(variable: Variable, values: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+def _check_values(variable: Variable, values: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     array = np.asarray(values)
     if array.shape != shape:
         raise ValueError(f"{variable.key} has shape {array.shape}; (time, aircraft) is {shape}")
@@ -125,13 +131,15 @@ def _checked(variable: Variable, values: np.ndarray, shape: tuple[int, int]) -> 
     return array.astype(variable.dtype)
 
 
-def _geodetic(arrays: Mapping[str, np.ndarray], latitude: float, longitude: float) -> tuple[np.ndarray, np.ndarray]:
+def _latitudes_longitudes(
+    arrays: Mapping[str, np.ndarray], latitude: float, longitude: float
+) -> tuple[np.ndarray, np.ndarray]:
     positions = np.stack([arrays["north"], arrays["east"], -np.asarray(arrays["altitude"])], axis=-1)
-    rows = positions.reshape(-1, 3)
-    filled = pad_to_multiple(rows, bucket_size(len(rows), _ROWS)) if len(rows) else rows
-    places = _geodetic_positions(as_array(filled), as_array(latitude), as_array(longitude))[:2]
-    found = [np.asarray(one)[: len(rows)].reshape(positions.shape[:2]) for one in places]
-    return found[0], found[1]
+    points = positions.reshape(-1, 3)
+    padded = pad_to_multiple(points, bucket_size(len(points), _BUCKET_ROWS)) if len(points) else points
+    coordinates = _geodetic_positions(as_array(padded), as_array(latitude), as_array(longitude))[:2]
+    grids = [np.asarray(coordinate)[: len(points)].reshape(positions.shape[:2]) for coordinate in coordinates]
+    return grids[0], grids[1]
 
 
 @compiled

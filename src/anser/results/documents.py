@@ -1,8 +1,4 @@
-"""Plain forms of results.
-
-Numbers for JSON, software versions, tables for notebooks, text cells for spreadsheets, and hints for optional
-libraries.
-"""
+"""Output helpers: numbers for JSON, software versions, notebook tables, spreadsheet cells, and installation hints."""
 
 import json
 import math
@@ -17,63 +13,63 @@ from anser.files import write_file
 
 
 def finite_or_none(value: Any) -> float | None:
-    """Number; None where there is none, where it is not finite, or no number at all."""
+    """Convert to float; None if the value is missing or not finite."""
     return float(value) if value is not None and math.isfinite(value) else None
 
 
 def plain_attributes(attributes: Any) -> dict[str, Any]:
-    """Attributes of a dataset, those of NumPy as Python's own."""
+    """Attributes of a dataset, with NumPy values converted to Python values."""
     return {name: getattr(value, "item", lambda v=value: v)() for name, value in attributes.items()}
 
 
 def write_json(document: Mapping[str, Any], path: Path, *, overwrite: bool = False) -> None:
-    """Write a file of JSON.
+    """Write a JSON file.
 
     Raises
     ------
     FileExistsError
-        `path` exists and may not be replaced.
+        If `path` exists and `overwrite` is False.
     ValueError
-        The document holds a number that JSON has not (NaN, infinity).
+        If the document contains a number without JSON representation (NaN, infinity).
     """
     write_file(path, json.dumps(document, indent=1, allow_nan=False) + "\n", overwrite=overwrite)
 
 
 def software_versions() -> dict[str, str]:
-    """Versions of anser and of all that its numbers depend on, by name."""
+    """Versions of anser and of the libraries that determine its numbers, by name."""
     libraries = {name: version(name) for name in ("anser", "jax", "equinox", "numpy")}
     return {**libraries, "python": platform.python_version()}
 
 
 def version_attributes() -> dict[str, str]:
-    """Attributes of a dataset that tell the versions: `version_jax` and so on."""
+    """Attributes of a dataset with the versions: `version_jax` and so on."""
     return {f"version_{name}": version for name, version in software_versions().items()}
 
 
 def install_hint(library: str, extra: str) -> str:
-    """Say that a library is not installed, and how to get it: by which extra of anser."""
+    """Message that a library is not installed, with the extra of anser that installs the library."""
     return f'{library} is not installed: pip install "anser[{extra}]" (in a clone: pip install -e ".[{extra}]")'
 
 
-def notebook_table(title: str, rows: Sequence[Mapping[str, str]], notes: Sequence[str] = ()) -> str:
-    """Write HTML of a table with a title above and notes below.
+def notebook_table(title: str, entries: Sequence[Mapping[str, str]], notes: Sequence[str] = ()) -> str:
+    """Write an HTML table with a title above and notes below.
 
     Parameters
     ----------
     title, notes
         Plain text.
-    rows
-        Cells by the name of their column, all with the same columns; plain text.
+    entries
+        Cells by column name, the same columns in every entry; plain text.
     """
-    heads = "".join(f"<th>{escape(name)}</th>" for name in (rows[0] if rows else ()))
-    lines = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row.values())}</tr>" for row in rows)
-    table = f"<table><thead><tr>{heads}</tr></thead><tbody>{lines}</tbody></table>" if rows else ""
-    return f"<div><p><b>{escape(title)}</b></p>{table}{''.join(f'<p>{escape(one)}</p>' for one in notes)}</div>"
+    heads = "".join(f"<th>{escape(name)}</th>" for name in (entries[0] if entries else ()))
+    lines = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in entry.values())}</tr>" for entry in entries)
+    table = f"<table><thead><tr>{heads}</tr></thead><tbody>{lines}</tbody></table>" if entries else ""
+    return f"<div><p><b>{escape(title)}</b></p>{table}{''.join(f'<p>{escape(note)}</p>' for note in notes)}</div>"
 
 
 _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 
 
 def escape_spreadsheet_text(text: str) -> str:
-    """Text for a cell of a CSV file, with an apostrophe in front if a spreadsheet would take it for a formula."""
+    """Text for a cell of a CSV file, with a leading apostrophe if a spreadsheet would read a formula."""
     return f"'{text}" if text.startswith(_FORMULA_STARTS) else text

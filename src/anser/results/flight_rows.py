@@ -1,7 +1,4 @@
-"""Rows and columns of many flights.
-
-The figures of one flight from its running summary, and one array per quantity with its unit and meaning.
-"""
+"""Results of many flights: a row per flight from its running summary, and labelled arrays over the flights."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -25,18 +22,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FlightRow:
-    """What came of one flight.
+    """Results of one flight.
 
     Attributes
     ----------
     aircraft, fleet, requirements
-        As in `summary.json`; empty where it could not begin.
+        As in `summary.json`; empty for a flight that could not start.
     met
-        Whether all arrived and every requirement is met.
+        Whether every aircraft arrived and every requirement is met.
     reason
-        Why it could not begin; empty where it did.
+        Reason for a failed start; empty otherwise.
     series
-        By key of `anser.variables.CATALOGUE` what was kept over time: shape (aircraft, time), in the unit of a dataset.
+        Recorded time series by key of `anser.variables.CATALOGUE`: shape (aircraft, time), in dataset units.
     """
 
     aircraft: list[dict[str, Any]]
@@ -48,25 +45,25 @@ class FlightRow:
 
     @classmethod
     def failed_start(cls, reason: str) -> "FlightRow":
-        """Of a flight that could not begin."""
+        """Row of a flight that could not start."""
         return cls([], {}, [], met=False, reason=reason)
 
 
 def build_flight_row(summary: FleetSummary, planned_s: np.ndarray, scenario: Scenario) -> FlightRow:
-    """Sum one flight up as `summarize` does.
+    """Summarize one flight as `summarize` does.
 
     Parameters
     ----------
     summary
-        Of one flight, concrete.
+        Running summary of one flight, with concrete arrays.
     planned_s
         Arrival times of the last plan, s.
     scenario
-        What was flown.
+        Scenario of the flight.
     """
     aircraft = []
-    for k, one in enumerate(scenario.aircraft):
-        left = int(summary.first_status[k]) == LEFT_FLEET
+    for k, config in enumerate(scenario.aircraft):
+        has_left = int(summary.first_status[k]) == LEFT_FLEET
         approach = arrival_outcome(
             (float(summary.pass_time[k]), float(summary.pass_distance[k])),
             float(planned_s[k]),
@@ -84,11 +81,11 @@ def build_flight_row(summary: FleetSummary, planned_s: np.ndarray, scenario: Sce
         )
         aircraft.append(
             {
-                "name": one.name,
-                "goal": one.goal,
-                "planned_arrival_s": None if left else finite_or_none(float(planned_s[k])),
-                "arrival_s": None if left else finite_or_none(approach.time_s),
-                "miss_m": None if left else finite_or_none(approach.miss_m),
+                "name": config.name,
+                "goal": config.goal,
+                "planned_arrival_s": None if has_left else finite_or_none(float(planned_s[k])),
+                "arrival_s": None if has_left else finite_or_none(approach.time_s),
+                "miss_m": None if has_left else finite_or_none(approach.miss_m),
                 "speed_mean_m_s": finite_or_none(mean),
                 "speed_min_m_s": finite_or_none(float(speeds.minimum[k])),
                 "speed_max_m_s": finite_or_none(float(speeds.maximum[k])),
@@ -98,19 +95,19 @@ def build_flight_row(summary: FleetSummary, planned_s: np.ndarray, scenario: Sce
                 "status": approach.status,
             }
         )
-    arrivals = [row["arrival_s"] for row in aircraft]
+    arrivals = [entry["arrival_s"] for entry in aircraft]
     fleet = {
         "arrival_spread_s": None if None in arrivals else max(arrivals) - min(arrivals),
         "separation_min_m": finite_or_none(float(summary.separation_min)),
     }
     if scenario.separation.required_m is not None:
         fleet["separation_ratio_min"] = finite_or_none(float(summary.separation_ratio_min))
-    kinds = [scenario.goal_of(one).kind for one in scenario.aircraft]
+    goal_kinds = [scenario.goal_of(config).kind for config in scenario.aircraft]
     requirements = evaluate_requirements(
-        scenario_requirements(scenario), aircraft, fleet, [(kind, CLEARANCE_MIN_M[kind]) for kind in kinds]
+        scenario_requirements(scenario), aircraft, fleet, [(kind, CLEARANCE_MIN_M[kind]) for kind in goal_kinds]
     )
-    met = all(row["status"] == ARRIVED for row in aircraft) and all(one["met"] for one in requirements)
-    return FlightRow(aircraft, fleet, requirements, met)
+    is_met = all(entry["status"] == ARRIVED for entry in aircraft) and all(config["met"] for config in requirements)
+    return FlightRow(aircraft, fleet, requirements, is_met)
 
 
 AIRCRAFT_QUANTITIES = {
@@ -134,71 +131,76 @@ FLEET_QUANTITIES = {
 }
 
 FlightColumn = tuple[tuple[str, ...], np.ndarray, dict[str, Any]]
-"""Dimensions of one flight (none, or `aircraft`), values with a leading axis of flights, attributes."""
+"""Dimensions of one flight's values (none, or `aircraft`), values with a leading flight axis, attributes."""
 
 
-def tabulate_flights(rows: Sequence[FlightRow], aircraft: int) -> dict[str, FlightColumn]:
-    """Arrays of all that rows hold; NaN and "no flight" where a flight could not begin, with the reason.
+def tabulate_flights(flights: Sequence[FlightRow], aircraft: int) -> dict[str, FlightColumn]:
+    """Arrays of the results of many flights; NaN and "no flight", with the reason, for failed starts.
 
     Parameters
     ----------
-    rows
-        Of flights with the same fleet.
+    flights
+        Results of flights with the same fleet.
     aircraft
-        How many.
+        Number of aircraft.
     """
 
-    def of_aircraft(key: str, missing: Any) -> np.ndarray:
+    def aircraft_values(key: str, missing: Any) -> np.ndarray:
         none = [missing] * aircraft
-        return np.array([[_or(one.get(key), missing) for one in row.aircraft] or none for row in rows])
+        return np.array(
+            [[_or_missing(entry.get(key), missing) for entry in flight.aircraft] or none for flight in flights]
+        )
 
-    found: dict[str, FlightColumn] = {
-        key: (("aircraft",), of_aircraft(key, np.nan).astype(float), unit_attributes(*labels))
+    columns: dict[str, FlightColumn] = {
+        key: (("aircraft",), aircraft_values(key, np.nan).astype(float), unit_attributes(*labels))
         for key, labels in AIRCRAFT_QUANTITIES.items()
     }
-    words = unit_attributes("", "What became of it")
-    found["status"] = (("aircraft",), of_aircraft("status", "no flight").astype(np.str_), words)
+    status_labels = unit_attributes("", "What became of it")
+    columns["status"] = (("aircraft",), aircraft_values("status", "no flight").astype(np.str_), status_labels)
     for key, labels in FLEET_QUANTITIES.items():
-        values = np.array([_or(row.fleet.get(key), np.nan) for row in rows], dtype=float)
-        found[key] = ((), values, unit_attributes(*labels))
-    met = unit_attributes("1", "Whether all arrived and every requirement is met")
-    found["met"] = ((), np.array([row.met for row in rows], dtype=bool), met)
-    unmet = [", ".join(one["name"] for one in row.requirements if not one["met"]) for row in rows]
-    found["unmet"] = ((), np.array(unmet, dtype=np.str_), unit_attributes("", "Requirements that are not met"))
-    reason = unit_attributes("", "Why the flight could not begin; empty where it did")
-    found["reason"] = ((), np.array([row.reason for row in rows], dtype=np.str_), reason)
-    return found
+        values = np.array([_or_missing(result.fleet.get(key), np.nan) for result in flights], dtype=float)
+        columns[key] = ((), values, unit_attributes(*labels))
+    met_labels = unit_attributes("1", "Whether all arrived and every requirement is met")
+    columns["met"] = ((), np.array([result.met for result in flights], dtype=bool), met_labels)
+    unmet = [
+        ", ".join(requirement["name"] for requirement in result.requirements if not requirement["met"])
+        for result in flights
+    ]
+    columns["unmet"] = ((), np.array(unmet, dtype=np.str_), unit_attributes("", "Requirements that are not met"))
+    reason_labels = unit_attributes("", "Why the flight could not begin; empty where it did")
+    columns["reason"] = ((), np.array([result.reason for result in flights], dtype=np.str_), reason_labels)
+    return columns
 
 
 def applicable_quantities(names: Iterable[str], dataset: "xr.Dataset") -> tuple[str, ...]:
-    """Those of the quantities that a fleet of this size has: one aircraft has neither spread nor separation."""
+    """Select the quantities that the fleet has: a single aircraft has neither spread nor separation."""
     return tuple(name for name in names if name not in FLEET_QUANTITIES or dataset.sizes["aircraft"] > 1)
 
 
 def worst_of_fleet(columns: "xr.Dataset | Mapping[str, np.ndarray]", name: str, *, upper: bool = True) -> np.ndarray:
-    """Worst value of each flight: the greatest of its aircraft, or the least if `upper` is False.
+    """Worst value of each flight: the maximum over the aircraft, or the minimum if `upper` is False.
 
-    A flight with an aircraft that never arrived is infinitely bad in every quantity, also in those that it has: a crash
-    far from the goal must not improve the least distance. An aircraft without a number counts as one that never
-    arrived, unless the flight met every requirement without it (the aircraft had left).
+    A flight with a missing arrival counts as infinitely bad in every quantity, even with a value: a crash far from the
+    goal must not improve the least distance. A missing value counts as a missing arrival, unless the flight met every
+    requirement without the value (an aircraft that left the fleet).
 
     Parameters
     ----------
     columns
-        Of flights: a dataset, or arrays by name, with `met`, `miss_m` (NaN of an aircraft that never arrived) and the
+        Columns of flights: a dataset, or arrays by name, with `is_met`, `miss_m` (NaN for a missing arrival) and the
         quantity.
     name
-        Of the quantity, of dimensions (flight) or (flight, aircraft); NaN where there is none.
+        Name of a quantity with dimensions (flight) or (flight, aircraft); NaN for missing values.
     upper
-        Whether more is worse.
+        Whether larger values are worse.
     """
-    values, met = np.asarray(columns[name]), np.asarray(columns["met"])
-    has_arrived = met | ~np.isnan(np.asarray(columns["miss_m"])).any(axis=-1)
-    rows = (values if upper else -values).reshape(values.shape[0], math.prod(values.shape[1:]))
-    missing = np.where(met, -np.inf, np.inf)[:, None]
-    worst = np.where(has_arrived, np.max(np.where(np.isnan(rows), missing, rows), axis=1), np.inf)
+    values, is_met = np.asarray(columns[name]), np.asarray(columns["met"])
+    has_arrived = is_met | ~np.isnan(np.asarray(columns["miss_m"])).any(axis=-1)
+    badness = (values if upper else -values).reshape(values.shape[0], math.prod(values.shape[1:]))
+    missing = np.where(is_met, -np.inf, np.inf)[:, None]
+    worst = np.where(has_arrived, np.max(np.where(np.isnan(badness), missing, badness), axis=1), np.inf)
     return worst if upper else -worst
 
 
-def _or(value: Any, missing: Any) -> Any:
+def _or_missing(value: Any, missing: Any) -> Any:
     return missing if value is None else value

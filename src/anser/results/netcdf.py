@@ -1,8 +1,4 @@
-"""A recorded flight on disk.
-
-One compressed NetCDF-4 file with a checksum at its end, and the check of the variables that every recorded flight
-has.
-"""
+"""Recorded flights on disk: compressed NetCDF-4 files with a checksum, and the check of the required variables."""
 
 import errno
 from pathlib import Path
@@ -15,24 +11,24 @@ from anser.results.checksums import append_checksum, damaged_file_error, verify_
 
 FORMAT_VERSION = 1
 _VERSION = "format_version"
-"""Attribute of every file that has a checksum; older files have neither."""
+"""Attribute of every file with a checksum; older files have neither."""
 _UNREADABLE = OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, RuntimeError, MemoryError
-"""What the libraries raise where a file of an older version, without a checksum, is damaged."""
+"""Exceptions of the libraries for damaged files of older versions, without a checksum."""
 _EXPECTED = "a file as anser wrote it"
 
 
 def write_netcdf(dataset: xr.Dataset, path: Path) -> None:
-    """Write a dataset to a NetCDF-4 file, compressed without loss, with its checksum.
+    """Write a dataset to a losslessly compressed NetCDF-4 file, with a checksum.
 
-    Truth values are stored as int8 with their flag attributes, names of aircraft as text. The file appears under its
-    name only when it is complete.
+    Booleans are stored as int8 with flag attributes, aircraft names as text. The file appears under its name only when
+    complete.
 
     Raises
     ------
     FileExistsError
-        `path` exists: a recorded flight is never overwritten.
+        If `path` exists: a recorded flight is never overwritten.
     OSError
-        The file cannot be written.
+        If the file cannot be written.
     """
     encoding = {
         name: {"zlib": True, "complevel": 4, "shuffle": True}
@@ -43,18 +39,18 @@ def write_netcdf(dataset: xr.Dataset, path: Path) -> None:
     with new_file(path) as partial:
         try:
             versioned.to_netcdf(partial, mode="w", format="NETCDF4", engine="netcdf4", encoding=encoding)
-        except RuntimeError as error:  # the library's own error for a full disk, without the system's reason
+        except RuntimeError as error:  # error of the library for a full disk, without the system's reason
             raise OSError(errno.EIO, f"not written by the NetCDF library: {error}", str(path)) from None
         append_checksum(partial)
 
 
 def read_netcdf(path: Path) -> xr.Dataset:
-    """Read a dataset that `write_netcdf` wrote, whole, equal to the one written.
+    """Read a complete dataset of `write_netcdf`; the result equals the written dataset.
 
     Raises
     ------
     DamagedFileError
-        The file cannot be read, is not what was written, or is of another format version.
+        If the file cannot be read, was changed, or has another format version.
     """
     verified = verify_checksum(path)
     try:
@@ -71,9 +67,9 @@ def read_netcdf(path: Path) -> xr.Dataset:
     if version != FORMAT_VERSION:
         raise damaged_file_error(path, f"{_VERSION} {version}", str(FORMAT_VERSION))
     if not verified:
-        words = "a file without its checksum, cut or written by another program"
+        finding = "a file without its checksum, cut or written by another program"
         raise damaged_file_error(
-            path, words, f"{_EXPECTED}, or without the attribute {_VERSION} if the change is intended"
+            path, finding, f"{_EXPECTED}, or without the attribute {_VERSION} if the change is intended"
         )
     return dataset
 
@@ -82,20 +78,20 @@ _POSITION = "north_m", "east_m", "altitude_m"
 
 
 def flight_problem(dataset: xr.Dataset) -> str | None:
-    """What arrived instead of the times, names and positions of a flight, and what was expected; None if all are there.
+    """Describe a defect in the times, names or positions of a flight, and the expected content; None without a defect.
 
-    Positions are finite at all times: the state of an aircraft that crashes, or diverges, stays at its last one.
+    Positions are always finite: the state of a crashed or diverged aircraft stays at its last finite value.
     """
     for name in ("time", "aircraft", *_POSITION):
         if name not in dataset.variables:
             return f"arrived without {name}; expected a flight, which has it"
         dimensions = ("time", "aircraft") if name in _POSITION else (name,)
-        values = dataset[name]
-        if values.dims != dimensions or 0 in values.shape:
-            return f"arrived {name} over {dict(values.sizes)}; expected it over {' and '.join(dimensions)}"
-        if name != "aircraft" and values.dtype.kind != "f":
-            return f"arrived {name} as {values.dtype}; expected floating-point numbers"
-        if name != "aircraft" and not np.isfinite(values.values).all():
+        variable = dataset[name]
+        if variable.dims != dimensions or 0 in variable.shape:
+            return f"arrived {name} over {dict(variable.sizes)}; expected it over {' and '.join(dimensions)}"
+        if name != "aircraft" and variable.dtype.kind != "f":
+            return f"arrived {name} as {variable.dtype}; expected floating-point numbers"
+        if name != "aircraft" and not np.isfinite(variable.values).all():
             return f"arrived {name} with values that are not finite; expected finite ones at all times"
     if np.any(np.diff(dataset["time"].values) <= 0.0):
         return "arrived time that does not increase; expected increasing times"

@@ -1,4 +1,4 @@
-"""What became of a fleet without a centre: its links and clocks, and what the theorem of time coordination promises."""
+"""Summary of a decentralised fleet: links, clocks, and the convergence guaranteed by the time-coordination theorem."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,80 +9,80 @@ from anser.planning.decentralised.time_coordination import coordination_error, g
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_network import Network
 
-_EVERY_S = 1.0  # between two entries of the series
-_APART = 1e-9  # a quality of service up to this is none
+_SERIES_STEP_S = 1.0  # time between two entries of the series
+_QUALITY_ZERO = 1e-9  # greatest quality of service that counts as zero
 
 
 def summarize_network(
     time_s: np.ndarray, history: Mapping[str, np.ndarray], scenario: Scenario, agreed_after_s: float
 ) -> dict[str, Any]:
-    """Links, clocks, and the convergence that is promised, up to when the first aircraft's path stands still.
+    """Links, clocks and guaranteed convergence, until the first path is frozen.
 
     Parameters
     ----------
     time_s, history
-        Of every step; arrays (time, aircraft).
+        Record of every step; arrays (time, aircraft).
     scenario
-        With `fleet.planner = "decentralised"`.
+        Scenario with `fleet.planner = "decentralised"`.
     agreed_after_s
-        How long the fleet talked about its plan.
+        Duration of the fleet's consensus on the plan, s.
 
     Returns
     -------
     dict
-        `links_up` (mean part of the pairs that hear each other), `quality_of_service_min` and `_mean` over windows of
-        `window_s`, `promised_rate_per_s` at the least quality, `clock_lag_max_s`, `coordination_error_max_s`,
-        `offers` (paths offered to the others), `condition_met`, `message`, and the series `time_s`,
-        `quality_of_service`, `coordination_error_s`.
+        `links_up` (mean fraction of the pairs with a link), `quality_of_service_min` and `_mean` over windows of
+        `window_s`, `promised_rate_per_s` at the least quality, `clock_lag_max_s`, `coordination_error_max_s`, `offers`
+        (number of paths offered), `condition_met`, `message`, and the series `time_s`, `quality_of_service`,
+        `coordination_error_s`.
     """
-    numbers, names = scenario.network or Network(), [one.name for one in scenario.aircraft]
-    stride = round(numbers.period_s / scenario.timing.step_s)
+    network, names = scenario.network or Network(), [aircraft.name for aircraft in scenario.aircraft]
+    stride = round(network.period_s / scenario.timing.step_s)
     until_s = float(np.min(history["arrival_time"][-1])) - scenario.timing.freeze_s
-    rows = np.arange(0, time_s.size, stride)
-    rows = rows[time_s[rows] <= max(until_s, numbers.window_s)]
-    links = decode_links(np.asarray(history["heard_from"])[rows], len(names))
-    clocks = time_s[rows, None] - np.asarray(history["clock_lag"])[rows]
-    quality = quality_of_service(links, numbers.period_s, numbers.window_s)
-    apart = coordination_error(clocks)
+    samples = np.arange(0, time_s.size, stride)
+    samples = samples[time_s[samples] <= max(until_s, network.window_s)]
+    links = decode_links(np.asarray(history["heard_from"])[samples], len(names))
+    clocks = time_s[samples, None] - np.asarray(history["clock_lag"])[samples]
+    quality = quality_of_service(links, network.period_s, network.window_s)
+    clock_error = coordination_error(clocks)
     pairs = max(len(names) * (len(names) - 1), 1)
-    every = max(round(_EVERY_S / numbers.period_s), 1)
-    shown = np.arange(0, quality.size, every)
-    least = float(quality.min())
-    bad = time_s[rows[: quality.size]][quality <= _APART]
-    offered = np.asarray(history["path_offered"])
+    series_stride = max(round(_SERIES_STEP_S / network.period_s), 1)
+    series_samples = np.arange(0, quality.size, series_stride)
+    quality_min = float(quality.min())
+    outage_times_s = time_s[samples[: quality.size]][quality <= _QUALITY_ZERO]
+    path_offered = np.asarray(history["path_offered"])
     return {
         "agreed_after_s": float(agreed_after_s),
         "links_up": float(links.sum(axis=(1, 2)).mean() / pairs),
-        "window_s": numbers.window_s,
-        "quality_of_service_min": least,
+        "window_s": network.window_s,
+        "quality_of_service_min": quality_min,
         "quality_of_service_mean": float(quality.mean()),
-        "promised_rate_per_s": guaranteed_rate(least, numbers.coupling_per_s, numbers.window_s),
-        "clock_lag_max_s": float(np.abs(history["clock_lag"][rows]).max()),
-        "coordination_error_max_s": float(apart.max()),
-        "offers": int(np.sum(np.diff(offered.astype(int), axis=0) > 0)),
-        "condition_met": not bad.size,
-        "message": _message(bad, numbers, least),
+        "promised_rate_per_s": guaranteed_rate(quality_min, network.coupling_per_s, network.window_s),
+        "clock_lag_max_s": float(np.abs(history["clock_lag"][samples]).max()),
+        "coordination_error_max_s": float(clock_error.max()),
+        "offers": int(np.sum(np.diff(path_offered.astype(int), axis=0) > 0)),
+        "condition_met": not outage_times_s.size,
+        "message": _message(outage_times_s, network, quality_min),
         "series": {
-            "time_s": time_s[rows[shown]].tolist(),
-            "quality_of_service": quality[shown].tolist(),
-            "coordination_error_s": apart[shown].tolist(),
+            "time_s": time_s[samples[series_samples]].tolist(),
+            "quality_of_service": quality[series_samples].tolist(),
+            "coordination_error_s": clock_error[series_samples].tolist(),
         },
     }
 
 
 def decode_links(heard_from: np.ndarray, count: int) -> np.ndarray:
-    """Who heard whom, (time, receiver, sender), from numbers in which bit k stands for aircraft k; (time, receiver)."""
+    """Links (time, receiver, sender) from bit masks (time, receiver); bit k stands for a message from aircraft k."""
     return (heard_from[:, :, None] >> np.arange(count)) & 1 == 1
 
 
-def _message(bad_s: np.ndarray, numbers: Network, least: float) -> str:
-    if bad_s.size:
+def _message(outage_times_s: np.ndarray, network: Network, quality_min: float) -> str:
+    if outage_times_s.size:
         return (
-            f"the network falls apart for {numbers.window_s:g} s or longer, first from {bad_s[0]:.1f} s on: "
+            f"the network falls apart for {network.window_s:g} s or longer, first from {outage_times_s[0]:.1f} s on: "
             "the clocks are not promised to come together"
         )
-    rate = guaranteed_rate(least, numbers.coupling_per_s, numbers.window_s)
+    rate = guaranteed_rate(quality_min, network.coupling_per_s, network.window_s)
     return (
-        f"quality of service at least {least:.2f} over any {numbers.window_s:g} s: "
+        f"quality of service at least {quality_min:.2f} over any {network.window_s:g} s: "
         f"differences of the clocks are promised to fall at {rate:.3f} per second or faster"
     )

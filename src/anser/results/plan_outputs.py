@@ -1,7 +1,4 @@
-"""Outputs of a recorded plan.
-
-The machine-readable summary, format version 1, and the trajectories as a table in a text file.
-"""
+"""Outputs of a recorded plan: the machine-readable summary, format version 1, and a text table of the trajectories."""
 
 import csv
 from pathlib import Path
@@ -20,143 +17,153 @@ _PLANNED = "planned"
 
 
 def plan_summary(dataset: xr.Dataset) -> dict[str, Any]:
-    """Sum up a plan.
+    """Summarize a plan.
 
     Parameters
     ----------
     dataset
-        As `anser.results.plan_record` makes it.
+        Dataset of `anser.results.plan_record`.
 
     Returns
     -------
     dict
-        The contract of `plan.json` (write it with `anser.results.write_summary`): plain numbers, text, lists and dicts;
-        a number that does not exist is None. Margins are positive where a limit is kept; `bounds` tells whether they
-        are proven between the samples, too.
+        Content of `plan.json` (write with `anser.results.write_summary`): plain numbers, text, lists and dicts; missing
+        numbers are None. Margins are positive within the limit; `bounds` states whether the limits are proven between
+        the samples as well.
     """
-    of = dataset.attrs
+    attributes = dataset.attrs
     arrivals = dataset["arrival_time_s"].values
     names = [str(name) for name in dataset["aircraft"].values]
     margins = plan_margins(dataset)
     proven = any(name.startswith("bound_") for name in map(str, dataset.data_vars))
     return {
         "format_version": PLAN_FORMAT_VERSION,
-        "scenario": {"name": of["title"], "hash": of["scenario_hash"]},
-        "seed": int(of["seed"]),
-        "versions": {key.removeprefix("version_"): of[key] for key in of if key.startswith("version_")},
-        "planner": of["planner"],
+        "scenario": {"name": attributes["title"], "hash": attributes["scenario_hash"]},
+        "seed": int(attributes["seed"]),
+        "versions": {key.removeprefix("version_"): attributes[key] for key in attributes if key.startswith("version_")},
+        "planner": attributes["planner"],
         "bounds": "proven" if proven else "sampled",
-        "status": "not flyable" if of["problems"] else _PLANNED,
-        "problems": of["problems"].split("\n") if of["problems"] else [],
-        "notes": of["notes"].split("\n") if of["notes"] else [],
+        "status": "not flyable" if attributes["problems"] else _PLANNED,
+        "problems": attributes["problems"].split("\n") if attributes["problems"] else [],
+        "notes": attributes["notes"].split("\n") if attributes["notes"] else [],
         "arrival": {
-            "rule": of["rule"],
+            "rule": attributes["rule"],
             "first_s": finite_or_none(np.min(arrivals)),
             "last_s": finite_or_none(np.max(arrivals)),
         },
         "aircraft": [_aircraft_entry(dataset, k, names[k], margins) for k in range(len(names))],
-        "least_distance": _least(dataset, "distance", names) | {"required_m": of.get("distance_limit_m")},
-        "separation": _separation(dataset, names),
-        "keep_outs": _keep_outs(dataset, names),
+        "least_distance": _minimum_entry(dataset, "distance", names)
+        | {"required_m": attributes.get("distance_limit_m")},
+        "separation": _separation_entry(dataset, names),
+        "keep_outs": _keep_out_entries(dataset, names),
     }
 
 
 def plan_margins(dataset: xr.Dataset) -> dict[str, np.ndarray]:
-    """What a plan leaves to each limit, by the limit's name; (aircraft,), in its unit, negative where it is passed.
+    """Margins of a plan to the limits, by limit name; (aircraft,), in the limit's unit, negative if exceeded.
 
     Parameters
     ----------
     dataset
-        As `anser.results.plan_record` makes it. Where a bound is proven the margin is that of the bound, else that of
-        the samples; NaN where there is no limit.
+        Dataset of `anser.results.plan_record`. Margins refer to the proven bound if there is one, otherwise to the
+        samples; NaN without a limit.
     """
-    found = {}
+    margins = {}
     for limit in LIMITS:
         proven = f"bound_{limit.name}"
-        worst = dataset[proven if proven in dataset else limit.name].values
-        room = worst - dataset[f"limit_{limit.name}"].values
-        found[limit.name] = room if limit.is_lower_bound else -room
-    return found
+        extreme = dataset[proven if proven in dataset else limit.name].values
+        excess = extreme - dataset[f"limit_{limit.name}"].values
+        margins[limit.name] = excess if limit.is_lower_bound else -excess
+    return margins
 
 
 def _aircraft_entry(dataset: xr.Dataset, k: int, name: str, margins: dict[str, np.ndarray]) -> dict[str, Any]:
-    def of(key: str) -> float | None:
+    def number(key: str) -> float | None:
         return finite_or_none(dataset[key].values[k])
 
     message = str(dataset["message"].values[k])
-    row: dict[str, Any] = {
+    aircraft_entry: dict[str, Any] = {
         "name": name,
         "goal": str(dataset["goal"].values[k]),
         "status": message or _PLANNED,
         "path": str(dataset["path"].values[k]),
-        "arrival_s": of("arrival_time_s"),
-        "length_m": of("length_m"),
-        "speed_mean_m_s": of("airspeed_mean_m_s"),
-        "speed_min_m_s": of("airspeed_min_m_s"),
-        "speed_max_m_s": of("airspeed_max_m_s"),
+        "arrival_s": number("arrival_time_s"),
+        "length_m": number("length_m"),
+        "speed_mean_m_s": number("airspeed_mean_m_s"),
+        "speed_min_m_s": number("airspeed_min_m_s"),
+        "speed_max_m_s": number("airspeed_max_m_s"),
     }
-    row |= {key: of(key) for key in ("nominal_length_m", "turn_use") if key in dataset}
+    aircraft_entry |= {key: number(key) for key in ("nominal_length_m", "turn_use") if key in dataset}
     if "hold_radius_m" in dataset:
-        sense = "right" if dataset["hold_turn"].values[k] > 0.0 else "left"
-        row["hold"] = {"direction": sense, "radius_m": of("hold_radius_m"), "height_m": of("hold_height_m")}
-    row["limits"] = []
+        direction = "right" if dataset["hold_turn"].values[k] > 0.0 else "left"
+        aircraft_entry["hold"] = {
+            "direction": direction,
+            "radius_m": number("hold_radius_m"),
+            "height_m": number("hold_height_m"),
+        }
+    aircraft_entry["limits"] = []
     for limit in LIMITS:
         if not np.isfinite(dataset[f"limit_{limit.name}"].values[k]):
             continue
         entry = {
             "name": limit.name,
-            "limit": of(f"limit_{limit.name}"),
-            "planned": of(limit.name),
+            "limit": number(f"limit_{limit.name}"),
+            "planned": number(limit.name),
             "margin": finite_or_none(margins[limit.name][k]),
         }
         if f"bound_{limit.name}" in dataset:
-            entry["bound"] = of(f"bound_{limit.name}")
-        row["limits"].append(entry)
-    return row
+            entry["bound"] = number(f"bound_{limit.name}")
+        aircraft_entry["limits"].append(entry)
+    return aircraft_entry
 
 
-def _least(dataset: xr.Dataset, what: str, names: list[str]) -> dict[str, Any]:
-    pair = dataset[f"least_{what}_pair"].values
+def _minimum_entry(dataset: xr.Dataset, quantity: str, names: list[str]) -> dict[str, Any]:
+    pair = dataset[f"least_{quantity}_pair"].values
     return {
-        "value_m": finite_or_none(dataset[f"least_{what}_m"].item()),
+        "value_m": finite_or_none(dataset[f"least_{quantity}_m"].item()),
         "pair": [names[k] for k in pair] if pair[0] >= 0 else None,
-        "time_s": finite_or_none(dataset[f"least_{what}_at_s"].item()),
-        "horizontal_m": finite_or_none(dataset[f"least_{what}_level_m"].item()),
-        "vertical_m": finite_or_none(dataset[f"least_{what}_height_m"].item()),
+        "time_s": finite_or_none(dataset[f"least_{quantity}_at_s"].item()),
+        "horizontal_m": finite_or_none(dataset[f"least_{quantity}_level_m"].item()),
+        "vertical_m": finite_or_none(dataset[f"least_{quantity}_height_m"].item()),
     }
 
 
-def _separation(dataset: xr.Dataset, names: list[str]) -> dict[str, Any] | None:
-    """None where none is asked for. The margin is what the pair has beyond it, in the plane or, scaled, in altitude."""
-    of = dataset.attrs
-    if "separation_horizontal_m" not in of:
+def _separation_entry(dataset: xr.Dataset, names: list[str]) -> dict[str, Any] | None:
+    """Separation entry; None without a required separation. The margin is horizontal or, scaled, vertical."""
+    attributes = dataset.attrs
+    if "separation_horizontal_m" not in attributes:
         return None
-    least = _least(dataset, "separation", names)
-    asked = of["separation_horizontal_m"]
-    margin = None if least["value_m"] is None else least["value_m"] - asked
-    found = {"horizontal_asked_m": asked, "vertical_asked_m": of["separation_vertical_m"], **least, "margin_m": margin}
-    if "separation_bound" in of:
-        found["bound_ratio"] = finite_or_none(of["separation_bound"])
-    if "hold_separation_bound" in of:
-        found["hold_bound_ratio"] = finite_or_none(of["hold_separation_bound"])
-    return found
+    minimum = _minimum_entry(dataset, "separation", names)
+    required = attributes["separation_horizontal_m"]
+    margin = None if minimum["value_m"] is None else minimum["value_m"] - required
+    separation_entry = {
+        "horizontal_asked_m": required,
+        "vertical_asked_m": attributes["separation_vertical_m"],
+        **minimum,
+        "margin_m": margin,
+    }
+    if "separation_bound" in attributes:
+        separation_entry["bound_ratio"] = finite_or_none(attributes["separation_bound"])
+    if "hold_separation_bound" in attributes:
+        separation_entry["hold_bound_ratio"] = finite_or_none(attributes["hold_separation_bound"])
+    return separation_entry
 
 
-def _keep_outs(dataset: xr.Dataset, names: list[str]) -> list[dict[str, Any]]:
-    found = []
+def _keep_out_entries(dataset: xr.Dataset, names: list[str]) -> list[dict[str, Any]]:
+    entries = []
     for k in range(dataset.sizes.get("keep_out", 0)):
-        room = dataset["keep_out_room_m"].values[:, k]
-        who = int(np.argmin(np.where(np.isfinite(room), room, np.inf)))
-        row = {
+        margins = dataset["keep_out_room_m"].values[:, k]
+        index = int(np.argmin(np.where(np.isfinite(margins), margins, np.inf)))
+        keep_out_entry = {
             "name": str(dataset["keep_out"].values[k]),
-            "aircraft": names[who],
-            "room_m": finite_or_none(room[who]),
-            "time_s": finite_or_none(dataset["keep_out_at_s"].values[who, k]),
+            "aircraft": names[index],
+            "room_m": finite_or_none(margins[index]),
+            "time_s": finite_or_none(dataset["keep_out_at_s"].values[index, k]),
         }
         if "bound_keep_out_room_m" in dataset:
-            row["bound_m"] = finite_or_none(np.min(dataset["bound_keep_out_room_m"].values[:, k]))
-        found.append(row)
-    return found
+            keep_out_entry["bound_m"] = finite_or_none(np.min(dataset["bound_keep_out_room_m"].values[:, k]))
+        entries.append(keep_out_entry)
+    return entries
 
 
 TRAJECTORY_COLUMNS = (
@@ -175,7 +182,7 @@ TRAJECTORY_COLUMNS = (
     "load_factor",
     "thrust_surplus_m_s2",
 )
-"""Columns after `time_s` and `aircraft`; course and path angle, climb rate and bank are those relative to the air."""
+"""Columns after `time_s` and `aircraft`; course, path angle, climb rate and bank are relative to the air."""
 
 _DIGITS = 6
 
@@ -186,32 +193,36 @@ def write_trajectories(dataset: xr.Dataset, path: Path) -> None:
     Parameters
     ----------
     dataset
-        As `anser.results.plan_record` makes it.
+        Dataset of `anser.results.plan_record`.
     path
         New file.
 
     Raises
     ------
     FileExistsError
-        It exists: nothing is overwritten.
+        If `path` exists.
 
     Notes
     -----
-    Aircraft after aircraft, each at the even instants up to its arrival and at the arrival itself; there is no row of
-    an aircraft whose path is not finite.
+    Rows are sorted by aircraft, then by time, at the regular instants up to the arrival and at the arrival. Aircraft
+    with a non-finite path have no rows.
     """
-    times, even = dataset["time"].values, dataset["even"].values
+    times, is_regular = dataset["time"].values, dataset["even"].values
     columns = [dataset[name].values for name in TRAJECTORY_COLUMNS]
     with new_file(path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(("time_s", "aircraft", *TRAJECTORY_COLUMNS))
         for k, name in enumerate(dataset["aircraft"].values):
             arrival = dataset["arrival_time_s"].values[k]
-            rows = np.stack([column[:, k] for column in columns], axis=1)
-            chosen = ((even & (times < arrival)) | (times == arrival)) & np.all(np.isfinite(rows), axis=1)
-            # adding 0 makes 0 of -0
-            rounded = np.round(rows[chosen], _DIGITS) + 0.0
+            table = np.stack([column[:, k] for column in columns], axis=1)
+            is_written = ((is_regular & (times < arrival)) | (times == arrival)) & np.all(np.isfinite(table), axis=1)
+            # adding 0 turns -0 into 0
+            rounded = np.round(table[is_written], _DIGITS) + 0.0
             writer.writerows(
-                (f"{time:.{_DIGITS}f}", escape_spreadsheet_text(str(name)), *(f"{value:.{_DIGITS}f}" for value in row))
-                for time, row in zip(times[chosen], rounded, strict=True)
+                (
+                    f"{time:.{_DIGITS}f}",
+                    escape_spreadsheet_text(str(name)),
+                    *(f"{value:.{_DIGITS}f}" for value in numbers),
+                )
+                for time, numbers in zip(times[is_written], rounded, strict=True)
             )

@@ -1,7 +1,4 @@
-"""A recorded plan: samples of its paths.
-
-Extremes and closest approaches, what the planner reports, and the labelled dataset of them all.
-"""
+"""Recorded plan: samples of the paths, extremes, closest approaches, the planner's report, and the dataset."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,18 +16,18 @@ from anser.variables import CATALOGUE, PLAN_VARIABLES
 
 @dataclass(frozen=True)
 class ClosestApproach:
-    """The two aircraft of a fleet that are nearest to each other, at every instant and at all.
+    """Closest pair of aircraft in a fleet, at every instant and over the whole plan.
 
     Attributes
     ----------
     distance_m
-        Least distance at each instant (time,), NaN where fewer than two are under way.
+        Least distance at each instant (time,); NaN with fewer than two aircraft under way.
     pair
-        Which two, indices (time, 2); -1 there.
-    least_m, least_pair, at_s
-        The least of all, which two, and when; NaN and -1 for a single aircraft.
-    level_m, height_m
-        How far apart the two are then in the plane and in altitude.
+        Indices of the closest pair (time, 2); -1 without a pair.
+    minimum_m, minimum_pair, minimum_time_s
+        Least distance over the plan, the pair, and the time; NaN and -1 for a single aircraft.
+    horizontal_m, vertical_m
+        Horizontal and vertical distance of the pair at that time.
     """
 
     distance_m: np.ndarray
@@ -44,14 +41,14 @@ class ClosestApproach:
 
 @dataclass(frozen=True)
 class PlanExtremes:
-    """Least and greatest of each path, from instants that lie close; leading axis aircraft, SI units and radians.
+    """Extremes of the paths, from closely spaced instants; leading axis aircraft, SI units and radians.
 
     Attributes
     ----------
     length, speed_mean
-        Of the path through the air, m, and along it, m/s.
+        Length of the path through the air, m, and mean airspeed, m/s.
     values
-        By key as in `anser.planning.LIMITS`: "airspeed_min", "bank_max", ...
+        Extremes by key of `anser.planning.LIMITS`: "airspeed_min", "bank_max", ...
     """
 
     length: np.ndarray
@@ -61,28 +58,28 @@ class PlanExtremes:
 
 @dataclass(frozen=True)
 class PlanSamples:
-    """Paths of a fleet at instants; NaN where an aircraft has arrived.
+    """Samples of a fleet's paths; NaN after an aircraft's arrival.
 
     Attributes
     ----------
     time_s
-        Instants (time,), increasing: even ones and every arrival.
-    even
-        Which of them are even ones.
+        Instants (time,), increasing: regular instants and the arrivals.
+    is_regular
+        Flags of the regular instants.
     arrival_times_s
-        When each aircraft arrives, one of the instants.
+        Arrival time of each aircraft, one of the instants.
     history
         Arrays (time, aircraft), SI units and radians, by key of `anser.variables`.
-    goals_n
-        Where the goal of each aircraft is, (time, aircraft, NED axis), m.
+    goal_positions_n
+        Goal positions (time, aircraft, NED axis), m.
     extremes
-        Of each path.
-    nearest
-        By distance in space.
-    separated
-        By the separation that is asked for; None where none is.
-    keep_out_room_m, keep_out_at_s
-        How far each aircraft stays out of each keep-out at least, (aircraft, volume), negative inside, and when.
+        Extremes of the paths.
+    closest_by_distance
+        Closest approaches by distance in space.
+    closest_by_separation
+        Closest approaches by required separation; None without a requirement.
+    keep_out_margin_m, keep_out_margin_time_s
+        Least distance outside the keep-out volumes (aircraft, volume), negative inside, and the time.
     """
 
     time_s: np.ndarray
@@ -99,38 +96,37 @@ class PlanSamples:
 
 @dataclass(frozen=True)
 class PlanDetails:
-    """What was asked of a plan, and what its planner says of it; rows have one entry per aircraft.
+    """Request for a plan and the planner's report; arrays and tuples have one entry per aircraft.
 
     Attributes
     ----------
     scenario
-        What asked for it.
+        Scenario of the plan.
     paths
-        How each path goes, in a word or two.
+        Short description of each path.
     messages
-        What is wrong with each path, None where nothing is.
+        Problem of each path; None without a problem.
     limits
-        Limits of the scenario by key as in `anser.planning.LIMITS`, SI units and radians; one for all or one for each.
+        Limits of the scenario by key of `anser.planning.LIMITS`, SI units and radians; common or by aircraft.
     bounds
-        What the planner proves each path to keep within, by the names of `limits`; None: nothing is proven.
+        Proven bounds of the paths, by the keys of `limits`; None without a proof.
     separation_bound
-        Proven least ratio of distance to the separation that was planned with, its reserve included; None: nothing is.
+        Proven least ratio of distance to the planned separation with reserve; None without a proof.
     keep_out_bounds_m
-        Proven least room (aircraft, volume).
-    lengths_m, nominal_lengths_m, turn_use
-        Lengths of the paths through the air, in space, and without their bends, and turn rate as a part of that of the
-        greatest bank angle, where a planner tells them.
+        Proven least distance outside the keep-out volumes (aircraft, volume).
+    lengths_m, nominal_lengths_m, turn_utilization
+        Lengths of the paths through the air, in space, and without bends; turn rate relative to that of the greatest
+        bank angle. None if the planner does not report them.
     hold_radii_m, hold_turns, hold_heights_m
-        Circles of the holds, their sense (positive: right) and their height over the goals, where a planner chooses
-        them.
+        Radii of the holds, turn directions (positive: right) and heights above the goals; None if not planned.
     hold_separation_bound
-        Proven least ratio of distance to separation from the first arrival of two to the end of the flight.
+        Proven least ratio of distance to separation, from the first arrival of a pair to the end of the flight.
     level_off_m
-        Where the hold ends the descent with which each path arrives, altitude, where a planner tells it.
+        Altitude at which the hold ends the descent of the arrival; None if not reported.
     problems
-        Why the plan cannot be flown as it stands, one sentence each.
+        Reasons for a plan that cannot be flown, one sentence each.
     notes
-        Where it differs from the scenario's words, one sentence each.
+        Differences of the plan from the scenario, one sentence each.
     """
 
     scenario: Scenario
@@ -162,21 +158,21 @@ def plan_dataset(samples: PlanSamples, details: PlanDetails) -> xr.Dataset:
     Parameters
     ----------
     samples
-        Its paths.
+        Samples of the paths.
     details
-        What was asked of it, and what its planner says.
+        Request and planner's report.
 
     Returns
     -------
     xr.Dataset
-        Over (time, aircraft) every key of the samples' history under its name in the catalogue, and the goals; over
-        (time,) the least distance and separation with their pairs; over (aircraft,) arrival, length, speeds, extremes,
-        limits and proven bounds; over (aircraft, keep_out) the room. NaN where there is nothing to tell.
+        Over (time, aircraft) the history under catalogue names, and the goals; over (time,) the least distance and
+        separation with pairs; over (aircraft,) arrival, length, speeds, extremes, limits and proven bounds; over
+        (aircraft, keep_out) the margins. NaN for missing values.
 
     Raises
     ------
     ValueError
-        Samples and details do not tell of the same aircraft, or a key is not in the catalogue.
+        If samples and details do not match, or a key is missing in the catalogue.
     """
     _check(samples, details)
     fleet = details.scenario.aircraft
@@ -199,9 +195,9 @@ def plan_dataset(samples: PlanSamples, details: PlanDetails) -> xr.Dataset:
         _add_closest(data, "separation", samples.closest_by_separation)
     _add_paths(data, samples, details)
     _add_keep_outs(data, samples, details)
-    coordinates = record_coordinates(samples.time_s, [one.name for one in fleet])
+    coordinates = record_coordinates(samples.time_s, [item.name for item in fleet])
     if details.scenario.keep_out:
-        names = np.array([one.name for one in details.scenario.keep_out], dtype=np.str_)
+        names = np.array([item.name for item in details.scenario.keep_out], dtype=np.str_)
         coordinates["keep_out"] = ("keep_out", names, {"long_name": "Keep-out"})
     return xr.Dataset(data, coordinates, _attributes(details))
 
@@ -221,22 +217,26 @@ def _check(samples: PlanSamples, details: PlanDetails) -> None:
 
 
 def _add_closest(data: dict[str, Any], name: str, closest: ClosestApproach) -> None:
-    """The pair at each instant, and the nearest of all."""
+    """Add the closest pair at every instant, and over the plan."""
     pair = np.asarray(closest.pair, dtype=np.int32)
     data[f"{name}_pair"] = (("time", "end"), pair, unit_attributes("1", "Indices of the two aircraft; -1: none"))
-    least = np.asarray(closest.minimum_pair, dtype=np.int32)
-    data[f"least_{name}_pair"] = ("end", least, unit_attributes("1", "Indices of the two that come closest; -1: none"))
-    for key, value, unit, words in (
+    minimum_pair = np.asarray(closest.minimum_pair, dtype=np.int32)
+    data[f"least_{name}_pair"] = (
+        "end",
+        minimum_pair,
+        unit_attributes("1", "Indices of the two that come closest; -1: none"),
+    )
+    for key, value, unit, long_name in (
         (f"least_{name}_m", closest.minimum_m, "m", f"Least {name} between two aircraft at all"),
         (f"least_{name}_at_s", closest.minimum_time_s, "s", "When"),
         (f"least_{name}_level_m", closest.horizontal_m, "m", "Their distance in the plane then"),
         (f"least_{name}_height_m", closest.vertical_m, "m", "Their difference in altitude then"),
     ):
-        data[key] = ((), float(value), unit_attributes(unit, words))
+        data[key] = ((), float(value), unit_attributes(unit, long_name))
 
 
 def _add_paths(data: dict[str, Any], samples: PlanSamples, details: PlanDetails) -> None:
-    """What holds for a path as a whole."""
+    """Add the variables of whole paths."""
     fleet = details.scenario.aircraft
     arrival = _VARIABLES["arrival_time"]
     data[arrival.name] = ("aircraft", np.asarray(samples.arrival_times_s, dtype=float), catalogue_attributes(arrival))
@@ -244,7 +244,7 @@ def _add_paths(data: dict[str, Any], samples: PlanSamples, details: PlanDetails)
     length = extremes.length if details.lengths_m is None else details.lengths_m
     data["length_m"] = ("aircraft", length, unit_attributes("m", "Length of the path through the air, in space"))
     data["airspeed_mean_m_s"] = ("aircraft", extremes.speed_mean, unit_attributes("m s-1", "Mean true airspeed"))
-    for name, values, unit, words in (
+    for name, values, unit, long_name in (
         ("nominal_length_m", details.nominal_lengths_m, "m", "Length of the path without its bend"),
         ("turn_use", details.turn_utilization, "1", "Turn rate over that of the greatest bank angle"),
         ("hold_radius_m", details.hold_radii_m, "m", "Radius of the hold"),
@@ -252,45 +252,49 @@ def _add_paths(data: dict[str, Any], samples: PlanSamples, details: PlanDetails)
         ("hold_height_m", details.hold_heights_m, "m", "Height of the hold over the goal"),
     ):
         if values is not None:
-            data[name] = ("aircraft", values, unit_attributes(unit, words))
+            data[name] = ("aircraft", values, unit_attributes(unit, long_name))
     planned = {**extremes.values, "level_off_min": np.nan if details.level_off_m is None else details.level_off_m}
     for limit in LIMITS:
-        found = {"": planned[limit.key], "limit_": details.limits.get(limit.key, np.nan)}
+        columns = {"": planned[limit.key], "limit_": details.limits.get(limit.key, np.nan)}
         if details.bounds is not None and limit.key in details.bounds:
-            found["bound_"] = details.bounds[limit.key]
-        said = {"": "planned", "limit_": "limit", "bound_": "proven bound"}
-        for prefix, values in found.items():
-            full = np.broadcast_to(np.asarray(values, dtype=float) * limit.factor, len(fleet)).copy()
-            labels = unit_attributes(limit.unit, f"{limit.description.capitalize()}, {said[prefix]}")
-            data[f"{prefix}{limit.name}"] = ("aircraft", full, labels)
-    for name, values, words in (
-        ("goal", [one.goal for one in fleet], "Goal"),
+            columns["bound_"] = details.bounds[limit.key]
+        labels_by_prefix = {"": "planned", "limit_": "limit", "bound_": "proven bound"}
+        for prefix, values in columns.items():
+            column = np.broadcast_to(np.asarray(values, dtype=float) * limit.factor, len(fleet)).copy()
+            labels = unit_attributes(limit.unit, f"{limit.description.capitalize()}, {labels_by_prefix[prefix]}")
+            data[f"{prefix}{limit.name}"] = ("aircraft", column, labels)
+    for name, values, long_name in (
+        ("goal", [item.goal for item in fleet], "Goal"),
         ("path", details.paths, "How the path goes"),
-        ("message", ["" if one is None else one for one in details.messages], "What is wrong with it; empty: nothing"),
+        (
+            "message",
+            ["" if item is None else item for item in details.messages],
+            "What is wrong with it; empty: nothing",
+        ),
     ):
-        data[name] = ("aircraft", np.array(values, dtype=np.str_), {"long_name": words})
+        data[name] = ("aircraft", np.array(values, dtype=np.str_), {"long_name": long_name})
 
 
 def _add_keep_outs(data: dict[str, Any], samples: PlanSamples, details: PlanDetails) -> None:
     volumes = details.scenario.keep_out
     if not volumes:
         return
-    for name, unit, words, values in (
-        ("north_m", "m", "North position of the middle at time 0", [one.north_m for one in volumes]),
-        ("east_m", "m", "East position of the middle at time 0", [one.east_m for one in volumes]),
-        ("velocity_north_m_s", "m s-1", "North velocity", [one.velocity_m_s()[0] for one in volumes]),
-        ("velocity_east_m_s", "m s-1", "East velocity", [one.velocity_m_s()[1] for one in volumes]),
-        ("radius_m", "m", "Radius", [one.radius_m for one in volumes]),
-        ("bottom_m", "m", "Altitude of the bottom", [one.bottom_m for one in volumes]),
-        ("top_m", "m", "Altitude of the top", [one.top_m for one in volumes]),
+    for name, unit, long_name, values in (
+        ("north_m", "m", "North position of the middle at time 0", [volume.north_m for volume in volumes]),
+        ("east_m", "m", "East position of the middle at time 0", [volume.east_m for volume in volumes]),
+        ("velocity_north_m_s", "m s-1", "North velocity", [volume.velocity_m_s()[0] for volume in volumes]),
+        ("velocity_east_m_s", "m s-1", "East velocity", [volume.velocity_m_s()[1] for volume in volumes]),
+        ("radius_m", "m", "Radius", [volume.radius_m for volume in volumes]),
+        ("bottom_m", "m", "Altitude of the bottom", [volume.bottom_m for volume in volumes]),
+        ("top_m", "m", "Altitude of the top", [volume.top_m for volume in volumes]),
     ):
-        data[f"keep_out_{name}"] = ("keep_out", np.array(values, dtype=float), unit_attributes(unit, words))
-    both = ("aircraft", "keep_out")
-    data["keep_out_room_m"] = (both, samples.keep_out_margin_m, unit_attributes("m", "Least distance outside"))
-    data["keep_out_at_s"] = (both, samples.keep_out_margin_time_s, unit_attributes("s", "When it is least"))
+        data[f"keep_out_{name}"] = ("keep_out", np.array(values, dtype=float), unit_attributes(unit, long_name))
+    dimensions = ("aircraft", "keep_out")
+    data["keep_out_room_m"] = (dimensions, samples.keep_out_margin_m, unit_attributes("m", "Least distance outside"))
+    data["keep_out_at_s"] = (dimensions, samples.keep_out_margin_time_s, unit_attributes("s", "When it is least"))
     if details.keep_out_bounds_m is not None:
         data["bound_keep_out_room_m"] = (
-            both,
+            dimensions,
             details.keep_out_bounds_m,
             unit_attributes("m", "Least distance outside, proven bound"),
         )
@@ -298,7 +302,7 @@ def _add_keep_outs(data: dict[str, Any], samples: PlanSamples, details: PlanDeta
 
 def _attributes(details: PlanDetails) -> dict[str, Any]:
     scenario = details.scenario
-    found: dict[str, Any] = {
+    attributes: dict[str, Any] = {
         "title": scenario.name,
         "scenario_hash": scenario.hash,
         "seed": scenario.seed,
@@ -308,10 +312,10 @@ def _attributes(details: PlanDetails) -> dict[str, Any]:
         "notes": "\n".join(details.notes),
     }
     if scenario.separation.required_m is not None:
-        found["separation_horizontal_m"], found["separation_vertical_m"] = scenario.separation.required_m
-    known = {
+        attributes["separation_horizontal_m"], attributes["separation_vertical_m"] = scenario.separation.required_m
+    optional = {
         "distance_limit_m": scenario.requirements.separation_min_m,
         "separation_bound": details.separation_bound,
         "hold_separation_bound": details.hold_separation_bound,
     }
-    return found | {name: value for name, value in known.items() if value is not None} | version_attributes()
+    return attributes | {name: value for name, value in optional.items() if value is not None} | version_attributes()

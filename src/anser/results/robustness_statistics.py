@@ -1,4 +1,4 @@
-"""What a robustness study says: rates of success with intervals, what breaks first, what goes with failures."""
+"""Statistics of a robustness study: success rates with intervals, first failures, and correlations with failures."""
 
 import math
 from collections import Counter
@@ -15,16 +15,16 @@ _NO_STEADY_FLIGHT = "no_steady_flight"
 
 @dataclass(frozen=True)
 class SuccessRate:
-    """How many of some flights reached their command.
+    """Number and share of flights that reached the commanded values.
 
     Attributes
     ----------
     drawn, no_steady_flight, flown, reached
-        Aircraft drawn; of these without a steady flight to leave from, flown, and successful.
+        Numbers of sampled aircraft, of aircraft without a steady flight at the start, of flights, and of successes.
     share, low, high
-        Successful part of those flown, and the ends of its interval of 95 %.
+        Success rate of the flights, and the bounds of its 95 % interval.
     reasons
-        "outcome: reason" of all others that were flown, with their number, the most frequent first.
+        Number of failed flights by "outcome: reason", the most frequent first.
     """
 
     drawn: int
@@ -39,62 +39,65 @@ class SuccessRate:
 
 def flights_in_part(dataset: xr.Dataset, part: str) -> np.ndarray:
     """Mask of the flights of one part of a study, shape (flights,)."""
-    return _words(dataset["part"]) == part
+    return _decode_flags(dataset["part"]) == part
 
 
-def success(dataset: xr.Dataset, inversion: str, chosen: np.ndarray) -> SuccessRate:
-    """Success of one inversion on the chosen flights (mask, shape (flights,)) of a study."""
-    of = dataset.sel(inversion=inversion)
-    outcome = _words(of["outcome"])
-    flown, well = chosen & (outcome != "not_flown"), chosen & (outcome == "reached")
-    number, reached = int(flown.sum()), int(well.sum())
-    named = Counter(f"{outcome[k]}: {_reason(of, int(k))}" for k in np.flatnonzero(flown & ~well))
+def success(dataset: xr.Dataset, inversion: str, selection: np.ndarray) -> SuccessRate:
+    """Success rate of one inversion over the selected flights (mask, shape (flights,)) of a study."""
+    flights = dataset.sel(inversion=inversion)
+    outcome = _decode_flags(flights["outcome"])
+    flown, is_success = selection & (outcome != "not_flown"), selection & (outcome == "reached")
+    flown_count, reached = int(flown.sum()), int(is_success.sum())
+    failure_counts = Counter(
+        f"{outcome[k]}: {_failure_reason(flights, int(k))}" for k in np.flatnonzero(flown & ~is_success)
+    )
     return SuccessRate(
-        drawn=int(chosen.sum()),
-        no_steady_flight=int(chosen.sum()) - number,
-        flown=number,
+        drawn=int(selection.sum()),
+        no_steady_flight=int(selection.sum()) - flown_count,
+        flown=flown_count,
         reached=reached,
-        share=reached / number if number else math.nan,
-        low=wilson_interval(reached, number)[0],
-        high=wilson_interval(reached, number)[1],
-        reasons=dict(named.most_common()),
+        share=reached / flown_count if flown_count else math.nan,
+        low=wilson_interval(reached, flown_count)[0],
+        high=wilson_interval(reached, flown_count)[1],
+        reasons=dict(failure_counts.most_common()),
     )
 
 
-def _words(flags: xr.DataArray) -> np.ndarray:
-    """Words of an index, as its own dataset gives them."""
+def _decode_flags(flags: xr.DataArray) -> np.ndarray:
+    """Text values of a coded variable, from its flag meanings."""
     return np.array(flags.attrs["flag_meanings"].split())[flags.values]
 
 
-def _reason(of: xr.Dataset, flight: int) -> str:
-    """Reason of one flight of one inversion; where no limit explains it, the channels whose error was left."""
-    name = str(_words(of["reason"].isel(flight=[flight]))[0])
+def _failure_reason(flights: xr.Dataset, flight: int) -> str:
+    """Failure reason of one flight of one inversion; without an active limit, the channels with a remaining error."""
+    name = str(_decode_flags(flights["reason"].isel(flight=[flight]))[0])
     if name != "unexplained":
         return name
-    left = [
+    channels = [
         channel
         for channel, suffix in _CHANNELS
-        if not of[f"{channel}_final_error_max_{suffix}"].values[flight] <= of.attrs[f"tolerance_{channel}_{suffix}"]
+        if not flights[f"{channel}_final_error_max_{suffix}"].values[flight]
+        <= flights.attrs[f"tolerance_{channel}_{suffix}"]
     ]
-    return f"error_left_in_{'_and_'.join(left)}" if left else name
+    return f"error_left_in_{'_and_'.join(channels)}" if channels else name
 
 
 @dataclass(frozen=True)
 class FirstBreak:
-    """Smallest change of one factor alone, one way, with which a flight does not reach its command.
+    """Smallest one-sided change of a single factor with which a flight fails to reach the commanded values.
 
     Attributes
     ----------
     factor, inversion
         Names.
     sign
-        +1 or -1: the way of the change.
+        Sign of the change, +1 or -1.
     change, value
-        Relative change and value; the largest that was flown where nothing breaks.
+        Relative change and value of the factor; the largest in the study if no flight fails.
     survived
-        Largest change with which all flights still reach their command.
+        Largest change at which no flight fails.
     reason, condition
-        Why, and where (the first of several); None where nothing breaks.
+        Reason and flight condition of the first failure; None if no flight fails.
     """
 
     factor: str
@@ -108,79 +111,86 @@ class FirstBreak:
 
 
 def first_breaks(dataset: xr.Dataset) -> list[FirstBreak]:
-    """First break of every factor that the part "alone" of a study holds, both ways, for each inversion.
+    """First failures for each factor in the part "alone" of a study, in both directions, by inversion.
 
-    An aircraft without a steady flight is a break too: it cannot be flown by any autopilot.
+    An aircraft without a steady flight also counts as a failure: no autopilot can fly the aircraft.
     """
-    found = []
-    alone, change = dataset["alone"].values, dataset["spread_percent"].values / 100
-    places = dataset["condition_meaning"].values
-    for index in np.unique(alone[alone >= 0]):
+    breaks = []
+    factor_index, change = dataset["alone"].values, dataset["spread_percent"].values / 100
+    conditions = dataset["condition_meaning"].values
+    for index in np.unique(factor_index[factor_index >= 0]):
         factor = dataset.isel(factor=index)
         for inversion in dataset["inversion"].values:
-            of = dataset.sel(inversion=inversion)
-            outcome = _words(of["outcome"])
+            flights = dataset.sel(inversion=inversion)
+            outcome = _decode_flags(flights["outcome"])
             for sign in (-1, 1):
-                rows = np.flatnonzero((alone == index) & (np.sign(change) == sign))
-                if not rows.size:
+                trials = np.flatnonzero((factor_index == index) & (np.sign(change) == sign))
+                if not trials.size:
                     continue
-                rows = rows[np.argsort(np.abs(change[rows]), kind="stable")]
-                bad = rows[outcome[rows] != "reached"]
-                first = bad[0] if bad.size else rows[-1]
-                good = rows if not bad.size else rows[np.abs(change[rows]) < np.abs(change[first])]
-                why = _NO_STEADY_FLIGHT if outcome[first] == "not_flown" else _reason(of, int(first))
-                found.append(
+                trials = trials[np.argsort(np.abs(change[trials]), kind="stable")]
+                failed = trials[outcome[trials] != "reached"]
+                first_trial = failed[0] if failed.size else trials[-1]
+                passed = trials if not failed.size else trials[np.abs(change[trials]) < np.abs(change[first_trial])]
+                reason = (
+                    _NO_STEADY_FLIGHT
+                    if outcome[first_trial] == "not_flown"
+                    else _failure_reason(flights, int(first_trial))
+                )
+                breaks.append(
                     FirstBreak(
                         factor=str(factor["factor"].item()),
                         inversion=str(inversion),
                         sign=sign,
-                        change=float(change[first]),
-                        value=float(dataset["factor_value"].values[first, index]),
-                        survived=float(change[good[-1]]) if good.size else 0.0,
-                        reason=why if bad.size else None,
-                        condition=str(places[dataset["condition"].values[first]]) if bad.size else None,
+                        change=float(change[first_trial]),
+                        value=float(dataset["factor_value"].values[first_trial, index]),
+                        survived=float(change[passed[-1]]) if passed.size else 0.0,
+                        reason=reason if failed.size else None,
+                        condition=str(conditions[dataset["condition"].values[first_trial]]) if failed.size else None,
                     )
                 )
-    return found
+    return breaks
 
 
 @dataclass(frozen=True)
 class FailureCorrelation:
-    """How failures go with one factor.
+    """Correlation of failures with one factor.
 
     Attributes
     ----------
     factor
         Name.
-    of
-        "value": failures go with a larger value (or a smaller, where negative); "amount": with a larger change, either
-        way. The stronger of the two.
+    measure
+        "value": failures correlate with the value; "amount": with the magnitude of the change. The stronger of the two.
     correlation
-        Pearson's.
+        Pearson's correlation coefficient.
     """
 
     factor: str
-    of: str
+    measure: str
     correlation: float
 
 
-def failure_correlations(dataset: xr.Dataset, inversion: str, chosen: np.ndarray) -> list[FailureCorrelation]:
-    """Factors whose values or changes go with failure over the chosen flights, the strongest first.
+def failure_correlations(dataset: xr.Dataset, inversion: str, selection: np.ndarray) -> list[FailureCorrelation]:
+    """Factors with a correlation with failure over the selected flights, the strongest first.
 
-    What may be chance, less than 3 deviations of a correlation of nothing, is left out.
+    Insignificant correlations, below 3 standard deviations, are omitted.
     """
-    outcome = _words(dataset["outcome"].sel(inversion=inversion))
-    rows = chosen & (outcome != "not_flown")
-    failed = (outcome[rows] != "reached").astype(float)
+    outcome = _decode_flags(dataset["outcome"].sel(inversion=inversion))
+    is_used = selection & (outcome != "not_flown")
+    failed = (outcome[is_used] != "reached").astype(float)
     if not failed.any() or failed.all():
         return []
-    values = dataset["factor_value"].values[rows]
+    values = dataset["factor_value"].values[is_used]
     change = values - dataset["factor_nominal"].values
-    found = []
+    correlations = []
     for k, name in enumerate(dataset["factor"].values):
-        kinds = {"value": change[:, k], "amount": np.abs(change[:, k])}
-        of = {kind: float(np.corrcoef(x, failed)[0, 1]) for kind, x in kinds.items() if np.ptp(x) > 0.0}
-        kind = max(of, key=lambda kind, of=of: abs(of[kind]), default=None)
-        if kind is not None and abs(of[kind]) >= 3 / math.sqrt(len(failed)):
-            found.append(FailureCorrelation(str(name), kind, of[kind]))
-    return sorted(found, key=lambda one: -abs(one.correlation))
+        changes = {"value": change[:, k], "amount": np.abs(change[:, k])}
+        coefficients = {
+            measure: float(np.corrcoef(x, failed)[0, 1]) for measure, x in changes.items() if np.ptp(x) > 0.0
+        }
+        measure = max(
+            coefficients, key=lambda measure, coefficients=coefficients: abs(coefficients[measure]), default=None
+        )
+        if measure is not None and abs(coefficients[measure]) >= 3 / math.sqrt(len(failed)):
+            correlations.append(FailureCorrelation(str(name), measure, coefficients[measure]))
+    return sorted(correlations, key=lambda item: -abs(item.correlation))

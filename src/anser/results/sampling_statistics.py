@@ -8,7 +8,7 @@ from scipy import stats
 
 
 def wilson_interval(successes: int, count: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Interval for a probability, from how many of some independent flights succeeded.
+    """Confidence interval of a probability, from the number of successes in independent flights.
 
     Source: E. B. Wilson, *Probable inference, the law of succession, and statistical inference*, J. American
     Statistical Association 22(158), 1927; recommended by L. D. Brown, T. T. Cai, A. DasGupta, *Interval estimation for
@@ -17,18 +17,18 @@ def wilson_interval(successes: int, count: int, confidence: float = 0.95) -> tup
     Parameters
     ----------
     successes, count
-        Of `count` flights; of none nothing is known: 0 to 1.
+        Numbers of successes and of flights; without flights the interval is 0 to 1.
     confidence
         Nominal coverage, 0..1.
 
     Returns
     -------
-    Lower and upper end, 0..1.
+    Lower and upper bound, 0..1.
 
     Raises
     ------
     ValueError
-        There are more successes than flights.
+        If there are more successes than flights.
     """
     if not 0 <= successes <= count:
         raise ValueError(f"arrived {successes} successes of {count} flights; expected 0 to {count}")
@@ -38,30 +38,30 @@ def wilson_interval(successes: int, count: int, confidence: float = 0.95) -> tup
     share = successes / count
     middle = (share + z2 / (2 * count)) / (1.0 + z2 / count)
     half = math.sqrt(z2) / (1.0 + z2 / count) * math.sqrt(share * (1.0 - share) / count + z2 / (4.0 * count**2))
-    # none and all are certain to belong to it; rounding must not exclude them
+    # exact bounds for no and only successes, which rounding must not exclude
     low = 0.0 if successes == 0 else max(middle - half, 0.0)
     high = 1.0 if successes == count else min(middle + half, 1.0)
     return low, high
 
 
 def log_interval(estimates: np.ndarray, confidence: float = 0.95) -> tuple[float, float, float]:
-    """Mean of independent estimates of one positive quantity, and its interval: Student's of their logarithms.
+    """Mean of independent estimates of a positive quantity, and its interval: Student's interval of the logarithms.
 
     Parameters
     ----------
     estimates
-        Two at least, above 0, of about the same precision.
+        Two or more positive estimates of similar precision.
     confidence
         Nominal coverage, 0..1.
 
     Returns
     -------
-    Geometric mean, lower and upper end.
+    Geometric mean, lower and upper bound.
 
     Raises
     ------
     ValueError
-        There are fewer than two, or one is not above 0.
+        If there are fewer than two estimates, or an estimate is not positive.
     """
     if estimates.size < 2 or not np.all(estimates > 0.0):
         raise ValueError(f"arrived {estimates.tolist()}; expected two positive numbers at least")
@@ -72,37 +72,37 @@ def log_interval(estimates: np.ndarray, confidence: float = 0.95) -> tuple[float
 
 
 def order_statistic_interval(values: np.ndarray, share: float, confidence: float = 0.95) -> tuple[float, float]:
-    """Interval for a quantile of whatever distribution: between two of the values.
+    """Distribution-free confidence interval of a quantile, between two order statistics.
 
-    The number of values below the quantile is binomial; each end is left out with half of what the confidence leaves,
-    at most. Source: H. A. David, H. N. Nagaraja, *Order Statistics*, 3rd ed., section 7.1.
+    The number of values below the quantile is binomial; each bound has at most half of the remaining probability.
+    Source: H. A. David, H. N. Nagaraja, *Order Statistics*, 3rd ed., section 7.1.
 
     Parameters
     ----------
     values
-        Independent ones; infinite where there is none (a flight that failed), so that it counts as the worst.
+        Independent values; infinite for a missing value (a failed flight), which then counts as the worst.
     share
-        Which quantile, 0..1: 0.95 for the one that 95 % of the flights stay below.
+        Probability of the quantile, 0..1: 0.95 for the value that 95 % of the flights stay below.
     confidence
-        Coverage at least, 0..1.
+        Least coverage, 0..1.
 
     Returns
     -------
-    Lower and upper end; -inf or inf where so few values do not tell.
+    Lower and upper bound; -inf or inf with too few values.
 
     Raises
     ------
     ValueError
-        A value is NaN.
+        If a value is NaN.
     """
     ordered = np.sort(np.asarray(values, dtype=float))
     if np.isnan(ordered).any():
         raise ValueError("arrived NaN among the values; expected infinity where a flight has none")
-    count, beyond = ordered.size, 0.5 * (1.0 - confidence)
-    below = stats.binom(count, share)
-    # the k-th least is above the quantile where fewer than k are below it
-    low = int(below.ppf(beyond))  # the greatest k with P(fewer than k below) <= beyond
-    high = int(below.isf(beyond)) + 1  # the least k with P(k or more below) <= beyond
+    count, tail = ordered.size, 0.5 * (1.0 - confidence)
+    count_below = stats.binom(count, share)
+    # the k-th smallest value is above the quantile if fewer than k values are below the quantile
+    low = int(count_below.ppf(tail))  # the greatest k with P(fewer than k below) <= tail
+    high = int(count_below.isf(tail)) + 1  # the least k with P(k or more below) <= tail
     return (
         -math.inf if low < 1 else float(ordered[low - 1]),
         math.inf if high > count else float(ordered[high - 1]),
@@ -110,36 +110,36 @@ def order_statistic_interval(values: np.ndarray, share: float, confidence: float
 
 
 def quantile(values: np.ndarray, share: float) -> float:
-    """The value that a share of all stay at or below: an order statistic, so that infinite ones are allowed."""
+    """Quantile as an order statistic, the least value with the share at or below; values may be infinite."""
     ordered = np.sort(np.asarray(values, dtype=float))
     return float(ordered[max(math.ceil(share * ordered.size) - 1, 0)])
 
 
 def mcnemar_exact(first_only: int, second_only: int) -> float:
-    """Probability that pairs fall apart so unevenly, or more so, where neither way is better (two-sided).
+    """Two-sided p-value of unequal success in pairs of flights, if both variants are equally good.
 
-    Of the pairs in which exactly one succeeded it is then a coin's toss which. Source: Q. McNemar, *Note on the
-    sampling error of the difference between correlated proportions or percentages*, Psychometrika 12(2), 1947;
-    exact, as a sign test: A. Agresti, *Categorical Data Analysis*, 3rd ed., section 11.1.2.
+    The hypothesis is that in pairs with exactly one success both variants succeed equally often. Source: Q. McNemar,
+    *Note on the sampling error of the difference between correlated proportions or percentages*, Psychometrika 12(2),
+    1947; exact, as a sign test: A. Agresti, *Categorical Data Analysis*, 3rd ed., section 11.1.2.
 
     Parameters
     ----------
     first_only, second_only
-        Pairs in which the first alone succeeded, and the second alone.
+        Numbers of pairs with success of the first variant only, and of the second variant only.
     """
     if first_only + second_only == 0:
         return 1.0
     return float(stats.binomtest(first_only, first_only + second_only, 0.5).pvalue)
 
 
-_LEAST = 4
-"""Pairs without which there is no interval."""
+_PAIRS_MIN = 4
+"""Least number of pairs for an interval."""
 
 
 def rank_correlation(inputs: np.ndarray, outputs: np.ndarray, confidence: float = 0.95) -> tuple[float, float, float]:
-    """Spearman's rank correlation and an interval for it.
+    """Spearman's rank correlation and its confidence interval.
 
-    Ranks alone count, so that an infinite output is simply the greatest. The interval is Fisher's, with the variance of
+    Only ranks count, so that an infinite output is simply the greatest. The interval is Fisher's, with the variance of
     D. G. Bonett, T. A. Wright, *Sample size requirements for estimating Pearson, Kendall and Spearman correlations*,
     Psychometrika 65(1), 2000: (1 + r²/2) / (n - 3).
 
@@ -152,22 +152,22 @@ def rank_correlation(inputs: np.ndarray, outputs: np.ndarray, confidence: float 
 
     Returns
     -------
-    The correlation, lower and upper end, -1..1.
+    Correlation, lower and upper bound, -1..1.
 
     Raises
     ------
     ValueError
-        There are fewer than four pairs, or inputs or outputs are all alike.
+        If there are fewer than four pairs, or the inputs or outputs are constant.
     """
-    if inputs.size < _LEAST:
-        raise ValueError(f"arrived {inputs.size} pairs; expected {_LEAST} at least")
-    ranks = [stats.rankdata(one) for one in (inputs, outputs)]
-    if any(np.ptp(one) == 0.0 for one in ranks):
+    if inputs.size < _PAIRS_MIN:
+        raise ValueError(f"arrived {inputs.size} pairs; expected {_PAIRS_MIN} at least")
+    ranks = [stats.rankdata(rank_list) for rank_list in (inputs, outputs)]
+    if any(np.ptp(rank_list) == 0.0 for rank_list in ranks):
         raise ValueError("arrived numbers that are all alike; expected some that differ")
-    found = float(np.clip(np.corrcoef(*ranks)[0, 1], -1.0, 1.0))
-    half = float(stats.norm.ppf(0.5 + 0.5 * confidence)) * math.sqrt((1.0 + 0.5 * found**2) / (inputs.size - 3))
-    middle = math.atanh(min(max(found, -1.0 + 1e-15), 1.0 - 1e-15))
-    return found, math.tanh(middle - half), math.tanh(middle + half)
+    correlation = float(np.clip(np.corrcoef(*ranks)[0, 1], -1.0, 1.0))
+    half = float(stats.norm.ppf(0.5 + 0.5 * confidence)) * math.sqrt((1.0 + 0.5 * correlation**2) / (inputs.size - 3))
+    middle = math.atanh(min(max(correlation, -1.0 + 1e-15), 1.0 - 1e-15))
+    return correlation, math.tanh(middle - half), math.tanh(middle + half)
 
 
 _RESAMPLES = 400
@@ -175,14 +175,14 @@ _RESAMPLING_SEED = 1
 
 
 class SobolIndices(NamedTuple):
-    """Parts of the variance, one for each input.
+    """Sobol indices: shares of the variance, one per input.
 
     Attributes
     ----------
-    first, first_half
-        Part due to the input alone, and half the width of its interval.
-    total, total_half
-        Part due to it in whatever combination, and half the width of its interval.
+    first, first_half_width
+        Share of the input alone, and half the width of the confidence interval.
+    total, total_half_width
+        Share of the input with interactions, and half the width of the confidence interval.
     """
 
     first: np.ndarray
@@ -192,18 +192,19 @@ class SobolIndices(NamedTuple):
 
 
 def saltelli_points(inputs: int, count: int, seed: int) -> np.ndarray:
-    """Points of the unit cube at which Sobol indices can be estimated: blocks of inputs + 2, one after the other.
+    """Points of the unit cube for the estimation of Sobol indices: consecutive blocks of inputs + 2 points.
 
-    A block is a point A, for each input A with this input of B, and B; A and B together are a point of a scrambled
-    Sobol sequence. Source: A. Saltelli et al., *Variance based sensitivity analysis of model output*, Computer Physics
-    Communications 181(2), 2010, table 2, without what only second-order indices need; SALib draws them.
+    A block is a point A, for each input the point A with that input replaced from a point B, and B; A and B together
+    form a point of a scrambled Sobol sequence. Source: A. Saltelli et al., *Variance based sensitivity analysis of
+    model output*, Computer Physics Communications 181(2), 2010, table 2, without the points for second-order indices;
+    SALib samples them.
 
     Parameters
     ----------
     inputs, count
-        How many inputs and blocks; of blocks a power of 2.
+        Numbers of inputs and of blocks; the number of blocks is a power of 2.
     seed
-        Of the scrambling.
+        Seed of the scrambling.
 
     Returns
     -------
@@ -211,30 +212,31 @@ def saltelli_points(inputs: int, count: int, seed: int) -> np.ndarray:
     """
     from SALib.sample import sobol
 
-    problem = _problem(inputs)
+    problem = _salib_problem(inputs)
     return sobol.sample(problem, count, calc_second_order=False, seed=np.random.default_rng(seed))
 
 
 def sobol_indices(outputs: np.ndarray, inputs: int, confidence: float = 0.95) -> SobolIndices:
-    """Estimate first and total Sobol indices from outputs at `saltelli_points`, or at whole blocks of them.
+    """Estimate first and total Sobol indices from outputs at `saltelli_points`, or at complete blocks of them.
 
-    First ones by the estimator of Saltelli et al. (2010), total ones by Jansen's (table 2 there, b and f); what total
-    means: T. Homma, A. Saltelli, *Importance measures in global sensitivity analysis of nonlinear models*, Reliability
-    Engineering & System Safety 52(1), 1996. Intervals by resampling the blocks. SALib computes all of them.
+    First-order indices by the estimator of Saltelli et al. (2010), total indices by Jansen's (ibid., table 2, b and f).
+    Definition of the total index: T. Homma, A. Saltelli, *Importance measures in global sensitivity analysis of
+    nonlinear models*, Reliability Engineering & System Safety 52(1), 1996. Intervals by resampling the blocks. SALib
+    computes both.
 
     Parameters
     ----------
     outputs
-        One for each point, in their order.
+        Outputs in the order of the points.
     inputs
-        How many.
+        Number of inputs.
     confidence
-        Of the intervals, 0..1.
+        Coverage of the intervals, 0..1.
 
     Raises
     ------
     ValueError
-        There are fewer than two whole blocks or parts of one, an output is not finite, or all are alike.
+        If there are fewer than two blocks or incomplete blocks, an output is not finite, or the outputs are constant.
     """
     from SALib.analyze import sobol
 
@@ -247,16 +249,16 @@ def sobol_indices(outputs: np.ndarray, inputs: int, confidence: float = 0.95) ->
         raise ValueError(f"arrived {count} outputs of {outputs.size} that are not finite; expected numbers")
     if np.ptp(outputs) <= 1e-12 * max(1.0, float(np.abs(outputs).max())):
         raise ValueError("arrived outputs that are all alike; expected some variance to share out")
-    found = sobol.analyze(
-        _problem(inputs),
+    indices = sobol.analyze(
+        _salib_problem(inputs),
         outputs,
         calc_second_order=False,
         num_resamples=_RESAMPLES,
         conf_level=confidence,
         seed=_RESAMPLING_SEED,
     )
-    return SobolIndices(*(np.asarray(found[key]) for key in ("S1", "S1_conf", "ST", "ST_conf")))
+    return SobolIndices(*(np.asarray(indices[key]) for key in ("S1", "S1_conf", "ST", "ST_conf")))
 
 
-def _problem(inputs: int) -> dict[str, object]:
+def _salib_problem(inputs: int) -> dict[str, object]:
     return {"num_vars": inputs, "names": [f"x{k}" for k in range(inputs)], "bounds": [[0.0, 1.0]] * inputs}

@@ -1,7 +1,4 @@
-"""The machine-readable summary of a flight, format version 1.
-
-Its computation, its files, and the check of the keys that every version has.
-"""
+"""Machine-readable summary of a flight, format version 1: computation, files, and check of the required keys."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -25,15 +22,15 @@ from anser.simulation.fleet_summary import ARRIVAL_MARGIN_S
 from anser.variables import STANDARD_SURFACES
 
 
-class _Part(BaseModel):
+class _Section(BaseModel):
     model_config = ConfigDict(strict=True)
 
 
-class _ScenarioKeys(_Part):
+class _ScenarioKeys(_Section):
     name: str
 
 
-class _AircraftKeys(_Part):
+class _AircraftKeys(_Section):
     name: str
     goal: str
     status: str
@@ -42,17 +39,17 @@ class _AircraftKeys(_Part):
     miss_m: FiniteFloat | None
 
 
-class _FleetKeys(_Part):
+class _FleetKeys(_Section):
     separation_min_m: FiniteFloat | None
     simulated_s: FiniteFloat
 
 
-class _RequirementKeys(_Part):
+class _RequirementKeys(_Section):
     name: str
     met: bool
 
 
-class _SummaryKeys(_Part):
+class _SummaryKeys(_Section):
     scenario: _ScenarioKeys
     aircraft: list[_AircraftKeys] = Field(min_length=1)
     fleet: _FleetKeys
@@ -60,21 +57,21 @@ class _SummaryKeys(_Part):
 
 
 def summary_problem(summary: dict[str, Any]) -> tuple[str, str] | None:
-    """What arrived at the first key that is not as in a summary, and what was expected; None if all are."""
+    """First key with wrong content in a summary and the expected content; None for a valid summary."""
     try:
         _SummaryKeys.model_validate(summary)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        key = ".".join(map(str, first["loc"]))
-        if first["type"] == "missing":
+        problem = error.errors(include_url=False)[0]
+        key = ".".join(map(str, problem["loc"]))
+        if problem["type"] == "missing":
             return f"no {key}", "a summary of a flight, which has one"
-        return f"{first['input']!r:.60} in {key}", first["msg"].removeprefix("Input should be ")
+        return f"{problem['input']!r:.60} in {key}", problem["msg"].removeprefix("Input should be ")
     return None
 
 
 FORMAT_VERSION = 1
 CLEARANCE_MIN_M = {"surface": SURFACE_STAND_OFF_MIN_M, "airborne": AIRBORNE_STAND_OFF_MIN_M}
-"""Least distance from a goal of each kind: the product's scope, whatever a scenario says."""
+"""Least distance from a goal of each kind: limits of the product's scope, independent of the scenario."""
 
 
 def summarize(
@@ -87,44 +84,43 @@ def summarize(
     goals: Sequence[str] = (),
     surfaces: Sequence[Sequence[str]] = (),
 ) -> dict[str, Any]:
-    """Sum up a flight from its full-resolution history.
+    """Summarize a flight from its full-resolution history.
 
-    Arrivals are those of `arrival_outcome`: no arrival is no time and no miss. Speeds, those without gusts, and
-    position error count up to the arrival, or without one as long as the plan is flown (in the hold there is no planned
-    point); clearance, separation and the time outside the aerodynamic tables over the whole
-    record. Path and lateral bend are those of the first plan, which describes the
-    whole path;
-    `nominal` says whether it goes without a bend. Only paths of the published planner have such a bend: of others
-    `lateral_bend_m` and `nominal` are None. What does not exist is None, never NaN.
+    Arrivals are those of `arrival_outcome`; without an arrival, time and miss are None. Speeds (without gusts) and
+    position error count up to the arrival or, without an arrival, while the plan is flown (the hold has no planned
+    position). Clearance, separation and the time outside the aerodynamic tables count over the whole record. Path and
+    lateral bend are those of the first plan, which describes the whole path; `nominal` is true for a path without a
+    bend. Only paths of the published planner have a bend; for other planners `lateral_bend_m` and `nominal` are None.
+    Missing values are None, never NaN.
 
     Parameters
     ----------
     time_s
         Times of the record, s, increasing; shape (time,), at least two.
     history
-        Arrays of shape (time, aircraft) in SI units and radians, keyed as in `anser.variables`.
+        Arrays (time, aircraft) in SI units and radians, keyed as in `anser.variables`.
     scenario
-        What was flown.
+        Scenario of the flight.
     wall_s
-        How long the computation took, s.
+        Duration of the computation, s.
     paths
-        How the path of each goes in the first plan, in words; empty where nobody tells.
+        Descriptions of the paths in the first plan, by aircraft; empty if unknown.
     events
-        What happened on the way, and what became of the plan.
+        Events of the flight and their effects on the plan.
     goals
-        Name of the goal that each flies to at the end, where some have taken over another's; empty: the scenario's.
+        Name of the final goal by aircraft, if goals were reassigned; empty: the scenario's goals.
     surfaces
-        Names of the control surfaces of each; empty: all have the standard ones.
+        Names of the control surfaces by aircraft; empty: the standard surfaces.
 
     Returns
     -------
     dict
-        The contract of `summary.json`: plain numbers, text, lists and dicts.
+        Content of `summary.json`: plain numbers, text, lists and dicts.
 
     Raises
     ------
     ValueError
-        The record does not fit the scenario.
+        If the record does not match the scenario.
     """
     time = np.asarray(time_s, dtype=np.float64)
     expected = (time.size, len(scenario.aircraft))
@@ -134,13 +130,15 @@ def summarize(
         )
     if surfaces and len(surfaces) != expected[1]:
         raise ValueError(f"surfaces are those of {len(surfaces)} aircraft; there are {expected[1]}")
-    named = surfaces or [STANDARD_SURFACES] * len(scenario.aircraft)
-    aircraft = [_aircraft(time, history, scenario, *of) for of in enumerate(named)]
-    for row, path in zip(aircraft, paths, strict=bool(paths)):
-        row["path"] = path
-    for row, goal in zip(aircraft, goals, strict=bool(goals)):
-        row["goal"] = goal
-    arrivals = [row["arrival_s"] for row in aircraft if "left_s" not in row]
+    surface_lists = surfaces or [STANDARD_SURFACES] * len(scenario.aircraft)
+    aircraft = [
+        _aircraft_entry(time, history, scenario, *column_surfaces) for column_surfaces in enumerate(surface_lists)
+    ]
+    for entry, path in zip(aircraft, paths, strict=bool(paths)):
+        entry["path"] = path
+    for entry, goal in zip(aircraft, goals, strict=bool(goals)):
+        entry["goal"] = goal
+    arrivals = [entry["arrival_s"] for entry in aircraft if "left_s" not in entry]
     fleet: dict[str, float | None] = {
         "arrival_spread_s": None if not arrivals or None in arrivals else max(arrivals) - min(arrivals),
         "separation_min_m": _least_separation(history),
@@ -149,7 +147,7 @@ def summarize(
     }
     if scenario.separation.required_m is not None:
         fleet["separation_ratio_min"] = minimum_separation_ratio(history, scenario.separation.required_m)
-    kinds = _kinds(scenario, aircraft)
+    goal_kinds = _clearance_kinds(scenario, aircraft)
     return {
         "format_version": FORMAT_VERSION,
         "scenario": {"name": scenario.name, "hash": scenario.hash},
@@ -159,42 +157,42 @@ def summarize(
         "arrival": summarize_arrivals(scenario, aircraft),
         "fleet": fleet,
         "requirements": evaluate_requirements(
-            scenario_requirements(scenario), aircraft, fleet, [(kind, CLEARANCE_MIN_M[kind]) for kind in kinds]
+            scenario_requirements(scenario), aircraft, fleet, [(kind, CLEARANCE_MIN_M[kind]) for kind in goal_kinds]
         ),
         **({"events": [dict(event) for event in events]} if events else {}),
     }
 
 
-def _kinds(scenario: Scenario, aircraft: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Kind of goal by which each keeps its distance: of one that flew to goals of both, the greater distance."""
-    of_goal = {goal.name: goal.kind for goal in scenario.goal}
+def _clearance_kinds(scenario: Scenario, aircraft: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Kind of goal for the clearance of each aircraft; after a reassignment, the kind with the greater distance."""
+    kind_by_goal = {goal.name: goal.kind for goal in scenario.goal}
     return [
-        max((of_goal[row["goal"]], of_goal[one.goal]), key=CLEARANCE_MIN_M.__getitem__)
-        for row, one in zip(aircraft, scenario.aircraft, strict=True)
+        max((kind_by_goal[entry["goal"]], kind_by_goal[config.goal]), key=CLEARANCE_MIN_M.__getitem__)
+        for entry, config in zip(aircraft, scenario.aircraft, strict=True)
     ]
 
 
 def write_summary(summary: Mapping[str, Any], path: Path) -> None:
-    """Write a summary as JSON, with its checksum.
+    """Write a summary as JSON, with a checksum.
 
     Raises
     ------
     FileExistsError
-        `path` exists: a summary is never overwritten.
+        If `path` exists: a summary is never overwritten.
     ValueError
-        The summary holds a number that JSON has not (NaN, infinity).
+        If the summary contains a number without JSON representation (NaN, infinity).
     """
     text = json.dumps(add_checksum(summary), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
     write_file(path, text)
 
 
 def read_summary(path: Path) -> dict[str, Any]:
-    """Read a summary that `write_summary` wrote.
+    """Read a summary of `write_summary`.
 
     Raises
     ------
     DamagedFileError
-        The file is not a whole summary of this format version.
+        If the file is not a complete summary of this format version.
     """
     summary, _ = read_document(path)
     version = summary.get("format_version")
@@ -208,37 +206,37 @@ def read_summary(path: Path) -> dict[str, Any]:
     return summary
 
 
-def _aircraft(
+def _aircraft_entry(
     time: np.ndarray, history: Mapping[str, np.ndarray], scenario: Scenario, column: int, surfaces: Sequence[str]
 ) -> dict[str, Any]:
     record = {key: np.asarray(values)[:, column] for key, values in history.items()}
     planned = float(record["arrival_time"][-1])
     approach = _approach(time, record, planned)
-    mean, least, greatest = _speed_until(
+    mean, minimum, maximum = _speed_statistics(
         time, record.get("airspeed_mean_wind", record["airspeed"]), approach.approach_end_s
     )
     bends = record["lateral_bend"][np.isfinite(record["lateral_bend"])]
     bend = float(bends[0]) if bends.size else None
     tables_left_s = float(np.sum(np.diff(time)[record["outside_tables"][:-1]]))
-    left = np.flatnonzero(record["status"] == LEFT_FLEET)
-    has_left = left.size > 0
+    departure_samples = np.flatnonzero(record["status"] == LEFT_FLEET)
+    has_left = departure_samples.size > 0
     return {
-        **({"left_s": float(time[left[0]])} if has_left else {}),
+        **({"left_s": float(time[departure_samples[0]])} if has_left else {}),
         "name": scenario.aircraft[column].name,
         "goal": scenario.aircraft[column].goal,
         "planned_arrival_s": None if has_left else finite_or_none(planned),
         "arrival_s": None if has_left else finite_or_none(approach.time_s),
         "miss_m": None if has_left else finite_or_none(approach.miss_m),
         "speed_mean_m_s": mean,
-        "speed_min_m_s": least,
-        "speed_max_m_s": greatest,
-        "clearance_min_m": _finite_end(np.min, record["clearance"]),
+        "speed_min_m_s": minimum,
+        "speed_max_m_s": maximum,
+        "clearance_min_m": _finite_extreme(np.min, record["clearance"]),
         "tables_left": bool(np.any(record["outside_tables"])),
         "tables_left_s": tables_left_s,
-        "position_error_max_m": _finite_end(
+        "position_error_max_m": _finite_extreme(
             np.max, record["position_error"][(time <= approach.approach_end_s) & (record["phase"] != HOLD)]
         ),
-        **(_in_gusts(time, record, scenario, surfaces) if "gust_u" in record else {}),
+        **(_gust_entries(time, record, scenario, surfaces) if "gust_u" in record else {}),
         "path": None,
         "nominal": None if bend is None else abs(bend) <= NOMINAL_BEND_M,
         "lateral_bend_m": bend,
@@ -247,38 +245,40 @@ def _aircraft(
 
 
 def _approach(time: np.ndarray, record: Mapping[str, np.ndarray], planned_s: float) -> Arrival:
-    """Outcome of an aircraft's approach, from its record."""
+    """Outcome of an aircraft's approach, from the aircraft's record."""
     offset = np.stack([record[f"rendezvous_{axis}"] - record[axis] for axis in ("north", "east", "altitude")], axis=-1)
     off_plan = np.flatnonzero(is_off_plan(record["status"]))
-    last = int(off_plan[0]) if off_plan.size else time.size - 1
-    off_plan_s = float(time[last]) if off_plan.size else np.inf
-    searched = slice(0, max(last, 1) + 1)  # two samples at least
+    end_index = int(off_plan[0]) if off_plan.size else time.size - 1
+    off_plan_s = float(time[end_index]) if off_plan.size else np.inf
+    searched = slice(0, max(end_index, 1) + 1)  # at least two samples
     closest_pass = closest_approach(time[searched], offset[searched], planned_s, ARRIVAL_MARGIN_S)
     return arrival_outcome(closest_pass, planned_s, off_plan_s, float(time[-1]), record["status"].tolist())
 
 
-def _in_gusts(
+def _gust_entries(
     time: np.ndarray, record: Mapping[str, np.ndarray], scenario: Scenario, surfaces: Sequence[str]
 ) -> dict[str, float | None]:
-    """What the gusts did: extremes of the load factor, time beyond its limits, and the way that each surface went."""
-    load, limits, spans = record["load_factor"], scenario.limits, np.diff(time)
-    beyond = (load < limits.load_factor_min) | (load > limits.load_factor_max)
+    """Effects of gusts: load-factor extremes, time outside the load-factor limits, and travel of each surface."""
+    load, limits, intervals = record["load_factor"], scenario.limits, np.diff(time)
+    is_exceeded = (load < limits.load_factor_min) | (load > limits.load_factor_max)
     travel = {
         f"{surface}_travel_deg": finite_or_none(float(np.degrees(np.sum(np.abs(np.diff(record[surface]))))))
         for surface in surfaces
     }
     return {
-        "gust_max_m_s": _finite_end(np.max, np.sqrt(sum(record[f"gust_{axis}"] ** 2 for axis in "uvw"))),
-        "load_factor_min": _finite_end(np.min, load),
-        "load_factor_max": _finite_end(np.max, load),
-        "load_factor_exceeded_s": float(np.sum(spans[beyond[:-1]])),
-        "surfaces_limited_s": float(np.sum(spans[record["surfaces_limited"][:-1]])),
+        "gust_max_m_s": _finite_extreme(np.max, np.sqrt(sum(record[f"gust_{axis}"] ** 2 for axis in "uvw"))),
+        "load_factor_min": _finite_extreme(np.min, load),
+        "load_factor_max": _finite_extreme(np.max, load),
+        "load_factor_exceeded_s": float(np.sum(intervals[is_exceeded[:-1]])),
+        "surfaces_limited_s": float(np.sum(intervals[record["surfaces_limited"][:-1]])),
         **travel,
     }
 
 
-def _speed_until(time: np.ndarray, airspeed: np.ndarray, end: float) -> tuple[float | None, float | None, float | None]:
-    """Mean over time, least and greatest airspeed from the start to the end of the approach, s."""
+def _speed_statistics(
+    time: np.ndarray, airspeed: np.ndarray, end: float
+) -> tuple[float | None, float | None, float | None]:
+    """Time mean, minimum and maximum of the airspeed from the start to the end of the approach."""
     times = np.append(time[time < end], end)
     speeds = np.append(airspeed[time < end], np.interp(end, time, airspeed))
     times, speeds = times[np.isfinite(speeds)], speeds[np.isfinite(speeds)]
@@ -291,12 +291,12 @@ def _speed_until(time: np.ndarray, airspeed: np.ndarray, end: float) -> tuple[fl
 
 def _least_separation(history: Mapping[str, np.ndarray]) -> float | None:
     position = np.stack([history["north"], history["east"], history["altitude"]], axis=-1)
-    # One aircraft against all after it: the memory of all pairs at once would grow with the square of the fleet.
+    # One aircraft at a time: the memory of all pairs would grow with the square of the fleet.
     pairs = [least_distance(position[:, i + 1 :] - position[:, i : i + 1]) for i in range(position.shape[1] - 1)]
-    return _finite_end(np.min, np.concatenate(pairs)) if pairs else None
+    return _finite_extreme(np.min, np.concatenate(pairs)) if pairs else None
 
 
-def _finite_end(end: Callable[[np.ndarray], Any], values: np.ndarray) -> float | None:
-    """Least or greatest (`np.min`, `np.max`) of the values that are finite; None where there is none."""
+def _finite_extreme(extreme: Callable[[np.ndarray], Any], values: np.ndarray) -> float | None:
+    """Minimum or maximum (`np.min`, `np.max`) of the finite values; None without finite values."""
     finite = values[np.isfinite(values)]
-    return float(end(finite)) if finite.size else None
+    return float(extreme(finite)) if finite.size else None

@@ -1,4 +1,4 @@
-"""The summary of a flight in a few lines of text."""
+"""Summary of a flight in a few lines of text."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -7,61 +7,61 @@ from anser.results.arrival import arrival_accuracy
 from anser.results.documents import notebook_table
 from anser.results.separation import NO_SEPARATION, is_judged_by_separation
 
-_AIRCRAFT_MOST = 6  # with a line each
-_ROWS_MOST = 40  # of a table
+_AIRCRAFT_LINES_MAX = 6  # in the text
+_TABLE_ROWS_MAX = 40  # in the HTML table
 
 
 def format_summary(summary: Mapping[str, Any]) -> str:
-    """Say who arrived when, how far they missed, and what was not met; of a large fleet the first aircraft only."""
-    rows = summary["aircraft"]
-    shown = rows if len(rows) <= _AIRCRAFT_MOST else rows[: _AIRCRAFT_MOST - 1]
+    """Format arrivals, misses and unmet requirements as text; for a large fleet, only the first aircraft."""
+    entries = summary["aircraft"]
+    shown = entries if len(entries) <= _AIRCRAFT_LINES_MAX else entries[: _AIRCRAFT_LINES_MAX - 1]
     lines = [
-        _judgement(summary),
-        *(f"  {_aircraft(row)}" for row in shown),
-        *(f"  {one}" for one in _rest(rows, shown)),
+        _verdict(summary),
+        *(f"  {_aircraft_line(entry)}" for entry in shown),
+        *(f"  {line}" for line in _omitted_aircraft(entries, shown)),
     ]
-    return "\n".join([*lines, *(f"  {one}" for one in _fleet(summary))])
+    return "\n".join([*lines, *(f"  {line}" for line in _fleet_lines(summary))])
 
 
 def format_summary_html(summary: Mapping[str, Any]) -> str:
-    """Say the same as a table in a notebook."""
-    rows = summary["aircraft"]
-    shown = rows if len(rows) <= _ROWS_MOST else rows[: _ROWS_MOST - 1]
+    """Format the summary as an HTML table for a notebook."""
+    entries = summary["aircraft"]
+    shown = entries if len(entries) <= _TABLE_ROWS_MAX else entries[: _TABLE_ROWS_MAX - 1]
     cells = [
         {
-            "aircraft": row["name"],
-            "status": row["status"],
-            "arrived, s": _number(row["arrival_s"]),
-            "planned, s": _number(row["planned_arrival_s"]),
-            "miss, m": _number(row["miss_m"]),
+            "aircraft": entry["name"],
+            "status": entry["status"],
+            "arrived, s": _format_number(entry["arrival_s"]),
+            "planned, s": _format_number(entry["planned_arrival_s"]),
+            "miss, m": _format_number(entry["miss_m"]),
         }
-        for row in shown
+        for entry in shown
     ]
-    return notebook_table(_judgement(summary), cells, [*_rest(rows, shown), *_fleet(summary)])
+    return notebook_table(_verdict(summary), cells, [*_omitted_aircraft(entries, shown), *_fleet_lines(summary)])
 
 
-def _judgement(summary: Mapping[str, Any]) -> str:
-    rows = summary["aircraft"]
-    arrived = sum(row["status"] == "arrived" for row in rows)
-    unmet = [entry["name"] for entry in summary["requirements"] if not entry["met"]]
-    judged = f"not met: {', '.join(unmet)}" if unmet else "all requirements met"
+def _verdict(summary: Mapping[str, Any]) -> str:
+    entries = summary["aircraft"]
+    arrived = sum(entry["status"] == "arrived" for entry in entries)
+    unmet = [requirement["name"] for requirement in summary["requirements"] if not requirement["met"]]
+    verdict = f"not met: {', '.join(unmet)}" if unmet else "all requirements met"
     if not unmet and not is_judged_by_separation(summary):
-        judged += f", {NO_SEPARATION}"
-    left = sum("left_s" in row for row in rows)
-    if arrived + left < len(rows) and not unmet:
-        # one that ends on the ground or breaks off after its arrival has kept every number that is required of it
-        judged = "the flight failed"
-    return f"{summary['scenario']['name']}: {arrived} of {len(rows)} aircraft arrived, {judged}"
+        verdict += f", {NO_SEPARATION}"
+    departed = sum("left_s" in entry for entry in entries)
+    if arrived + departed < len(entries) and not unmet:
+        # an aircraft that crashes or breaks off after the arrival still meets every requirement
+        verdict = "the flight failed"
+    return f"{summary['scenario']['name']}: {arrived} of {len(entries)} aircraft arrived, {verdict}"
 
 
-def _rest(rows: Sequence[Mapping[str, Any]], shown: Sequence[Mapping[str, Any]]) -> list[str]:
-    if len(rows) == len(shown):
+def _omitted_aircraft(entries: Sequence[Mapping[str, Any]], shown: Sequence[Mapping[str, Any]]) -> list[str]:
+    if len(entries) == len(shown):
         return []
-    stray = sum(row["status"] != "arrived" for row in rows[len(shown) :])
-    return [f"and {len(rows) - len(shown)} more, of which {stray or 'none'} failed"]
+    failed = sum(entry["status"] != "arrived" for entry in entries[len(shown) :])
+    return [f"and {len(entries) - len(shown)} more, of which {failed or 'none'} failed"]
 
 
-def _fleet(summary: Mapping[str, Any]) -> list[str]:
+def _fleet_lines(summary: Mapping[str, Any]) -> list[str]:
     fleet = summary["fleet"]
     lines = [", ".join([*format_fleet(summary), f"{fleet['simulated_s']:g} s flown"])]
     if "network" in summary:
@@ -70,20 +70,23 @@ def _fleet(summary: Mapping[str, Any]) -> list[str]:
 
 
 def format_fleet(summary: Mapping[str, Any]) -> list[str]:
-    """Say how well the arrivals fit and how near two aircraft came, as far as there is such a number."""
-    apart_m = summary["fleet"]["separation_min_m"]
+    """Format arrival accuracy and least separation, if available."""
+    separation_m = summary["fleet"]["separation_min_m"]
     arrivals = arrival_accuracy(summary).describe(len(summary["aircraft"]))
-    return [*([arrivals] if arrivals else []), *([] if apart_m is None else [f"least separation {apart_m:.0f} m"])]
+    return [
+        *([arrivals] if arrivals else []),
+        *([] if separation_m is None else [f"least separation {separation_m:.0f} m"]),
+    ]
 
 
-def _number(value: float | None) -> str:
+def _format_number(value: float | None) -> str:
     return "–" if value is None else f"{value:.2f}"
 
 
-def _aircraft(row: Mapping[str, Any]) -> str:
-    if row["status"] != "arrived":
-        return f"{row['name']}: {row['status']}"
+def _aircraft_line(entry: Mapping[str, Any]) -> str:
+    if entry["status"] != "arrived":
+        return f"{entry['name']}: {entry['status']}"
     return (
-        f"{row['name']}: arrived at {row['arrival_s']:.2f} s, planned {row['planned_arrival_s']:.2f} s, "
-        f"miss {row['miss_m']:.2f} m"
+        f"{entry['name']}: arrived at {entry['arrival_s']:.2f} s, planned {entry['planned_arrival_s']:.2f} s, "
+        f"miss {entry['miss_m']:.2f} m"
     )

@@ -1,7 +1,4 @@
-"""Variables in a dataset.
-
-Units, labels and coordinates; series of a catalogue variable over time, or missing ones.
-"""
+"""Variables in datasets: units, labels and coordinates, and time series of catalogue variables."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -12,16 +9,16 @@ from anser.variables import CATALOGUE, Variable
 
 
 def to_dataset_units(variable: Variable, array: np.ndarray) -> np.ndarray:
-    """Values of a history (SI, rad) in the unit of the dataset; angles in (-180, 180] deg."""
+    """Convert values of a history (SI, rad) to dataset units; angles in (-180, 180] deg."""
     if variable.unit == "degree":
-        # Angles already in the interval pass untouched: the remainder would cost their last digits.
+        # Angles inside the interval are unchanged: the remainder would round them.
         outside = (array > np.pi) | (array <= -np.pi)
         array = np.where(outside, np.pi - np.mod(np.pi - array, 2.0 * np.pi), array)
     return array if variable.factor == 1.0 else array * variable.factor
 
 
 def catalogue_attributes(variable: Variable) -> dict[str, object]:
-    """Attributes of a variable of the catalogue."""
+    """Dataset attributes of a catalogue variable."""
     labels: dict[str, object] = {
         "units": variable.unit,
         "frame": variable.frame,
@@ -29,7 +26,7 @@ def catalogue_attributes(variable: Variable) -> dict[str, object]:
         "symbol": variable.symbol,
     }
     if variable.flags:
-        # CF: as many values as meanings, in the type in which the variable is stored; truth values are stored as int8.
+        # CF: one value per meaning, in the variable's storage type; booleans are stored as int8.
         stored = np.int8 if variable.dtype == "bool" else np.dtype(variable.dtype)
         labels["flag_values"] = np.arange(len(variable.flags), dtype=stored)
         labels["flag_meanings"] = " ".join(variable.flags)
@@ -37,12 +34,12 @@ def catalogue_attributes(variable: Variable) -> dict[str, object]:
 
 
 def unit_attributes(unit: str, long_name: str) -> dict[str, Any]:
-    """Unit and long name as attributes; no unit where it is empty."""
+    """Unit and long name as attributes; an empty unit is omitted."""
     return {"units": unit, "long_name": long_name} if unit else {"long_name": long_name}
 
 
 def flag_attributes(long_name: str, meanings: Sequence[str]) -> dict[str, Any]:
-    """Attributes of an index (int32); blanks of a meaning become underscores, as the meanings stand in one line."""
+    """Attributes of a coded variable (int32); blanks separate meanings and become underscores within a meaning."""
     names = " ".join(meaning.replace(", ", ",").replace(" ", "_") for meaning in meanings)
     return {
         **unit_attributes("1", long_name),
@@ -59,37 +56,37 @@ def record_coordinates(time_s: np.ndarray, aircraft_names: Sequence[str]) -> dic
     }
 
 
-def scatter_rows(values: Any, where: np.ndarray) -> np.ndarray:
-    """Rows of values, in order, where a mask of any shape is true; elsewhere NaN, or 0 of integers and truth values."""
+def scatter_rows(values: Any, mask: np.ndarray) -> np.ndarray:
+    """Place the values, in order, at the true entries of a mask; elsewhere NaN, or 0 for integers and booleans."""
     array = np.asarray(values)
-    full = np.full((*where.shape, *array.shape[1:]), 0 if array.dtype.kind in "ib" else np.nan, array.dtype)
-    full[where] = array
-    return full
+    scattered = np.full((*mask.shape, *array.shape[1:]), 0 if array.dtype.kind in "ib" else np.nan, array.dtype)
+    scattered[mask] = array
+    return scattered
 
 
 MISSING_CODE = -1
-"""In the place of a code or a truth value where there is none; of other variables it is NaN."""
-_OF_KEY = {variable.key: variable for variable in CATALOGUE}
+"""Missing value of codes and booleans; the missing value of other variables is NaN."""
+_BY_KEY = {variable.key: variable for variable in CATALOGUE}
 
 
 def catalogue_variable(key: str) -> Variable:
-    """The variable of a key of the catalogue."""
-    return _OF_KEY[key]
+    """Catalogue variable with a key."""
+    return _BY_KEY[key]
 
 
 def convert_series(key: str, values: np.ndarray) -> np.ndarray:
-    """Values of a history (SI, rad) in the unit of a dataset; codes and truth values as int32."""
+    """Convert values of a history (SI, rad) to dataset units; codes and booleans to int32."""
     variable = catalogue_variable(key)
     return to_dataset_units(variable, values) if is_quantity(variable) else values.astype(np.int32)
 
 
 def missing_series(key: str, shape: tuple[int, ...]) -> np.ndarray:
-    """Values of a variable that a flight has not, or of a flight that could not begin."""
+    """Missing values of a variable, for a flight without the variable or a failed start."""
     return (
         np.full(shape, np.nan) if is_quantity(catalogue_variable(key)) else np.full(shape, MISSING_CODE, dtype=np.int32)
     )
 
 
 def is_quantity(variable: Variable) -> bool:
-    """Whether it is a quantity; else it is a code or a truth value."""
+    """Whether the variable is a quantity; otherwise a code or a boolean."""
     return variable.dtype == "float64"
